@@ -1,0 +1,56 @@
+# How every target of the project is made: one include root, one set of warnings, one set of sanitizers.
+find_package(Threads REQUIRED)
+find_package(tl-expected REQUIRED)
+find_program(CCACHE ccache)
+if(CCACHE)
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${CCACHE})
+endif()
+
+add_library(rigor_options INTERFACE)
+target_include_directories(rigor_options INTERFACE ${CMAKE_SOURCE_DIR})
+target_compile_options(rigor_options INTERFACE -Wall -Wextra -Wshadow -Wnon-virtual-dtor -Wconversion
+                                               -Wno-sign-conversion -fno-omit-frame-pointer)
+target_link_libraries(rigor_options INTERFACE tl::expected Threads::Threads)
+# No fused multiply-add behind our back: derived floats agree between builds of one architecture.
+target_compile_options(rigor_options INTERFACE -ffp-contract=off)
+if(RIGOR_SANITIZE)
+  target_compile_options(rigor_options INTERFACE -fsanitize=${RIGOR_SANITIZE} -fno-sanitize-recover=all)
+  target_link_options(rigor_options INTERFACE -fsanitize=${RIGOR_SANITIZE})
+endif()
+
+# rigor_library(NAME SOURCES... [LINKS targets...] [PRIVATE_LINKS targets...])
+function(rigor_library NAME)
+  cmake_parse_arguments(ARG "" "" "SOURCES;LINKS;PRIVATE_LINKS" ${ARGN})
+  add_library(${NAME} STATIC ${ARG_SOURCES})
+  target_link_libraries(${NAME} PUBLIC rigor_options ${ARG_LINKS} PRIVATE ${ARG_PRIVATE_LINKS})
+  set_target_properties(${NAME} PROPERTIES POSITION_INDEPENDENT_CODE ON)
+endfunction()
+
+# rigor_test(NAME SOURCES... LINKS... [SERIAL]): a GoogleTest binary whose cases ctest knows one by one.
+# SERIAL is for tests that measure time or hold a fixed port. DATA_DIR finds recordings where they are present.
+function(rigor_test NAME)
+  cmake_parse_arguments(ARG "SERIAL" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
+  find_package(GTest REQUIRED)
+  include(GoogleTest)
+  add_executable(${NAME} ${ARG_SOURCES})
+  target_link_libraries(${NAME} PRIVATE rigor_options ${ARG_LINKS} GTest::gtest_main GTest::gmock)
+  target_compile_definitions(${NAME} PRIVATE RIGOR_SOURCE_DIR="${CMAKE_SOURCE_DIR}"
+                                             RIGOR_BINARY_DIR="${CMAKE_BINARY_DIR}")
+  set_target_properties(${NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+  if(NOT ARG_TIMEOUT)
+    set(ARG_TIMEOUT 120)
+  endif()
+  set(PROPS TIMEOUT ${ARG_TIMEOUT})
+  if(ARG_SERIAL)
+    list(APPEND PROPS RUN_SERIAL TRUE)
+  endif()
+  gtest_discover_tests(${NAME} DISCOVERY_MODE PRE_TEST PROPERTIES ${PROPS})
+endfunction()
+
+# rigor_bench(NAME SOURCES... LINKS...): build/<preset>/benches/NAME, each takes --json FILE.
+function(rigor_bench NAME)
+  cmake_parse_arguments(ARG "" "" "SOURCES;LINKS" ${ARGN})
+  add_executable(${NAME} ${ARG_SOURCES})
+  target_link_libraries(${NAME} PRIVATE rigor_options ${ARG_LINKS})
+  set_target_properties(${NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/benches)
+endfunction()
