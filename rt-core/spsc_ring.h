@@ -1,0 +1,30 @@
+// One producer thread, one consumer thread, a fixed number of places: how device threads and the loop hand things over.
+#pragma once
+
+#include <readerwriterqueue/readerwriterqueue.h>
+
+#include <cstddef>
+#include <utility>
+
+namespace rigor {
+
+/// Wait-free on both sides; never allocates after construction (moodycamel's try_* calls do not grow the queue).
+template <class T>
+class SpscRing {
+ public:
+  explicit SpscRing(std::size_t places) : queue_(places) {}
+  /// Producer thread. False when full; the value is then untouched.
+  [[nodiscard]] bool try_push(T&& value) noexcept { return queue_.try_enqueue(std::move(value)); }
+  [[nodiscard]] bool try_push(const T& value) noexcept { return queue_.try_enqueue(value); }
+  /// Consumer thread. False when empty.
+  [[nodiscard]] bool try_pop(T& value) noexcept { return queue_.try_dequeue(value); }
+  /// Consumer thread. The oldest element, or nullptr.
+  [[nodiscard]] T* peek() noexcept { return queue_.peek(); }
+  void drop_front() noexcept { queue_.pop(); }
+  [[nodiscard]] std::size_t size_approx() const noexcept { return queue_.size_approx(); }
+
+ private:
+  moodycamel::ReaderWriterQueue<T> queue_;
+};
+
+}  // namespace rigor
