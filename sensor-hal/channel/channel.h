@@ -1,0 +1,148 @@
+// The channel: what every backend looks like to the bench, be it a device, a simulator, a recording or a
+// pair.
+//
+// Lifecycle, the same for sources, sinks and emulators:
+//
+//   created ──configure──▶ configured ──arm──▶ armed ──start──▶ running ──stop──▶ configured
+//
+//   configure  parses the channel's own keys; touches nothing outside        setup thread
+//   arm        opens the device, takes all memory, starts I/O threads idle   setup thread
+//   start      from now on samples are captured                              setup thread
+//   stop       ends capture, joins threads, closes the device                setup thread
+//
+// A call that the state does not allow returns ErrorCode::wrong_state and changes nothing. A call that fails
+// leaves the state as it was. The non-virtual calls of Channel check the state; backends implement the do_*
+// ones.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "rt-core/result.h"
+#include "rt-core/time.h"
+#include "sensor-hal/config/yaml.h"
+#include "sensor-hal/types/sample.h"
+
+namespace rigor {
+
+enum class ChannelState : std::uint8_t { created, configured, armed, running };
+
+/// What all backends share of a channel's configuration; the rest is in `params`, which the backend parses
+/// itself.
+struct ChannelConfig {
+  std::string name;  ///< unique in the rig; pairs name their sides `left.real`, `left.simulated`
+  SampleKind kind = SampleKind::none;
+  Duration period;         ///< nominal; 0: aperiodic
+  Duration latency;        ///< capture to release: the latency of the device that is modelled
+  std::uint64_t seed = 0;  ///< of the rig; a model's draws are keyed by it and by the channel's name
+  ConfigNode params;       ///< this backend's own keys, with their places in the file
+};
+
+/// How a channel presents itself to applications, recorder and reports. Valid once configured.
+struct ChannelDescription {
+  SampleKind kind = SampleKind::none;
+  std::string frame_id;       ///< sensor frame, e.g. `left_optical`
+  std::size_t max_bytes = 0;  ///< of one sample; the pool's slots are made for it
+  std::uint32_t width_px = 0, height_px = 0;
+  PixelFormat format = PixelFormat::mono8;
+  std::vector<std::string> names, units;  ///< of a register block's values, in order
+};
+
+/// Counters that only grow, and whether the source is there. Written by the backend's threads, read by any.
+struct Health {
+  std::atomic<bool> connected{false};
+  std::atomic<std::uint64_t> received{0};    ///< complete samples that came from the device or simulator
+  std::atomic<std::uint64_t> incomplete{0};  ///< samples marked kIncomplete
+  std::atomic<std::uint64_t> lost{0};        ///< samples known to be lost before they reached the ring
+  std::atomic<std::uint64_t> no_slot{0};     ///< dropped: every slot of the pool was held
+  std::atomic<std::uint64_t> ring_full{0};   ///< dropped: the loop did not take them
+  std::atomic<std::uint64_t> protocol_errors{0};
+  std::atomic<std::uint64_t> retries{0};  ///< resends, repeated requests
+  std::atomic<std::uint64_t> reconnects{0};
+};
+
+/// What arm needs to know of the run.
+struct ArmContext {
+  bool virtual_time = false;
+  BenchTime t0;  ///< first cycle
+  Duration loop_period = milliseconds(1);
+};
+
+class Channel {
+ public:
+  virtual ~Channel() = default;
+  Channel(const Channel&) = delete;
+  Channel& operator=(const Channel&) = delete;
+
+  [[nodiscard]] Status configure(const ChannelConfig& config);
+  [[nodiscard]] Status arm(const ArmContext& context);
+  [[nodiscard]] Status start(BenchTime t0);
+  [[nodiscard]] Status stop();
+
+  [[nodiscard]] ChannelState state() const noexcept { return state_; }
+  [[nodiscard]] const ChannelConfig& config() const noexcept { return config_; }
+  [[nodiscard]] const ChannelDescription& describe() const noexcept { return description_; }
+  [[nodiscard]] const Health& health() const noexcept { return health_; }
+
+ protected:
+  Channel() = default;
+  /// Fills `description_`.
+  virtual Status do_configure(const ChannelConfig& config) = 0;
+  virtual Status do_arm(const ArmContext& context) = 0;
+  virtual Status do_start(BenchTime t0) = 0;
+  virtual Status do_stop() = 0;
+
+  ChannelDescription description_;
+  Health health_;
+
+ private:
+  ChannelState state_ = ChannelState::created;
+  ChannelConfig config_;
+};
+
+/// Gives samples to the loop.
+class Source : public Channel {
+ public:
+  /// Loop thread, once a cycle before `poll`, increasing `now`: dispatch what is captured by the bench's own
+  /// grid.
+  virtual void begin_cycle(BenchTime now) noexcept { (void)now; }
+  /// Loop thread: the next sample that has arrived, in order of release; empty when there is none.
+  [[nodiscard]] virtual SampleLease poll(BenchTime now) noexcept = 0;
+  /// Virtual time only, before `poll`; blocks until every sample with t_release ≤ now can be polled.
+  virtual void complete_until(BenchTime now) { (void)now; }
+};
+
+/// A command on its way out: the values of a sink's registers (in the order of its description) or a CAN
+/// frame. `t_effect` is its logical instant: the sink's I/O thread applies it then, not before.
+struct Command {
+  std::uint64_t sequence = 0;
+  BenchTime t_issue;
+  BenchTime t_effect;
+  std::uint32_t count = 0;
+  std::array<double, 16> value{};
+};
+
+/// Takes commands from the loop. Its I/O thread watches the loop's heartbeat by itself: when the loop is
+/// stuck, gone or told to stop, the thread applies the channel's `safe:` values without being asked.
+class Sink : public Channel {
+ public:
+  /// Loop thread, wait-free. False when the ring to the I/O thread is full; the command is then lost and
+  /// counted.
+  [[nodiscard]] virtual bool command(const Command& command) noexcept = 0;
+  /// Virtual time only: apply every command with t_effect ≤ now to the device's model.
+  virtual void complete_until(BenchTime now) { (void)now; }
+  /// Called at arm by the rig: where the loop's heartbeat is to be read.
+  virtual void watch(const class Heartbeat* heartbeat, Duration deadline) = 0;
+  struct Counters {
+    std::atomic<std::uint64_t> accepted{0}, applied{0}, late{0}, failed{0}, dropped{0}, made_safe{0};
+  };
+  [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
+
+ protected:
+  Counters counters_;
+};
+
+}  // namespace rigor

@@ -1,0 +1,83 @@
+// What a simulated device is made of, seen from the HAL: something that measures, and something that has
+// registers. The simulators of `sim/` implement these; drivers' emulators and the simulated source use them;
+// the command line wires them together. So an emulated GigE camera and a simulated channel show one and the
+// same picture.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+
+#include "rt-core/result.h"
+#include "rt-core/time.h"
+#include "sensor-hal/types/sample.h"
+
+namespace rigor {
+
+/// How the moving parts of a world stand around an instant: q(t) = q_ref + rate·(t − t_ref). Small, copied by
+/// value into a capture request, so that a capture depends on nothing else. Joints in the order of the world
+/// file.
+struct JointState {
+  BenchTime t_ref;
+  double position_rad = 0;
+  double rate_radps = 0;
+  [[nodiscard]] double at(BenchTime t) const noexcept {
+    return position_rad + rate_radps * (t - t_ref).seconds();
+  }
+};
+struct WorldMotion {
+  static constexpr std::size_t kMax = 8;
+  std::uint32_t count = 0;
+  std::array<JointState, kMax> joint{};
+};
+
+struct ImageRequest {
+  std::uint64_t index = 0;  ///< capture index: keys the noise draws
+  BenchTime t_capture;      ///< middle of the exposure
+  Duration exposure;        ///< 0: the sensor model's default
+  double gain_db = 0;
+  std::uint32_t offset_x_px = 0, offset_y_px = 0, width_px = 0,
+                height_px = 0;  ///< region; width 0: the whole sensor
+  PixelFormat format = PixelFormat::mono8;
+  WorldMotion motion;
+};
+
+/// Makes pictures. One thread at a time; may take milliseconds; same request, same bytes.
+class ImageProvider {
+ public:
+  virtual ~ImageProvider() = default;
+  struct Geometry {
+    std::uint32_t width_px = 0, height_px = 0;  ///< full sensor
+    PixelFormat format = PixelFormat::mono8;    ///< default
+    Duration exposure = milliseconds(5);        ///< default
+    std::string frame_id;
+  };
+  [[nodiscard]] virtual Geometry geometry() const = 0;
+  /// `pixels` has image_bytes(format, width, height) bytes. Every PixelFormat is offered.
+  [[nodiscard]] virtual Status capture(const ImageRequest& request, std::span<std::byte> pixels) = 0;
+};
+
+/// Where the moving parts of a world are, as the owner of that world knows it. Any thread, wait-free.
+class MotionSource {
+ public:
+  virtual ~MotionSource() = default;
+  [[nodiscard]] virtual WorldMotion motion_at(BenchTime t) const noexcept = 0;
+};
+
+enum class RegisterTable : std::uint8_t { coils, discrete_inputs, input_registers, holding_registers };
+
+/// A device that is known by its registers (a turntable, a valve). Times are bench time and never decrease.
+/// One thread at a time.
+class RegisterModel {
+ public:
+  virtual ~RegisterModel() = default;
+  /// False: no such address (a Modbus exception 02 goes out).
+  [[nodiscard]] virtual bool read(RegisterTable table, std::uint16_t address, std::span<std::uint16_t> out,
+                                  BenchTime t) = 0;
+  [[nodiscard]] virtual bool write(RegisterTable table, std::uint16_t address,
+                                   std::span<const std::uint16_t> in, BenchTime t) = 0;
+};
+
+}  // namespace rigor

@@ -1,0 +1,53 @@
+// Backends by name, as rigs write them: `backend: aravis`. The command line fills one registry; nothing
+// registers itself behind anyone's back.
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "sensor-hal/channel/emulator.h"
+
+namespace rigor {
+
+/// One device found on this machine, for `rigor devices`.
+struct FoundDevice {
+  std::string backend, id, description, address;
+};
+/// One thing that a backend needs of the machine, for `rigor doctor`.
+struct DoctorFinding {
+  enum class Level : std::uint8_t { good, note, missing } level = Level::good;
+  std::string what, cure;
+};
+
+/// What a backend offers; empty functions are what it does not have.
+struct Backend {
+  std::string name, summary;
+  std::function<std::unique_ptr<Source>()> make_source;
+  std::function<std::unique_ptr<Sink>()> make_sink;
+  std::function<std::unique_ptr<Emulator>()> make_emulator;
+  /// Virtual time: the device's model and codec in process over an in-memory transport, in place of the
+  /// device. `emulator_params` are the keys of the emulator that stands for this device in the rig.
+  std::function<Result<std::unique_ptr<Source>>(DeviceParts parts, ConfigNode emulator_params)>
+      make_virtual_source;
+  std::function<Result<std::unique_ptr<Sink>>(DeviceParts parts, ConfigNode emulator_params)>
+      make_virtual_sink;
+  std::function<std::vector<FoundDevice>()> find_devices;
+  std::function<std::vector<DoctorFinding>()> doctor;
+};
+
+class Registry {
+ public:
+  void add(Backend backend);  ///< a second one with the name replaces the first
+  /// nullptr when there is none.
+  [[nodiscard]] const Backend* find(std::string_view name) const;
+  [[nodiscard]] std::vector<std::string> names() const;
+  [[nodiscard]] const std::map<std::string, Backend, std::less<>>& all() const { return backends_; }
+
+ private:
+  std::map<std::string, Backend, std::less<>> backends_;
+};
+
+}  // namespace rigor
