@@ -10,9 +10,11 @@
 //   start      from now on samples are captured                              setup thread
 //   stop       ends capture, joins threads, closes the device                setup thread
 //
-// A call that the state does not allow returns ErrorCode::wrong_state and changes nothing. A call that fails
-// leaves the state as it was. The non-virtual calls of Channel check the state; backends implement the do_*
-// ones.
+// Two edges more than drawn: `configure` may be called again on a configured channel, and `stop` disarms an
+// armed one (another channel of the rig failed to arm). A call that the state does not allow returns
+// ErrorCode::wrong_state and changes nothing. A call that fails leaves the state as it was. The non-virtual
+// calls of Channel check the state; backends implement the do_* ones. do_stop must cope with a channel that
+// was armed and never started, and a backend's destructor with one that was never stopped.
 #pragma once
 
 #include <atomic>
@@ -89,7 +91,8 @@ class Channel {
 
  protected:
   Channel() = default;
-  /// Fills `description_`.
+  /// Fills `description_`. May throw ConfigError; keys of `config.params` that it did not ask for are refused
+  /// by the caller.
   virtual Status do_configure(const ChannelConfig& config) = 0;
   virtual Status do_arm(const ArmContext& context) = 0;
   virtual Status do_start(BenchTime t0) = 0;

@@ -1,0 +1,74 @@
+// The state machine that all channels share. Backends see only calls that their state allows.
+#include "sensor-hal/channel/channel.h"
+
+#include <utility>
+
+namespace rigor {
+namespace {
+
+std::string_view name_of(ChannelState state) {
+  switch (state) {
+    case ChannelState::created:
+      return "created";
+    case ChannelState::configured:
+      return "configured";
+    case ChannelState::armed:
+      return "armed";
+    case ChannelState::running:
+      return "running";
+  }
+  return "?";
+}
+
+tl::unexpected<Error> refused(const std::string& channel, std::string_view call, ChannelState state,
+                              std::string_view expected) {
+  return fail(ErrorCode::wrong_state, channel,
+              std::string(call) + ": expected a channel that is " + std::string(expected) +
+                  ", got one that is " + std::string(name_of(state)));
+}
+
+}  // namespace
+
+Status Channel::configure(const ChannelConfig& config) {
+  if (state_ != ChannelState::created && state_ != ChannelState::configured)
+    return refused(config_.name, "configure", state_, "created or configured");
+  auto previous = std::exchange(description_, {});
+  Status status;
+  try {
+    status = do_configure(config);
+    if (status) config.params.finish();
+  } catch (const ConfigError& e) {
+    status = tl::unexpected<Error>(e.error());
+  }
+  if (!status) {
+    description_ = std::move(previous);
+    return status;
+  }
+  config_ = config;
+  state_ = ChannelState::configured;
+  return {};
+}
+
+Status Channel::arm(const ArmContext& context) {
+  if (state_ != ChannelState::configured) return refused(config_.name, "arm", state_, "configured");
+  if (auto status = do_arm(context); !status) return status;
+  state_ = ChannelState::armed;
+  return {};
+}
+
+Status Channel::start(BenchTime t0) {
+  if (state_ != ChannelState::armed) return refused(config_.name, "start", state_, "armed");
+  if (auto status = do_start(t0); !status) return status;
+  state_ = ChannelState::running;
+  return {};
+}
+
+Status Channel::stop() {
+  if (state_ != ChannelState::armed && state_ != ChannelState::running)
+    return refused(config_.name, "stop", state_, "armed or running");
+  if (auto status = do_stop(); !status) return status;
+  state_ = ChannelState::configured;
+  return {};
+}
+
+}  // namespace rigor
