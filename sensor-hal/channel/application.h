@@ -1,4 +1,5 @@
-// An application: a step in the loop that sees channels and gives commands, and cannot tell which of them are real.
+// An application: a step in the loop that sees channels and gives commands, and cannot tell which of them are
+// real.
 #pragma once
 
 #include <cstdint>
@@ -14,15 +15,15 @@ namespace rigor {
 
 using SamplePort = Port<Sample>;
 
-/// Where an application puts its commands. Logical execution time holds for them too: a command of the cycle at
-/// t is applied at t + latency, however early it was computed.
+/// Where an application puts its commands. Logical execution time holds for them too: a command of the cycle
+/// at t is applied at t + latency, however early it was computed.
 class CommandPort {
  public:
   CommandPort(std::string name, Sink& sink, Duration latency)
       : name_(std::move(name)), sink_(&sink), latency_(latency) {}
 
-  /// Loop thread, wait-free. `values` in the order of the sink's description; what is beyond 16 is refused. False:
-  /// the ring to the sink is full, the command is lost and counted.
+  /// Loop thread, wait-free. `values` in the order of the sink's description; what is beyond 16 is refused.
+  /// False: the ring to the sink is full, the command is lost and counted.
   bool send(BenchTime t_cycle, std::span<const double> values) noexcept {
     Command c;
     c.sequence = next_sequence_++;
@@ -69,7 +70,8 @@ class Application {
  public:
   virtual ~Application() = default;
   /// Setup thread: reads its keys, finds its ports, takes all memory it will need.
-  [[nodiscard]] virtual Status configure(ConfigNode params, const ApplicationPorts& ports, Duration loop_period) = 0;
+  [[nodiscard]] virtual Status configure(ConfigNode params, const ApplicationPorts& ports,
+                                         Duration loop_period) = 0;
   /// Loop thread, once a cycle after the inputs: no allocation, no lock, no blocking call.
   virtual void step(std::uint64_t cycle, BenchTime t_cycle) noexcept = 0;
 };

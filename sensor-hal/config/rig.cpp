@@ -1,0 +1,237 @@
+#include "sensor-hal/config/rig.h"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <set>
+
+namespace rigor {
+namespace {
+
+constexpr std::array<std::pair<std::string_view, SampleKind>, 7> kKinds{
+    {{"image", SampleKind::image},
+     {"range_image", SampleKind::range_image},
+     {"point_cloud", SampleKind::point_cloud},
+     {"can_frame", SampleKind::can_frame},
+     {"registers", SampleKind::register_block},
+     {"pose", SampleKind::pose},
+     {"event", SampleKind::event}}};
+
+SampleKind read_kind(ConfigNode n) {
+  std::vector<std::string> names;
+  for (const auto& [name, kind] : kKinds) names.emplace_back(name);
+  const std::string word = n.choice("kind", names);
+  for (const auto& [name, kind] : kKinds)
+    if (name == word) return kind;
+  return SampleKind::none;
+}
+
+/// A rate's period must be a whole number of nanoseconds on the loop's grid: "rates are integer divisors".
+Duration read_period(ConfigNode n, Duration base, std::int64_t& divisor) {
+  const double base_hz = 1e9 / static_cast<double>(base.ns());
+  const double rate_hz = n.number("rate_hz", {.min = 0, .max = 1e6, .exclusive_min = true});
+  const double ratio = base_hz / rate_hz;
+  divisor = static_cast<std::int64_t>(std::llround(ratio));
+  if (divisor < 1 || std::abs(ratio - static_cast<double>(divisor)) > 1e-9 * ratio) {
+    const auto d = static_cast<double>(std::max<std::int64_t>(1, divisor));
+    throw n.error(
+        "rate_hz",
+        fmt::format("expected a rate that divides the loop's {:g} Hz, got {:g}; the nearest are "
+                    "{:g} and {:g} Hz",
+                    base_hz, rate_hz, base_hz / d, base_hz / (ratio > d ? d + 1 : std::max(1.0, d - 1))));
+  }
+  return base * divisor;
+}
+
+Duration read_ms(ConfigNode n, std::string_view key, double fallback_ms,
+                 Range range = {.min = 0, .max = 1e7}) {
+  return seconds_from(n.number_or(key, fallback_ms, range) * 1e-3);
+}
+
+BackendChoice read_backend(ConfigNode n, const std::string& name) {
+  BackendChoice b;
+  b.backend = n.text("backend");
+  b.emulated_by = n.text_or("emulated_by", name);
+  b.params = n;
+  return b;
+}
+
+LoopConfig read_loop(ConfigNode n) {
+  LoopConfig l;
+  const double rate_hz = n.number_or("rate_hz", 1000, {.min = 1, .max = 20000});
+  const double period_ns = 1e9 / rate_hz;
+  l.period = nanoseconds(std::llround(period_ns));
+  if (std::abs(period_ns - static_cast<double>(l.period.ns())) > 1e-6)
+    throw n.error("rate_hz",
+                  fmt::format("expected a rate whose period is a whole number of nanoseconds, got {:g} Hz; "
+                              "{:g} Hz is near",
+                              rate_hz, 1e9 / std::ceil(period_ns / 1000) / 1000));
+  l.spin = seconds_from(n.number_or("spin_us", 0, {.min = 0, .max = period_ns * 1e-3}) * 1e-6);
+  const std::string policy = n.choice_or("overrun", {"skip", "abort", "log"}, "skip");
+  l.overrun = policy == "skip"    ? OverrunChoice::skip
+              : policy == "abort" ? OverrunChoice::abort
+                                  : OverrunChoice::log;
+  l.fifo_priority = static_cast<int>(n.integer_or("fifo_priority", 80, {.min = 0, .max = 98}));
+  l.cpu = static_cast<int>(n.integer_or("cpu", -1, {.min = -1, .max = 1023}));
+  l.lock_memory = n.flag_or("lock_memory", true);
+  l.dma_latency = n.flag_or("dma_latency", true);
+  l.heartbeat_deadline = read_ms(n, "heartbeat_ms", 100, {.min = 1, .max = 60000});
+  n.finish();
+  return l;
+}
+
+ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfig& loop) {
+  ChannelEntry c;
+  c.name = name;
+  c.node = n;
+  c.kind = read_kind(n);
+  c.period = read_period(n, loop.period, c.divisor);
+  c.latency = read_ms(n, "latency_ms", 0);
+  c.record = n.flag_or("record", true);
+  c.timing.period = c.period;
+  const double default_tolerance_ms = std::max(c.period.seconds() * 100, loop.period.seconds() * 1e3);
+  c.timing.tolerance = read_ms(n, "tolerance_ms", default_tolerance_ms);
+  c.timing.lost_after = read_ms(n, "lost_after_ms", std::max(500.0, c.period.seconds() * 5e3));
+  c.timing.on_late =
+      n.choice_or("on_late", {"hold", "drop"}, "hold") == "drop" ? LatePolicy::drop : LatePolicy::hold;
+  c.is_pair = n.has("pair");
+  if (!c.is_pair) {
+    c.source = read_backend(n, name);
+    return c;
+  }
+  if (n.has("backend"))
+    throw n.error("backend", "expected either `backend` or `pair`, got both; keep one of them");
+  c.pair = n.map("pair");
+  c.hand_on_real = c.pair.choice_or("hand_on", {"real", "simulated"}, "real") == "real";
+  c.source = read_backend(c.pair.map("real"), name);
+  c.twin = read_backend(c.pair.map("simulated"), name);
+  n.finish();
+  return c;
+}
+
+SimulationConfig read_simulation(ConfigNode n) {
+  SimulationConfig s;
+  if (n.has("world")) s.world = n.base_dir() / n.text("world");
+  s.workers = static_cast<int>(n.integer_or("workers", 1, {.min = 1, .max = 64}));
+  s.device = n.text_or("device", "");
+  if (ConfigNode joints = n.map_or_absent("joints"); joints.present())
+    for (const std::string& joint : joints.keys()) {
+      ConfigNode j = joints.map(joint);
+      JointBinding b;
+      b.joint = joint;
+      b.channel = j.text("channel");
+      b.position_name = j.text("position");
+      b.rate_name = j.text_or("rate", "");
+      b.scale_rad = j.choice_or("unit", {"deg", "rad"}, "deg") == "deg" ? std::numbers::pi / 180 : 1.0;
+      j.finish();
+      s.joints.push_back(std::move(b));
+    }
+  n.finish();
+  return s;
+}
+
+void check_names(const RigConfig& rig, ConfigNode root) {
+  std::set<std::string> emulators;
+  for (const auto& e : rig.emulators) emulators.insert(e.name);
+  std::set<std::string> channels;
+  for (const auto& c : rig.channels) channels.insert(c.name);
+  for (const auto& s : rig.sinks)
+    if (channels.contains(s.name))
+      throw root.map("sinks").error(
+          s.name,
+          "expected a name of its own, got the name of a channel; call it " + s.name + "_command, say");
+  for (const auto& j : rig.simulation.joints) {
+    bool found = false;
+    for (const auto& c : rig.channels) found |= c.name == j.channel && c.kind == SampleKind::register_block;
+    if (!found)
+      throw root.map("simulation")
+          .map("joints")
+          .map(j.joint)
+          .error("channel", fmt::format("expected a channel of kind registers, got \"{}\"", j.channel));
+  }
+}
+
+void check_name(ConfigNode parent, const std::string& name) {
+  const bool ok =
+      !name.empty() && name.size() <= 64 &&
+      name.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-") ==
+          std::string::npos;
+  if (!ok)
+    throw parent.error(
+        name, "expected a name of letters, digits, `_` and `-`, at most 64 of them, got \"" + name + "\"");
+}
+
+}  // namespace
+
+std::string_view kind_name(SampleKind kind) {
+  for (const auto& [name, k] : kKinds)
+    if (k == kind) return name;
+  return "none";
+}
+
+const EmulatorEntry* RigConfig::emulator(std::string_view emulator_name) const {
+  for (const auto& e : emulators)
+    if (e.name == emulator_name) return &e;
+  return nullptr;
+}
+
+Result<RigConfig> parse_rig(ConfigNode root, const std::filesystem::path& file) {
+  return catch_config([&] {
+    RigConfig rig;
+    rig.file = file;
+    rig.text = root.dump();
+    rig.name = root.text_or("name", file.stem().string());
+    rig.seed = static_cast<std::uint64_t>(root.integer_or("seed", 1, {.min = 0}));
+    rig.clock = root.choice_or("clock", {"wall", "virtual"}, "wall") == "wall" ? ClockKind::wall
+                                                                               : ClockKind::virtual_time;
+    rig.duration = seconds_from(root.number_or("duration_s", 0, {.min = 0, .max = 1e7}));
+    rig.start_emulators = root.flag_or("start_emulators", true);
+    rig.loop = read_loop(root.map_or_absent("loop"));
+    rig.simulation = read_simulation(root.map_or_absent("simulation"));
+    ConfigNode channels = root.map_or_absent("channels");
+    for (const auto& name : channels.keys()) {
+      check_name(channels, name);
+      rig.channels.push_back(read_channel(channels.map(name), name, rig.loop));
+    }
+    ConfigNode sinks = root.map_or_absent("sinks");
+    for (const auto& name : sinks.keys()) {
+      check_name(sinks, name);
+      ConfigNode n = sinks.map(name);
+      rig.sinks.push_back({name, read_ms(n, "latency_ms", 0), read_backend(n, name), n});
+    }
+    ConfigNode emulators = root.map_or_absent("emulators");
+    for (const auto& name : emulators.keys()) {
+      check_name(emulators, name);
+      ConfigNode n = emulators.map(name);
+      rig.emulators.push_back({name, read_backend(n, name), n});
+    }
+    if (ConfigNode app = root.map_or_absent("application"); app.present()) {
+      rig.application = app.text("name");
+      rig.application_params = app;
+    }
+    if (ConfigNode r = root.map_or_absent("record"); r.present()) {
+      rig.record.file = r.text("file");
+      rig.record.compression = r.choice_or("compression", {"none", "lz4", "zstd"}, "zstd");
+      rig.record.chunk_bytes =
+          static_cast<std::size_t>(r.integer_or("chunk_kib", 4096, {.min = 4, .max = 65536})) << 10;
+      rig.record.budget_bytes =
+          static_cast<std::size_t>(r.integer_or("budget_mib", 256, {.min = 1, .max = 65536})) << 20;
+      rig.record.fail_on_drop = r.flag_or("fail_on_drop", false);
+      r.finish();
+    }
+    rig.report = root.text_or("report", "");
+    root.finish();
+    check_names(rig, root);
+    return rig;
+  });
+}
+
+Result<RigConfig> load_rig(const std::filesystem::path& file, const std::vector<ConfigOverride>& overrides) {
+  auto root = ConfigDocument::load(file, overrides);
+  if (!root) return tl::unexpected<Error>(root.error());
+  return parse_rig(*root, file);
+}
+
+}  // namespace rigor

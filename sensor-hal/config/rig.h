@@ -1,0 +1,134 @@
+// A rig: the whole bench in one file. What it says in common for all channels is parsed here into plain
+// structs; what only a backend understands stays in the channel's ConfigNode and is parsed by the backend,
+// from the same map.
+//
+//   name: demo
+//   loop: { rate_hz: 1000, spin_us: 100, overrun: skip }
+//   channels:
+//     right: { kind: image, backend: simulated, rate_hz: 25, latency_ms: 60, … }
+//     left:
+//       kind: image
+//       rate_hz: 25
+//       latency_ms: 60
+//       pair: { hand_on: real, real: { backend: aravis, … }, simulated: { backend: simulated, … } }
+//   sinks:
+//     table: { backend: modbus, latency_ms: 10, safe: {…}, … }
+//   emulators:
+//     left: { backend: aravis, … }
+//   application: { name: turntable-sweep, … }
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "rt-core/port.h"
+#include "rt-core/result.h"
+#include "sensor-hal/channel/channel.h"
+#include "sensor-hal/config/yaml.h"
+
+namespace rigor {
+
+enum class ClockKind : std::uint8_t { wall, virtual_time };
+enum class OverrunChoice : std::uint8_t { skip, abort, log };
+
+struct LoopConfig {
+  Duration period = milliseconds(1);
+  Duration spin;  ///< busy-wait over the last part of each period; 0: plain sleep
+  OverrunChoice overrun = OverrunChoice::skip;
+  int fifo_priority = 80;  ///< 0: ordinary scheduling
+  int cpu = -1;            ///< -1: the last one of the machine
+  bool lock_memory = true;
+  bool dma_latency = true;  ///< hold /dev/cpu_dma_latency at 0
+  Duration heartbeat_deadline = milliseconds(100);
+};
+
+/// One side of a channel: which backend, and its own keys.
+struct BackendChoice {
+  std::string backend;
+  std::string emulated_by;  ///< which entry of `emulators` stands for the device in virtual time
+  ConfigNode params;
+};
+
+struct ChannelEntry {
+  std::string name;
+  SampleKind kind = SampleKind::none;
+  Duration period;
+  Duration latency;
+  std::int64_t divisor = 1;  ///< loop cycles per period
+  PortTiming timing;
+  bool record = true;
+  bool is_pair = false;
+  bool hand_on_real = true;
+  BackendChoice source;  ///< the channel itself, or the real side of a pair
+  BackendChoice twin;    ///< the simulated side of a pair
+  ConfigNode pair;       ///< keys of the pair itself
+  ConfigNode node;
+};
+
+struct SinkEntry {
+  std::string name;
+  Duration latency;
+  BackendChoice sink;
+  ConfigNode node;
+};
+
+struct EmulatorEntry {
+  std::string name;
+  BackendChoice emulator;
+  ConfigNode node;
+};
+
+struct RecordConfig {
+  std::filesystem::path file;  ///< empty: no recording
+  std::string compression = "zstd";
+  std::size_t chunk_bytes = 4u << 20;
+  std::size_t budget_bytes = 256u << 20;
+  bool fail_on_drop = false;
+};
+
+/// Which channel tells the bench where a joint of the world stands.
+struct JointBinding {
+  std::string joint, channel, position_name, rate_name;  ///< rate_name may be empty: rate 0
+  double scale_rad = 1;                                  ///< radians per unit of the register
+};
+
+struct SimulationConfig {
+  std::filesystem::path world;  ///< empty: the rig has no world
+  int workers = 1;
+  std::string device;  ///< Vulkan device by name; empty: the first
+  std::vector<JointBinding> joints;
+};
+
+struct RigConfig {
+  std::string name;
+  std::filesystem::path file;
+  std::string text;  ///< the file as parsed, overrides included, for the recording
+  std::uint64_t seed = 1;
+  ClockKind clock = ClockKind::wall;
+  Duration duration;            ///< 0: until stopped
+  bool start_emulators = true;  ///< `rigor run` brings the emulators up in a process of their own
+  LoopConfig loop;
+  SimulationConfig simulation;
+  std::vector<ChannelEntry> channels;
+  std::vector<SinkEntry> sinks;
+  std::vector<EmulatorEntry> emulators;
+  std::string application;  ///< empty: none
+  ConfigNode application_params;
+  RecordConfig record;
+  std::filesystem::path report;  ///< directory; empty: none
+
+  [[nodiscard]] const EmulatorEntry* emulator(std::string_view emulator_name) const;
+};
+
+/// Reads and checks a rig file. Relative paths of inputs are meant against the file's directory, of outputs
+/// against the working directory. bad_input with place, or not_found. Setup context.
+[[nodiscard]] Result<RigConfig> load_rig(const std::filesystem::path& file,
+                                         const std::vector<ConfigOverride>& overrides);
+[[nodiscard]] Result<RigConfig> parse_rig(ConfigNode root, const std::filesystem::path& file);
+
+[[nodiscard]] std::string_view kind_name(SampleKind kind);
+
+}  // namespace rigor
