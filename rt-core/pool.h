@@ -1,10 +1,10 @@
 // Preallocated slots and the leases that share them.
 //
-// A driver thread takes a slot, fills it, and hands the lease to the loop; the loop hands copies to the application
-// and to the recorder. Nobody copies an image, nobody frees memory: the last lease that goes out of scope makes the
-// slot free again. The reference count of a slot is the whole bookkeeping: there is no free list, so no ABA problem
-// and nothing to lock. Memory order: the count falls with release and is read with acquire when a slot is taken, so
-// the new owner sees every access of the last one.
+// A driver thread takes a slot, fills it, and hands the lease to the loop; the loop hands copies to the
+// application and to the recorder. Nobody copies an image, nobody frees memory: the last lease that goes out
+// of scope makes the slot free again. The reference count of a slot is the whole bookkeeping: there is no
+// free list, so no ABA problem and nothing to lock. Memory order: the count falls with release and is read
+// with acquire when a slot is taken, so the new owner sees every access of the last one.
 #pragma once
 
 #include <atomic>
@@ -54,12 +54,13 @@ class Lease {
   Slot* slot_ = nullptr;
 };
 
-/// A fixed number of slots. Construction: setup context, allocates. `try_acquire`: one producer thread at a time,
-/// wait-free (bounded by the number of slots), no allocation.
+/// A fixed number of slots. Construction: setup context, allocates. `try_acquire`: one producer thread at a
+/// time, wait-free (bounded by the number of slots), no allocation.
 template <class T>
 class Pool {
  public:
-  explicit Pool(std::size_t slots) : size_(slots), slots_(std::make_unique<typename Lease<T>::Slot[]>(slots)) {}
+  explicit Pool(std::size_t slots)
+      : size_(slots), slots_(std::make_unique<typename Lease<T>::Slot[]>(slots)) {}
 
   /// An empty lease when every slot is held.
   [[nodiscard]] Lease<T> try_acquire() noexcept {

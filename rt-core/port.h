@@ -2,11 +2,12 @@
 //
 //   capture          arrival        release
 //   ───●────────────────●──────────────●────────────── time
-//      │ measured       │ it is here   │ first cycle at or after: the loop sees it (fresh), then holds it (stale)
+//      │ measured       │ it is here   │ first cycle at or after: the loop sees it (fresh), then holds it
+//      (stale)
 //
-// A sample that is here early waits; one that is not here at its release makes the port `late`, and it becomes
-// visible in the first cycle after it came. So what the application computes depends on the latency of the device
-// that is modelled and not on how fast a computer was.
+// A sample that is here early waits; one that is not here at its release makes the port `late`, and it
+// becomes visible in the first cycle after it came. So what the application computes depends on the latency
+// of the device that is modelled and not on how fast a computer was.
 #pragma once
 
 #include <array>
@@ -28,20 +29,20 @@ enum class PortStatus : std::uint8_t {
 enum class LatePolicy : std::uint8_t { hold, drop };
 
 struct PortTiming {
-  Duration period;                        ///< nominal; 0 for an aperiodic channel, which is never late
-  Duration tolerance;                     ///< how long past its release a sample may be missing before it is late
+  Duration period;     ///< nominal; 0 for an aperiodic channel, which is never late
+  Duration tolerance;  ///< how long past its release a sample may be missing before it is late
   Duration lost_after = milliseconds(500);
   LatePolicy on_late = LatePolicy::hold;
 };
 
 struct PortCounters {
-  std::uint64_t fresh = 0;        ///< samples that became visible
-  std::uint64_t superseded = 0;   ///< samples that a newer one of the same cycle overtook
-  std::uint64_t late_cycles = 0;  ///< cycles with status late
-  std::uint64_t late_samples = 0; ///< samples that arrived after their release
-  std::uint64_t lost_cycles = 0;  ///< cycles with status lost
-  std::uint64_t lost_samples = 0; ///< gaps in the sequence, and what the source said was lost
-  std::uint64_t overflow = 0;     ///< samples dropped because more than kPending waited
+  std::uint64_t fresh = 0;         ///< samples that became visible
+  std::uint64_t superseded = 0;    ///< samples that a newer one of the same cycle overtook
+  std::uint64_t late_cycles = 0;   ///< cycles with status late
+  std::uint64_t late_samples = 0;  ///< samples that arrived after their release
+  std::uint64_t lost_cycles = 0;   ///< cycles with status lost
+  std::uint64_t lost_samples = 0;  ///< gaps in the sequence, and what the source said was lost
+  std::uint64_t overflow = 0;      ///< samples dropped because more than kPending waited
 };
 
 /// T has a member `Stamp stamp`. All calls: loop thread; noexcept, no allocation.
@@ -76,8 +77,8 @@ class Port {
       return;
     }
     const bool silent = timing_.period.ns() > 0 && now - t_quiet_since_ > timing_.lost_after && count_ == 0;
-    const bool overdue = timing_.period.ns() > 0 && seen_ &&
-                         now > visible_release_ + timing_.period + timing_.tolerance;
+    const bool overdue =
+        timing_.period.ns() > 0 && seen_ && now > visible_release_ + timing_.period + timing_.tolerance;
     if ((!source_connected && count_ == 0) || silent) {
       status_ = PortStatus::lost;
       ++counters_.lost_cycles;

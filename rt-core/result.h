@@ -1,5 +1,6 @@
-// How setup code says that something went wrong: what kind, where, and a sentence that tells the user what was
-// expected, what came, and what to do. The real-time loop never makes one; it returns status bytes and counters.
+// How setup code says that something went wrong: what kind, where, and a sentence that tells the user what
+// was expected, what came, and what to do. The real-time loop never makes one; it returns status bytes and
+// counters.
 #pragma once
 
 #include <cstdint>
@@ -31,7 +32,9 @@ struct Error {
   [[nodiscard]] std::string text() const { return where.empty() ? message : where + ": " + message; }
   /// 2 where the user's input is at fault and nothing was touched, 1 otherwise.
   [[nodiscard]] int exit_status() const {
-    return code == ErrorCode::bad_input || code == ErrorCode::not_found || code == ErrorCode::not_writable ? 2 : 1;
+    return code == ErrorCode::bad_input || code == ErrorCode::not_found || code == ErrorCode::not_writable
+               ? 2
+               : 1;
   }
 };
 

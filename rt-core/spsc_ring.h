@@ -1,4 +1,5 @@
-// One producer thread, one consumer thread, a fixed number of places: how device threads and the loop hand things over.
+// One producer thread, one consumer thread, a fixed number of places: how device threads and the loop hand
+// things over.
 #pragma once
 
 #include <readerwriterqueue/readerwriterqueue.h>
@@ -8,7 +9,8 @@
 
 namespace rigor {
 
-/// Wait-free on both sides; never allocates after construction (moodycamel's try_* calls do not grow the queue).
+/// Wait-free on both sides; never allocates after construction (moodycamel's try_* calls do not grow the
+/// queue).
 template <class T>
 class SpscRing {
  public:

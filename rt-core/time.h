@@ -1,7 +1,7 @@
 // Time as Rigor counts it: int64 nanoseconds, tagged with the clock that they were read from.
 //
-// A camera stamps a frame in its own ticks, the kernel in CLOCK_REALTIME, the loop in bench time. Subtracting one
-// from another is the classic silent error of a test bench, so each clock is a type of its own:
+// A camera stamps a frame in its own ticks, the kernel in CLOCK_REALTIME, the loop in bench time. Subtracting
+// one from another is the classic silent error of a test bench, so each clock is a type of its own:
 //
 //   BenchTime t0 = ...;  MonotonicTime m = ...;
 //   t0 + milliseconds(3)     // BenchTime

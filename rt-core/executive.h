@@ -1,0 +1,217 @@
+// The cyclic executive: steps in the order of the data flow, on a grid of instants that never moves.
+//
+//   Executive loop({.period = milliseconds(1), .spin = microseconds(100), .cycles = 10'000});
+//   loop.add_step({.name = "app", .after = {"inputs"}}, [&](const CycleContext& c) noexcept { ... });
+//   loop.add_step({.name = "inputs"},                   [&](const CycleContext& c) noexcept { ... });
+//   loop.add_step({.name = "slow", .divisor = 10, .after = {"inputs"}}, ...);   // every tenth cycle
+//   loop.arm();                                        // order: inputs, app, slow; or an error that names
+//   the circle Result<RunSummary> s = loop.run(stop.token(), bench_now() + milliseconds(100));
+//
+// Cycle k belongs to the grid point t0 + k·period, however late it was woken.
+//
+//   grid    |k        |k+1      |k+2      |k+3
+//   skip    ███████████████      ·        █████     k overran: k+1 is skipped and counted, k+2 is on its
+//   point log     ███████████████████  ████ ████          every cycle runs, late ones without a pause, until
+//   caught up abort   ███████████████■                        the loop stops with StopReason::overrun; sinks
+//   make safe
+//
+// A wake-up that comes a whole period late or more runs the cycle of the present grid interval and counts the
+// ones before it as skipped (skip), runs them all (log), or stops (abort). Always: run + skipped = grid
+// points passed.
+//
+// In virtual time nothing sleeps: cycle follows cycle as soon as `before_cycle` returns, and nothing
+// overruns.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "rt-core/heartbeat.h"
+#include "rt-core/histogram.h"
+#include "rt-core/miss_report.h"
+#include "rt-core/realtime_setup.h"
+#include "rt-core/result.h"
+#include "rt-core/stop.h"
+#include "rt-core/time.h"
+
+namespace rigor {
+
+class Trace;
+
+/// Bench time of a wall-clock run: CLOCK_MONOTONIC.
+[[nodiscard]] inline BenchTime bench_now() noexcept { return BenchTime(monotonic_now().ns()); }
+
+enum class RunClock : std::uint8_t { wall, virtual_time };
+enum class OverrunPolicy : std::uint8_t { skip, abort, log };
+
+/// What a step knows of its cycle.
+struct CycleContext {
+  std::uint64_t index = 0;  ///< k: of the grid, so skipped cycles leave a gap
+  BenchTime t;              ///< t0 + k·period
+  BenchTime t_next;         ///< the grid point after it: the deadline
+  bool virtual_time = false;
+};
+
+/// A piece of the loop. Called on the loop's thread; real-time: no allocation, lock, log, exception, blocking
+/// call.
+class Step {
+ public:
+  virtual ~Step() = default;
+  virtual void run(const CycleContext& cycle) noexcept = 0;
+};
+
+struct StepConfig {
+  std::string name;
+  std::uint32_t divisor = 1;       ///< runs in the cycles k with k mod divisor == phase
+  std::uint32_t phase = 0;         ///< < divisor
+  std::vector<std::string> after;  ///< steps whose results it uses: they run before it in the same cycle
+};
+
+/// Called around the steps.
+class ExecutiveHooks {
+ public:
+  virtual ~ExecutiveHooks() = default;
+  /// Virtual time only, before each cycle; may block and allocate: let the sources complete until `t`.
+  virtual void before_cycle(BenchTime t) { (void)t; }
+  /// Real-time, before the first and after the last step of each cycle.
+  virtual void cycle_begin(const CycleContext& cycle) noexcept { (void)cycle; }
+  virtual void cycle_end(const CycleContext& cycle) noexcept { (void)cycle; }
+};
+
+struct ExecutiveConfig {
+  Duration period = milliseconds(1);
+  RunClock clock = RunClock::wall;
+  Duration spin;  ///< busy-wait the last part of each sleep; 0: only sleep
+  OverrunPolicy on_overrun = OverrunPolicy::skip;
+  std::uint64_t cycles = 0;          ///< grid points of the run; 0: until stopped
+  Duration report_late;              ///< wake-ups later than this are misses; 0: half a period
+  std::size_t miss_capacity = 1024;  ///< misses kept with their numbers; more are counted
+  RealtimeConfig realtime = RealtimeConfig::none();
+  Heartbeat* heartbeat = nullptr;  ///< beaten each cycle, told when the loop stops
+  Trace* trace = nullptr;          ///< wake-ups and steps are traced into it
+  ExecutiveHooks* hooks = nullptr;
+};
+
+/// Grid points within `duration`: those with t < t0 + duration. Setup.
+[[nodiscard]] constexpr std::uint64_t cycles_in(Duration duration, Duration period) {
+  return static_cast<std::uint64_t>((duration.ns() + period.ns() - 1) / period.ns());
+}
+
+/// Counters for a status line; written by the loop, read by any thread at any time.
+struct LoopCounters {
+  std::atomic<std::uint64_t> cycle{0};  ///< next grid index
+  std::atomic<std::uint64_t> run{0}, skipped{0}, overruns{0}, misses{0};
+  std::atomic<std::int64_t> last_wake_error_ns{0}, last_cycle_ns{0};
+};
+
+struct StepTiming {
+  std::string name;
+  std::uint64_t runs = 0;
+  Histogram ran;
+};
+
+/// What a run was like.
+struct RunSummary {
+  StopReason reason = StopReason::none;
+  BenchTime t0;
+  Duration period;
+  std::uint64_t cycles_run = 0;
+  std::uint64_t cycles_skipped = 0;  ///< cycles_run + cycles_skipped == grid points passed
+  std::uint64_t overruns =
+      0;  ///< cycles that ended after the next grid point, or never had a chance to begin before it
+  std::uint64_t late_wakeups = 0;  ///< wake-ups later than report_late
+  Histogram wake_error;            ///< t_woke − t_k of the cycles that were slept for
+  Histogram cycle_time;            ///< begin of the first step to end of the last
+  std::vector<StepTiming> steps;   ///< in the order of execution
+  MissReport misses;
+  std::vector<RealtimeSetting> settings;             ///< what the machine granted
+  std::uint64_t minor_faults = 0, major_faults = 0;  ///< of the loop's thread between first and last cycle
+};
+
+class Executive {
+ public:
+  enum class State : std::uint8_t { configuring, armed, running };
+
+  explicit Executive(ExecutiveConfig config);
+  ~Executive();
+  Executive(const Executive&) = delete;
+  Executive& operator=(const Executive&) = delete;
+
+  /// Setup, state configuring. The step outlives the executive. bad_input: empty or taken name, divisor 0,
+  /// phase not below divisor.
+  Status add_step(StepConfig config, Step& step);
+  /// The same with a callable `void(const CycleContext&) noexcept`, which the executive keeps.
+  template <class F>
+  requires(!std::is_base_of_v<Step, std::remove_cvref_t<F>>) Status add_step(StepConfig config, F&& f) {
+    using Fn = std::remove_cvref_t<F>;
+    static_assert(std::is_nothrow_invocable_r_v<void, Fn&, const CycleContext&>,
+                  "a step is `[...](const CycleContext&) noexcept { ... }`");
+    struct Holder final : Step {
+      explicit Holder(F&& g) : fn(std::forward<F>(g)) {}
+      void run(const CycleContext& c) noexcept override { fn(c); }
+      Fn fn;
+    };
+    auto holder = std::make_unique<Holder>(std::forward<F>(f));
+    Status added = add_step(std::move(config), static_cast<Step&>(*holder));
+    if (added) owned_.push_back(std::move(holder));
+    return added;
+  }
+
+  /// Setup, configuring → armed. Sorts the steps (ties by the order of add_step), takes all memory, locks it,
+  /// asks for the process-wide real-time settings. bad_input: unknown name in `after`, a circle (named), a
+  /// bad period.
+  Status arm();
+  /// armed → running → armed. Blocks the calling thread, which becomes the loop until the cycles are done or
+  /// the token says stop. Wall: t0 lies in the future, so that all channels can know it; virtual: any
+  /// instant, usually 0. bad_input when t0 has already passed.
+  Result<RunSummary> run(StopToken stop, BenchTime t0);
+  /// Setup, armed → configuring; memory is unlocked, steps stay.
+  Status disarm();
+
+  /// A step or hook found that the run cannot go on: the loop stops at the end of this cycle. Any thread,
+  /// wait-free.
+  void fail_run() noexcept { failed_.store(true, std::memory_order_release); }
+
+  [[nodiscard]] State state() const noexcept { return state_.load(std::memory_order_acquire); }
+  [[nodiscard]] const ExecutiveConfig& config() const noexcept { return config_; }
+  /// Names in the order of execution; once armed.
+  [[nodiscard]] std::vector<std::string> order() const;
+  [[nodiscard]] const LoopCounters& counters() const noexcept { return counters_; }
+  /// Real-time settings asked for so far; complete after run.
+  [[nodiscard]] const std::vector<RealtimeSetting>& settings() const { return realtime_.settings(); }
+
+ private:
+  struct Entry {
+    StepConfig config;
+    Step* step;
+  };
+  struct Slot {  // what the loop walks: one line of cache for two steps, no strings
+    Step* step;
+    std::uint32_t divisor, phase, countdown, trace_name;
+  };
+  struct LoopData;  // histograms and tables of one run
+
+  [[nodiscard]] Status sort_steps();
+  void loop_wall(StopToken stop, LoopData& data) noexcept;
+  void loop_virtual(StopToken stop, LoopData& data);
+  void run_steps(const CycleContext& cycle, LoopData& data) noexcept;
+
+  ExecutiveConfig config_;
+  std::atomic<State> state_{State::configuring};
+  std::vector<Entry> entries_;
+  std::vector<std::unique_ptr<Step>> owned_;
+  std::vector<std::size_t> order_;
+  std::vector<Slot> slots_;
+  std::unique_ptr<LoopData> data_;
+  RealtimeSetup realtime_;
+  LoopCounters counters_;
+  std::atomic<bool> failed_{false};
+};
+
+}  // namespace rigor
