@@ -1,0 +1,112 @@
+// GVSP, the stream protocol of GigE Vision, as bytes: a frame is a block of packets.
+//
+//   packet 0          leader: pixel format, region, timestamp of the start of exposure in device ticks
+//   packets 1 … n     payload: equal slices of the picture, the last one shorter
+//   packet n+1        trailer: the number of lines
+//
+//   header: status:16  block_id:16  format:8  packet_id:24                             (standard ids, GigE
+//   Vision 1.2)
+//           status:16  flags:16  0x80|format:8  0:24  block_id:64  packet_id:32        (extended ids, 2.0)
+//
+// GvspBlock is a frame as the device keeps it: it makes any packet of itself on demand, so that a resend is
+// one more call and not a copy. Decoding checks every length first. No sockets, no clock.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "drivers/aravis/big_endian.h"
+#include "drivers/aravis/gvcp_codec.h"
+
+namespace rigor::gige {
+
+/// PFNC values; bits 16…23 are the bits that a pixel takes.
+enum class PixelFormat : std::uint32_t {
+  mono8 = 0x01080001,
+  mono12p = 0x010C0047,
+  mono12_packed = 0x010C0006,
+  mono16 = 0x01100007,
+  bayer_rg8 = 0x01080009,
+  rgb8 = 0x02180014
+};
+[[nodiscard]] constexpr std::uint32_t bits_per_pixel(PixelFormat f) {
+  return (static_cast<std::uint32_t>(f) >> 16) & 0xFF;
+}
+/// The PFNC name (`Mono8`), or nullptr for a value that is none of ours.
+[[nodiscard]] const char* to_string(PixelFormat f);
+[[nodiscard]] constexpr bool is_known(PixelFormat f) {
+  return f == PixelFormat::mono8 || f == PixelFormat::mono12p || f == PixelFormat::mono12_packed ||
+         f == PixelFormat::mono16 || f == PixelFormat::bayer_rg8 || f == PixelFormat::rgb8;
+}
+
+/// A rectangle of the sensor, in pixels.
+struct Region {
+  std::uint32_t x_px = 0, y_px = 0, width_px = 0, height_px = 0;
+  bool operator==(const Region&) const = default;
+};
+[[nodiscard]] constexpr std::uint64_t payload_bytes(const Region& r, PixelFormat f) {
+  return (std::uint64_t{r.width_px} * r.height_px * bits_per_pixel(f) + 7) / 8;
+}
+
+inline constexpr std::size_t kGvspHeaderSize = 8;
+inline constexpr std::size_t kGvspExtendedHeaderSize = 20;
+inline constexpr std::size_t kIpUdpHeaderSize = 28;  ///< counted in the packet size that a client asks for
+inline constexpr std::size_t kGvspLeaderSize = 36;   ///< behind the header
+inline constexpr std::size_t kGvspTrailerSize = 8;
+inline constexpr std::size_t kGvspMaxDatagram = 65507;
+
+enum class GvspFormat : std::uint8_t { leader = 1, trailer = 2, payload = 3, all_in = 4 };
+
+struct GvspLeader {
+  std::uint16_t payload_type = 0;  ///< 1: image
+  std::uint64_t timestamp_ticks = 0;
+  PixelFormat format = PixelFormat::mono8;
+  Region region;
+  std::uint16_t padding_x = 0, padding_y = 0;
+};
+
+struct GvspTrailer {
+  std::uint16_t payload_type = 0;
+  std::uint32_t height_px = 0;
+};
+
+/// One packet as the receiver sees it. `leader` and `trailer` hold for their own format with status success
+/// alone.
+struct GvspPacket {
+  GvStatus status = GvStatus::success;
+  GvspFormat format = GvspFormat::payload;
+  bool extended_ids = false;
+  std::uint64_t block_id = 0;
+  std::uint32_t packet_id = 0;
+  GvspLeader leader;
+  GvspTrailer trailer;
+  Bytes payload;  ///< into the datagram; of payload packets alone
+};
+
+/// False where the datagram is no GVSP packet of a kind that we know. Any thread, no allocation.
+[[nodiscard]] bool decode_gvsp(Bytes datagram, GvspPacket& out) noexcept;
+
+/// A frame ready to be sent, any packet of it in any order, any number of times.
+class GvspBlock {
+ public:
+  std::uint64_t block_id = 0;
+  GvspLeader leader;
+  std::uint32_t packet_size = 1400;  ///< with IP and UDP headers, as SCPS says; at least 28 + 36 + header
+  bool extended_ids = false;
+  std::vector<std::uint8_t> data;
+
+  /// Leader and trailer included.
+  [[nodiscard]] std::uint32_t packet_count() const;
+  /// Picture bytes in each payload packet but the last.
+  [[nodiscard]] std::size_t slice_size() const;
+  /// Writes packet `packet_id` and returns its length; 0 where the block has no such packet or `out` is too
+  /// short. Any thread while the block is not changed; no allocation.
+  [[nodiscard]] std::size_t encode_packet(std::uint32_t packet_id, MutableBytes out) const noexcept;
+};
+
+/// What answers a resend that cannot be served. Returns the length, 0 where `out` is too short.
+[[nodiscard]] std::size_t encode_gvsp_status(GvStatus status, std::uint64_t block_id, std::uint32_t packet_id,
+                                             GvspFormat format, bool extended_ids, MutableBytes out) noexcept;
+
+}  // namespace rigor::gige
