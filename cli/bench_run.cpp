@@ -1,0 +1,188 @@
+#include "cli/bench_run.h"
+
+#include <algorithm>
+
+#include "sensor-hal/channel/pair_source.h"
+#include "sensor-hal/channel/replay_source.h"
+#include "sensor-hal/record/recorder.h"
+
+namespace rigor {
+namespace {
+
+ExecutiveConfig executive_config(const RigConfig& rig, Heartbeat& heartbeat, Trace* trace, ExecutiveHooks& hooks) {
+  ExecutiveConfig c;
+  c.period = rig.loop.period;
+  c.cycles = rig.duration.ns() > 0 ? cycles_in(rig.duration, rig.loop.period) : 0;
+  c.heartbeat = &heartbeat;
+  c.trace = trace;
+  c.hooks = &hooks;
+  switch (rig.loop.overrun) {
+    case OverrunChoice::skip: c.on_overrun = OverrunPolicy::skip; break;
+    case OverrunChoice::abort: c.on_overrun = OverrunPolicy::abort; break;
+    case OverrunChoice::log: c.on_overrun = OverrunPolicy::log; break;
+  }
+  if (rig.clock == ClockKind::virtual_time) {
+    c.clock = RunClock::virtual_time;
+    return c;
+  }
+  c.spin = rig.loop.spin;
+  c.realtime.fifo_priority = rig.loop.fifo_priority;
+  c.realtime.cpu = rig.loop.cpu < 0 ? RealtimeConfig::kAutoCpu : rig.loop.cpu;
+  c.realtime.lock_memory = rig.loop.lock_memory;
+  c.realtime.hold_dma_latency = rig.loop.dma_latency;
+  return c;
+}
+
+}  // namespace
+
+BenchRun::BenchRun(RunParts& parts, Recorder* recorder, Trace* trace)
+    : parts_(parts), recorder_(recorder), executive_(executive_config(parts.rig, heartbeat_, trace, *this)) {}
+
+BenchRun::~BenchRun() { (void)stop(); }
+
+Status BenchRun::arm(BenchTime t0) {
+  t0_ = t0;
+  const bool virtual_time = parts_.rig.clock == ClockKind::virtual_time;
+  heartbeat_.restart(virtual_time);
+  for (auto& channel : parts_.channels)
+    ports_.inputs[channel->entry->name] = {channel->entry->name, &channel->source->describe(), &channel->port};
+  for (auto& sink : parts_.sinks) {
+    sink->port = std::make_unique<CommandPort>(sink->entry->name, *sink->sink, sink->entry->latency);
+    sink->sink->watch(&heartbeat_, parts_.rig.loop.heartbeat_deadline);
+    ports_.outputs[sink->entry->name] = sink->port.get();
+  }
+  if (parts_.application)
+    if (auto s = parts_.application->configure(parts_.rig.application_params, ports_, parts_.rig.loop.period); !s) return s;
+
+  const auto step = [&](const char* name, std::vector<std::string> after, void (BenchRun::*body)(const CycleContext&) noexcept) {
+    return executive_.add_step({.name = name, .after = std::move(after)},
+                               [this, body](const CycleContext& c) noexcept { (this->*body)(c); });
+  };
+  if (auto s = step("inputs", {}, &BenchRun::inputs); !s) return s;
+  if (auto s = step("capture", {"inputs"}, &BenchRun::capture); !s) return s;
+  if (auto s = step("application", {"inputs", "capture"}, &BenchRun::application); !s) return s;
+  if (auto s = step("outputs", {"application"}, &BenchRun::outputs); !s) return s;
+
+  const ArmContext context{.virtual_time = virtual_time, .t0 = t0, .loop_period = parts_.rig.loop.period};
+  for (auto& sink : parts_.sinks)
+    if (auto s = sink->sink->arm(context); !s) return s;
+  for (auto& channel : parts_.channels)
+    if (auto s = channel->source->arm(context); !s) return s;
+  digest_ = std::make_unique<SeenDigest>(virtual_time);
+  return executive_.arm();
+}
+
+Result<RunOutcome> BenchRun::run(StopToken stop_token) {
+  for (auto& sink : parts_.sinks)
+    if (auto s = sink->sink->start(t0_); !s) return tl::unexpected<Error>(s.error());
+  for (auto& channel : parts_.channels) {
+    if (auto s = channel->source->start(t0_); !s) return tl::unexpected<Error>(s.error());
+    channel->port.configure(channel->entry->timing, t0_);
+  }
+  // Starting cameras may have taken longer than t0 allowed for; the grid then begins at a later point of itself.
+  if (parts_.rig.clock == ClockKind::wall) {
+    const Duration margin = milliseconds(20);
+    if (bench_now() + margin > t0_)
+      return fail(ErrorCode::timeout, "start", "the channels took longer to start than the run had allowed for; a device "
+                                               "answers slowly: try again, or see `rigor doctor`");
+  }
+  auto summary = executive_.run(stop_token, t0_);
+  if (!summary) return tl::unexpected<Error>(summary.error());
+  heartbeat_.declare_stopped(summary->reason);
+  RunOutcome outcome;
+  outcome.t0 = t0_;
+  outcome.seen_sha256 = digest_->finish();
+  outcome.loop = std::move(*summary);
+  return outcome;
+}
+
+Status BenchRun::stop() {
+  Status first;
+  const auto keep_first = [&](Status s) {
+    if (!s && first) first = s;
+  };
+  heartbeat_.declare_stopped(StopReason::requested);
+  for (auto& sink : parts_.sinks)
+    if (sink->sink->state() == ChannelState::armed || sink->sink->state() == ChannelState::running)
+      keep_first(sink->sink->stop());
+  for (auto& channel : parts_.channels)
+    if (channel->source->state() == ChannelState::armed || channel->source->state() == ChannelState::running)
+      keep_first(channel->source->stop());
+  if (executive_.state() == Executive::State::armed) keep_first(executive_.disarm());
+  return first;
+}
+
+void BenchRun::before_cycle(BenchTime t) {
+  for (auto& sink : parts_.sinks) sink->sink->complete_until(t);
+  for (auto& channel : parts_.channels) channel->source->complete_until(t);
+}
+
+void BenchRun::cycle_begin(const CycleContext& cycle) noexcept {
+  if (recorder_ && cycle.index > next_cycle_) recorder_->record_skipped(next_cycle_, cycle.index - next_cycle_, cycle.t);
+  next_cycle_ = cycle.index + 1;
+  skip_this_cycle_ = ran_ && !ran_(cycle.index);
+}
+
+void BenchRun::inputs(const CycleContext& cycle) noexcept {
+  if (skip_this_cycle_) return;
+  for (std::uint32_t i = 0; i < parts_.channels.size(); ++i) show(*parts_.channels[i], i, cycle);
+  parts_.motion.update();
+}
+
+void BenchRun::show(RunChannel& c, std::uint32_t index, const CycleContext& cycle) noexcept {
+  while (SampleLease sample = c.source->poll(cycle.t)) {
+    if (recorder_ && !c.pair) recorder_->record(c.recorder_id, sample);
+    c.port.push(std::move(sample));
+  }
+  if (c.script) {
+    const auto visible = c.script->at(cycle.index);
+    c.port.obey(visible.status, visible.sequence, cycle.t);
+  } else {
+    c.port.advance(cycle.t, c.source->health().connected.load(std::memory_order_relaxed));
+  }
+  const PortStatus status = c.port.status();
+  const bool fresh = status == PortStatus::fresh;
+  if (!fresh && status == c.last_status) return;
+
+  const SampleLease& sample = c.port.sample();
+  digest_->saw(cycle.index, cycle.t, index, status, sample);
+  if (recorder_) recorder_->record_visibility(c.recorder_id, cycle.index, cycle.t, status, sample);
+  if (status != c.last_status && !(fresh && c.last_status == PortStatus::stale) &&
+      !(status == PortStatus::stale && c.last_status == PortStatus::fresh)) {
+    if (c.span_count < RunChannel::kKept) c.spans[c.span_count] = {cycle.t, status};
+    ++c.span_count;
+  }
+  c.last_status = status;
+  if (!fresh || !sample) return;
+
+  const Stamp& stamp = sample->stamp;
+  c.age.record(cycle.t - stamp.t_capture);
+  c.arrival.record(stamp.t_arrival - stamp.t_capture);
+  if (c.seen && stamp.sequence > c.last_sequence + 1) {
+    if (c.gap_count < RunChannel::kKept) c.gaps[c.gap_count] = {cycle.t, c.last_sequence, stamp.sequence - c.last_sequence - 1};
+    ++c.gap_count;
+  }
+  if (!c.seen) {
+    c.t_first = stamp.t_capture;
+    if (sample->kind() == SampleKind::image) c.first_image = sample;
+  }
+  c.t_last = stamp.t_capture;
+  c.last_sequence = stamp.sequence;
+  c.seen = true;
+}
+
+void BenchRun::capture(const CycleContext& cycle) noexcept {
+  for (auto& channel : parts_.channels) channel->source->begin_cycle(cycle.t);
+}
+
+void BenchRun::application(const CycleContext& cycle) noexcept {
+  if (parts_.application && !skip_this_cycle_) parts_.application->step(cycle.index, cycle.t);
+}
+
+void BenchRun::outputs(const CycleContext&) noexcept {
+  for (std::uint32_t i = 0; i < parts_.sinks.size(); ++i)
+    if (const Command* command = parts_.sinks[i]->port->take_new(); command && recorder_)
+      recorder_->record_command(i, *command);
+}
+
+}  // namespace rigor

@@ -1,0 +1,131 @@
+// One run of a rig: the loop, its ports, and what is remembered of it for the report.
+//
+//   cycle k at t      inputs    every source is polled, every port advances, what is new goes to the recorder
+//                     motion    the bench's world takes up what the channels say of its joints
+//                     capture   simulators and triggered cameras are told to measure at t
+//                     app       the application sees the ports and gives commands
+//                     outputs   commands go to the recorder (the sinks have them already)
+#pragma once
+
+#include <array>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "cli/bench_motion.h"
+#include "cli/seen_digest.h"
+#include "rt-core/executive.h"
+#include "sensor-hal/channel/application.h"
+#include "sensor-hal/config/rig.h"
+
+namespace rigor {
+
+class PairSource;
+class Recorder;
+class VisibilityScript;
+
+/// A hole in a channel's sequence, as the loop saw it.
+struct Gap {
+  BenchTime t;
+  std::uint64_t after_sequence = 0, missing = 0;
+};
+
+/// A stretch of cycles in which a port had one status; for the report's timeline.
+struct StatusSpan {
+  BenchTime t;
+  PortStatus status = PortStatus::never;
+};
+
+/// One channel in a run.
+struct RunChannel {
+  const ChannelEntry* entry = nullptr;
+  std::unique_ptr<Source> source;
+  PairSource* pair = nullptr;          ///< `source`, where it is one
+  std::string replaced_by;             ///< virtual time: what stands in for the device; empty: nothing does
+  SamplePort port;
+  std::uint32_t recorder_id = 0;
+  const VisibilityScript* script = nullptr;  ///< replay: what the port has to show
+
+  // Written by the loop, read when it has ended.
+  SampleLease first_image;
+  Histogram age;                       ///< t_cycle − t_capture when a sample became visible
+  Histogram arrival;                   ///< t_arrival − t_capture
+  static constexpr std::size_t kKept = 256;
+  std::array<Gap, kKept> gaps{};
+  std::size_t gap_count = 0;
+  std::array<StatusSpan, kKept> spans{};
+  std::size_t span_count = 0;
+  BenchTime t_first, t_last;           ///< captures of the first and last visible sample
+  std::uint64_t last_sequence = 0;
+  bool seen = false;
+  PortStatus last_status = PortStatus::never;
+};
+
+struct RunSink {
+  const SinkEntry* entry = nullptr;
+  std::unique_ptr<Sink> sink;
+  std::unique_ptr<CommandPort> port;
+  std::string replaced_by;
+};
+
+/// What the loop works on. Filled by the assembly, then given to `BenchRun`.
+struct RunParts {
+  RigConfig rig;
+  std::vector<std::unique_ptr<RunChannel>> channels;
+  std::vector<std::unique_ptr<RunSink>> sinks;
+  std::unique_ptr<Application> application;
+  BenchMotion motion;
+  /// Keeps alive what sources point to (worlds, renderers, device models, workers).
+  std::vector<std::shared_ptr<void>> keep;
+};
+
+struct RunOutcome {
+  RunSummary loop;
+  std::string seen_sha256;             ///< empty: entries were dropped
+  BenchTime t0;
+};
+
+/// The loop of a run. Setup thread constructs and calls; `run` blocks.
+class BenchRun final : private ExecutiveHooks {
+ public:
+  /// `recorder` may be null. `script_cycles`: in a replay, whether the recorded run skipped cycle k.
+  BenchRun(RunParts& parts, Recorder* recorder, Trace* trace);
+  ~BenchRun() override;
+
+  /// Configures ports and application, arms channels and the loop.
+  [[nodiscard]] Status arm(BenchTime t0);
+  /// Replay: cycles for which this returns false are not run by the application, as in the recorded run.
+  void set_cycle_filter(std::function<bool(std::uint64_t)> ran) { ran_ = std::move(ran); }
+  /// Starts channels at t0 and runs the loop until the duration is over or `stop` says so.
+  [[nodiscard]] Result<RunOutcome> run(StopToken stop);
+  /// Stops every channel; the first error is returned, all are stopped.
+  [[nodiscard]] Status stop();
+
+  [[nodiscard]] const LoopCounters& counters() const { return executive_.counters(); }
+  [[nodiscard]] Heartbeat& heartbeat() { return heartbeat_; }
+  [[nodiscard]] Executive& executive() { return executive_; }
+
+ private:
+  void before_cycle(BenchTime t) override;
+  void cycle_begin(const CycleContext& cycle) noexcept override;
+
+  void inputs(const CycleContext& cycle) noexcept;
+  void show(RunChannel& channel, std::uint32_t index, const CycleContext& cycle) noexcept;
+  void capture(const CycleContext& cycle) noexcept;
+  void application(const CycleContext& cycle) noexcept;
+  void outputs(const CycleContext& cycle) noexcept;
+
+  RunParts& parts_;
+  Recorder* recorder_;
+  Heartbeat heartbeat_;
+  Executive executive_;
+  std::unique_ptr<SeenDigest> digest_;
+  std::function<bool(std::uint64_t)> ran_;
+  ApplicationPorts ports_;
+  BenchTime t0_;
+  std::uint64_t next_cycle_ = 0;
+  bool skip_this_cycle_ = false;
+};
+
+}  // namespace rigor

@@ -1,0 +1,62 @@
+// The commands of `rigor`, each with the options that main.cpp parsed for it. Each returns the exit status:
+// 0 good, 1 ran and failed, 2 bad input and nothing touched.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace rigor {
+
+struct RunOptions {
+  std::filesystem::path rig;
+  std::vector<std::string> overrides;      ///< --set
+  std::string clock;                       ///< "", "wall", "virtual"
+  std::optional<double> duration_s;
+  std::filesystem::path record, report;
+  bool no_emulators = false;
+  bool json = false;
+};
+struct ReplayOptions {
+  std::filesystem::path recording, rig;
+  std::vector<std::string> overrides;
+  std::filesystem::path record, report;
+  bool json = false;
+};
+struct EmulateOptions {
+  std::filesystem::path rig;
+  std::vector<std::string> overrides;
+  std::vector<std::string> only;           ///< names; empty: all
+  int ready_fd = -1;                       ///< where "ready\n" goes once every device is up; internal
+  bool json = false;
+};
+struct SenseOptions {
+  std::filesystem::path rig;
+  std::vector<std::string> overrides;
+  std::string channel;
+  double at_s = 0;
+  std::vector<std::string> joints;         ///< NAME=DEGREES
+  std::filesystem::path output;
+  bool ideal = false;
+  bool json = false;
+};
+struct InspectOptions {
+  std::filesystem::path file;
+  bool repair = false;
+  std::filesystem::path output;            ///< of the repair
+  bool json = false;
+};
+struct PlainOptions {
+  bool json = false;
+};
+
+int run_command(const RunOptions& options);
+int replay_command(const ReplayOptions& options);
+int emulate_command(const EmulateOptions& options);
+int sense_command(const SenseOptions& options);
+int inspect_command(const InspectOptions& options);
+int devices_command(const PlainOptions& options);
+int doctor_command(const PlainOptions& options);
+
+}  // namespace rigor
