@@ -36,8 +36,10 @@ void BenchMotion::update() noexcept {
     JointState s;
     s.t_ref = joint.port->sample()->stamp.t_capture;
     s.position_rad = block->value[joint.position_index] * joint.scale_rad;
-    if (joint.has_rate && joint.rate_index < block->count) s.rate_radps = block->value[joint.rate_index] * joint.scale_rad;
-    if (joint.size > 0 && s.t_ref <= joint.history[joint.newest].t_ref) joint.size = 0;  // a clock stepped back: begin anew
+    if (joint.has_rate && joint.rate_index < block->count)
+      s.rate_radps = block->value[joint.rate_index] * joint.scale_rad;
+    if (joint.size > 0 && s.t_ref <= joint.history[joint.newest].t_ref)
+      joint.size = 0;  // a clock stepped back: begin anew
     joint.newest = joint.size == 0 ? 0 : (joint.newest + 1) % kHistory;
     joint.history[joint.newest] = s;
     joint.size = std::min(joint.size + 1, kHistory);

@@ -10,9 +10,9 @@
 
 namespace rigor {
 
-/// Keeps the last reports of each joint's position. Between two reports it interpolates, so that a twin which is
-/// rendered after the fact sees the joint where it was; past the newest it extrapolates with the reported rate. All calls: loop
-/// thread (simulated sources read it when they dispatch a capture), no allocation.
+/// Keeps the last reports of each joint's position. Between two reports it interpolates, so that a twin which
+/// is rendered after the fact sees the joint where it was; past the newest it extrapolates with the reported
+/// rate. All calls: loop thread (simulated sources read it when they dispatch a capture), no allocation.
 class BenchMotion final : public MotionSource {
  public:
   /// Setup: binds joint `index` of the world to a channel's values.

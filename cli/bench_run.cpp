@@ -9,7 +9,8 @@
 namespace rigor {
 namespace {
 
-ExecutiveConfig executive_config(const RigConfig& rig, Heartbeat& heartbeat, Trace* trace, ExecutiveHooks& hooks) {
+ExecutiveConfig executive_config(const RigConfig& rig, Heartbeat& heartbeat, Trace* trace,
+                                 ExecutiveHooks& hooks) {
   ExecutiveConfig c;
   c.period = rig.loop.period;
   c.cycles = rig.duration.ns() > 0 ? cycles_in(rig.duration, rig.loop.period) : 0;
@@ -17,9 +18,15 @@ ExecutiveConfig executive_config(const RigConfig& rig, Heartbeat& heartbeat, Tra
   c.trace = trace;
   c.hooks = &hooks;
   switch (rig.loop.overrun) {
-    case OverrunChoice::skip: c.on_overrun = OverrunPolicy::skip; break;
-    case OverrunChoice::abort: c.on_overrun = OverrunPolicy::abort; break;
-    case OverrunChoice::log: c.on_overrun = OverrunPolicy::log; break;
+    case OverrunChoice::skip:
+      c.on_overrun = OverrunPolicy::skip;
+      break;
+    case OverrunChoice::abort:
+      c.on_overrun = OverrunPolicy::abort;
+      break;
+    case OverrunChoice::log:
+      c.on_overrun = OverrunPolicy::log;
+      break;
   }
   if (rig.clock == ClockKind::virtual_time) {
     c.clock = RunClock::virtual_time;
@@ -45,16 +52,20 @@ Status BenchRun::arm(BenchTime t0) {
   const bool virtual_time = parts_.rig.clock == ClockKind::virtual_time;
   heartbeat_.restart(virtual_time);
   for (auto& channel : parts_.channels)
-    ports_.inputs[channel->entry->name] = {channel->entry->name, &channel->source->describe(), &channel->port};
+    ports_.inputs[channel->entry->name] = {channel->entry->name, &channel->source->describe(),
+                                           &channel->port};
   for (auto& sink : parts_.sinks) {
     sink->port = std::make_unique<CommandPort>(sink->entry->name, *sink->sink, sink->entry->latency);
     sink->sink->watch(&heartbeat_, parts_.rig.loop.heartbeat_deadline);
     ports_.outputs[sink->entry->name] = sink->port.get();
   }
   if (parts_.application)
-    if (auto s = parts_.application->configure(parts_.rig.application_params, ports_, parts_.rig.loop.period); !s) return s;
+    if (auto s = parts_.application->configure(parts_.rig.application_params, ports_, parts_.rig.loop.period);
+        !s)
+      return s;
 
-  const auto step = [&](const char* name, std::vector<std::string> after, void (BenchRun::*body)(const CycleContext&) noexcept) {
+  const auto step = [&](const char* name, std::vector<std::string> after,
+                        void (BenchRun::*body)(const CycleContext&) noexcept) {
     return executive_.add_step({.name = name, .after = std::move(after)},
                                [this, body](const CycleContext& c) noexcept { (this->*body)(c); });
   };
@@ -79,12 +90,14 @@ Result<RunOutcome> BenchRun::run(StopToken stop_token) {
     if (auto s = channel->source->start(t0_); !s) return tl::unexpected<Error>(s.error());
     channel->port.configure(channel->entry->timing, t0_);
   }
-  // Starting cameras may have taken longer than t0 allowed for; the grid then begins at a later point of itself.
+  // Starting cameras may have taken longer than t0 allowed for; the grid then begins at a later point of
+  // itself.
   if (parts_.rig.clock == ClockKind::wall) {
     const Duration margin = milliseconds(20);
     if (bench_now() + margin > t0_)
-      return fail(ErrorCode::timeout, "start", "the channels took longer to start than the run had allowed for; a device "
-                                               "answers slowly: try again, or see `rigor doctor`");
+      return fail(ErrorCode::timeout, "start",
+                  "the channels took longer to start than the run had allowed for; a device "
+                  "answers slowly: try again, or see `rigor doctor`");
   }
   auto summary = executive_.run(stop_token, t0_);
   if (!summary) return tl::unexpected<Error>(summary.error());
@@ -118,7 +131,8 @@ void BenchRun::before_cycle(BenchTime t) {
 }
 
 void BenchRun::cycle_begin(const CycleContext& cycle) noexcept {
-  if (recorder_ && cycle.index > next_cycle_) recorder_->record_skipped(next_cycle_, cycle.index - next_cycle_, cycle.t);
+  if (recorder_ && cycle.index > next_cycle_)
+    recorder_->record_skipped(next_cycle_, cycle.index - next_cycle_, cycle.t);
   next_cycle_ = cycle.index + 1;
   skip_this_cycle_ = ran_ && !ran_(cycle.index);
 }
@@ -159,7 +173,8 @@ void BenchRun::show(RunChannel& c, std::uint32_t index, const CycleContext& cycl
   c.age.record(cycle.t - stamp.t_capture);
   c.arrival.record(stamp.t_arrival - stamp.t_capture);
   if (c.seen && stamp.sequence > c.last_sequence + 1) {
-    if (c.gap_count < RunChannel::kKept) c.gaps[c.gap_count] = {cycle.t, c.last_sequence, stamp.sequence - c.last_sequence - 1};
+    if (c.gap_count < RunChannel::kKept)
+      c.gaps[c.gap_count] = {cycle.t, c.last_sequence, stamp.sequence - c.last_sequence - 1};
     ++c.gap_count;
   }
   if (!c.seen) {

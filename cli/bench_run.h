@@ -41,22 +41,22 @@ struct StatusSpan {
 struct RunChannel {
   const ChannelEntry* entry = nullptr;
   std::unique_ptr<Source> source;
-  PairSource* pair = nullptr;          ///< `source`, where it is one
-  std::string replaced_by;             ///< virtual time: what stands in for the device; empty: nothing does
+  PairSource* pair = nullptr;  ///< `source`, where it is one
+  std::string replaced_by;     ///< virtual time: what stands in for the device; empty: nothing does
   SamplePort port;
   std::uint32_t recorder_id = 0;
   const VisibilityScript* script = nullptr;  ///< replay: what the port has to show
 
   // Written by the loop, read when it has ended.
   SampleLease first_image;
-  Histogram age;                       ///< t_cycle − t_capture when a sample became visible
-  Histogram arrival;                   ///< t_arrival − t_capture
+  Histogram age;      ///< t_cycle − t_capture when a sample became visible
+  Histogram arrival;  ///< t_arrival − t_capture
   static constexpr std::size_t kKept = 256;
   std::array<Gap, kKept> gaps{};
   std::size_t gap_count = 0;
   std::array<StatusSpan, kKept> spans{};
   std::size_t span_count = 0;
-  BenchTime t_first, t_last;           ///< captures of the first and last visible sample
+  BenchTime t_first, t_last;  ///< captures of the first and last visible sample
   std::uint64_t last_sequence = 0;
   bool seen = false;
   PortStatus last_status = PortStatus::never;
@@ -82,7 +82,7 @@ struct RunParts {
 
 struct RunOutcome {
   RunSummary loop;
-  std::string seen_sha256;             ///< empty: entries were dropped
+  std::string seen_sha256;  ///< empty: entries were dropped
   BenchTime t0;
 };
 

@@ -11,8 +11,8 @@ namespace rigor {
 
 struct RunOptions {
   std::filesystem::path rig;
-  std::vector<std::string> overrides;      ///< --set
-  std::string clock;                       ///< "", "wall", "virtual"
+  std::vector<std::string> overrides;  ///< --set
+  std::string clock;                   ///< "", "wall", "virtual"
   std::optional<double> duration_s;
   std::filesystem::path record, report;
   bool no_emulators = false;
@@ -27,8 +27,8 @@ struct ReplayOptions {
 struct EmulateOptions {
   std::filesystem::path rig;
   std::vector<std::string> overrides;
-  std::vector<std::string> only;           ///< names; empty: all
-  int ready_fd = -1;                       ///< where "ready\n" goes once every device is up; internal
+  std::vector<std::string> only;  ///< names; empty: all
+  int ready_fd = -1;              ///< where "ready\n" goes once every device is up; internal
   bool json = false;
 };
 struct SenseOptions {
@@ -36,7 +36,7 @@ struct SenseOptions {
   std::vector<std::string> overrides;
   std::string channel;
   double at_s = 0;
-  std::vector<std::string> joints;         ///< NAME=DEGREES
+  std::vector<std::string> joints;  ///< NAME=DEGREES
   std::filesystem::path output;
   bool ideal = false;
   bool json = false;
@@ -44,7 +44,7 @@ struct SenseOptions {
 struct InspectOptions {
   std::filesystem::path file;
   bool repair = false;
-  std::filesystem::path output;            ///< of the repair
+  std::filesystem::path output;  ///< of the repair
   bool json = false;
 };
 struct PlainOptions {

@@ -1,4 +1,5 @@
-// `rigor`: parses the command line and calls the command. All that CLI11 costs in compile time is paid here, once.
+// `rigor`: parses the command line and calls the command. All that CLI11 costs in compile time is paid here,
+// once.
 #include <CLI/CLI.hpp>
 #include <exception>
 #include <iostream>
@@ -24,20 +25,25 @@ int main(int argc, char** argv) {
   rigor::RunOptions run;
   auto* run_app = app.add_subcommand("run", "Run a rig");
   run_app->add_option("RIG", run.rig, "Rig file")->required();
-  run_app->add_option("--clock", run.clock, "wall or virtual (default: what the rig says)")->check(CLI::IsMember({"wall", "virtual"}));
-  run_app->add_option("--duration", run.duration_s, "Seconds; 0: until Ctrl-C")->check(CLI::NonNegativeNumber);
+  run_app->add_option("--clock", run.clock, "wall or virtual (default: what the rig says)")
+      ->check(CLI::IsMember({"wall", "virtual"}));
+  run_app->add_option("--duration", run.duration_s, "Seconds; 0: until Ctrl-C")
+      ->check(CLI::NonNegativeNumber);
   run_app->add_option("--record", run.record, "Write an MCAP recording");
   run_app->add_option("--report", run.report, "Write an HTML report into this folder");
-  run_app->add_flag("--no-emulators", run.no_emulators, "Do not bring up the rig's emulators: the devices are there already");
+  run_app->add_flag("--no-emulators", run.no_emulators,
+                    "Do not bring up the rig's emulators: the devices are there already");
   run_app->add_flag("--json", run.json, "Print the results as JSON");
   add_overrides(run_app, run.overrides);
   run_app->footer("Example: rigor run configs/demo.yaml --duration 10 --record demo.mcap --report report");
 
   rigor::EmulateOptions emulate;
-  auto* emulate_app = app.add_subcommand("emulate", "Bring up the devices of a rig as emulators, until Ctrl-C");
+  auto* emulate_app =
+      app.add_subcommand("emulate", "Bring up the devices of a rig as emulators, until Ctrl-C");
   emulate_app->add_option("RIG", emulate.rig, "Rig file")->required();
   emulate_app->add_option("--only", emulate.only, "Only these emulators");
-  emulate_app->add_option("--ready-fd", emulate.ready_fd, "File descriptor that gets a line when all are up")->group("");
+  emulate_app->add_option("--ready-fd", emulate.ready_fd, "File descriptor that gets a line when all are up")
+      ->group("");
   emulate_app->add_flag("--json", emulate.json, "Print the endpoints as JSON");
   add_overrides(emulate_app, emulate.overrides);
   emulate_app->footer("Example: rigor emulate configs/demo.yaml");
@@ -55,9 +61,12 @@ int main(int argc, char** argv) {
   rigor::SenseOptions sense;
   auto* sense_app = app.add_subcommand("sense", "Take one sample of a simulated channel");
   sense_app->add_option("RIG", sense.rig, "Rig file")->required();
-  sense_app->add_option("--channel", sense.channel, "Channel, or NAME of a pair (its simulated side)")->required();
-  sense_app->add_option("--at", sense.at_s, "Capture instant in seconds after the start")->check(CLI::NonNegativeNumber);
-  sense_app->add_option("--joint", sense.joints, "Position of a joint of the world, NAME=DEGREES")->allow_extra_args(false);
+  sense_app->add_option("--channel", sense.channel, "Channel, or NAME of a pair (its simulated side)")
+      ->required();
+  sense_app->add_option("--at", sense.at_s, "Capture instant in seconds after the start")
+      ->check(CLI::NonNegativeNumber);
+  sense_app->add_option("--joint", sense.joints, "Position of a joint of the world, NAME=DEGREES")
+      ->allow_extra_args(false);
   sense_app->add_flag("--ideal", sense.ideal, "Without the sensor's errors");
   sense_app->add_option("-o,--output", sense.output, "out.png or out.exr")->required();
   sense_app->add_flag("--json", sense.json, "Print what was written as JSON");
@@ -68,7 +77,8 @@ int main(int argc, char** argv) {
   auto* inspect_app = app.add_subcommand("inspect", "Say what is in a recording");
   inspect_app->add_option("FILE", inspect.file, "MCAP file")->required();
   inspect_app->add_flag("--repair", inspect.repair, "Make an indexed file of one that was cut short");
-  inspect_app->add_option("-o,--output", inspect.output, "Where the repaired file goes (default: FILE.repaired.mcap)");
+  inspect_app->add_option("-o,--output", inspect.output,
+                          "Where the repaired file goes (default: FILE.repaired.mcap)");
   inspect_app->add_flag("--json", inspect.json, "Print as JSON");
   inspect_app->footer("Example: rigor inspect demo.mcap --repair -o demo-whole.mcap");
 
@@ -76,7 +86,8 @@ int main(int argc, char** argv) {
   auto* devices_app = app.add_subcommand("devices", "List what is attached, per driver");
   devices_app->add_flag("--json", devices.json, "Print as JSON");
   devices_app->footer("Example: rigor devices --json");
-  auto* doctor_app = app.add_subcommand("doctor", "Say what this machine lacks for real time or a driver, and how to mend it");
+  auto* doctor_app = app.add_subcommand(
+      "doctor", "Say what this machine lacks for real time or a driver, and how to mend it");
   doctor_app->add_flag("--json", doctor.json, "Print as JSON");
   doctor_app->footer("Example: rigor doctor");
 

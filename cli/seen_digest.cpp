@@ -1,8 +1,8 @@
 #include "cli/seen_digest.h"
 
+#include <array>
 #include <bit>
 #include <chrono>
-#include <array>
 
 namespace rigor {
 namespace {

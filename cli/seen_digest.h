@@ -1,7 +1,8 @@
-// A digest of what the application saw: which sample was visible on which port in which cycle, to the last byte.
+// A digest of what the application saw: which sample was visible on which port in which cycle, to the last
+// byte.
 //
-// A wall-clock run and its replay print the same SHA-256, or the replay is not one. The loop only hands leases over;
-// a thread of its own does the hashing.
+// A wall-clock run and its replay print the same SHA-256, or the replay is not one. The loop only hands
+// leases over; a thread of its own does the hashing.
 #pragma once
 
 #include <openssl/evp.h>
@@ -24,7 +25,8 @@ class SeenDigest {
   ~SeenDigest();
 
   /// Loop thread, wait-free (in virtual time it waits for room instead of losing an entry).
-  void saw(std::uint64_t cycle, BenchTime t_cycle, std::uint32_t port, PortStatus status, const SampleLease& sample) noexcept;
+  void saw(std::uint64_t cycle, BenchTime t_cycle, std::uint32_t port, PortStatus status,
+           const SampleLease& sample) noexcept;
   /// After the loop has ended: hex of the SHA-256, or empty when entries had to be dropped.
   [[nodiscard]] std::string finish();
   [[nodiscard]] std::uint64_t dropped() const noexcept { return dropped_; }

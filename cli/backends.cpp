@@ -1,0 +1,15 @@
+#include "cli/backends.h"
+
+#include "drivers/aravis/aravis_backend.h"
+#include "drivers/modbus/modbus_backend.h"
+
+namespace rigor {
+
+Registry make_registry() {
+  Registry registry;
+  registry.add(aravis_backend());
+  registry.add(modbus_backend());
+  return registry;
+}
+
+}  // namespace rigor

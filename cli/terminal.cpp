@@ -1,0 +1,50 @@
+#include "cli/terminal.h"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+namespace rigor {
+
+int report_error(const Error& error, bool json) {
+  if (json)
+    fmt::print("{}\n", nlohmann::json{{"error", error.text()}, {"exit_status", error.exit_status()}}.dump());
+  fmt::print(stderr, "rigor: {}\n", error.text());
+  return error.exit_status();
+}
+
+LiveLine::LiveLine() : terminal_(isatty(STDERR_FILENO) == 1) {}
+LiveLine::~LiveLine() { done(); }
+
+void LiveLine::show(const std::string& text) {
+  if (terminal_) {
+    fmt::print(stderr, "\r\033[K{}", text);
+    open_ = true;
+  } else {
+    fmt::print(stderr, "{}\n", text);
+  }
+  std::fflush(stderr);
+}
+
+void LiveLine::done() {
+  if (terminal_ && open_) fmt::print(stderr, "\n");
+  open_ = false;
+}
+
+std::string text_of(Duration d) {
+  const double ns = static_cast<double>(d.ns()), size = std::abs(ns);
+  const auto three = [](double v) {
+    return std::abs(v) >= 100  ? fmt::format("{:.0f}", v)
+           : std::abs(v) >= 10 ? fmt::format("{:.1f}", v)
+                               : fmt::format("{:.2f}", v);
+  };
+  if (size < 1e3) return fmt::format("{:.0f} ns", ns);
+  if (size < 1e6) return three(ns * 1e-3) + " µs";
+  if (size < 1e9) return three(ns * 1e-6) + " ms";
+  return three(ns * 1e-9) + " s";
+}
+
+}  // namespace rigor
