@@ -7,8 +7,8 @@
 //     Loop l;
 //     l.rate_hz = n.number_or("rate_hz", 1000.0, {.min = 1, .max = 20000});
 //     l.spin = microseconds(n.integer_or("spin_us", 0, {.min = 0}));
-//     n.finish();                               // "rig.yaml:7:3: loop.spn_us: unknown key; did you mean
-//     spin_us?" return l;
+//     n.finish();  // "rig.yaml:7:3: loop.spn_us: unknown key; did you mean spin_us?"
+//     return l;
 //   }
 //
 // Every message reads `file:line:column: path.to.key: expected … got …`. ConfigError is the one exception
@@ -56,6 +56,7 @@ class ConfigNode {
   [[nodiscard]] bool present() const noexcept;
   [[nodiscard]] bool is_map() const;
   [[nodiscard]] bool is_list() const;
+  /// Does not count as reading the key: `finish` still asks that it be read.
   [[nodiscard]] bool has(std::string_view key) const;
   [[nodiscard]] std::string path() const;   ///< "channels.left.real"
   [[nodiscard]] std::string place() const;  ///< "rig.yaml:12:5"
@@ -63,7 +64,9 @@ class ConfigNode {
   [[nodiscard]] std::filesystem::path base_dir() const;
 
   // Required values: throw when the key is missing, of another type, or out of range. NaN and infinity are
-  // refused.
+  // refused. Scalars are those of YAML 1.2: `true` and `false` alone are flags; 12, 0x1f and 0o17 are whole
+  // numbers; text may be written without quotes even where it looks like a number. A key without a value is
+  // an empty map where a map is read, and an error elsewhere.
   [[nodiscard]] std::string text(std::string_view key) const;
   [[nodiscard]] double number(std::string_view key, Range range = {}) const;
   [[nodiscard]] std::int64_t integer(std::string_view key, Range range = {}) const;
@@ -82,6 +85,7 @@ class ConfigNode {
   [[nodiscard]] bool flag_or(std::string_view key, bool fallback) const;
   [[nodiscard]] ConfigNode map_or_absent(std::string_view key) const;
   [[nodiscard]] std::vector<ConfigNode> list_or_empty(std::string_view key) const;
+  /// As many as the fallback has; any number where the fallback is empty.
   [[nodiscard]] std::vector<double> numbers_or(std::string_view key, std::vector<double> fallback) const;
   [[nodiscard]] std::string choice_or(std::string_view key, const std::vector<std::string>& allowed,
                                       std::string fallback) const;
@@ -107,7 +111,9 @@ class ConfigNode {
   std::shared_ptr<Impl> impl_;
 };
 
-/// One `--set path.to.key=value`.
+/// One `--set path.to.key=value`. The value is YAML (`[1, 2]`, `{x: 1}`, `"5"` for text); after `=` nothing
+/// means empty text. Maps on the way are made; an item of a list is named by its index (`channels.0.name`)
+/// and must be there; a way through a scalar is an error. Keys that contain a dot cannot be named.
 struct ConfigOverride {
   std::string path, value;
   [[nodiscard]] static Result<ConfigOverride> parse(std::string_view text);
