@@ -1,0 +1,100 @@
+// A camera as numbers: geometry, lens, optics and the EMVA 1288 noise of its sensor. The simulator renders
+// with it, a calibrator fits it, a recording names its hash. Units are in the names; frames are those of
+// docs/conventions.md: optical frame x right, y down, z forward, pixel centres at integers.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+
+#include "rt-core/result.h"
+
+namespace rigor {
+
+/// Coefficients of OpenCV's rational lens model; all zero is an ideal pinhole. Dimensionless.
+struct OpenCvLens {
+  double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0, k4 = 0, k5 = 0, k6 = 0;
+  bool operator==(const OpenCvLens&) const = default;
+};
+
+/// V = (1 - G + G cos^4) (1 + a2 r^2 + a4 r^4 + a6 r^6), r = tan of the ideal ray's angle:
+/// models/vignetting.glsl.h.
+struct Vignetting {
+  double cos4_weight = 0, a2 = 0, a4 = 0, a6 = 0;
+};
+
+/// From radiance to electrons per second. Bands: red, green, blue, near infrared (850 nm).
+struct CameraOptics {
+  double f_number = 2.8;
+  double transmission = 0.9;
+  double pixel_pitch_m = 4.8e-6;
+  static constexpr std::array<double, 4> kBandWavelength_m{620e-9, 535e-9, 460e-9, 850e-9};
+  /// Quantum efficiency times filter transmission per band, for a monochrome sensor.
+  std::array<double, 4> mono_efficiency{0.55, 0.65, 0.55, 0.0};
+  /// The same behind the red, green and blue filters (row = filter) of a colour sensor.
+  std::array<std::array<double, 4>, 3> colour_efficiency{
+      {{0.50, 0.05, 0.02, 0.0}, {0.05, 0.58, 0.08, 0.0}, {0.02, 0.06, 0.52, 0.0}}};
+};
+
+/// EMVA 1288 linear model of the sensor: models/emva_noise.glsl.h. Electrons are photo-electrons in the
+/// pixel.
+struct EmvaNoise {
+  double system_gain_dn_per_e =
+      0.0;  ///< K at gain 1; 0: chosen so that the full well is the converter's full scale
+  double black_level_dn = 0.0;  ///< at the converter's bits
+  double full_well_e = 10000.0;
+  double read_noise_e = 5.0;
+  double dark_current_e_per_s = 10.0;
+  double dsnu_e = 1.0;  ///< standard deviation of the offset pattern
+  double prnu = 0.005;  ///< relative standard deviation of the gain pattern
+  bool shot_noise = true;
+  int adc_bits = 12;  ///< 8 to 16; an 8-bit picture carries the upper eight of them
+};
+
+struct CameraModel {
+  int width_px = 640;
+  int height_px = 480;
+  double fx_px = 600.0;
+  double fy_px = 600.0;
+  double cx_px = 319.5;
+  double cy_px = 239.5;
+  OpenCvLens lens;
+  Vignetting vignetting;
+  CameraOptics optics;
+  EmvaNoise noise;
+
+  /// Says which value is out of its bounds, what was expected and what came. Setup.
+  [[nodiscard]] Status validate() const;
+
+  /// K at gain 1, with the default for 0 resolved.
+  [[nodiscard]] double system_gain_dn_per_e() const;
+  /// Photo-electrons per second and per unit of radiance (W m^-2 sr^-1) in each band, on the axis, for a row
+  /// of efficiencies: pi/(4 N^2) tau A eta lambda/(h c).
+  [[nodiscard]] std::array<double, 4> electron_rate_per_radiance(
+      const std::array<double, 4>& efficiency) const;
+};
+
+struct PixelPosition {
+  double u_px = 0;
+  double v_px = 0;
+};
+struct NormalisedPosition {
+  double x = 0;  ///< X/Z in the optical frame
+  double y = 0;
+};
+struct OpticalPoint {
+  double x_m = 0, y_m = 0, z_m = 0;
+};
+
+/// Where a point in the optical frame appears; empty behind the camera and beyond the lens model's fold
+/// (where the formula would put the point back into the picture although no light takes that way). Any
+/// thread, no allocation.
+[[nodiscard]] std::optional<PixelPosition> project(const CameraModel& camera, const OpticalPoint& p_camera);
+
+/// The ideal ray of a pixel; empty where no ray of the lens reaches it. Inverse of `project` to 1e-9 px. Any
+/// thread.
+[[nodiscard]] std::optional<NormalisedPosition> unproject(const CameraModel& camera,
+                                                          const PixelPosition& pixel);
+
+}  // namespace rigor

@@ -1,0 +1,91 @@
+// OpenCV's lens model, written once for shader (float), simulator (double) and calibrator (ceres::Jet).
+//
+// The subset that GLSL and C++ share: plain functions over REAL, results through OUT(REAL), no overloads, no member
+// access. Include it through sensor-hal/models/lens.h in C++; a shader defines REAL, OUT and FN itself (see
+// one_source.glsl.h). No include guard: it is included once per instantiation.
+//
+// Ideal normalised coordinates (x, y) = (X/Z, Y/Z) in the optical frame (x right, y down, z forward) map to
+// distorted ones (OpenCV documentation, "Camera Calibration and 3D Reconstruction"):
+//
+//   r2 = x^2 + y^2,  L = (1 + k1 r2 + k2 r2^2 + k3 r2^3) / (1 + k4 r2 + k5 r2^2 + k6 r2^3)
+//   xd = x L + 2 p1 x y + p2 (r2 + 2 x^2)
+//   yd = y L + p1 (r2 + 2 y^2) + 2 p2 x y
+//
+// and pixels are u = fx xd + cx, v = fy yd + cy with pixel centres at integers.
+
+// The distorted point and the Jacobian j = d(xd, yd)/d(x, y); `den` is the denominator of L.
+FN void lens_distort_jacobian(REAL x, REAL y, REAL k1, REAL k2, REAL p1, REAL p2, REAL k3, REAL k4, REAL k5, REAL k6,
+                              OUT(REAL) xd, OUT(REAL) yd, OUT(REAL) jxx, OUT(REAL) jxy, OUT(REAL) jyx,
+                              OUT(REAL) jyy, OUT(REAL) den) {
+  REAL r2 = x * x + y * y;
+  REAL num = REAL(1.0) + r2 * (k1 + r2 * (k2 + r2 * k3));
+  den = REAL(1.0) + r2 * (k4 + r2 * (k5 + r2 * k6));
+  REAL scale = num / den;
+  REAL dnum = k1 + r2 * (REAL(2.0) * k2 + r2 * REAL(3.0) * k3);
+  REAL dden = k4 + r2 * (REAL(2.0) * k5 + r2 * REAL(3.0) * k6);
+  REAL dscale = (dnum - scale * dden) / den;  // dL/dr2
+  xd = x * scale + REAL(2.0) * p1 * x * y + p2 * (r2 + REAL(2.0) * x * x);
+  yd = y * scale + p1 * (r2 + REAL(2.0) * y * y) + REAL(2.0) * p2 * x * y;
+  jxx = scale + REAL(2.0) * x * x * dscale + REAL(2.0) * p1 * y + REAL(6.0) * p2 * x;
+  jxy = REAL(2.0) * x * y * dscale + REAL(2.0) * p1 * x + REAL(2.0) * p2 * y;
+  jyx = jxy;  // p1 and p2 enter as the gradient of a potential: the Jacobian is symmetric
+  jyy = scale + REAL(2.0) * y * y * dscale + REAL(6.0) * p1 * y + REAL(2.0) * p2 * x;
+}
+
+FN void lens_distort(REAL x, REAL y, REAL k1, REAL k2, REAL p1, REAL p2, REAL k3, REAL k4, REAL k5, REAL k6,
+                     OUT(REAL) xd, OUT(REAL) yd) {
+  REAL r2 = x * x + y * y;
+  REAL num = REAL(1.0) + r2 * (k1 + r2 * (k2 + r2 * k3));
+  REAL den = REAL(1.0) + r2 * (k4 + r2 * (k5 + r2 * k6));
+  REAL scale = num / den;
+  xd = x * scale + REAL(2.0) * p1 * x * y + p2 * (r2 + REAL(2.0) * x * x);
+  yd = y * scale + p1 * (r2 + REAL(2.0) * y * y) + REAL(2.0) * p2 * x * y;
+}
+
+// The inverse: (x, y) with lens_distort(x, y) = (xd, yd) on the branch that holds the optical axis.
+//
+// The model folds: beyond the curve where det J = 0 it maps other rays onto the same pixels. So the target is walked
+// from the axis to (xd, yd) in steps, each mended by Newton's iteration; a walk that meets det J <= 0, a denominator
+// <= 0, or a residual above `tolerance` at its end returns valid = 0, and no ray of the lens reaches that pixel.
+// `tolerance` is in normalised units: about 1e-6 for float, 1e-13 for double.
+FN void lens_undistort(REAL xd, REAL yd, REAL k1, REAL k2, REAL p1, REAL p2, REAL k3, REAL k4, REAL k5, REAL k6,
+                       REAL tolerance, OUT(REAL) x, OUT(REAL) y, OUT(REAL) valid) {
+  const int steps = 12;
+  x = REAL(0.0);
+  y = REAL(0.0);
+  valid = REAL(1.0);
+  REAL jxx = REAL(1.0);
+  REAL jxy = REAL(0.0);
+  REAL jyx = REAL(0.0);
+  REAL jyy = REAL(1.0);
+  REAL den = REAL(1.0);
+  REAL det = REAL(1.0);
+  REAL ex = REAL(0.0);
+  REAL ey = REAL(0.0);
+  for (int step = 1; step <= steps; ++step) {
+    REAL part = REAL(float(step)) / REAL(float(steps));
+    int rounds = step == steps ? 6 : 3;
+    for (int round_index = 0; round_index < rounds; ++round_index) {
+      lens_distort_jacobian(x, y, k1, k2, p1, p2, k3, k4, k5, k6, ex, ey, jxx, jxy, jyx, jyy, den);
+      ex = ex - part * xd;
+      ey = ey - part * yd;
+      det = jxx * jyy - jxy * jyx;
+      if (det <= REAL(1e-6) || den <= REAL(0.0) || jxx + jyy <= REAL(0.0)) {
+        valid = REAL(0.0);
+      }
+      if (valid > REAL(0.5)) {
+        x = x - (jyy * ex - jxy * ey) / det;
+        y = y - (jxx * ey - jyx * ex) / det;
+      }
+    }
+  }
+  lens_distort_jacobian(x, y, k1, k2, p1, p2, k3, k4, k5, k6, ex, ey, jxx, jxy, jyx, jyy, den);
+  ex = ex - xd;
+  ey = ey - yd;
+  det = jxx * jyy - jxy * jyx;
+  // Written as "not small" so that a NaN is invalid too.
+  if (!(ex * ex + ey * ey <= tolerance * tolerance * (REAL(1.0) + xd * xd + yd * yd)) || det <= REAL(1e-6) ||
+      den <= REAL(0.0)) {
+    valid = REAL(0.0);
+  }
+}

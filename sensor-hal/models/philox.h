@@ -1,0 +1,61 @@
+// Random words by counter: every draw of a simulator is a pure function of (seed, channel, effect, capture
+// index, element), so a result does not depend on the order or the number of threads that computed it.
+//
+// All functions: any thread, no allocation, no state.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string_view>
+
+#include "sensor-hal/models/one_source.h"
+
+namespace rigor::models {
+
+struct PhiloxKey {
+  std::uint32_t word0 = 0;
+  std::uint32_t word1 = 0;
+  constexpr bool operator==(const PhiloxKey&) const = default;
+};
+
+/// What a draw is for: the second word of the counter. Numbers are part of every recording's meaning; never
+/// reuse one.
+enum class NoiseEffect : std::uint32_t {
+  camera_shot_and_read = 1,    ///< word 0 shot, word 1 read (samples 0), words 2, 3 sample 1
+  camera_shot_and_read_2 = 2,  ///< words 0, 1 sample 2 of a pixel with three samples
+  camera_fixed_pattern = 3,    ///< word 0 PRNU, word 1 DSNU; capture index 0
+};
+
+[[nodiscard]] inline std::array<std::uint32_t, 4> philox(std::array<std::uint32_t, 4> counter,
+                                                         PhiloxKey key) {
+  std::array<std::uint32_t, 4> words{};
+  PhiloxMath::philox4x32_10(counter[0], counter[1], counter[2], counter[3], key.word0, key.word1, words[0],
+                            words[1], words[2], words[3]);
+  return words;
+}
+
+/// The key of one channel under one seed: the first two words of philox((channel, 0, 0, 0), seed).
+[[nodiscard]] inline PhiloxKey channel_key(std::uint64_t seed, std::uint32_t channel_id) {
+  const auto words = philox({channel_id, 0, 0, 0}, PhiloxKey{static_cast<std::uint32_t>(seed),
+                                                             static_cast<std::uint32_t>(seed >> 32)});
+  return {words[0], words[1]};
+}
+
+/// A channel's number from its name (FNV-1a, 32 bit): stable over runs and over the order of channels in a
+/// rig.
+[[nodiscard]] constexpr std::uint32_t channel_id_from_name(std::string_view name) {
+  std::uint32_t hash = 2166136261u;
+  for (const char c : name) hash = (hash ^ static_cast<std::uint8_t>(c)) * 16777619u;
+  return hash;
+}
+
+/// Four words for one element of one effect in one capture.
+[[nodiscard]] inline std::array<std::uint32_t, 4> draw_words(PhiloxKey key, NoiseEffect effect,
+                                                             std::uint64_t capture_index,
+                                                             std::uint32_t element) {
+  return philox({element, static_cast<std::uint32_t>(effect), static_cast<std::uint32_t>(capture_index),
+                 static_cast<std::uint32_t>(capture_index >> 32)},
+                key);
+}
+
+}  // namespace rigor::models
