@@ -1,0 +1,88 @@
+#include "cli/emulator_process.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <thread>
+#include <utility>
+
+namespace rigor {
+namespace {
+
+void end_child(pid_t pid) {
+  kill(pid, SIGTERM);
+  for (int i = 0; i < 300; ++i) {
+    if (waitpid(pid, nullptr, WNOHANG) != 0) return;
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  kill(pid, SIGKILL);
+  waitpid(pid, nullptr, 0);
+}
+
+}  // namespace
+
+Result<EmulatorProcess> EmulatorProcess::start(const std::filesystem::path& rig,
+                                               const std::vector<std::string>& overrides, Duration patience) {
+  int fds[2];
+  if (pipe2(fds, O_CLOEXEC) != 0)
+    return fail(ErrorCode::io, "emulators", std::string("pipe: ") + std::strerror(errno));
+  const std::string ready_fd = std::to_string(fds[1]);
+  std::vector<std::string> words{"rigor", "emulate", rig.string(), "--ready-fd", ready_fd};
+  for (const std::string& o : overrides) {
+    words.emplace_back("--set");
+    words.push_back(o);
+  }
+  std::vector<char*> argv;
+  for (std::string& w : words) argv.push_back(w.data());
+  argv.push_back(nullptr);
+
+  const pid_t parent = getpid();
+  const pid_t pid = fork();
+  if (pid < 0) return fail(ErrorCode::io, "emulators", std::string("fork: ") + std::strerror(errno));
+  if (pid == 0) {
+    // Between fork and exec: async-signal-safe calls only.
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (getppid() != parent) _exit(1);
+    setpgid(0, 0);  // Ctrl-C is for the run; it must be able to make the devices safe before they go
+    fcntl(fds[1], F_SETFD, 0);
+    execv("/proc/self/exe", argv.data());
+    _exit(127);
+  }
+  close(fds[1]);
+  pollfd wait{fds[0], POLLIN, 0};
+  char byte = 0;
+  const int ready = poll(&wait, 1, static_cast<int>(patience.ns() / 1'000'000));
+  const ssize_t got = ready > 0 ? read(fds[0], &byte, 1) : -1;
+  close(fds[0]);
+  if (got == 1) return EmulatorProcess(pid);
+  int status = 0;
+  if (ready == 0) {
+    end_child(pid);
+    return fail(ErrorCode::timeout, "emulators",
+                "the rig's emulators did not come up in " + std::to_string(patience.ns() / 1'000'000'000) +
+                    " s; `rigor emulate` alone shows what they wait for");
+  }
+  waitpid(pid, &status, 0);
+  const bool bad_input = WIFEXITED(status) && WEXITSTATUS(status) == 2;
+  return fail(bad_input ? ErrorCode::bad_input : ErrorCode::unavailable, "emulators",
+              "the rig's emulators did not start, their message stands above; with devices that are there "
+              "already, use --no-emulators");
+}
+
+EmulatorProcess::EmulatorProcess(EmulatorProcess&& o) noexcept : pid_(std::exchange(o.pid_, -1)) {}
+EmulatorProcess& EmulatorProcess::operator=(EmulatorProcess&& o) noexcept {
+  std::swap(pid_, o.pid_);
+  return *this;
+}
+EmulatorProcess::~EmulatorProcess() {
+  if (pid_ > 0) end_child(pid_);
+}
+
+}  // namespace rigor

@@ -1,0 +1,33 @@
+// The rig's emulators in a process of their own, so that what a run talks to over its protocols shares
+// nothing with it.
+#pragma once
+
+#include <sys/types.h>
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "rt-core/result.h"
+#include "rt-core/time.h"
+
+namespace rigor {
+
+class EmulatorProcess {
+ public:
+  /// Starts `rigor emulate RIG` and waits until every device is up, or it gave up, or the time is over.
+  [[nodiscard]] static Result<EmulatorProcess> start(const std::filesystem::path& rig,
+                                                     const std::vector<std::string>& overrides,
+                                                     Duration patience);
+  EmulatorProcess(EmulatorProcess&& o) noexcept;
+  EmulatorProcess& operator=(EmulatorProcess&& o) noexcept;
+  /// Asks it to end (SIGTERM), and ends it (SIGKILL) after three seconds. It dies with this process too.
+  ~EmulatorProcess();
+  [[nodiscard]] pid_t pid() const { return pid_; }
+
+ private:
+  explicit EmulatorProcess(pid_t pid) : pid_(pid) {}
+  pid_t pid_ = -1;
+};
+
+}  // namespace rigor

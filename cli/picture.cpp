@@ -1,0 +1,59 @@
+// Samples as PNG files for people.
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "cli/report.h"
+
+namespace rigor {
+namespace {
+
+/// PFNC Mono12p: two pixels in three bytes, least significant bits first.
+cv::Mat unpack_mono12p(const ImageInfo& info, std::span<const std::byte> bytes) {
+  cv::Mat out(static_cast<int>(info.height_px), static_cast<int>(info.width_px), CV_16U);
+  auto* pixel = out.ptr<std::uint16_t>();
+  const std::size_t n = std::size_t{info.width_px} * info.height_px;
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t at = i / 2 * 3 + i % 2;
+    const unsigned lo = std::to_integer<unsigned>(bytes[at]), hi = std::to_integer<unsigned>(bytes[at + 1]);
+    pixel[i] = static_cast<std::uint16_t>(i % 2 == 0 ? lo | (hi & 15u) << 8 : lo >> 4 | hi << 4);
+  }
+  return out;
+}
+
+}  // namespace
+
+Status write_picture(const std::filesystem::path& file, const ImageInfo& info,
+                     std::span<const std::byte> bytes) {
+  if (info.width_px == 0 || info.height_px == 0 ||
+      bytes.size() < image_bytes(info.format, info.width_px, info.height_px))
+    return fail(ErrorCode::internal, file.string(), "a picture with fewer bytes than its size says");
+  const int width = static_cast<int>(info.width_px), height = static_cast<int>(info.height_px);
+  auto* data = const_cast<std::byte*>(bytes.data());
+  cv::Mat out;
+  switch (info.format) {
+    case PixelFormat::mono8:
+      out = cv::Mat(height, width, CV_8U, data);
+      break;
+    case PixelFormat::mono16:
+      cv::Mat(height, width, CV_16U, data).convertTo(out, CV_8U, 1.0 / 257);
+      break;
+    case PixelFormat::mono12p:
+      unpack_mono12p(info, bytes).convertTo(out, CV_8U, 1.0 / 16.06);
+      break;
+    // OpenCV names a Bayer pattern by its second row: RGGB is its BayerBG.
+    case PixelFormat::bayer_rg8:
+      cv::cvtColor(cv::Mat(height, width, CV_8U, data), out, cv::COLOR_BayerBG2BGR);
+      break;
+    case PixelFormat::rgb8:
+      cv::cvtColor(cv::Mat(height, width, CV_8UC3, data), out, cv::COLOR_RGB2BGR);
+      break;
+  }
+  try {
+    if (cv::imwrite(file.string(), out)) return {};
+  } catch (const cv::Exception& e) {
+    return fail(ErrorCode::not_writable, file.string(), e.what());
+  }
+  return fail(ErrorCode::not_writable, file.string(), "expected a place where a picture can be written");
+}
+
+}  // namespace rigor

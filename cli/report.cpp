@@ -1,0 +1,244 @@
+#include "cli/report.h"
+
+#include <fmt/format.h>
+
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "cli/svg.h"
+#include "cli/terminal.h"
+
+namespace rigor {
+namespace {
+
+using nlohmann::json;
+
+constexpr const char* kStyle = R"(
+body{font:15px/1.45 system-ui,sans-serif;margin:0;background:#f6f6f4;color:#222}
+header{background:#1f2d3a;color:#fff;padding:22px 32px}header h1{margin:0;font-size:24px}header p{margin:4px 0 0;opacity:.8}
+main{max-width:1240px;margin:0 auto;padding:8px 24px 48px}
+h2{margin:30px 0 8px;font-size:19px}h3{margin:0 0 6px;font-size:16px}
+.tiles{display:flex;flex-wrap:wrap;gap:12px;margin-top:18px}.tile{background:#fff;border-radius:6px;padding:10px 16px;min-width:120px;box-shadow:0 1px 2px #0002}
+.tile b{display:block;font-size:21px}.tile span{color:#666;font-size:13px}.bad b{color:#c0392b}
+.cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(420px,1fr));gap:14px}
+.card{background:#fff;border-radius:6px;padding:14px 16px;box-shadow:0 1px 2px #0002}
+table{border-collapse:collapse;width:100%;background:#fff}td,th{padding:4px 9px;text-align:right;border-bottom:1px solid #eee;font-variant-numeric:tabular-nums}
+th{color:#666;font-weight:500}td:first-child,th:first-child{text-align:left}td.l,th.l{text-align:left}
+svg{width:100%;height:auto}svg text{font-size:10.5px;fill:#555}.axis{fill:none;stroke:#999}.bar{fill:#3b6ea5}.mark{stroke:#c0392b;stroke-dasharray:3 3;fill:none}
+figure{margin:0}figure img{width:100%;display:block;border-radius:4px;background:#000}figcaption{color:#666;font-size:13px;margin-top:3px}
+.pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(300px,1fr));gap:12px;margin-top:10px}
+.none{color:#888}code{background:#eee;padding:1px 5px;border-radius:3px;word-break:break-all}.note{color:#8a5a00})";
+
+std::string html(const std::string& text) {
+  std::string out;
+  for (char c : text) {
+    if (c == '&')
+      out += "&amp;";
+    else if (c == '<')
+      out += "&lt;";
+    else if (c == '>')
+      out += "&gt;";
+    else if (c == '"')
+      out += "&quot;";
+    else
+      out += c;
+  }
+  return out;
+}
+std::string str(const json& v) { return html(v.get<std::string>()); }
+std::string ns(const json& v) { return text_of(Duration(v.get<std::int64_t>())); }
+std::string count(const json& v) { return fmt::format("{}", v.get<std::uint64_t>()); }
+
+std::string tile(const std::string& value, const std::string& what, bool bad = false) {
+  return fmt::format("<div class=\"tile{}\"><b>{}</b><span>{}</span></div>", bad ? " bad" : "", value, what);
+}
+
+std::string loop_section(const json& r) {
+  const json& loop = r["loop"];
+  const auto skipped = loop["cycles_skipped"].get<std::uint64_t>(),
+             misses = loop["misses"]["total"].get<std::uint64_t>();
+  std::string s = "<div class=\"tiles\">";
+  s += tile(count(loop["cycles_run"]), "cycles run") +
+       tile(count(loop["cycles_skipped"]), "skipped", skipped > 0) +
+       tile(count(loop["overruns"]), "overruns") +
+       tile(fmt::format("{}", misses), "misses, attributed below") +
+       tile(ns(loop["wake_error"]["p50_ns"]), "wake-up error p50") +
+       tile(ns(loop["wake_error"]["p99_ns"]), "wake-up error p99") +
+       tile(ns(loop["cycle_time"]["p99_ns"]), "cycle time p99");
+  s += "</div><h2>The loop</h2><div class=\"cards\">";
+  s += "<div class=\"card\"><h3>Wake-up error</h3>" +
+       svg_histogram(loop["wake_error"], "wake-up after its grid point (counts, log)") + "</div>";
+  s += "<div class=\"card\"><h3>Time in a cycle</h3>" +
+       svg_histogram(loop["cycle_time"], "first step to last (counts, log)") + "</div>";
+  s += "<div class=\"card\"><h3>Misses and their causes</h3><table><tr><th>cause</th><th>number</th></tr>";
+  for (const auto& [cause, n] : loop["misses"]["by_cause"].items())
+    s += fmt::format("<tr><td>{}</td><td>{}</td></tr>", html(cause), n.get<std::uint64_t>());
+  s += "</table><details><summary>each of them</summary><table>";
+  for (const json& m : loop["misses"]["list"]) s += "<tr><td>" + str(m["text"]) + "</td></tr>";
+  s += "</table></details></div>";
+  s += "<div class=\"card\"><h3>Steps</h3><table><tr><th>step</th><th>p50</th><th>p99</th><th>max</th></tr>";
+  for (const json& step : loop.value("steps", json::array()))
+    s += fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>", str(step["name"]),
+                     ns(step["ran"]["p50_ns"]), ns(step["ran"]["p99_ns"]), ns(step["ran"]["max_ns"]));
+  s += "</table><h3 style=\"margin-top:12px\">What the machine granted</h3><table>";
+  for (const json& g : loop.value("settings", json::array()))
+    s += fmt::format("<tr><td>{}</td><td class=\"l\">{}</td><td class=\"l\">{}</td></tr>", str(g["name"]),
+                     g["granted"].get<bool>()  ? "granted"
+                     : g["wanted"].get<bool>() ? "<span class=\"note\">not granted</span>"
+                                               : "not asked for",
+                     str(g["text"]));
+  return s + "</table></div></div>";
+}
+
+std::string channel_table(const json& r) {
+  std::string s =
+      "<h2>Channels</h2><table><tr><th>channel</th><th "
+      "class=\"l\">backend</th><th>rate</th><th>visible</th><th>late samples</th>"
+      "<th>late cycles</th><th>lost samples</th><th>lost cycles</th><th>gaps</th><th>age p50</th><th>age "
+      "p99</th><th>arrival p99</th></tr>";
+  for (const json& c : r["channels"]) {
+    s += fmt::format(
+        "<tr><td>{}</td><td class=\"l\">{}{}</td><td>{:.2f} "
+        "Hz</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</"
+        "td><td>{}</td></tr>",
+        str(c["name"]), str(c["backend"]),
+        c["replaced_by"].get<std::string>().empty() ? "" : " (replaced by " + str(c["replaced_by"]) + ")",
+        c["rate_hz"].get<double>(), count(c["fresh"]), count(c["late_samples"]), count(c["late_cycles"]),
+        count(c["lost_samples"]), count(c["lost_cycles"]), count(c["gap_count"]), ns(c["age"]["p50_ns"]),
+        ns(c["age"]["p99_ns"]), ns(c["arrival"]["p99_ns"]));
+  }
+  s += "</table>";
+  if (!r["sinks"].empty()) {
+    s += "<h2>Commands</h2><table><tr><th>sink</th><th "
+         "class=\"l\">backend</th><th>accepted</th><th>applied</th><th>late</th><th>failed</th><th>dropped</"
+         "th><th>made safe</th></tr>";
+    for (const json& k : r["sinks"])
+      s += fmt::format(
+          "<tr><td>{}</td><td "
+          "class=\"l\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+          str(k["name"]), str(k["backend"]), count(k["accepted"]), count(k["applied"]), count(k["late"]),
+          count(k["failed"]), count(k["dropped"]), count(k["made_safe"]));
+    s += "</table>";
+  }
+  return s;
+}
+
+std::string pair_card(const json& c) {
+  const json& p = c["pair"];
+  std::string s = fmt::format(
+      "<div class=\"card\"><h3>{}: real against "
+      "simulated</h3><table><tr><th>compared</th><th>bias</th><th>sigma</th><th>real "
+      "missing</th><th>simulated missing</th></tr>"
+      "<tr><td>{}</td><td>{:.3f} {}</td><td>{:.3f} {}</td><td>{}</td><td>{}</td></tr></table>",
+      str(c["name"]), count(p["count"]), p["bias"].get<double>(), html(p.value("unit", "")),
+      p["sigma"].get<double>(), html(p.value("unit", "")), count(p["real_missing"]),
+      count(p["simulated_missing"]));
+  SvgSeries bias{"bias", "#3b6ea5", {}, {}}, sigma{"sigma", "#c0392b", {}, {}};
+  for (const json& point : p.value("series", json::array())) {
+    bias.x.push_back(point["t_s"]);
+    bias.y.push_back(point["bias"]);
+    sigma.x.push_back(point["t_s"]);
+    sigma.y.push_back(point["sigma"]);
+  }
+  if (!bias.x.empty())
+    s += svg_lines({bias, sigma}, "time [s]",
+                   "difference real − simulated [" + html(p.value("unit", "")) + "]");
+  return s + "</div>";
+}
+
+std::string channel_section(const json& r) {
+  std::string s = "<h2>Time and pictures, channel by channel</h2><div class=\"cards\">";
+  for (const json& c : r["channels"]) {
+    s += "<div class=\"card\"><h3>" + str(c["name"]) + "</h3>" +
+         svg_histogram(c["age"], "age when it became visible (counts, log)");
+    s += svg_histogram(c["arrival"], "arrival after capture (counts, log)");
+    s += svg_status(c["status"], r["duration_s"]);
+    if (!c["gaps"].empty()) {
+      s += "<details><summary>gaps</summary><table><tr><th>at</th><th>missing</th></tr>";
+      for (const json& g : c["gaps"])
+        s +=
+            fmt::format("<tr><td>{:.3f} s</td><td>{}</td></tr>", g["t_s"].get<double>(), count(g["missing"]));
+      s += "</table></details>";
+    }
+    if (c.contains("pictures")) {
+      s += "<div class=\"pictures\">";
+      for (const json& p : c["pictures"])
+        s += fmt::format("<figure><img src=\"{}\" alt=\"\"><figcaption>{}</figcaption></figure>",
+                         str(p["file"]), str(p["caption"]));
+      s += "</div>";
+    }
+    s += "</div>";
+    if (c.contains("pair")) s += pair_card(c);
+  }
+  return s + "</div>";
+}
+
+Status write_text(const std::filesystem::path& file, const std::string& text) {
+  std::ofstream out(file, std::ios::binary);
+  out << text;
+  out.close();
+  if (out) return {};
+  return fail(errno == ENOSPC ? ErrorCode::disk_full : ErrorCode::not_writable, file.string(),
+              std::strerror(errno));
+}
+
+}  // namespace
+
+Status prepare_report(const std::filesystem::path& dir) {
+  std::error_code ec;
+  std::filesystem::create_directories(dir, ec);
+  const std::filesystem::path probe = dir / ".rigor-probe";
+  if (!ec) {
+    std::ofstream out(probe);
+    if (out.good()) {
+      out.close();
+      std::filesystem::remove(probe, ec);
+      return {};
+    }
+  }
+  return fail(ErrorCode::not_writable, dir.string(),
+              "expected a folder that can be written for the report; give another with --report");
+}
+
+Status write_report(const std::filesystem::path& dir, json& result, const RunParts& parts) {
+  for (std::size_t i = 0; i < parts.channels.size(); ++i) {
+    const RunChannel& c = *parts.channels[i];
+    const auto add = [&](const SampleLease& sample, const std::string& which) -> Status {
+      const auto* image = sample ? sample->as<ImageInfo>() : nullptr;
+      if (!image) return {};
+      const std::string name = c.entry->name + "-" + which + ".png";
+      if (auto s = write_picture(dir / name, *image, sample->bytes()); !s) return s;
+      result["channels"][i]["pictures"].push_back(
+          {{"file", name},
+           {"caption", fmt::format("{} picture, sequence {}", which, sample->stamp.sequence)}});
+      return {};
+    };
+    if (auto s = add(c.first_image, "first"); !s) return s;
+    if (auto s = add(c.port.sample(), "last"); !s) return s;
+  }
+  if (auto s = write_text(dir / "result.json", result.dump(1)); !s) return s;
+
+  std::string page = fmt::format(
+      "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" "
+      "content=\"width=device-width\">"
+      "<title>{0} – Rigor</title><style>{1}</style><header><h1>{0}</h1><p>{2} · {3:.1f} s on the {4} clock · "
+      "{5} · {6}</p></header><main>",
+      str(result["rig"]), kStyle, str(result["utc"]), result["duration_s"].get<double>(),
+      str(result["clock"]), str(result["loop"]["reason"]), str(result["engine"]));
+  page += loop_section(result) + channel_table(result) + channel_section(result);
+  if (result.contains("recording"))
+    page +=
+        fmt::format("<h2>Recording</h2><p><code>{}</code>: {} messages, {:.1f} MB, {} dropped</p>",
+                    str(result["recording"]["file"]), count(result["recording"]["messages"]),
+                    result["recording"]["bytes"].get<double>() * 1e-6, count(result["recording"]["dropped"]));
+  const std::string seen = result["seen_sha256"];
+  page += fmt::format(
+      "<h2>What the application saw</h2><p><code>{}</code> (SHA-256 over every visible sample; a replay "
+      "prints the same)</p></main></html>\n",
+      seen.empty() ? "not known: the digest could not keep up" : seen);
+  return write_text(dir / "index.html", page);
+}
+
+}  // namespace rigor
