@@ -42,13 +42,12 @@ ExecutiveConfig executive_config(const RigConfig& rig, Heartbeat& heartbeat, Tra
 
 }  // namespace
 
-BenchRun::BenchRun(RunParts& parts, Recorder* recorder, Trace* trace)
-    : parts_(parts), recorder_(recorder), executive_(executive_config(parts.rig, heartbeat_, trace, *this)) {}
+BenchRun::BenchRun(RunParts& parts, Trace* trace)
+    : parts_(parts), executive_(executive_config(parts.rig, heartbeat_, trace, *this)) {}
 
 BenchRun::~BenchRun() { (void)stop(); }
 
-Status BenchRun::arm(BenchTime t0) {
-  t0_ = t0;
+Status BenchRun::arm() {
   const bool virtual_time = parts_.rig.clock == ClockKind::virtual_time;
   heartbeat_.restart(virtual_time);
   for (auto& channel : parts_.channels)
@@ -74,7 +73,7 @@ Status BenchRun::arm(BenchTime t0) {
   if (auto s = step("application", {"inputs", "capture"}, &BenchRun::application); !s) return s;
   if (auto s = step("outputs", {"application"}, &BenchRun::outputs); !s) return s;
 
-  const ArmContext context{.virtual_time = virtual_time, .t0 = t0, .loop_period = parts_.rig.loop.period};
+  const ArmContext context{.virtual_time = virtual_time, .loop_period = parts_.rig.loop.period};
   for (auto& sink : parts_.sinks)
     if (auto s = sink->sink->arm(context); !s) return s;
   for (auto& channel : parts_.channels)
@@ -83,22 +82,17 @@ Status BenchRun::arm(BenchTime t0) {
   return executive_.arm();
 }
 
-Result<RunOutcome> BenchRun::run(StopToken stop_token) {
+Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
+  t0_ = t0;
   for (auto& sink : parts_.sinks)
     if (auto s = sink->sink->start(t0_); !s) return tl::unexpected<Error>(s.error());
   for (auto& channel : parts_.channels) {
     if (auto s = channel->source->start(t0_); !s) return tl::unexpected<Error>(s.error());
     channel->port.configure(channel->entry->timing, t0_);
   }
-  // Starting cameras may have taken longer than t0 allowed for; the grid then begins at a later point of
-  // itself.
-  if (parts_.rig.clock == ClockKind::wall) {
-    const Duration margin = milliseconds(20);
-    if (bench_now() + margin > t0_)
-      return fail(ErrorCode::timeout, "start",
-                  "the channels took longer to start than the run had allowed for; a device "
-                  "answers slowly: try again, or see `rigor doctor`");
-  }
+  if (parts_.rig.clock == ClockKind::wall && bench_now() + milliseconds(5) > t0_)
+    return fail(ErrorCode::timeout, "start",
+                "the channels took longer to start than the run allows for; a device answers slowly: see `rigor doctor`");
   auto summary = executive_.run(stop_token, t0_);
   if (!summary) return tl::unexpected<Error>(summary.error());
   heartbeat_.declare_stopped(summary->reason);

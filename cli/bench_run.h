@@ -89,16 +89,19 @@ struct RunOutcome {
 /// The loop of a run. Setup thread constructs and calls; `run` blocks.
 class BenchRun final : private ExecutiveHooks {
  public:
-  /// `recorder` may be null. `script_cycles`: in a replay, whether the recorded run skipped cycle k.
-  BenchRun(RunParts& parts, Recorder* recorder, Trace* trace);
+  /// `trace` may be null.
+  BenchRun(RunParts& parts, Trace* trace);
   ~BenchRun() override;
 
   /// Configures ports and application, arms channels and the loop.
-  [[nodiscard]] Status arm(BenchTime t0);
+  [[nodiscard]] Status arm();
+  /// Between arm and run; null: nothing is recorded.
+  void set_recorder(Recorder* recorder) { recorder_ = recorder; }
   /// Replay: cycles for which this returns false are not run by the application, as in the recorded run.
   void set_cycle_filter(std::function<bool(std::uint64_t)> ran) { ran_ = std::move(ran); }
-  /// Starts channels at t0 and runs the loop until the duration is over or `stop` says so.
-  [[nodiscard]] Result<RunOutcome> run(StopToken stop);
+  /// Starts the channels with the grid of t0 (wall: far enough in the future for all of them to start) and runs the
+  /// loop until the duration is over or `stop` says so.
+  [[nodiscard]] Result<RunOutcome> run(StopToken stop, BenchTime t0);
   /// Stops every channel; the first error is returned, all are stopped.
   [[nodiscard]] Status stop();
 
@@ -117,7 +120,7 @@ class BenchRun final : private ExecutiveHooks {
   void outputs(const CycleContext& cycle) noexcept;
 
   RunParts& parts_;
-  Recorder* recorder_;
+  Recorder* recorder_ = nullptr;
   Heartbeat heartbeat_;
   Executive executive_;
   std::unique_ptr<SeenDigest> digest_;

@@ -69,7 +69,6 @@ struct Health {
 /// What arm needs to know of the run.
 struct ArmContext {
   bool virtual_time = false;
-  BenchTime t0;  ///< first cycle
   Duration loop_period = milliseconds(1);
 };
 

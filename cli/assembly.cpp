@@ -1,0 +1,218 @@
+#include "cli/assembly.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "apps/turntable-sweep/turntable_sweep.h"
+#include "sensor-hal/channel/pair_source.h"
+#include "sensor-hal/channel/simulated_source.h"
+#include "sensor-hal/channel/worker_pool.h"
+
+namespace rigor {
+namespace {
+
+constexpr const char* kSimulated = "simulated";
+
+class Assembler {
+ public:
+  Assembler(Assembly& out, const Registry& registry) : out_(out), rig_(out.parts.rig), registry_(registry) {}
+
+  Status run() {
+    if (!rig_.simulation.world.empty()) {
+      auto simulation = Simulation::open(rig_.simulation);
+      if (!simulation) return tl::unexpected<Error>(simulation.error());
+      out_.simulation = std::move(*simulation);
+      out_.parts.motion.set_joint_count(out_.simulation->joint_count());
+    }
+    out_.workers = std::make_unique<WorkerPool>(static_cast<std::size_t>(rig_.simulation.workers));
+    if (virtual_time()) {
+      auto devices = DeviceWorld::open(rig_);
+      if (!devices) return tl::unexpected<Error>(devices.error());
+      out_.devices = std::move(*devices);
+    }
+    for (const ChannelEntry& entry : rig_.channels)
+      if (auto s = add_channel(entry); !s) return s;
+    for (const SinkEntry& entry : rig_.sinks)
+      if (auto s = add_sink(entry); !s) return s;
+    if (auto s = bind_joints(); !s) return s;
+    auto application = make_application(rig_);
+    if (!application) return tl::unexpected<Error>(application.error());
+    out_.parts.application = std::move(*application);
+    return {};
+  }
+
+ private:
+  [[nodiscard]] bool virtual_time() const { return rig_.clock == ClockKind::virtual_time; }
+
+  /// The error for a backend that does not exist, at its place.
+  Error unknown_backend(const BackendChoice& choice) const {
+    std::vector<std::string> names = registry_.names();
+    names.emplace_back(kSimulated);
+    const std::string near = nearest(choice.backend, names);
+    return choice.params
+        .error("backend", fmt::format("expected one of {}, got \"{}\"{}", fmt::join(names, ", "), choice.backend,
+                                      near.empty() ? "" : "; did you mean " + near + "?"))
+        .error();
+  }
+
+  Result<DeviceParts> parts_of(const BackendChoice& choice, ConfigNode& emulator_params) {
+    const EmulatorEntry* emulator = rig_.emulator(choice.emulated_by);
+    if (!emulator)
+      return tl::unexpected<Error>(
+          choice.params
+              .error("backend", fmt::format("expected an entry `{}` in `emulators` to stand for this device in virtual time, "
+                                            "found none; add it, name another with `emulated_by`, or run with --clock wall",
+                                            choice.emulated_by))
+              .error());
+    emulator_params = emulator->emulator.params;
+    return out_.devices->parts(emulator->name);
+  }
+
+  Result<std::unique_ptr<SimulatedSource>> make_simulated(const BackendChoice& choice, const std::string& name) {
+    if (!out_.simulation)
+      return tl::unexpected<Error>(
+          choice.params.error("backend", "expected `simulation.world` in the rig for a simulated channel, found none").error());
+    auto camera = out_.simulation->camera(choice.params, rig_.seed, name);
+    if (!camera) return tl::unexpected<Error>(camera.error());
+    return std::make_unique<SimulatedSource>(std::move(*camera), &out_.parts.motion, *out_.workers);
+  }
+
+  Result<std::unique_ptr<Source>> make_source(const BackendChoice& choice, const std::string& name, std::string& replaced_by) {
+    if (choice.backend == kSimulated) {
+      auto source = make_simulated(choice, name);
+      if (!source) return tl::unexpected<Error>(source.error());
+      return std::unique_ptr<Source>(std::move(*source));
+    }
+    const Backend* backend = registry_.find(choice.backend);
+    if (!backend) return tl::unexpected<Error>(unknown_backend(choice));
+    if (!virtual_time()) {
+      if (!backend->make_source)
+        return tl::unexpected<Error>(choice.params.error("backend", choice.backend + " gives no samples").error());
+      return backend->make_source();
+    }
+    if (!backend->make_virtual_source)
+      return tl::unexpected<Error>(
+          choice.params.error("backend", choice.backend + " cannot be replaced in virtual time; run with --clock wall").error());
+    ConfigNode emulator_params;
+    auto parts = parts_of(choice, emulator_params);
+    if (!parts) return tl::unexpected<Error>(parts.error());
+    replaced_by = "the " + choice.backend + " emulator \"" + choice.emulated_by + "\" in process";
+    return backend->make_virtual_source(std::move(*parts), emulator_params);
+  }
+
+  ChannelConfig channel_config(const ChannelEntry& entry, const std::string& name, ConfigNode params) const {
+    ChannelConfig c;
+    c.name = name;
+    c.kind = entry.kind;
+    c.period = entry.period;
+    c.latency = entry.latency;
+    c.seed = rig_.seed;
+    c.params = std::move(params);
+    return c;
+  }
+
+  Status add_channel(const ChannelEntry& entry) {
+    auto channel = std::make_unique<RunChannel>();
+    channel->entry = &entry;
+    if (!entry.is_pair) {
+      auto source = make_source(entry.source, entry.name, channel->replaced_by);
+      if (!source) return tl::unexpected<Error>(source.error());
+      channel->source = std::move(*source);
+      if (auto s = channel->source->configure(channel_config(entry, entry.name, entry.source.params)); !s) return s;
+    } else if (auto s = add_pair(entry, *channel); !s) {
+      return s;
+    }
+    if (channel->source->describe().kind != entry.kind)
+      return tl::unexpected<Error>(
+          entry.node.error("kind", fmt::format("expected {}, which is what the backend gives, got {}",
+                                               kind_name(channel->source->describe().kind), kind_name(entry.kind)))
+              .error());
+    out_.parts.channels.push_back(std::move(channel));
+    return {};
+  }
+
+  Status add_pair(const ChannelEntry& entry, RunChannel& channel) {
+    if (entry.twin.backend != kSimulated)
+      return tl::unexpected<Error>(
+          entry.twin.params.error("backend", "expected `simulated` for the twin of a pair, got \"" + entry.twin.backend + "\"").error());
+    auto real = make_source(entry.source, entry.name + ".real", channel.replaced_by);
+    if (!real) return tl::unexpected<Error>(real.error());
+    auto twin = make_simulated(entry.twin, entry.name + ".simulated");
+    if (!twin) return tl::unexpected<Error>(twin.error());
+    if (auto s = (*real)->configure(channel_config(entry, entry.name + ".real", entry.source.params)); !s) return s;
+    if (auto s = (*twin)->configure(channel_config(entry, entry.name + ".simulated", entry.twin.params)); !s) return s;
+    auto pair = std::make_unique<PairSource>(std::move(*real), std::move(*twin), *out_.workers);
+    channel.pair = pair.get();
+    channel.source = std::move(pair);
+    return channel.source->configure(channel_config(entry, entry.name, entry.pair));
+  }
+
+  Status add_sink(const SinkEntry& entry) {
+    auto sink = std::make_unique<RunSink>();
+    sink->entry = &entry;
+    const Backend* backend = registry_.find(entry.sink.backend);
+    if (!backend) return tl::unexpected<Error>(unknown_backend(entry.sink));
+    if (virtual_time() ? !backend->make_virtual_sink : !backend->make_sink)
+      return tl::unexpected<Error>(entry.node
+                                       .error("backend", entry.sink.backend + (virtual_time() ? " cannot be replaced in virtual time as a sink"
+                                                                                              : " takes no commands"))
+                                       .error());
+    if (virtual_time()) {
+      ConfigNode emulator_params;
+      auto parts = parts_of(entry.sink, emulator_params);
+      if (!parts) return tl::unexpected<Error>(parts.error());
+      auto made = backend->make_virtual_sink(std::move(*parts), emulator_params);
+      if (!made) return tl::unexpected<Error>(made.error());
+      sink->sink = std::move(*made);
+      sink->replaced_by = "the " + entry.sink.backend + " emulator \"" + entry.sink.emulated_by + "\" in process";
+    } else {
+      sink->sink = backend->make_sink();
+    }
+    ChannelConfig c;
+    c.name = entry.name;
+    c.latency = entry.latency;
+    c.seed = rig_.seed;
+    c.params = entry.sink.params;
+    if (auto s = sink->sink->configure(c); !s) return s;
+    out_.parts.sinks.push_back(std::move(sink));
+    return {};
+  }
+
+  Status bind_joints() {
+    for (const JointBinding& binding : rig_.simulation.joints) {
+      if (!out_.simulation) return fail(ErrorCode::bad_input, "simulation.joints", "expected `simulation.world`, found none");
+      auto index = out_.simulation->joint(binding.joint);
+      if (!index) return tl::unexpected<Error>(index.error());
+      for (const auto& channel : out_.parts.channels)
+        if (channel->entry->name == binding.channel) {
+          const InputPort input{binding.channel, &channel->source->describe(), &channel->port};
+          if (auto s = out_.parts.motion.bind(*index, binding, input); !s) return s;
+        }
+    }
+    return {};
+  }
+
+  Assembly& out_;
+  const RigConfig& rig_;
+  const Registry& registry_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Application>> make_application(const RigConfig& rig) {
+  if (rig.application.empty()) return std::unique_ptr<Application>{};
+  if (rig.application == "turntable-sweep") return make_turntable_sweep();
+  return tl::unexpected<Error>(
+      rig.application_params.error("name", "expected one of turntable-sweep, got \"" + rig.application + "\"").error());
+}
+
+Result<std::unique_ptr<Assembly>> assemble(RigConfig rig, const Registry& registry) {
+  auto assembly = std::make_unique<Assembly>();
+  assembly->parts.rig = std::move(rig);
+  auto status = catch_config([&] { return Assembler(*assembly, registry).run(); });
+  if (!status) return tl::unexpected<Error>(status.error());
+  if (!*status) return tl::unexpected<Error>(status->error());
+  return assembly;
+}
+
+}  // namespace rigor
