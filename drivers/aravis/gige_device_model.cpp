@@ -606,8 +606,9 @@ GvStatus GigeDeviceModel::write_double(std::uint32_t address, double value, Devi
   if (address == reg::kExposureTime) s = set(config_.min_exposure_us, config_.max_exposure_us, exposure_us_);
   if (address == reg::kGain) s = set(config_.min_gain_db, config_.max_gain_db, gain_db_);
   if (acquiring_ && index_ > 0 && period() != before) {
-    // The frame in progress keeps its place; the next one comes a new period behind it.
-    next_free_run_ = on_grid(max_of(next_free_run_ - before + period(), now));
+    // The frame in progress keeps its place and is exposed to its end; the next one comes a new period behind
+    // it.
+    next_free_run_ = on_grid(max_of(max_of(next_free_run_ - before + period(), sensor_free_), now));
   }
   return s;
 }
@@ -720,8 +721,7 @@ bool GigeDeviceModel::begin_frame(DeviceTime now, FrameJob& job) {
     triggers_.pop_front();
   }
   const Duration exposure = seconds_from(exposure_us_ * 1e-6);
-  // Without a rate to hold, the sensor is ready again when its exposure has ended.
-  sensor_free_ = start + (trigger_mode_ == 0 ? p : exposure);
+  sensor_free_ = start + exposure;
   job.request = {index_++, start, ticks(start), exposure, gain_db_, region_, format_};
   job.t_send = start + exposure + config_.readout;
   job.epoch = epoch_;

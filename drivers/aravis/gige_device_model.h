@@ -23,6 +23,7 @@
 #include <array>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -85,6 +86,11 @@ struct FrameRequest {
   Region region;
   PixelFormat format = PixelFormat::mono8;
 };
+
+/// Writes the picture, rows from the top without padding, in the format that is asked for; `out` has exactly
+/// the bytes of the picture. False: there is none, and the camera sends none. One call at a time, outside of
+/// any lock: behind UDP on the frame thread, in virtual time in the caller of GigeMemoryLink::advance().
+using FillFrame = std::function<bool(const FrameRequest& request, MutableBytes out)>;
 
 class FrameJob {
  public:

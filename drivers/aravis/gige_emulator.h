@@ -13,7 +13,6 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <string>
 
@@ -21,11 +20,6 @@
 #include "rt-core/result.h"
 
 namespace rigor::gige {
-
-/// Writes the picture, rows from the top without padding, in the format that is asked for. False: there is
-/// none, and the camera sends none. Called on the frame thread, one call at a time; `out` has exactly the
-/// bytes of the picture.
-using FillFrame = std::function<bool(const FrameRequest& request, MutableBytes out)>;
 
 struct GigeEmulatorOptions {
   GigeCameraConfig camera;  ///< ip and mask are set from `address`

@@ -1,0 +1,210 @@
+// GVSP as bytes, and the way back from packets to frames over a bad network.
+#include "drivers/aravis/gvsp_codec.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <random>
+
+#include "drivers/aravis/gvsp_assembler.h"
+
+namespace rigor::gige {
+namespace {
+
+GvspBlock make_block(std::uint64_t id, std::uint32_t width, std::uint32_t height,
+                     std::uint32_t packet_size = 1400, bool extended = false) {
+  GvspBlock b;
+  b.block_id = id;
+  b.packet_size = packet_size;
+  b.extended_ids = extended;
+  b.leader = {1, 1'000'000 * id + 5, PixelFormat::mono8, {2, 4, width, height}, 0, 0};
+  b.data.resize(std::size_t{width} * height);
+  for (std::size_t i = 0; i < b.data.size(); ++i) b.data[i] = static_cast<std::uint8_t>(i * 7 + id * 13);
+  return b;
+}
+
+std::vector<std::vector<std::uint8_t>> packets(const GvspBlock& b) {
+  std::vector<std::vector<std::uint8_t>> out;
+  for (std::uint32_t i = 0; i < b.packet_count(); ++i) {
+    std::vector<std::uint8_t> d(b.packet_size);
+    d.resize(b.encode_packet(i, d));
+    out.push_back(std::move(d));
+  }
+  return out;
+}
+
+GvspAssembler assembler_for(const GvspBlock& b) {
+  GvspAssemblerOptions o;
+  o.packet_size = b.packet_size;
+  o.payload_bytes = b.data.size();
+  o.extended_ids = b.extended_ids;
+  return GvspAssembler(o);
+}
+
+constexpr DeviceTime at_ms(std::int64_t ms) { return DeviceTime(ms * 1'000'000); }
+
+TEST(GvspCodec, LeaderIsTheSpecificationsBytes) {
+  const auto b = make_block(0x0102, 64, 48);
+  std::vector<std::uint8_t> d(100);
+  ASSERT_EQ(b.encode_packet(0, d), 44U);
+  d.resize(44);
+  const std::vector<std::uint8_t> head{0, 0, 1, 2, 1, 0, 0, 0, 0, 0, 0, 1};
+  EXPECT_TRUE(std::equal(head.begin(), head.end(), d.begin()));
+  EXPECT_EQ(load_be<std::uint64_t>(d, 12), b.leader.timestamp_ticks);
+  EXPECT_EQ(load_be<std::uint32_t>(d, 20), 0x01080001U);
+  EXPECT_EQ(load_be<std::uint32_t>(d, 24), 64U);
+  EXPECT_EQ(load_be<std::uint32_t>(d, 28), 48U);
+  EXPECT_EQ(load_be<std::uint32_t>(d, 32), 2U);
+  EXPECT_EQ(load_be<std::uint32_t>(d, 36), 4U);
+}
+
+TEST(GvspCodec, PacketsComeBackAsTheyWentInBothIdModes) {
+  for (const bool extended : {false, true}) {
+    const auto b = make_block(extended ? 0x10000000001ULL : 65535, 100, 37, 576, extended);
+    const auto all = packets(b);
+    std::vector<std::uint8_t> data;
+    for (std::uint32_t i = 0; i < all.size(); ++i) {
+      EXPECT_LE(all[i].size() + kIpUdpHeaderSize, b.packet_size);
+      GvspPacket p;
+      ASSERT_TRUE(decode_gvsp(all[i], p));
+      EXPECT_EQ(p.block_id, b.block_id);
+      EXPECT_EQ(p.packet_id, i);
+      EXPECT_EQ(p.extended_ids, extended);
+      if (i == 0) {
+        EXPECT_EQ(p.leader.region, b.leader.region);
+      }
+      if (i + 1 == all.size()) {
+        EXPECT_EQ(p.trailer.height_px, 37U);
+      }
+      data.insert(data.end(), p.payload.begin(), p.payload.end());
+    }
+    EXPECT_EQ(data, b.data);
+  }
+}
+
+TEST(GvspCodec, EveryTruncationIsRefusedOrShorterPayload) {
+  const auto b = make_block(1, 64, 48);
+  for (const auto& whole : packets(b)) {
+    for (std::size_t n = 0; n < whole.size(); ++n) {
+      GvspPacket p;
+      if (decode_gvsp(Bytes(whole).first(n), p)) {
+        EXPECT_EQ(p.format, GvspFormat::payload);
+        EXPECT_EQ(p.payload.size(), n - kGvspHeaderSize);
+      }
+    }
+  }
+}
+
+TEST(GvspAssembler, TakesAnyOrderAndRepetition) {
+  const auto b = make_block(1, 640, 480);
+  auto all = packets(b);
+  for (std::size_t i = 0; i < 50; ++i) all.push_back(std::vector<std::uint8_t>(all[i]));
+  std::shuffle(all.begin(), all.end(), std::mt19937(1));
+  auto a = assembler_for(b);
+  for (const auto& p : all) a.push(p, at_ms(1));
+  AssembledFrame f;
+  ASSERT_TRUE(a.take(at_ms(1), f));
+  EXPECT_TRUE(f.complete);
+  EXPECT_EQ(f.data, b.data);
+  EXPECT_EQ(f.leader.timestamp_ticks, b.leader.timestamp_ticks);
+  // Copies that came behind the last missing packet met an open frame too: it is taken only by take().
+  EXPECT_EQ(a.counters().duplicates, 50U);
+  EXPECT_FALSE(a.take(at_ms(1), f));
+}
+
+TEST(GvspAssembler, AsksForWhatIsMissingAndNothingElse) {
+  const auto b = make_block(1, 640, 480);
+  const auto all = packets(b);
+  auto a = assembler_for(b);
+  const auto lost = [](std::size_t i) { return i == 0 || i == 5 || i == 6 || i == 7 || i == 100; };
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    if (!lost(i)) a.push(all[i], at_ms(1));
+  }
+  EXPECT_TRUE(a.resends(at_ms(1)).empty());  // they may be late only
+  const auto asked = a.resends(at_ms(3));
+  ASSERT_EQ(asked.size(), 3U);
+  EXPECT_EQ(asked[0].first_packet, 0U);
+  EXPECT_EQ(asked[1].first_packet, 5U);
+  EXPECT_EQ(asked[1].last_packet, 7U);
+  EXPECT_EQ(asked[2].last_packet, 100U);
+  EXPECT_TRUE(a.resends(at_ms(4)).empty());
+  EXPECT_EQ(a.resends(at_ms(30)).size(), 3U);  // the answer was lost, too
+  for (const std::size_t i : {0, 5, 6, 7, 100}) a.push(all[i], at_ms(31));
+  AssembledFrame f;
+  ASSERT_TRUE(a.take(at_ms(31), f));
+  EXPECT_TRUE(f.complete);
+  EXPECT_EQ(f.data, b.data);
+}
+
+TEST(GvspAssembler, MarksWhatStaysIncompleteAndSaysWhichPackets) {
+  const auto b = make_block(1, 640, 480);
+  const auto all = packets(b);
+  auto a = assembler_for(b);
+  for (std::size_t i = 0; i + 2 < all.size(); ++i) {
+    if (i != 3) a.push(all[i], at_ms(0));
+  }
+  AssembledFrame f;
+  EXPECT_FALSE(a.take(at_ms(100), f));
+  ASSERT_TRUE(a.take(at_ms(200), f));
+  EXPECT_FALSE(f.complete);
+  const auto last = static_cast<std::uint32_t>(all.size() - 1);
+  EXPECT_EQ(f.missing, (std::vector<PacketRange>{{3, 3}, {last - 1, last}}));
+  a.push(all[3], at_ms(201));  // too late: must not open the block again
+  EXPECT_EQ(a.counters().late, 1U);
+  EXPECT_FALSE(a.take(at_ms(500), f));
+  EXPECT_EQ(a.counters().frames_incomplete, 1U);
+}
+
+TEST(GvspAssembler, KeepsOrderOverTheRollOfBlockIdsAndCountsGaps) {
+  const auto first = make_block(65534, 64, 48);
+  auto a = assembler_for(first);
+  for (const std::uint64_t id : {65534ULL, 2ULL, 65535ULL}) {  // 1 never comes, 2 overtakes
+    for (const auto& p : packets(make_block(id, 64, 48))) a.push(p, at_ms(1));
+  }
+  AssembledFrame f;
+  std::vector<std::uint64_t> ids;
+  while (a.take(at_ms(1), f)) {
+    ids.push_back(f.block_id);
+    EXPECT_TRUE(f.complete);
+    EXPECT_EQ(f.data, make_block(f.block_id, 64, 48).data);
+  }
+  EXPECT_EQ(ids, (std::vector<std::uint64_t>{65534, 65535, 2}));
+  EXPECT_EQ(a.counters().frames_lost, 1U);
+}
+
+TEST(GvspAssembler, RefusesAFrameOfAnotherSize) {
+  const auto agreed = make_block(1, 64, 48);
+  auto a = assembler_for(agreed);
+  for (const auto& p : packets(make_block(1, 64, 46))) a.push(p, at_ms(0));
+  AssembledFrame f;
+  ASSERT_TRUE(a.take(at_ms(300), f));
+  EXPECT_FALSE(f.complete);
+  EXPECT_GT(a.counters().wrong_packet, 0U);
+}
+
+TEST(GvspAssembler, StopsAskingWhenTheCameraNoLongerHasIt) {
+  const auto b = make_block(1, 640, 480);
+  const auto all = packets(b);
+  auto a = assembler_for(b);
+  a.push(all[0], at_ms(0));
+  a.push(all[9], at_ms(0));
+  ASSERT_FALSE(a.resends(at_ms(2)).empty());
+  std::array<std::uint8_t, 8> d{};
+  ASSERT_EQ(encode_gvsp_status(GvStatus::packet_unavailable, 1, 1, GvspFormat::payload, false, d), 8U);
+  a.push(d, at_ms(3));
+  EXPECT_TRUE(a.resends(at_ms(100)).empty());
+}
+
+TEST(GvspAssembler, IsBoundedUnderAFloodOfBlocks) {
+  const auto b = make_block(1, 64, 48);
+  auto a = assembler_for(b);
+  for (std::uint64_t id = 1; id < 5000; ++id) {
+    GvspBlock lone = b;
+    lone.block_id = id;
+    a.push(packets(lone)[1], at_ms(0));
+  }
+  EXPECT_EQ(a.counters().overflow, 5000U - 1 - 8);
+}
+
+}  // namespace
+}  // namespace rigor::gige
