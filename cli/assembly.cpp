@@ -50,8 +50,8 @@ class Assembler {
     names.emplace_back(kSimulated);
     const std::string near = nearest(choice.backend, names);
     return choice.params
-        .error("backend", fmt::format("expected one of {}, got \"{}\"{}", fmt::join(names, ", "), choice.backend,
-                                      near.empty() ? "" : "; did you mean " + near + "?"))
+        .error("backend", fmt::format("expected one of {}, got \"{}\"{}", fmt::join(names, ", "),
+                                      choice.backend, near.empty() ? "" : "; did you mean " + near + "?"))
         .error();
   }
 
@@ -60,24 +60,30 @@ class Assembler {
     if (!emulator)
       return tl::unexpected<Error>(
           choice.params
-              .error("backend", fmt::format("expected an entry `{}` in `emulators` to stand for this device in virtual time, "
-                                            "found none; add it, name another with `emulated_by`, or run with --clock wall",
-                                            choice.emulated_by))
+              .error("backend",
+                     fmt::format(
+                         "expected an entry `{}` in `emulators` to stand for this device in virtual time, "
+                         "found none; add it, name another with `emulated_by`, or run with --clock wall",
+                         choice.emulated_by))
               .error());
     emulator_params = emulator->emulator.params;
     return out_.devices->parts(emulator->name);
   }
 
-  Result<std::unique_ptr<SimulatedSource>> make_simulated(const BackendChoice& choice, const std::string& name) {
+  Result<std::unique_ptr<SimulatedSource>> make_simulated(const BackendChoice& choice,
+                                                          const std::string& name) {
     if (!out_.simulation)
       return tl::unexpected<Error>(
-          choice.params.error("backend", "expected `simulation.world` in the rig for a simulated channel, found none").error());
+          choice.params
+              .error("backend", "expected `simulation.world` in the rig for a simulated channel, found none")
+              .error());
     auto camera = out_.simulation->camera(choice.params, rig_.seed, name);
     if (!camera) return tl::unexpected<Error>(camera.error());
     return std::make_unique<SimulatedSource>(std::move(*camera), &out_.parts.motion, *out_.workers);
   }
 
-  Result<std::unique_ptr<Source>> make_source(const BackendChoice& choice, const std::string& name, std::string& replaced_by) {
+  Result<std::unique_ptr<Source>> make_source(const BackendChoice& choice, const std::string& name,
+                                              std::string& replaced_by) {
     if (choice.backend == kSimulated) {
       auto source = make_simulated(choice, name);
       if (!source) return tl::unexpected<Error>(source.error());
@@ -87,12 +93,15 @@ class Assembler {
     if (!backend) return tl::unexpected<Error>(unknown_backend(choice));
     if (!virtual_time()) {
       if (!backend->make_source)
-        return tl::unexpected<Error>(choice.params.error("backend", choice.backend + " gives no samples").error());
+        return tl::unexpected<Error>(
+            choice.params.error("backend", choice.backend + " gives no samples").error());
       return backend->make_source();
     }
     if (!backend->make_virtual_source)
       return tl::unexpected<Error>(
-          choice.params.error("backend", choice.backend + " cannot be replaced in virtual time; run with --clock wall").error());
+          choice.params
+              .error("backend", choice.backend + " cannot be replaced in virtual time; run with --clock wall")
+              .error());
     ConfigNode emulator_params;
     auto parts = parts_of(choice, emulator_params);
     if (!parts) return tl::unexpected<Error>(parts.error());
@@ -118,14 +127,16 @@ class Assembler {
       auto source = make_source(entry.source, entry.name, channel->replaced_by);
       if (!source) return tl::unexpected<Error>(source.error());
       channel->source = std::move(*source);
-      if (auto s = channel->source->configure(channel_config(entry, entry.name, entry.source.params)); !s) return s;
+      if (auto s = channel->source->configure(channel_config(entry, entry.name, entry.source.params)); !s)
+        return s;
     } else if (auto s = add_pair(entry, *channel); !s) {
       return s;
     }
     if (channel->source->describe().kind != entry.kind)
       return tl::unexpected<Error>(
-          entry.node.error("kind", fmt::format("expected {}, which is what the backend gives, got {}",
-                                               kind_name(channel->source->describe().kind), kind_name(entry.kind)))
+          entry.node
+              .error("kind", fmt::format("expected {}, which is what the backend gives, got {}",
+                                         kind_name(channel->source->describe().kind), kind_name(entry.kind)))
               .error());
     out_.parts.channels.push_back(std::move(channel));
     return {};
@@ -134,13 +145,18 @@ class Assembler {
   Status add_pair(const ChannelEntry& entry, RunChannel& channel) {
     if (entry.twin.backend != kSimulated)
       return tl::unexpected<Error>(
-          entry.twin.params.error("backend", "expected `simulated` for the twin of a pair, got \"" + entry.twin.backend + "\"").error());
+          entry.twin.params
+              .error("backend",
+                     "expected `simulated` for the twin of a pair, got \"" + entry.twin.backend + "\"")
+              .error());
     auto real = make_source(entry.source, entry.name + ".real", channel.replaced_by);
     if (!real) return tl::unexpected<Error>(real.error());
     auto twin = make_simulated(entry.twin, entry.name + ".simulated");
     if (!twin) return tl::unexpected<Error>(twin.error());
-    if (auto s = (*real)->configure(channel_config(entry, entry.name + ".real", entry.source.params)); !s) return s;
-    if (auto s = (*twin)->configure(channel_config(entry, entry.name + ".simulated", entry.twin.params)); !s) return s;
+    if (auto s = (*real)->configure(channel_config(entry, entry.name + ".real", entry.source.params)); !s)
+      return s;
+    if (auto s = (*twin)->configure(channel_config(entry, entry.name + ".simulated", entry.twin.params)); !s)
+      return s;
     auto pair = std::make_unique<PairSource>(std::move(*real), std::move(*twin), *out_.workers);
     channel.pair = pair.get();
     channel.source = std::move(pair);
@@ -153,10 +169,12 @@ class Assembler {
     const Backend* backend = registry_.find(entry.sink.backend);
     if (!backend) return tl::unexpected<Error>(unknown_backend(entry.sink));
     if (virtual_time() ? !backend->make_virtual_sink : !backend->make_sink)
-      return tl::unexpected<Error>(entry.node
-                                       .error("backend", entry.sink.backend + (virtual_time() ? " cannot be replaced in virtual time as a sink"
-                                                                                              : " takes no commands"))
-                                       .error());
+      return tl::unexpected<Error>(
+          entry.node
+              .error("backend",
+                     entry.sink.backend + (virtual_time() ? " cannot be replaced in virtual time as a sink"
+                                                          : " takes no commands"))
+              .error());
     if (virtual_time()) {
       ConfigNode emulator_params;
       auto parts = parts_of(entry.sink, emulator_params);
@@ -164,7 +182,8 @@ class Assembler {
       auto made = backend->make_virtual_sink(std::move(*parts), emulator_params);
       if (!made) return tl::unexpected<Error>(made.error());
       sink->sink = std::move(*made);
-      sink->replaced_by = "the " + entry.sink.backend + " emulator \"" + entry.sink.emulated_by + "\" in process";
+      sink->replaced_by =
+          "the " + entry.sink.backend + " emulator \"" + entry.sink.emulated_by + "\" in process";
     } else {
       sink->sink = backend->make_sink();
     }
@@ -180,7 +199,8 @@ class Assembler {
 
   Status bind_joints() {
     for (const JointBinding& binding : rig_.simulation.joints) {
-      if (!out_.simulation) return fail(ErrorCode::bad_input, "simulation.joints", "expected `simulation.world`, found none");
+      if (!out_.simulation)
+        return fail(ErrorCode::bad_input, "simulation.joints", "expected `simulation.world`, found none");
       auto index = out_.simulation->joint(binding.joint);
       if (!index) return tl::unexpected<Error>(index.error());
       for (const auto& channel : out_.parts.channels)
@@ -203,7 +223,8 @@ Result<std::unique_ptr<Application>> make_application(const RigConfig& rig) {
   if (rig.application.empty()) return std::unique_ptr<Application>{};
   if (rig.application == "turntable-sweep") return make_turntable_sweep();
   return tl::unexpected<Error>(
-      rig.application_params.error("name", "expected one of turntable-sweep, got \"" + rig.application + "\"").error());
+      rig.application_params.error("name", "expected one of turntable-sweep, got \"" + rig.application + "\"")
+          .error());
 }
 
 Result<std::unique_ptr<Assembly>> assemble(RigConfig rig, const Registry& registry) {

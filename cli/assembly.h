@@ -1,5 +1,5 @@
-// From a rig file to parts that can run: which source stands behind which channel, which emulator stands for which
-// device when time is virtual. The only place where drivers, simulators and the HAL meet.
+// From a rig file to parts that can run: which source stands behind which channel, which emulator stands for
+// which device when time is virtual. The only place where drivers, simulators and the HAL meet.
 #pragma once
 
 #include <memory>
@@ -15,8 +15,8 @@ class WorkerPool;
 
 /// Everything of a run, in the order in which it has to be taken down (last member first).
 struct Assembly {
-  std::unique_ptr<Simulation> simulation;     ///< the bench's world; null where the rig has none
-  std::unique_ptr<DeviceWorld> devices;       ///< virtual time: the devices' own world
+  std::unique_ptr<Simulation> simulation;  ///< the bench's world; null where the rig has none
+  std::unique_ptr<DeviceWorld> devices;    ///< virtual time: the devices' own world
   std::unique_ptr<WorkerPool> workers;
   RunParts parts;
 };

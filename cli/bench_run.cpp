@@ -92,7 +92,8 @@ Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
   }
   if (parts_.rig.clock == ClockKind::wall && bench_now() + milliseconds(5) > t0_)
     return fail(ErrorCode::timeout, "start",
-                "the channels took longer to start than the run allows for; a device answers slowly: see `rigor doctor`");
+                "the channels took longer to start than the run allows for; a device answers slowly: see "
+                "`rigor doctor`");
   auto summary = executive_.run(stop_token, t0_);
   if (!summary) return tl::unexpected<Error>(summary.error());
   heartbeat_.declare_stopped(summary->reason);

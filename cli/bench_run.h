@@ -99,8 +99,8 @@ class BenchRun final : private ExecutiveHooks {
   void set_recorder(Recorder* recorder) { recorder_ = recorder; }
   /// Replay: cycles for which this returns false are not run by the application, as in the recorded run.
   void set_cycle_filter(std::function<bool(std::uint64_t)> ran) { ran_ = std::move(ran); }
-  /// Starts the channels with the grid of t0 (wall: far enough in the future for all of them to start) and runs the
-  /// loop until the duration is over or `stop` says so.
+  /// Starts the channels with the grid of t0 (wall: far enough in the future for all of them to start) and
+  /// runs the loop until the duration is over or `stop` says so.
   [[nodiscard]] Result<RunOutcome> run(StopToken stop, BenchTime t0);
   /// Stops every channel; the first error is returned, all are stopped.
   [[nodiscard]] Status stop();

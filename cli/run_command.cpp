@@ -36,13 +36,15 @@ Result<RigConfig> load(const RunOptions& options) {
   if (!options.report.empty()) rig->report = options.report;
   if (rig->clock == ClockKind::virtual_time && rig->duration.ns() == 0)
     return fail(ErrorCode::bad_input, options.rig.string(),
-                "expected `duration_s` for a run in virtual time, which would otherwise never end; or give --duration");
+                "expected `duration_s` for a run in virtual time, which would otherwise never end; or give "
+                "--duration");
   return rig;
 }
 
 std::string status_line(const BenchRun& run, const RunParts& parts, double t_s) {
   const LoopCounters& n = run.counters();
-  std::string line = fmt::format("{:6.1f} s  {} cycles, {} skipped, {} misses", t_s, n.run.load(), n.skipped.load(), n.misses.load());
+  std::string line = fmt::format("{:6.1f} s  {} cycles, {} skipped, {} misses", t_s, n.run.load(),
+                                 n.skipped.load(), n.misses.load());
   for (const auto& c : parts.channels) {
     const Health& h = c->source->health();
     line += fmt::format("  {} {}{}", c->entry->name, h.received.load(), h.connected.load() ? "" : " LOST");
@@ -59,9 +61,11 @@ class StatusThread {
           LiveLine line;
           const auto step = std::chrono::milliseconds(line.terminal() ? 200 : 1000);
           while (!end_) {
-            line.show(status_line(run, parts, parts.rig.clock == ClockKind::wall
-                                                  ? std::max(0.0, (bench_now() - t0).seconds())
-                                                  : static_cast<double>(run.counters().cycle.load()) * parts.rig.loop.period.seconds()));
+            line.show(status_line(
+                run, parts,
+                parts.rig.clock == ClockKind::wall
+                    ? std::max(0.0, (bench_now() - t0).seconds())
+                    : static_cast<double>(run.counters().cycle.load()) * parts.rig.loop.period.seconds()));
             for (auto slept = step; slept.count() > 0 && !end_; slept -= std::chrono::milliseconds(50))
               std::this_thread::sleep_for(std::chrono::milliseconds(50));
           }
@@ -109,7 +113,8 @@ int run_command(const RunOptions& options) {
   if (auto s = run.arm(); !s) return report_error(s.error(), options.json);
   const EpochPair epoch = virtual_time ? kVirtualEpoch : read_epoch();
   const BenchTime t0 = virtual_time ? BenchTime(0) : bench_now() + seconds(1);
-  auto recorder = open_recording(parts, t0, epoch, (*assembly)->simulation ? (*assembly)->simulation->engine() : "");
+  auto recorder =
+      open_recording(parts, t0, epoch, (*assembly)->simulation ? (*assembly)->simulation->engine() : "");
   if (!recorder) return report_error(recorder.error(), options.json);
 
   run.set_recorder(recorder->get());
@@ -130,7 +135,8 @@ int run_command(const RunOptions& options) {
   text.recording = parts.rig.record.file.string();
   nlohmann::json result = run_result(parts, *outcome, recorder->get(), text);
   if (!parts.rig.report.empty())
-    if (auto s = write_report(parts.rig.report, result, parts); !s) return report_error(s.error(), options.json);
+    if (auto s = write_report(parts.rig.report, result, parts); !s)
+      return report_error(s.error(), options.json);
   if (options.json) {
     fmt::print("{}\n", result.dump());
   } else {

@@ -1,0 +1,138 @@
+#include "cli/device_world.h"
+
+#include <fmt/format.h>
+
+#include "sim/platform/turntable.h"
+
+namespace rigor {
+namespace {
+
+/// The motion of all joints, each from the device model that moves it.
+class DeviceMotion final : public MotionSource {
+ public:
+  std::vector<std::shared_ptr<const MotionSource>> joints;  ///< null: at rest at zero
+  [[nodiscard]] WorldMotion motion_at(BenchTime t) const noexcept override {
+    WorldMotion m;
+    m.count = static_cast<std::uint32_t>(joints.size());
+    for (std::size_t i = 0; i < joints.size(); ++i)
+      if (joints[i]) m.joint[i] = joints[i]->motion_at(t).joint[0];
+    return m;
+  }
+};
+
+TurntableConfig read_turntable(ConfigNode n) {
+  TurntableConfig c;
+  n = n.map_or_absent("turntable");
+  constexpr double kRadPerDeg = 0.017453292519943295;
+  c.max_rate_radps =
+      n.number_or("max_rate_degps", c.max_rate_radps / kRadPerDeg, {.min = 0, .exclusive_min = true}) *
+      kRadPerDeg;
+  c.max_acceleration_radps2 = n.number_or("max_acceleration_degps2", c.max_acceleration_radps2 / kRadPerDeg,
+                                          {.min = 0, .exclusive_min = true}) *
+                              kRadPerDeg;
+  n.finish();
+  return c;
+}
+
+}  // namespace
+
+struct DeviceWorld::Impl {
+  RigConfig copy;
+  std::unique_ptr<Simulation> simulation;
+  std::shared_ptr<DeviceMotion> motion = std::make_shared<DeviceMotion>();
+  std::map<std::string, std::shared_ptr<Turntable>, std::less<>> turntables;
+
+  /// Device models first: cameras look at what they move.
+  Status make_models() {
+    if (simulation) motion->joints.resize(simulation->joint_count());
+    for (const EmulatorEntry& e : copy.emulators) {
+      const ConfigNode& n = e.emulator.params;
+      if (!n.has("model") || e.emulator.backend != "modbus") continue;
+      auto made = catch_config([&]() -> Status {
+        (void)n.choice("model", {"turntable"});
+        auto table = std::make_shared<Turntable>(read_turntable(n));
+        if (n.has("joint")) {
+          if (!simulation) throw n.error("joint", "expected `simulation.world` in the rig, found none");
+          auto index = simulation->joint(n.text("joint"));
+          if (!index) return tl::unexpected<Error>(index.error());
+          motion->joints[*index] = table;
+        }
+        turntables[e.name] = std::move(table);
+        return {};
+      });
+      if (!made) return tl::unexpected<Error>(made.error());
+      if (!*made) return *made;
+    }
+    return {};
+  }
+};
+
+DeviceWorld::DeviceWorld(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+DeviceWorld::~DeviceWorld() = default;
+
+Result<std::unique_ptr<DeviceWorld>> DeviceWorld::open(const RigConfig& rig) {
+  auto impl = std::make_unique<Impl>();
+  impl->copy = rig;
+  if (!rig.simulation.world.empty()) {
+    auto simulation = Simulation::open(rig.simulation);
+    if (!simulation) return tl::unexpected<Error>(simulation.error());
+    impl->simulation = std::move(*simulation);
+  }
+  if (auto s = impl->make_models(); !s) return tl::unexpected<Error>(s.error());
+  return std::unique_ptr<DeviceWorld>(new DeviceWorld(std::move(impl)));
+}
+
+Result<DeviceParts> DeviceWorld::parts(std::string_view emulator_name) {
+  const EmulatorEntry* entry = impl_->copy.emulator(emulator_name);
+  if (!entry)
+    return fail(ErrorCode::bad_input, "emulators",
+                fmt::format("expected an emulator `{}`, found none", emulator_name));
+  DeviceParts parts;
+  parts.motion = impl_->motion;
+  if (const auto it = impl_->turntables.find(emulator_name); it != impl_->turntables.end())
+    parts.registers = it->second;
+  const ConfigNode& n = entry->emulator.params;
+  if (n.has("sensor")) {
+    if (!impl_->simulation)
+      return tl::unexpected<Error>(
+          n.error("sensor", "expected `simulation.world` in the rig for a camera to look at, found none")
+              .error());
+    // The device's own noise: its draws are keyed apart from those of its twin.
+    auto camera = impl_->simulation->camera(n, impl_->copy.seed, entry->name + ".device");
+    if (!camera) return tl::unexpected<Error>(camera.error());
+    parts.image = std::move(*camera);
+  }
+  return parts;
+}
+
+Result<std::unique_ptr<Emulator>> DeviceWorld::start_emulator(const EmulatorEntry& entry,
+                                                              const Registry& registry, BenchTime t0) {
+  const Backend* backend = registry.find(entry.emulator.backend);
+  if (!backend || !backend->make_emulator) {
+    std::vector<std::string> names;
+    for (const auto& [name, b] : registry.all())
+      if (b.make_emulator) names.push_back(name);
+    return tl::unexpected<Error>(
+        entry.node
+            .error("backend", fmt::format("expected a backend with an emulator, got \"{}\"; did you mean {}?",
+                                          entry.emulator.backend, nearest(entry.emulator.backend, names)))
+            .error());
+  }
+  auto device_parts = parts(entry.name);
+  if (!device_parts) return tl::unexpected<Error>(device_parts.error());
+  auto emulator = backend->make_emulator();
+  emulator->attach(std::move(*device_parts));
+  ChannelConfig config;
+  config.name = entry.name;
+  config.seed = impl_->copy.seed;
+  config.params = entry.emulator.params;
+  const auto first_error = [&]() -> Status {
+    if (auto s = emulator->configure(config); !s) return s;
+    if (auto s = emulator->arm({}); !s) return s;
+    return emulator->start(t0);
+  };
+  if (auto s = first_error(); !s) return tl::unexpected<Error>(s.error());
+  return emulator;
+}
+
+}  // namespace rigor

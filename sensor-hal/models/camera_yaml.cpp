@@ -1,0 +1,96 @@
+#include "sensor-hal/models/camera_yaml.h"
+
+#include <algorithm>
+
+namespace rigor {
+namespace {
+
+CameraModel read_model(ConfigNode n) {
+  CameraModel m;
+  m.width_px = static_cast<int>(n.integer("width_px", {.min = 16, .max = 16384}));
+  m.height_px = static_cast<int>(n.integer("height_px", {.min = 16, .max = 16384}));
+  ConfigNode i = n.map("intrinsics");
+  m.fx_px = i.number("fx_px", {.min = 0, .exclusive_min = true});
+  m.fy_px = i.number_or("fy_px", m.fx_px, {.min = 0, .exclusive_min = true});
+  m.cx_px = i.number_or("cx_px", (m.width_px - 1) / 2.0);
+  m.cy_px = i.number_or("cy_px", (m.height_px - 1) / 2.0);
+  i.finish();
+
+  ConfigNode l = n.map_or_absent("lens");
+  OpenCvLens& lens = m.lens;
+  for (const auto& [key, value] : {std::pair{"k1", &lens.k1},
+                                   {"k2", &lens.k2},
+                                   {"p1", &lens.p1},
+                                   {"p2", &lens.p2},
+                                   {"k3", &lens.k3},
+                                   {"k4", &lens.k4},
+                                   {"k5", &lens.k5},
+                                   {"k6", &lens.k6}})
+    *value = l.number_or(key, *value);
+  l.finish();
+
+  ConfigNode v = n.map_or_absent("vignetting");
+  m.vignetting.cos4_weight = v.number_or("cos4_weight", m.vignetting.cos4_weight, {.min = 0, .max = 1});
+  m.vignetting.a2 = v.number_or("a2", m.vignetting.a2);
+  m.vignetting.a4 = v.number_or("a4", m.vignetting.a4);
+  m.vignetting.a6 = v.number_or("a6", m.vignetting.a6);
+  v.finish();
+
+  ConfigNode o = n.map_or_absent("optics");
+  m.optics.f_number = o.number_or("f_number", m.optics.f_number, {.min = 0, .exclusive_min = true});
+  m.optics.transmission = o.number_or("transmission", m.optics.transmission, {.min = 0, .max = 1});
+  m.optics.pixel_pitch_m =
+      o.number_or("pixel_pitch_um", m.optics.pixel_pitch_m * 1e6, {.min = 0, .exclusive_min = true}) * 1e-6;
+  const auto bands = [&](const char* key, std::array<double, 4>& values) {
+    if (!o.has(key)) return;
+    const std::vector<double> read = o.numbers(key, 4);
+    std::copy(read.begin(), read.end(), values.begin());
+  };
+  bands("mono_efficiency", m.optics.mono_efficiency);
+  bands("red_efficiency", m.optics.colour_efficiency[0]);
+  bands("green_efficiency", m.optics.colour_efficiency[1]);
+  bands("blue_efficiency", m.optics.colour_efficiency[2]);
+  o.finish();
+
+  ConfigNode e = n.map_or_absent("noise");
+  EmvaNoise& noise = m.noise;
+  noise.system_gain_dn_per_e = e.number_or("system_gain_dn_per_e", noise.system_gain_dn_per_e, {.min = 0});
+  noise.black_level_dn = e.number_or("black_level_dn", noise.black_level_dn, {.min = 0});
+  noise.full_well_e = e.number_or("full_well_e", noise.full_well_e, {.min = 0, .exclusive_min = true});
+  noise.read_noise_e = e.number_or("read_noise_e", noise.read_noise_e, {.min = 0});
+  noise.dark_current_e_per_s = e.number_or("dark_current_e_per_s", noise.dark_current_e_per_s, {.min = 0});
+  noise.dsnu_e = e.number_or("dsnu_e", noise.dsnu_e, {.min = 0});
+  noise.prnu = e.number_or("prnu", noise.prnu, {.min = 0, .max = 1});
+  noise.shot_noise = e.flag_or("shot_noise", noise.shot_noise);
+  noise.adc_bits = static_cast<int>(e.integer_or("adc_bits", noise.adc_bits, {.min = 8, .max = 16}));
+  e.finish();
+  return m;
+}
+
+}  // namespace
+
+Result<CameraSheet> parse_camera(ConfigNode root) {
+  auto sheet = catch_config([&] {
+    CameraSheet s;
+    s.model = read_model(root);
+    s.exposure_s = root.number_or("exposure_us", s.exposure_s * 1e6, {.min = 1, .max = 1e8}) * 1e-6;
+    s.supersampling = root.number_or("supersampling", s.supersampling, {.min = 1, .max = 4});
+    root.finish();
+    return s;
+  });
+  if (!sheet) return sheet;
+  if (auto valid = sheet->model.validate(); !valid) {
+    Error e = valid.error();
+    e.where = root.place() + (e.where.empty() ? "" : ": " + e.where);
+    return tl::unexpected<Error>(std::move(e));
+  }
+  return sheet;
+}
+
+Result<CameraSheet> load_camera(const std::filesystem::path& file) {
+  auto root = ConfigDocument::load(file);
+  if (!root) return tl::unexpected<Error>(root.error());
+  return parse_camera(*root);
+}
+
+}  // namespace rigor
