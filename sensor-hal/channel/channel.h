@@ -108,11 +108,14 @@ class Channel {
 /// Gives samples to the loop.
 class Source : public Channel {
  public:
-  /// Loop thread, once a cycle before `poll`, increasing `now`: dispatch what is captured by the bench's own
-  /// grid.
+  /// Loop thread, once a cycle, before or after `poll`, increasing `now`: dispatch what is captured by the
+  /// bench's own grid.
   virtual void begin_cycle(BenchTime now) noexcept { (void)now; }
   /// Loop thread: the next sample that has arrived, in order of release; empty when there is none.
   [[nodiscard]] virtual SampleLease poll(BenchTime now) noexcept = 0;
+  /// Loop thread: the next thing worth telling that happened to this channel (a pair was switched), as a
+  /// sample of kind event; empty when there is none.
+  [[nodiscard]] virtual SampleLease poll_event() noexcept { return {}; }
   /// Virtual time only, before `poll`; blocks until every sample with t_release ≤ now can be polled.
   virtual void complete_until(BenchTime now) { (void)now; }
 };

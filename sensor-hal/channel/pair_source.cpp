@@ -1,0 +1,342 @@
+#include "sensor-hal/channel/pair_source.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cstring>
+#include <string_view>
+
+namespace rigor {
+namespace {
+
+/// Writes into the text of an event, without the C library's formatting (which may allocate).
+class EventText {
+ public:
+  explicit EventText(EventInfo& info) : text_(info.text) { text_.fill('\0'); }
+  EventText& add(std::string_view s) noexcept {
+    const std::size_t n = std::min(s.size(), text_.size() - 1 - at_);
+    std::memcpy(text_.data() + at_, s.data(), n);
+    at_ += n;
+    return *this;
+  }
+  EventText& add(std::uint64_t n) noexcept {
+    std::array<char, 20> digits{};
+    const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), n).ptr;
+    return add({digits.data(), static_cast<std::size_t>(end - digits.data())});
+  }
+
+ private:
+  std::array<char, 112>& text_;
+  std::size_t at_ = 0;
+};
+
+/// Nearest integer to d / period; d may be negative.
+std::int64_t periods_in(Duration d, Duration period) noexcept {
+  const std::int64_t p = period.ns(), n = d.ns() + p / 2;
+  return n >= 0 ? n / p : -((-n + p - 1) / p);
+}
+
+}  // namespace
+
+bool PairSource::SideState::push(SampleLease&& s) noexcept {
+  if (count == kPending) return false;
+  pending[(first + count++) % kPending] = std::move(s);
+  return true;
+}
+
+SampleLease PairSource::SideState::pop() noexcept {
+  SampleLease s = std::move(pending[first]);
+  first = (first + 1) % kPending;
+  --count;
+  return s;
+}
+
+const SampleLease* PairSource::SideState::due(BenchTime now) const noexcept {
+  return count > 0 && pending[first]->stamp.t_release <= now ? &pending[first] : nullptr;
+}
+
+PairSource::PairSource(std::unique_ptr<Source> real, std::unique_ptr<FollowerSource> simulated,
+                       WorkerPool& workers)
+    : real_(std::move(real)), simulated_(std::move(simulated)), statistics_(workers) {}
+
+PairSource::~PairSource() {
+  if (state() == ChannelState::armed || state() == ChannelState::running) (void)do_stop();
+}
+
+Status PairSource::do_configure(const ChannelConfig& config) {
+  const ConfigNode& n = config.params;
+  if (config.period.ns() <= 0)
+    return fail(ErrorCode::bad_input, n.place(),
+                config.name + ": expected a rate: a pair compares at periodic instants");
+  const bool real_first = n.choice_or("hand_on", {"real", "simulated"}, "real") == "real";
+  const double latency_ms = config.latency.seconds() * 1e3, period_ms = config.period.seconds() * 1e3;
+  const double default_ms = config.latency.ns() > 0 ? latency_ms / 2 : period_ms / 2;
+  const auto overdue = seconds_from(n.number_or("overdue_ms", default_ms, {.min = 0, .max = 60e3}) * 1e-3);
+  const auto phase = seconds_from(n.number_or("phase_us", 0, {.min = 0, .max = period_ms * 1e3}) * 1e-6);
+
+  ChannelConfig side = config;
+  side.name = config.name + ".real";
+  side.params = n.map_or_absent("real");
+  if (auto s = real_->configure(side); !s) return s;
+  side.name = config.name + ".simulated";
+  side.params = n.map_or_absent("simulated");
+  if (auto s = simulated_->configure(side); !s) return s;
+
+  period_ = config.period;
+  latency_ = config.latency;
+  overdue_ = overdue;
+  phase_ = phase;
+  initial_ = real_first ? PairSide::real : PairSide::simulated;
+  description_ = real_->describe();
+  const ChannelDescription& twin = simulated_->describe();
+  description_.max_bytes = std::max(description_.max_bytes, twin.max_bytes);
+  if (description_.width_px == 0) {  // the device tells its size when it is opened
+    description_.width_px = twin.width_px;
+    description_.height_px = twin.height_px;
+    description_.format = twin.format;
+  }
+  if (description_.frame_id.empty()) description_.frame_id = twin.frame_id;
+  return {};
+}
+
+Status PairSource::do_arm(const ArmContext& context) {
+  virtual_time_ = context.virtual_time;
+  if (auto s = real_->arm(context); !s) return s;
+  if (auto s = simulated_->arm(context); !s) {
+    (void)real_->stop();
+    return s;
+  }
+  if (!event_pool_) event_pool_ = make_sample_pool(events_.size() * 2, 0);
+  if (!statistics_.start(virtual_time_)) {
+    (void)simulated_->stop();
+    (void)real_->stop();
+    return fail(ErrorCode::unavailable, config().name, "more simulated channels than the worker pool takes");
+  }
+  return {};
+}
+
+Status PairSource::do_start(BenchTime t0) {
+  for (SideState& s : sides_) s = SideState{};
+  ahead_.reset();
+  after_switch_.reset();
+  for (auto& e : events_) e.reset();
+  event_first_ = event_count_ = 0;
+  event_sequence_ = 0;
+  any_cycle_ = any_real_ = any_handed_ = false;
+  anchor_index_ = next_twin_ = last_handed_ = 0;
+  anchor_t_ = t0 + phase_;
+  last_twin_t_ = last_handed_t_ = BenchTime(std::numeric_limits<std::int64_t>::min());
+  wanted_ = initial_;
+  active_ = initial_;
+  handed_side_ = initial_;
+  switches_ = 0;
+  if (auto s = real_->start(t0); !s) return s;
+  if (auto s = simulated_->start(t0); !s) return s;  // `stop` ends the real side: it is armed or running
+  running_ = true;
+  mirror_health();
+  return {};
+}
+
+Status PairSource::do_stop() {
+  running_ = false;
+  statistics_.stop();
+  Status first;
+  for (Source* side : {real_.get(), static_cast<Source*>(simulated_.get())})
+    if (side->state() == ChannelState::armed || side->state() == ChannelState::running)
+      if (auto s = side->stop(); !s && first) first = s;
+  for (SideState& s : sides_) s = SideState{};
+  ahead_.reset();
+  after_switch_.reset();
+  health_.connected.store(false, std::memory_order_relaxed);
+  return first;
+}
+
+BenchTime PairSource::predicted(std::uint64_t index) const noexcept {
+  const auto k =
+      static_cast<std::int64_t>(index - anchor_index_);  // wraps to negative where index is before the anchor
+  const BenchTime t = anchor_t_ + period_ * k;
+  return std::max(t, last_twin_t_ == BenchTime(std::numeric_limits<std::int64_t>::min())
+                         ? t
+                         : last_twin_t_ + Duration(1));
+}
+
+void PairSource::begin_cycle(BenchTime now) noexcept {
+  if (!running_) return;
+  real_->begin_cycle(now);
+  if (!virtual_time_) request_overdue(now, overdue_);
+}
+
+void PairSource::complete_until(BenchTime now) {
+  if (!running_) return;
+  statistics_.drain();
+  real_->complete_until(now);
+  take_in(now);
+  request_overdue(now, latency_);
+  simulated_->complete_until(now);
+}
+
+void PairSource::take_in(BenchTime now) noexcept {
+  while (true) {
+    if (!ahead_) ahead_ = real_->poll(now);
+    if (!ahead_) break;
+    // In virtual time a sample that happens to be there early must not be seen early: the twin's request
+    // would depend on it.
+    if (virtual_time_ && ahead_->stamp.t_release > now) break;
+    take_real(std::move(ahead_));
+    ahead_.reset();
+  }
+  while (SampleLease s = simulated_->poll(now))
+    if (!state_of(PairSide::simulated).push(std::move(s)))
+      health_.ring_full.fetch_add(1, std::memory_order_relaxed);
+}
+
+void PairSource::take_real(SampleLease&& sample) noexcept {
+  Stamp& stamp = sample.edit().stamp;
+  const std::int64_t steps = periods_in(stamp.t_capture - anchor_t_, period_);
+  const std::uint64_t index =
+      any_real_ ? anchor_index_ + static_cast<std::uint64_t>(std::max<std::int64_t>(1, steps))
+                : static_cast<std::uint64_t>(std::max<std::int64_t>(0, steps));
+  // Instants that nobody asked the twin for, because the real side ran ahead of its prediction.
+  constexpr std::uint64_t kCatchUp = 8;
+  if (index > next_twin_ + kCatchUp) next_twin_ = index - kCatchUp;
+  while (next_twin_ < index) request_twin(next_twin_, predicted(next_twin_));
+  anchor_index_ = index;
+  anchor_t_ = stamp.t_capture;
+  any_real_ = true;
+  if (next_twin_ == index) request_twin(index, stamp.t_capture);
+  stamp.sequence = index;
+  if (!state_of(PairSide::real).push(std::move(sample)))
+    health_.ring_full.fetch_add(1, std::memory_order_relaxed);
+}
+
+void PairSource::request_twin(std::uint64_t index, BenchTime t_capture) noexcept {
+  (void)simulated_->request_at(index,
+                               t_capture);  // a refusal is in its health counters, and a gap in its sequence
+  last_twin_t_ = t_capture;
+  next_twin_ = index + 1;
+}
+
+void PairSource::request_overdue(BenchTime now, Duration margin) noexcept {
+  for (BenchTime t = predicted(next_twin_); t + margin <= now; t = predicted(next_twin_))
+    request_twin(next_twin_, t);
+}
+
+void PairSource::new_cycle(BenchTime now) noexcept {
+  cycle_ = now;
+  any_cycle_ = true;
+  take_in(now);
+  const PairSide wanted = wanted_.load(std::memory_order_acquire);
+  if (wanted != active_.load(std::memory_order_relaxed)) switch_now(wanted, now);
+  mirror_health();
+}
+
+void PairSource::switch_now(PairSide to, BenchTime now) noexcept {
+  active_.store(to, std::memory_order_relaxed);
+  switches_.fetch_add(1, std::memory_order_relaxed);
+  // What the other side had not handed on by now: the newest of this side is there already, so it goes out at
+  // once.
+  const SideState& side = state_of(to);
+  if (side.any_due && (!any_handed_ || side.last_due_index > last_handed_)) after_switch_ = side.last_due;
+
+  SampleLease event = event_pool_->try_acquire();
+  if (!event || event_count_ == events_.size()) return;
+  Sample& sample = event.edit();
+  sample.stamp = Stamp{};
+  sample.stamp.sequence = event_sequence_++;
+  sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = now;
+  sample.size_bytes = 0;
+  EventInfo info;
+  info.code = kEventPairSwitch;
+  info.value = to == PairSide::real ? 0 : 1;
+  EventText(info)
+      .add(config().name)
+      .add(": ")
+      .add(name_of(to))
+      .add(" is handed on instead of ")
+      .add(name_of(other(to)))
+      .add(", from sequence ")
+      .add(after_switch_ ? after_switch_->stamp.sequence
+           : any_handed_ ? last_handed_ + 1
+                         : 0);
+  sample.info = info;
+  events_[(event_first_ + event_count_++) % events_.size()] = std::move(event);
+}
+
+SampleLease PairSource::poll_event() noexcept {
+  if (event_count_ == 0) return {};
+  SampleLease event = std::move(events_[event_first_]);
+  event_first_ = (event_first_ + 1) % events_.size();
+  --event_count_;
+  return event;
+}
+
+SampleLease PairSource::poll(BenchTime now) noexcept {
+  if (!running_) return {};
+  if (!any_cycle_ || now != cycle_) new_cycle(now);
+  if (after_switch_) {
+    const SampleLease sample = std::move(after_switch_);
+    after_switch_.reset();
+    return hand_on(active_.load(std::memory_order_relaxed), sample);
+  }
+  while (true) {
+    const SampleLease* real = state_of(PairSide::real).due(now);
+    const SampleLease* twin = state_of(PairSide::simulated).due(now);
+    if (!real && !twin) return {};
+    const PairSide side = !twin || (real && (*real)->stamp.sequence <= (*twin)->stamp.sequence)
+                              ? PairSide::real
+                              : PairSide::simulated;
+    const SampleLease sample = state_of(side).pop();
+    sample_due(side, sample);
+    if (side != active_.load(std::memory_order_relaxed)) continue;
+    if (any_handed_ && (sample->stamp.sequence <= last_handed_ || sample->stamp.t_capture <= last_handed_t_))
+      continue;
+    return hand_on(side, sample);
+  }
+}
+
+void PairSource::sample_due(PairSide side, const SampleLease& sample) noexcept {
+  SideState& mine = state_of(side);
+  SideState& theirs = state_of(other(side));
+  const std::uint64_t index = sample->stamp.sequence;
+  statistics_.came(side, mine.any_due ? index - mine.last_due_index - 1 : index);
+  mine.last_due = sample;
+  mine.last_due_index = index;
+  mine.any_due = true;
+  const auto shown = [](const SideState& s) { return s.any_due ? s.last_due_index + 1 : 0; };
+  const std::uint64_t mine_shown = shown(mine), theirs_shown = shown(theirs);
+  statistics_.behind(side, theirs_shown > mine_shown ? theirs_shown - mine_shown : 0);
+  statistics_.behind(other(side), mine_shown > theirs_shown ? mine_shown - theirs_shown : 0);
+  if (observer_) observer_->on_side_sample(side, sample);
+  if (theirs.last_due && theirs.last_due_index == index &&
+      theirs.last_due->stamp.t_capture == sample->stamp.t_capture)
+    statistics_.compare(state_of(PairSide::real).last_due, state_of(PairSide::simulated).last_due);
+}
+
+SampleLease PairSource::hand_on(PairSide side, const SampleLease& sample) noexcept {
+  any_handed_ = true;
+  last_handed_ = sample->stamp.sequence;
+  last_handed_t_ = sample->stamp.t_capture;
+  handed_side_ = side;
+  health_.received.fetch_add(1, std::memory_order_relaxed);
+  if (sample->stamp.validity & kIncomplete) health_.incomplete.fetch_add(1, std::memory_order_relaxed);
+  return sample;
+}
+
+void PairSource::mirror_health() noexcept {
+  const Health& a = real_->health();
+  const Health& b = simulated_->health();
+  const auto sum = [&](std::atomic<std::uint64_t> Health::*counter) {
+    (health_.*counter)
+        .store((a.*counter).load(std::memory_order_relaxed) + (b.*counter).load(std::memory_order_relaxed),
+               std::memory_order_relaxed);
+  };
+  sum(&Health::lost);
+  sum(&Health::no_slot);
+  sum(&Health::protocol_errors);
+  sum(&Health::retries);
+  sum(&Health::reconnects);
+  const Source& active = side(active_.load(std::memory_order_relaxed));
+  health_.connected.store(active.health().connected.load(std::memory_order_relaxed),
+                          std::memory_order_relaxed);
+}
+
+}  // namespace rigor

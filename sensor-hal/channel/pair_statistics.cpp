@@ -1,0 +1,187 @@
+#include "sensor-hal/channel/pair_statistics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+namespace rigor {
+namespace {
+
+struct IntegerSums {
+  std::uint64_t count = 0;
+  std::int64_t sum = 0, squares = 0;
+  void add(std::int64_t d) noexcept {
+    sum += d;
+    squares += d * d;
+  }
+};
+
+void add_bytes(IntegerSums& s, const std::byte* a, const std::byte* b, std::size_t n) noexcept {
+  // 32-bit sums of short runs let the compiler vectorise: 8192 · 255² < 2³¹.
+  for (std::size_t at = 0; at < n;) {
+    const std::size_t end = std::min(n, at + 8192);
+    std::int32_t sum = 0, squares = 0;
+    for (; at < end; ++at) {
+      const std::int32_t d = static_cast<std::int32_t>(b[at]) - static_cast<std::int32_t>(a[at]);
+      sum += d;
+      squares += d * d;
+    }
+    s.sum += sum;
+    s.squares += squares;
+  }
+  s.count += n;
+}
+
+void add_words(IntegerSums& s, const std::byte* a, const std::byte* b, std::size_t n) noexcept {
+  for (std::size_t i = 0; i < n; ++i) {
+    std::uint16_t x, y;
+    std::memcpy(&x, a + 2 * i, 2);
+    std::memcpy(&y, b + 2 * i, 2);
+    s.add(std::int64_t{y} - std::int64_t{x});
+  }
+  s.count += n;
+}
+
+/// Pixel `i` of a Mono12p picture: two pixels in three bytes, the first in the low twelve bits.
+std::int64_t mono12p(const std::byte* data, std::size_t i) noexcept {
+  const std::byte* at = data + i * 12 / 8;
+  const unsigned low = static_cast<unsigned>(at[0]), high = static_cast<unsigned>(at[1]);
+  return i % 2 == 0 ? (low | (high & 0x0f) << 8) : (low >> 4 | high << 4);
+}
+
+}  // namespace
+
+std::optional<Difference> difference_of_images(const Sample& real, const Sample& simulated) noexcept {
+  const auto* a = real.as<ImageInfo>();
+  const auto* b = simulated.as<ImageInfo>();
+  if (!a || !b || a->format != b->format || a->width_px != b->width_px || a->height_px != b->height_px)
+    return {};
+  if ((real.stamp.validity | simulated.stamp.validity) & (kIncomplete | kCorrupt)) return {};
+  const std::size_t bytes = image_bytes(a->format, a->width_px, a->height_px);
+  if (bytes == 0 || real.size_bytes != bytes || simulated.size_bytes != bytes) return {};
+
+  const std::size_t row_elements = std::size_t{a->width_px} * (a->format == PixelFormat::rgb8 ? 3 : 1);
+  const std::size_t step =
+      (row_elements * a->height_px + PairStatistics::kMaxElements - 1) / PairStatistics::kMaxElements;
+  const std::byte* x = real.bytes().data();
+  const std::byte* y = simulated.bytes().data();
+  IntegerSums s;
+  for (std::size_t row = 0; row < a->height_px; row += step) {
+    const std::size_t first = row * row_elements;
+    switch (a->format) {
+      case PixelFormat::mono8:
+      case PixelFormat::bayer_rg8:
+      case PixelFormat::rgb8:
+        add_bytes(s, x + first, y + first, row_elements);
+        break;
+      case PixelFormat::mono16:
+        add_words(s, x + 2 * first, y + 2 * first, row_elements);
+        break;
+      case PixelFormat::mono12p:
+        for (std::size_t i = first; i < first + row_elements; ++i) s.add(mono12p(y, i) - mono12p(x, i));
+        s.count += row_elements;
+        break;
+    }
+  }
+  const auto n = static_cast<double>(s.count);
+  Difference d;
+  d.count = s.count;
+  d.bias = static_cast<double>(s.sum) / n;
+  d.sigma =
+      std::sqrt(std::max(0.0, (static_cast<double>(s.squares) - d.bias * static_cast<double>(s.sum)) / n));
+  return d;
+}
+
+void PairStatistics::Sums::merge(const Difference& d) noexcept {
+  if (d.count == 0) return;
+  const auto n_a = static_cast<double>(count), n_b = static_cast<double>(d.count), n = n_a + n_b;
+  const double delta = d.bias - mean;
+  mean += delta * n_b / n;
+  m2 += d.sigma * d.sigma * n_b + delta * delta * n_a * n_b / n;
+  count += d.count;
+}
+
+Difference PairStatistics::Sums::result() const noexcept {
+  return {count, mean, count ? std::sqrt(m2 / static_cast<double>(count)) : 0.0};
+}
+
+bool PairStatistics::start(bool virtual_time) {
+  stop();
+  virtual_time_ = virtual_time;
+  work_ = PairSnapshot{};
+  sums_ = {};
+  published_.store(work_);
+  skipped_ = 0;
+  for (std::size_t i = 0; i < 2; ++i) came_[i] = missing_[i] = behind_[i] = 0;
+  jobs_.emplace(8);
+  strand_ = workers_.make_strand([this] { run(); });
+  return strand_ != nullptr;
+}
+
+void PairStatistics::stop() {
+  if (strand_) strand_->wait_idle();
+  strand_.reset();
+  jobs_.reset();
+}
+
+void PairStatistics::compare(const SampleLease& real, const SampleLease& simulated) noexcept {
+  if (!strand_) return;
+  if (strand_->backlog() > 2) {
+    if (!virtual_time_) {
+      skipped_.fetch_add(1, std::memory_order_relaxed);
+      return;
+    }
+    strand_->wait_idle();
+  }
+  if (jobs_->try_push(Job{real, simulated})) strand_->submit();
+}
+
+void PairStatistics::came(PairSide side, std::uint64_t missing) noexcept {
+  came_[static_cast<std::size_t>(side)].fetch_add(1, std::memory_order_relaxed);
+  missing_[static_cast<std::size_t>(side)].fetch_add(missing, std::memory_order_relaxed);
+}
+
+void PairStatistics::behind(PairSide side, std::uint64_t instants) noexcept {
+  behind_[static_cast<std::size_t>(side)].store(instants, std::memory_order_relaxed);
+}
+
+void PairStatistics::drain() {
+  if (strand_) strand_->wait_idle();
+}
+
+void PairStatistics::run() {
+  Job job;
+  if (!jobs_->try_pop(job)) return;
+  const auto* a = job.real->as<RegisterBlock>();
+  const auto* b = job.simulated->as<RegisterBlock>();
+  if (a && b && a->count == b->count && a->count > 0 && a->count <= RegisterBlock::kMax) {
+    ++work_.compared;
+    work_.values = a->count;
+    for (std::uint32_t i = 0; i < a->count; ++i) {
+      sums_[i].merge({1, b->value[i] - a->value[i], 0});
+      work_.value[i] = sums_[i].result();
+    }
+    work_.all = work_.value[0];
+    work_.last = {1, b->value[0] - a->value[0], 0};
+  } else if (const auto d = difference_of_images(*job.real, *job.simulated)) {
+    ++work_.compared;
+    sums_[0].merge(*d);
+    work_.all = sums_[0].result();
+    work_.last = *d;
+  } else {
+    ++work_.unlike;
+  }
+  published_.store(work_);
+}
+
+PairSnapshot PairStatistics::snapshot() const noexcept {
+  PairSnapshot s = published_.load();
+  s.skipped = skipped_.load(std::memory_order_relaxed);
+  for (std::size_t i = 0; i < 2; ++i) {
+    s.came[i] = came_[i].load(std::memory_order_relaxed);
+    s.missing[i] = missing_[i].load(std::memory_order_relaxed) + behind_[i].load(std::memory_order_relaxed);
+  }
+  return s;
+}
+
+}  // namespace rigor

@@ -1,0 +1,103 @@
+// A camera that is computed: an ImageProvider behind the channel interface.
+//
+//   grid     t0 + phase + k·period                         capture index k is the sample's sequence
+//   cycle    the first one at or after that instant        reads the motion, takes a slot, queues the request
+//   worker   renders into the slot                         whenever it gets to it
+//   loop     polls it, ready long before t_release = t_capture + latency, or late
+//
+// What is rendered depends on the request alone: capture index, instant, motion, exposure. So the pictures of
+// a run are the same on any number of threads. Whether a slot is free is decided on the loop's thread too,
+// for the same reason.
+//
+// Keys (all optional):
+//   exposure_us: 4000        ; the provider's default
+//   gain_db: 0
+//   phase_us: 0              offset of the grid
+//   pixel_format: Mono8      Mono8, Mono12p, Mono16, BayerRG8, RGB8
+//   region: { x_px: 0, y_px: 0, width_px: 640, height_px: 480 }
+//   slots: 16                pictures in flight: rendered, pending, held by the application and by the
+//   recorder max_backlog: 2           wall time: requests that may wait for a worker; one more is skipped and
+//   counted as lost
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <memory>
+#include <optional>
+
+#include "rt-core/spsc_ring.h"
+#include "sensor-hal/channel/channel.h"
+#include "sensor-hal/channel/providers.h"
+#include "sensor-hal/channel/worker_pool.h"
+
+namespace rigor {
+
+/// A source that measures when it is told to: the simulated side of a pair.
+class FollowerSource : public Source {
+ public:
+  /// Loop thread, running: measure at `t_capture`; the sample gets `index` as its sequence. Both only grow.
+  /// Wait-free. False: skipped and counted (no slot, or the worker is behind).
+  virtual bool request_at(std::uint64_t index, BenchTime t_capture) noexcept = 0;
+};
+
+class SimulatedSource final : public FollowerSource {
+ public:
+  /// `motion` may be null (nothing moves); it and `workers` outlive the source. The provider is used by one
+  /// thread at a time; it is not shared with another source.
+  SimulatedSource(std::shared_ptr<ImageProvider> provider, const MotionSource* motion, WorkerPool& workers);
+  ~SimulatedSource() override;
+
+  void begin_cycle(BenchTime now) noexcept override;
+  [[nodiscard]] SampleLease poll(BenchTime now) noexcept override;
+  void complete_until(BenchTime now) override;
+  bool request_at(std::uint64_t index, BenchTime t_capture) noexcept override;
+
+  /// Any thread: p-quantiles of rendering are the rig's business; this is the longest so far.
+  [[nodiscard]] Duration longest_render() const noexcept {
+    return Duration(longest_ns_.load(std::memory_order_relaxed));
+  }
+
+ private:
+  struct Request {
+    ImageRequest image;
+    SampleLease slot;
+    std::uint32_t lost_before = 0;
+  };
+
+  Status do_configure(const ChannelConfig& config) override;
+  Status do_arm(const ArmContext& context) override;
+  Status do_start(BenchTime t0) override;
+  Status do_stop() override;
+  void render_next();
+
+  std::shared_ptr<ImageProvider> provider_;
+  const MotionSource* motion_;
+  WorkerPool& workers_;
+
+  // configuration
+  ImageRequest prototype_;
+  Duration period_, latency_, phase_;
+  std::size_t slots_ = 0;
+  std::uint64_t max_backlog_ = 0;
+
+  // the run
+  bool virtual_time_ = false;
+  bool running_ = false;
+  BenchTime next_capture_;
+  std::uint64_t next_index_ = 0;
+  std::uint32_t lost_before_ = 0;
+  std::unique_ptr<SamplePool> pool_;
+  std::size_t pool_bytes_ = 0;
+  std::vector<std::unique_ptr<SamplePool>> retired_;
+  std::optional<SpscRing<Request>> requests_;
+  std::optional<SpscRing<SampleLease>> results_;
+  std::unique_ptr<WorkerPool::Strand> strand_;
+  std::atomic<std::uint32_t> failed_before_{0};  // worker: failed captures since the last good one
+  std::atomic<std::int64_t> longest_ns_{0};
+
+  // Releases of the requests that are not known to be done: a ring on the loop's thread.
+  std::vector<BenchTime> releases_;
+  std::uint64_t dispatched_ = 0, completed_ = 0;
+};
+
+}  // namespace rigor
