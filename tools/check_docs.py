@@ -1,0 +1,96 @@
+#!/usr/bin/env python3
+"""Checks that what the documents say can be typed and followed.
+
+In fenced blocks marked `console`, each line `$ rigor COMMAND …` or `$ ./dev COMMAND …` must name a command that
+exists, with options that its --help knows; relative links and pictures must lead to files.
+"""
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+RIGOR = ROOT / "build" / "release" / "rigor"
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)#\s]+)(?:#[^)]*)?\)")
+
+
+def help_text(command):
+    done = subprocess.run([*command, "--help"], capture_output=True, text=True, timeout=60, cwd=ROOT, check=False)
+    return done.stdout if done.returncode == 0 else None
+
+
+def commands_in(text):
+    """(line number, words) of each command line in console blocks; a line that ends in a backslash goes on."""
+    inside, pending, start = False, "", 0
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.startswith("```"):
+            inside = line.strip() == "```console"
+        elif inside and (line.startswith("$ ") or pending):
+            start = start if pending else number
+            pending += line.removeprefix("$ ") if not pending else " " + line.strip()
+            if pending.endswith("\\"):
+                pending = pending[:-1]
+                continue
+            for part in re.split(r"\s(?:&&|\||;|&)(?:\s|$)", pending):
+                words = shlex.split(part, comments=True)
+                if words:
+                    yield start, words
+            pending = ""
+
+
+def check_command(words, known_help):
+    """What is wrong with a command line, or None."""
+    while words and (words[0] == "sudo" or re.match(r"^\w+=", words[0])):
+        words = words[1:]
+    program = words[0] if words else ""
+    if program not in ("rigor", "build/release/rigor", "./dev"):
+        return None
+    if program == "./dev":
+        usage = known_help(("./dev",)) or ""
+        if len(words) > 1 and not re.search(rf"^  {re.escape(words[1])}\b", usage, re.MULTILINE):
+            return f"./dev has no command '{words[1]}'"
+        options = [w for w in words[2:] if w.startswith("--")] if words[1:2] != ["run"] else []
+        missing = [o for o in options if o.split("=")[0] not in usage]
+        return f"./dev help does not name {missing[0]}" if missing else None
+    command = (str(RIGOR), words[1]) if len(words) > 1 and not words[1].startswith("-") else (str(RIGOR),)
+    usage = known_help(command)
+    if usage is None:
+        return f"'rigor {' '.join(words[1:2])} --help' does not exit with 0"
+    for option in (w.split("=")[0] for w in words[1:] if re.match(r"^--?[a-z]", w)):
+        if not re.search(rf"(?<![\w-]){re.escape(option)}(?![\w-])", usage):
+            return f"the help of 'rigor {words[1]}' does not name {option}"
+    return None
+
+
+def main():
+    cache = {}
+
+    def known_help(command):
+        if command not in cache:
+            cache[command] = help_text(command)
+        return cache[command]
+
+    documents = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    errors, commands = [], 0
+    for document in documents:
+        name = document.relative_to(ROOT)
+        text = document.read_text(encoding="utf-8")
+        for number, words in commands_in(text):
+            commands += 1
+            wrong = check_command(words, known_help)
+            if wrong:
+                errors.append(f"{name}:{number}: {wrong}")
+        for number, line in enumerate(text.splitlines(), 1):
+            for target in LINK.findall(line):
+                if "://" not in target and not (document.parent / target).exists():
+                    errors.append(f"{name}:{number}: the link leads nowhere: {target}")
+    print(*errors, sep="\n", end="\n" if errors else "")
+    print(f"docs: {len(documents)} documents, {commands} command lines, {len(errors)} errors")
+    if not commands:
+        print("docs: no command line found: the check has lost its sight")
+    return 1 if errors or not commands else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
