@@ -153,10 +153,6 @@ class Assembler {
     if (!real) return tl::unexpected<Error>(real.error());
     auto twin = make_simulated(entry.twin, entry.name + ".simulated");
     if (!twin) return tl::unexpected<Error>(twin.error());
-    if (auto s = (*real)->configure(channel_config(entry, entry.name + ".real", entry.source.params)); !s)
-      return s;
-    if (auto s = (*twin)->configure(channel_config(entry, entry.name + ".simulated", entry.twin.params)); !s)
-      return s;
     auto pair = std::make_unique<PairSource>(std::move(*real), std::move(*twin), *out_.workers);
     channel.pair = pair.get();
     channel.source = std::move(pair);

@@ -1,4 +1,5 @@
 // Samples as PNG files for people.
+#include <cstdlib>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -29,6 +30,8 @@ Status write_picture(const std::filesystem::path& file, const ImageInfo& info,
     return fail(ErrorCode::internal, file.string(), "a picture with fewer bytes than its size says");
   const int width = static_cast<int>(info.width_px), height = static_cast<int>(info.height_px);
   auto* data = const_cast<std::byte*>(bytes.data());
+  // OpenEXR keeps the sensor's numbers as they are, in 32-bit float; PNG is for people.
+  const bool exact = file.extension() == ".exr";
   cv::Mat out;
   switch (info.format) {
     case PixelFormat::mono8:
@@ -47,6 +50,10 @@ Status write_picture(const std::filesystem::path& file, const ImageInfo& info,
     case PixelFormat::rgb8:
       cv::cvtColor(cv::Mat(height, width, CV_8UC3, data), out, cv::COLOR_RGB2BGR);
       break;
+  }
+  if (exact) {
+    out.convertTo(out, CV_32F);
+    setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 1);  // Debian's OpenCV has the codec, but asks for this word
   }
   try {
     if (cv::imwrite(file.string(), out)) return {};

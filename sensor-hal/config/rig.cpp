@@ -104,7 +104,15 @@ ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfi
   if (n.has("backend"))
     throw n.error("backend", "expected either `backend` or `pair`, got both; keep one of them");
   c.pair = n.map("pair");
-  c.hand_on_real = c.pair.choice_or("hand_on", {"real", "simulated"}, "real") == "real";
+  for (const ConfigNode& item : c.pair.list_or_empty("switches")) {
+    PairSwitch s;
+    s.after_start = seconds_from(item.number("at_s", {.min = 0, .max = 1e7}));
+    s.to_real = item.choice("hand_on", {"real", "simulated"}) == "real";
+    item.finish();
+    if (!c.switches.empty() && s.after_start < c.switches.back().after_start)
+      throw item.error("at_s", "expected the switches in the order of time");
+    c.switches.push_back(s);
+  }
   c.source = read_backend(c.pair.map("real"), name);
   c.twin = read_backend(c.pair.map("simulated"), name);
   n.finish();

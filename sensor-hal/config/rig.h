@@ -52,6 +52,12 @@ struct BackendChoice {
   ConfigNode params;
 };
 
+/// `pair: { switches: [ { at_s: 5, hand_on: simulated } ] }`
+struct PairSwitch {
+  Duration after_start;
+  bool to_real = true;
+};
+
 struct ChannelEntry {
   std::string name;
   SampleKind kind = SampleKind::none;
@@ -61,7 +67,7 @@ struct ChannelEntry {
   PortTiming timing;
   bool record = true;
   bool is_pair = false;
-  bool hand_on_real = true;
+  std::vector<PairSwitch> switches;  ///< in order of time
   BackendChoice source;  ///< the channel itself, or the real side of a pair
   BackendChoice twin;    ///< the simulated side of a pair
   ConfigNode pair;       ///< keys of the pair itself
