@@ -1,0 +1,414 @@
+#include "sensor-hal/record/sample_codec.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <limits>
+
+namespace rigor::record {
+namespace {
+
+constexpr std::size_t kStamp = 0;
+constexpr std::size_t kMain = 1;
+constexpr std::size_t kCompanion = 2;
+
+msg::Time to_time(std::int64_t ns) {
+  constexpr std::int64_t kSecond = 1'000'000'000;
+  const std::int64_t sec = ns / kSecond - (ns % kSecond < 0 ? 1 : 0);
+  using Limits = std::numeric_limits<std::int32_t>;
+  return {static_cast<std::int32_t>(std::clamp<std::int64_t>(sec, Limits::min(), Limits::max())),
+          static_cast<std::uint32_t>(ns - sec * kSecond)};
+}
+
+constexpr std::array<std::pair<PixelFormat, std::string_view>, 5> kEncodings{
+    {{PixelFormat::mono8, "mono8"},
+     {PixelFormat::mono12p, "mono12p"},
+     {PixelFormat::mono16, "mono16"},
+     {PixelFormat::bayer_rg8, "bayer_rggb8"},
+     {PixelFormat::rgb8, "rgb8"}}};
+
+std::string_view encoding_of(PixelFormat format) {
+  for (const auto& [f, name] : kEncodings)
+    if (f == format) return name;
+  return "";
+}
+
+std::vector<msg::PointField> point_fields() {
+  constexpr std::uint8_t kUint8 = 2, kUint16 = 4, kInt32 = 5, kFloat32 = 7;
+  return {{"x", offsetof(LidarPoint, x_m), kFloat32, 1},
+          {"y", offsetof(LidarPoint, y_m), kFloat32, 1},
+          {"z", offsetof(LidarPoint, z_m), kFloat32, 1},
+          {"intensity", offsetof(LidarPoint, remission), kFloat32, 1},
+          {"t_offset_ns", offsetof(LidarPoint, t_offset_ns), kInt32, 1},
+          {"ring", offsetof(LidarPoint, ring), kUint16, 1},
+          {"return_index", offsetof(LidarPoint, return_index), kUint8, 1},
+          {"flags", offsetof(LidarPoint, flags), kUint8, 1}};
+}
+
+Error protocol(const MessageView& message, std::string what) {
+  return {ErrorCode::protocol, message.channel->topic, std::move(what)};
+}
+
+/// Bytes of a plane, or none where the product is larger than anything that can lie in a message.
+std::optional<std::uint64_t> plane_bytes(std::uint32_t width, std::uint32_t height, std::uint64_t bits) {
+  const std::uint64_t pixels = std::uint64_t{width} * height;
+  if (pixels > (std::uint64_t{1} << 40)) return std::nullopt;
+  return (pixels * bits + 7) / 8;
+}
+
+}  // namespace
+
+SampleEncoder::SampleEncoder(SampleChannel channel) : channel_(std::move(channel)) {
+  const std::string& topic = channel_.topic;
+  streams_.push_back({topic + "/stamp", msg::SampleStamp::kType});
+  switch (channel_.kind) {
+    case SampleKind::none:
+      break;
+    case SampleKind::image:
+      streams_.push_back({topic, msg::Image::kType});
+      streams_.push_back({topic + "/settings", msg::ImageSettings::kType});
+      break;
+    case SampleKind::range_image:
+      streams_.push_back({topic, msg::Image::kType});
+      streams_.push_back({topic + "/amplitude", msg::Image::kType});
+      break;
+    case SampleKind::point_cloud:
+      streams_.push_back({topic, msg::PointCloud2::kType});
+      break;
+    case SampleKind::can_frame:
+      streams_.push_back({topic, msg::Frame::kType});
+      streams_.push_back({topic + "/fd", msg::CanFdFrame::kType});
+      break;
+    case SampleKind::register_block:
+      streams_.push_back({topic, msg::RegisterBlock::kType});
+      break;
+    case SampleKind::pose:
+      streams_.push_back({topic, msg::PoseStamped::kType});
+      break;
+    case SampleKind::event:
+      streams_.push_back({topic, msg::Event::kType});
+      break;
+  }
+  registers_.names = channel_.register_names;
+  registers_.units = channel_.register_units;
+}
+
+template <class M>
+Status SampleEncoder::add(std::size_t stream, const M& message) {
+  auto pieces = writers_[messages_.size()].write(message);
+  if (!pieces) return tl::unexpected(pieces.error());
+  messages_.push_back({stream, *pieces});
+  return {};
+}
+
+msg::Header SampleEncoder::header(const Sample& sample) const {
+  return {to_time(sample.stamp.t_capture.ns() + channel_.to_utc.ns()), channel_.frame_id};
+}
+
+Status SampleEncoder::wrong_size(std::size_t expected, const Sample& sample) const {
+  return fail(ErrorCode::internal, channel_.name,
+              "expected a sample of " + std::to_string(expected) + " bytes, got " +
+                  std::to_string(sample.size_bytes));
+}
+
+Result<std::span<const SampleMessage>> SampleEncoder::encode(const Sample& sample) {
+  messages_.clear();
+  const Stamp& stamp = sample.stamp;
+  stamp_.channel = channel_.name;
+  stamp_.sequence = stamp.sequence;
+  stamp_.t_capture_ns = stamp.t_capture.ns();
+  stamp_.t_release_ns = stamp.t_release.ns();
+  stamp_.t_arrival_ns = stamp.t_arrival.ns();
+  stamp_.sigma_capture_ns = stamp.sigma_capture.ns();
+  stamp_.lost_before = stamp.lost_before;
+  stamp_.validity = stamp.validity;
+  stamp_.kind = static_cast<std::uint8_t>(sample.kind());
+  if (Status status = add(kStamp, stamp_); !status) return tl::unexpected(status.error());
+  if (sample.kind() == SampleKind::none) return std::span<const SampleMessage>(messages_);
+  if (sample.kind() != channel_.kind)
+    return fail(ErrorCode::internal, channel_.name, "a sample is of another kind than its channel");
+  if (Status status = add_content(sample); !status) return tl::unexpected(status.error());
+  return std::span<const SampleMessage>(messages_);
+}
+
+Status SampleEncoder::add_content(const Sample& sample) {
+  if (const auto* image = sample.as<ImageInfo>()) return add_image(sample, *image);
+  if (const auto* range = sample.as<RangeImageInfo>()) return add_range_image(sample, *range);
+  if (const auto* cloud = sample.as<PointCloudInfo>()) return add_point_cloud(sample, *cloud);
+  if (const auto* frame = sample.as<CanFrame>()) return add_can(sample, *frame);
+  if (const auto* block = sample.as<RegisterBlock>()) {
+    if (block->count > RegisterBlock::kMax) return wrong_size(RegisterBlock::kMax, sample);
+    registers_.header = header(sample);
+    registers_.values.assign(block->value.begin(), block->value.begin() + block->count);
+    return add(kMain, registers_);
+  }
+  if (const auto* pose = sample.as<Pose>()) {
+    const auto& p = pose->position_m;
+    const auto& q = pose->orientation_wxyz;
+    return add(kMain, msg::PoseStamped{header(sample), {{p[0], p[1], p[2]}, {q[1], q[2], q[3], q[0]}}});
+  }
+  if (const auto* event = sample.as<EventInfo>()) {
+    const auto end = std::find(event->text.begin(), event->text.end(), '\0');
+    return add(kMain, msg::Event{header(sample), channel_.name, "event", event->code, event->value,
+                                 std::string(event->text.begin(), end)});
+  }
+  return {};
+}
+
+Status SampleEncoder::add_image(const Sample& sample, const ImageInfo& info) {
+  const std::size_t size = image_bytes(info.format, info.width_px, info.height_px);
+  if (sample.size_bytes != size) return wrong_size(size, sample);
+  const msg::Header head = header(sample);
+  if (Status status =
+          add(kCompanion, msg::ImageSettings{head, std::string(pfnc_name(info.format)), info.offset_x_px,
+                                             info.offset_y_px, info.exposure.ns(), info.gain_db});
+      !status)
+    return status;
+  const auto step = static_cast<std::uint32_t>((info.width_px * bits_per_pixel(info.format) + 7) / 8);
+  return add(kMain, msg::Image{head, info.height_px, info.width_px, std::string(encoding_of(info.format)), 0,
+                               step, sample.bytes()});
+}
+
+Status SampleEncoder::add_range_image(const Sample& sample, const RangeImageInfo& info) {
+  const std::size_t plane = std::size_t{info.width_px} * info.height_px * sizeof(float);
+  if (sample.size_bytes != plane && sample.size_bytes != 2 * plane) return wrong_size(2 * plane, sample);
+  const auto step = static_cast<std::uint32_t>(info.width_px * sizeof(float));
+  const msg::Header head = header(sample);
+  const auto image = [&](Bytes pixels) {
+    return msg::Image{head, info.height_px, info.width_px, "32FC1", 0, step, pixels};
+  };
+  if (sample.size_bytes > plane)
+    if (Status status = add(kCompanion, image(sample.bytes().subspan(plane))); !status) return status;
+  return add(kMain, image(sample.bytes().first(plane)));
+}
+
+Status SampleEncoder::add_point_cloud(const Sample& sample, const PointCloudInfo& info) {
+  const std::size_t size = info.count * sizeof(LidarPoint);
+  if (sample.size_bytes != size) return wrong_size(size, sample);
+  return add(kMain, msg::PointCloud2{header(sample), 1, info.count, point_fields(), false, sizeof(LidarPoint),
+                                     static_cast<std::uint32_t>(size), sample.bytes(), false});
+}
+
+Status SampleEncoder::add_can(const Sample& sample, const CanFrame& frame) {
+  if (frame.length > frame.data.size()) return wrong_size(frame.data.size(), sample);
+  if (frame.fd || frame.bit_rate_switch || frame.length > 8)
+    return add(kCompanion, msg::CanFdFrame{header(sample), frame.id, frame.remote, frame.extended,
+                                           frame.error, frame.fd, frame.bit_rate_switch,
+                                           std::as_bytes(std::span(frame.data)).first(frame.length)});
+  msg::Frame message{header(sample), frame.id, frame.remote, frame.extended, frame.error, frame.length, {}};
+  std::copy_n(frame.data.begin(), message.data.size(), message.data.begin());
+  return add(kMain, message);
+}
+
+bool SampleDecoder::wants(std::string_view topic) const {
+  if (!topic.starts_with(topic_)) return false;
+  const std::string_view rest = topic.substr(topic_.size());
+  return rest.empty() || rest == "/stamp" || rest == "/settings" || rest == "/amplitude" || rest == "/fd";
+}
+
+void SampleDecoder::stamp_from(const msg::Header& header, const MessageView& message) {
+  if (stamped_) return;
+  const std::int64_t utc_ns = std::int64_t{header.stamp.sec} * 1'000'000'000 + header.stamp.nanosec;
+  stamp_ = {};
+  stamp_.sequence = message.sequence;
+  stamp_.t_capture = BenchTime(utc_ns - to_utc_.ns());
+  stamp_.t_release = stamp_.t_arrival =
+      BenchTime(static_cast<std::int64_t>(message.log_time_ns) - to_utc_.ns());
+}
+
+Result<bool> SampleDecoder::take(const MessageView& message) {
+  const std::string_view topic = message.channel->topic;
+  if (!wants(topic)) return false;
+  const std::string_view companion = topic.substr(topic_.size());
+  if (companion == "/stamp") {
+    msg::SampleStamp stamp;
+    if (Status status = CdrReader::read(message.data, stamp); !status)
+      return tl::unexpected(protocol(message, status.error().message));
+    stamp_ = {stamp.sequence,
+              BenchTime(stamp.t_capture_ns),
+              BenchTime(stamp.t_release_ns),
+              BenchTime(stamp.t_arrival_ns),
+              Duration(stamp.sigma_capture_ns),
+              stamp.lost_before,
+              stamp.validity};
+    stamped_kind_ = static_cast<SampleKind>(stamp.kind);
+    stamped_sequence_ = message.sequence;
+    stamped_ = true;
+    settings_.reset();
+    amplitude_.clear();
+    main_bytes_ = second_bytes_ = {};
+    info_ = std::monostate{};
+    return stamped_kind_ == SampleKind::none;
+  }
+  if (stamped_ && message.sequence != stamped_sequence_) stamped_ = false;  // its stamp was lost
+  if (companion == "/settings") {
+    settings_.emplace();
+    if (Status status = CdrReader::read(message.data, *settings_); !status)
+      return tl::unexpected(protocol(message, status.error().message));
+    return false;
+  }
+  if (companion == "/amplitude") {
+    msg::Image image;
+    if (Status status = CdrReader::read(message.data, image); !status)
+      return tl::unexpected(protocol(message, status.error().message));
+    amplitude_.assign(image.data.begin(), image.data.end());
+    return false;
+  }
+  main_bytes_ = second_bytes_ = {};
+  if (Status status = decode(message); !status)
+    return tl::unexpected(protocol(message, status.error().message));
+  if (stamped_ && info_.index() != static_cast<std::size_t>(stamped_kind_))
+    return tl::unexpected(protocol(message, "the message and its stamp are of different kinds"));
+  stamped_ = false;
+  return true;
+}
+
+Status SampleDecoder::decode(const MessageView& message) {
+  const std::string_view type = message.schema != nullptr ? std::string_view(message.schema->name) : "";
+  if (message.channel->message_encoding != "cdr")
+    return fail(ErrorCode::protocol, "",
+                "expected messages encoded as cdr, got " + message.channel->message_encoding);
+  if (type == msg::Image::kType) return decode_image(message);
+  if (type == msg::PointCloud2::kType) return decode_point_cloud(message);
+  if (type == msg::Frame::kType) {
+    msg::Frame m;
+    if (Status status = CdrReader::read(message.data, m); !status) return status;
+    if (m.dlc > m.data.size()) return fail(ErrorCode::protocol, "", "a CAN frame states more than 8 bytes");
+    CanFrame frame{m.id, m.is_extended, m.is_rtr, m.is_error, false, false, m.dlc, {}};
+    std::copy(m.data.begin(), m.data.end(), frame.data.begin());
+    stamp_from(m.header, message);
+    info_ = frame;
+    return {};
+  }
+  if (type == msg::CanFdFrame::kType) {
+    msg::CanFdFrame m;
+    if (Status status = CdrReader::read(message.data, m); !status) return status;
+    CanFrame frame{m.id,
+                   m.is_extended,
+                   m.is_rtr,
+                   m.is_error,
+                   m.is_fd,
+                   m.bit_rate_switch,
+                   static_cast<std::uint8_t>(m.data.size()),
+                   {}};
+    if (m.data.size() > frame.data.size())
+      return fail(ErrorCode::protocol, "", "a CAN FD frame holds more than 64 bytes");
+    std::memcpy(frame.data.data(), m.data.data(), m.data.size());
+    stamp_from(m.header, message);
+    info_ = frame;
+    return {};
+  }
+  if (type == msg::RegisterBlock::kType) {
+    msg::RegisterBlock m;
+    if (Status status = CdrReader::read(message.data, m); !status) return status;
+    RegisterBlock block;
+    if (m.values.size() > RegisterBlock::kMax)
+      return fail(ErrorCode::protocol, "",
+                  "a register block holds more than " + std::to_string(RegisterBlock::kMax) + " values");
+    block.count = static_cast<std::uint32_t>(m.values.size());
+    std::copy(m.values.begin(), m.values.end(), block.value.begin());
+    stamp_from(m.header, message);
+    info_ = block;
+    return {};
+  }
+  if (type == msg::PoseStamped::kType) {
+    msg::PoseStamped m;
+    if (Status status = CdrReader::read(message.data, m); !status) return status;
+    const auto& [p, q] = m.pose;
+    stamp_from(m.header, message);
+    info_ = Pose{{p.x, p.y, p.z}, {q.w, q.x, q.y, q.z}};
+    return {};
+  }
+  if (type == msg::Event::kType) {
+    msg::Event m;
+    if (Status status = CdrReader::read(message.data, m); !status) return status;
+    EventInfo event{m.code, m.value, {}};
+    std::copy_n(m.text.begin(), std::min(m.text.size(), event.text.size() - 1), event.text.begin());
+    stamp_from(m.header, message);
+    info_ = event;
+    return {};
+  }
+  return fail(ErrorCode::protocol, "", "messages of type '" + std::string(type) + "' are no samples");
+}
+
+Status SampleDecoder::decode_image(const MessageView& message) {
+  msg::Image m;
+  if (Status status = CdrReader::read(message.data, m); !status) return status;
+  const bool range = m.encoding == "32FC1";
+  const auto* known = std::find_if(kEncodings.begin(), kEncodings.end(),
+                                   [&](const auto& e) { return e.second == m.encoding; });
+  if (!range && known == kEncodings.end())
+    return fail(
+        ErrorCode::protocol, "",
+        "expected an image encoded as mono8, mono12p, mono16, bayer_rggb8, rgb8 or 32FC1, got " + m.encoding);
+  if (m.is_bigendian != 0 && (range || m.encoding == "mono16"))
+    return fail(ErrorCode::protocol, "", "expected little-endian pixels");
+  const std::uint64_t bits = range ? 32 : bits_per_pixel(known->first);
+  const auto size = plane_bytes(m.width, m.height, bits);
+  if (!size || *size != m.data.size())
+    return fail(ErrorCode::protocol, "",
+                "expected " + std::to_string(m.width) + "x" + std::to_string(m.height) + " pixels of " +
+                    std::to_string(bits) + " bits without padding, got " + std::to_string(m.data.size()) +
+                    " bytes");
+  stamp_from(m.header, message);
+  main_bytes_ = m.data;
+  if (range) {
+    if (stamped_ && !amplitude_.empty()) {
+      if (amplitude_.size() != *size)
+        return fail(ErrorCode::protocol, "", "range and amplitude differ in size");
+      second_bytes_ = amplitude_;
+    }
+    info_ = RangeImageInfo{m.width, m.height};
+    return {};
+  }
+  ImageInfo info;
+  info.format = known->first;
+  info.width_px = m.width;
+  info.height_px = m.height;
+  if (stamped_ && settings_) {
+    info.offset_x_px = settings_->offset_x_px;
+    info.offset_y_px = settings_->offset_y_px;
+    info.exposure = Duration(settings_->exposure_ns);
+    info.gain_db = settings_->gain_db;
+  }
+  info_ = info;
+  return {};
+}
+
+Status SampleDecoder::decode_point_cloud(const MessageView& message) {
+  msg::PointCloud2 m;
+  if (Status status = CdrReader::read(message.data, m); !status) return status;
+  const auto own = point_fields();
+  const bool own_layout =
+      m.fields_.size() == own.size() &&
+      std::equal(own.begin(), own.end(), m.fields_.begin(), [](const auto& a, const auto& b) {
+        return a.name == b.name && a.offset == b.offset && a.datatype == b.datatype && a.count == b.count;
+      });
+  if (!own_layout || m.point_step != sizeof(LidarPoint) || m.is_bigendian)
+    return fail(ErrorCode::protocol, "",
+                "expected points as Rigor records them (x, y, z, intensity, t_offset_ns, ring, "
+                "return_index, flags in 24 bytes), got another layout");
+  const std::uint64_t count = std::uint64_t{m.width} * m.height;
+  if (count > m.data.size() / sizeof(LidarPoint) || count * sizeof(LidarPoint) != m.data.size())
+    return fail(ErrorCode::protocol, "", "a point cloud holds another number of points than it states");
+  stamp_from(m.header, message);
+  info_ = PointCloudInfo{static_cast<std::uint32_t>(count)};
+  main_bytes_ = m.data;
+  return {};
+}
+
+Status SampleDecoder::fill(Sample& sample) const {
+  const std::span<std::byte> memory = sample.memory();
+  if (size_bytes() > memory.size())
+    return fail(ErrorCode::bad_input, topic_,
+                "a recorded sample holds " + std::to_string(size_bytes()) +
+                    " bytes, the channel has room for " + std::to_string(memory.size()));
+  sample.stamp = stamp_;
+  sample.info = info_;
+  sample.size_bytes = size_bytes();
+  if (!main_bytes_.empty()) std::memcpy(memory.data(), main_bytes_.data(), main_bytes_.size());
+  if (!second_bytes_.empty())
+    std::memcpy(memory.data() + main_bytes_.size(), second_bytes_.data(), second_bytes_.size());
+  return {};
+}
+
+}  // namespace rigor::record
