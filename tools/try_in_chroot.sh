@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
-# try_in_chroot.sh [--keep] [--dir DIR] [--data DIR] ./dev COMMAND...
+# try_in_chroot.sh [--keep] [--dir DIR] [--data DIR] [--ca FILE] ./dev COMMAND...
 #
 # Runs a ./dev command of the committed tree in a fresh, minimal Debian 12 with nothing installed by hand. Needs root,
 # debootstrap and a network; 2 to 4 GB below DIR (default: a new folder in /var/tmp), which is deleted at the end.
 #   --keep      leaves the root there; with --dir, a root that is already there is used again
 #   --data DIR  shows DIR, read-only, as the test data
+#   --ca FILE   lets npm trust the certificates in FILE, too: for networks behind a proxy that signs for others
 set -euo pipefail
 
 readonly MIRROR=${DEBIAN_MIRROR:-http://deb.debian.org/debian}
@@ -22,13 +23,14 @@ if [[ ${RIGOR_CHROOT_INSIDE:-} != yes ]]; then
   RIGOR_CHROOT_INSIDE=yes exec unshare --mount --propagation private "$0" "$@"
 fi
 
-keep=no root='' data=''
+keep=no root='' data='' ca=''
 while [[ ${1:-} == --* ]]; do
   case $1 in
     --keep) keep=yes ;;
     --dir) root=$2 && shift ;;
     --data) data=$2 && shift ;;
-    *) die "expected --keep, --dir DIR or --data DIR, got '$1'" ;;
+    --ca) ca=$2 && shift ;;
+    *) die "expected --keep, --dir DIR, --data DIR or --ca FILE, got '$1'" ;;
   esac
   shift
 done
@@ -75,8 +77,14 @@ if [[ -n $data ]]; then
   mount --bind -o ro "$data" "$root/home/shared/data"
 fi
 
+environment=(HOME=/root "TERM=${TERM:-dumb}")
+if [[ -n $ca ]]; then
+  cp "$ca" "$root/etc/extra-certificates.pem"
+  environment+=(NODE_EXTRA_CA_CERTS=/etc/extra-certificates.pem)
+fi
+
 started=$SECONDS status=0
-env -i HOME=/root TERM="${TERM:-dumb}" PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin \
+env -i "${environment[@]}" PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin \
   chroot "$root" /bin/bash -c 'cd /home/rigor && exec "$@"' bash "$@" || status=$?
 echo "try_in_chroot: '$*' ended with $status after $((SECONDS - started)) s; the root takes" \
   "$(du -shx "$root" | cut -f1)"
