@@ -30,6 +30,7 @@ constexpr std::size_t kMaxQueuedResendPackets = 8192;
 constexpr int kSendBuffer = 4 << 20;
 constexpr int kEthernetOverhead = 38;  // preamble, header, CRC, gap around an IP packet
 constexpr int kHeartbeatCheckMs = 50;
+constexpr Duration kCatchUp = microseconds(1000);
 
 class Fd {
  public:
@@ -350,7 +351,9 @@ void GigeEmulator::Impl::pace(std::size_t packets, std::size_t bytes, Duration p
   const Duration link = seconds_from(wire_bits / link_bits_per_s);
   const Duration asked = packet_delay * static_cast<std::int64_t>(packets);
   const auto t = now();
-  link_free = (link_free < t ? t : link_free) + std::max(link, asked);
+  // What a late wake-up lost may be made up, but no burst exceeds what the link carries in that time.
+  const auto earliest = t - kCatchUp;
+  link_free = (link_free < earliest ? earliest : link_free) + std::max(link, asked);
   // A sleep shorter than the timer's slack only costs; the debt stays on the account.
   if (link_free - t > microseconds(100)) std::this_thread::sleep_until(as_steady(link_free));
 }

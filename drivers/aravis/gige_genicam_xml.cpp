@@ -182,6 +182,8 @@ class Writer {
     feature("Integer", name);
     about(tooltip, name.c_str(), "Expert");
     leaf("pValue", name + "Calc");
+    leaf("Min", "0");  // a formula has no range of its own
+    leaf("Max", "9223372036854775807");
     close("Integer");
     open("IntSwissKnife", name + "Calc");
     text += "    <pVariable Name=\"HIGH\">" + name + "HighReg</pVariable>\n";

@@ -1,4 +1,5 @@
-// The camera behind real sockets on loopback, driven by our own client: no third party, so that the sanitizers see it.
+// The camera behind real sockets on loopback, driven by our own client: no third party, so that the
+// sanitizers see it.
 #include "drivers/aravis/gige_emulator.h"
 
 #include <gtest/gtest.h>
@@ -164,7 +165,8 @@ TEST(GigeEmulator, HostileDatagramsAreCountedAndTheStreamGoesOn) {
     while (!stop) {
       for (int i = 0; i < 20; ++i) {
         const std::size_t n = rng() % 4 == 0 ? rng() % d.size() : rng() % 64;
-        for (std::size_t k = 0; k < std::min<std::size_t>(n, 64); ++k) d[k] = static_cast<std::uint8_t>(rng());
+        for (std::size_t k = 0; k < std::min<std::size_t>(n, 64); ++k)
+          d[k] = static_cast<std::uint8_t>(rng());
         if (rng() % 2 == 0) d[0] = 0x42;
         s.send({0x7F000015, kGvcpPort}, Bytes(d).first(n));
       }

@@ -1,5 +1,5 @@
-// For tests over real sockets on loopback: the in-process client's transport as UDP, and a relay between a client and
-// the camera that loses stream packets.
+// For tests over real sockets on loopback: the in-process client's transport as UDP, and a relay between a
+// client and the camera that loses stream packets.
 #pragma once
 
 #include <arpa/inet.h>
@@ -69,7 +69,8 @@ class UdpSocket {
 
 class UdpTransport final : public GigeTransport {
  public:
-  UdpTransport(Endpoint camera, std::uint32_t own_ip) : camera_(camera), control_({own_ip, 0}), stream_({own_ip, 0}) {}
+  UdpTransport(Endpoint camera, std::uint32_t own_ip)
+      : camera_(camera), control_({own_ip, 0}), stream_({own_ip, 0}) {}
   void send_control(Bytes d) override {
     waiting_ = true;
     control_.send(camera_, d);
@@ -90,8 +91,8 @@ class UdpTransport final : public GigeTransport {
   bool waiting_ = false;
 };
 
-/// Looks like a camera at `front`, port 3956, and passes everything on to the camera at `back`; the stream is made to
-/// pass through it, too, and loses packets there, resent ones not excepted.
+/// Looks like a camera at `front`, port 3956, and passes everything on to the camera at `back`; the stream is
+/// made to pass through it, too, and loses packets there, resent ones not excepted.
 class LossRelay {
  public:
   LossRelay(Endpoint front, Endpoint back, double loss, std::uint32_t seed)
@@ -138,7 +139,8 @@ class LossRelay {
         store_be(d, 12, stream_.local().ip);
       }
     }
-    if (d.size() >= 2 && (d[1] & 1) != 0) client_ = from;  // resend requests come from elsewhere and get no answer
+    if (d.size() >= 2 && (d[1] & 1) != 0)
+      client_ = from;  // resend requests come from elsewhere and get no answer
     up_.send(back_, d);
   }
   void from_camera(MutableBytes d) {
