@@ -1,9 +1,10 @@
 // A pair: a real device and its simulated twin, measuring at the same instants. Either is handed on; the
 // other runs along.
 //
-//   real        ●k────────arrives                 ●k+1 ── lost ──            ●k+2
-//   twin                  asked for t_capture of k        asked for the instant that is due, when it is
-//   overdue handed on             k at t_capture + latency, from the side that is active then, then k+1, …
+//   real        ●k ──────arrives             ●k+1 ── lost ──         ●k+2 ──
+//   twin                 renders for          asked for the instant   …
+//                        t_capture of k       that is overdue
+//   handed on            at t_capture + latency, from the side that is active then
 //
 // The twin renders for the real sample's own instant, so both have the same times and the same sequence, and
 // a switch leaves no gap in either. The configured latency must therefore cover the real sample's way to the

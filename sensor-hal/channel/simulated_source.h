@@ -10,14 +10,13 @@
 // for the same reason.
 //
 // Keys (all optional):
-//   exposure_us: 4000        ; the provider's default
+//   exposure_us: 4000    default: the provider's
 //   gain_db: 0
-//   phase_us: 0              offset of the grid
-//   pixel_format: Mono8      Mono8, Mono12p, Mono16, BayerRG8, RGB8
+//   phase_us: 0          offset of the grid
+//   pixel_format: Mono8  Mono8, Mono12p, Mono16, BayerRG8, RGB8
 //   region: { x_px: 0, y_px: 0, width_px: 640, height_px: 480 }
-//   slots: 16                pictures in flight: rendered, pending, held by the application and by the
-//   recorder max_backlog: 2           wall time: requests that may wait for a worker; one more is skipped and
-//   counted as lost
+//   slots: 16            pictures rendered, pending, held by the application and by the recorder
+//   max_backlog: 2       wall time: requests that may wait for a worker; one more is skipped, counted as lost
 #pragma once
 
 #include <array>

@@ -3,9 +3,8 @@
 //   loop                                            writer thread
 //   record(left, lease)       ──ring──▶             waits for the sample's release
 //   record_visibility(...)                          …
-//   end_cycle(k, t)                                 writes what was released by t, by (release, channel,
-//   sequence),
-//                                                   then what happened in cycle k
+//   end_cycle(k, t)                                 writes what was released by t, ordered by
+//                                                   (release, channel, sequence), then what happened in k
 //
 // The loop hands leases over and goes on; nothing here can stop it. What the recorder may hold is limited, so
 // that it cannot take all slots of a channel: `lease_budget` pictures of each channel and `budget_bytes` in
@@ -29,6 +28,7 @@
 #include <atomic>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -38,6 +38,7 @@
 #include "sensor-hal/channel/channel.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/record/mcap_writer.h"
+#include "sensor-hal/record/ros2_messages.h"
 
 namespace rigor {
 
@@ -45,8 +46,10 @@ struct RecordedChannel {
   std::string name;
   ChannelDescription description;
   bool is_pair = false;
-  std::size_t lease_budget =
-      6;  ///< samples of this channel (of each side) held at a time, where they are not copied
+  /// Of an image channel: goes to `/NAME/camera_info` with each image (header and offsets are filled in).
+  std::optional<record::msg::CameraInfo> camera = std::nullopt;
+  /// Samples of this channel (of each side) held at a time, where they are not copied.
+  std::size_t lease_budget = 6;
 };
 
 struct RecordedSink {
