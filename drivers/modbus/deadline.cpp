@@ -1,0 +1,48 @@
+#include "drivers/modbus/deadline.h"
+
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/timerfd.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+
+namespace rigor::modbus {
+
+Deadline::~Deadline() {
+  if (timer_ >= 0) ::close(timer_);
+  if (event_ >= 0) ::close(event_);
+}
+
+Status Deadline::open() {
+  if (timer_ < 0) timer_ = ::timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC | TFD_NONBLOCK);
+  if (event_ < 0) event_ = ::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+  if (timer_ < 0 || event_ < 0)
+    return fail(ErrorCode::io, "", std::string("cannot make a timer: ") + std::strerror(errno));
+  reset();
+  return {};
+}
+
+bool Deadline::wait_until(MonotonicTime t) noexcept {
+  pollfd fds[2] = {{event_, POLLIN, 0}, {timer_, POLLIN, 0}};
+  // All zero would disarm the timer instead of firing at once.
+  const std::int64_t ns = t.ns() > 0 ? t.ns() : 1;
+  const itimerspec when{{0, 0}, {ns / 1'000'000'000, ns % 1'000'000'000}};
+  ::timerfd_settime(timer_, TFD_TIMER_ABSTIME, &when, nullptr);
+  while (::poll(fds, 2, -1) < 0 && errno == EINTR) {
+  }
+  return (fds[0].revents & POLLIN) == 0;
+}
+
+void Deadline::cut() noexcept {
+  const std::uint64_t one = 1;
+  [[maybe_unused]] const auto n = ::write(event_, &one, sizeof one);
+}
+
+void Deadline::reset() noexcept {
+  std::uint64_t count = 0;
+  [[maybe_unused]] const auto n = ::read(event_, &count, sizeof count);
+}
+
+}  // namespace rigor::modbus

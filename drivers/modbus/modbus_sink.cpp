@@ -1,0 +1,180 @@
+#include "drivers/modbus/modbus_sink.h"
+
+#include <algorithm>
+
+namespace rigor::modbus {
+namespace {
+
+constexpr std::size_t kRingPlaces = 256;
+constexpr Duration kFirstPause = milliseconds(20), kLongestPause = seconds(1);
+/// How long a command may wait in the ring before the thread looks: the loop does not wake it, a system call
+/// on the loop's side would cost more than this costs here.
+constexpr Duration kTick = microseconds(500);
+
+}  // namespace
+
+ModbusSink::~ModbusSink() {
+  if (state() == ChannelState::armed || state() == ChannelState::running) (void)stop();
+}
+
+Status ModbusSink::do_configure(const ChannelConfig& config) {
+  settings_ = SinkSettings::parse(config, description_);
+  return {};
+}
+
+void ModbusSink::watch(const Heartbeat* heartbeat, Duration deadline) {
+  heartbeat_ = heartbeat;
+  heartbeat_deadline_ = deadline;
+}
+
+Status ModbusSink::do_arm(const ArmContext& context) {
+  if (context.virtual_time)
+    return fail(ErrorCode::wrong_state, config().name,
+                "expected a wall-clock run, got virtual time: name the device's emulator with `emulated_by`");
+  if (auto s = deadline_.open(); !s) return s;
+  if (auto s = link_.open(settings_.endpoint); !s)
+    return fail(s.error().code, config().name, s.error().text());
+  ring_ = std::make_unique<SpscRing<Command>>(kRingPlaces);
+  raw_.assign(settings_.map.raw_size(), 0);
+  next_raw_ = raw_;
+  check_.assign(std::max(settings_.map.raw_size(), settings_.safe_map.raw_size()), 0);
+  loop_period_ = context.loop_period;
+  pause_ = kFirstPause;
+  next_attempt_ = {};
+  has_command_ = want_safe_ = false;
+  if (const auto s = write(settings_.safe_map, settings_.safe_raw); s != LinkStatus::good) {
+    const auto why = link_.failure();
+    link_.close();
+    return fail(s == LinkStatus::exception ? ErrorCode::bad_input : ErrorCode::protocol, config().name,
+                "expected the device to take its safe values, got " + why +
+                    "; check `table` and `address` against its manual (addresses count from 0)");
+  }
+  safe_ = true;
+  health_.connected.store(true, std::memory_order_release);
+  return {};
+}
+
+Status ModbusSink::do_start(BenchTime) {
+  deadline_.reset();
+  thread_ = std::thread([this] { run(); });
+  return {};
+}
+
+Status ModbusSink::do_stop() {
+  deadline_.cut();
+  if (thread_.joinable()) thread_.join();
+  drop_all();
+  // One try: a device that is gone now cannot be made safe from here.
+  if (!safe_) {
+    if (!link_.is_open()) (void)link_.open(settings_.endpoint);
+    make_safe();
+  }
+  link_.close();
+  health_.connected.store(false, std::memory_order_release);
+  return {};
+}
+
+bool ModbusSink::command(const Command& c) noexcept {
+  if (!ring_ || !ring_->try_push(c)) {
+    counters_.dropped.fetch_add(1, std::memory_order_relaxed);
+    return false;
+  }
+  counters_.accepted.fetch_add(1, std::memory_order_relaxed);
+  return true;
+}
+
+void ModbusSink::run() {
+  while (true) {
+    auto wake = monotonic_now() + kTick;
+    if (const auto* next = ring_->peek(); next && !want_safe_)
+      wake = std::min(wake, MonotonicTime(next->t_effect.ns()));  // wall runs: bench time is CLOCK_MONOTONIC
+    if (!deadline_.wait_until(wake)) return;
+    work();
+  }
+}
+
+void ModbusSink::work() {
+  const bool unsafe_loop = heartbeat_ && heartbeat_->expired(monotonic_now(), heartbeat_deadline_);
+  if (unsafe_loop && !want_safe_) counters_.made_safe.fetch_add(1, std::memory_order_relaxed);
+  want_safe_ = unsafe_loop;
+  if (!link_.is_open()) try_again();
+  if (want_safe_) {
+    drop_all();
+    if (!safe_ && monotonic_now() >= next_attempt_) {
+      make_safe();
+      if (!safe_)
+        next_attempt_ = monotonic_now() + kFirstPause;  // a device that refuses is asked again, not flooded
+    }
+    return;
+  }
+  for (auto* c = ring_->peek(); c && c->t_effect.ns() <= monotonic_now().ns(); c = ring_->peek()) {
+    // A loop that hangs is not to get its old commands through because there are many of them.
+    if (heartbeat_ && heartbeat_->expired(monotonic_now(), heartbeat_deadline_)) return;
+    apply(*c);
+    ring_->drop_front();
+  }
+}
+
+void ModbusSink::apply(const Command& c) {
+  if (monotonic_now().ns() - c.t_effect.ns() > std::max(loop_period_, kTick * 2).ns())
+    counters_.late.fetch_add(1, std::memory_order_relaxed);
+  const auto count = settings_.map.values().size();
+  std::size_t bad = 0;
+  if (c.count != count || settings_.map.encode(std::span<const double>(c.value.data(), count), next_raw_,
+                                               bad) != EncodeStatus::good) {
+    counters_.failed.fetch_add(1, std::memory_order_relaxed);
+    return;
+  }
+  raw_ = next_raw_;
+  has_command_ = true;
+  safe_ = false;
+  if (write(settings_.map, raw_) == LinkStatus::good)
+    counters_.applied.fetch_add(1, std::memory_order_relaxed);
+  else
+    counters_.failed.fetch_add(1, std::memory_order_relaxed);
+}
+
+LinkStatus ModbusSink::write(const RegisterMap& map, const std::vector<std::uint16_t>& raw) {
+  auto s = link_.write(map, raw);
+  if (s == LinkStatus::good && settings_.verify) {
+    s = link_.read(map, check_);
+    if (s == LinkStatus::good && !std::equal(raw.begin(), raw.end(), check_.begin())) {
+      health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
+      return LinkStatus::protocol;
+    }
+  }
+  if (s == LinkStatus::exception || s == LinkStatus::protocol)
+    health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
+  if (!link_.is_open()) health_.connected.store(false, std::memory_order_release);
+  return s;
+}
+
+void ModbusSink::make_safe() {
+  safe_ = write(settings_.safe_map, settings_.safe_raw) == LinkStatus::good;
+  if (!safe_) counters_.failed.fetch_add(1, std::memory_order_relaxed);
+}
+
+void ModbusSink::drop_all() {
+  Command c;
+  while (ring_->try_pop(c)) counters_.dropped.fetch_add(1, std::memory_order_relaxed);
+}
+
+void ModbusSink::try_again() {
+  if (monotonic_now() < next_attempt_) return;
+  if (!link_.open(settings_.endpoint)) {
+    next_attempt_ = monotonic_now() + pause_;
+    pause_ = std::min(pause_ * 2, kLongestPause);
+    return;
+  }
+  health_.reconnects.fetch_add(1, std::memory_order_relaxed);
+  health_.connected.store(true, std::memory_order_release);
+  pause_ = kFirstPause;
+  // Nobody knows what the device did meanwhile; it may have been switched off and on.
+  if (want_safe_ || !has_command_) {
+    make_safe();
+  } else if (write(settings_.map, raw_) == LinkStatus::good) {
+    health_.retries.fetch_add(1, std::memory_order_relaxed);
+  }
+}
+
+}  // namespace rigor::modbus

@@ -1,0 +1,62 @@
+// Commands to registers of a Modbus TCP device.
+//
+// The loop pushes commands into a ring; a thread of its own writes each at its t_effect and watches the
+// loop's heartbeat. It makes the device safe by writing the `safe:` values
+//   - at arm, so that the device is in a known state before the loop starts,
+//   - when the loop is silent for longer than the deadline, or says that it stopped,
+//   - at stop.
+// What was commanded before the loop fell silent is then thrown away. When the device is gone, the thread
+// connects again, and first of all writes what the device is to have by then: the safe values, or the last
+// command.
+#pragma once
+
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include "drivers/modbus/deadline.h"
+#include "drivers/modbus/register_channel.h"
+#include "rt-core/heartbeat.h"
+#include "rt-core/spsc_ring.h"
+
+namespace rigor::modbus {
+
+/// `health().connected`: the device took the last write.
+class ModbusSink final : public Sink {
+ public:
+  ~ModbusSink() override;
+  [[nodiscard]] bool command(const Command& command) noexcept override;
+  void watch(const Heartbeat* heartbeat, Duration deadline) override;
+
+ protected:
+  Status do_configure(const ChannelConfig& config) override;
+  Status do_arm(const ArmContext& context) override;
+  Status do_start(BenchTime t0) override;
+  Status do_stop() override;
+
+ private:
+  void run();
+  void work();
+  void apply(const Command& command);
+  LinkStatus write(const RegisterMap& map, const std::vector<std::uint16_t>& raw);
+  void make_safe();
+  void drop_all();
+  void try_again();
+
+  SinkSettings settings_;
+  Link link_;
+  Deadline deadline_;
+  std::unique_ptr<SpscRing<Command>> ring_;
+  std::vector<std::uint16_t> raw_, next_raw_, check_;
+  const Heartbeat* heartbeat_ = nullptr;
+  Duration heartbeat_deadline_ = milliseconds(100);
+  Duration loop_period_ = milliseconds(1);
+  std::thread thread_;
+  MonotonicTime next_attempt_;
+  Duration pause_;
+  bool safe_ = false;       // the device has the safe values, as far as anyone knows
+  bool want_safe_ = false;  // it has to have them
+  bool has_command_ = false;
+};
+
+}  // namespace rigor::modbus
