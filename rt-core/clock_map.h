@@ -34,8 +34,8 @@ struct ClockMapOptions {
   double drift_prior = 100e-6;                ///< standard uncertainty of the drift before anything was seen
   double drift_wander = 2e-8;                 ///< how much the drift may have changed since the last pair
   Duration resolution = nanoseconds(1);       ///< of the device counter
-  Duration min_delay;                         ///< arrivals: the smallest delay from device time to arrival
-  Duration min_delay_sigma;                   ///< its standard uncertainty
+  Duration min_delay{};                       ///< arrivals: the smallest delay from device time to arrival
+  Duration min_delay_sigma{};                 ///< its standard uncertainty
   Duration step_threshold = milliseconds(1);  ///< an inconsistency beyond sigma that is taken for a step
 };
 
@@ -56,11 +56,12 @@ class ClockMap {
     reset       ///< the device clock stepped or went back: the map starts anew from this pair
   };
   struct State {
-    std::int64_t x_ref = 0, t_ref = 0;              ///< ns, device and bench
-    double offset_ns = 0;                           ///< of t at x_ref
-    double drift = 0;                               ///< d t / d x − 1
-    double var_offset = 0, cov = 0, var_drift = 0;  ///< of offset_ns and drift
-    double var_systematic = 0;                      ///< ns²: what more pairs do not lessen
+    std::int64_t x_ref = 0, t_ref = 0;  ///< ns, device and bench
+    double offset_ns = 0;               ///< of t at x_ref
+    double drift = 0;                   ///< d t / d x − 1
+    double var_offset = 0,
+           var_drift = 0;  ///< of offset_ns and drift; x_ref is the weighted mean, so they do not correlate
+    double var_systematic = 0;  ///< ns²: what more pairs do not lessen
     double drift_wander = 0;
     std::int64_t x_first = 0, x_last = 0;  ///< span of the pairs used
     std::uint32_t pairs = 0, generation = 0;
@@ -84,35 +85,45 @@ class ClockMap {
 
  private:
   static constexpr std::size_t kPairs = 64;
+  /// A latch, or the quickest arrival of a segment of time.
   struct Pair {
-    std::int64_t x = 0, t = 0;  // ns; of an arrival segment: its quickest sample
-    double sigma_ns = 0;        // of a latch
-    std::int64_t width_ns = 0;  // of a latch
+    std::int64_t x = 0, t = 0;  // ns
+    double sigma_ns = 0;        // of t
+    double width_ns = 0;        // of the latch's window
   };
   struct Ring {
     std::array<Pair, kPairs> pair{};
     std::size_t first = 0, count = 0;
-    Pair& operator[](std::size_t i) { return pair[(first + i) % kPairs]; }
-    void push(const Pair& p) {
-      if (count == kPairs) first = (first + 1) % kPairs, --count;
+    Pair& operator[](std::size_t i) noexcept { return pair[(first + i) % kPairs]; }
+    void push(const Pair& p) noexcept {
+      if (count == kPairs) pop();
       pair[(first + count++) % kPairs] = p;
     }
-    void clear() { first = count = 0; }
+    void pop() noexcept { first = (first + 1) % kPairs, --count; }
+    void clear() noexcept { first = count = 0; }
   };
-  void start_over(std::int64_t x, std::int64_t t) noexcept;
-  void drop_old(Ring& ring, std::int64_t x) noexcept;
-  void fit() noexcept;
-  void fit_latches(State& s) noexcept;
-  void fit_arrivals(State& s) noexcept;
+  struct Line;
+
+  void forget() noexcept;
+  Update first_pair(bool after_reset) noexcept;
+  bool step_seen(std::int64_t shift_ns, std::int64_t limit_ns) noexcept;
+  void drop_old(Ring& ring) noexcept;
+  void publish_latches() noexcept;
+  void publish_arrivals() noexcept;
+  void publish(const Line& line, double var_systematic, Ring& ring) noexcept;
 
   ClockMapOptions options_;
   Ring latches_, segments_;
-  std::int64_t segment_ns_ = 0;     // length of an arrival segment
-  std::int64_t segment_start_ = 0;  // device ns of the current one
-  std::int64_t x_last_ = 0;         // newest device time seen
-  std::int64_t suspect_x_ = 0, suspect_shift_ns_ = 0;
-  std::int64_t suspect_since_x_ = 0;
+  // The arrival segment that is being filled; it is the last one in segments_.
+  std::int64_t segment_end_ = 0;
+  double segment_min_ = 0, segment_sum_ = 0;
+  std::uint32_t segment_count_ = 0;
+  // The newest device time, and contradictions that wait for a second witness.
+  std::int64_t x_last_ = 0;
+  std::int64_t suspect_shift_ns_ = 0;
   std::uint32_t suspects_ = 0;
+  std::uint32_t late_in_a_row_ = 0;
+  BenchTime late_since_;
   State current_;
   Published<State> state_;
 };

@@ -68,9 +68,9 @@ class Step {
 
 struct StepConfig {
   std::string name;
-  std::uint32_t divisor = 1;       ///< runs in the cycles k with k mod divisor == phase
-  std::uint32_t phase = 0;         ///< < divisor
-  std::vector<std::string> after;  ///< steps whose results it uses: they run before it in the same cycle
+  std::uint32_t divisor = 1;         ///< runs in the cycles k with k mod divisor == phase
+  std::uint32_t phase = 0;           ///< < divisor
+  std::vector<std::string> after{};  ///< steps whose results it uses: they run before it in the same cycle
 };
 
 /// Called around the steps.
@@ -87,10 +87,10 @@ class ExecutiveHooks {
 struct ExecutiveConfig {
   Duration period = milliseconds(1);
   RunClock clock = RunClock::wall;
-  Duration spin;  ///< busy-wait the last part of each sleep; 0: only sleep
+  Duration spin{};  ///< busy-wait the last part of each sleep; 0: only sleep
   OverrunPolicy on_overrun = OverrunPolicy::skip;
   std::uint64_t cycles = 0;          ///< grid points of the run; 0: until stopped
-  Duration report_late;              ///< wake-ups later than this are misses; 0: half a period
+  Duration report_late{};            ///< wake-ups later than this are misses; 0: half a period
   std::size_t miss_capacity = 1024;  ///< misses kept with their numbers; more are counted
   RealtimeConfig realtime = RealtimeConfig::none();
   Heartbeat* heartbeat = nullptr;  ///< beaten each cycle, told when the loop stops
@@ -124,9 +124,9 @@ struct RunSummary {
   std::uint64_t cycles_run = 0;
   std::uint64_t cycles_skipped = 0;  ///< cycles_run + cycles_skipped == grid points passed
   std::uint64_t overruns =
-      0;  ///< cycles that ended after the next grid point, or never had a chance to begin before it
+      0;  ///< times that a deadline (the next grid point) was missed, by the steps or by the wake-up
   std::uint64_t late_wakeups = 0;  ///< wake-ups later than report_late
-  Histogram wake_error;            ///< t_woke − t_k of the cycles that were slept for
+  Histogram wake_error;            ///< t_woke − t_k; not of cycles that `log` runs late without a pause
   Histogram cycle_time;            ///< begin of the first step to end of the last
   std::vector<StepTiming> steps;   ///< in the order of execution
   MissReport misses;
@@ -191,9 +191,9 @@ class Executive {
     StepConfig config;
     Step* step;
   };
-  struct Slot {  // what the loop walks: one line of cache for two steps, no strings
+  struct Slot {  // what the loop walks
     Step* step;
-    std::uint32_t divisor, phase, countdown, trace_name;
+    std::uint32_t divisor, phase, trace_name;
   };
   struct LoopData;  // histograms and tables of one run
 

@@ -29,8 +29,8 @@ enum class PortStatus : std::uint8_t {
 enum class LatePolicy : std::uint8_t { hold, drop };
 
 struct PortTiming {
-  Duration period;     ///< nominal; 0 for an aperiodic channel, which is never late
-  Duration tolerance;  ///< how long past its release a sample may be missing before it is late
+  Duration period{};     ///< nominal; 0 for an aperiodic channel, which is never late
+  Duration tolerance{};  ///< how long past its release a sample may be missing before it is late
   Duration lost_after = milliseconds(500);
   LatePolicy on_late = LatePolicy::hold;
 };
@@ -91,14 +91,16 @@ class Port {
     }
   }
   /// Replay: force what a recording says was visible. `fresh` takes the pending sample with that sequence.
-  void obey(PortStatus status, std::uint64_t sequence, BenchTime now) noexcept {
+  /// False, and the port as in the cycle before but for its status, when that sample is not there.
+  bool obey(PortStatus status, std::uint64_t sequence, BenchTime now) noexcept {
     status_ = status;
     if (status == PortStatus::fresh) {
       while (count_ > 0 && pending_[first_]->stamp.sequence < sequence) {
         ++counters_.superseded;
         take(now);
       }
-      if (count_ > 0 && pending_[first_]->stamp.sequence == sequence) take(now);
+      if (count_ == 0 || pending_[first_]->stamp.sequence != sequence) return false;
+      take(now);
       ++counters_.fresh;
     } else if (status == PortStatus::late) {
       ++counters_.late_cycles;
@@ -106,6 +108,7 @@ class Port {
     } else if (status == PortStatus::lost) {
       ++counters_.lost_cycles;
     }
+    return true;
   }
   [[nodiscard]] PortStatus status() const noexcept { return status_; }
   /// The visible sample; empty before the first.
@@ -123,7 +126,8 @@ class Port {
     --count_;
     const Stamp& s = visible_->stamp;
     if (s.t_arrival > s.t_release) ++counters_.late_samples;
-    if (seen_ && s.sequence > last_sequence_ + 1) counters_.lost_samples += s.sequence - last_sequence_ - 1;
+    const std::uint64_t gap = seen_ && s.sequence > last_sequence_ ? s.sequence - last_sequence_ - 1 : 0;
+    counters_.lost_samples += gap > s.lost_before ? gap : s.lost_before;  // both count the same losses
     last_sequence_ = s.sequence;
     visible_release_ = s.t_release;
     t_quiet_since_ = now;

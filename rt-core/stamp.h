@@ -23,9 +23,9 @@ struct Stamp {
   std::uint64_t sequence = 0;  ///< capture index of the channel: a gap is a loss
   BenchTime
       t_capture;  ///< instant of the measurement; for images the middle of the exposure of the centre row
-  BenchTime t_release;              ///< first instant at which the loop may see it
-  BenchTime t_arrival;              ///< when it really was there; equals t_release in virtual time
-  Duration sigma_capture;           ///< standard uncertainty of t_capture
+  BenchTime t_release{};            ///< first instant at which the loop may see it
+  BenchTime t_arrival{};            ///< when it really was there; equals t_release in virtual time
+  Duration sigma_capture{};         ///< standard uncertainty of t_capture
   std::uint32_t lost_before = 0;    ///< samples known to be lost since the one before
   std::uint32_t validity = kValid;  ///< bits of Validity
 };

@@ -20,7 +20,8 @@ SignalStop::SignalStop(StopSource& source) noexcept {
   struct sigaction action {};
   action.sa_handler = rigor_on_stop_signal;
   sigemptyset(&action.sa_mask);
-  // A second Ctrl-C falls back to the default action: the way out when the program does not react to the first.
+  // A second Ctrl-C falls back to the default action: the way out when the program does not react to the
+  // first.
   action.sa_flags = static_cast<int>(SA_RESETHAND);
   sigaction(SIGINT, &action, &g_old_int);
   sigaction(SIGTERM, &action, &g_old_term);

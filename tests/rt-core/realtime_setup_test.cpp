@@ -1,0 +1,94 @@
+#include "rt-core/realtime_setup.h"
+
+#include <gtest/gtest.h>
+#include <sched.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <fstream>
+#include <thread>
+
+namespace rigor {
+namespace {
+
+const RealtimeSetting* find(const std::vector<RealtimeSetting>& settings, const std::string& name) {
+  const auto it =
+      std::find_if(settings.begin(), settings.end(), [&](const auto& s) { return s.name == name; });
+  return it == settings.end() ? nullptr : &*it;
+}
+
+long locked_kib() {
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);)
+    if (line.rfind("VmLck:", 0) == 0) return std::stol(line.substr(6));
+  return -1;
+}
+
+TEST(RealtimeSetup, WhatItSaysIsWhatTheKernelSays) {
+  std::thread([] {
+    const int policy_before = sched_getscheduler(0);
+    RealtimeSetup setup;
+    RealtimeConfig config;
+    config.fifo_priority = 42;
+    setup.prepare_process(config);
+    setup.prepare_thread(config);
+    for (const RealtimeSetting& s : setup.settings()) EXPECT_FALSE(s.text.empty()) << s.name;
+
+    const RealtimeSetting* fifo = find(setup.settings(), "SCHED_FIFO");
+    ASSERT_TRUE(fifo && fifo->wanted);
+    sched_param p{};
+    sched_getparam(0, &p);
+    EXPECT_EQ(fifo->granted,
+              (sched_getscheduler(0) & ~SCHED_RESET_ON_FORK) == SCHED_FIFO && p.sched_priority == 42);
+
+    const RealtimeSetting* affinity = find(setup.settings(), "CPU affinity");
+    ASSERT_TRUE(affinity);
+    cpu_set_t set;
+    sched_getaffinity(0, sizeof set, &set);
+    EXPECT_TRUE(!affinity->granted || CPU_COUNT(&set) == 1);
+
+    const RealtimeSetting* lock = find(setup.settings(), "memory lock");
+    ASSERT_TRUE(lock && lock->wanted);
+    EXPECT_EQ(lock->granted, locked_kib() > 0);
+
+    setup.restore_thread();
+    setup.restore_process();
+    EXPECT_EQ(sched_getscheduler(0) & ~SCHED_RESET_ON_FORK, policy_before);
+    EXPECT_EQ(locked_kib(), 0);
+  }).join();
+}
+
+TEST(RealtimeSetup, ACpuThatIsNotThereIsSaidAndNotFatal) {
+  std::thread([] {
+    RealtimeSetup setup;
+    RealtimeConfig config = RealtimeConfig::none();
+    config.cpu = 1000;
+    setup.prepare_thread(config);
+    const RealtimeSetting* affinity = find(setup.settings(), "CPU affinity");
+    ASSERT_TRUE(affinity);
+    EXPECT_TRUE(affinity->wanted);
+    EXPECT_FALSE(affinity->granted);
+    EXPECT_NE(affinity->text.find("1000"), std::string::npos);
+  }).join();
+}
+
+TEST(RealtimeSetup, NothingWantedIsNothingDone) {
+  RealtimeSetup setup;
+  setup.prepare_process(RealtimeConfig::none());
+  setup.prepare_thread(RealtimeConfig::none());
+  for (const RealtimeSetting& s : setup.settings())
+    EXPECT_FALSE(s.wanted || s.granted) << s.name << ": " << s.text;
+  setup.restore_thread();
+}
+
+TEST(RealtimeSetup, ProbeLeavesNoTrace) {
+  const int policy = sched_getscheduler(0);
+  const auto settings = probe_realtime();
+  EXPECT_GE(settings.size(), 8u);
+  for (const RealtimeSetting& s : settings) EXPECT_FALSE(s.text.empty()) << s.name;
+  EXPECT_EQ(sched_getscheduler(0), policy);
+  EXPECT_EQ(locked_kib(), 0);
+}
+
+}  // namespace
+}  // namespace rigor
