@@ -26,7 +26,7 @@ struct Vignetting {
 
 /// From radiance to electrons per second. Bands: red, green, blue, near infrared (850 nm).
 struct CameraOptics {
-  double f_number = 2.8;
+  double f_number = 5.6;
   double transmission = 0.9;
   double pixel_pitch_m = 4.8e-6;
   static constexpr std::array<double, 4> kBandWavelength_m{620e-9, 535e-9, 460e-9, 850e-9};

@@ -3,12 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <span>
 
 namespace rigor::render {
 namespace {
 
 constexpr double kNear_m = 0.01;
-constexpr int kInnerStrips = 16;
+constexpr int kInnerStrips = 24;
 constexpr int kLines =
     kInnerStrips + 3;  // the shaded rectangle in strips, and one line at each end of the ground
 constexpr int kNoiseCellsPerCell = 4;
@@ -65,9 +66,8 @@ FrameGeometry::FrameGeometry(const world::Scene& scene, const ChannelResponse& r
         [&](std::size_t b) { return radiance(b, 0.5 * (sky_irradiance[b] + ground_irradiance[b])); });
     d.ambient_1 = channels(
         [&](std::size_t b) { return radiance(b, 0.5 * (sky_irradiance[b] - ground_irradiance[b])); });
-    materials.push_back(d);
+    materials_.push_back(d);
   }
-  if (materials.empty()) materials.emplace_back();
   uniforms.sky_horizon = channels([&](std::size_t b) { return scene.sky.horizon_radiance_w_per_m2_sr[b]; });
   uniforms.sky_gradient = channels([&](std::size_t b) {
     return scene.sky.zenith_radiance_w_per_m2_sr[b] - scene.sky.horizon_radiance_w_per_m2_sr[b];
@@ -76,21 +76,15 @@ FrameGeometry::FrameGeometry(const world::Scene& scene, const ChannelResponse& r
     return scene.ground ? ground_irradiance[b] / std::numbers::pi : scene.sky.horizon_radiance_w_per_m2_sr[b];
   });
   uniforms.sun_specular = channels([&](std::size_t b) { return sun_up_ ? sun.irradiance_w_per_m2[b] : 0.0; });
-  if (scene.ground) {
-    uniforms.ground = {static_cast<float>(scene.ground->noise_contrast),
-                       static_cast<float>(scene.ground->cell_m), static_cast<float>(kNoiseCellsPerCell),
-                       0.0f};
-    uniforms.ground_material = {static_cast<std::uint32_t>(scene.ground->material),
-                                static_cast<std::uint32_t>(scene.ground->other_material), 0, 0};
-  }
   const std::size_t n = scene.bodies.size();
-  bodies.reserve(n);
-  draws.reserve(n);
+  surfaces.reserve(max_surfaces());
+  draws.reserve(max_surfaces());
   casters.reserve(n);
   placed_.reserve(n);
   footprints_.reserve(n);
   caster_list.reserve(max_caster_list());
-  tiles.reserve(max_tiles());
+  tiles_.reserve(max_tiles());
+  tile_order_.reserve(max_tiles());
   ground_vertices.reserve(6 * max_tiles());
 }
 
@@ -120,8 +114,6 @@ void FrameGeometry::build(const PictureGeometry& picture, const Eigen::Isometry3
                          static_cast<float>(2.0 * (picture.centre_u_px + 0.5) / w - 1.0),
                          static_cast<float>(2.0 * picture.focal_y_px / h),
                          static_cast<float>(2.0 * (picture.centre_v_px + 0.5) / h - 1.0)};
-  uniforms.picture = {static_cast<float>(picture.focal_x_px), static_cast<float>(picture.focal_y_px),
-                      static_cast<float>(picture.centre_u_px), static_cast<float>(picture.centre_v_px)};
   uniforms.sun_camera = to_vec4(sun_camera_, kNear_m);
   // "Up" is the ground's normal; without a ground it is the world's z axis.
   uniforms.up_camera =
@@ -134,7 +126,8 @@ void FrameGeometry::build(const PictureGeometry& picture, const Eigen::Isometry3
   planes_ = {Eigen::Vector3d(1, 0, -x0).normalized(), Eigen::Vector3d(-1, 0, x1).normalized(),
              Eigen::Vector3d(0, 1, -y0).normalized(), Eigen::Vector3d(0, -1, y1).normalized()};
   place_bodies(T_world_sensor, snapshot, t);
-  tiles.clear();
+  tiles_.clear();
+  tile_order_.clear();
   ground_vertices.clear();
   if (scene_.ground) tile_ground(T_camera_world);
 }
@@ -142,7 +135,7 @@ void FrameGeometry::build(const PictureGeometry& picture, const Eigen::Isometry3
 void FrameGeometry::place_bodies(const Eigen::Isometry3d& T_world_sensor,
                                  const world::WorldSnapshot& snapshot, BenchTime t) {
   in_the_dark = false;
-  bodies.clear();
+  surfaces.clear();
   draws.clear();
   casters.clear();
   caster_list.clear();
@@ -173,7 +166,7 @@ void FrameGeometry::place_bodies(const Eigen::Isometry3d& T_world_sensor,
     if (!sphere_visible(p.centre_camera, p.radius_m)) continue;
     const world::Body& body = scene_.bodies[p.body];
     const Eigen::Vector3d half = 0.5 * body.size_m;
-    gpu::BodyData d;
+    gpu::SurfaceData d;
     const Eigen::Affine3d T(p.T_camera_body);
     d.row0 = row_of(T, 0);
     d.row1 = row_of(T, 1);
@@ -184,14 +177,17 @@ void FrameGeometry::place_bodies(const Eigen::Isometry3d& T_world_sensor,
                             : eye_body.head<2>().norm() < half.x() && std::abs(eye_body.z()) < half.z();
     in_the_dark = in_the_dark || within;
     d.half_size = to_vec4(half);
-    d.surface.x = static_cast<std::uint32_t>(body.material);
-    d.surface.y =
-        static_cast<std::uint32_t>(body.chessboard ? body.chessboard->dark_material : body.material);
-    if (body.chessboard)
-      d.board = {static_cast<float>(body.chessboard->columns + 1),
-                 static_cast<float>(body.chessboard->rows + 1),
-                 static_cast<float>(1.0 / body.chessboard->square_m), 0.0f};
-    d.surface.z = static_cast<std::uint32_t>(caster_list.size());
+    d.material = materials_[body.material];
+    SurfaceDraw draw;
+    draw.mesh = body.shape == world::Shape::box ? Mesh::box : Mesh::cylinder;
+    if (body.chessboard) {
+      draw.pattern = true;
+      d.other = materials_[body.chessboard->dark_material];
+      d.pattern = {static_cast<float>(body.chessboard->columns + 1),
+                   static_cast<float>(body.chessboard->rows + 1),
+                   static_cast<float>(1.0 / body.chessboard->square_m), 0.0f};
+    }
+    const auto first = static_cast<std::uint32_t>(caster_list.size());
     if (sun_up_)
       for (const Placed& other : placed_) {
         if (other.body == p.body) continue;  // convex: its lit faces see the sun past itself
@@ -201,20 +197,29 @@ void FrameGeometry::place_bodies(const Eigen::Isometry3d& T_world_sensor,
         if (along > -reach && (between - along * sun_camera_).norm() < reach)
           caster_list.push_back(static_cast<std::uint32_t>(other.body));
       }
-    d.surface.w = static_cast<std::uint32_t>(caster_list.size()) - d.surface.z;
-    draws.push_back({static_cast<std::uint32_t>(bodies.size()), body.shape});
-    bodies.push_back(d);
+    give_casters(d, draw, first, static_cast<std::uint32_t>(caster_list.size()) - first);
+    draw.data = static_cast<std::uint32_t>(surfaces.size());
+    draw.nearest_m = p.centre_camera.norm() - p.radius_m;
+    surfaces.push_back(d);
+    draws.push_back(draw);
   }
-  std::sort(draws.begin(), draws.end(), [this](const BodyDraw& a, const BodyDraw& b) {
-    // Nearest surface first, so that depth rejects what lies behind; ties by index keep the order fixed.
-    const auto nearest = [this](const BodyDraw& d) {
-      const gpu::BodyData& g = bodies[d.instance];
-      return std::hypot(g.row0.w, g.row1.w, g.row2.w) -
-             std::hypot(g.half_size.x, g.half_size.y, g.half_size.z);
-    };
-    const float na = nearest(a), nb = nearest(b);
-    return na != nb ? na < nb : a.instance < b.instance;
+  // Nearest first, so that depth rejects what lies behind; ties by index keep the order fixed.
+  std::sort(draws.begin(), draws.end(), [](const SurfaceDraw& a, const SurfaceDraw& b) {
+    return a.nearest_m != b.nearest_m ? a.nearest_m < b.nearest_m : a.data < b.data;
   });
+}
+
+void FrameGeometry::give_casters(gpu::SurfaceData& surface, SurfaceDraw& draw, std::uint32_t first,
+                                 std::uint32_t count) const {
+  draw.casters = count;
+  for (std::uint32_t i = first; i < first + count; ++i)
+    draw.cylinders = draw.cylinders || scene_.bodies[caster_list[i]].shape == world::Shape::cylinder;
+  surface.caster_range = {first, count, 0, 0};
+  gpu::CasterData nowhere;  // o = (2, 2, 2) in its unit coordinates, and the ray leads away
+  nowhere.row0.w = nowhere.row1.w = nowhere.row2.w = 2.0f;
+  nowhere.sun_unit = {1.0f, 1.0f, 1.0f, 0.0f};
+  for (std::size_t i = 0; i < gpu::kInlineCasters; ++i)
+    surface.casters[i] = i < count ? casters[caster_list[first + i]] : nowhere;
 }
 
 void FrameGeometry::tile_ground(const Eigen::Isometry3d& T_camera_world) {
@@ -224,9 +229,11 @@ void FrameGeometry::tile_ground(const Eigen::Isometry3d& T_camera_world) {
   const double extent = ground.half_extent_m;
 
   // Where each body's shadow can fall: its eight corners, slid along the sun's rays onto the plane.
+  const Eigen::Vector2d across = Eigen::Vector2d(-sun_ground.y(), sun_ground.x());
   Eigen::AlignedBox2d shaded;
   for (const Placed& p : placed_) {
-    Eigen::AlignedBox2d footprint;
+    Footprint print;
+    Eigen::AlignedBox2d& footprint = print.box;
     if (sun_up_ && sun_ground.z() > 1e-6) {
       const Eigen::Vector3d half = 0.5 * scene_.bodies[p.body].size_m;
       for (int corner = 0; corner < 8; ++corner) {
@@ -235,12 +242,13 @@ void FrameGeometry::tile_ground(const Eigen::Isometry3d& T_camera_world) {
                                                                     (corner & 4) ? half.z() : -half.z());
         footprint.extend(
             Eigen::Vector2d(c.head<2>() - sun_ground.head<2>() / sun_ground.z() * std::max(c.z(), 0.0)));
+        print.across.extend(Eigen::Matrix<double, 1, 1>(across.dot(c.head<2>())));
       }
     }
     if (!footprint.isEmpty())
       footprint = footprint.intersection(
           Eigen::AlignedBox2d(Eigen::Vector2d(-extent, -extent), Eigen::Vector2d(extent, extent)));
-    footprints_.push_back(footprint);
+    footprints_.push_back(print);
     if (!footprint.isEmpty()) shaded.extend(footprint);
   }
   if (shaded.isEmpty())
@@ -279,25 +287,59 @@ void FrameGeometry::tile_ground(const Eigen::Isometry3d& T_camera_world) {
       // Texture coordinates relative to an even cell near the tile: small numbers for float, the same pattern
       // anywhere.
       const Eigen::Vector2d base = (0.5 * tile.min() / ground.cell_m).array().floor() * 2.0;
-      const auto tile_index = static_cast<std::uint32_t>(tiles.size());
-      gpu::TileData d;
-      d.base_and_casters.x = static_cast<std::uint32_t>(static_cast<std::int32_t>(base.x()));
-      d.base_and_casters.y = static_cast<std::uint32_t>(static_cast<std::int32_t>(base.y()));
-      d.base_and_casters.z = static_cast<std::uint32_t>(caster_list.size());
+      Tile out;
+      Eigen::AlignedBox1d tile_across;
+      for (const Eigen::Vector2d& corner_ground : at)
+        tile_across.extend(Eigen::Matrix<double, 1, 1>(across.dot(corner_ground)));
+      out.first_caster = static_cast<std::uint32_t>(caster_list.size());
       for (std::size_t b = 0; b < footprints_.size(); ++b)
-        if (!footprints_[b].isEmpty() && footprints_[b].intersects(tile))
+        if (!footprints_[b].box.isEmpty() && footprints_[b].box.intersects(tile) &&
+            footprints_[b].across.intersects(tile_across))
           caster_list.push_back(static_cast<std::uint32_t>(placed_[b].body));
-      d.base_and_casters.w = static_cast<std::uint32_t>(caster_list.size()) - d.base_and_casters.z;
-      tiles.push_back(d);
+      out.casters = static_cast<std::uint32_t>(caster_list.size()) - out.first_caster;
+      std::size_t n = 0;
       for (const std::size_t k : {0, 1, 2, 0, 2, 3}) {
-        gpu::GroundVertex v{};
+        gpu::GroundVertex& v = out.vertices[n++];
         for (int axis = 0; axis < 3; ++axis) v.position_camera[axis] = static_cast<float>(corner[k][axis]);
-        for (int axis = 0; axis < 2; ++axis)
+        for (int axis = 0; axis < 2; ++axis) {
           v.cell_position[axis] = static_cast<float>(at[k][axis] / ground.cell_m - base[axis]);
-        v.tile = tile_index;
-        ground_vertices.push_back(v);
+          v.base_cell[axis] = static_cast<std::int32_t>(base[axis]);
+        }
       }
+      tile_order_.push_back(static_cast<std::uint32_t>(tiles_.size()));
+      tiles_.push_back(out);
     }
+  }
+
+  // Tiles that the same bodies may shade are drawn together.
+  const auto list_of = [this](std::uint32_t t) {
+    return std::span(caster_list).subspan(tiles_[t].first_caster, tiles_[t].casters);
+  };
+  std::sort(tile_order_.begin(), tile_order_.end(), [&](std::uint32_t a, std::uint32_t b) {
+    const auto la = list_of(a), lb = list_of(b);
+    if (std::lexicographical_compare(la.begin(), la.end(), lb.begin(), lb.end())) return true;
+    if (std::lexicographical_compare(lb.begin(), lb.end(), la.begin(), la.end())) return false;
+    return a < b;
+  });
+  for (std::size_t i = 0; i < tile_order_.size(); ++i) {
+    const Tile& tile = tiles_[tile_order_[i]];
+    if (i == 0 || !std::ranges::equal(list_of(tile_order_[i]), list_of(tile_order_[i - 1]))) {
+      gpu::SurfaceData d;
+      d.material = materials_[ground.material];
+      d.other = materials_[ground.other_material];
+      d.pattern = {static_cast<float>(ground.noise_contrast), static_cast<float>(kNoiseCellsPerCell), 0.0f,
+                   0.0f};
+      SurfaceDraw draw;
+      draw.mesh = Mesh::ground;
+      draw.pattern = ground.noise_contrast > 0.0;
+      draw.data = static_cast<std::uint32_t>(surfaces.size());
+      draw.first_vertex = static_cast<std::uint32_t>(ground_vertices.size());
+      give_casters(d, draw, tile.first_caster, tile.casters);
+      surfaces.push_back(d);
+      draws.push_back(draw);
+    }
+    ground_vertices.insert(ground_vertices.end(), tile.vertices.begin(), tile.vertices.end());
+    draws.back().vertex_count += 6;
   }
 }
 

@@ -161,15 +161,21 @@ Result<vk::Pipeline> make_compute(const Device::Impl& gpu, const Pipelines& p, c
 }
 
 Status make_layout(const Device::Impl& gpu, Pipelines& p) {
-  std::array<VkDescriptorSetLayoutBinding, kBufferBindings + 1> bindings{};
-  for (std::uint32_t i = 0; i < bindings.size(); ++i) {
-    bindings[i].binding = i;
-    bindings[i].descriptorCount = 1;
-    bindings[i].descriptorType =
-        i == kPictureBinding ? VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE : VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
-    bindings[i].stageFlags =
-        i < 6 ? VK_SHADER_STAGE_VERTEX_BIT | VK_SHADER_STAGE_FRAGMENT_BIT : VK_SHADER_STAGE_COMPUTE_BIT;
-  }
+  constexpr VkShaderStageFlags kRaster = VK_SHADER_STAGE_VERTEX_BIT | VK_SHADER_STAGE_FRAGMENT_BIT;
+  constexpr VkShaderStageFlags kCompute = VK_SHADER_STAGE_COMPUTE_BIT;
+  const std::array bindings{
+      VkDescriptorSetLayoutBinding{kFrameBinding, VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER, 1, kRaster, nullptr},
+      VkDescriptorSetLayoutBinding{kSurfaceBinding, VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER_DYNAMIC, 1, kRaster,
+                                   nullptr},
+      VkDescriptorSetLayoutBinding{kCasterBinding, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, kRaster, nullptr},
+      VkDescriptorSetLayoutBinding{kCasterListBinding, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, kRaster,
+                                   nullptr},
+      VkDescriptorSetLayoutBinding{kLensBinding, VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER, 1, kCompute, nullptr},
+      VkDescriptorSetLayoutBinding{kMapBinding, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, kCompute, nullptr},
+      VkDescriptorSetLayoutBinding{kSensorBinding, VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER, 1, kCompute, nullptr},
+      VkDescriptorSetLayoutBinding{kOutputBinding, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, kCompute, nullptr},
+      VkDescriptorSetLayoutBinding{kPictureBinding, VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE, 1, kCompute, nullptr},
+      VkDescriptorSetLayoutBinding{kMapImageBinding, VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE, 1, kCompute, nullptr}};
   VkDescriptorSetLayoutCreateInfo set_info{};
   set_info.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO;
   set_info.bindingCount = bindings.size();
@@ -179,8 +185,10 @@ Status make_layout(const Device::Impl& gpu, Pipelines& p) {
       r != VK_SUCCESS)
     return vk::failed("making a descriptor layout", r);
   p.set_layout = vk::DescriptorSetLayout(gpu.device, set_layout);
-  const std::array sizes{VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, kBufferBindings},
-                         VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE, 1}};
+  const std::array sizes{VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 4},
+                         VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER, 3},
+                         VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER_DYNAMIC, 1},
+                         VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE, 2}};
   VkDescriptorPoolCreateInfo pool_info{};
   pool_info.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO;
   pool_info.maxSets = 1;
@@ -234,7 +242,6 @@ Result<Pipelines> make_pipelines(const Device::Impl& gpu, const PipelineOptions&
   if (auto s = make_layout(gpu, p); !s) return tl::unexpected(s.error());
   if (auto s = make_commands(gpu, p); !s) return tl::unexpected(s.error());
 
-  const Constants<3> shading({options.mono, options.highlights, options.ground_noise});
   const Constants<4> sensor({static_cast<std::uint32_t>(options.format), options.shot_noise,
                              options.read_noise, static_cast<std::uint32_t>(options.taps)});
   const VkVertexInputAttributeDescription body_input[] = {
@@ -243,23 +250,36 @@ Result<Pipelines> make_pipelines(const Device::Impl& gpu, const PipelineOptions&
   const VkVertexInputAttributeDescription ground_input[] = {
       {0, 0, VK_FORMAT_R32G32B32_SFLOAT, offsetof(gpu::GroundVertex, position_camera)},
       {1, 0, VK_FORMAT_R32G32_SFLOAT, offsetof(gpu::GroundVertex, cell_position)},
-      {2, 0, VK_FORMAT_R32_UINT, offsetof(gpu::GroundVertex, tile)}};
-  struct Raster {
-    vk::Pipeline* pipeline;
-    RasterWanted wanted;
-  };
-  for (const Raster& r :
-       {Raster{&p.body,
-               {"body", kBodyVert, kBodyFrag, &shading.info, sizeof(gpu::BodyVertex), body_input,
-                VK_CULL_MODE_BACK_BIT, true}},
-        Raster{&p.ground,
-               {"ground", kGroundVert, kGroundFrag, &shading.info, sizeof(gpu::GroundVertex), ground_input,
-                VK_CULL_MODE_NONE, true}},
-        Raster{&p.sky, {"sky", kSkyVert, kSkyFrag, nullptr, 0, {}, VK_CULL_MODE_NONE, false}}}) {
-    auto made = make_raster(gpu, p, r.wanted);
+      {2, 0, VK_FORMAT_R32G32_SINT, offsetof(gpu::GroundVertex, base_cell)}};
+  const auto add = [&](vk::Pipeline& pipeline, const RasterWanted& wanted) -> Status {
+    auto made = make_raster(gpu, p, wanted);
     if (!made) return tl::unexpected(made.error());
-    *r.pipeline = std::move(*made);
+    pipeline = std::move(*made);
+    return {};
+  };
+  const std::size_t last = caster_variant(options.bodies, true);
+  for (std::size_t i = 0; i <= last; ++i) {
+    const bool cylinders = i % 2 == 1 || i == kLoopVariant;
+    if (cylinders && (options.cylinders == 0 || i == 1) && i != kLoopVariant) continue;
+    const std::uint32_t casters = i == kLoopVariant ? ~0u : kCasterClasses[i / 2];
+    const Constants<5> plain({options.mono, options.highlights, false, casters, cylinders});
+    const Constants<5> board({options.mono, options.highlights, true, casters, cylinders});
+    const Constants<5> ground({options.mono, options.highlights, options.ground_noise, casters, cylinders});
+    const RasterWanted body_wanted{
+        "body", kBodyVert, kBodyFrag, &plain.info, sizeof(gpu::BodyVertex), body_input, VK_CULL_MODE_BACK_BIT,
+        true};
+    RasterWanted board_wanted = body_wanted;
+    board_wanted.constants = &board.info;
+    if (auto s = add(p.body[i], body_wanted); !s) return tl::unexpected(s.error());
+    if (options.boards)
+      if (auto s = add(p.board[i], board_wanted); !s) return tl::unexpected(s.error());
+    if (auto s = add(p.ground[i], {"ground", kGroundVert, kGroundFrag, &ground.info,
+                                   sizeof(gpu::GroundVertex), ground_input, VK_CULL_MODE_NONE, true});
+        !s)
+      return tl::unexpected(s.error());
   }
+  if (auto s = add(p.sky, {"sky", kSkyVert, kSkyFrag, nullptr, 0, {}, VK_CULL_MODE_NONE, false}); !s)
+    return tl::unexpected(s.error());
   auto lens_map = make_compute(gpu, p, "lens map", kLensMapComp, nullptr);
   if (!lens_map) return tl::unexpected(lens_map.error());
   p.lens_map = std::move(*lens_map);

@@ -19,6 +19,7 @@ namespace {
 constexpr int kPictureMargin_px = 2;  // bilinear taps of the outermost pixels stay inside
 constexpr int kMaxPictureSide_px = 8192;
 constexpr int kCylinderSegments = 64;
+constexpr std::uint32_t kNoOffset = 0;
 
 using Clock = std::chrono::steady_clock;
 double ms_since(Clock::time_point t0) {
@@ -102,10 +103,12 @@ struct Renderer::Impl {
   PictureGeometry picture;
   int taps = 1;
 
-  vk::Buffer frame, bodies, casters, caster_list, materials, tiles, lens, map, sensor, output;
+  vk::Buffer frame, surfaces, casters, caster_list, lens, map, sensor, output;
   vk::Buffer mesh_vertices, ground_vertices;
-  vk::Image colour, depth;
+  vk::Image colour, depth, map_image;
   vk::Fence fence;
+  std::size_t surface_stride = 0;
+  bool warm_up = false;  ///< draw one empty triangle with every variant, so that all are compiled
   std::optional<Region> bounds_of;
   VkRect2D scissor{};
 
@@ -122,6 +125,8 @@ struct Renderer::Impl {
   void prepare(const PictureRequest& request, const world::WorldSnapshot& snapshot);
   Status begin();
   Status submit();
+  void draw_surface(const SurfaceDraw& d);
+  void draw_nothing_with(const vk::Pipeline& pipeline, bool ground);
   void record_raster();
   void record_sensor(const Region& region);
 };
@@ -131,21 +136,22 @@ Status Renderer::Impl::make_buffers() {
   const std::size_t pixels = static_cast<std::size_t>(options.camera.width_px) * options.camera.height_px;
   const std::size_t output_bytes = (pixels * bits_per_pixel(options.format) / 8 + 32) & ~std::size_t{15};
   constexpr VkBufferUsageFlags kStorage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
+  constexpr VkBufferUsageFlags kUniform = VK_BUFFER_USAGE_UNIFORM_BUFFER_BIT;
+  const std::size_t step = gpu().limits.minUniformBufferOffsetAlignment;
+  surface_stride = (sizeof(gpu::SurfaceData) + step - 1) / step * step;
   struct Wanted {
     vk::Buffer* buffer;
     std::size_t size_bytes;
     VkBufferUsageFlags usage;
   };
   for (const Wanted& w :
-       {Wanted{&frame, sizeof(gpu::FrameUniforms), kStorage},
-        Wanted{&bodies, n * sizeof(gpu::BodyData), kStorage},
+       {Wanted{&frame, sizeof(gpu::FrameUniforms), kUniform},
+        Wanted{&surfaces, std::max<std::size_t>(geometry->max_surfaces(), 1) * surface_stride, kUniform},
         Wanted{&casters, n * sizeof(gpu::CasterData), kStorage},
         Wanted{&caster_list, geometry->max_caster_list() * sizeof(std::uint32_t), kStorage},
-        Wanted{&materials, geometry->materials.size() * sizeof(gpu::MaterialData), kStorage},
-        Wanted{&tiles, geometry->max_tiles() * sizeof(gpu::TileData), kStorage},
-        Wanted{&lens, sizeof(gpu::LensUniforms), kStorage},
-        Wanted{&map, pixels * sizeof(gpu::vec4), kStorage},
-        Wanted{&sensor, sizeof(gpu::SensorUniforms), kStorage}, Wanted{&output, output_bytes, kStorage},
+        Wanted{&lens, sizeof(gpu::LensUniforms), kUniform},
+        Wanted{&map, pixels * sizeof(gpu::vec4), kStorage | VK_BUFFER_USAGE_TRANSFER_SRC_BIT},
+        Wanted{&sensor, sizeof(gpu::SensorUniforms), kUniform}, Wanted{&output, output_bytes, kStorage},
         Wanted{&mesh_vertices, meshes.vertices.size() * sizeof(gpu::BodyVertex),
                VK_BUFFER_USAGE_VERTEX_BUFFER_BIT},
         Wanted{&ground_vertices, 6 * geometry->max_tiles() * sizeof(gpu::GroundVertex),
@@ -155,7 +161,6 @@ Status Renderer::Impl::make_buffers() {
     *w.buffer = std::move(*made);
   }
   upload(mesh_vertices, meshes.vertices);
-  upload(materials, geometry->materials);
   VkFenceCreateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO;
   VkFence handle = VK_NULL_HANDLE;
@@ -166,29 +171,46 @@ Status Renderer::Impl::make_buffers() {
 }
 
 void Renderer::Impl::write_descriptors(bool with_picture) {
-  const std::array<const vk::Buffer*, kBufferBindings> in_order{
-      &frame, &bodies, &casters, &caster_list, &materials, &tiles, &lens, &map, &sensor, &output};
-  std::array<VkDescriptorBufferInfo, kBufferBindings> info{};
-  std::array<VkWriteDescriptorSet, kBufferBindings + 1> write{};
-  for (std::uint32_t i = 0; i < kBufferBindings; ++i) {
-    info[i] = {in_order[i]->handle.get(), 0, VK_WHOLE_SIZE};
+  struct Bound {
+    Binding binding;
+    const vk::Buffer* buffer;
+    VkDescriptorType type;
+    VkDeviceSize range;
+  };
+  const std::array bound{
+      Bound{kFrameBinding, &frame, VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER, VK_WHOLE_SIZE},
+      Bound{kSurfaceBinding, &surfaces, VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER_DYNAMIC, sizeof(gpu::SurfaceData)},
+      Bound{kCasterBinding, &casters, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VK_WHOLE_SIZE},
+      Bound{kCasterListBinding, &caster_list, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VK_WHOLE_SIZE},
+      Bound{kLensBinding, &lens, VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER, VK_WHOLE_SIZE},
+      Bound{kMapBinding, &map, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VK_WHOLE_SIZE},
+      Bound{kSensorBinding, &sensor, VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER, VK_WHOLE_SIZE},
+      Bound{kOutputBinding, &output, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, VK_WHOLE_SIZE}};
+  std::array<VkDescriptorBufferInfo, bound.size()> info{};
+  std::array<VkWriteDescriptorSet, bound.size() + 2> write{};
+  for (std::size_t i = 0; i < bound.size(); ++i) {
+    info[i] = {bound[i].buffer->handle.get(), 0, bound[i].range};
     write[i].sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET;
     write[i].dstSet = pipelines.set;
-    write[i].dstBinding = i;
+    write[i].dstBinding = bound[i].binding;
     write[i].descriptorCount = 1;
-    write[i].descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
+    write[i].descriptorType = bound[i].type;
     write[i].pBufferInfo = &info[i];
   }
-  const VkDescriptorImageInfo image{VK_NULL_HANDLE, colour.view.get(),
-                                    VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL};
-  auto& last = write[kBufferBindings];
-  last.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET;
-  last.dstSet = pipelines.set;
-  last.dstBinding = kPictureBinding;
-  last.descriptorCount = 1;
-  last.descriptorType = VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE;
-  last.pImageInfo = &image;
-  vkUpdateDescriptorSets(gpu().device, kBufferBindings + (with_picture ? 1u : 0u), write.data(), 0, nullptr);
+  const std::array<VkDescriptorImageInfo, 2> images{
+      VkDescriptorImageInfo{VK_NULL_HANDLE, colour.view.get(), VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL},
+      VkDescriptorImageInfo{VK_NULL_HANDLE, map_image.view.get(), VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL}};
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    VkWriteDescriptorSet& w = write[bound.size() + i];
+    w.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET;
+    w.dstSet = pipelines.set;
+    w.dstBinding = i == 0 ? kPictureBinding : kMapImageBinding;
+    w.descriptorCount = 1;
+    w.descriptorType = VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE;
+    w.pImageInfo = &images[i];
+  }
+  vkUpdateDescriptorSets(gpu().device, static_cast<std::uint32_t>(bound.size()) + (with_picture ? 2u : 0u),
+                         write.data(), 0, nullptr);
 }
 
 Status Renderer::Impl::begin() {
@@ -238,6 +260,15 @@ VkImageMemoryBarrier2 image_barrier(VkImage image, VkImageAspectFlags aspect, Vk
   return b;
 }
 
+void barrier(VkCommandBuffer commands, std::span<const VkImageMemoryBarrier2> images) {
+  VkDependencyInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_DEPENDENCY_INFO;
+  info.imageMemoryBarrierCount = static_cast<std::uint32_t>(images.size());
+  info.pImageMemoryBarriers = images.data();
+  vkCmdPipelineBarrier2(commands, &info);
+}
+void barrier(VkCommandBuffer commands, const VkImageMemoryBarrier2& image) { barrier(commands, {&image, 1}); }
+
 void dispatch(VkCommandBuffer commands, std::size_t invocations) {
   constexpr std::size_t kRow = 32768;
   const std::size_t groups = (invocations + 63) / 64;
@@ -261,15 +292,39 @@ Status Renderer::Impl::make_lens_map() {
               options.key.word0, options.key.word1};
   std::memcpy(lens.data, &u, sizeof u);
   write_descriptors(false);
+  auto made = gpu().make_image(VK_FORMAT_R32G32B32A32_SFLOAT, u.sensor.x, u.sensor.y,
+                               VK_IMAGE_USAGE_TRANSFER_DST_BIT | VK_IMAGE_USAGE_SAMPLED_BIT,
+                               VK_IMAGE_ASPECT_COLOR_BIT);
+  if (!made) return tl::unexpected(made.error());
+  map_image = std::move(*made);
   if (auto s = begin(); !s) return s;
   vkCmdBindPipeline(pipelines.commands, VK_PIPELINE_BIND_POINT_COMPUTE, pipelines.lens_map.get());
   vkCmdBindDescriptorSets(pipelines.commands, VK_PIPELINE_BIND_POINT_COMPUTE, pipelines.layout.get(), 0, 1,
-                          &pipelines.set, 0, nullptr);
+                          &pipelines.set, 1, &kNoOffset);
   dispatch(pipelines.commands, static_cast<std::size_t>(c.width_px) * c.height_px);
-  // The map is read by the host here and by every later sensor pass.
+  // The host reads the map here; the sensor pass samples a copy of it, which software drivers read several
+  // times faster than a buffer.
   memory_barrier(pipelines.commands, VK_PIPELINE_STAGE_2_COMPUTE_SHADER_BIT, VK_ACCESS_2_SHADER_WRITE_BIT,
-                 VK_PIPELINE_STAGE_2_HOST_BIT | VK_PIPELINE_STAGE_2_COMPUTE_SHADER_BIT,
-                 VK_ACCESS_2_HOST_READ_BIT | VK_ACCESS_2_SHADER_READ_BIT);
+                 VK_PIPELINE_STAGE_2_HOST_BIT | VK_PIPELINE_STAGE_2_COPY_BIT,
+                 VK_ACCESS_2_HOST_READ_BIT | VK_ACCESS_2_TRANSFER_READ_BIT);
+  VkImageMemoryBarrier2 change =
+      image_barrier(map_image.handle.get(), VK_IMAGE_ASPECT_COLOR_BIT, VK_IMAGE_LAYOUT_UNDEFINED,
+                    VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL);
+  change.dstStageMask = VK_PIPELINE_STAGE_2_COPY_BIT;
+  change.dstAccessMask = VK_ACCESS_2_TRANSFER_WRITE_BIT;
+  barrier(pipelines.commands, change);
+  VkBufferImageCopy copy{};
+  copy.imageSubresource = {VK_IMAGE_ASPECT_COLOR_BIT, 0, 0, 1};
+  copy.imageExtent = {u.sensor.x, u.sensor.y, 1};
+  vkCmdCopyBufferToImage(pipelines.commands, map.handle.get(), map_image.handle.get(),
+                         VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL, 1, &copy);
+  change = image_barrier(map_image.handle.get(), VK_IMAGE_ASPECT_COLOR_BIT,
+                         VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL, VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL);
+  change.srcStageMask = VK_PIPELINE_STAGE_2_COPY_BIT;
+  change.srcAccessMask = VK_ACCESS_2_TRANSFER_WRITE_BIT;
+  change.dstStageMask = VK_PIPELINE_STAGE_2_COMPUTE_SHADER_BIT;
+  change.dstAccessMask = VK_ACCESS_2_SHADER_READ_BIT;
+  barrier(pipelines.commands, change);
   return submit();
 }
 
@@ -391,10 +446,10 @@ void Renderer::Impl::prepare(const PictureRequest& q, const world::WorldSnapshot
   set_scissor(q.region);
   geometry->build(picture, q.T_world_sensor, snapshot, q.t_capture);
   std::memcpy(frame.data, &geometry->uniforms, sizeof geometry->uniforms);
-  upload(bodies, geometry->bodies);
+  for (std::size_t i = 0; i < geometry->surfaces.size(); ++i)
+    std::memcpy(surfaces.data + i * surface_stride, &geometry->surfaces[i], sizeof(gpu::SurfaceData));
   upload(casters, geometry->casters);
   upload(caster_list, geometry->caster_list);
-  upload(tiles, geometry->tiles);
   upload(ground_vertices, geometry->ground_vertices);
 
   const CameraModel& c = options.camera;
@@ -412,10 +467,43 @@ void Renderer::Impl::prepare(const PictureRequest& q, const world::WorldSnapshot
   u.exposure = {f(q.exposure_s), f(c.system_gain_dn_per_e() * q.gain), f(c.noise.black_level_dn),
                 f(std::ldexp(1.0, adc_bits) - 1.0)};
   u.noise = {f(c.noise.read_noise_e), f(c.noise.full_well_e), f(c.noise.dark_current_e_per_s), 0.0f};
-  u.picture = geometry->uniforms.picture;
+  u.picture = {f(picture.focal_x_px), f(picture.focal_y_px), f(picture.centre_u_px), f(picture.centre_v_px)};
   u.tap = {f(options.supersampling / taps), f(taps), f(1.0 / (taps * taps)), 0.0f};
-  u.picture_size = {u32(picture.width_px), u32(picture.height_px), 0, 0};
+  u.picture_limit = {f(picture.width_px - 1.001), f(picture.height_px - 1.001), 0.0f, 0.0f};
   std::memcpy(sensor.data, &u, sizeof u);
+}
+
+void Renderer::Impl::draw_surface(const SurfaceDraw& d) {
+  const VkCommandBuffer commands = pipelines.commands;
+  const bool ground = d.mesh == Mesh::ground;
+  const std::size_t variant = caster_variant(d.casters, d.cylinders);
+  const vk::Pipeline& pipeline = ground      ? pipelines.ground[variant]
+                                 : d.pattern ? pipelines.board[variant]
+                                             : pipelines.body[variant];
+  vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipeline.get());
+  const auto offset = static_cast<std::uint32_t>(d.data * surface_stride);
+  vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipelines.layout.get(), 0, 1,
+                          &pipelines.set, 1, &offset);
+  const VkBuffer vertices = ground ? ground_vertices.handle.get() : mesh_vertices.handle.get();
+  const VkDeviceSize zero = 0;
+  vkCmdBindVertexBuffers(commands, 0, 1, &vertices, &zero);
+  if (ground)
+    vkCmdDraw(commands, d.vertex_count, 1, d.first_vertex, 0);
+  else if (d.mesh == Mesh::box)
+    vkCmdDraw(commands, meshes.box_count, 1, meshes.box_first, 0);
+  else
+    vkCmdDraw(commands, meshes.cylinder_count, 1, meshes.cylinder_first, 0);
+}
+
+void Renderer::Impl::draw_nothing_with(const vk::Pipeline& pipeline, bool ground) {
+  const VkCommandBuffer commands = pipelines.commands;
+  vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipeline.get());
+  vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipelines.layout.get(), 0, 1,
+                          &pipelines.set, 1, &kNoOffset);
+  const VkBuffer vertices = ground ? ground_vertices.handle.get() : mesh_vertices.handle.get();
+  const VkDeviceSize zero = 0;
+  vkCmdBindVertexBuffers(commands, 0, 1, &vertices, &zero);
+  vkCmdDraw(commands, 3, 1, 0, 0);
 }
 
 void Renderer::Impl::record_raster() {
@@ -432,11 +520,7 @@ void Renderer::Impl::record_raster() {
       VK_PIPELINE_STAGE_2_EARLY_FRAGMENT_TESTS_BIT | VK_PIPELINE_STAGE_2_LATE_FRAGMENT_TESTS_BIT;
   start[1].dstAccessMask =
       VK_ACCESS_2_DEPTH_STENCIL_ATTACHMENT_READ_BIT | VK_ACCESS_2_DEPTH_STENCIL_ATTACHMENT_WRITE_BIT;
-  VkDependencyInfo dependency{};
-  dependency.sType = VK_STRUCTURE_TYPE_DEPENDENCY_INFO;
-  dependency.imageMemoryBarrierCount = start.size();
-  dependency.pImageMemoryBarriers = start.data();
-  vkCmdPipelineBarrier2(commands, &dependency);
+  barrier(commands, start);
 
   VkRenderingAttachmentInfo colour_info{};
   colour_info.sType = VK_STRUCTURE_TYPE_RENDERING_ATTACHMENT_INFO;
@@ -463,25 +547,13 @@ void Renderer::Impl::record_raster() {
         0.0f, 0.0f, static_cast<float>(picture.width_px), static_cast<float>(picture.height_px), 0.0f, 1.0f};
     vkCmdSetViewport(commands, 0, 1, &viewport);
     vkCmdSetScissor(commands, 0, 1, &scissor);
+    for (const SurfaceDraw& d : geometry->draws) draw_surface(d);
+    if (warm_up)
+      for (const auto* variants : {&pipelines.body, &pipelines.board, &pipelines.ground})
+        for (const vk::Pipeline& pipeline : *variants)
+          if (pipeline) draw_nothing_with(pipeline, variants == &pipelines.ground);
     vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipelines.layout.get(), 0, 1,
-                            &pipelines.set, 0, nullptr);
-    const VkDeviceSize zero = 0;
-    if (!geometry->draws.empty()) {
-      const VkBuffer vertices = mesh_vertices.handle.get();
-      vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipelines.body.get());
-      vkCmdBindVertexBuffers(commands, 0, 1, &vertices, &zero);
-      for (const BodyDraw& d : geometry->draws) {
-        const bool box = d.shape == world::Shape::box;
-        vkCmdDraw(commands, box ? meshes.box_count : meshes.cylinder_count, 1,
-                  box ? meshes.box_first : meshes.cylinder_first, d.instance);
-      }
-    }
-    if (!geometry->ground_vertices.empty()) {
-      const VkBuffer vertices = ground_vertices.handle.get();
-      vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipelines.ground.get());
-      vkCmdBindVertexBuffers(commands, 0, 1, &vertices, &zero);
-      vkCmdDraw(commands, static_cast<std::uint32_t>(geometry->ground_vertices.size()), 1, 0, 0);
-    }
+                            &pipelines.set, 1, &kNoOffset);
     vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipelines.sky.get());
     vkCmdDraw(commands, 3, 1, 0, 0);
   }
@@ -498,14 +570,10 @@ void Renderer::Impl::record_sensor(const Region& region) {
   read.srcAccessMask = VK_ACCESS_2_COLOR_ATTACHMENT_WRITE_BIT;
   read.dstStageMask = VK_PIPELINE_STAGE_2_COMPUTE_SHADER_BIT;
   read.dstAccessMask = VK_ACCESS_2_SHADER_READ_BIT;
-  VkDependencyInfo dependency{};
-  dependency.sType = VK_STRUCTURE_TYPE_DEPENDENCY_INFO;
-  dependency.imageMemoryBarrierCount = 1;
-  dependency.pImageMemoryBarriers = &read;
-  vkCmdPipelineBarrier2(commands, &dependency);
+  barrier(commands, read);
   vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_COMPUTE, pipelines.sensor.get());
   vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, pipelines.layout.get(), 0, 1,
-                          &pipelines.set, 0, nullptr);
+                          &pipelines.set, 1, &kNoOffset);
   const std::size_t pixels = static_cast<std::size_t>(region.width_px) * region.height_px;
   const std::size_t per_invocation = options.format == PixelFormat::mono12p ? 8 : 4;
   dispatch(commands, (pixels + per_invocation - 1) / per_invocation);
@@ -543,6 +611,12 @@ Result<std::unique_ptr<Renderer>> Renderer::create(std::shared_ptr<Device> devic
   wanted.mono = mono;
   wanted.highlights = impl->geometry->has_highlights();
   wanted.ground_noise = impl->scene->ground && impl->scene->ground->noise_contrast > 0.0;
+  wanted.boards = std::any_of(impl->scene->bodies.begin(), impl->scene->bodies.end(),
+                              [](const world::Body& b) { return b.chessboard.has_value(); });
+  wanted.bodies = static_cast<std::uint32_t>(impl->scene->bodies.size());
+  wanted.cylinders = static_cast<std::uint32_t>(
+      std::count_if(impl->scene->bodies.begin(), impl->scene->bodies.end(),
+                    [](const world::Body& b) { return b.shape == world::Shape::cylinder; }));
   wanted.format = static_cast<int>(options.format);
   wanted.shot_noise = options.noise && c.noise.shot_noise;
   wanted.read_noise = options.noise && c.noise.read_noise_e > 0.0;
@@ -561,8 +635,10 @@ Result<std::unique_ptr<Renderer>> Renderer::create(std::shared_ptr<Device> devic
   first.region = {0, 0, c.width_px, c.height_px};
   std::vector<std::byte> pixels(image_bytes(options.format, static_cast<std::size_t>(c.width_px),
                                             static_cast<std::size_t>(c.height_px)));
+  renderer->impl_->warm_up = true;
   if (auto s = renderer->draw(first, world::WorldSnapshot(*renderer->impl_->scene), pixels); !s)
     return tl::unexpected(s.error());
+  renderer->impl_->warm_up = false;
   return renderer;
 }
 
@@ -625,11 +701,7 @@ Result<LinearPicture> Renderer::draw_linear(const PictureRequest& request,
   read.srcAccessMask = VK_ACCESS_2_COLOR_ATTACHMENT_WRITE_BIT;
   read.dstStageMask = VK_PIPELINE_STAGE_2_COPY_BIT;
   read.dstAccessMask = VK_ACCESS_2_TRANSFER_READ_BIT;
-  VkDependencyInfo dependency{};
-  dependency.sType = VK_STRUCTURE_TYPE_DEPENDENCY_INFO;
-  dependency.imageMemoryBarrierCount = 1;
-  dependency.pImageMemoryBarriers = &read;
-  vkCmdPipelineBarrier2(m.pipelines.commands, &dependency);
+  barrier(m.pipelines.commands, read);
   VkBufferImageCopy copy{};
   copy.imageSubresource = {VK_IMAGE_ASPECT_COLOR_BIT, 0, 0, 1};
   copy.imageExtent = {static_cast<std::uint32_t>(out.width_px), static_cast<std::uint32_t>(out.height_px), 1};

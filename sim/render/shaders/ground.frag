@@ -4,8 +4,8 @@
 #include "sim/render/shaders/shading.glsl"
 layout(location = 0) in vec3 p_camera;
 layout(location = 1) in vec2 cells;
-layout(location = 2) flat in uint tile_index;
-layout(constant_id = 2) const bool kGroundNoise = true;
+layout(location = 2) flat in ivec2 base;
+layout(constant_id = 2) const bool kPattern = false;  // smooth noise
 
 float lattice(ivec2 cell) {
   uint h = uint(cell.x) * 0x9E3779B1u ^ uint(cell.y) * 0x85EBCA77u;
@@ -15,29 +15,25 @@ float lattice(ivec2 cell) {
 }
 
 // Smooth noise in [0, 1] on a lattice that is anchored in the ground's frame through the tile's integer base.
-float smooth_noise(vec2 p, ivec2 base) {
+float smooth_noise(vec2 p, ivec2 first) {
   vec2 corner = floor(p);
   vec2 f = p - corner;
   f = f * f * (3.0 - 2.0 * f);
-  ivec2 c = base + ivec2(corner);
+  ivec2 c = first + ivec2(corner);
   return mix(mix(lattice(c), lattice(c + ivec2(1, 0)), f.x), mix(lattice(c + ivec2(0, 1)), lattice(c + ivec2(1, 1)), f.x),
              f.y);
 }
 
 void main() {
-  TileData tile = tiles[tile_index];
   vec2 w = max(max(abs(dFdx(cells)), abs(dFdy(cells))), vec2(1e-4));
-  float odd = w.x > 4.0 || w.y > 4.0 ? 0.5 : checker(cells, w);
-  MaterialData m = mixed(materials[frame.ground_material.x], materials[frame.ground_material.y], odd);
-  vec3 rate = lit(m, frame.up_camera.xyz, p_camera, tile.base_and_casters.z, tile.base_and_casters.w);
-  if (kGroundNoise) {
-    float per_cell = frame.ground.z;
-    vec2 p = cells * per_cell;
+  MaterialData m = mixed(surface.material, surface.other, checker(cells, w));
+  vec3 rate = lit(m, frame.up_camera.xyz, p_camera);
+  if (kPattern) {
+    float per_cell = surface.pattern.y;
     // Noise finer than a pixel averages out to its mean.
     float visible = clamp(1.5 - max(w.x, w.y) * per_cell, 0.0, 1.0);
-    float n = 0.5;
-    if (visible > 0.0) n = mix(0.5, smooth_noise(p, ivec2(tile.base_and_casters.xy) * int(per_cell)), visible);
-    rate *= 1.0 - frame.ground.x * n;
+    float n = mix(0.5, smooth_noise(cells * per_cell, base * int(per_cell)), visible);
+    rate *= 1.0 - surface.pattern.x * n;
   }
   put(rate);
 }

@@ -6,9 +6,10 @@
 #include "sensor-hal/models/philox.glsl.h"
 #include "sensor-hal/models/random_draws.glsl.h"
 #include "sensor-hal/models/vignetting.glsl.h"
+#define INLINE_CASTERS 16
 #include "sim/render/shaders/shared.glsl.h"
 layout(local_size_x = 64) in;
-layout(std430, set = 0, binding = 6) readonly buffer LensBlock { LensUniforms u; };
+layout(std140, set = 0, binding = 6) uniform LensBlock { LensUniforms u; };
 layout(std430, set = 0, binding = 7) writeonly buffer MapBlock { vec4 map[]; };
 
 void main() {

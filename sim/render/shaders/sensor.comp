@@ -6,28 +6,27 @@
 #include "sensor-hal/models/philox.glsl.h"
 #include "sensor-hal/models/random_draws.glsl.h"
 #include "sensor-hal/models/emva_noise.glsl.h"
+#define INLINE_CASTERS 16
 #include "sim/render/shaders/shared.glsl.h"
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const int kFormat = 0;  // as PixelFormat: mono8, mono12p, mono16, bayer_rg8, rgb8
 layout(constant_id = 1) const bool kShotNoise = true;
 layout(constant_id = 2) const bool kReadNoise = true;
 layout(constant_id = 3) const int kTaps = 1;  // along one side
-layout(std430, set = 0, binding = 7) readonly buffer MapBlock { vec4 map[]; };
-layout(std430, set = 0, binding = 8) readonly buffer SensorBlock { SensorUniforms u; };
+layout(std140, set = 0, binding = 8) uniform SensorBlock { SensorUniforms u; };
 layout(std430, set = 0, binding = 9) writeonly buffer OutputBlock { uint words_out[]; };
 layout(set = 0, binding = 10) uniform texture2D picture;
+layout(set = 0, binding = 11) uniform texture2D lens_map;  // x, y of the ideal ray, gain, offset [e-]
 
 const int kMono12p = 1;
 const int kMono16 = 2;
 const int kBayer = 3;
 const int kRgb = 4;
 
-vec3 fetch(ivec2 p) {
-  ivec2 limit = ivec2(u.picture_size.xy) - 1;
-  return texelFetch(picture, clamp(p, ivec2(0), limit), 0).rgb;
-}
+vec3 fetch(ivec2 p) { return texelFetch(picture, p, 0).rgb; }
 
 vec3 bilinear(vec2 position) {
+  position = clamp(position, vec2(0.0), u.picture_limit.xy);
   vec2 corner = floor(position);
   vec2 f = position - corner;
   ivec2 p = ivec2(corner);
@@ -68,7 +67,7 @@ void main() {
     uint column = u.region.x + index % u.region.z;
     uint row = u.region.y + index / u.region.z;
     uint element = row * u.sensor.x + column;
-    vec4 pixel = map[element];
+    vec4 pixel = texelFetch(lens_map, ivec2(column, row), 0);
     vec3 rate = ideal_rate(pixel.xy);
     uint w0 = 0u;
     uint w1 = 0u;

@@ -2,43 +2,49 @@
 layout(constant_id = 0) const bool kMono = true;
 layout(constant_id = 1) const bool kHighlights = false;
 
-// Does something stand between p (camera frame) and the sun? Exact: slabs for boxes, quadratic for cylinders. The list
-// holds only what can shade this surface, and never the surface's own (convex) body, so no bias is needed.
-bool in_shadow(vec3 p, uint first, uint count) {
+layout(constant_id = 3) const int kCasters = 0;  // how many of the inline casters count; -1: loop over the long list
+layout(constant_id = 4) const bool kCylinders = false;
+
+// Does the caster stand between q (camera frame) and the sun? Exact: slabs for boxes, quadratic for cylinders.
+bool shades(CasterData c, vec4 q) {
+  vec3 o = vec3(dot(c.row0, q), dot(c.row1, q), dot(c.row2, q));
+  vec3 d = c.sun_unit.xyz;
+  vec3 inverse_d = 1.0 / d;
+  vec3 centre = -o * inverse_d;
+  vec3 half_width = abs(inverse_d);
+  vec3 t0 = centre - half_width;
+  vec3 t1 = centre + half_width;
+  float enter = max(t0.x, t0.y);
+  float leave = min(t1.x, t1.y);
+  bool hit = true;
+  if (kCylinders && c.sun_unit.w > 0.5) {
+    float a = dot(d.xy, d.xy);
+    float b = dot(o.xy, d.xy);
+    float root2 = b * b - a * (dot(o.xy, o.xy) - 1.0);
+    float root = sqrt(max(root2, 0.0));
+    enter = (-b - root) / a;
+    leave = (-b + root) / a;
+    hit = root2 > 0.0;
+  }
+  return hit && min(leave, t1.z) > max(max(enter, t0.z), 0.0);
+}
+
+// The lists hold only what can shade this surface, and never the surface's own (convex) body: no bias is needed.
+bool in_shadow(vec3 p) {
   vec4 q = vec4(p, 1.0);
   bool shaded = false;
-  for (uint i = 0u; i < count; ++i) {
-    CasterData c = casters[caster_list[first + i]];
-    vec3 o = vec3(dot(c.row0, q), dot(c.row1, q), dot(c.row2, q));
-    vec3 d = c.sun_unit.xyz;
-    if (c.sun_unit.w < 0.5) {
-      vec3 inverse_d = 1.0 / d;
-      vec3 centre = -o * inverse_d;
-      vec3 half_width = abs(inverse_d);
-      vec3 t0 = centre - half_width;
-      vec3 t1 = centre + half_width;
-      float enter = max(max(t0.x, t0.y), t0.z);
-      float leave = min(min(t1.x, t1.y), t1.z);
-      shaded = shaded || (leave > max(enter, 0.0));
-    } else {
-      float a = dot(d.xy, d.xy);
-      float b = dot(o.xy, d.xy);
-      float root2 = b * b - a * (dot(o.xy, o.xy) - 1.0);
-      float root = sqrt(max(root2, 0.0));
-      float tz0 = (-o.z - sign(d.z)) / d.z;
-      float tz1 = (-o.z + sign(d.z)) / d.z;
-      float enter = max((-b - root) / a, tz0);
-      float leave = min((-b + root) / a, tz1);
-      shaded = shaded || (root2 > 0.0 && leave > max(enter, 0.0));
-    }
+  if (kCasters < 0) {
+    for (uint i = 0u; i < surface.caster_range.y; ++i)
+      shaded = shaded || shades(all_casters[caster_list[surface.caster_range.x + i]], q);
   }
+  for (int i = 0; i < kCasters; ++i) shaded = shaded || shades(surface.casters[i], q);
   return shaded;
 }
 
-vec3 lit(MaterialData m, vec3 n, vec3 p, uint first, uint count) {
+vec3 lit(MaterialData m, vec3 n, vec3 p) {
   float cos_sun = dot(n, frame.sun_camera.xyz);
   vec3 rate = m.ambient_0.xyz + m.ambient_1.xyz * dot(n, frame.up_camera.xyz);
-  if (cos_sun > 0.0 && !in_shadow(p, first, count)) {
+  if (cos_sun > 0.0 && !in_shadow(p)) {
     rate += m.sun.xyz * cos_sun;
     if (kHighlights && m.sun.w < 1.0) {
       // GGX with Schlick's Fresnel term for a dielectric, F0 = 0.04, and the height-correlated visibility approximated
