@@ -3,6 +3,9 @@
 #include <algorithm>
 
 namespace rigor {
+namespace {
+constexpr int kMaxNaps = 2000;  // of 0.1 ms
+}
 
 SimulatedSource::SimulatedSource(std::shared_ptr<ImageProvider> provider, const MotionSource* motion,
                                  WorkerPool& workers)
@@ -123,6 +126,14 @@ bool SimulatedSource::request_at(std::uint64_t index, BenchTime t_capture) noexc
   }
   Request request;
   request.slot = pool_->try_acquire();
+  // In virtual time a slot that another thread (the recorder, a digest) is about to let go of is waited for,
+  // so that the run does not depend on when it does. What the loop itself holds it will not let go of
+  // meanwhile.
+  for (int naps = 0; virtual_time_ && !request.slot && naps < kMaxNaps; ++naps) {
+    const timespec nap{0, 100'000};
+    nanosleep(&nap, nullptr);
+    request.slot = pool_->try_acquire();
+  }
   if (!request.slot) {
     health_.no_slot.fetch_add(1, std::memory_order_relaxed);
     ++lost_before_;

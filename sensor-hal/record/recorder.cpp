@@ -148,6 +148,7 @@ struct Recorder::Impl {
   BenchTime noted_at{std::numeric_limits<std::int64_t>::min()};
   bool any_cycle = false;
   BenchTime last_t;
+  std::uint64_t cycles = 0;  // one more than the last that was ended
   record::msg::PortVisibility visibility;
 
   mutable std::mutex error_mutex;
@@ -253,7 +254,11 @@ Status Recorder::Impl::open(std::unique_ptr<record::ByteSink> sink,
   auto opened = record::McapWriter::open(std::move(sink), options.writer);
   if (!opened) return tl::unexpected<Error>(opened.error());
   writer = std::move(*opened);
-  if (auto s = writer->add_metadata({"rigor", metadata}); !s) return s;
+  record::Metadata run{"rigor", metadata};
+  run.values["t0_ns"] = std::to_string(options.t0.ns());
+  run.values["loop_period_ns"] = std::to_string(options.loop_period.ns());
+  run.values["utc_of_bench_0_ns"] = std::to_string(to_utc.ns());
+  if (auto s = writer->add_metadata(run); !s) return s;
 
   streams.resize(channels.size() * 2);
   observers.resize(channels.size());
@@ -515,6 +520,7 @@ void Recorder::Impl::take(Item&& item) {
 void Recorder::Impl::end_cycle(const Item& tick) {
   any_cycle = true;
   last_t = tick.t;
+  cycles = std::max(cycles, tick.cycle + 1);
   write_released(tick.t);
   write_visibility();
   for (Item& item : of_cycle) {
@@ -680,10 +686,12 @@ void Recorder::Impl::finish() {
       tick.t = std::max(tick.t, waiting.top().release);
       write_released(waiting.top().release);
     }
+    for (const Item& item : of_cycle) tick.cycle = std::max(tick.cycle, item.cycle);
     if (!of_cycle.empty()) end_cycle(tick);
   } else if (!of_cycle.empty()) {
     Item tick;
     tick.t = last_t;
+    tick.cycle = cycles - 1;
     for (const Item& item : of_cycle) tick.t = std::max(tick.t, item.t);
     end_cycle(tick);
   }
@@ -699,7 +707,7 @@ void Recorder::Impl::finish() {
     m.values["dropped"] = std::to_string(all_dropped());
     for (const auto& s : streams)
       if (s && s->dropped.load() > 0) m.values["dropped." + s->name] = std::to_string(s->dropped.load());
-    m.values["cycles_seen"] = any_cycle ? std::to_string(last_t.ns()) : "";
+    m.values["cycles"] = std::to_string(cycles);
     check(writer->add_metadata(m));
   }
   if (writable()) check(writer->close());
