@@ -1,0 +1,269 @@
+#include "drivers/aravis/aravis_features.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+extern "C" {
+#include <arv.h>
+}
+
+namespace rigor {
+
+std::string GLibError::text() const { return error_ == nullptr ? std::string() : error_->message; }
+
+void GLibError::clear() { g_clear_error(&error_); }
+
+tl::unexpected<Error> GLibError::as_error(std::string where, std::string what) const {
+  ErrorCode code = ErrorCode::protocol;
+  std::string cure;
+  if (g_error_matches(error_, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_TIMEOUT)) {
+    code = ErrorCode::timeout;
+  } else if (g_error_matches(error_, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_PROTOCOL_ERROR_ACCESS_DENIED) ||
+             g_error_matches(error_, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_NOT_CONTROLLER)) {
+    code = ErrorCode::unavailable;
+    cure = "; another client may hold the camera: end it and try again";
+  }
+  return fail(code, std::move(where), std::move(what) + ": " + text() + cure);
+}
+
+namespace {
+
+/// A setting that the camera does not take: the error carries the place of `key`.
+ConfigError refused(const ChannelConfig& config, std::string_view key, const std::string& message) {
+  return config.params.error(key, message);
+}
+/// The camera did not answer as it should while `what` was done.
+[[noreturn]] void broken(const ChannelConfig& config, const GLibError& e, const std::string& what) {
+  throw ConfigError(e.as_error(config.name, what).value());
+}
+
+std::string join(const char** names, unsigned n) {
+  std::string all;
+  for (unsigned i = 0; i < n; ++i) all += (i ? ", " : "") + std::string(names[i]);
+  return all.empty() ? "none" : all;
+}
+
+void set_pixel_format(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  GLibError e;
+  const std::string wanted(pfnc_name(s.format));
+  unsigned n = 0;
+  const char** names = arv_camera_dup_available_pixel_formats_as_strings(camera, &n, e.out());
+  if (e) broken(config, e, "asking for the pixel formats");
+  const bool offered = std::any_of(names, names + n, [&](const char* name) { return wanted == name; });
+  const std::string all = join(names, n);
+  g_free(names);
+  if (!offered)
+    throw refused(config, "pixel_format",
+                  fmt::format("expected a format that the camera offers ({}), got {}", all, wanted));
+  arv_camera_set_pixel_format_from_string(camera, wanted.c_str(), e.out());
+  if (e) broken(config, e, "setting the pixel format to " + wanted);
+}
+
+struct Axis {
+  const char *size, *offset, *size_key, *offset_key;
+};
+constexpr Axis kX{"Width", "OffsetX", "width", "x"};
+constexpr Axis kY{"Height", "OffsetY", "height", "y"};
+
+void check_steps(const ChannelConfig& config, const char* key, std::int64_t value, std::int64_t min,
+                 std::int64_t max, std::int64_t step) {
+  if (value >= min && value <= max && (step <= 1 || (value - min) % step == 0)) return;
+  throw refused(config, "region",
+                fmt::format("{}: expected {} … {} px in steps of {}, as the camera offers, got {}", key, min,
+                            max, std::max<std::int64_t>(1, step), value));
+}
+
+void set_axis(ArvCamera* camera, const ChannelConfig& config, const Axis& axis,
+              std::optional<std::int64_t> size, std::int64_t offset) {
+  GLibError e;
+  const bool has_offset = arv_camera_is_feature_available(camera, axis.offset, nullptr) != FALSE;
+  if (has_offset) {
+    arv_camera_set_integer(camera, axis.offset, 0, e.out());  // so that every size is free to choose
+    if (e) broken(config, e, fmt::format("setting {}", axis.offset));
+  }
+  gint64 min = 0, max = 0;
+  arv_camera_get_integer_bounds(camera, axis.size, &min, &max, e.out());
+  if (e) broken(config, e, fmt::format("asking for the bounds of {}", axis.size));
+  GLibError no_step;
+  gint64 step = arv_camera_get_integer_increment(camera, axis.size, no_step.out());
+  if (no_step) step = 1;
+  if (size) check_steps(config, axis.size_key, *size, min, max, step);
+  arv_camera_set_integer(camera, axis.size, size.value_or(max), e.out());
+  if (e) broken(config, e, fmt::format("setting {} to {}", axis.size, size.value_or(max)));
+  if (offset == 0) return;
+  if (!has_offset)
+    throw refused(config, "region", fmt::format("{}: expected 0, the camera has no offset", axis.offset_key));
+  arv_camera_get_integer_bounds(camera, axis.offset, &min, &max, e.out());
+  if (e) broken(config, e, fmt::format("asking for the bounds of {}", axis.offset));
+  step = arv_camera_get_integer_increment(camera, axis.offset, no_step.out());
+  if (no_step) step = 1;
+  check_steps(config, axis.offset_key, offset, min, max, step);
+  arv_camera_set_integer(camera, axis.offset, offset, e.out());
+  if (e) broken(config, e, fmt::format("setting {} to {}", axis.offset, offset));
+}
+
+void set_region(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  std::optional<std::int64_t> width, height;
+  if (s.region) width = s.region->width_px, height = s.region->height_px;
+  set_axis(camera, config, kX, width, s.region ? s.region->x_px : 0);
+  set_axis(camera, config, kY, height, s.region ? s.region->y_px : 0);
+}
+
+void set_exposure(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  GLibError e;
+  if (arv_camera_is_exposure_auto_available(camera, nullptr) != FALSE)
+    arv_camera_set_exposure_time_auto(camera, ARV_AUTO_OFF, nullptr);
+  if (!s.exposure_us) return;
+  if (arv_camera_is_exposure_time_available(camera, e.out()) == FALSE)
+    throw refused(config, "exposure_us", "the camera's exposure time cannot be set; leave this key out");
+  double min = 0, max = 0;
+  arv_camera_get_exposure_time_bounds(camera, &min, &max, e.out());
+  if (e) broken(config, e, "asking for the bounds of the exposure time");
+  if (*s.exposure_us < min || *s.exposure_us > max)
+    throw refused(
+        config, "exposure_us",
+        fmt::format("expected {:g} … {:g} µs, as the camera offers, got {:g}", min, max, *s.exposure_us));
+  arv_camera_set_exposure_time(camera, *s.exposure_us, e.out());
+  if (e) broken(config, e, fmt::format("setting the exposure time to {:g} µs", *s.exposure_us));
+}
+
+void set_gain(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  GLibError e;
+  if (arv_camera_is_gain_auto_available(camera, nullptr) != FALSE)
+    arv_camera_set_gain_auto(camera, ARV_AUTO_OFF, nullptr);
+  if (!s.gain_db) return;
+  if (arv_camera_is_gain_available(camera, e.out()) == FALSE)
+    throw refused(config, "gain_db", "the camera's gain cannot be set; leave this key out");
+  double min = 0, max = 0;
+  arv_camera_get_gain_bounds(camera, &min, &max, e.out());
+  if (e) broken(config, e, "asking for the bounds of the gain");
+  if (*s.gain_db < min || *s.gain_db > max)
+    throw refused(
+        config, "gain_db",
+        fmt::format("expected {:g} … {:g} dB, as the camera offers, got {:g}", min, max, *s.gain_db));
+  arv_camera_set_gain(camera, *s.gain_db, e.out());
+  if (e) broken(config, e, fmt::format("setting the gain to {:g} dB", *s.gain_db));
+}
+
+void set_trigger(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  GLibError e;
+  arv_camera_set_acquisition_mode(camera, ARV_ACQUISITION_MODE_CONTINUOUS, e.out());
+  if (e) broken(config, e, "setting continuous acquisition");
+  if (!s.software_trigger) {
+    arv_camera_clear_triggers(camera, e.out());
+    if (e) broken(config, e, "switching the triggers off");
+    return;
+  }
+  if (arv_camera_is_software_trigger_supported(camera, e.out()) == FALSE)
+    throw refused(config, "trigger", "the camera has no software trigger; use free_run");
+  arv_camera_set_trigger(camera, "Software", e.out());
+  if (e) broken(config, e, "setting the software trigger");
+}
+
+/// The rate of a free-running camera is the channel's.
+void set_frame_rate(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config, bool check) {
+  if (s.software_trigger || config.period.ns() <= 0) return;
+  if (arv_camera_is_frame_rate_available(camera, nullptr) == FALSE) return;
+  GLibError e;
+  const double rate_hz = 1.0 / config.period.seconds();
+  double min = 0, max = 0;
+  arv_camera_get_frame_rate_bounds(camera, &min, &max, e.out());
+  if (e) broken(config, e, "asking for the bounds of the frame rate");
+  const bool inside = rate_hz >= min * (1 - 1e-9) && rate_hz <= max * (1 + 1e-9);
+  if (!inside) {
+    if (!check) return;
+    throw refused(
+        config, "rate_hz",
+        fmt::format("expected {:g} … {:g} Hz, as the camera offers with this region and exposure, got {:g}",
+                    min, max, rate_hz));
+  }
+  arv_camera_set_frame_rate(camera, rate_hz, e.out());
+  if (e && check) broken(config, e, fmt::format("setting the frame rate to {:g} Hz", rate_hz));
+}
+
+void set_packets(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  if (arv_camera_is_gv_device(camera) == FALSE) return;
+  GLibError e;
+  if (s.packet_size) {
+    arv_camera_gv_set_packet_size_adjustment(camera, ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER);
+    arv_camera_gv_set_packet_size(camera, static_cast<gint>(*s.packet_size), e.out());
+    if (e) broken(config, e, fmt::format("setting the packet size to {}", *s.packet_size));
+    const unsigned is = arv_camera_gv_get_packet_size(camera, e.out());
+    if (!e && is != *s.packet_size)
+      throw refused(config, "packet_size",
+                    fmt::format("expected a size that the camera takes (it made {} of it), got {}", is,
+                                *s.packet_size));
+  } else {
+    arv_camera_gv_auto_packet_size(camera, e.out());
+    arv_camera_gv_set_packet_size_adjustment(camera, ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER);
+    if (e) broken(config, e, "looking for the largest packet size; set `packet_size` to leave that out");
+  }
+  if (s.packet_delay_ns > 0) {
+    arv_camera_gv_set_packet_delay(camera, s.packet_delay_ns, e.out());
+    if (e) broken(config, e, fmt::format("setting the packet delay to {} ns", s.packet_delay_ns));
+  }
+}
+
+CameraFacts read_back(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  GLibError e;
+  CameraFacts f;
+  gint x = 0, y = 0, width = 0, height = 0;
+  arv_camera_get_region(camera, &x, &y, &width, &height, e.out());
+  if (e) broken(config, e, "reading the region back");
+  if (width <= 0 || height <= 0 || x < 0 || y < 0)
+    throw ConfigError(
+        {ErrorCode::protocol, config.name,
+         fmt::format("the camera says that its region is {}x{} at {},{}", width, height, x, y)});
+  f.width_px = static_cast<std::uint32_t>(width), f.height_px = static_cast<std::uint32_t>(height);
+  f.offset_x_px = static_cast<std::uint32_t>(x), f.offset_y_px = static_cast<std::uint32_t>(y);
+  const double exposure_us = arv_camera_get_exposure_time(camera, e.out());
+  if (!e && std::isfinite(exposure_us) && exposure_us > 0 && exposure_us < 1e9)
+    f.exposure = seconds_from(exposure_us * 1e-6);
+  const double gain = arv_camera_get_gain(camera, e.out());
+  if (!e && std::isfinite(gain)) f.gain_db = gain;
+  f.payload_bytes = arv_camera_get_payload(camera, e.out());
+  if (e) broken(config, e, "reading the payload size");
+  const std::size_t expected = image_bytes(s.format, f.width_px, f.height_px);
+  if (f.payload_bytes != expected)
+    throw ConfigError(
+        {ErrorCode::protocol, config.name,
+         fmt::format("expected {} bytes for each picture of {}x{} {}, the camera says {}; chunk data "
+                     "and padded rows are not supported: switch them off on the camera",
+                     expected, f.width_px, f.height_px, pfnc_name(s.format), f.payload_bytes)});
+  if (arv_camera_is_gv_device(camera) != FALSE) {
+    f.packet_size = arv_camera_gv_get_packet_size(camera, e.out());
+    if (e) broken(config, e, "reading the packet size");
+  }
+  if (const char* id = arv_camera_get_device_id(camera, e.out()); id != nullptr && !e) f.id = id;
+  return f;
+}
+
+}  // namespace
+
+Result<CameraFacts> apply_settings(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  return catch_config([&] {
+    arv_camera_stop_acquisition(camera, nullptr);  // left over from a client that went away; most say no
+    if (arv_camera_are_chunks_available(camera, nullptr) != FALSE)
+      arv_camera_set_chunk_mode(camera, FALSE, nullptr);
+    set_pixel_format(camera, s, config);
+    set_region(camera, s, config);
+    set_trigger(camera, s, config);
+    set_frame_rate(camera, s, config,
+                   false);            // on some cameras the rate bounds the exposure, on others it is
+    set_exposure(camera, s, config);  // the other way round
+    set_gain(camera, s, config);
+    set_frame_rate(camera, s, config, true);
+    set_packets(camera, s, config);
+    CameraFacts f = read_back(camera, s, config);
+    if (!s.software_trigger && config.period.ns() > 0 && f.exposure > config.period)
+      throw refused(config, "exposure_us",
+                    fmt::format("expected an exposure within the channel's period of {:g} µs, got {:g}",
+                                config.period.seconds() * 1e6, f.exposure.seconds() * 1e6));
+    return f;
+  });
+}
+
+}  // namespace rigor

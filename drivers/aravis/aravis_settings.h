@@ -1,0 +1,66 @@
+// What a rig says of a camera that Aravis drives, as plain values. The same keys describe the channel when it
+// runs in virtual time with the emulator's model in the camera's place.
+//
+//   backend: aravis
+//   device: Rigor-left          # id, serial, user name, MAC or model; or `address: 192.168.1.20`
+//   interface: 127.0.0.1        # local address or interface name; without it every interface is asked
+//   pixel_format: Mono8         # Mono8 Mono12p Mono16 BayerRG8 RGB8
+//   region: { x: 0, y: 0, width: 640, height: 480 }
+//   exposure_us: 4000
+//   gain_db: 0
+//   trigger: free_run           # or software: one exposure for each period of the bench's grid
+//   packet_size: auto           # or bytes, with IP and UDP headers
+//   packet_delay_ns: 0
+//   resend: true
+//   packet_timeout_ms: 5        # silence after which what is missing is asked for again
+//   frame_retention_ms: 200     # then the frame is given up
+//   incomplete: mark            # hand on what is not whole, marked and with zeros in the gaps; or drop
+//   socket_buffer_bytes: 4194304
+//   packet_socket: auto         # packet sockets where that is allowed and worth it; or off
+//   buffers: 16                 # frames that the channel can hold, those in the application's hands included
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "sensor-hal/channel/channel.h"
+
+namespace rigor {
+
+struct AravisSettings {
+  std::string device, address, interface;
+  std::string frame_id;
+  PixelFormat format = PixelFormat::mono8;
+  struct Region {
+    std::uint32_t x_px = 0, y_px = 0, width_px = 0, height_px = 0;
+  };
+  std::optional<Region> region;       ///< empty: the whole sensor
+  std::optional<double> exposure_us;  ///< empty: what the camera is set to
+  std::optional<double> gain_db;
+  bool software_trigger = false;
+  std::optional<std::uint32_t> packet_size;  ///< empty: found out
+  std::int64_t packet_delay_ns = 0;
+  bool resend = true;
+  Duration first_resend_after;
+  Duration packet_timeout;
+  Duration frame_retention;
+  bool drop_incomplete = false;
+  std::int64_t socket_buffer_bytes = 4 << 20;
+  bool packet_socket_allowed = true;
+  std::size_t buffers = 16;
+  std::optional<Duration> arrival_delay;  ///< exposure start to arrival at best, for cameras without a latch
+  int realtime_priority = 0;              ///< SCHED_FIFO of the receiving thread; 0: ordinary scheduling
+  Duration reconnect_after;               ///< first pause between attempts; it doubles up to 2 s
+
+  /// How a person would name the camera: the selector as written.
+  [[nodiscard]] std::string selector() const { return address.empty() ? device : address; }
+};
+
+/// Throws ConfigError. Setup context.
+[[nodiscard]] AravisSettings read_aravis_settings(const ChannelConfig& config);
+
+/// The channel's name without the side of a pair, plus `_optical`: "left.real" → "left_optical".
+[[nodiscard]] std::string default_frame_id(const std::string& channel_name);
+
+}  // namespace rigor

@@ -1,0 +1,439 @@
+#include "drivers/aravis/aravis_source.h"
+
+#include <fmt/format.h>
+#include <pthread.h>
+#include <semaphore.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <optional>
+#include <thread>
+#include <vector>
+
+#include "drivers/aravis/camera_session.h"
+#include "drivers/aravis/frame_sequence.h"
+#include "rt-core/clock_map.h"
+#include "rt-core/spsc_ring.h"
+
+namespace rigor {
+namespace {
+
+constexpr Duration kLatchEvery = seconds(1);
+constexpr int kFirstLatches = 8;
+constexpr Duration kAskWait = milliseconds(200);
+constexpr Duration kAskEvery = seconds(1);
+constexpr Duration kMaxReconnectPause = seconds(2);
+constexpr Duration kFrozenAfter = seconds(2);  // a camera that answers and sends nothing is opened anew
+
+BenchTime bench_now() { return BenchTime(monotonic_now().ns()); }
+
+void raise(std::atomic<std::uint64_t>& counter, std::uint64_t by = 1) {
+  counter.fetch_add(by, std::memory_order_relaxed);
+}
+
+ClockMapOptions clock_options(const AravisSettings& s, Duration exposure, std::size_t payload_bytes) {
+  ClockMapOptions o;
+  // From the start of exposure to the last packet at best: the exposure, and the frame's bytes on a gigabit
+  // link.
+  const Duration transfer = nanoseconds(static_cast<std::int64_t>(payload_bytes) * 8);
+  o.min_delay = s.arrival_delay.value_or(exposure + transfer / 2);
+  o.min_delay_sigma = s.arrival_delay ? microseconds(100) : transfer / 2 + microseconds(500);
+  return o;
+}
+
+}  // namespace
+
+struct AravisSource::Impl {
+  explicit Impl(Health& h) : health(h) { sem_init(&wake, 0, 0); }
+  ~Impl() { sem_destroy(&wake); }
+
+  // Setup.
+  Health& health;
+  AravisSettings settings;
+  ChannelConfig config;
+  std::unique_ptr<SamplePool> pool;
+  std::vector<std::byte*> slot_memory;
+  std::size_t slot_bytes = 0;
+  std::unique_ptr<SpscRing<SampleLease>> ring;
+
+  // Control thread, while it runs; setup thread otherwise.
+  std::unique_ptr<CameraSession> session;
+  std::thread control_thread, frame_thread;
+  std::atomic<bool> stop{false}, frame_stop{false};
+  sem_t wake{};
+  StreamCounters seen;
+  std::uint64_t triggers_handled = 0;
+  BenchTime t_connected, t_last_trigger, t_last_latch, t_last_asked;
+
+  // Frame thread.
+  std::vector<SampleLease> queued;  // by slot: what the camera may write to
+  std::size_t queued_count = 0;
+  FrameSequence sequence;
+  std::uint32_t lost_pending = 0;
+
+  // Shared.
+  std::unique_ptr<ClockMap> clock;
+  std::atomic<std::int64_t> t_last_frame_ns{0};
+  std::atomic<std::uint64_t> triggers_wanted{0};
+  std::atomic<std::uint64_t> resent_packets{0}, resend_requests{0}, underruns{0}, latches{0},
+      triggers_sent{0}, triggers_missed{0};
+
+  // Loop thread.
+  BenchTime next_trigger;
+
+  void begin_session();
+  void end_session(bool dead);
+  void latch_now();
+  void run_control();
+  void run_frames();
+  void handle(const ReceivedFrame& f);
+  void refill();
+  void hand_on(SampleLease lease, const ReceivedFrame& f, BenchTime arrival);
+  void read_counters();
+  void send_trigger();
+  [[nodiscard]] bool lost_camera(BenchTime now);
+  [[nodiscard]] Duration silence_allowed() const;
+  void reconnect();
+  void pause(Duration d);
+  [[nodiscard]] std::size_t at_camera() const {
+    return std::max<std::size_t>(3, std::min<std::size_t>(8, settings.buffers / 2));
+  }
+};
+
+AravisSource::AravisSource() : impl_(std::make_unique<Impl>(health_)) {}
+
+AravisSource::~AravisSource() { (void)do_stop(); }
+
+AravisSource::Counters AravisSource::counters() const noexcept {
+  const auto get = [](const std::atomic<std::uint64_t>& a) { return a.load(std::memory_order_relaxed); };
+  return {get(impl_->resent_packets), get(impl_->resend_requests), get(impl_->underruns),
+          get(impl_->latches),        get(impl_->triggers_sent),   get(impl_->triggers_missed)};
+}
+
+// --- Loop thread
+// -----------------------------------------------------------------------------------------------
+
+void AravisSource::begin_cycle(BenchTime now) noexcept {
+  Impl& i = *impl_;
+  if (!i.settings.software_trigger || now < i.next_trigger) return;
+  // Where the loop skipped instants, only the newest is exposed: the others are past.
+  const std::int64_t due = (now - i.next_trigger) / i.config.period + 1;
+  i.next_trigger = i.next_trigger + i.config.period * due;
+  i.triggers_wanted.fetch_add(static_cast<std::uint64_t>(due), std::memory_order_release);
+  sem_post(&i.wake);
+}
+
+SampleLease AravisSource::poll(BenchTime) noexcept {
+  SampleLease lease;
+  if (impl_->ring) (void)impl_->ring->try_pop(lease);
+  return lease;
+}
+
+// --- Setup thread
+// ----------------------------------------------------------------------------------------------
+
+Status AravisSource::do_configure(const ChannelConfig& config) {
+  impl_->settings = read_aravis_settings(config);
+  impl_->config = config;
+  const AravisSettings& s = impl_->settings;
+  description_.kind = SampleKind::image;
+  description_.frame_id = s.frame_id;
+  description_.format = s.format;
+  if (s.region) {
+    description_.width_px = s.region->width_px, description_.height_px = s.region->height_px;
+    description_.max_bytes = image_bytes(s.format, s.region->width_px, s.region->height_px);
+  }
+  return {};
+}
+
+Status AravisSource::do_arm(const ArmContext& context) {
+  Impl& i = *impl_;
+  if (context.virtual_time)
+    return fail(
+        ErrorCode::bad_input, i.config.name,
+        "a camera on the network knows no virtual time: give the rig an emulator for it (`emulated_by`), "
+        "whose model then stands in, or run with --clock wall");
+  auto session = CameraSession::open(i.settings, i.config, [] { return false; });
+  if (!session) return tl::unexpected<Error>(session.error());
+  i.session = std::move(*session);
+  const CameraFacts& f = i.session->facts();
+  description_.width_px = f.width_px, description_.height_px = f.height_px;
+  description_.max_bytes = f.payload_bytes;
+
+  i.pool = make_sample_pool(i.settings.buffers, f.payload_bytes);
+  i.slot_bytes = f.payload_bytes;
+  i.slot_memory.clear();
+  i.pool->for_each([&](Sample& s) { i.slot_memory.push_back(s.memory().data()); });
+  i.queued.assign(i.settings.buffers, {});
+  i.ring = std::make_unique<SpscRing<SampleLease>>(i.settings.buffers);
+  i.clock = std::make_unique<ClockMap>(clock_options(i.settings, f.exposure, f.payload_bytes));
+  i.sequence = FrameSequence(i.config.period);
+  i.lost_pending = 0;
+  i.triggers_wanted = i.triggers_handled = 0;
+  i.stop = false;
+  health_.connected = true;
+  return {};
+}
+
+Status AravisSource::do_start(BenchTime t0) {
+  Impl& i = *impl_;
+  i.next_trigger = t0;
+  if (!i.session->alive(kAskWait)) {
+    health_.connected = false;
+    return fail(ErrorCode::unavailable, i.config.name,
+                "the camera " + i.session->facts().id + " answered at arm and does not answer now");
+  }
+  i.begin_session();
+  if (auto status = i.session->start(); !status) {
+    i.end_session(true);
+    health_.connected = false;
+    return status;
+  }
+  i.control_thread = std::thread([&i] { i.run_control(); });
+  return {};
+}
+
+Status AravisSource::do_stop() {
+  Impl& i = *impl_;
+  i.stop = true;
+  sem_post(&i.wake);
+  if (i.control_thread.joinable()) i.control_thread.join();
+  if (i.session) i.end_session(!i.session->alive(kAskWait));
+  SampleLease lease;
+  while (i.ring && i.ring->try_pop(lease)) lease.reset();
+  health_.connected = false;
+  return {};
+}
+
+// --- Control thread
+// --------------------------------------------------------------------------------------------
+
+/// Slots to the camera, its clock tied to ours, the frame thread up. Acquisition starts after that.
+void AravisSource::Impl::begin_session() {
+  session->set_slots(slot_memory);
+  queued_count = 0;
+  seen = {};
+  refill();
+  sequence.restart();
+  clock->reset();
+  if (session->can_latch())
+    for (int n = 0; n < kFirstLatches; ++n) latch_now();
+  const BenchTime now = bench_now();
+  t_connected = now;
+  t_last_frame_ns.store(0, std::memory_order_relaxed);
+  frame_stop = false;
+  frame_thread = std::thread([this] { run_frames(); });
+}
+
+void AravisSource::Impl::end_session(bool dead) {
+  frame_stop = true;
+  if (frame_thread.joinable()) frame_thread.join();
+  if (session) session->close_stream();
+  for (SampleLease& l : queued) l.reset();
+  queued_count = 0;
+  retire(std::move(session), dead);
+}
+
+void AravisSource::Impl::latch_now() {
+  t_last_latch = bench_now();
+  const auto pair = session->latch();
+  if (!pair) return;
+  (void)clock->add_latch(pair->device, pair->before, pair->after);
+  raise(latches);
+}
+
+void AravisSource::Impl::run_control() {
+  pthread_setname_np(pthread_self(), "camera-control");
+  while (!stop.load(std::memory_order_acquire)) {
+    pause(milliseconds(50));
+    if (stop.load(std::memory_order_acquire)) break;
+    if (triggers_wanted.load(std::memory_order_acquire) != triggers_handled) send_trigger();
+    const BenchTime now = bench_now();
+    if (lost_camera(now)) {
+      health.connected = false;
+      end_session(true);
+      reconnect();
+      continue;
+    }
+    read_counters();
+    // Right after a trigger there is time until the next; and only while frames come: a dead camera would
+    // keep us.
+    const bool quiet =
+        now - BenchTime(t_last_frame_ns.load(std::memory_order_relaxed)) > silence_allowed() / 2;
+    if (session->can_latch() && !quiet && now - t_last_latch > kLatchEvery) latch_now();
+  }
+}
+
+/// Until woken, or `d` at most.
+void AravisSource::Impl::pause(Duration d) {
+  const MonotonicTime until = monotonic_now() + d;
+  timespec ts{};
+  ts.tv_sec = until.ns() / 1'000'000'000;
+  ts.tv_nsec = until.ns() % 1'000'000'000;
+  (void)sem_clockwait(&wake, CLOCK_MONOTONIC, &ts);
+}
+
+void AravisSource::Impl::send_trigger() {
+  const std::uint64_t wanted = triggers_wanted.load(std::memory_order_acquire);
+  const std::uint64_t missed = wanted - triggers_handled - 1;
+  triggers_handled = wanted;
+  raise(triggers_missed, missed);
+  t_last_trigger = bench_now();
+  if (session->trigger())
+    raise(triggers_sent);
+  else
+    raise(triggers_missed);
+}
+
+void AravisSource::Impl::read_counters() {
+  const StreamCounters c = session->stream_counters();
+  raise(health.no_slot, c.underruns - seen.underruns);
+  raise(underruns, c.underruns - seen.underruns);
+  raise(health.retries, c.resend_requests - seen.resend_requests);
+  raise(resend_requests, c.resend_requests - seen.resend_requests);
+  raise(resent_packets, c.resent_packets - seen.resent_packets);
+  seen = c;
+}
+
+Duration AravisSource::Impl::silence_allowed() const {
+  return std::max(milliseconds(200), config.period * 5) + session->facts().exposure;
+}
+
+bool AravisSource::Impl::lost_camera(BenchTime now) {
+  if (session->control_lost()) return true;
+  const BenchTime last_frame(t_last_frame_ns.load(std::memory_order_relaxed));
+  const BenchTime last_sign = std::max(t_connected, last_frame);
+  // A camera without a rate, or one that the loop does not trigger, owes no frame; it only has to be there.
+  if (config.period.ns() <= 0 || (settings.software_trigger && t_last_trigger <= last_sign)) {
+    if (now - std::max(last_sign, t_last_asked) <= kAskEvery) return false;
+    t_last_asked = now;
+    return !session->alive(kAskWait) || !session->in_control();
+  }
+  if (now - last_sign <= silence_allowed()) return false;
+  if (!session->alive(kAskWait) || !session->in_control()) return true;
+  return now - last_sign > std::max(kFrozenAfter, silence_allowed() * 2);
+}
+
+void AravisSource::Impl::reconnect() {
+  Duration wait = settings.reconnect_after;
+  const auto cancelled = [this] { return stop.load(std::memory_order_acquire); };
+  while (!cancelled()) {
+    // Asked before the long way, which would list all cameras each time.
+    const bool there = settings.address.empty() || gige::ask_gige_camera(settings.address, milliseconds(150));
+    if (there && !cancelled()) {
+      auto opened = CameraSession::open(settings, config, cancelled);
+      const bool same = opened && (*opened)->facts().payload_bytes == slot_bytes;
+      if (same) {
+        session = std::move(*opened);
+        begin_session();
+        if (session->start()) {
+          raise(health.reconnects);
+          health.connected = true;
+          triggers_handled = triggers_wanted.load(std::memory_order_acquire);
+          return;
+        }
+        end_session(true);
+      }
+    }
+    const BenchTime until = bench_now() + wait;
+    while (!cancelled() && bench_now() < until) pause(until - bench_now());
+    wait = std::min(wait * 2, kMaxReconnectPause);
+  }
+}
+
+// --- Frame thread
+// ----------------------------------------------------------------------------------------------
+
+void AravisSource::Impl::run_frames() {
+  pthread_setname_np(pthread_self(), "camera-frames");
+  while (!frame_stop.load(std::memory_order_acquire)) {
+    const bool short_of_slots = queued_count < at_camera();
+    if (const auto f = session->wait_frame(short_of_slots ? milliseconds(2) : milliseconds(50))) handle(*f);
+    refill();
+  }
+}
+
+void AravisSource::Impl::refill() {
+  while (queued_count < at_camera()) {
+    SampleLease lease = pool->try_acquire();
+    if (!lease) return;  // Aravis counts the frames that find no buffer
+    Sample& s = lease.edit();
+    const auto slot = static_cast<std::size_t>(
+        std::find(slot_memory.begin(), slot_memory.end(), s.memory().data()) - slot_memory.begin());
+    // What never comes must read as zero, not as the picture that was here before.
+    std::memset(s.memory().data(), 0, s.memory().size());
+    queued[slot] = std::move(lease);
+    ++queued_count;
+    session->queue(slot);
+  }
+}
+
+void AravisSource::Impl::handle(const ReceivedFrame& f) {
+  const BenchTime arrival = bench_now();
+  SampleLease lease = std::move(queued[f.slot]);
+  --queued_count;
+  using State = ReceivedFrame::State;
+  if (f.state == State::aborted) return;
+  t_last_frame_ns.store(arrival.ns(), std::memory_order_relaxed);
+  if (f.state == State::unusable || !f.as_expected) {
+    raise(health.protocol_errors);
+    return;  // the next frame's id tells that one is missing
+  }
+  if (f.state == State::complete && f.timestamp && !session->can_latch())
+    (void)clock->add_arrival(*f.timestamp, arrival);
+  hand_on(std::move(lease), f, arrival);
+}
+
+void AravisSource::Impl::hand_on(SampleLease lease, const ReceivedFrame& f, BenchTime arrival) {
+  const CameraFacts& facts = session->facts();
+  Sample& sample = lease.edit();
+  Stamp stamp;
+  bool clock_known = false;
+  if (f.timestamp) {
+    const Mapped m = clock->map(*f.timestamp);
+    clock_known = m.known;
+    stamp.t_capture = m.t + facts.exposure / 2;
+    stamp.sigma_capture = m.sigma;
+  }
+  if (!clock_known) {
+    // By the ids where they hold, otherwise by what the channel's latency promises.
+    const std::uint64_t gap = sequence.gap(f.block_id);
+    stamp.t_capture = gap != 0 && config.period.ns() > 0
+                          ? sequence.last_capture() + config.period * static_cast<std::int64_t>(gap)
+                          : arrival - config.latency;
+    stamp.sigma_capture = std::max(config.latency, milliseconds(1));
+    stamp.validity |= kClockUnsure;
+  }
+  const FrameSequence::Step step = sequence.step(f.block_id, stamp.t_capture);
+  raise(health.lost, step.lost_before);
+  const bool whole = f.state == ReceivedFrame::State::complete;
+  if (!whole && settings.drop_incomplete) {
+    raise(health.lost);
+    lost_pending += step.lost_before + 1;
+    return;
+  }
+  stamp.sequence = step.sequence;
+  stamp.lost_before = step.lost_before + lost_pending;
+  stamp.t_release = stamp.t_capture + config.latency;
+  stamp.t_arrival = arrival;
+  if (!whole) stamp.validity |= kIncomplete;
+  sample.stamp = stamp;
+  sample.info = ImageInfo{.format = settings.format,
+                          .width_px = facts.width_px,
+                          .height_px = facts.height_px,
+                          .offset_x_px = facts.offset_x_px,
+                          .offset_y_px = facts.offset_y_px,
+                          .exposure = facts.exposure,
+                          .gain_db = facts.gain_db};
+  sample.size_bytes = facts.payload_bytes;
+  if (!ring->try_push(std::move(lease))) {
+    raise(health.ring_full);
+    lost_pending += step.lost_before + 1;
+    return;
+  }
+  lost_pending = 0;
+  raise(whole ? health.received : health.incomplete);
+}
+
+}  // namespace rigor

@@ -1,0 +1,92 @@
+#include "drivers/aravis/emulated_camera.h"
+
+#include <algorithm>
+#include <array>
+
+namespace rigor {
+namespace {
+
+constexpr std::array<std::pair<PixelFormat, gige::PixelFormat>, 5> kFormats{{
+    {PixelFormat::mono8, gige::PixelFormat::mono8},
+    {PixelFormat::mono12p, gige::PixelFormat::mono12p},
+    {PixelFormat::mono16, gige::PixelFormat::mono16},
+    {PixelFormat::bayer_rg8, gige::PixelFormat::bayer_rg8},
+    {PixelFormat::rgb8, gige::PixelFormat::rgb8},
+}};
+
+std::uint32_t step_for(std::uint32_t size, std::uint32_t wanted) {
+  while (wanted > 1 && size % wanted != 0) wanted /= 2;
+  return wanted;
+}
+
+}  // namespace
+
+gige::PixelFormat to_gige(PixelFormat f) {
+  for (const auto& [ours, theirs] : kFormats)
+    if (ours == f) return theirs;
+  return gige::PixelFormat::mono8;
+}
+
+bool from_gige(gige::PixelFormat from, PixelFormat& to) {
+  for (const auto& [ours, theirs] : kFormats)
+    if (theirs == from) {
+      to = ours;
+      return true;
+    }
+  return false;
+}
+
+EmulatedCameraSettings read_emulated_camera(const ConfigNode& n, const std::string& name, Duration period) {
+  EmulatedCameraSettings s;
+  s.address = n.text_or("address", "127.0.0.1");
+  if (!gige::parse_ipv4(s.address))
+    throw n.error("address",
+                  "expected an IPv4 address of this machine like 127.0.0.1, got \"" + s.address + "\"");
+  s.vendor = n.text_or("vendor", "Rigor");
+  s.model = n.text_or("camera_model", "Emulated GigE camera");
+  s.serial = n.text_or("serial", name);
+  s.user_name = n.text_or("user_name", "");
+  s.rate_hz =
+      n.number_or("rate_hz", period.ns() > 0 ? 1.0 / period.seconds() : 25.0, {.min = 0.1, .max = 10'000});
+  s.readout = seconds_from(n.number_or("readout_us", 1000, {.min = 0, .max = 1e6}) * 1e-6);
+  s.align_to_clock = n.flag_or("align_to_clock", true);
+  s.link_bits_per_s = n.number_or("link_mbit_per_s", 1000, {.min = 1, .max = 100'000}) * 1e6;
+  return s;
+}
+
+gige::GigeCameraConfig camera_config(const EmulatedCameraSettings& s, const ImageProvider::Geometry& sensor) {
+  gige::GigeCameraConfig c;
+  c.vendor = s.vendor, c.model = s.model, c.serial = s.serial, c.user_name = s.user_name;
+  c.ip = gige::parse_ipv4(s.address).value_or(c.ip);
+  c.sensor_width_px = sensor.width_px, c.sensor_height_px = sensor.height_px;
+  c.width_step_px = step_for(sensor.width_px, 4);
+  c.height_step_px = step_for(sensor.height_px, 2);
+  c.formats = {to_gige(sensor.format)};
+  for (const auto& [ours, theirs] : kFormats)
+    if (ours != sensor.format) c.formats.push_back(theirs);
+  c.frame_rate_hz = s.rate_hz;
+  c.max_frame_rate_hz = std::max(c.max_frame_rate_hz, s.rate_hz);
+  c.min_frame_rate_hz = std::min(c.min_frame_rate_hz, s.rate_hz);
+  if (sensor.exposure.ns() > 0)
+    c.exposure_us = std::clamp(sensor.exposure.seconds() * 1e6, c.min_exposure_us, c.max_exposure_us);
+  c.readout = s.readout;
+  c.align_to_clock = s.align_to_clock;
+  return c;
+}
+
+gige::FillFrame picture_of(const DeviceParts& parts, BenchTime device_zero) {
+  return [parts, device_zero](const gige::FrameRequest& r, gige::MutableBytes out) {
+    ImageRequest q;
+    q.index = r.index;
+    q.t_capture = device_zero + Duration(r.t_exposure_start.ns()) + r.exposure / 2;
+    q.exposure = r.exposure;
+    q.gain_db = r.gain_db;
+    q.offset_x_px = r.region.x_px, q.offset_y_px = r.region.y_px;
+    q.width_px = r.region.width_px, q.height_px = r.region.height_px;
+    if (!from_gige(r.format, q.format)) return false;
+    if (parts.motion) q.motion = parts.motion->motion_at(q.t_capture);
+    return parts.image->capture(q, std::as_writable_bytes(std::span(out.data(), out.size()))).has_value();
+  };
+}
+
+}  // namespace rigor

@@ -1,0 +1,44 @@
+// A rig's `emulators:` entry of this driver as a camera: what it calls itself, and where its pictures come
+// from. The emulator on the network and the stand-in in virtual time are made from the same lines, so they
+// are the same camera.
+//
+//   emulators:
+//     left:
+//       backend: aravis
+//       address: 127.0.0.1
+//       vendor: Rigor
+//       serial: left             # the camera's id is then Rigor-left
+//       rate_hz: 25
+#pragma once
+
+#include <string>
+
+#include "drivers/aravis/gige_device_model.h"
+#include "sensor-hal/channel/emulator.h"
+
+namespace rigor {
+
+struct EmulatedCameraSettings {
+  std::string address, vendor, model, serial, user_name;
+  double rate_hz = 25;
+  Duration readout;
+  bool align_to_clock = true;
+  double link_bits_per_s = 1e9;
+};
+
+/// Throws ConfigError. `name`: of the entry, the default serial number.
+[[nodiscard]] EmulatedCameraSettings read_emulated_camera(const ConfigNode& params, const std::string& name,
+                                                          Duration period);
+
+/// A camera whose sensor is the provider's; it offers every format, the provider's default first.
+[[nodiscard]] gige::GigeCameraConfig camera_config(const EmulatedCameraSettings& settings,
+                                                   const ImageProvider::Geometry& sensor);
+
+/// Pictures for the camera. `device_zero`: bench time where the emulated camera's clock is 0.
+[[nodiscard]] gige::FillFrame picture_of(const DeviceParts& parts, BenchTime device_zero);
+
+[[nodiscard]] gige::PixelFormat to_gige(PixelFormat f);
+/// False for a format that samples do not have.
+[[nodiscard]] bool from_gige(gige::PixelFormat from, PixelFormat& to);
+
+}  // namespace rigor

@@ -1,0 +1,265 @@
+#include "drivers/aravis/gige_virtual_source.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <deque>
+#include <optional>
+
+#include "drivers/aravis/aravis_settings.h"
+#include "drivers/aravis/frame_sequence.h"
+#include "drivers/aravis/gige_memory_link.h"
+
+namespace rigor {
+namespace {
+
+// The camera ran before the bench did: its clock is ahead of the bench's, so that no instant of it is
+// negative.
+constexpr Duration kDeviceAhead = seconds(10);
+DeviceTime device_time(BenchTime t) { return DeviceTime((t + kDeviceAhead).ns()); }
+BenchTime bench_time(DeviceTime t) { return BenchTime(t.ns()) - kDeviceAhead; }
+
+ConfigError refused(const ChannelConfig& config, std::string_view key, const std::string& message) {
+  return config.params.error(key, message);
+}
+
+}  // namespace
+
+struct GigeVirtualSource::Impl {
+  Impl(DeviceParts p, ConfigNode n, Health& h)
+      : parts(std::move(p)), emulator_params(std::move(n)), health(h) {}
+
+  DeviceParts parts;
+  ConfigNode emulator_params;
+  Health& health;
+  ChannelConfig config;
+  AravisSettings settings;
+  EmulatedCameraSettings camera;
+  gige::Region region;
+  double gain_db = 0;
+  Duration exposure;
+
+  // Parts of one run; the link refers to the model, the client to the link.
+  std::unique_ptr<gige::GigeDeviceModel> model;
+  std::unique_ptr<gige::GigeMemoryLink> link;
+  std::unique_ptr<gige::GigeClient> client;
+  std::unique_ptr<SamplePool> pool;
+  gige::AssembledFrame frame;
+  FrameSequence sequence;
+  std::deque<SampleLease> ready;
+  BenchTime next_exposure;  // start of the next one that is not begun
+  DeviceTime device_now;
+  std::uint32_t lost_pending = 0;
+  bool running = false;
+
+  void advance(DeviceTime t);
+  void collect();
+  void set_up();
+  void require(const Status& status, std::string_view key, const std::string& what) const;
+  [[nodiscard]] std::uint32_t read(gige::reg::Address address, const std::string& what) const;
+  [[nodiscard]] double read_double(gige::reg::Address address, const std::string& what) const;
+};
+
+GigeVirtualSource::GigeVirtualSource(DeviceParts parts, ConfigNode emulator_params)
+    : impl_(std::make_unique<Impl>(std::move(parts), std::move(emulator_params), health_)) {}
+GigeVirtualSource::~GigeVirtualSource() = default;
+
+Status GigeVirtualSource::do_configure(const ChannelConfig& config) {
+  Impl& i = *impl_;
+  i.config = config;
+  i.settings = read_aravis_settings(config);
+  if (config.period.ns() <= 0)
+    return fail(ErrorCode::bad_input, config.name,
+                "expected a rate: a camera in virtual time exposes on the bench's grid");
+  i.camera = read_emulated_camera(i.emulator_params, default_frame_id(config.name), config.period);
+  if (!i.parts.image)
+    return fail(
+        ErrorCode::bad_input, config.name,
+        "expected something that makes pictures: give the emulator that stands for this camera a `sensor`");
+  const ImageProvider::Geometry g = i.parts.image->geometry();
+  i.region = {0, 0, g.width_px, g.height_px};
+  if (const auto& r = i.settings.region) i.region = {r->x_px, r->y_px, r->width_px, r->height_px};
+  description_.kind = SampleKind::image;
+  description_.frame_id = i.settings.frame_id;
+  description_.format = i.settings.format;
+  description_.width_px = i.region.width_px, description_.height_px = i.region.height_px;
+  description_.max_bytes = image_bytes(i.settings.format, i.region.width_px, i.region.height_px);
+  return {};
+}
+
+void GigeVirtualSource::Impl::require(const Status& status, std::string_view key,
+                                      const std::string& what) const {
+  if (!status) throw refused(config, key, what + ": " + status.error().message);
+}
+std::uint32_t GigeVirtualSource::Impl::read(gige::reg::Address address, const std::string& what) const {
+  auto v = client->read(address);
+  if (!v) throw ConfigError({v.error().code, config.name, what + ": " + v.error().text()});
+  return *v;
+}
+double GigeVirtualSource::Impl::read_double(gige::reg::Address address, const std::string& what) const {
+  auto v = client->read_double(address);
+  if (!v) throw ConfigError({v.error().code, config.name, what + ": " + v.error().text()});
+  return *v;
+}
+
+/// The rig's settings on the camera, as aravis_features.cpp makes them on a real one.
+void GigeVirtualSource::Impl::set_up() {
+  const gige::GigeCameraConfig& c = model->config();
+  require(client->connect(), {}, "taking control of the camera");
+  require(client->set_pixel_format(to_gige(settings.format)), "pixel_format",
+          "expected a format that the camera offers");
+  require(client->set_region(region), "region",
+          fmt::format("expected a region within {}x{} px, width in steps of {}, height of {}, offsets of {}, "
+                      "got {}x{} at {},{}",
+                      c.sensor_width_px, c.sensor_height_px, c.width_step_px, c.height_step_px,
+                      c.offset_step_px, region.width_px, region.height_px, region.x_px, region.y_px));
+  if (settings.exposure_us) {
+    const Duration wanted = seconds_from(*settings.exposure_us * 1e-6);
+    require(client->set_exposure(wanted), "exposure_us",
+            fmt::format("expected {:g} … {:g} µs, as the camera offers, got {:g}", c.min_exposure_us,
+                        c.max_exposure_us, *settings.exposure_us));
+  }
+  if (settings.gain_db)
+    require(client->set_gain(*settings.gain_db), "gain_db",
+            fmt::format("expected {:g} … {:g} dB, as the camera offers, got {:g}", c.min_gain_db,
+                        c.max_gain_db, *settings.gain_db));
+  require(client->set_frame_rate(1.0 / config.period.seconds()), "rate_hz",
+          fmt::format("expected {:g} … {:g} Hz, as the camera offers, got {:g}", c.min_frame_rate_hz,
+                      c.max_frame_rate_hz, 1.0 / config.period.seconds()));
+  require(client->set_acquisition(gige::AcquisitionMode::continuous), {}, "setting continuous acquisition");
+  require(client->set_software_trigger(settings.software_trigger), "trigger", "setting the trigger");
+  exposure = seconds_from(read_double(gige::reg::kExposureTime, "reading the exposure time") * 1e-6);
+  gain_db = read_double(gige::reg::kGain, "reading the gain");
+  if (exposure > config.period)
+    throw refused(config, "exposure_us",
+                  fmt::format("expected an exposure within the channel's period of {:g} µs, got {:g}",
+                              config.period.seconds() * 1e6, exposure.seconds() * 1e6));
+  if (config.latency < exposure / 2 + camera.readout)
+    throw refused(
+        config, "latency_ms",
+        fmt::format("expected at least {:g} ms, half of the exposure and the readout of {:g} ms: earlier no "
+                    "picture can be there; got {:g}",
+                    (exposure / 2 + camera.readout).seconds() * 1e3, camera.readout.seconds() * 1e3,
+                    config.latency.seconds() * 1e3));
+  if (read(gige::reg::kPayloadSize, "reading the payload size") !=
+      image_bytes(settings.format, region.width_px, region.height_px))
+    throw ConfigError({ErrorCode::internal, config.name, "the camera's payload is not its picture's size"});
+}
+
+Status GigeVirtualSource::do_arm(const ArmContext& context) {
+  Impl& i = *impl_;
+  if (!context.virtual_time)
+    return fail(ErrorCode::wrong_state, i.config.name, "this stand-in runs in virtual time only");
+  gige::GigeCameraConfig camera = camera_config(i.camera, i.parts.image->geometry());
+  camera.align_to_clock = false;  // aligned by hand, to the bench's grid
+  auto model = gige::GigeDeviceModel::create(camera);
+  if (!model) return fail(model.error().code, i.config.name, model.error().text());
+  i.model = std::make_unique<gige::GigeDeviceModel>(std::move(*model));
+  i.link = std::make_unique<gige::GigeMemoryLink>(*i.model, picture_of(i.parts, BenchTime(0) - kDeviceAhead));
+  gige::GigeClientOptions options;
+  options.heartbeat_timeout_ms = 0xFFFFFFFF;  // no one else is on this wire
+  options.packet_size = i.settings.packet_size.value_or(camera.max_packet_size);
+  i.client = std::make_unique<gige::GigeClient>(*i.link, options);
+  i.device_now = DeviceTime(0);
+  i.link->advance(i.device_now);
+  if (auto done = catch_config([&] { return i.set_up(), true; }); !done)
+    return tl::unexpected<Error>(done.error());
+  i.pool = make_sample_pool(i.settings.buffers, description_.max_bytes);
+  i.sequence = FrameSequence(i.config.period);
+  i.lost_pending = 0;
+  health_.connected = true;
+  return {};
+}
+
+Status GigeVirtualSource::do_start(BenchTime t0) {
+  Impl& i = *impl_;
+  i.next_exposure = i.settings.software_trigger ? t0 : t0 - i.exposure / 2;
+  if (!i.settings.software_trigger) i.advance(device_time(i.next_exposure));
+  if (auto status = i.client->start(); !status)
+    return fail(status.error().code, i.config.name, status.error().text());
+  i.running = true;
+  return {};
+}
+
+Status GigeVirtualSource::do_stop() {
+  Impl& i = *impl_;
+  i.running = false;
+  i.ready.clear();
+  i.client.reset();
+  i.link.reset();
+  i.model.reset();
+  health_.connected = false;
+  return {};
+}
+
+SampleLease GigeVirtualSource::poll(BenchTime now) noexcept {
+  auto& ready = impl_->ready;
+  if (ready.empty() || ready.front()->stamp.t_release > now) return {};
+  SampleLease lease = std::move(ready.front());
+  ready.pop_front();
+  return lease;
+}
+
+void GigeVirtualSource::complete_until(BenchTime now) {
+  Impl& i = *impl_;
+  if (!i.running) return;
+  while (i.next_exposure + i.exposure / 2 <= now) {
+    i.advance(device_time(i.next_exposure));
+    if (i.settings.software_trigger && !i.client->trigger()) {
+      i.health.lost.fetch_add(1, std::memory_order_relaxed);
+    }
+    // The exposure opens here, so that the picture is asked for now; and its packets are due before the next
+    // one.
+    i.advance(device_time(i.next_exposure) + nanoseconds(1));
+    i.next_exposure = i.next_exposure + i.config.period;
+  }
+  // Packets of what is released by now, though the camera's clock has not come that far: no later exposure is
+  // opened.
+  const DeviceTime before_next = device_time(i.next_exposure) - nanoseconds(1);
+  i.advance(std::min(device_time(now), before_next));
+}
+
+void GigeVirtualSource::Impl::advance(DeviceTime t) {
+  if (t < device_now) return;
+  device_now = t;
+  link->advance(t);
+  collect();
+}
+
+void GigeVirtualSource::Impl::collect() {
+  while (client->poll(device_now, frame)) {
+    const BenchTime t_start = bench_time(DeviceTime(static_cast<std::int64_t>(frame.leader.timestamp_ticks)));
+    Stamp stamp;
+    stamp.t_capture = t_start + exposure / 2;
+    const FrameSequence::Step step = sequence.step(frame.block_id, stamp.t_capture);
+    health.lost.fetch_add(step.lost_before, std::memory_order_relaxed);
+    SampleLease lease = pool->try_acquire();
+    if (!lease || frame.data.size() != image_bytes(settings.format, region.width_px, region.height_px)) {
+      (lease ? health.protocol_errors : health.no_slot).fetch_add(1, std::memory_order_relaxed);
+      lost_pending += step.lost_before + 1;
+      continue;
+    }
+    stamp.sequence = step.sequence;
+    stamp.lost_before = step.lost_before + lost_pending;
+    stamp.t_release = stamp.t_arrival = stamp.t_capture + config.latency;
+    stamp.validity = frame.complete ? kValid : kIncomplete;
+    Sample& s = lease.edit();
+    s.stamp = stamp;
+    s.info = ImageInfo{.format = settings.format,
+                       .width_px = region.width_px,
+                       .height_px = region.height_px,
+                       .offset_x_px = region.x_px,
+                       .offset_y_px = region.y_px,
+                       .exposure = exposure,
+                       .gain_db = gain_db};
+    s.size_bytes = frame.data.size();
+    std::memcpy(s.memory().data(), frame.data.data(), s.size_bytes);
+    lost_pending = 0;
+    (frame.complete ? health.received : health.incomplete).fetch_add(1, std::memory_order_relaxed);
+    ready.push_back(std::move(lease));
+  }
+}
+
+}  // namespace rigor
