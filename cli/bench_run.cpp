@@ -79,6 +79,10 @@ Status BenchRun::arm() {
   for (auto& channel : parts_.channels)
     if (auto s = channel->source->arm(context); !s) return s;
   digest_ = std::make_unique<SeenDigest>(virtual_time);
+  const auto cycles = static_cast<std::uint64_t>(parts_.rig.duration / parts_.rig.loop.period);
+  note_every_ = std::max<std::uint64_t>(
+      cycles / (RunChannel::kKept - 2),
+      static_cast<std::uint64_t>(std::max<std::int64_t>(1, milliseconds(100) / parts_.rig.loop.period)));
   return executive_.arm();
 }
 
@@ -143,6 +147,8 @@ void BenchRun::show(RunChannel& c, std::uint32_t index, const CycleContext& cycl
     if (recorder_ && !c.pair) recorder_->record(c.recorder_id, sample);
     c.port.push(std::move(sample));
   }
+  while (SampleLease event = c.source->poll_event())
+    if (recorder_) recorder_->record_event(c.recorder_id, event);
   if (c.script) {
     const auto visible = c.script->at(cycle.index);
     c.port.obey(visible.status, visible.sequence, cycle.t);
@@ -182,6 +188,12 @@ void BenchRun::show(RunChannel& c, std::uint32_t index, const CycleContext& cycl
 }
 
 void BenchRun::capture(const CycleContext& cycle) noexcept {
+  for (auto& c : parts_.channels)
+    if (c->pair)
+      for (; c->next_switch < c->entry->switches.size() &&
+             t0_ + c->entry->switches[c->next_switch].after_start <= cycle.t;
+           ++c->next_switch)
+        c->pair->switch_to(c->entry->switches[c->next_switch].to_real ? PairSide::real : PairSide::simulated);
   for (auto& channel : parts_.channels) channel->source->begin_cycle(cycle.t);
 }
 
@@ -189,10 +201,26 @@ void BenchRun::application(const CycleContext& cycle) noexcept {
   if (parts_.application && !skip_this_cycle_) parts_.application->step(cycle.index, cycle.t);
 }
 
-void BenchRun::outputs(const CycleContext&) noexcept {
+void BenchRun::note_differences(const CycleContext& cycle) noexcept {
+  for (auto& c : parts_.channels) {
+    if (!c->pair || c->difference_count >= RunChannel::kKept) continue;
+    const PairSnapshot s = c->pair->statistics();
+    if (s.compared > 0)
+      c->differences[c->difference_count++] = {(cycle.t - t0_).seconds(), s.last.bias, s.last.sigma};
+  }
+}
+
+void BenchRun::outputs(const CycleContext& cycle) noexcept {
+  if (cycle.index >= next_note_) {
+    note_differences(cycle);
+    next_note_ = cycle.index + note_every_;
+  }
   for (std::uint32_t i = 0; i < parts_.sinks.size(); ++i)
     if (const Command* command = parts_.sinks[i]->port->take_new(); command && recorder_)
       recorder_->record_command(i, *command);
+  if (!recorder_) return;
+  recorder_->end_cycle(cycle.index, cycle.t);
+  if (recorder_->failed()) executive_.fail_run();  // a run that was to be recorded is over when it cannot be
 }
 
 }  // namespace rigor

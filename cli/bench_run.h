@@ -49,13 +49,19 @@ struct RunChannel {
 
   // Written by the loop, read when it has ended.
   SampleLease first_image;
-  Histogram age;      ///< t_cycle − t_capture when a sample became visible
-  Histogram arrival;  ///< t_arrival − t_capture
+  std::size_t next_switch = 0;  ///< of the pair's schedule
+  Histogram age;                ///< t_cycle − t_capture when a sample became visible
+  Histogram arrival;            ///< t_arrival − t_capture
   static constexpr std::size_t kKept = 256;
   std::array<Gap, kKept> gaps{};
   std::size_t gap_count = 0;
   std::array<StatusSpan, kKept> spans{};
   std::size_t span_count = 0;
+  struct DifferenceAt {
+    double t_s = 0, bias = 0, sigma = 0;
+  };
+  std::array<DifferenceAt, kKept> differences{};  ///< of a pair, a few times a second
+  std::size_t difference_count = 0;
   BenchTime t_first, t_last;  ///< captures of the first and last visible sample
   std::uint64_t last_sequence = 0;
   bool seen = false;
@@ -118,6 +124,7 @@ class BenchRun final : private ExecutiveHooks {
   void capture(const CycleContext& cycle) noexcept;
   void application(const CycleContext& cycle) noexcept;
   void outputs(const CycleContext& cycle) noexcept;
+  void note_differences(const CycleContext& cycle) noexcept;
 
   RunParts& parts_;
   Recorder* recorder_ = nullptr;
@@ -129,6 +136,7 @@ class BenchRun final : private ExecutiveHooks {
   BenchTime t0_;
   std::uint64_t next_cycle_ = 0;
   bool skip_this_cycle_ = false;
+  std::uint64_t next_note_ = 0, note_every_ = 100;
 };
 
 }  // namespace rigor

@@ -14,7 +14,7 @@ struct RunOptions {
   std::vector<std::string> overrides;  ///< --set
   std::string clock;                   ///< "", "wall", "virtual"
   std::optional<double> duration_s;
-  std::filesystem::path record, report;
+  std::filesystem::path record, report, trace;
   bool no_emulators = false;
   bool json = false;
 };

@@ -31,6 +31,7 @@ int main(int argc, char** argv) {
       ->check(CLI::NonNegativeNumber);
   run_app->add_option("--record", run.record, "Write an MCAP recording");
   run_app->add_option("--report", run.report, "Write an HTML report into this folder");
+  run_app->add_option("--trace", run.trace, "Write a trace of the loop for ui.perfetto.dev");
   run_app->add_flag("--no-emulators", run.no_emulators,
                     "Do not bring up the rig's emulators: the devices are there already");
   run_app->add_flag("--json", run.json, "Print the results as JSON");

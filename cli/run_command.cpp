@@ -1,21 +1,13 @@
-#include <fmt/chrono.h>
-#include <fmt/format.h>
-
-#include <atomic>
-#include <chrono>
-#include <nlohmann/json.hpp>
 #include <optional>
-#include <thread>
 
 #include "cli/assembly.h"
 #include "cli/backends.h"
 #include "cli/commands.h"
 #include "cli/emulator_process.h"
+#include "cli/execute.h"
 #include "cli/recording.h"
 #include "cli/report.h"
-#include "cli/run_result.h"
 #include "cli/terminal.h"
-#include "rt-core/epoch.h"
 
 namespace rigor {
 namespace {
@@ -41,112 +33,34 @@ Result<RigConfig> load(const RunOptions& options) {
   return rig;
 }
 
-std::string status_line(const BenchRun& run, const RunParts& parts, double t_s) {
-  const LoopCounters& n = run.counters();
-  std::string line = fmt::format("{:6.1f} s  {} cycles, {} skipped, {} misses", t_s, n.run.load(),
-                                 n.skipped.load(), n.misses.load());
-  for (const auto& c : parts.channels) {
-    const Health& h = c->source->health();
-    line += fmt::format("  {} {}{}", c->entry->name, h.received.load(), h.connected.load() ? "" : " LOST");
-    if (const auto lost = h.lost.load()) line += fmt::format(" (-{})", lost);
-  }
-  return line;
-}
-
-/// Shows how the run goes, until it is told to end.
-class StatusThread {
- public:
-  StatusThread(const BenchRun& run, const RunParts& parts, BenchTime t0)
-      : thread_([this, &run, &parts, t0] {
-          LiveLine line;
-          const auto step = std::chrono::milliseconds(line.terminal() ? 200 : 1000);
-          while (!end_) {
-            line.show(status_line(
-                run, parts,
-                parts.rig.clock == ClockKind::wall
-                    ? std::max(0.0, (bench_now() - t0).seconds())
-                    : static_cast<double>(run.counters().cycle.load()) * parts.rig.loop.period.seconds()));
-            for (auto slept = step; slept.count() > 0 && !end_; slept -= std::chrono::milliseconds(50))
-              std::this_thread::sleep_for(std::chrono::milliseconds(50));
-          }
-        }) {}
-  ~StatusThread() {
-    end_ = true;
-    thread_.join();
-  }
-
- private:
-  std::atomic<bool> end_{false};
-  std::thread thread_;
-};
-
-std::string iso(RealtimeTime t) {
-  const std::time_t s = t.ns() / 1'000'000'000;
-  return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", fmt::gmtime(s), t.ns() / 1'000'000 % 1000);
-}
-
 }  // namespace
 
 int run_command(const RunOptions& options) {
   auto rig = load(options);
   if (!rig) return report_error(rig.error(), options.json);
-  const bool virtual_time = rig->clock == ClockKind::virtual_time;
-  const Registry registry = make_registry();
   StopSource stop;
   SignalStop signals(stop);
 
   // All that can be refused is refused before a device or a file is touched.
-  auto assembly = assemble(std::move(*rig), registry);
+  auto assembly = assemble(std::move(*rig), make_registry());
   if (!assembly) return report_error(assembly.error(), options.json);
-  RunParts& parts = (*assembly)->parts;
-  if (!parts.rig.report.empty())
-    if (auto s = prepare_report(parts.rig.report); !s) return report_error(s.error(), options.json);
+  const RigConfig& checked = (*assembly)->parts.rig;
+  if (!checked.record.file.empty())
+    if (auto s = check_writable(checked.record.file); !s) return report_error(s.error(), options.json);
+  if (!checked.report.empty())
+    if (auto s = prepare_report(checked.report); !s) return report_error(s.error(), options.json);
 
   std::optional<EmulatorProcess> emulators;
-  if (!virtual_time && parts.rig.start_emulators && !options.no_emulators && !parts.rig.emulators.empty()) {
+  if (checked.clock == ClockKind::wall && checked.start_emulators && !options.no_emulators &&
+      !checked.emulators.empty()) {
     auto started = EmulatorProcess::start(options.rig, options.overrides, seconds(30));
     if (!started) return report_error(started.error(), options.json);
-    emulators = std::move(*started);
+    emulators.emplace(std::move(*started));
   }
-
-  BenchRun run(parts, trace ? &*trace : nullptr);
-  if (auto s = run.arm(); !s) return report_error(s.error(), options.json);
-  const EpochPair epoch = virtual_time ? kVirtualEpoch : read_epoch();
-  const BenchTime t0 = virtual_time ? BenchTime(0) : bench_now() + seconds(1);
-  auto recorder =
-      open_recording(parts, t0, epoch, (*assembly)->simulation ? (*assembly)->simulation->engine() : "");
-  if (!recorder) return report_error(recorder.error(), options.json);
-
-  run.set_recorder(recorder->get());
-
-  Result<RunOutcome> outcome = fail(ErrorCode::internal, "run", "did not run");
-  {
-    std::optional<StatusThread> status;
-    if (!options.json) status.emplace(run, parts, t0);
-    outcome = run.run(stop.token(), t0);
-  }
-  Status stopped = run.stop();
-  Status recorded = *recorder ? close_recording(**recorder) : Status{};
-  if (!outcome) return report_error(outcome.error(), options.json);
-
-  RunContextText text;
-  text.engine = (*assembly)->simulation ? (*assembly)->simulation->engine() : "";
-  text.utc = iso(epoch.to_utc(t0));
-  text.recording = parts.rig.record.file.string();
-  nlohmann::json result = run_result(parts, *outcome, recorder->get(), text);
-  if (!parts.rig.report.empty())
-    if (auto s = write_report(parts.rig.report, result, parts); !s)
-      return report_error(s.error(), options.json);
-  if (options.json) {
-    fmt::print("{}\n", result.dump());
-  } else {
-    fmt::print("{}", summary_text(result));
-    if (!parts.rig.report.empty()) fmt::print("report    {}\n", (parts.rig.report / "index.html").string());
-  }
-  if (!recorded) return report_error(recorded.error(), false);
-  if (!stopped) return report_error(stopped.error(), false);
-  const StopReason reason = outcome->loop.reason;
-  return reason == StopReason::overrun || reason == StopReason::failed ? 1 : 0;
+  ExecuteOptions how;
+  how.json = options.json;
+  how.trace = options.trace;
+  return execute(**assembly, how, stop.token());
 }
 
 }  // namespace rigor

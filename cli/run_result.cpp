@@ -130,6 +130,32 @@ json sink_json(const RunSink& s) {
       {"failed", n.failed.load()},     {"dropped", n.dropped.load()},      {"made_safe", n.made_safe.load()}};
 }
 
+json pair_json(const RunChannel& c) {
+  const PairSnapshot s = c.pair->statistics();
+  json j{{"count", s.compared},
+         {"unlike", s.unlike},
+         {"skipped", s.skipped},
+         {"switches", c.pair->switches()},
+         {"active", name_of(c.pair->active())},
+         {"real_missing", s.missing_of(PairSide::real)},
+         {"simulated_missing", s.missing_of(PairSide::simulated)},
+         {"bias", s.all.bias},
+         {"sigma", s.all.sigma},
+         {"unit", c.entry->kind == SampleKind::image ? "DN" : ""},
+         {"series", json::array()}};
+  for (std::size_t i = 0; i < std::min(c.difference_count, RunChannel::kKept); ++i) {
+    const auto& d = c.differences[i];
+    j["series"].push_back({{"t_s", d.t_s}, {"bias", d.bias}, {"sigma", d.sigma}});
+  }
+  return j;
+}
+
+json recorder_json(const Recorder& recorder, const std::string& file) {
+  const Recorder::Statistics s = recorder.statistics();
+  return {{"file", file},         {"messages", s.messages}, {"bytes", s.bytes},        {"chunks", s.chunks},
+          {"samples", s.samples}, {"dropped", s.dropped},   {"after_end", s.after_end}};
+}
+
 }  // namespace
 
 json run_result(const RunParts& parts, const RunOutcome& outcome, const Recorder* recorder,
@@ -150,7 +176,7 @@ json run_result(const RunParts& parts, const RunOutcome& outcome, const Recorder
          {"sinks", json::array()}};
   for (const auto& c : parts.channels) {
     json channel = channel_json(*c, outcome.t0);
-    if (c->pair) channel["pair"] = pair_json(*c->pair);
+    if (c->pair) channel["pair"] = pair_json(*c);
     j["channels"].push_back(std::move(channel));
   }
   for (const auto& s : parts.sinks) j["sinks"].push_back(sink_json(*s));

@@ -46,8 +46,9 @@ Result<std::unique_ptr<Target>> find_target(const SenseOptions& options) {
   }
   if (!target->entry)
     return fail(ErrorCode::bad_input, "--channel",
-                fmt::format("expected a simulated channel of the rig, got \"{}\"; there {}: {}", options.channel,
-                            names.size() == 1 ? "is" : "are", names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
+                fmt::format("expected a simulated channel of the rig, got \"{}\"; there {}: {}",
+                            options.channel, names.size() == 1 ? "is" : "are",
+                            names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
   if (target->rig.simulation.world.empty())
     return fail(ErrorCode::bad_input, options.rig.string(), "expected `simulation.world`, found none");
   return target;
@@ -70,7 +71,10 @@ Status set_joint(WorldMotion& motion, const Simulation& simulation, const std::s
 int sense_command(const SenseOptions& options) {
   const std::string extension = options.output.extension().string();
   if (extension != ".png" && extension != ".exr")
-    return report_error({ErrorCode::bad_input, "-o", "expected a file that ends in .png or .exr, got \"" + options.output.string() + "\""}, options.json);
+    return report_error(
+        {ErrorCode::bad_input, "-o",
+         "expected a file that ends in .png or .exr, got \"" + options.output.string() + "\""},
+        options.json);
   auto target = find_target(options);
   if (!target) return report_error(target.error(), options.json);
   const RigConfig& rig = (*target)->rig;
@@ -79,8 +83,10 @@ int sense_command(const SenseOptions& options) {
   ImageRequest request;
   request.motion.count = static_cast<std::uint32_t>((*simulation)->joint_count());
   for (const std::string& joint : options.joints)
-    if (auto s = set_joint(request.motion, **simulation, joint); !s) return report_error(s.error(), options.json);
-  auto camera = (*simulation)->camera((*target)->choice->params, rig.seed, (*target)->noise_name, options.ideal);
+    if (auto s = set_joint(request.motion, **simulation, joint); !s)
+      return report_error(s.error(), options.json);
+  auto camera =
+      (*simulation)->camera((*target)->choice->params, rig.seed, (*target)->noise_name, options.ideal);
   if (!camera) return report_error(camera.error(), options.json);
 
   // The sample that a virtual run takes at that instant: same index, same draws.
@@ -93,24 +99,32 @@ int sense_command(const SenseOptions& options) {
   request.height_px = geometry.height_px;
   const ConfigNode& params = (*target)->choice->params;
   auto settings = catch_config([&] {
-    request.exposure = seconds_from(params.number_or("exposure_us", geometry.exposure.seconds() * 1e6, {.min = 1}) * 1e-6);
+    request.exposure =
+        seconds_from(params.number_or("exposure_us", geometry.exposure.seconds() * 1e6, {.min = 1}) * 1e-6);
     request.gain_db = params.number_or("gain_db", 0);
     return 0;
   });
   if (!settings) return report_error(settings.error(), options.json);
   std::vector<std::byte> pixels(image_bytes(request.format, request.width_px, request.height_px));
   if (auto s = (*camera)->capture(request, pixels); !s) return report_error(s.error(), options.json);
-  const ImageInfo info{request.format, request.width_px, request.height_px, 0, 0, request.exposure, request.gain_db};
+  const ImageInfo info{request.format,   request.width_px, request.height_px, 0, 0,
+                       request.exposure, request.gain_db};
   if (auto s = write_picture(options.output, info, pixels); !s) return report_error(s.error(), options.json);
 
   if (options.json)
-    fmt::print("{}\n", nlohmann::json{{"file", options.output.string()}, {"channel", options.channel}, {"width_px", info.width_px},
-                                      {"height_px", info.height_px}, {"format", pfnc_name(info.format)},
-                                      {"t_capture_s", static_cast<double>(request.t_capture.ns()) * 1e-9}, {"index", request.index},
-                                      {"engine", (*simulation)->engine()}}.dump());
+    fmt::print("{}\n", nlohmann::json{{"file", options.output.string()},
+                                      {"channel", options.channel},
+                                      {"width_px", info.width_px},
+                                      {"height_px", info.height_px},
+                                      {"format", pfnc_name(info.format)},
+                                      {"t_capture_s", static_cast<double>(request.t_capture.ns()) * 1e-9},
+                                      {"index", request.index},
+                                      {"engine", (*simulation)->engine()}}
+                           .dump());
   else
-    fmt::print("{}: {}x{} {}, capture {} at {:.3f} s, {}\n", options.output.string(), info.width_px, info.height_px,
-               pfnc_name(info.format), request.index, static_cast<double>(request.t_capture.ns()) * 1e-9, (*simulation)->engine());
+    fmt::print("{}: {}x{} {}, capture {} at {:.3f} s, {}\n", options.output.string(), info.width_px,
+               info.height_px, pfnc_name(info.format), request.index,
+               static_cast<double>(request.t_capture.ns()) * 1e-9, (*simulation)->engine());
   return 0;
 }
 

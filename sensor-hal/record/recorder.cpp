@@ -137,6 +137,7 @@ struct Recorder::Impl {
 
   // Writer.
   std::thread thread;
+  std::map<std::string, std::string> closing_metadata;
   std::unique_ptr<record::McapWriter> writer;
   record::CdrWriter cdr;
   std::priority_queue<Waiting> waiting;
@@ -703,7 +704,7 @@ void Recorder::Impl::finish() {
     let_go(w);
   }
   if (writable()) {
-    record::Metadata m{"rigor_recorder", {}};
+    record::Metadata m{"rigor_recorder", closing_metadata};
     m.values["dropped"] = std::to_string(all_dropped());
     for (const auto& s : streams)
       if (s && s->dropped.load() > 0) m.values["dropped." + s->name] = std::to_string(s->dropped.load());
@@ -725,6 +726,10 @@ Error Recorder::error() const {
       ErrorCode::io, "recorder",
       "the recording lacks " + std::to_string(impl_->all_dropped()) +
           " entries, because the disk could not keep up, and `fail_on_drop` says that this fails the run"};
+}
+
+void Recorder::add_closing_metadata(std::map<std::string, std::string> values) {
+  impl_->closing_metadata.merge(values);  // read by the writer thread after it saw `stopping`
 }
 
 Status Recorder::stop() {

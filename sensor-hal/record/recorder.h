@@ -115,6 +115,8 @@ class Recorder {
   /// counts as one. What was written before stays readable.
   [[nodiscard]] bool failed() const noexcept { return failed_.load(std::memory_order_acquire); }
   [[nodiscard]] Error error() const;
+  /// Setup, after the loop has ended and before stop: goes into the closing metadata record `rigor_recorder`.
+  void add_closing_metadata(std::map<std::string, std::string> values);
   /// Writes the rest and closes the file. The first error of the run, if there was one. After the loop has
   /// ended.
   [[nodiscard]] Status stop();

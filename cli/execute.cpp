@@ -1,0 +1,128 @@
+#include "cli/execute.h"
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <thread>
+
+#include "cli/recording.h"
+#include "cli/report.h"
+#include "cli/run_result.h"
+#include "cli/terminal.h"
+#include "rt-core/trace.h"
+
+namespace rigor {
+namespace {
+
+std::string status_line(const BenchRun& run, const RunParts& parts, double t_s) {
+  const LoopCounters& n = run.counters();
+  std::string line = fmt::format("{:6.1f} s  {} cycles, {} skipped, {} misses", t_s, n.run.load(),
+                                 n.skipped.load(), n.misses.load());
+  for (const auto& c : parts.channels) {
+    const Health& h = c->source->health();
+    line += fmt::format("  {} {}{}", c->entry->name, h.received.load(), h.connected.load() ? "" : " LOST");
+    if (const auto lost = h.lost.load()) line += fmt::format(" (-{})", lost);
+  }
+  return line;
+}
+
+/// Shows how the run goes, until it is told to end.
+class StatusThread {
+ public:
+  StatusThread(const BenchRun& run, const RunParts& parts, BenchTime t0)
+      : thread_([this, &run, &parts, t0] {
+          LiveLine line;
+          const auto step = std::chrono::milliseconds(line.terminal() ? 200 : 1000);
+          while (!end_) {
+            line.show(status_line(
+                run, parts,
+                parts.rig.clock == ClockKind::wall
+                    ? std::max(0.0, (bench_now() - t0).seconds())
+                    : static_cast<double>(run.counters().cycle.load()) * parts.rig.loop.period.seconds()));
+            for (auto slept = step; slept.count() > 0 && !end_; slept -= std::chrono::milliseconds(50))
+              std::this_thread::sleep_for(std::chrono::milliseconds(50));
+          }
+        }) {}
+  ~StatusThread() {
+    end_ = true;
+    thread_.join();
+  }
+
+ private:
+  std::atomic<bool> end_{false};
+  std::thread thread_;
+};
+
+std::string iso(RealtimeTime t) {
+  const std::time_t s = t.ns() / 1'000'000'000;
+  return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", fmt::gmtime(s), t.ns() / 1'000'000 % 1000);
+}
+
+}  // namespace
+
+int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
+  RunParts& parts = assembly.parts;
+  const bool virtual_time = parts.rig.clock == ClockKind::virtual_time;
+  std::optional<Trace> trace;
+  if (!options.trace.empty()) trace.emplace();
+
+  BenchRun run(parts, trace ? &*trace : nullptr);
+  if (options.ran) run.set_cycle_filter(options.ran);
+  if (auto s = run.arm(); !s) return report_error(s.error(), options.json);
+  const BenchTime t0 = options.t0 ? *options.t0 : virtual_time ? BenchTime(0) : bench_now() + seconds(1);
+  const EpochPair epoch = options.epoch ? *options.epoch : virtual_time ? kVirtualEpoch : read_epoch();
+  const std::string engine = assembly.simulation ? assembly.simulation->engine() : "";
+  auto recorder = open_recording(parts, t0, epoch, {{"engine", engine}});
+  if (!recorder) return report_error(recorder.error(), options.json);
+  run.set_recorder(recorder->get());
+
+  Result<RunOutcome> outcome = fail(ErrorCode::internal, "run", "did not run");
+  {
+    std::optional<StatusThread> status;
+    if (!options.json) status.emplace(run, parts, t0);
+    outcome = run.run(stop, t0);
+  }
+  const Status stopped = run.stop();
+  Status recorded;
+  if (*recorder) {
+    if (outcome) (*recorder)->add_closing_metadata({{"seen_sha256", outcome->seen_sha256}});
+    recorded = (*recorder)->stop();
+  }
+  if (!outcome) return report_error(outcome.error(), options.json);
+
+  RunContextText text;
+  text.engine = engine;
+  text.utc = iso(epoch.to_utc(t0));
+  text.recording = parts.rig.record.file.string();
+  nlohmann::json result = run_result(parts, *outcome, recorder->get(), text);
+  Status reported;
+  if (!parts.rig.report.empty()) reported = write_report(parts.rig.report, result, parts);
+  if (reported && trace) reported = trace->write(options.trace.string());
+  if (options.json) {
+    fmt::print("{}\n", result.dump());
+  } else {
+    fmt::print("{}", summary_text(result));
+    if (reported && !parts.rig.report.empty())
+      fmt::print("report    {}\n", (parts.rig.report / "index.html").string());
+    if (reported && trace) fmt::print("trace     {}\n", options.trace.string());
+  }
+  int status = 0;
+  if (!options.expected_sha256.empty() && outcome->loop.reason == StopReason::finished &&
+      outcome->seen_sha256 != options.expected_sha256)
+    status = report_error({ErrorCode::internal, "replay",
+                           "the application saw something else than in the recorded run (" +
+                               options.expected_sha256 + "); the rig or the file was changed"},
+                          false);
+  for (const Status* s :
+       {static_cast<const Status*>(&recorded), static_cast<const Status*>(&reported), &stopped})
+    if (!*s) status = 1, report_error(s->error(), false);
+  const StopReason reason = outcome->loop.reason;
+  return reason == StopReason::overrun || reason == StopReason::failed ? 1 : status;
+}
+
+}  // namespace rigor

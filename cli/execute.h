@@ -1,0 +1,27 @@
+// Runs an assembly from arm to report: what `rigor run` and `rigor replay` have in common.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+
+#include "cli/assembly.h"
+#include "rt-core/epoch.h"
+#include "rt-core/stop.h"
+
+namespace rigor {
+
+struct ExecuteOptions {
+  bool json = false;
+  std::filesystem::path trace;             ///< for Perfetto; empty: none
+  std::optional<BenchTime> t0;             ///< replay: the recorded one
+  std::optional<EpochPair> epoch;          ///< replay: the recorded one
+  std::function<bool(std::uint64_t)> ran;  ///< replay: whether the recorded loop ran cycle k
+  std::string expected_sha256;  ///< replay: what the recorded application saw; another one fails the run
+};
+
+/// Arms, runs, stops, records, reports; prints. The exit status. Setup thread, which becomes the loop.
+[[nodiscard]] int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop);
+
+}  // namespace rigor

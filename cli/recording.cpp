@@ -1,0 +1,119 @@
+#include "cli/recording.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <cstring>
+
+#include "sensor-hal/record/mcap_reader.h"
+
+namespace rigor {
+namespace {
+
+constexpr const char* kVersionKey = "rigor_run";
+
+std::optional<std::int64_t> number(const std::map<std::string, std::string>& m, const std::string& key) {
+  const auto it = m.find(key);
+  if (it == m.end()) return std::nullopt;
+  std::int64_t v = 0;
+  const auto [end, ec] = std::from_chars(it->second.data(), it->second.data() + it->second.size(), v);
+  if (ec != std::errc{} || end != it->second.data() + it->second.size()) return std::nullopt;
+  return v;
+}
+
+}  // namespace
+
+Status check_writable(const std::filesystem::path& file) {
+  const bool existed = std::filesystem::exists(file);
+  const int fd = open(file.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644);
+  if (fd < 0)
+    return fail(
+        ErrorCode::not_writable, file.string(),
+        fmt::format("expected a file that can be written for the recording: {}; give another with --record",
+                    std::strerror(errno)));
+  close(fd);
+  if (!existed) std::filesystem::remove(file);
+  return {};
+}
+
+std::map<std::string, std::string> run_metadata(const RunParts& parts, BenchTime t0, const EpochPair& epoch) {
+  const RigConfig& rig = parts.rig;
+  std::map<std::string, std::string> m;
+  m[kVersionKey] = "1";
+  m["rig"] = rig.text;
+  m["rig_file"] = rig.file.string();
+  m["seed"] = std::to_string(rig.seed);
+  m["clock"] = rig.clock == ClockKind::wall ? "wall" : "virtual";
+  m["t0_ns"] = std::to_string(t0.ns());
+  m["period_ns"] = std::to_string(rig.loop.period.ns());
+  m["epoch_bench_ns"] = std::to_string(epoch.bench.ns());
+  m["epoch_utc_ns"] = std::to_string(epoch.utc.ns());
+  m["epoch_sigma_ns"] = std::to_string(epoch.sigma.ns());
+  m["version"] = RIGOR_VERSION;
+  for (const auto& c : parts.channels)
+    if (!c->replaced_by.empty()) m["replaced/" + c->entry->name] = c->replaced_by;
+  return m;
+}
+
+Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, BenchTime t0, const EpochPair& epoch,
+                                                 std::map<std::string, std::string> metadata) {
+  const RigConfig& rig = parts.rig;
+  if (rig.record.file.empty()) return std::unique_ptr<Recorder>{};
+  RecorderOptions options;
+  options.virtual_time = rig.clock == ClockKind::virtual_time;
+  options.fail_on_drop = rig.record.fail_on_drop;
+  options.budget_bytes = rig.record.budget_bytes;
+  options.epoch = epoch;
+  options.writer.compression = rig.record.compression == "zstd"  ? record::Compression::zstd
+                               : rig.record.compression == "lz4" ? record::Compression::lz4
+                                                                 : record::Compression::none;
+  options.writer.chunk_bytes = rig.record.chunk_bytes;
+  std::vector<RecordedChannel> channels;
+  for (auto& c : parts.channels) {
+    c->recorder_id = static_cast<std::uint32_t>(channels.size());
+    channels.push_back({c->entry->name, c->source->describe(), c->pair != nullptr});
+  }
+  std::vector<RecordedSink> sinks;
+  for (auto& s : parts.sinks) sinks.push_back({s->entry->name, s->sink->describe().names});
+  metadata.merge(run_metadata(parts, t0, epoch));
+  auto recorder = Recorder::create(rig.record.file.string(), options, std::move(channels), std::move(sinks),
+                                   std::move(metadata));
+  if (!recorder) return recorder;
+  for (auto& c : parts.channels)
+    if (c->pair) c->pair->observe((*recorder)->observer(c->recorder_id));
+  return recorder;
+}
+
+Result<RecordedRun> read_recorded_run(const std::filesystem::path& file) {
+  auto reader = record::McapReader::open(file.string());
+  if (!reader) return tl::unexpected<Error>(reader.error());
+  RecordedRun run;
+  bool found = false;
+  for (const record::Metadata& m : (*reader)->readable_metadata()) {
+    if (m.values.contains(kVersionKey)) {
+      const auto t0 = number(m.values, "t0_ns"), bench = number(m.values, "epoch_bench_ns"),
+                 utc = number(m.values, "epoch_utc_ns"), sigma = number(m.values, "epoch_sigma_ns");
+      if (!t0 || !bench || !utc || !sigma || !m.values.contains("rig")) break;
+      run.t0 = BenchTime(*t0);
+      run.epoch = {BenchTime(*bench), RealtimeTime(*utc), Duration(*sigma)};
+      run.rig_text = m.values.at("rig");
+      run.rig_file = m.values.contains("rig_file") ? m.values.at("rig_file") : file.string();
+      found = true;
+    }
+    if (m.name == "rigor_recorder") {
+      run.cycles =
+          static_cast<std::uint64_t>(std::max<std::int64_t>(0, number(m.values, "cycles").value_or(0)));
+      if (m.values.contains("seen_sha256")) run.seen_sha256 = m.values.at("seen_sha256");
+    }
+  }
+  if (!found)
+    return fail(ErrorCode::bad_input, file.string(),
+                "expected a recording of `rigor run`, which carries its rig; this file has none");
+  return run;
+}
+
+}  // namespace rigor

@@ -1,0 +1,129 @@
+#include "sensor-hal/channel/replay_source.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "cli/commands.h"
+#include "cli/execute.h"
+#include "cli/recording.h"
+#include "cli/report.h"
+#include "cli/terminal.h"
+#include "sensor-hal/channel/worker_pool.h"
+
+namespace rigor {
+namespace {
+
+/// Stands where a sink was: takes every command, moves nothing. The commands of a replay are in its
+/// recording.
+class NullSink final : public Sink {
+ public:
+  bool command(const Command&) noexcept override {
+    counters_.accepted.fetch_add(1, std::memory_order_relaxed);
+    return true;
+  }
+  void watch(const Heartbeat*, Duration) override {}
+
+ private:
+  Status do_configure(const ChannelConfig& config) override {
+    return catch_config([&] {
+             for (const ConfigNode& r : config.params.list_or_empty("registers")) {
+               description_.names.push_back(r.text("name"));
+               description_.units.push_back(r.text_or("unit", ""));
+             }
+             description_.kind = SampleKind::register_block;
+             return 0;
+           })
+        .map([](int) {});
+  }
+  Status do_arm(const ArmContext&) override { return {}; }
+  Status do_start(BenchTime) override { return {}; }
+  Status do_stop() override { return {}; }
+};
+
+/// The rig to run: the one that is named, or the one in the recording.
+Result<RigConfig> load(const ReplayOptions& options, const RecordedRun& recorded, std::uint64_t cycles) {
+  std::vector<ConfigOverride> overrides;
+  for (const std::string& text : options.overrides) {
+    auto o = ConfigOverride::parse(text);
+    if (!o) return tl::unexpected<Error>(o.error());
+    overrides.push_back(std::move(*o));
+  }
+  Result<RigConfig> rig = [&]() -> Result<RigConfig> {
+    if (!options.rig.empty()) return load_rig(options.rig, overrides);
+    auto root = ConfigDocument::parse(recorded.rig_text, options.recording.string() + ":rig", overrides);
+    if (!root) return tl::unexpected<Error>(root.error());
+    return parse_rig(*root, recorded.rig_file);
+  }();
+  if (!rig) return rig;
+  rig->clock = ClockKind::virtual_time;
+  rig->duration = rig->loop.period * static_cast<std::int64_t>(cycles);
+  rig->record.file = options.record;
+  rig->report = options.report;
+  return rig;
+}
+
+}  // namespace
+
+int replay_command(const ReplayOptions& options) {
+  auto recorded = read_recorded_run(options.recording);
+  if (!recorded) return report_error(recorded.error(), options.json);
+  auto recording = Recording::open(options.recording.string());
+  if (!recording) return report_error(recording.error(), options.json);
+  auto rig = load(options, *recorded, recorded->cycles > 0 ? recorded->cycles : (*recording)->cycles());
+  if (!rig) return report_error(rig.error(), options.json);
+  StopSource stop;
+  SignalStop signals(stop);
+
+  Assembly assembly;
+  assembly.workers = std::make_unique<WorkerPool>(1);
+  RunParts& parts = assembly.parts;
+  parts.rig = std::move(*rig);
+  for (const ChannelEntry& entry : parts.rig.channels) {
+    auto channel = std::make_unique<RunChannel>();
+    channel->entry = &entry;
+    channel->replaced_by = "the recording";
+    channel->source = std::make_unique<ReplaySource>(*recording, entry.name);
+    channel->script = (*recording)->visibility(entry.name);
+    if (!channel->script) {
+      const Error e{ErrorCode::bad_input, options.recording.string(),
+                    fmt::format("expected a recording of channel `{}`, found none; it has the topics {}",
+                                entry.name, fmt::join((*recording)->topics(), ", "))};
+      return report_error(e, options.json);
+    }
+    ChannelConfig config;
+    config.name = entry.name;
+    config.kind = entry.kind;
+    config.period = entry.period;
+    config.latency = entry.latency;
+    if (auto s = channel->source->configure(config); !s) return report_error(s.error(), options.json);
+    parts.channels.push_back(std::move(channel));
+  }
+  for (const SinkEntry& entry : parts.rig.sinks) {
+    auto sink = std::make_unique<RunSink>();
+    sink->entry = &entry;
+    sink->replaced_by = "nothing";
+    sink->sink = std::make_unique<NullSink>();
+    ChannelConfig config;
+    config.name = entry.name;
+    config.params = entry.sink.params;
+    if (auto s = sink->sink->configure(config); !s) return report_error(s.error(), options.json);
+    parts.sinks.push_back(std::move(sink));
+  }
+  auto application = make_application(parts.rig);
+  if (!application) return report_error(application.error(), options.json);
+  parts.application = std::move(*application);
+  if (!parts.rig.record.file.empty())
+    if (auto s = check_writable(parts.rig.record.file); !s) return report_error(s.error(), options.json);
+  if (!parts.rig.report.empty())
+    if (auto s = prepare_report(parts.rig.report); !s) return report_error(s.error(), options.json);
+
+  ExecuteOptions how;
+  how.json = options.json;
+  how.t0 = recorded->t0;
+  how.epoch = recorded->epoch;
+  how.ran = [&](std::uint64_t cycle) { return (*recording)->ran(cycle); };
+  how.expected_sha256 = recorded->seen_sha256;
+  return execute(assembly, how, stop.token());
+}
+
+}  // namespace rigor
