@@ -8,8 +8,9 @@ namespace {
 
 constexpr double kOneOverSqrt12 = 0.28867513459481287;  // standard deviation of a uniform error of width 1
 constexpr double kUnknownDelay_ns = 1e6;                // scatter of arrivals before any was compared
-constexpr double kQuickSide = 1.55;  // standard deviation over root mean square below the mean, exponential tail
-constexpr std::uint32_t kLateForReset = 8;              // arrivals in a row, over at least kLateSpan
+constexpr double kQuickSide =
+    1.55;  // standard deviation over root mean square below the mean, exponential tail
+constexpr std::uint32_t kLateForReset = 8;  // arrivals in a row, over at least kLateSpan
 constexpr Duration kLateSpan = seconds(1);
 constexpr Duration kCertainRollback = seconds(1);  // no network delays a sample so long behind its successor
 

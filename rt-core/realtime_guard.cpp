@@ -34,7 +34,8 @@
 #define SYS_USER_DISPATCH 2
 #endif
 
-// The one piece of code whose system calls always pass: the handler's own, and the return from it.
+// The one piece of code whose system calls always pass: the handler's own, and the return from it. The kernel
+// compares the address after the instruction, so the range ends with one that is never reached.
 __asm__(R"(
 .pushsection .text
 .globl rigor_guard_pass_begin, rigor_guard_syscall, rigor_guard_restorer, rigor_guard_pass_end
@@ -56,6 +57,7 @@ rigor_guard_syscall:
 rigor_guard_restorer:
   mov $15, %eax
   syscall
+  ud2
 .size rigor_guard_restorer, .-rigor_guard_restorer
 rigor_guard_pass_end:
 .popsection
@@ -283,13 +285,14 @@ std::string Report::text() const {
     s += f.what;
     if (f.kind == Violation::system_call) {
       const char* name = name_of(f.number);
-      s += " " + std::to_string(f.number) + (name ? std::string(" (") + name + ")" : "");
+      s.append(" ").append(std::to_string(f.number));
+      if (name) s.append(" (").append(name).append(")");
     } else if (f.kind == Violation::page_fault) {
       s += " x " + std::to_string(f.number);
     }
     s += "\n";
     char** symbols = backtrace_symbols(f.stack.data(), f.depth);
-    for (int i = 1; symbols && i < f.depth; ++i) s += std::string("    ") + symbols[i] + "\n";
+    for (int i = 1; symbols && i < f.depth; ++i) s.append("    ").append(symbols[i]).append("\n");
     std::free(symbols);
   }
   return s;

@@ -42,7 +42,7 @@ class GuardTest : public testing::Test {
     for (const RealtimeSetting& s : loop.settings())
       if (s.name == "memory lock") memory_locked_ = s.granted;
     guard::clear();
-    const auto s = loop.run({}, bench_now() + milliseconds(40));
+    const auto s = loop.run({}, bench_now() + milliseconds(200));
     EXPECT_TRUE(s) << s.error().text();
     EXPECT_TRUE(loop.disarm());
     return guard::report();
@@ -61,7 +61,7 @@ TEST_F(GuardTest, ACleanLoopOf2000CyclesIsClean) {
   Port<Thing> port;
   port.configure({milliseconds(1), milliseconds(1), milliseconds(500), LatePolicy::hold}, BenchTime(0));
   ClockMap map;
-  map.add_latch(DeviceTime(0), bench_now(), bench_now());
+  map.add_latch(DeviceTime(0), BenchTime(1000), BenchTime(2000));
   Trace trace;
   std::uint64_t fresh = 0;
   const guard::Report r = run(

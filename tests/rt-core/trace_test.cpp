@@ -86,7 +86,7 @@ TEST_F(TraceTest, TheExecutiveTracesItsSteps) {
   Executive loop(c);
   ASSERT_TRUE(loop.add_step({.name = "poll"}, [](const CycleContext&) noexcept {}));
   ASSERT_TRUE(loop.arm());
-  ASSERT_TRUE(loop.run({}, bench_now() + milliseconds(20)));
+  ASSERT_TRUE(loop.run({}, bench_now() + milliseconds(150)));
   int begun = 0, wakes = 0;
   const auto json = written(trace);
   for (const auto& e : json["traceEvents"]) {
