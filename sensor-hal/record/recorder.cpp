@@ -117,6 +117,13 @@ struct Recorder::Impl {
     std::uint32_t channel = 0;
   };
 
+  /// Of a pair: where the newest sample of each side lies, and from which side the visible one is. The sides
+  /// have pools of their own, so an address belongs to one side for ever.
+  struct Sides {
+    std::array<const Sample*, 2> newest{};
+    PairSide shown = PairSide::real;
+  };
+
   RecorderOptions options;
   std::vector<RecordedChannel> channels;
   std::vector<RecordedSink> sinks;
@@ -129,6 +136,7 @@ struct Recorder::Impl {
   std::atomic<std::uint64_t> bytes_held{0};
   std::vector<std::unique_ptr<Stream>> streams;  // channel·2 + side
   std::vector<SideObserver> observers;
+  std::vector<Sides> sides;  // loop thread
   std::atomic<std::uint64_t> other_dropped{0};
   std::atomic<bool> failed{false};
   std::atomic<bool> stopping{false};
@@ -263,6 +271,7 @@ Status Recorder::Impl::open(std::unique_ptr<record::ByteSink> sink,
 
   streams.resize(channels.size() * 2);
   observers.resize(channels.size());
+  sides.resize(channels.size());
   for (std::size_t i = 0; i < channels.size(); ++i) {
     const RecordedChannel& c = channels[i];
     for (std::size_t side = 0; side < (c.is_pair ? 2u : 1u); ++side) {
@@ -366,6 +375,7 @@ bool Recorder::Impl::push(Item&& item) noexcept {
 void Recorder::Impl::sample(std::uint32_t index, const SampleLease& lease) noexcept {
   if (!lease || index >= streams.size() || !streams[index]) return;
   Stream& s = *streams[index];
+  sides[index / 2].newest[index % 2] = &*lease;
   Item item;
   item.channel = index;
   const std::size_t size = lease->size_bytes;
@@ -416,14 +426,18 @@ void Recorder::record_side(std::uint32_t channel, PairSide side, const SampleLea
 }
 
 void Recorder::record_visibility(std::uint32_t channel, std::uint64_t cycle, BenchTime t, PortStatus status,
-                                 const SampleLease& sample, PairSide side) noexcept {
+                                 const SampleLease& sample) noexcept {
   Item item;
   item.kind = Item::Kind::visibility;
   item.channel = channel;
   item.cycle = cycle;
   item.t = t;
   item.status = status;
-  item.side = side;
+  auto& sides = impl_->sides[channel];
+  if (sample)
+    for (std::size_t i = 0; i < 2; ++i)
+      if (sides.newest[i] == &*sample) sides.shown = static_cast<PairSide>(i);
+  item.side = sides.shown;
   if (sample) {
     item.has_sample = true;
     item.stamp = sample->stamp;

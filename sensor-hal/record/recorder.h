@@ -100,9 +100,9 @@ class Recorder {
   /// For PairSource::observe: calls record_side.
   [[nodiscard]] PairObserver* observer(std::uint32_t channel) noexcept;
   /// What port `channel` showed from this cycle on: call it when that has changed, before end_cycle.
-  /// `sample`: the visible one, or empty.
+  /// `sample`: the visible one, or empty. Which side of a pair it is from is known by what was recorded.
   void record_visibility(std::uint32_t channel, std::uint64_t cycle, BenchTime t, PortStatus status,
-                         const SampleLease& sample, PairSide side = PairSide::real) noexcept;
+                         const SampleLease& sample) noexcept;
   /// The loop did not run `count` cycles, of which `first` is the first.
   void record_skipped(std::uint64_t first, std::uint64_t count, BenchTime t) noexcept;
   void record_command(std::uint32_t sink, const Command& command) noexcept;

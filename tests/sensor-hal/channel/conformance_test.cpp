@@ -1,0 +1,114 @@
+// Simulator, pair and replay run through the suite; device backends do so in tests/conformance.
+#include "tests/sensor-hal/channel/conformance.h"
+
+#include "sensor-hal/channel/replay_source.h"
+#include "sensor-hal/record/recorder.h"
+#include "tests/sensor-hal/channel/test_sources.h"
+
+namespace rigor::conformance {
+namespace {
+
+using test::FormulaImages;
+using test::image_config;
+
+class Simulated : public SourceUnderTest {
+ public:
+  std::unique_ptr<Source> make() override {
+    return std::make_unique<SimulatedSource>(std::make_shared<FormulaImages>(), &joint_, workers_);
+  }
+  ChannelConfig config() override { return image_config("{slots: 6, exposure_us: 1000}"); }
+  ChannelConfig config_with_unknown_key() override { return image_config("{slots: 6, no_such_key: 1}"); }
+  std::size_t slots() const override { return 6; }
+
+ private:
+  test::TurningJoint joint_;
+  WorkerPool workers_{2};
+};
+class SimulatedWall final : public Simulated {
+ public:
+  bool virtual_time() const override { return false; }
+};
+
+class Paired : public SourceUnderTest {
+ public:
+  std::unique_ptr<Source> make() override {
+    return std::make_unique<PairSource>(
+        std::make_unique<SimulatedSource>(std::make_shared<FormulaImages>(), &joint_, workers_),
+        std::make_unique<SimulatedSource>(std::make_shared<FormulaImages>(64, 48, 3), &joint_, workers_),
+        workers_);
+  }
+  ChannelConfig config() override { return image_config("{real: {slots: 8}, simulated: {slots: 8}}"); }
+  ChannelConfig config_with_unknown_key() override {
+    return image_config("{real: {slots: 8}, simulated: {slots: 8}, no_such_key: 1}");
+  }
+  // Of the real side; the pair itself keeps the newest sample of each side.
+  std::size_t slots() const override { return 8; }
+
+ private:
+  test::TurningJoint joint_;
+  WorkerPool workers_{2};
+};
+class PairedWall final : public Paired {
+ public:
+  bool virtual_time() const override { return false; }
+};
+class PairedSimulated final : public Paired {
+ public:
+  ChannelConfig config() override {
+    return image_config("{hand_on: simulated, real: {slots: 8}, simulated: {slots: 8}}");
+  }
+};
+
+/// Records a second of a simulated channel first.
+class Replayed : public SourceUnderTest {
+ public:
+  Replayed() {
+    RecorderOptions options;
+    options.virtual_time = true;
+    WorkerPool workers(1);
+    SimulatedSource source(std::make_shared<FormulaImages>(), nullptr, workers);
+    ArmContext context;
+    context.virtual_time = true;
+    if (!source.configure(image_config("")) || !source.arm(context) || !source.start(BenchTime(0))) return;
+    RecordedChannel channel;
+    channel.name = "left";
+    channel.description = source.describe();
+    auto recorder = Recorder::create(directory_.file("run.mcap"), options, {channel}, {}, {});
+    if (!recorder) return;
+    for (int k = 0; k < 1000; ++k) {
+      const BenchTime now = BenchTime(0) + milliseconds(k);
+      source.complete_until(now);
+      while (SampleLease s = source.poll(now)) (*recorder)->record(0, s);
+      source.begin_cycle(now);
+      (*recorder)->end_cycle(static_cast<std::uint64_t>(k), now);
+    }
+    if (!(*recorder)->stop()) return;
+    if (auto opened = Recording::open(directory_.file("run.mcap"))) recording_ = *opened;
+  }
+  std::unique_ptr<Source> make() override {
+    return recording_ ? std::make_unique<ReplaySource>(recording_) : nullptr;
+  }
+  ChannelConfig config() override { return image_config("{slots: 6}"); }
+  ChannelConfig config_with_unknown_key() override { return image_config("{slots: 6, no_such_key: 1}"); }
+  std::size_t slots() const override { return 6; }
+
+ private:
+  test::TemporaryDirectory directory_;
+  std::shared_ptr<const Recording> recording_;
+};
+class ReplayedLater final : public Replayed {
+ public:
+  BenchTime virtual_t0() const override { return BenchTime(0) + seconds(1000); }
+};
+
+INSTANTIATE_TEST_SUITE_P(Hal, SourceConformance,
+                         testing::Values(under_test<Simulated>("simulated"),
+                                         under_test<SimulatedWall>("simulated_wall"),
+                                         under_test<Paired>("pair"), under_test<PairedWall>("pair_wall"),
+                                         under_test<PairedSimulated>("pair_hands_on_simulated"),
+                                         under_test<Replayed>("replay"),
+                                         under_test<ReplayedLater>("replay_shifted")),
+                         name_of_case);
+
+}  // namespace
+}  // namespace rigor::conformance
