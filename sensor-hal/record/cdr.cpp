@@ -25,6 +25,8 @@ struct CdrWriter::Impl {
 
 CdrWriter::CdrWriter() : impl_(std::make_unique<Impl>()) {}
 CdrWriter::~CdrWriter() = default;
+CdrWriter::CdrWriter(CdrWriter&&) noexcept = default;
+CdrWriter& CdrWriter::operator=(CdrWriter&&) noexcept = default;
 
 void CdrWriter::begin() {
   impl_->borrowed.clear();

@@ -46,8 +46,8 @@ class CdrWriter {
  public:
   CdrWriter();
   ~CdrWriter();
-  CdrWriter(const CdrWriter&) = delete;
-  CdrWriter& operator=(const CdrWriter&) = delete;
+  CdrWriter(CdrWriter&&) noexcept;
+  CdrWriter& operator=(CdrWriter&&) noexcept;
 
   /// The encoded message in pieces, valid until the next call and as long as what it borrows.
   /// Errors: internal, when a borrowed field is followed by one that would have to be aligned.
