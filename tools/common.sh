@@ -48,19 +48,26 @@ log_file() {
   echo "build/logs/$1-$2.log"
 }
 
-# Every C++ source of the project, NUL-separated.
+# Every C++ source of the project, NUL-separated. Files *.glsl.h are shaders first: their tables are kept as drawn.
 list_sources() {
   local -a folders=()
   local folder
   for folder in rt-core sensor-hal sim drivers calibration cli apps benches tests; do
     [[ ! -d $folder ]] || folders+=("$folder")
   done
-  find "${folders[@]}" -name node_modules -prune -o -type f \( -name '*.h' -o -name '*.cpp' \) -print0 | sort -z
+  find "${folders[@]}" -name node_modules -prune -o -type f \
+    \( -name '*.h' -o -name '*.cpp' \) -not -name '*.glsl.h' -print0 | sort -z
 }
 
 format_sources() {
   case ${1:-} in
-    --check) list_sources | xargs -0 -r -n 20 -P "$(nproc)" clang-format-14 --dry-run --Werror ;;
+    --check)
+      local wrong
+      clang-format-14 --version >/dev/null
+      wrong=$({ list_sources | xargs -0 -r -n 20 -P "$(nproc)" clang-format-14 --dry-run --Werror 2>&1 || true; } |
+        sed -nE 's/^([^:]+):([0-9]+):[0-9]+: error: .*/\1/p' | sort | uniq -c)
+      [[ -z $wrong ]] || die "places that ./dev format would change, by file:"$'\n'"$wrong"
+      ;;
     '') list_sources | xargs -0 -r -n 20 -P "$(nproc)" clang-format-14 -i ;;
     *) die "format: expected --check or nothing, got '$1'" 2 ;;
   esac

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# fuzz_one.sh SECONDS RESULTS HARNESS: runs one harness of build/fuzz on its corpus in tests/fuzz/corpus, prints the
+# fuzz_one.sh SECONDS RESULTS HARNESS: runs one harness of build/fuzz on its corpus in tests/fuzz/corpus/NAME, prints the
 # end of its log, and leaves RESULTS/fuzz-NAME.ok when it found nothing. New inputs are kept in build/fuzz/corpus.
 set -euo pipefail
 
@@ -9,7 +9,7 @@ log=$results/fuzz-$name.log
 found=build/fuzz/corpus/$name
 mkdir -p "$found" build/fuzz/artifacts
 folders=("$found")
-seeds=tests/fuzz/corpus/${name#fuzz_}
+seeds=tests/fuzz/corpus/$name
 [[ ! -d $seeds ]] || folders+=("$seeds")
 
 if "build/fuzz/$harness" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
