@@ -45,15 +45,18 @@ FN void lens_distort(REAL x, REAL y, REAL k1, REAL k2, REAL p1, REAL p2, REAL k3
 // The inverse: (x, y) with lens_distort(x, y) = (xd, yd) on the branch that holds the optical axis.
 //
 // The model folds: beyond the curve where det J = 0 it maps other rays onto the same pixels. So the target is walked
-// from the axis to (xd, yd) in steps, each mended by Newton's iteration; a walk that meets det J <= 0, a denominator
-// <= 0, or a residual above `tolerance` at its end returns valid = 0, and no ray of the lens reaches that pixel.
-// `tolerance` is in normalised units: about 1e-6 for float, 1e-13 for double.
+// from the axis to (xd, yd) in steps, each mended by Newton's iteration; an iterate beyond the fold (det J <= 0, or a
+// denominator <= 0) steps back half-way to the last one before it. A walk that does not end on its target before the
+// fold returns valid = 0, and no ray of the lens reaches that pixel. `tolerance` is the residual that counts as the
+// target, in normalised units: about 1e-6 for float, 1e-13 for double.
 FN void lens_undistort(REAL xd, REAL yd, REAL k1, REAL k2, REAL p1, REAL p2, REAL k3, REAL k4, REAL k5, REAL k6,
                        REAL tolerance, OUT(REAL) x, OUT(REAL) y, OUT(REAL) valid) {
-  const int steps = 12;
+  const int steps = 8;
   x = REAL(0.0);
   y = REAL(0.0);
   valid = REAL(1.0);
+  REAL good_x = REAL(0.0);
+  REAL good_y = REAL(0.0);
   REAL jxx = REAL(1.0);
   REAL jxy = REAL(0.0);
   REAL jyx = REAL(0.0);
@@ -64,18 +67,20 @@ FN void lens_undistort(REAL xd, REAL yd, REAL k1, REAL k2, REAL p1, REAL p2, REA
   REAL ey = REAL(0.0);
   for (int step = 1; step <= steps; ++step) {
     REAL part = REAL(float(step)) / REAL(float(steps));
-    int rounds = step == steps ? 6 : 3;
+    int rounds = step == steps ? 20 : 4;
     for (int round_index = 0; round_index < rounds; ++round_index) {
       lens_distort_jacobian(x, y, k1, k2, p1, p2, k3, k4, k5, k6, ex, ey, jxx, jxy, jyx, jyy, den);
       ex = ex - part * xd;
       ey = ey - part * yd;
       det = jxx * jyy - jxy * jyx;
-      if (det <= REAL(1e-6) || den <= REAL(0.0) || jxx + jyy <= REAL(0.0)) {
-        valid = REAL(0.0);
-      }
-      if (valid > REAL(0.5)) {
+      if (det > REAL(1e-6) && den > REAL(0.0) && jxx + jyy > REAL(0.0)) {
+        good_x = x;
+        good_y = y;
         x = x - (jyy * ex - jxy * ey) / det;
         y = y - (jxx * ey - jyx * ex) / det;
+      } else {
+        x = REAL(0.5) * (x + good_x);
+        y = REAL(0.5) * (y + good_y);
       }
     }
   }
@@ -85,7 +90,7 @@ FN void lens_undistort(REAL xd, REAL yd, REAL k1, REAL k2, REAL p1, REAL p2, REA
   det = jxx * jyy - jxy * jyx;
   // Written as "not small" so that a NaN is invalid too.
   if (!(ex * ex + ey * ey <= tolerance * tolerance * (REAL(1.0) + xd * xd + yd * yd)) || det <= REAL(1e-6) ||
-      den <= REAL(0.0)) {
+      den <= REAL(0.0) || jxx + jyy <= REAL(0.0)) {
     valid = REAL(0.0);
   }
 }

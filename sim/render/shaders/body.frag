@@ -13,9 +13,12 @@ void main() {
   if (kPattern) {
     vec2 q = p_body.xy * surface.pattern.z;  // in squares from the centre
     vec2 w = max(max(abs(dFdx(q)), abs(dFdy(q))), vec2(1e-4));
-    // The board's outer edge, box-filtered too.
-    vec2 inside = clamp((0.5 * surface.pattern.xy - abs(q)) / w + 0.5, 0.0, 1.0);
-    float dark = checker(q + 0.5 * surface.pattern.xy, w) * inside.x * inside.y;
+    // The board's outer edge, box-filtered too: the share of the pixel that lies on the board, times the mean of the
+    // squares there.
+    vec2 half_board = 0.5 * surface.pattern.xy;
+    vec2 inside = clamp((half_board - abs(q)) / w + 0.5, 0.0, 1.0);
+    vec2 room = max(half_board - 0.5 * w, vec2(0.0));
+    float dark = checker(clamp(q, -room, room) + half_board, w) * inside.x * inside.y;
     m = mixed(m, surface.other, n_body.z > 0.5 ? dark : 0.0);
   }
   put(lit(m, normalize(n_camera), p_camera));
