@@ -1,0 +1,127 @@
+// What a user gets for input that is wrong: a message with its place, exit status 2, and nothing touched.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/cli/command.h"
+
+namespace rigor::test {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::MatchesRegex;
+
+constexpr const char* kChannel = "channels:\n  c: { kind: registers, backend: modbus, rate_hz: 100, address: 127.0.0.1, port: 5999, "
+                                 "registers: [ { name: p, table: input_registers, address: 0, type: u16 } ] }\n";
+
+class BadInput : public ::testing::Test {
+ protected:
+  Said run(const std::string& rig, std::vector<std::string> more = {}) {
+    write_file(dir / "rig.yaml", rig);
+    std::vector<std::string> words{"run", "rig.yaml", "--duration", "0.2"};
+    words.insert(words.end(), more.begin(), more.end());
+    return rigor(words, dir.path());
+  }
+  void expect_refused(const Said& said, const std::string& message) {
+    EXPECT_EQ(said.status, 2) << said.err;
+    EXPECT_THAT(said.err, HasSubstr(message));
+    EXPECT_FALSE(std::filesystem::exists(dir / "out.mcap"));
+    EXPECT_FALSE(std::filesystem::exists(dir / "report"));
+  }
+  TempDir dir;
+};
+
+TEST_F(BadInput, MissingFile) { expect_refused(rigor({"run", "nowhere.yaml"}, dir.path()), "nowhere.yaml"); }
+
+TEST_F(BadInput, BrokenYamlSaysLineAndColumn) {
+  const Said said = run("channels: {\n  c: [\n");
+  EXPECT_EQ(said.status, 2);
+  EXPECT_THAT(said.err, ::testing::ContainsRegex("rig.yaml:[0-9]+:[0-9]+:"));
+}
+
+TEST_F(BadInput, WrongType) { expect_refused(run("loop: { rate_hz: fast }\n"), "rig.yaml:1:18: loop.rate_hz: expected a number"); }
+
+TEST_F(BadInput, UnknownKeyNamesTheNearest) {
+  expect_refused(run("lop: { rate_hz: 1000 }\n"), "did you mean loop?");
+}
+
+TEST_F(BadInput, UnknownKeyOfABackendIsFoundToo) {
+  std::string rig = kChannel;
+  rig.replace(rig.find("port: 5999"), 10, "prot: 5999");
+  const Said said = run(rig);
+  EXPECT_EQ(said.status, 2);
+  EXPECT_THAT(said.err, HasSubstr("prot"));
+  EXPECT_THAT(said.err, HasSubstr("port"));
+}
+
+TEST_F(BadInput, NegativeRate) {
+  expect_refused(run("channels:\n  c: { kind: image, backend: simulated, rate_hz: -25 }\n"), "rate_hz: expected");
+}
+
+TEST_F(BadInput, RateThatDoesNotDivideTheBaseRate) {
+  expect_refused(run("channels:\n  c: { kind: image, backend: simulated, rate_hz: 30 }\n"), "divides the loop's 1000 Hz, got 30");
+}
+
+TEST_F(BadInput, TwoChannelsWithOneName) {
+  expect_refused(run(std::string(kChannel) + "  c: { kind: registers, backend: modbus, rate_hz: 100 }\n"), "rig.yaml:3:");
+}
+
+TEST_F(BadInput, UnknownBackendListsTheOnesThereAre) {
+  const Said said = run("channels:\n  c: { kind: image, backend: aravsi, rate_hz: 25 }\n");
+  expect_refused(said, "did you mean aravis?");
+}
+
+TEST_F(BadInput, CameraThatIsNotThere) {
+  const Said said = run("channels:\n  c: { kind: image, backend: aravis, rate_hz: 25, device: No-Such-Camera, interface: 127.0.0.1 }\n");
+  EXPECT_EQ(said.status, 2) << said.err;
+  EXPECT_THAT(said.err, HasSubstr("No-Such-Camera"));
+}
+
+TEST_F(BadInput, ModbusDeviceThatIsNotThere) {
+  const Said said = run(kChannel);
+  EXPECT_EQ(said.status, 2) << said.err;
+  EXPECT_THAT(said.err, HasSubstr("127.0.0.1"));
+}
+
+TEST_F(BadInput, RecordingThatCannotBeWritten) {
+  expect_refused(run("loop: {}\n", {"--record", "/no/such/folder/out.mcap"}), "/no/such/folder/out.mcap");
+}
+
+TEST_F(BadInput, ReportThatCannotBeWritten) {
+  write_file(dir / "file", "");
+  expect_refused(run("loop: {}\n", {"--report", "file/report"}), "file/report");
+}
+
+TEST_F(BadInput, VirtualTimeWithoutAnEnd) {
+  write_file(dir / "rig.yaml", "clock: virtual\n");
+  expect_refused(rigor({"run", "rig.yaml"}, dir.path()), "duration");
+}
+
+TEST_F(BadInput, DeviceWithoutAnEmulatorInVirtualTime) {
+  expect_refused(run(kChannel, {"--clock", "virtual"}), "expected an entry `c` in `emulators`");
+}
+
+TEST_F(BadInput, OptionsOfTheCommandLine) {
+  EXPECT_EQ(rigor({"run"}).status, 2);
+  EXPECT_EQ(rigor({"fly"}).status, 2);
+  EXPECT_EQ(rigor({"run", config("demo.yaml"), "--set", "nonsense"}).status, 2);
+  EXPECT_EQ(rigor({"sense", config("demo.yaml"), "--channel", "none", "-o", (dir / "x.png").string()}).status, 2);
+  EXPECT_EQ(rigor({"sense", config("demo.yaml"), "--channel", "right", "-o", (dir / "x.bmp").string()}).status, 2);
+  EXPECT_EQ(rigor({"emulate", config("demo.yaml"), "--only", "nothing"}).status, 2);
+  EXPECT_FALSE(std::filesystem::exists(dir / "x.png"));
+}
+
+TEST_F(BadInput, InspectOfWhatIsNoRecording) {
+  write_file(dir / "x.mcap", "this is no recording");
+  EXPECT_EQ(rigor({"inspect", "x.mcap"}, dir.path()).status, 2);
+  EXPECT_EQ(rigor({"inspect", "y.mcap"}, dir.path()).status, 2);
+  EXPECT_EQ(rigor({"replay", "x.mcap"}, dir.path()).status, 2);
+}
+
+TEST_F(BadInput, JsonCarriesTheErrorToo) {
+  const Said said = run("lop: {}\n", {"--json"});
+  EXPECT_EQ(said.status, 2);
+  EXPECT_THAT(said.out, HasSubstr("\"exit_status\":2"));
+}
+
+}  // namespace
+}  // namespace rigor::test

@@ -1,0 +1,249 @@
+// Whole runs of the demo rig, from the command line to the files they leave.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <openssl/sha.h>
+#include <signal.h>
+#include <sys/mount.h>
+
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "tests/cli/command.h"
+
+namespace rigor::test {
+namespace {
+
+using nlohmann::json;
+using ::testing::HasSubstr;
+
+std::string sha256(const std::filesystem::path& file) {
+  const std::string bytes = read_file(file);
+  std::array<unsigned char, SHA256_DIGEST_LENGTH> digest{};
+  SHA256(reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size(), digest.data());
+  return {digest.begin(), digest.end()};
+}
+json channel(const json& result, const std::string& name) {
+  for (const json& c : result["channels"])
+    if (c["name"] == name) return c;
+  return {};
+}
+void sleep_ms(int ms) { std::this_thread::sleep_for(std::chrono::milliseconds(ms)); }
+/// Until a line with `text` was printed.
+bool wait_for(const Command& command, const std::string& text, int patience_ms = 20000) {
+  for (int t = 0; t < patience_ms && command.running(); t += 20) {
+    if ((command.out() + command.err()).find(text) != std::string::npos) return true;
+    sleep_ms(20);
+  }
+  return false;
+}
+
+class Runs : public ::testing::Test {
+ protected:
+  [[nodiscard]] std::string file(const std::string& name) const { return (dir / name).string(); }
+  /// The demo with its outputs in the test's own folder, as JSON.
+  std::vector<std::string> demo(std::vector<std::string> more) const {
+    std::vector<std::string> words{"run", config("demo.yaml"), "--json", "--record", file("run.mcap"), "--report", file("report")};
+    words.insert(words.end(), more.begin(), more.end());
+    return rigor_words(std::move(words));
+  }
+  TempDir dir;
+};
+
+TEST_F(Runs, InVirtualTimeRepeatByteForByteOnAnyNumberOfWorkers) {
+  std::string first_file, first_seen;
+  for (const char* workers : {"1", "2", "1", "2", "1"}) {
+    const Said said = Command(demo({"--clock", "virtual", "--duration", "0.8", "--set", std::string("simulation.workers=") + workers})).wait();
+    ASSERT_EQ(said.status, 0) << said.err;
+    const json result = json::parse(said.out);
+    // The rig's text is in the file: without that one key the runs are the same.
+    const std::string seen = result["seen_sha256"];
+    ASSERT_FALSE(seen.empty());
+    if (first_seen.empty()) first_seen = seen;
+    EXPECT_EQ(seen, first_seen) << workers << " workers";
+    if (std::string(workers) == "2") continue;
+    if (first_file.empty()) first_file = sha256(dir / "run.mcap");
+    EXPECT_EQ(sha256(dir / "run.mcap"), first_file);
+  }
+}
+
+TEST_F(Runs, InVirtualTimeDifferWithTheSeed) {
+  std::string seen[2];
+  for (int i = 0; i < 2; ++i) {
+    const Said said = Command(demo({"--clock", "virtual", "--duration", "0.3", "--set", "seed=" + std::to_string(i + 1)})).wait();
+    ASSERT_EQ(said.status, 0) << said.err;
+    seen[i] = json::parse(said.out)["seen_sha256"];
+  }
+  EXPECT_NE(seen[0], seen[1]);
+}
+
+TEST_F(Runs, OnTheWallClockAreReplayedExactlyAndTwoReplaysAreEqualFiles) {
+  const Said run = Command(demo({"--duration", "3"})).wait();
+  ASSERT_EQ(run.status, 0) << run.err;
+  const json seen = json::parse(run.out)["seen_sha256"];
+  ASSERT_NE(seen, "");
+  for (const char* name : {"one.mcap", "two.mcap"}) {
+    const Said replay = rigor({"replay", file("run.mcap"), "--record", file(name), "--json"});
+    ASSERT_EQ(replay.status, 0) << replay.err;
+    EXPECT_EQ(json::parse(replay.out)["seen_sha256"], seen);
+  }
+  EXPECT_EQ(sha256(dir / "one.mcap"), sha256(dir / "two.mcap"));
+  // And a replay of a replay is still the same.
+  const Said again = rigor({"replay", file("one.mcap"), "--json"});
+  ASSERT_EQ(again.status, 0) << again.err;
+  EXPECT_EQ(json::parse(again.out)["seen_sha256"], seen);
+}
+
+TEST_F(Runs, OfTheDemoSeeEveryFrameOfTheEmulatedCameraAndCompareItWithItsTwin) {
+  const Said run = Command(demo({"--duration", "4"})).wait();
+  ASSERT_EQ(run.status, 0) << run.err;
+  const json result = json::parse(run.out);
+  const json left = channel(result, "left"), right = channel(result, "right"), table = channel(result, "turntable");
+  EXPECT_EQ(left["lost_samples"], 0);
+  EXPECT_GT(left["fresh"], 85);
+  EXPECT_NEAR(left["rate_hz"].get<double>(), 25, 0.1);
+  EXPECT_NEAR(right["rate_hz"].get<double>(), 25, 0.1);
+  EXPECT_NEAR(table["rate_hz"].get<double>(), 100, 0.5);
+  EXPECT_GT(left["pair"]["count"], 80);
+  // One world, one model, two noises: no bias, and the sigma of two cameras' noise and a few edges.
+  EXPECT_NEAR(left["pair"]["bias"].get<double>(), 0, 0.5);
+  EXPECT_LT(left["pair"]["sigma"].get<double>(), 8);
+  EXPECT_GT(left["pair"]["sigma"].get<double>(), 0.1);
+  EXPECT_GT(result["sinks"][0]["applied"], 150);
+  const std::string page = read_file(dir / "report/index.html");
+  for (const char* part : {"Wake-up error", "Misses and their causes", "left: real against simulated", "left-first.png", "right-last.png", "</html>"})
+    EXPECT_THAT(page, HasSubstr(part));
+  EXPECT_GT(std::filesystem::file_size(dir / "report/right-last.png"), 1000u);
+}
+
+TEST_F(Runs, SwitchAPairWithoutAGapAndRecordTheSwitch) {
+  const Said run = Command(demo({"--clock", "virtual", "--duration", "2", "--set", "channels.left.pair.switches=[{at_s: 0.8, hand_on: simulated}, {at_s: 1.4, hand_on: real}]"})).wait();
+  ASSERT_EQ(run.status, 0) << run.err;
+  const json left = channel(json::parse(run.out), "left");
+  EXPECT_EQ(left["pair"]["switches"], 2);
+  EXPECT_EQ(left["gap_count"], 0);
+  EXPECT_EQ(left["lost_samples"], 0);
+  EXPECT_EQ(left["late_cycles"], 0);
+  const Said inspect = rigor({"inspect", file("run.mcap"), "--json"});
+  EXPECT_EQ(inspect.status, 0);
+  EXPECT_THAT(inspect.out, HasSubstr("/rigor/events"));
+}
+
+TEST_F(Runs, GoOnWhenTheCameraIsKilledAndSeeItReturn) {
+  Command table(rigor_words({"emulate", config("demo.yaml"), "--only", "turntable"}));
+  auto camera = std::make_unique<Command>(rigor_words({"emulate", config("demo.yaml"), "--only", "left"}));
+  ASSERT_TRUE(wait_for(table, "until Ctrl-C"));
+  ASSERT_TRUE(wait_for(*camera, "until Ctrl-C"));
+  Command run(demo({"--no-emulators", "--duration", "12"}));
+  sleep_ms(4500);
+  camera->signal(SIGKILL);
+  camera.reset();
+  sleep_ms(1500);
+  camera = std::make_unique<Command>(rigor_words({"emulate", config("demo.yaml"), "--only", "left"}));
+  const Said said = run.wait();
+  ASSERT_EQ(said.status, 0) << said.err;
+  const json result = json::parse(said.out), left = channel(result, "left");
+  EXPECT_GT(left["lost_cycles"], 300) << "the channel says lost while the camera is away";
+  EXPECT_GE(left["health"]["reconnects"], 1);
+  EXPECT_GT(left["lost_samples"], 20) << "what was missed is counted";
+  ASSERT_FALSE(left["status"].empty());
+  EXPECT_EQ(left["status"].back()["status"], "fresh") << "and it returns";
+  EXPECT_EQ(channel(result, "right")["lost_samples"], 0);
+  EXPECT_EQ(result["loop"]["cycles_run"].get<int>() + result["loop"]["cycles_skipped"].get<int>(), 12000);
+  EXPECT_LT(result["loop"]["wake_error"]["p99_ns"], 20'000'000) << "the loop stays on time";
+}
+
+TEST_F(Runs, LeaveTheTurntableSafeOnCtrlC) {
+  Command run(demo({"--duration", "60"}));
+  sleep_ms(6000);
+  ASSERT_TRUE(run.running()) << run.err();
+  run.signal(SIGINT);
+  const Said said = run.wait(std::chrono::seconds(20));
+  ASSERT_EQ(said.status, 0) << said.err;
+  const json result = json::parse(said.out);
+  EXPECT_THAT(result["loop"]["reason"].get<std::string>(), HasSubstr("signal"));
+  EXPECT_GE(result["sinks"][0]["made_safe"], 1);
+  EXPECT_TRUE(std::filesystem::exists(dir / "report/index.html"));
+}
+
+TEST_F(Runs, KilledWhileRecordingLoseAtMostASecond) {
+  Command run(demo({"--duration", "60"}));
+  for (int i = 0; i < 400 && (!std::filesystem::exists(dir / "run.mcap") || std::filesystem::file_size(dir / "run.mcap") < 4'000'000); ++i) sleep_ms(50);
+  sleep_ms(2000);
+  const auto killed = std::chrono::system_clock::now();
+  run.signal(SIGKILL);
+  EXPECT_EQ(run.wait().status, 128 + SIGKILL);
+
+  const Said repair = rigor({"inspect", file("run.mcap"), "--repair", "-o", file("whole.mcap"), "--json"});
+  ASSERT_EQ(repair.status, 0) << repair.err;
+  EXPECT_GT(json::parse(repair.out)["messages"], 200);
+  const Said inspect = rigor({"inspect", file("whole.mcap"), "--json"});
+  ASSERT_EQ(inspect.status, 0) << inspect.err;
+  const json report = json::parse(inspect.out);
+  const auto text = [](const json& v) { return v.is_string() ? std::stoll(v.get<std::string>()) : v.get<long long>(); };
+  const double last_s = static_cast<double>(text(report["last_ns"])) * 1e-9;
+  const double killed_s = std::chrono::duration<double>(killed.time_since_epoch()).count();
+  EXPECT_GT(last_s, killed_s - 1.0);
+  EXPECT_EQ(rigor({"replay", file("whole.mcap"), "--json"}).status, 0) << "what is left can be replayed";
+}
+
+TEST_F(Runs, EndWhenTheDiskIsFullAndWhatIsWrittenStaysReadable) {
+  const std::filesystem::path disk = dir / "disk";
+  std::filesystem::create_directory(disk);
+  if (mount("tmpfs", disk.c_str(), "tmpfs", 0, "size=3m") != 0)
+    GTEST_SKIP() << "a small disk cannot be mounted here (needs root)";
+  const Said said = rigor({"run", config("demo.yaml"), "--json", "--clock", "virtual", "--duration", "20", "--record",
+                           (disk / "run.mcap").string(), "--report", file("report")});
+  EXPECT_EQ(said.status, 1) << said.err;
+  EXPECT_THAT(said.err, HasSubstr("space"));
+  EXPECT_THAT(said.err, HasSubstr("run.mcap"));
+  EXPECT_LT(json::parse(said.out)["loop"]["cycles_run"], 20000) << "said at once, not at the end";
+  const Said inspect = rigor({"inspect", (disk / "run.mcap").string(), "--json"});
+  EXPECT_EQ(inspect.status, 0) << inspect.err;
+  if (inspect.status == 0) EXPECT_GT(json::parse(inspect.out)["messages"], 10);
+  umount(disk.c_str());
+}
+
+TEST_F(Runs, WriteATraceThatIsJson) {
+  const Said said = Command(demo({"--clock", "virtual", "--duration", "0.1", "--trace", file("trace.json")})).wait();
+  ASSERT_EQ(said.status, 0) << said.err;
+  const json trace = json::parse(read_file(dir / "trace.json"));
+  EXPECT_GT((trace.is_array() ? trace : trace["traceEvents"]).size(), 100u);
+}
+
+TEST_F(Runs, EveryRigInTheTreeLoadsAndRuns) {
+  int rigs = 0;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(RIGOR_SOURCE_DIR "/configs")) {
+    const std::string text = entry.is_regular_file() ? read_file(entry.path()) : "";
+    if (entry.path().extension() != ".yaml" || text.find("\nchannels:") == std::string::npos) continue;
+    ++rigs;
+    const Said said = rigor({"run", entry.path().string(), "--clock", "virtual", "--duration", "0.1", "--json", "--record",
+                             file("any.mcap"), "--report", file("any")});
+    EXPECT_EQ(said.status, 0) << entry.path() << ": " << said.err;
+  }
+  EXPECT_GE(rigs, 1);
+}
+
+TEST_F(Runs, SenseGivesTheSampleOfARun) {
+  const Said said = rigor({"sense", config("demo.yaml"), "--channel", "left", "--joint", "turntable=20", "-o", file("left.png"), "--json"});
+  ASSERT_EQ(said.status, 0) << said.err;
+  EXPECT_EQ(json::parse(said.out)["width_px"], 640);
+  EXPECT_GT(std::filesystem::file_size(dir / "left.png"), 10'000u);
+  EXPECT_EQ(rigor({"sense", config("demo.yaml"), "--channel", "right", "-o", file("right.exr")}).status, 0);
+  EXPECT_GT(std::filesystem::file_size(dir / "right.exr"), 10'000u);
+}
+
+TEST_F(Runs, DevicesAndDoctorSpeakJson) {
+  Command camera(rigor_words({"emulate", config("demo.yaml"), "--only", "left"}));
+  ASSERT_TRUE(wait_for(camera, "until Ctrl-C"));
+  const Said devices = rigor({"devices", "--json"});
+  EXPECT_EQ(devices.status, 0);
+  EXPECT_THAT(json::parse(devices.out)["devices"].dump(), HasSubstr("Rigor"));
+  const Said doctor = rigor({"doctor", "--json"});
+  EXPECT_EQ(doctor.status, 0);
+  EXPECT_GT(json::parse(doctor.out)["findings"].size(), 4u);
+  camera.signal(SIGINT);
+  EXPECT_EQ(camera.wait(std::chrono::seconds(10)).status, 0);
+}
+
+}  // namespace
+}  // namespace rigor::test
