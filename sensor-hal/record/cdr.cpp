@@ -56,6 +56,10 @@ void CdrWriter::put_array(const T* values, std::size_t n) {
   if (n == 0) return;
   // Fast CDR counts alignment in its own buffer, where borrowed bytes are not; single bytes do not care.
   if (sizeof(T) > 1 && !impl_->borrowed.empty()) impl_->misaligned = true;
+  // Fast CDR jumps over padding and leaves what lay in its memory, which would then be in the file: two equal
+  // messages must be equal bytes.
+  const std::size_t past = (impl_->cdr.getSerializedDataLength() - kEncapsulationBytes) % sizeof(T);
+  for (std::size_t i = past; past != 0 && i < sizeof(T); ++i) impl_->cdr.serialize(std::uint8_t{0});
   if (n == 1) {
     impl_->cdr.serialize(*values);
   } else {

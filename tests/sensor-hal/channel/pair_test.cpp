@@ -1,0 +1,426 @@
+// The pair: same instants, switches without a gap, statistics that are known beforehand.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <deque>
+#include <map>
+#include <set>
+
+#include "tests/sensor-hal/channel/test_sources.h"
+
+namespace rigor {
+namespace {
+
+using test::FormulaImages;
+using test::image_config;
+
+/// A device whose samples the test places: instant, arrival, content.
+class ScriptedDevice final : public Source {
+ public:
+  struct Shot {
+    BenchTime t_capture, t_arrival;
+  };
+  std::deque<Shot> shots;
+  Duration latency;
+
+  SampleLease poll(BenchTime now) noexcept override {
+    if (shots.empty() || shots.front().t_arrival > now) return {};
+    const Shot shot = shots.front();
+    shots.pop_front();
+    SampleLease s = pool_->try_acquire();
+    if (!s) return {};
+    Sample& sample = s.edit();
+    sample.stamp = Stamp{};
+    sample.stamp.sequence = 1000 + count_++;  // a device's own count: the pair must not use it
+    sample.stamp.t_capture = shot.t_capture;
+    sample.stamp.t_release = shot.t_capture + latency;
+    sample.stamp.t_arrival = shot.t_arrival;
+    ImageRequest r;
+    r.t_capture = shot.t_capture;
+    ImageInfo info;
+    info.width_px = 64;
+    info.height_px = 48;
+    sample.info = info;
+    sample.size_bytes = 64 * 48;
+    FormulaImages::fill(r, sample.memory().first(sample.size_bytes), 0);
+    health_.received.fetch_add(1);
+    return s;
+  }
+  void set_connected(bool c) { health_.connected = c; }
+
+ private:
+  Status do_configure(const ChannelConfig& c) override {
+    latency = c.latency;
+    description_.kind = SampleKind::image;
+    description_.max_bytes = 64 * 48;
+    description_.width_px = 64;
+    description_.height_px = 48;
+    return {};
+  }
+  Status do_arm(const ArmContext&) override {
+    pool_ = make_sample_pool(16, 64 * 48);
+    return {};
+  }
+  Status do_start(BenchTime) override {
+    health_.connected = true;
+    return {};
+  }
+  Status do_stop() override {
+    health_.connected = false;
+    return {};
+  }
+  std::unique_ptr<SamplePool> pool_;
+  std::uint64_t count_ = 0;
+};
+
+class Log final : public PairObserver {
+ public:
+  void on_side_sample(PairSide side, const SampleLease& s) noexcept override {
+    seen[static_cast<std::size_t>(side)].push_back(s->stamp);
+    order.push_back(s->stamp.t_release);
+  }
+  std::array<std::vector<Stamp>, 2> seen;
+  std::vector<BenchTime> order;
+};
+
+/// 10 ms period, 12 ms latency, 3 ms from capture to arrival. The twin's picture is the real one's plus 3, if
+/// it is rendered for the same instant.
+class PairTest : public testing::Test {
+ protected:
+  void make(const std::string& params = "", bool virtual_time = true) {
+    auto device = std::make_unique<ScriptedDevice>();
+    device_ = device.get();
+    auto images = std::make_shared<FormulaImagesOfInstant>();
+    pair_ = std::make_unique<PairSource>(
+        std::move(device), std::make_unique<SimulatedSource>(images, nullptr, workers_), workers_);
+    const auto s = pair_->configure(image_config(params));
+    ASSERT_TRUE(s) << s.error().text();
+    pair_->observe(&log_);
+    ASSERT_TRUE(pair_->arm({.virtual_time = virtual_time}));
+    ASSERT_TRUE(pair_->start(t0_));
+  }
+  /// Ignores the index, as the formula of a real device would.
+  class FormulaImagesOfInstant final : public ImageProvider {
+   public:
+    Geometry geometry() const override { return {64, 48, PixelFormat::mono8, milliseconds(2), "t"}; }
+    Status capture(const ImageRequest& r, std::span<std::byte> pixels) override {
+      ImageRequest same = r;
+      same.index = 0;
+      FormulaImages::fill(same, pixels, 3);
+      return {};
+    }
+  };
+  void shot(std::int64_t capture_us, Duration transport = milliseconds(3)) {
+    const BenchTime t = t0_ + microseconds(capture_us);
+    device_->shots.push_back({t, t + transport});
+  }
+  /// Cycles `from` to `to` (excluded) of 1 ms.
+  void run(int from, int to) {
+    for (int k = from; k < to; ++k) {
+      const BenchTime now = t0_ + milliseconds(k);
+      pair_->complete_until(now);
+      poll(now);
+      pair_->begin_cycle(now);
+    }
+  }
+  void poll(BenchTime now) {
+    while (SampleLease s = pair_->poll(now)) {
+      EXPECT_LE(s->stamp.t_release, now) << "handed on before its release";
+      handed_.push_back(s->stamp);
+      sides_.push_back(pair_->handed_side());
+    }
+    while (SampleLease e = pair_->poll_event()) events_.push_back(e);
+  }
+  void expect_gapless() {
+    for (std::size_t i = 1; i < handed_.size(); ++i) {
+      EXPECT_EQ(handed_[i].sequence, handed_[i - 1].sequence + 1) << "at " << i;
+      EXPECT_GT(handed_[i].t_capture, handed_[i - 1].t_capture) << "at " << i;
+    }
+  }
+  void TearDown() override {
+    events_.clear();
+    if (pair_ && pair_->state() == ChannelState::running) {
+      EXPECT_TRUE(pair_->stop());
+    }
+  }
+
+  BenchTime t0_{0};
+  WorkerPool workers_{2};
+  Log log_;
+  std::unique_ptr<PairSource> pair_;
+  ScriptedDevice* device_ = nullptr;
+  std::vector<Stamp> handed_;
+  std::vector<PairSide> sides_;
+  std::vector<SampleLease> events_;
+};
+
+TEST_F(PairTest, MeasuresBothSidesAtTheSameInstants) {
+  make("phase_us: 1700");
+  for (int k = 0; k < 10; ++k) shot(k * 10'000 + 1'700 + k * 13);  // its own phase, and a clock that drifts
+  run(0, 113);
+  ASSERT_EQ(handed_.size(), 10u);
+  EXPECT_EQ(handed_[0].sequence, 0u);
+  expect_gapless();
+  ASSERT_EQ(log_.seen[0].size(), 10u);
+  ASSERT_EQ(log_.seen[1].size(), 10u);
+  for (std::size_t i = 0; i < 10; ++i) {
+    EXPECT_EQ(log_.seen[0][i].t_capture, log_.seen[1][i].t_capture);
+    EXPECT_EQ(log_.seen[0][i].sequence, log_.seen[1][i].sequence);
+    EXPECT_EQ(log_.seen[0][i].t_capture, t0_ + microseconds(static_cast<int>(i) * 10'013 + 1'700));
+  }
+  pair_->complete_until(t0_ + milliseconds(113));
+  const PairSnapshot s = pair_->statistics();
+  EXPECT_EQ(s.compared, 10u);
+  EXPECT_EQ(s.unlike, 0u);
+  EXPECT_EQ(s.all.count, 10u * 64 * 48);
+  EXPECT_DOUBLE_EQ(s.all.bias, 3);
+  EXPECT_DOUBLE_EQ(s.all.sigma, 0);
+  EXPECT_EQ(s.missing_of(PairSide::real), 0u);
+  EXPECT_EQ(s.missing_of(PairSide::simulated), 0u);
+}
+
+TEST_F(PairTest, SwitchesAtAnyCycleWithoutGapInSequenceOrTime) {
+  // Each possible place of the switch within a period, there and back again.
+  for (int at = 30; at < 52; ++at) {
+    handed_.clear();
+    sides_.clear();
+    events_.clear();
+    make();
+    for (int k = 0; k < 20; ++k) shot(k * 10'000 + 1'300);
+    run(0, at);
+    EXPECT_EQ(pair_->active(), PairSide::real);
+    pair_->switch_to(PairSide::simulated);
+    EXPECT_EQ(pair_->active(), PairSide::real) << "in force before the cycle's end";
+    run(at, at + 1);
+    EXPECT_EQ(pair_->active(), PairSide::simulated);
+    run(at + 1, 101);
+    pair_->switch_to(PairSide::real);
+    run(101, 215);
+    ASSERT_EQ(handed_.size(), 20u) << "switch at " << at;
+    expect_gapless();
+    for (std::size_t i = 0; i < 20; ++i) {
+      const BenchTime release = handed_[i].t_release;
+      const bool simulated = release > t0_ + milliseconds(at - 1) && release <= t0_ + milliseconds(100);
+      EXPECT_EQ(sides_[i], simulated ? PairSide::simulated : PairSide::real)
+          << "sample " << i << ", switch at " << at;
+    }
+    ASSERT_EQ(events_.size(), 2u);
+    const auto* event = events_[0]->as<EventInfo>();
+    ASSERT_NE(event, nullptr);
+    EXPECT_EQ(event->code, kEventPairSwitch);
+    EXPECT_EQ(event->value, 1);
+    EXPECT_EQ(events_[0]->stamp.t_capture, t0_ + milliseconds(at));
+    EXPECT_THAT(event->text.data(),
+                testing::HasSubstr("left: simulated is handed on instead of real, from sequence "));
+    EXPECT_EQ(pair_->switches(), 2u);
+    events_.clear();
+    ASSERT_TRUE(pair_->stop());
+  }
+}
+
+TEST_F(PairTest, HandsOnWhatTheRealSideMissesOnlyWhenAskedTo) {
+  make();
+  for (int k = 0; k < 20; ++k)
+    if (k != 5 && k < 12) shot(k * 10'000 + 1'300);  // 5 is lost, from 12 on the device is gone
+  run(0, 140);
+  // The real side is active: 5 is a gap, and the end is an end.
+  std::vector<std::uint64_t> sequences;
+  for (const auto& s : handed_) sequences.push_back(s.sequence);
+  EXPECT_THAT(sequences, testing::ElementsAre(0, 1, 2, 3, 4, 6, 7, 8, 9, 10, 11));
+  // Sample 12 was due at 133.3 ms; the twin has it. A switch hands it on at once, and goes on from there.
+  device_->set_connected(false);
+  pair_->switch_to(PairSide::simulated);
+  run(140, 141);
+  ASSERT_EQ(handed_.back().sequence, 12u);
+  EXPECT_TRUE(pair_->health().connected.load()) << "the active side is there";
+  run(141, 200);
+  for (std::size_t i = 10; i < handed_.size(); ++i) EXPECT_EQ(handed_[i].sequence, i + 1);
+  EXPECT_EQ(handed_.back().sequence, 18u);
+  EXPECT_EQ(handed_.back().t_capture, t0_ + microseconds(181'300));
+  // The twin left nothing out.
+  std::set<std::uint64_t> twin;
+  for (const auto& s : log_.seen[1]) twin.insert(s.sequence);
+  EXPECT_EQ(twin.size(), 19u);
+  const PairSnapshot s = pair_->statistics();
+  EXPECT_EQ(s.missing_of(PairSide::real), 8u);  // 5, and 12 to 18
+  EXPECT_EQ(s.missing_of(PairSide::simulated), 0u);
+  // Back to a device that is gone: the port will say lost.
+  pair_->switch_to(PairSide::real);
+  run(200, 202);
+  EXPECT_FALSE(pair_->health().connected.load());
+}
+
+TEST_F(PairTest, ComesBackWithTheDeviceAtTheRightCount) {
+  make("hand_on: simulated");
+  for (int k : {0, 1, 2, 30, 31, 32}) shot(k * 10'000 + 1'300 + (k >= 30 ? 2'100 : 0));
+  run(0, 345);
+  EXPECT_EQ(handed_.size(), 33u);
+  expect_gapless();
+  ASSERT_EQ(log_.seen[0].size(), 6u);
+  EXPECT_EQ(log_.seen[0][3].sequence, 30u);
+  EXPECT_EQ(log_.seen[0][5].sequence, 32u);
+}
+
+TEST_F(PairTest, NeverRepeatsASampleThatComesLate) {
+  make();
+  shot(1'000);
+  shot(11'000);
+  shot(21'000, milliseconds(20));  // due at 33, there at 41
+  shot(31'000, milliseconds(11));
+  shot(41'000);
+  run(0, 38);
+  ASSERT_EQ(handed_.size(), 2u);
+  pair_->switch_to(PairSide::simulated);
+  run(38, 40);
+  ASSERT_EQ(handed_.size(), 3u);  // the twin's 2
+  pair_->switch_to(PairSide::real);
+  run(40, 70);
+  expect_gapless();
+  EXPECT_EQ(handed_.size(), 5u);
+}
+
+TEST_F(PairTest, KeepsPaceInWallTimeWhenTheDeviceIsOverdue) {
+  t0_ = BenchTime(monotonic_now().ns());
+  make("{hand_on: simulated, overdue_ms: 5}", false);
+  for (int k : {0, 1, 2, 3, 9, 10}) shot(k * 10'000 + 1'000);
+  for (int k = 0; k < 160; ++k) {
+    const BenchTime now = t0_ + milliseconds(k);
+    while (BenchTime(monotonic_now().ns()) < now) std::this_thread::sleep_for(std::chrono::microseconds(200));
+    poll(now);
+    pair_->begin_cycle(now);
+  }
+  ASSERT_GE(handed_.size(), 12u);
+  expect_gapless();
+  for (const auto& s : handed_) EXPECT_EQ((s.t_capture - t0_).ns() % 10'000'000, 1'000'000);
+}
+
+TEST_F(PairTest, TellsWhenASideIsRefused) {
+  auto device = std::make_unique<ScriptedDevice>();
+  PairSource pair(std::move(device),
+                  std::make_unique<SimulatedSource>(std::make_shared<FormulaImages>(), nullptr, workers_),
+                  workers_);
+  auto s = pair.configure(image_config("simulated: {exposre_us: 3}"));
+  ASSERT_FALSE(s);
+  EXPECT_THAT(s.error().text(), testing::HasSubstr("exposre_us"));
+  EXPECT_FALSE(pair.configure(image_config("hand_on: left")));
+  EXPECT_FALSE(pair.configure(image_config("", Duration(0)))) << "a pair without a rate";
+}
+
+// -------------------------------------------------------------- statistics
+
+TEST(PairStatistics, KnowsBiasAndSigmaOfEveryFormat) {
+  for (PixelFormat format : {PixelFormat::mono8, PixelFormat::mono12p, PixelFormat::mono16,
+                             PixelFormat::bayer_rg8, PixelFormat::rgb8}) {
+    constexpr std::uint32_t kWidth = 31, kHeight = 9;  // odd: rows of mono12p begin within a byte
+    auto pool = make_sample_pool(2, image_bytes(PixelFormat::rgb8, kWidth, kHeight) + 8);
+    SampleLease a = pool->try_acquire(), b = pool->try_acquire();
+    const std::size_t elements = kWidth * kHeight * (format == PixelFormat::rgb8 ? 3 : 1);
+    double sum = 0, squares = 0;
+    const auto put = [&](Sample& s, std::size_t i, unsigned v) {
+      auto* p = reinterpret_cast<std::uint8_t*>(s.memory().data());
+      if (format == PixelFormat::mono16) {
+        p[2 * i] = static_cast<std::uint8_t>(v);
+        p[2 * i + 1] = static_cast<std::uint8_t>(v >> 8);
+      } else if (format == PixelFormat::mono12p) {
+        for (unsigned bit = 0; bit < 12; ++bit) {  // bit by bit, as PFNC numbers them
+          const std::size_t at = i * 12 + bit;
+          p[at / 8] = static_cast<std::uint8_t>((p[at / 8] & ~(1u << at % 8)) | ((v >> bit & 1) << at % 8));
+        }
+      } else {
+        p[i] = static_cast<std::uint8_t>(v);
+      }
+    };
+    const unsigned top = format == PixelFormat::mono16 ? 65535 : format == PixelFormat::mono12p ? 4095 : 255;
+    for (std::size_t i = 0; i < elements; ++i) {
+      const unsigned x = static_cast<unsigned>(i * 7919 % (top + 1)),
+                     y = static_cast<unsigned>(i * 104729 % (top + 1));
+      put(a.edit(), i, x);
+      put(b.edit(), i, y);
+      const double d = static_cast<double>(y) - static_cast<double>(x);
+      sum += d;
+      squares += d * d;
+    }
+    ImageInfo info;
+    info.format = format;
+    info.width_px = kWidth;
+    info.height_px = kHeight;
+    for (auto* s : {&a.edit(), &b.edit()}) {
+      s->info = info;
+      s->size_bytes = image_bytes(format, kWidth, kHeight);
+    }
+    const auto d = difference_of_images(*a, *b);
+    ASSERT_TRUE(d);
+    const auto n = static_cast<double>(elements);
+    EXPECT_EQ(d->count, elements);
+    // Sums are exact, the quotients are not: a few ulp of the largest term, (2¹⁶)² · n.
+    EXPECT_NEAR(d->bias, sum / n, 1e-9) << pfnc_name(format);
+    EXPECT_NEAR(d->sigma, std::sqrt(squares / n - sum / n * sum / n), 1e-6) << pfnc_name(format);
+    b.edit().stamp.validity = kIncomplete;
+    EXPECT_FALSE(difference_of_images(*a, *b));
+    b.edit().stamp.validity = kValid;
+    info.width_px = kWidth - 1;
+    b.edit().info = info;
+    EXPECT_FALSE(difference_of_images(*a, *b));
+  }
+}
+
+TEST(PairStatistics, LooksAtEveryNthRowOfLargePictures) {
+  constexpr std::uint32_t kWidth = 1280, kHeight = 1024;
+  auto pool = make_sample_pool(2, kWidth * kHeight);
+  SampleLease a = pool->try_acquire(), b = pool->try_acquire();
+  ImageInfo info;
+  info.width_px = kWidth;
+  info.height_px = kHeight;
+  for (auto* s : {&a.edit(), &b.edit()}) {
+    s->info = info;
+    s->size_bytes = kWidth * kHeight;
+    std::fill(s->memory().begin(), s->memory().end(), std::byte{10});
+  }
+  std::fill(b.edit().memory().begin(), b.edit().memory().end(), std::byte{8});
+  const auto d = difference_of_images(*a, *b);
+  ASSERT_TRUE(d);
+  EXPECT_EQ(d->bias, -2);
+  EXPECT_LE(d->count, PairStatistics::kMaxElements);
+  EXPECT_GE(d->count, PairStatistics::kMaxElements / 2);
+}
+
+TEST(PairStatistics, JudgesEachRegisterByItself) {
+  WorkerPool workers(2);
+  PairStatistics statistics(workers);
+  ASSERT_TRUE(statistics.start(true));
+  auto pool = make_sample_pool(2, 0);
+  double sum = 0, squares = 0;
+  constexpr int kPairs = 200;
+  for (int i = 0; i < kPairs; ++i) {
+    SampleLease a = pool->try_acquire(), b = pool->try_acquire();
+    ASSERT_TRUE(a && b) << "leases are kept";
+    RegisterBlock x, y;
+    x.count = y.count = 2;
+    x.value[0] = i;
+    const double d = std::sin(i) + 0.5;
+    y.value[0] = i + d;
+    x.value[1] = 4;
+    y.value[1] = 1;
+    sum += d;
+    squares += d * d;
+    a.edit().info = x;
+    b.edit().info = y;
+    statistics.compare(a, b);
+    a.reset();
+    b.reset();
+    statistics.drain();
+  }
+  const PairSnapshot s = statistics.snapshot();
+  EXPECT_EQ(s.compared, static_cast<std::uint64_t>(kPairs));
+  EXPECT_EQ(s.values, 2u);
+  const double mean = sum / kPairs;
+  EXPECT_NEAR(s.value[0].bias, mean, 1e-12);
+  EXPECT_NEAR(s.value[0].sigma, std::sqrt(squares / kPairs - mean * mean), 1e-12);
+  EXPECT_NEAR(s.value[1].bias, -3, 1e-12);
+  EXPECT_NEAR(s.value[1].sigma, 0, 1e-12);
+  EXPECT_EQ(s.all.count, static_cast<std::uint64_t>(kPairs));
+}
+
+}  // namespace
+}  // namespace rigor
