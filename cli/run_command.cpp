@@ -45,10 +45,15 @@ int run_command(const RunOptions& options) {
   auto assembly = assemble(std::move(*rig), make_registry());
   if (!assembly) return report_error(assembly.error(), options.json);
   const RigConfig& checked = (*assembly)->parts.rig;
-  if (!checked.record.file.empty())
-    if (auto s = check_writable(checked.record.file); !s) return report_error(s.error(), options.json);
+  // The report's folder first: the recording may lie in it.
+  const bool had_report = checked.report.empty() || std::filesystem::exists(checked.report);
   if (!checked.report.empty())
     if (auto s = prepare_report(checked.report); !s) return report_error(s.error(), options.json);
+  if (!checked.record.file.empty())
+    if (auto s = check_writable(checked.record.file); !s) {
+      if (!had_report) std::filesystem::remove(checked.report);
+      return report_error(s.error(), options.json);
+    }
 
   std::optional<EmulatorProcess> emulators;
   if (checked.clock == ClockKind::wall && checked.start_emulators && !options.no_emulators &&
