@@ -25,8 +25,10 @@ Result<RepairReport> repair(std::unique_ptr<ByteSource> input, std::unique_ptr<B
                             RepairOptions options) {
   RepairReport report;
   report.input_bytes = input->size();
-  auto opened = McapReader::open(std::move(input),
-                                 {.scan = true, .skip_damaged = true, .salvage_tail = options.salvage_tail});
+  auto opened = McapReader::open(std::move(input), {.scan = true,
+                                                    .skip_damaged = true,
+                                                    .salvage_tail = options.salvage_tail,
+                                                    .max_loaded_bytes = options.max_loaded_bytes});
   if (!opened) return tl::unexpected(opened.error());
   McapReader& reader = **opened;
   report.health = reader.health();

@@ -13,6 +13,7 @@ namespace rigor::record {
 
 struct RepairOptions {
   bool salvage_tail = true;  ///< keep whole messages of a cut chunk though no checksum covers them
+  std::uint64_t max_loaded_bytes = ReaderOptions{}.max_loaded_bytes;
 };
 
 struct RepairReport {
