@@ -1,7 +1,6 @@
 #include "sim/platform/turntable.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -174,56 +173,23 @@ bool Turntable::write(RegisterTable table, std::uint16_t address, std::span<cons
   return true;
 }
 
-// The history is a ring of sequence-locked slots with one writer (under the mutex). A reader loads
-// `published_` (acquire: every word of the profiles counted is visible), copies the words (relaxed), and then
-// loads `begun_` behind an acquire fence: had it read a word that the writer stored for profile n + kHistory,
-// it would now see a `begun_` of more than n + kHistory, because the writer raises `begun_` before (release
-// fence) the first word.
 void Turntable::publish(const TurntableProfile& p) noexcept {
   const auto n = published_.load(std::memory_order_relaxed);
-  begun_.store(n + 1, std::memory_order_relaxed);
-  std::atomic_thread_fence(std::memory_order_release);
-  const std::array<std::int64_t, 9> words{
-      p.t_start.ns(),
-      std::bit_cast<std::int64_t>(p.position_rad),
-      std::bit_cast<std::int64_t>(p.rate_radps),
-      std::bit_cast<std::int64_t>(p.piece[0].duration_s),
-      std::bit_cast<std::int64_t>(p.piece[0].acceleration_radps2),
-      std::bit_cast<std::int64_t>(p.piece[1].duration_s),
-      std::bit_cast<std::int64_t>(p.piece[1].acceleration_radps2),
-      std::bit_cast<std::int64_t>(p.piece[2].duration_s),
-      std::bit_cast<std::int64_t>(p.piece[2].acceleration_radps2),
-  };
-  auto& slot = history_[n % kHistory];
-  for (std::size_t i = 0; i < words.size(); ++i) slot.word[i].store(words[i], std::memory_order_relaxed);
+  history_[n % kHistory].store({n, p});
   published_.store(n + 1, std::memory_order_release);
-}
-
-TurntableProfile Turntable::load(std::uint64_t index) const noexcept {
-  const auto& slot = history_[index % kHistory];
-  const auto word = [&](std::size_t i) { return slot.word[i].load(std::memory_order_relaxed); };
-  const auto number = [&](std::size_t i) { return std::bit_cast<double>(word(i)); };
-  TurntableProfile p;
-  p.t_start = BenchTime(word(0));
-  p.position_rad = number(1);
-  p.rate_radps = number(2);
-  for (std::size_t i = 0; i < 3; ++i) p.piece[i] = {number(3 + 2 * i), number(4 + 2 * i)};
-  return p;
 }
 
 WorldMotion Turntable::motion_at(BenchTime t) const noexcept {
   TurntableProfile p;
-  while (true) {
+  for (bool found = false; !found;) {
     const auto count = published_.load(std::memory_order_acquire);
-    // The newest slot may be followed by one that is being written: the oldest in reach is one less.
     const auto oldest = count > kHistory - 1 ? count - (kHistory - 1) : 0;
-    auto index = count - 1;
-    p = load(index);
-    while (p.t_start > t && index > oldest) p = load(--index);
-    std::atomic_thread_fence(std::memory_order_acquire);
-    // Whole if the slot was not begun anew since. The writer would have to publish 63 profiles while this
-    // copies nine words for the loop to go round again.
-    if (begun_.load(std::memory_order_relaxed) <= index + kHistory) break;
+    for (auto n = count; n-- > oldest;) {
+      const auto entry = history_[n % kHistory].load();
+      if (entry.number != n) break;  // overtaken: 63 commands came since `count` was read; start anew
+      p = entry.profile;
+      if ((found = p.t_start <= t || n == oldest)) break;
+    }
   }
   const auto s = p.at(t);
   WorldMotion m;

@@ -26,6 +26,7 @@
 #include <cstdint>
 #include <mutex>
 
+#include "rt-core/published.h"
 #include "sensor-hal/channel/providers.h"
 
 namespace rigor {
@@ -85,13 +86,11 @@ class Turntable final : public RegisterModel, public MotionSource {
 
  private:
   static constexpr std::size_t kHistory = 64;
-  /// A profile as words, each atomic, so that a reader who is overtaken reads nonsense that it throws away,
-  /// and no race.
-  struct Slot {
-    std::array<std::atomic<std::int64_t>, 9> word{};
+  struct Entry {
+    std::uint64_t number = 0;
+    TurntableProfile profile;
   };
   void publish(const TurntableProfile& p) noexcept;
-  [[nodiscard]] TurntableProfile load(std::uint64_t index) const noexcept;
   void follow(BenchTime t);
   [[nodiscard]] std::array<std::uint16_t, kInputCount> inputs(BenchTime t) const;
   [[nodiscard]] std::int32_t holding_s32(std::size_t at) const noexcept;
@@ -112,10 +111,9 @@ class Turntable final : public RegisterModel, public MotionSource {
   TurntableProfile profile_;
   BenchTime last_;
 
-  // Profiles published so far; profile n is in slot n % kHistory. The writer fills a slot while `begun_` is
-  // already beyond it and raises `published_` when it is whole.
-  std::atomic<std::uint64_t> begun_{0}, published_{0};
-  std::array<Slot, kHistory> history_{};
+  // Profile n is in place n % kHistory and says its number, so that a reader who was overtaken sees it.
+  std::atomic<std::uint64_t> published_{0};
+  std::array<Published<Entry>, kHistory> history_;
 };
 
 }  // namespace rigor
