@@ -8,6 +8,10 @@
 #include <type_traits>
 #include <utility>
 
+#if defined(__SANITIZE_THREAD__)
+#include <sanitizer/tsan_interface.h>
+#endif
+
 namespace rigor {
 
 /// Wait-free on both sides; never allocates after construction (moodycamel's try_* calls do not grow the
@@ -26,16 +30,39 @@ class SpscRing {
     }
   }
   /// Producer thread. False when full; the value is then untouched.
-  [[nodiscard]] bool try_push(T&& value) noexcept { return queue_.try_enqueue(std::move(value)); }
-  [[nodiscard]] bool try_push(const T& value) noexcept { return queue_.try_enqueue(value); }
+  [[nodiscard]] bool try_push(T&& value) noexcept {
+    announce();
+    return queue_.try_enqueue(std::move(value));
+  }
+  [[nodiscard]] bool try_push(const T& value) noexcept {
+    announce();
+    return queue_.try_enqueue(value);
+  }
   /// Consumer thread. False when empty.
-  [[nodiscard]] bool try_pop(T& value) noexcept { return queue_.try_dequeue(value); }
+  [[nodiscard]] bool try_pop(T& value) noexcept { return queue_.try_dequeue(value) && observe(); }
   /// Consumer thread. The oldest element, or nullptr.
-  [[nodiscard]] T* peek() noexcept { return queue_.peek(); }
+  [[nodiscard]] T* peek() noexcept {
+    T* front = queue_.peek();
+    if (front) observe();
+    return front;
+  }
   void drop_front() noexcept { queue_.pop(); }
   [[nodiscard]] std::size_t size_approx() const noexcept { return queue_.size_approx(); }
 
  private:
+  // The queue publishes with fences, which ThreadSanitizer does not see: it is told of the order that they
+  // give, or everything that is handed over through a ring would look like a race.
+  void announce() noexcept {
+#if defined(__SANITIZE_THREAD__)
+    __tsan_release(this);
+#endif
+  }
+  bool observe() noexcept {
+#if defined(__SANITIZE_THREAD__)
+    __tsan_acquire(this);
+#endif
+    return true;
+  }
   moodycamel::ReaderWriterQueue<T> queue_;
 };
 
