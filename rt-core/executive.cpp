@@ -272,6 +272,7 @@ void Executive::loop_wall(StopToken stop, LoopData& data) noexcept {
   Usage usage = Usage::now();
   const Usage first_usage = usage;
   std::uint64_t k = 0;
+  std::int64_t last_end = 0;
   bool behind = false;  // policy `log`: a late cycle follows without a pause
 
   const auto stop_now = [&] {
@@ -288,6 +289,7 @@ void Executive::loop_wall(StopToken stop, LoopData& data) noexcept {
 
     // Sleep to shortly before the grid point, spin the rest.
     std::int64_t now = monotonic_now().ns();
+    if (s.cycles_run > 0) s.bookkeeping.record(Duration(now - last_end));
     std::int64_t spun = 0;
     {
       bool stopped = false;
@@ -386,6 +388,7 @@ void Executive::loop_wall(StopToken stop, LoopData& data) noexcept {
       bump(counters_.misses);
     }
     usage = after;
+    last_end = end;
     counters_.cycle.store(k, std::memory_order_relaxed);
     counters_.run.store(s.cycles_run, std::memory_order_relaxed);
     counters_.skipped.store(s.cycles_skipped, std::memory_order_relaxed);

@@ -128,6 +128,7 @@ struct RunSummary {
   std::uint64_t late_wakeups = 0;  ///< wake-ups later than report_late
   Histogram wake_error;            ///< t_woke − t_k; not of cycles that `log` runs late without a pause
   Histogram cycle_time;            ///< begin of the first step to end of the last
+  Histogram bookkeeping;           ///< wall runs: end of the last step to the next sleep, the executive's own
   std::vector<StepTiming> steps;   ///< in the order of execution
   MissReport misses;
   std::vector<RealtimeSetting> settings;             ///< what the machine granted
