@@ -112,6 +112,14 @@ void set_region(ArvCamera* camera, const AravisSettings& s, const ChannelConfig&
   set_axis(camera, config, kY, height, s.region ? s.region->y_px : 0);
 }
 
+void check_period(Duration exposure, const AravisSettings& s, const ChannelConfig& config) {
+  if (s.software_trigger || config.period.ns() <= 0 || exposure <= config.period) return;
+  throw refused(config, "exposure_us",
+                fmt::format("expected an exposure within the channel's period of {:g} µs, got {:g}{}",
+                            config.period.seconds() * 1e6, exposure.seconds() * 1e6,
+                            s.exposure_us ? "" : ", which the camera was left with: set `exposure_us`"));
+}
+
 void set_exposure(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
   GLibError e;
   if (arv_camera_is_exposure_auto_available(camera, nullptr) != FALSE)
@@ -245,6 +253,7 @@ CameraFacts read_back(ArvCamera* camera, const AravisSettings& s, const ChannelC
 
 Result<CameraFacts> apply_settings(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
   return catch_config([&] {
+    if (s.exposure_us) check_period(seconds_from(*s.exposure_us * 1e-6), s, config);
     arv_camera_stop_acquisition(camera, nullptr);  // left over from a client that went away; most say no
     if (arv_camera_are_chunks_available(camera, nullptr) != FALSE)
       arv_camera_set_chunk_mode(camera, FALSE, nullptr);
@@ -258,10 +267,7 @@ Result<CameraFacts> apply_settings(ArvCamera* camera, const AravisSettings& s, c
     set_frame_rate(camera, s, config, true);
     set_packets(camera, s, config);
     CameraFacts f = read_back(camera, s, config);
-    if (!s.software_trigger && config.period.ns() > 0 && f.exposure > config.period)
-      throw refused(config, "exposure_us",
-                    fmt::format("expected an exposure within the channel's period of {:g} µs, got {:g}",
-                                config.period.seconds() * 1e6, f.exposure.seconds() * 1e6));
+    check_period(f.exposure, s, config);  // where the rig leaves the exposure to the camera
     return f;
   });
 }

@@ -213,12 +213,13 @@ Status CameraSession::open_stream(const AravisSettings& s, const std::string& na
   };
   stream_ = arv_camera_create_stream(camera_, callback, this, e.out());
   if (stream_ == nullptr) return e.as_error(name, "opening the camera's stream");
+  receiving_ = true;
   if (gige_camera) {
     const auto us = [](Duration d) { return static_cast<guint>(std::max<std::int64_t>(1, d.ns() / 1000)); };
     g_object_set(stream_, "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
                  static_cast<gint>(s.socket_buffer_bytes), "packet-resend",
                  s.resend ? ARV_GV_STREAM_PACKET_RESEND_ALWAYS : ARV_GV_STREAM_PACKET_RESEND_NEVER,
-                 "packet-request-ratio", 1.0, "initial-packet-timeout", us(s.first_resend_after),
+                 "packet-request-ratio", 2.0, "initial-packet-timeout", us(s.first_resend_after),
                  "packet-timeout", us(s.packet_timeout), "frame-retention", us(s.frame_retention), nullptr);
   }
   return {};
@@ -226,6 +227,8 @@ Status CameraSession::open_stream(const AravisSettings& s, const std::string& na
 
 CameraSession::~CameraSession() {
   close_stream();
+  g_clear_object(&stream_);  // tells the camera, which takes seconds where it is dead
+  for (ArvBuffer* b : buffers_) g_object_unref(b);
   if (camera_ == nullptr) return;
   if (lost_handler_ != 0) g_signal_handler_disconnect(arv_camera_get_device(camera_), lost_handler_);
   if (started_ && !dead_) arv_camera_stop_acquisition(camera_, nullptr);
@@ -233,9 +236,12 @@ CameraSession::~CameraSession() {
 }
 
 void CameraSession::close_stream() {
-  g_clear_object(&stream_);  // joins the receiving thread
-  for (ArvBuffer* b : buffers_) g_object_unref(b);
-  buffers_.clear();
+  if (stream_ == nullptr || !receiving_) return;
+  receiving_ = false;
+  arv_stream_stop_thread(stream_, TRUE);
+  // Aravis 0.8.26 ends its thread once more when the stream is destroyed, and complains where there is none.
+  // So there is one, without a buffer that it could write to.
+  arv_stream_start_thread(stream_);
 }
 
 Result<LatchPair> CameraSession::latch() {
@@ -330,8 +336,7 @@ std::optional<ReceivedFrame> CameraSession::wait_frame(Duration wait) {
   }
   if (const guint64 ns = arv_buffer_get_timestamp(b); ns != 0)
     f.timestamp = DeviceTime(static_cast<std::int64_t>(ns));
-  if (f.timestamp &&
-      (f.state == ReceivedFrame::State::complete || f.state == ReceivedFrame::State::incomplete)) {
+  if (f.state == ReceivedFrame::State::complete) {
     gint x = 0, y = 0, width = 0, height = 0;
     arv_buffer_get_image_region(b, &x, &y, &width, &height);
     const auto same = [](gint is, std::uint32_t set) {

@@ -89,7 +89,7 @@ class CameraSession {
   unsigned long lost_handler_ = 0;
   std::string address_;  // of a GigE camera
   std::uint64_t tick_frequency_ = 0;
-  bool can_latch_ = false, started_ = false, dead_ = false;
+  bool can_latch_ = false, receiving_ = false, started_ = false, dead_ = false;
   std::atomic<bool> control_lost_{false};
   CameraFacts facts_;
   PixelFormat format_ = PixelFormat::mono8;

@@ -1,0 +1,172 @@
+// The GigE Vision channel in virtual time: the same bytes each time, at the instants of the bench's grid.
+#include "drivers/aravis/gige_virtual_source.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <vector>
+
+namespace rigor {
+namespace {
+
+using ::testing::HasSubstr;
+
+/// Every byte depends on the request, the joint's angle included.
+class Pattern final : public ImageProvider {
+ public:
+  [[nodiscard]] Geometry geometry() const override {
+    return {.width_px = 64,
+            .height_px = 48,
+            .format = PixelFormat::mono8,
+            .exposure = milliseconds(4),
+            .frame_id = "x"};
+  }
+  [[nodiscard]] Status capture(const ImageRequest& r, std::span<std::byte> pixels) override {
+    requests.push_back(r);
+    for (std::size_t i = 0; i < pixels.size(); ++i)
+      pixels[i] = static_cast<std::byte>(i * 7 + r.index * 13 + static_cast<std::size_t>(r.gain_db) +
+                                         static_cast<std::size_t>(r.motion.joint[0].at(r.t_capture)));
+    return {};
+  }
+  std::vector<ImageRequest> requests;
+};
+
+/// Knows the past and the present; a question about the future is a fault of the asker.
+class Motion final : public MotionSource {
+ public:
+  [[nodiscard]] WorldMotion motion_at(BenchTime t) const noexcept override {
+    asked_early = asked_early || t > now;
+    WorldMotion m;
+    m.count = 1;
+    m.joint[0] = JointState{.t_ref = t, .position_rad = (t - BenchTime(0)).seconds() * 100, .rate_radps = 0};
+    return m;
+  }
+  BenchTime now;
+  mutable bool asked_early = false;
+};
+
+struct Shot {
+  Stamp stamp;
+  ImageInfo info;
+  std::vector<std::byte> bytes;
+};
+
+struct Rig {
+  std::shared_ptr<Pattern> pattern = std::make_shared<Pattern>();
+  std::shared_ptr<Motion> motion = std::make_shared<Motion>();
+  std::unique_ptr<GigeVirtualSource> source;
+
+  Status configure(const std::string& keys, Duration period = milliseconds(40),
+                   Duration latency = milliseconds(20)) {
+    source = std::make_unique<GigeVirtualSource>(
+        DeviceParts{pattern, motion, nullptr},
+        *ConfigDocument::parse("{serial: left, rate_hz: 25}", "rig.yaml"));
+    ChannelConfig c;
+    c.name = "left.real";
+    c.kind = SampleKind::image;
+    c.period = period;
+    c.latency = latency;
+    c.params = *ConfigDocument::parse(keys, "rig.yaml");
+    return source->configure(c);
+  }
+  std::vector<Shot> run(BenchTime t0, Duration d) {
+    std::vector<Shot> shots;
+    EXPECT_TRUE(source->start(t0));
+    for (BenchTime t = t0; t < t0 + d; t = t + milliseconds(1)) {
+      motion->now = t;
+      source->begin_cycle(t);
+      source->complete_until(t);
+      while (auto lease = source->poll(t)) {
+        EXPECT_LE(lease->stamp.t_release, t);
+        EXPECT_GT(lease->stamp.t_release + milliseconds(1), t)
+            << "visible in the first cycle that may see it";
+        shots.push_back(
+            {lease->stamp, *lease->as<ImageInfo>(), {lease->bytes().begin(), lease->bytes().end()}});
+      }
+    }
+    return shots;
+  }
+};
+
+TEST(GigeVirtualSource, GivesAPictureAtEveryInstantOfTheGrid) {
+  for (const int period_ms : {40, 5, 7, 33}) {
+    for (const BenchTime t0 : {BenchTime(0), BenchTime(5'000'000'000)}) {
+      Rig rig;
+      ASSERT_TRUE(rig.configure("{device: Rigor-left, exposure_us: 1000, gain_db: 3}",
+                                milliseconds(period_ms), milliseconds(5)));
+      const auto armed = rig.source->arm({.virtual_time = true});
+      ASSERT_TRUE(armed) << armed.error().text();
+      const auto shots = rig.run(t0, seconds(1));
+      ASSERT_GE(shots.size(), static_cast<std::size_t>(980 / period_ms)) << period_ms;
+      for (std::size_t k = 0; k < shots.size(); ++k) {
+        const Stamp& s = shots[k].stamp;
+        EXPECT_EQ(s.sequence, k);
+        EXPECT_EQ(s.t_capture, t0 + milliseconds(period_ms) * static_cast<std::int64_t>(k))
+            << period_ms << " " << k;
+        EXPECT_EQ(s.t_release, s.t_capture + milliseconds(5));
+        EXPECT_EQ(s.t_arrival, s.t_release);
+        EXPECT_EQ(s.validity, kValid);
+        EXPECT_EQ(rig.pattern->requests[k].t_capture, s.t_capture);
+        EXPECT_EQ(rig.pattern->requests[k].exposure, milliseconds(1));
+        EXPECT_DOUBLE_EQ(rig.pattern->requests[k].gain_db, 3);
+      }
+      EXPECT_FALSE(rig.motion->asked_early);
+      EXPECT_EQ(rig.source->health().lost, 0U);
+      ASSERT_TRUE(rig.source->stop());
+    }
+  }
+}
+
+TEST(GigeVirtualSource, TwoRunsAreEqualByteForByte) {
+  std::vector<std::vector<Shot>> runs;
+  Rig rig;
+  for (int i = 0; i < 2; ++i) {
+    if (i == 0) {
+      ASSERT_TRUE(rig.configure(
+          "{device: left, pixel_format: Mono12p, region: {x: 8, y: 4, width: 32, height: 20}}"));
+    }
+    ASSERT_TRUE(rig.source->arm({.virtual_time = true}));  // the second time the same object again
+    runs.push_back(rig.run(BenchTime(0), seconds(1)));
+    ASSERT_TRUE(rig.source->stop());
+  }
+  ASSERT_EQ(runs[0].size(), 25U);
+  ASSERT_EQ(runs[1].size(), 25U);
+  for (std::size_t k = 0; k < 25; ++k) {
+    EXPECT_EQ(runs[0][k].bytes, runs[1][k].bytes);
+    EXPECT_EQ(runs[0][k].bytes.size(), image_bytes(PixelFormat::mono12p, 32, 20));
+    EXPECT_EQ(runs[0][k].info.offset_x_px, 8U);
+    if (k > 0) {
+      EXPECT_NE(runs[0][k].bytes, runs[0][k - 1].bytes);
+    }
+  }
+}
+
+TEST(GigeVirtualSource, ASoftwareTriggerBeginsTheExposureOnTheGrid) {
+  Rig rig;
+  ASSERT_TRUE(rig.configure("{device: left, trigger: software, exposure_us: 2000}"));
+  ASSERT_TRUE(rig.source->arm({.virtual_time = true}));
+  const auto shots = rig.run(BenchTime(0), seconds(1));
+  ASSERT_GE(shots.size(), 24U);
+  for (std::size_t k = 0; k < shots.size(); ++k)
+    EXPECT_EQ(shots[k].stamp.t_capture,
+              BenchTime(0) + milliseconds(40) * static_cast<std::int64_t>(k) + milliseconds(1));
+  EXPECT_FALSE(rig.motion->asked_early);
+}
+
+TEST(GigeVirtualSource, SaysWhatCannotBe) {
+  Rig rig;
+  ASSERT_TRUE(rig.configure("{device: left, exposure_us: 4000}", milliseconds(40), milliseconds(2)));
+  auto status = rig.source->arm({.virtual_time = true});
+  ASSERT_FALSE(status);
+  EXPECT_THAT(status.error().text(), HasSubstr("expected at least 3 ms"));
+  ASSERT_TRUE(rig.configure("{device: left, region: {width: 100, height: 20}}"));
+  status = rig.source->arm({.virtual_time = true});
+  ASSERT_FALSE(status);
+  EXPECT_THAT(status.error().text(), HasSubstr("within 64x48 px"));
+  ASSERT_TRUE(rig.configure("{device: left}"));
+  EXPECT_FALSE(rig.source->arm({}));
+  EXPECT_FALSE(rig.configure("{device: left, exposure: 3}"));
+}
+
+}  // namespace
+}  // namespace rigor
