@@ -15,7 +15,7 @@ namespace rigor::render {
 
 struct DeviceOptions {
   /// Part of the device's name, e.g. "llvmpipe"; empty: any.
-  std::string name_contains;
+  std::string name_contains{};
   /// Among those that match; they are in the order of `Device::list`.
   int index = 0;
   /// Turn the Khronos validation layer on. The environment variable RIGOR_VULKAN_VALIDATION=1 does so too.

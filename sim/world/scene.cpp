@@ -110,7 +110,7 @@ std::vector<Eigen::Vector3d> chessboard_corners_in_body(const Body& body) {
   const Chessboard& c = *body.chessboard;
   for (int j = 0; j < c.rows; ++j)
     for (int i = 0; i < c.columns; ++i)
-      corners.emplace_back((i - (c.columns - 1) / 2.0) * c.square_m, (j - (c.rows - 1) / 2.0) * c.square_m,
+      corners.emplace_back((i - (c.columns - 1) / 2.0) * c.square_m, ((c.rows - 1) / 2.0 - j) * c.square_m,
                            body.size_m.z() / 2.0);
   return corners;
 }

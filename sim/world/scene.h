@@ -29,7 +29,7 @@ namespace rigor::world {
 using Bands = std::array<double, 4>;
 
 struct Material {
-  std::string name;
+  std::string name{};
   Bands reflectance{0.5, 0.5, 0.5, 0.5};  ///< diffuse, 0 to 1
   double roughness = 1.0;  ///< 1: matt, no highlight; towards 0.05: gloss of a dielectric (GGX, F0 0.04)
 };
@@ -40,10 +40,10 @@ struct Hinge {
 };
 
 struct Node {
-  std::string name;
-  std::optional<std::size_t> parent;  ///< index of an earlier node; empty: the world
+  std::string name{};
+  std::optional<std::size_t> parent{};  ///< index of an earlier node; empty: the world
   Eigen::Isometry3d T_parent_node = Eigen::Isometry3d::Identity();  ///< at joint angle 0
-  std::optional<Hinge> hinge;
+  std::optional<Hinge> hinge{};
 };
 
 /// angle(t) = angle_rad + rate_rad_per_s (t - t_ref). A node without a hinge ignores it.
@@ -58,8 +58,9 @@ struct JointMotion {
 
 enum class Shape : std::uint8_t { box, cylinder };
 
-/// A chessboard on the body's +z face, centred. Its inner corner (i, j) lies at
-/// ((i - (columns - 1)/2) square, (j - (rows - 1)/2) square, size_z/2) in the body's frame.
+/// A chessboard on the body's +z face, centred. Its inner corners are numbered row by row as a reader sees
+/// them who has x to the right and y up: corner (i, j) lies at ((i - (columns - 1)/2) square, ((rows - 1)/2 -
+/// j) square, size_z/2) in the body's frame.
 struct Chessboard {
   int columns = 9;  ///< inner corners along body x
   int rows = 6;     ///< inner corners along body y
@@ -68,13 +69,13 @@ struct Chessboard {
 };
 
 struct Body {
-  std::string name;
-  std::optional<std::size_t> node;                                ///< empty: the world
+  std::string name{};
+  std::optional<std::size_t> node{};                              ///< empty: the world
   Eigen::Isometry3d T_node_body = Eigen::Isometry3d::Identity();  ///< origin at the body's centre
   Shape shape = Shape::box;
   Eigen::Vector3d size_m = Eigen::Vector3d::Ones();  ///< full lengths; a cylinder: diameter, diameter, height
   std::size_t material = 0;
-  std::optional<Chessboard> chessboard;  ///< boxes only
+  std::optional<Chessboard> chessboard{};  ///< boxes only
 };
 
 /// The plane z = 0 of its own frame, a square. Cells of two materials in turn, darkened by smooth noise.
