@@ -57,16 +57,14 @@ Status ModbusEmulator::do_arm(const ArmContext& context) {
                 config().name + ": expected a model with registers (such as `model: turntable`), got none");
   auto server = std::make_unique<Server>(
       parts_.registers, [] { return BenchTime(monotonic_now().ns()); }, options_);
+  server->on_clients(
+      [this](unsigned clients) { health_.connected.store(clients != 0, std::memory_order_release); });
   if (auto s = server->listen(address_, port_); !s) return s;
   server_ = std::move(server);
   return {};
 }
 
-Status ModbusEmulator::do_start(BenchTime) {
-  auto s = server_->start();
-  if (s) health_.connected.store(true, std::memory_order_release);
-  return s;
-}
+Status ModbusEmulator::do_start(BenchTime) { return server_->start(); }
 
 Status ModbusEmulator::do_stop() {
   server_->stop();

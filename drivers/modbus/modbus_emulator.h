@@ -14,7 +14,7 @@
 
 namespace rigor::modbus {
 
-/// `health().connected`: a client is there at the moment of asking (see `poll_health`).
+/// `health().connected`: a client is there now.
 class ModbusEmulator final : public Emulator {
  public:
   ~ModbusEmulator() override;

@@ -162,6 +162,7 @@ struct Server::Loop {
   bool serve_frames(Client& c);
   bool answer(Client& c, const std::uint8_t* frame, std::size_t size);
   int carry_out(Order& o);
+  void count_clients();
 
   std::shared_ptr<RegisterModel> model;
   std::function<BenchTime()> now;
@@ -169,6 +170,7 @@ struct Server::Loop {
   Counters& counters;
   int listener = -1, wake = -1;
   std::atomic<bool> stopping{false};
+  std::function<void(unsigned)> tell;
   std::deque<Client> clients;
   std::unique_ptr<modbus_t, ContextFree> context;
   std::unique_ptr<modbus_mapping_t, MappingFree> mapping;
@@ -310,7 +312,12 @@ void Server::Loop::accept_one() {
   clients.emplace_back();
   clients.back().socket = s;
   clients.back().last_heard = monotonic_now();
-  counters.clients.store(static_cast<std::uint32_t>(clients.size()), std::memory_order_release);
+  count_clients();
+}
+
+void Server::Loop::count_clients() {
+  const auto n = static_cast<std::uint32_t>(clients.size());
+  if (counters.clients.exchange(n, std::memory_order_acq_rel) != n && tell) tell(n);
 }
 
 void Server::Loop::run() {
@@ -352,7 +359,7 @@ void Server::Loop::run() {
       }
     }
     std::erase_if(clients, [](const Client& c) { return c.socket < 0; });
-    counters.clients.store(static_cast<std::uint32_t>(clients.size()), std::memory_order_release);
+    count_clients();
     if ((fds[1].revents & POLLIN) != 0) accept_one();
   }
 }
@@ -398,6 +405,8 @@ Status Server::listen(const std::string& address, std::uint16_t port) {
   loop_->listener = s;
   return {};
 }
+
+void Server::on_clients(std::function<void(unsigned)> tell) { loop_->tell = std::move(tell); }
 
 void Server::adopt(int socket) {
   loop_->clients.emplace_back();

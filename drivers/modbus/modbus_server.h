@@ -21,7 +21,7 @@ namespace rigor::modbus {
 
 /// How a device misbehaves, to order. Counted over all requests of all clients.
 struct ServerFaults {
-  Duration response_delay;            ///< from the request to the answer
+  Duration response_delay{};          ///< from the request to the answer
   std::uint32_t exception_every = 0;  ///< each n-th request gets `exception_code`; 0: none
   std::uint8_t exception_code = 4;    ///< 4: server device failure
   std::uint32_t silent_every = 0;     ///< each n-th request gets no answer; 0: none
@@ -52,6 +52,10 @@ class Server {
   [[nodiscard]] std::uint16_t port() const noexcept { return port_; }
   /// Makes a client out of a connected stream socket. Setup thread, before start.
   void adopt(int socket);
+
+  /// Called on the server's thread with the number of clients whenever it changes. Setup thread, before
+  /// start.
+  void on_clients(std::function<void(unsigned)> tell);
 
   /// Setup thread.
   [[nodiscard]] Status start();

@@ -63,6 +63,10 @@ Status ModbusSource::do_start(BenchTime t0) {
 Status ModbusSource::do_stop() {
   deadline_.cut();
   if (thread_.joinable()) thread_.join();
+  // What nobody polled is given back; a stopped channel has no samples.
+  SampleLease left;
+  while (ring_->try_pop(left)) {
+  }
   link_.close();
   health_.connected.store(false, std::memory_order_release);
   return {};

@@ -34,8 +34,7 @@ class VirtualDevice::LockedModel final : public RegisterModel {
 };
 
 VirtualDevice::VirtualDevice(std::shared_ptr<RegisterModel> model)
-    : model_(std::make_shared<LockedModel>(std::move(model))),
-      time_(std::numeric_limits<std::int64_t>::min()) {}
+    : model_(std::make_shared<LockedModel>(std::move(model))), time_(0) {}
 
 Status VirtualDevice::connect(Connection& connection) {
   int ends[2];
@@ -124,6 +123,7 @@ class VirtualSource final : public Source, private VirtualDevice::Member {
   }
   Status do_stop() override {
     device_->leave(this);
+    ready_.clear();
     connection_.link.close();
     connection_.server.reset();
     health_.connected.store(false, std::memory_order_release);
