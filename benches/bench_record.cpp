@@ -95,13 +95,21 @@ struct Stream {
 
 struct Run {
   double seconds = 0;
+  double cpu_seconds = 0;
   std::uint64_t bytes = 0;  ///< of the file
   std::uint64_t messages = 0;
 };
 
+double cpu_now_s() {
+  timespec t{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) + static_cast<double>(t.tv_nsec) * 1e-9;
+}
+
 Run write_recording(const std::string& path, std::vector<Sample>& pictures, Compression compression,
                     double duration_s) {
   const MonotonicTime start = monotonic_now();
+  const double cpu_start_s = cpu_now_s();
   auto writer = must(McapWriter::open(must(open_file_sink(path)), {.compression = compression}));
   std::vector<Stream> cameras;
   std::vector<Stream> registers;
@@ -143,12 +151,14 @@ Run write_recording(const std::string& path, std::vector<Sample>& pictures, Comp
   must(writer->close());
   const WriterStatistics statistics = writer->statistics();
   writer.reset();
-  return {(monotonic_now() - start).seconds(), statistics.file_bytes, statistics.messages};
+  return {(monotonic_now() - start).seconds(), cpu_now_s() - cpu_start_s, statistics.file_bytes,
+          statistics.messages};
 }
 
 /// As many bytes, picture by picture.
 Run write_bare(const std::string& path, const std::vector<Sample>& pictures, std::uint64_t bytes) {
   const MonotonicTime start = monotonic_now();
+  const double cpu_start_s = cpu_now_s();
   const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
   if (fd < 0) give_up("cannot create " + path);
   std::uint64_t left = bytes;
@@ -159,7 +169,7 @@ Run write_bare(const std::string& path, const std::vector<Sample>& pictures, std
     left -= n;
   }
   ::close(fd);
-  return {(monotonic_now() - start).seconds(), bytes, 0};
+  return {(monotonic_now() - start).seconds(), cpu_now_s() - cpu_start_s, bytes, 0};
 }
 
 double median(std::vector<double> v) {
@@ -200,54 +210,53 @@ int main(int argc, char** argv) {
   }
   auto pictures = make_pictures();
   const std::string path = folder + "/bench_record.tmp";
-  const std::vector<std::pair<std::string, Compression>> ways{
+  const std::vector<std::string> ways{"bare", "none", "lz4", "zstd"};
+  const std::map<std::string, Compression> compressions{
       {"none", Compression::none}, {"lz4", Compression::lz4}, {"zstd", Compression::zstd}};
-  std::map<std::string, std::vector<double>> payload_rate;  // bytes of the uncompressed recording per second
-  std::map<std::string, std::vector<double>> ratio;
-  std::map<std::string, Run> last;
   const std::uint64_t bytes =
       write_recording(path, pictures, Compression::none, duration_s).bytes;  // warms up
-  for (int round = 0; round < rounds; ++round) {
-    ::unlink(path.c_str());
-    const Run bare = write_bare(path, pictures, bytes);
-    const double bare_rate = static_cast<double>(bytes) / bare.seconds;
-    payload_rate["bare"].push_back(bare_rate);
-    for (const auto& [name, compression] : ways) {
+  std::map<std::string, std::vector<Run>> runs;
+  for (int round = 0; round < rounds; ++round)
+    for (std::size_t i = 0; i < ways.size(); ++i) {
+      const std::string& way = ways[(i + static_cast<std::size_t>(round)) % ways.size()];
       ::unlink(path.c_str());
-      last[name] = write_recording(path, pictures, compression, duration_s);
-      const double rate = static_cast<double>(bytes) / last[name].seconds;
-      payload_rate[name].push_back(rate);
-      ratio[name].push_back(rate / bare_rate);
+      runs[way].push_back(way == "bare" ? write_bare(path, pictures, bytes)
+                                        : write_recording(path, pictures, compressions.at(way), duration_s));
     }
-  }
   ::unlink(path.c_str());
 
   const double crc = crc_gb_per_s(pictures);
-  const double real_rate = static_cast<double>(bytes) / duration_s;
+  const auto rate = [&](const Run& run) { return static_cast<double>(bytes) / run.seconds; };
+  const auto of = [&](const std::string& way, auto value) {
+    std::vector<double> values;
+    for (std::size_t i = 0; i < runs[way].size(); ++i) values.push_back(value(runs[way][i], runs["bare"][i]));
+    std::sort(values.begin(), values.end());
+    return values;
+  };
   std::printf(
       "%.0f MB of recording: %.1f s of two 1280x1024 cameras at 30 Hz and ten 1 kHz channels; median of %d "
       "rounds\n",
       static_cast<double>(bytes) * 1e-6, duration_s, rounds);
-  std::printf("CRC-32 %.1f GB/s\n\n%-12s %10s %16s %18s %14s\n", crc, "way", "MB/s", "of bare write",
-              "times real time", "file MB");
-  std::printf("%-12s %10.0f %16s %18.1f %14.1f\n", "bare write", median(payload_rate["bare"]) * 1e-6, "1.00",
-              median(payload_rate["bare"]) / real_rate, static_cast<double>(bytes) * 1e-6);
-  nlohmann::json out{{"bench", "record"},   {"bytes", bytes},
-                     {"rounds", rounds},    {"load_s", duration_s},
-                     {"crc_gb_per_s", crc}, {"bare_mb_per_s", median(payload_rate["bare"]) * 1e-6}};
-  for (const auto& [name, compression] : ways) {
-    const double rate = median(payload_rate[name]);
-    const auto [low, high] = std::minmax_element(ratio[name].begin(), ratio[name].end());
-    std::printf("%-12s %10.0f %8.2f (%.2f-%.2f) %14.1f %14.1f\n", name.c_str(), rate * 1e-6,
-                median(ratio[name]), *low, *high, rate / real_rate,
-                static_cast<double>(last[name].bytes) * 1e-6);
-    out[name] = {{"mb_per_s", rate * 1e-6},
-                 {"of_bare", median(ratio[name])},
-                 {"of_bare_min", *low},
-                 {"of_bare_max", *high},
-                 {"times_real_time", rate / real_rate},
-                 {"file_bytes", last[name].bytes},
-                 {"messages", last[name].messages}};
+  std::printf("CRC-32 %.1f GB/s\n\n%-6s %10s %22s %18s %17s %10s\n", crc, "way", "MB/s", "of bare write",
+              "of its CPU time", "times real time", "file MB");
+  nlohmann::json out{{"bench", "record"},
+                     {"bytes", bytes},
+                     {"rounds", rounds},
+                     {"load_s", duration_s},
+                     {"crc_gb_per_s", crc}};
+  for (const std::string& way : ways) {
+    const double mb_per_s = median(of(way, [&](const Run& run, const Run&) { return rate(run) * 1e-6; }));
+    const auto ratio = of(way, [&](const Run& run, const Run& bare) { return rate(run) / rate(bare); });
+    const double cpu =
+        median(of(way, [](const Run& run, const Run& bare) { return bare.cpu_seconds / run.cpu_seconds; }));
+    const double real_time = mb_per_s * duration_s / (static_cast<double>(bytes) * 1e-6);
+    const Run& last = runs[way].back();
+    std::printf("%-6s %10.0f %8.2f (%5.2f-%5.2f) %18.2f %17.1f %10.1f\n", way.c_str(), mb_per_s,
+                median(ratio), ratio.front(), ratio.back(), cpu, real_time,
+                static_cast<double>(last.bytes) * 1e-6);
+    out[way] = {{"mb_per_s", mb_per_s},        {"of_bare", median(ratio)}, {"of_bare_min", ratio.front()},
+                {"of_bare_max", ratio.back()}, {"of_bare_cpu", cpu},       {"times_real_time", real_time},
+                {"file_bytes", last.bytes},    {"messages", last.messages}};
   }
   if (!json_path.empty()) {
     std::ofstream file(json_path);

@@ -58,40 +58,57 @@ std::uint32_t slice(const std::byte* p, std::size_t n, std::uint32_t c) noexcept
 }
 
 #if defined(__x86_64__)
-__attribute__((target("pclmul,sse4.1"))) inline __m128i fold(__m128i x, __m128i k) noexcept {
-  return _mm_xor_si128(_mm_clmulepi64_si128(x, k, 0x00), _mm_clmulepi64_si128(x, k, 0x11));
+/// x^n modulo the polynomial as the folding below wants it: reflected, in 33 bits.
+constexpr long long fold_constant(std::uint32_t n) {
+  std::uint32_t power = 1u << 31;
+  for (std::size_t k = 0; n != 0; n >>= 1, ++k)
+    if ((n & 1u) != 0) power = multiply(kPowers[k], power);
+  return static_cast<long long>(std::uint64_t{power} << 1);
 }
+static_assert(fold_constant(512 + 32) == 0x0154442bd4 &&
+              fold_constant(512 - 32) == 0x01c6e41596);  // as published
 
-__attribute__((target("pclmul,sse4.1"))) inline __m128i load(const std::byte* p) noexcept {
+#define RIGOR_CLMUL __attribute__((target("pclmul,sse4.1")))
+#define RIGOR_WIDE_CLMUL __attribute__((target("avx2,vpclmulqdq,pclmul,sse4.1")))
+
+RIGOR_CLMUL inline __m128i load(const std::byte* p) noexcept {
   return _mm_loadu_si128(reinterpret_cast<const __m128i*>(p));
 }
+RIGOR_WIDE_CLMUL inline __m256i load_wide(const std::byte* p) noexcept {
+  return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p));
+}
 
-/// V. Gopal et al., "Fast CRC Computation for Generic Polynomials Using PCLMULQDQ Instruction", Intel 2009;
-/// constants are for the reflected polynomial. Precondition: n >= 64 and a multiple of 16.
-__attribute__((target("pclmul,sse4.1"))) std::uint32_t fold_all(const std::byte* p, std::size_t n,
-                                                                std::uint32_t c) noexcept {
-  const __m128i by_64_bytes = _mm_set_epi64x(0x01c6e41596, 0x0154442bd4);
-  const __m128i by_16_bytes = _mm_set_epi64x(0x00ccaa009e, 0x01751997d0);
-  const __m128i to_64_bits = _mm_set_epi64x(0, 0x0163cd6124);
+/// x moved on by the distance that the constants stand for, onto `next`.
+RIGOR_CLMUL inline __m128i fold(__m128i x, __m128i k, __m128i next) noexcept {
+  return _mm_xor_si128(_mm_xor_si128(_mm_clmulepi64_si128(x, k, 0x00), _mm_clmulepi64_si128(x, k, 0x11)),
+                       next);
+}
+RIGOR_WIDE_CLMUL inline __m256i fold(__m256i x, __m256i k, __m256i next) noexcept {
+  return _mm256_xor_si256(
+      _mm256_xor_si256(_mm256_clmulepi64_epi128(x, k, 0x00), _mm256_clmulepi64_epi128(x, k, 0x11)), next);
+}
+
+// V. Gopal et al., "Fast CRC Computation for Generic Polynomials Using PCLMULQDQ Instruction", Intel 2009.
+
+/// The rest of the way from four neighbouring blocks of 16 bytes and the n bytes that follow. n is a multiple
+/// of 16.
+RIGOR_CLMUL inline std::uint32_t finish(__m128i x0, __m128i x1, __m128i x2, __m128i x3, const std::byte* p,
+                                        std::size_t n) noexcept {
+  const __m128i by_64 = _mm_set_epi64x(fold_constant(512 - 32), fold_constant(512 + 32));
+  const __m128i by_16 = _mm_set_epi64x(fold_constant(128 - 32), fold_constant(128 + 32));
+  const __m128i to_64_bits = _mm_set_epi64x(0, fold_constant(64));
   const __m128i barrett = _mm_set_epi64x(0x01f7011641, 0x01db710641);
   const __m128i low_words = _mm_setr_epi32(~0, 0, ~0, 0);
-
-  __m128i x0 = _mm_xor_si128(load(p), _mm_cvtsi32_si128(static_cast<int>(c)));
-  __m128i x1 = load(p + 16);
-  __m128i x2 = load(p + 32);
-  __m128i x3 = load(p + 48);
-  for (p += 64, n -= 64; n >= 64; p += 64, n -= 64) {
-    x0 = _mm_xor_si128(fold(x0, by_64_bytes), load(p));
-    x1 = _mm_xor_si128(fold(x1, by_64_bytes), load(p + 16));
-    x2 = _mm_xor_si128(fold(x2, by_64_bytes), load(p + 32));
-    x3 = _mm_xor_si128(fold(x3, by_64_bytes), load(p + 48));
+  for (; n >= 64; p += 64, n -= 64) {
+    x0 = fold(x0, by_64, load(p));
+    x1 = fold(x1, by_64, load(p + 16));
+    x2 = fold(x2, by_64, load(p + 32));
+    x3 = fold(x3, by_64, load(p + 48));
   }
-  x1 = _mm_xor_si128(fold(x0, by_16_bytes), x1);
-  x2 = _mm_xor_si128(fold(x1, by_16_bytes), x2);
-  x3 = _mm_xor_si128(fold(x2, by_16_bytes), x3);
-  for (; n >= 16; p += 16, n -= 16) x3 = _mm_xor_si128(fold(x3, by_16_bytes), load(p));
+  x3 = fold(fold(fold(x0, by_16, x1), by_16, x2), by_16, x3);
+  for (; n >= 16; p += 16, n -= 16) x3 = fold(x3, by_16, load(p));
 
-  __m128i x = _mm_xor_si128(_mm_srli_si128(x3, 8), _mm_clmulepi64_si128(x3, by_16_bytes, 0x10));
+  __m128i x = _mm_xor_si128(_mm_srli_si128(x3, 8), _mm_clmulepi64_si128(x3, by_16, 0x10));
   x = _mm_xor_si128(_mm_srli_si128(x, 4),
                     _mm_clmulepi64_si128(_mm_and_si128(x, low_words), to_64_bits, 0x00));
   __m128i q = _mm_clmulepi64_si128(_mm_and_si128(x, low_words), barrett, 0x10);
@@ -99,10 +116,37 @@ __attribute__((target("pclmul,sse4.1"))) std::uint32_t fold_all(const std::byte*
   return static_cast<std::uint32_t>(_mm_extract_epi32(_mm_xor_si128(x, q), 1));
 }
 
-bool has_clmul() noexcept {
-  static const bool yes = __builtin_cpu_supports("pclmul") != 0 && __builtin_cpu_supports("sse4.1") != 0;
-  return yes;
+/// Precondition: n >= 64 and a multiple of 16.
+RIGOR_CLMUL std::uint32_t fold_all(const std::byte* p, std::size_t n, std::uint32_t c) noexcept {
+  const __m128i first = _mm_xor_si128(load(p), _mm_cvtsi32_si128(static_cast<int>(c)));
+  return finish(first, load(p + 16), load(p + 32), load(p + 48), p + 64, n - 64);
 }
+
+/// The same, two blocks in each register. Precondition: n >= 128 and a multiple of 16.
+RIGOR_WIDE_CLMUL std::uint32_t fold_all_wide(const std::byte* p, std::size_t n, std::uint32_t c) noexcept {
+  const __m256i by_128 =
+      _mm256_broadcastsi128_si256(_mm_set_epi64x(fold_constant(1024 - 32), fold_constant(1024 + 32)));
+  const __m256i by_64 =
+      _mm256_broadcastsi128_si256(_mm_set_epi64x(fold_constant(512 - 32), fold_constant(512 + 32)));
+  __m256i x0 = _mm256_xor_si256(load_wide(p), _mm256_zextsi128_si256(_mm_cvtsi32_si128(static_cast<int>(c))));
+  __m256i x1 = load_wide(p + 32);
+  __m256i x2 = load_wide(p + 64);
+  __m256i x3 = load_wide(p + 96);
+  for (p += 128, n -= 128; n >= 128; p += 128, n -= 128) {
+    x0 = fold(x0, by_128, load_wide(p));
+    x1 = fold(x1, by_128, load_wide(p + 32));
+    x2 = fold(x2, by_128, load_wide(p + 64));
+    x3 = fold(x3, by_128, load_wide(p + 96));
+  }
+  x2 = fold(x0, by_64, x2);
+  x3 = fold(x1, by_64, x3);
+  return finish(_mm256_castsi256_si128(x2), _mm256_extracti128_si256(x2, 1), _mm256_castsi256_si128(x3),
+                _mm256_extracti128_si256(x3, 1), p, n);
+}
+
+const bool kHasClmul = __builtin_cpu_supports("pclmul") != 0 && __builtin_cpu_supports("sse4.1") != 0;
+const bool kHasWideClmul =
+    kHasClmul && __builtin_cpu_supports("vpclmulqdq") != 0 && __builtin_cpu_supports("avx2") != 0;
 #endif
 
 }  // namespace
@@ -113,9 +157,11 @@ std::uint32_t crc32_portable(std::span<const std::byte> bytes, std::uint32_t crc
 
 std::uint32_t crc32(std::span<const std::byte> bytes, std::uint32_t crc) noexcept {
 #if defined(__x86_64__)
-  if (bytes.size() >= 64 && has_clmul()) {
+  if (bytes.size() >= 64 && kHasClmul) {
     const std::size_t whole = bytes.size() & ~std::size_t{15};
-    const std::uint32_t c = fold_all(bytes.data(), whole, ~crc);
+    const bool wide = kHasWideClmul && whole >= 128;
+    const std::uint32_t c =
+        wide ? fold_all_wide(bytes.data(), whole, ~crc) : fold_all(bytes.data(), whole, ~crc);
     return ~slice(bytes.data() + whole, bytes.size() - whole, c);
   }
 #endif

@@ -266,7 +266,7 @@ std::string to_text(const RecordingReport& report) {
           static_cast<double>(report.chunk_bytes) / static_cast<double>(report.chunk_bytes_stored));
   print(", profile %s, written by %s\n", report.profile.c_str(), report.library.c_str());
   for (const std::string& note : report.health.notes) out += "  ! " + note + "\n";
-  if (report.health.truncated) out += "  ! `rigor repair` makes a complete file of it\n";
+  if (report.health.truncated) out += "  ! `rigor inspect --repair` makes a complete file of it\n";
 
   std::size_t width = 5;
   std::size_t type_width = 4;

@@ -137,7 +137,11 @@ Status decompress(const std::string& compression, Bytes in, std::span<std::byte>
   }
   if (compression == "lz4") return decompress_lz4(in, out);
   if (compression == "zstd") {
-    const std::size_t size = ZSTD_decompress(out.data(), out.size(), in.data(), in.size());
+    // One for each thread: to set one up takes longer than to unpack a small chunk.
+    thread_local const std::unique_ptr<ZSTD_DCtx, std::size_t (*)(ZSTD_DCtx*)> context(ZSTD_createDCtx(),
+                                                                                       ZSTD_freeDCtx);
+    if (!context) return fail(ErrorCode::unavailable, "", "zstd has no memory");
+    const std::size_t size = ZSTD_decompressDCtx(context.get(), out.data(), out.size(), in.data(), in.size());
     if (ZSTD_isError(size) != 0)
       return bad(std::string("the zstd data are damaged: ") + ZSTD_getErrorName(size));
     if (size != out.size()) return bad("the zstd data do not have the size that the chunk states");

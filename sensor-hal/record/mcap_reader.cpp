@@ -436,7 +436,8 @@ Status McapReader::salvage(std::uint64_t offset) {
 
 Status McapReader::load(Segment& segment, ByteBuffer& data, std::vector<Entry>& entries) {
   if (segment.damaged)
-    return tl::unexpected(damage(segment.offset, "this chunk is damaged; rigor repair keeps the others"));
+    return tl::unexpected(
+        damage(segment.offset, "this chunk is damaged; rigor inspect --repair keeps the others"));
   data.clear();
   entries.clear();
   if (!segment.chunk) {

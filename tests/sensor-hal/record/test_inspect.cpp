@@ -85,7 +85,7 @@ TEST(Inspect, SaysWhatIsWrongWithADamagedFile) {
   auto bytes = known_recording();
   const RecordingReport cut = must(inspect(memory_source(Bytes(bytes).first(bytes.size() / 2))));
   EXPECT_TRUE(cut.health.truncated);
-  EXPECT_THAT(to_text(cut), HasSubstr("rigor repair"));
+  EXPECT_THAT(to_text(cut), HasSubstr("rigor inspect --repair"));
   EXPECT_GT(cut.messages, 100u);
   const Segment chunk = open_bytes(bytes)->segments()[1];
   bytes[chunk.offset + chunk.length - 20] ^= std::byte{1};
