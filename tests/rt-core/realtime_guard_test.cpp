@@ -31,6 +31,7 @@ class GuardTest : public testing::Test {
   guard::Report run(std::uint64_t cycles, F&& f, Trace* trace = nullptr) {
     ExecutiveConfig c;
     c.cycles = cycles;
+    c.on_overrun = OverrunPolicy::log;  // every cycle runs, also the one with the planted fault
     c.spin = microseconds(50);
     c.trace = trace;
     c.realtime = RealtimeConfig{};
