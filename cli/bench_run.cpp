@@ -144,6 +144,8 @@ void BenchRun::inputs(const CycleContext& cycle) noexcept {
 
 void BenchRun::show(RunChannel& c, std::uint32_t index, const CycleContext& cycle) noexcept {
   while (SampleLease sample = c.source->poll(cycle.t)) {
+    // What a free-running device measured while the bench was starting is not of this run.
+    if (sample->stamp.t_capture < t0_ - c.entry->period) continue;
     if (recorder_ && !c.pair) recorder_->record(c.recorder_id, sample);
     c.port.push(std::move(sample));
   }

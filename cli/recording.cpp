@@ -48,8 +48,6 @@ std::map<std::string, std::string> run_metadata(const RunParts& parts, BenchTime
   m["rig_file"] = rig.file.string();
   m["seed"] = std::to_string(rig.seed);
   m["clock"] = rig.clock == ClockKind::wall ? "wall" : "virtual";
-  m["t0_ns"] = std::to_string(t0.ns());
-  m["period_ns"] = std::to_string(rig.loop.period.ns());
   m["epoch_bench_ns"] = std::to_string(epoch.bench.ns());
   m["epoch_utc_ns"] = std::to_string(epoch.utc.ns());
   m["epoch_sigma_ns"] = std::to_string(epoch.sigma.ns());
@@ -68,6 +66,8 @@ Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, BenchTime t0, 
   options.fail_on_drop = rig.record.fail_on_drop;
   options.budget_bytes = rig.record.budget_bytes;
   options.epoch = epoch;
+  options.t0 = t0;
+  options.loop_period = rig.loop.period;
   options.writer.compression = rig.record.compression == "zstd"  ? record::Compression::zstd
                                : rig.record.compression == "lz4" ? record::Compression::lz4
                                                                  : record::Compression::none;
@@ -75,7 +75,12 @@ Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, BenchTime t0, 
   std::vector<RecordedChannel> channels;
   for (auto& c : parts.channels) {
     c->recorder_id = static_cast<std::uint32_t>(channels.size());
-    channels.push_back({c->entry->name, c->source->describe(), c->pair != nullptr});
+    RecordedChannel channel;
+    channel.name = c->entry->name;
+    channel.description = c->source->describe();
+    channel.is_pair = c->pair != nullptr;
+    channel.lease_budget = 10;  // of the 16 slots that a channel has
+    channels.push_back(std::move(channel));
   }
   std::vector<RecordedSink> sinks;
   for (auto& s : parts.sinks) sinks.push_back({s->entry->name, s->sink->describe().names});

@@ -17,6 +17,7 @@ namespace {
 /// recording.
 class NullSink final : public Sink {
  public:
+  explicit NullSink(const ConfigNode& params) : params_(params) {}
   bool command(const Command&) noexcept override {
     counters_.accepted.fetch_add(1, std::memory_order_relaxed);
     return true;
@@ -24,9 +25,9 @@ class NullSink final : public Sink {
   void watch(const Heartbeat*, Duration) override {}
 
  private:
-  Status do_configure(const ChannelConfig& config) override {
+  Status do_configure(const ChannelConfig&) override {
     return catch_config([&] {
-             for (const ConfigNode& r : config.params.list_or_empty("registers")) {
+             for (const ConfigNode& r : params_.list_or_empty("registers")) {
                description_.names.push_back(r.text("name"));
                description_.units.push_back(r.text_or("unit", ""));
              }
@@ -38,6 +39,8 @@ class NullSink final : public Sink {
   Status do_arm(const ArmContext&) override { return {}; }
   Status do_start(BenchTime) override { return {}; }
   Status do_stop() override { return {}; }
+
+  ConfigNode params_;
 };
 
 /// The rig to run: the one that is named, or the one in the recording.
@@ -102,10 +105,9 @@ int replay_command(const ReplayOptions& options) {
     auto sink = std::make_unique<RunSink>();
     sink->entry = &entry;
     sink->replaced_by = "nothing";
-    sink->sink = std::make_unique<NullSink>();
+    sink->sink = std::make_unique<NullSink>(entry.sink.params);
     ChannelConfig config;
     config.name = entry.name;
-    config.params = entry.sink.params;
     if (auto s = sink->sink->configure(config); !s) return report_error(s.error(), options.json);
     parts.sinks.push_back(std::move(sink));
   }

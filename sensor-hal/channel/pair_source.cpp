@@ -123,6 +123,7 @@ Status PairSource::do_start(BenchTime t0) {
   event_sequence_ = 0;
   any_cycle_ = any_real_ = any_handed_ = false;
   anchor_index_ = next_twin_ = last_handed_ = 0;
+  t0_ = t0;
   anchor_t_ = t0 + phase_;
   last_twin_t_ = last_handed_t_ = BenchTime(std::numeric_limits<std::int64_t>::min());
   wanted_ = initial_;
@@ -191,6 +192,8 @@ void PairSource::take_in(BenchTime now) noexcept {
 
 void PairSource::take_real(SampleLease&& sample) noexcept {
   Stamp& stamp = sample.edit().stamp;
+  // A camera that runs freely was measuring while the bench was still starting: that is not of this run.
+  if (stamp.t_capture + period_ / 2 < t0_) return;
   const std::int64_t steps = periods_in(stamp.t_capture - anchor_t_, period_);
   const std::uint64_t index =
       any_real_ ? anchor_index_ + static_cast<std::uint64_t>(std::max<std::int64_t>(1, steps))

@@ -124,6 +124,7 @@ class PairSource final : public Source {
   SampleLease ahead_;  ///< virtual time: a real sample whose release has not come
   BenchTime cycle_;
   bool any_cycle_ = false;
+  BenchTime t0_;
   // The grid of instants: index and instant of the newest real sample, or of the grid's origin.
   std::uint64_t anchor_index_ = 0;
   BenchTime anchor_t_;

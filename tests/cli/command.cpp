@@ -16,7 +16,8 @@ namespace rigor::test {
 namespace {
 std::filesystem::path fresh_name() {
   static std::atomic<int> count{0};
-  return std::filesystem::temp_directory_path() / ("rigor-test-" + std::to_string(getpid()) + "-" + std::to_string(count++));
+  return std::filesystem::temp_directory_path() /
+         ("rigor-test-" + std::to_string(getpid()) + "-" + std::to_string(count++));
 }
 }  // namespace
 
@@ -55,7 +56,8 @@ void Command::signal(int number) const {
 
 bool Command::running() const {
   siginfo_t info{};
-  return pid_ > 0 && waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOHANG | WNOWAIT) == 0 && info.si_pid == 0;
+  return pid_ > 0 && waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+         info.si_pid == 0;
 }
 
 std::string Command::out() const { return read_file(out_file_); }
@@ -63,7 +65,8 @@ std::string Command::err() const { return read_file(err_file_); }
 
 Said Command::wait(std::chrono::seconds patience) {
   const auto end = std::chrono::steady_clock::now() + patience;
-  while (running() && std::chrono::steady_clock::now() < end) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  while (running() && std::chrono::steady_clock::now() < end)
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
   if (running()) {
     ADD_FAILURE() << "killed after " << patience.count() << " s; it had said: " << err();
     kill(pid_, SIGKILL);

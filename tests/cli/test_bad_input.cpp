@@ -10,8 +10,9 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::MatchesRegex;
 
-constexpr const char* kChannel = "channels:\n  c: { kind: registers, backend: modbus, rate_hz: 100, address: 127.0.0.1, port: 5999, "
-                                 "registers: [ { name: p, table: input_registers, address: 0, type: u16 } ] }\n";
+constexpr const char* kChannel =
+    "channels:\n  c: { kind: registers, backend: modbus, rate_hz: 100, address: 127.0.0.1, port: 5999, "
+    "registers: [ { name: p, table: input_registers, address: 0, type: u16 } ] }\n";
 
 class BadInput : public ::testing::Test {
  protected:
@@ -38,7 +39,9 @@ TEST_F(BadInput, BrokenYamlSaysLineAndColumn) {
   EXPECT_THAT(said.err, ::testing::ContainsRegex("rig.yaml:[0-9]+:[0-9]+:"));
 }
 
-TEST_F(BadInput, WrongType) { expect_refused(run("loop: { rate_hz: fast }\n"), "rig.yaml:1:18: loop.rate_hz: expected a number"); }
+TEST_F(BadInput, WrongType) {
+  expect_refused(run("loop: { rate_hz: fast }\n"), "rig.yaml:1:18: loop.rate_hz: expected a number");
+}
 
 TEST_F(BadInput, UnknownKeyNamesTheNearest) {
   expect_refused(run("lop: { rate_hz: 1000 }\n"), "did you mean loop?");
@@ -54,15 +57,18 @@ TEST_F(BadInput, UnknownKeyOfABackendIsFoundToo) {
 }
 
 TEST_F(BadInput, NegativeRate) {
-  expect_refused(run("channels:\n  c: { kind: image, backend: simulated, rate_hz: -25 }\n"), "rate_hz: expected");
+  expect_refused(run("channels:\n  c: { kind: image, backend: simulated, rate_hz: -25 }\n"),
+                 "rate_hz: expected");
 }
 
 TEST_F(BadInput, RateThatDoesNotDivideTheBaseRate) {
-  expect_refused(run("channels:\n  c: { kind: image, backend: simulated, rate_hz: 30 }\n"), "divides the loop's 1000 Hz, got 30");
+  expect_refused(run("channels:\n  c: { kind: image, backend: simulated, rate_hz: 30 }\n"),
+                 "divides the loop's 1000 Hz, got 30");
 }
 
 TEST_F(BadInput, TwoChannelsWithOneName) {
-  expect_refused(run(std::string(kChannel) + "  c: { kind: registers, backend: modbus, rate_hz: 100 }\n"), "rig.yaml:3:");
+  expect_refused(run(std::string(kChannel) + "  c: { kind: registers, backend: modbus, rate_hz: 100 }\n"),
+                 "rig.yaml:3:");
 }
 
 TEST_F(BadInput, UnknownBackendListsTheOnesThereAre) {
@@ -71,7 +77,9 @@ TEST_F(BadInput, UnknownBackendListsTheOnesThereAre) {
 }
 
 TEST_F(BadInput, CameraThatIsNotThere) {
-  const Said said = run("channels:\n  c: { kind: image, backend: aravis, rate_hz: 25, device: No-Such-Camera, interface: 127.0.0.1 }\n");
+  const Said said =
+      run("channels:\n  c: { kind: image, backend: aravis, rate_hz: 25, device: No-Such-Camera, interface: "
+          "127.0.0.1 }\n");
   EXPECT_EQ(said.status, 2) << said.err;
   EXPECT_THAT(said.err, HasSubstr("No-Such-Camera"));
 }
@@ -104,8 +112,10 @@ TEST_F(BadInput, OptionsOfTheCommandLine) {
   EXPECT_EQ(rigor({"run"}).status, 2);
   EXPECT_EQ(rigor({"fly"}).status, 2);
   EXPECT_EQ(rigor({"run", config("demo.yaml"), "--set", "nonsense"}).status, 2);
-  EXPECT_EQ(rigor({"sense", config("demo.yaml"), "--channel", "none", "-o", (dir / "x.png").string()}).status, 2);
-  EXPECT_EQ(rigor({"sense", config("demo.yaml"), "--channel", "right", "-o", (dir / "x.bmp").string()}).status, 2);
+  EXPECT_EQ(rigor({"sense", config("demo.yaml"), "--channel", "none", "-o", (dir / "x.png").string()}).status,
+            2);
+  EXPECT_EQ(
+      rigor({"sense", config("demo.yaml"), "--channel", "right", "-o", (dir / "x.bmp").string()}).status, 2);
   EXPECT_EQ(rigor({"emulate", config("demo.yaml"), "--only", "nothing"}).status, 2);
   EXPECT_FALSE(std::filesystem::exists(dir / "x.png"));
 }

@@ -12,7 +12,8 @@ class BenchMotionTest : public ::testing::Test {
  protected:
   BenchMotionTest() {
     description.names = {"position", "rate"};
-    EXPECT_TRUE(motion.bind(0, {"table", "channel", "position", "rate", std::numbers::pi / 180}, {"channel", &description, &port}));
+    EXPECT_TRUE(motion.bind(0, {"table", "channel", "position", "rate", std::numbers::pi / 180},
+                            {"channel", &description, &port}));
     motion.set_joint_count(1);
     port.configure({.period = milliseconds(10)}, BenchTime(0));
   }
