@@ -314,12 +314,6 @@ Status Recorder::Impl::open(std::unique_ptr<record::ByteSink> sink,
   options.places = std::max<std::size_t>(options.places, 64);
   copies = make_sample_pool(options.places, kCopyBytes);
   ring.emplace(options.places);
-  // Touch every place once, from this thread and before there is another: the loop must not take the page
-  // faults.
-  for (std::size_t i = 0; i < options.places; ++i)
-    if (!ring->try_push(Item{})) break;
-  for (Item item; ring->try_pop(item);) {
-  }
   return {};
 }
 
