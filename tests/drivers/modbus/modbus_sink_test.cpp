@@ -194,9 +194,8 @@ TEST_F(ModbusSinkTest, ReadsBackWhatItWroteWhereAsked) {
   start(config(device.port(), "verify: true\n"));
   ASSERT_TRUE(sink_.command(make(1, 5)));
   ASSERT_TRUE(beating(seconds(1), [&] { return sink_.counters().applied.load() == 1; }));
-  bank_->on_read = [](BenchTime, Bank::Tables& t) {
-    t[3][4] = 77;
-  };  // a device that does not keep what it was told
+  bank_->on_read(
+      [](BenchTime, Bank::Tables& t) { t[3][4] = 77; });  // a device that does not keep what it was told
   ASSERT_TRUE(sink_.command(make(1, 6)));
   ASSERT_TRUE(beating(seconds(1), [&] { return sink_.counters().failed.load() == 1; }));
 }

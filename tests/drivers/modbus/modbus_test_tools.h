@@ -19,6 +19,7 @@ namespace rigor::modbus {
 class Bank final : public RegisterModel {
  public:
   static constexpr std::size_t kSize = 256;
+  using Tables = std::array<std::array<std::uint16_t, kSize>, 4>;
   struct Write {
     RegisterTable table;
     std::uint16_t address;
@@ -30,7 +31,7 @@ class Bank final : public RegisterModel {
                           BenchTime t) override {
     const std::lock_guard lock(mutex_);
     if (address + out.size() > kSize) return false;
-    if (on_read) on_read(t, tables_);
+    if (on_read_) on_read_(t, tables_);
     std::copy_n(tables_[static_cast<std::size_t>(table)].begin() + address, out.size(), out.begin());
     reads_.push_back(t);
     return true;
@@ -62,11 +63,15 @@ class Bank final : public RegisterModel {
     const std::lock_guard lock(mutex_);
     return reads_;
   }
-  using Tables = std::array<std::array<std::uint16_t, kSize>, 4>;
-  std::function<void(BenchTime, Tables&)> on_read;  ///< before tests start threads
+  /// What happens to the registers just before each read.
+  void on_read(std::function<void(BenchTime, Tables&)> change) {
+    const std::lock_guard lock(mutex_);
+    on_read_ = std::move(change);
+  }
 
  private:
   std::mutex mutex_;
+  std::function<void(BenchTime, Tables&)> on_read_;
   Tables tables_{};
   std::vector<Write> writes_;
   std::vector<BenchTime> reads_;

@@ -17,11 +17,11 @@ constexpr const char* kSink =
 /// A rig of one device, two sources and two sinks, run cycle by cycle.
 struct Rig {
   explicit Rig(Duration latency = milliseconds(10), Duration command_latency = milliseconds(7)) {
-    bank->on_read = [](BenchTime at, Bank::Tables& tables) {
+    bank->on_read([](BenchTime at, Bank::Tables& tables) {
       const auto ms = static_cast<std::uint32_t>(at.ns() / 1000000);
       tables[2][0] = static_cast<std::uint16_t>(ms >> 16);
       tables[2][1] = static_cast<std::uint16_t>(ms);
-    };
+    });
     const auto backend = modbus_backend();
     for (int i = 0; i < 2; ++i) {
       auto s = backend.make_virtual_source({nullptr, nullptr, bank}, {});
