@@ -94,9 +94,15 @@ std::size_t FrameGeometry::max_tiles() const {
 std::size_t FrameGeometry::max_caster_list() const {
   return scene_.bodies.size() * (scene_.bodies.size() + max_tiles());
 }
-bool FrameGeometry::has_highlights() const {
-  return sun_up_ && std::any_of(scene_.materials.begin(), scene_.materials.end(),
-                                [](const world::Material& m) { return m.roughness < 1.0; });
+bool FrameGeometry::bodies_have_highlights() const {
+  return sun_up_ && std::any_of(scene_.bodies.begin(), scene_.bodies.end(), [this](const world::Body& b) {
+           return scene_.materials[b.material].roughness < 1.0;
+         });
+}
+bool FrameGeometry::ground_has_highlights() const {
+  return sun_up_ && scene_.ground &&
+         std::min(scene_.materials[scene_.ground->material].roughness,
+                  scene_.materials[scene_.ground->other_material].roughness) < 1.0;
 }
 
 bool FrameGeometry::sphere_visible(const Eigen::Vector3d& centre_camera, double radius_m) const {

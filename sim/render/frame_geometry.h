@@ -60,7 +60,9 @@ class FrameGeometry {
   [[nodiscard]] std::size_t max_tiles() const;
   [[nodiscard]] std::size_t max_surfaces() const { return scene_.bodies.size() + max_tiles(); }
   [[nodiscard]] std::size_t max_caster_list() const;
-  [[nodiscard]] bool has_highlights() const;
+  /// Is there a glossy material, and sun on it?
+  [[nodiscard]] bool bodies_have_highlights() const;
+  [[nodiscard]] bool ground_has_highlights() const;
 
  private:
   struct Tile {

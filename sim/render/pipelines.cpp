@@ -264,7 +264,8 @@ Result<Pipelines> make_pipelines(const Device::Impl& gpu, const PipelineOptions&
     const std::uint32_t casters = i == kLoopVariant ? ~0u : kCasterClasses[i / 2];
     const Constants<5> plain({options.mono, options.highlights, false, casters, cylinders});
     const Constants<5> board({options.mono, options.highlights, true, casters, cylinders});
-    const Constants<5> ground({options.mono, options.highlights, options.ground_noise, casters, cylinders});
+    const Constants<5> ground(
+        {options.mono, options.ground_highlights, options.ground_noise, casters, cylinders});
     const RasterWanted body_wanted{
         "body", kBodyVert, kBodyFrag, &plain.info, sizeof(gpu::BodyVertex), body_input, VK_CULL_MODE_BACK_BIT,
         true};

@@ -36,7 +36,8 @@ constexpr std::size_t kCasterVariants = kLoopVariant + 1;
 /// Constants that the shaders are specialised for: what is off has no code.
 struct PipelineOptions {
   bool mono = true;
-  bool highlights = false;
+  bool highlights = false;         ///< on bodies
+  bool ground_highlights = false;  ///< on the ground
   bool ground_noise = false;
   bool boards = false;
   std::uint32_t bodies = 0;     ///< no surface is shaded by more

@@ -609,7 +609,8 @@ Result<std::unique_ptr<Renderer>> Renderer::create(std::shared_ptr<Device> devic
 
   PipelineOptions wanted;
   wanted.mono = mono;
-  wanted.highlights = impl->geometry->has_highlights();
+  wanted.highlights = impl->geometry->bodies_have_highlights();
+  wanted.ground_highlights = impl->geometry->ground_has_highlights();
   wanted.ground_noise = impl->scene->ground && impl->scene->ground->noise_contrast > 0.0;
   wanted.boards = std::any_of(impl->scene->bodies.begin(), impl->scene->bodies.end(),
                               [](const world::Body& b) { return b.chessboard.has_value(); });

@@ -62,10 +62,18 @@ void main() {
   uint total = u.region.z * u.region.w;
   if (first >= total) return;
   uint packed[3] = uint[3](0u, 0u, 0u);
+  // One division for all pixels of the invocation: it is the dearest instruction here.
+  uint region_row = first / u.region.z;
+  uint region_column = first - region_row * u.region.z;
   for (int i = 0; i < pixels; ++i) {
-    uint index = min(first + uint(i), total - 1u);
-    uint column = u.region.x + index % u.region.z;
-    uint row = u.region.y + index / u.region.z;
+    // Past the region's end some spare pixels are worked out over again; nobody reads them.
+    uint column = u.region.x + region_column;
+    uint row = min(u.region.y + region_row, u.sensor.y - 1u);
+    region_column += 1u;
+    if (region_column == u.region.z) {
+      region_column = 0u;
+      region_row += 1u;
+    }
     uint element = row * u.sensor.x + column;
     vec4 pixel = texelFetch(lens_map, ivec2(column, row), 0);
     vec3 rate = ideal_rate(pixel.xy);

@@ -79,4 +79,5 @@ MaterialData mixed(MaterialData a, MaterialData b, float t) {
 
 layout(location = 0) out vec4 picture;
 
-void put(vec3 rate) { picture = vec4(rate, 0.0); }
+// A mono picture has one channel; the other two must not be worked out.
+void put(vec3 rate) { picture = kMono ? vec4(rate.x, 0.0, 0.0, 0.0) : vec4(rate, 0.0); }
