@@ -9,6 +9,7 @@
 #include <charconv>
 #include <cstring>
 
+#include "sensor-hal/models/camera_yaml.h"
 #include "sensor-hal/record/mcap_reader.h"
 
 namespace rigor {
@@ -23,6 +24,24 @@ std::optional<std::int64_t> number(const std::map<std::string, std::string>& m, 
   const auto [end, ec] = std::from_chars(it->second.data(), it->second.data() + it->second.size(), v);
   if (ec != std::errc{} || end != it->second.data() + it->second.size()) return std::nullopt;
   return v;
+}
+
+/// The lens of a simulated channel (of a pair: of its twin), as ROS has it; empty where the rig names no sensor.
+std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry) {
+  const ConfigNode& params = entry.is_pair ? entry.twin.params : entry.source.params;
+  if (entry.kind != SampleKind::image || !params.has("sensor")) return std::nullopt;
+  const auto sheet = load_camera(params.base_dir() / params.text("sensor"));
+  if (!sheet) return std::nullopt;  // the assembly has refused it before
+  const CameraModel& m = sheet->model;
+  record::msg::CameraInfo info;
+  info.width = static_cast<std::uint32_t>(m.width_px);
+  info.height = static_cast<std::uint32_t>(m.height_px);
+  info.distortion_model = "rational_polynomial";
+  info.d = {m.lens.k1, m.lens.k2, m.lens.p1, m.lens.p2, m.lens.k3, m.lens.k4, m.lens.k5, m.lens.k6};
+  info.k = {m.fx_px, 0, m.cx_px, 0, m.fy_px, m.cy_px, 0, 0, 1};
+  info.r = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  info.p = {m.fx_px, 0, m.cx_px, 0, 0, m.fy_px, m.cy_px, 0, 0, 0, 1, 0};
+  return info;
 }
 
 }  // namespace
@@ -79,6 +98,7 @@ Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, BenchTime t0, 
     channel.name = c->entry->name;
     channel.description = c->source->describe();
     channel.is_pair = c->pair != nullptr;
+    channel.camera = camera_info(*c->entry);
     channel.lease_budget = 10;  // of the 16 slots that a channel has
     channels.push_back(std::move(channel));
   }
