@@ -6,9 +6,7 @@
 #include <cmath>
 #include <vector>
 
-extern "C" {
 #include <arv.h>
-}
 
 namespace rigor {
 

@@ -14,9 +14,7 @@
 
 #include "drivers/aravis/gige_registers.h"
 
-extern "C" {
 #include <arv.h>
-}
 
 namespace rigor {
 namespace {

@@ -66,7 +66,7 @@ TEST_F(AravisSourceTest, GivesEveryFrameWholeInOrderAndAtItsTime) {
   }
   EXPECT_LE(source.health().received - seen.size(), 1U);  // one may come while the channel stops
   EXPECT_EQ(source.health().lost, 0U);
-  EXPECT_GE(source.counters().latches, 9U);
+  EXPECT_GE(source.counters().latches, 6U);
 }
 
 TEST_F(AravisSourceTest, MapsADeviceClockThatStartsElsewhere) {
