@@ -26,7 +26,8 @@ std::optional<std::int64_t> number(const std::map<std::string, std::string>& m, 
   return v;
 }
 
-/// The lens of a simulated channel (of a pair: of its twin), as ROS has it; empty where the rig names no sensor.
+/// The lens of a simulated channel (of a pair: of its twin), as ROS has it; empty where the rig names no
+/// sensor.
 std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry) {
   const ConfigNode& params = entry.is_pair ? entry.twin.params : entry.source.params;
   if (entry.kind != SampleKind::image || !params.has("sensor")) return std::nullopt;
@@ -59,7 +60,7 @@ Status check_writable(const std::filesystem::path& file) {
   return {};
 }
 
-std::map<std::string, std::string> run_metadata(const RunParts& parts, BenchTime t0, const EpochPair& epoch) {
+std::map<std::string, std::string> run_metadata(const RunParts& parts, const EpochPair& epoch) {
   const RigConfig& rig = parts.rig;
   std::map<std::string, std::string> m;
   m[kVersionKey] = "1";
@@ -86,6 +87,8 @@ Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, BenchTime t0, 
   options.budget_bytes = rig.record.budget_bytes;
   options.epoch = epoch;
   options.t0 = t0;
+  // A power cut loses what the kernel had not written; once a second it is made to, on a thread of its own.
+  if (!options.virtual_time) options.file.sync_period = seconds(1);
   options.loop_period = rig.loop.period;
   options.writer.compression = rig.record.compression == "zstd"  ? record::Compression::zstd
                                : rig.record.compression == "lz4" ? record::Compression::lz4
@@ -104,7 +107,7 @@ Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, BenchTime t0, 
   }
   std::vector<RecordedSink> sinks;
   for (auto& s : parts.sinks) sinks.push_back({s->entry->name, s->sink->describe().names});
-  metadata.merge(run_metadata(parts, t0, epoch));
+  metadata.merge(run_metadata(parts, epoch));
   auto recorder = Recorder::create(rig.record.file.string(), options, std::move(channels), std::move(sinks),
                                    std::move(metadata));
   if (!recorder) return recorder;

@@ -29,8 +29,7 @@ struct RecordedRun {
   std::uint64_t cycles = 0;  ///< grid points of the run
   std::string seen_sha256;   ///< as printed by the run, where it could be
 };
-[[nodiscard]] std::map<std::string, std::string> run_metadata(const RunParts& parts, BenchTime t0,
-                                                              const EpochPair& epoch);
+[[nodiscard]] std::map<std::string, std::string> run_metadata(const RunParts& parts, const EpochPair& epoch);
 /// From the file's metadata; bad_input where it is not a recording of a run.
 [[nodiscard]] Result<RecordedRun> read_recorded_run(const std::filesystem::path& file);
 

@@ -72,16 +72,22 @@ std::string svg_histogram(const nlohmann::json& histogram, const std::string& la
           kLeft + kPlotW * static_cast<double>(i) / kBars, kTop + kPlotH - h, kPlotW / kBars - 0.6, h,
           bar[i]);
     }
-  for (double e = std::ceil(lo); e <= hi; ++e)
-    s += text_at(x_of(std::pow(10, e)), kTop + kPlotH + 14, "middle",
-                 text_of(Duration(static_cast<std::int64_t>(std::llround(std::pow(10, e))))));
+  // Every power of ten; on a narrow axis two and five times it as well.
+  for (double e = std::floor(lo); e <= hi; ++e)
+    for (double step : {1.0, 2.0, 5.0}) {
+      const double ns = step * std::pow(10, e);
+      if (std::log10(ns) < lo || std::log10(ns) > hi || (step > 1 && hi - lo > 2)) continue;
+      s += text_at(x_of(ns), kTop + kPlotH + 14, "middle", text_of(Duration(std::llround(ns))));
+    }
   for (double e = 0; e <= std::log10(peak); ++e)
     s += text_at(kLeft - 6, kTop + kPlotH - kPlotH * (e + 0.15) / top + 4, "end",
                  fmt::format("{:.0f}", std::pow(10, e)));
+  double label_y = kTop + 9;
   for (const auto& [key, name] : {std::pair{"p50_ns", "p50"}, std::pair{"p99_ns", "p99"}}) {
     const double x = x_of(histogram[key].get<double>());
     s += fmt::format(R"(<path class="mark" d="M{0:.1f} {1}V{2}"/>)", x, kTop, kTop + kPlotH);
-    s += text_at(x + 3, kTop + 9, "start", name);
+    s += text_at(x + 3, label_y, "start", name);
+    label_y += 12;
   }
   return s + text_at(kLeft + kPlotW / 2, kHeight - 4, "middle", label) + "</svg>";
 }

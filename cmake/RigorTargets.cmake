@@ -9,7 +9,7 @@ endif()
 add_library(rigor_options INTERFACE)
 target_include_directories(rigor_options INTERFACE ${CMAKE_SOURCE_DIR})
 target_compile_options(rigor_options INTERFACE -Wall -Wextra -Wshadow -Wnon-virtual-dtor -Wconversion
-                                               -Wno-sign-conversion -Wno-restrict -fno-omit-frame-pointer)
+                                               -Wno-sign-conversion $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict> -fno-omit-frame-pointer)
 target_link_libraries(rigor_options INTERFACE tl::expected Threads::Threads)
 # -Wrestrict of GCC 12 misfires on std::string + const char* (gcc.gnu.org/PR105651).
 # No fused multiply-add behind our back: derived floats agree between builds of one architecture.
