@@ -54,6 +54,7 @@ struct AravisSource::Impl {
   AravisSettings settings;
   ChannelConfig config;
   std::unique_ptr<SamplePool> pool;
+  std::vector<std::unique_ptr<SamplePool>> retired;  ///< of earlier runs, with pictures that somebody holds
   std::vector<std::byte*> slot_memory;
   std::size_t slot_bytes = 0;
   std::unique_ptr<SpscRing<SampleLease>> ring;
@@ -162,6 +163,7 @@ Status AravisSource::do_arm(const ArmContext& context) {
   description_.width_px = f.width_px, description_.height_px = f.height_px;
   description_.max_bytes = f.payload_bytes;
 
+  if (i.pool && i.pool->in_use() != 0) i.retired.push_back(std::move(i.pool));
   i.pool = make_sample_pool(i.settings.buffers, f.payload_bytes);
   i.slot_bytes = f.payload_bytes;
   i.slot_memory.clear();

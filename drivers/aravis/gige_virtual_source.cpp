@@ -46,6 +46,7 @@ struct GigeVirtualSource::Impl {
   std::unique_ptr<gige::GigeMemoryLink> link;
   std::unique_ptr<gige::GigeClient> client;
   std::unique_ptr<SamplePool> pool;
+  std::vector<std::unique_ptr<SamplePool>> retired;  ///< of earlier runs, with pictures that somebody holds
   gige::AssembledFrame frame;
   FrameSequence sequence;
   std::deque<SampleLease> ready;
@@ -166,6 +167,7 @@ Status GigeVirtualSource::do_arm(const ArmContext& context) {
   i.link->advance(i.device_now);
   if (auto done = catch_config([&] { return i.set_up(), true; }); !done)
     return tl::unexpected<Error>(done.error());
+  if (i.pool && i.pool->in_use() != 0) i.retired.push_back(std::move(i.pool));
   i.pool = make_sample_pool(i.settings.buffers, description_.max_bytes);
   i.sequence = FrameSequence(i.config.period);
   i.lost_pending = 0;
