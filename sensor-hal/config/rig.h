@@ -68,9 +68,9 @@ struct ChannelEntry {
   bool record = true;
   bool is_pair = false;
   std::vector<PairSwitch> switches;  ///< in order of time
-  BackendChoice source;  ///< the channel itself, or the real side of a pair
-  BackendChoice twin;    ///< the simulated side of a pair
-  ConfigNode pair;       ///< keys of the pair itself
+  BackendChoice source;              ///< the channel itself, or the real side of a pair
+  BackendChoice twin;                ///< the simulated side of a pair
+  ConfigNode pair;                   ///< keys of the pair itself
   ConfigNode node;
 };
 

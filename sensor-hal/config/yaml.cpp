@@ -443,6 +443,8 @@ Result<ConfigOverride> ConfigOverride::parse(std::string_view text) {
   const std::string where = "--set " + std::string(text);
   if (equals == std::string_view::npos)
     return fail(ErrorCode::bad_input, where, "expected path.to.key=value, got no =");
+  if (config::find_unprintable(text) != std::string_view::npos)
+    return fail(ErrorCode::bad_input, "--set", "expected text, got a control character or a byte-order mark");
   const auto path = text.substr(0, equals);
   if (path.empty() || path.front() == '.' || path.back() == '.' || path.find("..") != std::string_view::npos)
     return fail(ErrorCode::bad_input, where,

@@ -265,6 +265,19 @@ ValuePtr parse(std::string_view text, const Lines& lines) {
   return builder.root();
 }
 
+}  // namespace
+
+std::size_t find_unprintable(std::string_view text) {
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const auto c = static_cast<unsigned char>(text[i]);
+    if ((c < 0x20 && c != '\t' && c != '\n' && c != '\r') || c == 0x7F || text.substr(i, 3) == "\xEF\xBB\xBF")
+      return i;
+  }
+  return std::string_view::npos;
+}
+
+namespace {
+
 /// `parse` with every way to fail turned into an Error.
 Result<ValuePtr> parse_or_error(std::string_view text, std::string_view name) {
   if (text.size() > kMaxFileBytes)
@@ -273,6 +286,16 @@ Result<ValuePtr> parse_or_error(std::string_view text, std::string_view name) {
   if (text.starts_with("\xFF\xFE") || text.starts_with("\xFE\xFF"))
     return fail(ErrorCode::bad_input, at(name, {1, 1}),
                 "expected UTF-8 text, got UTF-16; save the file as UTF-8");
+  if (const auto bad = find_unprintable(text); bad != std::string_view::npos) {
+    const auto line = static_cast<std::size_t>(
+        std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(bad), '\n'));
+    const auto line_start = line == 0 ? 0 : text.rfind('\n', bad) + 1;
+    Place place{1, 1};
+    place.line += static_cast<decltype(place.line)>(line);
+    place.column += static_cast<decltype(place.column)>(bad - line_start);
+    return fail(ErrorCode::bad_input, at(name, place),
+                "expected text, got a control character or a byte-order mark; remove it");
+  }
   const Lines lines(text);
   try {
     return parse(text, lines);

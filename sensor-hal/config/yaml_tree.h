@@ -55,6 +55,10 @@ inline constexpr std::uint64_t kMaxValues = 1'000'000;  ///< with aliases writte
 /// document.
 [[nodiscard]] Result<ValuePtr> read_tree(std::string_view text, std::string_view name);
 
+/// Offset of the first character that YAML text may not have (control characters, a byte-order mark that is
+/// not the first), or npos. What such text means differs between parsers, and would not survive a dump.
+[[nodiscard]] std::size_t find_unprintable(std::string_view text);
+
 /// The tree with `override` applied.
 [[nodiscard]] Result<ValuePtr> apply_override(const ValuePtr& root, const ConfigOverride& override);
 

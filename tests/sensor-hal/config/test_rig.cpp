@@ -22,9 +22,10 @@ std::string error_of(std::string_view text) {
 }
 
 TEST(Rig, ReadsAChannelAndItsTiming) {
-  const auto rig = parse("loop: { rate_hz: 1000 }\n"
-                         "channels:\n"
-                         "  right: { kind: image, backend: simulated, rate_hz: 25, latency_ms: 60, on_late: drop }\n");
+  const auto rig = parse(
+      "loop: { rate_hz: 1000 }\n"
+      "channels:\n"
+      "  right: { kind: image, backend: simulated, rate_hz: 25, latency_ms: 60, on_late: drop }\n");
   ASSERT_TRUE(rig) << rig.error().text();
   ASSERT_EQ(rig->channels.size(), 1u);
   const ChannelEntry& c = rig->channels[0];
@@ -38,14 +39,15 @@ TEST(Rig, ReadsAChannelAndItsTiming) {
 }
 
 TEST(Rig, ReadsBothSidesOfAPairAndItsSwitches) {
-  const auto rig = parse("channels:\n"
-                         "  left:\n"
-                         "    kind: image\n"
-                         "    rate_hz: 25\n"
-                         "    pair:\n"
-                         "      real: { backend: aravis, emulated_by: cam }\n"
-                         "      simulated: { backend: simulated }\n"
-                         "      switches: [ { at_s: 1.5, hand_on: simulated }, { at_s: 2, hand_on: real } ]\n");
+  const auto rig = parse(
+      "channels:\n"
+      "  left:\n"
+      "    kind: image\n"
+      "    rate_hz: 25\n"
+      "    pair:\n"
+      "      real: { backend: aravis, emulated_by: cam }\n"
+      "      simulated: { backend: simulated }\n"
+      "      switches: [ { at_s: 1.5, hand_on: simulated }, { at_s: 2, hand_on: real } ]\n");
   ASSERT_TRUE(rig) << rig.error().text();
   const ChannelEntry& c = rig->channels[0];
   EXPECT_TRUE(c.is_pair);
@@ -64,26 +66,30 @@ TEST(Rig, RefusesARateThatDoesNotDivideTheBaseRateAndNamesOnesThatDo) {
 }
 
 TEST(Rig, RefusesNegativeRatesUnknownKindsAndUnknownKeys) {
-  EXPECT_THAT(error_of("channels:\n  c: { kind: image, backend: x, rate_hz: -5 }\n"), HasSubstr("rate_hz: expected"));
+  EXPECT_THAT(error_of("channels:\n  c: { kind: image, backend: x, rate_hz: -5 }\n"),
+              HasSubstr("rate_hz: expected"));
   EXPECT_THAT(error_of("channels:\n  c: { kind: imag, backend: x, rate_hz: 5 }\n"), HasSubstr("image"));
   EXPECT_THAT(error_of("chanels: {}\n"), HasSubstr("did you mean channels"));
   EXPECT_THAT(error_of("loop: { rate_hz: fast }\n"), HasSubstr("loop.rate_hz: expected a number"));
 }
 
 TEST(Rig, RefusesTwoChannelsWithOneName) {
-  EXPECT_THAT(error_of("channels:\n  c: { kind: image, backend: x, rate_hz: 5 }\n  c: { kind: image, backend: x, rate_hz: 5 }\n"),
+  EXPECT_THAT(error_of("channels:\n  c: { kind: image, backend: x, rate_hz: 5 }\n  c: { kind: image, "
+                       "backend: x, rate_hz: 5 }\n"),
               StartsWith("rig.yaml:3:"));
 }
 
 TEST(Rig, RefusesASinkNamedLikeAChannelAndAJointWithoutItsChannel) {
-  EXPECT_THAT(error_of("channels:\n  c: { kind: registers, backend: x, rate_hz: 5 }\nsinks:\n  c: { backend: x }\n"),
-              HasSubstr("expected a name of its own"));
+  EXPECT_THAT(
+      error_of("channels:\n  c: { kind: registers, backend: x, rate_hz: 5 }\nsinks:\n  c: { backend: x }\n"),
+      HasSubstr("expected a name of its own"));
   EXPECT_THAT(error_of("simulation: { joints: { t: { channel: nothing, position: p } } }\n"),
               HasSubstr("expected a channel of kind registers"));
 }
 
 TEST(Rig, RefusesAPairThatAlsoNamesABackend) {
-  EXPECT_THAT(error_of("channels:\n  c:\n    kind: image\n    rate_hz: 5\n    backend: aravis\n    pair: { real: { backend: a }, simulated: { backend: b } }\n"),
+  EXPECT_THAT(error_of("channels:\n  c:\n    kind: image\n    rate_hz: 5\n    backend: aravis\n    pair: { "
+                       "real: { backend: a }, simulated: { backend: b } }\n"),
               HasSubstr("either `backend` or `pair`"));
 }
 
