@@ -241,6 +241,9 @@ void check_characters(std::string_view text, const Lines& lines) {
       throw Refused{lines.place(i), "expected UTF-8 text, got a byte that is none; save the file as UTF-8"};
     if ((c < 0x20 && c != '\t' && c != '\n' && c != '\r') || c == 0x7F)
       throw Refused{lines.place(i), "expected text, got the control character " + std::to_string(c)};
+    if (text.substr(i).starts_with("\xEF\xBB\xBF"))
+      throw Refused{lines.place(i),
+                    "expected text, got a byte-order mark that is not the first character; remove it"};
     if (c == '\r' && (i + 1 == text.size() || text[i + 1] != '\n'))
       throw Refused{lines.place(i), "expected lines that end in LF or CR LF, got a CR alone"};
     i += n;
@@ -286,16 +289,6 @@ Result<ValuePtr> parse_or_error(std::string_view text, std::string_view name) {
   if (text.starts_with("\xFF\xFE") || text.starts_with("\xFE\xFF"))
     return fail(ErrorCode::bad_input, at(name, {1, 1}),
                 "expected UTF-8 text, got UTF-16; save the file as UTF-8");
-  if (const auto bad = find_unprintable(text); bad != std::string_view::npos) {
-    const auto line = static_cast<std::size_t>(
-        std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(bad), '\n'));
-    const auto line_start = line == 0 ? 0 : text.rfind('\n', bad) + 1;
-    Place place{1, 1};
-    place.line += static_cast<decltype(place.line)>(line);
-    place.column += static_cast<decltype(place.column)>(bad - line_start);
-    return fail(ErrorCode::bad_input, at(name, place),
-                "expected text, got a control character or a byte-order mark; remove it");
-  }
   const Lines lines(text);
   try {
     return parse(text, lines);
