@@ -1,11 +1,11 @@
-// The samples that channels carry. One type for all of them, so that ports, pools, recorder and replay are written
-// once: a stamp, what kind of thing it is (`info`), and bytes that were given to the slot when the rig was armed.
+// The samples that channels carry. One type for all of them, so that ports, pools, recorder and replay are
+// written once: a stamp, what kind of thing it is (`info`), and bytes that were given to the slot when the
+// rig was armed.
 //
 //   kind            info             bytes
 //   image           ImageInfo        pixels, rows without padding
-//   range_image     RangeImageInfo   float32 range [m] plane, then float32 amplitude plane (row-major; NaN: no return)
-//   point_cloud     PointCloudInfo   LidarPoint[count]
-//   can_frame       CanFrame         none
+//   range_image     RangeImageInfo   float32 range [m] plane, then float32 amplitude plane (row-major; NaN:
+//   no return) point_cloud     PointCloudInfo   LidarPoint[count] can_frame       CanFrame         none
 //   register_block  RegisterBlock    none
 //   pose            Pose             none
 //   event           EventInfo        none
@@ -72,11 +72,22 @@ struct EventInfo {
   std::array<char, 112> text{};  ///< NUL-terminated UTF-8
 };
 
-enum class SampleKind : std::uint8_t { none, image, range_image, point_cloud, can_frame, register_block, pose, event };
+enum class SampleKind : std::uint8_t {
+  none,
+  image,
+  range_image,
+  point_cloud,
+  can_frame,
+  register_block,
+  pose,
+  event
+};
 
 struct Sample {
   Stamp stamp;
-  std::variant<std::monostate, ImageInfo, RangeImageInfo, PointCloudInfo, CanFrame, RegisterBlock, Pose, EventInfo> info;
+  std::variant<std::monostate, ImageInfo, RangeImageInfo, PointCloudInfo, CanFrame, RegisterBlock, Pose,
+               EventInfo>
+      info;
   std::size_t size_bytes = 0;  ///< how much of the slot's memory is in use
 
   [[nodiscard]] SampleKind kind() const noexcept { return static_cast<SampleKind>(info.index()); }
@@ -102,7 +113,8 @@ using SampleLease = Lease<Sample>;
 using SamplePool = Pool<Sample>;
 
 /// A pool of `slots` samples of `capacity_bytes` each. Setup context; allocates and prefaults.
-[[nodiscard]] inline std::unique_ptr<SamplePool> make_sample_pool(std::size_t slots, std::size_t capacity_bytes) {
+[[nodiscard]] inline std::unique_ptr<SamplePool> make_sample_pool(std::size_t slots,
+                                                                  std::size_t capacity_bytes) {
   auto pool = std::make_unique<SamplePool>(slots);
   pool->for_each([&](Sample& s) { s.reserve(capacity_bytes); });
   return pool;

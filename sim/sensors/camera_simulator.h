@@ -43,9 +43,9 @@ struct CameraSpec {
 
 struct CaptureRequest {
   std::uint64_t capture_index = 0;  ///< keys the noise
-  BenchTime t_capture{};              ///< middle of the exposure; the world stands still during one picture
+  BenchTime t_capture{};            ///< middle of the exposure; the world stands still during one picture
   Duration exposure = milliseconds(5);
-  double gain_db = 0.0;   ///< on the system gain K, 20 dB per factor of ten
+  double gain_db = 0.0;     ///< on the system gain K, 20 dB per factor of ten
   render::Region region{};  ///< width 0: the whole sensor
 };
 

@@ -11,7 +11,7 @@
 namespace rigor::test {
 
 struct Said {
-  int status = -1;          ///< exit status; 128 + signal where a signal ended it
+  int status = -1;  ///< exit status; 128 + signal where a signal ended it
   std::string out, err;
 };
 

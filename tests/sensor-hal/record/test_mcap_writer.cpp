@@ -43,8 +43,8 @@ TEST_P(EveryCompression, SameMessagesGiveTheSameBytes) {
   EXPECT_EQ(make_recording(small_chunks(GetParam())).bytes, make_recording(small_chunks(GetParam())).bytes);
 }
 
-// The bytes of the uncompressed file belong to Rigor alone and may never change unseen. Files of this writer are read
-// with @mcap/core in tests/npm; this digest was taken from our own output.
+// The bytes of the uncompressed file belong to Rigor alone and may never change unseen. Files of this writer
+// are read with @mcap/core in tests/npm; this digest was taken from our own output.
 TEST(McapWriter, GoldenFileIsStable) {
   const Recording recording = make_recording(small_chunks());
   EXPECT_EQ(recording.bytes.size(), 5207u);
