@@ -63,8 +63,8 @@ void set_pixel_format(ArvCamera* camera, const AravisSettings& s, const ChannelC
 struct Axis {
   const char *size, *offset, *size_key, *offset_key;
 };
-constexpr Axis kX{"Width", "OffsetX", "width", "x"};
-constexpr Axis kY{"Height", "OffsetY", "height", "y"};
+constexpr Axis kX{"Width", "OffsetX", "width_px", "x_px"};
+constexpr Axis kY{"Height", "OffsetY", "height_px", "y_px"};
 
 void check_steps(const ChannelConfig& config, const char* key, std::int64_t value, std::int64_t min,
                  std::int64_t max, std::int64_t step) {

@@ -12,10 +12,10 @@ Duration read_ms(const ConfigNode& n, std::string_view key, double fallback_ms, 
 AravisSettings::Region read_region(const ConfigNode& n) {
   constexpr double kMax = 65535;
   AravisSettings::Region r;
-  r.x_px = static_cast<std::uint32_t>(n.integer_or("x", 0, {.min = 0, .max = kMax}));
-  r.y_px = static_cast<std::uint32_t>(n.integer_or("y", 0, {.min = 0, .max = kMax}));
-  r.width_px = static_cast<std::uint32_t>(n.integer("width", {.min = 1, .max = kMax}));
-  r.height_px = static_cast<std::uint32_t>(n.integer("height", {.min = 1, .max = kMax}));
+  r.x_px = static_cast<std::uint32_t>(n.integer_or("x_px", 0, {.min = 0, .max = kMax}));
+  r.y_px = static_cast<std::uint32_t>(n.integer_or("y_px", 0, {.min = 0, .max = kMax}));
+  r.width_px = static_cast<std::uint32_t>(n.integer("width_px", {.min = 1, .max = kMax}));
+  r.height_px = static_cast<std::uint32_t>(n.integer("height_px", {.min = 1, .max = kMax}));
   n.finish();
   return r;
 }

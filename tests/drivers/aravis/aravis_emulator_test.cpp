@@ -69,7 +69,7 @@ TEST(GigeChannelEmulator, ShowsTheProvidersPictureAsTheClientWantsIt) {
   AravisSource source;
   ASSERT_TRUE(
       source.configure(make_config("{device: left eye, pixel_format: Mono16, exposure_us: 5000, gain_db: 7, "
-                                   "region: {x: 16, y: 8, width: 128, height: 64}}")));
+                                   "region: {x_px: 16, y_px: 8, width_px: 128, height_px: 64}}")));
   const auto armed = source.arm({});
   ASSERT_TRUE(armed) << armed.error().text();
   ASSERT_TRUE(source.start(testing::now()));
@@ -139,7 +139,7 @@ class ForeignCamera : public ::testing::Test {
 TEST_F(ForeignCamera, WithOtherFeatureNamesAndNoLatchIsAChannelToo) {
   AravisSource source;
   ASSERT_TRUE(source.configure(
-      make_config("{address: 127.0.0.1, exposure_us: 2000, region: {width: 256, height: 128}}")));
+      make_config("{address: 127.0.0.1, exposure_us: 2000, region: {width_px: 256, height_px: 128}}")));
   const auto armed = source.arm({});
   ASSERT_TRUE(armed) << armed.error().text();
   ASSERT_TRUE(source.start(testing::now()));

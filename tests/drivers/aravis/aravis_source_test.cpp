@@ -98,7 +98,7 @@ TEST_F(AravisSourceTest, EveryFormatArrivesAsTheCameraMadeIt) {
   for (const char* format : {"Mono8", "Mono12p", "Mono16", "BayerRG8", "RGB8"}) {
     AravisSource source;
     auto armed = arm(source, std::string("{device: SRC51, pixel_format: ") + format +
-                                 ", region: {x: 32, y: 16, width: 200, height: 102}}");
+                                 ", region: {x_px: 32, y_px: 16, width_px: 200, height_px: 102}}");
     ASSERT_TRUE(armed) << armed.error().text();
     const PixelFormat wanted = *pixel_format_from(format);
     EXPECT_EQ(source.describe().max_bytes, image_bytes(wanted, 200, 102));
@@ -155,11 +155,11 @@ TEST_F(AravisSourceTest, SaysWhatTheCameraRefusesAndWhatItOffers) {
            Refusal{"{device: SRC51, trigger: software, exposure_us: 2e6}",
                    "exposure_us: expected 10 … 1e+06 µs", ErrorCode::bad_input},
            Refusal{"{device: SRC51, gain_db: 60}", "gain_db: expected 0 … 24 dB", ErrorCode::bad_input},
-           Refusal{"{device: SRC51, region: {width: 4000, height: 100}}",
+           Refusal{"{device: SRC51, region: {width_px: 4000, height_px: 100}}",
                    "width: expected 16 … 640 px in steps of 4", ErrorCode::bad_input},
-           Refusal{"{device: SRC51, region: {x: 600, y: 0, width: 100, height: 100}}",
+           Refusal{"{device: SRC51, region: {x_px: 600, y_px: 0, width_px: 100, height_px: 100}}",
                    "x: expected 0 … 540 px", ErrorCode::bad_input},
-           Refusal{"{device: SRC51, region: {width: 101, height: 100}}", "steps of 4", ErrorCode::bad_input},
+           Refusal{"{device: SRC51, region: {width_px: 101, height_px: 100}}", "steps of 4", ErrorCode::bad_input},
            Refusal{"{device: SRC51, exposure_us: 50000}", "within the channel's period of 40000 µs",
                    ErrorCode::bad_input},
            Refusal{"{device: NOBODY}", "there are: Rigor-SRC51 at 127.0.0.51", ErrorCode::not_found},
@@ -212,7 +212,7 @@ TEST(AravisSettings, WrongKeysAreErrorsWithTheirPlace) {
                                           {"{device: X, trigger: hardware}", "free_run"},
                                           {"{exposure_us: 10}", "expected `device`"},
                                           {"{device: X, region: {width: 10}}", "height"},
-                                          {"{device: X, region: {width: 10, height: 10, wide: 3}}", "wide"},
+                                          {"{device: X, region: {width_px: 10, height_px: 10, wide: 3}}", "wide"},
                                           {"{address: 300.1.1.1}", "expected an IPv4 address"},
                                           {"{device: X, expsure_us: 10}", "exposure_us"},
                                           {"{device: X, packet_size: 12}", "packet_size"},
@@ -255,7 +255,7 @@ TEST_F(AravisSourceTest, FollowsTheLifecycle) {
 
 TEST_F(AravisSourceTest, LeasesThatAreHeldCostFramesAndNeverOverwriteOne) {
   AravisSource source;
-  ASSERT_TRUE(arm(source, "{device: SRC51, buffers: 4, region: {width: 64, height: 64}}", milliseconds(10)));
+  ASSERT_TRUE(arm(source, "{device: SRC51, buffers: 4, region: {width_px: 64, height_px: 64}}", milliseconds(10)));
   ASSERT_TRUE(source.start(testing::now()));
   std::vector<SampleLease> held;
   std::vector<std::vector<std::byte>> copies;

@@ -123,7 +123,7 @@ TEST(GigeVirtualSource, TwoRunsAreEqualByteForByte) {
   for (int i = 0; i < 2; ++i) {
     if (i == 0) {
       ASSERT_TRUE(rig.configure(
-          "{device: left, pixel_format: Mono12p, region: {x: 8, y: 4, width: 32, height: 20}}"));
+          "{device: left, pixel_format: Mono12p, region: {x_px: 8, y_px: 4, width_px: 32, height_px: 20}}"));
     }
     ASSERT_TRUE(rig.source->arm({.virtual_time = true}));  // the second time the same object again
     runs.push_back(rig.run(BenchTime(0), seconds(1)));
@@ -159,7 +159,7 @@ TEST(GigeVirtualSource, SaysWhatCannotBe) {
   auto status = rig.source->arm({.virtual_time = true});
   ASSERT_FALSE(status);
   EXPECT_THAT(status.error().text(), HasSubstr("expected at least 3 ms"));
-  ASSERT_TRUE(rig.configure("{device: left, region: {width: 100, height: 20}}"));
+  ASSERT_TRUE(rig.configure("{device: left, region: {width_px: 100, height_px: 20}}"));
   status = rig.source->arm({.virtual_time = true});
   ASSERT_FALSE(status);
   EXPECT_THAT(status.error().text(), HasSubstr("within 64x48 px"));
