@@ -14,6 +14,7 @@
 #include "cli/report.h"
 #include "cli/run_result.h"
 #include "cli/terminal.h"
+#include "rt-core/affinity.h"
 #include "rt-core/trace.h"
 
 namespace rigor {
@@ -77,7 +78,10 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   const BenchTime t0 = options.t0 ? *options.t0 : virtual_time ? BenchTime(0) : bench_now() + seconds(1);
   const EpochPair epoch = options.epoch ? *options.epoch : virtual_time ? kVirtualEpoch : read_epoch();
   const std::string engine = assembly.simulation ? assembly.simulation->engine() : "";
-  auto recorder = open_recording(parts, t0, epoch, {{"engine", engine}});
+  auto recorder = [&] {
+    const AvoidCpu rest(virtual_time ? -1 : loop_cpu(run.executive().config().realtime));
+    return open_recording(parts, t0, epoch, {{"engine", engine}});
+  }();
   if (!recorder) return report_error(recorder.error(), options.json);
   run.set_recorder(recorder->get());
 

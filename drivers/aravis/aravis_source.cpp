@@ -83,6 +83,7 @@ struct AravisSource::Impl {
 
   // Loop thread.
   BenchTime next_trigger;
+  BenchTime t_start;  ///< what was captured before is not handed on
 
   void begin_session();
   void end_session(bool dead);
@@ -182,6 +183,7 @@ Status AravisSource::do_arm(const ArmContext& context) {
 Status AravisSource::do_start(BenchTime t0) {
   Impl& i = *impl_;
   i.next_trigger = t0;
+  i.t_start = t0;
   if (!i.session->alive(kAskWait)) {
     health_.connected = false;
     return fail(ErrorCode::unavailable, i.config.name,
@@ -415,6 +417,8 @@ void AravisSource::Impl::hand_on(SampleLease lease, const ReceivedFrame& f, Benc
     stamp.validity |= kClockUnsure;
   }
   const FrameSequence::Step step = sequence.step(f.block_id, stamp.t_capture);
+  // A free-running camera already measures while the rest of the bench is starting: that is not of this run.
+  if (stamp.t_capture + config.period / 2 < t_start) return;
   raise(health.lost, step.lost_before);
   const bool whole = f.state == ReceivedFrame::State::complete;
   if (!whole && settings.drop_incomplete) {

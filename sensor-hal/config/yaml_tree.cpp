@@ -406,8 +406,20 @@ void quote(std::string& out, std::string_view s) {
   out += '"';
 }
 
+/// Numbers, flags and simple words. All else is text, and stays so in quotes; without them it may mean
+/// something where it did not before (a `-` is text in a flow list and an item in a block).
+bool safe_without_quotes(std::string_view s) {
+  const auto word = [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_';
+  };
+  if (s.empty() || s == "...") return false;
+  for (const char c : s)
+    if (!word(c) && c != '.' && c != '+' && c != '-' && c != '/') return false;
+  return s.front() != '-' || (s.size() > 1 && (word(s[1]) || s[1] == '.'));
+}
+
 void write_scalar(std::string& out, std::string_view text, bool quoted) {
-  if (quoted || text.empty() || text.find('\n') != std::string_view::npos)
+  if (quoted || !safe_without_quotes(text))
     quote(out, text);
   else
     out += text;
@@ -467,6 +479,11 @@ Result<ValuePtr> read_tree(std::string_view text, std::string_view name) {
 
 Result<ValuePtr> apply_override(const ValuePtr& root, const ConfigOverride& override) {
   const std::string where = "--set " + override.path + "=" + override.value;
+  try {  // a value is checked when it is read as YAML; the path becomes keys as it stands
+    check_characters(override.path, Lines(override.path));
+  } catch (const Refused& r) {
+    return fail(ErrorCode::bad_input, where, r.message);
+  }
   auto leaf = override_value(override, where);
   if (!leaf) return leaf;
   return set_at(root, split_path(override.path), 0, *leaf, where);

@@ -1,3 +1,4 @@
+#include "rt-core/affinity.h"
 #include "rt-core/realtime_setup.h"
 
 #include <gtest/gtest.h>
@@ -90,6 +91,30 @@ TEST(RealtimeSetup, ProbeLeavesNoTrace) {
   for (const RealtimeSetting& s : settings) EXPECT_FALSE(s.text.empty()) << s.name;
   EXPECT_EQ(sched_getscheduler(0), policy);
   EXPECT_EQ(locked_kib(), 0);
+}
+
+TEST(AvoidCpu, KeepsThreadsMadeMeanwhileOffTheLoopsCpu) {
+  cpu_set_t before{};
+  ASSERT_EQ(sched_getaffinity(0, sizeof before, &before), 0);
+  const int cpu = loop_cpu({});
+  if (CPU_COUNT(&before) < 2) {
+    EXPECT_EQ(cpu, -1);
+    return;
+  }
+  ASSERT_TRUE(CPU_ISSET(static_cast<unsigned>(cpu), &before));
+  bool inherited = true;
+  {
+    const AvoidCpu rest(cpu);
+    std::thread([&] {
+      cpu_set_t mine{};
+      sched_getaffinity(0, sizeof mine, &mine);
+      inherited = CPU_ISSET(static_cast<unsigned>(cpu), &mine);
+    }).join();
+  }
+  EXPECT_FALSE(inherited);
+  cpu_set_t after{};
+  ASSERT_EQ(sched_getaffinity(0, sizeof after, &after), 0);
+  EXPECT_TRUE(CPU_EQUAL(&before, &after));
 }
 
 }  // namespace

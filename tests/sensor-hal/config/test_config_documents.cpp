@@ -57,6 +57,14 @@ TEST(ConfigDocument, BrokenYamlNamesItsPlace) {
   EXPECT_TRUE(refusal("a: *nobody\n").starts_with("rig.yaml:1:4: ")) << refusal("a: *nobody\n");
 }
 
+TEST(ConfigDocument, DumpKeepsWordsThatMeanMoreInABlock) {
+  const auto once = parsed("a: [x, -, b:c, ?, '-']\n").dump();
+  const auto items = parsed(once).list("a");
+  ASSERT_EQ(items.size(), 5u);
+  EXPECT_EQ(items[1].as_text(), "-");
+  EXPECT_EQ(items[2].as_text(), "b:c");
+}
+
 TEST(ConfigDocument, BlockTextKeepsItsEnds) {
   const auto n = parsed("a: |\n  one\n  two\nb: |+\n  keep\n\nc: >-\n  folded\n  text\nd: |\n  last\n");
   EXPECT_EQ(n.text("a"), "one\ntwo\n");

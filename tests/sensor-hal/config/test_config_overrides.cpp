@@ -77,6 +77,8 @@ TEST(ConfigOverride, ThatIsNoneIsRefused) {
       refusal("a: 1\n", {set("a=[1")}),
       "--set a=[1: expected a YAML value after the =, got '[1'; quote text that has special characters");
   EXPECT_NE(refusal("a: 1\n", {set("a=1\nb: 2")}), "(accepted)");
+  EXPECT_NE(refusal("a: 1\n", {ConfigOverride{"b\xFC", "1"}}), "(accepted)");
+  EXPECT_NE(refusal("a: 1\n", {ConfigOverride{"b\x01", "1"}}), "(accepted)");
 }
 
 }  // namespace
