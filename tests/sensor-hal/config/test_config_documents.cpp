@@ -58,7 +58,7 @@ TEST(ConfigDocument, BrokenYamlNamesItsPlace) {
 }
 
 TEST(ConfigDocument, DumpKeepsWordsThatMeanMoreInABlock) {
-  const auto once = parsed("a: [x, -, b:c, ?, '-']\n").dump();
+  const auto once = parsed("a: [x, -, b:c, '?', '-']\n").dump();
   const auto items = parsed(once).list("a");
   ASSERT_EQ(items.size(), 5u);
   EXPECT_EQ(items[1].as_text(), "-");
