@@ -211,7 +211,7 @@ TEST(AravisSettings, WrongKeysAreErrorsWithTheirPlace) {
                                           {"{device: X, pixel_format: Mono9}", "Mono8"},
                                           {"{device: X, trigger: hardware}", "free_run"},
                                           {"{exposure_us: 10}", "expected `device`"},
-                                          {"{device: X, region: {width: 10}}", "height"},
+                                          {"{device: X, region: {width_px: 10}}", "height"},
                                           {"{device: X, region: {width_px: 10, height_px: 10, wide: 3}}", "wide"},
                                           {"{address: 300.1.1.1}", "expected an IPv4 address"},
                                           {"{device: X, expsure_us: 10}", "exposure_us"},
