@@ -129,6 +129,16 @@ TEST(ModbusVirtual, AtOneInstantCommandsComeBeforeReads) {
   EXPECT_NE(log.find("1 #7 t=35000000 now=35.000000 echo=3.0"), std::string::npos) << log;
 }
 
+TEST(ModbusVirtual, ACommandOfTheSameCycleIsInTimeForItsRead) {
+  Rig rig(milliseconds(10), Duration(0));
+  const auto log = rig.run(milliseconds(60), [&](BenchTime t) {
+    if (t == BenchTime(0) + milliseconds(20)) {
+      ASSERT_TRUE(rig.command(0, 5, Duration(0)));
+    }
+  });
+  EXPECT_NE(log.find("0 #2 t=20000000 now=20.000000 echo=5.0"), std::string::npos) << log;
+}
+
 TEST(ModbusVirtual, TheModelNeverSeesTimeRunBack) {
   Rig rig(milliseconds(40), milliseconds(1));
   (void)rig.run(milliseconds(300), [&](BenchTime t) {
