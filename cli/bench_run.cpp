@@ -33,6 +33,7 @@ ExecutiveConfig executive_config(const RigConfig& rig, Heartbeat& heartbeat, Tra
     return c;
   }
   c.spin = rig.loop.spin;
+  c.realtime = RealtimeConfig{};
   c.realtime.fifo_priority = rig.loop.fifo_priority;
   c.realtime.cpu = rig.loop.cpu < 0 ? RealtimeConfig::kAutoCpu : rig.loop.cpu;
   c.realtime.lock_memory = rig.loop.lock_memory;

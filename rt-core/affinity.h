@@ -1,7 +1,7 @@
 // Keeps threads that work in the kernel for long (writing, syncing) off the loop's CPU.
 //
-// A kernel without full preemption finishes what it does for a thread before it lets even a SCHED_FIFO thread of the
-// same CPU run: an fdatasync of a recording held the loop up for 5 ms, once a second.
+// A kernel without full preemption finishes what it does for a thread before it lets even a SCHED_FIFO thread
+// of the same CPU run: an fdatasync of a recording held the loop up for 5 ms, once a second.
 #pragma once
 
 #include <sched.h>
@@ -21,8 +21,8 @@ namespace rigor {
   return last;
 }
 
-/// While it lives, threads made by this thread may run on any CPU that this thread may use, but for `cpu`. Without
-/// effect where there is no other. Setup context.
+/// While it lives, threads made by this thread may run on any CPU that this thread may use, but for `cpu`.
+/// Without effect where there is no other. Setup context.
 class AvoidCpu {
  public:
   explicit AvoidCpu(int cpu) {

@@ -1,5 +1,5 @@
-#include "rt-core/affinity.h"
 #include "rt-core/realtime_setup.h"
+#include "rt-core/affinity.h"
 
 #include <gtest/gtest.h>
 #include <sched.h>

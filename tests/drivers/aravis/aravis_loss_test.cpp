@@ -31,8 +31,9 @@ bool wait_connected(const AravisSource& s, bool wanted, Duration patience) {
 TEST(AravisLoss, ACameraThatIsKilledIsLostSoonAndComesBackWithItsSettings) {
   auto process = std::make_unique<CameraProcess>(kProgram, kAddress, "KILL55", "640", "480");
   AravisSource source;
-  ASSERT_TRUE(source.configure(make_config(
-      "{device: Rigor-KILL55, exposure_us: 3000, region: {x_px: 8, y_px: 8, width_px: 320, height_px: 240}}")));
+  ASSERT_TRUE(
+      source.configure(make_config("{device: Rigor-KILL55, exposure_us: 3000, region: {x_px: 8, y_px: 8, "
+                                   "width_px: 320, height_px: 240}}")));
   const auto armed = source.arm({});
   ASSERT_TRUE(armed) << armed.error().text();
   ASSERT_TRUE(source.start(testing::now()));

@@ -159,7 +159,8 @@ TEST_F(AravisSourceTest, SaysWhatTheCameraRefusesAndWhatItOffers) {
                    "width_px: expected 16 … 640 px in steps of 4", ErrorCode::bad_input},
            Refusal{"{device: SRC51, region: {x_px: 600, y_px: 0, width_px: 100, height_px: 100}}",
                    "x_px: expected 0 … 540 px", ErrorCode::bad_input},
-           Refusal{"{device: SRC51, region: {width_px: 101, height_px: 100}}", "steps of 4", ErrorCode::bad_input},
+           Refusal{"{device: SRC51, region: {width_px: 101, height_px: 100}}", "steps of 4",
+                   ErrorCode::bad_input},
            Refusal{"{device: SRC51, exposure_us: 50000}", "within the channel's period of 40000 µs",
                    ErrorCode::bad_input},
            Refusal{"{device: NOBODY}", "there are: Rigor-SRC51 at 127.0.0.51", ErrorCode::not_found},
@@ -206,17 +207,17 @@ TEST_F(AravisSourceTest, SaysThatAnotherClientHasTheCamera) {
 }
 
 TEST(AravisSettings, WrongKeysAreErrorsWithTheirPlace) {
-  for (const auto& [keys, says] :
-       std::map<std::string, std::string>{{"{device: X, exposure_us: -1}", "exposure_us"},
-                                          {"{device: X, pixel_format: Mono9}", "Mono8"},
-                                          {"{device: X, trigger: hardware}", "free_run"},
-                                          {"{exposure_us: 10}", "expected `device`"},
-                                          {"{device: X, region: {width_px: 10}}", "height"},
-                                          {"{device: X, region: {width_px: 10, height_px: 10, wide: 3}}", "wide"},
-                                          {"{address: 300.1.1.1}", "expected an IPv4 address"},
-                                          {"{device: X, expsure_us: 10}", "exposure_us"},
-                                          {"{device: X, packet_size: 12}", "packet_size"},
-                                          {"{device: X, buffers: 1}", "buffers"}}) {
+  for (const auto& [keys, says] : std::map<std::string, std::string>{
+           {"{device: X, exposure_us: -1}", "exposure_us"},
+           {"{device: X, pixel_format: Mono9}", "Mono8"},
+           {"{device: X, trigger: hardware}", "free_run"},
+           {"{exposure_us: 10}", "expected `device`"},
+           {"{device: X, region: {width_px: 10}}", "height"},
+           {"{device: X, region: {width_px: 10, height_px: 10, wide: 3}}", "wide"},
+           {"{address: 300.1.1.1}", "expected an IPv4 address"},
+           {"{device: X, expsure_us: 10}", "exposure_us"},
+           {"{device: X, packet_size: 12}", "packet_size"},
+           {"{device: X, buffers: 1}", "buffers"}}) {
     AravisSource source;
     const auto status = source.configure(make_config(keys));
     ASSERT_FALSE(status) << keys;
@@ -255,7 +256,8 @@ TEST_F(AravisSourceTest, FollowsTheLifecycle) {
 
 TEST_F(AravisSourceTest, LeasesThatAreHeldCostFramesAndNeverOverwriteOne) {
   AravisSource source;
-  ASSERT_TRUE(arm(source, "{device: SRC51, buffers: 4, region: {width_px: 64, height_px: 64}}", milliseconds(10)));
+  ASSERT_TRUE(
+      arm(source, "{device: SRC51, buffers: 4, region: {width_px: 64, height_px: 64}}", milliseconds(10)));
   ASSERT_TRUE(source.start(testing::now()));
   std::vector<SampleLease> held;
   std::vector<std::vector<std::byte>> copies;
