@@ -13,8 +13,8 @@
 //                                                       x86-64)
 //   - minor and major page faults                       by getrusage at both ends of the scope
 //
-// Reading clocks and the thread's own usage is allowed; trylock is allowed. Link `rigor_rt_guard` into the
-// test that wants it; it does not go together with sanitizers.
+// Reading clocks and the thread's own usage is allowed; so are trylock and waking another thread (futex
+// wake). Link `rigor_rt_guard` into the test that wants it; it does not go together with sanitizers.
 #pragma once
 
 #include <array>
