@@ -5,6 +5,7 @@
 
 #include "apps/turntable-sweep/turntable_sweep.h"
 #include "sensor-hal/channel/pair_source.h"
+#include "sensor-hal/channel/replay_source.h"
 #include "sensor-hal/channel/simulated_source.h"
 #include "sensor-hal/channel/worker_pool.h"
 
@@ -12,6 +13,7 @@ namespace rigor {
 namespace {
 
 constexpr const char* kSimulated = "simulated";
+constexpr const char* kReplay = "replay";
 
 class Assembler {
  public:
@@ -48,6 +50,7 @@ class Assembler {
   Error unknown_backend(const BackendChoice& choice) const {
     std::vector<std::string> names = registry_.names();
     names.emplace_back(kSimulated);
+    names.emplace_back(kReplay);
     const std::string near = nearest(choice.backend, names);
     return choice.params
         .error("backend", fmt::format("expected one of {}, got \"{}\"{}", fmt::join(names, ", "),
@@ -88,6 +91,12 @@ class Assembler {
       auto source = make_simulated(choice, name);
       if (!source) return tl::unexpected<Error>(source.error());
       return std::unique_ptr<Source>(std::move(*source));
+    }
+    if (choice.backend == kReplay) {
+      // A relative path is an input of the rig, looked up from its folder.
+      auto recording = Recording::open((choice.params.base_dir() / choice.params.text("file")).string());
+      if (!recording) return tl::unexpected<Error>(recording.error());
+      return std::make_unique<ReplaySource>(*recording, choice.params.text_or("channel", name));
     }
     const Backend* backend = registry_.find(choice.backend);
     if (!backend) return tl::unexpected<Error>(unknown_backend(choice));

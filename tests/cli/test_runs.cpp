@@ -106,6 +106,28 @@ TEST_F(Runs, OnTheWallClockAreReplayedExactlyAndTwoReplaysAreEqualFiles) {
   EXPECT_EQ(json::parse(again.out)["seen_sha256"], seen);
 }
 
+TEST_F(Runs, TakeOneChannelFromARecordingByOneLineOfTheRig) {
+  ASSERT_EQ(Command(demo({"--clock", "virtual", "--duration", "1"})).wait().status, 0);
+  write_file(dir / "rig.yaml",
+             "channels:\n"
+             "  right: { kind: image, backend: replay, file: run.mcap, rate_hz: 25, latency_ms: 60 }\n"
+             "  table: { kind: registers, backend: replay, file: run.mcap, channel: turntable, rate_hz: 100, "
+             "latency_ms: 10 }\n");
+  for (const char* clock : {"virtual", "wall"}) {
+    const Said said = rigor({"run", "rig.yaml", "--clock", clock, "--duration", "0.9", "--json"}, dir.path());
+    ASSERT_EQ(said.status, 0) << said.err;
+    const json result = json::parse(said.out);
+    EXPECT_NEAR(
+        channel(result, "right")["fresh"].get<int>() + channel(result, "right")["superseded"].get<int>(), 21,
+        3)
+        << clock;
+    EXPECT_NEAR(
+        channel(result, "table")["fresh"].get<int>() + channel(result, "table")["superseded"].get<int>(), 88,
+        6)
+        << clock;
+  }
+}
+
 TEST_F(Runs, OfTheDemoAccountForEveryInstantAndReport) {
   const Said run = Command(demo({"--duration", "4"})).wait();
   ASSERT_EQ(run.status, 0) << run.err;
