@@ -9,6 +9,7 @@
 #include "cli/backends.h"
 #include "cli/commands.h"
 #include "cli/device_world.h"
+#include "cli/overrides.h"
 #include "cli/terminal.h"
 #include "rt-core/executive.h"
 
@@ -16,13 +17,9 @@ namespace rigor {
 namespace {
 
 Result<RigConfig> load(const EmulateOptions& options) {
-  std::vector<ConfigOverride> overrides;
-  for (const std::string& text : options.overrides) {
-    auto o = ConfigOverride::parse(text);
-    if (!o) return tl::unexpected<Error>(o.error());
-    overrides.push_back(std::move(*o));
-  }
-  auto rig = load_rig(options.rig, overrides);
+  const auto overrides = parse_overrides(options.overrides);
+  if (!overrides) return tl::unexpected<Error>(overrides.error());
+  auto rig = load_rig(options.rig, *overrides);
   if (!rig) return rig;
   if (rig->emulators.empty())
     return fail(ErrorCode::bad_input, options.rig.string(),

@@ -5,6 +5,7 @@
 
 #include "cli/commands.h"
 #include "cli/execute.h"
+#include "cli/overrides.h"
 #include "cli/recording.h"
 #include "cli/report.h"
 #include "cli/terminal.h"
@@ -45,15 +46,11 @@ class NullSink final : public Sink {
 
 /// The rig to run: the one that is named, or the one in the recording.
 Result<RigConfig> load(const ReplayOptions& options, const RecordedRun& recorded, std::uint64_t cycles) {
-  std::vector<ConfigOverride> overrides;
-  for (const std::string& text : options.overrides) {
-    auto o = ConfigOverride::parse(text);
-    if (!o) return tl::unexpected<Error>(o.error());
-    overrides.push_back(std::move(*o));
-  }
+  const auto overrides = parse_overrides(options.overrides);
+  if (!overrides) return tl::unexpected<Error>(overrides.error());
   Result<RigConfig> rig = [&]() -> Result<RigConfig> {
-    if (!options.rig.empty()) return load_rig(options.rig, overrides);
-    auto root = ConfigDocument::parse(recorded.rig_text, options.recording.string() + ":rig", overrides);
+    if (!options.rig.empty()) return load_rig(options.rig, *overrides);
+    auto root = ConfigDocument::parse(recorded.rig_text, options.recording.string() + ":rig", *overrides);
     if (!root) return tl::unexpected<Error>(root.error());
     return parse_rig(*root, recorded.rig_file);
   }();

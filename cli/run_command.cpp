@@ -5,6 +5,7 @@
 #include "cli/commands.h"
 #include "cli/emulator_process.h"
 #include "cli/execute.h"
+#include "cli/overrides.h"
 #include "cli/recording.h"
 #include "cli/report.h"
 #include "cli/terminal.h"
@@ -13,13 +14,9 @@ namespace rigor {
 namespace {
 
 Result<RigConfig> load(const RunOptions& options) {
-  std::vector<ConfigOverride> overrides;
-  for (const std::string& text : options.overrides) {
-    auto o = ConfigOverride::parse(text);
-    if (!o) return tl::unexpected<Error>(o.error());
-    overrides.push_back(std::move(*o));
-  }
-  auto rig = load_rig(options.rig, overrides);
+  const auto overrides = parse_overrides(options.overrides);
+  if (!overrides) return tl::unexpected<Error>(overrides.error());
+  auto rig = load_rig(options.rig, *overrides);
   if (!rig) return rig;
   if (options.clock == "wall") rig->clock = ClockKind::wall;
   if (options.clock == "virtual") rig->clock = ClockKind::virtual_time;

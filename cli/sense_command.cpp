@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "cli/commands.h"
+#include "cli/overrides.h"
 #include "cli/report.h"
 #include "cli/simulation.h"
 #include "cli/terminal.h"
@@ -24,13 +25,9 @@ struct Target {
 };
 
 Result<std::unique_ptr<Target>> find_target(const SenseOptions& options) {
-  std::vector<ConfigOverride> overrides;
-  for (const std::string& text : options.overrides) {
-    auto o = ConfigOverride::parse(text);
-    if (!o) return tl::unexpected<Error>(o.error());
-    overrides.push_back(std::move(*o));
-  }
-  auto rig = load_rig(options.rig, overrides);
+  const auto overrides = parse_overrides(options.overrides);
+  if (!overrides) return tl::unexpected<Error>(overrides.error());
+  auto rig = load_rig(options.rig, *overrides);
   if (!rig) return tl::unexpected<Error>(rig.error());
   auto target = std::make_unique<Target>();
   target->rig = std::move(*rig);
