@@ -14,6 +14,7 @@ struct RunOptions {
   std::vector<std::string> overrides;  ///< --set
   std::string clock;                   ///< "", "wall", "virtual"
   std::optional<double> duration_s;
+  int workers = 0;  ///< threads for simulators; 0: what the rig says
   std::filesystem::path record, report, trace;
   bool no_emulators = false;
   bool json = false;

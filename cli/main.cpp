@@ -29,6 +29,8 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember({"wall", "virtual"}));
   run_app->add_option("--duration", run.duration_s, "Seconds; 0: until Ctrl-C")
       ->check(CLI::NonNegativeNumber);
+  run_app->add_option("--workers", run.workers, "Threads that simulators compute on; no result depends on it")
+      ->check(CLI::Range(1, 64));
   run_app->add_option("--record", run.record, "Write an MCAP recording");
   run_app->add_option("--report", run.report, "Write an HTML report into this folder");
   run_app->add_option("--trace", run.trace, "Write a trace of the loop for ui.perfetto.dev");

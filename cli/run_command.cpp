@@ -20,6 +20,7 @@ Result<RigConfig> load(const RunOptions& options) {
   if (!rig) return rig;
   if (options.clock == "wall") rig->clock = ClockKind::wall;
   if (options.clock == "virtual") rig->clock = ClockKind::virtual_time;
+  if (options.workers > 0) rig->simulation.workers = options.workers;
   if (options.duration_s) rig->duration = seconds_from(*options.duration_s);
   if (!options.record.empty()) rig->record.file = options.record;
   if (!options.report.empty()) rig->report = options.report;
