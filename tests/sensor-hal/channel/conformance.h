@@ -303,7 +303,8 @@ TEST_P(SourceConformance, CountsWhatFindsNoSlotAndGoesOn) {
 
 TEST_P(SourceConformance, CountsWhatItGave) {
   configure();
-  const auto received_before = source_->health().received.load();  // a replay reads ahead as soon as it is armed
+  const auto received_before =
+      source_->health().received.load();  // a replay reads ahead as soon as it is armed
   start();
   run(time_for(8), [](const SampleLease&, BenchTime) {});
   const Health& h = source_->health();
