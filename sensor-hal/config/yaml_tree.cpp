@@ -129,6 +129,7 @@ class Builder final : public YAML::EventHandler {
     auto v = make(Value::Kind::scalar, mark);
     v->quoted = tag == "!" || tag == "tag:yaml.org,2002:str";
     if (!v->quoted) check_tag(tag, v->place);
+    check_text(text, v->place);
     v->text = text;
     if (!open_.empty() && expects_key()) return take_key(*v);
     if (!v->quoted && is_null_word(text)) v->kind = Value::Kind::null;
@@ -162,6 +163,16 @@ class Builder final : public YAML::EventHandler {
   static void check_tag(const std::string& tag, Place place) {
     if (!tag.empty() && tag != "?")
       throw Refused{place, "expected a plain value, got the tag '" + tag + "'; remove it"};
+  }
+  /// yaml-cpp 0.7 writes the escapes \N and \_ as one byte, which is no UTF-8.
+  static void check_text(std::string_view text, Place place) {
+    for (std::size_t i = 0; i < text.size();) {
+      const auto n = utf8_length(text.substr(i));
+      if (n == 0)
+        throw Refused{place, "expected text, got an escape (\\N or \\_) that the parser gets wrong; write the "
+                             "character itself, or \\u0085 or \\u00a0"};
+      i += n;
+    }
   }
   [[nodiscard]] bool expects_key() const {
     return open_.back().value->kind == Value::Kind::map && !open_.back().has_key;

@@ -73,6 +73,14 @@ TEST(ConfigDocument, BlockTextKeepsItsEnds) {
   EXPECT_EQ(n.text("d"), "last\n");
 }
 
+TEST(ConfigDocument, EscapesThatTheParserWritesAsOneByteAreRefused) {
+  EXPECT_EQ(refusal("a: \"x\\Ny\"\n"),
+            "rig.yaml:1:4: expected text, got an escape (\\N or \\_) that the parser gets wrong; write the "
+            "character itself, or \\u0085 or \\u00a0");
+  EXPECT_EQ(refusal("\"x\\_y\": 1\n").substr(0, 13), "rig.yaml:1:1:");
+  EXPECT_EQ(parsed("a: \"x\\u0085y\"\n").text("a"), "x\u0085y");
+}
+
 TEST(ConfigDocument, ColumnsCountCharactersAndNotBytes) {
   const auto n = parsed("# Prüfstand\nname: \"größe\"\nmap: {ä: 1, b: x}\n");
   (void)n.text("name");
