@@ -4,7 +4,7 @@
 
 namespace rigor::render {
 
-WorldView::WorldView(world::Database& db, std::vector<std::unique_ptr<ContentProvider>> providers)
+WorldView::WorldView(world::Database& db, std::vector<std::shared_ptr<ContentProvider>> providers)
     : providers_(std::move(providers)) {
   const auto now = db.snapshot();
   for (const auto& p : providers_) p->rebuild(now);

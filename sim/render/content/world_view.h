@@ -17,7 +17,7 @@ namespace rigor::render {
 class WorldView {
  public:
   /// Builds every provider from the world as it stands. World thread; the database outlives the view.
-  WorldView(world::Database& db, std::vector<std::unique_ptr<ContentProvider>> providers);
+  WorldView(world::Database& db, std::vector<std::shared_ptr<ContentProvider>> providers);
   ~WorldView();
   WorldView(const WorldView&) = delete;
   WorldView& operator=(const WorldView&) = delete;
@@ -28,7 +28,7 @@ class WorldView {
   [[nodiscard]] std::vector<std::string> warnings() const;
 
  private:
-  std::vector<std::unique_ptr<ContentProvider>> providers_;
+  std::vector<std::shared_ptr<ContentProvider>> providers_;
   world::Subscription subscription_;
 };
 

@@ -1,0 +1,120 @@
+#include "cli/world/world_assembly.h"
+
+#include <fmt/format.h>
+
+#include <charconv>
+#include <cmath>
+#include <utility>
+
+#include "sensor-hal/config/yaml.h"
+#include "sim/gis/import.h"
+#include "sim/render/models/providers.h"
+#include "sim/world/semantic_types.h"
+#include "sim/world/store/world_file.h"
+
+namespace rigor {
+namespace {
+
+Result<OpenedWorld> opened_from_plan(const std::filesystem::path& file, OpenedWorld opened) {
+  const auto plan = gis::load_import_plan(file);
+  if (!plan) return tl::unexpected(plan.error());
+  auto report = gis::import_into(*opened.db, *plan);
+  if (!report) return tl::unexpected(report.error());
+  opened.warnings = std::move(report->warnings);
+  return opened;
+}
+
+/// Reads `text` as the kind that the attribute has.
+Result<world::Value> read_value(const world::AttributeInfo& attribute, const std::string& text,
+                                const std::string& where) {
+  const auto wrong = [&](std::string_view what) {
+    return fail(ErrorCode::bad_input, where, fmt::format("expected {}, got \"{}\"", what, text));
+  };
+  switch (attribute.kind()) {
+    case world::ValueKind::flag:
+      if (text == "true") return world::Value(true);
+      if (text == "false") return world::Value(false);
+      return wrong("true or false");
+    case world::ValueKind::number: {
+      if (text == "inf") return world::Value(std::numeric_limits<double>::infinity());
+      double x = 0;
+      const auto [end, ec] = std::from_chars(text.data(), text.data() + text.size(), x);
+      if (ec != std::errc{} || end != text.data() + text.size()) return wrong("a number");
+      return world::Value(x);
+    }
+    case world::ValueKind::integer: {
+      std::int64_t x = 0;
+      const auto [end, ec] = std::from_chars(text.data(), text.data() + text.size(), x);
+      if (ec != std::errc{} || end != text.data() + text.size()) return wrong("a whole number");
+      return world::Value(x);
+    }
+    case world::ValueKind::text:
+      return world::Value(text);
+    default:
+      return fail(ErrorCode::bad_input, where,
+                  fmt::format("expected an attribute that is a flag, a number or text; this one holds {}",
+                              world::name_of(attribute.kind())));
+  }
+}
+
+}  // namespace
+
+Result<OpenedWorld> open_world(const std::filesystem::path& file) {
+  std::error_code ec;
+  if (!std::filesystem::is_regular_file(file, ec))
+    return fail(ErrorCode::not_found, file.string(),
+                "expected a world (*.rigor, *.yaml) or an import plan (*.import.yaml), found no such file");
+  OpenedWorld opened;
+  opened.base_dir = std::filesystem::absolute(file).parent_path();
+  opened.db = world::Database::create();
+  if (auto s = world::define_semantic_types(*opened.db); !s) return tl::unexpected(s.error());
+  const std::string name = file.filename().string();
+  if (name.ends_with(".import.yaml")) return opened_from_plan(file, std::move(opened));
+  if (name.ends_with(".yaml") || name.ends_with(".yml")) {
+    if (auto s = world::import_world_yaml(file, *opened.db); !s) return tl::unexpected(s.error());
+    return opened;
+  }
+  if (auto f = world::WorldFile::open(file, *opened.db); !f) return tl::unexpected(f.error());
+  return opened;
+}
+
+WorldPicture make_world_picture(const OpenedWorld& opened, const PictureContent& content) {
+  WorldPicture picture;
+  picture.ground = nature::make_terrain_provider({.plain_imagery = content.plain});
+  std::vector<std::shared_ptr<render::ContentProvider>> providers = {picture.ground};
+  if (!content.plain) {
+    providers.push_back(nature::make_ground_vegetation_provider(picture.ground));
+    providers.push_back(nature::make_tree_provider(picture.ground));
+    providers.push_back(nature::make_built_provider(picture.ground, opened.base_dir));
+    providers.push_back(render::make_model_provider(opened.base_dir));
+    providers.push_back(render::make_body_provider(opened.base_dir));
+  }
+  providers.push_back(nature::make_atmosphere_provider());
+  picture.view = std::make_unique<render::WorldView>(*opened.db, std::move(providers));
+  return picture;
+}
+
+Status set_attribute(world::Database& db, const std::string& assignment) {
+  const auto eq = assignment.find('=');
+  const auto dot = assignment.find('.');
+  if (eq == std::string::npos || dot == std::string::npos || dot > eq)
+    return fail(ErrorCode::bad_input, "--set",
+                "expected Type.attribute=value, e.g. Atmosphere.fog_visibility_m=200, got \"" + assignment + "\"");
+  const std::string type_name = assignment.substr(0, dot), name = assignment.substr(dot + 1, eq - dot - 1);
+  const std::string where = "--set " + type_name + "." + name;
+  const auto& schema = db.schema();
+  const auto type = schema.find_type(type_name);
+  if (!type) return fail(ErrorCode::bad_input, where, "expected a type of the world; `rigor world info` lists them");
+  const auto attribute = schema.find_attribute(*type, name);
+  if (!attribute) return fail(ErrorCode::bad_input, where, "expected an attribute of " + type_name);
+  auto value = read_value(schema.attribute(*attribute), assignment.substr(eq + 1), where);
+  if (!value) return tl::unexpected(value.error());
+  const auto nodes = db.snapshot().nodes(*type);
+  if (nodes.empty()) return fail(ErrorCode::bad_input, where, "expected a node of this type in the world, found none");
+  auto tx = db.begin("set " + assignment);
+  for (const auto node : nodes)
+    if (auto s = tx.set(node, *attribute, *value); !s) return s;
+  return tx.commit();
+}
+
+}  // namespace rigor

@@ -1,0 +1,41 @@
+// Worlds from files, and what makes pictures of them: where the world database, its files, GIS and the providers of content
+// meet.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "rt-core/result.h"
+#include "sim/nature/providers.h"
+#include "sim/render/content/world_view.h"
+#include "sim/world/graph/database.h"
+
+namespace rigor {
+
+struct OpenedWorld {
+  std::unique_ptr<world::Database> db;
+  std::filesystem::path base_dir;  ///< where file names in the world begin
+  std::vector<std::string> warnings;
+};
+
+/// A world file (*.rigor), a world in YAML, or an import plan (*.import.yaml), which is imported into memory. Errors:
+/// not_found, bad_input, unavailable.
+[[nodiscard]] Result<OpenedWorld> open_world(const std::filesystem::path& file);
+
+/// Which providers show the world.
+struct PictureContent {
+  bool plain = false;  ///< the ground alone, with imagery draped on it as it is
+};
+
+struct WorldPicture {
+  std::shared_ptr<nature::TerrainProvider> ground;
+  std::unique_ptr<render::WorldView> view;
+};
+[[nodiscard]] WorldPicture make_world_picture(const OpenedWorld& world, const PictureContent& content = {});
+
+/// `Type.attribute=value`: on every node of the type. bad_input: an unknown name, no such node, a value of another kind.
+[[nodiscard]] Status set_attribute(world::Database& db, const std::string& assignment);
+
+}  // namespace rigor
