@@ -201,6 +201,12 @@ std::vector<TypeSpec> type_table() {
        .meaning = "Weather over time.",
        .attributes = {text("columns", "", "Attribute names of Atmosphere, separated by one space."),
                       numbers("table", {}, "", "Row by row: utc_s, then one value per column.")}},
+      {.name = "StudioLight",
+       .meaning = "Sun and sky as they are set, whatever date, place and weather say.",
+       .attributes = {other("direction_to_sun", Vector3(0, 0, 1), "", "World frame, unit length."),
+                      numbers("sun_irradiance_w_per_m2", none, "W/m2", "Square to it, per band.", 0, 1e6),
+                      numbers("zenith_radiance_w_per_m2_sr", none, "W/(m2 sr)", "Per band.", 0, 1e6),
+                      numbers("horizon_radiance_w_per_m2_sr", none, "W/(m2 sr)", "Per band.", 0, 1e6)}},
       {.name = "Lamp",
        .base = "Frame",
        .meaning = "Shines evenly in all directions from its origin.",
@@ -413,6 +419,13 @@ WeatherSeries::WeatherSeries(const Schema& s)
     : Object(s, "WeatherSeries"),
       columns(s.require<std::string>("WeatherSeries", "columns")),
       table(s.require<Numbers>("WeatherSeries", "table")) {}
+
+StudioLight::StudioLight(const Schema& s)
+    : Object(s, "StudioLight"),
+      direction_to_sun(s.require<Vector3>("StudioLight", "direction_to_sun")),
+      sun_irradiance_w_per_m2(s.require<Numbers>("StudioLight", "sun_irradiance_w_per_m2")),
+      zenith_radiance_w_per_m2_sr(s.require<Numbers>("StudioLight", "zenith_radiance_w_per_m2_sr")),
+      horizon_radiance_w_per_m2_sr(s.require<Numbers>("StudioLight", "horizon_radiance_w_per_m2_sr")) {}
 
 Lamp::Lamp(const Schema& s)
     : Frame(s, "Lamp"),

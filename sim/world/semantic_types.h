@@ -199,6 +199,14 @@ struct WeatherSeries : Object {
   Attribute<std::string> columns;  ///< attribute names of Atmosphere, separated by one space
   Attribute<Numbers> table;        ///< row by row: utc_s, value, value …
 };
+/// Sun and sky as they are set, whatever date, place and weather say; goes before an Atmosphere. At most one.
+/// The sky's radiance is linear in the sine of the elevation.
+struct StudioLight : Object {
+  explicit StudioLight(const Schema& s);
+  Attribute<Vector3> direction_to_sun;         ///< world frame, unit length
+  Attribute<Numbers> sun_irradiance_w_per_m2;  ///< kBandCount, on a plane square to it
+  Attribute<Numbers> zenith_radiance_w_per_m2_sr, horizon_radiance_w_per_m2_sr;  ///< kBandCount
+};
 /// A lamp that shines evenly in all directions, for places indoors.
 struct Lamp : Frame {
   explicit Lamp(const Schema& s);
