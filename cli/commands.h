@@ -48,6 +48,23 @@ struct InspectOptions {
   std::filesystem::path output;  ///< of the repair
   bool json = false;
 };
+struct WorldRenderOptions {
+  std::filesystem::path world;
+  std::filesystem::path output;     ///< .png or .exr
+  std::vector<double> eye, target;  ///< world frame, metres; empty: an overview
+  bool above_ground = false;        ///< z of eye and target counts from the ground below them
+  int width_px = 1280, height_px = 720;
+  double fov_deg = 60;                   ///< horizontal
+  std::string time;                      ///< 2024-06-21T12:00:00Z; empty: the world's
+  std::vector<std::string> assignments;  ///< --set Type.attribute=value
+  std::string bands = "rgb";             ///< rgb | nir | false-colour
+  std::optional<double> exposure;        ///< radiance that becomes white; empty: by the picture
+  double allowed_error_px = 1.0;
+  std::vector<std::string> off;  ///< switches of the view
+  bool plain = false;            ///< ground and imagery alone
+  std::string device;            ///< part of the Vulkan device's name
+  bool json = false;
+};
 struct PlainOptions {
   bool json = false;
 };
@@ -57,6 +74,7 @@ int replay_command(const ReplayOptions& options);
 int emulate_command(const EmulateOptions& options);
 int sense_command(const SenseOptions& options);
 int inspect_command(const InspectOptions& options);
+int world_render_command(const WorldRenderOptions& options);
 int devices_command(const PlainOptions& options);
 int doctor_command(const PlainOptions& options);
 

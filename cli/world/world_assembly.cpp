@@ -98,19 +98,22 @@ Status set_attribute(world::Database& db, const std::string& assignment) {
   const auto eq = assignment.find('=');
   const auto dot = assignment.find('.');
   if (eq == std::string::npos || dot == std::string::npos || dot > eq)
-    return fail(ErrorCode::bad_input, "--set",
-                "expected Type.attribute=value, e.g. Atmosphere.fog_visibility_m=200, got \"" + assignment + "\"");
+    return fail(
+        ErrorCode::bad_input, "--set",
+        "expected Type.attribute=value, e.g. Atmosphere.fog_visibility_m=200, got \"" + assignment + "\"");
   const std::string type_name = assignment.substr(0, dot), name = assignment.substr(dot + 1, eq - dot - 1);
   const std::string where = "--set " + type_name + "." + name;
   const auto& schema = db.schema();
   const auto type = schema.find_type(type_name);
-  if (!type) return fail(ErrorCode::bad_input, where, "expected a type of the world; `rigor world info` lists them");
+  if (!type)
+    return fail(ErrorCode::bad_input, where, "expected a type of the world; `rigor world info` lists them");
   const auto attribute = schema.find_attribute(*type, name);
   if (!attribute) return fail(ErrorCode::bad_input, where, "expected an attribute of " + type_name);
   auto value = read_value(schema.attribute(*attribute), assignment.substr(eq + 1), where);
   if (!value) return tl::unexpected(value.error());
   const auto nodes = db.snapshot().nodes(*type);
-  if (nodes.empty()) return fail(ErrorCode::bad_input, where, "expected a node of this type in the world, found none");
+  if (nodes.empty())
+    return fail(ErrorCode::bad_input, where, "expected a node of this type in the world, found none");
   auto tx = db.begin("set " + assignment);
   for (const auto node : nodes)
     if (auto s = tx.set(node, *attribute, *value); !s) return s;

@@ -1,5 +1,5 @@
-// Worlds from files, and what makes pictures of them: where the world database, its files, GIS and the providers of content
-// meet.
+// Worlds from files, and what makes pictures of them: where the world database, its files, GIS and the
+// providers of content meet.
 #pragma once
 
 #include <filesystem>
@@ -20,8 +20,8 @@ struct OpenedWorld {
   std::vector<std::string> warnings;
 };
 
-/// A world file (*.rigor), a world in YAML, or an import plan (*.import.yaml), which is imported into memory. Errors:
-/// not_found, bad_input, unavailable.
+/// A world file (*.rigor), a world in YAML, or an import plan (*.import.yaml), which is imported into memory.
+/// Errors: not_found, bad_input, unavailable.
 [[nodiscard]] Result<OpenedWorld> open_world(const std::filesystem::path& file);
 
 /// Which providers show the world.
@@ -35,7 +35,8 @@ struct WorldPicture {
 };
 [[nodiscard]] WorldPicture make_world_picture(const OpenedWorld& world, const PictureContent& content = {});
 
-/// `Type.attribute=value`: on every node of the type. bad_input: an unknown name, no such node, a value of another kind.
+/// `Type.attribute=value`: on every node of the type. bad_input: an unknown name, no such node, a value of
+/// another kind.
 [[nodiscard]] Status set_attribute(world::Database& db, const std::string& assignment);
 
 }  // namespace rigor

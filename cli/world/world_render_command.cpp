@@ -1,0 +1,294 @@
+// `rigor world render`: one picture of a world.
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <Eigen/Geometry>
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <ctime>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <opencv2/imgcodecs.hpp>
+
+#include "cli/commands.h"
+#include "cli/terminal.h"
+#include "cli/world/world_assembly.h"
+#include "sim/render/view/tone_map.h"
+#include "sim/render/view/view_renderer.h"
+#include "sim/sensors/camera_simulator.h"
+#include "sim/world/semantic_types.h"
+
+namespace rigor {
+namespace {
+
+using render::ViewPicture;
+using render::ViewRequest;
+
+Result<double> utc_from(const std::string& text) {
+  std::tm tm{};
+  int used = 0;
+  if (std::sscanf(text.c_str(), "%4d-%2d-%2dT%2d:%2d%n", &tm.tm_year, &tm.tm_mon, &tm.tm_mday, &tm.tm_hour,
+                  &tm.tm_min, &used) == 5) {
+    int more = 0;
+    if (std::sscanf(text.c_str() + used, ":%2d%n", &tm.tm_sec, &more) == 1) used += more;
+    const std::string rest = text.substr(static_cast<std::size_t>(used));
+    const bool in_range = tm.tm_mon >= 1 && tm.tm_mon <= 12 && tm.tm_mday >= 1 && tm.tm_mday <= 31 &&
+                          tm.tm_hour <= 23 && tm.tm_min <= 59 && tm.tm_sec <= 60;
+    if ((rest.empty() || rest == "Z") && in_range) {
+      tm.tm_year -= 1900;
+      tm.tm_mon -= 1;
+      return static_cast<double>(timegm(&tm));
+    }
+  }
+  return fail(ErrorCode::bad_input, "--time", "expected UTC as 2024-06-21T12:00:00Z, got \"" + text + "\"");
+}
+
+Status set_time(world::Database& db, const std::string& text) {
+  const auto utc = utc_from(text);
+  if (!utc) return tl::unexpected(utc.error());
+  const world::types::Atmosphere a(db.schema());
+  const auto nodes = db.snapshot().nodes(a.type);
+  if (nodes.empty())
+    return fail(ErrorCode::bad_input, "--time", "expected a world with an Atmosphere, found none");
+  auto tx = db.begin("time");
+  for (const auto node : nodes) {
+    if (auto s = tx.set(node, a.utc_s, *utc); !s) return s;
+    if (auto s = tx.set(node, a.fixed_sun, false); !s) return s;
+  }
+  return tx.commit();
+}
+
+/// What the world holds, as far as it has places.
+Eigen::AlignedBox3d extent_of(const world::Snapshot& world, const render::GroundHeights& ground) {
+  Eigen::AlignedBox3d box;
+  const auto add = [&](double x, double y, double z) {
+    if (std::isnan(z)) z = ground.height_at(x, y);
+    if (std::isfinite(x) && std::isfinite(y)) box.extend(Eigen::Vector3d(x, y, std::isfinite(z) ? z : 0));
+  };
+  const world::types::Tree tree(world.schema());
+  world.for_each(tree.type, [&](world::NodeId n) {
+    const auto& p = *world.get(n, tree.position);
+    add(p.x(), p.y(), p.z());
+  });
+  const world::types::Building building(world.schema());
+  world.for_each(building.type, [&](world::NodeId n) {
+    const auto ring = world.get(n, building.footprint)->span();
+    for (std::size_t i = 0; i + 1 < ring.size(); i += 2) add(ring[i], ring[i + 1], std::nan(""));
+  });
+  if (!box.isEmpty()) return box;
+  const world::types::Frame frame(world.schema());
+  world.for_each(frame.type, [&](world::NodeId n) {
+    const Eigen::Vector3d p = world.T_world_node(n, BenchTime(0)).translation();
+    add(p.x(), p.y(), p.z());
+  });
+  const world::types::Terrain terrain(world.schema());
+  if (box.isEmpty())
+    world.for_each(terrain.type, [&](world::NodeId n) {
+      const double x = *world.get(n, terrain.x_m), y = *world.get(n, terrain.y_m),
+                   d = *world.get(n, terrain.spacing_m);
+      const auto columns = static_cast<double>(*world.get(n, terrain.columns) - 1);
+      const auto rows = static_cast<double>(*world.get(n, terrain.rows) - 1);
+      add(x, y, std::nan(""));
+      add(x + columns * d, y - rows * d, std::nan(""));
+      add(x + columns * d / 2, y - rows * d / 2, std::nan(""));
+    });
+  if (box.isEmpty()) box.extend(Eigen::Vector3d(0, 0, 0));
+  return box;
+}
+
+Result<Eigen::Vector3d> point(const std::vector<double>& v, const char* where, bool above_ground,
+                              const render::GroundHeights& ground) {
+  Eigen::Vector3d p(v[0], v[1], v[2]);
+  if (!p.allFinite()) return fail(ErrorCode::bad_input, where, "expected three finite numbers");
+  if (above_ground) {
+    const double z = ground.height_at(p.x(), p.y());
+    if (!std::isfinite(z))
+      return fail(ErrorCode::bad_input, where, "expected a place on the terrain; there is no ground");
+    p.z() += z;
+  }
+  return p;
+}
+
+Result<Eigen::Isometry3d> camera_pose(const WorldRenderOptions& o, const OpenedWorld& opened,
+                                      const render::GroundHeights& ground) {
+  const auto box = extent_of(opened.db->snapshot(), ground);
+  Eigen::Vector3d target = box.center();
+  if (!o.target.empty()) {
+    const auto p = point(o.target, "--target", o.above_ground, ground);
+    if (!p) return tl::unexpected(p.error());
+    target = *p;
+  }
+  Eigen::Vector3d eye;
+  if (!o.eye.empty()) {
+    const auto p = point(o.eye, "--eye", o.above_ground, ground);
+    if (!p) return tl::unexpected(p.error());
+    eye = *p;
+    if (o.target.empty()) target = Eigen::Vector3d(target.x(), target.y(), eye.z());
+  } else {
+    const double radius = std::max(3.0, box.sizes().head<2>().norm() / 2);
+    eye = target + radius * Eigen::Vector3d(-0.55, -1.1, 0.5);
+    const double z = ground.height_at(eye.x(), eye.y());
+    if (std::isfinite(z)) eye.z() = std::max(eye.z(), z + 2);
+  }
+  const Eigen::Vector3d forward = target - eye;
+  if (forward.norm() < 1e-6)
+    return fail(ErrorCode::bad_input, "--target", "expected a point that is not the eye");
+  const bool steep = forward.normalized().head<2>().norm() < 1e-6;
+  return look_at(
+      eye, target,
+      steep ? Eigen::Vector3d(Eigen::Vector3d::UnitY()) : Eigen::Vector3d(Eigen::Vector3d::UnitZ()));
+}
+
+Status apply_switches(const std::vector<std::string>& off, render::ViewSwitches& s) {
+  for (const auto& name : off) {
+    if (name == "frustum-culling")
+      s.frustum_culling = false;
+    else if (name == "occlusion-culling")
+      s.occlusion_culling = false;
+    else if (name == "levels-of-detail")
+      s.levels_of_detail = false;
+    else if (name == "impostors")
+      s.impostors = false;
+    else if (name == "instancing")
+      s.instancing = false;
+    else if (name == "shadows")
+      s.shadows = false;
+    else
+      return fail(ErrorCode::bad_input, "--off",
+                  "expected frustum-culling, occlusion-culling, levels-of-detail, impostors, instancing or "
+                  "shadows, got \"" +
+                      name + "\"");
+  }
+  return {};
+}
+
+Status write_file(const std::filesystem::path& file, const cv::Mat& picture) {
+  if (file.extension() == ".exr") setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 1);
+  try {
+    if (cv::imwrite(file.string(), picture)) return {};
+  } catch (const cv::Exception& e) {
+    return fail(ErrorCode::not_writable, file.string(), e.what());
+  }
+  return fail(ErrorCode::not_writable, file.string(), "expected a place where a picture can be written");
+}
+
+Status write_picture(const WorldRenderOptions& o, const ViewPicture& picture) {
+  const int w = picture.width_px, h = picture.height_px;
+  if (o.output.extension() == ".exr") {
+    cv::Mat bgr(h, w, CV_32FC3);
+    for (int i = 0; i < w * h; ++i)
+      for (int c = 0; c < 3; ++c)
+        bgr.ptr<float>()[3 * i + c] =
+            picture.radiance[static_cast<std::size_t>(4 * i + (o.bands == "nir" ? 3 : 2 - c))];
+    return write_file(o.output, bgr);
+  }
+  render::ToneMapOptions tone;
+  if (o.exposure) tone.white_radiance = static_cast<float>(*o.exposure);
+  tone.near_infrared = o.bands == "nir";
+  tone.false_colour = o.bands == "false-colour";
+  auto rgb = render::tone_map(picture, tone);
+  for (std::size_t i = 0; i + 2 < rgb.size(); i += 3) std::swap(rgb[i], rgb[i + 2]);
+  return write_file(o.output, cv::Mat(h, w, CV_8UC3, rgb.data()));
+}
+
+Status check(const WorldRenderOptions& o) {
+  const auto extension = o.output.extension();
+  if (extension != ".png" && extension != ".exr")
+    return fail(ErrorCode::bad_input, "-o",
+                "expected a file that ends in .png or .exr, got \"" + o.output.string() + "\"");
+  if (!(o.fov_deg >= 1 && o.fov_deg <= 150))
+    return fail(ErrorCode::bad_input, "--fov", fmt::format("expected 1 to 150 degrees, got {}", o.fov_deg));
+  return {};
+}
+
+struct Drawn {
+  ViewPicture picture;
+  render::ViewStatistics statistics;
+  Eigen::Isometry3d T_world_camera;
+  std::string device;
+  std::vector<std::string> warnings;
+};
+
+Result<Drawn> draw(const WorldRenderOptions& o) {
+  ViewRequest request;
+  if (auto s = apply_switches(o.off, request.switches); !s) return tl::unexpected(s.error());
+  auto opened = open_world(o.world);
+  if (!opened) return tl::unexpected(opened.error());
+  if (!o.time.empty())
+    if (auto s = set_time(*opened->db, o.time); !s) return tl::unexpected(s.error());
+  for (const auto& a : o.assignments)
+    if (auto s = set_attribute(*opened->db, a); !s) return tl::unexpected(s.error());
+  const auto content = make_world_picture(*opened, {.plain = o.plain});
+  const auto pose = camera_pose(o, *opened, *content.ground);
+  if (!pose) return tl::unexpected(pose.error());
+  request.T_world_camera = *pose;
+  const double focal_px = o.width_px / 2.0 / std::tan(o.fov_deg * std::numbers::pi / 360);
+  request.pinhole = {.width_px = o.width_px,
+                     .height_px = o.height_px,
+                     .fx_px = focal_px,
+                     .fy_px = focal_px,
+                     .cx_px = (o.width_px - 1) / 2.0,
+                     .cy_px = (o.height_px - 1) / 2.0};
+  request.allowed_error_px = o.allowed_error_px;
+  auto device = render::Device::create({.name_contains = o.device});
+  if (!device) return tl::unexpected(device.error());
+  auto renderer = render::ViewRenderer::create(*device);
+  if (!renderer) return tl::unexpected(renderer.error());
+  Drawn drawn;
+  drawn.T_world_camera = *pose;
+  drawn.device = (*device)->name();
+  const auto begin = std::chrono::steady_clock::now();
+  const auto frame = content.view->collect(render::ViewRenderer::query_for(request));
+  const double collect_ms =
+      std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+  if (auto s = (*renderer)->draw(frame, request, drawn.picture, &drawn.statistics); !s)
+    return tl::unexpected(s.error());
+  drawn.statistics.collect_ms = collect_ms;
+  drawn.warnings = opened->warnings;
+  for (auto& w : content.view->warnings()) drawn.warnings.push_back(std::move(w));
+  return drawn;
+}
+
+}  // namespace
+
+int world_render_command(const WorldRenderOptions& o) {
+  if (auto s = check(o); !s) return report_error(s.error(), o.json);
+  const auto drawn = draw(o);
+  if (!drawn) return report_error(drawn.error(), o.json);
+  if (auto s = write_picture(o, drawn->picture); !s) return report_error(s.error(), o.json);
+  const auto& st = drawn->statistics;
+  const Eigen::Vector3d eye = drawn->T_world_camera.translation();
+  if (o.json) {
+    fmt::print("{}\n", nlohmann::json{{"file", o.output.string()},
+                                      {"width_px", drawn->picture.width_px},
+                                      {"height_px", drawn->picture.height_px},
+                                      {"device", drawn->device},
+                                      {"eye_m", {eye.x(), eye.y(), eye.z()}},
+                                      {"batches", st.batches},
+                                      {"instances", st.instances},
+                                      {"instances_drawn", st.instances_drawn},
+                                      {"triangles_drawn", st.triangles_drawn},
+                                      {"impostors_drawn", st.impostors_drawn},
+                                      {"draw_calls", st.draw_calls},
+                                      {"collect_ms", st.collect_ms},
+                                      {"cull_ms", st.cull_ms},
+                                      {"upload_ms", st.upload_ms},
+                                      {"draw_ms", st.draw_ms},
+                                      {"warnings", drawn->warnings}}
+                           .dump());
+    return 0;
+  }
+  constexpr std::size_t kShown = 10;
+  for (std::size_t i = 0; i < std::min(kShown, drawn->warnings.size()); ++i)
+    fmt::print(stderr, "warning: {}\n", drawn->warnings[i]);
+  if (drawn->warnings.size() > kShown)
+    fmt::print(stderr, "warning: {} more; --json lists them all\n", drawn->warnings.size() - kShown);
+  fmt::print(
+      "{}: {}x{}, eye at {:.1f} {:.1f} {:.1f} m, {} of {} instances, {} triangles, {:.0f} ms to draw, {}\n",
+      o.output.string(), drawn->picture.width_px, drawn->picture.height_px, eye.x(), eye.y(), eye.z(),
+      st.instances_drawn, st.instances, st.triangles_drawn, st.draw_ms, drawn->device);
+  return 0;
+}
+
+}  // namespace rigor
