@@ -79,6 +79,7 @@ class Transaction {
 
  private:
   friend class Database;
+  friend struct DatabaseState;
   explicit Transaction(Database* db) : db_(db) {}
   [[nodiscard]] Status set_typed(NodeId node, AttributeId attribute, ValueKind kind, void* value);
   [[nodiscard]] const void* find(NodeId node, AttributeId attribute) const noexcept;
@@ -173,6 +174,7 @@ class Database {
 
  private:
   friend class Transaction;
+  friend struct DatabaseState;
   Database() = default;
   std::shared_ptr<DatabaseState> state_;
 };
