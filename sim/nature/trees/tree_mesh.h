@@ -1,0 +1,67 @@
+// Prototypes of trees: trunks and crowns, which are scaled apart so that diameter, height and crown of every
+// tree are its own.
+//
+//   const CrownPrototype& crown = crown_prototype({TreeForm::hemlock, BarkStyle::scaly, 3, 0});
+//   const TrunkPrototype& trunk = trunk_prototype({TrunkKind::conifer, BarkStyle::scaly, 3, 1});
+//
+// A crown stands with its base at z = 0, its axis along z, and is `length_m` high; a trunk stands on the
+// ground. Both are made from counter-based numbers when first asked for, and kept: the same key gives the
+// same object, on any thread.
+//
+// error_m of foliage levels: cards stand for twigs, so the distance between two levels' surfaces has no sharp
+// maximum; what is stated is the root mean square distance from points of the finest level's foliage to the
+// coarser level's surface, measured when the prototype is made. For trunks it is the largest deviation.
+#pragma once
+
+#include <memory>
+
+#include "sim/nature/trees/allometry.h"
+#include "sim/render/content/content.h"
+
+namespace rigor::nature {
+
+/// Sapling, pole, young, mature, old.
+inline constexpr int kAgeClasses = 5;
+inline constexpr int kCrownVariants = 3, kTrunkVariants = 2;
+/// The class of a height; `boundary` at geometric means of neighbouring classes' heights.
+[[nodiscard]] int age_class_of(double height_m) noexcept;
+/// Height of the trees that a class was drawn for, m.
+[[nodiscard]] double class_height_m(int age_class) noexcept;
+
+struct CrownKey {
+  TreeForm form = TreeForm::fir;
+  BarkStyle bark = BarkStyle::scaly;
+  int age_class = 0, variant = 0;
+  auto operator<=>(const CrownKey&) const = default;
+};
+struct CrownPrototype {
+  std::shared_ptr<const render::Prototype> prototype;
+  float length_m = 1, radius_m = 1;  ///< at scale 1: from base to top; reach of 98 % of the foliage
+};
+
+enum class TrunkKind : unsigned char {
+  conifer,    ///< to the top
+  broadleaf,  ///< ends among its limbs
+  snag        ///< dead: broken top, stubs of branches
+};
+struct TrunkKey {
+  TrunkKind kind = TrunkKind::conifer;
+  BarkStyle bark = BarkStyle::scaly;
+  int age_class = 0, variant = 0;
+  auto operator<=>(const TrunkKey&) const = default;
+};
+struct TrunkPrototype {
+  std::shared_ptr<const render::Prototype> prototype;
+  float length_m = 1;                ///< at scale 1
+  std::vector<float> z_m, radius_m;  ///< mean radius of the finest level's rings, upwards
+  /// Mean radius at a height, linear between rings.
+  [[nodiscard]] float radius_at(float z_m) const noexcept;
+};
+
+[[nodiscard]] const CrownPrototype& crown_prototype(const CrownKey& key);
+[[nodiscard]] const TrunkPrototype& trunk_prototype(const TrunkKey& key);
+
+/// Where a broadleaved trunk ends: this share of the crown's length above its base.
+[[nodiscard]] double trunk_share_of_crown(TreeForm form) noexcept;
+
+}  // namespace rigor::nature

@@ -1,0 +1,120 @@
+// Pictures of tree prototypes: preview OUT.png crown FORM [class] | levels FORM CLASS | texture FORM | bark
+#include <cstdio>
+#include <cstdlib>
+#include <opencv2/imgcodecs.hpp>
+#include <string>
+
+#include "sim/nature/trees/canvas.h"
+#include "sim/nature/trees/crown_levels.h"
+#include "tests/sim/nature/trees/raster.h"
+
+using namespace rigor;
+using namespace rigor::nature;
+using namespace rigor::test;
+
+namespace {
+void save(const Picture& p, const std::string& file) {
+  cv::Mat image(p.height, p.width, CV_8UC3);
+  for (int y = 0; y < p.height; ++y)
+    for (int x = 0; x < p.width; ++x)
+      for (int k = 0; k < 3; ++k)
+        image.at<cv::Vec3b>(y, x)[2 - k] =
+            srgb_byte(p.rgb[3 * (static_cast<std::size_t>(y) * p.width + x) + k]);
+  cv::imwrite(file, image);
+}
+/// A whole tree of a species at its own size.
+void plant(std::vector<Placed>& scene, const char* code, double dbh, float x, float y, int variant,
+           std::size_t level) {
+  const Species& s = *find_species(code).species;
+  const TreeSize z = size_of(s, {.dbh_m = dbh});
+  const int c = age_class_of(z.height_m);
+  const CrownPrototype& crown = crown_prototype({s.form, s.bark, c, variant % kCrownVariants});
+  const TrunkPrototype& trunk = trunk_prototype(
+      {is_conifer(s.form) ? TrunkKind::conifer : TrunkKind::broadleaf, s.bark, c, variant % kTrunkVariants});
+  const auto add = [&](const render::Prototype& p, float at_z, float sxy, float sz, const float* tint) {
+    render::Instance i;
+    i.position[0] = x, i.position[1] = y, i.position[2] = at_z;
+    i.scale[0] = i.scale[1] = sxy, i.scale[2] = sz;
+    for (int k = 0; k < 3; ++k) i.tint[k] = tint[k];
+    scene.push_back({p.levels[std::min(level, p.levels.size() - 1)].mesh.get(), i});
+  };
+  add(*crown.prototype, static_cast<float>(z.crown_base_m),
+      static_cast<float>(z.crown_radius_m) / crown.radius_m,
+      static_cast<float>(z.height_m - z.crown_base_m) / crown.length_m, s.foliage_tint);
+  const float top = static_cast<float>(
+      is_conifer(s.form) ? z.height_m * 0.985
+                         : z.crown_base_m + trunk_share_of_crown(s.form) * (z.height_m - z.crown_base_m));
+  const float sz = top / trunk.length_m;
+  add(*trunk.prototype, 0, static_cast<float>(0.5 * z.dbh_m) / trunk.radius_at(1.3F / sz), sz, s.bark_tint);
+  std::printf("%s dbh %.2f height %.1f crown %.1f r, base %.1f, class %d:", code, z.dbh_m, z.height_m,
+              z.crown_radius_m, z.crown_base_m, c);
+  for (const auto& l : crown.prototype->levels)
+    std::printf(" %zu tri/%.3f m", l.mesh->indices.size() / 3, static_cast<double>(l.error_m));
+  std::printf(" | trunk");
+  for (const auto& l : trunk.prototype->levels)
+    std::printf(" %zu/%.3f", l.mesh->indices.size() / 3, static_cast<double>(l.error_m));
+  std::printf("\n");
+}
+render::Mesh ground(float half) {
+  static auto surface = [] {
+    auto s = std::make_shared<render::Surface>();
+    s->reflectance = {0.12F, 0.11F, 0.06F, 0.3F, 0.3F, 0.3F};
+    return s;
+  }();
+  render::Mesh m;
+  for (int k = 0; k < 4; ++k)
+    m.vertices.push_back({{(k & 1 ? half : -half), (k & 2 ? half : -half), 0}, {0, 0, 1}, {0, 0}, 0});
+  m.indices = {0, 1, 3, 0, 3, 2};
+  m.parts.push_back({0, 6, surface});
+  return m;
+}
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 4) return 2;
+  const std::string file = argv[1], what = argv[2];
+  std::vector<Placed> scene;
+  if (what == "texture") {
+    const auto& t = *foliage_surface(static_cast<TreeForm>(std::atoi(argv[3]))).surface->colour_map;
+    cv::Mat image(static_cast<int>(t.height), static_cast<int>(t.width), CV_8UC3);
+    for (int y = 0; y < image.rows; ++y)
+      for (int x = 0; x < image.cols; ++x) {
+        const std::uint8_t* p = &t.rgba[4 * (static_cast<std::size_t>(y) * t.width + x)];
+        for (int k = 0; k < 3; ++k) image.at<cv::Vec3b>(y, x)[2 - k] = p[3] >= 90 ? p[k] : 40;
+      }
+    cv::imwrite(file, image);
+    return 0;
+  }
+  static const render::Mesh floor = ground(120);
+  scene.push_back({&floor, {}});
+  if (what == "row") {  // code dbh spacing level count…
+    const float gap = std::strtof(argv[4], nullptr), height = std::strtof(argv[5], nullptr);
+    const std::string codes = argv[3];
+    int n = 0;
+    std::vector<std::pair<std::string, double>> list;
+    for (std::size_t i = 0; i < codes.size();) {
+      const std::size_t comma = std::min(codes.find(',', i), codes.size()), colon = codes.find(':', i);
+      list.emplace_back(codes.substr(i, colon - i), std::strtod(codes.c_str() + colon + 1, nullptr));
+      i = comma + 1;
+    }
+    const std::size_t level = argc > 6 ? std::strtoul(argv[6], nullptr, 10) : 99;
+    for (const auto& [code, dbh] : list) {
+      plant(scene, code.c_str(), dbh,
+            (static_cast<float>(n) - 0.5F * static_cast<float>(list.size() - 1)) * gap, 0,
+            level == 99 ? 0 : n, level == 99 ? static_cast<std::size_t>(n) : level);
+      ++n;
+    }
+    const float wide = gap * static_cast<float>(list.size());
+    Eye eye{{0, -3.0F * std::max(wide, height), 0.45F * height}, {0, 0, 0.5F * height}, 0};
+    eye.focal_px = 3.0F * std::max(wide, height) * 720.0F / (height * 1.12F);
+    save(lit_picture(scene, eye, static_cast<int>(720.0F * wide / (1.12F * height)), 720,
+                     std::max(wide, height) * 0.75F, {0, 0, 0.5F * height}),
+         file);
+  } else if (what == "near") {  // code dbh distance eye_height target_height
+    plant(scene, argv[3], std::atof(argv[4]), 0, 0, 0, 0);
+    const float d = std::strtof(argv[5], nullptr), h = std::strtof(argv[6], nullptr),
+                t = std::strtof(argv[7], nullptr);
+    save(lit_picture(scene, {{0, -d, h}, {0, 0, t}, 800}, 1000, 760, 26, {0, 0, 14}), file);
+  }
+  return 0;
+}
