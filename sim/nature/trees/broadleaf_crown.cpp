@@ -89,27 +89,49 @@ Crown plan(const CrownKey& key) {
   const Habit& h = c.habit;
   c.middle = Vec3(0, 0, 0.40F * length);
   const int clusters = kClusters[key.age_class];
-  c.spacing = 1.15F * std::cbrt(2.6F * reach * reach * length / static_cast<float>(clusters));
+  c.spacing = 0.95F * std::cbrt(2.6F * reach * reach * length / static_cast<float>(clusters));
 
-  // Places of the leaf clusters: far from one another, within the outline.
   const float lobe = 6.28F * c.draws.uniform(1, 0);
+  // Leaves gather in boughs with hollows between them: first the middles of the boughs, then clusters about
+  // them.
+  const auto inside = [&](const Vec3& p) {
+    const float t = p.z() / length, a = std::atan2(p.y(), p.x());
+    if (t < 0 || t > 1) return 9.0F;
+    const float bump =
+        1 + 0.15F * std::sin(3 * a + lobe + 5 * t) + 0.10F * std::sin(5 * a - 9 * t + 2 * lobe);
+    return std::hypot(p.x(), p.y()) / std::max(0.02F * reach, reach * outline(h, t) * bump);
+  };
+  const int boughs = 7 + 4 * key.age_class;
+  const float bough_m = 0.92F * std::cbrt(2.6F * reach * reach * length / static_cast<float>(boughs));
+  std::vector<Vec3> middles;
+  for (int i = 0; i < boughs; ++i) {
+    Vec3 best(0, 0, 0.5F * length);
+    float best_gap = -1;
+    for (int trial = 0; trial < 12; ++trial) {
+      const auto n = static_cast<std::uint32_t>(i), m = static_cast<std::uint32_t>(trial);
+      const float t = 0.06F + 0.86F * c.draws.uniform(12, n, m), a = 2 * kPi * c.draws.uniform(13, n, m);
+      const float r = 0.86F * reach * outline(h, t) * std::pow(c.draws.uniform(14, n, m), 1 / h.shell);
+      const Vec3 p(r * std::cos(a), r * std::sin(a), t * length);
+      float gap = 1e9F;
+      for (const Vec3& q : middles) gap = std::min(gap, (p - q).squaredNorm());
+      if (gap > best_gap) best_gap = gap, best = p;
+    }
+    middles.push_back(best);
+  }
   std::vector<Vec3> places;
   for (int i = 0; i < clusters; ++i) {
-    Vec3 best = Vec3::Zero();
+    Vec3 best = middles[i % boughs];
     float best_gap = -1;
-    for (int trial = 0; trial < 10; ++trial) {
+    for (int trial = 0; trial < 8; ++trial) {
       const auto n = static_cast<std::uint32_t>(i), m = static_cast<std::uint32_t>(trial);
-      const float t = 0.02F + 0.96F * c.draws.uniform(2, n, m), a = 2 * kPi * c.draws.uniform(3, n, m);
-      // Lobes and hollows, so that the crown is no egg.
-      const float bump =
-          1 + 0.16F * std::sin(3 * a + lobe + 5 * t) + 0.10F * std::sin(5 * a - 9 * t + 2 * lobe);
-      const float r = reach * outline(h, t) * bump * std::pow(c.draws.uniform(4, n, m), 1 / h.shell) * 0.92F;
-      const Vec3 p(r * std::cos(a), r * std::sin(a), t * length * (0.97F + 0.03F * bump));
+      const float a = 2 * kPi * c.draws.uniform(2, n, m), up = c.draws.spread(3, n, m),
+                  r = std::cbrt(c.draws.uniform(4, n, m));
+      const float flat = std::sqrt(1 - up * up) * r;
+      const Vec3 p = middles[i % boughs] +
+                     bough_m * Vec3(0.62F * flat * std::cos(a), 0.62F * flat * std::sin(a), 0.42F * r * up);
+      if (inside(p) > 1.05F) continue;
       float gap = 1e9F;
       for (const Vec3& q : places) gap = std::min(gap, (p - q).squaredNorm());
-      // Large crowns are open below and inside.
-      const float inner = r / std::max(0.1F, reach * outline(h, t));
-      gap *= 0.5F + 0.5F * std::min(1.0F, inner + t);
       if (gap > best_gap) best_gap = gap, best = p;
     }
     places.push_back(best);

@@ -58,7 +58,8 @@ class Canvas {
                        across = std::fabs((y - y0) * ax - (x - x0) * ay);
            const float s = along / length;
            if (s < 0 || s > 1) return;
-           const float w = half_width * std::pow(std::sin(3.14159265F * std::pow(s, 0.8F)), 0.7F);
+           const float w =
+               half_width * std::pow(std::max(0.0F, std::sin(3.14159265F * std::pow(s, 0.8F))), 0.7F);
            const float rib = across < 0.09F * half_width + 0.4F
                                  ? 1.12F
                                  : 1.0F - 0.12F * across / std::max(half_width, 1.0F);

@@ -16,7 +16,7 @@ struct Habit {
   float droop = 0.3F, rise = 0.2F;  ///< how far it sinks along its way, and how far its tip rises again
   float fan = 0.26F;                ///< half width of a bough / its length
   float lateral_angle = 0.95F, lateral_fall = 0.2F, roll = 0.3F;  ///< of the twigs on a branch
-  float bare = 0.25F;    ///< share of a branch near the trunk without leaves (old trees)
+  float bare = 0.16F;    ///< share of a branch near the trunk without leaves (old trees)
   float ragged = 0.15F;  ///< spread of the branches' lengths
   int whorl = 1;         ///< branches at one height
   float density = 1.0F;  ///< number of branches, relative
@@ -25,7 +25,7 @@ struct Habit {
   float second_layer = 0.0F;  ///< share of twigs doubled by a hanging or rising one
 };
 
-float spire(float t) { return std::pow(1 - t, 0.85F) * (0.88F + 0.12F * std::min(1.0F, t / 0.12F)); }
+float spire(float t) { return std::pow(1 - t, 0.76F) * (0.88F + 0.12F * std::min(1.0F, t / 0.12F)); }
 float narrow_column(float t) { return std::pow(1 - t, 0.62F); }
 float soft_cone(float t) { return std::pow(1 - t, 0.78F) * (0.82F + 0.18F * std::min(1.0F, t / 0.18F)); }
 float broad_column(float t) { return std::pow(1 - t, 0.55F) * (0.72F + 0.28F * std::min(1.0F, t / 0.3F)); }
@@ -39,30 +39,30 @@ Habit habit_of(TreeForm form, int age_class) {
   const float old = static_cast<float>(age_class) / (kAgeClasses - 1);
   switch (form) {
     case TreeForm::spruce:
-      h.outline = spire, h.low = -0.25F, h.high = 0.75F, h.droop = 0.35F, h.rise = 0.75F, h.fan = 0.24F;
+      h.outline = spire, h.low = -0.25F, h.high = 0.75F, h.droop = 0.35F, h.rise = 0.75F, h.fan = 0.20F;
       h.lateral_fall = 0.75F, h.roll = 0.45F, h.whorl = 5, h.second_layer = 0.3F, h.density = 1.05F;
       break;
     case TreeForm::fir:
       h.outline = narrow_column, h.low = -0.22F - 0.15F * old, h.high = 0.55F, h.droop = 0.22F,
       h.rise = 0.35F;
-      h.fan = 0.30F, h.lateral_fall = 0.05F, h.roll = 0.28F, h.whorl = 5, h.ragged = 0.12F, h.density = 1.1F;
+      h.fan = 0.25F, h.lateral_fall = 0.05F, h.roll = 0.28F, h.whorl = 5, h.ragged = 0.12F, h.density = 1.1F;
       h.second_layer = 0.25F;
       break;
     case TreeForm::hemlock:
-      h.outline = soft_cone, h.low = 0.12F, h.high = 0.75F, h.droop = 1.0F, h.rise = 0.0F, h.fan = 0.30F;
-      h.lateral_angle = 0.9F, h.lateral_fall = 0.35F, h.roll = 0.5F, h.ragged = 0.28F, h.leader_bend = 2.1F;
+      h.outline = soft_cone, h.low = 0.12F, h.high = 0.75F, h.droop = 1.0F, h.rise = 0.0F, h.fan = 0.22F;
+      h.lateral_angle = 0.9F, h.lateral_fall = 0.35F, h.roll = 0.5F, h.ragged = 0.28F, h.leader_bend = 1.75F;
       h.second_layer = 0.35F, h.density = 1.1F, h.twig_size = 0.95F;
       break;
     case TreeForm::douglas_fir:
       h.outline = age_class >= 3 ? broad_column : spire, h.low = -0.15F - 0.1F * old, h.high = 0.8F,
       h.droop = 0.2F;
-      h.rise = 0.35F, h.fan = 0.25F, h.lateral_fall = 0.45F, h.roll = 0.9F, h.ragged = 0.18F + 0.25F * old;
+      h.rise = 0.35F, h.fan = 0.20F, h.lateral_fall = 0.45F, h.roll = 0.9F, h.ragged = 0.18F + 0.25F * old;
       h.second_layer = 0.5F, h.density = 0.95F;
       break;
     case TreeForm::cedar:
       h.outline = age_class >= 4 ? soft_cone : spire, h.low = 0.1F, h.high = 0.8F, h.droop = 1.15F,
       h.rise = 1.25F;
-      h.fan = 0.26F, h.lateral_angle = 0.8F, h.lateral_fall = 0.95F, h.roll = 0.5F, h.ragged = 0.22F;
+      h.fan = 0.20F, h.lateral_angle = 0.8F, h.lateral_fall = 0.95F, h.roll = 0.5F, h.ragged = 0.22F;
       h.second_layer = 0.4F, h.leader_bend = 0.5F;
       break;
     case TreeForm::yew:
@@ -72,7 +72,7 @@ Habit habit_of(TreeForm form, int age_class) {
     case TreeForm::pine:
       h.outline = age_class >= 3 ? dome : soft_cone, h.low = -0.05F, h.high = 0.9F, h.droop = 0.1F,
       h.rise = 0.65F;
-      h.fan = 0.28F, h.lateral_fall = -0.25F, h.roll = 1.2F, h.bare = 0.4F, h.ragged = 0.2F + 0.15F * old;
+      h.fan = 0.24F, h.lateral_fall = -0.25F, h.roll = 1.2F, h.bare = 0.35F, h.ragged = 0.2F + 0.15F * old;
       h.whorl = 5, h.density = 0.62F, h.twig_size = 1.1F, h.second_layer = 0.8F;
       break;
     default:  // larch
@@ -90,6 +90,11 @@ struct Branch {
   float length, thickness, t;
   std::uint32_t index;
 };
+
+/// Young branches are wide for their length.
+float fan_of(const Habit& h, const Branch& b) {
+  return h.fan * (1 + 0.9F * std::max(0.0F, 1 - b.length / 3.0F));
+}
 
 constexpr int kPathPoints = 6;
 
@@ -178,7 +183,7 @@ Crown plan(const CrownKey& key) {
                                      static_cast<std::uint64_t>(key.age_class) * 8 +
                                      static_cast<std::uint64_t>(key.variant))};
   const Habit& h = c.habit;
-  constexpr int kBranches[kAgeClasses] = {26, 60, 96, 130, 165};
+  constexpr int kBranches[kAgeClasses] = {30, 72, 120, 170, 220};
   const int n = static_cast<int>(static_cast<float>(kBranches[key.age_class]) * h.density);
   const float length = c.size.crown_m, leader = std::min(1.6F, 0.09F * length + 0.12F);
   const float stem = length - leader * (h.leader_bend > 1.5F ? 0.55F : 0.95F);
@@ -188,7 +193,7 @@ Crown plan(const CrownKey& key) {
     const float whorls = std::ceil(static_cast<float>(n) / static_cast<float>(h.whorl));
     const float u = (static_cast<float>(whorl) + 0.5F) / whorls;
     const float jitter = (h.whorl > 1 ? 0.35F : 0.9F) / whorls * c.draws.spread(1, k);
-    const float t = std::clamp(std::pow(u, 0.86F) + jitter, 0.0F, 0.995F);
+    const float t = std::clamp(1 - std::pow(1 - u, 1.3F) + jitter * (1 - 0.7F * u), 0.0F, 0.99F);
     const float azimuth = h.whorl > 1
                               ? kGoldenAngle * static_cast<float>(whorl) +
                                     2 * kPi * (static_cast<float>(arm) + 0.35F * c.draws.spread(2, k)) /
@@ -199,7 +204,7 @@ Crown plan(const CrownKey& key) {
                        std::sin(11.0F * t + 6.28F * c.draws.uniform(90, 1));
     float reach =
         c.size.radius_m * h.outline(t) * (1 + h.ragged * (0.8F * c.draws.spread(3, k) + 0.5F * side));
-    reach = std::max(reach, 0.05F * c.size.radius_m + 0.05F);
+    reach = std::max(reach, 0.07F * c.size.radius_m + 0.07F);
     c.branches.push_back(
         make_branch(h, t, t * stem, azimuth, reach, 0.16F * c.draws.spread(4, k), length, c.draws, k));
   }
@@ -247,8 +252,8 @@ void twigs_of(MeshBuilder& out, const Crown& c, const Branch& b, float spacing_m
       const Vec3 base = on_path(b, s), along = along_path(b, s);
       const float f = arm ? 1.0F : -1.0F;
       const float lance = std::pow(std::sin(kPi * std::clamp(0.20F + 0.74F * q, 0.0F, 1.0F)), 0.7F);
-      float length = h.twig_size * 1.25F * h.fan * b.length * lance * (1 + 0.25F * rnd(1));
-      length = std::max(length, std::min(0.16F, 0.5F * b.length));
+      float length = h.twig_size * 1.25F * fan_of(h, b) * b.length * lance * (1 + 0.4F * rnd(1));
+      length = std::max(length, std::min(b.index == 5000 ? 0.14F : 0.24F, 0.55F * b.length));
       const float angle = h.lateral_angle * (1 + 0.18F * rnd(2)) * (1 - 0.35F * q);
       Vec3 d = std::cos(angle) * along + f * std::sin(angle) * b.side;
       const float fall = h.lateral_fall * (0.7F + 0.6F * c.draws.uniform(24, b.index, item));
@@ -281,8 +286,9 @@ void twigs_of(MeshBuilder& out, const Crown& c, const Branch& b, float spacing_m
     const Vec3 up = k ? b.side : b.up;
     const Vec3 facing = up.dot(c.outward(end, Vec3(0, 0, 0.2F))) < 0 ? Vec3(-up) : up;
     if (k && b.index != 5000 && b.length > 1.0F) break;
-    out.card(end, length * along, facing, 0.25F * length, k, c.outward(end, facing),
-             c.outward(end + length * along, facing), c.sway(end), c.sway(end + length * along));
+    out.card(end, length * along, facing, (b.index == 5000 ? 0.13F : 0.25F) * length, k,
+             c.outward(end, facing), c.outward(end + length * along, facing), c.sway(end),
+             c.sway(end + length * along));
   }
 }
 
@@ -290,6 +296,16 @@ void twigs_of(MeshBuilder& out, const Crown& c, const Branch& b, float spacing_m
 void bough_of(MeshBuilder& out, const Crown& c, const Branch& b, int segments, float width_scale) {
   const Habit& h = c.habit;
   const float first = 0.6F * h.bare;
+  if (segments == 0) {
+    const Vec3 base = on_path(b, first), along = 1.06F * (b.path.back() - base),
+               up = b.up.z() < 0 ? Vec3(-b.up) : b.up;
+    const float half = std::max(0.05F, 1.15F * fan_of(h, b) * b.length) * width_scale;
+    // Tilted a little to one side or the other: from the side a level card is not there.
+    const Vec3 leaning = (up + (b.index % 3 ? 0.6F : -0.6F) * b.side).normalized();
+    out.card(base, along, leaning, half, kBoughCell, c.outward(base, up), c.outward(base + along, up),
+             c.sway(base), c.sway(base + along));
+    return;
+  }
   std::vector<MeshBuilder::BoughPoint> path;
   for (int i = 0; i <= segments; ++i) {
     const float s = first + (1.06F - first) * static_cast<float>(i) / static_cast<float>(segments);
@@ -297,7 +313,7 @@ void bough_of(MeshBuilder& out, const Crown& c, const Branch& b, int segments, f
     if (s > 1) p += (s - 1) * b.length * along_path(b, 1);
     const Vec3 normal = c.outward(p, b.up.z() < 0 ? Vec3(-b.up) : b.up);
     path.push_back(
-        {p, b.side, b.up, normal, std::max(0.05F, 1.15F * h.fan * b.length) * width_scale, c.sway(p)});
+        {p, b.side, b.up, normal, std::max(0.05F, 1.15F * fan_of(h, b) * b.length) * width_scale, c.sway(p)});
   }
   out.bough(path, std::clamp(0.25F + 0.7F * h.lateral_fall + 0.25F * h.second_layer, 0.15F, 1.0F),
             kBoughCell);
@@ -312,12 +328,12 @@ CrownMeshes make_conifer_crown(const CrownKey& key) {
   CrownMeshes out;
   out.length_m = c.size.crown_m;
 
-  constexpr float kSpacing_m[kAgeClasses] = {0.07F, 0.11F, 0.16F, 0.20F, 0.24F};
-  constexpr int kMostPairs[kAgeClasses] = {5, 8, 11, 14, 16};
+  constexpr float kSpacing_m[kAgeClasses] = {0.08F, 0.13F, 0.19F, 0.25F, 0.30F};
+  constexpr int kMostPairs[kAgeClasses] = {5, 7, 9, 11, 12};
   MeshBuilder fine;
   fine.set_coverage(foliage.coverage);
   for (const Branch& b : c.branches) {
-    wood_of(fine, c, b, b.length > 1.5F ? 4 : 3);
+    wood_of(fine, c, b, b.length > 0.9F ? 3 : 2);
     twigs_of(fine, c, b, kSpacing_m[key.age_class], kMostPairs[key.age_class]);
   }
   wood_of(fine, c, c.leader, 4);
@@ -326,16 +342,20 @@ CrownMeshes make_conifer_crown(const CrownKey& key) {
   out.levels.push_back(fine.finish(bark, foliage.surface));
 
   struct Level {
-    int every, segments;
-    float area;  ///< share of the leaf area that it keeps: larger cards hide less of one another
+    int every, segments;  ///< 0: one flat card
+    float area;           ///< share of the leaf area that it keeps: larger cards hide less of one another
   };
-  constexpr Level kLevels[kCrownLevels - 1] = {{1, 3, 0.85F}, {2, 2, 0.8F}, {5, 1, 0.75F}};
+  constexpr Level kLevels[kCrownLevels - 1] = {{1, 2, 0.9F}, {2, 1, 0.9F}, {4, 0, 0.85F}};
   for (const Level& level : kLevels) {
     const auto build = [&](MeshBuilder& mesh, float width_scale) {
       mesh.set_coverage(foliage.coverage);
-      const std::size_t offset = static_cast<std::size_t>(level.every) / 2;
-      for (std::size_t i = offset; i < c.branches.size(); i += static_cast<std::size_t>(level.every))
-        bough_of(mesh, c, c.branches[i], level.segments, width_scale);
+      // One of each few, by lot: at equal steps the spiral of the branches would show.
+      const auto step = static_cast<std::size_t>(level.every);
+      for (std::size_t i = 0; i < c.branches.size(); i += step) {
+        const auto lot = static_cast<std::size_t>(c.draws.uniform(50, static_cast<std::uint32_t>(i)) *
+                                                  static_cast<float>(step));
+        bough_of(mesh, c, c.branches[std::min(i + lot, c.branches.size() - 1)], level.segments, width_scale);
+      }
       bough_of(mesh, c, c.leader, std::min(2, level.segments), 1.0F);
     };
     MeshBuilder trial;

@@ -165,7 +165,7 @@ inline Picture lit_picture(const std::vector<Placed>& scene, const Eye& eye, int
     for (int k = 0; k < 3; ++k) {
       const float f = t[k] * tint[k];
       const float direct = lit * (cosine > 0 ? cosine * s.reflectance[k] : -cosine * s.transmittance[k]);
-      c[k] = f * (3.2F * direct + (0.55F + 0.45F * n.z()) * 0.9F * (k == 2 ? 1.25F : 1.0F) *
+      c[k] = f * (3.2F * direct + (0.55F + 0.45F * n.z()) * 0.65F * (k == 2 ? 1.25F : 1.0F) *
                                       (s.reflectance[k] + 0.4F * s.transmittance[k]));
     }
     return c;
@@ -180,7 +180,7 @@ inline Picture lit_picture(const std::vector<Placed>& scene, const Eye& eye, int
         for (int d = 0; d < 4; ++d) {
           const float v =
               view.out.rgb[3 * (static_cast<std::size_t>(2 * y + d / 2) * 2 * width + 2 * x + d % 2) + k];
-          sum += v < 0 ? (k == 2 ? 0.85F : k == 1 ? 0.72F : 0.62F) * 0.8F : v * 2.2F;
+          sum += v < 0 ? (k == 2 ? 0.85F : k == 1 ? 0.72F : 0.62F) * 0.8F : v * 1.7F;
         }
         out.rgb.push_back(sum / 4);
       }
