@@ -4,6 +4,7 @@
 // and what it has acknowledged survives kill -9 and power loss.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -15,21 +16,28 @@ namespace rigor::world {
 
 class WorldFile {
  public:
-  /// A new file for this database; the first persist() writes all of it. Errors: not_writable, bad_input (it
-  /// exists).
+  enum class Access : std::uint8_t { read_write, read_only };
+
+  /// A new file for this database, a world without nodes; the first persist() writes all of it. The database
+  /// must outlive the file. Errors: not_writable, bad_input (it exists), disk_full.
   [[nodiscard]] static Result<std::unique_ptr<WorldFile>> create(const std::filesystem::path& file,
                                                                  Database& db);
   /// Opens, migrates an older version, and loads into `db`, which must hold no nodes; types that the file
-  /// knows and the database does not are defined. Errors: not_found, bad_input (no world, a newer version, a
-  /// type that differs, cut short).
+  /// knows and the database does not are defined. Rules run over what was loaded; there is nothing to undo
+  /// afterwards. Errors: not_found, bad_input (no world, a newer version, a type that differs, cut short, a
+  /// rule's veto), not_writable (for read_write), wrong_state (the database has nodes). With read_only the
+  /// file stays as it is, whatever its version, and persist() is refused.
   [[nodiscard]] static Result<std::unique_ptr<WorldFile>> open(const std::filesystem::path& file,
-                                                               Database& db);
+                                                               Database& db,
+                                                               Access access = Access::read_write);
   ~WorldFile();
   WorldFile(const WorldFile&) = delete;
   WorldFile& operator=(const WorldFile&) = delete;
 
-  /// World thread. Errors: disk_full, io. After an error the file holds what was acknowledged last, and the
-  /// next call tries again.
+  /// World thread. Writes what has changed since the last call, in one transaction of SQLite, and returns
+  /// when it is safe on the disk. Errors: disk_full, io (another program has the file locked, or has written
+  /// to it), not_writable, bad_input (values of one node beyond 1 GB). After an error the file holds what was
+  /// acknowledged last, and the next call tries again.
   [[nodiscard]] Status persist();
 
   struct Impl;
