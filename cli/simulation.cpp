@@ -8,6 +8,8 @@
 #include "sensor-hal/models/camera_yaml.h"
 #include "sim/render/device.h"
 #include "sim/sensors/camera_simulator.h"
+#include "sim/world/scene_graph.h"
+#include "sim/world/semantic_types.h"
 #include "sim/world/world_yaml.h"
 
 namespace rigor {
@@ -114,7 +116,8 @@ class CameraProvider final : public ImageProvider {
 
 struct Simulation::Impl {
   SimulationConfig config;
-  std::shared_ptr<const world::Scene> scene;
+  std::unique_ptr<world::Database> db;
+  std::shared_ptr<const world::Scene> scene;  ///< the cameras' view of it
   std::vector<std::size_t> joints;
   std::shared_ptr<render::Device> device;
 
@@ -135,7 +138,12 @@ Simulation::~Simulation() = default;
 Result<std::unique_ptr<Simulation>> Simulation::open(const SimulationConfig& config) {
   auto impl = std::make_unique<Impl>();
   impl->config = config;
-  auto scene = world::load_world(config.world);
+  auto file = world::load_world(config.world);
+  if (!file) return tl::unexpected<Error>(file.error());
+  impl->db = world::Database::create();
+  if (auto s = world::define_semantic_types(*impl->db); !s) return tl::unexpected<Error>(s.error());
+  if (auto s = world::put_scene(*impl->db, *file); !s) return tl::unexpected<Error>(s.error());
+  auto scene = world::scene_of(impl->db->snapshot());
   if (!scene) return tl::unexpected<Error>(scene.error());
   impl->scene = std::make_shared<const world::Scene>(std::move(*scene));
   impl->joints = hinged_nodes(*impl->scene);

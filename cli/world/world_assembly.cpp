@@ -9,8 +9,10 @@
 #include "sensor-hal/config/yaml.h"
 #include "sim/gis/import.h"
 #include "sim/render/models/providers.h"
+#include "sim/world/scene_graph.h"
 #include "sim/world/semantic_types.h"
 #include "sim/world/store/world_file.h"
+#include "sim/world/world_yaml.h"
 
 namespace rigor {
 namespace {
@@ -71,7 +73,16 @@ Result<OpenedWorld> open_world(const std::filesystem::path& file) {
   const std::string name = file.filename().string();
   if (name.ends_with(".import.yaml")) return opened_from_plan(file, std::move(opened));
   if (name.ends_with(".yaml") || name.ends_with(".yml")) {
-    if (auto s = world::import_world_yaml(file, *opened.db); !s) return tl::unexpected(s.error());
+    // A world of nodes says so in its first key; else it is a scene of boxes and cylinders.
+    const auto document = ConfigDocument::load(file);
+    if (!document) return tl::unexpected(document.error());
+    if (document->has("materials") || document->has("bodies")) {
+      const auto scene = world::load_world(file);
+      if (!scene) return tl::unexpected(scene.error());
+      if (auto s = world::put_scene(*opened.db, *scene); !s) return tl::unexpected(s.error());
+    } else if (auto s = world::import_world_yaml(file, *opened.db); !s) {
+      return tl::unexpected(s.error());
+    }
     return opened;
   }
   if (auto f = world::WorldFile::open(file, *opened.db); !f) return tl::unexpected(f.error());

@@ -10,6 +10,8 @@ namespace {
 TEST(WorldYaml, LoadsEveryWorldThatIsShipped) {
   int loaded = 0;
   for (const auto& entry : std::filesystem::directory_iterator(RIGOR_SOURCE_DIR "/configs/worlds")) {
+    const std::string name = entry.path().filename().string();
+    if (!name.ends_with(".yaml") || name.ends_with(".import.yaml")) continue;  // plans: tests/sim/gis
     const auto scene = load_world(entry.path());
     EXPECT_TRUE(scene) << scene.error().text();
     ++loaded;
