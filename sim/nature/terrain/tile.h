@@ -1,0 +1,29 @@
+// One square of the ground as an engine draws it: mesh, and the pictures of its reflectance.
+#pragma once
+
+#include <memory>
+
+#include "sim/nature/terrain/height_tree.h"
+#include "sim/render/content/content.h"
+
+namespace rigor::nature {
+
+/// Texels along a tile's side, all tiles; the outer rows of texels lie on the edges, so neighbours share
+/// them.
+inline constexpr int kTileTexels = 128;
+
+/// The part of a node that is drawn, in blocks of 2^s cells, with skirts down to what any neighbour can show
+/// on the shared edge. Positions are relative to `origin`. Null where nothing is drawn.
+[[nodiscard]] std::shared_ptr<render::Mesh> tile_mesh(const HeightTree& tree, const TreeNode& node, int s,
+                                                      const Eigen::Vector3d& origin);
+
+/// What the ground of a node reflects: colour map and near-infrared map over a surface of reflectance 1.
+/// `plain_imagery`: the imagery where there is some.
+[[nodiscard]] std::shared_ptr<render::Surface> tile_surface(const HeightTree& tree, const TreeNode& node,
+                                                            bool plain_imagery);
+
+/// The sheet of a body of water, relative to `origin`; null where it has no area.
+[[nodiscard]] std::shared_ptr<render::Mesh> water_mesh(const Ground& ground, const WaterBody& body,
+                                                       const Eigen::Vector3d& origin);
+
+}  // namespace rigor::nature

@@ -1,0 +1,236 @@
+#include <array>
+#include <optional>
+#include <string_view>
+
+#include "sim/nature/terrain/tile.h"
+#include "sim/render/content/surface_library.h"
+
+namespace rigor::nature {
+namespace {
+
+using render::Spectrum;
+
+/// What a cover is made of: a first surface, and two that take a share of its area in patches; `tone` and
+/// `grain` are the relative standard deviations of brightness over metres and over centimetres.
+struct Recipe {
+  std::string_view first, second, third;
+  double second_share, third_share;
+  double tone, grain;
+  bool overgrown;  ///< gives way to soil and rock where it is steep
+};
+constexpr Recipe kRecipes[] = {
+    {"soil", "gravel", "soil", 0.2, 0, 0.15, 0.15, false},           // water: its bed
+    {"grass", "dry_grass", "soil", 0.22, 0.08, 0.16, 0.24, true},    // grass
+    {"grass", "dry_grass", "soil", 0.38, 0.04, 0.20, 0.26, true},    // meadow
+    {"grass", "leaf_litter", "soil", 0.35, 0.10, 0.18, 0.28, true},  // shrub
+    {"leaf_litter", "soil", "grass", 0.30, 0.16, 0.18, 0.30, true},  // forest_floor
+    {"leaf_litter", "grass", "soil", 0.40, 0.12, 0.18, 0.28, true},  // fern
+    {"soil", "gravel", "leaf_litter", 0.10, 0.06, 0.14, 0.20, true},
+    {"rock", "gravel", "soil", 0.18, 0.08, 0.18, 0.18, false},
+    {"gravel", "soil", "sand", 0.12, 0.10, 0.10, 0.26, false},
+    {"sand", "gravel", "sand", 0.06, 0, 0.08, 0.08, false},
+    {"snow", "snow", "snow", 0, 0, 0.02, 0.015, false},
+    {"asphalt", "asphalt", "gravel", 0, 0.01, 0.08, 0.14, false},
+    {"concrete", "concrete", "soil", 0, 0.02, 0.07, 0.06, false},
+    {"crop", "soil", "dry_grass", 0.22, 0.08, 0.10, 0.24, true},
+    {"grass", "soil", "dry_grass", 0.28, 0.20, 0.18, 0.24, false},    // wetland
+    {"concrete", "asphalt", "grass", 0.35, 0.18, 0.15, 0.14, false},  // built_up
+    {"grass", "dry_grass", "soil", 0.22, 0.08, 0.16, 0.24, true},     // nobody says what it is
+};
+static_assert(std::size(kRecipes) == kBareGround + 1);
+static_assert(std::size(world::types::kCoverWords) == kBareGround);
+
+/// Surfaces of the library, and two that only the ground needs.
+Spectrum spectrum(std::string_view name) {
+  // Senescent grass and a closed cereal canopy, after the shapes of the USGS and ECOSTRESS libraries.
+  if (name == "dry_grass") return {0.20F, 0.155F, 0.095F, 0.40F, 0.43F, 0.36F};
+  if (name == "crop") return {0.07F, 0.105F, 0.045F, 0.44F, 0.46F, 0.24F};
+  return render::SurfaceLibrary::builtin().get(name)->reflectance;
+}
+
+struct Mixture {
+  std::array<Spectrum, 3> part;
+};
+const std::array<Mixture, std::size(kRecipes)>& mixtures() {
+  static const auto all = [] {
+    std::array<Mixture, std::size(kRecipes)> m;
+    for (std::size_t i = 0; i < m.size(); ++i) {
+      m[i].part = {spectrum(kRecipes[i].first), spectrum(kRecipes[i].second), spectrum(kRecipes[i].third)};
+    }
+    return m;
+  }();
+  return all;
+}
+
+/// Share of a patchy surface at a place whose noise is n (standard deviation 1 in full): a soft threshold
+/// that keeps the share on average however much of the noise is missing.
+double patch_share(double n, double missing, double share) {
+  if (share <= 0) return 0;
+  const double threshold = std::log((1 - share) / share) / 1.7;
+  const double width = std::max(0.12, missing / 1.7);
+  return 1 / (1 + std::exp(-(n - threshold) / width));
+}
+
+std::uint8_t srgb_byte(float linear) {
+  static const auto table = [] {
+    std::array<std::uint8_t, 4097> t{};
+    for (std::size_t i = 0; i < t.size(); ++i) {
+      const double v = static_cast<double>(i) / 4096;
+      const double e = v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1 / 2.4) - 0.055;
+      t[i] = static_cast<std::uint8_t>(std::lround(e * 255));
+    }
+    return t;
+  }();
+  return table[static_cast<std::size_t>(std::lround(std::clamp(linear, 0.0F, 1.0F) * 4096))];
+}
+
+double smoothstep(double low, double high, double v) {
+  const double t = std::clamp((v - low) / (high - low), 0.0, 1.0);
+  return t * t * (3 - 2 * t);
+}
+
+/// A channel of noise over the texels of a tile, divided by its standard deviation.
+struct Channel {
+  Channel(const FractalNoise& noise, const RasterPlaces& places) : raster(noise_over(noise, places)) {
+    const double sigma = noise.sigma();
+    for (float& v : raster.values) v = static_cast<float>(v / sigma);
+    missing = raster.missing_sigma / sigma;
+  }
+  NoiseRaster raster;
+  double missing;
+};
+
+class Painter {
+ public:
+  Painter(const HeightTree& tree, const RasterPlaces& places)
+      : tree_(tree),
+        places_(places),
+        tone_({.stream = 1, .longest = 7, .shortest = 0, .gain = 0.75}, places),
+        patch_({.stream = 2, .longest = 4, .shortest = -4, .gain = 0.75}, places),
+        patch2_({.stream = 3, .longest = 3, .shortest = -4, .gain = 0.8}, places),
+        grain_({.stream = 4, .longest = -1, .shortest = -6, .gain = 0.9}, places) {}
+
+  Spectrum at(int column, int row) {
+    const double x = places_.x0 + places_.step * column, y = places_.y0 - places_.step * row;
+    texel_ = static_cast<std::size_t>(row) * places_.n + column;
+    const CoverMix mix = tree_.ground().cover_mix(x, y, [&](std::uint8_t cover, double spacing) {
+      auto& channel = borders_[cover];
+      if (!channel) channel.emplace(border_noise(cover, spacing), places_);
+      return channel->raster.values[texel_];
+    });
+    Spectrum sum{};
+    const auto& f = tree_.grid().frame;
+    double slope = grid_slope(tree_.grid(), f.u(x), f.v(y)).norm();
+    if (!std::isfinite(slope)) slope = 0;
+    for (int i = 0; i < mix.count; ++i) {
+      if (mix.weight[i] < 1e-3F) continue;
+      const Spectrum one = cover(mix.cover[i], slope);
+      for (std::size_t b = 0; b < sum.size(); ++b) sum[b] += mix.weight[i] * one[b];
+    }
+    return sum;
+  }
+
+ private:
+  [[nodiscard]] Spectrum cover(std::uint8_t which, double slope) const {
+    const Recipe& recipe = kRecipes[which];
+    Spectrum s = ingredients(which);
+    if (recipe.overgrown && slope > 0.3) {
+      const double rough = slope + 0.12 * patch_.raster.values[texel_];
+      const double soil = smoothstep(0.55, 0.95, rough), rock = smoothstep(0.8, 1.15, rough);
+      static const auto soil_cover = cover_index("soil"), rock_cover = cover_index("rock");
+      if (soil > 0) s = blend(s, ingredients(soil_cover), soil * 0.8);
+      if (rock > 0) s = blend(s, ingredients(rock_cover), rock);
+    }
+    return s;
+  }
+
+  [[nodiscard]] Spectrum ingredients(std::uint8_t which) const {
+    const Recipe& recipe = kRecipes[which];
+    const auto& part = mixtures()[which].part;
+    Spectrum s = part[0];
+    const double second = patch_share(patch_.raster.values[texel_], patch_.missing, recipe.second_share);
+    if (second > 0) s = blend(s, part[1], second);
+    const double third = patch_share(patch2_.raster.values[texel_], patch2_.missing, recipe.third_share);
+    if (third > 0) s = blend(s, part[2], third);
+    const double brightness = std::max(
+        0.25, 1 + recipe.tone * tone_.raster.values[texel_] + recipe.grain * grain_.raster.values[texel_]);
+    for (float& v : s) v = std::min(0.98F, static_cast<float>(v * brightness));
+    return s;
+  }
+
+  static Spectrum blend(const Spectrum& a, const Spectrum& b, double t) {
+    Spectrum s;
+    for (std::size_t i = 0; i < s.size(); ++i) s[i] = a[i] + (b[i] - a[i]) * static_cast<float>(t);
+    return s;
+  }
+
+  const HeightTree& tree_;
+  RasterPlaces places_;
+  Channel tone_, patch_, patch2_, grain_;
+  std::array<std::optional<Channel>, kBareGround> borders_;
+  std::size_t texel_ = 0;
+};
+
+/// Bilinear; false where no picture is.
+bool picture_at(const Ground& ground, double x, double y, std::array<std::uint8_t, 3>& out) {
+  for (const auto& p : ground.pictures) {
+    if (!p.frame.cells().contains(x, y)) continue;
+    const double u = std::clamp(p.frame.u(x), 0.0, p.frame.columns - 1.0);
+    const double v = std::clamp(p.frame.v(y), 0.0, p.frame.rows - 1.0);
+    const int c = static_cast<int>(u), r = static_cast<int>(v);
+    const int c1 = std::min(c + 1, p.frame.columns - 1), r1 = std::min(r + 1, p.frame.rows - 1);
+    const double fu = u - c, fv = v - r;
+    const auto mixed = [&](std::uint8_t Rgb8::*k) {
+      const double top = p.at(c, r).*k * (1 - fu) + p.at(c1, r).*k * fu;
+      const double bottom = p.at(c, r1).*k * (1 - fu) + p.at(c1, r1).*k * fu;
+      return static_cast<std::uint8_t>(std::lround(top * (1 - fv) + bottom * fv));
+    };
+    out = {mixed(&Rgb8::r), mixed(&Rgb8::g), mixed(&Rgb8::b)};
+    return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+std::shared_ptr<render::Surface> tile_surface(const HeightTree& tree, const TreeNode& node,
+                                              bool plain_imagery) {
+  const auto& f = tree.grid().frame;
+  const double size = std::ldexp(1.0, node.m), x0 = f.x(static_cast<double>(node.i) * size),
+               y0 = f.y(static_cast<double>(node.j) * size);
+  const RasterPlaces places{x0, y0, size * f.spacing_m / (kTileTexels - 1), kTileTexels};
+  Painter painter(tree, places);
+  const auto texture = [] {
+    auto t = std::make_shared<render::Texture>();
+    t->width = t->height = kTileTexels;
+    t->repeat = false;
+    t->rgba.resize(static_cast<std::size_t>(kTileTexels) * kTileTexels * 4);
+    return t;
+  };
+  auto colour = texture(), infrared = texture();
+  for (int row = 0; row < kTileTexels; ++row) {
+    for (int column = 0; column < kTileTexels; ++column) {
+      const Spectrum s = painter.at(column, row);
+      const std::size_t at = (static_cast<std::size_t>(row) * kTileTexels + column) * 4;
+      for (std::size_t k = 0; k < 3; ++k) {
+        colour->rgba[at + k] = srgb_byte(s[k]);
+        infrared->rgba[at + k] = srgb_byte(s[k + 3]);
+      }
+      colour->rgba[at + 3] = infrared->rgba[at + 3] = 255;
+      std::array<std::uint8_t, 3> rgb{};
+      if (plain_imagery &&
+          picture_at(tree.ground(), x0 + places.step * column, y0 - places.step * row, rgb)) {
+        std::copy(rgb.begin(), rgb.end(), colour->rgba.begin() + static_cast<std::ptrdiff_t>(at));
+      }
+    }
+  }
+  auto surface = std::make_shared<render::Surface>();
+  surface->name = "ground";
+  surface->reflectance.fill(1.0F);
+  surface->colour_map = std::move(colour);
+  surface->near_infrared_map = std::move(infrared);
+  surface->porosity = 0.8F;
+  return surface;
+}
+
+}  // namespace rigor::nature
