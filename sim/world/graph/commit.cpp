@@ -18,7 +18,6 @@ DatabaseState::~DatabaseState() {
   memory->adopt(writer.world.tables);
   memory->adopt(writer.world.edges);
   memory->adopt(writer.world.dynamics.root);
-  memory->adopt(writer.world.space);
 }
 
 void DatabaseState::schema_grew() {
@@ -28,6 +27,7 @@ void DatabaseState::schema_grew() {
 }
 
 Snapshot DatabaseState::take_snapshot() {
+  writer.settle_places();
   auto state = std::make_shared<SnapshotState>();
   state->world = writer.world;
   state->layout = writer.layout;

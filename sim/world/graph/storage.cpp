@@ -6,6 +6,7 @@
 #include <type_traits>
 
 #include "sim/world/graph/same.h"
+#include "sim/world/graph/space_index.h"
 
 namespace rigor::world {
 namespace {
@@ -130,6 +131,7 @@ void Memory::free_tree(Stored* n) {
     case StoredKind::table: {
       auto* t = static_cast<Table*>(n);
       free_tree(t->ids.root);
+      free_tree(t->space);
       for (std::uint32_t i = 0; i < t->column_count; ++i) free_tree(t->column[i].root);
       break;
     }

@@ -236,6 +236,7 @@ void drop_leaf(Memory& m, Array& a, StoredKind kind, std::size_t row);
 struct Table : Stored {
   std::size_t size = 0;
   Array ids;
+  Stored* space = nullptr;  // where they are: space_index.h
   std::uint32_t column_count = 0;
   Array column[1];
 };
@@ -262,7 +263,6 @@ struct World {
   Tables* tables = nullptr;
   Edges* edges = nullptr;
   Array dynamics;  // of DynamicMap*, by node
-  Stored* space = nullptr;
   [[nodiscard]] Location location(NodeId n) const {
     const Location* l = find<Location>(locations, n.value);
     return l ? *l : Location{};

@@ -4,6 +4,8 @@
 #include <cstring>
 #include <new>
 
+#include "sim/world/graph/space_index.h"
+
 namespace rigor::world {
 namespace {
 
@@ -78,6 +80,10 @@ void Writer::create(NodeId node, std::uint32_t type) {
   edit<Location>(memory_, world.locations, StoredKind::locations, node.value) = {
       type + 1, static_cast<std::uint32_t>(row)};
   ++world.node_count;
+  if (layout->types[type].place != Layout::kNone) {
+    unsettled_.push_back(node);
+    if (node.value < settled_below_) unsettled_low_.insert(node);
+  }
   if (node.value >= world.next_id) world.next_id = node.value + 1;
   if (log) log->ops.push_back({.kind = OpKind::create, .type = type, .node = node});
 }
@@ -102,6 +108,13 @@ void Writer::remove(NodeId node, bool never_was) {
   if (DynamicMap* const d = const_cast<DynamicMap*>(world.dynamic_map(node))) {
     edit<DynamicMap*>(memory_, world.dynamics, StoredKind::dynamics, node.value) = nullptr;
     memory_.retire(d);
+  }
+  if (layout->types[type].place != Layout::kNone) {
+    Vector3 p;
+    if (!is_settled(node))
+      unsettled_low_.erase(node);
+    else if (layout->place(world, node, l, p))
+      space_remove(memory_, t->space, {p.x(), p.y(), p.z(), node});
   }
   // The last row moves into the gap, and its own place becomes a row of defaults.
   const std::size_t last = t->size - 1;
@@ -136,7 +149,8 @@ void Writer::remove(NodeId node, bool never_was) {
 void Writer::set(NodeId node, Location l, std::uint16_t slot, const void* value, bool is_new) {
   const AttributeId a = layout->types[l.type - 1].attributes[slot];
   const ValueKind kind = layout->kinds[a.value];
-  Array& column = my_table(l.type - 1)->column[slot];
+  Table* const t = my_table(l.type - 1);
+  Array& column = t->column[slot];
   const void* usual = layout->defaults[a.value];
   if (log && !is_new) {
     const void* old = find(column, leaf_of(kind), l.row);
@@ -147,7 +161,53 @@ void Writer::set(NodeId node, Location l, std::uint16_t slot, const void* value,
                         .node = node,
                         .other = log->keep(kind, old ? old : usual)});
   }
+  const bool moves = slot == layout->types[l.type - 1].place && is_settled(node);
+  Vector3 before, after;
+  const bool was = moves && layout->place(world, node, l, before);
   leaf_ops(leaf_of(kind)).assign(edit(memory_, column, leaf_of(kind), l.row, usual), value);
+  if (!moves) return;
+  const bool is = layout->place(world, node, l, after);
+  const SpaceEntry from{before.x(), before.y(), before.z(), node}, to{after.x(), after.y(), after.z(), node};
+  if (was && is)
+    space_move(memory_, t->space, from, to);
+  else if (was)
+    space_remove(memory_, t->space, from);
+  else if (is)
+    space_insert(memory_, t->space, to);
+}
+
+void Writer::settle_places() {
+  if (!unsettled_.empty()) {
+    std::vector<std::vector<SpaceEntry>> entries(layout->types.size());
+    std::sort(unsettled_.begin(), unsettled_.end());
+    unsettled_.erase(std::unique(unsettled_.begin(), unsettled_.end()), unsettled_.end());
+    for (const NodeId n : unsettled_) {
+      const Location l = world.location(n);
+      Vector3 p;
+      if (l.is_there() && layout->place(world, n, l, p))
+        entries[l.type - 1].push_back({p.x(), p.y(), p.z(), n});
+    }
+    for (std::uint32_t t = 0; t < entries.size(); ++t)
+      if (!entries[t].empty()) space_insert(memory_, my_table(t)->space, entries[t]);
+    if (unsettled_.capacity() > 4096) std::vector<NodeId>().swap(unsettled_);
+    unsettled_.clear();
+    unsettled_low_.clear();
+  }
+  settled_below_ = world.next_id;
+}
+
+void Writer::part_of_changes(NodeId source, bool connects) {
+  const Location l = world.location(source);
+  const auto& type = layout->types[l.type - 1];
+  if (type.place == Layout::kNone || type.place_kind == ValueKind::vector3 || !is_settled(source)) return;
+  Vector3 p;
+  if (!layout->place(world, source, l, p)) return;  // it has a parent still
+  Table* t = my_table(l.type - 1);
+  const SpaceEntry e{p.x(), p.y(), p.z(), source};
+  if (connects)
+    space_remove(memory_, t->space, e);
+  else
+    space_insert(memory_, t->space, e);
 }
 
 void Writer::set_dynamic(NodeId node, std::uint32_t type, std::string_view name, const Value* value,
@@ -249,6 +309,7 @@ void Writer::erase(Array& lists, NodeId at, std::uint32_t index) {
 
 void Writer::connect(NodeId source, EdgeTypeId edge, NodeId target, std::uint32_t at_out,
                      std::uint32_t at_in) {
+  if (edge == layout->part_of) part_of_changes(source, true);
   EdgeTable& t = my_edges()->of[edge.value];
   insert(t.out, source, at_out, target);
   insert(t.in, target, at_in, source);
@@ -274,6 +335,7 @@ void Writer::disconnect(NodeId source, EdgeTypeId edge, NodeId target) {
   erase(t.out, source, at_out);
   erase(t.in, target, at_in);
   --t.count;
+  if (edge == layout->part_of) part_of_changes(source, false);
   if (log)
     log->ops.push_back({.kind = OpKind::disconnect,
                         .what = edge.value,

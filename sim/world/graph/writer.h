@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <unordered_set>
 #include <vector>
 
 #include "sim/world/graph/log.h"
@@ -34,16 +35,27 @@ class Writer {
   /// Precondition: they are connected.
   void disconnect(NodeId source, EdgeTypeId edge, NodeId target);
 
+  /// Before a snapshot: new nodes get into the index of places, each once, at the place that it has by now.
+  void settle_places();
+
   /// Takes back step `i` of `from`.
   void invert(const Log& from, std::size_t i, bool never_was);
 
  private:
+  /// Whether the index knows of the node: it was there when places were settled last.
+  [[nodiscard]] bool is_settled(NodeId n) const {
+    return n.value < settled_below_ && (unsettled_low_.empty() || !unsettled_low_.contains(n));
+  }
   Table* my_table(std::uint32_t type);
   Tables* my_tables();
   Edges* my_edges();
   void insert(Array& lists, NodeId at, std::uint32_t index, NodeId value);
   void erase(Array& lists, NodeId at, std::uint32_t index);
+  void part_of_changes(NodeId source, bool connects);
   Memory& memory_;
+  std::vector<NodeId> unsettled_;
+  std::unordered_set<NodeId> unsettled_low_;
+  std::uint64_t settled_below_ = 1;
 };
 
 }  // namespace rigor::world
