@@ -4,6 +4,7 @@
 #include "sim/nature/trees/canvas.h"
 #include "sim/nature/trees/draws.h"
 #include "sim/nature/trees/tree_textures.h"
+#include "sim/render/content/surface_library.h"
 
 namespace rigor::nature {
 namespace {
@@ -110,15 +111,13 @@ std::shared_ptr<const render::Surface> make(BarkStyle style) {
       normal->rgba.push_back(255);
     }
   auto surface = std::make_shared<render::Surface>();
-  surface->name = "bark";
-  surface->reflectance = style == BarkStyle::birch
-                             ? render::Spectrum{0.46F, 0.44F, 0.40F, 0.55F, 0.56F, 0.50F}
-                             : render::Spectrum{0.16F, 0.12F, 0.09F, 0.30F, 0.32F, 0.38F};
+  *surface = *render::SurfaceLibrary::builtin().get("bark");
+  surface->serial = render::next_serial();
+  // Betulin makes birch bark white and its near infrared brighter (approximate).
+  if (style == BarkStyle::birch) surface->reflectance = {0.46F, 0.44F, 0.40F, 0.55F, 0.56F, 0.50F};
   for (float& r : surface->reflectance) r = std::min(1.0F, r / static_cast<float>(mean));
-  surface->roughness = 0.95F;
   surface->colour_map = colour;
   surface->normal_map = normal;
-  surface->porosity = 0.7F;
   return surface;
 }
 

@@ -294,6 +294,7 @@ CrownMeshes make_broadleaf_crown(const CrownKey& key) {
   leaves_of(fine, c, {1, kCards[key.age_class], -1, 0.95F}, 1);
   const float leaf_area = fine.leaf_area_m2();
   out.levels.push_back(fine.finish(bark, foliage.surface));
+  out.length_m = out.levels.front()->bounds.max().z();
   struct Level {
     Leaves leaves;
     float area, thinnest;

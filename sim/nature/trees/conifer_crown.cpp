@@ -67,7 +67,7 @@ Habit habit_of(TreeForm form, int age_class) {
       break;
     case TreeForm::yew:
       h.outline = low_bush, h.low = 0.15F, h.high = 0.8F, h.droop = 0.35F, h.rise = 0.1F, h.fan = 0.34F;
-      h.roll = 0.7F, h.ragged = 0.35F, h.density = 0.9F, h.second_layer = 0.4F;
+      h.roll = 0.7F, h.ragged = 0.35F, h.density = 0.82F, h.second_layer = 0.35F;
       break;
     case TreeForm::pine:
       h.outline = age_class >= 3 ? dome : soft_cone, h.low = -0.05F, h.high = 0.9F, h.droop = 0.1F,
@@ -350,7 +350,9 @@ CrownMeshes make_conifer_crown(const CrownKey& key) {
     const auto build = [&](MeshBuilder& mesh, float width_scale) {
       mesh.set_coverage(foliage.coverage);
       // One of each few, by lot: at equal steps the spiral of the branches would show.
-      const auto step = static_cast<std::size_t>(level.every);
+      // A sapling has few branches to leave out.
+      const auto step =
+          static_cast<std::size_t>(std::min(level.every, key.age_class + 1 + (level.segments == 0)));
       for (std::size_t i = 0; i < c.branches.size(); i += step) {
         const auto lot = static_cast<std::size_t>(c.draws.uniform(50, static_cast<std::uint32_t>(i)) *
                                                   static_cast<float>(step));

@@ -4,6 +4,7 @@
 #include "sim/nature/trees/canvas.h"
 #include "sim/nature/trees/draws.h"
 #include "sim/nature/trees/tree_textures.h"
+#include "sim/render/content/surface_library.h"
 
 namespace rigor::nature {
 namespace {
@@ -264,21 +265,16 @@ FoliageSurface make(TreeForm form) {
 
   auto surface = std::make_shared<render::Surface>();
   const bool needles = is_conifer(form);
-  surface->name = needles ? "needles" : "broad_leaves";
-  surface->reflectance = needles ? render::Spectrum{0.06F, 0.09F, 0.04F, 0.42F, 0.42F, 0.20F}
-                                 : render::Spectrum{0.06F, 0.11F, 0.04F, 0.47F, 0.47F, 0.27F};
-  surface->transmittance = needles ? render::Spectrum{0.03F, 0.06F, 0.015F, 0.30F, 0.30F, 0.15F}
-                                   : render::Spectrum{0.05F, 0.11F, 0.02F, 0.46F, 0.46F, 0.28F};
+  *surface = *render::SurfaceLibrary::builtin().get(needles ? "needles" : "broad_leaves");
+  surface->serial = render::next_serial();
   for (int b = 0; b < 3; ++b) {
     surface->reflectance[b] /= mean[b];
     surface->transmittance[b] /= mean[b];
   }
-  surface->roughness = needles ? 0.8F : 0.6F;
   surface->colour_map = texture;
   surface->near_infrared_map = flat;
   surface->alpha_cutoff = kCutoff;
   surface->two_sided = true;
-  surface->porosity = 0.15F;
   out.surface = surface;
   return out;
 }

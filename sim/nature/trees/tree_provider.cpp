@@ -75,7 +75,8 @@ std::shared_ptr<const Batch> make_batch(const PartKey& key, const Group& group) 
   auto batch = std::make_shared<Batch>();
   batch->prototype = shared_prototype_of(key);
   batch->origin = group.members.front().position.array().round();
-  const Eigen::AlignedBox3f& shape = prototype_of(key).levels.front().mesh->bounds;
+  Eigen::AlignedBox3f shape;
+  for (const render::LevelOfDetail& level : prototype_of(key).levels) shape.extend(level.mesh->bounds);
   for (const Group::Member& m : group.members) {
     Instance i = m.instance;
     const Eigen::Vector3d foot = m.position + Eigen::Vector3d(0, 0, i.position[2]);
@@ -86,9 +87,14 @@ std::shared_ptr<const Batch> make_batch(const PartKey& key, const Group& group) 
     const double reach = std::max(std::max(std::abs(shape.min().x()), std::abs(shape.max().x())),
                                   std::max(std::abs(shape.min().y()), std::abs(shape.max().y()))) *
                          std::numbers::sqrt2 * static_cast<double>(i.scale[0]);
-    batch->bounds.extend(
-        Eigen::Vector3d(foot + Eigen::Vector3d(-reach, -reach, shape.min().z() * i.scale[2])));
-    batch->bounds.extend(Eigen::Vector3d(foot + Eigen::Vector3d(reach, reach, shape.max().z() * i.scale[2])));
+    // Room for the rounding of instances to float.
+    const double margin = 1e-3 + 1e-6 * foot.cwiseAbs().maxCoeff();
+    const Eigen::Vector3d low(-reach - margin, -reach - margin,
+                              static_cast<double>(shape.min().z() * i.scale[2]) - margin);
+    const Eigen::Vector3d high(reach + margin, reach + margin,
+                               static_cast<double>(shape.max().z() * i.scale[2]) + margin);
+    batch->bounds.extend(Eigen::Vector3d(foot + low));
+    batch->bounds.extend(Eigen::Vector3d(foot + high));
   }
   return batch;
 }
