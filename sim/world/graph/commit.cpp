@@ -63,19 +63,16 @@ void DatabaseState::roll_back() {
 }
 
 Status DatabaseState::commit() {
+  const std::size_t posts_before = posts.size();
   if (auto s = run_rules(); !s) {
+    posts.resize(posts_before);  // what refused rules posted goes with all else
     roll_back();
     return s;
   }
   std::string name = std::move(label);
   ChangeSet set;
   if (!signals.empty()) set.changes = net_changes(writer.world, *writer.layout, log);
-  Step step{name, {}};
-  if (keep_log(step)) {
-    undone.clear();
-    done.push_back(std::move(step));
-    while (done.size() > options.undo_steps) done.pop_front();
-  }
+  keep_step(name, set);
   set.label = std::move(name);
   conclude(std::move(set));
   return {};

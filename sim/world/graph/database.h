@@ -115,7 +115,10 @@ class [[nodiscard]] Subscription {
 
 /// A rule keeps something true. It is run within a transaction for changes that pass its filter, may write
 /// more (which can call on other rules), and refuses the whole transaction by returning an error. What it
-/// `writes` is declared: rules whose reads and writes form a ring are refused when they are added.
+/// `writes` is declared, and a write that is not is refused: rules whose reads and writes form a ring are
+/// refused when they are added. Rules run in the order in which they feed each other, else of their adding.
+/// A rule whose filter names neither attribute nor edge may hear of its own writes; it is run until it is
+/// content, and a transaction that finds no end fails.
 struct Rule {
   std::string name;
   Filter when;
@@ -123,6 +126,9 @@ struct Rule {
   std::vector<TypeId> creates = {};       ///< types that it may create or remove
   std::vector<EdgeTypeId> connects = {};  ///< edges that it may connect or disconnect
   std::function<Status(Transaction& tx, std::span<const Change> mine)> run;
+  /// Where not empty, what it hears of is narrowed to nodes created (first values have no `changed`) and
+  /// `changed` of these attributes; `when` holds besides.
+  std::vector<AttributeId> reads = {};
 };
 
 struct DatabaseOptions {
@@ -158,7 +164,8 @@ class Database {
   void forget_history();
 
   Subscription subscribe(const Filter& filter, Subscriber subscriber);
-  /// bad_input: a ring of rules (the message names it), a rule without a name, a name twice.
+  /// bad_input: a ring of rules (the message names it), a rule without a name, a name twice. Outside
+  /// transactions.
   [[nodiscard]] Status add_rule(Rule rule);
 
   /// The last committed world. Any thread.

@@ -60,8 +60,10 @@ struct DatabaseState {
 
   // ------------------------------------------------------------ rules
   std::deque<Rule> rules;
+  std::vector<std::size_t> rule_order;  ///< who feeds another comes first
   [[nodiscard]] Status add_rule(Rule rule);
   [[nodiscard]] Status run_rules();
+  [[nodiscard]] Status run_rule(const Rule& rule, std::span<const Change> mine);
   [[nodiscard]] Status may_write(AttributeId a) const;
   [[nodiscard]] Status may_create(TypeId t) const;
   [[nodiscard]] Status may_connect(EdgeTypeId e) const;
@@ -74,8 +76,8 @@ struct DatabaseState {
   };
   std::deque<Step> undone, done;  ///< the next to take last
   [[nodiscard]] Status step_back(std::deque<Step>& from, std::deque<Step>& to, const char* what);
-  /// Moves the log into a step, without what is transient. Empty label and log: nothing to take back.
-  [[nodiscard]] bool keep_log(Step& step);
+  /// Makes a step of the log, where there is something to take back.
+  void keep_step(const std::string& name, const ChangeSet& set);
 
   // ------------------------------------------------------------ signals and posts
   Signals signals;
