@@ -21,7 +21,7 @@ using render::Instance;
 using world::NodeId;
 
 /// Wide enough that the trees of one kind in a tile make a worthwhile draw, narrow enough to be culled.
-constexpr double kTile_m = 32;
+constexpr double kTile_m = 64;
 
 struct TileKey {
   std::int32_t x = 0, y = 0;
@@ -59,6 +59,12 @@ struct Group {
 };
 struct Tile {
   std::map<PartKey, Group> groups;
+  Eigen::AlignedBox3d bounds;
+  void measure() {
+    bounds.setEmpty();
+    for (const auto& [key, group] : groups)
+      if (group.batch) bounds.extend(group.batch->bounds);
+  }
 };
 
 /// Where a tree stands in the structure, and what it was warned of.
@@ -234,17 +240,23 @@ void TreeProvider::fell(NodeId node, Touched* touched) {
 }
 
 void TreeProvider::remake(const Touched& touched) {
+  std::set<TileKey> tiles;
   for (const auto& [tile_key, part_key] : touched) {
-    const auto tile = tiles_.find(tile_key);
-    if (tile == tiles_.end()) continue;
-    const auto group = tile->second.groups.find(part_key);
-    if (group == tile->second.groups.end()) continue;
-    if (group->second.members.empty()) {
-      tile->second.groups.erase(group);
-      if (tile->second.groups.empty()) tiles_.erase(tile);
-    } else {
+    tiles.insert(tile_key);
+    auto& groups = tiles_[tile_key].groups;
+    const auto group = groups.find(part_key);
+    if (group == groups.end()) continue;
+    if (group->second.members.empty())
+      groups.erase(group);
+    else
       group->second.batch = make_batch(part_key, group->second);
-    }
+  }
+  for (const TileKey& key : tiles) {
+    const auto tile = tiles_.find(key);
+    if (tile->second.groups.empty())
+      tiles_.erase(tile);
+    else
+      tile->second.measure();
   }
 }
 
@@ -258,8 +270,10 @@ void TreeProvider::rebuild(const world::Snapshot& world) {
   std::sort(nodes.begin(), nodes.end());
   planted_.reserve(nodes.size());
   for (const NodeId node : nodes) plant(world, node, nullptr);
-  for (auto& [key, tile] : tiles_)
+  for (auto& [key, tile] : tiles_) {
     for (auto& [part, group] : tile.groups) group.batch = make_batch(part, group);
+    tile.measure();
+  }
 }
 
 bool TreeProvider::ground_moved(const Planted& p) const {
@@ -294,9 +308,11 @@ void TreeProvider::apply(const world::ChangeSet& changes) {
 }
 
 void TreeProvider::collect(const render::ContentQuery& query, render::ContentFrame& frame) {
-  for (const auto& [key, tile] : tiles_)
+  for (const auto& [key, tile] : tiles_) {
+    if (!query.may_matter(tile.bounds)) continue;
     for (const auto& [part, group] : tile.groups)
       if (group.batch && query.may_matter(group.batch->bounds)) frame.batches.push_back(group.batch);
+  }
 }
 
 std::vector<std::string> TreeProvider::warnings() const {
