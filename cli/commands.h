@@ -58,7 +58,8 @@ struct WorldRenderOptions {
   std::string time;                      ///< 2024-06-21T12:00:00Z; empty: the world's
   std::vector<std::string> assignments;  ///< --set Type.attribute=value
   std::string bands = "rgb";             ///< rgb | nir | false-colour
-  std::optional<double> exposure;        ///< radiance that becomes white; empty: by the picture
+  std::optional<double> white_radiance;  ///< that becomes white; empty: by the picture
+  double brighter_ev = 0;
   double allowed_error_px = 1.0;
   std::vector<std::string> off;  ///< switches of the view
   bool plain = false;            ///< ground and imagery alone

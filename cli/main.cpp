@@ -5,6 +5,7 @@
 #include <iostream>
 
 #include "cli/commands.h"
+#include "cli/world/world_cli.h"
 
 namespace {
 
@@ -85,6 +86,8 @@ int main(int argc, char** argv) {
   inspect_app->add_flag("--json", inspect.json, "Print as JSON");
   inspect_app->footer("Example: rigor inspect demo.mcap --repair -o demo-whole.mcap");
 
+  rigor::WorldCommandLine world(app);
+
   rigor::PlainOptions devices, doctor;
   auto* devices_app = app.add_subcommand("devices", "List what is attached, per driver");
   devices_app->add_flag("--json", devices.json, "Print as JSON");
@@ -105,6 +108,7 @@ int main(int argc, char** argv) {
     if (*replay_app) return rigor::replay_command(replay);
     if (*sense_app) return rigor::sense_command(sense);
     if (*inspect_app) return rigor::inspect_command(inspect);
+    if (world.chosen()) return world.run();
     if (*devices_app) return rigor::devices_command(devices);
     return rigor::doctor_command(doctor);
   } catch (const std::exception& e) {

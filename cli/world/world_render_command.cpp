@@ -183,10 +183,14 @@ Status write_picture(const WorldRenderOptions& o, const ViewPicture& picture) {
             picture.radiance[static_cast<std::size_t>(4 * i + (o.bands == "nir" ? 3 : 2 - c))];
     return write_file(o.output, bgr);
   }
-  render::ToneMapOptions tone;
-  if (o.exposure) tone.white_radiance = static_cast<float>(*o.exposure);
-  tone.near_infrared = o.bands == "nir";
-  tone.false_colour = o.bands == "false-colour";
+  using Tone = render::ToneMapOptions;
+  Tone tone{.compensation_ev = o.brighter_ev};
+  if (o.bands == "nir") tone.colours = Tone::Colours::near_infrared;
+  if (o.bands == "false-colour") tone.colours = Tone::Colours::false_near_infrared;
+  if (o.white_radiance) {
+    tone.exposure = Tone::Exposure::fixed;
+    tone.scale = 1 / *o.white_radiance;
+  }
   auto rgb = render::tone_map(picture, tone);
   for (std::size_t i = 0; i + 2 < rgb.size(); i += 3) std::swap(rgb[i], rgb[i + 2]);
   return write_file(o.output, cv::Mat(h, w, CV_8UC3, rgb.data()));
