@@ -1,0 +1,191 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <vector>
+
+#include "sim/nature/terrain/noise.h"
+#include "sim/nature/terrain/plants.h"
+
+namespace rigor::nature {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+/// What a card shows at (u, v), v from the bottom: covered or not, and its colour as factors.
+struct Ink {
+  bool there = false;
+  std::array<double, 3> colour{1, 1, 1};
+};
+using Painter = std::function<Ink(double u, double v)>;
+
+double draw(std::uint32_t stream, int i, int word) {
+  return unit_from_word(place_words(0x706C616E7473ULL, stream, i, 0)[static_cast<std::size_t>(word)]);
+}
+
+double encode(double linear) {
+  return linear <= 0.0031308 ? 12.92 * linear : 1.055 * std::pow(linear, 1 / 2.4) - 0.055;
+}
+
+Ink shade(double s) { return {true, {s, s, s}}; }
+
+CardPicture paint(std::uint32_t width, std::uint32_t height, const Painter& painter) {
+  constexpr int kSub = 4;
+  auto t = std::make_shared<render::Texture>();
+  t->width = width;
+  t->height = height;
+  t->repeat = false;
+  t->rgba.resize(static_cast<std::size_t>(width) * height * 4);
+  std::vector<std::array<double, 4>> texels(static_cast<std::size_t>(width) * height);
+  std::array<double, 4> sum{};
+  for (std::uint32_t j = 0; j < height; ++j) {
+    for (std::uint32_t i = 0; i < width; ++i) {
+      auto& texel = texels[static_cast<std::size_t>(j) * width + i];
+      for (int k = 0; k < kSub * kSub; ++k) {
+        const double u = (i + (k % kSub + 0.5) / kSub) / width,
+                     v = 1 - (j + (k / kSub + 0.5) / kSub) / height;
+        const Ink ink = painter(u, v);
+        if (!ink.there) continue;
+        for (std::size_t c = 0; c < 3; ++c) texel[c] += ink.colour[c];
+        texel[3] += 1;
+      }
+      for (std::size_t c = 0; c < 4; ++c) sum[c] += texel[c];
+    }
+  }
+  CardPicture out;
+  std::array<double, 3> mean{};
+  for (std::size_t c = 0; c < 3; ++c) mean[c] = sum[c] / sum[3];
+  for (std::size_t i = 0; i < texels.size(); ++i) {
+    const auto& texel = texels[i];
+    for (std::size_t c = 0; c < 3; ++c) {
+      // Where nothing is, the mean: so that no dark fringe comes in by filtering.
+      const double v = texel[3] > 0 ? texel[c] / texel[3] : mean[c];
+      t->rgba[4 * i + c] = static_cast<std::uint8_t>(std::lround(255 * encode(std::clamp(v, 0.0, 1.0))));
+    }
+    t->rgba[4 * i + 3] = static_cast<std::uint8_t>(std::lround(255 * texel[3] / (kSub * kSub)));
+  }
+  for (std::size_t c = 0; c < 3; ++c) out.mean[c] = static_cast<float>(mean[c]);
+  out.coverage = static_cast<float>(sum[3] / (kSub * kSub * static_cast<double>(texels.size())));
+  out.texture = std::move(t);
+  return out;
+}
+
+/// A blade: its foot in the thatch is dark and brown, its tip bright; a midrib.
+Ink blade(double u, double v) {
+  const double light = 0.38 + 0.52 * std::pow(v, 0.7), rib = std::abs(u - 0.5) < 0.12 ? 0.88 : 1.0;
+  const double brown = std::exp(-v * 5);
+  return {true,
+          {std::min(1.0, light * rib * (1 + 0.25 * brown)), light * rib, light * rib * (1 - 0.2 * brown)}};
+}
+
+Ink tuft(double u, double v) {
+  Ink out;
+  for (int i = 0; i < 17; ++i) {
+    const double top = 0.55 + 0.44 * draw(1, i, 0), t = v / top;
+    if (t >= 1) continue;
+    const double foot = 0.5 + 0.34 * (draw(1, i, 1) - 0.5), lean = 0.85 * (draw(1, i, 2) - 0.5);
+    const double half = 0.021 * (1 - 0.9 * t * t) + 0.004;
+    if (std::abs(u - (foot + lean * t * t)) > half) continue;
+    out = blade(0.5, t);
+    const double own = 0.8 + 0.2 * draw(1, i, 3);
+    for (double& c : out.colour) c *= own;
+  }
+  return out;
+}
+
+/// Pinnae on both sides of a rachis along v.
+Ink frond(double u, double v) {
+  const double side = u < 0.5 ? -1 : 1, across = std::abs(u - 0.5);
+  if (across < 0.012 * (1.2 - v) && v < 0.985) return shade(0.55);
+  constexpr int kPinnae = 22;
+  for (int k = 0; k < kPinnae; ++k) {
+    const double foot = 0.10 + 0.88 * (k + (side > 0 ? 0.0 : 0.4)) / kPinnae;
+    const double envelope = 0.47 * std::pow(std::sin(kPi * std::min(1.0, 0.12 + 0.88 * (1 - foot))), 0.8);
+    const double length = std::max(0.03, envelope);
+    const double along = across / length;  // pinnae rise towards the tip
+    const double middle = foot + 0.055 * along + 0.02 * along * along;
+    if (along > 1) continue;
+    const double lobes = 0.85 + 0.15 * std::cos(across * 190);
+    const double half = 0.0165 * std::pow(1 - along, 0.55) * lobes;
+    if (std::abs(v - middle) < half) {
+      return shade((0.72 + 0.22 * along) * (std::abs(v - middle) < 0.12 * half ? 0.8 : 1.0) *
+                   (0.9 + 0.1 * v));
+    }
+  }
+  return {};
+}
+
+/// A whole fern from the side: arching fronds.
+Ink fern_side(double u, double v) {
+  Ink out;
+  for (int i = 0; i < 9; ++i) {
+    const double lean = (i - 4) / 4.0, reach = 0.47 * std::abs(lean), rise = 0.98 - 0.35 * lean * lean;
+    // The arch as a parabola over t; the nearest t by a few steps.
+    double best = 1e9, best_t = 0;
+    for (int k = 1; k <= 24; ++k) {
+      const double t = k / 24.0, x = 0.5 + (lean < 0 ? -1 : 1) * reach * t;
+      const double y = rise * t * (1.55 - 0.55 * t - 0.35 * std::abs(lean) * t);
+      const double d = std::hypot(u - x, v - y);
+      if (d < best) best = d, best_t = t;
+    }
+    const double half = 0.085 * std::sin(kPi * std::clamp(best_t, 0.05, 0.98)) + 0.01;
+    const bool comb = std::fmod(best_t * 17 + i * 0.37, 1.0) < 0.72 || best < 0.012;
+    if (best < half && comb) out = shade(0.5 + 0.4 * best_t * (0.8 + 0.2 * draw(3, i, 0)));
+  }
+  return out;
+}
+
+/// Leaves on a twig.
+Ink leaves(double u, double v) {
+  Ink out;
+  if (std::abs(u - 0.5 - 0.05 * std::sin(v * 5)) < 0.008 && v < 0.9) out = {true, {0.5, 0.42, 0.4}};
+  for (int i = 0; i < 26; ++i) {
+    const double foot_v = 0.04 + 0.85 * i / 26.0, side = i % 2 ? 1 : -1;
+    const double angle = side * (0.5 + 0.9 * draw(4, i, 0)), length = 0.22 + 0.14 * draw(4, i, 1);
+    const double spread = 0.18 * (draw(4, i, 2) - 0.3) * side;
+    const double dx = u - 0.5 - spread, dy = v - foot_v;
+    const double along = (dx * std::sin(angle) + dy * std::cos(angle)) / length;
+    const double across = (dx * std::cos(angle) - dy * std::sin(angle)) / length;
+    if (along < 0 || along > 1) continue;
+    const double half = 0.30 * std::sin(kPi * std::pow(along, 0.8)) * (1 - 0.15 * along);
+    if (std::abs(across) > half) continue;
+    const double vein = std::abs(across) < 0.02 ? 0.85 : 1.0;
+    out = shade(vein * (0.62 + 0.33 * draw(4, i, 3)));
+  }
+  return out;
+}
+
+/// One dry leaf, lobed, with veins.
+Ink leaf(double u, double v) {
+  const double along = v, across = std::abs(u - 0.5);
+  if (along < 0.10) return across < 0.015 ? shade(0.6) : Ink{};
+  const double t = (along - 0.10) / 0.9;
+  const double half =
+      0.46 * std::pow(std::sin(kPi * std::pow(t, 0.75)), 0.8) * (0.84 + 0.16 * std::cos(t * 22));
+  if (across > half) return {};
+  const bool vein = across < 0.014 || std::fmod(t * 7 + 10 - across * 4, 1.0) < 0.08;
+  const double blotch = 0.85 + 0.12 * std::sin(u * 17 + 3 * std::sin(v * 11)) * std::sin(v * 13);
+  const double s = (vein ? 0.70 : 0.88) * blotch;
+  return {true, {s, s * (0.93 + 0.07 * blotch), s * 0.92}};
+}
+
+/// A flower's head from above: petals around a yellow middle.
+Ink head(double u, double v) {
+  const double x = 2 * u - 1, y = 2 * v - 1, r = std::hypot(x, y), a = std::atan2(y, x);
+  if (r < 0.26) return {true, {0.9, 0.72, 0.10}};
+  const double petal = std::abs(std::cos(a * 6));
+  if (r > 0.55 + 0.42 * std::pow(petal, 0.45)) return {};
+  return shade(0.82 + 0.15 * petal);
+}
+
+}  // namespace
+
+const CardPicture& card_picture(Card card) {
+  static const std::array<CardPicture, 7> all = {
+      paint(8, 64, blade),     paint(128, 128, tuft), paint(128, 256, frond), paint(128, 128, fern_side),
+      paint(128, 128, leaves), paint(64, 128, leaf),  paint(64, 64, head)};
+  return all[static_cast<std::size_t>(card)];
+}
+
+}  // namespace rigor::nature
