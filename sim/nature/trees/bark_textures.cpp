@@ -38,9 +38,12 @@ BarkPoint bark_at(BarkStyle style, const TiledNoise& n, float u, float v) {
   const float fine = n.at(u, v, 64, 64, 9), grain = n.at(u, v, 32, 24, 8);
   switch (style) {
     case BarkStyle::smooth: {
-      const float blister = n.at(u, v, 14, 40, 1), patch = n.at(u, v, 4, 5, 2);
-      return {0.5F + 0.25F * (blister - 0.5F) + 0.15F * (fine - 0.5F),
-              0.72F + 0.25F * patch + 0.12F * (blister > 0.78F ? -1.0F : 0.2F)};
+      // Grey skin with pale patches of lichen, faint cross bands and small blisters.
+      const float band = n.at(u, v, 6, 56, 1), patch = n.at(u, v, 5, 7, 2), lichen = n.at(u, v, 18, 26, 3);
+      const float blister = std::clamp((n.at(u, v, 24, 70, 4) - 0.7F) / 0.25F, 0.0F, 1.0F);
+      const float pale = std::clamp((patch + 0.5F * lichen - 0.7F) / 0.35F, 0.0F, 1.0F);
+      return {0.5F + 0.2F * (band - 0.5F) + 0.3F * blister + 0.15F * (fine - 0.5F),
+              0.62F + 0.20F * pale + 0.10F * (band - 0.5F) + 0.08F * (grain - 0.5F) - 0.10F * blister};
     }
     case BarkStyle::ridged: {
       const float warp = 0.35F * (n.at(u, v, 5, 4, 1) - 0.5F) + 0.14F * (n.at(u, v, 9, 12, 2) - 0.5F);

@@ -165,6 +165,7 @@ void TreeProvider::plant(const world::Snapshot& world, NodeId node, Touched* tou
   p.no_size = size.seedling;
   if (dead && !(measure.height_m > 0)) size.height_m *= 0.5 + 0.4 * static_cast<double>(draws.uniform(1, 0));
 
+  // Inventories seldom know which way a tree faces: 0 leaves it to the lot.
   const double heading = world.get_or_default(node, types_->heading_rad);
   const double turn = std::isfinite(heading) && heading != 0
                           ? heading

@@ -1,12 +1,20 @@
-// Pictures of tree prototypes: preview OUT.png crown FORM [class] | levels FORM CLASS | texture FORM | bark
+// Pictures of trees: rigor_tree_preview OUT.png …
+//   texture FORM                         the foliage atlas of a form (number)
+//   row CODE:DBH,… GAP_M HEIGHT_M [LEVEL]  trees side by side; without a level the n-th at level n
+//   near CODE DBH RANGE_M EYE_M TARGET_M   one tree
+//   stand TREES.csv STAND X Y HEADING_DEG EYE_M PITCH_DEG [allowed_px]  a mapped stand, as an engine would
+//   choose levels
 #include <cstdio>
 #include <cstdlib>
+#include <fstream>
 #include <opencv2/imgcodecs.hpp>
+#include <sstream>
 #include <string>
 
 #include "sim/nature/trees/canvas.h"
 #include "sim/nature/trees/crown_levels.h"
 #include "tests/sim/nature/trees/raster.h"
+#include "tests/sim/nature/trees/tree_world.h"
 
 using namespace rigor;
 using namespace rigor::nature;
@@ -115,6 +123,52 @@ int main(int argc, char** argv) {
     const float d = std::strtof(argv[5], nullptr), h = std::strtof(argv[6], nullptr),
                 t = std::strtof(argv[7], nullptr);
     save(lit_picture(scene, {{0, -d, h}, {0, 0, t}, 800}, 1000, 760, 26, {0, 0, 14}), file);
+  } else if (what == "stand") {
+    std::ifstream in(argv[3]);
+    std::string line;
+    std::getline(in, line);
+    TreeWorld w;
+    w.ground->slope = 0, w.ground->lift = 0;
+    std::vector<TreeWorld::Spec> specs;
+    while (std::getline(in, line)) {
+      std::istringstream cells(line);
+      std::string stand, id, species, dbh, x, y;
+      std::getline(cells, stand, ','), std::getline(cells, id, ','), std::getline(cells, species, ',');
+      std::getline(cells, dbh, ','), std::getline(cells, x, ','), std::getline(cells, y, ',');
+      if (stand == argv[4])
+        specs.push_back({.x = std::strtod(x.c_str(), nullptr),
+                         .y = std::strtod(y.c_str(), nullptr),
+                         .species = species,
+                         .dbh_m = 0.01 * std::strtod(dbh.c_str(), nullptr)});
+    }
+    w.plant(specs);
+    const float x = std::strtof(argv[5], nullptr), y = std::strtof(argv[6], nullptr),
+                heading = std::strtof(argv[7], nullptr) * 0.0174533F;
+    const float eye_m = std::strtof(argv[8], nullptr), pitch = std::strtof(argv[9], nullptr) * 0.0174533F;
+    const float allowed = argc > 10 ? std::strtof(argv[10], nullptr) : 1.0F;
+    const Vec3 position(x, y, eye_m),
+        ahead(std::sin(heading) * std::cos(pitch), std::cos(heading) * std::cos(pitch), std::sin(pitch));
+    const Eye eye{position, position + ahead, 500};
+    std::size_t triangles = 0, instances = 0, per_level[4] = {};
+    const auto frame = w.frame();
+    for (const auto& b : frame.batches)
+      for (render::Instance i : b->instances) {
+        for (int k = 0; k < 3; ++k) i.position[k] += static_cast<float>(b->origin[k]);
+        const Vec3 to(i.position[0] - x, i.position[1] - y, 0);
+        const float range = std::max(0.5F, to.norm());
+        std::size_t level = 0;
+        for (std::size_t l = 1; l < 4; ++l)
+          if (b->prototype->levels[l].error_m * std::max(i.scale[0], i.scale[2]) <= allowed * range / 500)
+            level = l;
+        scene.push_back({b->prototype->levels[level].mesh.get(), i});
+        const float across = std::abs(to.x() * std::cos(heading) - to.y() * std::sin(heading)),
+                    along = to.x() * std::sin(heading) + to.y() * std::cos(heading);
+        if (along < -3 || across > 0.64F * std::max(0.0F, along) + 4) continue;
+        triangles += b->prototype->levels[level].mesh->indices.size() / 3, ++instances, ++per_level[level];
+      }
+    std::printf("%zu trees; in view %zu instances (%zu, %zu, %zu, %zu by level), %zu triangles\n",
+                specs.size(), instances, per_level[0], per_level[1], per_level[2], per_level[3], triangles);
+    save(lit_picture(scene, eye, 640, 480, 95, {50, 50, 20}), file);
   }
   return 0;
 }
