@@ -101,42 +101,51 @@ void draw_clouds(const ClearSky& clear, const SkyState& s, const BandValues& sol
   }
 }
 
-/// Level irradiance of a row's texels of radiance 1.
-double weight_of_row(int row) {
-  const double e0 = row * kPi / 2 / kSkyHeight, e1 = (row + 1) * kPi / 2 / kSkyHeight;
-  return kPi * (std::sin(e1) * std::sin(e1) - std::sin(e0) * std::sin(e0));
-}
-
 /// Puts a scattering layer of a vertical depth under the sky. Sky and sun are dimmed along their ways; the
-/// layer itself glows evenly, so that a level plane gets what two streams leave of all light. `direct_level`:
-/// the sun's irradiance on a level plane, above the layer and, when this returns, below it. Returns the
-/// radiance of an endless way through the layer: the mean of light from above and, by the ground, from below.
-Spectrum put_layer(const Spectrum& depth, double sun_elevation_deg, const Spectrum& albedo,
-                   Spectrum& direct_level, render::SkyMap& map) {
+/// layer itself glows, around the sun where it is thin and evenly where it is thick, so that a level plane
+/// gets what two streams leave of all light. `direct_level`: the sun's irradiance on a level plane, above the
+/// layer and, when this returns, below it. Returns the radiance of an endless way through the layer: the mean
+/// of light from above and, by the ground, from below.
+Spectrum put_layer(const Spectrum& depth, const SkyState& s, const Spectrum& albedo, Spectrum& direct_level,
+                   render::SkyMap& map) {
+  constexpr double kAsymmetry = 0.74;
   const Spectrum from_sky = level_irradiance(map);
-  std::vector<Spectrum> left(kSkyHeight);
-  Spectrum open{};  // level irradiance of an even layer of radiance 1
-  for (int row = 0; row < kSkyHeight; ++row)
-    for (int b = 0; b < kBandCount; ++b) {
-      const double slant = depth[b] / std::max(std::sin(elevation_of_row(row)), 0.02);
-      left[row][b] = static_cast<float>(std::exp(-std::min(slant, 80.0)));
-      open[b] += static_cast<float>((1 - left[row][b]) * weight_of_row(row));
+  BandValues forward{};  // share of the glow that lies about the sun
+  for (int b = 0; b < kBandCount; ++b)
+    forward[b] = s.sun_elevation_deg > 0 ? std::exp(-(1 - kAsymmetry) * depth[b]) : 0;
+  render::SkyMap glow;
+  glow.width = kSkyWidth;
+  glow.height = kSkyHeight;
+  glow.radiance.resize(map.radiance.size());
+  const double sin_sun = std::sin(s.sun_elevation_deg * kRad), cos_sun = std::cos(s.sun_elevation_deg * kRad);
+  for (int row = 0; row < kSkyHeight; ++row) {
+    const double up = std::sin(elevation_of_row(row)), out = std::cos(elevation_of_row(row));
+    Spectrum left{};
+    for (int b = 0; b < kBandCount; ++b)
+      left[b] = static_cast<float>(std::exp(-std::min(depth[b] / std::max(up, 0.02), 80.0)));
+    for (int column = 0; column < kSkyWidth; ++column) {
+      const double cos_between =
+          up * sin_sun + out * cos_sun * std::cos(azimuth_of_column(column) - s.sun_azimuth_deg * kRad);
+      const double about_sun = 4 * kPi * forward_phase(cos_between, kAsymmetry);
+      auto& sky = texel(map, column, row);
+      auto& own = texel(glow, column, row);
+      for (int b = 0; b < kBandCount; ++b) {
+        own[b] = static_cast<float>((1 - left[b]) * (1 - forward[b] + forward[b] * about_sun));
+        sky[b] *= left[b];
+      }
     }
-  for (int row = 0; row < kSkyHeight; ++row)
-    for (int column = 0; column < kSkyWidth; ++column)
-      for (int b = 0; b < kBandCount; ++b) texel(map, column, row)[b] *= left[row][b];
-  const Spectrum straight = level_irradiance(map);
-  Spectrum glow{}, endless{};
+  }
+  const Spectrum straight = level_irradiance(map), pattern = level_irradiance(glow);
+  Spectrum strength{}, endless{};
   for (int b = 0; b < kBandCount; ++b) {
     const double all = (direct_level[b] + from_sky[b]) * cloud_transmittance(depth[b]);
-    direct_level[b] *= static_cast<float>(slant_share(depth[b], sun_elevation_deg));
+    direct_level[b] *= static_cast<float>(slant_share(depth[b], s.sun_elevation_deg));
     const double rest = std::max(0.0, all - direct_level[b] - straight[b]);
-    glow[b] = open[b] > 1e-6F ? static_cast<float>(rest / open[b]) : 0;
+    strength[b] = pattern[b] > 1e-6F ? static_cast<float>(rest / pattern[b]) : 0;
     endless[b] = static_cast<float>(all / kPi * 0.5 * (1 + albedo[b]));
   }
-  for (int row = 0; row < kSkyHeight; ++row)
-    for (int column = 0; column < kSkyWidth; ++column)
-      for (int b = 0; b < kBandCount; ++b) texel(map, column, row)[b] += glow[b] * (1 - left[row][b]);
+  for (std::size_t i = 0; i < map.radiance.size(); ++i)
+    for (int b = 0; b < kBandCount; ++b) map.radiance[i][b] += strength[b] * glow.radiance[i][b];
   return endless;
 }
 
@@ -264,11 +273,10 @@ SkyLight make_sky_light(const ClearSky& clear, const SkyState& s) {
       for (int column = 0; column < kSkyWidth; ++column) sum += texel(map, column, row)[b];
     light.haze_radiance[b] = static_cast<float>(sum / (kHorizonRows * kSkyWidth));
   }
-  if (const auto depth = extra_haze_depth(s); any(depth))
-    put_layer(depth, s.sun_elevation_deg, albedo, direct_level, map);
+  if (const auto depth = extra_haze_depth(s); any(depth)) put_layer(depth, s, albedo, direct_level, map);
   light.fog_radiance = light.haze_radiance;
   if (const auto depth = fog_depth(s); any(depth))
-    light.fog_radiance = put_layer(depth, s.sun_elevation_deg, albedo, direct_level, map);
+    light.fog_radiance = put_layer(depth, s, albedo, direct_level, map);
   light.map = std::move(made);
   return light;
 }
