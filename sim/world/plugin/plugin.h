@@ -163,7 +163,7 @@ struct PluginEntry {
 /// Once in a shared object, outside namespaces. `define_function`: rigor::Status(rigor::world::PluginHost&).
 #define RIGOR_WORLD_PLUGIN(plugin_name, plugin_version, plugin_meaning, define_function)                    \
   extern "C" {                                                                                              \
-  extern const ::rigor::world::PluginEntry rigor_world_plugin;                                              \
-  __attribute__((visibility("default"), used)) const ::rigor::world::PluginEntry rigor_world_plugin = {     \
+  extern __attribute__((visibility("default"))) const ::rigor::world::PluginEntry rigor_world_plugin;       \
+  const ::rigor::world::PluginEntry rigor_world_plugin = {                                                  \
       "rigor world plugin", RIGOR_WORLD_ABI, plugin_name, plugin_version, plugin_meaning, define_function}; \
   }

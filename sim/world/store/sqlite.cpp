@@ -55,6 +55,12 @@ Error describe(int code, int system_error, const std::string& file, const std::s
     case SQLITE_TOOBIG:
       return {ErrorCode::bad_input, file,
               "the values of one node take more than the 1 GB that a world file can hold; split them"};
+    case SQLITE_ERROR:
+    case SQLITE_CONSTRAINT:
+    case SQLITE_MISMATCH:
+      return {ErrorCode::bad_input, file,
+              "the tables of the world are not as Rigor makes them (" + sqlite_text +
+                  "); mend them with sqlite3, or restore the file from a copy"};
     case SQLITE_NOMEM:
       return {ErrorCode::unavailable, file, "out of memory"};
     default: {
