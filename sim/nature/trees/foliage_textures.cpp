@@ -56,8 +56,8 @@ ShootStyle style_of(TreeForm form) {
       s.young = {0.9F, 0.9F, 0.8F};
       break;
     case TreeForm::pine:
-      s.needle_m = 0.075F, s.needle_angle = 0.6F, s.needle_step_m = 0.004F, s.needle_width_m = 0.003F;
-      s.side_angle = 0.8F, s.side_step_m = 0.075F, s.side_ratio = 0.42F, s.bare = 0.35F,
+      s.needle_m = 0.07F, s.needle_angle = 0.65F, s.needle_step_m = 0.007F, s.needle_width_m = 0.003F;
+      s.side_angle = 0.8F, s.side_step_m = 0.13F, s.side_ratio = 0.42F, s.bare = 0.45F,
       s.twig_width_m = 0.006F;
       break;
     case TreeForm::larch:

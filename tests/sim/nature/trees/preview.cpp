@@ -12,7 +12,7 @@
 #include <string>
 
 #include "sim/nature/trees/canvas.h"
-#include "sim/nature/trees/crown_levels.h"
+#include "sim/nature/trees/tree_textures.h"
 #include "tests/sim/nature/trees/raster.h"
 #include "tests/sim/nature/trees/tree_world.h"
 
@@ -30,37 +30,32 @@ void save(const Picture& p, const std::string& file) {
             srgb_byte(p.rgb[3 * (static_cast<std::size_t>(y) * p.width + x) + k]);
   cv::imwrite(file, image);
 }
-/// A whole tree of a species at its own size.
-void plant(std::vector<Placed>& scene, const char* code, double dbh, float x, float y, int variant,
+/// A whole tree of a species at its own size; `CODE!` is a snag.
+void plant(std::vector<Placed>& scene, std::string code, double dbh, float x, std::size_t variant,
            std::size_t level) {
-  const Species& s = *find_species(code).species;
-  const TreeSize z = size_of(s, {.dbh_m = dbh});
-  const int c = age_class_of(z.height_m);
-  const CrownPrototype& crown = crown_prototype({s.form, s.bark, c, variant % kCrownVariants});
-  const TrunkPrototype& trunk = trunk_prototype(
-      {is_conifer(s.form) ? TrunkKind::conifer : TrunkKind::broadleaf, s.bark, c, variant % kTrunkVariants});
-  const auto add = [&](const render::Prototype& p, float at_z, float sxy, float sz, const float* tint) {
-    render::Instance i;
-    i.position[0] = x, i.position[1] = y, i.position[2] = at_z;
-    i.scale[0] = i.scale[1] = sxy, i.scale[2] = sz;
-    for (int k = 0; k < 3; ++k) i.tint[k] = tint[k];
-    scene.push_back({p.levels[std::min(level, p.levels.size() - 1)].mesh.get(), i});
-  };
-  add(*crown.prototype, static_cast<float>(z.crown_base_m),
-      static_cast<float>(z.crown_radius_m) / crown.radius_m,
-      static_cast<float>(z.height_m - z.crown_base_m) / crown.length_m, s.foliage_tint);
-  const float top = static_cast<float>(
-      is_conifer(s.form) ? z.height_m * 0.985
-                         : z.crown_base_m + trunk_share_of_crown(s.form) * (z.height_m - z.crown_base_m));
-  const float sz = top / trunk.length_m;
-  add(*trunk.prototype, 0, static_cast<float>(0.5 * z.dbh_m) / trunk.radius_at(1.3F / sz), sz, s.bark_tint);
-  std::printf("%s dbh %.2f height %.1f crown %.1f r, base %.1f, class %d:", code, z.dbh_m, z.height_m,
-              z.crown_radius_m, z.crown_base_m, c);
-  for (const auto& l : crown.prototype->levels)
-    std::printf(" %zu tri/%.3f m", l.mesh->indices.size() / 3, static_cast<double>(l.error_m));
-  std::printf(" | trunk");
-  for (const auto& l : trunk.prototype->levels)
-    std::printf(" %zu/%.3f", l.mesh->indices.size() / 3, static_cast<double>(l.error_m));
+  const bool dead = code.back() == '!';
+  if (dead) code.pop_back();
+  // Trees of one species differ by their node's number.
+  TreeWorld w;
+  w.ground->slope = 0, w.ground->lift = 0;
+  std::vector<TreeWorld::Spec> specs;
+  for (std::size_t i = 0; i <= variant; ++i)
+    specs.push_back({.x = static_cast<double>(x), .species = code, .dbh_m = dbh, .dead = dead});
+  const auto node = w.plant(specs).back();
+  std::printf("%s dbh %.2f", code.c_str(), dbh);
+  for (const auto& b : w.frame().batches)
+    for (std::size_t k = 0; k < b->nodes.size(); ++k) {
+      if (b->nodes[k] != node) continue;
+      render::Instance i = b->instances[k];
+      for (int c = 0; c < 3; ++c) i.position[c] += static_cast<float>(b->origin[c]);
+      const auto& levels = b->prototype->levels;
+      static std::vector<std::shared_ptr<const render::Prototype>> kept;
+      kept.push_back(b->prototype);
+      scene.push_back({levels[std::min(level, levels.size() - 1)].mesh.get(), i});
+      std::printf("; %s, %.1f m high:", b->prototype->name.c_str(), b->bounds.sizes().z());
+      for (const auto& l : levels)
+        std::printf(" %zu/%.3f m", l.mesh->indices.size() / 3, static_cast<double>(l.error_m));
+    }
   std::printf("\n");
 }
 render::Mesh ground(float half) {
@@ -107,9 +102,8 @@ int main(int argc, char** argv) {
     }
     const std::size_t level = argc > 6 ? std::strtoul(argv[6], nullptr, 10) : 99;
     for (const auto& [code, dbh] : list) {
-      plant(scene, code.c_str(), dbh,
-            (static_cast<float>(n) - 0.5F * static_cast<float>(list.size() - 1)) * gap, 0,
-            level == 99 ? 0 : n, level == 99 ? static_cast<std::size_t>(n) : level);
+      plant(scene, code, dbh, (static_cast<float>(n) - 0.5F * static_cast<float>(list.size() - 1)) * gap,
+            level == 99 ? 0 : static_cast<std::size_t>(n), level == 99 ? static_cast<std::size_t>(n) : level);
       ++n;
     }
     const float wide = gap * static_cast<float>(list.size());
@@ -119,7 +113,7 @@ int main(int argc, char** argv) {
                      std::max(wide, height) * 0.75F, {0, 0, 0.5F * height}),
          file);
   } else if (what == "near") {  // code dbh distance eye_height target_height
-    plant(scene, argv[3], std::atof(argv[4]), 0, 0, 0, 0);
+    plant(scene, argv[3], std::atof(argv[4]), 0, 0, 0);
     const float d = std::strtof(argv[5], nullptr), h = std::strtof(argv[6], nullptr),
                 t = std::strtof(argv[7], nullptr);
     save(lit_picture(scene, {{0, -d, h}, {0, 0, t}, 800}, 1000, 760, 26, {0, 0, 14}), file);
@@ -146,7 +140,7 @@ int main(int argc, char** argv) {
                 heading = std::strtof(argv[7], nullptr) * 0.0174533F;
     const float eye_m = std::strtof(argv[8], nullptr), pitch = std::strtof(argv[9], nullptr) * 0.0174533F;
     const float allowed = argc > 10 ? std::strtof(argv[10], nullptr) : 1.0F;
-    const Vec3 position(x, y, eye_m),
+    const Eigen::Vector3f position(x, y, eye_m),
         ahead(std::sin(heading) * std::cos(pitch), std::cos(heading) * std::cos(pitch), std::sin(pitch));
     const Eye eye{position, position + ahead, 500};
     std::size_t triangles = 0, instances = 0, per_level[4] = {};
@@ -154,7 +148,7 @@ int main(int argc, char** argv) {
     for (const auto& b : frame.batches)
       for (render::Instance i : b->instances) {
         for (int k = 0; k < 3; ++k) i.position[k] += static_cast<float>(b->origin[k]);
-        const Vec3 to(i.position[0] - x, i.position[1] - y, 0);
+        const Eigen::Vector3f to(i.position[0] - x, i.position[1] - y, 0);
         const float range = std::max(0.5F, to.norm());
         std::size_t level = 0;
         for (std::size_t l = 1; l < 4; ++l)
