@@ -115,6 +115,8 @@ Result<ModelMesh> load_model(const fs::path& file, const std::shared_ptr<const S
   try {
     Assimp::Importer importer;
     importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
+    // Where a file has no normals: edges sharper than this stay sharp.
+    importer.SetPropertyFloat(AI_CONFIG_PP_GSN_MAX_SMOOTHING_ANGLE, 45.0F);
     const aiScene* scene = importer.ReadFile(where, kSteps);
     if (!scene || !scene->mRootNode)
       return fail(ErrorCode::bad_input, where, std::string("assimp: ") + importer.GetErrorString());
