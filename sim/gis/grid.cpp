@@ -50,31 +50,37 @@ Status status_of(const Rasters& rasters) {
   return {};
 }
 
+}  // namespace
+
 // Heights of the first raster that has any, for all places.
 class Mosaic {
  public:
   explicit Mosaic(const Rasters& rasters) : probes_(probes_of(rasters)) {}
   void heights(std::span<const double> lat, std::span<const double> lon, std::span<double> out) {
-    if (probes_.empty()) return std::fill(out.begin(), out.end(), kNaN), void();
-    probes_[0].heights(lat, lon, out);
-    for (std::size_t p = 1; p < probes_.size(); ++p) {
-      index_.clear(), lat_.clear(), lon_.clear();
-      for (std::size_t i = 0; i < out.size(); ++i)
-        if (std::isnan(out[i])) index_.push_back(i), lat_.push_back(lat[i]), lon_.push_back(lon[i]);
-      if (index_.empty()) return;
-      more_.resize(index_.size());
-      probes_[p].heights(lat_, lon_, more_);
-      for (std::size_t k = 0; k < index_.size(); ++k) out[index_[k]] = more_[k];
-    }
+    std::fill(out.begin(), out.end(), kNaN);
+    // The rim of a raster and of its holes, half a pixel wide, is left to the others first: where rasters
+    // overlap, no seam shows.
+    const bool several = probes_.size() > 1;
+    if (several)
+      for (auto& probe : probes_) fill(probe, lat, lon, out, true);
+    for (auto& probe : probes_) fill(probe, lat, lon, out, false);
   }
 
  private:
+  void fill(Raster::Probe& probe, std::span<const double> lat, std::span<const double> lon,
+            std::span<double> out, bool whole) {
+    index_.clear(), lat_.clear(), lon_.clear();
+    for (std::size_t i = 0; i < out.size(); ++i)
+      if (std::isnan(out[i])) index_.push_back(i), lat_.push_back(lat[i]), lon_.push_back(lon[i]);
+    if (index_.empty()) return;
+    more_.resize(index_.size());
+    probe.heights(lat_, lon_, more_, whole);
+    for (std::size_t k = 0; k < index_.size(); ++k) out[index_[k]] = more_[k];
+  }
   std::vector<Raster::Probe> probes_;
   std::vector<std::size_t> index_;
   std::vector<double> lat_, lon_, more_;
 };
-
-}  // namespace
 
 Result<Grid> plan_grid(const LocalFrame& frame, const Rasters& rasters, std::optional<double> half_extent_m,
                        double spacing_m) {
@@ -223,7 +229,8 @@ Status Ground::heights_at(std::span<const GeoPoint> places, std::span<double> he
   if (rasters_) {
     std::vector<double> lat(n), lon(n);
     for (std::size_t i = 0; i < n; ++i) lat[i] = places[i].latitude_deg, lon[i] = places[i].longitude_deg;
-    Mosaic(*rasters_).heights(lat, lon, heights_m);
+    if (!mosaic_) mosaic_ = std::make_shared<Mosaic>(*rasters_);
+    mosaic_->heights(lat, lon, heights_m);
     if (auto s = status_of(*rasters_); !s) return s;
     for (double& h : heights_m)
       if (std::isnan(h)) h = frame_.anchor().height_m;

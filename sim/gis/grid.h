@@ -30,12 +30,14 @@ using Rasters = std::vector<std::unique_ptr<Raster>>;
 [[nodiscard]] Result<Grid> plan_grid(const LocalFrame& frame, const Rasters& rasters,
                                      std::optional<double> half_extent_m, double spacing_m);
 
+class Mosaic;
+
 /// Heights of the ground, as z in the world frame and as heights above the ellipsoid.
 class Ground {
  public:
   /// Flat at the anchor's height.
   explicit Ground(const LocalFrame& frame) : frame_(frame) {}
-  /// From rasters, of which the first with data wins.
+  /// From rasters, of which the first with data wins. They outlive the ground.
   void use(const Rasters* rasters);
   /// From a Terrain that the world has already.
   void use(Grid grid, std::vector<float> z_m);
@@ -54,6 +56,7 @@ class Ground {
  private:
   const LocalFrame& frame_;
   const Rasters* rasters_ = nullptr;
+  mutable std::shared_ptr<Mosaic> mosaic_;  // of heights_at, kept between calls
   Grid grid_;
   std::vector<float> z_m_;
 };

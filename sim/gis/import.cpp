@@ -210,7 +210,6 @@ Status Import::make_ground() {
   if (std::isnan(anchor_.height_m)) {
     anchor_.height_m = 0;
     if (!elevation_.empty()) {
-      const Ground probe_ground(*frame_);
       Ground g(*frame_);
       g.use(&elevation_);
       const GeoPoint here{anchor_.latitude_deg, anchor_.longitude_deg, 0};

@@ -123,19 +123,16 @@ Result<Anchor> parse_anchor(std::string_view text) {
   double v[3] = {0, 0, std::numeric_limits<double>::quiet_NaN()};
   int n = 0;
   std::string_view rest = text;
-  while (n < 3) {
+  bool more = true;
+  while (more && n < 3) {
     const auto comma = rest.find(',');
     const auto number = number_of(rest.substr(0, comma));
     if (!number || std::isnan(*number)) break;
     v[n++] = *number;
-    if (comma == std::string_view::npos) {
-      rest = {};
-      break;
-    }
-    rest.remove_prefix(comma + 1);
-    if (n == 3) n = 4;
+    more = comma != std::string_view::npos;
+    rest.remove_prefix(more ? comma + 1 : rest.size());
   }
-  if (n < 2 || n > 3 || !rest.empty())
+  if (n < 2 || more)
     return fail(ErrorCode::bad_input, "anchor",
                 fmt::format("expected latitude,longitude[,height] in degrees and metres, got '{}'", text));
   return checked({v[0], v[1], v[2]}, "anchor");

@@ -319,7 +319,7 @@ const float* Raster::pixel(std::int64_t column, std::int64_t row) {
   return t + ((row % kTile) * kTile + column % kTile) * channels_;
 }
 
-void Raster::bilinear(double column, double row, int channels, float* out) {
+void Raster::bilinear(double column, double row, int channels, bool whole, float* out) {
   std::fill_n(out, channels, kNone);
   if (!(column >= -1 && column <= static_cast<double>(columns_) + 1 && row >= -1 &&
         row <= static_cast<double>(rows_) + 1))
@@ -336,7 +336,10 @@ void Raster::bilinear(double column, double row, int channels, float* out) {
     const double w = ((k & 1) ? au : 1 - au) * ((k & 2) ? av : 1 - av);
     if (w <= 0) continue;
     const float* p = pixel(c0 + (k & 1), r0 + (k >> 1));
-    if (!p || std::isnan(p[0])) continue;
+    if (!p || std::isnan(p[0])) {
+      if (whole) return;
+      continue;
+    }
     weights += w;
     for (int c = 0; c < channels; ++c) sum[c] += w * p[c];
   }
@@ -370,13 +373,13 @@ void Raster::Probe::to_pixels(std::span<const double> latitude_deg, std::span<co
 }
 
 void Raster::Probe::heights(std::span<const double> latitude_deg, std::span<const double> longitude_deg,
-                            std::span<double> out) {
+                            std::span<double> out, bool whole) {
   const GdalMessages messages;
   const std::size_t n = out.size();
   to_pixels(latitude_deg, longitude_deg);
   for (std::size_t i = 0; i < n; ++i) {
     float v = kNone;
-    r_.bilinear(x_[i], y_[i], 1, &v);
+    r_.bilinear(x_[i], y_[i], 1, whole, &v);
     out[i] = v;
   }
   if (!geoid_) return;
@@ -394,7 +397,7 @@ void Raster::Probe::values(std::span<const double> latitude_deg, std::span<const
   to_pixels(latitude_deg, longitude_deg);
   for (std::size_t i = 0; i < latitude_deg.size(); ++i) {
     if (r_.use_ == Use::imagery) {
-      r_.bilinear(x_[i], y_[i], 3, out.data() + i * 3);
+      r_.bilinear(x_[i], y_[i], 3, false, out.data() + i * 3);
       continue;
     }
     out[i] = kNone;

