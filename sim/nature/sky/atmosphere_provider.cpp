@@ -45,17 +45,25 @@ std::vector<NodeId> by_id(const Snapshot& world, world::TypeId type) {
   return nodes;
 }
 
-AirState read_air(const Snapshot& world, NodeId node) {
+AirState read_air(const Snapshot& world, NodeId node, std::vector<std::string>& warnings) {
   const world::types::Atmosphere a(world.schema());
-  const auto get = [&](world::Attribute<double> x) { return world.get_or_default(node, x); };
+  const auto any = [&](world::Attribute<double> x) { return world.get_or_default(node, x); };
+  const auto get = [&](world::Attribute<double> x) {
+    const double v = any(x);
+    if (std::isfinite(v)) return v;
+    const auto& spec = world.schema().attribute(x.id).spec;
+    warnings.push_back("Atmosphere " + std::to_string(node.value) + ", " + spec.name +
+                       ": expected a finite number; its default is taken");
+    return std::get<double>(spec.default_value);
+  };
   AirState s;
   s.utc_s = get(a.utc_s);
   s.utc_rate = get(a.utc_rate);
   s.turbidity = get(a.turbidity);
   s.cloud_cover = get(a.cloud_cover);
-  s.visibility_m = get(a.visibility_m);
-  s.fog_visibility_m = get(a.fog_visibility_m);
-  s.fog_top_m = get(a.fog_top_m);
+  s.visibility_m = any(a.visibility_m);
+  s.fog_visibility_m = any(a.fog_visibility_m);
+  s.fog_top_m = any(a.fog_top_m);
   s.rain_mm_per_h = get(a.rain_mm_per_h);
   s.snow_mm_per_h = get(a.snow_mm_per_h);
   s.snow_depth_m = get(a.snow_depth_m);
@@ -100,6 +108,8 @@ class Kept {
   std::deque<std::pair<Key, T>> all_;
 };
 
+/// Clouds stand where the present wind has carried them since bench time 0, so that a sky is a function of
+/// the world and the time alone; a change of wind moves them at once.
 class AtmosphereProvider final : public render::ContentProvider {
  public:
   [[nodiscard]] std::string_view name() const override { return "atmosphere"; }
@@ -153,7 +163,7 @@ void AtmosphereProvider::read(const Snapshot& world) {
   air_.visibility_m = air_.fog_visibility_m = air_.fog_top_m = infinity;
   air_.fixed_sun = true;
   if (!airs.empty())
-    air_ = read_air(world, airs.front());
+    air_ = read_air(world, airs.front(), warnings_);
   else if (studios.empty())
     warnings_.push_back("the world has no Atmosphere: a clear noon, sun in the south at 45 degrees");
   if (!places.empty()) {
@@ -239,8 +249,9 @@ SkyState AtmosphereProvider::state_at(double time_s, double eye_z_m) const {
   s.visibility_m = air_.visibility_m;
   s.fog_visibility_m = air_.fog_visibility_m;
   if (std::isfinite(air_.fog_visibility_m))
-    s.fog_depth_m =
-        std::isfinite(air_.fog_top_m) ? std::max(air_.fog_top_m - eye_z_m, 0.0) : kEndlessFogDepth_m;
+    s.fog_depth_m = air_.fog_top_m < std::numeric_limits<double>::infinity()
+                        ? std::max(air_.fog_top_m - eye_z_m, 0.0)
+                        : kEndlessFogDepth_m;
   s.snow_depth_m = air_.snow_depth_m;
   return s;
 }

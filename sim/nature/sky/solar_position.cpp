@@ -81,7 +81,8 @@ SunPosition sun_position(double utc_s, const GeodeticPlace& place, double temper
   // libnova keeps its last nutation in static memory and uses it again within 0.1 days: a call far away makes
   // it forget, so that the result does not hang on the history of calls.
   static std::mutex libnova;
-  const double jd = utc_s / 86400 + 2440587.5;
+  constexpr double kFurthest_s = 1e11;  // the planetary theory means nothing 3000 years from now
+  const double jd = std::clamp(utc_s, -kFurthest_s, kFurthest_s) / 86400 + 2440587.5;
   const double jde = ln_get_jde(jd);
   SunPosition sun;
   ln_hrz_posn horizontal{};

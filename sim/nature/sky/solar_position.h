@@ -19,7 +19,8 @@ struct SunPosition {
 };
 
 /// Good to 0.005° between 1900 and 2100 away from the horizon (UT1 taken as UTC). `utc_s`: Unix time, may be
-/// negative. The same input gives the same bits, whatever was asked before. Any thread.
+/// negative; beyond 1e11 s either way, the end of that range. Precondition: not NaN. The same input gives the
+/// same bits, whatever was asked before. Any thread.
 [[nodiscard]] SunPosition sun_position(double utc_s, const GeodeticPlace& place, double temperature_c = 15);
 
 /// Standard atmosphere at a height [m], in hPa.

@@ -239,6 +239,30 @@ TEST_F(AtmosphereProvider, AStudioLightIsTakenAsItStands) {
   EXPECT_EQ(frame.precipitation.kind, render::Precipitation::Kind::rain);
 }
 
+TEST_F(AtmosphereProvider, NumbersThatAreNotFiniteAreSaidAndReplaced) {
+  paris();
+  make("Atmosphere", {{"utc_s", kInfinity},
+                      {"wind_from_deg", -kInfinity},
+                      {"fog_top_m", -kInfinity},
+                      {"fog_visibility_m", 100.0}});
+  const auto frame = collect();
+  EXPECT_THAT(view->warnings(), ElementsAre(HasSubstr("utc_s"), HasSubstr("wind_from_deg")));
+  EXPECT_TRUE(frame.light.direction_to_sun.isApprox(
+      sun_position(kJune, {48.8566, 2.3522, 35}, 15).direction(), 1e-12));
+  EXPECT_GT(frame.light.sun_irradiance[1], 100);  // above a fog that is nowhere
+}
+
+TEST_F(AtmosphereProvider, AnyDateIsSound) {
+  paris();
+  const NodeId air = make("Atmosphere");
+  for (const double t : {-1e300, -1e13, -1e10, 0.0, 1e10, 1e13, 1e300}) {
+    set(air, "utc_s", t);
+    const auto frame = collect();
+    EXPECT_NEAR(frame.light.direction_to_sun.norm(), 1, 1e-9) << t;
+    for (const float x : frame.light.sky->radiance.front()) EXPECT_TRUE(std::isfinite(x) && x > 0) << t;
+  }
+}
+
 TEST_F(AtmosphereProvider, HardQueriesAreSound) {
   paris();
   make("Atmosphere", {{"utc_s", kJune}, {"fog_visibility_m", 1.0}, {"cloud_cover", 0.5}});
