@@ -123,7 +123,8 @@ Result<vk::Memory> Device::Impl::allocate(const VkMemoryRequirements& needs, VkM
   return vk::Memory(device, out);
 }
 
-Result<vk::Buffer> Device::Impl::make_buffer(std::size_t size_bytes, VkBufferUsageFlags usage) const {
+Result<vk::Buffer> Device::Impl::make_buffer(std::size_t size_bytes, VkBufferUsageFlags usage,
+                                             VkMemoryPropertyFlags also_good) const {
   VkBufferCreateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO;
   info.size = std::max<std::size_t>(size_bytes, 16);
@@ -140,8 +141,8 @@ Result<vk::Buffer> Device::Impl::make_buffer(std::size_t size_bytes, VkBufferUsa
   out.size_bytes = size_bytes;
   VkMemoryRequirements needs{};
   vkGetBufferMemoryRequirements(device, handle, &needs);
-  auto bound = allocate(needs, VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT,
-                        VK_MEMORY_PROPERTY_HOST_CACHED_BIT);
+  auto bound =
+      allocate(needs, VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT, also_good);
   if (!bound) return tl::unexpected(bound.error());
   out.memory = std::move(*bound);
   if (const VkResult r = vkBindBufferMemory(device, handle, out.memory.get(), 0); r != VK_SUCCESS)
@@ -156,19 +157,23 @@ Result<vk::Buffer> Device::Impl::make_buffer(std::size_t size_bytes, VkBufferUsa
 
 Result<vk::Image> Device::Impl::make_image(VkFormat format, std::uint32_t width, std::uint32_t height,
                                            VkImageUsageFlags usage, VkImageAspectFlags aspect) const {
+  return make_image({.format = format, .width = width, .height = height, .usage = usage, .aspect = aspect});
+}
+
+Result<vk::Image> Device::Impl::make_image(const ImageWanted& w) const {
   VkImageCreateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_IMAGE_CREATE_INFO;
   info.imageType = VK_IMAGE_TYPE_2D;
-  info.format = format;
-  info.extent = {width, height, 1};
-  info.mipLevels = 1;
-  info.arrayLayers = 1;
-  info.samples = VK_SAMPLE_COUNT_1_BIT;
+  info.format = w.format;
+  info.extent = {w.width, w.height, 1};
+  info.mipLevels = w.mip_levels;
+  info.arrayLayers = w.layers;
+  info.samples = w.samples;
   info.tiling = VK_IMAGE_TILING_OPTIMAL;
-  info.usage = usage;
+  info.usage = w.usage;
   VkImage handle = VK_NULL_HANDLE;
   if (const VkResult r = vkCreateImage(device, &info, nullptr, &handle); r != VK_SUCCESS)
-    return vk::failed("making a picture of " + std::to_string(width) + "x" + std::to_string(height), r);
+    return vk::failed("making a picture of " + std::to_string(w.width) + "x" + std::to_string(w.height), r);
   vk::Image out;
   out.handle = vk::ImageHandle(device, handle);
   VkMemoryRequirements needs{};
@@ -181,9 +186,9 @@ Result<vk::Image> Device::Impl::make_image(VkFormat format, std::uint32_t width,
   VkImageViewCreateInfo view{};
   view.sType = VK_STRUCTURE_TYPE_IMAGE_VIEW_CREATE_INFO;
   view.image = handle;
-  view.viewType = VK_IMAGE_VIEW_TYPE_2D;
-  view.format = format;
-  view.subresourceRange = {aspect, 0, 1, 0, 1};
+  view.viewType = w.array_view || w.layers > 1 ? VK_IMAGE_VIEW_TYPE_2D_ARRAY : VK_IMAGE_VIEW_TYPE_2D;
+  view.format = w.format;
+  view.subresourceRange = {w.aspect, 0, w.mip_levels, 0, w.layers};
   VkImageView view_handle = VK_NULL_HANDLE;
   if (const VkResult r = vkCreateImageView(device, &view, nullptr, &view_handle); r != VK_SUCCESS)
     return vk::failed("making a view of a picture", r);
@@ -305,6 +310,11 @@ Result<std::shared_ptr<Device>> Device::create(const DeviceOptions& options) {
   VkDeviceCreateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO;
   info.pNext = &features;
+  VkPhysicalDeviceFeatures has{}, wanted{};
+  vkGetPhysicalDeviceFeatures(impl->physical, &has);
+  impl->dual_source_blend = has.dualSrcBlend == VK_TRUE;
+  wanted.dualSrcBlend = has.dualSrcBlend;
+  info.pEnabledFeatures = &wanted;
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue;
   if (const VkResult r = vkCreateDevice(impl->physical, &info, nullptr, &impl->device); r != VK_SUCCESS)

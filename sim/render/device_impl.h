@@ -12,6 +12,16 @@
 
 namespace rigor::render {
 
+/// A picture in the device's memory.
+struct ImageWanted {
+  VkFormat format = VK_FORMAT_R32G32B32A32_SFLOAT;
+  std::uint32_t width = 1, height = 1, mip_levels = 1, layers = 1;
+  VkSampleCountFlagBits samples = VK_SAMPLE_COUNT_1_BIT;
+  VkImageUsageFlags usage = 0;
+  VkImageAspectFlags aspect = VK_IMAGE_ASPECT_COLOR_BIT;
+  bool array_view = false;  ///< the view is of a 2D array, even of one layer
+};
+
 struct Device::Impl {
   Impl() = default;
   ~Impl();
@@ -28,12 +38,19 @@ struct Device::Impl {
   VkPhysicalDeviceLimits limits{};
   std::string name;
   bool validation = false;
+  bool dual_source_blend = false;  ///< a fragment may give a second colour to blend with
 
   mutable std::mutex queue_mutex;  ///< vkQueueSubmit wants its queue for itself
   mutable std::mutex message_mutex;
   std::vector<std::string> messages;
 
-  [[nodiscard]] Result<vk::Buffer> make_buffer(std::size_t size_bytes, VkBufferUsageFlags usage) const;
+  [[nodiscard]] Result<vk::Buffer> make_buffer(std::size_t size_bytes, VkBufferUsageFlags usage) const {
+    return make_buffer(size_bytes, usage, VK_MEMORY_PROPERTY_HOST_CACHED_BIT);
+  }
+  /// `also_good`: kinds of memory that are taken where they are mapped and coherent too.
+  [[nodiscard]] Result<vk::Buffer> make_buffer(std::size_t size_bytes, VkBufferUsageFlags usage,
+                                               VkMemoryPropertyFlags also_good) const;
+  [[nodiscard]] Result<vk::Image> make_image(const ImageWanted& wanted) const;
   [[nodiscard]] Result<vk::Image> make_image(VkFormat format, std::uint32_t width, std::uint32_t height,
                                              VkImageUsageFlags usage, VkImageAspectFlags aspect) const;
   [[nodiscard]] Result<vk::ShaderModule> make_shader(std::span<const std::uint32_t> words) const;

@@ -52,6 +52,7 @@ using DescriptorPool = Handle<VkDescriptorPool, vkDestroyDescriptorPool>;
 using PipelineLayout = Handle<VkPipelineLayout, vkDestroyPipelineLayout>;
 using Pipeline = Handle<VkPipeline, vkDestroyPipeline>;
 using CommandPool = Handle<VkCommandPool, vkDestroyCommandPool>;
+using Sampler = Handle<VkSampler, vkDestroySampler>;
 using Fence = Handle<VkFence, vkDestroyFence>;
 
 /// A failed Vulkan call as an error: what was attempted and the result's number.

@@ -48,6 +48,8 @@ struct ViewRequest {
   ViewSwitches switches{};
 };
 
+/// With 4 samples radiance is their mean; depth and node are those of one and the same sample, which lies
+/// within the pixel but not at its centre. With 1 sample all are those of the pixel's centre.
 struct ViewPicture {
   int width_px = 0, height_px = 0;
   std::vector<float> radiance;       ///< 4 per pixel, W/(m² sr)
@@ -58,6 +60,8 @@ struct ViewPicture {
 struct ViewStatistics {
   std::size_t batches = 0, instances = 0, instances_drawn = 0, triangles_drawn = 0, draw_calls = 0,
               impostors_drawn = 0;
+  std::size_t instances_skipped = 0;  ///< not drawn because a number of theirs is not finite
+  std::size_t instances_hidden = 0;   ///< left out because solid things stand in front of them
   double collect_ms = 0, cull_ms = 0, upload_ms = 0, draw_ms = 0;
   std::size_t uploaded_bytes = 0;
 };

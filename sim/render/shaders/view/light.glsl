@@ -1,0 +1,80 @@
+// Light of sun, sky and lamps, and the air on its way to the eye.
+const float kPi = 3.14159265358979;
+
+vec4 sky_irradiance(vec3 n) {
+  vec4 e = frame.sky_light[0] + frame.sky_light[1] * n.y + frame.sky_light[2] * n.z + frame.sky_light[3] * n.x +
+           frame.sky_light[4] * (n.x * n.y) + frame.sky_light[5] * (n.y * n.z) +
+           frame.sky_light[6] * (3.0 * n.z * n.z - 1.0) + frame.sky_light[7] * (n.x * n.z) +
+           frame.sky_light[8] * (n.x * n.x - n.y * n.y);
+  return max(e, vec4(0.0));
+}
+
+// Below the horizon: the horizon.
+vec4 sky_radiance(vec3 d) {
+  float azimuth = atan(d.x, d.y);
+  float elevation = asin(clamp(d.z, 0.0, 1.0));
+  return textureLod(sky_map, vec2(azimuth / (2.0 * kPi), elevation / (0.5 * kPi)), 0.0) * frame.weather.z;
+}
+
+// The part of the way to p (relative to the eye) that lies below a height.
+float length_below(float top, vec3 p) {
+  float low = min(0.0, p.z);
+  float high = max(0.0, p.z);
+  float share = high - low > 1e-6 ? clamp((top - low) / (high - low), 0.0, 1.0) : (top > low ? 1.0 : 0.0);
+  return length(p) * share;
+}
+
+vec4 through_air(vec4 radiance, vec3 p) {
+  vec4 depth = vec4(0.0);
+  vec4 source = vec4(0.0);
+  for (uint i = 0u; i < frame.counts.x; ++i) {
+    vec4 tau = frame.hazes[i].extinction * length_below(frame.hazes[i].top.x, p);
+    depth += tau;
+    source += tau * frame.hazes[i].inscatter;
+  }
+  vec4 transmittance = exp(-depth);
+  return radiance * transmittance + source / max(depth, vec4(1e-30)) * (1.0 - transmittance);
+}
+
+// GGX with Schlick's Fresnel term; the height-correlated visibility as 1 / (4 l.h^2) (Lazarov 2011).
+vec4 highlight(vec3 n, vec3 view, vec3 light, float roughness, vec4 f0) {
+  float alpha = max(roughness * roughness, 0.0025);
+  vec3 h = normalize(view + light);
+  float nh = max(dot(n, h), 0.0);
+  float lh = max(dot(light, h), 0.05);
+  float f = nh * nh * (alpha * alpha - 1.0) + 1.0;
+  float grazing = 1.0 - lh;
+  float grazing2 = grazing * grazing;
+  vec4 fresnel = f0 + (1.0 - f0) * grazing2 * grazing2 * grazing;
+  return alpha * alpha / (kPi * f * f) * fresnel / (4.0 * lh * lh);
+}
+
+float texel_lit(ivec2 at, int layer, float z) { return texelFetch(shadow_map, ivec3(at, layer), 0).x >= z ? 1.0 : 0.0; }
+
+// How much of the sun is seen from p on a surface with normal n (both as drawn).
+float sun_seen(vec3 p, vec3 n) {
+  float depth = dot(frame.clip_w.xyz, p);
+  int c = 0;
+  while (c < int(frame.counts.z) && depth > frame.cascades[c].range.x) ++c;
+  if (c == int(frame.counts.z)) return 1.0;
+  float cos_sun = abs(dot(n, frame.sun.xyz));
+  // Off the surface by what a texel and its neighbours can differ in height, seen from the sun.
+  float sin_sun = sqrt(max(1.0 - cos_sun * cos_sun, 0.0));
+  vec3 side = dot(n, frame.sun.xyz) < 0.0 ? -n : n;
+  vec4 q = vec4(p + side * (frame.cascades[c].range.y * (0.2 + 1.3 * sin_sun)), 1.0);
+  vec2 uv = vec2(dot(frame.cascades[c].row_x, q), dot(frame.cascades[c].row_y, q));
+  float z = dot(frame.cascades[c].row_z, q) - 0.1 * frame.cascades[c].range.y / frame.cascades[c].range.w;
+  vec2 base = floor(uv - 0.5);
+  vec2 f = uv - 0.5 - base;
+  // Two by two texels, blended between neighbours: nine texels.
+  ivec2 last = ivec2(frame.cascades[c].range.z - 1.0);
+  ivec2 at = ivec2(f.x < 0.5 ? base.x - 1.0 : base.x, f.y < 0.5 ? base.y - 1.0 : base.y);
+  vec2 g = vec2(f.x < 0.5 ? f.x + 0.5 : f.x - 0.5, f.y < 0.5 ? f.y + 0.5 : f.y - 0.5);
+  vec3 wx = vec3(1.0 - g.x, 1.0, g.x);
+  vec3 wy = vec3(1.0 - g.y, 1.0, g.y);
+  float lit = 0.0;
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i)
+      lit += wx[i] * wy[j] * texel_lit(clamp(at + ivec2(i, j), ivec2(0), last), c, z);
+  return 0.25 * lit;
+}

@@ -1,0 +1,81 @@
+// From what a surface is at a point to the light that leaves it towards the eye. Constants that are off have no code.
+layout(constant_id = 7) const bool kHaze = false;
+layout(constant_id = 8) const bool kLamps = false;
+layout(constant_id = 9) const bool kSnow = false;
+layout(constant_id = 10) const bool kWet = false;
+layout(constant_id = 11) const bool kShadows = false;
+layout(constant_id = 5) const bool kTranslucent = false;
+layout(constant_id = 6) const bool kWater = false;
+layout(constant_id = 12) const bool kGlossy = false;
+
+struct Patch {
+  vec4 reflectance;
+  vec4 transmittance;
+  float roughness;
+  float metallic;
+  float porosity;
+  float takes_snow;
+};
+
+vec4 leaving(Patch s, vec3 p, vec3 n, vec3 n_flat) {
+  vec3 view = -normalize(p);
+  if (kWet) {
+    float wet = frame.weather.x;
+    s.reflectance *= 1.0 - 0.55 * wet * s.porosity;
+    s.roughness = mix(s.roughness, 0.15, wet * (0.35 + 0.65 * clamp(n.z, 0.0, 1.0)) * (1.0 - 0.5 * s.porosity));
+  }
+  if (kSnow) {
+    vec3 at = p + frame.eye.xyz;
+    float rough = 0.6 * smooth_noise(at * 4.0) + 0.4 * smooth_noise(at * 16.0);
+    float depth = frame.weather.y;
+    // Deep snow holds on steeper slopes; a thin layer leaves gaps.
+    float slope = n.z + 0.5 * (rough - 0.5);
+    float lies = smoothstep(0.55 - 0.35 * min(depth / 0.3, 1.0), 0.85 - 0.35 * min(depth / 0.3, 1.0), slope);
+    float covers = clamp(depth / 0.02 - rough, 0.0, 1.0);
+    float snow = s.takes_snow * lies * covers;
+    s.reflectance = mix(s.reflectance, frame.snow, snow);
+    s.transmittance *= 1.0 - snow;
+    s.roughness = mix(s.roughness, 1.0, snow);
+    s.metallic *= 1.0 - snow;
+  }
+  float cos_sun = dot(n, frame.sun.xyz);
+  float cos_flat = dot(n_flat, frame.sun.xyz);
+  vec4 sun = vec4(0.0);
+  // A face turned away from the sun is dark whatever its bumps say; a leaf may be lit through.
+  if (cos_sun * cos_flat > 0.0 && (kTranslucent || cos_sun > 0.0)) {
+    sun = frame.sun_irradiance;
+    if (kShadows) sun *= sun_seen(p, n_flat);
+  }
+  vec4 diffuse = s.reflectance;
+  if (kGlossy) diffuse *= 1.0 - s.metallic;
+  vec4 sky = sky_irradiance(n);
+  vec4 light = diffuse / kPi * (sun * max(cos_sun, 0.0) + sky);
+  if (kTranslucent) light += s.transmittance / kPi * (sun * max(-cos_sun, 0.0) + sky_irradiance(-n));
+  if (kGlossy || kWater) {
+    vec4 f0 = kWater ? vec4(0.02) : mix(vec4(0.04), s.reflectance, s.metallic);
+    if (cos_sun > 0.0) light += highlight(n, view, frame.sun.xyz, s.roughness, f0) * sun * cos_sun;
+    // The sky's mirror image, the blurrier the rougher; the mean over the lobe of a rough one is weak.
+    float grazing = 1.0 - clamp(dot(n, view), 0.0, 1.0);
+    float grazing2 = grazing * grazing;
+    vec4 fresnel = f0 + (max(vec4(1.0 - s.roughness), f0) - f0) * grazing2 * grazing2 * grazing;
+    vec3 mirrored = reflect(-view, n);
+    if (kWater) mirrored.z = abs(mirrored.z);
+    vec4 blurred = sky_irradiance(mirrored) / kPi;
+    vec4 sharp = mix(frame.ground, sky_radiance(mirrored), smoothstep(-0.1, 0.05, mirrored.z));
+    float keep = kWater ? 1.0 : 1.0 - s.roughness;
+    light += fresnel * mix(blurred, sharp, keep * keep) * (kWater ? 1.0 : mix(keep, 1.0, s.metallic));
+  }
+  if (kLamps) {
+    for (uint i = 0u; i < frame.counts.y; ++i) {
+      vec3 to = frame.lamps[i].position.xyz - p;
+      float d2 = max(dot(to, to), 1e-4);
+      vec3 l = to * inversesqrt(d2);
+      vec4 e = frame.lamps[i].intensity / d2;
+      float c = dot(n, l);
+      light += diffuse / kPi * e * max(c, 0.0);
+      if (kTranslucent) light += s.transmittance / kPi * e * max(-c, 0.0);
+      if (kGlossy && c > 0.0) light += highlight(n, view, l, s.roughness, mix(vec4(0.04), s.reflectance, s.metallic)) * e * c;
+    }
+  }
+  return kHaze ? through_air(light, p) : light;
+}

@@ -1,0 +1,106 @@
+#include "sim/render/view/shadow_cascades.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+namespace rigor::render {
+
+bool ShadowCascade::may_shade(const Eigen::Vector3d& p, double radius_m) const {
+  const Eigen::Vector3d d = p - centre;
+  const double reach = half_side_m + radius_m;
+  return std::abs(d.dot(x)) <= reach && std::abs(d.dot(y)) <= reach && d.dot(z) - radius_m <= far_m;
+}
+
+view_gpu::CascadeData ShadowCascade::data(int side_px) const {
+  const double per_m = 1.0 / texel_m, depth = far_m - near_m;
+  view_gpu::CascadeData c;
+  c.row_x = view_gpu::xyz(x * per_m, 0.5 * side_px - x.dot(centre) * per_m);
+  c.row_y = view_gpu::xyz(y * per_m, 0.5 * side_px - y.dot(centre) * per_m);
+  c.row_z = view_gpu::xyz(z / depth, (-near_m - z.dot(centre)) / depth);
+  c.range = {static_cast<float>(view_depth_m), static_cast<float>(texel_m), static_cast<float>(side_px),
+             static_cast<float>(depth)};
+  return c;
+}
+
+int shadow_side_px(const Pinhole& pinhole, std::uint32_t limit_px) {
+  const auto wanted =
+      static_cast<std::uint32_t>(std::max({pinhole.width_px, pinhole.height_px, 170}) * 3 / 2);
+  return static_cast<int>(std::min({std::bit_ceil(wanted), 4096U, limit_px}));
+}
+
+std::vector<ShadowCascade> shadow_cascades(const ViewCamera& camera, const Eigen::Vector3d& to_sun,
+                                           const Eigen::AlignedBox3d& content,
+                                           const ShadowSettings& settings) {
+  std::vector<ShadowCascade> all;
+  if (content.isEmpty()) return all;
+  const auto edges = camera.edges();
+  // Depths along the view that hold anything.
+  double nearest = 1e300, farthest = 0;
+  for (int i = 0; i < 8; ++i) {
+    const double d = content.corner(static_cast<Eigen::AlignedBox3d::CornerType>(i)).dot(camera.forward);
+    nearest = std::min(nearest, d);
+    farthest = std::max(farthest, d);
+  }
+  const double begin = std::max(camera.pinhole.near_m, nearest);
+  const double end = std::min(farthest, settings.reach_m);
+  if (!(end > begin)) return all;
+  Eigen::Vector3d z = -to_sun, x = z.unitOrthogonal();
+  // Axes that do not turn with the eye; with the sun high up, from north.
+  x = (std::abs(z.z()) > 0.99 ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitZ()).cross(z).normalized();
+  const Eigen::Vector3d y = z.cross(x);
+  // Slices grow by a constant factor, from where a slice is about as wide as it is deep.
+  const double first = std::max(begin, std::min(end, std::max(2.0 * begin, end / 64)));
+  const double growth = std::pow(end / first, 1.0 / (view_gpu::kMaxCascades - 1));
+  double from = begin;
+  for (std::size_t i = 0; i < view_gpu::kMaxCascades && from < end * 0.9999; ++i) {
+    const double to = i + 1 == view_gpu::kMaxCascades
+                          ? end
+                          : std::min(end, first * std::pow(growth, static_cast<double>(i)));
+    if (!(to > from)) continue;
+    // The smallest sphere about the slice: its centre on the slice's middle line.
+    const double mx = 0.5 * (edges[0] + edges[1]), my = 0.5 * (edges[2] + edges[3]);
+    const Eigen::Vector3d line = camera.forward + mx * camera.right + my * camera.down;
+    const double wide2 = std::pow(0.5 * (edges[1] - edges[0]), 2) + std::pow(0.5 * (edges[3] - edges[2]), 2);
+    const double l2 = line.squaredNorm();
+    const double at = std::clamp(0.5 * (from + to) * (1 + wide2 / l2), from, to);
+    const auto reach = [&](double d) { return std::sqrt(l2 * (d - at) * (d - at) + wide2 * d * d * 1.02); };
+    double radius = std::max(reach(from), reach(to));
+    Eigen::Vector3d centre = line * at;
+    // What can be seen lies in the content too: a small scene deserves a small square.
+    const double content_radius = 0.5 * content.diagonal().norm();
+    if (content_radius < radius) {
+      radius = content_radius;
+      centre = content.center();
+    }
+    ShadowCascade c;
+    c.x = x;
+    c.y = y;
+    c.z = z;
+    c.view_depth_m = to;
+    // A radius in few steps and a centre on whole texels of the world: shadows stand still while the eye
+    // moves.
+    radius = std::exp2(std::ceil(std::log2(radius) * 8) / 8);
+    c.half_side_m = radius * settings.side_px / (settings.side_px - 4.0);
+    c.texel_m = 2 * c.half_side_m / settings.side_px;
+    const auto snapped = [&](const Eigen::Vector3d& axis) {
+      const double place = axis.dot(camera.eye + centre);
+      return std::floor(place / c.texel_m) * c.texel_m - axis.dot(camera.eye);
+    };
+    c.centre = x * snapped(x) + y * snapped(y) + z * z.dot(centre);
+    c.near_m = 1e300;
+    c.far_m = -1e300;
+    for (int k = 0; k < 8; ++k) {
+      const double d = z.dot(content.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k)) - c.centre);
+      c.near_m = std::min(c.near_m, d);
+      c.far_m = std::max(c.far_m, d);
+    }
+    c.near_m -= 1.0;
+    c.far_m = std::min(c.far_m, 2 * radius) + 1.0;
+    if (c.far_m > c.near_m) all.push_back(c);
+    from = to;
+  }
+  return all;
+}
+
+}  // namespace rigor::render

@@ -1,0 +1,38 @@
+// Shadow maps of the sun in cascades: each a square about a slice of the view, its texels still in the world
+// while the eye moves. Internal to sim/render/view.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <vector>
+
+#include "sim/render/view/view_camera.h"
+
+namespace rigor::render {
+
+struct ShadowCascade {
+  // Axes of the map in the world: x and y across the light, z away from the sun.
+  Eigen::Vector3d x, y, z;
+  Eigen::Vector3d centre;  ///< relative to the eye
+  double half_side_m = 1;  ///< of the square
+  double texel_m = 1;
+  double near_m = 0, far_m = 1;  ///< along z from the centre
+  double view_depth_m = 0;       ///< up to which it serves
+
+  /// May the sphere (relative to the eye) throw a shadow into the map's square?
+  [[nodiscard]] bool may_shade(const Eigen::Vector3d& centre_m, double radius_m) const;
+  [[nodiscard]] view_gpu::CascadeData data(int side_px) const;
+};
+
+struct ShadowSettings {
+  int side_px = 1024;
+  double reach_m = 400;  ///< view depth of the last cascade's end
+};
+/// Texels along a side that suit a picture.
+[[nodiscard]] int shadow_side_px(const Pinhole& pinhole, std::uint32_t limit_px);
+/// `content`: all that is drawn or throws shadows, relative to the eye; it bounds depths and reach.
+[[nodiscard]] std::vector<ShadowCascade> shadow_cascades(const ViewCamera& camera,
+                                                         const Eigen::Vector3d& to_sun,
+                                                         const Eigen::AlignedBox3d& content,
+                                                         const ShadowSettings& settings);
+
+}  // namespace rigor::render

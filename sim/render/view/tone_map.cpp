@@ -1,0 +1,80 @@
+#include "sim/render/view/tone_map.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace rigor::render {
+namespace {
+
+using Channels = std::array<std::size_t, 3>;
+
+Channels channels_of(ToneMapOptions::Colours colours) {
+  switch (colours) {
+    case ToneMapOptions::Colours::near_infrared:
+      return {3, 3, 3};
+    case ToneMapOptions::Colours::false_near_infrared:
+      return {3, 0, 1};
+    default:
+      return {0, 1, 2};
+  }
+}
+
+/// Brightness of each pixel; what is not finite or not lit is left out.
+std::vector<float> brightness(const ViewPicture& picture, const Channels& c) {
+  std::vector<float> all;
+  all.reserve(picture.radiance.size() / 4);
+  for (std::size_t i = 0; i + 3 < picture.radiance.size(); i += 4) {
+    const float* p = &picture.radiance[i];
+    const float y = 0.2126F * p[c[0]] + 0.7152F * p[c[1]] + 0.0722F * p[c[2]];
+    if (std::isfinite(y) && y > 0) all.push_back(y);
+  }
+  return all;
+}
+
+std::uint8_t encoded(double linear) {
+  const double v = std::clamp(linear, 0.0, 1.0);
+  const double s = v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1.0 / 2.4) - 0.055;
+  return static_cast<std::uint8_t>(std::lround(255.0 * s));
+}
+
+/// Straight up to 0.6, then bent towards 1, which is reached nowhere.
+double shouldered(double v) {
+  constexpr double kStraight = 0.6, kRoom = 1.0 - kStraight;
+  return v <= kStraight ? v : kStraight + kRoom * (1.0 - std::exp(-(v - kStraight) / kRoom));
+}
+
+}  // namespace
+
+double exposure_scale(const ViewPicture& picture, const ToneMapOptions& o) {
+  const double stops = std::exp2(o.compensation_ev);
+  if (o.exposure == ToneMapOptions::Exposure::fixed) return o.scale * stops;
+  std::vector<float> y = brightness(picture, channels_of(o.colours));
+  if (y.empty()) return 0;
+  const auto at = [&](double share) {
+    const auto k = static_cast<std::size_t>(std::clamp(share, 0.0, 1.0) * static_cast<double>(y.size() - 1));
+    std::nth_element(y.begin(), y.begin() + static_cast<std::ptrdiff_t>(k), y.end());
+    return static_cast<double>(y[k]);
+  };
+  if (o.exposure == ToneMapOptions::Exposure::percentile) return stops / at(o.percentile);
+  // Neither the darkest corner nor the sun decides.
+  const double low = at(0.01), high = at(0.99);
+  double sum = 0;
+  for (const float v : y) sum += std::log(std::clamp(static_cast<double>(v), low, high));
+  return stops * o.key / std::exp(sum / static_cast<double>(y.size()));
+}
+
+std::vector<std::uint8_t> tone_map(const ViewPicture& picture, const ToneMapOptions& o) {
+  const Channels c = channels_of(o.colours);
+  const double scale = exposure_scale(picture, o);
+  const std::size_t pixels = picture.radiance.size() / 4;
+  std::vector<std::uint8_t> rgb(pixels * 3, 0);
+  for (std::size_t i = 0; i < pixels; ++i)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double v = static_cast<double>(picture.radiance[4 * i + c[k]]) * scale;
+      if (std::isfinite(v)) rgb[3 * i + k] = encoded(o.shoulder ? shouldered(v) : v);
+    }
+  return rgb;
+}
+
+}  // namespace rigor::render

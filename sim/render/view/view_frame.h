@@ -1,0 +1,23 @@
+// The numbers that all shaders of a picture read. Internal to sim/render/view.
+#pragma once
+
+#include <span>
+
+#include "sim/render/view/shadow_cascades.h"
+#include "sim/render/view/sky_light.h"
+#include "sim/render/view/view_camera.h"
+
+namespace rigor::render {
+
+struct FrameNumbers {
+  view_gpu::ViewFrame uniforms;
+  bool sun = false;
+  double sway_factor = 0;  ///< metres that a sway of 1 m at 10 m/s comes to
+};
+
+/// `sky`: of the frame's sky map. `sky_scale`: what its texture must be multiplied by.
+[[nodiscard]] FrameNumbers frame_numbers(const ContentFrame& frame, const ViewRequest& request,
+                                         const ViewCamera& camera, const SkyLight& sky, float sky_scale);
+void set_cascades(std::span<const ShadowCascade> cascades, int side_px, view_gpu::ViewFrame& uniforms);
+
+}  // namespace rigor::render

@@ -1,0 +1,429 @@
+#include "sim/render/view/view_renderer.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <utility>
+
+#include "sim/render/view/culling.h"
+#include "sim/render/view/frame_passes.h"
+#include "sim/render/view/impostors.h"
+#include "sim/render/view/view_frame.h"
+
+namespace rigor::render {
+namespace {
+
+/// Frames for which things stay on the device unseen.
+constexpr std::uint64_t kFramesKept = 16;
+constexpr double kShadowReach_m = 400;
+/// What stands outside the view within this way may throw shadows into it.
+constexpr double kCasterReach_m = 120;
+
+using Clock = std::chrono::steady_clock;
+double ms_since(Clock::time_point t0) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - t0).count();
+}
+
+Status check(const ViewRequest& q, const VkPhysicalDeviceLimits& limits) {
+  const Pinhole& p = q.pinhole;
+  const auto bad = [](const char* where, const std::string& message) {
+    return fail(ErrorCode::bad_input, where, message);
+  };
+  const auto side = static_cast<long long>(std::min(limits.maxImageDimension2D, 16384U));
+  if (p.width_px < 1 || p.height_px < 1 || p.width_px > side || p.height_px > side)
+    return bad("picture", "expected 1 to " + std::to_string(side) + " px a side, got " +
+                              std::to_string(p.width_px) + "x" + std::to_string(p.height_px));
+  if (!(p.fx_px > 0 && p.fy_px > 0) || !std::isfinite(p.fx_px + p.fy_px + p.cx_px + p.cy_px))
+    return bad("pinhole", "expected finite fx, fy above 0 and a finite centre");
+  if (!(p.near_m > 0) || !std::isfinite(p.near_m))
+    return bad("pinhole", "near_m: expected a length above 0, got " + std::to_string(p.near_m));
+  const Eigen::Matrix3d r = q.T_world_camera.linear();
+  if (!q.T_world_camera.matrix().allFinite() || !(r.transpose() * r).isIdentity(1e-6) || r.determinant() < 0)
+    return bad("T_world_camera", "expected a finite place and a rotation");
+  for (const int b : q.bands)
+    if (b < 0 || b >= static_cast<int>(kBandCount))
+      return bad("bands", "expected 0 to " + std::to_string(kBandCount - 1) + ", got " + std::to_string(b));
+  if (q.samples != 1 && q.samples != 4)
+    return bad("samples", "expected 1 or 4, got " + std::to_string(q.samples));
+  if (!(q.allowed_error_px >= 0) || !std::isfinite(q.allowed_error_px))
+    return bad("allowed_error_px", "expected 0 or more, got " + std::to_string(q.allowed_error_px));
+  return {};
+}
+
+std::size_t count(const std::vector<Bucket>& buckets) {
+  std::size_t n = 0;
+  for (const Bucket& b : buckets) n += b.instances.size();
+  return n;
+}
+
+void count_calls(const std::vector<DrawCall>& calls, bool instancing, ViewStatistics& s) {
+  for (const DrawCall& c : calls) {
+    s.draw_calls += instancing ? 1 : c.instance_count;
+    s.triangles_drawn += std::size_t{c.mesh != nullptr ? c.index_count / 3 : 2} * c.instance_count;
+    if (c.mesh == nullptr) s.impostors_drawn += c.instance_count;
+  }
+}
+
+}  // namespace
+
+struct ViewRenderer::Impl {
+  explicit Impl(std::shared_ptr<Device> d)
+      : device(std::move(d)),
+        pipelines(gpu()),
+        uploads(gpu()),
+        resources(gpu(), pipelines, uploads),
+        targets(gpu()),
+        lists(gpu(), pipelines),
+        tiles(gpu(), pipelines),
+        particles(gpu(), pipelines),
+        impostors(gpu(), pipelines) {}
+
+  [[nodiscard]] const Device::Impl& gpu() const { return device->impl(); }
+  Status create();
+  Status draw(const ContentFrame& frame, const ViewRequest& request, ViewPicture& out, ViewStatistics& s);
+
+ private:
+  Status begin();
+  Status submit();
+  Status upload(const ContentFrame& frame, ViewStatistics& s);
+  Status make_shadows(const ViewCamera& camera, const CullOptions& options, FrameNumbers& numbers,
+                      const Pinhole& pinhole);
+  FrameFeatures features_of(const ContentFrame& frame, const ViewRequest& request,
+                            const FrameNumbers& n) const;
+  /// Draws a part of the picture; `first`, `second`: before and after what is hidden is dropped.
+  Status record_part(const FrameTargets::Part& part, std::span<const DrawCall> first,
+                     std::span<const DrawCall> second, bool first_is_done, const FrameFeatures& features);
+  void read_back(const ViewRequest& request, ViewPicture& out) const;
+
+  // Destroyed last to first: what others were made from outlives them.
+  std::shared_ptr<Device> device;
+
+ public:
+  ViewPipelines pipelines;
+
+ private:
+  ImageUploads uploads;
+  FrameResources resources;
+  std::unique_ptr<TexturePool> textures;
+  std::unique_ptr<ResidentContent> content;
+  FrameTargets targets;
+  DrawLists lists;
+  TilePass tiles;
+  ParticlePass particles;
+  Impostors impostors;
+  vk::CommandPool pool;
+  VkCommandBuffer commands = VK_NULL_HANDLE;
+  vk::Fence fence;
+  std::uint64_t frame_number = 0;
+  std::uint32_t particle_features = 0;
+  std::vector<const ResidentBatch*> batches;
+  std::vector<ShadowCascade> cascades;
+  std::vector<std::vector<Bucket>> casters;
+};
+
+Status ViewRenderer::Impl::create() {
+  if (auto s = pipelines.create(); !s) return s;
+  if (auto s = resources.create(); !s) return s;
+  if (auto s = impostors.create(); !s) return s;
+  textures = std::make_unique<TexturePool>(gpu(), pipelines.surface_layout(), uploads);
+  if (auto s = textures->create(); !s) return s;
+  content = std::make_unique<ResidentContent>(gpu(), *textures);
+  VkCommandPoolCreateInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO;
+  info.queueFamilyIndex = gpu().queue_family;
+  VkCommandPool pool_handle = VK_NULL_HANDLE;
+  if (const VkResult r = vkCreateCommandPool(gpu().device, &info, nullptr, &pool_handle); r != VK_SUCCESS)
+    return vk::failed("making a command pool", r);
+  pool = vk::CommandPool(gpu().device, pool_handle);
+  VkCommandBufferAllocateInfo allocate{};
+  allocate.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO;
+  allocate.commandPool = pool_handle;
+  allocate.level = VK_COMMAND_BUFFER_LEVEL_PRIMARY;
+  allocate.commandBufferCount = 1;
+  if (const VkResult r = vkAllocateCommandBuffers(gpu().device, &allocate, &commands); r != VK_SUCCESS)
+    return vk::failed("making a command buffer", r);
+  VkFenceCreateInfo fence_info{};
+  fence_info.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO;
+  VkFence fence_handle = VK_NULL_HANDLE;
+  if (const VkResult r = vkCreateFence(gpu().device, &fence_info, nullptr, &fence_handle); r != VK_SUCCESS)
+    return vk::failed("making a fence", r);
+  fence = vk::Fence(gpu().device, fence_handle);
+  return {};
+}
+
+Status ViewRenderer::Impl::begin() {
+  if (const VkResult r = vkResetCommandPool(gpu().device, pool.get(), 0); r != VK_SUCCESS)
+    return vk::failed("resetting a command pool", r);
+  VkCommandBufferBeginInfo info{};
+  info.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO;
+  info.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
+  if (const VkResult r = vkBeginCommandBuffer(commands, &info); r != VK_SUCCESS)
+    return vk::failed("beginning a command buffer", r);
+  return {};
+}
+
+Status ViewRenderer::Impl::submit() {
+  if (const VkResult r = vkEndCommandBuffer(commands); r != VK_SUCCESS)
+    return vk::failed("recording a command buffer", r);
+  return gpu().run(commands, fence.get());
+}
+
+Status ViewRenderer::Impl::upload(const ContentFrame& frame, ViewStatistics& s) {
+  batches.clear();
+  for (const auto& b : frame.batches) {
+    auto resident = content->get(b, frame_number);
+    if (!resident) return tl::unexpected(resident.error());
+    if (b) s.instances += b->instances.size();
+    if (*resident == nullptr) continue;
+    s.instances_skipped += (*resident)->skipped;
+    if (!(*resident)->spheres.empty()) batches.push_back(*resident);
+  }
+  s.batches = frame.batches.size();
+  s.uploaded_bytes += content->take_uploaded_bytes() + uploads.bytes();
+  return {};
+}
+
+FrameFeatures ViewRenderer::Impl::features_of(const ContentFrame& frame, const ViewRequest& request,
+                                              const FrameNumbers& n) const {
+  FrameFeatures f;
+  f.instancing = request.switches.instancing;
+  f.snow = frame.surface.snow_depth_m > 0;
+  f.wet = frame.surface.wetness > 0;
+  f.sway = n.sway_factor > 0;
+  if (request.samples == 4) f.all |= kFeatureMultisampled;
+  if (n.uniforms.counts.x > 0) f.all |= kFeatureHaze;
+  if (n.uniforms.counts.y > 0) f.all |= kFeatureLamps;
+  if (f.wet) f.all |= kFeatureWet;
+  if (!cascades.empty()) f.all |= kFeatureShadows;
+  return f;
+}
+
+Status ViewRenderer::Impl::make_shadows(const ViewCamera& camera, const CullOptions& options,
+                                        FrameNumbers& numbers, const Pinhole& pinhole) {
+  cascades.clear();
+  casters.clear();
+  Eigen::AlignedBox3d box;
+  bool any = false;
+  for (const ResidentBatch* b : batches) {
+    box.extend(b->bounds);
+    any = any || b->prototype->prototype->casts_shadow;
+  }
+  if (!any || !numbers.sun) return {};
+  const Eigen::AlignedBox3d relative(Eigen::Vector3d(box.min() - camera.eye),
+                                     Eigen::Vector3d(box.max() - camera.eye));
+  const int side = shadow_side_px(pinhole, gpu().limits.maxImageDimension2D);
+  const Eigen::Vector3d sun(static_cast<double>(numbers.uniforms.sun.x),
+                            static_cast<double>(numbers.uniforms.sun.y),
+                            static_cast<double>(numbers.uniforms.sun.z));
+  cascades =
+      shadow_cascades(camera, sun.normalized(), relative, {.side_px = side, .reach_m = kShadowReach_m});
+  if (cascades.empty()) return {};
+  if (auto s = resources.set_shadow_side(side); !s) return s;
+  set_cascades(cascades, side, numbers.uniforms);
+  for (const ShadowCascade& c : cascades) casters.push_back(cull_casters(camera, c, batches, options));
+  return {};
+}
+
+Status ViewRenderer::Impl::record_part(const FrameTargets::Part& part, std::span<const DrawCall> first,
+                                       std::span<const DrawCall> second, bool first_is_done,
+                                       const FrameFeatures& features) {
+  const VkDescriptorSet set = resources.set();
+  const auto bind = [&] {
+    vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipelines.draw(), 0, 1, &set, 0,
+                            nullptr);
+  };
+  if (!first_is_done) targets.record_begin(commands);
+  targets.begin_pass(
+      commands, {.clears = !first_is_done, .resolves = !particles.any(), .resolves_identity = true}, part);
+  bind();
+  if (!first_is_done) lists.record(commands, first, features.instancing);
+  lists.record(commands, second, features.instancing);
+  if (auto s = record_sky(commands, pipelines, features.all); !s) return s;
+  vkCmdEndRendering(commands);
+  if (particles.any()) {
+    targets.begin_pass(commands, {.identity = false, .resolves = true}, part);
+    bind();
+    const std::uint32_t keep = features.all & (kFeatureMultisampled | kFeatureHaze);
+    if (auto s = particles.record(commands, keep | particle_features); !s) return s;
+    vkCmdEndRendering(commands);
+  }
+  targets.record_readback(commands, part);
+  return {};
+}
+
+void ViewRenderer::Impl::read_back(const ViewRequest& request, ViewPicture& out) const {
+  const Pinhole& p = request.pinhole;
+  const std::size_t pixels = static_cast<std::size_t>(p.width_px) * p.height_px;
+  out.width_px = p.width_px;
+  out.height_px = p.height_px;
+  out.radiance.assign(targets.radiance(), targets.radiance() + 4 * pixels);
+  out.depth_m.resize(pixels);
+  out.nodes.resize(pixels);
+  const auto near_m = static_cast<float>(p.near_m);
+  for (std::size_t i = 0; i < pixels; ++i) {
+    out.depth_m[i] = near_m / targets.reversed_depth()[i];  // nothing there: 0, so infinity
+    out.nodes[i] = lists.node(targets.identities()[i]).value;
+  }
+}
+
+Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& request, ViewPicture& out,
+                                ViewStatistics& s) {
+  if (auto ok = check(request, gpu().limits); !ok) return ok;
+  ++frame_number;
+  const auto begun = Clock::now();
+  textures->set_bands(request.bands);
+  impostors.set_bands(request.bands);
+  if (auto ok = resources.set_sky(frame.light.sky, request.bands); !ok) return ok;
+  if (auto ok = upload(frame, s); !ok) return ok;
+  const Pinhole& p = request.pinhole;
+  if (auto ok = targets.prepare(p.width_px, p.height_px, request.samples, pipelines.colour_format()); !ok)
+    return ok;
+  s.upload_ms += ms_since(begun);
+
+  const auto cull_begun = Clock::now();
+  const ViewCamera camera(request);
+  FrameNumbers numbers = frame_numbers(frame, request, camera, resources.sky(), resources.sky_scale());
+  CullOptions options;
+  options.frustum = request.switches.frustum_culling;
+  options.levels = request.switches.levels_of_detail;
+  options.impostors = request.switches.impostors;
+  options.allowed_error_px = request.allowed_error_px;
+  options.sway_factor = 1.5 * numbers.sway_factor;
+  options.impostor = [this](const ResidentPrototype& prototype) {
+    return impostors.get(prototype, frame_number);
+  };
+  std::vector<Bucket> all = cull(camera, batches, options);
+  sort_by_distance(all);
+  cascades.clear();
+  casters.clear();
+  if (request.switches.shadows)
+    if (auto ok = make_shadows(camera, options, numbers, p); !ok) return ok;
+  const FrameFeatures features = features_of(frame, request, numbers);
+  const bool whole = targets.rows_at_once() >= p.height_px;
+  // Solid things first where they may hide others.
+  std::vector<Bucket> solid;
+  if (request.switches.occlusion_culling && whole) {
+    std::vector<Bucket> rest;
+    for (Bucket& b : all)
+      (b.prototype->prototype->occludes && b.mesh != nullptr ? solid : rest).push_back(std::move(b));
+    all = std::move(rest);
+    if (all.empty()) std::swap(all, solid);
+  }
+  std::size_t instances = count(all) + count(solid);
+  for (const auto& c : casters) instances += count(c);
+  const auto drops = make_particles(camera, frame.precipitation, request.t);
+  particle_features = frame.precipitation.kind == Precipitation::Kind::snow ? kFeatureSnow : 0U;
+  s.cull_ms += ms_since(cull_begun);
+
+  const auto draw_begun = Clock::now();
+  if (auto ok = lists.begin(instances); !ok) return ok;
+  if (auto ok = particles.prepare(drops); !ok) return ok;
+  resources.write(numbers.uniforms);
+  if (auto ok = begin(); !ok) return ok;
+  uploads.record(commands);
+  resources.record_begin(commands);
+  if (auto ok = impostors.record(commands, resources.set()); !ok) return ok;
+  std::vector<std::vector<DrawCall>> shadow_calls;
+  for (const auto& c : casters) {
+    auto calls = lists.add_casters(c, camera.eye, features);
+    if (!calls) return tl::unexpected(calls.error());
+    count_calls(*calls, features.instancing, s);
+    shadow_calls.push_back(std::move(*calls));
+  }
+  auto first = lists.add(solid, camera.eye, features);
+  if (!first) return tl::unexpected(first.error());
+  count_calls(*first, features.instancing, s);
+  s.instances_drawn += count(solid);
+  std::vector<DrawCall> second;
+  const auto add_rest = [&]() -> Status {
+    auto calls = lists.add(all, camera.eye, features);
+    if (!calls) return tl::unexpected(calls.error());
+    count_calls(*calls, features.instancing, s);
+    s.instances_drawn += count(all);
+    second = std::move(*calls);
+    return lists.record_gather(commands, *content);
+  };
+  const bool two_steps = !solid.empty();
+  if (!two_steps) {
+    if (auto ok = add_rest(); !ok) return ok;
+  } else if (auto ok = lists.record_gather(commands, *content); !ok) {
+    return ok;
+  }
+  resources.record_shadows(commands, lists, shadow_calls, features.instancing);
+  if (two_steps) {
+    const FrameTargets::Part part{0, p.height_px};
+    const VkDescriptorSet set = resources.set();
+    targets.record_begin(commands);
+    targets.begin_pass(commands, {.clears = true}, part);
+    vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipelines.draw(), 0, 1, &set, 0,
+                            nullptr);
+    lists.record(commands, *first, features.instancing);
+    vkCmdEndRendering(commands);
+    if (auto ok = tiles.record(commands, targets, p.width_px, p.height_px, request.samples == 4); !ok)
+      return ok;
+    if (auto ok = submit(); !ok) return ok;
+    uploads.done();
+    const auto again = Clock::now();
+    const std::size_t before = count(all);
+    drop_hidden(camera, tiles.read(p.width_px, p.height_px, p.near_m), options.sway_factor, all);
+    s.instances_hidden = before - count(all);
+    s.cull_ms += ms_since(again);
+    if (auto ok = begin(); !ok) return ok;
+    if (auto ok = add_rest(); !ok) return ok;
+    if (auto ok = record_part(part, {}, second, true, features); !ok) return ok;
+  } else {
+    for (int row = 0; row < p.height_px; row += targets.rows_at_once()) {
+      const FrameTargets::Part part{row, std::min(targets.rows_at_once(), p.height_px - row)};
+      if (auto ok = record_part(part, {}, second, false, features); !ok) return ok;
+    }
+  }
+  if (auto ok = submit(); !ok) return ok;
+  uploads.done();
+  read_back(request, out);
+  s.draw_ms += ms_since(draw_begun);
+  if (frame_number > kFramesKept) {
+    content->drop_older_than(frame_number - kFramesKept);
+    impostors.drop_older_than(frame_number - kFramesKept);
+    textures->drop_older_than(frame_number - kFramesKept);
+  }
+  return {};
+}
+
+ViewRenderer::ViewRenderer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+ViewRenderer::~ViewRenderer() = default;
+
+Result<std::unique_ptr<ViewRenderer>> ViewRenderer::create(std::shared_ptr<Device> device) {
+  if (!device) return fail(ErrorCode::unavailable, "view", "expected a device, got none");
+  auto impl = std::make_unique<Impl>(std::move(device));
+  if (auto s = impl->create(); !s) return tl::unexpected(s.error());
+  return std::unique_ptr<ViewRenderer>(new ViewRenderer(std::move(impl)));
+}
+
+ContentQuery ViewRenderer::query_for(const ViewRequest& request) {
+  const ViewCamera camera(request);
+  ContentQuery q;
+  q.eye = camera.eye;
+  q.t = request.t;
+  const ViewSwitches& s = request.switches;
+  q.allowed_error_rad = s.levels_of_detail ? request.allowed_error_px / camera.focal_px : 0.0;
+  if (s.frustum_culling)
+    for (const Eigen::Vector4d& plane : camera.planes)
+      q.frustum.emplace_back(Eigen::Vector3d(plane.head<3>()), plane.w() - plane.head<3>().dot(camera.eye));
+  if (s.shadows) q.shadow_reach_m = kCasterReach_m;
+  return q;
+}
+
+Status ViewRenderer::draw(const ContentFrame& frame, const ViewRequest& request, ViewPicture& out,
+                          ViewStatistics* statistics) {
+  ViewStatistics unused;
+  ViewStatistics& s = statistics != nullptr ? *statistics : unused;
+  const double collect_ms = s.collect_ms;
+  s = {};
+  s.collect_ms = collect_ms;
+  return impl_->draw(frame, request, out, s);
+}
+
+std::vector<std::string> ViewRenderer::pipelines() const { return impl_->pipelines.names(); }
+
+}  // namespace rigor::render
