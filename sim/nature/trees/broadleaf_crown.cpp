@@ -299,9 +299,11 @@ CrownMeshes make_broadleaf_crown(const CrownKey& key) {
     Leaves leaves;
     float area, thinnest;
   };
-  const Level levels[kCrownLevels - 1] = {{{1, 4, kBoughCell, 1.4F}, 0.85F, 0.035F + 0.01F * c.spacing},
-                                          {{2, 2, kBoughCell, 1.8F}, 0.75F, 0.09F},
-                                          {{5, 1, kBoughCell, 2.6F}, 0.6F, 1e9F}};
+  const Level levels[kCrownLevels - 1] = {
+      {{1, kCards[key.age_class] / 2, -1, 1.2F}, 0.95F, 0.022F},
+      {{1, std::min(4, kCards[key.age_class] / 2 - 1), kBoughCell, 1.4F}, 0.85F, 0.035F + 0.01F * c.spacing},
+      {{2, 2, kBoughCell, 1.8F}, 0.75F, 0.09F},
+      {{5, 1, kBoughCell, 2.6F}, 0.6F, 1e9F}};
   for (const Level& level : levels) {
     MeshBuilder trial, mesh;
     trial.set_coverage(foliage.coverage);

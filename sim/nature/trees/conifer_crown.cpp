@@ -238,12 +238,13 @@ void wood_of(MeshBuilder& out, const Crown& c, const Branch& b, int points) {
   out.tube(path, 3, 1.0F, 0.37F * static_cast<float>(b.index));
 }
 
-/// The finest foliage: twig by twig on either side of a branch.
-void twigs_of(MeshBuilder& out, const Crown& c, const Branch& b, float spacing_m, int most) {
+/// Foliage twig by twig on either side of a branch. `thin`: draws every so many-th pair alone, as much wider.
+void twigs_of(MeshBuilder& out, const Crown& c, const Branch& b, float spacing_m, int most, int thin) {
+  const float wider = thin > 1 ? 1.55F : 1.0F;
   const Habit& h = c.habit;
   const float first = b.index == 5000 ? 0.1F : h.bare;
   const int pairs = std::clamp(static_cast<int>(std::lround(b.length * (1 - first) / spacing_m)), 3, most);
-  for (int i = 0; i < pairs; ++i) {
+  for (int i = b.index % static_cast<unsigned>(thin); i < pairs; i += thin) {
     for (int arm = 0; arm < 2; ++arm) {
       const std::uint32_t item = static_cast<std::uint32_t>(2 * i + arm);
       const auto rnd = [&](std::uint32_t stream) { return c.draws.spread(20 + stream, b.index, item); };
@@ -266,9 +267,9 @@ void twigs_of(MeshBuilder& out, const Crown& c, const Branch& b, float spacing_m
       // Twigs in the shade, near the trunk and low under the bough, wear the darker pictures.
       const bool shaded = q < 0.3F + 0.15F * rnd(4);
       const int cell = (shaded ? 2 : 0) + static_cast<int>(2 * c.draws.uniform(25, b.index, item));
-      out.card(base, length * d, facing, 0.27F * length, cell, c.outward(base, facing),
+      out.card(base, length * d, facing, 0.27F * wider * length, cell, c.outward(base, facing),
                c.outward(tip, facing), c.sway(base), c.sway(tip));
-      if (c.draws.uniform(26, b.index, item) < h.second_layer) {
+      if (c.draws.uniform(26, b.index, item) < h.second_layer / static_cast<float>(thin)) {
         // A second spray from the same place, hanging under the first or standing on it.
         const float drop = 0.55F + 0.5F * c.draws.uniform(27, b.index, item);
         Vec3 e = (d + (h.lateral_fall >= 0 ? -drop : drop) * Vec3(0, 0, 1) + 0.5F * along).normalized();
@@ -334,25 +335,34 @@ CrownMeshes make_conifer_crown(const CrownKey& key) {
   fine.set_coverage(foliage.coverage);
   for (const Branch& b : c.branches) {
     wood_of(fine, c, b, b.length > 0.9F ? 3 : 2);
-    twigs_of(fine, c, b, kSpacing_m[key.age_class], kMostPairs[key.age_class]);
+    twigs_of(fine, c, b, kSpacing_m[key.age_class], kMostPairs[key.age_class], 1);
   }
   wood_of(fine, c, c.leader, 4);
-  twigs_of(fine, c, c.leader, 0.5F * kSpacing_m[key.age_class], 6);
+  twigs_of(fine, c, c.leader, 0.5F * kSpacing_m[key.age_class], 6, 1);
   const float leaf_area = fine.leaf_area_m2();
   out.levels.push_back(fine.finish(bark, foliage.surface));
+
+  MeshBuilder half;
+  for (const Branch& b : c.branches) {
+    if (b.length > 1.0F) wood_of(half, c, b, 2);
+    twigs_of(half, c, b, kSpacing_m[key.age_class], kMostPairs[key.age_class], 2);
+  }
+  twigs_of(half, c, c.leader, 0.5F * kSpacing_m[key.age_class], 6, 2);
+  out.levels.push_back(half.finish(bark, foliage.surface));
 
   struct Level {
     int every, segments;  ///< 0: one flat card
     float area;           ///< share of the leaf area that it keeps: larger cards hide less of one another
   };
-  constexpr Level kLevels[kCrownLevels - 1] = {{1, 2, 0.9F}, {2, 1, 0.9F}, {4, 0, 0.85F}};
+  constexpr Level kLevels[kCrownLevels - 2] = {{1, 2, 0.9F}, {2, 1, 0.9F}, {4, 0, 0.85F}};
   for (const Level& level : kLevels) {
     const auto build = [&](MeshBuilder& mesh, float width_scale) {
       mesh.set_coverage(foliage.coverage);
       // One of each few, by lot: at equal steps the spiral of the branches would show.
-      // A sapling has few branches to leave out.
-      const auto step =
-          static_cast<std::size_t>(std::min(level.every, key.age_class + 1 + (level.segments == 0)));
+      // A sapling or a pine has few branches to leave out.
+      const int most =
+          std::min(key.age_class, c.habit.density < 0.7F ? 0 : kAgeClasses) + 1 + (level.segments == 0);
+      const auto step = static_cast<std::size_t>(std::min(level.every, most));
       for (std::size_t i = 0; i < c.branches.size(); i += step) {
         const auto lot = static_cast<std::size_t>(c.draws.uniform(50, static_cast<std::uint32_t>(i)) *
                                                   static_cast<float>(step));

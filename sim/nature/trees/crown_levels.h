@@ -9,7 +9,7 @@
 
 namespace rigor::nature {
 
-inline constexpr int kCrownLevels = 4;
+inline constexpr int kCrownLevels = 5;
 
 /// A crown before its levels are made into a prototype.
 struct CrownMeshes {

@@ -167,7 +167,7 @@ struct ShootPainter {
     if (order == 0) return twig(x, y, angle, length_px, bend);
     // Sparser towards higher orders: side shoots of a bough are whole twigs.
     float spacing = style.side_step_m * px_per_m;
-    for (int k = 1; k < order; ++k) spacing *= 2.8F;
+    for (int k = 1; k < order; ++k) spacing *= 3.3F;
     spacing = std::max(spacing, 4.0F);
     const int n = std::max(3, static_cast<int>(length_px * 0.92F / spacing));
     const float width =
@@ -187,7 +187,8 @@ struct ShootPainter {
       for (int side = -1; side <= 1; side += 2) {
         // A lance: longest at a third, short at the tip.
         const float lance = std::pow(s < 0.28F ? 0.45F + 0.55F * s / 0.28F : (1.04F - s) / 0.76F, 0.8F);
-        const float l = length_px * style.side_ratio * lance * (0.8F + 0.35F * next());
+        const float l = length_px * style.side_ratio * lance *
+                        (order > 1 ? 0.62F + 0.5F * next() : 0.8F + 0.35F * next());
         const float f = static_cast<float>(side),
                     a = angle + bend * s +
                         f * style.side_angle * (1.05F - 0.35F * s) * (0.9F + 0.2F * next());

@@ -143,7 +143,7 @@ int main(int argc, char** argv) {
     const Eigen::Vector3f position(x, y, eye_m),
         ahead(std::sin(heading) * std::cos(pitch), std::cos(heading) * std::cos(pitch), std::sin(pitch));
     const Eye eye{position, position + ahead, 500};
-    std::size_t triangles = 0, instances = 0, per_level[4] = {};
+    std::size_t triangles = 0, instances = 0, per_level[5] = {};
     const auto frame = w.frame();
     for (const auto& b : frame.batches)
       for (render::Instance i : b->instances) {
@@ -151,7 +151,7 @@ int main(int argc, char** argv) {
         const Eigen::Vector3f to(i.position[0] - x, i.position[1] - y, 0);
         const float range = std::max(0.5F, to.norm());
         std::size_t level = 0;
-        for (std::size_t l = 1; l < 4; ++l)
+        for (std::size_t l = 1; l < b->prototype->levels.size(); ++l)
           if (b->prototype->levels[l].error_m * std::max(i.scale[0], i.scale[2]) <= allowed * range / 500)
             level = l;
         scene.push_back({b->prototype->levels[level].mesh.get(), i});
@@ -160,8 +160,9 @@ int main(int argc, char** argv) {
         if (along < -3 || across > 0.64F * std::max(0.0F, along) + 4) continue;
         triangles += b->prototype->levels[level].mesh->indices.size() / 3, ++instances, ++per_level[level];
       }
-    std::printf("%zu trees; in view %zu instances (%zu, %zu, %zu, %zu by level), %zu triangles\n",
-                specs.size(), instances, per_level[0], per_level[1], per_level[2], per_level[3], triangles);
+    std::printf("%zu trees; in view %zu instances (%zu, %zu, %zu, %zu, %zu by level), %zu triangles\n",
+                specs.size(), instances, per_level[0], per_level[1], per_level[2], per_level[3], per_level[4],
+                triangles);
     save(lit_picture(scene, eye, 640, 480, 95, {50, 50, 20}), file);
   }
   return 0;

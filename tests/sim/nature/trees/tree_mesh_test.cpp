@@ -66,7 +66,7 @@ TEST(TreeMesh, CrownsAreSoundAtEveryLevel) {
   for (const CrownKey& key : some_crowns()) {
     const CrownPrototype& crown = crown_prototype(key);
     EXPECT_TRUE(crown.prototype->impostor);
-    ASSERT_EQ(crown.prototype->levels.size(), 4u);
+    ASSERT_EQ(crown.prototype->levels.size(), 5u);
     std::size_t last = 1u << 30;
     float error = -1;
     for (const auto& level : crown.prototype->levels) {
@@ -76,10 +76,10 @@ TEST(TreeMesh, CrownsAreSoundAtEveryLevel) {
       last = level.mesh->indices.size(), error = level.error_m;
     }
     EXPECT_EQ(crown.prototype->levels.front().error_m, 0);
-    EXPECT_LE(crown.prototype->levels[0].mesh->indices.size() / 3, 13500u) << crown.prototype->name;
-    EXPECT_LE(crown.prototype->levels[1].mesh->indices.size() / 3, 2900u) << crown.prototype->name;
-    EXPECT_LE(crown.prototype->levels[2].mesh->indices.size() / 3, 800u) << crown.prototype->name;
-    EXPECT_LE(crown.prototype->levels[3].mesh->indices.size() / 3, 160u) << crown.prototype->name;
+    constexpr std::size_t kMost[] = {13500, 6500, 2900, 800, 160};
+    for (std::size_t k = 0; k < 5; ++k)
+      EXPECT_LE(crown.prototype->levels[k].mesh->indices.size() / 3, kMost[k])
+          << crown.prototype->name << " " << k;
   }
 }
 
@@ -170,7 +170,7 @@ TEST(TreeMesh, LevelsKeepTheSilhouette) {
       }
       covered.push_back(sum);
     }
-    constexpr double kAllowed[] = {0, 0.30, 0.40, 0.50};
+    constexpr double kAllowed[] = {0, 0.25, 0.30, 0.40, 0.50};
     for (std::size_t i = 1; i < covered.size(); ++i)
       EXPECT_NEAR(covered[i] / covered[0], 1, kAllowed[i]) << crown.prototype->name << " level " << i;
   }
