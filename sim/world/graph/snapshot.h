@@ -64,10 +64,10 @@ class Snapshot {
   /// order that depends on the history of transactions alone.
   void for_each(TypeId type, const std::function<void(NodeId)>& visit) const;
   [[nodiscard]] std::vector<NodeId> nodes(TypeId type) const;
-  /// The fast scan: runs of neighbouring nodes with their values, in the order of for_each.
-  template <class T>
-  void scan(TypeId type, Attribute<T> attribute,
-            const std::function<void(std::span<const NodeId>, std::span<const T>)>& visit) const {
+  /// The fast scan: runs of neighbouring nodes with their values, in the order of for_each, handed to
+  /// visit(std::span<const NodeId>, std::span<const T>).
+  template <class T, class Visit>
+  void scan(TypeId type, Attribute<T> attribute, Visit&& visit) const {
     scan_runs(type, attribute.id, [&](std::span<const NodeId> nodes, const void* values) {
       visit(nodes, std::span<const T>(static_cast<const T*>(values), nodes.size()));
     });

@@ -102,29 +102,40 @@ SpaceInner* my_inner(Memory& m, Stored* old) {
   return n;
 }
 
-Stored* build(Memory& m, std::span<SpaceEntry> entries) {
+struct Keyed {
+  Key key;
+  SpaceEntry entry;
+};
+
+/// `spare` is as long as `entries`; both are written over.
+Stored* build(Memory& m, std::span<Keyed> entries, std::span<Keyed> spare) {
   if (entries.size() <= kLeafMax) {
     SpaceLeaf* n = make_leaf(m, static_cast<std::uint32_t>(entries.size()));
-    n->count = static_cast<std::uint32_t>(entries.size());
-    std::copy(entries.begin(), entries.end(), n->entry);
+    for (const Keyed& e : entries) n->entry[n->count++] = e.entry;
     return n;
   }
-  const Key first = key_of(entries[0]);
   int depth = kDigits;
-  for (const SpaceEntry& e : entries) depth = std::min(depth, first_difference(first, key_of(e)));
+  for (const Keyed& e : entries) depth = std::min(depth, first_difference(entries[0].key, e.key));
   SpaceInner* n = make_inner(m);
   n->depth = depth;
   n->count = static_cast<std::uint32_t>(entries.size());
-  n->key = first;
-  auto at = entries.begin();
-  for (unsigned d = 0; d < 8 && at != entries.end(); ++d) {
-    const auto end = d == 7 ? entries.end() : std::partition(at, entries.end(), [&](const SpaceEntry& e) {
-      return digit(key_of(e), depth) == d;
-    });
-    if (end != at) n->child[d] = build(m, {at, end});
-    at = end;
-  }
+  n->key = entries[0].key;
+  std::size_t start[9] = {};
+  for (const Keyed& e : entries) ++start[digit(e.key, depth) + 1];
+  for (int d = 0; d < 8; ++d) start[d + 1] += start[d];
+  std::size_t at[8];
+  std::copy_n(start, 8, at);
+  for (const Keyed& e : entries) spare[at[digit(e.key, depth)]++] = e;
+  for (int d = 0; d < 8; ++d)
+    if (const std::size_t count = start[d + 1] - start[d])
+      n->child[d] = build(m, spare.subspan(start[d], count), entries.subspan(start[d], count));
   return n;
+}
+
+Stored* build(Memory& m, std::span<const SpaceEntry> entries) {
+  std::vector<Keyed> keyed(entries.size()), spare(entries.size());
+  for (std::size_t i = 0; i < entries.size(); ++i) keyed[i] = {key_of(entries[i]), entries[i]};
+  return build(m, keyed, spare);
 }
 
 Stored* insert(Memory& m, Stored* n, const SpaceEntry& e, const Key& k) {
@@ -232,7 +243,6 @@ Stored* replace(Memory& m, Stored* n, const SpaceEntry& e, const Key& k) {
 struct Cell {
   double min[3], max[3];
 };
-constexpr Cell kEverywhere = {{-kInf, -kInf, -kInf}, {kInf, kInf, kInf}};
 
 /// What the first `depth` digits of a key leave open. The outermost cells reach to infinity.
 Cell cell_of(const Key& key, int depth) {
@@ -311,7 +321,7 @@ void space_insert(Memory& m, Stored*& root, const SpaceEntry& entry) {
   root = insert(m, root, entry, key_of(entry));
 }
 
-void space_insert(Memory& m, Stored*& root, std::span<SpaceEntry> entries) {
+void space_insert(Memory& m, Stored*& root, std::span<const SpaceEntry> entries) {
   if (entries.empty()) return;
   if (!root) {
     root = build(m, entries);

@@ -23,8 +23,8 @@ struct SpaceEntry {
 
 /// Precondition of all: the place is finite.
 void space_insert(Memory& m, Stored*& root, const SpaceEntry& entry);
-/// Of many at once; takes the order of `entries` for its own.
-void space_insert(Memory& m, Stored*& root, std::span<SpaceEntry> entries);
+/// Of many at once.
+void space_insert(Memory& m, Stored*& root, std::span<const SpaceEntry> entries);
 /// Precondition: it is there.
 void space_remove(Memory& m, Stored*& root, const SpaceEntry& entry);
 /// Precondition: `before` is there; the node is the same.

@@ -77,6 +77,8 @@ std::size_t bytes_of(const Stored* n) {
       return sizeof(Block) + static_cast<const Block*>(n)->capacity * sizeof(NodeId);
     case StoredKind::dynamic_map:
       return sizeof(DynamicMap);
+    case StoredKind::space:
+      return space_bytes(n);
     default:
       return leaf_ops(n->kind()).leaf_bytes;
   }
@@ -98,20 +100,55 @@ Memory::~Memory() {
   for (auto& live : live_)
     for (Stored* n : live.retired) free_now(n);
   for (Stored* n : adopted_) free_tree(n);
+  for (void* s : slabs_) ::operator delete(s);
 }
+
+namespace {
+#if defined(__SANITIZE_ADDRESS__)
+constexpr bool kPools = false;  // so that the sanitizer sees each stored node's end
+#else
+constexpr bool kPools = true;
+#endif
+}  // namespace
 
 void* Memory::allocate(std::size_t bytes) {
   bytes_ += bytes;
-  return ::operator new(bytes);
+  if (!kPools || bytes > kPooled) return ::operator new(bytes);
+  const std::size_t grains = (bytes + kGrain - 1) / kGrain;
+  if (Free*& list = free_[grains]; list) {
+    void* p = list;
+    list = list->next;
+    return p;
+  }
+  const std::size_t room = grains * kGrain;
+  if (slab_left_ < room) {
+    slabs_.push_back(::operator new(kSlab));
+    slab_at_ = static_cast<std::byte*>(slabs_.back());
+    slab_left_ = kSlab;
+  }
+  void* p = slab_at_;
+  slab_at_ += room;
+  slab_left_ -= room;
+  return p;
+}
+
+void Memory::give_back(void* p, std::size_t bytes) {
+  bytes_ -= bytes;
+  if (!kPools || bytes > kPooled) {
+    ::operator delete(p);
+    return;
+  }
+  Free*& list = free_[(bytes + kGrain - 1) / kGrain];
+  list = new (p) Free{list};
 }
 
 void Memory::free_now(Stored* n) {
-  bytes_ -= bytes_of(n);
+  const std::size_t bytes = bytes_of(n);
   if (n->kind() == StoredKind::dynamic_map)
     static_cast<DynamicMap*>(n)->~DynamicMap();
   else if (n->kind() < StoredKind::inner)
     leaf_ops(n->kind()).destroy(n);
-  ::operator delete(n);
+  give_back(n, bytes);
 }
 
 void Memory::free_tree(Stored* n) {
@@ -148,6 +185,9 @@ void Memory::free_tree(Stored* n) {
       }
       break;
     }
+    case StoredKind::space:
+      space_children(n, [this](Stored* c) { free_tree(c); });
+      break;
     default:
       break;
   }

@@ -89,9 +89,21 @@ class Memory {
     std::uint64_t version;
     std::vector<Stored*> retired;  // this is the newest living snapshot that reaches them
   };
+  void give_back(void* p, std::size_t bytes);
   void free_now(Stored* n);
   void free_tree(Stored* n);
   void drop(std::uint64_t version);
+
+  // Freed room is kept by size for the next of that size: a world that changes at a steady pace asks the
+  // system for nothing.
+  static constexpr std::size_t kGrain = 64, kPooled = 2048, kSlab = 1 << 16;
+  struct Free {
+    Free* next;
+  };
+  std::array<Free*, kPooled / kGrain + 1> free_{};
+  std::vector<void*> slabs_;
+  std::byte* slab_at_ = nullptr;
+  std::size_t slab_left_ = 0;
 
   std::uint64_t epoch_ = 1;
   std::size_t bytes_ = 0;
