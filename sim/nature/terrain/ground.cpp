@@ -181,8 +181,7 @@ std::uint8_t Ground::cover_at(double x, double y) const {
       .strongest();
 }
 
-bool Ground::under_water(double x, double y, double z) const {
-  const auto counts = [&](const WaterBody& b) { return b.follows || z <= b.level_m + kBedAbove_m; };
+const WaterBody* Ground::body_at(double x, double y) const {
   for (std::size_t k = 0; water_of_cell_ && k < water_of_cell_->size(); ++k) {
     const auto& body_of = (*water_of_cell_)[k];
     if (body_of.empty()) continue;
@@ -191,11 +190,46 @@ bool Ground::under_water(double x, double y, double z) const {
     const int c = std::clamp(static_cast<int>(std::floor(f.u(x) + 0.5)), 0, f.columns - 1);
     const int r = std::clamp(static_cast<int>(std::floor(f.v(y) + 0.5)), 0, f.rows - 1);
     const int id = body_of[static_cast<std::size_t>(r) * f.columns + c];
-    if (id >= 0 && !waters[id].cells.empty() && counts(waters[id])) return true;
+    if (id >= 0 && !waters[id].cells.empty()) return &waters[id];
   }
+  return nullptr;
+}
+
+bool Ground::under_sheet(double x, double y, double z) const {
+  const auto counts = [&](const WaterBody& b) { return !b.follows && z <= b.level_m + kBedAbove_m; };
+  if (const auto* body = body_at(x, y); body && counts(*body)) return true;
   for (std::size_t i = outlined_from_; i < waters.size(); ++i) {
     const auto& body = waters[i];
     if (counts(body) && body.bounds.contains(x, y) && inside_outline(body.outline.span(), x, y)) return true;
+  }
+  return false;
+}
+
+bool Ground::under_water(double x, double y, double z) const {
+  if (under_sheet(x, y, z)) return true;
+  const auto* body = body_at(x, y);
+  return body && body->follows;
+}
+
+bool Ground::is_river(double x, double y) const {
+  static const std::uint8_t water = cover_index("water");
+  if (cover_at(x, y) != water) return false;
+  // The border wanders, so the cell of a point of the river may be one beside the river's.
+  const double step = covers.empty() ? 0 : covers.front().frame.spacing_m / 2;
+  for (const auto& [dx, dy] : {std::pair{0.0, 0.0}, {step, 0.0}, {-step, 0.0}, {0.0, step}, {0.0, -step}}) {
+    if (const auto* body = body_at(x + dx, y + dy)) return body->follows;
+  }
+  return false;
+}
+
+bool Ground::river_near(const Rect& rect) const {
+  for (const auto& body : waters) {
+    if (!body.follows || !body.bounds.overlaps(rect)) continue;
+    const auto& f = covers[body.grid].frame;
+    const Rect wide = rect.grown(1.5 * f.spacing_m);
+    for (const int cell : body.cells) {
+      if (wide.contains(f.x(cell % f.columns), f.y(cell / f.columns))) return true;
+    }
   }
   return false;
 }

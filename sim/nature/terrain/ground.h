@@ -38,8 +38,9 @@ struct CoverMix {
 struct WaterBody {
   NodeId node;
   Rect bounds;
-  double level_m = 0;      ///< of a flat one
-  bool follows = false;    ///< a river: lies on the terrain, not flat
+  double level_m = 0;  ///< of a flat one
+  /// A river: too steep to be flat. The ground itself is its surface, and it has no sheet.
+  bool follows = false;
   world::Numbers outline;  ///< of a Water node
   std::size_t grid = 0;    ///< else: cells of land cover grid…
   std::vector<int> cells;  ///< …row·columns + column, ascending
@@ -78,10 +79,18 @@ class Ground {
   }
   /// The cover that counts at a point.
   [[nodiscard]] std::uint8_t cover_at(double x, double y) const;
-  /// True where a point of the ground at height z lies under water.
+  /// True where a point of the ground at height z lies under a flat sheet of water.
+  [[nodiscard]] bool under_sheet(double x, double y, double z) const;
+  /// True where the ground is the surface of a river, borders between covers counted.
+  [[nodiscard]] bool is_river(double x, double y) const;
+  /// True where a river's cells come near a rectangle.
+  [[nodiscard]] bool river_near(const Rect& rect) const;
+  /// True where a point of the ground at height z lies under water of any kind.
   [[nodiscard]] bool under_water(double x, double y, double z) const;
 
  private:
+  /// The body whose cells hold a point, or null.
+  [[nodiscard]] const WaterBody* body_at(double x, double y) const;
   static bool mix_in(const CoverGrid& grid, double x, double y, CoverMix& mix);
   template <class Noise>
   static void sharpen(CoverMix& mix, const Noise& noise) {

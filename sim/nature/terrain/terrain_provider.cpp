@@ -16,9 +16,9 @@ using render::ContentFrame;
 using render::ContentQuery;
 
 /// A texel may subtend this many times the error that is allowed.
-constexpr double kTexelsPerError = 3;
+constexpr double kTexelsPerError = 2;
 /// The finest texel that is baked.
-constexpr double kFinestTexel_m = 0.018;
+constexpr double kFinestTexel_m = 0.005;
 /// Blocks along a tile: at least four, so that a neighbour two levels coarser meets it at common points.
 constexpr int kFewestBlocks_log2 = 2, kMostBlocks_log2 = 6;
 /// Neighbours differ by this many levels at most.
@@ -55,6 +55,18 @@ struct Tile {
   std::shared_ptr<const Batch> batch;  ///< null: nothing is drawn there
   std::uint64_t used = 0;
 };
+
+const std::shared_ptr<const render::Surface>& water_surface() {
+  static const std::shared_ptr<const render::Surface> surface = [] {
+    auto s = std::make_shared<render::Surface>(*render::SurfaceLibrary::builtin().get("water"));
+    s->serial = render::next_serial();
+    s->water = true;
+    s->takes_snow = false;
+    s->porosity = 0;
+    return s;
+  }();
+  return surface;
+}
 
 auto water_key(const WaterBody& w) {
   std::uint64_t hash = 0;
@@ -161,6 +173,10 @@ class Provider final : public TerrainProvider {
       out.error_m = tree.error_m(n, out.s);
       if (out.error_m <= tolerance) break;
     }
+    if (tree.ground().river_near(tree.rect(n))) {  // its banks are drawn by blocks: as fine as may be
+      out.s = n.m - kMostBlocks_log2;
+      out.error_m = tree.error_m(n, out.s);
+    }
     if (n.m <= kMostBlocks_log2) {  // wider nodes are never drawn cell by cell
       out.cell_error_m = tree.error_m(n, std::min(0, n.m));
       if (n.m < 0) out.cell_error_m = std::ldexp(out.cell_error_m, -2 * n.m);
@@ -253,10 +269,14 @@ class Provider final : public TerrainProvider {
     const HeightTree& tree = tree_of(k.grid);
     const Rect r = tree.rect(k.node);
     const Eigen::Vector3d origin((r.x0 + r.x1) / 2, (r.y0 + r.y1) / 2, std::floor((low + high) / 2));
-    auto mesh = tile_mesh(tree, k.node, k.s, origin);
+    const TileMesh tile = tile_mesh(tree, k.node, k.s, origin);
+    const auto& mesh = tile.mesh;
     if (!mesh) return nullptr;
-    mesh->parts = {{0, static_cast<std::uint32_t>(mesh->indices.size()),
-                    tile_surface(tree, k.node, options_.plain_imagery)}};
+    const auto all = static_cast<std::uint32_t>(mesh->indices.size());
+    mesh->parts = {{0, tile.first_river_index, tile_surface(tree, k.node, options_.plain_imagery)}};
+    if (tile.first_river_index < all) {
+      mesh->parts.push_back({tile.first_river_index, all - tile.first_river_index, water_surface()});
+    }
     auto prototype = std::make_shared<render::Prototype>();
     prototype->name = "ground";
     prototype->levels = {{mesh, static_cast<float>(tree.error_m(k.node, k.s))}};
@@ -401,19 +421,11 @@ class Provider final : public TerrainProvider {
   }
 
   std::shared_ptr<const Batch> build_water(const WaterBody& body) const {
-    static const auto surface = [] {
-      auto s = std::make_shared<render::Surface>(*render::SurfaceLibrary::builtin().get("water"));
-      s->serial = render::next_serial();
-      s->water = true;
-      s->takes_snow = false;
-      s->porosity = 0;
-      return s;
-    }();
     const Eigen::Vector3d origin((body.bounds.x0 + body.bounds.x1) / 2, (body.bounds.y0 + body.bounds.y1) / 2,
                                  body.level_m);
     auto mesh = water_mesh(*ground_, body, origin);
     if (!mesh) return nullptr;
-    mesh->parts = {{0, static_cast<std::uint32_t>(mesh->indices.size()), surface}};
+    mesh->parts = {{0, static_cast<std::uint32_t>(mesh->indices.size()), water_surface()}};
     auto prototype = std::make_shared<render::Prototype>();
     prototype->name = "water";
     prototype->levels = {{mesh, 0.0F}};

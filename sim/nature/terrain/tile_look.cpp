@@ -20,14 +20,14 @@ struct Recipe {
 };
 constexpr Recipe kRecipes[] = {
     {"soil", "gravel", "soil", 0.2, 0, 0.15, 0.15, false},           // water: its bed
-    {"grass", "dry_grass", "soil", 0.22, 0.08, 0.16, 0.24, true},    // grass
-    {"grass", "dry_grass", "soil", 0.38, 0.04, 0.20, 0.26, true},    // meadow
-    {"grass", "leaf_litter", "soil", 0.35, 0.10, 0.18, 0.28, true},  // shrub
-    {"leaf_litter", "soil", "grass", 0.30, 0.16, 0.18, 0.30, true},  // forest_floor
-    {"leaf_litter", "grass", "soil", 0.40, 0.12, 0.18, 0.28, true},  // fern
-    {"soil", "gravel", "leaf_litter", 0.10, 0.06, 0.14, 0.20, true},
-    {"rock", "gravel", "soil", 0.18, 0.08, 0.18, 0.18, false},
-    {"gravel", "soil", "sand", 0.12, 0.10, 0.10, 0.26, false},
+    {"grass", "dry_grass", "soil", 0.22, 0.08, 0.16, 0.36, true},    // grass
+    {"grass", "dry_grass", "soil", 0.38, 0.04, 0.20, 0.38, true},    // meadow
+    {"grass", "leaf_litter", "soil", 0.35, 0.10, 0.18, 0.38, true},  // shrub
+    {"leaf_litter", "soil", "grass", 0.30, 0.16, 0.18, 0.42, true},  // forest_floor
+    {"leaf_litter", "grass", "soil", 0.40, 0.12, 0.18, 0.40, true},  // fern
+    {"soil", "gravel", "leaf_litter", 0.10, 0.06, 0.14, 0.28, true},
+    {"rock", "gravel", "soil", 0.18, 0.08, 0.18, 0.24, false},
+    {"gravel", "soil", "sand", 0.12, 0.10, 0.10, 0.36, false},
     {"sand", "gravel", "sand", 0.06, 0, 0.08, 0.08, false},
     {"snow", "snow", "snow", 0, 0, 0.02, 0.015, false},
     {"asphalt", "asphalt", "gravel", 0, 0.01, 0.08, 0.14, false},
@@ -106,9 +106,9 @@ class Painter {
       : tree_(tree),
         places_(places),
         tone_({.stream = 1, .longest = 7, .shortest = 0, .gain = 0.75}, places),
-        patch_({.stream = 2, .longest = 4, .shortest = -4, .gain = 0.75}, places),
-        patch2_({.stream = 3, .longest = 3, .shortest = -4, .gain = 0.8}, places),
-        grain_({.stream = 4, .longest = -1, .shortest = -6, .gain = 0.9}, places) {}
+        patch_({.stream = 2, .longest = 4, .shortest = -7, .gain = 0.85}, places),
+        patch2_({.stream = 3, .longest = 2, .shortest = -7, .gain = 0.9}, places),
+        grain_({.stream = 4, .longest = -2, .shortest = -8, .gain = 1.15}, places) {}
 
   Spectrum at(int column, int row) {
     const double x = places_.x0 + places_.step * column, y = places_.y0 - places_.step * row;

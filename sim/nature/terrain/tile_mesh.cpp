@@ -1,5 +1,5 @@
 #include <limits>
-#include <unordered_map>
+#include <map>
 
 #include "sim/nature/terrain/tile.h"
 
@@ -19,16 +19,21 @@ class Builder {
       finest = std::min(finest, tree.ground().terrain[i].frame.spacing_m);
     }
     // Where a finer grid ends inside a cell, the cell is cut this fine.
+    rivers_ = tree.ground().river_near(tree.rect(node));
     deepest_ = std::max(-6, -static_cast<int>(std::ceil(std::log2(grid_.frame.spacing_m / finest))));
   }
 
-  std::shared_ptr<render::Mesh> build() {
+  TileMesh build() {
     const std::int64_t n = std::int64_t{1} << (node_.m - s_);
     for (std::int64_t j = 0; j < n; ++j) {
       for (std::int64_t i = 0; i < n; ++i) emit({s_, node_.i * n + i, node_.j * n + j}, false);
     }
-    if (mesh_->indices.empty()) return nullptr;
-    return std::move(mesh_);
+    TileMesh out;
+    if (mesh_->indices.empty() && river_.empty()) return out;
+    out.first_river_index = static_cast<std::uint32_t>(mesh_->indices.size());
+    mesh_->indices.insert(mesh_->indices.end(), river_.begin(), river_.end());
+    out.mesh = std::move(mesh_);
+    return out;
   }
 
  private:
@@ -45,7 +50,10 @@ class Builder {
     if (s.empty()) return;
     const std::uint32_t nw = vertex(s.u0, s.v0, b, 0, 0), ne = vertex(s.u1, s.v0, b, 1, 0),
                         sw = vertex(s.u0, s.v1, b, 0, 1), se = vertex(s.u1, s.v1, b, 1, 1);
-    for (const std::uint32_t v : {nw, sw, se, nw, se, ne}) mesh_->indices.push_back(v);
+    const bool river = rivers_ && tree_.ground().is_river(grid_.frame.x((s.u0 + s.u1) / 2),
+                                                          grid_.frame.y((s.v0 + s.v1) / 2));
+    auto& indices = river ? river_ : mesh_->indices;
+    for (const std::uint32_t v : {nw, sw, se, nw, se, ne}) indices.push_back(v);
     side(b, s, west, nw, sw, inside_mixed);
     side(b, s, east, se, ne, inside_mixed);
     side(b, s, south, sw, se, inside_mixed);
@@ -147,7 +155,8 @@ class Builder {
   Eigen::Vector3d origin_;
   HeightTree::Span whole_;
   std::shared_ptr<render::Mesh> mesh_ = std::make_shared<render::Mesh>();
-  std::vector<std::uint32_t> shared_;
+  std::vector<std::uint32_t> shared_, river_;
+  bool rivers_ = false;
 };
 
 void finish(render::Mesh& mesh) {
@@ -195,23 +204,21 @@ std::vector<std::uint32_t> triangulate(std::span<const double> xy) {
 
 }  // namespace
 
-std::shared_ptr<render::Mesh> tile_mesh(const HeightTree& tree, const TreeNode& node, int s,
-                                        const Eigen::Vector3d& origin) {
-  auto mesh = Builder(tree, node, std::min(s, node.m), origin).build();
-  if (mesh) finish(*mesh);
-  return mesh;
+TileMesh tile_mesh(const HeightTree& tree, const TreeNode& node, int s, const Eigen::Vector3d& origin) {
+  TileMesh out = Builder(tree, node, std::min(s, node.m), origin).build();
+  if (out.mesh) finish(*out.mesh);
+  return out;
 }
 
 std::shared_ptr<render::Mesh> water_mesh(const Ground& ground, const WaterBody& body,
                                          const Eigen::Vector3d& origin) {
+  if (body.follows) return nullptr;
   auto mesh = std::make_shared<render::Mesh>();
-  const auto add = [&](double x, double y, double z, const Eigen::Vector3d& normal) {
+  const auto add = [&](double x, double y) {
     render::Vertex v{};
-    const Eigen::Vector3d p = Eigen::Vector3d(x, y, z) - origin;
-    for (int k = 0; k < 3; ++k) {
-      v.position[k] = static_cast<float>(p[k]);
-      v.normal[k] = static_cast<float>(normal[k]);
-    }
+    const Eigen::Vector3d p = Eigen::Vector3d(x, y, body.level_m) - origin;
+    for (int k = 0; k < 3; ++k) v.position[k] = static_cast<float>(p[k]);
+    v.normal[2] = 1;
     v.uv[0] = v.position[0];
     v.uv[1] = v.position[1];
     mesh->vertices.push_back(v);
@@ -219,40 +226,30 @@ std::shared_ptr<render::Mesh> water_mesh(const Ground& ground, const WaterBody& 
   };
   if (!body.outline.empty()) {
     const auto xy = body.outline.span();
-    for (std::size_t i = 0; i + 1 < xy.size(); i += 2) add(xy[i], xy[i + 1], body.level_m, {0, 0, 1});
+    for (std::size_t i = 0; i + 1 < xy.size(); i += 2) add(xy[i], xy[i + 1]);
     mesh->indices = triangulate(xy);
   } else {
+    // Rows of cells, each with the cells around: the sheet ends under the shore, not at a cell's edge.
     const auto& f = ground.covers[body.grid].frame;
-    std::unordered_map<std::int64_t, std::uint32_t> known;  // corners by number, looked up alone
-    const auto corner = [&](int c, int r) {
-      const auto [it, isNew] = known.try_emplace(static_cast<std::int64_t>(r) * (f.columns + 1) + c, 0U);
-      if (isNew) {
-        const double x = f.x(c - 0.5), y = f.y(r - 0.5);
-        double z = body.level_m;
-        Eigen::Vector3d normal(0, 0, 1);
-        if (body.follows) {
-          if (const double h = ground.height_at(x, y); !std::isnan(h)) {
-            z = h;
-            const Eigen::Vector2d slope = ground.slope_at(x, y);
-            normal = Eigen::Vector3d(-slope.x(), -slope.y(), 1).normalized();
-          }
-        }
-        it->second = add(x, y, z, normal);
+    std::map<int, std::vector<std::pair<int, int>>> runs;  // row → [first, last] columns, ascending
+    for (const int cell : body.cells) {
+      const int c = cell % f.columns, r = cell / f.columns;
+      for (int row = std::max(r - 1, 0); row <= std::min(r + 1, f.rows - 1); ++row) {
+        runs[row].emplace_back(std::max(c - 1, 0), std::min(c + 1, f.columns - 1));
       }
-      return it->second;
-    };
-    for (std::size_t i = 0; i < body.cells.size();) {
-      const int first = body.cells[i], c = first % f.columns, r = first / f.columns;
-      std::size_t k = i + 1;  // a run of cells of one row; a sheet that follows the ground keeps every cell
-      while (!body.follows && k < body.cells.size() && body.cells[k] == first + static_cast<int>(k - i) &&
-             body.cells[k] / f.columns == r) {
-        ++k;
+    }
+    for (auto& [row, parts] : runs) {
+      std::sort(parts.begin(), parts.end());
+      for (std::size_t i = 0; i < parts.size();) {
+        int last = parts[i].second;
+        std::size_t k = i + 1;
+        for (; k < parts.size() && parts[k].first <= last + 1; ++k) last = std::max(last, parts[k].second);
+        const double x0 = f.x(parts[i].first - 0.5), x1 = f.x(last + 0.5), y0 = f.y(row + 0.5),
+                     y1 = f.y(row - 0.5);
+        const std::uint32_t sw = add(x0, y0), se = add(x1, y0), ne = add(x1, y1), nw = add(x0, y1);
+        for (const std::uint32_t v : {nw, sw, se, nw, se, ne}) mesh->indices.push_back(v);
+        i = k;
       }
-      const int c1 = c + static_cast<int>(k - i);
-      const std::uint32_t nw = corner(c, r), ne = corner(c1, r), sw = corner(c, r + 1),
-                          se = corner(c1, r + 1);
-      for (const std::uint32_t v : {nw, sw, se, nw, se, ne}) mesh->indices.push_back(v);
-      i = k;
     }
   }
   if (mesh->indices.empty()) return nullptr;
