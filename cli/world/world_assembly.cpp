@@ -8,6 +8,7 @@
 
 #include "sensor-hal/config/yaml.h"
 #include "sim/gis/import.h"
+#include "sim/nature/sky/weather.h"
 #include "sim/render/models/providers.h"
 #include "sim/world/scene_graph.h"
 #include "sim/world/semantic_types.h"
@@ -70,6 +71,7 @@ Result<OpenedWorld> open_world(const std::filesystem::path& file) {
   opened.base_dir = std::filesystem::absolute(file).parent_path();
   opened.db = world::Database::create();
   if (auto s = world::define_semantic_types(*opened.db); !s) return tl::unexpected(s.error());
+  if (auto s = nature::add_weather_rule(*opened.db); !s) return tl::unexpected(s.error());
   const std::string name = file.filename().string();
   if (name.ends_with(".import.yaml")) return opened_from_plan(file, std::move(opened));
   if (name.ends_with(".yaml") || name.ends_with(".yml")) {
