@@ -104,6 +104,10 @@ Status Plugins::load(const std::filesystem::path& file) {
                     (why ? why : "an unknown error") + "; link it with Rigor::World");
   }
   const auto* entry = static_cast<const PluginEntry*>(dlsym(object, "rigor_world_plugin"));
+  if (entry != nullptr && library_abi() != entry->abi)
+    return fail(ErrorCode::bad_input, file.string(),
+                "expected the plugin as it lies on the disk, got an older one that this process has loaded; "
+                "start the process anew");
   if (entry == nullptr || entry->name == nullptr || entry->version == nullptr || entry->meaning == nullptr ||
       entry->define == nullptr)
     return fail(
