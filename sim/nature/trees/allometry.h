@@ -70,7 +70,6 @@ struct SpeciesMatch {
 /// What an inventory says of a tree; 0 or NaN: unknown.
 struct TreeMeasure {
   double dbh_m = 0, height_m = 0, crown_radius_m = 0, crown_base_m = 0;
-  bool dead = false;
 };
 /// Finite, all above 0 but crown_base_m ≥ 0; crown_base_m < height_m.
 struct TreeSize {

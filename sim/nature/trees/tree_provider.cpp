@@ -158,9 +158,9 @@ void TreeProvider::plant(const world::Snapshot& world, NodeId node, Touched* tou
   const Species& species = *match.species;
   const bool dead = world.get_or_default(node, types_->dead);
   const Draws draws("tree", node.value);
-  TreeMeasure measure{world.get_or_default(node, types_->dbh_m), world.get_or_default(node, types_->height_m),
-                      world.get_or_default(node, types_->crown_radius_m),
-                      world.get_or_default(node, types_->crown_base_m), dead};
+  const TreeMeasure measure{
+      world.get_or_default(node, types_->dbh_m), world.get_or_default(node, types_->height_m),
+      world.get_or_default(node, types_->crown_radius_m), world.get_or_default(node, types_->crown_base_m)};
   TreeSize size = size_of(species, measure);
   p.no_size = size.seedling;
   if (dead && !(measure.height_m > 0)) size.height_m *= 0.5 + 0.4 * static_cast<double>(draws.uniform(1, 0));
