@@ -103,12 +103,23 @@ struct Channel {
 class Painter {
  public:
   Painter(const HeightTree& tree, const RasterPlaces& places)
-      : tree_(tree),
+      : slopes_(kSlopes * kSlopes),
+        tree_(tree),
         places_(places),
         tone_({.stream = 1, .longest = 7, .shortest = 0, .gain = 0.75}, places),
         patch_({.stream = 2, .longest = 4, .shortest = -7, .gain = 0.85}, places),
         patch2_({.stream = 3, .longest = 2, .shortest = -7, .gain = 0.9}, places),
-        grain_({.stream = 4, .longest = -2, .shortest = -8, .gain = 1.15}, places) {}
+        grain_({.stream = 4, .longest = -2, .shortest = -8, .gain = 1.15}, places) {
+    const auto& f = tree.grid().frame;
+    const double step = places.step * (places.n - 1) / (kSlopes - 1);
+    for (int j = 0; j < kSlopes; ++j) {
+      for (int i = 0; i < kSlopes; ++i) {
+        const double slope =
+            grid_slope(tree.grid(), f.u(places.x0 + i * step), f.v(places.y0 - j * step)).norm();
+        slopes_[static_cast<std::size_t>(j) * kSlopes + i] = std::isfinite(slope) ? slope : 0;
+      }
+    }
+  }
 
   Spectrum at(int column, int row) {
     const double x = places_.x0 + places_.step * column, y = places_.y0 - places_.step * row;
@@ -119,9 +130,7 @@ class Painter {
       return channel->raster.values[texel_];
     });
     Spectrum sum{};
-    const auto& f = tree_.grid().frame;
-    double slope = grid_slope(tree_.grid(), f.u(x), f.v(y)).norm();
-    if (!std::isfinite(slope)) slope = 0;
+    const double slope = slope_at(column, row);
     for (int i = 0; i < mix.count; ++i) {
       if (mix.weight[i] < 1e-3F) continue;
       const Spectrum one = cover(mix.cover[i], slope);
@@ -131,6 +140,15 @@ class Painter {
   }
 
  private:
+  /// Steepness at so many places along a side, bilinear between them.
+  static constexpr int kSlopes = 33;
+  [[nodiscard]] double slope_at(int column, int row) const {
+    const double scale = (kSlopes - 1.0) / (places_.n - 1), u = column * scale, v = row * scale;
+    const int i = std::min(static_cast<int>(u), kSlopes - 2), j = std::min(static_cast<int>(v), kSlopes - 2);
+    const double* a = &slopes_[static_cast<std::size_t>(j) * kSlopes + i];
+    const double fu = u - i, fv = v - j;
+    return (a[0] * (1 - fu) + a[1] * fu) * (1 - fv) + (a[kSlopes] * (1 - fu) + a[kSlopes + 1] * fu) * fv;
+  }
   [[nodiscard]] Spectrum cover(std::uint8_t which, double slope) const {
     const Recipe& recipe = kRecipes[which];
     Spectrum s = ingredients(which);
@@ -164,6 +182,7 @@ class Painter {
     return s;
   }
 
+  std::vector<double> slopes_;
   const HeightTree& tree_;
   RasterPlaces places_;
   Channel tone_, patch_, patch2_, grain_;
