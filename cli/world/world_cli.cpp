@@ -3,16 +3,50 @@
 #include <CLI/CLI.hpp>
 
 #include "cli/commands.h"
+#include "cli/world/world_commands.h"
 
 namespace rigor {
 
 struct WorldCommandLine::Impl {
   CLI::App* world = nullptr;
-  CLI::App* render = nullptr;
+  CLI::App *import_app = nullptr, *info = nullptr, *export_app = nullptr, *render = nullptr;
+  WorldImportOptions import_options;
+  WorldInfoOptions info_options;
+  WorldExportOptions export_options;
   WorldRenderOptions render_options;
 };
 
 namespace {
+
+void add_import(CLI::App* app, WorldImportOptions& o) {
+  app->add_option("PLAN", o.plan, "Import plan (*.import.yaml); or name the sources below");
+  app->add_option("-o,--output", o.output, "World file to write, *.rigor")->required();
+  const auto source = [&](const char* name, std::vector<std::string>& list, const char* help) {
+    app->add_option(name, list, help)->allow_extra_args(false);
+  };
+  source("--elevation", o.elevation,
+         "Elevation raster, or WCS:http://… (may be repeated; the first that has data wins)");
+  source("--imagery", o.imagery, "Picture from above, or WMS:http://…");
+  source("--land-cover", o.land_cover, "Raster of classes");
+  source("--vector", o.vectors,
+         "FILE[:LAYER][=WORD], or WFS:http://…; WORD: building, road, fence, pole, water, tree");
+  source("--trees", o.trees, "Tree list in CSV");
+  source("--weather", o.weather, "Weather series in CSV");
+  app->add_option("--anchor", o.anchor, "Where the world frame stands: LAT,LON[,HEIGHT]");
+  app->add_option("--half-extent", o.half_extent_m,
+                  "Metres around the anchor; what lies outside is left out");
+  app->add_option("--spacing", o.spacing_m, "Metres between grid points (default: as the source)");
+  app->add_option("--crs", o.crs, "Reference system of sources that do not say it, e.g. EPSG:25832");
+  app->add_option("--classes", o.classes, "What the land cover's values mean: worldcover, corine or words");
+  app->add_flag("--heights-above-geoid", o.heights_above_geoid,
+                "Elevations count from EGM96, not from the ellipsoid");
+  app->add_option("--cache", o.cache_dir, "Folder for what servers answered");
+  app->add_option("--set", o.overrides, "Replace one value of the plan: path.to.key=value (may be repeated)")
+      ->allow_extra_args(false);
+  app->add_flag("--force", o.force, "Write over a file that is there");
+  app->add_flag("--json", o.json, "Print the report as JSON");
+  app->footer("Example: rigor world import configs/worlds/hills.import.yaml -o hills.rigor");
+}
 
 void add_render(CLI::App* app, WorldRenderOptions& o) {
   app->add_option("WORLD", o.world, "World (*.rigor, *.yaml) or import plan (*.import.yaml)")->required();
@@ -54,6 +88,18 @@ void add_render(CLI::App* app, WorldRenderOptions& o) {
 WorldCommandLine::WorldCommandLine(CLI::App& app) : impl_(std::make_unique<Impl>()) {
   impl_->world = app.add_subcommand("world", "Worlds from GIS data, and pictures of them");
   impl_->world->require_subcommand(1);
+  impl_->import_app = impl_->world->add_subcommand("import", "Make a world of GIS data");
+  add_import(impl_->import_app, impl_->import_options);
+  impl_->info = impl_->world->add_subcommand("info", "Say what is in a world");
+  impl_->info->add_option("WORLD", impl_->info_options.world, "World file")->required();
+  impl_->info->add_flag("--json", impl_->info_options.json, "Print as JSON");
+  impl_->info->footer("Example: rigor world info hills.rigor");
+  impl_->export_app = impl_->world->add_subcommand("export", "Write a world as YAML");
+  impl_->export_app->add_option("WORLD", impl_->export_options.world, "World file")->required();
+  impl_->export_app->add_option("-o,--output", impl_->export_options.output, "out.yaml")->required();
+  impl_->export_app->add_flag("--force", impl_->export_options.force, "Write over a file that is there");
+  impl_->export_app->add_flag("--json", impl_->export_options.json, "Print as JSON");
+  impl_->export_app->footer("Example: rigor world export hills.rigor -o hills.yaml");
   impl_->render = impl_->world->add_subcommand("render", "Make one picture of a world");
   add_render(impl_->render, impl_->render_options);
 }
@@ -62,6 +108,11 @@ WorldCommandLine::~WorldCommandLine() = default;
 
 bool WorldCommandLine::chosen() const { return impl_->world->parsed(); }
 
-int WorldCommandLine::run() const { return world_render_command(impl_->render_options); }
+int WorldCommandLine::run() const {
+  if (*impl_->import_app) return world_import_command(impl_->import_options);
+  if (*impl_->info) return world_info_command(impl_->info_options);
+  if (*impl_->export_app) return world_export_command(impl_->export_options);
+  return world_render_command(impl_->render_options);
+}
 
 }  // namespace rigor

@@ -1,0 +1,179 @@
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "cli/terminal.h"
+#include "cli/world/world_commands.h"
+#include "sim/gis/import.h"
+#include "sim/world/semantic_types.h"
+#include "sim/world/store/world_file.h"
+
+namespace rigor {
+namespace {
+
+namespace fs = std::filesystem;
+using gis::ImportSource;
+using Kind = ImportSource::Kind;
+
+// PATH=WORD, PATH:LAYER=WORD or PATH alone (OpenStreetMap).
+ImportSource vector_source(const std::string& text) {
+  ImportSource s;
+  s.kind = Kind::vector;
+  s.location = text;
+  std::error_code ec;
+  if (fs::exists(text, ec)) return s;
+  if (const auto equals = text.rfind('='); equals != std::string::npos) {
+    s.location = text.substr(0, equals);
+    s.becomes = text.substr(equals + 1);
+  }
+  if (fs::exists(s.location, ec)) return s;
+  if (const auto colon = s.location.rfind(':');
+      colon != std::string::npos && s.location.find('/', colon) == std::string::npos && colon > 4) {
+    s.layer = s.location.substr(colon + 1);
+    s.location.resize(colon);
+  }
+  return s;
+}
+
+Result<gis::ImportPlan> plan_of(const WorldImportOptions& o) {
+  const bool sources = !o.elevation.empty() || !o.imagery.empty() || !o.land_cover.empty() ||
+                       !o.vectors.empty() || !o.trees.empty() || !o.weather.empty();
+  gis::ImportPlan plan;
+  if (!o.plan.empty()) {
+    if (sources)
+      return fail(ErrorCode::bad_input, o.plan.string(),
+                  "expected a plan or sources (--elevation …), got both");
+    std::vector<ConfigOverride> overrides;
+    for (const auto& text : o.overrides) {
+      auto parsed = ConfigOverride::parse(text);
+      if (!parsed) return tl::unexpected(parsed.error());
+      overrides.push_back(std::move(*parsed));
+    }
+    auto loaded = gis::load_import_plan(o.plan, overrides);
+    if (!loaded) return tl::unexpected(loaded.error());
+    plan = std::move(*loaded);
+  } else if (!o.overrides.empty()) {
+    return fail(ErrorCode::bad_input, "--set", "expected a plan whose keys it sets, got none");
+  }
+  const auto add = [&](Kind kind, const std::vector<std::string>& locations) {
+    for (const auto& location : locations) {
+      ImportSource s;
+      s.kind = kind;
+      s.location = location;
+      s.crs = o.crs;
+      if (kind == Kind::elevation) s.heights_above_geoid = o.heights_above_geoid;
+      plan.sources.push_back(std::move(s));
+    }
+  };
+  add(Kind::elevation, o.elevation);
+  add(Kind::imagery, o.imagery);
+  add(Kind::land_cover, o.land_cover);
+  for (const auto& text : o.vectors) {
+    plan.sources.push_back(vector_source(text));
+    plan.sources.back().crs = o.crs;
+  }
+  add(Kind::trees, o.trees);
+  add(Kind::weather, o.weather);
+  if (!o.classes.empty()) {
+    auto set = gis::class_set(o.classes);
+    if (!set) return tl::unexpected(set.error());
+    for (auto& s : plan.sources)
+      if (s.kind == Kind::land_cover) s.classes = *set;
+  }
+  if (!o.anchor.empty()) {
+    auto anchor = gis::parse_anchor(o.anchor);
+    if (!anchor) return tl::unexpected(anchor.error());
+    plan.anchor = *anchor;
+  }
+  if (o.half_extent_m) plan.half_extent_m = o.half_extent_m;
+  if (o.spacing_m) plan.spacing_m = *o.spacing_m;
+  if (!o.cache_dir.empty()) plan.cache_dir = o.cache_dir;
+  if (plan.sources.empty())
+    return fail(ErrorCode::bad_input, "",
+                "expected a plan (*.import.yaml) or sources (--elevation, --vector, --trees …), got neither");
+  if (!(plan.spacing_m >= 0) || (plan.half_extent_m && !(*plan.half_extent_m > 0)))
+    return fail(ErrorCode::bad_input, "", "expected --spacing and --half-extent above 0");
+  return plan;
+}
+
+// The world under another name until it is whole, then under its own.
+Status write_world(world::Database& db, const fs::path& output) {
+  fs::path part = output;
+  part += fmt::format(".{}.part", ::getpid());
+  std::error_code ec;
+  const auto clean = [&] {
+    for (const char* suffix : {"", "-journal", "-wal", "-shm"}) fs::remove(part.string() + suffix, ec);
+  };
+  clean();
+  {
+    auto file = world::WorldFile::create(part, db);
+    if (!file) return tl::unexpected(file.error());
+    if (auto s = (*file)->persist(); !s) {
+      file->reset();
+      clean();
+      return s;
+    }
+  }
+  fs::rename(part, output, ec);
+  if (ec) {
+    const std::string why = ec.message();
+    clean();
+    return fail(ErrorCode::not_writable, output.string(), "expected to write the world, got: " + why);
+  }
+  return {};
+}
+
+}  // namespace
+
+int world_import_command(const WorldImportOptions& options) {
+  std::error_code ec;
+  if (options.output.empty())
+    return report_error({ErrorCode::bad_input, "-o", "expected the name of the world's file, got none"},
+                        options.json);
+  if (fs::exists(options.output, ec) && !options.force)
+    return report_error({ErrorCode::not_writable, options.output.string(),
+                         "expected a name that is not taken, a file is there; --force writes over it"},
+                        options.json);
+  if (const auto parent = fs::absolute(options.output).parent_path(); !fs::is_directory(parent, ec))
+    return report_error({ErrorCode::not_writable, options.output.string(),
+                         "expected a folder that is there, got " + parent.string()},
+                        options.json);
+  auto plan = plan_of(options);
+  if (!plan) return report_error(plan.error(), options.json);
+  LiveLine line;
+  if (line.terminal() && !options.json)
+    plan->progress = [&](std::string_view what, double done) {
+      line.show(fmt::format("{:3.0f} % {}", done * 100, what));
+    };
+  auto db = world::Database::create();
+  if (auto s = world::define_semantic_types(*db); !s) return report_error(s.error(), options.json);
+  auto report = gis::import_into(*db, *plan);
+  if (plan->progress) line.done();
+  if (!report) return report_error(report.error(), options.json);
+  if (auto s = write_world(*db, options.output); !s) return report_error(s.error(), options.json);
+  const auto bytes = fs::file_size(options.output, ec);
+  if (options.json) {
+    fmt::print("{}\n", nlohmann::json{{"world", options.output.string()},
+                                      {"bytes", bytes},
+                                      {"nodes", report->nodes},
+                                      {"anchor",
+                                       {{"latitude_deg", report->anchor.latitude_deg},
+                                        {"longitude_deg", report->anchor.longitude_deg},
+                                        {"height_m", report->anchor.height_m}}},
+                                      {"lines", report->lines},
+                                      {"warnings", report->warnings}}
+                           .dump(2));
+    return 0;
+  }
+  for (const auto& l : report->lines) fmt::print("{}\n", l);
+  for (const auto& w : report->warnings) fmt::print("warning: {}\n", w);
+  fmt::print("{}: {} nodes around {:.6f}, {:.6f}, {:.2f} m; {:.1f} MB\n", options.output.string(),
+             report->nodes, report->anchor.latitude_deg, report->anchor.longitude_deg,
+             report->anchor.height_m, static_cast<double>(bytes) / 1e6);
+  return 0;
+}
+
+}  // namespace rigor
