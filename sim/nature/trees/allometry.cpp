@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <iterator>
+#include <utility>
 
 namespace rigor::nature {
 namespace {
@@ -173,6 +174,13 @@ bool given(double v) { return std::isfinite(v) && v > 0; }
 
 std::span<const Species> all_species() noexcept { return kTable; }
 
+namespace {
+constexpr std::pair<std::string_view, std::string_view> kEuropeanCodes[] = {
+    {"PIAB", "Picea"}, {"ABAL", "Abies"},   {"PISY", "Pinus"},   {"LADE", "Larix"},
+    {"FASY", "Fagus"}, {"QURO", "Quercus"}, {"QUPE", "Quercus"}, {"BEPE", "Betula"},
+    {"ACPS", "Acer"},  {"ACPL", "Acer"},    {"FREX", "Fraxinus"}};
+}
+
 SpeciesMatch find_species(std::string_view code) noexcept {
   while (!code.empty() && code.front() == ' ') code.remove_prefix(1);
   const std::string_view word = code.substr(0, code.find(' '));
@@ -181,6 +189,10 @@ SpeciesMatch find_species(std::string_view code) noexcept {
     // USDA codes carry a number where two species share four letters (CANO9, ALRU2).
     if (word.size() == 5 && word[4] >= '0' && word[4] <= '9')
       if (const Species* s = look_up(word.substr(0, 4))) return {s, true};
+    // European lists shorten genus and species to two letters each.
+    for (const auto& [four, genus] : kEuropeanCodes)
+      if (same_word(word, four))
+        if (const Species* s = look_up(genus)) return {s, true};
     for (const std::string_view pair : kBroadleafPairs)
       if (word.size() == 4 && same_word(word.substr(0, 2), pair)) return {&kGenericBroadleaf, false};
   }

@@ -81,6 +81,14 @@ TEST(Allometry, AgreesWithKnownTrees) {
   EXPECT_LT(height("THPL", 3.0), 72);
 }
 
+TEST(Allometry, KnowsTheShortCodesOfEuropeanLists) {
+  for (const auto& [code, genus] : {std::pair{"PIAB", "Picea"}, {"FASY", "Fagus"}, {"acps", "Acer"}}) {
+    const auto match = find_species(code);
+    EXPECT_TRUE(match.known) << code;
+    EXPECT_EQ(match.species->code, genus);
+  }
+}
+
 TEST(Allometry, FindsGenusSubspeciesNumbersAndGenericKinds) {
   EXPECT_EQ(find_species("tshe").species->code, "TSHE");
   EXPECT_EQ(find_species("Picea abies").species->code, "Picea");
