@@ -77,7 +77,8 @@ void DrawLists::add_entries(const Bucket& bucket, const Eigen::Vector3d& eye, bo
       identity = static_cast<std::uint32_t>(nodes_.size());
     }
     pending_.push_back(
-        {v.batch->instances.block, {origin, {v.batch->first_slot + v.index, count_++, identity, 0}}});
+        {v.batch->instances.block,
+         {origin, {v.batch->first_slot + v.index, count_++, identity, v.batch->seed(v.index)}}});
   }
 }
 

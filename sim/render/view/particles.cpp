@@ -11,7 +11,7 @@ namespace {
 constexpr double kCell_m = 2.0;
 constexpr double kReach_m = 14.0;
 constexpr std::size_t kMost = 30000;
-constexpr double kRainExposure_s = 0.008;  // the streak of an eye or a video camera
+constexpr double kRainExposure_s = 0.016;  // the streak of an eye or a video camera
 constexpr double kSnowExposure_s = 0.004;
 constexpr models::PhiloxKey kKey{0x5261696EU, 0x536E6F77U};
 

@@ -51,6 +51,12 @@ struct ResidentBatch {
   std::uint32_t skipped = 0;
   std::uint64_t last_seen = 0;
 
+  /// For what differs from instance to instance at random: of the instance alone, whatever else is drawn.
+  [[nodiscard]] std::uint32_t seed(std::uint32_t i) const {
+    const std::uint32_t s = source.empty() ? i : source[i];
+    return static_cast<std::uint32_t>((node(i).value * 0x9E3779B97F4A7C15ULL + s * 0xD1B54A32D192ED03ULL) >>
+                                      32);
+  }
   [[nodiscard]] NodeId node(std::uint32_t i) const {
     const std::uint32_t s = source.empty() ? i : source[i];
     return s < batch->nodes.size() ? batch->nodes[s] : batch->node;

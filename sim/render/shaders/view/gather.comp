@@ -27,6 +27,6 @@ void main() {
   d.row2 = vec4(2.0 * (q.x * q.z - q.w * q.y) * s.x, 2.0 * (q.y * q.z + q.w * q.x) * s.y,
                 (1.0 - 2.0 * (q.x * q.x + q.y * q.y)) * s.z, t.z);
   d.tint = vec4(a.tint.xyz, a.position.w);
-  d.extra = uvec4(e.slot.z, floatBitsToUint(a.scale.w), 0u, 0u);
+  d.extra = uvec4(e.slot.z, floatBitsToUint(a.scale.w), e.slot.w, 0u);
   drawn[e.slot.y] = d;
 }

@@ -14,13 +14,14 @@ layout(location = 1) in vec2 uv;
 layout(location = 2) flat in vec3 tint;
 layout(location = 3) flat in uint identity;
 layout(location = 4) flat in mat3 to_world;
+layout(location = 7) flat in uint seed;
 layout(location = 0) out vec4 radiance;
 layout(location = 1) out uint node;
 
 void main() {
   vec4 visible = texture(visible_map, uv);
   float covered = visible.a;
-  uint turn = pcg(uint(gl_FragCoord.x) + (uint(gl_FragCoord.y) << 16u) + identity * 7919u);
+  uint turn = pcg(uint(gl_FragCoord.x) + (uint(gl_FragCoord.y) << 16u) + seed);
   gl_SampleMask[0] = 15;
   if (kMultisampled) {
     // Thin twigs cover a part of a texel: samples by that part, the rounding differing from pixel to pixel.

@@ -14,6 +14,7 @@ layout(location = 1) out vec2 uv;
 layout(location = 2) flat out vec3 out_tint;
 layout(location = 3) flat out uint identity;
 layout(location = 4) flat out mat3 to_world;  // of normals
+layout(location = 7) flat out uint seed;
 
 void main() {
   vec3 c0 = vec3(row0.x, row1.x, row2.x);
@@ -39,5 +40,6 @@ void main() {
   uv = (vec2(column, row) + 0.5 + 0.5 * corner) / vec2(kColumns, kRows);
   out_tint = tint.xyz;
   identity = extra.x;
+  seed = extra.z;
   gl_Position = vec4(dot(frame.clip_x.xyz, p), dot(frame.clip_y.xyz, p), frame.clip_x.w, dot(frame.clip_w.xyz, p));
 }

@@ -7,6 +7,7 @@ layout(location = 1) out vec3 n;
 layout(location = 2) out vec2 uv;
 layout(location = 3) flat out vec3 out_tint;
 layout(location = 4) flat out uint identity;
+layout(location = 5) flat out uint seed;
 
 void main() {
   p = placed();
@@ -14,5 +15,6 @@ void main() {
   uv = in_uv;
   out_tint = tint.xyz;
   identity = extra.x;
+  seed = extra.z;
   gl_Position = vec4(dot(frame.clip_x.xyz, p), dot(frame.clip_y.xyz, p), frame.clip_x.w, dot(frame.clip_w.xyz, p));
 }

@@ -18,6 +18,7 @@ layout(location = 1) in vec3 n;
 layout(location = 2) in vec2 uv;
 layout(location = 3) flat in vec3 tint;
 layout(location = 4) flat in uint identity;
+layout(location = 5) flat in uint seed;
 layout(location = 0) out vec4 radiance;
 layout(location = 1) out uint node;
 
@@ -51,7 +52,7 @@ void main() {
     float covered = clamp((colour.a - cutoff) / max(fwidth(colour.a), 1e-4) + 0.5, 0.0, 1.0);
     int count = int(covered * 4.0 + 0.5);
     if (count == 0) discard;
-    uint turn = pcg(uint(gl_FragCoord.x) + (uint(gl_FragCoord.y) << 16u) + identity * 7919u) & 3u;
+    uint turn = pcg(uint(gl_FragCoord.x) + (uint(gl_FragCoord.y) << 16u) + seed) & 3u;
     uint bits = ((1u << count) - 1u) * 17u;
     gl_SampleMask[0] = int((bits >> turn) & 15u);
   } else if (colour.a < cutoff) {

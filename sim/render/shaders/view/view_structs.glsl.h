@@ -69,7 +69,7 @@ struct InstanceData {
 // An instance that is drawn: where its batch lies.
 struct DrawEntry {
   vec4 origin;      // of the batch
-  uvec4 slot;       // instance, place in the list, identity, unused
+  uvec4 slot;       // instance, place in the list, identity, seed
 };
 
 // What the vertex shaders read, one per drawn instance.
@@ -78,5 +78,5 @@ struct DrawnInstance {
   vec4 row1;
   vec4 row2;
   vec4 tint;        // w: phase [rad]
-  uvec4 extra;      // identity, bits of the sway [m], unused
+  uvec4 extra;      // identity, bits of the sway [m], seed, unused
 };
