@@ -15,7 +15,7 @@ using Eigen::Vector3d;
 constexpr double kFascia_m = 0.15;
 constexpr double kVerge_m = 0.02;  // of a gable before the wall below it
 constexpr double kWeld_m = 1e-5;
-constexpr double kMostParapet_m = 1.2, kParapetWidth_m = 0.25;
+constexpr double kMostParapet_m = 0.4, kParapetWidth_m = 0.25;
 
 class Pieces {
  public:

@@ -15,7 +15,7 @@ enum class RoofShape : std::uint8_t { flat, gabled, hipped, pyramidal, shed };
 struct RoofSpec {
   RoofShape shape = RoofShape::flat;
   double eaves_m = 6;     ///< z of the top of the walls
-  double height_m = 3;    ///< ridge above eaves; of a flat roof: of the parapet, at most 1.2 m; 0: none
+  double height_m = 3;    ///< ridge above eaves; of a flat roof: of the parapet, at most 0.4 m; 0: none
   double overhang_m = 0;  ///< of the eaves beyond the walls; outlines that are too narrow get none
 };
 
