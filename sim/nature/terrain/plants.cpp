@@ -30,6 +30,8 @@ std::shared_ptr<const Surface> card_surface(std::string_view material, Card card
   }
   s->colour_map = picture.texture;
   s->two_sided = true;
+  // A card stands for leaves that face all ways: together they do not shine.
+  s->roughness = std::max(s->roughness, 0.9F);
   if (card != Card::blade) s->alpha_cutoff = 0.5F;
   return s;
 }
@@ -279,7 +281,7 @@ std::shared_ptr<const Mesh> litter(double length, int variant, int count, double
     const Vector3d right = Vector3d(-std::sin(b), std::cos(b), 0.3 * (draw(variant, 45, i) - 0.5));
     const Vector3d normal = along.cross(right).normalized() * (along.cross(right).z() < 0 ? -1 : 1);
     const double lift = length * (0.12 + 0.1 * draw(variant, 46, i));
-    s.card(Vector3d(r * std::cos(a), r * std::sin(a), lift), right * (0.55 * size), along * size, normal, 0,
+    s.card(Vector3d(r * std::cos(a), r * std::sin(a), lift), right * (-0.55 * size), along * size, normal, 0,
            0);
   }
   return s.take();

@@ -206,7 +206,8 @@ class Provider final : public render::ContentProvider {
     const Eigen::AlignedBox3d box(Eigen::Vector3d(r.x0 - reach, r.y0 - reach, i.low),
                                   Eigen::Vector3d(r.x1 + reach, r.y1 + reach, i.high));
     const double way = box.exteriorDistance(query.eye);
-    if (way > far || !query.may_matter(box)) return;
+    const bool shadows = layer.prototypes[0]->casts_shadow;
+    if (way > far || !(shadows ? query.may_matter(box) : query.may_see(box))) return;
     const double allowed = query.allowed_error_rad;
     // How far this distance lets plants be thinned; cells are as large as the thinning allows.
     int thinned = 0;
