@@ -268,11 +268,33 @@ Status fetch_features(const Job& job) {
   GDALDriver* driver = GetGDALDriverManager()->GetDriverByName("GPKG");
   DatasetPtr to(driver->Create(job.target.c_str(), 0, 0, 0, GDT_Unknown, nullptr));
   if (!to) return fail(ErrorCode::not_writable, job.target.string(), messages.text());
-  layer->ResetReading();
+  OGRFeatureDefn& from_fields = *layer->GetLayerDefn();
   CPLStringList options;
   options.SetNameValue("GEOMETRY_NAME", "rigor_geometry");
-  const OGRLayer* copy = to->CopyLayer(layer, layer->GetName(), options.List());
-  if (!copy || messages.failed()) return no_answer(job, messages.text());
+  options.SetNameValue("FID", "rigor_fid");
+  OGRLayer* copy = to->CreateLayer(layer->GetName(), layer->GetSpatialRef(), wkbUnknown, options.List());
+  bool written = copy != nullptr;
+  for (int i = 0; written && i < from_fields.GetFieldCount(); ++i) {
+    OGRFieldDefn field(from_fields.GetFieldDefn(i));
+    field.SetNullable(TRUE);  // servers do not always keep what their schema promises
+    field.SetUnique(FALSE);
+    written = copy->CreateField(&field) == OGRERR_NONE;
+  }
+  if (!written || copy->StartTransaction() != OGRERR_NONE)
+    return fail(ErrorCode::not_writable, job.target.string(), messages.text());
+  messages.clear();
+  layer->ResetReading();
+  while (OGRFeature* raw = layer->GetNextFeature()) {
+    const OGRFeatureUniquePtr feature(raw);
+    if (messages.failed()) break;
+    OGRFeature out(copy->GetLayerDefn());
+    out.SetFrom(feature.get());
+    if (copy->CreateFeature(&out) != OGRERR_NONE)
+      return fail(ErrorCode::disk_full, job.target.string(), messages.text());
+  }
+  if (messages.failed()) return no_answer(job, messages.text());
+  if (copy->CommitTransaction() != OGRERR_NONE)
+    return fail(ErrorCode::disk_full, job.target.string(), messages.text());
   to->FlushCache();
   if (messages.failed()) return fail(ErrorCode::disk_full, job.target.string(), messages.text());
   return {};
@@ -325,6 +347,7 @@ Result<Fetched> fetch(const ImportSource& source, const std::optional<Domain>& d
       {"GDAL_HTTP_MAX_RETRY", "0"},
       // An answer is taken whole before it is read, so that half of one is seen as that.
       {"OGR_WFS_USE_STREAMING", "NO"},
+      {"OGR_WFS_PAGING_ALLOWED", "NO"},
       {"GDAL_DEFAULT_WMS_CACHE_PATH", scratch.string()}};
   Status done = service == "WCS"   ? fetch_coverage(job)
                 : service == "WMS" ? fetch_picture(job)

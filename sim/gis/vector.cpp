@@ -205,6 +205,7 @@ Result<VectorData> read_vector(GDALDataset& dataset, const std::string& name, co
                 fmt::format("where: there is no column '{}'", (*where)->column));
   layer->ResetReading();
   std::size_t without = 0;
+  std::vector<std::pair<GIntBig, std::size_t>> order;  // feature id, place in the list
   while (OGRFeature* raw = layer->GetNextFeature()) {
     const OGRFeatureUniquePtr f(raw);
     Feature feature;
@@ -212,11 +213,19 @@ Result<VectorData> read_vector(GDALDataset& dataset, const std::string& name, co
     const auto kept = take(*f, to_geo.get(), *where, false, feature);
     if (!kept) return tl::unexpected(kept.error());
     if (!*kept) continue;
-    if (feature.geometry)
-      data.features.push_back(std::move(feature));
-    else
+    if (!feature.geometry) {
       ++without;
+      continue;
+    }
+    data.features.push_back(std::move(feature));
+    order.emplace_back(f->GetFID(), order.size());
   }
+  // A file's spatial index hands features out in an order of its own.
+  std::sort(order.begin(), order.end());
+  std::vector<Feature> in_order;
+  in_order.reserve(order.size());
+  for (const auto& entry : order) in_order.push_back(std::move(data.features[entry.second]));
+  data.features = std::move(in_order);
   if (messages.failed()) return broken(data.where);
   if (without > 0)
     data.warnings.push_back(fmt::format("{}: {} features without a geometry left out", data.where, without));
