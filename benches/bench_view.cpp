@@ -144,6 +144,7 @@ Timed draw(ViewRenderer& view, const ContentFrame& frame, const ViewRequest& req
 
 int main(int argc, char** argv) {
   const Options o = parse(argc, argv);
+  std::setvbuf(stdout, nullptr, _IOLBF, 0);
   auto device = Device::create();
   if (!device) give_up(device.error().text());
   auto view = ViewRenderer::create(*device);
