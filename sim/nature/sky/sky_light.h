@@ -11,7 +11,7 @@
 
 namespace rigor::nature {
 
-inline constexpr int kSkyWidth = 512, kSkyHeight = 128;
+inline constexpr int kSkyWidth = 1024, kSkyHeight = 256;
 /// Haze of a meteorological range fills this much air above the eye; a fog without a top, this much.
 inline constexpr double kHazeDepth_m = kAerosolScaleHeight_m, kEndlessFogDepth_m = 300;
 
