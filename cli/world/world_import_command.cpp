@@ -117,6 +117,8 @@ Status write_world(world::Database& db, const fs::path& output) {
       return s;
     }
   }
+  // What a crash has left beside an older world of this name is not this one's.
+  for (const char* suffix : {"-journal", "-wal", "-shm"}) fs::remove(output.string() + suffix, ec);
   fs::rename(part, output, ec);
   if (ec) {
     const std::string why = ec.message();

@@ -65,6 +65,22 @@ TEST(Worlds, HillsHaveAllThatStandsInALandscape) {
   for (const float z : terrain_of(w.world()).z) ASSERT_FALSE(std::isnan(z));
 }
 
+TEST(Worlds, TheTestbedIsARoomOfBodies) {
+  auto db = fresh_world();
+  const auto read = world::import_world_yaml(kWorlds + "testbed.yaml", *db);
+  ASSERT_TRUE(read) << read.error().text();
+  const auto w = db->snapshot();
+  const world::types::Body body(w.schema());
+  EXPECT_GT(w.count(body.type), 10u);
+  w.for_each(body.type, [&](world::NodeId n) {
+    EXPECT_TRUE(w.target(n, body.made_of)) << w.get_or_default(n, body.name);
+  });
+  const auto board = w.find_named(body.type, "chessboard");
+  ASSERT_TRUE(board);
+  const world::Vector3 looks = w.T_world_node(*board, BenchTime{}).linear() * world::Vector3(0, 0, 1);
+  EXPECT_LT((looks - world::Vector3(0, -1, 0)).norm(), 1e-12) << "towards the middle of the room";
+}
+
 TEST(Worlds, ARealStandStandsOnRealTerrain) {
   const std::string dem = shared_data("dem_srtm/srtmgl3_n40_w105.asc"),
                     trees = shared_data("forest_stands/trees.csv");
