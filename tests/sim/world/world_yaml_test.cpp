@@ -3,6 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include "sensor-hal/config/yaml.h"
+#include "sim/world/semantic_types.h"
+#include "sim/world/store/world_file.h"
 
 namespace rigor::world {
 namespace {
@@ -12,6 +15,16 @@ TEST(WorldYaml, LoadsEveryWorldThatIsShipped) {
   for (const auto& entry : std::filesystem::directory_iterator(RIGOR_SOURCE_DIR "/configs/worlds")) {
     const std::string name = entry.path().filename().string();
     if (!name.ends_with(".yaml") || name.ends_with(".import.yaml")) continue;  // plans: tests/sim/gis
+    const auto document = ConfigDocument::load(entry.path());
+    ASSERT_TRUE(document) << document.error().text();
+    if (document->has("rigor_world")) {
+      auto db = Database::create();
+      ASSERT_TRUE(define_semantic_types(*db));
+      const auto s = import_world_yaml(entry.path(), *db);
+      EXPECT_TRUE(s) << s.error().text();
+      EXPECT_GT(db->snapshot().node_count(), 0u);
+      continue;
+    }
     const auto scene = load_world(entry.path());
     EXPECT_TRUE(scene) << scene.error().text();
     ++loaded;
