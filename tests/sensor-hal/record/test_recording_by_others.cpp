@@ -1,5 +1,7 @@
 // What the reference libraries of MCAP and of ROS 2 messages (npm, tests/npm) read from a recording, against
 // what was written: an independent check of framing, indexes, compression, checksums, CDR and schemas.
+#include <unistd.h>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <openssl/sha.h>
@@ -44,7 +46,8 @@ class ByOthers : public testing::TestWithParam<Compression> {
     if (std::system("node --version > /dev/null 2>&1") != 0) GTEST_SKIP() << "node is not installed";
     if (!std::filesystem::exists(kFolder + "/node_modules"))
       GTEST_SKIP() << "tests/npm/node_modules is absent; run ./dev deps, or npm ci --prefix tests/npm";
-    path_ = testing::TempDir() + "rigor_by_others_" + std::to_string(static_cast<int>(GetParam())) + ".mcap";
+    path_ = testing::TempDir() + "rigor_by_others_" + std::to_string(static_cast<int>(GetParam())) + "_" +
+            std::to_string(getpid()) + ".mcap";
   }
   void TearDown() override { std::remove(path_.c_str()); }
 
