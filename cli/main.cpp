@@ -1,10 +1,14 @@
 // `rigor`: parses the command line and calls the command. All that CLI11 costs in compile time is paid here,
 // once.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <exception>
 #include <iostream>
+#include <string_view>
+#include <vector>
 
 #include "cli/commands.h"
+#include "cli/terminal.h"
 #include "cli/world/world_cli.h"
 
 namespace {
@@ -100,6 +104,9 @@ int main(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
+    const std::vector<std::string_view> words(argv, argv + argc);
+    if (e.get_exit_code() != 0 && std::find(words.begin(), words.end(), "--json") != words.end())
+      return rigor::report_error({rigor::ErrorCode::bad_input, "", e.what()}, true);
     return app.exit(e) == 0 ? 0 : 2;
   }
   try {

@@ -11,7 +11,8 @@ namespace rigor {
 
 int report_error(const Error& error, bool json) {
   if (json)
-    fmt::print("{}\n", nlohmann::json{{"error", error.text()}, {"exit_status", error.exit_status()}}.dump());
+    fmt::print("{}\n", nlohmann::json{{"error", error.text()}, {"exit_status", error.exit_status()}}.dump(
+                           -1, ' ', false, nlohmann::json::error_handler_t::replace));
   fmt::print(stderr, "rigor: {}\n", error.text());
   return error.exit_status();
 }

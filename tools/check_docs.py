@@ -54,12 +54,14 @@ def check_command(words, known_help):
         missing = [o for o in options if o.split("=")[0] not in usage]
         return f"./dev help does not name {missing[0]}" if missing else None
     command = (str(RIGOR), words[1]) if len(words) > 1 and not words[1].startswith("-") else (str(RIGOR),)
+    if len(words) > 2 and re.search(rf"^  {re.escape(words[2])}\s", known_help(command) or "", re.MULTILINE):
+        command = (*command, words[2])  # rigor world import …
     usage = known_help(command)
     if usage is None:
         return f"'rigor {' '.join(words[1:2])} --help' does not exit with 0"
     for option in (w.split("=")[0] for w in words[1:] if re.match(r"^--?[a-z]", w)):
         if not re.search(rf"(?<![\w-]){re.escape(option)}(?![\w-])", usage):
-            return f"the help of 'rigor {words[1]}' does not name {option}"
+            return f"the help of 'rigor {' '.join(command[1:])}' does not name {option}"
     return None
 
 

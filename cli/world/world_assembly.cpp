@@ -1,6 +1,7 @@
 #include "cli/world/world_assembly.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <charconv>
 #include <cmath>
@@ -60,7 +61,46 @@ Result<world::Value> read_value(const world::AttributeInfo& attribute, const std
   }
 }
 
+std::string did_you_mean(const std::string& word, const std::vector<std::string>& names) {
+  const std::string near = nearest(word, names);
+  return near.empty() ? "" : "; did you mean " + near + "?";
+}
+
+std::vector<std::string> type_names(const world::Schema& schema) {
+  std::vector<std::string> names;
+  for (std::uint32_t t = 0; t < schema.type_count(); ++t) names.push_back(schema.type(world::TypeId{t}).name);
+  return names;
+}
+
+std::vector<std::string> attribute_names(const world::Schema& schema, world::TypeId type) {
+  std::vector<std::string> names;
+  for (const auto a : schema.attributes(type)) names.push_back(schema.attribute(a).spec.name);
+  return names;
+}
+
 }  // namespace
+
+Status check_output(const std::filesystem::path& output, std::string_view ending, bool force) {
+  std::error_code ec;
+  const std::string name = output.filename().string();
+  if (!name.ends_with(ending) || (ending == ".yaml" && name.ends_with(".import.yaml")))
+    return fail(ErrorCode::bad_input, "-o",
+                fmt::format("expected a file that ends in {}, got \"{}\"", ending, output.string()));
+  if (std::filesystem::is_directory(output, ec))
+    return fail(ErrorCode::not_writable, output.string(), "expected the name of a file, got a folder");
+  if (std::filesystem::exists(output, ec) && !force)
+    return fail(ErrorCode::not_writable, output.string(),
+                "expected a name that is not taken, a file is there; --force writes over it");
+  return check_folder_of(output);
+}
+
+Status check_folder_of(const std::filesystem::path& output) {
+  std::error_code ec;
+  const auto parent = std::filesystem::absolute(output).parent_path();
+  if (std::filesystem::is_directory(parent, ec)) return {};
+  return fail(ErrorCode::not_writable, output.string(),
+              "expected a folder that is there, got " + parent.string());
+}
 
 Result<OpenedWorld> open_world(const std::filesystem::path& file) {
   std::error_code ec;
@@ -119,9 +159,16 @@ Status set_attribute(world::Database& db, const std::string& assignment) {
   const auto& schema = db.schema();
   const auto type = schema.find_type(type_name);
   if (!type)
-    return fail(ErrorCode::bad_input, where, "expected a type of the world; `rigor world info` lists them");
+    return fail(ErrorCode::bad_input, where,
+                "expected a type of the world" + did_you_mean(type_name, type_names(schema)) +
+                    "; `rigor world info` lists those with nodes");
   const auto attribute = schema.find_attribute(*type, name);
-  if (!attribute) return fail(ErrorCode::bad_input, where, "expected an attribute of " + type_name);
+  if (!attribute) {
+    const auto names = attribute_names(schema, *type);
+    return fail(ErrorCode::bad_input, where,
+                fmt::format("expected an attribute of {}: {}{}", type_name, fmt::join(names, ", "),
+                            did_you_mean(name, names)));
+  }
   auto value = read_value(schema.attribute(*attribute), assignment.substr(eq + 1), where);
   if (!value) return tl::unexpected(value.error());
   const auto nodes = db.snapshot().nodes(*type);

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "rt-core/result.h"
@@ -38,5 +39,10 @@ struct WorldPicture {
 /// `Type.attribute=value`: on every node of the type. bad_input: an unknown name, no such node, a value of
 /// another kind.
 [[nodiscard]] Status set_attribute(world::Database& db, const std::string& assignment);
+
+/// A name that a world or its export can be written to, before any work is done: it ends in `ending`, its
+/// folder is there, and no file is, unless `force`. Errors: bad_input, not_writable.
+[[nodiscard]] Status check_output(const std::filesystem::path& output, std::string_view ending, bool force);
+[[nodiscard]] Status check_folder_of(const std::filesystem::path& output);
 
 }  // namespace rigor

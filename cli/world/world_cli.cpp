@@ -39,7 +39,7 @@ void add_import(CLI::App* app, WorldImportOptions& o) {
   app->add_option("--crs", o.crs, "Reference system of sources that do not say it, e.g. EPSG:25832");
   app->add_option("--classes", o.classes, "What the land cover's values mean: worldcover, corine or words");
   app->add_flag("--heights-above-geoid", o.heights_above_geoid,
-                "Elevations count from EGM96, not from the ellipsoid");
+                "Elevations count from EGM96 (sea level), not from the ellipsoid");
   app->add_option("--cache", o.cache_dir, "Folder for what servers answered");
   app->add_option("--set", o.overrides, "Replace one value of the plan: path.to.key=value (may be repeated)")
       ->allow_extra_args(false);
@@ -55,18 +55,18 @@ void add_render(CLI::App* app, WorldRenderOptions& o) {
       ->expected(3)
       ->delimiter(',');
   app->add_option("--target", o.target, "What it looks at: EAST,NORTH,UP")->expected(3)->delimiter(',');
-  app->add_flag("--above-ground", o.above_ground, "UP of both counts from the ground");
+  app->add_flag("--above-ground", o.above_ground, "UP of eye and target counts from the ground below them");
   app->add_option("--width", o.width_px, "Pixels")->check(CLI::Range(1, 8192));
   app->add_option("--height", o.height_px, "Pixels")->check(CLI::Range(1, 8192));
   app->add_option("--fov", o.fov_deg, "Horizontal field of view in degrees");
-  app->add_option("--time", o.time, "UTC, e.g. 2024-06-21T12:00:00Z");
+  app->add_option("--time", o.time, "E.g. 2024-06-21T12:00:00Z or 2024-06-21T14:00:00+02:00");
   app->add_option("--set", o.assignments, "Type.attribute=value on every node of the type (may be repeated)")
       ->allow_extra_args(false);
   app->add_option("--bands", o.bands, "rgb, nir (850 nm in grey) or false-colour (850 nm as red)")
       ->check(CLI::IsMember({"rgb", "nir", "false-colour"}));
-  app->add_option("--white", o.white_radiance, "Radiance that becomes white (default: by the picture)")
-      ->check(CLI::PositiveNumber);
-  app->add_option("--brighter", o.brighter_ev, "Stops");
+  app->add_option("--white", o.white_radiance,
+                  "Radiance in W/(m2 sr) that becomes white (default: by the picture)");
+  app->add_option("--brighter", o.brighter_ev, "Stops by which the picture is made brighter");
   app->add_option("--allowed-error-px", o.allowed_error_px,
                   "Detail that subtends less is left out; 0: all is drawn")
       ->check(CLI::NonNegativeNumber);
@@ -91,12 +91,19 @@ WorldCommandLine::WorldCommandLine(CLI::App& app) : impl_(std::make_unique<Impl>
   impl_->import_app = impl_->world->add_subcommand("import", "Make a world of GIS data");
   add_import(impl_->import_app, impl_->import_options);
   impl_->info = impl_->world->add_subcommand("info", "Say what is in a world");
-  impl_->info->add_option("WORLD", impl_->info_options.world, "World file")->required();
+  impl_->info
+      ->add_option("WORLD", impl_->info_options.world,
+                   "World (*.rigor, *.yaml) or import plan (*.import.yaml)")
+      ->required();
   impl_->info->add_flag("--json", impl_->info_options.json, "Print as JSON");
   impl_->info->footer("Example: rigor world info hills.rigor");
   impl_->export_app = impl_->world->add_subcommand("export", "Write a world as YAML");
-  impl_->export_app->add_option("WORLD", impl_->export_options.world, "World file")->required();
-  impl_->export_app->add_option("-o,--output", impl_->export_options.output, "out.yaml")->required();
+  impl_->export_app
+      ->add_option("WORLD", impl_->export_options.world,
+                   "World (*.rigor, *.yaml) or import plan (*.import.yaml)")
+      ->required();
+  impl_->export_app->add_option("-o,--output", impl_->export_options.output, "YAML to write, *.yaml")
+      ->required();
   impl_->export_app->add_flag("--force", impl_->export_options.force, "Write over a file that is there");
   impl_->export_app->add_flag("--json", impl_->export_options.json, "Print as JSON");
   impl_->export_app->footer("Example: rigor world export hills.rigor -o hills.yaml");

@@ -13,10 +13,8 @@ namespace rigor {
 int world_export_command(const WorldExportOptions& options) {
   namespace fs = std::filesystem;
   std::error_code ec;
-  if (fs::exists(options.output, ec) && !options.force)
-    return report_error({ErrorCode::not_writable, options.output.string(),
-                         "expected a name that is not taken, a file is there; --force writes over it"},
-                        options.json);
+  if (auto s = check_output(options.output, ".yaml", options.force); !s)
+    return report_error(s.error(), options.json);
   const auto opened = open_world(options.world);
   if (!opened) return report_error(opened.error(), options.json);
   fs::path part = options.output;
@@ -36,9 +34,9 @@ int world_export_command(const WorldExportOptions& options) {
   const auto bytes = fs::file_size(options.output, ec);
   const auto nodes = opened->db->snapshot().node_count();
   if (options.json)
-    fmt::print(
-        "{}\n",
-        nlohmann::json{{"world", options.output.string()}, {"nodes", nodes}, {"bytes", bytes}}.dump(2));
+    fmt::print("{}\n",
+               nlohmann::json{{"world", options.output.string()}, {"nodes", nodes}, {"bytes", bytes}}.dump(
+                   2, ' ', false, nlohmann::json::error_handler_t::replace));
   else
     fmt::print("{}: {} nodes, {:.1f} MB\n", options.output.string(), nodes, static_cast<double>(bytes) / 1e6);
   return 0;

@@ -6,8 +6,10 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/terminal.h"
+#include "cli/world/world_assembly.h"
 #include "cli/world/world_commands.h"
 #include "sim/gis/import.h"
+#include "sim/nature/sky/weather.h"
 #include "sim/world/semantic_types.h"
 #include "sim/world/store/world_file.h"
 
@@ -46,6 +48,10 @@ Result<gis::ImportPlan> plan_of(const WorldImportOptions& o) {
     if (sources)
       return fail(ErrorCode::bad_input, o.plan.string(),
                   "expected a plan or sources (--elevation …), got both");
+    if (!o.crs.empty() || o.heights_above_geoid)
+      return fail(ErrorCode::bad_input, o.crs.empty() ? "--heights-above-geoid" : "--crs",
+                  "expected it in the plan, of the source that it belongs to: --set "
+                  "sources.0.crs=EPSG:25832");
     std::vector<ConfigOverride> overrides;
     for (const auto& text : o.overrides) {
       auto parsed = ConfigOverride::parse(text);
@@ -95,7 +101,8 @@ Result<gis::ImportPlan> plan_of(const WorldImportOptions& o) {
     return fail(ErrorCode::bad_input, "",
                 "expected a plan (*.import.yaml) or sources (--elevation, --vector, --trees …), got neither");
   if (!(plan.spacing_m >= 0) || (plan.half_extent_m && !(*plan.half_extent_m > 0)))
-    return fail(ErrorCode::bad_input, "", "expected --spacing and --half-extent above 0");
+    return fail(ErrorCode::bad_input, plan.spacing_m >= 0 ? "--half-extent" : "--spacing",
+                "expected a length above 0 in metres");
   return plan;
 }
 
@@ -132,17 +139,8 @@ Status write_world(world::Database& db, const fs::path& output) {
 
 int world_import_command(const WorldImportOptions& options) {
   std::error_code ec;
-  if (options.output.empty())
-    return report_error({ErrorCode::bad_input, "-o", "expected the name of the world's file, got none"},
-                        options.json);
-  if (fs::exists(options.output, ec) && !options.force)
-    return report_error({ErrorCode::not_writable, options.output.string(),
-                         "expected a name that is not taken, a file is there; --force writes over it"},
-                        options.json);
-  if (const auto parent = fs::absolute(options.output).parent_path(); !fs::is_directory(parent, ec))
-    return report_error({ErrorCode::not_writable, options.output.string(),
-                         "expected a folder that is there, got " + parent.string()},
-                        options.json);
+  if (auto s = check_output(options.output, ".rigor", options.force); !s)
+    return report_error(s.error(), options.json);
   auto plan = plan_of(options);
   if (!plan) return report_error(plan.error(), options.json);
   LiveLine line;
@@ -152,6 +150,7 @@ int world_import_command(const WorldImportOptions& options) {
     };
   auto db = world::Database::create();
   if (auto s = world::define_semantic_types(*db); !s) return report_error(s.error(), options.json);
+  if (auto s = nature::add_weather_rule(*db); !s) return report_error(s.error(), options.json);
   auto report = gis::import_into(*db, *plan);
   if (plan->progress) line.done();
   if (!report) return report_error(report.error(), options.json);
@@ -167,7 +166,7 @@ int world_import_command(const WorldImportOptions& options) {
                                         {"height_m", report->anchor.height_m}}},
                                       {"lines", report->lines},
                                       {"warnings", report->warnings}}
-                           .dump(2));
+                           .dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
     return 0;
   }
   for (const auto& l : report->lines) fmt::print("{}\n", l);

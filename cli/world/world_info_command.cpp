@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -56,7 +57,7 @@ Extent extent_of(const world::Snapshot& w) {
                              for (const world::Vector3& p : places) extent.add(p.x(), p.y());
                            });
   w.for_each(schema.require_type("Frame"), [&](world::NodeId n) {
-    const auto p = w.T_world_node(n, BenchTime{}).translation();
+    const world::Vector3 p = w.T_world_node(n, BenchTime{}).translation();
     extent.add(p.x(), p.y());
   });
   return extent;
@@ -97,6 +98,19 @@ json info_of(const world::Snapshot& w, const fs::path& file) {
   return info;
 }
 
+std::string utc_text(double utc_s) {
+  const std::chrono::sys_seconds t(std::chrono::seconds(std::llround(utc_s)));
+  const auto day = std::chrono::floor<std::chrono::days>(t);
+  const std::chrono::year_month_day date(day);
+  const std::chrono::hh_mm_ss time(t - day);
+  return fmt::format("{:.0f} ({:04}-{:02}-{:02}T{:02}:{:02}:{:02}Z)", utc_s, static_cast<int>(date.year()),
+                     static_cast<unsigned>(date.month()), static_cast<unsigned>(date.day()),
+                     time.hours().count(), time.minutes().count(), time.seconds().count());
+}
+
+// Without the sign that a rounded −0.04 would carry.
+double tenth(double x_m) { return std::round(x_m * 10) / 10 + 0.0; }
+
 }  // namespace
 
 int world_info_command(const WorldInfoOptions& options) {
@@ -104,7 +118,7 @@ int world_info_command(const WorldInfoOptions& options) {
   if (!opened) return report_error(opened.error(), options.json);
   const json info = info_of(opened->db->snapshot(), options.world);
   if (options.json) {
-    fmt::print("{}\n", info.dump(2));
+    fmt::print("{}\n", info.dump(2, ' ', false, json::error_handler_t::replace));
     return 0;
   }
   fmt::print("{}: {} nodes, {:.1f} MB\n", options.world.string(), info["nodes"].get<std::size_t>(),
@@ -115,14 +129,19 @@ int world_info_command(const WorldInfoOptions& options) {
                info["anchor"]["height_m"].get<double>());
   if (info.contains("extent_m"))
     fmt::print("extent  {:.1f} … {:.1f} m east, {:.1f} … {:.1f} m north\n",
-               info["extent_m"]["west"].get<double>(), info["extent_m"]["east"].get<double>(),
-               info["extent_m"]["south"].get<double>(), info["extent_m"]["north"].get<double>());
+               tenth(info["extent_m"]["west"].get<double>()), tenth(info["extent_m"]["east"].get<double>()),
+               tenth(info["extent_m"]["south"].get<double>()),
+               tenth(info["extent_m"]["north"].get<double>()));
   for (const auto& [type, count] : info["types"].items())
     fmt::print("{:>8}  {}\n", count.get<std::size_t>(), type);
   if (info.contains("atmosphere")) {
     fmt::print("atmosphere\n");
     for (const auto& [name, value] : info["atmosphere"].items())
-      fmt::print("          {} {}\n", name, value.dump());
+      fmt::print("          {} {}\n", name,
+                 name == "utc_s"      ? utc_text(value.get<double>())
+                 : value.is_string()  ? value.get<std::string>()
+                 : value.is_boolean() ? value.dump()
+                                      : fmt::format("{}", value.get<double>()));
   }
   return 0;
 }

@@ -6,7 +6,6 @@
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
-#include <ctime>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <opencv2/imgcodecs.hpp>
@@ -14,6 +13,8 @@
 #include "cli/commands.h"
 #include "cli/terminal.h"
 #include "cli/world/world_assembly.h"
+#include "sim/gis/import.h"
+#include "sim/nature/trees/allometry.h"
 #include "sim/render/view/tone_map.h"
 #include "sim/render/view/view_renderer.h"
 #include "sim/sensors/camera_simulator.h"
@@ -25,27 +26,8 @@ namespace {
 using render::ViewPicture;
 using render::ViewRequest;
 
-Result<double> utc_from(const std::string& text) {
-  std::tm tm{};
-  int used = 0;
-  if (std::sscanf(text.c_str(), "%4d-%2d-%2dT%2d:%2d%n", &tm.tm_year, &tm.tm_mon, &tm.tm_mday, &tm.tm_hour,
-                  &tm.tm_min, &used) == 5) {
-    int more = 0;
-    if (std::sscanf(text.c_str() + used, ":%2d%n", &tm.tm_sec, &more) == 1) used += more;
-    const std::string rest = text.substr(static_cast<std::size_t>(used));
-    const bool in_range = tm.tm_mon >= 1 && tm.tm_mon <= 12 && tm.tm_mday >= 1 && tm.tm_mday <= 31 &&
-                          tm.tm_hour <= 23 && tm.tm_min <= 59 && tm.tm_sec <= 60;
-    if ((rest.empty() || rest == "Z") && in_range) {
-      tm.tm_year -= 1900;
-      tm.tm_mon -= 1;
-      return static_cast<double>(timegm(&tm));
-    }
-  }
-  return fail(ErrorCode::bad_input, "--time", "expected UTC as 2024-06-21T12:00:00Z, got \"" + text + "\"");
-}
-
 Status set_time(world::Database& db, const std::string& text) {
-  const auto utc = utc_from(text);
+  const auto utc = gis::parse_utc(text, "--time");
   if (!utc) return tl::unexpected(utc.error());
   const world::types::Atmosphere a(db.schema());
   const auto nodes = db.snapshot().nodes(a.type);
@@ -69,7 +51,13 @@ Eigen::AlignedBox3d extent_of(const world::Snapshot& world, const render::Ground
   const world::types::Tree tree(world.schema());
   world.for_each(tree.type, [&](world::NodeId n) {
     const auto& p = *world.get(n, tree.position);
-    add(p.x(), p.y(), p.z());
+    const auto size = nature::size_of(*nature::find_species(*world.get(n, tree.species)).species,
+                                      {.dbh_m = *world.get(n, tree.dbh_m),
+                                       .height_m = *world.get(n, tree.height_m),
+                                       .crown_radius_m = *world.get(n, tree.crown_radius_m)});
+    const double z = std::isnan(p.z()) ? ground.height_at(p.x(), p.y()) : p.z();
+    add(p.x() - size.crown_radius_m, p.y() - size.crown_radius_m, z);
+    add(p.x() + size.crown_radius_m, p.y() + size.crown_radius_m, (std::isnan(z) ? 0 : z) + size.height_m);
   });
   const world::types::Building building(world.schema());
   world.for_each(building.type, [&](world::NodeId n) {
@@ -104,7 +92,10 @@ Result<Eigen::Vector3d> point(const std::vector<double>& v, const char* where, b
   if (above_ground) {
     const double z = ground.height_at(p.x(), p.y());
     if (!std::isfinite(z))
-      return fail(ErrorCode::bad_input, where, "expected a place on the terrain; there is no ground");
+      return fail(ErrorCode::bad_input, where,
+                  fmt::format("expected a place on the terrain for --above-ground, got {} {}: there is no "
+                              "ground; `rigor world info` says how far it reaches",
+                              p.x(), p.y()));
     p.z() += z;
   }
   return p;
@@ -126,7 +117,7 @@ Result<Eigen::Isometry3d> camera_pose(const WorldRenderOptions& o, const OpenedW
     eye = *p;
     if (o.target.empty()) target = Eigen::Vector3d(target.x(), target.y(), eye.z());
   } else {
-    const double radius = std::max(3.0, box.sizes().head<2>().norm() / 2);
+    const double radius = std::max({3.0, box.sizes().head<2>().norm() / 2, box.sizes().z()});
     eye = target + radius * Eigen::Vector3d(-0.55, -1.1, 0.5);
     const double z = ground.height_at(eye.x(), eye.y());
     if (std::isfinite(z)) eye.z() = std::max(eye.z(), z + 2);
@@ -203,7 +194,12 @@ Status check(const WorldRenderOptions& o) {
                 "expected a file that ends in .png or .exr, got \"" + o.output.string() + "\"");
   if (!(o.fov_deg >= 1 && o.fov_deg <= 150))
     return fail(ErrorCode::bad_input, "--fov", fmt::format("expected 1 to 150 degrees, got {}", o.fov_deg));
-  return {};
+  if (o.white_radiance && !(*o.white_radiance > 0 && std::isfinite(*o.white_radiance)))
+    return fail(ErrorCode::bad_input, "--white",
+                fmt::format("expected a radiance above 0 in W/(m2 sr), got {}", *o.white_radiance));
+  if (std::error_code ec; std::filesystem::is_directory(o.output, ec))
+    return fail(ErrorCode::not_writable, o.output.string(), "expected the name of a file, got a folder");
+  return check_folder_of(o.output);
 }
 
 struct Drawn {
@@ -280,7 +276,7 @@ int world_render_command(const WorldRenderOptions& o) {
                                       {"upload_ms", st.upload_ms},
                                       {"draw_ms", st.draw_ms},
                                       {"warnings", drawn->warnings}}
-                           .dump());
+                           .dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
     return 0;
   }
   constexpr std::size_t kShown = 10;

@@ -96,5 +96,8 @@ struct ImportReport {
 [[nodiscard]] Result<std::vector<std::pair<std::string, std::string>>> class_set(std::string_view name);
 /// "46.8,8.2" or "46.8,8.2,1200". bad_input.
 [[nodiscard]] Result<Anchor> parse_anchor(std::string_view text);
+/// "2024-06-21T10:00:00Z", "2024-06-21 12:00+02:00": seconds since 1970. bad_input: anything else; without Z
+/// or an offset too.
+[[nodiscard]] Result<double> parse_utc(std::string_view text, const std::string& where);
 
 }  // namespace rigor::gis

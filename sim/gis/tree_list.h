@@ -40,8 +40,4 @@ struct Weather {
 };
 [[nodiscard]] Result<Weather> read_weather(const world::Schema& schema, const ImportSource& source);
 
-/// "2024-06-21T10:00:00Z", "2024-06-21 12:00+02:00": seconds since 1970. bad_input: anything else; without Z
-/// or an offset too.
-[[nodiscard]] Result<double> parse_utc(std::string_view text, const std::string& where);
-
 }  // namespace rigor::gis

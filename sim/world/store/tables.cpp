@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <filesystem>
 #include <set>
 
 #include "sim/world/store/value_codec.h"
@@ -127,6 +128,16 @@ void check_is_world(Sqlite& db) {
         ErrorCode::bad_input,
         fmt::format("expected a world of version 1 to {}, got version {}; restore it from a copy",
                     kFileVersion, version));
+  // SQLite fills up a last page of which a part is missing with zeros and says nothing.
+  const auto page = db.integer("PRAGMA page_size");
+  const std::string path = db.text("SELECT file FROM pragma_database_list WHERE name = 'main'");
+  std::error_code ec;
+  if (const auto size = path.empty() ? 0 : std::filesystem::file_size(path, ec);
+      db.ok() && !ec && page > 0 && size % static_cast<std::uintmax_t>(page) != 0)
+    return db.refuse(
+        ErrorCode::bad_input,
+        fmt::format("the world is damaged or cut short ({} bytes are no whole pages); restore it from a copy",
+                    size));
   if (const auto found = db.text("PRAGMA quick_check(1)"); db.ok() && found != "ok")
     db.refuse(ErrorCode::bad_input, "the world is damaged (" + found + "); restore it from a copy");
 }
