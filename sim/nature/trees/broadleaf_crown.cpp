@@ -17,18 +17,20 @@ struct Habit {
   float rise;                    ///< limbs leave the stem steeply
   float hang;                    ///< twigs hang
   float stem;                    ///< how far the middle stem goes on, share of the crown
+  float lumps;                   ///< how deep the hollows between boughs are
+  float leafy;                   ///< number of cards, relative
   float path_weight;             ///< long ways are shunned: few long limbs (low) or many from the stem (high)
 };
 Habit habit_of(TreeForm form) {
   switch (form) {
     case TreeForm::oak:
-      return {0.42F, 2.2F, 2.3F, 2.4F, 0.24F, 0.35F, 0.0F, 0.35F, 0.25F};
+      return {0.46F, 2.6F, 2.6F, 2.6F, 0.26F, 0.30F, 0.0F, 0.35F, 0.30F, 1.0F, 0.25F};
     case TreeForm::birch:
-      return {0.33F, 1.7F, 1.45F, 1.7F, 0.10F, 0.9F, 0.9F, 0.85F, 0.5F};
+      return {0.28F, 1.8F, 1.2F, 1.5F, 0.10F, 0.9F, 1.0F, 0.85F, 0.16F, 0.8F, 0.5F};
     case TreeForm::shrub:
-      return {0.55F, 1.6F, 2.0F, 1.8F, 0.18F, 0.9F, 0.1F, 0.15F, 0.6F};
+      return {0.55F, 1.6F, 2.0F, 1.8F, 0.18F, 0.9F, 0.1F, 0.15F, 0.15F, 1.0F, 0.6F};
     default:
-      return {0.38F, 2.0F, 1.9F, 2.2F, 0.13F, 0.7F, 0.05F, 0.6F, 0.4F};
+      return {0.36F, 2.1F, 1.8F, 2.2F, 0.13F, 0.7F, 0.05F, 0.6F, 0.10F, 1.0F, 0.4F};
   }
 }
 /// Reach of the crown over height, 0 base … 1 top.
@@ -98,7 +100,7 @@ Crown plan(const CrownKey& key) {
     const float t = p.z() / length, a = std::atan2(p.y(), p.x());
     if (t < 0 || t > 1) return 9.0F;
     const float bump =
-        1 + 0.15F * std::sin(3 * a + lobe + 5 * t) + 0.10F * std::sin(5 * a - 9 * t + 2 * lobe);
+        1 + h.lumps * (std::sin(3 * a + lobe + 5 * t) + 0.66F * std::sin(5 * a - 9 * t + 2 * lobe));
     return std::hypot(p.x(), p.y()) / std::max(0.02F * reach, reach * outline(h, t) * bump);
   };
   const int boughs = 7 + 4 * key.age_class;
@@ -264,17 +266,19 @@ void leaves_of(MeshBuilder& out, const Crown& c, const Leaves& l, float scale) {
       across = across.squaredNorm() > 1e-6F ? Vec3(across.normalized()) : square_to(d);
       Vec3 up = (std::cos(roll) * across.cross(d) + std::sin(roll) * across).normalized();
       if (up.dot(out_of) < 0) up = -up;
-      const auto normal = [&](const Vec3& p) {
-        return Vec3((0.85F * c.outward(p) + 0.45F * up).normalized());
-      };
+      const auto normal = [&](const Vec3& p) { return Vec3((c.outward(p) + 0.25F * up).normalized()); };
       const float depth = (tip.position - c.middle)
                               .cwiseQuotient(Vec3(c.size.radius_m, c.size.radius_m, 0.6F * c.size.crown_m))
                               .norm();
-      const bool shaded = depth + 0.2F * rnd(8) < 0.6F || d.dot(out_of) < -0.3F;
-      const int cell =
-          l.cell >= 0 ? l.cell : (shaded ? 2 : 0) + static_cast<int>(2 * c.draws.uniform(37, n, m));
+      const Vec3 centre = base + 0.5F * length * d;
+      const float height = centre.z() / c.size.crown_m;
+      const bool shaded = depth + 0.2F * rnd(8) < 0.62F || d.dot(out_of) < -0.35F ||
+                          (height + 0.1F * rnd(9) < 0.3F && depth < 0.95F);
+      const int cell = l.cell >= 0 ? l.cell : static_cast<int>(4 * c.draws.uniform(37, n, m));
+      out.set_inner(shaded);
       out.card(base, length * d, up, 0.27F * length, cell, normal(base), normal(base + length * d),
-               c.sway(base), c.sway(base + length * d));
+               c.sway(base), c.sway(base + length * d),
+               std::clamp(length / (l.cell >= 0 ? 2.4F : 1.2F), 0.35F, 1.0F));
     }
   }
 }
@@ -287,21 +291,23 @@ CrownMeshes make_broadleaf_crown(const CrownKey& key) {
   const auto bark = bark_surface(key.bark);
   CrownMeshes out;
   out.length_m = c.size.crown_m;
-  constexpr int kCards[kAgeClasses] = {6, 8, 10, 11, 12};
+  constexpr int kCards[kAgeClasses] = {8, 10, 13, 15, 14};
+  const int cards = static_cast<int>(std::lround(static_cast<float>(kCards[key.age_class]) * c.habit.leafy));
   MeshBuilder fine;
   fine.set_coverage(foliage.coverage);
   wood_of(fine, c, 0.0F, true);
-  leaves_of(fine, c, {1, kCards[key.age_class], -1, 0.95F}, 1);
+  leaves_of(fine, c, {1, cards, -1, 0.80F}, 1);
   const float leaf_area = fine.leaf_area_m2();
-  out.levels.push_back(fine.finish(bark, foliage.surface));
+  out.half_width_m.push_back(fine.mean_half_width_m());
+  out.levels.push_back(fine.finish(bark, foliage.surface, foliage.inner));
   out.length_m = out.levels.front()->bounds.max().z();
   struct Level {
     Leaves leaves;
     float area, thinnest;
   };
   const Level levels[kCrownLevels - 1] = {
-      {{1, kCards[key.age_class] / 2, -1, 1.2F}, 0.95F, 0.022F},
-      {{1, std::min(4, kCards[key.age_class] / 2 - 1), kBoughCell, 1.4F}, 0.85F, 0.035F + 0.01F * c.spacing},
+      {{1, cards / 2, -1, 1.05F}, 0.95F, 0.022F},
+      {{1, std::min(4, cards / 2 - 1), kBoughCell, 1.3F}, 0.85F, 0.035F + 0.01F * c.spacing},
       {{2, 2, kBoughCell, 1.8F}, 0.75F, 0.09F},
       {{5, 1, kBoughCell, 2.6F}, 0.6F, 1e9F}};
   for (const Level& level : levels) {
@@ -311,7 +317,8 @@ CrownMeshes make_broadleaf_crown(const CrownKey& key) {
     wood_of(mesh, c, level.thinnest, false);
     leaves_of(mesh, c, level.leaves,
               std::clamp(std::sqrt(level.area * leaf_area / trial.leaf_area_m2()), 0.6F, 1.6F));
-    out.levels.push_back(mesh.finish(bark, foliage.surface));
+    out.half_width_m.push_back(mesh.mean_half_width_m());
+    out.levels.push_back(mesh.finish(bark, foliage.surface, foliage.inner));
   }
   return out;
 }

@@ -238,9 +238,14 @@ void wood_of(MeshBuilder& out, const Crown& c, const Branch& b, int points) {
   out.tube(path, 3, 1.0F, 0.37F * static_cast<float>(b.index));
 }
 
+/// In the lowest third all but a branch's end lies in the shade of those above.
+bool lower(const Crown& c, const Branch& b, float q) {
+  return b.index != 5000 && b.t < 0.3F && q < 0.6F + 0.3F * c.draws.spread(29, b.index);
+}
+
 /// Foliage twig by twig on either side of a branch. `thin`: draws every so many-th pair alone, as much wider.
 void twigs_of(MeshBuilder& out, const Crown& c, const Branch& b, float spacing_m, int most, int thin) {
-  const float wider = thin > 1 ? 1.55F : 1.0F;
+  const float wider = thin > 1 ? (c.age_class == 0 ? 2.1F : 1.55F) : 1.0F;
   const Habit& h = c.habit;
   const float first = b.index == 5000 ? 0.1F : h.bare;
   const int pairs = std::clamp(static_cast<int>(std::lround(b.length * (1 - first) / spacing_m)), 3, most);
@@ -265,8 +270,9 @@ void twigs_of(MeshBuilder& out, const Crown& c, const Branch& b, float spacing_m
       const Vec3 facing = up.dot(c.outward(base, Vec3(0, 0, 0.3F))) < 0 ? Vec3(-up) : up;
       const Vec3 tip = base + length * d;
       // Twigs in the shade, near the trunk and low under the bough, wear the darker pictures.
-      const bool shaded = q < 0.3F + 0.15F * rnd(4);
-      const int cell = (shaded ? 2 : 0) + static_cast<int>(2 * c.draws.uniform(25, b.index, item));
+      const bool shaded = b.index != 5000 && q < 0.38F + 0.15F * rnd(4);
+      const int cell = static_cast<int>(4 * c.draws.uniform(25, b.index, item));
+      out.set_inner(shaded || lower(c, b, q));
       out.card(base, length * d, facing, 0.27F * wider * length, cell, c.outward(base, facing),
                c.outward(tip, facing), c.sway(base), c.sway(tip));
       if (c.draws.uniform(26, b.index, item) < h.second_layer / static_cast<float>(thin)) {
@@ -276,11 +282,13 @@ void twigs_of(MeshBuilder& out, const Crown& c, const Branch& b, float spacing_m
         const float l = 0.75F * length;
         const Vec3 cross = e.cross(d).squaredNorm() > 1e-4F ? e.cross(d).normalized() : square_to(e);
         const Vec3 face2 = cross.dot(c.outward(base, Vec3::Zero())) < 0 ? Vec3(-cross) : cross;
+        out.set_inner(b.index != 5000 && q < 0.75F);
         out.card(base, l * e, face2, 0.27F * l, 2 + static_cast<int>(2 * c.draws.uniform(28, b.index, item)),
                  c.outward(base, face2), c.outward(base + l * e, face2), c.sway(base), c.sway(base + l * e));
       }
     }
   }
+  out.set_inner(false);
   const Vec3 end = on_path(b, 0.86F), along = along_path(b, 0.95F);
   const float length = 0.14F * b.length + std::max(0.12F, 0.9F * h.fan * 0.3F * b.length);
   for (int k = 0; k < 2; ++k) {
@@ -297,6 +305,7 @@ void twigs_of(MeshBuilder& out, const Crown& c, const Branch& b, float spacing_m
 void bough_of(MeshBuilder& out, const Crown& c, const Branch& b, int segments, float width_scale) {
   const Habit& h = c.habit;
   const float first = 0.6F * h.bare;
+  out.set_inner(b.index % 2 == 1 && lower(c, b, 0.5F));
   if (segments == 0) {
     const Vec3 base = on_path(b, first), along = 1.06F * (b.path.back() - base),
                up = b.up.z() < 0 ? Vec3(-b.up) : b.up;
@@ -316,8 +325,8 @@ void bough_of(MeshBuilder& out, const Crown& c, const Branch& b, int segments, f
     path.push_back(
         {p, b.side, b.up, normal, std::max(0.05F, 1.15F * fan_of(h, b) * b.length) * width_scale, c.sway(p)});
   }
-  out.bough(path, std::clamp(0.25F + 0.7F * h.lateral_fall + 0.25F * h.second_layer, 0.15F, 1.0F),
-            kBoughCell);
+  out.bough(path, std::clamp(0.25F + 0.7F * h.lateral_fall + 0.25F * h.second_layer, 0.15F, 1.0F), kBoughCell,
+            b.index % 2 == 1);
 }
 
 }  // namespace
@@ -329,8 +338,8 @@ CrownMeshes make_conifer_crown(const CrownKey& key) {
   CrownMeshes out;
   out.length_m = c.size.crown_m;
 
-  constexpr float kSpacing_m[kAgeClasses] = {0.08F, 0.13F, 0.19F, 0.25F, 0.30F};
-  constexpr int kMostPairs[kAgeClasses] = {5, 7, 9, 11, 12};
+  constexpr float kSpacing_m[kAgeClasses] = {0.08F, 0.11F, 0.15F, 0.19F, 0.23F};
+  constexpr int kMostPairs[kAgeClasses] = {5, 8, 11, 13, 11};
   MeshBuilder fine;
   fine.set_coverage(foliage.coverage);
   for (const Branch& b : c.branches) {
@@ -340,7 +349,8 @@ CrownMeshes make_conifer_crown(const CrownKey& key) {
   wood_of(fine, c, c.leader, 4);
   twigs_of(fine, c, c.leader, 0.5F * kSpacing_m[key.age_class], 6, 1);
   const float leaf_area = fine.leaf_area_m2();
-  out.levels.push_back(fine.finish(bark, foliage.surface));
+  out.half_width_m.push_back(fine.mean_half_width_m());
+  out.levels.push_back(fine.finish(bark, foliage.surface, foliage.inner));
 
   MeshBuilder half;
   for (const Branch& b : c.branches) {
@@ -348,13 +358,16 @@ CrownMeshes make_conifer_crown(const CrownKey& key) {
     twigs_of(half, c, b, kSpacing_m[key.age_class], kMostPairs[key.age_class], 2);
   }
   twigs_of(half, c, c.leader, 0.5F * kSpacing_m[key.age_class], 6, 2);
-  out.levels.push_back(half.finish(bark, foliage.surface));
+  out.half_width_m.push_back(half.mean_half_width_m());
+  out.levels.push_back(half.finish(bark, foliage.surface, foliage.inner));
 
   struct Level {
     int every, segments;  ///< 0: one flat card
     float area;           ///< share of the leaf area that it keeps: larger cards hide less of one another
   };
-  constexpr Level kLevels[kCrownLevels - 2] = {{1, 2, 0.9F}, {2, 1, 0.9F}, {4, 0, 0.85F}};
+  constexpr Level kLevels[kCrownLevels - 2] = {{1, 2, 0.8F}, {2, 1, 0.95F}, {4, 0, 1.7F}};
+  // Where branches hide little of one another, less must not be left out.
+  const float sparse = key.age_class == 0 || key.form == TreeForm::pine ? 1.4F : 1.0F;
   for (const Level& level : kLevels) {
     const auto build = [&](MeshBuilder& mesh, float width_scale) {
       mesh.set_coverage(foliage.coverage);
@@ -373,8 +386,10 @@ CrownMeshes make_conifer_crown(const CrownKey& key) {
     MeshBuilder trial;
     build(trial, 1.0F);
     MeshBuilder mesh;
-    build(mesh, std::clamp(level.area * leaf_area / trial.leaf_area_m2(), 0.6F, 2.6F));
-    out.levels.push_back(mesh.finish(bark, foliage.surface));
+    build(mesh, std::clamp(sparse * level.area * leaf_area / trial.leaf_area_m2(), 0.6F,
+                           level.segments > 0 ? 2.4F : 4.0F));
+    out.half_width_m.push_back(mesh.mean_half_width_m());
+    out.levels.push_back(mesh.finish(bark, foliage.surface, foliage.inner));
   }
   return out;
 }

@@ -14,6 +14,7 @@ inline constexpr int kCrownLevels = 5;
 /// A crown before its levels are made into a prototype.
 struct CrownMeshes {
   std::vector<std::shared_ptr<const render::Mesh>> levels;  ///< finest first
+  std::vector<float> half_width_m;                          ///< of each level's cards, mean
   float length_m = 1;
 };
 [[nodiscard]] CrownMeshes make_conifer_crown(const CrownKey& key);

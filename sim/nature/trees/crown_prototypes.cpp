@@ -11,6 +11,9 @@ namespace {
 
 constexpr double kClassHeight_m[kAgeClasses] = {1.6, 5, 12, 24, 44};
 
+/// Shares of the width of cards and of the distance between levels that the eye can tell.
+constexpr float kWidthSeen = 0.05F, kDistanceSeen = 0.12F;
+
 /// Square of the distance from p to a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
 float distance2(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
   const Vec3 ab = b - a, ac = c - a, ap = p - a;
@@ -37,12 +40,21 @@ Vec3 corner(const render::Mesh& m, std::size_t index) {
   const render::Vertex& v = m.vertices[m.indices[index]];
   return {v.position[0], v.position[1], v.position[2]};
 }
-const render::MeshPart& foliage_of(const render::Mesh& m) { return m.parts.back(); }
+/// The parts of leaves follow each other at the end.
+struct Range {
+  std::uint32_t first_index, index_count;
+};
+Range foliage_of(const render::Mesh& m) {
+  std::uint32_t first = m.parts.back().first_index;
+  for (const render::MeshPart& p : m.parts)
+    if (p.surface->alpha_cutoff > 0) first = std::min(first, p.first_index);
+  return {first, static_cast<std::uint32_t>(m.indices.size()) - first};
+}
 
 /// Root mean square distance from points of the finest foliage to a coarser level's.
 float foliage_error(const render::Mesh& fine, const render::Mesh& coarse) {
   constexpr std::size_t kSamples = 160;
-  const auto &f = foliage_of(fine), &c = foliage_of(coarse);
+  const Range f = foliage_of(fine), c = foliage_of(coarse);
   const std::size_t triangles = f.index_count / 3, samples = std::min(kSamples, triangles);
   double sum = 0;
   for (std::size_t i = 0; i < samples; ++i) {
@@ -62,7 +74,7 @@ CrownPrototype make(const CrownKey& key) {
   out.length_m = crown.length_m;
   std::vector<float> reach;
   const render::Mesh& fine = *crown.levels.front();
-  const auto& leaves = foliage_of(fine);
+  const Range leaves = foliage_of(fine);
   for (std::uint32_t k = leaves.first_index; k < leaves.first_index + leaves.index_count; ++k)
     reach.push_back(corner(fine, k).head<2>().norm());
   const auto at = reach.begin() + static_cast<std::ptrdiff_t>(0.98 * static_cast<double>(reach.size() - 1));
@@ -79,7 +91,9 @@ CrownPrototype make(const CrownKey& key) {
   prototype->sway_m = 0.10F + 0.03F * out.radius_m;
   float last = 0;
   for (std::size_t i = 0; i < crown.levels.size(); ++i) {
-    const float error = i == 0 ? 0.0F : std::max(1.05F * last, foliage_error(fine, *crown.levels[i]));
+    const float seen = kWidthSeen * crown.half_width_m[i] +
+                       kDistanceSeen * (i == 0 ? 0.0F : foliage_error(fine, *crown.levels[i]));
+    const float error = i == 0 ? 0.0F : std::max(1.05F * last, seen);
     prototype->levels.push_back({crown.levels[i], error});
     last = error;
   }

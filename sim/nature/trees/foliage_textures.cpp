@@ -9,7 +9,7 @@
 namespace rigor::nature {
 namespace {
 
-constexpr int kAtlas_px = 512;
+constexpr int kAtlas_px = 1024;
 constexpr float kPi = std::numbers::pi_v<float>;
 
 /// How the shoots of a kind of tree are built. Lengths in metres of the plant.
@@ -20,9 +20,11 @@ struct ShootStyle {
   float tuft_step_m = 0;  ///< above 0: needles in tufts that far apart
   float twig_width_m = 0.003F;
   float side_angle = 0.85F, side_step_m = 0.035F, side_ratio = 0.42F;
-  float sweep = 0.25F;  ///< side shoots bend forward by so much, rad
-  float bare = 0.0F;    ///< share of a last-order twig, from its base, without needles
-  int twig_levels = 1;  ///< orders of side shoots on a twig card
+  float twig_ratio = 0.29F;    ///< of a twig's own side shoots
+  float sweep = 0.25F;         ///< side shoots bend forward by so much, rad
+  float bare = 0.0F;           ///< share of a last-order twig, from its base, without needles
+  int twig_levels = 1;         ///< orders of side shoots on a twig card
+  float bough_step_m = 0.24F;  ///< between the twigs of a bough
   float leaf_m = 0.08F, leaf_slender = 0.3F;
   Colour young{0.95F, 0.97F, 0.85F}, old{0.66F, 0.68F, 0.70F};
   float twig_scale_m = 0.8F, bough_scale_m = 3.2F;  ///< length that fills a cell
@@ -81,6 +83,7 @@ ShootStyle style_of(TreeForm form) {
       s.side_ratio = 0.5F, s.twig_width_m = 0.005F;
       break;
   }
+  if (s.leaves) s.twig_scale_m = 1.35F, s.bough_scale_m = 2.7F;
   return s;
 }
 
@@ -90,6 +93,7 @@ struct ShootPainter {
   const ShootStyle& style;
   Draws draws;
   float px_per_m, tone;
+  int orders = 1;  ///< of the whole picture
   std::uint32_t count = 0;
 
   float next() { return draws.uniform(1, count++); }
@@ -165,9 +169,10 @@ struct ShootPainter {
 
   void shoot(float x, float y, float angle, float length_px, int order, float bend) {
     if (order == 0) return twig(x, y, angle, length_px, bend);
-    // Sparser towards higher orders: side shoots of a bough are whole twigs.
+    // Side shoots of a bough are whole twigs, with the sky between them.
     float spacing = style.side_step_m * px_per_m;
     for (int k = 1; k < order; ++k) spacing *= 3.3F;
+    if (order > style.twig_levels) spacing = style.bough_step_m * px_per_m;
     spacing = std::max(spacing, 4.0F);
     const int n = std::max(3, static_cast<int>(length_px * 0.92F / spacing));
     const float width =
@@ -181,22 +186,63 @@ struct ShootPainter {
       const float w = width * (1 - 0.8F * static_cast<float>(i) / 8);
       canvas.line(p[0], p[1], q[0], q[1], w, w, wood());
     }
+    const float light = tone;
     for (int i = 0; i < n; ++i) {
-      const float s = 0.06F + 0.92F * (static_cast<float>(i) + 0.3F * next()) / static_cast<float>(n);
-      const auto p = on(s);
       for (int side = -1; side <= 1; side += 2) {
-        // A lance: longest at a third, short at the tip.
+        const float s = 0.05F + 0.93F * (static_cast<float>(i) + 0.8F * next()) / static_cast<float>(n);
+        const auto p = on(s);
+        // A lance: longest at a third, short at the tip; ragged, and some are gone.
         const float lance = std::pow(s < 0.28F ? 0.45F + 0.55F * s / 0.28F : (1.04F - s) / 0.76F, 0.8F);
-        const float l = length_px * style.side_ratio * lance *
-                        (order > 1 ? 0.62F + 0.5F * next() : 0.8F + 0.35F * next());
+        const float l = length_px *
+                        (order < orders && order == style.twig_levels ? style.twig_ratio : style.side_ratio) *
+                        lance * (order > 1 ? 0.4F + 0.75F * next() : 0.45F + 0.75F * next());
         const float f = static_cast<float>(side),
                     a = angle + bend * s +
-                        f * style.side_angle * (1.05F - 0.35F * s) * (0.9F + 0.2F * next());
+                        f * style.side_angle * (1.05F - 0.35F * s) * (0.8F + 0.4F * next());
+        if (next() < (order > 1 ? 0.08F : 0.12F)) continue;
+        // What is near the base lies in the shade of the rest; every twig catches its own light.
+        tone = light * (order > 1 ? (0.55F + 0.6F * s) * (0.75F + 0.5F * next()) : 0.85F + 0.3F * next());
         shoot(p[0], p[1], a, l, order - 1, -f * style.sweep);
+        tone = light;
       }
     }
     const auto tip = on(0.93F);
     shoot(tip[0], tip[1], angle + bend, length_px * 0.10F, 0, 0);
+  }
+
+  /// Broad leaves: twigs in two layers, the lower one in the shade, with gaps that reach through both.
+  void spray(float x, float y, float length_px, int order) {
+    const float light = tone;
+    for (int layer = 0; layer < 2; ++layer) {
+      tone = light * (layer == 0 ? 0.55F : 1.05F);
+      branch(x, y, 0.12F * (next() - 0.5F), length_px * (layer == 0 ? 0.84F : 0.9F), order, layer);
+    }
+    tone = light;
+  }
+  void branch(float x, float y, float angle, float length_px, int order, int layer) {
+    if (order == 0) return twig(x, y, angle, length_px, 0.5F * (next() - 0.5F));
+    const float step = (order > 1 ? style.bough_step_m : style.side_step_m) * px_per_m;
+    const int n = std::max(3, static_cast<int>(length_px / step));
+    const float wander = (order > 1 ? 0.2F : 0.4F) * (next() - 0.5F), light = tone;
+    float px = x, py = y, a = angle;
+    for (int i = 0; i < n; ++i) {
+      const float s = (static_cast<float>(i) + 0.5F) / static_cast<float>(n);
+      const float qx = px + length_px / static_cast<float>(n) * std::sin(a),
+                  qy = py - length_px / static_cast<float>(n) * std::cos(a);
+      const float w = std::max(1.1F, style.twig_width_m * px_per_m * static_cast<float>(order) * (1.2F - s));
+      canvas.line(px, py, qx, qy, w, w, wood());
+      px = qx, py = qy, a += wander / static_cast<float>(n) + 0.12F * (next() - 0.5F);
+      // Widest at two fifths; sides take turns.
+      const float side = (i + layer) % 2 ? 1.0F : -1.0F;
+      const float lance = 0.35F + 0.65F * std::sin(kPi * std::pow(0.12F + 0.84F * s, 0.8F));
+      const float l = length_px * (order > 1 ? 0.40F : 0.33F) * lance * (0.4F + 0.75F * next());
+      const float out = a + side * style.side_angle * (0.65F + 0.75F * next());
+      const bool gone = next() < 0.08F;
+      tone = light * (0.72F + 0.4F * s) * (0.72F + 0.56F * next());
+      if (!gone) branch(px, py, out, l, order - 1, layer);
+      tone = light;
+    }
+    twig(px, py, a, 0.12F * length_px, 0);
   }
 };
 
@@ -223,10 +269,16 @@ FoliageSurface make(TreeForm form) {
     const bool bough = cell == kBoughCell;
     const float length = height * 0.93F;
     const float scale = (bough ? style.bough_scale_m : style.twig_scale_m);
-    ShootPainter painter{canvas, style,
+    ShootPainter painter{canvas,
+                         style,
                          Draws("foliage_texture", static_cast<std::uint64_t>(form) * 16 + cell),
-                         length / scale, bough ? 0.85F : (cell < 2 ? 0.92F : 0.62F)};
-    painter.shoot(x, y, 0.0F, length, bough ? style.twig_levels + 1 : style.twig_levels, 0.0F);
+                         length / scale,
+                         bough ? 0.9F : (cell < 2 ? 0.92F : 0.78F),
+                         bough ? style.twig_levels + 1 : style.twig_levels};
+    if (style.leaves)
+      painter.spray(x, y, length, bough ? 2 : 1);
+    else
+      painter.shoot(x, y, 0.0F, length, painter.orders, 0.0F);
   }
   std::array<double, 3> sum{};
   double weight = 0;
@@ -277,6 +329,15 @@ FoliageSurface make(TreeForm form) {
   surface->alpha_cutoff = kCutoff;
   surface->two_sided = true;
   out.surface = surface;
+  // Leaf after leaf takes visible light away; near infrared comes through, and a lidar's own beam sees a leaf
+  // as it is.
+  auto inner = std::make_shared<render::Surface>(*surface);
+  inner->serial = render::next_serial();
+  for (int b = 0; b < 3; ++b) {
+    inner->reflectance[b] *= kInnerLight;
+    inner->transmittance[b] *= kInnerLight;
+  }
+  out.inner = inner;
   return out;
 }
 

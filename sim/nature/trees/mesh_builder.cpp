@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 namespace rigor::nature {
 namespace {
@@ -53,8 +54,11 @@ void MeshBuilder::tube(std::span<const StemPoint> path, int sides, float bark_re
 }
 
 void MeshBuilder::card(const Vec3& base, const Vec3& along, const Vec3& up, float half_width, int cell,
-                       const Vec3& normal_base, const Vec3& normal_tip, float sway_base, float sway_tip) {
-  const AtlasCell c = atlas_cell(cell);
+                       const Vec3& normal_base, const Vec3& normal_tip, float sway_base, float sway_tip,
+                       float part) {
+  AtlasCell c = atlas_cell(cell);
+  const float middle = 0.5F * (c.u0 + c.u1), half = 0.5F * part * (c.u1 - c.u0);
+  c = {middle - half, c.v0, middle + half, c.v0 + part * (c.v1 - c.v0)};
   Vec3 side = along.cross(up);
   if (side.squaredNorm() < 1e-12F) side = square_to(along);
   side = side.normalized() * half_width;
@@ -62,12 +66,16 @@ void MeshBuilder::card(const Vec3& base, const Vec3& along, const Vec3& up, floa
   const std::uint32_t b = vertex(base + side, normal_base, c.u1, c.v1, sway_base);
   const std::uint32_t d = vertex(base + along + side, normal_tip, c.u1, c.v0, sway_tip);
   const std::uint32_t e = vertex(base + along - side, normal_tip, c.u0, c.v0, sway_tip);
-  foliage_.insert(foliage_.end(), {a, b, d, a, d, e});
-  leaf_area_m2_ += 2 * half_width * along.norm() * coverage_[cell];
+  auto& triangles = inner_now_ ? inner_ : foliage_;
+  triangles.insert(triangles.end(), {a, b, d, a, d, e});
+  const float area = 2 * half_width * along.norm();
+  leaf_area_m2_ += area * coverage_[cell];
+  flat_area_m2_ += area, flat_moment_m3_ += area * half_width;
 }
 
-void MeshBuilder::bough(std::span<const BoughPoint> path, float fold_rad, int cell) {
-  const AtlasCell c = atlas_cell(cell);
+void MeshBuilder::bough(std::span<const BoughPoint> path, float fold_rad, int cell, bool mirrored) {
+  AtlasCell c = atlas_cell(cell);
+  if (mirrored) std::swap(c.u0, c.u1);
   const float middle = 0.5F * (c.u0 + c.u1);
   float length = 0;
   for (std::size_t i = 1; i < path.size(); ++i) length += (path[i].position - path[i - 1].position).norm();
@@ -87,16 +95,21 @@ void MeshBuilder::bough(std::span<const BoughPoint> path, float fold_rad, int ce
         vertex(p.position, p.normal, middle, v, p.sway),
         vertex(p.position + out + down, (p.normal + tilt).normalized(), c.u1, v, p.sway)};
     if (i > 0) {
+      // The first of several pieces is next to the trunk.
+      auto& triangles = inner_now_ || (i == 1 && path.size() > 2) ? inner_ : foliage_;
       for (int k = 0; k < 2; ++k)
-        foliage_.insert(foliage_.end(), {last[k], last[k + 1], now[k + 1], last[k], now[k + 1], now[k]});
-      leaf_area_m2_ += (p.half_width + path[i - 1].half_width) * step * coverage_[cell];
+        triangles.insert(triangles.end(), {last[k], last[k + 1], now[k + 1], last[k], now[k + 1], now[k]});
+      const float area = (p.half_width + path[i - 1].half_width) * step;
+      leaf_area_m2_ += area * coverage_[cell];
+      flat_area_m2_ += area, flat_moment_m3_ += area * p.half_width;
     }
     std::copy(std::begin(now), std::end(now), std::begin(last));
   }
 }
 
 std::shared_ptr<const render::Mesh> MeshBuilder::finish(std::shared_ptr<const render::Surface> wood,
-                                                        std::shared_ptr<const render::Surface> foliage) {
+                                                        std::shared_ptr<const render::Surface> foliage,
+                                                        std::shared_ptr<const render::Surface> inner) {
   auto mesh = std::make_shared<render::Mesh>();
   mesh->vertices = std::move(vertices_);
   const auto part = [&](const std::vector<std::uint32_t>& indices,
@@ -107,6 +120,7 @@ std::shared_ptr<const render::Mesh> MeshBuilder::finish(std::shared_ptr<const re
     mesh->indices.insert(mesh->indices.end(), indices.begin(), indices.end());
   };
   part(wood_, std::move(wood));
+  part(inner_, inner ? std::move(inner) : foliage);
   part(foliage_, std::move(foliage));
   for (const render::Vertex& v : mesh->vertices)
     mesh->bounds.extend(Vec3(v.position[0], v.position[1], v.position[2]));

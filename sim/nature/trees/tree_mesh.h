@@ -8,9 +8,12 @@
 // ground. Both are made from counter-based numbers when first asked for, and kept: the same key gives the
 // same object, on any thread.
 //
-// error_m of foliage levels: cards stand for twigs, so the distance between two levels' surfaces has no sharp
-// maximum; what is stated is the root mean square distance from points of the finest level's foliage to the
-// coarser level's surface, measured when the prototype is made. For trunks it is the largest deviation.
+// error_m of foliage levels: leaves stand by chance, so that moving one by the distance to its neighbour
+// changes nothing that is seen; what is seen is that cards are flat, and that gaps close. What is stated is a
+// twentieth of the mean half width of a level's cards and an eighth of the root mean square distance from
+// points of the finest level's foliage to the level's surface, both measured when the prototype is made; the
+// shares are those at which pictures of neighbouring levels, a pixel being that wide, look alike. For trunks
+// it is the largest deviation.
 #pragma once
 
 #include <memory>

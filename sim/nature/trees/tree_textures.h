@@ -28,9 +28,12 @@ inline constexpr int kTwigCells = 4, kBoughCell = 4;
   return {u, v, u + 0.25F, v + 0.5F};
 }
 
+/// Share of the visible light that reaches leaves inside a crown and under it.
+inline constexpr float kInnerLight = 0.45F;
 struct FoliageSurface {
   std::shared_ptr<const render::Surface> surface;
-  std::array<float, 5> coverage;  ///< of each cell: share of its area that is leaf
+  std::shared_ptr<const render::Surface> inner;  ///< the same leaves in the shade of others
+  std::array<float, 5> coverage;                 ///< of each cell: share of its area that is leaf
 };
 
 /// Made at the first call and shared from then on. Any thread. Reflectance and transmittance, averaged over
