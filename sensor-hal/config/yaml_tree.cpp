@@ -169,8 +169,9 @@ class Builder final : public YAML::EventHandler {
     for (std::size_t i = 0; i < text.size();) {
       const auto n = utf8_length(text.substr(i));
       if (n == 0)
-        throw Refused{place, "expected text, got an escape (\\N or \\_) that the parser gets wrong; write the "
-                             "character itself, or \\u0085 or \\u00a0"};
+        throw Refused{place,
+                      "expected text, got an escape (\\N or \\_) that the parser gets wrong; write the "
+                      "character itself, or \\u0085 or \\u00a0"};
       i += n;
     }
   }

@@ -286,8 +286,8 @@ TEST_F(PairTest, KeepsPaceInWallTimeWhenTheDeviceIsOverdue) {
   for (int k : {0, 1, 2, 3, 9, 10}) shot(k * 10'000 + 1'000);
   for (int k = 0; k < 160; ++k) {
     const BenchTime now = t0_ + milliseconds(k);
-    // Five times slower than the clock on the wall: a busy machine keeps a worker from its CPU for milliseconds,
-    // and a sample that is late is left out.
+    // Five times slower than the clock on the wall: a busy machine keeps a worker from its CPU for
+    // milliseconds, and a sample that is late is left out.
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
     poll(now);
     pair_->begin_cycle(now);
