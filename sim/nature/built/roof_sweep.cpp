@@ -303,7 +303,23 @@ std::optional<RoofSweep> sweep_roof(const Polygon& outline, std::span<const doub
     for (const int i : e)
       if (out.shell.points[static_cast<std::size_t>(i)].z() > kWeld_m) return std::nullopt;
   for (const auto& p : out.shell.points) out.height_m = std::max(out.height_m, p.z());
-  for (std::size_t e = 0; e < speeds.size(); ++e) out.is_hip_end.push_back(front.is_hip_end(e));
+  // Walls that are a centimetre off parallel part a hip end into a triangle and a sliver.
+  std::vector<double> swept(speeds.size(), 0), top(speeds.size(), 0);
+  for (const Facet& f : out.shell.facets) {
+    const Vector3d p[3] = {out.shell.points[static_cast<std::size_t>(f.corner[0])],
+                           out.shell.points[static_cast<std::size_t>(f.corner[1])],
+                           out.shell.points[static_cast<std::size_t>(f.corner[2])]};
+    const auto e = static_cast<std::size_t>(f.tag);
+    swept[e] += (p[1] - p[0]).cross(p[2] - p[0]).z() / 2;
+    for (const Vector3d& q : p) top[e] = std::max(top[e], q.z());
+  }
+  std::size_t e = 0;
+  for (const auto& r : outline.rings())
+    for (std::size_t i = 0; i < r.size(); ++i, ++e) {
+      const double triangle = (r[(i + 1) % r.size()] - r[i]).norm() * top[e] * speeds[e] / 2;
+      out.is_hip_end.push_back(front.is_hip_end(e) ||
+                               (triangle > 0 && std::abs(swept[e] - triangle) < 0.01 * triangle));
+    }
   return out;
 }
 

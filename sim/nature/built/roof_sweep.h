@@ -17,7 +17,8 @@ struct RoofSweep {
   /// the number of its edge.
   Shell shell;
   double height_m = 0;  ///< greatest z
-  /// Of each edge: swept by one triangle, between neighbours that never changed: it can become a gable.
+  /// Of each edge: swept by one triangle (but for a hundredth of it), between neighbours that never changed:
+  /// it can become a gable.
   std::vector<bool> is_hip_end;
 };
 

@@ -148,6 +148,21 @@ TEST(Roof, RidgeIsAsHighAsAskedWithAndWithoutOverhang) {
     }
 }
 
+TEST(Roof, RectanglesOfASurveyAreGabled) {
+  // To the centimetre, turned, so that no two walls are quite parallel; also far from the origin.
+  for (const Vector2d& far : {Vector2d(0, 0), Vector2d(4000, -3000)})
+    for (int turn = 0; turn < 90; ++turn) {
+      const double a = turn * 0.0349, c = std::cos(a), s = std::sin(a);
+      Polygon p = rectangle(18, 12);
+      for (Vector2d& q : p.outer)
+        q = far + Vector2d(std::round((c * q.x() - s * q.y()) * 100) / 100,
+                           std::round((s * q.x() + c * q.y()) * 100) / 100);
+      const Roof roof = make_roof(p, {.shape = RoofShape::gabled});
+      EXPECT_EQ(roof.shape, RoofShape::gabled) << turn;
+      EXPECT_TRUE(roof.warnings.empty()) << turn << ": " << roof.warnings[0];
+    }
+}
+
 TEST(Roof, ShapesThatDoNotFitSaySo) {
   const Polygon u{.outer = {{0, 0}, {14, 0}, {14, 10}, {10, 10}, {10, 4}, {4, 4}, {4, 10}, {0, 10}},
                   .holes = {}};
