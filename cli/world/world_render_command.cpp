@@ -3,6 +3,7 @@
 #include <fmt/ranges.h>
 
 #include <Eigen/Geometry>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
@@ -168,10 +169,14 @@ Status write_picture(const WorldRenderOptions& o, const ViewPicture& picture) {
   const int w = picture.width_px, h = picture.height_px;
   if (o.output.extension() == ".exr") {
     cv::Mat bgr(h, w, CV_32FC3);
+    using Channels = std::array<int, 3>;  // as blue, green, red
+    const Channels channels = o.bands == "nir"            ? Channels{3, 3, 3}
+                              : o.bands == "false-colour" ? Channels{1, 0, 3}
+                                                          : Channels{2, 1, 0};
     for (int i = 0; i < w * h; ++i)
       for (int c = 0; c < 3; ++c)
         bgr.ptr<float>()[3 * i + c] =
-            picture.radiance[static_cast<std::size_t>(4 * i + (o.bands == "nir" ? 3 : 2 - c))];
+            picture.radiance[static_cast<std::size_t>(4 * i + channels[static_cast<std::size_t>(c)])];
     return write_file(o.output, bgr);
   }
   using Tone = render::ToneMapOptions;

@@ -95,6 +95,18 @@ TEST_F(WorldRender, LeavesAreBrighterInTheNearInfraredThanInRed) {
   EXPECT_GT(cv::mean(nir)[2], 2 * cv::mean(rgb)[2]);
 }
 
+TEST_F(WorldRender, FalseColourShowsTheNearInfraredAsRed) {
+  const std::string scene = config("worlds/turntable.yaml");
+  const cv::Mat rgb = picture(scene, "rgb.exr"), nir = picture(scene, "nir.exr", {"--bands", "nir"}),
+                film = picture(scene, "film.exr", {"--bands", "false-colour"});
+  for (const cv::Point p : {cv::Point(10, 100), cv::Point(80, 60), cv::Point(80, 5)}) {
+    const auto colours = rgb.at<cv::Vec3f>(p), shown = film.at<cv::Vec3f>(p);
+    EXPECT_EQ(shown[2], nir.at<cv::Vec3f>(p)[2]);
+    EXPECT_EQ(shown[1], colours[2]);
+    EXPECT_EQ(shown[0], colours[1]);
+  }
+}
+
 TEST_F(WorldRender, ASceneOfBoxesIsAWorldToo) {
   const cv::Mat png = picture(config("worlds/turntable.yaml"), "scene.png");
   EXPECT_EQ(png.size(), cv::Size(160, 120));
