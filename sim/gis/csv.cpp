@@ -1,5 +1,6 @@
 #include "sim/gis/csv.h"
 
+#include <cpl_string.h>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -83,8 +84,9 @@ Result<CsvTable> read_csv(const std::filesystem::path& file) {
   const std::string bytes = std::move(all).str();
   std::string_view text = bytes;
   if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
-  if (text.find('\0') != std::string_view::npos)
-    return fail(ErrorCode::bad_input, table.file, "expected CSV text in UTF-8, got bytes that are none");
+  if (text.find('\0') != std::string_view::npos || !CPLIsUTF8(bytes.c_str(), -1))
+    return fail(ErrorCode::bad_input, table.file,
+                "expected CSV text in UTF-8, got bytes that are none; save it as UTF-8");
   const char separator = separator_of(text.substr(0, text.find('\n')));
   std::size_t at = 0, line = 1;
   CsvRow row;

@@ -171,6 +171,14 @@ TEST_F(WorldBadInput, CamerasThatCannotBe) {
        {with({"--off", "shadow"}), "--off: expected frustum-culling"}});
 }
 
+TEST_F(WorldBadInput, TreeListsInAnotherEncoding) {
+  write_file(dir / "latin.csv",
+             "species,dbh_cm,lat,lon\nPic\xe9"
+             "a,30,46.95,9.0\n");
+  expect_refused(
+      {{{"import", "--trees", "latin.csv", "-o", "x.rigor"}, "latin.csv: expected CSV text in UTF-8"}});
+}
+
 TEST_F(WorldBadInput, WhatIsNoWorld) {
   write_file(dir / "text.rigor", "this is no world");
   write_file(dir / "empty.rigor", "");
