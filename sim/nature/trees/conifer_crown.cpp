@@ -245,7 +245,7 @@ bool lower(const Crown& c, const Branch& b, float q) {
 
 /// Foliage twig by twig on either side of a branch. `thin`: draws every so many-th pair alone, as much wider.
 void twigs_of(MeshBuilder& out, const Crown& c, const Branch& b, float spacing_m, int most, int thin) {
-  const float wider = thin > 1 ? (c.age_class == 0 ? 2.1F : 1.55F) : 1.0F;
+  const float wider = thin > 1 ? (c.age_class == 0 ? 2.1F : c.habit.density < 0.7F ? 1.85F : 1.55F) : 1.0F;
   const Habit& h = c.habit;
   const float first = b.index == 5000 ? 0.1F : h.bare;
   const int pairs = std::clamp(static_cast<int>(std::lround(b.length * (1 - first) / spacing_m)), 3, most);
@@ -258,7 +258,7 @@ void twigs_of(MeshBuilder& out, const Crown& c, const Branch& b, float spacing_m
       const Vec3 base = on_path(b, s), along = along_path(b, s);
       const float f = arm ? 1.0F : -1.0F;
       const float lance = std::pow(std::sin(kPi * std::clamp(0.20F + 0.74F * q, 0.0F, 1.0F)), 0.7F);
-      float length = h.twig_size * 1.25F * fan_of(h, b) * b.length * lance * (1 + 0.4F * rnd(1));
+      float length = h.twig_size * 1.4F * fan_of(h, b) * b.length * lance * (1 + 0.4F * rnd(1));
       length = std::max(length, std::min(b.index == 5000 ? 0.14F : 0.24F, 0.55F * b.length));
       const float angle = h.lateral_angle * (1 + 0.18F * rnd(2)) * (1 - 0.35F * q);
       Vec3 d = std::cos(angle) * along + f * std::sin(angle) * b.side;
@@ -273,7 +273,7 @@ void twigs_of(MeshBuilder& out, const Crown& c, const Branch& b, float spacing_m
       const bool shaded = b.index != 5000 && q < 0.38F + 0.15F * rnd(4);
       const int cell = static_cast<int>(4 * c.draws.uniform(25, b.index, item));
       out.set_inner(shaded || lower(c, b, q));
-      out.card(base, length * d, facing, 0.27F * wider * length, cell, c.outward(base, facing),
+      out.card(base, length * d, facing, 0.205F * wider * length, cell, c.outward(base, facing),
                c.outward(tip, facing), c.sway(base), c.sway(tip));
       if (c.draws.uniform(26, b.index, item) < h.second_layer / static_cast<float>(thin)) {
         // A second spray from the same place, hanging under the first or standing on it.

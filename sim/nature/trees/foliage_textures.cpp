@@ -26,6 +26,7 @@ struct ShootStyle {
   int twig_levels = 1;         ///< orders of side shoots on a twig card
   float bough_step_m = 0.24F;  ///< between the twigs of a bough
   float leaf_m = 0.08F, leaf_slender = 0.3F;
+  float fill = 0.155F;  ///< short twigs with leaves on a square of a leaf's length
   Colour young{0.95F, 0.97F, 0.85F}, old{0.66F, 0.68F, 0.70F};
   float twig_scale_m = 0.8F, bough_scale_m = 3.2F;  ///< length that fills a cell
 };
@@ -75,7 +76,8 @@ ShootStyle style_of(TreeForm form) {
       s.side_ratio = 0.5F, s.twig_width_m = 0.005F;
       break;
     case TreeForm::birch:
-      s.leaves = true, s.leaf_m = 0.058F, s.leaf_slender = 0.4F, s.side_angle = 0.6F, s.side_step_m = 0.09F;
+      s.leaves = true, s.leaf_m = 0.06F, s.leaf_slender = 0.36F, s.fill = 0.085F, s.side_angle = 0.6F,
+      s.side_step_m = 0.09F;
       s.side_ratio = 0.45F, s.twig_width_m = 0.003F, s.sweep = 0.1F;
       break;
     case TreeForm::shrub:
@@ -210,39 +212,43 @@ struct ShootPainter {
     shoot(tip[0], tip[1], angle + bend, length_px * 0.10F, 0, 0);
   }
 
-  /// Broad leaves: twigs in two layers, the lower one in the shade, with gaps that reach through both.
-  void spray(float x, float y, float length_px, int order) {
-    const float light = tone;
-    for (int layer = 0; layer < 2; ++layer) {
-      tone = light * (layer == 0 ? 0.55F : 1.05F);
-      branch(x, y, 0.12F * (next() - 0.5F), length_px * (layer == 0 ? 0.84F : 0.9F), order, layer);
+  /// Broad leaves: short twigs that keep their distance from one another, so that small gaps are left at
+  /// every size of the picture and no large outline shows; joined by thin wood to an axis.
+  void spray(float x, float y, float length_px, float width_px) {
+    const float leaf = style.leaf_m * px_per_m;
+    const int twigs = std::max(6, static_cast<int>(style.fill * length_px * width_px / (leaf * leaf)));
+    std::vector<std::array<float, 2>> places;
+    const float turn = 6.28F * next();
+    for (int i = 0; i < twigs; ++i) {
+      std::array<float, 2> best{x, y - 0.5F * length_px};
+      float best_gap = -1;
+      for (int trial = 0; trial < 7; ++trial) {
+        const float along = 0.08F + 0.86F * next(), across = 2 * next() - 1;
+        // An egg with a wavy edge.
+        const float reach = 0.45F * width_px * std::pow(std::sin(kPi * std::pow(along, 0.75F)), 0.6F) *
+                            (0.82F + 0.18F * std::sin(turn + 17 * along + (across > 0 ? 2.0F : 0.0F)));
+        const std::array<float, 2> at{x + across * reach, y - along * length_px};
+        float gap = 1e9F;
+        for (const auto& q : places) gap = std::min(gap, std::hypot(at[0] - q[0], at[1] - q[1]));
+        if (gap > best_gap) best_gap = gap, best = at;
+      }
+      places.push_back(best);
+    }
+    const float light = tone, thin = std::max(1.1F, style.twig_width_m * px_per_m);
+    canvas.line(x, y, x, y - 0.8F * length_px, 1.8F * thin, thin, wood());
+    for (const auto& p : places) {
+      const float foot = std::min(y, p[1] + 0.8F * std::fabs(p[0] - x) + leaf);
+      tone = 0.8F * light;
+      canvas.line(x, foot, p[0], p[1], thin, 1.1F, wood());
+    }
+    for (const auto& p : places) {
+      const float s = (y - p[1]) / length_px;
+      tone = light * (0.70F + 0.36F * s) * (0.62F + 0.6F * next());
+      const float angle = 1.2F * (p[0] - x) / (0.5F * width_px) + 1.6F * (next() - 0.5F);
+      const float l = leaf * (1.1F + 0.9F * next());
+      twig(p[0] - 0.5F * l * std::sin(angle), p[1] + 0.5F * l * std::cos(angle), angle, l, next() - 0.5F);
     }
     tone = light;
-  }
-  void branch(float x, float y, float angle, float length_px, int order, int layer) {
-    if (order == 0) return twig(x, y, angle, length_px, 0.5F * (next() - 0.5F));
-    const float step = (order > 1 ? style.bough_step_m : style.side_step_m) * px_per_m;
-    const int n = std::max(3, static_cast<int>(length_px / step));
-    const float wander = (order > 1 ? 0.2F : 0.4F) * (next() - 0.5F), light = tone;
-    float px = x, py = y, a = angle;
-    for (int i = 0; i < n; ++i) {
-      const float s = (static_cast<float>(i) + 0.5F) / static_cast<float>(n);
-      const float qx = px + length_px / static_cast<float>(n) * std::sin(a),
-                  qy = py - length_px / static_cast<float>(n) * std::cos(a);
-      const float w = std::max(1.1F, style.twig_width_m * px_per_m * static_cast<float>(order) * (1.2F - s));
-      canvas.line(px, py, qx, qy, w, w, wood());
-      px = qx, py = qy, a += wander / static_cast<float>(n) + 0.12F * (next() - 0.5F);
-      // Widest at two fifths; sides take turns.
-      const float side = (i + layer) % 2 ? 1.0F : -1.0F;
-      const float lance = 0.35F + 0.65F * std::sin(kPi * std::pow(0.12F + 0.84F * s, 0.8F));
-      const float l = length_px * (order > 1 ? 0.40F : 0.33F) * lance * (0.4F + 0.75F * next());
-      const float out = a + side * style.side_angle * (0.65F + 0.75F * next());
-      const bool gone = next() < 0.08F;
-      tone = light * (0.72F + 0.4F * s) * (0.72F + 0.56F * next());
-      if (!gone) branch(px, py, out, l, order - 1, layer);
-      tone = light;
-    }
-    twig(px, py, a, 0.12F * length_px, 0);
   }
 };
 
@@ -276,7 +282,7 @@ FoliageSurface make(TreeForm form) {
                          bough ? 0.9F : (cell < 2 ? 0.92F : 0.78F),
                          bough ? style.twig_levels + 1 : style.twig_levels};
     if (style.leaves)
-      painter.spray(x, y, length, bough ? 2 : 1);
+      painter.spray(x, y, length, (c.u1 - c.u0) * kAtlas_px);
     else
       painter.shoot(x, y, 0.0F, length, painter.orders, 0.0F);
   }

@@ -119,6 +119,32 @@ TEST(TreeMesh, TrunksAreClosedAndSound) {
   }
 }
 
+// What is deep in the crown or low wears the darker surface at every fine level, and what is outside does
+// not.
+TEST(TreeMesh, InsideOfCrownsIsDarker) {
+  for (const CrownKey& key : some_crowns()) {
+    if (key.age_class == 0) continue;
+    const CrownPrototype& crown = crown_prototype(key);
+    const FoliageSurface& foliage = foliage_surface(key.form);
+    const Mesh& m = *crown.prototype->levels.front().mesh;
+    double reach[2] = {};
+    std::size_t count[2] = {};
+    for (const auto& part : m.parts) {
+      if (part.surface != foliage.surface && part.surface != foliage.inner) continue;
+      const int outer = part.surface == foliage.surface;
+      for (std::uint32_t k = part.first_index; k < part.first_index + part.index_count; ++k) {
+        const auto& p = m.vertices[m.indices[k]].position;
+        reach[outer] += std::hypot(p[0], p[1]), ++count[outer];
+      }
+    }
+    ASSERT_GT(count[0] * count[1], 0u) << crown.prototype->name;
+    EXPECT_LT(reach[0] / static_cast<double>(count[0]), reach[1] / static_cast<double>(count[1]) * 1.05)
+        << crown.prototype->name;
+    const double share = static_cast<double>(count[0]) / static_cast<double>(count[0] + count[1]);
+    EXPECT_TRUE(share > 0.15 && share < 0.8) << crown.prototype->name << " " << share;
+  }
+}
+
 TEST(TreeMesh, FoliageFacesOutOfTheCrown) {
   for (const CrownKey& key : some_crowns()) {
     const CrownPrototype& crown = crown_prototype(key);
@@ -221,9 +247,9 @@ TEST(TreeMesh, FoliageReflectsAsTheLibrarySays) {
     double sum[3] = {}, weight = 0;
     for (std::size_t i = 0; i < s.colour_map->rgba.size(); i += 4) {
       const double a = s.colour_map->rgba[i + 3];
-      if (a < 255) continue;  // partly covered texels hold a mixture with the background
-      for (int k = 0; k < 3; ++k) sum[k] += a * static_cast<double>(linear_of(s.colour_map->rgba[i + k]));
-      weight += a;
+      if (a < 255 * static_cast<double>(s.alpha_cutoff)) continue;  // not drawn
+      for (int k = 0; k < 3; ++k) sum[k] += static_cast<double>(linear_of(s.colour_map->rgba[i + k]));
+      weight += 1;
     }
     for (int k = 0; k < 3; ++k)
       EXPECT_NEAR(s.reflectance[k] * sum[k] / weight / static_cast<double>(library->reflectance[k]), 1, 0.05)
@@ -231,6 +257,11 @@ TEST(TreeMesh, FoliageReflectsAsTheLibrarySays) {
     for (int b = 3; b < render::kBandCount; ++b) EXPECT_EQ(s.reflectance[b], library->reflectance[b]);
     for (int b = 0; b < render::kBandCount; ++b) EXPECT_LE(s.reflectance[b] + s.transmittance[b], 1.0F);
     EXPECT_TRUE(s.two_sided);
+    // Inside a crown the same leaves, under less visible light; the near infrared gets through.
+    const auto& inner = *foliage_surface(static_cast<TreeForm>(form)).inner;
+    EXPECT_EQ(inner.colour_map, s.colour_map);
+    for (int b = 0; b < render::kBandCount; ++b)
+      EXPECT_FLOAT_EQ(inner.reflectance[b], s.reflectance[b] * (b < 3 ? kInnerLight : 1.0F));
     EXPECT_GT(s.alpha_cutoff, 0);
   }
 }
