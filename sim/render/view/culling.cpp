@@ -91,7 +91,8 @@ std::vector<Bucket> cull(const ViewCamera& camera, std::span<const ResidentBatch
 }
 
 std::vector<Bucket> cull_casters(const ViewCamera& camera, const ShadowCascade& cascade,
-                                 std::span<const ResidentBatch* const> batches, const CullOptions& o) {
+                                 std::span<const ResidentBatch* const> batches, const CullOptions& o,
+                                 double smallest_m) {
   Sorter sorter;
   for (const ResidentBatch* b : batches) {
     const ResidentPrototype& p = *b->prototype;
@@ -103,6 +104,7 @@ std::vector<Bucket> cull_casters(const ViewCamera& camera, const ShadowCascade& 
       const CullSphere& s = b->spheres[i];
       const Eigen::Vector3d c = origin + Eigen::Vector3d(s.x, s.y, s.z);
       const double sway_m = p.prototype->sway_m * o.sway_factor;
+      if (2 * static_cast<double>(s.radius) < smallest_m) continue;
       if (!cascade.may_shade(c, s.radius + sway_m)) continue;
       const double scale = static_cast<double>(s.radius / p.radius);
       // What a shadow can tell apart: two texels, as wide as its edge is filtered; or the blur that the sun's

@@ -48,10 +48,11 @@ inline constexpr double kImpostorErrorShare = 0.08;
 [[nodiscard]] std::vector<Bucket> cull(const ViewCamera& camera,
                                        std::span<const ResidentBatch* const> batches,
                                        const CullOptions& options);
-/// What may throw a shadow into a cascade, at levels of detail that its texels can tell apart.
+/// What may throw a shadow into a cascade, at levels of detail that its texels can tell apart; not what is
+/// smaller across than `smallest_m`.
 [[nodiscard]] std::vector<Bucket> cull_casters(const ViewCamera& camera, const ShadowCascade& cascade,
                                                std::span<const ResidentBatch* const> batches,
-                                               const CullOptions& options);
+                                               const CullOptions& options, double smallest_m = 0);
 /// Drops what lies behind what has been drawn.
 void drop_hidden(const ViewCamera& camera, const DepthTiles& tiles, double sway_factor,
                  std::vector<Bucket>& buckets);

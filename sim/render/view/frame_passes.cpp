@@ -29,7 +29,7 @@ Status FrameResources::create() {
   if (auto r = reserve(gpu_, uniforms_, sizeof(view_gpu::ViewFrame), VK_BUFFER_USAGE_UNIFORM_BUFFER_BIT); !r)
     return tl::unexpected(r.error());
   const std::array sizes{VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER, 1},
-                         VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER, 1},
+                         VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER, 2},
                          VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE, 1}};
   auto set = make_descriptor_set(gpu_, pipelines_.frame_layout(), sizes, pool_);
   if (!set) return tl::unexpected(set.error());
@@ -47,7 +47,16 @@ Status FrameResources::create() {
   vkGetPhysicalDeviceFormatProperties(gpu_.physical, sky_format_, &format);
   if ((format.optimalTilingFeatures & VK_FORMAT_FEATURE_SAMPLED_IMAGE_FILTER_LINEAR_BIT) == 0)
     sky_format_ = VK_FORMAT_R16G16B16A16_SFLOAT;
+  // Heights are blended between texels where the device can.
+  vkGetPhysicalDeviceFormatProperties(gpu_.physical, VK_FORMAT_D32_SFLOAT, &format);
+  if ((format.optimalTilingFeatures & VK_FORMAT_FEATURE_SAMPLED_IMAGE_FILTER_LINEAR_BIT) == 0)
+    info.magFilter = info.minFilter = VK_FILTER_NEAREST;
+  info.addressModeU = VK_SAMPLER_ADDRESS_MODE_CLAMP_TO_EDGE;
+  if (const VkResult r = vkCreateSampler(gpu_.device, &info, nullptr, &handle); r != VK_SUCCESS)
+    return vk::failed("making a sampler", r);
+  zenith_sampler_ = vk::Sampler(gpu_.device, handle);
   if (auto s = set_shadow_side(16); !s) return s;
+  if (auto s = set_zenith_side(16); !s) return s;
   return set_sky(nullptr, {0, 1, 2, 3});
 }
 
@@ -93,39 +102,47 @@ Status FrameResources::set_sky(const std::shared_ptr<const SkyMap>& map, const v
   return {};
 }
 
-Status FrameResources::set_shadow_side(int side_px) {
-  if (side_px == side_) return {};
+Status FrameResources::set_side(DepthMap& map, int side_px, std::uint32_t layers, bool array) {
+  if (side_px == map.side_px) return {};
   const auto side = static_cast<std::uint32_t>(side_px);
   auto made =
       gpu_.make_image({.format = VK_FORMAT_D32_SFLOAT,
                        .width = side,
                        .height = side,
-                       .layers = static_cast<std::uint32_t>(view_gpu::kMaxCascades),
+                       .layers = layers,
                        .usage = VK_IMAGE_USAGE_DEPTH_STENCIL_ATTACHMENT_BIT | VK_IMAGE_USAGE_SAMPLED_BIT,
                        .aspect = VK_IMAGE_ASPECT_DEPTH_BIT,
-                       .array_view = true});
+                       .array_view = array});
   if (!made) return tl::unexpected(made.error());
-  shadow_layers_.clear();
-  shadow_ = std::move(*made);
-  for (std::uint32_t i = 0; i < view_gpu::kMaxCascades; ++i) {
+  map.layers.clear();
+  map.image = std::move(*made);
+  for (std::uint32_t i = 0; i < layers; ++i) {
     auto view =
-        make_layer_view(gpu_, shadow_.handle.get(), VK_FORMAT_D32_SFLOAT, VK_IMAGE_ASPECT_DEPTH_BIT, i);
+        make_layer_view(gpu_, map.image.handle.get(), VK_FORMAT_D32_SFLOAT, VK_IMAGE_ASPECT_DEPTH_BIT, i);
     if (!view) return tl::unexpected(view.error());
-    shadow_layers_.push_back(std::move(*view));
+    map.layers.push_back(std::move(*view));
   }
-  side_ = side_px;
-  shadow_fresh_ = true;
+  map.side_px = side_px;
+  map.fresh = true;
   if (sky_.handle) write_set();
   return {};
 }
+
+Status FrameResources::set_shadow_side(int side_px) {
+  return set_side(shadow_, side_px, static_cast<std::uint32_t>(view_gpu::kSunCascades), true);
+}
+
+Status FrameResources::set_zenith_side(int side_px) { return set_side(zenith_, side_px, 1, false); }
 
 void FrameResources::write_set() {
   const VkDescriptorBufferInfo buffer{uniforms_.handle.get(), 0, sizeof(view_gpu::ViewFrame)};
   const VkDescriptorImageInfo sky{sky_sampler_.get(), sky_.view.get(),
                                   VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL};
-  const VkDescriptorImageInfo shadow{VK_NULL_HANDLE, shadow_.view.get(),
+  const VkDescriptorImageInfo shadow{VK_NULL_HANDLE, shadow_.image.view.get(),
                                      VK_IMAGE_LAYOUT_DEPTH_STENCIL_READ_ONLY_OPTIMAL};
-  std::array<VkWriteDescriptorSet, 3> write{};
+  const VkDescriptorImageInfo zenith{zenith_sampler_.get(), zenith_.image.view.get(),
+                                     VK_IMAGE_LAYOUT_DEPTH_STENCIL_READ_ONLY_OPTIMAL};
+  std::array<VkWriteDescriptorSet, 4> write{};
   for (std::uint32_t i = 0; i < write.size(); ++i) {
     write[i].sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET;
     write[i].dstSet = set_;
@@ -138,6 +155,8 @@ void FrameResources::write_set() {
   write[1].pImageInfo = &sky;
   write[2].descriptorType = VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE;
   write[2].pImageInfo = &shadow;
+  write[3].descriptorType = VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER;
+  write[3].pImageInfo = &zenith;
   vkUpdateDescriptorSets(gpu_.device, write.size(), write.data(), 0, nullptr);
 }
 
@@ -146,50 +165,65 @@ void FrameResources::write(const view_gpu::ViewFrame& uniforms) {
 }
 
 void FrameResources::record_begin(VkCommandBuffer commands) {
-  if (!shadow_fresh_) return;
-  const std::array change{image_change(
-      shadow_.handle.get(), {VK_IMAGE_ASPECT_DEPTH_BIT, 0, 1, 0, view_gpu::kMaxCascades},
-      VK_IMAGE_LAYOUT_UNDEFINED, VK_IMAGE_LAYOUT_DEPTH_STENCIL_READ_ONLY_OPTIMAL,
-      {VK_PIPELINE_STAGE_2_NONE, 0, VK_PIPELINE_STAGE_2_FRAGMENT_SHADER_BIT, VK_ACCESS_2_SHADER_READ_BIT})};
-  barrier(commands, change);
-  shadow_fresh_ = false;
+  for (DepthMap* map : {&shadow_, &zenith_}) {
+    if (!map->fresh) continue;
+    const std::array change{image_change(
+        map->image.handle.get(), {VK_IMAGE_ASPECT_DEPTH_BIT, 0, 1, 0, VK_REMAINING_ARRAY_LAYERS},
+        VK_IMAGE_LAYOUT_UNDEFINED, VK_IMAGE_LAYOUT_DEPTH_STENCIL_READ_ONLY_OPTIMAL,
+        {VK_PIPELINE_STAGE_2_NONE, 0, VK_PIPELINE_STAGE_2_FRAGMENT_SHADER_BIT, VK_ACCESS_2_SHADER_READ_BIT})};
+    barrier(commands, change);
+    map->fresh = false;
+  }
 }
 
 void FrameResources::record_shadows(VkCommandBuffer commands, const DrawLists& lists,
                                     std::span<const std::vector<DrawCall>> cascades, bool instancing) {
-  if (cascades.empty()) return;
+  record_depth(commands, lists, shadow_, cascades, 0, instancing);
+}
+
+void FrameResources::record_zenith(VkCommandBuffer commands, const DrawLists& lists,
+                                   const std::vector<DrawCall>& calls, bool instancing) {
+  record_depth(commands, lists, zenith_, {&calls, 1}, static_cast<std::uint32_t>(view_gpu::kZenith),
+               instancing);
+}
+
+void FrameResources::record_depth(VkCommandBuffer commands, const DrawLists& lists, const DepthMap& map,
+                                  std::span<const std::vector<DrawCall>> layers, std::uint32_t first_cascade,
+                                  bool instancing) {
+  if (layers.empty()) return;
   const VkImageSubresourceRange range{VK_IMAGE_ASPECT_DEPTH_BIT, 0, 1, 0,
-                                      static_cast<std::uint32_t>(cascades.size())};
+                                      static_cast<std::uint32_t>(layers.size())};
   const std::array before{image_change(
-      shadow_.handle.get(), range, VK_IMAGE_LAYOUT_UNDEFINED, VK_IMAGE_LAYOUT_DEPTH_ATTACHMENT_OPTIMAL,
+      map.image.handle.get(), range, VK_IMAGE_LAYOUT_UNDEFINED, VK_IMAGE_LAYOUT_DEPTH_ATTACHMENT_OPTIMAL,
       {VK_PIPELINE_STAGE_2_FRAGMENT_SHADER_BIT, VK_ACCESS_2_SHADER_READ_BIT, kDepthStages, kDepthAccess})};
   barrier(commands, before);
-  for (std::size_t i = 0; i < cascades.size(); ++i) {
+  for (std::size_t i = 0; i < layers.size(); ++i) {
     VkRenderingAttachmentInfo depth{};
     depth.sType = VK_STRUCTURE_TYPE_RENDERING_ATTACHMENT_INFO;
-    depth.imageView = shadow_layers_[i].get();
+    depth.imageView = map.layers[i].get();
     depth.imageLayout = VK_IMAGE_LAYOUT_DEPTH_ATTACHMENT_OPTIMAL;
     depth.loadOp = VK_ATTACHMENT_LOAD_OP_CLEAR;
     depth.storeOp = VK_ATTACHMENT_STORE_OP_STORE;
     depth.clearValue.depthStencil.depth = 1.0F;
     VkRenderingInfo info{};
     info.sType = VK_STRUCTURE_TYPE_RENDERING_INFO;
-    info.renderArea.extent = {static_cast<std::uint32_t>(side_), static_cast<std::uint32_t>(side_)};
+    info.renderArea.extent = {static_cast<std::uint32_t>(map.side_px),
+                              static_cast<std::uint32_t>(map.side_px)};
     info.layerCount = 1;
     info.pDepthAttachment = &depth;
     vkCmdBeginRendering(commands, &info);
-    const VkViewport viewport{0, 0, static_cast<float>(side_), static_cast<float>(side_), 0, 1};
+    const VkViewport viewport{0, 0, static_cast<float>(map.side_px), static_cast<float>(map.side_px), 0, 1};
     vkCmdSetViewport(commands, 0, 1, &viewport);
     vkCmdSetScissor(commands, 0, 1, &info.renderArea);
     vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipelines_.draw(), 0, 1, &set_, 0,
                             nullptr);
-    const view_gpu::uvec4 push{static_cast<std::uint32_t>(i), 0, 0, 0};
+    const view_gpu::uvec4 push{first_cascade + static_cast<std::uint32_t>(i), 0, 0, 0};
     vkCmdPushConstants(commands, pipelines_.draw(), kDrawStages, 0, sizeof push, &push);
-    lists.record(commands, cascades[i], instancing);
+    lists.record(commands, layers[i], instancing);
     vkCmdEndRendering(commands);
   }
   const std::array after{image_change(
-      shadow_.handle.get(), range, VK_IMAGE_LAYOUT_DEPTH_ATTACHMENT_OPTIMAL,
+      map.image.handle.get(), range, VK_IMAGE_LAYOUT_DEPTH_ATTACHMENT_OPTIMAL,
       VK_IMAGE_LAYOUT_DEPTH_STENCIL_READ_ONLY_OPTIMAL,
       {kDepthStages, kDepthAccess, VK_PIPELINE_STAGE_2_FRAGMENT_SHADER_BIT, VK_ACCESS_2_SHADER_READ_BIT})};
   barrier(commands, after);

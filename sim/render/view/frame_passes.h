@@ -31,11 +31,26 @@ class FrameResources {
   void record_begin(VkCommandBuffer commands);
   void record_shadows(VkCommandBuffer commands, const DrawLists& lists,
                       std::span<const std::vector<DrawCall>> cascades, bool instancing);
+  /// The map from the zenith: as for shadows.
+  [[nodiscard]] Status set_zenith_side(int side_px);
+  void record_zenith(VkCommandBuffer commands, const DrawLists& lists, const std::vector<DrawCall>& calls,
+                     bool instancing);
   [[nodiscard]] VkDescriptorSet set() const { return set_; }
   /// What reads must wait for after shadows.
-  [[nodiscard]] int shadow_side() const { return side_; }
+  [[nodiscard]] int shadow_side() const { return shadow_.side_px; }
 
  private:
+  /// Depth from a light, in layers that are drawn into one by one.
+  struct DepthMap {
+    vk::Image image;
+    std::vector<vk::ImageView> layers;
+    int side_px = 0;
+    bool fresh = false;  ///< made, and not yet in a layout that can be read
+  };
+  [[nodiscard]] Status set_side(DepthMap& map, int side_px, std::uint32_t layers, bool array);
+  void record_depth(VkCommandBuffer commands, const DrawLists& lists, const DepthMap& map,
+                    std::span<const std::vector<DrawCall>> layers, std::uint32_t first_cascade,
+                    bool instancing);
   void write_set();
   const Device::Impl& gpu_;
   ViewPipelines& pipelines_;
@@ -50,10 +65,8 @@ class FrameResources {
   view_gpu::Bands sky_bands_{-1, -1, -1, -1};
   SkyLight sky_light_{};
   float sky_scale_ = 1;
-  vk::Image shadow_;
-  std::vector<vk::ImageView> shadow_layers_;
-  int side_ = 0;
-  bool shadow_fresh_ = false;  ///< made, and not yet in a layout that can be read
+  DepthMap shadow_, zenith_;
+  vk::Sampler zenith_sampler_;
 };
 
 /// Farthest depths of tiles, computed on the device.

@@ -37,6 +37,17 @@ CullSphere sphere_of(const view_gpu::InstanceData& a, const ResidentPrototype& p
   return {c.x(), c.y(), c.z(), p.radius * scale.cwiseAbs().maxCoeff()};
 }
 
+/// Lowest and highest place of the prototype's box in an instance.
+std::pair<float, float> heights_of(const view_gpu::InstanceData& a, const ResidentPrototype& p) {
+  if (p.bounds.isEmpty()) return {a.position.z, a.position.z};
+  const Eigen::Quaternionf q(a.rotation.w, a.rotation.x, a.rotation.y, a.rotation.z);
+  const Eigen::Vector3f scale(a.scale.x, a.scale.y, a.scale.z);
+  const Eigen::Vector3f up = scale.cwiseProduct(q.conjugate() * Eigen::Vector3f::UnitZ());
+  const float middle = a.position.z + up.dot(p.bounds.center());
+  const float half = 0.5F * up.cwiseAbs().dot(p.bounds.sizes());
+  return {middle - half, middle + half};
+}
+
 }  // namespace
 
 ResidentContent::ResidentContent(const Device::Impl& gpu, TexturePool& textures)
@@ -121,6 +132,9 @@ Result<const ResidentPrototype*> ResidentContent::prototype(const std::shared_pt
       m = *got;
     }
     made->levels.push_back(m);
+    if (m != nullptr)
+      for (const ResidentPart& part : m->parts)
+        made->leaves = made->leaves || (part.surface->features & kFeatureTranslucent) != 0;
     if (fresh && m != nullptr && !m->bounds.isEmpty()) made->bounds.extend(m->bounds);
   }
   if (fresh && !made->bounds.isEmpty()) {
@@ -169,6 +183,9 @@ Result<const ResidentBatch*> ResidentContent::get(const std::shared_ptr<const Ba
     data.push_back(d);
     const CullSphere s = sphere_of(d, **p);
     made->spheres.push_back(s);
+    const auto [low, high] = heights_of(d, **p);
+    made->low_m = made->spheres.size() == 1 ? low : std::min(made->low_m, low);
+    made->high_m = made->spheres.size() == 1 ? high : std::max(made->high_m, high);
     box.extend(Eigen::Vector3f(s.x - s.radius, s.y - s.radius, s.z - s.radius));
     box.extend(Eigen::Vector3f(s.x + s.radius, s.y + s.radius, s.z + s.radius));
   }

@@ -36,6 +36,7 @@ struct ResidentPrototype {
   std::vector<const ResidentMesh*> levels;
   Eigen::Vector3f centre = Eigen::Vector3f::Zero();
   float radius = 0;            ///< about the centre; 0: nothing to draw
+  bool leaves = false;         ///< light shines through a part of it
   Eigen::AlignedBox3f bounds;  ///< of all levels
   std::uint64_t last_seen = 0;
 };
@@ -48,6 +49,7 @@ struct ResidentBatch {
   std::vector<CullSphere> spheres;
   std::vector<std::uint32_t> source;  ///< index into Batch::instances; empty: the same
   Eigen::AlignedBox3d bounds;         ///< of the spheres, world frame
+  float low_m = 0, high_m = 0;        ///< of the prototype's box in all instances, relative to the origin
   std::uint32_t skipped = 0;
   std::uint64_t last_seen = 0;
 

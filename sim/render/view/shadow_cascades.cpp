@@ -5,11 +5,60 @@
 #include <cmath>
 
 namespace rigor::render {
+namespace {
+
+/// Outward edges of the convex outline of points, each pushed out by a margin.
+std::vector<Eigen::Vector3d> outline_of(std::vector<Eigen::Vector2d> points, double margin_m) {
+  std::sort(points.begin(), points.end(), [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+    return a.x() != b.x() ? a.x() < b.x() : a.y() < b.y();
+  });
+  std::vector<Eigen::Vector2d> hull;
+  const auto add = [&](const Eigen::Vector2d& p, std::size_t keep) {
+    while (hull.size() >= keep + 2) {
+      const Eigen::Vector2d a = hull.back() - hull[hull.size() - 2], b = p - hull.back();
+      if (a.x() * b.y() - a.y() * b.x() > 0) break;
+      hull.pop_back();
+    }
+    hull.push_back(p);
+  };
+  for (const auto& p : points) add(p, 0);
+  const std::size_t lower = hull.size() - 1;
+  for (auto p = points.rbegin() + 1; p != points.rend(); ++p) add(*p, lower);
+  std::vector<Eigen::Vector3d> out;
+  for (std::size_t i = 0; i + 1 < hull.size(); ++i) {
+    const Eigen::Vector2d e = hull[i + 1] - hull[i];
+    if (!(e.norm() > 1e-9)) continue;
+    const Eigen::Vector2d n = Eigen::Vector2d(e.y(), -e.x()).normalized();
+    out.emplace_back(n.x(), n.y(), n.dot(hull[i]) + margin_m);
+  }
+  return out;
+}
+
+/// Corners of the view between two depths, across the light.
+std::vector<Eigen::Vector2d> corners_of(const ViewCamera& camera, double from, double to,
+                                        const Eigen::Vector3d& x, const Eigen::Vector3d& y) {
+  const auto edges = camera.edges();
+  std::vector<Eigen::Vector2d> out;
+  for (const double d : {from, to})
+    for (const double u : {edges[0], edges[1]})
+      for (const double v : {edges[2], edges[3]}) {
+        const Eigen::Vector3d p = d * (camera.forward + u * camera.right + v * camera.down);
+        out.emplace_back(p.dot(x), p.dot(y));
+      }
+  return out;
+}
+
+}  // namespace
 
 bool ShadowCascade::may_shade(const Eigen::Vector3d& p, double radius_m) const {
   const Eigen::Vector3d d = p - centre;
   const double reach = half_side_m + radius_m;
-  return std::abs(d.dot(x)) <= reach && std::abs(d.dot(y)) <= reach && d.dot(z) - radius_m <= far_m;
+  if (std::abs(d.dot(x)) > reach || std::abs(d.dot(y)) > reach || d.dot(z) - radius_m > receivers_far_m)
+    return false;
+  const Eigen::Vector2d at(p.dot(x), p.dot(y));
+  return std::all_of(outline.begin(), outline.end(), [&](const Eigen::Vector3d& e) {
+    return e.x() * at.x() + e.y() * at.y() <= e.z() + radius_m;
+  });
 }
 
 view_gpu::CascadeData ShadowCascade::data(int side_px) const {
@@ -51,10 +100,10 @@ std::vector<ShadowCascade> shadow_cascades(const ViewCamera& camera, const Eigen
   const Eigen::Vector3d y = z.cross(x);
   // Slices grow by a constant factor, from where a slice is about as wide as it is deep.
   const double first = std::max(begin, std::min(end, std::max(2.0 * begin, end / 64)));
-  const double growth = std::pow(end / first, 1.0 / (view_gpu::kMaxCascades - 1));
+  const double growth = std::pow(end / first, 1.0 / (view_gpu::kSunCascades - 1));
   double from = begin;
-  for (std::size_t i = 0; i < view_gpu::kMaxCascades && from < end * 0.9999; ++i) {
-    const double to = i + 1 == view_gpu::kMaxCascades
+  for (std::size_t i = 0; i < view_gpu::kSunCascades && from < end * 0.9999; ++i) {
+    const double to = i + 1 == view_gpu::kSunCascades
                           ? end
                           : std::min(end, first * std::pow(growth, static_cast<double>(i)));
     if (!(to > from)) continue;
@@ -97,10 +146,30 @@ std::vector<ShadowCascade> shadow_cascades(const ViewCamera& camera, const Eigen
     }
     c.near_m -= 1.0;
     c.far_m = std::min(c.far_m, 2 * radius) + 1.0;
+    // What is lit lies within the sphere, a few texels off its surface.
+    c.receivers_far_m = std::min(c.far_m, radius + 4 * c.texel_m);
+    c.outline = outline_of(corners_of(camera, from, to, x, y), 4 * c.texel_m);
     if (c.far_m > c.near_m) all.push_back(c);
     from = to;
   }
   return all;
+}
+
+ShadowCascade zenith_map(const ViewCamera& camera, const Eigen::AlignedBox3d& content,
+                         const ZenithSettings& settings) {
+  ShadowCascade c;
+  c.x = Eigen::Vector3d::UnitX();
+  c.y = -Eigen::Vector3d::UnitY();
+  c.z = -Eigen::Vector3d::UnitZ();
+  // Round the eye, on texels of the world.
+  c.texel_m = settings.texel_m;
+  c.half_side_m = 0.5 * settings.texel_m * settings.side_px;
+  const auto snapped = [&](double v) { return std::floor(v / c.texel_m) * c.texel_m - v; };
+  c.centre = {snapped(camera.eye.x()), snapped(camera.eye.y()), 0};
+  c.near_m = -content.max().z() - 1.0;
+  c.far_m = c.receivers_far_m = -content.min().z() + 1.0;
+  c.outline = outline_of(corners_of(camera, 0.0, 4 * c.half_side_m, c.x, c.y), settings.search_m);
+  return c;
 }
 
 }  // namespace rigor::render

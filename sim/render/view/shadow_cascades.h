@@ -17,6 +17,9 @@ struct ShadowCascade {
   double texel_m = 1;
   double near_m = 0, far_m = 1;  ///< along z from the centre
   double view_depth_m = 0;       ///< up to which it serves
+  double receivers_far_m = 1;    ///< along z from the centre: what lies wholly beyond shades nothing
+  /// The outline of what it serves, in the plane of x and y relative to the eye: n·p ≤ d outwards.
+  std::vector<Eigen::Vector3d> outline;
 
   /// May the sphere (relative to the eye) throw a shadow into the map's square?
   [[nodiscard]] bool may_shade(const Eigen::Vector3d& centre_m, double radius_m) const;
@@ -34,5 +37,14 @@ struct ShadowSettings {
                                                          const Eigen::Vector3d& to_sun,
                                                          const Eigen::AlignedBox3d& content,
                                                          const ShadowSettings& settings);
+
+struct ZenithSettings {
+  int side_px = 1024;
+  double texel_m = 0.25;  ///< so that it reaches 128 m from the eye
+  double search_m = 20;   ///< way from a point within which things may hide sky from it
+};
+/// The map of what covers the ground, as light from the zenith would see it.
+[[nodiscard]] ShadowCascade zenith_map(const ViewCamera& camera, const Eigen::AlignedBox3d& content,
+                                       const ZenithSettings& settings);
 
 }  // namespace rigor::render

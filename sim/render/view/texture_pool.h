@@ -59,6 +59,7 @@ enum SurfaceFeature : std::uint32_t {
   kFeatureMultisampled = 1u << 13,
   kFeatureTwoSided = 1u << 14,
   kFeatureSway = 1u << 15,
+  kFeatureSkyCover = 1u << 16,
 };
 
 struct ResidentSurface {

@@ -1,4 +1,4 @@
-// From radiance to something to look at: exposure, a shoulder for what is too bright, sRGB. For pictures on
+// From radiance to something to look at: exposure, the curve of a film, sRGB. For pictures on
 // screens and in reports; sensors measure radiance itself.
 #pragma once
 
@@ -11,7 +11,8 @@ namespace rigor::render {
 
 struct ToneMapOptions {
   enum class Exposure : std::uint8_t {
-    log_average,  ///< the geometric mean of what is neither black nor the sun becomes `key`
+    log_average,  ///< the geometric mean of what is neither black nor the sun becomes `key`,
+                  ///< or less, so that few pixels come near white
     percentile,   ///< `percentile` of the pixels are darker than white
     fixed         ///< radiance · `scale`
   } exposure = Exposure::log_average;
@@ -19,7 +20,7 @@ struct ToneMapOptions {
   double percentile = 0.99;
   double scale = 1.0;
   double compensation_ev = 0.0;  ///< brighter by so many stops, on top of the above
-  bool shoulder = true;          ///< brights are compressed towards white; off: clipped
+  bool film = true;              ///< darks and brights are compressed as on film; off: clipped at white
   enum class Colours : std::uint8_t {
     natural,             ///< channels 0, 1, 2 as red, green, blue
     near_infrared,       ///< channel 3 as grey

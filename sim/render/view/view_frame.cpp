@@ -14,6 +14,13 @@ using view_gpu::xyz;
 
 /// Reflectance of settled snow (Warren 1982, Wiscombe and Warren 1980): bright until water ice absorbs.
 constexpr Spectrum kSnowReflectance{0.92F, 0.93F, 0.94F, 0.87F, 0.83F, 0.12F};
+/// What a leaf scatters of the light on it, both sides together (Jacquemoud and Baret 1990, green leaves).
+constexpr Spectrum kLeafScatters{0.12F, 0.24F, 0.08F, 0.92F, 0.92F, 0.60F};
+/// Extinction by black leaves times their area, from the sky to a point that cannot see it: the middle of a
+/// crown rather than the floor of a dense wood.
+constexpr float kLeafDepth = 2.0F;
+/// Behind things that no light shines through: what walls and floors throw about, about a tenth.
+constexpr float kWallShare = 0.1F;
 constexpr double kNoisePeriod_m = 1024;
 
 /// At most as many as the shaders take: those of one height are one; beyond that the last ones are.
@@ -137,6 +144,25 @@ FrameNumbers frame_numbers(const ContentFrame& frame, const ViewRequest& request
   }
   u.counts = {static_cast<std::uint32_t>(hazes.size()), static_cast<std::uint32_t>(lamps.size()), 0, 0};
   return out;
+}
+
+// Leaves let exp(-depth sqrt(1 - scattered)) of diffuse light through (Goudriaan 1977): a seventh of the
+// visible, greener than the sky, and half of the near infrared. For sunlight, less what comes through
+// unscattered, exp(-depth): that part is sun, and the shadow map has it.
+void set_zenith(const ShadowCascade& zenith, int side_px, bool leaves, const ContentFrame& frame,
+                const view_gpu::Bands& bands, view_gpu::ViewFrame& u) {
+  u.cascades[view_gpu::kZenith] = zenith.data(side_px);
+  Spectrum covered{}, scattered{};
+  const float sun = std::max(u.sun.z, 0.0F);
+  const auto irradiance_of = [](float e) { return std::isfinite(e) && e > 0 ? e : 0.0F; };
+  for (std::size_t b = 0; b < covered.size(); ++b) {
+    covered[b] = leaves ? std::exp(-kLeafDepth * std::sqrt(1 - kLeafScatters[b])) : kWallShare;
+    if (leaves)
+      scattered[b] =
+          (covered[b] - std::exp(-kLeafDepth)) * sun * irradiance_of(frame.light.sun_irradiance[b]);
+  }
+  u.covered = pick(covered, bands);
+  u.scattered = pick(scattered, bands);
 }
 
 void set_cascades(std::span<const ShadowCascade> cascades, int side_px, view_gpu::ViewFrame& u) {

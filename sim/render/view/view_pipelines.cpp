@@ -63,7 +63,7 @@ constexpr std::uint32_t kImpostorFrag[] = {
 #include "impostor.frag.inc"
 };
 
-constexpr std::uint32_t kConstants = 16;
+constexpr std::uint32_t kConstants = 17;
 constexpr const char* kFeatureNames[kConstants] = {"colour_map", "near_infrared_map",
                                                    "normal_map", "gloss_map",
                                                    "alpha",      "translucent",
@@ -71,7 +71,8 @@ constexpr const char* kFeatureNames[kConstants] = {"colour_map", "near_infrared_
                                                    "lamps",      "snow",
                                                    "wet",        "shadows",
                                                    "glossy",     "multisampled",
-                                                   "two_sided",  "sway"};
+                                                   "two_sided",  "sway",
+                                                   "sky_cover"};
 
 VkPipelineShaderStageCreateInfo stage(VkShaderStageFlagBits which, const vk::ShaderModule& module,
                                       const VkSpecializationInfo* constants) {
@@ -164,7 +165,8 @@ Status ViewPipelines::create() {
                              kImage = VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE;
   const std::array frame{VkDescriptorSetLayoutBinding{0, kUniform, 1, kDraw, nullptr},
                          VkDescriptorSetLayoutBinding{1, kSampled, 1, kFragment, nullptr},
-                         VkDescriptorSetLayoutBinding{2, kImage, 1, kFragment, nullptr}};
+                         VkDescriptorSetLayoutBinding{2, kImage, 1, kFragment, nullptr},
+                         VkDescriptorSetLayoutBinding{3, kSampled, 1, kFragment, nullptr}};
   const std::array surface{VkDescriptorSetLayoutBinding{0, kUniform, 1, kDraw, nullptr},
                            VkDescriptorSetLayoutBinding{1, kSampled, 1, kFragment, nullptr},
                            VkDescriptorSetLayoutBinding{2, kSampled, 1, kFragment, nullptr},

@@ -19,6 +19,8 @@ constexpr std::uint64_t kFramesKept = 16;
 constexpr double kShadowReach_m = 400;
 /// What stands outside the view within this way may throw shadows into it.
 constexpr double kCasterReach_m = 120;
+/// Lower than this nothing stands above the ground.
+constexpr double kCoverRise_m = 0.3;
 
 using Clock = std::chrono::steady_clock;
 double ms_since(Clock::time_point t0) {
@@ -88,7 +90,7 @@ struct ViewRenderer::Impl {
   Status submit();
   Status upload(const ContentFrame& frame, ViewStatistics& s);
   Status make_shadows(const ViewCamera& camera, const CullOptions& options, FrameNumbers& numbers,
-                      const Pinhole& pinhole);
+                      const ContentFrame& frame, const ViewRequest& request);
   FrameFeatures features_of(const ContentFrame& frame, const ViewRequest& request,
                             const FrameNumbers& n) const;
   /// Draws a part of the picture; `first`, `second`: before and after what is hidden is dropped.
@@ -120,6 +122,8 @@ struct ViewRenderer::Impl {
   std::vector<const ResidentBatch*> batches;
   std::vector<ShadowCascade> cascades;
   std::vector<std::vector<Bucket>> casters;
+  bool covered = false;  ///< things may hide the sky:
+  std::vector<Bucket> cover;
 };
 
 Status ViewRenderer::Impl::create() {
@@ -196,23 +200,37 @@ FrameFeatures ViewRenderer::Impl::features_of(const ContentFrame& frame, const V
   if (n.uniforms.counts.y > 0) f.all |= kFeatureLamps;
   if (f.wet) f.all |= kFeatureWet;
   if (!cascades.empty()) f.all |= kFeatureShadows;
+  if (covered) f.all |= kFeatureSkyCover;
   return f;
 }
 
 Status ViewRenderer::Impl::make_shadows(const ViewCamera& camera, const CullOptions& options,
-                                        FrameNumbers& numbers, const Pinhole& pinhole) {
-  cascades.clear();
-  casters.clear();
+                                        FrameNumbers& numbers, const ContentFrame& frame,
+                                        const ViewRequest& request) {
   Eigen::AlignedBox3d box;
-  bool any = false;
+  bool any = false, leaves = false;
+  double low_m = 1e300, high_m = -1e300;
   for (const ResidentBatch* b : batches) {
     box.extend(b->bounds);
-    any = any || b->prototype->prototype->casts_shadow;
+    if (!b->prototype->prototype->casts_shadow) continue;
+    any = true;
+    leaves = leaves || b->prototype->leaves;
+    low_m = std::min(low_m, b->batch->origin.z() + static_cast<double>(b->low_m));
+    high_m = std::max(high_m, b->batch->origin.z() + static_cast<double>(b->high_m));
   }
-  if (!any || !numbers.sun) return {};
+  if (!any) return {};
   const Eigen::AlignedBox3d relative(Eigen::Vector3d(box.min() - camera.eye),
                                      Eigen::Vector3d(box.max() - camera.eye));
-  const int side = shadow_side_px(pinhole, gpu().limits.maxImageDimension2D);
+  covered = high_m - low_m > kCoverRise_m;
+  if (covered) {
+    const ZenithSettings settings;
+    const ShadowCascade zenith = zenith_map(camera, relative, settings);
+    if (auto s = resources.set_zenith_side(settings.side_px); !s) return s;
+    set_zenith(zenith, settings.side_px, leaves, frame, request.bands, numbers.uniforms);
+    cover = cull_casters(camera, zenith, batches, options, zenith.texel_m);
+  }
+  if (!numbers.sun) return {};
+  const int side = shadow_side_px(request.pinhole, gpu().limits.maxImageDimension2D);
   const Eigen::Vector3d sun(static_cast<double>(numbers.uniforms.sun.x),
                             static_cast<double>(numbers.uniforms.sun.y),
                             static_cast<double>(numbers.uniforms.sun.z));
@@ -297,8 +315,10 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   sort_by_distance(all);
   cascades.clear();
   casters.clear();
+  covered = false;
+  cover.clear();
   if (request.switches.shadows)
-    if (auto ok = make_shadows(camera, options, numbers, p); !ok) return ok;
+    if (auto ok = make_shadows(camera, options, numbers, frame, request); !ok) return ok;
   const FrameFeatures features = features_of(frame, request, numbers);
   const bool whole = targets.rows_at_once() >= p.height_px;
   // Solid things first where they may hide others.
@@ -312,6 +332,7 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   }
   std::size_t instances = count(all) + count(solid);
   for (const auto& c : casters) instances += count(c);
+  instances += count(cover);
   const auto drops = make_particles(camera, frame.precipitation, request.t);
   particle_features = frame.precipitation.kind == Precipitation::Kind::snow ? kFeatureSnow : 0U;
   s.cull_ms += ms_since(cull_begun);
@@ -331,6 +352,9 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
     count_calls(*calls, features.instancing, s);
     shadow_calls.push_back(std::move(*calls));
   }
+  auto cover_calls = lists.add_casters(cover, camera.eye, features);
+  if (!cover_calls) return tl::unexpected(cover_calls.error());
+  count_calls(*cover_calls, features.instancing, s);
   auto first = lists.add(solid, camera.eye, features);
   if (!first) return tl::unexpected(first.error());
   count_calls(*first, features.instancing, s);
@@ -351,6 +375,7 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
     return ok;
   }
   resources.record_shadows(commands, lists, shadow_calls, features.instancing);
+  if (covered) resources.record_zenith(commands, lists, *cover_calls, features.instancing);
   if (two_steps) {
     const FrameTargets::Part part{0, p.height_px};
     const VkDescriptorSet set = resources.set();

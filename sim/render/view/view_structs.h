@@ -20,14 +20,15 @@ struct alignas(16) uvec4 {
 
 #define MAX_HAZES 4
 #define MAX_LAMPS 128
-#define MAX_CASCADES 4
+#define MAX_CASCADES 5
 #include "sim/render/shaders/view/view_structs.glsl.h"
-constexpr std::size_t kMaxHazes = MAX_HAZES, kMaxLamps = MAX_LAMPS, kMaxCascades = MAX_CASCADES;
+constexpr std::size_t kMaxHazes = MAX_HAZES, kMaxLamps = MAX_LAMPS, kSunCascades = MAX_CASCADES - 1,
+                      kZenith = MAX_CASCADES - 1;
 #undef MAX_HAZES
 #undef MAX_LAMPS
 #undef MAX_CASCADES
 
-static_assert(sizeof(ViewFrame) == 16 * 28 + 48 * 4 + 32 * 128 + 64 * 4);
+static_assert(sizeof(ViewFrame) == 16 * 30 + 48 * 4 + 32 * 128 + 64 * 5);
 static_assert(sizeof(SurfaceData) == 160 && sizeof(InstanceData) == 64);
 static_assert(sizeof(DrawEntry) == 32 && sizeof(DrawnInstance) == 80);
 static_assert(std::is_trivially_copyable_v<ViewFrame>);

@@ -51,6 +51,9 @@ void main() {
   s.takes_snow = n.w;
   vec3 m = to_world * (n.xyz * 2.0 - 1.0);
   m = dot(m, m) > 1e-8 ? normalize(m) : normalize(-p);
-  radiance = leaving(s, p, m, m);
+  // The picture stands in the thing's middle; what is seen lies nearer.
+  float scale = 1.0 / max(length(to_world[0]), 1e-6);
+  vec3 nearer = p - normalize(vec3(p.xy, 1e-6)) * (0.5 * surface.reflectance.w * scale);
+  radiance = leaving(s, p, m, m, nearer);
   node = identity;
 }

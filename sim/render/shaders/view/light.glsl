@@ -78,3 +78,37 @@ float sun_seen(vec3 p, vec3 n) {
       lit += wx[i] * wy[j] * texel_lit(clamp(at + ivec2(i, j), ivec2(0), last), c, z);
   return 0.25 * lit;
 }
+
+// How much of the upper sky a point sees, weighted by the cosine to the zenith as on level ground, 0 to 1; as a share of
+// what its surface would see in the open (`sided`), or of all the sky (a leaf, lit on both sides). From the map of what
+// covers the ground: along eight azimuths the highest horizon of four places, each thing taken to reach down to the
+// ground; the sky above a horizon h gives cos^2 h. Places and pattern stand still in the world. Thin walls between the
+// places are missed; beyond the map's edge all is open.
+float sky_seen(vec3 p, vec3 n, bool sided) {
+  const CascadeData c = frame.cascades[MAX_CASCADES - 1];
+  const float radii[4] = float[4](0.7, 2.2, 6.5, 18.0);
+  vec4 q = vec4(p, 1.0);
+  // Off a wall, whose own top would else cover it; twice a texel, as heights are blended.
+  if (sided) q.xy += n.xy * (2.0 * c.range.y);
+  vec2 uv = vec2(dot(c.row_x, q), dot(c.row_y, q)) / c.range.z;
+  float z = dot(c.row_z, q) - 0.15 / c.range.w;
+  vec2 inside = min(uv, 1.0 - uv);
+  float known = clamp(min(inside.x, inside.y) * 10.0, 0.0, 1.0);
+  if (known == 0.0) return 1.0;
+  float open = 0.0;
+  float most = 0.0;
+  for (int a = 0; a < 8; ++a) {
+    float angle = (float(a) + 0.5) * (kPi / 4.0);
+    vec2 along = vec2(cos(angle), sin(angle));
+    // The surface's own plane: what lies below it gives it no light. The map's second axis points south.
+    float own = sided ? max(-(n.x * along.x - n.y * along.y) / max(n.z, 0.05), 0.0) : 0.0;
+    float horizon = own;
+    for (int k = 0; k < 4; ++k) {
+      vec2 at = uv + along * (radii[k] / (c.range.y * c.range.z));
+      horizon = max(horizon, (z - textureLod(zenith_map, at, 0.0).x) * (c.range.w / radii[k]));
+    }
+    open += 1.0 / (1.0 + horizon * horizon);
+    most += 1.0 / (1.0 + own * own);
+  }
+  return mix(1.0, open / most, known);
+}

@@ -7,6 +7,7 @@ layout(constant_id = 11) const bool kShadows = false;
 layout(constant_id = 5) const bool kTranslucent = false;
 layout(constant_id = 6) const bool kWater = false;
 layout(constant_id = 12) const bool kGlossy = false;
+layout(constant_id = 16) const bool kSkyCover = false;
 
 struct Patch {
   vec4 reflectance;
@@ -17,7 +18,8 @@ struct Patch {
   float takes_snow;
 };
 
-vec4 leaving(Patch s, vec3 p, vec3 n, vec3 n_flat) {
+// `cover_at`: where it is asked what hides the sky, p or a place near it.
+vec4 leaving(Patch s, vec3 p, vec3 n, vec3 n_flat, vec3 cover_at) {
   vec3 view = -normalize(p);
   if (kWet) {
     float wet = frame.weather.x;
@@ -48,9 +50,18 @@ vec4 leaving(Patch s, vec3 p, vec3 n, vec3 n_flat) {
   }
   vec4 diffuse = s.reflectance;
   if (kGlossy) diffuse *= 1.0 - s.metallic;
-  vec4 sky = sky_irradiance(n);
-  vec4 light = diffuse / kPi * (sun * max(cos_sun, 0.0) + sky);
-  if (kTranslucent) light += s.transmittance / kPi * (sun * max(-cos_sun, 0.0) + sky_irradiance(-n));
+  // Where things hide a share of the sky, what they let through and throw about takes its place; the ground below is
+  // as dark as its surroundings are.
+  vec4 open = vec4(1.0);
+  vec4 scattered = vec4(0.0);
+  if (kSkyCover) {
+    float seen = sky_seen(cover_at, n_flat, !kTranslucent);
+    open = mix(frame.covered, vec4(1.0), seen);
+    scattered = frame.scattered * (1.0 - seen);
+  }
+  vec4 light = diffuse / kPi * (sun * max(cos_sun, 0.0) + sky_irradiance(n) * open + scattered);
+  if (kTranslucent)
+    light += s.transmittance / kPi * (sun * max(-cos_sun, 0.0) + sky_irradiance(-n) * open + scattered);
   if (kGlossy || kWater) {
     vec4 f0 = kWater ? vec4(0.02) : mix(vec4(0.04), s.reflectance, s.metallic);
     if (cos_sun > 0.0) light += highlight(n, view, frame.sun.xyz, s.roughness, f0) * sun * cos_sun;
@@ -63,7 +74,7 @@ vec4 leaving(Patch s, vec3 p, vec3 n, vec3 n_flat) {
     vec4 blurred = sky_irradiance(mirrored) / kPi;
     vec4 sharp = mix(frame.ground, sky_radiance(mirrored), smoothstep(-0.1, 0.05, mirrored.z));
     float keep = kWater ? 1.0 : 1.0 - s.roughness;
-    light += fresnel * mix(blurred, sharp, keep * keep) * (kWater ? 1.0 : mix(keep, 1.0, s.metallic));
+    light += open * fresnel * mix(blurred, sharp, keep * keep) * (kWater ? 1.0 : mix(keep, 1.0, s.metallic));
   }
   if (kLamps) {
     for (uint i = 0u; i < frame.counts.y; ++i) {

@@ -81,6 +81,6 @@ void main() {
   if (kTwoSided && !gl_FrontFacing) flat_normal = -flat_normal;
   vec3 normal = flat_normal;
   if (kNormalMap) normal = bumped(flat_normal);
-  radiance = leaving(s, p, normal, flat_normal);
+  radiance = leaving(s, p, normal, flat_normal, p);
   node = identity;
 }
