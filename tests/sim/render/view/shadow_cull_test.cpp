@@ -8,8 +8,8 @@
 namespace rigor::test {
 namespace {
 
-/// Points that are seen, and things anywhere on their way to the light: none may be left out. Fails where receivers
-/// end at half their reach, or an outline at nine tenths.
+/// Points that are seen, and things anywhere on their way to the light: none may be left out. Fails where
+/// receivers end at half their reach, or an outline at nine tenths.
 TEST(ViewShadowCulling, KeepsAllThatStandsBetweenTheLightAndWhatIsSeen) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> unit(0, 1);
