@@ -29,8 +29,8 @@ Status FrameResources::create() {
   if (auto r = reserve(gpu_, uniforms_, sizeof(view_gpu::ViewFrame), VK_BUFFER_USAGE_UNIFORM_BUFFER_BIT); !r)
     return tl::unexpected(r.error());
   const std::array sizes{VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER, 1},
-                         VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER, 2},
-                         VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE, 1}};
+                         VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER, 1},
+                         VkDescriptorPoolSize{VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE, 2}};
   auto set = make_descriptor_set(gpu_, pipelines_.frame_layout(), sizes, pool_);
   if (!set) return tl::unexpected(set.error());
   set_ = *set;
@@ -47,14 +47,6 @@ Status FrameResources::create() {
   vkGetPhysicalDeviceFormatProperties(gpu_.physical, sky_format_, &format);
   if ((format.optimalTilingFeatures & VK_FORMAT_FEATURE_SAMPLED_IMAGE_FILTER_LINEAR_BIT) == 0)
     sky_format_ = VK_FORMAT_R16G16B16A16_SFLOAT;
-  // Heights are blended between texels where the device can.
-  vkGetPhysicalDeviceFormatProperties(gpu_.physical, VK_FORMAT_D32_SFLOAT, &format);
-  if ((format.optimalTilingFeatures & VK_FORMAT_FEATURE_SAMPLED_IMAGE_FILTER_LINEAR_BIT) == 0)
-    info.magFilter = info.minFilter = VK_FILTER_NEAREST;
-  info.addressModeU = VK_SAMPLER_ADDRESS_MODE_CLAMP_TO_EDGE;
-  if (const VkResult r = vkCreateSampler(gpu_.device, &info, nullptr, &handle); r != VK_SUCCESS)
-    return vk::failed("making a sampler", r);
-  zenith_sampler_ = vk::Sampler(gpu_.device, handle);
   if (auto s = set_shadow_side(16); !s) return s;
   if (auto s = set_zenith_side(16); !s) return s;
   return set_sky(nullptr, {0, 1, 2, 3});
@@ -140,7 +132,7 @@ void FrameResources::write_set() {
                                   VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL};
   const VkDescriptorImageInfo shadow{VK_NULL_HANDLE, shadow_.image.view.get(),
                                      VK_IMAGE_LAYOUT_DEPTH_STENCIL_READ_ONLY_OPTIMAL};
-  const VkDescriptorImageInfo zenith{zenith_sampler_.get(), zenith_.image.view.get(),
+  const VkDescriptorImageInfo zenith{VK_NULL_HANDLE, zenith_.image.view.get(),
                                      VK_IMAGE_LAYOUT_DEPTH_STENCIL_READ_ONLY_OPTIMAL};
   std::array<VkWriteDescriptorSet, 4> write{};
   for (std::uint32_t i = 0; i < write.size(); ++i) {
@@ -155,7 +147,7 @@ void FrameResources::write_set() {
   write[1].pImageInfo = &sky;
   write[2].descriptorType = VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE;
   write[2].pImageInfo = &shadow;
-  write[3].descriptorType = VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER;
+  write[3].descriptorType = VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE;
   write[3].pImageInfo = &zenith;
   vkUpdateDescriptorSets(gpu_.device, write.size(), write.data(), 0, nullptr);
 }

@@ -66,7 +66,6 @@ class FrameResources {
   SkyLight sky_light_{};
   float sky_scale_ = 1;
   DepthMap shadow_, zenith_;
-  vk::Sampler zenith_sampler_;
 };
 
 /// Farthest depths of tiles, computed on the device.

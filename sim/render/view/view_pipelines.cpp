@@ -166,7 +166,7 @@ Status ViewPipelines::create() {
   const std::array frame{VkDescriptorSetLayoutBinding{0, kUniform, 1, kDraw, nullptr},
                          VkDescriptorSetLayoutBinding{1, kSampled, 1, kFragment, nullptr},
                          VkDescriptorSetLayoutBinding{2, kImage, 1, kFragment, nullptr},
-                         VkDescriptorSetLayoutBinding{3, kSampled, 1, kFragment, nullptr}};
+                         VkDescriptorSetLayoutBinding{3, kImage, 1, kFragment, nullptr}};
   const std::array surface{VkDescriptorSetLayoutBinding{0, kUniform, 1, kDraw, nullptr},
                            VkDescriptorSetLayoutBinding{1, kSampled, 1, kFragment, nullptr},
                            VkDescriptorSetLayoutBinding{2, kSampled, 1, kFragment, nullptr},

@@ -6,4 +6,4 @@
 layout(set = 0, binding = 0) uniform FrameBlock { ViewFrame frame; };
 layout(set = 0, binding = 1) uniform sampler2D sky_map;
 layout(set = 0, binding = 2) uniform texture2DArray shadow_map;
-layout(set = 0, binding = 3) uniform sampler2D zenith_map;
+layout(set = 0, binding = 3) uniform texture2D zenith_map;

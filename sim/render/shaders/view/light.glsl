@@ -81,31 +81,32 @@ float sun_seen(vec3 p, vec3 n) {
 
 // How much of the upper sky a point sees, weighted by the cosine to the zenith as on level ground, 0 to 1; as a share of
 // what its surface would see in the open (`sided`), or of all the sky (a leaf, lit on both sides). From the map of what
-// covers the ground: along eight azimuths the highest horizon of four places, each thing taken to reach down to the
-// ground; the sky above a horizon h gives cos^2 h. Places and pattern stand still in the world. Thin walls between the
-// places are missed; beyond the map's edge all is open.
+// covers the ground: along eight azimuths (for leaves four) the highest horizon of three places, each thing taken to
+// reach down to the ground; the sky above a horizon h gives cos^2 h. Places and pattern stand still in the world. Thin
+// walls between the places are missed; beyond the map's edge all is open.
 float sky_seen(vec3 p, vec3 n, bool sided) {
   const CascadeData c = frame.cascades[MAX_CASCADES - 1];
-  const float radii[4] = float[4](0.7, 2.2, 6.5, 18.0);
+  const float radii[3] = float[3](0.8, 3.2, 13.0);
   vec4 q = vec4(p, 1.0);
-  // Off a wall, whose own top would else cover it; twice a texel, as heights are blended.
+  // Off a wall, whose own top would else cover it.
   if (sided) q.xy += n.xy * (2.0 * c.range.y);
-  vec2 uv = vec2(dot(c.row_x, q), dot(c.row_y, q)) / c.range.z;
+  vec2 uv = vec2(dot(c.row_x, q), dot(c.row_y, q));
+  ivec2 last = ivec2(c.range.z - 1.0);
   float z = dot(c.row_z, q) - 0.15 / c.range.w;
-  vec2 inside = min(uv, 1.0 - uv);
+  vec2 inside = min(uv, c.range.z - uv) / c.range.z;
   float known = clamp(min(inside.x, inside.y) * 10.0, 0.0, 1.0);
   if (known == 0.0) return 1.0;
   float open = 0.0;
   float most = 0.0;
-  for (int a = 0; a < 8; ++a) {
+  for (int a = 0; a < 8; a += sided ? 1 : 2) {
     float angle = (float(a) + 0.5) * (kPi / 4.0);
     vec2 along = vec2(cos(angle), sin(angle));
     // The surface's own plane: what lies below it gives it no light. The map's second axis points south.
     float own = sided ? max(-(n.x * along.x - n.y * along.y) / max(n.z, 0.05), 0.0) : 0.0;
     float horizon = own;
-    for (int k = 0; k < 4; ++k) {
-      vec2 at = uv + along * (radii[k] / (c.range.y * c.range.z));
-      horizon = max(horizon, (z - textureLod(zenith_map, at, 0.0).x) * (c.range.w / radii[k]));
+    for (int k = 0; k < 3; ++k) {
+      ivec2 at = clamp(ivec2(uv + along * (radii[k] / c.range.y)), ivec2(0), last);
+      horizon = max(horizon, (z - texelFetch(zenith_map, at, 0).x) * (c.range.w / radii[k]));
     }
     open += 1.0 / (1.0 + horizon * horizon);
     most += 1.0 / (1.0 + own * own);
