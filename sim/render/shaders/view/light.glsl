@@ -98,9 +98,9 @@ float sky_seen(vec3 p, vec3 n, bool sided) {
   if (known == 0.0) return 1.0;
   float open = 0.0;
   float most = 0.0;
+  vec2 along = vec2(0.92387953, 0.38268343);
+  vec2 turn = sided ? vec2(0.70710678) : vec2(0.0, 1.0);
   for (int a = 0; a < 8; a += sided ? 1 : 2) {
-    float angle = (float(a) + 0.5) * (kPi / 4.0);
-    vec2 along = vec2(cos(angle), sin(angle));
     // The surface's own plane: what lies below it gives it no light. The map's second axis points south.
     float own = sided ? max(-(n.x * along.x - n.y * along.y) / max(n.z, 0.05), 0.0) : 0.0;
     float horizon = own;
@@ -110,6 +110,7 @@ float sky_seen(vec3 p, vec3 n, bool sided) {
     }
     open += 1.0 / (1.0 + horizon * horizon);
     most += 1.0 / (1.0 + own * own);
+    along = vec2(along.x * turn.x - along.y * turn.y, along.x * turn.y + along.y * turn.x);
   }
   return mix(1.0, open / most, known);
 }
