@@ -22,8 +22,8 @@ picture() {
 
 picture forest-noon "$forest" "${within[@]}" "${noon[@]}"
 picture forest-plain "$forest" "${within[@]}" "${noon[@]}" --plain
-picture forest-dusk "$forest" "${within[@]}" --time 2024-06-21T19:05:00Z
-picture forest-fog "$forest" "${within[@]}" "${noon[@]}" --set Atmosphere.fog_visibility_m=80
+picture forest-dusk "$forest" "${within[@]}" --time 2024-06-21T19:25:00Z --brighter=-2
+picture forest-fog "$forest" "${within[@]}" "${noon[@]}" --set Atmosphere.fog_visibility_m=150 --brighter 0.7
 picture forest-rain "$forest" "${within[@]}" "${noon[@]}" --set Atmosphere.rain_mm_per_h=25 --set Atmosphere.cloud_cover=1 \
   --set Atmosphere.wetness=1 --set Atmosphere.wind_speed_m_per_s=5
 picture forest-snow "$forest" "${within[@]}" --time 2024-01-21T11:00:00Z --set Atmosphere.snow_mm_per_h=2 \
@@ -35,7 +35,8 @@ picture hills-plain "$hills" "${above[@]}" --time 2024-06-21T08:00:00Z --plain
 if [[ -f ${RIGOR_SRTM:-} && -f ${RIGOR_STANDS:-} ]] && [[ $wanted == *" all "* || $wanted == *" av06 "* ]]; then
   world=$(mktemp -d)/av06.rigor
   "$rigor" world import configs/worlds/real-stand.import.yaml -o "$world" \
-    --set "sources.0.elevation=$RIGOR_SRTM" --set "sources.1.trees=$RIGOR_STANDS"
-  picture av06 "$world" --eye=-140,-150,35 --target=20,20,20 --above-ground --width 960 --height 540 --time 2024-06-21T16:00:00Z
+    --set "sources.0.elevation=$RIGOR_SRTM" --set "sources.1.trees=$RIGOR_STANDS" --set half_extent_m=4500 --set spacing_m=15
+  picture av06 "$world" "--eye=-70,-120,12" "--target=15,20,22" --above-ground --width 960 --height 540 \
+    --time 2024-06-21T16:00:00Z --set Atmosphere.visibility_m=40000 --set Atmosphere.cloud_cover=0.3
   rm -rf "$(dirname "$world")"
 fi
