@@ -11,6 +11,7 @@ namespace {
 constexpr double kCell_m = 2.0;
 constexpr double kReach_m = 14.0;
 constexpr std::size_t kMost = 30000;
+constexpr double kOutOfFocus_m = 0.6;      // nearer than this nothing of a drop is seen
 constexpr double kRainExposure_s = 0.016;  // the streak of an eye or a video camera
 constexpr double kSnowExposure_s = 0.004;
 constexpr models::PhiloxKey kKey{0x5261696EU, 0x536E6F77U};
@@ -73,6 +74,8 @@ std::vector<Particle> make_particles(const ViewCamera& camera, const Precipitati
               std::min(1.0, d / std::max(streak.norm(), 1e-9) * (rain ? 8.0 : 1.0) + (rain ? 0.0 : 0.3));
           // Fades out at the end of what is drawn.
           covers *= std::clamp((reach - distance) / (0.25 * reach), 0.0, 1.0);
+          // Right before the lens a drop is out of focus: a veil, not a stroke.
+          covers *= std::clamp((distance - kOutOfFocus_m) / (3 * kOutOfFocus_m), 0.0, 1.0);
           if (!(covers > 1.0 / 512)) continue;
           all.push_back({view_gpu::xyz(head, wide), view_gpu::xyz(head - streak, covers)});
         }
