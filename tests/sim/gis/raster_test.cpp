@@ -482,7 +482,7 @@ TEST(Grid, TooManyCellsAreRefusedWithWhatToDo) {
 
 TEST(RealRasters, EachOfTheCollectionIsImportedOrRefusedWithItsReason) {
   const std::string folder = shared_data("gis_rasters");
-  if (folder.empty()) GTEST_SKIP() << "no gis_rasters";
+  if (folder.empty()) GTEST_SKIP() << "no test data: gis_rasters";
   ImportPlan plan;
   plan.spacing_m = 1000;
   plan.sources = {source(Kind::imagery, folder + "/RGB.byte.tif")};
@@ -521,7 +521,7 @@ TEST(RealRasters, EachOfTheCollectionIsImportedOrRefusedWithItsReason) {
 
 TEST(RealRasters, SrtmOfTheRockyMountainsBecomesTerrain) {
   const std::string file = shared_data("dem_srtm/srtmgl3_n40_w105.asc");
-  if (file.empty()) GTEST_SKIP() << "no dem_srtm";
+  if (file.empty()) GTEST_SKIP() << "no test data: dem_srtm";
   ImportPlan plan;
   plan.sources = {source(Kind::elevation, file)};
   EXPECT_NE(import(plan).complaint().find("reference system"), std::string::npos);

@@ -102,7 +102,7 @@ TEST(Trees, AListCutShortLeavesTheWorldAsItWas) {
 
 TEST(Trees, AllEightRealStandsAreImported) {
   const std::string folder = shared_data("forest_stands");
-  if (folder.empty()) GTEST_SKIP() << "no forest_stands";
+  if (folder.empty()) GTEST_SKIP() << "no test data: forest_stands";
   const std::pair<const char*, std::size_t> stands[] = {{"AB08", 401},  {"AE10", 695}, {"AG05", 746},
                                                         {"AM16", 643},  {"AO03", 487}, {"AR07", 454},
                                                         {"AV02", 1388}, {"AV06", 872}};

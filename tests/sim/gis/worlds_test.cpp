@@ -84,7 +84,7 @@ TEST(Worlds, TheTestbedIsARoomOfBodies) {
 TEST(Worlds, ARealStandStandsOnRealTerrain) {
   const std::string dem = shared_data("dem_srtm/srtmgl3_n40_w105.asc"),
                     trees = shared_data("forest_stands/trees.csv");
-  if (dem.empty() || trees.empty()) GTEST_SKIP() << "no dem_srtm or no forest_stands";
+  if (dem.empty() || trees.empty()) GTEST_SKIP() << "no test data: dem_srtm or forest_stands";
   const Imported w =
       imported("real-stand.import.yaml", {"sources.0.elevation=" + dem, "sources.1.trees=" + trees});
   ASSERT_TRUE(w.report) << w.complaint();

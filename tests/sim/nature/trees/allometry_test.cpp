@@ -13,7 +13,7 @@ namespace {
 
 TEST(Allometry, KnowsEveryCodeOfTheMappedStands) {
   const std::filesystem::path file = RIGOR_SOURCE_DIR "/../shared/data/forest_stands/trees.csv";
-  if (!std::filesystem::exists(file)) GTEST_SKIP() << "no " << file;
+  if (!std::filesystem::exists(file)) GTEST_SKIP() << "no test data: " << file;
   std::ifstream in(file);
   std::string line;
   std::getline(in, line);
