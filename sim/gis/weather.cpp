@@ -52,7 +52,9 @@ Result<double> parse_utc(std::string_view text, const std::string& where) {
   using namespace std::chrono;
   const year_month_day date{std::chrono::year(year), std::chrono::month(static_cast<unsigned>(month)),
                             std::chrono::day(static_cast<unsigned>(day))};
-  if (!date.ok() || hour > 24 || minute > 59) return refuse("a time");
+  // 24:00 is the end of a day, and nothing comes after it.
+  if (!date.ok() || hour > 24 || minute > 59 || (hour == 24 && (minute > 0 || second > 0)))
+    return refuse("a time");
   return static_cast<double>(sys_days(date).time_since_epoch().count()) * 86400 + hour * 3600 +
          (minute - offset_min) * 60 + second;
 }

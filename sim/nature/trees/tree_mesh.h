@@ -12,8 +12,8 @@
 // changes nothing that is seen; what is seen is that cards are flat, and that gaps close. What is stated is a
 // twentieth of the mean half width of a level's cards and an eighth of the root mean square distance from
 // points of the finest level's foliage to the level's surface, both measured when the prototype is made; the
-// shares are those at which pictures of neighbouring levels, a pixel being that wide, look alike. For trunks
-// it is the largest deviation.
+// shares set where levels change; between neighbouring levels single leaves differ. For trunks it is the
+// largest deviation.
 #pragma once
 
 #include <memory>

@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "sim/render/view/gpu_commands.h"
+#include "sim/render/view/texture_pool.h"
 
 namespace rigor::render {
 namespace {
@@ -36,16 +37,9 @@ BakePush view_from(const ResidentPrototype& p, int column, int row) {
 }  // namespace
 
 Status Impostors::create() {
-  VkSamplerCreateInfo info{};
-  info.sType = VK_STRUCTURE_TYPE_SAMPLER_CREATE_INFO;
-  info.magFilter = info.minFilter = VK_FILTER_LINEAR;
-  info.mipmapMode = VK_SAMPLER_MIPMAP_MODE_LINEAR;
-  info.addressModeU = info.addressModeV = info.addressModeW = VK_SAMPLER_ADDRESS_MODE_CLAMP_TO_EDGE;
-  info.maxLod = VK_LOD_CLAMP_NONE;
-  VkSampler handle = VK_NULL_HANDLE;
-  if (const VkResult r = vkCreateSampler(gpu_.device, &info, nullptr, &handle); r != VK_SUCCESS)
-    return vk::failed("making a sampler", r);
-  sampler_ = vk::Sampler(gpu_.device, handle);
+  auto sampler = make_sampler(gpu_, VK_SAMPLER_ADDRESS_MODE_CLAMP_TO_EDGE);
+  if (!sampler) return tl::unexpected(sampler.error());
+  sampler_ = std::move(*sampler);
   return {};
 }
 

@@ -25,7 +25,6 @@ std::array<vec4, 3> near_infrared_to_band(const Bands& bands) {
 }
 }  // namespace view_gpu
 
-namespace {
 Result<vk::Sampler> make_sampler(const Device::Impl& gpu, VkSamplerAddressMode mode) {
   VkSamplerCreateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_SAMPLER_CREATE_INFO;
@@ -38,7 +37,8 @@ Result<vk::Sampler> make_sampler(const Device::Impl& gpu, VkSamplerAddressMode m
     return vk::failed("making a sampler", r);
   return vk::Sampler(gpu.device, handle);
 }
-}  // namespace
+
+namespace {}  // namespace
 
 Status ImageUploads::add(VkImage image, const std::vector<Level>& levels) {
   std::size_t total = 0;

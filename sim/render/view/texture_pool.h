@@ -12,6 +12,9 @@
 
 namespace rigor::render {
 
+/// Trilinear, over all mip levels. Errors: unavailable.
+[[nodiscard]] Result<vk::Sampler> make_sampler(const Device::Impl& gpu, VkSamplerAddressMode mode);
+
 /// Pictures on their way to the device: recorded at the beginning of a frame, kept until it is drawn.
 class ImageUploads {
  public:

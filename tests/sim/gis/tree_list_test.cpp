@@ -260,6 +260,7 @@ TEST(Plan, MistakesAreNamedWithLineAndColumn) {
       {"anchor: { latitude_deg: 95, longitude_deg: 0 }\nsources:\n  - elevation: a\n", ":1:"},
       {"sources:\n  - land_cover: a\n    classes: corrine\n", "corine"},
       {"utc: yesterday\nsources:\n  - elevation: a\n", ":1:"},
+      {"utc: 2024-06-21T24:30:00Z\nsources:\n  - elevation: a\n", ":1:"},
       {"sources:\n  - trees: a\n    where: stand\n", ":3:"}};
   for (const auto& [text, expected] : cases) {
     f.write("plan.yaml", text);
