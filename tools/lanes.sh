@@ -6,6 +6,9 @@ readonly RESULTS=build/test-results
 readonly LANES=(format includes release asan-ubsan tsan fuzz docs skips)
 readonly FAST_LANES=(format includes release)
 readonly FUZZ_SECONDS=10
+# Tests talk to the wall clock, to sockets and to child processes, and a host may hold a virtual machine up for seconds:
+# what fails is tried again, and the lane names it.
+readonly ATTEMPTS=3
 
 lane_about() {
   case $1 in
@@ -51,7 +54,12 @@ ctest_lane() {
   local -a runner=()
   [[ $preset == release ]] || runner=(without_address_randomisation)
   "${runner[@]}" ctest --test-dir "build/$preset" --parallel 2 --output-on-failure --no-tests=error \
-    --output-junit "$PWD/$RESULTS/$lane.xml" "$@" | grep -vE '^ +Start +[0-9]+: |^ *[0-9]+/[0-9]+ .* Passed ' || status=$?
+    --repeat "until-pass:$ATTEMPTS" --output-junit "$PWD/$RESULTS/$lane.xml" "$@" |
+    tee "$RESULTS/$lane.log" |
+    grep -vE '^ +(Start +[0-9]+|Test +#[0-9]+): |^ *[0-9]+/[0-9]+ .* Passed ' || status=$?
+  local again
+  again=$(sed -nE 's/^.*Test +#[0-9]+: ([^ ]+) .*\*\*\*(Failed|Timeout|Exception).*/\1/p' "$RESULTS/$lane.log" | sort | uniq -c)
+  [[ -z $again ]] || say "failed at least once (times, test):"$'\n'"$again"
   python3 tools/check_skips.py --count "$RESULTS/$lane.xml" >"$RESULTS/$lane.count"
   return "$status"
 }
