@@ -59,6 +59,27 @@ class ImageProvider {
   [[nodiscard]] virtual Status capture(const ImageRequest& request, std::span<std::byte> pixels) = 0;
 };
 
+/// Makes samples of any kind: point clouds, range images. One thread at a time; may take milliseconds; same
+/// request, same bytes.
+class SampleProvider {
+ public:
+  virtual ~SampleProvider() = default;
+  struct Geometry {
+    SampleKind kind = SampleKind::none;
+    std::uint32_t width_px = 0, height_px = 0;  ///< of a range image
+    std::size_t max_bytes = 0;                  ///< of one sample
+    std::string frame_id;
+  };
+  struct Request {
+    std::uint64_t index = 0;  ///< keys the noise draws
+    BenchTime t_capture;
+    WorldMotion motion;
+  };
+  [[nodiscard]] virtual Geometry geometry() const = 0;
+  /// Fills info, memory and size of the sample; its stamp is the caller's.
+  [[nodiscard]] virtual Status capture(const Request& request, Sample& sample) = 0;
+};
+
 /// Where the moving parts of a world are, as the owner of that world knows it. Any thread, wait-free.
 class MotionSource {
  public:

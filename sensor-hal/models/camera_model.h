@@ -24,6 +24,48 @@ struct Vignetting {
   double cos4_weight = 0, a2 = 0, a4 = 0, a6 = 0;
 };
 
+enum class Projection : std::uint8_t { opencv, kannala_brandt };
+
+/// Fisheye after Kannala & Brandt (PAMI 2006) as OpenCV has it: r = θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸), θ
+/// the angle of the ideal ray, (x, y) = r (cos φ, sin φ).
+struct KannalaBrandtLens {
+  double k1 = 0, k2 = 0, k3 = 0, k4 = 0;
+  bool operator==(const KannalaBrandtLens&) const = default;
+};
+
+/// Red, green, blue; near infrared goes with red. All at their defaults: none, and no cost.
+struct ChromaticAberration {
+  std::array<double, 3> magnification{
+      1, 1, 1};  ///< lateral: of the distorted coordinates, about the principal point
+  std::array<double, 3> focus_shift_m{0, 0, 0};  ///< longitudinal: of the distance in focus
+};
+
+/// Thin lens: a point at depth d is a disc of diameter f²·|d − U| / (N·C·d·(U − f)) pixels (focal length f,
+/// distance in focus U, f-number N, pixel pitch C).
+struct DepthOfField {
+  double focus_distance_m = 0;  ///< 0: everything is sharp
+  double focal_length_m = 0;    ///< 0: fx times the pixel pitch
+};
+
+struct Shutter {
+  double line_time_s = 0;    ///< rolling: row i exposes this much later than row i − 1; 0: global
+  bool motion_blur = false;  ///< off: the middle of the exposure stands for it
+};
+
+/// Light that the lens and the sensor's cover spread over the picture, energy kept: of every pixel's light
+/// the share `fraction` goes to a kernel 1/(1 + (r/radius)²)^exponent, and `veiling_glare` evenly to all
+/// pixels.
+struct Bloom {
+  double fraction = 0, radius_px = 4, exponent = 1.5;
+  double veiling_glare = 0;
+};
+
+/// What the camera's own processing does; all off: raw.
+struct ImageProcessing {
+  std::array<double, 3> white_balance{1, 1, 1};
+  double gamma = 1;  ///< output = input^(1/gamma)
+};
+
 /// From radiance to electrons per second. Bands: red, green, blue, near infrared (850 nm).
 struct CameraOptics {
   double f_number = 5.6;
@@ -49,7 +91,11 @@ struct EmvaNoise {
   double dsnu_e = 1.0;  ///< standard deviation of the offset pattern
   double prnu = 0.005;  ///< relative standard deviation of the gain pattern
   bool shot_noise = true;
-  int adc_bits = 12;  ///< 8 to 16; an 8-bit picture carries the upper eight of them
+  /// Dark current doubles every `dark_doubling_k` above its reference temperature.
+  double temperature_c = 25, dark_reference_c = 25, dark_doubling_k = 7;
+  double hot_pixel_share = 0;            ///< of all pixels
+  double hot_pixel_dark_e_per_s = 5000;  ///< their mean additional dark current, exponentially distributed
+  int adc_bits = 12;                     ///< 8 to 16; an 8-bit picture carries the upper eight of them
 };
 
 struct CameraModel {
@@ -59,7 +105,14 @@ struct CameraModel {
   double fy_px = 600.0;
   double cx_px = 319.5;
   double cy_px = 239.5;
-  OpenCvLens lens;
+  Projection projection = Projection::opencv;
+  OpenCvLens lens;            ///< in force for Projection::opencv
+  KannalaBrandtLens fisheye;  ///< in force for Projection::kannala_brandt
+  ChromaticAberration chromatic;
+  DepthOfField depth_of_field;
+  Shutter shutter;
+  Bloom bloom;
+  ImageProcessing processing;
   Vignetting vignetting;
   CameraOptics optics;
   EmvaNoise noise;

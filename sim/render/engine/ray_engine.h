@@ -1,0 +1,79 @@
+// What a sensor that measures along rays asks of an engine, and what it gets. Two engines answer the same
+// question:
+//
+//   rays     sim/render/rays     Embree on the CPU: exact for every ray, its origin and its instant
+//   vulkan   sim/render/view     raster views that hold what is seen, sampled along the rays
+//
+//   auto engine = EmbreeEngine::create({...});
+//   engine->prepare(window);                                   // takes over what is new in the content
+//   engine->cast({.origin = p_world, .band = 4, .rays = rays}, hits);
+//
+// The same content, query and options give the same hits, on any number of threads.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "rt-core/result.h"
+#include "sim/render/engine/content_window.h"
+
+namespace rigor::render {
+
+/// Rays that follow each other in a query should be near each other: engines work on them in packets.
+struct Ray {
+  float origin[3]{};     ///< relative to RayQuery::origin, world axes, m
+  float direction[3]{};  ///< unit length, world axes
+  float time = 0;        ///< instant: 0 the window's begin … 1 its end
+  float far_m = std::numeric_limits<float>::infinity();
+};
+
+/// What a ray meets first. Reflectance is that of RayQuery::band with colour or near-infrared map, tint,
+/// wetness and snow applied, as content.h says it of a Surface; roughness with the gloss map, the normal with
+/// the normal map.
+struct Hit {
+  float range_m = std::numeric_limits<float>::infinity();  ///< along the ray; infinity: nothing
+  float normal[3]{};        ///< shading normal, world axes, unit length, turned towards the ray's origin
+  float cos_incidence = 0;  ///< of the shading normal and the ray back, 0 to 1
+  float reflectance = 0, transmittance = 0;  ///< diffuse
+  float roughness = 1, metallic = 0, retro_reflection = 0;
+  float uv[2]{};
+  bool water = false;
+  NodeId node{};                     ///< what it is in the world
+  const Surface* surface = nullptr;  ///< material; lives as long as the window that was prepared
+
+  [[nodiscard]] bool nothing() const noexcept { return !(range_m < std::numeric_limits<float>::infinity()); }
+};
+
+struct RayQuery {
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< world frame; near the rays' origins
+  int band = 4;                                      ///< index of world::kBandWavelength_nm
+  float near_m = 0.001F;                             ///< nothing nearer is met
+  std::span<const Ray> rays;
+};
+
+struct EngineStatistics {
+  double prepare_ms = 0, cast_ms = 0;  ///< of the last call of each
+  std::size_t instances = 0, prototypes = 0, triangles = 0, rebuilt = 0;
+};
+
+/// One thread at a time calls an engine; inside it may use several.
+class RayEngine {
+ public:
+  virtual ~RayEngine() = default;
+  /// "rays" or "vulkan".
+  [[nodiscard]] virtual std::string_view name() const = 0;
+  /// The content for the casts that follow; kept alive until the next call. Costs what is new by its serial.
+  /// What cannot be measured (numbers that are not finite, triangles without area) is left out and counted,
+  /// not an error. Errors: unavailable (memory, the device).
+  [[nodiscard]] virtual Status prepare(std::shared_ptr<const ContentWindow> window) = 0;
+  /// hits[i] belongs to rays[i]. A ray that is not finite meets nothing. Errors: bad_input (sizes, band,
+  /// nothing prepared), unavailable.
+  [[nodiscard]] virtual Status cast(const RayQuery& query, std::span<Hit> hits) = 0;
+  [[nodiscard]] virtual EngineStatistics statistics() const = 0;
+};
+
+}  // namespace rigor::render

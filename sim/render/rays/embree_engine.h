@@ -1,0 +1,51 @@
+// The engine of rays: Embree over the content that the Vulkan engine draws, with instancing, alpha-tested
+// leaves and motion between the instants of a window. The reference that errors are measured against.
+#pragma once
+
+#include <memory>
+
+#include "sim/render/engine/ray_engine.h"
+
+namespace rigor::render {
+
+struct EmbreeOptions {
+  /// A level of detail whose error subtends less than this at `eye` may stand for the finest. 0: always the
+  /// finest.
+  double allowed_error_rad = 0;
+  Eigen::Vector3d eye = Eigen::Vector3d::Zero();
+  int threads = 0;  ///< 0: all that the machine has
+};
+
+/// Acceleration structures of prototypes by serial, shared by the engines of a process. Any thread.
+class EmbreeCache {
+ public:
+  [[nodiscard]] static Result<std::shared_ptr<EmbreeCache>> create();
+  virtual ~EmbreeCache() = default;
+};
+
+class EmbreeEngine final : public RayEngine {
+ public:
+  /// Errors: unavailable.
+  [[nodiscard]] static Result<std::shared_ptr<EmbreeEngine>> create(std::shared_ptr<EmbreeCache> cache,
+                                                                    const EmbreeOptions& options = {});
+  ~EmbreeEngine() override;
+  /// For the prepares that follow.
+  void set_options(const EmbreeOptions& options);
+
+  [[nodiscard]] std::string_view name() const override { return "rays"; }
+  [[nodiscard]] Status prepare(std::shared_ptr<const ContentWindow> window) override;
+  [[nodiscard]] Status cast(const RayQuery& query, std::span<Hit> hits) override;
+  /// occluded[i] = 1 where anything stands between origin and far_m.
+  [[nodiscard]] Status occluded(const RayQuery& query, std::span<std::uint8_t> occluded);
+  [[nodiscard]] EngineStatistics statistics() const override;
+  [[nodiscard]] const ContentWindow* window() const noexcept;
+
+  struct Impl;
+  [[nodiscard]] Impl& impl() noexcept { return *impl_; }
+
+ private:
+  EmbreeEngine();
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace rigor::render

@@ -1,0 +1,63 @@
+// The picture on the sensor's surface: for every pixel the light that the lens puts there during the
+// exposure, before anything electrical. Made by one of two engines:
+//
+//   vulkan   pinhole views (sim/render/view), sampled through the lens: distortion, chromatic aberration,
+//   depth of
+//            field from the depth, motion blur and rolling shutter from views at several instants
+//   rays     for every pixel rays through its area, the aperture, the exposure: the same by brute force
+#pragma once
+
+#include <Eigen/Geometry>
+#include <memory>
+#include <vector>
+
+#include "rt-core/result.h"
+#include "sensor-hal/models/camera_model.h"
+#include "sim/render/engine/content_window.h"
+#include "sim/render/rays/light_tracer.h"
+#include "sim/render/view/view_renderer.h"
+#include "sim/sensors/measurement.h"
+
+namespace rigor {
+
+/// Row by row, 4 bands a pixel (red, green, blue, 850 nm), W/(m² sr), mean over the pixel and its exposure. A
+/// pixel that no ray of the lens reaches is 0. Without vignetting, which is the sensor stage's.
+struct OpticsPicture {
+  int width_px = 0, height_px = 0;
+  std::vector<float> radiance;
+};
+
+struct OpticsOptions {
+  int samples_per_pixel = 4;      ///< rays: samples over pixel area, aperture and exposure together
+  double supersampling = 1.0;     ///< vulkan: view pixels per sensor pixel along a side
+  int instants = 4;               ///< vulkan: views during the exposure (and readout), where anything moves
+  double allowed_error_px = 1.0;  ///< levels of detail
+  bool shadows = true;
+  int sky_rays = 1;  ///< rays: see LightQuery
+};
+
+struct OpticsRequest {
+  MeasureRequest measure;
+  double exposure_s = 0.005;
+  std::uint64_t seed = 0;  ///< of the samples of the rays engine
+  struct Region {
+    int x_px = 0, y_px = 0, width_px = 0, height_px = 0;
+  } region{};  ///< width 0: the whole sensor
+};
+
+class CameraOpticsPicture {
+ public:
+  virtual ~CameraOpticsPicture() = default;
+  [[nodiscard]] virtual std::string_view engine() const = 0;
+  /// Blocks; one thread at a time. Errors: bad_input, unavailable.
+  [[nodiscard]] virtual Status form(const OpticsRequest& request, const render::SensorView& view,
+                                    OpticsPicture& out, GroundTruth* truth = nullptr) = 0;
+};
+
+/// Errors: bad_input (a model that is not valid).
+[[nodiscard]] Result<std::unique_ptr<CameraOpticsPicture>> make_vulkan_optics(
+    const CameraModel& camera, const OpticsOptions& options, std::shared_ptr<render::Device> device);
+[[nodiscard]] Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(
+    const CameraModel& camera, const OpticsOptions& options, std::shared_ptr<render::EmbreeCache> cache);
+
+}  // namespace rigor
