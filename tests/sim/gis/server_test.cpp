@@ -397,7 +397,7 @@ TEST_F(Servers, ThatSayNothingTimeOut) {
   const auto t0 = std::chrono::steady_clock::now();
   const Imported w = import(p);
   EXPECT_FALSE(w.report);
-  EXPECT_LT(std::chrono::steady_clock::now() - t0, std::chrono::seconds(15));
+  EXPECT_LT(std::chrono::steady_clock::now() - t0, std::chrono::seconds(60));
   ::close(silent);
 }
 
