@@ -1,0 +1,132 @@
+// What the rays engine and the tracer of light share: the content as Embree's two levels (a structure of
+// triangles per mesh, instances above them), shooting at it, and what lies at the point that was met.
+// Internal to sim/render/rays.
+//
+//   auto& impl = engine.impl();
+//   auto scene = impl.scene_at(query.origin);             // Result<const RayScene*>; serial
+//   impl.arena().execute([&] { tbb::parallel_for(…        // chunks of at most kShots rays
+//     Shots shots;
+//     shots.set(i, origin, direction, near, far, time);   // origin relative to scene.origin()
+//     scene.meet(shots, n, coherent);                     // first meetings
+//     Meeting m = shots.meeting(i);
+//     SurfacePoint p = scene.point(origin, direction, time, m);
+//     PointOptics o = optics_at(*p.surface, p.uv, p.tint, p.normal, p.place, scene.weather(), bands, …);
+//
+// Everything const may be called from any number of threads at once.
+#pragma once
+
+#include <embree3/rtcore.h>
+
+#include <array>
+#include <limits>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "sim/render/engine/ray_engine.h"
+#include "sim/render/rays/ray_surface.h"
+
+namespace rigor::render {
+
+/// Bits of a ray's mask: an instance of what casts no shadow lacks the second.
+constexpr unsigned kSeenMask = 1, kShadowMask = 2;
+
+struct RayPart {
+  std::shared_ptr<const RaySurface> surface;
+  std::uint32_t first_index = 0, triangles = 0;
+  std::vector<float> uv;  ///< six a triangle, of parts with holes alone
+};
+
+/// A mesh as Embree has it. Shares vertices and indices with it.
+struct RayMesh {
+  RayMesh() = default;
+  ~RayMesh();
+  RayMesh(const RayMesh&) = delete;
+  RayMesh& operator=(const RayMesh&) = delete;
+
+  std::shared_ptr<const Mesh> mesh;
+  std::vector<RayPart> parts;  ///< by Embree's geomID
+  RTCScene scene = nullptr;    ///< null: nothing in it can be met
+  std::uint32_t triangles = 0, left_out = 0;
+  bool one_sided = false;  ///< some part shows one side alone
+};
+
+/// The first thing that a ray meets.
+struct Meeting {
+  float range_m = std::numeric_limits<float>::infinity();  ///< Embree's
+  float u = 0, v = 0;                                      ///< barycentric: (1 - u - v) a + u b + v c
+  std::uint32_t instance = RTC_INVALID_GEOMETRY_ID;        ///< index into the scene's instances
+  std::uint32_t part = 0, triangle = 0;
+  [[nodiscard]] bool nothing() const noexcept { return instance == RTC_INVALID_GEOMETRY_ID; }
+};
+
+/// Rays to be shot together: set them all, shoot, read.
+constexpr unsigned kShots = 256;
+struct alignas(64) Shots {
+  std::array<RTCRayHit8, kShots / 8> packets;
+  /// A ray that is not finite meets nothing.
+  void set(unsigned i, const float origin[3], const float direction[3], float near_m, float far_m, float time,
+           unsigned mask = kSeenMask) noexcept;
+  /// A place without a ray: meets nothing.
+  void skip(unsigned i) noexcept;
+  [[nodiscard]] Meeting meeting(unsigned i) const noexcept;
+};
+
+/// An instance as it stands in the scene's cell.
+struct RayInstance {
+  double inverse[9]{};   ///< of rotation times scale, row by row: world axes to the mesh's
+  double position[3]{};  ///< relative to the cell
+  const RayMesh* mesh = nullptr;
+  NodeId node{};
+  float tint[3]{1, 1, 1};
+  std::uint32_t motion = UINT32_MAX;  ///< UINT32_MAX: stands still; otherwise its place changes with time
+};
+static_assert(sizeof(RayInstance) == 128);
+
+/// What lies where a ray meets a surface. World axes. The normals are those that the Vulkan engine's shader
+/// has: outward, and of a two-sided surface met from behind turned round; bent ones may look away from the
+/// ray.
+struct SurfacePoint {
+  double range_m = 0;          ///< along the ray, worked out in double
+  float normal[3]{};           ///< with the normal map, unit length
+  float flat_normal[3]{};      ///< of the vertices, unit length
+  float triangle_normal[3]{};  ///< of the triangle's plane, unit length, on the side that was met
+  float uv[2]{};
+  float place[3]{};  ///< relative to the scene's cell
+  float tint[3]{1, 1, 1};
+  const RaySurface* surface = nullptr;
+  NodeId node{};
+};
+
+/// The content of a window round a cell of the world.
+class RayScene {
+ public:
+  virtual ~RayScene() = default;
+  RayScene(const RayScene&) = delete;
+  RayScene& operator=(const RayScene&) = delete;
+
+  /// Middle of the cell, world frame.
+  [[nodiscard]] const Eigen::Vector3d& origin() const noexcept { return origin_; }
+  [[nodiscard]] RTCScene handle() const noexcept { return handle_; }
+  [[nodiscard]] std::span<const RayInstance> instances() const noexcept { return instances_; }
+  [[nodiscard]] const RayWeather& weather() const noexcept { return weather_; }
+
+  /// Shoots the first n. Back faces of what is one-sided are not there, as in the Vulkan engine; holes are
+  /// holes. `coherent`: the rays go much the same way (a matter of speed alone).
+  void meet(Shots& shots, unsigned n, bool coherent) const noexcept;
+  /// hidden[i] = 1 where anything stands between near and far: a face hides from both its sides, holes do
+  /// not.
+  void hide(Shots& shots, unsigned n, bool coherent, std::uint8_t* hidden) const noexcept;
+  /// What was met. `origin` relative to origin().
+  [[nodiscard]] SurfacePoint point(const double origin[3], const float direction[3], float time,
+                                   const Meeting& m) const noexcept;
+
+ protected:
+  RayScene() = default;
+  Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();
+  RTCScene handle_ = nullptr;
+  std::vector<RayInstance> instances_;  ///< by Embree's instID; gaps have no mesh
+  RayWeather weather_;
+};
+
+}  // namespace rigor::render

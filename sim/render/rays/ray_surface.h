@@ -1,0 +1,55 @@
+// Surfaces as rays ask for them: which maps they have, what stands at a place on their texture, and what
+// weather makes of it. The arithmetic is that of sim/render/shaders/view (surface_main.glsl,
+// surface_light.glsl, noise.glsl), with maps looked up bilinearly in their finest level. Internal to
+// sim/render/rays.
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "sim/render/content/content.h"
+
+namespace rigor::render {
+
+/// A map that has texels; null otherwise.
+[[nodiscard]] const Texture* usable(const std::shared_ptr<const Texture>& map) noexcept;
+
+struct RaySurface {
+  explicit RaySurface(std::shared_ptr<const Surface> surface);  ///< null: a matt grey named `unknown`
+  std::shared_ptr<const Surface> surface;                       ///< never null
+  const Texture *colour = nullptr, *near_infrared = nullptr, *normal = nullptr, *gloss = nullptr;
+  std::vector<std::uint8_t> coverage;  ///< of the colour map; where it has holes alone
+  bool holes = false;                  ///< alpha_cutoff above 0 and a colour map
+  bool translucent = false;
+
+  /// Coverage at a place of the texture is below the cutoff. Bilinear; repeated or clamped as the map says.
+  [[nodiscard]] bool hole_at(float u, float v) const noexcept;
+};
+
+/// Weather on surfaces, and where the pattern of snow stands.
+struct RayWeather {
+  float wetness = 0, snow_depth_m = 0;
+  float cell[3]{};  ///< the scene's cell modulo 1024 m
+};
+
+/// What a surface is at a point, besides its reflectance by band.
+struct PointOptics {
+  float roughness = 1, metallic = 0, retro_reflection = 0, snow = 0;
+  bool water = false;
+};
+
+/// Reflectance of settled snow by band, as in sim/render/view/view_frame.cpp.
+inline constexpr Spectrum kRaySnowReflectance{0.92F, 0.93F, 0.94F, 0.87F, 0.83F, 0.12F};
+
+/// The normal map's direction at (u, v): x along growing u, y towards the picture's top, z off the surface.
+[[nodiscard]] Eigen::Vector3f mapped_normal(const RaySurface& s, float u, float v) noexcept;
+
+/// Reflectance and transmittance of each of `bands` (index of world::kBandWavelength_nm) with maps, tint,
+/// wetness and snow. `normal`: with the normal map, world axes; `place`: relative to the scene's cell.
+PointOptics optics_at(const RaySurface& s, const float uv[2], const float tint[3], const float normal[3],
+                      const float place[3], const RayWeather& weather, std::span<const int> bands,
+                      float* reflectance, float* transmittance) noexcept;
+
+}  // namespace rigor::render
