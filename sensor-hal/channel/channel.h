@@ -87,6 +87,8 @@ class Channel {
   [[nodiscard]] const ChannelConfig& config() const noexcept { return config_; }
   [[nodiscard]] const ChannelDescription& describe() const noexcept { return description_; }
   [[nodiscard]] const Health& health() const noexcept { return health_; }
+  /// What `arm` found that a user should know although it is no error. Setup thread, armed or running.
+  [[nodiscard]] virtual std::vector<std::string> warnings() const { return {}; }
 
  protected:
   Channel() = default;

@@ -151,6 +151,12 @@ Status PairSource::do_stop() {
   return first;
 }
 
+std::vector<std::string> PairSource::warnings() const {
+  std::vector<std::string> all = real_->warnings();
+  for (std::string& w : simulated_->warnings()) all.push_back(std::move(w));
+  return all;
+}
+
 BenchTime PairSource::predicted(std::uint64_t index) const noexcept {
   const auto k =
       static_cast<std::int64_t>(index - anchor_index_);  // wraps to negative where index is before the anchor

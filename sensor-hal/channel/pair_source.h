@@ -60,6 +60,7 @@ class PairSource final : public Source {
   [[nodiscard]] SampleLease poll(BenchTime now) noexcept override;
   [[nodiscard]] SampleLease poll_event() noexcept override;
   void complete_until(BenchTime now) override;
+  [[nodiscard]] std::vector<std::string> warnings() const override;
 
   /// Any thread: hand on this side from the next cycle on.
   void switch_to(PairSide side) noexcept { wanted_.store(side, std::memory_order_release); }

@@ -36,6 +36,7 @@ struct WorldMotion {
 struct ImageRequest {
   std::uint64_t index = 0;  ///< capture index: keys the noise draws
   BenchTime t_capture;      ///< middle of the exposure
+  BenchTime t_start{};      ///< of the run: a platform that carries the sensor sets out then
   Duration exposure;        ///< 0: the sensor model's default
   double gain_db = 0;
   std::uint32_t offset_x_px = 0, offset_y_px = 0, width_px = 0,
@@ -73,6 +74,7 @@ class SampleProvider {
   struct Request {
     std::uint64_t index = 0;  ///< keys the noise draws
     BenchTime t_capture;
+    BenchTime t_start{};  ///< of the run: a platform that carries the sensor sets out then
     WorldMotion motion;
   };
   [[nodiscard]] virtual Geometry geometry() const = 0;

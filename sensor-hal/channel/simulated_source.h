@@ -1,22 +1,26 @@
-// A camera that is computed: an ImageProvider behind the channel interface.
+// A sensor that is computed: an ImageProvider or a SampleProvider behind the channel interface.
 //
 //   grid     t0 + phase + k·period                         capture index k is the sample's sequence
 //   cycle    the first one at or after that instant        reads the motion, takes a slot, queues the request
-//   worker   renders into the slot                         whenever it gets to it
+//   worker   measures into the slot                        whenever it gets to it
 //   loop     polls it, ready long before t_release = t_capture + latency, or late
 //
-// What is rendered depends on the request alone: capture index, instant, motion, exposure. So the pictures of
+// What is measured depends on the request alone: capture index, instant, motion, exposure. So the samples of
 // a run are the same on any number of threads. Whether a slot is free is decided on the loop's thread too,
 // for the same reason.
 //
+// In wall time `arm` takes a few samples to warm up and to know how long one takes; where that is longer than
+// the channel's latency, `warnings` says so.
+//
 // Keys (all optional):
+//   phase_us: 0          offset of the grid
+//   slots: 16            samples measured, pending, held by the application and by the recorder
+//   max_backlog: 2       wall time: requests that may wait for a worker; one more is skipped, counted as lost
+// and of images:
 //   exposure_us: 4000    default: the provider's
 //   gain_db: 0
-//   phase_us: 0          offset of the grid
-//   pixel_format: Mono8  Mono8, Mono12p, Mono16, BayerRG8, RGB8
+//   pixel_format: Mono8  by the names of the PFNC
 //   region: { x_px: 0, y_px: 0, width_px: 640, height_px: 480 }
-//   slots: 16            pictures rendered, pending, held by the application and by the recorder
-//   max_backlog: 2       wall time: requests that may wait for a worker; one more is skipped, counted as lost
 #pragma once
 
 #include <array>
@@ -39,26 +43,28 @@ class FollowerSource : public Source {
   virtual bool request_at(std::uint64_t index, BenchTime t_capture) noexcept = 0;
 };
 
+class Measurer;
+
 class SimulatedSource final : public FollowerSource {
  public:
   /// `motion` may be null (nothing moves); it and `workers` outlive the source. The provider is used by one
   /// thread at a time; it is not shared with another source.
   SimulatedSource(std::shared_ptr<ImageProvider> provider, const MotionSource* motion, WorkerPool& workers);
+  SimulatedSource(std::shared_ptr<SampleProvider> provider, const MotionSource* motion, WorkerPool& workers);
   ~SimulatedSource() override;
 
   void begin_cycle(BenchTime now) noexcept override;
   [[nodiscard]] SampleLease poll(BenchTime now) noexcept override;
   void complete_until(BenchTime now) override;
   bool request_at(std::uint64_t index, BenchTime t_capture) noexcept override;
+  [[nodiscard]] std::vector<std::string> warnings() const override;
 
-  /// Any thread: p-quantiles of rendering are the rig's business; this is the longest so far.
-  [[nodiscard]] Duration longest_render() const noexcept {
-    return Duration(longest_ns_.load(std::memory_order_relaxed));
-  }
+  /// Setup thread, armed in wall time: the longest of the captures that warmed up.
+  [[nodiscard]] Duration warm_capture() const noexcept { return warm_; }
 
  private:
   struct Request {
-    ImageRequest image;
+    SampleProvider::Request what;
     SampleLease slot;
     std::uint32_t lost_before = 0;
   };
@@ -67,14 +73,14 @@ class SimulatedSource final : public FollowerSource {
   Status do_arm(const ArmContext& context) override;
   Status do_start(BenchTime t0) override;
   Status do_stop() override;
-  void render_next();
+  void measure_next();
+  Status warm_up();
 
-  std::shared_ptr<ImageProvider> provider_;
+  std::unique_ptr<Measurer> measurer_;
   const MotionSource* motion_;
   WorkerPool& workers_;
 
   // configuration
-  ImageRequest prototype_;
   Duration period_, latency_, phase_;
   std::size_t slots_ = 0;
   std::uint64_t max_backlog_ = 0;
@@ -82,6 +88,7 @@ class SimulatedSource final : public FollowerSource {
   // the run
   bool virtual_time_ = false;
   bool running_ = false;
+  BenchTime t_start_;
   BenchTime next_capture_;
   std::uint64_t next_index_ = 0;
   std::uint32_t lost_before_ = 0;
@@ -92,7 +99,7 @@ class SimulatedSource final : public FollowerSource {
   std::optional<SpscRing<SampleLease>> results_;
   std::unique_ptr<WorkerPool::Strand> strand_;
   std::atomic<std::uint32_t> failed_before_{0};  // worker: failed captures since the last good one
-  std::atomic<std::int64_t> longest_ns_{0};
+  Duration warm_;
 
   // Releases of the requests that are not known to be done: a ring on the loop's thread.
   std::vector<BenchTime> releases_;

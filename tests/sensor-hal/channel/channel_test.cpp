@@ -269,8 +269,48 @@ TEST(SimulatedSource, SkipsAndCountsInWallTimeWhenTheWorkerIsBehind) {
   EXPECT_GT(gaps, 2 * seen) << "five periods pass while one is rendered";
   EXPECT_EQ(gaps, lost_before) << "a gap must be said by the sample after it";
   EXPECT_GE(source.health().lost.load(), gaps);
-  EXPECT_GE(source.longest_render(), microseconds(5'000));
+  EXPECT_GE(source.warm_capture(), microseconds(5'000));
   ASSERT_TRUE(source.stop());
+}
+
+TEST(SimulatedSource, WarnsWhenASampleTakesLongerThanItsLatency) {
+  WorkerPool pool(1);
+  auto points = std::make_shared<test::FormulaSamples>(SampleKind::point_cloud);
+  points->delay_us = 20'000;
+  SimulatedSource source(points, nullptr, pool);
+  const auto warnings = [&](Duration latency, bool virtual_time) {
+    ChannelConfig c = test::sample_config(SampleKind::point_cloud, "");
+    c.latency = latency;
+    EXPECT_TRUE(source.configure(c));
+    EXPECT_TRUE(source.arm({.virtual_time = virtual_time}));
+    auto w = source.warnings();
+    EXPECT_TRUE(source.stop());
+    return w;
+  };
+  ASSERT_EQ(warnings(milliseconds(12), false).size(), 1u);
+  EXPECT_THAT(warnings(milliseconds(12), false)[0],
+              testing::AllOf(testing::HasSubstr("scanner"), testing::HasSubstr("latency_ms of 12")));
+  EXPECT_TRUE(warnings(seconds(100), false).empty());
+  EXPECT_TRUE(warnings(milliseconds(12), true).empty()) << "virtual time waits for every sample";
+}
+
+TEST(SimulatedSource, TellsTheSampleProviderInstantMotionAndStart) {
+  test::TurningJoint joint;
+  WorkerPool pool(1);
+  auto range = std::make_shared<test::FormulaSamples>(SampleKind::range_image);
+  SimulatedSource source(range, &joint, pool);
+  ASSERT_TRUE(source.configure(test::sample_config(SampleKind::range_image, "phase_us: 2000")));
+  EXPECT_EQ(source.describe().width_px, test::FormulaSamples::kWidth);
+  EXPECT_EQ(source.describe().frame_id, "tof_optical");
+  ASSERT_TRUE(source.arm({.virtual_time = true}));
+  ASSERT_TRUE(source.start(BenchTime(0)));
+  ASSERT_FALSE(run_virtual(source, 30).empty());
+  ASSERT_TRUE(source.stop());
+  EXPECT_EQ(range->last.t_start, BenchTime(0));
+  EXPECT_EQ((range->last.t_capture - BenchTime(0)).ns() % 10'000'000, 2'000'000);
+  EXPECT_EQ(range->last.motion.count, 1u);
+  ChannelConfig image = image_config("");
+  EXPECT_FALSE(source.configure(image)) << "a range image is no image";
 }
 
 TEST(SimulatedSource, CountsACaptureThatFailsAndSaysSoInTheNext) {

@@ -208,6 +208,13 @@ TEST_P(SourceConformance, GivesWhatItDescribes) {
       EXPECT_EQ(image->height_px, armed.height_px);
       EXPECT_EQ(image->format, armed.format);
       EXPECT_EQ(s->size_bytes, image_bytes(image->format, image->width_px, image->height_px));
+    } else if (const auto* range = s->as<RangeImageInfo>()) {
+      EXPECT_EQ(range->width_px, armed.width_px);
+      EXPECT_EQ(range->height_px, armed.height_px);
+      const std::size_t plane = std::size_t{range->width_px} * range->height_px * sizeof(float);
+      EXPECT_TRUE(s->size_bytes == plane || s->size_bytes == 2 * plane) << s->size_bytes;
+    } else if (const auto* cloud = s->as<PointCloudInfo>()) {
+      EXPECT_EQ(s->size_bytes, cloud->count * sizeof(LidarPoint));
     } else if (const auto* block = s->as<RegisterBlock>()) {
       EXPECT_EQ(block->count, armed.names.size());
       EXPECT_EQ(armed.units.size(), armed.names.size());

@@ -29,6 +29,28 @@ class SimulatedWall final : public Simulated {
   bool virtual_time() const override { return false; }
 };
 
+template <SampleKind kind, bool in_virtual_time>
+class SimulatedSamples final : public SourceUnderTest {
+ public:
+  std::unique_ptr<Source> make() override {
+    return std::make_unique<SimulatedSource>(std::make_shared<test::FormulaSamples>(kind), &joint_, workers_);
+  }
+  ChannelConfig config() override { return test::sample_config(kind, "{slots: 6}"); }
+  ChannelConfig config_with_unknown_key() override {
+    return test::sample_config(kind, "{slots: 6, no_such_key: 1}");
+  }
+  std::size_t slots() const override { return 6; }
+  bool virtual_time() const override { return in_virtual_time; }
+
+ private:
+  test::TurningJoint joint_;
+  WorkerPool workers_{2};
+};
+using SimulatedPoints = SimulatedSamples<SampleKind::point_cloud, true>;
+using SimulatedPointsWall = SimulatedSamples<SampleKind::point_cloud, false>;
+using SimulatedRange = SimulatedSamples<SampleKind::range_image, true>;
+using SimulatedRangeWall = SimulatedSamples<SampleKind::range_image, false>;
+
 class Paired : public SourceUnderTest {
  public:
   std::unique_ptr<Source> make() override {
@@ -104,6 +126,10 @@ class ReplayedLater final : public Replayed {
 INSTANTIATE_TEST_SUITE_P(Hal, SourceConformance,
                          testing::Values(under_test<Simulated>("simulated"),
                                          under_test<SimulatedWall>("simulated_wall"),
+                                         under_test<SimulatedPoints>("simulated_point_cloud"),
+                                         under_test<SimulatedPointsWall>("simulated_point_cloud_wall"),
+                                         under_test<SimulatedRange>("simulated_range_image"),
+                                         under_test<SimulatedRangeWall>("simulated_range_image_wall"),
                                          under_test<Paired>("pair"), under_test<PairedWall>("pair_wall"),
                                          under_test<PairedSimulated>("pair_hands_on_simulated"),
                                          under_test<Replayed>("replay"),

@@ -6,6 +6,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <cstring>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -53,6 +54,53 @@ class FormulaImages final : public ImageProvider {
   std::atomic<bool> busy_{false};
 };
 
+/// Point clouds of a number of points that depends on the index; range images of a fixed size.
+class FormulaSamples final : public SampleProvider {
+ public:
+  explicit FormulaSamples(SampleKind kind) : kind_(kind) {}
+  static constexpr std::uint32_t kWidth = 16, kHeight = 12, kMaxPoints = 100;
+
+  Geometry geometry() const override {
+    if (kind_ == SampleKind::point_cloud) return {kind_, 0, 0, kMaxPoints * sizeof(LidarPoint), "scanner"};
+    return {kind_, kWidth, kHeight, std::size_t{kWidth} * kHeight * 2 * sizeof(float), "tof_optical"};
+  }
+  Status capture(const Request& r, Sample& sample) override {
+    if (busy_.exchange(true)) return fail(ErrorCode::internal, "test", "two threads in one provider");
+    if (const auto slow = delay_us.load(); slow > 0)
+      std::this_thread::sleep_for(std::chrono::microseconds(slow));
+    last = r;
+    const double q = r.motion.count > 0 ? r.motion.joint[0].at(r.t_capture) : 0;
+    const auto value = [&](std::size_t i) {
+      return static_cast<float>(q) + static_cast<float>(i) * 0.01F + static_cast<float>(r.index);
+    };
+    if (kind_ == SampleKind::point_cloud) {
+      const auto count = static_cast<std::uint32_t>(kMaxPoints - r.index % 7);
+      for (std::uint32_t i = 0; i < count; ++i) {
+        const LidarPoint p{value(i), 1, 2, 0.5F, static_cast<std::int32_t>(i), 3, 0, 0};
+        std::memcpy(sample.memory().data() + i * sizeof p, &p, sizeof p);
+      }
+      sample.info = PointCloudInfo{count};
+      sample.size_bytes = count * sizeof(LidarPoint);
+    } else {
+      for (std::size_t i = 0; i < std::size_t{kWidth} * kHeight * 2; ++i) {
+        const float v = value(i);
+        std::memcpy(sample.memory().data() + i * sizeof v, &v, sizeof v);
+      }
+      sample.info = RangeImageInfo{kWidth, kHeight};
+      sample.size_bytes = std::size_t{kWidth} * kHeight * 2 * sizeof(float);
+    }
+    busy_ = false;
+    return {};
+  }
+
+  std::atomic<int> delay_us{0};
+  Request last;
+
+ private:
+  SampleKind kind_;
+  std::atomic<bool> busy_{false};
+};
+
 class TurningJoint final : public MotionSource {
  public:
   WorldMotion motion_at(BenchTime t) const noexcept override {
@@ -73,6 +121,13 @@ inline ChannelConfig image_config(const std::string& params, Duration period = m
   c.latency = latency;
   c.seed = 1;
   if (auto node = ConfigDocument::parse(params.empty() ? "{}" : params, "test.yaml")) c.params = *node;
+  return c;
+}
+
+inline ChannelConfig sample_config(SampleKind kind, const std::string& params) {
+  ChannelConfig c = image_config(params);
+  c.name = "scanner";
+  c.kind = kind;
   return c;
 }
 
