@@ -38,6 +38,8 @@ struct ChromaticAberration {
   std::array<double, 3> magnification{
       1, 1, 1};  ///< lateral: of the distorted coordinates, about the principal point
   std::array<double, 3> focus_shift_m{0, 0, 0};  ///< longitudinal: of the distance in focus
+  [[nodiscard]] bool lateral() const { return magnification != std::array<double, 3>{1, 1, 1}; }
+  [[nodiscard]] bool longitudinal() const { return focus_shift_m != std::array<double, 3>{0, 0, 0}; }
 };
 
 /// Thin lens: a point at depth d is a disc of diameter f²·|d − U| / (N·C·d·(U − f)) pixels (focal length f,
@@ -45,6 +47,7 @@ struct ChromaticAberration {
 struct DepthOfField {
   double focus_distance_m = 0;  ///< 0: everything is sharp
   double focal_length_m = 0;    ///< 0: fx times the pixel pitch
+  [[nodiscard]] bool active() const { return focus_distance_m > 0; }
 };
 
 struct Shutter {
@@ -58,12 +61,18 @@ struct Shutter {
 struct Bloom {
   double fraction = 0, radius_px = 4, exponent = 1.5;
   double veiling_glare = 0;
+  [[nodiscard]] bool active() const { return fraction > 0 || veiling_glare > 0; }
 };
 
-/// What the camera's own processing does; all off: raw.
+/// What the camera's own processing does; all off: raw. Works on digital numbers at the converter's bits, in
+/// this order: median, white balance, demosaicing, gamma (models/image_processing.glsl.h). White balance
+/// counts where there are colours.
 struct ImageProcessing {
+  bool median_filter = false;  ///< of the 3x3 nearest pixels of the same colour
   std::array<double, 3> white_balance{1, 1, 1};
-  double gamma = 1;  ///< output = input^(1/gamma)
+  bool demosaic = false;        ///< RGB8 from the mosaic; off: every pixel measures all three colours
+  double gamma = 1;             ///< output = input^(1/gamma)
+  bool subtract_black = false;  ///< off: what is black stays at black_level_dn
 };
 
 /// From radiance to electrons per second. Bands: red, green, blue, near infrared (850 nm).
@@ -96,6 +105,9 @@ struct EmvaNoise {
   double hot_pixel_share = 0;            ///< of all pixels
   double hot_pixel_dark_e_per_s = 5000;  ///< their mean additional dark current, exponentially distributed
   int adc_bits = 12;                     ///< 8 to 16; an 8-bit picture carries the upper eight of them
+
+  [[nodiscard]] double dark_current_at_temperature_e_per_s() const;
+  [[nodiscard]] double hot_pixel_dark_at_temperature_e_per_s() const;
 };
 
 struct CameraModel {
@@ -139,15 +151,49 @@ struct NormalisedPosition {
 struct OpticalPoint {
   double x_m = 0, y_m = 0, z_m = 0;
 };
+/// A direction in the optical frame, of unit length where a function returns it.
+struct OpticalRay {
+  double x = 0, y = 0, z = 1;
+};
+
+/// The colour that a ray is asked for: index into ChromaticAberration. The reference has magnification 1; it
+/// is what `project` and `unproject` mean.
+enum ColourChannel : int { kReferenceChannel = -1, kRed = 0, kGreen = 1, kBlue = 2 };
+
+/// Where light of a colour from a direction (of any length, not zero) falls; empty where the lens takes none:
+/// behind the camera, beyond the lens model's fold, and for a fisheye straight backwards. Any thread, no
+/// allocation.
+[[nodiscard]] std::optional<PixelPosition> project_ray(const CameraModel& camera, const OpticalRay& direction,
+                                                       int channel = kReferenceChannel);
+/// The ideal ray of a pixel in a colour; empty where no ray of the lens reaches it. Inverse of `project_ray`
+/// to 1e-9 px. Any thread, no allocation.
+[[nodiscard]] std::optional<OpticalRay> unproject_ray(const CameraModel& camera, const PixelPosition& pixel,
+                                                      int channel = kReferenceChannel);
 
 /// Where a point in the optical frame appears; empty behind the camera and beyond the lens model's fold
 /// (where the formula would put the point back into the picture although no light takes that way). Any
 /// thread, no allocation.
 [[nodiscard]] std::optional<PixelPosition> project(const CameraModel& camera, const OpticalPoint& p_camera);
 
-/// The ideal ray of a pixel; empty where no ray of the lens reaches it. Inverse of `project` to 1e-9 px. Any
-/// thread.
+/// The ideal ray of a pixel; empty where no ray of the lens reaches it, or one at 90° and more to the axis
+/// (see unproject_ray). Inverse of `project` to 1e-9 px. Any thread.
 [[nodiscard]] std::optional<NormalisedPosition> unproject(const CameraModel& camera,
                                                           const PixelPosition& pixel);
+
+/// Largest angle to the axis that a fisheye takes: where r(θ) folds, at most π.
+[[nodiscard]] double fisheye_theta_max_rad(const KannalaBrandtLens& lens);
+
+/// Diameter of the disc of a point at this depth (infinity included), in this colour; 0 where everything is
+/// sharp. models/depth_of_field.glsl.h.
+[[nodiscard]] double blur_diameter_px(const CameraModel& camera, double depth_m,
+                                      int channel = kReferenceChannel);
+/// f/N, and the focal length in force.
+[[nodiscard]] double aperture_diameter_m(const CameraModel& camera);
+[[nodiscard]] double focal_length_m(const CameraModel& camera);
+/// Distance in focus of a colour.
+[[nodiscard]] double focus_distance_m(const CameraModel& camera, int channel = kReferenceChannel);
+
+/// Middle of the exposure of a row against that of the centre row, (height − 1)/2, which is t_capture.
+[[nodiscard]] double row_delay_s(const CameraModel& camera, double row_px);
 
 }  // namespace rigor

@@ -16,6 +16,14 @@ CameraModel read_model(ConfigNode n) {
   m.cy_px = i.number_or("cy_px", (m.height_px - 1) / 2.0);
   i.finish();
 
+  m.projection = n.choice_or("projection", {"opencv", "kannala_brandt"}, "opencv") == "opencv"
+                     ? Projection::opencv
+                     : Projection::kannala_brandt;
+  // Coefficients of the other lens would be read and then ignored.
+  if (m.projection == Projection::kannala_brandt && n.has("lens"))
+    throw n.error("lens", "expected `fisheye: { k1, k2, k3, k4 }` with projection: kannala_brandt, got lens");
+  if (m.projection == Projection::opencv && n.has("fisheye"))
+    throw n.error("fisheye", "expected `projection: kannala_brandt` with it, got the projection opencv");
   ConfigNode l = n.map_or_absent("lens");
   OpenCvLens& lens = m.lens;
   for (const auto& [key, value] : {std::pair{"k1", &lens.k1},
@@ -28,6 +36,47 @@ CameraModel read_model(ConfigNode n) {
                                    {"k6", &lens.k6}})
     *value = l.number_or(key, *value);
   l.finish();
+
+  ConfigNode f = n.map_or_absent("fisheye");
+  for (const auto& [key, value] :
+       {std::pair{"k1", &m.fisheye.k1}, {"k2", &m.fisheye.k2}, {"k3", &m.fisheye.k3}, {"k4", &m.fisheye.k4}})
+    *value = f.number_or(key, *value);
+  f.finish();
+
+  const auto colours = [](ConfigNode& node, const char* key, std::array<double, 3>& values, double unit) {
+    if (!node.has(key)) return;
+    const std::vector<double> read = node.numbers(key, 3);
+    for (std::size_t c = 0; c < 3; ++c) values[c] = read[c] * unit;
+  };
+  ConfigNode c = n.map_or_absent("chromatic");
+  colours(c, "magnification", m.chromatic.magnification, 1.0);
+  colours(c, "focus_shift_mm", m.chromatic.focus_shift_m, 1e-3);
+  c.finish();
+
+  ConfigNode d = n.map_or_absent("depth_of_field");
+  m.depth_of_field.focus_distance_m = d.number_or("focus_distance_m", 0, {.min = 0});
+  m.depth_of_field.focal_length_m = d.number_or("focal_length_mm", 0, {.min = 0}) * 1e-3;
+  d.finish();
+
+  ConfigNode s = n.map_or_absent("shutter");
+  m.shutter.line_time_s = s.number_or("line_time_us", 0, {.min = 0, .max = 1e6}) * 1e-6;
+  m.shutter.motion_blur = s.flag_or("motion_blur", m.shutter.motion_blur);
+  s.finish();
+
+  ConfigNode b = n.map_or_absent("bloom");
+  m.bloom.fraction = b.number_or("fraction", m.bloom.fraction, {.min = 0, .max = 1});
+  m.bloom.radius_px = b.number_or("radius_px", m.bloom.radius_px, {.min = 0.1, .max = 1000});
+  m.bloom.exponent = b.number_or("exponent", m.bloom.exponent, {.min = 0.5, .max = 10});
+  m.bloom.veiling_glare = b.number_or("veiling_glare", m.bloom.veiling_glare, {.min = 0, .max = 1});
+  b.finish();
+
+  ConfigNode p = n.map_or_absent("processing");
+  m.processing.median_filter = p.flag_or("median_filter", m.processing.median_filter);
+  colours(p, "white_balance", m.processing.white_balance, 1.0);
+  m.processing.demosaic = p.flag_or("demosaic", m.processing.demosaic);
+  m.processing.gamma = p.number_or("gamma", m.processing.gamma, {.min = 0.1, .max = 10});
+  m.processing.subtract_black = p.flag_or("subtract_black", m.processing.subtract_black);
+  p.finish();
 
   ConfigNode v = n.map_or_absent("vignetting");
   m.vignetting.cos4_weight = v.number_or("cos4_weight", m.vignetting.cos4_weight, {.min = 0, .max = 1});
@@ -62,6 +111,13 @@ CameraModel read_model(ConfigNode n) {
   noise.dsnu_e = e.number_or("dsnu_e", noise.dsnu_e, {.min = 0});
   noise.prnu = e.number_or("prnu", noise.prnu, {.min = 0, .max = 1});
   noise.shot_noise = e.flag_or("shot_noise", noise.shot_noise);
+  noise.temperature_c = e.number_or("temperature_c", noise.temperature_c, {.min = -273.15, .max = 200});
+  noise.dark_reference_c =
+      e.number_or("dark_reference_c", noise.dark_reference_c, {.min = -273.15, .max = 200});
+  noise.dark_doubling_k = e.number_or("dark_doubling_k", noise.dark_doubling_k, {.min = 1, .max = 1000});
+  noise.hot_pixel_share = e.number_or("hot_pixel_share", noise.hot_pixel_share, {.min = 0, .max = 1});
+  noise.hot_pixel_dark_e_per_s =
+      e.number_or("hot_pixel_dark_e_per_s", noise.hot_pixel_dark_e_per_s, {.min = 0});
   noise.adc_bits = static_cast<int>(e.integer_or("adc_bits", noise.adc_bits, {.min = 8, .max = 16}));
   e.finish();
   return m;

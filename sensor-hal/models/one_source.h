@@ -14,6 +14,7 @@
 namespace rigor::models {
 
 using std::exp;
+using std::exp2;
 using std::floor;
 using std::log;
 using std::sqrt;
@@ -32,18 +33,31 @@ constexpr void multiply_extended(std::uint32_t a, std::uint32_t b, std::uint32_t
 #define UINT std::uint32_t
 #define PHILOX_MUL(a, b, hi, lo) detail::multiply_extended(a, b, hi, lo)
 
-/// OpenCV's lens model and the vignetting: see opencv_lens.glsl.h, vignetting.glsl.h.
+/// OpenCV's lens model, the fisheye, vignetting and depth of field: see the files' own heads.
 template <class REAL>
 struct LensMath {
+#include "sensor-hal/models/angles.glsl.h"
 #include "sensor-hal/models/opencv_lens.glsl.h"
+//
+#include "sensor-hal/models/depth_of_field.glsl.h"
+#include "sensor-hal/models/fisheye_lens.glsl.h"
 #include "sensor-hal/models/vignetting.glsl.h"
 };
 
-/// Draws and the EMVA 1288 pixel: see random_draws.glsl.h, emva_noise.glsl.h.
+/// Spread light and the camera's own processing: see bloom.glsl.h, image_processing.glsl.h.
+template <class REAL>
+struct PictureMath {
+#include "sensor-hal/models/bloom.glsl.h"
+#include "sensor-hal/models/image_processing.glsl.h"
+};
+
+/// Draws, dark current and the EMVA 1288 pixel: see random_draws.glsl.h, dark_current.glsl.h,
+/// emva_noise.glsl.h.
 template <class REAL>
 struct NoiseMath {
 #include "sensor-hal/models/random_draws.glsl.h"
 //
+#include "sensor-hal/models/dark_current.glsl.h"
 #include "sensor-hal/models/emva_noise.glsl.h"
 };
 

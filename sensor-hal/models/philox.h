@@ -24,6 +24,7 @@ enum class NoiseEffect : std::uint32_t {
   camera_shot_and_read = 1,    ///< word 0 shot, word 1 read (samples 0), words 2, 3 sample 1
   camera_shot_and_read_2 = 2,  ///< words 0, 1 sample 2 of a pixel with three samples
   camera_fixed_pattern = 3,    ///< word 0 PRNU, word 1 DSNU; capture index 0
+  camera_hot_pixel = 4,        ///< word 0 whether, word 1 how hot; capture index 0
 };
 
 [[nodiscard]] inline std::array<std::uint32_t, 4> philox(std::array<std::uint32_t, 4> counter,
