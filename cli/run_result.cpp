@@ -130,6 +130,11 @@ json sink_json(const RunSink& s) {
       {"failed", n.failed.load()},     {"dropped", n.dropped.load()},      {"made_safe", n.made_safe.load()}};
 }
 
+const char* unit_of(SampleKind kind) {
+  if (kind == SampleKind::image) return "DN";
+  return kind == SampleKind::point_cloud || kind == SampleKind::range_image ? "m" : "";
+}
+
 json pair_json(const RunChannel& c) {
   const PairSnapshot s = c.pair->statistics();
   json j{{"count", s.compared},
@@ -141,7 +146,7 @@ json pair_json(const RunChannel& c) {
          {"simulated_missing", s.missing_of(PairSide::simulated)},
          {"bias", s.all.bias},
          {"sigma", s.all.sigma},
-         {"unit", c.entry->kind == SampleKind::image ? "DN" : ""},
+         {"unit", unit_of(c.entry->kind)},
          {"series", json::array()}};
   for (std::size_t i = 0; i < std::min(c.difference_count, RunChannel::kKept); ++i) {
     const auto& d = c.differences[i];

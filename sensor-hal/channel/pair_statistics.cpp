@@ -92,6 +92,71 @@ std::optional<Difference> difference_of_images(const Sample& real, const Sample&
   return d;
 }
 
+namespace {
+
+struct RangeSums {
+  std::uint64_t count = 0;
+  double mean = 0, m2 = 0;
+  void add(double d) noexcept {
+    ++count;
+    const double delta = d - mean;
+    mean += delta / static_cast<double>(count);
+    m2 += delta * (d - mean);
+  }
+  [[nodiscard]] std::optional<Difference> result() const noexcept {
+    if (count == 0) return {};
+    return Difference{count, mean, std::sqrt(m2 / static_cast<double>(count))};
+  }
+};
+
+template <class T>
+T item(std::span<const std::byte> bytes, std::size_t i) noexcept {
+  T t;
+  std::memcpy(&t, bytes.data() + i * sizeof t, sizeof t);
+  return t;
+}
+
+double range_of(const LidarPoint& p) noexcept { return std::hypot(p.x_m, p.y_m, p.z_m); }
+
+std::optional<Difference> difference_of_clouds(const Sample& real, const Sample& simulated,
+                                               std::uint32_t real_count, std::uint32_t count) noexcept {
+  if (real.size_bytes != real_count * sizeof(LidarPoint) ||
+      simulated.size_bytes != count * sizeof(LidarPoint))
+    return {};
+  RangeSums sums;
+  std::size_t first = 0;
+  for (std::size_t i = 0; i < real_count; ++i) {
+    const auto a = item<LidarPoint>(real.bytes(), i);
+    while (first < count && item<LidarPoint>(simulated.bytes(), first).t_offset_ns < a.t_offset_ns) ++first;
+    for (std::size_t k = first; k < count; ++k) {
+      const auto b = item<LidarPoint>(simulated.bytes(), k);
+      if (b.t_offset_ns != a.t_offset_ns) break;
+      if (b.ring != a.ring || b.return_index != a.return_index) continue;
+      sums.add(range_of(b) - range_of(a));
+      break;
+    }
+  }
+  return sums.result();
+}
+
+}  // namespace
+
+std::optional<Difference> difference_of_ranges(const Sample& real, const Sample& simulated) noexcept {
+  if (((real.stamp.validity | simulated.stamp.validity) & kIncomplete) != 0) return {};
+  const auto *cloud_a = real.as<PointCloudInfo>(), *cloud_b = simulated.as<PointCloudInfo>();
+  if (cloud_a && cloud_b) return difference_of_clouds(real, simulated, cloud_a->count, cloud_b->count);
+  const auto *a = real.as<RangeImageInfo>(), *b = simulated.as<RangeImageInfo>();
+  if (!a || !b || a->width_px != b->width_px || a->height_px != b->height_px) return {};
+  const std::size_t pixels = std::size_t{a->width_px} * a->height_px;
+  if (real.size_bytes < pixels * sizeof(float) || simulated.size_bytes < pixels * sizeof(float)) return {};
+  RangeSums sums;
+  for (std::size_t i = 0; i < pixels; ++i) {
+    const double d = double{item<float>(simulated.bytes(), i)} - double{item<float>(real.bytes(), i)};
+    if (std::isfinite(d)) sums.add(d);
+  }
+  return sums.result();
+}
+
 void PairStatistics::Sums::merge(const Difference& d) noexcept {
   if (d.count == 0) return;
   const auto n_a = static_cast<double>(count), n_b = static_cast<double>(d.count), n = n_a + n_b;
@@ -163,7 +228,9 @@ void PairStatistics::run() {
     }
     work_.all = work_.value[0];
     work_.last = {1, b->value[0] - a->value[0], 0};
-  } else if (const auto d = difference_of_images(*job.real, *job.simulated)) {
+  } else if (const auto d = job.real->kind() == SampleKind::image
+                                ? difference_of_images(*job.real, *job.simulated)
+                                : difference_of_ranges(*job.real, *job.simulated)) {
     ++work_.compared;
     sums_[0].merge(*d);
     work_.all = sums_[0].result();

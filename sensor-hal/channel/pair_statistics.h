@@ -6,6 +6,8 @@
 // estimate then rests on fewer pixels, but still on hundreds of thousands. Sums within a picture are
 // integers, hence exact; pictures are merged in the order of their capture (Chan's update of mean and sum of
 // squares), hence the result does not depend on threads. Register blocks: each value on its own, in its unit.
+// Range images: ranges of the pixels where both have a return, m. Point clouds: ranges of the points of one
+// firing (the same offset, ring and return), m; where no firing is in both, they are unlike.
 //
 // Computed on the worker pool. The loop hands two leases over and goes on.
 #pragma once
@@ -55,6 +57,10 @@ struct PairSnapshot {
   }
 };
 
+/// The difference of ranges, simulated − real, m; empty when the samples cannot be compared. Any thread, no
+/// allocation. Range images of one size, point clouds in the order of firing.
+[[nodiscard]] std::optional<Difference> difference_of_ranges(const Sample& real,
+                                                             const Sample& simulated) noexcept;
 /// The difference of two samples, simulated − real; empty when they cannot be compared. Any thread, no
 /// allocation. Images only.
 [[nodiscard]] std::optional<Difference> difference_of_images(const Sample& real,

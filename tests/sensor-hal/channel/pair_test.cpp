@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstring>
 #include <deque>
 #include <map>
 #include <set>
@@ -365,6 +366,51 @@ TEST(PairStatistics, KnowsBiasAndSigmaOfEveryFormat) {
     b.edit().info = info;
     EXPECT_FALSE(difference_of_images(*a, *b));
   }
+}
+
+TEST(PairStatistics, ComparesRangesWhereBothHaveAReturn) {
+  auto pool = make_sample_pool(2, 4 * 2 * sizeof(float));
+  SampleLease a = pool->try_acquire(), b = pool->try_acquire();
+  const auto put = [](SampleLease& lease, std::array<float, 4> ranges) {
+    Sample& s = lease.edit();
+    s.info = RangeImageInfo{4, 1};
+    s.size_bytes = 2 * sizeof ranges;
+    std::memset(s.memory().data(), 0, s.size_bytes);
+    std::memcpy(s.memory().data(), ranges.data(), sizeof ranges);
+  };
+  put(a, {1, 2, std::nanf(""), 4});
+  put(b, {1.5F, 2.25F, 3, std::nanf("")});
+  const auto d = difference_of_ranges(*a, *b);
+  ASSERT_TRUE(d);
+  EXPECT_EQ(d->count, 2u);
+  EXPECT_DOUBLE_EQ(d->bias, 0.375);  // 0.5 and 0.25
+  EXPECT_DOUBLE_EQ(d->sigma, 0.125);
+  b.edit().info = RangeImageInfo{2, 2};
+  EXPECT_FALSE(difference_of_ranges(*a, *b)) << "pictures of other sizes";
+}
+
+TEST(PairStatistics, ComparesThePointsOfOneFiring) {
+  auto pool = make_sample_pool(2, 8 * sizeof(LidarPoint));
+  SampleLease a = pool->try_acquire(), b = pool->try_acquire();
+  const auto put = [](SampleLease& lease, const std::vector<LidarPoint>& points) {
+    Sample& s = lease.edit();
+    s.info = PointCloudInfo{static_cast<std::uint32_t>(points.size())};
+    s.size_bytes = points.size() * sizeof(LidarPoint);
+    std::memcpy(s.memory().data(), points.data(), s.size_bytes);
+  };
+  const auto point = [](float range, int t_ns, int ring, int which = 0) {
+    return LidarPoint{
+        range, 0, 0, 0, t_ns, static_cast<std::uint16_t>(ring), static_cast<std::uint8_t>(which), 0};
+  };
+  put(a, {point(10, 0, 0), point(20, 0, 1), point(30, 5, 0), point(31, 5, 0, 1), point(40, 9, 2)});
+  // The rings of an instant in another order, one firing that the real side lacks, one that this one lacks.
+  put(b, {point(20.5F, 0, 1), point(10.25F, 0, 0), point(99, 3, 0), point(32, 5, 0, 1), point(50, 9, 3)});
+  const auto d = difference_of_ranges(*a, *b);
+  ASSERT_TRUE(d);
+  EXPECT_EQ(d->count, 3u);
+  EXPECT_NEAR(d->bias, (0.25 + 0.5 + 1) / 3, 1e-12);
+  put(b, {point(1, 100, 0)});
+  EXPECT_FALSE(difference_of_ranges(*a, *b)) << "no firing in both";
 }
 
 TEST(PairStatistics, LooksAtEveryNthRowOfLargePictures) {
