@@ -1,6 +1,20 @@
 // Light along rays: what a point on a camera's sensor collects through one point of its lens at one instant.
 // The `rays` engine's answer to a picture: sun with shadow rays, sky light with what hides the sky, lamps,
 // light through leaves, mirrors of gloss, haze and rain, as sim/render/view draws them.
+//
+//   LightTracer tracer(engine);                        // an EmbreeEngine that has prepared a window
+//   tracer.trace({.origin = p_world, .rays = rays, .sky_rays = 4}, samples);
+//
+// What it takes for granted:
+// - A shadow ray is stopped by whatever casts shadows, leaves included, and passes their holes. Light that
+//   leaves let through goes on as diffuse light: it is seen on the leaf that is lit from behind, and
+//   elsewhere through `sky_rays` with `bounces`.
+// - Without sky rays all of the sky and of the ground lights a surface, whatever stands around it, and
+// mirrors
+//   show the sky alone. The view engine estimates instead what hides the sky, from a map of heights.
+// - Lamps throw shadows (in the view engine they do not) and light directly: their light is not followed
+//   through reflections. Retro-reflectors send the light of lamps back within half a degree.
+// - Drops and flakes dim and veil; single ones are not seen. Plants stand still in the wind.
 #pragma once
 
 #include <array>
@@ -18,6 +32,11 @@ struct LightQuery {
   bool shadows = true;
   int sky_rays = 0;  ///< rays per sample that ask which sky is hidden; 0: the open sky of the normal's side
   std::uint64_t seed = 0;  ///< keys their directions, with the ray's index
+  /// Reflections that a sky ray follows: light of sun and sky from what hides the sky. 0: that is black.
+  int bounces = 1;
+  bool soft_sun = false;  ///< shadow rays to a point of the sun's disc by seed and index; off: to its centre
+  /// Angle between neighbouring rays: maps are taken as coarse as that sees them. 0: their finest texels.
+  float spread_rad = 0;
 };
 
 struct LightSample {
@@ -27,13 +46,21 @@ struct LightSample {
   NodeId node{};
 };
 
+struct LightStatistics {
+  std::size_t rays = 0, shadow_rays = 0,
+              sky_rays = 0;  ///< shot by the last call; sky: with their shadow rays
+  double trace_ms = 0;
+};
+
 class LightTracer {
  public:
   /// Measures in what `engine` has prepared.
   explicit LightTracer(std::shared_ptr<EmbreeEngine> engine);
   ~LightTracer();
-  /// samples[i] belongs to rays[i]. Same query, same samples, on any number of threads. Errors: bad_input.
+  /// samples[i] belongs to rays[i]. Same query, same samples, on any number of threads. A ray that is not
+  /// finite brings nothing. One thread at a time, engine included. Errors: bad_input.
   [[nodiscard]] Status trace(const LightQuery& query, std::span<LightSample> samples);
+  [[nodiscard]] LightStatistics statistics() const noexcept;
 
   struct Impl;
 

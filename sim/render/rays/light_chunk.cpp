@@ -1,0 +1,374 @@
+#include "sim/render/rays/light_chunk.h"
+
+#include <cmath>
+#include <numbers>
+
+namespace rigor::render::light {
+namespace {
+
+constexpr float kPi = std::numbers::pi_v<float>;
+/// Second word of the draws' counters: nobody else's effect.
+constexpr std::uint32_t kSkyDraws = 0x4C490001U, kSunDraws = 0x4C490002U;
+/// What a lamp adds is not asked for shadows where it is less than this share of the light that is there.
+constexpr float kLampMatters = 1e-3F;
+/// Angle that a sky ray stands for when it looks up a colour.
+constexpr float kSkyRaySpread_rad = 0.2F;
+/// Finer than any map.
+constexpr float kFinest = -100;
+/// Cosine below which a ray's width across a surface is not told apart.
+constexpr float kGrazing = 0.02F;
+/// A path that carries less than this much of light goes on with a chance only.
+constexpr float kRoulette = 0.3F;
+
+float unit_draw(std::uint32_t word) { return (static_cast<float>(word >> 8U) + 0.5F) * (1.0F / 16777216.0F); }
+
+/// Off a surface by more than places and intersections are rounded, to the side where `towards` leads.
+Vec3 off_surface(Vec3 place, Vec3 face, Vec3 towards) {
+  const float rounding =
+      2e-4F + 3e-6F * std::max(std::abs(place.x), std::max(std::abs(place.y), std::abs(place.z)));
+  return place + face * std::copysign(rounding, dot(face, towards));
+}
+
+/// About a normal with density cos / pi.
+Vec3 cosine_direction(Vec3 n, float u, float v) {
+  Vec3 a, b;
+  frame_about(n, a, b);
+  const float r = std::sqrt(u), angle = 2 * kPi * v;
+  return a * (r * std::cos(angle)) + b * (r * std::sin(angle)) + n * std::sqrt(std::max(1.0F - u, 0.0F));
+}
+
+}  // namespace
+
+Chunk::Chunk(const ChunkInput& in)
+    : in_(in),
+      tint_(tint_to_band(in.query.bands)),
+      key_{static_cast<std::uint32_t>(in.query.seed), static_cast<std::uint32_t>(in.query.seed >> 32U)} {}
+
+std::array<float, 4> Chunk::draws(std::size_t index, unsigned purpose, unsigned k, unsigned segment) const {
+  const auto w = models::philox({static_cast<std::uint32_t>(index), purpose, k, segment}, key_);
+  return {unit_draw(w[0]), unit_draw(w[1]), unit_draw(w[2]), unit_draw(w[3])};
+}
+
+void Chunk::look_up_moving(Vec3 o, Vec3 d, const Meeting& m, Point& p, Bands4& tint,
+                           const LightSurface*& surface, float uv[2]) const {
+  const double origin[3] = {static_cast<double>(o.x), static_cast<double>(o.y), static_cast<double>(o.z)};
+  const float direction[3] = {d.x, d.y, d.z};
+  const SurfacePoint at = in_.scene.point(origin, direction, p.time, m);
+  p.face = from(at.triangle_normal);
+  p.flat_normal = from(at.flat_normal);
+  p.normal = from(at.normal);
+  tint = tint_[0] * at.tint[0] + tint_[1] * at.tint[1] + tint_[2] * at.tint[2];
+  surface = &in_.surfaces.of(at.surface->surface.get());
+  uv[0] = at.uv[0];
+  uv[1] = at.uv[1];
+}
+
+void Chunk::look_up(Vec3 origin, Vec3 d, float time, const Meeting& m, float spread_rad, Point& p) const {
+  const RayInstance& instance = in_.scene.instances()[m.instance];
+  p.range_m = m.range_m;
+  p.place = origin + d * m.range_m;
+  p.view = -d;
+  p.time = time;
+  p.node = instance.node;
+  const LightSurface* surface = nullptr;
+  Bands4 tint;
+  float uv[2], lod = kFinest;
+  if (instance.motion != kStill) {
+    look_up_moving(origin, d, m, p, tint, surface, uv);
+  } else {
+    const RayMesh& mesh = *instance.mesh;
+    const RayPart& part = mesh.parts[m.part];
+    surface = &in_.surfaces.of(part.surface->surface.get());
+    tint = tint_[0] * instance.tint[0] + tint_[1] * instance.tint[1] + tint_[2] * instance.tint[2];
+    const std::uint32_t* const index =
+        &mesh.mesh->indices[part.first_index + 3 * static_cast<std::size_t>(m.triangle)];
+    const Vertex& a = mesh.mesh->vertices[index[0]];
+    const Vertex& b = mesh.mesh->vertices[index[1]];
+    const Vertex& c = mesh.mesh->vertices[index[2]];
+    const float u = m.u, v = m.v, w = 1.0F - u - v;
+    for (int k = 0; k < 2; ++k) uv[k] = w * a.uv[k] + u * b.uv[k] + v * c.uv[k];
+    float inverse[9];
+    for (int k = 0; k < 9; ++k) inverse[k] = static_cast<float>(instance.inverse[k]);
+    // Of normals: the transpose of the way from the world's axes to the mesh's.
+    const auto to_world = [&](Vec3 n) {
+      return Vec3{inverse[0] * n.x + inverse[3] * n.y + inverse[6] * n.z,
+                  inverse[1] * n.x + inverse[4] * n.y + inverse[7] * n.z,
+                  inverse[2] * n.x + inverse[5] * n.y + inverse[8] * n.z};
+    };
+    const Vec3 pa = from(a.position), e1 = from(b.position) - pa, e2 = from(c.position) - pa;
+    const Vec3 plane = to_world(cross(e1, e2));
+    p.face = unit(plane, p.view);
+    const bool behind = (dot(plane, d) > 0) != (instance.mirrored != 0);
+    if (dot(p.face, d) > 0) p.face = -p.face;
+    const Vec3 bent = to_world(from(a.normal) * w + from(b.normal) * u + from(c.normal) * v);
+    p.flat_normal = unit(behind ? -bent : bent, p.face);
+    p.normal = p.flat_normal;
+    if (surface->any_map) {
+      const float du1 = b.uv[0] - a.uv[0], du2 = c.uv[0] - a.uv[0], dv1 = b.uv[1] - a.uv[1],
+                  dv2 = c.uv[1] - a.uv[1];
+      const float shrinks = std::abs(inverse[0] * (inverse[4] * inverse[8] - inverse[5] * inverse[7]) -
+                                     inverse[1] * (inverse[3] * inverse[8] - inverse[5] * inverse[6]) +
+                                     inverse[2] * (inverse[3] * inverse[7] - inverse[4] * inverse[6]));
+      if (spread_rad > 0) {
+        // Texture's area over the triangle's in the world, and how wide the ray is across it.
+        const float per_m2 = std::abs(du1 * dv2 - du2 * dv1) * shrinks / std::max(length(plane), 1e-20F);
+        const float wide_m = spread_rad * m.range_m / std::max(std::abs(dot(p.face, d)), kGrazing);
+        lod = 0.5F * std::log2(std::max(per_m2 * wide_m * wide_m, 1e-20F));
+      }
+      if (surface->normal != nullptr) {
+        // Gradients of u and v on the triangle (Mikkelsen 2010), both times the same number above 0.
+        const Vec3 in_mesh = unit(cross(e1, e2), {0, 0, 1});
+        const Vec3 u1 = cross(e2, in_mesh), u2 = cross(in_mesh, e1);
+        const Vec3 right = to_world(u1 * du1 + u2 * du2), down = to_world(u1 * dv1 + u2 * dv2);
+        p.normal = surface->bumped(uv[0], uv[1], lod, right, down, p.flat_normal);
+      }
+    }
+  }
+  p.patch = surface->patch(uv[0], uv[1], lod, tint);
+  weather(in_.frame, p.place, p.normal, p.patch);
+}
+
+void Chunk::first_meetings(std::size_t first, std::span<LightSample> samples) {
+  const LightQuery& q = in_.query;
+  const auto base = Vec3{static_cast<float>(in_.origin.x()), static_cast<float>(in_.origin.y()),
+                         static_cast<float>(in_.origin.z())};
+  const auto n = static_cast<unsigned>(samples.size());
+  for (unsigned i = 0; i < n; ++i) {
+    const Ray& r = q.rays[first + i];
+    const Vec3 o = base + light::from(r.origin);
+    const float origin[3] = {o.x, o.y, o.z};
+    shots_.set(i, origin, r.direction, q.near_m, r.far_m, r.time);
+  }
+  in_.scene.meet(shots_, n, true);
+  n_ = 0;
+  for (unsigned i = 0; i < n; ++i) {
+    const Ray& r = q.rays[first + i];
+    LightSample& s = samples[i];
+    s = {};
+    const Vec3 o = base + light::from(r.origin), d = light::from(r.direction);
+    if (!finite(o) || !finite(d) || !(std::abs(dot(d, d) - 1.0F) < 0.03F)) continue;
+    const Meeting m = shots_.meeting(i);
+    if (m.nothing()) {
+      const float way = std::min(r.far_m, 1e7F);
+      const Bands4 l =
+          in_.frame.through_air(in_.frame.nothing_met(d, q.spread_rad), o.z, o.z + d.z * way, way);
+      for (int b = 0; b < 4; ++b) s.radiance[b] = l[b];
+      continue;
+    }
+    Point& p = points_[n_++];
+    look_up(o, d, r.time, m, q.spread_rad, p);
+    p.ray = i;
+    p.light = Bands4{};
+    s.range_m = p.range_m;
+    s.normal[0] = p.normal.x;
+    s.normal[1] = p.normal.y;
+    s.normal[2] = p.normal.z;
+    s.node = p.node;
+  }
+}
+
+unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned draw) {
+  std::array<unsigned, 2 * kChunk> who;
+  unsigned n = 0;
+  for (unsigned i = 0; i < points.size(); ++i) {
+    Point& p = points[i];
+    if (!may_see_sun(in_.frame, p.patch, p.normal, p.flat_normal)) continue;
+    if (!in_.query.shadows) {
+      p.light += from_sun(in_.frame, p.patch, p.view, p.normal);
+      continue;
+    }
+    Vec3 to = in_.frame.to_sun;
+    if (in_.query.soft_sun) {
+      const auto u = draws(first + p.ray, kSunDraws, draw, 0);
+      Vec3 a, b;
+      frame_about(to, a, b);
+      const float r = in_.frame.sun_radius_rad * std::sqrt(u[0]), angle = 2 * kPi * u[1];
+      to = unit(to + a * (r * std::cos(angle)) + b * (r * std::sin(angle)), to);
+    }
+    const Vec3 o = off_surface(p.place, p.face, to);
+    const float origin[3] = {o.x, o.y, o.z}, direction[3] = {to.x, to.y, to.z};
+    shots_.set(n, origin, direction, 0, std::numeric_limits<float>::infinity(), p.time, kShadowMask);
+    who[n++] = i;
+  }
+  if (n == 0) return 0;
+  std::array<std::uint8_t, 2 * kChunk> hidden;
+  in_.scene.hide(shots_, n, true, hidden.data());
+  for (unsigned i = 0; i < n; ++i) {
+    Point& p = points[who[i]];
+    if (hidden[i] == 0) p.light += from_sun(in_.frame, p.patch, p.view, p.normal);
+  }
+  return n;
+}
+
+void Chunk::add_lamps() {
+  for (const Lamp& lamp : in_.frame.lamps) {
+    std::array<unsigned, kChunk> who;
+    std::array<Bands4, kChunk> adds;
+    unsigned n = 0;
+    for (unsigned i = 0; i < n_; ++i) {
+      Point& p = points_[i];
+      const Vec3 to = lamp.place - p.place;
+      const Bands4 l = from_lamp(lamp, to, p.patch, p.view, p.normal);
+      if (!(largest(l) > 0)) continue;
+      if (!in_.query.shadows || !(largest(l) > kLampMatters * largest(p.light))) {
+        p.light += l;
+        continue;
+      }
+      const float far_m = length(to);
+      const Vec3 o = off_surface(p.place, p.face, to), d = unit(lamp.place - o, p.normal);
+      const float origin[3] = {o.x, o.y, o.z}, direction[3] = {d.x, d.y, d.z};
+      shots_.set(n, origin, direction, 0, far_m * (1 - 1e-5F), p.time, kShadowMask);
+      who[n] = i;
+      adds[n++] = l;
+    }
+    if (n == 0) continue;
+    std::array<std::uint8_t, kChunk> hidden;
+    in_.scene.hide(shots_, n, true, hidden.data());
+    shadow_rays += n;
+    for (unsigned i = 0; i < n; ++i)
+      if (hidden[i] == 0) points_[who[i]].light += adds[i];
+  }
+}
+
+void Chunk::add_open_sky() {
+  for (unsigned i = 0; i < n_; ++i) {
+    Point& p = points_[i];
+    const Bands4 behind = p.patch.translucent ? in_.frame.irradiance(-p.normal) : Bands4{};
+    p.light += from_sky(p.patch, in_.frame.irradiance(p.normal), behind);
+    if (const Mirror m = mirror(p.patch, p.view, p.normal); m.any())
+      p.light += m.share * mirrored_sky(in_.frame, m);
+  }
+}
+
+bool Chunk::scatter(const Point& p, std::size_t index, unsigned k, unsigned segment, Path& out) const {
+  const Patch& s = p.patch;
+  const Bands4 front = s.glossy ? s.reflectance * (1.0F - s.metallic) : s.reflectance;
+  const Bands4 back = s.translucent ? s.transmittance : Bands4{};
+  const float forward = mean(front), through = mean(back);
+  if (!(forward + through > 0)) return false;
+  const auto u = draws(index, kSkyDraws, k, segment);
+  const float chance = forward / (forward + through);
+  const bool passes = u[2] >= chance;
+  out.share *= passes ? back / (1.0F - chance) : front / chance;
+  if (segment > 0) {
+    const float most = largest(out.share);
+    if (most < kRoulette) {
+      const float goes_on = std::max(most / kRoulette, 0.05F);
+      if (u[3] >= goes_on) return false;
+      out.share /= goes_on;
+    }
+  }
+  const Vec3 n = passes ? -p.normal : p.normal;
+  out.direction = cosine_direction(n, u[0], u[1]);
+  out.place = off_surface(p.place, p.face, out.direction);
+  out.time = p.time;
+  // Bumps tilt the half space: what they would send through the surface comes from nowhere.
+  return dot(out.direction, p.face) * (passes ? -1.0F : 1.0F) > 0;
+}
+
+void Chunk::begin_paths(std::size_t first, unsigned k) {
+  const auto each = 1.0F / static_cast<float>(in_.query.sky_rays);
+  paths_ = 0;
+  for (unsigned i = 0; i < n_; ++i) {
+    const Point& p = points_[i];
+    Path way;
+    way.share = all_bands(each);
+    way.point = i;
+    asked_[i] += 1;
+    if (scatter(p, first + p.ray, k, 0, way)) path_[paths_++] = way;
+    if (k > 0) continue;
+    const Mirror m = mirror(p.patch, p.view, p.normal);
+    if (!m.any()) continue;
+    if (m.sharp > 0 && dot(m.direction, p.face) > 0) {
+      way.share = m.share * m.sharp;
+      way.direction = unit(m.direction, p.normal);
+      way.place = off_surface(p.place, p.face, way.direction);
+      way.time = p.time;
+      way.mirrored = true;
+      path_[paths_++] = way;
+    }
+  }
+}
+
+void Chunk::follow_paths(std::size_t first, unsigned k) {
+  std::array<std::uint8_t, 2 * kChunk> hidden;
+  const auto bounces = static_cast<unsigned>(in_.query.bounces);
+  for (unsigned segment = 0; segment <= bounces && paths_ > 0; ++segment) {
+    for (unsigned i = 0; i < paths_; ++i) {
+      const Path& w = path_[i];
+      const float origin[3] = {w.place.x, w.place.y, w.place.z},
+                  direction[3] = {w.direction.x, w.direction.y, w.direction.z};
+      shots_.set(i, origin, direction, 0, std::numeric_limits<float>::infinity(), w.time, kShadowMask);
+    }
+    sky_rays += paths_;
+    const bool last = segment == bounces;
+    if (last)
+      in_.scene.hide(shots_, paths_, false, hidden.data());
+    else
+      in_.scene.meet(shots_, paths_, false);
+    unsigned left = 0;
+    for (unsigned i = 0; i < paths_; ++i) {
+      Path w = path_[i];
+      const Meeting m = last ? Meeting{} : shots_.meeting(i);
+      if (last ? hidden[i] == 0 : m.nothing()) {
+        points_[w.point].light += w.share * in_.frame.surroundings(w.direction);
+        if (segment == 0 && !w.mirrored) open_[w.point] += 1;
+        continue;
+      }
+      if (last) continue;
+      Point& p = met_[left];
+      look_up(w.place, w.direction, w.time, m, kSkyRaySpread_rad, p);
+      p.ray = points_[w.point].ray;
+      // What is sent on is diffuse: mirrors on the way would need many more rays.
+      p.patch.glossy = p.patch.glossy && p.patch.metallic > 0;
+      p.light = Bands4{};
+      path_[left++] = w;
+    }
+    paths_ = left;
+    if (paths_ == 0) break;
+    sky_rays += add_sun(std::span(met_.data(), paths_), first, 1 + k * 65U + segment);
+    left = 0;
+    for (unsigned i = 0; i < paths_; ++i) {
+      Path w = path_[i];
+      points_[w.point].light += w.share * met_[i].light;
+      if (scatter(met_[i], first + met_[i].ray, k, 2 * segment + (w.mirrored ? 2U : 1U), w))
+        path_[left++] = w;
+    }
+    paths_ = left;
+  }
+}
+
+void Chunk::add_sky(std::size_t first) {
+  const auto rays = static_cast<unsigned>(in_.query.sky_rays);
+  std::fill_n(open_.begin(), n_, 0.0F);
+  std::fill_n(asked_.begin(), n_, 0.0F);
+  for (unsigned k = 0; k < rays; ++k) {
+    begin_paths(first, k);
+    follow_paths(first, k);
+  }
+  for (unsigned i = 0; i < n_; ++i) {
+    Point& p = points_[i];
+    if (const Mirror m = mirror(p.patch, p.view, p.normal); m.any() && m.sharp < 1)
+      p.light +=
+          m.share * in_.frame.irradiance(m.direction) * ((1.0F - m.sharp) / kPi * open_[i] / asked_[i]);
+  }
+}
+
+void Chunk::trace(std::size_t first, std::span<LightSample> samples) {
+  first_meetings(first, samples);
+  if (n_ == 0) return;
+  shadow_rays += add_sun(std::span(points_.data(), n_), first, 0);
+  if (in_.query.sky_rays > 0)
+    add_sky(first);
+  else
+    add_open_sky();
+  if (!in_.frame.lamps.empty()) add_lamps();
+  for (unsigned i = 0; i < n_; ++i) {
+    const Point& p = points_[i];
+    LightSample& s = samples[p.ray];
+    const Bands4 l = in_.frame.through_air(p.light, p.place.z, p.place.z + p.view.z * s.range_m, s.range_m);
+    for (int b = 0; b < 4; ++b) s.radiance[b] = l[b];
+  }
+}
+
+}  // namespace rigor::render::light

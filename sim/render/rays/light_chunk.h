@@ -1,0 +1,83 @@
+// A few rays of a light query, from the first meeting to the light that comes back. Internal to
+// sim/render/rays.
+#pragma once
+
+#include <array>
+#include <span>
+
+#include "sensor-hal/models/philox.h"
+#include "sim/render/rays/embree_scene.h"
+#include "sim/render/rays/light_shading.h"
+#include "sim/render/rays/light_surface.h"
+#include "sim/render/rays/light_tracer.h"
+
+namespace rigor::render::light {
+
+/// Small enough for what is known of its points to stay in the first cache.
+constexpr std::size_t kChunk = 64;
+
+struct ChunkInput {
+  const RayScene& scene;
+  const LightSurfaces& surfaces;
+  const LightFrame& frame;
+  const LightQuery& query;
+  Eigen::Vector3d origin;  ///< of the query, relative to the scene's cell
+};
+
+/// Belongs to one thread.
+class Chunk {
+ public:
+  explicit Chunk(const ChunkInput& in);
+  /// Rays from `first` on, at most kChunk.
+  void trace(std::size_t first, std::span<LightSample> samples);
+  std::size_t shadow_rays = 0, sky_rays = 0;
+
+ private:
+  /// A point that is lit. Places relative to the scene's cell.
+  struct Point {
+    Vec3 place, view, normal, flat_normal, face;  ///< face: of the triangle, towards the ray's origin
+    float range_m = 0, time = 0;
+    unsigned ray = 0;  ///< of the chunk
+    NodeId node{};
+    Patch patch;
+    Bands4 light{};
+  };
+  /// A ray that looks for light to send on to a point.
+  struct Path {
+    Vec3 place, direction;
+    Bands4 share;  ///< of the light it finds that is seen from the chunk's ray
+    unsigned point = 0;
+    float time = 0;
+    bool mirrored = false;  ///< not one of those that ask what hides the sky
+  };
+
+  void first_meetings(std::size_t first, std::span<LightSample> samples);
+  /// All of a point but its ray and light. `spread_rad`: angle that the ray stands for.
+  void look_up(Vec3 origin, Vec3 direction, float time, const Meeting& m, float spread_rad, Point& p) const;
+  void look_up_moving(Vec3 origin, Vec3 direction, const Meeting& m, Point& p, Bands4& tint,
+                      const LightSurface*& surface, float uv[2]) const;
+  /// Sunlight on points. How many rays were shot. `draw`: tells apart draws for one ray.
+  unsigned add_sun(std::span<Point> points, std::size_t first, unsigned draw);
+  void add_lamps();
+  void add_open_sky();
+  void add_sky(std::size_t first);
+  void begin_paths(std::size_t first, unsigned k);
+  void follow_paths(std::size_t first, unsigned k);
+  /// The way on from a point that scatters diffusely. False where all is absorbed.
+  bool scatter(const Point& p, std::size_t index, unsigned k, unsigned segment, Path& out) const;
+  [[nodiscard]] std::array<float, 4> draws(std::size_t index, unsigned purpose, unsigned k,
+                                           unsigned segment) const;
+
+  const ChunkInput in_;
+  std::array<Bands4, 3> tint_;
+  models::PhiloxKey key_;
+  unsigned n_ = 0;
+  std::array<Point, kChunk> points_;
+  std::array<float, kChunk> asked_{}, open_{};  ///< of a point: sky rays, and those that nothing stopped
+  unsigned paths_ = 0;
+  std::array<Path, 2 * kChunk> path_;
+  std::array<Point, 2 * kChunk> met_;
+  Shots shots_;
+};
+
+}  // namespace rigor::render::light

@@ -1,0 +1,31 @@
+// Pictures by rays: what ViewRenderer draws, from a LightTracer.
+#pragma once
+
+#include "sim/render/rays/light_tracer.h"
+#include "sim/render/view/view_renderer.h"
+
+namespace rigor::render {
+
+struct LightPictureRequest {
+  Eigen::Isometry3d T_world_camera = Eigen::Isometry3d::Identity();  ///< of the optical frame
+  Pinhole pinhole{};
+  std::array<int, 4> bands{0, 1, 2, 3};
+  /// Samples along each side of a pixel, in the middles of as many squares: 1 is the pixel's centre.
+  int samples_a_side = 1;
+  bool shadows = true;
+  int sky_rays = 0, bounces = 1;
+  bool soft_sun = false;
+  std::uint64_t seed = 0;
+  float time = 0;  ///< of the window: 0 its begin … 1 its end
+};
+
+/// Radiance is the mean of a pixel's samples; depth and node are those of the sample nearest to its centre.
+/// Errors: bad_input.
+[[nodiscard]] Status trace_picture(LightTracer& tracer, const LightPictureRequest& request, ViewPicture& out);
+
+/// The query that a provider should be asked for such a picture: everything in full where `allowed_error_px`
+/// is 0.
+[[nodiscard]] ContentQuery query_for(const LightPictureRequest& request, BenchTime t,
+                                     double allowed_error_px);
+
+}  // namespace rigor::render

@@ -1,0 +1,286 @@
+#include "sim/render/rays/light_surface.h"
+
+#include <algorithm>
+#include <cmath>
+#include <unordered_set>
+
+#include "sim/render/engine/content_window.h"
+
+namespace rigor::render::light {
+namespace {
+
+/// Windows for which what is unseen is kept.
+constexpr std::uint64_t kRoundsKept = 16;
+
+float linear_from_srgb(float v) { return v <= 0.04045F ? v / 12.92F : std::pow((v + 0.055F) / 1.055F, 2.4F); }
+float srgb_from_linear(float v) {
+  return v <= 0.0031308F ? v * 12.92F : 1.055F * std::pow(v, 1.0F / 2.4F) - 0.055F;
+}
+const float* decoder(bool srgb) {
+  static const auto tables = [] {
+    std::array<std::array<float, 256>, 2> t{};
+    for (std::size_t i = 0; i < 256; ++i) {
+      t[0][i] = static_cast<float>(i) / 255.0F;
+      t[1][i] = linear_from_srgb(t[0][i]);
+    }
+    return t;
+  }();
+  return tables[srgb ? 1 : 0].data();
+}
+
+struct Picture {
+  std::uint32_t width = 1, height = 1;
+  std::vector<Bands4> texels;
+};
+
+/// Halves both sides; an odd last row or column is spread over its neighbours.
+Picture half(const Picture& a, bool weigh) {
+  Picture b;
+  b.width = std::max(a.width / 2, 1U);
+  b.height = std::max(a.height / 2, 1U);
+  b.texels.resize(std::size_t{b.width} * b.height);
+  const auto begin = [](std::uint32_t i, std::uint32_t from, std::uint32_t to) {
+    return static_cast<std::uint32_t>(std::uint64_t{i} * from / to);
+  };
+  for (std::uint32_t y = 0; y < b.height; ++y)
+    for (std::uint32_t x = 0; x < b.width; ++x) {
+      Bands4 sum{}, plain{};
+      float weight = 0, n = 0;
+      for (std::uint32_t j = begin(y, a.height, b.height); j < begin(y + 1, a.height, b.height); ++j)
+        for (std::uint32_t i = begin(x, a.width, b.width); i < begin(x + 1, a.width, b.width); ++i) {
+          const Bands4 p = a.texels[std::size_t{j} * a.width + i];
+          const float w = weigh ? p[3] : 1.0F;
+          sum += p * w;
+          plain += p;
+          weight += w;
+          n += 1;
+        }
+      Bands4 q = weight > 1e-6F ? sum / weight : plain / n;
+      q[3] = plain[3] / n;
+      b.texels[std::size_t{y} * b.width + x] = q;
+    }
+  return b;
+}
+
+bool usable(const std::shared_ptr<const Texture>& t) {
+  return t && t->width > 0 && t->height > 0 && t->width <= 32768 && t->height <= 32768 &&
+         t->rgba.size() >= std::size_t{t->width} * t->height * 4;
+}
+
+Bands4 clamped(const Spectrum& s, const std::array<int, 4>& bands) {
+  Bands4 v = pick(s, bands);
+  for (int b = 0; b < 4; ++b) v[b] = v[b] > 0 && std::isfinite(v[b]) ? v[b] : 0.0F;
+  return v;
+}
+float share(float v, float otherwise) { return std::isfinite(v) ? std::clamp(v, 0.0F, 1.0F) : otherwise; }
+
+std::array<Bands4, 3> colour_to_band(const std::array<int, 4>& bands, bool mean_for_near_infrared) {
+  std::array<Bands4, 3> m{};
+  for (int channel = 0; channel < 4; ++channel)
+    for (int colour = 0; colour < 3; ++colour) {
+      const int band = bands[static_cast<std::size_t>(channel)];
+      m[static_cast<std::size_t>(colour)][channel] =
+          band < 3 ? (band == colour ? 1.0F : 0.0F) : (mean_for_near_infrared ? 1.0F / 3 : 0.0F);
+    }
+  return m;
+}
+
+}  // namespace
+
+MipMap::MipMap(const Texture& t, bool weigh) : decode_(decoder(t.srgb)), repeat_(t.repeat) {
+  Picture now;
+  now.width = t.width;
+  now.height = t.height;
+  now.texels.resize(std::size_t{t.width} * t.height);
+  for (std::size_t i = 0; i < now.texels.size(); ++i) {
+    const std::uint8_t* p = &t.rgba[4 * i];
+    now.texels[i] = Bands4{decode_[p[0]], decode_[p[1]], decode_[p[2]], decoder(false)[p[3]]};
+  }
+  const auto byte = [&](float v, bool colour) {
+    const float e = colour && t.srgb ? srgb_from_linear(v) : v;
+    return static_cast<std::uint32_t>(std::lround(std::clamp(e, 0.0F, 1.0F) * 255.0F));
+  };
+  for (;;) {
+    Level l{now.width, now.height, (now.width + 3) / 4, texels_.size()};
+    texels_.resize(l.first + std::size_t{l.tiles_across} * ((l.height + 3) / 4) * 16);
+    for (std::uint32_t y = 0; y < l.height; ++y)
+      for (std::uint32_t x = 0; x < l.width; ++x) {
+        const Bands4 p = now.texels[std::size_t{y} * l.width + x];
+        texels_[l.first + (std::size_t{y / 4} * l.tiles_across + x / 4) * 16 + (y % 4) * 4 + x % 4] =
+            byte(p[0], true) | byte(p[1], true) << 8U | byte(p[2], true) << 16U | byte(p[3], false) << 24U;
+      }
+    levels_.push_back(l);
+    if (now.width == 1 && now.height == 1) break;
+    now = half(now, weigh);
+  }
+  size_lod_ = 0.5F * std::log2(static_cast<float>(t.width) * static_cast<float>(t.height));
+}
+
+Bands4 MipMap::texel(const Level& l, std::uint32_t x, std::uint32_t y) const noexcept {
+  const std::uint32_t p =
+      texels_[l.first + (std::size_t{y / 4} * l.tiles_across + x / 4) * 16 + (y % 4) * 4 + x % 4];
+  return Bands4{decode_[p & 255U], decode_[p >> 8U & 255U], decode_[p >> 16U & 255U],
+                static_cast<float>(p >> 24U) * (1.0F / 255)};
+}
+
+Bands4 MipMap::at(float u, float v, float lod) const noexcept {
+  const int last = static_cast<int>(levels_.size()) - 1;
+  const Level& l = levels_[static_cast<std::size_t>(std::clamp(static_cast<int>(lod + 0.5F), 0, last))];
+  const float w = static_cast<float>(l.width), h = static_cast<float>(l.height);
+  // Between 0 and 1 first: places far out on a repeated texture have no fraction left.
+  const auto wrapped = [](float a) {
+    a -= std::floor(a);
+    return a >= 0.0F && a < 1.0F ? a : 0.0F;
+  };
+  const auto bounded = [](float a) { return a > 0.0F ? std::min(a, 1.0F) : 0.0F; };
+  const float x = (repeat_ ? wrapped(u) : bounded(u)) * w - 0.5F;
+  const float y = (repeat_ ? wrapped(v) : bounded(v)) * h - 0.5F;
+  const float x0 = std::floor(x), y0 = std::floor(y), fx = x - x0, fy = y - y0;
+  const auto place = [this](int i, std::uint32_t n) {
+    const int end = static_cast<int>(n);
+    if (i < 0) return repeat_ ? n - 1 : 0U;
+    if (i >= end) return repeat_ ? 0U : n - 1;
+    return static_cast<std::uint32_t>(i);
+  };
+  const std::uint32_t left = place(static_cast<int>(x0), l.width),
+                      right = place(static_cast<int>(x0) + 1, l.width);
+  const std::uint32_t top = place(static_cast<int>(y0), l.height),
+                      low = place(static_cast<int>(y0) + 1, l.height);
+  return mix(mix(texel(l, left, top), texel(l, right, top), fx),
+             mix(texel(l, left, low), texel(l, right, low), fx), fy);
+}
+
+Patch LightSurface::patch(float u, float v, float lod, Bands4 tint) const noexcept {
+  Patch s;
+  Bands4 factor = tint;
+  if (colour != nullptr || near_infrared != nullptr) {
+    const Bands4 c = colour != nullptr ? colour->at(u, v, lod + colour->size_lod()) : all_bands(1);
+    Bands4 f = from_colour[0] * c[0] + from_colour[1] * c[1] + from_colour[2] * c[2];
+    if (near_infrared != nullptr) {
+      const Bands4 n = near_infrared->at(u, v, lod + near_infrared->size_lod());
+      f += from_near_infrared[0] * n[0] + from_near_infrared[1] * n[1] + from_near_infrared[2] * n[2];
+    }
+    factor *= f;
+  }
+  s.reflectance = reflectance * factor;
+  s.transmittance = transmittance * factor;
+  s.roughness = roughness;
+  if (gloss != nullptr) s.roughness *= 1.0F - 0.95F * gloss->at(u, v, lod + gloss->size_lod())[0];
+  s.metallic = metallic;
+  s.porosity = porosity;
+  s.retro_reflection = retro_reflection;
+  s.translucent = translucent;
+  s.glossy = glossy;
+  s.water = water;
+  s.takes_snow = takes_snow;
+  return s;
+}
+
+Vec3 LightSurface::bumped(float u, float v, float lod, Vec3 right, Vec3 down, Vec3 flat) const noexcept {
+  const float longest = std::max(dot(right, right), dot(down, down));
+  if (!(longest > 0) || !std::isfinite(longest)) return flat;
+  const Bands4 m = normal->at(u, v, lod + normal->size_lod()) * 2.0F - 1.0F;
+  const float scale = 1.0F / std::sqrt(longest);
+  return unit(right * (scale * m[0]) - down * (scale * m[1]) + flat * std::max(m[2], 0.05F), flat);
+}
+
+std::array<Bands4, 3> tint_to_band(const std::array<int, 4>& bands) noexcept {
+  return colour_to_band(bands, true);
+}
+
+LightSurfaces::LightSurfaces() {
+  Surface grey;
+  grey.name = "unknown";
+  grey_ = std::make_shared<const Surface>(std::move(grey));
+  index();
+}
+
+const MipMap* LightSurfaces::map(const std::shared_ptr<const Texture>& t, bool weigh) {
+  if (!usable(t)) return nullptr;
+  KeptMap& kept = maps_[2 * t->serial + (weigh ? 1 : 0)];
+  if (!kept.map) kept.map = std::make_unique<MipMap>(*t, weigh);
+  kept.last_seen = round_;
+  return kept.map.get();
+}
+
+void LightSurfaces::fill(const Surface& s, LightSurface& out) {
+  out = {};
+  out.reflectance = clamped(s.reflectance, bands_);
+  out.transmittance = clamped(s.transmittance, bands_);
+  out.colour = map(s.colour_map, s.alpha_cutoff > 0);
+  out.near_infrared = map(s.near_infrared_map, false);
+  out.normal = map(s.normal_map, false);
+  out.gloss = map(s.gloss_map, false);
+  out.from_colour = colour_to_band(bands_, out.near_infrared == nullptr);
+  std::array<int, 4> shifted{};
+  for (std::size_t i = 0; i < 4; ++i) shifted[i] = bands_[i] >= 3 ? bands_[i] - 3 : 3;
+  out.from_near_infrared = colour_to_band(shifted, false);
+  out.roughness = share(s.roughness, 1);
+  out.metallic = share(s.metallic, 0);
+  out.porosity = share(s.porosity, 0.5F);
+  out.retro_reflection = share(s.retro_reflection, 0);
+  out.translucent =
+      std::any_of(s.transmittance.begin(), s.transmittance.end(), [](float t) { return t > 0; });
+  out.glossy = out.roughness < 1 || out.metallic > 0 || out.gloss != nullptr;
+  out.water = s.water;
+  out.takes_snow = s.takes_snow;
+  out.any_map =
+      out.colour != nullptr || out.near_infrared != nullptr || out.normal != nullptr || out.gloss != nullptr;
+}
+
+void LightSurfaces::add(const std::shared_ptr<const Surface>& s) {
+  Kept& kept = surfaces_[s->serial];
+  if (!kept.made) {
+    kept.surface = s;
+    kept.made = std::make_unique<LightSurface>();
+    fill(*s, *kept.made);
+  }
+  if (kept.last_seen == round_) return;
+  kept.last_seen = round_;
+  for (const auto& [t, weigh] :
+       {std::pair{&s->colour_map, s->alpha_cutoff > 0}, std::pair{&s->near_infrared_map, false},
+        std::pair{&s->normal_map, false}, std::pair{&s->gloss_map, false}})
+    if (usable(*t)) maps_.at(2 * (*t)->serial + (weigh ? 1 : 0)).last_seen = round_;
+}
+
+void LightSurfaces::update(const ContentWindow& window, const std::array<int, 4>& bands) {
+  ++round_;
+  if (bands != bands_) {
+    bands_ = bands;
+    for (auto& [serial, kept] : surfaces_) fill(*kept.surface, *kept.made);
+    fill(*grey_, grey_made_);
+  }
+  std::unordered_set<const Prototype*> seen;
+  for (const auto& frame : window.frames)
+    for (const auto& batch : frame->batches) {
+      if (!batch || !batch->prototype || !seen.insert(batch->prototype.get()).second) continue;
+      for (const LevelOfDetail& level : batch->prototype->levels)
+        if (level.mesh)
+          for (const MeshPart& part : level.mesh->parts)
+            if (part.surface) add(part.surface);
+    }
+  const auto old = [this](const auto& e) { return e.second.last_seen + kRoundsKept < round_; };
+  std::erase_if(surfaces_, old);
+  std::erase_if(maps_, old);
+  index();
+}
+
+void LightSurfaces::index() {
+  std::size_t n = 16;
+  while (n < 4 * surfaces_.size()) n *= 2;
+  slots_.assign(n, {nullptr, nullptr});
+  for (const auto& [serial, kept] : surfaces_) {
+    std::size_t i = (reinterpret_cast<std::uintptr_t>(kept.surface.get()) >> 4U) & (n - 1);
+    while (slots_[i].first != nullptr) i = (i + 1) & (n - 1);
+    slots_[i] = {kept.surface.get(), kept.made.get()};
+  }
+}
+
+const LightSurface& LightSurfaces::of(const Surface* s) const noexcept {
+  std::size_t i = (reinterpret_cast<std::uintptr_t>(s) >> 4U) & (slots_.size() - 1);
+  for (; slots_[i].first != nullptr; i = (i + 1) & (slots_.size() - 1))
+    if (slots_[i].first == s) return *slots_[i].second;
+  return grey_made_;
+}
+
+}  // namespace rigor::render::light

@@ -1,0 +1,114 @@
+#include "sim/render/rays/light_tracer.h"
+
+#include <tbb/parallel_for.h>
+
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <list>
+#include <numbers>
+
+#include "sim/render/rays/embree_engine_impl.h"
+#include "sim/render/rays/light_chunk.h"
+
+namespace rigor::render {
+
+struct LightTracer::Impl {
+  struct Sky {
+    std::shared_ptr<const SkyMap> map;
+    std::array<int, 4> bands{};
+    std::shared_ptr<const light::SkyTables> tables;
+  };
+  explicit Impl(std::shared_ptr<EmbreeEngine> e) : engine(std::move(e)) {}
+  Status trace(const LightQuery& q, std::span<LightSample> samples);
+  std::shared_ptr<const light::SkyTables> tables(const std::shared_ptr<const SkyMap>& map,
+                                                 const std::array<int, 4>& bands);
+
+  std::shared_ptr<EmbreeEngine> engine;
+  std::list<Sky> skies;  ///< the last ones that were asked for
+  light::LightSurfaces surfaces;
+  std::vector<std::shared_ptr<const ContentFrame>> known;  ///< frames that `surfaces` is of
+  std::array<int, 4> known_bands{-1, -1, -1, -1};
+  LightStatistics statistics;
+};
+
+namespace {
+
+constexpr std::size_t kSkiesKept = 4;
+
+Status check(const LightQuery& q, std::size_t samples) {
+  const auto bad = [](const char* where, const std::string& message) {
+    return fail(ErrorCode::bad_input, where, message);
+  };
+  if (samples != q.rays.size())
+    return bad("light query", "expected as many samples as rays (" + std::to_string(q.rays.size()) +
+                                  "), got " + std::to_string(samples));
+  for (const int b : q.bands)
+    if (b < 0 || b >= static_cast<int>(kBandCount))
+      return bad("bands", "expected 0 to " + std::to_string(kBandCount - 1) + ", got " + std::to_string(b));
+  if (!q.origin.allFinite()) return bad("origin", "expected a finite place");
+  if (!(q.near_m >= 0) || !std::isfinite(q.near_m)) return bad("near_m", "expected 0 or more");
+  if (!(q.spread_rad >= 0) || !(q.spread_rad <= 1)) return bad("spread_rad", "expected 0 to 1");
+  if (q.sky_rays < 0 || q.sky_rays > 65536) return bad("sky_rays", "expected 0 to 65536");
+  if (q.bounces < 0 || q.bounces > 64) return bad("bounces", "expected 0 to 64");
+  return {};
+}
+
+}  // namespace
+
+std::shared_ptr<const light::SkyTables> LightTracer::Impl::tables(const std::shared_ptr<const SkyMap>& map,
+                                                                  const std::array<int, 4>& bands) {
+  for (auto it = skies.begin(); it != skies.end(); ++it)
+    if (it->map == map && it->bands == bands) {
+      skies.splice(skies.begin(), skies, it);
+      return skies.front().tables;
+    }
+  skies.push_front({map, bands, std::make_shared<const light::SkyTables>(map.get(), bands)});
+  if (skies.size() > kSkiesKept) skies.pop_back();
+  return skies.front().tables;
+}
+
+Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samples) {
+  if (auto s = check(q, samples.size()); !s) return s;
+  const auto begun = std::chrono::steady_clock::now();
+  auto found = engine->impl().scene_at(q.origin);
+  if (!found) return tl::unexpected(found.error());
+  const RayScene& scene = **found;
+  const ContentWindow& window = *engine->impl().window();
+  if (window.frames != known || q.bands != known_bands) {
+    surfaces.update(window, q.bands);
+    known = window.frames;
+    known_bands = q.bands;
+  }
+  const ContentFrame& frame = window.first();
+  const light::LightFrame lit =
+      light::light_frame(frame, scene.origin(), q.bands, tables(frame.light.sky, q.bands));
+  const light::ChunkInput in{scene, surfaces, lit, q, Eigen::Vector3d(q.origin - scene.origin())};
+  std::atomic<std::size_t> shadow_rays{0}, sky_rays{0};
+  const std::size_t chunks = (q.rays.size() + light::kChunk - 1) / light::kChunk;
+  engine->impl().arena().execute([&] {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, chunks, 4), [&](const auto& range) {
+      light::Chunk chunk(in);
+      for (std::size_t c = range.begin(); c != range.end(); ++c) {
+        const std::size_t first = c * light::kChunk, n = std::min(light::kChunk, q.rays.size() - first);
+        chunk.trace(first, samples.subspan(first, n));
+      }
+      shadow_rays += chunk.shadow_rays;
+      sky_rays += chunk.sky_rays;
+    });
+  });
+  statistics = {q.rays.size(), shadow_rays, sky_rays,
+                std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begun).count()};
+  return {};
+}
+
+LightTracer::LightTracer(std::shared_ptr<EmbreeEngine> engine)
+    : impl_(std::make_unique<Impl>(std::move(engine))) {}
+LightTracer::~LightTracer() = default;
+
+Status LightTracer::trace(const LightQuery& query, std::span<LightSample> samples) {
+  return impl_->trace(query, samples);
+}
+LightStatistics LightTracer::statistics() const noexcept { return impl_->statistics; }
+
+}  // namespace rigor::render
