@@ -31,15 +31,6 @@ Status check(const LightPictureRequest& q) {
 
 }  // namespace
 
-ContentQuery query_for(const LightPictureRequest& request, BenchTime t, double allowed_error_px) {
-  ViewRequest q;
-  q.T_world_camera = request.T_world_camera;
-  q.pinhole = request.pinhole;
-  q.t = t;
-  q.allowed_error_px = allowed_error_px;
-  return ViewRenderer::query_for(q);
-}
-
 Status trace_picture(LightTracer& tracer, const LightPictureRequest& request, ViewPicture& out) {
   if (auto s = check(request); !s) return s;
   const Pinhole& p = request.pinhole;

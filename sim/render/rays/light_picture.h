@@ -20,12 +20,8 @@ struct LightPictureRequest {
 };
 
 /// Radiance is the mean of a pixel's samples; depth and node are those of the sample nearest to its centre.
-/// Errors: bad_input.
+/// The content is what the tracer's engine has prepared: ViewRenderer::query_for says what to ask providers
+/// for. Errors: bad_input.
 [[nodiscard]] Status trace_picture(LightTracer& tracer, const LightPictureRequest& request, ViewPicture& out);
-
-/// The query that a provider should be asked for such a picture: everything in full where `allowed_error_px`
-/// is 0.
-[[nodiscard]] ContentQuery query_for(const LightPictureRequest& request, BenchTime t,
-                                     double allowed_error_px);
 
 }  // namespace rigor::render
