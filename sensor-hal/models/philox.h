@@ -25,6 +25,8 @@ enum class NoiseEffect : std::uint32_t {
   camera_shot_and_read_2 = 2,  ///< words 0, 1 sample 2 of a pixel with three samples
   camera_fixed_pattern = 3,    ///< word 0 PRNU, word 1 DSNU; capture index 0
   camera_hot_pixel = 4,        ///< word 0 whether, word 1 how hot; capture index 0
+  lidar_echo = 16,  ///< element firing·2 + echo: word 0 range, word 1 remission
+  lidar_drop = 17,  ///< element firing: word 0 way to the nearest drop
 };
 
 [[nodiscard]] inline std::array<std::uint32_t, 4> philox(std::array<std::uint32_t, 4> counter,
