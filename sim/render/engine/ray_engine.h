@@ -57,7 +57,11 @@ struct RayQuery {
 
 struct EngineStatistics {
   double prepare_ms = 0, cast_ms = 0;  ///< of the last call of each
-  std::size_t instances = 0, prototypes = 0, triangles = 0, rebuilt = 0;
+  std::size_t instances = 0;           ///< that can be met
+  std::size_t prototypes = 0;          ///< meshes in use: levels of detail
+  std::size_t triangles = 0;           ///< of these meshes, each once
+  std::size_t rebuilt = 0;             ///< meshes that the last prepare had to take in anew
+  std::size_t left_out = 0;            ///< instances and triangles that cannot be measured
 };
 
 /// One thread at a time calls an engine; inside it may use several.

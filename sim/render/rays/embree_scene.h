@@ -35,6 +35,7 @@ struct RayPart {
   std::shared_ptr<const RaySurface> surface;
   std::uint32_t first_index = 0, triangles = 0;
   std::vector<float> uv;  ///< six a triangle, of parts with holes alone
+  bool one_sided = false;
 };
 
 /// A mesh as Embree has it. Shares vertices and indices with it.
@@ -72,6 +73,7 @@ struct alignas(64) Shots {
   [[nodiscard]] Meeting meeting(unsigned i) const noexcept;
 };
 
+constexpr std::uint32_t kStill = 0x7FFFFFFF;
 /// An instance as it stands in the scene's cell.
 struct RayInstance {
   double inverse[9]{};   ///< of rotation times scale, row by row: world axes to the mesh's
@@ -79,9 +81,21 @@ struct RayInstance {
   const RayMesh* mesh = nullptr;
   NodeId node{};
   float tint[3]{1, 1, 1};
-  std::uint32_t motion = UINT32_MAX;  ///< UINT32_MAX: stands still; otherwise its place changes with time
+  std::uint32_t motion : 31 = kStill;  ///< index into the scene's motions; kStill: none
+  std::uint32_t mirrored : 1 = 0;      ///< an odd number of scales is negative
 };
 static_assert(sizeof(RayInstance) == 128);
+
+/// Poses of an instance at equal steps over the window. Between them places and scales go linearly, rotations
+/// by slerp, as Embree has it.
+struct RayMotion {
+  struct Pose {
+    Eigen::Vector3d position;  ///< relative to the cell
+    Eigen::Quaterniond rotation;
+    Eigen::Vector3d scale;
+  };
+  std::vector<Pose> poses;
+};
 
 /// What lies where a ray meets a surface. World axes. The normals are those that the Vulkan engine's shader
 /// has: outward, and of a two-sided surface met from behind turned round; bent ones may look away from the
@@ -121,11 +135,21 @@ class RayScene {
   [[nodiscard]] SurfacePoint point(const double origin[3], const float direction[3], float time,
                                    const Meeting& m) const noexcept;
 
+  /// From the world's axes to a mesh's: p_mesh = inverse · (p - position).
+  struct Placement {
+    Eigen::Matrix3d inverse;
+    Eigen::Vector3d position;
+  };
+  [[nodiscard]] Placement placement(const RayInstance& instance, float time) const noexcept;
+
  protected:
   RayScene() = default;
+  [[nodiscard]] Eigen::Vector3d direction_in(const RayInstance& instance, float time, float x, float y,
+                                             float z) const noexcept;
   Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();
   RTCScene handle_ = nullptr;
   std::vector<RayInstance> instances_;  ///< by Embree's instID; gaps have no mesh
+  std::vector<RayMotion> motions_;
   RayWeather weather_;
 };
 

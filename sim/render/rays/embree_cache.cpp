@@ -1,0 +1,189 @@
+#include "sim/render/rays/embree_cache.h"
+
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <cmath>
+#include <new>
+
+namespace rigor::render {
+namespace {
+
+/// Embree leaves out what lies beyond, and so do we.
+constexpr float kFarthest_m = 1e18F;
+
+bool placed(const Vertex& v) {
+  return std::abs(v.position[0]) < kFarthest_m && std::abs(v.position[1]) < kFarthest_m &&
+         std::abs(v.position[2]) < kFarthest_m;
+}
+
+void leave_out_holes(const RTCFilterFunctionNArguments* a) {
+  const auto& part = *static_cast<const RayPart*>(a->geometryUserPtr);
+  const unsigned n = a->N;
+  for (unsigned i = 0; i < n; ++i) {
+    if (a->valid[i] != -1) continue;
+    const float u = RTCHitN_u(a->hit, n, i), v = RTCHitN_v(a->hit, n, i), w = 1 - u - v;
+    const float* t = &part.uv[6 * static_cast<std::size_t>(RTCHitN_primID(a->hit, n, i))];
+    if (part.surface->hole_at(w * t[0] + u * t[2] + v * t[4], w * t[1] + u * t[3] + v * t[5]))
+      a->valid[i] = 0;
+  }
+}
+
+}  // namespace
+
+RayMesh::~RayMesh() {
+  if (scene != nullptr) rtcReleaseScene(scene);
+}
+
+Result<std::shared_ptr<EmbreeCache>> EmbreeCache::create() {
+  RTCDevice device = rtcNewDevice("");
+  if (device == nullptr)
+    return fail(ErrorCode::unavailable, "embree",
+                "no device (error " + std::to_string(rtcGetDeviceError(nullptr)) + ")");
+  return std::make_shared<MeshCache>(device);
+}
+
+MeshCache::MeshCache(RTCDevice device) : device_(device) {}
+MeshCache::~MeshCache() { rtcReleaseDevice(device_); }
+
+std::string MeshCache::complaint() const {
+  switch (rtcGetDeviceError(device_)) {
+    case RTC_ERROR_NONE:
+      return "";
+    case RTC_ERROR_OUT_OF_MEMORY:
+      return "out of memory";
+    case RTC_ERROR_INVALID_ARGUMENT:
+      return "invalid argument";
+    case RTC_ERROR_INVALID_OPERATION:
+      return "invalid operation";
+    case RTC_ERROR_UNSUPPORTED_CPU:
+      return "this CPU is not supported";
+    default:
+      return "unknown error";
+  }
+}
+
+std::shared_ptr<const RaySurface> MeshCache::surface(const std::shared_ptr<const Surface>& s) {
+  const std::lock_guard lock(mutex_);
+  auto& slot = surfaces_[s ? s->serial : 0];
+  auto made = slot.lock();
+  if (!made) slot = made = std::make_shared<const RaySurface>(s);
+  return made;
+}
+
+PrototypeSphere MeshCache::sphere(const Prototype& p) {
+  const std::lock_guard lock(mutex_);
+  const auto [it, fresh] = spheres_.try_emplace(p.serial);
+  PrototypeSphere& s = it->second;
+  if (!fresh) return s;
+  Eigen::AlignedBox3d box;
+  const Mesh* const mesh = p.levels.empty() ? nullptr : p.levels.front().mesh.get();
+  if (mesh == nullptr) return s;
+  const auto at = [](const Vertex& v) {
+    return Eigen::Vector3d(v.position[0], v.position[1], v.position[2]);
+  };
+  for (const Vertex& v : mesh->vertices)
+    if (placed(v)) box.extend(at(v));
+  if (box.isEmpty()) return s;
+  s.centre = box.center();
+  for (const Vertex& v : mesh->vertices)
+    if (placed(v)) s.radius_m = std::max(s.radius_m, (at(v) - s.centre).norm());
+  return s;
+}
+
+Result<std::shared_ptr<const RayMesh>> MeshCache::get(const std::shared_ptr<const Mesh>& mesh, bool& built) {
+  built = false;
+  std::shared_ptr<Slot> slot;
+  {
+    const std::lock_guard lock(mutex_);
+    if (meshes_.size() >= sweep_at_) {
+      std::erase_if(meshes_,
+                    [](const auto& e) { return e.second.use_count() == 1 && e.second->mesh.expired(); });
+      std::erase_if(surfaces_, [](const auto& e) { return e.second.expired(); });
+      sweep_at_ = std::max<std::size_t>(1024, 2 * meshes_.size());
+    }
+    auto& s = meshes_[mesh->serial];
+    if (!s) s = std::make_shared<Slot>();
+    slot = s;
+  }
+  const std::lock_guard lock(slot->building);
+  if (auto there = slot->mesh.lock()) return there;
+  // While it holds the lock this thread must not pick up another mesh's work: that one may wait for ours.
+  Result<std::shared_ptr<const RayMesh>> made = tbb::this_task_arena::isolate([&] { return build(mesh); });
+  if (!made) return made;
+  built = true;
+  slot->mesh = *made;
+  return made;
+}
+
+Result<std::shared_ptr<const RayMesh>> MeshCache::build(const std::shared_ptr<const Mesh>& mesh) {
+  auto out = std::make_shared<RayMesh>();
+  out->mesh = mesh;
+  const Mesh& m = *mesh;
+  out->parts.reserve(m.parts.size());  // Embree keeps their addresses
+  for (const MeshPart& part : m.parts) {
+    const std::uint32_t triangles = part.index_count / 3;
+    if (part.first_index > m.indices.size() || part.index_count > m.indices.size() - part.first_index) {
+      out->left_out += triangles;
+      continue;
+    }
+    if (triangles == 0) continue;
+    const auto begin = m.indices.begin() + part.first_index;
+    if (std::any_of(begin, begin + 3 * static_cast<std::ptrdiff_t>(triangles),
+                    [&](std::uint32_t i) { return i >= m.vertices.size(); })) {
+      out->left_out += triangles;
+      continue;
+    }
+    RayPart r;
+    r.surface = surface(part.surface);
+    r.first_index = part.first_index;
+    r.triangles = triangles;
+    r.one_sided = !r.surface->surface->two_sided;
+    out->one_sided = out->one_sided || r.one_sided;
+    if (r.surface->holes) {
+      r.uv.reserve(6 * static_cast<std::size_t>(triangles));
+      for (std::size_t i = 0; i < 3 * static_cast<std::size_t>(triangles); ++i) {
+        const Vertex& v = m.vertices[*(begin + static_cast<std::ptrdiff_t>(i))];
+        r.uv.insert(r.uv.end(), {v.uv[0], v.uv[1]});
+      }
+    }
+    for (std::size_t i = 0; i < triangles; ++i) {
+      const auto corner = [&](std::size_t k) -> const Vertex& {
+        return m.vertices[*(begin + static_cast<std::ptrdiff_t>(3 * i + k))];
+      };
+      const auto at = [&](std::size_t k) { return Eigen::Map<const Eigen::Vector3f>(corner(k).position); };
+      const bool there = placed(corner(0)) && placed(corner(1)) && placed(corner(2));
+      if (!there || (at(1) - at(0)).cross(at(2) - at(0)).isZero(0)) ++out->left_out;
+    }
+    out->triangles += triangles;
+    out->parts.push_back(std::move(r));
+  }
+  if (out->parts.empty()) return out;
+
+  out->scene = rtcNewScene(device_);
+  rtcSetSceneFlags(
+      out->scene, static_cast<RTCSceneFlags>(RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_CONTEXT_FILTER_FUNCTION));
+  rtcSetSceneBuildQuality(out->scene, RTC_BUILD_QUALITY_MEDIUM);
+  for (std::size_t i = 0; i < out->parts.size(); ++i) {
+    RayPart& r = out->parts[i];
+    RTCGeometry g = rtcNewGeometry(device_, RTC_GEOMETRY_TYPE_TRIANGLE);
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, m.vertices.data(),
+                               offsetof(Vertex, position), sizeof(Vertex), m.vertices.size());
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, m.indices.data(),
+                               r.first_index * sizeof(std::uint32_t), 3 * sizeof(std::uint32_t), r.triangles);
+    rtcSetGeometryMask(g, ~0U);
+    if (r.surface->holes) {
+      rtcSetGeometryUserData(g, &r);
+      rtcSetGeometryIntersectFilterFunction(g, leave_out_holes);
+      rtcSetGeometryOccludedFilterFunction(g, leave_out_holes);
+    }
+    rtcCommitGeometry(g);
+    rtcAttachGeometryByID(out->scene, g, static_cast<unsigned>(i));
+    rtcReleaseGeometry(g);
+  }
+  rtcCommitScene(out->scene);
+  if (const std::string c = complaint(); !c.empty()) return fail(ErrorCode::unavailable, "embree", c);
+  return out;
+}
+
+}  // namespace rigor::render

@@ -1,0 +1,48 @@
+// Meshes as Embree has them, by serial. Internal to sim/render/rays.
+#pragma once
+
+#include <atomic>
+#include <mutex>
+#include <unordered_map>
+
+#include "sim/render/rays/embree_engine.h"
+#include "sim/render/rays/embree_scene.h"
+
+namespace rigor::render {
+
+/// A sphere that holds a prototype's finest level.
+struct PrototypeSphere {
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+  double radius_m = 0;
+};
+
+class MeshCache final : public EmbreeCache {
+ public:
+  explicit MeshCache(RTCDevice device);
+  ~MeshCache() override;
+
+  [[nodiscard]] RTCDevice device() const noexcept { return device_; }
+  /// Never null. `built`: it was not there. Errors: unavailable. Any thread.
+  [[nodiscard]] Result<std::shared_ptr<const RayMesh>> get(const std::shared_ptr<const Mesh>& mesh,
+                                                           bool& built);
+  [[nodiscard]] PrototypeSphere sphere(const Prototype& prototype);
+  /// What Embree complained of since it was last asked; "" if nothing. Of this thread.
+  [[nodiscard]] std::string complaint() const;
+
+ private:
+  struct Slot {
+    std::mutex building;
+    std::weak_ptr<const RayMesh> mesh;
+  };
+  [[nodiscard]] std::shared_ptr<const RaySurface> surface(const std::shared_ptr<const Surface>& surface);
+  [[nodiscard]] Result<std::shared_ptr<const RayMesh>> build(const std::shared_ptr<const Mesh>& mesh);
+
+  RTCDevice device_;
+  std::mutex mutex_;
+  std::size_t sweep_at_ = 1024;
+  std::unordered_map<std::uint64_t, std::shared_ptr<Slot>> meshes_;
+  std::unordered_map<std::uint64_t, std::weak_ptr<const RaySurface>> surfaces_;
+  std::unordered_map<std::uint64_t, PrototypeSphere> spheres_;
+};
+
+}  // namespace rigor::render

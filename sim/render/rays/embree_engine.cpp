@@ -1,0 +1,325 @@
+#include "sim/render/rays/embree_engine.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <chrono>
+#include <cmath>
+#include <new>
+#include <unordered_set>
+
+#include "sim/render/rays/embree_engine_impl.h"
+#include "sim/render/rays/embree_placement.h"
+#include "sim/world/semantic_types.h"
+
+namespace rigor::render {
+namespace {
+
+constexpr double kCell_m = 256;
+constexpr std::size_t kCells = 2;  ///< scenes that are kept: a sensor at a cell's edge goes to and fro
+
+double ms_since(std::chrono::steady_clock::time_point t) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - t).count();
+}
+
+Eigen::Vector3d cell_of(const Eigen::Vector3d& p) {
+  return {std::round(p.x() / kCell_m) * kCell_m, std::round(p.y() / kCell_m) * kCell_m,
+          std::round(p.z() / kCell_m) * kCell_m};
+}
+
+/// The coarsest level whose error is allowed there, as the Vulkan engine chooses (culling.cpp).
+std::size_t level_for(const Prototype& p, double scale, double distance_m, double allowed_rad) {
+  std::size_t best = 0;
+  const double allowed_m = allowed_rad * std::max(distance_m, 0.0);
+  for (std::size_t i = 1; i < p.levels.size(); ++i)
+    if (static_cast<double>(p.levels[i].error_m) * scale <= allowed_m) best = i;
+  return best;
+}
+
+struct Engine final : EmbreeEngine::Impl {
+  Engine(std::shared_ptr<MeshCache> c, const EmbreeOptions& o) : cache(std::move(c)) { set(o); }
+
+  void set(const EmbreeOptions& o) {
+    const int most = o.threads > 0 ? o.threads : tbb::task_arena::automatic;
+    if (!tasks || options.threads != o.threads) tasks = std::make_unique<tbb::task_arena>(most);
+    options = o;
+  }
+
+  /// Which level of which batch's instances; the first pass names meshes, the second finds their structures.
+  [[nodiscard]] Result<WantedContent> want(const std::shared_ptr<const ContentWindow>& w) {
+    WantedContent out;
+    out.window = w;
+    out.batches = match_frames(*w);
+    std::vector<std::vector<const Mesh*>> levels(out.batches.size());
+    std::vector<std::shared_ptr<const Mesh>> needed;
+    std::unordered_set<std::uint64_t> seen;
+    const auto need = [&](const std::shared_ptr<const Mesh>& m) {
+      if (m && seen.insert(m->serial).second) needed.push_back(m);
+      return m.get();
+    };
+    const bool coarse = options.allowed_error_rad > 0 && options.eye.allFinite();
+    for (std::size_t i = 0; i < out.batches.size(); ++i) {
+      const Batch& b = *out.batches[i].frames.front();
+      const auto& all = b.prototype->levels;
+      if (all.size() < 2 || !coarse) {
+        levels[i] = {all.empty() ? nullptr : need(all.front().mesh)};
+        continue;
+      }
+      const PrototypeSphere s = cache->sphere(*b.prototype);
+      const Eigen::Vector3d origin = b.origin - options.eye;
+      for (const Instance& n : b.instances) {
+        const Eigen::Quaterniond q(n.rotation[3], n.rotation[0], n.rotation[1], n.rotation[2]);
+        const Eigen::Vector3d scale(n.scale[0], n.scale[1], n.scale[2]);
+        const Eigen::Vector3d c = origin + Eigen::Vector3d(n.position[0], n.position[1], n.position[2]) +
+                                  q.normalized() * scale.cwiseProduct(s.centre);
+        const double largest = scale.cwiseAbs().maxCoeff();
+        const std::size_t l =
+            level_for(*b.prototype, largest, c.norm() - s.radius_m * largest, options.allowed_error_rad);
+        levels[i].push_back(need(all[l].mesh));
+      }
+      if (std::all_of(levels[i].begin(), levels[i].end(), [&](const Mesh* m) { return m == levels[i][0]; }))
+        levels[i].resize(1);
+    }
+    std::vector<std::shared_ptr<const RayMesh>> made(needed.size());
+    std::vector<std::uint8_t> built(needed.size());
+    std::vector<std::string> wrong(needed.size());
+    tbb::parallel_for(std::size_t{0}, needed.size(), [&](std::size_t i) {
+      bool fresh = false;
+      auto m = cache->get(needed[i], fresh);
+      if (m)
+        made[i] = *m;
+      else
+        wrong[i] = m.error().text();
+      built[i] = fresh ? 1 : 0;
+    });
+    for (std::size_t i = 0; i < needed.size(); ++i) {
+      if (!made[i]) return fail(ErrorCode::unavailable, "rays", wrong[i]);
+      out.meshes.emplace(needed[i]->serial, made[i]);
+      out.triangles += made[i]->triangles;
+      out.left_out += made[i]->left_out;
+      statistics.rebuilt += built[i];
+    }
+    for (std::size_t i = 0; i < out.batches.size(); ++i) {
+      for (const Mesh* m : levels[i])
+        out.batches[i].meshes.push_back(m != nullptr ? out.meshes.at(m->serial).get() : nullptr);
+    }
+    return out;
+  }
+
+  [[nodiscard]] Status prepare(std::shared_ptr<const ContentWindow> w) {
+    const auto start = std::chrono::steady_clock::now();
+    if (!w || w->frames.empty())
+      return fail(ErrorCode::bad_input, "rays", "expected a window with at least one frame");
+    for (const auto& f : w->frames)
+      if (!f) return fail(ErrorCode::bad_input, "rays", "expected frames, got a null one");
+    statistics.rebuilt = 0;
+    Status done{};
+    try {
+      tasks->execute([&] {
+        auto next = want(w);
+        if (!next) {
+          done = tl::unexpected(next.error());
+          return;
+        }
+        // What was placed points into the meshes that were: they go after the scenes have changed.
+        const WantedContent last = std::exchange(wanted, std::move(*next));
+        ++version;
+        if (scenes.empty()) {
+          const Eigen::Vector3d eye = options.eye.allFinite() ? options.eye : Eigen::Vector3d::Zero();
+          scenes.push_back({std::make_unique<PlacedScene>(cache, cell_of(eye)), 0});
+        }
+        // The one that was asked last; another only when it is asked again.
+        scenes.resize(1);
+        done = bring_up(scenes.front());
+      });
+    } catch (const std::bad_alloc&) {
+      done = fail(ErrorCode::unavailable, "rays", "out of memory");
+    }
+    if (!done) {
+      scenes.clear();
+      wanted = {};
+      return done;
+    }
+    statistics.prototypes = wanted.meshes.size();
+    statistics.triangles = wanted.triangles;
+    statistics.instances = scenes.front().scene->placed();
+    statistics.left_out = wanted.left_out + scenes.front().scene->left_out();
+    statistics.prepare_ms = ms_since(start);
+    return {};
+  }
+
+  struct Cell {
+    std::unique_ptr<PlacedScene> scene;
+    std::uint64_t version = 0;
+  };
+  [[nodiscard]] Status bring_up(Cell& c) {
+    if (c.version == version) return {};
+    auto s = c.scene->place(wanted);
+    if (s) c.version = version;
+    return s;
+  }
+
+  [[nodiscard]] Result<const RayScene*> scene_at(const Eigen::Vector3d& p) override {
+    if (!wanted.window) return fail(ErrorCode::bad_input, "rays", "expected prepare() before a cast");
+    if (!p.allFinite()) return fail(ErrorCode::bad_input, "rays", "expected an origin that is finite");
+    const Eigen::Vector3d cell = cell_of(p);
+    for (std::size_t i = 0; i < scenes.size(); ++i)
+      if (scenes[i].scene->origin() == cell) {
+        std::swap(scenes[0], scenes[i]);
+        return scenes[0].scene.get();
+      }
+    if (scenes.size() == kCells) scenes.pop_back();
+    Status done{};
+    try {
+      scenes.insert(scenes.begin(), Cell{std::make_unique<PlacedScene>(cache, cell), 0});
+      tasks->execute([&] { done = bring_up(scenes.front()); });
+    } catch (const std::bad_alloc&) {
+      done = fail(ErrorCode::unavailable, "rays", "out of memory");
+    }
+    if (!done) {
+      scenes.erase(scenes.begin());
+      return tl::unexpected(done.error());
+    }
+    return scenes[0].scene.get();
+  }
+  [[nodiscard]] const ContentWindow* window() const noexcept override { return wanted.window.get(); }
+  [[nodiscard]] tbb::task_arena& arena() noexcept override { return *tasks; }
+
+  std::shared_ptr<MeshCache> cache;
+  EmbreeOptions options;
+  std::unique_ptr<tbb::task_arena> tasks;
+  WantedContent wanted;
+  std::uint64_t version = 0;
+  std::vector<Cell> scenes;  ///< the one that was asked last comes first; before `wanted` they go
+  EngineStatistics statistics;
+};
+
+Engine& of(EmbreeEngine::Impl& impl) { return static_cast<Engine&>(impl); }
+
+/// Rays of a chunk, shot; coherent where neighbours go much the same way.
+void load(Shots& shots, const RayQuery& q, std::size_t begin, unsigned n, const Eigen::Vector3d& start) {
+  for (unsigned i = 0; i < n; ++i) {
+    const Ray& r = q.rays[begin + i];
+    const float o[3] = {static_cast<float>(start.x() + static_cast<double>(r.origin[0])),
+                        static_cast<float>(start.y() + static_cast<double>(r.origin[1])),
+                        static_cast<float>(start.z() + static_cast<double>(r.origin[2]))};
+    shots.set(i, o, r.direction, q.near_m, r.far_m, r.time);
+  }
+}
+
+void shade(const RayScene& scene, const RayQuery& q, const Ray& ray, const Eigen::Vector3d& start,
+           const Meeting& met, Hit& hit) {
+  hit = Hit{};
+  if (met.nothing()) return;
+  const double o[3] = {start.x() + static_cast<double>(ray.origin[0]),
+                       start.y() + static_cast<double>(ray.origin[1]),
+                       start.z() + static_cast<double>(ray.origin[2])};
+  const SurfacePoint p = scene.point(o, ray.direction, ray.time, met);
+  const int band[1] = {q.band};
+  const PointOptics s = optics_at(*p.surface, p.uv, p.tint, p.normal, p.place, scene.weather(), band,
+                                  &hit.reflectance, &hit.transmittance);
+  hit.range_m = static_cast<float>(p.range_m);
+  const float along =
+      p.normal[0] * ray.direction[0] + p.normal[1] * ray.direction[1] + p.normal[2] * ray.direction[2];
+  const float turn = along > 0 ? -1.0F : 1.0F;
+  for (int k = 0; k < 3; ++k) hit.normal[k] = turn * p.normal[k];
+  hit.cos_incidence = std::min(std::abs(along), 1.0F);
+  hit.roughness = s.roughness;
+  hit.metallic = s.metallic;
+  hit.retro_reflection = s.retro_reflection;
+  hit.water = s.water;
+  hit.uv[0] = p.uv[0];
+  hit.uv[1] = p.uv[1];
+  hit.node = p.node;
+  hit.surface = p.surface->surface.get();
+}
+
+[[nodiscard]] Status check(const RayQuery& q, std::size_t out) {
+  if (q.rays.size() != out)
+    return fail(
+        ErrorCode::bad_input, "rays",
+        "expected as many hits as rays, " + std::to_string(q.rays.size()) + ", got " + std::to_string(out));
+  if (q.band < 0 || q.band >= static_cast<int>(kBandCount))
+    return fail(ErrorCode::bad_input, "rays",
+                "band: expected 0 to " + std::to_string(kBandCount - 1) + ", got " + std::to_string(q.band));
+  if (!(q.near_m >= 0) || !std::isfinite(q.near_m))
+    return fail(ErrorCode::bad_input, "rays", "near_m: expected 0 or more");
+  return {};
+}
+
+}  // namespace
+
+EmbreeEngine::EmbreeEngine() = default;
+EmbreeEngine::~EmbreeEngine() = default;
+
+Result<std::shared_ptr<EmbreeEngine>> EmbreeEngine::create(std::shared_ptr<EmbreeCache> cache,
+                                                           const EmbreeOptions& options) {
+  auto meshes = std::dynamic_pointer_cast<MeshCache>(cache);
+  if (!meshes) return fail(ErrorCode::unavailable, "rays", "expected a cache made by EmbreeCache::create");
+  std::shared_ptr<EmbreeEngine> engine(new EmbreeEngine);
+  engine->impl_ = std::make_unique<Engine>(std::move(meshes), options);
+  return engine;
+}
+
+void EmbreeEngine::set_options(const EmbreeOptions& options) { of(*impl_).set(options); }
+
+Status EmbreeEngine::prepare(std::shared_ptr<const ContentWindow> window) {
+  return of(*impl_).prepare(std::move(window));
+}
+
+Status EmbreeEngine::cast(const RayQuery& query, std::span<Hit> hits) {
+  const auto began = std::chrono::steady_clock::now();
+  Engine& e = of(*impl_);
+  if (auto s = check(query, hits.size()); !s) return s;
+  const auto scene = e.scene_at(query.origin);
+  if (!scene) return tl::unexpected(scene.error());
+  const RayScene& s = **scene;
+  const Eigen::Vector3d start = query.origin - s.origin();
+  const std::size_t chunks = (query.rays.size() + kShots - 1) / kShots;
+  e.arena().execute([&] {
+    tbb::parallel_for(
+        tbb::blocked_range<std::size_t>(0, chunks, 1), [&](const tbb::blocked_range<std::size_t>& range) {
+          Shots shots;
+          for (std::size_t c = range.begin(); c != range.end(); ++c) {
+            const std::size_t begin = c * kShots;
+            const auto n = static_cast<unsigned>(std::min<std::size_t>(kShots, query.rays.size() - begin));
+            load(shots, query, begin, n, start);
+            s.meet(shots, n, true);
+            for (unsigned i = 0; i < n; ++i)
+              shade(s, query, query.rays[begin + i], start, shots.meeting(i), hits[begin + i]);
+          }
+        });
+  });
+  e.statistics.cast_ms = ms_since(began);
+  return {};
+}
+
+Status EmbreeEngine::occluded(const RayQuery& query, std::span<std::uint8_t> occluded) {
+  const auto began = std::chrono::steady_clock::now();
+  Engine& e = of(*impl_);
+  if (auto s = check(query, occluded.size()); !s) return s;
+  const auto scene = e.scene_at(query.origin);
+  if (!scene) return tl::unexpected(scene.error());
+  const RayScene& s = **scene;
+  const Eigen::Vector3d start = query.origin - s.origin();
+  const std::size_t chunks = (query.rays.size() + kShots - 1) / kShots;
+  e.arena().execute([&] {
+    tbb::parallel_for(
+        tbb::blocked_range<std::size_t>(0, chunks, 1), [&](const tbb::blocked_range<std::size_t>& range) {
+          Shots shots;
+          for (std::size_t c = range.begin(); c != range.end(); ++c) {
+            const std::size_t begin = c * kShots;
+            const auto n = static_cast<unsigned>(std::min<std::size_t>(kShots, query.rays.size() - begin));
+            load(shots, query, begin, n, start);
+            s.hide(shots, n, true, &occluded[begin]);
+          }
+        });
+  });
+  e.statistics.cast_ms = ms_since(began);
+  return {};
+}
+
+EngineStatistics EmbreeEngine::statistics() const { return of(*impl_).statistics; }
+const ContentWindow* EmbreeEngine::window() const noexcept { return impl_->window(); }
+
+}  // namespace rigor::render

@@ -1,0 +1,270 @@
+#include "sim/render/rays/embree_scene.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+namespace rigor::render {
+namespace {
+
+struct Context {
+  RTCIntersectContext embree;  // first: filters get its address
+  const RayInstance* instances = nullptr;
+};
+
+/// Of the plane of the triangle, against the ray, both in the mesh's axes.
+bool is_back(const RayInstance& i, float along) noexcept { return (along > 0) != (i.mirrored != 0); }
+
+void leave_out_backs(const RTCFilterFunctionNArguments* a) {
+  const auto* const context = reinterpret_cast<const Context*>(a->context);
+  const RayInstance& instance = context->instances[a->context->instID[0]];
+  const unsigned n = a->N;
+  for (unsigned i = 0; i < n; ++i) {
+    if (a->valid[i] != -1) continue;
+    if (!instance.mesh->parts[RTCHitN_geomID(a->hit, n, i)].one_sided) continue;
+    const float along = RTCHitN_Ng_x(a->hit, n, i) * RTCRayN_dir_x(a->ray, n, i) +
+                        RTCHitN_Ng_y(a->hit, n, i) * RTCRayN_dir_y(a->ray, n, i) +
+                        RTCHitN_Ng_z(a->hit, n, i) * RTCRayN_dir_z(a->ray, n, i);
+    if (is_back(instance, along)) a->valid[i] = 0;
+  }
+}
+
+/// Which lanes of a packet have a ray.
+bool lanes(const RTCRay8& r, unsigned first, unsigned n, int* valid) noexcept {
+  bool any = false;
+  for (unsigned k = 0; k < 8; ++k) {
+    const bool there = first + k < n && r.tnear[k] <= r.tfar[k];
+    valid[k] = there ? -1 : 0;
+    any = any || there;
+  }
+  return any;
+}
+
+Eigen::Matrix3d inverse_of(const Eigen::Quaterniond& rotation, const Eigen::Vector3d& scale) {
+  return scale.cwiseInverse().asDiagonal() * rotation.toRotationMatrix().transpose();
+}
+
+}  // namespace
+
+void Shots::set(unsigned i, const float o[3], const float d[3], float near_m, float far_m, float time,
+                unsigned mask) noexcept {
+  RTCRayHit8& p = packets[i / 8];
+  const unsigned k = i % 8;
+  // A sum is finite only where all of it is.
+  const float sum = (o[0] + o[1] + o[2]) * 0.0F + (d[0] + d[1] + d[2]) * 0.0F + time * 0.0F;
+  const bool there = sum == 0.0F && (d[0] != 0 || d[1] != 0 || d[2] != 0) && near_m <= far_m;
+  if (!there) {
+    skip(i);
+    return;
+  }
+  p.ray.org_x[k] = o[0];
+  p.ray.org_y[k] = o[1];
+  p.ray.org_z[k] = o[2];
+  p.ray.tnear[k] = std::max(near_m, 0.0F);
+  p.ray.dir_x[k] = d[0];
+  p.ray.dir_y[k] = d[1];
+  p.ray.dir_z[k] = d[2];
+  p.ray.time[k] = std::clamp(time, 0.0F, 1.0F);
+  p.ray.tfar[k] = far_m;
+  p.ray.mask[k] = mask;
+  p.ray.id[k] = i;
+  p.ray.flags[k] = 0;
+  p.hit.geomID[k] = RTC_INVALID_GEOMETRY_ID;
+  p.hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;
+}
+
+void Shots::skip(unsigned i) noexcept {
+  RTCRayHit8& p = packets[i / 8];
+  const unsigned k = i % 8;
+  p.ray.org_x[k] = p.ray.org_y[k] = p.ray.org_z[k] = 0;
+  p.ray.dir_x[k] = p.ray.dir_y[k] = p.ray.dir_z[k] = 0;
+  p.ray.time[k] = 0;
+  p.ray.tnear[k] = 1;
+  p.ray.tfar[k] = 0;
+  p.ray.mask[k] = p.ray.id[k] = p.ray.flags[k] = 0;
+  p.hit.geomID[k] = RTC_INVALID_GEOMETRY_ID;
+  p.hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;
+}
+
+Meeting Shots::meeting(unsigned i) const noexcept {
+  const RTCRayHit8& p = packets[i / 8];
+  const unsigned k = i % 8;
+  Meeting m;
+  if (p.hit.geomID[k] == RTC_INVALID_GEOMETRY_ID) return m;
+  m.range_m = p.ray.tfar[k];
+  m.u = p.hit.u[k];
+  m.v = p.hit.v[k];
+  m.instance = p.hit.instID[0][k];
+  m.part = p.hit.geomID[k];
+  m.triangle = p.hit.primID[k];
+  return m;
+}
+
+void RayScene::meet(Shots& shots, unsigned n, bool coherent) const noexcept {
+  Context context;
+  rtcInitIntersectContext(&context.embree);
+  context.embree.flags =
+      coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+  context.instances = instances_.data();
+  alignas(32) int valid[8];
+  for (unsigned first = 0; first < n; first += 8) {
+    RTCRayHit8& p = shots.packets[first / 8];
+    if (!lanes(p.ray, first, n, valid)) continue;
+    float far_m[8];
+    std::memcpy(far_m, p.ray.tfar, sizeof far_m);
+    rtcIntersect8(valid, handle_, &context.embree, &p);
+    // What was met from behind and has one side is not there: shot once more, past all such faces. Rare
+    // enough (a sensor inside a hull) that the first shot need not ask at every face.
+    bool again = false;
+    for (unsigned k = 0; k < 8; ++k) {
+      const bool met = valid[k] != 0 && p.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID;
+      valid[k] = 0;
+      if (!met) continue;
+      const RayInstance& i = instances_[p.hit.instID[0][k]];
+      if (!i.mesh->one_sided || !i.mesh->parts[p.hit.geomID[k]].one_sided) continue;
+      const Eigen::Vector3d d =
+          direction_in(i, p.ray.time[k], p.ray.dir_x[k], p.ray.dir_y[k], p.ray.dir_z[k]);
+      const double along = d.x() * static_cast<double>(p.hit.Ng_x[k]) +
+                           d.y() * static_cast<double>(p.hit.Ng_y[k]) +
+                           d.z() * static_cast<double>(p.hit.Ng_z[k]);
+      if ((along > 0) == (i.mirrored != 0)) continue;
+      valid[k] = -1;
+      again = true;
+      p.ray.tfar[k] = far_m[k];
+      p.hit.geomID[k] = RTC_INVALID_GEOMETRY_ID;
+      p.hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;
+    }
+    if (!again) continue;
+    context.embree.filter = leave_out_backs;
+    rtcIntersect8(valid, handle_, &context.embree, &p);
+    context.embree.filter = nullptr;
+  }
+}
+
+void RayScene::hide(Shots& shots, unsigned n, bool coherent, std::uint8_t* hidden) const noexcept {
+  Context context;
+  rtcInitIntersectContext(&context.embree);
+  context.embree.flags =
+      coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+  context.instances = instances_.data();
+  alignas(32) int valid[8];
+  for (unsigned first = 0; first < n; first += 8) {
+    RTCRay8& r = shots.packets[first / 8].ray;
+    const unsigned count = std::min(8U, n - first);
+    std::memset(hidden + first, 0, count);
+    if (!lanes(r, first, n, valid)) continue;
+    rtcOccluded8(valid, handle_, &context.embree, &r);
+    for (unsigned k = 0; k < count; ++k) hidden[first + k] = valid[k] != 0 && r.tfar[k] < 0 ? 1 : 0;
+  }
+}
+
+RayScene::Placement RayScene::placement(const RayInstance& i, float time) const noexcept {
+  using RowMajor = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+  if (i.motion == kStill)
+    return {Eigen::Map<const RowMajor>(i.inverse), Eigen::Map<const Eigen::Vector3d>(i.position)};
+  const auto& poses = motions_[i.motion].poses;
+  const double at = std::clamp(static_cast<double>(time), 0.0, 1.0) * static_cast<double>(poses.size() - 1);
+  const std::size_t k = std::min(static_cast<std::size_t>(at), poses.size() - 2);
+  const double f = at - static_cast<double>(k);
+  const RayMotion::Pose &a = poses[k], &b = poses[k + 1];
+  return {inverse_of(a.rotation.slerp(f, b.rotation), a.scale + f * (b.scale - a.scale)),
+          a.position + f * (b.position - a.position)};
+}
+
+Eigen::Vector3d RayScene::direction_in(const RayInstance& i, float time, float x, float y,
+                                       float z) const noexcept {
+  const Eigen::Vector3d d(x, y, z);
+  if (i.motion != kStill) return placement(i, time).inverse * d;
+  const double* m = i.inverse;
+  return {m[0] * d.x() + m[1] * d.y() + m[2] * d.z(), m[3] * d.x() + m[4] * d.y() + m[5] * d.z(),
+          m[6] * d.x() + m[7] * d.y() + m[8] * d.z()};
+}
+
+SurfacePoint RayScene::point(const double origin[3], const float direction[3], float time,
+                             const Meeting& met) const noexcept {
+  using Eigen::Vector3d;
+  using Eigen::Vector3f;
+  const RayInstance& instance = instances_[met.instance];
+  const RayMesh& mesh = *instance.mesh;
+  const RayPart& part = mesh.parts[met.part];
+  const Placement at = placement(instance, time);
+  const std::uint32_t* const index =
+      &mesh.mesh->indices[part.first_index + 3 * static_cast<std::size_t>(met.triangle)];
+  const Vertex& a = mesh.mesh->vertices[index[0]];
+  const Vertex& b = mesh.mesh->vertices[index[1]];
+  const Vertex& c = mesh.mesh->vertices[index[2]];
+  const auto place = [](const Vertex& v) { return Vector3d(v.position[0], v.position[1], v.position[2]); };
+
+  // Möller and Trumbore in the mesh's axes, in double: Embree's own range has the float error of where the
+  // ray starts and of its kernel.
+  const Vector3d o(origin[0], origin[1], origin[2]);
+  const Vector3d d(direction[0], direction[1], direction[2]);
+  const Vector3d d_mesh = at.inverse * d;
+  const Vector3d va = place(a), e1 = place(b) - va, e2 = place(c) - va;
+  const Vector3d to_a = va - at.inverse * (o - at.position);
+  const Vector3d n = e1.cross(e2);
+  const double along = n.dot(d_mesh);
+  const Vector3d r = to_a.cross(d_mesh);
+  const double t = n.dot(to_a) / along;
+  double u = r.dot(e2) / along, v = -r.dot(e1) / along;
+  SurfacePoint p;
+  if (std::isfinite(t) && std::isfinite(u) && std::isfinite(v)) {
+    p.range_m = t;
+    // Met by Embree's float just outside.
+    u = std::clamp(u, 0.0, 1.0);
+    v = std::clamp(v, 0.0, 1.0 - u);
+  } else {
+    p.range_m = met.range_m;
+    u = met.u;
+    v = met.v;
+  }
+  const auto fu = static_cast<float>(u), fv = static_cast<float>(v), fw = 1.0F - fu - fv;
+  for (int k = 0; k < 2; ++k) p.uv[k] = fw * a.uv[k] + fu * b.uv[k] + fv * c.uv[k];
+
+  const bool back = (along > 0) != (instance.mirrored != 0);
+  const Eigen::Matrix3d to_world = at.inverse.transpose();  // of normals
+  Vector3d plane = (to_world * n).normalized();
+  if (plane.dot(d) > 0) plane = -plane;
+  const Vector3f bent(fw * a.normal[0] + fu * b.normal[0] + fv * c.normal[0],
+                      fw * a.normal[1] + fu * b.normal[1] + fv * c.normal[1],
+                      fw * a.normal[2] + fu * b.normal[2] + fv * c.normal[2]);
+  Vector3d flat = to_world * bent.cast<double>();
+  const double length = flat.norm();
+  if (length > 1e-12 && std::isfinite(length)) {
+    flat /= length;
+    if (back) flat = -flat;
+  } else {
+    flat = plane;  // no normal given
+  }
+  Vector3d normal = flat;
+  if (part.surface->normal != nullptr) {
+    // Mikkelsen (2010), as in surface_main.glsl, with the triangle's edges for the picture's differences.
+    const Eigen::Matrix3d forward = at.inverse.inverse();
+    const Vector3d w1 = forward * e1, w2 = forward * e2;
+    const double du1 = b.uv[0] - a.uv[0], du2 = c.uv[0] - a.uv[0], dv1 = b.uv[1] - a.uv[1],
+                 dv2 = c.uv[1] - a.uv[1];
+    const Vector3d x = w2.cross(flat), y = flat.cross(w1);
+    const double side = w1.cross(w2).dot(d) < 0 ? 1.0 : -1.0;
+    const Vector3d right = side * (x * du1 + y * du2), down = side * (x * dv1 + y * dv2);
+    const double longest = std::max(right.squaredNorm(), down.squaredNorm());
+    if (longest > 0 && std::isfinite(longest)) {
+      const Vector3f m = mapped_normal(*part.surface, p.uv[0], p.uv[1]);
+      const double scale = 1 / std::sqrt(longest);
+      normal = (right * (scale * static_cast<double>(m.x())) - down * (scale * static_cast<double>(m.y())) +
+                flat * static_cast<double>(std::max(m.z(), 0.05F)))
+                   .normalized();
+    }
+  }
+  for (int k = 0; k < 3; ++k) {
+    p.flat_normal[k] = static_cast<float>(flat[k]);
+    p.normal[k] = static_cast<float>(normal[k]);
+    p.triangle_normal[k] = static_cast<float>(plane[k]);
+    p.place[k] = static_cast<float>(o[k] + p.range_m * d[k]);
+    p.tint[k] = instance.tint[k];
+  }
+  p.surface = part.surface.get();
+  p.node = instance.node;
+  return p;
+}
+
+}  // namespace rigor::render
