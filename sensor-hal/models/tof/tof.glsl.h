@@ -125,15 +125,13 @@ FN void tof_phasor(REAL turns, REAL triangle, REAL a3, REAL a5, REAL a7, REAL a9
 FN REAL tof_backscatter(REAL reflectance, REAL cos_incidence, REAL roughness, REAL metallic, REAL retro,
                         REAL retro_gain) {
   REAL back = (REAL(1.0) - metallic) * reflectance * cos_incidence;
-  if (roughness < REAL(1.0)) {
+  if (roughness < REAL(1.0) || metallic > REAL(0.0)) {
     REAL alpha = roughness * roughness;
     alpha = alpha > REAL(0.0025) ? alpha : REAL(0.0025);
     REAL a2 = alpha * alpha;
     REAL f0 = REAL(0.04) + (reflectance - REAL(0.04)) * metallic;
     REAL f = cos_incidence * cos_incidence * (a2 - REAL(1.0)) + REAL(1.0);
     back = back + a2 / (f * f) * f0 * REAL(0.25) * cos_incidence;  // times pi: the Lambertian's 1/pi
-  } else {
-    back = back + metallic * reflectance * REAL(0.25) * cos_incidence;  // the same with alpha = 1
   }
   return back + retro * retro_gain;
 }

@@ -20,11 +20,23 @@ struct TofSpec {
   double allowed_error_rad = 0;  ///< of the content that is asked for; 0: in full
 };
 
-/// Row by row. NaN: no return (too dark, saturated, outside the range limits, removed by a filter).
+enum class TofPixelStatus : std::uint8_t {
+  valid,
+  no_return,     ///< no light of the camera's own came back
+  dark,          ///< amplitude below the limit
+  saturated,     ///< a tap's well was full: own light, ambient light, or both
+  out_of_range,  ///< of the range limits
+  ambiguous,     ///< the frequencies' ranges disagree
+  filtered       ///< removed as a flying pixel
+};
+
+/// Row by row. NaN: no return, for the reason that `status` states.
 struct TofPicture {
   std::uint32_t width_px = 0, height_px = 0;
-  std::vector<float> range_m;    ///< radial: along the pixel's ray
-  std::vector<float> amplitude;  ///< electrons
+  std::vector<float> range_m;  ///< radial: along the pixel's ray
+  std::vector<float>
+      amplitude;  ///< E·C/2 in electrons, mean of the frequencies; also where there is no range
+  std::vector<TofPixelStatus> status;
   std::vector<float>
       taps;  ///< 4 per pixel of the first frequency, electrons; filled where `keep_taps` asks for it
 };
@@ -35,7 +47,10 @@ class TofSimulator {
   [[nodiscard]] static Result<std::unique_ptr<TofSimulator>> create(
       const TofSpec& spec, std::shared_ptr<render::RayEngine> engine);
   ~TofSimulator();
-  /// Blocks.
+  /// One frame; request.t_capture is the middle of the taps. The truth is that of the pixels' centres at
+  /// t_capture. Where nothing moves, neither the sensor nor the world, or the model's motion is off, the
+  /// taps share one cast; else each exposure has its own. Keeps its buffers and the picture's: only the first
+  /// frame allocates them. Blocks. Errors: the engine's.
   [[nodiscard]] Status capture(const MeasureRequest& request, const render::SensorView& view,
                                TofPicture& picture, GroundTruth* truth = nullptr, bool keep_taps = false);
   [[nodiscard]] const TofSpec& spec() const;

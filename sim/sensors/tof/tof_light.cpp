@@ -1,0 +1,366 @@
+#include "sim/sensors/tof/tof_light.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "sensor-hal/models/tof/tof_math.h"
+#include "sim/sensors/tof/tof_effects.h"
+#include "sim/world/semantic_types.h"
+
+namespace rigor::tof {
+namespace {
+
+using Math = models::TofMath<float>;
+using render::Hit;
+using render::Ray;
+constexpr float kPi = std::numbers::pi_v<float>;
+constexpr std::size_t kGrain = 2048;
+
+template <class F>
+void each(std::size_t count, const F& f) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, kGrain), [&](const auto& range) {
+    for (std::size_t i = range.begin(); i < range.end(); ++i) f(i);
+  });
+}
+
+struct Vector {
+  float x, y, z;
+};
+Vector operator+(Vector a, Vector b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+Vector operator*(Vector a, float s) { return {a.x * s, a.y * s, a.z * s}; }
+float dot(Vector a, Vector b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+Vector vec(const float* v) { return {v[0], v[1], v[2]}; }
+
+/// How far a ray of the second kind starts off its surface: above what a float range is uncertain by.
+float lift_m(float range_m) { return 1e-4F + 2e-5F * range_m; }
+/// Light that leaves a hit back towards where it came from, as Math::tof_backscatter has it.
+float backscatter(const Hit& h, float retro_gain) {
+  return Math::tof_backscatter(h.reflectance, h.cos_incidence, h.roughness, h.metallic, h.retro_reflection,
+                               retro_gain);
+}
+
+/// What air takes away from light between two points, by their heights.
+class Air {
+ public:
+  Air(const render::ContentFrame& frame, int band, double eye_z) : eye_z_(eye_z) {
+    const auto b = static_cast<std::size_t>(band);
+    everywhere_ = static_cast<double>(frame.precipitation.extinction_per_m[b]);
+    for (const render::Haze& haze : frame.hazes) {
+      const auto extinction = static_cast<double>(haze.extinction_per_m[b]);
+      if (extinction <= 0) continue;
+      if (std::isinf(haze.top_m))
+        everywhere_ += extinction;
+      else
+        layers_ = true;
+    }
+    frame_ = &frame;
+    band_ = b;
+  }
+  [[nodiscard]] bool clear() const { return everywhere_ <= 0 && !layers_; }
+  /// Transmittance of there and back.
+  [[nodiscard]] float there_and_back(float range_m, float rise) const {
+    const double r = static_cast<double>(range_m);
+    double depth = everywhere_ * r;
+    if (layers_)
+      for (const render::Haze& haze : frame_->hazes) {
+        if (std::isinf(haze.top_m)) continue;
+        const double below = haze.top_m - eye_z_, end = below - static_cast<double>(rise) * r;
+        double part = 1;  // of the ray below the top
+        if (below <= 0 && end <= 0)
+          part = 0;
+        else if (below * end < 0)
+          part = std::max(below, end) / std::abs(below - end);
+        depth += static_cast<double>(haze.extinction_per_m[band_]) * r * part;
+      }
+    return static_cast<float>(std::exp(-2 * depth));
+  }
+
+ private:
+  const render::ContentFrame* frame_ = nullptr;
+  std::size_t band_ = 0;
+  double eye_z_ = 0, everywhere_ = 0;
+  bool layers_ = false;
+};
+
+/// Irradiance of the sky on a level plane.
+double level_irradiance(const render::SkyMap& sky, std::size_t band) {
+  double sum = 0;
+  const double cell =
+      2 * std::numbers::pi / std::max(sky.width, 1) * (std::numbers::pi / 2) / std::max(sky.height, 1);
+  for (int j = 0; j < sky.height; ++j) {
+    const double elevation = (j + 0.5) / sky.height * std::numbers::pi / 2;
+    for (int i = 0; i < sky.width; ++i)
+      sum += static_cast<double>(sky.radiance[static_cast<std::size_t>(j * sky.width + i)][band]) *
+             std::sin(elevation) * std::cos(elevation) * cell;
+  }
+  return sum;
+}
+
+}  // namespace
+
+int nearest_band(double wavelength_m) {
+  int best = 0;
+  for (int b = 1; b < render::kBandCount; ++b)
+    if (std::abs(world::kBandWavelength_nm[static_cast<std::size_t>(b)] - wavelength_m * 1e9) <
+        std::abs(world::kBandWavelength_nm[static_cast<std::size_t>(best)] - wavelength_m * 1e9))
+      best = b;
+  return best;
+}
+
+double band_width_m(int band) { return band < 3 ? 100e-9 : 50e-9; }
+
+LightMeter::LightMeter(const models::TofModel& model, models::PhiloxKey key)
+    : model_(model), key_(key), band_(nearest_band(model.illumination.wavelength_m)) {}
+
+render::RayQuery LightMeter::query(const Instant& instant, std::span<const Ray> rays, float near_m) const {
+  return {.origin = instant.T_world_sensor.translation(), .band = band_, .near_m = near_m, .rays = rays};
+}
+
+Result<std::span<const Hit>> LightMeter::cast(render::RayEngine& engine, const SampleRays& rays,
+                                              const Instant& instant) {
+  rays_.resize(rays.count());
+  hits_.resize(rays.count());
+  const Eigen::Matrix3f R = instant.T_world_sensor.linear().cast<float>();
+  each(rays.count(), [&](std::size_t i) {
+    Ray& ray = rays_[i];
+    for (int a = 0; a < 3; ++a) {
+      ray.origin[a] = 0;
+      ray.direction[a] = R(a, 0) * rays.x[i] + R(a, 1) * rays.y[i] + R(a, 2) * rays.z[i];
+    }
+    ray.time = instant.time;
+  });
+  if (auto cast = engine.cast(query(instant, rays_, 1e-3F), hits_); !cast)
+    return tl::unexpected<Error>(cast.error());
+  return std::span<const Hit>(hits_);
+}
+
+Status LightMeter::measure(render::RayEngine& engine, const render::ContentWindow& window,
+                           const SampleRays& rays, const Instant& instant, SampleLight& light) {
+  if (auto hits = cast(engine, rays, instant); !hits) return tl::unexpected<Error>(hits.error());
+  // Light and air change slowly: those of the window's begin.
+  const render::ContentFrame& frame = window.first();
+  active(rays, instant, frame, light);
+  light.ambient_e.clear();
+  if (model_.optics.filter_width_m > 0) {
+    const Ambient sky = ambient(frame, rays);
+    if (sky.any) {
+      if (auto s = shadows(engine, rays, instant, sky); !s) return s;
+      background(rays, instant, frame, sky, light);
+    }
+  }
+  light.bounce_e.clear();
+  light.bounce_range_m.clear();
+  if (model_.sampling.multipath_rays > 0) return bounce(engine, rays, instant, light);
+  return {};
+}
+
+void LightMeter::active(const SampleRays& rays, const Instant& instant, const render::ContentFrame& frame,
+                        SampleLight& light) const {
+  light.active_e.resize(rays.count());
+  light.range_m.resize(rays.count());
+  const Air air(frame, band_, instant.T_world_sensor.translation().z());
+  const bool clear = air.clear();
+  const auto retro_gain = static_cast<float>(model_.sampling.retro_gain);
+  each(rays.count(), [&](std::size_t i) {
+    const Hit& h = hits_[i];
+    if (h.nothing()) {
+      light.active_e[i] = light.range_m[i] = 0;
+      return;
+    }
+    float e = Math::tof_active_electrons(rays.gain[i], rays.intensity_w_per_sr[i], h.range_m,
+                                         backscatter(h, retro_gain));
+    if (!clear) e *= air.there_and_back(h.range_m, rays_[i].direction[2]);
+    // A material that is not a number reflects nothing.
+    light.active_e[i] = e >= 0 && e < std::numeric_limits<float>::infinity() ? e : 0;
+    light.range_m[i] = h.range_m;
+  });
+}
+
+LightMeter::Ambient LightMeter::ambient(const render::ContentFrame& frame, const SampleRays& rays) {
+  Ambient a;
+  const auto b = static_cast<std::size_t>(band_);
+  const render::Light& light = frame.light;
+  a.share = static_cast<float>(std::min(1.0, model_.optics.filter_width_m / band_width_m(band_)));
+  const Eigen::Vector3f sun = light.direction_to_sun.cast<float>();
+  for (int i = 0; i < 3; ++i) a.sun[i] = sun[i];
+  if (sun.z() > -2 * light.sun_angular_radius_rad) a.sun_irradiance = light.sun_irradiance[b];
+  if (light.sky) {
+    if (light.sky->serial != sky_serial_) {
+      sky_up_ = level_irradiance(*light.sky, b);
+      sky_serial_ = light.sky->serial;
+    }
+    a.sky_irradiance = static_cast<float>(sky_up_);
+  }
+  a.ground_radiance =
+      light.ground_albedo[b] * (a.sky_irradiance + a.sun_irradiance * std::max(0.0F, sun.z())) / kPi;
+  if (a.sun_irradiance > 0) {
+    // A disc smaller than the way between samples is spread to that, its light kept: it is never missed.
+    const float spacing =
+        static_cast<float>(1 / std::min(model_.fx_px, model_.fy_px)) / static_cast<float>(rays.side);
+    const float radius = std::max(light.sun_angular_radius_rad, 0.75F * spacing);
+    a.sun_cos = std::cos(radius);
+    a.sun_disc_radiance = a.sun_irradiance / (kPi * radius * radius);
+  }
+  a.any = a.sun_irradiance > 0 || a.sky_irradiance > 0;
+  for (const render::PointLight& lamp : frame.lamps) a.any = a.any || lamp.radiant_intensity[b] > 0;
+  return a;
+}
+
+Status LightMeter::shadows(render::RayEngine& engine, const SampleRays& rays, const Instant& instant,
+                           const Ambient& sky) {
+  const std::size_t pixels =
+      static_cast<std::size_t>(rays.width_px) * static_cast<std::size_t>(rays.height_px);
+  sunlit_.assign(pixels, 1.0F);
+  if (!model_.sampling.sun_shadows || sky.sun_irradiance <= 0) return {};
+  more_rays_.resize(pixels);
+  more_hits_.resize(pixels);
+  const Vector sun = vec(sky.sun);
+  each(pixels, [&](std::size_t p) {
+    const Hit& h = hits_[rays.middle_sample(p)];
+    const Vector n = vec(h.normal);
+    Ray& ray = more_rays_[p];
+    ray = Ray{.time = instant.time};
+    if (h.nothing() || dot(n, sun) <= 0) {  // asks nothing: meets nothing
+      ray.direction[0] = std::numeric_limits<float>::quiet_NaN();
+      return;
+    }
+    const Vector d = vec(rays_[rays.middle_sample(p)].direction);
+    const Vector start = d * h.range_m + n * lift_m(h.range_m);
+    ray.origin[0] = start.x, ray.origin[1] = start.y, ray.origin[2] = start.z;
+    std::copy(sky.sun, sky.sun + 3, ray.direction);
+  });
+  if (auto cast = engine.cast(query(instant, more_rays_, 1e-3F), more_hits_); !cast) return cast;
+  each(pixels, [&](std::size_t p) { sunlit_[p] = more_hits_[p].nothing() ? 1.0F : 0.0F; });
+  return {};
+}
+
+void LightMeter::background(const SampleRays& rays, const Instant& instant, const render::ContentFrame& frame,
+                            const Ambient& sky, SampleLight& light) const {
+  light.ambient_e.resize(rays.count());
+  const auto b = static_cast<std::size_t>(band_);
+  const Vector sun = vec(sky.sun);
+  const Eigen::Vector3d& eye = instant.T_world_sensor.translation();
+  each(rays.count(), [&](std::size_t i) {
+    const Hit& h = hits_[i];
+    const Vector d = vec(rays_[i].direction);
+    float radiance = 0;
+    if (!(rays.gain[i] > 0)) {
+      light.ambient_e[i] = 0;
+      return;
+    }
+    if (h.nothing()) {
+      radiance = d.z >= 0 && frame.light.sky
+                     ? frame.light.sky->at(Eigen::Vector3f(d.x, d.y, d.z).cast<double>())[b]
+                     : sky.ground_radiance;
+      if (dot(d, sun) > sky.sun_cos) radiance += sky.sun_disc_radiance;
+    } else {
+      const Vector n = vec(h.normal);
+      const float cos_sun = dot(n, sun);
+      // An even sky over an even ground (Liu & Jordan 1963).
+      const float up = 0.5F * (1 + n.z), down = 1 - up;
+      float front = sky.sky_irradiance * up + kPi * sky.ground_radiance * down;
+      float back = sky.sky_irradiance * down + kPi * sky.ground_radiance * up;
+      const float lit = sky.sun_irradiance * sunlit_[rays.pixel_of(i)];
+      front += lit * std::max(cos_sun, 0.0F);
+      back += sky.sun_irradiance * std::max(-cos_sun, 0.0F);
+      for (const render::PointLight& lamp : frame.lamps) {
+        const Eigen::Vector3f to =
+            (lamp.position - eye).cast<float>() - Eigen::Vector3f(d.x, d.y, d.z) * h.range_m;
+        const float d2 = std::max(to.squaredNorm(), 1e-4F);
+        const float c = dot(n, {to.x(), to.y(), to.z()}) / std::sqrt(d2);
+        (c > 0 ? front : back) += lamp.radiant_intensity[b] / d2 * std::abs(c);
+      }
+      radiance = (h.reflectance * front + h.transmittance * back) / kPi;
+    }
+    const float e = rays.gain[i] * radiance * sky.share;
+    light.ambient_e[i] = e >= 0 && e < std::numeric_limits<float>::infinity() ? e : 0;
+  });
+}
+
+Status LightMeter::bounce(render::RayEngine& engine, const SampleRays& rays, const Instant& instant,
+                          SampleLight& light) {
+  const std::size_t pixels =
+      static_cast<std::size_t>(rays.width_px) * static_cast<std::size_t>(rays.height_px);
+  const auto each_px = static_cast<std::size_t>(model_.sampling.multipath_rays);
+  const std::size_t count = pixels * each_px;
+  more_rays_.resize(count);
+  more_hits_.resize(count);
+  seen_hits_.resize(count);
+  light.bounce_e.resize(count);
+  light.bounce_range_m.resize(count);
+  // From the first surface into its hemisphere, as Lambert's cosine weighs it.
+  each(count, [&](std::size_t i) {
+    const std::size_t s = rays.middle_sample(i / each_px);
+    const Hit& h = hits_[s];
+    Ray& ray = more_rays_[i];
+    ray = Ray{.time = instant.time};
+    if (h.nothing()) {
+      ray.direction[0] = std::numeric_limits<float>::quiet_NaN();
+      return;
+    }
+    const auto words = models::draw_words(key_, kMultipath, 0, static_cast<std::uint32_t>(i));
+    const float u = Math::unit_from_bits(words[0]), v = Math::unit_from_bits(words[1]);
+    // A stratum of the radius for each ray of the pixel.
+    const float r2 = (static_cast<float>(i % each_px) + u) / static_cast<float>(each_px);
+    float sin_a = 0, cos_a = 1;
+    Math::tof_sincos_turns(v, sin_a, cos_a);
+    const Vector n = vec(h.normal), d = vec(rays_[s].direction);
+    // Axes across the normal (Duff et al., JCGT 6, 2017).
+    const float sign = std::copysign(1.0F, n.z), a = -1 / (sign + n.z), b = n.x * n.y * a;
+    const Vector t{1 + sign * n.x * n.x * a, sign * b, -sign * n.x}, q{b, sign + n.y * n.y * a, -n.y};
+    const float r = std::sqrt(r2);
+    const Vector w = t * (r * cos_a) + q * (r * sin_a) + n * std::sqrt(std::max(0.0F, 1 - r2));
+    const Vector start = d * h.range_m + n * lift_m(h.range_m);
+    ray.origin[0] = start.x, ray.origin[1] = start.y, ray.origin[2] = start.z;
+    ray.direction[0] = w.x, ray.direction[1] = w.y, ray.direction[2] = w.z;
+  });
+  if (auto cast = engine.cast(query(instant, more_rays_, 1e-3F), more_hits_); !cast) return cast;
+  // Does the illumination reach the second surface? E and way for those that it does.
+  each(count, [&](std::size_t i) {
+    const std::size_t s = rays.middle_sample(i / each_px);
+    const Hit& second = more_hits_[i];
+    Ray& ray = more_rays_[i];
+    light.bounce_e[i] = light.bounce_range_m[i] = 0;
+    const bool nothing = second.nothing();
+    const Vector w = vec(ray.direction);
+    const Vector at = vec(ray.origin) + w * (nothing ? 0.0F : second.range_m);
+    const Vector n = vec(second.normal);
+    ray.direction[0] = std::numeric_limits<float>::quiet_NaN();
+    if (nothing) return;
+    const float away = std::sqrt(dot(at, at));
+    if (!(away > 1e-3F)) return;
+    const Vector from = at * (1 / away);
+    const float cosine = -dot(n, from);
+    if (cosine <= 0) return;
+    const Eigen::Vector3f axis = instant.T_world_sensor.linear().col(2).cast<float>();
+    const float off_axis = dot(from, {axis.x(), axis.y(), axis.z()});
+    if (off_axis <= 0) return;
+    const float intensity = static_cast<float>(model_.illumination.radiant_intensity_w_per_sr) *
+                            (model_.illumination.cosine_exponent > 0
+                                 ? std::pow(off_axis, static_cast<float>(model_.illumination.cosine_exponent))
+                                 : 1.0F);
+    const Hit& first = hits_[s];
+    // Radiance I cos rho2/(pi R2^2) of the second surface, on average over the cosine-weighted hemisphere,
+    // times the first one's reflectance.
+    const float e = rays.gain[s] * intensity * cosine * second.reflectance * (1 - second.metallic) *
+                    first.reflectance * (1 - first.metallic) / (kPi * away * away) /
+                    static_cast<float>(each_px);
+    if (!(e > 0 && e < std::numeric_limits<float>::infinity())) return;
+    light.bounce_e[i] = e;
+    light.bounce_range_m[i] = 0.5F * (first.range_m + second.range_m + away);
+    ray.origin[0] = ray.origin[1] = ray.origin[2] = 0;
+    ray.direction[0] = from.x, ray.direction[1] = from.y, ray.direction[2] = from.z;
+    ray.far_m = away * (1 - 1e-4F) - 1e-3F;
+  });
+  if (auto cast = engine.cast(query(instant, more_rays_, 1e-3F), seen_hits_); !cast) return cast;
+  each(count, [&](std::size_t i) {
+    if (!seen_hits_[i].nothing()) light.bounce_e[i] = 0;
+  });
+  return {};
+}
+
+}  // namespace rigor::tof

@@ -1,0 +1,78 @@
+// From what rays meet to electrons: the camera's own light and the ambient light, sample by sample.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "sensor-hal/models/tof/tof_model.h"
+#include "sim/render/engine/ray_engine.h"
+#include "sim/sensors/tof/tof_rays.h"
+
+namespace rigor::tof {
+
+/// Light that reaches the samples at one instant.
+struct SampleLight {
+  std::vector<float> active_e;   ///< E of one integration; 0: nothing comes back
+  std::vector<float> range_m;    ///< half the way of that light; 0 where nothing comes back
+  std::vector<float> ambient_e;  ///< of one integration, all taps together; empty: none anywhere
+  /// Over one more surface, `rays` for each pixel; empty: none.
+  std::vector<float> bounce_e, bounce_range_m;
+};
+
+/// An instant: where the sensor is and when.
+struct Instant {
+  Eigen::Isometry3d T_world_sensor = Eigen::Isometry3d::Identity();
+  float time = 0;  ///< in the window
+};
+
+/// Index of the band that is nearest to a wavelength.
+[[nodiscard]] int nearest_band(double wavelength_m);
+/// Width of a band of content, m: docs/conventions.md, "Light".
+[[nodiscard]] double band_width_m(int band);
+
+/// Casts and works out light. Keeps its buffers: after the first frame nothing is allocated here.
+class LightMeter {
+ public:
+  LightMeter(const models::TofModel& model, models::PhiloxKey key);
+
+  /// `window` is what the engine has prepared. Errors: the engine's.
+  [[nodiscard]] Status measure(render::RayEngine& engine, const render::ContentWindow& window,
+                               const SampleRays& rays, const Instant& instant, SampleLight& light);
+  /// Rays only: hits of the samples at an instant, valid until the next call.
+  [[nodiscard]] Result<std::span<const render::Hit>> cast(render::RayEngine& engine, const SampleRays& rays,
+                                                          const Instant& instant);
+  [[nodiscard]] int band() const { return band_; }
+
+ private:
+  struct Ambient {
+    bool any = false;
+    float sun[3]{};  ///< direction to it, world axes
+    float sun_irradiance = 0, sky_irradiance = 0, ground_radiance = 0;
+    float sun_cos = 2, sun_disc_radiance = 0;
+    float share = 0;
+  };
+  [[nodiscard]] Ambient ambient(const render::ContentFrame& frame, const SampleRays& rays);
+  void active(const SampleRays& rays, const Instant& instant, const render::ContentFrame& frame,
+              SampleLight& light) const;
+  [[nodiscard]] Status shadows(render::RayEngine& engine, const SampleRays& rays, const Instant& instant,
+                               const Ambient& sky);
+  void background(const SampleRays& rays, const Instant& instant, const render::ContentFrame& frame,
+                  const Ambient& sky, SampleLight& light) const;
+  [[nodiscard]] Status bounce(render::RayEngine& engine, const SampleRays& rays, const Instant& instant,
+                              SampleLight& light);
+  [[nodiscard]] render::RayQuery query(const Instant& instant, std::span<const render::Ray> rays,
+                                       float near_m) const;
+
+  const models::TofModel model_;
+  const models::PhiloxKey key_;
+  const int band_;
+  std::vector<render::Ray> rays_, more_rays_;
+  std::vector<render::Hit> hits_, more_hits_, seen_hits_;
+  std::vector<float> sunlit_;  ///< of each pixel, 0 or 1
+  std::uint64_t sky_serial_ = 0;
+  double sky_up_ = 0;  ///< irradiance of the sky on a level plane, kept for sky_serial_
+};
+
+}  // namespace rigor::tof
