@@ -25,8 +25,13 @@ enum class NoiseEffect : std::uint32_t {
   camera_shot_and_read_2 = 2,  ///< words 0, 1 sample 2 of a pixel with three samples
   camera_fixed_pattern = 3,    ///< word 0 PRNU, word 1 DSNU; capture index 0
   camera_hot_pixel = 4,        ///< word 0 whether, word 1 how hot; capture index 0
-  lidar_echo = 16,  ///< element firing·2 + echo: word 0 range, word 1 remission
-  lidar_drop = 17,  ///< element firing: word 0 way to the nearest drop
+  lidar_echo = 16,             ///< element firing·2 + echo: word 0 range, word 1 remission
+  lidar_drop = 17,             ///< element firing: word 0 way to the nearest drop
+  tof_fixed_pattern = 61,      ///< word 0 range offset, word 1 gain; capture index 0
+  tof_jitter = 62,             ///< element sample: words 0, 1 its place in its cell; capture index 0
+  tof_multipath = 63,          ///< element ray: words 0, 1 its direction; capture index 0
+  tof_shot = 64,               ///< to 71, one for each modulation frequency: word k tap k
+  tof_read = 72,               ///< to 79, one for each modulation frequency: word k tap k
 };
 
 [[nodiscard]] inline std::array<std::uint32_t, 4> philox(std::array<std::uint32_t, 4> counter,

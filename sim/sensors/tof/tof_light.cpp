@@ -302,7 +302,8 @@ Status LightMeter::bounce(render::RayEngine& engine, const SampleRays& rays, con
       ray.direction[0] = std::numeric_limits<float>::quiet_NaN();
       return;
     }
-    const auto words = models::draw_words(key_, kMultipath, 0, static_cast<std::uint32_t>(i));
+    const auto words =
+        models::draw_words(key_, models::NoiseEffect::tof_multipath, 0, static_cast<std::uint32_t>(i));
     const float u = Math::unit_from_bits(words[0]), v = Math::unit_from_bits(words[1]);
     // A stratum of the radius for each ray of the pixel.
     const float r2 = (static_cast<float>(i % each_px) + u) / static_cast<float>(each_px);

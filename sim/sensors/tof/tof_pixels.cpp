@@ -91,7 +91,8 @@ void PixelArray::make_fixed_pattern() {
   gain_.assign(pixels_, 1);
   each_row(pixels_, 4096, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      const auto words = models::draw_words(key_, kFixedPattern, 0, static_cast<std::uint32_t>(i));
+      const auto words =
+          models::draw_words(key_, models::NoiseEffect::tof_fixed_pattern, 0, static_cast<std::uint32_t>(i));
       offset_m_[i] =
           static_cast<float>(p.range_offset_sigma_m) * Math::normal_quantile(Math::unit_from_bits(words[0]));
       gain_[i] = std::max(

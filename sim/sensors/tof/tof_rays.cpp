@@ -131,7 +131,8 @@ SampleRays sample_rays(const models::TofModel& model, models::PhiloxKey key) {
           const std::size_t sample = (v * width + u) * s * s + i;
           double du = 0.5, dv = 0.5;
           if (s > 1) {
-            const auto words = models::draw_words(key, kJitter, 0, static_cast<std::uint32_t>(sample));
+            const auto words = models::draw_words(key, models::NoiseEffect::tof_jitter, 0,
+                                                  static_cast<std::uint32_t>(sample));
             du = models::NoiseMath<double>::unit_from_bits(words[0]);
             dv = models::NoiseMath<double>::unit_from_bits(words[1]);
           }
