@@ -30,6 +30,7 @@ struct OpticsPicture {
 struct OpticsOptions {
   int samples_per_pixel = 4;      ///< rays: samples over pixel area, aperture and exposure together
   double supersampling = 1.0;     ///< vulkan: view pixels per sensor pixel along a side
+  int view_samples = 4;           ///< vulkan: samples per view pixel, 1 or 4; from supersampling 1.5 on 1
   int instants = 4;               ///< vulkan: views during the exposure (and readout), where anything moves
   double allowed_error_px = 1.0;  ///< levels of detail
   bool shadows = true;
@@ -57,7 +58,13 @@ class CameraOpticsPicture {
 /// Errors: bad_input (a model that is not valid).
 [[nodiscard]] Result<std::unique_ptr<CameraOpticsPicture>> make_vulkan_optics(
     const CameraModel& camera, const OpticsOptions& options, std::shared_ptr<render::Device> device);
+/// With a renderer that others draw with too, one after the other, on the same thread.
+[[nodiscard]] Result<std::unique_ptr<CameraOpticsPicture>> make_vulkan_optics(
+    const CameraModel& camera, const OpticsOptions& options, std::shared_ptr<render::ViewRenderer> renderer);
 [[nodiscard]] Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(
     const CameraModel& camera, const OpticsOptions& options, std::shared_ptr<render::EmbreeCache> cache);
+/// With an engine that others measure with too, one after the other, on the same thread.
+[[nodiscard]] Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(
+    const CameraModel& camera, const OpticsOptions& options, std::shared_ptr<render::EmbreeEngine> engine);
 
 }  // namespace rigor

@@ -1,0 +1,264 @@
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "sim/sensors/camera/exposure_timing.h"
+#include "sim/sensors/camera/ground_truth.h"
+#include "sim/sensors/camera/lens_grid.h"
+#include "sim/sensors/camera/lens_samples.h"
+#include "sim/sensors/camera/thin_lens.h"
+
+namespace rigor {
+namespace {
+
+using render::Ray;
+
+/// Rays that are traced at once, about: enough for all threads, little enough for the cache.
+constexpr int kRaysAtOnce = 65536;
+/// Pixels of a packet: next to each other.
+constexpr int kBlockWidth = 4, kBlockHeight = 2;
+constexpr int kPoseSteps = 64;
+
+/// Poses at equal steps as floats about an origin: between two of them the matrices may go linearly, for
+/// rotations of a hundredth of a turn over the whole table to 1e-6 rad.
+class PoseTable {
+ public:
+  PoseTable(const SensorMotion& motion, const Eigen::Vector3d& origin) {
+    const int n = motion.still() ? 1 : kPoseSteps + 1;
+    for (int i = 0; i < n; ++i) {
+      const Eigen::Isometry3d T = motion.at(n == 1 ? 0.0 : static_cast<double>(i) / kPoseSteps);
+      turn_.push_back(T.linear().cast<float>());
+      from_.push_back((T.translation() - origin).cast<float>());
+    }
+  }
+  void at(float share, Eigen::Matrix3f& turn, Eigen::Vector3f& from) const {
+    if (turn_.size() == 1) {
+      turn = turn_[0];
+      from = from_[0];
+      return;
+    }
+    const float x = std::clamp(share, 0.0F, 1.0F) * kPoseSteps;
+    const auto i = std::min(static_cast<std::size_t>(x), turn_.size() - 2);
+    const float w = x - static_cast<float>(i);
+    turn = (1 - w) * turn_[i] + w * turn_[i + 1];
+    from = (1 - w) * from_[i] + w * from_[i + 1];
+  }
+
+ private:
+  std::vector<Eigen::Matrix3f> turn_;
+  std::vector<Eigen::Vector3f> from_;
+};
+
+class RaysOptics final : public CameraOpticsPicture {
+ public:
+  RaysOptics(const CameraModel& camera, const OpticsOptions& options,
+             std::shared_ptr<render::EmbreeEngine> engine)
+      : camera_(camera), options_(options), engine_(std::move(engine)), tracer_(engine_) {
+    if (camera.chromatic.lateral() || camera.chromatic.longitudinal()) {
+      for (const int c : {kRed, kGreen, kBlue}) {
+        lenses_.emplace_back(camera, c);
+        apertures_.push_back(ThinLens::of(camera, c));
+      }
+    } else {
+      lenses_.emplace_back(camera, kReferenceChannel);
+      apertures_.push_back(ThinLens::of(camera, kReferenceChannel));
+    }
+  }
+  [[nodiscard]] std::string_view engine() const override { return "rays"; }
+  [[nodiscard]] Status form(const OpticsRequest& request, const render::SensorView& view, OpticsPicture& out,
+                            GroundTruth* truth) override;
+
+ private:
+  struct Strip {
+    int first_row, rows;  ///< of the full sensor
+    std::size_t blocks_across;
+    /// Where a pixel's first ray stands. Depends on the full sensor alone, so that a region's rays are those
+    /// of the full picture.
+    [[nodiscard]] std::size_t first_ray(int u, int v, int n) const {
+      const auto block = static_cast<std::size_t>((v - first_row) / kBlockHeight) * blocks_across +
+                         static_cast<std::size_t>(u / kBlockWidth);
+      const auto within =
+          static_cast<std::size_t>((v - first_row) % kBlockHeight * kBlockWidth + u % kBlockWidth);
+      return (block * kBlockWidth * kBlockHeight + within) * static_cast<std::size_t>(n);
+    }
+  };
+  struct Shot {
+    const OpticsRequest& request;
+    OpticsRequest::Region region;
+    const ExposureTiming& timing;
+    const PoseTable& poses;
+    Eigen::Vector3d origin;
+    LensSamples samples;
+  };
+  Status trace(const Strip& strip, std::size_t channel, const Shot& shot, OpticsPicture& out);
+
+  CameraModel camera_;
+  OpticsOptions options_;
+  std::shared_ptr<render::EmbreeEngine> engine_;
+  render::LightTracer tracer_;
+  std::vector<LensGrid> lenses_;  ///< one, or one for each of red, green, blue
+  std::vector<ThinLens> apertures_;
+  std::unique_ptr<LensGrid> truth_lens_;
+  std::vector<Ray> rays_;
+  std::vector<render::LightSample> light_;
+};
+
+Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& shot, OpticsPicture& out) {
+  const int n = shot.samples.per_pixel();
+  const LensGrid& lens = lenses_[channel];
+  const ThinLens& aperture = apertures_[channel];
+  const std::size_t count = strip.blocks_across * kBlockWidth *
+                            static_cast<std::size_t>((strip.rows + kBlockHeight - 1) / kBlockHeight) *
+                            kBlockHeight * static_cast<std::size_t>(n);
+  static const Ray nowhere = [] {
+    Ray r;
+    std::fill(std::begin(r.direction), std::end(r.direction), std::numeric_limits<float>::quiet_NaN());
+    return r;
+  }();
+  const auto& region = shot.region;
+  const bool whole = region.width_px == camera_.width_px && region.x_px == 0 &&
+                     camera_.width_px % kBlockWidth == 0 && region.y_px <= strip.first_row &&
+                     region.y_px + region.height_px >= strip.first_row + strip.rows &&
+                     strip.rows % kBlockHeight == 0;
+  rays_.resize(count);
+  if (!whole) std::fill(rays_.begin(), rays_.end(), nowhere);
+  light_.resize(count);
+  const int first = std::max(strip.first_row, region.y_px),
+            last = std::min(strip.first_row + strip.rows, region.y_px + region.height_px);
+  const auto exposure = static_cast<float>(shot.timing.exposure_share());
+  tbb::parallel_for(first, last, [&](int v) {
+    const auto middle = static_cast<float>(shot.timing.middle_of(v));
+    Eigen::Matrix3f turn;
+    Eigen::Vector3f from;
+    shot.poses.at(middle, turn, from);
+    for (int u = region.x_px; u < region.x_px + region.width_px; ++u) {
+      const LensGrid::Pixel& pixel = lens.at(u, v);
+      Ray* const ray = &rays_[strip.first_ray(u, v, n)];
+      if (!pixel.lit()) {
+        std::fill(ray, ray + n, nowhere);
+        continue;
+      }
+      const auto shift = shot.samples.shift_of(static_cast<std::uint32_t>(v * camera_.width_px + u));
+      for (int i = 0; i < n; ++i) {
+        const LensSample s = shot.samples.sample(i, shift);
+        const float t = middle + exposure * s.time;
+        if (exposure > 0) shot.poses.at(t, turn, from);
+        Eigen::Vector3f d = n == 1 ? pixel.ray : pixel.at(s.u, s.v), o = Eigen::Vector3f::Zero();
+        if (aperture.opens()) aperture.refract(s.lens_x, s.lens_y, d, o);
+        const Eigen::Vector3f direction = (turn * d).normalized(), start = turn * o + from;
+        Ray& r = ray[i];
+        for (int k = 0; k < 3; ++k) {
+          r.origin[k] = start[k];
+          r.direction[k] = direction[k];
+        }
+        r.time = t;
+        r.far_m = std::numeric_limits<float>::infinity();
+      }
+    }
+  });
+  render::LightQuery query;
+  query.origin = shot.origin;
+  query.rays = rays_;
+  query.shadows = options_.shadows;
+  query.sky_rays = options_.sky_rays;
+  const auto index = shot.request.measure.index;
+  query.seed = shot.request.seed ^ (index * 0x9E3779B97F4A7C15ULL) ^
+               (static_cast<std::uint64_t>(strip.first_row) << 40U) ^ (std::uint64_t{channel} << 60U);
+  if (auto s = tracer_.trace(query, light_); !s) return s;
+  const bool split = lenses_.size() > 1;
+  const float share = 1.0F / static_cast<float>(n);
+  tbb::parallel_for(first, last, [&](int v) {
+    for (int u = region.x_px; u < region.x_px + region.width_px; ++u) {
+      if (!lens.at(u, v).lit()) continue;
+      const render::LightSample* const sample = &light_[strip.first_ray(u, v, n)];
+      Eigen::Array4f sum = Eigen::Array4f::Zero();
+      for (int i = 0; i < n; ++i) sum += Eigen::Map<const Eigen::Array4f>(sample[i].radiance);
+      sum *= share;
+      float* const pixel = &out.radiance[4 * (static_cast<std::size_t>(v - region.y_px) *
+                                                  static_cast<std::size_t>(region.width_px) +
+                                              static_cast<std::size_t>(u - region.x_px))];
+      if (!split) {
+        for (int b = 0; b < 4; ++b) pixel[b] = sum[b];
+      } else {
+        pixel[channel] = sum[static_cast<Eigen::Index>(channel)];
+        if (channel == 0) pixel[3] = sum[3];
+      }
+    }
+  });
+  return {};
+}
+
+Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& view, OpticsPicture& out,
+                        GroundTruth* truth) {
+  const auto region = region_of(camera_, request.region);
+  if (!region) return tl::unexpected(region.error());
+  if (!(request.exposure_s >= 0 && request.exposure_s < 1e4))
+    return fail(ErrorCode::bad_input, "exposure_s", "expected 0 s to 10000 s");
+  const ExposureTiming timing(camera_, request);
+  const auto motion = SensorMotion::of(view.T_world_sensor, timing);
+  if (!motion) return tl::unexpected(motion.error());
+  const Eigen::Vector3d origin = motion->middle();
+  // All round: what stands behind throws shadows, hides the sky and is seen in mirrors.
+  render::ContentQuery query;
+  query.eye = origin;
+  query.allowed_error_rad = options_.allowed_error_px / std::max(camera_.fx_px, camera_.fy_px);
+  const auto window = view.world.collect(query, timing.begin(), timing.end(),
+                                         timing.one_instant() ? 1 : std::max(options_.instants, 2));
+  engine_->set_options({.allowed_error_rad = query.allowed_error_rad, .eye = origin});
+  if (engine_->window() != window.get())
+    if (auto s = engine_->prepare(window); !s) return s;
+
+  const PoseTable poses(*motion, origin);
+  const std::uint64_t key = request.seed ^ (request.measure.index * 0xD1342543DE82EF95ULL);
+  const Shot shot{request, *region, timing, poses, origin, LensSamples(options_.samples_per_pixel, key)};
+  out.width_px = region->width_px;
+  out.height_px = region->height_px;
+  out.radiance.assign(4 * static_cast<std::size_t>(out.width_px) * static_cast<std::size_t>(out.height_px),
+                      0.0F);
+  const int across = (camera_.width_px + kBlockWidth - 1) / kBlockWidth;
+  const int rows = std::clamp(
+      kRaysAtOnce / (across * kBlockWidth * shot.samples.per_pixel()) / kBlockHeight * kBlockHeight,
+      kBlockHeight, 4096);
+  for (int row = region->y_px / rows * rows; row < region->y_px + region->height_px; row += rows)
+    for (std::size_t c = 0; c < lenses_.size(); ++c) {
+      const Strip strip{row, std::min(rows, camera_.height_px - row), static_cast<std::size_t>(across)};
+      if (auto s = trace(strip, c, shot, out); !s) return s;
+    }
+  if (truth == nullptr) return {};
+  const LensGrid* lens = lenses_.data();
+  if (lenses_.size() > 1) {
+    if (!truth_lens_) truth_lens_ = std::make_unique<LensGrid>(camera_, kReferenceChannel);
+    lens = truth_lens_.get();
+  }
+  return measure_truth({camera_, *lens, *region, timing, *motion}, *engine_, *window, view, *truth);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(const CameraModel& camera,
+                                                              const OpticsOptions& options,
+                                                              std::shared_ptr<render::EmbreeEngine> engine) {
+  if (auto s = camera.validate(); !s) return tl::unexpected(s.error());
+  if (!engine) return fail(ErrorCode::unavailable, "rays", "expected an engine, got none");
+  if (options.samples_per_pixel < 1 || options.samples_per_pixel > 65536)
+    return fail(ErrorCode::bad_input, "samples_per_pixel",
+                "expected 1 to 65536, got " + std::to_string(options.samples_per_pixel));
+  return std::make_unique<RaysOptics>(camera, options, std::move(engine));
+}
+
+Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(const CameraModel& camera,
+                                                              const OpticsOptions& options,
+                                                              std::shared_ptr<render::EmbreeCache> cache) {
+  if (!cache) {
+    auto made = render::EmbreeCache::create();
+    if (!made) return tl::unexpected(made.error());
+    cache = *made;
+  }
+  auto engine = render::EmbreeEngine::create(std::move(cache));
+  if (!engine) return tl::unexpected(engine.error());
+  return make_rays_optics(camera, options, *engine);
+}
+
+}  // namespace rigor
