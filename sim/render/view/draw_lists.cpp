@@ -13,6 +13,11 @@ namespace {
 
 constexpr std::uint32_t kMostSets = 256;
 
+/// What range views need of a surface: no light.
+constexpr std::uint32_t kRangeFeatures = kFeatureColourMap | kFeatureNearInfraredMap | kFeatureNormalMap |
+                                         kFeatureGlossMap | kFeatureAlpha | kFeatureTwoSided | kFeatureSway |
+                                         kFeatureSnow | kFeatureWet;
+
 /// Identities of instances that stand for nothing that is named: shadows.
 constexpr std::uint32_t kNoIdentity = 0;
 
@@ -59,6 +64,8 @@ Status DrawLists::begin(std::size_t instances) {
   sets_ = 0;
   pending_.clear();
   nodes_.clear();
+  surfaces_.clear();
+  surface_numbers_.clear();
   count_ = written_ = 0;
   return {};
 }
@@ -84,6 +91,16 @@ void DrawLists::add_entries(const Bucket& bucket, const Eigen::Vector3d& eye, bo
 
 Result<std::vector<DrawCall>> DrawLists::add(const std::vector<Bucket>& buckets, const Eigen::Vector3d& eye,
                                              const FrameFeatures& frame) {
+  return add_seen(buckets, eye, frame, ViewPass::surface);
+}
+Result<std::vector<DrawCall>> DrawLists::add_ranges(const std::vector<Bucket>& buckets,
+                                                    const Eigen::Vector3d& eye, const FrameFeatures& frame) {
+  return add_seen(buckets, eye, frame, ViewPass::range);
+}
+
+Result<std::vector<DrawCall>> DrawLists::add_seen(const std::vector<Bucket>& buckets,
+                                                  const Eigen::Vector3d& eye, const FrameFeatures& frame,
+                                                  ViewPass pass) {
   std::vector<DrawCall> calls;
   for (const Bucket& b : buckets) {
     if (b.instances.empty()) continue;
@@ -114,7 +131,14 @@ Result<std::vector<DrawCall>> DrawLists::add(const std::vector<Bucket>& buckets,
       if (frame.snow && s.surface->takes_snow) c.features |= kFeatureSnow;
       if (frame.wet && !s.surface->water) c.features |= kFeatureGlossy;
       if (frame.sway && b.prototype->prototype->sway_m > 0) c.features |= kFeatureSway;
-      auto pipeline = pipelines_.get(ViewPass::surface, c.features);
+      if (pass == ViewPass::range) {
+        c.features &= kRangeFeatures;
+        const auto [it, fresh] =
+            surface_numbers_.try_emplace(s.surface->serial, static_cast<std::uint32_t>(surfaces_.size() + 1));
+        if (fresh) surfaces_.push_back(s.surface.get());
+        c.named_surface = it->second;
+      }
+      auto pipeline = pipelines_.get(pass, c.features);
       if (!pipeline) return tl::unexpected(pipeline.error());
       c.pipeline = *pipeline;
       c.set = s.set;
@@ -222,6 +246,7 @@ void DrawLists::record(VkCommandBuffer commands, std::span<const DrawCall> calls
   VkPipeline pipeline = VK_NULL_HANDLE;
   VkDescriptorSet set = VK_NULL_HANDLE;
   const ResidentMesh* mesh = nullptr;
+  std::uint32_t named = 0;
   constexpr VkDeviceSize kStart = 0;
   const VkBuffer drawn = drawn_.handle.get();
   if (!calls.empty()) vkCmdBindVertexBuffers(commands, 1, 1, &drawn, &kStart);
@@ -237,6 +262,11 @@ void DrawLists::record(VkCommandBuffer commands, std::span<const DrawCall> calls
       vkCmdBindVertexBuffers(commands, 0, 1, &c.mesh->vertices.buffer, &c.mesh->vertices.offset);
       vkCmdBindIndexBuffer(commands, c.mesh->indices.buffer, c.mesh->indices.offset, VK_INDEX_TYPE_UINT32);
       mesh = c.mesh;
+    }
+    if (c.named_surface != named) {
+      named = c.named_surface;
+      const view_gpu::uvec4 push{named, 0, 0, 0};
+      vkCmdPushConstants(commands, pipelines_.draw(), kDrawStages, 0, sizeof push, &push);
     }
     const std::uint32_t step = instancing ? c.instance_count : 1;
     for (std::uint32_t i = 0; i < c.instance_count; i += step) {

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <span>
+#include <unordered_map>
 #include <vector>
 
 #include "sim/render/view/culling.h"
@@ -17,6 +18,7 @@ struct DrawCall {
   const ResidentMesh* mesh = nullptr;    ///< null: an impostor's four corners
   std::uint32_t first_index = 0, index_count = 0;
   std::uint32_t first_instance = 0, instance_count = 0;
+  std::uint32_t named_surface = 0;  ///< of range views: number of the surface, from 1
   // What they are sorted by.
   std::uint32_t features = 0;
   std::uint64_t surface = 0, mesh_serial = 0;
@@ -39,6 +41,10 @@ class DrawLists {
   /// Calls for what the camera sees.
   [[nodiscard]] Result<std::vector<DrawCall>> add(const std::vector<Bucket>& buckets,
                                                   const Eigen::Vector3d& eye, const FrameFeatures& frame);
+  /// Calls for range views: as above, with numbered surfaces, and no impostors.
+  [[nodiscard]] Result<std::vector<DrawCall>> add_ranges(const std::vector<Bucket>& buckets,
+                                                         const Eigen::Vector3d& eye,
+                                                         const FrameFeatures& frame);
   /// Calls for what throws shadows.
   [[nodiscard]] Result<std::vector<DrawCall>> add_casters(const std::vector<Bucket>& buckets,
                                                           const Eigen::Vector3d& eye,
@@ -53,7 +59,15 @@ class DrawLists {
     return identity >= 1 && identity <= nodes_.size() ? nodes_[identity - 1] : NodeId{};
   }
 
+  /// The surface with this number (from 1); null where there is none.
+  [[nodiscard]] const Surface* surface(std::uint32_t number) const {
+    return number >= 1 && number <= surfaces_.size() ? surfaces_[number - 1] : nullptr;
+  }
+
  private:
+  [[nodiscard]] Result<std::vector<DrawCall>> add_seen(const std::vector<Bucket>& buckets,
+                                                       const Eigen::Vector3d& eye, const FrameFeatures& frame,
+                                                       ViewPass pass);
   void add_entries(const Bucket& bucket, const Eigen::Vector3d& eye, bool named);
 
   const Device::Impl& gpu_;
@@ -69,6 +83,8 @@ class DrawLists {
   std::uint32_t count_ = 0;    ///< entries so far
   std::uint32_t written_ = 0;  ///< of them in the buffer
   std::vector<NodeId> nodes_;
+  std::vector<const Surface*> surfaces_;
+  std::unordered_map<std::uint64_t, std::uint32_t> surface_numbers_;  // by serial; looked up, never walked
 };
 
 }  // namespace rigor::render

@@ -71,8 +71,7 @@ std::vector<PointLight> strongest(const std::vector<PointLight>& lamps, const Ei
 
 }  // namespace
 
-FrameNumbers frame_numbers(const ContentFrame& frame, const ViewRequest& request, const ViewCamera& camera,
-                           const SkyLight& sky, float sky_scale) {
+FrameNumbers place_numbers(const ContentFrame& frame, const ViewRequest& request, const ViewCamera& camera) {
   FrameNumbers out;
   view_gpu::ViewFrame& u = out.uniforms;
   const Pinhole& p = camera.pinhole;
@@ -86,7 +85,34 @@ FrameNumbers frame_numbers(const ContentFrame& frame, const ViewRequest& request
   u.ray_y = xyz(camera.down * (0.5 * h / p.fy_px));
   u.ray_0 = xyz(camera.forward + camera.right * ((0.5 * w - 0.5 - p.cx_px) / p.fx_px) +
                 camera.down * ((0.5 * h - 0.5 - p.cy_px) / p.fy_px));
+  const auto tint = view_gpu::colour_to_band(bands, true);
+  std::copy(tint.begin(), tint.end(), u.tint_to_band);
+  u.snow = pick(kSnowReflectance, bands);
+  u.weather = {std::clamp(frame.surface.wetness, 0.0F, 1.0F), std::max(frame.surface.snow_depth_m, 0.0F), 0,
+               0};
+  const auto wrapped = [](double v) { return v - std::floor(v / kNoisePeriod_m) * kNoisePeriod_m; };
+  u.eye = xyz({wrapped(camera.eye.x()), wrapped(camera.eye.y()), wrapped(camera.eye.z())});
 
+  if (frame.wind.velocity_m_per_s.allFinite()) {
+    const Eigen::Vector3d wind = frame.wind.velocity_m_per_s.cast<double>();
+    const double speed = wind.norm();
+    // Drag grows with the square of the speed, crowns give way: between the two, and bounded.
+    out.sway_factor = std::min(std::pow(speed / 10.0, 1.5), 2.5);
+    u.wind = xyz(speed > 1e-6 ? Eigen::Vector3d(wind / speed * out.sway_factor) : Eigen::Vector3d::Zero());
+    const double t = static_cast<double>(request.t.ns()) * 1e-9;
+    const auto phase = [&](double hertz) {
+      return 2 * std::numbers::pi * (t * hertz - std::floor(t * hertz));
+    };
+    u.gust = {static_cast<float>(phase(0.35)), static_cast<float>(phase(1.9)), 0, 0};
+  }
+  return out;
+}
+
+FrameNumbers frame_numbers(const ContentFrame& frame, const ViewRequest& request, const ViewCamera& camera,
+                           const SkyLight& sky, float sky_scale) {
+  FrameNumbers out = place_numbers(frame, request, camera);
+  view_gpu::ViewFrame& u = out.uniforms;
+  const auto& bands = request.bands;
   Light light = frame.light;
   Eigen::Vector3d to_sun = light.direction_to_sun;
   const bool valid = to_sun.allFinite() && to_sun.norm() > 1e-9;
@@ -105,26 +131,7 @@ FrameNumbers frame_numbers(const ContentFrame& frame, const ViewRequest& request
   const SkyLight all = with_ground(sky, light, ground);
   for (std::size_t i = 0; i < all.size(); ++i) u.sky_light[i] = pick(all[i], bands);
   u.ground = pick(ground, bands);
-  const auto tint = view_gpu::colour_to_band(bands, true);
-  std::copy(tint.begin(), tint.end(), u.tint_to_band);
-  u.snow = pick(kSnowReflectance, bands);
-  u.weather = {std::clamp(frame.surface.wetness, 0.0F, 1.0F), std::max(frame.surface.snow_depth_m, 0.0F),
-               sky_scale, 0};
-  const auto wrapped = [](double v) { return v - std::floor(v / kNoisePeriod_m) * kNoisePeriod_m; };
-  u.eye = xyz({wrapped(camera.eye.x()), wrapped(camera.eye.y()), wrapped(camera.eye.z())});
-
-  if (frame.wind.velocity_m_per_s.allFinite()) {
-    const Eigen::Vector3d wind = frame.wind.velocity_m_per_s.cast<double>();
-    const double speed = wind.norm();
-    // Drag grows with the square of the speed, crowns give way: between the two, and bounded.
-    out.sway_factor = std::min(std::pow(speed / 10.0, 1.5), 2.5);
-    u.wind = xyz(speed > 1e-6 ? Eigen::Vector3d(wind / speed * out.sway_factor) : Eigen::Vector3d::Zero());
-    const double t = static_cast<double>(request.t.ns()) * 1e-9;
-    const auto phase = [&](double hertz) {
-      return 2 * std::numbers::pi * (t * hertz - std::floor(t * hertz));
-    };
-    u.gust = {static_cast<float>(phase(0.35)), static_cast<float>(phase(1.9)), 0, 0};
-  }
+  u.weather.z = sky_scale;
 
   Spectrum surrounding{};
   const Spectrum up = irradiance(all, Eigen::Vector3d::UnitZ()),

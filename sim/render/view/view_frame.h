@@ -15,7 +15,10 @@ struct FrameNumbers {
   double sway_factor = 0;  ///< metres that a sway of 1 m at 10 m/s comes to
 };
 
-/// `sky`: of the frame's sky map. `sky_scale`: what its texture must be multiplied by.
+/// Where the camera is, and what moves or covers surfaces: all but light and air.
+[[nodiscard]] FrameNumbers place_numbers(const ContentFrame& frame, const ViewRequest& request,
+                                         const ViewCamera& camera);
+/// All. `sky`: of the frame's sky map. `sky_scale`: what its texture must be multiplied by.
 [[nodiscard]] FrameNumbers frame_numbers(const ContentFrame& frame, const ViewRequest& request,
                                          const ViewCamera& camera, const SkyLight& sky, float sky_scale);
 void set_cascades(std::span<const ShadowCascade> cascades, int side_px, view_gpu::ViewFrame& uniforms);

@@ -62,6 +62,15 @@ constexpr std::uint32_t kImpostorVert[] = {
 constexpr std::uint32_t kImpostorFrag[] = {
 #include "impostor.frag.inc"
 };
+constexpr std::uint32_t kRangeFrag[] = {
+#include "range.frag.inc"
+};
+constexpr std::uint32_t kRangeHolesFrag[] = {
+#include "range_holes.frag.inc"
+};
+constexpr std::uint32_t kSampleRaysComp[] = {
+#include "sample_rays.comp.inc"
+};
 
 constexpr std::uint32_t kConstants = 17;
 constexpr const char* kFeatureNames[kConstants] = {"colour_map", "near_infrared_map",
@@ -132,8 +141,8 @@ Result<vk::PipelineLayout> make_layout(const Device::Impl& gpu, std::span<const 
 struct Drawing {
   std::span<const std::uint32_t> vertex, fragment;  ///< fragment: empty where depth alone is written
   bool vertices = true, instances = true;           ///< vertex input: a mesh; instances
-  std::uint32_t colours = 2;  ///< attachments: 0, radiance, and identity too; bake: maps
-  bool bake = false;
+  std::uint32_t colours = 2;            ///< attachments: 0, radiance, and identity too; or so many maps
+  VkFormat maps = VK_FORMAT_UNDEFINED;  ///< of all attachments, where they are not those of a picture
   VkCompareOp depth = VK_COMPARE_OP_GREATER;
   bool writes_depth = true, blends = false;
   std::uint32_t instance_stride = sizeof(view_gpu::DrawnInstance);
@@ -142,8 +151,8 @@ struct Drawing {
 }  // namespace
 
 std::string pipeline_name(ViewPass pass, std::uint32_t features) {
-  constexpr const char* kPasses[] = {"surface",     "shadow",    "sky",           "gather",
-                                     "depth_tiles", "particles", "impostor_bake", "impostor"};
+  constexpr const char* kPasses[] = {"surface",   "shadow",        "sky",      "gather", "depth_tiles",
+                                     "particles", "impostor_bake", "impostor", "range",  "sample_rays"};
   std::string name = kPasses[static_cast<std::size_t>(pass)];
   for (std::uint32_t i = 0; i < kConstants; ++i)
     if ((features >> i & 1u) != 0) name += std::string(" ") + kFeatureNames[i];
@@ -177,6 +186,11 @@ Status ViewPipelines::create() {
                           VkDescriptorSetLayoutBinding{2, kStorage, 1, kCompute, nullptr}};
   const std::array tiles{VkDescriptorSetLayoutBinding{0, kImage, 1, kCompute, nullptr},
                          VkDescriptorSetLayoutBinding{1, kStorage, 1, kCompute, nullptr}};
+  const std::array rays{VkDescriptorSetLayoutBinding{0, kImage, 1, kCompute, nullptr},
+                        VkDescriptorSetLayoutBinding{1, kImage, 1, kCompute, nullptr},
+                        VkDescriptorSetLayoutBinding{2, kImage, 1, kCompute, nullptr},
+                        VkDescriptorSetLayoutBinding{3, kStorage, 1, kCompute, nullptr},
+                        VkDescriptorSetLayoutBinding{4, kStorage, 1, kCompute, nullptr}};
   const auto set = [&](vk::DescriptorSetLayout& out,
                        std::span<const VkDescriptorSetLayoutBinding> b) -> Status {
     auto made = make_set_layout(gpu_, b);
@@ -188,6 +202,7 @@ Status ViewPipelines::create() {
   if (auto s = set(surface_layout_, surface); !s) return s;
   if (auto s = set(gather_layout_, gather); !s) return s;
   if (auto s = set(tiles_layout_, tiles); !s) return s;
+  if (auto s = set(rays_layout_, rays); !s) return s;
   const auto layout = [&](vk::PipelineLayout& out, std::span<const VkDescriptorSetLayout> sets,
                           VkShaderStageFlags stages, std::uint32_t bytes) -> Status {
     auto made = make_layout(gpu_, sets, stages, bytes);
@@ -198,9 +213,11 @@ Status ViewPipelines::create() {
   const std::array draw_sets{frame_layout_.get(), surface_layout_.get()};
   const std::array gather_sets{gather_layout_.get()};
   const std::array tiles_sets{tiles_layout_.get()};
+  const std::array rays_sets{rays_layout_.get()};
   if (auto s = layout(draw_, draw_sets, kDrawStages, kDrawPushBytes); !s) return s;
   if (auto s = layout(gather_, gather_sets, kCompute, 16); !s) return s;
-  return layout(tiles_, tiles_sets, kCompute, 16);
+  if (auto s = layout(tiles_, tiles_sets, kCompute, 16); !s) return s;
+  return layout(rays_, rays_sets, kCompute, kRaysPushBytes);
 }
 
 Result<vk::Pipeline> ViewPipelines::make_drawing(ViewPass pass, std::uint32_t features) const {
@@ -233,11 +250,17 @@ Result<vk::Pipeline> ViewPipelines::make_drawing(ViewPass pass, std::uint32_t fe
            .fragment = kBakeFrag,
            .instances = false,
            .colours = 3,
-           .bake = true,
+           .maps = kImpostorMapFormat,
            .depth = VK_COMPARE_OP_LESS};
       break;
     case ViewPass::impostor:
       d = {.vertex = kImpostorVert, .fragment = kImpostorFrag, .vertices = false};
+      break;
+    case ViewPass::range:
+      d = {.vertex = kSurfaceVert,
+           .fragment = alpha ? std::span<const std::uint32_t>(kRangeHolesFrag) : kRangeFrag,
+           .colours = 3,
+           .maps = kRangeFormat};
       break;
     default:
       d = {.vertex = kSurfaceVert,
@@ -286,8 +309,10 @@ Result<vk::Pipeline> ViewPipelines::make_drawing(ViewPass pass, std::uint32_t fe
   viewport.scissorCount = 1;
   VkPipelineRasterizationStateCreateInfo raster{};
   raster.sType = VK_STRUCTURE_TYPE_PIPELINE_RASTERIZATION_STATE_CREATE_INFO;
-  raster.cullMode = pass == ViewPass::surface && (features & kFeatureTwoSided) == 0 ? VK_CULL_MODE_BACK_BIT
-                                                                                    : VK_CULL_MODE_NONE;
+  raster.cullMode =
+      (pass == ViewPass::surface || pass == ViewPass::range) && (features & kFeatureTwoSided) == 0
+          ? VK_CULL_MODE_BACK_BIT
+          : VK_CULL_MODE_NONE;
   // Vulkan's y points down like the optical frame's, so that what is counter-clockwise from outside stays so.
   raster.frontFace = VK_FRONT_FACE_COUNTER_CLOCKWISE;
   raster.lineWidth = 1.0F;
@@ -323,11 +348,11 @@ Result<vk::Pipeline> ViewPipelines::make_drawing(ViewPass pass, std::uint32_t fe
   dynamic_info.dynamicStateCount = dynamic.size();
   dynamic_info.pDynamicStates = dynamic.data();
   const std::array picture{colour_format_, VK_FORMAT_R32_UINT};
-  const std::array maps{kImpostorMapFormat, kImpostorMapFormat, kImpostorMapFormat};
+  const std::array maps{d.maps, d.maps, d.maps};
   VkPipelineRenderingCreateInfo rendering{};
   rendering.sType = VK_STRUCTURE_TYPE_PIPELINE_RENDERING_CREATE_INFO;
   rendering.colorAttachmentCount = d.colours;
-  rendering.pColorAttachmentFormats = d.bake ? maps.data() : picture.data();
+  rendering.pColorAttachmentFormats = d.maps != VK_FORMAT_UNDEFINED ? maps.data() : picture.data();
   rendering.depthAttachmentFormat = VK_FORMAT_D32_SFLOAT;
   VkGraphicsPipelineCreateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_GRAPHICS_PIPELINE_CREATE_INFO;
@@ -355,12 +380,15 @@ Result<vk::Pipeline> ViewPipelines::make_compute(ViewPass pass, std::uint32_t fe
   if (pass == ViewPass::depth_tiles)
     code = (features & kFeatureMultisampled) != 0 ? std::span<const std::uint32_t>(kDepthTilesMsComp)
                                                   : kDepthTilesComp;
+  if (pass == ViewPass::sample_rays) code = kSampleRaysComp;
   auto shader = gpu_.make_shader(code);
   if (!shader) return tl::unexpected(shader.error());
   VkComputePipelineCreateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO;
   info.stage = stage(VK_SHADER_STAGE_COMPUTE_BIT, *shader, nullptr);
-  info.layout = pass == ViewPass::gather ? gather_.get() : tiles_.get();
+  info.layout = pass == ViewPass::gather        ? gather_.get()
+                : pass == ViewPass::sample_rays ? rays_.get()
+                                                : tiles_.get();
   VkPipeline handle = VK_NULL_HANDLE;
   if (const VkResult r = vkCreateComputePipelines(gpu_.device, VK_NULL_HANDLE, 1, &info, nullptr, &handle);
       r != VK_SUCCESS)
@@ -371,8 +399,9 @@ Result<vk::Pipeline> ViewPipelines::make_compute(ViewPass pass, std::uint32_t fe
 Result<VkPipeline> ViewPipelines::get(ViewPass pass, std::uint32_t features) {
   auto& slot = made_[{pass, features}];
   if (!slot) {
-    auto made = pass == ViewPass::gather || pass == ViewPass::depth_tiles ? make_compute(pass, features)
-                                                                          : make_drawing(pass, features);
+    auto made = pass == ViewPass::gather || pass == ViewPass::depth_tiles || pass == ViewPass::sample_rays
+                    ? make_compute(pass, features)
+                    : make_drawing(pass, features);
     if (!made) return tl::unexpected(made.error());
     slot = std::move(*made);
     names_.push_back(pipeline_name(pass, features));

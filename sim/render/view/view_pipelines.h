@@ -11,6 +11,11 @@
 
 namespace rigor::render {
 
+/// Of a range view's three pictures.
+inline constexpr VkFormat kRangeFormat = VK_FORMAT_R32G32B32A32_UINT;
+/// What sampling them is told: three vec4 and a uvec4.
+inline constexpr std::uint32_t kRaysPushBytes = 64;
+
 enum class ViewPass : std::uint32_t {
   surface,  ///< meshes; keyed by SurfaceFeature
   shadow,   ///< depth of casters from the sun
@@ -19,7 +24,9 @@ enum class ViewPass : std::uint32_t {
   depth_tiles,  ///< compute: farthest depth of each tile
   particles,
   impostor_bake,
-  impostor
+  impostor,
+  range,       ///< meshes without light: what rays find; keyed by SurfaceFeature
+  sample_rays  ///< compute: rays sampled from range views
 };
 
 class ViewPipelines {
@@ -35,9 +42,11 @@ class ViewPipelines {
   [[nodiscard]] VkDescriptorSetLayout surface_layout() const { return surface_layout_.get(); }
   [[nodiscard]] VkDescriptorSetLayout gather_layout() const { return gather_layout_.get(); }
   [[nodiscard]] VkDescriptorSetLayout tiles_layout() const { return tiles_layout_.get(); }
+  [[nodiscard]] VkDescriptorSetLayout rays_layout() const { return rays_layout_.get(); }
   [[nodiscard]] VkPipelineLayout draw() const { return draw_.get(); }
   [[nodiscard]] VkPipelineLayout gather() const { return gather_.get(); }
   [[nodiscard]] VkPipelineLayout tiles() const { return tiles_.get(); }
+  [[nodiscard]] VkPipelineLayout rays() const { return rays_.get(); }
   [[nodiscard]] VkFormat colour_format() const { return colour_format_; }
 
  private:
@@ -46,8 +55,8 @@ class ViewPipelines {
 
   const Device::Impl& gpu_;
   VkFormat colour_format_ = VK_FORMAT_R32G32B32A32_SFLOAT;
-  vk::DescriptorSetLayout frame_layout_, surface_layout_, gather_layout_, tiles_layout_;
-  vk::PipelineLayout draw_, gather_, tiles_;
+  vk::DescriptorSetLayout frame_layout_, surface_layout_, gather_layout_, tiles_layout_, rays_layout_;
+  vk::PipelineLayout draw_, gather_, tiles_, rays_;
   std::map<std::pair<ViewPass, std::uint32_t>, vk::Pipeline> made_;
   std::vector<std::string> names_;
 };

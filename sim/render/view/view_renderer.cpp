@@ -7,15 +7,13 @@
 #include <utility>
 
 #include "sim/render/view/culling.h"
-#include "sim/render/view/frame_passes.h"
+#include "sim/render/view/draw_context.h"
 #include "sim/render/view/impostors.h"
 #include "sim/render/view/view_frame.h"
 
 namespace rigor::render {
 namespace {
 
-/// Frames for which things stay on the device unseen.
-constexpr std::uint64_t kFramesKept = 16;
 constexpr double kShadowReach_m = 400;
 /// What stands outside the view within this way may throw shadows into it.
 constexpr double kCasterReach_m = 120;
@@ -69,26 +67,21 @@ void count_calls(const std::vector<DrawCall>& calls, bool instancing, ViewStatis
 
 }  // namespace
 
-struct ViewRenderer::Impl {
+struct ViewRenderer::Impl : DrawContext {
   explicit Impl(std::shared_ptr<Device> d)
-      : device(std::move(d)),
-        pipelines(gpu()),
-        uploads(gpu()),
-        resources(gpu(), pipelines, uploads),
+      : DrawContext(std::move(d)),
         targets(gpu()),
-        lists(gpu(), pipelines),
         tiles(gpu(), pipelines),
         particles(gpu(), pipelines),
         impostors(gpu(), pipelines) {}
 
-  [[nodiscard]] const Device::Impl& gpu() const { return device->impl(); }
-  Status create();
+  Status create() {
+    if (auto s = DrawContext::create(); !s) return s;
+    return impostors.create();
+  }
   Status draw(const ContentFrame& frame, const ViewRequest& request, ViewPicture& out, ViewStatistics& s);
 
  private:
-  Status begin();
-  Status submit();
-  Status upload(const ContentFrame& frame, ViewStatistics& s);
   Status make_shadows(const ViewCamera& camera, const CullOptions& options, FrameNumbers& numbers,
                       const ContentFrame& frame, const ViewRequest& request);
   FrameFeatures features_of(const ContentFrame& frame, const ViewRequest& request,
@@ -98,26 +91,10 @@ struct ViewRenderer::Impl {
                      std::span<const DrawCall> second, bool first_is_done, const FrameFeatures& features);
   void read_back(const ViewRequest& request, ViewPicture& out) const;
 
-  // Destroyed last to first: what others were made from outlives them.
-  std::shared_ptr<Device> device;
-
- public:
-  ViewPipelines pipelines;
-
- private:
-  ImageUploads uploads;
-  FrameResources resources;
-  std::unique_ptr<TexturePool> textures;
-  std::unique_ptr<ResidentContent> content;
   FrameTargets targets;
-  DrawLists lists;
   TilePass tiles;
   ParticlePass particles;
   Impostors impostors;
-  vk::CommandPool pool;
-  VkCommandBuffer commands = VK_NULL_HANDLE;
-  vk::Fence fence;
-  std::uint64_t frame_number = 0;
   std::uint32_t particle_features = 0;
   std::vector<const ResidentBatch*> batches;
   std::vector<ShadowCascade> cascades;
@@ -125,68 +102,6 @@ struct ViewRenderer::Impl {
   bool covered = false;  ///< things may hide the sky:
   std::vector<Bucket> cover;
 };
-
-Status ViewRenderer::Impl::create() {
-  if (auto s = pipelines.create(); !s) return s;
-  if (auto s = resources.create(); !s) return s;
-  if (auto s = impostors.create(); !s) return s;
-  textures = std::make_unique<TexturePool>(gpu(), pipelines.surface_layout(), uploads);
-  if (auto s = textures->create(); !s) return s;
-  content = std::make_unique<ResidentContent>(gpu(), *textures);
-  VkCommandPoolCreateInfo info{};
-  info.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO;
-  info.queueFamilyIndex = gpu().queue_family;
-  VkCommandPool pool_handle = VK_NULL_HANDLE;
-  if (const VkResult r = vkCreateCommandPool(gpu().device, &info, nullptr, &pool_handle); r != VK_SUCCESS)
-    return vk::failed("making a command pool", r);
-  pool = vk::CommandPool(gpu().device, pool_handle);
-  VkCommandBufferAllocateInfo allocate{};
-  allocate.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO;
-  allocate.commandPool = pool_handle;
-  allocate.level = VK_COMMAND_BUFFER_LEVEL_PRIMARY;
-  allocate.commandBufferCount = 1;
-  if (const VkResult r = vkAllocateCommandBuffers(gpu().device, &allocate, &commands); r != VK_SUCCESS)
-    return vk::failed("making a command buffer", r);
-  VkFenceCreateInfo fence_info{};
-  fence_info.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO;
-  VkFence fence_handle = VK_NULL_HANDLE;
-  if (const VkResult r = vkCreateFence(gpu().device, &fence_info, nullptr, &fence_handle); r != VK_SUCCESS)
-    return vk::failed("making a fence", r);
-  fence = vk::Fence(gpu().device, fence_handle);
-  return {};
-}
-
-Status ViewRenderer::Impl::begin() {
-  if (const VkResult r = vkResetCommandPool(gpu().device, pool.get(), 0); r != VK_SUCCESS)
-    return vk::failed("resetting a command pool", r);
-  VkCommandBufferBeginInfo info{};
-  info.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO;
-  info.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
-  if (const VkResult r = vkBeginCommandBuffer(commands, &info); r != VK_SUCCESS)
-    return vk::failed("beginning a command buffer", r);
-  return {};
-}
-
-Status ViewRenderer::Impl::submit() {
-  if (const VkResult r = vkEndCommandBuffer(commands); r != VK_SUCCESS)
-    return vk::failed("recording a command buffer", r);
-  return gpu().run(commands, fence.get());
-}
-
-Status ViewRenderer::Impl::upload(const ContentFrame& frame, ViewStatistics& s) {
-  batches.clear();
-  for (const auto& b : frame.batches) {
-    auto resident = content->get(b, frame_number);
-    if (!resident) return tl::unexpected(resident.error());
-    if (b) s.instances += b->instances.size();
-    if (*resident == nullptr) continue;
-    s.instances_skipped += (*resident)->skipped;
-    if (!(*resident)->spheres.empty()) batches.push_back(*resident);
-  }
-  s.batches = frame.batches.size();
-  s.uploaded_bytes += content->take_uploaded_bytes() + uploads.bytes();
-  return {};
-}
 
 FrameFeatures ViewRenderer::Impl::features_of(const ContentFrame& frame, const ViewRequest& request,
                                               const FrameNumbers& n) const {
@@ -246,22 +161,17 @@ Status ViewRenderer::Impl::make_shadows(const ViewCamera& camera, const CullOpti
 Status ViewRenderer::Impl::record_part(const FrameTargets::Part& part, std::span<const DrawCall> first,
                                        std::span<const DrawCall> second, bool first_is_done,
                                        const FrameFeatures& features) {
-  const VkDescriptorSet set = resources.set();
-  const auto bind = [&] {
-    vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipelines.draw(), 0, 1, &set, 0,
-                            nullptr);
-  };
   if (!first_is_done) targets.record_begin(commands);
   targets.begin_pass(
       commands, {.clears = !first_is_done, .resolves = !particles.any(), .resolves_identity = true}, part);
-  bind();
+  bind_frame();
   if (!first_is_done) lists.record(commands, first, features.instancing);
   lists.record(commands, second, features.instancing);
   if (auto s = record_sky(commands, pipelines, features.all); !s) return s;
   vkCmdEndRendering(commands);
   if (particles.any()) {
     targets.begin_pass(commands, {.identity = false, .resolves = true}, part);
-    bind();
+    bind_frame();
     const std::uint32_t keep = features.all & (kFeatureMultisampled | kFeatureHaze);
     if (auto s = particles.record(commands, keep | particle_features); !s) return s;
     vkCmdEndRendering(commands);
@@ -293,7 +203,8 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   textures->set_bands(request.bands);
   impostors.set_bands(request.bands);
   if (auto ok = resources.set_sky(frame.light.sky, request.bands); !ok) return ok;
-  if (auto ok = upload(frame, s); !ok) return ok;
+  batches.clear();
+  if (auto ok = take_over(frame, batches, s); !ok) return ok;
   const Pinhole& p = request.pinhole;
   if (auto ok = targets.prepare(p.width_px, p.height_px, request.samples, pipelines.colour_format()); !ok)
     return ok;
@@ -378,17 +289,14 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   if (covered) resources.record_zenith(commands, lists, *cover_calls, features.instancing);
   if (two_steps) {
     const FrameTargets::Part part{0, p.height_px};
-    const VkDescriptorSet set = resources.set();
     targets.record_begin(commands);
     targets.begin_pass(commands, {.clears = true}, part);
-    vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipelines.draw(), 0, 1, &set, 0,
-                            nullptr);
+    bind_frame();
     lists.record(commands, *first, features.instancing);
     vkCmdEndRendering(commands);
     if (auto ok = tiles.record(commands, targets, p.width_px, p.height_px, request.samples == 4); !ok)
       return ok;
     if (auto ok = submit(); !ok) return ok;
-    uploads.done();
     const auto again = Clock::now();
     const std::size_t before = count(all);
     drop_hidden(camera, tiles.read(p.width_px, p.height_px, p.near_m), options.sway_factor, all);
@@ -404,14 +312,10 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
     }
   }
   if (auto ok = submit(); !ok) return ok;
-  uploads.done();
   read_back(request, out);
   s.draw_ms += ms_since(draw_begun);
-  if (frame_number > kFramesKept) {
-    content->drop_older_than(frame_number - kFramesKept);
-    impostors.drop_older_than(frame_number - kFramesKept);
-    textures->drop_older_than(frame_number - kFramesKept);
-  }
+  drop_unseen();
+  if (frame_number > kFramesKept) impostors.drop_older_than(frame_number - kFramesKept);
   return {};
 }
 

@@ -3,6 +3,7 @@
 #include "sim/render/shaders/view/bindings.glsl"
 #include "sim/render/shaders/view/light.glsl"
 #include "sim/render/shaders/view/noise.glsl"
+#include "sim/render/shaders/view/patch.glsl"
 #include "sim/render/shaders/view/surface_light.glsl"
 layout(constant_id = 13) const bool kMultisampled = false;
 layout(set = 1, binding = 0) uniform SurfaceBlock { SurfaceData surface; };

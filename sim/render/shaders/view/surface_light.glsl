@@ -1,45 +1,16 @@
 // From what a surface is at a point to the light that leaves it towards the eye. Constants that are off have no code.
 layout(constant_id = 7) const bool kHaze = false;
 layout(constant_id = 8) const bool kLamps = false;
-layout(constant_id = 9) const bool kSnow = false;
-layout(constant_id = 10) const bool kWet = false;
 layout(constant_id = 11) const bool kShadows = false;
 layout(constant_id = 5) const bool kTranslucent = false;
 layout(constant_id = 6) const bool kWater = false;
 layout(constant_id = 12) const bool kGlossy = false;
 layout(constant_id = 16) const bool kSkyCover = false;
 
-struct Patch {
-  vec4 reflectance;
-  vec4 transmittance;
-  float roughness;
-  float metallic;
-  float porosity;
-  float takes_snow;
-};
-
 // `cover_at`: where it is asked what hides the sky, p or a place near it.
 vec4 leaving(Patch s, vec3 p, vec3 n, vec3 n_flat, vec3 cover_at) {
   vec3 view = -normalize(p);
-  if (kWet) {
-    float wet = frame.weather.x;
-    s.reflectance *= 1.0 - 0.55 * wet * s.porosity;
-    s.roughness = mix(s.roughness, 0.15, wet * (0.35 + 0.65 * clamp(n.z, 0.0, 1.0)) * (1.0 - 0.5 * s.porosity));
-  }
-  if (kSnow) {
-    vec3 at = p + frame.eye.xyz;
-    float rough = 0.6 * smooth_noise(at * 4.0) + 0.4 * smooth_noise(at * 16.0);
-    float depth = frame.weather.y;
-    // Deep snow holds on steeper slopes; a thin layer leaves gaps.
-    float slope = n.z + 0.5 * (rough - 0.5);
-    float lies = smoothstep(0.55 - 0.35 * min(depth / 0.3, 1.0), 0.85 - 0.35 * min(depth / 0.3, 1.0), slope);
-    float covers = clamp(depth / 0.02 - rough, 0.0, 1.0);
-    float snow = s.takes_snow * lies * covers;
-    s.reflectance = mix(s.reflectance, frame.snow, snow);
-    s.transmittance *= 1.0 - snow;
-    s.roughness = mix(s.roughness, 1.0, snow);
-    s.metallic *= 1.0 - snow;
-  }
+  s = weathered(s, p, n);
   float cos_sun = dot(n, frame.sun.xyz);
   float cos_flat = dot(n_flat, frame.sun.xyz);
   vec4 sun = vec4(0.0);

@@ -82,3 +82,16 @@ struct DrawnInstance {
   vec4 tint;        // w: phase [rad]
   uvec4 extra;      // identity, bits of the sway [m], seed, unused
 };
+
+// A ray of a range view.
+struct RayData {
+  vec4 direction;   // unit length; w: farthest range [m]
+  vec4 at;          // where it goes through the view [px], unused
+};
+
+// What it meets.
+struct HitData {
+  vec4 normal;      // towards the eye; w: range [m]
+  uvec4 what;       // identity (0: nothing), surface, halves: transmittance, metallic, unused
+  vec4 rest;        // reflectance, roughness, texture coordinate
+};

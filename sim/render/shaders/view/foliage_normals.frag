@@ -1,0 +1,5 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#define ALPHA
+#define NORMALS
+#include "sim/render/shaders/view/surface_main.glsl"
