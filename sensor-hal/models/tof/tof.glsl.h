@@ -118,29 +118,12 @@ FN void tof_phasor(REAL turns, REAL triangle, REAL a3, REAL a5, REAL a7, REAL a9
   }
 }
 
-// What a surface sends back along the ray that lit it, as the reflectance of a Lambertian surface, square to
-// the ray, that would send as much: diffuse part with Lambert's cosine, GGX highlight (Walter et al., EGSR
-// 2007) with light, view and half vector the same direction as sim/render draws it, and a retro-reflector's
-// lobe of `retro_gain` times a white surface's radiance, which does not care for the angle.
-FN REAL tof_backscatter(REAL reflectance, REAL cos_incidence, REAL roughness, REAL metallic, REAL retro,
-                        REAL retro_gain) {
-  REAL back = (REAL(1.0) - metallic) * reflectance * cos_incidence;
-  if (roughness < REAL(1.0) || metallic > REAL(0.0)) {
-    REAL alpha = roughness * roughness;
-    alpha = alpha > REAL(0.0025) ? alpha : REAL(0.0025);
-    REAL a2 = alpha * alpha;
-    REAL f0 = REAL(0.04) + (reflectance - REAL(0.04)) * metallic;
-    REAL f = cos_incidence * cos_incidence * (a2 - REAL(1.0)) + REAL(1.0);
-    back = back + a2 / (f * f) * f0 * REAL(0.25) * cos_incidence;  // times pi: the Lambertian's 1/pi
-  }
-  return back + retro * retro_gain;
-}
-
-// Electrons E of one tap's integration: radiance I back / (pi R^2) through the pixel.
+// Electrons E of one tap's integration: radiance I remission / (pi R^2) through the pixel.
 //   electrons_per_radiance  e- per W m^-2 sr^-1 in one integration
 //   intensity               of the illumination in the pixel's direction, W/sr
-FN REAL tof_active_electrons(REAL electrons_per_radiance, REAL intensity, REAL range_m, REAL backscatter) {
-  return electrons_per_radiance * intensity * backscatter * REAL(0.3183098861837907) / (range_m * range_m);
+//   remission               of the surface: lidar_surface_remission (lidar.glsl.h)
+FN REAL tof_active_electrons(REAL electrons_per_radiance, REAL intensity, REAL range_m, REAL remission) {
+  return electrons_per_radiance * intensity * remission * REAL(0.3183098861837907) / (range_m * range_m);
 }
 
 // Mean electrons of the four taps: sum of E, and of E times the phasor, over all that the pixel sees.

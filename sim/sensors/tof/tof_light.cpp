@@ -7,6 +7,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "sensor-hal/models/air/air_math.h"
+#include "sensor-hal/models/lidar/lidar_math.h"
 #include "sensor-hal/models/tof/tof_math.h"
 #include "sim/sensors/tof/tof_effects.h"
 #include "sim/world/semantic_types.h"
@@ -37,53 +39,29 @@ Vector vec(const float* v) { return {v[0], v[1], v[2]}; }
 
 /// How far a ray of the second kind starts off its surface: above what a float range is uncertain by.
 float lift_m(float range_m) { return 1e-4F + 2e-5F * range_m; }
-/// Light that leaves a hit back towards where it came from, as Math::tof_backscatter has it.
-float backscatter(const Hit& h, float retro_gain) {
-  return Math::tof_backscatter(h.reflectance, h.cos_incidence, h.roughness, h.metallic, h.retro_reflection,
-                               retro_gain);
-}
-
-/// What air takes away from light between two points, by their heights.
+/// What air takes away from light there and back.
 class Air {
  public:
-  Air(const render::ContentFrame& frame, int band, double eye_z) : eye_z_(eye_z) {
-    const auto b = static_cast<std::size_t>(band);
-    everywhere_ = static_cast<double>(frame.precipitation.extinction_per_m[b]);
-    for (const render::Haze& haze : frame.hazes) {
-      const auto extinction = static_cast<double>(haze.extinction_per_m[b]);
-      if (extinction <= 0) continue;
-      if (std::isinf(haze.top_m))
-        everywhere_ += extinction;
-      else
-        layers_ = true;
-    }
-    frame_ = &frame;
-    band_ = b;
+  Air(const render::ContentFrame& frame, int band, double eye_z)
+      : frame_(frame), band_(static_cast<std::size_t>(band)), eye_z_(eye_z) {
+    everywhere_ = static_cast<double>(frame.precipitation.extinction_per_m[band_]);
+    for (const render::Haze& haze : frame.hazes) hazy_ = hazy_ || haze.extinction_per_m[band_] > 0;
   }
-  [[nodiscard]] bool clear() const { return everywhere_ <= 0 && !layers_; }
-  /// Transmittance of there and back.
-  [[nodiscard]] float there_and_back(float range_m, float rise) const {
-    const double r = static_cast<double>(range_m);
-    double depth = everywhere_ * r;
-    if (layers_)
-      for (const render::Haze& haze : frame_->hazes) {
-        if (std::isinf(haze.top_m)) continue;
-        const double below = haze.top_m - eye_z_, end = below - static_cast<double>(rise) * r;
-        double part = 1;  // of the ray below the top
-        if (below <= 0 && end <= 0)
-          part = 0;
-        else if (below * end < 0)
-          part = std::max(below, end) / std::abs(below - end);
-        depth += static_cast<double>(haze.extinction_per_m[band_]) * r * part;
-      }
-    return static_cast<float>(std::exp(-2 * depth));
+  [[nodiscard]] bool clear() const { return everywhere_ <= 0 && !hazy_; }
+  [[nodiscard]] float transmission(double range_m, double direction_z) const {
+    using Fog = models::AirMath<double>;
+    double depth = everywhere_ * range_m;
+    for (const render::Haze& haze : frame_.hazes)
+      depth += static_cast<double>(haze.extinction_per_m[band_]) *
+               Fog::air_way_below_m(eye_z_, direction_z, range_m, haze.top_m);
+    return static_cast<float>(Fog::air_two_way_transmission(depth));
   }
 
  private:
-  const render::ContentFrame* frame_ = nullptr;
-  std::size_t band_ = 0;
-  double eye_z_ = 0, everywhere_ = 0;
-  bool layers_ = false;
+  const render::ContentFrame& frame_;
+  std::size_t band_;
+  double eye_z_, everywhere_ = 0;
+  bool hazy_ = false;
 };
 
 /// Irradiance of the sky on a level plane.
@@ -109,6 +87,12 @@ int nearest_band(double wavelength_m) {
         std::abs(world::kBandWavelength_nm[static_cast<std::size_t>(best)] - wavelength_m * 1e9))
       best = b;
   return best;
+}
+
+float remission(const Hit& hit, double retro_gain) {
+  return models::LidarMath<float>::lidar_surface_remission(hit.cos_incidence, hit.reflectance, hit.metallic,
+                                                           hit.roughness, hit.retro_reflection,
+                                                           static_cast<float>(retro_gain));
 }
 
 double band_width_m(int band) { return band < 3 ? 100e-9 : 50e-9; }
@@ -164,7 +148,6 @@ void LightMeter::active(const SampleRays& rays, const Instant& instant, const re
   light.range_m.resize(rays.count());
   const Air air(frame, band_, instant.T_world_sensor.translation().z());
   const bool clear = air.clear();
-  const auto retro_gain = static_cast<float>(model_.sampling.retro_gain);
   each(rays.count(), [&](std::size_t i) {
     const Hit& h = hits_[i];
     if (h.nothing()) {
@@ -172,8 +155,9 @@ void LightMeter::active(const SampleRays& rays, const Instant& instant, const re
       return;
     }
     float e = Math::tof_active_electrons(rays.gain[i], rays.intensity_w_per_sr[i], h.range_m,
-                                         backscatter(h, retro_gain));
-    if (!clear) e *= air.there_and_back(h.range_m, rays_[i].direction[2]);
+                                         remission(h, model_.sampling.retro_gain));
+    if (!clear)
+      e *= air.transmission(static_cast<double>(h.range_m), static_cast<double>(rays_[i].direction[2]));
     // A material that is not a number reflects nothing.
     light.active_e[i] = e >= 0 && e < std::numeric_limits<float>::infinity() ? e : 0;
     light.range_m[i] = h.range_m;

@@ -29,6 +29,9 @@ struct Instant {
 
 /// Index of the band that is nearest to a wavelength.
 [[nodiscard]] int nearest_band(double wavelength_m);
+/// What a hit sends back along its ray, relative to a white matt surface square to it: Lambert's cosine,
+/// gloss, retro-reflection.
+[[nodiscard]] float remission(const render::Hit& hit, double retro_gain);
 /// Width of a band of content, m: docs/conventions.md, "Light".
 [[nodiscard]] double band_width_m(int band);
 

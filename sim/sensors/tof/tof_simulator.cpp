@@ -135,11 +135,8 @@ Status TofSimulator::Impl::ideal(const Instant& instant, TofPicture& picture, bo
     const render::Hit& h = (*hits)[i];
     const bool nothing = h.nothing();
     const float e = nothing ? 0.0F
-                            : Math::tof_active_electrons(
-                                  rays.gain[i], rays.intensity_w_per_sr[i], h.range_m,
-                                  Math::tof_backscatter(h.reflectance, h.cos_incidence, h.roughness,
-                                                        h.metallic, h.retro_reflection,
-                                                        static_cast<float>(spec.model.sampling.retro_gain)));
+                            : Math::tof_active_electrons(rays.gain[i], rays.intensity_w_per_sr[i], h.range_m,
+                                                         tof::remission(h, spec.model.sampling.retro_gain));
     picture.range_m[i] = nothing ? std::numeric_limits<float>::quiet_NaN() : h.range_m;
     picture.amplitude[i] = 0.5F * contrast * e;
     picture.status[i] = nothing ? TofPixelStatus::no_return : TofPixelStatus::valid;
