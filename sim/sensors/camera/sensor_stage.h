@@ -2,8 +2,17 @@
 // electrons, noise, saturation, conversion, mosaic, optional processing. Without an effect its pass is not
 // run.
 //
+//   radiance · V(ray)                       vignetting, from the ideal ray of each pixel
+//   → spread of scattered light             bloom, over the whole of the picture that is handed in
+//   → electrons per second                  bands · response of the pixel's filter
+//   → EMVA 1288 pixel                       shot noise, full well, DSNU, PRNU, dark current, hot pixels, read
+//   → converter                             rounding, clipping
+//   → median, white balance, demosaicing, gamma    where the model has them
+//   → bits of the pixel format              upper bits where the format has fewer than the converter
+//
 // Same input, same bytes, on any number of threads. The GPU's sensor pass (sim/render/shaders/sensor.comp)
-// draws from the same model files and the same counters.
+// draws from the same model files and the same counters; it knows neither bloom nor hot pixels nor
+// processing.
 #pragma once
 
 #include <cstddef>
@@ -26,19 +35,33 @@ struct SensorStageSpec {
 struct SensorStageRequest {
   std::uint64_t capture_index = 0;
   double exposure_s = 0.005;
-  double gain_db = 0;
+  double gain_db = 0;  ///< on K: 20 dB per factor of ten
   PixelFormat format = PixelFormat::mono8;
-  OpticsRequest::Region region{};  ///< of `picture` in the full sensor; width 0: all of it
+  /// What of the full sensor is read out; width 0: all of it. `picture` has this size or that of the full
+  /// sensor; then the rows and columns beside the region count for what looks beyond it (bloom, median,
+  /// demosaicing), and the bytes are those of the full picture's crop. Offsets of Bayer formats are even.
+  OpticsRequest::Region region{};
 };
 
+/// Radiance that is none. A band that is NaN or negative counts as 0, one above kMaxRadiance, infinity too,
+/// as that.
+struct SensorStageCounts {
+  std::uint64_t invalid_pixels = 0;  ///< with a band that is NaN or negative
+  std::uint64_t clipped_pixels = 0;
+};
+
+/// One belongs to one thread at a time; a call computes on the threads of its TBB arena.
 class SensorStage {
  public:
-  /// Errors: bad_input.
+  /// Three hundred times the sun's disc, W/(m² sr) in a band.
+  static constexpr float kMaxRadiance = 1e9f;
+
+  /// Works out the maps of the full sensor; setup. Errors: bad_input (the model).
   [[nodiscard]] static Result<std::unique_ptr<SensorStage>> create(const SensorStageSpec& spec);
   ~SensorStage();
-  /// `pixels` has image_bytes(format, region) bytes.
+  /// `pixels` has image_bytes(format, region) bytes. Errors: bad_input (region, sizes, exposure, gain).
   [[nodiscard]] Status expose(const SensorStageRequest& request, const OpticsPicture& picture,
-                              std::span<std::byte> pixels);
+                              std::span<std::byte> pixels, SensorStageCounts* counts = nullptr);
 
  private:
   struct Impl;

@@ -22,11 +22,11 @@ struct ExposureConstants {
 
 /// What pixels next to each other in a row have of their own. Null: the same for all.
 struct PixelRun {
-  std::uint32_t first_element = 0;       ///< index on the full sensor
+  std::uint32_t first_element = 0;  ///< index on the full sensor
   int count = 0;
-  const float* gain = nullptr;           ///< null: 1
-  const float* offset_e = nullptr;       ///< null: 0
-  const float* dark_e_per_s = nullptr;   ///< null: the constants'
+  const float* gain = nullptr;          ///< null: 1
+  const float* offset_e = nullptr;      ///< null: 0
+  const float* dark_e_per_s = nullptr;  ///< null: the constants'
 };
 
 /// Light of a run: mean electrons per second, in one plane, or in three for a camera that measures all
@@ -45,8 +45,8 @@ void expose_run(const ExposureConstants& constants, const PixelRun& run, const R
 /// electrons/s of `count` pixels from their radiance (4 bands each) and two responses, of the even and of the
 /// odd pixels of the run. Bands that are no number or negative count as 0, those above `max_radiance` as
 /// that.
-void rates_of_run(const float* radiance, int count, const float even_response[4],
-                  const float odd_response[4], float max_radiance, float* rate);
+void rates_of_run(const float* radiance, int count, const float even_response[4], const float odd_response[4],
+                  float max_radiance, float* rate);
 
 /// How many of the pixels have a band that is no number or negative, and how many one above max_radiance.
 struct BadRadiance {
