@@ -21,6 +21,12 @@ cv::Mat unpack_mono12p(const ImageInfo& info, std::span<const std::byte> bytes) 
   return out;
 }
 
+cv::Mat to_eight_bits(const cv::Mat& words, PixelFormat format) {
+  cv::Mat out;
+  words.convertTo(out, CV_8U, 255.0 / ((1 << significant_bits(format)) - 1));
+  return out;
+}
+
 }  // namespace
 
 Status write_picture(const std::filesystem::path& file, const ImageInfo& info,
@@ -37,8 +43,10 @@ Status write_picture(const std::filesystem::path& file, const ImageInfo& info,
     case PixelFormat::mono8:
       out = cv::Mat(height, width, CV_8U, data);
       break;
+    case PixelFormat::mono10:
+    case PixelFormat::mono12:
     case PixelFormat::mono16:
-      cv::Mat(height, width, CV_16U, data).convertTo(out, CV_8U, 1.0 / 257);
+      out = to_eight_bits(cv::Mat(height, width, CV_16U, data), info.format);
       break;
     case PixelFormat::mono12p:
       unpack_mono12p(info, bytes).convertTo(out, CV_8U, 1.0 / 16.06);
@@ -46,6 +54,12 @@ Status write_picture(const std::filesystem::path& file, const ImageInfo& info,
     // OpenCV names a Bayer pattern by its second row: RGGB is its BayerBG.
     case PixelFormat::bayer_rg8:
       cv::cvtColor(cv::Mat(height, width, CV_8U, data), out, cv::COLOR_BayerBG2BGR);
+      break;
+    case PixelFormat::bayer_rg10:
+    case PixelFormat::bayer_rg12:
+    case PixelFormat::bayer_rg16:
+      cv::cvtColor(cv::Mat(height, width, CV_16U, data), out, cv::COLOR_BayerBG2BGR);
+      out = to_eight_bits(out, info.format);
       break;
     case PixelFormat::rgb8:
       cv::cvtColor(cv::Mat(height, width, CV_8UC3, data), out, cv::COLOR_RGB2BGR);

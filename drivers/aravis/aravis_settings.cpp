@@ -42,8 +42,9 @@ AravisSettings read_aravis_settings(const ChannelConfig& config) {
     throw n.error("address", "expected an IPv4 address like 192.168.1.20, got \"" + s.address + "\"");
   s.interface = n.text_or("interface", "");
   s.frame_id = n.text_or("frame_id", default_frame_id(config.name));
-  s.format = *pixel_format_from(
-      n.choice_or("pixel_format", {"Mono8", "Mono12p", "Mono16", "BayerRG8", "RGB8"}, "Mono8"));
+  std::vector<std::string> formats;
+  for (const PixelFormat f : kPixelFormats) formats.emplace_back(pfnc_name(f));
+  s.format = *pixel_format_from(n.choice_or("pixel_format", formats, "Mono8"));
   if (n.has("region")) s.region = read_region(n.map("region"));
   if (n.has("exposure_us"))
     s.exposure_us = n.number("exposure_us", {.min = 0, .max = 1e9, .exclusive_min = true});

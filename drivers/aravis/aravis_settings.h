@@ -4,7 +4,7 @@
 //   backend: aravis
 //   device: Rigor-left          # id, serial, user name, MAC or model; or `address: 192.168.1.20`
 //   interface: 127.0.0.1        # local address or interface name; without it every interface is asked
-//   pixel_format: Mono8         # Mono8 Mono12p Mono16 BayerRG8 RGB8
+//   pixel_format: Mono8         # Mono8 Mono10 Mono12 Mono12p Mono16 BayerRG8 BayerRG10 BayerRG12 BayerRG16 RGB8
 //   region: { x_px: 0, y_px: 0, width_px: 640, height_px: 480 }
 //   exposure_us: 4000
 //   gain_db: 0

@@ -6,12 +6,17 @@
 namespace rigor {
 namespace {
 
-constexpr std::array<std::pair<PixelFormat, gige::PixelFormat>, 5> kFormats{{
+constexpr std::array<std::pair<PixelFormat, gige::PixelFormat>, rigor::kPixelFormats.size()> kFormats{{
     {PixelFormat::mono8, gige::PixelFormat::mono8},
     {PixelFormat::mono12p, gige::PixelFormat::mono12p},
     {PixelFormat::mono16, gige::PixelFormat::mono16},
     {PixelFormat::bayer_rg8, gige::PixelFormat::bayer_rg8},
     {PixelFormat::rgb8, gige::PixelFormat::rgb8},
+    {PixelFormat::mono10, gige::PixelFormat::mono10},
+    {PixelFormat::mono12, gige::PixelFormat::mono12},
+    {PixelFormat::bayer_rg10, gige::PixelFormat::bayer_rg10},
+    {PixelFormat::bayer_rg12, gige::PixelFormat::bayer_rg12},
+    {PixelFormat::bayer_rg16, gige::PixelFormat::bayer_rg16},
 }};
 
 std::uint32_t step_for(std::uint32_t size, std::uint32_t wanted) {

@@ -29,6 +29,10 @@ const char* to_string(PixelFormat f) {
   switch (f) {
     case PixelFormat::mono8:
       return "Mono8";
+    case PixelFormat::mono10:
+      return "Mono10";
+    case PixelFormat::mono12:
+      return "Mono12";
     case PixelFormat::mono12p:
       return "Mono12p";
     case PixelFormat::mono12_packed:
@@ -37,6 +41,12 @@ const char* to_string(PixelFormat f) {
       return "Mono16";
     case PixelFormat::bayer_rg8:
       return "BayerRG8";
+    case PixelFormat::bayer_rg10:
+      return "BayerRG10";
+    case PixelFormat::bayer_rg12:
+      return "BayerRG12";
+    case PixelFormat::bayer_rg16:
+      return "BayerRG16";
     case PixelFormat::rgb8:
       return "RGB8";
   }

@@ -26,8 +26,13 @@ enum class PixelFormat : std::uint32_t {
   mono8 = 0x01080001,
   mono12p = 0x010C0047,
   mono12_packed = 0x010C0006,
+  mono10 = 0x01100003,
+  mono12 = 0x01100005,
   mono16 = 0x01100007,
   bayer_rg8 = 0x01080009,
+  bayer_rg10 = 0x0110000D,
+  bayer_rg12 = 0x01100011,
+  bayer_rg16 = 0x0110002F,
   rgb8 = 0x02180014
 };
 [[nodiscard]] constexpr std::uint32_t bits_per_pixel(PixelFormat f) {
@@ -35,10 +40,7 @@ enum class PixelFormat : std::uint32_t {
 }
 /// The PFNC name (`Mono8`), or nullptr for a value that is none of ours.
 [[nodiscard]] const char* to_string(PixelFormat f);
-[[nodiscard]] constexpr bool is_known(PixelFormat f) {
-  return f == PixelFormat::mono8 || f == PixelFormat::mono12p || f == PixelFormat::mono12_packed ||
-         f == PixelFormat::mono16 || f == PixelFormat::bayer_rg8 || f == PixelFormat::rgb8;
-}
+[[nodiscard]] inline bool is_known(PixelFormat f) { return to_string(f) != nullptr; }
 
 /// A rectangle of the sensor, in pixels.
 struct Region {

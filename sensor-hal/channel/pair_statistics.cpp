@@ -74,7 +74,12 @@ std::optional<Difference> difference_of_images(const Sample& real, const Sample&
       case PixelFormat::rgb8:
         add_bytes(s, x + first, y + first, row_elements);
         break;
+      case PixelFormat::mono10:
+      case PixelFormat::mono12:
       case PixelFormat::mono16:
+      case PixelFormat::bayer_rg10:
+      case PixelFormat::bayer_rg12:
+      case PixelFormat::bayer_rg16:
         add_words(s, x + 2 * first, y + 2 * first, row_elements);
         break;
       case PixelFormat::mono12p:

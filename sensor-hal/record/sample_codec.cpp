@@ -19,11 +19,18 @@ msg::Time to_time(std::int64_t ns) {
           static_cast<std::uint32_t>(ns - sec * kSecond)};
 }
 
-constexpr std::array<std::pair<PixelFormat, std::string_view>, 5> kEncodings{
+// Of formats with one encoding the first is what an image of others means; in our own recordings the
+// settings beside it name the format.
+constexpr std::array<std::pair<PixelFormat, std::string_view>, kPixelFormats.size()> kEncodings{
     {{PixelFormat::mono8, "mono8"},
      {PixelFormat::mono12p, "mono12p"},
      {PixelFormat::mono16, "mono16"},
+     {PixelFormat::mono10, "mono16"},
+     {PixelFormat::mono12, "mono16"},
      {PixelFormat::bayer_rg8, "bayer_rggb8"},
+     {PixelFormat::bayer_rg16, "bayer_rggb16"},
+     {PixelFormat::bayer_rg10, "bayer_rggb16"},
+     {PixelFormat::bayer_rg12, "bayer_rggb16"},
      {PixelFormat::rgb8, "rgb8"}}};
 
 std::string_view encoding_of(PixelFormat format) {
@@ -337,10 +344,11 @@ Status SampleDecoder::decode_image(const MessageView& message) {
   const auto* known = std::find_if(kEncodings.begin(), kEncodings.end(),
                                    [&](const auto& e) { return e.second == m.encoding; });
   if (!range && known == kEncodings.end())
-    return fail(
-        ErrorCode::protocol, "",
-        "expected an image encoded as mono8, mono12p, mono16, bayer_rggb8, rgb8 or 32FC1, got " + m.encoding);
-  if (m.is_bigendian != 0 && (range || m.encoding == "mono16"))
+    return fail(ErrorCode::protocol, "",
+                "expected an image encoded as mono8, mono12p, mono16, bayer_rggb8, bayer_rggb16, rgb8 or "
+                "32FC1, got " +
+                    m.encoding);
+  if (m.is_bigendian != 0 && (range || has_words(known->first)))
     return fail(ErrorCode::protocol, "", "expected little-endian pixels");
   const std::uint64_t bits = range ? 32 : bits_per_pixel(known->first);
   const auto size = plane_bytes(m.width, m.height, bits);
@@ -365,6 +373,9 @@ Status SampleDecoder::decode_image(const MessageView& message) {
   info.width_px = m.width;
   info.height_px = m.height;
   if (stamped_ && settings_) {
+    if (const auto format = pixel_format_from(settings_->pixel_format);
+        format && encoding_of(*format) == m.encoding)
+      info.format = *format;
     info.offset_x_px = settings_->offset_x_px;
     info.offset_y_px = settings_->offset_y_px;
     info.exposure = Duration(settings_->exposure_ns);

@@ -31,19 +31,14 @@ void upload(const vk::Buffer& buffer, const std::vector<T>& data) {
   if (!data.empty()) std::memcpy(buffer.data, data.data(), data.size() * sizeof(T));
 }
 
-bool is_mono(PixelFormat f) {
-  return f == PixelFormat::mono8 || f == PixelFormat::mono12p || f == PixelFormat::mono16;
-}
+int picture_bits(PixelFormat f, int adc_bits) { return std::min(adc_bits, significant_bits(f)); }
 
-int picture_bits(PixelFormat f, int adc_bits) {
-  switch (f) {
-    case PixelFormat::mono16:
-      return adc_bits;
-    case PixelFormat::mono12p:
-      return std::min(adc_bits, 12);
-    default:
-      return 8;
-  }
+/// How the sensor pass lays pixels down: the number in sensor.comp.
+int layout_of(PixelFormat f) {
+  constexpr int kBayer16 = 5;
+  if (is_mono(f) && has_words(f)) return static_cast<int>(PixelFormat::mono16);
+  if (is_bayer(f) && has_words(f)) return kBayer16;
+  return static_cast<int>(f);
 }
 
 /// A cube and a cylinder of half size 1, counter-clockwise seen from outside.
@@ -424,10 +419,10 @@ Status Renderer::Impl::check(const PictureRequest& q, const world::WorldSnapshot
                 "expected a region within " + std::to_string(c.width_px) + "x" + std::to_string(c.height_px) +
                     " px, got " + std::to_string(r.width_px) + "x" + std::to_string(r.height_px) + " at (" +
                     std::to_string(r.offset_x_px) + ", " + std::to_string(r.offset_y_px) + ")");
-  if (options.format == PixelFormat::bayer_rg8 && (r.offset_x_px % 2 != 0 || r.offset_y_px % 2 != 0))
+  if (is_bayer(options.format) && (r.offset_x_px % 2 != 0 || r.offset_y_px % 2 != 0))
     return fail(ErrorCode::bad_input, "region",
-                "BayerRG8: expected even offsets, got (" + std::to_string(r.offset_x_px) + ", " +
-                    std::to_string(r.offset_y_px) + ")");
+                std::string(pfnc_name(options.format)) + ": expected even offsets, got (" +
+                    std::to_string(r.offset_x_px) + ", " + std::to_string(r.offset_y_px) + ")");
   if (!(q.exposure_s >= 0.0 && q.exposure_s <= 3600.0))
     return fail(ErrorCode::bad_input, "exposure",
                 "expected 0 to 3600 s, got " + std::to_string(q.exposure_s));
@@ -466,7 +461,8 @@ void Renderer::Impl::prepare(const PictureRequest& q, const world::WorldSnapshot
                u32(adc_bits - picture_bits(options.format, adc_bits)), u32((bits + 31) / 32)};
   u.exposure = {f(q.exposure_s), f(c.system_gain_dn_per_e() * q.gain), f(c.noise.black_level_dn),
                 f(std::ldexp(1.0, adc_bits) - 1.0)};
-  u.noise = {f(c.noise.read_noise_e), f(c.noise.full_well_e), f(c.noise.dark_current_e_per_s), 0.0f};
+  u.noise = {f(c.noise.read_noise_e), f(c.noise.full_well_e),
+             f(c.noise.dark_current_at_temperature_e_per_s()), 0.0f};
   u.picture = {f(picture.focal_x_px), f(picture.focal_y_px), f(picture.centre_u_px), f(picture.centre_v_px)};
   u.tap = {f(options.supersampling / taps), f(taps), f(1.0 / (taps * taps)), 0.0f};
   u.picture_limit = {f(picture.width_px - 1.001), f(picture.height_px - 1.001), 0.0f, 0.0f};
@@ -589,6 +585,9 @@ Result<std::unique_ptr<Renderer>> Renderer::create(std::shared_ptr<Device> devic
                                                    std::shared_ptr<const world::Scene> scene,
                                                    const RendererOptions& options) {
   if (auto s = options.camera.validate(); !s) return tl::unexpected(s.error());
+  if (options.camera.projection != Projection::opencv)
+    return fail(ErrorCode::bad_input, "camera model",
+                "projection: expected opencv: one pinhole picture holds no fisheye");
   if (!(options.supersampling >= 1.0 && options.supersampling <= 4.0))
     return fail(ErrorCode::bad_input, "supersampling",
                 "expected a factor in [1, 4], got " + std::to_string(options.supersampling));
@@ -618,7 +617,7 @@ Result<std::unique_ptr<Renderer>> Renderer::create(std::shared_ptr<Device> devic
   wanted.cylinders = static_cast<std::uint32_t>(
       std::count_if(impl->scene->bodies.begin(), impl->scene->bodies.end(),
                     [](const world::Body& b) { return b.shape == world::Shape::cylinder; }));
-  wanted.format = static_cast<int>(options.format);
+  wanted.format = layout_of(options.format);
   wanted.shot_noise = options.noise && c.noise.shot_noise;
   wanted.read_noise = options.noise && c.noise.read_noise_e > 0.0;
   wanted.taps = static_cast<int>(std::ceil(options.supersampling));

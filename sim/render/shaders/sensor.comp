@@ -9,7 +9,7 @@
 #define INLINE_CASTERS 16
 #include "sim/render/shaders/shared.glsl.h"
 layout(local_size_x = 64) in;
-layout(constant_id = 0) const int kFormat = 0;  // as PixelFormat: mono8, mono12p, mono16, bayer_rg8, rgb8
+layout(constant_id = 0) const int kFormat = 0;  // mono8, mono12p, mono in words, bayer_rg8, rgb8, bayer_rg in words
 layout(constant_id = 1) const bool kShotNoise = true;
 layout(constant_id = 2) const bool kReadNoise = true;
 layout(constant_id = 3) const int kTaps = 1;  // along one side
@@ -22,6 +22,7 @@ const int kMono12p = 1;
 const int kMono16 = 2;
 const int kBayer = 3;
 const int kRgb = 4;
+const int kBayer16 = 5;
 
 vec3 fetch(ivec2 p) { return texelFetch(picture, p, 0).rgb; }
 
@@ -55,7 +56,7 @@ uint digital_number(float rate, vec4 pixel, uint shot_bits, uint read_bits) {
 
 void main() {
   const int pixels = kFormat == kMono12p ? 8 : 4;
-  const int bits = kFormat == kMono12p ? 12 : kFormat == kMono16 ? 16 : kFormat == kRgb ? 24 : 8;
+  const int bits = kFormat == kMono12p ? 12 : kFormat == kMono16 || kFormat == kBayer16 ? 16 : kFormat == kRgb ? 24 : 8;
   const int words = pixels * bits / 32;
   uint invocation = gl_GlobalInvocationID.y * (gl_NumWorkGroups.x * gl_WorkGroupSize.x) + gl_GlobalInvocationID.x;
   uint first = invocation * uint(pixels);
@@ -95,7 +96,7 @@ void main() {
       if ((bit & 31) > 8) packed[(bit >> 5) + 1] |= value >> (32 - (bit & 31));
     } else {
       float r = rate.x;
-      if (kFormat == kBayer) {
+      if (kFormat == kBayer || kFormat == kBayer16) {
         uint site = (row & 1u) * 2u + (column & 1u);
         r = site == 0u ? rate.x : site == 3u ? rate.z : rate.y;
       }

@@ -94,12 +94,12 @@ TEST_F(AravisSourceTest, MapsADeviceClockThatStartsElsewhere) {
 }
 
 TEST_F(AravisSourceTest, EveryFormatArrivesAsTheCameraMadeIt) {
-  for (const char* format : {"Mono8", "Mono12p", "Mono16", "BayerRG8", "RGB8"}) {
+  for (const PixelFormat wanted : kPixelFormats) {
+    const std::string format(pfnc_name(wanted));
     AravisSource source;
     auto armed = arm(source, std::string("{device: SRC51, pixel_format: ") + format +
                                  ", region: {x_px: 32, y_px: 16, width_px: 200, height_px: 102}}");
     ASSERT_TRUE(armed) << armed.error().text();
-    const PixelFormat wanted = *pixel_format_from(format);
     EXPECT_EQ(source.describe().max_bytes, image_bytes(wanted, 200, 102));
     ASSERT_TRUE(source.start(testing::now()));
     const auto seen = run_for(source, milliseconds(500));

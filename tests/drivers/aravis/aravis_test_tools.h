@@ -37,7 +37,9 @@ inline std::unique_ptr<gige::GigeEmulator> start_camera(const std::string& addre
   gige::GigeEmulatorOptions o;
   o.address = address;
   if (config.formats.size() == 1)
-    config.formats = {PixelFormat::mono8, PixelFormat::mono12p, PixelFormat::mono16, PixelFormat::bayer_rg8,
+    config.formats = {PixelFormat::mono8,      PixelFormat::mono10,     PixelFormat::mono12,
+                      PixelFormat::mono12p,    PixelFormat::mono16,     PixelFormat::bayer_rg8,
+                      PixelFormat::bayer_rg10, PixelFormat::bayer_rg12, PixelFormat::bayer_rg16,
                       PixelFormat::rgb8};
   config.serial = serial;
   o.camera = config;

@@ -229,7 +229,7 @@ TEST(SimulatedSource, RefusesWhatDoesNotFitTheSensor) {
   WorkerPool pool(1);
   for (const char* params :
        {"region: {x_px: 60, y_px: 0, width_px: 5, height_px: 1}", "exposure_us: 0", "exposure_us: -1",
-        "pixel_format: Mono10", "region: {x_px: 0, y_px: 0, width_px: 0, height_px: 1}", "phase_us: 10001",
+        "pixel_format: Mono14", "region: {x_px: 0, y_px: 0, width_px: 0, height_px: 1}", "phase_us: 10001",
         "slots: 0", "max_backlog: 0", "region: {x_px: 0}",
         "region: {x_px: 0, y_px: 0, width_px: 5, height_px: 1, depth_px: 1}"}) {
     SimulatedSource source(std::make_shared<FormulaImages>(), nullptr, pool);

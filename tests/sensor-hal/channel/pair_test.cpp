@@ -313,8 +313,7 @@ TEST_F(PairTest, TellsWhenASideIsRefused) {
 // -------------------------------------------------------------- statistics
 
 TEST(PairStatistics, KnowsBiasAndSigmaOfEveryFormat) {
-  for (PixelFormat format : {PixelFormat::mono8, PixelFormat::mono12p, PixelFormat::mono16,
-                             PixelFormat::bayer_rg8, PixelFormat::rgb8}) {
+  for (const PixelFormat format : kPixelFormats) {
     constexpr std::uint32_t kWidth = 31, kHeight = 9;  // odd: rows of mono12p begin within a byte
     auto pool = make_sample_pool(2, image_bytes(PixelFormat::rgb8, kWidth, kHeight) + 8);
     SampleLease a = pool->try_acquire(), b = pool->try_acquire();
@@ -322,7 +321,7 @@ TEST(PairStatistics, KnowsBiasAndSigmaOfEveryFormat) {
     double sum = 0, squares = 0;
     const auto put = [&](Sample& s, std::size_t i, unsigned v) {
       auto* p = reinterpret_cast<std::uint8_t*>(s.memory().data());
-      if (format == PixelFormat::mono16) {
+      if (has_words(format)) {
         p[2 * i] = static_cast<std::uint8_t>(v);
         p[2 * i + 1] = static_cast<std::uint8_t>(v >> 8);
       } else if (format == PixelFormat::mono12p) {
@@ -334,7 +333,7 @@ TEST(PairStatistics, KnowsBiasAndSigmaOfEveryFormat) {
         p[i] = static_cast<std::uint8_t>(v);
       }
     };
-    const unsigned top = format == PixelFormat::mono16 ? 65535 : format == PixelFormat::mono12p ? 4095 : 255;
+    const unsigned top = (1u << significant_bits(format)) - 1;
     for (std::size_t i = 0; i < elements; ++i) {
       const unsigned x = static_cast<unsigned>(i * 7919 % (top + 1)),
                      y = static_cast<unsigned>(i * 104729 % (top + 1));

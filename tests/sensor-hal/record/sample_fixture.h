@@ -49,9 +49,7 @@ inline std::vector<Sample> samples_of(SampleKind kind) {
       add(std::monostate{}, 0);
       break;
     case SampleKind::image:
-      for (const PixelFormat f : {PixelFormat::mono8, PixelFormat::mono12p, PixelFormat::mono16,
-                                  PixelFormat::bayer_rg8, PixelFormat::rgb8})
-        all.push_back(image_sample(f));
+      for (const PixelFormat f : kPixelFormats) all.push_back(image_sample(f));
       all.push_back(image_sample(PixelFormat::mono12p, 3, 3));
       add(ImageInfo{}, 0);
       break;

@@ -71,9 +71,7 @@ TEST_P(ByOthers, ReadSamplesOfEveryKind) {
   auto writer = create();
   std::map<std::string, std::size_t> expected;
   std::vector<Sample> images;
-  for (const PixelFormat f : {PixelFormat::mono8, PixelFormat::mono12p, PixelFormat::mono16,
-                              PixelFormat::bayer_rg8, PixelFormat::rgb8})
-    images.push_back(image_sample(f, 160, 120));
+  for (const PixelFormat f : kPixelFormats) images.push_back(image_sample(f, 160, 120));
   for (int kind = 1; kind <= static_cast<int>(SampleKind::event); ++kind) {
     SampleChannel channel = channel_of(static_cast<SampleKind>(kind));
     channel.topic = "/kind" + std::to_string(kind);
@@ -105,7 +103,8 @@ TEST_P(ByOthers, ReadSamplesOfEveryKind) {
   const json& pictures = got["topics"]["/kind1"]["messages"];
   EXPECT_EQ(got["topics"]["/kind1"]["qos"], "");
   EXPECT_EQ(got["topics"]["/kind1"]["encoding"], "cdr");
-  const char* encodings[] = {"mono8", "mono12p", "mono16", "bayer_rggb8", "rgb8"};
+  const char* encodings[] = {"mono8",       "mono16",       "mono16",       "mono12p",      "mono16",
+                             "bayer_rggb8", "bayer_rggb16", "bayer_rggb16", "bayer_rggb16", "rgb8"};
   ASSERT_EQ(pictures.size(), images.size());
   for (std::size_t i = 0; i < images.size(); ++i) {
     const json& picture = pictures[i]["value"];

@@ -149,7 +149,9 @@ TEST_F(Rendering, FormatsPackTheSameNumbers) {
     return camera ? shoot(*camera, q) : std::vector<std::byte>{};
   };
   const auto p8 = with(PixelFormat::mono8), p12 = with(PixelFormat::mono12p),
-             bayer = with(PixelFormat::bayer_rg8), rgb = with(PixelFormat::rgb8);
+             bayer = with(PixelFormat::bayer_rg8), rgb = with(PixelFormat::rgb8),
+             p10 = with(PixelFormat::mono10), p12w = with(PixelFormat::mono12),
+             b10 = with(PixelFormat::bayer_rg10);
   const std::size_t n = 317 * 240;
   ASSERT_EQ(p12.size(), (n * 12 + 7) / 8);
   ASSERT_EQ(rgb.size(), 3 * n);
@@ -162,6 +164,9 @@ TEST_F(Rendering, FormatsPackTheSameNumbers) {
     ASSERT_EQ(i % 2 == 0 ? lo | (hi & 15) << 8 : lo >> 4 | hi << 4, dn) << i;
     ASSERT_EQ(std::to_integer<int>(p8[i]), dn >> 4) << i;
     ASSERT_NEAR(std::to_integer<int>(bayer[i]), dn >> 4, 1);
+    ASSERT_EQ(at16(p10, static_cast<int>(n), static_cast<int>(i), 0), dn >> 2);
+    ASSERT_EQ(at16(p12w, static_cast<int>(n), static_cast<int>(i), 0), dn);
+    ASSERT_NEAR(at16(b10, static_cast<int>(n), static_cast<int>(i), 0), dn >> 2, 1);
     for (std::size_t k = 0; k < 3; ++k) ASSERT_NEAR(std::to_integer<int>(rgb[3 * i + k]), dn >> 4, 1);
   }
   EXPECT_GT(mean / static_cast<double>(n), 100);
