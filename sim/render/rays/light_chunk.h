@@ -45,7 +45,7 @@ class Chunk {
   /// A ray that looks for light to send on to a point.
   struct Path {
     Vec3 place, direction;
-    Bands4 share;  ///< of the light it finds that is seen from the chunk's ray
+    Bands4 share{};  ///< of the light it finds that is seen from the chunk's ray
     unsigned point = 0;
     float time = 0;
     bool mirrored = false;  ///< not one of those that ask what hides the sky

@@ -79,7 +79,7 @@ void weather(const LightFrame& frame, Vec3 place, Vec3 normal, Patch& s) noexcep
 /// The mirror image of the surroundings: Fresnel's share of it, and how sharp it is.
 struct Mirror {
   Vec3 direction;
-  Bands4 share;
+  Bands4 share{};
   float sharp = 0;  ///< 0: the mean over the side of the mirrored direction … 1: what lies in it
   [[nodiscard]] bool any() const noexcept { return largest(share) > 0; }
 };
