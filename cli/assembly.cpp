@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include "apps/turntable-sweep/turntable_sweep.h"
+#include "cli/tune/engine_choices.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/replay_source.h"
 #include "sensor-hal/channel/simulated_source.h"
@@ -25,6 +26,9 @@ class Assembler {
       if (!simulation) return tl::unexpected<Error>(simulation.error());
       out_.simulation = std::move(*simulation);
       out_.parts.motion.set_joint_count(out_.simulation->joint_count());
+      auto engines = choose_engines(rig_, *out_.simulation);
+      if (!engines) return tl::unexpected<Error>(engines.error());
+      engines_ = std::move(*engines);
     }
     out_.workers = std::make_unique<WorkerPool>(static_cast<std::size_t>(rig_.simulation.workers));
     if (virtual_time()) {
@@ -73,22 +77,39 @@ class Assembler {
     return out_.devices->parts(emulator->name);
   }
 
-  Result<std::unique_ptr<SimulatedSource>> make_simulated(const BackendChoice& choice,
+  Result<std::unique_ptr<SimulatedSource>> make_simulated(const ChannelEntry& entry,
+                                                          const BackendChoice& choice,
                                                           const std::string& name) {
     if (!out_.simulation)
       return tl::unexpected<Error>(
           choice.params
               .error("backend", "expected `simulation.world` in the rig for a simulated channel, found none")
               .error());
-    auto camera = out_.simulation->camera(choice.params, rig_.seed, name);
+    SensorOptions options;
+    if (const auto it = engines_.find(entry.name); it != engines_.end()) options.choice = it->second;
+    if (entry.kind == SampleKind::point_cloud || entry.kind == SampleKind::range_image) {
+      auto sampler = out_.simulation->sampler(entry.kind, choice.params, rig_.seed, name, options);
+      if (!sampler) return tl::unexpected<Error>(sampler.error());
+      return std::make_unique<SimulatedSource>(std::shared_ptr<SampleProvider>(std::move(*sampler)),
+                                               &out_.parts.motion, *out_.workers);
+    }
+    if (entry.kind != SampleKind::image)
+      return tl::unexpected<Error>(
+          entry.node
+              .error("kind",
+                     fmt::format("expected image, range_image or point_cloud, which simulators make, got {}",
+                                 kind_name(entry.kind)))
+              .error());
+    auto camera = out_.simulation->camera(choice.params, rig_.seed, name, options);
     if (!camera) return tl::unexpected<Error>(camera.error());
     return std::make_unique<SimulatedSource>(std::move(*camera), &out_.parts.motion, *out_.workers);
   }
 
-  Result<std::unique_ptr<Source>> make_source(const BackendChoice& choice, const std::string& name,
+  Result<std::unique_ptr<Source>> make_source(const ChannelEntry& entry, const std::string& name,
                                               std::string& replaced_by) {
+    const BackendChoice& choice = entry.source;
     if (choice.backend == kSimulated) {
-      auto source = make_simulated(choice, name);
+      auto source = make_simulated(entry, choice, name);
       if (!source) return tl::unexpected<Error>(source.error());
       return std::unique_ptr<Source>(std::move(*source));
     }
@@ -133,7 +154,7 @@ class Assembler {
     auto channel = std::make_unique<RunChannel>();
     channel->entry = &entry;
     if (!entry.is_pair) {
-      auto source = make_source(entry.source, entry.name, channel->replaced_by);
+      auto source = make_source(entry, entry.name, channel->replaced_by);
       if (!source) return tl::unexpected<Error>(source.error());
       channel->source = std::move(*source);
       if (auto s = channel->source->configure(channel_config(entry, entry.name, entry.source.params)); !s)
@@ -158,9 +179,9 @@ class Assembler {
               .error("backend",
                      "expected `simulated` for the twin of a pair, got \"" + entry.twin.backend + "\"")
               .error());
-    auto real = make_source(entry.source, entry.name + ".real", channel.replaced_by);
+    auto real = make_source(entry, entry.name + ".real", channel.replaced_by);
     if (!real) return tl::unexpected<Error>(real.error());
-    auto twin = make_simulated(entry.twin, entry.name + ".simulated");
+    auto twin = make_simulated(entry, entry.twin, entry.name + ".simulated");
     if (!twin) return tl::unexpected<Error>(twin.error());
     auto pair = std::make_unique<PairSource>(std::move(*real), std::move(*twin), *out_.workers);
     channel.pair = pair.get();
@@ -220,6 +241,7 @@ class Assembler {
   Assembly& out_;
   const RigConfig& rig_;
   const Registry& registry_;
+  EngineChoices engines_;
 };
 
 }  // namespace

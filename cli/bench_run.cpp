@@ -87,6 +87,13 @@ Status BenchRun::arm() {
   return executive_.arm();
 }
 
+std::vector<std::string> BenchRun::warnings() const {
+  std::vector<std::string> all;
+  for (const auto& channel : parts_.channels)
+    for (std::string& w : channel->source->warnings()) all.push_back(std::move(w));
+  return all;
+}
+
 Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
   t0_ = t0;
   for (auto& sink : parts_.sinks)

@@ -101,6 +101,8 @@ class BenchRun final : private ExecutiveHooks {
 
   /// Configures ports and application, arms channels and the loop.
   [[nodiscard]] Status arm();
+  /// What the channels found when they were armed.
+  [[nodiscard]] std::vector<std::string> warnings() const;
   /// Between arm and run; null: nothing is recorded.
   void set_recorder(Recorder* recorder) { recorder_ = recorder; }
   /// Replay: cycles for which this returns false are not run by the application, as in the recorded run.

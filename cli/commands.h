@@ -39,7 +39,15 @@ struct SenseOptions {
   double at_s = 0;
   std::vector<std::string> joints;  ///< NAME=DEGREES
   std::filesystem::path output;
+  std::filesystem::path truth;  ///< .exr; empty: none
   bool ideal = false;
+  std::vector<std::string> only;  ///< effects
+  std::string engine;             ///< "", "rays", "vulkan"
+  bool json = false;
+};
+struct TuneOptions {
+  std::filesystem::path rig;
+  std::vector<std::string> overrides;
   bool json = false;
 };
 struct InspectOptions {
@@ -74,6 +82,7 @@ int run_command(const RunOptions& options);
 int replay_command(const ReplayOptions& options);
 int emulate_command(const EmulateOptions& options);
 int sense_command(const SenseOptions& options);
+int tune_command(const TuneOptions& options);
 int inspect_command(const InspectOptions& options);
 int world_render_command(const WorldRenderOptions& options);
 int devices_command(const PlainOptions& options);

@@ -73,7 +73,7 @@ DeviceWorld::~DeviceWorld() = default;
 Result<std::unique_ptr<DeviceWorld>> DeviceWorld::open(const RigConfig& rig) {
   auto impl = std::make_unique<Impl>();
   impl->copy = rig;
-  if (!rig.simulation.world.empty()) {
+  if (!rig.simulation.world.empty() && !rig.emulators.empty()) {
     auto simulation = Simulation::open(rig.simulation);
     if (!simulation) return tl::unexpected<Error>(simulation.error());
     impl->simulation = std::move(*simulation);
@@ -96,6 +96,12 @@ Result<DeviceParts> DeviceWorld::parts(std::string_view emulator_name) {
     if (!impl_->simulation)
       return tl::unexpected<Error>(
           n.error("sensor", "expected `simulation.world` in the rig for a camera to look at, found none")
+              .error());
+    if (n.has("motion"))
+      return tl::unexpected<Error>(
+          n.error("motion",
+                  "expected no `motion` of an emulated device: it runs beside the bench and knows "
+                  "no start of a run")
               .error());
     // The device's own noise: its draws are keyed apart from those of its twin.
     auto camera = impl_->simulation->camera(n, impl_->copy.seed, entry->name + ".device");

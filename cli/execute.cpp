@@ -75,6 +75,8 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   BenchRun run(parts, trace ? &*trace : nullptr);
   if (options.ran) run.set_cycle_filter(options.ran);
   if (auto s = run.arm(); !s) return report_error(s.error(), options.json);
+  const std::vector<std::string> warnings = run.warnings();
+  for (const std::string& w : warnings) fmt::print(stderr, "rigor: warning: {}\n", w);
   const BenchTime t0 = options.t0 ? *options.t0 : virtual_time ? BenchTime(0) : bench_now() + seconds(1);
   const EpochPair epoch = options.epoch ? *options.epoch : virtual_time ? kVirtualEpoch : read_epoch();
   const std::string engine = assembly.simulation ? assembly.simulation->engine() : "";
@@ -104,6 +106,7 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   text.utc = iso(epoch.to_utc(t0));
   text.recording = parts.rig.record.file.string();
   nlohmann::json result = run_result(parts, *outcome, recorder->get(), text);
+  result["warnings"] = warnings;
   Status reported;
   if (!parts.rig.report.empty()) reported = write_report(parts.rig.report, result, parts);
   if (reported && trace) reported = trace->write(options.trace.string());

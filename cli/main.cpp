@@ -76,10 +76,30 @@ int main(int argc, char** argv) {
   sense_app->add_option("--joint", sense.joints, "Position of a joint of the world, NAME=DEGREES")
       ->allow_extra_args(false);
   sense_app->add_flag("--ideal", sense.ideal, "Without the sensor's errors");
-  sense_app->add_option("-o,--output", sense.output, "out.png or out.exr")->required();
+  sense_app
+      ->add_option("--only", sense.only,
+                   "Of the sensor's effects these alone, separated by commas; an unknown one lists them all")
+      ->delimiter(',')
+      ->allow_extra_args(false);
+  sense_app->add_option("--engine", sense.engine, "rays or vulkan (default: what the rig says)")
+      ->check(CLI::IsMember({"rays", "vulkan"}));
+  sense_app->add_option("--truth", sense.truth,
+                        "Write node, class, range, normal and flow of every element as OpenEXR planes");
+  sense_app
+      ->add_option("-o,--output", sense.output,
+                   "out.png, out.exr (images, range images) or out.pcd (point clouds, range images)")
+      ->required();
   sense_app->add_flag("--json", sense.json, "Print what was written as JSON");
   add_overrides(sense_app, sense.overrides);
   sense_app->footer("Example: rigor sense configs/demo.yaml --channel right --at 2 -o right.png");
+
+  rigor::TuneOptions tune;
+  auto* tune_app = app.add_subcommand(
+      "tune", "Measure engines and their settings for channels with a tolerance; write RIG.lock.yaml");
+  tune_app->add_option("RIG", tune.rig, "Rig file")->required();
+  tune_app->add_flag("--json", tune.json, "Print what was measured as JSON");
+  add_overrides(tune_app, tune.overrides);
+  tune_app->footer("Example: rigor tune configs/rigs/measuring-light.yaml");
 
   rigor::InspectOptions inspect;
   auto* inspect_app = app.add_subcommand("inspect", "Say what is in a recording");
@@ -114,6 +134,7 @@ int main(int argc, char** argv) {
     if (*emulate_app) return rigor::emulate_command(emulate);
     if (*replay_app) return rigor::replay_command(replay);
     if (*sense_app) return rigor::sense_command(sense);
+    if (*tune_app) return rigor::tune_command(tune);
     if (*inspect_app) return rigor::inspect_command(inspect);
     if (world.chosen()) return world.run();
     if (*devices_app) return rigor::devices_command(devices);

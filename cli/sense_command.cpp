@@ -1,8 +1,10 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -10,8 +12,10 @@
 #include "cli/commands.h"
 #include "cli/overrides.h"
 #include "cli/report.h"
+#include "cli/sensing/sample_files.h"
 #include "cli/simulation.h"
 #include "cli/terminal.h"
+#include "cli/tune/engine_choices.h"
 #include "sensor-hal/config/rig.h"
 
 namespace rigor {
@@ -51,6 +55,29 @@ Result<std::unique_ptr<Target>> find_target(const SenseOptions& options) {
   return target;
 }
 
+Status check_outputs(const SenseOptions& options, SampleKind kind) {
+  const std::vector<std::string> endings =
+      kind == SampleKind::image         ? std::vector<std::string>{".png", ".exr"}
+      : kind == SampleKind::range_image ? std::vector<std::string>{".png", ".exr", ".pcd"}
+                                        : std::vector<std::string>{".png", ".pcd"};
+  if (std::find(endings.begin(), endings.end(), options.output.extension().string()) == endings.end())
+    return fail(ErrorCode::bad_input, "-o",
+                fmt::format("expected a file that ends in {} for a channel of kind {}, got \"{}\"",
+                            fmt::join(endings, ", "), kind_name(kind), options.output.string()));
+  if (!options.truth.empty() && options.truth.extension() != ".exr")
+    return fail(ErrorCode::bad_input, "--truth",
+                "expected a file that ends in .exr, got \"" + options.truth.string() + "\"");
+  for (const auto& file : {options.output, options.truth}) {
+    if (file.empty()) continue;
+    std::error_code ec;
+    const auto folder = std::filesystem::absolute(file).parent_path();
+    if (!std::filesystem::is_directory(folder, ec))
+      return fail(ErrorCode::not_writable, file.string(),
+                  "expected a folder that is there, got " + folder.string());
+  }
+  return {};
+}
+
 Status set_joint(WorldMotion& motion, const Simulation& simulation, const std::string& text) {
   const auto eq = text.find('=');
   char* end = nullptr;
@@ -63,65 +90,152 @@ Status set_joint(WorldMotion& motion, const Simulation& simulation, const std::s
   return {};
 }
 
+/// Takes one sample and writes it. `told` gets what is worth telling of it.
+class Sensing {
+ public:
+  Sensing(const SenseOptions& options, const Target& target, Simulation& simulation)
+      : options_(options), target_(target), simulation_(simulation) {}
+
+  Status run(nlohmann::json& told) {
+    const ConfigNode& params = target_.choice->params;
+    SensorOptions how;
+    how.ideal = options_.ideal;
+    how.only = options_.only;
+    auto choice = sense_choice(target_.rig, *target_.entry, simulation_, options_.engine);
+    if (!choice) return tl::unexpected<Error>(choice.error());
+    how.choice = std::move(*choice);
+    // The sample that a virtual run takes at that instant: same index, same draws.
+    const Duration period = target_.entry->period;
+    const Duration phase = seconds_from(params.number_or("phase_us", 0, {.min = 0}) * 1e-6);
+    request_.index =
+        static_cast<std::uint64_t>(std::max<std::int64_t>(0, (seconds_from(options_.at_s) - phase) / period));
+    request_.t_capture = BenchTime(0) + phase + period * static_cast<std::int64_t>(request_.index);
+    request_.motion.count = static_cast<std::uint32_t>(simulation_.joint_count());
+    for (const std::string& joint : options_.joints)
+      if (auto s = set_joint(request_.motion, simulation_, joint); !s) return s;
+    if (auto s =
+            target_.entry->kind == SampleKind::image ? image(params, how, told) : sampled(params, how, told);
+        !s)
+      return s;
+    told["t_capture_s"] = static_cast<double>(request_.t_capture.ns()) * 1e-9;
+    told["index"] = request_.index;
+    if (options_.truth.empty()) return {};
+    told["truth"] = options_.truth.string();
+    return write_truth(options_.truth, truth_);
+  }
+  /// The sample in words.
+  [[nodiscard]] const std::string& said() const { return said_; }
+
+ private:
+  Status image(const ConfigNode& params, const SensorOptions& how, nlohmann::json& told) {
+    std::shared_ptr<ImageProvider> camera;
+    auto made = simulation_.camera(params, target_.rig.seed, target_.noise_name, how);
+    if (!made) return tl::unexpected<Error>(made.error());
+    camera = *made;
+    if (!options_.truth.empty()) {
+      auto* sensed = dynamic_cast<SensedCamera*>(camera.get());
+      if (!sensed)
+        return fail(ErrorCode::bad_input, "--truth",
+                    "expected `engine: rays` or `engine: vulkan` in the rig or as --engine: the renderer of "
+                    "small scenes knows no ground truth");
+      sensed->set_truth(&truth_);
+    }
+    ImageRequest r;
+    const auto geometry = camera->geometry();
+    r.index = request_.index;
+    r.t_capture = request_.t_capture;
+    r.motion = request_.motion;
+    r.format = geometry.format;
+    r.width_px = geometry.width_px;
+    r.height_px = geometry.height_px;
+    r.exposure =
+        seconds_from(params.number_or("exposure_us", geometry.exposure.seconds() * 1e6, {.min = 1}) * 1e-6);
+    r.gain_db = params.number_or("gain_db", 0);
+    std::vector<std::byte> pixels(image_bytes(r.format, r.width_px, r.height_px));
+    if (auto s = camera->capture(r, pixels); !s) return s;
+    const ImageInfo info{r.format, r.width_px, r.height_px, 0, 0, r.exposure, r.gain_db};
+    told["width_px"] = info.width_px;
+    told["height_px"] = info.height_px;
+    told["format"] = pfnc_name(info.format);
+    said_ = fmt::format("{}x{} {}", info.width_px, info.height_px, pfnc_name(info.format));
+    return write_whole(options_.output,
+                       [&](const std::filesystem::path& part) { return write_picture(part, info, pixels); });
+  }
+
+  Status sampled(const ConfigNode& params, const SensorOptions& how, nlohmann::json& told) {
+    auto made = simulation_.sampler(target_.entry->kind, params, target_.rig.seed, target_.noise_name, how);
+    if (!made) return tl::unexpected<Error>(made.error());
+    TruthfulSampler& sensor = **made;
+    if (!options_.truth.empty()) sensor.set_truth(&truth_);
+    Sample sample;
+    sample.reserve(sensor.geometry().max_bytes);
+    if (auto s = sensor.capture(request_, sample); !s) return s;
+    double scale_m = 0;
+    Status written;
+    const std::string ending = options_.output.extension().string();
+    if (const auto* cloud = sample.as<PointCloudInfo>()) {
+      std::vector<LidarPoint> points(cloud->count);
+      if (cloud->count > 0) std::memcpy(points.data(), sample.bytes().data(), sample.size_bytes);
+      written = ending == ".pcd" ? write_points_pcd(options_.output, points)
+                                 : write_points_png(options_.output, points, scale_m);
+      told["points"] = points.size();
+      said_ = fmt::format("{} points", points.size());
+      if (scale_m > 0) said_ += fmt::format(", {:g} m from the middle to the edge", scale_m);
+    } else if (const auto* info = sample.as<RangeImageInfo>()) {
+      const std::size_t n = std::size_t{info->width_px} * info->height_px;
+      std::vector<float> planes(2 * n);
+      std::memcpy(planes.data(), sample.bytes().data(), 2 * n * sizeof(float));
+      const RangePicture picture{info->width_px, info->height_px, std::span(planes).first(n),
+                                 std::span(planes).last(n)};
+      written = ending == ".pcd"   ? write_range_pcd(options_.output, picture, sensor.directions())
+                : ending == ".exr" ? write_range_exr(options_.output, picture)
+                                   : write_range_png(options_.output, picture, scale_m);
+      const auto returns = std::count_if(picture.range_m.begin(), picture.range_m.end(),
+                                         [](float r) { return std::isfinite(r); });
+      told["width_px"] = info->width_px;
+      told["height_px"] = info->height_px;
+      told["returns"] = returns;
+      said_ = fmt::format("{}x{}, {} returns", info->width_px, info->height_px, returns);
+      if (scale_m > 0) said_ += fmt::format(", colours over 0 to {:g} m", scale_m);
+    }
+    if (scale_m > 0) told["full_scale_m"] = scale_m;
+    return written;
+  }
+
+  const SenseOptions& options_;
+  const Target& target_;
+  Simulation& simulation_;
+  SampleProvider::Request request_;
+  GroundTruth truth_;
+
+  std::string said_;
+};
+
 }  // namespace
 
 int sense_command(const SenseOptions& options) {
-  const std::string extension = options.output.extension().string();
-  if (extension != ".png" && extension != ".exr")
-    return report_error(
-        {ErrorCode::bad_input, "-o",
-         "expected a file that ends in .png or .exr, got \"" + options.output.string() + "\""},
-        options.json);
   auto target = find_target(options);
   if (!target) return report_error(target.error(), options.json);
-  const RigConfig& rig = (*target)->rig;
-  auto simulation = Simulation::open(rig.simulation);
+  if (auto s = check_outputs(options, (*target)->entry->kind); !s)
+    return report_error(s.error(), options.json);
+  auto simulation = Simulation::open((*target)->rig.simulation);
   if (!simulation) return report_error(simulation.error(), options.json);
-  ImageRequest request;
-  request.motion.count = static_cast<std::uint32_t>((*simulation)->joint_count());
-  for (const std::string& joint : options.joints)
-    if (auto s = set_joint(request.motion, **simulation, joint); !s)
-      return report_error(s.error(), options.json);
-  auto camera =
-      (*simulation)->camera((*target)->choice->params, rig.seed, (*target)->noise_name, options.ideal);
-  if (!camera) return report_error(camera.error(), options.json);
 
-  // The sample that a virtual run takes at that instant: same index, same draws.
-  const Duration period = (*target)->entry->period;
-  request.index = static_cast<std::uint64_t>(seconds_from(options.at_s) / period);
-  request.t_capture = BenchTime(0) + period * static_cast<std::int64_t>(request.index);
-  const auto geometry = (*camera)->geometry();
-  request.format = geometry.format;
-  request.width_px = geometry.width_px;
-  request.height_px = geometry.height_px;
-  const ConfigNode& params = (*target)->choice->params;
-  auto settings = catch_config([&] {
-    request.exposure =
-        seconds_from(params.number_or("exposure_us", geometry.exposure.seconds() * 1e6, {.min = 1}) * 1e-6);
-    request.gain_db = params.number_or("gain_db", 0);
-    return 0;
-  });
-  if (!settings) return report_error(settings.error(), options.json);
-  std::vector<std::byte> pixels(image_bytes(request.format, request.width_px, request.height_px));
-  if (auto s = (*camera)->capture(request, pixels); !s) return report_error(s.error(), options.json);
-  const ImageInfo info{request.format,   request.width_px, request.height_px, 0, 0,
-                       request.exposure, request.gain_db};
-  if (auto s = write_picture(options.output, info, pixels); !s) return report_error(s.error(), options.json);
+  nlohmann::json told{{"file", options.output.string()},
+                      {"channel", options.channel},
+                      {"kind", kind_name((*target)->entry->kind)}};
+  Sensing sensing(options, **target, **simulation);
+  const auto done = catch_config([&] { return sensing.run(told); });
+  if (!done) return report_error(done.error(), options.json);
+  if (!*done) return report_error(done->error(), options.json);
 
+  told["engine"] = (*simulation)->engine();
   if (options.json)
-    fmt::print("{}\n", nlohmann::json{{"file", options.output.string()},
-                                      {"channel", options.channel},
-                                      {"width_px", info.width_px},
-                                      {"height_px", info.height_px},
-                                      {"format", pfnc_name(info.format)},
-                                      {"t_capture_s", static_cast<double>(request.t_capture.ns()) * 1e-9},
-                                      {"index", request.index},
-                                      {"engine", (*simulation)->engine()}}
-                           .dump());
+    fmt::print("{}\n", told.dump());
   else
-    fmt::print("{}: {}x{} {}, capture {} at {:.3f} s, {}\n", options.output.string(), info.width_px,
-               info.height_px, pfnc_name(info.format), request.index,
-               static_cast<double>(request.t_capture.ns()) * 1e-9, (*simulation)->engine());
+    fmt::print("{}: {}, capture {} at {:.3f} s, {}\n", options.output.string(), sensing.said(),
+               told["index"].get<std::uint64_t>(), told["t_capture_s"].get<double>(),
+               (*simulation)->engine());
   return 0;
 }
 

@@ -2,15 +2,17 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <map>
 
+#include "cli/sensing/tolerance.h"
+#include "sensor-hal/models/camera_effects.h"
 #include "sensor-hal/models/camera_yaml.h"
-#include "sim/render/device.h"
+#include "sensor-hal/models/lidar/lidar_effects.h"
+#include "sensor-hal/models/lidar/lidar_yaml.h"
+#include "sensor-hal/models/tof/tof_model_effects.h"
+#include "sensor-hal/models/tof/tof_yaml.h"
 #include "sim/sensors/camera_simulator.h"
 #include "sim/world/scene_graph.h"
-#include "sim/world/semantic_types.h"
-#include "sim/world/world_yaml.h"
 
 namespace rigor {
 namespace {
@@ -23,38 +25,12 @@ std::vector<std::size_t> hinged_nodes(const world::Scene& scene) {
   return nodes;
 }
 
-/// T_world_sensor: { position_m: [x, y, z], look_at_m: [x, y, z] }  or  { position_m, quaternion_wxyz }.
-Eigen::Isometry3d read_pose(ConfigNode n) {
-  const auto vector = [](const std::vector<double>& v) { return Eigen::Vector3d(v[0], v[1], v[2]); };
-  const Eigen::Vector3d position = vector(n.numbers("position_m", 3));
-  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-  if (n.has("look_at_m")) {
-    const Eigen::Vector3d target = vector(n.numbers("look_at_m", 3));
-    const Eigen::Vector3d up = n.has("up") ? vector(n.numbers("up", 3)) : Eigen::Vector3d::UnitZ();
-    if ((target - position).cross(up).norm() < 1e-9)
-      throw n.error(
-          "look_at_m",
-          "expected a point that is neither the position nor straight along `up` from it; give another `up`");
-    pose = look_at(position, target, up);
-  } else {
-    const std::vector<double> q = n.numbers("quaternion_wxyz", 4);
-    const Eigen::Quaterniond rotation(q[0], q[1], q[2], q[3]);
-    if (std::abs(rotation.norm() - 1) > 1e-3)
-      throw n.error("quaternion_wxyz",
-                    fmt::format("expected a quaternion of length 1, got length {:.6g}", rotation.norm()));
-    pose.linear() = rotation.normalized().toRotationMatrix();
-    pose.translation() = position;
-  }
-  n.finish();
-  return pose;
-}
-
-/// A simulated camera behind the HAL's interface. A renderer is made for one pixel format, so there is one
-/// for each format that was ever asked for; the default one is ready from the beginning.
-class CameraProvider final : public ImageProvider {
+/// A camera of a small scene behind the HAL's interface. A renderer is made for one pixel format, so there is
+/// one for each format that was ever asked for; the default one is ready from the beginning.
+class SceneCamera final : public ImageProvider {
  public:
-  CameraProvider(CameraSpec spec, Duration exposure, std::shared_ptr<render::Device> device,
-                 std::shared_ptr<const world::Scene> scene)
+  SceneCamera(CameraSpec spec, Duration exposure, std::shared_ptr<render::Device> device,
+              std::shared_ptr<const world::Scene> scene)
       : spec_(std::move(spec)),
         exposure_(exposure),
         device_(std::move(device)),
@@ -112,94 +88,145 @@ class CameraProvider final : public ImageProvider {
   std::map<PixelFormat, std::unique_ptr<CameraSimulator>> cameras_;
 };
 
+template <class Model>
+struct Sheet {
+  Model model;
+  SensorSetup setup;
+};
+
+/// The keys that all simulated sensors share. Throws ConfigError.
+SensorSetup read_setup(const ConfigNode& params, SampleKind kind, const SensorWorld& world,
+                       const std::string& name, std::uint64_t seed, const SensorOptions& options) {
+  SensorSetup setup;
+  setup.name = name;
+  setup.seed = seed;
+  setup.ideal = options.ideal;
+  setup.mount =
+      read_mount(params, world, kind == SampleKind::point_cloud ? SensorAxes::forward : SensorAxes::optical);
+  setup.choice = read_engine_choice(params, kind);
+  (void)read_tolerance(params, kind);
+  if (options.choice) setup.choice = *options.choice;
+  return setup;
+}
+
+template <class T>
+T value_or_throw(Result<T> result) {
+  if (!result) throw ConfigError(result.error());
+  return std::move(*result);
+}
+
 }  // namespace
 
 struct Simulation::Impl {
+  explicit Impl(const SimulationConfig& c) : config(c), resources(c.device) {}
   SimulationConfig config;
-  std::unique_ptr<world::Database> db;
-  std::shared_ptr<const world::Scene> scene;  ///< the cameras' view of it
-  std::vector<std::size_t> joints;
-  std::shared_ptr<render::Device> device;
-
-  Result<std::shared_ptr<render::Device>> open_device() {
-    if (device) return device;
-    render::DeviceOptions options;
-    options.name_contains = config.device;
-    auto opened = render::Device::create(options);
-    if (!opened) return opened;
-    device = *opened;
-    return device;
-  }
+  std::unique_ptr<SensorWorld> world;
+  std::shared_ptr<const world::Scene> scene;  ///< what the small renderer draws; null: the world is none
+  SensingResources resources;
 };
 
 Simulation::Simulation(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Simulation::~Simulation() = default;
 
 Result<std::unique_ptr<Simulation>> Simulation::open(const SimulationConfig& config) {
-  auto impl = std::make_unique<Impl>();
-  impl->config = config;
-  auto file = world::load_world(config.world);
-  if (!file) return tl::unexpected<Error>(file.error());
-  impl->db = world::Database::create();
-  if (auto s = world::define_semantic_types(*impl->db); !s) return tl::unexpected<Error>(s.error());
-  if (auto s = world::put_scene(*impl->db, *file); !s) return tl::unexpected<Error>(s.error());
-  auto scene = world::scene_of(impl->db->snapshot());
-  if (!scene) return tl::unexpected<Error>(scene.error());
-  impl->scene = std::make_shared<const world::Scene>(std::move(*scene));
-  impl->joints = hinged_nodes(*impl->scene);
-  if (impl->joints.size() > WorldMotion::kMax)
-    return fail(
-        ErrorCode::bad_input, config.world.string(),
-        fmt::format("expected at most {} hinged nodes, got {}", WorldMotion::kMax, impl->joints.size()));
+  auto impl = std::make_unique<Impl>(config);
+  auto world = SensorWorld::open(config.world);
+  if (!world) return tl::unexpected<Error>(world.error());
+  impl->world = std::move(*world);
+  if (impl->world->is_scene()) {
+    auto scene = world::scene_of(impl->world->snapshot());
+    if (!scene) return tl::unexpected<Error>(scene.error());
+    impl->scene = std::make_shared<const world::Scene>(std::move(*scene));
+  }
   return std::unique_ptr<Simulation>(new Simulation(std::move(impl)));
 }
 
 Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std::uint64_t seed,
-                                                          const std::string& name, bool ideal) {
-  struct Keys {
-    CameraSheet sheet;
-    Eigen::Isometry3d T_world_sensor;
-    PixelFormat format;
-  };
-  auto keys = catch_config([&] {
-    auto sheet = load_camera(params.base_dir() / params.text("sensor"));
-    if (!sheet) throw ConfigError(sheet.error());
-    const std::string format = params.text_or("pixel_format", "Mono8");
-    return Keys{std::move(*sheet), read_pose(params.map("T_world_sensor")),
-                pixel_format_from(format).value_or(PixelFormat::mono8)};
+                                                          const std::string& name,
+                                                          const SensorOptions& options) {
+  const bool small = impl_->scene && !params.has("engine") && !options.choice && options.only.empty() &&
+                     !params.has("motion");
+  if (!small) {
+    auto made = sensed_camera(std::move(params), seed, name, options);
+    if (!made) return tl::unexpected<Error>(made.error());
+    return std::shared_ptr<ImageProvider>(std::move(*made));
+  }
+  auto made = catch_config([&]() -> Result<std::shared_ptr<ImageProvider>> {
+    const auto sheet = value_or_throw(load_camera(params.base_dir() / params.text("sensor")));
+    const SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
+    auto device = impl_->resources.device();
+    if (!device) return tl::unexpected<Error>(device.error());
+    CameraSpec spec;
+    spec.name = name;
+    spec.model = sheet.model;
+    spec.format = pixel_format_from(params.text_or("pixel_format", "Mono8")).value_or(PixelFormat::mono8);
+    spec.supersampling = sheet.supersampling;
+    spec.noise = !options.ideal;
+    spec.seed = seed;
+    if (setup.mount.parent) spec.parent_node = params.text("parent");
+    spec.T_parent_sensor = setup.mount.T_parent_sensor;
+    auto provider =
+        std::make_shared<SceneCamera>(spec, seconds_from(sheet.exposure_s), *device, impl_->scene);
+    if (auto s = provider->prepare(spec.format); !s) return tl::unexpected<Error>(s.error());
+    return std::shared_ptr<ImageProvider>(std::move(provider));
   });
-  if (!keys) return tl::unexpected<Error>(keys.error());
-  auto device = impl_->open_device();
-  if (!device) return tl::unexpected<Error>(device.error());
+  if (!made) return tl::unexpected<Error>(made.error());
+  return *made;
+}
 
-  CameraSpec spec;
-  spec.name = name;
-  spec.model = keys->sheet.model;
-  spec.format = keys->format;
-  spec.supersampling = keys->sheet.supersampling;
-  spec.noise = !ideal;
-  spec.seed = seed;
-  spec.T_parent_sensor = keys->T_world_sensor;
-  auto provider =
-      std::make_shared<CameraProvider>(spec, seconds_from(keys->sheet.exposure_s), *device, impl_->scene);
-  if (auto s = provider->prepare(keys->format); !s) return tl::unexpected<Error>(s.error());
-  return std::shared_ptr<ImageProvider>(std::move(provider));
+Result<std::shared_ptr<SensedCamera>> Simulation::sensed_camera(ConfigNode params, std::uint64_t seed,
+                                                                const std::string& name,
+                                                                const SensorOptions& options) {
+  auto made = catch_config([&] {
+    const auto sheet = value_or_throw(load_camera(params.base_dir() / params.text("sensor")));
+    SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
+    if (setup.choice.engine.empty()) setup.choice.engine = "vulkan";
+    CameraModel model = sheet.model;
+    if (options.ideal || !options.only.empty()) model = value_or_throw(only_effects(model, options.only));
+    const auto format =
+        pixel_format_from(params.text_or("pixel_format", "Mono8")).value_or(PixelFormat::mono8);
+    return make_camera(setup, model, format, seconds_from(sheet.exposure_s), sheet.supersampling,
+                       *impl_->world, impl_->resources);
+  });
+  if (!made) return tl::unexpected<Error>(made.error());
+  return *made;
+}
+
+Result<std::shared_ptr<TruthfulSampler>> Simulation::sampler(SampleKind kind, ConfigNode params,
+                                                             std::uint64_t seed, const std::string& name,
+                                                             const SensorOptions& options) {
+  auto made = catch_config([&]() -> Result<std::shared_ptr<TruthfulSampler>> {
+    const std::filesystem::path file = params.base_dir() / params.text("sensor");
+    SensorSetup setup = read_setup(params, kind, *impl_->world, name, seed, options);
+    if (setup.choice.engine.empty()) setup.choice.engine = "rays";
+    if (kind == SampleKind::point_cloud) {
+      auto model = value_or_throw(load_lidar_model(file));
+      if (!options.only.empty()) model = value_or_throw(models::only_effects(model, options.only));
+      return make_lidar(setup, model, *impl_->world, impl_->resources);
+    }
+    auto model = value_or_throw(load_tof_model(file));
+    if (!options.only.empty()) model = value_or_throw(models::only_effects(model, options.only));
+    return make_tof(setup, model, *impl_->world, impl_->resources);
+  });
+  if (!made) return tl::unexpected<Error>(made.error());
+  return *made;
 }
 
 Result<std::size_t> Simulation::joint(const std::string& name) const {
+  const auto& joints = impl_->world->joint_names();
   std::string names;
-  for (std::size_t i = 0; i < impl_->joints.size(); ++i) {
-    const std::string& node = impl_->scene->nodes[impl_->joints[i]].name;
-    if (node == name) return i;
-    names += (names.empty() ? "" : ", ") + node;
+  for (std::size_t i = 0; i < joints.size(); ++i) {
+    if (joints[i] == name) return i;
+    names += (names.empty() ? "" : ", ") + joints[i];
   }
   return fail(ErrorCode::bad_input, impl_->config.world.string(),
               fmt::format("expected a hinged node of this world ({}), got \"{}\"",
                           names.empty() ? "it has none" : names, name));
 }
 
-std::size_t Simulation::joint_count() const { return impl_->joints.size(); }
-std::string Simulation::engine() const { return impl_->device ? "vulkan on " + impl_->device->name() : ""; }
+std::size_t Simulation::joint_count() const { return impl_->world->joint_names().size(); }
+std::string Simulation::engine() const { return impl_->resources.text(); }
+const SensorWorld& Simulation::world() const { return *impl_->world; }
 
 std::vector<DoctorFinding> Simulation::doctor() {
   using Level = DoctorFinding::Level;

@@ -1,31 +1,55 @@
-// The world file and the renderer of one process, opened once and shared by its simulated sensors.
+// The world of one process, opened once and shared by its simulated sensors, and what makes sensors of a
+// rig's keys.
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "cli/sensing/engine_choice.h"
+#include "cli/sensing/sensors.h"
 #include "sensor-hal/channel/providers.h"
 #include "sensor-hal/channel/registry.h"
 #include "sensor-hal/config/rig.h"
 
 namespace rigor {
 
+/// How a sensor is made beside what its keys say.
+struct SensorOptions {
+  bool ideal = false;                  ///< without the sensor's errors
+  std::vector<std::string> only;       ///< of its effects these alone; empty: all that it has
+  std::optional<EngineChoice> choice;  ///< in place of `engine` and `effort`
+};
+
 class Simulation {
  public:
-  /// Reads the world; the GPU is opened by the first sensor that needs it. bad_input or not_found with place.
+  /// Reads the world; engines are made by the first sensor that needs them. bad_input or not_found with
+  /// place.
   [[nodiscard]] static Result<std::unique_ptr<Simulation>> open(const SimulationConfig& config);
   ~Simulation();
 
-  /// A camera over this world. Reads the keys `sensor` and `T_world_sensor` of `params`; the noise draws are
-  /// keyed by seed and `name`. `ideal`: without the sensor's errors.
+  /// A camera over this world. Reads the keys `sensor`, `T_world_sensor`, `parent`, `motion`, `engine`,
+  /// `effort` and `tolerance` of `params`; the noise draws are keyed by seed and `name`. A small scene
+  /// without `engine` is drawn by the small renderer.
   [[nodiscard]] Result<std::shared_ptr<ImageProvider>> camera(ConfigNode params, std::uint64_t seed,
-                                                              const std::string& name, bool ideal = false);
+                                                              const std::string& name,
+                                                              const SensorOptions& options = {});
+  /// A LiDAR (kind point_cloud) or a time-of-flight camera (range_image); keys as above.
+  [[nodiscard]] Result<std::shared_ptr<TruthfulSampler>> sampler(SampleKind kind, ConfigNode params,
+                                                                 std::uint64_t seed, const std::string& name,
+                                                                 const SensorOptions& options = {});
+  /// A camera by an engine, whose light and truth can be had; as `camera`.
+  [[nodiscard]] Result<std::shared_ptr<SensedCamera>> sensed_camera(ConfigNode params, std::uint64_t seed,
+                                                                    const std::string& name,
+                                                                    const SensorOptions& options = {});
+
   /// Index of a joint in WorldMotion. bad_input with the joints that exist.
   [[nodiscard]] Result<std::size_t> joint(const std::string& name) const;
   [[nodiscard]] std::size_t joint_count() const;
-  /// Which device renders, for reports; empty before the first sensor.
+  /// Which engines measure, for reports; empty before the first sensor.
   [[nodiscard]] std::string engine() const;
+  [[nodiscard]] const SensorWorld& world() const;
 
   /// `rigor doctor`: Vulkan devices and what they are.
   [[nodiscard]] static std::vector<DoctorFinding> doctor();

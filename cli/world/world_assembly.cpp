@@ -122,6 +122,7 @@ Result<OpenedWorld> open_world(const std::filesystem::path& file) {
       const auto scene = world::load_world(file);
       if (!scene) return tl::unexpected(scene.error());
       if (auto s = world::put_scene(*opened.db, *scene); !s) return tl::unexpected(s.error());
+      opened.scene = true;
     } else if (auto s = world::import_world_yaml(file, *opened.db); !s) {
       return tl::unexpected(s.error());
     }

@@ -19,6 +19,7 @@ struct OpenedWorld {
   std::unique_ptr<world::Database> db;
   std::filesystem::path base_dir;  ///< where file names in the world begin
   std::vector<std::string> warnings;
+  bool scene = false;  ///< a small scene of boxes and cylinders (sim/world/scene.h)
 };
 
 /// A world file (*.rigor), a world in YAML, or an import plan (*.import.yaml), which is imported into memory.

@@ -1,0 +1,68 @@
+// The world that simulated sensors measure in: a world database, the view of it, and its joints as the bench
+// says they stand. One for a process; sensors on any thread take turns.
+//
+//   auto world = SensorWorld::open("worlds/turntable.yaml");
+//   SensorWorld::Moment moment(**world, motion);          // the world with these joints
+//   lidar->capture(request, {moment, T_world_sensor}, points);
+#pragma once
+
+#include <array>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "cli/world/world_assembly.h"
+#include "sensor-hal/channel/providers.h"
+#include "sim/render/engine/content_window.h"
+#include "sim/world/semantic_types.h"
+
+namespace rigor {
+
+class SensorWorld {
+ public:
+  /// Small scenes, worlds in YAML, world files and import plans: cli/world/world_assembly.h. Errors:
+  /// not_found, bad_input (also more joints than WorldMotion holds), unavailable.
+  [[nodiscard]] static Result<std::unique_ptr<SensorWorld>> open(const std::filesystem::path& file);
+
+  /// Whether it was read from a small scene of boxes and cylinders.
+  [[nodiscard]] bool is_scene() const { return opened_.scene; }
+  [[nodiscard]] world::Snapshot snapshot() const { return opened_.db->snapshot(); }
+  /// Hinge nodes in the order of their ids: joint i of a WorldMotion.
+  [[nodiscard]] const std::vector<std::string>& joint_names() const { return joint_names_; }
+  /// A node with a frame, by name. bad_input with the nearest name.
+  [[nodiscard]] Result<world::NodeId> frame_named(const std::string& name) const;
+  [[nodiscard]] const std::vector<std::string>& warnings() const { return opened_.warnings; }
+
+  /// The world with its joints as a motion has them. Any thread; one thread at a time for each object; the
+  /// world outlives it.
+  class Moment final : public render::ContentSource {
+   public:
+    Moment(SensorWorld& world, const WorldMotion& motion);
+    [[nodiscard]] std::shared_ptr<const render::ContentWindow> collect(const render::ContentQuery& query,
+                                                                       BenchTime begin, BenchTime end,
+                                                                       int instants) override;
+    [[nodiscard]] Eigen::Isometry3d T_world_node(world::NodeId node, BenchTime t) const override;
+    [[nodiscard]] std::string type_name(world::NodeId node) const override;
+
+   private:
+    SensorWorld& world_;
+    WorldMotion motion_;
+    world::Snapshot snapshot_;
+  };
+
+ private:
+  SensorWorld() = default;
+  void move(const WorldMotion& motion);  // under the mutex
+
+  OpenedWorld opened_;
+  std::vector<world::NodeId> joints_;
+  std::vector<std::string> joint_names_;
+  std::mutex mutex_;
+  bool moved_ = false;
+  WorldMotion motion_;
+  WorldPicture picture_;  // made by the first that collects
+  std::unique_ptr<render::ViewContent> content_;
+};
+
+}  // namespace rigor
