@@ -149,6 +149,12 @@ std::vector<SubRay> footprint_pattern(const LidarFootprint& footprint) {
                ? LidarMath<double>::lidar_gaussian_share(s2) / LidarMath<double>::lidar_gaussian_share(1.0)
                : s2;
   };
+  // Mean of s² in a ring by the profile, so that the footprint's width is kept.
+  const auto mean_square = [&](double inner, double outer) {
+    if (footprint.profile == LidarProfile::top_hat) return (inner + outer) / 2;
+    const double a = std::exp(-2 * inner), b = std::exp(-2 * outer);
+    return 0.5 + (inner * a - outer * b) / (a - b);
+  };
   // Rings of cells of equal area around the centre's; a spiral is rings of one.
   std::vector<int> rings;
   int placed = 1;
@@ -169,7 +175,7 @@ std::vector<SubRay> footprint_pattern(const LidarFootprint& footprint) {
     const int n = rings[ring];
     const double inner = static_cast<double>(at) / count,
                  outer = static_cast<double>(at + static_cast<std::size_t>(n)) / count;
-    const double radius = std::sqrt((inner + outer) / 2);  // halves the ring's area
+    const double radius = std::sqrt(mean_square(inner, outer));
     for (int i = 0; i < n; ++i, ++at) {
       // Rings are turned against each other; the spiral turns by the golden angle.
       const double angle = spiral ? static_cast<double>(at) * kPi * (3 - std::sqrt(5.0))
