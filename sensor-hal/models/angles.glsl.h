@@ -27,30 +27,24 @@ FN REAL angle_from_axis(REAL r, REAL z) {
 FN void angle_sine_cosine(REAL angle, OUT(REAL) sine, OUT(REAL) cosine) {
   REAL a = REAL(0.25) * angle;
   REAL a2 = a * a;
-  REAL s =
-      a * (REAL(1.0) -
-           a2 * REAL(0.16666666666666667) *
-               (REAL(1.0) -
-                a2 * REAL(0.05) *
-                    (REAL(1.0) -
-                     a2 * REAL(0.023809523809523810) *
-                         (REAL(1.0) -
-                          a2 * REAL(0.013888888888888889) *
-                              (REAL(1.0) - a2 * REAL(0.0090909090909090909) *
-                                               (REAL(1.0) - a2 * REAL(0.0064102564102564103) *
-                                                                (REAL(1.0) - a2 * REAL(0.0047619047619047619))))))));
-  // 1 - cos a = 2 sin^2(a/2) would need another sine; its own series keeps small angles exact.
-  REAL c1 =
-      a2 * REAL(0.5) *
-      (REAL(1.0) -
-       a2 * REAL(0.083333333333333333) *
-           (REAL(1.0) -
-            a2 * REAL(0.033333333333333333) *
-                (REAL(1.0) -
-                 a2 * REAL(0.017857142857142857) *
-                     (REAL(1.0) - a2 * REAL(0.011111111111111111) *
-                                      (REAL(1.0) - a2 * REAL(0.0075757575757575758) *
-                                                       (REAL(1.0) - a2 * REAL(0.0054945054945054945)))))));
+  REAL s = REAL(1.0) - a2 * REAL(0.00367647058823529);
+  s = REAL(1.0) - a2 * REAL(0.00476190476190476) * s;
+  s = REAL(1.0) - a2 * REAL(0.00641025641025641) * s;
+  s = REAL(1.0) - a2 * REAL(0.00909090909090909) * s;
+  s = REAL(1.0) - a2 * REAL(0.01388888888888889) * s;
+  s = REAL(1.0) - a2 * REAL(0.02380952380952381) * s;
+  s = REAL(1.0) - a2 * REAL(0.05000000000000000) * s;
+  s = REAL(1.0) - a2 * REAL(0.16666666666666666) * s;
+  s = a * s;
+  // 1 - cos a by its own series, which keeps small angles exact.
+  REAL c1 = REAL(1.0) - a2 * REAL(0.00416666666666667);
+  c1 = REAL(1.0) - a2 * REAL(0.00549450549450549) * c1;
+  c1 = REAL(1.0) - a2 * REAL(0.00757575757575758) * c1;
+  c1 = REAL(1.0) - a2 * REAL(0.01111111111111111) * c1;
+  c1 = REAL(1.0) - a2 * REAL(0.01785714285714286) * c1;
+  c1 = REAL(1.0) - a2 * REAL(0.03333333333333333) * c1;
+  c1 = REAL(1.0) - a2 * REAL(0.08333333333333333) * c1;
+  c1 = REAL(0.5) * a2 * c1;
   // With c1 = 1 - cos: sin 2a = 2 s (1 - c1), 1 - cos 2a = 2 s^2.
   REAL s2 = REAL(2.0) * s * (REAL(1.0) - c1);
   REAL c2 = REAL(2.0) * s * s;

@@ -89,5 +89,98 @@ TEST(EmvaNoise, MeanAndAnalogueValueAreDifferentiable) {
       1e-6);
 }
 
+// Any function of a few numbers, over jets and doubles.
+template <int N, class F>
+void expect_gradient(const std::array<double, N>& at, F function, double tolerance) {
+  using J = ceres::Jet<double, N>;
+  std::array<J, N> jets;
+  for (int i = 0; i < N; ++i) jets[static_cast<std::size_t>(i)] = J(at[static_cast<std::size_t>(i)], i);
+  const J value = function(jets);
+  EXPECT_NEAR(value.a, function(at), 1e-12 * (1 + std::abs(value.a)));
+  for (std::size_t i = 0; i < N; ++i) {
+    auto up = at, down = at;
+    const double h = 1e-6 * (std::abs(at[i]) + 1e-2);
+    up[i] += h;
+    down[i] -= h;
+    const double slope = (function(up) - function(down)) / (2 * h);
+    EXPECT_NEAR(value.v[static_cast<int>(i)], slope, tolerance * (1 + std::abs(slope))) << "argument " << i;
+  }
+}
+
+TEST(Fisheye, DerivativesAgreeWithCentralDifferences) {
+  std::mt19937 random(9);
+  std::uniform_real_distribution<double> part(-1, 1);
+  for (const KannalaBrandtLens& l : test::kFisheyes)
+    for (int i = 0; i < 40; ++i) {
+      // On the axis too, where r has no derivative but the projection has.
+      const std::array<double, 7> at{i == 0 ? 0.0 : part(random),
+                                     i == 0 ? 0.0 : part(random),
+                                     i < 20 ? 1.0 : 0.4 * part(random),
+                                     l.k1,
+                                     l.k2,
+                                     l.k3,
+                                     l.k4};
+      const auto project = [](const auto& p) {
+        using T = std::decay_t<decltype(p[0])>;
+        T x{}, y{}, valid{};
+        LensMath<T>::fisheye_project(p[0], p[1], p[2], p[3], p[4], p[5], p[6], T(3.1), x, y, valid);
+        return x + T(2.0) * y;
+      };
+      expect_gradient<7>(at, project, 1e-7);
+      if (i == 0) continue;
+      const std::array<double, 6> image{0.9 * part(random), 0.9 * part(random), l.k1, l.k2, l.k3, l.k4};
+      const auto unproject = [](const auto& p) {
+        using T = std::decay_t<decltype(p[0])>;
+        T x{}, y{}, z{}, valid{};
+        LensMath<T>::fisheye_unproject(p[0], p[1], p[2], p[3], p[4], p[5], T(2.0), T(1e-15), x, y, z, valid);
+        EXPECT_GT(valid, T(0.5));
+        return x + T(2.0) * y + T(3.0) * z;
+      };
+      expect_gradient<6>(image, unproject, 1e-7);
+    }
+}
+
+TEST(CameraModels, AreDifferentiableOverJets) {
+  expect_gradient<5>(
+      {1.7, 3.0, 0.012, 2.8, 4.8e-6},
+      [](const auto& p) {
+        using T = std::decay_t<decltype(p[0])>;
+        return LensMath<T>::blur_diameter_px(p[0], p[1], p[2], p[3], p[4]) * T(1e-6);
+      },
+      1e-5);
+  expect_gradient<4>(
+      {12.0, 31.0, 25.0, 7.0},
+      [](const auto& p) {
+        using T = std::decay_t<decltype(p[0])>;
+        return NoiseMath<T>::dark_current_at(p[0], p[1], p[2], p[3]);
+      },
+      1e-7);
+  expect_gradient<1>(
+      {5000.0},
+      [](const auto& p) {
+        using T = std::decay_t<decltype(p[0])>;
+        return NoiseMath<T>::hot_pixel_rate(T(0.1), p[0], T(0.05), T(0.3));
+      },
+      1e-7);
+  expect_gradient<3>(
+      {9.0, 4.0, 1.5},
+      [](const auto& p) {
+        using T = std::decay_t<decltype(p[0])>;
+        return PictureMath<T>::bloom_kernel(p[0], p[1], p[2]) +
+               PictureMath<T>::bloom_gaussian_height(p[0], p[2], T(0.7)) +
+               PictureMath<T>::bloom_gaussian_sigma(p[0], p[1]) +
+               PictureMath<T>::bloom_mix(p[0], p[1], p[2], T(0.1), T(0.02));
+      },
+      1e-7);
+  expect_gradient<4>(
+      {900.0, 64.0, 1.3, 1 / 2.2},
+      [](const auto& p) {
+        using T = std::decay_t<decltype(p[0])>;
+        return PictureMath<T>::processed_dn(PictureMath<T>::balanced_dn(p[0], p[1], p[2]), p[1], T(4095.0),
+                                            p[3], p[1]);
+      },
+      1e-6);
+}
+
 }  // namespace
 }  // namespace rigor::models

@@ -24,4 +24,21 @@ inline const std::array<OpenCvLens, 5> kLenses{
     OpenCvLens{
         .k1 = 6.1, .k2 = -1.3, .p1 = 0.0007, .p2 = 0.0003, .k3 = 0.6, .k4 = 6.5, .k5 = -1.2, .k6 = 0.2}};
 
+inline CameraModel fisheye_camera_with(const KannalaBrandtLens& lens) {
+  CameraModel c;
+  c.projection = Projection::kannala_brandt;
+  c.fx_px = 190.0;
+  c.fy_px = 191.5;
+  c.cx_px = 321.7;
+  c.cy_px = 238.2;
+  c.fisheye = lens;
+  return c;
+}
+
+inline const std::array<KannalaBrandtLens, 4> kFisheyes{
+    KannalaBrandtLens{},
+    KannalaBrandtLens{.k1 = -0.013, .k2 = 0.0021, .k3 = -0.0016, .k4 = 0.0003},  // a common 190 degree module
+    KannalaBrandtLens{.k1 = 0.09, .k2 = -0.04, .k3 = 0.012, .k4 = -0.0015},
+    KannalaBrandtLens{.k1 = -0.05, .k2 = 0.0, .k3 = 0.0, .k4 = 0.0}};  // folds at 148 degrees
+
 }  // namespace rigor::test
