@@ -30,7 +30,7 @@ struct OpticsPicture {
 struct OpticsOptions {
   int samples_per_pixel = 4;      ///< rays: samples over pixel area, aperture and exposure together
   double supersampling = 1.0;     ///< vulkan: view pixels per sensor pixel along a side
-  int view_samples = 4;           ///< vulkan: samples per view pixel, 1 or 4; from supersampling 1.5 on 1
+  int view_samples = 4;           ///< vulkan: samples per view pixel, 1 or 4
   int instants = 4;               ///< vulkan: views during the exposure (and readout), where anything moves
   double allowed_error_px = 1.0;  ///< levels of detail
   bool shadows = true;
@@ -38,7 +38,7 @@ struct OpticsOptions {
 };
 
 struct OpticsRequest {
-  MeasureRequest measure;
+  MeasureRequest measure{};
   double exposure_s = 0.005;
   std::uint64_t seed = 0;  ///< of the samples of the rays engine
   struct Region {

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include "sim/sensors/camera/lens_samples.h"
 
@@ -17,40 +18,63 @@ constexpr float kSharp_px = 0.5F;
 /// Neighbours whose discs differ by less lie in one layer.
 constexpr float kLayer_px = 0.5F;
 constexpr int kTile_px = 8;
-/// Discs up to this radius are gathered pixel by pixel; larger ones at every second, third … pixel.
-constexpr float kDense_px = 4.5F;
-constexpr int kSteps = 8;  ///< of the table of disc areas, per pixel of radius
+constexpr int kSteps = 16;  ///< of the table of discs, per pixel of radius
 
 /// How much of the pixel at this distance a disc with a soft edge covers.
 float covers(float distance_px, float radius_px) {
   return std::clamp(radius_px + 0.5F - distance_px, 0.0F, 1.0F);
 }
 
-/// One over the sum of what a disc covers, by its radius: light is kept.
-class DiscShare {
+/// What a disc puts on the pixels round it, by its radius. On a grid, the radius at which the soft edge is
+/// drawn is the one that gives the disc its variance, r²/4 along each side; light is kept.
+class Discs {
  public:
-  DiscShare() {
-    for (std::size_t i = 0; i < share_.size(); ++i) {
-      const float r = std::max(static_cast<float>(i) / kSteps, kSharp_px);
-      const int n = static_cast<int>(std::ceil(r)) + 1;
-      float sum = 0;
-      for (int y = -n; y <= n; ++y)
-        for (int x = -n; x <= n; ++x) sum += covers(std::sqrt(static_cast<float>(x * x + y * y)), r);
-      share_[i] = 1 / sum;
+  Discs() {
+    for (std::size_t i = 0; i < drawn_.size(); ++i) {
+      const float wanted = static_cast<float>(i * i) / (4.0F * kSteps * kSteps);
+      float low = kSharp_px, high = static_cast<float>(i) / kSteps + 1;
+      for (int round = 0; round < 24; ++round) {
+        const float middle = 0.5F * (low + high);
+        (variance(middle).first < wanted ? low : high) = middle;
+      }
+      drawn_[i] = low;
+      share_[i] = 1 / variance(low).second;
     }
   }
-  [[nodiscard]] float operator()(float radius_px) const {
-    return share_[static_cast<std::size_t>(radius_px * kSteps + 0.5F)];
+  struct Disc {
+    float radius, share;
+  };
+  [[nodiscard]] Disc of(float radius_px) const {
+    const auto i = static_cast<std::size_t>(radius_px * kSteps + 0.5F);
+    return {drawn_[i], share_[i]};
   }
 
  private:
-  std::array<float, static_cast<std::size_t>((kMaxBlurRadius_px + 1) * kSteps)> share_{};
+  static std::pair<float, float> variance(float radius) {
+    const int n = static_cast<int>(std::ceil(radius)) + 1;
+    float sum = 0, square = 0;
+    for (int y = -n; y <= n; ++y)
+      for (int x = -n; x <= n; ++x) {
+        const float k = covers(std::sqrt(static_cast<float>(x * x + y * y)), radius);
+        sum += k;
+        square += k * static_cast<float>(x * x);
+      }
+    return {square / sum, sum};
+  }
+  static constexpr std::size_t kSize = (kMaxBlurRadius_px + 1) * kSteps;
+  std::array<float, kSize> drawn_{}, share_{};
 };
 
-struct Offset {
-  int x, y;
-  float distance;
+/// Where a tile looks: cells of pixels, one of which stands for all of them.
+struct Pattern {
+  int dense_px;  ///< up to here to each side every pixel is looked at
+  int cell_px;   ///< beyond, one in a square of this side: odd, so that cells fit round what is dense
 };
+Pattern pattern_for(float reach_px) {
+  if (reach_px <= 4.5F) return {5, 1};
+  if (reach_px <= 13.5F) return {4, 3};
+  return {2, 5};
+}
 
 /// Sums of one layer.
 struct Layer {
@@ -65,7 +89,7 @@ struct Layer {
 }  // namespace
 
 void blur_by_depth(const BlurPicture& in, int border_px, int first_band, int last_band, float* out) {
-  static const DiscShare share;
+  static const Discs discs;
   const int w = in.width_px, h = in.height_px;
   const int inner_w = w - 2 * border_px;
   const auto limit = static_cast<float>(std::min(border_px, kMaxBlurRadius_px));
@@ -109,8 +133,8 @@ void blur_by_depth(const BlurPicture& in, int border_px, int first_band, int las
               last_band - first_band, pixel_out(u, v) + first_band);
       return;
     }
-    const int stride = reach <= kDense_px ? 1 : static_cast<int>(std::ceil(reach / kDense_px));
-    const int n = static_cast<int>(std::floor(reach + 0.5F));
+    const Pattern pattern = pattern_for(reach);
+    const int n = static_cast<int>(std::floor(reach + 0.5F)) + 1;
     for (int v = v0; v < v1; ++v)
       for (int u = u0; u < u1; ++u) {
         const auto at = static_cast<std::size_t>(v * w + u);
@@ -120,48 +144,41 @@ void blur_by_depth(const BlurPicture& in, int border_px, int first_band, int las
           for (int b = first_band; b < last_band; ++b) result[b] = 0;
           continue;
         }
-        const float own = std::clamp(std::abs(here), kSharp_px, limit);
-        const float own_share = share(own);
+        const Discs::Disc own = discs.of(std::min(std::abs(here), limit));
         Layer nearer, same, further;
         float further_within = 0;  // of what this pixel's own disc holds
-        const auto take = [&](int x, int y) {
+        const auto take = [&](int x, int y, float area) {
           const int qu = u + x, qv = v + y;
           if (qu < 0 || qv < 0 || qu >= w || qv >= h) return;
           const auto q = static_cast<std::size_t>(qv * w + qu);
           const float r = in.radius_px[q];
           if (std::isnan(r)) return;
           const float distance = std::sqrt(static_cast<float>(x * x + y * y));
-          const float disc = std::clamp(std::abs(r), kSharp_px, limit);
+          const Discs::Disc disc = discs.of(std::min(std::abs(r), limit));
           const float* const light = &in.radiance[4 * q];
           if (r > here + kLayer_px) {
-            const float wide = std::max(disc, own), k = covers(distance, wide);
-            if (k > 0) further.add(k * share(wide), light);
-            further_within += covers(distance, own) * own_share;
-          } else if (const float k = covers(distance, disc); k > 0) {
-            (r < here - kLayer_px ? nearer : same).add(k * share(disc), light);
+            const Discs::Disc wide = disc.radius > own.radius ? disc : own;
+            if (const float k = covers(distance, wide.radius); k > 0)
+              further.add(area * k * wide.share, light);
+            further_within += area * covers(distance, own.radius) * own.share;
+          } else if (const float k = covers(distance, disc.radius); k > 0) {
+            (r < here - kLayer_px ? nearer : same).add(area * k * disc.share, light);
           }
         };
-        if (stride == 1) {
-          for (int y = -n; y <= n; ++y)
-            for (int x = -n; x <= n; ++x) take(x, y);
-        } else {
-          // The lattice sits elsewhere for every pixel: what it misses is noise, not stripes.
+        const int dense = std::min(pattern.dense_px, n);
+        for (int y = -dense; y <= dense; ++y)
+          for (int x = -dense; x <= dense; ++x) take(x, y, 1);
+        if (n > dense) {
+          // The one pixel of a cell sits elsewhere for every pixel: what is missed is noise, not stripes.
           const std::uint32_t hash = scramble(static_cast<std::uint32_t>(at) * 0x9E3779B9U + 1U);
-          const int x0 = static_cast<int>((hash & 0xFFFFU) % static_cast<std::uint32_t>(stride)),
-                    y0 = static_cast<int>((hash >> 16) % static_cast<std::uint32_t>(stride));
-          for (int y = -n / stride * stride - y0; y <= n; y += stride)
-            for (int x = -n / stride * stride - x0; x <= n; x += stride) take(x, y);
-          const auto area = static_cast<float>(stride * stride);
-          for (Layer* l : {&nearer, &same, &further}) {
-            l->light *= area;
-            l->weight *= area;
-          }
-          further_within *= area;
-          if (own < static_cast<float>(stride)) {  // the lattice hardly sees it
-            same = {};
-            same.add(1, &in.radiance[4 * at]);
-            if (own <= kSharp_px) further_within = 0;
-          }
+          const int cell = pattern.cell_px, half = cell / 2;
+          const int x0 = static_cast<int>((hash & 0xFFFFU) % static_cast<std::uint32_t>(cell)) - half,
+                    y0 = static_cast<int>((hash >> 16) % static_cast<std::uint32_t>(cell)) - half;
+          const int cells = (n + half) / cell;
+          for (int j = -cells; j <= cells; ++j)
+            for (int i = -cells; i <= cells; ++i)
+              if (std::max(std::abs(i), std::abs(j)) * cell > dense)
+                take(i * cell + x0, j * cell + y0, static_cast<float>(cell * cell));
         }
         if (!(same.weight > 0)) same.add(1, &in.radiance[4 * at]);
         Eigen::Array4f light = same.light / same.weight;

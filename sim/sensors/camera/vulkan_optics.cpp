@@ -131,7 +131,7 @@ Status VulkanOptics::draw(const render::ContentFrame& frame, const Eigen::Isomet
     request.pinhole.height_px = last - first;
     request.t = t;
     request.allowed_error_px = options_.allowed_error_px;
-    request.samples = options_.supersampling < 1.5 ? options_.view_samples : 1;
+    request.samples = options_.view_samples;
     request.switches.shadows = options_.shadows;
     if (auto s = renderer_->draw(frame, request, picture_); !s) return s;
     const std::size_t offset =
