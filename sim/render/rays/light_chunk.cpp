@@ -64,7 +64,7 @@ void Chunk::look_up_moving(Vec3 o, Vec3 d, const Meeting& m, Point& p, Bands4& t
 }
 
 void Chunk::look_up(Vec3 origin, Vec3 d, float time, const Meeting& m, float spread_rad, Point& p) const {
-  const RayInstance& instance = in_.scene.instances()[m.instance];
+  const RayInstance& instance = in_.scene.instance(m.instance);
   p.range_m = m.range_m;
   p.place = origin + d * m.range_m;
   p.view = -d;

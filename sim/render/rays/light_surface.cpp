@@ -28,6 +28,13 @@ const float* decoder(bool srgb) {
   return tables[srgb ? 1 : 0].data();
 }
 
+/// Of what lies well within an int. (std::floor is a call where the processor's own rounding may not be
+/// used.)
+float whole(float v) {
+  const auto i = static_cast<float>(static_cast<int>(v));
+  return i > v ? i - 1.0F : i;
+}
+
 struct Picture {
   std::uint32_t width = 1, height = 1;
   std::vector<Bands4> texels;
@@ -129,13 +136,14 @@ Bands4 MipMap::at(float u, float v, float lod) const noexcept {
   const float w = static_cast<float>(l.width), h = static_cast<float>(l.height);
   // Between 0 and 1 first: places far out on a repeated texture have no fraction left.
   const auto wrapped = [](float a) {
-    a -= std::floor(a);
-    return a >= 0.0F && a < 1.0F ? a : 0.0F;
+    if (!(std::abs(a) < 1e6F)) return 0.0F;
+    a -= whole(a);
+    return a < 1.0F ? a : 0.0F;
   };
   const auto bounded = [](float a) { return a > 0.0F ? std::min(a, 1.0F) : 0.0F; };
   const float x = (repeat_ ? wrapped(u) : bounded(u)) * w - 0.5F;
   const float y = (repeat_ ? wrapped(v) : bounded(v)) * h - 0.5F;
-  const float x0 = std::floor(x), y0 = std::floor(y), fx = x - x0, fy = y - y0;
+  const float x0 = whole(x), y0 = whole(y), fx = x - x0, fy = y - y0;
   const auto place = [this](int i, std::uint32_t n) {
     const int end = static_cast<int>(n);
     if (i < 0) return repeat_ ? n - 1 : 0U;
