@@ -16,6 +16,8 @@ namespace {
 using Math = models::TofMath<float>;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr double kLightSpeed_mps = 299792458.0;
+/// (e + this) − this is the whole number nearest to e, |e| < 2²²: a float has no room for a fraction there.
+constexpr float kRound = 12582912.0F;
 
 struct Correlation {
   float triangle = 0, a3 = 0, a5 = 0, a7 = 0, a9 = 0, bias = 1, variation = 1;
@@ -213,7 +215,7 @@ TofPixelStatus PixelArray::range_of(const float* turns, float& range_m) const {
     for (std::size_t j = 0; j < turns_per_m_.size(); ++j) {
       if (j == reference_) continue;
       float e = r * turns_per_m_[j] - turns[j];
-      e -= std::floor(e + 0.5F);
+      e -= (e + kRound) - kRound;
       cost += e * e;
     }
     if (cost < best_cost) best_cost = cost, best = n;

@@ -179,5 +179,24 @@ TEST(TofYaml, TheSensorsOfTheHouseLoad) {
   }
 }
 
+TEST(AzureKinect, NoiseFollowsTheMeasuredLawOfAmplitude) {
+  const auto m =
+      load_tof_model(std::filesystem::path(RIGOR_SOURCE_DIR) / "configs/sensors/azure-kinect-nfov.yaml");
+  ASSERT_TRUE(m) << m.error().text();
+  const double step = m->pixel.full_well_e / (std::ldexp(1.0, m->pixel.adc_bits) - 1);
+  const double floor_e = std::sqrt(m->pixel.read_noise_e * m->pixel.read_noise_e + step * step / 12);
+  for (const double counts : {60, 100, 200, 400, 700, 1200}) {
+    const double amplitude_e = counts / 0.038;
+    const double signal_e = amplitude_e / m->modulation.contrast;
+    double weight = 0;
+    for (const double f : m->modulation.frequencies_hz)
+      weight += std::pow(
+          TofMath<double>::tof_range_sigma(2 * f / 299792458.0, signal_e, 0, floor_e, m->modulation.contrast),
+          -2);
+    const double measured_m = (0.295 + 144 / counts) * 1e-3;
+    EXPECT_NEAR(1 / std::sqrt(weight) / measured_m, 1, 0.12) << counts;
+  }
+}
+
 }  // namespace
 }  // namespace rigor::models
