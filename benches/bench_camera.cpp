@@ -1,0 +1,254 @@
+// What a simulated camera costs, effect by effect, and how wrong the fast picture is.
+//
+//   bench_camera [--rounds N] [--json FILE] [--place NAME] [--engine rays]
+//
+// 640x480 pixels, two worlds, both engines. `RMS` is that of the picture on the sensor's surface (before
+// noise) against brute force: the engine of rays with 64 samples a pixel over area, aperture and exposure,
+// relative to the mean radiance. Then a stereo pair, and stereo pair, time-of-flight camera and 2D scanner
+// together, one after the other.
+#include "benches/sensor_bench.h"
+#include "sensor-hal/models/lidar/lidar_yaml.h"
+#include "sensor-hal/models/tof/tof_yaml.h"
+#include "sim/sensors/camera/simulated_camera.h"
+#include "sim/sensors/lidar/lidar_simulator.h"
+#include "sim/sensors/tof/tof_simulator.h"
+
+namespace {
+
+using namespace rigor;
+using namespace rigor::bench;
+
+constexpr int kReferenceSamples = 64;
+constexpr double kSpeed_m_per_s = 1.0;  ///< of the camera, to its right, where motion is asked for
+
+struct Effect {
+  const char* name;
+  bool moving = false;
+  bool optics = true;  ///< changes the picture on the sensor's surface
+  void (*set)(CameraModel&);
+};
+void all_effects(CameraModel& m);
+const Effect kEffects[] = {
+    {"none", false, true, [](CameraModel&) {}},
+    {"distortion", false, true, [](CameraModel& m) { m.lens = {.k1 = -0.2, .k2 = 0.06}; }},
+    {"chromatic aberration", false, true,
+     [](CameraModel& m) {
+       m.chromatic.magnification = {1.001, 1, 0.999};
+     }},
+    {"depth of field", false, true,
+     [](CameraModel& m) {
+       m.optics.f_number = 2;
+       m.depth_of_field.focus_distance_m = 4;
+     }},
+    {"motion blur", true, true, [](CameraModel& m) { m.shutter.motion_blur = true; }},
+    {"rolling shutter", true, true, [](CameraModel& m) { m.shutter.line_time_s = 30e-6; }},
+    {"bloom", false, false,
+     [](CameraModel& m) {
+       m.bloom.fraction = 0.05;
+       m.bloom.veiling_glare = 0.01;
+     }},
+    {"vignetting", false, false, [](CameraModel& m) { m.vignetting.cos4_weight = 1; }},
+    {"noise", false, false, [](CameraModel&) {}},
+    {"all", true, true, all_effects}};
+void all_effects(CameraModel& m) {
+  for (const Effect& e : kEffects)
+    if (e.set != all_effects) e.set(m);
+}
+
+double rms(const OpticsPicture& a, const OpticsPicture& reference) {
+  double sum2 = 0, mean = 0;
+  for (std::size_t i = 0; i < reference.radiance.size(); ++i) {
+    const double d = static_cast<double>(a.radiance[i]) - static_cast<double>(reference.radiance[i]);
+    sum2 += d * d;
+    mean += static_cast<double>(reference.radiance[i]);
+  }
+  const auto n = static_cast<double>(std::max<std::size_t>(reference.radiance.size(), 1));
+  return mean > 0 ? std::sqrt(sum2 / n) / (mean / n) : 0;
+}
+
+class Bench {
+ public:
+  explicit Bench(const Options& o) : rounds_(o.rounds), engine_(o.engine) {
+    engines_.cache = need(render::EmbreeCache::create());
+    auto device = render::Device::create();
+    if (device) engines_.device = *device;
+    out_["machine"] = machine(engines_.device);
+    out_["about"] = {
+        "640x480 pixels. RMS is that of the radiance on the sensor's surface against the engine of rays with "
+        "64 samples a",
+        "pixel, relative to the mean. The time is that of the whole picture, from the content to the bytes."};
+  }
+  nlohmann::json& out() { return out_; }
+
+  void place(const Place& place) {
+    StandingWorld world(place);
+    std::printf("\n%s\n%-24s %-40s %9s %9s %8s\n", place.name, "", "", "p50 ms", "p99 ms", "RMS");
+    for (const Effect& e : kEffects) effect(world, place, e);
+    knobs(world, place);
+    stereo(world, place);
+    together(world, place);
+  }
+
+ private:
+  struct Shot {
+    Times times;
+    OpticsPicture picture;
+  };
+  static CameraModel model(const Effect& e) {
+    CameraModel m;
+    m.noise.full_well_e = 20000;
+    e.set(m);
+    return m;
+  }
+  static render::PoseFunction pose(const StandingWorld& world, bool moving, double right_m = 0) {
+    const Eigen::Isometry3d at = world.T_world_optical(right_m);
+    return [at, moving](BenchTime t) {
+      Eigen::Isometry3d p = at;
+      if (moving)
+        p.translation() += p.linear().col(0) * (kSpeed_m_per_s * static_cast<double>(t.ns()) * 1e-9);
+      return p;
+    };
+  }
+  Shot shoot(StandingWorld& world, const Effect& e, CameraEngine engine, const OpticsOptions& optics,
+             int rounds) {
+    SimulatedCameraSpec spec{.name = "bench", .model = model(e), .engine = engine, .optics = optics};
+    spec.noise = std::string_view(e.name) == "noise" || e.set == all_effects;
+    auto camera = need(SimulatedCamera::create(spec, engines_));
+    CameraCapture capture;
+    std::vector<std::byte> pixels(camera->bytes(capture));
+    Shot s;
+    const render::SensorView view{world, pose(world, e.moving)};
+    s.times = timed(rounds, [&](int i) {
+      capture.measure.index = static_cast<std::uint64_t>(i);
+      need(camera->capture(capture, view, pixels));
+    });
+    s.picture = camera->picture();
+    return s;
+  }
+  void report(const Place& place, const std::string& question, const std::string& engine,
+              const std::string& label, const Times& t, std::optional<double> error) {
+    std::printf("%-24s %-40s %9.1f %9.1f %8s\n", question.c_str(), (engine + " " + label).c_str(),
+                t.quantile(0.5), t.quantile(0.99), error ? std::to_string(*error).substr(0, 7).c_str() : "");
+    nlohmann::json run{{"world", place.name}, {"question", question},      {"engine", engine},
+                       {"knobs", label},      {"p50_ms", t.quantile(0.5)}, {"p99_ms", t.quantile(0.99)},
+                       {"rms", nullptr}};
+    if (error) run["rms"] = *error;
+    out_["runs"].push_back(run);
+  }
+  static OpticsOptions by_rays(int samples, int sky_rays = 0) {
+    OpticsOptions o;
+    o.samples_per_pixel = samples;
+    o.sky_rays = sky_rays;
+    return o;
+  }
+
+  void effect(StandingWorld& world, const Place& place, const Effect& e) {
+    std::optional<OpticsPicture> reference;
+    if (e.optics) reference = shoot(world, e, CameraEngine::rays, by_rays(kReferenceSamples, 1), 0).picture;
+    const auto error = [&](const Shot& s) {
+      return reference ? std::optional(rms(s.picture, *reference)) : std::nullopt;
+    };
+    for (const int samples : {1, 4}) {
+      const Shot s = shoot(world, e, CameraEngine::rays, by_rays(samples), rounds_);
+      report(place, e.name, "rays", std::to_string(samples) + (samples == 1 ? " sample" : " samples"),
+             s.times, error(s));
+    }
+    if (!engines_.device || engine_ == "rays") return;
+    const Shot s = shoot(world, e, CameraEngine::vulkan, {}, std::min(rounds_, 3));
+    report(place, e.name, "vulkan", "", s.times, error(s));
+  }
+  /// What the knobs of an ideal picture buy.
+  void knobs(StandingWorld& world, const Place& place) {
+    const Effect& ideal = kEffects[0];
+    const auto reference = shoot(world, ideal, CameraEngine::rays, by_rays(kReferenceSamples, 4), 0).picture;
+    for (const int samples : {1, 2, 4, 16})
+      for (const int sky : {0, 1}) {
+        const Shot s = shoot(world, ideal, CameraEngine::rays, by_rays(samples, sky), std::min(rounds_, 5));
+        report(place, "knobs", "rays",
+               std::to_string(samples) + " samples, " + std::to_string(sky) + " sky rays", s.times,
+               rms(s.picture, reference));
+      }
+    {
+      OpticsOptions o = by_rays(1);
+      o.shadows = false;
+      const Shot s = shoot(world, ideal, CameraEngine::rays, o, std::min(rounds_, 5));
+      report(place, "knobs", "rays", "1 sample, no shadows", s.times, rms(s.picture, reference));
+    }
+    if (!engines_.device || engine_ == "rays") return;
+    for (const double allowed_px : {0.3, 1.0, 3.0})
+      for (const bool shadows : {true, false}) {
+        OpticsOptions o;
+        o.allowed_error_px = allowed_px;
+        o.shadows = shadows;
+        const Shot s = shoot(world, ideal, CameraEngine::vulkan, o, std::min(rounds_, 2));
+        char label[64];
+        std::snprintf(label, sizeof label, "%.1f px allowed%s", allowed_px, shadows ? "" : ", no shadows");
+        report(place, "knobs", "vulkan", label, s.times, rms(s.picture, reference));
+      }
+  }
+  struct Pair {
+    std::unique_ptr<StereoCamera> cameras;
+    std::vector<std::byte> left, right;
+    void capture(StandingWorld& world, int i) {
+      CameraCapture c;
+      c.measure.index = static_cast<std::uint64_t>(i);
+      need(cameras->capture(c, world, {pose(world, true, -0.06), left}, {pose(world, true, 0.06), right}));
+    }
+  };
+  Pair pair() {
+    SimulatedCameraSpec left{.name = "left",
+                             .model = model(kEffects[std::size(kEffects) - 1]),
+                             .engine = CameraEngine::rays,
+                             .optics = by_rays(1)};
+    SimulatedCameraSpec right = left;
+    right.name = "right";
+    Pair p{need(StereoCamera::create(left, right, engines_)), {}, {}};
+    p.left.resize(p.cameras->left().bytes({}));
+    p.right.resize(p.left.size());
+    return p;
+  }
+  void stereo(StandingWorld& world, const Place& place) {
+    Pair p = pair();
+    const Times t = timed(rounds_, [&](int i) { p.capture(world, i); });
+    report(place, "stereo pair", "rays", "all effects, 1 sample", t, std::nullopt);
+  }
+  void together(StandingWorld& world, const Place& place) {
+    const std::string sensors = std::string(RIGOR_SOURCE_DIR) + "/configs/sensors/";
+    auto engine = need(render::EmbreeEngine::create(engines_.cache, {.eye = world.eye()}));
+    models::TofModel tof_model = need(load_tof_model(sensors + "sr4000.yaml"));
+    tof_model.sampling.samples = 4;
+    auto tof = need(TofSimulator::create({.name = "tof", .model = tof_model, .seed = 1}, engine));
+    auto scanner_engine = need(render::EmbreeEngine::create(engines_.cache, {.eye = world.eye()}));
+    auto scanner = need(LidarSimulator::create(
+        {.name = "scanner", .model = need(load_lidar_model(sensors + "sick-lms111.yaml")), .seed = 1},
+        scanner_engine));
+    Pair p = pair();
+    TofPicture ranges;
+    std::vector<LidarPoint> points;
+    const Eigen::Isometry3d mount = world.T_world_lidar();
+    const Times t = timed(rounds_, [&](int i) {
+      const MeasureRequest request{static_cast<std::uint64_t>(i), {}};
+      p.capture(world, i);
+      need(tof->capture(request, {world, pose(world, true)}, ranges));
+      need(scanner->capture(request, {world, [&](BenchTime) { return mount; }}, points));
+    });
+    report(place, "stereo, ToF, 2D scanner", "rays", "all effects, moving", t, std::nullopt);
+  }
+
+  int rounds_;
+  std::string engine_;
+  CameraEngines engines_;
+  nlohmann::json out_;
+};
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  auto o = options(argc, argv);
+  std::setvbuf(stdout, nullptr, _IOLBF, 0);
+  Bench bench(o);
+  for (const Place* p : {&kPlaces[0], &kPlaces[1]})
+    if (o.wants(*p)) bench.place(*p);
+  write(o.json, bench.out());
+  return 0;
+}

@@ -1,0 +1,183 @@
+#!/usr/bin/env python3
+"""docs/speed-and-error.md from what bench_range and bench_camera measured on this machine.
+
+usage: tools/make_speed_and_error.py build/release/benches/bench_range.json build/release/benches/bench_camera.json
+
+Each run of a bench has a time and an error against the reference; the plots show one point a run, and the line of those
+that no other run beats in both.
+"""
+import json
+import math
+import pathlib
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+COLOURS = {"rays": "#c2410c", "vulkan": "#1d4ed8"}
+
+
+def ticks(low, high):
+    """Powers of ten and what lies between, on a logarithmic axis."""
+    out = []
+    for e in range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1):
+        for m in (1, 2, 5):
+            v = m * 10.0**e
+            if low <= v <= high:
+                out.append(v)
+    return out
+
+
+def front(points):
+    """Points that no other beats in both coordinates, from fast to exact."""
+    best, out = math.inf, []
+    for p in sorted(points, key=lambda p: (p["x"], p["y"])):
+        if p["y"] < best:
+            best = p["y"]
+            out.append(p)
+    return out
+
+
+def plot(path, title, points, x_name, y_name):
+    points = [p for p in points if p["x"] > 0 and math.isfinite(p["y"])]
+    if not points:
+        return False
+    floor = min([p["y"] for p in points if p["y"] > 0] or [1e-4]) / 2
+    for p in points:
+        p["y"] = max(p["y"], floor)
+    width, height, left, bottom, top, right = 640, 360, 70, 46, 34, 16
+    x0, x1 = min(p["x"] for p in points) / 1.4, max(p["x"] for p in points) * 1.6
+    y0, y1 = min(p["y"] for p in points) / 1.5, max(p["y"] for p in points) * 1.5
+
+    def sx(x):
+        return left + (width - left - right) * math.log(x / x0) / math.log(x1 / x0)
+
+    def sy(y):
+        return height - bottom - (height - bottom - top) * math.log(y / y0) / math.log(y1 / y0)
+
+    s = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="11">',
+        f'<rect width="{width}" height="{height}" fill="white"/><text x="{left}" y="18" font-size="13">{title}</text>',
+    ]
+    for v in ticks(x0, x1):
+        s.append(f'<path d="M{sx(v):.1f} {top}V{height - bottom}" stroke="#e5e7eb"/>')
+        s.append(f'<text x="{sx(v):.1f}" y="{height - bottom + 14}" text-anchor="middle">{v:g}</text>')
+    for v in ticks(y0, y1):
+        s.append(f'<path d="M{left} {sy(v):.1f}H{width - right}" stroke="#e5e7eb"/>')
+        s.append(f'<text x="{left - 6}" y="{sy(v) + 4:.1f}" text-anchor="end">{v:g}</text>')
+    s.append(f'<text x="{(left + width - right) / 2}" y="{height - 8}" text-anchor="middle">{x_name}</text>')
+    s.append(
+        f'<text transform="translate(14 {(top + height - bottom) / 2}) rotate(-90)" text-anchor="middle">{y_name}</text>'
+    )
+    line = " ".join(f'{sx(p["x"]):.1f},{sy(p["y"]):.1f}' for p in front(points))
+    s.append(f'<polyline points="{line}" fill="none" stroke="#6b7280" stroke-dasharray="4 3"/>')
+    taken = []
+    for p in points:
+        x, y = sx(p["x"]), sy(p["y"])
+        colour = COLOURS.get(p["engine"], "#374151")
+        s.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{colour}"><title>{p["label"]}</title></circle>')
+        ty = y - 6
+        while any(abs(ty - b) < 11 and abs(x - a) < 120 for a, b in taken):
+            ty += 11
+        taken.append((x, ty))
+        anchor, dx = ("end", -6) if x > width - 150 else ("start", 6)
+        s.append(f'<text x="{x + dx:.1f}" y="{ty:.1f}" text-anchor="{anchor}" fill="{colour}">{p["label"]}</text>')
+    s.append("</svg>\n")
+    path.write_text("\n".join(s))
+    return True
+
+
+def number(v, digits=3):
+    return "–" if v is None or not math.isfinite(v) else f"{v:.{digits}g}"
+
+
+def table(head, rows):
+    out = ["| " + " | ".join(head) + " |", "|" + "|".join(["---"] + ["---:"] * (len(head) - 1)) + "|"]
+    out += ["| " + " | ".join(r) + " |" for r in rows]
+    return out
+
+
+def range_part(bench, images):
+    out = []
+    for world in dict.fromkeys(r["world"] for r in bench["runs"]):
+        for sensor in dict.fromkeys(r["sensor"] for r in bench["runs"] if r["world"] == world):
+            runs = [r for r in bench["runs"] if r["world"] == world and r["sensor"] == sensor]
+            out += [f"### {sensor}, {world}", ""]
+            name = f"speed-{sensor}-{world}.svg".replace(" ", "-")
+            points = [
+                {"x": r["p50_ms"], "y": r["range_rmse_m"], "engine": r["engine"], "label": f'{r["engine"]} {r["knobs"]}'}
+                for r in runs
+            ]
+            if plot(images / name, f"{sensor}, {world}", points, "time p50 [ms]", "range RMSE [m]"):
+                out += [f"![{sensor}, {world}](images/{name})", ""]
+            rows = []
+            for r in runs:
+                rows.append([
+                    f'{r["engine"]}, {r["knobs"]}',
+                    number(r["p50_ms"]),
+                    number(r["p99_ms"]),
+                    number(r.get("times_bare")),
+                    number(1000 * r["range_rmse_m"]),
+                    number(100 * r["outlier_rate"]),
+                    number(100 * r["missed_rate"]),
+                    number(100 * r["false_rate"]),
+                    number(100 * r["remission_error"]),
+                ])
+            out += table(
+                ["engine, knobs", "p50 ms", "p99 ms", "× bare", "range RMSE mm", "outliers %", "missed %", "false %",
+                 "remission error %"], rows)
+            out.append("")
+    return out
+
+
+def camera_part(bench, images):
+    out = []
+    for group in dict.fromkeys((r["world"], r["question"]) for r in bench["runs"]):
+        runs = [r for r in bench["runs"] if (r["world"], r["question"]) == group]
+        out += [f"### {group[1]}, {group[0]}", ""]
+        name = f"speed-camera-{group[1]}-{group[0]}.svg".replace(" ", "-").replace(",", "")
+        points = [
+            {"x": r["p50_ms"], "y": r["rms"], "engine": r["engine"], "label": f'{r["engine"]} {r["knobs"]}'}
+            for r in runs if r.get("rms") is not None
+        ]
+        if len(points) > 2 and plot(images / name, f"{group[1]}, {group[0]}", points, "time p50 [ms]",
+                                    "RMS of radiance, relative to the mean"):
+            out += [f"![{group[1]}, {group[0]}](images/{name})", ""]
+        rows = [[f'{r["engine"]}, {r["knobs"]}', number(r["p50_ms"]), number(r["p99_ms"]), number(r.get("rms"))]
+                for r in runs]
+        out += table(["engine, knobs", "p50 ms", "p99 ms", "RMS"], rows)
+        out.append("")
+    return out
+
+
+def main():
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
+    ranges, cameras = (json.loads(pathlib.Path(p).read_text()) for p in sys.argv[1:])
+    images = ROOT / "docs" / "images"
+    for old in images.glob("speed-*.svg"):
+        old.unlink()
+    text = [
+        "# Speed and error",
+        "",
+        "How long a simulated sensor takes, and how wrong the fast way is. Measured by `./dev bench`, which writes this page;",
+        "what was measured is a property of a machine:",
+        "",
+        f"- processor: {ranges['machine']['cpu']}, {ranges['machine']['threads']} threads",
+        f"- Vulkan device: {ranges['machine']['vulkan']}",
+        "",
+        "## LiDAR and time of flight",
+        "",
+        *ranges["about"],
+        "",
+        *range_part(ranges, images),
+        "## Cameras",
+        "",
+        *cameras["about"],
+        "",
+        *camera_part(cameras, images),
+    ]
+    (ROOT / "docs" / "speed-and-error.md").write_text("\n".join(text).rstrip() + "\n")
+    print("docs/speed-and-error.md")
+
+
+if __name__ == "__main__":
+    main()
