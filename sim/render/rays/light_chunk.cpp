@@ -20,6 +20,14 @@ constexpr float kGrazing = 0.02F;
 /// A path that carries less than this much of light goes on with a chance only.
 constexpr float kRoulette = 0.3F;
 
+template <class Scene>
+const RayInstance& instance_of(const Scene& scene, std::uint32_t id) {
+  if constexpr (requires { scene.instance(id); })
+    return scene.instance(id);
+  else
+    return scene.instances()[id];
+}
+
 float unit_draw(std::uint32_t word) { return (static_cast<float>(word >> 8U) + 0.5F) * (1.0F / 16777216.0F); }
 
 /// Off a surface by more than places and intersections are rounded, to the side where `towards` leads.
@@ -233,10 +241,16 @@ void Chunk::add_lamps() {
 void Chunk::add_open_sky() {
   for (unsigned i = 0; i < n_; ++i) {
     Point& p = points_[i];
-    const Bands4 behind = p.patch.translucent ? in_.frame.irradiance(-p.normal) : Bands4{};
-    p.light += from_sky(p.patch, in_.frame.irradiance(p.normal), behind);
+    Bands4 open = all_bands(1), scattered{};
+    if (in_.cover != nullptr) {
+      const float seen = in_.cover->seen(p.place, p.flat_normal, !p.patch.translucent);
+      open = mix(in_.instead.share, open, seen);
+      scattered = in_.instead.irradiance * (1.0F - seen);
+    }
+    const Bands4 behind = p.patch.translucent ? in_.frame.irradiance(-p.normal) * open + scattered : Bands4{};
+    p.light += from_sky(p.patch, in_.frame.irradiance(p.normal) * open + scattered, behind);
     if (const Mirror m = mirror(p.patch, p.view, p.normal); m.any())
-      p.light += m.share * mirrored_sky(in_.frame, m);
+      p.light += open * m.share * mirrored_sky(in_.frame, m);
   }
 }
 

@@ -7,6 +7,7 @@
 
 #include "sensor-hal/models/philox.h"
 #include "sim/render/rays/embree_scene.h"
+#include "sim/render/rays/light_cover.h"
 #include "sim/render/rays/light_shading.h"
 #include "sim/render/rays/light_surface.h"
 #include "sim/render/rays/light_tracer.h"
@@ -21,7 +22,9 @@ struct ChunkInput {
   const LightSurfaces& surfaces;
   const LightFrame& frame;
   const LightQuery& query;
-  Eigen::Vector3d origin;  ///< of the query, relative to the scene's cell
+  Eigen::Vector3d origin;           ///< of the query, relative to the scene's cell
+  const SkyCover* cover = nullptr;  ///< null: the sky is open
+  SkyCover::Instead instead{};
 };
 
 /// Belongs to one thread.

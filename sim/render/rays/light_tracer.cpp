@@ -27,6 +27,7 @@ struct LightTracer::Impl {
   std::shared_ptr<EmbreeEngine> engine;
   std::list<Sky> skies;  ///< the last ones that were asked for
   light::LightSurfaces surfaces;
+  light::SkyCover cover;
   std::vector<std::shared_ptr<const ContentFrame>> known;  ///< frames that `surfaces` is of
   std::array<int, 4> known_bands{-1, -1, -1, -1};
   LightStatistics statistics;
@@ -35,6 +36,10 @@ struct LightTracer::Impl {
 namespace {
 
 constexpr std::size_t kSkiesKept = 4;
+
+double ms_since(std::chrono::steady_clock::time_point begun) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begun).count();
+}
 
 Status check(const LightQuery& q, std::size_t samples) {
   const auto bad = [](const char* where, const std::string& message) {
@@ -83,7 +88,16 @@ Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samp
   const ContentFrame& frame = window.first();
   const light::LightFrame lit =
       light::light_frame(frame, scene.origin(), q.bands, tables(frame.light.sky, q.bands));
-  const light::ChunkInput in{scene, surfaces, lit, q, Eigen::Vector3d(q.origin - scene.origin())};
+  light::ChunkInput in{scene, surfaces, lit, q, Eigen::Vector3d(q.origin - scene.origin())};
+  const auto covering = std::chrono::steady_clock::now();
+  if (q.sky_cover && q.shadows && q.sky_rays == 0 && !q.rays.empty()) {
+    cover.update(scene, frame, q.origin, engine->impl().arena());
+    if (cover.any()) {
+      in.cover = &cover;
+      in.instead = cover.instead(lit, q.bands);
+    }
+  }
+  const double cover_ms = ms_since(covering);
   std::atomic<std::size_t> shadow_rays{0}, sky_rays{0};
   const std::size_t chunks = (q.rays.size() + light::kChunk - 1) / light::kChunk;
   engine->impl().arena().execute([&] {
@@ -97,8 +111,7 @@ Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samp
       sky_rays += chunk.sky_rays;
     });
   });
-  statistics = {q.rays.size(), shadow_rays, sky_rays,
-                std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begun).count()};
+  statistics = {q.rays.size(), shadow_rays, sky_rays, ms_since(begun), cover_ms};
   return {};
 }
 

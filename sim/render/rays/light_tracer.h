@@ -30,13 +30,16 @@ struct LightQuery {
   float near_m = 0.001F;
   std::span<const Ray> rays;
   bool shadows = true;
-  int sky_rays = 0;  ///< rays per sample that ask which sky is hidden; 0: the open sky of the normal's side
+  int sky_rays = 0;        ///< rays per sample that ask which sky is hidden; 0: a guess, or the open sky
   std::uint64_t seed = 0;  ///< keys their directions, with the ray's index
   /// Reflections that a sky ray follows: light of sun and sky from what hides the sky. 0: that is black.
   int bounces = 1;
   bool soft_sun = false;  ///< shadow rays to a point of the sun's disc by seed and index; off: to its centre
   /// Angle between neighbouring rays: maps are taken as coarse as that sees them. 0: their finest texels.
   float spread_rad = 0;
+  /// Without sky rays, and with shadows: guess what hides the sky. The map for it costs a million rays when a
+  /// place is seen for the first time, and then what changes.
+  bool sky_cover = true;
 };
 
 struct LightSample {
@@ -48,8 +51,8 @@ struct LightSample {
 
 struct LightStatistics {
   std::size_t rays = 0, shadow_rays = 0,
-              sky_rays = 0;  ///< shot by the last call; sky: with their shadow rays
-  double trace_ms = 0;
+              sky_rays = 0;           ///< shot by the last call; sky: with their shadow rays
+  double trace_ms = 0, cover_ms = 0;  ///< all of it; of which the map of what hides the sky
 };
 
 class LightTracer {

@@ -1,0 +1,208 @@
+#include "sim/render/rays/light_cover.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <unordered_set>
+
+namespace rigor::render::light {
+namespace {
+
+// Numbers of the view engine: shadow_cascades.h, view_renderer.cpp, view_frame.cpp, light.glsl.
+constexpr int kSide = 1024;
+constexpr double kTexel_m = 0.25;
+constexpr float kPerM = static_cast<float>(1 / kTexel_m);
+constexpr float kRise_m = 0.3F, kOff_m = 0.15F;
+constexpr Spectrum kLeafScatters{0.12F, 0.24F, 0.08F, 0.92F, 0.92F, 0.60F};
+constexpr float kLeafDepth = 2.0F, kWallShare = 0.1F;
+/// Heights from which the map is shot, above the scene's cell.
+constexpr float kAbove_m = 1500;
+constexpr float kNothing_m = -1e6F;
+
+std::size_t place(std::int64_t x, std::int64_t y) {
+  return static_cast<std::size_t>((y & (kSide - 1)) * kSide + (x & (kSide - 1)));
+}
+
+bool has_leaves(const Prototype& p) {
+  for (const LevelOfDetail& l : p.levels)
+    if (l.mesh)
+      for (const MeshPart& part : l.mesh->parts)
+        if (part.surface && std::any_of(part.surface->transmittance.begin(),
+                                        part.surface->transmittance.end(), [](float t) { return t > 0; }))
+          return true;
+  return false;
+}
+
+}  // namespace
+
+SkyCover::Area SkyCover::area_of(const Eigen::AlignedBox3d& box) {
+  const auto texel = [](double v) {
+    return static_cast<std::int64_t>(std::floor(std::clamp(v, -1e9, 1e9) / kTexel_m));
+  };
+  if (box.isEmpty() || !box.min().allFinite() || !box.max().allFinite())
+    return {INT64_MIN, INT64_MIN, INT64_MAX, INT64_MAX};
+  return {texel(box.min().x()) - 1, texel(box.min().y()) - 1, texel(box.max().x()) + 2,
+          texel(box.max().y()) + 2};
+}
+
+void SkyCover::update(const RayScene& scene, const ContentFrame& frame, const Eigen::Vector3d& eye,
+                      tbb::task_arena& arena) {
+  const auto first = [](double v) { return static_cast<std::int64_t>(std::floor(v / kTexel_m)) - kSide / 2; };
+  const std::int64_t x0 = first(eye.x()), y0 = first(eye.y());
+  const Area map{x0, y0, x0 + kSide, y0 + kSide};
+  to_texel_x_ = static_cast<float>(scene.origin().x() / kTexel_m - static_cast<double>(x0));
+  to_texel_y_ = static_cast<float>(scene.origin().y() / kTexel_m - static_cast<double>(y0));
+  origin_z_ = static_cast<float>(scene.origin().z());
+
+  std::vector<Caster> now;
+  for (const auto& b : frame.batches)
+    if (b && b->prototype && b->prototype->casts_shadow && !b->instances.empty())
+      now.push_back({b->serial, b});
+  std::sort(now.begin(), now.end(), [](const Caster& a, const Caster& b) { return a.serial < b.serial; });
+
+  std::vector<Area> stale;
+  const bool same = now == casters_;
+  if (!filled_) {
+    top_m_.assign(std::size_t{kSide} * kSide, kNothing_m);
+    stale.push_back(map);
+  } else {
+    if (x0 != x0_ || y0 != y0_) {
+      // What came into the map on either side.
+      const std::int64_t dx = std::clamp<std::int64_t>(x0 - x0_, -kSide, kSide);
+      const std::int64_t dy = std::clamp<std::int64_t>(y0 - y0_, -kSide, kSide);
+      if (dx != 0)
+        stale.push_back(dx > 0 ? Area{map.x1 - dx, map.y0, map.x1, map.y1}
+                               : Area{map.x0, map.y0, map.x0 - dx, map.y1});
+      if (dy != 0)
+        stale.push_back(dy > 0 ? Area{map.x0, map.y1 - dy, map.x1, map.y1}
+                               : Area{map.x0, map.y0, map.x1, map.y0 - dy});
+    }
+    if (!same) {
+      const auto differing = [&](const std::vector<Caster>& a, const std::vector<Caster>& b) {
+        for (const Caster& c : a)
+          if (!std::binary_search(b.begin(), b.end(), c,
+                                  [](const Caster& p, const Caster& q) { return p.serial < q.serial; }))
+            stale.push_back(area_of(c.batch->bounds));
+      };
+      differing(now, casters_);
+      differing(casters_, now);
+    }
+  }
+  x0_ = x0;
+  y0_ = y0;
+  filled_ = true;
+  if (!same) {
+    casters_ = std::move(now);
+    leaves_ = false;
+    std::unordered_set<const Prototype*> known;
+    for (const Caster& c : casters_)
+      if (!leaves_ && known.insert(c.batch->prototype.get()).second)
+        leaves_ = has_leaves(*c.batch->prototype);
+  }
+  bool shot = false;
+  for (const Area& a : stale) {
+    const Area part{std::max(a.x0, map.x0), std::max(a.y0, map.y0), std::min(a.x1, map.x1),
+                    std::min(a.y1, map.y1)};
+    if (part.x1 <= part.x0 || part.y1 <= part.y0) continue;
+    shoot(scene, part, arena);
+    shot = true;
+    if (part.x1 - part.x0 == kSide && part.y1 - part.y0 == kSide) break;  // all of it
+  }
+  if (!shot) return;
+  float low = std::numeric_limits<float>::infinity(), high = -low;
+  for (const float t : top_m_)
+    if (t > kNothing_m) {
+      low = std::min(low, t);
+      high = std::max(high, t);
+    }
+  rises_ = high - low > kRise_m;
+}
+
+void SkyCover::shoot(const RayScene& scene, const Area& area, tbb::task_arena& arena) {
+  // Packets of four by two texels.
+  const std::int64_t strips = (area.y1 - area.y0 + 1) / 2;
+  arena.execute([&] {
+    tbb::parallel_for(tbb::blocked_range<std::int64_t>(0, strips), [&](const auto& range) {
+      auto shots = std::make_unique<Shots>();
+      const float down[3] = {0, 0, -1};
+      for (std::int64_t s = range.begin(); s != range.end(); ++s)
+        for (std::int64_t x = area.x0; x < area.x1; x += kShots / 2) {
+          const auto at = [&](unsigned i, std::int64_t& tx, std::int64_t& ty) {
+            tx = x + i / 8 * 4 + i % 4;
+            ty = area.y0 + 2 * s + i % 8 / 4;
+            return tx < area.x1 && ty < area.y1;
+          };
+          std::int64_t tx = 0, ty = 0;
+          for (unsigned i = 0; i < kShots; ++i) {
+            if (!at(i, tx, ty)) {
+              shots->skip(i);
+              continue;
+            }
+            const float from[3] = {
+                static_cast<float>((static_cast<double>(tx) + 0.5) * kTexel_m - scene.origin().x()),
+                static_cast<float>((static_cast<double>(ty) + 0.5) * kTexel_m - scene.origin().y()),
+                kAbove_m};
+            shots->set(i, from, down, 0, std::numeric_limits<float>::infinity(), 0, kShadowMask);
+          }
+          scene.meet(*shots, kShots, true);
+          for (unsigned i = 0; i < kShots; ++i) {
+            if (!at(i, tx, ty)) continue;
+            const Meeting m = shots->meeting(i);
+            top_m_[place(tx, ty)] =
+                m.nothing()
+                    ? kNothing_m
+                    : static_cast<float>(scene.origin().z() + static_cast<double>(kAbove_m - m.range_m));
+          }
+        }
+    });
+  });
+}
+
+float SkyCover::seen(Vec3 p, Vec3 n, bool sided) const noexcept {
+  constexpr float kRadii[3] = {0.8F, 3.2F, 13.0F};
+  // Off a wall, whose own top would else cover it.
+  const float off = sided ? 2.0F * static_cast<float>(kTexel_m) : 0.0F;
+  const float u = (p.x + n.x * off) * kPerM + to_texel_x_, v = (p.y + n.y * off) * kPerM + to_texel_y_;
+  const float inside = std::min(std::min(u, v), kSide - std::max(u, v)) * (1.0F / kSide);
+  const float known = std::clamp(inside * 10.0F, 0.0F, 1.0F);
+  if (!(known > 0)) return 1;
+  const float z = p.z + origin_z_ + kOff_m;
+  float open = 0, most = 0, x = 0.92387953F, y = -0.38268343F;
+  const float cosine = sided ? 0.70710678F : 0.0F, sine = sided ? -0.70710678F : -1.0F;
+  const float steep = 1.0F / std::max(n.z, 0.05F);
+  for (int a = 0; a < 8; a += sided ? 1 : 2) {
+    // The surface's own plane: what lies below it gives it no light.
+    const float own = sided ? std::max(-(n.x * x + n.y * y) * steep, 0.0F) : 0.0F;
+    float horizon = own;
+    for (const float r : kRadii) {
+      const int i = std::clamp(static_cast<int>(u + x * r * kPerM), 0, kSide - 1);
+      const int j = std::clamp(static_cast<int>(v + y * r * kPerM), 0, kSide - 1);
+      horizon = std::max(horizon, (top_m_[place(x0_ + i, y0_ + j)] - z) / r);
+    }
+    open += 1.0F / (1.0F + horizon * horizon);
+    most += 1.0F / (1.0F + own * own);
+    const float turned = x * cosine - y * sine;
+    y = x * sine + y * cosine;
+    x = turned;
+  }
+  return mix(1.0F, open / most, known);
+}
+
+SkyCover::Instead SkyCover::instead(const LightFrame& light, const std::array<int, 4>& bands) const noexcept {
+  Instead out;
+  if (!leaves_) {
+    out.share = all_bands(kWallShare);
+    return out;
+  }
+  Spectrum share{};
+  for (std::size_t b = 0; b < share.size(); ++b)
+    share[b] = std::exp(-kLeafDepth * std::sqrt(1 - kLeafScatters[b]));
+  out.share = pick(share, bands);
+  out.irradiance =
+      (out.share - std::exp(-kLeafDepth)) * std::max(light.to_sun.z, 0.0F) * light.sun_irradiance;
+  return out;
+}
+
+}  // namespace rigor::render::light
