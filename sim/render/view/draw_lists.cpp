@@ -18,6 +18,10 @@ constexpr std::uint32_t kRangeFeatures = kFeatureColourMap | kFeatureNearInfrare
                                          kFeatureGlossMap | kFeatureAlpha | kFeatureTwoSided | kFeatureSway |
                                          kFeatureSnow | kFeatureWet;
 
+/// What depth alone needs.
+constexpr std::uint32_t kDepthFeatures =
+    kFeatureAlpha | kFeatureTwoSided | kFeatureSway | kFeatureMultisampled;
+
 /// Identities of instances that stand for nothing that is named: shadows.
 constexpr std::uint32_t kNoIdentity = 0;
 
@@ -113,7 +117,7 @@ Result<std::vector<DrawCall>> DrawLists::add_seen(const std::vector<Bucket>& buc
     if (b.impostor != nullptr) {
       c.features =
           frame.all | (frame.snow ? kFeatureSnow : 0U) | (b.impostor->translucent ? kFeatureTranslucent : 0U);
-      c.features &= ~static_cast<std::uint32_t>(kFeatureGlossy);
+      c.features &= ~static_cast<std::uint32_t>(kFeatureGlossy | kFeatureAfterDepth);
       c.index_count = 4;
       c.set = b.impostor->set;
       c.surface = b.prototype->prototype->serial;
@@ -138,7 +142,15 @@ Result<std::vector<DrawCall>> DrawLists::add_seen(const std::vector<Bucket>& buc
         if (fresh) surfaces_.push_back(s.surface.get());
         c.named_surface = it->second;
       }
-      auto pipeline = pipelines_.get(pass, c.features);
+      std::uint32_t shaded = c.features;
+      c.depth_pipeline = VK_NULL_HANDLE;
+      if ((c.features & kFeatureAfterDepth) != 0) {
+        auto depth = pipelines_.get(ViewPass::depth, c.features & kDepthFeatures);
+        if (!depth) return tl::unexpected(depth.error());
+        c.depth_pipeline = *depth;
+        shaded &= ~static_cast<std::uint32_t>(kFeatureAlpha);  // holes are in the depth
+      }
+      auto pipeline = pipelines_.get(pass, shaded);
       if (!pipeline) return tl::unexpected(pipeline.error());
       c.pipeline = *pipeline;
       c.set = s.set;
@@ -242,7 +254,8 @@ Status DrawLists::record_gather(VkCommandBuffer commands, const ResidentContent&
   return {};
 }
 
-void DrawLists::record(VkCommandBuffer commands, std::span<const DrawCall> calls, bool instancing) const {
+void DrawLists::record(VkCommandBuffer commands, std::span<const DrawCall> calls, bool instancing,
+                       bool depth_only) const {
   VkPipeline pipeline = VK_NULL_HANDLE;
   VkDescriptorSet set = VK_NULL_HANDLE;
   const ResidentMesh* mesh = nullptr;
@@ -251,8 +264,10 @@ void DrawLists::record(VkCommandBuffer commands, std::span<const DrawCall> calls
   const VkBuffer drawn = drawn_.handle.get();
   if (!calls.empty()) vkCmdBindVertexBuffers(commands, 1, 1, &drawn, &kStart);
   for (const DrawCall& c : calls) {
-    if (c.pipeline != pipeline) vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, c.pipeline);
-    pipeline = c.pipeline;
+    const VkPipeline wanted = depth_only ? c.depth_pipeline : c.pipeline;
+    if (wanted == VK_NULL_HANDLE) continue;
+    if (wanted != pipeline) vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, wanted);
+    pipeline = wanted;
     if (c.set != VK_NULL_HANDLE && c.set != set) {
       vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipelines_.draw(), 1, 1, &c.set, 0,
                               nullptr);

@@ -14,8 +14,9 @@ namespace rigor::render {
 
 struct DrawCall {
   VkPipeline pipeline = VK_NULL_HANDLE;
-  VkDescriptorSet set = VK_NULL_HANDLE;  ///< of the surface; none for casters without holes
-  const ResidentMesh* mesh = nullptr;    ///< null: an impostor's four corners
+  VkPipeline depth_pipeline = VK_NULL_HANDLE;  ///< of its depth alone, where that is drawn first
+  VkDescriptorSet set = VK_NULL_HANDLE;        ///< of the surface; none for casters without holes
+  const ResidentMesh* mesh = nullptr;          ///< null: an impostor's four corners
   std::uint32_t first_index = 0, index_count = 0;
   std::uint32_t first_instance = 0, instance_count = 0;
   std::uint32_t named_surface = 0;  ///< of range views: number of the surface, from 1
@@ -27,7 +28,7 @@ struct DrawCall {
 
 /// What the frame adds to the features of every surface.
 struct FrameFeatures {
-  std::uint32_t all = 0;  ///< multisampled, haze, lamps, shadows, wet
+  std::uint32_t all = 0;  ///< multisampled, haze, lamps, shadows, wet, after depth, normals
   bool snow = false, sway = false, wet = false;
   bool instancing = true;
 };
@@ -52,7 +53,13 @@ class DrawLists {
   /// Puts in order what was added since the last call.
   [[nodiscard]] Status record_gather(VkCommandBuffer commands, const ResidentContent& content);
   /// The calls inside a rendering; `frame_set` is bound by the caller.
-  void record(VkCommandBuffer commands, std::span<const DrawCall> calls, bool instancing) const;
+  void record(VkCommandBuffer commands, std::span<const DrawCall> calls, bool instancing) const {
+    record(commands, calls, instancing, false);
+  }
+  /// Of those that have one, the depth alone.
+  void record_depth(VkCommandBuffer commands, std::span<const DrawCall> calls, bool instancing) const {
+    record(commands, calls, instancing, true);
+  }
 
   /// What the instance with this identity (from 1) is.
   [[nodiscard]] NodeId node(std::uint32_t identity) const {
@@ -68,6 +75,8 @@ class DrawLists {
   [[nodiscard]] Result<std::vector<DrawCall>> add_seen(const std::vector<Bucket>& buckets,
                                                        const Eigen::Vector3d& eye, const FrameFeatures& frame,
                                                        ViewPass pass);
+  void record(VkCommandBuffer commands, std::span<const DrawCall> calls, bool instancing,
+              bool depth_only) const;
   void add_entries(const Bucket& bucket, const Eigen::Vector3d& eye, bool named);
 
   const Device::Impl& gpu_;

@@ -272,7 +272,8 @@ DepthTiles TilePass::read(int width_px, int height_px, double near_m) const {
 }
 
 Status record_sky(VkCommandBuffer commands, ViewPipelines& pipelines, std::uint32_t features) {
-  auto pipeline = pipelines.get(ViewPass::sky, features & (kFeatureHaze | kFeatureMultisampled));
+  auto pipeline =
+      pipelines.get(ViewPass::sky, features & (kFeatureHaze | kFeatureMultisampled | kFeatureNormals));
   if (!pipeline) return tl::unexpected(pipeline.error());
   vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, *pipeline);
   vkCmdDraw(commands, 3, 1, 0, 0);

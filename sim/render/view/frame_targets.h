@@ -16,16 +16,20 @@ class FrameTargets {
     int first_row = 0, rows = 0;
   };
   /// Images for a part, buffers for the whole. Keeps what fits already.
-  [[nodiscard]] Status prepare(int width_px, int height_px, int samples, VkFormat colour_format);
+  [[nodiscard]] Status prepare(int width_px, int height_px, int samples, VkFormat colour_format,
+                               bool normals);
   [[nodiscard]] int rows_at_once() const { return rows_; }
   [[nodiscard]] VkSampleCountFlagBits samples() const {
     return samples_ == 4 ? VK_SAMPLE_COUNT_4_BIT : VK_SAMPLE_COUNT_1_BIT;
   }
 
   void record_begin(VkCommandBuffer commands) const;
+  /// Which attachments a pass has.
+  enum class Writes : std::uint8_t { depth, radiance, picture };
   struct Pass {
-    bool clears = false;    ///< the first pass on this part
-    bool identity = true;   ///< identities are written too
+    Writes writes = Writes::picture;  ///< picture: radiance, identity, and normals where they were asked for
+    bool clears_depth = false;        ///< the first pass on this part
+    bool clears_colours = false;
     bool resolves = false;  ///< the last pass that writes them: samples become pixels
     bool resolves_identity = false;
   };
@@ -45,12 +49,18 @@ class FrameTargets {
     return reinterpret_cast<const std::uint32_t*>(identity_back_.data);
   }
 
+  /// Where they were asked for.
+  [[nodiscard]] const std::uint32_t* packed_normals() const {
+    return reinterpret_cast<const std::uint32_t*>(normal_back_.data);
+  }
+
  private:
   const Device::Impl& gpu_;
   int width_ = 0, height_ = 0, rows_ = 0, samples_ = 0;
-  vk::Image colour_, identity_, depth_;                    ///< with as many samples as asked for
-  vk::Image colour_one_, identity_one_, depth_one_;        ///< of one sample, where there are more
-  vk::Buffer radiance_back_, identity_back_, depth_back_;  ///< of the whole picture
+  bool normals_ = false;
+  vk::Image colour_, identity_, depth_, normal_;                  ///< with as many samples as asked for
+  vk::Image colour_one_, identity_one_, depth_one_, normal_one_;  ///< of one sample, where there are more
+  vk::Buffer radiance_back_, identity_back_, depth_back_, normal_back_;  ///< of the whole picture
 };
 
 }  // namespace rigor::render

@@ -63,6 +63,8 @@ enum SurfaceFeature : std::uint32_t {
   kFeatureTwoSided = 1u << 14,
   kFeatureSway = 1u << 15,
   kFeatureSkyCover = 1u << 16,
+  kFeatureAfterDepth = 1u << 17,  ///< what is seen there is known already: shaded where the depth is the same
+  kFeatureNormals = 1u << 18,     ///< normals are written too
 };
 
 struct ResidentSurface {

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstddef>
+#include <iterator>
 #include <span>
 
 #include "sim/render/view/gpu_commands.h"
@@ -62,6 +63,18 @@ constexpr std::uint32_t kImpostorVert[] = {
 constexpr std::uint32_t kImpostorFrag[] = {
 #include "impostor.frag.inc"
 };
+constexpr std::uint32_t kFoliageDepthFrag[] = {
+#include "foliage_depth.frag.inc"
+};
+constexpr std::uint32_t kSurfaceNormalsFrag[] = {
+#include "surface_normals.frag.inc"
+};
+constexpr std::uint32_t kFoliageNormalsFrag[] = {
+#include "foliage_normals.frag.inc"
+};
+constexpr std::uint32_t kImpostorNormalsFrag[] = {
+#include "impostor_normals.frag.inc"
+};
 constexpr std::uint32_t kRangeFrag[] = {
 #include "range.frag.inc"
 };
@@ -72,7 +85,7 @@ constexpr std::uint32_t kSampleRaysComp[] = {
 #include "sample_rays.comp.inc"
 };
 
-constexpr std::uint32_t kConstants = 17;
+constexpr std::uint32_t kConstants = 19;
 constexpr const char* kFeatureNames[kConstants] = {"colour_map", "near_infrared_map",
                                                    "normal_map", "gloss_map",
                                                    "alpha",      "translucent",
@@ -81,7 +94,8 @@ constexpr const char* kFeatureNames[kConstants] = {"colour_map", "near_infrared_
                                                    "wet",        "shadows",
                                                    "glossy",     "multisampled",
                                                    "two_sided",  "sway",
-                                                   "sky_cover"};
+                                                   "sky_cover",  "after_depth",
+                                                   "normals"};
 
 VkPipelineShaderStageCreateInfo stage(VkShaderStageFlagBits which, const vk::ShaderModule& module,
                                       const VkSpecializationInfo* constants) {
@@ -151,8 +165,10 @@ struct Drawing {
 }  // namespace
 
 std::string pipeline_name(ViewPass pass, std::uint32_t features) {
-  constexpr const char* kPasses[] = {"surface",   "shadow",        "sky",      "gather", "depth_tiles",
-                                     "particles", "impostor_bake", "impostor", "range",  "sample_rays"};
+  constexpr const char* kPasses[] = {"surface",  "depth",       "shadow",     "sky",
+                                     "gather",   "depth_tiles", "particles",  "impostor_bake",
+                                     "impostor", "range",       "sample_rays"};
+  static_assert(std::size(kPasses) == static_cast<std::size_t>(ViewPass::sample_rays) + 1);
   std::string name = kPasses[static_cast<std::size_t>(pass)];
   for (std::uint32_t i = 0; i < kConstants; ++i)
     if ((features >> i & 1u) != 0) name += std::string(" ") + kFeatureNames[i];
@@ -223,7 +239,13 @@ Status ViewPipelines::create() {
 Result<vk::Pipeline> ViewPipelines::make_drawing(ViewPass pass, std::uint32_t features) const {
   Drawing d;
   const bool alpha = (features & kFeatureAlpha) != 0;
+  const bool normals = (features & kFeatureNormals) != 0, known = (features & kFeatureAfterDepth) != 0;
+  const std::uint32_t picture_colours = normals ? 3 : 2;
   switch (pass) {
+    case ViewPass::depth:
+      d = {.vertex = kSurfaceVert, .fragment = {}, .colours = 0};
+      if (alpha) d.fragment = kFoliageDepthFrag;
+      break;
     case ViewPass::shadow:
       d = {.vertex = kShadowVert, .fragment = {}, .colours = 0, .depth = VK_COMPARE_OP_LESS};
       if (alpha) d.fragment = kShadowFrag;
@@ -233,6 +255,7 @@ Result<vk::Pipeline> ViewPipelines::make_drawing(ViewPass pass, std::uint32_t fe
            .fragment = kSkyFrag,
            .vertices = false,
            .instances = false,
+           .colours = picture_colours,
            .depth = VK_COMPARE_OP_EQUAL,
            .writes_depth = false};
       break;
@@ -254,7 +277,10 @@ Result<vk::Pipeline> ViewPipelines::make_drawing(ViewPass pass, std::uint32_t fe
            .depth = VK_COMPARE_OP_LESS};
       break;
     case ViewPass::impostor:
-      d = {.vertex = kImpostorVert, .fragment = kImpostorFrag, .vertices = false};
+      d = {.vertex = kImpostorVert,
+           .fragment = normals ? std::span<const std::uint32_t>(kImpostorNormalsFrag) : kImpostorFrag,
+           .vertices = false,
+           .colours = picture_colours};
       break;
     case ViewPass::range:
       d = {.vertex = kSurfaceVert,
@@ -263,8 +289,13 @@ Result<vk::Pipeline> ViewPipelines::make_drawing(ViewPass pass, std::uint32_t fe
            .maps = kRangeFormat};
       break;
     default:
-      d = {.vertex = kSurfaceVert,
-           .fragment = alpha ? std::span<const std::uint32_t>(kFoliageFrag) : kSurfaceFrag};
+      d = {.vertex = kSurfaceVert, .fragment = kSurfaceFrag, .colours = picture_colours};
+      if (normals) d.fragment = kSurfaceNormalsFrag;
+      if (alpha) d.fragment = normals ? std::span<const std::uint32_t>(kFoliageNormalsFrag) : kFoliageFrag;
+      if (known) {
+        d.depth = VK_COMPARE_OP_EQUAL;
+        d.writes_depth = false;
+      }
   }
   const Constants constants(features);
   auto vertex = gpu_.make_shader(d.vertex);
@@ -309,10 +340,10 @@ Result<vk::Pipeline> ViewPipelines::make_drawing(ViewPass pass, std::uint32_t fe
   viewport.scissorCount = 1;
   VkPipelineRasterizationStateCreateInfo raster{};
   raster.sType = VK_STRUCTURE_TYPE_PIPELINE_RASTERIZATION_STATE_CREATE_INFO;
-  raster.cullMode =
-      (pass == ViewPass::surface || pass == ViewPass::range) && (features & kFeatureTwoSided) == 0
-          ? VK_CULL_MODE_BACK_BIT
-          : VK_CULL_MODE_NONE;
+  raster.cullMode = (pass == ViewPass::surface || pass == ViewPass::depth || pass == ViewPass::range) &&
+                            (features & kFeatureTwoSided) == 0
+                        ? VK_CULL_MODE_BACK_BIT
+                        : VK_CULL_MODE_NONE;
   // Vulkan's y points down like the optical frame's, so that what is counter-clockwise from outside stays so.
   raster.frontFace = VK_FRONT_FACE_COUNTER_CLOCKWISE;
   raster.lineWidth = 1.0F;
@@ -347,7 +378,9 @@ Result<vk::Pipeline> ViewPipelines::make_drawing(ViewPass pass, std::uint32_t fe
   dynamic_info.sType = VK_STRUCTURE_TYPE_PIPELINE_DYNAMIC_STATE_CREATE_INFO;
   dynamic_info.dynamicStateCount = dynamic.size();
   dynamic_info.pDynamicStates = dynamic.data();
-  const std::array picture{colour_format_, VK_FORMAT_R32_UINT};
+  // The sky has no normal.
+  if (pass == ViewPass::sky) attachment[2].colorWriteMask = 0;
+  const std::array picture{colour_format_, VK_FORMAT_R32_UINT, VK_FORMAT_R32_UINT};
   const std::array maps{d.maps, d.maps, d.maps};
   VkPipelineRenderingCreateInfo rendering{};
   rendering.sType = VK_STRUCTURE_TYPE_PIPELINE_RENDERING_CREATE_INFO;

@@ -18,6 +18,7 @@ inline constexpr std::uint32_t kRaysPushBytes = 64;
 
 enum class ViewPass : std::uint32_t {
   surface,  ///< meshes; keyed by SurfaceFeature
+  depth,    ///< their depth alone
   shadow,   ///< depth of casters from the sun
   sky,
   gather,       ///< compute: instances into the order of drawing

@@ -25,6 +25,21 @@ double ms_since(Clock::time_point t0) {
   return std::chrono::duration<double, std::milli>(Clock::now() - t0).count();
 }
 
+/// As shaders/view/octahedron.glsl packs it.
+Eigen::Vector3f unpacked_direction(std::uint32_t bits) {
+  const auto part = [&](int shift) {
+    return std::max(static_cast<float>(static_cast<std::int16_t>(bits >> shift)) / 32767.0F, -1.0F);
+  };
+  Eigen::Vector3f n(part(0), part(16), 0);
+  n.z() = 1 - std::abs(n.x()) - std::abs(n.y());
+  if (n.z() < 0) {
+    const float x = n.x(), y = n.y();
+    n.x() = (1 - std::abs(y)) * (x >= 0 ? 1.0F : -1.0F);
+    n.y() = (1 - std::abs(x)) * (y >= 0 ? 1.0F : -1.0F);
+  }
+  return n.normalized();
+}
+
 Status check(const ViewRequest& q, const VkPhysicalDeviceLimits& limits) {
   const Pinhole& p = q.pinhole;
   const auto bad = [](const char* where, const std::string& message) {
@@ -57,6 +72,15 @@ std::size_t count(const std::vector<Bucket>& buckets) {
   return n;
 }
 
+/// Leaves before leaves before leaves: their depths alone first, and light only where they are seen.
+bool has_holes(const std::vector<Bucket>& buckets) {
+  return std::any_of(buckets.begin(), buckets.end(), [](const Bucket& b) {
+    return b.mesh != nullptr && std::any_of(b.mesh->parts.begin(), b.mesh->parts.end(), [](const auto& part) {
+             return (part.surface->features & kFeatureAlpha) != 0;
+           });
+  });
+}
+
 void count_calls(const std::vector<DrawCall>& calls, bool instancing, ViewStatistics& s) {
   for (const DrawCall& c : calls) {
     s.draw_calls += instancing ? 1 : c.instance_count;
@@ -86,7 +110,8 @@ struct ViewRenderer::Impl : DrawContext {
                       const ContentFrame& frame, const ViewRequest& request);
   FrameFeatures features_of(const ContentFrame& frame, const ViewRequest& request,
                             const FrameNumbers& n) const;
-  /// Draws a part of the picture; `first`, `second`: before and after what is hidden is dropped.
+  /// Draws a part of the picture; `first`, `second`: before and after what is hidden is dropped;
+  /// `first_is_done`: the first are drawn, or their depth is where that comes first.
   Status record_part(const FrameTargets::Part& part, std::span<const DrawCall> first,
                      std::span<const DrawCall> second, bool first_is_done, const FrameFeatures& features);
   void read_back(const ViewRequest& request, ViewPicture& out) const;
@@ -116,6 +141,7 @@ FrameFeatures ViewRenderer::Impl::features_of(const ContentFrame& frame, const V
   if (f.wet) f.all |= kFeatureWet;
   if (!cascades.empty()) f.all |= kFeatureShadows;
   if (covered) f.all |= kFeatureSkyCover;
+  if (request.normals) f.all |= kFeatureNormals;
   return f;
 }
 
@@ -162,15 +188,28 @@ Status ViewRenderer::Impl::record_part(const FrameTargets::Part& part, std::span
                                        std::span<const DrawCall> second, bool first_is_done,
                                        const FrameFeatures& features) {
   if (!first_is_done) targets.record_begin(commands);
-  targets.begin_pass(
-      commands, {.clears = !first_is_done, .resolves = !particles.any(), .resolves_identity = true}, part);
+  const bool depth_first = (features.all & kFeatureAfterDepth) != 0;
+  if (depth_first) {
+    targets.begin_pass(commands, {.writes = FrameTargets::Writes::depth, .clears_depth = !first_is_done},
+                       part);
+    bind_frame();
+    if (!first_is_done) lists.record_depth(commands, first, features.instancing);
+    lists.record_depth(commands, second, features.instancing);
+    vkCmdEndRendering(commands);
+  }
+  targets.begin_pass(commands,
+                     {.clears_depth = !depth_first && !first_is_done,
+                      .clears_colours = depth_first || !first_is_done,
+                      .resolves = !particles.any(),
+                      .resolves_identity = true},
+                     part);
   bind_frame();
-  if (!first_is_done) lists.record(commands, first, features.instancing);
+  if (depth_first || !first_is_done) lists.record(commands, first, features.instancing);
   lists.record(commands, second, features.instancing);
   if (auto s = record_sky(commands, pipelines, features.all); !s) return s;
   vkCmdEndRendering(commands);
   if (particles.any()) {
-    targets.begin_pass(commands, {.identity = false, .resolves = true}, part);
+    targets.begin_pass(commands, {.writes = FrameTargets::Writes::radiance, .resolves = true}, part);
     bind_frame();
     const std::uint32_t keep = features.all & (kFeatureMultisampled | kFeatureHaze);
     if (auto s = particles.record(commands, keep | particle_features); !s) return s;
@@ -193,6 +232,13 @@ void ViewRenderer::Impl::read_back(const ViewRequest& request, ViewPicture& out)
     out.depth_m[i] = near_m / targets.reversed_depth()[i];  // nothing there: 0, so infinity
     out.nodes[i] = lists.node(targets.identities()[i]).value;
   }
+  out.normals.clear();
+  if (!request.normals) return;
+  out.normals.resize(3 * pixels);
+  const Eigen::Matrix3f to_camera = request.T_world_camera.linear().transpose().cast<float>();
+  for (std::size_t i = 0; i < pixels; ++i)
+    if (const std::uint32_t packed = targets.packed_normals()[i]; packed != 0)
+      Eigen::Map<Eigen::Vector3f>(&out.normals[3 * i]) = to_camera * unpacked_direction(packed);
 }
 
 Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& request, ViewPicture& out,
@@ -206,7 +252,9 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   batches.clear();
   if (auto ok = take_over(frame, batches, s); !ok) return ok;
   const Pinhole& p = request.pinhole;
-  if (auto ok = targets.prepare(p.width_px, p.height_px, request.samples, pipelines.colour_format()); !ok)
+  if (auto ok = targets.prepare(p.width_px, p.height_px, request.samples, pipelines.colour_format(),
+                                request.normals);
+      !ok)
     return ok;
   s.upload_ms += ms_since(begun);
 
@@ -230,7 +278,8 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   cover.clear();
   if (request.switches.shadows)
     if (auto ok = make_shadows(camera, options, numbers, frame, request); !ok) return ok;
-  const FrameFeatures features = features_of(frame, request, numbers);
+  FrameFeatures features = features_of(frame, request, numbers);
+  if (has_holes(all)) features.all |= kFeatureAfterDepth;
   const bool whole = targets.rows_at_once() >= p.height_px;
   // Solid things first where they may hide others.
   std::vector<Bucket> solid;
@@ -290,9 +339,17 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   if (two_steps) {
     const FrameTargets::Part part{0, p.height_px};
     targets.record_begin(commands);
-    targets.begin_pass(commands, {.clears = true}, part);
+    const bool depth_first = (features.all & kFeatureAfterDepth) != 0;
+    targets.begin_pass(commands,
+                       {.writes = depth_first ? FrameTargets::Writes::depth : FrameTargets::Writes::picture,
+                        .clears_depth = true,
+                        .clears_colours = !depth_first},
+                       part);
     bind_frame();
-    lists.record(commands, *first, features.instancing);
+    if (depth_first)
+      lists.record_depth(commands, *first, features.instancing);
+    else
+      lists.record(commands, *first, features.instancing);
     vkCmdEndRendering(commands);
     if (auto ok = tiles.record(commands, targets, p.width_px, p.height_px, request.samples == 4); !ok)
       return ok;
@@ -304,11 +361,11 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
     s.cull_ms += ms_since(again);
     if (auto ok = begin(); !ok) return ok;
     if (auto ok = add_rest(); !ok) return ok;
-    if (auto ok = record_part(part, {}, second, true, features); !ok) return ok;
+    if (auto ok = record_part(part, *first, second, true, features); !ok) return ok;
   } else {
     for (int row = 0; row < p.height_px; row += targets.rows_at_once()) {
       const FrameTargets::Part part{row, std::min(targets.rows_at_once(), p.height_px - row)};
-      if (auto ok = record_part(part, {}, second, false, features); !ok) return ok;
+      if (auto ok = record_part(part, *first, second, false, features); !ok) return ok;
     }
   }
   if (auto ok = submit(); !ok) return ok;

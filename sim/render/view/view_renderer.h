@@ -46,15 +46,19 @@ struct ViewRequest {
   double allowed_error_px = 1.0;
   int samples = 4;  ///< per pixel: 1 or 4
   ViewSwitches switches{};
+  bool normals = false;  ///< ViewPicture::normals is wanted; costs nothing where it is not
 };
 
-/// With 4 samples radiance is their mean; depth and node are those of one and the same sample, which lies
-/// within the pixel but not at its centre. With 1 sample all are those of the pixel's centre.
+/// With 4 samples radiance is their mean; depth, node and normal are those of one and the same sample, which
+/// lies within the pixel but not at its centre. With 1 sample all are those of the pixel's centre.
 struct ViewPicture {
   int width_px = 0, height_px = 0;
   std::vector<float> radiance;       ///< 4 per pixel, W/(m² sr)
   std::vector<float> depth_m;        ///< along the optical axis, infinity: nothing there
   std::vector<std::uint64_t> nodes;  ///< NodeId of what is seen; 0: none
+  /// 3 per pixel, unit length within 6e-5 rad: that with which it was shaded (normal map applied), optical
+  /// frame. 0 0 0 where nothing is. Empty unless asked for.
+  std::vector<float> normals;
 };
 
 struct ViewStatistics {

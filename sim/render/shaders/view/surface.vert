@@ -8,6 +8,7 @@ layout(location = 2) out vec2 uv;
 layout(location = 3) flat out vec3 out_tint;
 layout(location = 4) flat out uint identity;
 layout(location = 5) flat out uint seed;
+invariant gl_Position;  // drawn twice: depth first, then light where the depth is the same
 
 void main() {
   p = placed();

@@ -21,7 +21,7 @@ layout(location = 4) flat in uint identity;
 layout(location = 5) flat in uint seed;
 
 // The normal map's direction in a frame made of how place and texture coordinate change over the picture
-// (Mikkelsen 2010).
+// (Mikkelsen 2010): x along growing u, y against growing v (towards the map's top).
 vec3 bumped(vec3 normal) {
   vec3 m = TEXEL(normal_map).xyz * 2.0 - 1.0;
   vec3 px = dFdx(p);
@@ -34,8 +34,9 @@ vec3 bumped(vec3 normal) {
   vec3 u = a * tx.y + b * ty.y;
   float longest = max(dot(t, t), dot(u, u));
   if (!(longest > 0.0)) return normal;
-  float scale = inversesqrt(longest);
-  return normalize(t * (scale * m.x) + u * (scale * m.y) + normal * max(m.z, 0.05));
+  // The picture's y points down: seen from outside, its axes and the normal are left-handed.
+  float scale = inversesqrt(longest) * (dot(px, a) < 0.0 ? -1.0 : 1.0);
+  return normalize(t * (scale * m.x) - u * (scale * m.y) + normal * max(m.z, 0.05));
 }
 
 // Before the weather.
