@@ -156,6 +156,22 @@ TEST_F(LightAgainstView, OpenSkyOnEverySide) {
   expect_alike("ball", 0.8, 0.02, 5e-3, 1);
 }
 
+TEST_F(LightAgainstView, WhatHidesTheSkyIsGuessedAlike) {
+  frame_.light.sky = even_sky(1);
+  frame_.light.ground_albedo = grey(0.2F);
+  auto leaf = SurfaceOf::grey(0.2F);
+  leaf->transmittance = grey(0.1F);
+  leaf->two_sided = true;
+  frame_.batches = {one(plane_mesh(60, SurfaceOf::grey(0.4F)), 1),
+                    one(box_mesh({8, 1, 6}, SurfaceOf::grey(0.5F)), 2, {0.1, 6.1, 6}),
+                    one(box_mesh({1, 1, 1.5F}, SurfaceOf::grey(0.5F)), 3, {-3.1, 2.1, 1.5})};
+  request_.T_world_camera = look({5, -12, 7}, {-1, 3, 1});
+  expect_alike("cover", 0.4, 0.05, 6e-3);
+  set_sun(160, 50, 2);
+  frame_.batches.push_back(one(plane_mesh(3, leaf), 4, {5.1, 0.1, 4.1}));
+  expect_alike("canopy", 0.8, 0.05, 6e-3, 3, 0.05);
+}
+
 TEST_F(LightAgainstView, MapsGlossAndBumps) {
   auto s = std::make_shared<Surface>();
   s->reflectance = {0.8F, 0.7F, 0.6F, 0.9F, 0.5F, 0.5F};

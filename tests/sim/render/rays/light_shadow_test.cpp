@@ -1,4 +1,6 @@
 // What stands between light and a surface, against closed forms.
+#include <set>
+
 #include "tests/sim/render/rays/light_fixture.h"
 
 namespace rigor::test {
@@ -144,6 +146,49 @@ TEST_F(LightShadowTest, RaysToTheSkyFindTheHalfThatAWallLeaves) {
   query_.shadows = true;
   const double open = 0.5 / kPi * 3 * std::sin(deg(40)), wall = 0.6 / kPi * 3 * std::cos(deg(40));
   EXPECT_NEAR(mean_of(4, sigma) * 0.5 * 2, open + 0.5 * 0.5 * wall, 4 * sigma);
+}
+
+TEST_F(LightShadowTest, WithoutSkyRaysWhatHidesTheSkyIsGuessed) {
+  frame_.light.sky = even_sky(2);
+  frame_.batches = {ground_, one(box_mesh({60, 5, 40}, surface_of(0.5F)), 2, {0, 5, 40})};
+  // At the foot of a wall half the sky, and a tenth of the other half for what the wall throws about.
+  EXPECT_NEAR(down_at(0, -1).radiance[0], 0.5 * 2 * 0.55, 0.06);
+  EXPECT_NEAR(down_at(0, -100).radiance[0], 0.5 * 2, 0.03);
+  query_.sky_cover = false;
+  EXPECT_NEAR(down_at(0, -1).radiance[0], 0.5 * 2, 1e-3);
+}
+
+TEST_F(LightShadowTest, TheGuessDoesNotDependOnWhatWasSeenBefore) {
+  frame_.light.sky = even_sky(2);
+  std::vector<Vector3d> places;
+  for (int i = 0; i < 30; ++i)
+    for (int j = 0; j < 30; ++j) places.emplace_back(-15 + i * 1.03, -15 + j * 1.07, 0);
+  const auto values = [&](LightTracer& tracer) {
+    std::vector<Ray> rays;
+    for (const Vector3d& p : places)
+      rays.push_back(ray_of(p - query_.origin + Vector3d(0, 0, 0.5), -Vector3d::UnitZ()));
+    std::vector<float> out;
+    for (const LightSample& s : trace(*engine_, tracer, rays)) out.push_back(s.radiance[0]);
+    return out;
+  };
+  auto thing = prototype_of(box_mesh({1, 2, 3}, surface_of(0.5F)));
+  const auto with_bounds = [&](float x, float y) {
+    auto b = batch_of(thing, {at(x, y, 3)}, 2);
+    b->bounds = {Vector3d(x - 1, y - 2, 0), Vector3d(x + 1, y + 2, 6)};
+    return b;
+  };
+  const auto still = with_bounds(-6, 3);
+  std::set<std::vector<float>> seen;
+  for (const auto& [x, eye] :
+       {std::pair{0.0F, 0.0}, {0.0F, 7.3}, {4.0F, 7.3}, {4.5F, -61.0}, {4.5F, 300.0}, {4.5F, 2.0}}) {
+    frame_.batches = {ground_, still, with_bounds(x, 1)};
+    query_.origin = {eye, 0.5 * eye, 0};
+    const auto kept = values(*tracer_);
+    LightTracer fresh(engine_);
+    EXPECT_EQ(kept, values(fresh)) << x << " " << eye;
+    seen.insert(kept);
+  }
+  EXPECT_EQ(seen.size(), 4U);  // three places of the thing, and one so far off that none is known
 }
 
 TEST_F(LightShadowTest, BothSidesOfALeafAskForTheirSky) {
