@@ -105,6 +105,12 @@ Status CameraModel::validate() const {
     return fail(
         ErrorCode::bad_input, "camera model",
         "projection: expected opencv or kannala_brandt, got " + std::to_string(static_cast<int>(projection)));
+  if (projection == Projection::kannala_brandt &&
+      (vignetting.a2 != 0 || vignetting.a4 != 0 || vignetting.a6 != 0))
+    return fail(
+        ErrorCode::bad_input, "camera model",
+        "vignetting.a2, a4, a6: expected 0 with projection kannala_brandt, for tan of an angle has no end at "
+        "90 degrees; got others");
   if (depth_of_field.active())
     for (int c = kRed; c <= kBlue; ++c) {
       const double in_focus = focus_distance_m(*this, c), f = focal_length_m(*this);

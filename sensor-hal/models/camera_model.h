@@ -19,7 +19,7 @@ struct OpenCvLens {
 };
 
 /// V = (1 - G + G cos^4) (1 + a2 r^2 + a4 r^4 + a6 r^6), r = tan of the ideal ray's angle:
-/// models/vignetting.glsl.h.
+/// models/vignetting.glsl.h. A fisheye has the first factor alone, 1 - G from 90° on.
 struct Vignetting {
   double cos4_weight = 0, a2 = 0, a4 = 0, a6 = 0;
 };

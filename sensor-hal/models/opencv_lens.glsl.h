@@ -68,6 +68,7 @@ FN void lens_undistort(REAL xd, REAL yd, REAL k1, REAL k2, REAL p1, REAL p2, REA
   for (int step = 1; step <= steps; ++step) {
     REAL part = REAL(float(step)) / REAL(float(steps));
     int rounds = step == steps ? 20 : 4;
+    REAL enough = step == steps ? tolerance : REAL(1e-2);
     for (int round_index = 0; round_index < rounds; ++round_index) {
       lens_distort_jacobian(x, y, k1, k2, p1, p2, k3, k4, k5, k6, ex, ey, jxx, jxy, jyx, jyy, den);
       ex = ex - part * xd;
@@ -78,6 +79,10 @@ FN void lens_undistort(REAL xd, REAL yd, REAL k1, REAL k2, REAL p1, REAL p2, REA
         good_y = y;
         x = x - (jyy * ex - jxy * ey) / det;
         y = y - (jxx * ey - jyx * ex) / det;
+        // On the way it is enough to stay near the line; at its end the step that was just taken is the last.
+        if (ex * ex + ey * ey <= enough * enough) {
+          break;
+        }
       } else {
         x = REAL(0.5) * (x + good_x);
         y = REAL(0.5) * (y + good_y);

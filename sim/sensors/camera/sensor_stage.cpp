@@ -117,9 +117,11 @@ void SensorStage::Impl::make_maps() {
           Lens::lens_undistort((static_cast<float>(x) - f(c.cx_px)) / f(c.fx_px),
                                (static_cast<float>(y) - f(c.cy_px)) / f(c.fy_px), f(l.k1), f(l.k2), f(l.p1),
                                f(l.p2), f(l.k3), f(l.k4), f(l.k5), f(l.k6), 1e-6f, rx, ry, valid);
-        } else if (const auto ray = unproject(c, {static_cast<double>(x), static_cast<double>(y)})) {
-          rx = f(ray->x);
-          ry = f(ray->y);
+        } else if (const auto ray = unproject_ray(c, {static_cast<double>(x), static_cast<double>(y)})) {
+          // From 90 degrees on cos is 0: a tangent so large that its square is that, and no more.
+          constexpr double kLeastCosine = 1e-6;
+          rx = f(ray->x / std::max(ray->z, kLeastCosine));
+          ry = f(ray->y / std::max(ray->z, kLeastCosine));
           valid = 1;
         }
         if (valid > 0.5f) gain = Lens::vignetting_factor(rx, ry, f(v.cos4_weight), f(v.a2), f(v.a4), f(v.a6));

@@ -3,6 +3,8 @@
 #include <array>
 
 #include "sensor-hal/models/one_source.h"
+#include "sensor-hal/models/philox.h"
+#include "sim/sensors/camera/sensor_stage_draws.h"
 #include "tests/sim/sensors/camera/sensor_stage_fixture.h"
 
 namespace rigor {
@@ -237,6 +239,63 @@ TEST(Rounding, NoiseBelowPointFourNumbersFollowsTheExactDistribution) {
     EXPECT_GT(std::abs(got.variance - (sigma * sigma + 1.0 / 12)), 10 * sd)
         << "1/12 does not hold here: " << mu;
   }
+}
+
+// Many pixels at a time, as wide as the machine is, against the model's functions one by one: equal to the
+// bit, for means of 0 to beyond every whole float, in runs of odd lengths.
+TEST(WideArithmetic, IsThatOfTheModels) {
+  using namespace sensor_stage;
+  using N = models::NoiseMath<float>;
+  ExposureConstants c;
+  c.key = models::channel_key(11, 12);
+  c.capture_index = (std::uint64_t{3} << 32) + 5;
+  c.shot_noise = c.read_noise = true;
+  c.exposure_s = 0.01f;
+  c.dark_e_per_s = 30;
+  c.full_well_e = 1e9f;
+  c.read_noise_e = 3.7f;
+  c.black_dn = 64;
+  c.max_dn = 65535;
+  for (const float gain : {0.31f, 1e-4f, 1e-6f, 40.0f})
+    for (const int count : {1, 7, 256, 257, 1000}) {
+      c.gain_dn_per_e = gain;
+      std::vector<float> rate(static_cast<std::size_t>(count)), prnu = rate, dsnu = rate;
+      for (std::size_t i = 0; i < rate.size(); ++i) {
+        const auto w = models::philox({static_cast<std::uint32_t>(i), 0, 0, 9}, c.key);
+        rate[i] = 100.0f * std::exp2(40 * N::unit_from_bits(w[0]) - 8);
+        prnu[i] = 1 + 0.01f * N::normal_quantile(N::unit_from_bits(w[1]));
+        dsnu[i] = 2 * N::normal_quantile(N::unit_from_bits(w[2]));
+        if (i % 50 == 0) rate[i] = 0;
+      }
+      std::vector<std::uint16_t> got[3];
+      RunRates rates;
+      RunNumbers to;
+      rates.planes = 3;
+      for (int p = 0; p < 3; ++p) {
+        rates.plane[p] = rate.data();
+        got[p].resize(rate.size());
+        to.plane[p] = got[p].data();
+      }
+      constexpr std::uint32_t kFirst = 4000000000u;
+      expose_run(c, {.first_element = kFirst, .count = count, .gain = prnu.data(), .offset_e = dsnu.data()},
+                 rates, to);
+      for (std::size_t i = 0; i < rate.size(); ++i) {
+        const auto element = kFirst + static_cast<std::uint32_t>(i);
+        const auto a =
+            models::draw_words(c.key, models::NoiseEffect::camera_shot_and_read, c.capture_index, element);
+        const auto b =
+            models::draw_words(c.key, models::NoiseEffect::camera_shot_and_read_2, c.capture_index, element);
+        const std::uint32_t bits[3][2] = {{a[0], a[1]}, {a[2], a[3]}, {b[0], b[1]}};
+        for (int p = 0; p < 3; ++p) {
+          const float mean = N::emva_mean_electrons(rate[i], c.dark_e_per_s, prnu[i], c.exposure_s);
+          const float shot = N::poisson_quantile(mean, N::unit_from_bits(bits[p][0]));
+          const float e = N::emva_collected_electrons(shot, c.full_well_e, dsnu[i], c.read_noise_e,
+                                                      N::normal_quantile(N::unit_from_bits(bits[p][1])));
+          const float dn = N::emva_quantise(N::emva_analogue_dn(e, gain, c.black_dn), c.max_dn);
+          ASSERT_EQ(got[p][i], static_cast<std::uint16_t>(dn)) << "mean " << mean << " gain " << gain;
+        }
+      }
+    }
 }
 
 }  // namespace

@@ -260,6 +260,22 @@ TEST(SensorStage, VignettingIsTheModelsAlongTheIdealRay) {
     }
 }
 
+TEST(SensorStage, AFisheyesVignettingEndsAtNinetyDegrees) {
+  CameraModel m = quiet_camera(200, 150);
+  m.projection = Projection::kannala_brandt;
+  m.fx_px = m.fy_px = 50;
+  m.vignetting.cos4_weight = 0.75;
+  const auto dn = numbers(*make_stage(m), even_picture(m, 12000));
+  for (int x = 0; x < 200; ++x) {
+    // An ideal fisheye: the angle is the distance from the middle.
+    const double theta = std::hypot(x - m.cx_px, 0.5) / 50, cosine = std::max(0.0, std::cos(theta));
+    EXPECT_NEAR(dn[static_cast<std::size_t>(75) * 200 + x], 3000 * (0.25 + 0.75 * std::pow(cosine, 4)), 0.55)
+        << x;
+  }
+  m.vignetting.a2 = -0.1;
+  EXPECT_FALSE(m.validate());
+}
+
 TEST(SensorStage, CountsWhatIsNoRadianceAndGoesOn) {
   CameraModel m = quiet_camera(16, 12);
   m.optics.mono_efficiency = {0.5, 0.0, 0.5, 0.1};
