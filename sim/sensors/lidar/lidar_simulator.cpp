@@ -6,8 +6,7 @@
 #include <cstring>
 #include <unordered_map>
 
-#include "sim/sensors/lidar/echoes.h"
-#include "sim/sensors/lidar/scan_rays.h"
+#include "sim/sensors/lidar/lidar_simulator_impl.h"
 
 namespace rigor {
 
@@ -15,17 +14,17 @@ using lidar::AirState;
 using lidar::Echo;
 using lidar::EchoList;
 using lidar::EchoSource;
-using lidar::LidarMath;
+using lidar::EchoTruth;
+using lidar::PointTruth;
 using lidar::Return;
-using lidar::ScanRays;
-using models::LidarModel;
-using models::LidarReturns;
 
 namespace {
 
 constexpr std::size_t kRaysPerCast = 65536;
 
-int band_of(double wavelength_nm) {
+}  // namespace
+
+int lidar::band_of(double wavelength_nm) {
   int best = 0;
   for (int b = 1; b < render::kBandCount; ++b)
     if (std::abs(world::kBandWavelength_nm[static_cast<std::size_t>(b)] - wavelength_nm) <
@@ -33,81 +32,6 @@ int band_of(double wavelength_nm) {
       best = b;
   return best;
 }
-
-/// What comes along with an echo where truth was asked for.
-struct EchoTruth {
-  world::NodeId node{};
-  float normal[3]{};
-};
-struct PointTruth {
-  EchoTruth echo;
-  float range_m = 0;
-  EchoSource source = EchoSource::surface;
-};
-
-}  // namespace
-
-struct LidarSimulator::Impl {
-  Impl(const LidarSpec& s, std::shared_ptr<render::RayEngine> e)
-      : spec(s),
-        m(spec.model),
-        engine(std::move(e)),
-        rays(spec.model, spec.ideal),
-        band(band_of(spec.model.wavelength_nm)),
-        key(models::channel_key(spec.seed, models::channel_id_from_name(spec.name))),
-        returns_per_firing(!spec.ideal && m.echoes.returns == LidarReturns::dual ? 2 : 1),
-        crosstalk(!spec.ideal && m.retro.crosstalk > 0 &&
-                  (m.retro.crosstalk_beams > 0 || m.retro.crosstalk_columns > 0)),
-        noisy(!spec.ideal && (m.noise.floor_m > 0 || m.noise.scale_m > 0 || m.noise.retro_sigma_m > 0 ||
-                              m.remission.noise > 0)),
-        echoes_kept(std::min<std::uint32_t>(rays.sub_rays(), lidar::kMaxEchoes)) {}
-
-  LidarSpec spec;
-  const LidarModel& m;
-  std::shared_ptr<render::RayEngine> engine;
-  ScanRays rays;
-  int band;
-  models::PhiloxKey key;
-  std::uint32_t returns_per_firing;
-  bool crosstalk, noisy;
-  std::uint32_t echoes_kept;
-
-  // Memory that scans share.
-  lidar::Track track;
-  std::vector<render::Ray> batch_rays;
-  std::vector<render::Hit> batch_hits;
-  std::vector<Echo> echoes;              // firing · echoes_kept
-  std::vector<std::uint8_t> echo_count;  // by firing
-  std::vector<Echo> retro;               // by firing, with crosstalk: the strongest echo of remission above 1
-  std::vector<std::uint8_t> tile_retro;  // whether a tile has any
-  std::vector<EchoTruth> echo_truth;     // firing · echoes_kept, with truth
-  std::vector<float> centre_range_m;     // by firing, with truth
-  std::vector<LidarPoint> tile_points;   // from a tile's first firing on
-  std::vector<PointTruth> tile_truth;
-  std::vector<std::uint32_t> tile_count;
-  std::vector<std::uint8_t> sun_seen;  // by firing
-  std::vector<std::uint32_t> sunward;
-  std::vector<render::Ray> sun_rays;
-  std::vector<render::Hit> sun_hits;
-
-  // Of the scan at hand.
-  AirState air;
-  bool want_truth = false, any_retro = false, any_sun = false;
-  double sun_noise = 0;
-  std::uint64_t capture_index = 0;
-
-  Status capture(const MeasureRequest& request, const render::SensorView& view,
-                 std::vector<LidarPoint>& points, GroundTruth* truth);
-  Status look_at_sun(const render::Light& light);
-  Status measure();
-  void form_tile(std::uint32_t tile, std::span<const render::Ray> tile_rays,
-                 std::span<const render::Hit> tile_hits);
-  void receive_tile(std::uint32_t tile);
-  void receive(std::uint32_t column, std::uint32_t slot, std::uint32_t& count, LidarPoint* to,
-               PointTruth* truth_to);
-  void gather(std::vector<LidarPoint>& points);
-  void gather(GroundTruth& truth, const render::ContentSource& world);
-};
 
 /// Which firings look at the sun: within the cone, and nothing between.
 Status LidarSimulator::Impl::look_at_sun(const render::Light& light) {
@@ -258,174 +182,6 @@ void LidarSimulator::Impl::form_tile(std::uint32_t tile, std::span<const render:
   if (crosstalk) tile_retro[tile] = has_retro;
 }
 
-void LidarSimulator::Impl::receive_tile(std::uint32_t tile) {
-  const std::size_t first = std::size_t{tile} * lidar::kTileColumns * rays.beams() * returns_per_firing;
-  std::uint32_t count = 0;
-  for (std::uint32_t i = 0; i < rays.tile_columns(tile); ++i)
-    for (std::uint32_t s = 0; s < rays.beams(); ++s)
-      receive(tile * lidar::kTileColumns + i, s, count, &tile_points[first],
-              want_truth ? &tile_truth[first] : nullptr);
-  tile_count[tile] = count;
-}
-
-/// What the device makes of one firing's light.
-void LidarSimulator::Impl::receive(std::uint32_t column, std::uint32_t slot_index, std::uint32_t& count,
-                                   LidarPoint* to, PointTruth* truth_to) {
-  const std::size_t firing = std::size_t{column} * rays.beams() + slot_index;
-  const ScanRays::Slot& slot = rays.slot(slot_index);
-  const Echo* have = &echoes[firing * echoes_kept];
-  std::uint32_t have_count = echo_count[firing];
-
-  // What else sends light: ghosts of retro-reflectors beside, drops, fog. Rare, so the list is made on
-  // demand.
-  EchoList list;
-  const auto add = [&](const Echo& e) {
-    if (list.count() == 0)
-      for (std::uint32_t i = 0; i < have_count; ++i) list.push_back(have[i]);
-    list.insert(m, e);
-  };
-  if (any_retro) {
-    const auto columns = static_cast<int>(rays.columns()), beams = static_cast<int>(rays.beams());
-    for (int dc = -m.retro.crosstalk_columns; dc <= m.retro.crosstalk_columns; ++dc)
-      for (int db = -m.retro.crosstalk_beams; db <= m.retro.crosstalk_beams; ++db) {
-        const int c = static_cast<int>(column) + dc, rank = static_cast<int>(slot.rank) + db;
-        if ((dc == 0 && db == 0) || c < 0 || c >= columns || rank < 0 || rank >= beams) continue;
-        const std::size_t other =
-            static_cast<std::size_t>(c) * rays.beams() + rays.slot_of_rank(static_cast<std::uint32_t>(rank));
-        const Echo& bright = retro[other];
-        if (!(bright.remission > 0)) continue;
-        float ghost = bright.remission;
-        for (int step = std::abs(dc) + std::abs(db); step > 0; --step)
-          ghost *= static_cast<float>(m.retro.crosstalk);
-        add({.range_m = bright.range_m, .remission = ghost, .source = EchoSource::ghost});
-      }
-  }
-  if (air.drops_per_m3 > 0) {
-    const auto words = models::draw_words(key, models::NoiseEffect::lidar_drop, capture_index,
-                                          static_cast<std::uint32_t>(firing));
-    const double expected = -std::log(models::NoiseMath<double>::unit_from_bits(words[0]));
-    if (expected < air.drops_within_reach) {
-      const double r = LidarMath::lidar_nearest_drop_m(expected, m.range.min_m, m.footprint.start_diameter_m,
-                                                       air.beam_divergence_rad, air.drops_per_m3);
-      const float nearest = have_count > 0 ? have[0].range_m : std::numeric_limits<float>::infinity();
-      if (static_cast<float>(r) < nearest) {
-        const double e = LidarMath::lidar_drop_remission(
-            air.drop_diameter_m,
-            LidarMath::lidar_beam_diameter_m(m.footprint.start_diameter_m, air.beam_divergence_rad, r),
-            m.air.drop_reflectance);
-        const rigor::lidar::ScanRays::Aim& aim = rays.aim(firing);
-        add({.range_m = static_cast<float>(r),
-             .remission = static_cast<float>(
-                 e * air.two_way(track.origin().z(), static_cast<double>(aim.direction[2]), r)),
-             .source = EchoSource::particle});
-      }
-    }
-  }
-  if (air.soft_remission > 0 && (have_count == 0 || air.soft_range_m < have[0].range_m))
-    add({.range_m = air.soft_range_m, .remission = air.soft_remission, .source = EchoSource::particle});
-  if (list.count() > 0) {
-    have = &list[0];
-    have_count = list.count();
-  }
-  if (have_count == 0) return;
-
-  // Which echoes are detected, and which of them are told.
-  const double sun = any_sun && sun_seen[firing] ? sun_noise : 0;
-  const auto detected = [&](const Echo& e) {
-    if (spec.ideal) return true;
-    const double least = LidarMath::lidar_least_remission(
-        static_cast<double>(e.range_m), m.detection.minimum_remission, m.detection.limit_remission,
-        m.detection.limit_range_m, m.detection.overlap_m);
-    return e.remission > 0 && static_cast<double>(e.remission) >= least * (1 + sun);
-  };
-  int first = -1, strongest = -1, second = -1, last = -1;
-  double p1 = -1, p2 = -1;
-  for (std::uint32_t i = 0; i < have_count; ++i) {
-    if (!detected(have[i])) continue;
-    const int n = static_cast<int>(i);
-    if (first < 0) first = n;
-    last = n;
-    const double p = have_count == 1 ? 0 : lidar::power(m, have[i].remission, have[i].range_m);
-    if (p > p1) {
-      second = strongest, p2 = p1;
-      strongest = n, p1 = p;
-    } else if (p > p2) {
-      second = n, p2 = p;
-    }
-  }
-  if (first < 0) return;
-  int told[2] = {strongest, -1};
-  if (!spec.ideal) {
-    if (m.echoes.returns == LidarReturns::first) told[0] = first;
-    if (m.echoes.returns == LidarReturns::last) told[0] = last;
-    if (m.echoes.returns == LidarReturns::dual) told[1] = last != strongest ? last : second;
-  }
-
-  const ScanRays::Aim& aim = rays.aim(firing);
-  const auto t_offset_ns = static_cast<std::int32_t>(std::lround(rays.time_s(column, slot_index) * 1e9));
-  for (std::uint8_t r = 0; r < 2; ++r) {
-    if (told[r] < 0) continue;
-    const Echo& e = have[told[r]];
-    double range = static_cast<double>(e.range_m);
-    const double remission = static_cast<double>(e.remission);
-    double units = LidarMath::lidar_remission_units(
-        remission, range, m.remission.scale, m.remission.retro_scale,
-        m.remission.range_exponent > 0 ? m.remission.reference_range_m : 0, m.remission.range_exponent);
-    if (!spec.ideal) {
-      units *= static_cast<double>(slot.remission_gain);
-      if (noisy) {
-        const auto words = models::draw_words(key, models::NoiseEffect::lidar_echo, capture_index,
-                                              static_cast<std::uint32_t>(firing * 2 + r));
-        using Draws = models::NoiseMath<double>;
-        double sigma = 0;
-        if (remission > 1 && m.noise.retro_sigma_m > 0) {
-          sigma = m.noise.retro_sigma_m;
-        } else {
-          const double q = m.noise.reference_range_m > 0
-                               ? LidarMath::lidar_received_power(remission, range, m.noise.reference_range_m,
-                                                                 m.detection.overlap_m)
-                               : remission;
-          sigma = m.noise.scale_m > 0 ? LidarMath::lidar_range_sigma_m(q, m.noise.floor_m, m.noise.scale_m,
-                                                                       m.noise.offset, m.noise.exponent)
-                                      : m.noise.floor_m;
-        }
-        if (sun > 0) sigma *= std::sqrt(1 + sun);
-        range += sigma * Draws::normal_quantile(Draws::unit_from_bits(words[0]));
-        if (m.remission.noise > 0)
-          units *= 1 + m.remission.noise * Draws::normal_quantile(Draws::unit_from_bits(words[1]));
-      }
-      range += static_cast<double>(slot.bias_m);
-      if (m.range.step_m > 0) range = LidarMath::lidar_quantise(range, m.range.step_m);
-      units = std::max(0.0, units);
-      if (m.remission.step > 0) units = LidarMath::lidar_quantise(units, m.remission.step);
-      if (m.remission.maximum > 0) units = std::min(units, m.remission.maximum);
-    }
-    if (!(range >= m.range.min_m && range <= m.range.max_m && range > 0)) continue;
-    const auto d = static_cast<float>(range);
-    to[count] = {.x_m = aim.origin_m[0] + d * aim.direction[0],
-                 .y_m = aim.origin_m[1] + d * aim.direction[1],
-                 .z_m = aim.origin_m[2] + d * aim.direction[2],
-                 .remission = static_cast<float>(units),
-                 .t_offset_ns = t_offset_ns,
-                 .ring = slot.ring,
-                 .return_index = r,
-                 .flags = 0};
-    if (truth_to) {
-      PointTruth& t = truth_to[count];
-      t = {};
-      t.range_m = centre_range_m[firing];
-      t.source = e.source;
-      if (e.source == EchoSource::surface) {
-        // Echoes of surfaces keep their sub-ray when others join the list: find the truth by it.
-        const Echo* own = &echoes[firing * echoes_kept];
-        for (std::uint32_t i = 0; i < echo_count[firing]; ++i)
-          if (own[i].sub_ray == e.sub_ray) t.echo = echo_truth[firing * echoes_kept + i];
-      }
-    }
-    ++count;
-  }
-}
-
 void LidarSimulator::Impl::gather(std::vector<LidarPoint>& points) {
   std::size_t total = 0;
   for (const std::uint32_t n : tile_count) total += n;
@@ -477,8 +233,8 @@ Status LidarSimulator::Impl::capture(const MeasureRequest& request, const render
   const Duration duration = seconds_from(rays.duration_s());
   track.follow(view.T_world_sensor, request.t_capture, duration, rays.columns());
   if (!track.finite())
-    return fail(ErrorCode::bad_input, spec.name, "expected a finite pose of the sensor, at " +
-                                                     std::to_string(request.t_capture.ns()) + " ns");
+    return fail(ErrorCode::bad_input, spec.name,
+                "expected a finite pose of the sensor, at " + std::to_string(request.t_capture.ns()) + " ns");
   const double far_m = m.range.max_m + track.reach_m();
   const auto window = view.world.collect({.eye = track.origin(),
                                           .allowed_error_rad = spec.allowed_error_rad,
@@ -500,13 +256,13 @@ Status LidarSimulator::Impl::capture(const MeasureRequest& request, const render
   tile_points.resize(firings * returns_per_firing);
   tile_count.resize(rays.tiles());
   if (crosstalk) {
-      retro.resize(firings);
-      tile_retro.resize(rays.tiles());
+    retro.resize(firings);
+    tile_retro.resize(rays.tiles());
   }
   if (want_truth) {
-      echo_truth.resize(firings * echoes_kept);
-      centre_range_m.resize(firings);
-      tile_truth.resize(tile_points.size());
+    echo_truth.resize(firings * echoes_kept);
+    centre_range_m.resize(firings);
+    tile_truth.resize(tile_points.size());
   }
   if (auto ok = look_at_sun(window->first().light); !ok) return ok;
   if (auto ok = measure(); !ok) return ok;
