@@ -62,7 +62,8 @@ std::vector<std::shared_ptr<const Batch>> boxes() {
 
 // Away from silhouettes: no other node or face among the rays round it. Tolerance of range: floats on both
 // sides, 0.2 mm + 20 ppm (see range_view_test.cpp). Maps are read at the texel's middle and not at the ray,
-// 0.71 of a texel of the view beside it at most; the bricks' normal changes by up to 0.5 rad a metre.
+// 0.71 of a texel of the view beside it at most; the bricks' normal changes by up to 2 rad a metre, where the
+// map repeats.
 TEST_F(EnginesAgree, OnBoxesAwayFromSilhouettes) {
   const Eigen::Vector3d origin(0, -6, 0.3);
   frame_.batches = boxes();
@@ -96,7 +97,7 @@ TEST_F(EnginesAgree, OnBoxesAwayFromSilhouettes) {
       const double beside_m =
           0.71 / 500 * static_cast<double>(b.range_m) / std::max(0.01, static_cast<double>(b.cos_incidence));
       const double tilt = static_cast<double>((Eigen::Vector3f(a.normal) - Eigen::Vector3f(b.normal)).norm());
-      tilted += tilt > 0.005 + 0.5 * beside_m ? 1 : 0;
+      tilted += tilt > 0.005 + 2 * beside_m ? 1 : 0;
     }
   std::printf(
       "%zu rays compared, RMS %.1f um; beyond tolerance: %zu range, %zu node, %zu material, %zu normal\n",
