@@ -1,5 +1,7 @@
 #include "sim/render/rays/embree_cache.h"
 
+#include "sim/render/rays/embree_placement.h"
+
 #include <tbb/task_arena.h>
 
 #include <algorithm>
@@ -89,6 +91,36 @@ PrototypeSphere MeshCache::sphere(const Prototype& p) {
   for (const Vertex& v : mesh->vertices)
     if (placed(v)) s.radius_m = std::max(s.radius_m, (at(v) - s.centre).norm());
   return s;
+}
+
+std::shared_ptr<const RayBatch> MeshCache::get(const WantedBatch& w) {
+  const std::uint64_t key = w.frames.front()->serial;
+  const auto is = [&](const RayBatch& b) {
+    return std::equal(b.serials.begin(), b.serials.end(), w.frames.begin(), w.frames.end(),
+                      [](std::uint64_t serial, const Batch* f) { return serial == f->serial; }) &&
+           b.choice == w.choice;
+  };
+  const auto find = [&]() -> std::shared_ptr<const RayBatch> {
+    for (const auto& weak : batches_[key])
+      if (auto b = weak.lock(); b && is(*b)) return b;
+    return nullptr;
+  };
+  {
+    const std::lock_guard lock(mutex_);
+    if (auto b = find()) return b;
+  }
+  auto made = make_batch(device_, w);  // two engines may do so at once: the first one counts
+  const std::lock_guard lock(mutex_);
+  if (auto b = find()) return b;
+  if (batches_.size() >= sweep_batches_at_) {
+    for (auto it = batches_.begin(); it != batches_.end();) {
+      std::erase_if(it->second, [](const auto& weak) { return weak.expired(); });
+      it = it->second.empty() ? batches_.erase(it) : std::next(it);
+    }
+    sweep_batches_at_ = std::max<std::size_t>(4096, 2 * batches_.size());
+  }
+  batches_[key].push_back(made);
+  return made;
 }
 
 Result<std::shared_ptr<const RayMesh>> MeshCache::get(const std::shared_ptr<const Mesh>& mesh, bool& built) {

@@ -16,6 +16,8 @@ struct PrototypeSphere {
   double radius_m = 0;
 };
 
+struct WantedBatch;
+
 class MeshCache final : public EmbreeCache {
  public:
   explicit MeshCache(RTCDevice device);
@@ -25,6 +27,8 @@ class MeshCache final : public EmbreeCache {
   /// Never null. `built`: it was not there. Errors: unavailable. Any thread.
   [[nodiscard]] Result<std::shared_ptr<const RayMesh>> get(const std::shared_ptr<const Mesh>& mesh,
                                                            bool& built);
+  /// Never null. Any thread.
+  [[nodiscard]] std::shared_ptr<const RayBatch> get(const WantedBatch& wanted);
   [[nodiscard]] PrototypeSphere sphere(const Prototype& prototype);
   /// What Embree complained of since it was last asked; "" if nothing. Of this thread.
   [[nodiscard]] std::string complaint() const;
@@ -39,8 +43,9 @@ class MeshCache final : public EmbreeCache {
 
   RTCDevice device_;
   std::mutex mutex_;
-  std::size_t sweep_at_ = 1024;
+  std::size_t sweep_at_ = 1024, sweep_batches_at_ = 4096;
   std::unordered_map<std::uint64_t, std::shared_ptr<Slot>> meshes_;
+  std::unordered_map<std::uint64_t, std::vector<std::weak_ptr<const RayBatch>>> batches_;  ///< first serial
   std::unordered_map<std::uint64_t, std::weak_ptr<const RaySurface>> surfaces_;
   std::unordered_map<std::uint64_t, PrototypeSphere> spheres_;
 };

@@ -3,9 +3,11 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <new>
+#include <unordered_map>
 #include <unordered_set>
 
 #include "sim/render/rays/embree_engine_impl.h"
@@ -50,23 +52,24 @@ struct Engine final : EmbreeEngine::Impl {
     WantedContent out;
     out.window = w;
     out.batches = match_frames(*w);
-    std::vector<std::vector<const Mesh*>> levels(out.batches.size());
     std::vector<std::shared_ptr<const Mesh>> needed;
     std::unordered_set<std::uint64_t> seen;
     const auto need = [&](const std::shared_ptr<const Mesh>& m) {
       if (m && seen.insert(m->serial).second) needed.push_back(m);
-      return m.get();
     };
     const bool coarse = options.allowed_error_rad > 0 && options.eye.allFinite();
-    for (std::size_t i = 0; i < out.batches.size(); ++i) {
-      const Batch& b = *out.batches[i].frames.front();
+    tbb::parallel_for(std::size_t{0}, out.batches.size(), [&](std::size_t i) {
+      WantedBatch& batch = out.batches[i];
+      const Batch& b = *batch.frames.front();
       const auto& all = b.prototype->levels;
       if (all.size() < 2 || !coarse) {
-        levels[i] = {all.empty() ? nullptr : need(all.front().mesh)};
-        continue;
+        batch.choice = {all.empty() ? nullptr : all.front().mesh.get()};
+        return;
       }
       const PrototypeSphere s = cache->sphere(*b.prototype);
       const Eigen::Vector3d origin = b.origin - options.eye;
+      bool one = true;
+      batch.choice.reserve(b.instances.size());
       for (const Instance& n : b.instances) {
         const Eigen::Quaterniond q(n.rotation[3], n.rotation[0], n.rotation[1], n.rotation[2]);
         const Eigen::Vector3d scale(n.scale[0], n.scale[1], n.scale[2]);
@@ -75,11 +78,15 @@ struct Engine final : EmbreeEngine::Impl {
         const double largest = scale.cwiseAbs().maxCoeff();
         const std::size_t l =
             level_for(*b.prototype, largest, c.norm() - s.radius_m * largest, options.allowed_error_rad);
-        levels[i].push_back(need(all[l].mesh));
+        batch.choice.push_back(all[l].mesh.get());
+        one = one && batch.choice.back() == batch.choice.front();
       }
-      if (std::all_of(levels[i].begin(), levels[i].end(), [&](const Mesh* m) { return m == levels[i][0]; }))
-        levels[i].resize(1);
-    }
+      if (one) batch.choice.resize(1);
+    });
+    for (const WantedBatch& batch : out.batches)
+      for (const LevelOfDetail& l : batch.frames.front()->prototype->levels)
+        if (l.mesh && std::find(batch.choice.begin(), batch.choice.end(), l.mesh.get()) != batch.choice.end())
+          need(l.mesh);
     std::vector<std::shared_ptr<const RayMesh>> made(needed.size());
     std::vector<std::uint8_t> built(needed.size());
     std::vector<std::string> wrong(needed.size());
@@ -92,17 +99,27 @@ struct Engine final : EmbreeEngine::Impl {
         wrong[i] = m.error().text();
       built[i] = fresh ? 1 : 0;
     });
+    std::unordered_map<std::uint64_t, std::shared_ptr<const RayMesh>> by_serial;
     for (std::size_t i = 0; i < needed.size(); ++i) {
       if (!made[i]) return fail(ErrorCode::unavailable, "rays", wrong[i]);
-      out.meshes.emplace(needed[i]->serial, made[i]);
-      out.triangles += made[i]->triangles;
-      out.left_out += made[i]->left_out;
+      by_serial.emplace(needed[i]->serial, made[i]);
+      statistics.triangles += made[i]->triangles;
+      statistics.left_out += made[i]->left_out;
       statistics.rebuilt += built[i];
     }
-    for (std::size_t i = 0; i < out.batches.size(); ++i) {
-      for (const Mesh* m : levels[i])
-        out.batches[i].meshes.push_back(m != nullptr ? out.meshes.at(m->serial).get() : nullptr);
+    tbb::parallel_for(std::size_t{0}, out.batches.size(), [&](std::size_t i) {
+      WantedBatch& batch = out.batches[i];
+      for (const LevelOfDetail& l : batch.frames.front()->prototype->levels)
+        if (l.mesh)
+          if (const auto it = by_serial.find(l.mesh->serial); it != by_serial.end())
+            batch.meshes.push_back(it->second);
+      batch.made = cache->get(batch);
+    });
+    for (const WantedBatch& batch : out.batches) {
+      statistics.left_out += batch.made->left_out;
+      statistics.instances += batch.made->present;
     }
+    statistics.prototypes = by_serial.size();
     return out;
   }
 
@@ -112,7 +129,7 @@ struct Engine final : EmbreeEngine::Impl {
       return fail(ErrorCode::bad_input, "rays", "expected a window with at least one frame");
     for (const auto& f : w->frames)
       if (!f) return fail(ErrorCode::bad_input, "rays", "expected frames, got a null one");
-    statistics.rebuilt = 0;
+    statistics = {.cast_ms = statistics.cast_ms};
     Status done{};
     try {
       tasks->execute([&] {
@@ -140,10 +157,6 @@ struct Engine final : EmbreeEngine::Impl {
       wanted = {};
       return done;
     }
-    statistics.prototypes = wanted.meshes.size();
-    statistics.triangles = wanted.triangles;
-    statistics.instances = scenes.front().scene->placed();
-    statistics.left_out = wanted.left_out + scenes.front().scene->left_out();
     statistics.prepare_ms = ms_since(start);
     return {};
   }

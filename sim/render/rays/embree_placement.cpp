@@ -10,6 +10,11 @@ namespace rigor::render {
 namespace {
 
 constexpr double kFarthest_m = 1e12;
+/// From how many instances on a batch has a structure of its own: of ground cover, whose batches lie beside
+/// each other; and of anything else, whose batches lie through each other, so that a ray would walk through
+/// them all.
+constexpr std::size_t kManySmall = 48, kMany = 4096;
+constexpr std::uint32_t kSmall_triangles = 256;
 
 struct Pose {
   Eigen::Vector3f position, scale;
@@ -37,6 +42,38 @@ bool pose_of(const Instance& a, Pose& out) {
 }
 
 NodeId node_of(const Batch& b, std::size_t i) { return i < b.nodes.size() ? b.nodes[i] : b.node; }
+
+/// Embree's instance; `offset`: of the batch's origin from the place that the scene is about.
+RTCGeometry instance_geometry(RTCDevice device, const RayBatch& b, std::size_t n,
+                              const Eigen::Vector3d& offset) {
+  const RayInstance& i = b.instances[n];
+  RTCGeometry g = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_INSTANCE);
+  rtcSetGeometryInstancedScene(g, i.mesh->scene);
+  rtcSetGeometryMask(g, b.casts_shadow ? kSeenMask | kShadowMask : kSeenMask);
+  if (i.motion == kStill) {
+    const Eigen::Matrix3d inverse = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(i.inverse);
+    Eigen::Matrix<float, 3, 4> m;
+    m.leftCols<3>() = inverse.inverse().cast<float>();
+    m.col(3) = (offset + Eigen::Map<const Eigen::Vector3d>(i.position)).cast<float>();
+    rtcSetGeometryTransform(g, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, m.data());
+  } else {
+    const auto& poses = b.motions[i.motion].poses;
+    rtcSetGeometryTimeStepCount(g, static_cast<unsigned>(poses.size()));
+    for (std::size_t k = 0; k < poses.size(); ++k) {
+      const Eigen::Vector3f scale = poses[k].scale.cast<float>();
+      const Eigen::Quaternionf r = poses[k].rotation.cast<float>();
+      const Eigen::Vector3f at = (offset + poses[k].position).cast<float>();
+      RTCQuaternionDecomposition q;
+      rtcInitQuaternionDecomposition(&q);
+      rtcQuaternionDecompositionSetScale(&q, scale.x(), scale.y(), scale.z());
+      rtcQuaternionDecompositionSetQuaternion(&q, r.w(), r.x(), r.y(), r.z());
+      rtcQuaternionDecompositionSetTranslation(&q, at.x(), at.y(), at.z());
+      rtcSetGeometryTransformQuaternion(g, static_cast<unsigned>(k), &q);
+    }
+  }
+  rtcCommitGeometry(g);
+  return g;
+}
 
 bool placeable(const Batch* b) {
   return b != nullptr && b->prototype != nullptr && !b->instances.empty() && b->origin.allFinite();
@@ -96,165 +133,183 @@ std::vector<WantedBatch> match_frames(const ContentWindow& window) {
   return out;
 }
 
+std::shared_ptr<const RayBatch> make_batch(RTCDevice device, const WantedBatch& w) {
+  const Batch& b = *w.frames.front();
+  const std::size_t steps = w.frames.size();
+  auto out = std::make_shared<RayBatch>();
+  out->origin = b.origin;
+  out->casts_shadow = b.prototype->casts_shadow;
+  for (const Batch* f : w.frames) out->serials.push_back(f->serial);
+  out->choice = w.choice;
+  out->meshes = w.meshes;
+  const auto structure = [&](const Mesh* m) -> const RayMesh* {
+    for (const auto& r : out->meshes)
+      if (r->mesh.get() == m) return r.get();
+    return nullptr;
+  };
+  out->instances.resize(b.instances.size());
+  std::vector<Pose> poses(steps);
+  for (std::size_t n = 0; n < b.instances.size(); ++n) {
+    const RayMesh* const mesh = structure(out->choice[out->choice.size() == 1 ? 0 : n]);
+    RayInstance& i = out->instances[n];
+    bool there = mesh != nullptr;
+    for (std::size_t k = 0; k < steps && there; ++k)
+      there = pose_of(w.frames[k]->instances[n], poses[k]) &&
+              (w.frames[k]->origin - b.origin).cwiseAbs().maxCoeff() < kFarthest_m &&
+              static_cast<double>(poses[k].position.cwiseAbs().maxCoeff()) < kFarthest_m;
+    if (!there) {
+      ++out->left_out;
+      continue;
+    }
+    if (mesh->scene == nullptr) continue;
+    const Eigen::Quaterniond rotation = poses[0].rotation.cast<double>();
+    const Eigen::Vector3d scale = poses[0].scale.cast<double>();
+    Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(i.inverse) =
+        scale.cwiseInverse().asDiagonal() * rotation.toRotationMatrix().transpose();
+    Eigen::Map<Eigen::Vector3d>(i.position) = poses[0].position.cast<double>();
+    i.mesh = mesh;
+    ++out->present;
+    i.node = node_of(b, n);
+    std::copy(b.instances[n].tint, b.instances[n].tint + 3, i.tint);
+    i.mirrored = scale.prod() < 0 ? 1 : 0;
+    if (steps == 1) continue;
+    i.motion = static_cast<std::uint32_t>(out->motions.size()) & kStill;
+    RayMotion motion;
+    for (std::size_t k = 0; k < steps; ++k)
+      motion.poses.push_back({w.frames[k]->origin - b.origin + poses[k].position.cast<double>(),
+                              poses[k].rotation.cast<double>(), poses[k].scale.cast<double>()});
+    out->motions.push_back(std::move(motion));
+  }
+
+  const bool small = std::all_of(out->meshes.begin(), out->meshes.end(),
+                                 [](const auto& m) { return m->triangles <= kSmall_triangles; });
+  if (steps > 1 || b.instances.size() < (small ? kManySmall : kMany)) return out;
+  out->scene = rtcNewScene(device);
+  rtcSetSceneFlags(out->scene, RTC_SCENE_FLAG_ROBUST);
+  for (std::size_t n = 0; n < out->instances.size(); ++n) {
+    if (out->instances[n].mesh == nullptr) continue;
+    RTCGeometry g = instance_geometry(device, *out, n, Eigen::Vector3d::Zero());
+    rtcAttachGeometryByID(out->scene, g, static_cast<unsigned>(n));
+    rtcReleaseGeometry(g);
+  }
+  rtcCommitScene(out->scene);
+  return out;
+}
+
+void PlacedScene::bounds(const RTCBoundsFunctionArguments* a) {
+  const auto& p = *static_cast<const Placed*>(a->geometryUserPtr);
+  RTCBounds b;
+  rtcGetSceneBounds(p.batch->scene, &b);
+  // Wider than what rounding moves.
+  const auto wider = [&](float low, float high, float shift, float& out_low, float& out_high) {
+    const float pad = 1e-3F + 4e-6F * std::max({std::abs(low), std::abs(high), std::abs(shift)});
+    out_low = low + shift - pad;
+    out_high = high + shift + pad;
+  };
+  RTCBounds& o = *a->bounds_o;
+  wider(b.lower_x, b.upper_x, p.shift[0], o.lower_x, o.upper_x);
+  wider(b.lower_y, b.upper_y, p.shift[1], o.lower_y, o.upper_y);
+  wider(b.lower_z, b.upper_z, p.shift[2], o.lower_z, o.upper_z);
+}
+
+// Rays come in eights, as they are shot (Shots): Embree hands on the packet with the lanes that matter.
+void PlacedScene::intersect(const RTCIntersectFunctionNArguments* a) {
+  if (a->N != 8) return;
+  const auto& p = *static_cast<const Placed*>(a->geometryUserPtr);
+  auto& rays = *reinterpret_cast<RTCRayHit8*>(a->rayhit);
+  auto& context = *reinterpret_cast<SceneContext*>(a->context);
+  alignas(32) float x[8], y[8], z[8];
+  alignas(32) unsigned before[8];
+  for (int k = 0; k < 8; ++k) {
+    x[k] = rays.ray.org_x[k];
+    y[k] = rays.ray.org_y[k];
+    z[k] = rays.ray.org_z[k];
+    before[k] = rays.hit.instID[0][k];
+    rays.ray.org_x[k] = x[k] - p.shift[0];
+    rays.ray.org_y[k] = y[k] - p.shift[1];
+    rays.ray.org_z[k] = z[k] - p.shift[2];
+    rays.hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;
+  }
+  const std::uint32_t base = context.base;
+  const unsigned outer = context.embree.instID[0];
+  context.base = p.base;
+  context.embree.instID[0] = RTC_INVALID_GEOMETRY_ID;
+  rtcIntersect8(a->valid, p.batch->scene, a->context, &rays);
+  context.base = base;
+  context.embree.instID[0] = outer;
+  for (int k = 0; k < 8; ++k) {
+    rays.ray.org_x[k] = x[k];
+    rays.ray.org_y[k] = y[k];
+    rays.ray.org_z[k] = z[k];
+    unsigned& id = rays.hit.instID[0][k];
+    id = id == RTC_INVALID_GEOMETRY_ID ? before[k] : p.base + id;
+  }
+}
+
+void PlacedScene::occluded(const RTCOccludedFunctionNArguments* a) {
+  if (a->N != 8) return;
+  const auto& p = *static_cast<const Placed*>(a->geometryUserPtr);
+  auto& ray = *reinterpret_cast<RTCRay8*>(a->ray);
+  auto& context = *reinterpret_cast<SceneContext*>(a->context);
+  alignas(32) float x[8], y[8], z[8];
+  for (int k = 0; k < 8; ++k) {
+    x[k] = ray.org_x[k];
+    y[k] = ray.org_y[k];
+    z[k] = ray.org_z[k];
+    ray.org_x[k] = x[k] - p.shift[0];
+    ray.org_y[k] = y[k] - p.shift[1];
+    ray.org_z[k] = z[k] - p.shift[2];
+  }
+  const unsigned outer = context.embree.instID[0];
+  context.embree.instID[0] = RTC_INVALID_GEOMETRY_ID;
+  rtcOccluded8(a->valid, p.batch->scene, a->context, &ray);
+  context.embree.instID[0] = outer;
+  for (int k = 0; k < 8; ++k) {
+    ray.org_x[k] = x[k];
+    ray.org_y[k] = y[k];
+    ray.org_z[k] = z[k];
+  }
+}
+
 PlacedScene::PlacedScene(std::shared_ptr<MeshCache> cache, const Eigen::Vector3d& origin)
     : cache_(std::move(cache)) {
   origin_ = origin;
   handle_ = rtcNewScene(cache_->device());
   rtcSetSceneFlags(handle_, RTC_SCENE_FLAG_ROBUST);
-  rtcSetSceneBuildQuality(handle_, RTC_BUILD_QUALITY_MEDIUM);
 }
 
 PlacedScene::~PlacedScene() {
-  if (handle_ != nullptr) rtcReleaseScene(handle_);
-  for (RTCGeometry g : geometries_)
-    if (g != nullptr) rtcReleaseGeometry(g);
+  rtcReleaseScene(handle_);
+  for (const auto& p : batches_)
+    for (RTCGeometry g : p->geometries)
+      if (g != nullptr) rtcReleaseGeometry(g);
 }
 
-bool PlacedScene::Range::is(const WantedBatch& b) const {
-  if (serials.size() != b.frames.size() || meshes != b.meshes) return false;
-  for (std::size_t k = 0; k < serials.size(); ++k)
-    if (serials[k] != b.frames[k]->serial) return false;
-  return true;
-}
-
-void PlacedScene::clear(const Range& range) {
-  for (std::uint32_t i = range.first; i < range.first + range.count; ++i) {
-    if (instances_[i].motion != kStill) {
-      motions_[instances_[i].motion].poses.clear();
-      free_motions_.push_back(instances_[i].motion);
-    }
-    instances_[i] = RayInstance{};
-    if (geometries_[i] == nullptr) continue;
-    rtcDetachGeometry(handle_, i);
-    rtcReleaseGeometry(geometries_[i]);
-    geometries_[i] = nullptr;
-  }
-}
-
-void PlacedScene::fill(const WantedBatch& w, Range& range) {
-  const Batch& b = *w.frames.front();
-  const std::size_t steps = w.frames.size();
-  range.serials.clear();
-  for (const Batch* f : w.frames) range.serials.push_back(f->serial);
-  range.meshes = w.meshes;
-  range.count = static_cast<std::uint32_t>(b.instances.size());
-  range.left_out = 0;
-  std::vector<Pose> poses(steps);
-  std::vector<Eigen::Vector3d> origins(steps);
-  for (std::size_t k = 0; k < steps; ++k) origins[k] = w.frames[k]->origin - origin_;
-  for (std::size_t n = 0; n < b.instances.size(); ++n) {
-    const RayMesh* const mesh = w.mesh(n);
-    RayInstance& out = instances_[range.first + n];
-    out = RayInstance{};
-    bool there = mesh != nullptr;
-    for (std::size_t k = 0; k < steps && there; ++k) {
-      there = pose_of(w.frames[k]->instances[n], poses[k]);
-      there = there && (origins[k] + poses[k].position.cast<double>()).cwiseAbs().maxCoeff() < kFarthest_m;
-    }
-    if (!there) {
-      ++range.left_out;
-      continue;
-    }
-    if (mesh->scene == nullptr) continue;
-    const auto position = [&](std::size_t k) -> Eigen::Vector3d {
-      return origins[k] + poses[k].position.cast<double>();
-    };
-    const Eigen::Quaterniond rotation = poses[0].rotation.cast<double>();
-    const Eigen::Vector3d scale = poses[0].scale.cast<double>();
-    Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(out.inverse) =
-        scale.cwiseInverse().asDiagonal() * rotation.toRotationMatrix().transpose();
-    Eigen::Map<Eigen::Vector3d>(out.position) = position(0);
-    out.mesh = mesh;
-    out.node = node_of(b, n);
-    std::copy(b.instances[n].tint, b.instances[n].tint + 3, out.tint);
-    out.mirrored = scale.prod() < 0 ? 1 : 0;
-
-    RTCGeometry g = rtcNewGeometry(cache_->device(), RTC_GEOMETRY_TYPE_INSTANCE);
-    rtcSetGeometryInstancedScene(g, mesh->scene);
-    rtcSetGeometryMask(g, b.prototype->casts_shadow ? kSeenMask | kShadowMask : kSeenMask);
-    rtcSetGeometryTimeStepCount(g, static_cast<unsigned>(steps));
-    if (steps == 1) {
-      Eigen::Matrix<float, 3, 4> m;
-      m.leftCols<3>() = (rotation.toRotationMatrix() * scale.asDiagonal()).cast<float>();
-      m.col(3) = position(0).cast<float>();
-      rtcSetGeometryTransform(g, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, m.data());
-    } else {
-      std::uint32_t slot = 0;
-      if (free_motions_.empty()) {
-        slot = static_cast<std::uint32_t>(motions_.size());
-        motions_.emplace_back();
-      } else {
-        slot = free_motions_.back();
-        free_motions_.pop_back();
-      }
-      out.motion = slot & kStill;
-      auto& motion = motions_[slot].poses;
-      motion.clear();
-      for (std::size_t k = 0; k < steps; ++k) {
-        const Pose& p = poses[k];
-        motion.push_back({position(k), p.rotation.cast<double>(), p.scale.cast<double>()});
-        RTCQuaternionDecomposition q;
-        rtcInitQuaternionDecomposition(&q);
-        rtcQuaternionDecompositionSetScale(&q, p.scale.x(), p.scale.y(), p.scale.z());
-        rtcQuaternionDecompositionSetQuaternion(&q, p.rotation.w(), p.rotation.x(), p.rotation.y(),
-                                                p.rotation.z());
-        const Eigen::Vector3f at = position(k).cast<float>();
-        rtcQuaternionDecompositionSetTranslation(&q, at.x(), at.y(), at.z());
-        rtcSetGeometryTransformQuaternion(g, static_cast<unsigned>(k), &q);
-      }
-    }
+void PlacedScene::attach(Placed& p) {
+  const RayBatch& b = *p.batch;
+  if (p.geometries.empty() && b.scene != nullptr) {
+    RTCGeometry g = rtcNewGeometry(cache_->device(), RTC_GEOMETRY_TYPE_USER);
+    rtcSetGeometryUserPrimitiveCount(g, 1);
+    rtcSetGeometryUserData(g, &p);
+    rtcSetGeometryBoundsFunction(g, bounds, nullptr);
+    rtcSetGeometryIntersectFunction(g, intersect);
+    rtcSetGeometryOccludedFunction(g, occluded);
+    rtcSetGeometryMask(g, b.casts_shadow ? kSeenMask | kShadowMask : kSeenMask);
     rtcCommitGeometry(g);
-    geometries_[range.first + n] = g;
+    p.geometries = {g};
+  } else if (p.geometries.empty()) {
+    p.geometries.resize(b.instances.size());
+    for (std::size_t n = 0; n < p.geometries.size(); ++n)
+      if (b.instances[n].mesh != nullptr)
+        p.geometries[n] = instance_geometry(cache_->device(), b, n, p.offset);
   }
+  for (std::uint32_t n = 0; n < p.geometries.size(); ++n)
+    if (p.geometries[n] != nullptr) rtcAttachGeometryByID(handle_, p.geometries[n], p.first + n);
 }
 
-void PlacedScene::number_anew(const WantedContent& wanted) {
-  // Geometries of batches that stay are moved to their new numbers.
-  std::unordered_map<std::uint64_t, std::size_t> old;
-  for (std::size_t i = 0; i < ranges_.size(); ++i) old.emplace(ranges_[i].serials.front(), i);
-  for (std::uint32_t i = 0; i < geometries_.size(); ++i)
-    if (geometries_[i] != nullptr) rtcDetachGeometry(handle_, i);
-  std::vector<Range> ranges = std::move(ranges_);
-  std::vector<RTCGeometry> geometries = std::move(geometries_);
-  std::vector<RayInstance> instances = std::move(instances_);
-  std::uint32_t total = 0;
-  ranges_.assign(wanted.batches.size(), {});
-  for (std::size_t i = 0; i < ranges_.size(); ++i) {
-    const auto n = static_cast<std::uint32_t>(wanted.batches[i].frames.front()->instances.size());
-    ranges_[i].first = total;
-    ranges_[i].room = n;
-    total += n;
-  }
-  geometries_.assign(total, nullptr);
-  instances_.assign(total, {});
-  std::vector<std::size_t> fresh;
-  for (std::size_t i = 0; i < ranges_.size(); ++i) {
-    const auto it = old.find(wanted.batches[i].frames.front()->serial);
-    if (it == old.end() || !ranges[it->second].is(wanted.batches[i])) {
-      fresh.push_back(i);
-      continue;
-    }
-    Range& from = ranges[it->second];
-    const std::uint32_t first = ranges_[i].first, room = ranges_[i].room, begin = from.first;
-    std::copy_n(instances.begin() + begin, from.count, instances_.begin() + first);
-    for (std::uint32_t k = 0; k < from.count; ++k)
-      geometries_[first + k] = std::exchange(geometries[begin + k], nullptr);
-    ranges_[i] = std::move(from);
-    ranges_[i].first = first;
-    ranges_[i].room = room;
-    old.erase(it);
-  }
-  for (const auto& [serial, i] : old)
-    for (std::uint32_t k = ranges[i].first; k < ranges[i].first + ranges[i].count; ++k)
-      if (instances[k].motion != kStill) {
-        motions_[instances[k].motion].poses.clear();
-        free_motions_.push_back(instances[k].motion);
-      }
-  for (RTCGeometry g : geometries)
-    if (g != nullptr) rtcReleaseGeometry(g);
-  for (const std::size_t i : fresh) fill(wanted.batches[i], ranges_[i]);
-  for (std::uint32_t i = 0; i < geometries_.size(); ++i)
-    if (geometries_[i] != nullptr) rtcAttachGeometryByID(handle_, geometries_[i], i);
+void PlacedScene::detach(Placed& p) {
+  for (std::uint32_t n = 0; n < p.geometries.size(); ++n)
+    if (p.geometries[n] != nullptr) rtcDetachGeometry(handle_, p.first + n);
 }
 
 Status PlacedScene::place(const WantedContent& wanted) {
@@ -265,25 +320,83 @@ Status PlacedScene::place(const WantedContent& wanted) {
   for (int k = 0; k < 3; ++k)
     weather_.cell[k] = static_cast<float>(origin_[k] - std::floor(origin_[k] / 1024) * 1024);
 
-  bool in_place = ranges_.size() == wanted.batches.size();
-  for (std::size_t i = 0; i < ranges_.size() && in_place; ++i)
-    in_place = wanted.batches[i].frames.front()->instances.size() <= ranges_[i].room;
+  // Where every batch has room in its old place, what stays is not touched; else all are numbered anew in
+  // the order of the content. Their order is the same either way, and so is what Embree makes of it.
+  const auto ids = [](const RayBatch& b) {
+    return b.scene != nullptr ? 1U : static_cast<std::uint32_t>(b.instances.size());
+  };
+  bool in_place = batches_.size() == wanted.batches.size();
+  bool same = in_place;
+  for (std::size_t i = 0; i < batches_.size() && in_place; ++i) {
+    const RayBatch* const b = wanted.batches[i].made.get();
+    same = same && batches_[i]->batch.get() == b;
+    in_place = ids(*b) <= batches_[i]->room;
+  }
+  if (same && in_place && !batches_.empty()) return {};
+  std::vector<std::unique_ptr<Placed>> gone;
+  const auto placed = [&](const std::shared_ptr<const RayBatch>& b) {
+    auto p = std::make_unique<Placed>();
+    p->batch = b;
+    p->offset = b->origin - origin_;
+    for (int k = 0; k < 3; ++k) p->shift[k] = static_cast<float>(p->offset[k]);
+    return p;
+  };
   if (in_place) {
-    for (std::size_t i = 0; i < ranges_.size(); ++i) {
-      Range& r = ranges_[i];
-      if (r.is(wanted.batches[i])) continue;
-      clear(r);
-      fill(wanted.batches[i], r);
-      for (std::uint32_t k = r.first; k < r.first + r.count; ++k)
-        if (geometries_[k] != nullptr) rtcAttachGeometryByID(handle_, geometries_[k], k);
+    for (std::size_t i = 0; i < batches_.size(); ++i) {
+      auto& slot = batches_[i];
+      if (slot->batch == wanted.batches[i].made) continue;
+      detach(*slot);
+      auto p = placed(wanted.batches[i].made);
+      p->first = slot->first;
+      p->room = slot->room;
+      attach(*p);
+      std::swap(slot, p);
+      gone.push_back(std::move(p));
     }
   } else {
-    number_anew(wanted);
+    std::unordered_map<const RayBatch*, std::unique_ptr<Placed>> old;
+    for (auto& p : batches_) {
+      detach(*p);
+      const RayBatch* const key = p->batch.get();
+      if (auto& slot = old[key]; !slot)
+        slot = std::move(p);
+      else
+        gone.push_back(std::move(p));
+    }
+    batches_.clear();
+    std::uint32_t next = 0;
+    for (const WantedBatch& w : wanted.batches) {
+      const auto it = old.find(w.made.get());
+      std::unique_ptr<Placed> p;
+      if (it != old.end() && it->second)
+        p = std::move(it->second);
+      else
+        p = placed(w.made);
+      p->first = next;
+      p->room = ids(*w.made);
+      next += p->room;
+      attach(*p);
+      batches_.push_back(std::move(p));
+    }
+    for (auto& [key, p] : old)
+      if (p) gone.push_back(std::move(p));
+  }
+  top_ = batches_.empty() ? 0 : batches_.back()->first + batches_.back()->room;
+  of_top_.assign(top_, nullptr);
+  of_block_.clear();
+  for (const auto& p : batches_) {
+    if (p->batch->scene == nullptr) {
+      p->base = p->first;
+      std::fill_n(of_top_.begin() + p->first, p->batch->instances.size(), p.get());
+      continue;
+    }
+    p->base = top_ + static_cast<std::uint32_t>(of_block_.size()) * kBlock;
+    of_block_.resize(of_block_.size() + (p->batch->instances.size() + kBlock - 1) / kBlock, p.get());
   }
   rtcCommitScene(handle_);
-  count_ = left_out_ = 0;
-  for (const Range& r : ranges_) left_out_ += r.left_out;
-  for (RTCGeometry g : geometries_) count_ += g != nullptr ? 1 : 0;
+  for (const auto& p : gone)
+    for (RTCGeometry g : p->geometries)
+      if (g != nullptr) rtcReleaseGeometry(g);
   if (const std::string c = cache_->complaint(); !c.empty()) return fail(ErrorCode::unavailable, "embree", c);
   return {};
 }

@@ -7,27 +7,10 @@
 namespace rigor::render {
 namespace {
 
-struct Context {
-  RTCIntersectContext embree;  // first: filters get its address
-  const RayInstance* instances = nullptr;
-};
+constexpr float kNarrow = 0.998F;  // 3.6 degrees
 
-/// Of the plane of the triangle, against the ray, both in the mesh's axes.
-bool is_back(const RayInstance& i, float along) noexcept { return (along > 0) != (i.mirrored != 0); }
-
-void leave_out_backs(const RTCFilterFunctionNArguments* a) {
-  const auto* const context = reinterpret_cast<const Context*>(a->context);
-  const RayInstance& instance = context->instances[a->context->instID[0]];
-  const unsigned n = a->N;
-  for (unsigned i = 0; i < n; ++i) {
-    if (a->valid[i] != -1) continue;
-    if (!instance.mesh->parts[RTCHitN_geomID(a->hit, n, i)].one_sided) continue;
-    const float along = RTCHitN_Ng_x(a->hit, n, i) * RTCRayN_dir_x(a->ray, n, i) +
-                        RTCHitN_Ng_y(a->hit, n, i) * RTCRayN_dir_y(a->ray, n, i) +
-                        RTCHitN_Ng_z(a->hit, n, i) * RTCRayN_dir_z(a->ray, n, i);
-    if (is_back(instance, along)) a->valid[i] = 0;
-  }
-}
+/// Against the ray, of the plane of the triangle, both in the mesh's axes.
+bool is_back(const RayInstance& i, double along) noexcept { return (along > 0) != (i.mirrored != 0); }
 
 /// Which lanes of a packet have a ray.
 bool lanes(const RTCRay8& r, unsigned first, unsigned n, int* valid) noexcept {
@@ -44,7 +27,43 @@ Eigen::Matrix3d inverse_of(const Eigen::Quaterniond& rotation, const Eigen::Vect
   return scale.cwiseInverse().asDiagonal() * rotation.toRotationMatrix().transpose();
 }
 
+/// A walk as one frustum pays where a packet's rays stay within a few degrees.
+bool narrow(const RTCRay8& r, const int* valid) noexcept {
+  int first = -1;
+  for (int k = 0; k < 8; ++k) {
+    if (valid[k] == 0) continue;
+    if (first < 0) first = k;
+    if (r.dir_x[k] * r.dir_x[first] + r.dir_y[k] * r.dir_y[first] + r.dir_z[k] * r.dir_z[first] < kNarrow)
+      return false;
+  }
+  return true;
+}
+RTCIntersectContextFlags flags(bool coherent) noexcept {
+  return coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+}
+
 }  // namespace
+
+RayBatch::~RayBatch() {
+  if (scene != nullptr) rtcReleaseScene(scene);
+}
+
+/// What Embree calls while it walks through a scene.
+struct SceneFilters {
+  static void leave_out_backs(const RTCFilterFunctionNArguments* a) {
+    const auto* const context = reinterpret_cast<const SceneContext*>(a->context);
+    const RayInstance& instance = context->scene->instance(context->base + a->context->instID[0]);
+    const unsigned n = a->N;
+    for (unsigned i = 0; i < n; ++i) {
+      if (a->valid[i] != -1) continue;
+      if (!instance.mesh->parts[RTCHitN_geomID(a->hit, n, i)].one_sided) continue;
+      const float along = RTCHitN_Ng_x(a->hit, n, i) * RTCRayN_dir_x(a->ray, n, i) +
+                          RTCHitN_Ng_y(a->hit, n, i) * RTCRayN_dir_y(a->ray, n, i) +
+                          RTCHitN_Ng_z(a->hit, n, i) * RTCRayN_dir_z(a->ray, n, i);
+      if (is_back(instance, static_cast<double>(along))) a->valid[i] = 0;
+    }
+  }
+};
 
 void Shots::set(unsigned i, const float o[3], const float d[3], float near_m, float far_m, float time,
                 unsigned mask) noexcept {
@@ -101,17 +120,16 @@ Meeting Shots::meeting(unsigned i) const noexcept {
 }
 
 void RayScene::meet(Shots& shots, unsigned n, bool coherent) const noexcept {
-  Context context;
+  SceneContext context;
   rtcInitIntersectContext(&context.embree);
-  context.embree.flags =
-      coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
-  context.instances = instances_.data();
+  context.scene = this;
   alignas(32) int valid[8];
   for (unsigned first = 0; first < n; first += 8) {
     RTCRayHit8& p = shots.packets[first / 8];
     if (!lanes(p.ray, first, n, valid)) continue;
     float far_m[8];
     std::memcpy(far_m, p.ray.tfar, sizeof far_m);
+    context.embree.flags = flags(coherent && narrow(p.ray, valid));
     rtcIntersect8(valid, handle_, &context.embree, &p);
     // What was met from behind and has one side is not there: shot once more, past all such faces. Rare
     // enough (a sensor inside a hull) that the first shot need not ask at every face.
@@ -120,14 +138,21 @@ void RayScene::meet(Shots& shots, unsigned n, bool coherent) const noexcept {
       const bool met = valid[k] != 0 && p.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID;
       valid[k] = 0;
       if (!met) continue;
-      const RayInstance& i = instances_[p.hit.instID[0][k]];
+      const std::uint32_t id = p.hit.instID[0][k];
+      const RayInstance& i = instance(id);
       if (!i.mesh->one_sided || !i.mesh->parts[p.hit.geomID[k]].one_sided) continue;
-      const Eigen::Vector3d d =
-          direction_in(i, p.ray.time[k], p.ray.dir_x[k], p.ray.dir_y[k], p.ray.dir_z[k]);
-      const double along = d.x() * static_cast<double>(p.hit.Ng_x[k]) +
-                           d.y() * static_cast<double>(p.hit.Ng_y[k]) +
-                           d.z() * static_cast<double>(p.hit.Ng_z[k]);
-      if ((along > 0) == (i.mirrored != 0)) continue;
+      const Eigen::Vector3d d(p.ray.dir_x[k], p.ray.dir_y[k], p.ray.dir_z[k]);
+      const Eigen::Vector3d ng(p.hit.Ng_x[k], p.hit.Ng_y[k], p.hit.Ng_z[k]);
+      double along = 0;
+      if (i.motion == kStill) {
+        const double* const m = i.inverse;
+        along = ng.x() * (m[0] * d.x() + m[1] * d.y() + m[2] * d.z()) +
+                ng.y() * (m[3] * d.x() + m[4] * d.y() + m[5] * d.z()) +
+                ng.z() * (m[6] * d.x() + m[7] * d.y() + m[8] * d.z());
+      } else {
+        along = ng.dot(placement(id, p.ray.time[k]).inverse * d);
+      }
+      if (!is_back(i, along)) continue;
       valid[k] = -1;
       again = true;
       p.ray.tfar[k] = far_m[k];
@@ -135,59 +160,86 @@ void RayScene::meet(Shots& shots, unsigned n, bool coherent) const noexcept {
       p.hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;
     }
     if (!again) continue;
-    context.embree.filter = leave_out_backs;
+    context.embree.filter = SceneFilters::leave_out_backs;
     rtcIntersect8(valid, handle_, &context.embree, &p);
     context.embree.filter = nullptr;
   }
 }
 
 void RayScene::hide(Shots& shots, unsigned n, bool coherent, std::uint8_t* hidden) const noexcept {
-  Context context;
+  SceneContext context;
   rtcInitIntersectContext(&context.embree);
-  context.embree.flags =
-      coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
-  context.instances = instances_.data();
+  context.scene = this;
   alignas(32) int valid[8];
   for (unsigned first = 0; first < n; first += 8) {
     RTCRay8& r = shots.packets[first / 8].ray;
     const unsigned count = std::min(8U, n - first);
     std::memset(hidden + first, 0, count);
     if (!lanes(r, first, n, valid)) continue;
+    context.embree.flags = flags(coherent && narrow(r, valid));
     rtcOccluded8(valid, handle_, &context.embree, &r);
     for (unsigned k = 0; k < count; ++k) hidden[first + k] = valid[k] != 0 && r.tfar[k] < 0 ? 1 : 0;
   }
 }
 
-RayScene::Placement RayScene::placement(const RayInstance& i, float time) const noexcept {
+RayScene::Placement RayScene::placement(std::uint32_t id, float time) const noexcept {
+  return placement(owner(id), time);
+}
+
+RayScene::Placement RayScene::placement(const Owner& o, float time) noexcept {
   using RowMajor = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+  const RayInstance& i = o.batch->batch->instances[o.index];
+  const Eigen::Vector3d& offset = o.batch->offset;
   if (i.motion == kStill)
-    return {Eigen::Map<const RowMajor>(i.inverse), Eigen::Map<const Eigen::Vector3d>(i.position)};
-  const auto& poses = motions_[i.motion].poses;
+    return {Eigen::Map<const RowMajor>(i.inverse), offset + Eigen::Map<const Eigen::Vector3d>(i.position)};
+  const auto& poses = o.batch->batch->motions[i.motion].poses;
   const double at = std::clamp(static_cast<double>(time), 0.0, 1.0) * static_cast<double>(poses.size() - 1);
   const std::size_t k = std::min(static_cast<std::size_t>(at), poses.size() - 2);
   const double f = at - static_cast<double>(k);
   const RayMotion::Pose &a = poses[k], &b = poses[k + 1];
   return {inverse_of(a.rotation.slerp(f, b.rotation), a.scale + f * (b.scale - a.scale)),
-          a.position + f * (b.position - a.position)};
+          offset + a.position + f * (b.position - a.position)};
 }
 
-Eigen::Vector3d RayScene::direction_in(const RayInstance& i, float time, float x, float y,
-                                       float z) const noexcept {
-  const Eigen::Vector3d d(x, y, z);
-  if (i.motion != kStill) return placement(i, time).inverse * d;
-  const double* m = i.inverse;
-  return {m[0] * d.x() + m[1] * d.y() + m[2] * d.z(), m[3] * d.x() + m[4] * d.y() + m[5] * d.z(),
-          m[6] * d.x() + m[7] * d.y() + m[8] * d.z()};
+void RayScene::fetch(const Shots& shots, unsigned n) const noexcept {
+  const RayInstance* instances[kShots];
+  const std::uint32_t* corners[kShots];
+  for (unsigned i = 0; i < n; ++i) {
+    const RTCRayHit8& p = shots.packets[i / 8];
+    const std::uint32_t id = p.hit.instID[0][i % 8];
+    instances[i] = id == RTC_INVALID_GEOMETRY_ID ? nullptr : &instance(id);
+    if (instances[i] == nullptr) continue;
+    __builtin_prefetch(instances[i]);
+    __builtin_prefetch(reinterpret_cast<const char*>(instances[i]) + 96);
+  }
+  for (unsigned i = 0; i < n; ++i) {
+    if (instances[i] == nullptr) continue;
+    const RTCRayHit8& p = shots.packets[i / 8];
+    const RayMesh& mesh = *instances[i]->mesh;
+    corners[i] = mesh.mesh->indices.data() + mesh.parts[p.hit.geomID[i % 8]].first_index +
+                 3 * static_cast<std::size_t>(p.hit.primID[i % 8]);
+    __builtin_prefetch(corners[i]);
+  }
+  for (unsigned i = 0; i < n; ++i) {
+    if (instances[i] == nullptr) continue;
+    const Vertex* const vertices = instances[i]->mesh->mesh->vertices.data();
+    for (int k = 0; k < 3; ++k) {
+      const char* const v = reinterpret_cast<const char*>(&vertices[corners[i][k]]);
+      __builtin_prefetch(v);
+      __builtin_prefetch(v + sizeof(Vertex) - 1);
+    }
+  }
 }
 
 SurfacePoint RayScene::point(const double origin[3], const float direction[3], float time,
                              const Meeting& met) const noexcept {
   using Eigen::Vector3d;
   using Eigen::Vector3f;
-  const RayInstance& instance = instances_[met.instance];
+  const Owner owned = owner(met.instance);
+  const RayInstance& instance = owned.batch->batch->instances[owned.index];
   const RayMesh& mesh = *instance.mesh;
   const RayPart& part = mesh.parts[met.part];
-  const Placement at = placement(instance, time);
+  const Placement at = placement(owned, time);
   const std::uint32_t* const index =
       &mesh.mesh->indices[part.first_index + 3 * static_cast<std::size_t>(met.triangle)];
   const Vertex& a = mesh.mesh->vertices[index[0]];

@@ -56,7 +56,7 @@ struct RayMesh {
 struct Meeting {
   float range_m = std::numeric_limits<float>::infinity();  ///< Embree's
   float u = 0, v = 0;                                      ///< barycentric: (1 - u - v) a + u b + v c
-  std::uint32_t instance = RTC_INVALID_GEOMETRY_ID;        ///< index into the scene's instances
+  std::uint32_t instance = RTC_INVALID_GEOMETRY_ID;        ///< RayScene::instance() knows it
   std::uint32_t part = 0, triangle = 0;
   [[nodiscard]] bool nothing() const noexcept { return instance == RTC_INVALID_GEOMETRY_ID; }
 };
@@ -77,11 +77,11 @@ constexpr std::uint32_t kStill = 0x7FFFFFFF;
 /// An instance as it stands in the scene's cell.
 struct RayInstance {
   double inverse[9]{};   ///< of rotation times scale, row by row: world axes to the mesh's
-  double position[3]{};  ///< relative to the cell
+  double position[3]{};  ///< relative to its batch's origin
   const RayMesh* mesh = nullptr;
   NodeId node{};
   float tint[3]{1, 1, 1};
-  std::uint32_t motion : 31 = kStill;  ///< index into the scene's motions; kStill: none
+  std::uint32_t motion : 31 = kStill;  ///< index into its batch's motions; kStill: none
   std::uint32_t mirrored : 1 = 0;      ///< an odd number of scales is negative
 };
 static_assert(sizeof(RayInstance) == 128);
@@ -90,11 +90,31 @@ static_assert(sizeof(RayInstance) == 128);
 /// by slerp, as Embree has it.
 struct RayMotion {
   struct Pose {
-    Eigen::Vector3d position;  ///< relative to the cell
+    Eigen::Vector3d position;  ///< relative to the batch's origin at the first instant
     Eigen::Quaterniond rotation;
     Eigen::Vector3d scale;
   };
   std::vector<Pose> poses;
+};
+
+/// A batch as Embree has it: relative to its origin, whatever cell it is seen from.
+struct RayBatch {
+  RayBatch() = default;
+  ~RayBatch();
+  RayBatch(const RayBatch&) = delete;
+  RayBatch& operator=(const RayBatch&) = delete;
+
+  std::vector<std::uint64_t> serials;  ///< of the batch at each instant; one where it stands still
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< at the first instant, world frame
+  std::vector<RayInstance> instances;                ///< in the batch's order; those left out have no mesh
+  std::vector<RayMotion> motions;
+  std::vector<const Mesh*> choice;                     ///< by instance, or one for all; null: none
+  std::vector<std::shared_ptr<const RayMesh>> meshes;  ///< keeps them
+  /// Small things in large numbers have a structure of their own, so that what changes elsewhere does not
+  /// cost them. Null: its instances lie in the scene itself.
+  RTCScene scene = nullptr;
+  std::uint32_t present = 0, left_out = 0;  ///< instances
+  bool casts_shadow = true;
 };
 
 /// What lies where a ray meets a surface. World axes. The normals are those that the Vulkan engine's shader
@@ -112,6 +132,14 @@ struct SurfacePoint {
   NodeId node{};
 };
 
+class RayScene;
+/// What a walk through a scene carries along. Embree hands back the address of `embree`.
+struct SceneContext {
+  RTCIntersectContext embree;
+  const RayScene* scene = nullptr;
+  std::uint32_t base = 0;  ///< inside a batch with a structure of its own: where its numbers begin
+};
+
 /// The content of a window round a cell of the world.
 class RayScene {
  public:
@@ -122,15 +150,21 @@ class RayScene {
   /// Middle of the cell, world frame.
   [[nodiscard]] const Eigen::Vector3d& origin() const noexcept { return origin_; }
   [[nodiscard]] RTCScene handle() const noexcept { return handle_; }
-  [[nodiscard]] std::span<const RayInstance> instances() const noexcept { return instances_; }
+  /// Of Meeting::instance.
+  [[nodiscard]] const RayInstance& instance(std::uint32_t id) const noexcept {
+    const Owner o = owner(id);
+    return o.batch->batch->instances[o.index];
+  }
   [[nodiscard]] const RayWeather& weather() const noexcept { return weather_; }
 
   /// Shoots the first n. Back faces of what is one-sided are not there, as in the Vulkan engine; holes are
-  /// holes. `coherent`: the rays go much the same way (a matter of speed alone).
+  /// holes. `coherent`: neighbours may go much the same way (a matter of speed alone).
   void meet(Shots& shots, unsigned n, bool coherent) const noexcept;
   /// hidden[i] = 1 where anything stands between near and far: a face hides from both its sides, holes do
   /// not.
   void hide(Shots& shots, unsigned n, bool coherent, std::uint8_t* hidden) const noexcept;
+  /// Has what point() will read on its way from memory.
+  void fetch(const Shots& shots, unsigned n) const noexcept;
   /// What was met. `origin` relative to origin().
   [[nodiscard]] SurfacePoint point(const double origin[3], const float direction[3], float time,
                                    const Meeting& m) const noexcept;
@@ -140,16 +174,38 @@ class RayScene {
     Eigen::Matrix3d inverse;
     Eigen::Vector3d position;
   };
-  [[nodiscard]] Placement placement(const RayInstance& instance, float time) const noexcept;
+  [[nodiscard]] Placement placement(std::uint32_t id, float time) const noexcept;
 
  protected:
+  /// A batch in the scene.
+  struct Placed {
+    std::shared_ptr<const RayBatch> batch;
+    Eigen::Vector3d offset = Eigen::Vector3d::Zero();  ///< of its origin from the cell
+    float shift[3]{};                                  ///< the same
+    /// Where the numbers of its instances begin: below top_ as Embree has them, above that those of batches
+    /// with a structure of their own, from a multiple of kBlock on.
+    std::uint32_t base = 0;
+    std::uint32_t first = 0, room = 0;    ///< of Embree's geometries in the scene
+    std::vector<RTCGeometry> geometries;  ///< null: left out
+  };
+  static constexpr std::uint32_t kBlock = 64;
+  struct Owner {
+    const Placed* batch;
+    std::uint32_t index;
+  };
+  [[nodiscard]] Owner owner(std::uint32_t id) const noexcept {
+    const Placed& p = *(id < top_ ? of_top_[id] : of_block_[(id - top_) / kBlock]);
+    return {&p, id - p.base};
+  }
+  [[nodiscard]] static Placement placement(const Owner& o, float time) noexcept;
+  friend struct SceneFilters;
+
   RayScene() = default;
-  [[nodiscard]] Eigen::Vector3d direction_in(const RayInstance& instance, float time, float x, float y,
-                                             float z) const noexcept;
   Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();
   RTCScene handle_ = nullptr;
-  std::vector<RayInstance> instances_;  ///< by Embree's instID; gaps have no mesh
-  std::vector<RayMotion> motions_;
+  std::uint32_t top_ = 0;
+  std::vector<std::unique_ptr<Placed>> batches_;  ///< in the order of the content
+  std::vector<const Placed*> of_top_, of_block_;
   RayWeather weather_;
 };
 
