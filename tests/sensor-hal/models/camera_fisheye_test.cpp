@@ -231,5 +231,28 @@ TEST(DarkCurrent, HotPixelsAreExponentiallyDistributed) {
   EXPECT_NEAR(F::hot_pixel_rate(0.01f, 5000, 0.0099f, 0.5f), 5000 * std::log(2.0), 1e-3);
 }
 
+// A dozen roundings of 6e-8, of exp and log among them, whose argument is magnified by exponents up to 3.
+TEST(PictureModels, FloatFollowsDouble) {
+  using D = models::PictureMath<double>;
+  using F = models::PictureMath<float>;
+  std::mt19937 random(12);
+  std::uniform_real_distribution<float> part(0, 1);
+  for (int i = 0; i < 2000; ++i) {
+    const float r2 = 1e4f * part(random), radius = 0.5f + 10 * part(random), p = 0.5f + 2.5f * part(random);
+    const double kernel = D::bloom_kernel(r2, radius, p);
+    EXPECT_NEAR(F::bloom_kernel(r2, radius, p) / kernel, 1, 1e-5);
+    EXPECT_NEAR(kernel, std::pow(1 + r2 / (static_cast<double>(radius) * radius), -p), 1e-12);
+    const float t = 8 * part(random) + 1e-3f;
+    EXPECT_NEAR(F::bloom_gaussian_sigma(t, radius) / D::bloom_gaussian_sigma(t, radius), 1, 1e-6);
+    EXPECT_NEAR(F::bloom_gaussian_height(t, p, 0.7f) / D::bloom_gaussian_height(t, p, 0.7f), 1, 1e-5);
+    EXPECT_NEAR(F::bloom_mix(r2, t, p, 0.1f, 0.02f), D::bloom_mix(r2, t, p, 0.1f, 0.02f), 2e-3);
+    const float dn = std::floor(4096 * part(random)), gamma = 0.4f + part(random);
+    const double balanced = D::balanced_dn(dn, 64, p);
+    EXPECT_NEAR(F::balanced_dn(dn, 64, p), balanced, 2e-3);
+    EXPECT_NEAR(F::processed_dn(static_cast<float>(balanced), 64, 4095, gamma, 64),
+                D::processed_dn(static_cast<float>(balanced), 64, 4095, gamma, 64), 2e-2);
+  }
+}
+
 }  // namespace
 }  // namespace rigor
