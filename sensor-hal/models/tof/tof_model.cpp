@@ -114,6 +114,12 @@ Status TofModel::validate() const {
     if (n == 0) return refuse("sampling.samples", "1, 4, 9 or 16", std::to_string(sampling.samples));
     if (n == sampling.samples) break;
   }
+  const double rays = double(width_px) * height_px * std::max(sampling.samples, sampling.multipath_rays);
+  if (rays > kMaxRays)
+    return refuse(
+        "sampling",
+        "at most " + number(kMaxRays) + " rays in a frame (pixels times samples, or multipath_rays)",
+        number(rays));
   if (filters.median_px != 0 && filters.median_px != 3 && filters.median_px != 5)
     return refuse("filters.median_px", "0, 3 or 5", std::to_string(filters.median_px));
   if (limits.max_range_m > 0 && !(limits.max_range_m > limits.min_range_m))

@@ -104,6 +104,7 @@ struct TofModel {
 
   static constexpr int kMaxSize_px = 4096;
   static constexpr int kMaxFrequencies = 8;
+  static constexpr double kMaxRays = 33554432;  ///< of a frame: what a simulator holds at once
 
   /// bad_input says which value is out of its bounds, what was expected and what came. Setup.
   [[nodiscard]] Status validate() const;

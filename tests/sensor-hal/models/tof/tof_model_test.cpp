@@ -91,6 +91,11 @@ TEST(TofModel, RefusesWhatCannotBe) {
               m.limits.max_range_m = 2;
             }).find("limits.max_range_m"),
             std::string::npos);
+  EXPECT_NE(refused([](TofModel& m) {
+              m.width_px = m.height_px = 4096;
+              m.sampling.samples = 16;
+            }).find("rays in a frame"),
+            std::string::npos);
   // Taps cannot be negative: 0.9 · (1 + 0.2) > 1.
   EXPECT_NE(refused([](TofModel& m) {
               m.modulation.contrast = 0.9;

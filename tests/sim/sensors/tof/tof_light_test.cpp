@@ -372,6 +372,22 @@ TEST(TofSimulator, RetroReflectorSaturatesWhereAWhiteWallDoesNot) {
   EXPECT_EQ(retro.shoot(m).status[4], TofPixelStatus::saturated);
 }
 
+TEST(TofSimulator, AMaterialThatIsNotANumberReflectsNothing) {
+  TofBench b;
+  b.engine->add(Plane{.point = {0, 0, 2}, .normal = {0, 0, -1}},
+                {.map = [](render::Hit& h, const Eigen::Vector3d& p, int) {
+                  if (p.x() > 0) h.reflectance = std::nanf("");
+                }});
+  TofModel m = perfect(4, 1, 10);
+  m.sampling.samples = 4;
+  m.optics.filter_width_m = 50e-9;
+  const TofPicture p = b.shoot(m);
+  for (int u = 0; u < 4; ++u) {
+    EXPECT_EQ(p.status[size_t(u)], u < 2 ? TofPixelStatus::valid : TofPixelStatus::no_return);
+    EXPECT_TRUE(std::isfinite(p.amplitude[size_t(u)]));
+  }
+}
+
 TEST(TofSimulator, AirTakesLightThereAndBack) {
   TofBench b;
   b.wall(4);
