@@ -114,9 +114,13 @@ void SensorStage::Impl::make_maps() {
         float rx = 0, ry = 0, valid = 0;
         if (c.projection == Projection::opencv) {
           const OpenCvLens& l = c.lens;
-          Lens::lens_undistort((static_cast<float>(x) - f(c.cx_px)) / f(c.fx_px),
-                               (static_cast<float>(y) - f(c.cy_px)) / f(c.fy_px), f(l.k1), f(l.k2), f(l.p1),
-                               f(l.p2), f(l.k3), f(l.k4), f(l.k5), f(l.k6), 1e-6f, rx, ry, valid);
+          rx = (static_cast<float>(x) - f(c.cx_px)) / f(c.fx_px);
+          ry = (static_cast<float>(y) - f(c.cy_px)) / f(c.fy_px);
+          valid = 1;
+          // A microsecond for each pixel, which a pinhole can do without.
+          if (l != OpenCvLens{})
+            Lens::lens_undistort(rx, ry, f(l.k1), f(l.k2), f(l.p1), f(l.p2), f(l.k3), f(l.k4), f(l.k5),
+                                 f(l.k6), 1e-6f, rx, ry, valid);
         } else if (const auto ray = unproject_ray(c, {static_cast<double>(x), static_cast<double>(y)})) {
           // From 90 degrees on cos is 0: a tangent so large that its square is that, and no more.
           constexpr double kLeastCosine = 1e-6;
