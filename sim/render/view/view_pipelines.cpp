@@ -75,6 +75,9 @@ constexpr std::uint32_t kFoliageNormalsFrag[] = {
 constexpr std::uint32_t kImpostorNormalsFrag[] = {
 #include "impostor_normals.frag.inc"
 };
+constexpr std::uint32_t kSkyNormalsFrag[] = {
+#include "sky_normals.frag.inc"
+};
 constexpr std::uint32_t kRangeFrag[] = {
 #include "range.frag.inc"
 };
@@ -252,7 +255,7 @@ Result<vk::Pipeline> ViewPipelines::make_drawing(ViewPass pass, std::uint32_t fe
       break;
     case ViewPass::sky:
       d = {.vertex = kSkyVert,
-           .fragment = kSkyFrag,
+           .fragment = normals ? std::span<const std::uint32_t>(kSkyNormalsFrag) : kSkyFrag,
            .vertices = false,
            .instances = false,
            .colours = picture_colours,
@@ -378,8 +381,6 @@ Result<vk::Pipeline> ViewPipelines::make_drawing(ViewPass pass, std::uint32_t fe
   dynamic_info.sType = VK_STRUCTURE_TYPE_PIPELINE_DYNAMIC_STATE_CREATE_INFO;
   dynamic_info.dynamicStateCount = dynamic.size();
   dynamic_info.pDynamicStates = dynamic.data();
-  // The sky has no normal.
-  if (pass == ViewPass::sky) attachment[2].colorWriteMask = 0;
   const std::array picture{colour_format_, VK_FORMAT_R32_UINT, VK_FORMAT_R32_UINT};
   const std::array maps{d.maps, d.maps, d.maps};
   VkPipelineRenderingCreateInfo rendering{};

@@ -279,7 +279,8 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   if (request.switches.shadows)
     if (auto ok = make_shadows(camera, options, numbers, frame, request); !ok) return ok;
   FrameFeatures features = features_of(frame, request, numbers);
-  if (has_holes(all)) features.all |= kFeatureAfterDepth;
+  // With four samples most leaves show in one of them, and would be drawn twice for nothing.
+  if (request.samples == 1 && has_holes(all)) features.all |= kFeatureAfterDepth;
   const bool whole = targets.rows_at_once() >= p.height_px;
   // Solid things first where they may hide others.
   std::vector<Bucket> solid;

@@ -72,6 +72,43 @@ TEST_F(ViewGeometry, AsExactFarFromTheOriginAsThere) {
   EXPECT_LT(differ, here.depth_m.size() / 200);
 }
 
+TEST_F(ViewGeometry, NormalsWhereTheyAreAskedFor) {
+  frame_.light.sky = even_sky(1);
+  auto leaf = SurfaceOf::grey(0.5F);  // with holes: another pipeline
+  auto map = std::make_shared<Texture>();
+  map->width = map->height = 1;
+  map->rgba = {255, 255, 255, 255};
+  leaf->colour_map = map;
+  leaf->alpha_cutoff = 0.5F;
+  frame_.batches = {one(plane_mesh(30, SurfaceOf::grey(0.4F)), 1, {0, 0, -1}),
+                    one(box_mesh({1, 1, 1}, leaf), 2, {0, 10, 0})};
+  // Turned about the optical axis: camera axes are not the world's.
+  request_.T_world_camera = look({0, 0, 0.5}, {0, 10, 0.5});
+  request_.T_world_camera.rotate(Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitZ()));
+  for (const int samples : {1, 4}) {
+    request_.samples = samples;
+    request_.normals = false;
+    const auto without = shoot();
+    EXPECT_TRUE(without.normals.empty());
+    request_.normals = true;
+    const auto p = shoot();
+    EXPECT_EQ(without.radiance, p.radiance);
+    ASSERT_EQ(p.normals.size(), 3 * p.nodes.size());
+    const Eigen::Matrix3d to_camera = request_.T_world_camera.linear().transpose();
+    std::size_t sky = 0, ground = 0, box = 0;
+    for (std::size_t i = 0; i < p.nodes.size(); ++i) {
+      const Eigen::Vector3d n = Eigen::Map<const Eigen::Vector3f>(&p.normals[3 * i]).cast<double>();
+      Eigen::Vector3d expected = Eigen::Vector3d::Zero();
+      if (p.nodes[i] == 1) expected = to_camera * Eigen::Vector3d::UnitZ();
+      if (p.nodes[i] == 2) expected = to_camera * -Eigen::Vector3d::UnitY();
+      if (p.nodes[i] == 2 && (n - expected).norm() > 0.5) expected = to_camera * Eigen::Vector3d::UnitZ();
+      ASSERT_NEAR((n - expected).norm(), 0, 6e-5) << i;
+      ++(p.nodes[i] == 0 ? sky : p.nodes[i] == 1 ? ground : box);
+    }
+    EXPECT_GT(std::min({sky, ground, box}), 500U);
+  }
+}
+
 TEST_F(ViewGeometry, WhatCannotBeDrawnIsSkippedAndCounted) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   frame_.light.sky = even_sky(1);
