@@ -33,11 +33,12 @@ std::shared_ptr<const ContentWindow> ViewContent::collect(const ContentQuery& qu
     ContentQuery at = query;
     at.t = steps == 1 ? begin : begin + (end - begin) * std::int64_t{i} / std::int64_t{steps - 1};
     auto frame = std::make_shared<const ContentFrame>(view_.collect(at));
-    if (i > 0 && frame->batches == window->frames.back()->batches && window->frames.size() == 1 &&
-        i + 1 == steps)
-      break;  // nothing moved
     window->frames.push_back(std::move(frame));
   }
+  const auto& frames = window->frames;
+  const bool moved = std::any_of(frames.begin() + 1, frames.end(),
+                                 [&](const auto& f) { return f->batches != frames.front()->batches; });
+  if (!moved) window->frames.resize(1);
   return window;
 }
 

@@ -58,8 +58,18 @@ struct Engine final : EmbreeEngine::Impl {
       if (m && seen.insert(m->serial).second) needed.push_back(m);
     };
     const bool coarse = options.allowed_error_rad > 0 && options.eye.allFinite();
+    // What was wanted last time under the same options has its levels already.
+    std::unordered_map<std::uint64_t, const WantedBatch*> before;
+    if (options.allowed_error_rad == chosen.allowed_error_rad && options.eye == chosen.eye)
+      for (const WantedBatch& b : wanted.batches) before.emplace(b.frames.front()->serial, &b);
+    chosen = options;
     tbb::parallel_for(std::size_t{0}, out.batches.size(), [&](std::size_t i) {
       WantedBatch& batch = out.batches[i];
+      if (const auto it = before.find(batch.frames.front()->serial);
+          it != before.end() && it->second->frames == batch.frames) {
+        batch = *it->second;
+        return;
+      }
       const Batch& b = *batch.frames.front();
       const auto& all = b.prototype->levels;
       if (all.size() < 2 || !coarse) {
@@ -85,7 +95,8 @@ struct Engine final : EmbreeEngine::Impl {
     });
     for (const WantedBatch& batch : out.batches)
       for (const LevelOfDetail& l : batch.frames.front()->prototype->levels)
-        if (l.mesh && std::find(batch.choice.begin(), batch.choice.end(), l.mesh.get()) != batch.choice.end())
+        if (l.mesh && !seen.contains(l.mesh->serial) &&
+            std::find(batch.choice.begin(), batch.choice.end(), l.mesh.get()) != batch.choice.end())
           need(l.mesh);
     std::vector<std::shared_ptr<const RayMesh>> made(needed.size());
     std::vector<std::uint8_t> built(needed.size());
@@ -109,6 +120,7 @@ struct Engine final : EmbreeEngine::Impl {
     }
     tbb::parallel_for(std::size_t{0}, out.batches.size(), [&](std::size_t i) {
       WantedBatch& batch = out.batches[i];
+      if (batch.made) return;
       for (const LevelOfDetail& l : batch.frames.front()->prototype->levels)
         if (l.mesh)
           if (const auto it = by_serial.find(l.mesh->serial); it != by_serial.end())
@@ -199,7 +211,7 @@ struct Engine final : EmbreeEngine::Impl {
   [[nodiscard]] tbb::task_arena& arena() noexcept override { return *tasks; }
 
   std::shared_ptr<MeshCache> cache;
-  EmbreeOptions options;
+  EmbreeOptions options, chosen;  ///< chosen: under which the levels of `wanted` were
   std::unique_ptr<tbb::task_arena> tasks;
   WantedContent wanted;
   std::uint64_t version = 0;
