@@ -2,6 +2,14 @@
 // normal, material, place on the texture, node and reflectance; the rays are then sampled from them. Cheap
 // where many rays share an origin and an instant; rays of other origins in a query are answered as if they
 // started at its origin.
+//
+// Which views: one where the rays lie in a cone of up to 100 degrees, else up to four sides about their axis,
+// and top and bottom, each cut to what its rays use. A texel holds what its middle shows: identity, material
+// and normal are those of the nearest texel, range is where the ray meets the plane of the texel's triangle.
+// Errors: some 10 um and 20 ppm in range on surfaces that fill a texel; at silhouettes and on leaves smaller
+// than texels, what stands up to half a texel beside the ray. Where the rays are the pixels of a pinhole and
+// `pixels_per_rad` is its focal length, texels lie on the rays, and only levels of detail are left as an
+// error. Impostors are never used.
 #pragma once
 
 #include <memory>
@@ -12,7 +20,7 @@
 namespace rigor::render {
 
 struct RasterOptions {
-  double pixels_per_rad = 500;  ///< of the views, at their centre
+  double pixels_per_rad = 500;  ///< of the views, at their centre: a camera's focal length in pixels
   double allowed_error_rad = 1e-3;
   /// Instants drawn per window where something moves: a ray takes the nearest.
   int instants = 1;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 #include <numbers>
 
 namespace rigor::render {
@@ -66,6 +67,23 @@ Eigen::Vector3d pole_of(std::span<const Ray> rays, std::span<const std::uint32_t
   return pole.z() < 0 ? Eigen::Vector3d(-pole) : pole;
 }
 
+/// Where within a texel rays mostly go: of rays that lie in a grid of as many texels (the pixels of a
+/// camera), so that each gets a texel of its own, drawn where the ray goes. 0 where they lie anyhow.
+class Phase {
+ public:
+  void add(double px) {
+    sum_ += std::polar(1.0, 2 * kPi * (px - std::floor(px)));
+    ++count_;
+  }
+  [[nodiscard]] double get() const {
+    return std::abs(sum_) > 0.5 * static_cast<double>(count_) ? std::arg(sum_) / (2 * kPi) : 0.0;
+  }
+
+ private:
+  std::complex<double> sum_;
+  std::size_t count_ = 0;
+};
+
 /// Cuts a face to its rays, and into parts where it is too large.
 void cut(const Eigen::Matrix3d& axes_of_face, const std::vector<std::uint32_t>& which,
          std::span<const Ray> rays, const FaceOptions& o, std::vector<RayFace>& out) {
@@ -74,12 +92,15 @@ void cut(const Eigen::Matrix3d& axes_of_face, const std::vector<std::uint32_t>& 
     double u = 0, v = 0;
   };
   std::vector<Place> places(which.size());
+  Phase across_u, across_v;
   constexpr double kFar = 1e300;
   double u0 = kFar, u1 = -kFar, v0 = kFar, v1 = -kFar, farthest = 0;
   for (std::size_t k = 0; k < which.size(); ++k) {
     const Eigen::Vector3d d = axes_of_face.transpose() * direction_of(rays[which[k]]);
     const double u = o.pixels_per_rad * d.x() / d.z(), v = o.pixels_per_rad * d.y() / d.z();
     places[k] = {u, v};
+    across_u.add(u);
+    across_v.add(v);
     u0 = std::min(u0, u);
     u1 = std::max(u1, u);
     v0 = std::min(v0, v);
@@ -87,8 +108,11 @@ void cut(const Eigen::Matrix3d& axes_of_face, const std::vector<std::uint32_t>& 
     farthest = std::max(farthest, u * u + v * v);
   }
   // A texel round what is used: sampling looks at neighbours.
-  const double left = std::floor(u0 + 0.5) - 1, top = std::floor(v0 + 0.5) - 1;
-  const double width = std::floor(u1 + 0.5) - left + 2, height = std::floor(v1 + 0.5) - top + 2;
+  const double phase_u = across_u.get(), phase_v = across_v.get();
+  const auto texel_u = [&](double u) { return std::floor(u - phase_u + 0.5); };
+  const auto texel_v = [&](double v) { return std::floor(v - phase_v + 0.5); };
+  const double left = texel_u(u0) - 1 + phase_u, top = texel_v(v0) - 1 + phase_v;
+  const double width = texel_u(u1) - texel_u(u0) + 3, height = texel_v(v1) - texel_v(v0) + 3;
   const double cosine = 1.0 / std::sqrt(1.0 + farthest / (o.pixels_per_rad * o.pixels_per_rad));
   const auto finish = [&](double part_left, double part_top, double part_width, double part_height) {
     RayFace f;
@@ -119,8 +143,8 @@ void cut(const Eigen::Matrix3d& axes_of_face, const std::vector<std::uint32_t>& 
   const auto across = static_cast<std::size_t>(std::ceil(width / step));
   std::vector<std::vector<std::size_t>> of_part(across * static_cast<std::size_t>(std::ceil(height / step)));
   for (std::size_t k = 0; k < which.size(); ++k)
-    of_part[static_cast<std::size_t>((std::floor(places[k].v + 0.5) - top) / step) * across +
-            static_cast<std::size_t>((std::floor(places[k].u + 0.5) - left) / step)]
+    of_part[static_cast<std::size_t>((texel_v(places[k].v) - texel_v(v0)) / step) * across +
+            static_cast<std::size_t>((texel_u(places[k].u) - texel_u(u0)) / step)]
         .push_back(k);
   for (const auto& part : of_part) {
     std::vector<std::uint32_t> some;

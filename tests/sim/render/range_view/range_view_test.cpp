@@ -270,6 +270,30 @@ TEST_F(RangeView, ViewsLargerThanTheDeviceTakesArePieces) {
     ASSERT_NEAR(hits[i].range_m, room_range(direction_of(rays[i])), 2e-3) << i;
 }
 
+// Bars a third of a pixel wide: seen where, and only where, a ray meets one. With texels that are not in step
+// with the camera's pixels (seen: half a texel off) a fifth of the rays are wrong.
+TEST_F(RangeView, TexelsOfACameraLieOnItsPixels) {
+  constexpr double kFocal = 211;
+  engine_->set_options({.pixels_per_rad = kFocal});
+  std::vector<Instance> bars;
+  for (int i = -40; i <= 40; ++i) bars.push_back(at(0.061F * static_cast<float>(i), 5, 0));
+  show({batch_of(prototype_of(box_mesh({0.004F, 0.001F, 3}, SurfaceOf::grey(0.5F))), bars, 7)});
+  const auto rays = pinhole_rays(look({0, 0, 0}, {0, 1, 0}).linear(), 176, 144, kFocal);
+  const auto hits = cast(rays);
+  std::size_t seen = 0, wrong = 0;
+  for (std::size_t i = 0; i < rays.size(); ++i) {
+    const Eigen::Vector3d d = direction_of(rays[i]);
+    const double x = 4.999 * d.x() / d.y();
+    const double from_bar = std::abs(x - 0.061F * std::round(x / 0.061));
+    const bool there = std::abs(x) < 2.46 && from_bar < 0.004;
+    if (std::abs(from_bar - 0.004) < 2e-4) continue;  // its edge, or its side
+    seen += there ? 1 : 0;
+    wrong += there == hits[i].nothing() ? 1 : 0;
+  }
+  EXPECT_GT(seen, 2000U);
+  EXPECT_LE(wrong, rays.size() / 1000);
+}
+
 TEST_F(RangeView, TheSameBytesAgainAndBesideAViewRenderer) {
   auto view = ViewRenderer::create(device_);
   ASSERT_TRUE(view);
