@@ -3,7 +3,7 @@
 // looked at.
 //
 //   camera_preview WORLD OUT_DIR [--eye x y z] [--target x y z] [--size w h] [--samples n] [--reference n]
-//                  [--repeat n] [--only effect,effect]
+//                  [--repeat n] [--only effect,effect] …
 #include <sys/resource.h>
 
 #include <algorithm>
@@ -19,10 +19,29 @@
 #include "sim/render/view/tone_map.h"
 #include "sim/sensors/camera/camera_optics_picture.h"
 #include "sim/sensors/camera_simulator.h"
+#include "sim/world/world_yaml.h"
 
 using namespace rigor;
 
 namespace {
+
+/// Says what collecting costs.
+struct Timed final : render::ContentSource {
+  explicit Timed(render::ContentSource& of) : world(of) {}
+  std::shared_ptr<const render::ContentWindow> collect(const render::ContentQuery& query, BenchTime begin,
+                                                       BenchTime end, int instants) override {
+    const auto t0 = std::chrono::steady_clock::now();
+    auto w = world.collect(query, begin, end, instants);
+    ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - t0).count();
+    return w;
+  }
+  Eigen::Isometry3d T_world_node(render::NodeId n, BenchTime t) const override {
+    return world.T_world_node(n, t);
+  }
+  std::string type_name(render::NodeId n) const override { return world.type_name(n); }
+  render::ContentSource& world;
+  double ms = 0;
+};
 
 struct Effect {
   const char* name;
@@ -130,7 +149,8 @@ int main(int argc, char** argv) {
     eye.z() += z;
     target.z() += z;
   }
-  render::ViewContent content(*opened->db, *picture.view);
+  render::ViewContent view_content(*opened->db, *picture.view);
+  Timed content(view_content);
   std::shared_ptr<render::Device> device;
   if (device_ok)
     if (auto made = render::Device::create({})) device = *made;
@@ -146,7 +166,8 @@ int main(int argc, char** argv) {
     return T;
   };
   double scale = 0;
-  std::printf("%-14s %-7s %9s %9s %9s %9s\n", "effect", "engine", "wall ms", "cpu ms", "rms %", "p95 %");
+  std::printf("%-14s %-7s %9s %9s %9s %9s %9s\n", "effect", "engine", "wall ms", "cpu ms", "collect", "rms %",
+              "p95 %");
   for (const Effect& e : kEffects) {
     if (!only.empty() && ("," + only + ",").find(std::string(",") + e.name + ",") == std::string::npos)
       continue;
@@ -196,8 +217,8 @@ int main(int argc, char** argv) {
         }
       const auto n = static_cast<double>(off.size());
       std::sort(off.begin(), off.end());
-      std::printf("%-14s %-7s %9.1f %9.1f %9.2f %9.2f\n", e.name, engine, cost.wall_ms, cost.cpu,
-                  off.empty() ? 0 : 100 * std::sqrt(sum / n) / (mean / n),
+      std::printf("%-14s %-7s %9.1f %9.1f %9.1f %9.2f %9.2f\n", e.name, engine, cost.wall_ms, cost.cpu,
+                  content.ms, off.empty() ? 0 : 100 * std::sqrt(sum / n) / (mean / n),
                   off.empty() ? 0 : 100 * off[static_cast<std::size_t>(0.95 * n)] / (mean / n));
       std::fflush(stdout);
     };
@@ -212,6 +233,30 @@ int main(int argc, char** argv) {
       o.samples_per_pixel = samples;
       if (auto optics = make_rays_optics(model, o, cache)) shoot("rays", **optics, repeat);
     }
+    // The bench's small renderer, lens and sensor included, where the world is a scene of boxes.
+    if (device && !e.moves && std::strcmp(e.name, "ideal") == 0)
+      if (auto scene = world::load_world(argv[1])) {
+        auto shared = std::make_shared<const world::Scene>(std::move(*scene));
+        auto old = CameraSimulator::create({.name = "old", .model = model, .T_parent_sensor = still}, device,
+                                           shared);
+        world::WorldSnapshot snapshot(*shared);
+        if (old) {
+          std::vector<std::byte> bytes((*old)->full_region_bytes());
+          Cost cost;
+          for (int k = 0; k < 10; ++k) {
+            const auto t0 = std::chrono::steady_clock::now();
+            const double c0 = cpu_ms();
+            if (!(*old)->capture({.exposure = milliseconds(4)}, snapshot, bytes)) break;
+            cost.cpu = std::min(cost.cpu, cpu_ms() - c0);
+            cost.wall_ms = std::min(
+                cost.wall_ms,
+                std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - t0).count());
+          }
+          cv::imwrite(std::string(argv[2]) + "/ideal_small.png",
+                      cv::Mat(height, width, CV_8UC1, bytes.data()));
+          std::printf("%-14s %-7s %9.1f %9.1f\n", e.name, "small", cost.wall_ms, cost.cpu);
+        }
+      }
     if (device) {
       auto optics = make_vulkan_optics(model, options, device);
       if (optics)
