@@ -26,17 +26,24 @@ struct Cell {
   float share[4];
 };
 
+/// Plain x86-64 has no instruction for it. |t| below 2^31; else t itself.
+inline float floor_of(float t) noexcept {
+  if (!(t > -2e9F && t < 2e9F)) return t;
+  const auto whole = static_cast<float>(static_cast<std::int32_t>(t));
+  return whole > t ? whole - 1 : whole;
+}
+
 /// One axis: the two texels about a coordinate, and the share of the second.
 inline void axis(float t, std::uint32_t size, bool repeat, std::uint32_t& low, std::uint32_t& high,
                  float& share) noexcept {
   const auto n = static_cast<float>(size);
   if (repeat) {
-    t -= std::floor(t);
+    t -= floor_of(t);
     if (!(t >= 0.0F && t < 1.0F)) t = 0.0F;  // not finite, or rounded up
     const float x = t * n - 0.5F;
-    const float base = std::floor(x);
+    const float base = floor_of(x);
     share = x - base;
-    const auto i = static_cast<std::int64_t>(base);
+    const auto i = static_cast<std::int32_t>(base);
     low = i < 0 ? size - 1 : static_cast<std::uint32_t>(i);
     if (low >= size) low = size - 1;
     high = low + 1 == size ? 0 : low + 1;
@@ -45,9 +52,9 @@ inline void axis(float t, std::uint32_t size, bool repeat, std::uint32_t& low, s
   if (!(t > 0.0F)) t = 0.0F;
   if (t > 1.0F) t = 1.0F;
   const float x = t * n - 0.5F;
-  const float base = std::floor(x);
+  const float base = floor_of(x);
   share = x - base;
-  const auto i = static_cast<std::int64_t>(base);
+  const auto i = static_cast<std::int32_t>(base);
   low = i < 0 ? 0 : static_cast<std::uint32_t>(i);
   high = std::min(static_cast<std::uint32_t>(i + 1), size - 1);
 }
