@@ -43,7 +43,7 @@ struct OpticsRequest {
   std::uint64_t seed = 0;  ///< of the samples of the rays engine
   struct Region {
     int x_px = 0, y_px = 0, width_px = 0, height_px = 0;
-  } region{};  ///< width 0: the whole sensor
+  } region{};  ///< width 0: the whole sensor. rays: only this is traced; vulkan: whole views, read here
 };
 
 class CameraOpticsPicture {
