@@ -271,7 +271,7 @@ TEST_F(RangeView, ViewsLargerThanTheDeviceTakesArePieces) {
 }
 
 // Bars a third of a pixel wide: seen where, and only where, a ray meets one. With texels that are not in step
-// with the camera's pixels (seen: half a texel off) a fifth of the rays are wrong.
+// with the camera's pixels (seen: half a texel off) a quarter of the rays are wrong.
 TEST_F(RangeView, TexelsOfACameraLieOnItsPixels) {
   constexpr double kFocal = 211;
   engine_->set_options({.pixels_per_rad = kFocal});
