@@ -1,5 +1,13 @@
 // The engine of rays: Embree over the content that the Vulkan engine draws, with instancing, alpha-tested
 // leaves and motion between the instants of a window. The reference that errors are measured against.
+//
+// Back faces of one-sided surfaces are not there for cast(), as they are not drawn: from inside a hull one
+// sees out. For occluded() a face counts from both its sides, as for the Vulkan engine's shadows. Of surfaces
+// in exactly one place the same one is met whenever content and query are the same. Plants do not sway: they
+// stand as they do without wind. Maps are looked up bilinearly in their finest level. Ranges are worked out
+// in double from the triangle that Embree found; positions are kept relative to a cell of 256 m round the
+// query's origin, so that it does not matter where in the world it lies. Things without extent along one of
+// their axes (a scale of 0) are left out.
 #pragma once
 
 #include <memory>

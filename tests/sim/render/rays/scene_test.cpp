@@ -119,19 +119,23 @@ TEST_F(RaysTest, ManySmallThingsAreMetAsEachOfThemAlone) {
 }
 
 TEST_F(RaysTest, WhatMovesIsMetWhereItIsAtTheRaysInstant) {
-  // Three instants: 0, 4 and 2 m to the east; a still wall behind.
+  // Three instants: 0, 4 and 2 m to the east, 0, 2 and -1 m to the north; a still wall behind.
   auto p = prototype_of(box_mesh({0.5F, 0.5F, 0.5F}, surface_of(0.5F)));
   auto wall = one(box_mesh({50, 0.5F, 50}, surface_of(0.2F)), 9, {0, 10.5, 0});
   std::vector<ContentFrame> frames(3);
-  const double x[3] = {0, 4, 2};
+  const double x[3] = {0, 4, 2}, y[3] = {0, 2, -1};
   for (std::size_t k = 0; k < 3; ++k)
-    frames[k].batches = {wall, batch_of(p, {at(0, 5.5F, 0)}, 3, {x[k], 0, 0})};
+    frames[k].batches = {wall, batch_of(p, {at(0, 5.5F, 0)}, 3, {x[k], y[k], 0})};
   show(window_of(frames));
   const auto node = [&](double from, float time) { return shoot({from, 0, 0}, {0, 1, 0}, time).node.value; };
-  for (const auto& [time, centre] :
-       {std::pair{0.0F, 0.0}, std::pair{0.25F, 2.0}, std::pair{0.5F, 4.0}, std::pair{1.0F, 2.0}}) {
+  struct Case {
+    float time;
+    double centre, north;
+  };
+  for (const auto& [time, centre, north] :
+       {Case{0, 0, 0}, Case{0.25F, 2, 1}, Case{0.5F, 4, 2}, Case{0.75F, 3, 0.5}, Case{1, 2, -1}}) {
     EXPECT_EQ(node(centre, time), 3U) << time;
-    EXPECT_NEAR(shoot({centre, 0, 0}, {0, 1, 0}, time).range_m, 5.0, 1e-5) << time;
+    EXPECT_NEAR(shoot({centre, 0, 0}, {0, 1, 0}, time).range_m, 5.0 + north, 1e-5) << time;
     EXPECT_EQ(node(centre - 0.49, time), 3U) << time;
     EXPECT_EQ(node(centre - 0.51, time), 9U) << time;
     EXPECT_EQ(node(centre + 0.49, time), 3U) << time;
