@@ -20,14 +20,6 @@ constexpr float kGrazing = 0.02F;
 /// A path that carries less than this much of light goes on with a chance only.
 constexpr float kRoulette = 0.3F;
 
-template <class Scene>
-const RayInstance& instance_of(const Scene& scene, std::uint32_t id) {
-  if constexpr (requires { scene.instance(id); })
-    return scene.instance(id);
-  else
-    return scene.instances()[id];
-}
-
 float unit_draw(std::uint32_t word) { return (static_cast<float>(word >> 8U) + 0.5F) * (1.0F / 16777216.0F); }
 
 /// Off a surface by more than places and intersections are rounded, to the side where `towards` leads.
