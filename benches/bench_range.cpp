@@ -268,6 +268,7 @@ class Bench {
       return m;
     };
     const auto reference = measure(without_noise(16), {}, 0, nullptr);
+    const auto moving = measure(without_noise(16), {.motion = true}, 0, nullptr);
     auto bare_engine = need(render::EmbreeEngine::create(cache_, {.eye = world.eye()}));
     render::ContentQuery query;
     query.eye = world.eye();
@@ -289,7 +290,7 @@ class Bench {
       Times times;
       measure(full, k, rounds_, &times);
       report(place, sensor, k, times, bare,
-             compare(measure(without_noise(k.rays), k, 0, nullptr), reference));
+             compare(measure(without_noise(k.rays), k, 0, nullptr), k.motion ? moving : reference));
     }
   }
 
