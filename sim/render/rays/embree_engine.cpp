@@ -38,6 +38,19 @@ std::size_t level_for(const Prototype& p, double scale, double distance_m, doubl
   return best;
 }
 
+/// What stands there is the same, object by object: no more than light, lamps or air may differ.
+bool same_standing(const ContentWindow& a, const ContentWindow& b) {
+  if (a.frames.size() != b.frames.size()) return false;
+  for (std::size_t i = 0; i < a.frames.size(); ++i) {
+    if (a.frames[i] == b.frames[i]) continue;
+    const ContentFrame &p = *a.frames[i], &q = *b.frames[i];
+    if (p.batches != q.batches || p.surface.wetness != q.surface.wetness ||
+        p.surface.snow_depth_m != q.surface.snow_depth_m)
+      return false;
+  }
+  return true;
+}
+
 struct Engine final : EmbreeEngine::Impl {
   Engine(std::shared_ptr<MeshCache> c, const EmbreeOptions& o) : cache(std::move(c)) { set(o); }
 
@@ -60,7 +73,7 @@ struct Engine final : EmbreeEngine::Impl {
     const bool coarse = options.allowed_error_rad > 0 && options.eye.allFinite();
     // What was wanted last time under the same options has its levels already.
     std::unordered_map<std::uint64_t, const WantedBatch*> before;
-    if (options.allowed_error_rad == chosen.allowed_error_rad && options.eye == chosen.eye)
+    if (same_choice())
       for (const WantedBatch& b : wanted.batches) before.emplace(b.frames.front()->serial, &b);
     chosen = options;
     tbb::parallel_for(std::size_t{0}, out.batches.size(), [&](std::size_t i) {
@@ -135,12 +148,26 @@ struct Engine final : EmbreeEngine::Impl {
     return out;
   }
 
+  /// The options choose the levels that were chosen last.
+  [[nodiscard]] bool same_choice() const {
+    const auto coarse = [](const EmbreeOptions& o) { return o.allowed_error_rad > 0 && o.eye.allFinite(); };
+    if (!coarse(options) && !coarse(chosen)) return true;
+    return options.allowed_error_rad == chosen.allowed_error_rad && options.eye == chosen.eye;
+  }
+
   [[nodiscard]] Status prepare(std::shared_ptr<const ContentWindow> w) {
     const auto start = std::chrono::steady_clock::now();
     if (!w || w->frames.empty())
       return fail(ErrorCode::bad_input, "rays", "expected a window with at least one frame");
     for (const auto& f : w->frames)
       if (!f) return fail(ErrorCode::bad_input, "rays", "expected frames, got a null one");
+    if (wanted.window && same_choice() && same_standing(*wanted.window, *w)) {
+      // Nothing to place. Batches are held by the new window as by the old one.
+      wanted.window = std::move(w);
+      statistics.rebuilt = 0;
+      statistics.prepare_ms = ms_since(start);
+      return {};
+    }
     statistics = {.cast_ms = statistics.cast_ms};
     Status done{};
     try {

@@ -86,6 +86,32 @@ TEST_F(RaysTest, AFelledTreeRebuildsNoMeshAndChangesWhatAFreshEngineSees) {
   EXPECT_TRUE(equal_bytes(numbers(cast(rays)), before));
 }
 
+TEST_F(RaysTest, TheSameThingsInAnotherWindowAreTakenOverWithItsWeatherAndLevels) {
+  auto s = surface_of(0.5F);
+  s->porosity = 1;
+  auto p = std::make_shared<Prototype>();
+  p->levels = {{box_mesh({1, 1, 1}, s), 0}, {box_mesh({1, 1, 0.5F}, s), 0.5F}};
+  const std::vector<std::shared_ptr<const Batch>> batches{batch_of(p, {at(0, 0, 0)}, 1)};
+  show(batches);
+  const auto placed = engine_->statistics();
+  const float dry = shoot({0, 0, 5}, {0, 0, -1}).reflectance;
+  const auto again = window_of(batches);
+  show(again);
+  EXPECT_EQ(engine_->window(), again.get());
+  EXPECT_EQ(engine_->statistics().instances, placed.instances);
+  EXPECT_EQ(engine_->statistics().triangles, placed.triangles);
+  EXPECT_EQ(shoot({0, 0, 5}, {0, 0, -1}).range_m, 4);
+  ContentFrame rain;
+  rain.batches = batches;
+  rain.surface.wetness = 1;
+  show(window_of(std::vector<ContentFrame>{rain}));
+  EXPECT_LT(shoot({0, 0, 5}, {0, 0, -1}).reflectance, 0.9F * dry);
+  engine_->set_options({.allowed_error_rad = 0.2, .eye = {0, 0, 5}});
+  show(window_of(batches));
+  EXPECT_EQ(shoot({0, 0, 5}, {0, 0, -1}).range_m, 4.5F);
+  EXPECT_EQ(shoot({0, 0, 5}, {0, 0, -1}).reflectance, dry);
+}
+
 TEST_F(RaysTest, ManySmallThingsAreMetAsEachOfThemAlone) {
   // More than a batch keeps in the scene itself, far from the world's origin and turned.
   auto p = prototype_of(box_mesh({0.1F, 0.2F, 0.3F}, surface_of(0.5F)));
