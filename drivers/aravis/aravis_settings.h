@@ -4,16 +4,11 @@
 //   backend: aravis
 //   device: Rigor-left          # id, serial, user name, MAC or model; or `address: 192.168.1.20`
 //   interface: 127.0.0.1        # local address or interface name; without it every interface is asked
-//   pixel_format: Mono8         # Mono8 Mono10 Mono12 Mono12p Mono16 BayerRG8 BayerRG10 BayerRG12 BayerRG16 RGB8
-//   region: { x_px: 0, y_px: 0, width_px: 640, height_px: 480 }
-//   exposure_us: 4000
-//   gain_db: 0
-//   trigger: free_run           # or software: one exposure for each period of the bench's grid
-//   packet_size: auto           # or bytes, with IP and UDP headers
-//   packet_delay_ns: 0
-//   resend: true
-//   packet_timeout_ms: 5        # silence after which what is missing is asked for again
-//   frame_retention_ms: 200     # then the frame is given up
+//   pixel_format: Mono8         # Mono8 Mono10 Mono12 Mono12p Mono16 BayerRG8 BayerRG10 BayerRG12 BayerRG16
+//   RGB8 region: { x_px: 0, y_px: 0, width_px: 640, height_px: 480 } exposure_us: 4000 gain_db: 0 trigger:
+//   free_run           # or software: one exposure for each period of the bench's grid packet_size: auto # or
+//   bytes, with IP and UDP headers packet_delay_ns: 0 resend: true packet_timeout_ms: 5        # silence
+//   after which what is missing is asked for again frame_retention_ms: 200     # then the frame is given up
 //   incomplete: mark            # hand on what is not whole, marked and with zeros in the gaps; or drop
 //   socket_buffer_bytes: 4194304
 //   packet_socket: auto         # packet sockets where that is allowed and worth it; or off
