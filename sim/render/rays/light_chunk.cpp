@@ -254,7 +254,7 @@ bool Chunk::scatter(const Point& p, std::size_t index, unsigned k, unsigned segm
   if (!(forward + through > 0)) return false;
   const auto u = draws(index, kSkyDraws, k, segment);
   const float chance = forward / (forward + through);
-  const bool passes = u[2] >= chance;
+  const bool passes = u[2] > chance;  // a draw may be 1, where nothing passes
   out.share *= passes ? back / (1.0F - chance) : front / chance;
   if (segment > 0) {
     const float most = largest(out.share);
