@@ -88,6 +88,16 @@ class SceneCamera final : public ImageProvider {
   std::map<PixelFormat, std::unique_ptr<CameraSimulator>> cameras_;
 };
 
+/// Whether the renderer of small scenes draws all that this camera does: lens, vignetting and noise.
+bool small_renderer_knows(const CameraModel& m) {
+  const ImageProcessing& p = m.processing;
+  const bool processing = p.median_filter || p.demosaic || p.subtract_black || p.gamma != 1 ||
+                          p.white_balance != ImageProcessing{}.white_balance;
+  return m.projection == Projection::opencv && !m.chromatic.lateral() && !m.chromatic.longitudinal() &&
+         !m.depth_of_field.active() && !m.shutter.motion_blur && m.shutter.line_time_s == 0 &&
+         !m.bloom.active() && m.noise.hot_pixel_share == 0 && !processing;
+}
+
 template <class Model>
 struct Sheet {
   Model model;
@@ -144,8 +154,14 @@ Result<std::unique_ptr<Simulation>> Simulation::open(const SimulationConfig& con
 Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std::uint64_t seed,
                                                           const std::string& name,
                                                           const SensorOptions& options) {
-  const bool small = impl_->scene && !params.has("engine") && !options.choice && options.only.empty() &&
-                     !params.has("motion");
+  bool small = impl_->scene && !params.has("engine") && !options.choice && options.only.empty() &&
+               !params.has("motion");
+  if (small) {
+    const auto sheet =
+        catch_config([&] { return value_or_throw(load_camera(params.base_dir() / params.text("sensor"))); });
+    if (!sheet) return tl::unexpected<Error>(sheet.error());
+    small = small_renderer_knows(sheet->model);
+  }
   if (!small) {
     auto made = sensed_camera(std::move(params), seed, name, options);
     if (!made) return tl::unexpected<Error>(made.error());

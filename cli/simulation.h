@@ -31,7 +31,7 @@ class Simulation {
 
   /// A camera over this world. Reads the keys `sensor`, `T_world_sensor`, `parent`, `motion`, `engine`,
   /// `effort` and `tolerance` of `params`; the noise draws are keyed by seed and `name`. A small scene
-  /// without `engine` is drawn by the small renderer.
+  /// without `engine` is drawn by the small renderer, unless the sheet has effects that this does not know.
   [[nodiscard]] Result<std::shared_ptr<ImageProvider>> camera(ConfigNode params, std::uint64_t seed,
                                                               const std::string& name,
                                                               const SensorOptions& options = {});

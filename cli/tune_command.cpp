@@ -12,11 +12,8 @@ namespace rigor {
 namespace {
 
 nlohmann::json json_of(const Trial& t, bool image) {
-  nlohmann::json j{{"choice", t.choice.text()},
-                   {"engine", t.choice.engine},
-                   {"p50_ms", t.p50_ms},
-                   {"p99_ms", t.p99_ms},
-                   {"meets", t.meets}};
+  nlohmann::json j{{"choice", t.choice.text()}, {"engine", t.choice.engine}, {"p50_ms", t.p50_ms},
+                   {"max_ms", t.max_ms},        {"timed", t.timed},          {"meets", t.meets}};
   if (image) {
     j["radiance"] = t.radiance;
   } else {
@@ -75,16 +72,16 @@ int tune_command(const TuneOptions& options) {
     text += entry->name + '\n';
     for (const Trial& t : tuned->trials) {
       channel["trials"].push_back(json_of(t, image));
-      text += fmt::format("  {} p50 {:8.2f} ms  p99 {:8.2f} ms  {}  {}\n",
+      text += fmt::format("  {} p50 {:8.2f} ms  max of {:2} {:8.2f} ms  {}  {}\n",
                           &t == tuned->best() ? "→"
                           : t.meets           ? " "
                                               : "×",
-                          t.p50_ms, t.p99_ms, error_of(t, image), t.choice.text());
+                          t.p50_ms, t.timed, t.max_ms, error_of(t, image), t.choice.text());
     }
     if (const Trial* best = tuned->best()) {
       const auto digest = channel_digest(world, *simulated_params(*entry));
       if (!digest) return report_error(digest.error(), options.json);
-      lock.channels[entry->name] = {best->choice,   best->p50_ms,   best->p99_ms, best->range_rmse_m,
+      lock.channels[entry->name] = {best->choice,   best->p50_ms,   best->max_ms, best->range_rmse_m,
                                     best->outliers, best->radiance, *digest};
       channel["chosen"] = json_of(*best, image);
     } else {

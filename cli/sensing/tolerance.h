@@ -15,7 +15,8 @@ struct Tolerance {
   double range_m = 0;   ///< root mean square of what is no outlier
   double outliers = 0;  ///< share of rays that are off by more than max(0.1 m, 5 tolerances), or that have
                         ///< no return where the reference has one, or the other way round
-  double radiance = 0;  ///< cameras: root mean square of the difference over the mean radiance
+  bool outliers_given = false;  ///< written, not the default
+  double radiance = 0;          ///< cameras: root mean square of the difference over the mean radiance
 };
 
 /// Empty where there is none. Throws ConfigError.
@@ -27,6 +28,7 @@ struct Tolerance {
     t.radiance = n.number("radiance", {.min = 0, .max = 10, .exclusive_min = true});
   } else {
     t.range_m = n.number("range_m", {.min = 0, .max = 1000, .exclusive_min = true});
+    t.outliers_given = n.has("outliers");
     t.outliers = n.number_or("outliers", 0.01, {.min = 0, .max = 1});
   }
   n.finish();

@@ -143,7 +143,7 @@ Result<std::optional<LockFile>> load_lock(const std::filesystem::path& file) {
       LockedChannel c;
       c.choice = read_locked_choice(n.map("choice"));
       c.p50_ms = n.number_or("p50_ms", 0);
-      c.p99_ms = n.number_or("p99_ms", 0);
+      c.max_ms = n.number_or("max_ms", 0);
       c.range_rmse_m = n.number_or("range_rmse_m", 0);
       c.outliers = n.number_or("outliers", 0);
       c.radiance = n.number_or("radiance", 0);
@@ -167,8 +167,8 @@ Status save_lock(const std::filesystem::path& file, const LockFile& lock) {
       "on\n# this machine in this world. Times are those of one sample.\nrigor_lock: 1\n";
   text += fmt::format("cpu: {}\ngpu: {}\nchannels:\n", quoted(lock.cpu), quoted(lock.gpu));
   for (const auto& [name, c] : lock.channels) {
-    text += fmt::format("  {}:\n    choice: {}\n    p50_ms: {:.3f}\n    p99_ms: {:.3f}\n", name,
-                        c.choice.yaml(), c.p50_ms, c.p99_ms);
+    text += fmt::format("  {}:\n    choice: {}\n    p50_ms: {:.3f}\n    max_ms: {:.3f}\n", name,
+                        c.choice.yaml(), c.p50_ms, c.max_ms);
     if (c.radiance > 0)
       text += fmt::format("    radiance: {:.6f}\n", c.radiance);
     else

@@ -16,7 +16,7 @@ namespace rigor {
 
 struct LockedChannel {
   EngineChoice choice;
-  double p50_ms = 0, p99_ms = 0;
+  double p50_ms = 0, max_ms = 0;                        ///< as Trial has them
   double range_rmse_m = 0, outliers = 0, radiance = 0;  ///< as Tolerance has them
   std::string digest;  ///< of the world, the channel's keys and its sensor's file
 };

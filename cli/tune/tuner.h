@@ -16,7 +16,8 @@ namespace rigor {
 
 struct Trial {
   EngineChoice choice;
-  double p50_ms = 0, p99_ms = 0;
+  double p50_ms = 0, max_ms = 0;  ///< median and slowest of `timed` captures
+  int timed = 0;
   double range_rmse_m = 0, outliers = 0, radiance = 0;  ///< as Tolerance has them
   bool meets = false;
 };

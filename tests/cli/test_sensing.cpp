@@ -282,6 +282,25 @@ TEST_F(Sense, TakesWorldsOfNodesToo) {
   EXPECT_NEAR(range_at(read_pcd(dir / "x.pcd"), 0), 5, 0.2) << "the hall's wall, by any of the four beams";
 }
 
+TEST_F(Sense, OfASmallSceneWithoutAnEngineLeavesNoEffectOfTheSheetOut) {
+  rig("channels:\n  camera:\n    kind: image\n    backend: simulated\n    rate_hz: 20\n    latency_ms: 30\n  "
+      "  sensor: "
+      "camera.yaml\n    T_world_sensor: { position_m: [-3, 0, 0.5], look_at_m: [1, 0, 0] }\n");
+  const auto recorded = [&](const std::string& sheet, const std::string& engine) {
+    write_file(dir / "camera.yaml", kCamera + sheet);
+    std::vector<std::string> words{"run", "rig.yaml", "--json", "--duration", "0.1"};
+    if (!engine.empty()) words.insert(words.end(), {"--set", "channels.camera.engine=" + engine});
+    const Said said = in_dir(words);
+    EXPECT_EQ(said.status, 0) << sheet << said.err;
+    return said.status == 0 ? json::parse(said.out)["seen_sha256"].get<std::string>() : "";
+  };
+  EXPECT_NE(recorded("", ""), recorded("", "vulkan")) << "lens and noise: the renderer of small scenes";
+  for (const char* effect : {"projection: kannala_brandt\n", "bloom: { fraction: 0.1, radius_px: 3 }\n",
+                             "processing: { gamma: 2.2 }\n", "shutter: { line_time_us: 20 }\n",
+                             "noise: { hot_pixel_share: 0.05 }\n"})
+    EXPECT_EQ(recorded(effect, ""), recorded(effect, "vulkan")) << effect;
+}
+
 // ------------------------------------------------------------------------------------------ runs
 
 TEST_F(Sense, RunsRepeatByteForByteOnAnyNumberOfWorkers) {

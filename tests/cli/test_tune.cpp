@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 
 #include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "cli/tune/lock_file.h"
@@ -14,6 +15,7 @@ namespace {
 using nlohmann::json;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 class Tune : public SensingBench {
  protected:
@@ -94,6 +96,85 @@ TEST_F(Tune, IsDoneAtArmOnTheWallClock) {
   EXPECT_EQ(said.status, 0) << said.err;
   EXPECT_THAT(said.err, HasSubstr("tuning flat"));
   EXPECT_FALSE(std::filesystem::exists(dir / "rig.lock.yaml"));
+}
+
+class TuneCamera : public SensingBench {
+ protected:
+  void SetUp() override {
+    SensingBench::SetUp();
+    tolerate("2");
+  }
+  void tolerate(const std::string& radiance) {
+    rig("channels:\n  eye:\n    kind: image\n    backend: simulated\n    rate_hz: 20\n    latency_ms: 30\n   "
+        " sensor: "
+        "camera.yaml\n    T_world_sensor: { position_m: [-3, 0, 0.5], look_at_m: [1, 0, 0] }\n    tolerance: "
+        "{ "
+        "radiance: " +
+        radiance + " }\n");
+  }
+  [[nodiscard]] json trials() const {
+    const Said said = in_dir({"tune", "rig.yaml", "--json"});
+    EXPECT_EQ(said.status, 0) << said.err;
+    return said.status == 0 ? json::parse(said.out)["channels"][0]["trials"] : json::array();
+  }
+};
+
+TEST_F(TuneCamera, MeasuresTheLightByBothEngines) {
+  std::map<std::string, double> error_of;
+  for (const json& t : trials()) {
+    EXPECT_GT(t["radiance"], 0) << t["choice"] << ": no setting is the reference";
+    EXPECT_LT(t["radiance"], 2) << t["choice"];
+    EXPECT_GE(t["timed"], 3);
+    EXPECT_LE(t["p50_ms"], t["max_ms"]);
+    error_of[t["choice"]] = t["radiance"];
+  }
+  EXPECT_LT(error_of.at("rays, 16 samples per pixel, in full"),
+            0.6 * error_of.at("rays, 1 sample per pixel, in full"))
+      << "more samples, less noise";
+  const std::string engines = json(error_of).dump();
+  EXPECT_THAT(engines, HasSubstr("vulkan, supersampling 1, 1 instant"));
+  // And the lock is what a run in virtual time goes by.
+  EXPECT_TRUE(std::filesystem::exists(dir / "rig.lock.yaml"));
+  const Said run = in_dir({"run", "rig.yaml", "--json"});
+  EXPECT_EQ(run.status, 0) << run.err;
+}
+
+TEST_F(TuneCamera, DropsNoneOfItsEffects) {
+  write_file(dir / "camera.yaml",
+             std::string(kCamera) + "shutter: { line_time_us: 20, motion_blur: true }\n");
+  for (const json& t : trials())
+    EXPECT_THAT(t["choice"], Not(HasSubstr("1 instant"))) << "neither blur nor rows";
+}
+
+TEST_F(TuneCamera, OfABlackWorldIsRefused) {
+  write_file(dir / "camera.yaml", kCamera);
+  std::string world = kWorld;
+  world.erase(world.find("sky:"));
+  world +=
+      "sky:\n  zenith_radiance_w_per_m2_sr: { red: 0, green: 0, blue: 0, nir: 0 }\n  "
+      "horizon_radiance_w_per_m2_sr: { red: 0, green: 0, blue: 0, nir: 0 }\n";
+  write_file(dir / "world.yaml", world);
+  const Said said = in_dir({"tune", "rig.yaml"});
+  EXPECT_EQ(said.status, 2) << said.out;
+  EXPECT_THAT(said.err, AllOf(HasSubstr("eye"), HasSubstr("light")));
+}
+
+TEST_F(Tune, TakesFewerRaysOnlyForAShareOfOutliersThatIsGiven) {
+  const auto fewest = [&] {
+    int n = 99;
+    const Said said = in_dir({"tune", "rig.yaml", "--json"});
+    const json told = json::parse(said.out);
+    for (const json& t : told["channels"][0]["trials"]) {
+      const std::string choice = t["choice"];
+      n = std::min(n, std::stoi(choice.substr(choice.find(", ") + 2)));
+    }
+    return n;
+  };
+  EXPECT_EQ(fewest(), 1);
+  scanner_rig(
+      "    T_world_sensor: { position_m: [0, 0, 0], roll_pitch_yaw_deg: [0, 0, 0] }\n"
+      "    tolerance: { range_m: 0.05 }\n");
+  EXPECT_EQ(fewest(), 5) << "the sheet's";
 }
 
 TEST_F(Tune, HasNothingToDoWithoutATolerance) {
