@@ -17,6 +17,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "rt-core/result.h"
 #include "sim/render/engine/content_window.h"
@@ -70,6 +71,8 @@ class RayEngine {
   virtual ~RayEngine() = default;
   /// "rays" or "vulkan".
   [[nodiscard]] virtual std::string_view name() const = 0;
+  /// Each ray starts where it says; else all of a query start at the query's origin.
+  [[nodiscard]] virtual bool own_origins() const { return true; }
   /// The content for the casts that follow; kept alive until the next call. Costs what is new by its serial.
   /// What cannot be measured (numbers that are not finite, triangles without area) is left out and counted,
   /// not an error. Errors: unavailable (memory, the device).
@@ -77,7 +80,13 @@ class RayEngine {
   /// hits[i] belongs to rays[i]. A ray that is not finite meets nothing. Errors: bad_input (sizes, band,
   /// nothing prepared), unavailable.
   [[nodiscard]] virtual Status cast(const RayQuery& query, std::span<Hit> hits) = 0;
+  /// occluded[i] = 1 where anything stands between near and far of rays[i], else 0; of a ray that is not
+  /// finite 0. An engine may count faces from behind too, where cast() does not see them. Errors: as cast().
+  [[nodiscard]] virtual Status occluded(const RayQuery& query, std::span<std::uint8_t> occluded);
   [[nodiscard]] virtual EngineStatistics statistics() const = 0;
+
+ private:
+  std::vector<Hit> met_;  ///< by the engines that answer occluded() by cast()
 };
 
 }  // namespace rigor::render

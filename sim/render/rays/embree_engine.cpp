@@ -337,6 +337,7 @@ Status EmbreeEngine::cast(const RayQuery& query, std::span<Hit> hits) {
             const auto n = static_cast<unsigned>(std::min<std::size_t>(kShots, query.rays.size() - begin));
             load(shots, query, begin, n, start);
             s.meet(shots, n, true);
+            s.fetch(shots, n);
             for (unsigned i = 0; i < n; ++i)
               shade(s, query, query.rays[begin + i], start, shots.meeting(i), hits[begin + i]);
           }

@@ -104,52 +104,70 @@ render::RayQuery LightMeter::query(const Instant& instant, std::span<const Ray> 
   return {.origin = instant.T_world_sensor.translation(), .band = band_, .near_m = near_m, .rays = rays};
 }
 
+Status LightMeter::cast(render::RayEngine& engine, const SampleRays& rays,
+                        std::span<const Instant> instants) {
+  instants_ = instants.size();
+  samples_ = rays.count();
+  rays_.resize(samples_ * instants_);
+  hits_.resize(samples_ * instants_);
+  for (std::size_t k = 0; k < instants_; ++k) {
+    const Eigen::Matrix3f R = instants[k].T_world_sensor.linear().cast<float>();
+    const Eigen::Vector3f from =
+        (instants[k].T_world_sensor.translation() - instants[0].T_world_sensor.translation()).cast<float>();
+    each(rays.count(), [&](std::size_t i) {
+      Ray& ray = rays_[at(i, k)];
+      for (int a = 0; a < 3; ++a) {
+        ray.origin[a] = from[a];
+        ray.direction[a] = R(a, 0) * rays.x[i] + R(a, 1) * rays.y[i] + R(a, 2) * rays.z[i];
+      }
+      ray.time = instants[k].time;
+    });
+  }
+  return engine.cast(query(instants[0], rays_, 1e-3F), hits_);
+}
+
 Result<std::span<const Hit>> LightMeter::cast(render::RayEngine& engine, const SampleRays& rays,
                                               const Instant& instant) {
-  rays_.resize(rays.count());
-  hits_.resize(rays.count());
-  const Eigen::Matrix3f R = instant.T_world_sensor.linear().cast<float>();
-  each(rays.count(), [&](std::size_t i) {
-    Ray& ray = rays_[i];
-    for (int a = 0; a < 3; ++a) {
-      ray.origin[a] = 0;
-      ray.direction[a] = R(a, 0) * rays.x[i] + R(a, 1) * rays.y[i] + R(a, 2) * rays.z[i];
-    }
-    ray.time = instant.time;
-  });
-  if (auto cast = engine.cast(query(instant, rays_, 1e-3F), hits_); !cast)
-    return tl::unexpected<Error>(cast.error());
+  if (auto s = cast(engine, rays, std::span(&instant, 1)); !s) return tl::unexpected<Error>(s.error());
   return std::span<const Hit>(hits_);
 }
 
 Status LightMeter::measure(render::RayEngine& engine, const render::ContentWindow& window,
-                           const SampleRays& rays, const Instant& instant, SampleLight& light) {
-  if (auto hits = cast(engine, rays, instant); !hits) return tl::unexpected<Error>(hits.error());
+                           const SampleRays& rays, std::span<const Instant> instants,
+                           std::span<SampleLight> lights) {
+  if (instants.size() > 1 && !engine.own_origins()) {
+    for (std::size_t k = 0; k < instants.size(); ++k)
+      if (auto s = measure(engine, window, rays, instants.subspan(k, 1), lights.subspan(k, 1)); !s) return s;
+    return {};
+  }
+  if (auto s = cast(engine, rays, instants); !s) return s;
   // Light and air change slowly: those of the window's begin.
   const render::ContentFrame& frame = window.first();
-  active(rays, instant, frame, light);
-  light.ambient_e.clear();
-  if (model_.optics.filter_width_m > 0) {
-    const Ambient sky = ambient(frame, rays);
-    if (sky.any) {
-      if (auto s = shadows(engine, rays, instant, sky); !s) return s;
-      background(rays, instant, frame, sky, light);
-    }
+  const bool has_filter = model_.optics.filter_width_m > 0;
+  const Ambient sky = has_filter ? ambient(frame, rays) : Ambient{};
+  if (sky.any)
+    if (auto s = shadows(engine, rays, instants, sky); !s) return s;
+  for (std::size_t k = 0; k < instants.size(); ++k) {
+    SampleLight& light = lights[k];
+    active(rays, k, instants[k], frame, light);
+    light.ambient_e.clear();
+    if (sky.any) background(rays, k, instants[k], frame, sky, light);
+    light.bounce_e.clear();
+    light.bounce_range_m.clear();
+    if (model_.sampling.multipath_rays > 0)
+      if (auto s = bounce(engine, rays, k, instants[k], light); !s) return s;
   }
-  light.bounce_e.clear();
-  light.bounce_range_m.clear();
-  if (model_.sampling.multipath_rays > 0) return bounce(engine, rays, instant, light);
   return {};
 }
 
-void LightMeter::active(const SampleRays& rays, const Instant& instant, const render::ContentFrame& frame,
-                        SampleLight& light) const {
+void LightMeter::active(const SampleRays& rays, std::size_t k, const Instant& instant,
+                        const render::ContentFrame& frame, SampleLight& light) const {
   light.active_e.resize(rays.count());
   light.range_m.resize(rays.count());
   const Air air(frame, band_, instant.T_world_sensor.translation().z());
   const bool clear = air.clear();
   each(rays.count(), [&](std::size_t i) {
-    const Hit& h = hits_[i];
+    const Hit& h = hits_[at(i, k)];
     if (h.nothing()) {
       light.active_e[i] = light.range_m[i] = 0;
       return;
@@ -157,7 +175,8 @@ void LightMeter::active(const SampleRays& rays, const Instant& instant, const re
     float e = Math::tof_active_electrons(rays.gain[i], rays.intensity_w_per_sr[i], h.range_m,
                                          remission(h, model_.sampling.retro_gain));
     if (!clear)
-      e *= air.transmission(static_cast<double>(h.range_m), static_cast<double>(rays_[i].direction[2]));
+      e *=
+          air.transmission(static_cast<double>(h.range_m), static_cast<double>(rays_[at(i, k)].direction[2]));
     // A material that is not a number reflects nothing.
     light.active_e[i] = e >= 0 && e < std::numeric_limits<float>::infinity() ? e : 0;
     light.range_m[i] = h.range_m;
@@ -194,43 +213,59 @@ LightMeter::Ambient LightMeter::ambient(const render::ContentFrame& frame, const
   return a;
 }
 
-Status LightMeter::shadows(render::RayEngine& engine, const SampleRays& rays, const Instant& instant,
-                           const Ambient& sky) {
+Status LightMeter::shadows(render::RayEngine& engine, const SampleRays& rays,
+                           std::span<const Instant> instants, const Ambient& sky) {
   const std::size_t pixels =
       static_cast<std::size_t>(rays.width_px) * static_cast<std::size_t>(rays.height_px);
-  sunlit_.assign(pixels, 1.0F);
+  in_shade_.assign(pixels * instants.size(), 0);
   if (!model_.sampling.sun_shadows || sky.sun_irradiance <= 0) return {};
-  more_rays_.resize(pixels);
-  more_hits_.resize(pixels);
   const Vector sun = vec(sky.sun);
-  each(pixels, [&](std::size_t p) {
-    const Hit& h = hits_[rays.middle_sample(p)];
-    const Vector n = vec(h.normal);
-    Ray& ray = more_rays_[p];
-    ray = Ray{.time = instant.time};
-    if (h.nothing() || dot(n, sun) <= 0) {  // asks nothing: meets nothing
-      ray.direction[0] = std::numeric_limits<float>::quiet_NaN();
-      return;
+  // What a pixel sees stays the same place while it is the same thing within this of the range.
+  constexpr float kSamePlace = 0.01F;
+  asked_.clear();
+  more_rays_.clear();
+  for (std::size_t k = 0; k < instants.size(); ++k)
+    for (std::size_t p = 0; p < pixels; ++p) {
+      const std::size_t s = rays.middle_sample(p);
+      const Hit& h = hits_[at(s, k)];
+      const Vector n = vec(h.normal);
+      if (h.nothing() || !(dot(n, sun) > 0)) continue;
+      if (k > 0) {
+        const Hit& before = hits_[at(s, 0)];
+        const Vector n0 = vec(before.normal);
+        if (!before.nothing() && before.node.value == h.node.value && dot(n0, sun) > 0 &&
+            std::abs(before.range_m - h.range_m) < kSamePlace * h.range_m)
+          continue;  // below
+      }
+      const Ray& seen = rays_[at(s, k)];
+      const Vector start = vec(seen.origin) + vec(seen.direction) * h.range_m + n * lift_m(h.range_m);
+      Ray ray{.time = instants[k].time};
+      ray.origin[0] = start.x, ray.origin[1] = start.y, ray.origin[2] = start.z;
+      std::copy(sky.sun, sky.sun + 3, ray.direction);
+      more_rays_.push_back(ray);
+      asked_.push_back(static_cast<std::uint32_t>(k * pixels + p));
     }
-    const Vector d = vec(rays_[rays.middle_sample(p)].direction);
-    const Vector start = d * h.range_m + n * lift_m(h.range_m);
-    ray.origin[0] = start.x, ray.origin[1] = start.y, ray.origin[2] = start.z;
-    std::copy(sky.sun, sky.sun + 3, ray.direction);
-  });
-  if (auto cast = engine.cast(query(instant, more_rays_, 1e-3F), more_hits_); !cast) return cast;
-  each(pixels, [&](std::size_t p) { sunlit_[p] = more_hits_[p].nothing() ? 1.0F : 0.0F; });
+  hidden_.resize(asked_.size());
+  if (auto s = engine.occluded(query(instants[0], more_rays_, 1e-3F), hidden_); !s) return s;
+  std::size_t next = 0;
+  for (std::size_t i = 0; i < in_shade_.size(); ++i) {
+    const bool fresh = next < asked_.size() && asked_[next] == i;
+    in_shade_[i] = fresh ? hidden_[next++] : i >= pixels ? in_shade_[i % pixels] : 0;
+  }
   return {};
 }
 
-void LightMeter::background(const SampleRays& rays, const Instant& instant, const render::ContentFrame& frame,
-                            const Ambient& sky, SampleLight& light) const {
+void LightMeter::background(const SampleRays& rays, std::size_t k, const Instant& instant,
+                            const render::ContentFrame& frame, const Ambient& sky, SampleLight& light) const {
   light.ambient_e.resize(rays.count());
   const auto b = static_cast<std::size_t>(band_);
   const Vector sun = vec(sky.sun);
   const Eigen::Vector3d& eye = instant.T_world_sensor.translation();
+  const std::uint8_t* const in_shade =
+      &in_shade_[k * static_cast<std::size_t>(rays.width_px) * static_cast<std::size_t>(rays.height_px)];
   each(rays.count(), [&](std::size_t i) {
-    const Hit& h = hits_[i];
-    const Vector d = vec(rays_[i].direction);
+    const Hit& h = hits_[at(i, k)];
+    const Vector d = vec(rays_[at(i, k)].direction);
     float radiance = 0;
     if (!(rays.gain[i] > 0)) {
       light.ambient_e[i] = 0;
@@ -248,7 +283,7 @@ void LightMeter::background(const SampleRays& rays, const Instant& instant, cons
       const float up = 0.5F * (1 + n.z), down = 1 - up;
       float front = sky.sky_irradiance * up + kPi * sky.ground_radiance * down;
       float back = sky.sky_irradiance * down + kPi * sky.ground_radiance * up;
-      const float lit = sky.sun_irradiance * sunlit_[rays.pixel_of(i)];
+      const float lit = in_shade[rays.pixel_of(i)] != 0 ? 0.0F : sky.sun_irradiance;
       front += lit * std::max(cos_sun, 0.0F);
       back += sky.sun_irradiance * std::max(-cos_sun, 0.0F);
       for (const render::PointLight& lamp : frame.lamps) {
@@ -265,21 +300,21 @@ void LightMeter::background(const SampleRays& rays, const Instant& instant, cons
   });
 }
 
-Status LightMeter::bounce(render::RayEngine& engine, const SampleRays& rays, const Instant& instant,
-                          SampleLight& light) {
+Status LightMeter::bounce(render::RayEngine& engine, const SampleRays& rays, std::size_t k,
+                          const Instant& instant, SampleLight& light) {
   const std::size_t pixels =
       static_cast<std::size_t>(rays.width_px) * static_cast<std::size_t>(rays.height_px);
   const auto each_px = static_cast<std::size_t>(model_.sampling.multipath_rays);
   const std::size_t count = pixels * each_px;
   more_rays_.resize(count);
   more_hits_.resize(count);
-  seen_hits_.resize(count);
+  hidden_.resize(count);
   light.bounce_e.resize(count);
   light.bounce_range_m.resize(count);
   // From the first surface into its hemisphere, as Lambert's cosine weighs it.
   each(count, [&](std::size_t i) {
     const std::size_t s = rays.middle_sample(i / each_px);
-    const Hit& h = hits_[s];
+    const Hit& h = hits_[at(s, k)];
     Ray& ray = more_rays_[i];
     ray = Ray{.time = instant.time};
     if (h.nothing()) {
@@ -293,7 +328,7 @@ Status LightMeter::bounce(render::RayEngine& engine, const SampleRays& rays, con
     const float r2 = (static_cast<float>(i % each_px) + u) / static_cast<float>(each_px);
     float sin_a = 0, cos_a = 1;
     Math::tof_sincos_turns(v, sin_a, cos_a);
-    const Vector n = vec(h.normal), d = vec(rays_[s].direction);
+    const Vector n = vec(h.normal), d = vec(rays_[at(s, k)].direction);
     // Axes across the normal (Duff et al., JCGT 6, 2017).
     const float sign = std::copysign(1.0F, n.z), a = -1 / (sign + n.z), b = n.x * n.y * a;
     const Vector t{1 + sign * n.x * n.x * a, sign * b, -sign * n.x}, q{b, sign + n.y * n.y * a, -n.y};
@@ -328,7 +363,7 @@ Status LightMeter::bounce(render::RayEngine& engine, const SampleRays& rays, con
                             (model_.illumination.cosine_exponent > 0
                                  ? std::pow(off_axis, static_cast<float>(model_.illumination.cosine_exponent))
                                  : 1.0F);
-    const Hit& first = hits_[s];
+    const Hit& first = hits_[this->at(s, k)];
     // Radiance I cos rho2/(pi R2^2) of the second surface, on average over the cosine-weighted hemisphere,
     // times the first one's reflectance.
     const float e = rays.gain[s] * intensity * cosine * second.reflectance * (1 - second.metallic) *
@@ -341,9 +376,9 @@ Status LightMeter::bounce(render::RayEngine& engine, const SampleRays& rays, con
     ray.direction[0] = from.x, ray.direction[1] = from.y, ray.direction[2] = from.z;
     ray.far_m = away * (1 - 1e-4F) - 1e-3F;
   });
-  if (auto cast = engine.cast(query(instant, more_rays_, 1e-3F), seen_hits_); !cast) return cast;
+  if (auto s = engine.occluded(query(instant, more_rays_, 1e-3F), hidden_); !s) return s;
   each(count, [&](std::size_t i) {
-    if (!seen_hits_[i].nothing()) light.bounce_e[i] = 0;
+    if (hidden_[i] != 0) light.bounce_e[i] = 0;
   });
   return {};
 }

@@ -1,6 +1,7 @@
 // From what rays meet to electrons: the camera's own light and the ambient light, sample by sample.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -40,9 +41,12 @@ class LightMeter {
  public:
   LightMeter(const models::TofModel& model, models::PhiloxKey key);
 
-  /// `window` is what the engine has prepared. Errors: the engine's.
+  /// Light at each of `instants`; `window` is what the engine has prepared. All are cast together, the
+  /// instants of a sample beside each other. Whether the sun reaches a pixel is asked again where what is
+  /// met there is no longer the same place. Errors: the engine's.
   [[nodiscard]] Status measure(render::RayEngine& engine, const render::ContentWindow& window,
-                               const SampleRays& rays, const Instant& instant, SampleLight& light);
+                               const SampleRays& rays, std::span<const Instant> instants,
+                               std::span<SampleLight> lights);
   /// Rays only: hits of the samples at an instant, valid until the next call.
   [[nodiscard]] Result<std::span<const render::Hit>> cast(render::RayEngine& engine, const SampleRays& rays,
                                                           const Instant& instant);
@@ -56,15 +60,23 @@ class LightMeter {
     float sun_cos = 2, sun_disc_radiance = 0;
     float share = 0;
   };
+  /// Where sample i of instant k stands among rays and hits: packets of kBeside samples an instant.
+  [[nodiscard]] std::size_t at(std::size_t i, std::size_t k) const {
+    if (instants_ == 1) return i;
+    const std::size_t first = i / kBeside * kBeside;
+    return first * instants_ + k * std::min(kBeside, samples_ - first) + (i - first);
+  }
+  [[nodiscard]] Status cast(render::RayEngine& engine, const SampleRays& rays,
+                            std::span<const Instant> instants);
   [[nodiscard]] Ambient ambient(const render::ContentFrame& frame, const SampleRays& rays);
-  void active(const SampleRays& rays, const Instant& instant, const render::ContentFrame& frame,
-              SampleLight& light) const;
-  [[nodiscard]] Status shadows(render::RayEngine& engine, const SampleRays& rays, const Instant& instant,
-                               const Ambient& sky);
-  void background(const SampleRays& rays, const Instant& instant, const render::ContentFrame& frame,
-                  const Ambient& sky, SampleLight& light) const;
-  [[nodiscard]] Status bounce(render::RayEngine& engine, const SampleRays& rays, const Instant& instant,
-                              SampleLight& light);
+  void active(const SampleRays& rays, std::size_t k, const Instant& instant,
+              const render::ContentFrame& frame, SampleLight& light) const;
+  [[nodiscard]] Status shadows(render::RayEngine& engine, const SampleRays& rays,
+                               std::span<const Instant> instants, const Ambient& sky);
+  void background(const SampleRays& rays, std::size_t k, const Instant& instant,
+                  const render::ContentFrame& frame, const Ambient& sky, SampleLight& light) const;
+  [[nodiscard]] Status bounce(render::RayEngine& engine, const SampleRays& rays, std::size_t k,
+                              const Instant& instant, SampleLight& light);
   [[nodiscard]] render::RayQuery query(const Instant& instant, std::span<const render::Ray> rays,
                                        float near_m) const;
 
@@ -72,8 +84,12 @@ class LightMeter {
   const models::PhiloxKey key_;
   const int band_;
   std::vector<render::Ray> rays_, more_rays_;
-  std::vector<render::Hit> hits_, more_hits_, seen_hits_;
-  std::vector<float> sunlit_;  ///< of each pixel, 0 or 1
+  static constexpr std::size_t kBeside = 4;
+  std::size_t instants_ = 1, samples_ = 0;  ///< of the last cast
+  std::vector<render::Hit> hits_, more_hits_;
+  std::vector<std::uint8_t> hidden_;
+  std::vector<std::uint32_t> asked_;    ///< pixels (of each instant) whose shadow ray is shot
+  std::vector<std::uint8_t> in_shade_;  ///< of each pixel, instant by instant
   std::uint64_t sky_serial_ = 0;
   double sky_up_ = 0;  ///< irradiance of the sky on a level plane, kept for sky_serial_
 };

@@ -55,7 +55,8 @@ struct TofSimulator::Impl {
   tof::SampleRays rays;
   tof::SampleRays centres;  ///< made when truth is first asked for
   tof::LightMeter meter;
-  tof::SampleLight light;
+  std::vector<Instant> instants;
+  std::vector<tof::SampleLight> lights;  ///< of each
   tof::PixelArray pixels;
   std::vector<float> scratch;
 };
@@ -104,17 +105,20 @@ Status TofSimulator::capture(const MeasureRequest& request, const render::Sensor
   bool still = same_content(*window);
   for (int m = 0; m < exposures && still; ++m)
     still = view.T_world_sensor(instant_of(m)).matrix() == T_world_sensor.matrix();
-  if (still) {
-    if (auto s = my.meter.measure(*my.engine, *window, my.rays, middle, my.light); !s) return s;
-    my.pixels.expose(my.rays, my.light, {.frequencies = model.modulation.frequencies_hz.size()});
-  } else {
+  my.instants.assign(1, middle);
+  if (!still) {
+    my.instants.clear();
     for (int m = 0; m < exposures; ++m) {
       const BenchTime t = instant_of(m);
-      const Instant instant{view.T_world_sensor(t), static_cast<float>(window->time_of(t))};
-      if (auto s = my.meter.measure(*my.engine, *window, my.rays, instant, my.light); !s) return s;
-      my.pixels.expose(my.rays, my.light, taps_of(model.modulation, m));
+      my.instants.push_back({view.T_world_sensor(t), static_cast<float>(window->time_of(t))});
     }
   }
+  my.lights.resize(my.instants.size());
+  if (auto s = my.meter.measure(*my.engine, *window, my.rays, my.instants, my.lights); !s) return s;
+  for (std::size_t m = 0; m < my.lights.size(); ++m)
+    my.pixels.expose(my.rays, my.lights[m],
+                     still ? ExposedTaps{.frequencies = model.modulation.frequencies_hz.size()}
+                           : taps_of(model.modulation, static_cast<int>(m)));
   my.pixels.read(request.index, picture, keep_taps);
   tof::filter(model.filters, picture, my.scratch);
   return {};
