@@ -69,9 +69,10 @@ struct WorldRenderOptions {
   std::optional<double> white_radiance;  ///< that becomes white; empty: by the picture
   double brighter_ev = 0;
   double allowed_error_px = 1.0;
-  std::vector<std::string> off;  ///< switches of the view
-  bool plain = false;            ///< ground and imagery alone
-  std::string device;            ///< part of the Vulkan device's name
+  std::vector<std::string> off;   ///< switches of the view
+  bool plain = false;             ///< ground and imagery alone
+  std::string engine = "vulkan";  ///< vulkan | rays
+  std::string device;             ///< part of the Vulkan device's name
   bool json = false;
 };
 struct PlainOptions {

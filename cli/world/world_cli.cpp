@@ -75,6 +75,9 @@ void add_render(CLI::App* app, WorldRenderOptions& o) {
          "Draw without frustum-culling, occlusion-culling, levels-of-detail, impostors, instancing, shadows")
       ->delimiter(',');
   app->add_flag("--plain", o.plain, "The ground alone, with imagery draped on it");
+  app->add_option("--engine", o.engine,
+                  "vulkan, or rays: 16 samples a pixel, each with a ray for what hides the sky")
+      ->check(CLI::IsMember({"vulkan", "rays"}));
   app->add_option("--device", o.device, "Part of the Vulkan device's name");
   app->add_flag("--json", o.json, "Print what was drawn as JSON");
   app->footer(

@@ -16,6 +16,8 @@
 #include "cli/world/world_assembly.h"
 #include "sim/gis/import.h"
 #include "sim/nature/trees/allometry.h"
+#include "sim/render/engine/content_window.h"
+#include "sim/render/rays/light_picture.h"
 #include "sim/render/view/tone_map.h"
 #include "sim/render/view/view_renderer.h"
 #include "sim/sensors/camera_simulator.h"
@@ -155,6 +157,19 @@ Status apply_switches(const std::vector<std::string>& off, render::ViewSwitches&
   return {};
 }
 
+/// What rays have no part of is refused.
+Status check_engine(const WorldRenderOptions& o) {
+  if (o.engine != "rays") return {};
+  if (!o.device.empty())
+    return fail(ErrorCode::bad_input, "--device",
+                "expected no such option beside --engine rays, which needs no device");
+  for (const auto& name : o.off)
+    if (name != "shadows" && name != "levels-of-detail")
+      return fail(ErrorCode::bad_input, "--off",
+                  "expected shadows or levels-of-detail beside --engine rays, got \"" + name + "\"");
+  return {};
+}
+
 Status write_file(const std::filesystem::path& file, const cv::Mat& picture) {
   if (file.extension() == ".exr") setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 1);
   try {
@@ -215,9 +230,68 @@ struct Drawn {
   std::vector<std::string> warnings;
 };
 
+double ms_since(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+}
+
+Status draw_by_vulkan(const std::string& device_name, render::WorldView& view, const ViewRequest& request,
+                      Drawn& drawn) {
+  auto device = render::Device::create({.name_contains = device_name});
+  if (!device) return tl::unexpected(device.error());
+  auto renderer = render::ViewRenderer::create(*device);
+  if (!renderer) return tl::unexpected(renderer.error());
+  drawn.device = (*device)->name();
+  const auto begin = std::chrono::steady_clock::now();
+  const auto frame = view.collect(render::ViewRenderer::query_for(request));
+  const double collect_ms = ms_since(begin);
+  if (auto s = (*renderer)->draw(frame, request, drawn.picture, &drawn.statistics); !s) return s;
+  drawn.statistics.collect_ms = collect_ms;
+  return {};
+}
+
+Status draw_by_rays(const OpenedWorld& opened, render::WorldView& view, ViewRequest request, Drawn& drawn) {
+  // All round: what stands behind hides the sky and is seen in mirrors.
+  request.switches.frustum_culling = false;
+  const render::ContentQuery query = render::ViewRenderer::query_for(request);
+  auto cache = render::EmbreeCache::create();
+  if (!cache) return tl::unexpected(cache.error());
+  auto engine =
+      render::EmbreeEngine::create(*cache, {.allowed_error_rad = query.allowed_error_rad, .eye = query.eye});
+  if (!engine) return tl::unexpected(engine.error());
+  drawn.device = "rays";
+  auto begin = std::chrono::steady_clock::now();
+  render::ViewContent content(*opened.db, view);
+  const auto window = content.collect(query, request.t, request.t, 1);
+  drawn.statistics.collect_ms = ms_since(begin);
+  begin = std::chrono::steady_clock::now();
+  if (auto s = (*engine)->prepare(window); !s) return s;
+  drawn.statistics.upload_ms = ms_since(begin);
+  begin = std::chrono::steady_clock::now();
+  render::LightTracer tracer(*engine);
+  if (auto s = render::trace_picture(tracer,
+                                     {.T_world_camera = request.T_world_camera,
+                                      .pinhole = request.pinhole,
+                                      .bands = request.bands,
+                                      .samples_a_side = 4,
+                                      .shadows = request.switches.shadows,
+                                      .sky_rays = 1,
+                                      .soft_sun = true},
+                                     drawn.picture);
+      !s)
+    return s;
+  drawn.statistics.draw_ms = ms_since(begin);
+  for (const auto& batch : window->first().batches) {
+    ++drawn.statistics.batches;
+    drawn.statistics.instances += batch->instances.size();
+  }
+  drawn.statistics.instances_drawn = drawn.statistics.instances;
+  return {};
+}
+
 Result<Drawn> draw(const WorldRenderOptions& o) {
   ViewRequest request;
   if (auto s = apply_switches(o.off, request.switches); !s) return tl::unexpected(s.error());
+  if (auto s = check_engine(o); !s) return tl::unexpected(s.error());
   auto opened = open_world(o.world);
   if (!opened) return tl::unexpected(opened.error());
   if (!o.time.empty())
@@ -236,20 +310,13 @@ Result<Drawn> draw(const WorldRenderOptions& o) {
                      .cx_px = (o.width_px - 1) / 2.0,
                      .cy_px = (o.height_px - 1) / 2.0};
   request.allowed_error_px = o.allowed_error_px;
-  auto device = render::Device::create({.name_contains = o.device});
-  if (!device) return tl::unexpected(device.error());
-  auto renderer = render::ViewRenderer::create(*device);
-  if (!renderer) return tl::unexpected(renderer.error());
   Drawn drawn;
   drawn.T_world_camera = *pose;
-  drawn.device = (*device)->name();
-  const auto begin = std::chrono::steady_clock::now();
-  const auto frame = content.view->collect(render::ViewRenderer::query_for(request));
-  const double collect_ms =
-      std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
-  if (auto s = (*renderer)->draw(frame, request, drawn.picture, &drawn.statistics); !s)
+  const bool rays = o.engine == "rays";
+  if (auto s = rays ? draw_by_rays(*opened, *content.view, request, drawn)
+                    : draw_by_vulkan(o.device, *content.view, request, drawn);
+      !s)
     return tl::unexpected(s.error());
-  drawn.statistics.collect_ms = collect_ms;
   drawn.warnings = opened->warnings;
   for (auto& w : content.view->warnings()) drawn.warnings.push_back(std::move(w));
   return drawn;

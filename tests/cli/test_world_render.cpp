@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "tests/cli/world_fixture.h"
 
@@ -127,6 +128,25 @@ TEST_F(WorldRender, WithoutAnEyeAllTreesAreInThePicture) {
   const cv::Mat changed = planes[1] > 0.02 * cv::mean(without)[1];
   EXPECT_GT(cv::countNonZero(changed(cv::Rect(60, 30, 40, 60))), 200);
   EXPECT_EQ(cv::countNonZero(changed.row(0)), 0);
+}
+
+TEST_F(WorldRender, BothEnginesMeasureTheSameLight) {
+  // A road, trees beyond it, and the sky; and without shadows.
+  for (const std::vector<std::string>& more : {std::vector<std::string>{}, {"--off", "shadows"}}) {
+    const cv::Mat drawn = picture("plan.import.yaml", "vulkan.exr", from_the_road + more);
+    const cv::Mat traced = picture("plan.import.yaml", "rays.exr",
+                                   from_the_road + more + std::vector<std::string>{"--engine", "rays"});
+    ASSERT_EQ(traced.size(), drawn.size());
+    EXPECT_NEAR(mean_of(traced), mean_of(drawn), 0.1 * mean_of(drawn));
+    EXPECT_GT(cv::norm(traced, drawn, cv::NORM_INF), 0) << "two engines";
+    cv::Mat a, b;
+    cv::resize(drawn, a, {8, 6}, 0, 0, cv::INTER_AREA);
+    cv::resize(traced, b, {8, 6}, 0, 0, cv::INTER_AREA);
+    EXPECT_LT(cv::norm(a, b) / cv::norm(a), 0.15) << "in the same places";
+  }
+  EXPECT_EQ(
+      world({"render", "plan.import.yaml", "-o", "x.png", "--engine", "rays", "--off", "impostors"}).status,
+      2);
 }
 
 TEST_F(WorldRender, JsonTellsWhatWasDrawn) {
