@@ -190,7 +190,7 @@ TEST_F(LightAgainstView, NormalMapsTiltTheSameWay) {
   s->reflectance = grey(0.5F);
   s->normal_map = soft_texture(false, true);
   frame_.batches = {one(plane_mesh(3, s), 1)};
-  for (const double azimuth : {0.0, 180.0}) {
+  for (const double azimuth : {0.0, 90.0, 180.0, 225.0}) {
     set_sun(azimuth, 40, 3);
     request_.T_world_camera = look({0, -2, 5}, {0, 0, 0});
     expect_alike("bumps" + std::to_string(static_cast<int>(azimuth)), 0.5, 0.03, 8e-3);
