@@ -108,7 +108,8 @@ std::shared_ptr<const render::Surface> make(BarkStyle style) {
       colour->rgba.insert(colour->rgba.end(), {byte, byte, byte, 255});
       const float du = (height(x + 1, y) - height(x - 1, y)) / (2 * kBarkWidth_m / kBark_px);
       const float dv = (height(x, y + 1) - height(x, y - 1)) / (2 * kBarkHeight_m / kBark_px);
-      const Eigen::Vector3f n = Eigen::Vector3f(-du, -dv, 1).normalized();
+      // Rows go down, the normal's second component up.
+      const Eigen::Vector3f n = Eigen::Vector3f(-du, dv, 1).normalized();
       for (int k = 0; k < 3; ++k)
         normal->rgba.push_back(static_cast<std::uint8_t>(std::lround(127.5F + 127.5F * n[k])));
       normal->rgba.push_back(255);
