@@ -42,6 +42,7 @@ struct SenseOptions {
   std::filesystem::path truth;  ///< .exr; empty: none
   bool ideal = false;
   std::vector<std::string> only;  ///< effects
+  bool difference = false;        ///< of a range image to the same without effects
   std::string engine;             ///< "", "rays", "vulkan"
   bool json = false;
 };

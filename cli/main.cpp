@@ -71,16 +71,21 @@ int main(int argc, char** argv) {
   sense_app->add_option("RIG", sense.rig, "Rig file")->required();
   sense_app->add_option("--channel", sense.channel, "Channel, or NAME of a pair (its simulated side)")
       ->required();
-  sense_app->add_option("--at", sense.at_s, "Capture instant in seconds after the start")
-      ->check(CLI::NonNegativeNumber);
+  sense_app->add_option("--at", sense.at_s, "Capture instant in seconds after the start");
   sense_app->add_option("--joint", sense.joints, "Position of a joint of the world, NAME=DEGREES")
       ->allow_extra_args(false);
-  sense_app->add_flag("--ideal", sense.ideal, "Without the sensor's errors");
+  auto* ideal = sense_app->add_flag("--ideal", sense.ideal, "Without the sensor's errors");
   sense_app
       ->add_option("--only", sense.only,
-                   "Of the sensor's effects these alone, separated by commas; an unknown one lists them all")
+                   "Of the sensor's effects these alone, separated by commas, or none; an unknown one lists "
+                   "them all")
       ->delimiter(',')
-      ->allow_extra_args(false);
+      ->allow_extra_args(false)
+      ->excludes(ideal);
+  sense_app
+      ->add_flag("--difference", sense.difference,
+                 "Range images: what the effects add to the ranges of the same device without any")
+      ->excludes(ideal);
   sense_app->add_option("--engine", sense.engine, "rays or vulkan (default: what the rig says)")
       ->check(CLI::IsMember({"rays", "vulkan"}));
   sense_app->add_option("--truth", sense.truth,

@@ -55,9 +55,23 @@ Result<std::unique_ptr<Target>> find_target(const SenseOptions& options) {
   return target;
 }
 
+/// A year: instants count in nanoseconds.
+constexpr double kLatest_s = 366 * 86400.0;
+
+Status check_options(const SenseOptions& options, SampleKind kind) {
+  if (!(options.at_s >= 0 && options.at_s <= kLatest_s))
+    return fail(ErrorCode::bad_input, "--at",
+                fmt::format("expected seconds from 0 to {:.0f}, got {:g}", kLatest_s, options.at_s));
+  if (options.difference && kind != SampleKind::range_image)
+    return fail(ErrorCode::bad_input, "--difference",
+                fmt::format("expected a channel of kind range_image, got {}", kind_name(kind)));
+  return {};
+}
+
 Status check_outputs(const SenseOptions& options, SampleKind kind) {
   const std::vector<std::string> endings =
       kind == SampleKind::image         ? std::vector<std::string>{".png", ".exr"}
+      : options.difference              ? std::vector<std::string>{".png", ".exr"}
       : kind == SampleKind::range_image ? std::vector<std::string>{".png", ".exr", ".pcd"}
                                         : std::vector<std::string>{".png", ".pcd"};
   if (std::find(endings.begin(), endings.end(), options.output.extension().string()) == endings.end())
@@ -67,6 +81,10 @@ Status check_outputs(const SenseOptions& options, SampleKind kind) {
   if (!options.truth.empty() && options.truth.extension() != ".exr")
     return fail(ErrorCode::bad_input, "--truth",
                 "expected a file that ends in .exr, got \"" + options.truth.string() + "\"");
+  if (!options.truth.empty() && std::filesystem::absolute(options.truth).lexically_normal() ==
+                                    std::filesystem::absolute(options.output).lexically_normal())
+    return fail(ErrorCode::bad_input, "--truth",
+                "expected another file than -o, got the same: " + options.truth.string());
   for (const auto& file : {options.output, options.truth}) {
     if (file.empty()) continue;
     std::error_code ec;
@@ -185,9 +203,13 @@ class Sensing {
       const std::size_t n = std::size_t{info->width_px} * info->height_px;
       std::vector<float> planes(2 * n);
       std::memcpy(planes.data(), sample.bytes().data(), 2 * n * sizeof(float));
+      if (options_.difference)
+        if (auto s = subtract_without_effects(params, how, std::span(planes).first(n)); !s) return s;
       const RangePicture picture{info->width_px, info->height_px, std::span(planes).first(n),
                                  std::span(planes).last(n)};
-      written = ending == ".pcd"   ? write_range_pcd(options_.output, picture, sensor.directions())
+      written = options_.difference && ending == ".png"
+                    ? write_difference_png(options_.output, picture, scale_m)
+                : ending == ".pcd" ? write_range_pcd(options_.output, picture, sensor.directions())
                 : ending == ".exr" ? write_range_exr(options_.output, picture)
                                    : write_range_png(options_.output, picture, scale_m);
       const auto returns = std::count_if(picture.range_m.begin(), picture.range_m.end(),
@@ -196,10 +218,28 @@ class Sensing {
       told["height_px"] = info->height_px;
       told["returns"] = returns;
       said_ = fmt::format("{}x{}, {} returns", info->width_px, info->height_px, returns);
-      if (scale_m > 0) said_ += fmt::format(", colours over 0 to {:g} m", scale_m);
+      if (scale_m > 0)
+        said_ += fmt::format(", colours over {:g} to {:g} m", options_.difference ? -scale_m : 0, scale_m);
     }
     if (scale_m > 0) told["full_scale_m"] = scale_m;
     return written;
+  }
+
+  /// From each range that of the same capture by the same device without its effects. The lens stays where
+  /// it is among them, or pixels would look at different things.
+  Status subtract_without_effects(const ConfigNode& params, SensorOptions how, std::span<float> range_m) {
+    const bool lens =
+        how.only.empty() || std::find(how.only.begin(), how.only.end(), "lens") != how.only.end();
+    how.only = {lens ? "lens" : "none"};
+    auto made = simulation_.sampler(target_.entry->kind, params, target_.rig.seed, target_.noise_name, how);
+    if (!made) return tl::unexpected<Error>(made.error());
+    Sample sample;
+    sample.reserve((*made)->geometry().max_bytes);
+    if (auto s = (*made)->capture(request_, sample); !s) return s;
+    std::vector<float> without(range_m.size());
+    std::memcpy(without.data(), sample.bytes().data(), without.size() * sizeof(float));
+    for (std::size_t i = 0; i < without.size(); ++i) range_m[i] -= without[i];
+    return {};
   }
 
   const SenseOptions& options_;
@@ -216,6 +256,8 @@ class Sensing {
 int sense_command(const SenseOptions& options) {
   auto target = find_target(options);
   if (!target) return report_error(target.error(), options.json);
+  if (auto s = check_options(options, (*target)->entry->kind); !s)
+    return report_error(s.error(), options.json);
   if (auto s = check_outputs(options, (*target)->entry->kind); !s)
     return report_error(s.error(), options.json);
   auto simulation = Simulation::open((*target)->rig.simulation);

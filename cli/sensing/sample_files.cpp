@@ -11,6 +11,7 @@
 #include <cmath>
 #include <cstring>
 #include <fstream>
+#include <limits>
 #include <numbers>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -51,7 +52,10 @@ cv::Vec3b colour_of(double share) {
 Status write_png(const std::filesystem::path& file, const cv::Mat& picture) {
   return write_whole(file, [&](const std::filesystem::path& part) -> Status {
     try {
-      if (cv::imwrite(part.string(), picture)) return {};
+      if (cv::imwrite(
+              part.string(), picture,
+              {cv::IMWRITE_PNG_COMPRESSION, 9, cv::IMWRITE_PNG_STRATEGY, cv::IMWRITE_PNG_STRATEGY_DEFAULT}))
+        return {};
     } catch (const cv::Exception& e) {
       return fail(ErrorCode::not_writable, file.string(), e.what());
     }
@@ -144,6 +148,19 @@ cv::Mat from_above(std::span<const LidarPoint> points, double half_m, double rem
   return picture;
 }
 
+/// From one firing of a beam to its next, as most are; 0 where no beam has two.
+double firing_step_rad(std::span<const LidarPoint> points, std::size_t beams) {
+  std::vector<double> last(beams, std::numeric_limits<double>::quiet_NaN());
+  std::vector<float> steps;
+  for (const LidarPoint& p : points) {
+    const double azimuth = std::atan2(double{p.y_m}, double{p.x_m});
+    const double step = std::abs(std::remainder(azimuth - last[p.ring], 2 * std::numbers::pi));
+    if (step > 1e-6) steps.push_back(static_cast<float>(step));
+    last[p.ring] = azimuth;
+  }
+  return quantile(steps, 0.5);
+}
+
 /// Beams over azimuth, the highest beam on top, straight ahead in the middle.
 cv::Mat panorama(std::span<const LidarPoint> points, double half_m, double remission, int width) {
   struct Beam {
@@ -166,13 +183,19 @@ cv::Mat panorama(std::span<const LidarPoint> points, double half_m, double remis
   std::vector<int> row_of(beams.size(), 0);
   for (std::size_t i = 0; i < order.size(); ++i) row_of[order[i]] = static_cast<int>(i);
   const int rows = static_cast<int>(order.size());
+  // Each firing as wide as its step, or firings that fall between columns of the picture leave stripes.
+  const double firing_px =
+      std::min(firing_step_rad(points, beams.size()) / (2 * std::numbers::pi), 0.02) * width;
   cv::Mat ranges(rows, width, CV_8UC3, cv::Scalar(0, 0, 0)), grey = ranges.clone();
   for (const LidarPoint& p : points) {
     const double share = 0.5 - std::atan2(double{p.y_m}, double{p.x_m}) / (2 * std::numbers::pi);
-    const int u = std::clamp(static_cast<int>(share * width), 0, width - 1);
-    ranges.at<cv::Vec3b>(row_of[p.ring], u) = colour_of(range_of(p) / half_m);
+    const int first = std::clamp(static_cast<int>(share * width - firing_px / 2), 0, width - 1);
+    const int end = std::clamp(static_cast<int>(std::ceil(share * width + firing_px / 2)), first + 1, width);
     const auto g = cv::saturate_cast<std::uint8_t>(30 + 225 * double{p.remission} * remission);
-    grey.at<cv::Vec3b>(row_of[p.ring], u) = cv::Vec3b(g, g, g);
+    for (int u = first; u < end; ++u) {
+      ranges.at<cv::Vec3b>(row_of[p.ring], u) = colour_of(range_of(p) / half_m);
+      grey.at<cv::Vec3b>(row_of[p.ring], u) = cv::Vec3b(g, g, g);
+    }
   }
   const int scale = std::max(1, 180 / rows);
   cv::Mat both;
@@ -193,6 +216,26 @@ Status write_range_png(const std::filesystem::path& file, const RangePicture& pi
   for (auto it = out.begin<cv::Vec3b>(); it != out.end<cv::Vec3b>(); ++it, ++i)
     *it = std::isfinite(picture.range_m[i]) ? colour_of(double{picture.range_m[i]} / full_scale_m)
                                             : cv::Vec3b(0, 0, 0);
+  return write_png(file, out);
+}
+
+Status write_difference_png(const std::filesystem::path& file, const RangePicture& picture,
+                            double& full_scale_m) {
+  std::vector<float> sizes;
+  for (const float r : picture.range_m)
+    if (std::isfinite(r)) sizes.push_back(std::abs(r));
+  full_scale_m = round_up(quantile(sizes, 0.95));
+  cv::Mat out(static_cast<int>(picture.height_px), static_cast<int>(picture.width_px), CV_8UC3);
+  std::size_t i = 0;
+  for (auto it = out.begin<cv::Vec3b>(); it != out.end<cv::Vec3b>(); ++it, ++i) {
+    const double share = double{picture.range_m[i]} / full_scale_m;
+    if (!std::isfinite(share)) {
+      *it = {0, 0, 0};
+      continue;
+    }
+    const auto pale = static_cast<std::uint8_t>(std::lround(255 * (1 - std::min(std::abs(share), 1.0))));
+    *it = share < 0 ? cv::Vec3b(255, pale, pale) : cv::Vec3b(pale, pale, 255);
+  }
   return write_png(file, out);
 }
 

@@ -44,6 +44,10 @@ struct RangePicture {
 /// Metres that the reddest colour stands for go to `full_scale_m`.
 [[nodiscard]] Status write_range_png(const std::filesystem::path& file, const RangePicture& picture,
                                      double& full_scale_m);
+/// `range_m` are differences: white none, blue nearer, red farther, by −full_scale_m to full_scale_m (which
+/// holds 95 % of them); black: no return.
+[[nodiscard]] Status write_difference_png(const std::filesystem::path& file, const RangePicture& picture,
+                                          double& full_scale_m);
 [[nodiscard]] Status write_range_exr(const std::filesystem::path& file, const RangePicture& picture);
 /// `directions`: of each pixel's ray in the sensor's frame, unit length; NaN: none.
 [[nodiscard]] Status write_range_pcd(const std::filesystem::path& file, const RangePicture& picture,

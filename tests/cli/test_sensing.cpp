@@ -208,6 +208,49 @@ TEST_F(Sense, WithOnlyOneEffectShowsThatOneAlone) {
   EXPECT_THAT(said.err, AllOf(HasSubstr("wigling"), HasSubstr("wiggling_bias"), HasSubstr("flying_pixels")));
 }
 
+TEST_F(Sense, ShowsWhatEffectsAddToRanges) {
+  const auto ranges = [&](const std::string& name, const std::vector<std::string>& options) {
+    std::vector<std::string> arguments{"sense", "rig.yaml", "--channel", "tof", "-o", name};
+    arguments.insert(arguments.end(), options.begin(), options.end());
+    EXPECT_EQ(in_dir(arguments).status, 0);
+    return plane(dir / name, "range");
+  };
+  for (const char* effect : {"none", "trembling"}) {
+    const auto with = ranges("with.exr", {"--only", effect}),
+               without = ranges("without.exr", {"--only", "none"}),
+               difference = ranges("difference.exr", {"--only", effect, "--difference"});
+    ASSERT_EQ(difference.size(), with.size());
+    double sum = 0;
+    for (std::size_t i = 0; i < with.size(); ++i) {
+      if (!std::isfinite(difference[i])) continue;
+      EXPECT_EQ(difference[i], with[i] - without[i]);
+      sum += std::abs(double{difference[i]});
+    }
+    EXPECT_EQ(sum > 0, std::string(effect) != "none") << effect;
+  }
+}
+
+TEST_F(Sense, RefusesWhatContradictsItself) {
+  const std::vector<std::pair<std::vector<std::string>, std::string>> cases{
+      {{"--channel", "tof", "--ideal", "--only", "lens"}, "--only"},
+      {{"--channel", "flat", "--difference"}, "--difference"},
+      {{"--channel", "tof", "--at", "nan"}, "--at"},
+      {{"--channel", "tof", "--at", "1e30"}, "--at"},
+      {{"--channel", "tof", "--at=-1"}, "--at"},
+      {{"--channel", "tof", "--truth", "./same.exr"}, "--truth"},
+  };
+  for (const auto& [options, named] : cases) {
+    std::vector<std::string> arguments{"sense", "rig.yaml", "-o",
+                                       named == "--truth" ? "same.exr" : "same.png"};
+    arguments.insert(arguments.end(), options.begin(), options.end());
+    const Said said = in_dir(arguments);
+    EXPECT_EQ(said.status, 2) << named;
+    EXPECT_THAT(said.err, HasSubstr(named));
+    EXPECT_FALSE(std::filesystem::exists(dir / "same.exr") || std::filesystem::exists(dir / "same.png"))
+        << named;
+  }
+}
+
 TEST_F(Sense, IsTheSampleOfAVirtualRun) {
   const Said run = in_dir({"run", "rig.yaml", "--record", "run.mcap", "--json"});
   ASSERT_EQ(run.status, 0) << run.err;

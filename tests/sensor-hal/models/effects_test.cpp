@@ -46,6 +46,7 @@ TEST(EffectSwitches, NameTheEffectsThereAreWhereOneIsUnknown) {
 TEST(EffectSwitches, OfALidarAndATimeOfFlightCameraTakeEveryError) {
   models::LidarModel lidar;
   lidar.footprint.sub_rays = 5;
+  lidar.echoes = {.separation_m = 0.5, .returns = models::LidarReturns::dual};
   lidar.noise.floor_m = 0.01;
   lidar.range.step_m = 0.002;
   lidar.scan.beams[0].range_bias_m = 0.03;
@@ -55,6 +56,10 @@ TEST(EffectSwitches, OfALidarAndATimeOfFlightCameraTakeEveryError) {
   EXPECT_EQ(bias->footprint.sub_rays, 1);
   EXPECT_EQ(bias->noise.floor_m, 0);
   EXPECT_EQ(bias->range.step_m, 0);
+
+  EXPECT_EQ(bias->echoes.returns, models::LidarReturns::strongest);
+  EXPECT_EQ(bias->echoes.separation_m, 0.5) << "or each sub-ray would be an echo of its own";
+  EXPECT_EQ(models::only_effects(lidar, Names{"none"})->scan.beams[0].range_bias_m, 0);
 
   models::TofModel tof;
   tof.pixel.adc_bits = 12;
