@@ -268,7 +268,9 @@ class Bench {
       return m;
     };
     const auto reference = measure(without_noise(16), {}, 0, nullptr);
-    const auto moving = measure(without_noise(16), {.motion = true}, 0, nullptr);
+    Knobs motion;
+    motion.motion = true;
+    const auto moving = measure(without_noise(16), motion, 0, nullptr);
     auto bare_engine = need(render::EmbreeEngine::create(cache_, {.eye = world.eye()}));
     render::ContentQuery query;
     query.eye = world.eye();

@@ -34,7 +34,7 @@ struct OpticsOptions {
   int instants = 4;               ///< vulkan: views during the exposure (and readout), where anything moves
   double allowed_error_px = 1.0;  ///< levels of detail
   bool shadows = true;
-  int sky_rays = 1;  ///< rays: see LightQuery
+  int sky_rays = 0;  ///< rays: see LightQuery; 0: what hides the sky is guessed, as by the vulkan engine
 };
 
 struct OpticsRequest {
