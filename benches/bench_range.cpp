@@ -310,7 +310,9 @@ int main(int argc, char** argv) {
   std::setvbuf(stdout, nullptr, _IOLBF, 0);
   Bench bench(o);
   for (const Place& p : kPlaces)
-    if (o.wants(p)) bench.place(p);
-  write(o.json, bench.out());
+    if (o.wants(p)) {
+      bench.place(p);
+      write(o.json, bench.out());
+    }
   return 0;
 }

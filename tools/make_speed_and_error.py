@@ -10,6 +10,7 @@ import json
 import math
 import pathlib
 import sys
+import textwrap
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 COLOURS = {"rays": "#c2410c", "vulkan": "#1d4ed8"}
@@ -130,15 +131,19 @@ def range_part(bench, images):
 
 def camera_part(bench, images):
     out = []
-    for group in dict.fromkeys((r["world"], r["question"]) for r in bench["runs"]):
+    for world in dict.fromkeys(r["world"] for r in bench["runs"]):
+        rows = [[r["question"], f'{r["engine"]} {r["knobs"]}'.strip(), number(r["p50_ms"]), number(r["p99_ms"]),
+                 number(r.get("rms"))] for r in bench["runs"] if r["world"] == world and r["question"] != "knobs"]
+        out += [f"### Effects, {world}", "", *table(["effect alone", "engine", "p50 ms", "p99 ms", "RMS"], rows), ""]
+    for group in dict.fromkeys((r["world"], r["question"]) for r in bench["runs"] if r["question"] == "knobs"):
         runs = [r for r in bench["runs"] if (r["world"], r["question"]) == group]
-        out += [f"### {group[1]}, {group[0]}", ""]
+        out += [f"### {group[1].capitalize()}, {group[0]}", ""]
         name = f"speed-camera-{group[1]}-{group[0]}.svg".replace(" ", "-").replace(",", "")
         points = [
             {"x": r["p50_ms"], "y": r["rms"], "engine": r["engine"], "label": f'{r["engine"]} {r["knobs"]}'}
             for r in runs if r.get("rms") is not None
         ]
-        if len(points) > 2 and plot(images / name, f"{group[1]}, {group[0]}", points, "time p50 [ms]",
+        if group[1] == "knobs" and plot(images / name, f"{group[1]}, {group[0]}", points, "time p50 [ms]",
                                     "RMS of radiance, relative to the mean"):
             out += [f"![{group[1]}, {group[0]}](images/{name})", ""]
         rows = [[f'{r["engine"]}, {r["knobs"]}', number(r["p50_ms"]), number(r["p99_ms"]), number(r.get("rms"))]
@@ -166,12 +171,12 @@ def main():
         "",
         "## LiDAR and time of flight",
         "",
-        *ranges["about"],
+        *textwrap.wrap(" ".join(ranges["about"]), 120),
         "",
         *range_part(ranges, images),
         "## Cameras",
         "",
-        *cameras["about"],
+        *textwrap.wrap(" ".join(cameras["about"]), 120),
         "",
         *camera_part(cameras, images),
     ]

@@ -8,7 +8,8 @@ namespace {
 using Switch = EffectSwitch<LidarModel>;
 constexpr Switch kSwitches[] = {
     {"footprint", [](LidarModel& m) { m.footprint.sub_rays = 1; }},
-    // What the receiver tells apart stays: without it each sub-ray of a footprint would be an echo of its own.
+    // What the receiver tells apart stays: without it each sub-ray of a footprint would be an echo of its
+    // own.
     {"echoes", [](LidarModel& m) { m.echoes.returns = LidarReturns::strongest; }},
     {"detection", [](LidarModel& m) { m.detection = {}; }},
     {"range_noise", [](LidarModel& m) { m.noise = {}; }},
