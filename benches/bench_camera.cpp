@@ -75,7 +75,7 @@ class Bench {
     out_["machine"] = machine(engines_.device);
     out_["about"] = {
         "640x480 pixels. RMS is that of the radiance on the sensor's surface against the engine of rays with "
-        "64 samples a",
+        "32 samples a",
         "pixel, relative to the mean. The time is that of the whole picture, from the content to the bytes."};
   }
   nlohmann::json& out() { return out_; }

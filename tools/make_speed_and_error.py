@@ -3,8 +3,8 @@
 
 usage: tools/make_speed_and_error.py build/release/benches/bench_range.json build/release/benches/bench_camera.json
 
-Each run of a bench has a time and an error against the reference; the plots show one point a run, and the line of those
-that no other run beats in both.
+Each run of a bench has a time and an error against the reference; the plots show one point a run; named and on the
+line are those that no other run beats in both.
 """
 import json
 import math
@@ -68,16 +68,22 @@ def plot(path, title, points, x_name, y_name):
     s.append(
         f'<text transform="translate(14 {(top + height - bottom) / 2}) rotate(-90)" text-anchor="middle">{y_name}</text>'
     )
-    line = " ".join(f'{sx(p["x"]):.1f},{sy(p["y"]):.1f}' for p in front(points))
+    best = front(points)
+    line = " ".join(f'{sx(p["x"]):.1f},{sy(p["y"]):.1f}' for p in best)
+    for i, (engine, colour) in enumerate(COLOURS.items()):
+        s.append(f'<circle cx="{width - 150 + 70 * i}" cy="14" r="4" fill="{colour}"/>')
+        s.append(f'<text x="{width - 142 + 70 * i}" y="18" fill="{colour}">{engine}</text>')
     s.append(f'<polyline points="{line}" fill="none" stroke="#6b7280" stroke-dasharray="4 3"/>')
     taken = []
     for p in points:
         x, y = sx(p["x"]), sy(p["y"])
         colour = COLOURS.get(p["engine"], "#374151")
         s.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{colour}"><title>{p["label"]}</title></circle>')
+        if p not in best:
+            continue
         ty = y - 6
-        while any(abs(ty - b) < 11 and abs(x - a) < 120 for a, b in taken):
-            ty += 11
+        while any(abs(ty - b) < 11 and abs(x - a) < 150 for a, b in taken):
+            ty -= 11
         taken.append((x, ty))
         anchor, dx = ("end", -6) if x > width - 150 else ("start", 6)
         s.append(f'<text x="{x + dx:.1f}" y="{ty:.1f}" text-anchor="{anchor}" fill="{colour}">{p["label"]}</text>')
