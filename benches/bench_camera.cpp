@@ -1,6 +1,7 @@
 // What a simulated camera costs, effect by effect, and how wrong the fast picture is.
 //
 //   bench_camera [--rounds N] [--json FILE] [--place NAME] [--engine rays]
+//               [--part effects|knobs|stereo|together]
 //
 // 640x480 pixels, two worlds, both engines. `RMS` is that of the picture on the sensor's surface (before
 // noise) against brute force: the engine of rays with 32 samples a pixel over area, aperture and exposure,
@@ -68,7 +69,7 @@ double rms(const OpticsPicture& a, const OpticsPicture& reference) {
 
 class Bench {
  public:
-  explicit Bench(const Options& o) : rounds_(std::min(o.rounds, 5)), engine_(o.engine) {
+  explicit Bench(const Options& o) : rounds_(std::min(o.rounds, 5)), engine_(o.engine), part_(o.part) {
     engines_.cache = need(render::EmbreeCache::create());
     auto device = render::Device::create();
     if (device) engines_.device = *device;
@@ -83,10 +84,12 @@ class Bench {
   void place(const Place& place) {
     StandingWorld world(place);
     std::printf("\n%s\n%-24s %-40s %9s %9s %8s\n", place.name, "", "", "p50 ms", "p99 ms", "RMS");
-    for (const Effect& e : kEffects) effect(world, place, e);
-    knobs(world, place);
-    stereo(world, place);
-    together(world, place);
+    const auto wanted = [&](const char* part) { return part_.empty() || part_ == part; };
+    if (wanted("effects"))
+      for (const Effect& e : kEffects) effect(world, place, e);
+    if (wanted("knobs")) knobs(world, place);
+    if (wanted("stereo")) stereo(world, place);
+    if (wanted("together")) together(world, place);
   }
 
  private:
@@ -240,7 +243,7 @@ class Bench {
   }
 
   int rounds_;
-  std::string engine_;
+  std::string engine_, part_;
   CameraEngines engines_;
   nlohmann::json out_;
 };

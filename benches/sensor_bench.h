@@ -161,10 +161,10 @@ inline nlohmann::json machine(const std::shared_ptr<render::Device>& device) {
           {"vulkan", device ? device->name() : "none"}};
 }
 
-/// `--json FILE`, `--rounds N`, `--place NAME` (all places without it), `--engine rays|vulkan` (both without
-/// it).
+/// `--json FILE`, `--rounds N`, `--place NAME` (all places without it), `--part NAME`, `--engine rays|vulkan`
+/// (both without it).
 struct Options {
-  std::string json, place, engine;
+  std::string json, place, engine, part;
   int rounds = 20;
   [[nodiscard]] bool wants(const Place& p) const { return place.empty() || place == p.name; }
 };
@@ -175,13 +175,15 @@ inline Options options(int argc, char** argv) {
       o.json = argv[i + 1];
     else if (std::string(argv[i]) == "--place")
       o.place = argv[i + 1];
+    else if (std::string(argv[i]) == "--part")
+      o.part = argv[i + 1];
     else if (std::string(argv[i]) == "--engine")
       o.engine = argv[i + 1];
     else if (std::string(argv[i]) == "--rounds" && std::atoi(argv[i + 1]) > 0)
       o.rounds = std::atoi(argv[i + 1]);
     else
       give_up(std::string(argv[i]) +
-              ": expected --json FILE, --rounds N, --place NAME or --engine rays|vulkan");
+              ": expected --json FILE, --rounds N, --place NAME, --part NAME or --engine rays|vulkan");
   }
   return o;
 }
