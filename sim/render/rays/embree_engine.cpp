@@ -319,10 +319,13 @@ Status EmbreeEngine::prepare(std::shared_ptr<const ContentWindow> window) {
   return of(*impl_).prepare(std::move(window));
 }
 
-Status EmbreeEngine::cast(const RayQuery& query, std::span<Hit> hits) {
+namespace {
+
+/// work(scene, start, shots, begin, n): n rays from `begin` on are loaded. Any number of threads at once.
+template <class Work>
+Status in_chunks(Engine& e, const RayQuery& query, std::size_t answers, Work&& work) {
   const auto began = std::chrono::steady_clock::now();
-  Engine& e = of(*impl_);
-  if (auto s = check(query, hits.size()); !s) return s;
+  if (auto s = check(query, answers); !s) return s;
   const auto scene = e.scene_at(query.origin);
   if (!scene) return tl::unexpected(scene.error());
   const RayScene& s = **scene;
@@ -336,10 +339,7 @@ Status EmbreeEngine::cast(const RayQuery& query, std::span<Hit> hits) {
             const std::size_t begin = c * kShots;
             const auto n = static_cast<unsigned>(std::min<std::size_t>(kShots, query.rays.size() - begin));
             load(shots, query, begin, n, start);
-            s.meet(shots, n, true);
-            s.fetch(shots, n);
-            for (unsigned i = 0; i < n; ++i)
-              shade(s, query, query.rays[begin + i], start, shots.meeting(i), hits[begin + i]);
+            work(s, start, shots, begin, n);
           }
         });
   });
@@ -347,29 +347,23 @@ Status EmbreeEngine::cast(const RayQuery& query, std::span<Hit> hits) {
   return {};
 }
 
+}  // namespace
+
+Status EmbreeEngine::cast(const RayQuery& query, std::span<Hit> hits) {
+  return in_chunks(
+      of(*impl_), query, hits.size(),
+      [&](const RayScene& s, const Eigen::Vector3d& start, Shots& shots, std::size_t begin, unsigned n) {
+        s.meet(shots, n, true);
+        s.fetch(shots, n);
+        for (unsigned i = 0; i < n; ++i)
+          shade(s, query, query.rays[begin + i], start, shots.meeting(i), hits[begin + i]);
+      });
+}
+
 Status EmbreeEngine::occluded(const RayQuery& query, std::span<std::uint8_t> occluded) {
-  const auto began = std::chrono::steady_clock::now();
-  Engine& e = of(*impl_);
-  if (auto s = check(query, occluded.size()); !s) return s;
-  const auto scene = e.scene_at(query.origin);
-  if (!scene) return tl::unexpected(scene.error());
-  const RayScene& s = **scene;
-  const Eigen::Vector3d start = query.origin - s.origin();
-  const std::size_t chunks = (query.rays.size() + kShots - 1) / kShots;
-  e.arena().execute([&] {
-    tbb::parallel_for(
-        tbb::blocked_range<std::size_t>(0, chunks, 1), [&](const tbb::blocked_range<std::size_t>& range) {
-          Shots shots;
-          for (std::size_t c = range.begin(); c != range.end(); ++c) {
-            const std::size_t begin = c * kShots;
-            const auto n = static_cast<unsigned>(std::min<std::size_t>(kShots, query.rays.size() - begin));
-            load(shots, query, begin, n, start);
-            s.hide(shots, n, true, &occluded[begin]);
-          }
-        });
-  });
-  e.statistics.cast_ms = ms_since(began);
-  return {};
+  return in_chunks(of(*impl_), query, occluded.size(),
+                   [&](const RayScene& s, const Eigen::Vector3d&, Shots& shots, std::size_t begin,
+                       unsigned n) { s.hide(shots, n, true, &occluded[begin]); });
 }
 
 EngineStatistics EmbreeEngine::statistics() const { return of(*impl_).statistics; }
