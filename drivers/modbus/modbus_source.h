@@ -14,7 +14,7 @@
 #include <thread>
 #include <vector>
 
-#include "drivers/modbus/deadline.h"
+#include "rt-core/deadline.h"
 #include "drivers/modbus/register_channel.h"
 #include "rt-core/spsc_ring.h"
 

@@ -12,8 +12,10 @@ namespace rigor {
 /// for it.
 struct DeviceParts {
   std::shared_ptr<ImageProvider> image;
+  std::shared_ptr<SampleProvider> samples;
   std::shared_ptr<const MotionSource> motion;
   std::shared_ptr<RegisterModel> registers;
+  std::shared_ptr<SignalModel> signals;
 };
 
 /// Serves a device on its own threads between start and stop; wall clock only.

@@ -9,6 +9,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "rt-core/result.h"
 #include "rt-core/time.h"
@@ -101,6 +102,23 @@ class RegisterModel {
                                   BenchTime t) = 0;
   [[nodiscard]] virtual bool write(RegisterTable table, std::uint16_t address,
                                    std::span<const std::uint16_t> in, BenchTime t) = 0;
+};
+
+/// A device that is known by named values (a node on a bus): what it tells and what it can be told. A motor
+/// can be this and a RegisterModel at once. Times are bench time and never decrease. One thread at a time.
+class SignalModel {
+ public:
+  virtual ~SignalModel() = default;
+  struct Signal {
+    std::string name, unit;
+    bool commanded = false;  ///< `write` takes it
+  };
+  /// Never changes; signals are known by their index here.
+  [[nodiscard]] virtual const std::vector<Signal>& signals() const = 0;
+  /// In the signal's unit; NaN while the device does not know. Of a commanded one, what it was told last.
+  [[nodiscard]] virtual double read(std::size_t signal, BenchTime t) = 0;
+  /// False: refused, nothing changed.
+  [[nodiscard]] virtual bool write(std::size_t signal, double value, BenchTime t) = 0;
 };
 
 }  // namespace rigor

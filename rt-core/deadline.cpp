@@ -1,4 +1,4 @@
-#include "drivers/modbus/deadline.h"
+#include "rt-core/deadline.h"
 
 #include <poll.h>
 #include <sys/eventfd.h>
@@ -8,7 +8,7 @@
 #include <cerrno>
 #include <cstring>
 
-namespace rigor::modbus {
+namespace rigor {
 
 Deadline::~Deadline() {
   if (timer_ >= 0) ::close(timer_);
@@ -45,4 +45,4 @@ void Deadline::reset() noexcept {
   [[maybe_unused]] const auto n = ::read(event_, &count, sizeof count);
 }
 
-}  // namespace rigor::modbus
+}  // namespace rigor

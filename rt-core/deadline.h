@@ -4,7 +4,7 @@
 #include "rt-core/result.h"
 #include "rt-core/time.h"
 
-namespace rigor::modbus {
+namespace rigor {
 
 /// One waiting thread; `cut` from any other.
 class Deadline {
@@ -19,6 +19,8 @@ class Deadline {
   /// once.
   [[nodiscard]] bool wait_until(MonotonicTime t) noexcept;
   void cut() noexcept;
+  /// Readable once `cut` was called: for threads that also wait for sockets.
+  [[nodiscard]] int cut_fd() const noexcept { return event_; }
   /// Setup: makes waits wait again.
   void reset() noexcept;
 
@@ -26,4 +28,4 @@ class Deadline {
   int timer_ = -1, event_ = -1;
 };
 
-}  // namespace rigor::modbus
+}  // namespace rigor

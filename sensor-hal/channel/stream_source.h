@@ -1,0 +1,51 @@
+// What sources with a device behind them share: slots for samples, the ring to the loop, and the accounting
+// of what is lost on the way.
+//
+//   do_arm    open_stream(slots, bytes, context.virtual_time)
+//   thread    SampleLease slot = take_slot();            // may be empty: all slots are held
+//             if (slot) { fill slot.edit(): info, memory, stamp … }
+//             hand_over(std::move(slot));                // empty: the sample is counted and lost
+//   do_stop   join the thread, then close_stream()
+//
+// In virtual time the loop's own thread is the producer, in complete_until.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "rt-core/spsc_ring.h"
+#include "sensor-hal/channel/channel.h"
+
+namespace rigor {
+
+class StreamSource : public Source {
+ public:
+  /// In virtual time only what is released by `now`; on the wall clock what has come (its port waits for the
+  /// release).
+  [[nodiscard]] SampleLease poll(BenchTime now) noexcept final;
+
+ protected:
+  /// Setup thread. Takes memory for `slots` samples of `slot_bytes` each. Leases of an earlier run may still
+  /// be held: their memory stays.
+  void open_stream(std::size_t slots, std::size_t slot_bytes, bool virtual_time);
+  /// Setup thread, no producer is running: what nobody polled is given back.
+  void close_stream() noexcept;
+
+  /// Producer thread; wait-free. Empty when every slot is held.
+  [[nodiscard]] SampleLease take_slot() noexcept;
+  /// Producer thread; wait-free. Counts a sample that came, writes its `lost_before`, and gives it to the
+  /// loop. An empty lease is a sample that came and for which there was no slot.
+  void hand_over(SampleLease&& lease) noexcept;
+  /// Producer thread: samples that are known to have been lost before they came here.
+  void count_lost(std::uint64_t samples) noexcept;
+
+ private:
+  std::unique_ptr<SamplePool> pool_;
+  std::size_t slot_bytes_ = 0;
+  std::vector<std::unique_ptr<SamplePool>> retired_;
+  std::unique_ptr<SpscRing<SampleLease>> ring_;
+  std::uint32_t lost_before_ = 0;
+  bool virtual_time_ = false;
+};
+
+}  // namespace rigor

@@ -1,0 +1,106 @@
+#include "sensor-hal/channel/stream_source.h"
+
+#include <gtest/gtest.h>
+
+#include "sensor-hal/channel/backoff.h"
+
+namespace rigor {
+namespace {
+
+/// A source whose device is the test.
+class Streamed final : public StreamSource {
+ public:
+  explicit Streamed(std::size_t slots) : slots_(slots) {}
+  void come(std::int64_t release_ns) {
+    auto slot = take_slot();
+    if (slot) {
+      slot.edit().stamp.sequence = next_;
+      slot.edit().stamp.t_release = BenchTime(release_ns);
+    }
+    ++next_;
+    hand_over(std::move(slot));
+  }
+  using StreamSource::count_lost;
+
+ protected:
+  Status do_configure(const ChannelConfig&) override { return {}; }
+  Status do_arm(const ArmContext& context) override {
+    open_stream(slots_, 16, context.virtual_time);
+    return {};
+  }
+  Status do_start(BenchTime) override { return {}; }
+  Status do_stop() override {
+    close_stream();
+    return {};
+  }
+
+ private:
+  std::size_t slots_;
+  std::uint64_t next_ = 0;
+};
+
+void bring_up(Streamed& source, bool virtual_time) {
+  if (source.state() == ChannelState::created) {
+    ASSERT_TRUE(source.configure({}));
+  }
+  ASSERT_TRUE(source.arm({.virtual_time = virtual_time}));
+  ASSERT_TRUE(source.start(BenchTime(0)));
+}
+
+TEST(StreamSource, InVirtualTimeASampleIsNotSeenBeforeItsRelease) {
+  Streamed source(4);
+  bring_up(source, true);
+  source.come(100);
+  EXPECT_FALSE(source.poll(BenchTime(99)));
+  EXPECT_TRUE(source.poll(BenchTime(100)));
+}
+
+TEST(StreamSource, WithAllSlotsHeldASampleIsCountedAndTheNextOneTellsOfIt) {
+  Streamed source(2);
+  bring_up(source, false);
+  source.come(1);
+  source.come(2);
+  source.come(3);  // no slot
+  EXPECT_EQ(source.health().received.load(), 3u);
+  EXPECT_EQ(source.health().no_slot.load(), 1u);
+  EXPECT_EQ(source.poll(BenchTime(9))->stamp.sequence, 0u);
+  EXPECT_EQ(source.poll(BenchTime(9))->stamp.sequence, 1u);
+  source.count_lost(5);
+  source.come(4);
+  const auto told = source.poll(BenchTime(9));
+  ASSERT_TRUE(told);
+  EXPECT_EQ(told->stamp.lost_before, 6u);
+  EXPECT_EQ(source.health().lost.load(), 5u);
+}
+
+TEST(StreamSource, LeasesOfAnEarlierRunOutliveTheNextArm) {
+  Streamed source(2);
+  bring_up(source, false);
+  source.come(1);
+  source.come(2);
+  const auto held = source.poll(BenchTime(9));
+  ASSERT_TRUE(source.stop());
+  bring_up(source, false);
+  source.come(3);
+  EXPECT_EQ(held->stamp.sequence, 0u);
+  const auto fresh = source.poll(BenchTime(9));
+  ASSERT_TRUE(fresh) << "what the last run left unpolled holds no slot";
+  EXPECT_EQ(fresh->stamp.sequence, 2u);
+}
+
+TEST(Backoff, PausesDoubleFromFiftyMillisecondsToTwoSecondsAndStartAnew) {
+  Backoff backoff;
+  MonotonicTime now(1'000'000'000);
+  EXPECT_TRUE(backoff.due(now));
+  for (const std::int64_t ms : {50, 100, 200, 400, 800, 1600, 2000, 2000}) {
+    backoff.failed(now);
+    EXPECT_FALSE(backoff.due(now + milliseconds(ms - 1)));
+    now = now + milliseconds(ms);
+    EXPECT_TRUE(backoff.due(now));
+  }
+  backoff.reset();
+  EXPECT_TRUE(backoff.due(now));
+}
+
+}  // namespace
+}  // namespace rigor
