@@ -34,6 +34,15 @@ TurntableConfig read_turntable(ConfigNode n) {
   return c;
 }
 
+/// What a sensor with the sheet named by `sensor` gives: LiDAR sheets have a `scan`, sheets of time-of-flight
+/// cameras a `modulation`; what is neither is a camera. Throws ConfigError.
+SampleKind kind_of_sheet(const ConfigNode& params) {
+  const auto sheet = ConfigDocument::load(params.base_dir() / params.text("sensor"));
+  if (!sheet) throw ConfigError(sheet.error());
+  if (sheet->has("scan")) return SampleKind::point_cloud;
+  return sheet->has("modulation") ? SampleKind::range_image : SampleKind::image;
+}
+
 }  // namespace
 
 struct DeviceWorld::Impl {
@@ -65,6 +74,35 @@ struct DeviceWorld::Impl {
     }
     return {};
   }
+
+  /// What the device measures: a picture, or samples, as its sheet says.
+  Status add_sensor(const EmulatorEntry& entry, DeviceParts& parts) {
+    const ConfigNode& n = entry.emulator.params;
+    if (!simulation)
+      return tl::unexpected<Error>(
+          n.error("sensor", "expected `simulation.world` in the rig for a sensor to look at, found none")
+              .error());
+    if (n.has("motion"))
+      return tl::unexpected<Error>(
+          n.error("motion",
+                  "expected no `motion` of an emulated device: it runs beside the bench and knows "
+                  "no start of a run")
+              .error());
+    const auto kind = catch_config([&] { return kind_of_sheet(n); });
+    if (!kind) return tl::unexpected<Error>(kind.error());
+    // The device's own noise: its draws are keyed apart from those of its twin.
+    const std::string name = entry.name + ".device";
+    if (*kind == SampleKind::image) {
+      auto camera = simulation->camera(n, copy.seed, name);
+      if (!camera) return tl::unexpected<Error>(camera.error());
+      parts.image = std::move(*camera);
+    } else {
+      auto sampler = simulation->sampler(*kind, n, copy.seed, name);
+      if (!sampler) return tl::unexpected<Error>(sampler.error());
+      parts.samples = std::move(*sampler);
+    }
+    return {};
+  }
 };
 
 DeviceWorld::DeviceWorld(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -92,22 +130,8 @@ Result<DeviceParts> DeviceWorld::parts(std::string_view emulator_name) {
   if (const auto it = impl_->turntables.find(emulator_name); it != impl_->turntables.end())
     parts.registers = it->second;
   const ConfigNode& n = entry->emulator.params;
-  if (n.has("sensor")) {
-    if (!impl_->simulation)
-      return tl::unexpected<Error>(
-          n.error("sensor", "expected `simulation.world` in the rig for a camera to look at, found none")
-              .error());
-    if (n.has("motion"))
-      return tl::unexpected<Error>(
-          n.error("motion",
-                  "expected no `motion` of an emulated device: it runs beside the bench and knows "
-                  "no start of a run")
-              .error());
-    // The device's own noise: its draws are keyed apart from those of its twin.
-    auto camera = impl_->simulation->camera(n, impl_->copy.seed, entry->name + ".device");
-    if (!camera) return tl::unexpected<Error>(camera.error());
-    parts.image = std::move(*camera);
-  }
+  if (n.has("sensor"))
+    if (auto s = impl_->add_sensor(*entry, parts); !s) return tl::unexpected<Error>(s.error());
   return parts;
 }
 

@@ -55,10 +55,15 @@ class SensedLidar final : public TruthfulSampler {
   }
   [[nodiscard]] Status capture(const Request& request, Sample& sample) override {
     SensorWorld::Moment moment(world_, request.motion);
-    const auto pose = mount_.T_world_sensor(moment, request.t_start);
+    render::PoseFunction pose = mount_.T_world_sensor(moment, request.t_start);
+    // A scan that begins farther round is the usual one of a sensor that stands turned by that much.
+    const Eigen::AngleAxisd turn(request.turn_rad, Eigen::Vector3d::UnitZ());
+    if (request.turn_rad != 0)
+      pose = [straight = std::move(pose), turn](BenchTime t) { return straight(t) * turn; };
     engine_.look_from(pose(request.t_capture).translation());
     if (auto s = lidar_->capture({request.index, request.t_capture}, {moment, pose}, points_, truth_); !s)
       return s;
+    if (request.turn_rad != 0) turn_points(turn);
     const std::size_t size = points_.size() * sizeof(LidarPoint);
     if (size > sample.memory().size())
       return fail(ErrorCode::internal, lidar_->spec().name, "a scan holds more points than it said it would");
@@ -67,8 +72,23 @@ class SensedLidar final : public TruthfulSampler {
     sample.size_bytes = size;
     return {};
   }
+  [[nodiscard]] const models::LidarScan* scan() const override { return &lidar_->spec().model.scan; }
 
  private:
+  /// Points and normals from the turned frame to the sensor's.
+  void turn_points(const Eigen::AngleAxisd& turn) {
+    const Eigen::Matrix3d R = turn.toRotationMatrix();
+    for (LidarPoint& p : points_) {
+      const Eigen::Vector3f at = (R * Eigen::Vector3d(p.x_m, p.y_m, p.z_m)).cast<float>();
+      p.x_m = at.x(), p.y_m = at.y(), p.z_m = at.z();
+    }
+    if (!truth_) return;
+    for (std::size_t i = 0; i + 2 < truth_->normal.size(); i += 3) {
+      Eigen::Map<Eigen::Vector3f> normal(&truth_->normal[i]);
+      normal = (R.cast<float>() * normal).eval();
+    }
+  }
+
   std::unique_ptr<LidarSimulator> lidar_;
   Engine engine_;
   Mount mount_;

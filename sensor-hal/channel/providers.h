@@ -17,6 +17,10 @@
 
 namespace rigor {
 
+namespace models {
+struct LidarScan;
+}
+
 /// How the moving parts of a world stand around an instant: q(t) = q_ref + rate·(t − t_ref). Small, copied by
 /// value into a capture request, so that a capture depends on nothing else. Joints in the order of the world
 /// file.
@@ -57,7 +61,7 @@ class ImageProvider {
     std::string frame_id;
   };
   [[nodiscard]] virtual Geometry geometry() const = 0;
-  /// `pixels` has image_bytes(format, width, height) bytes. Every PixelFormat is offered.
+  /// `pixels` has image_bytes(format, width, height) bytes. Every PixelFormat but depth is offered.
   [[nodiscard]] virtual Status capture(const ImageRequest& request, std::span<std::byte> pixels) = 0;
 };
 
@@ -77,8 +81,14 @@ class SampleProvider {
     BenchTime t_capture;
     BenchTime t_start{};  ///< of the run: a platform that carries the sensor sets out then
     WorldMotion motion;
+    /// Of a turning LiDAR: how far beyond its usual start the scan begins (anticlockwise seen from above). For
+    /// devices whose firings do not divide a turn, so that each turn begins a little elsewhere.
+    double turn_rad = 0;
   };
   [[nodiscard]] virtual Geometry geometry() const = 0;
+  /// Of a LiDAR: where and when each of its firings looks (sensor-hal/models/lidar/scan_grid.h finds the
+  /// firing of a point); nullptr where there is none.
+  [[nodiscard]] virtual const models::LidarScan* scan() const { return nullptr; }
   /// Fills info, memory and size of the sample; its stamp is the caller's.
   [[nodiscard]] virtual Status capture(const Request& request, Sample& sample) = 0;
 };
