@@ -6,7 +6,8 @@ is allowed everywhere; any other needs a line in tests/skipped.txt:
 
     Suite.Name*  |  words that its reason contains
 
-With `--count FILE` it prints `passed failed skipped` of one result file and nothing else.
+With `--count FILE` it prints `passed failed skipped` of one result file and nothing else; with `--notes FILE` the
+lines `counted: …` that tests printed, such as what was sent, received and reported lost.
 """
 import argparse
 import fnmatch
@@ -18,6 +19,8 @@ from pathlib import Path
 ALLOWANCE = Path(__file__).resolve().parent.parent / "tests" / "skipped.txt"
 # GTEST_SKIP() prints "FILE:LINE: Skipped", then the reason, up to the line that closes the test.
 REASON = re.compile(r":\d+: Skipped\n(.*?)(?:\n\s*\n|\n\[|\Z)", re.DOTALL)
+
+NOTE = re.compile(r"^counted: (.*)$", re.MULTILINE)
 
 
 def cases(file):
@@ -60,11 +63,19 @@ def reason_of(output):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", action="store_true", help="print 'passed failed skipped' and nothing else")
+    parser.add_argument("--notes", action="store_true", help="print the tests' lines 'counted: …' and nothing else")
     parser.add_argument("results", nargs="+", help="files that ctest --output-junit wrote")
     arguments = parser.parse_args()
     if arguments.count:
         found = [state for file in arguments.results for _, state, _ in cases(file)]
         print(*(found.count(state) for state in ("passed", "failed", "skipped")))
+        return 0
+
+    if arguments.notes:
+        for file in arguments.results:
+            for name, _, output in cases(file):
+                for note in NOTE.findall(output):
+                    print(f"{name}: {note}")
         return 0
 
     rules, refused = allowances(), 0

@@ -20,14 +20,16 @@ readonly NO_GUEST=125
 usage() {
   cat <<'TEXT'
 usage: tools/guest.sh [OPTION...] CMD [ARG...]
-       tools/guest.sh --prepare
+       tools/guest.sh --prepare | --fetch
 
   --timeout S        the command is ended after S seconds of the guest (default 480); status 124 then
   --boot-timeout S   how long the guest may take to come up (default 120)
   --bind DIR         a folder below /tmp or /run that the guest shall see too (it has its own /tmp and /run);
                      the checkout and the working directory are seen wherever they lie
   --out DIR          what the guest has as /tmp/rigor-out, writable ($RIGOR_OUT; default build/guest/out)
+  --modules FILE     loads what FILE lists instead of tools/guest/modules.txt
   --prepare          only fetch and build what the guest needs; nothing is installed
+  --fetch            only fetch it
 
 CMD runs as root in the caller's working directory, with RIGOR_GUEST=1; everything but /tmp, /run and /dev is read-only.
 Its output comes as it is written, and its exit status is that of this script: 124 after --timeout,
@@ -42,41 +44,58 @@ no_guest() {
 
 # The environment and the command, for the guest's bash to source.
 write_job() {
-  local job=$1 timeout=$2
-  shift 2
+  local job=$1 timeout=$2 modules=$3
+  shift 3
   {
-    printf 'export PATH=%q LC_ALL=C.UTF-8 HOME=/root TMPDIR=/tmp RIGOR_GUEST=1 RIGOR_OUT=/tmp/rigor-out\n' \
-      "$PATH:/usr/sbin:/sbin"
+    printf 'export PATH=%q LC_ALL=C.UTF-8 HOME=/root TMPDIR=/tmp SYSTEMD_IGNORE_CHROOT=1 RIGOR_GUEST=1 RIGOR_OUT=/tmp/rigor-out\n' \
+      "$PATH:/usr/sbin:/sbin:$GUEST_TREE/udev/bin"
     printf 'export MODPROBE_OPTIONS=%q\n' "-d $GUEST_TREE"
     local name
     for name in $(compgen -e | grep -E '^(RIGOR_|GTEST_|ASAN_|UBSAN_|LD_LIBRARY_PATH$)' | grep -vxE 'RIGOR_GUEST|RIGOR_OUT'); do
       printf 'export %s=%q\n' "$name" "${!name}"
     done
+    printf 'GUEST_TREE=%q GUEST_CHECKOUT=%q\n' "$GUEST_TREE" "$ROOT"
     printf 'GUEST_FOLDER=%q GUEST_TIMEOUT=%q\nGUEST_COMMAND=(' "$PWD" "$timeout"
     printf '%q ' "$@"
     printf ')\n'
   } >"$job/environment"
   cp "$ROOT/tools/guest/job.sh" "$job/job.sh"
-  sed -E 's/#.*//; /^ *$/d' "$ROOT/tools/guest/modules.txt" >"$job/modules"
+  sed -E 's/#.*//; /^ *$/d' "$modules" >"$job/modules"
+}
+
+# One guest at a time on a machine, and nobody changes the files of one that runs.
+take_lock() {
+  exec 9>>"$LOCK"
+  if ! flock --nonblock 9; then
+    say "another guest is running on this machine; waiting until it ends" >&2
+    flock 9
+  fi
 }
 
 main() {
-  local timeout=480 boot_timeout=120 out=$GUEST_CACHE/out
+  local timeout=480 boot_timeout=120 out=$GUEST_CACHE/out modules=$ROOT/tools/guest/modules.txt
   local -a binds=("$ROOT" "$PWD")
   while [[ $# -gt 0 ]]; do
     case $1 in
-      --timeout | --boot-timeout | --bind | --bind-build | --out)
+      --timeout | --boot-timeout | --bind | --out | --modules)
         [[ $# -ge 2 ]] || { usage >&2 && no_guest "$1 wants a value"; }
         case $1 in
           --timeout) timeout=$2 ;;
           --boot-timeout) boot_timeout=$2 ;;
-          --bind | --bind-build) binds+=("$(realpath "$2")") ;;
+          --bind) binds+=("$(realpath "$2")") ;;
           --out) out=$2 ;;
+          --modules) modules=$2 ;;
         esac
         shift
         ;;
       --prepare)
+        mkdir -p "$GUEST_CACHE"
+        take_lock
         prepare_guest
+        return
+        ;;
+      --fetch)
+        [[ -n $(fetched_kernel) ]] || { take_lock && fetch_guest_packages; }
         return
         ;;
       -h | --help)
@@ -96,11 +115,7 @@ main() {
 
   mkdir -p "$out"
   out=$(realpath "$out")
-  exec 9>>"$LOCK"
-  if ! flock --nonblock 9; then
-    say "another guest is running on this machine; waiting until it ends" >&2
-    flock 9
-  fi
+  take_lock
   prepare_guest
 
   local bound='' folder
@@ -115,7 +130,7 @@ main() {
   # shellcheck disable=SC2086
   trap 'kill $QEMU $PRINTER 2>/dev/null || true; rm -rf "$JOB"' EXIT
   trap 'exit 130' INT TERM
-  write_job "$JOB" "$timeout" "$@"
+  write_job "$JOB" "$timeout" "$modules" "$@"
 
   mkfifo "$JOB/output"
   cat "$JOB/output" 9>&- &

@@ -2,8 +2,11 @@
 # The lanes of ./dev test. Each runs whatever the others did; the summary says which failed, and the last line counts
 # what passed, failed and was skipped over all of them. A lane writes `passed failed skipped` to its count file.
 
+# shellcheck source=tools/kernel_lane.sh
+source tools/kernel_lane.sh
+
 readonly RESULTS=build/test-results
-readonly LANES=(format includes release asan-ubsan tsan fuzz docs skips)
+readonly LANES=(format includes release kernel asan-ubsan tsan fuzz docs skips)
 readonly FAST_LANES=(format includes release)
 readonly FUZZ_SECONDS=10
 # Tests talk to the wall clock, to sockets and to child processes, and a host may hold a virtual machine up for seconds:
@@ -14,7 +17,8 @@ lane_about() {
   case $1 in
     format) echo "sources are as clang-format-14 writes them; scripts pass shellcheck" ;;
     includes) echo "includes run along the arrows of the house; the check finds planted violations" ;;
-    release) echo "release build and every test" ;;
+    release) echo "release build and every test that needs no kernel device" ;;
+    kernel) echo "CAN, V4L2 and USB drivers on a real kernel's devices (a guest in QEMU where the running one has none)" ;;
     asan-ubsan) echo "core and decoders under the address and undefined-behaviour sanitizers" ;;
     tsan) echo "core and decoders under the thread sanitizer" ;;
     fuzz) echo "every libFuzzer harness for $FUZZ_SECONDS s on its corpus" ;;
@@ -67,7 +71,7 @@ ctest_lane() {
 lane_format() { check_lane format check_format; }
 check_format() {
   format_sources --check
-  shellcheck -x dev .ci/run tools/*.sh
+  shellcheck -x dev .ci/run tools/*.sh tools/guest/*.sh
 }
 
 lane_includes() { check_lane includes check_includes; }
@@ -76,19 +80,20 @@ check_includes() {
   python3 tools/check_includes.py
 }
 
-lane_release() { ctest_lane release release; }
+# Tests labelled `kernel` are the kernel lane's.
+lane_release() { ctest_lane release release --label-exclude '^kernel$'; }
 
 # Timing limits mean nothing where every access is instrumented: tests labelled `timing` run in the release lane alone.
 lane_asan-ubsan() {
   export ASAN_OPTIONS=detect_stack_use_after_return=1:strict_string_checks=1
   export LSAN_OPTIONS=suppressions=$PWD/tests/lsan.supp:print_suppressions=0
   export UBSAN_OPTIONS=print_stacktrace=1
-  ctest_lane asan-ubsan asan-ubsan --label-exclude timing
+  ctest_lane asan-ubsan asan-ubsan --label-exclude '^(timing|kernel)$'
 }
 
 lane_tsan() {
   export TSAN_OPTIONS=suppressions=$PWD/tests/tsan.supp:second_deadlock_stack=1
-  ctest_lane tsan tsan --label-exclude timing
+  ctest_lane tsan tsan --label-exclude '^(timing|kernel)$'
 }
 
 lane_fuzz() {
@@ -171,11 +176,12 @@ dev_test() {
         shift
         ;;
       --fast) chosen+=("${FAST_LANES[@]}") ;;
+      --kernel) chosen+=(kernel) ;;
       --list)
         for lane in "${LANES[@]}"; do printf '%-11s %s\n' "$lane" "$(lane_about "$lane")"; done
         return
         ;;
-      *) die "test: expected --lane NAME, --fast or --list, got '$1'" 2 ;;
+      *) die "test: expected --lane NAME, --fast, --kernel or --list, got '$1'" 2 ;;
     esac
     shift
   done

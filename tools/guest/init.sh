@@ -1,4 +1,5 @@
 #!/bin/busybox sh
+# shellcheck shell=dash
 # The guest's first process, out of its initramfs: mounts the host's files, loads the modules, runs one command, and
 # powers off. What it is told comes by the kernel's command line (rigor.*) and by the job share (see tools/guest.sh).
 B=/bin/busybox

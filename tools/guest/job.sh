@@ -19,6 +19,16 @@ done
 # The port can be opened once at a time; the command writes into a pipe, so that it may open /dev/stdout again.
 exec 3>"$PORT"
 
+# Debian's device manager, unpacked: nodes get their groups, libusb its hot-plug events, by the usual rules and by ours.
+udev=$GUEST_TREE/udev
+mkdir -p /run/udev/rules.d
+for rules in 50-udev-default 60-persistent-v4l 60-serial 70-camera; do
+  cp "$udev/lib/udev/rules.d/$rules.rules" /run/udev/rules.d/
+done
+cp "$GUEST_CHECKOUT"/tools/install/*.rules /run/udev/rules.d/ 2>/dev/null || true
+# The unpacked program decides by its name what it is.
+"$udev/lib/systemd/systemd-udevd" --daemon 2>"$JOB/udev.log" 3>&- || echo "guest: udev does not run: $(<"$JOB/udev.log")" >&3
+
 missing=()
 while read -r module options; do
   # shellcheck disable=SC2086
@@ -27,6 +37,7 @@ done <"$JOB/modules"
 [[ ${#missing[@]} -eq 0 ]] || echo "guest: modules that do not load: ${missing[*]}" >&3
 mount -t configfs configfs /sys/kernel/config 2>/dev/null || true
 mountpoint -q /sys/kernel/config || echo "guest: configfs is not mounted: no USB gadgets" >&3
+"$udev/bin/udevadm" settle --timeout=30 || true
 
 status=0
 (

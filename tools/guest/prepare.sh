@@ -3,6 +3,7 @@
 # for it, and an initramfs. Everything is unpacked into build/guest; nothing is installed. Packages come by apt-get
 # download, which checks their signatures, once; without a network what is there serves.
 
+# shellcheck disable=SC2153
 readonly GUEST_CACHE=$ROOT/build/guest
 readonly GUEST_PACKAGES=$GUEST_CACHE/packages
 readonly GUEST_TREE=$GUEST_CACHE/tree
@@ -36,7 +37,7 @@ package_file() {
 }
 
 guest_package_names() {
-  echo "linux-image-$1" "linux-headers-$1" "linux-headers-${1%-amd64}-common" linux-kbuild-6.1 v4l2loopback-source
+  echo "linux-image-$1" "linux-headers-$1" "linux-headers-${1%-amd64}-common" linux-kbuild-6.1 v4l2loopback-source udev
 }
 
 # The kernel that was fetched with all that belongs to it.
@@ -53,6 +54,14 @@ fetched_kernel() {
   done | sort -V | tail -n 1
 }
 
+download_guest_packages() {
+  rm -f "$GUEST_PACKAGES"/*.deb
+  # shellcheck disable=SC2046
+  (cd "$GUEST_PACKAGES" && apt-get download -q -o APT::Sandbox::User=root $(guest_package_names "$1") >&2) && return
+  rm -f "$GUEST_PACKAGES"/*.deb
+  return 1
+}
+
 fetch_guest_packages() {
   [[ -z $(fetched_kernel) ]] || return 0
   local kernel
@@ -64,9 +73,12 @@ fetch_guest_packages() {
   [[ -n $kernel ]] || { warn "guest: apt knows no linux-image-amd64: apt-get update" && exit 125; }
   say "fetching the guest's kernel $kernel into build/guest (85 MB)" >&2
   mkdir -p "$GUEST_PACKAGES"
-  # shellcheck disable=SC2046
-  (cd "$GUEST_PACKAGES" && rm -f ./*.deb && apt-get download -q $(guest_package_names "$kernel") >&2) || {
-    rm -f "$GUEST_PACKAGES"/*.deb
+  download_guest_packages "$kernel" || {
+    # Package lists that are too old name files that are gone.
+    as_root apt-get update -q >/dev/null 2>&1 || true
+    kernel=$(newest_kernel)
+    download_guest_packages "$kernel"
+  } || {
     warn "guest: the packages could not be downloaded (apt-get update, then ./dev deps with a network)"
     exit 125
   }
@@ -140,6 +152,8 @@ prepare_guest() {
   cp "$work/boot/vmlinuz-$kernel" "$GUEST_TREE/vmlinuz"
   build_v4l2loopback "$kernel" "$work" "$work/lib/modules/$kernel/v4l2loopback.ko"
   copy_modules "$kernel" "$work" "$GUEST_TREE"
+  dpkg -x "$(package_file udev)" "$GUEST_TREE/udev"
+  ln -sf ../../bin/udevadm "$GUEST_TREE/udev/lib/systemd/systemd-udevd"
   build_initramfs "$kernel" "$work" "$GUEST_TREE"
   rm -rf "$work"
   echo "$key" >"$GUEST_TREE/key"
