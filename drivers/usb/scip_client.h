@@ -65,7 +65,9 @@ class ScipClient {
   void receive(std::string_view bytes, std::int64_t arrival_ns);
   /// Time passes. Call at `due_ns()` or later.
   void tick(std::int64_t now_ns);
-  [[nodiscard]] std::int64_t due_ns() const noexcept { return due_; }
+  [[nodiscard]] std::int64_t due_ns() const noexcept {
+    return phase_ == Phase::measuring && started_ && next_state_ < due_ ? next_state_ : due_;
+  }
   /// What is to be sent now; then `sent`, with the instant just before it went.
   [[nodiscard]] const std::string& output() const noexcept { return output_; }
   void sent(std::int64_t before_ns);
