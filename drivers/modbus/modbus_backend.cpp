@@ -1,7 +1,10 @@
 #include "drivers/modbus/modbus_backend.h"
 
 #include <modbus/modbus.h>
+#include <unistd.h>
 
+#include <algorithm>
+#include <filesystem>
 #include <fstream>
 #include <map>
 
@@ -15,24 +18,49 @@ namespace {
 
 using modbus::VirtualDevice;
 
-/// The devices of virtual time, by their models; a device lives as long as a channel of it does.
+/// The devices of virtual time, by their models or, of plain registers, by their place in the rig; a device
+/// lives as long as a channel of it does.
 class VirtualDevices {
  public:
   [[nodiscard]] Result<std::shared_ptr<VirtualDevice>> of(const DeviceParts& parts,
                                                           const ConfigNode& params) {
-    if (!parts.registers)
-      return fail(ErrorCode::bad_input, params.place(),
-                  "expected an emulator with registers (such as `model: turntable`), got none");
+    auto settings = catch_config([&] { return modbus::EmulatorSettings::parse(params); });
+    if (!settings) return tl::unexpected<Error>(settings.error());
+    const auto model = parts.registers ? parts.registers : settings->registers;
+    if (!model)
+      return fail(
+          ErrorCode::bad_input, params.place(),
+          "expected an emulator with registers (`model: turntable`, or a list `registers`), got none");
     std::erase_if(devices_, [](const auto& entry) { return entry.second.expired(); });
-    auto& known = devices_[parts.registers.get()];
+    auto& known = devices_[{parts.registers.get(), parts.registers ? "" : params.place()}];
     auto device = known.lock();
-    if (!device) known = device = std::make_shared<VirtualDevice>(parts.registers);
+    if (!device) known = device = std::make_shared<VirtualDevice>(model, *settings);
     return device;
   }
 
  private:
-  std::map<const RegisterModel*, std::weak_ptr<VirtualDevice>> devices_;
+  std::map<std::pair<const RegisterModel*, std::string>, std::weak_ptr<VirtualDevice>> devices_;
 };
+
+/// Ports that a serial line may be plugged into: those of USB adapters, and those of the board that are
+/// there.
+std::vector<FoundDevice> serial_ports() {
+  std::vector<FoundDevice> found;
+  std::error_code none;
+  for (const auto& entry : std::filesystem::directory_iterator("/sys/class/tty", none)) {
+    const auto name = entry.path().filename().string();
+    const auto device = entry.path() / "device";
+    if (!std::filesystem::exists(device / "driver", none)) continue;
+    const auto driver = std::filesystem::canonical(device / "driver", none).filename().string();
+    // The kernel keeps entries of the PC's ports that nothing is behind; those have type 0.
+    std::string type;
+    std::ifstream(entry.path() / "type") >> type;
+    if (type == "0") continue;
+    found.push_back({"modbus", name, "serial port (" + driver + "), for transport: rtu", "/dev/" + name});
+  }
+  std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
+  return found;
+}
 
 std::vector<DoctorFinding> doctor() {
   using Level = DoctorFinding::Level;
@@ -49,6 +77,12 @@ std::vector<DoctorFinding> doctor() {
                    "port 502, Modbus' own, is for programs with CAP_NET_BIND_SERVICE; only emulators need it",
                    "give the emulator a `port` of " + std::to_string(first_free) +
                        " or more, or: sudo sysctl net.ipv4.ip_unprivileged_port_start=502"});
+  for (const auto& port : serial_ports()) {
+    if (::access(port.address.c_str(), R_OK | W_OK) == 0) continue;
+    out.push_back({Level::missing, port.address + " is not for this user",
+                   "sudo usermod -aG dialout $USER, and log in anew"});
+    break;
+  }
   return out;
 }
 
@@ -57,7 +91,7 @@ std::vector<DoctorFinding> doctor() {
 Backend modbus_backend() {
   Backend b;
   b.name = "modbus";
-  b.summary = "Modbus TCP: typed registers as source, sink and emulated device (libmodbus)";
+  b.summary = "Modbus TCP and RTU: typed registers as source, sink and emulated device (libmodbus)";
   b.make_source = [] { return std::make_unique<modbus::ModbusSource>(); };
   b.make_sink = [] { return std::make_unique<modbus::ModbusSink>(); };
   b.make_emulator = [] { return std::make_unique<modbus::ModbusEmulator>(); };
@@ -74,8 +108,9 @@ Backend modbus_backend() {
       return modbus::make_virtual_sink(std::move(device));
     });
   };
-  // Modbus has no discovery, and knocking at every address of a network is not what a bench may do unasked.
-  b.find_devices = [] { return std::vector<FoundDevice>{}; };
+  // Modbus has no discovery, and knocking at every address of a network or a line is not what a bench may do
+  // unasked: only the ports are listed.
+  b.find_devices = serial_ports;
   b.doctor = doctor;
   return b;
 }

@@ -6,7 +6,8 @@ namespace rigor::modbus {
 namespace {
 
 constexpr std::size_t kRingPlaces = 256;
-constexpr Duration kFirstPause = milliseconds(20), kLongestPause = seconds(1);
+/// A device that refuses its safe values is asked again after this, not flooded.
+constexpr Duration kSafePause = milliseconds(20);
 /// How long a command may wait in the ring before the thread looks: the loop does not wake it, a system call
 /// on the loop's side would cost more than this costs here.
 constexpr Duration kTick = microseconds(500);
@@ -39,8 +40,8 @@ Status ModbusSink::do_arm(const ArmContext& context) {
   next_raw_ = raw_;
   check_.assign(std::max(settings_.map.raw_size(), settings_.safe_map.raw_size()), 0);
   loop_period_ = context.loop_period;
-  pause_ = kFirstPause;
-  next_attempt_ = {};
+  backoff_.reset();
+  next_safe_ = {};
   has_command_ = want_safe_ = false;
   if (const auto s = write(settings_.safe_map, settings_.safe_raw); s != LinkStatus::good) {
     const auto why = link_.failure();
@@ -100,10 +101,9 @@ void ModbusSink::work() {
   if (!link_.is_open()) try_again();
   if (want_safe_) {
     drop_all();
-    if (!safe_ && monotonic_now() >= next_attempt_) {
+    if (!safe_ && link_.is_open() && monotonic_now() >= next_safe_) {
       make_safe();
-      if (!safe_)
-        next_attempt_ = monotonic_now() + kFirstPause;  // a device that refuses is asked again, not flooded
+      if (!safe_) next_safe_ = monotonic_now() + kSafePause;
     }
     return;
   }
@@ -135,18 +135,38 @@ void ModbusSink::apply(const Command& c) {
 }
 
 LinkStatus ModbusSink::write(const RegisterMap& map, const std::vector<std::uint16_t>& raw) {
+  const bool was_open = link_.is_open();
   auto s = link_.write(map, raw);
   if (s == LinkStatus::good && settings_.verify) {
     s = link_.read(map, check_);
-    if (s == LinkStatus::good && !std::equal(raw.begin(), raw.end(), check_.begin())) {
-      health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
-      return LinkStatus::protocol;
-    }
+    if (s == LinkStatus::good && !map.same(raw, check_)) s = LinkStatus::protocol;
   }
+  count_link();
   if (s == LinkStatus::exception || s == LinkStatus::protocol)
     health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
-  if (!link_.is_open()) health_.connected.store(false, std::memory_order_release);
+  // A serial port stays open while its device is silent.
+  if (s == LinkStatus::good)
+    health_.connected.store(true, std::memory_order_release);
+  else if (!link_.is_open() || s == LinkStatus::timeout)
+    health_.connected.store(false, std::memory_order_release);
+  if (was_open && !link_.is_open()) backoff_.reset();  // only just gone: tried again at once
   return s;
+}
+
+/// What the link tried by itself belongs to the channel's health.
+void ModbusSink::count_link() {
+  const auto& n = link_.counters();
+  health_.retries.store(repeated_ + n.retries.load(std::memory_order_relaxed), std::memory_order_relaxed);
+  health_.reconnects.store(reconnects_ + n.reconnects.load(std::memory_order_relaxed),
+                           std::memory_order_relaxed);
+}
+
+std::vector<std::string> ModbusSink::warnings() const {
+  const auto trouble = link_.counters().trouble();
+  if (trouble.empty()) return {};
+  return {config().name + ": the device at " + settings_.endpoint.text() + " answered " +
+          std::to_string(link_.counters().requests.load(std::memory_order_relaxed)) + " requests with " +
+          trouble};
 }
 
 void ModbusSink::make_safe() {
@@ -160,21 +180,16 @@ void ModbusSink::drop_all() {
 }
 
 void ModbusSink::try_again() {
-  if (monotonic_now() < next_attempt_) return;
-  if (!link_.open(settings_.endpoint)) {
-    next_attempt_ = monotonic_now() + pause_;
-    pause_ = std::min(pause_ * 2, kLongestPause);
-    return;
-  }
-  health_.reconnects.fetch_add(1, std::memory_order_relaxed);
-  health_.connected.store(true, std::memory_order_release);
-  pause_ = kFirstPause;
+  if (!backoff_.due(monotonic_now())) return;
+  if (!link_.open(settings_.endpoint)) return backoff_.failed(monotonic_now());
+  ++reconnects_;
+  backoff_.reset();
   // Nobody knows what the device did meanwhile; it may have been switched off and on.
-  if (want_safe_ || !has_command_) {
+  if (want_safe_ || !has_command_)
     make_safe();
-  } else if (write(settings_.map, raw_) == LinkStatus::good) {
-    health_.retries.fetch_add(1, std::memory_order_relaxed);
-  }
+  else if (write(settings_.map, raw_) == LinkStatus::good)
+    ++repeated_;
+  count_link();
 }
 
 }  // namespace rigor::modbus

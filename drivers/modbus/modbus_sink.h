@@ -1,4 +1,4 @@
-// Commands to registers of a Modbus TCP device.
+// Commands to registers of a Modbus device, over TCP or a serial line.
 //
 // The loop pushes commands into a ring; a thread of its own writes each at its t_effect and watches the
 // loop's heartbeat. It makes the device safe by writing the `safe:` values
@@ -14,10 +14,11 @@
 #include <thread>
 #include <vector>
 
-#include "rt-core/deadline.h"
 #include "drivers/modbus/register_channel.h"
+#include "rt-core/deadline.h"
 #include "rt-core/heartbeat.h"
 #include "rt-core/spsc_ring.h"
+#include "sensor-hal/channel/backoff.h"
 
 namespace rigor::modbus {
 
@@ -27,6 +28,8 @@ class ModbusSink final : public Sink {
   ~ModbusSink() override;
   [[nodiscard]] bool command(const Command& command) noexcept override;
   void watch(const Heartbeat* heartbeat, Duration deadline) override;
+  /// What the device refused or left unanswered so far.
+  [[nodiscard]] std::vector<std::string> warnings() const override;
 
  protected:
   Status do_configure(const ChannelConfig& config) override;
@@ -42,6 +45,7 @@ class ModbusSink final : public Sink {
   void make_safe();
   void drop_all();
   void try_again();
+  void count_link();
 
   SinkSettings settings_;
   Link link_;
@@ -52,8 +56,9 @@ class ModbusSink final : public Sink {
   Duration heartbeat_deadline_ = milliseconds(100);
   Duration loop_period_ = milliseconds(1);
   std::thread thread_;
-  MonotonicTime next_attempt_;
-  Duration pause_;
+  Backoff backoff_;          // of connecting again
+  MonotonicTime next_safe_;  // of asking a device that refused its safe values
+  std::uint64_t reconnects_ = 0, repeated_ = 0;
   bool safe_ = false;       // the device has the safe values, as far as anyone knows
   bool want_safe_ = false;  // it has to have them
   bool has_command_ = false;

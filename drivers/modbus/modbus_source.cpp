@@ -1,21 +1,24 @@
 #include "drivers/modbus/modbus_source.h"
 
 #include <algorithm>
+#include <cstring>
 
 namespace rigor::modbus {
 namespace {
 
-constexpr Duration kFirstPause = milliseconds(50), kLongestPause = seconds(2);
+constexpr std::size_t kEvents = 32;
 
 /// Seen from setup: the device is there, but these are not its registers.
-Status refused(const std::string& channel, const Link& link, LinkStatus s) {
+Status refused(const std::string& channel, const Endpoint& endpoint, const Link& link, LinkStatus s) {
   const auto code = s == LinkStatus::exception ? ErrorCode::bad_input : ErrorCode::protocol;
+  const char* silent = endpoint.serial ? "; check that the device is on, and its `unit`, `baud` and `parity`"
+                                       : "; check that it is a Modbus TCP device, and its `unit`";
   return fail(
       s == LinkStatus::timeout ? ErrorCode::timeout : code, channel,
       "expected the device to answer for its registers, got " + link.failure() +
           (s == LinkStatus::exception ? "; check `table` and `address` against its manual (addresses count "
                                         "from 0)"
-                                      : "; check that it is a Modbus TCP device, and its `unit`"));
+                                      : silent));
 }
 
 }  // namespace
@@ -37,19 +40,17 @@ Status ModbusSource::do_arm(const ArmContext& context) {
   if (auto s = link_.open(settings_.endpoint); !s)
     return fail(s.error().code, config().name, s.error().text());
   raw_.assign(settings_.map.raw_size(), 0);
-  if (const auto s = link_.read(settings_.map, raw_); s != LinkStatus::good) {
-    auto error = refused(config().name, link_, s);
+  poller_ = Poller(settings_.map);
+  if (const auto s = poller_.poll(link_, 0, raw_); s != LinkStatus::good) {
+    auto error = refused(config().name, settings_.endpoint, link_, s);
     link_.close();
     return error;
   }
-  // Leases of an earlier run may still be held, so a pool that fits is kept. The ring goes first: it holds
-  // some.
-  const auto slots = pool_slots(config());
-  ring_.reset();
-  if (!pool_ || pool_->size() < slots) pool_ = make_sample_pool(slots, 0);
-  ring_ = std::make_unique<SpscRing<SampleLease>>(slots);
-  pause_ = kFirstPause;
-  next_attempt_ = {};
+  open_stream(pool_slots(config()), 0, false);
+  events_ = std::make_unique<SpscRing<SampleLease>>(kEvents);
+  if (!event_pool_) event_pool_ = make_sample_pool(2 * kEvents, 0);
+  told_ = kEventBack;
+  backoff_.reset();
   health_.connected.store(true, std::memory_order_release);
   return {};
 }
@@ -63,96 +64,132 @@ Status ModbusSource::do_start(BenchTime t0) {
 Status ModbusSource::do_stop() {
   deadline_.cut();
   if (thread_.joinable()) thread_.join();
-  // What nobody polled is given back; a stopped channel has no samples.
+  close_stream();
   SampleLease left;
-  while (ring_->try_pop(left)) {
+  while (events_->try_pop(left)) {
   }
   link_.close();
   health_.connected.store(false, std::memory_order_release);
   return {};
 }
 
-SampleLease ModbusSource::poll(BenchTime) noexcept {
+SampleLease ModbusSource::poll_event() noexcept {
   SampleLease lease;
-  if (ring_) (void)ring_->try_pop(lease);
+  if (events_) (void)events_->try_pop(lease);
   return lease;
+}
+
+std::vector<std::string> ModbusSource::warnings() const {
+  const auto trouble = link_.counters().trouble();
+  if (trouble.empty()) return {};
+  return {config().name + ": the device at " + settings_.endpoint.text() + " answered " +
+          std::to_string(link_.counters().requests.load(std::memory_order_relaxed)) + " requests with " +
+          trouble};
 }
 
 void ModbusSource::run(BenchTime t0) {
   const auto period = config().period.ns();
-  std::uint32_t lost = 0;
   std::int64_t k = std::max<std::int64_t>(0, (monotonic_now().ns() - t0.ns() + period - 1) / period);
   while (deadline_.wait_until(MonotonicTime(t0.ns() + k * period))) {
     if (!link_.is_open()) try_again();
     if (link_.is_open()) {
-      read_once(static_cast<std::uint64_t>(k), lost);
+      read_once(static_cast<std::uint64_t>(k));
     } else {
-      health_.lost.fetch_add(1, std::memory_order_relaxed);
-      ++lost;
+      count_lost(1);
     }
     // An answer that took longer than the period has cost the instants it ran over; the grid stays where it
     // is.
     const auto now = monotonic_now().ns();
     const auto next = std::max(k + 1, (now - t0.ns() - period / 2 + period - 1) / period);
-    const auto skipped = next - (k + 1);
-    health_.lost.fetch_add(static_cast<std::uint64_t>(skipped), std::memory_order_relaxed);
-    lost += static_cast<std::uint32_t>(skipped);
+    count_lost(static_cast<std::uint64_t>(next - (k + 1)));
     k = next;
   }
 }
 
 void ModbusSource::try_again() {
-  const auto now = monotonic_now();
-  if (now < next_attempt_) return;
+  if (!backoff_.due(monotonic_now())) return;
   if (link_.open(settings_.endpoint)) {
-    health_.reconnects.fetch_add(1, std::memory_order_relaxed);
-    pause_ = kFirstPause;
+    ++reconnects_;
+    count_link();
+    backoff_.reset();
+    poller_.forget();
     return;
   }
-  next_attempt_ = monotonic_now() + pause_;
-  pause_ = std::min(pause_ * 2, kLongestPause);
+  backoff_.failed(monotonic_now());
 }
 
-void ModbusSource::read_once(std::uint64_t index, std::uint32_t& lost) {
+/// What the link tried by itself belongs to the channel's health.
+void ModbusSource::count_link() {
+  const auto& n = link_.counters();
+  health_.retries.store(n.retries.load(std::memory_order_relaxed), std::memory_order_relaxed);
+  health_.reconnects.store(reconnects_ + n.reconnects.load(std::memory_order_relaxed),
+                           std::memory_order_relaxed);
+}
+
+void ModbusSource::read_once(std::uint64_t index) {
   const auto before = monotonic_now();
-  const auto status = link_.read(settings_.map, raw_);
+  const auto status = poller_.poll(link_, index, raw_);
   const auto after = monotonic_now();
-  if (status != LinkStatus::good) {
-    health_.lost.fetch_add(1, std::memory_order_relaxed);
-    ++lost;
-    if (status == LinkStatus::exception || status == LinkStatus::protocol)
-      health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
-    if (link_.is_open()) return;
-    // The first attempt follows at once: a device that lost one connection mostly takes the next.
-    next_attempt_ = after;
-    if (status == LinkStatus::timeout) health_.retries.fetch_add(1, std::memory_order_relaxed);
-    health_.connected.store(false, std::memory_order_release);
-    return;
-  }
+  count_link();
+  if (status != LinkStatus::good) return failed(status);
+  if (told_ != kEventBack) tell(kEventBack, 0, "the device answers again");
   health_.connected.store(true, std::memory_order_release);
-  health_.received.fetch_add(1, std::memory_order_relaxed);
-  auto lease = pool_->try_acquire();
-  if (!lease) {
-    health_.no_slot.fetch_add(1, std::memory_order_relaxed);
-    ++lost;
-    return;
+  auto lease = take_slot();
+  if (lease) {
+    auto& sample = lease.edit();
+    fill_sample(sample, settings_.map, raw_);
+    const auto round_trip = after - before;
+    sample.stamp.sequence = index;
+    sample.stamp.t_capture = BenchTime(before.ns() + round_trip.ns() / 2);
+    sample.stamp.t_release = sample.stamp.t_capture + config().latency;
+    sample.stamp.t_arrival = BenchTime(after.ns());
+    sample.stamp.sigma_capture =
+        Duration(static_cast<std::int64_t>(static_cast<double>(round_trip.ns()) * 0.2886751));
   }
+  hand_over(std::move(lease));
+}
+
+void ModbusSource::failed(LinkStatus status) {
+  count_lost(1);
+  if (status == LinkStatus::exception || status == LinkStatus::protocol)
+    health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
+  const auto& n = link_.counters();
+  const auto count = [](const std::atomic<std::uint64_t>& c) {
+    return static_cast<double>(c.load(std::memory_order_relaxed));
+  };
+  switch (status) {
+    case LinkStatus::exception:
+      tell(link_.exception_code(), count(n.exceptions[link_.exception_code() % kExceptionCodes]),
+           "the device refuses: " + link_.failure());
+      return;  // it is there
+    case LinkStatus::timeout:
+      tell(kEventSilent, count(n.timeouts), "no answer: " + link_.failure());
+      break;
+    case LinkStatus::protocol:
+      tell(kEventBroken, count(n.broken), "an answer that makes no sense: " + link_.failure());
+      break;
+    default:
+      tell(kEventGone, 0, "the device is gone: " + link_.failure());
+  }
+  // The first attempt follows at once: a device that lost one connection mostly takes the next.
+  if (!link_.is_open()) backoff_.reset();
+  if (status != LinkStatus::protocol || !link_.is_open())
+    health_.connected.store(false, std::memory_order_release);
+}
+
+void ModbusSource::tell(std::uint32_t code, double value, const std::string& text) {
+  if (code == told_) return;
+  told_ = code;
+  auto lease = event_pool_->try_acquire();
+  if (!lease) return;
   auto& sample = lease.edit();
-  fill_sample(sample, settings_.map, raw_);
-  const auto round_trip = after - before;
-  sample.stamp.sequence = index;
-  sample.stamp.t_capture = BenchTime(before.ns() + round_trip.ns() / 2);
-  sample.stamp.t_release = sample.stamp.t_capture + config().latency;
-  sample.stamp.t_arrival = BenchTime(after.ns());
-  sample.stamp.sigma_capture =
-      Duration(static_cast<std::int64_t>(static_cast<double>(round_trip.ns()) * 0.2886751));
-  sample.stamp.lost_before = lost;
-  if (ring_->try_push(std::move(lease))) {
-    lost = 0;
-  } else {
-    health_.ring_full.fetch_add(1, std::memory_order_relaxed);
-    ++lost;
-  }
+  EventInfo info{.code = code, .value = value};
+  std::strncpy(info.text.data(), text.c_str(), info.text.size() - 1);
+  sample.info = info;
+  sample.size_bytes = 0;
+  sample.stamp = {};
+  sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = BenchTime(monotonic_now().ns());
+  (void)events_->try_push(std::move(lease));  // told to nobody: the counters have it all the same
 }
 
 }  // namespace rigor::modbus

@@ -19,7 +19,7 @@ void describe(const RegisterMap& map, const std::string& name, ChannelDescriptio
 SourceSettings SourceSettings::parse(const ChannelConfig& config, ChannelDescription& description) {
   const auto& n = config.params;
   SourceSettings s;
-  s.endpoint = Endpoint::parse(n);
+  s.endpoint = Endpoint::parse(n, 1);
   s.map = RegisterMap::parse(n, "registers", RegisterMap::Access::read, RegisterBlock::kMax);
   if (config.period.ns() <= 0)
     throw n.error({}, "expected a rate_hz above 0: registers are asked for, they do not come by themselves");
@@ -30,7 +30,7 @@ SourceSettings SourceSettings::parse(const ChannelConfig& config, ChannelDescrip
 SinkSettings SinkSettings::parse(const ChannelConfig& config, ChannelDescription& description) {
   const auto& n = config.params;
   SinkSettings s;
-  s.endpoint = Endpoint::parse(n);
+  s.endpoint = Endpoint::parse(n, 0);
   s.map = RegisterMap::parse(n, "registers", RegisterMap::Access::write, Command{}.value.size());
   s.verify = n.flag_or("verify", false);
   s.safe.resize(s.map.values().size());

@@ -12,7 +12,7 @@
 
 namespace rigor::modbus {
 
-/// Keys of a source: address, port, unit, timeout_ms, registers.
+/// Keys of a source: those of an Endpoint, registers, max_gap, max_registers.
 struct SourceSettings {
   Endpoint endpoint;
   RegisterMap map;

@@ -18,6 +18,13 @@
 //
 // Values of one register know the order of their two bytes alone: BADC and DCBA swap them. Addresses are
 // those of the protocol, counted from 0 in each table ("40001" of a manual is holding register 0).
+//
+// A register of 16 bits may hold several things: `bit: 3` is one of its bits, `bits: [4, 3]` three of them
+// from bit 4 on (0 is the least significant), as an unsigned number. Written, such a field changes its own
+// bits alone (function 22, mask write).
+//
+// What is asked for in one go: neighbours, and where `max_gap` allows it what lies between them; values with
+// `every: n` only at each n-th instant, apart from the others.
 #pragma once
 
 #include <cstdint>
@@ -65,6 +72,13 @@ struct RegisterValue {
   ValueType type = ValueType::u16;
   ByteOrder order = ByteOrder::abcd;
   double scale = 1, offset = 0;
+  std::uint8_t first_bit = 0, bit_count = 16;  ///< of a u16 or bool register: which of its bits
+  std::uint32_t every = 1;                     ///< asked for at each n-th instant
+  [[nodiscard]] bool is_field() const noexcept { return bit_count < 16; }
+  /// The bits of its register that are its own.
+  [[nodiscard]] std::uint16_t mask() const noexcept {
+    return static_cast<std::uint16_t>(((1u << bit_count) - 1u) << first_bit);
+  }
 };
 
 /// Adjacent registers that travel in one request; their raw values stand in the map's raw block from `raw_at`
@@ -73,6 +87,8 @@ struct Request {
   RegisterTable table = RegisterTable::holding_registers;
   std::uint16_t address = 0, count = 0;
   std::size_t raw_at = 0;
+  std::uint32_t every = 1;
+  std::uint16_t mask = 0xFFFF;  ///< of a single register that is written: its other bits stay as they are
 };
 
 enum class EncodeStatus : std::uint8_t { good, not_a_number, out_of_range };
@@ -89,18 +105,28 @@ class RegisterMap {
  public:
   enum class Access : std::uint8_t { read, write };
 
-  RegisterMap() = default;
-  /// Groups adjacent values into as few requests as the protocol's limits allow; no value is split over two.
-  /// What lies between two values is neither read nor written.
-  RegisterMap(std::vector<RegisterValue> values, Access access);
+  struct Grouping {
+    std::uint16_t max_gap = 0;        ///< registers or bits between two values that are read for nothing
+    std::uint16_t max_registers = 0;  ///< in a request; 0: the protocol's limits
+  };
 
-  /// Reads the list `key` of `owner`: 1 to `max_values` entries. Throws ConfigError.
+  RegisterMap() = default;
+  /// Groups adjacent values into as few requests as the limits allow; no value is split over two. What lies
+  /// between two values is never written, and read only within `max_gap`.
+  RegisterMap(std::vector<RegisterValue> values, Access access, Grouping grouping);
+  RegisterMap(std::vector<RegisterValue> values, Access access)
+      : RegisterMap(std::move(values), access, Grouping{}) {}
+
+  /// Reads the list `key` of `owner`, 1 to `max_values` entries, and its `max_gap` (read only) and
+  /// `max_registers`. Throws ConfigError.
   [[nodiscard]] static RegisterMap parse(const ConfigNode& owner, std::string_view key, Access access,
                                          std::size_t max_values);
 
   [[nodiscard]] const std::vector<RegisterValue>& values() const noexcept { return values_; }
   [[nodiscard]] const std::vector<Request>& requests() const noexcept { return requests_; }
   [[nodiscard]] std::size_t raw_size() const noexcept { return raw_size_; }
+  /// Whether two raw blocks agree in all that a write of this map changes.
+  [[nodiscard]] bool same(std::span<const std::uint16_t> a, std::span<const std::uint16_t> b) const noexcept;
   /// -1: no such value.
   [[nodiscard]] int index_of(std::string_view name) const noexcept;
 
@@ -117,5 +143,8 @@ class RegisterMap {
   std::vector<Request> requests_;
   std::size_t raw_size_ = 0;
 };
+
+/// One entry of such a list. Throws ConfigError; keys that it does not know are errors.
+[[nodiscard]] RegisterValue parse_register(const ConfigNode& n, RegisterMap::Access access);
 
 }  // namespace rigor::modbus

@@ -5,10 +5,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <deque>
 
 #include "drivers/modbus/register_channel.h"
 #include "rt-core/heartbeat.h"
+#include "sensor-hal/channel/stream_source.h"
 
 namespace rigor::modbus {
 
@@ -33,17 +33,29 @@ class VirtualDevice::LockedModel final : public RegisterModel {
   std::shared_ptr<RegisterModel> model_;
 };
 
-VirtualDevice::VirtualDevice(std::shared_ptr<RegisterModel> model)
-    : model_(std::make_shared<LockedModel>(std::move(model))), time_(0) {}
+VirtualDevice::VirtualDevice(std::shared_ptr<RegisterModel> model, const EmulatorSettings& settings)
+    : model_(std::make_shared<LockedModel>(std::move(model))),
+      options_(settings.options),
+      framing_(settings.serial ? Server::Framing::rtu : Server::Framing::tcp),
+      faults_(std::make_shared<FaultBox>(settings.faults)),
+      time_(0) {
+  options_.idle_limit = {};
+  options_.silence_closes = true;
+}
 
-Status VirtualDevice::connect(Connection& connection) {
+Status VirtualDevice::connect(Connection& connection, const Endpoint& endpoint) {
+  connection.link.close();
+  connection.server.reset();
+  if (endpoint.serial.has_value() != (framing_ == Server::Framing::rtu))
+    return fail(ErrorCode::bad_input, endpoint.text(),
+                "expected the same `transport` as that of the emulator that stands for the device");
   int ends[2];
   if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
     return fail(ErrorCode::io, "", std::string("cannot make a socket pair: ") + std::strerror(errno));
   auto server = std::make_unique<Server>(
-      model_, [this] { return time(); }, Server::Options{.idle_limit = Duration(0), .faults = {}});
-  server->adopt(ends[0]);
-  connection.link.adopt(ends[1], seconds(10));
+      model_, [this] { return time(); }, options_, faults_);
+  server->adopt(ends[0], framing_);
+  connection.link.adopt(ends[1], seconds(10), framing_ == Server::Framing::rtu, endpoint.unit);
   if (auto s = server->start(); !s) return s;
   connection.server = std::move(server);
   return {};
@@ -78,18 +90,18 @@ void VirtualDevice::advance(BenchTime now) {
 
 namespace {
 
-class VirtualSource final : public Source, private VirtualDevice::Member {
+class VirtualSource final : public StreamSource, private VirtualDevice::Member {
  public:
   explicit VirtualSource(std::shared_ptr<VirtualDevice> device) : device_(std::move(device)) {}
   ~VirtualSource() override { (void)do_stop(); }
 
-  [[nodiscard]] SampleLease poll(BenchTime now) noexcept override {
-    if (ready_.empty() || ready_.front()->stamp.t_release > now) return {};
-    auto lease = std::move(ready_.front());
-    ready_.pop_front();
-    return lease;
-  }
   void complete_until(BenchTime now) override { device_->advance(now); }
+  [[nodiscard]] std::vector<std::string> warnings() const override {
+    const auto trouble = connection_.link.counters().trouble();
+    if (trouble.empty()) return {};
+    return {config().name + ": the emulated device answered " +
+            std::to_string(connection_.link.counters().requests.load()) + " requests with " + trouble};
+  }
 
  protected:
   Status do_configure(const ChannelConfig& config) override {
@@ -99,17 +111,17 @@ class VirtualSource final : public Source, private VirtualDevice::Member {
   Status do_arm(const ArmContext& context) override {
     if (!context.virtual_time)
       return fail(ErrorCode::wrong_state, config().name, "expected virtual time, got a wall-clock run");
-    if (auto s = device_->connect(connection_); !s) return s;
     raw_.assign(settings_.map.raw_size(), 0);
-    if (connection_.link.read(settings_.map, raw_) != LinkStatus::good) {
+    poller_ = Poller(settings_.map);
+    Duration took;
+    if (auto s = device_->connect(connection_, settings_.endpoint); !s) return s;
+    if (ask(0, BenchTime(0), took) != LinkStatus::good) {
       const auto why = connection_.link.failure();
-      connection_ = {};
+      disconnect();
       return fail(ErrorCode::bad_input, config().name,
                   "expected the emulated device to have these registers, got " + why);
     }
-    ready_.clear();
-    const auto slots = pool_slots(config());
-    if (!pool_ || pool_->size() < slots) pool_ = make_sample_pool(slots, 0);
+    open_stream(pool_slots(config()), 0, true);
     health_.connected.store(true, std::memory_order_release);
     return {};
   }
@@ -117,20 +129,22 @@ class VirtualSource final : public Source, private VirtualDevice::Member {
     device_->set_time(t0);
     t0_ = t0;
     index_ = 0;
-    lost_ = 0;
     device_->join(this, VirtualDevice::Rank::read);
     return {};
   }
   Status do_stop() override {
     device_->leave(this);
-    ready_.clear();
-    connection_.link.close();
-    connection_.server.reset();
+    close_stream();
+    disconnect();
     health_.connected.store(false, std::memory_order_release);
     return {};
   }
 
  private:
+  void disconnect() {
+    connection_.link.close();
+    connection_.server.reset();
+  }
   [[nodiscard]] BenchTime capture_time() const noexcept {
     return t0_ + config().period * static_cast<std::int64_t>(index_);
   }
@@ -138,41 +152,66 @@ class VirtualSource final : public Source, private VirtualDevice::Member {
     const auto t = capture_time();
     return t < now || t + config().latency <= now ? t : BenchTime::never();
   }
+
+  /// One instant's requests; `took`: how long they would have taken of bench time.
+  LinkStatus ask(std::uint64_t index, BenchTime t, Duration& took) {
+    const auto delay = device_->answer_delay(t);
+    const auto& endpoint = settings_.endpoint;
+    LinkStatus s = LinkStatus::timeout;
+    for (unsigned attempt = 0; attempt <= endpoint.retries; ++attempt) {
+      if (attempt > 0) health_.retries.fetch_add(1, std::memory_order_relaxed);
+      if (delay > endpoint.timeout) {
+        took += endpoint.timeout;
+        continue;
+      }
+      // A device that is silent closes a connection of virtual time: nobody can wait for it here.
+      if (!connection_.link.is_open() && !device_->connect(connection_, endpoint))
+        return LinkStatus::disconnected;
+      s = poller_.poll(connection_.link, index, raw_);
+      took += s == LinkStatus::good || s == LinkStatus::exception ? delay : endpoint.timeout;
+      if (s == LinkStatus::good || s == LinkStatus::exception) return s;
+    }
+    return s;
+  }
+
   void happen() override {
     const auto t = capture_time();
-    const auto index = index_++;
-    if (connection_.link.read(settings_.map, raw_) != LinkStatus::good) {
-      health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
-      health_.lost.fetch_add(1, std::memory_order_relaxed);
-      ++lost_;
-      return;
+    const auto index = index_;
+    Duration took;
+    const auto status = ask(index, t, took);
+    if (status == LinkStatus::good) {
+      auto lease = take_slot();
+      if (lease) {
+        auto& sample = lease.edit();
+        fill_sample(sample, settings_.map, raw_);
+        sample.stamp.sequence = index;
+        // The middle of request and answer, as on the wall clock.
+        sample.stamp.t_capture = t + took / 2;
+        sample.stamp.t_release = sample.stamp.t_arrival = sample.stamp.t_capture + config().latency;
+        sample.stamp.sigma_capture =
+            Duration(static_cast<std::int64_t>(static_cast<double>(took.ns()) * 0.2886751));
+      }
+      hand_over(std::move(lease));
+    } else {
+      if (status == LinkStatus::exception || status == LinkStatus::protocol)
+        health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
+      count_lost(1);
     }
-    health_.received.fetch_add(1, std::memory_order_relaxed);
-    auto lease = pool_->try_acquire();
-    if (!lease) {
-      health_.no_slot.fetch_add(1, std::memory_order_relaxed);
-      ++lost_;
-      return;
-    }
-    auto& sample = lease.edit();
-    fill_sample(sample, settings_.map, raw_);
-    sample.stamp.sequence = index;
-    sample.stamp.t_capture = t;
-    sample.stamp.t_release = sample.stamp.t_arrival = t + config().latency;
-    sample.stamp.sigma_capture = {};
-    sample.stamp.lost_before = std::exchange(lost_, 0);
-    ready_.push_back(std::move(lease));
+    // What an answer ran over is lost; the grid stays where it is.
+    const auto period = config().period.ns();
+    const auto next = std::max<std::int64_t>(static_cast<std::int64_t>(index) + 1,
+                                             ((t - t0_).ns() + took.ns() + period / 2 - 1) / period);
+    count_lost(static_cast<std::uint64_t>(next) - index - 1);
+    index_ = static_cast<std::uint64_t>(next);
   }
 
   std::shared_ptr<VirtualDevice> device_;
   VirtualDevice::Connection connection_;
   SourceSettings settings_;
+  Poller poller_;
   std::vector<std::uint16_t> raw_;
-  std::unique_ptr<SamplePool> pool_;
-  std::deque<SampleLease> ready_;
   BenchTime t0_;
   std::uint64_t index_ = 0;
-  std::uint32_t lost_ = 0;
 };
 
 class VirtualSink final : public Sink, private VirtualDevice::Member {
@@ -206,13 +245,15 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
   Status do_arm(const ArmContext& context) override {
     if (!context.virtual_time)
       return fail(ErrorCode::wrong_state, config().name, "expected virtual time, got a wall-clock run");
-    if (auto s = device_->connect(connection_); !s) return s;
+    if (auto s = device_->connect(connection_, settings_.endpoint); !s) return s;
     raw_.assign(settings_.map.raw_size(), 0);
+    check_.assign(std::max(settings_.map.raw_size(), settings_.safe_map.raw_size()), 0);
     pending_.clear();
     pending_.reserve(kPlaces);
-    if (connection_.link.write(settings_.safe_map, settings_.safe_raw) != LinkStatus::good) {
+    if (!write(settings_.safe_map, settings_.safe_raw)) {
       const auto why = connection_.link.failure();
-      connection_ = {};
+      connection_.link.close();
+      connection_.server.reset();
       return fail(ErrorCode::bad_input, config().name,
                   "expected the emulated device to take its safe values, got " + why);
     }
@@ -228,7 +269,7 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
     device_->leave(this);
     counters_.dropped.fetch_add(pending_.size(), std::memory_order_relaxed);
     pending_.clear();
-    if (connection_.link.write(settings_.safe_map, settings_.safe_raw) != LinkStatus::good)
+    if (!write(settings_.safe_map, settings_.safe_raw))
       counters_.failed.fetch_add(1, std::memory_order_relaxed);
     connection_.link.close();
     connection_.server.reset();
@@ -243,6 +284,25 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
     if (pending_.empty() || pending_.front().t_effect > now) return BenchTime::never();
     return pending_.front().t_effect;
   }
+  /// As ModbusSink writes: tried again, and read back where the rig says so.
+  bool write(const RegisterMap& map, const std::vector<std::uint16_t>& raw) {
+    const auto& endpoint = settings_.endpoint;
+    if (device_->answer_delay(device_->time()) > endpoint.timeout) return false;
+    for (unsigned attempt = 0; attempt <= endpoint.retries; ++attempt) {
+      if (attempt > 0) health_.retries.fetch_add(1, std::memory_order_relaxed);
+      if (!connection_.link.is_open() && !device_->connect(connection_, endpoint)) return false;
+      auto s = connection_.link.write(map, raw);
+      if (s == LinkStatus::good && settings_.verify) {
+        s = connection_.link.read(map, check_);
+        if (s == LinkStatus::good && !map.same(raw, check_)) s = LinkStatus::protocol;
+      }
+      if (s == LinkStatus::exception || s == LinkStatus::protocol)
+        health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
+      if (s == LinkStatus::good || s == LinkStatus::exception) return s == LinkStatus::good;
+    }
+    return false;
+  }
+
   void happen() override {
     const Command c = pending_.front();
     pending_.erase(pending_.begin());
@@ -257,14 +317,14 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
     const bool good = c.count == count &&
                       settings_.map.encode(std::span<const double>(c.value.data(), count), raw_, bad) ==
                           EncodeStatus::good &&
-                      connection_.link.write(settings_.map, raw_) == LinkStatus::good;
+                      write(settings_.map, raw_);
     (good ? counters_.applied : counters_.failed).fetch_add(1, std::memory_order_relaxed);
   }
 
   std::shared_ptr<VirtualDevice> device_;
   VirtualDevice::Connection connection_;
   SinkSettings settings_;
-  std::vector<std::uint16_t> raw_;
+  std::vector<std::uint16_t> raw_, check_;
   std::vector<Command> pending_;
   const Heartbeat* heartbeat_ = nullptr;
 };

@@ -1,5 +1,7 @@
-// A Modbus device in virtual time: the emulator's register model and server in process, and libmodbus on both
-// ends of an in-memory socket, so that the bytes are those of the wall-clock run.
+// A Modbus device in virtual time: the emulator's register model and server in process, and libmodbus at the
+// other end of an in-memory socket, so that the bytes are those of the wall-clock run, framed for TCP or for
+// a serial line. The emulator's `faults` hold here too: what is late, refused or silent costs the same
+// samples in each run.
 //
 // All sources and sinks of one device share a VirtualDevice, and with it one order of events: writes at
 // exactly their t_effect, reads at exactly their t_capture; at the same instant writes come first, then reads
@@ -17,6 +19,7 @@
 #include <mutex>
 #include <vector>
 
+#include "drivers/modbus/modbus_emulator.h"
 #include "drivers/modbus/modbus_link.h"
 #include "drivers/modbus/modbus_server.h"
 #include "sensor-hal/channel/channel.h"
@@ -40,9 +43,13 @@ class VirtualDevice {
     Link link;
   };
 
-  explicit VirtualDevice(std::shared_ptr<RegisterModel> model);
+  /// Framing, unit and faults are the settings'; delays and silences cost bench time and no real one.
+  VirtualDevice(std::shared_ptr<RegisterModel> model, const EmulatorSettings& settings);
 
-  [[nodiscard]] Status connect(Connection& connection);
+  /// Anew where there was a connection; `unit` is whom the master asks.
+  [[nodiscard]] Status connect(Connection& connection, const Endpoint& endpoint);
+  /// From a request at `t` to its answer.
+  [[nodiscard]] Duration answer_delay(BenchTime t) { return faults_->delay(t); }
   void join(Member* member, Rank rank);
   void leave(const Member* member);
   /// Everything that happens by `now`, in order.
@@ -58,6 +65,9 @@ class VirtualDevice {
   };
   class LockedModel;
   std::shared_ptr<LockedModel> model_;
+  Server::Options options_;
+  Server::Framing framing_;
+  std::shared_ptr<FaultBox> faults_;
   std::atomic<std::int64_t> time_;
   std::vector<Entry> members_;  // writers first
 };

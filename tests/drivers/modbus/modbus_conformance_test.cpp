@@ -42,7 +42,7 @@ class TcpSource final : public SourceUnderTest {
 class VirtualSource final : public SourceUnderTest {
  public:
   std::unique_ptr<Source> make() override {
-    return std::move(*modbus_backend().make_virtual_source({nullptr, nullptr, std::make_shared<Bank>()}, {}));
+    return std::move(*modbus_backend().make_virtual_source(modbus::parts_of(std::make_shared<Bank>()), {}));
   }
   ChannelConfig config() override { return channel(kSource, 502); }
   ChannelConfig config_with_unknown_key() override { return channel(kSource + kStrange, 502); }
@@ -66,7 +66,7 @@ class TcpSink final : public ChannelUnderTest {
 class VirtualSink final : public ChannelUnderTest {
  public:
   std::unique_ptr<Channel> make() override {
-    return std::move(*modbus_backend().make_virtual_sink({nullptr, nullptr, std::make_shared<Bank>()}, {}));
+    return std::move(*modbus_backend().make_virtual_sink(modbus::parts_of(std::make_shared<Bank>()), {}));
   }
   ChannelConfig config() override { return channel(kSink, 502); }
   ChannelConfig config_with_unknown_key() override { return channel(kSink + kStrange, 502); }
@@ -77,7 +77,7 @@ class TcpEmulator final : public ChannelUnderTest {
  public:
   std::unique_ptr<Channel> make() override {
     auto e = std::make_unique<modbus::ModbusEmulator>();
-    e->attach({nullptr, nullptr, std::make_shared<Bank>()});
+    e->attach(modbus::parts_of(std::make_shared<Bank>()));
     return e;
   }
   ChannelConfig config() override { return channel("", 0); }

@@ -218,7 +218,7 @@ TEST(ModbusEmulator, SaysWhyItCannotServe) {
   Device first(std::make_shared<Bank>());
   const auto error_of = [](const std::string& keys) {
     ModbusEmulator e;
-    e.attach({nullptr, nullptr, std::make_shared<Bank>()});
+    e.attach(parts_of(std::make_shared<Bank>()));
     ChannelConfig c;
     c.name = "table";
     c.params = yaml(keys);

@@ -77,6 +77,11 @@ class Bank final : public RegisterModel {
   std::vector<BenchTime> reads_;
 };
 
+inline DeviceParts parts_of(std::shared_ptr<RegisterModel> registers) {
+  DeviceParts parts;
+  parts.registers = std::move(registers);
+  return parts;
+}
 inline ConfigNode yaml(const std::string& text) {
   auto n = ConfigDocument::parse(text, "rig.yaml");
   EXPECT_TRUE(n.has_value()) << (n ? "" : n.error().text());
@@ -100,7 +105,7 @@ class Device {
  public:
   explicit Device(std::shared_ptr<RegisterModel> model, std::uint16_t port = 0,
                   const std::string& more = "") {
-    emulator_.attach({nullptr, nullptr, std::move(model)});
+    emulator_.attach(parts_of(std::move(model)));
     ChannelConfig c;
     c.name = "device";
     c.params = yaml("port: " + std::to_string(port) + "\n" + more);

@@ -24,7 +24,7 @@ struct Rig {
     });
     const auto backend = modbus_backend();
     for (int i = 0; i < 2; ++i) {
-      auto s = backend.make_virtual_source({nullptr, nullptr, bank}, {});
+      auto s = backend.make_virtual_source(modbus::parts_of(bank), {});
       EXPECT_TRUE(s.has_value());
       ChannelConfig c;
       c.name = "source" + std::to_string(i);
@@ -35,7 +35,7 @@ struct Rig {
       auto ok = (*s)->configure(c);
       EXPECT_TRUE(ok) << ok.error().text();
       sources.push_back(std::move(*s));
-      auto k = backend.make_virtual_sink({nullptr, nullptr, bank}, {});
+      auto k = backend.make_virtual_sink(modbus::parts_of(bank), {});
       EXPECT_TRUE(k.has_value());
       c.name = "sink" + std::to_string(i);
       c.latency = command_latency;
@@ -191,7 +191,7 @@ TEST(ModbusVirtual, IsSafeAfterStop) {
 
 TEST(ModbusVirtual, RefusesRegistersThatTheModelDoesNotHave) {
   const auto backend = modbus_backend();
-  auto s = backend.make_virtual_source({nullptr, nullptr, std::make_shared<Bank>()}, {});
+  auto s = backend.make_virtual_source(modbus::parts_of(std::make_shared<Bank>()), {});
   ASSERT_TRUE(s.has_value());
   ChannelConfig c;
   c.name = "s";
