@@ -64,6 +64,15 @@ Status write_picture(const std::filesystem::path& file, const ImageInfo& info,
     case PixelFormat::rgb8:
       cv::cvtColor(cv::Mat(height, width, CV_8UC3, data), out, cv::COLOR_RGB2BGR);
       break;
+    case PixelFormat::yuv422_8:
+      cv::cvtColor(cv::Mat(height, width, CV_8UC2, data), out, cv::COLOR_YUV2BGR_YUY2);
+      break;
+    case PixelFormat::yuv420_sp:
+      cv::cvtColor(cv::Mat(height * 3 / 2, width, CV_8U, data), out, cv::COLOR_YUV2BGR_NV12);
+      break;
+    case PixelFormat::coord3d_c16:  // numbers, not brightness: as they are
+      out = cv::Mat(height, width, CV_16U, data);
+      break;
   }
   if (exact) {
     out.convertTo(out, CV_32F);

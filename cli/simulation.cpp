@@ -5,6 +5,7 @@
 #include <map>
 
 #include "cli/sensing/tolerance.h"
+#include "cli/sensing/yuv_capture.h"
 #include "sensor-hal/models/camera_effects.h"
 #include "sensor-hal/models/camera_yaml.h"
 #include "sensor-hal/models/lidar/lidar_effects.h"
@@ -39,7 +40,7 @@ class SceneCamera final : public ImageProvider {
         snapshot_(*scene_) {}
 
   Status prepare(PixelFormat format) {
-    auto camera = camera_for(format);
+    auto camera = camera_for(light_format(format));
     return camera ? Status{} : Status(tl::unexpected<Error>(camera.error()));
   }
 
@@ -50,6 +51,13 @@ class SceneCamera final : public ImageProvider {
   }
 
   [[nodiscard]] Status capture(const ImageRequest& request, std::span<std::byte> pixels) override {
+    return capture_converted(
+        request, geometry(), pixels, scratch_,
+        [this](const ImageRequest& r, std::span<std::byte> out) { return draw(r, out); });
+  }
+
+ private:
+  [[nodiscard]] Status draw(const ImageRequest& request, std::span<std::byte> pixels) {
     auto camera = camera_for(request.format);
     if (!camera) return tl::unexpected<Error>(camera.error());
     for (std::size_t i = 0; i < joints_.size(); ++i) {
@@ -66,7 +74,6 @@ class SceneCamera final : public ImageProvider {
     return (*camera)->capture(r, snapshot_, pixels);
   }
 
- private:
   Result<CameraSimulator*> camera_for(PixelFormat format) {
     auto& camera = cameras_[format];
     if (!camera) {
@@ -86,6 +93,7 @@ class SceneCamera final : public ImageProvider {
   std::vector<std::size_t> joints_;
   world::WorldSnapshot snapshot_;
   std::map<PixelFormat, std::unique_ptr<CameraSimulator>> cameras_;
+  std::vector<std::byte> scratch_;
 };
 
 /// Whether the renderer of small scenes draws all that this camera does: lens, vignetting and noise.

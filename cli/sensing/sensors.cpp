@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "cli/sensing/yuv_capture.h"
 #include "sim/render/view/raster_engine.h"
 
 namespace rigor {
@@ -146,16 +147,25 @@ class SensedTof final : public TruthfulSampler {
 
 class SensedCameraOfWorld final : public SensedCamera {
  public:
-  SensedCameraOfWorld(std::unique_ptr<SimulatedCamera> camera, Duration exposure, const Mount& mount,
-                      SensorWorld& world)
-      : camera_(std::move(camera)), exposure_(exposure), mount_(mount), world_(world) {}
+  SensedCameraOfWorld(std::unique_ptr<SimulatedCamera> camera, PixelFormat format, Duration exposure,
+                      const Mount& mount, SensorWorld& world)
+      : camera_(std::move(camera)), format_(format), exposure_(exposure), mount_(mount), world_(world) {}
 
   [[nodiscard]] Geometry geometry() const override {
     const SimulatedCameraSpec& spec = camera_->spec();
     return {static_cast<std::uint32_t>(spec.model.width_px), static_cast<std::uint32_t>(spec.model.height_px),
-            spec.format, exposure_, spec.name + "_optical"};
+            format_, exposure_, spec.name + "_optical"};
   }
   [[nodiscard]] Status capture(const ImageRequest& request, std::span<std::byte> pixels) override {
+    return capture_converted(
+        request, geometry(), pixels, scratch_,
+        [this](const ImageRequest& r, std::span<std::byte> out) { return measure(r, out); });
+  }
+  void set_truth(GroundTruth* truth) override { truth_ = truth; }
+  [[nodiscard]] const OpticsPicture& light() const override { return camera_->picture(); }
+
+ private:
+  [[nodiscard]] Status measure(const ImageRequest& request, std::span<std::byte> pixels) {
     SensorWorld::Moment moment(world_, request.motion);
     CameraCapture c;
     c.measure = {request.index, request.t_capture};
@@ -166,11 +176,10 @@ class SensedCameraOfWorld final : public SensedCamera {
                 static_cast<int>(request.width_px), static_cast<int>(request.height_px)};
     return camera_->capture(c, {moment, mount_.T_world_sensor(moment, request.t_start)}, pixels, truth_);
   }
-  void set_truth(GroundTruth* truth) override { truth_ = truth; }
-  [[nodiscard]] const OpticsPicture& light() const override { return camera_->picture(); }
 
- private:
   std::unique_ptr<SimulatedCamera> camera_;
+  PixelFormat format_;
+  std::vector<std::byte> scratch_;
   Duration exposure_;
   Mount mount_;
   SensorWorld& world_;
@@ -235,7 +244,7 @@ Result<std::shared_ptr<SensedCamera>> make_camera(const SensorSetup& setup, cons
   SimulatedCameraSpec spec;
   spec.name = setup.name;
   spec.model = model;
-  spec.format = format;
+  spec.format = light_format(format);
   spec.seed = setup.seed;
   spec.noise = !setup.ideal;
   spec.engine = setup.choice.engine == "rays" ? CameraEngine::rays : CameraEngine::vulkan;
@@ -256,7 +265,7 @@ Result<std::shared_ptr<SensedCamera>> make_camera(const SensorSetup& setup, cons
   }
   auto camera = SimulatedCamera::create(spec, engines);
   if (!camera) return tl::unexpected<Error>(camera.error());
-  return std::make_shared<SensedCameraOfWorld>(std::move(*camera), exposure, setup.mount, world);
+  return std::make_shared<SensedCameraOfWorld>(std::move(*camera), format, exposure, setup.mount, world);
 }
 
 }  // namespace rigor

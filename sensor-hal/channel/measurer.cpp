@@ -26,7 +26,8 @@ class ImageMeasurer final : public Measurer {
     r.gain_db = n.number_or("gain_db", 0, {.min = -40, .max = 80});
     std::vector<std::string> formats;
     for (unsigned i = 0; pfnc_name(static_cast<PixelFormat>(i)) != "?"; ++i)
-      formats.emplace_back(pfnc_name(static_cast<PixelFormat>(i)));
+      if (!is_depth(static_cast<PixelFormat>(i)))
+        formats.emplace_back(pfnc_name(static_cast<PixelFormat>(i)));
     r.format =
         *pixel_format_from(n.choice_or("pixel_format", formats, std::string(pfnc_name(sensor.format))));
     r.width_px = sensor.width_px;

@@ -60,7 +60,9 @@ std::optional<Difference> difference_of_images(const Sample& real, const Sample&
   const std::size_t bytes = image_bytes(a->format, a->width_px, a->height_px);
   if (bytes == 0 || real.size_bytes != bytes || simulated.size_bytes != bytes) return {};
 
-  const std::size_t row_elements = std::size_t{a->width_px} * (a->format == PixelFormat::rgb8 ? 3 : 1);
+  const std::size_t row_elements = is_yuv(a->format)
+                                       ? bytes / a->height_px
+                                       : std::size_t{a->width_px} * (a->format == PixelFormat::rgb8 ? 3 : 1);
   const std::size_t step =
       (row_elements * a->height_px + PairStatistics::kMaxElements - 1) / PairStatistics::kMaxElements;
   const std::byte* x = real.bytes().data();
@@ -72,6 +74,8 @@ std::optional<Difference> difference_of_images(const Sample& real, const Sample&
       case PixelFormat::mono8:
       case PixelFormat::bayer_rg8:
       case PixelFormat::rgb8:
+      case PixelFormat::yuv422_8:
+      case PixelFormat::yuv420_sp:
         add_bytes(s, x + first, y + first, row_elements);
         break;
       case PixelFormat::mono10:
@@ -80,6 +84,7 @@ std::optional<Difference> difference_of_images(const Sample& real, const Sample&
       case PixelFormat::bayer_rg10:
       case PixelFormat::bayer_rg12:
       case PixelFormat::bayer_rg16:
+      case PixelFormat::coord3d_c16:
         add_words(s, x + 2 * first, y + 2 * first, row_elements);
         break;
       case PixelFormat::mono12p:

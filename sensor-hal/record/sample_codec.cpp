@@ -21,17 +21,20 @@ msg::Time to_time(std::int64_t ns) {
 
 // Of formats with one encoding the first is what an image of others means; in our own recordings the
 // settings beside it name the format.
-constexpr std::array<std::pair<PixelFormat, std::string_view>, kPixelFormats.size()> kEncodings{
-    {{PixelFormat::mono8, "mono8"},
-     {PixelFormat::mono12p, "mono12p"},
-     {PixelFormat::mono16, "mono16"},
-     {PixelFormat::mono10, "mono16"},
-     {PixelFormat::mono12, "mono16"},
-     {PixelFormat::bayer_rg8, "bayer_rggb8"},
-     {PixelFormat::bayer_rg16, "bayer_rggb16"},
-     {PixelFormat::bayer_rg10, "bayer_rggb16"},
-     {PixelFormat::bayer_rg12, "bayer_rggb16"},
-     {PixelFormat::rgb8, "rgb8"}}};
+constexpr std::array<std::pair<PixelFormat, std::string_view>, kPixelFormats.size() + kVideoFormats.size()>
+    kEncodings{{{PixelFormat::mono8, "mono8"},
+                {PixelFormat::mono12p, "mono12p"},
+                {PixelFormat::mono16, "mono16"},
+                {PixelFormat::mono10, "mono16"},
+                {PixelFormat::mono12, "mono16"},
+                {PixelFormat::bayer_rg8, "bayer_rggb8"},
+                {PixelFormat::bayer_rg16, "bayer_rggb16"},
+                {PixelFormat::bayer_rg10, "bayer_rggb16"},
+                {PixelFormat::bayer_rg12, "bayer_rggb16"},
+                {PixelFormat::rgb8, "rgb8"},
+                {PixelFormat::yuv422_8, "yuv422_yuy2"},
+                {PixelFormat::yuv420_sp, "nv12"},
+                {PixelFormat::coord3d_c16, "16UC1"}}};
 
 std::string_view encoding_of(PixelFormat format) {
   for (const auto& [f, name] : kEncodings)
@@ -345,8 +348,8 @@ Status SampleDecoder::decode_image(const MessageView& message) {
                                    [&](const auto& e) { return e.second == m.encoding; });
   if (!range && known == kEncodings.end())
     return fail(ErrorCode::protocol, "",
-                "expected an image encoded as mono8, mono12p, mono16, bayer_rggb8, bayer_rggb16, rgb8 or "
-                "32FC1, got " +
+                "expected an image encoded as mono8, mono12p, mono16, bayer_rggb8, bayer_rggb16, rgb8, "
+                "yuv422_yuy2, nv12, 16UC1 or 32FC1, got " +
                     m.encoding);
   if (m.is_bigendian != 0 && (range || has_words(known->first)))
     return fail(ErrorCode::protocol, "", "expected little-endian pixels");
