@@ -4,13 +4,117 @@
 
 #include "cli/commands.h"
 #include "cli/terminal.h"
+#include "drivers/velodyne/pcap_file.h"
+#include "drivers/velodyne/pcap_report.h"
 #include "sensor-hal/record/inspect.h"
 #include "sensor-hal/record/mcap_repair.h"
 
 namespace rigor {
+namespace {
+
+using velodyne::PcapReport;
+
+/// null: not known.
+nlohmann::json model_json(const std::optional<velodyne::Model>& model) {
+  return model ? nlohmann::json(std::string(velodyne::facts_of(*model).name)) : nlohmann::json();
+}
+bool mismatch(const PcapReport& r) {
+  return r.model_by_byte && r.model_by_timing && *r.model_by_byte != *r.model_by_timing;
+}
+
+nlohmann::json to_json(const PcapReport& r) {
+  nlohmann::json lasers = nlohmann::json::array();
+  for (std::size_t i = 0; i < r.returns_per_laser.size(); ++i)
+    lasers.push_back(
+        {{"laser", i}, {"elevation_deg", r.elevation_deg[i]}, {"returns", r.returns_per_laser[i]}});
+  nlohmann::json j{
+      {"file", r.file},
+      {"format", "pcap"},
+      {"frames", r.frames},
+      {"packets", r.data_packets},
+      {"position_packets", r.position_packets},
+      {"other_frames", r.other_frames},
+      {"malformed", {{"count", r.malformed}, {"by_fault", r.faults}}},
+      {"sources", r.sources},
+      {"duration_s", r.duration_s},
+      {"model",
+       {{"decoded_as", r.model_known ? model_json(r.model) : nlohmann::json()},
+        {"by_product_byte", model_json(r.model_by_byte)},
+        {"product_byte", r.product_byte},
+        {"by_timing", model_json(r.model_by_timing)},
+        {"mismatch", mismatch(r)}}},
+      {"return_modes", r.return_modes},
+      {"revolutions", r.revolutions},
+      {"turns", r.turns},
+      {"valid_returns", r.valid_returns},
+      {"points_decoded", r.points_handed_on},
+      {"returns_per_laser", lasers},
+      {"range_m", {{"least", r.least_range_m}, {"greatest", r.greatest_range_m}}},
+      {"rates",
+       {{"packets_per_s", r.packets_per_s},
+        {"position_packets_per_s", r.position_packets_per_s},
+        {"rotation_hz", r.rotation_hz}}},
+      {"gaps", {{"count", r.gaps}, {"packets_lost", r.packets_lost}, {"longest_ms", r.longest_gap_ms}}},
+      {"clock_steps", r.clock_steps},
+      {"pps", r.pps},
+      {"nmea", {{"first", r.first_nmea}, {"last", r.last_nmea}}},
+      {"whole", !r.ended_by}};
+  if (r.ended_by) j["ended_by"] = r.ended_by->text();
+  return j;
+}
+
+std::string to_text(const PcapReport& r) {
+  std::string t = fmt::format("{}: {} frames, {:.3f} s\n", r.file, r.frames, r.duration_s);
+  if (r.data_packets == 0)
+    return t + fmt::format("  no data packets of a Velodyne; {} malformed, {} other frames\n", r.malformed,
+                           r.other_frames);
+  t += fmt::format("  model            {}", r.model_known ? velodyne::facts_of(r.model).name : "not known");
+  if (mismatch(r))
+    t += fmt::format(
+        " by its timing; its product byte 0x{:02X} says {}: a rig that reads it needs `model: {}`",
+        r.product_byte, velodyne::facts_of(*r.model_by_byte).name, velodyne::facts_of(r.model).key);
+  else if (!r.model_by_byte)
+    t += fmt::format(" (product byte 0x{:02X} is no known one)", r.product_byte);
+  t += fmt::format("\n  data packets     {} at {:.1f}/s\n", r.data_packets, r.packets_per_s);
+  for (const auto& [source, n] : r.sources) t += fmt::format("    from {} {}\n", source, n);
+  for (const auto& [mode, n] : r.return_modes) t += fmt::format("    returns {} {}\n", mode, n);
+  t += fmt::format("  revolutions      {} whole, {:.2f} turns at {:.3f} Hz\n", r.revolutions, r.turns,
+                   r.rotation_hz);
+  t += fmt::format("  valid returns    {} from {:.3f} to {:.3f} m\n", r.valid_returns, r.least_range_m,
+                   r.greatest_range_m);
+  t += fmt::format("  gaps             {}, {} packets lost, longest {:.1f} ms\n", r.gaps, r.packets_lost,
+                   r.longest_gap_ms);
+  t += fmt::format("  position packets {} at {:.1f}/s\n", r.position_packets, r.position_packets_per_s);
+  for (const auto& [pps, n] : r.pps) t += fmt::format("    PPS {} {}\n", pps, n);
+  if (!r.last_nmea.empty()) t += fmt::format("    last {}\n", r.last_nmea);
+  if (r.malformed + r.other_frames > 0)
+    t += fmt::format("  malformed        {}; other frames {}\n", r.malformed, r.other_frames);
+  for (const auto& [fault, n] : r.faults) t += fmt::format("    {} {}\n", fault, n);
+  t += "  laser  elevation   returns\n";
+  for (std::size_t i = 0; i < r.returns_per_laser.size(); ++i)
+    t += fmt::format("  {:>5}  {:>7.2f}°  {:>8}\n", i, r.elevation_deg[i], r.returns_per_laser[i]);
+  return t;
+}
+
+/// A recording that breaks off is told as far as it goes, and is an error.
+int inspect_pcap_command(const InspectOptions& options) {
+  if (options.repair)
+    return report_error({ErrorCode::bad_input, options.file.string(),
+                         "expected a recording of Rigor (MCAP), got a pcap: there is nothing to repair"},
+                        options.json);
+  auto report = velodyne::inspect_pcap(options.file);
+  if (!report) return report_error(report.error(), options.json);
+  fmt::print("{}", options.json ? to_json(*report).dump(2) + "\n" : to_text(*report));
+  if (!report->ended_by) return 0;
+  if (!options.json) std::fflush(stdout);
+  return options.json ? 1 : report_error(*report->ended_by, false);
+}
+
+}  // namespace
 
 int inspect_command(const InspectOptions& options) {
   const std::string file = options.file.string();
+  if (velodyne::is_pcap(options.file)) return inspect_pcap_command(options);
   if (!options.repair) {
     auto report = record::inspect(file);
     if (!report) return report_error(report.error(), options.json);

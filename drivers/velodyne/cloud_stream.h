@@ -1,0 +1,113 @@
+// From datagrams in the order of their arrival to point clouds with their place on the bench clock. What the
+// source on the network, a recording and the stand-in in virtual time share; no socket, no thread.
+//
+//   datagram → checked → decoded → cut into revolutions where the rotor passes `cut_cdeg` → cloud
+//
+// A cloud's t_capture is its first firing sequence, the points' t_offset_ns count from there. What comes
+// before the first cut is no whole revolution and is not handed on. Lost packets show as gaps in the device's
+// own time: they are counted, the cloud in which they are missing is marked incomplete, and revolutions that
+// were lost altogether count as lost samples and leave a gap in the sequence.
+//
+// The device's time is µs since the hour, and leads to bench time by one of
+//   device   the quickest arrivals tie the device's clock down (ClockMap); good to some tens of µs
+//   gps      it counts UTC (PPS and NMEA are connected): the hour is that of this machine's CLOCK_REALTIME
+//   arrival  the arrival of each packet, less the time that it took to fill it
+//   fixed    a constant is added (virtual time)
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "drivers/velodyne/packet_decoder.h"
+#include "rt-core/clock_map.h"
+#include "rt-core/epoch.h"
+
+namespace rigor::velodyne {
+
+enum class TimeSource : std::uint8_t { device, gps, arrival, fixed };
+enum class CloudUnit : std::uint8_t { revolution, packet };
+
+struct CloudStreamOptions {
+  std::uint32_t cut_cdeg = 0;
+  CloudUnit unit = CloudUnit::revolution;
+  TimeSource time = TimeSource::device;
+  Duration revolution = milliseconds(100);  ///< nominal: until it is measured
+  std::size_t max_points = 0;               ///< of one cloud; what is beyond is dropped and marked
+};
+
+struct Cloud {
+  std::span<const LidarPoint> points;  ///< until the next packet
+  BenchTime t_capture;
+  Duration sigma;
+  std::uint64_t sequence = 0;      ///< a gap is a loss
+  std::uint64_t lost_before = 0;   ///< clouds
+  std::uint32_t packets_lost = 0;  ///< within
+  std::uint32_t validity = 0;
+};
+
+class CloudStream {
+ public:
+  struct Counters {
+    std::uint64_t packets = 0, malformed = 0, packets_lost = 0, clock_steps = 0, points_dropped = 0;
+    PacketFault last_fault = PacketFault::none;
+  };
+  using Hand = std::function<void(const Cloud&)>;
+
+  CloudStream(PacketDecoder decoder, const CloudStreamOptions& options);
+
+  /// I/O thread. `arrival`: when its last byte was here. No allocation after the first revolution.
+  void take(Bytes datagram, BenchTime arrival, const Hand& hand);
+  /// For `gps`: how UTC and bench time hang together now. For `fixed`: what leads from device to bench time.
+  void set_epoch(const EpochPair& epoch) { epoch_ = epoch; }
+  void set_fixed_offset(Duration bench_minus_device) { fixed_offset_ = bench_minus_device; }
+  /// As new: what was being collected is dropped, the clock is forgotten.
+  void reset();
+
+  [[nodiscard]] const Counters& counters() const { return counters_; }
+  [[nodiscard]] const ModelEvidence& evidence() const { return evidence_; }
+  [[nodiscard]] const DeviceFacts& facts() const { return decoder_.facts(); }
+  /// Product byte and return mode of the last good packet; 0 before.
+  [[nodiscard]] std::uint8_t product() const { return product_; }
+  [[nodiscard]] std::uint8_t return_mode() const { return mode_; }
+
+ private:
+  struct Placed {
+    BenchTime t;
+    Duration sigma;
+    bool known;
+  };
+  [[nodiscard]] Placed place(DeviceTime t) const;
+  void observe(DeviceTime t, std::uint32_t us, BenchTime arrival, std::int64_t packet_ns);
+  void begin(DeviceTime t, bool whole);
+  void finish(const Hand& hand);
+  void add(const DecodedPacket::Sequence& s, DeviceTime t_packet);
+
+  PacketDecoder decoder_;
+  CloudStreamOptions options_;
+  DecodedPacket decoded_;
+  HourClock hour_;
+  ClockMap clock_;
+  ModelEvidence evidence_;
+  EpochPair epoch_{};
+  Duration fixed_offset_{};
+  std::int64_t gps_hour_ns_ = 0, arrival_offset_ns_ = 0;
+  Counters counters_;
+  std::uint8_t product_ = 0, mode_ = 0;
+
+  bool any_packet_ = false;
+  DeviceTime t_last_packet_;
+  // The cloud at hand.
+  std::vector<LidarPoint> points_;
+  bool open_ = false, whole_ = false, truncated_ = false;
+  DeviceTime t_begin_;
+  double last_turn_cdeg_ = 0;  ///< azimuth beyond the cut
+  std::uint32_t lost_inside_ = 0;
+  // The sequence of clouds.
+  bool any_begun_ = false, last_handed_ = false;
+  DeviceTime t_last_begin_;
+  std::uint64_t sequence_ = 0, lost_clouds_ = 0;
+  Duration revolution_;
+};
+
+}  // namespace rigor::velodyne

@@ -1,0 +1,128 @@
+#include "drivers/velodyne/pcap_file.h"
+
+#include <pcap/pcap.h>
+
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+
+namespace rigor::velodyne {
+namespace {
+
+struct Close {
+  void operator()(pcap_t* p) const { pcap_close(p); }
+  void operator()(pcap_dumper_t* p) const { pcap_dump_close(p); }
+};
+
+}  // namespace
+
+bool is_pcap(const std::filesystem::path& file) {
+  std::uint8_t b[4] = {};
+  std::ifstream in(file, std::ios::binary);
+  if (!in.read(reinterpret_cast<char*>(b), sizeof b)) return false;
+  const auto big = static_cast<std::uint32_t>(b[0]) << 24 | static_cast<std::uint32_t>(b[1]) << 16 |
+                   static_cast<std::uint32_t>(b[2]) << 8 | b[3];
+  // µs and ns, in both byte orders; pcapng's section header.
+  return big == 0xA1B2C3D4U || big == 0xD4C3B2A1U || big == 0xA1B23C4DU || big == 0x4D3CB2A1U ||
+         big == 0x0A0D0D0AU;
+}
+
+struct PcapReader::Impl {
+  std::string name;
+  std::unique_ptr<pcap_t, Close> file;
+  int link = 0;
+  std::uint64_t frames = 0;
+};
+
+PcapReader::PcapReader(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+PcapReader::PcapReader(PcapReader&&) noexcept = default;
+PcapReader& PcapReader::operator=(PcapReader&&) noexcept = default;
+PcapReader::~PcapReader() = default;
+
+Result<PcapReader> PcapReader::open(const std::filesystem::path& file) {
+  std::error_code ec;
+  if (!std::filesystem::exists(file, ec))
+    return fail(ErrorCode::not_found, file.string(),
+                "expected a recording (pcap or pcapng), got nothing: no such file");
+  auto impl = std::make_unique<Impl>();
+  impl->name = file.string();
+  char why[PCAP_ERRBUF_SIZE] = {};
+  impl->file.reset(
+      pcap_open_offline_with_tstamp_precision(impl->name.c_str(), PCAP_TSTAMP_PRECISION_NANO, why));
+  if (!impl->file)
+    return fail(ErrorCode::bad_input, impl->name,
+                std::string("expected a recording (pcap or pcapng), got something else: ") + why);
+  impl->link = pcap_datalink(impl->file.get());
+  if (!knows_link_type(impl->link)) {
+    const char* link = pcap_datalink_val_to_name(impl->link);
+    return fail(ErrorCode::bad_input, impl->name,
+                std::string("expected frames of Ethernet, Linux cooked (SLL) or raw IP, got link type ") +
+                    (link ? link : std::to_string(impl->link).c_str()));
+  }
+  return PcapReader(std::move(impl));
+}
+
+Result<std::optional<PcapReader::Record>> PcapReader::next() {
+  pcap_pkthdr* header = nullptr;
+  const u_char* data = nullptr;
+  std::FILE* stream = pcap_file(impl_->file.get());
+  const long before = stream ? std::ftell(stream) : -1;
+  const int r = pcap_next_ex(impl_->file.get(), &header, &data);
+  if (r == PCAP_ERROR_BREAK) return std::optional<Record>{};
+  if (r != 1) {
+    const std::string place = "packet " + std::to_string(impl_->frames + 1) +
+                              (before >= 0 ? " at byte " + std::to_string(before) : std::string());
+    return fail(ErrorCode::protocol, impl_->name,
+                place + ": expected a whole packet, got: " + pcap_geterr(impl_->file.get()) + "; the " +
+                    std::to_string(impl_->frames) + " before it are whole");
+  }
+  ++impl_->frames;
+  Record record;
+  // With nanosecond precision tv_usec holds nanoseconds.
+  record.t = RealtimeTime(static_cast<std::int64_t>(header->ts.tv_sec) * 1'000'000'000 + header->ts.tv_usec);
+  record.udp = udp_of_frame(impl_->link, {data, header->caplen});
+  return std::optional<Record>(record);
+}
+
+std::uint64_t PcapReader::frames() const { return impl_->frames; }
+
+struct PcapWriter::Impl {
+  std::string name;
+  std::unique_ptr<pcap_t, Close> format;
+  std::unique_ptr<pcap_dumper_t, Close> file;
+};
+
+PcapWriter::PcapWriter(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+PcapWriter::PcapWriter(PcapWriter&&) noexcept = default;
+PcapWriter& PcapWriter::operator=(PcapWriter&&) noexcept = default;
+PcapWriter::~PcapWriter() = default;
+
+Result<PcapWriter> PcapWriter::create(const std::filesystem::path& file) {
+  auto impl = std::make_unique<Impl>();
+  impl->name = file.string();
+  impl->format.reset(pcap_open_dead_with_tstamp_precision(DLT_EN10MB, 65535, PCAP_TSTAMP_PRECISION_NANO));
+  if (impl->format) impl->file.reset(pcap_dump_open(impl->format.get(), impl->name.c_str()));
+  if (!impl->file)
+    return fail(ErrorCode::not_writable, impl->name,
+                std::string("expected a file that can be written: ") +
+                    (impl->format ? pcap_geterr(impl->format.get()) : "no memory"));
+  return PcapWriter(std::move(impl));
+}
+
+void PcapWriter::write(RealtimeTime t, const UdpDatagram& datagram) {
+  const std::vector<std::uint8_t> frame = ethernet_frame(datagram);
+  pcap_pkthdr header{};
+  header.ts.tv_sec = static_cast<decltype(header.ts.tv_sec)>(t.ns() / 1'000'000'000);
+  header.ts.tv_usec = static_cast<decltype(header.ts.tv_usec)>(t.ns() % 1'000'000'000);
+  header.caplen = header.len = static_cast<bpf_u_int32>(frame.size());
+  pcap_dump(reinterpret_cast<u_char*>(impl_->file.get()), &header, frame.data());
+}
+
+Status PcapWriter::flush() {
+  if (pcap_dump_flush(impl_->file.get()) != 0 || std::ferror(pcap_dump_file(impl_->file.get())) != 0)
+    return fail(errno == ENOSPC ? ErrorCode::disk_full : ErrorCode::io, impl_->name,
+                std::string("expected to write the recording: ") + std::strerror(errno));
+  return {};
+}
+
+}  // namespace rigor::velodyne

@@ -1,0 +1,60 @@
+// Recordings of packets (pcap, pcapng) by libpcap: read for inspection and as a source, written by the
+// emulator.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "drivers/velodyne/udp_frame.h"
+#include "rt-core/result.h"
+#include "rt-core/time.h"
+
+namespace rigor::velodyne {
+
+/// Whether a file begins like a pcap or pcapng.
+[[nodiscard]] bool is_pcap(const std::filesystem::path& file);
+
+class PcapReader {
+ public:
+  struct Record {
+    RealtimeTime t;
+    std::optional<UdpDatagram> udp;  ///< empty: another frame. Valid until the next record
+  };
+  /// not_found; bad_input: no recording, or one of a link type that is not understood.
+  [[nodiscard]] static Result<PcapReader> open(const std::filesystem::path& file);
+  PcapReader(PcapReader&&) noexcept;
+  PcapReader& operator=(PcapReader&&) noexcept;
+  ~PcapReader();
+
+  /// Empty at the end. protocol: the file ends within a packet or is damaged; says where.
+  [[nodiscard]] Result<std::optional<Record>> next();
+  /// Frames read so far.
+  [[nodiscard]] std::uint64_t frames() const;
+
+ private:
+  struct Impl;
+  explicit PcapReader(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+class PcapWriter {
+ public:
+  /// not_writable. Nanosecond stamps, Ethernet.
+  [[nodiscard]] static Result<PcapWriter> create(const std::filesystem::path& file);
+  PcapWriter(PcapWriter&&) noexcept;
+  PcapWriter& operator=(PcapWriter&&) noexcept;
+  ~PcapWriter();  ///< flushes and closes
+
+  void write(RealtimeTime t, const UdpDatagram& datagram);
+  /// io or disk_full: something could not be written.
+  [[nodiscard]] Status flush();
+
+ private:
+  struct Impl;
+  explicit PcapWriter(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace rigor::velodyne
