@@ -192,8 +192,9 @@ void ClientDialog::end_stream(Buffer& out) {
 Result<bool> ClientDialog::answer(const Telegram& t) {
   if (done()) return false;
   if (t.error()) {
+    const Step before = step_;
     if (auto s = refused(t); !s) return tl::unexpected<Error>(s.error());
-    step_ = after();
+    if (step_ == before) step_ = after();
     return true;
   }
   const Expected e = expected();
@@ -206,6 +207,10 @@ Result<bool> ClientDialog::answer(const Telegram& t) {
 
 /// An error of the device: what a client can do without is done without.
 Status ClientDialog::refused(const Telegram& t) {
+  if (step_ == Step::login && !wish_.password_hash) {
+    step_ = Step::login_other;
+    return {};
+  }
   const bool optional = step_ == Step::dialect || step_ == Step::identity || step_ == Step::state ||
                         step_ == Step::read_scan ||
                         (step_ == Step::read_range && !wish_.start_deg && !wish_.stop_deg);

@@ -64,8 +64,8 @@ void FrameParser::add(Bytes piece) {
 Bytes FrameParser::next() {
   while (true) {
     const Bytes have = Bytes(data_).subspan(begin_, end_ - begin_);
-    // The start mark: four times 02. A run of more of them belongs to garbage before it, for the length of a
-    // telegram that anybody takes begins with a zero byte.
+    // The start mark: four times 02. Of a longer run the last four are it, for no length that anybody takes
+    // begins with 02.
     std::size_t at = 0, run = 0;
     while (at < have.size() && run < 4) run = have[at++] == kMark ? run + 1 : 0;
     if (run < 4) {
@@ -78,6 +78,11 @@ Bytes FrameParser::next() {
     skipped_ += at - 4;
     begin_ += at - 4;
     const Bytes frame = Bytes(data_).subspan(begin_, end_ - begin_);
+    if (frame.size() > 4 && frame[4] == kMark) {
+      ++skipped_;
+      ++begin_;
+      continue;
+    }
     if (frame.size() < kHeader) return {};
     const std::size_t size = std::size_t{frame[4]} << 24 | std::size_t{frame[5]} << 16 |
                              std::size_t{frame[6]} << 8 | std::size_t{frame[7]};

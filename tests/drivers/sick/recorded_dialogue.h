@@ -42,6 +42,7 @@ struct Recording {
   double start_deg, stop_deg, frequency_hz;  ///< device's frame
   std::uint32_t serial_number;
 };
+inline std::ostream& operator<<(std::ostream& out, const Recording& r) { return out << r.file; }
 inline constexpr Recording kLms511{"20210301_lms511.json", 136, 1141, false, -5, 185, 25, 0x01145856};
 inline constexpr Recording kTim781{
     "20210125-tim781s-scandata.json", 140, 811, true, -45, 225, 15, 0x0119fd06};
