@@ -2,6 +2,7 @@
 
 #include "drivers/aravis/aravis_backend.h"
 #include "drivers/modbus/modbus_backend.h"
+#include "drivers/sick/sick_backend.h"
 
 namespace rigor {
 
@@ -9,6 +10,7 @@ Registry make_registry() {
   Registry registry;
   registry.add(aravis_backend());
   registry.add(modbus_backend());
+  registry.add(sick_backend());
   return registry;
 }
 
