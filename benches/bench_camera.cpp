@@ -83,7 +83,7 @@ class Bench {
 
   void place(const Place& place) {
     StandingWorld world(place);
-    std::printf("\n%s\n%-24s %-40s %9s %9s %8s\n", place.name, "", "", "p50 ms", "p99 ms", "RMS");
+    std::printf("\n%s\n%-24s %-40s %9s %9s %8s\n", place.name, "", "", "p50 ms", "cpu ms", "RMS");
     const auto wanted = [&](const char* part) { return part_.empty() || part_ == part; };
     if (wanted("effects"))
       for (const Effect& e : kEffects) effect(world, place, e);
@@ -131,10 +131,10 @@ class Bench {
   void report(const Place& place, const std::string& question, const std::string& engine,
               const std::string& label, const Times& t, std::optional<double> error) {
     std::printf("%-24s %-40s %9.1f %9.1f %8s\n", question.c_str(), (engine + " " + label).c_str(),
-                t.quantile(0.5), t.quantile(0.99), error ? std::to_string(*error).substr(0, 7).c_str() : "");
-    nlohmann::json run{{"world", place.name}, {"question", question},      {"engine", engine},
-                       {"knobs", label},      {"p50_ms", t.quantile(0.5)}, {"p99_ms", t.quantile(0.99)},
-                       {"rms", nullptr}};
+                t.quantile(0.5), t.cpu(), error ? std::to_string(*error).substr(0, 7).c_str() : "");
+    nlohmann::json run{
+        {"world", place.name},       {"question", question},       {"engine", engine},  {"knobs", label},
+        {"p50_ms", t.quantile(0.5)}, {"p99_ms", t.quantile(0.99)}, {"cpu_ms", t.cpu()}, {"rms", nullptr}};
     if (error) run["rms"] = *error;
     out_["runs"].push_back(run);
   }

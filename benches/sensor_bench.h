@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <fstream>
 #include <map>
 #include <memory>
@@ -41,21 +42,38 @@ inline void need(const Status& s) {
 }
 
 struct Times {
-  std::vector<double> ms;
-  [[nodiscard]] double quantile(double q) const {
-    std::vector<double> v = ms;
+  std::vector<double> ms, cpu_ms;
+  [[nodiscard]] static double quantile(std::vector<double> v, double q) {
     std::sort(v.begin(), v.end());
     return v.empty() ? 0 : v[static_cast<std::size_t>(q * static_cast<double>(v.size() - 1) + 0.5)];
   }
+  [[nodiscard]] double quantile(double q) const { return quantile(ms, q); }
+  /// Of all threads, median.
+  [[nodiscard]] double cpu() const { return quantile(cpu_ms, 0.5); }
 };
-/// Runs once to warm up, then `rounds` times.
+inline double cpu_ms() {
+  timespec t{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return 1e3 * static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_nsec);
+}
+/// Runs once to warm up, then until the middle half of the times lies within a twentieth of the median, at
+/// least 5 times (fewer where `rounds` says so), at most `rounds` times, and no longer than kEnough_ms once
+/// there are three.
+inline constexpr double kEnough_ms = 1500;
 template <class F>
 Times timed(int rounds, F&& work) {
   Times t;
+  double all_ms = 0;
   for (int i = 0; i <= rounds; ++i) {
     const auto begun = Clock::now();
+    const double cpu = cpu_ms();
     work(i);
-    if (i > 0) t.ms.push_back(ms_since(begun));
+    if (i == 0) continue;
+    t.cpu_ms.push_back(cpu_ms() - cpu);
+    t.ms.push_back(ms_since(begun));
+    all_ms += t.ms.back();
+    if (i >= 3 && all_ms > kEnough_ms) break;
+    if (i >= 5 && t.quantile(0.75) - t.quantile(0.25) < 0.05 * t.quantile(0.5)) break;
   }
   return t;
 }

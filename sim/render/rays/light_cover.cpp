@@ -56,6 +56,10 @@ void SkyCover::update(const RayScene& scene, const ContentFrame& frame, const Ei
   to_texel_y_ = static_cast<float>(scene.origin().y() / kTexel_m - static_cast<double>(y0));
   origin_z_ = static_cast<float>(scene.origin().z());
 
+  // Several times a picture nothing has changed.
+  if (filled_ && x0 == x0_ && y0 == y0_ && frame.batches == batches_) return;
+  batches_ = frame.batches;
+
   std::vector<Caster> now;
   for (const auto& b : frame.batches)
     if (b && b->prototype && b->prototype->casts_shadow && !b->instances.empty())

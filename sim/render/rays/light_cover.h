@@ -45,6 +45,7 @@ class SkyCover {
   void shoot(const RayScene& scene, const Area& area, tbb::task_arena& arena);
   [[nodiscard]] static Area area_of(const Eigen::AlignedBox3d& box);
 
+  std::vector<std::shared_ptr<const Batch>> batches_;  ///< of the last update
   std::vector<Caster> casters_;
   std::vector<float> top_m_;  ///< height in the world; a torus: texel (x, y) lies at x and y modulo its side
   std::int64_t x0_ = 0, y0_ = 0;

@@ -21,7 +21,12 @@ struct RaySurface {
   std::shared_ptr<const Surface> surface;                       ///< never null
   const Texture *colour = nullptr, *near_infrared = nullptr, *normal = nullptr, *gloss = nullptr;
   std::vector<std::uint8_t> coverage;  ///< of the colour map; where it has holes alone
-  bool holes = false;                  ///< alpha_cutoff above 0 and a colour map
+  /// What lies between the four texels from each one on, to the right and down: two bits each, in tiles of
+  /// 16 x 16, a cache line each.
+  enum Between : std::uint8_t { some = 0, hole = 1, leaf = 2 };
+  std::vector<std::uint8_t> between;
+  std::uint32_t tiles_across = 0;
+  bool holes = false;  ///< alpha_cutoff above 0 and a colour map
   bool translucent = false;
 
   /// Coverage at a place of the texture is below the cutoff. Bilinear; repeated or clamped as the map says.

@@ -9,6 +9,7 @@
 
 #include <Eigen/Geometry>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "rt-core/result.h"
@@ -35,6 +36,11 @@ struct OpticsOptions {
   double allowed_error_px = 1.0;  ///< levels of detail
   bool shadows = true;
   int sky_rays = 0;  ///< rays: see LightQuery; 0: what hides the sky is guessed, as by the vulkan engine
+  /// rays: lateral chromatic aberration by rays of its own for each colour, at three times the cost; off: by
+  /// moving the planes of one picture, bilinearly, which blurs red and blue by up to half a pixel. Unset:
+  /// from kColoursTraced samples per pixel on. Where the colours differ in focus they are always traced.
+  std::optional<bool> trace_colours{};
+  static constexpr int kColoursTraced = 16;
 };
 
 struct OpticsRequest {

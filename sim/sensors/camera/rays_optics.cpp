@@ -51,12 +51,35 @@ class PoseTable {
   std::vector<Eigen::Vector3f> from_;
 };
 
+constexpr int kWidestBorder_px = 64;
+
+/// How far beyond the sensor a colour's picture is taken from, in whole blocks: a place p shows what the
+/// reference has at c + (p − c)/m.
+int border_of(const CameraModel& camera) {
+  double most = 0;
+  for (const double m : camera.chromatic.magnification)
+    for (const double side : {camera.cx_px, camera.cy_px, camera.width_px - 1 - camera.cx_px,
+                              camera.height_px - 1 - camera.cy_px})
+      most = std::max(most, std::abs(side * (1 / m - 1)));
+  if (!(most < 1e4)) return kWidestBorder_px + 1;
+  const int blocks = static_cast<int>(std::ceil((most + 1) / kBlockWidth));
+  return blocks * kBlockWidth;
+}
+
 class RaysOptics final : public CameraOpticsPicture {
  public:
   RaysOptics(const CameraModel& camera, const OpticsOptions& options,
              std::shared_ptr<render::EmbreeEngine> engine)
       : camera_(camera), options_(options), engine_(std::move(engine)), tracer_(engine_) {
-    if (camera.chromatic.lateral() || camera.chromatic.longitudinal()) {
+    const bool in_focus_alike = !camera.chromatic.longitudinal() || !camera.depth_of_field.active();
+    const bool traced =
+        options.trace_colours.value_or(options.samples_per_pixel >= OpticsOptions::kColoursTraced);
+    if (camera.chromatic.lateral() && in_focus_alike && !traced && border_of(camera) <= kWidestBorder_px) {
+      moves_ = true;
+      border_ = border_of(camera);
+      lenses_.emplace_back(camera, kReferenceChannel, border_);
+      apertures_.push_back(ThinLens::of(camera, kReferenceChannel));
+    } else if (camera.chromatic.lateral() || !in_focus_alike) {
       for (const int c : {kRed, kGreen, kBlue}) {
         lenses_.emplace_back(camera, c);
         apertures_.push_back(ThinLens::of(camera, c));
@@ -93,8 +116,19 @@ class RaysOptics final : public CameraOpticsPicture {
     LensSamples samples;
   };
   Status trace(const Strip& strip, std::size_t channel, const Shot& shot, OpticsPicture& out);
+  /// Of the picture that was traced, where a colour's place within `region` lies.
+  [[nodiscard]] OpticsRequest::Region looked_at(const OpticsRequest::Region& region) const;
+  void move_colours(const OpticsPicture& reference, const OpticsRequest::Region& traced,
+                    const OpticsRequest::Region& region, OpticsPicture& out) const;
+  [[nodiscard]] int width_px() const { return camera_.width_px + 2 * border_; }
+  [[nodiscard]] int height_px() const { return camera_.height_px + 2 * border_; }
 
   CameraModel camera_;
+  /// Colours are planes of one picture, moved: then it is larger than the sensor by the border on each side,
+  /// and what is traced counts from its corner.
+  bool moves_ = false;
+  int border_ = 0;
+  OpticsPicture reference_;
   OpticsOptions options_;
   std::shared_ptr<render::EmbreeEngine> engine_;
   render::LightTracer tracer_;
@@ -118,8 +152,8 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
     return r;
   }();
   const auto& region = shot.region;
-  const bool whole = region.width_px == camera_.width_px && region.x_px == 0 &&
-                     camera_.width_px % kBlockWidth == 0 && region.y_px <= strip.first_row &&
+  const bool whole = region.width_px == width_px() && region.x_px == 0 && width_px() % kBlockWidth == 0 &&
+                     region.y_px <= strip.first_row &&
                      region.y_px + region.height_px >= strip.first_row + strip.rows &&
                      strip.rows % kBlockHeight == 0;
   rays_.resize(count);
@@ -129,18 +163,18 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
             last = std::min(strip.first_row + strip.rows, region.y_px + region.height_px);
   const auto exposure = static_cast<float>(shot.timing.exposure_share());
   tbb::parallel_for(first, last, [&](int v) {
-    const auto middle = static_cast<float>(shot.timing.middle_of(v));
+    const auto middle = static_cast<float>(shot.timing.middle_of(v - border_));
     Eigen::Matrix3f turn;
     Eigen::Vector3f from;
     shot.poses.at(middle, turn, from);
     for (int u = region.x_px; u < region.x_px + region.width_px; ++u) {
-      const LensGrid::Pixel& pixel = lens.at(u, v);
+      const LensGrid::Pixel& pixel = lens.at(u - border_, v - border_);
       Ray* const ray = &rays_[strip.first_ray(u, v, n)];
       if (!pixel.lit()) {
         std::fill(ray, ray + n, nowhere);
         continue;
       }
-      const auto shift = shot.samples.shift_of(static_cast<std::uint32_t>(v * camera_.width_px + u));
+      const auto shift = shot.samples.shift_of(static_cast<std::uint32_t>(v * width_px() + u));
       for (int i = 0; i < n; ++i) {
         const LensSample s = shot.samples.sample(i, shift);
         const float t = middle + exposure * s.time;
@@ -171,7 +205,7 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
   const float share = 1.0F / static_cast<float>(n);
   tbb::parallel_for(first, last, [&](int v) {
     for (int u = region.x_px; u < region.x_px + region.width_px; ++u) {
-      if (!lens.at(u, v).lit()) continue;
+      if (!lens.at(u - border_, v - border_).lit()) continue;
       const render::LightSample* const sample = &light_[strip.first_ray(u, v, n)];
       Eigen::Array4f sum = Eigen::Array4f::Zero();
       for (int i = 0; i < n; ++i) sum += Eigen::Map<const Eigen::Array4f>(sample[i].radiance);
@@ -188,6 +222,77 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
     }
   });
   return {};
+}
+
+OpticsRequest::Region RaysOptics::looked_at(const OpticsRequest::Region& region) const {
+  const auto span = [&](int first, int count, double centre, int size, int& low, int& n) {
+    double least = first, most = first + count - 1;
+    for (const double m : camera_.chromatic.magnification)
+      for (const double p : {static_cast<double>(first), static_cast<double>(first + count - 1)}) {
+        least = std::min(least, centre + (p - centre) / m);
+        most = std::max(most, centre + (p - centre) / m);
+      }
+    low = std::clamp(static_cast<int>(std::floor(least)) + border_, 0, size - 1);
+    n = std::clamp(static_cast<int>(std::floor(most)) + 1 + border_, low, size - 1) - low + 1;
+  };
+  OpticsRequest::Region out;
+  span(region.x_px, region.width_px, camera_.cx_px, width_px(), out.x_px, out.width_px);
+  span(region.y_px, region.height_px, camera_.cy_px, height_px(), out.y_px, out.height_px);
+  return out;
+}
+
+void RaysOptics::move_colours(const OpticsPicture& reference, const OpticsRequest::Region& traced,
+                              const OpticsRequest::Region& region, OpticsPicture& out) const {
+  struct Between {
+    int low = 0, high = 0;
+    float share = 0;
+  };
+  // Along one axis: which two of the reference's pixels a colour's pixel lies between.
+  const auto along = [&](double centre, double m, int first, int count, int from, int size) {
+    std::vector<Between> all(static_cast<std::size_t>(count));
+    for (int i = 0; i < count; ++i) {
+      const double at = centre + (first + i - centre) / m + border_ - from;
+      const double low = std::floor(at);
+      all[static_cast<std::size_t>(i)] = {std::clamp(static_cast<int>(low), 0, size - 1),
+                                          std::clamp(static_cast<int>(low) + 1, 0, size - 1),
+                                          static_cast<float>(at - low)};
+    }
+    return all;
+  };
+  for (std::size_t c = 0; c < 3; ++c) {
+    const double m = camera_.chromatic.magnification[c];
+    const auto columns = along(camera_.cx_px, m, region.x_px, region.width_px, traced.x_px, traced.width_px);
+    const auto rows = along(camera_.cy_px, m, region.y_px, region.height_px, traced.y_px, traced.height_px);
+    const LensGrid& lens = lenses_.front();
+    tbb::parallel_for(0, region.height_px, [&](int y) {
+      const Between& v = rows[static_cast<std::size_t>(y)];
+      for (int x = 0; x < region.width_px; ++x) {
+        const Between& u = columns[static_cast<std::size_t>(x)];
+        // Where the lens sends no light there is none to mix in.
+        float light = 0, fourth = 0, weight = 0;
+        const auto add = [&](int i, int j, float w) {
+          if (!(w > 0) || !lens.at(traced.x_px + i - border_, traced.y_px + j - border_).lit()) return;
+          const float* const p =
+              &reference
+                   .radiance[4 * (static_cast<std::size_t>(j) * static_cast<std::size_t>(traced.width_px) +
+                                  static_cast<std::size_t>(i))];
+          light += w * p[c];
+          fourth += w * p[3];
+          weight += w;
+        };
+        add(u.low, v.low, (1 - u.share) * (1 - v.share));
+        add(u.high, v.low, u.share * (1 - v.share));
+        add(u.low, v.high, (1 - u.share) * v.share);
+        add(u.high, v.high, u.share * v.share);
+        if (!(weight > 0)) continue;
+        float* const p =
+            &out.radiance[4 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(region.width_px) +
+                               static_cast<std::size_t>(x))];
+        p[c] = light / weight;
+        if (c == 0) p[3] = fourth / weight;
+      }
+    });
+  }
 }
 
 Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& view, OpticsPicture& out,
@@ -210,25 +315,31 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
   if (engine_->window() != window.get())
     if (auto s = engine_->prepare(window); !s) return s;
 
+  const OpticsRequest::Region traced = moves_ ? looked_at(*region) : *region;
   const PoseTable poses(*motion, origin);
   const std::uint64_t key = request.seed ^ (request.measure.index * 0xD1342543DE82EF95ULL);
-  const Shot shot{request, *region, timing, poses, origin, LensSamples(options_.samples_per_pixel, key)};
-  out.width_px = region->width_px;
-  out.height_px = region->height_px;
-  out.radiance.assign(4 * static_cast<std::size_t>(out.width_px) * static_cast<std::size_t>(out.height_px),
-                      0.0F);
-  const int across = (camera_.width_px + kBlockWidth - 1) / kBlockWidth;
+  const Shot shot{request, traced, timing, poses, origin, LensSamples(options_.samples_per_pixel, key)};
+  for (OpticsPicture* const p : {&out, &reference_}) {
+    if (p == &reference_ && !moves_) continue;
+    const OpticsRequest::Region& of = p == &out ? *region : traced;
+    p->width_px = of.width_px;
+    p->height_px = of.height_px;
+    p->radiance.assign(4 * static_cast<std::size_t>(of.width_px) * static_cast<std::size_t>(of.height_px),
+                       0.0F);
+  }
+  const int across = (width_px() + kBlockWidth - 1) / kBlockWidth;
   const int rows = std::clamp(
       kRaysAtOnce / (across * kBlockWidth * shot.samples.per_pixel()) / kBlockHeight * kBlockHeight,
       kBlockHeight, 4096);
-  for (int row = region->y_px / rows * rows; row < region->y_px + region->height_px; row += rows)
+  for (int row = traced.y_px / rows * rows; row < traced.y_px + traced.height_px; row += rows)
     for (std::size_t c = 0; c < lenses_.size(); ++c) {
-      const Strip strip{row, std::min(rows, camera_.height_px - row), static_cast<std::size_t>(across)};
-      if (auto s = trace(strip, c, shot, out); !s) return s;
+      const Strip strip{row, std::min(rows, height_px() - row), static_cast<std::size_t>(across)};
+      if (auto s = trace(strip, c, shot, moves_ ? reference_ : out); !s) return s;
     }
+  if (moves_) move_colours(reference_, traced, *region, out);
   if (truth == nullptr) return {};
   const LensGrid* lens = lenses_.data();
-  if (lenses_.size() > 1) {
+  if (lenses_.size() > 1 || moves_) {
     if (!truth_lens_) truth_lens_ = std::make_unique<LensGrid>(camera_, kReferenceChannel);
     lens = truth_lens_.get();
   }
