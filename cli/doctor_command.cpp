@@ -4,6 +4,7 @@
 
 #include "cli/backends.h"
 #include "cli/commands.h"
+#include "cli/machine_probe.h"
 #include "cli/simulation.h"
 #include "rt-core/realtime_setup.h"
 
@@ -21,6 +22,7 @@ int doctor_command(const PlainOptions& options) {
                       : s.wanted ? DoctorFinding::Level::missing
                                  : DoctorFinding::Level::note,
                       s.name + ": " + s.text, ""}});
+  for (auto& f : examine_machine(this_machine())) lines.push_back({"machine", std::move(f)});
   for (auto& f : Simulation::doctor()) lines.push_back({"simulation", std::move(f)});
   const Registry registry = make_registry();
   for (const auto& [name, backend] : registry.all())

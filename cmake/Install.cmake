@@ -8,7 +8,18 @@ if(TARGET rigor)
 endif()
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/configs/ DESTINATION ${CMAKE_INSTALL_DATADIR}/rigor/configs
         FILES_MATCHING PATTERN "*.yaml" PATTERN "*.lock.yaml" EXCLUDE)
-# Reserved for what a machine is given by hand: DATADIR/rigor/udev and DATADIR/rigor/sysctl.
+# Who may open devices, and limits of the kernel: DATADIR/rigor/udev and DATADIR/rigor/sysctl, from where an administrator
+# takes them (rigor doctor says how). With the prefix /usr, which is the distribution's, they go where the system looks.
+# `--component machine` installs them alone.
+install(FILES ${CMAKE_SOURCE_DIR}/tools/install/udev/60-rigor.rules DESTINATION ${CMAKE_INSTALL_DATADIR}/rigor/udev
+        COMPONENT machine)
+install(FILES ${CMAKE_SOURCE_DIR}/tools/install/sysctl/60-rigor-sysctl.conf DESTINATION ${CMAKE_INSTALL_DATADIR}/rigor/sysctl
+        COMPONENT machine)
+install(CODE "
+  if(CMAKE_INSTALL_PREFIX STREQUAL \"/usr\")
+    file(INSTALL \"${CMAKE_SOURCE_DIR}/tools/install/udev/60-rigor.rules\" DESTINATION /usr/lib/udev/rules.d)
+    file(INSTALL \"${CMAKE_SOURCE_DIR}/tools/install/sysctl/60-rigor-sysctl.conf\" DESTINATION /usr/lib/sysctl.d)
+  endif()" COMPONENT machine)
 
 # librigor_world, its public headers and the package file of CMake: find_package(RigorWorld), target Rigor::World.
 if(TARGET rigor_graph)

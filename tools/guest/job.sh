@@ -25,7 +25,7 @@ mkdir -p /run/udev/rules.d
 for rules in 50-udev-default 60-persistent-v4l 60-serial 70-camera; do
   cp "$udev/lib/udev/rules.d/$rules.rules" /run/udev/rules.d/
 done
-cp "$GUEST_CHECKOUT"/tools/install/*.rules /run/udev/rules.d/ 2>/dev/null || true
+cp "$GUEST_CHECKOUT"/tools/install/udev/*.rules /run/udev/rules.d/ 2>/dev/null || true
 # The unpacked program decides by its name what it is.
 "$udev/lib/systemd/systemd-udevd" --daemon 2>"$JOB/udev.log" 3>&- || echo "guest: udev does not run: $(<"$JOB/udev.log")" >&3
 
