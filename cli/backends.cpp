@@ -1,6 +1,7 @@
 #include "cli/backends.h"
 
 #include "drivers/aravis/aravis_backend.h"
+#include "drivers/can/can_backend.h"
 #include "drivers/modbus/modbus_backend.h"
 #include "drivers/sick/sick_backend.h"
 
@@ -9,6 +10,7 @@ namespace rigor {
 Registry make_registry() {
   Registry registry;
   registry.add(aravis_backend());
+  registry.add(can_backend());
   registry.add(modbus_backend());
   registry.add(sick_backend());
   return registry;

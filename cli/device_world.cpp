@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "cli/device_signals.h"
 #include "sim/platform/turntable.h"
 
 namespace rigor {
@@ -50,13 +51,14 @@ struct DeviceWorld::Impl {
   std::unique_ptr<Simulation> simulation;
   std::shared_ptr<DeviceMotion> motion = std::make_shared<DeviceMotion>();
   std::map<std::string, std::shared_ptr<Turntable>, std::less<>> turntables;
+  std::map<std::string, std::shared_ptr<SignalModel>, std::less<>> signals;
 
   /// Device models first: cameras look at what they move.
   Status make_models() {
     if (simulation) motion->joints.resize(simulation->joint_count());
     for (const EmulatorEntry& e : copy.emulators) {
       const ConfigNode& n = e.emulator.params;
-      if (!n.has("model") || e.emulator.backend != "modbus") continue;
+      if (!n.has("model") || (e.emulator.backend != "modbus" && e.emulator.backend != "can")) continue;
       auto made = catch_config([&]() -> Status {
         (void)n.choice("model", {"turntable"});
         auto table = std::make_shared<Turntable>(read_turntable(n));
@@ -71,6 +73,27 @@ struct DeviceWorld::Impl {
       });
       if (!made) return tl::unexpected<Error>(made.error());
       if (!*made) return *made;
+    }
+    return {};
+  }
+
+  /// Then what they say on a bus: their own signals and those that the rig gives them.
+  Status make_signals() {
+    const JointFinder find = [this](const ConfigNode& n, std::string_view key) {
+      if (!simulation) throw n.error(key, "expected `simulation.world` in the rig, found none");
+      auto index = simulation->joint(n.text(key));
+      if (!index) throw n.error(key, index.error().message);
+      return *index;
+    };
+    for (const EmulatorEntry& e : copy.emulators) {
+      if (e.emulator.backend != "can") continue;
+      const auto table = turntables.find(e.name);
+      auto made = catch_config([&] {
+        return read_device_signals(e.emulator.params, table == turntables.end() ? nullptr : table->second,
+                                   motion, find);
+      });
+      if (!made) return tl::unexpected<Error>(made.error());
+      signals[e.name] = std::move(*made);
     }
     return {};
   }
@@ -117,6 +140,7 @@ Result<std::unique_ptr<DeviceWorld>> DeviceWorld::open(const RigConfig& rig) {
     impl->simulation = std::move(*simulation);
   }
   if (auto s = impl->make_models(); !s) return tl::unexpected<Error>(s.error());
+  if (auto s = impl->make_signals(); !s) return tl::unexpected<Error>(s.error());
   return std::unique_ptr<DeviceWorld>(new DeviceWorld(std::move(impl)));
 }
 
@@ -129,6 +153,8 @@ Result<DeviceParts> DeviceWorld::parts(std::string_view emulator_name) {
   parts.motion = impl_->motion;
   if (const auto it = impl_->turntables.find(emulator_name); it != impl_->turntables.end())
     parts.registers = it->second;
+  if (const auto it = impl_->signals.find(emulator_name); it != impl_->signals.end())
+    parts.signals = it->second;
   const ConfigNode& n = entry->emulator.params;
   if (n.has("sensor"))
     if (auto s = impl_->add_sensor(*entry, parts); !s) return tl::unexpected<Error>(s.error());

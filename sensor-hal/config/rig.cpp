@@ -28,6 +28,11 @@ SampleKind read_kind(ConfigNode n) {
   return SampleKind::none;
 }
 
+/// Frames of a bus and events come when they come; registers may, where they are signals of a bus.
+bool may_lack_a_rate(SampleKind kind) {
+  return kind == SampleKind::can_frame || kind == SampleKind::event || kind == SampleKind::register_block;
+}
+
 /// A rate's period must be a whole number of nanoseconds on the loop's grid: "rates are integer divisors".
 Duration read_period(ConfigNode n, Duration base, std::int64_t& divisor) {
   const double base_hz = 1e9 / static_cast<double>(base.ns());
@@ -87,7 +92,7 @@ ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfi
   c.name = name;
   c.node = n;
   c.kind = read_kind(n);
-  c.period = read_period(n, loop.period, c.divisor);
+  if (n.has("rate_hz") || !may_lack_a_rate(c.kind)) c.period = read_period(n, loop.period, c.divisor);
   c.latency = read_ms(n, "latency_ms", 0);
   c.record = n.flag_or("record", true);
   c.timing.period = c.period;

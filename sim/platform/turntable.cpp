@@ -173,6 +173,78 @@ bool Turntable::write(RegisterTable table, std::uint16_t address, std::span<cons
   return true;
 }
 
+namespace {
+
+enum TableSignal : std::size_t {
+  kPosition,
+  kRate,
+  kAngle,
+  kStatus,
+  kFaultCode,
+  kEnable,
+  kMode,
+  kTargetPosition,
+  kTargetRate
+};
+
+}  // namespace
+
+const std::vector<SignalModel::Signal>& Turntable::signals() const {
+  static const std::vector<Signal> all{{"position", "deg", false},
+                                       {"rate", "deg/s", false},
+                                       {"angle", "deg", false},
+                                       {"status", "", false},
+                                       {"fault", "", false},
+                                       {"enable", "", true},
+                                       {"mode", "", true},
+                                       {"target_position", "deg", true},
+                                       {"target_rate", "deg/s", true}};
+  return all;
+}
+
+double Turntable::read(std::size_t signal, BenchTime t) {
+  const std::lock_guard lock(mutex_);
+  last_ = std::max(last_, t);
+  const auto in = inputs(last_);
+  switch (signal) {
+    case kPosition:  // not from its register, which rolls over
+      return profile_.at(last_).position_rad / kRadPerDeg;
+    case kRate:
+      return profile_.at(last_).rate_radps / kRadPerDeg;
+    case kAngle:
+      return static_cast<std::int32_t>(std::uint32_t{in[6]} << 16 | in[7]) * 1e-3;
+    case kStatus:
+      return in[4];
+    case kFaultCode:
+      return in[5];
+    case kEnable:
+      return holding_[0];
+    case kMode:
+      return holding_[1];
+    case kTargetPosition:
+      return holding_s32(2) * 1e-3;
+    case kTargetRate:
+      return holding_s32(4) * 1e-3;
+    default:
+      return std::numeric_limits<double>::quiet_NaN();
+  }
+}
+
+bool Turntable::write(std::size_t signal, double value, BenchTime t) {
+  const double raw = std::round(signal == kTargetPosition || signal == kTargetRate ? value * 1e3 : value);
+  std::array<std::uint16_t, 2> words{};
+  if (signal == kEnable || signal == kMode) {
+    if (!(raw >= 0 && raw <= 65535)) return false;
+    words[0] = static_cast<std::uint16_t>(raw);
+    return write(RegisterTable::holding_registers, signal == kEnable ? 0 : 1, std::span(words).first(1), t);
+  }
+  if ((signal != kTargetPosition && signal != kTargetRate) || !(raw >= -2147483648.0 && raw <= 2147483647.0))
+    return false;
+  const auto bits = static_cast<std::uint32_t>(static_cast<std::int32_t>(raw));
+  words = {static_cast<std::uint16_t>(bits >> 16), static_cast<std::uint16_t>(bits)};
+  return write(RegisterTable::holding_registers, signal == kTargetPosition ? 2 : 4, words, t);
+}
+
 void Turntable::publish(const TurntableProfile& p) noexcept {
   const auto n = published_.load(std::memory_order_relaxed);
   history_[n % kHistory].store({n, p});

@@ -1,4 +1,5 @@
-// A motor-driven turntable: the device's own truth behind a Modbus server, and the motion that cameras see.
+// A motor-driven turntable: the device's own truth behind a Modbus server or on a CAN bus, and the motion
+// that cameras see.
 //
 // The motor follows trapezoidal profiles: constant acceleration up to the wanted rate, constant rate,
 // constant braking. A command starts a new profile where the table is then, so the motion has no steps in
@@ -17,6 +18,10 @@
 //     turns 2-3  rate              s32, 0.001 deg/s 4    status            bit 0 enabled, 1 moving, 2 at
 //     target, 3 fault, 4 target limited to what the motor can 5    fault             0 none, 1 mode is
 //     neither 0 nor 1 6-7  angle             s32, 0.001 deg, within the turn: [-180, 180)
+//
+// As signals (a node on a bus) the same device has position, angle [deg], rate [deg/s], status, fault;
+// commanded are enable, mode, target_position [deg] and target_rate [deg/s], which are the registers above,
+// rounded to their 0.001; what a register cannot hold is refused.
 //
 // After power-up: all registers 0, which means disabled, rate mode.
 #pragma once
@@ -67,8 +72,8 @@ struct TurntableProfile {
                                                    double position_rad, double max_rate_radps,
                                                    double max_acceleration_radps2) noexcept;
 
-/// Registers: any thread, one at a time is kept by a lock. Motion: any thread, without a lock.
-class Turntable final : public RegisterModel, public MotionSource {
+/// Registers and signals: any thread, one at a time is kept by a lock. Motion: any thread, without a lock.
+class Turntable final : public RegisterModel, public SignalModel, public MotionSource {
  public:
   explicit Turntable(const TurntableConfig& config = {});
 
@@ -76,6 +81,10 @@ class Turntable final : public RegisterModel, public MotionSource {
                           BenchTime t) override;
   [[nodiscard]] bool write(RegisterTable table, std::uint16_t address, std::span<const std::uint16_t> in,
                            BenchTime t) override;
+
+  [[nodiscard]] const std::vector<Signal>& signals() const override;
+  [[nodiscard]] double read(std::size_t signal, BenchTime t) override;
+  [[nodiscard]] bool write(std::size_t signal, double value, BenchTime t) override;
 
   /// One joint. Its rate is that at `t`, so around `t` the motion is taken for uniform; the error after Δt is
   /// a·Δt²/2. For instants before the latest command the profile that was followed then is used, as far back
