@@ -18,7 +18,7 @@ struct ActualFormat {
   std::uint32_t code = 0, width_px = 0, height_px = 0;
   std::uint32_t stride_bytes = 0;  ///< of a row of the first plane; 0 for compressed formats
   std::uint32_t size_bytes = 0;    ///< of a frame, at most
-  Interval interval;               ///< numerator 0: not known
+  Interval interval{};             ///< numerator 0: not known
 };
 
 /// Which clock a frame's timestamp is of (V4L2_BUF_FLAG_TIMESTAMP_MASK), and what happened then

@@ -82,7 +82,7 @@ enum class ControlType : std::uint8_t {
 };
 struct Control {
   std::uint32_t id = 0;
-  std::string name;  ///< as v4l2-ctl writes it: "exposure_time_absolute"
+  std::string name{};  ///< as v4l2-ctl writes it: "exposure_time_absolute"
   ControlType type = ControlType::integer;
   std::int64_t minimum = 0, maximum = 0, step = 1, fallback = 0;
   bool read_only = false, inactive = false;
@@ -90,7 +90,7 @@ struct Control {
     std::int64_t index = 0;
     std::string name;  ///< of menus; of integer menus the value
   };
-  std::vector<Item> items;
+  std::vector<Item> items{};
 };
 inline constexpr std::uint32_t kExposureAbsolute = 0x009a0902;  ///< V4L2_CID_EXPOSURE_ABSOLUTE, 100 µs
 

@@ -2,6 +2,7 @@
 // output of vivid, or the UVC gadget.
 #pragma once
 
+#include "drivers/v4l2/frame_conversion.h"
 #include "drivers/v4l2/v4l2_device.h"
 
 namespace rigor::v4l2 {
