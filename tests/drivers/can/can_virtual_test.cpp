@@ -160,10 +160,11 @@ TEST_F(CanVirtual, CommandsReachTheModelAtTheirInstantAndUnsafeValuesAreRefused)
   EXPECT_EQ(sink->counters().failed.load(), 1u);
   std::vector<std::pair<std::int64_t, std::uint32_t>> seen;
   for (const auto& s : samples) seen.emplace_back(s->stamp.t_capture.ns() / 1'000'000, s->as<CanFrame>()->id);
-  // Command once safe and once commanded; Cyclic every 20 ms, and at once with the command.
+  // At 0 the node's three messages win against Command and Cyclic. Command once safe and once commanded;
+  // Cyclic every 20 ms, and at once with the command.
   EXPECT_EQ(seen,
             (std::vector<std::pair<std::int64_t, std::uint32_t>>{
-                {0, 0x200}, {0, 0x201}, {20, 0x201}, {35, 0x200}, {35, 0x201}, {40, 0x201}, {60, 0x201}}));
+                {0, 0x200}, {1, 0x201}, {20, 0x201}, {35, 0x200}, {35, 0x201}, {40, 0x201}, {60, 0x201}}));
   const auto& sent = *samples[3]->as<CanFrame>();
   EXPECT_EQ(sent.data[0], 1);
   EXPECT_EQ(sent.data[1], 0xff);  // -123 as Motorola
@@ -276,7 +277,7 @@ TEST_F(CanVirtual, ConfigurationsThatMakeNoSenseAreRefusedWithTheirPlace) {
   EXPECT_THAT(node_refused("{interface: vcan0}"), HasSubstr("candump log"));
   EXPECT_THAT(node_refused("{interface: vcan0, " + dbc + ", node: Device, bitrate: 250000, x: 1}"),
               HasSubstr("x: unknown key"));
-  EXPECT_THAT(node_refused("{interface: vcan0, " + dbc + ", node: Device, bitrate: 250000}"),
+  EXPECT_THAT(node_refused("\n{interface: vcan0, " + dbc + ", node: Device, bitrate: 250000}"),
               HasSubstr("the other nodes of vcan0"));
 }
 
