@@ -1,0 +1,413 @@
+#include "calibration/camera/camera_fit.h"
+
+#include <ceres/autodiff_cost_function.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "calibration/camera/camera_fit_internal.h"
+#include "calibration/camera/camera_start.h"
+#include "calibration/camera/projection_uncertainty.h"
+#include "calibration/core/least_squares.h"
+#include "calibration/core/model_choice.h"
+
+namespace rigor::calibration {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr const char* kNames[kCameraParameters] = {"fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2",
+                                                   "p1",    "p2",    "k3",    "k4",    "k5", "k6"};
+
+bool is_fisheye(LensModel m) { return m == LensModel::fisheye4; }
+/// Whether the model fits parameter i of the block.
+bool fits(LensModel m, int i) {
+  switch (m) {
+    case LensModel::opencv0:
+      return i < 4;
+    case LensModel::opencv2:
+      return i < 6;
+    case LensModel::opencv4:
+      return i < 8;
+    case LensModel::opencv5:
+      return i < 9;
+    case LensModel::opencv8:
+      return true;
+    case LensModel::fisheye4:
+      return i < 8;
+  }
+  return false;
+}
+std::string parameter_name(LensModel m, int i) {
+  if (is_fisheye(m) && i >= 4 && i < 8) return "k" + std::to_string(i - 3);
+  return kNames[i];
+}
+
+/// Change of each parameter that moves a corner of the picture by a hundredth of its width: beyond that
+/// uncertainty it is of no use.
+double resolution_of(LensModel m, int i, double focal_px, int width_px, int height_px) {
+  const double limit = 0.01 * width_px;
+  const double r = 0.5 * std::hypot(width_px, height_px) / focal_px;
+  if (i < 2) return limit / r;
+  if (i < 4) return limit;
+  if (is_fisheye(m)) return limit / (focal_px * std::pow(r, 2 * (i - 3) + 1));
+  static constexpr int kPower[] = {3, 5, 2, 2, 7, 3, 5, 7};
+  return limit / (focal_px * std::pow(r, kPower[i - 4]));
+}
+
+using Pose = std::array<double, 6>;
+struct State {
+  CameraParameters camera{};
+  std::vector<Pose> poses;
+};
+
+/// One corner: which view, which point.
+struct Corner {
+  std::size_t view, point;
+};
+
+class Problem {
+ public:
+  Problem(const std::vector<BoardView>& views, const CameraFitOptions& options)
+      : views_(views), options_(options) {
+    for (std::size_t v = 0; v < views.size(); ++v)
+      for (std::size_t p = 0; p < views[v].points.size(); ++p) corners_.push_back({v, p});
+    used_.assign(corners_.size(), true);
+  }
+
+  [[nodiscard]] const std::vector<Corner>& corners() const { return corners_; }
+  std::vector<bool>& used() { return used_; }
+
+  /// Fits the model from `state` to the corners that `take` lets in; `hold` keeps the intrinsics.
+  Result<LeastSquares::Outcome> fit(LensModel model, State& state, bool robust, bool hold,
+                                    const std::function<bool(std::size_t)>& take) const {
+    const int w = views_.front().width_px, h = views_.front().height_px;
+    LeastSquares problem;
+    std::vector<ParameterInfo> infos;
+    for (int i = 0; i < kCameraParameters; ++i) {
+      ParameterInfo info;
+      info.name = parameter_name(model, i);
+      info.resolution = resolution_of(model, i, state.camera[0], w, h);
+      info.held = hold || !fits(model, i);
+      if (i < 2) info.lower = 1e-3 * w;
+      infos.push_back(std::move(info));
+    }
+    problem.add_block(state.camera.data(), std::move(infos));
+    std::vector<bool> seen(views_.size(), false);
+    for (std::size_t i = 0; i < corners_.size(); ++i)
+      if (take(i)) seen[corners_[i].view] = true;
+    for (std::size_t v = 0; v < views_.size(); ++v)
+      if (seen[v]) problem.add_nuisance(state.poses[v].data(), 6);
+    for (std::size_t i = 0; i < corners_.size(); ++i) {
+      if (!take(i)) continue;
+      const BoardPoint& p = views_[corners_[i].view].points[corners_[i].point];
+      problem.add(new ceres::AutoDiffCostFunction<Reprojection, 2, kCameraParameters, 6>(
+                      new Reprojection{p.x_m, p.y_m, p.u_px, p.v_px, is_fisheye(model)}),
+                  {state.camera.data(), state.poses[corners_[i].view].data()}, static_cast<std::uint32_t>(i));
+    }
+    FitOptions o;
+    o.robust = robust;
+    o.reject_sigmas = options_.reject_sigmas;
+    o.threads = options_.threads;
+    o.unit = "px";
+    o.stop = options_.stop;
+    o.progress = progress_;
+    return problem.solve(o);
+  }
+
+  void set_progress(std::function<void(double, double)> p) { progress_ = std::move(p); }
+
+  /// Residual of a corner; NaN where it has no image.
+  [[nodiscard]] std::array<double, 2> residual(LensModel model, const State& state, std::size_t i) const {
+    const BoardPoint& p = views_[corners_[i].view].points[corners_[i].point];
+    double r[2];
+    if (!Reprojection{p.x_m, p.y_m, p.u_px, p.v_px, is_fisheye(model)}(
+            state.camera.data(), state.poses[corners_[i].view].data(), r))
+      return {kNaN, kNaN};
+    return {r[0], r[1]};
+  }
+
+ private:
+  const std::vector<BoardView>& views_;
+  const CameraFitOptions& options_;
+  std::vector<Corner> corners_;
+  std::vector<bool> used_;
+  std::function<void(double, double)> progress_;
+};
+
+bool start(const std::vector<BoardView>& views, LensModel model, double focal_px, State& state) {
+  const BoardView& first = views.front();
+  state.camera = {};
+  state.camera[0] = state.camera[1] = focal_px;
+  state.camera[2] = (first.width_px - 1) / 2.0;
+  state.camera[3] = (first.height_px - 1) / 2.0;
+  state.poses.assign(views.size(), Pose{});
+  std::size_t good = 0;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    const bool ok = pose_from_view(views[v], focal_px, focal_px, state.camera[2], state.camera[3],
+                                   is_fisheye(model), state.poses[v]);
+    if (!ok) state.poses[v] = {0, 0, 0, 0, 0, 1};
+    good += ok;
+  }
+  return good > 0;
+}
+
+/// Fits from several focal lengths where the first leads nowhere: a wrong start ends in a false minimum.
+Result<State> best_start(const std::vector<BoardView>& views, LensModel model,
+                         const CameraFitOptions& options, const Problem& problem) {
+  const double w = views.front().width_px;
+  std::vector<double> focal;
+  if (options.start_fx_px > 0) focal.push_back(options.start_fx_px);
+  if (const double f = is_fisheye(model) ? 0 : focal_length_from_views(views); f > 0) focal.push_back(f);
+  for (const double f : is_fisheye(model) ? std::vector<double>{0.35, 0.25, 0.5, 0.8}
+                                          : std::vector<double>{1.0, 0.5, 2.0, 4.0})
+    focal.push_back(f * w);
+  State best;
+  double least = std::numeric_limits<double>::infinity();
+  // The simplest lens that has the shape: its minimum is wide.
+  const LensModel simple = is_fisheye(model) ? LensModel::fisheye4 : LensModel::opencv2;
+  for (const double f : focal) {
+    State state;
+    if (!start(views, model, f, state)) continue;
+    const auto out = problem.fit(simple, state, true, false, [](std::size_t) { return true; });
+    if (!out) continue;
+    const double rms = out->fit.residuals.rms;
+    if (out->fit.residuals.rejected * 2 < problem.corners().size() && rms < least) {
+      least = rms;
+      best = state;
+    }
+    if (least < 0.002 * w) break;  // a good fit: another minimum is not looked for
+  }
+  if (best.poses.empty())
+    return fail(
+        ErrorCode::bad_input, "",
+        "expected views of one flat board, got points that no camera puts there; is the target's size "
+        "(columns x rows) right?");
+  return best;
+}
+
+double rms_of(const std::vector<double>& squares) {
+  double sum = 0;
+  for (double s : squares) sum += s;
+  return squares.empty() ? kNaN : std::sqrt(sum / static_cast<double>(squares.size()));
+}
+
+/// Error on views that the fit has not seen: mean squared error per corner and its standard error over views.
+void cross_validate(const std::vector<BoardView>& views, LensModel model, const Problem& problem,
+                    const std::vector<bool>& used, const State& full, int folds, Candidate& candidate) {
+  candidate.cross_validation = kNaN;
+  const int n = std::min<int>(folds, static_cast<int>(views.size()));
+  if (n < 2) return;
+  std::vector<double> per_view;
+  double sum = 0;
+  std::size_t count = 0;
+  for (int k = 0; k < n; ++k) {
+    State state = full;
+    const auto in_fold = [&](std::size_t i) { return static_cast<int>(problem.corners()[i].view) % n == k; };
+    if (!problem.fit(model, state, false, false, [&](std::size_t i) { return used[i] && !in_fold(i); }))
+      return;
+    (void)problem.fit(model, state, false, true, [&](std::size_t i) { return used[i] && in_fold(i); });
+    std::vector<double> view_sum(views.size(), 0);
+    std::vector<std::size_t> view_count(views.size(), 0);
+    for (std::size_t i = 0; i < problem.corners().size(); ++i) {
+      if (!used[i] || !in_fold(i)) continue;
+      const auto r = problem.residual(model, state, i);
+      const double square = r[0] * r[0] + r[1] * r[1];
+      if (!std::isfinite(square)) return;
+      view_sum[problem.corners()[i].view] += square;
+      ++view_count[problem.corners()[i].view];
+      sum += square, ++count;
+    }
+    for (std::size_t v = 0; v < views.size(); ++v)
+      if (view_count[v] > 0) per_view.push_back(view_sum[v] / static_cast<double>(view_count[v]));
+  }
+  if (count == 0) return;
+  candidate.cross_validation = std::sqrt(sum / static_cast<double>(count));
+  double mean = 0, variance = 0;
+  for (double x : per_view) mean += x / static_cast<double>(per_view.size());
+  for (double x : per_view) variance += (x - mean) * (x - mean);
+  const auto m = static_cast<double>(per_view.size());
+  // d√x = dx/(2√x)
+  if (m > 1)
+    candidate.cross_validation_sigma =
+        std::sqrt(variance / (m - 1) / m) / (2 * std::max(1e-300, candidate.cross_validation));
+}
+
+/// Two halves of the views, fitted apart: how far do they put the same ray apart?
+double odd_even_p95_px(const std::vector<BoardView>& views, LensModel model, const Problem& problem,
+                       const std::vector<bool>& used, const State& full) {
+  if (views.size() < 4) return kNaN;
+  CameraModel half[2];
+  for (std::size_t k = 0; k < 2; ++k) {
+    State state = full;
+    if (!problem.fit(model, state, false, false,
+                     [&](std::size_t i) { return used[i] && problem.corners()[i].view % 2 == k; }))
+      return kNaN;
+    half[k] = camera_of(state.camera, is_fisheye(model), views.front().width_px, views.front().height_px);
+  }
+  return projection_difference_p95_px(half[0], half[1]);
+}
+
+void advise(FitResult& result) {
+  for (WeakDirection& w : result.weak) {
+    bool focal = false, centre = false, lens = false;
+    for (const auto& part : w.parts) {
+      focal = focal || part.name.starts_with("f");
+      centre = centre || part.name.starts_with("c");
+      lens = lens || part.name.starts_with("k") || part.name.starts_with("p");
+    }
+    if (focal) w.words += "; with them the distances of the board";
+    if (focal || centre)
+      w.cure = "record views with the board tilted by 30 to 45 degrees about both of its axes, near and far";
+    if (centre && !focal)
+      w.cure += ", some with the camera turned by 90 degrees";
+    else if (lens && !focal)
+      w.cure = "record views with the board in the corners of the picture";
+  }
+}
+
+}  // namespace
+
+std::string_view lens_model_name(LensModel m) {
+  static constexpr std::string_view kModelNames[] = {"opencv0", "opencv2", "opencv4",
+                                                     "opencv5", "opencv8", "fisheye4"};
+  return kModelNames[static_cast<std::size_t>(m)];
+}
+
+Result<LensModel> parse_lens_model(const std::string& name) {
+  std::string names;
+  for (const LensModel m : {LensModel::opencv0, LensModel::opencv2, LensModel::opencv4, LensModel::opencv5,
+                            LensModel::opencv8, LensModel::fisheye4}) {
+    if (lens_model_name(m) == name) return m;
+    names += (names.empty() ? "" : ", ") + std::string(lens_model_name(m));
+  }
+  return fail(ErrorCode::bad_input, "--model", "expected auto or one of " + names + ", got " + name);
+}
+
+Result<CameraFit> fit_camera(const std::vector<BoardView>& views, const CameraFitOptions& options) {
+  if (views.empty()) return fail(ErrorCode::bad_input, "", "expected views of a board, got none");
+  const BoardView& first = views.front();
+  for (const BoardView& v : views)
+    if (v.width_px != first.width_px || v.height_px != first.height_px)
+      return fail(ErrorCode::bad_input, v.name,
+                  "expected pictures of one size, got " + std::to_string(v.width_px) + "x" +
+                      std::to_string(v.height_px) + " and before it " + std::to_string(first.width_px) + "x" +
+                      std::to_string(first.height_px) + " (" + first.name +
+                      "): one camera, one mode at a time");
+  std::vector<LensModel> models = options.models;
+  if (models.empty())
+    models = {LensModel::opencv0, LensModel::opencv2, LensModel::opencv4, LensModel::opencv5};
+
+  CameraFit out;
+  Problem problem(views, options);
+  const LensModel largest = models.back();
+  auto begun = best_start(views, largest, options, problem);
+  if (!begun) return tl::unexpected<Error>(begun.error());
+  // Outliers are what the most flexible model cannot explain: all models are compared on the rest.
+  State flexible = *begun;
+  auto judged = problem.fit(largest, flexible, options.robust, false, [](std::size_t) { return true; });
+  if (!judged) return tl::unexpected<Error>(judged.error());
+  std::vector<bool> used(problem.corners().size(), true);
+  for (const std::uint32_t id : judged->rejected_ids) used[id] = false;
+
+  std::vector<Candidate> candidates;
+  std::vector<State> states;
+  State state = *begun;
+  for (std::size_t m = 0; m < models.size(); ++m) {
+    if (options.progress)
+      options.progress(static_cast<double>(m) / static_cast<double>(models.size() + 1),
+                       judged->fit.residuals.rms);
+    for (int i = 4; i < kCameraParameters; ++i)
+      if (!fits(models[m], i)) state.camera[static_cast<std::size_t>(i)] = 0;
+    auto fitted = problem.fit(models[m], state, false, false, [&](std::size_t i) { return used[i]; });
+    if (!fitted) return tl::unexpected<Error>(fitted.error());
+    Candidate c;
+    c.name = std::string(lens_model_name(models[m]));
+    for (int i = 0; i < kCameraParameters; ++i) c.parameters += fits(models[m], i);
+    double sum = 0;
+    for (double r : fitted->residuals) sum += r * r;
+    c.rms = fitted->fit.residuals.rms;
+    c.bic = bic(sum, fitted->residuals.size(), static_cast<std::size_t>(c.parameters) + 6 * views.size());
+    if (models.size() > 1 && !options.stop.stop_requested()) {
+      cross_validate(views, models[m], problem, used, state, options.folds, c);
+      if (const double p95 = odd_even_p95_px(views, models[m], problem, used, state); std::isfinite(p95)) {
+        char text[80];
+        std::snprintf(text, sizeof text, "halves of the views apart by %.2f px (p95)", p95);
+        c.note = text;
+      }
+    }
+    candidates.push_back(c);
+    states.push_back(state);
+  }
+  const std::size_t chosen = choose_model(candidates);
+  state = states[chosen];
+  out.lens_model = models[chosen];
+  auto final_fit =
+      problem.fit(out.lens_model, state, options.robust, false, [](std::size_t) { return true; });
+  if (!final_fit) return tl::unexpected<Error>(final_fit.error());
+
+  out.result = final_fit->fit;
+  out.result.model = std::string(lens_model_name(out.lens_model));
+  out.result.candidates = candidates;
+  advise(out.result);
+  const bool fisheye = is_fisheye(out.lens_model);
+  out.camera = camera_of(state.camera, fisheye, first.width_px, first.height_px);
+  out.uncertainty = uncertainty_map(out.camera, out.result.covariance);
+  // What the model does not have is not reported.
+  std::vector<Eigen::Index> kept;
+  std::vector<Parameter> parameters;
+  for (std::size_t i = 0; i < out.result.parameters.size(); ++i)
+    if (fits(out.lens_model, static_cast<int>(i))) {
+      kept.push_back(static_cast<Eigen::Index>(i));
+      parameters.push_back(out.result.parameters[i]);
+    }
+  out.result.parameters = std::move(parameters);
+  out.result.covariance = out.result.covariance(kept, kept).eval();
+
+  std::vector<bool> kept_corner(problem.corners().size(), true);
+  for (std::size_t k = 0; k < final_fit->rejected_ids.size(); ++k) {
+    const Corner& c = problem.corners()[final_fit->rejected_ids[k]];
+    const BoardPoint& p = views[c.view].points[c.point];
+    kept_corner[final_fit->rejected_ids[k]] = false;
+    out.result.rejected[k].what =
+        views[c.view].name + " corner (" + std::to_string(p.column) + ", " + std::to_string(p.row) + ")";
+  }
+  std::vector<double> all;
+  std::vector<std::vector<double>> by_view(views.size());
+  for (std::size_t i = 0; i < problem.corners().size(); ++i) {
+    const auto r = problem.residual(out.lens_model, state, i);
+    const Corner& c = problem.corners()[i];
+    const BoardPoint& p = views[c.view].points[c.point];
+    out.residuals.push_back({c.view, p.u_px, p.v_px, r[0], r[1], kept_corner[i]});
+    if (!kept_corner[i]) continue;
+    all.push_back(r[0] * r[0] + r[1] * r[1]);
+    by_view[c.view].push_back(all.back());
+  }
+  out.rms_per_corner_px = rms_of(all);
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    out.view_rms_px.push_back(rms_of(by_view[v]));
+    if (by_view[v].empty())
+      out.result.warnings.push_back(views[v].name + ": none of its corners agrees with the others");
+    const Pose& pose = state.poses[v];
+    const Eigen::Vector3d turn(pose[0], pose[1], pose[2]);
+    Eigen::Isometry3d t = Eigen::Isometry3d::Identity();
+    if (turn.norm() > 0) t.linear() = Eigen::AngleAxisd(turn.norm(), turn.normalized()).toRotationMatrix();
+    t.translation() = Eigen::Vector3d(pose[3], pose[4], pose[5]);
+    out.T_camera_board.push_back(t);
+  }
+  if (views.size() < 3)
+    out.result.warnings.push_back("expected at least 3 views, better 10 or more, got " +
+                                  std::to_string(views.size()) +
+                                  ": small residuals then say little about the camera");
+  if (auto s = out.camera.validate(); !s)
+    out.result.warnings.push_back("the fitted model is not one that a simulator takes: " + s.error().text());
+  double nearest = 1e300, farthest = 0;
+  for (const auto& t : out.T_camera_board) {
+    nearest = std::min(nearest, t.translation().norm());
+    farthest = std::max(farthest, t.translation().norm());
+  }
+  out.result.validity = {{"board_distance_m", nearest, farthest}};
+  return out;
+}
+
+}  // namespace rigor::calibration

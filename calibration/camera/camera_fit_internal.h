@@ -1,0 +1,33 @@
+// Between the parts of calibration/camera.
+#pragma once
+
+#include <array>
+
+#include "calibration/camera/reprojection.h"
+#include "sensor-hal/models/camera_model.h"
+
+namespace rigor::calibration {
+
+using CameraParameters = std::array<double, kCameraParameters>;
+
+[[nodiscard]] inline CameraParameters camera_parameters(const CameraModel& m) {
+  if (m.projection == Projection::kannala_brandt)
+    return {m.fx_px, m.fy_px, m.cx_px, m.cy_px, m.fisheye.k1, m.fisheye.k2, m.fisheye.k3, m.fisheye.k4};
+  return {m.fx_px,   m.fy_px,   m.cx_px,   m.cy_px,   m.lens.k1, m.lens.k2,
+          m.lens.p1, m.lens.p2, m.lens.k3, m.lens.k4, m.lens.k5, m.lens.k6};
+}
+[[nodiscard]] inline CameraModel camera_of(const CameraParameters& p, bool fisheye, int width_px,
+                                           int height_px) {
+  CameraModel m;
+  m.width_px = width_px, m.height_px = height_px;
+  m.fx_px = p[0], m.fy_px = p[1], m.cx_px = p[2], m.cy_px = p[3];
+  if (fisheye) {
+    m.projection = Projection::kannala_brandt;
+    m.fisheye = {p[4], p[5], p[6], p[7]};
+  } else {
+    m.lens = {p[4], p[5], p[6], p[7], p[8], p[9], p[10], p[11]};
+  }
+  return m;
+}
+
+}  // namespace rigor::calibration

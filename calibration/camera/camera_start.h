@@ -1,0 +1,20 @@
+// Where a camera fit begins. Internal to calibration/camera.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "calibration/camera/board.h"
+
+namespace rigor::calibration {
+
+/// Focal length from the views' homographies with square pixels and the principal point in the middle
+/// (Zhang, PAMI 2000, with one unknown); 0 where they do not tell.
+[[nodiscard]] double focal_length_from_views(const std::vector<BoardView>& views);
+
+/// Angle-axis and translation of T_camera_board from the points of one view, for a pinhole (or, `fisheye`, an
+/// equidistant lens) of this focal length. False: the points have no such view.
+[[nodiscard]] bool pose_from_view(const BoardView& view, double fx_px, double fy_px, double cx_px,
+                                  double cy_px, bool fisheye, std::array<double, 6>& pose);
+
+}  // namespace rigor::calibration
