@@ -139,7 +139,11 @@ void CloudStream::take(Bytes datagram, BenchTime arrival, const Hand& hand) {
     if (turn < 0) turn += kTurn_cdeg;
     const bool cut = open_ && turn < last_turn_cdeg_ - kTurn_cdeg / 2;
     if (cut) finish(hand);
-    if (cut || !open_) begin(t + Duration(s.offset_ns), cut);
+    if (cut || !open_) {
+      // A stream that sets in within the first sequence after the cut lacks nothing.
+      const double step = decoded_.sequences[1].azimuth_cdeg - decoded_.sequences[0].azimuth_cdeg;
+      begin(t + Duration(s.offset_ns), cut || (i == 0 && turn < step));
+    }
     last_turn_cdeg_ = turn;
     add(s, t);
   }

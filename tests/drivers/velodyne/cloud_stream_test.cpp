@@ -44,8 +44,8 @@ CloudStream make(CloudStreamOptions options = {}, Model model = Model::vlp16) {
 TEST(CloudStream, CutsRevolutionsAndLosesNoReturn) {
   auto stream = make();
   const auto got = run(stream, {}, 754 * 2);
-  // 2.0 s at 10 Hz, the first of which begins at the first cut.
-  ASSERT_EQ(got.size(), 19u);
+  // 2.0 s at 10 Hz, begun at the cut.
+  ASSERT_EQ(got.size(), 20u);
   for (std::size_t i = 1; i < got.size(); ++i) {
     EXPECT_EQ(got[i].sequence, got[i - 1].sequence + 1);
     EXPECT_NEAR(static_cast<double>((got[i].t - got[i - 1].t).ns()), 1e8, 60'000)
@@ -55,6 +55,14 @@ TEST(CloudStream, CutsRevolutionsAndLosesNoReturn) {
     EXPECT_EQ(got[i].lost_before, 0u);
   }
   EXPECT_NEAR(got[3].last_offset_ns, 99'960'000, 60'000);
+}
+
+TEST(CloudStream, BeginsWithAWholeRevolution) {
+  auto stream = make();
+  const auto got = run(stream, {.azimuth_deg = 1}, 160);
+  // Cuts at 99.7 and 199.7 ms: what came before the first is no revolution.
+  ASSERT_EQ(got.size(), 1u);
+  EXPECT_GT(got[0].points, 1800u * 16);
 }
 
 TEST(CloudStream, TheDevicesTimeIsTiedToTheBenchByArrivals) {
@@ -72,7 +80,7 @@ TEST(CloudStream, TheDevicesTimeIsTiedToTheBenchByArrivals) {
 TEST(CloudStream, GoesOnOverTheHour) {
   auto stream = make();
   const auto got = run(stream, {.start_us = 3'599'500'000}, 754);
-  ASSERT_EQ(got.size(), 9u);
+  ASSERT_EQ(got.size(), 10u);
   for (std::size_t i = 1; i < got.size(); ++i)
     EXPECT_NEAR(static_cast<double>((got[i].t - got[i - 1].t).ns()), 1e8, 60'000);
   EXPECT_EQ(stream.counters().clock_steps, 0u);
@@ -96,7 +104,7 @@ TEST(CloudStream, CountsLostPacketsAndMarksTheirRevolution) {
   auto stream = make();
   const auto got = run(stream, {}, 754, [](std::uint64_t k) { return k == 200 || k == 201 || k == 400; });
   EXPECT_EQ(stream.counters().packets_lost, 3u);
-  ASSERT_EQ(got.size(), 9u);
+  ASSERT_EQ(got.size(), 10u);
   std::uint32_t lost = 0;
   for (const Got& g : got) {
     lost += g.packets_lost;
@@ -117,7 +125,7 @@ TEST(CloudStream, CountsRevolutionsThatNeverCame) {
     EXPECT_EQ(got[i].sequence, got[i - 1].sequence + 1 + got[i].lost_before);
   }
   EXPECT_EQ(lost, 5u) << "revolutions 3 to 7 had a part that never came";
-  EXPECT_EQ(got.size() + lost, 19u);
+  EXPECT_EQ(got.size() + lost, 20u);
 }
 
 TEST(CloudStream, GivesEachPacketWhereThatIsAskedFor) {

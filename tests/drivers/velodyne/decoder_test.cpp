@@ -165,8 +165,8 @@ TEST(CalibrationFile, SaysInWhichLineItIsWrong) {
   // Laser 3 begins in line 11 and ends in line 13.
   EXPECT_NE(where(yaml_for(16, ", min_intensity: lots")).find("db.yaml:13:"), std::string::npos)
       << where(yaml_for(16, ", min_intensity: lots"));
-  EXPECT_NE(where(yaml_for(16, ", vert_corection: 1")).find("did you mean vert_correction"),
-            std::string::npos);
+  EXPECT_NE(where(yaml_for(16, ", vert_corection: 1")).find("vert_corection: unknown key"), std::string::npos)
+      << where(yaml_for(16, ", vert_corection: 1"));
   EXPECT_NE(where(yaml_for(15)).find("none with laser_id 15"), std::string::npos) << where(yaml_for(15));
   EXPECT_NE(where(yaml_for(16), Model::hdl32e).find("expected 32"), std::string::npos);
   EXPECT_NE(where(yaml_for(16, ", two_pt_correction_available: true")).find("HDL-64E"), std::string::npos);
