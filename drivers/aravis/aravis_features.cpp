@@ -154,10 +154,71 @@ void set_gain(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& c
   if (e) broken(config, e, fmt::format("setting the gain to {:g} dB", *s.gain_db));
 }
 
+/// Each exposure waits for an edge on one of the camera's lines.
+void set_line_trigger(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  GLibError e;
+  unsigned n = 0;
+  const char** names = arv_camera_dup_available_trigger_sources(camera, &n, e.out());
+  if (e) broken(config, e, "asking for the trigger sources");
+  const bool offered =
+      std::any_of(names, names + n, [&](const char* name) { return s.trigger_line == name; });
+  const std::string all = join(names, n);
+  g_free(names);
+  if (!offered)
+    throw refused(config, "trigger_line",
+                  fmt::format("expected a source that the camera offers ({}), got {}", all, s.trigger_line));
+  arv_camera_set_trigger(camera, s.trigger_line.c_str(), e.out());
+  if (e) broken(config, e, "setting the trigger to " + s.trigger_line);
+  const char* edge = s.falling_edge ? "FallingEdge" : "RisingEdge";
+  if (s.falling_edge || arv_camera_is_feature_available(camera, "TriggerActivation", nullptr) != FALSE) {
+    arv_camera_set_string(camera, "TriggerActivation", edge, e.out());
+    if (e)
+      throw refused(config, "trigger_edge",
+                    std::string("the camera does not take ") + edge + ": " + e.text());
+  }
+  if (s.trigger_delay_us == 0 && arv_camera_is_feature_available(camera, "TriggerDelay", nullptr) == FALSE)
+    return;
+  // The names that cameras give to one and the same feature.
+  const char* delay = arv_camera_is_feature_available(camera, "TriggerDelay", nullptr) != FALSE
+                          ? "TriggerDelay"
+                          : "TriggerDelayAbs";
+  arv_camera_set_float(camera, delay, s.trigger_delay_us, e.out());
+  if (e) throw refused(config, "trigger_delay_us", "the camera does not take this delay: " + e.text());
+}
+
+/// What the camera can say with each picture, as far as it is of use here.
+void set_chunks(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  const bool there = arv_camera_are_chunks_available(camera, nullptr) != FALSE;
+  if (!s.chunks) {
+    if (there) arv_camera_set_chunk_mode(camera, FALSE, nullptr);
+    return;
+  }
+  if (!there) throw refused(config, "chunks", "the camera sends no chunk data; leave this key out");
+  GLibError e;
+  arv_camera_set_chunk_mode(camera, TRUE, e.out());
+  if (e) broken(config, e, "switching chunk data on");
+  for (const char* chunk : {"Timestamp", "ExposureTime", "Gain"})  // a camera need not have all of them
+    arv_camera_set_chunk_state(camera, chunk, TRUE, nullptr);
+}
+
+void set_ptp(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  if (!s.ptp) return;
+  // The name of SFNC 2.3 and later, and the one before.
+  for (const char* name : {"PtpEnable", "GevIEEE1588"}) {
+    if (arv_camera_is_feature_available(camera, name, nullptr) == FALSE) continue;
+    GLibError e;
+    arv_camera_set_boolean(camera, name, TRUE, e.out());
+    if (e) broken(config, e, "switching PTP on");
+    return;
+  }
+  throw refused(config, "ptp", "the camera has no PTP clock; leave this key out");
+}
+
 void set_trigger(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
   GLibError e;
   arv_camera_set_acquisition_mode(camera, ARV_ACQUISITION_MODE_CONTINUOUS, e.out());
   if (e) broken(config, e, "setting continuous acquisition");
+  if (s.hardware_trigger) return set_line_trigger(camera, s, config);
   if (!s.software_trigger) {
     arv_camera_clear_triggers(camera, e.out());
     if (e) broken(config, e, "switching the triggers off");
@@ -171,7 +232,7 @@ void set_trigger(ArvCamera* camera, const AravisSettings& s, const ChannelConfig
 
 /// The rate of a free-running camera is the channel's.
 void set_frame_rate(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config, bool check) {
-  if (s.software_trigger || config.period.ns() <= 0) return;
+  if (s.software_trigger || s.hardware_trigger || config.period.ns() <= 0) return;
   if (arv_camera_is_frame_rate_available(camera, nullptr) == FALSE) return;
   GLibError e;
   const double rate_hz = 1.0 / config.period.seconds();
@@ -233,11 +294,13 @@ CameraFacts read_back(ArvCamera* camera, const AravisSettings& s, const ChannelC
   f.payload_bytes = arv_camera_get_payload(camera, e.out());
   if (e) broken(config, e, "reading the payload size");
   const std::size_t expected = image_bytes(s.format, f.width_px, f.height_px);
-  if (f.payload_bytes != expected)
+  f.picture_bytes = expected;
+  f.chunks = s.chunks;
+  if (s.chunks ? f.payload_bytes < expected : f.payload_bytes != expected)
     throw ConfigError(
         {ErrorCode::protocol, config.name,
-         fmt::format("expected {} bytes for each picture of {}x{} {}, the camera says {}; chunk data "
-                     "and padded rows are not supported: switch them off on the camera",
+         fmt::format("expected {} bytes for each picture of {}x{} {}, the camera says {}; padded "
+                     "rows are not supported: switch them off on the camera",
                      expected, f.width_px, f.height_px, pfnc_name(s.format), f.payload_bytes)});
   if (arv_camera_is_gv_device(camera) != FALSE) {
     f.packet_size = arv_camera_gv_get_packet_size(camera, e.out());
@@ -253,8 +316,8 @@ Result<CameraFacts> apply_settings(ArvCamera* camera, const AravisSettings& s, c
   return catch_config([&] {
     if (s.exposure_us) check_period(seconds_from(*s.exposure_us * 1e-6), s, config);
     arv_camera_stop_acquisition(camera, nullptr);  // left over from a client that went away; most say no
-    if (arv_camera_are_chunks_available(camera, nullptr) != FALSE)
-      arv_camera_set_chunk_mode(camera, FALSE, nullptr);
+    set_chunks(camera, s, config);
+    set_ptp(camera, s, config);
     set_pixel_format(camera, s, config);
     set_region(camera, s, config);
     set_trigger(camera, s, config);

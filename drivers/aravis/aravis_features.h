@@ -42,7 +42,9 @@ struct CameraFacts {
   std::uint32_t width_px = 0, height_px = 0, offset_x_px = 0, offset_y_px = 0;
   Duration exposure;
   double gain_db = 0;
-  std::size_t payload_bytes = 0;
+  std::size_t payload_bytes = 0;  ///< the picture and its chunks
+  std::size_t picture_bytes = 0;
+  bool chunks = false;
   std::uint32_t packet_size = 0;  ///< 0: no GigE camera
 };
 

@@ -49,7 +49,16 @@ AravisSettings read_aravis_settings(const ChannelConfig& config) {
   if (n.has("exposure_us"))
     s.exposure_us = n.number("exposure_us", {.min = 0, .max = 1e9, .exclusive_min = true});
   if (n.has("gain_db")) s.gain_db = n.number("gain_db", {.min = -100, .max = 1000});
-  s.software_trigger = n.choice_or("trigger", {"free_run", "software"}, "free_run") == "software";
+  const auto trigger = n.choice_or("trigger", {"free_run", "software", "hardware"}, "free_run");
+  s.software_trigger = trigger == "software";
+  s.hardware_trigger = trigger == "hardware";
+  if (s.hardware_trigger) {
+    s.trigger_line = n.text_or("trigger_line", "Line1");
+    s.falling_edge = n.choice_or("trigger_edge", {"rising", "falling"}, "rising") == "falling";
+    s.trigger_delay_us = n.number_or("trigger_delay_us", 0, {.min = 0, .max = 1e6});
+  }
+  s.chunks = n.choice_or("chunks", {"off", "on"}, "off") == "on";
+  s.ptp = n.choice_or("ptp", {"off", "on"}, "off") == "on";
   if (s.software_trigger && config.period.ns() <= 0)
     throw n.error("trigger", "expected a channel with a rate: software triggers follow the bench's grid");
   const std::string packet_size = n.text_or("packet_size", "auto");

@@ -6,9 +6,15 @@
 //   interface: 127.0.0.1        # local address or interface name; without it every interface is asked
 //   pixel_format: Mono8         # Mono8 Mono10 Mono12 Mono12p Mono16 BayerRG8 BayerRG10 BayerRG12 BayerRG16
 //   RGB8 region: { x_px: 0, y_px: 0, width_px: 640, height_px: 480 } exposure_us: 4000 gain_db: 0 trigger:
-//   free_run           # or software: one exposure for each period of the bench's grid packet_size: auto # or
-//   bytes, with IP and UDP headers packet_delay_ns: 0 resend: true packet_timeout_ms: 5        # silence
-//   after which what is missing is asked for again frame_retention_ms: 200     # then the frame is given up
+//   free_run           # software: one exposure for each period of the bench's grid; hardware: by a line
+//   trigger_line: Line1         # of a hardware trigger; with trigger_edge (rising, falling),
+//   trigger_delay_us chunks: off                 # on: timestamp, exposure and gain come with each picture
+//   ptp: off                    # on: the camera's clock follows a PTP master
+//   packet_size: auto           # or bytes, with IP and UDP headers
+//   packet_delay_ns: 0
+//   resend: true
+//   packet_timeout_ms: 5        # silence after which what is missing is asked for again
+//   frame_retention_ms: 200     # then the frame is given up
 //   incomplete: mark            # hand on what is not whole, marked and with zeros in the gaps; or drop
 //   socket_buffer_bytes: 4194304
 //   packet_socket: auto         # packet sockets where that is allowed and worth it; or off
@@ -34,6 +40,12 @@ struct AravisSettings {
   std::optional<double> exposure_us;  ///< empty: what the camera is set to
   std::optional<double> gain_db;
   bool software_trigger = false;
+  bool hardware_trigger = false;
+  std::string trigger_line = "Line1";  ///< the camera's name for it
+  bool falling_edge = false;
+  double trigger_delay_us = 0;
+  bool chunks = false;  ///< instants, exposures and gains as the camera says them with each picture
+  bool ptp = false;     ///< the camera's clock is to follow a PTP master
   std::optional<std::uint32_t> packet_size;  ///< empty: found out
   std::int64_t packet_delay_ns = 0;
   bool resend = true;

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <mutex>
 #include <optional>
 #include <thread>
 #include <vector>
@@ -77,6 +78,9 @@ struct AravisSource::Impl {
   // Shared.
   std::unique_ptr<ClockMap> clock;
   std::atomic<std::int64_t> t_last_frame_ns{0};
+  std::atomic<std::int64_t> ptp_offset_ns{0};  ///< magnitude
+  mutable std::mutex ptp_mutex;
+  std::string ptp_status;  ///< under ptp_mutex
   std::atomic<std::uint64_t> triggers_wanted{0};
   std::atomic<std::uint64_t> resent_packets{0}, resend_requests{0}, underruns{0}, latches{0},
       triggers_sent{0}, triggers_missed{0};
@@ -94,6 +98,7 @@ struct AravisSource::Impl {
   void refill();
   void hand_on(SampleLease lease, const ReceivedFrame& f, BenchTime arrival);
   void read_counters();
+  void look_at_ptp();
   void send_trigger();
   [[nodiscard]] bool lost_camera(BenchTime now);
   [[nodiscard]] Duration silence_allowed() const;
@@ -112,6 +117,18 @@ AravisSource::Counters AravisSource::counters() const noexcept {
   const auto get = [](const std::atomic<std::uint64_t>& a) { return a.load(std::memory_order_relaxed); };
   return {get(impl_->resent_packets), get(impl_->resend_requests), get(impl_->underruns),
           get(impl_->latches),        get(impl_->triggers_sent),   get(impl_->triggers_missed)};
+}
+
+std::vector<std::string> AravisSource::warnings() const {
+  const Impl& i = *impl_;
+  if (!i.settings.ptp) return {};
+  const std::lock_guard lock(i.ptp_mutex);
+  if (i.ptp_status.empty())
+    return {i.config.name + ": the camera's PTP clock was not asked yet; it is once a second"};
+  return {fmt::format("{}: the camera's PTP clock is {}, {:g} µs from its master{}", i.config.name,
+                      i.ptp_status,
+                      static_cast<double>(i.ptp_offset_ns.load(std::memory_order_relaxed)) * 1e-3,
+                      i.ptp_status == "Slave" ? "" : "; is there a master (ptp4l) on its network?")};
 }
 
 // --- Loop thread
@@ -162,7 +179,7 @@ Status AravisSource::do_arm(const ArmContext& context) {
   i.session = std::move(*session);
   const CameraFacts& f = i.session->facts();
   description_.width_px = f.width_px, description_.height_px = f.height_px;
-  description_.max_bytes = f.payload_bytes;
+  description_.max_bytes = f.picture_bytes;
 
   if (i.pool && i.pool->in_use() != 0) i.retired.push_back(std::move(i.pool));
   i.pool = make_sample_pool(i.settings.buffers, f.payload_bytes);
@@ -252,6 +269,16 @@ void AravisSource::Impl::latch_now() {
   }
   (void)clock->add_latch(best->device, best->before, best->after);
   raise(latches);
+  if (settings.ptp) look_at_ptp();
+}
+
+/// How far the camera is from its master: a clock that is being pulled is no better than that.
+void AravisSource::Impl::look_at_ptp() {
+  const auto p = session->ptp();
+  if (!p) return;
+  ptp_offset_ns.store(std::abs(p->offset.ns()), std::memory_order_relaxed);
+  const std::lock_guard lock(ptp_mutex);
+  ptp_status = p->status;
 }
 
 void AravisSource::Impl::run_control() {
@@ -316,7 +343,8 @@ bool AravisSource::Impl::lost_camera(BenchTime now) {
   const BenchTime last_frame(t_last_frame_ns.load(std::memory_order_relaxed));
   const BenchTime last_sign = std::max(t_connected, last_frame);
   // A camera without a rate, or one that the loop does not trigger, owes no frame; it only has to be there.
-  if (config.period.ns() <= 0 || (settings.software_trigger && t_last_trigger <= last_sign)) {
+  if (config.period.ns() <= 0 || settings.hardware_trigger ||
+      (settings.software_trigger && t_last_trigger <= last_sign)) {
     if (now - std::max(last_sign, t_last_asked) <= kAskEvery) return false;
     t_last_asked = now;
     return !session->alive(kAskWait) || !session->in_control();
@@ -399,13 +427,16 @@ void AravisSource::Impl::handle(const ReceivedFrame& f) {
 void AravisSource::Impl::hand_on(SampleLease lease, const ReceivedFrame& f, BenchTime arrival) {
   const CameraFacts& facts = session->facts();
   Sample& sample = lease.edit();
+  const Duration exposure = f.exposure.value_or(facts.exposure);
   Stamp stamp;
   bool clock_known = false;
   if (f.timestamp) {
     const Mapped m = clock->map(*f.timestamp);
     clock_known = m.known;
-    stamp.t_capture = m.t + facts.exposure / 2;
-    stamp.sigma_capture = m.sigma;
+    stamp.t_capture = m.t + exposure / 2;
+    const auto ptp = static_cast<double>(ptp_offset_ns.load(std::memory_order_relaxed));
+    stamp.sigma_capture =
+        Duration(static_cast<std::int64_t>(std::hypot(static_cast<double>(m.sigma.ns()), ptp)));
   }
   if (!clock_known) {
     // By the ids where they hold, otherwise by what the channel's latency promises.
@@ -437,9 +468,9 @@ void AravisSource::Impl::hand_on(SampleLease lease, const ReceivedFrame& f, Benc
                           .height_px = facts.height_px,
                           .offset_x_px = facts.offset_x_px,
                           .offset_y_px = facts.offset_y_px,
-                          .exposure = facts.exposure,
-                          .gain_db = facts.gain_db};
-  sample.size_bytes = facts.payload_bytes;
+                          .exposure = exposure,
+                          .gain_db = f.gain_db.value_or(facts.gain_db)};
+  sample.size_bytes = facts.picture_bytes;
   if (!ring->try_push(std::move(lease))) {
     raise(health.ring_full);
     lost_pending += step.lost_before + 1;

@@ -30,6 +30,7 @@ class AravisSource final : public Source {
   ~AravisSource() override;
 
   void begin_cycle(BenchTime now) noexcept override;
+  [[nodiscard]] std::vector<std::string> warnings() const override;
   [[nodiscard]] SampleLease poll(BenchTime now) noexcept override;
 
   /// What the receiver did, beside health(). Any thread.

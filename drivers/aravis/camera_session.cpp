@@ -168,6 +168,7 @@ Result<std::unique_ptr<CameraSession>> CameraSession::open(const AravisSettings&
   auto facts = apply_settings(session->camera_, s, config);
   if (!facts) return tl::unexpected<Error>(facts.error());
   session->facts_ = std::move(*facts);
+  if (session->facts_.chunks) session->chunk_parser_ = arv_camera_create_chunk_parser(session->camera_);
   if (*found) {
     session->facts_.id = (*found)->id();
     session->tick_frequency_ = arv_gv_device_get_timestamp_tick_frequency(ARV_GV_DEVICE(device), e.out());
@@ -227,6 +228,7 @@ CameraSession::~CameraSession() {
   close_stream();
   g_clear_object(&stream_);  // tells the camera, which takes seconds where it is dead
   for (ArvBuffer* b : buffers_) g_object_unref(b);
+  g_clear_object(&chunk_parser_);
   if (camera_ == nullptr) return;
   if (lost_handler_ != 0) g_signal_handler_disconnect(arv_camera_get_device(camera_), lost_handler_);
   if (started_ && !dead_) arv_camera_stop_acquisition(camera_, nullptr);
@@ -255,6 +257,30 @@ Result<LatchPair> CameraSession::latch() {
   if (e) return e.as_error(facts_.id, "latching the timestamp");
   p.device = DeviceTime(ticks_to_ns((std::uint64_t{high} << 32) | low, tick_frequency_));
   return p;
+}
+
+Result<PtpState> CameraSession::ptp() {
+  struct Names {
+    const char *enable, *latch, *status, *offset;
+  };
+  // Those of SFNC 2.3 and later, and those before.
+  constexpr std::array<Names, 2> kNames{
+      {{"PtpEnable", "PtpDataSetLatch", "PtpStatus", "PtpOffsetFromMaster"},
+       {"GevIEEE1588", "GevIEEE1588DataSetLatch", "GevIEEE1588Status", "GevIEEE1588OffsetFromMaster"}}};
+  for (const Names& n : kNames) {
+    if (arv_camera_is_feature_available(camera_, n.enable, nullptr) == FALSE) continue;
+    GLibError e;
+    PtpState p;
+    if (arv_camera_is_feature_available(camera_, n.latch, nullptr) != FALSE)
+      arv_camera_execute_command(camera_, n.latch, e.out());
+    if (!e)
+      if (const char* status = arv_camera_get_string(camera_, n.status, e.out()); status != nullptr)
+        p.status = status;
+    if (!e) p.offset = Duration(arv_camera_get_integer(camera_, n.offset, e.out()));
+    if (e) return e.as_error(facts_.id, "asking for the PTP clock");
+    return p;
+  }
+  return fail(ErrorCode::not_found, facts_.id, "the camera has no PTP clock");
 }
 
 Status CameraSession::start() {
@@ -309,6 +335,19 @@ void CameraSession::queue(std::size_t slot) {
   arv_stream_push_buffer(stream_, b);
 }
 
+void CameraSession::read_chunks(ArvBuffer* b, ReceivedFrame& f) {
+  if (chunk_parser_ == nullptr || arv_buffer_has_chunks(b) == FALSE) return;
+  GLibError e;
+  // What the leader says is the same instant as a rule; a camera that sends both means the chunk.
+  const gint64 ticks = arv_chunk_parser_get_integer_value(chunk_parser_, b, "ChunkTimestamp", e.out());
+  if (!e && ticks > 0 && tick_frequency_ != 0)
+    f.timestamp = DeviceTime(ticks_to_ns(static_cast<std::uint64_t>(ticks), tick_frequency_));
+  const double exposure_us = arv_chunk_parser_get_float_value(chunk_parser_, b, "ChunkExposureTime", e.out());
+  if (!e && exposure_us > 0 && exposure_us < 1e9) f.exposure = seconds_from(exposure_us * 1e-6);
+  const double gain_db = arv_chunk_parser_get_float_value(chunk_parser_, b, "ChunkGain", e.out());
+  if (!e && gain_db > -1000 && gain_db < 1000) f.gain_db = gain_db;
+}
+
 std::optional<ReceivedFrame> CameraSession::wait_frame(Duration wait) {
   ArvBuffer* b = arv_stream_timeout_pop_buffer(stream_, static_cast<guint64>(wait.ns() / 1000));
   if (b == nullptr) return std::nullopt;
@@ -344,6 +383,7 @@ std::optional<ReceivedFrame> CameraSession::wait_frame(Duration wait) {
                     same(x, facts_.offset_x_px) && same(y, facts_.offset_y_px) &&
                     same(width, facts_.width_px) && same(height, facts_.height_px) &&
                     ((arv_buffer_get_image_pixel_format(b) >> 16) & 0xFF) == bits_per_pixel(format_);
+    read_chunks(b, f);
   }
   g_object_unref(b);
   return f;

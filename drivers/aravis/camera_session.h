@@ -25,6 +25,7 @@
 
 typedef struct _ArvStream ArvStream;
 typedef struct _ArvBuffer ArvBuffer;
+typedef struct _ArvChunkParser ArvChunkParser;
 
 namespace rigor {
 
@@ -40,6 +41,14 @@ struct ReceivedFrame {
   std::uint64_t block_id = 0;
   std::optional<DeviceTime> timestamp;  ///< empty where the frame's leader never came
   bool as_expected = true;              ///< geometry and format are those that were set
+  std::optional<Duration> exposure;     ///< of this picture, where its chunks say so
+  std::optional<double> gain_db;
+};
+
+/// How far a camera's clock is from its PTP master.
+struct PtpState {
+  std::string status;  ///< Slave, Master, Listening, …
+  Duration offset;     ///< from the master
 };
 
 struct StreamCounters {
@@ -60,6 +69,8 @@ class CameraSession {
   /// GigE cameras with a timestamp counter that can be latched.
   [[nodiscard]] bool can_latch() const { return can_latch_; }
   [[nodiscard]] Result<LatchPair> latch();
+  /// Of a camera whose settings say `ptp`.
+  [[nodiscard]] Result<PtpState> ptp();
   [[nodiscard]] Status start();
   [[nodiscard]] Status trigger();
   /// Whether anything answers at the camera's address; about `wait` at most.
@@ -94,6 +105,8 @@ class CameraSession {
   CameraFacts facts_;
   PixelFormat format_ = PixelFormat::mono8;
   std::vector<ArvBuffer*> buffers_;
+  ArvChunkParser* chunk_parser_ = nullptr;
+  void read_chunks(ArvBuffer* buffer, ReceivedFrame& frame);
   int realtime_priority_ = 0;
 };
 

@@ -55,6 +55,17 @@ EmulatedCameraSettings read_emulated_camera(const ConfigNode& n, const std::stri
       n.number_or("rate_hz", period.ns() > 0 ? 1.0 / period.seconds() : 25.0, {.min = 0.1, .max = 10'000});
   s.readout = seconds_from(n.number_or("readout_us", 1000, {.min = 0, .max = 1e6}) * 1e-6);
   s.align_to_clock = n.flag_or("align_to_clock", true);
+  if (const auto line = n.map_or_absent("trigger_line"); line.present()) {
+    s.line_period = seconds_from(1.0 / line.number("rate_hz", {.min = 0.001, .max = 1e5}));
+    s.line_phase = seconds_from(line.number_or("phase_us", 0, {.min = 0, .max = 1e9}) * 1e-6);
+    line.finish();
+  }
+  if (const auto ptp = n.map_or_absent("ptp"); ptp.present()) {
+    s.ptp.present = true;
+    s.ptp.settle = seconds_from(ptp.number_or("settle_s", 2, {.min = 0, .max = 3600}));
+    s.ptp.offset = nanoseconds(ptp.integer_or("offset_ns", 200, {.min = 0, .max = 1e9}));
+    ptp.finish();
+  }
   s.link_bits_per_s = n.number_or("link_mbit_per_s", 1000, {.min = 1, .max = 100'000}) * 1e6;
   return s;
 }
@@ -76,6 +87,8 @@ gige::GigeCameraConfig camera_config(const EmulatedCameraSettings& s, const Imag
     c.exposure_us = std::clamp(sensor.exposure.seconds() * 1e6, c.min_exposure_us, c.max_exposure_us);
   c.readout = s.readout;
   c.align_to_clock = s.align_to_clock;
+  c.line_period = s.line_period, c.line_phase = s.line_phase;
+  c.ptp = s.ptp;
   return c;
 }
 

@@ -9,6 +9,8 @@
 //       vendor: Rigor
 //       serial: left             # the camera's id is then Rigor-left
 //       rate_hz: 25
+//       trigger_line: { rate_hz: 25, phase_us: 500 }   # what is wired to Line1: pulses on the bench's clock
+//       ptp: { settle_s: 2, offset_ns: 200 }           # has a clock that follows a PTP master
 #pragma once
 
 #include <string>
@@ -24,6 +26,8 @@ struct EmulatedCameraSettings {
   Duration readout;
   bool align_to_clock = true;
   double link_bits_per_s = 1e9;
+  Duration line_period, line_phase;  ///< what is wired to Line1; period 0: nothing
+  gige::GigeCameraConfig::Ptp ptp;
 };
 
 /// Throws ConfigError. `name`: of the entry, the default serial number.

@@ -16,6 +16,10 @@ class GigeChannelEmulator final : public Emulator {
   ~GigeChannelEmulator() override;
 
   void attach(DeviceParts parts) override { parts_ = std::move(parts); }
+  /// Pulses the camera's Line1 now; only while running. Any thread.
+  void pulse_line() {
+    if (camera_) camera_->pulse_line();
+  }
   [[nodiscard]] std::string endpoint() const override;
   /// What went out; zeros before start. Setup thread.
   [[nodiscard]] gige::GigeEmulatorHealth counters() const;

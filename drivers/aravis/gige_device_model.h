@@ -74,6 +74,16 @@ struct GigeCameraConfig {
   std::uint32_t packet_size = 1400, min_packet_size = 576, max_packet_size = 9000;
   std::size_t retained_frames = 8;  ///< kept for resends
   std::size_t trigger_queue = 16;   ///< software triggers that wait for the sensor
+
+  /// What is wired to Line1: pulses that rise at line_phase + k·line_period on the emulator's clock and fall
+  /// half a period later. Period 0: nothing, but pulse_line() pulses it.
+  Duration line_period, line_phase;
+  /// A clock that follows a PTP master once PtpEnable was set.
+  struct Ptp {
+    bool present = false;
+    Duration settle = seconds(2);        ///< from enabling to Slave
+    Duration offset = nanoseconds(200);  ///< from the master, at most, once settled
+  } ptp;
 };
 
 /// What a picture must show. Region in sensor pixels.
@@ -139,6 +149,8 @@ struct GigeModelCounters {
   std::uint64_t gvcp_requests = 0, malformed = 0, refused = 0;
   std::uint64_t frames = 0, exposures_skipped = 0, pictures_missing = 0;
   std::uint64_t triggers = 0, triggers_refused = 0;
+  std::uint64_t line_edges = 0;   ///< that opened an exposure
+  std::uint64_t line_missed = 0;  ///< the sensor was busy
   std::uint64_t resend_requests = 0, resend_packets = 0, resend_unavailable = 0;
   std::uint64_t control_taken = 0, heartbeat_expired = 0;
 };
@@ -154,6 +166,9 @@ class GigeDeviceModel {
   /// ended).
   bool expire_heartbeat(DeviceTime now);
 
+  /// Line1 rises at `rise` and falls at `fall`; edges come in order. What the camera is set to take for a
+  /// trigger exposes as soon as its delay is over; while the sensor is busy it is missed.
+  void pulse_line(DeviceTime rise, DeviceTime fall);
   /// Start of the next exposure, or never().
   [[nodiscard]] DeviceTime next_exposure() const;
   /// Opens the exposure that starts at or before `now`. Where more than one is overdue, the grid of frame
@@ -195,6 +210,19 @@ class GigeDeviceModel {
   [[nodiscard]] bool is_owner(Endpoint from) const { return privilege_ != 0 && from == owner_; }
   [[nodiscard]] bool params_locked() const { return acquiring_ || tl_params_locked_ != 0; }
   [[nodiscard]] Duration period() const;
+  [[nodiscard]] bool on_line() const {
+    return trigger_mode_ != 0 && trigger_source_ == reg::kTriggerSourceLine1;
+  }
+  [[nodiscard]] Duration trigger_delay() const { return seconds_from(trigger_delay_us_ * 1e-6); }
+  /// The first edge of the wired pulses that counts, at or after `t`.
+  [[nodiscard]] DeviceTime wired_edge(DeviceTime t) const;
+  void rewire(DeviceTime now);
+  void miss_edges();
+  [[nodiscard]] bool line_high(DeviceTime t) const;
+  [[nodiscard]] std::uint32_t ptp_status(DeviceTime now) const;
+  [[nodiscard]] std::int64_t ptp_offset_ns(DeviceTime now) const;
+  [[nodiscard]] std::size_t chunk_bytes() const;
+  void append_chunks(const FrameRequest& request, std::vector<std::uint8_t>& data) const;
   [[nodiscard]] DeviceTime on_grid(DeviceTime t) const;
   [[nodiscard]] std::uint64_t ticks(DeviceTime t) const;
   [[nodiscard]] std::shared_ptr<GvspBlock> new_block();
@@ -235,13 +263,25 @@ class GigeDeviceModel {
   std::uint32_t mode_ = reg::kModeContinuous, frame_count_ = 1, tl_params_locked_ = 0;
   std::uint32_t trigger_mode_ = 0, frame_rate_enable_ = 1;
   double frame_rate_hz_ = 25, exposure_us_ = 10'000, gain_db_ = 0;
+  std::uint32_t trigger_source_ = reg::kTriggerSourceSoftware, trigger_activation_ = reg::kRisingEdge;
+  double trigger_delay_us_ = 0;
+  std::uint32_t chunk_mode_ = 0, chunk_selector_ = reg::kChunkTimestamp;
+  std::uint32_t chunks_ = 1u << reg::kChunkImage;  ///< bit by id
+
+  // IEEE 1588.
+  bool ptp_enabled_ = false;
+  DeviceTime ptp_since_;
+  std::int64_t latched_ptp_offset_ns_ = 0;
+  DeviceTime now_;  ///< of the last datagram
 
   // Acquisition.
   bool acquiring_ = false;
   std::uint64_t epoch_ = 0, index_ = 0;
   std::optional<std::uint64_t> frames_left_;
   DeviceTime next_free_run_, sensor_free_;
-  std::deque<DeviceTime> triggers_;
+  std::deque<DeviceTime> triggers_;  ///< starts of exposures that were asked for, the delay included
+  DeviceTime next_wired_ = DeviceTime::never();  ///< edge of the wired pulses, without the delay
+  DeviceTime pulse_rise_, pulse_fall_;
   std::uint16_t next_block_id_ = 1;
   std::deque<std::shared_ptr<GvspBlock>> retained_;
   std::vector<std::shared_ptr<GvspBlock>> pool_;

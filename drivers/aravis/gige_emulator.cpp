@@ -489,6 +489,13 @@ void GigeEmulator::stop() {
   impl_->send_thread.join();
 }
 
+void GigeEmulator::pulse_line(Duration width) {
+  const std::scoped_lock lock(impl_->mutex);
+  const auto t = now();
+  impl_->model.pulse_line(t, t + width);
+  impl_->frame_due.notify_one();
+}
+
 std::uint16_t GigeEmulator::port() const { return impl_->port; }
 
 GigeEmulatorHealth GigeEmulator::health() const {
@@ -508,6 +515,8 @@ GigeEmulatorHealth GigeEmulator::health() const {
   h.resend_requests = c.resend_requests;
   h.resends_unavailable = c.resend_unavailable;
   h.resends_dropped = impl_->resends_dropped;
+  h.line_edges = c.line_edges;
+  h.line_missed = c.line_missed;
   h.gvcp_requests = c.gvcp_requests;
   h.malformed = c.malformed;
   h.refused = c.refused;

@@ -37,6 +37,7 @@ struct GigeEmulatorHealth {
   std::uint64_t pictures_late = 0;      ///< came after the first packet was due
   std::uint64_t blocks_dropped = 0;     ///< the link could not keep up with the frame rate
   std::uint64_t resend_requests = 0, packets_resent = 0, resends_unavailable = 0, resends_dropped = 0;
+  std::uint64_t line_edges = 0, line_missed = 0;  ///< taken, and while the sensor was busy
   std::uint64_t gvcp_requests = 0, malformed = 0, refused = 0, heartbeat_expired = 0;
   bool controlled = false, acquiring = false;
 };
@@ -53,6 +54,8 @@ class GigeEmulator {
 
   /// Ends acquisition and joins the threads; a FillFrame call in progress is waited for. Idempotent.
   void stop();
+  /// Pulses the camera's Line1 now, for `width`. Any thread.
+  void pulse_line(Duration width = microseconds(100));
   [[nodiscard]] GigeEmulatorHealth health() const;  ///< any thread
   [[nodiscard]] std::uint16_t port() const;         ///< of the control channel
 

@@ -237,7 +237,7 @@ void write_acquisition(Writer& w, const GigeCameraConfig& c) {
              {"AcquisitionMode", "AcquisitionStart", "AcquisitionStop", "AcquisitionAbort",
               "AcquisitionFrameCount", "AcquisitionFrameRate", "AcquisitionFrameRateEnable",
               "ResultingFrameRate", "ExposureMode", "ExposureTime", "TriggerSelector", "TriggerMode",
-              "TriggerSource", "TriggerActivation", "TriggerSoftware"});
+              "TriggerSource", "TriggerActivation", "TriggerDelay", "TriggerSoftware"});
   w.feature("Enumeration", "AcquisitionMode");
   w.about("How many frames an acquisition has", "Acquisition Mode");
   w.leaf("pIsLocked", "TLParamsLocked");
@@ -299,14 +299,119 @@ void write_acquisition(Writer& w, const GigeCameraConfig& c) {
   w.feature("Enumeration", "TriggerSource");
   w.about("Where triggers come from", "Trigger Source");
   w.entry("Software", reg::kTriggerSourceSoftware);
+  w.entry("Line1", reg::kTriggerSourceLine1);
   w.leaf("pValue", "TriggerSourceReg");
   w.close("Enumeration");
   w.int_register("TriggerSourceReg", reg::kTriggerSource, "RW");
-  fixed("TriggerActivation", "Edge that triggers", "RisingEdge");
+  w.feature("Enumeration", "TriggerActivation");
+  w.about("Edge that triggers", "Trigger Activation");
+  w.entry("RisingEdge", reg::kRisingEdge);
+  w.entry("FallingEdge", reg::kFallingEdge);
+  w.leaf("pValue", "TriggerActivationReg");
+  w.close("Enumeration");
+  w.int_register("TriggerActivationReg", reg::kTriggerActivation, "RW");
+  w.float_feature("TriggerDelay", "From the edge to the exposure", "us", 0, 1e6, reg::kTriggerDelay);
   w.command("TriggerSoftware", "Triggers one frame", reg::kTriggerSoftware);
+
+  w.category("DigitalIOControl", {"LineSelector", "LineMode", "LineStatus"});
+  fixed("LineSelector", "The line that the other features mean", "Line1");
+  fixed("LineMode", "Direction of the line", "Input");
+  w.feature("Boolean", "LineStatus");
+  w.about("Whether the line is high now", "Line Status");
+  w.leaf("pValue", "LineStatusReg");
+  w.leaf("OnValue", "1");
+  w.leaf("OffValue", "0");
+  w.close("Boolean");
+  w.int_register("LineStatusReg", reg::kLineStatus, "RO");
 
   w.category("AnalogControl", {"Gain"});
   w.float_feature("Gain", "Analogue gain", "dB", c.min_gain_db, c.max_gain_db, reg::kGain);
+}
+
+void write_chunks(Writer& w) {
+  w.category("ChunkDataControl", {"ChunkModeActive", "ChunkSelector", "ChunkEnable", "ChunkTimestamp",
+                                  "ChunkExposureTime", "ChunkGain", "ChunkFrameID"});
+  const auto flag = [&w](const char* name, const char* tooltip, std::uint32_t address) {
+    w.feature("Boolean", name);
+    w.about(tooltip, name, "Expert");
+    w.leaf("pIsLocked", "TLParamsLocked");
+    w.leaf("pValue", std::string(name) + "Reg");
+    w.leaf("OnValue", "1");
+    w.leaf("OffValue", "0");
+    w.close("Boolean");
+    w.int_register(std::string(name) + "Reg", address, "RW");
+  };
+  flag("ChunkModeActive", "Whether chunks follow each picture", reg::kChunkModeActive);
+  w.feature("Enumeration", "ChunkSelector");
+  w.about("The chunk that ChunkEnable means", "Chunk Selector", "Expert");
+  w.entry("Image", reg::kChunkImage);
+  w.entry("Timestamp", reg::kChunkTimestamp);
+  w.entry("ExposureTime", reg::kChunkExposureTime);
+  w.entry("Gain", reg::kChunkGain);
+  w.entry("FrameID", reg::kChunkFrameId);
+  w.leaf("pValue", "ChunkSelectorReg");
+  w.leaf("pSelected", "ChunkEnable");
+  w.close("Enumeration");
+  w.int_register("ChunkSelectorReg", reg::kChunkSelector, "RW");
+  flag("ChunkEnable", "Whether the selected chunk is sent", reg::kChunkEnable);
+  const auto value = [&w](const std::string& name, const char* tooltip, std::uint32_t id, bool real) {
+    w.feature(real ? "Float" : "Integer", name);
+    w.about(tooltip, name.c_str(), "Expert");
+    w.leaf("pValue", name + "Value");
+    w.close(real ? "Float" : "Integer");
+    w.open(real ? "FloatReg" : "IntReg", name + "Value");
+    w.leaf("Address", "0x0");
+    w.leaf("Length", "8");
+    w.leaf("AccessMode", "RO");
+    w.leaf("pPort", name + "Port");
+    w.leaf("Cachable", "NoCache");
+    if (!real) w.leaf("Sign", "Unsigned");
+    w.leaf("Endianess", "BigEndian");
+    w.close(real ? "FloatReg" : "IntReg");
+    w.text += "  <Port Name=\"" + name + "Port\" NameSpace=\"Standard\">\n";
+    char hexadecimal[16];
+    std::snprintf(hexadecimal, sizeof hexadecimal, "%08X", id);
+    w.leaf("ChunkID", hexadecimal);
+    w.close("Port");
+  };
+  value("ChunkTimestamp", "Start of the exposure in ticks", reg::kChunkTimestamp, false);
+  value("ChunkExposureTime", "Exposure time of this picture in microseconds", reg::kChunkExposureTime, true);
+  value("ChunkGain", "Gain of this picture in dB", reg::kChunkGain, true);
+  value("ChunkFrameID", "Exposures since the start of the acquisition", reg::kChunkFrameId, false);
+}
+
+void write_ptp(Writer& w) {
+  w.category("PtpControl", {"PtpEnable", "PtpDataSetLatch", "PtpStatus", "PtpOffsetFromMaster"});
+  w.feature("Boolean", "PtpEnable");
+  w.about("Whether the clock follows a PTP master", "Ptp Enable", "Expert");
+  w.leaf("pValue", "PtpEnableReg");
+  w.leaf("OnValue", "1");
+  w.leaf("OffValue", "0");
+  w.close("Boolean");
+  w.int_register("PtpEnableReg", reg::kPtpEnable, "RW");
+  w.command("PtpDataSetLatch", "Latches the offset", reg::kPtpLatch);
+  w.feature("Enumeration", "PtpStatus");
+  w.about("State of the PTP clock", "Ptp Status", "Expert");
+  w.entry("Disabled", reg::kPtpDisabled);
+  w.entry("Listening", reg::kPtpListening);
+  w.entry("Uncalibrated", reg::kPtpUncalibrated);
+  w.entry("Slave", reg::kPtpSlave);
+  w.leaf("pValue", "PtpStatusReg");
+  w.close("Enumeration");
+  w.int_register("PtpStatusReg", reg::kPtpStatus, "RO");
+  w.feature("Integer", "PtpOffsetFromMaster");
+  w.about("Nanoseconds from the master at the last latch", "Ptp Offset From Master", "Expert");
+  w.leaf("pValue", "PtpOffsetFromMasterReg");
+  w.close("Integer");
+  w.open("IntReg", "PtpOffsetFromMasterReg");
+  w.leaf("Address", hex(reg::kPtpOffsetHigh));
+  w.leaf("Length", "8");
+  w.leaf("AccessMode", "RO");
+  w.leaf("pPort", "Device");
+  w.leaf("Cachable", "NoCache");
+  w.leaf("Sign", "Signed");
+  w.leaf("Endianess", "BigEndian");
+  w.close("IntReg");
 }
 
 void write_transport(Writer& w, const GigeCameraConfig& c) {
@@ -464,10 +569,17 @@ std::string make_genicam_xml(const GigeCameraConfig& config) {
       "xsi:schemaLocation=\"http://www.genicam.org/GenApi/Version_1_1 "
       "http://www.genicam.org/GenApi/GenApiSchema_Version_1_1.xsd\">\n";
   w.category("Root", {"DeviceControl", "ImageFormatControl", "AcquisitionControl", "AnalogControl",
-                      "TransportLayerControl"});
+                      "DigitalIOControl", "ChunkDataControl", "TransportLayerControl"});
+  if (config.ptp.present) {
+    // Into Root's list, behind the last one.
+    const std::string last = "<pFeature>TransportLayerControl</pFeature>\n";
+    w.text.insert(w.text.find(last) + last.size(), "    <pFeature>PtpControl</pFeature>\n");
+    write_ptp(w);
+  }
   write_device_control(w);
   write_image_format(w, config);
   write_acquisition(w, config);
+  write_chunks(w);
   write_transport(w, config);
   w.text += "  <Port Name=\"Device\" NameSpace=\"Standard\">\n  </Port>\n</RegisterDescription>\n";
   while (w.text.size() % 4 != 0) w.text += '\n';

@@ -79,13 +79,39 @@ inline constexpr Address kGain = 0x00010300;          // double, dB
 inline constexpr Address kTriggerMode = 0x00010400;
 inline constexpr Address kTriggerSource = 0x00010404;
 inline constexpr Address kTriggerSoftware = 0x00010408;
-inline constexpr Address kFeatureEnd = 0x0001040C;
+inline constexpr Address kTriggerActivation = 0x0001040C;
+inline constexpr Address kTriggerDelay = 0x00010410;  // double, µs
+inline constexpr Address kLineStatus = 0x00010418;
+inline constexpr Address kChunkModeActive = 0x00010500;
+inline constexpr Address kChunkSelector = 0x00010504;
+inline constexpr Address kChunkEnable = 0x00010508;  // of the chunk that is selected
+inline constexpr Address kPtpEnable = 0x00010600;    // these only where the camera has a PTP clock
+inline constexpr Address kPtpStatus = 0x00010604;
+inline constexpr Address kPtpOffsetHigh = 0x00010608;  // ns, signed, as it was at the last latch
+inline constexpr Address kPtpOffsetLow = 0x0001060C;
+inline constexpr Address kPtpLatch = 0x00010610;
+inline constexpr Address kFeatureEnd = 0x00010614;
 
 // The GenICam description.
 inline constexpr Address kXml = 0x00100000;
 
 // Values of the enumerated features.
 inline constexpr std::uint32_t kModeContinuous = 0, kModeSingleFrame = 1, kModeMultiFrame = 2;
-inline constexpr std::uint32_t kTriggerSourceSoftware = 0;
+inline constexpr std::uint32_t kTriggerSourceSoftware = 0, kTriggerSourceLine1 = 1;
+inline constexpr std::uint32_t kRisingEdge = 0, kFallingEdge = 1;
+
+// Chunks, by the ids that they carry behind the picture. Each is its data, then its id and its length,
+// big-endian 32 bits each; they are read from the end of the payload (GigE Vision 2.0, extended chunk mode;
+// Aravis arvbuffer.c). Values are big-endian.
+inline constexpr std::uint32_t kChunkImage = 1;
+inline constexpr std::uint32_t kChunkTimestamp = 2;     // u64, ticks
+inline constexpr std::uint32_t kChunkExposureTime = 3;  // double, µs
+inline constexpr std::uint32_t kChunkGain = 4;          // double, dB
+inline constexpr std::uint32_t kChunkFrameId = 5;       // u64, exposures since AcquisitionStart
+inline constexpr std::uint32_t kChunkLast = 5;
+inline constexpr std::size_t kChunkTrailer = 8, kChunkValue = 8;
+
+// IEEE 1588, states of a port as PtpStatus of the SFNC names them.
+inline constexpr std::uint32_t kPtpDisabled = 0, kPtpListening = 1, kPtpUncalibrated = 2, kPtpSlave = 3;
 
 }  // namespace rigor::gige::reg

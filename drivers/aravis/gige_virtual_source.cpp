@@ -57,7 +57,11 @@ struct GigeVirtualSource::Impl {
 
   void advance(DeviceTime t);
   void collect();
+  [[nodiscard]] Duration ptp_offset();
   void set_up();
+  void set_up_line();
+  void set_up_chunks();
+  void complete_line(BenchTime now);
   void require(const Status& status, std::string_view key, const std::string& what) const;
   [[nodiscard]] std::uint32_t read(gige::reg::Address address, const std::string& what) const;
   [[nodiscard]] double read_double(gige::reg::Address address, const std::string& what) const;
@@ -130,7 +134,13 @@ void GigeVirtualSource::Impl::set_up() {
           fmt::format("expected {:g} … {:g} Hz, as the camera offers, got {:g}", c.min_frame_rate_hz,
                       c.max_frame_rate_hz, 1.0 / config.period.seconds()));
   require(client->set_acquisition(gige::AcquisitionMode::continuous), {}, "setting continuous acquisition");
-  require(client->set_software_trigger(settings.software_trigger), "trigger", "setting the trigger");
+  require(client->set_software_trigger(settings.software_trigger || settings.hardware_trigger), "trigger",
+          "setting the trigger");
+  if (settings.hardware_trigger) set_up_line();
+  if (settings.chunks) set_up_chunks();
+  if (settings.ptp)
+    require(client->write(gige::reg::kPtpEnable, 1), "ptp",
+            "expected a camera with a PTP clock (`ptp` of the emulator)");
   exposure = seconds_from(read_double(gige::reg::kExposureTime, "reading the exposure time") * 1e-6);
   gain_db = read_double(gige::reg::kGain, "reading the gain");
   if (exposure > config.period)
@@ -144,9 +154,34 @@ void GigeVirtualSource::Impl::set_up() {
                     "picture can be there; got {:g}",
                     (exposure / 2 + camera.readout).seconds() * 1e3, camera.readout.seconds() * 1e3,
                     config.latency.seconds() * 1e3));
-  if (read(gige::reg::kPayloadSize, "reading the payload size") !=
-      image_bytes(settings.format, region.width_px, region.height_px))
+  const auto payload = read(gige::reg::kPayloadSize, "reading the payload size");
+  const auto picture = image_bytes(settings.format, region.width_px, region.height_px);
+  if (settings.chunks ? payload <= picture : payload != picture)
     throw ConfigError({ErrorCode::internal, config.name, "the camera's payload is not its picture's size"});
+}
+
+void GigeVirtualSource::Impl::set_up_line() {
+  if (settings.trigger_line != "Line1")
+    throw refused(config, "trigger_line",
+                  "expected Line1, which the emulated camera has, got " + settings.trigger_line);
+  if (camera.line_period.ns() == 0)
+    throw refused(config, "trigger",
+                  "expected something on the emulated camera's line: give the emulator a `trigger_line`");
+  require(client->write(gige::reg::kTriggerSource, gige::reg::kTriggerSourceLine1), "trigger_line",
+          "setting the trigger's source");
+  require(client->write(gige::reg::kTriggerActivation,
+                        settings.falling_edge ? gige::reg::kFallingEdge : gige::reg::kRisingEdge),
+          "trigger_edge", "setting the trigger's edge");
+  require(client->write_double(gige::reg::kTriggerDelay, settings.trigger_delay_us), "trigger_delay_us",
+          "setting the trigger's delay");
+}
+
+void GigeVirtualSource::Impl::set_up_chunks() {
+  require(client->write(gige::reg::kChunkModeActive, 1), "chunks", "switching chunk data on");
+  for (const auto id : {gige::reg::kChunkTimestamp, gige::reg::kChunkExposureTime, gige::reg::kChunkGain}) {
+    require(client->write(gige::reg::kChunkSelector, id), "chunks", "choosing a chunk");
+    require(client->write(gige::reg::kChunkEnable, 1), "chunks", "switching a chunk on");
+  }
 }
 
 Status GigeVirtualSource::do_arm(const ArmContext& context) {
@@ -155,6 +190,8 @@ Status GigeVirtualSource::do_arm(const ArmContext& context) {
     return fail(ErrorCode::wrong_state, i.config.name, "this stand-in runs in virtual time only");
   gige::GigeCameraConfig camera = camera_config(i.camera, i.parts.image->geometry());
   camera.align_to_clock = false;  // aligned by hand, to the bench's grid
+  // Pulses are on the bench's clock, which the camera's is ahead of.
+  camera.line_phase = camera.line_phase + kDeviceAhead;
   auto model = gige::GigeDeviceModel::create(camera);
   if (!model) return fail(model.error().code, i.config.name, model.error().text());
   i.model = std::make_unique<gige::GigeDeviceModel>(std::move(*model));
@@ -207,6 +244,7 @@ SampleLease GigeVirtualSource::poll(BenchTime now) noexcept {
 void GigeVirtualSource::complete_until(BenchTime now) {
   Impl& i = *impl_;
   if (!i.running) return;
+  if (i.settings.hardware_trigger) return i.complete_line(now);
   while (i.next_exposure + i.exposure / 2 <= now) {
     i.advance(device_time(i.next_exposure));
     if (i.settings.software_trigger && !i.client->trigger()) {
@@ -223,6 +261,19 @@ void GigeVirtualSource::complete_until(BenchTime now) {
   i.advance(std::min(device_time(now), before_next));
 }
 
+/// Exposures begin when the line says so, not by the bench's grid.
+void GigeVirtualSource::Impl::complete_line(BenchTime now) {
+  while (true) {
+    const DeviceTime next = model->next_exposure();
+    if (next == DeviceTime::never() || bench_time(next) + exposure / 2 > now) break;
+    advance(next);
+    advance(next + nanoseconds(1));
+  }
+  const DeviceTime next = model->next_exposure();
+  const DeviceTime before_next = next == DeviceTime::never() ? next : next - nanoseconds(1);
+  advance(std::min(device_time(now), before_next));
+}
+
 void GigeVirtualSource::Impl::advance(DeviceTime t) {
   if (t < device_now) return;
   device_now = t;
@@ -230,15 +281,32 @@ void GigeVirtualSource::Impl::advance(DeviceTime t) {
   collect();
 }
 
+Duration GigeVirtualSource::Impl::ptp_offset() {
+  if (!client->write(gige::reg::kPtpLatch, 1)) return {};
+  const auto high = client->read(gige::reg::kPtpOffsetHigh), low = client->read(gige::reg::kPtpOffsetLow);
+  if (!high || !low) return {};
+  return Duration(std::abs(static_cast<std::int64_t>(std::uint64_t{*high} << 32 | *low)));
+}
+
 void GigeVirtualSource::Impl::collect() {
   while (client->poll(device_now, frame)) {
     const BenchTime t_start = bench_time(DeviceTime(static_cast<std::int64_t>(frame.leader.timestamp_ticks)));
     Stamp stamp;
-    stamp.t_capture = t_start + exposure / 2;
+    Duration exposed = exposure;
+    double gain = gain_db;
+    const std::size_t picture = image_bytes(settings.format, region.width_px, region.height_px);
+    if (settings.chunks && frame.complete) {
+      if (const auto c = gige::find_chunk(frame.data, gige::reg::kChunkExposureTime); c.size() == 8)
+        exposed = seconds_from(gige::load_be_double(c, 0) * 1e-6);
+      if (const auto c = gige::find_chunk(frame.data, gige::reg::kChunkGain); c.size() == 8)
+        gain = gige::load_be_double(c, 0);
+    }
+    stamp.t_capture = t_start + exposed / 2;
+    if (settings.ptp) stamp.sigma_capture = ptp_offset();
     const FrameSequence::Step step = sequence.step(frame.block_id, stamp.t_capture);
     health.lost.fetch_add(step.lost_before, std::memory_order_relaxed);
     SampleLease lease = pool->try_acquire();
-    if (!lease || frame.data.size() != image_bytes(settings.format, region.width_px, region.height_px)) {
+    if (!lease || (settings.chunks ? frame.data.size() < picture : frame.data.size() != picture)) {
       (lease ? health.protocol_errors : health.no_slot).fetch_add(1, std::memory_order_relaxed);
       lost_pending += step.lost_before + 1;
       continue;
@@ -254,9 +322,9 @@ void GigeVirtualSource::Impl::collect() {
                        .height_px = region.height_px,
                        .offset_x_px = region.x_px,
                        .offset_y_px = region.y_px,
-                       .exposure = exposure,
-                       .gain_db = gain_db};
-    s.size_bytes = frame.data.size();
+                       .exposure = exposed,
+                       .gain_db = gain};
+    s.size_bytes = picture;
     std::memcpy(s.memory().data(), frame.data.data(), s.size_bytes);
     lost_pending = 0;
     (frame.complete ? health.received : health.incomplete).fetch_add(1, std::memory_order_relaxed);

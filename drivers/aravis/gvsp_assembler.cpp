@@ -76,6 +76,13 @@ void GvspAssembler::push(Bytes datagram, DeviceTime now) {
   accept(*b, p, now);
 }
 
+/// A picture alone has the whole payload; one with chunks leaves some of it to them.
+bool GvspAssembler::has_expected_size(const GvspLeader& leader) const {
+  const std::uint64_t picture = payload_bytes(leader.region, leader.format);
+  return (leader.payload_type & kChunkFlag) != 0 ? picture < options_.payload_bytes
+                                                 : picture == options_.payload_bytes;
+}
+
 void GvspAssembler::accept(Block& b, const GvspPacket& p, DeviceTime now) {
   if (p.packet_id >= b.count) {
     ++counters_.wrong_packet;
@@ -88,8 +95,7 @@ void GvspAssembler::accept(Block& b, const GvspPacket& p, DeviceTime now) {
   switch (p.format) {
     case GvspFormat::leader:
       // A block of another size than the one that was agreed on would be torn, not shown.
-      if (payload_bytes(p.leader.region, p.leader.format) != options_.payload_bytes ||
-          !is_known(p.leader.format)) {
+      if (!is_known(p.leader.format) || !has_expected_size(p.leader)) {
         ++counters_.wrong_packet;
         return;
       }

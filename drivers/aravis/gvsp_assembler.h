@@ -80,6 +80,7 @@ class GvspAssembler {
     bool given_up = false;
   };
   [[nodiscard]] Block* find_or_open(std::uint64_t id, DeviceTime now);
+  [[nodiscard]] bool has_expected_size(const GvspLeader& leader) const;
   void accept(Block& b, const GvspPacket& p, DeviceTime now);
   void finish(Block& b);
   [[nodiscard]] std::uint64_t next_id(std::uint64_t id) const;

@@ -5,7 +5,6 @@
 namespace rigor::gige {
 namespace {
 
-constexpr std::uint16_t kImagePayload = 0x0001;
 constexpr std::uint8_t kExtendedIdBit = 0x80;
 
 std::size_t put_header(GvStatus status, std::uint64_t block_id, std::uint32_t packet_id, GvspFormat format,
@@ -86,16 +85,31 @@ bool decode_gvsp(Bytes d, GvspPacket& out) noexcept {
                            load_be<std::uint32_t>(body, 16), load_be<std::uint32_t>(body, 20)};
       out.leader.padding_x = load_be<std::uint16_t>(body, 32);
       out.leader.padding_y = load_be<std::uint16_t>(body, 34);
-      return out.leader.payload_type == kImagePayload;
+      return (out.leader.payload_type & ~kChunkFlag) == kImagePayload;
     case GvspFormat::trailer:
       if (body.size() < kGvspTrailerSize) return false;
       out.trailer.payload_type = load_be<std::uint16_t>(body, 2);
       out.trailer.height_px = load_be<std::uint32_t>(body, 4);
+      out.trailer.chunk_bytes = 0;
+      if ((out.trailer.payload_type & kChunkFlag) != 0 && body.size() >= kGvspChunkTrailerSize)
+        out.trailer.chunk_bytes = load_be<std::uint32_t>(body, 8);
       return out.packet_id != 0;
     default:
       out.payload = body;
       return out.packet_id != 0 && !body.empty();
   }
+}
+
+Bytes find_chunk(Bytes payload, std::uint32_t id) noexcept {
+  constexpr std::size_t kTrailer = 8;  // id and length, behind the data
+  while (payload.size() >= kTrailer) {
+    const std::size_t end = payload.size() - kTrailer;
+    const auto length = load_be<std::uint32_t>(payload, end + 4);
+    if (length > end) return {};
+    if (load_be<std::uint32_t>(payload, end) == id) return payload.subspan(end - length, length);
+    payload = payload.first(end - length);
+  }
+  return {};
 }
 
 std::size_t GvspBlock::slice_size() const {
@@ -115,7 +129,7 @@ std::size_t GvspBlock::encode_packet(std::uint32_t packet_id, MutableBytes out) 
     put_header(GvStatus::success, block_id, packet_id, GvspFormat::leader, extended_ids, out);
     const MutableBytes b = out.subspan(header);
     store_be(b, 0, std::uint16_t{0});
-    store_be(b, 2, kImagePayload);
+    store_be(b, 2, leader.payload_type);
     store_be(b, 4, leader.timestamp_ticks);
     store_be(b, 12, static_cast<std::uint32_t>(leader.format));
     store_be(b, 16, leader.region.width_px);
@@ -127,13 +141,19 @@ std::size_t GvspBlock::encode_packet(std::uint32_t packet_id, MutableBytes out) 
     return header + kGvspLeaderSize;
   }
   if (packet_id == count - 1) {
-    if (out.size() < header + kGvspTrailerSize) return 0;
+    const bool chunks = (leader.payload_type & kChunkFlag) != 0;
+    const std::size_t size = chunks ? kGvspChunkTrailerSize : kGvspTrailerSize;
+    if (out.size() < header + size) return 0;
     put_header(GvStatus::success, block_id, packet_id, GvspFormat::trailer, extended_ids, out);
     const MutableBytes b = out.subspan(header);
     store_be(b, 0, std::uint16_t{0});
-    store_be(b, 2, kImagePayload);
+    store_be(b, 2, leader.payload_type);
     store_be(b, 4, leader.region.height_px);
-    return header + kGvspTrailerSize;
+    if (chunks) {
+      store_be(b, 8, static_cast<std::uint32_t>(data.size()));
+      store_be(b, 12, std::uint32_t{0});  // layout: as the description says, always
+    }
+    return header + size;
   }
   const std::size_t from = std::size_t{packet_id - 1} * slice_size();
   const std::size_t length = std::min(slice_size(), data.size() - from);

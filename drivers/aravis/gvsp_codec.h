@@ -55,13 +55,16 @@ inline constexpr std::size_t kGvspHeaderSize = 8;
 inline constexpr std::size_t kGvspExtendedHeaderSize = 20;
 inline constexpr std::size_t kIpUdpHeaderSize = 28;  ///< counted in the packet size that a client asks for
 inline constexpr std::size_t kGvspLeaderSize = 36;   ///< behind the header
-inline constexpr std::size_t kGvspTrailerSize = 8;
+inline constexpr std::size_t kGvspTrailerSize = 8, kGvspChunkTrailerSize = 16;
 inline constexpr std::size_t kGvspMaxDatagram = 65507;
 
 enum class GvspFormat : std::uint8_t { leader = 1, trailer = 2, payload = 3, all_in = 4 };
 
+/// Types of payload. Pictures may have chunk data behind them (extended chunk mode of GigE Vision 2.0).
+inline constexpr std::uint16_t kImagePayload = 0x0001, kChunkFlag = 0x4000;
+
 struct GvspLeader {
-  std::uint16_t payload_type = 0;  ///< 1: image
+  std::uint16_t payload_type = 0;  ///< kImagePayload, with or without kChunkFlag
   std::uint64_t timestamp_ticks = 0;
   PixelFormat format = PixelFormat::mono8;
   Region region;
@@ -71,6 +74,7 @@ struct GvspLeader {
 struct GvspTrailer {
   std::uint16_t payload_type = 0;
   std::uint32_t height_px = 0;
+  std::uint32_t chunk_bytes = 0;  ///< whole payload with its chunks, where it has some
 };
 
 /// One packet as the receiver sees it. `leader` and `trailer` hold for their own format with status success
@@ -88,6 +92,10 @@ struct GvspPacket {
 
 /// False where the datagram is no GVSP packet of a kind that we know. Any thread, no allocation.
 [[nodiscard]] bool decode_gvsp(Bytes datagram, GvspPacket& out) noexcept;
+
+/// The data of the chunk with this id in a payload that ends with chunks; empty where there is none, or where
+/// the lengths make no sense. Any thread, no allocation.
+[[nodiscard]] Bytes find_chunk(Bytes payload, std::uint32_t id) noexcept;
 
 /// A frame ready to be sent, any packet of it in any order, any number of times.
 class GvspBlock {

@@ -1,0 +1,237 @@
+// Exposures of the emulated camera: free running, by software and by its input line; blocks; chunk data.
+#include <algorithm>
+#include <bit>
+#include <utility>
+
+#include "drivers/aravis/gige_device_model.h"
+
+namespace rigor::gige {
+namespace {
+
+DeviceTime max_of(DeviceTime a, DeviceTime b) { return a < b ? b : a; }
+
+}  // namespace
+
+std::uint64_t GigeDeviceModel::ticks(DeviceTime t) const {
+  return static_cast<std::uint64_t>(std::max<std::int64_t>(0, (t - timestamp_zero_).ns()));
+}
+
+Duration GigeDeviceModel::period() const {
+  // Exposure and readout overlap, as in a global-shutter sensor: the longer of the two times sets the rate.
+  const double rate = frame_rate_enable_ != 0 ? frame_rate_hz_ : config_.max_frame_rate_hz;
+  return seconds_from(std::max(1.0 / rate, exposure_us_ * 1e-6));
+}
+
+void GigeDeviceModel::start_acquisition(DeviceTime now) {
+  acquiring_ = true;
+  ++epoch_;
+  index_ = 0;
+  triggers_.clear();
+  frames_left_.reset();
+  if (mode_ == reg::kModeSingleFrame) frames_left_ = 1;
+  if (mode_ == reg::kModeMultiFrame) frames_left_ = frame_count_;
+  sensor_free_ = now;
+  next_free_run_ = on_grid(now);
+  rewire(now);
+}
+
+DeviceTime GigeDeviceModel::on_grid(DeviceTime t) const {
+  if (!config_.align_to_clock) return t;
+  const std::int64_t p = period().ns();
+  const std::int64_t k = t.ns() / p;
+  return DeviceTime((k * p < t.ns() ? k + 1 : k) * p);
+}
+
+void GigeDeviceModel::stop_acquisition() {
+  acquiring_ = false;
+  ++epoch_;
+  triggers_.clear();
+}
+
+GvStatus GigeDeviceModel::software_trigger(DeviceTime now) {
+  if (!acquiring_ || trigger_mode_ == 0 || on_line()) {
+    ++counters_.triggers_refused;
+    return GvStatus::access_denied;
+  }
+  if (triggers_.size() >= config_.trigger_queue) {
+    ++counters_.triggers_refused;
+    return GvStatus::busy;
+  }
+  ++counters_.triggers;
+  triggers_.push_back(now + trigger_delay());
+  return GvStatus::success;
+}
+
+// The line. A pulse is taken when it comes, or missed: there is no queue behind a wire.
+
+DeviceTime GigeDeviceModel::wired_edge(DeviceTime t) const {
+  const std::int64_t p = config_.line_period.ns();
+  if (p == 0) return DeviceTime::never();
+  const std::int64_t first =
+      config_.line_phase.ns() % p + (trigger_activation_ == reg::kFallingEdge ? p / 2 : 0);
+  const std::int64_t behind = t.ns() - first;
+  const std::int64_t k = behind <= 0 ? -(-behind / p) : (behind + p - 1) / p;
+  return DeviceTime(first + k * p);
+}
+
+void GigeDeviceModel::rewire(DeviceTime now) {
+  next_wired_ = acquiring_ && on_line() ? wired_edge(now) : DeviceTime::never();
+}
+
+bool GigeDeviceModel::line_high(DeviceTime t) const {
+  if (t >= pulse_rise_ && t < pulse_fall_) return true;
+  const std::int64_t p = config_.line_period.ns();
+  if (p == 0) return false;
+  const std::int64_t in = ((t.ns() - config_.line_phase.ns()) % p + p) % p;
+  return in < p / 2;
+}
+
+void GigeDeviceModel::pulse_line(DeviceTime rise, DeviceTime fall) {
+  pulse_rise_ = rise, pulse_fall_ = fall;
+  if (!acquiring_ || !on_line()) return;
+  const DeviceTime start = (trigger_activation_ == reg::kRisingEdge ? rise : fall) + trigger_delay();
+  if (start < sensor_free_ || triggers_.size() >= config_.trigger_queue) {
+    ++counters_.line_missed;
+    return;
+  }
+  triggers_.push_back(start);
+}
+
+/// Edges that came while the sensor was busy.
+void GigeDeviceModel::miss_edges() {
+  while (!triggers_.empty() && triggers_.front() < sensor_free_)
+    triggers_.pop_front(), ++counters_.line_missed;
+  if (next_wired_ == DeviceTime::never()) return;
+  const std::int64_t behind = (sensor_free_ - (next_wired_ + trigger_delay())).ns();
+  if (behind <= 0) return;
+  const std::int64_t p = config_.line_period.ns();
+  const std::int64_t missed = (behind + p - 1) / p;
+  counters_.line_missed += static_cast<std::uint64_t>(missed);
+  next_wired_ = next_wired_ + config_.line_period * missed;
+}
+
+// IEEE 1588: a servo that has settled keeps the clock within the offset, this way and that.
+
+std::uint32_t GigeDeviceModel::ptp_status(DeviceTime now) const {
+  if (!ptp_enabled_) return reg::kPtpDisabled;
+  const Duration since = now - ptp_since_;
+  if (since >= config_.ptp.settle) return reg::kPtpSlave;
+  return since * 2 >= config_.ptp.settle ? reg::kPtpUncalibrated : reg::kPtpListening;
+}
+
+std::int64_t GigeDeviceModel::ptp_offset_ns(DeviceTime now) const {
+  if (ptp_status(now) != reg::kPtpSlave) return 0;
+  // A triangle of 16 s between −offset and +offset.
+  const std::int64_t most = config_.ptp.offset.ns(), quarter = seconds(4).ns();
+  const std::int64_t at = (now - ptp_since_).ns() % (4 * quarter);
+  const auto part =
+      static_cast<double>(at < 2 * quarter ? at - quarter : 3 * quarter - at) / static_cast<double>(quarter);
+  return static_cast<std::int64_t>(part * static_cast<double>(most));
+}
+
+// Chunk data.
+
+std::size_t GigeDeviceModel::chunk_bytes() const {
+  if (chunk_mode_ == 0) return 0;
+  return reg::kChunkTrailer + static_cast<std::size_t>(std::popcount(chunks_ & ~(1u << reg::kChunkImage))) *
+                                  (reg::kChunkValue + reg::kChunkTrailer);
+}
+
+void GigeDeviceModel::append_chunks(const FrameRequest& r, std::vector<std::uint8_t>& data) const {
+  if (chunk_mode_ == 0) return;
+  const auto trailer = [&](std::uint32_t id, std::size_t length) {
+    const std::size_t at = data.size();
+    data.resize(at + reg::kChunkTrailer);
+    store_be(MutableBytes(data), at, id);
+    store_be(MutableBytes(data), at + 4, static_cast<std::uint32_t>(length));
+  };
+  const auto value = [&](std::uint32_t id, std::uint64_t bits) {
+    if (((chunks_ >> id) & 1) == 0) return;
+    const std::size_t at = data.size();
+    data.resize(at + reg::kChunkValue);
+    store_be(MutableBytes(data), at, bits);
+    trailer(id, reg::kChunkValue);
+  };
+  trailer(reg::kChunkImage, data.size());
+  value(reg::kChunkTimestamp, r.timestamp_ticks);
+  value(reg::kChunkExposureTime, std::bit_cast<std::uint64_t>(static_cast<double>(r.exposure.ns()) / 1e3));
+  value(reg::kChunkGain, std::bit_cast<std::uint64_t>(r.gain_db));
+  value(reg::kChunkFrameId, r.index);
+}
+
+DeviceTime GigeDeviceModel::next_exposure() const {
+  if (!acquiring_) return DeviceTime::never();
+  if (trigger_mode_ == 0) return next_free_run_;
+  const DeviceTime asked = triggers_.empty() ? DeviceTime::never() : max_of(triggers_.front(), sensor_free_);
+  return next_wired_ == DeviceTime::never() ? asked : std::min(asked, next_wired_ + trigger_delay());
+}
+
+std::shared_ptr<GvspBlock> GigeDeviceModel::new_block() {
+  for (auto& b : pool_) {
+    if (b.use_count() == 1) return b;
+  }
+  pool_.push_back(std::make_shared<GvspBlock>());
+  return pool_.back();
+}
+
+bool GigeDeviceModel::begin_frame(DeviceTime now, FrameJob& job) {
+  DeviceTime start = next_exposure();
+  if (start > now) return false;
+  const Duration p = period();
+  if (trigger_mode_ == 0) {
+    const std::int64_t behind = (now - start) / p;
+    if (behind > 0) {
+      counters_.exposures_skipped += static_cast<std::uint64_t>(behind);
+      index_ += static_cast<std::uint64_t>(behind);
+      start = start + p * behind;
+    }
+    next_free_run_ = start + p;
+  } else if (next_wired_ != DeviceTime::never() && next_wired_ + trigger_delay() == start) {
+    // Edges that nobody came to look at in time are past.
+    const std::int64_t behind = (now - start) / config_.line_period;
+    counters_.exposures_skipped += static_cast<std::uint64_t>(behind);
+    index_ += static_cast<std::uint64_t>(behind);
+    start = start + config_.line_period * behind;
+    next_wired_ = next_wired_ + config_.line_period * (behind + 1);
+    ++counters_.line_edges;
+  } else {
+    triggers_.pop_front();
+    if (on_line()) ++counters_.line_edges;
+  }
+  const Duration exposure = seconds_from(exposure_us_ * 1e-6);
+  sensor_free_ = start + exposure;
+  if (on_line()) miss_edges();
+  job.request = {index_++, start, ticks(start), exposure, gain_db_, region_, format_};
+  job.t_send = start + exposure + config_.readout;
+  job.epoch = epoch_;
+  job.block = new_block();
+  job.block->data.resize(payload_bytes(region_, format_));
+  job.block->packet_size = packet_size_;
+  const auto kind = chunk_mode_ != 0 ? kImagePayload | kChunkFlag : kImagePayload;
+  job.block->leader = {static_cast<std::uint16_t>(kind), job.request.timestamp_ticks, format_, region_, 0, 0};
+  return true;
+}
+
+std::optional<OutgoingBlock> GigeDeviceModel::finish_frame(FrameJob&& job, bool filled) {
+  const auto block = std::move(job.block);
+  if (!acquiring_ || job.epoch != epoch_ || block == nullptr) return std::nullopt;
+  if (!filled) {
+    ++counters_.pictures_missing;
+    return std::nullopt;
+  }
+  if (frames_left_ && --*frames_left_ == 0) {
+    acquiring_ = false;
+    triggers_.clear();
+  }
+  if (stream_port_ == 0) return std::nullopt;
+  append_chunks(job.request, block->data);
+  ++counters_.frames;
+  block->block_id = next_block_id_;
+  next_block_id_ =
+      next_block_id_ == 0xFFFF ? std::uint16_t{1} : static_cast<std::uint16_t>(next_block_id_ + 1);
+  retained_.push_back(block);
+  while (retained_.size() > config_.retained_frames) retained_.pop_front();
+  return OutgoingBlock{block, job.t_send, stream_destination(), nanoseconds(packet_delay_ticks_)};
+}
+
+}  // namespace rigor::gige
