@@ -80,6 +80,7 @@ ScannerServer::~ScannerServer() {
 
 std::uint16_t ScannerServer::port() const noexcept { return impl_->port; }
 const ScannerServer::Counters& ScannerServer::counters() const noexcept { return impl_->counters; }
+MonotonicTime ScannerServer::switched_on() const noexcept { return impl_->switched_on; }
 void ScannerServer::on_clients(std::function<void(unsigned)> tell) { impl_->tell = std::move(tell); }
 
 Status ScannerServer::listen(const std::string& address, std::uint16_t port) {

@@ -56,6 +56,8 @@ class ScannerServer {
   [[nodiscard]] Status start();
   void stop();
   [[nodiscard]] const Counters& counters() const noexcept;
+  /// When the mirror passed its zero index for the first time, once started: scan k begins k periods later.
+  [[nodiscard]] MonotonicTime switched_on() const noexcept;
 
  private:
   struct Impl;

@@ -137,8 +137,8 @@ Status SickSource::do_arm(const ArmContext& context) {
   return {};
 }
 
-Status SickSource::do_start(BenchTime) {
-  impl_->thread = std::thread([this, &i = *impl_] {
+Status SickSource::do_start(BenchTime t0) {
+  impl_->thread = std::thread([this, t0, &i = *impl_] {
     const auto take_scan = [&](Bytes values, BenchTime arrival) {
       if (decode_scan(values, i.scan) != ScanError::none) {
         health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
@@ -153,9 +153,11 @@ Status SickSource::do_start(BenchTime) {
       // A map that is being learned may step back by its own uncertainty; samples do not.
       if (i.last_capture.ns() != 0)
         stamp.t_capture = std::max(stamp.t_capture, i.last_capture + nanoseconds(1));
+      i.last_capture = stamp.t_capture;
+      // Before the run begins, scans teach the clock and are no samples.
+      if (stamp.t_capture < t0) return;
       const auto interval = i.settings.wish.output_interval;
       const auto step = i.sequence.step(i.scan.scan_counter, interval, stamp.t_capture, t.period * interval);
-      i.last_capture = stamp.t_capture;
       count_lost(step.lost);
       stamp.sequence = step.sequence;
       stamp.t_release = stamp.t_capture + config().latency;
