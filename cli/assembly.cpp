@@ -121,7 +121,8 @@ class Assembler {
     }
     const Backend* backend = registry_.find(choice.backend);
     if (!backend) return tl::unexpected<Error>(unknown_backend(choice));
-    if (!virtual_time()) {
+    const bool recording = backend->reads_recording && backend->reads_recording(choice.params);
+    if (!virtual_time() || recording) {
       if (!backend->make_source)
         return tl::unexpected<Error>(
             choice.params.error("backend", choice.backend + " gives no samples").error());

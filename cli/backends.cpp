@@ -4,6 +4,7 @@
 #include "drivers/can/can_backend.h"
 #include "drivers/modbus/modbus_backend.h"
 #include "drivers/sick/sick_backend.h"
+#include "drivers/velodyne/velodyne_backend.h"
 
 namespace rigor {
 
@@ -13,6 +14,7 @@ Registry make_registry() {
   registry.add(can_backend());
   registry.add(modbus_backend());
   registry.add(sick_backend());
+  registry.add(velodyne_backend());
   return registry;
 }
 

@@ -23,6 +23,8 @@ class CloudChannel : public StreamSource {
   /// The model by what packets say and show; a contradiction becomes a warning. unavailable: neither tells.
   [[nodiscard]] Result<Model> decide_model(std::uint8_t product, const ModelEvidence& evidence);
 
+  [[nodiscard]] bool virtual_time() const { return virtual_time_; }
+
   SourceSettings settings_;
   std::unique_ptr<CloudStream> stream_;
   std::vector<std::string> warnings_;

@@ -34,6 +34,9 @@ struct Backend {
       make_virtual_source;
   std::function<Result<std::unique_ptr<Sink>>(DeviceParts parts, ConfigNode emulator_params)>
       make_virtual_sink;
+  /// Whether a source with these keys reads a recording of the device: then it serves in virtual time itself,
+  /// and no emulator has to stand for it.
+  std::function<bool(const ConfigNode& params)> reads_recording;
   std::function<std::vector<FoundDevice>()> find_devices;
   std::function<std::vector<DoctorFinding>()> doctor;
 };

@@ -1,0 +1,59 @@
+// Datagrams with the instant at which the kernel had them, many in one system call.
+#pragma once
+
+#include <netinet/in.h>
+#include <sys/socket.h>
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "rt-core/epoch.h"
+#include "rt-core/result.h"
+
+namespace rigor::velodyne {
+
+/// One thread.
+class UdpReceiver {
+ public:
+  struct Datagram {
+    std::span<const std::uint8_t> bytes;
+    BenchTime arrival;
+    std::uint32_t source_ipv4;  ///< host order
+  };
+  static constexpr std::size_t kBatch = 32, kMaxBytes = 1500;
+
+  UdpReceiver();
+  ~UdpReceiver();
+  UdpReceiver(const UdpReceiver&) = delete;
+  UdpReceiver& operator=(const UdpReceiver&) = delete;
+
+  /// unavailable: the port is taken, or the address is not this machine's. Port 0: any. Setup.
+  [[nodiscard]] Status open(const std::string& address, std::uint16_t port, std::int64_t buffer_bytes);
+  void close();
+  [[nodiscard]] int fd() const { return fd_; }
+  [[nodiscard]] std::uint16_t port() const { return port_; }
+  /// Bytes that the kernel grants; less than asked for where net.core.rmem_max is lower.
+  [[nodiscard]] std::int64_t buffer_bytes() const { return buffer_bytes_; }
+  /// What is there, up to kBatch, without waiting; valid until the next call. Empty: nothing, or an error
+  /// (errno).
+  [[nodiscard]] std::span<const Datagram> receive(const EpochPair& epoch) noexcept;
+  /// Datagrams that the kernel dropped because the buffer was full.
+  [[nodiscard]] std::uint64_t dropped() const { return dropped_; }
+
+ private:
+  int fd_ = -1;
+  std::uint16_t port_ = 0;
+  std::int64_t buffer_bytes_ = 0;
+  std::uint32_t dropped_last_ = 0;
+  std::uint64_t dropped_ = 0;
+  std::array<std::array<std::uint8_t, kMaxBytes>, kBatch> data_{};
+  std::array<std::array<std::uint8_t, 128>, kBatch> control_{};
+  std::array<sockaddr_in, kBatch> from_{};
+  std::array<iovec, kBatch> vector_{};
+  std::array<mmsghdr, kBatch> header_{};
+  std::array<Datagram, kBatch> got_{};
+};
+
+}  // namespace rigor::velodyne

@@ -1,0 +1,101 @@
+// A LiDAR whose ranges are a formula of where its beams point, with the scan of a Velodyne.
+#pragma once
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <numbers>
+#include <string>
+
+#include "drivers/velodyne/velodyne_device.h"
+#include "sensor-hal/channel/providers.h"
+#include "sensor-hal/models/lidar/lidar_model.h"
+
+namespace rigor::velodyne::test {
+
+class FormulaLidar final : public SampleProvider {
+ public:
+  explicit FormulaLidar(Model model, double rotation_hz, bool dual = false) : dual_(dual) {
+    const DeviceFacts& f = facts_of(model);
+    const Calibration c = factory_calibration(model);
+    scan_.beams.resize(f.lasers);
+    for (std::size_t i = 0; i < f.lasers; ++i) {
+      scan_.beams[i].elevation_rad = c.lasers[i].elevation_rad;
+      scan_.beams[i].vertical_offset_m = c.lasers[i].vertical_offset_m;
+      scan_.beams[i].fire_time_s = static_cast<double>(f.laser_ns) * 1e-9 * static_cast<double>(i);
+    }
+    scan_.column_period_s = static_cast<double>(f.sequence_ns) * 1e-9;
+    scan_.rotation_radps = -2 * std::numbers::pi * rotation_hz;
+    scan_.columns = static_cast<std::uint32_t>(1 / rotation_hz / scan_.column_period_s) + 1;
+  }
+  Geometry geometry() const override {
+    return {SampleKind::point_cloud, 0, 0, scan_.columns * scan_.beams.size() * 2 * sizeof(LidarPoint),
+            "lidar"};
+  }
+  const models::LidarScan* scan() const override { return &scan_; }
+  /// Of a beam at an anticlockwise azimuth; whole steps of 2 mm; none in a sector of 20 degrees behind.
+  static double range_m(double azimuth_rad, std::size_t beam) {
+    const double a = std::remainder(azimuth_rad, 2 * std::numbers::pi);
+    if (std::abs(a) > std::numbers::pi - 0.17) return 0;
+    return std::round((10 + 4 * std::sin(2 * a) + 0.1 * static_cast<double>(beam)) * 500) / 500;
+  }
+  Status capture(const Request& r, Sample& sample) override {
+    std::uint32_t count = 0;
+    for (std::uint32_t c = 0; c < scan_.columns; ++c)
+      for (std::size_t b = 0; b < scan_.beams.size(); ++b) {
+        const models::LidarBeam& beam = scan_.beams[b];
+        const double a = scan_.azimuth_rad(c) + scan_.rotation_radps * beam.fire_time_s + r.turn_rad;
+        const double range = range_m(a, b);
+        if (range == 0) continue;
+        const auto aim = models::rotor_aim(beam, a);
+        for (std::uint8_t index = 0; index < (dual_ && b % 4 == 0 ? 2 : 1); ++index) {
+          const double at = range + 2 * index;
+          const LidarPoint p{
+              static_cast<float>(aim.origin_m[0] + at * aim.direction[0]),
+              static_cast<float>(aim.origin_m[1] + at * aim.direction[1]),
+              static_cast<float>(aim.origin_m[2] + at * aim.direction[2]),
+              static_cast<float>(b * 5 + index),
+              static_cast<std::int32_t>(std::lround((c * scan_.column_period_s + beam.fire_time_s) * 1e9)),
+              static_cast<std::uint16_t>(b),
+              index,
+              0};
+          std::memcpy(sample.memory().data() + count++ * sizeof p, &p, sizeof p);
+        }
+      }
+    sample.info = PointCloudInfo{count};
+    sample.size_bytes = count * sizeof(LidarPoint);
+    return {};
+  }
+
+ private:
+  models::LidarScan scan_;
+  bool dual_;
+};
+
+/// Two UDP ports of 127.0.0.1 that nobody has now.
+inline std::array<std::uint16_t, 2> free_ports() {
+  std::array<int, 2> fd{};
+  std::array<std::uint16_t, 2> port{};
+  for (std::size_t i = 0; i < 2; ++i) {
+    fd[i] = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    sockaddr_in a{};
+    a.sin_family = AF_INET;
+    a.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t length = sizeof a;
+    if (bind(fd[i], reinterpret_cast<sockaddr*>(&a), sizeof a) == 0 &&
+        getsockname(fd[i], reinterpret_cast<sockaddr*>(&a), &length) == 0)
+      port[i] = ntohs(a.sin_port);
+  }
+  for (const int f : fd) close(f);
+  return port;
+}
+
+/// Packets of an even rotor as a recording.
+void record_rotor(const std::string& file, double rotation_hz, std::uint64_t packets);
+
+}  // namespace rigor::velodyne::test
