@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "sensor-hal/models/calibration_section.h"
+
 namespace rigor {
 namespace {
 
@@ -131,6 +133,7 @@ Result<CameraSheet> parse_camera(ConfigNode root) {
     s.model = read_model(root);
     s.exposure_s = root.number_or("exposure_us", s.exposure_s * 1e6, {.min = 1, .max = 1e8}) * 1e-6;
     s.supersampling = root.number_or("supersampling", s.supersampling, {.min = 1, .max = 4});
+    (void)read_calibration(root);
     root.finish();
     return s;
   });
@@ -143,8 +146,8 @@ Result<CameraSheet> parse_camera(ConfigNode root) {
   return sheet;
 }
 
-Result<CameraSheet> load_camera(const std::filesystem::path& file) {
-  auto root = ConfigDocument::load(file);
+Result<CameraSheet> load_camera(const std::filesystem::path& file, std::uint64_t draw) {
+  auto root = load_sheet(file, draw);
   if (!root) return tl::unexpected<Error>(root.error());
   return parse_camera(*root);
 }

@@ -9,6 +9,7 @@
 //   noise: { read_noise_e: 5, adc_bits: 12 }
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 
 #include "rt-core/result.h"
@@ -23,8 +24,9 @@ struct CameraSheet {
   double supersampling = 1.0;  ///< picture pixels per sensor pixel along one side, for the simulator
 };
 
+/// `draw`: that device of those which the sheet's covariance describes (calibration_section.h); 0: the sheet.
 /// not_found, or bad_input with file:line:column. Setup context.
-[[nodiscard]] Result<CameraSheet> load_camera(const std::filesystem::path& file);
+[[nodiscard]] Result<CameraSheet> load_camera(const std::filesystem::path& file, std::uint64_t draw = 0);
 [[nodiscard]] Result<CameraSheet> parse_camera(ConfigNode root);
 
 }  // namespace rigor

@@ -32,6 +32,7 @@ enum class NoiseEffect : std::uint32_t {
   tof_multipath = 63,          ///< element ray: words 0, 1 its direction; capture index 0
   tof_shot = 64,               ///< to 71, one for each modulation frequency: word k tap k
   tof_read = 72,               ///< to 79, one for each modulation frequency: word k tap k
+  calibration_draw = 96,       ///< element parameter: word 0 its deviation; capture index 0
 };
 
 [[nodiscard]] inline std::array<std::uint32_t, 4> philox(std::array<std::uint32_t, 4> counter,

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "sensor-hal/models/calibration_section.h"
+
 namespace rigor {
 namespace {
 
@@ -206,6 +208,7 @@ Result<LidarModel> parse_lidar_model(ConfigNode root) {
     read_optics(root, m);
     read_numbers(root, m);
     read_surroundings(root, m);
+    (void)read_calibration(root);
     root.finish();
     return m;
   });
@@ -218,8 +221,8 @@ Result<LidarModel> parse_lidar_model(ConfigNode root) {
   return model;
 }
 
-Result<LidarModel> load_lidar_model(const std::filesystem::path& file) {
-  auto root = ConfigDocument::load(file);
+Result<LidarModel> load_lidar_model(const std::filesystem::path& file, std::uint64_t draw) {
+  auto root = load_sheet(file, draw);
   if (!root) return tl::unexpected<Error>(root.error());
   return parse_lidar_model(*root);
 }

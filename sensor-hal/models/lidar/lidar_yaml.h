@@ -15,6 +15,7 @@
 // list of `beams` stands for all beams.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 
 #include "rt-core/result.h"
@@ -23,8 +24,10 @@
 
 namespace rigor {
 
+/// `draw`: that device of those which the sheet's covariance describes (calibration_section.h); 0: the sheet.
 /// not_found, or bad_input with file:line:column. Setup context.
-[[nodiscard]] Result<models::LidarModel> load_lidar_model(const std::filesystem::path& file);
+[[nodiscard]] Result<models::LidarModel> load_lidar_model(const std::filesystem::path& file,
+                                                          std::uint64_t draw = 0);
 [[nodiscard]] Result<models::LidarModel> parse_lidar_model(ConfigNode root);
 
 }  // namespace rigor

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstdlib>
 
+#include "sensor-hal/models/calibration_section.h"
+
 namespace rigor {
 namespace {
 
@@ -138,6 +140,7 @@ Result<TofModel> parse_tof_model(ConfigNode root) {
     read_light(root, m);
     read_pixel(root.map_or_absent("pixel"), m.pixel);
     read_processing(root, m);
+    (void)read_calibration(root);
     root.finish();
     return m;
   });
@@ -150,8 +153,8 @@ Result<TofModel> parse_tof_model(ConfigNode root) {
   return model;
 }
 
-Result<TofModel> load_tof_model(const std::filesystem::path& file) {
-  auto root = ConfigDocument::load(file);
+Result<TofModel> load_tof_model(const std::filesystem::path& file, std::uint64_t draw) {
+  auto root = load_sheet(file, draw);
   if (!root) return tl::unexpected<Error>(root.error());
   return parse_tof_model(*root);
 }
