@@ -59,8 +59,8 @@ class LineParser {
     while (take(' ')) {
     }
     const std::size_t from = at_;
-    while (!ended() && now() != ' ') ++at_;
-    if (at_ == from || at_ - from > 15 || ended()) {
+    while (!ended() && static_cast<unsigned char>(now()) > 0x20 && now() != 0x7f) ++at_;
+    if (at_ == from || at_ - from > 15 || now() != ' ') {
       at_ = std::min(from, line_.size());
       return want("the name of an interface of up to 15 characters, and a frame");
     }

@@ -75,6 +75,7 @@ TEST(CandumpLog, ErrorsGiveThePlace) {
   EXPECT_THAT(bad("(1.5) vcan0 044#"), HasSubstr("a.log:7:5: expected 6 digits"));
   EXPECT_THAT(bad("(99999999999.000000) vcan0 044#"), HasSubstr("at most 10 digits"));
   EXPECT_THAT(bad("(1.000000) vcan0"), HasSubstr("a.log:7:12: expected the name of an interface"));
+  EXPECT_THAT(bad({"(1.000000) can\0 044#", 21}), HasSubstr("a.log:7:12: expected the name of an interface"));
   EXPECT_THAT(bad("(1.000000) averylonginterface 044#"), HasSubstr("up to 15 characters"));
   EXPECT_THAT(bad("(1.000000) vcan0 0441#"), HasSubstr("a.log:7:18: expected an identifier"));
   EXPECT_THAT(bad("(1.000000) vcan0 800#"), HasSubstr("an identifier"));

@@ -594,6 +594,32 @@ TEST_F(KernelCan, OurIsoTpAndTheKernelsUnderstandEachOther) {
   }
 }
 
+TEST_F(KernelCan, ThePairOfAVxcanAreTwoMachines) {
+  if (!test::has_tool("ip")) GTEST_SKIP() << "iproute2 is not installed";
+  const std::string a = bus + "a", b = bus + "b";
+  if (run_tool({"ip", "link", "add", a, "type", "vxcan", "peer", "name", b}) != 0) {
+    ASSERT_FALSE(test::in_guest());
+    GTEST_SKIP() << "this kernel has no vxcan";
+  }
+  ASSERT_TRUE(set_up(a, true));
+  ASSERT_TRUE(set_up(b, true));
+  EXPECT_EQ(find_interface(a)->kind, "vxcan");
+  CanEmulator emulator;
+  emulator.attach({.image = {},
+                   .samples = {},
+                   .motion = {},
+                   .registers = {},
+                   .signals = std::make_shared<test::CountingModel>()});
+  start(emulator,
+        config_of(SampleKind::none, "{interface: " + a + ", dbc: " + folder.dbc() + ", node: Device}"));
+  CanSource source;
+  start(source, config_of(SampleKind::can_frame, "{interface: " + b + "}"));
+  EXPECT_GE(collect(source, 20).size(), 20u);
+  EXPECT_TRUE(source.stop());
+  EXPECT_TRUE(emulator.stop());
+  (void)remove_interface(a);
+}
+
 TEST_F(KernelCan, TsharkFindsNothingMalformed) {
   if (!test::has_tool("tshark")) GTEST_SKIP() << "tshark is not installed";
   CanEmulator emulator;
