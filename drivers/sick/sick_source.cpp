@@ -186,6 +186,9 @@ Status SickSource::do_start(BenchTime t0) {
         if (t && t->name == "LMDscandata" && t->type == "sSN")
           take_scan(t->values, BenchTime(monotonic_now().ns()));
       }
+      const auto bad = i.parser.bad_checksums() + i.parser.bad_lengths();
+      health_.protocol_errors.fetch_add(bad - i.bad_frames, std::memory_order_relaxed);
+      i.bad_frames = bad;
       const Duration silence = std::max(i.settings.timeout, config().period * 3);
       std::size_t size = 0;
       const auto outcome = i.stream.receive(i.parser.room(kPiece), monotonic_now() + silence, size);
@@ -193,9 +196,6 @@ Status SickSource::do_start(BenchTime t0) {
       if (outcome == TcpStream::Outcome::timeout) health_.retries.fetch_add(1, std::memory_order_relaxed);
       if (outcome != TcpStream::Outcome::data) return false;
       i.parser.added(size);
-      const auto bad = i.parser.bad_checksums() + i.parser.bad_lengths();
-      health_.protocol_errors.fetch_add(bad - i.bad_frames, std::memory_order_relaxed);
-      i.bad_frames = bad;
       return true;
     };
 
