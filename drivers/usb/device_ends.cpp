@@ -195,4 +195,9 @@ std::unique_ptr<DeviceEnd> make_gadget_end(GadgetSettings settings) {
   return std::make_unique<GadgetEnd>(std::move(settings));
 }
 
+ssize_t put_bytes(int fd, const char* bytes, std::size_t count) noexcept {
+  const ssize_t n = ::send(fd, bytes, count, MSG_NOSIGNAL);
+  return n < 0 && errno == ENOTSOCK ? ::write(fd, bytes, count) : n;
+}
+
 }  // namespace rigor::usb

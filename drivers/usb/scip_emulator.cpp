@@ -21,6 +21,7 @@ std::string ScipEmulator::endpoint() const {
 
 Status ScipEmulator::do_configure(const ChannelConfig& config) {
   const ConfigNode& n = config.params;
+  (void)n.choice_or("protocol", {"scip"}, "scip");
   scanner_ = read_emulated_scanner(n);
   const std::string as = n.choice_or("as", {"pty", "tcp", "gadget"}, "pty");
   if (as == "pty") {
@@ -69,7 +70,7 @@ Status ScipEmulator::do_stop() {
   deadline_.cut();
   if (thread_.joinable()) thread_.join();
   end_.reset();
-  health_.connected.store(false, std::memory_order_release);
+  set_connected(false);
   return {};
 }
 
@@ -97,7 +98,7 @@ void ScipEmulator::run() {
     if (fd < 0) {
       if (had_host) device.host_gone();
       had_host = false;
-      health_.connected.store(false, std::memory_order_release);
+      set_connected(false);
       pollfd cut{deadline_.cut_fd(), POLLIN, 0};
       if (::poll(&cut, 1, 0) == 1) break;
       end_->await(deadline_.cut_fd(), milliseconds(200));
@@ -106,13 +107,13 @@ void ScipEmulator::run() {
     if (!had_host) {
       had_host = true;
       counters_.hosts.fetch_add(1, std::memory_order_relaxed);
-      health_.connected.store(true, std::memory_order_release);
+      set_connected(true);
     }
     device.advance(device_now());
     std::string& out = device.output();
     bool gone = false;
     while (!out.empty()) {
-      const ssize_t n = ::write(fd, out.data(), std::min<std::size_t>(out.size(), 16384));
+      const ssize_t n = put_bytes(fd, out.data(), std::min<std::size_t>(out.size(), 16384));
       if (n > 0) {
         out.erase(0, static_cast<std::size_t>(n));
         continue;
@@ -141,7 +142,7 @@ void ScipEmulator::run() {
     if (gone) {
       device.host_gone();
       had_host = false;
-      health_.connected.store(false, std::memory_order_release);
+      set_connected(false);
       end_->lost();
       pollfd cut{deadline_.cut_fd(), POLLIN, 0};
       const timespec pause{0, 5'000'000};

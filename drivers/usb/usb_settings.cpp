@@ -43,6 +43,7 @@ LinkSettings read_link_settings(const ConfigNode& n, bool bulk) {
 ScipSettings read_scip_settings(const ChannelConfig& config) {
   const ConfigNode& n = config.params;
   ScipSettings s;
+  (void)n.choice_or("protocol", {"scip"}, "scip");
   if (config.kind != SampleKind::point_cloud)
     throw n.error("", "expected `kind: point_cloud`, which is what a scanner gives");
   s.link = read_link_settings(n, false);

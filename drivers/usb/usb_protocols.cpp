@@ -1,0 +1,148 @@
+#include "drivers/usb/usb_protocols.h"
+
+#include "drivers/usb/scip_source.h"
+
+namespace rigor::usb {
+namespace {
+
+std::string protocol_of(const ConfigNode& n) { return n.choice_or("protocol", {"scip", "bulk"}, "scip"); }
+
+/// Its counters are those of the source within, brought over once a cycle.
+class ChosenSource : public Source {
+ public:
+  ~ChosenSource() override {
+    if (state() == ChannelState::armed || state() == ChannelState::running) (void)stop();
+  }
+  [[nodiscard]] SampleLease poll(BenchTime now) noexcept override {
+    SampleLease lease;
+    if (inner_) {
+      lease = inner_->poll(now);
+      copy_health();
+    }
+    return lease;
+  }
+  void begin_cycle(BenchTime now) noexcept override {
+    if (inner_) inner_->begin_cycle(now);
+  }
+  void complete_until(BenchTime now) override {
+    if (inner_) inner_->complete_until(now);
+    copy_health();
+  }
+  [[nodiscard]] std::vector<std::string> warnings() const override {
+    return inner_ ? inner_->warnings() : std::vector<std::string>();
+  }
+
+ protected:
+  [[nodiscard]] virtual std::unique_ptr<Source> choose(const std::string& protocol) = 0;
+  Status do_configure(const ChannelConfig& config) override {
+    auto chosen = choose(protocol_of(config.params));
+    if (auto s = chosen->configure(config); !s) return s;
+    inner_ = std::move(chosen);
+    description_ = inner_->describe();
+    return {};
+  }
+  Status do_arm(const ArmContext& context) override {
+    auto s = inner_->arm(context);
+    description_ = inner_->describe();
+    copy_health();
+    return s;
+  }
+  Status do_start(BenchTime t0) override { return inner_->start(t0); }
+  Status do_stop() override {
+    auto s = inner_->stop();
+    copy_health();
+    return s;
+  }
+
+ private:
+  void copy_health() noexcept {
+    if (!inner_) return;
+    const Health& from = inner_->health();
+    health_.connected.store(from.connected.load(std::memory_order_acquire), std::memory_order_release);
+    using Counter = std::atomic<std::uint64_t> Health::*;
+    for (const Counter c :
+         {&Health::received, &Health::incomplete, &Health::lost, &Health::no_slot, &Health::ring_full,
+          &Health::protocol_errors, &Health::retries, &Health::reconnects})
+      (health_.*c).store((from.*c).load(std::memory_order_relaxed), std::memory_order_relaxed);
+  }
+  std::unique_ptr<Source> inner_;
+};
+
+class RealSource final : public ChosenSource {
+ public:
+  explicit RealSource(LinkFactory links) : links_(std::move(links)) {}
+
+ protected:
+  [[nodiscard]] std::unique_ptr<Source> choose(const std::string& protocol) override {
+    if (protocol == "bulk") return std::make_unique<BulkSource>(links_);
+    return std::make_unique<ScipSource>(links_);
+  }
+
+ private:
+  LinkFactory links_;
+};
+
+class VirtualSource final : public ChosenSource {
+ public:
+  VirtualSource(DeviceParts parts, ConfigNode params)
+      : parts_(std::move(parts)), params_(std::move(params)) {}
+
+ protected:
+  [[nodiscard]] std::unique_ptr<Source> choose(const std::string& protocol) override {
+    if (protocol == "bulk") return std::make_unique<BulkVirtualSource>(parts_, params_);
+    return std::make_unique<ScipVirtualSource>(parts_, params_);
+  }
+
+ private:
+  DeviceParts parts_;
+  ConfigNode params_;
+};
+
+class ChosenEmulator final : public Emulator {
+ public:
+  ~ChosenEmulator() override {
+    if (state() == ChannelState::armed || state() == ChannelState::running) (void)stop();
+  }
+  void attach(DeviceParts parts) override { parts_ = std::move(parts); }
+  [[nodiscard]] std::string endpoint() const override { return inner_ ? inner_->endpoint() : "USB device"; }
+
+ protected:
+  Status do_configure(const ChannelConfig& config) override {
+    std::unique_ptr<Emulator> chosen;
+    if (protocol_of(config.params) == "bulk") {
+      auto bulk = std::make_unique<BulkEmulator>();
+      bulk->report_to(&health_);
+      chosen = std::move(bulk);
+    } else {
+      auto scip = std::make_unique<ScipEmulator>();
+      scip->report_to(&health_);
+      chosen = std::move(scip);
+    }
+    if (auto s = chosen->configure(config); !s) return s;
+    inner_ = std::move(chosen);
+    description_ = inner_->describe();
+    return {};
+  }
+  Status do_arm(const ArmContext& context) override {
+    inner_->attach(parts_);
+    return inner_->arm(context);
+  }
+  Status do_start(BenchTime t0) override { return inner_->start(t0); }
+  Status do_stop() override { return inner_->stop(); }
+
+ private:
+  DeviceParts parts_;
+  std::unique_ptr<Emulator> inner_;
+};
+
+}  // namespace
+
+std::unique_ptr<Source> make_usb_source(LinkFactory links) {
+  return std::make_unique<RealSource>(std::move(links));
+}
+std::unique_ptr<Source> make_usb_virtual_source(DeviceParts parts, ConfigNode emulator_params) {
+  return std::make_unique<VirtualSource>(std::move(parts), std::move(emulator_params));
+}
+std::unique_ptr<Emulator> make_usb_emulator() { return std::make_unique<ChosenEmulator>(); }
+
+}  // namespace rigor::usb

@@ -1,0 +1,147 @@
+#include "drivers/usb/bulk_frame.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <random>
+
+namespace rigor::usb {
+namespace {
+
+BulkFormat format_of(const std::string& text) {
+  const auto node = ConfigDocument::parse(text, "test.yaml");
+  EXPECT_TRUE(node) << node.error().text();
+  auto f = catch_config([&] { return read_bulk_format(*node); });
+  EXPECT_TRUE(f) << f.error().text();
+  return f ? *f : BulkFormat{};
+}
+std::string refusal(const std::string& text) {
+  const auto node = ConfigDocument::parse(text, "test.yaml");
+  auto f = catch_config([&] { return read_bulk_format(*node); });
+  return f ? "" : f.error().text();
+}
+
+const std::string kTof =
+    "{magic: 52474654, header_bytes: 24, width_px: 16, height_px: 12, sequence: {at: 4, type: u32}, "
+    "stamp: {at: 8, type: u64, tick_ns: 1000}, length: {at: 16, type: u32}, "
+    "planes: [{name: range, scale: 0.001, invalid: [0, 65535]}, {name: amplitude, type: f32}]}";
+
+std::vector<std::byte> tof_planes(std::size_t pixels, unsigned seed) {
+  std::vector<float> values(2 * pixels);
+  for (std::size_t i = 0; i < pixels; ++i) {
+    values[i] = i % 7 == 0 ? NAN : static_cast<float>((seed + i) % 60000 + 1) * 0.001F;
+    values[pixels + i] = static_cast<float>(i) * 0.25F;
+  }
+  std::vector<std::byte> bytes(values.size() * sizeof(float));
+  std::memcpy(bytes.data(), values.data(), bytes.size());
+  return bytes;
+}
+
+TEST(BulkFrame, PlanesComeBackAsTheyWere) {
+  for (const char* order : {"little", "big"}) {
+    BulkFormat f = format_of(kTof);
+    f.big_endian = std::string(order) == "big";
+    const auto planes = tof_planes(f.pixels(), 5);
+    std::string bytes;
+    encode_bulk(f, planes, 77, 123'456'000, bytes);
+    EXPECT_EQ(bytes.size(), 24u + 192 * (2 + 4));
+    EXPECT_EQ(bytes.substr(0, 4), "RGFT");
+    EXPECT_EQ(bulk_field(f, *f.sequence, bytes), 77u);
+    EXPECT_EQ(bulk_field(f, *f.stamp, bytes), 123'456u);
+    std::vector<std::byte> back(bulk_sample_bytes(f));
+    ASSERT_TRUE(decode_bulk(f, bytes, back));
+    for (std::size_t i = 0; i < 2 * f.pixels(); ++i) {
+      float a = 0, b = 0;
+      std::memcpy(&a, planes.data() + i * 4, 4);
+      std::memcpy(&b, back.data() + i * 4, 4);
+      if (std::isnan(a))
+        EXPECT_TRUE(std::isnan(b)) << i;
+      else
+        EXPECT_NEAR(a, b, 1e-6) << i;
+    }
+  }
+}
+
+TEST(BulkFrame, EveryTypeOfNumberIsReadInBothOrders) {
+  // -2 as s16 and s32, 40000 as u16, 3e9 as u32, 1.5 as f32, big-endian, written by hand.
+  const std::vector<std::pair<const char*, std::pair<std::string, double>>> cases = {
+      {"u8", {std::string("\xC8", 1), 200}},
+      {"u16", {std::string("\x9C\x40", 2), 40000}},
+      {"s16", {std::string("\xFF\xFE", 2), -2}},
+      {"u32", {std::string("\xB2\xD0\x5E\x00", 4), 3e9}},
+      {"s32", {std::string("\xFF\xFF\xFF\xFE", 4), -2}},
+      {"f32", {std::string("\x3F\xC0\x00\x00", 4), 1.5}},
+  };
+  for (const auto& [type, what] : cases)
+    for (const bool big : {true, false}) {
+      const BulkFormat f = format_of(
+          std::string("{magic: abcd, header_bytes: 2, width_px: 1, height_px: 1, byte_order: ") +
+          (big ? "big" : "little") + ", planes: [{name: range, type: " + type + ", scale: 2, offset: 1}]}");
+      std::string raw = what.first;
+      if (!big) std::reverse(raw.begin(), raw.end());
+      float v = 0;
+      ASSERT_TRUE(decode_bulk(f, "\xab\xcd" + raw, std::as_writable_bytes(std::span(&v, 1))));
+      EXPECT_FLOAT_EQ(v, static_cast<float>(what.second * 2 + 1)) << type << big;
+    }
+}
+
+TEST(BulkFrame, ReaderFindsFramesBetweenRubbishInPiecesOfAnySize) {
+  const BulkFormat f = format_of(kTof);
+  std::mt19937 random(11);
+  std::string stream;
+  for (std::uint32_t k = 0; k < 100; ++k) {
+    if (random() % 2 == 0)
+      for (std::size_t i = random() % 5000; i > 0; --i) stream += static_cast<char>(random());
+    if (random() % 5 == 0)
+      stream += "RGFT" + std::string(20, '\xff');  // a header with a length that cannot be
+    if (random() % 5 == 0) stream += "RGF";
+    encode_bulk(f, tof_planes(f.pixels(), k), k, k, stream);
+  }
+  BulkReader reader(f);
+  std::uint32_t next = 0;
+  std::int64_t at_ns = 0;
+  for (std::size_t at = 0; at < stream.size();) {
+    const std::size_t n = std::min<std::size_t>(1 + random() % 3000, stream.size() - at);
+    reader.push(std::string_view(stream).substr(at, n), ++at_ns);
+    at += n;
+    BulkReader::Frame frame;
+    while (reader.next(frame)) {
+      EXPECT_EQ(bulk_field(f, *f.sequence, frame.bytes), next);
+      EXPECT_LE(frame.first_ns, frame.last_ns);
+      EXPECT_EQ(frame.last_ns, at_ns) << "a frame is there when its last byte came";
+      ++next;
+    }
+  }
+  EXPECT_EQ(next, 100u);
+  EXPECT_GT(reader.refused_headers(), 5u);
+  EXPECT_GT(reader.skipped_bytes(), 10000u);
+}
+
+TEST(BulkFrame, WrongDescriptionsAreRefusedWithTheirPlace) {
+  using ::testing::HasSubstr;
+  EXPECT_THAT(refusal("{magic: xy, header_bytes: 4, width_px: 1, height_px: 1, planes: [{name: range}]}"),
+              HasSubstr("test.yaml:1:9: magic: expected 2 … 16 bytes"));
+  EXPECT_THAT(
+      refusal("{magic: abcd, header_bytes: 4, width_px: 1, height_px: 1, planes: [{name: amplitude}]}"),
+      HasSubstr("planes: expected range"));
+  EXPECT_THAT(
+      refusal(
+          "{magic: abcd, header_bytes: 4, width_px: 1, height_px: 1, sequence: {at: 2, type: u32}, planes: "
+          "[{name: range}]}"),
+      HasSubstr("within the header of 4 bytes"));
+  EXPECT_THAT(refusal("{magic: abcd, header_bytes: 4, width_px: 8000, height_px: 8000, planes: [{name: "
+                      "range, type: f32}]}"),
+              HasSubstr("64 MiB"));
+  EXPECT_THAT(refusal("{magic: abcd, header_bytes: 4, width_px: 4, height_px: 4, size_bytes: 10, planes: "
+                      "[{name: range}]}"),
+              HasSubstr("size_bytes"));
+  EXPECT_THAT(
+      refusal(
+          "{magic: abcd, header_bytes: 4, width_px: 4, height_px: 4, hight: 10, planes: [{name: range}]}"),
+      HasSubstr("hight: unknown key"));
+}
+
+}  // namespace
+}  // namespace rigor::usb
