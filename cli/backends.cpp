@@ -4,6 +4,7 @@
 #include "drivers/can/can_backend.h"
 #include "drivers/modbus/modbus_backend.h"
 #include "drivers/sick/sick_backend.h"
+#include "drivers/usb/usb_backend.h"
 #include "drivers/velodyne/velodyne_backend.h"
 
 namespace rigor {
