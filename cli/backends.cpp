@@ -15,6 +15,7 @@ Registry make_registry() {
   registry.add(can_backend());
   registry.add(modbus_backend());
   registry.add(sick_backend());
+  registry.add(usb_backend());
   registry.add(velodyne_backend());
   return registry;
 }
