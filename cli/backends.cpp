@@ -5,6 +5,7 @@
 #include "drivers/modbus/modbus_backend.h"
 #include "drivers/sick/sick_backend.h"
 #include "drivers/usb/usb_backend.h"
+#include "drivers/v4l2/v4l2_backend.h"
 #include "drivers/velodyne/velodyne_backend.h"
 
 namespace rigor {
@@ -16,6 +17,7 @@ Registry make_registry() {
   registry.add(modbus_backend());
   registry.add(sick_backend());
   registry.add(usb_backend());
+  registry.add(v4l2_backend());
   registry.add(velodyne_backend());
   return registry;
 }

@@ -7,6 +7,9 @@ namespace rigor::v4l2 {
 namespace {
 
 constexpr Duration kNear = seconds(10);
+// A frame cannot have been stamped after it was here: such a stamp says when the driver thinks that it will
+// be.
+constexpr Duration kAhead = milliseconds(1);
 // A timeval has whole microseconds: uniform within one, 1 µs / √12.
 constexpr double kTimevalSigmaNs = 289;
 // A step over half the circle of 32 bits is a count that began anew.
@@ -26,7 +29,10 @@ FrameInstant frame_instant(const RawFrame& frame, const Shutter& shutter, Durati
   FrameInstant f;
   f.t = BenchTime(frame.timestamp_ns);
   double variance = kTimevalSigmaNs * kTimevalSigmaNs;
-  if (frame.clock != TimestampClock::monotonic && absolute(f.t - frame.t_taken) > kNear) {
+  if (frame.clock == TimestampClock::monotonic) {
+    f.sure = f.t <= frame.t_taken + kAhead;
+    if (!f.sure) f.t = frame.t_taken;
+  } else if (absolute(f.t - frame.t_taken) > kNear) {
     const BenchTime from_utc = f.t - realtime_ahead;
     f.sure = absolute(from_utc - frame.t_taken) <= kNear;
     f.t = f.sure ? from_utc : frame.t_taken;

@@ -31,9 +31,11 @@ struct FrameInstant {
   bool sure =
       true;  ///< false: the timestamp is of no clock that is known here; `t` is when the frame was taken
 };
-/// Monotonic timestamps are bench time in wall runs. Timestamps of unknown clocks and copied ones (a
-/// writer's, as v4l2loopback hands them on) are taken for MONOTONIC or REALTIME, whichever they are within
-/// ten seconds of; `realtime_ahead` is REALTIME less MONOTONIC now. Any thread, no allocation.
+/// Monotonic timestamps are bench time in wall runs; one that lies after the frame's arrival is not believed
+/// (vivid stamps the end of frames that it hands over at their start). Timestamps of unknown clocks and
+/// copied ones (a writer's, as v4l2loopback hands them on) are taken for MONOTONIC or REALTIME, whichever
+/// they are within ten seconds of; `realtime_ahead` is REALTIME less MONOTONIC now. Any thread, no
+/// allocation.
 [[nodiscard]] FrameInstant frame_instant(const RawFrame& frame, const Shutter& shutter,
                                          Duration realtime_ahead) noexcept;
 

@@ -218,7 +218,13 @@ Result<UvcGadget> UvcGadget::create(const UvcGadgetOptions& o) {
 Status UvcGadget::bind() {
   Tree t(root_);
   t.write("UDC", controller_);
-  if (auto s = t.status(); !s) return s;
+  if (auto s = t.status(); !s)
+    return fail(
+        s.error().code, controller_,
+        "the USB device controller does not take the camera: usb_f_uvc streams isochronously, and needs a "
+        "controller with an isochronous endpoint that no other gadget holds; dummy_hcd has none (the "
+        "kernel's "
+        "log says which it was)");
   bound_ = true;
   return {};
 }

@@ -99,9 +99,9 @@ std::vector<DoctorFinding> examine() {
                    "sudo apt-get install v4l2loopback-dkms && sudo modprobe v4l2loopback devices=2 "
                    "exclusive_caps=0,1"});
   if (!fs::exists("/sys/kernel/config/usb_gadget", ignored))
-    all.push_back(
-        {Level::note, "no USB gadgets: emulated cameras cannot leave as USB cameras",
-         "sudo modprobe -a libcomposite usb_f_uvc dummy_hcd; sudo mount -t configfs none /sys/kernel/config"});
+    all.push_back({Level::note, "no USB gadgets: emulated cameras cannot leave as USB cameras",
+                   "sudo modprobe -a libcomposite usb_f_uvc dummy_hcd; sudo mount -t configfs none "
+                   "/sys/kernel/config"});
   return all;
 }
 

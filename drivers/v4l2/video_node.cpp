@@ -269,9 +269,11 @@ Result<ActualFormat> set_node_format(int fd, const std::string& path, const Form
   v4l2_fract& rate = output ? parm.parm.output.timeperframe : parm.parm.capture.timeperframe;
   const std::uint32_t& capability = output ? parm.parm.output.capability : parm.parm.capture.capability;
   if (call(fd, VIDIOC_G_PARM, &parm) != 0) return a;
-  if (set_rate && choice.interval.numerator != 0 && (capability & V4L2_CAP_TIMEPERFRAME) != 0) {
+  // v4l2loopback takes a writer's rate and hands it on to readers, but does not announce that it does.
+  if (set_rate && choice.interval.numerator != 0 && (output || (capability & V4L2_CAP_TIMEPERFRAME) != 0)) {
     rate.numerator = choice.interval.numerator, rate.denominator = choice.interval.denominator;
-    if (const int e = call(fd, VIDIOC_S_PARM, &parm); e != 0) return system_error(path, "VIDIOC_S_PARM", e);
+    const int e = call(fd, VIDIOC_S_PARM, &parm);
+    if (e != 0 && !output) return system_error(path, "VIDIOC_S_PARM", e);
   }
   if (rate.denominator != 0) a.interval = {rate.numerator, rate.denominator};
   return a;

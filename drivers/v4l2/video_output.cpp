@@ -48,6 +48,14 @@ Result<VideoOutput> VideoOutput::use(int fd, const std::string& path, const Form
   if (row != 0 && format->stride_bytes > row)
     return fail(ErrorCode::unavailable, path,
                 "expected a device that takes rows without padding, got one that does not");
+  if (row != 0 && format->size_bytes < frame_bytes(choice.code, choice.width_px, choice.height_px))
+    return fail(
+        ErrorCode::unavailable, path,
+        fmt::format(
+            "expected a device with room for {} bytes in a frame of {}, got one with {}: v4l2loopback "
+            "0.12 counts its pixels of 10 and 12 bits too short; use Y16",
+            frame_bytes(choice.code, choice.width_px, choice.height_px), fourcc_text(choice.code),
+            format->size_bytes));
   out.fd_ = fd;
   out.path_ = path;
   return out;

@@ -41,6 +41,10 @@ TEST(FrameInstant, TakesTheClockThatTheStampIsOf) {
       frame_instant(frame(TimestampClock::unknown, (now - milliseconds(3)).ns(), now), kRolling, ahead);
   EXPECT_TRUE(same.sure);
   EXPECT_EQ(same.t, now - milliseconds(17));
+  const auto ahead_of_itself =
+      frame_instant(frame(TimestampClock::monotonic, (now + milliseconds(20)).ns(), now), kRolling, ahead);
+  EXPECT_FALSE(ahead_of_itself.sure);
+  EXPECT_EQ(ahead_of_itself.t, now - milliseconds(14));
   // Neither: the frame's arrival stands for the end of the frame, and says so.
   const auto none = frame_instant(frame(TimestampClock::unknown, 42, now), kRolling, ahead);
   EXPECT_FALSE(none.sure);

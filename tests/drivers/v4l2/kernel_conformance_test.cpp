@@ -28,7 +28,7 @@ class VividCapture final : public SourceUnderTest {
     return v4l2::test::config(
         "{device: " + v4l2::test::vivid() +
             ", pixel_format: Mono8, device_format: GREY, width_px: 320, height_px: 180, "
-            "exposure_us: 1000, buffers: 8" +
+            "exposure_us: 1000, buffers: 8, controls: {timestamp_source: start_of_exposure}" +
             more + "}",
         milliseconds(40), milliseconds(200));
   }
