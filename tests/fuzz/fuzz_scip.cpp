@@ -1,0 +1,97 @@
+// SCIP 2.0, both sides: a host's bytes on the emulated scanner, a scanner's bytes on the host's session. The
+// first byte says which; the rest is the stream, cut into pieces whose lengths come from the stream itself.
+#include <cstdint>
+#include <cstdlib>
+#include <string_view>
+
+#include "drivers/usb/scan_keeper.h"
+
+using namespace rigor;
+using namespace rigor::usb;
+
+namespace {
+
+bool measure(std::uint64_t scan, DeviceTime, std::span<std::uint32_t> range,
+             std::span<std::uint32_t> intensity) {
+  for (std::size_t s = 0; s < range.size(); ++s) {
+    range[s] = static_cast<std::uint32_t>((scan + s * 7) % 70000);
+    intensity[s] = static_cast<std::uint32_t>(s);
+  }
+  return scan % 5 != 4;
+}
+
+template <class F>
+void in_pieces(std::string_view bytes, F&& f) {
+  std::int64_t ns = 0;
+  while (!bytes.empty()) {
+    const std::size_t n =
+        std::min<std::size_t>(bytes.size(), 1 + (static_cast<unsigned char>(bytes[0]) & 63));
+    f(bytes.substr(0, n), ns += 7'000'000);
+    bytes.remove_prefix(n);
+  }
+}
+
+void host_on_device(const ScannerModel& model, std::string_view bytes) {
+  ScipDevice device(model, measure, {.backlog_bytes = 64 * 1024});
+  ScipReplyReader reader;
+  ScipReply reply;
+  ScipScan scan;
+  std::vector<LidarPoint> points(2000);
+  in_pieces(bytes, [&](std::string_view piece, std::int64_t ns) {
+    device.receive(piece, DeviceTime(ns));
+    if (device.output().size() > 256 * 1024) std::abort();  // bounded, whatever is asked for
+    reader.push(device.output(), ns);
+    device.output().clear();
+    while (reader.next(reply)) {
+      if (reply.status().empty()) std::abort();  // what the emulator says is well-formed
+      if (decode_scan(reply, scan) == ScanDecode::broken) std::abort();
+      if (scan.range_mm.size() <= points.size()) (void)scan_points(scan, model.parameters, points);
+    }
+  });
+  device.advance(DeviceTime(100'000'000'000));
+}
+
+void device_on_host(std::string_view bytes) {
+  ScipClient client({});
+  client.begin(0);
+  ScanKeeper keeper;
+  bool started = false;
+  Sample sample;
+  sample.reserve(10000 * sizeof(LidarPoint));
+  ScipScan scan;
+  std::int64_t arrival = 0;
+  ScipClient::Reading reading;
+  in_pieces(bytes, [&](std::string_view piece, std::int64_t ns) {
+    client.receive(piece, ns);
+    client.tick(ns);
+    client.sent(ns);
+    if (client.phase() == ScipClient::Phase::ready && !started) {
+      started = true;
+      (void)client.check();
+      keeper.begin(BenchTime(0), milliseconds(10), client.request(), client.parameters());
+      client.start(ns);
+    }
+    while (client.next_reading(reading)) keeper.reading(reading);
+    while (client.next_scan(scan, arrival))
+      if (started && keeper.place(scan, BenchTime(arrival)).in_order) keeper.fill(scan, sample);
+  });
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  if (size == 0) return 0;
+  const std::string_view bytes(reinterpret_cast<const char*>(data) + 1, size - 1);
+  switch (data[0] % 3) {
+    case 0:
+      host_on_device(urg_04lx(), bytes);
+      break;
+    case 1:
+      host_on_device(utm_30lx(), bytes);
+      break;
+    default:
+      device_on_host(bytes);
+      break;
+  }
+  return 0;
+}
