@@ -20,6 +20,7 @@ using namespace rigor;
 using namespace rigor::bench;
 
 constexpr int kReferenceSamples = 32;
+constexpr const char* kEvery2nd = ", every 2nd pixel";
 constexpr double kSpeed_m_per_s = 1.0;  ///< of the camera, to its right, where motion is asked for
 
 struct Effect {
@@ -138,10 +139,11 @@ class Bench {
     if (error) run["rms"] = *error;
     out_["runs"].push_back(run);
   }
-  static OpticsOptions by_rays(int samples, int sky_rays = 0) {
+  static OpticsOptions by_rays(int samples, int sky_rays = 0, int step = 1) {
     OpticsOptions o;
     o.samples_per_pixel = samples;
     o.sky_rays = sky_rays;
+    o.pixel_step = step;
     return o;
   }
 
@@ -151,10 +153,18 @@ class Bench {
     const auto error = [&](const Shot& s) {
       return reference ? std::optional(rms(s.picture, *reference)) : std::nullopt;
     };
-    for (const int samples : {1, 4}) {
-      const Shot s = shoot(world, e, CameraEngine::rays, by_rays(samples), rounds_);
-      report(place, e.name, "rays", std::to_string(samples) + (samples == 1 ? " sample" : " samples"),
-             s.times, error(s));
+    const auto by = [&](const std::string& label, const OpticsOptions& o) {
+      const Shot s = shoot(world, e, CameraEngine::rays, o, rounds_);
+      report(place, e.name, "rays", label, s.times, error(s));
+    };
+    by("1 sample", by_rays(1));
+    if (e.optics) by("4 samples", by_rays(4));
+    const bool all = e.set == all_effects;
+    if (all || std::string_view(e.name) == "none") by("1 sample, every 2nd pixel", by_rays(1, 0, 2));
+    if (all || std::string_view(e.name) == "chromatic aberration") {
+      OpticsOptions o = by_rays(1);
+      o.trace_colours = true;
+      by("1 sample, colours traced", o);
     }
     if (!engines_.device || engine_ == "rays") return;
     // Seconds a picture in the forest: the two ends will do.
@@ -175,6 +185,21 @@ class Bench {
                std::to_string(samples) + " samples, " + std::to_string(sky) + " sky rays", s.times,
                rms(s.picture, reference));
       }
+    for (const int step : {2, 3})
+      for (const int samples : {1, 4}) {
+        const Shot s = shoot(world, ideal, CameraEngine::rays, by_rays(samples, 0, step), rounds_);
+        report(place, "knobs", "rays",
+               std::to_string(samples) + " samples, every " + (step == 2 ? "2nd" : "3rd") + " pixel", s.times,
+               rms(s.picture, reference));
+      }
+    for (const double allowed_px : {2.0, 4.0}) {
+      OpticsOptions o = by_rays(1);
+      o.allowed_error_px = allowed_px;
+      const Shot s = shoot(world, ideal, CameraEngine::rays, o, rounds_);
+      char label[64];
+      std::snprintf(label, sizeof label, "1 sample, %.0f px allowed", allowed_px);
+      report(place, "knobs", "rays", label, s.times, rms(s.picture, reference));
+    }
     {
       OpticsOptions o = by_rays(1);
       o.shadows = false;
@@ -182,8 +207,10 @@ class Bench {
       report(place, "knobs", "rays", "1 sample, no shadows", s.times, rms(s.picture, reference));
     }
     if (!engines_.device || engine_ == "rays") return;
+    const bool outdoors = std::string_view(place.name) != "indoor";
     for (const double allowed_px : {0.3, 1.0, 3.0})
       for (const bool shadows : {true, false}) {
+        if (outdoors && allowed_px != 1.0) continue;  // seconds a picture
         OpticsOptions o;
         o.allowed_error_px = allowed_px;
         o.shadows = shadows;
@@ -202,11 +229,11 @@ class Bench {
       need(cameras->capture(c, world, {pose(world, true, -0.06), left}, {pose(world, true, 0.06), right}));
     }
   };
-  Pair pair() {
+  Pair pair(int step) {
     SimulatedCameraSpec left{.name = "left",
                              .model = model(kEffects[std::size(kEffects) - 1]),
                              .engine = CameraEngine::rays,
-                             .optics = by_rays(1)};
+                             .optics = by_rays(1, 0, step)};
     SimulatedCameraSpec right = left;
     right.name = "right";
     Pair p{need(StereoCamera::create(left, right, engines_)), {}, {}};
@@ -215,21 +242,37 @@ class Bench {
     return p;
   }
   void stereo(StandingWorld& world, const Place& place) {
-    Pair p = pair();
-    const Times t = timed(rounds_, [&](int i) { p.capture(world, i); });
-    report(place, "stereo pair", "rays", "all effects, 1 sample", t, std::nullopt);
+    for (const int step : {1, 2}) {
+      Pair p = pair(step);
+      const Times t = timed(rounds_, [&](int i) { p.capture(world, i); });
+      report(place, "stereo pair", "rays", std::string("all effects, 1 sample") + (step > 1 ? kEvery2nd : ""),
+             t, std::nullopt);
+    }
   }
   void together(StandingWorld& world, const Place& place) {
+    // As exact as they can be at their number of rays, and as fast as is still about as exact.
+    together(world, place, 1, 0, 4, "all effects, moving");
+    together(world, place, 2, 0.001, 4, std::string("all effects, moving") + kEvery2nd + ", ToF 1 mrad");
+    together(world, place, 2, 0.004, 1,
+             std::string("all effects, moving") + kEvery2nd + ", ToF 4 mrad, 1 sample");
+  }
+  void together(StandingWorld& world, const Place& place, int step, double allowed_rad, int tof_samples,
+                const std::string& label) {
     const std::string sensors = std::string(RIGOR_SOURCE_DIR) + "/configs/sensors/";
-    auto engine = need(render::EmbreeEngine::create(engines_.cache, {.eye = world.eye()}));
+    const auto engine = [&] {
+      return need(render::EmbreeEngine::create(engines_.cache,
+                                               {.allowed_error_rad = allowed_rad, .eye = world.eye()}));
+    };
     models::TofModel tof_model = need(load_tof_model(sensors + "sr4000.yaml"));
-    tof_model.sampling.samples = 4;
-    auto tof = need(TofSimulator::create({.name = "tof", .model = tof_model, .seed = 1}, engine));
-    auto scanner_engine = need(render::EmbreeEngine::create(engines_.cache, {.eye = world.eye()}));
-    auto scanner = need(LidarSimulator::create(
-        {.name = "scanner", .model = need(load_lidar_model(sensors + "sick-lms111.yaml")), .seed = 1},
-        scanner_engine));
-    Pair p = pair();
+    tof_model.sampling.samples = tof_samples;
+    auto tof = need(TofSimulator::create(
+        {.name = "tof", .model = tof_model, .seed = 1, .allowed_error_rad = allowed_rad}, engine()));
+    auto scanner = need(LidarSimulator::create({.name = "scanner",
+                                                .model = need(load_lidar_model(sensors + "sick-lms111.yaml")),
+                                                .seed = 1,
+                                                .allowed_error_rad = allowed_rad},
+                                               engine()));
+    Pair p = pair(step);
     TofPicture ranges;
     std::vector<LidarPoint> points;
     const Eigen::Isometry3d mount = world.T_world_lidar();
@@ -239,7 +282,7 @@ class Bench {
       need(tof->capture(request, {world, pose(world, true)}, ranges));
       need(scanner->capture(request, {world, [&](BenchTime) { return mount; }}, points));
     });
-    report(place, "stereo, ToF, 2D scanner", "rays", "all effects, moving", t, std::nullopt);
+    report(place, "stereo, ToF, 2D scanner", "rays", label, t, std::nullopt);
   }
 
   int rounds_;

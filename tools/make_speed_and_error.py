@@ -121,6 +121,7 @@ def range_part(bench, images):
                     f'{r["engine"]}, {r["knobs"]}',
                     number(r["p50_ms"]),
                     number(r["p99_ms"]),
+                    number(r.get("cpu_ms", math.nan)),
                     number(r.get("times_bare")),
                     number(1000 * r["range_rmse_m"]),
                     number(100 * r["outlier_rate"]),
@@ -129,7 +130,7 @@ def range_part(bench, images):
                     number(100 * r["remission_error"]),
                 ])
             out += table(
-                ["engine, knobs", "p50 ms", "p99 ms", "× bare", "range RMSE mm", "outliers %", "missed %", "false %",
+                ["engine, knobs", "p50 ms", "p99 ms", "CPU ms", "× bare", "range RMSE mm", "outliers %", "missed %", "false %",
                  "remission error %"], rows)
             out.append("")
     return out
@@ -139,8 +140,8 @@ def camera_part(bench, images):
     out = []
     for world in dict.fromkeys(r["world"] for r in bench["runs"]):
         rows = [[r["question"], f'{r["engine"]} {r["knobs"]}'.strip(), number(r["p50_ms"]), number(r["p99_ms"]),
-                 number(r.get("rms"))] for r in bench["runs"] if r["world"] == world and r["question"] != "knobs"]
-        out += [f"### Effects, {world}", "", *table(["effect alone", "engine", "p50 ms", "p99 ms", "RMS"], rows), ""]
+                 number(r.get("cpu_ms", math.nan)), number(r.get("rms"))] for r in bench["runs"] if r["world"] == world and r["question"] != "knobs"]
+        out += [f"### Effects, {world}", "", *table(["effect alone", "engine", "p50 ms", "p99 ms", "CPU ms", "RMS"], rows), ""]
     for group in dict.fromkeys((r["world"], r["question"]) for r in bench["runs"] if r["question"] == "knobs"):
         runs = [r for r in bench["runs"] if (r["world"], r["question"]) == group]
         out += [f"### {group[1].capitalize()}, {group[0]}", ""]
@@ -152,9 +153,9 @@ def camera_part(bench, images):
         if group[1] == "knobs" and plot(images / name, f"{group[1]}, {group[0]}", points, "time p50 [ms]",
                                     "RMS of radiance, relative to the mean"):
             out += [f"![{group[1]}, {group[0]}](images/{name})", ""]
-        rows = [[f'{r["engine"]}, {r["knobs"]}', number(r["p50_ms"]), number(r["p99_ms"]), number(r.get("rms"))]
-                for r in runs]
-        out += table(["engine, knobs", "p50 ms", "p99 ms", "RMS"], rows)
+        rows = [[f'{r["engine"]}, {r["knobs"]}', number(r["p50_ms"]), number(r["p99_ms"]),
+                 number(r.get("cpu_ms", math.nan)), number(r.get("rms"))] for r in runs]
+        out += table(["engine, knobs", "p50 ms", "p99 ms", "CPU ms", "RMS"], rows)
         out.append("")
     return out
 
@@ -174,6 +175,8 @@ def main():
         "",
         f"- processor: {ranges['machine']['cpu']}, {ranges['machine']['threads']} threads",
         f"- Vulkan device: {ranges['machine']['vulkan']}",
+        "",
+        "CPU is that of all threads together, median.",
         "",
         "## LiDAR and time of flight",
         "",

@@ -40,6 +40,9 @@ struct OpticsOptions {
   /// moving the planes of one picture, bilinearly, which blurs red and blue by up to half a pixel. Unset:
   /// from kColoursTraced samples per pixel on. Where the colours differ in focus they are always traced.
   std::optional<bool> trace_colours{};
+  /// rays: 2 has one ray (times samples) for 2 x 2 pixels, at a quarter of the cost; in between the light is
+  /// bilinear, so that detail of less than two pixels is gone while noise stays that of each pixel. 1 to 8.
+  int pixel_step = 1;
   static constexpr int kColoursTraced = 16;
 };
 

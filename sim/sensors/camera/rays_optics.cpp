@@ -53,14 +53,27 @@ class PoseTable {
 
 constexpr int kWidestBorder_px = 64;
 
-/// How far beyond the sensor a colour's picture is taken from, in whole blocks: a place p shows what the
-/// reference has at c + (p − c)/m.
-int border_of(const CameraModel& camera) {
+/// The lens over a sensor whose pixels are `step` times as wide: pixel (i, j) lies in the middle of `step` x
+/// `step` of the camera's, from (step · i, step · j) on.
+CameraModel coarse(CameraModel camera, int step) {
+  const double s = step;
+  camera.width_px = (camera.width_px + step - 1) / step;
+  camera.height_px = (camera.height_px + step - 1) / step;
+  camera.fx_px /= s;
+  camera.fy_px /= s;
+  camera.cx_px = (camera.cx_px - 0.5 * (s - 1)) / s;
+  camera.cy_px = (camera.cy_px - 0.5 * (s - 1)) / s;
+  return camera;
+}
+
+/// How far beyond the sensor a colour's picture is taken from, in whole blocks of coarse pixels: a place p
+/// shows what the reference has at c + (p − c)/m.
+int border_of(const CameraModel& camera, int step) {
   double most = 0;
   for (const double m : camera.chromatic.magnification)
     for (const double side : {camera.cx_px, camera.cy_px, camera.width_px - 1 - camera.cx_px,
                               camera.height_px - 1 - camera.cy_px})
-      most = std::max(most, std::abs(side * (1 / m - 1)));
+      most = std::max(most, std::abs(side * (1 / m - 1)) / step);
   if (!(most < 1e4)) return kWidestBorder_px + 1;
   const int blocks = static_cast<int>(std::ceil((most + 1) / kBlockWidth));
   return blocks * kBlockWidth;
@@ -70,14 +83,18 @@ class RaysOptics final : public CameraOpticsPicture {
  public:
   RaysOptics(const CameraModel& camera, const OpticsOptions& options,
              std::shared_ptr<render::EmbreeEngine> engine)
-      : camera_(camera), options_(options), engine_(std::move(engine)), tracer_(engine_) {
+      : camera_(camera), traced_(camera), options_(options), engine_(std::move(engine)), tracer_(engine_) {
     const bool in_focus_alike = !camera.chromatic.longitudinal() || !camera.depth_of_field.active();
     const bool traced =
         options.trace_colours.value_or(options.samples_per_pixel >= OpticsOptions::kColoursTraced);
-    if (camera.chromatic.lateral() && in_focus_alike && !traced && border_of(camera) <= kWidestBorder_px) {
+    const bool one_picture =
+        !camera.chromatic.lateral() || (!traced && border_of(camera, options.pixel_step) <= kWidestBorder_px);
+    if (in_focus_alike && one_picture && (camera.chromatic.lateral() || options.pixel_step > 1)) {
       moves_ = true;
-      border_ = border_of(camera);
-      lenses_.emplace_back(camera, kReferenceChannel, border_);
+      step_ = options.pixel_step;
+      border_ = border_of(camera, step_);
+      traced_ = coarse(camera, step_);
+      lenses_.emplace_back(traced_, kReferenceChannel, border_);
       apertures_.push_back(ThinLens::of(camera, kReferenceChannel));
     } else if (camera.chromatic.lateral() || !in_focus_alike) {
       for (const int c : {kRed, kGreen, kBlue}) {
@@ -120,14 +137,18 @@ class RaysOptics final : public CameraOpticsPicture {
   [[nodiscard]] OpticsRequest::Region looked_at(const OpticsRequest::Region& region) const;
   void move_colours(const OpticsPicture& reference, const OpticsRequest::Region& traced,
                     const OpticsRequest::Region& region, OpticsPicture& out) const;
-  [[nodiscard]] int width_px() const { return camera_.width_px + 2 * border_; }
-  [[nodiscard]] int height_px() const { return camera_.height_px + 2 * border_; }
+  [[nodiscard]] int width_px() const { return traced_.width_px + 2 * border_; }
+  [[nodiscard]] int height_px() const { return traced_.height_px + 2 * border_; }
+  /// Row of the sensor whose exposure a row that is traced has.
+  [[nodiscard]] int row_of(int v) const { return (v - border_) * step_ + step_ / 2; }
+  /// Where a place on the sensor lies in the picture that is traced.
+  [[nodiscard]] double traced_at(double p) const { return (p - 0.5 * (step_ - 1)) / step_ + border_; }
 
-  CameraModel camera_;
-  /// Colours are planes of one picture, moved: then it is larger than the sensor by the border on each side,
-  /// and what is traced counts from its corner.
+  CameraModel camera_, traced_;
+  /// The picture's planes are taken from one that is traced on its own: coarser by the step and larger by the
+  /// border on each side, of its pixels, which count from its corner.
   bool moves_ = false;
-  int border_ = 0;
+  int step_ = 1, border_ = 0;
   OpticsPicture reference_;
   OpticsOptions options_;
   std::shared_ptr<render::EmbreeEngine> engine_;
@@ -163,7 +184,7 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
             last = std::min(strip.first_row + strip.rows, region.y_px + region.height_px);
   const auto exposure = static_cast<float>(shot.timing.exposure_share());
   tbb::parallel_for(first, last, [&](int v) {
-    const auto middle = static_cast<float>(shot.timing.middle_of(v - border_));
+    const auto middle = static_cast<float>(shot.timing.middle_of(row_of(v)));
     Eigen::Matrix3f turn;
     Eigen::Vector3f from;
     shot.poses.at(middle, turn, from);
@@ -197,6 +218,7 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
   query.rays = rays_;
   query.shadows = options_.shadows;
   query.sky_rays = options_.sky_rays;
+  query.spread_rad = static_cast<float>(1 / (std::max(traced_.fx_px, traced_.fy_px) * std::sqrt(n)));
   const auto index = shot.request.measure.index;
   query.seed = shot.request.seed ^ (index * 0x9E3779B97F4A7C15ULL) ^
                (static_cast<std::uint64_t>(strip.first_row) << 40U) ^ (std::uint64_t{channel} << 60U);
@@ -232,8 +254,8 @@ OpticsRequest::Region RaysOptics::looked_at(const OpticsRequest::Region& region)
         least = std::min(least, centre + (p - centre) / m);
         most = std::max(most, centre + (p - centre) / m);
       }
-    low = std::clamp(static_cast<int>(std::floor(least)) + border_, 0, size - 1);
-    n = std::clamp(static_cast<int>(std::floor(most)) + 1 + border_, low, size - 1) - low + 1;
+    low = std::clamp(static_cast<int>(std::floor(traced_at(least))), 0, size - 1);
+    n = std::clamp(static_cast<int>(std::floor(traced_at(most))) + 1, low, size - 1) - low + 1;
   };
   OpticsRequest::Region out;
   span(region.x_px, region.width_px, camera_.cx_px, width_px(), out.x_px, out.width_px);
@@ -251,7 +273,7 @@ void RaysOptics::move_colours(const OpticsPicture& reference, const OpticsReques
   const auto along = [&](double centre, double m, int first, int count, int from, int size) {
     std::vector<Between> all(static_cast<std::size_t>(count));
     for (int i = 0; i < count; ++i) {
-      const double at = centre + (first + i - centre) / m + border_ - from;
+      const double at = traced_at(centre + (first + i - centre) / m) - from;
       const double low = std::floor(at);
       all[static_cast<std::size_t>(i)] = {std::clamp(static_cast<int>(low), 0, size - 1),
                                           std::clamp(static_cast<int>(low) + 1, 0, size - 1),
@@ -356,6 +378,9 @@ Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(const CameraModel&
   if (options.samples_per_pixel < 1 || options.samples_per_pixel > 65536)
     return fail(ErrorCode::bad_input, "samples_per_pixel",
                 "expected 1 to 65536, got " + std::to_string(options.samples_per_pixel));
+  if (options.pixel_step < 1 || options.pixel_step > 8)
+    return fail(ErrorCode::bad_input, "pixel_step",
+                "expected 1 to 8, got " + std::to_string(options.pixel_step));
   return std::make_unique<RaysOptics>(camera, options, std::move(engine));
 }
 

@@ -50,6 +50,60 @@ TEST_P(CameraOptics, ColoursAreMagnifiedApart) {
   }
 }
 
+TEST_P(CameraOptics, ColoursThatAreMovedLieWhereTracedOnesDo) {
+  if (!rays()) return;
+  // At the sensor's edge too, where red comes from within it and blue from beyond.
+  CameraModel m = small_camera();
+  m.chromatic.magnification = {1.05, 1, 0.94};
+  for (const double right_px : {0.0, 24.0, 27.0, 32.0}) {
+    world_ = {};
+    world_.put({0.06F, 1e-3F, 0.06F}, in_front(right_px / 80 * 3, -12 / 80.0 * 3, 3));
+    OpticsOptions o = fine();
+    o.trace_colours = true;
+    const OpticsPicture traced = shoot(m, o);
+    o.trace_colours = false;
+    const OpticsPicture moved = shoot(m, o);
+    for (int band = 0; band < 4; ++band) {
+      if (right_px > 30 && band != 2) continue;  // beside the sensor
+      const Spot a = spot(traced, band), b = spot(moved, band);
+      ASSERT_GT(a.sum, 1);
+      EXPECT_NEAR(b.u, a.u, 0.06) << band << " " << right_px;
+      EXPECT_NEAR(b.v, a.v, 0.06) << band << " " << right_px;
+      EXPECT_NEAR(b.sum, a.sum, 0.04 * a.sum) << band << " " << right_px;
+    }
+  }
+}
+
+TEST_P(CameraOptics, ACoarsePictureHasItsLightInTheSamePlaces) {
+  if (!rays()) return;
+  CameraModel m = distorted();
+  m.chromatic.magnification = {1.02, 1, 0.97};
+  world_.put({0.15F, 1e-3F, 0.15F}, in_front(0.5, -0.3, 3));
+  const OpticsPicture whole = shoot(m, fine());
+  for (const int step : {2, 3}) {
+    OpticsOptions o = fine();
+    o.pixel_step = step;
+    const OpticsPicture coarse = shoot(m, o);
+    ASSERT_EQ(coarse.radiance.size(), whole.radiance.size());
+    for (int band = 0; band < 4; ++band) {
+      const Spot a = spot(whole, band), b = spot(coarse, band);
+      EXPECT_NEAR(b.u, a.u, 0.1) << band << " " << step;
+      EXPECT_NEAR(b.v, a.v, 0.1) << band << " " << step;
+      EXPECT_NEAR(b.sum, a.sum, 0.03 * a.sum) << band << " " << step;
+    }
+    OpticsRequest part;
+    part.region = {37, 11, 20, 15};
+    const OpticsPicture cut = shoot(m, o, part);
+    for (int v = 0; v < 15; ++v)
+      for (int u = 0; u < 20; ++u)
+        for (int band = 0; band < 4; ++band)
+          ASSERT_EQ(at(cut, u, v, band), at(coarse, u + 37, v + 11, band)) << u << " " << v << " " << band;
+  }
+  OpticsOptions o = fine();
+  o.pixel_step = 9;
+  EXPECT_FALSE(make_rays_optics(m, o, std::shared_ptr<render::EmbreeCache>()));
+}
+
 /// Puts the right edge of a wide plate into the column right of the middle, of which it covers this share: a
 /// sharp edge then has the variance that pixels give a smooth one, 1/12 for their width and 1/12 for the
 /// difference of two.

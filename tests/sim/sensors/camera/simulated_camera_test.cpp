@@ -204,7 +204,7 @@ TEST_P(CameraOptics, TheIdealCameraIsOneRayPerPixel) {
       rays.push_back({.direction = {d.x(), d.y(), d.z()}});
     }
   std::vector<render::LightSample> light(rays.size());
-  ASSERT_TRUE(tracer.trace({.rays = rays}, light));
+  ASSERT_TRUE(tracer.trace({.rays = rays, .spread_rad = 1.0F / 80}, light));
   for (std::size_t i = 0; i < rays.size(); ++i)
     for (std::size_t b = 0; b < 4; ++b) ASSERT_EQ(p.radiance[4 * i + b], light[i].radiance[b]) << i;
 }
