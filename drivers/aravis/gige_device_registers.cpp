@@ -377,9 +377,9 @@ GvStatus GigeDeviceModel::write_feature(std::uint32_t address, std::uint32_t val
       return GvStatus::success;
     case reg::kChunkEnable:
       if (params_locked()) return GvStatus::access_denied;
-      // The picture is always there.
-      if (value > 1 || (chunk_selector_ == reg::kChunkImage && value == 0))
-        return GvStatus::invalid_parameter;
+      if (value > 1) return GvStatus::invalid_parameter;
+      // The picture is always there; clients that switch every chunk off first do not mean it.
+      if (chunk_selector_ == reg::kChunkImage) return GvStatus::success;
       chunks_ = (chunks_ & ~(1u << chunk_selector_)) | value << chunk_selector_;
       return GvStatus::success;
     case reg::kPtpEnable:

@@ -14,7 +14,9 @@ ChannelConfig camera_config(const std::string& params) {
 class Camera final : public SourceUnderTest {
  public:
   Camera() {
-    emulator_.attach({std::make_shared<test::FormulaImages>(), nullptr, nullptr});
+    DeviceParts parts;
+    parts.image = std::make_shared<test::FormulaImages>();
+    emulator_.attach(parts);
     problem_ = run();
   }
   ~Camera() override { (void)emulator_.stop(); }
@@ -49,7 +51,9 @@ class CameraEmulator final : public ChannelUnderTest {
  public:
   std::unique_ptr<Channel> make() override {
     auto emulator = std::make_unique<GigeChannelEmulator>();
-    emulator->attach({std::make_shared<test::FormulaImages>(), nullptr, nullptr});
+    DeviceParts parts;
+    parts.image = std::make_shared<test::FormulaImages>();
+    emulator->attach(parts);
     return emulator;
   }
   ChannelConfig config() override { return camera_config("{address: 127.0.0.172, serial: conform72}"); }

@@ -58,7 +58,10 @@ class Turning final : public MotionSource {
 TEST(GigeChannelEmulator, ShowsTheProvidersPictureAsTheClientWantsIt) {
   auto pictures = std::make_shared<Pictures>();
   GigeChannelEmulator emulator;
-  emulator.attach({pictures, std::make_shared<Turning>(), nullptr});
+  DeviceParts parts;
+  parts.image = pictures;
+  parts.motion = std::make_shared<Turning>();
+  emulator.attach(parts);
   ChannelConfig c =
       make_config("{address: 127.0.0.61, vendor: Rigor, serial: emu61, user_name: left eye, rate_hz: 25}");
   ASSERT_TRUE(emulator.configure(c));
@@ -116,7 +119,9 @@ TEST(GigeChannelEmulator, SaysWhatIsMissing) {
   const auto armed = emulator.arm({});
   ASSERT_FALSE(armed);
   EXPECT_THAT(armed.error().text(), HasSubstr("makes pictures"));
-  emulator.attach({std::make_shared<Pictures>(), nullptr, nullptr});
+  DeviceParts parts;
+  parts.image = std::make_shared<Pictures>();
+  emulator.attach(parts);
   ASSERT_TRUE(emulator.configure(make_config("{address: 192.0.2.77, serial: x}")));
   ASSERT_TRUE(emulator.arm({}));
   const auto started = emulator.start(testing::now());

@@ -119,7 +119,7 @@ TEST(AravisLoss, TheLoopIsNeverHeldWhileTheCameraIsGone) {
   ASSERT_TRUE(source.start(testing::now()));
   EXPECT_GE(run_for(source, milliseconds(600)).size(), 2U);
   process->kill_now();
-  Duration worst;
+  int long_calls = 0;
   const BenchTime end = testing::now() + seconds(4);
   while (testing::now() < end) {
     timespec a{}, b{};
@@ -129,12 +129,12 @@ TEST(AravisLoss, TheLoopIsNeverHeldWhileTheCameraIsGone) {
     (void)source.poll(t);
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &b);
     const Duration wall = testing::now() - t;
-    // A busy machine may take the CPU away; waiting shows as wall time in every such case, preemption only in
-    // few.
-    if (wall > worst) worst = wall;
+    // A call that waited for the camera takes half a second and more, each time; a busy machine may take the CPU
+    // away for as long, but not again and again.
+    if (wall > milliseconds(450)) ++long_calls;
     usleep(1000);
   }
-  EXPECT_LT(worst, milliseconds(450)) << "a call that waited for the camera takes half a second and more";
+  EXPECT_LT(long_calls, 4);
   EXPECT_FALSE(source.health().connected);
   process = std::make_unique<CameraProcess>(kProgram, kAddress, "KILL55", "320", "240");
   ASSERT_TRUE(wait_connected(source, true, seconds(30)));

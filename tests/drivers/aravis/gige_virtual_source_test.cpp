@@ -56,11 +56,16 @@ struct Rig {
   std::shared_ptr<Motion> motion = std::make_shared<Motion>();
   std::unique_ptr<GigeVirtualSource> source;
 
+  std::string emulator = "{serial: left, rate_hz: 25}";
+  [[nodiscard]] DeviceParts parts() const {
+    DeviceParts p;
+    p.image = pattern;
+    p.motion = motion;
+    return p;
+  }
   Status configure(const std::string& keys, Duration period = milliseconds(40),
                    Duration latency = milliseconds(20)) {
-    source = std::make_unique<GigeVirtualSource>(
-        DeviceParts{pattern, motion, nullptr},
-        *ConfigDocument::parse("{serial: left, rate_hz: 25}", "rig.yaml"));
+    source = std::make_unique<GigeVirtualSource>(parts(), *ConfigDocument::parse(emulator, "rig.yaml"));
     ChannelConfig c;
     c.name = "left.real";
     c.kind = SampleKind::image;
@@ -166,6 +171,70 @@ TEST(GigeVirtualSource, SaysWhatCannotBe) {
   ASSERT_TRUE(rig.configure("{device: left}"));
   EXPECT_FALSE(rig.source->arm({}));
   EXPECT_FALSE(rig.configure("{device: left, exposure: 3}"));
+}
+
+TEST(GigeVirtualSource, ExposesWhenTheLineSaysSo) {
+  Rig rig;
+  rig.emulator = "{serial: left, rate_hz: 25, trigger_line: {rate_hz: 20, phase_us: 3000}}";
+  ASSERT_TRUE(rig.configure("{device: x, exposure_us: 4000, trigger: hardware, trigger_delay_us: 250}",
+                            milliseconds(50)));
+  ASSERT_TRUE(rig.source->arm({.virtual_time = true}));
+  const auto shots = rig.run(BenchTime(0), milliseconds(400));
+  ASSERT_EQ(shots.size(), 8u);
+  for (std::size_t i = 0; i < shots.size(); ++i) {
+    // Edge, delay, half of the exposure.
+    EXPECT_EQ(shots[i].stamp.t_capture, BenchTime(0) + milliseconds(50) * static_cast<std::int64_t>(i) +
+                                            microseconds(3000 + 250 + 2000));
+    EXPECT_EQ(shots[i].stamp.sequence, i);
+  }
+  EXPECT_FALSE(rig.motion->asked_early);
+
+  Rig falling;
+  falling.emulator = rig.emulator;
+  ASSERT_TRUE(falling.configure("{device: x, exposure_us: 4000, trigger: hardware, trigger_edge: falling}",
+                                milliseconds(50)));
+  ASSERT_TRUE(falling.source->arm({.virtual_time = true}));
+  const auto later = falling.run(BenchTime(0), milliseconds(200));
+  ASSERT_FALSE(later.empty());
+  EXPECT_EQ(later[0].stamp.t_capture, BenchTime(0) + milliseconds(3 + 25 + 2));
+
+  Rig unwired;
+  ASSERT_TRUE(unwired.configure("{device: x, exposure_us: 4000, trigger: hardware}"));
+  const auto s = unwired.source->arm({.virtual_time = true});
+  ASSERT_FALSE(s);
+  EXPECT_THAT(s.error().text(), HasSubstr("give the emulator a `trigger_line`"));
+}
+
+TEST(GigeVirtualSource, ChunksSayWhatEachPictureWasTakenWith) {
+  Rig plain, chunked;
+  ASSERT_TRUE(plain.configure("{device: x, exposure_us: 4000, gain_db: 3}"));
+  ASSERT_TRUE(chunked.configure("{device: x, exposure_us: 4000, gain_db: 3, chunks: on}"));
+  ASSERT_TRUE(plain.source->arm({.virtual_time = true}));
+  ASSERT_TRUE(chunked.source->arm({.virtual_time = true}));
+  const auto a = plain.run(BenchTime(0), milliseconds(300)), b = chunked.run(BenchTime(0), milliseconds(300));
+  ASSERT_EQ(a.size(), b.size());
+  ASSERT_FALSE(a.empty());
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    EXPECT_EQ(a[i].bytes, b[i].bytes) << "chunks are no part of the picture";
+    EXPECT_EQ(a[i].stamp.t_capture, b[i].stamp.t_capture);
+    EXPECT_EQ(b[i].info.exposure, milliseconds(4));
+    EXPECT_EQ(b[i].info.gain_db, 3);
+  }
+}
+
+TEST(GigeVirtualSource, AClockThatFollowsAMasterIsNoBetterThanItsOffset) {
+  Rig rig;
+  rig.emulator = "{serial: left, rate_hz: 25, ptp: {settle_s: 0.1, offset_ns: 5000}}";
+  ASSERT_TRUE(rig.configure("{device: x, exposure_us: 4000, ptp: on}"));
+  ASSERT_TRUE(rig.source->arm({.virtual_time = true}));
+  const auto shots = rig.run(BenchTime(0), seconds(4));
+  Duration most;
+  for (const auto& s : shots) most = std::max(most, s.stamp.sigma_capture);
+  EXPECT_GT(most, microseconds(2));
+  EXPECT_LE(most, microseconds(5));
+  Rig none;
+  ASSERT_TRUE(none.configure("{device: x, exposure_us: 4000, ptp: on}"));
+  EXPECT_THAT(none.source->arm({.virtual_time = true}).error().text(), HasSubstr("PTP clock"));
 }
 
 }  // namespace
