@@ -26,7 +26,9 @@ std::string status_line(const BenchRun& run, const RunParts& parts, double t_s) 
                                  n.skipped.load(), n.misses.load());
   for (const auto& c : parts.channels) {
     const Health& h = c->source->health();
-    line += fmt::format("  {} {}{}", c->entry->name, h.received.load(), h.connected.load() ? "" : " LOST");
+    // Before the run begins nothing is there that could be lost.
+    const bool gone = !h.connected.load() && t_s > 0;
+    line += fmt::format("  {} {}{}", c->entry->name, h.received.load(), gone ? " LOST" : "");
     if (const auto lost = h.lost.load()) line += fmt::format(" (-{})", lost);
   }
   return line;
@@ -75,7 +77,7 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   BenchRun run(parts, trace ? &*trace : nullptr);
   if (options.ran) run.set_cycle_filter(options.ran);
   if (auto s = run.arm(); !s) return report_error(s.error(), options.json);
-  const std::vector<std::string> warnings = run.warnings();
+  std::vector<std::string> warnings = run.warnings();
   for (const std::string& w : warnings) fmt::print(stderr, "rigor: warning: {}\n", w);
   const BenchTime t0 = options.t0 ? *options.t0 : virtual_time ? BenchTime(0) : bench_now() + seconds(1);
   const EpochPair epoch = options.epoch ? *options.epoch : virtual_time ? kVirtualEpoch : read_epoch();
@@ -92,6 +94,12 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     std::optional<StatusThread> status;
     if (!options.json) status.emplace(run, parts, t0);
     outcome = run.run(stop, t0);
+  }
+  // What came up during the run: devices that refused, clocks that did not settle.
+  for (std::string& w : run.warnings()) {
+    if (std::find(warnings.begin(), warnings.end(), w) != warnings.end()) continue;
+    fmt::print(stderr, "rigor: warning: {}\n", w);
+    warnings.push_back(std::move(w));
   }
   const Status stopped = run.stop();
   Status recorded;
