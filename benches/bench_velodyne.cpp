@@ -1,10 +1,10 @@
 // A Velodyne's packets over loopback, at the device's rate and at ten times that, by our source and beside it
 // by the plainest program that reads the same packets: a thread with recvfrom and a timestamp.
 //
-// A sender thread sends packets at absolute instants to two ports in turn; each packet's azimuth 0 … is that
-// of an even rotor, so that our source makes revolutions of them; in `unit: packet` each packet is a sample,
-// whose latency is from the send to the poll by a 1 kHz loop's thread that spins. Recovery: the sender
-// pauses.
+// A sender thread sends packets at absolute instants to two ports in turn. With `unit: packet` each packet is
+// a sample; its latency is from the send to its lying in the ring, decoded (t_arrival), that of the plain
+// program to the return of recvfrom. A loop's thread takes samples every millisecond. Recovery: the sender
+// pauses for 2 s.
 //
 //   bench_velodyne [--json FILE] [--seconds S]
 #include <arpa/inet.h>
@@ -186,9 +186,9 @@ Row measure(double packets_per_s, double seconds) {
       // Which packet it was: the last that had gone out when the kernel had this one.
       const std::int64_t here = s->stamp.t_capture.ns() + 1'327'104;
       while (k + 1 < sender->sent() && sender->sent_at(k + 1) <= here) ++k;
-      ours_us.push_back(static_cast<double>(monotonic_now().ns() - sender->sent_at(k)) * 1e-3);
+      ours_us.push_back(static_cast<double>(s->stamp.t_arrival.ns() - sender->sent_at(k)) * 1e-3);
     }
-    std::this_thread::yield();
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
   Row r{};
   r.rate = packets_per_s, r.seconds = seconds;
