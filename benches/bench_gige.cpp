@@ -3,6 +3,9 @@
 // frame; without loss, and through a relay that loses 2 % of the packets, resent ones included. Every picture
 // is checked byte for byte against the one that was sent.
 //
+// Beside it, in the same run, the plainest reader: a loop of arv_stream_pop_buffer and a timestamp, checking
+// as much. And the camera is killed for 1.5 s: time to recover, and whether what is missing is accounted for.
+//
 //   bench_gige [--seconds 60] [--width 1280] [--height 1024] [--rate 25] [--loss 0.02] [--json FILE]
 #include <signal.h>
 #include <sys/prctl.h>
@@ -20,6 +23,8 @@
 #include "drivers/aravis/gige_emulator.h"
 #include "rt-core/histogram.h"
 #include "tests/drivers/aravis/stamped_picture.h"
+
+#include <arv.h>
 
 namespace {
 
@@ -162,6 +167,132 @@ bool run(const Options& o, double loss, Figures& f) {
   return true;
 }
 
+/// A camera in a process of its own, until `says` or a kill.
+struct CameraProcess {
+  pid_t pid = -1;
+  int until[2]{-1, -1}, report[2]{-1, -1};
+  bool start(const Options& o) {
+    if (pipe(until) != 0 || pipe(report) != 0) return false;
+    pid = fork();
+    if (pid == 0) {
+      close(until[1]);
+      close(report[0]);
+      be_camera(o, 0, until[0], report[1]);
+    }
+    close(until[0]);
+    close(report[1]);
+    char ready = 0;
+    return read(report[0], &ready, 1) == 1;
+  }
+  void kill_now() {
+    kill(pid, SIGKILL);
+    waitpid(pid, nullptr, 0);
+    close(until[1]);
+    close(report[0]);
+  }
+};
+
+/// What anybody would write with Aravis.
+bool plain(const Options& o, Figures& f) {
+  CameraProcess process;
+  if (!process.start(o)) return false;
+  ArvCamera* camera = arv_camera_new(kCamera, nullptr);
+  if (camera == nullptr) return false;
+  arv_camera_set_exposure_time(camera, 2000, nullptr);
+  arv_camera_set_frame_rate(camera, o.rate_hz, nullptr);
+  arv_camera_gv_auto_packet_size(camera, nullptr);
+  arv_camera_gv_set_stream_options(camera, ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
+  ArvStream* stream = arv_camera_create_stream(camera, nullptr, nullptr, nullptr);
+  if (stream == nullptr) return false;
+  g_object_set(stream, "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size", 4 << 20,
+               nullptr);
+  const auto payload = arv_camera_get_payload(camera, nullptr);
+  for (int i = 0; i < 8; ++i) arv_stream_push_buffer(stream, arv_buffer_new_allocate(payload));
+  arv_camera_start_acquisition(camera, nullptr);
+  double judging_s = 0;
+  const double cpu_before = cpu_s();
+  std::uint64_t last_id = 0;
+  for (const auto end = monotonic_now() + seconds_from(o.seconds); monotonic_now() < end;) {
+    ArvBuffer* b = arv_stream_timeout_pop_buffer(stream, 100'000);
+    if (b == nullptr) continue;
+    const auto arrival = monotonic_now().ns();
+    const double j = cpu_s();
+    const auto id = arv_buffer_get_frame_id(b);
+    if (last_id != 0 && id > last_id + 1) f.lost += id - last_id - 1;
+    last_id = id;
+    if (arv_buffer_get_status(b) == ARV_BUFFER_STATUS_SUCCESS) {
+      size_t size = 0;
+      const auto* data = static_cast<const std::uint8_t*>(arv_buffer_get_data(b, &size));
+      const auto v = gige::testing::judge_stamped({data, static_cast<std::size_t>(o.width) * o.height});
+      f.torn += v.wrong != 0;
+      ++f.whole;
+      const auto first = static_cast<std::int64_t>(v.exposure_start_ns) + 3'000'000;  // exposure and readout
+      f.latency.record(Duration(arrival - first));
+    } else {
+      ++f.marked;
+    }
+    arv_stream_push_buffer(stream, b);
+    judging_s += cpu_s() - j;
+  }
+  f.cpu_ms_per_frame = (cpu_s() - cpu_before - judging_s) * 1e3 /
+                       static_cast<double>(std::max<std::uint64_t>(1, f.whole + f.marked));
+  arv_camera_stop_acquisition(camera, nullptr);
+  g_object_unref(stream);
+  g_object_unref(camera);
+  CameraSays says;
+  if (write(process.until[1], "e", 1) != 1 || read(process.report[0], &says, sizeof says) != sizeof says)
+    return false;
+  waitpid(process.pid, nullptr, 0);
+  f.sent = says.sent, f.packets = says.packets;
+  return true;
+}
+
+struct Recovery {
+  double gone_s = 0, back_ms = 0;
+  std::uint64_t missing = 0, counted = 0;
+};
+
+bool recover(const Options& o, Recovery& r) {
+  CameraProcess process;
+  if (!process.start(o)) return false;
+  ChannelConfig config;
+  config.name = "bench";
+  config.kind = SampleKind::image;
+  config.period = seconds_from(1.0 / o.rate_hz);
+  config.latency = milliseconds(100);
+  config.params = *ConfigDocument::parse("{address: 127.0.0.71, exposure_us: 2000}", "bench");
+  AravisSource source;
+  const auto now = [] { return BenchTime(monotonic_now().ns()); };
+  if (!check(source.configure(config)) || !check(source.arm({})) || !check(source.start(now()))) return false;
+  std::uint64_t last = 0;
+  bool any = false;
+  const auto take = [&] {
+    bool came = false;
+    source.begin_cycle(now());
+    while (const SampleLease lease = source.poll(now())) {
+      if (any) r.missing += lease->stamp.sequence - last - 1, r.counted += lease->stamp.lost_before;
+      last = lease->stamp.sequence;
+      came = any = true;
+    }
+    usleep(500);
+    return came;
+  };
+  for (const auto end = now() + seconds(2); now() < end;) (void)take();
+  process.kill_now();
+  const auto killed = now();
+  for (const auto end = killed + milliseconds(1500); now() < end;) (void)take();
+  if (!process.start(o)) return false;
+  const auto there = now();
+  r.gone_s = (there - killed).seconds();
+  while (!take() && now() < there + seconds(30)) {
+  }
+  r.back_ms = (now() - there).seconds() * 1e3;
+  for (const auto end = now() + seconds(1); now() < end;) (void)take();
+  const bool good = check(source.stop());
+  process.kill_now();
+  return good;
+}
+
 double ms(Duration d) { return d.seconds() * 1e3; }
 
 void print(const char* name, const Figures& f) {
@@ -225,16 +356,30 @@ int main(int argc, char** argv) {
   std::printf(
       "%dx%d Mono8 at %g Hz over loopback, %g s each; the link is paced at 1 Gbit/s: %.2f ms a frame\n",
       o.width, o.height, o.rate_hz, o.seconds, o.width * o.height * 8e-6);
-  Figures clean, lossy;
+  Figures simple, clean, lossy;
+  Recovery r;
+  if (!plain(o, simple)) return 1;
+  print("plain C", simple);
   if (!run(o, 0, clean)) return 1;
   print("no loss", clean);
   if (o.loss > 0) {
     if (!run(o, o.loss, lossy)) return 1;
     print("with loss", lossy);
   }
+  std::printf("added: p50 %.3f ms, p99 %.3f ms\n",
+              ms(clean.latency.percentile(0.5)) - ms(simple.latency.percentile(0.5)),
+              ms(clean.latency.percentile(0.99)) - ms(simple.latency.percentile(0.99)));
+  if (!recover(o, r)) return 1;
+  std::printf(
+      "killed: gone for %.2f s, back %.0f ms after the camera; %llu frames missing, %llu accounted for\n",
+      r.gone_s, r.back_ms, static_cast<unsigned long long>(r.missing),
+      static_cast<unsigned long long>(r.counted));
   if (!o.json.empty()) {
     std::ofstream out(o.json);
     out << "{";
+    to_json(out, "plain", 0, simple);
+    out << ", \"gone_s\": " << r.gone_s << ", \"recovery_ms\": " << r.back_ms
+        << ", \"missing\": " << r.missing << ", \"accounted\": " << r.counted << ", ";
     to_json(out, "no_loss", 0, clean);
     if (o.loss > 0) out << ", ", to_json(out, "with_loss", o.loss, lossy);
     out << "}\n";
