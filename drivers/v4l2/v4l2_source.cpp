@@ -95,7 +95,10 @@ void V4l2Source::take_frames() {
       return lose();
     }
     t_heard_ = monotonic_now();
-    health_.connected.store(true, std::memory_order_release);
+    if (!health_.connected.load(std::memory_order_relaxed)) {
+      health_.reconnects.fetch_add(1, std::memory_order_relaxed);
+      health_.connected.store(true, std::memory_order_release);
+    }
     deliver(frame);
     if (!device_->release(frame)) return lose();
   }
@@ -116,9 +119,8 @@ void V4l2Source::try_again() {
                     plan->format.code == plan_.format.code &&
                     plan->format.stride_bytes == plan_.format.stride_bytes;
   if (same && device_->start(settings_.queue)) {
-    health_.reconnects.fetch_add(1, std::memory_order_relaxed);
-    health_.connected.store(true, std::memory_order_release);
-    t_heard_ = monotonic_now();
+    t_heard_ =
+        monotonic_now();  // connected once a frame comes: a loop-back device can be opened without a writer
     return;
   }
   if (plan && !same) health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
