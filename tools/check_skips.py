@@ -7,7 +7,7 @@ is allowed everywhere; any other needs a line in tests/skipped.txt:
     Suite.Name*  |  words that its reason contains
 
 With `--count FILE` it prints `passed failed skipped` of one result file and nothing else; with `--notes FILE` the
-lines `counted: …` that tests printed, such as what was sent, received and reported lost.
+lines in which tests say what was sent, received, lost, or how long a device was away.
 """
 import argparse
 import fnmatch
@@ -20,7 +20,7 @@ ALLOWANCE = Path(__file__).resolve().parent.parent / "tests" / "skipped.txt"
 # GTEST_SKIP() prints "FILE:LINE: Skipped", then the reason, up to the line that closes the test.
 REASON = re.compile(r":\d+: Skipped\n(.*?)(?:\n\s*\n|\n\[|\Z)", re.DOTALL)
 
-NOTE = re.compile(r"^counted: (.*)$", re.MULTILINE)
+NOTE = re.compile(r"^(?!\[|Note:)(?=.*\d)(.*\b(?:sent|received|delivered|lost|back after|came)\b.*)$", re.MULTILINE)
 
 
 def cases(file):
@@ -63,7 +63,7 @@ def reason_of(output):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", action="store_true", help="print 'passed failed skipped' and nothing else")
-    parser.add_argument("--notes", action="store_true", help="print the tests' lines 'counted: …' and nothing else")
+    parser.add_argument("--notes", action="store_true", help="print what tests counted and nothing else")
     parser.add_argument("results", nargs="+", help="files that ctest --output-junit wrote")
     arguments = parser.parse_args()
     if arguments.count:

@@ -10,12 +10,12 @@ readonly KERNEL_MODULES=(can_raw can_bcm can_isotp vcan vxcan vivid v4l2loopback
 
 # What keeps the tests from running on the running kernel; nothing when they can.
 missing_here() {
-  [[ $(id -u) -eq 0 ]] || echo "you are not root"
+  [[ $(id -u) -eq 0 ]] || echo root
   local module
   for module in "${KERNEL_MODULES[@]}"; do
     # What is built in has a folder only when it has parameters.
     [[ -d /sys/module/$module ]] ||
-      grep -qs "/${module//_/[_-]}\.ko$" "/lib/modules/$(uname -r)/modules.builtin" || echo "module $module"
+      grep -qs "/${module//_/[_-]}\.ko$" "/lib/modules/$(uname -r)/modules.builtin" || echo "$module"
   done
 }
 
@@ -35,7 +35,7 @@ lane_kernel() {
     say "the running kernel has the devices: the tests run on it, without QEMU"
     out=build/test-results/kernel
   else
-    say "the tests run on Debian's kernel in QEMU, for the running one lacks: $missing"
+    say "the tests run on Debian's kernel in QEMU, for here is no $missing"
     tools/guest/self_test.sh
   fi
   rm -rf "$out/tests" "$out/kernel.xml"

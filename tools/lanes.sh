@@ -93,7 +93,8 @@ lane_asan-ubsan() {
 
 lane_tsan() {
   export TSAN_OPTIONS=suppressions=$PWD/tests/tsan.supp:second_deadlock_stack=1
-  ctest_lane tsan tsan --label-exclude '^(timing|kernel)$'
+  # Tests labelled `one-thread` are long and have nothing for this sanitizer to see.
+  ctest_lane tsan tsan --label-exclude '^(timing|kernel|one-thread)$'
 }
 
 lane_fuzz() {
