@@ -32,14 +32,14 @@ void in_pieces(std::string_view bytes, F&& f) {
 }
 
 void host_on_device(const ScannerModel& model, std::string_view bytes) {
-  ScipDevice device(model, measure, {.backlog_bytes = 64 * 1024});
+  ScipDevice device(model, measure, {.backlog_bytes = 4 * 1024});
   ScipReplyReader reader;
   ScipReply reply;
   ScipScan scan;
   std::vector<LidarPoint> points(2000);
   in_pieces(bytes, [&](std::string_view piece, std::int64_t ns) {
     device.receive(piece, DeviceTime(ns));
-    if (device.output().size() > 256 * 1024) std::abort();  // bounded, whatever is asked for
+    if (device.output().size() > 64 * 1024) std::abort();  // bounded, whatever is asked for
     reader.push(device.output(), ns);
     device.output().clear();
     while (reader.next(reply)) {
@@ -48,7 +48,7 @@ void host_on_device(const ScannerModel& model, std::string_view bytes) {
       if (scan.range_mm.size() <= points.size()) (void)scan_points(scan, model.parameters, points);
     }
   });
-  device.advance(DeviceTime(100'000'000'000));
+  device.advance(DeviceTime(2'000'000'000));
 }
 
 void device_on_host(std::string_view bytes) {
