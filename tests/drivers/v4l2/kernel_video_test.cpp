@@ -293,8 +293,8 @@ TEST_F(Loopback, CarriesEachFormatToOurReaderBitForBit) {
                                  ", device_format: " + c.camera,
                              10));
     ASSERT_TRUE(status) << c.camera << ": " << status.error().text();
-    const Seen seen = take(s, 6, true);
-    ASSERT_EQ(seen.pictures.size(), 6u) << c.camera;
+    const Seen seen = take(s, 14, true);
+    ASSERT_EQ(seen.pictures.size(), 14u) << c.camera;
     std::optional<std::uint64_t> last;
     for (std::size_t i = 0; i < seen.pictures.size(); ++i) {
       const auto index = index_of(seen.pictures[i], c.format, last ? *last + 1 : 0);
