@@ -257,8 +257,10 @@ std::string Link::failure() const {
 
 LinkStatus Poller::poll(Link& link, std::uint64_t index, std::span<std::uint16_t> raw) noexcept {
   const auto& requests = map_->requests();
+  // Instants that were skipped may have been those at which something was due.
   for (std::size_t i = 0; i < requests.size(); ++i)
-    if (index % requests[i].every == 0) due_[i] = true;
+    if (index / requests[i].every != last_index_ / requests[i].every) due_[i] = true;
+  last_index_ = index;
   for (std::size_t i = 0; i < requests.size(); ++i) {
     if (!due_[i]) continue;
     const auto& r = requests[i];

@@ -122,6 +122,7 @@ class Poller {
  private:
   const RegisterMap* map_ = nullptr;
   std::vector<char> due_;
+  std::uint64_t last_index_ = 0;
 };
 
 }  // namespace rigor::modbus

@@ -209,7 +209,7 @@ TEST(AravisSettings, WrongKeysAreErrorsWithTheirPlace) {
   for (const auto& [keys, says] : std::map<std::string, std::string>{
            {"{device: X, exposure_us: -1}", "exposure_us"},
            {"{device: X, pixel_format: Mono9}", "Mono8"},
-           {"{device: X, trigger: hardware}", "free_run"},
+           {"{device: X, trigger: hardwired}", "free_run"},
            {"{exposure_us: 10}", "expected `device`"},
            {"{device: X, region: {width_px: 10}}", "height"},
            {"{device: X, region: {width_px: 10, height_px: 10, wide: 3}}", "wide"},
