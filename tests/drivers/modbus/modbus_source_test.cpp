@@ -147,10 +147,10 @@ TEST_F(ModbusSourceTest, ExceptionsAreLossesOnALivingConnection) {
     for (auto& s : collect(milliseconds(20))) samples.push_back(std::move(s));
     return samples.size() >= 3;
   }));
+  EXPECT_GE(source_.health().lost.load(), source_.health().protocol_errors.load());
   EXPECT_EQ(source_.health().reconnects.load(), 0u);
   ASSERT_FALSE(samples.empty());
   EXPECT_TRUE(source_.health().connected.load());
-  EXPECT_EQ(samples.back()->stamp.lost_before, 0u);
 }
 
 TEST_F(ModbusSourceTest, SilenceCostsTheSamplesItLastedAndNoMore) {
