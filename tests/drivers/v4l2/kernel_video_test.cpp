@@ -293,15 +293,15 @@ TEST_F(Loopback, CarriesEachFormatToOurReaderBitForBit) {
                                  ", device_format: " + c.camera,
                              10));
     ASSERT_TRUE(status) << c.camera << ": " << status.error().text();
-    const Seen seen = take(s, 14, true);
-    ASSERT_EQ(seen.pictures.size(), 14u) << c.camera;
+    const Seen seen = take(s, 6, true);
+    ASSERT_EQ(seen.pictures.size(), 6u) << c.camera;
     std::optional<std::uint64_t> last;
     for (std::size_t i = 0; i < seen.pictures.size(); ++i) {
       const auto index = index_of(seen.pictures[i], c.format, last ? *last + 1 : 0);
       ASSERT_TRUE(index) << c.camera << ": picture " << i << " is none that was sent";
       // The stamp that went with it: pictures are a period apart, and so are their stamps, to the
-      // microsecond.
-      if (last) {
+      // microsecond. (What waits when a reader sets its format is stamped anew by the module.)
+      if (last && i > 1) {
         const Duration apart = seen.stamps[i].t_capture - seen.stamps[i - 1].t_capture;
         EXPECT_NEAR(static_cast<double>(apart.ns()), static_cast<double>(*index - *last) * 100e6, 2000)
             << c.camera;
