@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "cli/calibrate/calibrate_cli.h"
 #include "cli/commands.h"
 #include "cli/terminal.h"
 #include "cli/world/world_cli.h"
@@ -115,6 +116,7 @@ int main(int argc, char** argv) {
   inspect_app->add_flag("--json", inspect.json, "Print as JSON");
   inspect_app->footer("Example: rigor inspect demo.mcap --repair -o demo-whole.mcap");
 
+  rigor::CalibrateCommandLine calibrate(app);
   rigor::WorldCommandLine world(app);
 
   rigor::PlainOptions devices, doctor;
@@ -141,6 +143,7 @@ int main(int argc, char** argv) {
     if (*sense_app) return rigor::sense_command(sense);
     if (*tune_app) return rigor::tune_command(tune);
     if (*inspect_app) return rigor::inspect_command(inspect);
+    if (calibrate.chosen()) return calibrate.run();
     if (world.chosen()) return world.run();
     if (*devices_app) return rigor::devices_command(devices);
     return rigor::doctor_command(doctor);

@@ -6,11 +6,10 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "cli/bench_run.h"
+#include "cli/page.h"
 
 namespace rigor {
 
-/// Checks before a run that the report can be written there, and makes the folder. not_writable.
-[[nodiscard]] Status prepare_report(const std::filesystem::path& dir);
 /// Writes pictures, index.html and result.json into `dir`. Adds to `result` the names of the pictures.
 [[nodiscard]] Status write_report(const std::filesystem::path& dir, nlohmann::json& result,
                                   const RunParts& parts);

@@ -1,0 +1,61 @@
+// `rigor calibrate …`: what its subcommands share. A subcommand reads its inputs, fits, and hands a product
+// over; writing the sheet, the report and the answer is the same for all.
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "calibration/core/figures.h"
+#include "calibration/core/fit_output.h"
+#include "cli/terminal.h"
+#include "rt-core/result.h"
+
+namespace rigor {
+
+struct CalibrateOptions {
+  std::vector<std::filesystem::path> inputs;
+  std::filesystem::path output;  ///< model YAML; empty: none is written
+  std::filesystem::path base;    ///< sheet that the values go into
+  std::filesystem::path report;  ///< folder; empty: none
+  std::string model = "auto";
+  std::string channel;  ///< of recordings
+  bool force = false;   ///< write over a file that is there
+  bool json = false;
+};
+
+struct CalibrateCameraOptions : CalibrateOptions {
+  std::string target;
+  std::string size;  ///< WIDTHxHEIGHT of the pictures that a corner list is about
+  double start_fx_px = 0;
+  bool all_corners = false;  ///< no outlier is left out
+};
+
+int calibrate_camera_command(const CalibrateCameraOptions& options);
+
+/// What a fit gives away.
+struct CalibrationProduct {
+  std::string title;  ///< of the report
+  calibration::FitResult fit;
+  calibration::SheetRecipe recipe;  ///< its `base` is read from the options
+  std::vector<calibration::Figure> figures;
+  std::vector<std::filesystem::path> inputs;       ///< files whose hashes go into the sheet
+  nlohmann::json more = nlohmann::json::object();  ///< added to the JSON answer, e.g. per-view RMS
+  std::vector<std::string> record_next;            ///< what further recording would help
+};
+
+/// Before the work: outputs can be written, nothing is overwritten by accident. not_writable, bad_input.
+[[nodiscard]] Status check_outputs(const CalibrateOptions& options);
+/// Writes sheet and report, prints the table or the JSON. Exit status: 1 for an interrupted fit, whose best
+/// so far is written and marked.
+[[nodiscard]] int finish_calibration(const CalibrateOptions& options, CalibrationProduct product);
+
+/// Files that the inputs name: a folder stands for what it holds with one of these extensions, in the order
+/// of names. not_found.
+[[nodiscard]] Result<std::vector<std::filesystem::path>> input_files(
+    const std::vector<std::filesystem::path>& inputs, const std::vector<std::string>& extensions);
+/// Hex of a file's SHA-256; empty where it cannot be read.
+[[nodiscard]] std::string sha256_of(const std::filesystem::path& file);
+
+}  // namespace rigor

@@ -1,0 +1,206 @@
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "calibration/camera/camera_fit.h"
+#include "cli/calibrate/calibrate.h"
+#include "rt-core/stop.h"
+
+namespace rigor {
+namespace {
+
+using namespace calibration;
+
+Status parse_size(const std::string& text, int& width_px, int& height_px) {
+  if (std::sscanf(text.c_str(), "%dx%d", &width_px, &height_px) == 2 && width_px >= 16 && height_px >= 16 &&
+      width_px <= 16384 && height_px <= 16384)
+    return {};
+  return fail(ErrorCode::bad_input, "--size",
+              "expected WIDTHxHEIGHT in pixels for a list of corners, as in 640x480, got " +
+                  (text.empty() ? "nothing" : text));
+}
+
+struct Views {
+  std::vector<BoardView> seen;
+  std::vector<std::string> without;  ///< pictures without a board, and why
+  std::vector<std::filesystem::path> files;
+};
+
+Result<Views> read_views(const CalibrateCameraOptions& options, const Board& board) {
+  Views views;
+  auto files = input_files(options.inputs, {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm"});
+  if (!files) return tl::unexpected<Error>(files.error());
+  views.files = *files;
+  LiveLine line;
+  for (std::size_t i = 0; i < files->size(); ++i) {
+    const auto& file = (*files)[i];
+    if (!options.json) line.show(fmt::format("looking for boards: {} of {}", i + 1, files->size()));
+    if (file.extension() == ".vnl") {
+      int width = 0, height = 0;
+      if (auto s = parse_size(options.size, width, height); !s) return tl::unexpected<Error>(s.error());
+      auto list = read_corner_list(file, board, width, height);
+      if (!list) return tl::unexpected<Error>(list.error());
+      views.seen.insert(views.seen.end(), list->begin(), list->end());
+      continue;
+    }
+    auto view = find_board_in_file(file, board);
+    if (view)
+      views.seen.push_back(std::move(*view));
+    else if (view.error().code == ErrorCode::not_found)
+      views.without.push_back(view.error().text());
+    else
+      return tl::unexpected<Error>(view.error());
+  }
+  if (!options.json) line.done();
+  if (views.seen.empty())
+    return fail(
+        ErrorCode::bad_input, views.files.empty() ? "INPUT" : views.files.front().string(),
+        "expected at least one picture with a board " + board.text() + ", found none in " +
+            std::to_string(views.files.size()) +
+            "; check the number of inner corners (--target) and that the whole board is in the picture");
+  return views;
+}
+
+SheetRecipe recipe_of(const CameraFit& fit) {
+  SheetRecipe r;
+  r.kind = "camera";
+  const CameraModel& m = fit.camera;
+  const auto put = [&](const std::string& path, double value) {
+    r.set.emplace_back(path, exact_text(value));
+  };
+  r.remove = {"lens", "fisheye", "projection"};
+  r.set = {{"width_px", std::to_string(m.width_px)}, {"height_px", std::to_string(m.height_px)}};
+  const bool fisheye = m.projection == Projection::kannala_brandt;
+  if (fisheye) r.set.emplace_back("projection", "kannala_brandt");
+  for (const Parameter& p : fit.result.parameters) {
+    const std::string path = p.name.ends_with("_px") ? "intrinsics." + p.name
+                             : fisheye               ? "fisheye." + p.name
+                                                     : "lens." + p.name;
+    put(path, p.value);
+    r.places.push_back({p.name, path, 1});
+  }
+  return r;
+}
+
+std::vector<Figure> figures_of(const CameraFit& fit, const std::vector<BoardView>& views) {
+  const double w = fit.camera.width_px, h = fit.camera.height_px;
+  std::vector<Figure> figures;
+  Figure arrows{
+      .kind = Figure::Kind::arrows,
+      .title = "Residuals over the picture",
+      .caption =
+          "Each corner that was used, its residual drawn 50 times as long. A pattern is what the lens "
+          "model does not know.",
+      .x_label = "u [px]",
+      .y_label = "v [px]",
+      .x_to = w,
+      .y_to = h,
+      .stretch = 50};
+  Figure coverage{.kind = Figure::Kind::series,
+                  .title = "Coverage",
+                  .caption = "Where corners were seen. The model is unproven where there are none.",
+                  .x_label = "u [px]",
+                  .y_label = "−v [px]"};
+  Series at, by, used{"used", {}, {}, false}, rejected{"rejected", {}, {}, false};
+  Series scalar;
+  for (const auto& r : fit.residuals) {
+    (r.used ? used : rejected).x.push_back(r.u_px);
+    (r.used ? used : rejected).y.push_back(-r.v_px);
+    if (!r.used) continue;
+    at.x.push_back(r.u_px), at.y.push_back(r.v_px);
+    by.x.push_back(r.du_px), by.y.push_back(r.dv_px);
+    scalar.y.push_back(r.du_px), scalar.y.push_back(r.dv_px);
+  }
+  arrows.series = {at, by};
+  coverage.series = {used, rejected};
+  figures.push_back(arrows);
+  figures.push_back(coverage);
+  figures.push_back(
+      {.kind = Figure::Kind::map,
+       .title = "Uncertainty of projection",
+       .caption = "Standard deviation of where a ray falls, in its worst direction, from the covariance "
+                  "of the intrinsics.",
+       .x_label = "u [px]",
+       .y_label = "v [px]",
+       .values = fit.uncertainty.sigma_px,
+       .columns = fit.uncertainty.columns,
+       .x_to = w,
+       .y_to = h,
+       .value_label = "px"});
+  Figure histogram{.kind = Figure::Kind::histogram,
+                   .title = "Residuals",
+                   .caption = "u and v of all corners that were used.",
+                   .x_label = "residual [px]",
+                   .y_label = "number"};
+  histogram.series = {scalar};
+  figures.push_back(histogram);
+  Figure quantiles{
+      .kind = Figure::Kind::quantiles,
+      .title = "Q–Q plot",
+      .caption = "On the line the residuals are normal; ends that bend away are outliers that stayed."};
+  quantiles.series = {scalar};
+  figures.push_back(quantiles);
+  Figure views_rms{.kind = Figure::Kind::series,
+                   .title = "RMS by view",
+                   .caption = "Per corner, in the order of the inputs.",
+                   .x_label = "view",
+                   .y_label = "RMS [px]"};
+  Series rms{"", {}, {}, false};
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    rms.x.push_back(static_cast<double>(v));
+    rms.y.push_back(fit.view_rms_px[v]);
+  }
+  views_rms.series = {rms};
+  figures.push_back(views_rms);
+  return figures;
+}
+
+}  // namespace
+
+int calibrate_camera_command(const CalibrateCameraOptions& options) {
+  const auto wrong = [&](const Error& e) { return report_error(e, options.json); };
+  if (auto s = check_outputs(options); !s) return wrong(s.error());
+  const auto board = parse_board(options.target);
+  if (!board) return wrong(board.error());
+  StopSource stop;
+  CameraFitOptions fit_options;
+  fit_options.robust = !options.all_corners;
+  fit_options.start_fx_px = options.start_fx_px;
+  fit_options.stop = stop.token();
+  if (options.model != "auto") {
+    const auto model = parse_lens_model(options.model);
+    if (!model) return wrong(model.error());
+    fit_options.models = {*model};
+  }
+  const auto views = read_views(options, *board);
+  if (!views) return wrong(views.error());
+  SignalStop signals(stop);
+  LiveLine line;
+  if (!options.json)
+    fit_options.progress = [&](double share, double rms) {
+      line.show(fmt::format("fitting: {:3.0f} %, RMS {:.3g} px", 100 * share, rms));
+    };
+  auto fit = fit_camera(views->seen, fit_options);
+  if (!options.json) line.done();
+  if (!fit) return wrong(fit.error());
+
+  CalibrationProduct product;
+  product.title = "Camera calibration";
+  product.inputs = views->files;
+  product.fit = fit->result;
+  for (const std::string& why : views->without) product.fit.warnings.push_back(why);
+  product.recipe = recipe_of(*fit);
+  product.figures = figures_of(*fit, views->seen);
+  product.more["rms_per_corner_px"] = fit->rms_per_corner_px;
+  product.more["views"] = nlohmann::json::array();
+  for (std::size_t v = 0; v < views->seen.size(); ++v) {
+    const double rms = fit->view_rms_px[v];
+    product.more["views"].push_back(
+        {{"name", views->seen[v].name},
+         {"corners", views->seen[v].points.size()},
+         {"rms_px", std::isfinite(rms) ? nlohmann::json(rms) : nlohmann::json(nullptr)}});
+  }
+  return finish_calibration(options, std::move(product));
+}
+
+}  // namespace rigor
