@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "cli/device_signals.h"
+#include "cli/sensing/sheet_kind.h"
 #include "sim/platform/turntable.h"
 
 namespace rigor {
@@ -33,15 +34,6 @@ TurntableConfig read_turntable(ConfigNode n) {
                               kRadPerDeg;
   n.finish();
   return c;
-}
-
-/// What a sensor with the sheet named by `sensor` gives: LiDAR sheets have a `scan`, sheets of time-of-flight
-/// cameras a `modulation`; what is neither is a camera. Throws ConfigError.
-SampleKind kind_of_sheet(const ConfigNode& params) {
-  const auto sheet = ConfigDocument::load(params.base_dir() / params.text("sensor"));
-  if (!sheet) throw ConfigError(sheet.error());
-  if (sheet->has("scan")) return SampleKind::point_cloud;
-  return sheet->has("modulation") ? SampleKind::range_image : SampleKind::image;
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 
 #include <map>
 
+#include "cli/sensing/sheet_kind.h"
 #include "cli/sensing/tolerance.h"
 #include "cli/sensing/yuv_capture.h"
 #include "sensor-hal/models/camera_effects.h"
@@ -148,7 +149,7 @@ Simulation::~Simulation() = default;
 
 Result<std::unique_ptr<Simulation>> Simulation::open(const SimulationConfig& config) {
   auto impl = std::make_unique<Impl>(config);
-  auto world = SensorWorld::open(config.world);
+  auto world = SensorWorld::open(config.world, config.weather);
   if (!world) return tl::unexpected<Error>(world.error());
   impl->world = std::move(*world);
   if (impl->world->is_scene()) {
@@ -162,8 +163,11 @@ Result<std::unique_ptr<Simulation>> Simulation::open(const SimulationConfig& con
 Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std::uint64_t seed,
                                                           const std::string& name,
                                                           const SensorOptions& options) {
-  bool small = impl_->scene && !params.has("engine") && !options.choice && options.only.empty() &&
-               !params.has("motion");
+  if (auto s = catch_config([&] { return expect_sheet(params, SampleKind::image), true; }); !s)
+    return tl::unexpected<Error>(s.error());
+  // The small renderer knows no air.
+  bool small = impl_->scene && impl_->config.weather.empty() && !params.has("engine") && !options.choice &&
+               options.only.empty() && !params.has("motion");
   if (small) {
     const auto sheet =
         catch_config([&] { return value_or_throw(load_camera(params.base_dir() / params.text("sensor"))); });
@@ -202,6 +206,7 @@ Result<std::shared_ptr<SensedCamera>> Simulation::sensed_camera(ConfigNode param
                                                                 const std::string& name,
                                                                 const SensorOptions& options) {
   auto made = catch_config([&] {
+    expect_sheet(params, SampleKind::image);
     const auto sheet = value_or_throw(load_camera(params.base_dir() / params.text("sensor")));
     SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
     if (setup.choice.engine.empty()) setup.choice.engine = "vulkan";
@@ -220,6 +225,7 @@ Result<std::shared_ptr<TruthfulSampler>> Simulation::sampler(SampleKind kind, Co
                                                              std::uint64_t seed, const std::string& name,
                                                              const SensorOptions& options) {
   auto made = catch_config([&]() -> Result<std::shared_ptr<TruthfulSampler>> {
+    expect_sheet(params, kind);
     const std::filesystem::path file = params.base_dir() / params.text("sensor");
     SensorSetup setup = read_setup(params, kind, *impl_->world, name, seed, options);
     if (setup.choice.engine.empty()) setup.choice.engine = "rays";

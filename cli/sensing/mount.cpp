@@ -16,14 +16,29 @@ Eigen::Vector3d vector(const std::vector<double>& v) { return {v[0], v[1], v[2]}
 
 }  // namespace
 
-Eigen::Isometry3d read_pose(ConfigNode n, SensorAxes axes) {
-  const Eigen::Vector3d position = vector(n.numbers("position_m", 3));
+Eigen::Isometry3d read_pose(ConfigNode n, SensorAxes axes,
+                            const std::function<double(double, double)>& ground_z_m) {
+  const bool above_ground = n.flag_or("above_ground", false);
+  if (above_ground && !ground_z_m)
+    throw n.error("above_ground", "expected it of a pose in the world, got one in the frame of a node");
+  const auto placed = [&](const char* key) {
+    Eigen::Vector3d p = vector(n.numbers(key, 3));
+    if (!above_ground) return p;
+    const double z = ground_z_m(p.x(), p.y());
+    if (!std::isfinite(z))
+      throw n.error(key, fmt::format("expected a place on the terrain, got {:g}, {:g}, where there is none; "
+                                     "`rigor world info` says how far it reaches",
+                                     p.x(), p.y()));
+    p.z() += z;
+    return p;
+  };
+  const Eigen::Vector3d position = placed("position_m");
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
   const int ways = int{n.has("look_at_m")} + int{n.has("quaternion_wxyz")} + int{n.has("roll_pitch_yaw_deg")};
   if (ways > 1)
     throw n.error("", "expected one of look_at_m, quaternion_wxyz and roll_pitch_yaw_deg, got several");
   if (n.has("look_at_m")) {
-    const Eigen::Vector3d target = vector(n.numbers("look_at_m", 3));
+    const Eigen::Vector3d target = placed("look_at_m");
     const Eigen::Vector3d up = n.has("up") ? vector(n.numbers("up", 3)) : Eigen::Vector3d::UnitZ();
     if ((target - position).cross(up).norm() < 1e-9)
       throw n.error(
@@ -58,7 +73,10 @@ Eigen::Isometry3d read_pose(ConfigNode n, SensorAxes axes) {
 Mount read_mount(ConfigNode params, const SensorWorld& world, SensorAxes axes) {
   Mount m;
   const bool carried = params.has("parent");
-  m.T_parent_sensor = read_pose(params.map(carried ? "T_parent_sensor" : "T_world_sensor"), axes);
+  m.T_parent_sensor =
+      carried ? read_pose(params.map("T_parent_sensor"), axes)
+              : read_pose(params.map("T_world_sensor"), axes,
+                          [&world](double x_m, double y_m) { return world.ground_z_m(x_m, y_m); });
   if (carried) {
     const auto node = world.frame_named(params.text("parent"));
     if (!node) throw params.error("parent", node.error().message);

@@ -5,12 +5,16 @@
 //   T_world_sensor: { position_m: [0, 0, 1.2], roll_pitch_yaw_deg: [0, 0, 90] }
 //   parent: turntable        the sensor goes with that node; its pose is then
 //   T_parent_sensor: { … }   in the node's frame
+//   T_world_sensor: { position_m: [0, 0, 1.2], above_ground: true, … }
+//                            z of position_m and look_at_m counts from the terrain below them
 //   motion: { velocity_m_per_s: [1, 0, 0], yaw_rate_deg_per_s: 10 }
 //
 // `motion` is that of a platform which stands at the sensor's place when the run starts. The velocity is in
 // the axes of the frame that the pose is in (world, or parent) at that instant, and turns with the platform
 // about z.
 #pragma once
+
+#include <functional>
 
 #include "cli/sensing/sensor_world.h"
 #include "sensor-hal/config/yaml.h"
@@ -35,7 +39,9 @@ struct Mount {
 /// forward).
 enum class SensorAxes : std::uint8_t { optical, forward };
 /// Throws ConfigError.
-[[nodiscard]] Eigen::Isometry3d read_pose(ConfigNode n, SensorAxes axes);
+/// `ground_z_m`: of the terrain at x, y in the pose's frame, for `above_ground`; null where there is none.
+[[nodiscard]] Eigen::Isometry3d read_pose(ConfigNode n, SensorAxes axes,
+                                          const std::function<double(double, double)>& ground_z_m = nullptr);
 /// Reads T_world_sensor, or parent and T_parent_sensor, and motion. Throws ConfigError.
 [[nodiscard]] Mount read_mount(ConfigNode params, const SensorWorld& world, SensorAxes axes);
 

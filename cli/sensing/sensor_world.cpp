@@ -16,11 +16,26 @@ bool same(const WorldMotion& a, const WorldMotion& b) {
   return a.count == b.count && std::equal(a.joint.begin(), a.joint.begin() + a.count, b.joint.begin(), equal);
 }
 
+Status set_weather(world::Database& db, const std::vector<std::pair<std::string, double>>& weather) {
+  if (weather.empty()) return {};
+  const world::types::Atmosphere atmosphere(db.schema());
+  if (db.snapshot().nodes(atmosphere.type).empty()) {
+    auto tx = db.begin("an atmosphere");
+    if (auto node = tx.create(atmosphere.type); !node) return tl::unexpected<Error>(node.error());
+    if (auto s = tx.commit(); !s) return s;
+  }
+  for (const auto& [attribute, value] : weather)
+    if (auto s = set_attribute(db, fmt::format("Atmosphere.{}={:.17g}", attribute, value)); !s) return s;
+  return {};
+}
+
 }  // namespace
 
-Result<std::unique_ptr<SensorWorld>> SensorWorld::open(const std::filesystem::path& file) {
+Result<std::unique_ptr<SensorWorld>> SensorWorld::open(
+    const std::filesystem::path& file, const std::vector<std::pair<std::string, double>>& weather) {
   auto opened = open_world(file);
   if (!opened) return tl::unexpected<Error>(opened.error());
+  if (auto s = set_weather(*opened->db, weather); !s) return tl::unexpected<Error>(s.error());
   std::unique_ptr<SensorWorld> world(new SensorWorld());
   world->opened_ = std::move(*opened);
   const world::Snapshot snapshot = world->snapshot();
@@ -47,6 +62,18 @@ Result<world::NodeId> SensorWorld::frame_named(const std::string& name) const {
   return fail(ErrorCode::bad_input, "",
               fmt::format("expected the name of a node with a frame, got \"{}\"{}", name,
                           near.empty() ? "" : "; did you mean " + near + "?"));
+}
+
+void SensorWorld::make_picture() const {
+  if (content_) return;
+  picture_ = make_world_picture(opened_);
+  content_ = std::make_unique<render::ViewContent>(*opened_.db, *picture_.view);
+}
+
+double SensorWorld::ground_z_m(double x_m, double y_m) const {
+  const std::lock_guard lock(mutex_);
+  make_picture();
+  return picture_.ground->height_at(x_m, y_m);
 }
 
 void SensorWorld::move(const WorldMotion& motion) {
@@ -80,10 +107,7 @@ std::shared_ptr<const render::ContentWindow> SensorWorld::Moment::collect(const 
                                                                           BenchTime begin, BenchTime end,
                                                                           int instants) {
   const std::lock_guard lock(world_.mutex_);
-  if (!world_.content_) {
-    world_.picture_ = make_world_picture(world_.opened_);
-    world_.content_ = std::make_unique<render::ViewContent>(*world_.opened_.db, *world_.picture_.view);
-  }
+  world_.make_picture();
   world_.move(motion_);  // another sensor may have moved it since
   return world_.content_->collect(query, begin, end, instants);
 }

@@ -23,7 +23,9 @@ class SensorWorld {
  public:
   /// Small scenes, worlds in YAML, world files and import plans: cli/world/world_assembly.h. Errors:
   /// not_found, bad_input (also more joints than WorldMotion holds), unavailable.
-  [[nodiscard]] static Result<std::unique_ptr<SensorWorld>> open(const std::filesystem::path& file);
+  /// `weather`: attributes of the world's Atmosphere in place of its own; a world without one gets one.
+  [[nodiscard]] static Result<std::unique_ptr<SensorWorld>> open(
+      const std::filesystem::path& file, const std::vector<std::pair<std::string, double>>& weather = {});
 
   /// Whether it was read from a small scene of boxes and cylinders.
   [[nodiscard]] bool is_scene() const { return opened_.scene; }
@@ -33,6 +35,9 @@ class SensorWorld {
   /// A node with a frame, by name. bad_input with the nearest name.
   [[nodiscard]] Result<world::NodeId> frame_named(const std::string& name) const;
   [[nodiscard]] const std::vector<std::string>& warnings() const { return opened_.warnings; }
+  /// z of the terrain there; NaN where there is none. Any thread; the first call takes as long as a world
+  /// takes to show itself.
+  [[nodiscard]] double ground_z_m(double x_m, double y_m) const;
 
   /// The world with its joints as a motion has them. Any thread; one thread at a time for each object; the
   /// world outlives it.
@@ -54,15 +59,16 @@ class SensorWorld {
  private:
   SensorWorld() = default;
   void move(const WorldMotion& motion);  // under the mutex
+  void make_picture() const;             // under the mutex
 
   OpenedWorld opened_;
   std::vector<world::NodeId> joints_;
   std::vector<std::string> joint_names_;
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   bool moved_ = false;
   WorldMotion motion_;
-  WorldPicture picture_;  // made by the first that collects
-  std::unique_ptr<render::ViewContent> content_;
+  mutable WorldPicture picture_;  // made by the first that needs it
+  mutable std::unique_ptr<render::ViewContent> content_;
 };
 
 }  // namespace rigor

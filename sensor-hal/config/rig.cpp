@@ -124,11 +124,38 @@ ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfi
   return c;
 }
 
+/// Weather by the keys of rigs, as attributes of an Atmosphere.
+std::vector<std::pair<std::string, double>> read_weather(const ConfigNode& n) {
+  struct Key {
+    const char *key, *attribute;
+    Range range;
+  };
+  static const Key kKeys[] = {{"visibility_m", "visibility_m", {.min = 1}},
+                              {"fog_visibility_m", "fog_visibility_m", {.min = 1}},
+                              {"fog_top_m", "fog_top_m", {}},
+                              {"rain_mmph", "rain_mm_per_h", {.min = 0, .max = 500}},
+                              {"snow_mmph", "snow_mm_per_h", {.min = 0, .max = 100}},
+                              {"snow_depth_m", "snow_depth_m", {.min = 0, .max = 20}},
+                              {"wetness", "wetness", {.min = 0, .max = 1}},
+                              {"cloud_cover", "cloud_cover", {.min = 0, .max = 1}}};
+  std::vector<std::pair<std::string, double>> out;
+  for (const Key& k : kKeys)
+    if (n.has(k.key)) out.emplace_back(k.attribute, n.number(k.key, k.range));
+  // All keys are known to `finish`, so that it can name the nearest.
+  for (const Key& k : kKeys) (void)n.number_or(k.key, k.range.min > 0 ? k.range.min : 0);
+  n.finish();
+  return out;
+}
+
 SimulationConfig read_simulation(ConfigNode n) {
   SimulationConfig s;
   if (n.has("world")) s.world = n.base_dir() / n.text("world");
   s.workers = static_cast<int>(n.integer_or("workers", 1, {.min = 1, .max = 64}));
   s.device = n.text_or("device", "");
+  if (const ConfigNode weather = n.map_or_absent("weather"); weather.present()) {
+    s.weather = read_weather(weather);
+    if (s.world.empty()) throw n.error("weather", "expected a `world` for it, found none");
+  }
   if (ConfigNode joints = n.map_or_absent("joints"); joints.present())
     for (const std::string& joint : joints.keys()) {
       ConfigNode j = joints.map(joint);

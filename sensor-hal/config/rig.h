@@ -22,6 +22,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "rt-core/port.h"
@@ -106,6 +107,8 @@ struct SimulationConfig {
   int workers = 1;
   std::string device;  ///< Vulkan device by name; empty: the first
   std::vector<JointBinding> joints;
+  /// Attributes of the world's Atmosphere in place of its own, by their names.
+  std::vector<std::pair<std::string, double>> weather;
 };
 
 struct RigConfig {

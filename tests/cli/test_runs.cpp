@@ -96,6 +96,10 @@ TEST_F(Runs, OnTheWallClockAreReplayedExactlyAndTwoReplaysAreEqualFiles) {
     EXPECT_EQ(json::parse(replay.out)["seen_sha256"], seen);
   }
   EXPECT_EQ(sha256(dir / "one.mcap"), sha256(dir / "two.mcap"));
+  // What it tells on the way: nothing is lost before it begins.
+  const Said told = rigor({"replay", file("run.mcap")});
+  ASSERT_EQ(told.status, 0) << told.err;
+  EXPECT_EQ((told.out + told.err).find("LOST"), std::string::npos) << told.out << told.err;
   // And a replay of a replay is still the same.
   const Said again = rigor({"replay", file("one.mcap"), "--json"});
   ASSERT_EQ(again.status, 0) << again.err;
