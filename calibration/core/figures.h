@@ -20,7 +20,7 @@ struct Figure {
     map,        ///< `values`, row by row, `columns` wide, over the ranges of x and y
     arrows      ///< series[0] places, series[1] what to add to them times `stretch`
   } kind = Kind::series;
-  std::string title, caption, x_label, y_label;
+  std::string title{}, caption{}, x_label{}, y_label{};
   std::vector<Series> series{};
   std::vector<double> values{};  ///< NaN: nothing there
   int columns = 0;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -11,6 +12,10 @@
 #include "calibration/core/fit_output.h"
 #include "cli/terminal.h"
 #include "rt-core/result.h"
+
+namespace CLI {
+class App;
+}
 
 namespace rigor {
 
@@ -25,14 +30,15 @@ struct CalibrateOptions {
   bool json = false;
 };
 
-struct CalibrateCameraOptions : CalibrateOptions {
-  std::string target;
-  std::string size;  ///< WIDTHxHEIGHT of the pictures that a corner list is about
-  double start_fx_px = 0;
-  bool all_corners = false;  ///< no outlier is left out
+/// One of `rigor calibrate X`.
+struct CalibrateSubcommand {
+  CLI::App* app = nullptr;
+  std::function<int()> run;  ///< exit status
 };
-
-int calibrate_camera_command(const CalibrateCameraOptions& options);
+/// Each makes its subcommand with its options; registered in calibrate_cli.cpp.
+[[nodiscard]] CalibrateSubcommand add_calibrate_camera(CLI::App& calibrate);
+/// The options of CalibrateOptions; `inputs` says what INPUT may be.
+void add_common_options(CLI::App& app, CalibrateOptions& options, const char* inputs);
 
 /// What a fit gives away.
 struct CalibrationProduct {

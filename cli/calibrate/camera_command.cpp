@@ -1,6 +1,8 @@
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <cmath>
+#include <memory>
 
 #include "calibration/camera/camera_fit.h"
 #include "cli/calibrate/calibrate.h"
@@ -10,6 +12,13 @@ namespace rigor {
 namespace {
 
 using namespace calibration;
+
+struct CalibrateCameraOptions : CalibrateOptions {
+  std::string target;
+  std::string size;  ///< WIDTHxHEIGHT of the pictures that a corner list is about
+  double start_fx_px = 0;
+  bool all_corners = false;  ///< no outlier is left out
+};
 
 Status parse_size(const std::string& text, int& width_px, int& height_px) {
   if (std::sscanf(text.c_str(), "%dx%d", &width_px, &height_px) == 2 && width_px >= 16 && height_px >= 16 &&
@@ -155,9 +164,7 @@ std::vector<Figure> figures_of(const CameraFit& fit, const std::vector<BoardView
   return figures;
 }
 
-}  // namespace
-
-int calibrate_camera_command(const CalibrateCameraOptions& options) {
+int calibrate_camera(const CalibrateCameraOptions& options) {
   const auto wrong = [&](const Error& e) { return report_error(e, options.json); };
   if (auto s = check_outputs(options); !s) return wrong(s.error());
   const auto board = parse_board(options.target);
@@ -201,6 +208,26 @@ int calibrate_camera_command(const CalibrateCameraOptions& options) {
          {"rms_px", std::isfinite(rms) ? nlohmann::json(rms) : nlohmann::json(nullptr)}});
   }
   return finish_calibration(options, std::move(product));
+}
+
+}  // namespace
+
+CalibrateSubcommand add_calibrate_camera(CLI::App& calibrate) {
+  CLI::App* app = calibrate.add_subcommand("camera", "Intrinsics and lens from pictures of a board");
+  auto options = std::make_shared<CalibrateCameraOptions>();
+  add_common_options(*app, *options,
+                     "Pictures, folders of pictures, or lists of corners (.vnl, with --size)");
+  app->add_option("--target", options->target,
+                  "chessboard:9x6:0.025 (inner corners, square in metres), circles:…, asymmetric:…, "
+                  "charuco:8x6:0.04:0.03[:DICTIONARY]")
+      ->required();
+  app->add_option("--size", options->size, "WIDTHxHEIGHT of the pictures of a list of corners");
+  app->add_option("--start-fx", options->start_fx_px, "Focal length in pixels to begin with")
+      ->check(CLI::PositiveNumber);
+  app->add_flag("--all-corners", options->all_corners, "Leave no outlier out");
+  app->footer(
+      "Example: rigor calibrate camera left*.jpg --target chessboard:9x6:0.025 -o left.yaml --report report");
+  return {app, [options] { return calibrate_camera(*options); }};
 }
 
 }  // namespace rigor
