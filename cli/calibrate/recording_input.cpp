@@ -4,6 +4,7 @@
 #include <map>
 #include <set>
 
+#include "cli/calibrate/recording_packets.h"
 #include "sensor-hal/record/sample_codec.h"
 
 namespace rigor {
@@ -84,10 +85,18 @@ Result<std::string> choose_topic(const record::McapReader& reader, const std::st
 
 }  // namespace
 
-bool is_recording(const std::filesystem::path& file) { return file.extension() == ".mcap"; }
+bool is_recording(const std::filesystem::path& file) {
+  return file.extension() == ".mcap" || is_velodyne_recording(file) || is_sick_recording(file);
+}
 
 Result<RecordingInput> read_samples(const std::filesystem::path& file, const std::string& channel,
                                     SampleKind kind, const TakeSample& take) {
+  if (is_velodyne_recording(file) || is_sick_recording(file)) {
+    if (kind != SampleKind::point_cloud)
+      return fail(ErrorCode::bad_input, file.string(),
+                  "expected an MCAP recording, got one of LiDAR packets");
+    return is_sick_recording(file) ? read_sick_recording(file, take) : read_velodyne_recording(file, take);
+  }
   const KindOfTopic* wanted = kind_of(kind);
   if (wanted == nullptr)
     return fail(ErrorCode::bad_input, file.string(), "this kind of sample cannot be read");

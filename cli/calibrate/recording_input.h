@@ -23,7 +23,8 @@ struct RecordingInput {
 /// Whether the file's name is that of a recording that read_samples() knows.
 [[nodiscard]] bool is_recording(const std::filesystem::path& file);
 
-/// Reads an MCAP file. `channel` is a rig's channel (`left`), one side of a pair (`left/real`), or a topic
+/// Reads an MCAP file, or point clouds from packets of a LiDAR (recording_packets.h). `channel` is a rig's
+/// channel (`left`), one side of a pair (`left/real`), or a topic
 /// (`/camera/image_raw`); where it is empty, the file must have only one channel of that kind. One thread;
 /// allocates. Errors: not_found (no such file), bad_input (no such channel, several, none of the kind: those
 /// that there are are listed; no sample in it), protocol (damaged).
