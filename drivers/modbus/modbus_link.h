@@ -116,7 +116,8 @@ class Poller {
 
   /// The `index`-th instant. On a failure what was due stays so.
   [[nodiscard]] LinkStatus poll(Link& link, std::uint64_t index, std::span<std::uint16_t> raw) noexcept;
-  /// The device was away: everything is to be asked for again.
+  /// What came so far no longer counts (a new run begins, or the device was away): the next instant asks for
+  /// everything.
   void forget() noexcept { due_.assign(due_.size(), true); }
 
  private:

@@ -46,6 +46,7 @@ Status ModbusSource::do_arm(const ArmContext& context) {
     link_.close();
     return error;
   }
+  poller_.forget();  // that was to see whether they are there; the run asks for its own
   open_stream(pool_slots(config()), 0, false);
   events_ = std::make_unique<SpscRing<SampleLease>>(kEvents);
   if (!event_pool_) event_pool_ = make_sample_pool(2 * kEvents, 0);

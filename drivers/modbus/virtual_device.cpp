@@ -121,6 +121,7 @@ class VirtualSource final : public StreamSource, private VirtualDevice::Member {
       return fail(ErrorCode::bad_input, config().name,
                   "expected the emulated device to have these registers, got " + why);
     }
+    poller_.forget();
     open_stream(pool_slots(config()), 0, true);
     health_.connected.store(true, std::memory_order_release);
     return {};
