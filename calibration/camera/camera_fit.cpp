@@ -1,7 +1,5 @@
 #include "calibration/camera/camera_fit.h"
 
-#include <ceres/autodiff_cost_function.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -9,6 +7,7 @@
 #include "calibration/camera/camera_fit_internal.h"
 #include "calibration/camera/camera_start.h"
 #include "calibration/camera/projection_uncertainty.h"
+#include "calibration/camera/view_cost.h"
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
 
@@ -93,17 +92,20 @@ class Problem {
       infos.push_back(std::move(info));
     }
     problem.add_block(state.camera.data(), std::move(infos));
-    std::vector<bool> seen(views_.size(), false);
-    for (std::size_t i = 0; i < corners_.size(); ++i)
-      if (take(i)) seen[corners_[i].view] = true;
-    for (std::size_t v = 0; v < views_.size(); ++v)
-      if (seen[v]) problem.add_nuisance(state.poses[v].data(), 6);
-    for (std::size_t i = 0; i < corners_.size(); ++i) {
-      if (!take(i)) continue;
-      const BoardPoint& p = views_[corners_[i].view].points[corners_[i].point];
-      problem.add(new ceres::AutoDiffCostFunction<Reprojection, 2, kCameraParameters, 6>(
-                      new Reprojection{p.x_m, p.y_m, p.u_px, p.v_px, is_fisheye(model)}),
-                  {state.camera.data(), state.poses[corners_[i].view].data()}, static_cast<std::uint32_t>(i));
+    for (std::size_t v = 0, i = 0; v < views_.size(); ++v) {
+      std::vector<BoardPoint> points;
+      std::vector<std::uint32_t> ids;
+      for (const BoardPoint& p : views_[v].points) {
+        if (take(i)) {
+          points.push_back(p);
+          ids.push_back(static_cast<std::uint32_t>(i));
+        }
+        ++i;
+      }
+      if (points.empty()) continue;
+      problem.add_nuisance(state.poses[v].data(), 6);
+      problem.add_batch(view_cost(std::move(points), {.fisheye = is_fisheye(model)}),
+                        {state.camera.data(), state.poses[v].data()}, std::move(ids));
     }
     FitOptions o;
     o.robust = robust;
@@ -312,22 +314,26 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& views, const CameraFi
 
   std::vector<Candidate> candidates;
   std::vector<State> states;
-  State state = *begun;
+  State state = models.size() > 1 ? *begun : flexible;
+  LeastSquares::Outcome fitted = *judged;
   for (std::size_t m = 0; m < models.size(); ++m) {
     if (options.progress)
       options.progress(static_cast<double>(m) / static_cast<double>(models.size() + 1),
                        judged->fit.residuals.rms);
     for (int i = 4; i < kCameraParameters; ++i)
       if (!fits(models[m], i)) state.camera[static_cast<std::size_t>(i)] = 0;
-    auto fitted = problem.fit(models[m], state, false, false, [&](std::size_t i) { return used[i]; });
-    if (!fitted) return tl::unexpected<Error>(fitted.error());
+    if (models.size() > 1) {
+      auto refit = problem.fit(models[m], state, false, false, [&](std::size_t i) { return used[i]; });
+      if (!refit) return tl::unexpected<Error>(refit.error());
+      fitted = std::move(*refit);
+    }
     Candidate c;
     c.name = std::string(lens_model_name(models[m]));
     for (int i = 0; i < kCameraParameters; ++i) c.parameters += fits(models[m], i);
     double sum = 0;
-    for (double r : fitted->residuals) sum += r * r;
-    c.rms = fitted->fit.residuals.rms;
-    c.bic = bic(sum, fitted->residuals.size(), static_cast<std::size_t>(c.parameters) + 6 * views.size());
+    for (double r : fitted.residuals) sum += r * r;
+    c.rms = fitted.fit.residuals.rms;
+    c.bic = bic(sum, fitted.residuals.size(), static_cast<std::size_t>(c.parameters) + 6 * views.size());
     if (models.size() > 1 && !options.stop.stop_requested()) {
       cross_validate(views, models[m], problem, used, state, options.folds, c);
       if (const double p95 = odd_even_p95_px(views, models[m], problem, used, state); std::isfinite(p95)) {
@@ -342,8 +348,10 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& views, const CameraFi
   const std::size_t chosen = choose_model(candidates);
   state = states[chosen];
   out.lens_model = models[chosen];
-  auto final_fit =
-      problem.fit(out.lens_model, state, options.robust, false, [](std::size_t) { return true; });
+  // A single model has had its outliers judged by itself.
+  auto final_fit = models.size() == 1 ? std::move(judged)
+                                      : problem.fit(out.lens_model, state, options.robust, false,
+                                                    [](std::size_t) { return true; });
   if (!final_fit) return tl::unexpected<Error>(final_fit.error());
 
   out.result = final_fit->fit;

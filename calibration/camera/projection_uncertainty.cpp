@@ -49,7 +49,8 @@ bool derivatives(const CameraModel& camera, const Eigen::Vector3d& ray, Eigen::V
   p[1] = ray.y() + w[2] * ray.x() - w[0] * ray.z();
   p[2] = ray.z() + w[0] * ray.y() - w[1] * ray.x();
   Jet u, v;
-  if (!project_point(jets.data(), p, camera.projection == Projection::kannala_brandt, 3.14159, u, v))
+  if (!project_point(jets.data(), p, camera.projection == Projection::kannala_brandt, kThetaMax, Jet(1.0), u,
+                     v))
     return false;
   q = {u.a, v.a};
   by_camera.row(0) = u.v.head<kCameraParameters>().transpose();

@@ -53,17 +53,80 @@ struct LeastSquares::Impl {
     int size;
     std::shared_ptr<ceres::Manifold> manifold;
   };
-  struct Observation {
+  struct Function {
     std::unique_ptr<ceres::CostFunction> cost;
     std::vector<double*> blocks;
-    std::uint32_t id;
+    std::vector<std::uint32_t> ids;
+    std::size_t first;  ///< of its observations
+    [[nodiscard]] std::size_t dimension() const {
+      return static_cast<std::size_t>(cost->num_residuals()) / ids.size();
+    }
   };
   std::vector<Wanted> wanted;
   std::vector<Nuisance> nuisance;
-  std::vector<Observation> observations;
+  std::vector<Function> functions;
+  std::size_t observations = 0;
+
+  /// A batch with some of its observations left out and each of the others under the loss: r·√(ρ(s)/s) has
+  /// the cost ρ, and its Jacobian is the exact one.
+  class Masked final : public ceres::CostFunction {
+   public:
+    Masked(const Function& f, const std::vector<bool>& used, const ceres::LossFunction* loss)
+        : f_(f), loss_(loss), used_(f.ids.size()) {
+      for (std::size_t i = 0; i < used_.size(); ++i) used_[i] = used[f.first + i];
+      set_num_residuals(f.cost->num_residuals());
+      *mutable_parameter_block_sizes() = f.cost->parameter_block_sizes();
+    }
+    bool Evaluate(const double* const* x, double* r, double** j) const override {
+      if (!f_.cost->Evaluate(x, r, j)) return false;
+      const auto d = static_cast<Eigen::Index>(f_.dimension());
+      for (std::size_t i = 0; i < used_.size(); ++i) {
+        const Eigen::Index row = d * static_cast<Eigen::Index>(i);
+        Eigen::Map<Eigen::VectorXd> e(r + row, d);
+        const double square = e.squaredNorm();
+        double slope = 0, factor = 0;
+        if (used_[i]) {
+          if (!std::isfinite(square)) return false;
+          if (!loss_) continue;
+          double rho[3];
+          loss_->Evaluate(square, rho);
+          factor = square > 0 ? std::sqrt(rho[0] / square) : 1;
+          // d√(ρ/s)/ds = (ρ' − ρ/s)/(2·s·√(ρ/s)), and ds = 2·rᵀJ
+          slope = square > 0 ? (rho[1] - rho[0] / square) / (square * factor) : 0;
+        }
+        if (j)
+          for (std::size_t b = 0; b < parameter_block_sizes().size(); ++b) {
+            if (!j[b]) continue;
+            const Eigen::Index n = parameter_block_sizes()[b];
+            Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>> all(
+                j[b] + row * n, d, n);
+            if (factor == 0) {
+              all.setZero();
+              continue;
+            }
+            const Eigen::RowVectorXd along = e.transpose() * all;
+            all *= factor;
+            if (slope != 0) all.noalias() += slope * e * along;
+          }
+        if (factor == 0)
+          e.setZero();
+        else
+          e *= factor;
+      }
+      return true;
+    }
+
+   private:
+    const Function& f_;
+    const ceres::LossFunction* loss_;
+    std::vector<bool> used_;
+  };
+
+  std::vector<std::unique_ptr<ceres::CostFunction>> masked;
 
   [[nodiscard]] std::unique_ptr<ceres::Problem> problem(const std::vector<bool>& used,
-                                                        ceres::LossFunction* loss) const {
+                                                        ceres::LossFunction* loss) {
+    masked.clear();  // of the problem before: there is one at a time
     ceres::Problem::Options o;
     o.cost_function_ownership = o.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     o.manifold_ownership = ceres::TAKE_OWNERSHIP;
@@ -88,8 +151,17 @@ struct LeastSquares::Impl {
       p->AddParameterBlock(b.values, b.size);
       if (b.manifold) p->SetManifold(b.values, new SharedManifold(b.manifold));
     }
-    for (std::size_t i = 0; i < observations.size(); ++i)
-      if (used[i]) p->AddResidualBlock(observations[i].cost.get(), loss, observations[i].blocks);
+    for (const Function& f : functions) {
+      if (f.ids.size() == 1) {
+        if (used[f.first]) p->AddResidualBlock(f.cost.get(), loss, f.blocks);
+        continue;
+      }
+      bool any = false;
+      for (std::size_t i = f.first; i < f.first + f.ids.size(); ++i) any = any || used[i];
+      if (!any) continue;
+      masked.push_back(std::make_unique<Masked>(f, used, loss));
+      p->AddResidualBlock(masked.back().get(), nullptr, f.blocks);
+    }
     return p;
   }
 
@@ -108,16 +180,32 @@ struct LeastSquares::Impl {
     std::shared_ptr<ceres::Manifold> m_;
   };
 
-  [[nodiscard]] std::vector<double> residuals_of(const Observation& o) const {
-    std::vector<double> r(static_cast<std::size_t>(o.cost->num_residuals()));
-    if (!o.cost->Evaluate(o.blocks.data(), r.data(), nullptr))
-      std::fill(r.begin(), r.end(), std::numeric_limits<double>::infinity());
-    return r;
+  /// Of all observations, function by function: infinite where one has none.
+  void residuals(std::vector<double>& r) const {
+    std::size_t n = 0;
+    for (const Function& f : functions) n += static_cast<std::size_t>(f.cost->num_residuals());
+    r.resize(n);
+    double* at = r.data();
+    for (const Function& f : functions) {
+      const int m = f.cost->num_residuals();
+      if (!f.cost->Evaluate(f.blocks.data(), at, nullptr))
+        std::fill(at, at + m, std::numeric_limits<double>::infinity());
+      at += m;
+    }
+  }
+  /// Calls `f(observation, its id, its residuals, how many)` for all of `r`.
+  template <class F>
+  void each(const std::vector<double>& r, F&& call) const {
+    const double* at = r.data();
+    for (const Function& f : functions)
+      for (std::size_t i = 0; i < f.ids.size(); ++i, at += f.dimension())
+        call(f.first + i, f.ids[i], at, f.dimension());
   }
   [[nodiscard]] std::size_t residual_count(const std::vector<bool>& used) const {
     std::size_t m = 0;
-    for (std::size_t i = 0; i < observations.size(); ++i)
-      if (used[i]) m += static_cast<std::size_t>(observations[i].cost->num_residuals());
+    for (const Function& f : functions)
+      for (std::size_t i = 0; i < f.ids.size(); ++i)
+        if (used[f.first + i]) m += f.dimension();
     return m;
   }
   [[nodiscard]] std::size_t free_wanted() const {
@@ -129,9 +217,12 @@ struct LeastSquares::Impl {
   /// Tangent dimensions of what is solved for and touches a used observation.
   [[nodiscard]] std::size_t free_parameters(const std::vector<bool>& used) const {
     std::map<const double*, bool> seen;
-    for (std::size_t i = 0; i < observations.size(); ++i)
-      if (used[i])
-        for (const double* b : observations[i].blocks) seen[b] = true;
+    for (const Function& f : functions)
+      for (std::size_t i = 0; i < f.ids.size(); ++i)
+        if (used[f.first + i]) {
+          for (const double* b : f.blocks) seen[b] = true;
+          break;
+        }
     std::size_t n = 0;
     for (const Wanted& w : wanted)
       if (seen.count(w.values))
@@ -144,22 +235,25 @@ struct LeastSquares::Impl {
   [[nodiscard]] bool joint_nuisance() const {
     std::map<const double*, bool> is;
     for (const Nuisance& b : nuisance) is[b.values] = true;
-    for (const Observation& o : observations) {
+    for (const Function& f : functions) {
       int n = 0;
-      for (const double* b : o.blocks) n += static_cast<int>(is.count(b));
+      for (const double* b : f.blocks) n += static_cast<int>(is.count(b));
       if (n > 1) return true;
     }
     return false;
   }
 
   ceres::Solver::Summary run(ceres::Problem& p, const FitOptions& options, double from, double to,
-                             std::size_t residuals, bool joint) const {
+                             std::size_t residuals, bool joint, double tolerance) const {
     ceres::Solver::Options o;
     o.max_num_iterations = options.max_iterations;
+    // Threads cost more than they bring where an iteration takes less than a millisecond.
     o.num_threads = options.threads > 0 ? options.threads
-                                        : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
-    o.function_tolerance = 1e-12;
-    o.parameter_tolerance = 1e-12;
+                    : residuals < 10'000
+                        ? 1
+                        : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+    o.function_tolerance = tolerance;
+    o.parameter_tolerance = tolerance;
     o.gradient_tolerance = 1e-14;
     o.logging_type = ceres::SILENT;
     o.update_state_every_iteration = false;
@@ -196,7 +290,15 @@ void LeastSquares::add_nuisance(double* values, int size, std::shared_ptr<ceres:
   impl_->nuisance.push_back({values, size, std::move(manifold)});
 }
 void LeastSquares::add(ceres::CostFunction* cost, std::vector<double*> blocks, std::uint32_t id) {
-  impl_->observations.push_back({std::unique_ptr<ceres::CostFunction>(cost), std::move(blocks), id});
+  add_batch(cost, std::move(blocks), {id});
+}
+void LeastSquares::add_batch(ceres::CostFunction* cost, std::vector<double*> blocks,
+                             std::vector<std::uint32_t> ids) {
+  std::unique_ptr<ceres::CostFunction> owned(cost);
+  if (ids.empty()) return;
+  const std::size_t first = impl_->observations;
+  impl_->observations += ids.size();
+  impl_->functions.push_back({std::move(owned), std::move(blocks), std::move(ids), first});
 }
 
 /// JᵀJ of the free wanted parameters with the nuisance blocks eliminated. Nuisance blocks that meet in a
@@ -333,7 +435,8 @@ void LeastSquares::Impl::information(ceres::Problem& p, Eigen::MatrixXd& reduced
 
 Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
   Impl& d = *impl_;
-  std::vector<bool> used(d.observations.size(), true);
+  std::vector<bool> used(d.observations, true);
+  std::vector<double> residuals;
   const std::size_t m_all = d.residual_count(used), p_all = d.free_parameters(used);
   if (m_all <= p_all)
     return fail(ErrorCode::bad_input, "",
@@ -345,9 +448,10 @@ Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
   double scale = 0;
   const auto scalar_scale = [&] {
     std::vector<double> absolute;
-    for (std::size_t i = 0; i < d.observations.size(); ++i)
-      for (double r : d.residuals_of(d.observations[i]))
-        if (std::isfinite(r)) absolute.push_back(std::abs(r));
+    d.residuals(residuals);
+    absolute.reserve(residuals.size());
+    for (double r : residuals)
+      if (std::isfinite(r)) absolute.push_back(std::abs(r));
     // The median alone is 0 where most residuals are (quantised data): then the mean square has to do.
     double s = kMadToSigma * median(absolute);
     if (s == 0) {
@@ -367,7 +471,7 @@ Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
     for (int round = 0; round < kMaxRounds && scale > 0 && !stopped(); ++round) {
       ceres::CauchyLoss loss(2.385 * scale * narrow);
       auto problem = d.problem(used, &loss);
-      const auto s = d.run(*problem, options, 0, 0.6, m_all, joint);
+      const auto s = d.run(*problem, options, 0, 0.6, m_all, joint, 1e-6);
       out.iterations += static_cast<int>(s.iterations.size());
       const double now = scalar_scale();
       const bool falls = now < 0.98 * scale;
@@ -379,12 +483,12 @@ Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
   std::vector<bool> before;
   for (int round = 0; round < kMaxRounds; ++round) {
     if (options.robust && scale > 0) {
-      for (std::size_t i = 0; i < d.observations.size(); ++i) {
+      d.residuals(residuals);
+      d.each(residuals, [&](std::size_t i, std::uint32_t, const double* r, std::size_t n) {
         double square = 0;
-        const auto r = d.residuals_of(d.observations[i]);
-        for (double x : r) square += x * x;
-        used[i] = std::sqrt(square / static_cast<double>(r.size())) <= options.reject_sigmas * scale;
-      }
+        for (std::size_t k = 0; k < n; ++k) square += r[k] * r[k];
+        used[i] = std::sqrt(square / static_cast<double>(n)) <= options.reject_sigmas * scale;
+      });
     }
     if (used == before) break;
     before = used;
@@ -395,7 +499,7 @@ Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
                   "expected measurements that agree with each other, got " + std::to_string(m) +
                       " residuals within the limits for " + std::to_string(p) +
                       " unknowns: most of them are outliers of any one model");
-    const auto s = d.run(*problem, options, 0.6, 0.95, m, joint);
+    const auto s = d.run(*problem, options, 0.6, 0.95, m, joint, 1e-12);
     out.iterations += static_cast<int>(s.iterations.size());
     out.cost = s.final_cost;
     scale = std::sqrt(2 * s.final_cost / static_cast<double>(m - p));
@@ -429,24 +533,29 @@ Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
     fit.covariance = covariance_from(fit.parameters, information / tiny);
     for (auto& c : out.nuisance_covariance) c *= variance;
   }
-  std::vector<std::pair<double, std::size_t>> bad;
-  for (std::size_t i = 0; i < d.observations.size(); ++i) {
-    const auto r = d.residuals_of(d.observations[i]);
+  struct Bad {
+    double norm, sigmas;
+    std::size_t observation;
+    std::uint32_t id;
+  };
+  std::vector<Bad> bad;
+  d.residuals(residuals);
+  d.each(residuals, [&](std::size_t i, std::uint32_t id, const double* r, std::size_t n) {
     if (used[i]) {
-      out.residuals.insert(out.residuals.end(), r.begin(), r.end());
-      continue;
+      out.residuals.insert(out.residuals.end(), r, r + n);
+      return;
     }
     double square = 0;
-    for (double x : r) square += x * x;
-    bad.emplace_back(std::sqrt(square), i);
-  }
-  std::sort(bad.begin(), bad.end(), [](const auto& a, const auto& b) {
-    return a.first != b.first ? a.first > b.first : a.second < b.second;
+    for (std::size_t k = 0; k < n; ++k) square += r[k] * r[k];
+    const double norm = std::sqrt(square);
+    bad.push_back({norm, scale > 0 ? norm / (scale * std::sqrt(static_cast<double>(n))) : 0, i, id});
   });
-  for (const auto& [norm, i] : bad) {
-    const auto n = static_cast<double>(d.observations[i].cost->num_residuals());
-    fit.rejected.push_back({"", norm, scale > 0 ? norm / (scale * std::sqrt(n)) : 0});
-    out.rejected_ids.push_back(d.observations[i].id);
+  std::sort(bad.begin(), bad.end(), [](const Bad& a, const Bad& b) {
+    return a.norm != b.norm ? a.norm > b.norm : a.observation < b.observation;
+  });
+  for (const Bad& b : bad) {
+    fit.rejected.push_back({"", b.norm, b.sigmas});
+    out.rejected_ids.push_back(b.id);
   }
   std::vector<double> copy = out.residuals;
   fit.residuals = statistics_of(copy, options.unit);

@@ -68,6 +68,11 @@ class LeastSquares {
   void add_nuisance(double* values, int size, std::shared_ptr<ceres::Manifold> manifold = nullptr);
   /// An observation: `id` is the caller's, for names of what is rejected. Takes ownership of `cost`.
   void add(ceres::CostFunction* cost, std::vector<double*> blocks, std::uint32_t id);
+  /// Many observations of the same blocks in one function, which is evaluated and solved faster than as many
+  /// small ones: its residuals are those of `ids`, one after the other, of equal number. Each is judged and
+  /// left out on its own. One that has no residual here (a point behind the camera) is written as infinity,
+  /// with `true`.
+  void add_batch(ceres::CostFunction* cost, std::vector<double*> blocks, std::vector<std::uint32_t> ids);
 
   struct Outcome {
     FitResult fit;                            ///< without candidates, validity, names of the rejected
