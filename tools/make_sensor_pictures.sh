@@ -1,19 +1,22 @@
 #!/usr/bin/env bash
 # The pictures of docs/sensors.md: every sensor without effects, with each of them alone, and with all.
 #
-# usage: tools/make_sensor_pictures.sh [RIGOR]     default build/release/rigor
+# usage: [PICTURES=PATTERN] tools/make_sensor_pictures.sh [RIGOR]     default build/release/rigor; PICTURES=lidar-* takes
+#        those alone
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 readonly RIGOR=${1:-build/release/rigor}
 readonly RIG=configs/rigs/sensor-effects.yaml
 readonly OUT=docs/images
-rm -f "$OUT"/sensor-*.png
+[[ -n ${PICTURES:-} ]] || rm -f "$OUT"/sensor-*.png
 
 # shot NAME CHANNEL [OPTION...]
 shot() {
   local name=$1 channel=$2
   shift 2
+  # shellcheck disable=SC2053  # a pattern is meant
+  [[ $name == ${PICTURES:-*} ]] || return 0
   "$RIGOR" sense "$RIG" --channel "$channel" --at 0.5 -o "$OUT/sensor-$name.png" "$@"
 }
 
@@ -38,3 +41,11 @@ for effect in footprint detection range_noise beam_bias remission_noise remissio
   shot "lidar-$effect" lidar --only "$effect"
 done
 shot lidar-crosstalk lidar --only remission_scale,crosstalk
+shot lidar-beam_gain lidar --only beam_gain
+shot lidar-echoes lidar --only footprint,echoes
+shot lidar-fog lidar --only detection,air --set simulation.weather.fog_visibility_m=25
+shot lidar-rain lidar --only air --set simulation.weather.rain_mmph=50
+# The testbed has no sun: the turntable has one, low in the south-west.
+readonly -a SUNNY=(--set simulation.world=../worlds/turntable.yaml --set "channels.lidar.T_world_sensor.position_m=[0.9,2.6,0.9]")
+shot lidar-shade lidar --only detection,range_noise "${SUNNY[@]}"
+shot lidar-sun lidar --only detection,range_noise,sun "${SUNNY[@]}"
