@@ -246,13 +246,8 @@ void PairSource::switch_now(PairSide to, BenchTime now) noexcept {
   const SideState& side = state_of(to);
   if (side.any_due && (!any_handed_ || side.last_due_index > last_handed_)) after_switch_ = side.last_due;
 
-  SampleLease event = event_pool_->try_acquire();
-  if (!event || event_count_ == events_.size()) return;
-  Sample& sample = event.edit();
-  sample.stamp = Stamp{};
-  sample.stamp.sequence = event_sequence_++;
-  sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = now;
-  sample.size_bytes = 0;
+  Sample* event = new_event(now);
+  if (!event) return;
   EventInfo info;
   info.code = kEventPairSwitch;
   info.value = to == PairSide::real ? 0 : 1;
@@ -266,11 +261,42 @@ void PairSource::switch_now(PairSide to, BenchTime now) noexcept {
       .add(after_switch_ ? after_switch_->stamp.sequence
            : any_handed_ ? last_handed_ + 1
                          : 0);
-  sample.info = info;
+  event->info = info;
+}
+
+/// Queued, with all but its info; null where nobody takes them.
+Sample* PairSource::new_event(BenchTime now) noexcept {
+  if (event_count_ == events_.size()) return nullptr;
+  SampleLease event = event_pool_->try_acquire();
+  if (!event) return nullptr;
+  Sample& sample = event.edit();
+  sample.stamp = Stamp{};
+  sample.stamp.sequence = event_sequence_++;
+  sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = now;
+  sample.size_bytes = 0;
   events_[(event_first_ + event_count_++) % events_.size()] = std::move(event);
+  return &sample;
+}
+
+/// Copied: whoever holds an event must not hold up the device's own few.
+void PairSource::pass_on_events() noexcept {
+  while (event_count_ < events_.size()) {
+    const SampleLease told = real_->poll_event();
+    if (!told) return;
+    const auto* theirs = told->as<EventInfo>();
+    if (!theirs) continue;
+    Sample* event = new_event(told->stamp.t_release);
+    if (!event) return;  // counted in the device's health all the same
+    EventInfo info;
+    info.code = theirs->code + kEventOfRealSide;
+    info.value = theirs->value;
+    EventText(info).add(real_->config().name).add(": ").add(theirs->text.data());
+    event->info = info;
+  }
 }
 
 SampleLease PairSource::poll_event() noexcept {
+  if (running_) pass_on_events();
   if (event_count_ == 0) return {};
   SampleLease event = std::move(events_[event_first_]);
   event_first_ = (event_first_ + 1) % events_.size();

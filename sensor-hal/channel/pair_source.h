@@ -20,6 +20,11 @@
 // anyone's back: the port says `late`. In virtual time the real side's samples count as arrived at their
 // release, and the twin renders then.
 //
+// What the real side tells (it is gone, it is back, it refuses) is told by the pair, whichever side is handed
+// on: the event's code plus kEventOfRealSide, its text begins with the side's name. Losses, retries and
+// reconnections of both sides count as the pair's own; `connected` is that of the side handed on, and that of
+// the device is told by side(PairSide::real).
+//
 // Keys:
 //   hand_on: real          real | simulated, at the start
 //   overdue_ms:            after a predicted instant; default half the latency. Wall time.
@@ -46,6 +51,8 @@ class PairObserver {
 
 /// EventInfo::code of a switch; `value` is 0 for real, 1 for simulated.
 inline constexpr std::uint32_t kEventPairSwitch = 1;
+/// Added to the code of an event that the real side tells, so that it is not taken for the pair's own.
+inline constexpr std::uint32_t kEventOfRealSide = 0x10000;
 
 class PairSource final : public Source {
  public:
@@ -105,6 +112,8 @@ class PairSource final : public Source {
   void sample_due(PairSide side, const SampleLease& sample) noexcept;
   [[nodiscard]] SampleLease hand_on(PairSide side, const SampleLease& sample) noexcept;
   void mirror_health() noexcept;
+  void pass_on_events() noexcept;
+  [[nodiscard]] Sample* new_event(BenchTime now) noexcept;
 
   std::unique_ptr<Source> real_;
   std::unique_ptr<FollowerSource> simulated_;

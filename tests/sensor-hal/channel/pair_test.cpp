@@ -49,6 +49,29 @@ class ScriptedDevice final : public Source {
     return s;
   }
   void set_connected(bool c) { health_.connected = c; }
+  void count_loss(std::uint64_t n) { health_.lost += n, health_.reconnects += 1, health_.retries += 2; }
+
+  struct Told {
+    std::uint32_t code;
+    double value;
+    std::string text;
+    BenchTime t;
+  };
+  std::deque<Told> told;
+  SampleLease poll_event() noexcept override {
+    if (told.empty()) return {};
+    SampleLease s = event_pool_->try_acquire();
+    if (!s) return {};
+    EventInfo info{.code = told.front().code, .value = told.front().value};
+    std::strncpy(info.text.data(), told.front().text.c_str(), info.text.size() - 1);
+    s.edit().info = info;
+    s.edit().stamp.t_release = told.front().t;
+    told.pop_front();
+    return s;
+  }
+  [[nodiscard]] std::vector<std::string> warnings() const override {
+    return {config().name + ": runs on its spare battery"};
+  }
 
  private:
   Status do_configure(const ChannelConfig& c) override {
@@ -61,6 +84,7 @@ class ScriptedDevice final : public Source {
   }
   Status do_arm(const ArmContext&) override {
     pool_ = make_sample_pool(16, 64 * 48);
+    event_pool_ = make_sample_pool(2, 0);
     return {};
   }
   Status do_start(BenchTime) override {
@@ -71,7 +95,7 @@ class ScriptedDevice final : public Source {
     health_.connected = false;
     return {};
   }
-  std::unique_ptr<SamplePool> pool_;
+  std::unique_ptr<SamplePool> pool_, event_pool_;
   std::uint64_t count_ = 0;
 };
 
@@ -261,6 +285,43 @@ TEST_F(PairTest, ComesBackWithTheDeviceAtTheRightCount) {
   ASSERT_EQ(log_.seen[0].size(), 6u);
   EXPECT_EQ(log_.seen[0][3].sequence, 30u);
   EXPECT_EQ(log_.seen[0][5].sequence, 32u);
+}
+
+TEST_F(PairTest, TellsWhatTheDeviceTellsAndCountsWhatItCounts) {
+  make("hand_on: simulated");
+  const auto name = std::string(image_config("").name) + ".real";
+  // A code that is the pair's own for a switch must not be taken for one; and more than are kept at once.
+  device_->told = {{kEventPairSwitch, 7, "the device refuses", BenchTime(100)},
+                   {257, 0, "gone", BenchTime(200)}};
+  device_->set_connected(false);
+  device_->count_loss(5);
+  run(0, 2);
+  ASSERT_EQ(events_.size(), 2u);
+  const auto* first = events_[0]->as<EventInfo>();
+  ASSERT_NE(first, nullptr);
+  EXPECT_EQ(first->code, kEventPairSwitch + kEventOfRealSide);
+  EXPECT_EQ(first->value, 7);
+  EXPECT_EQ(std::string(first->text.data()), name + ": the device refuses");
+  EXPECT_EQ(events_[0]->stamp.t_release, BenchTime(100));
+  EXPECT_EQ(events_[1]->as<EventInfo>()->code, 257 + kEventOfRealSide);
+  EXPECT_EQ(events_[1]->stamp.sequence, events_[0]->stamp.sequence + 1);
+  EXPECT_EQ(pair_->health().lost.load(), 5u);
+  EXPECT_EQ(pair_->health().reconnects.load(), 1u);
+  EXPECT_EQ(pair_->health().retries.load(), 2u);
+  EXPECT_TRUE(pair_->health().connected.load()) << "the twin is handed on";
+  EXPECT_FALSE(pair_->side(PairSide::real).health().connected.load());
+  EXPECT_THAT(pair_->warnings(), testing::Contains(name + ": runs on its spare battery"));
+
+  // Who keeps events (the recorder) does not keep the device's own from being told: it has two.
+  for (int i = 0; i < 10; ++i) device_->told.push_back({3, double(i), "again", BenchTime(300 + i)});
+  run(2, 4);
+  ASSERT_EQ(events_.size(), 12u);
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(events_[2 + i]->as<EventInfo>()->value, i);
+  pair_->switch_to(PairSide::real);
+  run(4, 6);
+  ASSERT_EQ(events_.size(), 13u);
+  EXPECT_EQ(events_[12]->as<EventInfo>()->code, kEventPairSwitch);
+  EXPECT_FALSE(pair_->health().connected.load()) << "now the device's own counts";
 }
 
 TEST_F(PairTest, NeverRepeatsASampleThatComesLate) {
