@@ -216,15 +216,22 @@ Result<UvcGadget> UvcGadget::create(const UvcGadgetOptions& o) {
 }
 
 Status UvcGadget::bind() {
+  const auto refused = [&](ErrorCode code, const char* more) {
+    return fail(
+        code, controller_,
+        std::string("the USB device controller does not take the camera: usb_f_uvc streams "
+                    "isochronously, and needs a controller with an isochronous endpoint that no other "
+                    "gadget holds; ") +
+            more);
+  };
+  // Not left to the kernel where it is known: a camera that was refused leaves the controller switched off,
+  // and the next gadget there is not seen (Linux 6.1: usb_add_function does not take its deactivation back).
+  std::ifstream about("/sys/class/udc/" + controller_ + "/uevent");
+  for (std::string line; std::getline(about, line);)
+    if (line == "USB_UDC_NAME=dummy_udc") return refused(ErrorCode::unavailable, "dummy_hcd has none");
   Tree t(root_);
   t.write("UDC", controller_);
-  if (auto s = t.status(); !s)
-    return fail(
-        s.error().code, controller_,
-        "the USB device controller does not take the camera: usb_f_uvc streams isochronously, and needs a "
-        "controller with an isochronous endpoint that no other gadget holds; dummy_hcd has none (the "
-        "kernel's "
-        "log says which it was)");
+  if (auto s = t.status(); !s) return refused(s.error().code, "the kernel's log says which it was");
   bound_ = true;
   return {};
 }

@@ -36,8 +36,9 @@ std::string missing_here() {
   return "the udev rules are not installed";
 }
 
+/// Far longer than it takes; an emulated machine may be slow.
 bool wait_for(const std::function<bool()>& seen) {
-  for (int i = 0; i < 600; ++i) {
+  for (int i = 0; i < 300; ++i) {
     if (seen()) return true;
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
   }
@@ -49,6 +50,26 @@ std::string text_of(const fs::path& file) {
   std::string text;
   std::getline(in, text);
   return text;
+}
+
+/// The device node of a USB device of that name; empty when there is none.
+fs::path node_of_product(const std::string& product) {
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator("/sys/bus/usb/devices", error)) {
+    if (text_of(entry.path() / "product") != product) continue;
+    std::ifstream in(entry.path() / "uevent");
+    for (std::string line; std::getline(in, line);)
+      if (line.starts_with("DEVNAME=")) return "/dev/" + line.substr(8);
+  }
+  return {};
+}
+
+std::string names_in(const fs::path& folder, const std::string& prefix) {
+  std::string names;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(folder, error))
+    if (entry.path().filename().string().starts_with(prefix)) names += entry.path().filename().string() + " ";
+  return names.empty() ? "none" : names;
 }
 
 /// "group mode" of a device node, such as "video 660".
@@ -75,6 +96,8 @@ class AcmGadget {
     fs::create_directory_symlink(path_ / "functions/acm.rigor", path_ / "configs/c.1/acm.rigor");
     set("UDC", "dummy_udc.0");
   }
+  /// The first file that could not be written; empty when all were.
+  [[nodiscard]] const std::string& problem() const { return problem_; }
   ~AcmGadget() {
     set("UDC", "\n");
     for (const char* part :
@@ -87,7 +110,12 @@ class AcmGadget {
   AcmGadget& operator=(const AcmGadget&) = delete;
 
  private:
-  void set(const char* file, const char* value) { std::ofstream(path_ / file) << value << std::flush; }
+  void set(const char* file, const char* value) {
+    std::ofstream out(path_ / file);
+    out << value << std::flush;
+    if (!out && problem_.empty()) problem_ = (path_ / file).string() + " does not take " + value;
+  }
+  std::string problem_;
   fs::path path_ = "/sys/kernel/config/usb_gadget/rigor_udev_test";
 };
 
@@ -103,21 +131,19 @@ class KernelUdevRules : public testing::Test {
 
 TEST_F(KernelUdevRules, AHokuyoScannerGetsItsNameAndItsGroupsWhilePlugged) {
   std::optional<AcmGadget> scanner(std::in_place);
+  ASSERT_EQ(scanner->problem(), "");
   fs::path serial, device;
   ASSERT_TRUE(wait_for([&] {
-    for (const auto& entry : fs::directory_iterator("/sys/bus/usb/devices"))
-      if (text_of(entry.path() / "product") == "udev rule test")
-        device = "/dev/" + [&] {
-          std::ifstream in(entry.path() / "uevent");
-          for (std::string line; std::getline(in, line);)
-            if (line.starts_with("DEVNAME=")) return line.substr(8);
-          return std::string();
-        }();
-    if (!there("/dev/rigor")) return false;
-    for (const auto& entry : fs::directory_iterator("/dev/rigor"))
+    device = node_of_product("udev rule test");
+    return !device.empty();
+  })) << "the gadget is not on the bus";
+  ASSERT_TRUE(wait_for([&] {
+    std::error_code error;
+    for (const auto& entry : fs::directory_iterator("/dev/rigor", error))
       if (entry.path().filename().string().starts_with("hokuyo-ttyACM")) serial = entry.path();
-    return !serial.empty() && !device.empty();
-  }));
+    return !serial.empty();
+  })) << "/dev/rigor has no hokuyo-ttyACM*; terminals: "
+      << names_in("/sys/class/tty", "ttyACM");
   EXPECT_EQ(access_to(serial), "dialout 660");
   EXPECT_TRUE(wait_for([&] { return access_to(device) == "plugdev 660"; }))
       << device << " " << access_to(device);
