@@ -1,0 +1,284 @@
+#include "calibration/pair/plane_extrinsics.h"
+
+#include <ceres/autodiff_cost_function.h>
+#include <ceres/rotation.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "calibration/core/least_squares.h"
+
+namespace rigor::calibration {
+namespace {
+
+struct FlatPoints {
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  ///< towards the sensor
+  double rms_m = 0;                                   ///< with the plane's three degrees taken off
+};
+
+FlatPoints flat(const std::vector<Eigen::Vector3d>& points) {
+  FlatPoints f;
+  for (const auto& p : points) f.centre += p;
+  f.centre /= static_cast<double>(points.size());
+  Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
+  for (const auto& p : points) scatter += (p - f.centre) * (p - f.centre).transpose();
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(scatter);
+  f.normal = eigen.eigenvectors().col(0);
+  if (f.normal.dot(f.centre) > 0) f.normal = -f.normal;
+  const double freedom = std::max<double>(1, static_cast<double>(points.size()) - 3);
+  f.rms_m = std::sqrt(std::max(0.0, eigen.eigenvalues()[0]) / freedom);
+  return f;
+}
+
+/// Of points those on the plane that most of them make: least median of squares over triples that a fixed
+/// rule picks, then what lies within 4 robust standard deviations. Empty where no three span a plane.
+std::vector<Eigen::Vector3d> most_flat(const std::vector<Eigen::Vector3d>& points) {
+  if (points.size() < 3) return {};
+  const auto median_distance = [&](const Eigen::Vector3d& n, double d) {
+    std::vector<double> r;
+    r.reserve(points.size());
+    for (const auto& p : points) r.push_back(std::abs(n.dot(p) - d));
+    const auto middle = r.begin() + static_cast<std::ptrdiff_t>(r.size() / 2);
+    std::nth_element(r.begin(), middle, r.end());
+    return *middle;
+  };
+  double median = INFINITY, d = 0;
+  Eigen::Vector3d n = Eigen::Vector3d::UnitZ();
+  std::uint64_t state = 0x9E3779B97F4A7C15ULL;
+  const auto pick = [&] {
+    state = state * 6364136223846793005ULL + 1442695040888963407ULL;
+    return points[static_cast<std::size_t>((state >> 33) % points.size())];
+  };
+  for (int i = 0; i < 200; ++i) {
+    const Eigen::Vector3d a = pick(), b = pick(), c = pick();
+    const Eigen::Vector3d across = (b - a).cross(c - a);
+    if (across.norm() < 1e-4) continue;
+    const Eigen::Vector3d unit = across.normalized();
+    const double m = median_distance(unit, unit.dot(a));
+    if (m < median) median = m, n = unit, d = unit.dot(a);
+  }
+  if (!std::isfinite(median)) return {};
+  std::vector<Eigen::Vector3d> on;
+  for (int round = 0; round < 3; ++round) {
+    const double limit = std::max(4 * 1.4826 * median, 1e-4);
+    on.clear();
+    for (const auto& p : points)
+      if (std::abs(n.dot(p) - d) <= limit) on.push_back(p);
+    if (on.size() < 3) return {};
+    const FlatPoints f = flat(on);
+    n = f.normal, d = f.normal.dot(f.centre);
+    median = std::min(median_distance(n, d), median);
+  }
+  return on;
+}
+
+/// As `flat`, of the plane that most points make.
+FlatPoints robustly_flat(const std::vector<Eigen::Vector3d>& points) {
+  const auto on = most_flat(points);
+  return flat(on.size() >= 3 ? on : points);
+}
+
+/// Normal of the board towards the first sensor.
+Eigen::Vector3d board_normal(const Eigen::Isometry3d& T_first_board) {
+  const Eigen::Vector3d n = T_first_board.linear().col(2);
+  return n.dot(T_first_board.translation()) > 0 ? Eigen::Vector3d(-n) : n;
+}
+
+/// A point of the second sensor over the corrected plane.
+struct PointOnPlane {
+  Eigen::Isometry3d T_board_first;
+  Eigen::Vector3d point;
+  double per_sigma;
+
+  template <class T>
+  bool operator()(const T* translation, const T* rotation, const T* plane, T* residual) const {
+    const T p[3] = {T(point.x()), T(point.y()), T(point.z())};
+    T q[3];
+    ceres::AngleAxisRotatePoint(rotation, p, q);
+    Eigen::Matrix<T, 3, 1> x(q[0] + translation[0], q[1] + translation[1], q[2] + translation[2]);
+    const Eigen::Matrix<T, 3, 1> on =
+        T_board_first.linear().cast<T>() * x + T_board_first.translation().cast<T>();
+    // The board's plane turned by small angles about its x and y, and shifted along its z.
+    const T z = on.z() + plane[0] * (-on.y()) + plane[1] * on.x() - plane[2];
+    residual[0] = z / sqrt(T(1) + plane[0] * plane[0] + plane[1] * plane[1]) * per_sigma;
+    return true;
+  }
+};
+
+struct PlanePrior {
+  Eigen::Matrix3d root_information;
+  template <class T>
+  bool operator()(const T* plane, T* residual) const {
+    const Eigen::Matrix<T, 3, 1> p(plane[0], plane[1], plane[2]);
+    Eigen::Map<Eigen::Matrix<T, 3, 1>>(residual, 3, 1) = root_information.cast<T>() * p;
+    return true;
+  }
+};
+
+/// L with LᵀL the inverse of a covariance; directions that it does not know are held to 1e-6.
+Eigen::Matrix3d root_information(const Eigen::Matrix3d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(covariance);
+  const Eigen::Vector3d sigma = eigen.eigenvalues().cwiseMax(1e-12).cwiseSqrt();
+  return sigma.cwiseInverse().asDiagonal() * eigen.eigenvectors().transpose();
+}
+
+Status check(const std::vector<PlaneSighting>& sightings) {
+  if (sightings.empty())
+    return fail(ErrorCode::bad_input, "pair", "expected views of a board by both sensors, got none");
+  for (const auto& s : sightings) {
+    if (s.points_m.size() < 3)
+      return fail(ErrorCode::bad_input, s.name,
+                  "expected at least 3 points on the board, got " + std::to_string(s.points_m.size()));
+    bool finite = s.T_first_board.matrix().allFinite() && s.plane_covariance.allFinite();
+    for (const auto& p : s.points_m) finite = finite && p.allFinite();
+    if (!finite) return fail(ErrorCode::bad_input, s.name, "has numbers that are not finite");
+  }
+  return {};
+}
+
+}  // namespace
+
+Eigen::Isometry3d extrinsics_from_normals(const std::vector<PlaneSighting>& sightings) {
+  Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
+  std::vector<FlatPoints> planes;
+  for (const auto& s : sightings) {
+    planes.push_back(robustly_flat(s.points_m));
+    correlation += board_normal(s.T_first_board) * planes.back().normal.transpose();
+  }
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(correlation, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::Matrix3d fix = Eigen::Matrix3d::Identity();
+  fix(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.linear() = svd.matrixU() * fix * svd.matrixV().transpose();
+  // n · (R c + t) = d for each board.
+  Eigen::MatrixXd a(static_cast<Eigen::Index>(sightings.size()), 3);
+  Eigen::VectorXd b(a.rows());
+  for (std::size_t i = 0; i < sightings.size(); ++i) {
+    const Eigen::Vector3d n = board_normal(sightings[i].T_first_board);
+    a.row(static_cast<Eigen::Index>(i)) = n.transpose();
+    b[static_cast<Eigen::Index>(i)] =
+        n.dot(sightings[i].T_first_board.translation()) - n.dot(T.linear() * planes[i].centre);
+  }
+  Eigen::JacobiSVD<Eigen::MatrixXd> linear(a, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  linear.setThreshold(1e-3);
+  T.translation() = linear.solve(b);
+  return T;
+}
+
+std::vector<Eigen::Vector3d> points_on_board(const std::vector<Eigen::Vector3d>& cloud_m,
+                                             const Eigen::Isometry3d& T_first_board,
+                                             const Eigen::Isometry3d& T_first_second,
+                                             const Eigen::Vector2d& size_m, double margin_m,
+                                             std::size_t least) {
+  const Eigen::Isometry3d T_board_second = T_first_board.inverse() * T_first_second;
+  std::vector<Eigen::Vector3d> near;
+  for (const auto& p : cloud_m) {
+    if (!p.allFinite()) continue;
+    const Eigen::Vector3d q = T_board_second * p;
+    if (std::abs(q.z()) <= margin_m && q.x() >= -margin_m && q.y() >= -margin_m &&
+        q.x() <= size_m.x() + margin_m && q.y() <= size_m.y() + margin_m)
+      near.push_back(p);
+  }
+  // What lies behind or beside the board came along with the margin.
+  auto on = most_flat(near);
+  if (on.size() < std::max<std::size_t>(least, 3)) on.clear();
+  return on;
+}
+
+Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneSighting>& sightings,
+                                             const PlaneExtrinsicsOptions& options) {
+  if (auto s = check(sightings); !s) return tl::unexpected<Error>(s.error());
+  PlaneExtrinsics out;
+  out.sigma_point_m = options.sigma_point_m;
+  if (!(out.sigma_point_m > 0)) {
+    // Pooled over views: how far points lie from the plane that is theirs alone.
+    double sum = 0, freedom = 0;
+    for (const auto& s : sightings) {
+      if (s.points_m.size() < 4) continue;
+      const double n = static_cast<double>(s.points_m.size()) - 3;
+      sum += std::pow(robustly_flat(s.points_m).rms_m, 2) * n;
+      freedom += n;
+    }
+    if (!(freedom > 0))
+      return fail(ErrorCode::bad_input, "pair",
+                  "three points a view say nothing of the noise; give its standard deviation (--sigma)");
+    out.sigma_point_m = std::max(std::sqrt(sum / freedom), 1e-6);
+  }
+  const Eigen::Isometry3d start = options.start ? *options.start : extrinsics_from_normals(sightings);
+  const Eigen::AngleAxisd turn(start.linear());
+  std::array<double, 3> t{start.translation().x(), start.translation().y(), start.translation().z()};
+  std::array<double, 3> r{turn.axis().x() * turn.angle(), turn.axis().y() * turn.angle(),
+                          turn.axis().z() * turn.angle()};
+  std::vector<std::array<double, 3>> planes(sightings.size(), {0, 0, 0});
+
+  LeastSquares fit;
+  // Beyond 10 cm or 5 degrees an extrinsic is of no use.
+  fit.add_block(t.data(), {{"x_m", 0.1}, {"y_m", 0.1}, {"z_m", 0.1}});
+  fit.add_block(r.data(), {{"rx_rad", 0.087}, {"ry_rad", 0.087}, {"rz_rad", 0.087}});
+  std::uint32_t id = 0;
+  std::vector<std::pair<std::size_t, std::size_t>> where;  // of an observation: view, point (or none: prior)
+  constexpr std::size_t kPrior = ~std::size_t{0};
+  for (std::size_t v = 0; v < sightings.size(); ++v) {
+    fit.add_nuisance(planes[v].data(), 3);
+    fit.add(new ceres::AutoDiffCostFunction<PlanePrior, 3, 3>(
+                new PlanePrior{root_information(sightings[v].plane_covariance)}),
+            {planes[v].data()}, id++);
+    where.emplace_back(v, kPrior);
+    const Eigen::Isometry3d T_board_first = sightings[v].T_first_board.inverse();
+    for (std::size_t p = 0; p < sightings[v].points_m.size(); ++p) {
+      fit.add(new ceres::AutoDiffCostFunction<PointOnPlane, 1, 3, 3, 3>(
+                  new PointOnPlane{T_board_first, sightings[v].points_m[p], 1 / out.sigma_point_m}),
+              {t.data(), r.data(), planes[v].data()}, id++);
+      where.emplace_back(v, p);
+    }
+  }
+  FitOptions fit_options;
+  fit_options.reject_sigmas = options.reject_sigmas;
+  fit_options.whitened = true;
+  fit_options.unit = "sigma";
+  fit_options.stop = options.stop;
+  auto solved = fit.solve(fit_options);
+  if (!solved) return tl::unexpected<Error>(solved.error());
+  out.result = std::move(solved->fit);
+  out.result.model = "planes";
+  for (std::size_t i = 0; i < out.result.rejected.size() && i < solved->rejected_ids.size(); ++i) {
+    const auto [v, p] = where[solved->rejected_ids[i]];
+    out.result.rejected[i].what =
+        sightings[v].name + (p == kPrior ? std::string(" board") : " point " + std::to_string(p));
+  }
+  const Eigen::Vector3d turned(r[0], r[1], r[2]);
+  out.T_first_second.translation() = Eigen::Vector3d(t[0], t[1], t[2]);
+  if (turned.norm() > 0)
+    out.T_first_second.linear() = Eigen::AngleAxisd(turned.norm(), turned.normalized()).toRotationMatrix();
+  double nearest = INFINITY, farthest = 0;
+  for (const auto& s : sightings) {
+    const Eigen::Isometry3d T_board_second = s.T_first_board.inverse() * out.T_first_second;
+    double sum = 0, square = 0;
+    for (const auto& p : s.points_m) {
+      const double z = (T_board_second * p).z();
+      sum += z, square += z * z;
+      nearest = std::min(nearest, p.norm()), farthest = std::max(farthest, p.norm());
+    }
+    const double n = static_cast<double>(s.points_m.size());
+    out.view_mean_m.push_back(sum / n);
+    out.view_rms_m.push_back(std::sqrt(square / n));
+  }
+  out.result.validity.push_back({"board_range_m", nearest, farthest});
+  for (auto& weak : out.result.weak)
+    if (weak.cure.empty())
+      weak.cure =
+          "turn the board: its normals in the views must point in three directions that do not lie in one "
+          "plane, as tilted left, right and up, each by 20 degrees and more";
+  if (out.result.scale > 1.5)
+    out.result.warnings.push_back(
+        "the points lie " + std::to_string(out.result.scale).substr(0, 4) +
+        " times as far from the planes as their noise says: the second sensor has a bias, a lens, or moved");
+  return out;
+}
+
+}  // namespace rigor::calibration

@@ -1,0 +1,69 @@
+// Where one sensor sits relative to another, from boards that both saw: the first (a camera) knows the
+// board's plane, the second (LiDAR, time-of-flight camera) has points on it.
+//
+// Residual of a point p of the second sensor on view v, in standard deviations:
+//
+//   (n_v · (R p + t) − d_v) / sigma_p,        n_v · x = d_v the board's plane in the first sensor's frame
+//
+// The planes themselves are uncertain: each is solved for (two tilts and a distance) and tied to what the
+// first sensor said of it by its covariance. Source of the constraint: Zhang & Pless, IROS 2004.
+//
+// One plane leaves three directions free, two that meet leave one (along their common line), and all planes
+// with normals in one plane leave one: they are named, with the view that would help.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "calibration/core/fit_result.h"
+#include "rt-core/result.h"
+#include "rt-core/stop.h"
+
+namespace rigor::calibration {
+
+/// What both sensors saw of one board.
+struct PlaneSighting {
+  std::string name;
+  Eigen::Isometry3d T_first_board = Eigen::Isometry3d::Identity();  ///< its plane is z = 0
+  /// Of T_first_board's plane: rotations about its own x and y [rad], shift along its z [m].
+  Eigen::Matrix3d plane_covariance = Eigen::Matrix3d::Zero();
+  std::vector<Eigen::Vector3d> points_m;  ///< of the board, in the second sensor's frame
+};
+
+struct PlaneExtrinsicsOptions {
+  double sigma_point_m = 0;  ///< noise across the plane; 0: from how flat the points of each view lie
+  double reject_sigmas = 4;
+  std::optional<Eigen::Isometry3d> start{};  ///< T_first_second; none: from the planes' normals
+  StopToken stop{};
+};
+
+struct PlaneExtrinsics {
+  FitResult result;  ///< x_m, y_m, z_m, and the rotation vector rx_rad, ry_rad, rz_rad
+  Eigen::Isometry3d T_first_second = Eigen::Isometry3d::Identity();
+  double sigma_point_m = 0;         ///< that was used
+  std::vector<double> view_rms_m;   ///< distance of a view's points from its plane
+  std::vector<double> view_mean_m;  ///< signed; a bias of the second sensor shows here
+};
+
+/// bad_input: no view, a view with fewer than three points or points that are not finite. Any thread.
+[[nodiscard]] Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneSighting>& sightings,
+                                                           const PlaneExtrinsicsOptions& options = {});
+
+/// T_first_second that brings the planes' normals and distances together, by Kabsch and linear least squares;
+/// what the planes leave free is taken as zero. Exposed for tests.
+[[nodiscard]] Eigen::Isometry3d extrinsics_from_normals(const std::vector<PlaneSighting>& sightings);
+
+/// Points on the board: of `cloud_m` (second sensor's frame) those that lie over the board's outline (board
+/// frame: 0 … width, 0 … height, grown by `margin_m`) and within `margin_m` of its plane as a rough
+/// T_first_second has it, and then within 4 robust standard deviations of the plane that most of them make.
+/// Empty where fewer than `least` are left.
+[[nodiscard]] std::vector<Eigen::Vector3d> points_on_board(const std::vector<Eigen::Vector3d>& cloud_m,
+                                                           const Eigen::Isometry3d& T_first_board,
+                                                           const Eigen::Isometry3d& T_first_second,
+                                                           const Eigen::Vector2d& size_m, double margin_m,
+                                                           std::size_t least = 8);
+
+}  // namespace rigor::calibration

@@ -1,0 +1,107 @@
+#include "calibration/pair/time_offset.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <cmath>
+#include <random>
+
+namespace rigor::calibration {
+namespace {
+
+constexpr double kDelay = 0.0123, kGain = 2.5, kOffset = -0.7;
+
+double swing(double t) { return std::sin(2 * M_PI * 0.4 * t) + 0.4 * std::sin(2 * M_PI * 1.1 * t + 1); }
+
+/// A turntable's encoder at 100 Hz and the same angle by a camera at 20 Hz, whose stamps are early.
+std::pair<TimeSeries, TimeSeries> seen(std::uint32_t seed, double (*move)(double) = swing,
+                                       double sigma = 0.01) {
+  std::mt19937 random(seed);
+  std::normal_distribution<double> noise;
+  TimeSeries first, second;
+  const std::int64_t t0 = 1'700'000'000'000'000'000;
+  for (int i = 0; i < 1000; ++i) {
+    first.t_ns.push_back(t0 + i * 10'000'000LL);
+    first.value.push_back(move(i * 0.01) + 1e-5 * noise(random));
+  }
+  for (int i = 0; i < 190; ++i) {
+    const double t = 0.21 + 0.05 * i;
+    second.t_ns.push_back(t0 + static_cast<std::int64_t>(t * 1e9));
+    second.value.push_back(kOffset + kGain * move(t + kDelay) + sigma * noise(random));
+  }
+  return {first, second};
+}
+
+TEST(TimeOffset, OverAHundredSeedsTheTruthIsWhereTheCovarianceSays) {
+  double chi2 = 0;
+  int inside = 0;
+  for (std::uint32_t seed = 0; seed < 100; ++seed) {
+    const auto [first, second] = seen(seed);
+    const auto fit = fit_time_offset(first, second);
+    ASSERT_TRUE(fit) << fit.error().text();
+    const double truth[3] = {kDelay, kGain, kOffset};
+    Eigen::Vector3d e;
+    for (int i = 0; i < 3; ++i) {
+      e[i] = fit->result.parameters[static_cast<std::size_t>(i)].value - truth[i];
+      inside += std::abs(e[i]) <= 1.973 * fit->result.parameters[static_cast<std::size_t>(i)].sigma;
+    }
+    chi2 += e.dot(fit->result.covariance.ldlt().solve(e));
+  }
+  const auto quantile = [](double z) {
+    const double k = 300, c = 2 / (9 * k);
+    return k * std::pow(1 - c + z * std::sqrt(c), 3);
+  };
+  EXPECT_GT(chi2, quantile(-3.2905));
+  EXPECT_LT(chi2, quantile(3.2905));
+  // The three errors of a fit are nearly independent here: binomial limits at 0.001 of 300.
+  EXPECT_GE(inside, 271);
+  EXPECT_LE(inside, 297);
+}
+
+TEST(TimeOffset, WhatStandsStillOrMovesEvenlyCannotTell) {
+  for (double (*move)(double) : {+[](double) { return 3.0; }, +[](double t) { return 0.2 * t; }}) {
+    const auto [first, second] = seen(1, move);
+    const auto fit = fit_time_offset(first, second);
+    ASSERT_TRUE(fit) << fit.error().text();
+    ASSERT_FALSE(fit->result.not_identifiable.empty());
+    EXPECT_EQ(fit->result.not_identifiable[0].first, "delay_s");
+  }
+}
+
+TEST(TimeOffset, AnEvenMotionTellsWhereBothMeasureTheSame) {
+  auto [first, second] = seen(
+      1, +[](double t) { return 0.2 * t; });
+  for (auto& v : second.value) v = (v - kOffset) / kGain;
+  const auto fit = fit_time_offset(first, second, {.same_quantity = true});
+  ASSERT_TRUE(fit) << fit.error().text();
+  EXPECT_TRUE(fit->result.not_identifiable.empty());
+  EXPECT_NEAR(fit->result.find("delay_s")->value, kDelay, 5 * fit->result.find("delay_s")->sigma);
+}
+
+TEST(TimeOffset, BadSeriesAreRefusedWithWords) {
+  auto [first, second] = seen(1);
+  auto back = first;
+  back.t_ns[5] = back.t_ns[4];
+  EXPECT_FALSE(fit_time_offset(back, second));
+  auto nan = second;
+  nan.value[3] = std::nan("");
+  EXPECT_FALSE(fit_time_offset(first, nan));
+  TimeSeries later = second;
+  for (auto& t : later.t_ns) t += 100'000'000'000;
+  const auto apart = fit_time_offset(first, later);
+  ASSERT_FALSE(apart);
+  EXPECT_NE(apart.error().text().find("both channels have"), std::string::npos);
+}
+
+TEST(TimeOffset, AThirdOfWildSamplesIsLeftOutByName) {
+  auto [first, second] = seen(2);
+  for (std::size_t i = 0; i < second.value.size(); i += 4) second.value[i] += 5;
+  const auto fit = fit_time_offset(first, second);
+  ASSERT_TRUE(fit) << fit.error().text();
+  // 48 less those too near to the ends to be compared.
+  EXPECT_GE(fit->result.rejected.size(), 44u);
+  EXPECT_NEAR(fit->result.find("delay_s")->value, kDelay, 5 * fit->result.find("delay_s")->sigma);
+}
+
+}  // namespace
+}  // namespace rigor::calibration
