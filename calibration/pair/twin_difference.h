@@ -1,0 +1,64 @@
+// How far a simulated twin is from its real channel: bias, spread, and the noise of each from sample to
+// sample.
+//
+// Noise is judged without knowing the truth: of an element (pixel, beam) that sees the same in two
+// consecutive samples the difference has √2 of the noise's standard deviation. What moved between the two
+// shows as differences that are far beyond the others'; the spread is therefore taken from the quantiles that
+// hold the middle half.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace rigor::calibration {
+
+/// One element of a sample: which one, and what it measured. NaN: nothing (no return).
+struct TwinElement {
+  std::uint64_t key = 0;
+  double value = 0;
+};
+
+struct TwinDifference {
+  std::uint64_t samples = 0;   ///< pairs of one instant
+  std::uint64_t elements = 0;  ///< that both measured
+  std::uint64_t only_real = 0, only_simulated = 0;
+  double bias = 0, rms = 0;  ///< simulated less real
+  double q05 = 0, q25 = 0, median = 0, q75 = 0, q95 = 0;
+  double real_noise = 0, simulated_noise = 0;  ///< standard deviations; NaN: fewer than two samples
+  /// Largest distance between the two noises' cumulative distributions, each in units of the real one's
+  /// standard deviation (Kolmogorov–Smirnov); 0 alike, 1 nothing in common.
+  double noise_distance = 0;
+  /// For plots: at most 4096 each, evenly taken, sorted.
+  std::vector<double> differences, real_noise_sorted, simulated_noise_sorted;
+};
+
+class TwinComparer {
+ public:
+  /// Two samples of one instant; keys need no order and are unique within a sample.
+  void add(std::span<const TwinElement> real, std::span<const TwinElement> simulated);
+  [[nodiscard]] TwinDifference result() const;
+
+ private:
+  /// Every n-th number of a stream whose length nobody knows, at most 2^17 of them.
+  class Thinned {
+   public:
+    void add(double x);
+    [[nodiscard]] const std::vector<double>& values() const { return values_; }
+
+   private:
+    std::vector<double> values_;
+    std::uint64_t every_ = 1, seen_ = 0;
+  };
+  using Values = std::map<std::uint64_t, double>;
+  static void noise(const Values& before, const Values& now, Thinned& into);
+
+  std::uint64_t samples_ = 0, elements_ = 0, only_real_ = 0, only_simulated_ = 0;
+  double sum_ = 0, squares_ = 0;
+  Thinned differences_, real_noise_, simulated_noise_;
+  Values real_, simulated_;  ///< of the last sample
+};
+
+}  // namespace rigor::calibration
