@@ -14,6 +14,7 @@
 namespace rigor::calibration {
 namespace {
 
+constexpr double kFar = 1e6;  // of a corner that has no image
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr const char* kNames[kCameraParameters] = {"fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2",
                                                    "p1",    "p2",    "k3",    "k4",    "k5", "k6"};
@@ -79,7 +80,7 @@ class Problem {
 
   /// Fits the model from `state` to the corners that `take` lets in; `hold` keeps the intrinsics.
   Result<LeastSquares::Outcome> fit(LensModel model, State& state, bool robust, bool hold,
-                                    const std::function<bool(std::size_t)>& take) const {
+                                    const std::function<bool(std::size_t)>& take, bool rough = false) const {
     const int w = views_.front().width_px, h = views_.front().height_px;
     LeastSquares problem;
     std::vector<ParameterInfo> infos;
@@ -88,7 +89,6 @@ class Problem {
       info.name = parameter_name(model, i);
       info.resolution = resolution_of(model, i, state.camera[0], w, h);
       info.held = hold || !fits(model, i);
-      if (i < 2) info.lower = 1e-3 * w;
       infos.push_back(std::move(info));
     }
     problem.add_block(state.camera.data(), std::move(infos));
@@ -109,6 +109,7 @@ class Problem {
     }
     FitOptions o;
     o.robust = robust;
+    o.rough = rough;
     o.reject_sigmas = options_.reject_sigmas;
     o.threads = options_.threads;
     o.unit = "px";
@@ -154,6 +155,46 @@ bool start(const std::vector<BoardView>& views, LensModel model, double focal_px
   return good > 0;
 }
 
+/// What the model does not have is 0, not what a larger one made of it.
+void drop_what_does_not_fit(LensModel model, State& state) {
+  for (int i = 4; i < kCameraParameters; ++i)
+    if (!fits(model, i)) state.camera[static_cast<std::size_t>(i)] = 0;
+}
+
+/// A flat board has two poses that look almost alike, and a fit ends in the one that it began near. With the
+/// lens known better than at the start each view takes the pose that fits best of the present one and the two
+/// that its points give. Whether any changed.
+bool pose_again(const std::vector<BoardView>& views, LensModel model, State& state) {
+  const CameraModel camera =
+      camera_of(state.camera, is_fisheye(model), views.front().width_px, views.front().height_px);
+  bool changed = false;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    const auto median_square = [&](const Pose& pose) {
+      std::vector<double> squares;
+      for (const BoardPoint& p : views[v].points) {
+        double r[2] = {kFar, kFar};
+        if (!Reprojection{p.x_m, p.y_m, p.u_px, p.v_px, is_fisheye(model)}(state.camera.data(), pose.data(),
+                                                                           r))
+          r[0] = r[1] = kFar;
+        squares.push_back(r[0] * r[0] + r[1] * r[1]);
+      }
+      const auto middle = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
+      std::nth_element(squares.begin(), middle, squares.end());
+      return *middle;
+    };
+    if (views[v].points.empty()) continue;
+    double least = median_square(state.poses[v]);
+    for (const Pose& pose : poses_from_view(views[v], camera)) {
+      const double square = median_square(pose);
+      if (!(square < 0.5 * least)) continue;
+      least = square;
+      state.poses[v] = pose;
+      changed = true;
+    }
+  }
+  return changed;
+}
+
 /// Fits from several focal lengths where the first leads nowhere: a wrong start ends in a false minimum.
 Result<State> best_start(const std::vector<BoardView>& views, LensModel model,
                          const CameraFitOptions& options, const Problem& problem) {
@@ -171,8 +212,14 @@ Result<State> best_start(const std::vector<BoardView>& views, LensModel model,
   for (const double f : focal) {
     State state;
     if (!start(views, model, f, state)) continue;
-    const auto out = problem.fit(simple, state, true, false, [](std::size_t) { return true; });
+    const auto all = [](std::size_t) { return true; };
+    auto out = problem.fit(simple, state, true, false, all, true);
     if (!out) continue;
+    if (pose_again(views, simple, state)) {
+      auto again = problem.fit(simple, state, true, false, all, true);
+      if (again) out = std::move(again);
+    }
+    if (!(state.camera[0] > 0) || !(state.camera[1] > 0)) continue;
     const double rms = out->fit.residuals.rms;
     if (out->fit.residuals.rejected * 2 < problem.corners().size() && rms < least) {
       least = rms;
@@ -307,6 +354,7 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& views, const CameraFi
   if (!begun) return tl::unexpected<Error>(begun.error());
   // Outliers are what the most flexible model cannot explain: all models are compared on the rest.
   State flexible = *begun;
+  drop_what_does_not_fit(largest, flexible);
   auto judged = problem.fit(largest, flexible, options.robust, false, [](std::size_t) { return true; });
   if (!judged) return tl::unexpected<Error>(judged.error());
   std::vector<bool> used(problem.corners().size(), true);
@@ -320,8 +368,7 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& views, const CameraFi
     if (options.progress)
       options.progress(static_cast<double>(m) / static_cast<double>(models.size() + 1),
                        judged->fit.residuals.rms);
-    for (int i = 4; i < kCameraParameters; ++i)
-      if (!fits(models[m], i)) state.camera[static_cast<std::size_t>(i)] = 0;
+    drop_what_does_not_fit(models[m], state);
     if (models.size() > 1) {
       auto refit = problem.fit(models[m], state, false, false, [&](std::size_t i) { return used[i]; });
       if (!refit) return tl::unexpected<Error>(refit.error());

@@ -69,4 +69,34 @@ bool pose_from_view(const BoardView& view, double fx_px, double fy_px, double cx
   return pose[5] > 0;
 }
 
+std::vector<std::array<double, 6>> poses_from_view(const BoardView& view, const CameraModel& camera) {
+  std::vector<cv::Point3d> board;
+  std::vector<cv::Point2d> rays;
+  for (const BoardPoint& p : view.points) {
+    const auto ray = unproject_ray(camera, {p.u_px, p.v_px});
+    if (!ray || ray->z < 0.2) continue;  // tan grows beyond use
+    board.emplace_back(p.x_m, p.y_m, 0);
+    rays.emplace_back(ray->x / ray->z, ray->y / ray->z);
+  }
+  std::vector<std::array<double, 6>> poses;
+  if (board.size() < 4) return poses;
+  std::vector<cv::Mat> r, t;
+  try {
+    cv::solvePnPGeneric(board, rays, cv::Mat::eye(3, 3, CV_64F), cv::Mat(), r, t, false, cv::SOLVEPNP_IPPE);
+  } catch (const cv::Exception&) {
+    return poses;  // points on a line
+  }
+  for (std::size_t k = 0; k < r.size(); ++k) {
+    std::array<double, 6> pose{};
+    bool good = true;
+    for (int i = 0; i < 3; ++i) {
+      pose[static_cast<std::size_t>(i)] = r[k].at<double>(i);
+      pose[static_cast<std::size_t>(i) + 3] = t[k].at<double>(i);
+    }
+    for (const double x : pose) good = good && std::isfinite(x);
+    if (good && pose[5] > 0) poses.push_back(pose);
+  }
+  return poses;
+}
+
 }  // namespace rigor::calibration

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "calibration/camera/board.h"
+#include "sensor-hal/models/camera_model.h"
 
 namespace rigor::calibration {
 
@@ -16,5 +17,9 @@ namespace rigor::calibration {
 /// equidistant lens) of this focal length. False: the points have no such view.
 [[nodiscard]] bool pose_from_view(const BoardView& view, double fx_px, double fy_px, double cx_px,
                                   double cy_px, bool fisheye, std::array<double, 6>& pose);
+
+/// The poses, as above, that the points of a view have in a camera whose lens is known: none to two.
+[[nodiscard]] std::vector<std::array<double, 6>> poses_from_view(const BoardView& view,
+                                                                 const CameraModel& camera);
 
 }  // namespace rigor::calibration

@@ -468,7 +468,7 @@ Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
     // narrower than the scale says, and narrower again for as long as the median residual falls.
     scale = scalar_scale();
     double narrow = 1;
-    for (int round = 0; round < kMaxRounds && scale > 0 && !stopped(); ++round) {
+    for (int round = 0; round < (options.rough ? 2 : kMaxRounds) && scale > 0 && !stopped(); ++round) {
       ceres::CauchyLoss loss(2.385 * scale * narrow);
       auto problem = d.problem(used, &loss);
       const auto s = d.run(*problem, options, 0, 0.6, m_all, joint, 1e-6);
@@ -492,6 +492,7 @@ Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
     }
     if (used == before) break;
     before = used;
+    if (options.rough) break;
     auto problem = d.problem(used, nullptr);
     const std::size_t m = d.residual_count(used), p = d.free_parameters(used);
     if (m <= p)

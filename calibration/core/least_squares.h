@@ -41,7 +41,9 @@ struct ParameterInfo {
 };
 
 struct FitOptions {
-  bool robust = true;        ///< steps 1 and 2; off: one plain fit of everything
+  bool robust = true;  ///< steps 1 and 2; off: one plain fit of everything
+  /// Start values for another fit: step 1 alone and not to its end. The covariance is then none to be used.
+  bool rough = false;
   double reject_sigmas = 4;  ///< an observation's residual norm over s·√(its dimension)
   /// Standard deviation that each residual is already in units of (pre-whitened by a known noise): s is then
   /// reported and not used for the covariance, and 1 means that the noise was right. 0: unknown.
