@@ -3,6 +3,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "cli/picture.h"
 #include "cli/report.h"
 
 namespace rigor {
@@ -27,17 +28,13 @@ cv::Mat to_eight_bits(const cv::Mat& words, PixelFormat format) {
   return out;
 }
 
-}  // namespace
-
-Status write_picture(const std::filesystem::path& file, const ImageInfo& info,
-                     std::span<const std::byte> bytes) {
+/// Eight bits of grey or BGR; depths as they are. Null: fewer bytes than the size says.
+cv::Mat shown(const ImageInfo& info, std::span<const std::byte> bytes) {
   if (info.width_px == 0 || info.height_px == 0 ||
       bytes.size() < image_bytes(info.format, info.width_px, info.height_px))
-    return fail(ErrorCode::internal, file.string(), "a picture with fewer bytes than its size says");
+    return {};
   const int width = static_cast<int>(info.width_px), height = static_cast<int>(info.height_px);
   auto* data = const_cast<std::byte*>(bytes.data());
-  // OpenEXR keeps the sensor's numbers as they are, in 32-bit float; PNG is for people.
-  const bool exact = file.extension() == ".exr";
   cv::Mat out;
   switch (info.format) {
     case PixelFormat::mono8:
@@ -74,6 +71,47 @@ Status write_picture(const std::filesystem::path& file, const ImageInfo& info,
       out = cv::Mat(height, width, CV_16U, data);
       break;
   }
+  return out;
+}
+
+tl::unexpected<Error> too_few(const std::string& where) {
+  return fail(ErrorCode::internal, where, "a picture with fewer bytes than its size says");
+}
+
+}  // namespace
+
+Result<std::vector<std::uint8_t>> grey_picture(const ImageInfo& info, std::span<const std::byte> bytes) {
+  if (info.format == PixelFormat::coord3d_c16)
+    return fail(ErrorCode::bad_input, "picture", "expected brightness, got depths (Coord3D_C16)");
+  cv::Mat out = shown(info, bytes);
+  if (out.empty()) return too_few("picture");
+  if (out.channels() == 3) cv::cvtColor(out, out, cv::COLOR_BGR2GRAY);
+  if (!out.isContinuous()) out = out.clone();
+  return std::vector<std::uint8_t>(out.ptr(), out.ptr() + out.total());
+}
+
+Result<std::vector<double>> pixel_values(const ImageInfo& info, std::span<const std::byte> bytes) {
+  const std::size_t size = image_bytes(info.format, info.width_px, info.height_px);
+  if (bytes.size() < size) return too_few("picture");
+  std::vector<double> values;
+  if (info.format == PixelFormat::mono12p) {
+    const cv::Mat words = unpack_mono12p(info, bytes);
+    values.assign(words.ptr<std::uint16_t>(), words.ptr<std::uint16_t>() + words.total());
+  } else if (significant_bits(info.format) > 8) {
+    for (std::size_t i = 0; i + 1 < size; i += 2)
+      values.push_back(std::to_integer<int>(bytes[i]) | std::to_integer<int>(bytes[i + 1]) << 8);
+  } else {
+    for (std::size_t i = 0; i < size; ++i) values.push_back(std::to_integer<int>(bytes[i]));
+  }
+  return values;
+}
+
+Status write_picture(const std::filesystem::path& file, const ImageInfo& info,
+                     std::span<const std::byte> bytes) {
+  cv::Mat out = shown(info, bytes);
+  if (out.empty()) return too_few(file.string());
+  // OpenEXR keeps the sensor's numbers as they are, in 32-bit float; PNG is for people.
+  const bool exact = file.extension() == ".exr";
   if (exact) {
     out.convertTo(out, CV_32F);
     setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 1);  // Debian's OpenCV has the codec, but asks for this word

@@ -37,6 +37,9 @@ struct CalibrateSubcommand {
 };
 /// Each makes its subcommand with its options; registered in calibrate_cli.cpp.
 [[nodiscard]] CalibrateSubcommand add_calibrate_camera(CLI::App& calibrate);
+[[nodiscard]] CalibrateSubcommand add_calibrate_extrinsics(CLI::App& calibrate);
+[[nodiscard]] CalibrateSubcommand add_calibrate_delay(CLI::App& calibrate);
+[[nodiscard]] CalibrateSubcommand add_calibrate_twin(CLI::App& calibrate);
 /// The options of CalibrateOptions; `inputs` says what INPUT may be.
 void add_common_options(CLI::App& app, CalibrateOptions& options, const char* inputs);
 

@@ -1,0 +1,225 @@
+// `rigor calibrate delay`: by how much one channel's stamps are off against another's.
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <cmath>
+#include <cstring>
+#include <memory>
+
+#include "calibration/pair/board_pose.h"
+#include "calibration/pair/time_offset.h"
+#include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/recording_input.h"
+#include "cli/picture.h"
+#include "sensor-hal/models/camera_yaml.h"
+
+namespace rigor {
+namespace {
+
+using namespace calibration;
+
+struct DelayOptions : CalibrateOptions {
+  std::string first, second;
+  std::filesystem::path camera_sheet;
+  std::string target;
+  double largest_s = 0.5;
+  bool same_quantity = false;
+};
+
+/// Several numbers a sample; one series is made of them by the direction in which they vary most.
+struct Track {
+  std::vector<std::int64_t> t_ns;
+  std::vector<Eigen::VectorXd> value;
+  std::string what;
+};
+
+TimeSeries strongest(const Track& track) {
+  TimeSeries s;
+  s.t_ns = track.t_ns;
+  const auto n = static_cast<double>(track.value.size());
+  Eigen::VectorXd mean = Eigen::VectorXd::Zero(track.value.front().size());
+  for (const auto& v : track.value) mean += v / n;
+  Eigen::MatrixXd scatter = Eigen::MatrixXd::Zero(mean.size(), mean.size());
+  for (const auto& v : track.value) scatter += (v - mean) * (v - mean).transpose();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scatter);
+  Eigen::VectorXd along = eigen.eigenvectors().col(mean.size() - 1);
+  // The sign is nobody's: the largest part counts up.
+  Eigen::Index largest = 0;
+  along.cwiseAbs().maxCoeff(&largest);
+  if (along[largest] < 0) along = -along;
+  for (const auto& v : track.value) s.value.push_back(along.dot(v - mean));
+  return s;
+}
+
+/// `channel` or, of registers, `channel:index`.
+Result<TimeSeries> series_of(const DelayOptions& o, const std::filesystem::path& file,
+                             const std::string& name, std::string& what) {
+  const auto colon = name.rfind(':');
+  const std::string channel = name.substr(0, colon);
+  int index = 0;
+  if (colon != std::string::npos && std::sscanf(name.c_str() + colon, ":%d", &index) != 1)
+    return fail(ErrorCode::bad_input, name,
+                "expected CHANNEL or CHANNEL:INDEX of a register, counted from 0");
+  Track track;
+  Status bad;
+  const auto add = [&](const Sample& s, Eigen::VectorXd v) {
+    const std::int64_t t = s.stamp.t_capture.ns();
+    if (!v.allFinite() || (!track.t_ns.empty() && t <= track.t_ns.back())) return;
+    track.t_ns.push_back(t);
+    track.value.push_back(std::move(v));
+  };
+  Result<RecordingInput> read = read_samples(file, channel, SampleKind::register_block, [&](const Sample& s) {
+    const auto* block = s.as<RegisterBlock>();
+    if (index < 0 || static_cast<std::uint32_t>(index) >= block->count) {
+      bad = fail(ErrorCode::bad_input, name,
+                 fmt::format("expected an index below {}, got {}", block->count, index));
+      return false;
+    }
+    add(s, Eigen::VectorXd::Constant(1, block->value[static_cast<std::size_t>(index)]));
+    return true;
+  });
+  if (!bad) return tl::unexpected<Error>(bad.error());
+  if (read) {
+    what = "register " + std::to_string(index);
+  } else if ((read = read_samples(file, channel, SampleKind::pose, [&](const Sample& s) {
+                const auto* p = s.as<Pose>();
+                Eigen::VectorXd v(7);
+                v << p->position_m[0], p->position_m[1], p->position_m[2], p->orientation_wxyz[0],
+                    p->orientation_wxyz[1], p->orientation_wxyz[2], p->orientation_wxyz[3];
+                if (!track.value.empty() && track.value.back().tail<4>().dot(v.tail<4>()) < 0)
+                  v.tail<4>() *= -1;
+                add(s, v);
+                return true;
+              }))) {
+    what = "pose along its main direction";
+  } else if ((read = read_samples(file, channel, SampleKind::point_cloud, [&](const Sample& s) {
+                // Mean range of each of eight sectors: what moves before the scanner moves some of them.
+                Eigen::VectorXd sum = Eigen::VectorXd::Zero(8), n = Eigen::VectorXd::Constant(8, 1e-9);
+                const auto bytes = s.bytes();
+                for (std::size_t i = 0; i + sizeof(LidarPoint) <= bytes.size(); i += sizeof(LidarPoint)) {
+                  LidarPoint p;
+                  std::memcpy(&p, bytes.data() + i, sizeof p);
+                  const auto k =
+                      static_cast<Eigen::Index>(std::floor((std::atan2(p.y_m, p.x_m) + M_PI) / M_PI_4)) % 8;
+                  sum[k] += std::sqrt(p.x_m * p.x_m + p.y_m * p.y_m + p.z_m * p.z_m), n[k] += 1;
+                }
+                add(s, sum.cwiseQuotient(n));
+                return true;
+              }))) {
+    what = "mean ranges of sectors along their main direction";
+  } else if ((read = read_samples(file, channel, SampleKind::range_image, [&](const Sample& s) {
+                const auto* info = s.as<RangeImageInfo>();
+                double sum = 0, n = 1e-9;
+                for (std::size_t i = 0; i < std::size_t{info->width_px} * info->height_px; ++i) {
+                  float r = 0;
+                  std::memcpy(&r, s.bytes().data() + 4 * i, 4);
+                  if (std::isfinite(r)) sum += double{r}, n += 1;
+                }
+                add(s, Eigen::VectorXd::Constant(1, sum / n));
+                return true;
+              }))) {
+    what = "mean range";
+  } else {
+    if (o.target.empty() || o.camera_sheet.empty())
+      return fail(
+          ErrorCode::bad_input, file.string(),
+          "has no channel " + channel +
+              " of registers, poses, points or ranges; for a camera give --target and --camera-sheet, whose "
+              "board's pose is then followed");
+    const auto board = parse_board(o.target);
+    if (!board) return tl::unexpected<Error>(board.error());
+    const auto sheet = load_camera(o.camera_sheet);
+    if (!sheet) return tl::unexpected<Error>(sheet.error());
+    Eigen::Isometry3d first = Eigen::Isometry3d::Identity();
+    read = read_samples(file, channel, SampleKind::image, [&](const Sample& s) {
+      const auto* info = s.as<ImageInfo>();
+      const auto grey = grey_picture(*info, s.bytes());
+      if (!grey) {
+        bad = tl::unexpected<Error>(grey.error());
+        return false;
+      }
+      const auto view = find_board(channel, grey->data(), static_cast<int>(info->width_px),
+                                   static_cast<int>(info->height_px), *board);
+      if (!view) return true;
+      const auto pose = pose_of_board(*view, sheet->model);
+      if (!pose) return true;
+      if (track.value.empty()) first = pose->T_camera_board;
+      const Eigen::AngleAxisd turn((first.inverse() * pose->T_camera_board).linear());
+      add(s, turn.axis() * turn.angle());
+      return true;
+    });
+    if (!bad) return tl::unexpected<Error>(bad.error());
+    if (!read) return tl::unexpected<Error>(read.error());
+    what = "turn of the board along its main direction [rad]";
+  }
+  if (track.value.size() < 8)
+    return fail(ErrorCode::bad_input, file.string(),
+                fmt::format("expected at least 8 values of {}, got {}", name, track.value.size()));
+  return strongest(track);
+}
+
+int calibrate_delay(const DelayOptions& o) {
+  const auto wrong = [&](const Error& e) { return report_error(e, o.json); };
+  if (auto s = check_outputs(o); !s) return wrong(s.error());
+  const auto files = input_files(o.inputs, {".mcap"});
+  if (!files) return wrong(files.error());
+  if (files->size() != 1)
+    return wrong(
+        Error{ErrorCode::bad_input, "INPUT", "expected one recording, got " + std::to_string(files->size())});
+  std::string what_first, what_second;
+  const auto first = series_of(o, files->front(), o.first, what_first);
+  if (!first) return wrong(first.error());
+  const auto second = series_of(o, files->front(), o.second, what_second);
+  if (!second) return wrong(second.error());
+  const auto fit =
+      fit_time_offset(*first, *second, {.largest_s = o.largest_s, .same_quantity = o.same_quantity});
+  if (!fit) return wrong(fit.error());
+
+  CalibrationProduct product;
+  product.title = "Time between two channels";
+  product.inputs = *files;
+  product.fit = fit->result;
+  product.recipe.kind = "delay";
+  product.recipe.set = {{"first", o.first}, {"second", o.second}};
+  if (const Parameter* d = product.fit.find("delay_s"); d != nullptr && product.fit.not_identifiable.empty())
+    product.recipe.set.emplace_back("delay_s", exact_text(d->value));
+  product.more = {{"first", what_first}, {"second", what_second}};
+  Figure over{.kind = Figure::Kind::series,
+              .title = "Residual over time",
+              .caption = "Second channel less the first, shifted and scaled.",
+              .x_label = "time [s]",
+              .y_label = "residual"};
+  Series points;
+  for (std::size_t i = 0; i < fit->residual.size(); ++i) {
+    points.x.push_back(static_cast<double>(fit->residual_t_ns[i] - fit->residual_t_ns[0]) * 1e-9);
+    points.y.push_back(fit->residual[i]);
+  }
+  over.series = {points};
+  product.figures.push_back(over);
+  return finish_calibration(o, std::move(product));
+}
+
+}  // namespace
+
+CalibrateSubcommand add_calibrate_delay(CLI::App& calibrate) {
+  CLI::App* app = calibrate.add_subcommand(
+      "delay", "By how much two channels' stamps are apart, from what both saw move");
+  auto o = std::make_shared<DelayOptions>();
+  add_common_options(*app, *o, "A recording (.mcap)");
+  app->add_option("--first", o->first, "Channel, the denser one; CHANNEL:INDEX of registers")->required();
+  app->add_option("--second", o->second, "The other channel: delay > 0 means that its stamps are early")
+      ->required();
+  app->add_option("--target", o->target, "Cameras: the board whose turning is followed");
+  app->add_option("--camera-sheet", o->camera_sheet, "Cameras: the sheet");
+  app->add_option("--largest", o->largest_s, "How far to search, s")->check(CLI::PositiveNumber);
+  app->add_flag("--same", o->same_quantity,
+                "Both measure the same in one unit (an even motion tells then, too)");
+  app->footer(
+      "Example: rigor calibrate delay rec.mcap --first table:0 --second left --target chessboard:9x6:0.1 "
+      "--camera-sheet left.yaml");
+  return {app, [o] { return calibrate_delay(*o); }};
+}
+
+}  // namespace rigor

@@ -1,0 +1,341 @@
+// `rigor calibrate extrinsics`: where a LiDAR or a time-of-flight camera sits relative to a camera, from a
+// recording in which both see a board.
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <Eigen/Geometry>
+#include <cmath>
+#include <cstring>
+#include <memory>
+
+#include "calibration/pair/board_pose.h"
+#include "calibration/pair/plane_extrinsics.h"
+#include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/recording_input.h"
+#include "cli/picture.h"
+#include "rt-core/stop.h"
+#include "sensor-hal/models/camera_yaml.h"
+#include "sensor-hal/models/tof/tof_yaml.h"
+
+namespace rigor {
+namespace {
+
+using namespace calibration;
+constexpr double kDegree = M_PI / 180;
+
+struct ExtrinsicsOptions : CalibrateOptions {
+  std::string camera, second;  ///< channels
+  std::filesystem::path camera_sheet, second_sheet;
+  std::string target;
+  std::string rough;
+  double margin_m = 0.15, sigma_m = 0, still_m = 0.004;
+  int views = 60;
+};
+
+/// A board as the camera saw it at an instant.
+struct Seen {
+  BenchTime t;
+  BoardView view;
+  BoardPose pose;
+};
+
+struct Cloud {
+  BenchTime t;
+  std::vector<Eigen::Vector3d> points_m;
+};
+
+Result<Eigen::Isometry3d> parse_rough(const std::string& text) {
+  std::array<double, 6> v{};
+  char rest = 0;
+  if (std::sscanf(text.c_str(), "%lf,%lf,%lf,%lf,%lf,%lf%c", &v[0], &v[1], &v[2], &v[3], &v[4], &v[5],
+                  &rest) != 6)
+    return fail(
+        ErrorCode::bad_input, "--rough",
+        "expected x,y,z in metres and roll,pitch,yaw in degrees of the second sensor in the camera's optical "
+        "frame (x right, y down, z forward), as in 0.2,-0.1,0,-90,0,-90, got " +
+            (text.empty() ? "nothing" : text));
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.translation() = Eigen::Vector3d(v[0], v[1], v[2]);
+  T.linear() = (Eigen::AngleAxisd(v[5] * kDegree, Eigen::Vector3d::UnitZ()) *
+                Eigen::AngleAxisd(v[4] * kDegree, Eigen::Vector3d::UnitY()) *
+                Eigen::AngleAxisd(v[3] * kDegree, Eigen::Vector3d::UnitX()))
+                   .toRotationMatrix();
+  return T;
+}
+
+Eigen::Vector3d roll_pitch_yaw_deg(const Eigen::Matrix3d& r) {
+  return {std::atan2(r(2, 1), r(2, 2)) / kDegree, std::asin(std::clamp(-r(2, 0), -1.0, 1.0)) / kDegree,
+          std::atan2(r(1, 0), r(0, 0)) / kDegree};
+}
+
+Result<std::vector<Seen>> boards_of(const ExtrinsicsOptions& o, const std::filesystem::path& file,
+                                    const Board& board, const CameraModel& camera,
+                                    std::vector<std::string>& warnings) {
+  std::vector<Seen> seen;
+  LiveLine line;
+  std::uint64_t looked = 0;
+  Status bad;
+  const auto read = read_samples(file, o.camera, SampleKind::image, [&](const Sample& sample) {
+    const auto* info = sample.as<ImageInfo>();
+    const auto grey = grey_picture(*info, sample.bytes());
+    if (!grey) {
+      bad = tl::unexpected<Error>(grey.error());
+      return false;
+    }
+    ++looked;
+    if (!o.json) line.show(fmt::format("looking for boards: picture {}, {} found", looked, seen.size()));
+    const std::string name =
+        fmt::format("{}#{}", o.camera.empty() ? "camera" : o.camera, sample.stamp.sequence);
+    auto view = find_board(name, grey->data(), static_cast<int>(info->width_px),
+                           static_cast<int>(info->height_px), board);
+    if (!view) return true;
+    const auto pose = pose_of_board(*view, camera);
+    if (!pose) {
+      bad = tl::unexpected<Error>(pose.error());
+      return false;
+    }
+    seen.push_back({sample.stamp.t_capture, std::move(*view), *pose});
+    return true;
+  });
+  if (!o.json) line.done();
+  if (!bad) return tl::unexpected<Error>(bad.error());
+  if (!read) return tl::unexpected<Error>(read.error());
+  warnings.insert(warnings.end(), read->warnings.begin(), read->warnings.end());
+  if (seen.empty())
+    return fail(ErrorCode::bad_input, file.string(),
+                fmt::format("expected pictures of {} with a board {}, found none in {}", read->topic,
+                            board.text(), read->samples));
+  return seen;
+}
+
+Result<std::vector<Cloud>> clouds_of(const ExtrinsicsOptions& o, const std::filesystem::path& file,
+                                     std::vector<std::string>& warnings) {
+  std::vector<Cloud> clouds;
+  if (o.second_sheet.empty()) {
+    const auto read = read_samples(file, o.second, SampleKind::point_cloud, [&](const Sample& sample) {
+      Cloud c{sample.stamp.t_capture, {}};
+      const auto bytes = sample.bytes();
+      for (std::size_t i = 0; i + sizeof(LidarPoint) <= bytes.size(); i += sizeof(LidarPoint)) {
+        LidarPoint p;
+        std::memcpy(&p, bytes.data() + i, sizeof p);
+        if (p.return_index == 0) c.points_m.emplace_back(p.x_m, p.y_m, p.z_m);
+      }
+      clouds.push_back(std::move(c));
+      return true;
+    });
+    if (!read) return tl::unexpected<Error>(read.error());
+    warnings.insert(warnings.end(), read->warnings.begin(), read->warnings.end());
+    return clouds;
+  }
+  const auto model = load_tof_model(o.second_sheet);
+  if (!model) return tl::unexpected<Error>(model.error());
+  CameraModel lens;
+  lens.width_px = static_cast<decltype(lens.width_px)>(model->width_px);
+  lens.height_px = static_cast<decltype(lens.height_px)>(model->height_px);
+  lens.fx_px = model->fx_px, lens.fy_px = model->fy_px, lens.cx_px = model->cx_px, lens.cy_px = model->cy_px;
+  lens.lens = model->lens;
+  std::vector<Eigen::Vector3d> rays;
+  for (int v = 0; v < lens.height_px; ++v)
+    for (int u = 0; u < lens.width_px; ++u) {
+      const auto ray = unproject_ray(lens, {double(u), double(v)});
+      rays.push_back(ray ? Eigen::Vector3d(ray->x, ray->y, ray->z).normalized()
+                         : Eigen::Vector3d::Constant(NAN));
+    }
+  Status bad;
+  const auto read = read_samples(file, o.second, SampleKind::range_image, [&](const Sample& sample) {
+    const auto* info = sample.as<RangeImageInfo>();
+    if (info->width_px != static_cast<std::uint32_t>(lens.width_px) ||
+        info->height_px != static_cast<std::uint32_t>(lens.height_px)) {
+      bad = fail(ErrorCode::bad_input, o.second_sheet.string(),
+                 fmt::format("expected the recording's size {}x{}, got {}x{}", info->width_px,
+                             info->height_px, lens.width_px, lens.height_px));
+      return false;
+    }
+    Cloud c{sample.stamp.t_capture, {}};
+    for (std::size_t i = 0; i < rays.size(); ++i) {
+      float range = 0;
+      std::memcpy(&range, sample.bytes().data() + 4 * i, 4);
+      const Eigen::Vector3d p = double{range} * rays[i];
+      if (p.allFinite()) c.points_m.push_back(p);
+    }
+    clouds.push_back(std::move(c));
+    return true;
+  });
+  if (!bad) return tl::unexpected<Error>(bad.error());
+  if (!read) return tl::unexpected<Error>(read.error());
+  warnings.insert(warnings.end(), read->warnings.begin(), read->warnings.end());
+  return clouds;
+}
+
+/// Boards that stood still from the picture before, with the cloud nearest in time; evenly `views` of them.
+std::vector<PlaneSighting> sightings_of(const ExtrinsicsOptions& o, const std::vector<Seen>& seen,
+                                        const std::vector<Cloud>& clouds, const Board& board,
+                                        const Eigen::Isometry3d& rough, std::vector<std::string>& warnings) {
+  std::vector<std::size_t> still;
+  int moving = 0;
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    // The board's middle, against its neighbours in time.
+    const Eigen::Vector3d middle(0.5 * (board.columns - 1) * board.spacing_m,
+                                 0.5 * (board.rows - 1) * board.spacing_m, 0);
+    const auto at = [&](std::size_t k) { return Eigen::Vector3d(seen[k].pose.T_camera_board * middle); };
+    const bool before = i == 0 || (at(i) - at(i - 1)).norm() <= o.still_m;
+    const bool after = i + 1 == seen.size() || (at(i) - at(i + 1)).norm() <= o.still_m;
+    if (before || after)
+      still.push_back(i);
+    else
+      ++moving;
+  }
+  if (moving > 0)
+    warnings.push_back(
+        fmt::format("{} pictures were left out in which the board moved by more than {} mm; show it still, "
+                    "for two pictures at least",
+                    moving, o.still_m * 1000));
+  std::vector<PlaneSighting> out;
+  std::size_t without = 0;
+  const std::size_t take = std::min<std::size_t>(still.size(), static_cast<std::size_t>(o.views));
+  // Inner corners do not reach the board's edge: a square more on each side does.
+  const Eigen::Isometry3d corner(Eigen::Translation3d(-board.spacing_m, -board.spacing_m, 0));
+  for (std::size_t k = 0; k < take; ++k) {
+    const Seen& s = seen[still[take > 1 ? k * (still.size() - 1) / (take - 1) : 0]];
+    const Cloud* nearest = nullptr;
+    for (const Cloud& c : clouds)
+      if (nearest == nullptr || std::abs((c.t - s.t).ns()) < std::abs((nearest->t - s.t).ns())) nearest = &c;
+    if (nearest == nullptr) break;
+    PlaneSighting p;
+    p.name = s.view.name;
+    p.T_first_board = s.pose.T_camera_board;
+    p.plane_covariance = s.pose.plane_covariance;
+    p.points_m = points_on_board(nearest->points_m, s.pose.T_camera_board * corner, rough,
+                                 {(board.columns + 1) * board.spacing_m, (board.rows + 1) * board.spacing_m},
+                                 o.margin_m);
+    if (p.points_m.empty())
+      ++without;
+    else
+      out.push_back(std::move(p));
+  }
+  if (without > 0)
+    warnings.push_back(
+        fmt::format("{} views have fewer than 8 points of the second sensor on the board", without));
+  return out;
+}
+
+int calibrate_extrinsics(const ExtrinsicsOptions& o) {
+  const auto wrong = [&](const Error& e) { return report_error(e, o.json); };
+  if (auto s = check_outputs(o); !s) return wrong(s.error());
+  const auto board = parse_board(o.target);
+  if (!board) return wrong(board.error());
+  const auto rough = parse_rough(o.rough);
+  if (!rough) return wrong(rough.error());
+  const auto sheet = load_camera(o.camera_sheet);
+  if (!sheet) return wrong(sheet.error());
+  const auto files = input_files(o.inputs, {".mcap"});
+  if (!files) return wrong(files.error());
+
+  CalibrationProduct product;
+  product.title = "Where the second sensor sits";
+  product.inputs = *files;
+  std::vector<PlaneSighting> sightings;
+  std::vector<std::string> warnings;
+  for (const auto& file : *files) {
+    const auto seen = boards_of(o, file, *board, sheet->model, warnings);
+    if (!seen) return wrong(seen.error());
+    const auto clouds = clouds_of(o, file, warnings);
+    if (!clouds) return wrong(clouds.error());
+    auto more = sightings_of(o, *seen, *clouds, *board, *rough, warnings);
+    sightings.insert(sightings.end(), std::make_move_iterator(more.begin()),
+                     std::make_move_iterator(more.end()));
+  }
+  if (sightings.empty())
+    return wrong(
+        Error{ErrorCode::bad_input, files->front().string(),
+              fmt::format("expected points of the second sensor on the board within {} m of where --rough "
+                          "puts them, found none; check --rough, or give a larger --margin",
+                          o.margin_m)});
+  StopSource stop;
+  SignalStop signals(stop);
+  PlaneExtrinsicsOptions options;
+  options.sigma_point_m = o.sigma_m;
+  options.start = *rough;
+  options.stop = stop.token();
+  auto fit = fit_plane_extrinsics(sightings, options);
+  if (!fit) return wrong(fit.error());
+  product.fit = std::move(fit->result);
+  product.fit.warnings.insert(product.fit.warnings.end(), warnings.begin(), warnings.end());
+  const Eigen::Vector3d t = fit->T_first_second.translation();
+  const Eigen::Vector3d rpy = roll_pitch_yaw_deg(fit->T_first_second.linear());
+  product.recipe.kind = "extrinsics";
+  product.recipe.set = {
+      {"first", o.camera.empty() ? "camera" : o.camera},
+      {"second", o.second.empty() ? "second" : o.second},
+      {"T_first_second.position_m",
+       fmt::format("[{}, {}, {}]", exact_text(t.x()), exact_text(t.y()), exact_text(t.z()))},
+      {"T_first_second.roll_pitch_yaw_deg",
+       fmt::format("[{}, {}, {}]", exact_text(rpy.x()), exact_text(rpy.y()), exact_text(rpy.z()))}};
+  product.more = {{"views", sightings.size()},
+                  {"sigma_point_m", fit->sigma_point_m},
+                  {"position_m", {t.x(), t.y(), t.z()}},
+                  {"roll_pitch_yaw_deg", {rpy.x(), rpy.y(), rpy.z()}}};
+  Figure views{
+      .kind = Figure::Kind::series,
+      .title = "Distance of the points from the board",
+      .caption =
+          "Mean and RMS over the points of each view. A mean that is not zero is a bias of the second "
+          "sensor, or a board that is not flat.",
+      .x_label = "view",
+      .y_label = "m"};
+  Series mean{"mean", {}, {}, false}, rms{"RMS", {}, {}, false}, all;
+  for (std::size_t v = 0; v < sightings.size(); ++v) {
+    mean.x.push_back(static_cast<double>(v)), mean.y.push_back(fit->view_mean_m[v]);
+    rms.x.push_back(static_cast<double>(v)), rms.y.push_back(fit->view_rms_m[v]);
+    const Eigen::Isometry3d T = sightings[v].T_first_board.inverse() * fit->T_first_second;
+    for (const auto& p : sightings[v].points_m) all.y.push_back((T * p).z());
+  }
+  views.series = {mean, rms};
+  product.figures.push_back(views);
+  Figure histogram{.kind = Figure::Kind::histogram,
+                   .title = "Distances from the planes",
+                   .caption = "Of all points.",
+                   .x_label = "m",
+                   .y_label = "number"};
+  histogram.series = {all};
+  product.figures.push_back(histogram);
+  Figure quantiles{.kind = Figure::Kind::quantiles, .title = "Q–Q plot", .caption = "Of the same distances."};
+  quantiles.series = {all};
+  product.figures.push_back(quantiles);
+  for (const auto& w : product.fit.weak) product.record_next.push_back(w.cure);
+  return finish_calibration(o, std::move(product));
+}
+
+}  // namespace
+
+CalibrateSubcommand add_calibrate_extrinsics(CLI::App& calibrate) {
+  CLI::App* app = calibrate.add_subcommand(
+      "extrinsics",
+      "Where a LiDAR or a time-of-flight camera sits relative to a camera, from boards that both saw");
+  auto o = std::make_shared<ExtrinsicsOptions>();
+  add_common_options(*app, *o, "Recordings (.mcap)");
+  app->add_option("--camera", o->camera, "Channel of the camera");
+  app->add_option("--camera-sheet", o->camera_sheet, "Its sheet, as `rigor calibrate camera` wrote it")
+      ->required();
+  app->add_option("--second", o->second, "Channel of the LiDAR or the time-of-flight camera");
+  app->add_option("--second-sheet", o->second_sheet, "Sheet of a time-of-flight camera; none: a LiDAR");
+  app->add_option("--target", o->target, "Board, as in chessboard:9x6:0.025")->required();
+  app->add_option(
+         "--rough", o->rough,
+         "x,y,z,roll,pitch,yaw of the second sensor in the camera's frame, to a hand's breadth: which points "
+         "are the board's is judged by it")
+      ->required();
+  app->add_option("--margin", o->margin_m, "How far --rough may be off at the board, m")
+      ->check(CLI::PositiveNumber);
+  app->add_option("--sigma", o->sigma_m, "Noise of the second sensor's ranges, m; else taken from the data")
+      ->check(CLI::PositiveNumber);
+  app->add_option("--still", o->still_m, "By how much a board may move between pictures, m")
+      ->check(CLI::PositiveNumber);
+  app->add_option("--views", o->views, "At most so many views are used")->check(CLI::Range(1, 10000));
+  app->footer(
+      "Example: rigor calibrate extrinsics rec.mcap --camera left --camera-sheet left.yaml --second top "
+      "--target chessboard:9x6:0.1 --rough 0.2,-0.1,0,-90,0,-90 -o top-in-left.yaml");
+  return {app, [o] { return calibrate_extrinsics(*o); }};
+}
+
+}  // namespace rigor

@@ -1,0 +1,22 @@
+// Pictures of samples as plain numbers.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "rt-core/result.h"
+#include "sensor-hal/types/sample.h"
+
+namespace rigor {
+
+/// Brightness in 8 bits, row by row, of any format that has brightness. internal: fewer bytes than the size
+/// says; bad_input: a picture of depths.
+[[nodiscard]] Result<std::vector<std::uint8_t>> grey_picture(const ImageInfo& info,
+                                                             std::span<const std::byte> bytes);
+/// The sensor's own numbers in the order of the bytes (a mosaic stays one, colours are three numbers a
+/// pixel). internal as above.
+[[nodiscard]] Result<std::vector<double>> pixel_values(const ImageInfo& info,
+                                                       std::span<const std::byte> bytes);
+
+}  // namespace rigor
