@@ -56,6 +56,7 @@ CaptureCount::Step CaptureCount::step(std::uint32_t device_sequence, BenchTime t
   Step s;
   if (started_) {
     const std::uint32_t forward = device_sequence - last_device_;
+    if (device_counts_ && forward >= kHalf && t < t_last_) return {.sequence = sequence_, .late = true};
     std::uint64_t by = forward;
     if (!device_counts_ || forward == 0 || forward >= kHalf) {
       const std::int64_t periods = period_.ns() > 0 ? (t - t_last_ + period_ / 2) / period_ : std::int64_t{1};

@@ -48,6 +48,9 @@ class CaptureCount {
   struct Step {
     std::uint64_t sequence = 0;
     std::uint64_t lost = 0;  ///< captures between this one and the last
+    /// Overtaken by a later capture, with which it was counted as lost: not to be handed on. (uvcvideo copies
+    /// the transfers of frames on several processors at once, and hands over what is complete first.)
+    bool late = false;
   };
   [[nodiscard]] Step step(std::uint32_t device_sequence, BenchTime t) noexcept;
   /// The device will begin anew (it was reopened).

@@ -106,6 +106,7 @@ void VideoSource::deliver(const RawFrame& frame, BenchTime arrival) {
       virtual_time_ ? Duration{} : Duration(realtime_now().ns() - monotonic_now().ns());
   const FrameInstant instant = frame_instant(frame, plan_.shutter, realtime_ahead);
   const CaptureCount::Step step = count_.step(frame.sequence, instant.t);
+  if (step.late) return;
   count_lost(step.lost);
   SampleLease slot = take_slot();
   if (!slot) return hand_over(std::move(slot));

@@ -134,6 +134,8 @@ TEST_F(KernelCan, WhatIsSentIsReceivedOrReportedLost) {
   constexpr std::uint64_t kFrames = 3000;
   std::atomic<std::uint64_t> sent{0};
   // A thousand and more a second where the machine keeps up.
+  const MonotonicTime began = monotonic_now();
+  std::atomic<std::int64_t> took_ns{0};
   std::thread feeder([&] {
     for (std::uint64_t i = 0; i < kFrames; ++i) {
       CanFrame f = frame(0x100 + i % 16, {0, 0, 0, 0});
@@ -141,6 +143,7 @@ TEST_F(KernelCan, WhatIsSentIsReceivedOrReportedLost) {
       if (out.send(f) == 0) ++sent;
       if (i % 10 == 9) std::this_thread::sleep_for(std::chrono::milliseconds(5));
     }
+    took_ns = (monotonic_now() - began).ns();
   });
   std::uint64_t got = 0, gaps = 0, next = 0, told = 0;
   const auto take = [&] {
@@ -159,6 +162,10 @@ TEST_F(KernelCan, WhatIsSentIsReceivedOrReportedLost) {
   EXPECT_EQ(sent.load(), kFrames);
   EXPECT_EQ(h.received.load() + h.lost.load(), sent.load());
   EXPECT_EQ(got + h.no_slot.load() + h.ring_full.load() + h.lost.load(), sent.load());
+  const auto n = [](std::uint64_t value) { return static_cast<unsigned long long>(value); };
+  std::printf("%llu CAN frames sent (%.0f/s), %llu received, %llu reported lost\n", n(sent.load()),
+              static_cast<double>(sent.load()) / (static_cast<double>(took_ns.load()) * 1e-9),
+              n(h.received.load()), n(h.lost.load()));
   ASSERT_TRUE(source.stop());
 }
 
@@ -184,6 +191,9 @@ TEST_F(KernelCan, ASocketThatOverflowsIsCountedToTheFrame) {
   const auto& h = source.health();
   EXPECT_TRUE(wait_for([&] { return h.received.load() + h.lost.load() >= kFrames; }));
   EXPECT_EQ(h.received.load() + h.lost.load(), kFrames);
+  std::printf("%llu CAN frames sent into a buffer of 4 KiB, %llu received, %llu reported lost\n",
+              static_cast<unsigned long long>(kFrames), static_cast<unsigned long long>(h.received.load()),
+              static_cast<unsigned long long>(h.lost.load()));
   ASSERT_TRUE(source.stop());
 }
 
@@ -633,16 +643,23 @@ TEST_F(KernelCan, TsharkFindsNothingMalformed) {
   const std::string file = folder.file("bus.pcapng");
   ASSERT_EQ(run_tool({"dumpcap", "-q", "-i", bus, "-c", "100", "-w", file}), 0);
   EXPECT_TRUE(emulator.stop());
-  ASSERT_EQ(run_tool({"tshark", "-r", file, "-T", "fields", "-e", "frame.number", "-e", "can.id"},
-                     folder.file("ids")),
+  // Once: it takes its time to start where the processor is emulated.
+  ASSERT_EQ(run_tool({"tshark", "-n", "-r", file, "-T", "fields", "-e", "frame.number", "-e", "can.id", "-e",
+                      "_ws.malformed", "-e", "_ws.expert.message"},
+                     folder.file("dissected")),
             0);
-  const auto ids = test::read_file(folder.file("ids"));
-  EXPECT_THAT(ids, HasSubstr("100\t"));
-  EXPECT_THAT(ids, testing::AnyOf(HasSubstr("\t256"), HasSubstr("\t0x00000100")));
-  ASSERT_EQ(run_tool({"tshark", "-r", file, "-Y", "_ws.malformed || _ws.expert.severity >= \"Warning\""},
-                     folder.file("bad")),
-            0);
-  EXPECT_EQ(test::read_file(folder.file("bad")), "");
+  std::ifstream dissected(folder.file("dissected"));
+  int frames = 0, clocks = 0;
+  for (std::string line; std::getline(dissected, line); ++frames) {
+    const auto id = line.find('\t');
+    ASSERT_NE(id, std::string::npos) << line;
+    const auto rest = line.find('\t', id + 1);
+    ASSERT_NE(rest, std::string::npos) << line;
+    clocks += std::stoul(line.substr(id + 1, rest - id - 1), nullptr, 0) == 0x100;
+    EXPECT_EQ(line.find_first_not_of('\t', rest), std::string::npos) << line;
+  }
+  EXPECT_EQ(frames, 100);
+  EXPECT_GT(clocks, 0);
 }
 
 }  // namespace

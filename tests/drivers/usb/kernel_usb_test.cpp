@@ -110,7 +110,8 @@ TEST_F(KernelUsb, ScannerGadgetEndToEndUnpluggedAndBack) {
   EXPECT_GE(seen.n, 30u);
   EXPECT_EQ(seen.torn, 0u);
   const std::uint64_t sent = e->emulator.counters().scans_sent;
-  std::printf("before: %lu scans, %lu reported lost, %lu sent\n", seen.n, seen.missing, sent);
+  std::printf("before it is unplugged: %lu scans sent, %lu received, %lu reported lost\n", sent, seen.n,
+              seen.missing);
 
   // Unplugged with transfers in flight.
   e.reset();
@@ -154,8 +155,8 @@ TEST_F(KernelUsb, EveryScanThatIsSentIsReceivedOrReportedLost) {
   }
   ASSERT_GE(numbers.size(), 60u);
   ASSERT_TRUE(source.stop());
-  std::printf("%zu scans, %lu reported lost, %ld sent between them\n", numbers.size(), missing,
-              static_cast<long>(numbers.back() - numbers.front() + 1));
+  std::printf("%ld scans sent, %zu received, %lu reported lost\n",
+              static_cast<long>(numbers.back() - numbers.front() + 1), numbers.size(), missing);
   EXPECT_EQ(static_cast<std::uint64_t>(numbers.back() - numbers.front() + 1), numbers.size() + missing);
 }
 
@@ -172,7 +173,8 @@ TEST_F(KernelUsb, AnotherReaderOverTheKernelsTerminal) {
   ASSERT_TRUE(within(seconds(20), [&] { return fs::exists(tty()); })) << "no /dev/ttyACM";
   usleep(500000);
   EXPECT_EQ(
-      std::system(("python3 " RIGOR_SOURCE_DIR "/tests/drivers/usb/scip_reader.py " + tty() + " 3").c_str()),
+      std::system(
+          ("python3 -I -S " RIGOR_SOURCE_DIR "/tests/drivers/usb/scip_reader.py " + tty() + " 3").c_str()),
       0);
   // And our own source over it.
   ScipSource source(any_link);
@@ -252,7 +254,8 @@ TEST_F(KernelUsb, BulkFramesFromFunctionFsWithAStallAndAnUnplug) {
   ASSERT_TRUE(source.stop());
   EXPECT_GE(source.link_counters().stalls, 1u);
   EXPECT_EQ(sequence.back() - sequence.front() + 1, sequence.size() + missing);
-  std::printf("%zu frames, %lu reported lost, %lu stalls\n", sequence.size(), missing,
+  std::printf("%lu frames sent, %zu received, %lu reported lost, %lu stalls\n",
+              sequence.back() - sequence.front() + 1, sequence.size(), missing,
               source.link_counters().stalls);
   ASSERT_TRUE(e.stop());
 }

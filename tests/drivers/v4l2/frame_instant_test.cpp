@@ -73,6 +73,19 @@ TEST(CaptureCount, FollowsTheDevicesCountOverItsEnd) {
   EXPECT_EQ(s.lost, 2u);
 }
 
+TEST(CaptureCount, LeavesOutWhatALaterCaptureHasOvertaken) {
+  CaptureCount c(milliseconds(10));
+  (void)c.step(7, BenchTime(0));
+  EXPECT_EQ(c.step(9, BenchTime(0) + milliseconds(20)).lost, 1u);
+  EXPECT_TRUE(c.step(8, BenchTime(0) + milliseconds(10)).late);
+  const auto s = c.step(10, BenchTime(0) + milliseconds(30));
+  EXPECT_FALSE(s.late);
+  EXPECT_EQ(s.lost, 0u);
+  EXPECT_EQ(s.sequence, 3u);
+  // A device that began anew is no late frame.
+  EXPECT_EQ(c.step(0, BenchTime(0) + milliseconds(40)).sequence, 4u);
+}
+
 TEST(CaptureCount, TellsGapsFromTheTimeWhereTheDeviceDoesNotCount) {
   CaptureCount c(milliseconds(10));
   (void)c.step(0, BenchTime(0));
