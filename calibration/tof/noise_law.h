@@ -67,8 +67,7 @@ struct NoiseLawFit {
 
 struct NoiseLawOptions {
   std::vector<NoiseLaw> laws{kNoiseLaws.begin(), kNoiseLaws.end()};
-  int folds = 5;
-  std::string estimator;  ///< in words: goes into the result
+  int folds = 5;  ///< bands of amplitude that are withheld in turn; 0: none
 };
 
 /// bad_input: fewer groups than coefficients, or a group without amplitude or variance.
