@@ -4,6 +4,7 @@
 
 #include "cli/backends.h"
 #include "cli/commands.h"
+#include "cli/terminal.h"
 
 namespace rigor {
 
@@ -20,7 +21,7 @@ int devices_command(const PlainOptions& options) {
       if (!options.json) fmt::print("  {:<28} {:<16} {}\n", d.id, d.address, d.description);
     }
   }
-  if (options.json) fmt::print("{}\n", nlohmann::json{{"devices", list}}.dump(2));
+  if (options.json) fmt::print("{}\n", json_text(nlohmann::json{{"devices", list}}));
   return 0;
 }
 

@@ -6,6 +6,7 @@
 #include "cli/commands.h"
 #include "cli/machine_probe.h"
 #include "cli/simulation.h"
+#include "cli/terminal.h"
 #include "rt-core/realtime_setup.h"
 
 namespace rigor {
@@ -38,7 +39,7 @@ int doctor_command(const PlainOptions& options) {
     fmt::print("{:<8} {:<11} {}\n", mark, l.part, l.finding.what);
     if (!l.finding.cure.empty()) fmt::print("{:<20} mend it: {}\n", "", l.finding.cure);
   }
-  if (options.json) fmt::print("{}\n", nlohmann::json{{"findings", list}}.dump(2));
+  if (options.json) fmt::print("{}\n", json_text(nlohmann::json{{"findings", list}}));
   return 0;
 }
 

@@ -104,7 +104,7 @@ int inspect_pcap_command(const InspectOptions& options) {
                         options.json);
   auto report = velodyne::inspect_pcap(options.file);
   if (!report) return report_error(report.error(), options.json);
-  fmt::print("{}", options.json ? to_json(*report).dump(2) + "\n" : to_text(*report));
+  fmt::print("{}", options.json ? json_text(to_json(*report)) + "\n" : to_text(*report));
   if (!report->ended_by) return 0;
   if (!options.json) std::fflush(stdout);
   return options.json ? 1 : report_error(*report->ended_by, false);
@@ -118,7 +118,7 @@ int inspect_command(const InspectOptions& options) {
   if (!options.repair) {
     auto report = record::inspect(file);
     if (!report) return report_error(report.error(), options.json);
-    fmt::print("{}", options.json ? record::to_json(*report).dump(2) + "\n" : record::to_text(*report));
+    fmt::print("{}", options.json ? json_text(record::to_json(*report)) + "\n" : record::to_text(*report));
     return 0;
   }
   std::filesystem::path output = options.output;

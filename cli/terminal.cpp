@@ -17,6 +17,10 @@ int report_error(const Error& error, bool json) {
   return error.exit_status();
 }
 
+std::string json_text(const nlohmann::json& json) {
+  return json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
 LiveLine::LiveLine() : terminal_(isatty(STDERR_FILENO) == 1) {}
 LiveLine::~LiveLine() { done(); }
 
@@ -25,6 +29,9 @@ void LiveLine::show(const std::string& text) {
     fmt::print(stderr, "\r\033[K{}", text);
     open_ = true;
   } else {
+    const auto now = std::chrono::steady_clock::now();
+    if (shown_ != std::chrono::steady_clock::time_point{} && now - shown_ < std::chrono::seconds(1)) return;
+    shown_ = now;
     fmt::print(stderr, "{}\n", text);
   }
   std::fflush(stderr);

@@ -1,7 +1,10 @@
 // How the commands speak: errors on stderr, results on stdout, a live line only where there is a terminal.
 #pragma once
 
+#include <chrono>
 #include <string>
+
+#include <nlohmann/json_fwd.hpp>
 
 #include "rt-core/result.h"
 #include "rt-core/time.h"
@@ -11,6 +14,9 @@ namespace rigor {
 /// Prints `rigor: message` (or `{"error": …}` on stdout with --json) and returns the exit status that belongs
 /// to it.
 int report_error(const Error& error, bool json);
+/// JSON for stdout, indented. What devices and recordings say of themselves need not be UTF-8: such bytes
+/// become U+FFFD.
+std::string json_text(const nlohmann::json& json);
 
 /// A line that is rewritten in place on a terminal, and otherwise printed once a second as a plain line.
 class LiveLine {
@@ -25,6 +31,7 @@ class LiveLine {
  private:
   bool terminal_;
   bool open_ = false;
+  std::chrono::steady_clock::time_point shown_{};
 };
 
 /// "12.3 ms", "450 µs", "1.20 s": three digits, the unit that fits.

@@ -276,7 +276,9 @@ void AravisSource::Impl::latch_now() {
 void AravisSource::Impl::look_at_ptp() {
   const auto p = session->ptp();
   if (!p) return;
-  ptp_offset_ns.store(std::abs(p->offset.ns()), std::memory_order_relaxed);
+  // What the camera says may be anything; -2^63 has no magnitude.
+  constexpr std::int64_t kMost_ns = std::int64_t{1} << 62;
+  ptp_offset_ns.store(std::abs(std::clamp(p->offset.ns(), -kMost_ns, kMost_ns)), std::memory_order_relaxed);
   const std::lock_guard lock(ptp_mutex);
   ptp_status = p->status;
 }

@@ -4,11 +4,14 @@
 #include <charconv>
 #include <cstdio>
 
+#include "drivers/aravis/device_text.h"
+
 namespace rigor::gige {
 namespace {
 
 constexpr std::size_t kUrlSize = 512;
 constexpr std::size_t kMaxXmlSize = 16 << 20;
+constexpr std::uint32_t kMinPacketSize = 576;  // an IP datagram that every host takes
 constexpr const char* kWhere = "gige client";
 
 Status dropped(const Result<GvcpAck>& r) {
@@ -134,8 +137,9 @@ Result<std::string> GigeClient::read_genicam_xml() {
   if (!field) return tl::unexpected<Error>(field.error());
   const std::string url(field->begin(), std::find(field->begin(), field->end(), std::uint8_t{0}));
   std::uint32_t address = 0, size = 0;
-  if (!parse_local_url(url, address, size) || size > kMaxXmlSize) {
-    return fail(ErrorCode::protocol, kWhere, "expected a URL `Local:name;address;size`, got `" + url + "`");
+  if (!parse_local_url(url, address, size) || size > kMaxXmlSize || address > 0xFFFFFFFF - size) {
+    return fail(ErrorCode::protocol, kWhere,
+                "expected a URL `Local:name;address;size`, got `" + device_text(url) + "`");
   }
   auto xml = read_memory(address, size);
   if (!xml) return tl::unexpected<Error>(xml.error());
@@ -180,6 +184,14 @@ Status GigeClient::start() {
   auto stream = options_.stream;
   stream.payload_bytes = *payload;
   stream.packet_size = *size & 0xFFFF;
+  if (*payload > options_.max_payload_bytes)
+    return fail(ErrorCode::protocol, kWhere,
+                "expected a frame of at most " + std::to_string(options_.max_payload_bytes) +
+                    " bytes, the camera says " + std::to_string(*payload));
+  if (stream.packet_size < kMinPacketSize)
+    return fail(ErrorCode::protocol, kWhere,
+                "expected packets of at least " + std::to_string(kMinPacketSize) +
+                    " bytes, the camera says " + std::to_string(stream.packet_size));
   assembler_.emplace(stream);
   return write(reg::kAcquisitionStart, 1);
 }

@@ -42,6 +42,8 @@ struct GigeClientOptions {
   std::uint32_t heartbeat_timeout_ms = 3000;
   /// Packet size and payload are set from the camera at start().
   GvspAssemblerOptions stream;
+  /// What a camera may ask for as one frame: memory is taken for several of them.
+  std::uint32_t max_payload_bytes = 1u << 30;
 };
 
 /// One thread. Every Status and Result is `protocol` with the camera's own status where it refused, `timeout`

@@ -6,6 +6,8 @@
 #include <locale>
 #include <sstream>
 
+#include "drivers/aravis/device_text.h"
+
 namespace rigor::gige {
 namespace {
 
@@ -25,7 +27,7 @@ std::string number(double v) {
 
 std::string escaped(const std::string& s) {
   std::string out;
-  for (const char c : s) {
+  for (const char c : device_text(s)) {
     if (c == '&')
       out += "&amp;";
     else if (c == '<')
@@ -34,7 +36,7 @@ std::string escaped(const std::string& s) {
       out += "&gt;";
     else if (c == '"')
       out += "&quot;";
-    else if (static_cast<unsigned char>(c) >= 0x20)
+    else
       out += c;
   }
   return out;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstring>
 
+#include "drivers/aravis/device_text.h"
+
 namespace rigor::gige {
 namespace {
 
@@ -16,7 +18,7 @@ U rd(Bytes b, std::size_t at) {
 std::string fixed_string(Bytes b, std::size_t at, std::size_t size) {
   const auto field = b.subspan(at, size);
   const auto end = std::find(field.begin(), field.end(), std::uint8_t{0});
-  return {field.begin(), end};
+  return device_text(std::string(field.begin(), end));
 }
 
 void put_string(Datagram& d, std::size_t at, std::size_t size, const std::string& s) {

@@ -135,7 +135,8 @@ enum class DecodeStatus : std::uint8_t {
 /// thread, no allocation; `out.body` may point into `datagram`.
 [[nodiscard]] DecodeStatus decode_gvcp_request(Bytes datagram, GvcpRequest& out) noexcept;
 
-/// What a device says of itself in discovery; strings are cut at their field's size.
+/// What a device says of itself in discovery; strings are cut at their field's size, and decoded ones are
+/// printable UTF-8 (device_text.h).
 struct DiscoveryAck {
   std::uint16_t version_major = 0, version_minor = 0;
   std::uint32_t device_mode = 0;

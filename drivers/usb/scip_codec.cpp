@@ -158,20 +158,22 @@ ScipCommand parse_scip_command(std::string_view line) noexcept {
 void ScipCommandReader::push(std::string_view bytes) {
   pending_.erase(0, at_);
   at_ = 0;
-  for (const char c : bytes) {
-    const bool end = c == '\n' || c == '\r';
-    if (skipping_) {
-      skipping_ = !end;
-      continue;
+  while (!bytes.empty()) {
+    const std::size_t n = std::min(bytes.find_first_of("\n\r"), bytes.size());
+    const bool ended = n < bytes.size();
+    if (!skipping_) {
+      const std::size_t start = pending_.rfind('\n') + 1;  // npos + 1 is 0
+      if (n <= kScipLongestCommand - (pending_.size() - start)) {
+        pending_ += bytes.substr(0, n);
+      } else {
+        pending_.resize(start);
+        skipping_ = true;
+        ++oversize_;
+      }
     }
-    pending_ += end ? '\n' : c;
-    const std::size_t start = pending_.rfind('\n', pending_.size() - 1) + 1;  // npos + 1 is 0
-    if (end) continue;
-    if (pending_.size() - start > kScipLongestCommand) {
-      pending_.resize(start);
-      skipping_ = true;
-      ++oversize_;
-    }
+    if (ended && !skipping_) pending_ += '\n';
+    if (ended) skipping_ = false;
+    bytes.remove_prefix(n + (ended ? 1 : 0));
   }
 }
 
@@ -202,21 +204,21 @@ void ScipReplyReader::clear() {
 }
 
 void ScipReplyReader::push(std::string_view bytes, std::int64_t arrival_ns) {
-  for (const char c : bytes) {
-    if (c == '\n') {
+  while (!bytes.empty()) {
+    const std::size_t n = std::min(bytes.find('\n'), bytes.size());
+    if (n != 0) {
+      if (!in_line_ && current_.lines.empty() && current_.text.empty()) current_.first_ns = arrival_ns;
+      in_line_ = true;
+      const std::size_t line = current_.text.size() - line_start_ + n;
+      broken_ = broken_ || line > kLongestLine || current_.text.size() + n > kLongestReply ||
+                current_.lines.size() >= kMostLines;
+      if (!broken_) current_.text += bytes.substr(0, n);
+    }
+    if (n < bytes.size()) {
       current_.last_ns = arrival_ns;
       end_line();
-      continue;
     }
-    if (!in_line_ && current_.lines.empty() && current_.text.empty()) current_.first_ns = arrival_ns;
-    in_line_ = true;
-    if (broken_) continue;
-    if (current_.text.size() - line_start_ >= kLongestLine || current_.text.size() >= kLongestReply ||
-        current_.lines.size() >= kMostLines) {
-      broken_ = true;
-      continue;
-    }
-    current_.text += c;
+    bytes.remove_prefix(std::min(n + 1, bytes.size()));
   }
 }
 

@@ -2,7 +2,7 @@
 
 #include <pcap/pcap.h>
 
-#include <cstdio>
+#include <cerrno>
 #include <cstring>
 #include <fstream>
 
@@ -12,7 +12,21 @@ namespace {
 struct Close {
   void operator()(pcap_t* p) const { pcap_close(p); }
   void operator()(pcap_dumper_t* p) const { pcap_dump_close(p); }
+  void operator()(std::FILE* f) const { std::fclose(f); }
 };
+
+/// A recording's number for a link type. libpcap says raw IP by the system's own, which is 12 on Linux.
+int link_type_of(pcap_t* file) {
+  const int dlt = pcap_datalink(file);
+  return dlt == DLT_RAW ? kLinkRaw : dlt;
+}
+
+/// A stamp of seconds and nanoseconds; empty: no time of a recording. pcapng has 64 bits for it.
+std::optional<RealtimeTime> instant(std::int64_t s, std::int64_t ns) {
+  constexpr std::int64_t kMost_s = 3'999'999'000;
+  if (s < -kMost_s || s > kMost_s || ns < 0 || ns > 900'000'000'000) return {};
+  return RealtimeTime(s * 1'000'000'000 + ns);
+}
 
 }  // namespace
 
@@ -44,17 +58,26 @@ Result<PcapReader> PcapReader::open(const std::filesystem::path& file) {
   if (!std::filesystem::exists(file, ec))
     return fail(ErrorCode::not_found, file.string(),
                 "expected a recording (pcap or pcapng), got nothing: no such file");
+  std::FILE* stream = std::fopen(file.c_str(), "rbe");
+  if (!stream)
+    return fail(ErrorCode::bad_input, file.string(),
+                std::string("expected a recording that can be read: ") + std::strerror(errno));
+  return open(stream, file.string());
+}
+
+Result<PcapReader> PcapReader::open(std::FILE* taken, std::string name) {
+  std::unique_ptr<std::FILE, Close> stream(taken);
   auto impl = std::make_unique<Impl>();
-  impl->name = file.string();
+  impl->name = std::move(name);
   char why[PCAP_ERRBUF_SIZE] = {};
-  impl->file.reset(
-      pcap_open_offline_with_tstamp_precision(impl->name.c_str(), PCAP_TSTAMP_PRECISION_NANO, why));
+  impl->file.reset(pcap_fopen_offline_with_tstamp_precision(stream.get(), PCAP_TSTAMP_PRECISION_NANO, why));
   if (!impl->file)
     return fail(ErrorCode::bad_input, impl->name,
                 std::string("expected a recording (pcap or pcapng), got something else: ") + why);
-  impl->link = pcap_datalink(impl->file.get());
+  (void)stream.release();  // closed with the reader
+  impl->link = link_type_of(impl->file.get());
   if (!knows_link_type(impl->link)) {
-    const char* link = pcap_datalink_val_to_name(impl->link);
+    const char* link = pcap_datalink_val_to_name(pcap_datalink(impl->file.get()));
     return fail(ErrorCode::bad_input, impl->name,
                 std::string("expected frames of Ethernet, Linux cooked (SLL) or raw IP, got link type ") +
                     (link ? link : std::to_string(impl->link).c_str()));
@@ -69,17 +92,22 @@ Result<std::optional<PcapReader::Record>> PcapReader::next() {
   const long before = stream ? std::ftell(stream) : -1;
   const int r = pcap_next_ex(impl_->file.get(), &header, &data);
   if (r == PCAP_ERROR_BREAK) return std::optional<Record>{};
-  if (r != 1) {
+  const auto broken = [&](const std::string& what) {
     const std::string place = "packet " + std::to_string(impl_->frames + 1) +
                               (before >= 0 ? " at byte " + std::to_string(before) : std::string());
-    return fail(ErrorCode::protocol, impl_->name,
-                place + ": expected a whole packet, got: " + pcap_geterr(impl_->file.get()) + "; the " +
-                    std::to_string(impl_->frames) + " before it are whole");
-  }
+    return fail(
+        ErrorCode::protocol, impl_->name,
+        place + ": expected " + what + "; the " + std::to_string(impl_->frames) + " before it are whole");
+  };
+  if (r != 1) return broken(std::string("a whole packet, got: ") + pcap_geterr(impl_->file.get()));
+  // With nanosecond precision tv_usec holds nanoseconds.
+  const auto t = instant(header->ts.tv_sec, header->ts.tv_usec);
+  if (!t)
+    return broken("a stamp between the years 1844 and 2096, got " + std::to_string(header->ts.tv_sec) +
+                  " s and " + std::to_string(header->ts.tv_usec) + " ns");
   ++impl_->frames;
   Record record;
-  // With nanosecond precision tv_usec holds nanoseconds.
-  record.t = RealtimeTime(static_cast<std::int64_t>(header->ts.tv_sec) * 1'000'000'000 + header->ts.tv_usec);
+  record.t = *t;
   record.udp = udp_of_frame(impl_->link, {data, header->caplen});
   return std::optional<Record>(record);
 }

@@ -2,6 +2,7 @@
 // emulator.
 #pragma once
 
+#include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -24,11 +25,14 @@ class PcapReader {
   };
   /// not_found; bad_input: no recording, or one of a link type that is not understood.
   [[nodiscard]] static Result<PcapReader> open(const std::filesystem::path& file);
+  /// The same of a stream at its beginning, which is closed in any case; `name` is for messages.
+  [[nodiscard]] static Result<PcapReader> open(std::FILE* stream, std::string name);
   PcapReader(PcapReader&&) noexcept;
   PcapReader& operator=(PcapReader&&) noexcept;
   ~PcapReader();
 
-  /// Empty at the end. protocol: the file ends within a packet or is damaged; says where.
+  /// Empty at the end. protocol: the file ends within a packet or is damaged; says where. Stamps are within
+  /// 4e18 ns of 1970, so that differences of any two are instants' differences, too.
   [[nodiscard]] Result<std::optional<Record>> next();
   /// Frames read so far.
   [[nodiscard]] std::uint64_t frames() const;

@@ -1,6 +1,9 @@
 #include "drivers/velodyne/pcap_report.h"
 
 #include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <functional>
 #include <numbers>
 
 #include "drivers/velodyne/packet_decoder.h"
@@ -33,9 +36,12 @@ std::string address_of(const UdpDatagram& udp) {
          "." + std::to_string(a & 255) + ":" + std::to_string(udp.source_port);
 }
 
+/// A recording is read twice.
+using Open = std::function<Result<PcapReader>()>;
+
 /// First pass: whose packets are these.
-Result<ModelEvidence> find_evidence(const std::filesystem::path& file) {
-  auto reader = PcapReader::open(file);
+Result<ModelEvidence> find_evidence(const Open& open) {
+  auto reader = open();
   if (!reader) return tl::unexpected<Error>(reader.error());
   ModelEvidence evidence;
   for (int n = 0; n < 1000;) {
@@ -153,16 +159,14 @@ class Counter {
   double turned_cdeg_ = 0;
 };
 
-}  // namespace
-
-Result<PcapReport> inspect_pcap(const std::filesystem::path& file) {
-  const auto evidence = find_evidence(file);
+Result<PcapReport> inspect(const Open& open, std::string name) {
+  const auto evidence = find_evidence(open);
   if (!evidence) return tl::unexpected<Error>(evidence.error());
-  auto reader = PcapReader::open(file);
+  auto reader = open();
   if (!reader) return tl::unexpected<Error>(reader.error());
 
   PcapReport r;
-  r.file = file.string();
+  r.file = std::move(name);
   r.model_by_timing = evidence->model();
   std::optional<Counter> counter;
   while (true) {
@@ -212,6 +216,24 @@ Result<PcapReport> inspect_pcap(const std::filesystem::path& file) {
   }
   if (counter) counter->finish();
   return r;
+}
+
+}  // namespace
+
+Result<PcapReport> inspect_pcap(const std::filesystem::path& file) {
+  return inspect([&] { return PcapReader::open(file); }, file.string());
+}
+
+Result<PcapReport> inspect_pcap(std::span<const std::uint8_t> file, const std::string& name) {
+  const auto open = [&]() -> Result<PcapReader> {
+    // fmemopen() only reads in mode "r".
+    std::FILE* stream = fmemopen(const_cast<std::uint8_t*>(file.data()), file.size(), "r");
+    if (!stream)
+      return fail(ErrorCode::bad_input, name,
+                  std::string("expected a recording in memory: ") + std::strerror(errno));
+    return PcapReader::open(stream, name);
+  };
+  return inspect(open, name);
 }
 
 }  // namespace rigor::velodyne

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -47,5 +48,7 @@ struct PcapReport {
 
 /// not_found, bad_input: no recording. A recording that breaks off is reported as far as it goes.
 [[nodiscard]] Result<PcapReport> inspect_pcap(const std::filesystem::path& file);
+/// The same of a recording in memory; `name` is for messages.
+[[nodiscard]] Result<PcapReport> inspect_pcap(std::span<const std::uint8_t> file, const std::string& name);
 
 }  // namespace rigor::velodyne

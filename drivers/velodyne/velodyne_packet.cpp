@@ -230,7 +230,8 @@ std::optional<PositionPacket> parse_position(Bytes bytes) noexcept {
   if (*text == '$') {
     std::size_t n = 0;
     while (n < kMaxNmea && text[n] != '\0' && text[n] != '\r' && text[n] != '\n') ++n;
-    p.nmea = {text, n};
+    // A sentence is printable ASCII (NMEA 0183); it goes on to terminals and JSON.
+    if (std::all_of(text, text + n, [](char c) { return c >= 0x20 && c < 0x7F; })) p.nmea = {text, n};
   }
   return p;
 }

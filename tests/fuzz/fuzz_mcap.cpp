@@ -15,7 +15,7 @@ using namespace rigor::record;
 
 namespace {
 
-constexpr std::uint64_t kMayHold = 4u << 20;
+constexpr std::uint64_t kMayHold = 1u << 20;
 
 class Keep final : public ByteSink {
  public:

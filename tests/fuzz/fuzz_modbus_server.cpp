@@ -40,8 +40,7 @@ class Registers final : public RegisterModel {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   int ends[2];
   if (::socketpair(AF_UNIX, SOCK_STREAM, 0, ends) != 0) std::abort();
-  Server server(std::make_shared<Registers>(), [] { return BenchTime(0); },
-                {.idle_limit = Duration(0), .faults = {}});
+  Server server(std::make_shared<Registers>(), [] { return BenchTime(0); }, {.idle_limit = Duration(0)});
   server.adopt(ends[0]);
   if (!server.start()) std::abort();
   for (std::size_t at = 0; at < size; at += 32)

@@ -20,6 +20,16 @@ bool measure(std::uint64_t scan, DeviceTime, std::span<std::uint32_t> range,
   return scan % 5 != 4;
 }
 
+/// The same scanner with a narrow field of view: what it says has no other form, and takes a tenth of the
+/// time.
+ScannerModel narrow(ScannerModel m) {
+  m.parameters.first_step = 4;
+  m.parameters.front_step = 40;
+  m.parameters.last_step = 75;
+  m.end_step = 80;
+  return m;
+}
+
 template <class F>
 void in_pieces(std::string_view bytes, F&& f) {
   std::int64_t ns = 0;
@@ -35,8 +45,7 @@ void host_on_device(const ScannerModel& model, std::string_view bytes) {
   ScipDevice device(model, measure, {.backlog_bytes = 4 * 1024});
   ScipReplyReader reader;
   ScipReply reply;
-  ScipScan scan;
-  std::vector<LidarPoint> points(2000);
+  static ScipScan scan;  // overwritten by each scan: its memory is taken once
   in_pieces(bytes, [&](std::string_view piece, std::int64_t ns) {
     device.receive(piece, DeviceTime(ns));
     if (device.output().size() > 64 * 1024) std::abort();  // bounded, whatever is asked for
@@ -45,10 +54,9 @@ void host_on_device(const ScannerModel& model, std::string_view bytes) {
     while (reader.next(reply)) {
       if (reply.status().empty()) std::abort();  // what the emulator says is well-formed
       if (decode_scan(reply, scan) == ScanDecode::broken) std::abort();
-      if (scan.range_mm.size() <= points.size()) (void)scan_points(scan, model.parameters, points);
     }
   });
-  device.advance(DeviceTime(2'000'000'000));
+  device.advance(DeviceTime(1'000'000'000));
 }
 
 void device_on_host(std::string_view bytes) {
@@ -56,9 +64,12 @@ void device_on_host(std::string_view bytes) {
   client.begin(0);
   ScanKeeper keeper;
   bool started = false;
-  Sample sample;
-  sample.reserve(10000 * sizeof(LidarPoint));
-  ScipScan scan;
+  static Sample sample = [] {
+    Sample s;
+    s.reserve(10000 * sizeof(LidarPoint));
+    return s;
+  }();
+  static ScipScan scan;
   std::int64_t arrival = 0;
   ScipClient::Reading reading;
   in_pieces(bytes, [&](std::string_view piece, std::int64_t ns) {
@@ -82,12 +93,13 @@ void device_on_host(std::string_view bytes) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return 0;
   const std::string_view bytes(reinterpret_cast<const char*>(data) + 1, size - 1);
+  static const ScannerModel kUrg = narrow(urg_04lx()), kUtm = narrow(utm_30lx());
   switch (data[0] % 3) {
     case 0:
-      host_on_device(urg_04lx(), bytes);
+      host_on_device(kUrg, bytes);
       break;
     case 1:
-      host_on_device(utm_30lx(), bytes);
+      host_on_device(kUtm, bytes);
       break;
     default:
       device_on_host(bytes);

@@ -168,5 +168,18 @@ TEST(GigeMemoryLink, SaysWhenItHasSomethingToDo) {
   EXPECT_EQ(rig.link.next_event(), DeviceTime(40'000'000));
 }
 
+TEST(GigeClientLimits, RefusesAFrameThatIsLargerThanAgreed) {
+  auto model = GigeDeviceModel::create({}).value();  // 640x480 Mono8
+  GigeMemoryLink link(model, [](const FrameRequest&, MutableBytes) { return true; });
+  GigeClient small(link, {.max_payload_bytes = 640 * 480 - 1});
+  ASSERT_TRUE(small.connect());
+  const auto refused = small.start();
+  ASSERT_FALSE(refused);
+  EXPECT_NE(refused.error().message.find("307200"), std::string::npos) << refused.error().text();
+  GigeClient enough(link, {.max_payload_bytes = 640 * 480});
+  ASSERT_TRUE(enough.connect());
+  EXPECT_TRUE(enough.start());
+}
+
 }  // namespace
 }  // namespace rigor::gige

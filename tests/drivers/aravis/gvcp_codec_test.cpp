@@ -148,5 +148,18 @@ TEST(GvcpCodec, AcknowledgesWithoutTheirPayloadAreRefused) {
   EXPECT_EQ(decode_gvcp_ack(encode_discovery_cmd(1), a), DecodeStatus::not_gvcp);
 }
 
+TEST(GvcpCodec, NamesThatDevicesGiveAreTextForTerminalsJsonAndXml) {
+  DiscoveryAck d;
+  d.manufacturer = "Bl\xC3\xA4u";                 // UTF-8 stays
+  d.model = "red\x1B[31m\x7F";                    // an escape sequence
+  d.serial = "\xFF\xC0\xAF\xED\xA0\x80";          // no UTF-8: a stray byte, overlong, a surrogate
+  d.user_name = "\xC2\x85 \xEF\xBF\xBE cut\xC3";  // a C1 control, a noncharacter, half a letter
+  const auto back = std::get<DiscoveryAck>(decoded_ack(encode_discovery_ack(3, d)).body);
+  EXPECT_EQ(back.manufacturer, "Bl\xC3\xA4u");
+  EXPECT_EQ(back.model, "red?[31m?");
+  EXPECT_EQ(back.serial, "??????");
+  EXPECT_EQ(back.user_name, "?? ??? cut?");
+}
+
 }  // namespace
 }  // namespace rigor::gige

@@ -93,6 +93,16 @@ TEST(VelodynePacket, PositionsCarryPpsAndNmea) {
   EXPECT_FALSE(parse_position(Bytes(bytes).first(511)));
 }
 
+TEST(VelodynePacket, ASentenceWithBytesThatAreNoTextIsNone) {
+  auto bytes = compose_position({0, PpsStatus::locked, "$GPRMC,\x1B[31m"});
+  ASSERT_TRUE(parse_position(bytes));
+  EXPECT_EQ(parse_position(bytes)->nmea, "");
+  bytes[213] = 0xFF;
+  EXPECT_EQ(parse_position(bytes)->nmea, "");
+  bytes[213] = '\r';
+  EXPECT_EQ(parse_position(bytes)->nmea, "$GPRMC,");
+}
+
 TEST(VelodynePacket, ReadsASentenceOfAReceiverAndRefusesABrokenOne) {
   // From the manual of a Garmin GPS 18x, the receiver that Velodyne sells.
   const char* good = "$GPRMC,225446,A,4916.45,N,12311.12,W,000.5,054.7,191194,020.3,E*68";

@@ -163,5 +163,53 @@ TEST(PcapFile, WhatIsWrittenIsRead) {
   EXPECT_FALSE(PcapWriter::create("/nonexistent/a.pcap"));
 }
 
+void put(std::vector<std::uint8_t>& out, std::uint64_t v, int bytes) {
+  for (int i = 0; i < bytes; ++i) out.push_back(static_cast<std::uint8_t>(v >> 8 * i));
+}
+
+TEST(PcapFile, RawIpIsRead) {
+  const std::vector<std::uint8_t> payload{1, 2, 3};
+  const auto frame = ethernet_frame({1, 2, 5, 6, payload});
+  std::vector<std::uint8_t> file;
+  put(file, 0xA1B2C3D4, 4), put(file, 2, 2), put(file, 4, 2), put(file, 0, 8), put(file, 65535, 4);
+  put(file, 101, 4);  // LINKTYPE_RAW; libpcap calls it DLT_RAW, which is another number
+  put(file, 1'700'000'000, 4), put(file, 5, 4), put(file, frame.size() - 14, 4),
+      put(file, frame.size() - 14, 4);
+  file.insert(file.end(), frame.begin() + 14, frame.end());
+  const auto report = inspect_pcap(file, "raw.pcap");
+  ASSERT_TRUE(report) << report.error().text();
+  EXPECT_EQ(report->frames, 1u);
+  std::FILE* stream = fmemopen(file.data(), file.size(), "r");
+  ASSERT_TRUE(stream);
+  auto reader = PcapReader::open(stream, "raw.pcap");
+  ASSERT_TRUE(reader);
+  const auto record = reader->next();
+  ASSERT_TRUE(record && *record && (*record)->udp);
+  EXPECT_EQ((*record)->udp->destination_port, 6);
+}
+
+// pcapng has 64 bits for a stamp: more than nanoseconds since 1970 have in 64.
+TEST(PcapFile, AStampThatIsNoTimeIsDamage) {
+  std::vector<std::uint8_t> file;
+  const auto block = [&](std::uint32_t type, const std::vector<std::uint8_t>& body) {
+    put(file, type, 4), put(file, body.size() + 12, 4);
+    file.insert(file.end(), body.begin(), body.end());
+    put(file, body.size() + 12, 4);
+  };
+  std::vector<std::uint8_t> section, interface, packet;
+  put(section, 0x1A2B3C4D, 4), put(section, 1, 2), put(section, 0, 2), put(section, ~0ULL, 8);
+  put(interface, 1, 2), put(interface, 0, 2), put(interface, 65535, 4);
+  put(interface, 9, 2), put(interface, 1, 2), put(interface, 0, 4), put(interface, 0, 4);  // whole seconds
+  put(packet, 0, 4), put(packet, 0x70000000, 4), put(packet, 1, 4), put(packet, 4, 4), put(packet, 4, 4);
+  put(packet, 0, 4);
+  block(0x0A0D0D0A, section), block(1, interface), block(6, packet);
+  const auto report = inspect_pcap(file, "late.pcapng");
+  ASSERT_TRUE(report) << report.error().text();
+  EXPECT_EQ(report->frames, 0u);
+  ASSERT_TRUE(report->ended_by);
+  EXPECT_EQ(report->ended_by->code, ErrorCode::protocol);
+  EXPECT_NE(report->ended_by->message.find("a stamp between"), std::string::npos) << report->ended_by->text();
+}
+
 }  // namespace
 }  // namespace rigor::velodyne
