@@ -44,7 +44,8 @@ std::string join(const char** names, unsigned n) {
   return all.empty() ? "none" : all;
 }
 
-void set_pixel_format(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+void set_pixel_format(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config,
+                      bool multipart) {
   GLibError e;
   const std::string wanted(pfnc_name(s.format));
   unsigned n = 0;
@@ -53,6 +54,12 @@ void set_pixel_format(ArvCamera* camera, const AravisSettings& s, const ChannelC
   const bool offered = std::any_of(names, names + n, [&](const char* name) { return wanted == name; });
   const std::string all = join(names, n);
   g_free(names);
+  // The formats of the parts may be fixed, or each part's own: what comes says which.
+  if (!offered && multipart) return;
+  if (!offered && s.range)
+    throw refused(config, "kind",
+                  fmt::format("expected image, or a camera that gives range ({}), got one that offers {}",
+                              wanted, all));
   if (!offered)
     throw refused(config, "pixel_format",
                   fmt::format("expected a format that the camera offers ({}), got {}", all, wanted));
@@ -214,6 +221,116 @@ void set_ptp(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& co
   throw refused(config, "ptp", "the camera has no PTP clock; leave this key out");
 }
 
+std::vector<std::string> components(ArvCamera* camera) {
+  std::vector<std::string> all;
+  if (arv_camera_is_feature_available(camera, "ComponentSelector", nullptr) == FALSE) return all;
+  unsigned n = 0;
+  const char** names =
+      arv_camera_dup_available_enumerations_as_strings(camera, "ComponentSelector", &n, nullptr);
+  all.assign(names, names + n);
+  g_free(names);
+  return all;
+}
+
+/// Switches multi-part frames on or off, and chooses what they are made of. True where frames come in parts.
+bool set_parts(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  GLibError e;
+  const bool can = arv_camera_is_gv_device(camera) != FALSE &&
+                   arv_camera_gv_is_multipart_supported(camera, nullptr) != FALSE;
+  if (can) {
+    arv_camera_gv_set_multipart(camera, s.parts() ? TRUE : FALSE, e.out());
+    if (e) broken(config, e, "switching multi-part frames on or off");
+  }
+  if (!s.parts()) return false;
+  if (!can && !s.part.empty())
+    throw refused(
+        config, "part",
+        "expected a camera that sends frames of several parts (GigE Vision 2.1), which this one says it "
+        "does not; leave this key out");
+  const auto all = components(camera);
+  const auto has = [&](const std::string& name) {
+    return std::find(all.begin(), all.end(), name) != all.end();
+  };
+  const bool by_number = !s.part.empty() && s.part.find_first_not_of("0123456789") == std::string::npos;
+  if (all.empty()) return can;
+  const std::string first = s.range ? "Range" : s.part;
+  const auto enable = [&](const std::string& name, bool on) {
+    arv_camera_set_string(camera, "ComponentSelector", name.c_str(), e.out());
+    if (e) broken(config, e, "selecting the component " + name);
+    if (arv_camera_is_feature_available(camera, "ComponentEnable", nullptr) == FALSE) return;
+    arv_camera_set_boolean(camera, "ComponentEnable", on ? TRUE : FALSE, e.out());
+    if (e && on) broken(config, e, "switching the component " + name + " on");
+  };
+  if (by_number) {  // of all that there are
+    for (const auto& c : all) enable(c, true);
+    return can;
+  }
+  if (!has(first)) {
+    std::string offered;
+    for (const auto& c : all) offered += (offered.empty() ? "" : ", ") + c;
+    throw refused(config, s.range ? "kind" : "part",
+                  fmt::format("expected a component that the camera offers ({}), got {}", offered, first));
+  }
+  // The amplitude of a range image; cameras that have none have a confidence.
+  const std::string second = !s.range || !can ? "" : has("Intensity") ? "Intensity" : "Confidence";
+  enable(first, true);
+  for (const auto& c : all)
+    if (c != first) enable(c, c == second);
+  enable(first, true);  // selected from here on: its pixel format is what is set next
+  return can;
+}
+
+/// What the counts of the range part mean, as the camera says it (SFNC, 3D scan control).
+RangeScale read_range_scale(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config,
+                            const CameraFacts& f) {
+  const auto there = [&](const char* name) {
+    return arv_camera_is_feature_available(camera, name, nullptr) != FALSE;
+  };
+  const auto number = [&](const char* name, double fallback) {
+    if (!there(name)) return fallback;
+    GLibError e;
+    const double v = arv_camera_get_float(camera, name, e.out());
+    if (e) broken(config, e, fmt::format("reading {}", name));
+    return std::isfinite(v) ? v : fallback;
+  };
+  const auto word = [&](const char* name) -> std::string {
+    if (!there(name)) return {};
+    GLibError e;
+    const char* v = arv_camera_get_string(camera, name, e.out());
+    return v == nullptr || e ? std::string() : std::string(v);
+  };
+  if (there("Scan3dCoordinateSelector"))
+    arv_camera_set_string(camera, "Scan3dCoordinateSelector", "CoordinateC", nullptr);
+  const std::string unit = word("Scan3dDistanceUnit");
+  if (!unit.empty() && unit != "Millimeter" && unit != "Inch" && !s.range_scale_mm)
+    throw refused(config, "range_scale_mm",
+                  "expected the millimetres of a count: the camera's unit of distance is " + unit);
+  const double unit_m = unit == "Inch" ? 25.4e-3 : 1e-3;
+  RangeScale scale;
+  scale.amplitude_scale = s.amplitude_scale;
+  scale.scale_m = s.range_scale_mm ? *s.range_scale_mm * 1e-3 : number("Scan3dCoordinateScale", 1) * unit_m;
+  scale.offset_m =
+      s.range_offset_mm ? *s.range_offset_mm * 1e-3 : number("Scan3dCoordinateOffset", 0) * unit_m;
+  scale.invalid = 0;
+  if (there("Scan3dInvalidDataFlag")) {
+    const bool flagged = arv_camera_get_boolean(camera, "Scan3dInvalidDataFlag", nullptr) != FALSE;
+    scale.invalid = flagged ? std::optional(number("Scan3dInvalidDataValue", 0)) : std::nullopt;
+  }
+  const std::string system = word("Scan3dCoordinateSystem");
+  if (system == "Spherical") return scale;
+  const double focal_px = number("Scan3dFocalLength", 0);
+  if (!(focal_px > 0))
+    throw refused(
+        config, "kind",
+        fmt::format("expected a camera that gives range (Scan3dCoordinateSystem Spherical) or says its "
+                    "Scan3dFocalLength, to make range of depth; got {}; `kind: image` with `part: Range` "
+                    "hands its counts on as they are",
+                    system.empty() ? "neither" : system));
+  scale.set_pinhole({f.offset_x_px, f.offset_y_px, f.width_px, f.height_px}, focal_px,
+                    number("Scan3dPrincipalPointU", 0), number("Scan3dPrincipalPointV", 0));
+  return scale;
+}
+
 void set_trigger(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
   GLibError e;
   arv_camera_set_acquisition_mode(camera, ARV_ACQUISITION_MODE_CONTINUOUS, e.out());
@@ -274,9 +391,11 @@ void set_packets(ArvCamera* camera, const AravisSettings& s, const ChannelConfig
   }
 }
 
-CameraFacts read_back(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+CameraFacts read_back(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config,
+                      bool multipart) {
   GLibError e;
   CameraFacts f;
+  f.multipart = multipart;
   gint x = 0, y = 0, width = 0, height = 0;
   arv_camera_get_region(camera, &x, &y, &width, &height, e.out());
   if (e) broken(config, e, "reading the region back");
@@ -294,9 +413,16 @@ CameraFacts read_back(ArvCamera* camera, const AravisSettings& s, const ChannelC
   f.payload_bytes = arv_camera_get_payload(camera, e.out());
   if (e) broken(config, e, "reading the payload size");
   const std::size_t expected = image_bytes(s.format, f.width_px, f.height_px);
-  f.picture_bytes = expected;
+  f.picture_bytes = s.range ? std::size_t{f.width_px} * f.height_px * 2 * sizeof(float) : expected;
   f.chunks = s.chunks;
-  if (s.chunks ? f.payload_bytes < expected : f.payload_bytes != expected)
+  if (multipart) {
+    // How much of it is which part, the leaders of frames say.
+    if (f.payload_bytes < expected)
+      throw ConfigError(
+          {ErrorCode::protocol, config.name,
+           fmt::format("expected at least {} bytes for a part of {}x{} {}, the camera says {}", expected,
+                       f.width_px, f.height_px, pfnc_name(s.format), f.payload_bytes)});
+  } else if (s.chunks ? f.payload_bytes < expected : f.payload_bytes != expected)
     throw ConfigError(
         {ErrorCode::protocol, config.name,
          fmt::format("expected {} bytes for each picture of {}x{} {}, the camera says {}; padded "
@@ -318,7 +444,8 @@ Result<CameraFacts> apply_settings(ArvCamera* camera, const AravisSettings& s, c
     arv_camera_stop_acquisition(camera, nullptr);  // left over from a client that went away; most say no
     set_chunks(camera, s, config);
     set_ptp(camera, s, config);
-    set_pixel_format(camera, s, config);
+    const bool multipart = set_parts(camera, s, config);
+    set_pixel_format(camera, s, config, multipart);
     set_region(camera, s, config);
     set_trigger(camera, s, config);
     set_frame_rate(camera, s, config,
@@ -327,7 +454,8 @@ Result<CameraFacts> apply_settings(ArvCamera* camera, const AravisSettings& s, c
     set_gain(camera, s, config);
     set_frame_rate(camera, s, config, true);
     set_packets(camera, s, config);
-    CameraFacts f = read_back(camera, s, config);
+    CameraFacts f = read_back(camera, s, config, multipart);
+    if (s.range) f.scale = read_range_scale(camera, s, config, f);
     check_period(f.exposure, s, config);  // where the rig leaves the exposure to the camera
     return f;
   });

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "drivers/aravis/aravis_settings.h"
+#include "drivers/aravis/range_parts.h"
 #include "rt-core/result.h"
 
 typedef struct _ArvCamera ArvCamera;
@@ -42,8 +43,10 @@ struct CameraFacts {
   std::uint32_t width_px = 0, height_px = 0, offset_x_px = 0, offset_y_px = 0;
   Duration exposure;
   double gain_db = 0;
-  std::size_t payload_bytes = 0;  ///< the picture and its chunks
-  std::size_t picture_bytes = 0;
+  std::size_t payload_bytes = 0;  ///< the picture and its chunks, or all parts
+  std::size_t picture_bytes = 0;  ///< of the sample that becomes of it
+  bool multipart = false;         ///< frames come in parts
+  RangeScale scale;               ///< of a range image
   bool chunks = false;
   std::uint32_t packet_size = 0;  ///< 0: no GigE camera
 };

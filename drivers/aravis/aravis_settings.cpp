@@ -29,8 +29,9 @@ std::string default_frame_id(const std::string& channel_name) {
 AravisSettings read_aravis_settings(const ChannelConfig& config) {
   const ConfigNode& n = config.params;
   AravisSettings s;
-  if (config.kind != SampleKind::image)
-    throw n.error("kind", "expected image: a camera gives nothing else; got another kind");
+  if (config.kind != SampleKind::image && config.kind != SampleKind::range_image)
+    throw n.error("kind", "expected image, or range_image of a 3D camera: a camera gives nothing else");
+  s.range = config.kind == SampleKind::range_image;
   s.device = n.text_or("device", "");
   s.address = n.text_or("address", "");
   if (s.device.empty() && s.address.empty())
@@ -44,7 +45,17 @@ AravisSettings read_aravis_settings(const ChannelConfig& config) {
   s.frame_id = n.text_or("frame_id", default_frame_id(config.name));
   std::vector<std::string> formats;
   for (const PixelFormat f : kPixelFormats) formats.emplace_back(pfnc_name(f));
-  s.format = *pixel_format_from(n.choice_or("pixel_format", formats, "Mono8"));
+  formats.emplace_back(pfnc_name(PixelFormat::coord3d_c16));
+  if (s.range) {
+    s.format = PixelFormat::coord3d_c16;
+    if (n.has("range_scale_mm"))
+      s.range_scale_mm = n.number("range_scale_mm", {.min = 0, .max = 1e4, .exclusive_min = true});
+    if (n.has("range_offset_mm")) s.range_offset_mm = n.number("range_offset_mm", {.min = -1e6, .max = 1e6});
+    s.amplitude_scale = n.number_or("amplitude_scale", 1, {.min = 0, .max = 1e9, .exclusive_min = true});
+  } else {
+    s.format = *pixel_format_from(n.choice_or("pixel_format", formats, "Mono8"));
+    s.part = n.text_or("part", "");
+  }
   if (n.has("region")) s.region = read_region(n.map("region"));
   if (n.has("exposure_us"))
     s.exposure_us = n.number("exposure_us", {.min = 0, .max = 1e9, .exclusive_min = true});
@@ -58,6 +69,8 @@ AravisSettings read_aravis_settings(const ChannelConfig& config) {
     s.trigger_delay_us = n.number_or("trigger_delay_us", 0, {.min = 0, .max = 1e6});
   }
   s.chunks = n.choice_or("chunks", {"off", "on"}, "off") == "on";
+  if (s.chunks && s.parts())
+    throw n.error("chunks", "expected off: chunks of multi-part frames are not read");
   s.ptp = n.choice_or("ptp", {"off", "on"}, "off") == "on";
   if (s.software_trigger && config.period.ns() <= 0)
     throw n.error("trigger", "expected a channel with a rate: software triggers follow the bench's grid");

@@ -10,6 +10,9 @@
 //   trigger_line: Line1         # of a hardware trigger; with trigger_edge (rising, falling),
 //   trigger_delay_us chunks: off                 # on: timestamp, exposure and gain come with each picture
 //   ptp: off                    # on: the camera's clock follows a PTP master
+//   part: Intensity             # of multi-part frames: component of the SFNC, or number of the part from 0
+//   range_scale_mm, range_offset_mm   # of kind range_image, where the camera does not say them
+//   amplitude_scale: 1          # of kind range_image: amplitude of a count
 //   packet_size: auto           # or bytes, with IP and UDP headers
 //   packet_delay_ns: 0
 //   resend: true
@@ -44,6 +47,11 @@ struct AravisSettings {
   std::string trigger_line = "Line1";  ///< the camera's name for it
   bool falling_edge = false;
   double trigger_delay_us = 0;
+  /// A range image of a 3D camera (kind range_image), or one picture of its multi-part frames.
+  bool range = false;
+  std::string part;  ///< SFNC component (Intensity, Range, Confidence, …) or number of the part; empty: none
+  std::optional<double> range_scale_mm, range_offset_mm;  ///< empty: as the camera says
+  double amplitude_scale = 1;                             ///< of a count
   bool chunks = false;  ///< instants, exposures and gains as the camera says them with each picture
   bool ptp = false;     ///< the camera's clock is to follow a PTP master
   std::optional<std::uint32_t> packet_size;  ///< empty: found out
@@ -58,8 +66,10 @@ struct AravisSettings {
   std::size_t buffers = 16;
   std::optional<Duration> arrival_delay;  ///< exposure start to arrival at best, for cameras without a latch
   int realtime_priority = 0;              ///< SCHED_FIFO of the receiving thread; 0: ordinary scheduling
-  Duration reconnect_after;               ///< first pause between attempts; it doubles up to 2 s
+  Duration reconnect_after;               ///< first pause between attempts; it doubles up to 0.5 s
 
+  /// Frames are asked for as multi-part ones.
+  [[nodiscard]] bool parts() const { return range || !part.empty(); }
   /// How a person would name the camera: the selector as written.
   [[nodiscard]] std::string selector() const { return address.empty() ? device : address; }
 };

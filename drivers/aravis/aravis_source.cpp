@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <mutex>
 #include <optional>
 #include <thread>
@@ -25,7 +26,7 @@ constexpr int kFirstLatches = 4;
 constexpr int kLatchTries = 4;
 constexpr Duration kAskWait = milliseconds(300);
 constexpr Duration kAskEvery = seconds(1);
-constexpr Duration kMaxReconnectPause = seconds(2);
+constexpr Duration kMaxReconnectPause = milliseconds(500);  // a question is one datagram
 constexpr Duration kFrozenAfter = seconds(2);  // a camera that answers and sends nothing is opened anew
 
 BenchTime bench_now() { return BenchTime(monotonic_now().ns()); }
@@ -56,8 +57,10 @@ struct AravisSource::Impl {
   ChannelConfig config;
   std::unique_ptr<SamplePool> pool;
   std::vector<std::unique_ptr<SamplePool>> retired;  ///< of earlier runs, with pictures that somebody holds
-  std::vector<std::byte*> slot_memory;
-  std::size_t slot_bytes = 0;
+  std::vector<std::byte*> slot_base;                 ///< of the samples
+  std::vector<std::byte*>
+      slot_memory;  ///< where the camera's bytes go: behind the sample's, where it is made of parts
+  std::size_t raw_at = 0, payload_bytes = 0;
   std::unique_ptr<SpscRing<SampleLease>> ring;
 
   // Control thread, while it runs; setup thread otherwise.
@@ -81,6 +84,7 @@ struct AravisSource::Impl {
   std::atomic<std::int64_t> ptp_offset_ns{0};  ///< magnitude
   mutable std::mutex ptp_mutex;
   std::string ptp_status;  ///< under ptp_mutex
+  std::string strange;     ///< under ptp_mutex: what the first frame that could not be used was like
   std::atomic<std::uint64_t> triggers_wanted{0};
   std::atomic<std::uint64_t> resent_packets{0}, resend_requests{0}, underruns{0}, latches{0},
       triggers_sent{0}, triggers_missed{0};
@@ -96,6 +100,7 @@ struct AravisSource::Impl {
   void run_frames();
   void handle(const ReceivedFrame& f);
   void refill();
+  void fill(Sample& sample, const ReceivedFrame& f, Duration exposure) const;
   void hand_on(SampleLease lease, const ReceivedFrame& f, BenchTime arrival);
   void read_counters();
   void look_at_ptp();
@@ -121,14 +126,19 @@ AravisSource::Counters AravisSource::counters() const noexcept {
 
 std::vector<std::string> AravisSource::warnings() const {
   const Impl& i = *impl_;
-  if (!i.settings.ptp) return {};
+  std::vector<std::string> all;
   const std::lock_guard lock(i.ptp_mutex);
-  if (i.ptp_status.empty())
-    return {i.config.name + ": the camera's PTP clock was not asked yet; it is once a second"};
-  return {fmt::format("{}: the camera's PTP clock is {}, {:g} µs from its master{}", i.config.name,
-                      i.ptp_status,
-                      static_cast<double>(i.ptp_offset_ns.load(std::memory_order_relaxed)) * 1e-3,
-                      i.ptp_status == "Slave" ? "" : "; is there a master (ptp4l) on its network?")};
+  if (!i.strange.empty()) all.push_back(i.config.name + ": frames that could not be used: " + i.strange);
+  if (!i.settings.ptp) return all;
+  if (i.ptp_status.empty()) {
+    all.push_back(i.config.name + ": the camera's PTP clock was not asked yet; it is once a second");
+    return all;
+  }
+  all.push_back(fmt::format("{}: the camera's PTP clock is {}, {:g} µs from its master{}", i.config.name,
+                            i.ptp_status,
+                            static_cast<double>(i.ptp_offset_ns.load(std::memory_order_relaxed)) * 1e-3,
+                            i.ptp_status == "Slave" ? "" : "; is there a master (ptp4l) on its network?"));
+  return all;
 }
 
 // --- Loop thread
@@ -157,12 +167,14 @@ Status AravisSource::do_configure(const ChannelConfig& config) {
   impl_->settings = read_aravis_settings(config);
   impl_->config = config;
   const AravisSettings& s = impl_->settings;
-  description_.kind = SampleKind::image;
+  description_.kind = config.kind;
   description_.frame_id = s.frame_id;
   description_.format = s.format;
   if (s.region) {
     description_.width_px = s.region->width_px, description_.height_px = s.region->height_px;
-    description_.max_bytes = image_bytes(s.format, s.region->width_px, s.region->height_px);
+    description_.max_bytes = s.range
+                                 ? std::size_t{s.region->width_px} * s.region->height_px * 2 * sizeof(float)
+                                 : image_bytes(s.format, s.region->width_px, s.region->height_px);
   }
   return {};
 }
@@ -182,10 +194,16 @@ Status AravisSource::do_arm(const ArmContext& context) {
   description_.max_bytes = f.picture_bytes;
 
   if (i.pool && i.pool->in_use() != 0) i.retired.push_back(std::move(i.pool));
-  i.pool = make_sample_pool(i.settings.buffers, f.payload_bytes);
-  i.slot_bytes = f.payload_bytes;
+  i.raw_at = i.settings.parts() ? (f.picture_bytes + 63) / 64 * 64 : 0;
+  i.pool = make_sample_pool(i.settings.buffers, i.raw_at + f.payload_bytes);
+  i.payload_bytes = f.payload_bytes;
+  i.slot_base.clear();
   i.slot_memory.clear();
-  i.pool->for_each([&](Sample& s) { i.slot_memory.push_back(s.memory().data()); });
+  i.pool->for_each([&](Sample& s) {
+    i.slot_base.push_back(s.memory().data());
+    i.slot_memory.push_back(s.memory().data() + i.raw_at);
+  });
+  i.strange.clear();
   i.queued.assign(i.settings.buffers, {});
   i.ring = std::make_unique<SpscRing<SampleLease>>(i.settings.buffers);
   i.clock = std::make_unique<ClockMap>(clock_options(i.settings, f.exposure, f.payload_bytes));
@@ -364,7 +382,7 @@ void AravisSource::Impl::reconnect() {
     const bool there = settings.address.empty() || gige::ask_gige_camera(settings.address, milliseconds(150));
     if (there && !cancelled()) {
       auto opened = CameraSession::open(settings, config, cancelled);
-      const bool same = opened && (*opened)->facts().payload_bytes == slot_bytes;
+      const bool same = opened && (*opened)->facts().payload_bytes == payload_bytes;
       if (same) {
         session = std::move(*opened);
         begin_session();
@@ -379,7 +397,7 @@ void AravisSource::Impl::reconnect() {
     }
     const BenchTime until = bench_now() + wait;
     while (!cancelled() && bench_now() < until) pause(until - bench_now());
-    wait = std::min(wait * 2, kMaxReconnectPause);
+    wait = std::min(wait * 2, std::max(kMaxReconnectPause, settings.reconnect_after));
   }
 }
 
@@ -401,9 +419,10 @@ void AravisSource::Impl::refill() {
     if (!lease) return;  // Aravis counts the frames that find no buffer
     Sample& s = lease.edit();
     const auto slot = static_cast<std::size_t>(
-        std::find(slot_memory.begin(), slot_memory.end(), s.memory().data()) - slot_memory.begin());
-    // What never comes must read as zero, not as the picture that was here before.
-    std::memset(s.memory().data(), 0, s.memory().size());
+        std::find(slot_base.begin(), slot_base.end(), s.memory().data()) - slot_base.begin());
+    // What never comes must read as zero, not as the picture that was here before. Aravis does not say what
+    // came.
+    if (!settings.drop_incomplete) std::memset(slot_memory[slot], 0, s.memory().size() - raw_at);
     queued[slot] = std::move(lease);
     ++queued_count;
     session->queue(slot);
@@ -419,6 +438,8 @@ void AravisSource::Impl::handle(const ReceivedFrame& f) {
   t_last_frame_ns.store(arrival.ns(), std::memory_order_relaxed);
   if (f.state == State::unusable || !f.as_expected) {
     raise(health.protocol_errors);
+    const std::lock_guard lock(ptp_mutex);
+    if (strange.empty()) strange = f.strange;
     return;  // the next frame's id tells that one is missing
   }
   if (f.state == State::complete && f.timestamp && !session->can_latch())
@@ -427,9 +448,8 @@ void AravisSource::Impl::handle(const ReceivedFrame& f) {
 }
 
 void AravisSource::Impl::hand_on(SampleLease lease, const ReceivedFrame& f, BenchTime arrival) {
-  const CameraFacts& facts = session->facts();
   Sample& sample = lease.edit();
-  const Duration exposure = f.exposure.value_or(facts.exposure);
+  const Duration exposure = f.exposure.value_or(session->facts().exposure);
   Stamp stamp;
   bool clock_known = false;
   if (f.timestamp) {
@@ -465,14 +485,7 @@ void AravisSource::Impl::hand_on(SampleLease lease, const ReceivedFrame& f, Benc
   stamp.t_arrival = arrival;
   if (!whole) stamp.validity |= kIncomplete;
   sample.stamp = stamp;
-  sample.info = ImageInfo{.format = settings.format,
-                          .width_px = facts.width_px,
-                          .height_px = facts.height_px,
-                          .offset_x_px = facts.offset_x_px,
-                          .offset_y_px = facts.offset_y_px,
-                          .exposure = exposure,
-                          .gain_db = f.gain_db.value_or(facts.gain_db)};
-  sample.size_bytes = facts.picture_bytes;
+  fill(sample, f, exposure);
   if (!ring->try_push(std::move(lease))) {
     raise(health.ring_full);
     lost_pending += step.lost_before + 1;
@@ -480,6 +493,37 @@ void AravisSource::Impl::hand_on(SampleLease lease, const ReceivedFrame& f, Benc
   }
   lost_pending = 0;
   raise(whole ? health.received : health.incomplete);
+}
+
+/// What the sample is, and its bytes where they are not the camera's own.
+void AravisSource::Impl::fill(Sample& sample, const ReceivedFrame& f, Duration exposure) const {
+  const CameraFacts& facts = session->facts();
+  sample.size_bytes = facts.picture_bytes;
+  const auto memory = sample.memory();
+  const auto raw = memory.subspan(raw_at);
+  if (settings.range) {
+    const std::size_t pixels = std::size_t{facts.width_px} * facts.height_px;
+    const std::span<float> planes(reinterpret_cast<float*>(memory.data()), 2 * pixels);
+    const bool gaps = f.state != ReceivedFrame::State::complete;
+    const FramePart range = f.picture.value_or(FramePart{});  // a frame that is all range begins with it
+    counts_to_range(facts.scale, raw.subspan(range.offset), gaps, planes.first(pixels));
+    if (f.amplitude)
+      counts_to_amplitude(facts.scale, raw.subspan(f.amplitude->offset),
+                          ((f.amplitude->pfnc >> 16) & 0xFF) / 8, planes.subspan(pixels));
+    else
+      std::fill(planes.begin() + static_cast<std::ptrdiff_t>(pixels), planes.end(),
+                std::numeric_limits<float>::quiet_NaN());
+    sample.info = RangeImageInfo{facts.width_px, facts.height_px};
+    return;
+  }
+  if (f.picture) std::memcpy(memory.data(), raw.data() + f.picture->offset, facts.picture_bytes);
+  sample.info = ImageInfo{.format = settings.format,
+                          .width_px = facts.width_px,
+                          .height_px = facts.height_px,
+                          .offset_x_px = facts.offset_x_px,
+                          .offset_y_px = facts.offset_y_px,
+                          .exposure = exposure,
+                          .gain_db = f.gain_db.value_or(facts.gain_db)};
 }
 
 }  // namespace rigor

@@ -1,5 +1,7 @@
 #include "drivers/aravis/camera_session.h"
 
+#include "drivers/aravis/emulated_camera.h"
+
 #include <fmt/format.h>
 #include <linux/capability.h>
 #include <pthread.h>
@@ -128,6 +130,8 @@ Result<std::unique_ptr<CameraSession>> CameraSession::open(const AravisSettings&
   if (!found) return tl::unexpected<Error>(found.error());
   std::unique_ptr<CameraSession> session(new CameraSession());
   session->format_ = s.format;
+  session->part_ = s.part;
+  session->range_ = s.range;
   session->realtime_priority_ = s.realtime_priority;
   GLibError e;
   ArvDevice* device = nullptr;
@@ -348,6 +352,69 @@ void CameraSession::read_chunks(ArvBuffer* b, ReceivedFrame& f) {
   if (!e && gain_db > -1000 && gain_db < 1000) f.gain_db = gain_db;
 }
 
+/// Where the pictures that are wanted lie in a frame of several parts.
+void CameraSession::read_parts(ArvBuffer* b, ReceivedFrame& f) {
+  if (f.state == ReceivedFrame::State::complete) {
+    layout_.clear();
+    const auto* begin = static_cast<const char*>(arv_buffer_get_data(b, nullptr));
+    const guint n =
+        arv_buffer_get_payload_type(b) == ARV_BUFFER_PAYLOAD_TYPE_MULTIPART ? arv_buffer_get_n_parts(b) : 0;
+    for (guint i = 0; i < n; ++i) {
+      FramePart p;
+      size_t bytes = 0;
+      const auto* data = static_cast<const char*>(arv_buffer_get_part_data(b, i, &bytes));
+      if (data == nullptr || data < begin) continue;
+      p.offset = static_cast<std::size_t>(data - begin), p.bytes = bytes;
+      p.pfnc = arv_buffer_get_part_pixel_format(b, i);
+      p.component = arv_buffer_get_part_component_id(b, i);
+      p.data_type = static_cast<std::uint32_t>(arv_buffer_get_part_data_type(b, i));
+      gint x = 0, y = 0, width = 0, height = 0;
+      arv_buffer_get_part_region(b, i, &x, &y, &width, &height);
+      p.region = {static_cast<std::uint32_t>(x), static_cast<std::uint32_t>(y),
+                  static_cast<std::uint32_t>(width), static_cast<std::uint32_t>(height)};
+      layout_.push_back(p);
+    }
+  }
+  const auto fits = [&](const FramePart& p) {
+    const std::uint64_t bytes =
+        std::uint64_t{facts_.width_px} * facts_.height_px * ((p.pfnc >> 16) & 0xFF) / 8;
+    return p.region.width_px == facts_.width_px && p.region.height_px == facts_.height_px &&
+           p.bytes >= bytes && p.offset + p.bytes <= facts_.payload_bytes;
+  };
+  constexpr auto kC16 = static_cast<std::uint32_t>(gige::PixelFormat::coord3d_c16);
+  const auto is_range = [](const FramePart& p) {
+    return p.component == gige::kRange || p.data_type == gige::kPart3d || p.pfnc == kC16;
+  };
+  const auto wanted = [&](const FramePart& p, std::size_t i) {
+    if (range_ || part_ == "Range") return is_range(p);
+    if (part_.find_first_not_of("0123456789") == std::string::npos) return part_ == std::to_string(i);
+    constexpr std::array<const char*, 9> kNames{"Intensity", "Infrared",    "Ultraviolet",
+                                                "Range",     "Reflectance", "Confidence",
+                                                "Scatter",   "Disparity",   "Multispectral"};
+    const auto at = std::find(kNames.begin(), kNames.end(), part_) - kNames.begin() + 1;
+    if (p.component != 0) return p.component == static_cast<std::uint32_t>(at);
+    return part_ == "Confidence" ? p.data_type == gige::kPartConfidence : p.data_type == gige::kPart2d;
+  };
+  std::string seen;
+  for (std::size_t i = 0; i < layout_.size(); ++i) {
+    const FramePart& p = layout_[i];
+    seen += fmt::format("{}component {}, {}x{} of format 0x{:08X}", i == 0 ? "" : "; ", p.component,
+                        p.region.width_px, p.region.height_px, p.pfnc);
+    if (!fits(p)) continue;
+    const auto bits = (p.pfnc >> 16) & 0xFF;
+    const bool grey = (p.pfnc >> 24) == 1 && (bits == 8 || bits == 16);
+    if (!f.picture && wanted(p, i) && p.pfnc == static_cast<std::uint32_t>(to_gige(format_)))
+      f.picture = p;
+    else if (range_ && !f.amplitude && grey && !is_range(p))
+      f.amplitude = p;
+  }
+  f.as_expected = f.picture.has_value();
+  if (!f.as_expected)
+    f.strange = fmt::format("expected {} of {}x{} {} in each frame, got {}",
+                            range_ ? "a range part" : "the part " + part_, facts_.width_px, facts_.height_px,
+                            pfnc_name(format_), seen.empty() ? "no parts" : seen);
+}
+
 std::optional<ReceivedFrame> CameraSession::wait_frame(Duration wait) {
   ArvBuffer* b = arv_stream_timeout_pop_buffer(stream_, static_cast<guint64>(wait.ns() / 1000));
   if (b == nullptr) return std::nullopt;
@@ -373,7 +440,10 @@ std::optional<ReceivedFrame> CameraSession::wait_frame(Duration wait) {
   }
   if (const guint64 ns = arv_buffer_get_timestamp(b); ns != 0)
     f.timestamp = DeviceTime(static_cast<std::int64_t>(ns));
-  if (f.state == ReceivedFrame::State::complete) {
+  if (facts_.multipart) {
+    if (f.state == ReceivedFrame::State::complete || f.state == ReceivedFrame::State::incomplete)
+      read_parts(b, f);
+  } else if (f.state == ReceivedFrame::State::complete) {
     gint x = 0, y = 0, width = 0, height = 0;
     arv_buffer_get_image_region(b, &x, &y, &width, &height);
     const auto same = [](gint is, std::uint32_t set) {

@@ -35,6 +35,15 @@ struct LatchPair {
   BenchTime before, after;
 };
 
+/// A picture within a frame's payload.
+struct FramePart {
+  std::size_t offset = 0, bytes = 0;
+  std::uint32_t pfnc = 0;       ///< pixel format
+  std::uint32_t component = 0;  ///< of the SFNC; 0: not said
+  std::uint32_t data_type = 0;
+  gige::Region region;
+};
+
 struct ReceivedFrame {
   enum class State : std::uint8_t { complete, incomplete, unusable, aborted } state = State::aborted;
   std::size_t slot = 0;
@@ -43,6 +52,9 @@ struct ReceivedFrame {
   bool as_expected = true;              ///< geometry and format are those that were set
   std::optional<Duration> exposure;     ///< of this picture, where its chunks say so
   std::optional<double> gain_db;
+  /// Of frames that are made of parts: the picture or the range; and the amplitude of a range image.
+  std::optional<FramePart> picture, amplitude;
+  std::string strange;  ///< what is not as expected
 };
 
 /// How far a camera's clock is from its PTP master.
@@ -107,6 +119,10 @@ class CameraSession {
   std::vector<ArvBuffer*> buffers_;
   ArvChunkParser* chunk_parser_ = nullptr;
   void read_chunks(ArvBuffer* buffer, ReceivedFrame& frame);
+  void read_parts(ArvBuffer* buffer, ReceivedFrame& frame);
+  std::vector<FramePart> layout_;  ///< of the last whole frame
+  std::string part_;
+  bool range_ = false;
   int realtime_priority_ = 0;
 };
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 
+#include "drivers/aravis/range_parts.h"
+
 namespace rigor {
 namespace {
 
@@ -29,7 +31,7 @@ std::uint32_t step_for(std::uint32_t size, std::uint32_t wanted) {
 gige::PixelFormat to_gige(PixelFormat f) {
   for (const auto& [ours, theirs] : kFormats)
     if (ours == f) return theirs;
-  return gige::PixelFormat::mono8;
+  return f == PixelFormat::coord3d_c16 ? gige::PixelFormat::coord3d_c16 : gige::PixelFormat::mono8;
 }
 
 bool from_gige(gige::PixelFormat from, PixelFormat& to) {
@@ -66,12 +68,29 @@ EmulatedCameraSettings read_emulated_camera(const ConfigNode& n, const std::stri
     s.ptp.offset = nanoseconds(ptp.integer_or("offset_ns", 200, {.min = 0, .max = 1e9}));
     ptp.finish();
   }
+  s.range_scale_mm = n.number_or("range_scale_mm", 0.25, {.min = 1e-6, .max = 1000});
+  s.amplitude_scale = n.number_or("amplitude_scale", 1, {.min = 1e-9, .max = 1e9});
   s.link_bits_per_s = n.number_or("link_mbit_per_s", 1000, {.min = 1, .max = 100'000}) * 1e6;
   return s;
 }
 
-gige::GigeCameraConfig camera_config(const EmulatedCameraSettings& s, const ImageProvider::Geometry& sensor) {
+std::optional<EmulatedSensor> sensor_of(const DeviceParts& parts) {
+  if (parts.image) return EmulatedSensor{parts.image->geometry(), false};
+  if (!parts.samples || parts.samples->geometry().kind != SampleKind::range_image) return std::nullopt;
+  const auto g = parts.samples->geometry();
+  return EmulatedSensor{{.width_px = g.width_px,
+                         .height_px = g.height_px,
+                         .format = PixelFormat::coord3d_c16,
+                         .exposure = milliseconds(1),
+                         .frame_id = g.frame_id},
+                        true};
+}
+
+gige::GigeCameraConfig camera_config(const EmulatedCameraSettings& s, const EmulatedSensor& what) {
+  const ImageProvider::Geometry& sensor = what.geometry;
   gige::GigeCameraConfig c;
+  c.range.present = what.range;
+  c.range.scale_mm = s.range_scale_mm;
   c.vendor = s.vendor, c.model = s.model, c.serial = s.serial, c.user_name = s.user_name;
   c.ip = gige::parse_ipv4(s.address).value_or(c.ip);
   c.sensor_width_px = sensor.width_px, c.sensor_height_px = sensor.height_px;
@@ -79,7 +98,7 @@ gige::GigeCameraConfig camera_config(const EmulatedCameraSettings& s, const Imag
   c.height_step_px = step_for(sensor.height_px, 2);
   c.formats = {to_gige(sensor.format)};
   for (const auto& [ours, theirs] : kFormats)
-    if (ours != sensor.format) c.formats.push_back(theirs);
+    if (!what.range && ours != sensor.format) c.formats.push_back(theirs);
   c.frame_rate_hz = s.rate_hz;
   c.max_frame_rate_hz = std::max(c.max_frame_rate_hz, s.rate_hz);
   c.min_frame_rate_hz = std::min(c.min_frame_rate_hz, s.rate_hz);
@@ -92,7 +111,50 @@ gige::GigeCameraConfig camera_config(const EmulatedCameraSettings& s, const Imag
   return c;
 }
 
-gige::FillFrame picture_of(const DeviceParts& parts, BenchTime device_zero) {
+namespace {
+
+/// Range and amplitude as counts.
+class RangePictures {
+ public:
+  RangePictures(const DeviceParts& parts, const EmulatedCameraSettings& s, BenchTime device_zero)
+      : parts_(parts),
+        geometry_(parts.samples->geometry()),
+        scale_m_(s.range_scale_mm * 1e-3),
+        amplitude_scale_(s.amplitude_scale),
+        device_zero_(device_zero),
+        sample_(std::make_shared<Sample>()) {
+    sample_->reserve(geometry_.max_bytes);
+  }
+  bool operator()(const gige::FrameRequest& r, gige::MutableBytes out) const {
+    SampleProvider::Request q;
+    q.index = r.index;
+    q.t_capture = device_zero_ + Duration(r.t_exposure_start.ns()) + r.exposure / 2;
+    if (parts_.motion) q.motion = parts_.motion->motion_at(q.t_capture);
+    if (!parts_.samples->capture(q, *sample_)) return false;
+    const std::size_t pixels = std::size_t{geometry_.width_px} * geometry_.height_px;
+    if (sample_->size_bytes < pixels * 2 * sizeof(float)) return false;
+    const std::span<const float> planes(reinterpret_cast<const float*>(sample_->bytes().data()), 2 * pixels);
+    const std::size_t picture = std::size_t{r.region.width_px} * r.region.height_px * 2;
+    if (r.range) range_to_counts(planes.first(pixels), geometry_.width_px, r.region, scale_m_, out);
+    if (r.amplitude)
+      amplitude_to_counts(planes.subspan(pixels), geometry_.width_px, r.region, amplitude_scale_,
+                          out.subspan(r.range ? picture : 0));
+    return true;
+  }
+
+ private:
+  DeviceParts parts_;
+  SampleProvider::Geometry geometry_;
+  double scale_m_, amplitude_scale_;
+  BenchTime device_zero_;
+  std::shared_ptr<Sample> sample_;  // one frame at a time
+};
+
+}  // namespace
+
+gige::FillFrame picture_of(const DeviceParts& parts, const EmulatedCameraSettings& settings,
+                           BenchTime device_zero) {
+  if (!parts.image) return RangePictures(parts, settings, device_zero);
   return [parts, device_zero](const gige::FrameRequest& r, gige::MutableBytes out) {
     ImageRequest q;
     q.index = r.index;

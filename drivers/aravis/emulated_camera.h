@@ -11,8 +11,11 @@
 //       rate_hz: 25
 //       trigger_line: { rate_hz: 25, phase_us: 500 }   # what is wired to Line1: pulses on the bench's clock
 //       ptp: { settle_s: 2, offset_ns: 200 }           # has a clock that follows a PTP master
+//       range_scale_mm: 0.25     # of a 3D camera, whose `sensor` is a time-of-flight camera's: mm for a
+//       count amplitude_scale: 1
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "drivers/aravis/gige_device_model.h"
@@ -28,18 +31,28 @@ struct EmulatedCameraSettings {
   double link_bits_per_s = 1e9;
   Duration line_period, line_phase;  ///< what is wired to Line1; period 0: nothing
   gige::GigeCameraConfig::Ptp ptp;
+  double range_scale_mm = 0.25, amplitude_scale = 1;  ///< of a count of a 3D camera
 };
 
 /// Throws ConfigError. `name`: of the entry, the default serial number.
 [[nodiscard]] EmulatedCameraSettings read_emulated_camera(const ConfigNode& params, const std::string& name,
                                                           Duration period);
 
-/// A camera whose sensor is the provider's; it offers every format, the provider's default first.
+/// What the parts' sensor gives: a picture, or range and amplitude. Nothing where there is neither.
+struct EmulatedSensor {
+  ImageProvider::Geometry geometry;
+  bool range = false;
+};
+[[nodiscard]] std::optional<EmulatedSensor> sensor_of(const DeviceParts& parts);
+
+/// A camera whose sensor is the provider's; it offers every format, the provider's default first. A 3D camera
+/// has one.
 [[nodiscard]] gige::GigeCameraConfig camera_config(const EmulatedCameraSettings& settings,
-                                                   const ImageProvider::Geometry& sensor);
+                                                   const EmulatedSensor& sensor);
 
 /// Pictures for the camera. `device_zero`: bench time where the emulated camera's clock is 0.
-[[nodiscard]] gige::FillFrame picture_of(const DeviceParts& parts, BenchTime device_zero);
+[[nodiscard]] gige::FillFrame picture_of(const DeviceParts& parts, const EmulatedCameraSettings& settings,
+                                         BenchTime device_zero);
 
 [[nodiscard]] gige::PixelFormat to_gige(PixelFormat f);
 /// False for a format that samples do not have.

@@ -131,14 +131,29 @@ std::int64_t GigeDeviceModel::ptp_offset_ns(DeviceTime now) const {
 
 // Chunk data.
 
+std::size_t GigeDeviceModel::frame_bytes() const {
+  const auto picture = static_cast<std::size_t>(payload_bytes(region_, format_));
+  return config_.range.present ? picture * (unsigned{sends_range()} + unsigned{sends_amplitude()}) : picture;
+}
+
+void GigeDeviceModel::describe_parts(const FrameRequest& r, GvspLeader& leader) const {
+  leader.payload_type = kMultipartPayload;
+  leader.part_count = 0;
+  const auto add = [&](std::uint16_t type, std::uint16_t purpose, PixelFormat format) {
+    leader.parts[leader.part_count++] = {type, purpose, payload_bytes(region_, format), format, region_};
+  };
+  if (r.range) add(kPart3d, kRange, PixelFormat::coord3d_c16);
+  if (r.amplitude) add(kPart2d, kIntensity, PixelFormat::mono16);
+}
+
 std::size_t GigeDeviceModel::chunk_bytes() const {
-  if (chunk_mode_ == 0) return 0;
+  if (chunk_mode_ == 0 || multipart_) return 0;
   return reg::kChunkTrailer + static_cast<std::size_t>(std::popcount(chunks_ & ~(1u << reg::kChunkImage))) *
                                   (reg::kChunkValue + reg::kChunkTrailer);
 }
 
 void GigeDeviceModel::append_chunks(const FrameRequest& r, std::vector<std::uint8_t>& data) const {
-  if (chunk_mode_ == 0) return;
+  if (chunk_mode_ == 0 || multipart_) return;
   const auto trailer = [&](std::uint32_t id, std::size_t length) {
     const std::size_t at = data.size();
     data.resize(at + reg::kChunkTrailer);
@@ -201,14 +216,17 @@ bool GigeDeviceModel::begin_frame(DeviceTime now, FrameJob& job) {
   const Duration exposure = seconds_from(exposure_us_ * 1e-6);
   sensor_free_ = start + exposure;
   if (on_line()) miss_edges();
-  job.request = {index_++, start, ticks(start), exposure, gain_db_, region_, format_};
+  job.request = {index_++, start,   ticks(start),  exposure,         gain_db_,
+                 region_,  format_, sends_range(), sends_amplitude()};
   job.t_send = start + exposure + config_.readout;
   job.epoch = epoch_;
   job.block = new_block();
-  job.block->data.resize(payload_bytes(region_, format_));
+  job.block->data.resize(frame_bytes());
   job.block->packet_size = packet_size_;
   const auto kind = chunk_mode_ != 0 ? kImagePayload | kChunkFlag : kImagePayload;
   job.block->leader = {static_cast<std::uint16_t>(kind), job.request.timestamp_ticks, format_, region_, 0, 0};
+  job.block->extended_ids = multipart_;
+  if (multipart_) describe_parts(job.request, job.block->leader);
   return true;
 }
 
@@ -227,8 +245,7 @@ std::optional<OutgoingBlock> GigeDeviceModel::finish_frame(FrameJob&& job, bool 
   append_chunks(job.request, block->data);
   ++counters_.frames;
   block->block_id = next_block_id_;
-  next_block_id_ =
-      next_block_id_ == 0xFFFF ? std::uint16_t{1} : static_cast<std::uint16_t>(next_block_id_ + 1);
+  next_block_id_ = next_block_id_ == 0xFFFF && !block->extended_ids ? 1 : next_block_id_ + 1;
   retained_.push_back(block);
   while (retained_.size() > config_.retained_frames) retained_.pop_front();
   return OutgoingBlock{block, job.t_send, stream_destination(), nanoseconds(packet_delay_ticks_)};

@@ -31,11 +31,15 @@ Status GigeChannelEmulator::do_configure(const ChannelConfig& config) {
 Status GigeChannelEmulator::do_arm(const ArmContext& context) {
   if (context.virtual_time)
     return fail(ErrorCode::bad_input, name_, "an emulator on the network runs by the wall clock only");
-  if (!parts_.image)
-    return fail(ErrorCode::bad_input, name_,
-                "expected something that makes pictures: give this emulator a `sensor` in the rig");
-  const ImageProvider::Geometry g = parts_.image->geometry();
-  options_.camera = camera_config(settings_, g);
+  const auto sensor = sensor_of(parts_);
+  if (!sensor)
+    return fail(
+        ErrorCode::bad_input, name_,
+        "expected something that makes pictures or measures range: give this emulator the `sensor` of a "
+        "camera or of a time-of-flight camera in the rig");
+  const ImageProvider::Geometry& g = sensor->geometry;
+  options_.camera = camera_config(settings_, *sensor);
+  description_.kind = sensor->range ? SampleKind::range_image : SampleKind::image;
   options_.address = settings_.address;
   options_.link_bits_per_s = settings_.link_bits_per_s;
   // What would be refused at start is said now.
@@ -47,7 +51,7 @@ Status GigeChannelEmulator::do_arm(const ArmContext& context) {
 }
 
 Status GigeChannelEmulator::do_start(BenchTime) {
-  auto camera = gige::GigeEmulator::start(options_, picture_of(parts_, BenchTime(0)));
+  auto camera = gige::GigeEmulator::start(options_, picture_of(parts_, settings_, BenchTime(0)));
   if (!camera) return fail(camera.error().code, name_, camera.error().text());
   camera_ = std::move(*camera);
   watcher_ = std::make_unique<Watcher>();

@@ -176,6 +176,18 @@ Status GigeClient::set_acquisition(AcquisitionMode mode, std::uint32_t frame_cou
 
 Status GigeClient::set_software_trigger(bool on) { return write(reg::kTriggerMode, on ? 1 : 0); }
 
+Status GigeClient::set_parts(bool range, bool amplitude) {
+  const std::array<RegisterWrite, 5> steps{{{reg::kStreamConfiguration, reg::kMultipart},
+                                            {reg::kComponentSelector, range ? kRange : kIntensity},
+                                            {reg::kComponentEnable, 1},
+                                            {reg::kComponentSelector, range ? kIntensity : kRange},
+                                            {reg::kComponentEnable, range && amplitude ? 1u : 0u}}};
+  for (const auto& s : steps)
+    if (auto ok = write(s.address, s.value); !ok) return ok;
+  parts_ = range && amplitude ? 2 : 1;
+  return {};
+}
+
 Status GigeClient::start() {
   auto payload = read(reg::kPayloadSize);
   if (!payload) return tl::unexpected<Error>(payload.error());
@@ -184,6 +196,8 @@ Status GigeClient::start() {
   auto stream = options_.stream;
   stream.payload_bytes = *payload;
   stream.packet_size = *size & 0xFFFF;
+  stream.part_bytes.assign(parts_, parts_ > 0 ? *payload / parts_ : 0);
+  stream.extended_ids = parts_ > 0;
   if (*payload > options_.max_payload_bytes)
     return fail(ErrorCode::protocol, kWhere,
                 "expected a frame of at most " + std::to_string(options_.max_payload_bytes) +

@@ -72,6 +72,8 @@ class GigeClient {
   [[nodiscard]] Status set_frame_rate(double rate_hz);
   [[nodiscard]] Status set_acquisition(AcquisitionMode mode, std::uint32_t frame_count = 1);
   [[nodiscard]] Status set_software_trigger(bool on);
+  /// Multi-part frames of a 3D camera, with these components (kRange, kIntensity), from the next start() on.
+  [[nodiscard]] Status set_parts(bool range, bool amplitude);
   [[nodiscard]] Status start();
   [[nodiscard]] Status stop();
   [[nodiscard]] Status trigger();
@@ -92,6 +94,7 @@ class GigeClient {
   std::uint16_t id_ = 0;
   std::vector<std::uint8_t> control_buffer_, stream_buffer_;
   std::optional<GvspAssembler> assembler_;
+  std::size_t parts_ = 0;  ///< of a frame, all of the same size; 0: no multi-part frames
 };
 
 }  // namespace rigor::gige

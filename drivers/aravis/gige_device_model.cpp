@@ -63,6 +63,8 @@ Status check(const GigeCameraConfig& c) {
     return bad("retained_frames and trigger_queue: expected >= 1");
   if (c.line_period.ns() < 0 || (c.line_period.ns() > 0 && c.line_period < microseconds(10)))
     return bad("trigger_line: expected at most 100000 pulses a second");
+  if (c.range.present && (c.formats != std::vector{PixelFormat::coord3d_c16} || !(c.range.scale_mm > 0)))
+    return bad("range: expected Coord3D_C16 as the one format and a scale above 0");
   if (c.readout.ns() < 0) return bad("readout: expected no negative time");
   return {};
 }
@@ -237,13 +239,14 @@ void GigeDeviceModel::resend(const PacketResendCmd& c, Endpoint from, GvcpAnswer
   ++counters_.resend_requests;
   // The receiver of the stream asks from its own socket; nobody else may make us send.
   const bool ours = stream_port_ != 0 && (from.ip == stream_ip_ || (privilege_ != 0 && from.ip == owner_.ip));
-  if (!ours || c.stream_channel != 0 || c.extended_ids) {
+  if (!ours || c.stream_channel != 0 || c.extended_ids != multipart_) {
     ++counters_.refused;
     return;
   }
   ResendJob job;
   job.to = stream_destination();
   job.block_id = c.block_id;
+  job.extended_ids = c.extended_ids;
   job.first = c.first_packet;
   const auto at = std::find_if(retained_.begin(), retained_.end(),
                                [&](const auto& b) { return b->block_id == c.block_id; });

@@ -84,6 +84,13 @@ struct GigeCameraConfig {
     Duration settle = seconds(2);        ///< from enabling to Slave
     Duration offset = nanoseconds(200);  ///< from the master, at most, once settled
   } ptp;
+  /// A 3D camera, that gives range (Coord3D_C16, spherical coordinates, its one format) and the amplitude of
+  /// the same exposure (Mono16): two parts of a frame where the client wants such frames, otherwise range
+  /// alone.
+  struct Range {
+    bool present = false;
+    double scale_mm = 0.25;  ///< of a count; 0 counts: no return
+  } range;
 };
 
 /// What a picture must show. Region in sensor pixels.
@@ -95,6 +102,7 @@ struct FrameRequest {
   double gain_db = 0;
   Region region;
   PixelFormat format = PixelFormat::mono8;
+  bool range = false, amplitude = false;  ///< of a 3D camera: which pictures, in this order
 };
 
 /// Writes the picture, rows from the top without padding, in the format that is asked for; `out` has exactly
@@ -129,6 +137,7 @@ struct ResendJob {
   Endpoint to;
   std::uint64_t block_id = 0;
   std::uint32_t first = 0, last = 0;
+  bool extended_ids = false;
 };
 
 struct TestPacket {
@@ -222,6 +231,13 @@ class GigeDeviceModel {
   [[nodiscard]] std::uint32_t ptp_status(DeviceTime now) const;
   [[nodiscard]] std::int64_t ptp_offset_ns(DeviceTime now) const;
   [[nodiscard]] std::size_t chunk_bytes() const;
+  /// Pictures of a frame, without chunks.
+  [[nodiscard]] std::size_t frame_bytes() const;
+  void describe_parts(const FrameRequest& request, GvspLeader& leader) const;
+  [[nodiscard]] bool sends_range() const {
+    return config_.range.present && (!multipart_ || (components_ & (1u << kRange)) != 0);
+  }
+  [[nodiscard]] bool sends_amplitude() const { return multipart_ && (components_ & (1u << kIntensity)) != 0; }
   void append_chunks(const FrameRequest& request, std::vector<std::uint8_t>& data) const;
   [[nodiscard]] DeviceTime on_grid(DeviceTime t) const;
   [[nodiscard]] std::uint64_t ticks(DeviceTime t) const;
@@ -267,6 +283,8 @@ class GigeDeviceModel {
   double trigger_delay_us_ = 0;
   std::uint32_t chunk_mode_ = 0, chunk_selector_ = reg::kChunkTimestamp;
   std::uint32_t chunks_ = 1u << reg::kChunkImage;  ///< bit by id
+  bool multipart_ = false;
+  std::uint32_t component_selector_ = kRange, components_ = 1u << kRange | 1u << kIntensity;  ///< bit by id
 
   // IEEE 1588.
   bool ptp_enabled_ = false;
@@ -282,7 +300,7 @@ class GigeDeviceModel {
   std::deque<DeviceTime> triggers_;  ///< starts of exposures that were asked for, the delay included
   DeviceTime next_wired_ = DeviceTime::never();  ///< edge of the wired pulses, without the delay
   DeviceTime pulse_rise_, pulse_fall_;
-  std::uint16_t next_block_id_ = 1;
+  std::uint64_t next_block_id_ = 1;
   std::deque<std::shared_ptr<GvspBlock>> retained_;
   std::vector<std::shared_ptr<GvspBlock>> pool_;
   GigeModelCounters counters_;

@@ -24,18 +24,21 @@ constexpr bool bootstrap_exists(std::uint32_t a) {
 
 bool is_double(std::uint32_t a) {
   return a == reg::kFrameRate || a == reg::kResultingFrameRate || a == reg::kExposureTime ||
-         a == reg::kGain || a == reg::kTriggerDelay;
+         a == reg::kGain || a == reg::kTriggerDelay || a == reg::kScan3dScale || a == reg::kScan3dOffset ||
+         a == reg::kScan3dInvalidValue;
 }
 
 bool read_only(std::uint32_t a) {
   if (a < reg::kBootstrapEnd) {
     return !in(a, reg::kUserName, reg::kUserName + kUserNameSize) && a != reg::kHeartbeatTimeout &&
            a != reg::kTimestampControl && a != reg::kControlPrivilege && a != reg::kStreamPort &&
-           a != reg::kStreamPacketSize && a != reg::kStreamPacketDelay && a != reg::kStreamDestination;
+           a != reg::kStreamPacketSize && a != reg::kStreamPacketDelay && a != reg::kStreamDestination &&
+           a != reg::kStreamConfiguration;
   }
   return a == reg::kWidthMax || a == reg::kHeightMax || a == reg::kPayloadSize ||
          a == reg::kResultingFrameRate || a == reg::kResultingFrameRate + 4 || a == reg::kAcquisitionActive ||
-         a == reg::kLineStatus || a == reg::kPtpStatus || a == reg::kPtpOffsetHigh || a == reg::kPtpOffsetLow;
+         in(a, reg::kScan3dScale, reg::kFeatureEnd) || a == reg::kLineStatus || a == reg::kPtpStatus ||
+         a == reg::kPtpOffsetHigh || a == reg::kPtpOffsetLow;
 }
 
 DeviceTime max_of(DeviceTime a, DeviceTime b) { return a < b ? b : a; }
@@ -108,7 +111,7 @@ GvStatus GigeDeviceModel::read_u32(std::uint32_t address, Endpoint from, std::ui
       value = static_cast<std::uint32_t>(format_);
       return GvStatus::success;
     case reg::kPayloadSize:
-      value = static_cast<std::uint32_t>(payload_bytes(region_, format_) + chunk_bytes());
+      value = static_cast<std::uint32_t>(frame_bytes() + chunk_bytes());
       return GvStatus::success;
     case reg::kAcquisitionMode:
       value = mode_;
@@ -170,6 +173,26 @@ GvStatus GigeDeviceModel::read_u32(std::uint32_t address, Endpoint from, std::ui
       return GvStatus::success;
     case reg::kChunkEnable:
       value = (chunks_ >> chunk_selector_) & 1;
+      return GvStatus::success;
+    case reg::kStreamCapability:
+      value = config_.range.present ? reg::kMultipart : 0;
+      return GvStatus::success;
+    case reg::kStreamConfiguration:
+      value = multipart_ ? reg::kMultipart : 0;
+      return GvStatus::success;
+    case reg::kComponentSelector:
+    case reg::kComponentEnable:
+    case reg::kScan3dScale:
+    case reg::kScan3dScale + 4:
+    case reg::kScan3dOffset:
+    case reg::kScan3dOffset + 4:
+    case reg::kScan3dInvalidValue:
+    case reg::kScan3dInvalidValue + 4:
+      if (!config_.range.present) return GvStatus::invalid_address;
+      value = address == reg::kComponentSelector ? component_selector_
+              : address == reg::kComponentEnable ? (components_ >> component_selector_) & 1
+              : address - reg::kScan3dScale < 8  ? half_double(config_.range.scale_mm)
+                                                 : 0u;
       return GvStatus::success;
     case reg::kPtpEnable:
     case reg::kPtpStatus:
@@ -251,6 +274,14 @@ GvStatus GigeDeviceModel::write_bootstrap(std::uint32_t address, std::uint32_t v
       if (value > kMaxPacketDelayTicks) return GvStatus::invalid_parameter;
       packet_delay_ticks_ = value;
       return GvStatus::success;
+    case reg::kStreamConfiguration: {
+      if (params_locked()) return GvStatus::access_denied;
+      const bool wanted = (value & reg::kMultipart) != 0;
+      if (wanted && !config_.range.present) return GvStatus::invalid_parameter;
+      if (wanted != multipart_) next_block_id_ = 1, retained_.clear(), ++epoch_;
+      multipart_ = wanted;
+      return GvStatus::success;
+    }
     case reg::kStreamDestination:
       if (acquiring_) return GvStatus::access_denied;
       stream_ip_ = value;
@@ -382,6 +413,17 @@ GvStatus GigeDeviceModel::write_feature(std::uint32_t address, std::uint32_t val
       if (chunk_selector_ == reg::kChunkImage) return GvStatus::success;
       chunks_ = (chunks_ & ~(1u << chunk_selector_)) | value << chunk_selector_;
       return GvStatus::success;
+    case reg::kComponentSelector:
+      if (value != kRange && value != kIntensity) return GvStatus::invalid_parameter;
+      component_selector_ = value;
+      return GvStatus::success;
+    case reg::kComponentEnable: {
+      if (params_locked()) return GvStatus::access_denied;
+      const std::uint32_t with = (components_ & ~(1u << component_selector_)) | value << component_selector_;
+      if (value > 1 || with == 0) return GvStatus::invalid_parameter;  // a frame of nothing is none
+      components_ = with;
+      return GvStatus::success;
+    }
     case reg::kPtpEnable:
       if (value > 1) return GvStatus::invalid_parameter;
       if (value != 0 && !ptp_enabled_) ptp_since_ = now;

@@ -394,7 +394,7 @@ void GigeEmulator::Impl::serve_resends() {
     batch.bytes.resize(std::max(batch.bytes.size(), batch.stride * kBatch));
     if (!job.block) {
       queue_packet(encode_gvsp_status(GvStatus::packet_unavailable, job.block_id, job.first,
-                                      GvspFormat::payload, false, slot()),
+                                      GvspFormat::payload, job.extended_ids, slot()),
                    job.to);
       flush_batch();
       continue;

@@ -552,6 +552,57 @@ void write_transport(Writer& w, const GigeCameraConfig& c) {
   masked("GevSCSP", "UDP port that the stream comes from", reg::kStreamSourcePort, 31, 16);
 }
 
+/// SFNC 2.4, 3D scan control: what the counts of the range picture mean, and which pictures a frame has.
+void write_range(Writer& w) {
+  w.category("Scan3dControl",
+             {"ComponentSelector", "ComponentEnable", "Scan3dDistanceUnit", "Scan3dCoordinateSystem",
+              "Scan3dOutputMode", "Scan3dCoordinateSelector", "Scan3dCoordinateScale",
+              "Scan3dCoordinateOffset", "Scan3dInvalidDataFlag", "Scan3dInvalidDataValue"});
+  w.feature("Enumeration", "ComponentSelector");
+  w.about("The picture of a frame that ComponentEnable means", "Component Selector");
+  w.entry("Intensity", kIntensity);
+  w.entry("Range", kRange);
+  w.leaf("pValue", "ComponentSelectorReg");
+  w.close("Enumeration");
+  w.int_register("ComponentSelectorReg", reg::kComponentSelector, "RW");
+  w.feature("Boolean", "ComponentEnable");
+  w.about("Whether multi-part frames have this picture", "Component Enable");
+  w.leaf("pIsLocked", "TLParamsLocked");
+  w.leaf("pValue", "ComponentEnableReg");
+  w.leaf("OnValue", "1");
+  w.leaf("OffValue", "0");
+  w.close("Boolean");
+  w.int_register("ComponentEnableReg", reg::kComponentEnable, "RW");
+  const auto fixed = [&w](const char* name, const char* tooltip, const char* value) {
+    w.feature("Enumeration", name);
+    w.about(tooltip, name, "Expert");
+    w.entry(value, 0);
+    w.leaf("Value", "0");
+    w.close("Enumeration");
+  };
+  fixed("Scan3dDistanceUnit", "Unit of scale and offset", "Millimeter");
+  fixed("Scan3dCoordinateSystem", "What coordinate C is: the length of the ray", "Spherical");
+  fixed("Scan3dOutputMode", "What the range picture has", "CalibratedC");
+  fixed("Scan3dCoordinateSelector", "The coordinate that scale and offset mean", "CoordinateC");
+  const auto value = [&w](const char* name, const char* tooltip, std::uint32_t address) {
+    w.open("Float", name);
+    w.about(tooltip, name, "Expert");
+    w.leaf("pValue", std::string(name) + "Reg");
+    w.close("Float");
+    w.float_register(std::string(name) + "Reg", address, "RO");
+  };
+  value("Scan3dCoordinateScale", "Millimetres for a count", reg::kScan3dScale);
+  value("Scan3dCoordinateOffset", "Millimetres at 0 counts", reg::kScan3dOffset);
+  w.feature("Boolean", "Scan3dInvalidDataFlag");
+  w.about("Whether one value of the range picture says that there is none", "Scan3dInvalidDataFlag",
+          "Expert");
+  w.leaf("Value", "1");
+  w.leaf("OnValue", "1");
+  w.leaf("OffValue", "0");
+  w.close("Boolean");
+  value("Scan3dInvalidDataValue", "That value", reg::kScan3dInvalidValue);
+}
+
 }  // namespace
 
 std::string make_genicam_xml(const GigeCameraConfig& config) {
@@ -577,6 +628,11 @@ std::string make_genicam_xml(const GigeCameraConfig& config) {
     const std::string last = "<pFeature>TransportLayerControl</pFeature>\n";
     w.text.insert(w.text.find(last) + last.size(), "    <pFeature>PtpControl</pFeature>\n");
     write_ptp(w);
+  }
+  if (config.range.present) {
+    const std::string last = "<pFeature>TransportLayerControl</pFeature>\n";
+    w.text.insert(w.text.find(last) + last.size(), "    <pFeature>Scan3dControl</pFeature>\n");
+    write_range(w);
   }
   write_device_control(w);
   write_image_format(w, config);

@@ -80,8 +80,8 @@ void GigeMemoryLink::handle(Endpoint from, Bytes datagram) {
   if (r.block) {
     transmit(*r.block, r.first, r.last);
   } else {
-    deliver(encode_gvsp_status(GvStatus::packet_unavailable, r.block_id, r.first, GvspFormat::payload, false,
-                               scratch_));
+    deliver(encode_gvsp_status(GvStatus::packet_unavailable, r.block_id, r.first, GvspFormat::payload,
+                               r.extended_ids, scratch_));
   }
 }
 

@@ -45,6 +45,8 @@ inline constexpr Address kStreamPacketSize = 0x0D04;
 inline constexpr Address kStreamPacketDelay = 0x0D08;
 inline constexpr Address kStreamDestination = 0x0D18;
 inline constexpr Address kStreamSourcePort = 0x0D1C;
+inline constexpr Address kStreamCapability = 0x0D20;
+inline constexpr Address kStreamConfiguration = 0x0D24;
 inline constexpr Address kBootstrapEnd = 0x0E00;
 
 inline constexpr std::uint32_t kPrivilegeExclusive = 0x1;
@@ -53,6 +55,8 @@ inline constexpr std::uint32_t kTimestampReset = 0x1;
 inline constexpr std::uint32_t kTimestampLatch = 0x2;
 inline constexpr std::uint32_t kFireTestPacket = 0x80000000;
 inline constexpr std::uint32_t kDoNotFragment = 0x40000000;
+/// Of stream capability and configuration: multi-part frames (bit 25 as the specification counts).
+inline constexpr std::uint32_t kMultipart = 0x40;
 
 // Features.
 inline constexpr Address kFeatureBegin = 0x00010000;
@@ -90,7 +94,13 @@ inline constexpr Address kPtpStatus = 0x00010604;
 inline constexpr Address kPtpOffsetHigh = 0x00010608;  // ns, signed, as it was at the last latch
 inline constexpr Address kPtpOffsetLow = 0x0001060C;
 inline constexpr Address kPtpLatch = 0x00010610;
-inline constexpr Address kFeatureEnd = 0x00010614;
+// These only where the camera is a 3D camera.
+inline constexpr Address kComponentSelector = 0x00010700;   // the SFNC's ComponentIDValue
+inline constexpr Address kComponentEnable = 0x00010704;     // of the component that is selected
+inline constexpr Address kScan3dScale = 0x00010708;         // double, mm for a count
+inline constexpr Address kScan3dOffset = 0x00010710;        // double, mm
+inline constexpr Address kScan3dInvalidValue = 0x00010718;  // double, counts
+inline constexpr Address kFeatureEnd = 0x00010720;
 
 // The GenICam description.
 inline constexpr Address kXml = 0x00100000;

@@ -11,6 +11,7 @@
 #include "drivers/aravis/aravis_settings.h"
 #include "drivers/aravis/frame_sequence.h"
 #include "drivers/aravis/gige_memory_link.h"
+#include "drivers/aravis/range_parts.h"
 
 namespace rigor {
 namespace {
@@ -37,6 +38,9 @@ struct GigeVirtualSource::Impl {
   ChannelConfig config;
   AravisSettings settings;
   EmulatedCameraSettings camera;
+  EmulatedSensor sensor;
+  RangeScale scale;
+  bool range_part = false;  ///< `part`: the range, not the amplitude
   gige::Region region;
   double gain_db = 0;
   Duration exposure;
@@ -60,6 +64,8 @@ struct GigeVirtualSource::Impl {
   [[nodiscard]] Duration ptp_offset();
   void set_up();
   void set_up_line();
+  void set_up_parts();
+  void fill_range(Sample& sample, std::size_t picture) const;
   void set_up_chunks();
   void complete_line(BenchTime now);
   void require(const Status& status, std::string_view key, const std::string& what) const;
@@ -79,18 +85,29 @@ Status GigeVirtualSource::do_configure(const ChannelConfig& config) {
     return fail(ErrorCode::bad_input, config.name,
                 "expected a rate: a camera in virtual time exposes on the bench's grid");
   i.camera = read_emulated_camera(i.emulator_params, default_frame_id(config.name), config.period);
-  if (!i.parts.image)
-    return fail(
-        ErrorCode::bad_input, config.name,
-        "expected something that makes pictures: give the emulator that stands for this camera a `sensor`");
-  const ImageProvider::Geometry g = i.parts.image->geometry();
+  const auto sensor = sensor_of(i.parts);
+  if (!sensor)
+    return fail(ErrorCode::bad_input, config.name,
+                "expected something that makes pictures or measures range: give the emulator that stands for "
+                "this camera a `sensor`");
+  i.sensor = *sensor;
+  if (i.settings.parts() && !sensor->range)
+    return fail(ErrorCode::bad_input, config.name,
+                "expected a 3D camera: give the emulator that stands for it the `sensor` of a time-of-flight "
+                "camera");
+  i.range_part = i.settings.part == "Range" || i.settings.part == "0";
+  if (!i.settings.part.empty() && !i.range_part && i.settings.part != "Intensity" && i.settings.part != "1")
+    throw refused(config, "part", "expected Range (0) or Intensity (1), which the emulated camera has");
+  const ImageProvider::Geometry& g = sensor->geometry;
   i.region = {0, 0, g.width_px, g.height_px};
   if (const auto& r = i.settings.region) i.region = {r->x_px, r->y_px, r->width_px, r->height_px};
-  description_.kind = SampleKind::image;
+  description_.kind = config.kind;
   description_.frame_id = i.settings.frame_id;
   description_.format = i.settings.format;
   description_.width_px = i.region.width_px, description_.height_px = i.region.height_px;
-  description_.max_bytes = image_bytes(i.settings.format, i.region.width_px, i.region.height_px);
+  description_.max_bytes = i.settings.range
+                               ? std::size_t{i.region.width_px} * i.region.height_px * 2 * sizeof(float)
+                               : image_bytes(i.settings.format, i.region.width_px, i.region.height_px);
   return {};
 }
 
@@ -113,8 +130,12 @@ double GigeVirtualSource::Impl::read_double(gige::reg::Address address, const st
 void GigeVirtualSource::Impl::set_up() {
   const gige::GigeCameraConfig& c = model->config();
   require(client->connect(), {}, "taking control of the camera");
-  require(client->set_pixel_format(to_gige(settings.format)), "pixel_format",
-          "expected a format that the camera offers");
+  if (settings.parts()) {
+    set_up_parts();
+  } else {
+    require(client->set_pixel_format(to_gige(settings.format)), "pixel_format",
+            "expected a format that the camera offers");
+  }
   require(client->set_region(region), "region",
           fmt::format("expected a region within {}x{} px, width in steps of {}, height of {}, offsets of {}, "
                       "got {}x{} at {},{}",
@@ -155,9 +176,37 @@ void GigeVirtualSource::Impl::set_up() {
                     (exposure / 2 + camera.readout).seconds() * 1e3, camera.readout.seconds() * 1e3,
                     config.latency.seconds() * 1e3));
   const auto payload = read(gige::reg::kPayloadSize, "reading the payload size");
-  const auto picture = image_bytes(settings.format, region.width_px, region.height_px);
+  const auto picture =
+      image_bytes(settings.format, region.width_px, region.height_px) * (settings.range ? 2 : 1);
   if (settings.chunks ? payload <= picture : payload != picture)
     throw ConfigError({ErrorCode::internal, config.name, "the camera's payload is not its picture's size"});
+}
+
+/// Both pictures for a range image, or the one that the rig wants.
+void GigeVirtualSource::Impl::set_up_parts() {
+  const auto format = settings.range || range_part ? PixelFormat::coord3d_c16 : PixelFormat::mono16;
+  if (settings.format != format)
+    throw refused(config, "pixel_format",
+                  fmt::format("expected {}, in which the camera sends this part, got {}", pfnc_name(format),
+                              pfnc_name(settings.format)));
+  require(client->set_parts(settings.range || range_part, settings.range || !range_part), "part",
+          "asking for multi-part frames");
+  scale.scale_m =
+      settings.range_scale_mm.value_or(read_double(gige::reg::kScan3dScale, "reading the scale")) * 1e-3;
+  scale.offset_m =
+      settings.range_offset_mm.value_or(read_double(gige::reg::kScan3dOffset, "reading the offset")) * 1e-3;
+  scale.invalid = read_double(gige::reg::kScan3dInvalidValue, "reading the value of no return");
+  scale.amplitude_scale = settings.amplitude_scale;
+}
+
+void GigeVirtualSource::Impl::fill_range(Sample& s, std::size_t picture) const {
+  const std::size_t pixels = std::size_t{region.width_px} * region.height_px;
+  const auto counts = std::as_bytes(std::span(frame.data));
+  const std::span<float> planes(reinterpret_cast<float*>(s.memory().data()), 2 * pixels);
+  counts_to_range(scale, counts.first(picture), !frame.complete, planes.first(pixels));
+  counts_to_amplitude(scale, counts.subspan(picture, picture), 2, planes.subspan(pixels));
+  s.info = RangeImageInfo{region.width_px, region.height_px};
+  s.size_bytes = 2 * pixels * sizeof(float);
 }
 
 void GigeVirtualSource::Impl::set_up_line() {
@@ -188,14 +237,15 @@ Status GigeVirtualSource::do_arm(const ArmContext& context) {
   Impl& i = *impl_;
   if (!context.virtual_time)
     return fail(ErrorCode::wrong_state, i.config.name, "this stand-in runs in virtual time only");
-  gige::GigeCameraConfig camera = camera_config(i.camera, i.parts.image->geometry());
+  gige::GigeCameraConfig camera = camera_config(i.camera, i.sensor);
   camera.align_to_clock = false;  // aligned by hand, to the bench's grid
   // Pulses are on the bench's clock, which the camera's is ahead of.
   camera.line_phase = camera.line_phase + kDeviceAhead;
   auto model = gige::GigeDeviceModel::create(camera);
   if (!model) return fail(model.error().code, i.config.name, model.error().text());
   i.model = std::make_unique<gige::GigeDeviceModel>(std::move(*model));
-  i.link = std::make_unique<gige::GigeMemoryLink>(*i.model, picture_of(i.parts, BenchTime(0) - kDeviceAhead));
+  i.link = std::make_unique<gige::GigeMemoryLink>(*i.model,
+                                                  picture_of(i.parts, i.camera, BenchTime(0) - kDeviceAhead));
   gige::GigeClientOptions options;
   options.heartbeat_timeout_ms = 0xFFFFFFFF;  // no one else is on this wire
   options.packet_size = i.settings.packet_size.value_or(camera.max_packet_size);
@@ -306,7 +356,8 @@ void GigeVirtualSource::Impl::collect() {
     const FrameSequence::Step step = sequence.step(frame.block_id, stamp.t_capture);
     health.lost.fetch_add(step.lost_before, std::memory_order_relaxed);
     SampleLease lease = pool->try_acquire();
-    if (!lease || (settings.chunks ? frame.data.size() < picture : frame.data.size() != picture)) {
+    const std::size_t payload = settings.range ? 2 * picture : picture;
+    if (!lease || (settings.chunks ? frame.data.size() < payload : frame.data.size() != payload)) {
       (lease ? health.protocol_errors : health.no_slot).fetch_add(1, std::memory_order_relaxed);
       lost_pending += step.lost_before + 1;
       continue;
@@ -317,6 +368,13 @@ void GigeVirtualSource::Impl::collect() {
     stamp.validity = frame.complete ? kValid : kIncomplete;
     Sample& s = lease.edit();
     s.stamp = stamp;
+    if (settings.range) {
+      fill_range(s, picture);
+      lost_pending = 0;
+      (frame.complete ? health.received : health.incomplete).fetch_add(1, std::memory_order_relaxed);
+      ready.push_back(std::move(lease));
+      continue;
+    }
     s.info = ImageInfo{.format = settings.format,
                        .width_px = region.width_px,
                        .height_px = region.height_px,

@@ -6,8 +6,9 @@
 namespace rigor::gige {
 
 GvspAssembler::GvspAssembler(const GvspAssemblerOptions& options) : options_(options) {
-  const std::size_t header =
-      kIpUdpHeaderSize + (options_.extended_ids ? kGvspExtendedHeaderSize : kGvspHeaderSize);
+  const std::size_t header = kIpUdpHeaderSize +
+                             (options_.extended_ids ? kGvspExtendedHeaderSize : kGvspHeaderSize) +
+                             (options_.part_bytes.empty() ? 0 : kGvspPartHeaderSize);
   slice_ = options_.packet_size > header ? options_.packet_size - header : 1;
 }
 
@@ -48,7 +49,9 @@ GvspAssembler::Block* GvspAssembler::find_or_open(std::uint64_t id, DeviceTime n
   b.frame.missing.clear();
   b.frame.data.assign(options_.payload_bytes, 0);
   b.frame.t_first_packet = b.frame.t_last_packet = now;
-  b.count = static_cast<std::uint32_t>((options_.payload_bytes + slice_ - 1) / slice_) + 2;
+  b.count = options_.part_bytes.empty()
+                ? static_cast<std::uint32_t>((options_.payload_bytes + slice_ - 1) / slice_) + 2
+                : count_slices(options_.part_bytes, slice_) + 2;
   b.received.assign(b.count, 0);
   b.ask_at.assign(b.count, DeviceTime::never());
   b.have = b.highest = b.asked = 0;
@@ -78,9 +81,31 @@ void GvspAssembler::push(Bytes datagram, DeviceTime now) {
 
 /// A picture alone has the whole payload; one with chunks leaves some of it to them.
 bool GvspAssembler::has_expected_size(const GvspLeader& leader) const {
+  if (leader.part_count != options_.part_bytes.size()) return false;
+  for (std::size_t i = 0; i < leader.part_count; ++i)
+    if (leader.parts[i].length != options_.part_bytes[i]) return false;
+  if (leader.part_count > 0) return true;
   const std::uint64_t picture = payload_bytes(leader.region, leader.format);
   return (leader.payload_type & kChunkFlag) != 0 ? picture < options_.payload_bytes
                                                  : picture == options_.payload_bytes;
+}
+
+/// The bytes of a payload packet; false where they are not those that its number says.
+bool GvspAssembler::take_slice(Block& b, const GvspPacket& p) const {
+  if (p.packet_id == b.count - 1) return false;
+  if (!options_.part_bytes.empty()) {
+    const auto at = find_slice(options_.part_bytes, slice_, p.packet_id);
+    if (p.format != GvspFormat::multipart || at.part != p.part || at.offset != p.part_offset ||
+        at.length != p.payload.size() || at.offset + at.length > b.frame.data.size())
+      return false;
+    std::copy_n(p.payload.begin(), at.length, b.frame.data.begin() + static_cast<std::ptrdiff_t>(at.offset));
+    return true;
+  }
+  const std::size_t from = std::size_t{p.packet_id - 1} * slice_;
+  const std::size_t length = std::min(slice_, b.frame.data.size() - from);
+  if (p.format != GvspFormat::payload || p.payload.size() < length || p.payload.size() > slice_) return false;
+  std::copy_n(p.payload.begin(), length, b.frame.data.begin() + static_cast<std::ptrdiff_t>(from));
+  return true;
 }
 
 void GvspAssembler::accept(Block& b, const GvspPacket& p, DeviceTime now) {
@@ -101,17 +126,13 @@ void GvspAssembler::accept(Block& b, const GvspPacket& p, DeviceTime now) {
       }
       b.frame.leader = p.leader;
       break;
-    case GvspFormat::payload: {
-      const std::size_t from = std::size_t{p.packet_id - 1} * slice_;
-      if (p.packet_id == b.count - 1 || p.payload.size() < std::min(slice_, b.frame.data.size() - from) ||
-          p.payload.size() > slice_) {
+    case GvspFormat::payload:
+    case GvspFormat::multipart:
+      if (!take_slice(b, p)) {
         ++counters_.wrong_packet;
         return;
       }
-      const std::size_t length = std::min(slice_, b.frame.data.size() - from);
-      std::copy_n(p.payload.begin(), length, b.frame.data.begin() + static_cast<std::ptrdiff_t>(from));
       break;
-    }
     default:
       if (p.packet_id != b.count - 1) {
         ++counters_.wrong_packet;

@@ -29,6 +29,8 @@ struct GvspAssemblerOptions {
   Duration give_up_after = milliseconds(200);  ///< without a packet of the block
   std::uint32_t max_resend_packets_per_block = 0xFFFFFFFF;
   bool extended_ids = false;
+  /// Of multi-part frames: the bytes of each part, `payload_bytes` in all. Empty: frames are single pictures.
+  std::vector<std::uint64_t> part_bytes;
 };
 
 struct PacketRange {
@@ -81,6 +83,7 @@ class GvspAssembler {
   };
   [[nodiscard]] Block* find_or_open(std::uint64_t id, DeviceTime now);
   [[nodiscard]] bool has_expected_size(const GvspLeader& leader) const;
+  [[nodiscard]] bool take_slice(Block& b, const GvspPacket& p) const;
   void accept(Block& b, const GvspPacket& p, DeviceTime now);
   void finish(Block& b);
   [[nodiscard]] std::uint64_t next_id(std::uint64_t id) const;

@@ -8,12 +8,19 @@
 //   Vision 1.2)
 //           status:16  flags:16  0x80|format:8  0:24  block_id:64  packet_id:32        (extended ids, 2.0)
 //
+// A multi-part frame (GigE Vision 2.1; always with extended ids) has several pictures, one after the other.
+// Its leader has 48 bytes for each part and their number in the header's eighth byte; its payload packets
+// begin with part:8 zone:8 offset:48, the offset counted from the start of the frame (as Aravis takes it),
+// and no packet has bytes of two parts; its trailer has 16 bytes for each part.
+//
 // GvspBlock is a frame as the device keeps it: it makes any packet of itself on demand, so that a resend is
 // one more call and not a copy. Decoding checks every length first. No sockets, no clock.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "drivers/aravis/big_endian.h"
@@ -33,7 +40,8 @@ enum class PixelFormat : std::uint32_t {
   bayer_rg10 = 0x0110000D,
   bayer_rg12 = 0x01100011,
   bayer_rg16 = 0x0110002F,
-  rgb8 = 0x02180014
+  rgb8 = 0x02180014,
+  coord3d_c16 = 0x011000B8
 };
 [[nodiscard]] constexpr std::uint32_t bits_per_pixel(PixelFormat f) {
   return (static_cast<std::uint32_t>(f) >> 16) & 0xFF;
@@ -58,10 +66,25 @@ inline constexpr std::size_t kGvspLeaderSize = 36;   ///< behind the header
 inline constexpr std::size_t kGvspTrailerSize = 8, kGvspChunkTrailerSize = 16;
 inline constexpr std::size_t kGvspMaxDatagram = 65507;
 
-enum class GvspFormat : std::uint8_t { leader = 1, trailer = 2, payload = 3, all_in = 4 };
+inline constexpr std::size_t kGvspPartInfoSize = 48, kGvspPartTrailerSize = 16, kGvspPartHeaderSize = 8;
+
+enum class GvspFormat : std::uint8_t { leader = 1, trailer = 2, payload = 3, all_in = 4, multipart = 7 };
 
 /// Types of payload. Pictures may have chunk data behind them (extended chunk mode of GigE Vision 2.0).
-inline constexpr std::uint16_t kImagePayload = 0x0001, kChunkFlag = 0x4000;
+inline constexpr std::uint16_t kImagePayload = 0x0001, kMultipartPayload = 0x000A, kChunkFlag = 0x4000;
+
+/// One picture of a multi-part frame.
+struct GvspPart {
+  std::uint16_t data_type = 0;  ///< kPart2d, kPart3d, kPartConfidence
+  std::uint16_t purpose = 0;    ///< the SFNC's ComponentIDValue
+  std::uint64_t length = 0;     ///< bytes
+  PixelFormat format = PixelFormat::mono8;
+  Region region;
+};
+inline constexpr std::size_t kMaxParts = 4;
+inline constexpr std::uint16_t kPart2d = 1, kPart3d = 5, kPartConfidence = 9;
+/// Components by their values in the SFNC.
+inline constexpr std::uint16_t kIntensity = 1, kRange = 4, kConfidence = 6;
 
 struct GvspLeader {
   std::uint16_t payload_type = 0;  ///< kImagePayload, with or without kChunkFlag
@@ -69,6 +92,8 @@ struct GvspLeader {
   PixelFormat format = PixelFormat::mono8;
   Region region;
   std::uint16_t padding_x = 0, padding_y = 0;
+  std::uint8_t part_count = 0;  ///< of a multi-part frame; format and region are then those of the first part
+  std::array<GvspPart, kMaxParts> parts{};
 };
 
 struct GvspTrailer {
@@ -87,7 +112,9 @@ struct GvspPacket {
   std::uint32_t packet_id = 0;
   GvspLeader leader;
   GvspTrailer trailer;
-  Bytes payload;  ///< into the datagram; of payload packets alone
+  Bytes payload;          ///< into the datagram; of payload and multipart packets alone
+  std::uint8_t part = 0;  ///< of multipart packets, as is the offset
+  std::uint64_t part_offset = 0;
 };
 
 /// False where the datagram is no GVSP packet of a kind that we know. Any thread, no allocation.
@@ -108,12 +135,31 @@ class GvspBlock {
 
   /// Leader and trailer included.
   [[nodiscard]] std::uint32_t packet_count() const;
-  /// Picture bytes in each payload packet but the last.
+  /// Picture bytes in each payload packet but the last (of its part).
   [[nodiscard]] std::size_t slice_size() const;
   /// Writes packet `packet_id` and returns its length; 0 where the block has no such packet or `out` is too
   /// short. Any thread while the block is not changed; no allocation.
   [[nodiscard]] std::size_t encode_packet(std::uint32_t packet_id, MutableBytes out) const noexcept;
+
+ private:
+  [[nodiscard]] std::size_t encode_parts_leader(std::size_t header, MutableBytes out) const noexcept;
+  [[nodiscard]] std::size_t encode_parts_trailer(std::uint32_t packet_id, std::size_t header,
+                                                 MutableBytes out) const noexcept;
+  [[nodiscard]] std::size_t encode_part_slice(std::uint32_t packet_id, std::size_t header,
+                                              MutableBytes out) const noexcept;
 };
+
+/// Where packet `packet_id` (not the leader, not the trailer) of a frame with these parts lies.
+struct PartSlice {
+  std::uint8_t part = 0;
+  std::uint64_t offset = 0;  ///< from the start of the frame
+  std::size_t length = 0;    ///< 0: there is no such packet
+};
+[[nodiscard]] PartSlice find_slice(std::span<const std::uint64_t> part_bytes, std::size_t slice,
+                                   std::uint32_t packet_id) noexcept;
+/// Payload packets of a frame with these parts.
+[[nodiscard]] std::uint32_t count_slices(std::span<const std::uint64_t> part_bytes,
+                                         std::size_t slice) noexcept;
 
 /// What answers a resend that cannot be served. Returns the length, 0 where `out` is too short.
 [[nodiscard]] std::size_t encode_gvsp_status(GvStatus status, std::uint64_t block_id, std::uint32_t packet_id,

@@ -129,8 +129,8 @@ TEST(AravisLoss, TheLoopIsNeverHeldWhileTheCameraIsGone) {
     (void)source.poll(t);
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &b);
     const Duration wall = testing::now() - t;
-    // A call that waited for the camera takes half a second and more, each time; a busy machine may take the CPU
-    // away for as long, but not again and again.
+    // A call that waited for the camera takes half a second and more, each time; a busy machine may take the
+    // CPU away for as long, but not again and again.
     if (wall > milliseconds(450)) ++long_calls;
     usleep(1000);
   }

@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <cstring>
 #include <vector>
 
 namespace rigor {
@@ -220,6 +222,92 @@ TEST(GigeVirtualSource, ChunksSayWhatEachPictureWasTakenWith) {
     EXPECT_EQ(b[i].info.exposure, milliseconds(4));
     EXPECT_EQ(b[i].info.gain_db, 3);
   }
+}
+
+/// Range and amplitude that tell pixel and instant; every seventh pixel has no return.
+class Ranges final : public SampleProvider {
+ public:
+  [[nodiscard]] Geometry geometry() const override {
+    return {SampleKind::range_image, 64, 48, 64 * 48 * 2 * sizeof(float), "tof"};
+  }
+  static float range_m(std::size_t i, BenchTime t) {
+    return i % 7 == 3
+               ? NAN
+               : 1.0F + 0.001F * static_cast<float>(i) + static_cast<float>((t - BenchTime(0)).seconds());
+  }
+  [[nodiscard]] Status capture(const Request& r, Sample& s) override {
+    auto* f = reinterpret_cast<float*>(s.memory().data());
+    for (std::size_t i = 0; i < 64 * 48; ++i)
+      f[i] = range_m(i, r.t_capture), f[64 * 48 + i] = static_cast<float>(2 * i);
+    s.info = RangeImageInfo{64, 48};
+    s.size_bytes = 64 * 48 * 2 * sizeof(float);
+    return {};
+  }
+};
+
+TEST(GigeVirtualSource, A3DCameraGivesRangeAndAmplitude) {
+  DeviceParts parts;
+  parts.samples = std::make_shared<Ranges>();
+  const auto make = [&](SampleKind kind, const std::string& keys, Status& s) {
+    auto source = std::make_unique<GigeVirtualSource>(
+        parts,
+        *ConfigDocument::parse("{serial: tof, rate_hz: 10, range_scale_mm: 0.2, amplitude_scale: 0.5}", "r"));
+    ChannelConfig c;
+    c.name = "tof.real", c.kind = kind, c.period = milliseconds(100), c.latency = milliseconds(20);
+    c.params = *ConfigDocument::parse(keys, "rig.yaml");
+    const auto made = catch_config([&] { return s = source->configure(c), true; });
+    if (!made) s = tl::unexpected<Error>(made.error());
+    if (s) s = source->arm({.virtual_time = true});
+    if (s) s = source->start(BenchTime(0));
+    return source;
+  };
+  Status s;
+  const auto source = make(SampleKind::range_image,
+                           "{device: Rigor-tof, amplitude_scale: 0.5, exposure_us: 2000, region: {x_px: 8, "
+                           "y_px: 4, width_px: 32, height_px: 16}}",
+                           s);
+  ASSERT_TRUE(s) << s.error().text();
+  EXPECT_EQ(source->describe().kind, SampleKind::range_image);
+  EXPECT_EQ(source->describe().max_bytes, 32U * 16 * 8);
+  int n = 0;
+  for (BenchTime t; t < BenchTime(0) + seconds(1); t = t + milliseconds(1)) {
+    source->complete_until(t);
+    while (const auto lease = source->poll(t)) {
+      ++n;
+      ASSERT_EQ(lease->kind(), SampleKind::range_image);
+      ASSERT_EQ(lease->bytes().size(), 32U * 16 * 8);
+      EXPECT_EQ(lease->stamp.validity, kValid);
+      const auto* f = reinterpret_cast<const float*>(lease->bytes().data());
+      for (std::size_t i = 0; i < 32 * 16; ++i) {
+        const std::size_t full = (i / 32 + 4) * 64 + i % 32 + 8;
+        const float truth = Ranges::range_m(full, lease->stamp.t_capture);
+        if (std::isnan(truth))
+          EXPECT_TRUE(std::isnan(f[i])) << i;
+        else
+          EXPECT_NEAR(f[i], truth, 0.00011) << i;  // half a count
+        EXPECT_EQ(f[32 * 16 + i], static_cast<float>(2 * full)) << i;
+      }
+    }
+  }
+  EXPECT_EQ(n, 10);
+  const auto grey = make(SampleKind::image, "{device: Rigor-tof, part: Intensity, pixel_format: Mono16}", s);
+  ASSERT_TRUE(s) << s.error().text();
+  grey->complete_until(BenchTime(0) + milliseconds(50));
+  const auto picture = grey->poll(BenchTime(0) + milliseconds(50));
+  ASSERT_TRUE(picture);
+  ASSERT_EQ(picture->bytes().size(), 64U * 48 * 2);
+  std::uint16_t raw = 0;
+  std::memcpy(&raw, picture->bytes().data() + 2 * 100, 2);
+  EXPECT_EQ(raw, 400);
+  (void)make(SampleKind::image, "{device: Rigor-tof, part: Intensity}", s);
+  ASSERT_FALSE(s);
+  EXPECT_THAT(s.error().text(), HasSubstr("Mono16, in which the camera sends this part"));
+  (void)make(SampleKind::image, "{device: Rigor-tof, part: Disparity, pixel_format: Mono16}", s);
+  ASSERT_FALSE(s);
+  EXPECT_THAT(s.error().text(), HasSubstr("Range (0) or Intensity (1)"));
+  (void)make(SampleKind::range_image, "{device: Rigor-tof, chunks: on}", s);
+  ASSERT_FALSE(s);
+  EXPECT_THAT(s.error().text(), HasSubstr("multi-part"));
 }
 
 TEST(GigeVirtualSource, AClockThatFollowsAMasterIsNoBetterThanItsOffset) {

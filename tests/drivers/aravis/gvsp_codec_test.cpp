@@ -182,6 +182,88 @@ TEST(GvspAssembler, RefusesAFrameOfAnotherSize) {
   EXPECT_GT(a.counters().wrong_packet, 0U);
 }
 
+/// Range of 64x48 and amplitude of 64x48, 16 bits each.
+GvspBlock make_parts(std::uint64_t id, std::uint32_t packet_size = 1400) {
+  GvspBlock b = make_block(id, 128, 96, packet_size, true);
+  b.leader.payload_type = kMultipartPayload;
+  b.leader.part_count = 2;
+  b.leader.parts[0] = {kPart3d, kRange, 6144, PixelFormat::coord3d_c16, {2, 4, 64, 48}};
+  b.leader.parts[1] = {kPart2d, kIntensity, 6144, PixelFormat::mono16, {2, 4, 64, 48}};
+  return b;
+}
+
+TEST(GvspCodec, MultiPartFramesAreTheSpecificationsBytes) {
+  const auto b = make_parts(0x0102);
+  const auto all = packets(b);
+  // 1400 − 28 − 20 − 8 bytes a packet, each part's last one shorter.
+  ASSERT_EQ(all.size(), 5U + 5U + 2U);
+  const auto& leader = all.front();
+  ASSERT_EQ(leader.size(), 20U + 12 + 2 * 48);
+  EXPECT_EQ(load_be<std::uint32_t>(leader, 4), 0x81000002U) << "leader, extended ids, two parts";
+  EXPECT_EQ(load_be<std::uint16_t>(leader, 22), 0x000AU);
+  EXPECT_EQ(load_be<std::uint64_t>(leader, 32), 0x0005'0000'0000'1800U) << "3D image of 6144 bytes";
+  EXPECT_EQ(load_be<std::uint32_t>(leader, 40), 0x011000B8U);
+  EXPECT_EQ(load_be<std::uint16_t>(leader, 52), 4U) << "purpose: range";
+  EXPECT_EQ(load_be<std::uint32_t>(leader, 56), 64U);
+  EXPECT_EQ(load_be<std::uint32_t>(leader, 80 + 8), 0x01100007U);
+  EXPECT_EQ(all[1].size(), 1400U - 28);
+  EXPECT_EQ(load_be<std::uint32_t>(all[1], 4), 0x87000000U);
+  EXPECT_EQ(load_be<std::uint64_t>(all[6], 20), 0x0100'0000'0000'1800U) << "the second part's first bytes";
+  EXPECT_EQ(all[5].size(), 28U + 6144 - 4 * 1344) << "no packet has bytes of two parts";
+  const auto& trailer = all.back();
+  ASSERT_EQ(trailer.size(), 20U + 4 + 2 * 16);
+  EXPECT_EQ(load_be<std::uint64_t>(trailer, 24), 0x0005'0000'0000'1800U);
+  GvspPacket p;
+  ASSERT_TRUE(decode_gvsp(leader, p));
+  ASSERT_EQ(p.leader.part_count, 2);
+  EXPECT_EQ(p.leader.parts[1].format, PixelFormat::mono16);
+  EXPECT_EQ(p.leader.parts[1].length, 6144U);
+  EXPECT_EQ(p.leader.parts[1].region, (Region{2, 4, 64, 48}));
+  // More parts than bytes, or than we keep: refused.
+  auto lie = leader;
+  for (const std::uint8_t n : {std::uint8_t{0}, std::uint8_t{3}, std::uint8_t{255}}) {
+    lie[7] = n;
+    EXPECT_FALSE(decode_gvsp(lie, p)) << int{n};
+  }
+}
+
+TEST(GvspAssembler, PutsPartsTogetherInAnyOrderAndAsksForWhatIsMissing) {
+  const auto b = make_parts(7);
+  GvspAssemblerOptions o;
+  o.packet_size = b.packet_size, o.payload_bytes = b.data.size(), o.extended_ids = true;
+  o.part_bytes = {6144, 6144};
+  GvspAssembler a(o);
+  auto all = packets(b);
+  std::mt19937 random(5);
+  const auto lost = all[8];
+  std::vector<std::vector<std::uint8_t>> sent;
+  for (std::size_t i = 0; i < all.size(); ++i)
+    if (i != 8) sent.push_back(all[i]);
+  std::shuffle(sent.begin(), sent.end(), random);
+  for (const auto& d : sent) a.push(d, at_ms(0));
+  AssembledFrame f;
+  EXPECT_FALSE(a.take(at_ms(1), f));
+  const auto asked = a.resends(at_ms(30));
+  ASSERT_EQ(asked.size(), 1U);
+  EXPECT_EQ(asked[0].first_packet, 8U);
+  EXPECT_EQ(asked[0].last_packet, 8U);
+  // A packet whose offset is not that of its number must not be written anywhere.
+  auto lie = lost;
+  lie[27] ^= 1;
+  a.push(lie, at_ms(31));
+  EXPECT_EQ(a.counters().wrong_packet, 1U);
+  a.push(lost, at_ms(32));
+  ASSERT_TRUE(a.take(at_ms(33), f));
+  EXPECT_TRUE(f.complete);
+  EXPECT_EQ(f.data, b.data);
+  EXPECT_EQ(f.leader.part_count, 2);
+  // Frames of one picture are none of these, nor the other way round.
+  const auto picture = make_block(8, 128, 96, 1400, true);
+  for (const auto& d : packets(picture)) a.push(d, at_ms(40));
+  ASSERT_TRUE(a.take(at_ms(900), f));
+  EXPECT_FALSE(f.complete);
+}
+
 TEST(GvspAssembler, StopsAskingWhenTheCameraNoLongerHasIt) {
   const auto b = make_block(1, 640, 480);
   const auto all = packets(b);
