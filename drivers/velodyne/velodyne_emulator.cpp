@@ -91,23 +91,31 @@ Status VelodyneEmulator::do_arm(const ArmContext& context) {
 
 Status VelodyneEmulator::do_start(BenchTime t0) {
   epoch_ = read_epoch();
-  const BenchTime now(monotonic_now().ns());
-  const double rotation_hz = -parts_.samples->scan()->rotation_radps / (2 * 3.14159265358979323846);
-  // Two turns for the first measurements.
-  t_start_ = std::max(t0, now) + seconds_from(2 / rotation_hz);
   RotorSettings rotor;
   rotor.model = settings_.model;
   rotor.dual = settings_.returns == ReturnMode::dual;
   rotor.single = rotor.dual ? ReturnMode::strongest : settings_.returns;
   rotor.product = settings_.product;
-  rotor.start_us = static_cast<std::uint32_t>(epoch_.to_utc(t_start_).ns() % kHour_ns / 1000);
+  // One revolution for nothing: the first measurement takes longest, and packets shall be there from t_start
+  // on.
+  auto trial = RotorDevice::create(rotor, parts_.samples);
+  if (!trial) return tl::unexpected<Error>(trial.error());
+  Revolution scratch = trial->make_revolution();
+  for (int i = 0; i < 2; ++i) {
+    const BenchTime began(monotonic_now().ns());
+    const WorldMotion motion = parts_.motion ? parts_.motion->motion_at(began) : WorldMotion{};
+    if (auto s = trial->measure(0, began, motion, scratch); !s) return s;
+    measuring_time_ = BenchTime(monotonic_now().ns()) - began;
+  }
+  t_start_ = std::max(t0, BenchTime(monotonic_now().ns())) + trial->revolution_time() + measuring_time_ * 2;
   // Whole microseconds: what the device counts.
   t_start_ = t_start_ - Duration(epoch_.to_utc(t_start_).ns() % 1000);
+  rotor.start_us = static_cast<std::uint32_t>(epoch_.to_utc(t_start_).ns() % kHour_ns / 1000);
   auto device = RotorDevice::create(rotor, parts_.samples);
   if (!device) return tl::unexpected<Error>(device.error());
   device_.emplace(std::move(*device));
   revolutions_.clear();
-  for (std::size_t i = 0; i < kAhead; ++i) revolutions_.push_back(device_->make_revolution());
+  for (std::size_t i = 0; i < kKept; ++i) revolutions_.push_back(device_->make_revolution());
   measured_ = sending_revolution_ = 0;
   stop_ = false;
   sending_.reset();
@@ -135,6 +143,14 @@ Status VelodyneEmulator::do_stop() {
   return written;
 }
 
+std::uint64_t VelodyneEmulator::next_revolution() const {
+  // Where measuring takes longer than a turn, those that would come too late are left out, so that the others
+  // are whole.
+  const double ready = (BenchTime(monotonic_now().ns()) + measuring_time_ - t_start_).seconds();
+  const double in_time = std::max(0.0, std::floor(ready * device_->rotation_hz()) + 1);
+  return std::max(measured_, std::min(static_cast<std::uint64_t>(in_time), sending_revolution_ + kKept - 2));
+}
+
 void VelodyneEmulator::measure_ahead() {
   pthread_setname_np(pthread_self(), "velodyne-scan");
   Revolution scratch = device_->make_revolution();
@@ -143,11 +159,9 @@ void VelodyneEmulator::measure_ahead() {
     {
       std::unique_lock lock(mutex_);
       // A slot is free once its revolution is two behind the one that is being sent.
-      changed_.wait(lock, [&] { return stop_ || measured_ < sending_revolution_ + kAhead - 1; });
+      changed_.wait(lock, [&] { return stop_ || measured_ <= sending_revolution_ + kAhead; });
       if (stop_) return;
-      // What is past need not be measured.
-      if (measured_ < sending_revolution_) measured_ = sending_revolution_ + 1;
-      k = measured_;
+      k = next_revolution();
     }
     const BenchTime begin = t_start_ + Duration(device_->begin_ns(k));
     const BenchTime now(monotonic_now().ns());
@@ -155,7 +169,9 @@ void VelodyneEmulator::measure_ahead() {
     if (parts_.motion) motion = parts_.motion->motion_at(std::min(begin, now));
     if (!device_->measure(k, begin, motion, scratch)) raise(health_.protocol_errors);
     const std::lock_guard lock(mutex_);
-    std::swap(scratch, revolutions_[k % kAhead]);
+    // A machine that is busy now is busy a little longer.
+    measuring_time_ = std::max(BenchTime(monotonic_now().ns()) - now, measuring_time_ * 3 / 4);
+    std::swap(scratch, revolutions_[k % kKept]);
     measured_ = k + 1;
   }
 }
@@ -179,7 +195,7 @@ void VelodyneEmulator::send_packets() {
         changed_.notify_all();
       }
       const auto of = [&](std::uint64_t k) {
-        const Revolution& r = revolutions_[k % kAhead];
+        const Revolution& r = revolutions_[k % kKept];
         const bool has = r.seen && r.index == k;
         there = there && has;
         return has ? &r : nullptr;

@@ -36,7 +36,10 @@ class VelodyneEmulator final : public Emulator {
   Status do_stop() override;
 
  private:
-  static constexpr std::size_t kAhead = 4;  ///< revolutions that are kept
+  static constexpr std::uint64_t kAhead = 2;  ///< revolutions that are measured before they are sent
+  static constexpr std::size_t kKept = 16;  ///< more, so that a slow measurement may be of one further ahead
+  /// The first revolution that can be measured in time.
+  [[nodiscard]] std::uint64_t next_revolution() const;
   void measure_ahead();
   void send_packets();
   void send(Bytes bytes, std::uint16_t port);
@@ -55,9 +58,10 @@ class VelodyneEmulator final : public Emulator {
 
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::vector<Revolution> revolutions_;  ///< k at k % kAhead
+  std::vector<Revolution> revolutions_;  ///< k at k % kKept
   std::uint64_t measured_ = 0;           ///< revolutions below this one are done or given up
   std::uint64_t sending_revolution_ = 0;
+  Duration measuring_time_;  ///< what one revolution takes
   bool stop_ = false;
   std::thread measuring_thread_, sending_thread_;
 };

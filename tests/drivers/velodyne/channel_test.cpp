@@ -226,6 +226,40 @@ TEST(VelodyneEmulator, SendsEvenPacketsAndPositionsAndWritesThem) {
   EXPECT_EQ(counted, report->data_packets) << "tshark found malformed frames, or another number of packets";
 }
 
+/// Measures a turn of 0.05 s in 0.13 s.
+class SlowLidar final : public SampleProvider {
+ public:
+  Geometry geometry() const override { return lidar_.geometry(); }
+  const models::LidarScan* scan() const override { return lidar_.scan(); }
+  Status capture(const Request& r, Sample& sample) override {
+    std::this_thread::sleep_for(std::chrono::milliseconds(130));
+    return lidar_.capture(r, sample);
+  }
+
+ private:
+  test::FormulaLidar lidar_{Model::vlp16, 20};
+};
+
+// Each measurement came too late before, and nothing ever left.
+TEST(VelodyneEmulator, OnASlowMachineSendsTheRevolutionsThatItCanMeasure) {
+  Device device;
+  device.emulator = std::make_unique<VelodyneEmulator>();
+  DeviceParts parts;
+  parts.samples = std::make_shared<SlowLidar>();
+  device.emulator->attach(std::move(parts));
+  ASSERT_TRUE(device.emulator->configure(config_of("{" + device.keys() + "}")));
+  ASSERT_TRUE(device.emulator->arm({}));
+  const auto s = device.emulator->start(BenchTime(monotonic_now().ns()));
+  ASSERT_TRUE(s) << s.error().text();
+  const Health& health = device.emulator->health();
+  // The packets of at least five revolutions, 37 each; and most are left out.
+  for (int i = 0; i < 400 && health.received.load() < 5 * 37; ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  EXPECT_GE(health.received.load(), 5u * 37);
+  EXPECT_GT(health.lost.load(), 37u);
+  ASSERT_TRUE(device.emulator->stop());
+}
+
 TEST(VelodyneSource, TellsOfAProductByteThatLies) {
   Device device;
   ASSERT_TRUE(device.start(", product: 0x21"));
