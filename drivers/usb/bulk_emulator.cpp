@@ -26,6 +26,7 @@ Status BulkEmulator::do_configure(const ChannelConfig& config) {
   (void)n.choice_or("protocol", {"bulk"}, "bulk");
   format_ = read_bulk_format(n.map("frame"));
   period_ = seconds_from(1 / n.number_or("rate_hz", 30, {.min = 0.01, .max = 10000}));
+  delay_ = seconds_from(n.number_or("delay_ms", 0, {.min = 0, .max = 10000}) * 1e-3);
   gadget_ = n.choice_or("as", {"gadget", "tcp"}, "gadget") == "gadget";
   if (gadget_) {
     gadget_settings_ = {};
@@ -129,6 +130,7 @@ void BulkEmulator::run() {
     bytes.clear();
     if (!world_->frame(static_cast<std::uint64_t>(k), BenchTime(due.ns()), (due - start).ns(), bytes))
       continue;
+    if (delay_.ns() > 0 && !deadline_.wait_until(due + delay_)) return;
     (send(bytes) ? counters_.frames_sent : counters_.frames_cut).fetch_add(1, std::memory_order_relaxed);
   }
 }

@@ -53,7 +53,7 @@ class BulkEmulator final : public Emulator {
 
   DeviceParts parts_;
   BulkFormat format_;
-  Duration period_;
+  Duration period_, delay_;
   bool gadget_ = true;
   GadgetSettings gadget_settings_;
   std::string address_;

@@ -79,7 +79,10 @@ std::int64_t FrameKeeper::place(const BulkReader::Frame& frame) noexcept {
     const DeviceTime x(extended_ticks_ * f.tick_ns);
     (void)map_->add_arrival(x, BenchTime(frame.first_ns));
     if (const Mapped m = map_->map(x); m.known) {
-      stamp.t_capture = m.t;
+      // A frame that is here before the map says that it was measured knows better: those before it were
+      // late.
+      if (m.t > stamp.t_capture + m.sigma * 3) stamp.validity |= kClockUnsure;
+      stamp.t_capture = std::min(stamp.t_capture, m.t);
       stamp.sigma_capture = m.sigma;
     } else {
       stamp.validity |= kClockUnsure;

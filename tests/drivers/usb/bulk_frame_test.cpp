@@ -7,6 +7,8 @@
 #include <cstring>
 #include <random>
 
+#include "drivers/usb/bulk_source.h"
+
 namespace rigor::usb {
 namespace {
 
@@ -117,6 +119,36 @@ TEST(BulkFrame, ReaderFindsFramesBetweenRubbishInPiecesOfAnySize) {
   EXPECT_EQ(next, 100u);
   EXPECT_GT(reader.refused_headers(), 5u);
   EXPECT_GT(reader.skipped_bytes(), 10000u);
+}
+
+// A device that was slow at first (300 ms from the stamp to the first byte, then 100 ms): its clock is tied
+// down by the quickest frames, and until that is settled no frame was measured after it came.
+TEST(FrameKeeper, NoFrameWasMeasuredAfterItCame) {
+  BulkSettings settings;
+  settings.format = format_of(kTof);
+  settings.delay = milliseconds(5);
+  ChannelConfig config;
+  config.period = milliseconds(200);
+  config.latency = milliseconds(150);
+  FrameKeeper keeper;
+  keeper.begin(BenchTime(0), config, settings);
+  const auto planes = tof_planes(settings.format.pixels(), 1);
+  Sample sample;
+  sample.reserve(bulk_sample_bytes(settings.format));
+  BenchTime last;
+  for (std::int64_t k = 0; k < 40; ++k) {
+    std::string bytes;
+    encode_bulk(settings.format, planes, static_cast<std::uint64_t>(k), k * 200'000'000, bytes);
+    const std::int64_t delay_ns = k < 5 ? 300'000'000 : 100'000'000 + k * 1000;
+    const std::int64_t came = k * 200'000'000 + delay_ns;
+    const BulkReader::Frame frame{bytes, came, came + 1'000'000};
+    const std::int64_t lost = keeper.place(frame);
+    EXPECT_EQ(lost, k == 5 ? lost : 0) << k;
+    keeper.fill(frame, sample);
+    EXPECT_LE(sample.stamp.t_capture.ns(), came - 5'000'000) << k;
+    last = sample.stamp.t_capture;
+  }
+  EXPECT_NEAR(static_cast<double>(last.ns()), 39 * 200e6 + 95e6, 2e6);
 }
 
 TEST(BulkFrame, WrongDescriptionsAreRefusedWithTheirPlace) {
