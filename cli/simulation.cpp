@@ -19,6 +19,11 @@
 namespace rigor {
 namespace {
 
+/// Which device of those that a fitted sheet describes the channel is.
+std::uint64_t draw_of(const ConfigNode& params) {
+  return static_cast<std::uint64_t>(params.integer_or("calibration_draw", 0, {.min = 0}));
+}
+
 /// Hinged nodes of the scene, in its order: joint i of WorldMotion is node nodes[i].
 std::vector<std::size_t> hinged_nodes(const world::Scene& scene) {
   std::vector<std::size_t> nodes;
@@ -169,8 +174,9 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
   bool small = impl_->scene && impl_->config.weather.empty() && !params.has("engine") && !options.choice &&
                options.only.empty() && !params.has("motion");
   if (small) {
-    const auto sheet =
-        catch_config([&] { return value_or_throw(load_camera(params.base_dir() / params.text("sensor"))); });
+    const auto sheet = catch_config([&] {
+      return value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params)));
+    });
     if (!sheet) return tl::unexpected<Error>(sheet.error());
     small = small_renderer_knows(sheet->model);
   }
@@ -180,7 +186,8 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
     return std::shared_ptr<ImageProvider>(std::move(*made));
   }
   auto made = catch_config([&]() -> Result<std::shared_ptr<ImageProvider>> {
-    const auto sheet = value_or_throw(load_camera(params.base_dir() / params.text("sensor")));
+    const auto sheet =
+        value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params)));
     const SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
     auto device = impl_->resources.device();
     if (!device) return tl::unexpected<Error>(device.error());
@@ -207,7 +214,8 @@ Result<std::shared_ptr<SensedCamera>> Simulation::sensed_camera(ConfigNode param
                                                                 const SensorOptions& options) {
   auto made = catch_config([&] {
     expect_sheet(params, SampleKind::image);
-    const auto sheet = value_or_throw(load_camera(params.base_dir() / params.text("sensor")));
+    const auto sheet =
+        value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params)));
     SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
     if (setup.choice.engine.empty()) setup.choice.engine = "vulkan";
     CameraModel model = sheet.model;
@@ -230,11 +238,11 @@ Result<std::shared_ptr<TruthfulSampler>> Simulation::sampler(SampleKind kind, Co
     SensorSetup setup = read_setup(params, kind, *impl_->world, name, seed, options);
     if (setup.choice.engine.empty()) setup.choice.engine = "rays";
     if (kind == SampleKind::point_cloud) {
-      auto model = value_or_throw(load_lidar_model(file));
+      auto model = value_or_throw(load_lidar_model(file, draw_of(params)));
       if (!options.only.empty()) model = value_or_throw(models::only_effects(model, options.only));
       return make_lidar(setup, model, *impl_->world, impl_->resources);
     }
-    auto model = value_or_throw(load_tof_model(file));
+    auto model = value_or_throw(load_tof_model(file, draw_of(params)));
     if (!options.only.empty()) model = value_or_throw(models::only_effects(model, options.only));
     return make_tof(setup, model, *impl_->world, impl_->resources);
   });

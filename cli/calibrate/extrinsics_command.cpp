@@ -4,6 +4,7 @@
 
 #include <CLI/CLI.hpp>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <memory>
@@ -44,28 +45,36 @@ struct Cloud {
   std::vector<Eigen::Vector3d> points_m;
 };
 
-Result<Eigen::Isometry3d> parse_rough(const std::string& text) {
+/// Optical axes (x right, y down, z forward) of what points forward, left, up.
+Eigen::Matrix3d optical_from_forward() {
+  Eigen::Matrix3d r;
+  r << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  return r;
+}
+
+/// `optical`: the second sensor has the axes of a camera; else x forward.
+Result<Eigen::Isometry3d> parse_rough(const std::string& text, bool optical) {
   std::array<double, 6> v{};
   char rest = 0;
-  if (std::sscanf(text.c_str(), "%lf,%lf,%lf,%lf,%lf,%lf%c", &v[0], &v[1], &v[2], &v[3], &v[4], &v[5],
-                  &rest) != 6)
+  const int n =
+      std::sscanf(text.c_str(), "%lf,%lf,%lf,%lf,%lf,%lf%c", &v[0], &v[1], &v[2], &v[3], &v[4], &v[5], &rest);
+  const bool whole = n == 6 || (n == 3 && std::count(text.begin(), text.end(), ',') == 2);
+  if (!whole)
     return fail(
         ErrorCode::bad_input, "--rough",
-        "expected x,y,z in metres and roll,pitch,yaw in degrees of the second sensor in the camera's optical "
-        "frame (x right, y down, z forward), as in 0.2,-0.1,0,-90,0,-90, got " +
+        "expected x,y,z[,roll,pitch,yaw]: where the second sensor is in the camera's optical frame (x "
+        "right, y down, z forward) in metres, and how it is turned against looking the same way (roll to "
+        "the right, pitch down, yaw to the left, degrees), as in 0.2,-0.1,0 or 0.2,-0.1,0,0,-8,0, got " +
             (text.empty() ? "nothing" : text));
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
   T.translation() = Eigen::Vector3d(v[0], v[1], v[2]);
-  T.linear() = (Eigen::AngleAxisd(v[5] * kDegree, Eigen::Vector3d::UnitZ()) *
-                Eigen::AngleAxisd(v[4] * kDegree, Eigen::Vector3d::UnitY()) *
-                Eigen::AngleAxisd(v[3] * kDegree, Eigen::Vector3d::UnitX()))
-                   .toRotationMatrix();
+  const Eigen::Matrix3d turn = (Eigen::AngleAxisd(v[5] * kDegree, Eigen::Vector3d::UnitZ()) *
+                                Eigen::AngleAxisd(v[4] * kDegree, Eigen::Vector3d::UnitY()) *
+                                Eigen::AngleAxisd(v[3] * kDegree, Eigen::Vector3d::UnitX()))
+                                   .toRotationMatrix();
+  T.linear() = optical_from_forward() * turn;
+  if (optical) T.linear() = T.linear() * optical_from_forward().transpose();
   return T;
-}
-
-Eigen::Vector3d roll_pitch_yaw_deg(const Eigen::Matrix3d& r) {
-  return {std::atan2(r(2, 1), r(2, 2)) / kDegree, std::asin(std::clamp(-r(2, 0), -1.0, 1.0)) / kDegree,
-          std::atan2(r(1, 0), r(0, 0)) / kDegree};
 }
 
 Result<std::vector<Seen>> boards_of(const ExtrinsicsOptions& o, const std::filesystem::path& file,
@@ -224,7 +233,7 @@ int calibrate_extrinsics(const ExtrinsicsOptions& o) {
   if (auto s = check_outputs(o); !s) return wrong(s.error());
   const auto board = parse_board(o.target);
   if (!board) return wrong(board.error());
-  const auto rough = parse_rough(o.rough);
+  const auto rough = parse_rough(o.rough, !o.second_sheet.empty());
   if (!rough) return wrong(rough.error());
   const auto sheet = load_camera(o.camera_sheet);
   if (!sheet) return wrong(sheet.error());
@@ -262,19 +271,19 @@ int calibrate_extrinsics(const ExtrinsicsOptions& o) {
   product.fit = std::move(fit->result);
   product.fit.warnings.insert(product.fit.warnings.end(), warnings.begin(), warnings.end());
   const Eigen::Vector3d t = fit->T_first_second.translation();
-  const Eigen::Vector3d rpy = roll_pitch_yaw_deg(fit->T_first_second.linear());
+  const Eigen::Quaterniond q(fit->T_first_second.linear());
   product.recipe.kind = "extrinsics";
   product.recipe.set = {
       {"first", o.camera.empty() ? "camera" : o.camera},
       {"second", o.second.empty() ? "second" : o.second},
       {"T_first_second.position_m",
        fmt::format("[{}, {}, {}]", exact_text(t.x()), exact_text(t.y()), exact_text(t.z()))},
-      {"T_first_second.roll_pitch_yaw_deg",
-       fmt::format("[{}, {}, {}]", exact_text(rpy.x()), exact_text(rpy.y()), exact_text(rpy.z()))}};
+      {"T_first_second.quaternion_wxyz", fmt::format("[{}, {}, {}, {}]", exact_text(q.w()), exact_text(q.x()),
+                                                     exact_text(q.y()), exact_text(q.z()))}};
   product.more = {{"views", sightings.size()},
                   {"sigma_point_m", fit->sigma_point_m},
                   {"position_m", {t.x(), t.y(), t.z()}},
-                  {"roll_pitch_yaw_deg", {rpy.x(), rpy.y(), rpy.z()}}};
+                  {"quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}}};
   Figure views{
       .kind = Figure::Kind::series,
       .title = "Distance of the points from the board",
@@ -334,7 +343,7 @@ CalibrateSubcommand add_calibrate_extrinsics(CLI::App& calibrate) {
   app->add_option("--views", o->views, "At most so many views are used")->check(CLI::Range(1, 10000));
   app->footer(
       "Example: rigor calibrate extrinsics rec.mcap --camera left --camera-sheet left.yaml --second top "
-      "--target chessboard:9x6:0.1 --rough 0.2,-0.1,0,-90,0,-90 -o top-in-left.yaml");
+      "--target chessboard:9x6:0.1 --rough 0.2,-0.1,0 -o top-in-left.yaml");
   return {app, [o] { return calibrate_extrinsics(*o); }};
 }
 

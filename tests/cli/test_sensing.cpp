@@ -350,6 +350,30 @@ TEST_F(Sense, InTheRigsWeatherSeesWhatTheAirLeaves) {
   EXPECT_LT(rain, clear);
 }
 
+TEST_F(Sense, OfAFittedSheetTakesTheDeviceThatIsAskedFor) {
+  rig(kChannels);
+  write_file(dir / "scanner.yaml", std::string(kScanner) + R"(
+calibration:
+  version: 1
+  kind: lidar
+  model: bias
+  parameters:
+    - { name: range_bias_m, value: 0, sigma: 0.1, path: range.bias_mm, scale: 1000 }
+  covariance: [0.01]
+  residuals: { unit: m, count: 100, rejected: 0, rms: 0.004 }
+)");
+  const auto range = [&](const std::string& draw) {
+    return range_at(
+        sense_pcd("flat", {"--only", "beam_bias", "--set", "channels.flat.calibration_draw=" + draw}), 0);
+  };
+  const double sheet = range("0"), first = range("1"), second = range("2");
+  EXPECT_NEAR(sheet, 4, 0.002);
+  EXPECT_GT(std::abs(first - sheet), 0.001);
+  EXPECT_GT(std::abs(second - first), 0.001);
+  EXPECT_LT(std::abs(first - sheet), 0.5) << "five standard deviations";
+  EXPECT_EQ(range("1"), first);
+}
+
 TEST_F(Sense, TakesWorldsOfNodesToo) {
   rig(kChannels);
   const Said said =
