@@ -67,6 +67,9 @@ Result<Bytes> McapReader::read_record(std::uint64_t offset, std::uint64_t length
     return tl::unexpected(
         damage(offset, "a record of " + std::to_string(length) + " bytes is more than the " +
                            std::to_string(options_.max_loaded_bytes) + " that may be held in memory"));
+  if (const std::uint64_t size = source_->size(); offset > size || length > size - offset)
+    return tl::unexpected(
+        damage(offset, "a record of " + std::to_string(length) + " bytes goes beyond the file's end"));
   record_.clear();
   record_.resize(static_cast<std::size_t>(length));
   if (Status status = source_->read(offset, {record_.data(), record_.size()}); !status)

@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdio>
 #include <system_error>
@@ -34,10 +35,14 @@ Result<RepairReport> repair(std::unique_ptr<ByteSource> input, std::unique_ptr<B
   report.health = reader.health();
   report.was_good = reader.health().good();
 
+  // A small recording needs no memory for large chunks.
+  const auto chunk_bytes =
+      std::clamp<std::uint64_t>(report.input_bytes, 128u << 10, WriterOptions{}.chunk_bytes);
   auto created =
       McapWriter::open(std::move(output), {.profile = reader.profile().empty() ? "ros2" : reader.profile(),
                                            .library = "rigor",
-                                           .compression = compression_of(reader)});
+                                           .compression = compression_of(reader),
+                                           .chunk_bytes = static_cast<std::size_t>(chunk_bytes)});
   if (!created) return tl::unexpected(created.error());
   McapWriter& writer = **created;
   std::map<std::uint16_t, std::uint16_t> schemas{{std::uint16_t{0}, std::uint16_t{0}}};
