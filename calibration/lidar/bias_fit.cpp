@@ -479,7 +479,21 @@ class Fit {
       cross_validate({.name = "none"}, solve(layout({.name = "none"}), t, in_use), c);
       out_.held_out_uncorrected_m = c.cross_validation;
     }
-    const std::size_t chosen = choose_model(candidates);
+    // A model that leaves some of its own numbers open is not what the data support, however it predicts.
+    std::vector<std::size_t> open, fit_for_choice;
+    for (std::size_t i = 0; i < tried.size(); ++i)
+      (tried.size() == 1 || determined(tried[i].model, tried[i].state) ? fit_for_choice : open).push_back(i);
+    std::vector<Candidate> choice;
+    for (const std::size_t i : fit_for_choice) choice.push_back(candidates[i]);
+    const std::size_t chosen = fit_for_choice[choose_model(choice)];
+    for (std::size_t i = 0; i < choice.size(); ++i) candidates[fit_for_choice[i]] = choice[i];
+    for (const std::size_t i : open) candidates[i].note = "these data do not determine all of its parameters";
+    if (tried[chosen].model.name == "none" && !open.empty())
+      out_.result.not_identifiable.emplace_back(
+          "range_bias_m",
+          "a bias of the ranges, its change with incidence or remission and the distances of the walls make "
+          "up "
+          "for each other in these data; survey the walls (--targets) or record more of them");
     out_.held_out_rms_m = candidates[chosen].cross_validation;
     out_.model = tried[chosen].model;
     state_ = tried[chosen].state;
@@ -536,6 +550,90 @@ class Fit {
     return rho > 3 / std::sqrt(pairs) ? std::min(rho, 0.98) : 0;
   }
 
+  /// The information that is left when the walls are solved for.
+  [[nodiscard]] static MatrixXd without_walls(const Layout& l, const MatrixXd& information) {
+    const Index w = l.wanted();
+    MatrixXd reduced = information.topLeftCorner(w, w);
+    if (l.size() == w) return reduced;
+    const Index n = l.size() - w;
+    VectorXd s(n);
+    for (Index i = 0; i < n; ++i)
+      s[i] = information(w + i, w + i) > 0 ? 1 / std::sqrt(information(w + i, w + i)) : 0;
+    const MatrixXd unit = s.asDiagonal() * information.bottomRightCorner(n, n) * s.asDiagonal();
+    const MatrixXd inverse =
+        s.asDiagonal() * MatrixXd(unit.completeOrthogonalDecomposition().pseudoInverse()) * s.asDiagonal();
+    const MatrixXd cross = information.topRightCorner(w, n);
+    return reduced - cross * inverse * cross.transpose();
+  }
+
+  /// Names, values and resolutions; which of them are biases of beams that met a wall; noise of a shot.
+  [[nodiscard]] std::vector<Parameter> parameters_of(const BiasModel& model, const State& s,
+                                                     std::vector<int>& bias_at, double& shot) const {
+    // What a parameter must be known to, to be of use: one shot's noise.
+    std::vector<double> ranges;
+    double cells = 0;
+    shot = 0;
+    std::vector<bool> seen(beams_, false);
+    for (const BiasCell& c : cells_) {
+      if (!c.used) continue;
+      seen[c.beam] = true;
+      shot += c.shot_variance_m2 * c.count, ++cells;
+      ranges.push_back(predict(s, c.beam, c.plane, c.azimuth_rad, c.remission).d_scale_m);
+    }
+    shot = std::sqrt(shot / std::max(1.0, cells));
+    const double range = median(ranges);
+    std::vector<Parameter> out;
+    const auto add = [&](const std::string& name, double value, double resolution) {
+      out.push_back({name, value, 0, resolution, false, false});
+    };
+    if (model.offset) add("range_bias_m", s.errors.front().bias_m, shot);
+    if (model.beams)
+      for (int b = 0; b < static_cast<int>(beams_); ++b) {
+        if (seen[static_cast<std::size_t>(b)]) bias_at.push_back(static_cast<int>(out.size()));
+        add(name_of("beam_bias_m", b), s.errors[static_cast<std::size_t>(b)].bias_m, shot);
+      }
+    if (model.angles) {
+      for (int b = 0; b < static_cast<int>(beams_); ++b)
+        add(name_of("beam_elevation_rad", b),
+            sheet_.scan.beams[static_cast<std::size_t>(b)].elevation_rad +
+                s.errors[static_cast<std::size_t>(b)].elevation_rad,
+            shot / range);
+      for (int b = 1; b < static_cast<int>(beams_); ++b)
+        add(name_of("beam_azimuth_rad", b),
+            sheet_.scan.beams[static_cast<std::size_t>(b)].azimuth_rad +
+                s.errors[static_cast<std::size_t>(b)].azimuth_rad,
+            shot / range);
+    }
+    const BeamErrors& first = s.errors.front();
+    if (model.walk) add("walk_m", first.walk_m, shot);
+    if (model.oblique) add("oblique_m", first.oblique_m, shot);
+    if (model.scale) add("range_scale", first.scale, shot / range);
+    return out;
+  }
+
+  /// Whether the data determine what a model has beside a bias that all beams share.
+  [[nodiscard]] bool determined(const BiasModel& model, const State& s) const {
+    const Layout l = layout(model);
+    if (l.wanted() == 0) return true;
+    MatrixXd information;
+    (void)solve(l, s, in_use, &information);
+    std::vector<int> bias_at;
+    double shot = 0;
+    std::vector<Parameter> p = parameters_of(model, s, bias_at, shot);
+    for (std::size_t i = 0; i < p.size(); ++i)
+      p[i].held = !(information(static_cast<Index>(i), static_cast<Index>(i)) > 0);
+    const double rho = neighbours(s);
+    for (const WeakDirection& d : weak_directions(p, without_walls(l, information) * ((1 - rho) / (1 + rho))))
+      if (!is_common_bias(d, bias_at.size())) return false;
+    return true;
+  }
+
+  [[nodiscard]] static bool is_common_bias(const WeakDirection& d, std::size_t biases) {
+    bool same = biases > 1 && 2 * d.parts.size() > biases;
+    for (const auto& part : d.parts) same = same && part.name.starts_with("beam_bias") && part.weight > 0;
+    return same;
+  }
+
   void finish() {
     FitResult& f = out_.result;
     const Layout l = layout(out_.model);
@@ -549,58 +647,11 @@ class Fit {
     const double wider = (1 + out_.neighbour_correlation) / (1 - out_.neighbour_correlation);
     information /= wider;
 
-    // Walls eliminated.
     const Index w = l.wanted();
-    MatrixXd reduced = information.topLeftCorner(w, w);
-    if (l.size() > w) {
-      const Index n = l.size() - w;
-      VectorXd s(n);
-      for (Index i = 0; i < n; ++i)
-        s[i] = information(w + i, w + i) > 0 ? 1 / std::sqrt(information(w + i, w + i)) : 0;
-      const MatrixXd unit = s.asDiagonal() * information.bottomRightCorner(n, n) * s.asDiagonal();
-      const MatrixXd inverse =
-          s.asDiagonal() * MatrixXd(unit.completeOrthogonalDecomposition().pseudoInverse()) * s.asDiagonal();
-      const MatrixXd cross = information.topRightCorner(w, n);
-      reduced -= cross * inverse * cross.transpose();
-    }
-    // What a parameter must be known to, to be of use: one shot's noise.
-    std::vector<double> ranges;
-    double shot = 0, cells = 0;
-    std::vector<bool> seen(beams_, false);
-    for (const BiasCell& c : cells_) {
-      if (!c.used) continue;
-      seen[c.beam] = true;
-      shot += c.shot_variance_m2 * c.count, ++cells;
-      ranges.push_back(predict(state_, c.beam, c.plane, c.azimuth_rad, c.remission).d_scale_m);
-    }
-    shot = std::sqrt(shot / std::max(1.0, cells));
-    const double range = median(ranges);
-    const auto add = [&](const std::string& name, double value, double resolution) {
-      f.parameters.push_back({name, value, 0, resolution, false, false});
-    };
+    const MatrixXd reduced = without_walls(l, information);
     std::vector<int> bias_at;
-    if (out_.model.offset) add("range_bias_m", state_.errors.front().bias_m, shot);
-    if (out_.model.beams)
-      for (int b = 0; b < static_cast<int>(beams_); ++b) {
-        if (seen[static_cast<std::size_t>(b)]) bias_at.push_back(static_cast<int>(f.parameters.size()));
-        add(name_of("beam_bias_m", b), state_.errors[static_cast<std::size_t>(b)].bias_m, shot);
-      }
-    if (out_.model.angles) {
-      for (int b = 0; b < static_cast<int>(beams_); ++b)
-        add(name_of("beam_elevation_rad", b),
-            sheet_.scan.beams[static_cast<std::size_t>(b)].elevation_rad +
-                state_.errors[static_cast<std::size_t>(b)].elevation_rad,
-            shot / range);
-      for (int b = 1; b < static_cast<int>(beams_); ++b)
-        add(name_of("beam_azimuth_rad", b),
-            sheet_.scan.beams[static_cast<std::size_t>(b)].azimuth_rad +
-                state_.errors[static_cast<std::size_t>(b)].azimuth_rad,
-            shot / range);
-    }
-    const BeamErrors& first = state_.errors.front();
-    if (out_.model.walk) add("walk_m", first.walk_m, shot);
-    if (out_.model.oblique) add("oblique_m", first.oblique_m, shot);
-    if (out_.model.scale) add("range_scale", first.scale, shot / range);
+    double shot = 0;
+    f.parameters = parameters_of(out_.model, state_, bias_at, shot);
     for (Index i = 0; i < w; ++i)
       if (!(information(i, i) > 0)) f.parameters[static_cast<std::size_t>(i)].held = true;
 
@@ -647,15 +698,10 @@ class Fit {
   /// Names in words what is behind a weak direction.
   void explain(const std::vector<int>& bias_at) {
     for (WeakDirection& d : out_.result.weak) {
-      std::size_t biases = 0, angles = 0;
-      bool same = true;
-      for (const auto& part : d.parts) {
-        const bool bias = part.name.starts_with("beam_bias") || part.name == "range_bias_m";
-        biases += bias;
+      std::size_t angles = 0;
+      for (const auto& part : d.parts)
         angles += part.name.starts_with("beam_el") || part.name.starts_with("beam_az");
-        same = same && (!bias || part.weight > 0);
-      }
-      if (biases == d.parts.size() && same && (biases > bias_at.size() / 2 || bias_at.empty())) {
+      if (is_common_bias(d, bias_at.size()) || (d.parts.size() == 1 && d.parts[0].name == "range_bias_m")) {
         d.words =
             "the data cannot tell a bias that all beams share from the distance of the wall: both change "
             "every "

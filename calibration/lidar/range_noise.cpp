@@ -133,7 +133,7 @@ class Likelihood {
       k = 0;
       for (std::size_t i = 0; i < 4; ++i)
         if (free[i]) next.t[i] += std::clamp(step[k++], -1.0, 1.0);
-      next.t[3] = std::clamp(next.t[3], 0.02, 4.0);
+      next.t[3] = std::clamp(next.t[3], 0.02, s.offset ? 8.0 : 4.0);
       for (std::size_t i = 0; i < 3; ++i) next.t[i] = std::clamp(next.t[i], g_low_[i], g_high_[i]);
       const double then = deviance(next.model(s), withheld);
       if (std::isfinite(then) && then <= now + 1e-9 * std::abs(now)) {
@@ -268,15 +268,17 @@ class Fit {
       if (limit_m > 0 && round < 2)
         for (std::size_t i = 0; i < n; ++i) in[i] = std::abs(e[i]) <= limit_m;
     }
-    double used = 0, units = 0, range = 0;
+    double used = 0, units = 0, units_square = 0, range = 0;
     for (std::size_t i = 0; i < n; ++i) {
       if (!in[i]) continue;
       const LidarReturn& x = r_.all[order_[g.begin + i]];
       ++used;
-      units += std::isfinite(x.remission) ? static_cast<double>(x.remission) : 0;
+      const double u = std::isfinite(x.remission) ? static_cast<double>(x.remission) : 0;
+      units += u, units_square += u * u;
       range += static_cast<double>(x.range_m);
     }
     g.cell.units = units / used, g.cell.range_m = range / used;
+    g.cell.units_variance = std::max(0.0, units_square - units * units / used) / (used - 1);
     g.cell.remission = remission_from_units(sheet_.remission, g.cell.units, g.cell.range_m);
     if (!keep) return;
     for (std::size_t i = 0; i < n; ++i)
@@ -337,11 +339,14 @@ class Fit {
       retro_sigma_ = std::sqrt(without_rounding(retro_square / retro_dof, step_m_));
       retro_uncertainty_ = retro_sigma_ / std::sqrt(2 * retro_dof);
     }
-    // A device whose remission saturates tells nothing but remission above 1.
-    if (by.empty()) {
+    // Where a good part lies above white, the sheet's scale is not this device's: no retro-reflectors then.
+    if (by.empty() || retro_dof > 0.2 * (dof + retro_dof)) {
+      by.clear();
+      square = dof = 0;
       for (const NoiseCell& c : out_.cells)
         if (c.used && c.dof > 0) by.push_back(&c), square += c.variance_m2 * c.dof, dof += c.dof;
       retro_sigma_ = 0;
+      all_are_plain_ = true;
     }
     if (by.empty()) return;
     out_.sigma_m = std::sqrt(without_rounding(square / dof, step_m_));
@@ -454,9 +459,9 @@ class Fit {
     // the covariance grows with them (quasi-likelihood).
     double pearson = 0, cells = 0;
     for (const NoiseCell& c : out_.cells)
-      if (c.used && c.dof > 0 && (c.remission <= 1 || out_.sigma_m > 0)) {
+      if (c.used && c.dof > 0) {
         const double v = l.variance(out_.model, c.remission);
-        if (c.remission > 1 && retro_sigma_ > 0) continue;
+        if (c.remission > 1 && !all_are_plain_) continue;
         pearson += 0.5 * c.dof * (c.variance_m2 / v - 1) * (c.variance_m2 / v - 1);
         ++cells;
       }
@@ -482,7 +487,8 @@ class Fit {
       if (free[i]) {
         const double unit = i == 3 ? 1 : values[i];
         p.sigma = logs[at.size()].sigma * unit;
-        p.at_bound = i < 3 && values[i] < 1e-3 * (i == 2 ? 0.1 : out_.sigma_m);
+        p.at_bound = i < 3 ? values[i] < 1e-3 * (i == 2 ? 0.1 : out_.sigma_m)
+                           : values[i] <= 0.0201 || values[i] >= (s.offset ? 7.999 : 3.999);
         at.push_back(i);
       }
       f.parameters.push_back(p);
@@ -572,7 +578,7 @@ class Fit {
     const std::size_t every = std::max<std::size_t>(1, groups_.size() / 600);
     for (std::size_t i = 0; i < groups_.size(); i += every) {
       const Group& g = groups_[i];
-      if (!g.cell.used || g.cell.remission > 1) continue;
+      if (!g.cell.used || (g.cell.remission > 1 && !all_are_plain_)) continue;
       std::map<std::int64_t, std::uint32_t> counts;
       for (std::uint32_t k = g.begin; k < g.end; ++k)
         if (std::isfinite(out_.shot_residual_m[order_[k]]))
@@ -590,6 +596,7 @@ class Fit {
   double step_m_, width_ = 0, least_ = 0, dof_ = 0;
   int bands_ = 0;
   double retro_sigma_ = 0, retro_uncertainty_ = 0;
+  bool all_are_plain_ = false;  ///< no split at white
   std::vector<std::uint32_t> order_;
   std::vector<Group> groups_;
   std::vector<Bin> bins_;

@@ -23,6 +23,7 @@ struct NoiseCell {
   double units = 0;      ///< what the device called it
   double range_m = 0;
   double variance_m2 = 0;
+  double units_variance = 0;  ///< of what it called it
   double dof = 0;
   bool used = true;
 };

@@ -1,0 +1,299 @@
+#include "calibration/lidar/remission_fit.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+
+#include "calibration/core/least_squares.h"
+#include "calibration/core/model_choice.h"
+
+namespace rigor::calibration {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+struct Cell {
+  int plane, beam;
+  double log_units, count;
+};
+
+struct Linear {
+  VectorXd x;
+  MatrixXd information;
+  double weighted = 0;
+};
+/// Walls' levels and, where wanted, gains against the first beam.
+Linear solve(const std::vector<Cell>& cells, int planes, int beams, bool gains, double tau2, double shot2) {
+  const Index n = planes + (gains ? beams - 1 : 0);
+  Linear l{VectorXd::Zero(n), MatrixXd::Zero(n, n), 0};
+  VectorXd g = VectorXd::Zero(n);
+  for (const Cell& c : cells) {
+    const double w = 1 / (shot2 / c.count + tau2);
+    const Index k = c.plane, b = gains && c.beam > 0 ? planes + c.beam - 1 : -1;
+    l.information(k, k) += w, g[k] += w * c.log_units;
+    if (b < 0) continue;
+    l.information(b, b) += w, l.information(k, b) += w, l.information(b, k) += w;
+    g[b] += w * c.log_units;
+  }
+  l.x = l.information.completeOrthogonalDecomposition().solve(g);
+  for (const Cell& c : cells) {
+    const double e = c.log_units - l.x[c.plane] - (gains && c.beam > 0 ? l.x[planes + c.beam - 1] : 0);
+    l.weighted += e * e / (shot2 / c.count + tau2);
+  }
+  return l;
+}
+
+void add(FitResult& f, const Parameter& p, double variance) {
+  const Index n = f.covariance.rows();
+  f.parameters.push_back(p);
+  f.covariance.conservativeResizeLike(MatrixXd::Zero(n + 1, n + 1));
+  f.covariance(n, n) = variance;
+}
+
+void fit_gains(const LidarReturns& returns, const models::LidarModel& sheet, const PlaneSearch& search,
+               const BiasFit& bias, double noise, FitResult& f) {
+  struct Sum {
+    double n = 0, units = 0, cosine = 0;
+  };
+  std::map<std::tuple<int, int, int>, Sum> sums;
+  const double top = sheet.remission.maximum;
+  for (std::size_t i = 0; i < returns.all.size(); ++i) {
+    if (!bias.used[i]) continue;
+    const LidarReturn& r = returns.all[i];
+    if (!std::isfinite(r.remission) || (top > 0 && static_cast<double>(r.remission) >= top)) continue;
+    const auto k = static_cast<std::size_t>(search.label[i]);
+    const PredictedRange p = predict_range(sheet.scan.beams[r.beam], bias.errors[r.beam], r.azimuth_rad, 1,
+                                           bias.planes[k].q_per_m);
+    Sum& s = sums[{search.label[i], r.beam,
+                   static_cast<int>(std::floor(r.azimuth_rad * 180 / std::numbers::pi_v<float>))}];
+    ++s.n;
+    s.units += static_cast<double>(r.remission);
+    s.cosine += p.cos_incidence;
+  }
+  std::vector<Cell> cells;
+  const double step = std::max(sheet.remission.step, 0.0);
+  std::vector<bool> seen(sheet.scan.beams.size(), false);
+  for (const auto& [key, s] : sums) {
+    const double mean = s.units / s.n;
+    // The logarithm of a rounded small number is no measurement.
+    if (!(mean > 8 * step) || !(mean > 0)) continue;
+    cells.push_back({std::get<0>(key), std::get<1>(key), std::log(mean / (s.cosine / s.n)), s.n});
+    seen[static_cast<std::size_t>(std::get<1>(key))] = true;
+  }
+  const int planes = static_cast<int>(bias.planes.size()), beams = static_cast<int>(seen.size());
+  const auto beams_seen = std::count(seen.begin(), seen.end(), true);
+  if (cells.size() < static_cast<std::size_t>(3 * (planes + beams)) || beams_seen != beams) {
+    f.not_identifiable.emplace_back("remission_gain",
+                                    "too few returns of walls with a remission that the device tells well");
+    return;
+  }
+  const double shot2 = std::max(1e-10, noise * noise);
+  // τ² at which the weighted squares are what they should be.
+  const auto spread = [&](bool gains) {
+    double low = 0, high = 25;
+    const double dof = static_cast<double>(cells.size()) - planes - (gains ? beams - 1 : 0);
+    if (solve(cells, planes, beams, gains, 0, shot2).weighted <= dof) return 0.0;
+    for (int n = 0; n < 50; ++n) {
+      const double mid = 0.5 * (low + high);
+      (solve(cells, planes, beams, gains, mid, shot2).weighted > dof ? low : high) = mid;
+    }
+    return 0.5 * (low + high);
+  };
+  const bool several = beams > 1;
+  const double tau2 = spread(several);
+  const Linear equal = solve(cells, planes, beams, false, tau2, shot2);
+  const Linear free = several ? solve(cells, planes, beams, true, tau2, shot2) : equal;
+  const double b_equal = bic(equal.weighted, cells.size(), static_cast<std::size_t>(planes)),
+               b_free = bic(free.weighted, cells.size(), static_cast<std::size_t>(planes + beams - 1));
+  const bool gains = several && b_free < b_equal;
+  if (several) {
+    Candidate a{"equal gains",
+                planes,
+                std::sqrt(equal.weighted / static_cast<double>(cells.size())),
+                b_equal,
+                std::numeric_limits<double>::quiet_NaN(),
+                0,
+                !gains};
+    Candidate b{"gain of each beam",
+                planes + beams - 1,
+                std::sqrt(free.weighted / static_cast<double>(cells.size())),
+                b_free,
+                std::numeric_limits<double>::quiet_NaN(),
+                0,
+                gains};
+    f.candidates = {a, b};
+  }
+  const Linear& l = gains ? free : equal;
+  const MatrixXd c = l.information.completeOrthogonalDecomposition().pseudoInverse();
+  if (gains) {
+    // Against the mean of the logarithms: g − 1·mean.
+    MatrixXd to = MatrixXd::Zero(beams, l.x.size());
+    for (int i = 0; i < beams; ++i) {
+      if (i > 0) to(i, planes + i - 1) += 1;
+      for (int j = 1; j < beams; ++j) to(i, planes + j - 1) -= 1.0 / beams;
+    }
+    const VectorXd g = to * l.x;
+    const MatrixXd cg = to * c * to.transpose();
+    const Index first = f.covariance.rows();
+    for (int i = 0; i < beams; ++i) {
+      const double gain = std::exp(g[i]);
+      add(f,
+          {"remission_gain[" + std::to_string(i) + "]", gain, gain * std::sqrt(cg(i, i)), 0.1, false, false},
+          0);
+    }
+    for (int i = 0; i < beams; ++i)
+      for (int j = 0; j < beams; ++j) f.covariance(first + i, first + j) = cg(i, j) * std::exp(g[i] + g[j]);
+  }
+  // Scale: by walls of known reflectance, as the mean weighted by their uncertainty.
+  double sum = 0, weight = 0;
+  for (int k = 0; k < planes; ++k) {
+    const double rho = bias.planes[static_cast<std::size_t>(k)].reflectance;
+    if (!(rho > 0) || !(c(k, k) > 0)) continue;
+    double level = l.x[k];
+    if (gains)
+      for (int j = 1; j < beams; ++j) level += l.x[planes + j - 1] / beams;
+    sum += (level - std::log(rho)) / c(k, k), weight += 1 / c(k, k);
+  }
+  if (weight > 0) {
+    const double scale = std::exp(sum / weight);
+    add(f, {"remission_scale", scale, scale / std::sqrt(weight), 0.1 * scale, false, false},
+        scale * scale / weight);
+  } else {
+    f.not_identifiable.emplace_back("remission_scale",
+                                    "no wall of known reflectance: give it with --targets (reflectance: …)");
+  }
+  f.scale = std::sqrt(tau2);
+}
+
+}  // namespace
+
+std::optional<DetectionEdge> detection_edge(std::vector<double> values, double blur, double step) {
+  std::erase_if(values, [](double v) { return !std::isfinite(v); });
+  if (values.size() < 200) return std::nullopt;
+  std::sort(values.begin(), values.end());
+  // The few that lie lowest may be anything; the window begins there and is as wide as some blurs, or as the
+  // lowest two hundredths of the values need.
+  const double low = values[values.size() / 2000], span = values[values.size() / 50] - low;
+  const double width = std::max({step, 0.5 * blur, span / 40, 1e-12 * std::abs(low)});
+  const double begin = low - 4 * std::max(blur, width);
+  constexpr int kBins = 48;
+  std::array<double, kBins> count{};
+  double total = 0;
+  for (const double v : values) {
+    const double at = (v - begin) / width;
+    if (at < 0 || at >= kBins) continue;
+    ++count[static_cast<std::size_t>(at)], ++total;
+  }
+  if (total < 50) return std::nullopt;
+  const double s = std::sqrt(blur * blur + width * width / 12);
+  const auto centre = [&](int j) { return begin + (j + 0.5) * width; };
+  const auto likelihood = [&](const auto& shape) {
+    double sum = 0, l = 0;
+    for (int j = 0; j < kBins; ++j) sum += shape(centre(j));
+    if (!(sum > 0)) return -1e300;
+    for (int j = 0; j < kBins; ++j) {
+      const double mu = std::max(1e-9, shape(centre(j)) * total / sum);
+      l += count[static_cast<std::size_t>(j)] * std::log(mu) - mu;
+    }
+    return l;
+  };
+  const auto edge = [&](double t, double slope) {
+    return likelihood([&](double x) {
+      return 0.5 * std::erfc(-(x - t) / s / std::numbers::sqrt2) *
+             std::max(0.05, 1 + slope * (x - t) / (kBins * width));
+    });
+  };
+  double best = -1e300, at = low, tilt = 0;
+  for (const double slope : {-0.9, -0.5, 0.0, 1.0, 3.0})
+    for (int i = 0; i <= 400; ++i) {
+      const double t = begin + width * (kBins * 0.6) * i / 400;
+      if (const double l = edge(t, slope); l > best) best = l, at = t, tilt = slope;
+    }
+  const double h = 0.15 * s;
+  for (int n = 0; n < 20; ++n) {
+    const double left = edge(at - h, tilt), mid = edge(at, tilt), right = edge(at + h, tilt);
+    const double curvature = left - 2 * mid + right;
+    if (!(curvature < 0)) break;
+    const double d = std::clamp(0.5 * h * (left - right) / curvature, -s, s);
+    at += d;
+    if (std::abs(d) < 1e-6 * s) break;
+  }
+  const double curvature = (edge(at - h, tilt) - 2 * edge(at, tilt) + edge(at + h, tilt)) / (h * h);
+  // Without a threshold the values run out: a ramp, or a bell's foot.
+  double smooth = -1e300;
+  for (int i = 0; i <= 60; ++i) {
+    const double x0 = begin - 10 * width + width * (kBins * 0.6 + 10) * i / 60;
+    for (const double power : {1.0, 2.0, 3.0})
+      smooth = std::max(smooth,
+                        likelihood([&](double x) { return x > x0 ? std::pow((x - x0) / width, power) : 0; }));
+  }
+  DetectionEdge e;
+  e.sharp = best > smooth + 6 && curvature < 0;
+  e.at = e.sharp ? at : low;
+  e.sigma = e.sharp ? 1 / std::sqrt(-curvature) : 0;
+  return e;
+}
+
+RemissionFit fit_remission(const LidarReturns& returns, const models::LidarModel& sheet,
+                           const PlaneSearch& search, const BiasFit& bias, const NoiseFit* noise) {
+  RemissionFit out;
+  FitResult& f = out.result;
+  f.model = "lambert";
+  f.covariance = MatrixXd::Zero(0, 0);
+  bool any = false;
+  for (const LidarReturn& r : returns.all) any = any || std::isfinite(r.remission);
+  if (!any) {
+    f.not_identifiable.emplace_back("remission", "the device tells no remission");
+    return out;
+  }
+  const double step = std::max(0.0, sheet.remission.step), top = sheet.remission.maximum;
+  double relative = 0.05;
+  if (noise) {
+    double sum = 0, weight = 0, square = 0;
+    for (const NoiseCell& c : noise->cells) {
+      if (!c.used || c.dof < 3 || !(c.units > 10 * step) || !(c.units > 0) || c.remission > 1) continue;
+      if (top > 0 && c.units > 0.9 * top) continue;
+      const double v = (c.units_variance - step * step / 12) / (c.units * c.units);
+      sum += c.dof * v, weight += c.dof, square += c.dof * c.dof * v * v;
+    }
+    if (weight > 50) {
+      const double v = std::max(0.0, sum / weight);
+      relative = std::sqrt(v);
+      // By how much cells differ.
+      const double sigma =
+          std::sqrt(std::max(0.0, square / (weight * weight))) / (2 * std::max(1e-6, relative));
+      add(f, {"remission_noise", relative, sigma, relative, false, v == 0}, sigma * sigma);
+    } else {
+      f.not_identifiable.emplace_back("remission_noise",
+                                      "too few shots with a remission between ten steps and saturation");
+    }
+  }
+  if (!bias.planes.empty()) fit_gains(returns, sheet, search, bias, relative, f);
+
+  std::vector<double> e;
+  double unit = step / std::max(1e-300, sheet.remission.scale);
+  for (const LidarReturn& r : returns.all)
+    if (std::isfinite(r.remission))
+      e.push_back(remission_from_units(sheet.remission, r.remission, r.range_m));
+  const auto lowest = *std::min_element(e.begin(), e.end());
+  const auto found = detection_edge(e, relative * std::max(lowest, unit), unit);
+  char text[200];
+  if (found && found->sharp && found->at > 2 * unit) {
+    add(f, {"minimum_remission", found->at, found->sigma, 0.3 * found->at, false, false},
+        found->sigma * found->sigma);
+  } else {
+    std::snprintf(
+        text, sizeof text,
+        "returns run out towards small remission without an edge, or at the device's smallest number: it "
+        "is at most %.3g; record black surfaces at grazing incidence",
+        found ? found->at : lowest);
+    f.not_identifiable.emplace_back("minimum_remission", text);
+  }
+  return out;
+}
+
+}  // namespace rigor::calibration
