@@ -16,6 +16,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   options.packet_size = 64;
   options.payload_bytes = 16 * 8;
   options.extended_ids = (data[0] & 1) != 0;
+  if ((data[0] & 2) != 0) options.part_bytes = {100, 28};
   GvspAssembler assembler(options);
   DeviceTime now(0);
   Bytes rest(data + 1, size - 1);
@@ -32,7 +33,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     while (assembler.take(now, frame)) {
       if (frame.data.size() != options.payload_bytes) std::abort();
       if (frame.complete != frame.missing.empty()) std::abort();
-      if (frame.complete && payload_bytes(frame.leader.region, frame.leader.format) != options.payload_bytes)
+      if (frame.complete && frame.leader.part_count != options.part_bytes.size()) std::abort();
+      if (frame.complete && options.part_bytes.empty() &&
+          payload_bytes(frame.leader.region, frame.leader.format) != options.payload_bytes)
         std::abort();
     }
   }
