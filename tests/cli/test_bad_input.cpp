@@ -127,6 +127,28 @@ TEST_F(BadInput, InspectOfWhatIsNoRecording) {
   EXPECT_EQ(rigor({"replay", "x.mcap"}, dir.path()).status, 2);
 }
 
+// A topic whose name is no UTF-8, in an MCAP file of one message by hand.
+TEST_F(BadInput, InspectGivesJsonWhateverTheNamesInARecording) {
+  const auto number = [](std::uint64_t v, int bytes) {
+    std::string out;
+    for (int i = 0; i < bytes; ++i) out += static_cast<char>(v >> 8 * i);
+    return out;
+  };
+  const auto text = [&](const std::string& t) { return number(t.size(), 4) + t; };
+  const auto record = [&](int op, const std::string& body) {
+    return number(static_cast<std::uint64_t>(op), 1) + number(body.size(), 8) + body;
+  };
+  const std::string magic = "\x89MCAP0\r\n";
+  write_file(dir / "names.mcap",
+             magic + record(1, text("") + text("x")) +
+                 record(4, number(1, 2) + number(0, 2) + text("/d\xFF") + text("json") + number(0, 4)) +
+                 record(5, number(1, 2) + number(0, 4) + number(5, 8) + number(5, 8) + "{}") +
+                 record(15, number(0, 4)) + record(2, std::string(20, '\0')) + magic);
+  const Said said = rigor({"inspect", "names.mcap", "--json"}, dir.path());
+  EXPECT_EQ(said.status, 0) << said.err;
+  EXPECT_THAT(said.out, HasSubstr("\"topic\": \"/d\xEF\xBF\xBD\""));
+}
+
 TEST_F(BadInput, JsonCarriesTheErrorToo) {
   const Said said = run("lop: {}\n", {"--json"});
   EXPECT_EQ(said.status, 2);
