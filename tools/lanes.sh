@@ -49,6 +49,11 @@ without_address_randomisation() {
   fi
 }
 
+# failed_once LOG: how often each test failed that did, by what ctest printed.
+failed_once() {
+  sed -nE 's/^.*Test +#[0-9]+: ([^ ]+) .*\*\*\*(Failed|Timeout|Exception).*/\1/p' "$1" | sort | uniq -c
+}
+
 # ctest_lane LANE PRESET [CTEST-OPTION...]
 ctest_lane() {
   local lane=$1 preset=$2 status=0
@@ -62,7 +67,7 @@ ctest_lane() {
     tee "$RESULTS/$lane.log" |
     grep -vE '^ +(Start +[0-9]+|Test +#[0-9]+): |^ *[0-9]+/[0-9]+ .* Passed ' || status=$?
   local again
-  again=$(sed -nE 's/^.*Test +#[0-9]+: ([^ ]+) .*\*\*\*(Failed|Timeout|Exception).*/\1/p' "$RESULTS/$lane.log" | sort | uniq -c)
+  again=$(failed_once "$RESULTS/$lane.log")
   [[ -z $again ]] || say "failed at least once (times, test):"$'\n'"$again"
   python3 tools/check_skips.py --count "$RESULTS/$lane.xml" >"$RESULTS/$lane.count"
   return "$status"
