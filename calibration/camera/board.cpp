@@ -42,11 +42,54 @@ BoardPoint point_of(const Board& board, int column, int row, double u, double v)
 }
 
 /// Half the distance to the nearest neighbour: the window must not hold another corner.
-int window_of(const std::vector<cv::Point2f>& corners, std::size_t i) {
+int largest_window(const std::vector<cv::Point2f>& corners, std::size_t i) {
   double nearest = 1e9;
   for (std::size_t j = 0; j < corners.size(); ++j)
     if (j != i) nearest = std::min(nearest, cv::norm(corners[i] - corners[j]));
   return std::clamp(static_cast<int>(nearest / 2 - 1), 2, 11);
+}
+
+/// Uncertainty that a window promises. A corner is where the gradient g at every p is at right angles to the
+/// way there, gᵀ(q − p) = 0 (Förstner 1987): of this least squares the residuals and the normal matrix.
+double promised_sigma_px(const cv::Mat& image, const cv::Point2f& q, int w) {
+  const int cx = cvRound(q.x), cy = cvRound(q.y);
+  if (cx - w < 1 || cy - w < 1 || cx + w >= image.cols - 1 || cy + w >= image.rows - 1) return 1e9;
+  double xx = 0, xy = 0, yy = 0, square = 0;
+  int n = 0;
+  for (int y = cy - w; y <= cy + w; ++y)
+    for (int x = cx - w; x <= cx + w; ++x) {
+      const auto at = [&](int i, int k) { return static_cast<double>(image.at<std::uint8_t>(i, k)); };
+      const double gx = 0.5 * (at(y, x + 1) - at(y, x - 1)), gy = 0.5 * (at(y + 1, x) - at(y - 1, x));
+      const double dx = x - static_cast<double>(q.x), dy = y - static_cast<double>(q.y);
+      const double weight = std::exp(-(dx * dx + dy * dy) / (w * w));  // that of cv::cornerSubPix
+      const double e = gx * dx + gy * dy;
+      xx += weight * gx * gx, xy += weight * gx * gy, yy += weight * gy * gy;
+      square += weight * e * e;
+      ++n;
+    }
+  const double det = xx * yy - xy * xy;
+  if (!(det > 1e-9 * (xx + yy) * (xx + yy))) return 1e9;
+  return std::sqrt(square / (n - 2) * (xx + yy) / det);
+}
+
+/// Each corner by the window that promises most. A result that leaves its window is none: the start stays.
+std::vector<cv::Point2f> refine_corners(const cv::Mat& image, const std::vector<cv::Point2f>& coarse) {
+  std::vector<cv::Point2f> fine = coarse;
+  for (std::size_t i = 0; i < coarse.size(); ++i) {
+    const int largest = largest_window(coarse, i);
+    double least = 1e9;
+    for (int w = std::max(2, largest / 2); w <= largest; ++w) {
+      std::vector<cv::Point2f> one{coarse[i]};
+      cv::cornerSubPix(image, one, cv::Size(w, w), cv::Size(-1, -1),
+                       cv::TermCriteria(cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 100, 1e-3));
+      if (cv::norm(one[0] - coarse[i]) > w) continue;
+      const double sigma = promised_sigma_px(image, one[0], w);
+      if (!(sigma < least)) continue;
+      least = sigma;
+      fine[i] = one[0];
+    }
+  }
+  return fine;
 }
 
 }  // namespace
@@ -135,14 +178,7 @@ Result<BoardView> find_board(const std::string& name, const std::uint8_t* grey, 
                                            cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE);
     if (!found) found = cv::findChessboardCornersSB(image, size, corners, cv::CALIB_CB_NORMALIZE_IMAGE);
     if (!found) return none("");
-    const std::vector<cv::Point2f> coarse = corners;
-    for (std::size_t i = 0; i < corners.size(); ++i) {
-      std::vector<cv::Point2f> one{coarse[i]};
-      const int w = window_of(coarse, i);
-      cv::cornerSubPix(image, one, cv::Size(w, w), cv::Size(-1, -1),
-                       cv::TermCriteria(cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 100, 1e-3));
-      corners[i] = one[0];
-    }
+    corners = refine_corners(image, corners);
   } else {
     const int flags =
         board.kind == BoardKind::circles ? cv::CALIB_CB_SYMMETRIC_GRID : cv::CALIB_CB_ASYMMETRIC_GRID;
@@ -163,6 +199,63 @@ Result<BoardView> find_board_in_file(const std::filesystem::path& file, const Bo
     return fail(ErrorCode::bad_input, file.string(),
                 "expected an image (PNG, JPEG, TIFF, BMP), got something that cannot be decoded");
   return find_board(file.string(), image.data, image.cols, image.rows, board);
+}
+
+Result<std::array<BoardView, 3>> find_board_in_planes(const std::string& name, const std::uint8_t* rgb,
+                                                      int width_px, int height_px, const Board& board) {
+  if (board.kind != BoardKind::chessboard)
+    return fail(ErrorCode::bad_input, "--target",
+                "expected a chessboard for the corners of each colour, got " + board.text());
+  const cv::Mat colour(height_px, width_px, CV_8UC3, const_cast<std::uint8_t*>(rgb));
+  std::vector<cv::Mat> planes;
+  cv::split(colour, planes);
+  const auto found = find_board(name, planes[1].data, width_px, height_px, board);
+  if (!found) return tl::unexpected<Error>(found.error());
+  std::vector<cv::Point2f> green;
+  for (const BoardPoint& p : found->points)
+    green.emplace_back(static_cast<float>(p.u_px), static_cast<float>(p.v_px));
+  static constexpr const char* kColours[] = {" red", " green", " blue"};
+  std::array<BoardView, 3> views{*found, *found, *found};
+  for (std::size_t c = 0; c < 3; ++c) {
+    views[c].name = name + kColours[c];
+    const auto corners = refine_corners(planes[c], green);
+    for (std::size_t i = 0; i < corners.size(); ++i)
+      views[c].points[i].u_px = corners[i].x, views[c].points[i].v_px = corners[i].y;
+  }
+  return views;
+}
+
+Result<std::array<BoardView, 3>> find_board_in_planes_of_file(const std::filesystem::path& file,
+                                                              const Board& board) {
+  cv::Mat image = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
+  if (image.empty())
+    return fail(ErrorCode::bad_input, file.string(),
+                "expected an image (PNG, JPEG, TIFF, BMP), got something that cannot be decoded");
+  if (image.channels() != 3 || image.depth() != CV_8U)
+    return fail(ErrorCode::bad_input, file.string(),
+                "expected a colour picture of 8 bits for --chromatic, got " +
+                    std::to_string(image.channels()) + " channel(s)");
+  cv::cvtColor(image, image, cv::COLOR_BGR2RGB);
+  return find_board_in_planes(file.string(), image.data, image.cols, image.rows, board);
+}
+
+double board_brightness(const Board& board, double x_m, double y_m) {
+  const double c = x_m / board.spacing_m, r = y_m / board.spacing_m;
+  if (board.kind == BoardKind::chessboard || board.kind == BoardKind::charuco) {
+    // Inner corners of a chessboard begin one square in; a ChArUco board counts squares and has its first
+    // inner corner at the origin, too.
+    const int columns = board.kind == BoardKind::charuco ? board.columns - 1 : board.columns;
+    const int rows = board.kind == BoardKind::charuco ? board.rows - 1 : board.rows;
+    if (c < -1 || r < -1 || c >= columns || r >= rows) return 1;
+    return (static_cast<int>(std::floor(c)) + static_cast<int>(std::floor(r))) & 1 ? 1 : 0;
+  }
+  for (int row = static_cast<int>(std::floor(r)); row <= static_cast<int>(std::floor(r)) + 1; ++row)
+    for (int column = 0; column < board.columns; ++column) {
+      if (row < 0 || row >= board.rows) continue;
+      const BoardPoint p = point_of(board, column, row, 0, 0);
+      if (std::hypot(x_m - p.x_m, y_m - p.y_m) < 0.25 * board.spacing_m) return 0;
+    }
+  return 1;
 }
 
 Result<std::vector<BoardView>> read_corner_list(const std::filesystem::path& file, const Board& board,

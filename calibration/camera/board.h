@@ -8,7 +8,9 @@
 // Board frame: x along the columns, y along the rows, z away from the camera that sees it upright; metres.
 #pragma once
 
+#include <array>
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -42,13 +44,23 @@ struct BoardView {
   std::string name;  ///< file or recording and index
   int width_px = 0, height_px = 0;
   std::vector<BoardPoint> points;
+  double t_s = std::numeric_limits<double>::quiet_NaN();  ///< of the centre row, where it is known
 };
 
-/// Points of a board in a grey 8-bit picture; the window of the sub-pixel search is chosen for each corner:
-/// half the distance to its nearest neighbour, 2 to 11 px. not_found where there is no board in it: the
-/// message says what was looked for.
+/// Points of a board in a grey 8-bit picture. The window of the sub-pixel search is chosen for each corner of
+/// a chessboard: of those from 2 px to half the distance to its nearest neighbour (at most 11) the one whose
+/// gradients promise the smallest uncertainty, so that edges which are none of the corner's own widen it no
+/// further. not_found where there is no board in it: the message says what was looked for.
 [[nodiscard]] Result<BoardView> find_board(const std::string& name, const std::uint8_t* grey, int width_px,
                                            int height_px, const Board& board);
+/// The same points in the planes of a colour picture (8 bits, R G B interleaved): red, green, blue. For
+/// chessboards: bad_input for another board.
+[[nodiscard]] Result<std::array<BoardView, 3>> find_board_in_planes(const std::string& name,
+                                                                    const std::uint8_t* rgb, int width_px,
+                                                                    int height_px, const Board& board);
+/// The planes of a colour image file. bad_input where it is grey.
+[[nodiscard]] Result<std::array<BoardView, 3>> find_board_in_planes_of_file(const std::filesystem::path& file,
+                                                                            const Board& board);
 /// As above, of an image file (PNG, JPEG, TIFF …). Colour is made grey. bad_input for no image.
 [[nodiscard]] Result<BoardView> find_board_in_file(const std::filesystem::path& file, const Board& board);
 
@@ -57,5 +69,9 @@ struct BoardView {
 [[nodiscard]] Result<std::vector<BoardView>> read_corner_list(const std::filesystem::path& file,
                                                               const Board& board, int width_px,
                                                               int height_px);
+
+/// Reflectance of the printed board at a place on it, 0 black to 1 white: chessboards, discs (their radius a
+/// quarter of the spacing); white around them. A ChArUco board is shown without the markers.
+[[nodiscard]] double board_brightness(const Board& board, double x_m, double y_m);
 
 }  // namespace rigor::calibration

@@ -83,15 +83,7 @@ class Problem {
                                     const std::function<bool(std::size_t)>& take, bool rough = false) const {
     const int w = views_.front().width_px, h = views_.front().height_px;
     LeastSquares problem;
-    std::vector<ParameterInfo> infos;
-    for (int i = 0; i < kCameraParameters; ++i) {
-      ParameterInfo info;
-      info.name = parameter_name(model, i);
-      info.resolution = resolution_of(model, i, state.camera[0], w, h);
-      info.held = hold || !fits(model, i);
-      infos.push_back(std::move(info));
-    }
-    problem.add_block(state.camera.data(), std::move(infos));
+    problem.add_block(state.camera.data(), camera_infos(model, state.camera[0], w, h, hold));
     for (std::size_t v = 0, i = 0; v < views_.size(); ++v) {
       std::vector<BoardPoint> points;
       std::vector<std::uint32_t> ids;
@@ -297,6 +289,29 @@ double odd_even_p95_px(const std::vector<BoardView>& views, LensModel model, con
   return projection_difference_p95_px(half[0], half[1]);
 }
 
+/// Empties the views that are copies of an earlier one (a frame that was recorded twice): they would count as
+/// new evidence. How many.
+std::size_t leave_out_copies(std::vector<BoardView>& views, std::vector<std::string>& notes) {
+  const auto same = [](const BoardView& a, const BoardView& b) {
+    return a.points.size() == b.points.size() &&
+           std::equal(a.points.begin(), a.points.end(), b.points.begin(),
+                      [](const BoardPoint& p, const BoardPoint& q) {
+                        return p.column == q.column && p.row == q.row && p.u_px == q.u_px && p.v_px == q.v_px;
+                      });
+  };
+  std::size_t copies = 0;
+  for (std::size_t i = 1; i < views.size(); ++i)
+    for (std::size_t k = 0; k < i; ++k)
+      if (!views[i].points.empty() && same(views[i], views[k])) {
+        notes.push_back(views[i].name + ": left out, its corners are those of " + views[k].name +
+                        " to the last digit: the same picture says nothing new");
+        views[i].points.clear();
+        ++copies;
+        break;
+      }
+  return copies;
+}
+
 void advise(FitResult& result) {
   for (WeakDirection& w : result.weak) {
     bool focal = false, centre = false, lens = false;
@@ -317,6 +332,16 @@ void advise(FitResult& result) {
 
 }  // namespace
 
+std::vector<ParameterInfo> camera_infos(LensModel model, double focal_px, int width_px, int height_px,
+                                        bool hold) {
+  std::vector<ParameterInfo> infos;
+  for (int i = 0; i < kCameraParameters; ++i)
+    infos.push_back({.name = parameter_name(model, i),
+                     .resolution = resolution_of(model, i, focal_px, width_px, height_px),
+                     .held = hold || !fits(model, i)});
+  return infos;
+}
+
 std::string_view lens_model_name(LensModel m) {
   static constexpr std::string_view kModelNames[] = {"opencv0", "opencv2", "opencv4",
                                                      "opencv5", "opencv8", "fisheye4"};
@@ -333,8 +358,16 @@ Result<LensModel> parse_lens_model(const std::string& name) {
   return fail(ErrorCode::bad_input, "--model", "expected auto or one of " + names + ", got " + name);
 }
 
-Result<CameraFit> fit_camera(const std::vector<BoardView>& views, const CameraFitOptions& options) {
-  if (views.empty()) return fail(ErrorCode::bad_input, "", "expected views of a board, got none");
+Result<CameraFit> fit_camera(const std::vector<BoardView>& given, const CameraFitOptions& options) {
+  if (given.empty()) return fail(ErrorCode::bad_input, "", "expected views of a board, got none");
+  std::vector<BoardView> views = given;
+  std::vector<std::string> notes;
+  const std::size_t distinct = views.size() - leave_out_copies(views, notes);
+  if (distinct < 2)
+    return fail(
+        ErrorCode::bad_input, views.front().name,
+        "expected at least 2 views, better 10 or more, got 1: a single view fits almost any camera, with "
+        "small residuals and a wrong focal length");
   const BoardView& first = views.front();
   for (const BoardView& v : views)
     if (v.width_px != first.width_px || v.height_px != first.height_px)
@@ -364,7 +397,8 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& views, const CameraFi
   std::vector<State> states;
   State state = models.size() > 1 ? *begun : flexible;
   LeastSquares::Outcome fitted = *judged;
-  for (std::size_t m = 0; m < models.size(); ++m) {
+  const auto stopped = [&] { return options.stop.stop_requested(); };
+  for (std::size_t m = 0; m < models.size() && !stopped(); ++m) {
     if (options.progress)
       options.progress(static_cast<double>(m) / static_cast<double>(models.size() + 1),
                        judged->fit.residuals.rms);
@@ -380,8 +414,8 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& views, const CameraFi
     double sum = 0;
     for (double r : fitted.residuals) sum += r * r;
     c.rms = fitted.fit.residuals.rms;
-    c.bic = bic(sum, fitted.residuals.size(), static_cast<std::size_t>(c.parameters) + 6 * views.size());
-    if (models.size() > 1 && !options.stop.stop_requested()) {
+    c.bic = bic(sum, fitted.residuals.size(), static_cast<std::size_t>(c.parameters) + 6 * distinct);
+    if (models.size() > 1) {
       cross_validate(views, models[m], problem, used, state, options.folds, c);
       if (const double p95 = odd_even_p95_px(views, models[m], problem, used, state); std::isfinite(p95)) {
         char text[80];
@@ -392,16 +426,24 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& views, const CameraFi
     candidates.push_back(c);
     states.push_back(state);
   }
-  const std::size_t chosen = choose_model(candidates);
-  state = states[chosen];
+  // Asked to stop, what is known best is the fit that judged the outliers.
+  const bool cut_short = stopped();
+  if (cut_short) {
+    candidates.clear();
+    if (models.size() > 1)
+      notes.push_back("interrupted before the models were compared: the largest was taken");
+  }
+  const std::size_t chosen = cut_short ? models.size() - 1 : choose_model(candidates);
+  state = cut_short ? flexible : states[chosen];
   out.lens_model = models[chosen];
   // A single model has had its outliers judged by itself.
-  auto final_fit = models.size() == 1 ? std::move(judged)
-                                      : problem.fit(out.lens_model, state, options.robust, false,
-                                                    [](std::size_t) { return true; });
+  auto final_fit = models.size() == 1 || cut_short ? std::move(judged)
+                                                   : problem.fit(out.lens_model, state, options.robust, false,
+                                                                 [](std::size_t) { return true; });
   if (!final_fit) return tl::unexpected<Error>(final_fit.error());
 
   out.result = final_fit->fit;
+  out.result.interrupted = out.result.interrupted || cut_short;
   out.result.model = std::string(lens_model_name(out.lens_model));
   out.result.candidates = candidates;
   advise(out.result);
@@ -441,7 +483,7 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& views, const CameraFi
   out.rms_per_corner_px = rms_of(all);
   for (std::size_t v = 0; v < views.size(); ++v) {
     out.view_rms_px.push_back(rms_of(by_view[v]));
-    if (by_view[v].empty())
+    if (by_view[v].empty() && !views[v].points.empty())
       out.result.warnings.push_back(views[v].name + ": none of its corners agrees with the others");
     const Pose& pose = state.poses[v];
     const Eigen::Vector3d turn(pose[0], pose[1], pose[2]);
@@ -450,14 +492,17 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& views, const CameraFi
     t.translation() = Eigen::Vector3d(pose[3], pose[4], pose[5]);
     out.T_camera_board.push_back(t);
   }
-  if (views.size() < 3)
+  out.result.warnings.insert(out.result.warnings.end(), notes.begin(), notes.end());
+  if (distinct < 3)
     out.result.warnings.push_back("expected at least 3 views, better 10 or more, got " +
-                                  std::to_string(views.size()) +
+                                  std::to_string(distinct) +
                                   ": small residuals then say little about the camera");
   if (auto s = out.camera.validate(); !s)
     out.result.warnings.push_back("the fitted model is not one that a simulator takes: " + s.error().text());
   double nearest = 1e300, farthest = 0;
-  for (const auto& t : out.T_camera_board) {
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (views[v].points.empty()) continue;
+    const auto& t = out.T_camera_board[v];
     nearest = std::min(nearest, t.translation().norm());
     farthest = std::max(farthest, t.translation().norm());
   }

@@ -63,8 +63,9 @@ struct CameraFit {
   std::vector<Residual> residuals;  ///< of every corner
 };
 
-/// bad_input: fewer than two views, mixed picture sizes, nothing to fit. What the views do not determine is
-/// in result.weak with what to record.
+/// A view that is a copy of an earlier one is left out and named. Asked to stop, gives the best so far,
+/// marked. bad_input: fewer than two views, mixed picture sizes, nothing to fit. What the views do not
+/// determine is in result.weak with what to record.
 [[nodiscard]] Result<CameraFit> fit_camera(const std::vector<BoardView>& views,
                                            const CameraFitOptions& options);
 

@@ -3,7 +3,9 @@
 
 #include <array>
 
+#include "calibration/camera/camera_fit.h"
 #include "calibration/camera/reprojection.h"
+#include "calibration/core/least_squares.h"
 #include "sensor-hal/models/camera_model.h"
 
 namespace rigor::calibration {
@@ -29,5 +31,9 @@ using CameraParameters = std::array<double, kCameraParameters>;
   }
   return m;
 }
+
+/// The block of CameraParameters for LeastSquares: names, resolutions, and what the model does not have held.
+[[nodiscard]] std::vector<ParameterInfo> camera_infos(LensModel model, double focal_px, int width_px,
+                                                      int height_px, bool hold);
 
 }  // namespace rigor::calibration
