@@ -137,7 +137,7 @@ class Likelihood {
       for (std::size_t i = 0; i < 3; ++i) next.t[i] = std::clamp(next.t[i], g_low_[i], g_high_[i]);
       const double then = deviance(next.model(s), withheld);
       if (std::isfinite(then) && then <= now + 1e-9 * std::abs(now)) {
-        const bool done = now - then < 1e-7;
+        const bool done = now - then < 1e-5;
         g = next, now = then, damping = std::max(1e-9, damping / 5);
         if (done) break;
       } else {
@@ -352,7 +352,7 @@ class Fit {
     out_.sigma_m = std::sqrt(without_rounding(square / dof, step_m_));
     std::stable_sort(by.begin(), by.end(),
                      [](const NoiseCell* a, const NoiseCell* b) { return a->remission < b->remission; });
-    const std::size_t count = std::clamp<std::size_t>(by.size() / 8, 1, 300);
+    const std::size_t count = std::clamp<std::size_t>(by.size() / 8, 1, 120);
     std::vector<double> edges;
     double done = 0;
     const std::size_t bands = std::min<std::size_t>(static_cast<std::size_t>(o_.bands), count);
@@ -399,7 +399,8 @@ class Fit {
       // From several starts: the likelihood of four numbers has more than one top.
       Guess best;
       double least = std::numeric_limits<double>::infinity();
-      for (const double offset : {0.02, 0.2, 2.0})
+      for (const double offset : {0.02, 0.2, 2.0}) {
+        if (!s.offset && offset > 0.02) break;
         for (const double exponent : {0.3, 1.0}) {
           Guess g;
           g.t = {std::log(0.5 * out_.sigma_m + 1e-12),
@@ -409,8 +410,9 @@ class Fit {
                  std::log(offset), exponent};
           const double d = l.fit(s, g, -1);
           if (d < least) least = d, best = g;
-          if (!s.offset && !s.exponent) break;
+          if (!s.exponent) break;
         }
+      }
       guesses.push_back(best);
       Candidate c;
       c.name = s.name;
@@ -575,7 +577,7 @@ class Fit {
     f.validity.push_back({"remission", from, to});
     if (!still || !(step_m_ > 0)) return;
     std::vector<RoundedSeries> series;
-    const std::size_t every = std::max<std::size_t>(1, groups_.size() / 600);
+    const std::size_t every = std::max<std::size_t>(1, groups_.size() / 200);
     for (std::size_t i = 0; i < groups_.size(); i += every) {
       const Group& g = groups_[i];
       if (!g.cell.used || (g.cell.remission > 1 && !all_are_plain_)) continue;
