@@ -96,7 +96,7 @@ struct Device {
 
 struct Figures {
   Histogram latency;
-  std::uint64_t samples = 0, lost = 0;
+  std::uint64_t samples = 0, lost = 0, not_taken = 0;
   double rate_hz = 0, cpu_us = 0, polling_us = 0;
 };
 
@@ -170,6 +170,7 @@ bool channel(std::uint16_t port, double rate_hz, double seconds_long, Figures& f
       (thread_cpu_s() - polling) * 1e6 / static_cast<double>(std::max<std::uint64_t>(1, f.samples));
   f.rate_hz = static_cast<double>(f.samples) / (now() - begin).seconds();
   f.lost = source->health().lost;
+  f.not_taken = source->health().no_slot + source->health().ring_full;
   return source->stop().has_value();
 }
 
@@ -209,16 +210,18 @@ double us(Duration d) { return d.seconds() * 1e6; }
 
 void print(const char* name, const Figures& f) {
   std::printf(
-      "%-8s %8llu samples, %.1f Hz, %llu lost | device to hand p50 %.1f p99 %.1f max %.1f us | CPU %.1f us "
+      "%-8s %8llu samples, %.1f Hz, %llu lost, %llu not taken by the consumer in time | device to hand p50 "
+      "%.1f p99 %.1f max %.1f us | CPU %.1f us "
       "each, polling %.1f of it\n",
       name, static_cast<unsigned long long>(f.samples), f.rate_hz, static_cast<unsigned long long>(f.lost),
-      us(f.latency.percentile(0.5)), us(f.latency.percentile(0.99)), us(f.latency.max()), f.cpu_us,
-      f.polling_us);
+      static_cast<unsigned long long>(f.not_taken), us(f.latency.percentile(0.5)),
+      us(f.latency.percentile(0.99)), us(f.latency.max()), f.cpu_us, f.polling_us);
 }
 
 void to_json(std::ofstream& out, const char* name, const Figures& f) {
   out << "\"" << name << "\": {\"samples\": " << f.samples << ", \"rate_hz\": " << f.rate_hz
-      << ", \"lost\": " << f.lost << ", \"latency_p50_us\": " << us(f.latency.percentile(0.5))
+      << ", \"lost\": " << f.lost << ", \"not_taken\": " << f.not_taken
+      << ", \"latency_p50_us\": " << us(f.latency.percentile(0.5))
       << ", \"latency_p99_us\": " << us(f.latency.percentile(0.99))
       << ", \"latency_max_us\": " << us(f.latency.max()) << ", \"cpu_us_per_sample\": " << f.cpu_us
       << ", \"polling_cpu_us_per_sample\": " << f.polling_us << "}";

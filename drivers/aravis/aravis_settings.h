@@ -66,7 +66,7 @@ struct AravisSettings {
   std::size_t buffers = 16;
   std::optional<Duration> arrival_delay;  ///< exposure start to arrival at best, for cameras without a latch
   int realtime_priority = 0;              ///< SCHED_FIFO of the receiving thread; 0: ordinary scheduling
-  Duration reconnect_after;               ///< first pause between attempts; it doubles up to 0.5 s
+  Duration reconnect_after;               ///< first pause between attempts; it doubles up to 0.25 s
 
   /// Frames are asked for as multi-part ones.
   [[nodiscard]] bool parts() const { return range || !part.empty(); }

@@ -26,7 +26,7 @@ constexpr int kFirstLatches = 4;
 constexpr int kLatchTries = 4;
 constexpr Duration kAskWait = milliseconds(300);
 constexpr Duration kAskEvery = seconds(1);
-constexpr Duration kMaxReconnectPause = milliseconds(500);  // a question is one datagram
+constexpr Duration kMaxReconnectPause = milliseconds(250);  // a question is one datagram
 constexpr Duration kFrozenAfter = seconds(2);  // a camera that answers and sends nothing is opened anew
 
 BenchTime bench_now() { return BenchTime(monotonic_now().ns()); }
