@@ -74,17 +74,31 @@ Status BenchRun::arm() {
   if (auto s = step("application", {"inputs", "capture"}, &BenchRun::application); !s) return s;
   if (auto s = step("outputs", {"application"}, &BenchRun::outputs); !s) return s;
 
-  const ArmContext context{.virtual_time = virtual_time, .loop_period = parts_.rig.loop.period};
-  for (auto& sink : parts_.sinks)
-    if (auto s = sink->sink->arm(context); !s) return s;
-  for (auto& channel : parts_.channels)
-    if (auto s = channel->source->arm(context); !s) return s;
+  if (auto s = arm_channels(); !s) return s;
   digest_ = std::make_unique<SeenDigest>(virtual_time);
   const auto cycles = static_cast<std::uint64_t>(parts_.rig.duration / parts_.rig.loop.period);
   note_every_ = std::max<std::uint64_t>(
       cycles / (RunChannel::kKept - 2),
       static_cast<std::uint64_t>(std::max<std::int64_t>(1, milliseconds(100) / parts_.rig.loop.period)));
   return executive_.arm();
+}
+
+Status BenchRun::arm_channels() {
+  const ArmContext context{.virtual_time = parts_.rig.clock == ClockKind::virtual_time,
+                           .loop_period = parts_.rig.loop.period};
+  for (auto& sink : parts_.sinks)
+    if (auto s = sink->sink->arm(context); !s) return s;
+  for (auto& channel : parts_.channels)
+    if (auto s = channel->source->arm(context); !s) return s;
+  return {};
+}
+
+Status BenchRun::arm_again() {
+  auto stopped = stop_channels();
+  recorder_ = nullptr;
+  if (!stopped) return stopped;
+  heartbeat_.restart(parts_.rig.clock == ClockKind::virtual_time);
+  return arm_channels();
 }
 
 std::vector<std::string> BenchRun::warnings() const {
@@ -96,17 +110,24 @@ std::vector<std::string> BenchRun::warnings() const {
 
 Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
   t0_ = t0;
+  started_late_ = false;
   for (auto& sink : parts_.sinks)
     if (auto s = sink->sink->start(t0_); !s) return tl::unexpected<Error>(s.error());
   for (auto& channel : parts_.channels) {
     if (auto s = channel->source->start(t0_); !s) return tl::unexpected<Error>(s.error());
     channel->port.configure(channel->entry->timing, t0_);
   }
-  if (parts_.rig.clock == ClockKind::wall && bench_now() + milliseconds(5) > t0_)
+  const bool wall = parts_.rig.clock == ClockKind::wall;
+  const auto late = [&] {
+    started_late_ = true;
     return fail(ErrorCode::timeout, "start",
-                "the channels took longer to start than the run allows for; a device answers slowly: see "
-                "`rigor doctor`");
+                "the channels took longer to start than the run allows for: this machine is too busy, or a "
+                "device answers slowly (`rigor doctor`)");
+  };
+  if (wall && bench_now() + milliseconds(5) > t0_) return late();
   auto summary = executive_.run(stop_token, t0_);
+  // Between here and the first cycle the loop's thread is set up, which may take its time, too.
+  if (!summary && wall && executive_.counters().run.load() == 0 && bench_now() > t0_) return late();
   if (!summary) return tl::unexpected<Error>(summary.error());
   heartbeat_.declare_stopped(summary->reason);
   RunOutcome outcome;
@@ -117,6 +138,13 @@ Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
 }
 
 Status BenchRun::stop() {
+  Status first = stop_channels();
+  if (executive_.state() == Executive::State::armed)
+    if (auto s = executive_.disarm(); !s && first) first = s;
+  return first;
+}
+
+Status BenchRun::stop_channels() {
   Status first;
   const auto keep_first = [&](Status s) {
     if (!s && first) first = s;
@@ -128,7 +156,6 @@ Status BenchRun::stop() {
   for (auto& channel : parts_.channels)
     if (channel->source->state() == ChannelState::armed || channel->source->state() == ChannelState::running)
       keep_first(channel->source->stop());
-  if (executive_.state() == Executive::State::armed) keep_first(executive_.disarm());
   return first;
 }
 

@@ -110,6 +110,11 @@ class BenchRun final : private ExecutiveHooks {
   /// Starts the channels with the grid of t0 (wall: far enough in the future for all of them to start) and
   /// runs the loop until the duration is over or `stop` says so.
   [[nodiscard]] Result<RunOutcome> run(StopToken stop, BenchTime t0);
+  /// After a `run` that failed: because t0 came before all was started, and not a cycle was run.
+  [[nodiscard]] bool started_late() const { return started_late_; }
+  /// After such a run: stops the channels and arms them anew, for another `run` with a later t0. The recorder
+  /// is forgotten: its t0 was the old one.
+  [[nodiscard]] Status arm_again();
   /// Stops every channel; the first error is returned, all are stopped.
   [[nodiscard]] Status stop();
 
@@ -118,6 +123,8 @@ class BenchRun final : private ExecutiveHooks {
   [[nodiscard]] Executive& executive() { return executive_; }
 
  private:
+  [[nodiscard]] Status arm_channels();
+  [[nodiscard]] Status stop_channels();
   void before_cycle(BenchTime t) override;
   void cycle_begin(const CycleContext& cycle) noexcept override;
 
@@ -136,6 +143,7 @@ class BenchRun final : private ExecutiveHooks {
   std::function<bool(std::uint64_t)> ran_;
   ApplicationPorts ports_;
   BenchTime t0_;
+  bool started_late_ = false;
   std::uint64_t next_cycle_ = 0;
   bool skip_this_cycle_ = false;
   std::uint64_t next_note_ = 0, note_every_ = 100;

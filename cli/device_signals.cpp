@@ -1,5 +1,8 @@
 #include "cli/device_signals.h"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -117,7 +120,14 @@ class Recorded final : public Law {
     std::set<std::string> topics;
     for (const auto& [id, channel] : (*reader)->channels())
       if (decoder.wants(channel.topic)) topics.insert(channel.topic);
-    if (topics.empty()) return fail(ErrorCode::bad_input, file, "expected a topic " + topic + ", found none");
+    if (topics.empty()) {
+      std::vector<std::string> there;
+      for (const auto& [id, channel] : (*reader)->channels())
+        if (channel.topic.ends_with("/registers")) there.push_back(channel.topic);
+      return fail(ErrorCode::bad_input, file,
+                  fmt::format("expected a topic {}, found none; channels of registers have the topics: {}",
+                              topic, there.empty() ? "none" : fmt::format("{}", fmt::join(there, ", "))));
+    }
     auto cursor = (*reader)->messages({.topics = topics, .order = record::MessageOrder::file});
     record::MessageView view;
     record::msg::RegisterBlock names;
@@ -131,7 +141,9 @@ class Recorded final : public Law {
         if (auto s = record::CdrReader::read(view.data, names); !s) return s;
         const auto found = std::find(names.names.begin(), names.names.end(), value);
         if (found == names.names.end())
-          return fail(ErrorCode::bad_input, file, "the channel has no value \"" + value + "\"");
+          return fail(ErrorCode::bad_input, file,
+                      fmt::format("expected one of the channel's values {}, got \"{}\"",
+                                  fmt::join(names.names, ", "), value));
         index = found - names.names.begin();
       }
       const auto whole = decoder.take(view);

@@ -9,12 +9,15 @@
 
 #include <cerrno>
 #include <chrono>
+#include <cstdio>
 #include <cstring>
 #include <thread>
 #include <utility>
 
 namespace rigor {
 namespace {
+
+constexpr auto kTellAfter = std::chrono::seconds(5);
 
 void end_child(pid_t pid) {
   kill(pid, SIGTERM);
@@ -29,7 +32,8 @@ void end_child(pid_t pid) {
 }  // namespace
 
 Result<EmulatorProcess> EmulatorProcess::start(const std::filesystem::path& rig,
-                                               const std::vector<std::string>& overrides, Duration patience) {
+                                               const std::vector<std::string>& overrides, Duration patience,
+                                               StopToken stop) {
   int fds[2];
   if (pipe2(fds, O_CLOEXEC) != 0)
     return fail(ErrorCode::io, "emulators", std::string("pipe: ") + std::strerror(errno));
@@ -58,13 +62,28 @@ Result<EmulatorProcess> EmulatorProcess::start(const std::filesystem::path& rig,
   close(fds[1]);
   pollfd wait{fds[0], POLLIN, 0};
   char byte = 0;
-  const int ready = poll(&wait, 1, static_cast<int>(patience.ns() / 1'000'000));
+  int ready = 0;
+  // A world that is large, or a machine that is slow, may take minutes: who waits is told, and may give up.
+  const auto began = std::chrono::steady_clock::now();
+  bool told = false;
+  while (ready == 0 && !stop.stop_requested()) {
+    ready = poll(&wait, 1, 200);
+    if (ready < 0 && errno == EINTR) ready = 0;
+    const auto waited = std::chrono::steady_clock::now() - began;
+    if (waited > std::chrono::nanoseconds(patience.ns())) break;
+    if (ready == 0 && !told && waited > kTellAfter) {
+      told = true;
+      std::fputs("rigor: the rig's emulators are still coming up\n", stderr);
+    }
+  }
   const ssize_t got = ready > 0 ? read(fds[0], &byte, 1) : -1;
   close(fds[0]);
   if (got == 1) return EmulatorProcess(pid);
   int status = 0;
   if (ready == 0) {
     end_child(pid);
+    if (stop.stop_requested())
+      return fail(ErrorCode::unavailable, "emulators", "interrupted while they were coming up");
     return fail(ErrorCode::timeout, "emulators",
                 "the rig's emulators did not come up in " + std::to_string(patience.ns() / 1'000'000'000) +
                     " s; `rigor emulate` alone shows what they wait for");

@@ -9,16 +9,18 @@
 #include <vector>
 
 #include "rt-core/result.h"
+#include "rt-core/stop.h"
 #include "rt-core/time.h"
 
 namespace rigor {
 
 class EmulatorProcess {
  public:
-  /// Starts `rigor emulate RIG` and waits until every device is up, or it gave up, or the time is over.
+  /// Starts `rigor emulate RIG` and waits until every device is up, or it gave up, the time is over, or
+  /// `stop` says so.
   [[nodiscard]] static Result<EmulatorProcess> start(const std::filesystem::path& rig,
                                                      const std::vector<std::string>& overrides,
-                                                     Duration patience);
+                                                     Duration patience, StopToken stop);
   EmulatorProcess(EmulatorProcess&& o) noexcept;
   EmulatorProcess& operator=(EmulatorProcess&& o) noexcept;
   /// Asks it to end (SIGTERM), and ends it (SIGKILL) after three seconds. It dies with this process too.

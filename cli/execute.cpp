@@ -79,21 +79,33 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   if (auto s = run.arm(); !s) return report_error(s.error(), options.json);
   std::vector<std::string> warnings = run.warnings();
   for (const std::string& w : warnings) fmt::print(stderr, "rigor: warning: {}\n", w);
-  const BenchTime t0 = options.t0 ? *options.t0 : virtual_time ? BenchTime(0) : bench_now() + seconds(1);
   const EpochPair epoch = options.epoch ? *options.epoch : virtual_time ? kVirtualEpoch : read_epoch();
   const std::string engine = assembly.simulation ? assembly.simulation->engine() : "";
-  auto recorder = [&] {
-    const AvoidCpu rest(virtual_time ? -1 : loop_cpu(run.executive().config().realtime));
-    return open_recording(parts, t0, epoch, {{"engine", engine}});
-  }();
-  if (!recorder) return report_error(recorder.error(), options.json);
-  run.set_recorder(recorder->get());
-
+  BenchTime t0;
+  std::unique_ptr<Recorder> recorder;
   Result<RunOutcome> outcome = fail(ErrorCode::internal, "run", "did not run");
-  {
-    std::optional<StatusThread> status;
-    if (!options.json) status.emplace(run, parts, t0);
-    outcome = run.run(stop, t0);
+  // All channels are started with the grid of a t0 that lies ahead. How long that takes is known afterwards:
+  // where t0 has passed by then, they are started once more, with more time.
+  for (Duration lead = seconds(1);; lead = lead * 4) {
+    t0 = options.t0 ? *options.t0 : virtual_time ? BenchTime(0) : bench_now() + lead;
+    auto opened = [&] {
+      const AvoidCpu rest(virtual_time ? -1 : loop_cpu(run.executive().config().realtime));
+      return open_recording(parts, t0, epoch, {{"engine", engine}});
+    }();
+    if (!opened) return report_error(opened.error(), options.json);
+    run.set_recorder(opened->get());
+    {
+      std::optional<StatusThread> status;
+      if (!options.json) status.emplace(run, parts, t0);
+      outcome = run.run(stop, t0);
+    }
+    const bool again = !outcome && run.started_late() && lead < seconds(10) && !stop.stop_requested();
+    if (!again) {
+      recorder = std::move(*opened);
+      break;
+    }
+    if (auto s = run.arm_again(); !s) return report_error(s.error(), options.json);
+    if (*opened) (void)(*opened)->stop();  // nothing is in it; the next attempt writes the file anew
   }
   // What came up during the run: devices that refused, clocks that did not settle.
   for (std::string& w : run.warnings()) {
@@ -103,9 +115,9 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   }
   const Status stopped = run.stop();
   Status recorded;
-  if (*recorder) {
-    if (outcome) (*recorder)->add_closing_metadata({{"seen_sha256", outcome->seen_sha256}});
-    recorded = (*recorder)->stop();
+  if (recorder) {
+    if (outcome) recorder->add_closing_metadata({{"seen_sha256", outcome->seen_sha256}});
+    recorded = recorder->stop();
   }
   if (!outcome) return report_error(outcome.error(), options.json);
 
@@ -113,7 +125,7 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   text.engine = engine;
   text.utc = iso(epoch.to_utc(t0));
   text.recording = parts.rig.record.file.string();
-  nlohmann::json result = run_result(parts, *outcome, recorder->get(), text);
+  nlohmann::json result = run_result(parts, *outcome, recorder.get(), text);
   result["warnings"] = warnings;
   Status reported;
   if (!parts.rig.report.empty()) reported = write_report(parts.rig.report, result, parts);

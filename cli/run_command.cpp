@@ -56,7 +56,7 @@ int run_command(const RunOptions& options) {
   std::optional<EmulatorProcess> emulators;
   if (checked.clock == ClockKind::wall && checked.start_emulators && !options.no_emulators &&
       !checked.emulators.empty()) {
-    auto started = EmulatorProcess::start(options.rig, options.overrides, seconds(30));
+    auto started = EmulatorProcess::start(options.rig, options.overrides, seconds(300), stop.token());
     if (!started) return report_error(started.error(), options.json);
     emulators.emplace(std::move(*started));
   }

@@ -5,9 +5,11 @@
 #include <signal.h>
 #include <sys/mount.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "cli/device_signals.h"
 #include "tests/cli/command.h"
 
 namespace rigor::test {
@@ -126,6 +128,52 @@ TEST_F(Runs, TakeOneChannelFromARecordingByOneLineOfTheRig) {
         6)
         << clock;
   }
+}
+
+/// A recorded value by time since its first sample.
+std::shared_ptr<SignalModel> recorded_value(const std::filesystem::path& file, const std::string& more = "") {
+  const auto n = ConfigDocument::parse("{signals: {position: {recording: " + file.string() +
+                                           ", channel: table, value: position" + more + "}}}",
+                                       "test.yaml");
+  EXPECT_TRUE(n);
+  return read_device_signals(*n, {}, {}, {});
+}
+
+// An emulated node whose signal was recorded of another one sends what was recorded.
+TEST_F(Runs, OfADeviceWhoseSignalsComeFromARecordingSeeWhatWasRecorded) {
+  const Said first = rigor({"run", config("rigs/can.yaml"), "--clock", "virtual", "--duration", "2", "--json",
+                            "--record", file("first.mcap"), "--report", file("report")});
+  ASSERT_EQ(first.status, 0) << first.err;
+  const std::string dbc = config("buses/turntable.dbc");
+  write_file(dir / "rig.yaml",
+             "duration_s: 1.9\nclock: virtual\nloop: { rate_hz: 1000 }\n"
+             "channels:\n  table: { kind: registers, backend: can, emulated_by: node, rate_hz: 100, "
+             "latency_ms: 5, interface: vcan0, dbc: " +
+                 dbc +
+                 ", signals: [{ message: TableState, signal: position }] }\n"
+                 "emulators:\n  node: { backend: can, interface: vcan0, dbc: " +
+                 dbc +
+                 ", node: Turntable, signals: { position: { recording: first.mcap, channel: table, value: "
+                 "position, repeat: true }, rate: { constant: 0 } } }\n"
+                 "record: { file: second.mcap }\n");
+  const Said second = rigor({"run", "rig.yaml", "--json"}, dir.path());
+  ASSERT_EQ(second.status, 0) << second.err;
+  const auto was = recorded_value(dir / "first.mcap"), is = recorded_value(dir / "second.mcap");
+  double least = 1e9, most = -1e9;
+  for (int ms = 20; ms < 1850; ms += 10) {
+    const BenchTime t = BenchTime(0) + milliseconds(ms);
+    if (ms == 20) (void)was->read(0, BenchTime(0)), (void)is->read(0, BenchTime(0));
+    const double a = was->read(0, t), b = is->read(0, t);
+    // Both are sampled on grids of 10 ms and sent every 5 ms, at up to 31 deg/s.
+    EXPECT_NEAR(a, b, 31 * 0.025) << ms;
+    least = std::min(least, b), most = std::max(most, b);
+  }
+  EXPECT_GT(most - least, 10) << "degrees; else nothing was tried";
+  // Past its end a recording says nothing, or begins again.
+  const auto again = recorded_value(dir / "first.mcap", ", repeat: true");
+  (void)again->read(0, BenchTime(0));
+  EXPECT_TRUE(std::isnan(was->read(0, BenchTime(0) + seconds(3))));
+  EXPECT_TRUE(std::isfinite(again->read(0, BenchTime(0) + seconds(3))));
 }
 
 TEST_F(Runs, OfTheDemoAccountForEveryInstantAndReport) {
@@ -263,17 +311,21 @@ TEST_F(Runs, WriteATraceThatIsJson) {
   EXPECT_GT((trace.is_array() ? trace : trace["traceEvents"]).size(), 100u);
 }
 
-TEST_F(Runs, EveryRigInTheTreeLoadsAndRuns) {
+// Each kind of driver and sink: what the application saw of a device is seen again from the recording.
+TEST_F(Runs, EveryRigInTheTreeLoadsAndRunsAndIsReplayed) {
   int rigs = 0;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(RIGOR_SOURCE_DIR "/configs")) {
     const std::string text = entry.is_regular_file() ? read_file(entry.path()) : "";
     if (entry.path().extension() != ".yaml" || text.find("\nchannels:") == std::string::npos) continue;
     ++rigs;
-    const Said said = rigor({"run", entry.path().string(), "--clock", "virtual", "--duration", "0.1",
+    const Said said = rigor({"run", entry.path().string(), "--clock", "virtual", "--duration", "0.2",
                              "--json", "--record", file("any.mcap"), "--report", file("any")});
-    EXPECT_EQ(said.status, 0) << entry.path() << ": " << said.err;
+    ASSERT_EQ(said.status, 0) << entry.path() << ": " << said.err;
+    const Said replay = rigor({"replay", file("any.mcap"), "--json"});
+    ASSERT_EQ(replay.status, 0) << entry.path() << ": " << replay.err;
+    EXPECT_EQ(json::parse(replay.out)["seen_sha256"], json::parse(said.out)["seen_sha256"]) << entry.path();
   }
-  EXPECT_GE(rigs, 1);
+  EXPECT_GE(rigs, 8);
 }
 
 TEST_F(Runs, SenseGivesTheSampleOfARun) {
