@@ -208,7 +208,8 @@ Result<ExposurePairs> fit_exposure_pairs(const FrameStacks& stacks, const StackS
   }
   if (each.size() > 1) {
     const double excess = chi / static_cast<double>(each.size() - 1);
-    const double between = std::sqrt(excess / weight);
+    // They differ for a reason, not by chance: more of them would not agree better.
+    const double between = std::sqrt(excess / weight * static_cast<double>(each.size()));
     if (between > gain.sigma) {
       gain.sigma = between;
       result.covariance(0, 0) = between * between;

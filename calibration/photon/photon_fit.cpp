@@ -144,17 +144,18 @@ Status fit_single_frames(const FrameStacks& stacks, const PhotonFitOptions& opti
                                   white && gain ? text : "no plateau below the converter's end was seen");
   out.converter_saturates = white;
   std::map<int, std::vector<const PairBin*>> sets;
-  double sum = 0, top = 0;
+  double sum = 0, top = 0, counted = 0;
   for (const PairBin& b : out.pairs) {
     LinearityPoint l{b.second_s, b.second_dn, 0, 0, b.set % 4};
     l.deviation = b.second_dn / b.first_dn / (b.second_s / b.first_s) - 1;
     l.sigma = std::sqrt(b.variance_dn2 / b.pixels) / b.first_dn;
     out.linearity.push_back(l);
-    sum += std::abs(l.deviation);
+    // Below 5 % of the range the unknown black level is what deviates.
+    if (b.first_dn >= 0.05 * out.statistics.max_dn) sum += std::abs(l.deviation), ++counted;
     top = std::max(top, b.second_dn);
   }
   if (!out.linearity.empty()) {
-    out.linearity_error = sum / static_cast<double>(out.linearity.size());
+    if (counted > 0) out.linearity_error = sum / counted;
     r.validity = {{"signal_dn", out.pairs.front().first_dn, top}};
     for (const PairBin& b : out.pairs) r.validity[0].from = std::min(r.validity[0].from, b.first_dn);
   } else {
