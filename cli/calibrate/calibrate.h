@@ -41,6 +41,8 @@ struct CalibrateSubcommand {
 [[nodiscard]] CalibrateSubcommand add_calibrate_extrinsics(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_delay(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_twin(CLI::App& calibrate);
+[[nodiscard]] CalibrateSubcommand add_calibrate_photon(CLI::App& calibrate);
+[[nodiscard]] CalibrateSubcommand add_calibrate_shading(CLI::App& calibrate);
 /// The options of CalibrateOptions; `inputs` says what INPUT may be.
 void add_common_options(CLI::App& app, CalibrateOptions& options, const char* inputs);
 
