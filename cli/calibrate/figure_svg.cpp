@@ -257,7 +257,7 @@ std::string svg_figure(const Figure& f) {
       body = draw_arrows(f);
       break;
   }
-  if (body.starts_with("<p")) return body;
+  if (body.starts_with("<p class")) return body;
   return fmt::format(R"(<svg viewBox="0 0 {} {}" xmlns="http://www.w3.org/2000/svg" role="img">{}</svg>)",
                      kWidth, kHeight, body);
 }
