@@ -308,7 +308,8 @@ Result<DriftFit> fit_drift(std::span<const double> range_m, double period_s, con
     finite.push_back(std::abs(away[static_cast<std::size_t>(k)]));
   }
   const double spread = std::max(1.4826 * median_of(finite), 0.6 * out.step_m);
-  if (!(spread > 0))
+  const auto [low, high] = std::minmax_element(values.begin(), values.end());
+  if (!(spread > 0) || *low == *high)
     return fail(ErrorCode::bad_input, where,
                 "expected readings that vary, got most of them the same: the device filters or holds its "
                 "values, or steps by more than its noise");
@@ -441,8 +442,10 @@ Result<DriftFit> fit_drift(std::span<const double> range_m, double period_s, con
                                                                   : right;
     }
   out.allan = overlapping_allan(out.series, period_s);
-  if (const AllanPoint* limit = averaging_limit(out.allan, out.white_m))
-    out.averaging_limit = limit->averaged;
+  // Of many points one lies beyond its interval by chance: noise that is white by all of them has no limit.
+  const AllanPoint* limit =
+      model.walk || model.correlated ? averaging_limit(out.allan, out.white_m) : nullptr;
+  if (limit) out.averaging_limit = limit->averaged;
   out.least_deviation_m = 1e300;
   for (const AllanPoint& p : out.allan)
     if (p.deviation < out.least_deviation_m) out.least_deviation_m = p.deviation, out.least_tau_s = p.tau_s;
@@ -462,7 +465,6 @@ Result<DriftFit> fit_drift(std::span<const double> range_m, double period_s, con
   r.residuals = statistics_of(residuals, "m");
   r.residuals.rejected = r.rejected.size();
   r.scale = 1;
-  const auto [low, high] = std::minmax_element(values.begin(), values.end());
   r.validity = {{"range_m", *low, *high}, {"duration_s", 0, 2 * span_s}};
   return out;
 }

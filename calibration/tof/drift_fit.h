@@ -26,7 +26,7 @@ struct DriftOptions {
   std::string model = "auto";
   double reject_sigmas = 6;  ///< of a sample against the median of its 31 neighbours
   int folds = 3;             ///< 0: no cross-validation
-  std::string name;          ///< of the series, for messages
+  std::string name{};        ///< of the series, for messages
   StopToken stop{};
 };
 

@@ -98,6 +98,7 @@ RangeProblem::RangeProblem(const TofScenes& scenes, const models::TofModel& mode
 
   used_.resize(scenes.frames.size());
   scene_used_.assign(scenes_.size(), true);
+  scene_empty_.assign(scenes_.size(), false);
   sigma_m_.assign(scenes_.size() * pixels, 1);
   inverse_.assign(scenes_.size() * pixels, 0);
   std::vector<double> log_amplitudes;
@@ -292,6 +293,7 @@ RangeProblem::Normal RangeProblem::accumulate(const RangeModel& m, RangeState& s
       }
       // One scene alone says nothing beside its pixels' own offsets: exactly nothing.
       if (scenes_here < 2) continue;
+      ++out.compared;
       for (std::size_t k = 0; k < scenes_.size(); ++k) {
         if (!(ws[k] > 0)) continue;
         const Eigen::Index at = globals + 3 * static_cast<Eigen::Index>(k);
@@ -318,6 +320,7 @@ RangeProblem::Normal RangeProblem::accumulate(const RangeModel& m, RangeState& s
     sum.squares += parts[i].squares, sum.squares_m += parts[i].squares_m;
     sum.inverse_weights += parts[i].inverse_weights;
     sum.samples += parts[i].samples, sum.pixels += parts[i].pixels;
+    sum.compared += parts[i].compared;
   }
   sum.h = sum.h.selfadjointView<Eigen::Upper>();
   if (sum.pixels == 0) return sum;
@@ -327,7 +330,7 @@ RangeProblem::Normal RangeProblem::accumulate(const RangeModel& m, RangeState& s
   const double s2 = s.scale * s.scale;
   for (const Normal::Run& run : sum.run) {
     const double uu = run.uu - run.u * run.u / count;
-    if (!(uu > 1e-9 * run.uu) || count < 4) continue;
+    if (!(uu > 1e-9 * run.uu) || count < 4 || sum.compared == 0) continue;
     const double slope = (run.uc - run.u * run.c / count) / uu;
     const double spread = std::max(0.0, run.cc - run.c * run.c / count - slope * slope * uu) / (count - 2);
     const double variance = std::max(spread, s2 * sum.inverse_weights / count) / uu;
@@ -489,7 +492,8 @@ void RangeProblem::reject(const RangeModel& m, RangeState& s, const StopToken& s
   const double crowd = std::max(1.0, samples_per_pixel());
   double limit = reject_sigmas_ * scale * std::sqrt(crowd / std::max(0.5, crowd - 1));
   std::size_t before = std::numeric_limits<std::size_t>::max();
-  for (int round = 0; round < 6; ++round) {
+  std::vector<bool> dropped(scenes_.size(), false);
+  for (int round = 0; round < 10; ++round) {
     left_.clear();
     left_count_ = 0;
     Cell c;
@@ -518,19 +522,10 @@ void RangeProblem::reject(const RangeModel& m, RangeState& s, const StopToken& s
           }
         }
       }
-    // A plane of which most does not fit was not where it was said to be. Scenes that differ from the others
-    // by far more than those among themselves, too.
-    std::vector<double> errors;
+    // A plane of which most does not fit was not where it was said to be.
     for (std::size_t k = 0; k < scenes_.size(); ++k) {
-      scene_used_[k] = all[k] > 0 && 2 * out[k] <= all[k];
-      if (scene_used_[k]) errors.push_back(std::abs(s.error_m[k]));
-    }
-    if (errors.size() >= 5) {
-      const double typical = estimates_distance_sigma()
-                                 ? std::max(1.4826 * median_of(errors), 0.1 * assumed_distance_sigma_m_)
-                                 : given_distance_sigma_m_;
-      for (std::size_t k = 0; k < scenes_.size(); ++k)
-        if (scene_used_[k] && std::abs(s.error_m[k]) > 6 * typical) scene_used_[k] = false;
+      scene_empty_[k] = all[k] == 0;
+      scene_used_[k] = !dropped[k] && all[k] > 0 && 2 * out[k] <= all[k];
     }
     std::sort(left_.begin(), left_.end(), [](const Left& a, const Left& b) {
       return a.sigmas != b.sigmas ? a.sigmas > b.sigmas
@@ -542,6 +537,26 @@ void RangeProblem::reject(const RangeModel& m, RangeState& s, const StopToken& s
     solve(m, s, 4, 1, nullptr);
     limit = reject_sigmas_ * s.scale;
     scale = s.scale;
+    // Nor was one whose distance is off by far more than the others' are: the worst first, as it pulls them.
+    std::vector<double> errors;
+    std::size_t worst = 0;
+    for (std::size_t k = 0; k < scenes_.size(); ++k) {
+      if (!scene_used_[k]) continue;
+      errors.push_back(std::abs(s.error_m[k]));
+      if (!scene_used_[worst] || errors.back() > std::abs(s.error_m[worst])) worst = k;
+    }
+    if (errors.size() < 5) continue;
+    const double typical = estimates_distance_sigma()
+                               ? std::max(1.4826 * median_of(errors), 0.1 * assumed_distance_sigma_m_)
+                               : given_distance_sigma_m_;
+    if (std::abs(s.error_m[worst]) > 6 * typical) {
+      dropped[worst] = true;
+      scene_used_[worst] = false;
+      s.error_m[worst] = 0;
+      solve(m, s, 6, 1, nullptr);
+      limit = reject_sigmas_ * s.scale;
+      before = std::numeric_limits<std::size_t>::max();
+    }
   }
 }
 

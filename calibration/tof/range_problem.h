@@ -79,7 +79,7 @@ class RangeProblem {
     };
     std::array<Run, 2> run;
     double squares = 0, squares_m = 0, inverse_weights = 0;
-    std::size_t samples = 0, pixels = 0;
+    std::size_t samples = 0, pixels = 0, compared = 0;  ///< compared: pixels with two scenes or more
   };
   void evaluate(const RangeModel& m, const RangeState& s, std::size_t scene, std::size_t pixel,
                 Cell& c) const;
@@ -100,7 +100,7 @@ class RangeProblem {
   std::vector<float> sigma_m_;                   ///< of one sample: [scene][pixel]
   std::vector<float> inverse_;                   ///< unit amplitude over the cell's
   std::vector<std::vector<std::uint8_t>> used_;  ///< [frame of all_][pixel]
-  std::vector<bool> scene_used_;
+  std::vector<bool> scene_used_, scene_empty_;
   struct Left {
     std::size_t frame, pixel;
     double residual_m, sigmas;

@@ -12,8 +12,8 @@ namespace rigor::calibration {
 struct TofFrame {
   std::string name;  ///< file or recording and index
   int width_px = 0, height_px = 0;
-  std::vector<float> range_m;
-  std::vector<float> amplitude;  ///< of the same size, or empty; in any one unit
+  std::vector<float> range_m{};
+  std::vector<float> amplitude{};  ///< of the same size, or empty; in any one unit
   double t_s = std::numeric_limits<double>::quiet_NaN();
   /// Along the optical axis to the plane that fills the picture; NaN: not known.
   double distance_m = std::numeric_limits<double>::quiet_NaN();
