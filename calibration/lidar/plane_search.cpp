@@ -174,7 +174,28 @@ PlaneSearch find_planes(const LidarReturns& returns, const models::LidarScan& sc
   if (out.planes.empty()) return out;
 
   // All returns by the planes, cell by cell.
-  const auto found = assign_planes(returns, scan, out.planes, tolerance);
+  auto found = assign_planes(returns, scan, out.planes, tolerance);
+  // What is strewn evenly over the tolerance (median half of it) is no wall but what a plane cuts through.
+  std::vector<LidarPlane> walls;
+  for (std::size_t k = 0; k < found.planes.size(); ++k) {
+    std::vector<double> off;
+    const Eigen::Vector3d& q = found.planes[k].q_per_m;
+    for (std::size_t i = 0; i < n; ++i) {
+      if (found.label[i] != static_cast<std::int8_t>(k)) continue;
+      Eigen::Vector3d u, o;
+      beam_of(scan.beams[returns.all[i].beam], returns.all[i].azimuth_rad, u, o);
+      off.push_back(std::abs(q.dot(o + static_cast<double>(returns.all[i].range_m) * u) - 1) / q.norm());
+    }
+    if (off.size() < 20) continue;
+    const auto middle = off.begin() + static_cast<std::ptrdiff_t>(off.size() / 2);
+    std::nth_element(off.begin(), middle, off.end());
+    if (*middle < 0.4 * tolerance) walls.push_back(found.planes[k]);
+  }
+  if (walls.size() != found.planes.size()) {
+    out.planes = walls;
+    if (walls.empty()) return out;
+    found = assign_planes(returns, scan, walls, tolerance);
+  }
   out.label = found.label;
   std::vector<std::size_t> order(out.planes.size());
   for (std::size_t k = 0; k < order.size(); ++k) order[k] = k;

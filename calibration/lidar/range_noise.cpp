@@ -190,7 +190,9 @@ class Fit {
   void group() {
     // As narrow as a column of the scan where there are scans enough, else as wide as a dozen shots need.
     const double column = std::max(1e-4, std::abs(sheet_.scan.rotation_radps) * sheet_.scan.column_period_s);
-    width_ = column * std::max(1.0, std::ceil(12.0 / std::max(1u, r_.scans)));
+    // Beyond a few degrees a parabola is not what a wall looks like.
+    constexpr double kWidest = 2.5 * std::numbers::pi / 180;
+    width_ = column * std::clamp(std::floor(kWidest / column), 1.0, std::ceil(12.0 / std::max(1u, r_.scans)));
     order_.resize(r_.all.size());
     std::vector<std::uint64_t> key(r_.all.size());
     for (std::uint32_t i = 0; i < order_.size(); ++i) {
@@ -224,49 +226,62 @@ class Fit {
     g.degree = high - low < 2e-5 ? 0 : width_ < 0.01 ? 1 : 2;
     std::vector<char> in(n, 1);
     g.cell = {};
-    std::vector<double> e(n, 0);
-    for (int round = 0; round < (limit_m > 0 ? 3 : 1); ++round) {
-      Eigen::Matrix3d h = Eigen::Matrix3d::Zero();
+    std::vector<double> e(n, 0), size(n, 0), t(n, 0), v(n, 0);
+    const double reference = r_.all[order_[g.begin]].range_m, half = std::max(1e-9, 0.5 * (high - low));
+    for (std::size_t i = 0; i < n; ++i) {
+      const LidarReturn& x = r_.all[order_[g.begin + i]];
+      t[i] = (static_cast<double>(x.azimuth_rad) - a0) / half;
+      v[i] = static_cast<double>(x.range_m) - reference;
+    }
+    const int m = g.degree + 1;
+    const auto fit = [&](const auto& weight) {
+      Eigen::Matrix3d h = Eigen::Matrix3d::Identity();
       Eigen::Vector3d b = Eigen::Vector3d::Zero();
-      double count = 0, centre = 0;
-      if (limit_m > 0 && round == 0) {
-        // The median is where outliers do not pull.
-        std::vector<double> v;
-        for (std::uint32_t k = g.begin; k < g.end; ++k) v.push_back(r_.all[order_[k]].range_m);
-        std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(n / 2), v.end());
-        centre = v[n / 2];
-      }
-      const double reference = r_.all[order_[g.begin]].range_m, half = std::max(1e-9, 0.5 * (high - low));
+      h.topLeftCorner(m, m).setZero();
       for (std::size_t i = 0; i < n; ++i) {
-        const LidarReturn& x = r_.all[order_[g.begin + i]];
-        if (limit_m > 0 && round == 0 && g.degree == 0)
-          in[i] = std::abs(static_cast<double>(x.range_m) - centre) <= limit_m;
-        if (!in[i]) continue;
-        const double t = (static_cast<double>(x.azimuth_rad) - a0) / half;
-        const Eigen::Vector3d p(1, g.degree > 0 ? t : 0, g.degree > 1 ? t * t : 0);
-        h += p * p.transpose(), b += p * (static_cast<double>(x.range_m) - reference);
-        ++count;
+        const double w = weight(i);
+        const Eigen::Vector3d p(1, m > 1 ? t[i] : 0, m > 2 ? t[i] * t[i] : 0);
+        h += w * p * p.transpose(), b += w * v[i] * p;
       }
-      const int m = g.degree + 1;
-      if (count < m + 1) {
-        g.cell.dof = 0;
-        return;
+      for (int k = m; k < 3; ++k) h(k, k) = 1;
+      const Eigen::Vector3d c = h.ldlt().solve(b);
+      for (std::size_t i = 0; i < n; ++i) e[i] = v[i] - c[0] - c[1] * t[i] - c[2] * t[i] * t[i];
+    };
+    // Least absolute residuals, from the median: a third of the shots may lie anywhere.
+    size = v;
+    std::nth_element(size.begin(), size.begin() + static_cast<std::ptrdiff_t>(n / 2), size.end());
+    const double centre = size[n / 2];
+    for (std::size_t i = 0; i < n; ++i) e[i] = v[i] - centre;
+    const auto typical = [&] {
+      for (std::size_t i = 0; i < n; ++i) size[i] = std::abs(e[i]);
+      std::nth_element(size.begin(), size.begin() + static_cast<std::ptrdiff_t>(n / 2), size.end());
+      return size[n / 2];
+    };
+    if (g.degree > 0)
+      for (int round = 0; round < 6; ++round) {
+        const double s = std::max(typical(), 1e-9 * std::abs(reference));
+        fit([&](std::size_t i) { return 1 / (s + std::abs(e[i])); });
       }
-      const Eigen::VectorXd c = h.topLeftCorner(m, m).ldlt().solve(b.head(m));
-      double sum = 0, used = 0;
-      for (std::size_t i = 0; i < n; ++i) {
-        const LidarReturn& x = r_.all[order_[g.begin + i]];
-        const double t = (static_cast<double>(x.azimuth_rad) - a0) / half;
-        double model = c[0];
-        if (m > 1) model += c[1] * t;
-        if (m > 2) model += c[2] * t * t;
-        e[i] = static_cast<double>(x.range_m) - reference - model;
-        if (in[i]) sum += e[i] * e[i], ++used;
+    if (limit_m == 0) {
+      const double s = 1.4826 * typical(),
+                   share = static_cast<double>(n) / static_cast<double>(n - static_cast<std::size_t>(m));
+      g.cell.variance_m2 = s * s * share;
+      g.cell.dof = static_cast<double>(n) - m;
+    } else {
+      double used = 0, sum = 0;
+      for (int round = 0; round < 3; ++round) {
+        used = sum = 0;
+        for (std::size_t i = 0; i < n; ++i) in[i] = std::abs(e[i]) <= limit_m, used += in[i];
+        if (used < m + 1) {
+          g.cell.dof = 0;
+          return;
+        }
+        fit([&](std::size_t i) { return in[i] ? 1.0 : 0.0; });
       }
+      for (std::size_t i = 0; i < n; ++i)
+        if (in[i]) sum += e[i] * e[i];
       g.cell.variance_m2 = sum / (used - m);
       g.cell.dof = used - m;
-      if (limit_m > 0 && round < 2)
-        for (std::size_t i = 0; i < n; ++i) in[i] = std::abs(e[i]) <= limit_m;
     }
     double used = 0, units = 0, units_square = 0, range = 0;
     for (std::size_t i = 0; i < n; ++i) {
@@ -577,7 +592,7 @@ class Fit {
     f.validity.push_back({"remission", from, to});
     if (!still || !(step_m_ > 0)) return;
     std::vector<RoundedSeries> series;
-    const std::size_t every = std::max<std::size_t>(1, groups_.size() / 200);
+    const std::size_t every = std::max<std::size_t>(1, groups_.size() / 60);
     for (std::size_t i = 0; i < groups_.size(); i += every) {
       const Group& g = groups_[i];
       if (!g.cell.used || (g.cell.remission > 1 && !all_are_plain_)) continue;

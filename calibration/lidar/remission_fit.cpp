@@ -19,6 +19,7 @@ using Eigen::VectorXd;
 struct Cell {
   int plane, beam;
   double log_units, count;
+  double rounding;  ///< variance that rounding adds, the same in every shot of a spot
 };
 
 struct Linear {
@@ -32,7 +33,7 @@ Linear solve(const std::vector<Cell>& cells, int planes, int beams, bool gains, 
   Linear l{VectorXd::Zero(n), MatrixXd::Zero(n, n), 0};
   VectorXd g = VectorXd::Zero(n);
   for (const Cell& c : cells) {
-    const double w = 1 / (shot2 / c.count + tau2);
+    const double w = 1 / (shot2 / c.count + tau2 + c.rounding);
     const Index k = c.plane, b = gains && c.beam > 0 ? planes + c.beam - 1 : -1;
     l.information(k, k) += w, g[k] += w * c.log_units;
     if (b < 0) continue;
@@ -42,7 +43,7 @@ Linear solve(const std::vector<Cell>& cells, int planes, int beams, bool gains, 
   l.x = l.information.completeOrthogonalDecomposition().solve(g);
   for (const Cell& c : cells) {
     const double e = c.log_units - l.x[c.plane] - (gains && c.beam > 0 ? l.x[planes + c.beam - 1] : 0);
-    l.weighted += e * e / (shot2 / c.count + tau2);
+    l.weighted += e * e / (shot2 / c.count + tau2 + c.rounding);
   }
   return l;
 }
@@ -81,7 +82,8 @@ void fit_gains(const LidarReturns& returns, const models::LidarModel& sheet, con
     const double mean = s.units / s.n;
     // The logarithm of a rounded small number is no measurement.
     if (!(mean > 8 * step) || !(mean > 0)) continue;
-    cells.push_back({std::get<0>(key), std::get<1>(key), std::log(mean / (s.cosine / s.n)), s.n});
+    cells.push_back({std::get<0>(key), std::get<1>(key), std::log(mean / (s.cosine / s.n)), s.n,
+                     step * step / 12 / (mean * mean)});
     seen[static_cast<std::size_t>(std::get<1>(key))] = true;
   }
   const int planes = static_cast<int>(bias.planes.size()), beams = static_cast<int>(seen.size());

@@ -48,6 +48,7 @@ double log_likelihood(const RoundedSeries& s, double sigma) {
 }  // namespace
 
 double rounded_variance(double sigma) {
+  if (!(sigma > 0)) return 0;
   double sum = 0;
   for (int k = 1; k < 2000; ++k) {
     const double term =
@@ -80,10 +81,12 @@ RoundedSigma sigma_of_rounded(const std::vector<RoundedSeries>& series) {
   };
   // Around the moments' answer; golden section on the logarithm.
   const double guess = std::log(std::sqrt(std::max(0.0025, square / dof - 1.0 / 12)));
-  double a = guess - 1.2, b = guess + 0.7;
+  // Moments are close where noise is more than a step.
+  const bool close = guess > 0;
+  double a = guess - (close ? 0.15 : 1.2), b = guess + (close ? 0.15 : 0.7);
   constexpr double kGolden = 0.6180339887498949;
   double x1 = b - kGolden * (b - a), x2 = a + kGolden * (b - a), f1 = total(x1), f2 = total(x2);
-  for (int n = 0; n < 22; ++n) {
+  for (int n = 0; n < (close ? 12 : 22); ++n) {
     if (f1 > f2) {
       b = x2, x2 = x1, f2 = f1;
       x1 = b - kGolden * (b - a), f1 = total(x1);

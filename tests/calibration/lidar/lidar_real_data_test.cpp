@@ -1,0 +1,89 @@
+// Recordings of real devices.
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <filesystem>
+#include <iostream>
+
+#include "calibration/lidar/lidar_fit.h"
+#include "cli/calibrate/recording_input.h"
+#include "sensor-hal/models/lidar/lidar_yaml.h"
+
+namespace rigor::calibration {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Recording {
+  LidarReturns returns;
+  models::LidarModel sheet;
+  std::vector<std::string> warnings;
+};
+
+fs::path file_of(const std::string& name) { return fs::path(RIGOR_SOURCE_DIR) / "../shared/data" / name; }
+#define NEED_RECORDING(name) \
+  if (!fs::exists(file_of(name))) GTEST_SKIP() << "test data: " << (name) << " is not here"
+
+Recording read(const std::string& sheet, const std::string& name) {
+  Recording r;
+  auto model = load_lidar_model(fs::path(RIGOR_SOURCE_DIR) / "configs/sensors" / sheet);
+  EXPECT_TRUE(model) << model.error().text();
+  r.sheet = *model;
+  ReturnCollector collector(model->scan);
+  auto in = read_samples(file_of(name), "", SampleKind::point_cloud, [&](const Sample& s) {
+    std::vector<LidarPoint> points(s.as<PointCloudInfo>()->count);
+    std::memcpy(points.data(), s.bytes().data(), points.size() * sizeof(LidarPoint));
+    collector.add(points);
+    return true;
+  });
+  EXPECT_TRUE(in) << in.error().text();
+  if (in) r.warnings = in->warnings;
+  r.returns = collector.take();
+  return r;
+}
+
+TEST(LidarRealData, BiasesOfAVlp16HalveWhatIsLeftOnSectorsThatWereWithheld) {
+  NEED_RECORDING("velodyne_vlp16/vlp16_stationary_room.pcap");
+  const Recording r = read("velodyne-vlp16.yaml", "velodyne_vlp16/vlp16_stationary_room.pcap");
+  ASSERT_EQ(r.warnings.size(), 1u);
+  EXPECT_NE(r.warnings[0].find("0x21 says HDL-32E"), std::string::npos) << r.warnings[0];
+  const auto fit = fit_lidar(r.returns, r.sheet);
+  ASSERT_TRUE(fit) << fit.error().text();
+  ASSERT_TRUE(fit->bias && fit->noise);
+  std::cout << fit->result.model << ": withheld " << fit->bias->held_out_rms_m << " m against "
+            << fit->bias->held_out_uncorrected_m << "; noise in a withheld band to "
+            << fit->noise->withheld_error << "\n";
+  EXPECT_EQ(fit->bias->model.name, "beams");
+  EXPECT_EQ(fit->bias->planes.size(), 2u);
+  EXPECT_LE(fit->bias->held_out_rms_m, 0.6 * fit->bias->held_out_uncorrected_m);
+  EXPECT_LE(fit->noise->withheld_error, 0.1);
+  EXPECT_LE(fit->noise->result.parameters.size(), 5u);
+  EXPECT_GT(fit->noise->bands.front().measured_m, 1.8 * fit->noise->bands.back().measured_m);
+}
+
+TEST(LidarRealData, NoiseOfAnLms511IsOneNumber) {
+  NEED_RECORDING("sick_lidar/20210301_lms511.json");
+  const Recording r = read("sick-lms511.yaml", "sick_lidar/20210301_lms511.json");
+  EXPECT_EQ(r.returns.scans, 136u);
+  const auto fit = fit_range_noise(r.returns, r.sheet);
+  ASSERT_TRUE(fit) << fit.error().text();
+  std::cout << "sigma " << fit->sigma_m << ", by rounded values " << fit->rounded_sigma_m << "\n";
+  EXPECT_NEAR(fit->sigma_m, 0.0036, 0.0003);
+  EXPECT_NEAR(fit->rounded_sigma_m, 0.0036, 0.0003);
+  EXPECT_EQ(fit->result.model, "constant");
+  ASSERT_EQ(fit->result.not_identifiable.size(), 1u);
+  EXPECT_EQ(fit->result.not_identifiable[0].first, "noise_slope");
+}
+
+TEST(LidarRealData, NoiseOfATim781s) {
+  NEED_RECORDING("sick_lidar/20210125-tim781s-scandata.json");
+  const Recording r = read("sick-tim781s.yaml", "sick_lidar/20210125-tim781s-scandata.json");
+  EXPECT_EQ(r.returns.scans, 140u);
+  const auto fit = fit_range_noise(r.returns, r.sheet);
+  ASSERT_TRUE(fit) << fit.error().text();
+  std::cout << "sigma " << fit->sigma_m << ", by rounded values " << fit->rounded_sigma_m << "\n";
+  EXPECT_NEAR(fit->sigma_m, 0.0116, 0.0008);
+}
+
+}  // namespace
+}  // namespace rigor::calibration
