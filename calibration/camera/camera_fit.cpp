@@ -176,7 +176,9 @@ bool pose_again(const std::vector<BoardView>& views, LensModel model, State& sta
     };
     if (views[v].points.empty()) continue;
     double least = median_square(state.poses[v]);
-    for (const Pose& pose : poses_from_view(views[v], camera)) {
+    // Wrong corners spoil a pose that is made of all of them.
+    const bool far = least > 4e-6 * views[v].width_px * views[v].width_px;
+    for (const Pose& pose : poses_from_view(views[v], camera, far)) {
       const double square = median_square(pose);
       if (!(square < 0.5 * least)) continue;
       least = square;
@@ -383,11 +385,20 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& given, const CameraFi
   CameraFit out;
   Problem problem(views, options);
   const LensModel largest = models.back();
+  // Start, outliers, each model, the last fit: how far it is.
+  const double steps = static_cast<double>(models.size()) + 3;
+  double done = 0;
+  if (options.progress)
+    problem.set_progress([&](double share, double rms) {
+      // Models are fitted many times for the cross-validation: their share stays where it is.
+      options.progress((done + (done >= 2 && done < steps - 1 ? 0 : share)) / steps, rms);
+    });
   auto begun = best_start(views, largest, options, problem);
   if (!begun) return tl::unexpected<Error>(begun.error());
   // Outliers are what the most flexible model cannot explain: all models are compared on the rest.
   State flexible = *begun;
   drop_what_does_not_fit(largest, flexible);
+  done = 1;
   auto judged = problem.fit(largest, flexible, options.robust, false, [](std::size_t) { return true; });
   if (!judged) return tl::unexpected<Error>(judged.error());
   std::vector<bool> used(problem.corners().size(), true);
@@ -399,9 +410,7 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& given, const CameraFi
   LeastSquares::Outcome fitted = *judged;
   const auto stopped = [&] { return options.stop.stop_requested(); };
   for (std::size_t m = 0; m < models.size() && !stopped(); ++m) {
-    if (options.progress)
-      options.progress(static_cast<double>(m) / static_cast<double>(models.size() + 1),
-                       judged->fit.residuals.rms);
+    done = 2 + static_cast<double>(m);
     drop_what_does_not_fit(models[m], state);
     if (models.size() > 1) {
       auto refit = problem.fit(models[m], state, false, false, [&](std::size_t i) { return used[i]; });
@@ -428,6 +437,7 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& given, const CameraFi
   }
   // Asked to stop, what is known best is the fit that judged the outliers.
   const bool cut_short = stopped();
+  done = steps - 1;
   if (cut_short) {
     candidates.clear();
     if (models.size() > 1)

@@ -69,7 +69,8 @@ bool pose_from_view(const BoardView& view, double fx_px, double fy_px, double cx
   return pose[5] > 0;
 }
 
-std::vector<std::array<double, 6>> poses_from_view(const BoardView& view, const CameraModel& camera) {
+std::vector<std::array<double, 6>> poses_from_view(const BoardView& view, const CameraModel& camera,
+                                                   bool robust) {
   std::vector<cv::Point3d> board;
   std::vector<cv::Point2d> rays;
   for (const BoardPoint& p : view.points) {
@@ -80,6 +81,18 @@ std::vector<std::array<double, 6>> poses_from_view(const BoardView& view, const 
   }
   std::vector<std::array<double, 6>> poses;
   if (board.size() < 4) return poses;
+  if (robust) {
+    std::vector<cv::Point2d> flat;
+    for (const auto& p : board) flat.emplace_back(p.x, p.y);
+    std::vector<unsigned char> fits;
+    if (!cv::findHomography(flat, rays, cv::LMEDS, 3, fits).empty()) {
+      std::size_t kept = 0;
+      for (std::size_t i = 0; i < fits.size(); ++i)
+        if (fits[i]) board[kept] = board[i], rays[kept] = rays[i], ++kept;
+      board.resize(kept), rays.resize(kept);
+      if (kept < 4) return poses;
+    }
+  }
   std::vector<cv::Mat> r, t;
   try {
     cv::solvePnPGeneric(board, rays, cv::Mat::eye(3, 3, CV_64F), cv::Mat(), r, t, false, cv::SOLVEPNP_IPPE);

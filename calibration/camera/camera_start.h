@@ -19,7 +19,9 @@ namespace rigor::calibration {
                                   double cy_px, bool fisheye, std::array<double, 6>& pose);
 
 /// The poses, as above, that the points of a view have in a camera whose lens is known: none to two.
+/// `robust`: up to half of the points may be wrong.
 [[nodiscard]] std::vector<std::array<double, 6>> poses_from_view(const BoardView& view,
-                                                                 const CameraModel& camera);
+                                                                 const CameraModel& camera,
+                                                                 bool robust = false);
 
 }  // namespace rigor::calibration

@@ -19,7 +19,7 @@ struct StereoPair {
 struct StereoFitOptions {
   /// Lens of each camera; ignored where its camera is given.
   LensModel left_model = LensModel::opencv4, right_model = LensModel::opencv4;
-  std::optional<CameraModel> left, right;  ///< held at these values
+  std::optional<CameraModel> left{}, right{};  ///< held at these values
   bool robust = true;
   double reject_sigmas = 4;
   int threads = 0;

@@ -98,15 +98,17 @@ struct LeastSquares::Impl {
           for (std::size_t b = 0; b < parameter_block_sizes().size(); ++b) {
             if (!j[b]) continue;
             const Eigen::Index n = parameter_block_sizes()[b];
-            Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>> all(
-                j[b] + row * n, d, n);
+            double* all = j[b] + row * n;
             if (factor == 0) {
-              all.setZero();
+              std::fill(all, all + d * n, 0.0);
               continue;
             }
-            const Eigen::RowVectorXd along = e.transpose() * all;
-            all *= factor;
-            if (slope != 0) all.noalias() += slope * e * along;
+            for (Eigen::Index c = 0; c < n; ++c) {
+              double along = 0;
+              for (Eigen::Index k = 0; k < d; ++k) along += e[k] * all[k * n + c];
+              for (Eigen::Index k = 0; k < d; ++k)
+                all[k * n + c] = factor * all[k * n + c] + slope * e[k] * along;
+            }
           }
         if (factor == 0)
           e.setZero();
