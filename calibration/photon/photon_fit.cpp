@@ -664,7 +664,27 @@ Status Problem::fit() {
     const std::uint32_t id = outcome->rejected_ids[i];
     out_.result.rejected[i].what = id < st_.points.size() ? level(id).text() : "fixed pattern";
   }
-  out_.whitened = outcome->residuals;
+  // For people: the mean of a level of light is free, its residual says nothing.
+  const auto rejected = [&](std::size_t k) {
+    return std::find(outcome->rejected_ids.begin(), outcome->rejected_ids.end(), k) !=
+           outcome->rejected_ids.end();
+  };
+  for (std::size_t k = 0; k < st_.points.size(); ++k) {
+    const Whitening w = whitening(k, m);
+    if (!out_.in_range[k] || rejected(k) || !w.with_variance) continue;
+    double r[2] = {0, 0};
+    const PhotonFrame& s = level(k).settings;
+    if (!s.light)
+      DarkResidual{w, s.exposure_s,
+                   std::isfinite(s.temperature_c) ? s.temperature_c - out_.temperature_reference_c : 0}(m.p,
+                                                                                                        r);
+    else if (m.two_gains && m.signal[k] > m.break_dn)
+      UpperResidual{w, m.break_dn}(m.p, m.upper, &m.signal[k], r);
+    else
+      LightResidual{w}(m.p, &m.signal[k], r);
+    if (!s.light) out_.whitened.push_back(r[0]);
+    out_.whitened.push_back(r[1]);
+  }
   after(m, *outcome);
   return {};
 }
