@@ -15,7 +15,7 @@ namespace rigor {
 namespace {
 
 constexpr std::uint32_t kSpirv[] =
-#include "model_calls.inc"
+#include "model_calls.comp.inc"
     ;
 
 using std::cos;
