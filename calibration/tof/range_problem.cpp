@@ -646,7 +646,9 @@ RangeProblem::Information RangeProblem::information(const RangeModel& m, const R
 void RangeProblem::report_rejected(const RangeState&, FitResult& r) const {
   r.residuals.rejected = left_count_;
   for (std::size_t k = 0; k < scenes_.size(); ++k)
-    if (!scene_used_[k])
+    if (scene_empty_[k])
+      r.warnings.push_back(scenes_[k]->name + ": no range in it: saturated, or nothing came back");
+    else if (!scene_used_[k])
       r.rejected.push_back(
           {scenes_[k]->name + ": all of it; it does not agree with the other distances", 0, 0});
   for (const Left& l : left_) {

@@ -14,6 +14,7 @@ constexpr CalibrateSubcommand (*kSubcommands[])(CLI::App&) = {
     add_calibrate_photon,
     add_calibrate_shading,
     add_calibrate_lidar,
+    add_calibrate_tof,
     add_calibrate_extrinsics,
     add_calibrate_delay,
     add_calibrate_twin,
