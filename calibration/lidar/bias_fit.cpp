@@ -314,9 +314,14 @@ class Fit {
       const double shot = o_.sigma_m ? o_.sigma_m(static_cast<double>(remission_[i])) : 0;
       s.shot += shot * shot;
     }
-    double within = 0, dof = 0;
-    for (const auto& [key, s] : sums) within += s.square, dof += s.n - 1;
-    const double pooled = dof > 0 ? within / dof : spread_ * spread_;
+    // Without a noise model each wall has a noise of its own: dark ones more than bright ones.
+    std::vector<double> pooled(state_.q.size(), 0), dof(state_.q.size(), 0);
+    for (const auto& [key, s] : sums) {
+      const auto k = static_cast<std::size_t>(std::get<0>(key));
+      pooled[k] += s.square, dof[k] += s.n - 1;
+    }
+    for (std::size_t k = 0; k < pooled.size(); ++k)
+      pooled[k] = dof[k] > 0 ? pooled[k] / dof[k] : spread_ * spread_;
     for (const auto& [key, s] : sums) {
       BiasCell c;
       c.plane = static_cast<std::uint8_t>(std::get<0>(key));
@@ -328,7 +333,7 @@ class Fit {
       c.count = s.n;
       c.residual_m = s.mean;
       c.square_m2 = s.square;
-      c.shot_variance_m2 = (o_.sigma_m ? s.shot / s.n : pooled) / s.n;
+      c.shot_variance_m2 = (o_.sigma_m ? s.shot / s.n : pooled[c.plane]) / s.n;
       cells_.push_back(c);
     }
     reference_ = state_;

@@ -8,6 +8,7 @@
 
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
+#include "calibration/lidar/rounded_values.h"
 
 namespace rigor::calibration {
 namespace {
@@ -19,6 +20,7 @@ using Eigen::VectorXd;
 struct Cell {
   int plane, beam;
   double log_units, count;
+  double shot;      ///< variance of one shot
   double rounding;  ///< variance that rounding adds, the same in every shot of a spot
 };
 
@@ -28,12 +30,12 @@ struct Linear {
   double weighted = 0;
 };
 /// Walls' levels and, where wanted, gains against the first beam.
-Linear solve(const std::vector<Cell>& cells, int planes, int beams, bool gains, double tau2, double shot2) {
+Linear solve(const std::vector<Cell>& cells, int planes, int beams, bool gains, double tau2) {
   const Index n = planes + (gains ? beams - 1 : 0);
   Linear l{VectorXd::Zero(n), MatrixXd::Zero(n, n), 0};
   VectorXd g = VectorXd::Zero(n);
   for (const Cell& c : cells) {
-    const double w = 1 / (shot2 / c.count + tau2 + c.rounding);
+    const double w = 1 / (c.shot / c.count + tau2 + c.rounding);
     const Index k = c.plane, b = gains && c.beam > 0 ? planes + c.beam - 1 : -1;
     l.information(k, k) += w, g[k] += w * c.log_units;
     if (b < 0) continue;
@@ -43,7 +45,7 @@ Linear solve(const std::vector<Cell>& cells, int planes, int beams, bool gains, 
   l.x = l.information.completeOrthogonalDecomposition().solve(g);
   for (const Cell& c : cells) {
     const double e = c.log_units - l.x[c.plane] - (gains && c.beam > 0 ? l.x[planes + c.beam - 1] : 0);
-    l.weighted += e * e / (shot2 / c.count + tau2 + c.rounding);
+    l.weighted += e * e / (c.shot / c.count + tau2 + c.rounding);
   }
   return l;
 }
@@ -82,8 +84,14 @@ void fit_gains(const LidarReturns& returns, const models::LidarModel& sheet, con
     const double mean = s.units / s.n;
     // The logarithm of a rounded small number is no measurement.
     if (!(mean > 8 * step) || !(mean > 0)) continue;
+    // Rounding is noise where the noise carries it from step to step, else an error that all shots share.
+    const double in_steps = step > 0 ? noise * mean / step : 0, unit = step / mean;
+    const double shot = step > 0 ? rounded_variance(in_steps) * unit * unit : noise * noise;
+    const double shared =
+        step > 0 ? std::max(0.0, in_steps * in_steps + 1.0 / 12 - rounded_variance(in_steps)) * unit * unit
+                 : 0;
     cells.push_back({std::get<0>(key), std::get<1>(key), std::log(mean / (s.cosine / s.n)), s.n,
-                     step * step / 12 / (mean * mean)});
+                     std::max(shot, 1e-10), shared});
     seen[static_cast<std::size_t>(std::get<1>(key))] = true;
   }
   const int planes = static_cast<int>(bias.planes.size()), beams = static_cast<int>(seen.size());
@@ -93,22 +101,21 @@ void fit_gains(const LidarReturns& returns, const models::LidarModel& sheet, con
                                     "too few returns of walls with a remission that the device tells well");
     return;
   }
-  const double shot2 = std::max(1e-10, noise * noise);
   // τ² at which the weighted squares are what they should be.
   const auto spread = [&](bool gains) {
     double low = 0, high = 25;
     const double dof = static_cast<double>(cells.size()) - planes - (gains ? beams - 1 : 0);
-    if (solve(cells, planes, beams, gains, 0, shot2).weighted <= dof) return 0.0;
+    if (solve(cells, planes, beams, gains, 0).weighted <= dof) return 0.0;
     for (int n = 0; n < 50; ++n) {
       const double mid = 0.5 * (low + high);
-      (solve(cells, planes, beams, gains, mid, shot2).weighted > dof ? low : high) = mid;
+      (solve(cells, planes, beams, gains, mid).weighted > dof ? low : high) = mid;
     }
     return 0.5 * (low + high);
   };
   const bool several = beams > 1;
   const double tau2 = spread(several);
-  const Linear equal = solve(cells, planes, beams, false, tau2, shot2);
-  const Linear free = several ? solve(cells, planes, beams, true, tau2, shot2) : equal;
+  const Linear equal = solve(cells, planes, beams, false, tau2);
+  const Linear free = several ? solve(cells, planes, beams, true, tau2) : equal;
   const double b_equal = bic(equal.weighted, cells.size(), static_cast<std::size_t>(planes)),
                b_free = bic(free.weighted, cells.size(), static_cast<std::size_t>(planes + beams - 1));
   const bool gains = several && b_free < b_equal;

@@ -148,7 +148,7 @@ TEST(LidarRecovery, ScaleComesFromSurveyedWallsAlone) {
       p.q_per_m = w.normal / w.distance_m;
       walls.push_back(p);
     }
-    const auto fit = fit_lidar(measure(t, 3, seed), sixteen_beams(3),
+    const auto fit = fit_lidar(measure(t, 6, seed), sixteen_beams(3),
                                {.model = "beams+scale", .noise_model = "offset", .surveyed = walls});
     ASSERT_TRUE(fit) << fit.error().text();
     std::vector<std::pair<std::string, double>> truth{{"range_scale", t.scale}};
