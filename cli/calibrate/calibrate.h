@@ -38,6 +38,7 @@ struct CalibrateSubcommand {
 /// Each makes its subcommand with its options; registered in calibrate_cli.cpp.
 [[nodiscard]] CalibrateSubcommand add_calibrate_camera(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_lidar(CLI::App& calibrate);
+[[nodiscard]] CalibrateSubcommand add_calibrate_stereo(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_tof(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_extrinsics(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_delay(CLI::App& calibrate);

@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "calibration/camera/camera_fit.h"
+#include "cli/calibrate/board_views.h"
 #include "cli/calibrate/calibrate.h"
 #include "rt-core/stop.h"
 
@@ -19,56 +20,6 @@ struct CalibrateCameraOptions : CalibrateOptions {
   double start_fx_px = 0;
   bool all_corners = false;  ///< no outlier is left out
 };
-
-Status parse_size(const std::string& text, int& width_px, int& height_px) {
-  if (std::sscanf(text.c_str(), "%dx%d", &width_px, &height_px) == 2 && width_px >= 16 && height_px >= 16 &&
-      width_px <= 16384 && height_px <= 16384)
-    return {};
-  return fail(ErrorCode::bad_input, "--size",
-              "expected WIDTHxHEIGHT in pixels for a list of corners, as in 640x480, got " +
-                  (text.empty() ? "nothing" : text));
-}
-
-struct Views {
-  std::vector<BoardView> seen;
-  std::vector<std::string> without;  ///< pictures without a board, and why
-  std::vector<std::filesystem::path> files;
-};
-
-Result<Views> read_views(const CalibrateCameraOptions& options, const Board& board) {
-  Views views;
-  auto files = input_files(options.inputs, {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm"});
-  if (!files) return tl::unexpected<Error>(files.error());
-  views.files = *files;
-  LiveLine line;
-  for (std::size_t i = 0; i < files->size(); ++i) {
-    const auto& file = (*files)[i];
-    if (!options.json) line.show(fmt::format("looking for boards: {} of {}", i + 1, files->size()));
-    if (file.extension() == ".vnl") {
-      int width = 0, height = 0;
-      if (auto s = parse_size(options.size, width, height); !s) return tl::unexpected<Error>(s.error());
-      auto list = read_corner_list(file, board, width, height);
-      if (!list) return tl::unexpected<Error>(list.error());
-      views.seen.insert(views.seen.end(), list->begin(), list->end());
-      continue;
-    }
-    auto view = find_board_in_file(file, board);
-    if (view)
-      views.seen.push_back(std::move(*view));
-    else if (view.error().code == ErrorCode::not_found)
-      views.without.push_back(view.error().text());
-    else
-      return tl::unexpected<Error>(view.error());
-  }
-  if (!options.json) line.done();
-  if (views.seen.empty())
-    return fail(
-        ErrorCode::bad_input, views.files.empty() ? "INPUT" : views.files.front().string(),
-        "expected at least one picture with a board " + board.text() + ", found none in " +
-            std::to_string(views.files.size()) +
-            "; check the number of inner corners (--target) and that the whole board is in the picture");
-  return views;
-}
 
 SheetRecipe recipe_of(const CameraFit& fit) {
   SheetRecipe r;
@@ -179,9 +130,15 @@ int calibrate_camera(const CalibrateCameraOptions& options) {
     if (!model) return wrong(model.error());
     fit_options.models = {*model};
   }
-  const auto views = read_views(options, *board);
-  if (!views) return wrong(views.error());
   SignalStop signals(stop);
+  const auto views = read_board_views({.inputs = options.inputs,
+                                       .channel = options.channel,
+                                       .size = options.size,
+                                       .report = options.report,
+                                       .json = options.json,
+                                       .stop = stop.token()},
+                                      *board);
+  if (!views) return wrong(views.error());
   LiveLine line;
   if (!options.json)
     fit_options.progress = [&](double share, double rms) {
@@ -195,7 +152,8 @@ int calibrate_camera(const CalibrateCameraOptions& options) {
   product.title = "Camera calibration";
   product.inputs = views->files;
   product.fit = fit->result;
-  for (const std::string& why : views->without) product.fit.warnings.push_back(why);
+  product.fit.interrupted = product.fit.interrupted || views->interrupted;
+  for (const std::string& why : views->notes) product.fit.warnings.push_back(why);
   product.recipe = recipe_of(*fit);
   product.figures = figures_of(*fit, views->seen);
   product.more["rms_per_corner_px"] = fit->rms_per_corner_px;
@@ -215,8 +173,9 @@ int calibrate_camera(const CalibrateCameraOptions& options) {
 CalibrateSubcommand add_calibrate_camera(CLI::App& calibrate) {
   CLI::App* app = calibrate.add_subcommand("camera", "Intrinsics and lens from pictures of a board");
   auto options = std::make_shared<CalibrateCameraOptions>();
-  add_common_options(*app, *options,
-                     "Pictures, folders of pictures, or lists of corners (.vnl, with --size)");
+  add_common_options(
+      *app, *options,
+      "Pictures, folders of pictures, recordings (.mcap), or lists of corners (.vnl, with --size)");
   app->add_option("--target", options->target,
                   "chessboard:9x6:0.025 (inner corners, square in metres), circles:…, asymmetric:…, "
                   "charuco:8x6:0.04:0.03[:DICTIONARY]")

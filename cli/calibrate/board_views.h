@@ -1,0 +1,32 @@
+// Views of a board out of whatever a user names: pictures, folders of pictures, lists of corners, recordings.
+#pragma once
+
+#include "calibration/camera/board.h"
+#include "cli/calibrate/calibrate.h"
+#include "rt-core/stop.h"
+
+namespace rigor {
+
+struct BoardViewsOptions {
+  std::vector<std::filesystem::path> inputs;
+  std::string channel;           ///< of recordings
+  std::string size;              ///< WIDTHxHEIGHT of the pictures that a list of corners is about
+  std::filesystem::path report;  ///< where what was looked for is drawn, if nothing was found; empty: nowhere
+  bool json = false;             ///< no progress
+  StopToken stop{};              ///< what was found until then is returned
+};
+
+struct BoardViews {
+  std::vector<calibration::BoardView> seen;
+  std::vector<std::size_t> picture;  ///< of each view: which one it was of all that were looked at
+  std::vector<std::string> notes;    ///< pictures without a board and why; recordings that were cut short
+  std::vector<std::filesystem::path> files;
+  bool interrupted = false;
+};
+
+/// bad_input: no board in any picture (report/looked_for.png then shows the board beside the first picture),
+/// pictures of several sizes are left to the fit. Else as read_samples() and find_board().
+[[nodiscard]] Result<BoardViews> read_board_views(const BoardViewsOptions& options,
+                                                  const calibration::Board& board);
+
+}  // namespace rigor
