@@ -174,14 +174,15 @@ std::vector<Eigen::Vector3d> points_on_board(const std::vector<Eigen::Vector3d>&
                                              const Eigen::Isometry3d& T_first_board,
                                              const Eigen::Isometry3d& T_first_second,
                                              const Eigen::Vector2d& size_m, double margin_m,
-                                             std::size_t least) {
+                                             double outline_margin_m, std::size_t least) {
   const Eigen::Isometry3d T_board_second = T_first_board.inverse() * T_first_second;
   std::vector<Eigen::Vector3d> near;
   for (const auto& p : cloud_m) {
     if (!p.allFinite()) continue;
     const Eigen::Vector3d q = T_board_second * p;
-    if (std::abs(q.z()) <= margin_m && q.x() >= -margin_m && q.y() >= -margin_m &&
-        q.x() <= size_m.x() + margin_m && q.y() <= size_m.y() + margin_m)
+    const double o = outline_margin_m;
+    if (std::abs(q.z()) <= margin_m && q.x() >= -o && q.y() >= -o && q.x() <= size_m.x() + o &&
+        q.y() <= size_m.y() + o)
       near.push_back(p);
   }
   // What lies behind or beside the board came along with the margin.

@@ -57,13 +57,13 @@ struct PlaneExtrinsics {
 [[nodiscard]] Eigen::Isometry3d extrinsics_from_normals(const std::vector<PlaneSighting>& sightings);
 
 /// Points on the board: of `cloud_m` (second sensor's frame) those that lie over the board's outline (board
-/// frame: 0 … width, 0 … height, grown by `margin_m`) and within `margin_m` of its plane as a rough
-/// T_first_second has it, and then within 4 robust standard deviations of the plane that most of them make.
-/// Empty where fewer than `least` are left.
+/// frame: 0 … width, 0 … height, grown by `outline_margin_m`, shrunk where that is negative) and within
+/// `margin_m` of its plane as a rough T_first_second has it, and then within 4 robust standard deviations of
+/// the plane that most of them make. Empty where fewer than `least` are left.
 [[nodiscard]] std::vector<Eigen::Vector3d> points_on_board(const std::vector<Eigen::Vector3d>& cloud_m,
                                                            const Eigen::Isometry3d& T_first_board,
                                                            const Eigen::Isometry3d& T_first_second,
                                                            const Eigen::Vector2d& size_m, double margin_m,
-                                                           std::size_t least = 8);
+                                                           double outline_margin_m, std::size_t least = 8);
 
 }  // namespace rigor::calibration

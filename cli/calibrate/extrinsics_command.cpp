@@ -179,7 +179,8 @@ Result<std::vector<Cloud>> clouds_of(const ExtrinsicsOptions& o, const std::file
 /// Boards that stood still from the picture before, with the cloud nearest in time; evenly `views` of them.
 std::vector<PlaneSighting> sightings_of(const ExtrinsicsOptions& o, const std::vector<Seen>& seen,
                                         const std::vector<Cloud>& clouds, const Board& board,
-                                        const Eigen::Isometry3d& rough, std::vector<std::string>& warnings) {
+                                        const Eigen::Isometry3d& T_first_second, double margin_m,
+                                        double outline_margin_m, std::vector<std::string>& warnings) {
   std::vector<std::size_t> still;
   int moving = 0;
   for (std::size_t i = 0; i < seen.size(); ++i) {
@@ -214,9 +215,9 @@ std::vector<PlaneSighting> sightings_of(const ExtrinsicsOptions& o, const std::v
     p.name = s.view.name;
     p.T_first_board = s.pose.T_camera_board;
     p.plane_covariance = s.pose.plane_covariance;
-    p.points_m = points_on_board(nearest->points_m, s.pose.T_camera_board * corner, rough,
+    p.points_m = points_on_board(nearest->points_m, s.pose.T_camera_board * corner, T_first_second,
                                  {(board.columns + 1) * board.spacing_m, (board.rows + 1) * board.spacing_m},
-                                 o.margin_m);
+                                 margin_m, outline_margin_m);
     if (p.points_m.empty())
       ++without;
     else
@@ -243,31 +244,51 @@ int calibrate_extrinsics(const ExtrinsicsOptions& o) {
   CalibrationProduct product;
   product.title = "Where the second sensor sits";
   product.inputs = *files;
-  std::vector<PlaneSighting> sightings;
+  struct Recorded {
+    std::vector<Seen> seen;
+    std::vector<Cloud> clouds;
+  };
+  std::vector<Recorded> recorded;
   std::vector<std::string> warnings;
   for (const auto& file : *files) {
-    const auto seen = boards_of(o, file, *board, sheet->model, warnings);
+    auto seen = boards_of(o, file, *board, sheet->model, warnings);
     if (!seen) return wrong(seen.error());
-    const auto clouds = clouds_of(o, file, warnings);
+    auto clouds = clouds_of(o, file, warnings);
     if (!clouds) return wrong(clouds.error());
-    auto more = sightings_of(o, *seen, *clouds, *board, *rough, warnings);
-    sightings.insert(sightings.end(), std::make_move_iterator(more.begin()),
-                     std::make_move_iterator(more.end()));
+    recorded.push_back({std::move(*seen), std::move(*clouds)});
   }
-  if (sightings.empty())
-    return wrong(
-        Error{ErrorCode::bad_input, files->front().string(),
-              fmt::format("expected points of the second sensor on the board within {} m of where --rough "
-                          "puts them, found none; check --rough, or give a larger --margin",
-                          o.margin_m)});
   StopSource stop;
   SignalStop signals(stop);
   PlaneExtrinsicsOptions options;
   options.sigma_point_m = o.sigma_m;
   options.start = *rough;
   options.stop = stop.token();
-  auto fit = fit_plane_extrinsics(sightings, options);
-  if (!fit) return wrong(fit.error());
+  std::vector<PlaneSighting> sightings;
+  Result<PlaneExtrinsics> fit = fail(ErrorCode::internal, "extrinsics", "");
+  // First with all that may be on the board by the rough mount; that may hold the floor before it and the
+  // wall behind it, in one line with the board. Then, with a mount that is nearly right, only what is well
+  // inside.
+  for (const bool again : {false, true}) {
+    std::vector<std::string> said;
+    sightings.clear();
+    for (const Recorded& r : recorded) {
+      auto more = again ? sightings_of(o, r.seen, r.clouds, *board, fit->T_first_second, 0.5 * o.margin_m,
+                                       -0.4 * board->spacing_m, said)
+                        : sightings_of(o, r.seen, r.clouds, *board, *rough, o.margin_m, o.margin_m, said);
+      sightings.insert(sightings.end(), std::make_move_iterator(more.begin()),
+                       std::make_move_iterator(more.end()));
+    }
+    if (sightings.empty())
+      return wrong(
+          Error{ErrorCode::bad_input, files->front().string(),
+                fmt::format("expected points of the second sensor on the board within {} m of where --rough "
+                            "puts them, found none; check --rough, or give another --margin",
+                            o.margin_m)});
+    fit = fit_plane_extrinsics(sightings, options);
+    if (!fit) return wrong(fit.error());
+    options.start = fit->T_first_second;
+    if (again) warnings.insert(warnings.end(), said.begin(), said.end());
+  }
   product.fit = std::move(fit->result);
   product.fit.warnings.insert(product.fit.warnings.end(), warnings.begin(), warnings.end());
   const Eigen::Vector3d t = fit->T_first_second.translation();

@@ -170,10 +170,11 @@ TEST(PointsOnBoard, TheBoardsOwnAndNotTheWallBehind) {
     }
   // The rough mount is 3 cm and 1 degree off.
   const auto on =
-      points_on_board(cloud, board, pose({0.03, 0, 0}, {0, 0.017, 0}) * truth(), {0.8, 0.6}, 0.15);
+      points_on_board(cloud, board, pose({0.03, 0, 0}, {0, 0.017, 0}) * truth(), {0.8, 0.6}, 0.15, 0.15);
   ASSERT_GT(on.size(), 200u);
   for (const auto& p : on) EXPECT_LT(std::abs((board.inverse() * truth() * p).z()), 0.03);
-  EXPECT_TRUE(points_on_board(cloud, board, pose({2, 0, 0}, {0, 0, 0}) * truth(), {0.8, 0.6}, 0.15).empty());
+  EXPECT_TRUE(
+      points_on_board(cloud, board, pose({2, 0, 0}, {0, 0, 0}) * truth(), {0.8, 0.6}, 0.15, 0.15).empty());
 }
 
 }  // namespace
