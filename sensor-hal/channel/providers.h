@@ -81,8 +81,8 @@ class SampleProvider {
     BenchTime t_capture;
     BenchTime t_start{};  ///< of the run: a platform that carries the sensor sets out then
     WorldMotion motion;
-    /// Of a turning LiDAR: how far beyond its usual start the scan begins (anticlockwise seen from above). For
-    /// devices whose firings do not divide a turn, so that each turn begins a little elsewhere.
+    /// Of a turning LiDAR: how far beyond its usual start the scan begins (anticlockwise seen from above).
+    /// For devices whose firings do not divide a turn, so that each turn begins a little elsewhere.
     double turn_rad = 0;
   };
   [[nodiscard]] virtual Geometry geometry() const = 0;

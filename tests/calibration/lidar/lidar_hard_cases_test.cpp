@@ -5,7 +5,7 @@
 #include <random>
 
 #include "calibration/lidar/rounded_values.h"
-#include "simulated_room.h"
+#include "tests/calibration/lidar/simulated_room.h"
 
 namespace rigor::calibration {
 namespace {

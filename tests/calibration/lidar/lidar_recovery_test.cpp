@@ -6,7 +6,7 @@
 #include <iostream>
 #include <random>
 
-#include "simulated_room.h"
+#include "tests/calibration/lidar/simulated_room.h"
 
 namespace rigor::calibration {
 namespace {
