@@ -274,6 +274,12 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
                       "are too few to tell: {:.2g} m was assumed",
                       count, out.distance_sigma_m));
   }
+  // 3 and 5 both turn the phase with four times itself, by a5 − a3 to first order; 7 and 9 with eight times.
+  if (out.model.harmonics == 1 || out.model.harmonics == 3)
+    r.warnings.push_back(
+        fmt::format("harmonic_{0} stands for {0} and {1} together: to first order both make the same "
+                    "error of the range, and the data do not ask for more",
+                    out.model.harmonics * 2 + 1, out.model.harmonics * 2 + 3));
   if (out.model.spline)
     r.warnings.push_back(
         "a B-spline describes the wiggling better than harmonics; simulated cameras have "

@@ -7,6 +7,8 @@
 //          b_s the plane's tilt, fitted
 //   w      wiggling: the phase error of the model's correlation with harmonics 3, 5, 7, 9 (tof.glsl.h, over
 //          ceres::Jet), or, for comparison, a cubic B-spline of the range
+//          (to first order 3 and 5 make the same error, a5 − a3 times sin 4φ, and so do 7 and 9: a fit of
+//          both knows their difference far better than either)
 //   k/A    error that goes with the amplitude
 //   o, δ_p offset of the camera and of each pixel: every pixel's own, nothing is assumed about their pattern
 //

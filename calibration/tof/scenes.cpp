@@ -258,11 +258,13 @@ double phase_noise_constant_m(const models::TofModel& model) {
   return kLightSpeed_mps / (4 * std::numbers::pi * std::sqrt(2 * squares));
 }
 
-FitResult pixel_noise(const NoiseLawFit& fit, const models::TofModel& model, bool counts, PixelNoise& out) {
+FitResult pixel_noise(const NoiseLawFit& fit, const models::TofModel& model, bool counts, PixelNoise& out,
+                      double range_step_m) {
   FitResult r;
   const bool floor = fit.noise.law == NoiseLaw::shot_read_floor;
   if (!floor && fit.noise.law != NoiseLaw::shot_read) return r;
-  const double k = phase_noise_constant_m(model), p = fit.noise.c[0], q = fit.noise.c[1], n = fit.noise.c[2];
+  const double k = phase_noise_constant_m(model), p = fit.noise.c[0], q = fit.noise.c[1],
+               n = fit.noise.c[2] - range_step_m * range_step_m / 12;
   const Eigen::Index m = floor ? 3 : 2;
   const Eigen::MatrixXd& c = fit.result.covariance;
   Eigen::MatrixXd j = Eigen::MatrixXd::Zero(m, m);
@@ -292,7 +294,7 @@ FitResult pixel_noise(const NoiseLawFit& fit, const models::TofModel& model, boo
   }
   if (floor) {
     const double f = std::sqrt(std::max(0.0, n));
-    r.parameters.push_back({"noise_floor_m", f, 0, std::max(f, 1e-12)});
+    r.parameters.push_back({"pixel_floor_m", f, 0, std::max(f, 1e-12)});
     if (f > 0) j(2, 2) = 1 / (2 * f);
     out.floor_m = f;
   }
@@ -309,7 +311,8 @@ FitResult pixel_noise(const NoiseLawFit& fit, const models::TofModel& model, boo
   if (!(square > 0) || square < 2 * e * e / (k * k) * std::sqrt(c(1, 1)))
     unknown(1, "the noise without signal is not told from dark current and rounding; record darker surfaces");
   if (floor && !(n > 2 * std::sqrt(c(2, 2))))
-    unknown(2, "the noise has no floor that shows; record brighter surfaces");
+    unknown(2,
+            "the noise has no floor that shows beyond the rounding of the ranges; record brighter surfaces");
   out.contrast = contrast, out.contrast_sigma = counts ? 0 : r.parameters[0].sigma;
   out.electrons = e, out.electrons_sigma = counts ? r.parameters[0].sigma : 0;
   out.read_noise_e = read, out.read_noise_sigma_e = r.parameters[1].sigma;

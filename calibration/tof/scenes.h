@@ -59,8 +59,9 @@ struct PixelNoise {
 [[nodiscard]] double phase_noise_constant_m(const models::TofModel& model);
 /// From a fit of shot_read or shot_read_floor. `counts`: the amplitude's unit is the device's own, and the
 /// model's contrast is taken as known; else it is electrons. Appends parameters (contrast or
-/// electrons_per_count, read_noise_e, noise_floor_m) with their covariance.
+/// electrons_per_count, read_noise_e, pixel_floor_m) with their covariance. `range_step_m`: what ranges are
+/// rounded to, whose share of the floor is not the pixel's.
 [[nodiscard]] FitResult pixel_noise(const NoiseLawFit& fit, const models::TofModel& model, bool counts,
-                                    PixelNoise& out);
+                                    PixelNoise& out, double range_step_m = 0);
 
 }  // namespace rigor::calibration

@@ -102,6 +102,13 @@ nlohmann::json quantile_json(const std::vector<double>& real, const std::vector<
   return out;
 }
 
+/// About their own mean: where a random walk happens to be is not what is compared.
+void centre(std::vector<double>& v) {
+  double mean = 0;
+  for (const double x : v) mean += x / static_cast<double>(v.size());
+  for (double& x : v) x -= mean;
+}
+
 void add_drift(CalibrationProduct& product, const DriftFit& fit, const std::string& where) {
   FitResult part = fit.result;
   part.model = "";
@@ -110,8 +117,7 @@ void add_drift(CalibrationProduct& product, const DriftFit& fit, const std::stri
   const std::vector<double> twin = twin_of_series(fit, fit.series.size(), 1);
   for (Figure& f : drift_figures(fit, twin)) product.figures.push_back(std::move(f));
   std::vector<double> real(fit.series), other(twin);
-  for (double& v : real) v -= fit.mean_m;
-  for (double& v : other) v -= fit.mean_m;
+  centre(real), centre(other);
   auto& j = product.more["drift"];
   j = {{"series", where},
        {"readings", fit.series.size()},
@@ -195,7 +201,7 @@ void set_sheet(SheetRecipe& recipe, const FitResult& fit, const RangeFit* ranges
   if (fit.find("pixel_offset_sigma_m"))
     place("pixel_offset_sigma_m", "pixel.range_offset_sigma_mm", 1e3);
   else
-    place("noise_floor_m", "pixel.range_offset_sigma_mm", 1e3);
+    place("pixel_floor_m", "pixel.range_offset_sigma_mm", 1e3);
   place("contrast", "modulation.contrast", 1);
   place("read_noise_e", "pixel.read_noise_e", 1);
   place("full_well_e", "pixel.full_well_e", 1);
@@ -383,7 +389,10 @@ int calibrate_tof(const TofOptions& o) {
       if (law->noise.law != NoiseLaw::shot_read && law->noise.law != NoiseLaw::shot_read_floor)
         own = fit_noise_law(noise->bins,
                             {.laws = {temporal ? NoiseLaw::shot_read : NoiseLaw::shot_read_floor}});
-      if (own) physical = pixel_noise(*own, *base, counts, pixel);
+      if (own && !temporal && !o.raw.empty() && own->noise.law == NoiseLaw::shot_read_floor)
+        fit.warnings.push_back(
+            "of the noise's floor 0.289 mm is the rounding of the ranges to whole millimetres");
+      if (own) physical = pixel_noise(*own, *base, counts, pixel, o.raw.empty() ? 0 : 1e-3);
       merge(fit, physical, "pixel");
     }
     const std::vector<double> twin = pixel.contrast > 0 && pixel.contrast <= 1

@@ -231,8 +231,12 @@ std::vector<Figure> drift_figures(const DriftFit& fit, const std::vector<double>
   over_time.series = {means, line};
   figures.push_back(over_time);
   std::vector<double> real(fit.series), twin(twin_m);
-  for (double& v : real) v -= fit.mean_m;
-  for (double& v : twin) v -= fit.mean_m;
+  // About their own means: where a random walk happens to be is not what is compared.
+  for (auto* values : {&real, &twin}) {
+    double mean = 0;
+    for (const double v : *values) mean += v / static_cast<double>(values->size());
+    for (double& v : *values) v -= mean;
+  }
   Figure histogram{.kind = Figure::Kind::histogram,
                    .title = "Readings of the recording and of its simulated twin",
                    .caption =
