@@ -132,7 +132,7 @@ Result<TimeSeries> series_of(const DelayOptions& o, const std::filesystem::path&
     if (!board) return tl::unexpected<Error>(board.error());
     const auto sheet = load_camera(o.camera_sheet);
     if (!sheet) return tl::unexpected<Error>(sheet.error());
-    Eigen::Isometry3d first = Eigen::Isometry3d::Identity();
+    Eigen::Isometry3d first = Eigen::Isometry3d::Identity(), before = first;
     read = read_samples(file, channel, SampleKind::image, [&](const Sample& s) {
       const auto* info = s.as<ImageInfo>();
       const auto grey = grey_picture(*info, s.bytes());
@@ -145,8 +145,20 @@ Result<TimeSeries> series_of(const DelayOptions& o, const std::filesystem::path&
       if (!view) return true;
       const auto pose = pose_of_board(*view, sheet->model);
       if (!pose) return true;
-      if (track.value.empty()) first = pose->T_camera_board;
-      const Eigen::AngleAxisd turn((first.inverse() * pose->T_camera_board).linear());
+      // Half a turn in the board's plane is the same pattern to the finder: what is nearer to the picture
+      // before is meant.
+      Eigen::Isometry3d T = pose->T_camera_board;
+      if (!track.value.empty()) {
+        const Eigen::Isometry3d turned = T * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitZ());
+        const auto apart = [&](const Eigen::Isometry3d& x) {
+          return Eigen::AngleAxisd((before.inverse() * x).linear()).angle();
+        };
+        if (apart(turned) < apart(T)) T = turned;
+      } else {
+        first = T;
+      }
+      before = T;
+      const Eigen::AngleAxisd turn((first.inverse() * T).linear());
       add(s, turn.axis() * turn.angle());
       return true;
     });

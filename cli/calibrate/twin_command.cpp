@@ -6,6 +6,7 @@
 #include <cstring>
 #include <map>
 #include <memory>
+#include <optional>
 
 #include "calibration/pair/twin_difference.h"
 #include "cli/calibrate/calibrate.h"
@@ -77,6 +78,7 @@ int calibrate_twin(const TwinOptions& o) {
     SampleKind kind = SampleKind::none;
     std::map<std::int64_t, std::vector<TwinElement>> reals;
     Status bad;
+    std::optional<Error> said;
     // Which kind the channel has, the recording knows.
     for (const SampleKind k : {SampleKind::image, SampleKind::range_image, SampleKind::point_cloud}) {
       found = read_samples(file, real, k, [&](const Sample& s) {
@@ -94,8 +96,11 @@ int calibrate_twin(const TwinOptions& o) {
         break;
       }
       if (found.error().code != ErrorCode::bad_input) return wrong(found.error());
+      // Of kinds that the recording has no channel of there is nothing to say.
+      const std::string text = found.error().text();
+      if (!said || text.find("there are: none") == std::string::npos) said = found.error();
     }
-    if (!found) return wrong(found.error());
+    if (!found) return wrong(*said);
     unit = kind == SampleKind::image ? "DN" : "m";
     warnings.insert(warnings.end(), found->warnings.begin(), found->warnings.end());
     const auto read = read_samples(file, simulated, kind, [&](const Sample& s) {
