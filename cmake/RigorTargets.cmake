@@ -31,7 +31,7 @@ function(rigor_library NAME)
 endfunction()
 
 # Continuous integration builds from nothing: there tests include precompiled headers and are optimised lightly. What they
-# test is built as ever. Elsewhere ccache does more, and it cannot share what precompiled headers went into between folders.
+# test is optimised as ever. Elsewhere ccache does more, and it cannot share what precompiled headers went into between folders.
 option(RIGOR_QUICK_BUILD "Build tests with precompiled headers and at -O1" OFF)
 if(RIGOR_QUICK_BUILD AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   set(CMAKE_PCH_WARN_INVALID OFF)  # a test with other flags reads the headers as they are
@@ -47,6 +47,18 @@ if(RIGOR_QUICK_BUILD AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
     <filesystem> <fstream> <functional> <map> <memory> <mutex> <optional> <set> <span> <sstream> <string> <string_view> <thread>
     <tuple> <unordered_map> <utility> <variant> <vector> <tl/expected.hpp> <gmock/gmock.h> <gtest/gtest.h>)
 endif()
+
+# rigor_quick_headers(TARGET HEADERS...): headers that most sources of a target include and that take long, precompiled
+# in quick builds. rigor_quick_headers(TARGET REUSE_FROM OTHER): those of another target.
+function(rigor_quick_headers TARGET)
+  if(RIGOR_QUICK_BUILD AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+    if("${ARGV1}" STREQUAL "REUSE_FROM")
+      target_precompile_headers(${TARGET} REUSE_FROM ${ARGV2})
+    else()
+      target_precompile_headers(${TARGET} PRIVATE ${ARGN})
+    endif()
+  endif()
+endfunction()
 
 # rigor_test(NAME SOURCES... LINKS... [SERIAL]): a GoogleTest binary whose cases ctest knows one by one.
 # SERIAL is for tests that measure time or hold a fixed port. DATA_DIR finds recordings where they are present.

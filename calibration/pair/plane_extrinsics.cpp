@@ -5,6 +5,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <array>
@@ -127,6 +128,61 @@ Eigen::Matrix3d root_information(const Eigen::Matrix3d& covariance) {
   return sigma.cwiseInverse().asDiagonal() * eigen.eigenvectors().transpose();
 }
 
+Eigen::Isometry3d pose_of(const std::array<double, 3>& t, const std::array<double, 3>& r) {
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.translation() = Eigen::Vector3d(t[0], t[1], t[2]);
+  const Eigen::Vector3d turned(r[0], r[1], r[2]);
+  if (turned.norm() > 0)
+    T.linear() = Eigen::AngleAxisd(turned.norm(), turned.normalized()).toRotationMatrix();
+  return T;
+}
+
+/// What the first sensor says of its planes comes from the scatter of corners. Where the planes are farther
+/// off than that (corners that are pulled aside alike, a lens that is not the sheet's) the views show by how
+/// much: the factor of their covariance with which the median view's difference from the points' own plane is
+/// what chi-squared with three degrees has in its middle, 2.366. Never below 1, and 1 where it may be chance.
+double plane_variance_scale(const std::vector<PlaneSighting>& sightings,
+                            const Eigen::Isometry3d& T_first_second, double sigma_point_m) {
+  if (sightings.size() < 5) return 1;
+  struct Difference {
+    Eigen::Vector3d d;
+    Eigen::Matrix3d points;
+    const Eigen::Matrix3d* plane;
+  };
+  std::vector<Difference> views;
+  for (const PlaneSighting& s : sightings) {
+    const Eigen::Isometry3d T = s.T_first_board.inverse() * T_first_second;
+    Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d right = Eigen::Vector3d::Zero();
+    for (const auto& p : most_flat(s.points_m)) {
+      const Eigen::Vector3d q = T * p;
+      const Eigen::Vector3d row(q.y(), -q.x(), 1);  // z = a y - b x + c
+      normal += row * row.transpose();
+      right += row * q.z();
+    }
+    const Eigen::Matrix3d inverse = normal.inverse();
+    if (inverse.allFinite())
+      views.push_back({inverse * right, inverse * sigma_point_m * sigma_point_m, &s.plane_covariance});
+  }
+  if (views.size() < 5) return 1;
+  const auto median_at = [&](double scale) {
+    std::vector<double> chi2;
+    for (const Difference& v : views)
+      chi2.push_back(v.d.dot(Eigen::Matrix3d(scale * *v.plane + v.points).ldlt().solve(v.d)));
+    const auto middle = chi2.begin() + static_cast<std::ptrdiff_t>(chi2.size() / 2);
+    std::nth_element(chi2.begin(), middle, chi2.end());
+    return *middle / 2.366;
+  };
+  // The median of n views scatters by some 1.2/sqrt(n): three of that may be chance.
+  if (!(median_at(1) > 1 + 3.5 / std::sqrt(static_cast<double>(views.size())))) return 1;
+  double low = 1, high = 1e6;
+  for (int i = 0; i < 60; ++i) {
+    const double middle = std::sqrt(low * high);
+    (median_at(middle) > 1 ? low : high) = middle;
+  }
+  return std::sqrt(low * high);
+}
+
 Status check(const std::vector<PlaneSighting>& sightings) {
   if (sightings.empty())
     return fail(ErrorCode::bad_input, "pair", "expected views of a board by both sensors, got none");
@@ -217,34 +273,46 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneSighting>& s
                           turn.axis().z() * turn.angle()};
   std::vector<std::array<double, 3>> planes(sightings.size(), {0, 0, 0});
 
-  LeastSquares fit;
-  // Beyond 10 cm or 5 degrees an extrinsic is of no use.
-  fit.add_block(t.data(), {{"x_m", 0.1}, {"y_m", 0.1}, {"z_m", 0.1}});
-  fit.add_block(r.data(), {{"rx_rad", 0.087}, {"ry_rad", 0.087}, {"rz_rad", 0.087}});
-  std::uint32_t id = 0;
   std::vector<std::pair<std::size_t, std::size_t>> where;  // of an observation: view, point (or none: prior)
   constexpr std::size_t kPrior = ~std::size_t{0};
-  for (std::size_t v = 0; v < sightings.size(); ++v) {
-    fit.add_nuisance(planes[v].data(), 3);
-    fit.add(new ceres::AutoDiffCostFunction<PlanePrior, 3, 3>(
-                new PlanePrior{root_information(sightings[v].plane_covariance)}),
-            {planes[v].data()}, id++);
-    where.emplace_back(v, kPrior);
-    const Eigen::Isometry3d T_board_first = sightings[v].T_first_board.inverse();
-    for (std::size_t p = 0; p < sightings[v].points_m.size(); ++p) {
-      fit.add(new ceres::AutoDiffCostFunction<PointOnPlane, 1, 3, 3, 3>(
-                  new PointOnPlane{T_board_first, sightings[v].points_m[p], 1 / out.sigma_point_m}),
-              {t.data(), r.data(), planes[v].data()}, id++);
-      where.emplace_back(v, p);
+  const auto solve = [&](double plane_scale) {
+    LeastSquares fit;
+    // Beyond 10 cm or 5 degrees an extrinsic is of no use.
+    fit.add_block(t.data(), {{"x_m", 0.1}, {"y_m", 0.1}, {"z_m", 0.1}});
+    fit.add_block(r.data(), {{"rx_rad", 0.087}, {"ry_rad", 0.087}, {"rz_rad", 0.087}});
+    std::uint32_t id = 0;
+    where.clear();
+    for (std::size_t v = 0; v < sightings.size(); ++v) {
+      fit.add_nuisance(planes[v].data(), 3);
+      fit.add(new ceres::AutoDiffCostFunction<PlanePrior, 3, 3>(
+                  new PlanePrior{root_information(sightings[v].plane_covariance * plane_scale)}),
+              {planes[v].data()}, id++);
+      where.emplace_back(v, kPrior);
+      const Eigen::Isometry3d T_board_first = sightings[v].T_first_board.inverse();
+      for (std::size_t p = 0; p < sightings[v].points_m.size(); ++p) {
+        fit.add(new ceres::AutoDiffCostFunction<PointOnPlane, 1, 3, 3, 3>(
+                    new PointOnPlane{T_board_first, sightings[v].points_m[p], 1 / out.sigma_point_m}),
+                {t.data(), r.data(), planes[v].data()}, id++);
+        where.emplace_back(v, p);
+      }
     }
+    FitOptions fit_options;
+    fit_options.reject_sigmas = options.reject_sigmas;
+    fit_options.whitened = true;
+    fit_options.unit = "sigma";
+    fit_options.stop = options.stop;
+    return fit.solve(fit_options);
+  };
+  double plane_scale = 1;
+  auto solved = solve(plane_scale);
+  for (int round = 0; round < 3 && solved && !options.stop.stop_requested(); ++round) {
+    const double next = plane_variance_scale(sightings, pose_of(t, r), out.sigma_point_m);
+    if (std::abs(next - plane_scale) <= 0.1 * plane_scale) break;
+    plane_scale = next;
+    solved = solve(plane_scale);
   }
-  FitOptions fit_options;
-  fit_options.reject_sigmas = options.reject_sigmas;
-  fit_options.whitened = true;
-  fit_options.unit = "sigma";
-  fit_options.stop = options.stop;
-  auto solved = fit.solve(fit_options);
   if (!solved) return tl::unexpected<Error>(solved.error());
+  out.plane_scale = std::sqrt(plane_scale);
   out.result = std::move(solved->fit);
   out.result.model = "planes";
   for (std::size_t i = 0; i < out.result.rejected.size() && i < solved->rejected_ids.size(); ++i) {
@@ -252,10 +320,7 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneSighting>& s
     out.result.rejected[i].what =
         sightings[v].name + (p == kPrior ? std::string(" board") : " point " + std::to_string(p));
   }
-  const Eigen::Vector3d turned(r[0], r[1], r[2]);
-  out.T_first_second.translation() = Eigen::Vector3d(t[0], t[1], t[2]);
-  if (turned.norm() > 0)
-    out.T_first_second.linear() = Eigen::AngleAxisd(turned.norm(), turned.normalized()).toRotationMatrix();
+  out.T_first_second = pose_of(t, r);
   double nearest = INFINITY, farthest = 0;
   for (const auto& s : sightings) {
     const Eigen::Isometry3d T_board_second = s.T_first_board.inverse() * out.T_first_second;
@@ -275,6 +340,12 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneSighting>& s
       weak.cure =
           "turn the board: its normals in the views must point in three directions that do not lie in one "
           "plane, as tilted left, right and up, each by 20 degrees and more";
+  if (out.plane_scale > 1.5)
+    out.result.warnings.push_back("the first sensor's planes are " +
+                                  std::to_string(out.plane_scale).substr(0, 4) +
+                                  " times as uncertain as its corners say, and were taken so: its lens is "
+                                  "not quite the sheet's, or the "
+                                  "board is not flat");
   if (out.result.scale > 1.5)
     out.result.warnings.push_back(
         "the points lie " + std::to_string(out.result.scale).substr(0, 4) +

@@ -43,7 +43,8 @@ struct PlaneExtrinsicsOptions {
 struct PlaneExtrinsics {
   FitResult result;  ///< x_m, y_m, z_m, and the rotation vector rx_rad, ry_rad, rz_rad
   Eigen::Isometry3d T_first_second = Eigen::Isometry3d::Identity();
-  double sigma_point_m = 0;         ///< that was used
+  double sigma_point_m = 0;  ///< that was used
+  double plane_scale = 1;    ///< the planes were taken as so many times as uncertain as the first sensor says
   std::vector<double> view_rms_m;   ///< distance of a view's points from its plane
   std::vector<double> view_mean_m;  ///< signed; a bias of the second sensor shows here
 };

@@ -303,6 +303,7 @@ int calibrate_extrinsics(const ExtrinsicsOptions& o) {
                                                      exact_text(q.y()), exact_text(q.z()))}};
   product.more = {{"views", sightings.size()},
                   {"sigma_point_m", fit->sigma_point_m},
+                  {"plane_scale", fit->plane_scale},
                   {"position_m", {t.x(), t.y(), t.z()}},
                   {"quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}}};
   Figure views{

@@ -97,6 +97,26 @@ TEST(PlaneExtrinsics, OverAHundredSeedsTheTruthIsWhereTheCovarianceSays) {
   EXPECT_GT(inside / 600.0, 0.95 - 3.29 * std::sqrt(0.95 * 0.05 / 100));
 }
 
+TEST(PlaneExtrinsics, PlanesThatAreWorseThanTheyClaimAreTakenAsTheyAre) {
+  double chi2 = 0;
+  World w;
+  w.views = 40, w.sigma_m = 0.004;
+  for (std::uint32_t seed = 0; seed < 5; ++seed) {
+    auto views = seen(seed, w);
+    for (auto& v : views) v.plane_covariance /= 25;
+    const auto fit = fit_plane_extrinsics(views);
+    ASSERT_TRUE(fit) << fit.error().text();
+    EXPECT_NEAR(fit->plane_scale, 5, 2);
+    EXPECT_FALSE(fit->result.warnings.empty());
+    const auto e = error_of(*fit);
+    chi2 += e.dot(fit->result.covariance.ldlt().solve(e));
+  }
+  // 30 degrees of freedom at 0.0005 and 0.9995, and a scale that is itself known to a tenth; taken at their
+  // word the planes give some 700.
+  EXPECT_GT(chi2, 8);
+  EXPECT_LT(chi2, 75);
+}
+
 TEST(PlaneExtrinsics, TheStartComesFromTheNormals) {
   const auto T = extrinsics_from_normals(seen(3, {}));
   EXPECT_LT((T.translation() - truth().translation()).norm(), 0.05);
