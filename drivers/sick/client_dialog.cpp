@@ -38,8 +38,9 @@ bool ClientDialog::wants_scan_config() const {
 
 bool ClientDialog::range_is_wanted() const {
   const std::int32_t slack = static_cast<std::int32_t>(facts_.step_deg_e4);
-  return (!wish_.start_deg || std::abs(facts_.start_deg_e4 - e4(*wish_.start_deg)) < slack) &&
-         (!wish_.stop_deg || std::abs(facts_.stop_deg_e4 - e4(*wish_.stop_deg)) < slack);
+  return (!wish_.start_deg ||
+          std::abs(static_cast<double>(facts_.start_deg_e4) - e4(*wish_.start_deg)) < slack) &&
+         (!wish_.stop_deg || std::abs(static_cast<double>(facts_.stop_deg_e4) - e4(*wish_.stop_deg)) < slack);
 }
 
 ClientDialog::Step ClientDialog::after() const {
@@ -343,10 +344,13 @@ Status ClientDialog::take(const Telegram& t) {
 
 std::size_t ClientDialog::max_points() const {
   std::size_t beams = 65535;
-  if (facts_.range_known)
+  if (facts_.range_known && facts_.step_deg_e4 > 0) {
+    // What a device says of its range need not make sense.
+    const double span_deg = (static_cast<double>(facts_.stop_deg_e4) - facts_.start_deg_e4) * 1e-4;
     beams = static_cast<std::size_t>(
-                std::ceil((facts_.stop_deg_e4 - facts_.start_deg_e4) * 1e-4 / step_deg(facts_.step_deg_e4))) +
+                std::clamp(std::ceil(span_deg / step_deg(facts_.step_deg_e4)), 0.0, 65533.0)) +
             2;
+  }
   return std::min<std::size_t>(beams, 65535) * facts_.echoes;
 }
 
