@@ -48,18 +48,6 @@ if(RIGOR_QUICK_BUILD AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
     <tuple> <unordered_map> <utility> <variant> <vector> <tl/expected.hpp> <gmock/gmock.h> <gtest/gtest.h>)
 endif()
 
-# rigor_quick_headers(TARGET HEADERS...): headers that most sources of a target include and that take long, precompiled
-# in quick builds. rigor_quick_headers(TARGET REUSE_FROM OTHER): those of another target.
-function(rigor_quick_headers TARGET)
-  if(RIGOR_QUICK_BUILD AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
-    if("${ARGV1}" STREQUAL "REUSE_FROM")
-      target_precompile_headers(${TARGET} REUSE_FROM ${ARGV2})
-    else()
-      target_precompile_headers(${TARGET} PRIVATE ${ARGN})
-    endif()
-  endif()
-endfunction()
-
 # rigor_test(NAME SOURCES... LINKS... [SERIAL]): a GoogleTest binary whose cases ctest knows one by one.
 # SERIAL is for tests that measure time or hold a fixed port. DATA_DIR finds recordings where they are present.
 function(rigor_test NAME)
