@@ -26,10 +26,11 @@ std::string frame() {
                      kLeft + kPlotW);
 }
 
-/// Round steps for an axis from a to b: 1, 2 or 5 times a power of ten.
-std::vector<double> ticks(double a, double b) {
-  const double raw = (b - a) / 5;
-  if (!(raw > 0)) return {a};
+}  // namespace
+
+std::vector<double> axis_ticks(double a, double b, int parts) {
+  const double raw = (b - a) / parts;
+  if (!(raw > 0) || !std::isfinite(raw)) return {a};
   const double power = std::pow(10, std::floor(std::log10(raw)));
   const double step = raw / power > 5   ? 10 * power
                       : raw / power > 2 ? 5 * power
@@ -40,8 +41,6 @@ std::vector<double> ticks(double a, double b) {
     out.push_back(std::abs(v) < step * 1e-9 ? 0 : v);
   return out;
 }
-
-}  // namespace
 
 std::string svg_histogram(const nlohmann::json& histogram, const std::string& label) {
   const auto& buckets = histogram["buckets"];
@@ -110,8 +109,9 @@ std::string svg_lines(const std::vector<SvgSeries>& series, const std::string& x
   const auto px = [&](double x) { return kLeft + kPlotW * (x - x0) / (x1 - x0); };
   const auto py = [&](double y) { return kTop + kPlotH - kPlotH * (y - y0) / (y1 - y0); };
   std::string s = open_svg() + frame();
-  for (double t : ticks(x0, x1)) s += text_at(px(t), kTop + kPlotH + 14, "middle", fmt::format("{:g}", t));
-  for (double t : ticks(y0, y1)) s += text_at(kLeft - 6, py(t) + 4, "end", fmt::format("{:g}", t));
+  for (double t : axis_ticks(x0, x1, 5))
+    s += text_at(px(t), kTop + kPlotH + 14, "middle", fmt::format("{:g}", t));
+  for (double t : axis_ticks(y0, y1, 5)) s += text_at(kLeft - 6, py(t) + 4, "end", fmt::format("{:g}", t));
   double legend = kLeft + 8;
   for (const SvgSeries& l : series) {
     s += fmt::format(R"(<polyline fill="none" stroke="{}" stroke-width="1.4" points=")", l.colour);

@@ -7,6 +7,10 @@
 
 namespace rigor {
 
+/// About `parts` round steps for an axis from a to b: 1, 2 or 5 times a power of ten. Only `a` where there is
+/// no span.
+[[nodiscard]] std::vector<double> axis_ticks(double a, double b, int parts);
+
 /// A histogram of nanoseconds on a logarithmic axis; `buckets` as run_result writes them: [[from, to, count],
 /// …].
 [[nodiscard]] std::string svg_histogram(const nlohmann::json& histogram, const std::string& label);

@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "cli/page.h"
+#include "cli/svg.h"
 
 namespace rigor {
 namespace {
@@ -25,20 +26,6 @@ struct Axis {
   }
 };
 
-std::vector<double> ticks(double a, double b) {
-  const double raw = (b - a) / 6;
-  if (!(raw > 0) || !std::isfinite(raw)) return {a};
-  const double power = std::pow(10, std::floor(std::log10(raw)));
-  const double step = raw / power > 5   ? 10 * power
-                      : raw / power > 2 ? 5 * power
-                      : raw / power > 1 ? 2 * power
-                                        : power;
-  std::vector<double> out;
-  for (double v = std::ceil(a / step) * step; v <= b + step * 1e-9; v += step)
-    out.push_back(std::abs(v) < step * 1e-9 ? 0 : v);
-  return out;
-}
-
 std::string text(double x, double y, const char* anchor, const std::string& t, const char* more = "") {
   return fmt::format(R"(<text x="{:.1f}" y="{:.1f}" text-anchor="{}" {}>{}</text>)", x, y, anchor, more,
                      html_text(t));
@@ -47,9 +34,10 @@ std::string text(double x, double y, const char* anchor, const std::string& t, c
 std::string axes(const Figure& f, const Axis& x, const Axis& y) {
   std::string s = fmt::format(R"(<path class="axis" d="M{0} {1}V{2}H{3}"/>)", kLeft, kTop, kHeight - kBottom,
                               kWidth - kRight);
-  for (double v : ticks(x.from, x.to))
+  for (double v : axis_ticks(x.from, x.to, 6))
     s += text(x(v), kHeight - kBottom + 14, "middle", fmt::format("{:g}", v));
-  for (double v : ticks(y.from, y.to)) s += text(kLeft - 5, y(v) + 3.5, "end", fmt::format("{:g}", v));
+  for (double v : axis_ticks(y.from, y.to, 6))
+    s += text(kLeft - 5, y(v) + 3.5, "end", fmt::format("{:g}", v));
   s += text((kLeft + kWidth - kRight) / 2, kHeight - 8, "middle", f.x_label);
   s += fmt::format(R"-(<text transform="translate(13 {:.0f}) rotate(-90)" text-anchor="middle">{}</text>)-",
                    (kHeight - kBottom + kTop) / 2, html_text(f.y_label));
