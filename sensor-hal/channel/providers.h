@@ -32,10 +32,24 @@ struct JointState {
     return position_rad + rate_radps * (t - t_ref).seconds();
   }
 };
+/// How a body that carries sensors (a vehicle's chassis) moves around an instant: uniform acceleration of its
+/// origin, uniform turning. The world's frame is local Cartesian, z up; the body's x forward, y left, z up.
+struct BodyState {
+  BenchTime t_ref;
+  Pose T_world_body;                          ///< at t_ref
+  std::array<double, 3> velocity_mps{};       ///< of the body's origin, in the world's frame
+  std::array<double, 3> acceleration_mps2{};  ///< of the body's origin, in the world's frame, without gravity
+  std::array<double, 3> turn_rate_radps{};    ///< in the body's frame
+  std::array<double, 3> turn_acceleration_radps2{};  ///< in the body's frame; not used by `at`
+  [[nodiscard]] Pose at(BenchTime t) const noexcept;
+};
 struct WorldMotion {
-  static constexpr std::size_t kMax = 8;
+  static constexpr std::size_t kMax = 16;
+  static constexpr std::size_t kMaxBodies = 2;
   std::uint32_t count = 0;
   std::array<JointState, kMax> joint{};
+  std::uint32_t body_count = 0;
+  std::array<BodyState, kMaxBodies> body{};  ///< in the order of the rig's `simulation.platforms`
 };
 
 struct ImageRequest {
