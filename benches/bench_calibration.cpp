@@ -4,7 +4,9 @@
 // map of projection uncertainty) and through cv::calibrateCamera with its standard deviations, both with k1
 // k2 p1 p2 k3, in one run; and the error of both against the camera that the corners came from.
 //
-//   bench_calibration [--json FILE] [--rounds N]
+// Time of flight: bench_calibration_tof.h.
+//
+//   bench_calibration [--json FILE] [--rounds N] [--only camera|tof]
 #include <Eigen/SVD>
 #include <algorithm>
 #include <chrono>
@@ -17,6 +19,7 @@
 #include <string>
 #include <vector>
 
+#include "benches/bench_calibration_tof.h"
 #include "calibration/camera/camera_fit.h"
 #include "tests/calibration/camera/board_scene.h"
 
@@ -130,10 +133,36 @@ Row camera_row(int count, int rounds) {
   return row;
 }
 
+nlohmann::json camera_rows(int rounds) {
+  nlohmann::json rows = nlohmann::json::array();
+  std::printf("camera, k1 k2 p1 p2 k3, corners with 0.15 px of noise; error: RMS over the picture\n");
+  std::printf("%6s %8s  %10s %9s %10s  %9s %9s %9s\n", "views", "corners", "rigor ms", "a view", "OpenCV ms",
+              "rigor px", "its sigma", "OpenCV px");
+  for (const int count : {10, 13, 30, 100, 300, 1000}) {
+    const Row row = camera_row(count, rounds);
+    const double a_view_ms = row.rigor_ms / static_cast<double>(std::max<std::size_t>(1, row.views));
+    std::printf("%6zu %8zu  %10.1f %9.2f %10s  %9.4f %9.4f %9s\n", row.views, row.corners, row.rigor_ms,
+                a_view_ms, row.opencv_ms > 0 ? std::to_string(row.opencv_ms).substr(0, 8).c_str() : "-",
+                row.rigor_error_px, row.rigor_sigma_px,
+                row.opencv_ms > 0 ? std::to_string(row.opencv_error_px).substr(0, 6).c_str() : "-");
+    std::fflush(stdout);
+    nlohmann::json j = {{"views", row.views},
+                        {"corners", row.corners},
+                        {"rigor_ms", row.rigor_ms},
+                        {"rigor_ms_per_view", a_view_ms},
+                        {"rigor_error_px", row.rigor_error_px},
+                        {"rigor_sigma_px", row.rigor_sigma_px}};
+    if (row.opencv_ms > 0) j["opencv_ms"] = row.opencv_ms, j["opencv_error_px"] = row.opencv_error_px;
+    rows.push_back(j);
+  }
+  return rows;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   std::string json;
+  std::string only;
   int rounds = 15;
   for (int i = 1; i + 1 < argc; i += 2) {
     const std::string key = argv[i];
@@ -141,28 +170,14 @@ int main(int argc, char** argv) {
       json = argv[i + 1];
     else if (key == "--rounds" && std::atoi(argv[i + 1]) > 0)
       rounds = std::atoi(argv[i + 1]);
+    else if (key == "--only")
+      only = argv[i + 1];
     else
-      give_up(key + ": expected --json FILE or --rounds N");
+      give_up(key + ": expected --json FILE, --rounds N or --only camera|tof");
   }
-  nlohmann::json out = {{"bench", "calibration"}, {"camera", nlohmann::json::array()}};
-  std::printf("camera, k1 k2 p1 p2 k3, corners with 0.15 px of noise; error: RMS over the picture\n");
-  std::printf("%6s %8s  %10s %10s  %9s %9s %9s\n", "views", "corners", "rigor ms", "OpenCV ms", "rigor px",
-              "its sigma", "OpenCV px");
-  for (const int count : {10, 13, 30, 100, 300, 1000}) {
-    const Row row = camera_row(count, rounds);
-    std::printf("%6zu %8zu  %10.1f %10s  %9.4f %9.4f %9s\n", row.views, row.corners, row.rigor_ms,
-                row.opencv_ms > 0 ? std::to_string(row.opencv_ms).substr(0, 8).c_str() : "-",
-                row.rigor_error_px, row.rigor_sigma_px,
-                row.opencv_ms > 0 ? std::to_string(row.opencv_error_px).substr(0, 6).c_str() : "-");
-    std::fflush(stdout);
-    nlohmann::json j = {{"views", row.views},
-                        {"corners", row.corners},
-                        {"rigor_ms", row.rigor_ms},
-                        {"rigor_error_px", row.rigor_error_px},
-                        {"rigor_sigma_px", row.rigor_sigma_px}};
-    if (row.opencv_ms > 0) j["opencv_ms"] = row.opencv_ms, j["opencv_error_px"] = row.opencv_error_px;
-    out["camera"].push_back(j);
-  }
+  nlohmann::json out = {{"bench", "calibration"}};
+  if (only.empty() || only == "camera") out["camera"] = camera_rows(rounds);
+  if (only.empty() || only == "tof") out["tof"] = bench::tof_rows();
   if (!json.empty()) {
     std::ofstream file(json);
     file << out.dump(2) << '\n';

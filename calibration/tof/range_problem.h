@@ -1,14 +1,21 @@
 // The least-squares problem of range_fit.h. Internal to calibration/tof.
 #pragma once
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <array>
 #include <vector>
 
 #include "calibration/tof/range_fit.h"
-#include "calibration/tof/wiggling.h"
 
 namespace rigor::calibration {
+
+/// tof_spline (tof.glsl.h) over [from, to] with `count` coefficients (4 or more).
+struct Spline {
+  double from = 0, to = 1;
+  int count = 4;
+  /// Values of the four that are not 0 at x, and the index of the first; slopes.
+  int basis(double x, std::array<double, 4>& value, std::array<double, 4>& slope) const;
+};
 
 struct RangeState {
   std::array<double, 4> harmonics{};

@@ -3,7 +3,6 @@
 
 #include <ceres/jet.h>
 
-#include <array>
 #include <cmath>
 #include <vector>
 
@@ -31,25 +30,5 @@ T wiggling_error(const std::vector<double>& turns_per_m, const T* harmonics, con
   }
   return sum / T(weights);
 }
-
-/// Uniform cubic B-spline over [from, to] with `count` coefficients (4 or more).
-struct Spline {
-  double from = 0, to = 1;
-  int count = 4;
-  /// Values of the four that are not 0 at x, and the index of the first; slopes.
-  int basis(double x, std::array<double, 4>& value, std::array<double, 4>& slope) const {
-    const int pieces = count - 3;
-    const double h = (to - from) / pieces;
-    double t = (x - from) / h;
-    int i = static_cast<int>(std::floor(t));
-    i = i < 0 ? 0 : i >= pieces ? pieces - 1 : i;
-    t -= i;  // beyond the ends the last piece goes on
-    const double t2 = t * t, t3 = t2 * t;
-    value = {(1 - 3 * t + 3 * t2 - t3) / 6, (4 - 6 * t2 + 3 * t3) / 6, (1 + 3 * t + 3 * t2 - 3 * t3) / 6,
-             t3 / 6};
-    slope = {(-1 + 2 * t - t2) / 2 / h, (-4 * t + 3 * t2) / 2 / h, (1 + 2 * t - 3 * t2) / 2 / h, t2 / 2 / h};
-    return i;
-  }
-};
 
 }  // namespace rigor::calibration

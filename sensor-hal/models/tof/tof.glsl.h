@@ -159,6 +159,32 @@ FN void tof_demodulate(REAL d0, REAL d1, REAL d2, REAL d3, OUT(REAL) turns, OUT(
   amplitude_e = REAL(0.5) * sqrt(x * x + y * y);
 }
 
+// Uniform cubic B-spline over [from_m, to_m] in `pieces` pieces, pieces + 3 coefficients: at `range_m` its
+// value is b0 c[first] + b1 c[first + 1] + b2 c[first + 2] + b3 c[first + 3]. Beyond the ends it keeps the
+// value that it has there (de Boor, "A Practical Guide to Splines", 1978). As an error of the range (Lindner,
+// Kolb, "Lateral and depth calibration of PMD-distance sensors", 2006) it is that of light from `range_m`: it
+// is added before the light of several surfaces mixes.
+FN void tof_spline(REAL range_m, REAL from_m, REAL to_m, REAL pieces, OUT(REAL) first, OUT(REAL) b0,
+                   OUT(REAL) b1, OUT(REAL) b2, OUT(REAL) b3) {
+  REAL t = (range_m - from_m) / (to_m - from_m) * pieces;
+  t = t > REAL(0.0) ? t : REAL(0.0);
+  t = t < pieces ? t : pieces;
+  first = floor(t);
+  first = first < pieces ? first : pieces - REAL(1.0);
+  t = t - first;
+  REAL u = REAL(1.0) - t;
+  b0 = u * u * u * REAL(0.16666666666666666);
+  b1 = REAL(0.6666666666666666) - t * t * (REAL(1.0) - REAL(0.5) * t);
+  b2 = REAL(0.6666666666666666) - u * u * (REAL(1.0) - REAL(0.5) * u);
+  b3 = t * t * t * REAL(0.16666666666666666);
+}
+
+// Error of the range that all light of a pixel shares: an offset, and what goes with the amplitude as k/A,
+// `amplitude_error_m_e` = k. Without an amplitude there is no range and no such error.
+FN REAL tof_range_error(REAL offset_m, REAL amplitude_error_m_e, REAL amplitude_e) {
+  return amplitude_e > REAL(0.0) ? offset_m + amplitude_error_m_e / amplitude_e : offset_m;
+}
+
 // Range that is nearest to `about_m` among those which this phase allows; `turns_per_m` = 2 f / c.
 FN REAL tof_nearest_range(REAL turns, REAL turns_per_m, REAL about_m) {
   return (turns + floor(about_m * turns_per_m - turns + REAL(0.5))) / turns_per_m;

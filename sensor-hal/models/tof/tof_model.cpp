@@ -84,6 +84,8 @@ Status TofModel::validate() const {
            {"pixel.ambient_suppression", p.ambient_suppression, 0, 1, ""},
            {"pixel.range_offset_sigma_m", p.range_offset_sigma_m, 0, 1e3, "m"},
            {"pixel.gain_sigma", p.gain_sigma, 0, 0.2, ""},
+           {"range_error.offset_m", range_error.offset_m, -1e3, 1e3, "m"},
+           {"range_error.amplitude_error_m_e", range_error.amplitude_error_m_e, -1e12, 1e12, "m e-"},
            {"sampling.multipath_rays", double(sampling.multipath_rays), 0, 256, ""},
            {"sampling.retro_gain", sampling.retro_gain, 0, 1e6, ""},
            {"limits.min_range_m", limits.min_range_m, 0, 1e6, "m"},
@@ -113,6 +115,17 @@ Status TofModel::validate() const {
   for (const int n : {1, 4, 9, 16, 0}) {
     if (n == 0) return refuse("sampling.samples", "1, 4, 9 or 16", std::to_string(sampling.samples));
     if (n == sampling.samples) break;
+  }
+  if (const auto& w = range_error.wiggling; !w.coefficients_m.empty()) {
+    if (w.coefficients_m.size() < 4 || w.coefficients_m.size() > kMaxSplineCoefficients)
+      return refuse("range_error.wiggling_spline", "4 to 64 coefficients",
+                    std::to_string(w.coefficients_m.size()));
+    if (!(w.from_m >= 0 && w.to_m > w.from_m && w.to_m <= 1e5))
+      return refuse("range_error.wiggling_spline", "0 <= from_m < to_m <= 1e+05 m",
+                    number(w.from_m) + " to " + number(w.to_m));
+    for (const double c : w.coefficients_m)
+      if (!(std::abs(c) <= 1e3))
+        return refuse("range_error.wiggling_spline", "coefficients in [-1000, 1000] m", number(c));
   }
   const double rays = double(width_px) * height_px * std::max(sampling.samples, sampling.multipath_rays);
   if (rays > kMaxRays)

@@ -65,6 +65,18 @@ struct TofPixel {
   double gain_sigma = 0;            ///< fixed pattern: relative, of the pixels' gains
 };
 
+/// Errors of the range that calibration finds and no pixel explains. A sheet's `range_error`.
+struct TofRangeError {
+  double offset_m = 0;             ///< of all pixels
+  double amplitude_error_m_e = 0;  ///< k of k/A, A = E C / 2 as it was measured
+  /// Wiggling bias of light from a range as a cubic B-spline (tof_spline), beside the harmonics' or in place
+  /// of it. `wiggling_bias` switches it too. Empty: none; else 4 to 64 coefficients.
+  struct Spline {
+    double from_m = 0, to_m = 0;
+    std::vector<double> coefficients_m;
+  } wiggling;
+};
+
 struct TofSampling {
   int samples = 1;         ///< rays per pixel: 1, 4, 9, 16
   bool bilinear = false;   ///< samples on a lattice, light between them bilinear: shared with the neighbours.
@@ -98,12 +110,14 @@ struct TofModel {
   TofIllumination illumination;
   TofOptics optics;
   TofPixel pixel;
+  TofRangeError range_error;
   TofSampling sampling;
   TofLimits limits;
   TofFilters filters;
 
   static constexpr int kMaxSize_px = 4096;
   static constexpr int kMaxFrequencies = 8;
+  static constexpr std::size_t kMaxSplineCoefficients = 64;
   static constexpr double kMaxRays = 33554432;  ///< of a frame: what a simulator holds at once
 
   /// bad_input says which value is out of its bounds, what was expected and what came. Setup.

@@ -18,6 +18,8 @@ constexpr Switch kSwitches[] = {
        m.pixel.range_offset_sigma_m = 0;
        m.pixel.gain_sigma = 0;
      }},
+    {"range_offset", [](TofModel& m) { m.range_error.offset_m = 0; }},
+    {"amplitude_error", [](TofModel& m) { m.range_error.amplitude_error_m_e = 0; }},
     {"flying_pixels",
      [](TofModel& m) {
        m.sampling.samples = 1;

@@ -103,6 +103,25 @@ void read_pixel(const ConfigNode& n, models::TofPixel& p) {
   n.finish();
 }
 
+void read_range_error(const ConfigNode& n, models::TofRangeError& e) {
+  e.offset_m = n.number_or("offset_mm", e.offset_m * 1e3, {.min = -1e6, .max = 1e6}) * 1e-3;
+  e.amplitude_error_m_e =
+      n.number_or("amplitude_error_mm_e", e.amplitude_error_m_e * 1e3, {.min = -1e15, .max = 1e15}) * 1e-3;
+  if (n.has("wiggling_spline")) {
+    const ConfigNode w = n.map("wiggling_spline");
+    e.wiggling.from_m = w.number("from_m", kNotNegative);
+    e.wiggling.to_m = w.number("to_m", kPositive);
+    const std::vector<ConfigNode> list = w.list("coefficients_mm");
+    if (list.size() < 4 || list.size() > TofModel::kMaxSplineCoefficients)
+      throw w.error("coefficients_mm",
+                    "expected 4 to 64 coefficients of a cubic B-spline, got " + std::to_string(list.size()));
+    for (const ConfigNode& c : list)
+      e.wiggling.coefficients_m.push_back(c.as_number({.min = -1e6, .max = 1e6}) * 1e-3);
+    w.finish();
+  }
+  n.finish();
+}
+
 void read_processing(const ConfigNode& root, TofModel& m) {
   const ConfigNode s = root.map_or_absent("sampling");
   m.sampling.samples =
@@ -139,6 +158,7 @@ Result<TofModel> parse_tof_model(ConfigNode root) {
     read_modulation(root.map_or_absent("modulation"), m.modulation);
     read_light(root, m);
     read_pixel(root.map_or_absent("pixel"), m.pixel);
+    read_range_error(root.map_or_absent("range_error"), m.range_error);
     read_processing(root, m);
     (void)read_calibration(root);
     root.finish();

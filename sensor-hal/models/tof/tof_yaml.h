@@ -10,6 +10,8 @@
 //   illumination: { wavelength_nm: 850, radiant_intensity_w_per_sr: 0.5 }
 //   optics: { f_number: 1.4, filter_width_nm: 40 }
 //   pixel: { pitch_um: 40, full_well_e: 400000, read_noise_e: 60, adc_bits: 12 }
+//   range_error: { offset_mm: 12, amplitude_error_mm_e: 40000,      # k of k/A
+//                  wiggling_spline: { from_m: 0.6, to_m: 2.8, coefficients_mm: [0, 2.1, -0.4, 1.8, 0.2] } }
 //   sampling: { samples: 4 }
 //   limits: { min_amplitude_e: 100 }
 //   filters: { median_px: 3 }

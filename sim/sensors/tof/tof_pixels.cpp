@@ -83,6 +83,8 @@ PixelArray::PixelArray(const models::TofModel& model, models::PhiloxKey key)
   if (f.size() > 1)
     wraps_ =
         static_cast<int>(std::lround(model_.unambiguous_range_m() * 2 * f[reference_] / kLightSpeed_mps));
+  const auto& spline = model_.range_error.wiggling.coefficients_m;
+  if (model_.modulation.wiggling_bias) spline_m_.assign(spline.begin(), spline.end());
   make_fixed_pattern();
 }
 
@@ -103,10 +105,12 @@ void PixelArray::make_fixed_pattern() {
   });
 }
 
-void PixelArray::phasors(const std::vector<float>& e, const std::vector<float>& range_m,
-                         std::size_t frequency, std::vector<float>& x, std::vector<float>& y) const {
+void PixelArray::phasors(const std::vector<float>& e, const std::vector<float>& true_range_m,
+                         std::size_t frequency, std::vector<float>& x, std::vector<float>& y) {
   x.resize(e.size());
   y.resize(e.size());
+  if (!spline_m_.empty()) add_spline(true_range_m);
+  const std::vector<float>& range_m = spline_m_.empty() ? true_range_m : wiggled_m_;
   const Correlation c = correlation_of(model_.modulation);
   const bool sine = c.triangle == 0 && c.a3 == 0 && c.a5 == 0 && c.a7 == 0 && c.a9 == 0;
   each_row(e.size(), 4096, [&](std::size_t begin, std::size_t end) {
@@ -114,6 +118,21 @@ void PixelArray::phasors(const std::vector<float>& e, const std::vector<float>& 
       sines_of(e.data(), range_m.data(), begin, end, turns_per_m_[frequency], x.data(), y.data());
     else
       phasors_of(e.data(), range_m.data(), begin, end, turns_per_m_[frequency], c, x.data(), y.data());
+  });
+}
+
+void PixelArray::add_spline(const std::vector<float>& range_m) {
+  const auto& w = model_.range_error.wiggling;
+  const auto from = static_cast<float>(w.from_m), to = static_cast<float>(w.to_m),
+             pieces = static_cast<float>(spline_m_.size() - 3);
+  wiggled_m_.resize(range_m.size());
+  each_row(range_m.size(), 4096, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      float first = 0, b[4];
+      Math::tof_spline(range_m[i], from, to, pieces, first, b[0], b[1], b[2], b[3]);
+      const float* c = spline_m_.data() + static_cast<std::size_t>(first);
+      wiggled_m_[i] = range_m[i] + b[0] * c[0] + b[1] * c[1] + b[2] * c[2] + b[3] * c[3];
+    }
   });
 }
 
@@ -251,6 +270,9 @@ void PixelArray::read(std::uint64_t index, TofPicture& picture, bool keep_taps) 
   const auto step = static_cast<float>(
       pixel.adc_bits > 0 ? pixel.full_well_e / (std::ldexp(1.0, pixel.adc_bits) - 1) : 0.0);
   const auto least = static_cast<float>(model_.limits.min_amplitude_e);
+  const auto range_offset = static_cast<float>(model_.range_error.offset_m),
+             amplitude_error = static_cast<float>(model_.range_error.amplitude_error_m_e);
+  const bool shifted = !offset_m_.empty() || range_offset != 0 || amplitude_error != 0;
   const auto near_m = static_cast<float>(model_.limits.min_range_m),
              far_m = static_cast<float>(model_.limits.max_range_m);
   picture.range_m.resize(pixels_);
@@ -285,12 +307,16 @@ void PixelArray::read(std::uint64_t index, TofPicture& picture, bool keep_taps) 
         float a = 0;
         Math::tof_demodulate(d[0], d[1], d[2], d[3], turns[j], a);
         amplitude += a;
-        if (!offset_m_.empty()) {
-          turns[j] += offset_m_[p] * turns_per_m_[j];
+      }
+      amplitude /= static_cast<float>(frequencies);
+      if (shifted) {
+        const float shift = (offset_m_.empty() ? 0.0F : offset_m_[p]) +
+                            Math::tof_range_error(range_offset, amplitude_error, amplitude);
+        for (std::size_t j = 0; j < frequencies; ++j) {
+          turns[j] += shift * turns_per_m_[j];
           turns[j] -= std::floor(turns[j]);
         }
       }
-      amplitude /= static_cast<float>(frequencies);
       TofPixelStatus status = TofPixelStatus::valid;
       float range_m = kNaN;
       if (saturated > 0)

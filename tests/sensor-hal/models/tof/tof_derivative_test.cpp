@@ -57,6 +57,28 @@ TEST(TofMath, DerivativesAgreeWithCentralDifferences) {
   }
 }
 
+TEST(TofMath, SplineIsDifferentiableOnBothSidesOfItsKnotsAndFlatBeyondItsEnds) {
+  using J = ceres::Jet<double, 1>;
+  const double c[] = {1e-3, -2e-3, 4e-3, 3e-3, -5e-3, 2e-3};
+  const auto value = [&](auto r) {
+    using T = decltype(r);
+    T first(0.0), b[4] = {T(0.0), T(0.0), T(0.0), T(0.0)}, sum(0.0);
+    TofMath<T>::tof_spline(r, T(0.5), T(2.0), T(3.0), first, b[0], b[1], b[2], b[3]);
+    for (int k = 0; k < 4; ++k)
+      if constexpr (std::is_same_v<T, double>)
+        sum += c[static_cast<int>(first) + k] * b[k];
+      else
+        sum += c[static_cast<int>(first.a) + k] * b[k];
+    return sum;
+  };
+  for (double r = 0.3; r < 2.3; r += 0.0137) {
+    const double h = 1e-6, slope = (value(r + h) - value(r - h)) / (2 * h);
+    EXPECT_NEAR(value(J(r, 0)).v[0], slope, 1e-7) << r;
+  }
+  EXPECT_EQ(value(J(2.5, 0)).v[0], 0);
+  EXPECT_EQ(value(2.5), value(2.0));
+}
+
 TEST(TofMath, SigmaIsDifferentiable) {
   using J = ceres::Jet<double, 2>;
   const J s = TofMath<J>::tof_range_sigma(J(0.2), J(5000.0, 0), J(300.0), J(10.0), J(0.5, 1));

@@ -52,6 +52,37 @@ TEST(TofMath, SineAndCosineOfTurnsAreThoseOfTheLibrary) {
   }
 }
 
+/// B-spline of degree d with whole knots, by de Boor's recursion.
+double b_spline(int i, int d, double t) {
+  if (d == 0) return t >= i && t < i + 1 ? 1 : 0;
+  return (t - i) / d * b_spline(i, d - 1, t) + (i + d + 1 - t) / d * b_spline(i + 1, d - 1, t);
+}
+
+TEST(TofMath, SplineIsTheOneOfDeBoorsRecursion) {
+  for (double t = 0; t < 5; t += 0.037) {
+    double first = 0, b[4];
+    M::tof_spline(0.4 + 0.3 * t, 0.4, 1.9, 5, first, b[0], b[1], b[2], b[3]);
+    const int at = static_cast<int>(first);
+    ASSERT_GE(at, 0);
+    ASSERT_LE(at, 4);
+    for (int k = 0; k < 4; ++k) ASSERT_NEAR(b[k], b_spline(at + k - 3, 3, t), 1e-12) << t;
+  }
+  // Beyond its ends it stays, and no range takes it out of its coefficients.
+  for (const double r : {-1e30, 0.4, 1.9, 2.0, 1e30, std::nan("")}) {
+    double first = -1, b[4];
+    M::tof_spline(r, 0.4, 1.9, 5, first, b[0], b[1], b[2], b[3]);
+    EXPECT_EQ(first, r > 1 ? 4 : 0) << r;
+    EXPECT_NEAR(b[0] + b[1] + b[2] + b[3], 1, 1e-12);
+    EXPECT_NEAR(b[r > 1 ? 3 : 0], 1.0 / 6, 1e-12);
+  }
+}
+
+TEST(TofMath, RangeErrorIsAnOffsetAndWhatGoesWithTheAmplitude) {
+  EXPECT_DOUBLE_EQ(M::tof_range_error(0.02, 40, 8000), 0.025);
+  EXPECT_EQ(M::tof_range_error(0.02, 0, 8000), 0.02);
+  EXPECT_EQ(M::tof_range_error(0.02, 40, 0), 0.02);
+}
+
 TEST(TofMath, AngleIsTheLibrarysInAllQuadrantsAndOnTheAxes) {
   std::mt19937 random(1);
   std::normal_distribution<double> normal;

@@ -84,6 +84,20 @@ TEST(TofModel, RefusesWhatCannotBe) {
               m.modulation.frequencies_hz = {100e6, 99999999};
             }).find("divisor"),
             std::string::npos);
+  EXPECT_NE(refused([](TofModel& m) { m.range_error.offset_m = NAN; }).find("range_error.offset_m"),
+            std::string::npos);
+  EXPECT_NE(refused([](TofModel& m) {
+              m.range_error.wiggling = {1, 2, {0, 0, 0}};
+            }).find("4 to 64 coefficients"),
+            std::string::npos);
+  EXPECT_NE(refused([](TofModel& m) {
+              m.range_error.wiggling = {2, 1, {0, 0, 0, 0}};
+            }).find("from_m < to_m"),
+            std::string::npos);
+  EXPECT_NE(refused([](TofModel& m) {
+              m.range_error.wiggling = {1, 2, {0, 0, 0, INFINITY}};
+            }).find("coefficients in"),
+            std::string::npos);
   EXPECT_NE(refused([](TofModel& m) { m.sampling.samples = 5; }).find("1, 4, 9 or 16"), std::string::npos);
   EXPECT_NE(refused([](TofModel& m) { m.filters.median_px = 4; }).find("0, 3 or 5"), std::string::npos);
   EXPECT_NE(refused([](TofModel& m) {
@@ -120,6 +134,8 @@ TEST(TofYaml, ReadsWhatIsWrittenAndDefaultsTheRest) {
             "illumination: { wavelength_nm: 905, radiant_intensity_w_per_sr: 3 }\n"
             "optics: { filter_width_nm: 20 }\n"
             "pixel: { full_well_e: 5000, adc_bits: 10, range_offset_sigma_mm: 4, trembling: false }\n"
+            "range_error: { offset_mm: 12, amplitude_error_mm_e: 40000,\n"
+            "  wiggling_spline: { from_m: 0.5, to_m: 2.5, coefficients_mm: [0, 2, -1, 3, 1] } }\n"
             "sampling: { samples: 9, bilinear: true, multipath_rays: 2 }\n"
             "limits: { max_range_m: 6 }\n"
             "filters: { median_px: 5 }\n");
@@ -139,10 +155,26 @@ TEST(TofYaml, ReadsWhatIsWrittenAndDefaultsTheRest) {
   EXPECT_DOUBLE_EQ(m->optics.filter_width_m, 20e-9);
   EXPECT_FALSE(m->pixel.trembling);
   EXPECT_DOUBLE_EQ(m->pixel.range_offset_sigma_m, 4e-3);
+  EXPECT_DOUBLE_EQ(m->range_error.offset_m, 12e-3);
+  EXPECT_DOUBLE_EQ(m->range_error.amplitude_error_m_e, 40);
+  EXPECT_EQ(m->range_error.wiggling.to_m, 2.5);
+  ASSERT_EQ(m->range_error.wiggling.coefficients_m.size(), 5u);
+  EXPECT_DOUBLE_EQ(m->range_error.wiggling.coefficients_m[3], 3e-3);
   EXPECT_EQ(m->sampling.samples, 9);
   EXPECT_TRUE(m->sampling.bilinear);
   EXPECT_EQ(m->limits.max_range_m, 6);
   EXPECT_EQ(m->filters.median_px, 5);
+}
+
+TEST(TofYaml, ComplainsAboutASplineThatIsNone) {
+  const auto spline = [](const std::string& w) {
+    return complaint(std::string(kSmall) + "range_error: { wiggling_spline: {" + w + "} }\n");
+  };
+  EXPECT_NE(spline(" from_m: 1, to_m: 2, coefficients_mm: [1, 2, 3] ").find("4 to 64 coefficients"),
+            std::string::npos);
+  EXPECT_NE(spline(" from_m: 2, to_m: 1, coefficients_mm: [1, 2, 3, 4] ").find("from_m < to_m"),
+            std::string::npos);
+  EXPECT_NE(spline(" from_m: 2, coefficients_mm: [1, 2, 3, 4] ").find("to_m"), std::string::npos);
 }
 
 TEST(TofYaml, ComplainsWithLineAndColumn) {

@@ -224,6 +224,13 @@ const std::vector<Call>& calls() {
        5e-6,
        1,
        0.002},
+      // Where a piece ends, rounding decides which one it is.
+      {30,
+       "tof_spline, tof_range_error",
+       {{0, 6}, {0.3, 1}, {2, 5}, {7, 7}, {-0.1, 0.1}, {-100, 100}, {100, 1e5, true}},
+       5e-6,
+       1,
+       0.001},
   };
   return table;
 }

@@ -60,6 +60,50 @@ TEST(WigglingBias, OfTheSimulatorHasTheAmplitudeAndPeriodOfItsHarmonics) {
   for (const double off : errors_over(m, 0.5, 5.5, 50)) ASSERT_NEAR(off, 0, 1e-5);
 }
 
+TEST(RangeError, OfTheSimulatorIsTheModelsSplineOffsetAndErrorOfTheAmplitude) {
+  TofModel m = perfect(1, 1, 100);
+  m.range_error.wiggling = {0.7, 3.2, {0, 8e-3, -5e-3, 6e-3, 1e-3, -4e-3, 2e-3}};
+  const auto spline = [&](double r) {
+    double first = 0, b[4], w = 0;
+    models::TofMath<double>::tof_spline(r, 0.7, 3.2, 4, first, b[0], b[1], b[2], b[3]);
+    for (int k = 0; k < 4; ++k)
+      w +=
+          b[k] * m.range_error.wiggling.coefficients_m[static_cast<std::size_t>(static_cast<int>(first) + k)];
+    return w;
+  };
+  const auto e = errors_over(m, 0.5, 3.5, 60);
+  for (int i = 0; i < 60; ++i) ASSERT_NEAR(e[static_cast<std::size_t>(i)], spline(0.5 + 0.05 * i), 2e-6);
+  EXPECT_GT(*std::max_element(e.begin(), e.end()), 3e-3);
+  m.modulation.wiggling_bias = false;
+  for (const double off : errors_over(m, 0.5, 3.5, 20)) ASSERT_NEAR(off, 0, 2e-6);
+  m.range_error.offset_m = 0.02;
+  m.range_error.amplitude_error_m_e = 40;
+  for (const double range : {1.0, 2.0, 4.5}) {
+    const double amplitude = 0.5 * 0.5 * m.active_electrons(range, 0.8);
+    EXPECT_NEAR(errors_over(m, range, range + 1, 1)[0], 0.02 + 40 / amplitude, 5e-6) << range;
+  }
+  // Beyond the end of the unambiguous range it starts anew, as a phase does.
+  TofBench b;
+  const double last = m.unambiguous_range_m() - 0.005;
+  b.wall(last);
+  EXPECT_NEAR(b.shoot(m).range_m[0], 0.015 + 40 / (0.25 * m.active_electrons(last, 0.8)), 5e-6);
+}
+
+TEST(RangeError, SplineMovesLightBeforeItMixes) {
+  // Two surfaces in a pixel, each with the error of its own range.
+  TofModel m = perfect(1, 1, 100);
+  m.sampling.samples = 4;
+  m.range_error.wiggling = {1, 3, {-0.02, -0.02, -0.02, 0.03, 0.03, 0.03}};
+  TofBench b;
+  b.engine->add(Rectangle{.centre = {5, 0, 1}, .half_u = {5, 0, 0}, .half_v = {0, 5, 0}},
+                {.reflectance = grey(0.2F)});
+  b.wall(2.9, 0.8F);
+  const double f = m.modulation.frequencies_hz[0];
+  const auto near = phasor_of(0.5 * m.active_electrons(1, 0.2), 1 - 0.02, f),
+             far = phasor_of(0.5 * m.active_electrons(2.9, 0.8), 2.9 + 0.03, f);
+  EXPECT_NEAR(b.shoot(m).range_m[0], range_of(near + far, f), 2e-4);
+}
+
 /// Noise of a wall whose pixels all see one range.
 Spread wall_noise(TofModel m, double range_m, std::uint64_t index = 0,
                   std::vector<float>* amplitude = nullptr) {
