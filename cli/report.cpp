@@ -102,6 +102,13 @@ std::string pair_card(const json& c) {
       str(c["name"]), count(p["count"]), p["bias"].get<double>(), html(p.value("unit", "")),
       p["sigma"].get<double>(), html(p.value("unit", "")), count(p["real_missing"]),
       count(p["simulated_missing"]));
+  if (const json values = p.value("values", json::array()); !values.empty()) {
+    s += "<table><tr><th></th><th>bias</th><th>sigma</th></tr>";
+    for (const json& v : values)
+      s += fmt::format("<tr><td>{}</td><td>{:.4g} {}</td><td>{:.4g} {}</td></tr>", str(v["name"]),
+                       v["bias"].get<double>(), str(v["unit"]), v["sigma"].get<double>(), str(v["unit"]));
+    s += "</table>";
+  }
   SvgSeries bias{"bias", "#3b6ea5", {}, {}}, sigma{"sigma", "#c0392b", {}, {}};
   for (const json& point : p.value("series", json::array())) {
     bias.x.push_back(point["t_s"]);

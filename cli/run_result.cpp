@@ -7,6 +7,7 @@
 
 #include "cli/terminal.h"
 #include "sensor-hal/channel/pair_source.h"
+#include "sensor-hal/channel/pair_values.h"
 #include "sensor-hal/record/recorder.h"
 
 namespace rigor {
@@ -130,8 +131,9 @@ json sink_json(const RunSink& s) {
       {"failed", n.failed.load()},     {"dropped", n.dropped.load()},      {"made_safe", n.made_safe.load()}};
 }
 
-const char* unit_of(SampleKind kind) {
+std::string unit_of(SampleKind kind) {
   if (kind == SampleKind::image) return "DN";
+  if (const auto values = compared_values(kind); !values.empty()) return std::string(values.front().unit);
   return kind == SampleKind::point_cloud || kind == SampleKind::range_image ? "m" : "";
 }
 
@@ -148,6 +150,15 @@ json pair_json(const RunChannel& c) {
          {"sigma", s.all.sigma},
          {"unit", unit_of(c.entry->kind)},
          {"series", json::array()}};
+  const auto values = compared_values(c.entry->kind);
+  if (!values.empty() && s.values == values.size()) {
+    j["values"] = json::array();
+    for (std::size_t i = 0; i < values.size(); ++i)
+      j["values"].push_back({{"name", values[i].name},
+                             {"unit", values[i].unit},
+                             {"bias", s.value[i].bias},
+                             {"sigma", s.value[i].sigma}});
+  }
   for (std::size_t i = 0; i < std::min(c.difference_count, RunChannel::kKept); ++i) {
     const auto& d = c.differences[i];
     j["series"].push_back({{"t_s", d.t_s}, {"bias", d.bias}, {"sigma", d.sigma}});

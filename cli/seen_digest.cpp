@@ -3,6 +3,8 @@
 #include <array>
 #include <bit>
 #include <chrono>
+#include <cmath>
+#include <limits>
 
 namespace rigor {
 namespace {
@@ -42,6 +44,25 @@ void add_info(Flat& flat, const Sample& s) {
   } else if (const auto* p = s.as<Pose>()) {
     for (double v : p->position_m) flat.add(v);
     for (double v : p->orientation_wxyz) flat.add(v);
+  } else if (const auto* imu = s.as<ImuSample>()) {
+    for (double v : imu->specific_force_mps2) flat.add(v);
+    for (double v : imu->angular_rate_radps) flat.add(v);
+    flat.add(std::isnan(imu->temperature_c) ? std::numeric_limits<double>::quiet_NaN() : imu->temperature_c);
+  } else if (const auto* fix = s.as<NavFix>()) {
+    flat.add(std::uint64_t{fix->satellites} << 8 | static_cast<std::uint64_t>(fix->status));
+    flat.add(fix->latitude_deg);
+    flat.add(fix->longitude_deg);
+    flat.add(fix->height_m);
+    for (double v : fix->covariance_enu_m2) flat.add(v);
+  } else if (const auto* o = s.as<Odometry>()) {
+    for (double v : o->T_odom_base.position_m) flat.add(v);
+    for (double v : o->T_odom_base.orientation_wxyz) flat.add(v);
+    for (double v : o->velocity_mps) flat.add(v);
+    for (double v : o->turn_rate_radps) flat.add(v);
+    for (double v : o->pose_variance) flat.add(v);
+    for (double v : o->twist_variance) flat.add(v);
+    for (double v : o->wheel_angle_rad) flat.add(v);
+    for (double v : o->wheel_rate_radps) flat.add(v);
   } else if (const auto* e = s.as<EventInfo>()) {
     flat.add(std::uint64_t{e->code});
     flat.add(e->value);

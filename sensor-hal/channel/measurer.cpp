@@ -11,6 +11,24 @@ tl::unexpected<Error> wrong_kind(const ChannelConfig& config, const char* expect
                   "`, which is what this simulator makes; got another kind");
 }
 
+/// Of the kinds that simulators make.
+const char* name_of(SampleKind kind) {
+  switch (kind) {
+    case SampleKind::point_cloud:
+      return "point_cloud";
+    case SampleKind::range_image:
+      return "range_image";
+    case SampleKind::imu:
+      return "imu";
+    case SampleKind::nav_fix:
+      return "nav_fix";
+    case SampleKind::odometry:
+      return "odometry";
+    default:
+      return "image";
+  }
+}
+
 class ImageMeasurer final : public Measurer {
  public:
   explicit ImageMeasurer(std::shared_ptr<ImageProvider> provider) : provider_(std::move(provider)) {}
@@ -84,10 +102,7 @@ class SampleMeasurer final : public Measurer {
 
   Status configure(const ChannelConfig& config, ChannelDescription& description) override {
     const auto sensor = provider_->geometry();
-    if (config.kind != sensor.kind)
-      return wrong_kind(config, sensor.kind == SampleKind::point_cloud   ? "point_cloud"
-                                : sensor.kind == SampleKind::range_image ? "range_image"
-                                                                         : "image");
+    if (config.kind != sensor.kind) return wrong_kind(config, name_of(sensor.kind));
     description.kind = sensor.kind;
     description.frame_id = sensor.frame_id.empty() ? config.name : sensor.frame_id;
     description.width_px = sensor.width_px;

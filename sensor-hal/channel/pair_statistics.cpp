@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "sensor-hal/channel/pair_values.h"
+
 namespace rigor {
 namespace {
 
@@ -227,17 +229,16 @@ void PairStatistics::drain() {
 void PairStatistics::run() {
   Job job;
   if (!jobs_->try_pop(job)) return;
-  const auto* a = job.real->as<RegisterBlock>();
-  const auto* b = job.simulated->as<RegisterBlock>();
-  if (a && b && a->count == b->count && a->count > 0 && a->count <= RegisterBlock::kMax) {
+  std::array<double, RegisterBlock::kMax> difference;
+  if (const std::uint32_t n = value_differences(*job.real, *job.simulated, difference); n > 0) {
     ++work_.compared;
-    work_.values = a->count;
-    for (std::uint32_t i = 0; i < a->count; ++i) {
-      sums_[i].merge({1, b->value[i] - a->value[i], 0});
+    work_.values = n;
+    for (std::uint32_t i = 0; i < n; ++i) {
+      sums_[i].merge({1, difference[i], 0});
       work_.value[i] = sums_[i].result();
     }
     work_.all = work_.value[0];
-    work_.last = {1, b->value[0] - a->value[0], 0};
+    work_.last = {1, difference[0], 0};
   } else if (const auto d = job.real->kind() == SampleKind::image
                                 ? difference_of_images(*job.real, *job.simulated)
                                 : difference_of_ranges(*job.real, *job.simulated)) {

@@ -6,6 +6,7 @@
 // estimate then rests on fewer pixels, but still on hundreds of thousands. Sums within a picture are
 // integers, hence exact; pictures are merged in the order of their capture (Chan's update of mean and sum of
 // squares), hence the result does not depend on threads. Register blocks: each value on its own, in its unit.
+// Inertial units, satellite receivers, odometry: likewise, see sensor-hal/channel/pair_values.h.
 // Range images: ranges of the pixels where both have a return, m. Point clouds: ranges of the points of one
 // firing (the same offset, ring and return), m; where no firing is in both, they are unlike.
 //
@@ -44,9 +45,9 @@ struct PairSnapshot {
   std::uint64_t unlike =
       0;  ///< same instant, but not comparable: format, size or kind differ, or one is incomplete
   std::uint64_t skipped = 0;  ///< not compared because the worker was behind (wall time only)
-  Difference all;             ///< images: every element of every pair; registers: of value 0
+  Difference all;             ///< images: every element of every pair; numbers: of value 0
   Difference last;            ///< of the newest pair alone
-  std::uint32_t values = 0;   ///< registers: how many; 0 for images
+  std::uint32_t values = 0;   ///< registers and other numbers: how many; 0 for images
   std::array<Difference, RegisterBlock::kMax> value{};
 
   // By side: samples that came, and instants of the other side or of the grid that it left out.

@@ -10,15 +10,6 @@
 namespace rigor {
 namespace {
 
-constexpr std::array<std::pair<SampleKind, std::string_view>, 7> kTopics{
-    {{SampleKind::image, "image"},
-     {SampleKind::range_image, "range"},
-     {SampleKind::point_cloud, "points"},
-     {SampleKind::can_frame, "can"},
-     {SampleKind::register_block, "registers"},
-     {SampleKind::pose, "pose"},
-     {SampleKind::event, "events"}}};
-
 std::int64_t number_or(const std::map<std::string, std::string>& map, const std::string& key,
                        std::int64_t fallback) {
   const auto it = map.find(key);
@@ -197,8 +188,8 @@ struct ReplaySource::Reader {
     record::MessageFilter filter;
     for (const Stream& s : streams) {
       filter.topics.insert(s.topic);
-      for (const char* companion : {"/stamp", "/settings", "/amplitude", "/fd"})
-        filter.topics.insert(s.topic + companion);
+      for (const std::string_view companion : record::kCompanionTopics)
+        filter.topics.insert(s.topic + std::string(companion));
     }
     filter.order = record::MessageOrder::file;
     auto cursor = file->messages(filter);
@@ -272,12 +263,11 @@ ReplaySource::~ReplaySource() { (void)do_stop(); }
 Status ReplaySource::do_configure(const ChannelConfig& config) {
   if (channel_.empty()) channel_ = config.name;
   slots_ = static_cast<std::size_t>(config.params.integer_or("slots", 32, {.min = 2, .max = 4096}));
-  std::string_view kind_topic;
-  for (const auto& [kind, name] : kTopics)
-    if (kind == config.kind) kind_topic = name;
+  const std::string_view kind_topic = record::topic_of(config.kind);
   const std::string plain = "/" + channel_ + "/" + std::string(kind_topic);
   const std::string real = "/" + channel_ + "/real/" + std::string(kind_topic);
-  if (kind_topic.empty() || (!recording_->topics_.contains(plain) && !recording_->topics_.contains(real)))
+  if (config.kind == SampleKind::none ||
+      (!recording_->topics_.contains(plain) && !recording_->topics_.contains(real)))
     return fail(ErrorCode::not_found, recording_->path(),
                 "expected a topic " + plain + " (or of a pair " + real + ") to replay channel " + channel_ +
                     " from, found none; `rigor inspect` lists the topics that there are");
@@ -286,14 +276,18 @@ Status ReplaySource::do_configure(const ChannelConfig& config) {
   auto file = record::McapReader::open(recording_->path());
   if (!file) return tl::unexpected<Error>(file.error());
   description_.kind = config.kind;
-  description_.frame_id = config.name + "_optical";
+  const bool optical = config.kind == SampleKind::image || config.kind == SampleKind::range_image;
+  description_.frame_id = optical ? config.name + "_optical" : config.name;
   bool known = false;
   for (const auto& topic : {plain, real, "/" + channel_ + "/simulated/" + std::string(kind_topic)}) {
     if (!recording_->topics_.contains(topic)) continue;
     record::SampleDecoder decoder(topic);
-    auto cursor = (*file)->messages(
-        {.topics = {topic, topic + "/stamp", topic + "/settings", topic + "/amplitude", topic + "/fd"},
-         .order = record::MessageOrder::file});
+    record::MessageFilter filter;
+    filter.topics.insert(topic);
+    for (const std::string_view companion : record::kCompanionTopics)
+      filter.topics.insert(topic + std::string(companion));
+    filter.order = record::MessageOrder::file;
+    auto cursor = (*file)->messages(filter);
     record::MessageView view;
     // Images of one channel have one size; point clouds have not, so all are looked at (without their
     // content).
@@ -341,9 +335,7 @@ Status ReplaySource::do_arm(const ArmContext&) {
     return tl::unexpected<Error>(file.error());
   }
   reader_->file = std::move(*file);
-  std::string_view kind_topic;
-  for (const auto& [kind, name] : kTopics)
-    if (kind == description_.kind) kind_topic = name;
+  const std::string_view kind_topic = record::topic_of(description_.kind);
   for (const char* side : {"", "real/", "simulated/"}) {
     std::string topic = "/" + channel_ + "/" + side + std::string(kind_topic);
     if (recording_->topics_.contains(topic)) reader_->streams.emplace_back(topic, side[0] == 's');

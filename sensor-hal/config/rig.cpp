@@ -10,14 +10,17 @@
 namespace rigor {
 namespace {
 
-constexpr std::array<std::pair<std::string_view, SampleKind>, 7> kKinds{
+constexpr std::array<std::pair<std::string_view, SampleKind>, 10> kKinds{
     {{"image", SampleKind::image},
      {"range_image", SampleKind::range_image},
      {"point_cloud", SampleKind::point_cloud},
      {"can_frame", SampleKind::can_frame},
      {"registers", SampleKind::register_block},
      {"pose", SampleKind::pose},
-     {"event", SampleKind::event}}};
+     {"event", SampleKind::event},
+     {"imu", SampleKind::imu},
+     {"nav_fix", SampleKind::nav_fix},
+     {"odometry", SampleKind::odometry}}};
 
 SampleKind read_kind(ConfigNode n) {
   std::vector<std::string> names;

@@ -20,29 +20,6 @@ namespace {
 
 using record::MessageInfo;
 
-/// Last part of a channel's topic.
-std::string_view topic_of(SampleKind kind) {
-  switch (kind) {
-    case SampleKind::image:
-      return "image";
-    case SampleKind::range_image:
-      return "range";
-    case SampleKind::point_cloud:
-      return "points";
-    case SampleKind::can_frame:
-      return "can";
-    case SampleKind::register_block:
-      return "registers";
-    case SampleKind::pose:
-      return "pose";
-    case SampleKind::event:
-      return "events";
-    case SampleKind::none:
-      break;
-  }
-  return "samples";
-}
-
 std::string_view event_kind(std::uint32_t code) { return code == kEventPairSwitch ? "pair_switch" : "event"; }
 
 void nap(std::int64_t ns) {
@@ -280,7 +257,7 @@ Status Recorder::Impl::open(std::unique_ptr<record::ByteSink> sink,
       stream->lease_budget = c.lease_budget;
       record::SampleChannel sc;
       sc.name = stream->name;
-      sc.topic = "/" + stream->name + "/" + std::string(topic_of(c.description.kind));
+      sc.topic = "/" + stream->name + "/" + std::string(record::topic_of(c.description.kind));
       sc.frame_id = c.description.frame_id;
       sc.kind = c.description.kind;
       sc.register_names = c.description.names;

@@ -249,6 +249,29 @@ struct Imu {
   }
 };
 
+struct Temperature {
+  Header header{};
+  double temperature = 0;
+  double variance = 0;
+  static constexpr std::string_view kType = "sensor_msgs/msg/Temperature";
+  static constexpr auto fields() {
+    return std::tuple(&Temperature::header, &Temperature::temperature, &Temperature::variance);
+  }
+};
+
+struct JointState {
+  Header header{};
+  std::vector<std::string> name;
+  std::vector<double> position;
+  std::vector<double> velocity;
+  std::vector<double> effort;
+  static constexpr std::string_view kType = "sensor_msgs/msg/JointState";
+  static constexpr auto fields() {
+    return std::tuple(&JointState::header, &JointState::name, &JointState::position, &JointState::velocity,
+                      &JointState::effort);
+  }
+};
+
 struct NavSatStatus {
   std::int8_t status = 0;
   std::uint16_t service = 0;
@@ -373,6 +396,17 @@ struct RegisterBlock {
   static constexpr auto fields() {
     return std::tuple(&RegisterBlock::header, &RegisterBlock::names, &RegisterBlock::values,
                       &RegisterBlock::units, &RegisterBlock::raw);
+  }
+};
+
+/// What sensor_msgs/NavSatFix has no place for; `status` as in FixStatus.
+struct NavFixQuality {
+  Header header{};
+  std::uint8_t status = 0;
+  std::uint16_t satellites = 0;
+  static constexpr std::string_view kType = "rigor_msgs/msg/NavFixQuality";
+  static constexpr auto fields() {
+    return std::tuple(&NavFixQuality::header, &NavFixQuality::status, &NavFixQuality::satellites);
   }
 };
 

@@ -133,6 +133,16 @@ float64[9] angular_velocity_covariance
 geometry_msgs/Vector3 linear_acceleration
 float64[9] linear_acceleration_covariance
 )"},
+    Definition{"sensor_msgs/Temperature", R"(std_msgs/Header header
+float64 temperature
+float64 variance
+)"},
+    Definition{"sensor_msgs/JointState", R"(std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+)"},
     Definition{"sensor_msgs/NavSatStatus", R"(int8 STATUS_NO_FIX=-1
 int8 STATUS_FIX=0
 int8 STATUS_SBAS_FIX=1
@@ -223,6 +233,13 @@ string[] names
 float64[] values
 string[] units
 uint16[] raw
+)"},
+    Definition{"rigor_msgs/NavFixQuality",
+               R"(# What sensor_msgs/NavSatFix has no place for; on the topic `<topic>/quality`.
+# status: 0 none, 1 single, 2 SBAS, 3 RTK float, 4 RTK fixed. satellites: used in the fix, 0 also where unknown.
+std_msgs/Header header
+uint8 status
+uint16 satellites
 )"},
     Definition{"rigor_msgs/PortEntry", R"(# What one port showed in a cycle; status as in rt-core/port.h.
 string channel

@@ -1,6 +1,7 @@
 #include "sensor-hal/record/sample_codec.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <limits>
 
@@ -67,6 +68,34 @@ std::optional<std::uint64_t> plane_bytes(std::uint32_t width, std::uint32_t heig
 
 }  // namespace
 
+std::string_view topic_of(SampleKind kind) {
+  switch (kind) {
+    case SampleKind::image:
+      return "image";
+    case SampleKind::range_image:
+      return "range";
+    case SampleKind::point_cloud:
+      return "points";
+    case SampleKind::can_frame:
+      return "can";
+    case SampleKind::register_block:
+      return "registers";
+    case SampleKind::pose:
+      return "pose";
+    case SampleKind::event:
+      return "events";
+    case SampleKind::imu:
+      return "imu";
+    case SampleKind::nav_fix:
+      return "fix";
+    case SampleKind::odometry:
+      return "odometry";
+    case SampleKind::none:
+      break;
+  }
+  return "samples";
+}
+
 SampleEncoder::SampleEncoder(SampleChannel channel) : channel_(std::move(channel)) {
   const std::string& topic = channel_.topic;
   streams_.push_back({topic + "/stamp", msg::SampleStamp::kType});
@@ -96,6 +125,18 @@ SampleEncoder::SampleEncoder(SampleChannel channel) : channel_(std::move(channel
       break;
     case SampleKind::event:
       streams_.push_back({topic, msg::Event::kType});
+      break;
+    case SampleKind::imu:
+      streams_.push_back({topic, msg::Imu::kType});
+      streams_.push_back({topic + "/temperature", msg::Temperature::kType});
+      break;
+    case SampleKind::nav_fix:
+      streams_.push_back({topic, msg::NavSatFix::kType});
+      streams_.push_back({topic + "/quality", msg::NavFixQuality::kType});
+      break;
+    case SampleKind::odometry:
+      streams_.push_back({topic, msg::Odometry::kType});
+      streams_.push_back({topic + "/wheels", msg::JointState::kType});
       break;
   }
   registers_.names = channel_.register_names;
@@ -145,6 +186,9 @@ Status SampleEncoder::add_content(const Sample& sample) {
   if (const auto* range = sample.as<RangeImageInfo>()) return add_range_image(sample, *range);
   if (const auto* cloud = sample.as<PointCloudInfo>()) return add_point_cloud(sample, *cloud);
   if (const auto* frame = sample.as<CanFrame>()) return add_can(sample, *frame);
+  if (const auto* imu = sample.as<ImuSample>()) return add_imu(sample, *imu);
+  if (const auto* fix = sample.as<NavFix>()) return add_nav_fix(sample, *fix);
+  if (const auto* odometry = sample.as<Odometry>()) return add_odometry(sample, *odometry);
   if (const auto* block = sample.as<RegisterBlock>()) {
     if (block->count > RegisterBlock::kMax) return wrong_size(RegisterBlock::kMax, sample);
     registers_.header = header(sample);
@@ -209,10 +253,79 @@ Status SampleEncoder::add_can(const Sample& sample, const CanFrame& frame) {
   return add(kMain, message);
 }
 
+Status SampleEncoder::add_imu(const Sample& sample, const ImuSample& imu) {
+  const msg::Header head = header(sample);
+  if (!std::isnan(imu.temperature_c))
+    if (Status status = add(kCompanion, msg::Temperature{head, imu.temperature_c, 0}); !status) return status;
+  const auto& f = imu.specific_force_mps2;
+  const auto& w = imu.angular_rate_radps;
+  msg::Imu message{head, {}, {}, {w[0], w[1], w[2]}, {}, {f[0], f[1], f[2]}, {}};
+  message.orientation_covariance[0] = -1;  // sensor_msgs/Imu: no estimate of the orientation
+  return add(kMain, message);
+}
+
+Status SampleEncoder::add_nav_fix(const Sample& sample, const NavFix& fix) {
+  constexpr std::int8_t kNoFix = -1, kFix = 0, kSbas = 1, kGbas = 2;
+  constexpr std::uint8_t kUnknown = 0, kKnown = 3;
+  constexpr std::uint16_t kGps = 1;
+  std::int8_t status = kNoFix;
+  switch (fix.status) {
+    case FixStatus::none:
+      break;
+    case FixStatus::fix:
+      status = kFix;
+      break;
+    case FixStatus::sbas:
+      status = kSbas;
+      break;
+    case FixStatus::rtk_float:
+    case FixStatus::rtk_fixed:
+      status = kGbas;
+      break;
+  }
+  const msg::Header head = header(sample);
+  if (Status s =
+          add(kCompanion, msg::NavFixQuality{head, static_cast<std::uint8_t>(fix.status), fix.satellites});
+      !s)
+    return s;
+  return add(kMain, msg::NavSatFix{head,
+                                   {status, kGps},
+                                   fix.latitude_deg,
+                                   fix.longitude_deg,
+                                   fix.height_m,
+                                   fix.covariance_enu_m2,
+                                   fix.status == FixStatus::none ? kUnknown : kKnown});
+}
+
+Status SampleEncoder::add_odometry(const Sample& sample, const Odometry& odometry) {
+  const auto& o = odometry;
+  const msg::Header head = header(sample);
+  const auto pair = [](const std::array<double, 2>& v) { return std::vector<double>(v.begin(), v.end()); };
+  if (Status status = add(
+          kCompanion,
+          msg::JointState{head, {"left", "right"}, pair(o.wheel_angle_rad), pair(o.wheel_rate_radps), {}});
+      !status)
+    return status;
+  const auto& p = o.T_odom_base.position_m;
+  const auto& q = o.T_odom_base.orientation_wxyz;
+  const auto& v = o.velocity_mps;
+  const auto& w = o.turn_rate_radps;
+  msg::Odometry message{{head.stamp, "odom"},
+                        channel_.frame_id,
+                        {{{p[0], p[1], p[2]}, {q[1], q[2], q[3], q[0]}}, {}},
+                        {{{v[0], v[1], v[2]}, {w[0], w[1], w[2]}}, {}}};
+  for (std::size_t i = 0; i < 6; ++i) {
+    message.pose.covariance[i * 7] = o.pose_variance[i];
+    message.twist.covariance[i * 7] = o.twist_variance[i];
+  }
+  return add(kMain, message);
+}
+
 bool SampleDecoder::wants(std::string_view topic) const {
   if (!topic.starts_with(topic_)) return false;
   const std::string_view rest = topic.substr(topic_.size());
-  return rest.empty() || rest == "/stamp" || rest == "/settings" || rest == "/amplitude" || rest == "/fd";
+  return rest.empty() ||
+         std::find(kCompanionTopics.begin(), kCompanionTopics.end(), rest) != kCompanionTopics.end();
 }
 
 void SampleDecoder::stamp_from(const msg::Header& header, const MessageView& message) {
@@ -245,17 +358,14 @@ Result<bool> SampleDecoder::take(const MessageView& message) {
     stamped_ = true;
     settings_.reset();
     amplitude_.clear();
+    temperature_.reset();
+    quality_.reset();
+    wheels_.reset();
     main_bytes_ = second_bytes_ = {};
     info_ = std::monostate{};
     return stamped_kind_ == SampleKind::none;
   }
   if (stamped_ && message.sequence != stamped_sequence_) stamped_ = false;  // its stamp was lost
-  if (companion == "/settings") {
-    settings_.emplace();
-    if (Status status = CdrReader::read(message.data, *settings_); !status)
-      return tl::unexpected(protocol(message, status.error().message));
-    return false;
-  }
   if (companion == "/amplitude") {
     msg::Image image;
     if (Status status = CdrReader::read(message.data, image); !status)
@@ -263,6 +373,16 @@ Result<bool> SampleDecoder::take(const MessageView& message) {
     amplitude_.assign(image.data.begin(), image.data.end());
     return false;
   }
+  const auto keep = [&](auto& companion_message) -> Result<bool> {
+    companion_message.emplace();
+    if (Status status = CdrReader::read(message.data, *companion_message); !status)
+      return tl::unexpected(protocol(message, status.error().message));
+    return false;
+  };
+  if (companion == "/settings") return keep(settings_);
+  if (companion == "/temperature") return keep(temperature_);
+  if (companion == "/quality") return keep(quality_);
+  if (companion == "/wheels") return keep(wheels_);
   main_bytes_ = second_bytes_ = {};
   if (Status status = decode(message); !status)
     return tl::unexpected(protocol(message, status.error().message));
@@ -279,6 +399,9 @@ Status SampleDecoder::decode(const MessageView& message) {
                 "expected messages encoded as cdr, got " + message.channel->message_encoding);
   if (type == msg::Image::kType) return decode_image(message);
   if (type == msg::PointCloud2::kType) return decode_point_cloud(message);
+  if (type == msg::Imu::kType) return decode_imu(message);
+  if (type == msg::NavSatFix::kType) return decode_nav_fix(message);
+  if (type == msg::Odometry::kType) return decode_odometry(message);
   if (type == msg::Frame::kType) {
     msg::Frame m;
     if (Status status = CdrReader::read(message.data, m); !status) return status;
@@ -407,6 +530,68 @@ Status SampleDecoder::decode_point_cloud(const MessageView& message) {
   stamp_from(m.header, message);
   info_ = PointCloudInfo{static_cast<std::uint32_t>(count)};
   main_bytes_ = m.data;
+  return {};
+}
+
+Status SampleDecoder::decode_imu(const MessageView& message) {
+  msg::Imu m;
+  if (Status status = CdrReader::read(message.data, m); !status) return status;
+  const auto &f = m.linear_acceleration, &w = m.angular_velocity;
+  ImuSample imu{{f.x, f.y, f.z}, {w.x, w.y, w.z}};
+  if (stamped_ && temperature_) imu.temperature_c = temperature_->temperature;
+  stamp_from(m.header, message);
+  info_ = imu;
+  return {};
+}
+
+Status SampleDecoder::decode_nav_fix(const MessageView& message) {
+  msg::NavSatFix m;
+  if (Status status = CdrReader::read(message.data, m); !status) return status;
+  // Without a companion: receivers that reach an RTK solution tell so as GBAS.
+  const std::array foreign{FixStatus::none, FixStatus::fix, FixStatus::sbas, FixStatus::rtk_fixed};
+  const int place = m.status.status + 1;
+  NavFix fix{place >= 0 && place < 4 ? foreign[static_cast<std::size_t>(place)] : FixStatus::none,
+             0,
+             m.latitude,
+             m.longitude,
+             m.altitude,
+             m.position_covariance};
+  if (stamped_ && quality_) {
+    if (quality_->status > static_cast<std::uint8_t>(FixStatus::rtk_fixed))
+      return fail(ErrorCode::protocol, "",
+                  "expected a fix status from 0 to 4, got " + std::to_string(quality_->status));
+    fix.status = static_cast<FixStatus>(quality_->status);
+    fix.satellites = quality_->satellites;
+  }
+  stamp_from(m.header, message);
+  info_ = fix;
+  return {};
+}
+
+Status SampleDecoder::decode_odometry(const MessageView& message) {
+  msg::Odometry m;
+  if (Status status = CdrReader::read(message.data, m); !status) return status;
+  const auto& [p, q] = m.pose.pose;
+  const auto& [v, w] = m.twist.twist;
+  Odometry odometry;
+  odometry.T_odom_base = {{p.x, p.y, p.z}, {q.w, q.x, q.y, q.z}};
+  odometry.velocity_mps = {v.x, v.y, v.z};
+  odometry.turn_rate_radps = {w.x, w.y, w.z};
+  for (std::size_t i = 0; i < 6; ++i) {
+    odometry.pose_variance[i] = m.pose.covariance[i * 7];
+    odometry.twist_variance[i] = m.twist.covariance[i * 7];
+  }
+  if (stamped_ && wheels_) {
+    if (wheels_->position.size() != 2 || wheels_->velocity.size() != 2)
+      return fail(ErrorCode::protocol, "",
+                  "expected angles and rates of two wheels, left and right, got " +
+                      std::to_string(wheels_->position.size()) + " and " +
+                      std::to_string(wheels_->velocity.size()));
+    std::copy_n(wheels_->position.begin(), 2, odometry.wheel_angle_rad.begin());
+    std::copy_n(wheels_->velocity.begin(), 2, odometry.wheel_rate_radps.begin());
+  }
+  stamp_from(m.header, message);
+  info_ = odometry;
   return {};
 }
 

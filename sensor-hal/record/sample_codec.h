@@ -5,10 +5,16 @@
 //   kind            <topic>                          companions
 //   any                                              <topic>/stamp      rigor_msgs/SampleStamp
 //   image           sensor_msgs/Image                <topic>/settings   rigor_msgs/ImageSettings
-//   range_image     sensor_msgs/Image 32FC1 [m]      <topic>/amplitude  sensor_msgs/Image 32FC1, where there
-//   is one point_cloud     sensor_msgs/PointCloud2 can_frame       can_msgs/Frame <topic>/fd
-//   rigor_msgs/CanFdFrame, in place of it for CAN FD register_block  rigor_msgs/RegisterBlock pose
-//   geometry_msgs/PoseStamped event           rigor_msgs/Event
+//   range_image     sensor_msgs/Image 32FC1 [m]      <topic>/amplitude  sensor_msgs/Image 32FC1, if any
+//   point_cloud     sensor_msgs/PointCloud2
+//   can_frame       can_msgs/Frame                   <topic>/fd         rigor_msgs/CanFdFrame, in place of
+//                                                                       it for CAN FD
+//   register_block  rigor_msgs/RegisterBlock
+//   pose            geometry_msgs/PoseStamped
+//   event           rigor_msgs/Event
+//   imu             sensor_msgs/Imu                  <topic>/temperature  sensor_msgs/Temperature, if told
+//   nav_fix         sensor_msgs/NavSatFix            <topic>/quality    rigor_msgs/NavFixQuality
+//   odometry        nav_msgs/Odometry                <topic>/wheels     sensor_msgs/JointState: left, right
 //
 // Pixel formats: mono8, mono16, rgb8 and bayer_rggb8 are ROS encodings; Mono12p stays packed, under the name
 // `mono12p`, which ROS does not know. Headers carry t_capture in UTC, the companion carries all times on the
@@ -28,6 +34,12 @@
 #include "sensor-hal/types/sample.h"
 
 namespace rigor::record {
+
+/// Last part of the topic that a channel of this kind records to, e.g. `image`.
+[[nodiscard]] std::string_view topic_of(SampleKind kind);
+/// What companions' topics add to that of the main message, with the slash.
+inline constexpr std::array<std::string_view, 7> kCompanionTopics{
+    "/stamp", "/settings", "/amplitude", "/fd", "/temperature", "/quality", "/wheels"};
 
 /// What the codec must know of a channel beside its samples.
 struct SampleChannel {
@@ -72,6 +84,9 @@ class SampleEncoder {
   Status add_range_image(const Sample& sample, const RangeImageInfo& info);
   Status add_point_cloud(const Sample& sample, const PointCloudInfo& info);
   Status add_can(const Sample& sample, const CanFrame& frame);
+  Status add_imu(const Sample& sample, const ImuSample& imu);
+  Status add_nav_fix(const Sample& sample, const NavFix& fix);
+  Status add_odometry(const Sample& sample, const Odometry& odometry);
   Status wrong_size(std::size_t expected, const Sample& sample) const;
 
   SampleChannel channel_;
@@ -107,6 +122,9 @@ class SampleDecoder {
   Status decode(const MessageView& message);
   Status decode_image(const MessageView& message);
   Status decode_point_cloud(const MessageView& message);
+  Status decode_imu(const MessageView& message);
+  Status decode_nav_fix(const MessageView& message);
+  Status decode_odometry(const MessageView& message);
   void stamp_from(const msg::Header& header, const MessageView& message);
 
   std::string topic_;
@@ -117,6 +135,9 @@ class SampleDecoder {
   SampleKind stamped_kind_ = SampleKind::none;
   std::optional<msg::ImageSettings> settings_;
   std::vector<std::byte> amplitude_;
+  std::optional<msg::Temperature> temperature_;
+  std::optional<msg::NavFixQuality> quality_;
+  std::optional<msg::JointState> wheels_;
   decltype(Sample::info) info_;
   Bytes main_bytes_;
   Bytes second_bytes_;

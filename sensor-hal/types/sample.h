@@ -4,11 +4,16 @@
 //
 //   kind            info             bytes
 //   image           ImageInfo        pixels, rows without padding
-//   range_image     RangeImageInfo   float32 range [m] plane, then float32 amplitude plane (row-major; NaN:
-//   no return) point_cloud     PointCloudInfo   LidarPoint[count] can_frame       CanFrame         none
+//   range_image     RangeImageInfo   float32 range [m] plane, then float32 amplitude plane
+//                                    (row-major; NaN: no return)
+//   point_cloud     PointCloudInfo   LidarPoint[count]
+//   can_frame       CanFrame         none
 //   register_block  RegisterBlock    none
 //   pose            Pose             none
 //   event           EventInfo        none
+//   imu             ImuSample        none
+//   nav_fix         NavFix           none
+//   odometry        Odometry         none
 //
 // Reading: any thread that holds a lease. Writing: the thread that took the slot, before it hands it on.
 #pragma once
@@ -16,6 +21,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <span>
 #include <variant>
@@ -69,7 +75,35 @@ struct Pose {
 struct EventInfo {
   std::uint32_t code = 0;
   double value = 0;
-  std::array<char, 112> text{};  ///< NUL-terminated UTF-8
+  std::array<char, 440> text{};  ///< NUL-terminated UTF-8
+};
+
+/// Of an inertial measurement unit, in its own frame, at t_capture.
+struct ImuSample {
+  std::array<double, 3> specific_force_mps2{};  ///< acceleration less gravity: at rest one g, upwards
+  std::array<double, 3> angular_rate_radps{};
+  double temperature_c = std::numeric_limits<double>::quiet_NaN();  ///< NaN: the device does not tell
+};
+enum class FixStatus : std::uint8_t { none, fix, sbas, rtk_float, rtk_fixed };
+/// Of a satellite receiver: where its antenna is. With `none` the place means nothing.
+struct NavFix {
+  FixStatus status = FixStatus::none;
+  std::uint16_t satellites = 0;                ///< used in the fix; 0 also where the receiver does not tell
+  double latitude_deg = 0, longitude_deg = 0;  ///< WGS 84
+  double height_m = 0;                         ///< above the ellipsoid
+  /// As the receiver claims it: east, north, up, row by row.
+  std::array<double, 9> covariance_enu_m2{};
+};
+/// Of a vehicle that integrates its wheels: where it believes to be since the start (frame `odom`), how it
+/// moves, and what its wheels say.
+struct Odometry {
+  Pose T_odom_base;
+  std::array<double, 3> velocity_mps{};      ///< of the base's origin, in the base's axes
+  std::array<double, 3> turn_rate_radps{};   ///< in the base's axes
+  std::array<double, 6> pose_variance{};     ///< x, y, z [m²], roll, pitch, yaw [rad²], as claimed
+  std::array<double, 6> twist_variance{};    ///< of velocity [m²/s²] and turn rate [rad²/s²], as claimed
+  std::array<double, 2> wheel_angle_rad{};   ///< left, right; since the start, forward counts up
+  std::array<double, 2> wheel_rate_radps{};  ///< left, right
 };
 
 enum class SampleKind : std::uint8_t {
@@ -80,13 +114,16 @@ enum class SampleKind : std::uint8_t {
   can_frame,
   register_block,
   pose,
-  event
+  event,
+  imu,
+  nav_fix,
+  odometry
 };
 
 struct Sample {
   Stamp stamp;
   std::variant<std::monostate, ImageInfo, RangeImageInfo, PointCloudInfo, CanFrame, RegisterBlock, Pose,
-               EventInfo>
+               EventInfo, ImuSample, NavFix, Odometry>
       info;
   std::size_t size_bytes = 0;  ///< how much of the slot's memory is in use
 

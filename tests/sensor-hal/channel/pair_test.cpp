@@ -6,8 +6,10 @@
 #include <cstring>
 #include <deque>
 #include <map>
+#include <numbers>
 #include <set>
 
+#include "sensor-hal/channel/pair_values.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor {
@@ -471,6 +473,57 @@ TEST(PairStatistics, ComparesThePointsOfOneFiring) {
   EXPECT_NEAR(d->bias, (0.25 + 0.5 + 1) / 3, 1e-12);
   put(b, {point(1, 100, 0)});
   EXPECT_FALSE(difference_of_ranges(*a, *b)) << "no firing in both";
+}
+
+Sample sample_with(decltype(Sample::info) info) {
+  Sample s;
+  s.info = info;
+  return s;
+}
+
+TEST(PairValues, ComparePlacesOfReceiversInMetres) {
+  NavFix real{FixStatus::fix, 9, 50.4, 6.5, 600, {}}, simulated = real;
+  std::array<double, RegisterBlock::kMax> d{};
+  // 30 m east, 40 m north and 5 m up of there, through Earth-centred coordinates; the ground curves 0.2 mm
+  // away.
+  simulated.latitude_deg = 50.400359558437;
+  simulated.longitude_deg = 6.500421909268;
+  simulated.height_m = 605.000196;
+  ASSERT_EQ(value_differences(sample_with(real), sample_with(simulated), d), 3u);
+  EXPECT_NEAR(d[0], 30, 1e-3);
+  EXPECT_NEAR(d[1], 40, 1e-3);
+  EXPECT_NEAR(d[2], 5, 1e-3);
+  // Across the date line.
+  real.longitude_deg = 179.9999;
+  simulated.longitude_deg = -179.9999;
+  ASSERT_EQ(value_differences(sample_with(real), sample_with(simulated), d), 3u);
+  EXPECT_NEAR(d[0], 0.0002 * 71'106, 0.01);
+  simulated.status = FixStatus::none;
+  EXPECT_EQ(value_differences(sample_with(real), sample_with(simulated), d), 0u);
+  EXPECT_EQ(value_differences(sample_with(real), sample_with(ImuSample{}), d), 0u);
+}
+
+TEST(PairValues, CompareInertialUnitsAndOdometryNumberByNumber) {
+  std::array<double, RegisterBlock::kMax> d{};
+  ASSERT_EQ(value_differences(sample_with(ImuSample{{1, 2, 3}, {4, 5, 6}}),
+                              sample_with(ImuSample{{1.5, 2, 2}, {4, 7, 5.75}}), d),
+            6u);
+  EXPECT_EQ((std::vector<double>(d.begin(), d.begin() + 6)), (std::vector<double>{0.5, 0, -1, 0, 2, -0.25}));
+  Odometry a, b;
+  const auto turned = [](double yaw_rad) {
+    return std::array<double, 4>{std::cos(yaw_rad / 2), 0, 0, std::sin(yaw_rad / 2)};
+  };
+  a.T_odom_base = {{1, 2, 9}, turned(3.1)};
+  b.T_odom_base = {{1.5, 1, 7}, turned(-3.1)};
+  b.velocity_mps = {0.25, 3, 3};
+  b.turn_rate_radps = {3, 3, -0.5};
+  b.wheel_angle_rad = {10, -20};
+  ASSERT_EQ(value_differences(sample_with(a), sample_with(b), d), 7u);
+  EXPECT_EQ(d[0], 0.5);
+  EXPECT_EQ(d[1], -1);
+  EXPECT_NEAR(d[2], 2 * std::numbers::pi - 6.2, 1e-12) << "the short way round";
+  EXPECT_EQ((std::vector<double>(d.begin() + 3, d.begin() + 7)), (std::vector<double>{0.25, -0.5, 10, -20}));
+  EXPECT_EQ(compared_values(SampleKind::odometry).size(), 7u);
 }
 
 TEST(PairStatistics, LooksAtEveryNthRowOfLargePictures) {

@@ -92,6 +92,25 @@ inline std::vector<Sample> samples_of(SampleKind kind) {
       add(e, 0);
       break;
     }
+    case SampleKind::imu:
+      add(ImuSample{{0.25, -1.0 / 3, 9.81}, {1e-9, -35, 2.5}, 21.5}, 0);
+      add(ImuSample{{1, 2, 3}, {4, 5, 6}}, 0);  // tells no temperature
+      break;
+    case SampleKind::nav_fix:
+      for (const FixStatus status :
+           {FixStatus::none, FixStatus::fix, FixStatus::sbas, FixStatus::rtk_float, FixStatus::rtk_fixed})
+        add(NavFix{status, 17, 50.123456789, -6.987654321, 512.25, {1, 2, 3, 4, 5, 6, 7, 8, 1.0 / 3}}, 0);
+      break;
+    case SampleKind::odometry:
+      add(Odometry{{{1e3 / 3, -2, 3}, {0.5, -0.5, 0.5, -0.5}},
+                   {1, 2, 3},
+                   {4, 5, 6},
+                   {11, 12, 13, 14, 15, 16},
+                   {21, 22, 23, 24, 25, 26},
+                   {-100.5, 200.25},
+                   {7.5, -8.5}},
+          0);
+      break;
   }
   return all;
 }

@@ -72,7 +72,7 @@ TEST_P(ByOthers, ReadSamplesOfEveryKind) {
   std::map<std::string, std::size_t> expected;
   std::vector<Sample> images;
   for (const PixelFormat f : kPixelFormats) images.push_back(image_sample(f, 160, 120));
-  for (int kind = 1; kind <= static_cast<int>(SampleKind::event); ++kind) {
+  for (int kind = 1; kind <= static_cast<int>(kLastSampleKind); ++kind) {
     SampleChannel channel = channel_of(static_cast<SampleKind>(kind));
     channel.topic = "/kind" + std::to_string(kind);
     SampleWriter out(*writer, channel);
@@ -146,6 +146,37 @@ TEST_P(ByOthers, ReadSamplesOfEveryKind) {
   EXPECT_EQ(only_message(got, "/kind6")["pose"]["orientation"]["w"], 0.5);
   EXPECT_EQ(only_message(got, "/kind6")["pose"]["position"]["x"], 1e6 / 3);
   EXPECT_EQ(only_message(got, "/kind7")["text"], "prüfen");
+  const json& imu = only_message(got, "/kind8");
+  EXPECT_EQ(imu["orientation_covariance"][0], -1);
+  EXPECT_EQ(imu["linear_acceleration"]["z"], 9.81);
+  EXPECT_EQ(imu["angular_velocity"]["y"], -35);
+  EXPECT_EQ(got["topics"]["/kind8"]["messages"].size(), 2u);
+  EXPECT_EQ(got["topics"]["/kind8/temperature"]["messages"].size(), 1u);
+  EXPECT_EQ(only_message(got, "/kind8/temperature")["temperature"], 21.5);
+  const json& fixes = got["topics"]["/kind9"]["messages"];
+  const json& qualities = got["topics"]["/kind9/quality"]["messages"];
+  ASSERT_EQ(fixes.size(), 5u);
+  const std::array ros_status{-1, 0, 1, 2, 2};
+  for (std::size_t i = 0; i < 5; ++i) {
+    EXPECT_EQ(fixes[i]["value"]["status"]["status"], ros_status[i]);
+    EXPECT_EQ(fixes[i]["value"]["position_covariance_type"], i == 0 ? 0 : 3);
+    EXPECT_EQ(qualities[i]["value"]["status"], i);
+  }
+  EXPECT_EQ(fixes[1]["value"]["longitude"], -6.987654321);
+  EXPECT_EQ(fixes[1]["value"]["altitude"], 512.25);
+  EXPECT_EQ(fixes[1]["value"]["position_covariance"][8], 1.0 / 3);
+  EXPECT_EQ(qualities[1]["value"]["satellites"], 17);
+  const json& odometry = only_message(got, "/kind10");
+  EXPECT_EQ(odometry["header"]["frame_id"], "odom");
+  EXPECT_EQ(odometry["child_frame_id"], "dut_frame");
+  EXPECT_EQ(odometry["pose"]["pose"]["position"]["x"], 1e3 / 3);
+  EXPECT_EQ(odometry["pose"]["covariance"][35], 16);
+  EXPECT_EQ(odometry["pose"]["covariance"][1], 0);
+  EXPECT_EQ(odometry["twist"]["covariance"][7], 22);
+  EXPECT_EQ(odometry["twist"]["twist"]["angular"]["z"], 6);
+  EXPECT_EQ(only_message(got, "/kind10/wheels")["name"], json::array({"left", "right"}));
+  EXPECT_EQ(only_message(got, "/kind10/wheels")["position"], json::array({-100.5, 200.25}));
+  EXPECT_EQ(only_message(got, "/kind10/wheels")["velocity"], json::array({7.5, -8.5}));
 }
 
 TEST_P(ByOthers, ReadTheOtherMessages) {

@@ -1,6 +1,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "tests/sensor-hal/record/sample_fixture.h"
 
 namespace rigor::record {
@@ -50,6 +52,25 @@ void expect_equal(const Sample& a, const Sample& b) {
     EXPECT_EQ(e->code, b.as<EventInfo>()->code);
     EXPECT_EQ(e->value, b.as<EventInfo>()->value);
     EXPECT_EQ(e->text, b.as<EventInfo>()->text);
+  } else if (const auto* u = a.as<ImuSample>()) {
+    const auto& v = *b.as<ImuSample>();
+    EXPECT_EQ(u->specific_force_mps2, v.specific_force_mps2);
+    EXPECT_EQ(u->angular_rate_radps, v.angular_rate_radps);
+    EXPECT_TRUE(u->temperature_c == v.temperature_c ||
+                (std::isnan(u->temperature_c) && std::isnan(v.temperature_c)));
+  } else if (const auto* n = a.as<NavFix>()) {
+    const auto& m = *b.as<NavFix>();
+    EXPECT_EQ(std::tie(n->status, n->satellites, n->latitude_deg, n->longitude_deg, n->height_m),
+              std::tie(m.status, m.satellites, m.latitude_deg, m.longitude_deg, m.height_m));
+    EXPECT_EQ(n->covariance_enu_m2, m.covariance_enu_m2);
+  } else if (const auto* d = a.as<Odometry>()) {
+    const auto& g = *b.as<Odometry>();
+    EXPECT_EQ(d->T_odom_base.position_m, g.T_odom_base.position_m);
+    EXPECT_EQ(d->T_odom_base.orientation_wxyz, g.T_odom_base.orientation_wxyz);
+    EXPECT_EQ(std::tie(d->velocity_mps, d->turn_rate_radps, d->pose_variance, d->twist_variance),
+              std::tie(g.velocity_mps, g.turn_rate_radps, g.pose_variance, g.twist_variance));
+    EXPECT_EQ(std::tie(d->wheel_angle_rad, d->wheel_rate_radps),
+              std::tie(g.wheel_angle_rad, g.wheel_rate_radps));
   }
 }
 
@@ -57,7 +78,8 @@ class EveryKind : public testing::TestWithParam<SampleKind> {};
 INSTANTIATE_TEST_SUITE_P(Samples, EveryKind,
                          testing::Values(SampleKind::none, SampleKind::image, SampleKind::range_image,
                                          SampleKind::point_cloud, SampleKind::can_frame,
-                                         SampleKind::register_block, SampleKind::pose, SampleKind::event));
+                                         SampleKind::register_block, SampleKind::pose, SampleKind::event,
+                                         SampleKind::imu, SampleKind::nav_fix, SampleKind::odometry));
 
 TEST_P(EveryKind, ComesBackFromARecordingBitForBit) {
   const auto samples = samples_of(GetParam());
@@ -121,6 +143,22 @@ TEST(SampleDecoder, TakesForeignMessagesWithoutStamps) {
   EXPECT_EQ(decoder.stamp().t_release, BenchTime(1'000'000'000));
 }
 
+TEST(SampleDecoder, TakesFixesOfForeignReceivers) {
+  const std::array expected{FixStatus::none, FixStatus::fix, FixStatus::sbas, FixStatus::rtk_fixed};
+  for (int status = -1; status <= 2; ++status) {
+    SampleDecoder decoder("/fix");
+    msg::NavSatFix m;
+    m.status.status = static_cast<std::int8_t>(status);
+    m.latitude = 50.5;
+    ASSERT_TRUE(must(take(decoder, "/fix", m)));
+    Sample sample;
+    must(decoder.fill(sample));
+    ASSERT_TRUE(sample.as<NavFix>());
+    EXPECT_EQ(sample.as<NavFix>()->status, expected[static_cast<std::size_t>(status + 1)]);
+    EXPECT_EQ(sample.as<NavFix>()->latitude_deg, 50.5);
+  }
+}
+
 TEST(SampleDecoder, DoesNotPairAStampWithAnotherSample) {
   SampleDecoder decoder("/pose");
   msg::SampleStamp stamp;
@@ -148,7 +186,17 @@ TEST(SampleDecoder, ChecksSizesBeforeItBelievesThem) {
   msg::RegisterBlock block;
   block.values.resize(65);
   EXPECT_FALSE(take(decoder, "/x", block));
-  EXPECT_FALSE(take(decoder, "/x", msg::Imu{}));
+  EXPECT_FALSE(take(decoder, "/x", msg::LaserScan{}));
+  msg::SampleStamp odometry;
+  odometry.kind = static_cast<std::uint8_t>(SampleKind::odometry);
+  ASSERT_TRUE(take(decoder, "/x/stamp", odometry, 1));
+  ASSERT_TRUE(take(decoder, "/x/wheels", msg::JointState{kNoHeader, {}, {1, 2, 3}, {1, 2}, {}}, 1));
+  EXPECT_FALSE(take(decoder, "/x", msg::Odometry{}, 1));
+  msg::SampleStamp fix;
+  fix.kind = static_cast<std::uint8_t>(SampleKind::nav_fix);
+  ASSERT_TRUE(take(decoder, "/x/stamp", fix, 2));
+  ASSERT_TRUE(take(decoder, "/x/quality", msg::NavFixQuality{kNoHeader, 5, 0}, 2));
+  EXPECT_FALSE(take(decoder, "/x", msg::NavSatFix{}, 2));
   ASSERT_TRUE(take(decoder, "/x", msg::Image{kNoHeader, 10, 10, "mono8", 0, 10, pixels}));
   Sample small;
   small.reserve(99);

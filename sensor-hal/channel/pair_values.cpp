@@ -1,0 +1,93 @@
+#include "sensor-hal/channel/pair_values.h"
+
+#include <cmath>
+#include <numbers>
+
+namespace rigor {
+namespace {
+
+constexpr std::array<ComparedValue, 6> kImu{{{"specific force x", "m/s²"},
+                                             {"specific force y", "m/s²"},
+                                             {"specific force z", "m/s²"},
+                                             {"angular rate x", "rad/s"},
+                                             {"angular rate y", "rad/s"},
+                                             {"angular rate z", "rad/s"}}};
+constexpr std::array<ComparedValue, 3> kNavFix{{{"east", "m"}, {"north", "m"}, {"up", "m"}}};
+constexpr std::array<ComparedValue, 7> kOdometry{{{"x", "m"},
+                                                  {"y", "m"},
+                                                  {"yaw", "rad"},
+                                                  {"forward velocity", "m/s"},
+                                                  {"turn rate", "rad/s"},
+                                                  {"left wheel angle", "rad"},
+                                                  {"right wheel angle", "rad"}}};
+
+double within_half_turn(double angle_rad) noexcept { return std::remainder(angle_rad, 2 * std::numbers::pi); }
+
+/// Metres for each radian of latitude and of longitude at a place on the ellipsoid of WGS 84.
+struct MetresPerRadian {
+  double north, east;
+};
+MetresPerRadian metres_per_radian(double latitude_rad, double height_m) noexcept {
+  constexpr double a_m = 6378137, flattening = 1 / 298.257223563;
+  constexpr double e2 = flattening * (2 - flattening);
+  const double s = std::sin(latitude_rad), w2 = 1 - e2 * s * s, w = std::sqrt(w2);
+  const double meridian_m = a_m * (1 - e2) / (w2 * w), normal_m = a_m / w;
+  return {meridian_m + height_m, (normal_m + height_m) * std::cos(latitude_rad)};
+}
+
+double yaw_of(const std::array<double, 4>& q) noexcept {
+  return std::atan2(2 * (q[0] * q[3] + q[1] * q[2]), 1 - 2 * (q[2] * q[2] + q[3] * q[3]));
+}
+
+}  // namespace
+
+std::span<const ComparedValue> compared_values(SampleKind kind) noexcept {
+  switch (kind) {
+    case SampleKind::imu:
+      return kImu;
+    case SampleKind::nav_fix:
+      return kNavFix;
+    case SampleKind::odometry:
+      return kOdometry;
+    default:
+      return {};
+  }
+}
+
+std::uint32_t value_differences(const Sample& real, const Sample& simulated,
+                                std::array<double, RegisterBlock::kMax>& difference) noexcept {
+  if (real.kind() != simulated.kind()) return 0;
+  if (const auto* a = real.as<RegisterBlock>()) {
+    const auto& b = *simulated.as<RegisterBlock>();
+    if (a->count != b.count || a->count > RegisterBlock::kMax) return 0;
+    for (std::uint32_t i = 0; i < a->count; ++i) difference[i] = b.value[i] - a->value[i];
+    return a->count;
+  }
+  std::uint32_t n = 0;
+  const auto add = [&](double d) { difference[n++] = d; };
+  if (const auto* a = real.as<ImuSample>()) {
+    const auto& b = *simulated.as<ImuSample>();
+    for (std::size_t i = 0; i < 3; ++i) add(b.specific_force_mps2[i] - a->specific_force_mps2[i]);
+    for (std::size_t i = 0; i < 3; ++i) add(b.angular_rate_radps[i] - a->angular_rate_radps[i]);
+  } else if (const auto* f = real.as<NavFix>()) {
+    const auto& g = *simulated.as<NavFix>();
+    if (f->status == FixStatus::none || g.status == FixStatus::none) return 0;
+    constexpr double kRadPerDeg = std::numbers::pi / 180;
+    const MetresPerRadian m = metres_per_radian(f->latitude_deg * kRadPerDeg, f->height_m);
+    add(within_half_turn((g.longitude_deg - f->longitude_deg) * kRadPerDeg) * m.east);
+    add((g.latitude_deg - f->latitude_deg) * kRadPerDeg * m.north);
+    add(g.height_m - f->height_m);
+  } else if (const auto* o = real.as<Odometry>()) {
+    const auto& p = *simulated.as<Odometry>();
+    add(p.T_odom_base.position_m[0] - o->T_odom_base.position_m[0]);
+    add(p.T_odom_base.position_m[1] - o->T_odom_base.position_m[1]);
+    add(within_half_turn(yaw_of(p.T_odom_base.orientation_wxyz) - yaw_of(o->T_odom_base.orientation_wxyz)));
+    add(p.velocity_mps[0] - o->velocity_mps[0]);
+    add(p.turn_rate_radps[2] - o->turn_rate_radps[2]);
+    add(p.wheel_angle_rad[0] - o->wheel_angle_rad[0]);
+    add(p.wheel_angle_rad[1] - o->wheel_angle_rad[1]);
+  }
+  return n;
+}
+
+}  // namespace rigor
