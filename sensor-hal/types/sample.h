@@ -120,6 +120,9 @@ enum class SampleKind : std::uint8_t {
   odometry
 };
 
+/// The last one, for those who go through all.
+inline constexpr SampleKind kLastSampleKind = SampleKind::odometry;
+
 struct Sample {
   Stamp stamp;
   std::variant<std::monostate, ImageInfo, RangeImageInfo, PointCloudInfo, CanFrame, RegisterBlock, Pose,
