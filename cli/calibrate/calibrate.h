@@ -10,6 +10,7 @@
 
 #include "calibration/core/figures.h"
 #include "calibration/core/fit_output.h"
+#include "cli/command_options.h"
 #include "cli/terminal.h"
 #include "rt-core/result.h"
 
@@ -32,7 +33,7 @@ struct CalibrateOptions {
 
 /// One of `rigor calibrate X`.
 struct CalibrateSubcommand {
-  CLI::App* app = nullptr;
+  CommandOptions app;
   std::function<int()> run;  ///< exit status
 };
 /// Each makes its subcommand with its options; registered in calibrate_cli.cpp.
@@ -46,7 +47,7 @@ struct CalibrateSubcommand {
 [[nodiscard]] CalibrateSubcommand add_calibrate_photon(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_shading(CLI::App& calibrate);
 /// The options of CalibrateOptions; `inputs` says what INPUT may be.
-void add_common_options(CLI::App& app, CalibrateOptions& options, const char* inputs);
+void add_common_options(CommandOptions& app, CalibrateOptions& options, const char* inputs);
 
 /// What a fit gives away.
 struct CalibrationProduct {

@@ -22,8 +22,8 @@ struct CalibrateCommandLine::Impl {
   std::vector<CalibrateSubcommand> subcommands;
 };
 
-void add_common_options(CLI::App& app, CalibrateOptions& o, const char* inputs) {
-  app.add_option("INPUT", o.inputs, inputs)->required();
+void add_common_options(CommandOptions& app, CalibrateOptions& o, const char* inputs) {
+  app.add_option("INPUT", o.inputs, inputs).required();
   app.add_option("-o,--output", o.output, "Sheet to write (YAML), which a simulated channel reads");
   app.add_option("--base", o.base, "Sheet that the values go into; what was not fitted stays as it is there");
   app.add_option("--model", o.model, "auto: the smallest that the data support; or a model by name");
@@ -44,7 +44,7 @@ bool CalibrateCommandLine::chosen() const { return impl_->calibrate->parsed(); }
 
 int CalibrateCommandLine::run() const {
   for (const auto& subcommand : impl_->subcommands)
-    if (subcommand.app->parsed()) return subcommand.run();
+    if (subcommand.app.parsed()) return subcommand.run();
   return 2;
 }
 

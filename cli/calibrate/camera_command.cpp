@@ -1,6 +1,5 @@
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <memory>
 
@@ -171,20 +170,19 @@ int calibrate_camera(const CalibrateCameraOptions& options) {
 }  // namespace
 
 CalibrateSubcommand add_calibrate_camera(CLI::App& calibrate) {
-  CLI::App* app = calibrate.add_subcommand("camera", "Intrinsics and lens from pictures of a board");
+  CommandOptions app(calibrate, "camera", "Intrinsics and lens from pictures of a board");
   auto options = std::make_shared<CalibrateCameraOptions>();
   add_common_options(
-      *app, *options,
+      app, *options,
       "Pictures, folders of pictures, recordings (.mcap), or lists of corners (.vnl, with --size)");
-  app->add_option("--target", options->target,
-                  "chessboard:9x6:0.025 (inner corners, square in metres), circles:…, asymmetric:…, "
-                  "charuco:8x6:0.04:0.03[:DICTIONARY]")
-      ->required();
-  app->add_option("--size", options->size, "WIDTHxHEIGHT of the pictures of a list of corners");
-  app->add_option("--start-fx", options->start_fx_px, "Focal length in pixels to begin with")
-      ->check(CLI::PositiveNumber);
-  app->add_flag("--all-corners", options->all_corners, "Leave no outlier out");
-  app->footer(
+  app.add_option("--target", options->target,
+                 "chessboard:9x6:0.025 (inner corners, square in metres), circles:…, asymmetric:…, "
+                 "charuco:8x6:0.04:0.03[:DICTIONARY]")
+      .required();
+  app.add_option("--size", options->size, "WIDTHxHEIGHT of the pictures of a list of corners");
+  app.add_option("--start-fx", options->start_fx_px, "Focal length in pixels to begin with").positive();
+  app.add_flag("--all-corners", options->all_corners, "Leave no outlier out");
+  app.footer(
       "Example: rigor calibrate camera left*.jpg --target chessboard:9x6:0.025 -o left.yaml --report report");
   return {app, [options] { return calibrate_camera(*options); }};
 }

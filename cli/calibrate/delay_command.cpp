@@ -1,7 +1,6 @@
 // `rigor calibrate delay`: by how much one channel's stamps are off against another's.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <cmath>
@@ -216,19 +215,19 @@ int calibrate_delay(const DelayOptions& o) {
 }  // namespace
 
 CalibrateSubcommand add_calibrate_delay(CLI::App& calibrate) {
-  CLI::App* app = calibrate.add_subcommand(
-      "delay", "By how much two channels' stamps are apart, from what both saw move");
+  CommandOptions app(calibrate, "delay",
+                     "By how much two channels' stamps are apart, from what both saw move");
   auto o = std::make_shared<DelayOptions>();
-  add_common_options(*app, *o, "A recording (.mcap)");
-  app->add_option("--first", o->first, "Channel, the denser one; CHANNEL:INDEX of registers")->required();
-  app->add_option("--second", o->second, "The other channel: delay > 0 means that its stamps are early")
-      ->required();
-  app->add_option("--target", o->target, "Cameras: the board whose turning is followed");
-  app->add_option("--camera-sheet", o->camera_sheet, "Cameras: the sheet");
-  app->add_option("--largest", o->largest_s, "How far to search, s")->check(CLI::PositiveNumber);
-  app->add_flag("--same", o->same_quantity,
-                "Both measure the same in one unit (an even motion tells then, too)");
-  app->footer(
+  add_common_options(app, *o, "A recording (.mcap)");
+  app.add_option("--first", o->first, "Channel, the denser one; CHANNEL:INDEX of registers").required();
+  app.add_option("--second", o->second, "The other channel: delay > 0 means that its stamps are early")
+      .required();
+  app.add_option("--target", o->target, "Cameras: the board whose turning is followed");
+  app.add_option("--camera-sheet", o->camera_sheet, "Cameras: the sheet");
+  app.add_option("--largest", o->largest_s, "How far to search, s").positive();
+  app.add_flag("--same", o->same_quantity,
+               "Both measure the same in one unit (an even motion tells then, too)");
+  app.footer(
       "Example: rigor calibrate delay rec.mcap --first table:0 --second left --target chessboard:9x6:0.1 "
       "--camera-sheet left.yaml");
   return {app, [o] { return calibrate_delay(*o); }};

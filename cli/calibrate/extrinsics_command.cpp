@@ -2,7 +2,6 @@
 // recording in which both see a board.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -340,30 +339,28 @@ int calibrate_extrinsics(const ExtrinsicsOptions& o) {
 }  // namespace
 
 CalibrateSubcommand add_calibrate_extrinsics(CLI::App& calibrate) {
-  CLI::App* app = calibrate.add_subcommand(
-      "extrinsics",
+  CommandOptions app(
+      calibrate, "extrinsics",
       "Where a LiDAR or a time-of-flight camera sits relative to a camera, from boards that both saw");
   auto o = std::make_shared<ExtrinsicsOptions>();
-  add_common_options(*app, *o, "Recordings (.mcap)");
-  app->add_option("--camera", o->camera, "Channel of the camera");
-  app->add_option("--camera-sheet", o->camera_sheet, "Its sheet, as `rigor calibrate camera` wrote it")
-      ->required();
-  app->add_option("--second", o->second, "Channel of the LiDAR or the time-of-flight camera");
-  app->add_option("--second-sheet", o->second_sheet, "Sheet of a time-of-flight camera; none: a LiDAR");
-  app->add_option("--target", o->target, "Board, as in chessboard:9x6:0.025")->required();
-  app->add_option(
+  add_common_options(app, *o, "Recordings (.mcap)");
+  app.add_option("--camera", o->camera, "Channel of the camera");
+  app.add_option("--camera-sheet", o->camera_sheet, "Its sheet, as `rigor calibrate camera` wrote it")
+      .required();
+  app.add_option("--second", o->second, "Channel of the LiDAR or the time-of-flight camera");
+  app.add_option("--second-sheet", o->second_sheet, "Sheet of a time-of-flight camera; none: a LiDAR");
+  app.add_option("--target", o->target, "Board, as in chessboard:9x6:0.025").required();
+  app.add_option(
          "--rough", o->rough,
          "x,y,z,roll,pitch,yaw of the second sensor in the camera's frame, to a hand's breadth: which points "
          "are the board's is judged by it")
-      ->required();
-  app->add_option("--margin", o->margin_m, "How far --rough may be off at the board, m")
-      ->check(CLI::PositiveNumber);
-  app->add_option("--sigma", o->sigma_m, "Noise of the second sensor's ranges, m; else taken from the data")
-      ->check(CLI::PositiveNumber);
-  app->add_option("--still", o->still_m, "By how much a board may move between pictures, m")
-      ->check(CLI::PositiveNumber);
-  app->add_option("--views", o->views, "At most so many views are used")->check(CLI::Range(1, 10000));
-  app->footer(
+      .required();
+  app.add_option("--margin", o->margin_m, "How far --rough may be off at the board, m").positive();
+  app.add_option("--sigma", o->sigma_m, "Noise of the second sensor's ranges, m; else taken from the data")
+      .positive();
+  app.add_option("--still", o->still_m, "By how much a board may move between pictures, m").positive();
+  app.add_option("--views", o->views, "At most so many views are used").between(1, 10000);
+  app.footer(
       "Example: rigor calibrate extrinsics rec.mcap --camera left --camera-sheet left.yaml --second top "
       "--target chessboard:9x6:0.1 --rough 0.2,-0.1,0 -o top-in-left.yaml");
   return {app, [o] { return calibrate_extrinsics(*o); }};

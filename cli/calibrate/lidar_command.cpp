@@ -1,6 +1,5 @@
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -379,18 +378,18 @@ int calibrate_lidar(const CalibrateLidarOptions& options) {
 }  // namespace
 
 CalibrateSubcommand add_calibrate_lidar(CLI::App& calibrate) {
-  CLI::App* app = calibrate.add_subcommand(
-      "lidar", "Biases, angles and gains of beams, noise against remission, from walls in recordings");
+  CommandOptions app(calibrate, "lidar",
+                     "Biases, angles and gains of beams, noise against remission, from walls in recordings");
   auto options = std::make_shared<CalibrateLidarOptions>();
-  add_common_options(*app, *options,
+  add_common_options(app, *options,
                      "Recordings: .mcap, packets of a Velodyne (.pcap), telegrams of a SICK scanner (.json)");
-  app->add_option(
+  app.add_option(
       "--targets", options->targets,
       "Surveyed walls (YAML): walls: [{ name: east, normal: [1, 0, 0], distance_m: 4.2, reflectance: "
       "0.8 }], in the sensor's frame");
-  app->add_option("--noise-model", options->noise_model,
-                  "auto, constant, photon, photon+floor, power, offset, offset+floor or full");
-  app->footer(
+  app.add_option("--noise-model", options->noise_model,
+                 "auto, constant, photon, photon+floor, power, offset, offset+floor or full");
+  app.footer(
       "Example: rigor calibrate lidar room.pcap --base configs/sensors/velodyne-vlp16.yaml -o my.yaml "
       "--report "
       "report");

@@ -1,6 +1,5 @@
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <memory>
 #include <set>
@@ -338,20 +337,20 @@ int calibrate_photon(const CalibratePhotonOptions& options) {
 }  // namespace
 
 CalibrateSubcommand add_calibrate_photon(CLI::App& calibrate) {
-  CLI::App* app = calibrate.add_subcommand("photon", "Gain, noise and saturation of a sensor, by EMVA 1288");
+  CommandOptions app(calibrate, "photon", "Gain, noise and saturation of a sensor, by EMVA 1288");
   auto options = std::make_shared<CalibratePhotonOptions>();
   add_common_options(
-      *app, *options,
+      app, *options,
       "Pictures or folders of them (exposure and `dark` in their names: flat_20ms_1.png, "
       "dark_20ms_1.png), lists (.csv: file, exposure_ms, light|dark[, temperature_c[, gain_db]]), "
       "recordings");
-  app->add_option("--dark", options->input.dark, "Pictures, folders or recordings without light");
-  app->add_option("--temperature", options->input.temperature_c,
-                  "Of the sensor, in °C, where a frame says none");
-  app->add_option("--bits", options->bits, "Of the converter")->check(CLI::Range(8, 16));
-  auto* mosaic = app->add_flag("--mosaic", options->mosaic, "The pixels are a 2x2 mosaic of colours");
-  app->add_flag("--grey", options->grey, "They are not, though they differ")->excludes(mosaic);
-  app->footer(
+  app.add_option("--dark", options->input.dark, "Pictures, folders or recordings without light");
+  app.add_option("--temperature", options->input.temperature_c,
+                 "Of the sensor, in °C, where a frame says none");
+  app.add_option("--bits", options->bits, "Of the converter").between(8, 16);
+  const auto mosaic = app.add_flag("--mosaic", options->mosaic, "The pixels are a 2x2 mosaic of colours");
+  app.add_flag("--grey", options->grey, "They are not, though they differ").excludes(mosaic);
+  app.footer(
       "Example: rigor calibrate photon flats/ --dark darks/ --base "
       "configs/sensors/industrial-global-shutter.yaml -o "
       "mine.yaml --report report");

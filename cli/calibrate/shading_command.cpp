@@ -1,6 +1,5 @@
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <fstream>
 #include <memory>
@@ -249,20 +248,19 @@ int calibrate_shading(const CalibrateShadingOptions& options) {
 }  // namespace
 
 CalibrateSubcommand add_calibrate_shading(CLI::App& calibrate) {
-  CLI::App* app =
-      calibrate.add_subcommand("shading", "Fall-off of the light towards the corners (vignetting)");
+  CommandOptions app(calibrate, "shading", "Fall-off of the light towards the corners (vignetting)");
   auto options = std::make_shared<CalibrateShadingOptions>();
   add_common_options(
-      *app, *options,
+      app, *options,
       "Pictures of an even light, folders or recordings of them; or a table of gains (.csv, or a "
       "libcamera tuning file .json)");
-  app->add_option("--dark", options->input.dark,
-                  "Pictures, folders or recordings without light, of the same exposure");
-  app->add_option("--black", options->black_dn,
-                  "Black level of the pictures in DN, where there are no dark ones")
-      ->check(CLI::NonNegativeNumber);
-  app->add_flag("--mosaic", options->mosaic, "The pixels are a 2x2 mosaic of colours");
-  app->footer(
+  app.add_option("--dark", options->input.dark,
+                 "Pictures, folders or recordings without light, of the same exposure");
+  app.add_option("--black", options->black_dn,
+                 "Black level of the pictures in DN, where there are no dark ones")
+      .not_negative();
+  app.add_flag("--mosaic", options->mosaic, "The pixels are a 2x2 mosaic of colours");
+  app.footer(
       "Example: rigor calibrate shading flats/ --dark darks/ --base camera.yaml -o camera-shaded.yaml "
       "--report report");
   return {app, [options] { return calibrate_shading(*options); }};

@@ -1,6 +1,5 @@
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <memory>
 
@@ -207,23 +206,21 @@ int calibrate_stereo(const StereoOptions& o) {
 }  // namespace
 
 CalibrateSubcommand add_calibrate_stereo(CLI::App& calibrate) {
-  CLI::App* app =
-      calibrate.add_subcommand("stereo", "Where the right of two cameras stands in the left one's frame");
+  CommandOptions app(calibrate, "stereo", "Where the right of two cameras stands in the left one's frame");
   auto o = std::make_shared<StereoOptions>();
-  add_common_options(*app, *o,
+  add_common_options(app, *o,
                      "Left camera: pictures, folders of pictures, a recording (.mcap), or lists of corners");
-  app->add_option("--right", o->right,
-                  "Right camera: the same, in the same order; not needed where one recording has both");
-  app->add_option("--right-channel", o->right_channel, "Channel of the right camera in a recording");
-  app->add_option("--target", o->target, "The board: as for `rigor calibrate camera`")->required();
-  app->add_option("--size", o->size, "WIDTHxHEIGHT of the pictures of a list of corners");
-  app->add_option("--left-sheet", o->left_sheet, "Hold the left camera's intrinsics at those of this sheet");
-  app->add_option("--right-sheet", o->right_sheet,
-                  "Hold the right camera's intrinsics at those of this sheet");
-  app->add_option("--within-ms", o->within_ms,
-                  "Views of recordings that belong together are no further apart")
-      ->check(CLI::NonNegativeNumber);
-  app->footer(
+  app.add_option("--right", o->right,
+                 "Right camera: the same, in the same order; not needed where one recording has both");
+  app.add_option("--right-channel", o->right_channel, "Channel of the right camera in a recording");
+  app.add_option("--target", o->target, "The board: as for `rigor calibrate camera`").required();
+  app.add_option("--size", o->size, "WIDTHxHEIGHT of the pictures of a list of corners");
+  app.add_option("--left-sheet", o->left_sheet, "Hold the left camera's intrinsics at those of this sheet");
+  app.add_option("--right-sheet", o->right_sheet,
+                 "Hold the right camera's intrinsics at those of this sheet");
+  app.add_option("--within-ms", o->within_ms, "Views of recordings that belong together are no further apart")
+      .not_negative();
+  app.footer(
       "Example: rigor calibrate stereo left/ --right right/ --target chessboard:9x6:0.025 -o stereo.yaml "
       "--report report");
   return {app, [o] { return calibrate_stereo(*o); }};

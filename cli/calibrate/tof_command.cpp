@@ -1,7 +1,6 @@
 // `rigor calibrate tof`: wiggling, offsets, noise, saturation and drift of time-of-flight sensors.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -452,36 +451,36 @@ int calibrate_tof(const TofOptions& o) {
 }  // namespace
 
 CalibrateSubcommand add_calibrate_tof(CLI::App& calibrate) {
-  CLI::App* app = calibrate.add_subcommand(
-      "tof", "Wiggling, pixels' offsets, noise, saturation and drift of time-of-flight sensors");
+  CommandOptions app(calibrate, "tof",
+                     "Wiggling, pixels' offsets, noise, saturation and drift of time-of-flight sensors");
   auto o = std::make_shared<TofOptions>();
   add_common_options(
-      *app, *o,
+      app, *o,
       "Recordings with range images (.mcap), each of one scene at rest; or a series of readings (.csv)");
-  app->get_option("INPUT")->required(false);
-  app->add_option(
+  app.get_option("INPUT").required(false);
+  app.add_option(
       "--distances", o->distances,
       "Metres along the axis to the plane that fills the picture, one for each recording with commas "
       "between; or a CSV file of lines recording,distance");
-  app->add_option(
+  app.add_option(
          "--distance-sigma", o->distance_sigma_m,
          "Standard uncertainty of one distance in metres; without it, it is estimated from the scenes")
-      ->check(CLI::NonNegativeNumber);
-  app->add_option(
+      .not_negative();
+  app.add_option(
       "--raw", o->raw,
       "depth:FILE:WIDTHxHEIGHT,amplitude:FILE: a picture, unsigned 16 bit little-endian, millimetres "
       "(range: in place of depth: for ranges along the rays)");
-  app->add_option("--noise", o->noise,
-                  "temporal (frames of a scene at rest) or spatial (windows of a picture)")
-      ->check(CLI::IsMember({"auto", "temporal", "spatial"}));
-  app->add_option("--window", o->window_px, "Window of the spatial estimate in pixels, odd");
-  app->add_option(
+  app.add_option("--noise", o->noise,
+                 "temporal (frames of a scene at rest) or spatial (windows of a picture)")
+      .one_of({"auto", "temporal", "spatial"});
+  app.add_option("--window", o->window_px, "Window of the spatial estimate in pixels, odd");
+  app.add_option(
          "--amplitude-unit", o->amplitude_unit,
          "electrons (recordings' default) or counts (that of --raw): of the device, contrast as in the base")
-      ->check(CLI::IsMember({"electrons", "counts"}));
-  app->add_option("--unit", o->unit, "Of a series")->check(CLI::IsMember({"mm", "m"}));
-  app->add_option("--period", o->period_s, "Seconds between readings, or frames")->check(CLI::PositiveNumber);
-  app->footer(
+      .one_of({"electrons", "counts"});
+  app.add_option("--unit", o->unit, "Of a series").one_of({"mm", "m"});
+  app.add_option("--period", o->period_s, "Seconds between readings, or frames").positive();
+  app.footer(
       "Examples: rigor calibrate tof 0.8m.mcap 1.0m.mcap 1.2m.mcap --distances 0.8,1.0,1.2 --base "
       "sr4000.yaml -o "
       "mine.yaml --report report\n"

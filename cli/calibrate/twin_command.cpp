@@ -1,7 +1,6 @@
 // `rigor calibrate twin`: how far the simulated side of a pair is from the real one.
 #include <fmt/format.h>
 
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <cstring>
 #include <map>
@@ -190,15 +189,14 @@ int calibrate_twin(const TwinOptions& o) {
 }  // namespace
 
 CalibrateSubcommand add_calibrate_twin(CLI::App& calibrate) {
-  CLI::App* app = calibrate.add_subcommand(
-      "twin", "How far a simulated channel is from the real one: bias, spread, noise");
+  CommandOptions app(calibrate, "twin",
+                     "How far a simulated channel is from the real one: bias, spread, noise");
   auto o = std::make_shared<TwinOptions>();
-  add_common_options(*app, *o, "Recordings (.mcap) of a pair");
-  app->add_option("--real", o->real, "Channel of the device, where it is no pair");
-  app->add_option("--simulated", o->simulated, "Channel of its twin");
-  app->add_option("--tolerance", o->tolerance_ms, "Samples are of one instant within so many ms")
-      ->check(CLI::PositiveNumber);
-  app->footer("Example: rigor calibrate twin rec.mcap --channel top --report twin");
+  add_common_options(app, *o, "Recordings (.mcap) of a pair");
+  app.add_option("--real", o->real, "Channel of the device, where it is no pair");
+  app.add_option("--simulated", o->simulated, "Channel of its twin");
+  app.add_option("--tolerance", o->tolerance_ms, "Samples are of one instant within so many ms").positive();
+  app.footer("Example: rigor calibrate twin rec.mcap --channel top --report twin");
   return {app, [o] { return calibrate_twin(*o); }};
 }
 
