@@ -102,6 +102,7 @@ class Problem {
     FitOptions o;
     o.robust = robust;
     o.rough = rough;
+    if (rough) o.max_iterations = 30;
     o.reject_sigmas = options_.reject_sigmas;
     o.threads = options_.threads;
     o.unit = "px";
@@ -209,7 +210,7 @@ Result<State> best_start(const std::vector<BoardView>& views, LensModel model,
     const auto all = [](std::size_t) { return true; };
     auto out = problem.fit(simple, state, true, false, all, true);
     if (!out) continue;
-    if (pose_again(views, simple, state)) {
+    for (int round = 0; round < 3 && pose_again(views, simple, state); ++round) {
       auto again = problem.fit(simple, state, true, false, all, true);
       if (again) out = std::move(again);
     }
@@ -227,6 +228,23 @@ Result<State> best_start(const std::vector<BoardView>& views, LensModel model,
         "expected views of one flat board, got points that no camera puts there; is the target's size "
         "(columns x rows) right?");
   return best;
+}
+
+/// Of many views a share finds the lens, and the others are posed in it: the first iterations, far from the
+/// minimum, are the most and need not see all.
+Result<State> start_of_all(const std::vector<BoardView>& views, LensModel model,
+                           const CameraFitOptions& options, const Problem& problem) {
+  constexpr std::size_t kEnough = 40;
+  if (views.size() < 2 * kEnough) return best_start(views, model, options, problem);
+  std::vector<BoardView> share;
+  for (std::size_t k = 0; k < kEnough; ++k) share.push_back(views[k * views.size() / kEnough]);
+  auto few = best_start(share, model, options, Problem(share, options));
+  if (!few) return best_start(views, model, options, problem);
+  State state;
+  if (!start(views, model, few->camera[0], state)) return best_start(views, model, options, problem);
+  state.camera = few->camera;
+  (void)pose_again(views, model, state);
+  return state;
 }
 
 double rms_of(const std::vector<double>& squares) {
@@ -393,7 +411,7 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& given, const CameraFi
       // Models are fitted many times for the cross-validation: their share stays where it is.
       options.progress((done + (done >= 2 && done < steps - 1 ? 0 : share)) / steps, rms);
     });
-  auto begun = best_start(views, largest, options, problem);
+  auto begun = start_of_all(views, largest, options, problem);
   if (!begun) return tl::unexpected<Error>(begun.error());
   // Outliers are what the most flexible model cannot explain: all models are compared on the rest.
   State flexible = *begun;
