@@ -25,6 +25,7 @@ constexpr Switch kSwitches[] = {
     {"dsnu", [](CameraModel& m) { m.noise.dsnu_e = 0; }},
     {"prnu", [](CameraModel& m) { m.noise.prnu = 0; }},
     {"hot_pixels", [](CameraModel& m) { m.noise.hot_pixel_share = 0; }},
+    {"response", [](CameraModel& m) { m.noise.response_c2 = m.noise.response_c3 = 0; }},
     {"processing", [](CameraModel& m) { m.processing = {}; }},
 };
 

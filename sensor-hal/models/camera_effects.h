@@ -11,7 +11,8 @@
 namespace rigor {
 
 /// lens, chromatic, depth_of_field, vignetting, motion_blur, rolling_shutter, bloom, glare, shot_noise,
-/// read_noise, dark_current, dsnu, prnu, hot_pixels, processing.
+/// read_noise, dark_current, dsnu, prnu, hot_pixels, response,
+/// processing.
 [[nodiscard]] std::vector<std::string_view> camera_effects();
 /// The camera with these alone. What is left where none is named: an ideal lens of its projection, electrons
 /// without noise, and the converter. bad_input: an unknown name, with all that there are. Setup.

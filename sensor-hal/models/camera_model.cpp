@@ -93,6 +93,8 @@ Status CameraModel::validate() const {
            {"noise.dark_doubling_k", noise.dark_doubling_k, 1, 1000, "K"},
            {"noise.hot_pixel_share", noise.hot_pixel_share, 0, 1, ""},
            {"noise.hot_pixel_dark_e_per_s", noise.hot_pixel_dark_e_per_s, 0, 1e9, "e-/s"},
+           {"noise.response_c2", noise.response_c2, -1, 1, ""},
+           {"noise.response_c3", noise.response_c3, -1, 1, ""},
            {"noise.black_level_dn", noise.black_level_dn, 0, max_dn, "DN"}}) {
     // Written so that a NaN fails too.
     if (!(b.value >= b.low && b.value <= b.high))
@@ -101,6 +103,15 @@ Status CameraModel::validate() const {
                       "]" + (*b.unit != 0 ? std::string(" ") + b.unit : std::string()) + ", got " +
                       number(b.value));
   }
+  // Least slope over 0 … 1: at the ends, or at the vertex of the parabola.
+  const auto slope = [&](double s) { return 1 + s * (2 * noise.response_c2 + 3 * s * noise.response_c3); };
+  const double vertex =
+      noise.response_c3 != 0 ? std::clamp(-noise.response_c2 / (3 * noise.response_c3), 0.0, 1.0) : 1.0;
+  if (const double least = std::min(slope(1), slope(vertex)); !(least > 0))
+    return fail(ErrorCode::bad_input, "camera model",
+                "noise.response_c2, response_c3: expected a response that rises over the whole range, got a "
+                "slope of " +
+                    number(least));
   if (projection != Projection::opencv && projection != Projection::kannala_brandt)
     return fail(
         ErrorCode::bad_input, "camera model",

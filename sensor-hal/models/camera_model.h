@@ -105,7 +105,11 @@ struct EmvaNoise {
   double hot_pixel_share = 0;            ///< of all pixels
   double hot_pixel_dark_e_per_s = 5000;  ///< their mean additional dark current, exponentially distributed
   int adc_bits = 12;                     ///< 8 to 16; an 8-bit picture carries the upper eight of them
+  /// Of the response x (1 + c2 s + c3 s²), x = K n in DN above black, s = x over the converter's range above
+  /// black. Both 0: linear, and no cost.
+  double response_c2 = 0, response_c3 = 0;
 
+  [[nodiscard]] bool linear() const { return response_c2 == 0 && response_c3 == 0; }
   [[nodiscard]] double dark_current_at_temperature_e_per_s() const;
   [[nodiscard]] double hot_pixel_dark_at_temperature_e_per_s() const;
 };

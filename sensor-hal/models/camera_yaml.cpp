@@ -121,6 +121,8 @@ CameraModel read_model(ConfigNode n) {
   noise.hot_pixel_dark_e_per_s =
       e.number_or("hot_pixel_dark_e_per_s", noise.hot_pixel_dark_e_per_s, {.min = 0});
   noise.adc_bits = static_cast<int>(e.integer_or("adc_bits", noise.adc_bits, {.min = 8, .max = 16}));
+  noise.response_c2 = e.number_or("response_c2", noise.response_c2, {.min = -1, .max = 1});
+  noise.response_c3 = e.number_or("response_c3", noise.response_c3, {.min = -1, .max = 1});
   e.finish();
   return m;
 }

@@ -462,9 +462,9 @@ void Renderer::Impl::prepare(const PictureRequest& q, const world::WorldSnapshot
   u.exposure = {f(q.exposure_s), f(c.system_gain_dn_per_e() * q.gain), f(c.noise.black_level_dn),
                 f(std::ldexp(1.0, adc_bits) - 1.0)};
   u.noise = {f(c.noise.read_noise_e), f(c.noise.full_well_e),
-             f(c.noise.dark_current_at_temperature_e_per_s()), 0.0f};
+             f(c.noise.dark_current_at_temperature_e_per_s()), f(c.noise.response_c2)};
   u.picture = {f(picture.focal_x_px), f(picture.focal_y_px), f(picture.centre_u_px), f(picture.centre_v_px)};
-  u.tap = {f(options.supersampling / taps), f(taps), f(1.0 / (taps * taps)), 0.0f};
+  u.tap = {f(options.supersampling / taps), f(taps), f(1.0 / (taps * taps)), f(c.noise.response_c3)};
   u.picture_limit = {f(picture.width_px - 1.001), f(picture.height_px - 1.001), 0.0f, 0.0f};
   std::memcpy(sensor.data, &u, sizeof u);
 }

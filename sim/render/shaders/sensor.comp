@@ -51,7 +51,10 @@ uint digital_number(float rate, vec4 pixel, uint shot_bits, uint read_bits) {
   float z = 0.0;
   if (kReadNoise) z = normal_quantile(unit_from_bits(read_bits));
   e = emva_collected_electrons(e, u.noise.y, pixel.w, u.noise.x, z);
-  return uint(emva_quantise(emva_analogue_dn(e, u.exposure.y, u.exposure.z), u.exposure.w)) >> u.capture.z;
+  float y = emva_analogue_dn(e, u.exposure.y, u.exposure.z);
+  if (u.noise.w != 0.0 || u.tap.w != 0.0)
+    y = u.exposure.z + emva_response(emva_analogue_dn(e, u.exposure.y, 0.0), u.exposure.w - u.exposure.z, u.noise.w, u.tap.w);
+  return uint(emva_quantise(y, u.exposure.w)) >> u.capture.z;
 }
 
 void main() {

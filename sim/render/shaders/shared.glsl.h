@@ -49,9 +49,9 @@ struct SensorUniforms {
   uvec4 sensor;     // full width, full height, key word 0, key word 1
   uvec4 capture;    // capture index low, high, output shift (adc bits - picture bits), words of the output
   vec4 exposure;    // exposure [s], K times gain [DN/e-], black [DN], largest DN
-  vec4 noise;       // read noise [e-], full well [e-], dark rate [e-/s], unused
+  vec4 noise;       // read noise [e-], full well [e-], dark rate [e-/s], response c2
   vec4 picture;     // focal_x, focal_y [picture px], centre_u, centre_v [picture px, centres at integers]
-  vec4 tap;         // distance of the taps [picture px], number along one side, 1 / number of taps, unused
+  vec4 tap;         // distance of the taps [picture px], number along one side, 1 / number of taps, response c3
   vec4 picture_limit;  // largest position from which two by two pixels can be read: x, y, unused, unused
 };
 

@@ -306,6 +306,8 @@ Status SensorStage::expose(const SensorStageRequest& q, const OpticsPicture& pic
   k.gain_dn_per_e = static_cast<float>(c.system_gain_dn_per_e() * std::pow(10.0, q.gain_db / 20.0));
   k.black_dn = static_cast<float>(c.noise.black_level_dn);
   k.max_dn = static_cast<float>(std::ldexp(1.0, c.noise.adc_bits) - 1.0);
+  k.response_c2 = static_cast<float>(c.noise.response_c2);
+  k.response_c3 = static_cast<float>(c.noise.response_c3);
 
   const auto radiance_at = [&](int x, int y) {
     return picture.radiance.data() + 4 * (static_cast<std::size_t>(y - extent.y) * extent.width +

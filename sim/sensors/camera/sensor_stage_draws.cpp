@@ -99,6 +99,20 @@ RIGOR_WIDE void quantise_run(const float* __restrict shot, const float* __restri
   }
 }
 
+/// The same with a response that bends.
+RIGOR_WIDE void quantise_bent_run(const float* __restrict shot, const float* __restrict offset,
+                                  const float* __restrict z, float full_well, float read_noise, float gain,
+                                  float black, float max_dn, float c2, float c3, float* __restrict dn) {
+  for (int i = 0; i < kRun; ++i) {
+    const float e = Noise::emva_collected_electrons(shot[i], full_well, offset[i], read_noise, z[i]);
+    const float x = Noise::emva_response(Noise::emva_analogue_dn(e, gain, 0.0f), max_dn - black, c2, c3);
+    const float y = black + x + 0.5f;
+    const float bounded = y > 0.0f ? (y < 65536.0f ? y : 65536.0f) : 0.0f;
+    const float whole = static_cast<float>(static_cast<std::int32_t>(bounded));
+    dn[i] = whole < max_dn ? whole : max_dn;
+  }
+}
+
 struct alignas(32) Lanes {
   float v[kRun];
 };
@@ -121,8 +135,12 @@ void expose_samples(const ExposureConstants& c, const Lanes& rate, const Lanes& 
     normal_run(read_bits, u.v, z.v);
   else
     std::fill(z.v, z.v + kRun, 0.0f);
-  quantise_run(electrons.v, offset.v, z.v, c.full_well_e, c.read_noise_e, c.gain_dn_per_e, c.black_dn,
-               c.max_dn, mean.v);
+  if (c.response_c2 == 0 && c.response_c3 == 0)
+    quantise_run(electrons.v, offset.v, z.v, c.full_well_e, c.read_noise_e, c.gain_dn_per_e, c.black_dn,
+                 c.max_dn, mean.v);
+  else
+    quantise_bent_run(electrons.v, offset.v, z.v, c.full_well_e, c.read_noise_e, c.gain_dn_per_e, c.black_dn,
+                      c.max_dn, c.response_c2, c.response_c3, mean.v);
   for (int i = 0; i < count; ++i) numbers[i] = static_cast<std::uint16_t>(mean.v[i]);
 }
 

@@ -18,6 +18,7 @@ struct ExposureConstants {
   bool shot_noise = false, read_noise = false;
   float exposure_s = 0, dark_e_per_s = 0, full_well_e = 0, read_noise_e = 0;
   float gain_dn_per_e = 0, black_dn = 0, max_dn = 0;
+  float response_c2 = 0, response_c3 = 0;
 };
 
 /// What pixels next to each other in a row have of their own. Null: the same for all.

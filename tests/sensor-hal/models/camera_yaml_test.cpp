@@ -28,7 +28,7 @@ depth_of_field: { focus_distance_m: 2.5, focal_length_mm: 8 }
 shutter: { line_time_us: 18.9, motion_blur: true }
 bloom: { fraction: 0.02, radius_px: 3, exponent: 1.2, veiling_glare: 0.01 }
 processing: { median_filter: true, white_balance: [1.8, 1, 1.5], demosaic: true, gamma: 2.2, subtract_black: true }
-noise: { temperature_c: 40, dark_reference_c: 20, dark_doubling_k: 6, hot_pixel_share: 0.001, hot_pixel_dark_e_per_s: 800 }
+noise: { temperature_c: 40, dark_reference_c: 20, dark_doubling_k: 6, hot_pixel_share: 0.001, hot_pixel_dark_e_per_s: 800, response_c2: -0.04, response_c3: 0.01 }
 )");
   ASSERT_TRUE(sheet) << sheet.error().text();
   const CameraModel& m = sheet->model;
@@ -55,6 +55,8 @@ noise: { temperature_c: 40, dark_reference_c: 20, dark_doubling_k: 6, hot_pixel_
   EXPECT_EQ(m.noise.dark_doubling_k, 6);
   EXPECT_EQ(m.noise.hot_pixel_share, 0.001);
   EXPECT_EQ(m.noise.hot_pixel_dark_e_per_s, 800);
+  EXPECT_EQ(m.noise.response_c2, -0.04);
+  EXPECT_EQ(m.noise.response_c3, 0.01);
 }
 
 TEST(CameraSheet, NamesThePlaceOfEveryMistake) {
@@ -72,7 +74,8 @@ TEST(CameraSheet, NamesThePlaceOfEveryMistake) {
         Case{"depth_of_field: { focus_distance_m: 0.001 }", "focus_distance_m"},
         Case{"shutter: { line_time_us: -1 }", "line_time_us"}, Case{"processing: { gamma: 0 }", "gamma"},
         Case{"noise: { hot_pixel_share: 2 }", "hot_pixel_share"},
-        Case{"noise: { dark_doubling_k: 0 }", "dark_doubling_k"}}) {
+        Case{"noise: { dark_doubling_k: 0 }", "dark_doubling_k"},
+        Case{"noise: { response_c2: -0.6 }", "response that rises"}}) {
     const auto sheet = parse(std::string(kBase) + c.line);
     ASSERT_FALSE(sheet) << c.line;
     EXPECT_EQ(sheet.error().code, ErrorCode::bad_input);

@@ -29,6 +29,7 @@ FN void model_call(int which, REAL a, REAL b, REAL c, REAL d, REAL e, REAL f, RE
     q = emva_analogue_dn(emva_collected_electrons(e, f, g, h, i), j, k);
   } else if (which == 8) {
     p = emva_quantise(a, b);
+    q = emva_response(c, d, e, f);
   } else if (which == 9) {
     p = bloom_kernel(a, b, c);
     q = bloom_mix(d, e, f, g, h);

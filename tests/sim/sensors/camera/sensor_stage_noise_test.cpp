@@ -256,9 +256,11 @@ TEST(WideArithmetic, IsThatOfTheModels) {
   c.read_noise_e = 3.7f;
   c.black_dn = 64;
   c.max_dn = 65535;
-  for (const float gain : {0.31f, 1e-4f, 1e-6f, 40.0f})
+  for (const float gain : {0.31f, 1e-4f, 1e-6f, 40.0f, 0.7f})
     for (const int count : {1, 7, 256, 257, 1000}) {
       c.gain_dn_per_e = gain;
+      const bool bent = gain == 0.7f;
+      c.response_c2 = bent ? -0.12f : 0, c.response_c3 = bent ? 0.03f : 0;
       std::vector<float> rate(static_cast<std::size_t>(count)), prnu = rate, dsnu = rate;
       for (std::size_t i = 0; i < rate.size(); ++i) {
         const auto w = models::philox({static_cast<std::uint32_t>(i), 0, 0, 9}, c.key);
@@ -291,7 +293,11 @@ TEST(WideArithmetic, IsThatOfTheModels) {
           const float shot = N::poisson_quantile(mean, N::unit_from_bits(bits[p][0]));
           const float e = N::emva_collected_electrons(shot, c.full_well_e, dsnu[i], c.read_noise_e,
                                                       N::normal_quantile(N::unit_from_bits(bits[p][1])));
-          const float dn = N::emva_quantise(N::emva_analogue_dn(e, gain, c.black_dn), c.max_dn);
+          const float y =
+              bent ? c.black_dn + N::emva_response(N::emva_analogue_dn(e, gain, 0.0f), c.max_dn - c.black_dn,
+                                                   c.response_c2, c.response_c3)
+                   : N::emva_analogue_dn(e, gain, c.black_dn);
+          const float dn = N::emva_quantise(y, c.max_dn);
           ASSERT_EQ(got[p][i], static_cast<std::uint16_t>(dn)) << "mean " << mean << " gain " << gain;
         }
       }
