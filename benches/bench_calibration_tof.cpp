@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <nlohmann/json.hpp>
 
 #include "calibration/tof/range_fit.h"
@@ -48,6 +49,7 @@ nlohmann::json tof_rows() {
     auto frames = record_plane(t, {0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.9, 2.1, 2.3, 2.5}, 4, 1);
     const std::size_t count = frames.size() * frames[0].range_m.size();
     Clock clock;
+    const std::clock_t cpu = std::clock();
     const TofScenes scenes = need(sort_scenes(std::move(frames), {}));
     const double sort_s = clock.lap_s();
     const LocalNoise noise = need(temporal_noise(scenes, nominal));
@@ -60,9 +62,10 @@ nlohmann::json tof_rows() {
     if (!all) options.models = {{2, false, false}};
     const RangeFit fit = need(fit_ranges(scenes, nominal, &law.noise, options));
     const double ranges_s = clock.lap_s();
+    const double cpu_s = static_cast<double>(std::clock() - cpu) / CLOCKS_PER_SEC;
     const char* name = all ? "all that there are" : "harmonics2, shot_read";
-    std::printf("%-26s %8zu  %8.2f %8.2f %8.2f %8.2f %8.2f\n", name, count, sort_s, noise_s, law_s, ranges_s,
-                sort_s + noise_s + law_s + ranges_s);
+    std::printf("%-22s %8zu  %7.2f %7.2f %7.2f %8.2f %7.2f %7.2f\n", name, count, sort_s, noise_s, law_s,
+                ranges_s, sort_s + noise_s + law_s + ranges_s, cpu_s);
     nlohmann::json row = {{"models", name},
                           {"ranges", count},
                           {"sort_s", sort_s},
@@ -70,6 +73,7 @@ nlohmann::json tof_rows() {
                           {"noise_law_s", law_s},
                           {"ranges_s", ranges_s},
                           {"all_s", sort_s + noise_s + law_s + ranges_s},
+                          {"cpu_s", cpu_s},
                           {"model", fit.result.model}};
     for (const auto& [parameter, truth] :
          std::initializer_list<std::pair<const char*, double>>{{"range_offset_m", 0.02},

@@ -13,6 +13,19 @@ namespace {
 
 constexpr double kLightSpeed_mps = 299792458.0;
 
+/// The wiggling of the first N harmonics, its derivatives by them and by the range.
+template <int N>
+double of_harmonics(const std::vector<double>& turns_per_m, const std::array<double, 4>& harmonics,
+                    double range_m, double* by_harmonic, double& by_range) {
+  using Jet = ceres::Jet<double, N + 1>;
+  Jet h[4];
+  for (int k = 0; k < 4; ++k) h[k] = k < N ? Jet(harmonics[static_cast<std::size_t>(k)], k) : Jet(0);
+  const Jet w = wiggling_error(turns_per_m, h, Jet(range_m, N));
+  for (int k = 0; k < N; ++k) by_harmonic[k] = w.v[k];
+  by_range = w.v[N];
+  return w.a;
+}
+
 }  // namespace
 
 int Spline::basis(double x, std::array<double, 4>& value, std::array<double, 4>& slope) const {
@@ -166,14 +179,12 @@ void RangeProblem::evaluate(const RangeModel& m, const RangeState& s, std::size_
     }
     at = n - 1;
   } else if (m.harmonics > 0) {
-    using Jet = ceres::Jet<double, 5>;
-    const Jet h[4] = {Jet(s.harmonics[0], 0), Jet(s.harmonics[1], 1), Jet(s.harmonics[2], 2),
-                      Jet(s.harmonics[3], 3)};
-    const Jet w = wiggling_error(turns_per_m_, h, Jet(range, 4));
-    wiggling = w.a;
-    wiggling_slope = w.v[4];
     at = static_cast<std::size_t>(m.harmonics);
-    for (std::size_t j = 0; j < at; ++j) c.global[j] = w.v[static_cast<Eigen::Index>(j)];
+    const auto harmonics = at == 1   ? of_harmonics<1>
+                           : at == 2 ? of_harmonics<2>
+                           : at == 3 ? of_harmonics<3>
+                                     : of_harmonics<4>;
+    wiggling = harmonics(turns_per_m_, s.harmonics, range, c.global.data(), wiggling_slope);
   }
   double amplitude = 0;
   if (m.amplitude) {
@@ -186,12 +197,6 @@ void RangeProblem::evaluate(const RangeModel& m, const RangeState& s, std::size_
   c.value_m = range + wiggling + amplitude;
   c.scene = {(1 + wiggling_slope) / slope, -(1 + wiggling_slope) * range * ux / slope,
              -(1 + wiggling_slope) * range * uy / slope};
-}
-
-double RangeProblem::residual(const TofFrame& f, std::size_t pixel, double predicted, bool* wrapped) const {
-  const double r = f.range_m[pixel] - predicted, turns = std::round(r / wrap_m_);
-  if (wrapped) *wrapped = turns != 0;
-  return r - turns * wrap_m_;
 }
 
 }  // namespace rigor::calibration

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cmath>
 #include <vector>
 
 #include "calibration/tof/range_fit.h"
@@ -47,7 +48,7 @@ class RangeProblem {
   [[nodiscard]] RangeState start(const RangeModel& m) const;
   /// Another model's, with what both have.
   [[nodiscard]] RangeState start_from(const RangeModel& m, const RangeState& s) const;
-  /// Gauss–Newton on what is used; every `stride`-th pixel, of the scenes in `take`.
+  /// After reject(): Gauss–Newton on what is used; every `stride`-th pixel, of the scenes in `take`.
   void solve(const RangeModel& m, RangeState& s, int iterations, std::size_t stride,
              const std::vector<bool>* take) const;
   /// Finds what does not belong: robust fit, then limits, until the set stays.
@@ -93,11 +94,20 @@ class RangeProblem {
   /// `cauchy` > 0: robust weights of that width (in standard deviations). Moves the pixels to their best.
   Normal accumulate(const RangeModel& m, RangeState& s, std::size_t stride, const std::vector<bool>* take,
                     double cauchy) const;
-  void step(const RangeModel& m, RangeState& s, const Normal& n, const std::vector<bool>* take) const;
+  /// Returns the square of the step in standard uncertainties: below a ten-thousandth the next one, whose
+  /// length goes with the square of this one's, is none.
+  double step(const RangeModel& m, RangeState& s, const Normal& n, const std::vector<bool>* take) const;
   void add_priors(const RangeModel& m, const RangeState& s, Eigen::MatrixXd& h, Eigen::VectorXd* b,
                   const std::vector<bool>* take) const;
   [[nodiscard]] double robust_scale(const RangeModel& m, const RangeState& s) const;
-  [[nodiscard]] double residual(const TofFrame& f, std::size_t pixel, double predicted, bool* wrapped) const;
+  [[nodiscard]] double residual(const TofFrame& f, std::size_t pixel, double predicted, bool* wrapped) const {
+    const double r = f.range_m[pixel] - predicted;
+    const bool turned = std::abs(r) > 0.5 * wrap_m_;
+    if (wrapped) *wrapped = turned;
+    return turned ? r - std::round(r / wrap_m_) * wrap_m_ : r;
+  }
+  /// Collects what is used of each pixel in each scene: what a fit without robust weights needs of it.
+  void gather(const RangeModel& m, const RangeState& s);
 
   const TofScenes& all_;
   const models::TofModel& model_;
@@ -108,6 +118,12 @@ class RangeProblem {
   std::vector<float> inverse_;                   ///< unit amplitude over the cell's
   std::vector<std::vector<std::uint8_t>> used_;  ///< [frame of all_][pixel]
   std::vector<bool> scene_used_, scene_empty_;
+  /// Of the samples of a pixel in a scene that are used: number, mean, sum of squares about it.
+  struct Gathered {
+    double mean_m = 0;
+    float count = 0, squares_m2 = 0;
+  };
+  std::vector<Gathered> gathered_;  ///< [scene][pixel]; by reject()
   struct Left {
     std::size_t frame, pixel;
     double residual_m, sigmas;

@@ -33,6 +33,26 @@ double RangeProblem::robust_scale(const RangeModel& m, const RangeState& s) cons
   return 1.4826 * median_of(z);
 }
 
+void RangeProblem::gather(const RangeModel& m, const RangeState& s) {
+  gathered_.assign(scenes_.size() * all_.pixels(), {});
+  in_parts(64, [&](std::size_t part) {
+    Cell c;
+    for (std::size_t k = 0; k < scenes_.size(); ++k)
+      for (std::size_t p = part; p < all_.pixels(); p += 64) {
+        double n = 0, sum = 0, squares = 0, predicted = 0;
+        for (const std::size_t i : scenes_[k]->frames) {
+          if (!used_[i][p]) continue;
+          if (n == 0) evaluate(m, s, k, p, c), predicted = c.value_m + s.pixel_m[p];
+          const double r = residual(all_.frames[i], p, predicted, nullptr);
+          n += 1, sum += r, squares += r * r;
+        }
+        if (n > 0)
+          gathered_[k * all_.pixels() + p] = {predicted + sum / n, static_cast<float>(n),
+                                              static_cast<float>(std::max(0.0, squares - sum * sum / n))};
+      }
+  });
+}
+
 void RangeProblem::reject(const RangeModel& m, RangeState& s, const StopToken& stop) {
   // Everything that has a range begins anew.
   for (std::size_t k = 0; k < scenes_.size(); ++k)
@@ -60,11 +80,15 @@ void RangeProblem::reject(const RangeModel& m, RangeState& s, const StopToken& s
   std::size_t before = std::numeric_limits<std::size_t>::max();
   std::vector<bool> dropped(scenes_.size(), false);
   for (int round = 0; round < 10; ++round) {
-    left_.clear();
-    left_count_ = 0;
-    Cell c;
     std::vector<std::size_t> all(scenes_.size(), 0), out(scenes_.size(), 0);
-    for (std::size_t k = 0; k < scenes_.size(); ++k)
+    std::vector<std::vector<Left>> of_scene(scenes_.size());
+    const auto farthest = [](const Left& a, const Left& b) {
+      return a.sigmas != b.sigmas ? a.sigmas > b.sigmas
+                                  : std::make_pair(a.frame, a.pixel) < std::make_pair(b.frame, b.pixel);
+    };
+    in_parts(scenes_.size(), [&](std::size_t k) {
+      Cell c;
+      std::vector<Left>& left = of_scene[k];
       for (std::size_t p = 0; p < all_.pixels(); ++p) {
         if (!(rays_[p][2] > 0)) continue;
         bool evaluated = false;
@@ -79,25 +103,28 @@ void RangeProblem::reject(const RangeModel& m, RangeState& s, const StopToken& s
           ++all[k];
           if (used_[i][p]) continue;
           ++out[k];
-          ++left_count_;
-          left_.push_back({i, p, r, z / std::max(limit / reject_sigmas_, 1e-300)});
-          if (left_.size() > 20 * kNamed) {
-            std::nth_element(left_.begin(), left_.begin() + kNamed, left_.end(),
-                             [](const Left& a, const Left& b) { return a.sigmas > b.sigmas; });
-            left_.resize(kNamed);
+          left.push_back({i, p, r, z / std::max(limit / reject_sigmas_, 1e-300)});
+          if (left.size() > 20 * kNamed) {
+            std::nth_element(left.begin(), left.begin() + kNamed, left.end(), farthest);
+            left.resize(kNamed);
           }
         }
       }
+    });
+    left_.clear();
+    left_count_ = 0;
+    for (std::size_t k = 0; k < scenes_.size(); ++k) {
+      left_.insert(left_.end(), of_scene[k].begin(), of_scene[k].end());
+      left_count_ += out[k];
+    }
     // A plane of which most does not fit was not where it was said to be.
     for (std::size_t k = 0; k < scenes_.size(); ++k) {
       scene_empty_[k] = all[k] == 0;
       scene_used_[k] = !dropped[k] && all[k] > 0 && 2 * out[k] <= all[k];
     }
-    std::sort(left_.begin(), left_.end(), [](const Left& a, const Left& b) {
-      return a.sigmas != b.sigmas ? a.sigmas > b.sigmas
-                                  : std::make_pair(a.frame, a.pixel) < std::make_pair(b.frame, b.pixel);
-    });
+    std::sort(left_.begin(), left_.end(), farthest);
     if (left_.size() > kNamed) left_.resize(kNamed);
+    gather(m, s);
     if (left_count_ == before || stop.stop_requested()) break;
     before = left_count_;
     solve(m, s, 4, 1, nullptr);

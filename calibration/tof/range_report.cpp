@@ -29,15 +29,10 @@ double RangeProblem::withheld_error_m(const RangeModel& m, const RangeState& sta
     double squares = 0, n = 0;
     for (std::size_t p = 0; p < all_.pixels(); p += stride) {
       if (!(s.weight[p] > 0)) continue;
-      double sum = 0, count = 0;
-      for (const std::size_t i : scenes_[k]->frames) {
-        if (!used_[i][p]) continue;
-        if (count == 0) evaluate(m, s, k, p, c);
-        sum += residual(all_.frames[i], p, c.value_m + s.pixel_m[p], nullptr);
-        count += 1;
-      }
-      if (count == 0) continue;
-      const double r = sum / count;
+      const Gathered& here = gathered_[k * all_.pixels() + p];
+      if (!(here.count > 0)) continue;
+      evaluate(m, s, k, p, c);
+      const double r = here.mean_m - (c.value_m + s.pixel_m[p]);
       const Eigen::Vector2d j(c.scene[1], c.scene[2]);
       h += j * j.transpose();
       b += j * r;

@@ -58,12 +58,25 @@ RangeProblem::Normal RangeProblem::accumulate(const RangeModel& m, RangeState& s
         if (!scene_used_[k] || (take && !(*take)[k])) continue;
         bool evaluated = false;
         const double sigma = sigma_m_[k * all_.pixels() + p], w = 1 / (sigma * sigma);
+        if (cauchy == 0) {
+          const Gathered& here = gathered_[k * all_.pixels() + p];
+          if (!(here.count > 0)) continue;
+          evaluate(m, s, k, p, cells[k]);
+          const double r = here.mean_m - (cells[k].value_m + s.pixel_m[p]), n_here = here.count;
+          const double square = here.squares_m2 + n_here * r * r;
+          ws[k] = n_here * w, rs[k] = n_here * w * r;
+          plain += n_here * w, squares += w * square, squares_m += square;
+          samples += static_cast<std::size_t>(n_here);
+          w_all += ws[k], r_all += rs[k];
+          ++scenes_here;
+          continue;
+        }
         for (const std::size_t i : scenes_[k]->frames) {
           if (!used_[i][p]) continue;
           if (!evaluated) evaluate(m, s, k, p, cells[k]), evaluated = true;
           const double r = residual(all_.frames[i], p, cells[k].value_m + s.pixel_m[p], nullptr);
           const double z2 = r * r * w;
-          const double share = cauchy > 0 ? 1 / (1 + z2 / width2) : 1;
+          const double share = 1 / (1 + z2 / width2);
           ws[k] += share * w, rs[k] += share * w * r;
           plain += w, squares += z2, squares_m += r * r;
           ++samples;
@@ -102,14 +115,23 @@ RangeProblem::Normal RangeProblem::accumulate(const RangeModel& m, RangeState& s
       for (std::size_t k = 0; k < scenes_.size(); ++k) {
         if (!(ws[k] > 0)) continue;
         const Eigen::Index at = globals + 3 * static_cast<Eigen::Index>(k);
-        const Eigen::Map<const Eigen::VectorXd> global(cells[k].global.data(), globals);
-        const Eigen::Map<const Eigen::Vector3d> scene(cells[k].scene.data());
+        const auto& global = cells[k].global;
+        const auto& scene = cells[k].scene;
         const double r = rs[k] - ws[k] * move;
-        out.h.topLeftCorner(globals, globals).noalias() += ws[k] * global * global.transpose();
-        out.h.block(0, at, globals, 3).noalias() += ws[k] * global * scene.transpose();
-        out.h.block<3, 3>(at, at).noalias() += ws[k] * scene * scene.transpose();
-        out.b.head(globals) += r * global;
-        out.b.segment<3>(at) += r * scene;
+        // The upper half alone, by hand: a few numbers at a time are too few for Eigen's products.
+        for (Eigen::Index a = 0; a < globals; ++a) {
+          const double ga = global[static_cast<std::size_t>(a)], wa = ws[k] * ga;
+          if (ga == 0) continue;
+          out.b[a] += r * ga;
+          for (Eigen::Index c = 0; c <= a; ++c) out.h(c, a) += wa * global[static_cast<std::size_t>(c)];
+          for (Eigen::Index d = 0; d < 3; ++d) out.h(a, at + d) += wa * scene[static_cast<std::size_t>(d)];
+        }
+        for (Eigen::Index d = 0; d < 3; ++d) {
+          const double sd = scene[static_cast<std::size_t>(d)];
+          out.b[at + d] += r * sd;
+          for (Eigen::Index c = 0; c <= d; ++c)
+            out.h(at + c, at + d) += ws[k] * sd * scene[static_cast<std::size_t>(c)];
+        }
       }
       out.h.selfadjointView<Eigen::Upper>().rankUpdate(q, -w_all);
     }
@@ -163,10 +185,11 @@ void RangeProblem::add_priors(const RangeModel& m, const RangeState& s, Eigen::M
   }
 }
 
-void RangeProblem::step(const RangeModel& m, RangeState& s, const Normal& n,
-                        const std::vector<bool>* take) const {
+double RangeProblem::step(const RangeModel& m, RangeState& s, const Normal& n,
+                          const std::vector<bool>* take) const {
   const Eigen::Index globals = parameters(m);
   const double inverse = 1 / (s.scale * s.scale);
+  double decrement = 0;
   Eigen::VectorXd move;
   double scenes = 0;
   for (std::size_t k = 0; k < scenes_.size(); ++k) scenes += scene_used_[k] && (!take || (*take)[k]);
@@ -177,6 +200,7 @@ void RangeProblem::step(const RangeModel& m, RangeState& s, const Normal& n,
     Eigen::VectorXd b = n.b * inverse;
     add_priors(m, s, h, &b, take);
     move = solve_symmetric(h, b, &c);
+    decrement = b.dot(move);
     if (!estimate) break;
     double squares = 0, trace = 0;
     for (std::size_t k = 0; k < scenes_.size(); ++k) {
@@ -216,11 +240,12 @@ void RangeProblem::step(const RangeModel& m, RangeState& s, const Normal& n,
     s.tilt_x[k] = std::clamp(s.tilt_x[k] + std::clamp(move[at++], -0.1, 0.1), -0.9, 0.9);
     s.tilt_y[k] = std::clamp(s.tilt_y[k] + std::clamp(move[at++], -0.1, 0.1), -0.9, 0.9);
   }
+  return decrement;
 }
 
 void RangeProblem::solve(const RangeModel& m, RangeState& s, int iterations, std::size_t stride,
                          const std::vector<bool>* take) const {
-  double before = std::numeric_limits<double>::infinity();
+  double decrement = std::numeric_limits<double>::infinity();
   for (int i = 0;; ++i) {
     const Normal n = accumulate(m, s, stride, take, 0);
     if (n.samples == 0) return;
@@ -231,7 +256,7 @@ void RangeProblem::solve(const RangeModel& m, RangeState& s, int iterations, std
     s.rms_m = std::sqrt(n.squares_m / static_cast<double>(n.samples));
     s.scale_m = s.rms_m;
     s.samples = n.samples;
-    const bool last = i >= iterations || std::abs(before - n.squares) <= 1e-10 * n.squares;
+    const bool last = i >= iterations || decrement < 1e-4;
     if (last) {
       const Eigen::Index globals = parameters(m), rest = n.h.rows() - globals;
       Eigen::MatrixXd h = n.h / (s.scale * s.scale), prior = Eigen::MatrixXd::Zero(h.rows(), h.cols());
@@ -249,8 +274,7 @@ void RangeProblem::solve(const RangeModel& m, RangeState& s, int iterations, std
                                    log_determinant(h.bottomRightCorner(rest, rest)) - w.array().log().sum();
       return;
     }
-    before = n.squares;
-    step(m, s, n, take);
+    decrement = step(m, s, n, take);
   }
 }
 
