@@ -36,6 +36,17 @@ enum class NoiseEffect : std::uint32_t {
   fault_choice = 112,          ///< of a fault's own key: element 0 whether, others by kind; word 0
   fault_value = 113,           ///< of a fault's own key: element/4 of pixels, points, bits: word element%4
   platform_slip = 112,         ///< element side, capture index half second: word 0 whether, word 1 how much
+  imu_device = 128,            ///< element triad·16 + group of three: words 0 to 2; capture index 0
+  imu_white = 129,             ///< element triad: words 0 to 2 the axes
+  imu_instability = 130,       ///< likewise; capture index: place of the middle (markov_path.h)
+  imu_walk = 131,              ///< likewise
+  gnss_white = 136,            ///< words 0 to 2 east, north, up
+  gnss_drift = 137,            ///< element 0 at its best, 1 degraded; capture index: place of the middle
+  gnss_multipath = 138,        ///< likewise
+  gnss_outage = 139,           ///< element event, capture index minute: word 0 start, 1 length, 2 depth
+  gnss_loss = 140,             ///< likewise
+  gnss_satellites = 141,       ///< word 0; capture index: place of the middle
+  odometry_device = 144,       ///< element 0: words 0, 1 radii, 2 track; element 1: 0, 1 encoders' phases
 };
 
 [[nodiscard]] inline std::array<std::uint32_t, 4> philox(std::array<std::uint32_t, 4> counter,
