@@ -36,9 +36,16 @@ FlatPoints flat(const std::vector<Eigen::Vector3d>& points) {
   return f;
 }
 
+std::vector<Eigen::Vector3d> picked(const std::vector<Eigen::Vector3d>& points,
+                                    const std::vector<std::size_t>& which) {
+  std::vector<Eigen::Vector3d> out;
+  for (const std::size_t i : which) out.push_back(points[i]);
+  return out;
+}
+
 /// Of points those on the plane that most of them make: least median of squares over triples that a fixed
 /// rule picks, then what lies within 4 robust standard deviations. Empty where no three span a plane.
-std::vector<Eigen::Vector3d> most_flat(const std::vector<Eigen::Vector3d>& points) {
+std::vector<std::size_t> most_flat(const std::vector<Eigen::Vector3d>& points) {
   if (points.size() < 3) return {};
   const auto median_distance = [&](const Eigen::Vector3d& n, double d) {
     std::vector<double> r;
@@ -64,14 +71,14 @@ std::vector<Eigen::Vector3d> most_flat(const std::vector<Eigen::Vector3d>& point
     if (m < median) median = m, n = unit, d = unit.dot(a);
   }
   if (!std::isfinite(median)) return {};
-  std::vector<Eigen::Vector3d> on;
+  std::vector<std::size_t> on;
   for (int round = 0; round < 3; ++round) {
     const double limit = std::max(4 * 1.4826 * median, 1e-4);
     on.clear();
-    for (const auto& p : points)
-      if (std::abs(n.dot(p) - d) <= limit) on.push_back(p);
+    for (std::size_t i = 0; i < points.size(); ++i)
+      if (std::abs(n.dot(points[i]) - d) <= limit) on.push_back(i);
     if (on.size() < 3) return {};
-    const FlatPoints f = flat(on);
+    const FlatPoints f = flat(picked(points, on));
     n = f.normal, d = f.normal.dot(f.centre);
     median = std::min(median_distance(n, d), median);
   }
@@ -81,7 +88,7 @@ std::vector<Eigen::Vector3d> most_flat(const std::vector<Eigen::Vector3d>& point
 /// As `flat`, of the plane that most points make.
 FlatPoints robustly_flat(const std::vector<Eigen::Vector3d>& points) {
   const auto on = most_flat(points);
-  return flat(on.size() >= 3 ? on : points);
+  return flat(on.size() >= 3 ? picked(points, on) : points);
 }
 
 /// Normal of the board towards the first sensor.
@@ -137,6 +144,13 @@ Eigen::Isometry3d pose_of(const std::array<double, 3>& t, const std::array<doubl
   return T;
 }
 
+/// Of the plane at the instant of the points: the picture's, and what the rate adds up to until then.
+Eigen::Matrix3d plane_covariance_of(const PlaneSighting& s) {
+  double t = 0;
+  for (const double x : s.t_s) t += x / static_cast<double>(s.t_s.size());
+  return s.plane_covariance + t * t * s.plane_rate_covariance;
+}
+
 /// What the first sensor says of its planes comes from the scatter of corners. Where the planes are farther
 /// off than that (corners that are pulled aside alike, a lens that is not the sheet's) the views show by how
 /// much: the factor of their covariance with which the median view's difference from the points' own plane is
@@ -147,28 +161,27 @@ double plane_variance_scale(const std::vector<PlaneSighting>& sightings,
   struct Difference {
     Eigen::Vector3d d;
     Eigen::Matrix3d points;
-    const Eigen::Matrix3d* plane;
+    Eigen::Matrix3d plane;
   };
   std::vector<Difference> views;
   for (const PlaneSighting& s : sightings) {
-    const Eigen::Isometry3d T = s.T_first_board.inverse() * T_first_second;
     Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
     Eigen::Vector3d right = Eigen::Vector3d::Zero();
-    for (const auto& p : most_flat(s.points_m)) {
-      const Eigen::Vector3d q = T * p;
+    for (const std::size_t i : most_flat(s.points_m)) {
+      const Eigen::Vector3d q = T_board_first_at(s, i) * (T_first_second * s.points_m[i]);
       const Eigen::Vector3d row(q.y(), -q.x(), 1);  // z = a y - b x + c
       normal += row * row.transpose();
       right += row * q.z();
     }
     const Eigen::Matrix3d inverse = normal.inverse();
     if (inverse.allFinite())
-      views.push_back({inverse * right, inverse * sigma_point_m * sigma_point_m, &s.plane_covariance});
+      views.push_back({inverse * right, inverse * sigma_point_m * sigma_point_m, plane_covariance_of(s)});
   }
   if (views.size() < 5) return 1;
   const auto median_at = [&](double scale) {
     std::vector<double> chi2;
     for (const Difference& v : views)
-      chi2.push_back(v.d.dot(Eigen::Matrix3d(scale * *v.plane + v.points).ldlt().solve(v.d)));
+      chi2.push_back(v.d.dot(Eigen::Matrix3d(scale * v.plane + v.points).ldlt().solve(v.d)));
     const auto middle = chi2.begin() + static_cast<std::ptrdiff_t>(chi2.size() / 2);
     std::nth_element(chi2.begin(), middle, chi2.end());
     return *middle / 2.366;
@@ -190,14 +203,79 @@ Status check(const std::vector<PlaneSighting>& sightings) {
     if (s.points_m.size() < 3)
       return fail(ErrorCode::bad_input, s.name,
                   "expected at least 3 points on the board, got " + std::to_string(s.points_m.size()));
-    bool finite = s.T_first_board.matrix().allFinite() && s.plane_covariance.allFinite();
+    if (!s.t_s.empty() && s.t_s.size() != s.points_m.size())
+      return fail(ErrorCode::bad_input, s.name,
+                  "expected an instant for each of " + std::to_string(s.points_m.size()) + " points, got " +
+                      std::to_string(s.t_s.size()));
+    bool finite = s.T_first_board.matrix().allFinite() && s.plane_covariance.allFinite() &&
+                  s.rate.allFinite() && s.plane_rate_covariance.allFinite();
+    for (const double t : s.t_s) finite = finite && std::isfinite(t);
     for (const auto& p : s.points_m) finite = finite && p.allFinite();
     if (!finite) return fail(ErrorCode::bad_input, s.name, "has numbers that are not finite");
   }
   return {};
 }
 
+Eigen::Isometry3d moved(const Eigen::Matrix<double, 6, 1>& by) {
+  const Eigen::Vector3d r = by.head<3>();
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.translation() = by.tail<3>();
+  if (r.norm() > 0) T.linear() = Eigen::AngleAxisd(r.norm(), r.normalized()).toRotationMatrix();
+  return T;
+}
+
 }  // namespace
+
+Eigen::Isometry3d T_board_first_at(const PlaneSighting& s, std::size_t i) {
+  const Eigen::Isometry3d T = s.T_first_board.inverse();
+  return s.t_s.empty() ? T : moved(s.t_s[i] * s.rate).inverse() * T;
+}
+
+void set_rate(PlaneSighting& s, double t_s, const std::vector<BoardAt>& poses,
+              const Eigen::Vector3d& middle_m) {
+  const Eigen::Isometry3d T = s.T_first_board.inverse();
+  const Eigen::Isometry3d half = Eigen::Translation3d(middle_m) *
+                                 Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitZ()) *
+                                 Eigen::Translation3d(-middle_m);
+  using Vector6 = Eigen::Matrix<double, 6, 1>;
+  std::vector<Vector6> change;
+  std::vector<double> t;
+  Vector6 mean = Vector6::Zero();
+  double t_mean = 0;
+  for (const BoardAt& p : poses) {
+    Vector6 best = Vector6::Constant(INFINITY);
+    for (const auto& from : {p.T_first_board, Eigen::Isometry3d(p.T_first_board * half)}) {
+      const Eigen::Isometry3d d = T * from;
+      const Eigen::AngleAxisd turn(d.linear());
+      Vector6 v;
+      v << turn.axis() * turn.angle(), d.translation();
+      if (v.norm() < best.norm()) best = v;
+    }
+    change.push_back(best), t.push_back(p.t_s - t_s);
+  }
+  const double n = static_cast<double>(poses.size());
+  for (std::size_t i = 0; i < t.size(); ++i) mean += change[i] / n, t_mean += t[i] / n;
+  double stt = 0;
+  Vector6 slope = Vector6::Zero();
+  for (std::size_t i = 0; i < t.size(); ++i) {
+    stt += (t[i] - t_mean) * (t[i] - t_mean);
+    slope += (t[i] - t_mean) * (change[i] - mean);
+  }
+  s.rate.setZero(), s.plane_rate_covariance.setZero();
+  if (!(stt > 0)) return;
+  s.rate = slope / stt;
+  // What the lines leave over, against what the poses claim; chi-squared of rotations about x, y, shift along
+  // z.
+  double chi2 = 0;
+  for (std::size_t i = 0; i < t.size(); ++i) {
+    const Vector6 left = change[i] - mean - (t[i] - t_mean) * s.rate;
+    const Eigen::Vector3d plane(left[0], left[1], left[5]);
+    const Eigen::Vector3d scaled = poses[i].plane_covariance.ldlt().solve(plane);
+    if (scaled.allFinite()) chi2 += plane.dot(scaled);
+    s.plane_rate_covariance += poses[i].plane_covariance / n / stt;
+  }
+  if (poses.size() > 2) s.plane_rate_covariance *= std::max(1.0, chi2 / (3 * (n - 2)));
+}
 
 Eigen::Isometry3d extrinsics_from_normals(const std::vector<PlaneSighting>& sightings) {
   Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
@@ -226,24 +304,27 @@ Eigen::Isometry3d extrinsics_from_normals(const std::vector<PlaneSighting>& sigh
   return T;
 }
 
-std::vector<Eigen::Vector3d> points_on_board(const std::vector<Eigen::Vector3d>& cloud_m,
-                                             const Eigen::Isometry3d& T_first_board,
-                                             const Eigen::Isometry3d& T_first_second,
-                                             const Eigen::Vector2d& size_m, double margin_m,
-                                             double outline_margin_m, std::size_t least) {
+std::vector<std::size_t> points_on_board(const std::vector<Eigen::Vector3d>& cloud_m,
+                                         const Eigen::Isometry3d& T_first_board,
+                                         const Eigen::Isometry3d& T_first_second,
+                                         const Eigen::Vector2d& size_m, double margin_m,
+                                         double outline_margin_m, std::size_t least) {
   const Eigen::Isometry3d T_board_second = T_first_board.inverse() * T_first_second;
   std::vector<Eigen::Vector3d> near;
-  for (const auto& p : cloud_m) {
+  std::vector<std::size_t> index;
+  for (std::size_t i = 0; i < cloud_m.size(); ++i) {
+    const Eigen::Vector3d& p = cloud_m[i];
     if (!p.allFinite()) continue;
     const Eigen::Vector3d q = T_board_second * p;
     const double o = outline_margin_m;
     if (std::abs(q.z()) <= margin_m && q.x() >= -o && q.y() >= -o && q.x() <= size_m.x() + o &&
         q.y() <= size_m.y() + o)
-      near.push_back(p);
+      near.push_back(p), index.push_back(i);
   }
   // What lies behind or beside the board came along with the margin.
   auto on = most_flat(near);
   if (on.size() < std::max<std::size_t>(least, 3)) on.clear();
+  for (std::size_t& i : on) i = index[i];
   return on;
 }
 
@@ -285,13 +366,12 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneSighting>& s
     for (std::size_t v = 0; v < sightings.size(); ++v) {
       fit.add_nuisance(planes[v].data(), 3);
       fit.add(new ceres::AutoDiffCostFunction<PlanePrior, 3, 3>(
-                  new PlanePrior{root_information(sightings[v].plane_covariance * plane_scale)}),
+                  new PlanePrior{root_information(plane_covariance_of(sightings[v]) * plane_scale)}),
               {planes[v].data()}, id++);
       where.emplace_back(v, kPrior);
-      const Eigen::Isometry3d T_board_first = sightings[v].T_first_board.inverse();
       for (std::size_t p = 0; p < sightings[v].points_m.size(); ++p) {
-        fit.add(new ceres::AutoDiffCostFunction<PointOnPlane, 1, 3, 3, 3>(
-                    new PointOnPlane{T_board_first, sightings[v].points_m[p], 1 / out.sigma_point_m}),
+        fit.add(new ceres::AutoDiffCostFunction<PointOnPlane, 1, 3, 3, 3>(new PointOnPlane{
+                    T_board_first_at(sightings[v], p), sightings[v].points_m[p], 1 / out.sigma_point_m}),
                 {t.data(), r.data(), planes[v].data()}, id++);
         where.emplace_back(v, p);
       }
@@ -323,10 +403,10 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneSighting>& s
   out.T_first_second = pose_of(t, r);
   double nearest = INFINITY, farthest = 0;
   for (const auto& s : sightings) {
-    const Eigen::Isometry3d T_board_second = s.T_first_board.inverse() * out.T_first_second;
     double sum = 0, square = 0;
-    for (const auto& p : s.points_m) {
-      const double z = (T_board_second * p).z();
+    for (std::size_t i = 0; i < s.points_m.size(); ++i) {
+      const Eigen::Vector3d& p = s.points_m[i];
+      const double z = (T_board_first_at(s, i) * (out.T_first_second * p)).z();
       sum += z, square += z * z;
       nearest = std::min(nearest, p.norm()), farthest = std::max(farthest, p.norm());
     }

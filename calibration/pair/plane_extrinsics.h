@@ -8,6 +8,9 @@
 // The planes themselves are uncertain: each is solved for (two tilts and a distance) and tied to what the
 // first sensor said of it by its covariance. Source of the constraint: Zhang & Pless, IROS 2004.
 //
+// A scanner measures while the board moves: a point is compared with the board where it was at the point's
+// own instant, by the rate with which the first sensor saw it move.
+//
 // One plane leaves three directions free, two that meet leave one (along their common line), and all planes
 // with normals in one plane leave one: they are named, with the view that would help.
 #pragma once
@@ -31,7 +34,26 @@ struct PlaneSighting {
   /// Of T_first_board's plane: rotations about its own x and y [rad], shift along its z [m].
   Eigen::Matrix3d plane_covariance = Eigen::Matrix3d::Zero();
   std::vector<Eigen::Vector3d> points_m;  ///< of the board, in the second sensor's frame
+  std::vector<double> t_s;  ///< of each point, after the first sensor's picture; empty: all at it
+  /// How the board moves in its own frame: rotation vector [rad/s], then shift [m/s].
+  Eigen::Matrix<double, 6, 1> rate = Eigen::Matrix<double, 6, 1>::Zero();
+  Eigen::Matrix3d plane_rate_covariance = Eigen::Matrix3d::Zero();  ///< as plane_covariance, per second
 };
+/// From the first sensor's frame to the board where it was when point i was measured.
+[[nodiscard]] Eigen::Isometry3d T_board_first_at(const PlaneSighting& sighting, std::size_t i);
+
+/// A board's pose at an instant, and how sure its plane is.
+struct BoardAt {
+  double t_s = 0;
+  Eigen::Isometry3d T_first_board = Eigen::Isometry3d::Identity();
+  Eigen::Matrix3d plane_covariance = Eigen::Matrix3d::Zero();
+};
+/// Fills `rate` and `plane_rate_covariance` of a sighting by straight lines through the poses (at least two
+/// instants; else nothing is known to move and the rates stay zero). The board may also have been seen turned
+/// by half a turn about its middle (at `middle_m` in its frame): patterns repeat. The covariance grows with
+/// what the lines do not describe.
+void set_rate(PlaneSighting& sighting, double t_s, const std::vector<BoardAt>& poses,
+              const Eigen::Vector3d& middle_m);
 
 struct PlaneExtrinsicsOptions {
   double sigma_point_m = 0;  ///< noise across the plane; 0: from how flat the points of each view lie
@@ -57,14 +79,15 @@ struct PlaneExtrinsics {
 /// what the planes leave free is taken as zero. Exposed for tests.
 [[nodiscard]] Eigen::Isometry3d extrinsics_from_normals(const std::vector<PlaneSighting>& sightings);
 
-/// Points on the board: of `cloud_m` (second sensor's frame) those that lie over the board's outline (board
-/// frame: 0 … width, 0 … height, grown by `outline_margin_m`, shrunk where that is negative) and within
-/// `margin_m` of its plane as a rough T_first_second has it, and then within 4 robust standard deviations of
-/// the plane that most of them make. Empty where fewer than `least` are left.
-[[nodiscard]] std::vector<Eigen::Vector3d> points_on_board(const std::vector<Eigen::Vector3d>& cloud_m,
-                                                           const Eigen::Isometry3d& T_first_board,
-                                                           const Eigen::Isometry3d& T_first_second,
-                                                           const Eigen::Vector2d& size_m, double margin_m,
-                                                           double outline_margin_m, std::size_t least = 8);
+/// Which points are on the board: of `cloud_m` (second sensor's frame) those that lie over the board's
+/// outline (board frame: 0 … width, 0 … height, grown by `outline_margin_m`, shrunk where that is negative)
+/// and within `margin_m` of its plane as a rough T_first_second has it, and then within 4 robust standard
+/// deviations of the plane that most of them make; their indices, increasing. Empty where fewer than `least`
+/// are left.
+[[nodiscard]] std::vector<std::size_t> points_on_board(const std::vector<Eigen::Vector3d>& cloud_m,
+                                                       const Eigen::Isometry3d& T_first_board,
+                                                       const Eigen::Isometry3d& T_first_second,
+                                                       const Eigen::Vector2d& size_m, double margin_m,
+                                                       double outline_margin_m, std::size_t least = 8);
 
 }  // namespace rigor::calibration

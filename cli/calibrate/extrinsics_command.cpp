@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstring>
 #include <memory>
+#include <optional>
 
 #include "calibration/pair/board_pose.h"
 #include "calibration/pair/plane_extrinsics.h"
@@ -42,6 +43,14 @@ struct Seen {
 struct Cloud {
   BenchTime t;
   std::vector<Eigen::Vector3d> points_m;
+  std::vector<float> t_s{};  ///< of each point after t; empty: all at it
+  float first_s = 0, last_s = 0;
+
+  /// How far an instant lies outside of the scan.
+  [[nodiscard]] double away_s(BenchTime at) const {
+    const double after = 1e-9 * static_cast<double>((at - t).ns());
+    return std::max({0.0, double{first_s} - after, after - double{last_s}});
+  }
 };
 
 /// Optical axes (x right, y down, z forward) of what points forward, left, up.
@@ -77,7 +86,7 @@ Result<Eigen::Isometry3d> parse_rough(const std::string& text, bool optical) {
 }
 
 Result<std::vector<Seen>> boards_of(const ExtrinsicsOptions& o, const std::filesystem::path& file,
-                                    const Board& board, const CameraModel& camera,
+                                    const Board& board, const CameraModel& camera, const StopToken& stop,
                                     std::vector<std::string>& warnings) {
   std::vector<Seen> seen;
   LiveLine line;
@@ -96,14 +105,14 @@ Result<std::vector<Seen>> boards_of(const ExtrinsicsOptions& o, const std::files
         fmt::format("{}#{}", o.camera.empty() ? "camera" : o.camera, sample.stamp.sequence);
     auto view = find_board(name, grey->data(), static_cast<int>(info->width_px),
                            static_cast<int>(info->height_px), board);
-    if (!view) return true;
+    if (!view) return !stop.stop_requested();
     const auto pose = pose_of_board(*view, camera);
     if (!pose) {
       bad = tl::unexpected<Error>(pose.error());
       return false;
     }
     seen.push_back({sample.stamp.t_capture, std::move(*view), *pose});
-    return true;
+    return !stop.stop_requested();
   });
   if (!o.json) line.done();
   if (!bad) return tl::unexpected<Error>(bad.error());
@@ -126,7 +135,10 @@ Result<std::vector<Cloud>> clouds_of(const ExtrinsicsOptions& o, const std::file
       for (std::size_t i = 0; i + sizeof(LidarPoint) <= bytes.size(); i += sizeof(LidarPoint)) {
         LidarPoint p;
         std::memcpy(&p, bytes.data() + i, sizeof p);
-        if (p.return_index == 0) c.points_m.emplace_back(p.x_m, p.y_m, p.z_m);
+        if (p.return_index != 0) continue;
+        c.points_m.emplace_back(p.x_m, p.y_m, p.z_m);
+        c.t_s.push_back(1e-9F * static_cast<float>(p.t_offset_ns));
+        c.first_s = std::min(c.first_s, c.t_s.back()), c.last_s = std::max(c.last_s, c.t_s.back());
       }
       clouds.push_back(std::move(c));
       return true;
@@ -175,7 +187,58 @@ Result<std::vector<Cloud>> clouds_of(const ExtrinsicsOptions& o, const std::file
   return clouds;
 }
 
-/// Boards that stood still from the picture before, with the cloud nearest in time; evenly `views` of them.
+/// What is on the board of the scan whose points of it lie nearest in time to the picture; none: too few in
+/// any of the three nearest scans, or these are more than half a second away.
+std::optional<PlaneSighting> sighting_of(const Seen& seen, const std::vector<Seen>& all,
+                                         const std::vector<Cloud>& clouds, const Board& board,
+                                         const Eigen::Isometry3d& T_first_second, double margin_m,
+                                         double outline_margin_m) {
+  PlaneSighting s;
+  s.name = seen.view.name;
+  s.T_first_board = seen.pose.T_camera_board;
+  s.plane_covariance = seen.pose.plane_covariance;
+  const auto seconds = [&](BenchTime t) { return 1e-9 * static_cast<double>((t - seen.t).ns()); };
+  std::vector<BoardAt> around;
+  for (const Seen& other : all)
+    if (std::abs(seconds(other.t)) <= 0.15)
+      around.push_back({seconds(other.t), other.pose.T_camera_board, other.pose.plane_covariance});
+  const Eigen::Vector3d middle(0.5 * (board.columns - 1) * board.spacing_m,
+                               0.5 * (board.rows - 1) * board.spacing_m, 0);
+  set_rate(s, 0, around, middle);
+
+  std::vector<const Cloud*> nearest;
+  for (const Cloud& c : clouds)
+    if (c.away_s(seen.t) <= 0.5) nearest.push_back(&c);
+  const std::size_t few = std::min<std::size_t>(3, nearest.size());
+  std::partial_sort(nearest.begin(), nearest.begin() + static_cast<std::ptrdiff_t>(few), nearest.end(),
+                    [&](const Cloud* a, const Cloud* b) { return a->away_s(seen.t) < b->away_s(seen.t); });
+  // Inner corners do not reach the board's edge: a square more on each side does.
+  const Eigen::Isometry3d corner(Eigen::Translation3d(-board.spacing_m, -board.spacing_m, 0));
+  double best_s = INFINITY;
+  for (std::size_t k = 0; k < few; ++k) {
+    const Cloud& c = *nearest[k];
+    const auto on =
+        points_on_board(c.points_m, seen.pose.T_camera_board * corner, T_first_second,
+                        {(board.columns + 1) * board.spacing_m, (board.rows + 1) * board.spacing_m}, margin_m,
+                        outline_margin_m);
+    if (on.empty()) continue;
+    std::vector<double> t;
+    double mean = 0;
+    for (const std::size_t i : on) {
+      t.push_back(seconds(c.t) + (c.t_s.empty() ? 0.0 : double{c.t_s[i]}));
+      mean += t.back() / static_cast<double>(on.size());
+    }
+    if (std::abs(mean) >= best_s) continue;
+    best_s = std::abs(mean);
+    s.t_s = std::move(t);
+    s.points_m.clear();
+    for (const std::size_t i : on) s.points_m.push_back(c.points_m[i]);
+  }
+  if (s.points_m.empty()) return {};
+  return s;
+}
+
+/// Boards whose middle stood still from the picture before or to the next; evenly `views` of them.
 std::vector<PlaneSighting> sightings_of(const ExtrinsicsOptions& o, const std::vector<Seen>& seen,
                                         const std::vector<Cloud>& clouds, const Board& board,
                                         const Eigen::Isometry3d& T_first_second, double margin_m,
@@ -183,7 +246,6 @@ std::vector<PlaneSighting> sightings_of(const ExtrinsicsOptions& o, const std::v
   std::vector<std::size_t> still;
   int moving = 0;
   for (std::size_t i = 0; i < seen.size(); ++i) {
-    // The board's middle, against its neighbours in time.
     const Eigen::Vector3d middle(0.5 * (board.columns - 1) * board.spacing_m,
                                  0.5 * (board.rows - 1) * board.spacing_m, 0);
     const auto at = [&](std::size_t k) { return Eigen::Vector3d(seen[k].pose.T_camera_board * middle); };
@@ -202,29 +264,17 @@ std::vector<PlaneSighting> sightings_of(const ExtrinsicsOptions& o, const std::v
   std::vector<PlaneSighting> out;
   std::size_t without = 0;
   const std::size_t take = std::min<std::size_t>(still.size(), static_cast<std::size_t>(o.views));
-  // Inner corners do not reach the board's edge: a square more on each side does.
-  const Eigen::Isometry3d corner(Eigen::Translation3d(-board.spacing_m, -board.spacing_m, 0));
   for (std::size_t k = 0; k < take; ++k) {
     const Seen& s = seen[still[take > 1 ? k * (still.size() - 1) / (take - 1) : 0]];
-    const Cloud* nearest = nullptr;
-    for (const Cloud& c : clouds)
-      if (nearest == nullptr || std::abs((c.t - s.t).ns()) < std::abs((nearest->t - s.t).ns())) nearest = &c;
-    if (nearest == nullptr) break;
-    PlaneSighting p;
-    p.name = s.view.name;
-    p.T_first_board = s.pose.T_camera_board;
-    p.plane_covariance = s.pose.plane_covariance;
-    p.points_m = points_on_board(nearest->points_m, s.pose.T_camera_board * corner, T_first_second,
-                                 {(board.columns + 1) * board.spacing_m, (board.rows + 1) * board.spacing_m},
-                                 margin_m, outline_margin_m);
-    if (p.points_m.empty())
-      ++without;
+    auto sighting = sighting_of(s, seen, clouds, board, T_first_second, margin_m, outline_margin_m);
+    if (sighting)
+      out.push_back(std::move(*sighting));
     else
-      out.push_back(std::move(p));
+      ++without;
   }
   if (without > 0)
-    warnings.push_back(
-        fmt::format("{} views have fewer than 8 points of the second sensor on the board", without));
+    warnings.push_back(fmt::format(
+        "{} views have fewer than 8 points of the second sensor on the board within half a second", without));
   return out;
 }
 
@@ -249,15 +299,16 @@ int calibrate_extrinsics(const ExtrinsicsOptions& o) {
   };
   std::vector<Recorded> recorded;
   std::vector<std::string> warnings;
+  StopSource stop;
+  SignalStop signals(stop);
   for (const auto& file : *files) {
-    auto seen = boards_of(o, file, *board, sheet->model, warnings);
+    if (!recorded.empty() && stop.token().stop_requested()) break;
+    auto seen = boards_of(o, file, *board, sheet->model, stop.token(), warnings);
     if (!seen) return wrong(seen.error());
     auto clouds = clouds_of(o, file, warnings);
     if (!clouds) return wrong(clouds.error());
     recorded.push_back({std::move(*seen), std::move(*clouds)});
   }
-  StopSource stop;
-  SignalStop signals(stop);
   PlaneExtrinsicsOptions options;
   options.sigma_point_m = o.sigma_m;
   options.start = *rough;
@@ -290,6 +341,7 @@ int calibrate_extrinsics(const ExtrinsicsOptions& o) {
   }
   product.fit = std::move(fit->result);
   product.fit.warnings.insert(product.fit.warnings.end(), warnings.begin(), warnings.end());
+  product.fit.interrupted = product.fit.interrupted || stop.token().stop_requested();
   const Eigen::Vector3d t = fit->T_first_second.translation();
   const Eigen::Quaterniond q(fit->T_first_second.linear());
   product.recipe.kind = "extrinsics";
@@ -317,8 +369,9 @@ int calibrate_extrinsics(const ExtrinsicsOptions& o) {
   for (std::size_t v = 0; v < sightings.size(); ++v) {
     mean.x.push_back(static_cast<double>(v)), mean.y.push_back(fit->view_mean_m[v]);
     rms.x.push_back(static_cast<double>(v)), rms.y.push_back(fit->view_rms_m[v]);
-    const Eigen::Isometry3d T = sightings[v].T_first_board.inverse() * fit->T_first_second;
-    for (const auto& p : sightings[v].points_m) all.y.push_back((T * p).z());
+    for (std::size_t i = 0; i < sightings[v].points_m.size(); ++i)
+      all.y.push_back(
+          (T_board_first_at(sightings[v], i) * (fit->T_first_second * sightings[v].points_m[i])).z());
   }
   views.series = {mean, rms};
   product.figures.push_back(views);
