@@ -39,6 +39,12 @@ struct PlatformPart {
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();  ///< of the joint, in the part's own frame
 };
 
+/// A tree that a platform cut.
+struct Felling {
+  BenchTime t;             ///< from here on it no longer stands
+  std::uint64_t node = 0;  ///< of the world
+};
+
 /// Setup, signals and registers: any thread, one at a time is kept by a lock. `motion_at`: any thread,
 /// without a lock, no allocation; the same answer for the same instant whatever else was asked, as long as
 /// the platform has been told all that takes effect until then.
@@ -55,6 +61,8 @@ class Platform : public SignalModel, public RegisterModel {
   [[nodiscard]] virtual const std::vector<std::string>& joint_names() const = 0;
   /// What it looks like, parents before their children.
   [[nodiscard]] virtual std::vector<PlatformPart> parts() const = 0;
+  /// What it cut since the start, in order. Any thread; takes the lock.
+  [[nodiscard]] virtual std::vector<Felling> fellings() const { return {}; }
 };
 
 }  // namespace rigor

@@ -69,7 +69,79 @@ SkidSteerConfig read_skid_steer(ConfigNode root) {
   return c;
 }
 
+/// In degrees, but for what slides and grips.
+void read_axis(ConfigNode n, CraneAxis& a, bool turns) {
+  const double unit = turns ? kRadPerDeg : 1;
+  const std::string suffix = turns ? "_deg" : "";
+  a.min = n.number_or("min" + suffix, a.min / unit) * unit;
+  a.max = n.number_or("max" + suffix, a.max / unit) * unit;
+  a.start = n.number_or("start" + suffix, a.start / unit) * unit;
+  a.rate = n.number_or(turns ? "rate_degps" : "rate_per_s", a.rate / unit, kPositive) * unit;
+  a.acceleration =
+      n.number_or(turns ? "acceleration_degps2" : "acceleration_per_s2", a.acceleration / unit, kPositive) *
+      unit;
+  if (n.present() && !(a.min <= a.start && a.start <= a.max))
+    throw n.error("", "expected the start between the end stops");
+  n.finish();
+}
+
+HarvesterConfig read_harvester(ConfigNode root) {
+  HarvesterConfig c;
+  (void)root.text_or("name", "");
+  ConfigNode n = root.map_or_absent("shape");
+  c.length_m = n.number_or("length_m", c.length_m, kPositive);
+  c.width_m = n.number_or("width_m", c.width_m, kPositive);
+  c.hull_height_m = n.number_or("hull_height_m", c.hull_height_m, kPositive);
+  c.clearance_m = n.number_or("clearance_m", c.clearance_m, kPositive);
+  c.wheel_radius_m = n.number_or("wheel_radius_m", c.wheel_radius_m, kPositive);
+  c.wheel_width_m = n.number_or("wheel_width_m", c.wheel_width_m, kPositive);
+  c.track_m = n.number_or("track_m", c.track_m, kPositive);
+  c.wheelbase_m = n.number_or("wheelbase_m", c.wheelbase_m, kPositive);
+  c.cabin_x_m = n.number_or("cabin_x_m", c.cabin_x_m);
+  c.cabin_height_m =
+      n.number_or("cabin_height_m", c.cabin_height_m, {.min = c.clearance_m + c.hull_height_m + 0.1});
+  n.finish();
+  n = root.map_or_absent("drive");
+  c.max_speed_mps = n.number_or("max_speed_mps", c.max_speed_mps, kPositive);
+  c.acceleration_mps2 = n.number_or("acceleration_mps2", c.acceleration_mps2, kPositive);
+  c.time_constant_s = n.number_or("time_constant_ms", c.time_constant_s * 1e3, kPositive) * 1e-3;
+  c.max_steer_rad =
+      n.number_or("max_steer_deg", c.max_steer_rad / kRadPerDeg, {.min = 0, .max = 80}) * kRadPerDeg;
+  c.steer_rate_radps =
+      n.number_or("steer_rate_degps", c.steer_rate_radps / kRadPerDeg, kPositive) * kRadPerDeg;
+  c.slip = n.number_or("slip", c.slip, {.min = -0.5, .max = 0.95});
+  n.finish();
+  n = root.map_or_absent("limits");
+  c.tip_roll_rad = n.number_or("roll_deg", c.tip_roll_rad / kRadPerDeg, kPositive) * kRadPerDeg;
+  c.tip_pitch_rad = n.number_or("pitch_deg", c.tip_pitch_rad / kRadPerDeg, kPositive) * kRadPerDeg;
+  n.finish();
+  read_suspension(root.map_or_absent("suspension"), c.suspension);
+  n = root.map_or_absent("crane");
+  const std::vector<double> foot = n.numbers_or("foot_m", {c.foot_m.x(), c.foot_m.y(), c.foot_m.z()});
+  c.foot_m = {foot[0], foot[1], foot[2]};
+  c.boom_m = n.number_or("boom_m", c.boom_m, kPositive);
+  c.stick_m = n.number_or("stick_m", c.stick_m, kPositive);
+  c.head_m = n.number_or("head_m", c.head_m, kNotNegative);
+  c.reach_m = n.number_or("reach_m", c.reach_m, kPositive);
+  const char* const names[] = {"slew", "boom", "stick", "telescope", "rotate", "grip"};
+  const ConfigNode axes = n.map_or_absent("axes");
+  for (std::size_t i = 0; i < HarvesterConfig::kAxes; ++i)
+    read_axis(axes.map_or_absent(names[i]), c.axis[i],
+              i != HarvesterConfig::kTelescope && i != HarvesterConfig::kGrip);
+  axes.finish();
+  n.finish();
+  c.step = seconds_from(root.number_or("step_ms", c.step.seconds() * 1e3, {.min = 0.1, .max = 20}) * 1e-3);
+  root.finish();
+  return c;
+}
+
 }  // namespace
+
+Result<HarvesterConfig> load_harvester(const std::filesystem::path& sheet) {
+  auto root = ConfigDocument::load(sheet);
+  if (!root) return tl::unexpected<Error>(root.error());
+  return catch_config([&] { return read_harvester(*root); });
+}
 
 Result<SkidSteerConfig> load_skid_steer(const std::filesystem::path& sheet) {
   auto root = ConfigDocument::load(sheet);

@@ -16,7 +16,7 @@ constexpr double kHold_radps = 0.1;
 constexpr double kRest_radps = 1e-6;
 
 enum Side : std::size_t { kLeft, kRight };
-enum Status : unsigned { kEnabled = 1, kMoving = 2, kLimited = 4, kFaulty = 8 };
+enum StatusBit : unsigned { kEnabled = 1, kMoving = 2, kLimited = 4, kFaulty = 8 };
 enum Fault : std::int32_t { kNoFault, kTilted, kOffGround, kFlat };
 
 enum RobotSignal : std::size_t {
@@ -263,8 +263,9 @@ double SkidSteer::read(std::size_t signal, BenchTime t) {
       return m.joint[kRight].rate_radps;
     case kStatus: {
       const bool moving = s.rate_radps[kLeft] != 0 || s.rate_radps[kRight] != 0;
-      return (told.enable && s.fault == kNoFault ? kEnabled : 0) | (moving ? kMoving : 0) |
-             (s.limited ? kLimited : 0) | (s.fault != kNoFault ? kFaulty : 0);
+      const auto flag = [](bool is, StatusBit bit) { return is ? static_cast<unsigned>(bit) : 0u; };
+      return flag(told.enable && s.fault == kNoFault, kEnabled) | flag(moving, kMoving) |
+             flag(s.limited, kLimited) | flag(s.fault != kNoFault, kFaulty);
     }
     case kFault:
       return s.fault;
