@@ -3,10 +3,14 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
+
+#include "apps/script/script.h"
 #include "apps/turntable-sweep/turntable_sweep.h"
 #include "cli/tune/engine_choices.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/replay_source.h"
+#include "sensor-hal/channel/simulated_sink.h"
 #include "sensor-hal/channel/simulated_source.h"
 #include "sensor-hal/channel/worker_pool.h"
 
@@ -36,11 +40,13 @@ class Assembler {
       if (!devices) return tl::unexpected<Error>(devices.error());
       out_.devices = std::move(*devices);
     }
+    carry();
     for (const ChannelEntry& entry : rig_.channels)
       if (auto s = add_channel(entry); !s) return s;
     for (const SinkEntry& entry : rig_.sinks)
       if (auto s = add_sink(entry); !s) return s;
     if (auto s = bind_joints(); !s) return s;
+    if (auto s = follow(); !s) return s;
     auto application = make_application(rig_);
     if (!application) return tl::unexpected<Error>(application.error());
     out_.parts.application = std::move(*application);
@@ -85,6 +91,13 @@ class Assembler {
           choice.params
               .error("backend", "expected `simulation.world` in the rig for a simulated channel, found none")
               .error());
+    if (auto s = knows_platform(choice); !s) return tl::unexpected<Error>(s.error());
+    if (entry.kind == SampleKind::pose) {
+      auto body = out_.simulation->platform(choice.params.text("platform"));
+      if (!body) return tl::unexpected<Error>(choice.params.error("platform", body.error().message).error());
+      return std::make_unique<SimulatedSource>(make_pose_provider(*body, choice.params.text("platform")),
+                                               &out_.parts.motion, *out_.workers);
+    }
     SensorOptions options;
     if (const auto it = engines_.find(entry.name); it != engines_.end()) options.choice = it->second;
     if (entry.kind == SampleKind::point_cloud || entry.kind == SampleKind::range_image) {
@@ -190,9 +203,33 @@ class Assembler {
     return channel.source->configure(channel_config(entry, entry.name, entry.pair));
   }
 
+  /// A sink whose device is a platform of this process.
+  Result<std::unique_ptr<Sink>> make_simulated_sink(const SinkEntry& entry) {
+    const ConfigNode& n = entry.sink.params;
+    if (!out_.simulation)
+      return tl::unexpected<Error>(
+          n.error("backend", "expected `simulation.world` in the rig for a simulated device, found none")
+              .error());
+    auto body = out_.simulation->platform(n.text("platform"));
+    if (!body) return tl::unexpected<Error>(n.error("platform", body.error().message).error());
+    if (!moves_here(*body))
+      return tl::unexpected<Error>(
+          n.error("platform",
+                  "expected a platform that the bench moves, got one that an emulator or a channel "
+                  "moves; command that device")
+              .error());
+    return std::make_unique<SimulatedSink>(out_.simulation->platforms()[*body].model);
+  }
+
   Status add_sink(const SinkEntry& entry) {
     auto sink = std::make_unique<RunSink>();
     sink->entry = &entry;
+    if (entry.sink.backend == kSimulated) {
+      auto made = make_simulated_sink(entry);
+      if (!made) return tl::unexpected<Error>(made.error());
+      sink->sink = std::move(*made);
+      return configure_sink(entry, std::move(sink));
+    }
     const Backend* backend = registry_.find(entry.sink.backend);
     if (!backend) return tl::unexpected<Error>(unknown_backend(entry.sink));
     if (virtual_time() ? !backend->make_virtual_sink : !backend->make_sink)
@@ -214,6 +251,10 @@ class Assembler {
     } else {
       sink->sink = backend->make_sink();
     }
+    return configure_sink(entry, std::move(sink));
+  }
+
+  Status configure_sink(const SinkEntry& entry, std::unique_ptr<RunSink> sink) {
     ChannelConfig c;
     c.name = entry.name;
     c.latency = entry.latency;
@@ -221,6 +262,65 @@ class Assembler {
     c.params = entry.sink.params;
     if (auto s = sink->sink->configure(c); !s) return s;
     out_.parts.sinks.push_back(std::move(sink));
+    return {};
+  }
+
+  /// Whether the bench computes this platform: no emulator does, and no channel tells.
+  [[nodiscard]] bool moves_here(std::size_t body) const {
+    const PlatformEntry& entry = rig_.simulation.platforms[body];
+    return entry.channel.empty() && !emulated(entry.name);
+  }
+  [[nodiscard]] bool emulated(const std::string& platform) const {
+    return std::any_of(rig_.emulators.begin(), rig_.emulators.end(), [&](const EmulatorEntry& e) {
+      return e.emulator.params.has("platform") && e.emulator.params.text("platform") == platform;
+    });
+  }
+
+  /// Platforms that are computed in this process move the bench's world, or that of its devices.
+  void carry() {
+    if (out_.simulation)
+      for (std::size_t i = 0; i < out_.simulation->platforms().size(); ++i) {
+        const WorldPlatform& p = out_.simulation->platforms()[i];
+        if (!moves_here(i)) continue;
+        out_.parts.motion.carry(i, p);
+        out_.parts.platforms.push_back(p.model);
+      }
+    if (out_.devices)
+      for (auto& p : out_.devices->platforms()) out_.parts.platforms.push_back(std::move(p));
+  }
+
+  /// A simulated channel on a platform whose way nobody tells the bench would stand still.
+  Status knows_platform(const BackendChoice& choice) const {
+    const ConfigNode& n = choice.params;
+    const char* const key = n.has("platform") ? "platform" : "parent";
+    if (!n.has(key)) return {};
+    const std::string word = n.text(key), name = word.substr(0, word.find('.'));
+    for (const PlatformEntry& entry : rig_.simulation.platforms)
+      if (entry.name == name && entry.channel.empty() && emulated(name))
+        return tl::unexpected<Error>(
+            n.error(key,
+                    fmt::format("expected `channel` in simulation.platforms.{}: an emulator moves it in the "
+                                "devices' world, and the bench knows of that what a channel tells",
+                                name))
+                .error());
+    return {};
+  }
+
+  /// Platforms that channels tell of.
+  Status follow() {
+    for (std::size_t i = 0; i < rig_.simulation.platforms.size(); ++i) {
+      const PlatformEntry& entry = rig_.simulation.platforms[i];
+      const BodyState start = out_.simulation->platforms()[i].model->motion_at(BenchTime()).body;
+      if (entry.channel.empty()) {
+        if (moves_here(i)) continue;
+        out_.parts.motion.stand(i, start);
+      }
+      for (const auto& channel : out_.parts.channels)
+        if (channel->entry->name == entry.channel) {
+          const InputPort input{entry.channel, &channel->source->describe(), &channel->port};
+          if (auto s = out_.parts.motion.follow(i, entry.name, start, input); !s) return s;
+        }
+    }
     return {};
   }
 
@@ -249,9 +349,10 @@ class Assembler {
 
 Result<std::unique_ptr<Application>> make_application(const RigConfig& rig) {
   if (rig.application.empty()) return std::unique_ptr<Application>{};
+  if (rig.application == "script") return make_script();
   if (rig.application == "turntable-sweep") return make_turntable_sweep();
   return tl::unexpected<Error>(
-      rig.application_params.error("name", "expected one of turntable-sweep, got \"" + rig.application + "\"")
+      rig.application_params.error("name", "expected one of script, turntable-sweep, got \"" + rig.application + "\"")
           .error());
 }
 

@@ -111,6 +111,7 @@ std::vector<std::string> BenchRun::warnings() const {
 Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
   t0_ = t0;
   started_late_ = false;
+  for (auto& platform : parts_.platforms) platform->start(t0_);
   for (auto& sink : parts_.sinks)
     if (auto s = sink->sink->start(t0_); !s) return tl::unexpected<Error>(s.error());
   for (auto& channel : parts_.channels) {

@@ -82,6 +82,7 @@ struct RunParts {
   std::vector<std::unique_ptr<RunSink>> sinks;
   std::unique_ptr<Application> application;
   BenchMotion motion;
+  std::vector<std::shared_ptr<Platform>> platforms;  ///< of this process: they set out when the run starts
   /// Keeps alive what sources point to (worlds, renderers, device models, workers).
   std::vector<std::shared_ptr<void>> keep;
 };

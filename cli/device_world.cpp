@@ -13,11 +13,14 @@ namespace {
 class DeviceMotion final : public MotionSource {
  public:
   std::vector<std::shared_ptr<const MotionSource>> joints;  ///< null: at rest at zero
+  const std::vector<WorldPlatform>* platforms = nullptr;
   [[nodiscard]] WorldMotion motion_at(BenchTime t) const noexcept override {
     WorldMotion m;
     m.count = static_cast<std::uint32_t>(joints.size());
     for (std::size_t i = 0; i < joints.size(); ++i)
       if (joints[i]) m.joint[i] = joints[i]->motion_at(t).joint[0];
+    if (platforms)
+      for (std::size_t i = 0; i < platforms->size(); ++i) add_platform_motion(m, (*platforms)[i], i, t);
     return m;
   }
 };
@@ -44,12 +47,21 @@ struct DeviceWorld::Impl {
   std::shared_ptr<DeviceMotion> motion = std::make_shared<DeviceMotion>();
   std::map<std::string, std::shared_ptr<Turntable>, std::less<>> turntables;
   std::map<std::string, std::shared_ptr<SignalModel>, std::less<>> signals;
+  std::map<std::string, std::shared_ptr<Platform>, std::less<>> carriers;  ///< by emulator
+  bool set_out = false;
 
   /// Device models first: cameras look at what they move.
   Status make_models() {
-    if (simulation) motion->joints.resize(simulation->joint_count());
+    if (simulation) {
+      motion->joints.resize(simulation->joint_count());
+      motion->platforms = &simulation->platforms();
+    }
     for (const EmulatorEntry& e : copy.emulators) {
       const ConfigNode& n = e.emulator.params;
+      if (n.has("platform") && (e.emulator.backend == "modbus" || e.emulator.backend == "can")) {
+        if (auto s = take_platform(e); !s) return s;
+        continue;
+      }
       if (!n.has("model") || (e.emulator.backend != "modbus" && e.emulator.backend != "can")) continue;
       auto made = catch_config([&]() -> Status {
         (void)n.choice("model", {"turntable"});
@@ -69,6 +81,20 @@ struct DeviceWorld::Impl {
     return {};
   }
 
+  /// The device is a platform of its world.
+  Status take_platform(const EmulatorEntry& e) {
+    const ConfigNode& n = e.emulator.params;
+    auto name = catch_config([&] { return n.text("platform"); });
+    if (!name) return tl::unexpected<Error>(name.error());
+    if (!simulation)
+      return tl::unexpected<Error>(
+          n.error("platform", "expected `simulation.world` in the rig, found none").error());
+    auto index = simulation->platform(*name);
+    if (!index) return tl::unexpected<Error>(n.error("platform", index.error().message).error());
+    carriers[e.name] = simulation->platforms()[*index].model;
+    return {};
+  }
+
   /// Then what they say on a bus: their own signals and those that the rig gives them.
   Status make_signals() {
     const JointFinder find = [this](const ConfigNode& n, std::string_view key) {
@@ -80,10 +106,10 @@ struct DeviceWorld::Impl {
     for (const EmulatorEntry& e : copy.emulators) {
       if (e.emulator.backend != "can") continue;
       const auto table = turntables.find(e.name);
-      auto made = catch_config([&] {
-        return read_device_signals(e.emulator.params, table == turntables.end() ? nullptr : table->second,
-                                   motion, find);
-      });
+      std::shared_ptr<SignalModel> base;
+      if (table != turntables.end()) base = table->second;
+      if (const auto it = carriers.find(e.name); it != carriers.end()) base = it->second;
+      auto made = catch_config([&] { return read_device_signals(e.emulator.params, base, motion, find); });
       if (!made) return tl::unexpected<Error>(made.error());
       signals[e.name] = std::move(*made);
     }
@@ -136,6 +162,13 @@ Result<std::unique_ptr<DeviceWorld>> DeviceWorld::open(const RigConfig& rig) {
   return std::unique_ptr<DeviceWorld>(new DeviceWorld(std::move(impl)));
 }
 
+std::vector<std::shared_ptr<Platform>> DeviceWorld::platforms() const {
+  std::vector<std::shared_ptr<Platform>> all;
+  if (impl_->simulation)
+    for (const WorldPlatform& p : impl_->simulation->platforms()) all.push_back(p.model);
+  return all;
+}
+
 Result<DeviceParts> DeviceWorld::parts(std::string_view emulator_name) {
   const EmulatorEntry* entry = impl_->copy.emulator(emulator_name);
   if (!entry)
@@ -144,6 +177,8 @@ Result<DeviceParts> DeviceWorld::parts(std::string_view emulator_name) {
   DeviceParts parts;
   parts.motion = impl_->motion;
   if (const auto it = impl_->turntables.find(emulator_name); it != impl_->turntables.end())
+    parts.registers = it->second;
+  if (const auto it = impl_->carriers.find(emulator_name); it != impl_->carriers.end())
     parts.registers = it->second;
   if (const auto it = impl_->signals.find(emulator_name); it != impl_->signals.end())
     parts.signals = it->second;
@@ -168,6 +203,8 @@ Result<std::unique_ptr<Emulator>> DeviceWorld::start_emulator(const EmulatorEntr
   }
   auto device_parts = parts(entry.name);
   if (!device_parts) return tl::unexpected<Error>(device_parts.error());
+  if (!std::exchange(impl_->set_out, true))
+    for (const auto& platform : platforms()) platform->start(t0);
   auto emulator = backend->make_emulator();
   emulator->attach(std::move(*device_parts));
   ChannelConfig config;

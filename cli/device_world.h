@@ -21,6 +21,9 @@ class DeviceWorld {
   /// The parts that the device named so shows or moves; the same model for all who ask. bad_input for unknown
   /// names.
   [[nodiscard]] Result<DeviceParts> parts(std::string_view emulator_name);
+  /// What carries devices in their world. In virtual time whoever runs the devices starts them; an emulator
+  /// on the wall clock does it when the first device starts.
+  [[nodiscard]] std::vector<std::shared_ptr<Platform>> platforms() const;
   /// Configures, arms and starts one device as an emulator.
   [[nodiscard]] Result<std::unique_ptr<Emulator>> start_emulator(const EmulatorEntry& entry,
                                                                  const Registry& registry, BenchTime t0);

@@ -128,7 +128,7 @@ class Sensing {
     request_.index =
         static_cast<std::uint64_t>(std::max<std::int64_t>(0, (seconds_from(options_.at_s) - phase) / period));
     request_.t_capture = BenchTime(0) + phase + period * static_cast<std::int64_t>(request_.index);
-    request_.motion.count = static_cast<std::uint32_t>(simulation_.joint_count());
+    request_.motion = simulation_.motion_at_rest();
     for (const std::string& joint : options_.joints)
       if (auto s = set_joint(request_.motion, simulation_, joint); !s) return s;
     if (auto s =

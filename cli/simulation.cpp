@@ -145,6 +145,7 @@ struct Simulation::Impl {
   explicit Impl(const SimulationConfig& c) : config(c), resources(c.device) {}
   SimulationConfig config;
   std::unique_ptr<SensorWorld> world;
+  std::vector<WorldPlatform> platforms;
   std::shared_ptr<const world::Scene> scene;  ///< what the small renderer draws; null: the world is none
   SensingResources resources;
 };
@@ -162,6 +163,14 @@ Result<std::unique_ptr<Simulation>> Simulation::open(const SimulationConfig& con
     if (!scene) return tl::unexpected<Error>(scene.error());
     impl->scene = std::make_shared<const world::Scene>(std::move(*scene));
   }
+  if (!config.platforms.empty()) {
+    auto platforms = make_platforms(config, impl->world->ground(), impl->world->stems(),
+                                    impl->world->joint_names().size());
+    if (!platforms) return tl::unexpected<Error>(platforms.error());
+    impl->platforms = std::move(*platforms);
+    for (const WorldPlatform& p : impl->platforms)
+      if (auto s = impl->world->add_platform(p); !s) return tl::unexpected<Error>(s.error());
+  }
   return std::unique_ptr<Simulation>(new Simulation(std::move(impl)));
 }
 
@@ -170,9 +179,9 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
                                                           const SensorOptions& options) {
   if (auto s = catch_config([&] { return expect_sheet(params, SampleKind::image), true; }); !s)
     return tl::unexpected<Error>(s.error());
-  // The small renderer knows no air.
-  bool small = impl_->scene && impl_->config.weather.empty() && !params.has("engine") && !options.choice &&
-               options.only.empty() && !params.has("motion");
+  // The small renderer knows neither air nor platforms.
+  bool small = impl_->scene && impl_->platforms.empty() && impl_->config.weather.empty() &&
+               !params.has("engine") && !options.choice && options.only.empty() && !params.has("motion");
   if (small) {
     const auto sheet = catch_config([&] {
       return value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params)));
@@ -257,12 +266,44 @@ Result<std::size_t> Simulation::joint(const std::string& name) const {
     if (joints[i] == name) return i;
     names += (names.empty() ? "" : ", ") + joints[i];
   }
+  for (const WorldPlatform& p : impl_->platforms)
+    for (std::size_t i = 0; i < p.model->joint_names().size(); ++i) {
+      const std::string full = p.name + "." + p.model->joint_names()[i];
+      if (full == name) return p.first_joint + i;
+      names += (names.empty() ? "" : ", ") + full;
+    }
   return fail(ErrorCode::bad_input, impl_->config.world.string(),
               fmt::format("expected a hinged node of this world ({}), got \"{}\"",
                           names.empty() ? "it has none" : names, name));
 }
 
-std::size_t Simulation::joint_count() const { return impl_->world->joint_names().size(); }
+std::size_t Simulation::joint_count() const {
+  std::size_t count = impl_->world->joint_names().size();
+  for (const WorldPlatform& p : impl_->platforms) count += p.model->joint_names().size();
+  return count;
+}
+
+const std::vector<WorldPlatform>& Simulation::platforms() const { return impl_->platforms; }
+
+Result<std::size_t> Simulation::platform(const std::string& name) const {
+  std::string names;
+  for (std::size_t i = 0; i < impl_->platforms.size(); ++i) {
+    if (impl_->platforms[i].name == name) return i;
+    names += (names.empty() ? "" : ", ") + impl_->platforms[i].name;
+  }
+  return fail(ErrorCode::bad_input, "",
+              fmt::format("expected one of `simulation.platforms` ({}), got \"{}\"",
+                          names.empty() ? "there is none" : names, name));
+}
+
+WorldMotion Simulation::motion_at_rest() const {
+  WorldMotion motion;
+  motion.count = static_cast<std::uint32_t>(joint_count());
+  for (std::size_t i = 0; i < impl_->platforms.size(); ++i)
+    add_platform_motion(motion, impl_->platforms[i], i, BenchTime());
+  return motion;
+}
+
 std::string Simulation::engine() const { return impl_->resources.text(); }
 const SensorWorld& Simulation::world() const { return *impl_->world; }
 

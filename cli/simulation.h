@@ -44,9 +44,17 @@ class Simulation {
                                                                     const std::string& name,
                                                                     const SensorOptions& options = {});
 
-  /// Index of a joint in WorldMotion. bad_input with the joints that exist.
+  /// Index of a joint in WorldMotion: a hinged node's name, or PLATFORM.JOINT. bad_input with the joints that
+  /// exist.
   [[nodiscard]] Result<std::size_t> joint(const std::string& name) const;
   [[nodiscard]] std::size_t joint_count() const;
+  /// Of the rig's `simulation.platforms`, in their order, which is that of bodies in WorldMotion. The models
+  /// are this world's own.
+  [[nodiscard]] const std::vector<WorldPlatform>& platforms() const;
+  /// Index of a platform. bad_input with the platforms that there are.
+  [[nodiscard]] Result<std::size_t> platform(const std::string& name) const;
+  /// Joints at zero, platforms at their start.
+  [[nodiscard]] WorldMotion motion_at_rest() const;
   /// Which engines measure, for reports; empty before the first sensor.
   [[nodiscard]] std::string engine() const;
   [[nodiscard]] const SensorWorld& world() const;

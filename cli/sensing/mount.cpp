@@ -78,9 +78,13 @@ Mount read_mount(ConfigNode params, const SensorWorld& world, SensorAxes axes) {
               : read_pose(params.map("T_world_sensor"), axes,
                           [&world](double x_m, double y_m) { return world.ground_z_m(x_m, y_m); });
   if (carried) {
+    const auto body = world.platform_named(params.text("parent"));
     const auto node = world.frame_named(params.text("parent"));
-    if (!node) throw params.error("parent", node.error().message);
-    m.parent = *node;
+    if (!body && !node) throw params.error("parent", node.error().message);
+    if (body)
+      m.body = static_cast<int>(*body);
+    else
+      m.parent = *node;
   }
   if (const ConfigNode motion = params.map_or_absent("motion"); motion.present()) {
     m.velocity_m_per_s = vector(motion.numbers_or("velocity_m_per_s", {0, 0, 0}));
@@ -104,9 +108,10 @@ Eigen::Isometry3d Mount::at(Duration since_start) const {
   return pose;
 }
 
-render::PoseFunction Mount::T_world_sensor(const render::ContentSource& world, BenchTime t_start) const {
+render::PoseFunction Mount::T_world_sensor(const SensorWorld::Moment& world, BenchTime t_start) const {
   return [mount = *this, &world, t_start](BenchTime t) {
     const Eigen::Isometry3d T_parent = mount.at(t - t_start);
+    if (mount.body >= 0) return world.T_world_platform(static_cast<std::size_t>(mount.body), t) * T_parent;
     return mount.parent ? world.T_world_node(mount.parent, t) * T_parent : T_parent;
   };
 }

@@ -3,7 +3,7 @@
 //   T_world_sensor: { position_m: [0, -3, 1.6], look_at_m: [0, 0, 0.4] }
 //   T_world_sensor: { position_m: [0, 0, 1.2], quaternion_wxyz: [1, 0, 0, 0] }
 //   T_world_sensor: { position_m: [0, 0, 1.2], roll_pitch_yaw_deg: [0, 0, 90] }
-//   parent: turntable        the sensor goes with that node; its pose is then
+//   parent: turntable        the sensor goes with that node, or with that platform; its pose is then
 //   T_parent_sensor: { … }   in the node's frame
 //   T_world_sensor: { position_m: [0, 0, 1.2], above_ground: true, … }
 //                            z of position_m and look_at_m counts from the terrain below them
@@ -23,6 +23,7 @@ namespace rigor {
 
 struct Mount {
   world::NodeId parent{};  ///< none: the world
+  int body = -1;           ///< of a WorldMotion: the platform that carries it, in place of `parent`
   Eigen::Isometry3d T_parent_sensor = Eigen::Isometry3d::Identity();
   Eigen::Vector3d velocity_m_per_s = Eigen::Vector3d::Zero();
   double yaw_rate_radps = 0;
@@ -31,7 +32,7 @@ struct Mount {
   /// Pose in the parent's frame, `since_start` after the start.
   [[nodiscard]] Eigen::Isometry3d at(Duration since_start) const;
   /// As a function of time. The world outlives it.
-  [[nodiscard]] render::PoseFunction T_world_sensor(const render::ContentSource& world,
+  [[nodiscard]] render::PoseFunction T_world_sensor(const SensorWorld::Moment& world,
                                                     BenchTime t_start) const;
 };
 

@@ -13,8 +13,24 @@ bool same(const WorldMotion& a, const WorldMotion& b) {
   const auto equal = [](const JointState& x, const JointState& y) {
     return x.t_ref == y.t_ref && x.position_rad == y.position_rad && x.rate_radps == y.rate_radps;
   };
-  return a.count == b.count && std::equal(a.joint.begin(), a.joint.begin() + a.count, b.joint.begin(), equal);
+  const auto equal_body = [](const BodyState& x, const BodyState& y) {
+    return x.t_ref == y.t_ref && x.T_world_body.position_m == y.T_world_body.position_m &&
+           x.T_world_body.orientation_wxyz == y.T_world_body.orientation_wxyz &&
+           x.velocity_mps == y.velocity_mps && x.turn_rate_radps == y.turn_rate_radps;
+  };
+  return a.count == b.count && a.body_count == b.body_count &&
+         std::equal(a.joint.begin(), a.joint.begin() + a.count, b.joint.begin(), equal) &&
+         std::equal(a.body.begin(), a.body.begin() + a.body_count, b.body.begin(), equal_body);
 }
+
+Eigen::Isometry3d isometry(const Pose& pose) {
+  const auto& q = pose.orientation_wxyz;
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.linear() = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+  T.translation() = Eigen::Vector3d(pose.position_m[0], pose.position_m[1], pose.position_m[2]);
+  return T;
+}
+Eigen::Vector3d vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
 
 Status set_weather(world::Database& db, const std::vector<std::pair<std::string, double>>& weather) {
   if (weather.empty()) return {};
@@ -76,8 +92,201 @@ double SensorWorld::ground_z_m(double x_m, double y_m) const {
   return picture_.ground->height_at(x_m, y_m);
 }
 
+Ground SensorWorld::ground() const {
+  const world::Snapshot world = snapshot();
+  if (!world.nodes(world::types::Terrain(world.schema()).type).empty()) {
+    const std::lock_guard lock(mutex_);
+    make_picture();
+    return Ground(picture_.ground);
+  }
+  const world::types::GroundPlane plane(world.schema());
+  const auto planes = world.nodes(plane.type);
+  if (planes.empty()) return Ground(0);
+  const auto first = *std::min_element(planes.begin(), planes.end());
+  return Ground(world.T_world_node(first, BenchTime()).translation().z());
+}
+
+Status SensorWorld::add_platform(const WorldPlatform& platform) {
+  Carrier carrier;
+  carrier.name = platform.name;
+  carrier.platform = platform.model;
+  carrier.start = platform.model->motion_at(BenchTime()).body;
+  const world::Schema& schema = opened_.db->schema();
+  const world::types::Frame frame(schema);
+  const world::types::Body body(schema);
+  const world::types::Material material(schema);
+  auto tx = opened_.db->begin("platform " + platform.name);
+  const auto fill = [&]() -> Status {
+    auto root = tx.create(frame.type);
+    if (!root) return tl::unexpected<Error>(root.error());
+    carrier.node = *root;
+    if (auto s = tx.set(*root, frame.name, platform.name); !s) return s;
+    const std::vector<PlatformPart> parts = platform.model->parts();
+    std::vector<world::NodeId> nodes;
+    for (const PlatformPart& part : parts) {
+      const bool shown = platform.visible && part.shape != PlatformPart::Shape::none;
+      auto node = tx.create(shown ? body.type : frame.type);
+      if (!node) return tl::unexpected<Error>(node.error());
+      nodes.push_back(*node);
+      if (auto s = tx.set(*node, frame.name, platform.name + "." + part.name); !s) return s;
+      if (auto s = tx.set(*node, frame.pose, part.T_parent_part); !s) return s;
+      const auto parent = part.parent < 0 ? carrier.node : nodes[static_cast<std::size_t>(part.parent)];
+      if (auto s = tx.connect(*node, frame.part_of, parent); !s) return s;
+      if (part.moves != PlatformPart::Moves::fixed)
+        carrier.parts.push_back({*node, platform.first_joint + static_cast<std::size_t>(part.joint),
+                                 part.moves == PlatformPart::Moves::slides, part.axis, part.T_parent_part});
+      if (!shown) continue;
+      const bool round = part.shape == PlatformPart::Shape::cylinder;
+      if (auto s = tx.set(*node, body.shape, std::string(round ? "cylinder" : "box")); !s) return s;
+      if (auto s = tx.set(*node, body.size_m, part.size_m); !s) return s;
+      auto paint = tx.create(material.type);
+      if (!paint) return tl::unexpected<Error>(paint.error());
+      if (auto s =
+              tx.set(*paint, material.reflectance,
+                     world::Numbers(std::vector<double>(part.reflectance.begin(), part.reflectance.end())));
+          !s)
+        return s;
+      if (auto s = tx.connect(*node, body.made_of, *paint); !s) return s;
+    }
+    return {};
+  };
+  if (auto s = fill(); !s) return s;
+  if (auto s = tx.commit(); !s) return s;
+  carriers_.push_back(std::move(carrier));
+  return {};
+}
+
+std::optional<std::size_t> SensorWorld::platform_named(const std::string& name) const {
+  for (std::size_t i = 0; i < carriers_.size(); ++i)
+    if (carriers_[i].name == name) return i;
+  return std::nullopt;
+}
+
+std::vector<Stem> SensorWorld::stems() const {
+  const world::Snapshot world = snapshot();
+  const world::types::Tree tree(world.schema());
+  std::vector<world::NodeId> nodes = world.nodes(tree.type);
+  std::sort(nodes.begin(), nodes.end());
+  const Ground under = ground();
+  std::vector<Stem> stems;
+  for (const world::NodeId node : nodes) {
+    const world::Vector3& at = world.get_or_default(node, tree.position);
+    const double z_m = std::isnan(at.z()) ? under.height_m(at.x(), at.y()) : at.z();
+    if (std::isfinite(at.x() + at.y() + z_m)) stems.push_back({node.value, at.x(), at.y(), z_m});
+  }
+  return stems;
+}
+
+namespace {
+/// Ids of what is made of a cut tree: far from those that worlds give, and the same whenever it is made.
+world::NodeId stump_of(std::uint64_t tree) { return {tree | std::uint64_t{1} << 40}; }
+world::NodeId wood_of(std::uint64_t tree) { return {tree | std::uint64_t{1} << 41}; }
+constexpr double kStump_m = 0.25;
+}  // namespace
+
+/// Brings the world to the trees that stand at the motion's instant. A request for an earlier one, of a twin
+/// that measures after the fact or of a slower thread, finds them standing again: what a sensor sees depends
+/// on its request alone.
+Status SensorWorld::fell(world::Transaction& tx, const WorldMotion& motion) {
+  std::vector<Felling> wanted;
+  for (std::size_t i = 0; i < carriers_.size() && i < motion.body_count; ++i)
+    for (const Felling& f : carriers_[i].platform->fellings())
+      if (f.t <= motion.body[i].t_ref) wanted.push_back(f);
+  std::stable_sort(wanted.begin(), wanted.end(),
+                   [](const Felling& a, const Felling& b) { return a.t < b.t; });
+  const auto same_cut = [](const Felling& f, const Lying& l) { return f.node == l.cut.node; };
+  std::size_t common = 0;
+  while (common < wanted.size() && common < lying_.size() && same_cut(wanted[common], lying_[common]))
+    ++common;
+  while (lying_.size() > common)
+    if (auto s = put_back(tx); !s) return s;
+  for (std::size_t i = common; i < wanted.size(); ++i)
+    if (auto s = cut(tx, wanted[i]); !s) return s;
+  return {};
+}
+
+Status SensorWorld::cut(world::Transaction& tx, const Felling& felling) {
+  const world::Snapshot world = tx.view();
+  const world::types::Tree tree(world.schema());
+  const world::NodeId node{felling.node};
+  const auto type = world.type_of(node);
+  if (!type || !world.is_a(node, tree.type))
+    return fail(ErrorCode::internal, "felling", "the tree that was cut is not in the world");
+  Lying lying{felling, *type, {}};
+  for (const world::AttributeId a : world.schema().attributes(*type))
+    if (auto value = world.get(node, a)) lying.values.emplace_back(a, std::move(*value));
+  const world::Vector3 at = world.get_or_default(node, tree.position);
+  const double dbh_m = world.get_or_default(node, tree.dbh_m), width_m = dbh_m > 0 ? 1.15 * dbh_m : 0.3;
+  if (auto s = tx.remove(node); !s) return s;
+  lying_.push_back(std::move(lying));
+  // What stays: a stump of fresh wood.
+  const double z_m =
+      std::isnan(at.z()) && picture_.ground ? picture_.ground->height_at(at.x(), at.y()) : at.z();
+  if (!std::isfinite(z_m)) return {};
+  const world::types::Body body(world.schema());
+  const world::types::Material material(world.schema());
+  const world::NodeId stump = stump_of(felling.node), wood = wood_of(felling.node);
+  if (auto s = tx.create_as(wood, material.type); !s) return s;
+  if (auto s = tx.set(wood, material.reflectance, world::Numbers({0.55, 0.42, 0.25, 0.62, 0.62, 0.5})); !s)
+    return s;
+  if (auto s = tx.create_as(stump, body.type); !s) return s;
+  if (auto s = tx.set(stump, body.name, std::string("stump")); !s) return s;
+  if (auto s = tx.set(stump, body.shape, std::string("cylinder")); !s) return s;
+  if (auto s = tx.set(stump, body.size_m, world::Vector3(width_m, width_m, kStump_m)); !s) return s;
+  world::Pose pose = world::Pose::Identity();
+  pose.translation() = Eigen::Vector3d(at.x(), at.y(), z_m + kStump_m / 2);
+  if (auto s = tx.set(stump, body.pose, pose); !s) return s;
+  return tx.connect(stump, body.made_of, wood);
+}
+
+Status SensorWorld::put_back(world::Transaction& tx) {
+  const Lying lying = std::move(lying_.back());
+  lying_.pop_back();
+  for (const world::NodeId made : {stump_of(lying.cut.node), wood_of(lying.cut.node)})
+    if (tx.view().contains(made))
+      if (auto s = tx.remove(made); !s) return s;
+  const world::NodeId node{lying.cut.node};
+  if (auto s = tx.create_as(node, lying.type); !s) return s;
+  for (const auto& [attribute, value] : lying.values)
+    if (auto s = tx.set(node, attribute, value); !s) return s;
+  return {};
+}
+
+Status SensorWorld::move_platforms(world::Transaction& tx, const WorldMotion& motion) const {
+  const world::types::Frame frame(opened_.db->schema());
+  const auto set = [&](world::NodeId node, const world::Motion& m) -> Status {
+    if (auto s = tx.set(node, frame.motion, m); !s) return s;
+    return tx.set(node, frame.moves, true);
+  };
+  for (std::size_t i = 0; i < carriers_.size(); ++i) {
+    const Carrier& c = carriers_[i];
+    const BodyState& b = i < motion.body_count ? motion.body[i] : c.start;
+    world::Motion m;
+    m.t_ref = b.t_ref;
+    m.T_parent_node = isometry(b.T_world_body);
+    m.velocity_m_per_s = vector(b.velocity_mps);
+    m.angular_velocity_rad_per_s = m.T_parent_node.linear() * vector(b.turn_rate_radps);
+    if (auto s = set(c.node, m); !s) return s;
+    for (const Part& part : c.parts) {
+      const JointState j = part.joint < motion.count ? motion.joint[part.joint] : JointState{};
+      const Eigen::Vector3d axis = part.T_parent_part.linear() * part.axis;
+      m = {};
+      m.t_ref = j.t_ref;
+      if (part.slides) {
+        m.T_parent_node = part.T_parent_part * Eigen::Translation3d(part.axis * j.position_rad);
+        m.velocity_m_per_s = axis * j.rate_radps;
+      } else {
+        m.T_parent_node = part.T_parent_part * Eigen::AngleAxisd(j.position_rad, part.axis);
+        m.angular_velocity_rad_per_s = axis * j.rate_radps;
+      }
+      if (auto s = set(part.node, m); !s) return s;
+    }
+  }
+  return {};
+}
+
 void SensorWorld::move(const WorldMotion& motion) {
-  if (joints_.empty() || (moved_ && same(motion, motion_))) return;
+  if ((joints_.empty() && carriers_.empty()) || (moved_ && same(motion, motion_))) return;
   const world::Snapshot before = opened_.db->snapshot();
   const world::types::Hinge hinge(before.schema());
   auto tx = opened_.db->begin("joints");
@@ -93,6 +302,8 @@ void SensorWorld::move(const WorldMotion& motion) {
     (void)tx.set(joints_[i], hinge.motion, m);
     (void)tx.set(joints_[i], hinge.moves, true);
   }
+  (void)move_platforms(tx, motion);  // these nodes have these attributes, too
+  (void)fell(tx, motion);            // a tree that cannot be cut stands
   moved_ = tx.commit().has_value();
   motion_ = motion;
 }
@@ -114,6 +325,10 @@ std::shared_ptr<const render::ContentWindow> SensorWorld::Moment::collect(const 
 
 Eigen::Isometry3d SensorWorld::Moment::T_world_node(world::NodeId node, BenchTime t) const {
   return snapshot_.contains(node) ? snapshot_.T_world_node(node, t) : Eigen::Isometry3d::Identity();
+}
+
+Eigen::Isometry3d SensorWorld::Moment::T_world_platform(std::size_t body, BenchTime t) const {
+  return isometry((body < motion_.body_count ? motion_.body[body] : world_.carriers_[body].start).at(t));
 }
 
 std::string SensorWorld::Moment::type_name(world::NodeId node) const {

@@ -9,9 +9,11 @@
 #include <array>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "cli/platforms.h"
 #include "cli/world/world_assembly.h"
 #include "sensor-hal/channel/providers.h"
 #include "sim/render/engine/content_window.h"
@@ -38,6 +40,16 @@ class SensorWorld {
   /// z of the terrain there; NaN where there is none. Any thread; the first call takes as long as a world
   /// takes to show itself.
   [[nodiscard]] double ground_z_m(double x_m, double y_m) const;
+  /// What vehicles drive on: the terrain; where there is none, the level of the world's ground plane, or 0.
+  [[nodiscard]] Ground ground() const;
+
+  /// The world's trees, in the order of their ids.
+  [[nodiscard]] std::vector<Stem> stems() const;
+
+  /// Setup, before the first sensor: the next body of a WorldMotion, as nodes that are seen and move with it.
+  [[nodiscard]] Status add_platform(const WorldPlatform& platform);
+  /// Index of a body in a WorldMotion.
+  [[nodiscard]] std::optional<std::size_t> platform_named(const std::string& name) const;
 
   /// The world with its joints as a motion has them. Any thread; one thread at a time for each object; the
   /// world outlives it.
@@ -49,6 +61,8 @@ class SensorWorld {
                                                                        int instants) override;
     [[nodiscard]] Eigen::Isometry3d T_world_node(world::NodeId node, BenchTime t) const override;
     [[nodiscard]] std::string type_name(world::NodeId node) const override;
+    /// Of a body that the motion does not have: where the platform starts.
+    [[nodiscard]] Eigen::Isometry3d T_world_platform(std::size_t body, BenchTime t) const;
 
    private:
     SensorWorld& world_;
@@ -57,12 +71,38 @@ class SensorWorld {
   };
 
  private:
+  struct Part {
+    world::NodeId node;
+    std::size_t joint = 0;  ///< of a WorldMotion
+    bool slides = false;
+    Eigen::Vector3d axis;
+    Eigen::Isometry3d T_parent_part;  ///< with the joint at zero
+  };
+  struct Carrier {
+    std::string name;
+    world::NodeId node;
+    BodyState start;
+    std::vector<Part> parts;  ///< those that move with a joint
+    std::shared_ptr<const Platform> platform;
+  };
+  /// A tree that was cut, and all that it takes to put it back.
+  struct Lying {
+    Felling cut;
+    world::TypeId type;
+    std::vector<std::pair<world::AttributeId, world::Value>> values;
+  };
   SensorWorld() = default;
+  [[nodiscard]] Status fell(world::Transaction& tx, const WorldMotion& motion);
+  [[nodiscard]] Status cut(world::Transaction& tx, const Felling& felling);
+  [[nodiscard]] Status put_back(world::Transaction& tx);
+  [[nodiscard]] Status move_platforms(world::Transaction& tx, const WorldMotion& motion) const;
   void move(const WorldMotion& motion);  // under the mutex
   void make_picture() const;             // under the mutex
 
   OpenedWorld opened_;
   std::vector<world::NodeId> joints_;
+  std::vector<Carrier> carriers_;
+  std::vector<Lying> lying_;  ///< in the order in which they were cut
   std::vector<std::string> joint_names_;
   mutable std::mutex mutex_;
   bool moved_ = false;

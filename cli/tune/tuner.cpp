@@ -86,7 +86,7 @@ class Sensor {
       s.sample_ = std::make_unique<Sample>();
       s.sample_->reserve(s.sampler_->geometry().max_bytes);
     }
-    s.motion_.count = static_cast<std::uint32_t>(simulation.joint_count());
+    s.motion_ = simulation.motion_at_rest();
     return s;
   }
   Status capture(std::uint64_t index, BenchTime t) {

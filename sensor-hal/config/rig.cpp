@@ -171,6 +171,12 @@ SimulationConfig read_simulation(ConfigNode n) {
       j.finish();
       s.joints.push_back(std::move(b));
     }
+  if (ConfigNode platforms = n.map_or_absent("platforms"); platforms.present())
+    for (const std::string& name : platforms.keys()) {
+      ConfigNode p = platforms.map(name);
+      s.platforms.push_back({name, p.text("model"), p.text_or("channel", ""), p});
+      if (s.world.empty()) throw n.error("platforms", "expected a `world` for them, found none");
+    }
   n.finish();
   return s;
 }
@@ -193,6 +199,14 @@ void check_names(const RigConfig& rig, ConfigNode root) {
           .map("joints")
           .map(j.joint)
           .error("channel", fmt::format("expected a channel of kind registers, got \"{}\"", j.channel));
+  }
+  for (const auto& p : rig.simulation.platforms) {
+    bool found = p.channel.empty();
+    for (const auto& c : rig.channels)
+      found |= c.name == p.channel && (c.kind == SampleKind::pose || c.kind == SampleKind::register_block);
+    if (!found)
+      throw p.node.error("channel",
+                         fmt::format("expected a channel of kind pose or registers, got \"{}\"", p.channel));
   }
 }
 
@@ -233,6 +247,7 @@ Result<RigConfig> parse_rig(ConfigNode root, const std::filesystem::path& file) 
     rig.start_emulators = root.flag_or("start_emulators", true);
     rig.loop = read_loop(root.map_or_absent("loop"));
     rig.simulation = read_simulation(root.map_or_absent("simulation"));
+    rig.simulation.seed = rig.seed;
     ConfigNode channels = root.map_or_absent("channels");
     for (const auto& name : channels.keys()) {
       check_name(channels, name);

@@ -102,11 +102,21 @@ struct JointBinding {
   double scale_rad = 1;                                  ///< radians per unit of the register
 };
 
+/// `simulation: { platforms: { robot: { model: skid-steer, sheet: …, T_world_start: {…} } } }`: what carries
+/// sensors through the world.
+struct PlatformEntry {
+  std::string name, model;
+  std::string channel;  ///< which channel tells the bench where it is; empty: the bench computes it
+  ConfigNode node;      ///< the model's own keys
+};
+
 struct SimulationConfig {
   std::filesystem::path world;  ///< empty: the rig has no world
   int workers = 1;
   std::string device;  ///< Vulkan device by name; empty: the first
   std::vector<JointBinding> joints;
+  std::vector<PlatformEntry> platforms;
+  std::uint64_t seed = 1;  ///< of the rig, for what platforms draw
   /// Attributes of the world's Atmosphere in place of its own, by their names.
   std::vector<std::pair<std::string, double>> weather;
 };
