@@ -1,33 +1,13 @@
 #include "sensor-hal/channel/pair_source.h"
 
 #include <algorithm>
-#include <charconv>
-#include <cstring>
+#include <limits>
 #include <string_view>
+
+#include "sensor-hal/channel/event_text.h"
 
 namespace rigor {
 namespace {
-
-/// Writes into the text of an event, without the C library's formatting (which may allocate).
-class EventText {
- public:
-  explicit EventText(EventInfo& info) : text_(info.text) { text_.fill('\0'); }
-  EventText& add(std::string_view s) noexcept {
-    const std::size_t n = std::min(s.size(), text_.size() - 1 - at_);
-    std::memcpy(text_.data() + at_, s.data(), n);
-    at_ += n;
-    return *this;
-  }
-  EventText& add(std::uint64_t n) noexcept {
-    std::array<char, 20> digits{};
-    const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), n).ptr;
-    return add({digits.data(), static_cast<std::size_t>(end - digits.data())});
-  }
-
- private:
-  std::array<char, 112>& text_;
-  std::size_t at_ = 0;
-};
 
 /// Nearest integer to d / period; d may be negative.
 std::int64_t periods_in(Duration d, Duration period) noexcept {
@@ -122,6 +102,7 @@ Status PairSource::do_start(BenchTime t0) {
   event_first_ = event_count_ = 0;
   event_sequence_ = 0;
   any_cycle_ = any_real_ = any_handed_ = false;
+  misplaced_ = 0;
   anchor_index_ = next_twin_ = last_handed_ = 0;
   t0_ = t0;
   anchor_t_ = t0 + phase_;
@@ -199,7 +180,10 @@ void PairSource::take_in(BenchTime now) noexcept {
 void PairSource::take_real(SampleLease&& sample) noexcept {
   Stamp& stamp = sample.edit().stamp;
   // A camera that runs freely was measuring while the bench was still starting: that is not of this run.
-  if (stamp.t_capture + period_ / 2 < t0_) return;
+  if (stamp.t_capture + period_ / 2 < t0_) {
+    misplaced_ += any_real_;  // and a clock that was right before is wrong now
+    return;
+  }
   const std::int64_t steps = periods_in(stamp.t_capture - anchor_t_, period_);
   const std::uint64_t index =
       any_real_ ? anchor_index_ + static_cast<std::uint64_t>(std::max<std::int64_t>(1, steps))
@@ -322,8 +306,10 @@ SampleLease PairSource::poll(BenchTime now) noexcept {
     const SampleLease sample = state_of(side).pop();
     sample_due(side, sample);
     if (side != active_.load(std::memory_order_relaxed)) continue;
-    if (any_handed_ && (sample->stamp.sequence <= last_handed_ || sample->stamp.t_capture <= last_handed_t_))
+    if (any_handed_ && (sample->stamp.sequence <= last_handed_ || sample->stamp.t_capture <= last_handed_t_)) {
+      misplaced_ += sample->stamp.sequence > last_handed_;  // a device's clock that was set back
       continue;
+    }
     return hand_on(side, sample);
   }
 }
@@ -365,6 +351,7 @@ void PairSource::mirror_health() noexcept {
                std::memory_order_relaxed);
   };
   sum(&Health::lost);
+  health_.lost.fetch_add(misplaced_, std::memory_order_relaxed);
   sum(&Health::no_slot);
   sum(&Health::protocol_errors);
   sum(&Health::retries);

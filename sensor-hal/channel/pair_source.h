@@ -22,7 +22,8 @@
 //
 // What the real side tells (it is gone, it is back, it refuses) is told by the pair, whichever side is handed
 // on: the event's code plus kEventOfRealSide, its text begins with the side's name. Losses, retries and
-// reconnections of both sides count as the pair's own; `connected` is that of the side handed on, and that of
+// reconnections of both sides count as the pair's own, and as lost what a device's clock that was set back
+// puts before the sample handed on last; `connected` is that of the side handed on, and that of
 // the device is told by side(PairSide::real).
 //
 // Keys:
@@ -146,6 +147,7 @@ class PairSource final : public Source {
   BenchTime last_handed_t_;
   PairSide handed_side_ = PairSide::real;
   SampleLease after_switch_;
+  std::uint64_t misplaced_ = 0;  ///< not handed on: their time of capture was not after the last one's
 
   std::unique_ptr<SamplePool> event_pool_;
   std::array<SampleLease, 16> events_{};

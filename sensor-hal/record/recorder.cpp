@@ -13,6 +13,7 @@
 #include <thread>
 
 #include "rt-core/spsc_ring.h"
+#include "sensor-hal/channel/fault_spec.h"
 #include "sensor-hal/record/sample_codec.h"
 
 namespace rigor {
@@ -20,7 +21,11 @@ namespace {
 
 using record::MessageInfo;
 
-std::string_view event_kind(std::uint32_t code) { return code == kEventPairSwitch ? "pair_switch" : "event"; }
+std::string_view event_kind(std::uint32_t code) {
+  if (code == kEventPairSwitch) return "pair_switch";
+  if (code == kEventFaultBegin || code == kEventLiveFaultBegin) return "fault_begin";
+  return code == kEventFaultEnd || code == kEventLiveFaultEnd ? "fault_end" : "event";
+}
 
 void nap(std::int64_t ns) {
   const timespec t{0, ns};

@@ -106,7 +106,7 @@ class Recorder {
   /// The loop did not run `count` cycles, of which `first` is the first.
   void record_skipped(std::uint64_t first, std::uint64_t count, BenchTime t) noexcept;
   void record_command(std::uint32_t sink, const Command& command) noexcept;
-  /// A sample of kind event that concerns a channel.
+  /// A sample of kind event that concerns a channel; beyond the last one: none, the text says what.
   void record_event(std::uint32_t channel, const SampleLease& event) noexcept;
   /// Once a cycle, last.
   void end_cycle(std::uint64_t cycle, BenchTime t) noexcept;

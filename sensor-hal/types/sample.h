@@ -75,7 +75,7 @@ struct Pose {
 struct EventInfo {
   std::uint32_t code = 0;
   double value = 0;
-  std::array<char, 112> text{};  ///< NUL-terminated UTF-8
+  std::array<char, 440> text{};  ///< NUL-terminated UTF-8
 };
 
 /// Of an inertial measurement unit, in its own frame, at t_capture.

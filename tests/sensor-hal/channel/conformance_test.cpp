@@ -1,6 +1,7 @@
 // Simulator, pair and replay run through the suite; device backends do so in tests/conformance.
 #include "tests/sensor-hal/channel/conformance.h"
 
+#include "sensor-hal/channel/fault_source.h"
 #include "sensor-hal/channel/replay_source.h"
 #include "sensor-hal/record/recorder.h"
 #include "tests/sensor-hal/channel/test_sources.h"
@@ -24,13 +25,13 @@ class Simulated : public SourceUnderTest {
   test::TurningJoint joint_;
   WorkerPool workers_{2};
 };
-class SimulatedWall final : public Simulated {
+class SimulatedWall : public Simulated {
  public:
   bool virtual_time() const override { return false; }
 };
 
 template <SampleKind kind, bool in_virtual_time>
-class SimulatedSamples final : public SourceUnderTest {
+class SimulatedSamples : public SourceUnderTest {
  public:
   std::unique_ptr<Source> make() override {
     return std::make_unique<SimulatedSource>(std::make_shared<test::FormulaSamples>(kind), &joint_, workers_);
@@ -70,7 +71,7 @@ class Paired : public SourceUnderTest {
   test::TurningJoint joint_;
   WorkerPool workers_{2};
 };
-class PairedWall final : public Paired {
+class PairedWall : public Paired {
  public:
   bool virtual_time() const override { return false; }
 };
@@ -122,6 +123,70 @@ class ReplayedLater final : public Replayed {
  public:
   BenchTime virtual_t0() const override { return BenchTime(0) + seconds(1000); }
 };
+
+/// Any of the above behind a decorator: without faults it is as if it was not there.
+template <class Inner>
+class Faulty : public Inner {
+ public:
+  std::unique_ptr<Source> make() override {
+    return std::make_unique<FaultySource>(Inner::make(), &fault_workers_);
+  }
+
+ private:
+  WorkerPool fault_workers_{1};
+};
+/// With faults that leave what the suite asks for: order, times, counts.
+template <class Inner>
+class Noisy final : public Faulty<Inner> {
+ public:
+  ChannelConfig config() override {
+    return image_config(
+        "{slots: 6, faults: [{kind: noise, sigma_dn: 3}, {kind: corrupt, flips: 4, probability: 0.5}, "
+        "{kind: drop, every_s: 10, for_s: 1, from_s: 5}]}");
+  }
+  // The decorator's own, which hold what was changed.
+  std::size_t slots() const override { return 32; }
+};
+
+INSTANTIATE_TEST_SUITE_P(Faulty, SourceConformance,
+                         testing::Values(under_test<Faulty<Simulated>>("simulated"),
+                                         under_test<Faulty<SimulatedWall>>("simulated_wall"),
+                                         under_test<Faulty<SimulatedRangeWall>>("simulated_range_image_wall"),
+                                         under_test<Faulty<Paired>>("pair"),
+                                         under_test<Faulty<PairedWall>>("pair_wall"),
+                                         under_test<Faulty<Replayed>>("replay"),
+                                         under_test<Noisy<Simulated>>("noisy_simulated"),
+                                         under_test<Noisy<SimulatedWall>>("noisy_simulated_wall"),
+                                         under_test<Noisy<Replayed>>("noisy_replay")),
+                         name_of_case);
+
+/// A pair whose real side has faults of its own.
+class PairedFaulty final : public SourceUnderTest {
+ public:
+  std::unique_ptr<Source> make() override {
+    auto real = std::make_unique<SimulatedSource>(std::make_shared<FormulaImages>(), &joint_, workers_);
+    std::unique_ptr<FollowerSource> twin =
+        std::make_unique<SimulatedSource>(std::make_shared<FormulaImages>(64, 48, 3), &joint_, workers_);
+    return std::make_unique<PairSource>(
+        std::make_unique<FaultySource>(std::unique_ptr<Source>(std::move(real)), &workers_),
+        std::make_unique<FaultySource>(std::move(twin), &workers_, FrameSignalFinder{}), workers_);
+  }
+  ChannelConfig config() override {
+    return image_config(
+        "{hand_on: simulated, real: {slots: 12, faults: [{kind: drop, probability: 0.1}]}, "
+        "simulated: {slots: 12, faults: [{kind: noise, sigma_dn: 2}]}}");
+  }
+  ChannelConfig config_with_unknown_key() override {
+    return image_config("{real: {no_such_key: 1}, simulated: {slots: 8}}");
+  }
+  std::size_t slots() const override { return 32; }
+
+ private:
+  test::TurningJoint joint_;
+  WorkerPool workers_{2};
+};
+INSTANTIATE_TEST_SUITE_P(FaultyPair, SourceConformance,
+                         testing::Values(under_test<PairedFaulty>("pair_with_faulty_sides")), name_of_case);
 
 INSTANTIATE_TEST_SUITE_P(Hal, SourceConformance,
                          testing::Values(under_test<Simulated>("simulated"),

@@ -1,0 +1,134 @@
+// The faults of one channel, as they come and go while a run goes on: which are on in this cycle, what they
+// draw, what they touched. FaultySource and FaultySink apply them.
+//
+//   setup     configure(subject, seed, params)   reads `faults`; FaultBench binds triggers and adds live ones
+//   start     start(t0, loop period)
+//   cycle     begin_cycle(now); for (Fault* f : active()) …; poll_event()
+//
+// Draws are keyed by (seed of the rig, name of the channel, index of the fault, sequence of the sample): they
+// do not depend on threads, nor on what other faults do. A fault is on or off for whole cycles; it acts on
+// what reaches the loop while it is on.
+//
+// Setup context: all but what says loop thread.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "rt-core/port.h"
+#include "sensor-hal/channel/fault_spec.h"
+#include "sensor-hal/channel/fault_values.h"
+
+namespace rigor {
+
+/// One fault in a run.
+struct Fault {
+  FaultSpec spec;
+  std::uint32_t index = 0;  ///< in its channel; live ones count on
+  bool live = false;        ///< asked for while a run went on (this one, or the recorded one)
+  models::PhiloxKey key;
+  const Port<Sample>* trigger_port = nullptr;
+  int trigger_component = 0;
+
+  // Written by the loop, read by any thread.
+  struct Counters {
+    std::atomic<std::uint64_t> begins{0};
+    std::atomic<std::uint64_t> seen{0};     ///< samples that came while it was on
+    std::atomic<std::uint64_t> dropped{0};  ///< of these: lost
+    std::atomic<std::uint64_t> changed{0};  ///< values, bytes or stamps
+    std::atomic<std::uint64_t> delayed{0};  ///< handed on after their release
+  } count;
+  std::atomic<bool> on{false};
+  std::atomic<bool> over{false};  ///< a live one that will not come back
+
+  // The loop's own.
+  struct Span {
+    BenchTime from, until;
+  };
+  static constexpr std::size_t kSpans = 128;
+  std::array<Span, kSpans> spans{};  ///< the first times that it was on; `until` 0 while it is
+  std::size_t span_count = 0;
+  BenchTime t_on;
+  BenchTime t_triggered;
+  bool triggered = false, was_true = false;
+  bool in_burst = false, burst_known = false;
+  SampleLease kept;  ///< stuck
+  std::array<double, 16> kept_values{};
+  bool has_kept_values = false;
+  std::vector<SampleLease> held;  ///< slow_consumer; its memory is taken when it is made
+};
+
+class FaultInjector {
+ public:
+  /// So many faults can be there at a time, live ones included.
+  static constexpr std::size_t kMost = 24;
+
+  /// Reads `faults` of a channel's keys. Throws ConfigError. What was there before is forgotten.
+  void configure(const FaultSubject& subject, std::uint64_t seed, const ConfigNode& params);
+  void start(BenchTime t0, Duration loop_period);
+  /// Gives back what faults hold. The loop has ended.
+  void stop() noexcept;
+
+  [[nodiscard]] const FaultSubject& subject() const noexcept { return subject_; }
+  [[nodiscard]] const std::vector<std::unique_ptr<Fault>>& scheduled() const noexcept { return scheduled_; }
+  /// Of the thread that injects; after the run, of any.
+  [[nodiscard]] const std::vector<std::unique_ptr<Fault>>& live() const noexcept { return live_; }
+
+  /// A live fault, to be given to `add`. Setup thread, or the one thread that injects while a run goes on.
+  /// bad_input, unavailable (there are too many). It belongs to the injector.
+  [[nodiscard]] Result<Fault*> make_live(const ConfigNode& node);
+  /// A live fault of an earlier run, to come again at the same instants. Before start.
+  [[nodiscard]] Status schedule_live(const ConfigNode& node, std::uint32_t index, Duration from,
+                                     Duration until);
+  /// What a fault needs to be applied, memory for example; called by make_live. Set by whoever applies them.
+  std::function<Status(FaultKind)> make_room;
+
+  // Loop thread, noexcept, no allocation.
+  void add(Fault* live) noexcept;
+  void end_live() noexcept;
+  /// Once a cycle; a second call with the same `now` does nothing.
+  void begin_cycle(BenchTime now) noexcept;
+  [[nodiscard]] std::span<Fault* const> active() const noexcept { return {active_.data(), active_.size()}; }
+  [[nodiscard]] SampleLease poll_event() noexcept;
+
+ private:
+  [[nodiscard]] std::unique_ptr<Fault> make(FaultSpec spec, std::uint32_t index, bool live) const;
+  [[nodiscard]] bool wanted(Fault& f, Duration elapsed) const noexcept;
+  void switch_on(Fault& f, BenchTime now) noexcept;
+  void switch_off(Fault& f, BenchTime now) noexcept;
+  void tell(const Fault& f, bool begins, BenchTime now) noexcept;
+
+  FaultSubject subject_;
+  std::uint64_t seed_ = 0;
+  std::vector<std::unique_ptr<Fault>> scheduled_, live_;
+  std::uint32_t next_index_ = 0;
+
+  // the run
+  BenchTime t0_, cycle_;
+  Duration period_ = milliseconds(1);
+  bool running_ = false, any_cycle_ = false;
+  std::vector<Fault*> all_, active_;
+  std::unique_ptr<SamplePool> event_pool_;
+  std::array<SampleLease, 2 * kMost> events_{};
+  std::size_t event_first_ = 0, event_count_ = 0;
+  std::uint64_t event_sequence_ = 0;
+};
+
+// What a fault decides of one sample. Loop thread.
+/// By its probability.
+[[nodiscard]] bool fault_hits(const Fault& f, std::uint64_t sequence) noexcept;
+/// burst_loss: whether the sample is lost; calls in the order of sequence.
+[[nodiscard]] bool burst_loses(Fault& f, std::uint64_t sequence) noexcept;
+/// delay, jitter: how long after its release it is handed on.
+[[nodiscard]] Duration fault_delay(const Fault& f, std::uint64_t sequence) noexcept;
+/// timestamp, clock_skew, clock_step: what is added to a time of capture.
+[[nodiscard]] Duration fault_clock_offset(const Fault& f, BenchTime t_capture) noexcept;
+/// bias, drift, noise, spike, corrupt.
+[[nodiscard]] SampleEdit fault_edit(const Fault& f, std::uint64_t sequence, BenchTime t) noexcept;
+
+}  // namespace rigor

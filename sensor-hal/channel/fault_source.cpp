@@ -1,0 +1,428 @@
+#include "sensor-hal/channel/fault_source.h"
+
+#include <time.h>
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+
+namespace rigor {
+namespace {
+
+constexpr int kMaxNaps = 2000;  // of 0.1 ms
+// Visible, application, recorder, pair: of the slots in which samples are changed.
+constexpr std::size_t kForOthers = 14;
+
+void count(std::atomic<std::uint64_t>& n, std::uint64_t by = 1) noexcept {
+  n.fetch_add(by, std::memory_order_relaxed);
+}
+
+/// Which faults need slots of the decorator's own.
+bool needs_room(FaultKind kind, bool elements) {
+  switch (kind) {
+    case FaultKind::stuck:
+    case FaultKind::bias:
+    case FaultKind::drift:
+    case FaultKind::noise:
+    case FaultKind::spike:
+    case FaultKind::corrupt:
+      return true;
+    case FaultKind::delay:
+    case FaultKind::jitter:
+    case FaultKind::timestamp:
+    case FaultKind::clock_skew:
+    case FaultKind::clock_step:
+      return !elements;  // what is held back is small, and copied, so that the inner source has its slots
+    case FaultKind::drop:
+    case FaultKind::burst_loss:
+    case FaultKind::disconnect:
+    case FaultKind::slow_consumer:
+      return false;
+  }
+  return false;
+}
+
+void copy_sample(const Sample& content, Sample& to) noexcept {
+  to.info = content.info;
+  to.size_bytes = std::min(content.size_bytes, to.memory().size());
+  if (to.size_bytes > 0) std::memcpy(to.memory().data(), content.bytes().data(), to.size_bytes);
+}
+
+}  // namespace
+
+FaultySource::Room::Room(std::size_t slots, std::size_t bytes)
+    : pool(make_sample_pool(slots, bytes)), slot_bytes(bytes), jobs(slots) {}
+
+FaultySource::FaultySource(std::unique_ptr<Source> inner, WorkerPool* workers, FrameSignalFinder find_signal)
+    : inner_(std::move(inner)), workers_(workers), find_signal_(std::move(find_signal)) {
+  faults_.make_room = [this](FaultKind kind) { return make_room(kind); };
+}
+FaultySource::FaultySource(std::unique_ptr<FollowerSource> inner, WorkerPool* workers,
+                           FrameSignalFinder find_signal)
+    : FaultySource(std::unique_ptr<Source>(), workers, std::move(find_signal)) {
+  follower_ = inner.get();
+  inner_ = std::move(inner);
+}
+
+FaultySource::~FaultySource() {
+  if (state() == ChannelState::armed || state() == ChannelState::running) (void)do_stop();
+  if (owned_room_) owned_room_->strand.reset();
+}
+
+Status FaultySource::do_configure(const ChannelConfig& config) {
+  (void)config.params.list_or_empty("faults");  // a key of ours, which the inner source is not to refuse
+  if (auto s = inner_->configure(config); !s) return s;
+  description_ = inner_->describe();
+  faults_.configure({config.name, config.kind, false, &description_, find_signal_}, config.seed,
+                    config.params);
+  return {};
+}
+
+Status FaultySource::do_arm(const ArmContext& context) {
+  virtual_time_ = context.virtual_time;
+  loop_period_ = context.loop_period;
+  if (auto s = inner_->arm(context); !s) return s;
+  description_ = inner_->describe();  // a device tells its size when it is opened
+  Status made;
+  {
+    const std::lock_guard lock(room_mutex_);
+    armed_ = true;
+    if (owned_room_ && owned_room_->slot_bytes != description_.max_bytes) {
+      room_.store(nullptr, std::memory_order_release);
+      // Somebody may still hold samples of the last run: their memory stays.
+      if (owned_room_->pool->in_use() != 0) retired_.push_back(std::move(owned_room_));
+      owned_room_.reset();
+    }
+  }
+  // What was asked for before the channel was armed anew is still to come.
+  if (owned_room_) made = make_room(FaultKind::stuck);
+  for (const auto& f : faults_.scheduled())
+    if (made) made = make_room(f->spec.kind);
+  if (made) return {};
+  const std::lock_guard lock(room_mutex_);
+  armed_ = false;
+  (void)inner_->stop();
+  return made;
+}
+
+Status FaultySource::make_room(FaultKind kind) {
+  const bool elements = has_elements(faults_.subject().kind);
+  if (!needs_room(kind, elements)) return {};
+  const std::lock_guard lock(room_mutex_);
+  if (!armed_ || room_.load(std::memory_order_relaxed)) return {};
+  if (!owned_room_) {
+    // Pictures: as many as are in use at a time. Small ones: as many as may wait, and some.
+    constexpr std::size_t kBudgetBytes = 64 << 20;
+    const std::size_t bytes = description_.max_bytes;
+    const std::size_t slots =
+        elements ? std::clamp<std::size_t>(kBudgetBytes / std::max<std::size_t>(bytes, 1), 16, 32)
+                 : kWaiting + 64;
+    owned_room_ = std::make_unique<Room>(slots, bytes);
+  }
+  Room& room = *owned_room_;
+  if (workers_ && elements && !room.strand) {
+    room.strand = workers_->make_strand([&room] {
+      Job job;
+      if (!room.jobs.try_pop(job)) return;
+      Sample& to = job.to.edit();
+      copy_sample(*job.from, to);
+      for (std::size_t i = 0; i < job.edit_count; ++i) apply_edit(job.edits[i], to);
+    });
+    if (!room.strand)
+      return fail(ErrorCode::unavailable, faults_.subject().channel,
+                  "more channels with faults than the worker pool takes");
+  }
+  room_.store(&room, std::memory_order_release);
+  return {};
+}
+
+Status FaultySource::do_start(BenchTime t0) {
+  for (Waiting& w : waiting_) w = {};
+  first_ = count_ = own_waiting_ = 0;
+  ahead_.reset();
+  last_at_ = BenchTime(std::numeric_limits<std::int64_t>::min());
+  lost_before_ = 0;
+  incomplete_ = returns_ = 0;
+  gone_ = false;
+  for (auto* n : {&accounts_.taken, &accounts_.handed_on, &accounts_.dropped, &accounts_.disconnected,
+                  &accounts_.no_slot, &accounts_.waiting})
+    n->store(0, std::memory_order_relaxed);
+  faults_.start(t0, loop_period_);
+  if (auto s = inner_->start(t0); !s) {
+    faults_.stop();
+    return s;
+  }
+  running_ = true;
+  mirror_health();
+  return {};
+}
+
+Status FaultySource::do_stop() {
+  running_ = false;
+  {
+    const std::lock_guard lock(room_mutex_);
+    armed_ = false;
+    room_.store(nullptr, std::memory_order_release);
+    if (owned_room_) {
+      owned_room_->strand.reset();  // waits for the sample that is being changed
+      for (Job job; owned_room_->jobs.try_pop(job);) job = Job{};
+    }
+  }
+  faults_.stop();
+  for (Waiting& w : waiting_) w = {};
+  first_ = count_ = own_waiting_ = 0;
+  ahead_.reset();
+  gone_ = false;
+  Status stopped;
+  if (inner_->state() == ChannelState::armed || inner_->state() == ChannelState::running)
+    stopped = inner_->stop();
+  mirror_health();
+  return stopped;
+}
+
+void FaultySource::begin_cycle(BenchTime now) noexcept {
+  if (!running_) return;
+  faults_.begin_cycle(now);
+  inner_->begin_cycle(now);
+  mirror_health();
+}
+
+bool FaultySource::request_at(std::uint64_t index, BenchTime t_capture) noexcept {
+  return follower_ && follower_->request_at(index, t_capture);
+}
+
+void FaultySource::complete_until(BenchTime now) {
+  if (!running_) return;
+  inner_->complete_until(now);
+  take_in(now);
+  if (Room* room = room_.load(std::memory_order_acquire); room && room->strand) room->strand->wait_idle();
+}
+
+SampleLease FaultySource::poll_event() noexcept {
+  if (!running_) return {};
+  if (SampleLease event = faults_.poll_event()) return event;
+  return inner_->poll_event();
+}
+
+SampleLease FaultySource::poll(BenchTime now) noexcept {
+  if (!running_) return {};
+  take_in(now);
+  SampleLease sample;
+  if (count_ > 0) {
+    Waiting& head = waiting_[first_];
+    Room* room = room_.load(std::memory_order_acquire);
+    if (virtual_time_ && head.job > 0 && room) room->strand->wait_for(head.job);
+    const bool made =
+        head.job == 0 || (room && room->strand->submitted() - room->strand->backlog() >= head.job);
+    if (head.at <= now && made) {
+      sample = std::move(head.sample);
+      first_ = (first_ + 1) % kWaiting;
+      --count_;
+      own_waiting_ -= head.own;
+      count(accounts_.handed_on);
+      accounts_.waiting.store(count_, std::memory_order_relaxed);
+    }
+  }
+  mirror_health();
+  return sample;
+}
+
+bool FaultySource::cycle_allows_reading(BenchTime now) noexcept {
+  faults_.begin_cycle(now);
+  bool gone = false, unread = false;
+  for (const Fault* f : faults_.active()) {
+    gone |= f->spec.kind == FaultKind::disconnect;
+    unread |= f->spec.kind == FaultKind::slow_consumer && !f->spec.hold;
+  }
+  returns_ += gone_ && !gone;
+  gone_ = gone;
+  return !unread;
+}
+
+void FaultySource::take_in(BenchTime now) noexcept {
+  if (!cycle_allows_reading(now)) return;
+  while (count_ < kWaiting) {  // beyond that the inner source has to keep them, and counts what it cannot
+    if (!ahead_) ahead_ = inner_->poll(now);
+    // What happens to be there early in virtual time must not be seen early: when faults are on depends on
+    // it.
+    if (!ahead_ || (virtual_time_ && ahead_->stamp.t_release > now)) return;
+    admit(std::move(ahead_));
+    ahead_.reset();
+  }
+}
+
+void FaultySource::lose(const Stamp& stamp, std::atomic<std::uint64_t>& account) noexcept {
+  count(account);
+  const std::uint64_t lost = std::uint64_t{lost_before_} + 1 + stamp.lost_before;
+  lost_before_ =
+      static_cast<std::uint32_t>(std::min<std::uint64_t>(lost, std::numeric_limits<std::uint32_t>::max()));
+}
+
+void FaultySource::judge(const SampleLease& sample, Verdict& v) noexcept {
+  const Stamp& stamp = sample->stamp;
+  const std::uint64_t sequence = stamp.sequence;
+  for (Fault* f : faults_.active()) {
+    count(f->count.seen);
+    switch (f->spec.kind) {
+      case FaultKind::drop:
+      case FaultKind::burst_loss:
+        // Bursts go on, whatever else happens to the sample.
+        if (f->spec.kind == FaultKind::drop ? fault_hits(*f, sequence) : burst_loses(*f, sequence)) {
+          if (!v.lost) {
+            count(f->count.dropped);
+            lose(stamp, accounts_.dropped);
+          }
+          v.lost = true;
+        }
+        break;
+      case FaultKind::disconnect:
+        if (!v.lost) {
+          count(f->count.dropped);
+          lose(stamp, accounts_.disconnected);
+        }
+        v.lost = true;
+        break;
+      case FaultKind::delay:
+      case FaultKind::jitter:
+        if (v.lost || !fault_hits(*f, sequence)) break;
+        v.delay += fault_delay(*f, sequence);
+        v.delayed = true;
+        count(f->count.delayed);
+        break;
+      case FaultKind::timestamp:
+      case FaultKind::clock_skew:
+      case FaultKind::clock_step:
+        if (v.lost || !fault_hits(*f, sequence)) break;
+        v.shift += fault_clock_offset(*f, stamp.t_capture);
+        count(f->count.changed);
+        break;
+      case FaultKind::stuck:
+        if (v.lost) break;
+        if (f->kept) {
+          if (!v.stuck) v.stuck = f;
+          count(f->count.changed);
+        } else {
+          f->kept = sample;
+        }
+        break;
+      case FaultKind::bias:
+      case FaultKind::drift:
+      case FaultKind::noise:
+      case FaultKind::spike:
+      case FaultKind::corrupt:
+        if (v.lost || !fault_hits(*f, sequence)) break;
+        v.edits[v.edit_count++] = fault_edit(*f, sequence, stamp.t_capture);
+        if (f->spec.kind == FaultKind::corrupt && f->spec.flagged)
+          v.validity |= (f->spec.flips > 0 ? kCorrupt : kValid) | (f->spec.keep < 1 ? kIncomplete : kValid);
+        count(f->count.changed);
+        break;
+      case FaultKind::slow_consumer:
+        if (!v.lost && f->spec.hold && f->held.size() < f->held.capacity()) f->held.push_back(sample);
+        break;
+    }
+  }
+}
+
+SampleLease FaultySource::take_slot(Room& room) noexcept {
+  // In virtual time a slot that another thread is about to let go of is waited for, so that the run does not
+  // depend on when it does; and those that are held back here leave some for the others, so that it is not
+  // waited for in vain.
+  if (virtual_time_ && own_waiting_ + kForOthers > room.pool->size()) return {};
+  SampleLease slot = room.pool->try_acquire();
+  for (int naps = 0; virtual_time_ && !slot && naps < kMaxNaps; ++naps) {
+    const timespec nap{0, 100'000};
+    nanosleep(&nap, nullptr);
+    slot = room.pool->try_acquire();
+  }
+  return slot;
+}
+
+/// False: there was no slot.
+bool FaultySource::change(SampleLease& sample, const Verdict& v, std::uint64_t& job) noexcept {
+  Room* room = room_.load(std::memory_order_acquire);
+  SampleLease slot = room ? take_slot(*room) : SampleLease{};
+  if (!slot) return false;
+  const SampleLease& content = v.stuck ? v.stuck->kept : sample;
+  Sample& to = slot.edit();
+  to.stamp = sample->stamp;
+  if (room->strand && content->size_bytes > kInlineBytes) {
+    Job work;
+    work.from = content;
+    work.to = slot;
+    work.edits = v.edits;
+    work.edit_count = v.edit_count;
+    if (!room->jobs.try_push(std::move(work))) return false;  // cannot be: there is a place for each slot
+    room->strand->submit();
+    job = room->strand->submitted();
+  } else {
+    copy_sample(*content, to);
+    for (std::size_t i = 0; i < v.edit_count; ++i) apply_edit(v.edits[i], to);
+  }
+  sample = std::move(slot);
+  return true;
+}
+
+void FaultySource::admit(SampleLease&& sample) noexcept {
+  count(accounts_.taken);
+  Verdict v;
+  if (!faults_.active().empty()) judge(sample, v);
+  if (v.lost) return;
+
+  std::uint64_t job = 0;
+  bool own = false;
+  const bool changes = v.stuck || v.edit_count > 0;
+  // What is small and will wait does so in a slot of ours, where there is one.
+  const bool moves = !changes && (v.delayed || v.shift.ns() > 0 || count_ > 0) && sample->size_bytes == 0;
+  if (changes || moves) {
+    own = change(sample, v, job);
+    if (changes && !own) return lose(sample->stamp, accounts_.no_slot);
+  }
+  Stamp& stamp = sample.edit().stamp;
+  BenchTime at(std::numeric_limits<std::int64_t>::min());
+  if (virtual_time_) at = stamp.t_release;
+  if (v.stuck && v.stuck->spec.freeze) stamp.t_capture = v.stuck->kept->stamp.t_capture;
+  if (v.shift.ns() != 0) {
+    stamp.t_capture = stamp.t_capture + v.shift;
+    stamp.t_release = stamp.t_release + v.shift;
+    if (virtual_time_) at = std::max(at, stamp.t_release);
+  }
+  if (v.delayed) {
+    at = std::max(at, stamp.t_release + v.delay);
+    stamp.t_arrival = std::max(stamp.t_arrival, at);
+  }
+  if (count_ > 0 && last_at_ > at) {
+    at = last_at_;
+    stamp.t_arrival = std::max(stamp.t_arrival, at);
+  }
+  if (lost_before_ > 0) {
+    stamp.lost_before += lost_before_;
+    lost_before_ = 0;
+  }
+  if (v.validity != 0) {
+    incomplete_ += (v.validity & kIncomplete) != 0 && (stamp.validity & kIncomplete) == 0;
+    stamp.validity |= v.validity;
+  }
+  last_at_ = at;
+  waiting_[(first_ + count_++) % kWaiting] = {std::move(sample), at, job, own};
+  own_waiting_ += own;
+  accounts_.waiting.store(count_, std::memory_order_relaxed);
+}
+
+void FaultySource::mirror_health() noexcept {
+  const Health& h = inner_->health();
+  const auto take = [&](std::atomic<std::uint64_t> Health::*counter, std::uint64_t more = 0) {
+    (health_.*counter).store((h.*counter).load(std::memory_order_relaxed) + more, std::memory_order_relaxed);
+  };
+  const auto own = [](const std::atomic<std::uint64_t>& n) { return n.load(std::memory_order_relaxed); };
+  take(&Health::received);
+  take(&Health::incomplete, incomplete_);
+  take(&Health::lost, own(accounts_.dropped) + own(accounts_.disconnected));
+  take(&Health::no_slot, own(accounts_.no_slot));
+  take(&Health::ring_full);
+  take(&Health::protocol_errors);
+  take(&Health::retries);
+  take(&Health::reconnects, returns_);
+  health_.connected.store(h.connected.load(std::memory_order_relaxed) && !gone_, std::memory_order_relaxed);
+}
+
+}  // namespace rigor
