@@ -46,8 +46,11 @@ FN void lens_distort(REAL x, REAL y, REAL k1, REAL k2, REAL p1, REAL p2, REAL k3
 //
 // The model folds: beyond the curve where det J = 0 it maps other rays onto the same pixels. So the target is walked
 // from the axis to (xd, yd) in steps, each mended by Newton's iteration; an iterate beyond the fold (det J <= 0, or a
-// denominator <= 0) steps back half-way to the last one before it. A walk that does not end on its target before the
-// fold returns valid = 0, and no ray of the lens reaches that pixel. `tolerance` is the residual that counts as the
+// denominator <= 0) steps back half-way to the last one before it, and no step is longer than half the way from the
+// axis so far. Where k2 or k3 turn a folded lens back there is a second sheet behind the fold, with det J > 0 again,
+// which a step may reach from the edge of the first: so the way from the axis to the result is looked at once more.
+// A walk that does not end on its target before the fold returns valid = 0, and no ray of the lens reaches that
+// pixel. `tolerance` is the residual that counts as the
 // target, in normalised units: about 1e-6 for float, 1e-13 for double.
 FN void lens_undistort(REAL xd, REAL yd, REAL k1, REAL k2, REAL p1, REAL p2, REAL k3, REAL k4, REAL k5, REAL k6,
                        REAL tolerance, OUT(REAL) x, OUT(REAL) y, OUT(REAL) valid) {
@@ -77,8 +80,18 @@ FN void lens_undistort(REAL xd, REAL yd, REAL k1, REAL k2, REAL p1, REAL p2, REA
       if (det > REAL(1e-6) && den > REAL(0.0) && jxx + jyy > REAL(0.0)) {
         good_x = x;
         good_y = y;
-        x = x - (jyy * ex - jxy * ey) / det;
-        y = y - (jxx * ey - jyx * ex) / det;
+        REAL dx = (jyy * ex - jxy * ey) / det;
+        REAL dy = (jxx * ey - jyx * ex) / det;
+        REAL longest2 = REAL(0.0625) + REAL(0.25) * (x * x + y * y);
+        // Halved until it is short enough: no square root, whose derivative at 0 is none.
+        for (int halving = 0; halving < 20; ++halving) {
+          if (dx * dx + dy * dy > longest2) {
+            dx = REAL(0.5) * dx;
+            dy = REAL(0.5) * dy;
+          }
+        }
+        x = x - dx;
+        y = y - dy;
         // On the way it is enough to stay near the line; at its end the step that was just taken is the last.
         if (ex * ex + ey * ey <= enough * enough) {
           break;
@@ -97,5 +110,14 @@ FN void lens_undistort(REAL xd, REAL yd, REAL k1, REAL k2, REAL p1, REAL p2, REA
   if (!(ex * ex + ey * ey <= tolerance * tolerance * (REAL(1.0) + xd * xd + yd * yd)) || det <= REAL(1e-6) ||
       den <= REAL(0.0) || jxx + jyy <= REAL(0.0)) {
     valid = REAL(0.0);
+  }
+  const int samples = 16;
+  for (int i = 1; i < samples; ++i) {
+    REAL along = REAL(float(i)) / REAL(float(samples));
+    lens_distort_jacobian(along * x, along * y, k1, k2, p1, p2, k3, k4, k5, k6, ex, ey, jxx, jxy, jyx, jyy, den);
+    det = jxx * jyy - jxy * jyx;
+    if (det <= REAL(1e-6) || den <= REAL(0.0) || jxx + jyy <= REAL(0.0)) {
+      valid = REAL(0.0);
+    }
   }
 }

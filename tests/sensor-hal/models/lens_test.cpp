@@ -38,6 +38,44 @@ TEST(OpenCvLens, KnowsWhereTheModelFolds) {
   EXPECT_FALSE(unproject(camera, {camera.cx_px + camera.fx_px * (reach + 1e-3), camera.cy_px}));
 }
 
+// k2 > 0 turns a folded lens back: behind the fold there is a second sheet on which the formula reaches every
+// pixel, and an iteration that jumps there answers with a ray that the lens does not take.
+TEST(OpenCvLens, APixelBeyondTheFoldIsNotGivenToTheSheetBehindIt) {
+  for (const OpenCvLens& lens : {OpenCvLens{.k1 = -0.38, .k2 = 0.015}, OpenCvLens{.k1 = -0.38, .k2 = 0.05},
+                                 OpenCvLens{.k1 = -0.38, .k2 = 0.02, .p1 = 1e-3, .p2 = -2e-3, .k3 = 1e-3},
+                                 OpenCvLens{.k1 = -0.6, .k2 = 0.12}}) {
+    const CameraModel camera = test::camera_with(lens);
+    using F = models::LensMath<float>;
+    const auto f = [](double v) { return static_cast<float>(v); };
+    for (const double angle : {0.0, 0.7, 1.9, 3.3, 5.0}) {
+      // How far the first sheet reaches: the formula's first maximum along a ray from the axis.
+      double reach = 0, x_fold = 0;
+      for (double r = 0.01; r < 3; r += 1e-4) {
+        double xd = 0, yd = 0;
+        models::LensMath<double>::lens_distort(r * std::cos(angle), r * std::sin(angle), lens.k1, lens.k2,
+                                               lens.p1, lens.p2, lens.k3, 0, 0, 0, xd, yd);
+        if (std::hypot(xd, yd) < reach) break;
+        reach = std::hypot(xd, yd), x_fold = r;
+      }
+      ASSERT_LT(x_fold, 2.9) << "this lens does not fold";
+      for (const double share : {0.3, 0.6, 0.9, 0.97, 1.04, 1.2, 1.5, 2.0, 3.0}) {
+        const double xd = share * reach * std::cos(angle), yd = share * reach * std::sin(angle);
+        const auto ray =
+            unproject(camera, {camera.cx_px + camera.fx_px * xd, camera.cy_px + camera.fy_px * yd});
+        EXPECT_EQ(ray.has_value(), share < 1)
+            << lens.k1 << " " << lens.k2 << " at " << angle << ", " << share;
+        if (ray && share < 1) {
+          EXPECT_LT(std::hypot(ray->x, ray->y), 1.01 * x_fold);
+        }
+        float x = 0, y = 0, valid = 0;
+        F::lens_undistort(f(xd), f(yd), f(lens.k1), f(lens.k2), f(lens.p1), f(lens.p2), f(lens.k3), 0, 0, 0,
+                          1e-6f, x, y, valid);
+        EXPECT_EQ(valid > 0.5f, share < 1) << "float, " << lens.k1 << " at " << angle << ", " << share;
+      }
+    }
+  }
+}
+
 TEST(OpenCvLens, RefusesPointsBehindTheCamera) {
   EXPECT_FALSE(project(test::camera_with({}), {0.1, 0.1, 0.0}));
   EXPECT_FALSE(project(test::camera_with({}), {0.1, 0.1, -1.0}));
