@@ -86,8 +86,8 @@ TEST(RollingShutter, RecoversLineTimeAndLensWithTheUncertaintyThatItStates) {
   int of_line = 0;
   double largest_sigma_s = 0;
   for (std::uint32_t seed = 0; seed < 100; ++seed) {
-    const auto fit =
-        fit_rolling_shutter(sequence(truth, seed), {.models = {LensModel::opencv2}, .threads = 1});
+    const auto fit = fit_rolling_shutter(sequence(truth, seed, 1, 0.1, 15),
+                                         {.models = {LensModel::opencv2}, .robust = seed < 20, .threads = 1});
     ASSERT_TRUE(fit) << fit.error().text();
     const auto& parameters = fit->result.parameters;
     ASSERT_EQ(parameters.size(), 7u) << seed;
