@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <cstdio>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -63,8 +64,18 @@ struct Reader {
       line.show(fmt::format("looking for boards: picture {}{}, {} found", looked, of, views.seen.size()));
   }
   void take(BoardView view) {
+    if (options.rate_hz > 0 && !std::isfinite(view.t_s))
+      view.t_s = static_cast<double>(looked) / options.rate_hz;
     views.seen.push_back(std::move(view));
     views.picture.push_back(looked);
+  }
+  void take(Result<ColourViews> planes, Result<BoardView>& view) {
+    if (!planes) {
+      view = tl::unexpected<Error>(planes.error());
+      return;
+    }
+    view = (*planes)[1];
+    views.colours.push_back(std::move(*planes));
   }
   Status one_recording(const std::filesystem::path& file) {
     Status bad;
@@ -77,8 +88,24 @@ struct Reader {
       }
       const int width = static_cast<int>(info->width_px), height = static_cast<int>(info->height_px);
       if (first.empty()) first = cv::Mat(height, width, CV_8UC1, grey->data()).clone();
-      auto view = find_board(fmt::format("{}#{}", file.filename().string(), sample.stamp.sequence),
-                             grey->data(), width, height, board);
+      const std::string name = fmt::format("{}#{}", file.filename().string(), sample.stamp.sequence);
+      Result<BoardView> view = BoardView{};
+      if (!options.colours) {
+        view = find_board(name, grey->data(), width, height, board);
+      } else if (info->format != PixelFormat::rgb8) {
+        bad = fail(ErrorCode::bad_input, name,
+                   "expected pictures of three colours a pixel (rgb8) for --chromatic, got grey, a mosaic or "
+                   "video");
+        return false;
+      } else {
+        take(find_board_in_planes(name, reinterpret_cast<const std::uint8_t*>(sample.bytes().data()), width,
+                                  height, board),
+             view);
+        if (!view && view.error().code != ErrorCode::not_found) {
+          bad = tl::unexpected<Error>(view.error());
+          return false;
+        }
+      }
       if (view) {
         view->t_s = 1e-9 * static_cast<double>(sample.stamp.t_capture.ns());
         take(std::move(*view));
@@ -114,6 +141,9 @@ Result<BoardViews> read_board_views(const BoardViewsOptions& options, const Boar
       continue;
     }
     if (file.extension() == ".vnl") {
+      if (options.colours)
+        return fail(ErrorCode::bad_input, file.string(),
+                    "expected pictures of colour for --chromatic, got a list of corners");
       int width = 0, height = 0;
       if (auto s = parse_size(options.size, width, height); !s) return tl::unexpected<Error>(s.error());
       auto list = read_corner_list(file, board, width, height);
@@ -124,7 +154,11 @@ Result<BoardViews> read_board_views(const BoardViewsOptions& options, const Boar
       }
       continue;
     }
-    auto view = find_board_in_file(file, board);
+    Result<BoardView> view = BoardView{};
+    if (options.colours)
+      reader.take(find_board_in_planes_of_file(file, board), view);
+    else
+      view = find_board_in_file(file, board);
     if (view) {
       reader.take(std::move(*view));
     } else if (view.error().code == ErrorCode::not_found) {

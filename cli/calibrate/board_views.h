@@ -2,6 +2,7 @@
 #pragma once
 
 #include "calibration/camera/board.h"
+#include "calibration/camera/chromatic.h"
 #include "cli/calibrate/calibrate.h"
 #include "rt-core/stop.h"
 
@@ -13,11 +14,14 @@ struct BoardViewsOptions {
   std::string size;              ///< WIDTHxHEIGHT of the pictures that a list of corners is about
   std::filesystem::path report;  ///< where what was looked for is drawn, if nothing was found; empty: nowhere
   bool json = false;             ///< no progress
+  bool colours = false;          ///< corners in red, green and blue; a grey picture is bad_input
+  double rate_hz = 0;            ///< pictures of files were taken at this rate; 0: not known
   StopToken stop{};              ///< what was found until then is returned
 };
 
 struct BoardViews {
   std::vector<calibration::BoardView> seen;
+  std::vector<calibration::ColourViews> colours;  ///< where they were asked for; `seen` is green
   std::vector<std::size_t> picture;  ///< of each view: which one it was of all that were looked at
   std::vector<std::string> notes;    ///< pictures without a board and why; recordings that were cut short
   std::vector<std::filesystem::path> files;

@@ -4,6 +4,8 @@
 #include <memory>
 
 #include "calibration/camera/camera_fit.h"
+#include "calibration/camera/chromatic.h"
+#include "calibration/camera/rolling_shutter.h"
 #include "cli/calibrate/board_views.h"
 #include "cli/calibrate/calibrate.h"
 #include "rt-core/stop.h"
@@ -18,6 +20,8 @@ struct CalibrateCameraOptions : CalibrateOptions {
   std::string size;  ///< WIDTHxHEIGHT of the pictures that a corner list is about
   double start_fx_px = 0;
   bool all_corners = false;  ///< no outlier is left out
+  bool rolling_shutter = false, chromatic = false;
+  double rate_hz = 0, longest_gap_ms = 200;
 };
 
 SheetRecipe recipe_of(const CameraFit& fit) {
@@ -32,6 +36,20 @@ SheetRecipe recipe_of(const CameraFit& fit) {
   const bool fisheye = m.projection == Projection::kannala_brandt;
   if (fisheye) r.set.emplace_back("projection", "kannala_brandt");
   for (const Parameter& p : fit.result.parameters) {
+    if (p.name == "line_time_s") {
+      put("shutter.line_time_us", 1e6 * m.shutter.line_time_s);
+      // A draw below 0 would be no camera.
+      if (p.value > 4 * p.sigma) r.places.push_back({p.name, "shutter.line_time_us", 1e6});
+      continue;
+    }
+    if (p.name == "magnification_red" || p.name == "magnification_blue") {
+      const auto& each = m.chromatic.magnification;
+      r.set.emplace_back("chromatic.magnification", "[" + exact_text(each[0]) + ", " + exact_text(each[1]) +
+                                                        ", " + exact_text(each[2]) + "]");
+      r.places.push_back(
+          {p.name, std::string("chromatic.magnification.") + (p.name.ends_with("red") ? "0" : "2"), 1});
+      continue;
+    }
     const std::string path = p.name.ends_with("_px") ? "intrinsics." + p.name
                              : fisheye               ? "fisheye." + p.name
                                                      : "lens." + p.name;
@@ -116,6 +134,10 @@ std::vector<Figure> figures_of(const CameraFit& fit, const std::vector<BoardView
 
 int calibrate_camera(const CalibrateCameraOptions& options) {
   const auto wrong = [&](const Error& e) { return report_error(e, options.json); };
+  if (options.rolling_shutter && options.chromatic)
+    return wrong({ErrorCode::bad_input, "--chromatic",
+                  "expected one of --rolling-shutter and --chromatic at a time: fit the one with -o, and the "
+                  "other with that sheet as --base"});
   if (auto s = check_outputs(options); !s) return wrong(s.error());
   const auto board = parse_board(options.target);
   if (!board) return wrong(board.error());
@@ -135,6 +157,8 @@ int calibrate_camera(const CalibrateCameraOptions& options) {
                                        .size = options.size,
                                        .report = options.report,
                                        .json = options.json,
+                                       .colours = options.chromatic,
+                                       .rate_hz = options.rate_hz,
                                        .stop = stop.token()},
                                       *board);
   if (!views) return wrong(views.error());
@@ -143,7 +167,10 @@ int calibrate_camera(const CalibrateCameraOptions& options) {
     fit_options.progress = [&](double share, double rms) {
       line.show(fmt::format("fitting: {:3.0f} %, RMS {:.3g} px", 100 * share, rms));
     };
-  auto fit = fit_camera(views->seen, fit_options);
+  auto fit = options.chromatic         ? fit_chromatic(views->colours, fit_options)
+             : options.rolling_shutter ? fit_rolling_shutter(views->seen, fit_options,
+                                                             {.longest_gap_s = 1e-3 * options.longest_gap_ms})
+                                       : fit_camera(views->seen, fit_options);
   if (!options.json) line.done();
   if (!fit) return wrong(fit.error());
 
@@ -182,6 +209,17 @@ CalibrateSubcommand add_calibrate_camera(CLI::App& calibrate) {
   app.add_option("--size", options->size, "WIDTHxHEIGHT of the pictures of a list of corners");
   app.add_option("--start-fx", options->start_fx_px, "Focal length in pixels to begin with").positive();
   app.add_flag("--all-corners", options->all_corners, "Leave no outlier out");
+  app.add_flag("--rolling-shutter", options->rolling_shutter,
+               "Fit the line time too, of a sequence in which the board or the camera moves; needs times: a "
+               "recording, or --rate");
+  app.add_option("--rate", options->rate_hz,
+                 "Pictures a second, of a folder of pictures in the order of their names")
+      .positive();
+  app.add_option("--longest-gap-ms", options->longest_gap_ms,
+                 "Views further apart do not say how the board moved between them (--rolling-shutter)")
+      .positive();
+  app.add_flag("--chromatic", options->chromatic,
+               "Fit the magnification of red and blue too: colour pictures of a chessboard");
   app.footer(
       "Example: rigor calibrate camera left*.jpg --target chessboard:9x6:0.025 -o left.yaml --report report");
   return {app, [options] { return calibrate_camera(*options); }};

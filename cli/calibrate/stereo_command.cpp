@@ -6,6 +6,7 @@
 #include "calibration/camera/stereo_fit.h"
 #include "cli/calibrate/board_views.h"
 #include "cli/calibrate/calibrate.h"
+#include "cli/page.h"
 #include "sensor-hal/models/camera_yaml.h"
 
 namespace rigor {
@@ -110,6 +111,55 @@ SheetRecipe recipe_of(const StereoFit& fit) {
   return r;
 }
 
+/// The sheet of one camera, which a simulated channel reads, lies beside that of the rig.
+std::filesystem::path side_file(const std::filesystem::path& output, const char* side) {
+  std::filesystem::path file = output;
+  return file.replace_filename(output.stem().string() + "." + side + output.extension().string());
+}
+
+/// What is known of one camera alone: its parameters, and its part of the covariance.
+FitResult side_result(const FitResult& all, const std::string& side, LensModel model) {
+  FitResult one = all;
+  one.model = std::string(lens_model_name(model));
+  one.parameters.clear();
+  one.candidates.clear();
+  one.weak.clear();
+  one.rejected.clear();
+  std::vector<Eigen::Index> kept;
+  for (std::size_t i = 0; i < all.parameters.size(); ++i) {
+    if (!all.parameters[i].name.starts_with(side + ".")) continue;
+    one.parameters.push_back(all.parameters[i]);
+    one.parameters.back().name.erase(0, side.size() + 1);
+    kept.push_back(static_cast<Eigen::Index>(i));
+  }
+  one.covariance = all.covariance(kept, kept);
+  return one;
+}
+
+Status write_side(const StereoOptions& o, const StereoFit& fit, const std::string& side,
+                  const std::vector<std::filesystem::path>& inputs) {
+  const bool left = side == "left";
+  const CameraModel& m = left ? fit.left : fit.right;
+  const FitResult one = side_result(fit.result, side, left ? fit.left_model : fit.right_model);
+  SheetRecipe rig, r;
+  put_camera(rig, side, m);
+  r.kind = "camera";
+  for (auto& [path, value] : rig.set) r.set.emplace_back(path.substr(side.size() + 1), value);
+  const bool fisheye = m.projection == Projection::kannala_brandt;
+  for (const Parameter& p : one.parameters)
+    r.places.push_back({p.name,
+                        (p.name.ends_with("_px") ? "intrinsics."
+                         : fisheye               ? "fisheye."
+                                                 : "lens.") +
+                            p.name,
+                        1});
+  std::vector<RecordingHash> hashes;
+  for (const auto& file : inputs) hashes.push_back({file.filename().string(), sha256_of(file)});
+  const auto sheet = sheet_yaml(r, one, hashes);
+  if (!sheet) return tl::unexpected<Error>(sheet.error());
+  return write_text_file(side_file(o.output, side.c_str()), *sheet);
+}
+
 std::vector<Figure> figures_of(const StereoFit& fit) {
   std::vector<Figure> figures;
   Series scalar;
@@ -144,6 +194,12 @@ std::vector<Figure> figures_of(const StereoFit& fit) {
 int calibrate_stereo(const StereoOptions& o) {
   const auto wrong = [&](const Error& e) { return report_error(e, o.json); };
   if (auto s = check_outputs(o); !s) return wrong(s.error());
+  if (!o.output.empty() && !o.force)
+    for (const char* side : {"left", "right"})
+      if (const auto file = side_file(o.output, side); std::filesystem::exists(file))
+        return wrong(
+            {ErrorCode::not_writable, file.string(),
+             "expected a name that is not taken, a file is there; give another with -o, or --force"});
   const auto board = parse_board(o.target);
   if (!board) return wrong(board.error());
   StereoFitOptions options;
@@ -200,6 +256,13 @@ int calibrate_stereo(const StereoOptions& o) {
   product.more["baseline_m"] = t.norm();
   product.more["T_left_right"] = {{"position_m", {t.x(), t.y(), t.z()}},
                                   {"quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}}};
+  const auto inputs = product.inputs;
+  if (!o.output.empty())
+    for (const char* side : {"left", "right"}) {
+      if (!(side[0] == 'l' ? o.left_sheet : o.right_sheet).empty()) continue;  // there is one already
+      if (auto s = write_side(o, *fit, side, inputs); !s) return wrong(s.error());
+      product.more[std::string(side) + "_output"] = side_file(o.output, side).string();
+    }
   return finish_calibration(o, std::move(product));
 }
 
