@@ -77,6 +77,9 @@ void EchoList::insert(const models::LidarModel& m, const Echo& e) {
     const double ph = power(m, have.remission, have.range_m), pe = power(m, e.remission, e.range_m);
     const double range = (ph * have.range_m + pe * e.range_m) / (ph + pe);
     const float remission = static_cast<float>((ph + pe) / power(m, 1.0, range));
+    have.cos_incidence = static_cast<float>(
+        (ph * static_cast<double>(have.cos_incidence) + pe * static_cast<double>(e.cos_incidence)) /
+        (ph + pe));
     if (pe > ph) have.source = e.source, have.sub_ray = e.sub_ray;
     have.range_m = static_cast<float>(range);
     have.remission = remission;
@@ -99,7 +102,7 @@ EchoList form_echoes(const models::LidarModel& m, std::span<Return> returns) {
   EchoList list;
   const auto separation = static_cast<float>(m.echoes.separation_m);
   for (std::size_t i = 0; i < returns.size();) {
-    double sum = 0, moment = 0, most = -1;
+    double sum = 0, moment = 0, cosine = 0, most = -1;
     std::uint16_t dominant = 0;
     const float nearest = returns[i].range_m;
     std::size_t j = i;
@@ -108,12 +111,14 @@ EchoList form_echoes(const models::LidarModel& m, std::span<Return> returns) {
       const double p = power(m, r.remission, r.range_m);
       sum += p;
       moment += p * static_cast<double>(r.range_m - nearest);
+      cosine += p * static_cast<double>(r.cos_incidence);
       if (p > most) most = p, dominant = r.sub_ray;
       ++j;
     } while (j < returns.size() && returns[j].range_m - returns[j - 1].range_m <= separation);
     const double range = static_cast<double>(nearest) + moment / sum;
     list.push_back({.range_m = static_cast<float>(range),
                     .remission = static_cast<float>(sum / power(m, 1.0, range)),
+                    .cos_incidence = static_cast<float>(cosine / sum),
                     .sub_ray = dominant});
     i = j;
   }

@@ -26,6 +26,7 @@ enum class EchoSource : std::uint8_t { surface, ghost, particle };
 struct Echo {
   float range_m = 0;
   float remission = 0;        ///< E of lidar.glsl.h, air taken into account
+  float cos_incidence = 1;    ///< mean by power; 1 where no surface sent it
   std::uint16_t sub_ray = 0;  ///< that gives it the most
   EchoSource source = EchoSource::surface;
 };
@@ -94,6 +95,7 @@ struct Return {
   float range_m;
   std::uint16_t sub_ray;
   double remission;
+  float cos_incidence;
 };
 
 /// Remission of what a ray met, per unit of weight, in clear air.

@@ -142,7 +142,9 @@ void LidarSimulator::Impl::form_tile(std::uint32_t tile, std::span<const render:
       if (sub_rays == 1) {
         const render::Hit& hit = tile_hits[at];
         if (!hit.nothing()) {
-          *to = {.range_m = hit.range_m, .remission = static_cast<float>(remission_of(0))};
+          *to = {.range_m = hit.range_m,
+                 .remission = static_cast<float>(remission_of(0)),
+                 .cos_incidence = hit.cos_incidence};
           count = 1;
         }
       } else {
@@ -150,7 +152,9 @@ void LidarSimulator::Impl::form_tile(std::uint32_t tile, std::span<const render:
         for (std::size_t k = 0; k < sub_rays; ++k) {
           if (tile_hits[at + k].nothing()) continue;
           const double e = static_cast<double>(rays.weight(k)) * remission_of(k);
-          if (e > 0) returns[met++] = {tile_hits[at + k].range_m, static_cast<std::uint16_t>(k), e};
+          if (e > 0)
+            returns[met++] = {tile_hits[at + k].range_m, static_cast<std::uint16_t>(k), e,
+                              tile_hits[at + k].cos_incidence};
         }
         if (met > 0) {
           const EchoList list = lidar::form_echoes(m, std::span(returns).first(met));

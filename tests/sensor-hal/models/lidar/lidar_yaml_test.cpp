@@ -83,6 +83,17 @@ TEST(LidarYaml, OneNumberStandsForAllBeams) {
   EXPECT_EQ(m->scan.columns, 360U);
 }
 
+TEST(LidarYaml, ErrorsInTheMeanAreOfTheRange) {
+  const auto m = read(
+      "scan: { rotation_hz: 10, step_deg: 1 }\n"
+      "range: { max_m: 10, bias_mm: -3, scale: 1.002, walk_mm: 20, oblique_mm: -7 }\n");
+  ASSERT_TRUE(m) << m.error().text();
+  EXPECT_DOUBLE_EQ(m->range.bias_m, -0.003);
+  EXPECT_DOUBLE_EQ(m->range.scale, 1.002);
+  EXPECT_DOUBLE_EQ(m->range.walk_m, 0.02);
+  EXPECT_DOUBLE_EQ(m->range.oblique_m, -0.007);
+}
+
 TEST(LidarYaml, DefaultsAreAPerfectSensor) {
   const auto m =
       read("scan: { rotation_hz: 25, start_deg: -90, end_deg: 90, step_deg: 0.5 }\nrange: { max_m: 10 }\n");
@@ -92,6 +103,9 @@ TEST(LidarYaml, DefaultsAreAPerfectSensor) {
   EXPECT_EQ(m->noise.floor_m, 0);
   EXPECT_EQ(m->noise.scale_m, 0);
   EXPECT_EQ(m->range.step_m, 0);
+  EXPECT_EQ(m->range.scale, 1);
+  EXPECT_EQ(m->range.walk_m, 0);
+  EXPECT_EQ(m->range.oblique_m, 0);
   EXPECT_EQ(m->remission.maximum, 0);
   EXPECT_EQ(m->detection.minimum_remission, 0);
   EXPECT_EQ(m->retro.crosstalk, 0);

@@ -1,6 +1,6 @@
 // Calls of the error models, by number: read by the shader and by C++, so that both make the same calls. Twelve
 // arguments in, four results out.
-#define MODEL_CALLS 31
+#define MODEL_CALLS 32
 
 FN void model_call(int which, REAL a, REAL b, REAL c, REAL d, REAL e, REAL f, REAL g, REAL h, REAL i, REAL j,
                    REAL k, REAL l, OUT(REAL) p, OUT(REAL) q, OUT(REAL) r, OUT(REAL) s) {
@@ -90,6 +90,8 @@ FN void model_call(int which, REAL a, REAL b, REAL c, REAL d, REAL e, REAL f, RE
   } else if (which == 29) {
     tof_demodulate(a, b, c, d, p, q);
     r = tof_nearest_range(e, f, g);
+  } else if (which == 31) {
+    p = lidar_range_error_m(a, b, c, d, e, f, g);
   } else {
     REAL t = REAL(0.0);
     tof_spline(a, b, c, d, p, q, r, s, t);

@@ -236,6 +236,9 @@ const std::vector<Call>& calls() {
        5e-6,
        1,
        0.001},
+      {31,
+       "lidar_range_error_m",
+       {{0.1, 300, true}, {0.99, 1.01}, {-0.1, 0.1}, {-0.05, 0.05}, {0, 2}, {-0.05, 0.05}, kUnit}},
   };
   return table;
 }

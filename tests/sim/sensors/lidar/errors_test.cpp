@@ -102,6 +102,33 @@ TEST(LidarBias, IsTheBeamsAndTheDevices) {
   EXPECT_NEAR(range_of(scan(m, wall(10), world, {.ideal = true}).points.at(2)), 10, 1e-5);
 }
 
+TEST(LidarBias, GrowsWithRangeDarknessAndIncidence) {
+  LidarModel m = staring();
+  m.range.scale = 1.004;
+  m.range.walk_m = 0.03;
+  m.range.oblique_m = 0.05;
+  AnalyticWorld world;
+  for (const double deg : {0.0, 60.0}) {
+    const double c = std::cos(deg * kDegree);
+    for (const float rho : {0.2F, 0.8F}) {
+      auto engine = std::make_shared<AnalyticEngine>();
+      engine->add(Plane{.point = {10, 0, 0}, .normal = {-c, std::sin(deg * kDegree), 0}},
+                  {.reflectance = grey(rho)});
+      const auto s = scan(m, std::move(engine), world);
+      ASSERT_EQ(s.points.size(), 1U);
+      EXPECT_NEAR(range_of(s.points[0]), 10.04 + 0.03 * (1 - static_cast<double>(rho) * c) + 0.05 * (1 - c),
+                  1e-5);
+    }
+  }
+  // A footprint's returns are one echo at the mean of their incidence.
+  m.footprint = {.horizontal_divergence_rad = 0.001, .vertical_divergence_rad = 0.001, .sub_rays = 7};
+  m.echoes.separation_m = 1;
+  auto engine = std::make_shared<AnalyticEngine>();
+  engine->add(Plane{.point = {10, 0, 0}, .normal = {-0.5, std::sqrt(0.75), 0}}, {.reflectance = grey(0.2F)});
+  EXPECT_NEAR(range_of(scan(m, std::move(engine), world).points.at(0)), 10.04 + 0.03 * 0.9 + 0.05 * 0.5,
+              1e-4);
+}
+
 TEST(LidarQuantisation, RangesAreWholeSteps) {
   AnalyticWorld world;
   LidarModel m = staring(2000);
