@@ -27,10 +27,12 @@ struct Sample {
 };
 
 /// Variance of b about a line in z, what lies beyond four deviations left out.
-bool scatter(const std::vector<Sample>& samples, double& variance, double& number) {
+bool scatter(const std::vector<Sample>& samples, double& variance, double& number,
+             std::vector<float>& deviations) {
   double zm = 0, bm = 0, slope = 0, limit = 1e300;
   for (int round = 0; round < 8; ++round) {
     double n = 0, sz = 0, sb = 0, szz = 0, szb = 0, rest = 0;
+    deviations.clear();
     for (const Sample& s : samples) {
       const double e = s.b - bm - slope * (s.z - zm);
       if (round > 0 && std::abs(e) > limit) continue;
@@ -49,6 +51,7 @@ bool scatter(const std::vector<Sample>& samples, double& variance, double& numbe
       if (round > 0 && std::abs(e) > limit) continue;
       const double f = s.b - b0 - k * (s.z - z0);
       rest += f * f;
+      deviations.push_back(static_cast<float>(f));
     }
     zm = z0, bm = b0, slope = k;
     variance = rest / (n - 2), number = n;
@@ -65,17 +68,11 @@ std::string pair_text(double a, double b) {
 
 }  // namespace
 
-Result<ExposurePairs> fit_exposure_pairs(const FrameStacks& stacks, const StackStatistics& st,
-                                         const StopToken& stop) {
-  ExposurePairs out;
+std::vector<PairBin> pair_bins(const FrameStacks& stacks, const StackStatistics& st) {
+  std::vector<PairBin> bins;
   std::vector<const PhotonLevel*> light;
   for (const PhotonLevel& l : stacks.levels())
     if (l.settings.light) light.push_back(&l);
-  if (light.size() < 2)
-    return fail(
-        ErrorCode::bad_input, "",
-        "expected two frames of the same exposure, or a still scene at two exposure times or more, got " +
-            std::to_string(light.size()) + " frame(s) of light");
   const int w = stacks.width_px(), h = stacks.height_px(), s = st.mosaic ? 2 : 1;
   int set = 0;
   for (std::size_t p = 0; p + 1 < light.size(); ++p) {
@@ -115,14 +112,30 @@ Result<ExposurePairs> fit_exposure_pairs(const FrameStacks& stacks, const StackS
           clip = clip || x.z - x.b < 1 || x.b >= st.max_dn;
         }
         double variance = 0, number = 0;
+        std::vector<float> deviations;
         // A bin that spans much of the range is no bin.
         if (clip || bin.back().z - bin.front().z > 0.25 * bin.back().z) continue;
-        if (!scatter(bin, variance, number) || !(variance > 0)) continue;
-        out.bins.push_back(
-            {pair_text(first_s, second_s), set, first_s, second_s, a_mean, b_mean, variance, number, 0});
+        if (!scatter(bin, variance, number, deviations) || !(variance > 0)) continue;
+        bins.push_back({pair_text(first_s, second_s), set, first_s, second_s, a_mean, b_mean, variance,
+                        number, 0, std::move(deviations)});
       }
     }
   }
+  return bins;
+}
+
+Result<ExposurePairs> fit_exposure_pairs(const FrameStacks& stacks, const StackStatistics& st,
+                                         const StopToken& stop) {
+  ExposurePairs out;
+  std::vector<const PhotonLevel*> light;
+  for (const PhotonLevel& l : stacks.levels())
+    if (l.settings.light) light.push_back(&l);
+  if (light.size() < 2)
+    return fail(
+        ErrorCode::bad_input, "",
+        "expected two frames of the same exposure, or a still scene at two exposure times or more, got " +
+            std::to_string(light.size()) + " frame(s) of light");
+  out.bins = pair_bins(stacks, st);
   FitResult& result = out.result;
   if (out.bins.size() < 6) {
     result.not_identifiable.emplace_back("system_gain_dn_per_e",

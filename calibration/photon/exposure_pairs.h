@@ -29,13 +29,17 @@ struct PairBin {
   double first_dn = 0, second_dn = 0;  ///< means of the bin
   double variance_dn2 = 0;             ///< of B about its mean for a given z
   double pixels = 0;
-  double expected_dn2 = 0;  ///< by the fit
+  double expected_dn2 = 0;             ///< by the fit
+  std::vector<float> deviations_dn{};  ///< of B from what z says, those that were used
 };
 
 struct ExposurePairs {
   FitResult result;  ///< system_gain_dn_per_e, or why not
   std::vector<PairBin> bins;
 };
+
+/// Scatter of each pair of exposures that follow each other, over brightness; `expected_dn2` is not filled.
+[[nodiscard]] std::vector<PairBin> pair_bins(const FrameStacks& stacks, const StackStatistics& statistics);
 
 /// `statistics` of the same stacks. bad_input: fewer than two exposures of light.
 [[nodiscard]] Result<ExposurePairs> fit_exposure_pairs(const FrameStacks& stacks,

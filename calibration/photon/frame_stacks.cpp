@@ -80,6 +80,7 @@ Status FrameStacks::add(const PhotonFrame& frame, std::span<const std::uint16_t>
   }
   level.hashes.push_back(hash);
   level.frames.push_back(frame.name);
+  level.last.assign(pixels.begin(), pixels.end());
   std::array<double, 4> mean{};
   std::array<std::uint64_t, 4> number{};
   for (int y = 0; y < height_px; ++y)

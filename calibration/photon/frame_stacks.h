@@ -28,6 +28,7 @@ struct PhotonLevel {
   std::vector<std::uint32_t> sum;  ///< of each pixel over the frames
   std::vector<std::uint64_t> square;
   std::vector<std::uint16_t> least, most;
+  std::vector<std::uint16_t> last;  ///< the last frame itself
   /// Mean of each frame, for each of the four places of a 2x2 mosaic (row-major).
   std::vector<std::array<double, 4>> frame_mean;
   std::vector<std::uint64_t> hashes;

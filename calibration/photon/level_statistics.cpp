@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include "calibration/photon/pattern_split.h"
+
 namespace rigor::calibration {
 namespace {
 
@@ -257,7 +259,8 @@ LevelPoint point_of(const FrameStacks& stacks, std::size_t index, int phase, con
       mean += m / step / frames;
     }
     for (const double m : frame) flicker += (m - mean) * (m - mean) / (frames - 1);
-    p.variance_dn2 -= flicker - p.variance_dn2 / p.pixels;
+    p.flicker_dn2 = flicker - p.variance_dn2 / p.pixels;
+    p.variance_dn2 -= p.flicker_dn2;
   }
   p.pixel_variance_dn2 = std::max(0.0, square / p.pixels - p.mean_dn * p.mean_dn - p.variance_dn2 / frames);
   const double allowed = kClippedShare * frames;
@@ -276,29 +279,35 @@ LevelPoint point_of(const FrameStacks& stacks, std::size_t index, int phase, con
   return p;
 }
 
-/// r minus the mean of the 5x5 nearest of its colour, self included; NaN where fewer than 13 are good.
+/// A pixel less what is smooth about it: a quadratic over the 5x5 nearest of its colour (Savitzky & Golay),
+/// self included, or their mean where some are bad. `kept`: what is left of a pixel's own variance.
 struct HighPass {
-  double residual, mean, number;
+  double residual, mean, number, kept;
 };
+double smooth_weight(int dx, int dy) { return (27 - 5.0 * (dx * dx + dy * dy)) / 175; }
+
 template <class Value>
 HighPass high_pass(const Grid& grid, const std::vector<bool>& bad, int x, int y, const Value& value) {
   const int s = grid.stride();
-  double sum = 0, number = 0;
+  double sum = 0, number = 0, smooth = 0;
   for (int dy = -2; dy <= 2; ++dy)
     for (int dx = -2; dx <= 2; ++dx) {
       const auto k = static_cast<std::size_t>((y + dy * s) * grid.width() + x + dx * s);
       if (bad[k]) continue;
-      sum += value(k);
+      const double v = value(k);
+      sum += v;
+      smooth += smooth_weight(dx, dy) * v;
       ++number;
     }
-  const auto i = static_cast<std::size_t>(y * grid.width() + x);
-  return {value(i) - sum / number, sum / number, number};
+  const double v = value(static_cast<std::size_t>(y * grid.width() + x));
+  if (number == 25) return {v - smooth, smooth, number, 1 - smooth_weight(0, 0)};
+  return {v - sum / number, sum / number, number, 1 - 1 / number};
 }
 /// Σ c(d)²/c(0)² of the filter's autocorrelation: what neighbours that share a mean cost in certainty.
 double high_pass_correlation() {
   double filter[9][9] = {};
   for (int y = 2; y <= 6; ++y)
-    for (int x = 2; x <= 6; ++x) filter[y][x] = -1.0 / 25;
+    for (int x = 2; x <= 6; ++x) filter[y][x] = -smooth_weight(x - 4, y - 4);
   filter[4][4] += 1;
   double sum = 0, centre = 0;
   for (int dy = -8; dy <= 8; ++dy)
@@ -356,6 +365,32 @@ StackStatistics stack_statistics(const FrameStacks& stacks, const StatisticsOpti
   return out;
 }
 
+std::vector<std::string> repeated_noise(const FrameStacks& stacks, const StackStatistics& st) {
+  std::vector<std::string> found;
+  const PhotonLevel* before = nullptr;
+  for (std::size_t l = 0; l < stacks.levels().size(); ++l) {
+    const PhotonLevel& level = stacks.levels()[l];
+    const bool usable = std::any_of(st.points.begin(), st.points.end(), [&](const LevelPoint& p) {
+      return p.level == l && p.usable && p.variance_dn2 > 0.05;
+    });
+    if (!usable) continue;
+    if (before) {
+      double n = 0, x = 0, y = 0, xx = 0, yy = 0, xy = 0;
+      for (std::size_t i = 0; i < level.sum.size(); ++i) {
+        if (st.outliers.bad[i]) continue;
+        const double a = level.last[i] - static_cast<double>(level.sum[i]) / level.count();
+        const double b = before->last[i] - static_cast<double>(before->sum[i]) / before->count();
+        ++n, x += a, y += b, xx += a * a, yy += b * b, xy += a * b;
+      }
+      const double variance = (xx - x * x / n) * (yy - y * y / n);
+      if (variance > 0 && std::abs(xy - x * y / n) / std::sqrt(variance) > 0.3 + 6 / std::sqrt(n))
+        found.push_back(before->text() + " and " + level.text());
+    }
+    before = &level;
+  }
+  return found;
+}
+
 void fixed_patterns(const FrameStacks& stacks, const std::vector<bool>& in_range, StackStatistics& st) {
   const auto& levels = stacks.levels();
   const Grid grid(stacks, st.mosaic);
@@ -378,6 +413,13 @@ void fixed_patterns(const FrameStacks& stacks, const std::vector<bool>& in_range
       if (st.points[k].level == l) all = all && in_range[k], most = std::max(most, st.points[k].mean_dn);
     light[l] = all && most > 0.4 * top;
   }
+  // The light's flicker is common to all pixels: no noise of the pattern.
+  std::vector<std::array<double, 4>> flicker(levels.size());
+  for (const LevelPoint& p : st.points) flicker[p.level][static_cast<std::size_t>(p.phase)] = p.flicker_dn2;
+  const auto noise_of = [&](std::size_t l, std::size_t i) {
+    return (pixel_variance(levels[l], i, step) - flicker[l][static_cast<std::size_t>(grid.phase(i))]) /
+           levels[l].count();
+  };
   std::vector<float> dark_mean(bad.size(), 0), dark_noise(bad.size(), 0);
   double frames = 0, dark_frames = 0;
   for (std::size_t l = 0; l < levels.size(); ++l)
@@ -387,8 +429,7 @@ void fixed_patterns(const FrameStacks& stacks, const std::vector<bool>& in_range
     const double weight = levels[l].count() / dark_frames;
     for (std::size_t i = 0; i < bad.size(); ++i) {
       dark_mean[i] += static_cast<float>(weight * pixel_mean(levels[l], i, step));
-      dark_noise[i] +=
-          static_cast<float>(weight * weight * pixel_variance(levels[l], i, step) / levels[l].count());
+      dark_noise[i] += static_cast<float>(weight * weight * noise_of(l, i));
     }
   }
   const double correlation = high_pass_correlation();
@@ -404,11 +445,13 @@ void fixed_patterns(const FrameStacks& stacks, const std::vector<bool>& in_range
     interior(grid, bad, [&](int x, int y) {
       const HighPass h = high_pass(grid, bad, x, y, [&](std::size_t k) { return double(dark_mean[k]); });
       if (h.number < 5) return;
-      square += h.residual * h.residual / (1 - 1 / h.number);
+      square += h.residual * h.residual / h.kept;
       noise += dark_noise[static_cast<std::size_t>(y * grid.width() + x)];
       ++number;
     });
     finish(square, noise, number, st.dark_pattern_dn2);
+    st.dark_split_dn2 =
+        split_pattern(dark_mean, dark_noise, bad, {grid.width(), grid.height(), grid.stride()});
   }
   std::vector<float> gain(bad.size(), 0), gain_noise(bad.size(), 0);
   for (std::size_t l = 0; l < levels.size(); ++l) {
@@ -416,7 +459,7 @@ void fixed_patterns(const FrameStacks& stacks, const std::vector<bool>& in_range
     ++frames;
     for (std::size_t i = 0; i < bad.size(); ++i) {
       gain[i] += static_cast<float>(pixel_mean(levels[l], i, step));
-      gain_noise[i] += static_cast<float>(pixel_variance(levels[l], i, step) / levels[l].count());
+      gain_noise[i] += static_cast<float>(noise_of(l, i));
     }
   }
   if (frames > 0 && dark_frames > 0) {
@@ -426,11 +469,28 @@ void fixed_patterns(const FrameStacks& stacks, const std::vector<bool>& in_range
       const HighPass h =
           high_pass(grid, bad, x, y, [&](std::size_t k) { return gain[k] - frames * dark_mean[k]; });
       if (h.number < 5 || !(h.mean > 0)) return;
-      square += h.residual * h.residual / (h.mean * h.mean) / (1 - 1 / h.number);
+      square += h.residual * h.residual / (h.mean * h.mean) / h.kept;
       noise += (gain_noise[at] + frames * frames * dark_noise[at]) / (h.mean * h.mean);
       ++number;
     });
     finish(square, noise, number, st.light_pattern);
+    // Relative to the mean light of each colour.
+    std::array<double, 4> mean{}, count{};
+    std::vector<float> relative(bad.size()), relative_noise(bad.size());
+    for (std::size_t i = 0; i < bad.size(); ++i) {
+      relative[i] = static_cast<float>(gain[i] - frames * dark_mean[i]);
+      if (bad[i]) continue;
+      const auto k = static_cast<std::size_t>(grid.phase(i));
+      mean[k] += relative[i], ++count[k];
+    }
+    for (std::size_t i = 0; i < bad.size(); ++i) {
+      const auto k = static_cast<std::size_t>(grid.phase(i));
+      const auto m = static_cast<float>(mean[k] / std::max(1.0, count[k]));
+      relative[i] /= m;
+      relative_noise[i] = (gain_noise[i] + static_cast<float>(frames * frames) * dark_noise[i]) / (m * m);
+    }
+    st.light_split =
+        split_pattern(relative, relative_noise, bad, {grid.width(), grid.height(), grid.stride()});
   }
 }
 

@@ -20,6 +20,7 @@ struct LevelPoint {
   double mean_dn = 0;
   double variance_dn2 = 0;  ///< over time, the flicker of the light taken out; NaN for a single frame
   double fourth_dn4 = 0;    ///< σ⁴ averaged over the pixels: what the variance of the variance is made of
+  double flicker_dn2 = 0;   ///< variance of the frames' means: the light's, and of all pixels alike
   double pixel_variance_dn2 = 0;  ///< of the pixels' means, temporal noise taken out
   double black_share = 0;         ///< of pixels that were at 0 at least once
   double white_share = 0;         ///< the same at the largest value that there is
@@ -32,6 +33,15 @@ struct PatternVariance {
   double value = 0, sigma = 0;  ///< value may be negative: less than the noise explains
   double pixels = 0;
   bool valid = false;
+};
+
+/// Of a fixed pattern: variances of the offsets of rows, of columns, and of the pixels apart from both.
+struct PatternSplit {
+  PatternVariance row, column, pixel;
+  /// Rows or columns are there beyond chance.
+  [[nodiscard]] bool striped() const {
+    return (row.valid && row.value > 4 * row.sigma) || (column.valid && column.value > 4 * column.sigma);
+  }
 };
 
 struct OutlierPixels {
@@ -53,6 +63,7 @@ struct StackStatistics {
   OutlierPixels outliers;
   PatternVariance dark_pattern_dn2;  ///< DSNU², in DN²
   PatternVariance light_pattern;     ///< PRNU², relative
+  PatternSplit dark_split_dn2, light_split;
   std::vector<std::string> warnings;
 };
 
@@ -62,6 +73,10 @@ struct StatisticsOptions {
 };
 
 [[nodiscard]] StackStatistics stack_statistics(const FrameStacks& stacks, const StatisticsOptions& options);
+/// Pairs of usable levels whose temporal noise is the same pixel by pixel (correlation above 0.3), as `A and
+/// B`: no sensor's is; recordings of simulated ones are, where two runs have one seed and the same instants.
+[[nodiscard]] std::vector<std::string> repeated_noise(const FrameStacks& stacks,
+                                                      const StackStatistics& statistics);
 /// Fixed patterns, once it is known which levels are within the range (`in_range` of each point).
 void fixed_patterns(const FrameStacks& stacks, const std::vector<bool>& in_range,
                     StackStatistics& statistics);

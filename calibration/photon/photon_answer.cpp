@@ -19,6 +19,11 @@ void PhotonProblem::after(PhotonModel& m, LeastSquares::Outcome&) {
   // leaves out of it (second order, e_K e_W) would be the larger part of its width.
   if (const int w = r.index_of("full_well_e"), g = r.index_of("system_gain_dn_per_e"); w >= 0 && g >= 0)
     r.covariance(w, w) += 3 * r.covariance(w, w) * r.covariance(g, g) / (m.p[kGain] * m.p[kGain]);
+  if (const int w = r.index_of("full_well_e"); w >= 0 && m.two_gains) {
+    // Somewhere between two levels the gain changes.
+    r.covariance(w, w) += std::pow((1 / m.p[kGain] - 1 / m.upper[0]) * m.break_sigma_dn, 2);
+    r.parameters[static_cast<std::size_t>(w)].sigma = std::sqrt(r.covariance(w, w));
+  }
   curve(m);
   say_not_identifiable(m);
   // What was held, or says nothing, is not a parameter of the result.
@@ -37,6 +42,7 @@ void PhotonProblem::after(PhotonModel& m, LeastSquares::Outcome&) {
   r.parameters = std::move(parameters);
   r.covariance = r.covariance(kept, kept).eval();
   hot_pixels(m);
+  stripes(m);
   if (m.two_gains)
     r.warnings.push_back(photon_text(
         "the gain changes at %.5g DN above black: %.4g DN/e below, %.4g above. The simulator's model has one "
@@ -146,6 +152,36 @@ void PhotonProblem::say_not_identifiable(const PhotonModel& m) {
             : "no level is saturated: go on with longer exposures");
 }
 
+/// Rows and columns of the fixed patterns, where they are there beyond chance. In electrons, and relative.
+void PhotonProblem::stripes(const PhotonModel& m) {
+  FitResult& r = out_.result;
+  for (const bool light : {false, true}) {
+    const PatternSplit& s = light ? st_.light_split : st_.dark_split_dn2;
+    if (!s.pixel.valid || !(light ? plan_.prnu : plan_.dsnu)) continue;
+    const double unit = light ? 1 : 1 / m.p[kGain];
+    std::string found;
+    for (const bool row : {true, false}) {
+      const PatternVariance& v = row ? s.row : s.column;
+      if (!v.valid || !(v.value > 4 * v.sigma)) continue;
+      const double value = std::sqrt(v.value) * unit, sigma = 0.5 * v.sigma / v.value * value;
+      const auto n = static_cast<Eigen::Index>(r.parameters.size());
+      Eigen::MatrixXd c = Eigen::MatrixXd::Zero(n + 1, n + 1);
+      c.topLeftCorner(n, n) = r.covariance;
+      c(n, n) = sigma * sigma;
+      r.covariance = c;
+      r.parameters.push_back(
+          {std::string(light ? "prnu_" : "dsnu_") + (row ? "row" : "column") + (light ? "" : "_e"), value,
+           sigma, 0.5 * value});
+      found += (found.empty() ? "" : " and ") + std::string(row ? "rows" : "columns");
+    }
+    if (!found.empty())
+      r.warnings.push_back(photon_text(light ? "the gain pattern is striped: %.2g %% of pixels apart from "
+                                             : "the offset pattern is striped: %.3g e of pixels apart from ",
+                                       std::sqrt(std::max(0.0, s.pixel.value)) * (light ? 100 : unit)) +
+                           found + "; the simulator's pattern is of pixels alone");
+  }
+}
+
 /// Excess dark current of hot pixels: an exponential distribution above the limit at which they are found,
 /// those that are full censored. Its share below the limit is in the mean of the others: taken out.
 void PhotonProblem::hot_pixels(const PhotonModel& m) {
@@ -194,7 +230,10 @@ void PhotonProblem::curve(const PhotonModel& m) {
             o = out_.result.index_of("variance_offset_dn2");
   for (int i = 0; i <= 100; ++i) {
     const double x = top * i / 100, k = m.p[kGain], read = m.p[kRead];
-    double v = m.p[kOffset] + k * k * read * read + k * x;
+    const PhotonResponse& response = out_.response;
+    const double before = response.terms > 0 ? response.inverse(x) : x;
+    const double slope = response.terms > 0 ? response.slope(before) : 1;
+    double v = slope * slope * (m.p[kOffset] + k * k * read * read + k * before);
     if (m.two_gains && x > m.break_dn) v = m.upper[1] + m.upper[0] * (x - m.break_dn);
     double mean, rounded;
     rounded_moments(m.p[kBlack] + x, v, 10, mean, rounded);

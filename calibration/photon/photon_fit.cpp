@@ -73,13 +73,17 @@ Result<LeastSquares::Outcome> PhotonProblem::run(PhotonModel& m, bool robust, st
   const auto extra = static_cast<std::uint32_t>(st_.points.size());
   if (plan_.dsnu)
     problem.add(new ceres::AutoDiffCostFunction<DsnuResidual, 1, kModelParameters, 1>(
-                    new DsnuResidual{st_.dark_pattern_dn2.value, st_.dark_pattern_dn2.sigma}),
+                    new DsnuResidual{dark_pattern_.value, dark_pattern_.sigma}),
                 {m.p, &m.dsnu}, extra);
   if (plan_.prnu)
     problem.add(new ceres::AutoDiffCostFunction<PrnuResidual, 1, 1>(
                     new PrnuResidual{st_.light_pattern.value, st_.light_pattern.sigma}),
                 {&m.prnu}, extra);
-  if (plan_.full_well)
+  if (plan_.full_well && m.two_gains && plateau_dn_ > m.p[kBlack] + m.break_dn)
+    problem.add(new ceres::AutoDiffCostFunction<FullWellAboveResidual, 1, kModelParameters, 2, 1>(
+                    new FullWellAboveResidual{plateau_dn_, plateau_sigma_dn_, m.break_dn}),
+                {m.p, m.upper, &m.full_well}, extra);
+  else if (plan_.full_well)
     problem.add(new ceres::AutoDiffCostFunction<FullWellResidual, 1, kModelParameters, 1>(
                     new FullWellResidual{plateau_dn_, plateau_sigma_dn_}),
                 {m.p, &m.full_well}, extra);
@@ -121,12 +125,16 @@ double PhotonProblem::best_break(PhotonModel& two) const {
     PhotonModel m = two;
     m.two_gains = true;
     m.break_dn = 0.5 * (x(i) + x(i + 1));
+    m.break_sigma_dn = (x(i + 1) - x(i)) / std::sqrt(12.0);
     // From below and from above: the one line through all is no start for two.
     const double slope = (y(i) - noise) / x(i);
     const std::size_t last = light.size() - 1;
     const double above = (y(last) - y(i + 1)) / (x(last) - x(i + 1));
     if (!(slope > 0) || !(above > 0)) continue;
-    m.p[kRead] *= m.p[kGain] / slope, m.dsnu *= m.p[kGain] / slope, m.full_well *= m.p[kGain] / slope;
+    m.p[kRead] *= m.p[kGain] / slope, m.dsnu *= m.p[kGain] / slope;
+    m.full_well = plateau_dn_ > m.p[kBlack] + m.break_dn
+                      ? m.break_dn / slope + (plateau_dn_ - m.p[kBlack] - m.break_dn) / above
+                      : m.full_well * m.p[kGain] / slope;
     m.p[kDark] *= m.p[kGain] / slope;
     m.p[kGain] = slope;
     m.upper[0] = above;
@@ -138,43 +146,126 @@ double PhotonProblem::best_break(PhotonModel& two) const {
   return best < 1e300 ? found.break_dn : 0;
 }
 
-void PhotonProblem::compare(PhotonModel& one, PhotonModel& two, double break_dn,
-                            std::vector<Candidate>& candidates) {
-  const auto light = of(true);
-  for (PhotonModel* m : {&one, &two}) {
-    Candidate c;
-    c.name = m == &one ? "one_gain" : "two_gains";
-    if (m == &two) {
-      m->two_gains = true, m->break_dn = break_dn;
-    }
-    const auto out = iterate(*m, false, st_.points.size());
-    if (!out) continue;
-    c.parameters = (m == &one ? 0 : 3) + 2 + (plan_.dark_level ? 1 : 0) + plan_.dark_current + plan_.doubling;
-    c.rms = out->fit.residuals.rms;
-    // The noise of each datum is known: −2 ln L is χ² itself.
-    c.bic = 2 * out->cost + c.parameters * std::log(static_cast<double>(out->fit.residuals.count));
-    std::vector<double> squares;
-    for (const std::size_t k : light) {
-      PhotonModel fold = *m;
-      if (options_.stop.stop_requested()) return;
-      if (!run(fold, false, k)) continue;
-      double r[2] = {0, 0};
-      const Whitening w = whitening(k, *m);
-      const double signal = st_.points[k].mean_dn - fold.p[kBlack];
-      if (fold.two_gains && signal > fold.break_dn)
-        UpperResidual{w, fold.break_dn}(fold.p, fold.upper, &signal, r);
-      else
-        LightResidual{w, plan_.dark_level}(fold.p, &signal, r);
-      squares.push_back(r[1] * r[1]);
-    }
-    double mean = 0, variance = 0;
-    const auto n = static_cast<double>(squares.size());
-    for (const double s : squares) mean += s / n;
-    for (const double s : squares) variance += (s - mean) * (s - mean) / std::max(1.0, n - 1);
-    c.cross_validation = std::sqrt(mean);
-    c.cross_validation_sigma = std::sqrt(variance / n) / (2 * std::max(1e-300, c.cross_validation));
+bool PhotonProblem::judge(PhotonModel& m, const char* name, int parameters, Candidate& c) const {
+  c.name = name;
+  const auto out = iterate(m, false, st_.points.size());
+  if (!out) return false;
+  c.parameters = parameters + 2 + (plan_.dark_level ? 1 : 0) + plan_.dark_current + plan_.doubling;
+  c.rms = out->fit.residuals.rms;
+  // The noise of each datum is known: −2 ln L is χ² itself.
+  c.bic = 2 * out->cost + c.parameters * std::log(static_cast<double>(out->fit.residuals.count));
+  std::vector<double> squares;
+  for (const std::size_t k : of(true)) {
+    PhotonModel fold = m;
+    if (options_.stop.stop_requested()) return false;
+    if (!run(fold, false, k)) continue;
+    double r[2] = {0, 0};
+    const Whitening w = whitening(k, m);
+    const double signal = st_.points[k].mean_dn - fold.p[kBlack];
+    if (fold.two_gains && signal > fold.break_dn)
+      UpperResidual{w, fold.break_dn}(fold.p, fold.upper, &signal, r);
+    else
+      LightResidual{w, plan_.dark_level}(fold.p, &signal, r);
+    squares.push_back(r[1] * r[1]);
+  }
+  double mean = 0, variance = 0;
+  const auto n = static_cast<double>(squares.size());
+  for (const double x : squares) mean += x / n;
+  for (const double x : squares) variance += (x - mean) * (x - mean) / std::max(1.0, n - 1);
+  c.cross_validation = std::sqrt(mean);
+  c.cross_validation_sigma = std::sqrt(variance / n) / (2 * std::max(1e-300, c.cross_validation));
+  return true;
+}
+
+Result<PhotonModel> PhotonProblem::choose(PhotonModel one, std::vector<Candidate>& candidates) {
+  const std::size_t lights = of(true).size();
+  const bool automatic = options_.model == "auto";
+  if (options_.model == "two_gains" && lights < 7)
+    return fail(ErrorCode::bad_input, "--model",
+                "expected at least 7 levels of light for two gains, got " + std::to_string(lights));
+  PhotonModel probe = one;
+  if (options_.model == "one_gain" || !run(probe, false, st_.points.size())) return one;
+  look_for_bend(probe.p[kBlack]);
+  if (options_.model == "one_gain_bent" && !bend_.bent.valid)
+    return fail(
+        ErrorCode::bad_input, "--model",
+        "expected levels of light at five exposure times or more, from 5 to 90 % of the saturation, for a "
+        "response that bends, got " +
+            std::to_string(bend_.points.size()));
+  PhotonModel two = probe, bent = one, chosen = one;
+  const double at = lights >= 7 ? best_break(two) : 0;
+  two.two_gains = true, two.break_dn = at;
+  const bool with_bend = bend_.found || options_.model == "one_gain_bent";
+  if (at <= 0 && !with_bend) return one;
+  Candidate c;
+  if (!judge(one, "one_gain", 0, c)) return one;
+  c.bic += with_bend ? bend_.straight.chi2 : 0;
+  candidates.push_back(c);
+  chosen = one;
+  if (c = {}; at > 0 && judge(two, "two_gains", 3, c)) {
+    if (with_bend)
+      c.bic += std::min(
+          bend_.straight.chi2,
+          broken_response_chi2(bend_.points, two.break_dn, two.upper[0] / two.p[kGain], bend_.flicker));
     candidates.push_back(c);
   }
+  if (with_bend) {
+    linearise(bend_.bent.response, probe.p[kBlack]);
+    start(bent);
+    if (c = {}; judge(bent, "one_gain_bent", bend_.bent.response.terms, c)) {
+      c.bic += bend_.bent.chi2;
+      candidates.push_back(c);
+    }
+    linearise({}, 0);
+  }
+  // What is looked for is found in noise, too: the BIC must be well for it, and for a second gain the
+  // cross-validation, too. (What bends the signal by a percent is hardly seen in the variance.)
+  std::vector<Candidate> judged = candidates;
+  const std::size_t by_validation = choose_model(judged);
+  std::size_t best = 0;
+  for (std::size_t i = 1; i < candidates.size(); ++i) {
+    candidates[i].note = judged[i].note;
+    if (candidates[i].bic > candidates[best].bic - 10) continue;
+    if (candidates[i].name == "two_gains" && with_bend == false && by_validation != i) continue;
+    best = i;
+  }
+  for (std::size_t i = 0; !automatic && i < candidates.size(); ++i)
+    if (candidates[i].name == options_.model) best = i;
+  for (std::size_t i = 0; i < candidates.size(); ++i) candidates[i].chosen = i == best;
+  if (candidates[best].name == "two_gains") chosen = two;
+  if (candidates[best].name == "one_gain_bent") {
+    linearise(bend_.bent.response, probe.p[kBlack]);
+    chosen = bent;
+  }
+  return chosen;
+}
+
+Status PhotonProblem::dark_only() {
+  // No photon transfer: nothing can be said in electrons.
+  PhotonModel m;
+  start(m);
+  say_not_identifiable(m);
+  FitResult& r = out_.result;
+  r.model = "dark_only";
+  for (const LevelPoint& p : st_.points)
+    if (p.usable && plan_.dark_level) {
+      r.parameters = {{"black_level_dn", p.mean_dn, std::sqrt(p.variance_dn2 / (p.pixels * p.frames)), 1},
+                      {"dark_noise_dn", std::sqrt(std::max(0.0, p.variance_dn2)),
+                       std::sqrt(p.fourth_dn4 * 2 / (p.frames - 1) / p.pixels) /
+                           (2 * std::sqrt(std::max(1e-12, p.variance_dn2))),
+                       1}};
+      r.covariance = Eigen::MatrixXd::Zero(2, 2);
+      r.covariance(0, 0) = r.parameters[0].sigma * r.parameters[0].sigma;
+      r.covariance(1, 1) = r.parameters[1].sigma * r.parameters[1].sigma;
+      break;
+    }
+  if (r.parameters.empty())
+    return fail(ErrorCode::bad_input, "",
+                "expected dark frames above 0 or light frames of two exposures or more below white, got " +
+                    std::to_string(of(true).size()) + " usable levels of light and none of the dark");
+  r.residuals.unit = "standard deviations";
+  r.warnings = st_.warnings;
+  return {};
 }
 
 Status PhotonProblem::fit() {
@@ -194,66 +285,37 @@ Status PhotonProblem::fit() {
   if (temperature1 >= temperature0) out_.temperature_reference_c = temperature0;
   plan_.doubling = plan_.dark_current && temperature1 - temperature0 > 2;
   fixed_patterns(stacks_, out_.in_range, st_);
+  dark_pattern_ = st_.dark_pattern_dn2;
   plan_.dsnu = plan_.dark_level && plan_.light && st_.dark_pattern_dn2.valid &&
                st_.dark_pattern_dn2.value > 3 * st_.dark_pattern_dn2.sigma;
   plan_.prnu =
       plan_.light && st_.light_pattern.valid && st_.light_pattern.value > 3 * st_.light_pattern.sigma;
   plan_.full_well = plan_.dark_level && plan_.light && plateau_dn_ > 0;
+  if (!plan_.light) return dark_only();
   PhotonModel m;
   start(m);
-  if (!plan_.light) {
-    // No photon transfer: nothing can be said in electrons.
-    say_not_identifiable(m);
-    FitResult& r = out_.result;
-    r.model = "dark_only";
-    for (const LevelPoint& p : st_.points)
-      if (p.usable && plan_.dark_level) {
-        r.parameters = {{"black_level_dn", p.mean_dn, std::sqrt(p.variance_dn2 / (p.pixels * p.frames)), 1},
-                        {"dark_noise_dn", std::sqrt(std::max(0.0, p.variance_dn2)),
-                         std::sqrt(p.fourth_dn4 * 2 / (p.frames - 1) / p.pixels) /
-                             (2 * std::sqrt(std::max(1e-12, p.variance_dn2))),
-                         1}};
-        r.covariance = Eigen::MatrixXd::Zero(2, 2);
-        r.covariance(0, 0) = r.parameters[0].sigma * r.parameters[0].sigma;
-        r.covariance(1, 1) = r.parameters[1].sigma * r.parameters[1].sigma;
-        break;
-      }
-    if (r.parameters.empty())
-      return fail(ErrorCode::bad_input, "",
-                  "expected dark frames above 0 or light frames of two exposures or more below white, got " +
-                      std::to_string(light.size()) + " usable levels of light and none of the dark");
-    r.residuals.unit = "standard deviations";
-    r.warnings = st_.warnings;
-    return {};
-  }
   if (plan_.doubling) m.p[kDoubling] = 7;
 
   std::vector<Candidate> candidates;
-  PhotonModel two = m;
-  bool with_two = false;
-  if (options_.model != "one_gain" && light.size() >= 7) {
-    PhotonModel probe = m;
-    if (run(probe, false, st_.points.size())) {
-      two = probe;
-      if (const double at = best_break(two); at > 0) {
-        compare(m, two, at, candidates);
-        with_two = candidates.size() == 2;
-      }
-    }
-  }
-  if (with_two) {
-    std::size_t chosen = choose_model(candidates);
-    // A break that is looked for finds one in noise, too: both judges must be for it.
-    if (chosen == 1 && candidates[1].bic > candidates[0].bic - 10) chosen = 0;
-    if (options_.model == "two_gains") chosen = 1;
-    for (std::size_t i = 0; i < 2; ++i) candidates[i].chosen = i == chosen;
-    if (chosen == 1) m = two;
-  } else if (options_.model == "two_gains") {
-    return fail(ErrorCode::bad_input, "--model",
-                "expected at least 7 levels of light for two gains, got " + std::to_string(light.size()));
+  auto chosen = choose(m, candidates);
+  if (!chosen) return tl::unexpected<Error>(chosen.error());
+  m = *chosen;
+  if (m.two_gains) {
+    // The pattern of the gain is that of the light only below the change.
+    std::vector<bool> below = out_.in_range;
+    for (std::size_t k = 0; k < below.size(); ++k)
+      below[k] = below[k] && (!level(k).settings.light || st_.points[k].mean_dn < m.p[kBlack] + m.break_dn);
+    st_.light_pattern = {};
+    fixed_patterns(stacks_, below, st_);
+    plan_.prnu = st_.light_pattern.valid && st_.light_pattern.value > 3 * st_.light_pattern.sigma;
+    if (plan_.prnu) m.prnu = std::sqrt(st_.light_pattern.value);
   }
   auto outcome = iterate(m, false, st_.points.size());
   if (!outcome) return tl::unexpected<Error>(outcome.error());
+  if (unround_dark_pattern(m); plan_.dsnu) {
+    outcome = iterate(m, false, st_.points.size());
+    if (!outcome) return tl::unexpected<Error>(outcome.error());
+  }
   const double unknowns = [&] {
     double u = static_cast<double>(light.size());
     for (const Parameter& p : outcome->fit.parameters) u += !p.held;
@@ -281,9 +343,10 @@ Status PhotonProblem::fit() {
           "changes, a response that bends, a drifting black level): uncertainties are that much larger",
           std::sqrt(s2)));
   }
+  if (response_.terms > 0) add_response(m, *outcome);
   out_.result = outcome->fit;
   out_.result.scale = dof >= 1 ? std::sqrt(chi2 / dof) : 1;
-  out_.result.model = m.two_gains ? "two_gains" : "one_gain";
+  out_.result.model = m.two_gains ? "two_gains" : response_.terms > 0 ? "one_gain_bent" : "one_gain";
   out_.result.candidates = candidates;
   for (std::size_t i = 0; i < outcome->rejected_ids.size(); ++i) {
     const std::uint32_t id = outcome->rejected_ids[i];
@@ -310,14 +373,17 @@ Status PhotonProblem::fit() {
     if (!s.light) out_.whitened.push_back(r[0]);
     out_.whitened.push_back(r[1]);
   }
+  out_.response = response_;
+  linearise({}, 0);
   after(m, *outcome);
   return {};
 }
 
 Result<PhotonFit> fit_photon(const FrameStacks& stacks, const PhotonFitOptions& options) {
-  if (options.model != "auto" && options.model != "one_gain" && options.model != "two_gains")
+  if (options.model != "auto" && options.model != "one_gain" && options.model != "two_gains" &&
+      options.model != "one_gain_bent")
     return fail(ErrorCode::bad_input, "--model",
-                "expected auto, one_gain or two_gains, got " + options.model);
+                "expected auto, one_gain, two_gains or one_gain_bent, got " + options.model);
   if (stacks.levels().empty()) return fail(ErrorCode::bad_input, "", "expected pictures, got none");
   PhotonFit out;
   if (options.progress) options.progress(0.1, 0);
@@ -333,6 +399,12 @@ Result<PhotonFit> fit_photon(const FrameStacks& stacks, const PhotonFitOptions& 
   for (const std::string& copy : stacks.copies())
     st.warnings.push_back(copy +
                           " is a copy of another frame, bit by bit: left out, it has no noise of its own");
+  if (const auto same = repeated_noise(stacks, st); !same.empty())
+    st.warnings.push_back(
+        "the noise of " + same.front() + " is the same, pixel by pixel (" + std::to_string(same.size()) +
+        " such pairs): recordings of a simulated sensor with one seed and the same instants. "
+        "Uncertainties are too small, DSNU and PRNU too large; take each exposure at instants of "
+        "its own");
   if (st.mosaic)
     st.warnings.push_back(
         "the four places of the 2x2 mosaic differ in the light: each is a level of its own");

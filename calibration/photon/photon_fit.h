@@ -6,6 +6,9 @@
 //   variance      = K² σ_r² + 1/12 + K (mean − black)     the rounding itself below half a DN of noise
 //   DSNU², PRNU²  from the mean pictures, high-passed, the temporal noise that is left taken out
 //
+// A response that bends, y = R(x) (response.h), is seen in the signal over exposure times; the levels are
+// then taken back to x before the fit.
+//
 // One joint weighted fit; every datum carries the variance that its own statistics give it (χ² of the sample
 // variance, skewness of the photons between mean and variance). Where the residuals are larger than that
 // (a real sensor's), the covariance is scaled up and the fit says so.
@@ -23,13 +26,14 @@
 #include "calibration/photon/exposure_pairs.h"
 #include "calibration/photon/frame_stacks.h"
 #include "calibration/photon/level_statistics.h"
+#include "calibration/photon/response.h"
 #include "rt-core/result.h"
 #include "rt-core/stop.h"
 
 namespace rigor::calibration {
 
 struct PhotonFitOptions {
-  std::string model = "auto";  ///< one_gain, two_gains
+  std::string model = "auto";  ///< one_gain, two_gains, one_gain_bent
   int bits = 0;                ///< see StatisticsOptions
   int mosaic = -1;
   StopToken stop{};
@@ -53,6 +57,10 @@ struct PhotonFit {
   std::vector<PairBin> pairs;  ///< of single frames of a still scene; empty: there are levels of several
   std::optional<double> linearity_error;  ///< EMVA 1288 LE: mean absolute relative deviation
   std::optional<double> response_exponent, response_exponent_sigma;
+  PhotonResponse response;  ///< of the model; linear unless `one_gain_bent`
+  /// c2 of a response with that term alone, whether it was chosen or not; and the flicker of the light from
+  /// level to level (relative) that the signal's scatter about the best response amounts to.
+  std::optional<double> response_c2_seen, response_c2_seen_sigma, level_flicker;
   std::optional<double> saturation_signal_dn;  ///< where the temporal variance peaks, or the converter ends
   bool converter_saturates = false;            ///< before the pixel does
   double temperature_reference_c = 25;

@@ -51,6 +51,59 @@ Whitening PhotonProblem::whitening(std::size_t k, const PhotonModel& m) const {
   return w;
 }
 
+void PhotonProblem::unround_dark_pattern(const PhotonModel& m) {
+  if (!plan_.dsnu) return;
+  struct Level {
+    double weight, mean, signal;
+  };
+  std::vector<Level> levels;
+  double total = 0;
+  const double gain = m.p[kGain], read_dn2 = std::pow(gain * m.p[kRead], 2);
+  for (const std::size_t k : of(false)) {
+    const PhotonFrame& s = level(k).settings;
+    const double above = std::isfinite(s.temperature_c) ? s.temperature_c - out_.temperature_reference_c : 0;
+    const double signal = std::max(0.0, gain * m.p[kDark] * s.exposure_s * std::exp2(above / m.p[kDoubling]));
+    levels.push_back({static_cast<double>(st_.points[k].frames), m.p[kBlack] + signal, signal});
+    total += levels.back().weight;
+  }
+  if (read_dn2 > 0.5 || levels.empty()) return;
+  // Of the mean picture that a pattern of standard deviation `dn` gives.
+  const auto rounded = [&](double dn) {
+    double mean = 0, square = 0, sum = 0;
+    for (int i = -20; i <= 20; ++i) {
+      const double z = 0.25 * i, w = std::exp(-0.5 * z * z);
+      double picture = 0;
+      for (const Level& l : levels) {
+        double value = 0, variance = 0;
+        rounded_moments(l.mean + dn * z, read_dn2, gain, l.signal, 0.0, value, variance);
+        picture += l.weight / total * value;
+      }
+      const double deviation = picture - m.p[kBlack];
+      mean += w * deviation, square += w * deviation * deviation, sum += w;
+    }
+    return square / sum - std::pow(mean / sum, 2);
+  };
+  const PatternVariance& measured = st_.dark_pattern_dn2;
+  double dn = std::sqrt(std::max(1e-12, measured.value)), slope = 1;
+  for (int i = 0; i < 12; ++i) {
+    const double v = rounded(dn), step = 0.02 * dn;
+    slope = (rounded(dn + step) - v) / (std::pow(dn + step, 2) - dn * dn);
+    // Between two steps of the converter the picture hardly knows the pattern.
+    if (!(slope > 0.2)) break;
+    const double next = std::sqrt(std::max(0.01 * dn * dn, dn * dn + (measured.value - v) / slope));
+    const bool done = std::abs(next - dn) < 1e-5 * dn;
+    dn = next;
+    if (done) break;
+  }
+  if (!(slope > 0.2) || !(std::abs(rounded(dn) - measured.value) < 0.01 * measured.value)) {
+    plan_.dsnu = false;
+    plan_.dsnu_rounded = true;
+    return;
+  }
+  dark_pattern_.value = dn * dn;
+  dark_pattern_.sigma = measured.sigma / slope;
+}
+
 Status PhotonProblem::prepare() {
   std::string levels;
   std::size_t usable = 0;
@@ -88,7 +141,7 @@ void PhotonProblem::choose_range() {
       black += st_.points[k].mean_dn, ++blacks;
     }
   if (blacks > 0) black /= blacks;
-  double saturation = 0;
+  double saturation = 0, full_s = 0;
   bool peak = false;
   for (int phase = 0; phase < phases; ++phase) {
     std::vector<const LevelPoint*> rising;  // in order of exposure
@@ -114,6 +167,7 @@ void PhotonProblem::choose_range() {
         rising.back()->variance_dn2 < 0.9 * rising[top]->variance_dn2) {
       peak = true;
       saturation = std::max(saturation, at);
+      full_s = std::max(full_s, stacks_.levels()[rising[top]->level].settings.exposure_s);
     } else if (white) {
       saturation = std::max(saturation, static_cast<double>(st_.max_dn));
       out_.converter_saturates = true;
@@ -124,7 +178,9 @@ void PhotonProblem::choose_range() {
   const double limit = saturation > 0 ? black + 0.7 * (saturation - black) : 1e300;
   for (std::size_t k = 0; k < st_.points.size(); ++k) {
     if (!st_.points[k].usable || !level(k).settings.light) continue;
-    out_.in_range[k] = st_.points[k].mean_dn <= limit;
+    // 70 % of the saturation's light; where the response bends that is not 70 % of its signal.
+    out_.in_range[k] =
+        st_.points[k].mean_dn <= limit || (full_s > 0 && level(k).settings.exposure_s <= 0.7 * full_s);
     outside += !out_.in_range[k];
   }
   if (outside > 0)

@@ -7,6 +7,7 @@
 
 #include "calibration/core/least_squares.h"
 #include "calibration/photon/photon_fit.h"
+#include "calibration/photon/response.h"
 #include "calibration/photon/rounding.h"
 
 namespace rigor::calibration {
@@ -45,7 +46,7 @@ struct PhotonPlan {
 /// Values of the parameters while they are fitted.
 struct PhotonModel {
   double p[kModelParameters] = {0, 0, 0, 0, 7, 0};
-  double upper[2] = {0, 0}, break_dn = 0;
+  double upper[2] = {0, 0}, break_dn = 0, break_sigma_dn = 0;
   bool two_gains = false;
   double dsnu = 0, prnu = 0, full_well = 0;
   std::vector<double> signal;
@@ -67,12 +68,23 @@ class PhotonProblem {
   Result<LeastSquares::Outcome> run(PhotonModel& m, bool robust, std::size_t without) const;
   Result<LeastSquares::Outcome> iterate(PhotonModel& m, bool robust, std::size_t without) const;
   void choose_range();
+  /// The pattern of the dark as it is before the converter rounds it.
+  void unround_dark_pattern(const PhotonModel& m);
   void start(PhotonModel& m) const;
-  void compare(PhotonModel& one, PhotonModel& two, double break_dn, std::vector<Candidate>& candidates);
+  /// Fits the model and predicts each level of light by the others.
+  [[nodiscard]] bool judge(PhotonModel& m, const char* name, int parameters, Candidate& c) const;
+  [[nodiscard]] Result<PhotonModel> choose(PhotonModel m, std::vector<Candidate>& candidates);
+  Status dark_only();
+  /// The signal over exposure times, and whether it bends: sets `bend_`.
+  void look_for_bend(double black_dn);
+  /// Puts the points as they would be if the response were linear; `terms` 0: as they are.
+  void linearise(const PhotonResponse& response, double black_dn);
+  void add_response(const PhotonModel& m, LeastSquares::Outcome& outcome);
   [[nodiscard]] double best_break(PhotonModel& two) const;
   void say_not_identifiable(const PhotonModel& m);
   void after(PhotonModel& m, LeastSquares::Outcome& outcome);
   void hot_pixels(const PhotonModel& m);
+  void stripes(const PhotonModel& m);
   void curve(const PhotonModel& m);
   std::vector<std::size_t> of(bool light) const {
     std::vector<std::size_t> v;
@@ -87,6 +99,17 @@ class PhotonProblem {
   const PhotonFitOptions& options_;
   PhotonPlan plan_;
   double plateau_dn_ = 0, plateau_sigma_dn_ = 0;
+  PhotonResponse response_;  ///< in force: the points are linearised by it
+  struct Bend {
+    std::vector<ResponsePoint> points;
+    double flicker = 0;
+    ResponseFit straight, bent;
+    bool found = false;
+  } bend_;
+  PatternVariance dark_pattern_;
+  std::vector<LevelPoint> raw_points_;
+  PatternVariance raw_light_pattern_;
+  double raw_plateau_dn_ = 0;
 };
 
 /// Single frames of a still scene: the scatter between exposures is all there is.

@@ -67,6 +67,16 @@ struct FullWellResidual {
   }
 };
 
+/// The same of a pixel whose gain has changed before it is full.
+struct FullWellAboveResidual {
+  double mean, sigma, from_dn;
+  template <class T>
+  bool operator()(const T* p, const T* upper, const T* well, T* r) const {
+    r[0] = (p[kBlack] + T(from_dn) + upper[0] * (well[0] - T(from_dn) / p[kGain]) - T(mean)) / T(sigma);
+    return true;
+  }
+};
+
 struct Nothing {
   template <class T>
   bool operator()(const T* p, T* r) const {

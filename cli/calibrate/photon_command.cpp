@@ -2,14 +2,15 @@
 
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <set>
 
 #include "calibration/photon/photon_fit.h"
 #include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/photon_figures.h"
 #include "cli/calibrate/photon_input.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/models/camera_yaml.h"
-#include "sensor-hal/models/philox.h"
 
 namespace rigor {
 namespace {
@@ -22,13 +23,16 @@ struct CalibratePhotonOptions : CalibrateOptions {
   bool mosaic = false, grey = false;
 };
 
-/// The sensor that the sheet describes, as far as the fit knows it.
-EmvaNoise noise_of(const PhotonFit& fit) {
-  EmvaNoise n{};
-  n.read_noise_e = n.dark_current_e_per_s = n.dsnu_e = n.prnu = 0;
+/// The sensor that the sheet describes: what was fitted, and the base for what was not.
+EmvaNoise noise_of(const PhotonFit& fit, const EmvaNoise* base) {
+  EmvaNoise n = base ? *base : EmvaNoise{};
+  if (base) {
+    n.black_level_dn = std::ldexp(n.black_level_dn, fit.statistics.bits - n.adc_bits);
+  } else {
+    n.read_noise_e = n.dark_current_e_per_s = n.dsnu_e = n.prnu = n.black_level_dn = 0;
+    n.full_well_e = 1e9;
+  }
   n.adc_bits = fit.statistics.bits;
-  n.full_well_e = 1e9;
-  n.black_level_dn = fit.black_dn;
   const auto take = [&](const char* name, double& to) {
     if (const Parameter* p = fit.result.find(name)) to = p->value;
   };
@@ -39,159 +43,13 @@ EmvaNoise noise_of(const PhotonFit& fit) {
   take("dsnu_e", n.dsnu_e);
   take("prnu", n.prnu);
   take("full_well_e", n.full_well_e);
+  if (fit.response_c2_seen) n.response_c2 = n.response_c3 = 0;
+  take("response_c2", n.response_c2);
+  take("response_c3", n.response_c3);
+  if (fit.converter_saturates && n.system_gain_dn_per_e > 0)
+    n.full_well_e =
+        std::max(n.full_well_e, (fit.statistics.max_dn - n.black_level_dn) / n.system_gain_dn_per_e);
   return n;
-}
-
-/// Temporal mean and variance of a simulated level whose mean is that of a measured one.
-std::pair<double, double> twin_of(const EmvaNoise& n, double electrons, int frames, std::uint64_t index) {
-  using Noise = models::NoiseMath<double>;
-  const models::PhiloxKey key = models::channel_key(1, models::channel_id_from_name("twin"));
-  const double max_dn = std::ldexp(1.0, n.adc_bits) - 1;
-  constexpr std::uint32_t kPixels = 4096;
-  double mean = 0, variance = 0;
-  for (std::uint32_t i = 0; i < kPixels; ++i) {
-    const auto fixed = models::draw_words(key, models::NoiseEffect::camera_fixed_pattern, 0, i);
-    const double gain = 1 + n.prnu * Noise::normal_quantile(Noise::unit_from_bits(fixed[0]));
-    const double offset = n.dsnu_e * Noise::normal_quantile(Noise::unit_from_bits(fixed[1]));
-    double sum = 0, square = 0;
-    for (int f = 0; f < frames; ++f) {
-      const auto w = models::draw_words(key, models::NoiseEffect::camera_shot_and_read,
-                                        index * 1000 + static_cast<std::uint64_t>(f), i);
-      const double shot =
-          Noise::poisson_quantile(std::max(0.0, electrons * gain), Noise::unit_from_bits(w[0]));
-      const double e = Noise::emva_collected_electrons(shot, n.full_well_e, offset, n.read_noise_e,
-                                                       Noise::normal_quantile(Noise::unit_from_bits(w[1])));
-      const double y =
-          Noise::emva_quantise(Noise::emva_analogue_dn(e, n.system_gain_dn_per_e, n.black_level_dn), max_dn);
-      sum += y, square += y * y;
-    }
-    mean += sum / frames / kPixels;
-    variance += (square - sum * sum / frames) / (frames - 1) / kPixels;
-  }
-  return {mean, variance};
-}
-
-std::vector<Figure> figures_of(const FrameStacks& stacks, const PhotonFit& fit) {
-  std::vector<Figure> figures;
-  const auto& st = fit.statistics;
-  const bool transfer = !fit.curve_signal_dn.empty();
-  if (transfer) {
-    Figure ptc{.kind = Figure::Kind::series,
-               .title = "Photon transfer",
-               .caption =
-                   "Temporal variance over the signal. The line is the fit, the thin ones two standard "
-                   "uncertainties beside it; its slope is the gain K. Beyond 70 % of the saturation nothing "
-                   "counts.",
-               .x_label = "signal above black [DN]",
-               .y_label = "temporal variance [DN²]"};
-    Series used{"measured", {}, {}, false}, out{"left out", {}, {}, false},
-        twin{"simulated twin", {}, {}, false};
-    Series line{"fit", {}, {}, true}, low{"", {}, {}, true}, high{"± 2 sigma", {}, {}, true};
-    Figure twins{
-        .kind = Figure::Kind::series,
-        .title = "Simulated twin beside the sensor",
-        .caption =
-            "Noise of a simulated sensor with the fitted parameters at the same levels, over the noise "
-            "that was measured. 1: alike.",
-        .x_label = "signal above black [DN]",
-        .y_label = "noise of the twin / of the sensor"};
-    Series ratio{"", {}, {}, false}, one{"", {}, {}, true};
-    const EmvaNoise noise = noise_of(fit);
-    const bool complete = fit.result.find("read_noise_e") != nullptr;
-    for (std::size_t k = 0; k < st.points.size(); ++k) {
-      const LevelPoint& p = st.points[k];
-      if (p.frames < 2 || p.pixels < 1) continue;
-      Series& s = fit.in_range[k] ? used : out;
-      const double signal = p.mean_dn - fit.black_dn;
-      s.x.push_back(signal), s.y.push_back(p.variance_dn2);
-      if (!fit.in_range[k] || !complete) continue;
-      const auto [m, v] =
-          twin_of(noise, std::max(0.0, signal) / noise.system_gain_dn_per_e, std::min(p.frames, 16), k);
-      twin.x.push_back(m - fit.black_dn), twin.y.push_back(v);
-      if (p.variance_dn2 > 0) ratio.x.push_back(signal), ratio.y.push_back(std::sqrt(v / p.variance_dn2));
-    }
-    line.x = low.x = high.x = fit.curve_signal_dn;
-    line.y = fit.curve_variance_dn2;
-    for (std::size_t i = 0; i < line.y.size(); ++i) {
-      low.y.push_back(line.y[i] - 2 * fit.curve_sigma_dn2[i]);
-      high.y.push_back(line.y[i] + 2 * fit.curve_sigma_dn2[i]);
-    }
-    ptc.series = {used, out, line, low, high, twin};
-    figures.push_back(ptc);
-    if (!ratio.x.empty()) {
-      one.x = {0, *std::max_element(ratio.x.begin(), ratio.x.end())};
-      one.y = {1, 1};
-      twins.series = {ratio, one};
-      figures.push_back(twins);
-    }
-  }
-  if (!fit.pairs.empty()) {
-    Figure pairs{
-        .kind = Figure::Kind::series,
-        .title = "Scatter between exposures",
-        .caption =
-            "Variance between two exposures of the same pixel, for pixels alike in brightness, over "
-            "their sum; the lines are the fit. Photon noise alone would be straight, and the same for "
-            "all pairs.",
-        .x_label = "sum of both [DN]",
-        .y_label = "variance [DN²]"};
-    std::set<std::string> names;
-    for (const PairBin& b : fit.pairs) names.insert(b.pair);
-    for (const std::string& name : names) {
-      Series at{name, {}, {}, false}, line{"", {}, {}, true};
-      std::vector<std::pair<double, double>> expected;
-      for (const PairBin& b : fit.pairs) {
-        if (b.pair != name) continue;
-        at.x.push_back(b.first_dn + b.second_dn), at.y.push_back(b.variance_dn2);
-        expected.emplace_back(b.first_dn + b.second_dn, b.expected_dn2);
-      }
-      std::sort(expected.begin(), expected.end());
-      for (const auto& [x, y] : expected) line.x.push_back(x), line.y.push_back(y);
-      pairs.series.push_back(at);
-      pairs.series.push_back(line);
-    }
-    figures.push_back(pairs);
-  }
-  if (!fit.linearity.empty()) {
-    Figure f{.kind = Figure::Kind::series,
-             .title = "Linearity",
-             .caption = fit.pairs.empty()
-                            ? "Deviation of the signal from the line over exposure time."
-                            : "Ratio of two exposures of the same pixels over the ratio of their exposure "
-                              "times, less 1. A black level that is cut off shows in the dark parts.",
-             .x_label = "signal [DN]",
-             .y_label = "deviation [%]"};
-    Series s{"", {}, {}, false};
-    for (const LinearityPoint& p : fit.linearity)
-      s.x.push_back(p.signal_dn), s.y.push_back(100 * p.deviation);
-    f.series = {s};
-    figures.push_back(f);
-  }
-  Figure dark{.kind = Figure::Kind::series,
-              .title = "Dark level",
-              .caption = "Mean of the dark frames over exposure time: its slope is K times the dark current.",
-              .x_label = "exposure [s]",
-              .y_label = "mean [DN]"};
-  Series at{"measured", {}, {}, false}, clipped{"clipped: not used", {}, {}, false};
-  for (const LevelPoint& p : st.points) {
-    const PhotonLevel& l = stacks.levels()[p.level];
-    if (l.settings.light) continue;
-    (p.usable ? at : clipped).x.push_back(l.settings.exposure_s);
-    (p.usable ? at : clipped).y.push_back(p.mean_dn);
-  }
-  if (!at.x.empty() || !clipped.x.empty()) {
-    dark.series = {at, clipped};
-    figures.push_back(dark);
-  }
-  if (fit.whitened.size() > 5) {
-    Figure quantiles{
-        .kind = Figure::Kind::quantiles,
-        .title = "Q–Q plot",
-        .caption = "Residuals of the levels in standard deviations of their own. On the line: normal."};
-    quantiles.series = {{"", {}, fit.whitened, false}};
-    figures.push_back(quantiles);
-  }
-  return figures;
 }
 
 Result<SheetRecipe> recipe_of(const CalibratePhotonOptions& options, const FrameStacks& stacks,
@@ -217,7 +75,9 @@ Result<SheetRecipe> recipe_of(const CalibratePhotonOptions& options, const Frame
                                             "prnu",
                                             "full_well_e",
                                             "hot_pixel_share",
-                                            "hot_pixel_dark_e_per_s"};
+                                            "hot_pixel_dark_e_per_s",
+                                            "response_c2",
+                                            "response_c3"};
     if (keys.count(p.name) == 0) continue;
     const double scale = p.name == "system_gain_dn_per_e" ? std::pow(10, -gain_db / 20) : 1;
     put(p.name, scale * p.value);
@@ -227,6 +87,11 @@ Result<SheetRecipe> recipe_of(const CalibratePhotonOptions& options, const Frame
                            ? fit.result.find("black_level_dn")->value
                            : std::ldexp(old.black_level_dn, fit.statistics.bits - old.adc_bits);
   if (!fit.result.find("black_level_dn")) put("black_level_dn", black);
+  // Found straight: what the base says of a bend holds no more.
+  if (fit.response_c2_seen && fit.response.terms < 2) {
+    if (fit.response.terms < 1 && old.response_c2 != 0) put("response_c2", 0);
+    if (old.response_c3 != 0) put("response_c3", 0);
+  }
   if (fit.result.find("dark_current_e_per_s")) {
     put("dark_reference_c", fit.temperature_reference_c);
     put("temperature_c", fit.temperature_reference_c);
@@ -285,7 +150,11 @@ int calibrate_photon(const CalibratePhotonOptions& options) {
   if (!recipe) return wrong(recipe.error());
   product.recipe = std::move(*recipe);
   product.fit = fit->result;
-  product.figures = figures_of(stacks, *fit);
+  std::optional<EmvaNoise> base;
+  if (!options.base.empty())
+    if (const auto sheet = load_camera(options.base)) base = sheet->model.noise;
+  const std::vector<NoisePair> twins = noise_twins(stacks, *fit, noise_of(*fit, base ? &*base : nullptr), 1);
+  product.figures = photon_figures(stacks, *fit, twins);
   auto& more = product.more;
   more["adc_bits"] = fit->statistics.bits;
   if (fit->linearity_error) more["linearity_error_percent"] = 100 * *fit->linearity_error;
@@ -293,6 +162,34 @@ int calibrate_photon(const CalibratePhotonOptions& options) {
     more["response_exponent"] = *fit->response_exponent;
     more["response_exponent_sigma"] = *fit->response_exponent_sigma;
   }
+  if (fit->response_c2_seen) {
+    more["response_c2_alone"] = {{"value", *fit->response_c2_seen}, {"sigma", *fit->response_c2_seen_sigma}};
+    more["level_flicker_percent"] = 100 * *fit->level_flicker;
+  }
+  for (const bool light : {false, true}) {
+    // EMVA 1288 release 4: of rows, of columns, of pixels.
+    const PatternSplit& split = light ? fit->statistics.light_split : fit->statistics.dark_split_dn2;
+    if (!split.pixel.valid) continue;
+    auto& to = more[light ? "prnu_split_percent" : "dsnu_split_dn"];
+    for (const auto& [name, v] :
+         {std::pair{"row", split.row}, {"column", split.column}, {"pixel", split.pixel}}) {
+      const double value = std::sqrt(std::max(0.0, v.value)) * (light ? 100 : 1);
+      // Below its noise it is an upper bound and no value.
+      if (v.valid && v.value > 3 * v.sigma)
+        to[name] = {{"value", value}, {"sigma", value * 0.5 * v.sigma / v.value}};
+      else if (v.valid)
+        to[name] = {{"value", nullptr},
+                    {"below", std::sqrt(std::max(0.0, v.value) + 2 * v.sigma) * (light ? 100 : 1)}};
+    }
+  }
+  for (const NoisePair& t : twins)
+    more["twin"].push_back({{"level", t.level},
+                            {"signal_dn", t.signal_dn},
+                            {"sigma_dn", t.real_sigma_dn},
+                            {"twin_sigma_dn", t.twin_sigma_dn},
+                            {"quantiles", kNoiseQuantiles},
+                            {"deviations_dn", t.real_quantiles_dn},
+                            {"twin_deviations_dn", t.twin_quantiles_dn}});
   const Parameter* gain = fit->result.find("system_gain_dn_per_e");
   const Parameter* read = fit->result.find("read_noise_e");
   if (gain && fit->saturation_signal_dn) {

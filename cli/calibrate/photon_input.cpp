@@ -40,12 +40,19 @@ PhotonFrame frame_of_name(const fs::path& file, bool dark, double temperature_c)
 }
 
 Status read_picture(const fs::path& file, PhotonPicture& p) {
+  if (lower(file.extension().string()) == ".exr")
+    return fail(ErrorCode::bad_input, file.string(),
+                "expected the converter's whole numbers (PNG, TIFF, PGM …), got OpenEXR, whose values are "
+                "fractions and "
+                "may be none (NaN): write the raw picture, as in rigor sense … -o flat_20ms_1.png");
   const cv::Mat image = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
   if (image.empty())
     return fail(ErrorCode::bad_input, file.string(),
                 "expected a picture (PNG, TIFF, PGM …), got none that can be read");
   if (image.depth() != CV_8U && image.depth() != CV_16U)
-    return fail(ErrorCode::bad_input, file.string(), "expected whole numbers of 8 or 16 bits, got others");
+    return fail(
+        ErrorCode::bad_input, file.string(),
+        "expected the converter's whole numbers of 8 or 16 bits, got fractions (float): write raw pictures");
   p.width_px = image.cols, p.height_px = image.rows;
   p.bits = image.depth() == CV_8U ? 8 : 0;
   const int channels = image.channels();

@@ -1,11 +1,15 @@
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <memory>
 #include <sstream>
 
+#include "calibration/core/twin_figures.h"
 #include "calibration/shading/shading_fit.h"
+#include "calibration/shading/shading_twin.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/photon_input.h"
 #include "rt-core/stop.h"
@@ -135,6 +139,16 @@ Result<ShadingInput> read_flats(const CalibrateShadingOptions& options, const Ca
   return out;
 }
 
+/// In percent of the light on the axis; cells that were left out are in neither.
+TwinValues twin_values(const ShadingInput& input, const ShadingFit& fit) {
+  TwinValues v{"residual of the cells", "% of the axis", {}, {}};
+  const auto twin = shading_twin(input.cells, fit, 1);
+  for (std::size_t i = 0; i < twin.size(); ++i)
+    if (std::isfinite(twin[i]) && std::isfinite(fit.residual[i]))
+      v.real.push_back(100 * fit.residual[i]), v.twin.push_back(100 * twin[i]);
+  return v;
+}
+
 std::vector<Figure> figures_of(const ShadingInput& input, const ShadingFit& fit, const CameraModel& camera) {
   std::vector<Figure> figures;
   const double scale = fit.result.find("scale")->value;
@@ -191,6 +205,28 @@ std::vector<Figure> figures_of(const ShadingInput& input, const ShadingFit& fit,
       .caption = "Residuals of the cells. On the line: normal; a lens that is not the model's bends away."};
   quantiles.series = {{"", {}, fit.residual, false}};
   figures.push_back(quantiles);
+  const bool noisy =
+      std::any_of(input.cells.begin(), input.cells.end(), [](const ShadingCell& c) { return c.sigma > 0; });
+  if (noisy) {
+    const TwinValues values = twin_values(input, fit);
+    figures.push_back(twin_histogram(values));
+    figures.push_back(twin_quantiles({values}));
+    figures.back().caption +=
+        " The twin has the noise of the cells alone: what the recording has more is what the model cannot "
+        "express.";
+  }
+  // The light itself, noise or not: how much of the picture is how dark.
+  TwinValues light{"light of the cells", "of the axis", {}, {}};
+  const auto twin = shading_twin(input.cells, fit, 1);
+  for (std::size_t i = 0; i < twin.size(); ++i)
+    if (std::isfinite(twin[i]))
+      light.real.push_back(input.cells[i].light / scale), light.twin.push_back(fit.fitted[i] + twin[i]);
+  figures.push_back(twin_histogram(light));
+  figures.back().title = "Light over the picture, recording and twin";
+  figures.back().caption =
+      "How much of the picture gets how much light. Points: the recording; line: the twin.";
+  figures.back().x_label = "light, 1 on the axis";
+  figures.back().y_label = "share per unit";
   return figures;
 }
 
@@ -236,6 +272,18 @@ int calibrate_shading(const CalibrateShadingOptions& options) {
   for (const Parameter& p : fit->result.parameters)
     if (p.name != "scale") product.recipe.places.push_back({p.name, "vignetting." + p.name, 1});
   product.figures = figures_of(*input, *fit, base->model);
+  // Beside its twin, whose cells have their noise alone (a table of gains has none).
+  TwinValues twin = twin_values(*input, *fit);
+  std::sort(twin.real.begin(), twin.real.end()), std::sort(twin.twin.begin(), twin.twin.end());
+  constexpr std::array kQuantiles{0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99};
+  auto& to = product.more["twin"] = {{"unit", "percent of the light on the axis"}, {"quantiles", kQuantiles}};
+  for (const double q : kQuantiles) {
+    const auto at = [&](const std::vector<double>& v) {
+      return v[static_cast<std::size_t>(q * static_cast<double>(v.size() - 1))];
+    };
+    to["residuals"].push_back(at(twin.real));
+    to["twin_residuals"].push_back(at(twin.twin));
+  }
   product.more["rms_of_axis_percent"] = 100 * fit->rms;
   product.more["rms_relative_percent"] = 100 * fit->rms_relative;
   product.more["centre_du_px"] = fit->centre_du_px;

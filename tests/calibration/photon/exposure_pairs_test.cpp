@@ -29,7 +29,7 @@ void still_scene(FrameStacks& stacks, const CameraModel& m, std::uint64_t seed, 
 }
 
 TEST(ExposurePairs, SingleFramesOfAStillSceneGiveTheGain) {
-  CameraModel m = noisy_camera(320, 240);
+  CameraModel m = noisy_camera(240, 160);
   m.noise.dark_current_e_per_s = 0;
   m.noise.black_level_dn = 0;
   double chi2 = 0;
