@@ -1,6 +1,7 @@
 #include "calibration/core/least_squares.h"
 
 #include <ceres/ceres.h>
+#include <glog/logging.h>
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -14,6 +15,16 @@ namespace {
 
 constexpr double kMadToSigma = 1.4826022185056018;  // of a normal distribution
 constexpr int kMaxRounds = 12;
+
+/// Ceres says on stderr, through glog, what it also returns. A program that has set up glog itself keeps its
+/// settings.
+void keep_the_solver_quiet() {
+  static const bool done = [] {
+    if (!google::IsGoogleLoggingInitialized()) FLAGS_minloglevel = google::GLOG_FATAL;
+    return true;
+  }();
+  (void)done;
+}
 
 double median(std::vector<double> v) {
   if (v.empty()) return 0;
@@ -436,6 +447,7 @@ void LeastSquares::Impl::information(ceres::Problem& p, Eigen::MatrixXd& reduced
 }
 
 Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
+  keep_the_solver_quiet();
   Impl& d = *impl_;
   std::vector<bool> used(d.observations, true);
   std::vector<double> residuals;

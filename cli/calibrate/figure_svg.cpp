@@ -185,6 +185,16 @@ std::string colour_of(double share) {
   return fmt::format("#{:02x}{:02x}{:02x}", rgb[0], rgb[1], rgb[2]);
 }
 
+/// At most six: 1, 2, 5, 10 … of which three lie on the scale of colours, where it is wide enough.
+std::vector<double> contour_levels(double low, double largest, double high) {
+  std::vector<double> levels = axis_ticks(low, high, 4);
+  for (double v = 2 * high; v < largest && levels.size() < 6; v *= 4) {
+    const double ten = std::pow(10, std::floor(std::log10(v)));
+    levels.push_back((v / ten < 2 ? 2 : v / ten < 5 ? 5 : 10) * ten);
+  }
+  return levels;
+}
+
 std::string draw_map(const Figure& f) {
   if (f.columns <= 0 || f.values.empty()) return "<p class=\"none\">nothing to show</p>";
   std::vector<double> good;
@@ -192,24 +202,59 @@ std::string draw_map(const Figure& f) {
     if (std::isfinite(v)) good.push_back(v);
   if (good.empty()) return "<p class=\"none\">nothing to show</p>";
   std::sort(good.begin(), good.end());
-  // The far corner of a weak lens model must not take all colours for itself.
-  const double low = good.front(),
-               high = good[static_cast<std::size_t>(0.98 * static_cast<double>(good.size() - 1))];
+  // The far corners of a weak lens model must not take all colours for themselves: the scale ends well above
+  // what is typical, and what lies beyond is grey and says so.
+  const auto quantile = [&](double q) {
+    return good[static_cast<std::size_t>(q * static_cast<double>(good.size() - 1))];
+  };
+  const double low = good.front(), typical = quantile(0.5);
+  const double high =
+      std::min(good.back(), std::max(quantile(0.75), typical + 3 * (typical - quantile(0.05))));
   const int rows = static_cast<int>(f.values.size()) / f.columns;
   const Axis x = x_axis(f.x_from, f.x_to), y{f.y_from, f.y_to, kTop, kHeight - kTop - kBottom};
   std::string out = axes(f, x, y);
   const double w = x.length / f.columns, h = y.length / rows;
+  const auto at = [&](int r, int c) { return f.values[static_cast<std::size_t>(r * f.columns + c)]; };
+  bool beyond = false;
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < f.columns; ++c) {
-      const double v = f.values[static_cast<std::size_t>(r * f.columns + c)];
+      const double v = at(r, c);
       if (!std::isfinite(v)) continue;
+      beyond = beyond || v > high;
       out += fmt::format(
           R"(<rect x="{:.2f}" y="{:.2f}" width="{:.2f}" height="{:.2f}" fill="{}"><title>{:.3g}</title></rect>)",
           kLeft + w * c, kTop + h * r, w + 0.4, h + 0.4,
-          colour_of(high > low ? (v - low) / (high - low) : 0.5), v);
+          v > high ? "#bdbdbd" : colour_of(high > low ? (v - low) / (high - low) : 0.5), v);
     }
+  // Lines of equal height at round values, between the cells' middles (marching squares).
+  const auto levels = good.back() > low ? contour_levels(low, good.back(), high) : std::vector<double>{};
+  for (const double level : levels) {
+    std::string path;
+    double label_x = 0, label_y = 0;
+    for (int r = 0; r + 1 < rows; ++r)
+      for (int c = 0; c + 1 < f.columns; ++c) {
+        const double v[4] = {at(r, c), at(r, c + 1), at(r + 1, c + 1), at(r + 1, c)};
+        static constexpr double kX[4] = {0, 1, 1, 0}, kY[4] = {0, 0, 1, 1};
+        double px[4], py[4];
+        int n = 0;
+        for (int i = 0; i < 4; ++i) {
+          const int k = (i + 1) % 4;
+          if (!std::isfinite(v[i]) || !std::isfinite(v[k]) || (v[i] < level) == (v[k] < level)) continue;
+          const double share = (level - v[i]) / (v[k] - v[i]);
+          px[n] = kLeft + w * (c + 0.5 + kX[i] + share * (kX[k] - kX[i]));
+          py[n++] = kTop + h * (r + 0.5 + kY[i] + share * (kY[k] - kY[i]));
+        }
+        for (int i = 0; i + 1 < n; i += 2)
+          path += fmt::format("M{:.1f} {:.1f}L{:.1f} {:.1f}", px[i], py[i], px[i + 1], py[i + 1]);
+        if (n >= 2) label_x = px[0], label_y = py[0];
+      }
+    if (path.empty()) continue;
+    out += fmt::format(R"(<path d="{}" fill="none" stroke="#fff" stroke-width="1"/>)", path);
+    out += text(label_x, label_y - 2, "middle", fmt::format("{:g}", level), "style=\"fill:#fff\"");
+  }
   out += text(kWidth - kRight, kHeight - 8, "end",
-              fmt::format("{} {:.3g} (dark) to {:.3g} (bright)", f.value_label, low, high));
+              fmt::format("{} {:.3g} (dark) to {:.3g} (bright){}", f.value_label, low, high,
+                          beyond ? fmt::format(", grey up to {:.3g}", good.back()) : ""));
   return out;
 }
 
