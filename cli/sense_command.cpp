@@ -6,13 +6,16 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
 #include "cli/commands.h"
 #include "cli/overrides.h"
 #include "cli/report.h"
+#include "cli/sensing/inertial.h"
 #include "cli/sensing/sample_files.h"
+#include "cli/sensing/sample_json.h"
 #include "cli/simulation.h"
 #include "cli/terminal.h"
 #include "cli/tune/engine_choices.h"
@@ -65,12 +68,22 @@ Status check_options(const SenseOptions& options, SampleKind kind) {
   if (options.difference && kind != SampleKind::range_image)
     return fail(ErrorCode::bad_input, "--difference",
                 fmt::format("expected a channel of kind range_image, got {}", kind_name(kind)));
+  if (is_inertial(kind))
+    for (const auto& [option, given] : {std::pair{"--only", !options.only.empty()},
+                                        {"--engine", !options.engine.empty()},
+                                        {"--truth", !options.truth.empty()}})
+      if (given)
+        return fail(ErrorCode::bad_input, option,
+                    fmt::format("expected it with a sensor that looks, got a channel of kind {}; --ideal "
+                                "gives a sample without errors",
+                                kind_name(kind)));
   return {};
 }
 
 Status check_outputs(const SenseOptions& options, SampleKind kind) {
   const std::vector<std::string> endings =
-      kind == SampleKind::image         ? std::vector<std::string>{".png", ".exr"}
+      is_inertial(kind)                 ? std::vector<std::string>{".json"}
+      : kind == SampleKind::image       ? std::vector<std::string>{".png", ".exr"}
       : options.difference              ? std::vector<std::string>{".png", ".exr"}
       : kind == SampleKind::range_image ? std::vector<std::string>{".png", ".exr", ".pcd"}
                                         : std::vector<std::string>{".png", ".pcd"};
@@ -119,9 +132,12 @@ class Sensing {
     SensorOptions how;
     how.ideal = options_.ideal;
     how.only = options_.only;
-    auto choice = sense_choice(target_.rig, *target_.entry, simulation_, options_.engine);
-    if (!choice) return tl::unexpected<Error>(choice.error());
-    how.choice = std::move(*choice);
+    const SampleKind kind = target_.entry->kind;
+    if (!is_inertial(kind)) {
+      auto choice = sense_choice(target_.rig, *target_.entry, simulation_, options_.engine);
+      if (!choice) return tl::unexpected<Error>(choice.error());
+      how.choice = std::move(*choice);
+    }
     // The sample that a virtual run takes at that instant: same index, same draws.
     const Duration period = target_.entry->period;
     const Duration phase = seconds_from(params.number_or("phase_us", 0, {.min = 0}) * 1e-6);
@@ -131,8 +147,9 @@ class Sensing {
     request_.motion = simulation_.motion_at_rest();
     for (const std::string& joint : options_.joints)
       if (auto s = set_joint(request_.motion, simulation_, joint); !s) return s;
-    if (auto s =
-            target_.entry->kind == SampleKind::image ? image(params, how, told) : sampled(params, how, told);
+    if (auto s = is_inertial(kind)           ? inertial(params, how, told)
+                 : kind == SampleKind::image ? image(params, how, told)
+                                             : sampled(params, how, told);
         !s)
       return s;
     told["t_capture_s"] = static_cast<double>(request_.t_capture.ns()) * 1e-9;
@@ -178,6 +195,31 @@ class Sensing {
     said_ = fmt::format("{}x{} {}", info.width_px, info.height_px, pfnc_name(info.format));
     return write_whole(options_.output,
                        [&](const std::filesystem::path& part) { return write_picture(part, info, pixels); });
+  }
+
+  Status inertial(const ConfigNode& params, const SensorOptions& how, nlohmann::json& told) {
+    const ChannelEntry& entry = *target_.entry;
+    auto made =
+        simulation_.inertial(entry.kind, params, target_.rig.seed, target_.noise_name, entry.period, how);
+    if (!made) return tl::unexpected<Error>(made.error());
+    Sample sample;
+    SampleProvider::Request request = request_;
+    // Odometry adds up: every capture since the start, as a run takes them.
+    const std::uint64_t first = entry.kind == SampleKind::odometry ? 0 : request_.index;
+    for (request.index = first; request.index <= request_.index; ++request.index) {
+      request.t_capture =
+          request_.t_capture - entry.period * static_cast<std::int64_t>(request_.index - request.index);
+      if (auto s = (*made)->capture(request, sample); !s) return s;
+    }
+    told["sample"] = sample_json(sample);
+    said_ = told["sample"].dump();
+    return write_whole(options_.output, [&](const std::filesystem::path& part) -> Status {
+      std::ofstream file(part);
+      file << told["sample"].dump(2) << '\n';
+      file.close();
+      if (!file) return fail(ErrorCode::not_writable, part.string(), "cannot write the sample");
+      return {};
+    });
   }
 
   Status sampled(const ConfigNode& params, const SensorOptions& how, nlohmann::json& told) {

@@ -4,6 +4,7 @@
 
 #include <map>
 
+#include "cli/sensing/inertial.h"
 #include "cli/sensing/sheet_kind.h"
 #include "cli/sensing/tolerance.h"
 #include "cli/sensing/yuv_capture.h"
@@ -241,6 +242,9 @@ Result<std::shared_ptr<SensedCamera>> Simulation::sensed_camera(ConfigNode param
 Result<std::shared_ptr<TruthfulSampler>> Simulation::sampler(SampleKind kind, ConfigNode params,
                                                              std::uint64_t seed, const std::string& name,
                                                              const SensorOptions& options) {
+  if (kind != SampleKind::point_cloud && kind != SampleKind::range_image)
+    return tl::unexpected<Error>(
+        params.error("", "expected a channel of kind point_cloud or range_image, got another one").error());
   auto made = catch_config([&]() -> Result<std::shared_ptr<TruthfulSampler>> {
     expect_sheet(params, kind);
     const std::filesystem::path file = params.base_dir() / params.text("sensor");
@@ -257,6 +261,15 @@ Result<std::shared_ptr<TruthfulSampler>> Simulation::sampler(SampleKind kind, Co
   });
   if (!made) return tl::unexpected<Error>(made.error());
   return *made;
+}
+
+Result<std::shared_ptr<SampleProvider>> Simulation::inertial(SampleKind kind, ConfigNode params,
+                                                             std::uint64_t seed, const std::string& name,
+                                                             Duration period, const SensorOptions& options) {
+  return make_inertial(
+      kind, params,
+      {name, seed, period, options.ideal, [this](const std::string& wanted) { return joint(wanted); }},
+      *impl_->world);
 }
 
 Result<std::size_t> Simulation::joint(const std::string& name) const {

@@ -39,6 +39,12 @@ class Simulation {
   [[nodiscard]] Result<std::shared_ptr<TruthfulSampler>> sampler(SampleKind kind, ConfigNode params,
                                                                  std::uint64_t seed, const std::string& name,
                                                                  const SensorOptions& options = {});
+  /// An inertial unit, a satellite receiver, odometry (cli/sensing/inertial.h says which keys); `period`:
+  /// between captures.
+  [[nodiscard]] Result<std::shared_ptr<SampleProvider>> inertial(SampleKind kind, ConfigNode params,
+                                                                 std::uint64_t seed, const std::string& name,
+                                                                 Duration period,
+                                                                 const SensorOptions& options = {});
   /// A camera by an engine, whose light and truth can be had; as `camera`.
   [[nodiscard]] Result<std::shared_ptr<SensedCamera>> sensed_camera(ConfigNode params, std::uint64_t seed,
                                                                     const std::string& name,

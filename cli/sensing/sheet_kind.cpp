@@ -11,6 +11,9 @@ struct Names {
 Names names_of(SampleKind kind) {
   if (kind == SampleKind::point_cloud) return {"a LiDAR", "point_cloud"};
   if (kind == SampleKind::range_image) return {"a time-of-flight camera", "range_image"};
+  if (kind == SampleKind::imu) return {"an inertial unit", "imu"};
+  if (kind == SampleKind::nav_fix) return {"a satellite receiver", "nav_fix"};
+  if (kind == SampleKind::odometry) return {"odometry", "odometry"};
   return {"a camera", "image"};
 }
 
@@ -19,6 +22,9 @@ Names names_of(SampleKind kind) {
 SampleKind kind_of_sheet(const ConfigNode& params) {
   const auto sheet = ConfigDocument::load(params.base_dir() / params.text("sensor"));
   if (!sheet) throw ConfigError(sheet.error());
+  if (sheet->has("accelerometer")) return SampleKind::imu;
+  if (sheet->has("wheel_radius_m")) return SampleKind::odometry;
+  if (sheet->has("status")) return SampleKind::nav_fix;
   if (sheet->has("scan")) return SampleKind::point_cloud;
   return sheet->has("modulation") ? SampleKind::range_image : SampleKind::image;
 }
