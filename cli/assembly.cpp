@@ -7,6 +7,7 @@
 
 #include "apps/script/script.h"
 #include "apps/turntable-sweep/turntable_sweep.h"
+#include "cli/sensing/inertial.h"
 #include "cli/tune/engine_choices.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/replay_source.h"
@@ -106,12 +107,20 @@ class Assembler {
       return std::make_unique<SimulatedSource>(std::shared_ptr<SampleProvider>(std::move(*sampler)),
                                                &out_.parts.motion, *out_.workers);
     }
+    if (is_inertial(entry.kind)) {
+      auto provider =
+          out_.simulation->inertial(entry.kind, choice.params, rig_.seed, name, entry.period, options);
+      if (!provider) return tl::unexpected<Error>(provider.error());
+      return std::make_unique<SimulatedSource>(std::move(*provider), &out_.parts.motion, *out_.workers);
+    }
     if (entry.kind != SampleKind::image)
       return tl::unexpected<Error>(
           entry.node
               .error("kind",
-                     fmt::format("expected image, range_image or point_cloud, which simulators make, got {}",
-                                 kind_name(entry.kind)))
+                     fmt::format(
+                         "expected image, range_image, point_cloud, pose, imu, nav_fix or odometry, which simulators make, "
+                                 "got {}",
+                         kind_name(entry.kind)))
               .error());
     auto camera = out_.simulation->camera(choice.params, rig_.seed, name, options);
     if (!camera) return tl::unexpected<Error>(camera.error());
