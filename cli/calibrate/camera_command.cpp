@@ -6,6 +6,7 @@
 #include "calibration/camera/camera_fit.h"
 #include "calibration/camera/chromatic.h"
 #include "calibration/camera/rolling_shutter.h"
+#include "cli/calibrate/board_twin.h"
 #include "cli/calibrate/board_views.h"
 #include "cli/calibrate/calibrate.h"
 #include "rt-core/stop.h"
@@ -20,7 +21,7 @@ struct CalibrateCameraOptions : CalibrateOptions {
   std::string size;  ///< WIDTHxHEIGHT of the pictures that a corner list is about
   double start_fx_px = 0;
   bool all_corners = false;  ///< no outlier is left out
-  bool rolling_shutter = false, chromatic = false;
+  bool rolling_shutter = false, chromatic = false, twin = false;
   double rate_hz = 0, longest_gap_ms = 200;
 };
 
@@ -182,6 +183,20 @@ int calibrate_camera(const CalibrateCameraOptions& options) {
   for (const std::string& why : views->notes) product.fit.warnings.push_back(why);
   product.recipe = recipe_of(*fit);
   product.figures = figures_of(*fit, views->seen);
+  if (options.twin) {
+    const auto twin = simulate_board_twin(*fit, views->seen, *board, stop.token());
+    if (twin) {
+      for (Figure& figure : twin_figures(*fit, *twin)) product.figures.push_back(std::move(figure));
+      product.more["twin"] = {{"rms_per_corner_px", twin->fit.rms_per_corner_px},
+                              {"views", twin->views},
+                              {"black_dn", twin->black_dn},
+                              {"white_dn", twin->white_dn},
+                              {"noise_dn", twin->noise_dn},
+                              {"levels_measured", twin->measured}};
+    } else {
+      product.fit.warnings.push_back("no simulated twin: " + twin.error().text());
+    }
+  }
   product.more["rms_per_corner_px"] = fit->rms_per_corner_px;
   product.more["views"] = nlohmann::json::array();
   for (std::size_t v = 0; v < views->seen.size(); ++v) {
@@ -218,6 +233,8 @@ CalibrateSubcommand add_calibrate_camera(CLI::App& calibrate) {
   app.add_option("--longest-gap-ms", options->longest_gap_ms,
                  "Views further apart do not say how the board moved between them (--rolling-shutter)")
       .positive();
+  app.add_flag("--twin", options->twin,
+               "Draw the same views with the fitted camera, find and fit them, and show both residuals");
   app.add_flag("--chromatic", options->chromatic,
                "Fit the magnification of red and blue too: colour pictures of a chessboard");
   app.footer(
