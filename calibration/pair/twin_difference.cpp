@@ -22,8 +22,44 @@ std::vector<double> sorted(std::vector<double> x) {
   return x;
 }
 
+/// Quantile of numbers that were rounded to multiples of `step`: each stands for all within half a step.
+double grouped_quantile(const std::vector<double>& sorted, double q, double step) {
+  const double v = quantile(sorted, q);
+  if (!(step > 0) || sorted.empty()) return v;
+  const double at = step * std::round(v / step);
+  const auto first = std::lower_bound(sorted.begin(), sorted.end(), at - step / 2);
+  const auto last = std::lower_bound(first, sorted.end(), at + step / 2);
+  const double below = static_cast<double>(first - sorted.begin()), n = static_cast<double>(last - first);
+  if (!(n > 0)) return v;
+  return at + step * ((q * static_cast<double>(sorted.size()) - below) / n - 0.5);
+}
+
 /// Standard deviation of a normal distribution with this middle half.
-double spread(const std::vector<double>& x) { return (quantile(x, 0.75) - quantile(x, 0.25)) / 1.3489795; }
+double spread(const std::vector<double>& sorted, double step) {
+  return (grouped_quantile(sorted, 0.75, step) - grouped_quantile(sorted, 0.25, step)) / 1.3489795;
+}
+
+/// Covariance of the means over samples of (a, b, c), and of c/b as the fourth, by batch means.
+Eigen::Matrix4d covariance_of(const std::vector<std::array<double, 3>>& each) {
+  const std::size_t n = each.size() > 0 ? each.size() - 1 : 0;  // the first has no sample before it
+  const Eigen::Matrix4d nothing = Eigen::Vector4d::Constant(INFINITY).asDiagonal();
+  if (n < 8) return nothing;
+  const std::size_t batches = std::clamp<std::size_t>(n / 4, 4, 20);
+  std::vector<Eigen::Vector4d> means(batches, Eigen::Vector4d::Zero());
+  Eigen::Vector4d mean = Eigen::Vector4d::Zero();
+  for (std::size_t k = 0; k < batches; ++k) {
+    const std::size_t from = 1 + k * n / batches, to = 1 + (k + 1) * n / batches;
+    for (std::size_t i = from; i < to; ++i)
+      for (int c = 0; c < 3; ++c)
+        means[k][c] += each[i][static_cast<std::size_t>(c)] / static_cast<double>(to - from);
+    means[k][3] = means[k][1] > 0 ? means[k][2] / means[k][1] : 0;
+    mean += means[k] / static_cast<double>(batches);
+  }
+  if (!mean.allFinite()) return nothing;
+  Eigen::Matrix4d scatter = Eigen::Matrix4d::Zero();
+  for (const auto& m : means) scatter += (m - mean) * (m - mean).transpose();
+  return scatter / static_cast<double>(batches * (batches - 1));
+}
 
 std::vector<double> few(const std::vector<double>& x) {
   constexpr std::size_t kMost = 4096;
@@ -58,38 +94,51 @@ void TwinComparer::Thinned::add(double x) {
   every_ *= 2;
 }
 
-void TwinComparer::noise(const Values& before, const Values& now, Thinned& into) {
+TwinComparer::Values TwinComparer::sorted_values(std::span<const TwinElement> sample) {
+  Values v;
+  v.reserve(sample.size());
+  for (const auto& e : sample)
+    if (std::isfinite(e.value)) v.push_back(e);
+  const auto by_key = [](const TwinElement& a, const TwinElement& b) { return a.key < b.key; };
+  if (!std::is_sorted(v.begin(), v.end(), by_key)) std::sort(v.begin(), v.end(), by_key);
+  return v;
+}
+
+double TwinComparer::noise(const Values& before, const Values& now, Thinned& into) const {
+  std::vector<double> change;
   auto a = before.begin();
   for (const auto& [key, value] : now) {
-    while (a != before.end() && a->first < key) ++a;
-    if (a == before.end()) return;
-    if (a->first == key) into.add((value - a->second) / std::sqrt(2.0));
+    while (a != before.end() && a->key < key) ++a;
+    if (a == before.end()) break;
+    if (a->key == key) change.push_back(value - a->value);
   }
+  for (const double d : change) into.add(d / std::sqrt(2.0));
+  return spread(sorted(std::move(change)), step_) / std::sqrt(2.0);
 }
 
 void TwinComparer::add(std::span<const TwinElement> real, std::span<const TwinElement> simulated) {
-  Values r, s;
-  for (const auto& e : real)
-    if (std::isfinite(e.value)) r.emplace_hint(r.end(), e.key, e.value);
-  for (const auto& e : simulated)
-    if (std::isfinite(e.value)) s.emplace_hint(s.end(), e.key, e.value);
+  Values r = sorted_values(real), s = sorted_values(simulated);
   auto a = r.begin();
+  double sum = 0, both = 0;
   for (const auto& [key, value] : s) {
-    while (a != r.end() && a->first < key) ++a, ++only_real_;
-    if (a == r.end() || a->first != key) {
+    while (a != r.end() && a->key < key) ++a, ++only_real_;
+    if (a == r.end() || a->key != key) {
       ++only_simulated_;
       continue;
     }
-    const double d = value - a->second;
+    const double d = value - a->value;
     ++a, ++elements_;
+    sum += d, ++both;
     sum_ += d, squares_ += d * d;
     differences_.add(d);
   }
   only_real_ += static_cast<std::uint64_t>(std::distance(a, r.end()));
+  std::array<double, 3> each{both > 0 ? sum / both : kNaN, kNaN, kNaN};
   if (samples_++ > 0) {
-    noise(real_, r, real_noise_);
-    noise(simulated_, s, simulated_noise_);
+    each[1] = noise(real_, r, real_noise_);
+    each[2] = noise(simulated_, s, simulated_noise_);
   }
+  each_.push_back(each);
   real_ = std::move(r), simulated_ = std::move(s);
 }
 
@@ -104,7 +153,9 @@ TwinDifference TwinComparer::result() const {
   t.q05 = quantile(d, 0.05), t.q25 = quantile(d, 0.25), t.median = quantile(d, 0.5),
   t.q75 = quantile(d, 0.75), t.q95 = quantile(d, 0.95);
   const auto r = sorted(real_noise_.values()), s = sorted(simulated_noise_.values());
-  t.real_noise = spread(r), t.simulated_noise = spread(s);
+  const double step = step_ / std::sqrt(2.0);
+  t.real_noise = spread(r, step), t.simulated_noise = spread(s, step);
+  t.covariance = covariance_of(each_);
   t.noise_distance = distance(r, s);
   t.differences = few(d), t.real_noise_sorted = few(r), t.simulated_noise_sorted = few(s);
   return t;

@@ -5,12 +5,16 @@
 // consecutive samples the difference has √2 of the noise's standard deviation. What moved between the two
 // shows as differences that are far beyond the others'; the spread is therefore taken from the quantiles that
 // hold the middle half.
+//
+// Samples of one scene hang together (a fixed pattern, a slow drift), so standard uncertainties come from the
+// scatter of the means of up to 20 stretches of time (batch means); a pattern that stays for the whole
+// recording does not show in them.
 #pragma once
 
+#include <Eigen/Core>
+#include <array>
 #include <cstdint>
-#include <map>
 #include <span>
-#include <string>
 #include <vector>
 
 namespace rigor::calibration {
@@ -28,6 +32,9 @@ struct TwinDifference {
   double bias = 0, rms = 0;  ///< simulated less real
   double q05 = 0, q25 = 0, median = 0, q75 = 0, q95 = 0;
   double real_noise = 0, simulated_noise = 0;  ///< standard deviations; NaN: fewer than two samples
+  /// Of bias, real noise, simulated noise and simulated over real noise, in this order: covariance of their
+  /// estimates; infinite variances where fewer than eight samples say nothing of it.
+  Eigen::Matrix4d covariance = Eigen::Matrix4d::Zero();
   /// Largest distance between the two noises' cumulative distributions, each in units of the real one's
   /// standard deviation (Kolmogorov–Smirnov); 0 alike, 1 nothing in common.
   double noise_distance = 0;
@@ -37,6 +44,8 @@ struct TwinDifference {
 
 class TwinComparer {
  public:
+  /// `step`: values are whole multiples of it (grey values: 1); 0: they are continuous.
+  explicit TwinComparer(double step = 0) : step_(step) {}
   /// Two samples of one instant; keys need no order and are unique within a sample.
   void add(std::span<const TwinElement> real, std::span<const TwinElement> simulated);
   [[nodiscard]] TwinDifference result() const;
@@ -52,13 +61,18 @@ class TwinComparer {
     std::vector<double> values_;
     std::uint64_t every_ = 1, seen_ = 0;
   };
-  using Values = std::map<std::uint64_t, double>;
-  static void noise(const Values& before, const Values& now, Thinned& into);
+  using Values = std::vector<TwinElement>;  ///< by key; without those that measured nothing
+  static Values sorted_values(std::span<const TwinElement> sample);
+  /// Adds what changed and returns its spread.
+  double noise(const Values& before, const Values& now, Thinned& into) const;
 
   std::uint64_t samples_ = 0, elements_ = 0, only_real_ = 0, only_simulated_ = 0;
   double sum_ = 0, squares_ = 0;
   Thinned differences_, real_noise_, simulated_noise_;
   Values real_, simulated_;  ///< of the last sample
+  double step_;
+  /// Of each sample: mean difference, spreads against the sample before (NaN: the first).
+  std::vector<std::array<double, 3>> each_;
 };
 
 }  // namespace rigor::calibration

@@ -107,7 +107,7 @@ std::string page_of(const CalibrationProduct& product) {
                     p.held       ? "held"
                     : p.at_bound ? "at its bound"
                                  : ""});
-  s += "<h2>Parameters</h2>" + table({"parameter", "value", "sigma", ""}, rows);
+  if (!rows.empty()) s += "<h2>Parameters</h2>" + table({"parameter", "value", "sigma", ""}, rows);
   if (!f.candidates.empty()) {
     rows.clear();
     for (const Candidate& c : f.candidates)
@@ -228,12 +228,12 @@ int finish_calibration(const CalibrateOptions& options, CalibrationProduct produ
   if (!options.report.empty()) {
     if (auto s = write_text_file(options.report / "index.html", page_of(product)); !s)
       return report_error(s.error(), options.json);
-    if (auto s = write_text_file(options.report / "result.json", answer.dump(1)); !s)
+    if (auto s = write_text_file(options.report / "result.json", json_text(answer)); !s)
       return report_error(s.error(), options.json);
     answer["report"] = (options.report / "index.html").string();
   }
   if (options.json) {
-    fmt::print("{}\n", answer.dump(2));
+    fmt::print("{}\n", json_text(answer));
   } else {
     print(product);
     if (!options.output.empty()) fmt::print("model:  {}\n", options.output.string());

@@ -6,12 +6,14 @@
 #include <cmath>
 #include <cstring>
 #include <memory>
+#include <optional>
 
 #include "calibration/pair/board_pose.h"
 #include "calibration/pair/time_offset.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/recording_input.h"
 #include "cli/picture.h"
+#include "rt-core/stop.h"
 #include "sensor-hal/models/camera_yaml.h"
 
 namespace rigor {
@@ -52,14 +54,42 @@ TimeSeries strongest(const Track& track) {
   return s;
 }
 
+/// Mean range of each of eight sectors: what moves before the scanner moves some of them.
+Eigen::VectorXd sector_ranges(const Sample& s) {
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(8), n = Eigen::VectorXd::Constant(8, 1e-9);
+  const auto bytes = s.bytes();
+  for (std::size_t i = 0; i + sizeof(LidarPoint) <= bytes.size(); i += sizeof(LidarPoint)) {
+    LidarPoint p;
+    std::memcpy(&p, bytes.data() + i, sizeof p);
+    const auto k = static_cast<Eigen::Index>(std::floor((std::atan2(p.y_m, p.x_m) + M_PI) / M_PI_4)) % 8;
+    sum[k] += std::sqrt(p.x_m * p.x_m + p.y_m * p.y_m + p.z_m * p.z_m), n[k] += 1;
+  }
+  return sum.cwiseQuotient(n);
+}
+
+Eigen::VectorXd mean_range(const Sample& s) {
+  const auto* info = s.as<RangeImageInfo>();
+  double sum = 0, n = 1e-9;
+  for (std::size_t i = 0; i < std::size_t{info->width_px} * info->height_px; ++i) {
+    float r = 0;
+    std::memcpy(&r, s.bytes().data() + 4 * i, 4);
+    if (std::isfinite(r)) sum += double{r}, n += 1;
+  }
+  return Eigen::VectorXd::Constant(1, sum / n);
+}
+
 /// `channel` or, of registers, `channel:index`.
 Result<TimeSeries> series_of(const DelayOptions& o, const std::filesystem::path& file,
-                             const std::string& name, std::string& what) {
+                             const std::string& name, const StopToken& stop, std::string& what,
+                             std::vector<std::string>& warnings) {
   const auto colon = name.rfind(':');
   const std::string channel = name.substr(0, colon);
   int index = 0;
   if (colon != std::string::npos && std::sscanf(name.c_str() + colon, ":%d", &index) != 1)
     return fail(ErrorCode::bad_input, name,
+                "expected CHANNEL or CHANNEL:INDEX of a register, counted from 0");
+  if (channel.empty())
+    return fail(ErrorCode::bad_input, name.empty() ? "--first, --second" : name,
                 "expected CHANNEL or CHANNEL:INDEX of a register, counted from 0");
   Track track;
   Status bad;
@@ -69,105 +99,104 @@ Result<TimeSeries> series_of(const DelayOptions& o, const std::filesystem::path&
     track.t_ns.push_back(t);
     track.value.push_back(std::move(v));
   };
-  Result<RecordingInput> read = read_samples(file, channel, SampleKind::register_block, [&](const Sample& s) {
-    const auto* block = s.as<RegisterBlock>();
-    if (index < 0 || static_cast<std::uint32_t>(index) >= block->count) {
-      bad = fail(ErrorCode::bad_input, name,
-                 fmt::format("expected an index below {}, got {}", block->count, index));
-      return false;
-    }
-    add(s, Eigen::VectorXd::Constant(1, block->value[static_cast<std::size_t>(index)]));
-    return true;
-  });
-  if (!bad) return tl::unexpected<Error>(bad.error());
-  if (read) {
-    what = "register " + std::to_string(index);
-  } else if ((read = read_samples(file, channel, SampleKind::pose, [&](const Sample& s) {
-                const auto* p = s.as<Pose>();
-                Eigen::VectorXd v(7);
-                v << p->position_m[0], p->position_m[1], p->position_m[2], p->orientation_wxyz[0],
-                    p->orientation_wxyz[1], p->orientation_wxyz[2], p->orientation_wxyz[3];
-                if (!track.value.empty() && track.value.back().tail<4>().dot(v.tail<4>()) < 0)
-                  v.tail<4>() *= -1;
-                add(s, v);
-                return true;
-              }))) {
-    what = "pose along its main direction";
-  } else if ((read = read_samples(file, channel, SampleKind::point_cloud, [&](const Sample& s) {
-                // Mean range of each of eight sectors: what moves before the scanner moves some of them.
-                Eigen::VectorXd sum = Eigen::VectorXd::Zero(8), n = Eigen::VectorXd::Constant(8, 1e-9);
-                const auto bytes = s.bytes();
-                for (std::size_t i = 0; i + sizeof(LidarPoint) <= bytes.size(); i += sizeof(LidarPoint)) {
-                  LidarPoint p;
-                  std::memcpy(&p, bytes.data() + i, sizeof p);
-                  const auto k =
-                      static_cast<Eigen::Index>(std::floor((std::atan2(p.y_m, p.x_m) + M_PI) / M_PI_4)) % 8;
-                  sum[k] += std::sqrt(p.x_m * p.x_m + p.y_m * p.y_m + p.z_m * p.z_m), n[k] += 1;
-                }
-                add(s, sum.cwiseQuotient(n));
-                return true;
-              }))) {
-    what = "mean ranges of sectors along their main direction";
-  } else if ((read = read_samples(file, channel, SampleKind::range_image, [&](const Sample& s) {
-                const auto* info = s.as<RangeImageInfo>();
-                double sum = 0, n = 1e-9;
-                for (std::size_t i = 0; i < std::size_t{info->width_px} * info->height_px; ++i) {
-                  float r = 0;
-                  std::memcpy(&r, s.bytes().data() + 4 * i, 4);
-                  if (std::isfinite(r)) sum += double{r}, n += 1;
-                }
-                add(s, Eigen::VectorXd::Constant(1, sum / n));
-                return true;
-              }))) {
-    what = "mean range";
-  } else {
+  const auto add_pose = [&](const Sample& s) {
+    const auto* p = s.as<Pose>();
+    Eigen::VectorXd v(7);
+    v << p->position_m[0], p->position_m[1], p->position_m[2], p->orientation_wxyz[0], p->orientation_wxyz[1],
+        p->orientation_wxyz[2], p->orientation_wxyz[3];
+    if (!track.value.empty() && track.value.back().tail<4>().dot(v.tail<4>()) < 0) v.tail<4>() *= -1;
+    add(s, v);
+  };
+  constexpr std::array kKinds{SampleKind::register_block, SampleKind::pose, SampleKind::point_cloud,
+                              SampleKind::range_image, SampleKind::image};
+  const auto kind = kind_of_channel(file, channel, kKinds);
+  if (!kind) return tl::unexpected<Error>(kind.error());
+  std::optional<Board> board;
+  std::optional<CameraModel> camera;
+  if (*kind == SampleKind::image) {
     if (o.target.empty() || o.camera_sheet.empty())
-      return fail(
-          ErrorCode::bad_input, file.string(),
-          "has no channel " + channel +
-              " of registers, poses, points or ranges; for a camera give --target and --camera-sheet, whose "
-              "board's pose is then followed");
-    const auto board = parse_board(o.target);
-    if (!board) return tl::unexpected<Error>(board.error());
+      return fail(ErrorCode::bad_input, channel,
+                  "is a camera: expected --target and --camera-sheet with it, whose board's pose is then "
+                  "followed");
+    const auto parsed = parse_board(o.target);
+    if (!parsed) return tl::unexpected<Error>(parsed.error());
     const auto sheet = load_camera(o.camera_sheet);
     if (!sheet) return tl::unexpected<Error>(sheet.error());
-    Eigen::Isometry3d first = Eigen::Isometry3d::Identity(), before = first;
-    read = read_samples(file, channel, SampleKind::image, [&](const Sample& s) {
-      const auto* info = s.as<ImageInfo>();
-      const auto grey = grey_picture(*info, s.bytes());
-      if (!grey) {
-        bad = tl::unexpected<Error>(grey.error());
-        return false;
-      }
-      const auto view = find_board(channel, grey->data(), static_cast<int>(info->width_px),
-                                   static_cast<int>(info->height_px), *board);
-      if (!view) return true;
-      const auto pose = pose_of_board(*view, sheet->model);
-      if (!pose) return true;
-      // Half a turn in the board's plane is the same pattern to the finder: what is nearer to the picture
-      // before is meant.
-      Eigen::Isometry3d T = pose->T_camera_board;
-      if (!track.value.empty()) {
-        const Eigen::Isometry3d turned = T * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitZ());
-        const auto apart = [&](const Eigen::Isometry3d& x) {
-          return Eigen::AngleAxisd((before.inverse() * x).linear()).angle();
-        };
-        if (apart(turned) < apart(T)) T = turned;
-      } else {
-        first = T;
-      }
-      before = T;
-      const Eigen::AngleAxisd turn((first.inverse() * T).linear());
-      add(s, turn.axis() * turn.angle());
-      return true;
-    });
-    if (!bad) return tl::unexpected<Error>(bad.error());
-    if (!read) return tl::unexpected<Error>(read.error());
-    what = "turn of the board along its main direction [rad]";
+    board = *parsed, camera = sheet->model;
   }
+  Eigen::Isometry3d first = Eigen::Isometry3d::Identity(), before = first;
+  LiveLine line;
+  std::uint64_t looked = 0;
+  const auto read = read_samples(file, channel, *kind, [&](const Sample& s) {
+    switch (*kind) {
+      case SampleKind::register_block: {
+        const auto* block = s.as<RegisterBlock>();
+        if (index < 0 || static_cast<std::uint32_t>(index) >= block->count) {
+          bad = fail(ErrorCode::bad_input, name,
+                     fmt::format("expected an index below {}, got {}", block->count, index));
+          return false;
+        }
+        add(s, Eigen::VectorXd::Constant(1, block->value[static_cast<std::size_t>(index)]));
+        break;
+      }
+      case SampleKind::pose:
+        add_pose(s);
+        break;
+      case SampleKind::point_cloud:
+        add(s, sector_ranges(s));
+        break;
+      case SampleKind::range_image:
+        add(s, mean_range(s));
+        break;
+      default: {
+        if (!o.json)
+          line.show(fmt::format("looking for boards: picture {}, {} found", ++looked, track.value.size()));
+        const auto* info = s.as<ImageInfo>();
+        const auto grey = grey_picture(*info, s.bytes());
+        if (!grey) {
+          bad = tl::unexpected<Error>(grey.error());
+          return false;
+        }
+        const auto view = find_board(channel, grey->data(), static_cast<int>(info->width_px),
+                                     static_cast<int>(info->height_px), *board);
+        if (!view) break;
+        const auto pose = pose_of_board(*view, *camera);
+        if (!pose) {
+          bad = tl::unexpected<Error>(pose.error());
+          return false;
+        }
+        // Half a turn in the board's plane is the same pattern to the finder: what is nearer to the picture
+        // before is meant.
+        Eigen::Isometry3d T = pose->T_camera_board;
+        if (!track.value.empty()) {
+          const Eigen::Isometry3d turned = T * Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitZ());
+          const auto apart = [&](const Eigen::Isometry3d& x) {
+            return Eigen::AngleAxisd((before.inverse() * x).linear()).angle();
+          };
+          if (apart(turned) < apart(T)) T = turned;
+        } else {
+          first = T;
+        }
+        before = T;
+        const Eigen::AngleAxisd turn((first.inverse() * T).linear());
+        add(s, turn.axis() * turn.angle());
+      }
+    }
+    return !stop.stop_requested();
+  });
+  if (!o.json) line.done();
+  if (!bad) return tl::unexpected<Error>(bad.error());
+  if (!read) return tl::unexpected<Error>(read.error());
+  warnings.insert(warnings.end(), read->warnings.begin(), read->warnings.end());
+  what = *kind == SampleKind::register_block ? "register " + std::to_string(index)
+         : *kind == SampleKind::pose         ? "pose along its main direction"
+         : *kind == SampleKind::point_cloud  ? "mean ranges of sectors along their main direction"
+         : *kind == SampleKind::range_image  ? "mean range"
+                                             : "turn of the board along its main direction [rad]";
   if (track.value.size() < 8)
     return fail(ErrorCode::bad_input, file.string(),
-                fmt::format("expected at least 8 values of {}, got {}", name, track.value.size()));
+                fmt::format("expected at least 8 values of {}, got {} of {} samples", name,
+                            track.value.size(), read->samples));
   return strongest(track);
 }
 
@@ -179,10 +208,13 @@ int calibrate_delay(const DelayOptions& o) {
   if (files->size() != 1)
     return wrong(
         Error{ErrorCode::bad_input, "INPUT", "expected one recording, got " + std::to_string(files->size())});
+  StopSource stop;
+  SignalStop signals(stop);
   std::string what_first, what_second;
-  const auto first = series_of(o, files->front(), o.first, what_first);
+  std::vector<std::string> warnings;
+  const auto first = series_of(o, files->front(), o.first, stop.token(), what_first, warnings);
   if (!first) return wrong(first.error());
-  const auto second = series_of(o, files->front(), o.second, what_second);
+  const auto second = series_of(o, files->front(), o.second, stop.token(), what_second, warnings);
   if (!second) return wrong(second.error());
   const auto fit =
       fit_time_offset(*first, *second, {.largest_s = o.largest_s, .same_quantity = o.same_quantity});
@@ -192,6 +224,8 @@ int calibrate_delay(const DelayOptions& o) {
   product.title = "Time between two channels";
   product.inputs = *files;
   product.fit = fit->result;
+  product.fit.warnings.insert(product.fit.warnings.end(), warnings.begin(), warnings.end());
+  product.fit.interrupted = product.fit.interrupted || stop.token().stop_requested();
   product.recipe.kind = "delay";
   product.recipe.set = {{"first", o.first}, {"second", o.second}};
   if (const Parameter* d = product.fit.find("delay_s"); d != nullptr && product.fit.not_identifiable.empty())

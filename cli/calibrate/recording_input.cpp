@@ -59,6 +59,12 @@ std::vector<std::string> topics_of(const record::McapReader& reader, const KindO
   return {topics.begin(), topics.end()};
 }
 
+std::string all_topics(const record::McapReader& reader) {
+  std::set<std::string> all;
+  for (const auto& [id, c] : reader.channels()) all.insert(c.topic);
+  return joined({all.begin(), all.end()});
+}
+
 Result<std::string> choose_topic(const record::McapReader& reader, const std::string& file,
                                  const std::string& channel, const KindOfTopic& kind) {
   const auto topics = topics_of(reader, kind);
@@ -66,27 +72,46 @@ Result<std::string> choose_topic(const record::McapReader& reader, const std::st
   for (const auto& t : topics) names.push_back(channel_of(t, kind));
   if (channel.empty()) {
     if (topics.size() == 1) return topics.front();
-    if (topics.empty()) {
-      std::set<std::string> all;
-      for (const auto& [id, c] : reader.channels()) all.insert(c.topic);
+    if (topics.empty())
       return fail(ErrorCode::bad_input, file,
                   "expected a channel of messages " + std::string(kind.type) + " (…/" +
                       std::string(kind.suffix) +
-                      "), found none; topics that there are: " + joined({all.begin(), all.end()}));
-    }
+                      "), found none; topics that there are: " + all_topics(reader));
     return fail(ErrorCode::bad_input, file,
                 "has several channels of this kind: say which one with --channel: " + joined(names));
   }
   for (std::size_t i = 0; i < topics.size(); ++i)
     if (topics[i] == channel || names[i] == channel) return topics[i];
   return fail(ErrorCode::bad_input, file,
-              "has no channel " + channel + " of this kind; those that there are: " + joined(names));
+              "expected a channel " + channel + " of messages " + std::string(kind.type) + " (…/" +
+                  std::string(kind.suffix) + "), found none of that name; " +
+                  (names.empty() ? "topics that there are: " + all_topics(reader)
+                                 : "those of this kind: " + joined(names)));
 }
 
 }  // namespace
 
 bool is_recording(const std::filesystem::path& file) {
   return file.extension() == ".mcap" || is_velodyne_recording(file) || is_sick_recording(file);
+}
+
+Result<SampleKind> kind_of_channel(const std::filesystem::path& file, const std::string& channel,
+                                   std::span<const SampleKind> kinds) {
+  if (is_velodyne_recording(file) || is_sick_recording(file)) return SampleKind::point_cloud;
+  const auto reader = record::McapReader::open(file.string(), {.skip_damaged = true});
+  if (!reader) return tl::unexpected<Error>(reader.error());
+  std::set<std::string> there;
+  for (const SampleKind k : kinds) {
+    const KindOfTopic* kind = kind_of(k);
+    if (kind == nullptr) continue;
+    for (const std::string& topic : topics_of(**reader, *kind)) {
+      there.insert(channel_of(topic, *kind));
+      if (topic == channel || channel_of(topic, *kind) == channel) return k;
+    }
+  }
+  return fail(ErrorCode::bad_input, file.string(),
+              "expected a channel " + channel +
+                  ", found none of that name; those that there are: " + joined({there.begin(), there.end()}));
 }
 
 Result<RecordingInput> read_samples(const std::filesystem::path& file, const std::string& channel,

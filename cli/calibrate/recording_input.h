@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -31,5 +32,11 @@ struct RecordingInput {
 [[nodiscard]] Result<RecordingInput> read_samples(const std::filesystem::path& file,
                                                   const std::string& channel, SampleKind kind,
                                                   const TakeSample& take);
+
+/// Of which kind a channel of a recording is, of `kinds`. Packets of a LiDAR are point clouds. Errors:
+/// bad_input (there is none of that name: those that there are are listed), those of opening it.
+[[nodiscard]] Result<SampleKind> kind_of_channel(const std::filesystem::path& file,
+                                                 const std::string& channel,
+                                                 std::span<const SampleKind> kinds);
 
 }  // namespace rigor

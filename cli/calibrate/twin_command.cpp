@@ -1,16 +1,17 @@
 // `rigor calibrate twin`: how far the simulated side of a pair is from the real one.
 #include <fmt/format.h>
 
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <map>
 #include <memory>
-#include <optional>
 
 #include "calibration/pair/twin_difference.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/recording_input.h"
 #include "cli/picture.h"
+#include "rt-core/stop.h"
 
 namespace rigor {
 namespace {
@@ -68,40 +69,38 @@ int calibrate_twin(const TwinOptions& o) {
   const auto files = input_files(o.inputs, {".mcap"});
   if (!files) return wrong(files.error());
 
-  TwinComparer comparer;
+  constexpr std::array kKinds{SampleKind::image, SampleKind::range_image, SampleKind::point_cloud};
+  const auto first_kind = kind_of_channel(files->front(), real, kKinds);
+  if (!first_kind) return wrong(first_kind.error());
+  const SampleKind kind = *first_kind;
+  const std::string unit = kind == SampleKind::image ? "DN" : "m";
+  // Grey values are whole numbers; ranges are finer than their noise.
+  TwinComparer comparer(kind == SampleKind::image ? 1 : 0);
+  StopSource stop;
+  SignalStop signals(stop);
+  LiveLine line;
   std::vector<std::string> warnings;
   std::uint64_t without = 0;
-  std::string unit;
   for (const auto& file : *files) {
-    Result<RecordingInput> found = fail(ErrorCode::bad_input, file.string(), "");
-    SampleKind kind = SampleKind::none;
+    if (stop.token().stop_requested()) break;
+    std::uint64_t compared = 0;
     std::map<std::int64_t, std::vector<TwinElement>> reals;
     Status bad;
-    std::optional<Error> said;
-    // Which kind the channel has, the recording knows.
-    for (const SampleKind k : {SampleKind::image, SampleKind::range_image, SampleKind::point_cloud}) {
-      found = read_samples(file, real, k, [&](const Sample& s) {
-        auto e = elements_of(s);
-        if (!e) {
-          bad = tl::unexpected<Error>(e.error());
-          return false;
-        }
-        reals.emplace(s.stamp.t_capture.ns(), std::move(*e));
-        return true;
-      });
-      if (!bad) return wrong(bad.error());
-      if (found) {
-        kind = k;
-        break;
+    const auto found = read_samples(file, real, kind, [&](const Sample& s) {
+      auto e = elements_of(s);
+      if (!e) {
+        bad = tl::unexpected<Error>(e.error());
+        return false;
       }
-      if (found.error().code != ErrorCode::bad_input) return wrong(found.error());
-      // Of kinds that the recording has no channel of there is nothing to say.
-      const std::string text = found.error().text();
-      if (!said || text.find("there are: none") == std::string::npos) said = found.error();
-    }
-    if (!found) return wrong(*said);
-    unit = kind == SampleKind::image ? "DN" : "m";
+      reals.emplace(s.stamp.t_capture.ns(), std::move(*e));
+      if (!o.json) line.show(fmt::format("reading {}: {} samples", real, reals.size()));
+      return !stop.token().stop_requested();
+    });
+    if (!bad) return wrong(bad.error());
+    if (!found) return wrong(found.error());
     warnings.insert(warnings.end(), found->warnings.begin(), found->warnings.end());
+    // Ctrl-C while the real side was read: what was read is still compared.
+    const bool was_stopped = stop.token().stop_requested();
     const auto read = read_samples(file, simulated, kind, [&](const Sample& s) {
       const std::int64_t t = s.stamp.t_capture.ns();
       auto next = reals.lower_bound(t);
@@ -109,7 +108,7 @@ int calibrate_twin(const TwinOptions& o) {
         next = next == reals.begin() ? next : std::prev(next);
       if (next == reals.end() || static_cast<double>(std::abs(next->first - t)) > o.tolerance_ms * 1e6) {
         ++without;
-        return true;
+        return was_stopped || !stop.token().stop_requested();
       }
       const auto e = elements_of(s);
       if (!e) {
@@ -117,11 +116,13 @@ int calibrate_twin(const TwinOptions& o) {
         return false;
       }
       comparer.add(next->second, *e);
-      return true;
+      if (!o.json) line.show(fmt::format("comparing: {} of {} samples", ++compared, reals.size()));
+      return was_stopped || !stop.token().stop_requested();
     });
     if (!bad) return wrong(bad.error());
     if (!read) return wrong(read.error());
   }
+  line.done();
   const TwinDifference t = comparer.result();
   if (t.samples == 0)
     return wrong(
@@ -137,6 +138,29 @@ int calibrate_twin(const TwinOptions& o) {
   FitResult& f = product.fit;
   f.model = "difference, simulated less real";
   f.warnings = warnings;
+  f.interrupted = stop.token().stop_requested();
+  const std::string suffix = unit == "DN" ? "_dn" : "_m";
+  const std::array<std::pair<std::string, double>, 4> numbers{
+      {{"bias" + suffix, t.bias},
+       {"real_noise" + suffix, t.real_noise},
+       {"simulated_noise" + suffix, t.simulated_noise},
+       {"noise_ratio", t.real_noise > 0 ? t.simulated_noise / t.real_noise : NAN}}};
+  f.covariance = t.covariance;
+  for (std::size_t i = 0; i < numbers.size(); ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    const double sigma = std::sqrt(t.covariance(k, k));
+    if (std::isfinite(numbers[i].second))
+      f.parameters.push_back({.name = numbers[i].first, .value = numbers[i].second, .sigma = sigma});
+    else
+      f.not_identifiable.emplace_back(numbers[i].first,
+                                      "noise is told from sample to sample; record two of a scene at rest");
+  }
+  if (f.parameters.size() < numbers.size())
+    f.covariance = Eigen::MatrixXd(t.covariance.topLeftCorner(
+        static_cast<Eigen::Index>(f.parameters.size()), static_cast<Eigen::Index>(f.parameters.size())));
+  if (t.samples < 9)
+    f.warnings.push_back(fmt::format(
+        "{} samples are too few to say how far to trust these numbers: expected 9 and more", t.samples));
   f.residuals.unit = unit;
   f.residuals.count = t.elements;
   f.residuals.rms = t.rms;

@@ -49,6 +49,58 @@ TEST(TwinDifference, ATwinOfTheSameNoiseAndRoundingIsAlike) {
   EXPECT_LT(comparer.result().noise_distance, 1.95 * std::sqrt(2 / (19 * 2000.0)));  // at 0.001
 }
 
+// A noise of 0.8 DN, rounded to whole grey values: of differences of whole numbers the plain quantiles would
+// say 0.52 or 1.05.
+TEST(TwinDifference, NoiseOfWholeNumbersIsBetweenThem) {
+  std::mt19937 random(4);
+  TwinComparer comparer(1);
+  const auto grey = [&](double sigma) {
+    auto s = sample(random, 0, 0, 0);
+    std::normal_distribution<double> noise(0, sigma);
+    for (auto& e : s) e.value = std::round(100 + 10 * e.value + noise(random));
+    return s;
+  };
+  for (int i = 0; i < 20; ++i) comparer.add(grey(0.8), grey(1.2));
+  const TwinDifference t = comparer.result();
+  // Rounding adds a twelfth to the variance; within a step the density is taken as even, which costs 6 %
+  // here.
+  EXPECT_NEAR(t.real_noise, std::sqrt(0.64 + 1 / 12.0), 0.06);
+  EXPECT_NEAR(t.simulated_noise, std::sqrt(1.44 + 1 / 12.0), 0.06);
+}
+
+TEST(TwinDifference, WhatItSaysOfItsOwnUncertaintyHoldsOverAHundredSeeds) {
+  int inside[4] = {};
+  for (std::uint32_t seed = 0; seed < 100; ++seed) {
+    std::mt19937 random(seed);
+    std::normal_distribution<double> slow(0, 0.002);
+    TwinComparer comparer;
+    for (int i = 0; i < 41; ++i) {
+      // Each sample of the twin is off by something of its own.
+      auto real = sample(random, 0, 0.01, 0), simulated = sample(random, 0.03 + slow(random), 0.02, 0);
+      real.resize(300), simulated.resize(300);
+      comparer.add(real, simulated);
+    }
+    const TwinDifference t = comparer.result();
+    // Differences of two samples see that, too: the twin's noise is that much larger.
+    const double noise = std::sqrt(0.02 * 0.02 + 0.002 * 0.002);
+    const double error[4] = {t.bias - 0.03, t.real_noise - 0.01, t.simulated_noise - noise,
+                             t.simulated_noise / t.real_noise - noise / 0.01};
+    for (int k = 0; k < 4; ++k) inside[k] += std::abs(error[k]) <= 2.262 * std::sqrt(t.covariance(k, k));
+  }
+  // Student's t of 9 degrees (10 stretches); binomial limits at 0.001 of 100 with 0.95.
+  for (int k = 0; k < 4; ++k) {
+    EXPECT_GE(inside[k], 86) << k;
+    EXPECT_LE(inside[k], 100) << k;
+  }
+}
+
+TEST(TwinDifference, FewSamplesSayNothingOfTheirUncertainty) {
+  std::mt19937 random(5);
+  TwinComparer comparer;
+  for (int i = 0; i < 5; ++i) comparer.add(sample(random, 0, 1, 0), sample(random, 0, 1, 0));
+  EXPECT_TRUE(std::isinf(comparer.result().covariance(0, 0)));
+}
+
 TEST(TwinDifference, OneSampleHasNoNoise) {
   std::mt19937 random(3);
   TwinComparer comparer;
