@@ -175,7 +175,7 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
   out.model = models[chosen];
   state = std::move(states[chosen]);
   if (models.size() > 1) problem.reject(out.model, state, options.stop);
-  problem.solve(out.model, state, 8, 1, nullptr);
+  problem.solve(out.model, state, 30, 1, nullptr);
 
   // ---- values and their covariance
   FitResult& r = out.result;
@@ -199,6 +199,7 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
   out.offset_m = r.parameters.front().value;
   for (std::size_t h = 0; h < 4; ++h) out.harmonics[h] = state.harmonics[h];
   out.amplitude_error = problem.amplitude_error(state);
+  if (out.model.spline) out.spline = {problem.spline().from, problem.spline().to, state.spline};
 
   // ---- pixels
   out.pixel_offset_m.assign(scenes.pixels(), std::numeric_limits<float>::quiet_NaN());
@@ -280,10 +281,6 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
         fmt::format("harmonic_{0} stands for {0} and {1} together: to first order both make the same "
                     "error of the range, and the data do not ask for more",
                     out.model.harmonics * 2 + 1, out.model.harmonics * 2 + 3));
-  if (out.model.spline)
-    r.warnings.push_back(
-        "a B-spline describes the wiggling better than harmonics; simulated cameras have "
-        "harmonics: with --model harmonics4 the nearest of them");
   tell(1);
   return out;
 }

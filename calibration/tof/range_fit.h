@@ -69,6 +69,8 @@ struct RangeFit {
   RangeModel model;
   std::array<double, 4> harmonics{};
   double offset_m = 0, amplitude_error = 0, pattern_sigma_m = 0;
+  /// Of the model `bspline`: its first coefficient is 0, the offset has the level.
+  models::TofRangeError::Spline spline{};
   double distance_sigma_m = 0;
   bool distance_sigma_estimated = false;
   std::vector<float> pixel_offset_m;  ///< δ_p; NaN: the pixel had no range

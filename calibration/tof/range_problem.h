@@ -40,6 +40,7 @@ class RangeProblem {
   [[nodiscard]] const std::vector<const TofScene*>& scenes() const { return scenes_; }
   [[nodiscard]] bool has_amplitudes() const { return amplitudes_; }
   [[nodiscard]] bool estimates_distance_sigma() const { return given_distance_sigma_m_ < 0; }
+  [[nodiscard]] const Spline& spline() const { return spline_; }
   [[nodiscard]] double samples_per_pixel() const;
   /// Without o.
   [[nodiscard]] int parameters(const RangeModel& m) const;

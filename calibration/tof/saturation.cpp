@@ -4,10 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <vector>
 
 #include "sensor-hal/models/camera_model.h"
+#include "sensor-hal/models/tof/tof_math.h"
 
 namespace rigor::calibration {
 
@@ -15,11 +15,20 @@ FitResult full_well(const TofScenes& scenes, const models::TofModel& model, doub
   FitResult r;
   const CameraModel camera = model.camera();
   const double turns_per_m = 2 * model.modulation.frequencies_hz.front() / 299792458.0;
+  const auto& mod = model.modulation;
+  const bool harmonics = mod.waveform == models::TofWaveform::harmonics;
+  // Electrons of the fullest tap of a pixel whose amplitude is A: E/2 (1 + C·max(|x|, |y|)), A = E·C/2·|(x,
+  // y)|.
   const auto fullest = [&](double amplitude, double range_m) {
-    const double phase = 2 * std::numbers::pi * range_m * turns_per_m;
-    return amplitude * (1 / contrast + std::max(std::abs(std::cos(phase)), std::abs(std::sin(phase))));
+    double x = 1, y = 0;
+    models::TofMath<double>::tof_phasor(
+        range_m * turns_per_m, mod.waveform == models::TofWaveform::triangle ? 1 : 0,
+        harmonics ? mod.harmonics[0] : 0, harmonics ? mod.harmonics[1] : 0, harmonics ? mod.harmonics[2] : 0,
+        harmonics ? mod.harmonics[3] : 0, 1, 1, x, y);
+    return amplitude / std::hypot(x, y) * (1 / contrast + std::max(std::abs(x), std::abs(y)));
   };
   std::vector<double> measured, lost;
+  std::size_t ranges_lost = 0;
   const auto width = static_cast<std::size_t>(scenes.width_px);
   for (std::size_t p = 0; p < scenes.pixels(); ++p) {
     const auto ray = unproject_ray(camera, {static_cast<double>(p % width), static_cast<double>(p / width)});
@@ -35,19 +44,23 @@ FitResult full_well(const TofScenes& scenes, const models::TofModel& model, doub
     for (const TofScene& s : scenes.scenes) {
       if (!std::isfinite(s.distance_m)) continue;
       const double range = s.distance_m * slant;
+      double sum = 0, seen = 0;
       std::size_t without = 0;
       for (const std::size_t i : s.frames) {
         const TofFrame& f = scenes.frames[i];
         if (f.amplitude.empty()) continue;
-        if (std::isfinite(f.range_m[p]) && f.amplitude[p] > 0) {
-          measured.push_back(fullest(f.amplitude[p], range));
-          strength.push_back(f.amplitude[p] * range * range);
-          nearest = std::min(nearest, range);
-        } else {
+        if (std::isfinite(f.range_m[p]) && f.amplitude[p] > 0)
+          sum += f.amplitude[p], seen += 1;
+        else
           ++without;
-        }
       }
-      if (without > 0) gone.push_back({range, without});
+      // Of a pixel that is lost in some frames, those that are left were chosen by their noise.
+      if (seen > 0 && without == 0) {
+        measured.push_back(fullest(sum / seen, range));
+        strength.push_back(sum / seen * range * range);
+        nearest = std::min(nearest, range);
+      }
+      if (seen == 0 && without > 0) gone.push_back({range, without});
     }
     if (strength.empty()) continue;
     std::nth_element(strength.begin(), strength.begin() + static_cast<std::ptrdiff_t>(strength.size() / 2),
@@ -55,8 +68,10 @@ FitResult full_well(const TofScenes& scenes, const models::TofModel& model, doub
     const double typical = strength[strength.size() / 2];
     // Only nearer than where there was a range: what is lost farther away is lost to the dark.
     for (const Gone& g : gone)
-      if (g.range_m < nearest)
-        lost.insert(lost.end(), g.times, fullest(typical / (g.range_m * g.range_m), g.range_m));
+      if (g.range_m < nearest) {
+        lost.push_back(fullest(typical / (g.range_m * g.range_m), g.range_m));
+        ranges_lost += g.times;
+      }
   }
   if (measured.empty()) return r;
   std::sort(measured.begin(), measured.end());
@@ -72,13 +87,16 @@ FitResult full_well(const TofScenes& scenes, const models::TofModel& model, doub
     return r;
   }
   const double least = lost[static_cast<std::size_t>(0.001 * static_cast<double>(lost.size() - 1))];
-  const double value = 0.5 * (most + least), sigma = std::abs(least - most) / std::sqrt(12.0);
-  r.parameters.push_back({"full_well_e", value, std::max(sigma, 1e-4 * value), value});
+  // Anywhere between the two; and the noise of a tap blurs both.
+  const double value = 0.5 * (most + least),
+               noise2 = value + model.pixel.read_noise_e * model.pixel.read_noise_e,
+               sigma = std::sqrt((least - most) * (least - most) / 12 + noise2);
+  r.parameters.push_back({"full_well_e", value, sigma, value});
   r.covariance = Eigen::MatrixXd::Constant(1, 1, std::pow(r.parameters[0].sigma, 2));
   r.warnings.push_back(
       fmt::format("{} ranges are missing where the light was strongest: taken as saturated and "
                   "not used",
-                  lost.size()));
+                  ranges_lost));
   return r;
 }
 

@@ -75,12 +75,16 @@ Result<TofScenes> sort_scenes(std::vector<TofFrame> frames, const std::vector<st
     }
     it->second = out.frames.size();
     const bool placed = std::isfinite(f.distance_m);
-    const auto key = placed ? std::make_pair(f.distance_m, std::size_t{0})
-                            : std::make_pair(-1.0, i < scene_of.size() ? scene_of[i] : 0);
+    const auto key =
+        std::make_pair(placed ? f.distance_m : -1.0, i < scene_of.size() ? scene_of[i] : std::size_t{0});
     const auto [at, added] = scene.emplace(key, out.scenes.size());
-    if (added)
-      out.scenes.push_back(
-          {placed ? fmt::format("plane at {:g} m", f.distance_m) : f.name, f.distance_m, {}});
+    if (added) {
+      std::string name = placed ? fmt::format("plane at {:g} m", f.distance_m) : f.name;
+      if (std::any_of(out.scenes.begin(), out.scenes.end(),
+                      [&](const TofScene& s) { return s.name == name; }))
+        name += " (" + f.name + ")";
+      out.scenes.push_back({std::move(name), f.distance_m, {}});
+    }
     out.scenes[at->second].frames.push_back(out.frames.size());
     out.frames.push_back(std::move(f));
   }

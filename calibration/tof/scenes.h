@@ -34,9 +34,10 @@ struct TofScenes {
   }
 };
 
-/// Frames with the same distance make a scene; frames without one the scene `scene_of[i]` (the recording they
-/// came from; empty: all one). Frames that are copies of others are dropped. Ranges of saturated pixels, and
-/// those that are not above 0, become NaN. bad_input: no frames, mixed sizes, no range in any of them.
+/// Frames of one recording (`scene_of[i]`; empty: all are of one) with the same distance, or with none, make
+/// a scene: a plane that was recorded twice at one distance, bright and dark, makes two. Frames that are
+/// copies of others are dropped. Ranges of saturated pixels, and those that are not above 0, become NaN.
+/// bad_input: no frames, mixed sizes, no range in any of them.
 [[nodiscard]] Result<TofScenes> sort_scenes(std::vector<TofFrame> frames,
                                             const std::vector<std::size_t>& scene_of);
 

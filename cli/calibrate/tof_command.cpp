@@ -13,6 +13,8 @@
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/tof_figures.h"
 #include "cli/calibrate/tof_inputs.h"
+#include "cli/calibrate/tof_lens.h"
+#include "cli/calibrate/tof_sheet.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/models/camera_model.h"
 #include "sensor-hal/models/tof/tof_yaml.h"
@@ -24,6 +26,8 @@ using namespace calibration;
 
 struct TofOptions : CalibrateOptions {
   std::vector<std::string> raw;
+  std::vector<std::filesystem::path> board;
+  std::string target;
   std::string distances, unit = "mm", amplitude_unit, noise = "auto";
   double distance_sigma_m = -1, period_s = 0;
   int window_px = 7;
@@ -101,13 +105,6 @@ nlohmann::json quantile_json(const std::vector<double>& real, const std::vector<
   return out;
 }
 
-/// About their own mean: where a random walk happens to be is not what is compared.
-void centre(std::vector<double>& v) {
-  double mean = 0;
-  for (const double x : v) mean += x / static_cast<double>(v.size());
-  for (double& x : v) x -= mean;
-}
-
 void add_drift(CalibrationProduct& product, const DriftFit& fit, const std::string& where) {
   FitResult part = fit.result;
   part.model = "";
@@ -116,7 +113,7 @@ void add_drift(CalibrationProduct& product, const DriftFit& fit, const std::stri
   const std::vector<double> twin = twin_of_series(fit, fit.series.size(), 1);
   for (Figure& f : drift_figures(fit, twin)) product.figures.push_back(std::move(f));
   std::vector<double> real(fit.series), other(twin);
-  centre(real), centre(other);
+  about_own_mean(real, fit.step_m), about_own_mean(other, fit.step_m);
   auto& j = product.more["drift"];
   j = {{"series", where},
        {"readings", fit.series.size()},
@@ -171,41 +168,6 @@ void to_ranges(std::vector<TofFrame>& frames, const models::TofModel& model) {
     }
 }
 
-void set_sheet(SheetRecipe& recipe, const FitResult& fit, const RangeFit* ranges) {
-  recipe.kind = "tof";
-  const auto place = [&](const std::string& name, const std::string& path, double scale) {
-    const Parameter* p = fit.find(name);
-    if (!p || !std::isfinite(p->sigma) || !std::isfinite(p->value) || p->value <= 0) return;
-    recipe.set.emplace_back(path, exact_text(p->value * scale));
-    recipe.places.push_back({name, path, scale});
-  };
-  if (ranges && !ranges->model.spline) {
-    bool known = true;
-    for (int h = 0; h < ranges->model.harmonics; ++h) {
-      const Parameter* p = fit.find(fmt::format("harmonic_{}", 3 + 2 * h));
-      known = known && p && std::isfinite(p->sigma);
-    }
-    if (known) {
-      recipe.remove.push_back("modulation.harmonics");
-      std::string list;
-      for (int h = 0; h < ranges->model.harmonics; ++h) {
-        list += (h > 0 ? ", " : "") + exact_text(ranges->harmonics[static_cast<std::size_t>(h)]);
-        recipe.places.push_back(
-            {fmt::format("harmonic_{}", 3 + 2 * h), fmt::format("modulation.harmonics.{}", h), 1});
-      }
-      recipe.set.emplace_back("modulation.waveform", list.empty() ? "sine" : "harmonics");
-      if (!list.empty()) recipe.set.emplace_back("modulation.harmonics", "[" + list + "]");
-    }
-  }
-  if (fit.find("pixel_offset_sigma_m"))
-    place("pixel_offset_sigma_m", "pixel.range_offset_sigma_mm", 1e3);
-  else
-    place("pixel_floor_m", "pixel.range_offset_sigma_mm", 1e3);
-  place("contrast", "modulation.contrast", 1);
-  place("read_noise_e", "pixel.read_noise_e", 1);
-  place("full_well_e", "pixel.full_well_e", 1);
-}
-
 int series_command(const TofOptions& o, const Chosen& chosen,
                    const std::vector<std::filesystem::path>& files) {
   const auto wrong = [&](const Error& e) { return report_error(e, o.json); };
@@ -236,6 +198,27 @@ int series_command(const TofOptions& o, const Chosen& chosen,
   return finish_calibration(o, std::move(product));
 }
 
+/// The model's rays become those of the lens that was found.
+void use_lens(const TofLens& lens, models::TofModel& model, CalibrationProduct& product) {
+  const CameraModel& c = lens.fit.camera;
+  model.fx_px = c.fx_px, model.fy_px = c.fy_px, model.cx_px = c.cx_px, model.cy_px = c.cy_px;
+  model.lens = c.lens;
+  merge(product.fit, lens.fit.result, "lens");
+  product.fit.residuals = lens.fit.result.residuals;
+  for (const std::string& n : lens.notes) product.fit.warnings.push_back(n);
+  for (const Figure& f : lens.figures) product.figures.push_back(f);
+  auto& j = product.more["lens"];
+  j = {{"model", lens.fit.result.model},
+       {"rms_per_corner_px", lens.fit.rms_per_corner_px},
+       {"pictures", lens.frames},
+       {"with_board", lens.boards}};
+  for (std::size_t v = 0; v < lens.view_names.size(); ++v)
+    j["views"].push_back(
+        {{"name", lens.view_names[v]},
+         {"rms_px", std::isfinite(lens.fit.view_rms_px[v]) ? nlohmann::json(lens.fit.view_rms_px[v])
+                                                           : nlohmann::json(nullptr)}});
+}
+
 int calibrate_tof(const TofOptions& o) {
   const auto wrong = [&](const Error& e) { return report_error(e, o.json); };
   if (auto s = check_outputs(o); !s) return wrong(s.error());
@@ -252,10 +235,16 @@ int calibrate_tof(const TofOptions& o) {
     if (!files) return wrong(files.error());
     for (const auto& f : *files) (f.extension() == ".csv" ? series : recordings).push_back(f);
   }
-  if (recordings.empty() && o.raw.empty()) {
+  if (o.board.empty() != o.target.empty())
+    return wrong({ErrorCode::bad_input, "--board",
+                  "expected --board RECORDING… and --target chessboard:9x6:0.03 together"});
+  if (!o.board.empty() && o.base.empty())
+    return wrong(
+        {ErrorCode::bad_input, "--board", "expected --base with it: the sheet whose lens it replaces"});
+  if (recordings.empty() && o.raw.empty() && o.board.empty()) {
     if (series.empty())
-      return wrong(
-          {ErrorCode::bad_input, "INPUT", "expected recordings (.mcap), a series (.csv) or --raw, got none"});
+      return wrong({ErrorCode::bad_input, "INPUT",
+                    "expected recordings (.mcap), a series (.csv), --raw or --board, got none"});
     return series_command(o, *chosen, series);
   }
 
@@ -264,6 +253,29 @@ int calibrate_tof(const TofOptions& o) {
     auto loaded = load_tof_model(o.base);
     if (!loaded) return wrong(loaded.error());
     base = *loaded;
+  }
+  StopSource stop;
+  SignalStop signals(stop);
+  CalibrationProduct product;
+  product.title = "Time-of-flight calibration";
+  FitResult& fit = product.fit;
+  std::optional<TofLens> lens;
+  if (!o.board.empty()) {
+    auto made = fit_tof_lens({.recordings = o.board,
+                              .channel = o.channel,
+                              .target = o.target,
+                              .width_px = base->width_px,
+                              .height_px = base->height_px,
+                              .json = o.json,
+                              .stop = stop.token()});
+    if (!made) return wrong(made.error());
+    lens = std::move(*made);
+    use_lens(*lens, *base, product);
+    if (recordings.empty() && o.raw.empty()) {
+      product.inputs = o.board;
+      set_tof_sheet(product.recipe, fit, {.lens = &lens->fit});
+      return finish_calibration(o, std::move(product));
+    }
   }
   TofInputs inputs;
   bool depth = false;
@@ -283,15 +295,11 @@ int calibrate_tof(const TofOptions& o) {
   auto scenes = sort_scenes(std::move(inputs.frames), inputs.scene_of);
   if (!scenes) return wrong(scenes.error());
 
-  CalibrationProduct product;
-  product.title = "Time-of-flight calibration";
   product.inputs = inputs.files;
-  FitResult& fit = product.fit;
+  product.inputs.insert(product.inputs.end(), o.board.begin(), o.board.end());
   for (const std::string& w : inputs.warnings) fit.warnings.push_back(w);
   for (const std::string& w : scenes->notes) fit.warnings.push_back(w);
   product.more["quantity"] = depth && !base ? "depth" : "range";
-  StopSource stop;
-  SignalStop signals(stop);
 
   // ---- noise against amplitude; once the wiggling is known, once more with it
   const bool counts = o.amplitude_unit.empty() ? !o.raw.empty() : o.amplitude_unit == "counts";
@@ -409,10 +417,14 @@ int calibrate_tof(const TofOptions& o) {
   // ---- saturation
   if (placed && !counts) {
     const Parameter* c = fit.find("contrast");
-    merge(
-        fit,
-        full_well(*scenes, *base, c && c->value > 0 && c->value <= 1 ? c->value : base->modulation.contrast),
-        "saturation");
+    models::TofModel own = *base;
+    if (!ranges->model.spline) {
+      own.modulation.waveform = models::TofWaveform::harmonics;
+      own.modulation.harmonics = ranges->harmonics;
+    }
+    merge(fit,
+          full_well(*scenes, own, c && c->value > 0 && c->value <= 1 ? c->value : base->modulation.contrast),
+          "saturation");
   }
   if (std::isfinite(scenes->ceiling)) product.more["saturation_amplitude"] = scenes->ceiling;
   product.more["saturated"] = scenes->saturated;
@@ -444,7 +456,13 @@ int calibrate_tof(const TofOptions& o) {
   }
   if (!o.json) line.done();
   fit.interrupted = stop.token().stop_requested();
-  set_sheet(product.recipe, fit, ranges ? &*ranges : nullptr);
+  const Parameter* electrons = fit.find("electrons_per_count");
+  set_tof_sheet(product.recipe, fit,
+                {.ranges = ranges ? &*ranges : nullptr,
+                 .lens = lens ? &lens->fit : nullptr,
+                 .electrons_per_amplitude = !counts     ? 1
+                                            : electrons ? electrons->value
+                                                        : std::numeric_limits<double>::quiet_NaN()});
   return finish_calibration(o, std::move(product));
 }
 
@@ -470,6 +488,10 @@ CalibrateSubcommand add_calibrate_tof(CLI::App& calibrate) {
       "--raw", o->raw,
       "depth:FILE:WIDTHxHEIGHT,amplitude:FILE: a picture, unsigned 16 bit little-endian, millimetres "
       "(range: in place of depth: for ranges along the rays)");
+  app.add_option("--board", o->board,
+                 "Recordings of a calibration board: the lens from its amplitudes, with --target");
+  app.add_option("--target", o->target,
+                 "The board: chessboard:9x6:0.03 (inner corners, square in metres), as of calibrate camera");
   app.add_option("--noise", o->noise,
                  "temporal (frames of a scene at rest) or spatial (windows of a picture)")
       .one_of({"auto", "temporal", "spatial"});
@@ -484,6 +506,8 @@ CalibrateSubcommand add_calibrate_tof(CLI::App& calibrate) {
       "Examples: rigor calibrate tof 0.8m.mcap 1.0m.mcap 1.2m.mcap --distances 0.8,1.0,1.2 --base "
       "sr4000.yaml -o "
       "mine.yaml --report report\n"
+      "          rigor calibrate tof --board board.mcap --target chessboard:7x5:0.08 --base sr4000.yaml -o "
+      "mine.yaml\n"
       "          rigor calibrate tof --raw depth:depth.raw:640x576,amplitude:ir.raw --json\n"
       "          rigor calibrate tof readings.csv --report report");
   return {app, [o] { return calibrate_tof(*o); }};

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 namespace rigor {
 namespace {
@@ -61,7 +62,27 @@ std::vector<double> in_mm(std::vector<double> v) {
   return v;
 }
 
+double scale_of(const std::vector<double>& real, const std::vector<double>& twin) {
+  return twin.empty() ? 1 : static_cast<double>(real.size()) / static_cast<double>(twin.size());
+}
+
+Series by_step(const std::string& name, const std::vector<double>& values_m, double step_m, double scale) {
+  std::map<long, double> count;
+  for (const double v : values_m)
+    if (std::isfinite(v)) count[std::lround(v / step_m)] += scale;
+  Series s{name, {}, {}, false};
+  for (const auto& [at, n] : count) s.x.push_back(1e3 * step_m * static_cast<double>(at)), s.y.push_back(n);
+  return s;
+}
+
 }  // namespace
+
+void about_own_mean(std::vector<double>& values, double step) {
+  double mean = 0;
+  for (const double v : values) mean += v / static_cast<double>(values.size());
+  if (step > 0) mean = step * std::round(mean / step);
+  for (double& v : values) v -= mean;
+}
 
 std::vector<Figure> noise_figures(const LocalNoise& noise, const NoiseLawFit& law,
                                   const std::vector<double>& twin_m) {
@@ -232,11 +253,8 @@ std::vector<Figure> drift_figures(const DriftFit& fit, const std::vector<double>
   figures.push_back(over_time);
   std::vector<double> real(fit.series), twin(twin_m);
   // About their own means: where a random walk happens to be is not what is compared.
-  for (auto* values : {&real, &twin}) {
-    double mean = 0;
-    for (const double v : *values) mean += v / static_cast<double>(values->size());
-    for (double& v : *values) v -= mean;
-  }
+  about_own_mean(real, fit.step_m);
+  about_own_mean(twin, fit.step_m);
   Figure histogram{.kind = Figure::Kind::histogram,
                    .title = "Readings of the recording and of its simulated twin",
                    .caption =
@@ -244,7 +262,19 @@ std::vector<Figure> drift_figures(const DriftFit& fit, const std::vector<double>
                        "rounding (line).",
                    .x_label = "reading [mm]",
                    .y_label = "number"};
-  histogram.series = {{"recording", {}, in_mm(real), false}, as_counts(in_mm(real), in_mm(twin))};
+  if (fit.step_m > 0) {
+    // Between the device's steps there is nothing to count.
+    histogram.kind = Figure::Kind::series;
+    histogram.caption =
+        "How many readings lie at each step of the device about their mean: the recording's (points), and "
+        "those "
+        "of the fitted noise with the same rounding (line).";
+    histogram.series = {by_step("recording", real, fit.step_m, 1),
+                        by_step("twin", twin, fit.step_m, scale_of(real, twin))};
+    histogram.series[1].line = true;
+  } else {
+    histogram.series = {{"recording", {}, in_mm(real), false}, as_counts(in_mm(real), in_mm(twin))};
+  }
   figures.push_back(histogram);
   figures.push_back(against_twin(real, twin));
   Figure quantiles{.kind = Figure::Kind::quantiles,

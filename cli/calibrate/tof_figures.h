@@ -17,4 +17,8 @@ namespace rigor {
 [[nodiscard]] std::vector<calibration::Figure> drift_figures(const calibration::DriftFit& fit,
                                                              const std::vector<double>& twin_m);
 
+/// Takes their mean out of the values, to whole steps of the device (0: it has none): where a random walk
+/// happens to be is not what a twin is compared in.
+void about_own_mean(std::vector<double>& values, double step);
+
 }  // namespace rigor
