@@ -118,8 +118,8 @@ class Assembler {
           entry.node
               .error("kind",
                      fmt::format(
-                         "expected image, range_image, point_cloud, pose, imu, nav_fix or odometry, which simulators make, "
-                                 "got {}",
+                         "expected image, range_image, point_cloud, pose, imu, nav_fix or odometry, which "
+                         "simulators make, got {}",
                          kind_name(entry.kind)))
               .error());
     auto camera = out_.simulation->camera(choice.params, rig_.seed, name, options);

@@ -317,9 +317,9 @@ int sense_command(const SenseOptions& options) {
   if (options.json)
     fmt::print("{}\n", told.dump());
   else
-    fmt::print("{}: {}, capture {} at {:.3f} s, {}\n", options.output.string(), sensing.said(),
+    fmt::print("{}: {}, capture {} at {:.3f} s{}{}\n", options.output.string(), sensing.said(),
                told["index"].get<std::uint64_t>(), told["t_capture_s"].get<double>(),
-               (*simulation)->engine());
+               (*simulation)->engine().empty() ? "" : ", ", (*simulation)->engine());
   return 0;
 }
 
