@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 #include "sensor-hal/config/yaml.h"
 
@@ -205,51 +207,53 @@ Status SensorWorld::fell(world::Transaction& tx, const WorldMotion& motion) {
   return {};
 }
 
+/// The node stays, because ids are never used again, and a request for an earlier instant must find it; a
+/// tree without a place is not there for anybody who looks.
 Status SensorWorld::cut(world::Transaction& tx, const Felling& felling) {
+  constexpr double kNowhere = std::numeric_limits<double>::quiet_NaN();
   const world::Snapshot world = tx.view();
   const world::types::Tree tree(world.schema());
   const world::NodeId node{felling.node};
-  const auto type = world.type_of(node);
-  if (!type || !world.is_a(node, tree.type))
+  if (!world.is_a(node, tree.type))
     return fail(ErrorCode::internal, "felling", "the tree that was cut is not in the world");
-  Lying lying{felling, *type, {}};
-  for (const world::AttributeId a : world.schema().attributes(*type))
-    if (auto value = world.get(node, a)) lying.values.emplace_back(a, std::move(*value));
   const world::Vector3 at = world.get_or_default(node, tree.position);
-  const double dbh_m = world.get_or_default(node, tree.dbh_m), width_m = dbh_m > 0 ? 1.15 * dbh_m : 0.3;
-  if (auto s = tx.remove(node); !s) return s;
-  lying_.push_back(std::move(lying));
+  if (auto s = tx.set(node, tree.position, world::Vector3(kNowhere, kNowhere, kNowhere)); !s) return s;
+  lying_.push_back({felling, at});
   // What stays: a stump of fresh wood.
+  const double dbh_m = world.get_or_default(node, tree.dbh_m), width_m = dbh_m > 0 ? 1.15 * dbh_m : 0.3;
   const double z_m =
       std::isnan(at.z()) && picture_.ground ? picture_.ground->height_at(at.x(), at.y()) : at.z();
   if (!std::isfinite(z_m)) return {};
   const world::types::Body body(world.schema());
-  const world::types::Material material(world.schema());
-  const world::NodeId stump = stump_of(felling.node), wood = wood_of(felling.node);
-  if (auto s = tx.create_as(wood, material.type); !s) return s;
-  if (auto s = tx.set(wood, material.reflectance, world::Numbers({0.55, 0.42, 0.25, 0.62, 0.62, 0.5})); !s)
-    return s;
-  if (auto s = tx.create_as(stump, body.type); !s) return s;
-  if (auto s = tx.set(stump, body.name, std::string("stump")); !s) return s;
-  if (auto s = tx.set(stump, body.shape, std::string("cylinder")); !s) return s;
-  if (auto s = tx.set(stump, body.size_m, world::Vector3(width_m, width_m, kStump_m)); !s) return s;
+  const world::NodeId stump = stump_of(felling.node);
+  if (!world.contains(stump)) {
+    const world::types::Material material(world.schema());
+    const world::NodeId wood = wood_of(felling.node);
+    if (auto s = tx.create_as(wood, material.type); !s) return s;
+    if (auto s = tx.set(wood, material.reflectance, world::Numbers({0.55, 0.42, 0.25, 0.62, 0.62, 0.5})); !s)
+      return s;
+    if (auto s = tx.create_as(stump, body.type); !s) return s;
+    if (auto s = tx.set(stump, body.name, std::string("stump")); !s) return s;
+    if (auto s = tx.set(stump, body.shape, std::string("cylinder")); !s) return s;
+    if (auto s = tx.set(stump, body.size_m, world::Vector3(width_m, width_m, kStump_m)); !s) return s;
+    if (auto s = tx.connect(stump, body.made_of, wood); !s) return s;
+  }
   world::Pose pose = world::Pose::Identity();
   pose.translation() = Eigen::Vector3d(at.x(), at.y(), z_m + kStump_m / 2);
-  if (auto s = tx.set(stump, body.pose, pose); !s) return s;
-  return tx.connect(stump, body.made_of, wood);
+  return tx.set(stump, body.pose, pose);
 }
 
 Status SensorWorld::put_back(world::Transaction& tx) {
-  const Lying lying = std::move(lying_.back());
+  const Lying lying = lying_.back();
   lying_.pop_back();
-  for (const world::NodeId made : {stump_of(lying.cut.node), wood_of(lying.cut.node)})
-    if (tx.view().contains(made))
-      if (auto s = tx.remove(made); !s) return s;
-  const world::NodeId node{lying.cut.node};
-  if (auto s = tx.create_as(node, lying.type); !s) return s;
-  for (const auto& [attribute, value] : lying.values)
-    if (auto s = tx.set(node, attribute, value); !s) return s;
-  return {};
+  const world::types::Tree tree(opened_.db->schema());
+  const world::types::Body body(opened_.db->schema());
+  if (const world::NodeId stump = stump_of(lying.cut.node); tx.view().contains(stump)) {
+    world::Pose nowhere = world::Pose::Identity();
+    nowhere.translation().setConstant(std::numeric_limits<double>::quiet_NaN());
+    if (auto s = tx.set(stump, body.pose, nowhere); !s) return s;
+  }
+  return tx.set(world::NodeId{lying.cut.node}, tree.position, lying.position);
 }
 
 Status SensorWorld::move_platforms(world::Transaction& tx, const WorldMotion& motion) const {

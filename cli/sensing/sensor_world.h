@@ -85,11 +85,9 @@ class SensorWorld {
     std::vector<Part> parts;  ///< those that move with a joint
     std::shared_ptr<const Platform> platform;
   };
-  /// A tree that was cut, and all that it takes to put it back.
   struct Lying {
     Felling cut;
-    world::TypeId type;
-    std::vector<std::pair<world::AttributeId, world::Value>> values;
+    world::Vector3 position;  ///< where it stood
   };
   SensorWorld() = default;
   [[nodiscard]] Status fell(world::Transaction& tx, const WorldMotion& motion);
