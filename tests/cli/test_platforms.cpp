@@ -257,6 +257,36 @@ TEST_F(Platforms, OnABusGoAsInProcessToItsResolution) {
   EXPECT_NEAR(wheels->value[0], robot.motion_at(BenchTime(0) + seconds(4)).joint[0].position_rad, 0.51e-4);
 }
 
+TEST_F(Platforms, AreDevicesOnModbus) {
+  const std::string link = "backend: modbus, emulated_by: robot, address: 127.0.0.1, port: 5027";
+  auto assembly = make(platform(", channel: truth") +
+                       "channels:\n  truth: { kind: registers, rate_hz: 100, latency_ms: 10, " + link +
+                       ", registers: [ { name: x_m, table: input_registers, address: 14, type: s32, scale: "
+                       "0.0001 }, { name: y_m, table: "
+                       "input_registers, address: 16, type: s32, scale: 0.0001 }, { name: yaw_deg, table: "
+                       "input_registers, address: 24, "
+                       "type: s32, scale: 0.0001 } ] }\nsinks:\n  drive: { latency_ms: 11, " +
+                       link +
+                       ", registers: [ { name: v, table: holding_registers, address: 2, type: s32, scale: "
+                       "0.001 }, { name: w, table: "
+                       "holding_registers, address: 4, type: s32, scale: 0.001 } ], safe: { v: 0, w: 0 } "
+                       "}\nemulators:\n  robot: { "
+                       "backend: modbus, platform: robot, address: 127.0.0.1, port: 5027 }\n" +
+                       kScript);
+  ASSERT_TRUE(assembly);
+  run(*assembly);
+  SkidSteer robot = alone();
+  drive(robot, milliseconds(11), seconds(4));
+  const auto* values = last(*assembly, "truth")->as<RegisterBlock>();
+  ASSERT_TRUE(values);
+  const Pose expected = robot.motion_at(BenchTime(0) + seconds(4)).body.T_world_body;
+  // It stands by then. Commands come a step of the model later at most: 2 ms of 0.5 m/s at each of three
+  // changes.
+  EXPECT_GT(values->value[0], -1);
+  EXPECT_NEAR(values->value[0], expected.position_m[0], 3e-3);
+  EXPECT_NEAR(values->value[1], expected.position_m[1], 3e-3);
+}
+
 TEST_F(Platforms, ThatABusTellsOfAreWhereTheyWereToTheResolutionOfItsReports) {
   auto assembly = make(platform(", channel: truth") + "channels:\n" + bus() + bus_drive() +
                        "application: { name: script, sinks: { drive: { rate_hz: 20, steps: [ { at_s: 0, "
