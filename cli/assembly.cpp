@@ -8,7 +8,9 @@
 #include "apps/script/script.h"
 #include "apps/turntable-sweep/turntable_sweep.h"
 #include "cli/sensing/inertial.h"
+#include "cli/fault_signals.h"
 #include "cli/tune/engine_choices.h"
+#include "sensor-hal/channel/fault_bench.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/replay_source.h"
 #include "sensor-hal/channel/simulated_sink.h"
@@ -42,11 +44,17 @@ class Assembler {
       out_.devices = std::move(*devices);
     }
     carry();
+    out_.fault_workers = std::make_unique<WorkerPool>(static_cast<std::size_t>(rig_.simulation.workers));
+    out_.parts.faults = std::make_shared<FaultBench>();
     for (const ChannelEntry& entry : rig_.channels)
       if (auto s = add_channel(entry); !s) return s;
     for (const SinkEntry& entry : rig_.sinks)
       if (auto s = add_sink(entry); !s) return s;
     if (auto s = bind_joints(); !s) return s;
+    std::vector<InputPort> ports;
+    for (const auto& channel : out_.parts.channels)
+      ports.push_back({channel->entry->name, &channel->source->describe(), &channel->port});
+    if (auto s = out_.parts.faults->bind(ports); !s) return s;
     if (auto s = follow(); !s) return s;
     auto application = make_application(rig_);
     if (!application) return tl::unexpected<Error>(application.error());
@@ -173,13 +181,22 @@ class Assembler {
     return c;
   }
 
+  /// Any source can be given faults, in the rig or while the run goes on.
+  template <class S>
+  std::unique_ptr<FaultySource> with_faults(std::unique_ptr<S> source) {
+    auto faulty =
+        std::make_unique<FaultySource>(std::move(source), out_.fault_workers.get(), find_dbc_signal);
+    faulty_.push_back(faulty.get());
+    return faulty;
+  }
+
   Status add_channel(const ChannelEntry& entry) {
     auto channel = std::make_unique<RunChannel>();
     channel->entry = &entry;
     if (!entry.is_pair) {
       auto source = make_source(entry, entry.name, channel->replaced_by);
       if (!source) return tl::unexpected<Error>(source.error());
-      channel->source = std::move(*source);
+      channel->source = with_faults(std::move(*source));
       if (auto s = channel->source->configure(channel_config(entry, entry.name, entry.source.params)); !s)
         return s;
     } else if (auto s = add_pair(entry, *channel); !s) {
@@ -191,6 +208,9 @@ class Assembler {
               .error("kind", fmt::format("expected {}, which is what the backend gives, got {}",
                                          kind_name(channel->source->describe().kind), kind_name(entry.kind)))
               .error());
+    for (FaultySource* source : faulty_)
+      out_.parts.faults->add(*source, static_cast<std::uint32_t>(out_.parts.channels.size()));
+    faulty_.clear();
     out_.parts.channels.push_back(std::move(channel));
     return {};
   }
@@ -206,7 +226,9 @@ class Assembler {
     if (!real) return tl::unexpected<Error>(real.error());
     auto twin = make_simulated(entry, entry.twin, entry.name + ".simulated");
     if (!twin) return tl::unexpected<Error>(twin.error());
-    auto pair = std::make_unique<PairSource>(std::move(*real), std::move(*twin), *out_.workers);
+    auto pair = std::make_unique<PairSource>(with_faults(std::move(*real)),
+                                             with_faults(std::unique_ptr<FollowerSource>(std::move(*twin))),
+                                             *out_.workers);
     channel.pair = pair.get();
     channel.source = std::move(pair);
     return channel.source->configure(channel_config(entry, entry.name, entry.pair));
@@ -264,12 +286,16 @@ class Assembler {
   }
 
   Status configure_sink(const SinkEntry& entry, std::unique_ptr<RunSink> sink) {
+    auto faulty = std::make_unique<FaultySink>(std::move(sink->sink));
+    FaultySink& faults = *faulty;
+    sink->sink = std::move(faulty);
     ChannelConfig c;
     c.name = entry.name;
     c.latency = entry.latency;
     c.seed = rig_.seed;
     c.params = entry.sink.params;
     if (auto s = sink->sink->configure(c); !s) return s;
+    out_.parts.faults->add(faults);
     out_.parts.sinks.push_back(std::move(sink));
     return {};
   }
@@ -352,6 +378,7 @@ class Assembler {
   const RigConfig& rig_;
   const Registry& registry_;
   EngineChoices engines_;
+  std::vector<FaultySource*> faulty_;  ///< of the channel that is being added
 };
 
 }  // namespace

@@ -18,6 +18,7 @@ struct Assembly {
   std::unique_ptr<Simulation> simulation;  ///< the bench's world; null where the rig has none
   std::unique_ptr<DeviceWorld> devices;    ///< virtual time: the devices' own world
   std::unique_ptr<WorkerPool> workers;
+  std::unique_ptr<WorkerPool> fault_workers;  ///< change pictures and scans of channels with faults
   RunParts parts;
 };
 

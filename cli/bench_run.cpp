@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "sensor-hal/channel/fault_bench.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/replay_source.h"
 #include "sensor-hal/record/recorder.h"
@@ -161,6 +162,7 @@ Status BenchRun::stop_channels() {
 }
 
 void BenchRun::before_cycle(BenchTime t) {
+  if (parts_.faults) parts_.faults->begin_cycle(t);
   for (auto& sink : parts_.sinks) sink->sink->complete_until(t);
   for (auto& channel : parts_.channels) channel->source->complete_until(t);
 }
@@ -172,8 +174,18 @@ void BenchRun::cycle_begin(const CycleContext& cycle) noexcept {
   skip_this_cycle_ = ran_ && !ran_(cycle.index);
 }
 
+void BenchRun::take_up_faults(const CycleContext& cycle) noexcept {
+  parts_.faults->begin_cycle(cycle.t);
+  std::uint32_t channel = FaultBench::kNoChannel;
+  while (SampleLease event = parts_.faults->poll_event(channel))
+    if (recorder_)
+      recorder_->record_event(
+          channel == FaultBench::kNoChannel ? channel : parts_.channels[channel]->recorder_id, event);
+}
+
 void BenchRun::inputs(const CycleContext& cycle) noexcept {
   if (skip_this_cycle_) return;
+  if (parts_.faults) take_up_faults(cycle);
   for (std::uint32_t i = 0; i < parts_.channels.size(); ++i) show(*parts_.channels[i], i, cycle);
   parts_.motion.update();
 }
@@ -181,7 +193,10 @@ void BenchRun::inputs(const CycleContext& cycle) noexcept {
 void BenchRun::show(RunChannel& c, std::uint32_t index, const CycleContext& cycle) noexcept {
   while (SampleLease sample = c.source->poll(cycle.t)) {
     // What a free-running device measured while the bench was starting is not of this run.
-    if (sample->stamp.t_capture < t0_ - c.entry->period) continue;
+    if (sample->stamp.t_capture < t0_ - c.entry->period) {
+      ++c.before_start;
+      continue;
+    }
     if (recorder_ && !c.pair) recorder_->record(c.recorder_id, sample);
     c.port.push(std::move(sample));
   }

@@ -21,6 +21,7 @@
 
 namespace rigor {
 
+class FaultBench;
 class PairSource;
 class Recorder;
 class VisibilityScript;
@@ -64,6 +65,7 @@ struct RunChannel {
   std::size_t difference_count = 0;
   BenchTime t_first, t_last;  ///< captures of the first and last visible sample
   std::uint64_t last_sequence = 0;
+  std::uint64_t before_start = 0;  ///< samples that were captured before the run, and not shown
   bool seen = false;
   PortStatus last_status = PortStatus::never;
 };
@@ -81,6 +83,7 @@ struct RunParts {
   std::vector<std::unique_ptr<RunChannel>> channels;
   std::vector<std::unique_ptr<RunSink>> sinks;
   std::unique_ptr<Application> application;
+  std::shared_ptr<FaultBench> faults;  ///< null: a replay, which shows what came of them
   BenchMotion motion;
   std::vector<std::shared_ptr<Platform>> platforms;  ///< of this process: they set out when the run starts
   /// Keeps alive what sources point to (worlds, renderers, device models, workers).
@@ -130,6 +133,7 @@ class BenchRun final : private ExecutiveHooks {
   void cycle_begin(const CycleContext& cycle) noexcept override;
 
   void inputs(const CycleContext& cycle) noexcept;
+  void take_up_faults(const CycleContext& cycle) noexcept;
   void show(RunChannel& channel, std::uint32_t index, const CycleContext& cycle) noexcept;
   void capture(const CycleContext& cycle) noexcept;
   void application(const CycleContext& cycle) noexcept;

@@ -16,7 +16,9 @@ struct RunOptions {
   std::optional<double> duration_s;
   int workers = 0;  ///< threads for simulators; 0: what the rig says
   std::filesystem::path record, report, trace;
+  std::filesystem::path faults_from;  ///< a recording whose live faults come again; empty: none
   bool no_emulators = false;
+  bool no_control = false;
   bool json = false;
 };
 struct ReplayOptions {
@@ -76,6 +78,15 @@ struct WorldRenderOptions {
   std::string device;             ///< part of the Vulkan device's name
   bool json = false;
 };
+struct FaultOptions {
+  std::string run;      ///< name or process id; empty: list the runs
+  std::string channel;  ///< empty: list the channels
+  std::string kind;
+  std::vector<std::string> keys;  ///< KEY=VALUE
+  double for_s = 0;               ///< 0: until it is cleared
+  bool list = false, clear = false;
+  bool json = false;
+};
 struct PlainOptions {
   bool json = false;
 };
@@ -87,6 +98,7 @@ int sense_command(const SenseOptions& options);
 int tune_command(const TuneOptions& options);
 int inspect_command(const InspectOptions& options);
 int world_render_command(const WorldRenderOptions& options);
+int fault_command(const FaultOptions& options);
 int devices_command(const PlainOptions& options);
 int doctor_command(const PlainOptions& options);
 

@@ -10,6 +10,7 @@
 #include <optional>
 #include <thread>
 
+#include "cli/fault_control.h"
 #include "cli/recording.h"
 #include "cli/report.h"
 #include "cli/run_result.h"
@@ -81,6 +82,17 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   for (const std::string& w : warnings) fmt::print(stderr, "rigor: warning: {}\n", w);
   const EpochPair epoch = options.epoch ? *options.epoch : virtual_time ? kVirtualEpoch : read_epoch();
   const std::string engine = assembly.simulation ? assembly.simulation->engine() : "";
+  ControlCommands commands;
+  std::unique_ptr<ControlSocket> control;
+  if (options.control) {
+    add_run_commands(commands, parts);
+    const AvoidCpu rest(virtual_time ? -1 : loop_cpu(run.executive().config().realtime));
+    auto opened = ControlSocket::open(parts.rig.name, commands);
+    if (opened)
+      control = std::move(*opened);
+    else
+      warnings.push_back("no `rigor fault` for this run: " + opened.error().text());
+  }
   BenchTime t0;
   std::unique_ptr<Recorder> recorder;
   Result<RunOutcome> outcome = fail(ErrorCode::internal, "run", "did not run");
@@ -107,6 +119,7 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     if (auto s = run.arm_again(); !s) return report_error(s.error(), options.json);
     if (*opened) (void)(*opened)->stop();  // nothing is in it; the next attempt writes the file anew
   }
+  control.reset();
   // What came up during the run: devices that refused, clocks that did not settle.
   for (std::string& w : run.warnings()) {
     if (std::find(warnings.begin(), warnings.end(), w) != warnings.end()) continue;

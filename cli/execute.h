@@ -14,6 +14,7 @@ namespace rigor {
 
 struct ExecuteOptions {
   bool json = false;
+  bool control = false;                    ///< may be talked to while it goes on (control_socket.h)
   std::filesystem::path trace;             ///< for Perfetto; empty: none
   std::optional<BenchTime> t0;             ///< replay: the recorded one
   std::optional<EpochPair> epoch;          ///< replay: the recorded one

@@ -42,6 +42,10 @@ int main(int argc, char** argv) {
   run_app->add_option("--trace", run.trace, "Write a trace of the loop for ui.perfetto.dev");
   run_app->add_flag("--no-emulators", run.no_emulators,
                     "Do not bring up the rig's emulators: the devices are there already");
+  run_app->add_option(
+      "--faults-from", run.faults_from,
+      "Recording of a run of this rig: faults that were injected while it went on come again");
+  run_app->add_flag("--no-control", run.no_control, "Without the socket that `rigor fault` talks to");
   run_app->add_flag("--json", run.json, "Print the results as JSON");
   add_overrides(run_app, run.overrides);
   run_app->footer("Example: rigor run configs/demo.yaml --duration 10 --record demo.mcap --report report");
@@ -107,6 +111,21 @@ int main(int argc, char** argv) {
   add_overrides(tune_app, tune.overrides);
   tune_app->footer("Example: rigor tune configs/rigs/measuring-light.yaml");
 
+  rigor::FaultOptions fault;
+  auto* fault_app = app.add_subcommand(
+      "fault", "Make something go wrong in a run that is going on; without KIND: what there is");
+  fault_app->add_option("RUN", fault.run, "Name of the rig or process id (without: list the runs)");
+  fault_app->add_option("CHANNEL", fault.channel, "Channel, sink, or NAME.real, NAME.simulated of a pair");
+  fault_app->add_option("KIND", fault.kind, "drop, delay, bias, …: docs/faults.md");
+  fault_app->add_option("KEYS", fault.keys, "The fault's keys, as key=value");
+  fault_app->add_option("--for", fault.for_s, "Seconds; without: until it is cleared")
+      ->check(CLI::PositiveNumber);
+  auto* fault_list = fault_app->add_flag("--list", fault.list, "What each fault of the run did so far");
+  fault_app->add_flag("--clear", fault.clear, "End what was injected (of CHANNEL, or all)")
+      ->excludes(fault_list);
+  fault_app->add_flag("--json", fault.json, "Print as JSON");
+  fault_app->footer("Example: rigor fault demo right drop probability=0.2 --for 2");
+
   rigor::InspectOptions inspect;
   auto* inspect_app = app.add_subcommand("inspect", "Say what is in a recording");
   inspect_app->add_option("FILE", inspect.file, "MCAP file")->required();
@@ -142,6 +161,7 @@ int main(int argc, char** argv) {
     if (*replay_app) return rigor::replay_command(replay);
     if (*sense_app) return rigor::sense_command(sense);
     if (*tune_app) return rigor::tune_command(tune);
+    if (*fault_app) return rigor::fault_command(fault);
     if (*inspect_app) return rigor::inspect_command(inspect);
     if (calibrate.chosen()) return calibrate.run();
     if (world.chosen()) return world.run();

@@ -4,6 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "cli/fault_report.h"
 #include "cli/page.h"
 #include "cli/svg.h"
 #include "cli/terminal.h"
@@ -176,7 +177,7 @@ Status write_report(const std::filesystem::path& dir, json& result, const RunPar
       "{5} · {6}</p></header><main>",
       str(result["rig"]), kPageStyle, str(result["utc"]), result["duration_s"].get<double>(),
       str(result["clock"]), str(result["loop"]["reason"]), str(result["engine"]));
-  page += loop_section(result) + channel_table(result) + channel_section(result);
+  page += loop_section(result) + channel_table(result) + faults_section(result) + channel_section(result);
   if (result.contains("recording"))
     page +=
         fmt::format("<h2>Recording</h2><p><code>{}</code>: {} messages, {:.1f} MB, {} dropped</p>",

@@ -5,10 +5,12 @@
 #include "cli/commands.h"
 #include "cli/emulator_process.h"
 #include "cli/execute.h"
+#include "cli/fault_control.h"
 #include "cli/overrides.h"
 #include "cli/recording.h"
 #include "cli/report.h"
 #include "cli/terminal.h"
+#include "sensor-hal/channel/fault_bench.h"
 
 namespace rigor {
 namespace {
@@ -42,6 +44,9 @@ int run_command(const RunOptions& options) {
   // All that can be refused is refused before a device or a file is touched.
   auto assembly = assemble(std::move(*rig), make_registry());
   if (!assembly) return report_error(assembly.error(), options.json);
+  if (!options.faults_from.empty())
+    if (auto s = schedule_recorded_faults(options.faults_from, *(*assembly)->parts.faults); !s)
+      return report_error(s.error(), options.json);
   const RigConfig& checked = (*assembly)->parts.rig;
   // The report's folder first: the recording may lie in it.
   const bool had_report = checked.report.empty() || std::filesystem::exists(checked.report);
@@ -63,6 +68,7 @@ int run_command(const RunOptions& options) {
   ExecuteOptions how;
   how.json = options.json;
   how.trace = options.trace;
+  how.control = !options.no_control;
   return execute(**assembly, how, stop.token());
 }
 

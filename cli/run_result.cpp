@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "cli/fault_control.h"
 #include "cli/terminal.h"
+#include "sensor-hal/channel/fault_bench.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/pair_values.h"
 #include "sensor-hal/record/recorder.h"
@@ -99,6 +101,7 @@ json channel_json(const RunChannel& c, BenchTime t0) {
       {"lost_samples", n.lost_samples},
       {"lost_cycles", n.lost_cycles},
       {"overflow", n.overflow},
+      {"before_start", c.before_start},
       {"age", histogram_json(c.age)},
       {"arrival", histogram_json(c.arrival)},
       {"gap_count", c.gap_count},
@@ -196,6 +199,10 @@ json run_result(const RunParts& parts, const RunOutcome& outcome, const Recorder
     j["channels"].push_back(std::move(channel));
   }
   for (const auto& s : parts.sinks) j["sinks"].push_back(sink_json(*s));
+  if (parts.faults)
+    for (const FaultBench::Entry& e : parts.faults->entries())
+      if (!e.injector->scheduled().empty() || !e.injector->live().empty())
+        j["faults"].push_back(faults_json(e, &outcome.t0));
   if (recorder) j["recording"] = recorder_json(*recorder, text.recording);
   return j;
 }
@@ -239,6 +246,13 @@ std::string summary_text(const json& r) {
                        s["backend"].get<std::string>(), s["accepted"].get<std::uint64_t>(),
                        s["applied"].get<std::uint64_t>(), s["late"].get<std::uint64_t>(),
                        s["failed"].get<std::uint64_t>());
+  for (const json& c : r.value("faults", json::array()))
+    for (const json& f : c["faults"])
+      out += fmt::format("fault     {}: {}: {} times on, {} seen, {} dropped, {} changed, {} delayed\n",
+                         c["channel"].get<std::string>(), f["text"].get<std::string>(),
+                         f["times"].get<std::uint64_t>(), f["seen"].get<std::uint64_t>(),
+                         f["dropped"].get<std::uint64_t>(), f["changed"].get<std::uint64_t>(),
+                         f["delayed"].get<std::uint64_t>());
   if (r.contains("recording"))
     out += fmt::format(
         "recording {} ({} messages, {:.1f} MB, {} dropped)\n", r["recording"]["file"].get<std::string>(),

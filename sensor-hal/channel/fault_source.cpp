@@ -115,7 +115,7 @@ Status FaultySource::make_room(FaultKind kind) {
     constexpr std::size_t kBudgetBytes = 64 << 20;
     const std::size_t bytes = description_.max_bytes;
     const std::size_t slots =
-        elements ? std::clamp<std::size_t>(kBudgetBytes / std::max<std::size_t>(bytes, 1), 16, 32)
+        elements ? std::clamp<std::size_t>(kBudgetBytes / std::max<std::size_t>(bytes, 1), 20, 32)
                  : kWaiting + 64;
     owned_room_ = std::make_unique<Room>(slots, bytes);
   }

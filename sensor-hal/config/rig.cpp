@@ -111,6 +111,10 @@ ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfi
   }
   if (n.has("backend"))
     throw n.error("backend", "expected either `backend` or `pair`, got both; keep one of them");
+  if (n.has("faults"))
+    throw n.error("faults",
+                  "expected the faults of a pair at one of its sides: `pair.real.faults`, or "
+                  "`pair.simulated.faults`");
   c.pair = n.map("pair");
   for (const ConfigNode& item : c.pair.list_or_empty("switches")) {
     PairSwitch s;
