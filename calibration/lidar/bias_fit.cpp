@@ -1,180 +1,23 @@
 #include "calibration/lidar/bias_fit.h"
 
-#include <Eigen/Dense>
-#include <algorithm>
-#include <cmath>
-#include <limits>
 #include <map>
 #include <numbers>
 
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
+#include "calibration/lidar/bias_problem.h"
 
 namespace rigor::calibration {
 namespace {
 
-using Eigen::Index;
-using Eigen::MatrixXd;
-using Eigen::VectorXd;
-
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kMedianOfChiSquare = 0.454936423119572;  // of one degree of freedom
-
-/// Where each number of a model lies in the vector of unknowns; −1: it is not fitted.
-class Layout {
- public:
-  Layout(const BiasModel& m, std::size_t beams, std::size_t planes, bool flat, bool hold_planes)
-      : model_(m), beams_(static_cast<int>(beams)), flat_(flat) {
-    const auto take = [&](int count) {
-      const int at = size_;
-      size_ += count;
-      return at;
-    };
-    if (m.offset) bias_ = take(1);
-    if (m.beams) bias_ = take(beams_);
-    if (m.angles) elevation_ = take(beams_), azimuth_ = take(beams_ - 1);
-    if (m.walk) walk_ = take(1);
-    if (m.oblique) oblique_ = take(1);
-    if (m.scale) scale_ = take(1);
-    wanted_ = size_;
-    if (!hold_planes) plane_ = take(static_cast<int>(planes) * per_plane());
-  }
-  [[nodiscard]] int size() const { return size_; }
-  [[nodiscard]] int wanted() const { return wanted_; }
-  [[nodiscard]] int bias(int beam) const { return bias_ < 0 ? -1 : model_.beams ? bias_ + beam : bias_; }
-  [[nodiscard]] int elevation(int beam) const { return elevation_ < 0 ? -1 : elevation_ + beam; }
-  /// Turning all beams and the walls together changes nothing: beam 0 is what the others are against.
-  [[nodiscard]] int azimuth(int beam) const { return azimuth_ < 0 || beam == 0 ? -1 : azimuth_ + beam - 1; }
-  [[nodiscard]] int walk() const { return walk_; }
-  [[nodiscard]] int oblique() const { return oblique_; }
-  [[nodiscard]] int scale() const { return scale_; }
-  [[nodiscard]] int per_plane() const { return flat_ ? 2 : 3; }
-  [[nodiscard]] int plane(int k) const { return plane_ < 0 ? -1 : plane_ + k * per_plane(); }
-  [[nodiscard]] const BiasModel& model() const { return model_; }
-  [[nodiscard]] int beams() const { return beams_; }
-
- private:
-  BiasModel model_;
-  int beams_, size_ = 0, wanted_ = 0;
-  bool flat_;
-  int bias_ = -1, elevation_ = -1, azimuth_ = -1, walk_ = -1, oblique_ = -1, scale_ = -1, plane_ = -1;
-};
-
-struct State {
-  std::vector<BeamErrors> errors;
-  std::vector<Eigen::Vector3d> q;
-
-  void step(const Layout& l, const VectorXd& d) {
-    for (int b = 0; b < l.beams(); ++b) {
-      BeamErrors& e = errors[static_cast<std::size_t>(b)];
-      if (const int i = l.bias(b); i >= 0) e.bias_m += d[i];
-      if (const int i = l.elevation(b); i >= 0) e.elevation_rad += d[i];
-      if (const int i = l.azimuth(b); i >= 0) e.azimuth_rad += d[i];
-      if (l.walk() >= 0) e.walk_m += d[l.walk()];
-      if (l.oblique() >= 0) e.oblique_m += d[l.oblique()];
-      if (l.scale() >= 0) e.scale += d[l.scale()];
-    }
-    for (std::size_t k = 0; k < q.size(); ++k)
-      if (const int i = l.plane(static_cast<int>(k)); i >= 0)
-        for (int c = 0; c < l.per_plane(); ++c) q[k][c] += d[i + c];
-  }
-  /// What the model has not goes back to none.
-  void restrict_to(const BiasModel& m) {
-    double mean = 0;
-    for (const BeamErrors& e : errors) mean += e.bias_m / static_cast<double>(errors.size());
-    for (BeamErrors& e : errors) {
-      if (!m.beams) e.bias_m = m.offset ? mean : 0;
-      if (!m.angles) e.elevation_rad = e.azimuth_rad = 0;
-      if (!m.walk) e.walk_m = 0;
-      if (!m.oblique) e.oblique_m = 0;
-      if (!m.scale) e.scale = 1;
-    }
-  }
-};
-
-/// The few columns that a residual touches.
-struct Row {
-  std::array<int, 9> at;
-  std::array<double, 9> d;
-  int n = 0;
-  void add(int i, double v) {
-    if (i >= 0) at[static_cast<std::size_t>(n)] = i, d[static_cast<std::size_t>(n++)] = v;
-  }
-};
-Row row_of(const Layout& l, int beam, int plane, const PredictedRange& p) {
-  Row r;
-  r.add(l.bias(beam), 1);
-  r.add(l.elevation(beam), p.d_elevation_m);
-  r.add(l.azimuth(beam), p.d_azimuth_m);
-  r.add(l.walk(), p.d_walk);
-  r.add(l.oblique(), p.d_oblique);
-  r.add(l.scale(), p.d_scale_m);
-  if (const int i = l.plane(plane); i >= 0)
-    for (int c = 0; c < l.per_plane(); ++c) r.add(i + c, p.d_q_m2[c]);
-  return r;
-}
-
-struct Normal {
-  MatrixXd h;
-  VectorXd g;
-  explicit Normal(int n) : h(MatrixXd::Zero(n, n)), g(VectorXd::Zero(n)) {}
-  void add(const Row& r, double e, double w) {
-    for (int i = 0; i < r.n; ++i) {
-      const auto a = static_cast<std::size_t>(i);
-      const double wd = w * r.d[a];
-      g[r.at[a]] += wd * e;
-      for (int j = 0; j <= i; ++j) {
-        const auto b = static_cast<std::size_t>(j);
-        const int x = std::max(r.at[a], r.at[b]), y = std::min(r.at[a], r.at[b]);
-        h(x, y) += wd * r.d[b];
-      }
-    }
-  }
-  void symmetric() { h = MatrixXd(h.selfadjointView<Eigen::Lower>()); }
-  /// The step along what the data determine.
-  [[nodiscard]] VectorXd solve() const {
-    const Index n = h.rows();
-    VectorXd s(n);
-    for (Index i = 0; i < n; ++i) s[i] = h(i, i) > 0 ? 1 / std::sqrt(h(i, i)) : 0;
-    const MatrixXd unit = s.asDiagonal() * h * s.asDiagonal();
-    const VectorXd right = s.asDiagonal() * g;
-    const Eigen::LLT<MatrixXd> quick(unit);
-    if (quick.info() == Eigen::Success && quick.rcond() > 1e-10) return s.asDiagonal() * quick.solve(right);
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> e(unit);
-    VectorXd along = e.eigenvectors().transpose() * right;
-    for (Index i = 0; i < n; ++i) along[i] = e.eigenvalues()[i] > 1e-11 ? along[i] / e.eigenvalues()[i] : 0;
-    return s.asDiagonal() * (e.eigenvectors() * along);
-  }
-};
-
-double median(std::vector<double>& v) {
-  if (v.empty()) return 0;
-  const auto at = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-  std::nth_element(v.begin(), at, v.end());
-  return *at;
-}
 
 std::string name_of(const char* base, int i) { return std::string(base) + "[" + std::to_string(i) + "]"; }
 
-class Fit {
+class Fit : BiasProblem {
  public:
-  Fit(const LidarReturns& returns, const models::LidarModel& sheet, const PlaneSearch& planes,
-      const BiasFitOptions& options)
-      : returns_(returns.all),
-        sheet_(sheet),
-        found_(planes),
-        o_(options),
-        flat_(scans_one_plane(sheet.scan)),
-        beams_(sheet.scan.beams.size()) {
-    state_.errors.resize(beams_);
-    for (const LidarPlane& p : planes.planes) state_.q.push_back(p.q_per_m);
-    remission_.reserve(returns_.size());
-    for (const LidarReturn& r : returns_) {
-      const double e = remission_from_units(sheet.remission, r.remission, r.range_m);
-      remission_.push_back(static_cast<float>(std::isfinite(e) ? e : 1));
-    }
-  }
+  using BiasProblem::BiasProblem;
 
   Result<BiasFit> run() {
     models_ = o_.models.empty() ? bias_models(beams_, flat_, o_.surveyed) : o_.models;
@@ -184,250 +27,13 @@ class Fit {
       return fail(ErrorCode::bad_input, "",
                   "expected returns of walls over more than " + std::to_string(cells_.size()) +
                       " cells of a degree: a longer piece of wall is needed");
+    judge_again();
     compare();
     finish();
     return std::move(out_);
   }
 
  private:
-  [[nodiscard]] PredictedRange predict(const State& s, std::uint16_t beam, int plane, double azimuth,
-                                       double remission) const {
-    return predict_range(sheet_.scan.beams[beam], s.errors[beam], azimuth, remission,
-                         s.q[static_cast<std::size_t>(plane)]);
-  }
-  [[nodiscard]] Layout layout(const BiasModel& m) const {
-    return {m, beams_, state_.q.size(), flat_, o_.surveyed};
-  }
-
-  /// Residuals of all returns and, where known, their noise.
-  void residuals_of(const State& s, std::vector<float>& out) const {
-    out.assign(returns_.size(), std::numeric_limits<float>::quiet_NaN());
-    for (std::size_t i = 0; i < returns_.size(); ++i) {
-      if (found_.label[i] < 0) continue;
-      const LidarReturn& r = returns_[i];
-      out[i] = static_cast<float>(static_cast<double>(r.range_m) -
-                                  predict(s, r.beam, found_.label[i], r.azimuth_rad, remission_[i]).range_m);
-    }
-  }
-
-  /// First step: the richest model by all returns, robustly. Its weak directions are held near none here
-  /// (by as much as the search of planes allows): it serves to tell outliers and to make cells.
-  Status reject_returns() {
-    BiasModel rich = models_.front();
-    for (const BiasModel& m : models_) {
-      rich.beams = rich.beams || m.beams;
-      rich.offset = (rich.offset || m.offset) && !rich.beams;
-      rich.angles = rich.angles || m.angles;
-      rich.walk = rich.walk || m.walk, rich.oblique = rich.oblique || m.oblique;
-      rich.scale = rich.scale || m.scale;
-    }
-    const Layout l = layout(rich);
-    std::size_t on_planes = 0;
-    for (const auto label : found_.label) on_planes += label >= 0;
-    if (on_planes < static_cast<std::size_t>(l.size()) + 10)
-      return fail(ErrorCode::bad_input, "",
-                  "expected more returns on walls than unknowns, got " + std::to_string(on_planes) + " for " +
-                      std::to_string(l.size()) + ": a recording nearer to walls is needed");
-    VectorXd prior = VectorXd::Zero(l.size());
-    const double t = std::max(1e-300, found_.tolerance_m);
-    for (int b = 0; b < static_cast<int>(beams_); ++b) {
-      if (l.bias(b) >= 0) prior[l.bias(b)] = 1 / (t * t);
-      for (const int i : {l.elevation(b), l.azimuth(b)})
-        if (i >= 0) prior[i] = 1 / (0.01 * 0.01);
-    }
-    for (const int i : {l.walk(), l.oblique()})
-      if (i >= 0) prior[i] = 1 / (t * t);
-    if (l.scale() >= 0) prior[l.scale()] = 1 / (0.05 * 0.05);
-
-    std::vector<float> e;
-    std::vector<double> absolute;
-    double spread = 0;
-    State start = state_;
-    for (int round = 0; round < 25 && !o_.stop.stop_requested(); ++round) {
-      residuals_of(state_, e);
-      absolute.clear();
-      const std::size_t every = std::max<std::size_t>(1, on_planes / 200'000);
-      std::size_t n = 0;
-      for (const float x : e)
-        if (std::isfinite(x) && n++ % every == 0) absolute.push_back(std::abs(static_cast<double>(x)));
-      const double now = std::max(1e-12 * t, 1.4826 * median(absolute));
-      Normal normal(l.size());
-      for (std::size_t i = 0; i < returns_.size(); ++i) {
-        if (found_.label[i] < 0) continue;
-        const LidarReturn& r = returns_[i];
-        const PredictedRange p = predict(state_, r.beam, found_.label[i], r.azimuth_rad, remission_[i]);
-        const double x = static_cast<double>(r.range_m) - p.range_m, z = x / (2.385 * now);
-        normal.add(row_of(l, r.beam, found_.label[i], p), x, 1 / ((1 + z * z) * now * now));
-      }
-      VectorXd value = VectorXd::Zero(l.size());
-      for (int b = 0; b < static_cast<int>(beams_); ++b) {
-        const BeamErrors& be = state_.errors[static_cast<std::size_t>(b)];
-        if (l.bias(b) >= 0) value[l.bias(b)] = be.bias_m;
-        if (l.elevation(b) >= 0) value[l.elevation(b)] = be.elevation_rad;
-        if (l.azimuth(b) >= 0) value[l.azimuth(b)] = be.azimuth_rad;
-      }
-      const BeamErrors& first = state_.errors.front();
-      if (l.walk() >= 0) value[l.walk()] = first.walk_m;
-      if (l.oblique() >= 0) value[l.oblique()] = first.oblique_m;
-      if (l.scale() >= 0) value[l.scale()] = first.scale - 1;
-      normal.symmetric();
-      normal.h.diagonal() += prior;
-      normal.g -= prior.cwiseProduct(value);
-      const VectorXd d = normal.solve();
-      if (!d.allFinite()) break;
-      state_.step(l, d);
-      if (o_.progress) o_.progress(0.3 * (round + 1) / 25, now);
-      const bool settled = std::abs(now - spread) < 1e-4 * now;
-      spread = now;
-      if (settled && round > 2) break;
-    }
-    if (!std::isfinite(spread)) state_ = start;
-    residuals_of(state_, residual_);
-    // Limits by the noise at each remission, not below what the fit leaves.
-    used_.assign(returns_.size(), 0);
-    for (std::size_t i = 0; i < returns_.size(); ++i) {
-      if (found_.label[i] < 0) continue;
-      const double shot = o_.sigma_m ? o_.sigma_m(static_cast<double>(remission_[i])) : spread;
-      used_[i] = std::abs(static_cast<double>(residual_[i])) <= o_.reject_sigmas * std::max(spread, shot);
-    }
-    spread_ = spread;
-    return {};
-  }
-
-  void make_cells() {
-    struct Sum {
-      double n = 0, azimuth = 0, remission = 0, mean = 0, square = 0, shot = 0;
-    };
-    std::map<std::tuple<int, int, std::int32_t>, Sum> sums;
-    for (std::size_t i = 0; i < returns_.size(); ++i) {
-      if (!used_[i]) continue;
-      const LidarReturn& r = returns_[i];
-      const auto cell =
-          static_cast<std::int32_t>(std::floor(static_cast<double>(r.azimuth_rad) / o_.cell_rad));
-      Sum& s = sums[{found_.label[i], r.beam, cell}];
-      ++s.n;
-      const double x = residual_[i], d = x - s.mean;
-      s.mean += d / s.n;
-      s.square += d * (x - s.mean);
-      s.azimuth += (static_cast<double>(r.azimuth_rad) - s.azimuth) / s.n;
-      s.remission += (static_cast<double>(remission_[i]) - s.remission) / s.n;
-      const double shot = o_.sigma_m ? o_.sigma_m(static_cast<double>(remission_[i])) : 0;
-      s.shot += shot * shot;
-    }
-    // Without a noise model each wall has a noise of its own: dark ones more than bright ones.
-    std::vector<double> pooled(state_.q.size(), 0), dof(state_.q.size(), 0);
-    for (const auto& [key, s] : sums) {
-      const auto k = static_cast<std::size_t>(std::get<0>(key));
-      pooled[k] += s.square, dof[k] += s.n - 1;
-    }
-    for (std::size_t k = 0; k < pooled.size(); ++k)
-      pooled[k] = dof[k] > 0 ? pooled[k] / dof[k] : spread_ * spread_;
-    for (const auto& [key, s] : sums) {
-      BiasCell c;
-      c.plane = static_cast<std::uint8_t>(std::get<0>(key));
-      c.beam = static_cast<std::uint16_t>(std::get<1>(key));
-      c.azimuth_rad = s.azimuth;
-      c.remission = s.remission;
-      c.sector = static_cast<std::int32_t>(std::floor(s.azimuth / o_.sector_rad));
-      c.fold = static_cast<std::uint8_t>(((c.sector % o_.folds) + o_.folds) % o_.folds);
-      c.count = s.n;
-      c.residual_m = s.mean;
-      c.square_m2 = s.square;
-      c.shot_variance_m2 = (o_.sigma_m ? s.shot / s.n : pooled[c.plane]) / s.n;
-      cells_.push_back(c);
-    }
-    reference_ = state_;
-    tau2_.assign(state_.q.size(), 0);
-  }
-
-  [[nodiscard]] double weight(const BiasCell& c) const {
-    return 1 / std::max(1e-300, c.shot_variance_m2 + tau2_[c.plane]);
-  }
-  /// Mean residual of a cell under another state than that which it was made with. The difference of two
-  /// predictions hardly changes over a cell, which the predictions themselves do.
-  [[nodiscard]] double residual(const State& s, const BiasCell& c, PredictedRange& p) const {
-    p = predict(s, c.beam, c.plane, c.azimuth_rad, c.remission);
-    return c.residual_m + predict(reference_, c.beam, c.plane, c.azimuth_rad, c.remission).range_m -
-           p.range_m;
-  }
-
-  template <class Take>
-  State solve(const Layout& l, State s, const Take& take, MatrixXd* information = nullptr) const {
-    for (int round = 0; round < 12; ++round) {
-      Normal normal(l.size());
-      for (const BiasCell& c : cells_) {
-        if (!take(c)) continue;
-        PredictedRange p;
-        const double e = residual(s, c, p);
-        normal.add(row_of(l, c.beam, c.plane, p), e, weight(c));
-      }
-      normal.symmetric();
-      if (information) *information = normal.h;
-      if (l.size() == 0) break;
-      const VectorXd d = normal.solve();
-      if (!d.allFinite()) break;
-      // In units of what each number is uncertain by.
-      double largest = 0;
-      for (Index i = 0; i < d.size(); ++i)
-        largest = std::max(largest, std::abs(d[i]) * std::sqrt(std::max(0.0, normal.h(i, i))));
-      s.step(l, d);
-      if (largest < 1e-4) break;
-    }
-    return s;
-  }
-
-  static bool in_use(const BiasCell& c) { return c.used; }
-
-  /// τ of each wall: that at which squared residuals are what they should be (Paule & Mandel 1982); first by
-  /// the median, and cells beyond the limit are left out.
-  void spread_between_cells(const State& s, std::size_t unknowns) {
-    std::vector<double> e(cells_.size());
-    for (std::size_t i = 0; i < cells_.size(); ++i) {
-      PredictedRange p;
-      e[i] = residual(s, cells_[i], p);
-    }
-    double all = 0;
-    for (const BiasCell& c : cells_) all += c.used;
-    for (std::size_t k = 0; k < tau2_.size(); ++k) {
-      std::vector<std::size_t> mine;
-      for (std::size_t i = 0; i < cells_.size(); ++i)
-        if (cells_[i].plane == k && cells_[i].used) mine.push_back(i);
-      if (mine.size() < 8) continue;
-      const auto ratio = [&](double tau2, bool robust) {
-        std::vector<double> z;
-        double sum = 0;
-        for (const std::size_t i : mine) {
-          const double x = e[i] * e[i] / (cells_[i].shot_variance_m2 + tau2);
-          sum += x;
-          if (robust) z.push_back(x);
-        }
-        const double dof =
-            static_cast<double>(mine.size()) * std::max(0.1, 1 - static_cast<double>(unknowns) / all);
-        return robust ? median(z) / kMedianOfChiSquare : sum / dof;
-      };
-      const auto root = [&](bool robust) {
-        double high = 0;
-        for (const std::size_t i : mine) high = std::max(high, e[i] * e[i]);
-        if (!(high > 0) || ratio(0, robust) <= 1) return 0.0;
-        double low = 0;
-        high *= 4;
-        for (int n = 0; n < 60; ++n) {
-          const double mid = 0.5 * (low + high);
-          (ratio(mid, robust) > 1 ? low : high) = mid;
-        }
-        return 0.5 * (low + high);
-      };
-      const double first = root(true);
-      for (const std::size_t i : mine) {
-        const double limit = o_.reject_sigmas * std::sqrt(cells_[i].shot_variance_m2 + first);
-        // A limit of 4 for thousands of cells would take good ones with it.
-        if (std::abs(e[i]) > 1.25 * limit) cells_[i].used = false;
-      }
-      std::erase_if(mine, [&](std::size_t i) { return !cells_[i].used; });
-      tau2_[k] = root(false);
-    }
-  }
-
   struct Tried {
     BiasModel model;
     State state;
@@ -533,26 +139,6 @@ class Fit {
     double mean = square / shots, variance = 0;
     for (const auto& [k, v] : sectors) variance += v[1] * v[1] * (v[0] / v[1] - mean) * (v[0] / v[1] - mean);
     c.cross_validation_sigma = std::sqrt(variance) / shots / (2 * std::max(1e-300, c.cross_validation));
-  }
-
-  /// Correlation of neighbouring cells of a beam, by their standardised residuals.
-  [[nodiscard]] double neighbours(const State& s) const {
-    double product = 0, pairs = 0, square = 0, n = 0;
-    const BiasCell* last = nullptr;
-    double last_z = 0;
-    for (const BiasCell& c : cells_) {
-      if (!c.used) continue;
-      PredictedRange p;
-      const double z = residual(s, c, p) * std::sqrt(weight(c));
-      square += z * z, ++n;
-      if (last && last->plane == c.plane && last->beam == c.beam &&
-          c.azimuth_rad - last->azimuth_rad < 1.6 * o_.cell_rad)
-        product += z * last_z, ++pairs;
-      last = &c, last_z = z;
-    }
-    if (pairs < 10 || !(square > 0)) return 0;
-    const double rho = (product / pairs) / (square / n);
-    return rho > 3 / std::sqrt(pairs) ? std::min(rho, 0.98) : 0;
   }
 
   /// The information that is left when the walls are solved for.
@@ -691,7 +277,7 @@ class Fit {
     }
     f.residuals = statistics_of(good, "m");
     std::size_t on_planes = 0;
-    for (const auto label : found_.label) on_planes += label >= 0;
+    for (const auto label : label_) on_planes += label >= 0;
     f.residuals.rejected = on_planes - f.residuals.count;
     f.scale = shot;
     f.validity.push_back({"range_m", from, to});
@@ -792,7 +378,7 @@ class Fit {
     const auto cell_key = [&](std::size_t i) {
       const LidarReturn& r = returns_[i];
       return std::tuple<int, int, std::int32_t>(
-          found_.label[i], r.beam,
+          label_[i], r.beam,
           static_cast<std::int32_t>(std::floor(static_cast<double>(r.azimuth_rad) / o_.cell_rad)));
     };
     for (const BiasCell& c : cells_)
@@ -805,13 +391,13 @@ class Fit {
     };
     std::map<std::tuple<int, int, int>, Group> groups;
     for (std::size_t i = 0; i < returns_.size(); ++i) {
-      if (found_.label[i] < 0) continue;
+      if (label_[i] < 0) continue;
       if (used_[i] && !left_out.count(cell_key(i))) continue;
       used_[i] = 0;
       const LidarReturn& r = returns_[i];
       const int sector = static_cast<int>(std::floor(static_cast<double>(r.azimuth_rad) / o_.sector_rad)) *
                          static_cast<int>(std::lround(o_.sector_rad * 180 / std::numbers::pi));
-      Group& g = groups[{found_.label[i], r.beam, sector}];
+      Group& g = groups[{label_[i], r.beam, sector}];
       ++g.count;
       if (std::abs(static_cast<double>(residual_[i])) > std::abs(g.largest)) g.largest = residual_[i];
     }
@@ -828,20 +414,6 @@ class Fit {
                      [](const Rejected& a, const Rejected& b) { return a.residual > b.residual; });
   }
 
-  const std::vector<LidarReturn>& returns_;
-  const models::LidarModel& sheet_;
-  const PlaneSearch& found_;
-  const BiasFitOptions& o_;
-  bool flat_;
-  std::size_t beams_;
-  std::vector<BiasModel> models_;
-  std::vector<float> remission_;
-  State state_, reference_;
-  std::vector<float> residual_;
-  std::vector<std::uint8_t> used_;
-  double spread_ = 0;
-  std::vector<BiasCell> cells_;
-  std::vector<double> tau2_;
   BiasFit out_;
 };
 

@@ -42,6 +42,8 @@ struct BiasFitOptions {
   double sector_rad = 0.174532925199433;  ///< of azimuth: what is withheld together
   /// Noise of one shot at remission E; empty: one number for all, from the residuals.
   std::function<double(double)> sigma_m{};
+  /// Noise of one shot's remission at E: what `walk_m` would be too small by. Empty: none.
+  std::function<double(double)> remission_sigma{};
   StopToken stop{};
   std::function<void(double, double)> progress{};
 };
@@ -53,8 +55,9 @@ struct BiasCell {
   std::uint8_t fold = 0;
   std::int32_t sector = 0;
   double azimuth_rad = 0, remission = 0;
+  double remission_variance = 0;  ///< of the mean, by the device's noise
   double count = 0;
-  double residual_m = 0;        ///< mean, against the richest model
+  double range_m = 0;           ///< at `azimuth_rad`: the model's there and the mean residual
   double square_m2 = 0;         ///< sum of squares about the mean
   double shot_variance_m2 = 0;  ///< of the mean by noise
   bool used = true;

@@ -1,6 +1,7 @@
 #include "calibration/lidar/lidar_fit.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "sensor-hal/models/lidar/lidar_math.h"
@@ -26,11 +27,50 @@ void append(FitResult& to, const FitResult& from) {
   to.interrupted = to.interrupted || from.interrupted;
 }
 
+/// Draws of the simulator's noise and rounding, one for each return.
+class Twin {
+ public:
+  explicit Twin(const models::LidarModel& model)
+      : m_(model), key_(models::channel_key(1, models::channel_id_from_name("twin"))) {}
+  [[nodiscard]] double remission(const LidarReturn& r) const {
+    const double e =
+        remission_from_units(m_.remission, static_cast<double>(r.remission), static_cast<double>(r.range_m));
+    return std::isfinite(e) ? e : 1;
+  }
+  [[nodiscard]] double noise_m(std::size_t i, double e) const {
+    const double sigma =
+        e > 1 && m_.noise.retro_sigma_m > 0
+            ? m_.noise.retro_sigma_m
+            : (m_.noise.scale_m > 0
+                   ? Math::lidar_range_sigma_m(std::max(e, 1e-9), m_.noise.floor_m, m_.noise.scale_m,
+                                               m_.noise.offset, m_.noise.exponent)
+                   : m_.noise.floor_m);
+    return sigma * Draws::normal_quantile(Draws::unit_from_bits(words(i)[0]));
+  }
+  [[nodiscard]] double rounded(double range_m) const {
+    return m_.range.step_m > 0 ? Math::lidar_quantise(range_m, m_.range.step_m) : range_m;
+  }
+  /// Anywhere between two steps.
+  [[nodiscard]] double place_m(std::size_t i) const {
+    return Draws::unit_from_bits(words(i)[1]) * m_.range.step_m;
+  }
+
+ private:
+  using Draws = models::NoiseMath<double>;
+  using Math = models::LidarMath<double>;
+  [[nodiscard]] std::array<std::uint32_t, 4> words(std::size_t i) const {
+    const auto w =
+        models::draw_words(key_, models::NoiseEffect::lidar_echo, i >> 32, static_cast<std::uint32_t>(i));
+    return {w[0], w[1], w[2], w[3]};
+  }
+  const models::LidarModel& m_;
+  models::PhiloxKey key_;
+};
+
 /// The device's noise and its twin's at the same remissions, each about the mean of its cell: what both lose
 /// by that mean is the same.
 void draw_twin(const LidarReturns& returns, LidarFit& fit) {
-  using Draws = models::NoiseMath<double>;
-  const models::PhiloxKey key = models::channel_key(1, models::channel_id_from_name("twin"));
+  const Twin twin(fit.model);
   const auto& e = fit.noise->shot_residual_m;
   const std::size_t every = std::max<std::size_t>(1, e.size() / 100'000);
   double dof = 0, shots = 0;
@@ -40,26 +80,25 @@ void draw_twin(const LidarReturns& returns, LidarFit& fit) {
   const double lost = shots > 0 ? std::sqrt(std::min(1.0, dof / shots)) : 1;
   for (std::size_t i = 0; i < e.size(); i += every) {
     if (!std::isfinite(e[i])) continue;
+    const double at = twin.place_m(i);
+    fit.shots_m.push_back(static_cast<double>(e[i]));
+    fit.twin_m.push_back(twin.rounded(at + lost * twin.noise_m(i, twin.remission(returns.all[i]))) - at);
+  }
+  if (!fit.bias) return;
+  for (std::size_t i = 0; i < returns.all.size(); i += every) {
+    if (!fit.bias->used[i] || fit.planes.label[i] < 0) continue;
     const LidarReturn& r = returns.all[i];
-    const double remission = remission_from_units(fit.model.remission, r.remission, r.range_m);
-    const double sigma = remission > 1 && fit.model.noise.retro_sigma_m > 0
-                             ? fit.model.noise.retro_sigma_m
-                             : fit.noise->model.sigma_m(std::isfinite(remission) ? remission : 1);
-    const auto words =
-        models::draw_words(key, models::NoiseEffect::lidar_echo, 0, static_cast<std::uint32_t>(i));
-    double d = sigma * lost * Draws::normal_quantile(Draws::unit_from_bits(words[0]));
-    if (fit.model.range.step_m > 0) {
-      // Rounded where the true range lies anywhere between two steps.
-      const double at = Draws::unit_from_bits(words[1]) * fit.model.range.step_m;
-      d = models::LidarMath<double>::lidar_quantise(at + d, fit.model.range.step_m) - at;
-    }
-    fit.shots_m.push_back(e[i]);
-    fit.twin_m.push_back(d);
+    // By the device's own remission: a twin's on the fitted wall, whose reflectance is not told, has none.
+    const double told = twin.remission(r);
+    const double range = static_cast<double>(r.range_m) - static_cast<double>(fit.bias->residual_m[i]);
+    fit.walls_m.push_back(static_cast<double>(fit.bias->residual_m[i]));
+    fit.walls_twin_m.push_back(twin.rounded(range + twin.noise_m(i, told)) - range);
   }
 }
 
 /// Values by parameters' names into the model.
-void put_into(models::LidarModel& m, const FitResult& f, const std::optional<BiasFit>& bias) {
+void put_into(models::LidarModel& m, const FitResult& f, const std::optional<BiasFit>& bias,
+              double limit_range_m) {
   const auto value = [&](const std::string& name, double& to) {
     if (const Parameter* p = f.find(name); p && std::isfinite(p->value)) to = p->value;
   };
@@ -71,10 +110,18 @@ void put_into(models::LidarModel& m, const FitResult& f, const std::optional<Bia
   value("remission_noise", m.remission.noise);
   value("remission_scale", m.remission.scale);
   value("minimum_remission", m.detection.minimum_remission);
+  value("limit_remission", m.detection.limit_remission);
+  if (limit_range_m > 0) m.detection.limit_range_m = limit_range_m;
   for (std::size_t b = 0; b < m.scan.beams.size(); ++b)
     value("remission_gain[" + std::to_string(b) + "]", m.scan.beams[b].remission_gain);
   if (!bias) return;
   const BiasModel& k = bias->model;
+  value("walk_m", m.range.walk_m);
+  value("oblique_m", m.range.oblique_m);
+  value("range_scale", m.range.scale);
+  // Errors in the mean that the model has not were taken as none.
+  if (!k.walk) m.range.walk_m = 0;
+  if (!k.oblique) m.range.oblique_m = 0;
   if (k.offset || k.beams) m.range.bias_m = 0;
   for (std::size_t b = 0; b < m.scan.beams.size(); ++b) {
     models::LidarBeam& beam = m.scan.beams[b];
@@ -142,6 +189,12 @@ Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel
       const double s = m.sigma_m(e);
       return std::sqrt(s * s + step * step / 12);
     };
+  if (out.noise)
+    if (const auto v = remission_noise(*out.noise, sheet))
+      bias_options.remission_sigma = [relative = v->relative,
+                                      unit = sheet.remission.step / sheet.remission.scale](double e) {
+        return std::sqrt(relative * relative * e * e + unit * unit / 12);
+      };
   if (options.model != "auto") {
     std::string names;
     for (const BiasModel& m :
@@ -153,6 +206,7 @@ Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel
       return fail(ErrorCode::bad_input, "--model",
                   "expected auto or one of " + names + ", got " + options.model);
   }
+  double limit_range_m = 0;
   auto bias = fit_biases(returns, sheet, out.planes, bias_options);
   if (bias) {
     out.bias = std::move(*bias);
@@ -164,6 +218,7 @@ Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel
         fit_remission(returns, sheet, out.planes, *out.bias, out.noise ? &*out.noise : nullptr);
     if (out.noise) append(f, out.noise->result);
     append(f, remission.result);
+    limit_range_m = remission.limit_range_m;
   } else {
     if (!out.noise) return tl::unexpected<Error>(bias.error());
     f.not_identifiable.emplace_back(sheet.scan.beams.size() > 1 ? "beam_bias_m" : "range_bias_m",
@@ -177,7 +232,7 @@ Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel
     f.not_identifiable.emplace_back(
         "range_scale", "walls that are found in the data scale with the ranges: survey them (--targets)");
   if (out.noise && f.model != "noise only") f.model += ", noise " + out.noise->result.model;
-  put_into(out.model, f, out.bias);
+  put_into(out.model, f, out.bias, limit_range_m);
   if (out.noise) draw_twin(returns, out);
   return out;
 }

@@ -26,6 +26,9 @@ struct LidarFit {
   /// Noise of single shots of the device and, draw by draw at the same remissions, of its twin: both about
   /// their cell's mean.
   std::vector<double> shots_m, twin_m;
+  /// Residuals on the walls of the device and of its twin, return by return where the fitted model meets the
+  /// fitted walls: what the device's have more is the walls' own.
+  std::vector<double> walls_m, walls_twin_m;
 };
 
 /// bad_input: neither walls nor repeated shots; an unknown model. One thread; 1 M returns within seconds.

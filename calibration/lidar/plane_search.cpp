@@ -235,6 +235,17 @@ PlaneSearch assign_planes(const LidarReturns& returns, const models::LidarScan& 
         continue;
       out.label[i] = out.label[i] == -1 ? static_cast<std::int8_t>(k) : std::int8_t{-2};
     }
+    if (out.label[i] < 0) continue;
+    // Whether another wall is near is judged by where the beam meets this one, not by what was measured: near
+    // an edge the returns that noise took away from it would be kept and the others not.
+    const Eigen::Vector3d& q = planes[static_cast<std::size_t>(out.label[i])].q_per_m;
+    const Eigen::Vector3d met = o + (1 - q.dot(o)) / q.dot(u) * u;
+    for (std::size_t k = 0; k < planes.size(); ++k)
+      if (static_cast<std::int8_t>(k) != out.label[i] &&
+          std::abs(planes[k].q_per_m.dot(met) - 1) * scale[k] < tolerance_m) {
+        out.label[i] = -2;
+        break;
+      }
   }
   for (std::size_t k = 0; k < planes.size(); ++k) {
     Cells cells(scan.beams.size());

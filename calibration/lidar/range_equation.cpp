@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sensor-hal/models/lidar/lidar_math.h"
+
 namespace rigor::calibration {
 
 PredictedRange predict_range(const models::LidarBeam& b, const BeamErrors& e, double azimuth_rad,
@@ -20,10 +22,12 @@ PredictedRange predict_range(const models::LidarBeam& b, const BeamErrors& e, do
   PredictedRange p;
   p.cos_incidence = std::abs(across) / length;
   const double sign = across < 0 ? -1 : 1;
-  p.d_walk = 1 - std::clamp(remission, 0.0, 1.0);
+  remission = std::max(remission, 0.0);
+  p.d_walk = 1 - std::min(remission, 1.0);
   p.d_oblique = 1 - p.cos_incidence;
   p.d_scale_m = r;
-  p.range_m = e.scale * r + e.bias_m + e.walk_m * p.d_walk + e.oblique_m * p.d_oblique;
+  p.range_m = r + models::LidarMath<double>::lidar_range_error_m(r, e.scale, e.bias_m, e.walk_m, remission,
+                                                                 e.oblique_m, p.cos_incidence);
   const auto d_cos = [&](const Vector3d& d_u) { return sign * q.dot(d_u) / length; };
   p.d_elevation_m = -e.scale * r * q.dot(u_e) / across - e.oblique_m * d_cos(u_e);
   p.d_azimuth_m = -e.scale * (q.dot(o_a) + r * q.dot(u_a)) / across - e.oblique_m * d_cos(u_a);

@@ -180,71 +180,21 @@ void fit_gains(const LidarReturns& returns, const models::LidarModel& sheet, con
 
 }  // namespace
 
-std::optional<DetectionEdge> detection_edge(std::vector<double> values, double blur, double step) {
-  std::erase_if(values, [](double v) { return !std::isfinite(v); });
-  if (values.size() < 200) return std::nullopt;
-  std::sort(values.begin(), values.end());
-  // The few that lie lowest may be anything; the window begins there and is as wide as some blurs, or as the
-  // lowest two hundredths of the values need.
-  const double low = values[values.size() / 2000], span = values[values.size() / 50] - low;
-  const double width = std::max({step, 0.5 * blur, span / 40, 1e-12 * std::abs(low)});
-  const double begin = low - 4 * std::max(blur, width);
-  constexpr int kBins = 48;
-  std::array<double, kBins> count{};
-  double total = 0;
-  for (const double v : values) {
-    const double at = (v - begin) / width;
-    if (at < 0 || at >= kBins) continue;
-    ++count[static_cast<std::size_t>(at)], ++total;
+std::optional<RemissionNoise> remission_noise(const NoiseFit& noise, const models::LidarModel& sheet) {
+  const double step = std::max(0.0, sheet.remission.step), top = sheet.remission.maximum;
+  double sum = 0, weight = 0, square = 0;
+  for (const NoiseCell& c : noise.cells) {
+    if (!c.used || c.dof < 3 || !(c.units > 10 * step) || !(c.units > 0) || c.remission > 1) continue;
+    if (top > 0 && c.units > 0.9 * top) continue;
+    const double v = (c.units_variance - step * step / 12) / (c.units * c.units);
+    sum += c.dof * v, weight += c.dof, square += c.dof * c.dof * v * v;
   }
-  if (total < 50) return std::nullopt;
-  const double s = std::sqrt(blur * blur + width * width / 12);
-  const auto centre = [&](int j) { return begin + (j + 0.5) * width; };
-  const auto likelihood = [&](const auto& shape) {
-    double sum = 0, l = 0;
-    for (int j = 0; j < kBins; ++j) sum += shape(centre(j));
-    if (!(sum > 0)) return -1e300;
-    for (int j = 0; j < kBins; ++j) {
-      const double mu = std::max(1e-9, shape(centre(j)) * total / sum);
-      l += count[static_cast<std::size_t>(j)] * std::log(mu) - mu;
-    }
-    return l;
-  };
-  const auto edge = [&](double t, double slope) {
-    return likelihood([&](double x) {
-      return 0.5 * std::erfc(-(x - t) / s / std::numbers::sqrt2) *
-             std::max(0.05, 1 + slope * (x - t) / (kBins * width));
-    });
-  };
-  double best = -1e300, at = low, tilt = 0;
-  for (const double slope : {-0.9, -0.5, 0.0, 1.0, 3.0})
-    for (int i = 0; i <= 400; ++i) {
-      const double t = begin + width * (kBins * 0.6) * i / 400;
-      if (const double l = edge(t, slope); l > best) best = l, at = t, tilt = slope;
-    }
-  const double h = 0.15 * s;
-  for (int n = 0; n < 20; ++n) {
-    const double left = edge(at - h, tilt), mid = edge(at, tilt), right = edge(at + h, tilt);
-    const double curvature = left - 2 * mid + right;
-    if (!(curvature < 0)) break;
-    const double d = std::clamp(0.5 * h * (left - right) / curvature, -s, s);
-    at += d;
-    if (std::abs(d) < 1e-6 * s) break;
-  }
-  const double curvature = (edge(at - h, tilt) - 2 * edge(at, tilt) + edge(at + h, tilt)) / (h * h);
-  // Without a threshold the values run out: a ramp, or a bell's foot.
-  double smooth = -1e300;
-  for (int i = 0; i <= 60; ++i) {
-    const double x0 = begin - 10 * width + width * (kBins * 0.6 + 10) * i / 60;
-    for (const double power : {1.0, 2.0, 3.0})
-      smooth = std::max(smooth,
-                        likelihood([&](double x) { return x > x0 ? std::pow((x - x0) / width, power) : 0; }));
-  }
-  DetectionEdge e;
-  e.sharp = best > smooth + 6 && curvature < 0;
-  e.at = e.sharp ? at : low;
-  e.sigma = e.sharp ? 1 / std::sqrt(-curvature) : 0;
-  return e;
+  if (!(weight > 50)) return std::nullopt;
+  RemissionNoise n;
+  n.relative = std::sqrt(std::max(0.0, sum / weight));
+  // By how much cells differ.
+  n.sigma = std::sqrt(std::max(0.0, square / (weight * weight))) / (2 * std::max(1e-6, n.relative));
+  return n;
 }
 
 RemissionFit fit_remission(const LidarReturns& returns, const models::LidarModel& sheet,
@@ -259,23 +209,12 @@ RemissionFit fit_remission(const LidarReturns& returns, const models::LidarModel
     f.not_identifiable.emplace_back("remission", "the device tells no remission");
     return out;
   }
-  const double step = std::max(0.0, sheet.remission.step), top = sheet.remission.maximum;
+  const double step = std::max(0.0, sheet.remission.step);
   double relative = 0.05;
   if (noise) {
-    double sum = 0, weight = 0, square = 0;
-    for (const NoiseCell& c : noise->cells) {
-      if (!c.used || c.dof < 3 || !(c.units > 10 * step) || !(c.units > 0) || c.remission > 1) continue;
-      if (top > 0 && c.units > 0.9 * top) continue;
-      const double v = (c.units_variance - step * step / 12) / (c.units * c.units);
-      sum += c.dof * v, weight += c.dof, square += c.dof * c.dof * v * v;
-    }
-    if (weight > 50) {
-      const double v = std::max(0.0, sum / weight);
-      relative = std::sqrt(v);
-      // By how much cells differ.
-      const double sigma =
-          std::sqrt(std::max(0.0, square / (weight * weight))) / (2 * std::max(1e-6, relative));
-      add(f, {"remission_noise", relative, sigma, relative, false, v == 0}, sigma * sigma);
+    if (const auto v = remission_noise(*noise, sheet)) {
+      relative = v->relative;
+      add(f, {"remission_noise", relative, v->sigma, relative, false, relative == 0}, v->sigma * v->sigma);
     } else {
       f.not_identifiable.emplace_back("remission_noise",
                                       "too few shots with a remission between ten steps and saturation");
@@ -283,24 +222,36 @@ RemissionFit fit_remission(const LidarReturns& returns, const models::LidarModel
   }
   if (!bias.planes.empty()) fit_gains(returns, sheet, search, bias, relative, f);
 
-  std::vector<double> e;
-  double unit = step / std::max(1e-300, sheet.remission.scale);
+  std::vector<double> e, range;
+  const double unit = step / std::max(1e-300, sheet.remission.scale);
   for (const LidarReturn& r : returns.all)
-    if (std::isfinite(r.remission))
+    if (std::isfinite(r.remission)) {
       e.push_back(remission_from_units(sheet.remission, r.remission, r.range_m));
-  const auto lowest = *std::min_element(e.begin(), e.end());
-  const auto found = detection_edge(e, relative * std::max(lowest, unit), unit);
-  char text[200];
-  if (found && found->sharp && found->at > 2 * unit) {
-    add(f, {"minimum_remission", found->at, found->sigma, 0.3 * found->at, false, false},
-        found->sigma * found->sigma);
+      range.push_back(r.range_m);
+    }
+  const DetectionFit d = fit_detection(e, range, relative, unit, sheet.detection);
+  char text[240];
+  if (d.floor) {
+    add(f, {"minimum_remission", d.floor->at, d.floor->sigma, 0.3 * d.floor->at, false, false},
+        d.floor->sigma * d.floor->sigma);
   } else {
     std::snprintf(
         text, sizeof text,
         "returns run out towards small remission without an edge, or at the device's smallest number: it "
         "is at most %.3g; record black surfaces at grazing incidence",
-        found ? found->at : lowest);
+        d.lowest);
     f.not_identifiable.emplace_back("minimum_remission", text);
+  }
+  if (d.limit) {
+    out.limit_range_m = d.limit_range_m;
+    add(f, {"limit_remission", d.limit->at, d.limit->sigma, 0.3 * d.limit->at, false, false},
+        d.limit->sigma * d.limit->sigma);
+  } else {
+    std::snprintf(text, sizeof text,
+                  "the least remission that is seen does not grow with range in these data (to %.3g m): "
+                  "record dark surfaces far away",
+                  d.farthest_m);
+    f.not_identifiable.emplace_back("limit_remission", text);
   }
   return out;
 }

@@ -8,28 +8,28 @@
 #include <optional>
 
 #include "calibration/lidar/bias_fit.h"
+#include "calibration/lidar/detection_fit.h"
 #include "calibration/lidar/range_noise.h"
 
 namespace rigor::calibration {
 
 struct RemissionFit {
   /// `remission_gain[i]` (where gains differ), `remission_scale` (surveyed reflectance), `remission_noise`,
-  /// `minimum_remission`. What is missing is named in not_identifiable. Residuals: of log units.
+  /// `minimum_remission`, `limit_remission`. What is missing is named in not_identifiable. Residuals: of log
+  /// units.
   FitResult result;
+  double limit_range_m = 0;  ///< where `limit_remission` is just seen
 };
 
 [[nodiscard]] RemissionFit fit_remission(const LidarReturns& returns, const models::LidarModel& sheet,
                                          const PlaneSearch& search, const BiasFit& bias,
                                          const NoiseFit* noise);
 
-struct DetectionEdge {
-  double at = 0, sigma = 0;
-  bool sharp = false;  ///< false: `at` is only what it is at most
+/// Relative noise of what the device tells, from repeated shots; its standard uncertainty.
+struct RemissionNoise {
+  double relative = 0, sigma = 0;
 };
-/// Where returns set in: the least of `values` for a threshold that is blurred by the noise of what the
-/// device tells (standard deviation `blur` at the edge). A threshold cuts the distribution off; where it runs
-/// out by itself instead (Poisson likelihoods 6 apart), there is only a bound. nullopt: too few values.
-[[nodiscard]] std::optional<DetectionEdge> detection_edge(std::vector<double> values, double blur,
-                                                          double step);
+[[nodiscard]] std::optional<RemissionNoise> remission_noise(const NoiseFit& noise,
+                                                            const models::LidarModel& sheet);
 
 }  // namespace rigor::calibration

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "calibration/lidar/lidar_fit.h"
+#include "calibration/tof/twin.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/recording_input.h"
 #include "rt-core/stop.h"
@@ -99,9 +100,17 @@ SheetRecipe recipe_of(const LidarFit& fit) {
                                                {"retro_sigma_m", "noise.retro_sigma_mm", 1e3},
                                                {"remission_noise", "remission.noise", 1.0},
                                                {"remission_scale", "remission.scale", 1.0},
+                                               {"walk_m", "range.walk_mm", 1e3},
+                                               {"oblique_m", "range.oblique_mm", 1e3},
+                                               {"range_scale", "range.scale", 1.0},
+                                               {"limit_remission", "detection.limit_remission", 1.0},
                                                {"minimum_remission", "detection.minimum_remission", 1.0}})
     place(parameter, path, scale, true);
+  if (f.find("limit_remission"))
+    r.set.emplace_back("detection.limit_range_m", exact_text(m.detection.limit_range_m));
   if (!fit.bias) return r;
+  if (!f.find("walk_m")) r.remove.emplace_back("range.walk_mm");
+  if (!f.find("oblique_m")) r.remove.emplace_back("range.oblique_mm");
   const BiasModel& k = fit.bias->model;
   if (k.offset) {
     r.remove.emplace_back("beams.bias_mm");
@@ -133,13 +142,6 @@ SheetRecipe recipe_of(const LidarFit& fit) {
     each("remission_gain", "beams.remission_gain", 1);
   }
   return r;
-}
-
-std::vector<double> thinned(const std::vector<double>& v, std::size_t most) {
-  std::vector<double> out;
-  const std::size_t every = std::max<std::size_t>(1, v.size() / most);
-  for (std::size_t i = 0; i < v.size(); i += every) out.push_back(v[i]);
-  return out;
 }
 
 std::vector<double> in_mm(std::vector<double> v) {
@@ -249,14 +251,12 @@ void bias_figures(const LidarFit& fit, const LidarReturns& returns, std::vector<
       .y_label = "residual [mm]"};
   Series was{"before", {}, {}, false}, is{"after", {}, {}, false};
   std::map<std::tuple<int, int, int>, std::array<double, 2>> cells;
-  std::vector<double> residuals;
   for (std::size_t i = 0; i < returns.all.size(); ++i) {
     if (!b.used[i]) continue;
-    residuals.push_back(1e3 * static_cast<double>(b.residual_m[i]));
     auto& c = cells[{fit.planes.label[i], returns.all[i].beam,
                      static_cast<int>(std::floor(static_cast<double>(returns.all[i].azimuth_rad) * 180 /
                                                  std::numbers::pi))}];
-    c[0] += residuals.back(), c[1] += 1;
+    c[0] += 1e3 * static_cast<double>(b.residual_m[i]), c[1] += 1;
   }
   double mean = 0;
   for (const BeamErrors& e : b.errors) mean += e.bias_m / static_cast<double>(b.errors.size());
@@ -269,15 +269,19 @@ void bias_figures(const LidarFit& fit, const LidarReturns& returns, std::vector<
   figures.push_back(before);
   Figure histogram{.kind = Figure::Kind::histogram,
                    .title = "Residuals on the walls",
-                   .caption = "Of single returns: noise, and the walls' own unevenness.",
+                   .caption =
+                       "Bars: single returns, noise and the walls' own unevenness. Line: the simulated "
+                       "twin by the fitted sheet where its beams meet the fitted walls.",
                    .x_label = "residual [mm]",
                    .y_label = "returns"};
-  histogram.series = {{"", {}, thinned(residuals, 100'000), false}};
+  const auto residuals = in_mm(fit.walls_m);
+  if (residuals.empty()) return;
+  histogram.series = {{"device", {}, residuals, false}, twin_curve(residuals, in_mm(fit.walls_twin_m))};
   figures.push_back(histogram);
   Figure quantiles{.kind = Figure::Kind::quantiles,
                    .title = "Q–Q plot of the residuals on the walls",
                    .caption = "On the line the residuals are normal."};
-  quantiles.series = histogram.series;
+  quantiles.series = {{"", {}, residuals, false}};
   figures.push_back(quantiles);
 }
 
@@ -320,6 +324,12 @@ nlohmann::json more_of(const LidarFit& fit, const LidarReturns& returns) {
   return j;
 }
 
+/// Quantiles of the device's deviations and of its twin's.
+nlohmann::json twin_of(const std::vector<double>& device, const std::vector<double>& twin) {
+  const auto d = quantiles_of(device), t = quantiles_of(twin);
+  return {{"quantiles", kTwinQuantiles}, {"device_m", d}, {"twin_m", t}};
+}
+
 int calibrate_lidar(const CalibrateLidarOptions& options) {
   const auto wrong = [&](const Error& e) { return report_error(e, options.json); };
   if (auto s = check_outputs(options); !s) return wrong(s.error());
@@ -360,14 +370,12 @@ int calibrate_lidar(const CalibrateLidarOptions& options) {
   if (!options.targets.empty()) product.inputs.push_back(options.targets);
   product.fit = fit->result;
   product.fit.warnings.insert(product.fit.warnings.begin(), input->warnings.begin(), input->warnings.end());
-  for (const char* name : {"walk_m", "oblique_m", "range_scale"})
-    if (product.fit.find(name))
-      product.fit.warnings.push_back(
-          std::string(name) + " is told in the section `calibration` alone: simulated LiDARs do not have it");
   product.recipe = recipe_of(*fit);
   bias_figures(*fit, input->returns, product.figures);
   noise_figures(*fit, product.figures);
   product.more = more_of(*fit, input->returns);
+  if (!fit->shots_m.empty()) product.more["twin_of_noise"] = twin_of(fit->shots_m, fit->twin_m);
+  if (!fit->walls_m.empty()) product.more["twin_on_walls"] = twin_of(fit->walls_m, fit->walls_twin_m);
   for (const WeakDirection& w : fit->result.weak)
     if (!w.cure.empty() && std::find(product.record_next.begin(), product.record_next.end(), w.cure) ==
                                product.record_next.end())

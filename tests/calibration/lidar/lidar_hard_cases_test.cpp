@@ -144,6 +144,47 @@ TEST(LidarHardCases, NoWallIsSaidAndNoBiasIsTold) {
   EXPECT_FALSE(fit_lidar(returns, sheet));
 }
 
+TEST(LidarHardCases, FarWallsAreFoundAsNearOnesAre) {
+  Truth t;
+  for (auto& w : t.walls) w.distance_m *= 12;
+  for (std::size_t b = 0; b < 16; ++b) t.model.scan.beams[b].range_bias_m = 0.003 * static_cast<double>(b);
+  const auto fit = fit_lidar(measure(t, 4, 2), sixteen_beams(), {.model = "beams", .noise_model = "offset"});
+  ASSERT_TRUE(fit) << fit.error().text();
+  EXPECT_GE(fit->bias->planes.size(), 3u);
+  double mean = 0;
+  if (fit->bias->common_bias_free)
+    for (int b = 0; b < 16; ++b) mean += 0.003 * b / 16;
+  for (std::size_t b = 0; b < 16; ++b) {
+    const Parameter* p = fit->result.find("beam_bias_m[" + std::to_string(b) + "]");
+    EXPECT_NEAR(p->value, 0.003 * static_cast<double>(b) - mean, 5 * p->sigma);
+    EXPECT_LT(p->sigma, 0.01);
+  }
+}
+
+TEST(LidarHardCases, WhatIsNoNumberTakesNoPart) {
+  Truth t;
+  LidarReturns returns = measure(t, 4, 6);
+  const auto plain = fit_lidar(returns, sixteen_beams(), {.model = "beams", .noise_model = "constant"});
+  ASSERT_TRUE(plain) << plain.error().text();
+  // A device that tells no remission: everything is taken as white, and nothing of remission is told.
+  for (auto& r : returns.all) r.remission = std::numeric_limits<float>::quiet_NaN();
+  const auto dark = fit_lidar(returns, sixteen_beams(), {.model = "beams", .noise_model = "constant"});
+  ASSERT_TRUE(dark) << dark.error().text();
+  for (const Parameter& p : dark->result.parameters) EXPECT_TRUE(std::isfinite(p.value)) << p.name;
+  EXPECT_EQ(dark->result.find("remission_noise"), nullptr);
+  EXPECT_NEAR(dark->result.find("beam_bias_m[3]")->value, plain->result.find("beam_bias_m[3]")->value, 0.002);
+  // Points that are no numbers are not collected.
+  ReturnCollector collector(t.model.scan);
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const std::vector<LidarPoint> points{{nan, 0, 0, 1, 0, 0, 0, 0},
+                                       {1, nan, 0, 1, 0, 1, 0, 0},
+                                       {1, 0, nan, 1, 0, 2, 0, 0},
+                                       {0, 0, 0, 1, 0, 3, 0, 0},
+                                       {2, 0, 0, 1, 0, 4, 0, 0}};
+  collector.add(points);
+  EXPECT_EQ(collector.take().all.size(), 1u);
+}
+
 TEST(RangeEquation, DerivativesAreThoseOfTheRange) {
   std::mt19937_64 random(3);
   std::uniform_real_distribution<double> u(-1, 1);

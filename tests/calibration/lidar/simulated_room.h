@@ -45,7 +45,6 @@ inline models::LidarModel sixteen_beams(double step_deg = 1) {
 struct Truth {
   models::LidarModel model = sixteen_beams();
   std::vector<Wall> walls = room();
-  double walk_m = 0, oblique_m = 0, scale = 1;
   double outliers = 0;  ///< share of returns that are anywhere
   double from_rad = -M_PI, to_rad = M_PI;
 };
@@ -80,10 +79,12 @@ inline LidarReturns measure(const Truth& t, int scans, std::uint64_t seed) {
         if (e < m.detection.minimum_remission) continue;
         const auto words = models::draw_words(key, models::NoiseEffect::lidar_echo,
                                               static_cast<std::uint64_t>(s), firing * 2);
-        double measured = t.scale * range + m.scan.beams[b].range_bias_m + t.walk_m * (1 - e) +
-                          t.oblique_m * (1 - cosine) +
-                          normal(words[0]) * Math::lidar_range_sigma_m(e, m.noise.floor_m, m.noise.scale_m,
-                                                                       m.noise.offset, m.noise.exponent);
+        double measured =
+            range +
+            Math::lidar_range_error_m(range, m.range.scale, m.scan.beams[b].range_bias_m + m.range.bias_m,
+                                      m.range.walk_m, e, m.range.oblique_m, cosine) +
+            normal(words[0]) * Math::lidar_range_sigma_m(e, m.noise.floor_m, m.noise.scale_m, m.noise.offset,
+                                                         m.noise.exponent);
         if (Draws::unit_from_bits(words[2]) < t.outliers)
           measured = 0.6 + 11 * Draws::unit_from_bits(words[3]);
         measured = Math::lidar_quantise(measured, m.range.step_m);
