@@ -6,7 +6,7 @@
 //
 // Time of flight: bench_calibration_tof.h.
 //
-//   bench_calibration [--json FILE] [--rounds N] [--only camera|tof]
+//   bench_calibration [--json FILE] [--rounds N] [--only camera|tof|lidar]
 #include <Eigen/SVD>
 #include <algorithm>
 #include <chrono>
@@ -19,6 +19,7 @@
 #include <string>
 #include <vector>
 
+#include "benches/bench_calibration_lidar.h"
 #include "benches/bench_calibration_tof.h"
 #include "calibration/camera/camera_fit.h"
 #include "tests/calibration/camera/board_scene.h"
@@ -173,11 +174,12 @@ int main(int argc, char** argv) {
     else if (key == "--only")
       only = argv[i + 1];
     else
-      give_up(key + ": expected --json FILE, --rounds N or --only camera|tof");
+      give_up(key + ": expected --json FILE, --rounds N or --only camera|tof|lidar");
   }
   nlohmann::json out = {{"bench", "calibration"}};
   if (only.empty() || only == "camera") out["camera"] = camera_rows(rounds);
   if (only.empty() || only == "tof") out["tof"] = bench::tof_rows();
+  if (only.empty() || only == "lidar") out["lidar"] = bench::lidar_rows();
   if (!json.empty()) {
     std::ofstream file(json);
     file << out.dump(2) << '\n';
