@@ -69,7 +69,11 @@ Result<json> inject(FaultBench& faults, const json& request) {
   if (!request.contains("fault") || !request["fault"].is_object())
     return fail(ErrorCode::bad_input, "fault",
                 "expected an object with the keys of a fault, as rigs have them");
-  const auto node = ConfigDocument::parse(request["fault"].dump(), "fault");
+  // As people write it, the kind first: events have it so.
+  std::string yaml = "{kind: " + request["fault"].value("kind", json()).dump();
+  for (const auto& [key, value] : request["fault"].items())
+    if (key != "kind") yaml += ", " + json(key).dump() + ": " + value.dump();
+  const auto node = ConfigDocument::parse(yaml + "}", "fault");
   if (!node) return tl::unexpected<Error>(node.error());
   const auto index = faults.inject(request.value("channel", ""), *node);
   if (!index) return tl::unexpected<Error>(index.error());
