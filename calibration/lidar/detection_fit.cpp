@@ -10,10 +10,14 @@ namespace rigor::calibration {
 std::optional<DetectionEdge> detection_edge(std::vector<double> values, double blur, double step) {
   std::erase_if(values, [](double v) { return !std::isfinite(v); });
   if (values.size() < 200) return std::nullopt;
-  std::sort(values.begin(), values.end());
+  const auto at_share = [&](std::size_t part) {
+    const auto i = values.begin() + static_cast<std::ptrdiff_t>(values.size() / part);
+    std::nth_element(values.begin(), i, values.end());
+    return *i;
+  };
   // The few that lie lowest may be anything; the window begins there and is as wide as some blurs, or as the
   // lowest two hundredths of the values need.
-  const double low = values[values.size() / 2000], span = values[values.size() / 50] - low;
+  const double low = at_share(2000), span = at_share(50) - low;
   const double width = std::max({step, 0.5 * blur, span / 40, 1e-12 * std::abs(low)});
   const double begin = low - 4 * std::max(blur, width);
   constexpr int kBins = 48;
@@ -102,36 +106,53 @@ class Sides {
 
   /// The floor, by returns nearer than `to_m`.
   [[nodiscard]] std::optional<DetectionEdge> floor(double to_m) const {
-    std::vector<double> v;
+    std::vector<double> v, r;
     for (std::size_t i = 0; i < e_.size(); ++i)
-      if (r_[i] < to_m) v.push_back(e_[i]);
-    return edge(std::move(v), 1);
+      if (r_[i] < to_m) v.push_back(e_[i]), r.push_back(r_[i]);
+    return edge(v, r, 1);
   }
   /// The limit, by returns from `from_m` on.
   [[nodiscard]] std::optional<DetectionEdge> limit(double from_m) const {
-    std::vector<double> v;
+    std::vector<double> v, r;
     double mean = 0;
     for (std::size_t i = 0; i < e_.size(); ++i)
       if (r_[i] >= from_m) {
         const double k = limit_range_m_ / std::max(r_[i], overlap_m_);
-        v.push_back(e_[i] * k * k), mean += k * k;
+        v.push_back(e_[i] * k * k), r.push_back(r_[i]), mean += k * k;
       }
-    mean /= std::max<double>(1, static_cast<double>(v.size()));
-    return edge(std::move(v), mean);
+    return edge(v, r, mean / std::max<double>(1, static_cast<double>(v.size())));
   }
 
  private:
   /// `unit`: of what the device tells, in these values.
-  [[nodiscard]] std::optional<DetectionEdge> edge(std::vector<double> v, double unit) const {
+  [[nodiscard]] std::optional<DetectionEdge> edge(const std::vector<double>& v, const std::vector<double>& r,
+                                                  double unit) const {
     if (v.size() < 200) return std::nullopt;
     unit *= unit_;
-    const auto at = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2000);
-    std::nth_element(v.begin(), at, v.end());
+    std::vector<double> low = v;
+    const auto at = low.begin() + static_cast<std::ptrdiff_t>(low.size() / 2000);
+    std::nth_element(low.begin(), at, low.end());
     auto e = detection_edge(v, relative_ * std::max(*at, unit), unit);
     // The blur is that of the edge, which is known now.
-    if (e && e->sharp) e = detection_edge(std::move(v), relative_ * e->at, unit);
-    if (e && !(e->sharp && e->at > 2 * unit)) e->sharp = false;
+    if (e && e->sharp) e = detection_edge(v, relative_ * e->at, unit);
+    if (e && e->sharp && !(e->at > 2 * unit && at_many_ranges(v, r, e->at))) e->sharp = false;
     return e;
+  }
+  /// Whether surfaces are dark and bright (a factor of two at least) and those at the edge at different
+  /// ranges: else it is the edge of a surface's own remission, or of the room.
+  [[nodiscard]] bool at_many_ranges(const std::vector<double>& v, const std::vector<double>& r,
+                                    double edge) const {
+    std::vector<double> near;
+    const double width = std::max(3 * relative_, 0.1);
+    for (std::size_t i = 0; i < v.size(); ++i)
+      if (std::abs(v[i] - edge) < width * edge) near.push_back(r[i]);
+    if (near.size() < 30) return false;
+    std::vector<double> bright = v;
+    const auto most = bright.begin() + static_cast<std::ptrdiff_t>(bright.size() * 49 / 50);
+    std::nth_element(bright.begin(), most, bright.end());
+    if (*most < 2 * edge) return false;
+    std::sort(near.begin(), near.end());
+    return near[near.size() * 9 / 10] > 1.5 * near[near.size() / 10];
   }
 
   const std::vector<double>&e_, &r_;

@@ -3,7 +3,7 @@
 // A floor, and a least received power: the remission needed grows with the square of range
 // (lidar.glsl.h: lidar_least_remission). Near, the returns of remission E set in at the floor; far, those of
 // E·(limit_range/range)² at `limit_remission`. Either, both or none is seen as an edge that is as sharp as
-// the noise of the remission allows.
+// the noise of the remission allows, among returns of many ranges.
 #pragma once
 
 #include <optional>

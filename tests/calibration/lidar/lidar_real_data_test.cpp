@@ -75,6 +75,19 @@ TEST(LidarRealData, NoiseOfAnLms511IsOneNumber) {
   EXPECT_EQ(fit->result.not_identifiable[0].first, "noise_slope");
 }
 
+/// Bright walls of a small room: what no surface there has is not what the device cannot see.
+TEST(LidarRealData, NoThresholdIsToldWhereTheRoomHasNoDarkSurfaces) {
+  for (const auto& [sheet, name] : {std::pair{"sick-lms511.yaml", "sick_lidar/20210301_lms511.json"},
+                                    {"sick-tim781s.yaml", "sick_lidar/20210125-tim781s-scandata.json"}}) {
+    NEED_RECORDING(name);
+    const Recording r = read(sheet, name);
+    const auto fit = fit_lidar(r.returns, r.sheet, {.noise_model = "constant"});
+    ASSERT_TRUE(fit) << fit.error().text();
+    for (const char* p : {"minimum_remission", "limit_remission"})
+      EXPECT_EQ(fit->result.find(p), nullptr) << name << ": " << p << " " << fit->result.find(p)->value;
+  }
+}
+
 TEST(LidarRealData, NoiseOfATim781s) {
   NEED_RECORDING("sick_lidar/20210125-tim781s-scandata.json");
   const Recording r = read("sick-tim781s.yaml", "sick_lidar/20210125-tim781s-scandata.json");
