@@ -93,7 +93,7 @@ void PhotonProblem::say_not_identifiable(const PhotonModel& m) {
     const Parameter* read = r.find("read_noise_e");
     double least = 1e300;
     for (const std::size_t k : of(false)) least = std::min(least, st_.points[k].variance_dn2);
-    if (least <= 0.005)
+    if (least < kNoNoise_dn2)
       say("read_noise_e",
           photon_text("the dark frames hardly change (variance %.2g DN²): their noise lies below "
                       "the converter's step",
@@ -123,6 +123,9 @@ void PhotonProblem::say_not_identifiable(const PhotonModel& m) {
               "average "
               "more of them",
               std::sqrt(std::max(0.0, st_.dark_pattern_dn2.value) + 2 * st_.dark_pattern_dn2.sigma) / gain));
+    if (const Parameter* d = r.find("dark_doubling_k"); plan_.doubling && d && !(d->sigma < 0.3 * d->value))
+      say("dark_doubling_k",
+          "the dark current is not seen well enough at two temperatures: take longer dark exposures");
     if (plan_.dark_current && !plan_.doubling)
       say("dark_doubling_k", "all dark frames are of one temperature, or of none that is known");
   } else {

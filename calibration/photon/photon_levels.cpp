@@ -42,12 +42,14 @@ Whitening PhotonProblem::whitening(std::size_t k, const PhotonModel& m) const {
     vm += std::max(0.0, bent) / p.pixels;
     vv += std::max(0.0, p.fourth_dn4 - p.variance_dn2 * p.variance_dn2) / p.pixels;
   }
+  // Without noise the mean stands on a step of the converter, somewhere in it.
+  if (p.variance_dn2 < kNoNoise_dn2) vm += 1.0 / 12;
   const double limit = 0.99 * std::sqrt(vm * vv);
   const double c = std::clamp(third / samples, -limit, limit);
   w.l11 = std::sqrt(vm);
   w.l21 = c / w.l11;
   w.l22 = std::sqrt(vv - w.l21 * w.l21);
-  w.with_variance = p.variance_dn2 > 0.005;
+  w.with_variance = p.variance_dn2 >= kNoNoise_dn2;
   return w;
 }
 
@@ -67,6 +69,13 @@ void PhotonProblem::unround_dark_pattern(const PhotonModel& m) {
     total += levels.back().weight;
   }
   if (read_dn2 > 0.5 || levels.empty()) return;
+  for (const std::size_t k : of(false))
+    if (st_.points[k].variance_dn2 < kNoNoise_dn2) {
+      // Nothing dithers the steps: a pixel shows on which side of one it lies, and no more.
+      plan_.dsnu = false;
+      plan_.dsnu_rounded = true;
+      return;
+    }
   // Of the mean picture that a pattern of standard deviation `dn` gives.
   const auto rounded = [&](double dn) {
     double mean = 0, square = 0, sum = 0;

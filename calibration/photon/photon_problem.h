@@ -15,6 +15,9 @@ namespace rigor::calibration {
 /// Of PhotonModel::p.
 enum PhotonParameter : std::size_t { kGain, kBlack, kRead, kDark, kDoubling, kOffset, kModelParameters };
 
+/// Below it a temporal variance is that of a few pixels on the edge of a step.
+inline constexpr double kNoNoise_dn2 = 0.02;
+
 [[nodiscard]] std::string photon_text(const char* format, double a, double b = 0, double c = 0);
 
 /// Whitens (mean, variance) by the Cholesky factor of their covariance.

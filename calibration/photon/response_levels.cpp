@@ -3,11 +3,23 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <set>
 
 #include "calibration/photon/photon_problem.h"
 
 namespace rigor::calibration {
+
+namespace {
+
+/// Standard uncertainty of a level's mean; where there is hardly noise, it stands on a step of the converter.
+double mean_sigma(const LevelPoint& p) {
+  const double noise = std::max(0.0, p.variance_dn2 - 1.0 / 12) + p.pixel_variance_dn2;
+  const double step = std::exp(-2 * std::numbers::pi * std::numbers::pi * noise) * 0.29;
+  return std::hypot(step, std::sqrt(std::max(1e-6, p.variance_dn2) / (p.pixels * p.frames)));
+}
+
+}  // namespace
 
 void PhotonProblem::look_for_bend(double black_dn) {
   double top = out_.saturation_signal_dn.value_or(0);
@@ -16,18 +28,13 @@ void PhotonProblem::look_for_bend(double black_dn) {
       top = std::max(top, p.mean_dn - black_dn);
   const bool saturates = out_.saturation_signal_dn.has_value();
   double black_sigma = 0;
-  for (const std::size_t k : of(false))
-    black_sigma = std::max(
-        black_sigma, std::sqrt(st_.points[k].variance_dn2 / (st_.points[k].pixels * st_.points[k].frames)));
+  for (const std::size_t k : of(false)) black_sigma = std::max(black_sigma, mean_sigma(st_.points[k]));
   std::set<double> exposures;
   for (const LevelPoint& p : st_.points) {
     const PhotonFrame& s = stacks_.levels()[p.level].settings;
     const double signal = p.mean_dn - black_dn;
     if (!s.light || !p.usable || signal < 0.05 * top || (saturates && signal > 0.9 * top)) continue;
-    bend_.points.push_back(
-        {s.exposure_s, signal,
-         std::hypot(black_sigma, std::sqrt(std::max(1e-6, p.variance_dn2) / (p.pixels * p.frames))),
-         p.phase});
+    bend_.points.push_back({s.exposure_s, signal, std::hypot(black_sigma, mean_sigma(p)), p.phase});
     exposures.insert(s.exposure_s);
   }
   if (exposures.size() < 5 || !plan_.dark_level) return;

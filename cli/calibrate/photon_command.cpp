@@ -124,6 +124,10 @@ int calibrate_photon(const CalibratePhotonOptions& options) {
   std::size_t number = 0;
   const auto input = read_photon_pictures(options, options.input, [&](const PhotonPicture& p) -> Status {
     if (!options.json) line.show(fmt::format("reading: {} frames", ++number));
+    if (options.bits > p.bits && p.bits > 0)
+      return fail(
+          ErrorCode::bad_input, "--bits",
+          fmt::format("expected at most the {} bits of {}, got {}", p.bits, p.frame.name, options.bits));
     if (options.bits == 0) bits = std::max(bits, p.bits);
     mosaic = mosaic || (p.mosaic && !options.grey);
     return stacks.add(p.frame, p.pixels, p.width_px, p.height_px);

@@ -524,6 +524,32 @@ TEST(PhotonFit, CopiesAreLeftOutAndNamed) {
       << fit.error().text();
 }
 
+/// Eight bits with 0.06 DN of noise: dark frames stand still. No noise of 0, no black level to a thousandth.
+TEST(PhotonFit, NoiseFarBelowTheStepIsNoNumber) {
+  CameraModel m = noisy_camera();
+  m.noise.adc_bits = 8;
+  m.noise.system_gain_dn_per_e = 0.025;
+  m.noise.black_level_dn = 4.3;
+  m.noise.dsnu_e = 1;
+  m.noise.full_well_e = 20000;
+  Bench bench(m, 4);
+  FrameStacks stacks;
+  Series s;
+  s.dark_s = {0.002, 0.02};
+  take(stacks, bench, s);
+  const auto fit = fit_photon(stacks, {.bits = 8});
+  ASSERT_TRUE(fit) << fit.error().text();
+  const FitResult& r = fit->result;
+  EXPECT_EQ(r.model, "one_gain") << all_words(r);
+  EXPECT_TRUE(not_identifiable(r, "read_noise_e", "below the converter's step")) << all_words(r);
+  EXPECT_FALSE(r.find("read_noise_e"));
+  EXPECT_FALSE(r.find("dsnu_e"));
+  ASSERT_TRUE(r.find("black_level_dn"));
+  EXPECT_NEAR(r.find("black_level_dn")->value, 4.3, 4 * r.find("black_level_dn")->sigma);
+  EXPECT_GT(r.find("black_level_dn")->sigma, 0.01) << "the statistics of frames that stand still say 0.0001";
+  EXPECT_NEAR(r.find("system_gain_dn_per_e")->value, 0.025, 4 * r.find("system_gain_dn_per_e")->sigma);
+}
+
 TEST(PhotonFit, DarkFramesAloneGiveNothingInElectrons) {
   Bench bench(noisy_camera(), 1);
   FrameStacks stacks;
