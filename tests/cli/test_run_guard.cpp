@@ -2,18 +2,23 @@
 // could wait.
 #include <gtest/gtest.h>
 
+#include <functional>
+#include <thread>
+
 #include "cli/assembly.h"
 #include "cli/backends.h"
 #include "cli/recording.h"
 #include "rt-core/realtime_guard.h"
+#include "sensor-hal/channel/fault_bench.h"
 #include "tests/cli/command.h"
 
 namespace rigor {
 namespace {
 
-TEST(RunGuard, TheDemosLoopDoesNotAllocateLockFaultOrBlock) {
+/// Two seconds of a rig on the wall clock; `meanwhile` runs on a thread of its own.
+void run_under_guard(const std::string& file, const std::function<void(RunParts&)>& meanwhile = {}) {
   test::TempDir dir;
-  auto rig = load_rig(test::config("demo.yaml"), {});
+  auto rig = load_rig(test::config(file), {});
   ASSERT_TRUE(rig) << rig.error().text();
   rig->duration = seconds(2);
   rig->record.file = dir / "run.mcap";
@@ -38,7 +43,10 @@ TEST(RunGuard, TheDemosLoopDoesNotAllocateLockFaultOrBlock) {
   const Status installed = guard::install();
   ASSERT_TRUE(installed) << installed.error().text();
   guard::clear();
+  std::thread other;
+  if (meanwhile) other = std::thread([&] { meanwhile(parts); });
   auto outcome = run.run({}, t0);
+  if (other.joinable()) other.join();
   const guard::Report report = guard::report();
   guard::uninstall();
   ASSERT_TRUE(outcome) << outcome.error().text();
@@ -52,6 +60,33 @@ TEST(RunGuard, TheDemosLoopDoesNotAllocateLockFaultOrBlock) {
   EXPECT_TRUE(run.stop());
   EXPECT_TRUE((*recorder)->stop());
   for (auto& e : emulators) EXPECT_TRUE(e->stop());
+}
+
+TEST(RunGuard, TheDemosLoopDoesNotAllocateLockFaultOrBlock) { run_under_guard("demo.yaml"); }
+
+TEST(RunGuard, NorDoesALoopWithFaultsScheduledAndInjected) {
+  run_under_guard("rigs/faults.yaml", [](RunParts& parts) {
+    const auto inject = [&](const std::string& channel, const std::string& yaml) {
+      const auto node = ConfigDocument::parse(yaml, "fault");
+      ASSERT_TRUE(node);
+      const auto injected = parts.faults->inject(channel, *node);
+      EXPECT_TRUE(injected) << injected.error().text();
+    };
+    for (int round = 0; round < 5; ++round) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(500));
+      for (const char* channel : {"right", "left.real", "left.simulated"}) {
+        inject(channel, "{kind: noise, sigma_dn: 9}");
+        inject(channel, "{kind: delay, delay_ms: 30, probability: 0.5}");
+        inject(channel, "{kind: corrupt, flips: 100, for_s: 0.2}");
+      }
+      inject("turntable", "{kind: jitter, shape: normal, mean_ms: 8, sigma_ms: 3}");
+      inject("turntable", "{kind: stuck, for_s: 0.1}");
+      inject("turntable", "{kind: slow_consumer, mode: hold, leases: 4}");
+      inject("table_command", "{kind: noise, value: target_rate, sigma: 2}");
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+      EXPECT_TRUE(parts.faults->clear(""));
+    }
+  });
 }
 
 }  // namespace
