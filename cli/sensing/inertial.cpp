@@ -45,12 +45,15 @@ BodyState body_of(const Mount& mount, BenchTime t_start, BenchTime t) {
 /// Poses of what turns with a node of the world, or moves on a platform, are differentiated over this.
 constexpr Duration kHalfStep = milliseconds(5);
 
+/// Whether a mount's way is known from the world alone, which takes a lock.
+bool asks_the_world(const Mount& mount) { return mount.parent || (mount.body >= 0 && mount.moves()); }
+
 Carrier carrier_of(const Mount& mount, SensorWorld& world) {
-  if (mount.body < 0 && !mount.parent)
+  if (mount.body < 0 && !asks_the_world(mount))
     return [mount](const SampleProvider::Request& request, BenchTime t) {
       return carried_by(body_of(mount, request.t_start, t), t, Eigen::Isometry3d::Identity());
     };
-  if (mount.body >= 0 && !mount.moves())
+  if (mount.body >= 0 && !asks_the_world(mount))
     return [body = static_cast<std::size_t>(mount.body), T = mount.T_parent_sensor](
                const SampleProvider::Request& request, BenchTime t) {
       return body < request.motion.body_count ? carried_by(request.motion.body[body], t, T)
@@ -120,12 +123,14 @@ Result<std::shared_ptr<SampleProvider>> make_inertial(SampleKind kind, const Con
   auto made = catch_config([&]() -> std::shared_ptr<SampleProvider> {
     expect_sheet(params, kind);
     const std::filesystem::path file = params.base_dir() / params.text("sensor");
-    const InertialSpec spec{setup.name, setup.seed, setup.period, setup.ideal};
+    InertialSpec spec{setup.name, setup.seed, setup.period, setup.ideal};
     if (kind == SampleKind::odometry) {
       const auto model = value_or_throw(load_odometry_model(file));
       return std::make_shared<OdometrySimulator>(spec, model, wheels_of(params, setup, model, world));
     }
-    const Carrier carrier = carrier_of(read_mount(params, world, SensorAxes::forward), world);
+    const Mount mount = read_mount(params, world, SensorAxes::forward);
+    const Carrier carrier = carrier_of(mount, world);
+    spec.immediate = !asks_the_world(mount);
     const std::optional<GeoOrigin> origin = origin_of(params, world);
     if (kind == SampleKind::imu) {
       const auto model = value_or_throw(load_imu_model(file));

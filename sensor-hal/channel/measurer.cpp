@@ -111,6 +111,7 @@ class SampleMeasurer final : public Measurer {
     return {};
   }
 
+  [[nodiscard]] bool immediate() const override { return provider_->immediate(); }
   Status measure(const SampleProvider::Request& request, Sample& sample) override {
     return provider_->capture(request, sample);
   }

@@ -13,6 +13,8 @@ class Measurer {
   virtual ~Measurer() = default;
   /// Reads the kind's own keys and describes what comes. May throw ConfigError. Setup thread.
   virtual Status configure(const ChannelConfig& config, ChannelDescription& description) = 0;
+  /// As SampleProvider::immediate.
+  [[nodiscard]] virtual bool immediate() const { return false; }
   /// Fills info, memory and size; the stamp is the caller's. One thread at a time.
   virtual Status measure(const SampleProvider::Request& request, Sample& sample) = 0;
 };

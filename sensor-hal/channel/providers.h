@@ -103,6 +103,9 @@ class SampleProvider {
   /// Of a LiDAR: where and when each of its firings looks (sensor-hal/models/lidar/scan_grid.h finds the
   /// firing of a point); nullptr where there is none.
   [[nodiscard]] virtual const models::LidarScan* scan() const { return nullptr; }
+  /// Whether `capture` is a matter of microseconds and neither allocates nor locks: the bench then measures
+  /// on the loop's thread, and such samples never wait for workers that are busy with pictures.
+  [[nodiscard]] virtual bool immediate() const { return false; }
   /// Fills info, memory and size of the sample; its stamp is the caller's.
   [[nodiscard]] virtual Status capture(const Request& request, Sample& sample) = 0;
 };

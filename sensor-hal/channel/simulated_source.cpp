@@ -45,6 +45,7 @@ Status SimulatedSource::do_configure(const ChannelConfig& config) {
 
 Status SimulatedSource::do_arm(const ArmContext& context) {
   virtual_time_ = context.virtual_time;
+  immediate_ = measurer_->immediate();
   if (!pool_ || pool_->size() != slots_ || pool_bytes_ != description_.max_bytes) {
     // Somebody may still hold pictures of the last run: their memory stays as long as the source does.
     if (pool_ && pool_->in_use() != 0) retired_.push_back(std::move(pool_));
@@ -124,7 +125,7 @@ void SimulatedSource::begin_cycle(BenchTime now) noexcept {
 
 bool SimulatedSource::request_at(std::uint64_t index, BenchTime t_capture) noexcept {
   if (!running_) return false;
-  if (!virtual_time_ && strand_->backlog() > max_backlog_) {
+  if (!virtual_time_ && !immediate_ && strand_->backlog() > max_backlog_) {
     health_.lost.fetch_add(1, std::memory_order_relaxed);
     ++lost_before_;
     return false;
@@ -149,6 +150,10 @@ bool SimulatedSource::request_at(std::uint64_t index, BenchTime t_capture) noexc
   request.what.t_start = t_start_;
   if (motion_) request.what.motion = motion_->motion_at(t_capture);
   request.lost_before = std::exchange(lost_before_, 0);
+  if (immediate_) {
+    measure(request);
+    return true;
+  }
   releases_[dispatched_ % releases_.size()] = t_capture + latency_;
   // There is a place for each slot, so this cannot fail.
   if (!requests_->try_push(std::move(request))) {
@@ -162,7 +167,10 @@ bool SimulatedSource::request_at(std::uint64_t index, BenchTime t_capture) noexc
 
 void SimulatedSource::measure_next() {
   Request request;
-  if (!requests_->try_pop(request)) return;
+  if (requests_->try_pop(request)) measure(request);
+}
+
+void SimulatedSource::measure(Request& request) {
   Sample& sample = request.slot.edit();
   const SampleProvider::Request& r = request.what;
   const Status captured = measurer_->measure(r, sample);

@@ -2,7 +2,8 @@
 //
 //   grid     t0 + phase + k·period                         capture index k is the sample's sequence
 //   cycle    the first one at or after that instant        reads the motion, takes a slot, queues the request
-//   worker   measures into the slot                        whenever it gets to it
+//   worker   measures into the slot                        whenever it gets to it; what is immediate
+//                                                          (SampleProvider) the loop measures itself
 //   loop     polls it, ready long before t_release = t_capture + latency, or late
 //
 // What is measured depends on the request alone: capture index, instant, motion, exposure. So the samples of
@@ -74,6 +75,7 @@ class SimulatedSource final : public FollowerSource {
   Status do_start(BenchTime t0) override;
   Status do_stop() override;
   void measure_next();
+  void measure(Request& request);
   Status warm_up();
 
   std::unique_ptr<Measurer> measurer_;
@@ -87,6 +89,7 @@ class SimulatedSource final : public FollowerSource {
 
   // the run
   bool virtual_time_ = false;
+  bool immediate_ = false;
   bool running_ = false;
   BenchTime t_start_;
   BenchTime next_capture_;

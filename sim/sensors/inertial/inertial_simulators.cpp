@@ -43,6 +43,7 @@ models::OdometryModel without_errors(models::OdometryModel m) {
 ImuSimulator::ImuSimulator(const InertialSpec& spec, const models::ImuModel& model, const Earth& earth,
                            Carrier carrier)
     : name_(spec.name),
+      immediate_(spec.immediate),
       errors_(spec.ideal ? without_errors(model) : model, key_of(spec), spec.period),
       earth_(earth),
       carrier_(std::move(carrier)) {}
@@ -67,6 +68,7 @@ GnssSimulator::GnssSimulator(const InertialSpec& spec, const models::GnssModel& 
                              const GeoOrigin& origin, Carrier carrier,
                              std::function<double(const Eigen::Vector3d&)> canopy)
     : name_(spec.name),
+      immediate_(spec.immediate),
       errors_(spec.ideal ? without_errors(model) : model, key_of(spec), spec.period),
       frame_(origin.latitude_deg, origin.longitude_deg, origin.height_m),
       carrier_(std::move(carrier)),
@@ -126,6 +128,7 @@ WheelSource wheels_of_motion(const models::OdometryModel& model, double forward_
 OdometrySimulator::OdometrySimulator(const InertialSpec& spec, const models::OdometryModel& model,
                                      WheelSource wheels)
     : name_(spec.name),
+      immediate_(spec.immediate),
       device_(spec.ideal ? without_errors(model) : model, key_of(spec), spec.period),
       wheels_(std::move(wheels)) {}
 

@@ -21,18 +21,21 @@ namespace rigor {
 struct InertialSpec {
   std::string name;  ///< keys the noise, with the seed
   std::uint64_t seed = 0;
-  Duration period;     ///< between captures, > 0
-  bool ideal = false;  ///< without the model's errors and delay
+  Duration period;        ///< between captures, > 0
+  bool ideal = false;     ///< without the model's errors and delay
+  bool immediate = true;  ///< the carrier neither allocates nor locks
 };
 
 class ImuSimulator final : public SampleProvider {
  public:
   ImuSimulator(const InertialSpec& spec, const models::ImuModel& model, const Earth& earth, Carrier carrier);
   [[nodiscard]] Geometry geometry() const override;
+  [[nodiscard]] bool immediate() const override { return immediate_; }
   [[nodiscard]] Status capture(const Request& request, Sample& sample) override;
 
  private:
   std::string name_;
+  bool immediate_;
   models::ImuErrors errors_;
   Earth earth_;
   Carrier carrier_;
@@ -44,10 +47,12 @@ class GnssSimulator final : public SampleProvider {
   GnssSimulator(const InertialSpec& spec, const models::GnssModel& model, const GeoOrigin& origin,
                 Carrier carrier, std::function<double(const Eigen::Vector3d& p_world)> canopy = {});
   [[nodiscard]] Geometry geometry() const override;
+  [[nodiscard]] bool immediate() const override { return immediate_; }
   [[nodiscard]] Status capture(const Request& request, Sample& sample) override;
 
  private:
   std::string name_;
+  bool immediate_;
   models::GnssErrors errors_;
   GeographicLib::LocalCartesian frame_;
   Carrier carrier_;
@@ -66,10 +71,12 @@ class OdometrySimulator final : public SampleProvider {
  public:
   OdometrySimulator(const InertialSpec& spec, const models::OdometryModel& model, WheelSource wheels);
   [[nodiscard]] Geometry geometry() const override;
+  [[nodiscard]] bool immediate() const override { return immediate_; }
   [[nodiscard]] Status capture(const Request& request, Sample& sample) override;
 
  private:
   std::string name_;
+  bool immediate_;
   models::OdometryDevice device_;
   WheelSource wheels_;
 };

@@ -294,6 +294,56 @@ TEST(SimulatedSource, WarnsWhenASampleTakesLongerThanItsLatency) {
   EXPECT_TRUE(warnings(milliseconds(12), true).empty()) << "virtual time waits for every sample";
 }
 
+/// Samples that need no worker.
+class ImmediateSamples final : public SampleProvider {
+ public:
+  Geometry geometry() const override { return {SampleKind::imu, 0, 0, 0, "imu"}; }
+  bool immediate() const override { return true; }
+  Status capture(const Request& r, Sample& sample) override {
+    measured_by = std::this_thread::get_id();
+    sample.info = ImuSample{{static_cast<double>(r.index), 0, 0}, {}};
+    return {};
+  }
+  std::thread::id measured_by;
+};
+
+TEST(SimulatedSource, MeasuresWhatIsImmediateWithoutWaitingForWorkers) {
+  WorkerPool pool(1);
+  std::atomic<bool> go_on{false};
+  auto busy = pool.make_strand([&] {
+    while (!go_on) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  });
+  busy->submit();  // the only worker is at a picture
+  struct Release {
+    std::atomic<bool>& flag;
+    ~Release() { flag = true; }
+  } release{go_on};
+  auto imu = std::make_shared<ImmediateSamples>();
+  for (const bool virtual_time : {false, true}) {
+    SimulatedSource source(imu, nullptr, pool);
+    ChannelConfig c = test::sample_config(SampleKind::imu, "");
+    c.period = milliseconds(2);
+    c.latency = milliseconds(1);
+    ASSERT_TRUE(source.configure(c));
+    ASSERT_TRUE(source.arm({.virtual_time = virtual_time}));
+    const BenchTime t0(1'000'000'000);
+    ASSERT_TRUE(source.start(t0));
+    for (int i = 0; i < 100; ++i) {
+      const BenchTime now = t0 + milliseconds(2) * i;
+      source.begin_cycle(now);
+      if (virtual_time) source.complete_until(now);
+      const SampleLease sample = source.poll(now);
+      ASSERT_TRUE(sample) << i;
+      EXPECT_EQ(sample->stamp.sequence, static_cast<std::uint64_t>(i));
+      EXPECT_EQ(sample->as<ImuSample>()->specific_force_mps2[0], i);
+      EXPECT_EQ(sample->stamp.t_release, now + milliseconds(1));
+    }
+    EXPECT_EQ(source.health().lost.load(), 0u);
+    ASSERT_TRUE(source.stop());
+  }
+  EXPECT_EQ(imu->measured_by, std::this_thread::get_id());
+}
+
 TEST(SimulatedSource, TellsTheSampleProviderInstantMotionAndStart) {
   test::TurningJoint joint;
   WorkerPool pool(1);
