@@ -97,7 +97,8 @@ class RangeProblem {
                     double cauchy) const;
   /// Returns the square of the step in standard uncertainties: below a ten-thousandth the next one, whose
   /// length goes with the square of this one's, is none.
-  double step(const RangeModel& m, RangeState& s, const Normal& n, const std::vector<bool>* take) const;
+  double step(const RangeModel& m, RangeState& s, const Normal& n, const std::vector<bool>* take,
+              double damping = 0) const;
   void add_priors(const RangeModel& m, const RangeState& s, Eigen::MatrixXd& h, Eigen::VectorXd* b,
                   const std::vector<bool>* take) const;
   [[nodiscard]] double robust_scale(const RangeModel& m, const RangeState& s) const;

@@ -185,8 +185,8 @@ void RangeProblem::add_priors(const RangeModel& m, const RangeState& s, Eigen::M
   }
 }
 
-double RangeProblem::step(const RangeModel& m, RangeState& s, const Normal& n,
-                          const std::vector<bool>* take) const {
+double RangeProblem::step(const RangeModel& m, RangeState& s, const Normal& n, const std::vector<bool>* take,
+                          double damping) const {
   const Eigen::Index globals = parameters(m);
   const double inverse = 1 / (s.scale * s.scale);
   double decrement = 0;
@@ -199,6 +199,7 @@ double RangeProblem::step(const RangeModel& m, RangeState& s, const Normal& n,
     Eigen::MatrixXd h = n.h * inverse, c;
     Eigen::VectorXd b = n.b * inverse;
     add_priors(m, s, h, &b, take);
+    h.diagonal() *= 1 + damping;
     move = solve_symmetric(h, b, &c);
     decrement = b.dot(move);
     if (!estimate) break;
@@ -223,12 +224,19 @@ double RangeProblem::step(const RangeModel& m, RangeState& s, const Normal& n,
     s.distance_sigma_m = next;
     if (stays) break;
   }
+  // Along a direction that is hardly determined a step may lead anywhere: shorter, and the same way.
+  double longest = 0;
+  if (!m.spline && m.harmonics > 0) longest = move.head(m.harmonics).cwiseAbs().maxCoeff();
+  for (std::size_t k = 0; k < scenes_.size(); ++k)
+    longest = std::max(longest,
+                       move.segment<2>(globals + 3 * static_cast<Eigen::Index>(k) + 1).cwiseAbs().maxCoeff());
+  if (longest > 0.1) move *= 0.1 / longest;
   Eigen::Index at = 0;
   if (m.spline) {
     for (std::size_t j = 1; j < s.spline.size(); ++j) s.spline[j] += move[at++];
   } else {
     for (std::size_t j = 0; j < static_cast<std::size_t>(m.harmonics); ++j)
-      s.harmonics[j] = std::clamp(s.harmonics[j] + std::clamp(move[at++], -0.1, 0.1), -0.9, 0.9);
+      s.harmonics[j] = std::clamp(s.harmonics[j] + move[at++], -0.9, 0.9);
   }
   if (m.amplitude) s.amplitude_m += move[at++];
   for (std::size_t k = 0; k < scenes_.size(); ++k) {
@@ -237,18 +245,40 @@ double RangeProblem::step(const RangeModel& m, RangeState& s, const Normal& n,
       continue;
     }
     s.error_m[k] += move[at++];
-    s.tilt_x[k] = std::clamp(s.tilt_x[k] + std::clamp(move[at++], -0.1, 0.1), -0.9, 0.9);
-    s.tilt_y[k] = std::clamp(s.tilt_y[k] + std::clamp(move[at++], -0.1, 0.1), -0.9, 0.9);
+    s.tilt_x[k] = std::clamp(s.tilt_x[k] + move[at++], -0.9, 0.9);
+    s.tilt_y[k] = std::clamp(s.tilt_y[k] + move[at++], -0.9, 0.9);
   }
   return decrement;
 }
 
 void RangeProblem::solve(const RangeModel& m, RangeState& s, int iterations, std::size_t stride,
                          const std::vector<bool>* take) const {
-  double decrement = std::numeric_limits<double>::infinity();
+  double decrement = std::numeric_limits<double>::infinity(), damping = 0;
+  RangeState best;
+  Normal n_best;
+  double least = std::numeric_limits<double>::infinity();
+  const auto cost_of = [&](const Normal& n) {
+    double errors = 0;
+    for (const double e : s.error_m) errors += e * e;
+    const double sigma = std::max(s.distance_sigma_m, 1e-12 * wrap_m_);
+    return n.squares + s.scale * s.scale * errors / (sigma * sigma);
+  };
   for (int i = 0;; ++i) {
-    const Normal n = accumulate(m, s, stride, take, 0);
+    Normal n = accumulate(m, s, stride, take, 0);
     if (n.samples == 0) return;
+    // A step that made it worse is taken back and made shorter (Levenberg and Marquardt).
+    const double cost = cost_of(n);
+    if (cost > 1.0001 * least) {
+      s = best;
+      if (i < iterations) {
+        damping = std::max(1e-3, 10 * damping);
+        step(m, s, n_best, take, damping);
+        decrement = std::numeric_limits<double>::infinity();
+        continue;
+      }
+      n = n_best;
+    }
+    damping = damping > 1e-3 ? damping / 10 : 0;
     const double freedom = static_cast<double>(n.samples) - static_cast<double>(n.pixels) - parameters(m);
     // With one sample a pixel nothing is left to take the scale from.
     s.scale = freedom > 0 ? std::sqrt(std::max(n.squares, 0.0) / freedom) : 1;
@@ -274,7 +304,11 @@ void RangeProblem::solve(const RangeModel& m, RangeState& s, int iterations, std
                                    log_determinant(h.bottomRightCorner(rest, rest)) - w.array().log().sum();
       return;
     }
-    decrement = step(m, s, n, take);
+    best = s;
+    least = cost;
+    decrement = step(m, s, n, take, damping);
+    if (damping > 0) decrement = std::numeric_limits<double>::infinity();
+    n_best = std::move(n);
   }
 }
 

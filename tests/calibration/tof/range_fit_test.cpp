@@ -6,46 +6,11 @@
 
 #include "calibration/tof/saturation.h"
 #include "calibration/tof/twin.h"
+#include "tests/calibration/tof/calibrated.h"
 #include "tests/calibration/tof/coverage.h"
-#include "tests/calibration/tof/synthetic_tof.h"
 
 namespace rigor::calibration {
 namespace {
-
-const std::vector<double> kDistances{0.7, 0.95, 1.2, 1.45, 1.7, 1.95, 2.2, 2.45};
-
-struct Fitted {
-  TofScenes scenes;
-  LocalNoise noise;
-  NoiseLawFit law;
-  RangeFit ranges;
-};
-
-/// The whole way, as the command goes it.
-Result<Fitted> calibrate(std::vector<TofFrame> frames, const models::TofModel& model,
-                         const RangeFitOptions& options, NoiseLaw law = NoiseLaw::shot_read) {
-  Fitted out;
-  auto scenes = sort_scenes(std::move(frames), {});
-  if (!scenes) return tl::unexpected<Error>(scenes.error());
-  out.scenes = std::move(*scenes);
-  auto noise = temporal_noise(out.scenes, model);
-  if (!noise) return tl::unexpected<Error>(noise.error());
-  out.noise = std::move(*noise);
-  auto fit = fit_noise_law(out.noise.bins, {.laws = {law}});
-  if (!fit) return tl::unexpected<Error>(fit.error());
-  out.law = std::move(*fit);
-  auto ranges = fit_ranges(out.scenes, model, &out.law.noise, options);
-  if (!ranges) return tl::unexpected<Error>(ranges.error());
-  out.ranges = std::move(*ranges);
-  return out;
-}
-
-models::TofModel nominal(models::TofModel m) {
-  m.modulation.waveform = models::TofWaveform::sine;
-  m.modulation.harmonics = {};
-  m.pixel.range_offset_sigma_m = 0;
-  return m;
-}
 
 TEST(RangeFit, RecoversHarmonicsOffsetAndPatternWithTrueUncertainties) {
   Coverage ranges, noise;
@@ -68,13 +33,6 @@ TEST(RangeFit, RecoversHarmonicsOffsetAndPatternWithTrueUncertainties) {
   }
   ranges.expect_true();
   noise.expect_true();
-}
-
-RangeFitOptions only(RangeModel m, double distance_sigma_m = 1e-3) {
-  RangeFitOptions o;
-  o.models = {m};
-  o.distance_sigma_m = distance_sigma_m;
-  return o;
 }
 
 TEST(RangeFit, AtASingleDistanceNamesTheDirectionThatIsFree) {
@@ -108,6 +66,21 @@ TEST(RangeFit, ChoosesTheHarmonicsThatAreThere) {
   EXPECT_EQ(none->ranges.result.model, "none");
 }
 
+TEST(RangeFit, SaysWhichHarmonicsAreNotToldApart) {
+  // Harmonics 3 and 5 differ in the second order of their own size: weak ones of the same error do not.
+  SyntheticTof t{.model = small_tof(), .offset_m = 0.02, .distance_sigma_m = 1e-3};
+  const auto fit = calibrate(record_plane(t, kDistances, 4, 2), nominal(t.model), only({4, false, false}));
+  ASSERT_TRUE(fit) << fit.error().text();
+  const FitResult& r = fit->ranges.result;
+  ASSERT_FALSE(r.weak.empty());
+  EXPECT_GT(r.find("harmonic_3")->sigma, 0.02);
+  bool both = false;
+  for (const WeakDirection& w : r.weak)
+    both = both || (w.words.find("harmonic_3") != std::string::npos &&
+                    w.words.find("harmonic_5") != std::string::npos);
+  EXPECT_TRUE(both) << r.weak[0].words;
+}
+
 TEST(RangeFit, EstimatesHowExactTheDistancesAreAndWidensItsIntervals) {
   const SyntheticTof t{.model = small_tof(), .offset_m = 0.02, .distance_sigma_m = 2e-3};
   const auto fit =
@@ -134,9 +107,12 @@ TEST(RangeFit, TellsAnErrorOfTheAmplitudeBySurfacesOfSeveralRemissions) {
     for (TofFrame& f : more) f.name += remission < 0.5 ? " dark" : " bright";
     frames.insert(frames.end(), more.begin(), more.end());
   }
-  // One distance, two remissions: scenes are told by their distance, so the dark ones stand a hair farther.
-  for (std::size_t i = 0; i < frames.size() / 2; ++i) frames[i].distance_m += 1e-9;
-  const auto fit = calibrate(std::move(frames), nominal(t.model), only({2, false, true}, 5e-4));
+  // Two recordings of the same distances.
+  std::vector<std::size_t> recording(frames.size(), 0);
+  std::fill(recording.begin() + static_cast<std::ptrdiff_t>(frames.size() / 2), recording.end(), 1);
+  const auto fit = calibrate(std::move(frames), nominal(t.model), only({2, false, true}, 5e-4),
+                             NoiseLaw::shot_read, recording);
+
   ASSERT_TRUE(fit) << fit.error().text();
   const Parameter& k = *fit->ranges.result.find("amplitude_error_m");
   EXPECT_NEAR(k.value, 40, 4 * k.sigma);
