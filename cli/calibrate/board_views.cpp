@@ -69,12 +69,13 @@ struct Reader {
     views.seen.push_back(std::move(view));
     views.picture.push_back(looked);
   }
-  void take(Result<ColourViews> planes, Result<BoardView>& view) {
+  void take(Result<ColourViews> planes, const std::string& name, Result<BoardView>& view) {
     if (!planes) {
       view = tl::unexpected<Error>(planes.error());
       return;
     }
     view = (*planes)[1];
+    view->name = name;
     views.colours.push_back(std::move(*planes));
   }
   Status one_recording(const std::filesystem::path& file) {
@@ -100,7 +101,7 @@ struct Reader {
       } else {
         take(find_board_in_planes(name, reinterpret_cast<const std::uint8_t*>(sample.bytes().data()), width,
                                   height, board),
-             view);
+             name, view);
         if (!view && view.error().code != ErrorCode::not_found) {
           bad = tl::unexpected<Error>(view.error());
           return false;
@@ -156,7 +157,7 @@ Result<BoardViews> read_board_views(const BoardViewsOptions& options, const Boar
     }
     Result<BoardView> view = BoardView{};
     if (options.colours)
-      reader.take(find_board_in_planes_of_file(file, board), view);
+      reader.take(find_board_in_planes_of_file(file, board), file.string(), view);
     else
       view = find_board_in_file(file, board);
     if (view) {

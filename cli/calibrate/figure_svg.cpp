@@ -212,7 +212,7 @@ std::string draw_map(const Figure& f) {
       std::min(good.back(), std::max(quantile(0.75), typical + 3 * (typical - quantile(0.05))));
   const int rows = static_cast<int>(f.values.size()) / f.columns;
   const Axis x = x_axis(f.x_from, f.x_to), y{f.y_from, f.y_to, kTop, kHeight - kTop - kBottom};
-  std::string out = axes(f, x, y);
+  std::string out;
   const double w = x.length / f.columns, h = y.length / rows;
   const auto at = [&](int r, int c) { return f.values[static_cast<std::size_t>(r * f.columns + c)]; };
   bool beyond = false;
@@ -252,10 +252,11 @@ std::string draw_map(const Figure& f) {
     out += fmt::format(R"(<path d="{}" fill="none" stroke="#fff" stroke-width="1"/>)", path);
     out += text(label_x, label_y - 2, "middle", fmt::format("{:g}", level), "style=\"fill:#fff\"");
   }
-  out += text(kWidth - kRight, kHeight - 8, "end",
-              fmt::format("{} {:.3g} (dark) to {:.3g} (bright){}", f.value_label, low, high,
-                          beyond ? fmt::format(", grey up to {:.3g}", good.back()) : ""));
-  return out;
+  Figure labelled = f;
+  labelled.x_label +=
+      fmt::format("   ·   colour: {:.3g} (dark) to {:.3g} (bright) {}{}", low, high, f.value_label,
+                  beyond ? fmt::format(", grey up to {:.3g}", good.back()) : "");
+  return axes(labelled, x, y) + out;
 }
 
 std::string draw_arrows(const Figure& f) {
