@@ -66,7 +66,7 @@ TEST(LidarRecovery, BiasesNoiseAndGainsComeBackAsSurelyAsIsSaid) {
     std::mt19937_64 random(seed);
     std::normal_distribution<double> draw;
     Truth t;
-    t.model = sixteen_beams(2);
+    t.model = sixteen_beams(3);
     std::vector<std::pair<std::string, double>> bias_truth, gain_truth;
     double mean_log = 0;
     for (auto& b : t.model.scan.beams) {
@@ -83,7 +83,7 @@ TEST(LidarRecovery, BiasesNoiseAndGainsComeBackAsSurelyAsIsSaid) {
     }
     // Remission is told through gains: a sheet without them would see it blurred. Noise has its own test.
     const LidarReturns returns = measure(t, 6, seed);
-    models::LidarModel sheet = sixteen_beams(2);
+    models::LidarModel sheet = sixteen_beams(3);
     const auto fit = fit_lidar(returns, sheet, {.model = "beams", .noise_model = "offset"});
     ASSERT_TRUE(fit) << fit.error().text();
     biases.add(fit->result, bias_truth);
@@ -149,7 +149,7 @@ TEST(LidarRecovery, ScaleAndIncidenceComeBackFromSurveyedWalls) {
   Judge judge;
   for (std::uint64_t seed = 0; seed < 100; ++seed) {
     Truth t;
-    t.model = sixteen_beams(3);
+    t.model = sixteen_beams(4);
     t.model.range.scale = 1.004;
     t.model.range.oblique_m = 0.03;
     std::vector<LidarPlane> walls;
@@ -159,7 +159,7 @@ TEST(LidarRecovery, ScaleAndIncidenceComeBackFromSurveyedWalls) {
       p.q_per_m = w.normal / w.distance_m;
       walls.push_back(p);
     }
-    const auto fit = fit_lidar(measure(t, 6, seed), sixteen_beams(3),
+    const auto fit = fit_lidar(measure(t, 6, seed), sixteen_beams(4),
                                {.model = "beams+oblique+scale", .noise_model = "offset", .surveyed = walls});
     ASSERT_TRUE(fit) << fit.error().text();
     std::vector<std::pair<std::string, double>> truth{{"range_scale", t.model.range.scale},
