@@ -104,6 +104,7 @@ TEST(PhotonFit, RecoversASensorWhoseResponseBends) {
     FrameStacks stacks;
     Series s;
     s.frames = 5;
+    s.light_s = {0.001, 0.004, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.072, 0.1};
     s.temperature_c = 25;
     take(stacks, bench, s);
     s.temperature_c = 43, s.dark_s = {0.002, 0.06}, s.light_s = {};
