@@ -44,13 +44,19 @@ std::vector<Eigen::Vector3d> picked(const std::vector<Eigen::Vector3d>& points,
 }
 
 /// Of points those on the plane that most of them make: least median of squares over triples that a fixed
-/// rule picks, then what lies within 4 robust standard deviations. Empty where no three span a plane.
+/// rule picks, then what lies within 4 robust standard deviations of its own plane. Empty where no three span
+/// a plane.
 std::vector<std::size_t> most_flat(const std::vector<Eigen::Vector3d>& points) {
   if (points.size() < 3) return {};
-  const auto median_distance = [&](const Eigen::Vector3d& n, double d) {
+  // A few hundred of them, evenly taken, say where the plane is to begin with.
+  std::vector<Eigen::Vector3d> some;
+  const std::size_t every = std::max<std::size_t>(1, points.size() / 250);
+  for (std::size_t i = 0; i < points.size(); i += every) some.push_back(points[i]);
+  const auto median_distance = [](const std::vector<Eigen::Vector3d>& of, const Eigen::Vector3d& n,
+                                  double d) {
     std::vector<double> r;
-    r.reserve(points.size());
-    for (const auto& p : points) r.push_back(std::abs(n.dot(p) - d));
+    r.reserve(of.size());
+    for (const auto& p : of) r.push_back(std::abs(n.dot(p) - d));
     const auto middle = r.begin() + static_cast<std::ptrdiff_t>(r.size() / 2);
     std::nth_element(r.begin(), middle, r.end());
     return *middle;
@@ -67,20 +73,24 @@ std::vector<std::size_t> most_flat(const std::vector<Eigen::Vector3d>& points) {
     const Eigen::Vector3d across = (b - a).cross(c - a);
     if (across.norm() < 1e-4) continue;
     const Eigen::Vector3d unit = across.normalized();
-    const double m = median_distance(unit, unit.dot(a));
+    const double m = median_distance(some, unit, unit.dot(a));
     if (m < median) median = m, n = unit, d = unit.dot(a);
   }
   if (!std::isfinite(median)) return {};
-  std::vector<std::size_t> on;
-  for (int round = 0; round < 3; ++round) {
+  // Until the choice is that of its own plane: the plane of the triple is much noisier than the points, and a
+  // choice by it would carry its tilt into the answer.
+  std::vector<std::size_t> on, before;
+  for (int round = 0; round < 30; ++round) {
+    median = std::min(median, median_distance(points, n, d));
     const double limit = std::max(4 * 1.4826 * median, 1e-4);
     on.clear();
     for (std::size_t i = 0; i < points.size(); ++i)
       if (std::abs(n.dot(points[i]) - d) <= limit) on.push_back(i);
     if (on.size() < 3) return {};
+    if (on == before) break;
     const FlatPoints f = flat(picked(points, on));
     n = f.normal, d = f.normal.dot(f.centre);
-    median = std::min(median_distance(n, d), median);
+    before = on;
   }
   return on;
 }
