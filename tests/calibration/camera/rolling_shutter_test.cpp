@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/calibration/camera/board_scene.h"
+#include "tests/calibration/camera/moving_board.h"
 
 namespace rigor::calibration {
 namespace {
@@ -16,77 +17,13 @@ CameraModel rolling_camera(double line_time_s) {
   return c;
 }
 
-/// A hand that turns and shifts the board: two sines for each of the six numbers, up to 1.5 Hz.
-struct Motion {
-  double amplitude[6][2], rate[6][2], phase[6][2];
-  explicit Motion(std::mt19937& random, double size = 1) {
-    std::uniform_real_distribution<double> unit(0, 1);
-    constexpr double kSize[6] = {0.35, 0.35, 0.25, 0.10, 0.06, 0.08};
-    for (int i = 0; i < 6; ++i)
-      for (int k = 0; k < 2; ++k) {
-        amplitude[i][k] = size * kSize[i] * (0.5 + 0.5 * unit(random)) / (1 + k);
-        rate[i][k] = 2 * std::numbers::pi * (k == 0 ? 0.3 + 0.3 * unit(random) : 0.8 + 0.7 * unit(random));
-        phase[i][k] = 2 * std::numbers::pi * unit(random);
-      }
-  }
-  [[nodiscard]] Eigen::Isometry3d at(double t_s, const Board& board) const {
-    double p[6] = {0, 0, 0, 0, 0, 0.42};
-    for (int i = 0; i < 6; ++i)
-      for (int k = 0; k < 2; ++k) p[i] += amplitude[i][k] * std::sin(rate[i][k] * t_s + phase[i][k]);
-    const Eigen::Vector3d w(p[0], p[1], p[2]);
-    Eigen::Isometry3d t = Eigen::Isometry3d::Identity();
-    t.linear() = Eigen::AngleAxisd(w.norm(), w.normalized()).toRotationMatrix();
-    t.translation() = Eigen::Vector3d(p[3], p[4], p[5]) -
-                      t.linear() * Eigen::Vector3d((board.columns - 1) * board.spacing_m / 2,
-                                                   (board.rows - 1) * board.spacing_m / 2, 0);
-    return t;
-  }
-};
-
-/// Each corner where it was when the row on which it falls was read.
-BoardView rolling_view(const CameraModel& camera, const Board& board, const Motion& motion, double t_s,
-                       const std::string& name) {
-  BoardView view{name, camera.width_px, camera.height_px, {}, t_s};
-  for (int row = 0; row < board.rows; ++row)
-    for (int column = 0; column < board.columns; ++column) {
-      double v_px = 0.5 * (camera.height_px - 1);
-      std::optional<PixelPosition> q;
-      for (int round = 0; round < 20; ++round) {
-        const Eigen::Vector3d p = motion.at(t_s + row_delay_s(camera, v_px), board) *
-                                  Eigen::Vector3d(column * board.spacing_m, row * board.spacing_m, 0);
-        q = project_ray(camera, {p.x(), p.y(), p.z()});
-        if (!q) break;
-        v_px = q->v_px;
-      }
-      if (!q || q->u_px < 0 || q->v_px < 0 || q->u_px > camera.width_px - 1 || q->v_px > camera.height_px - 1)
-        continue;
-      view.points.push_back({column, row, column * board.spacing_m, row * board.spacing_m, q->u_px, q->v_px});
-    }
-  return view;
-}
-
-std::vector<BoardView> sequence(const CameraModel& camera, std::uint32_t seed, double motion = 1,
-                                double noise_px = 0.1, int pictures = 24) {
-  const Board board{BoardKind::chessboard, 6, 5, 0.035};
-  std::mt19937 random(seed);
-  const Motion hand(random, motion);
-  std::vector<BoardView> views;
-  for (int i = 0; i < pictures; ++i) {
-    auto view = rolling_view(camera, board, hand, i / 30.0, "picture " + std::to_string(i));
-    if (view.points.size() < 12) continue;
-    add_noise(view, noise_px, random);
-    views.push_back(std::move(view));
-  }
-  return views;
-}
-
 TEST(RollingShutter, RecoversLineTimeAndLensWithTheUncertaintyThatItStates) {
   const CameraModel truth = rolling_camera(30e-6);  // 14 ms for the picture
   Judged judged;
   int of_line = 0;
   double largest_sigma_s = 0;
   for (std::uint32_t seed = 0; seed < 100; ++seed) {
-    const auto fit = fit_rolling_shutter(sequence(truth, seed, 1, 0.1, 15),
+    const auto fit = fit_rolling_shutter(moving_board_views(truth, seed, 1, 0.1, 15),
                                          {.models = {LensModel::opencv2}, .robust = seed < 20, .threads = 1});
     ASSERT_TRUE(fit) << fit.error().text();
     const auto& parameters = fit->result.parameters;
@@ -112,7 +49,7 @@ TEST(RollingShutter, RecoversLineTimeAndLensWithTheUncertaintyThatItStates) {
 
 TEST(RollingShutter, TheMotionIsNotTakenForALens) {
   const CameraModel truth = rolling_camera(30e-6);
-  const auto views = sequence(truth, 3, 1, 0.05, 40);
+  const auto views = moving_board_views(truth, 3, 1, 0.05, 40);
   const auto blind = fit_camera(views, {.models = {LensModel::opencv2}});
   const auto fit = fit_rolling_shutter(views, {});
   ASSERT_TRUE(blind && fit);
@@ -124,8 +61,8 @@ TEST(RollingShutter, TheMotionIsNotTakenForALens) {
 }
 
 TEST(RollingShutter, AGlobalShutterIsToldFromARollingOne) {
-  const auto fit =
-      fit_rolling_shutter(sequence(rolling_camera(0), 5, 1, 0.1, 40), {.models = {LensModel::opencv2}});
+  const auto fit = fit_rolling_shutter(moving_board_views(rolling_camera(0), 5, 1, 0.1, 40),
+                                       {.models = {LensModel::opencv2}});
   ASSERT_TRUE(fit) << fit.error().text();
   const Parameter* line = fit->result.find("line_time_s");
   ASSERT_NE(line, nullptr);
@@ -149,10 +86,10 @@ void expect_not_identifiable(const Result<CameraFit>& fit, const std::string& be
 TEST(RollingShutter, WhereTheDataDoNotDetermineItTheReasonIsSaid) {
   const CameraModel truth = rolling_camera(30e-6);
   const CameraFitOptions options{.models = {LensModel::opencv2}};
-  auto untimed = sequence(truth, 6);
+  auto untimed = moving_board_views(truth, 6);
   for (BoardView& v : untimed) v.t_s = NAN;
   expect_not_identifiable(fit_rolling_shutter(untimed, options), "no times");
-  auto apart = sequence(truth, 6);
+  auto apart = moving_board_views(truth, 6);
   for (BoardView& v : apart) v.t_s *= 30;
   expect_not_identifiable(fit_rolling_shutter(apart, options), "follow each other");
   // Stations between which the board was carried, at each of which it stood still.
@@ -172,7 +109,7 @@ TEST(RollingShutter, WhereTheDataDoNotDetermineItTheReasonIsSaid) {
 }
 
 TEST(RollingShutter, AViewOfWhichNothingSaysHowItMovedIsLeftOutByName) {
-  auto views = sequence(rolling_camera(30e-6), 9);
+  auto views = moving_board_views(rolling_camera(30e-6), 9);
   BoardView alone = views[4];
   alone.name = "alone", alone.t_s = 100;
   alone.points[0].u_px += 0.01;  // no copy
