@@ -16,6 +16,7 @@
 #include "sensor-hal/channel/simulated_sink.h"
 #include "sensor-hal/channel/simulated_source.h"
 #include "sensor-hal/channel/worker_pool.h"
+#include "sim/platform/platform.h"
 
 namespace rigor {
 namespace {

@@ -6,6 +6,7 @@
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/replay_source.h"
 #include "sensor-hal/record/recorder.h"
+#include "sim/platform/platform.h"
 
 namespace rigor {
 namespace {

@@ -4,6 +4,7 @@
 
 #include "cli/device_signals.h"
 #include "cli/sensing/sheet_kind.h"
+#include "sim/platform/platform.h"
 #include "sim/platform/turntable.h"
 
 namespace rigor {

@@ -10,6 +10,7 @@
 
 #include "sensor-hal/record/mcap_reader.h"
 #include "sensor-hal/record/sample_codec.h"
+#include "sim/platform/harvester.h"
 #include "sim/platform/platform_yaml.h"
 #include "sim/platform/trajectory.h"
 

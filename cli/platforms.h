@@ -21,12 +21,14 @@
 #include <vector>
 
 #include "rt-core/result.h"
+#include "sensor-hal/channel/providers.h"
 #include "sensor-hal/config/rig.h"
-#include "sim/platform/ground.h"
-#include "sim/platform/harvester.h"
-#include "sim/platform/platform.h"
 
 namespace rigor {
+
+class Ground;
+class Platform;
+struct Stem;
 
 /// One platform of one world.
 struct WorldPlatform {

@@ -14,6 +14,7 @@
 #include "sensor-hal/models/lidar/lidar_yaml.h"
 #include "sensor-hal/models/tof/tof_model_effects.h"
 #include "sensor-hal/models/tof/tof_yaml.h"
+#include "sim/platform/harvester.h"
 #include "sim/sensors/camera_simulator.h"
 #include "sim/world/scene_graph.h"
 

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "sensor-hal/config/yaml.h"
+#include "sim/platform/harvester.h"
 
 namespace rigor {
 namespace {

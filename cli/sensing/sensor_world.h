@@ -16,6 +16,8 @@
 #include "cli/platforms.h"
 #include "cli/world/world_assembly.h"
 #include "sensor-hal/channel/providers.h"
+#include "sim/platform/ground.h"
+#include "sim/platform/platform.h"
 #include "sim/render/engine/content_window.h"
 #include "sim/world/semantic_types.h"
 

@@ -11,6 +11,8 @@
 #include "cli/backends.h"
 #include "cli/bench_run.h"
 #include "sensor-hal/channel/worker_pool.h"
+#include "sim/platform/ground.h"
+#include "sim/platform/harvester.h"
 #include "sim/platform/platform_yaml.h"
 #include "tests/cli/command.h"
 
