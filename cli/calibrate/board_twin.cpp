@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <random>
@@ -14,7 +15,7 @@ namespace {
 using namespace calibration;
 
 constexpr double kBlur_px = 0.7;  // standard deviation: of a lens in focus and a pixel's own width
-constexpr int kSide = 2;          // rays along each side of a pixel
+constexpr int kSide = 8;          // samples along each side of a pixel that an edge runs through
 
 double median(std::vector<double> v) {
   if (v.empty()) return 0;
@@ -81,15 +82,15 @@ Result<BoardTwin> simulate_board_twin(const CameraFit& fit, const std::vector<Bo
   twin.noise_dn = std::max(twin.measured ? median(noises) : 2, 0.5);
 
   const int w = fit.camera.width_px, h = fit.camera.height_px;
+  // Rays through the pixels' corners: a pixel whose corners see one colour is of that colour, and in the
+  // others places on the board are interpolated.
   std::vector<Eigen::Vector3d> rays;
-  rays.reserve(static_cast<std::size_t>(w * h * kSide * kSide));
-  for (int v = 0; v < h; ++v)
-    for (int u = 0; u < w; ++u)
-      for (int s = 0; s < kSide * kSide; ++s) {
-        const auto ray = unproject_ray(
-            fit.camera, {u + ((s % kSide) + 0.5) / kSide - 0.5, v + ((s / kSide) + 0.5) / kSide - 0.5});
-        rays.push_back(ray ? Eigen::Vector3d(ray->x, ray->y, ray->z) : Eigen::Vector3d::Zero());
-      }
+  rays.reserve(static_cast<std::size_t>((w + 1) * (h + 1)));
+  for (int v = 0; v <= h; ++v)
+    for (int u = 0; u <= w; ++u) {
+      const auto ray = unproject_ray(fit.camera, {u - 0.5, v - 0.5});
+      rays.push_back(ray ? Eigen::Vector3d(ray->x, ray->y, ray->z) : Eigen::Vector3d::Zero());
+    }
   std::mt19937 random(1);
   std::normal_distribution<double> noise(0, twin.noise_dn);
   std::vector<BoardView> found;
@@ -98,19 +99,30 @@ Result<BoardTwin> simulate_board_twin(const CameraFit& fit, const std::vector<Bo
     const Eigen::Isometry3d& T = fit.T_camera_board[k];
     const Eigen::Vector3d normal = T.linear().col(2), origin = T.translation();
     const Eigen::Matrix3d back = T.linear().transpose();
+    std::vector<Eigen::Vector2d> place;  // on the board; NaN: the ray misses its plane
+    place.reserve(rays.size());
+    for (const Eigen::Vector3d& ray : rays) {
+      const double t = normal.dot(origin) / normal.dot(ray);
+      place.push_back(t > 0 && std::isfinite(t)
+                          ? Eigen::Vector2d((back * (t * ray - origin)).head<2>())
+                          : Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN()));
+    }
+    const auto bright = [&](const Eigen::Vector2d& p) {
+      return std::isfinite(p.x()) ? board_brightness(board, p.x(), p.y()) : 0.5;
+    };
     cv::Mat light(h, w, CV_32F);
     for (int v = 0; v < h; ++v)
       for (int u = 0; u < w; ++u) {
-        double sum = 0;
-        for (int s = 0; s < kSide * kSide; ++s) {
-          const Eigen::Vector3d& ray = rays[static_cast<std::size_t>((v * w + u) * kSide * kSide + s)];
-          const double t = normal.dot(origin) / normal.dot(ray);
-          double bright = 0.5;
-          if (t > 0 && std::isfinite(t)) {
-            const Eigen::Vector3d p = back * (t * ray - origin);
-            bright = board_brightness(board, p.x(), p.y());
+        const std::size_t at = static_cast<std::size_t>(v * (w + 1) + u),
+                          below = at + static_cast<std::size_t>(w) + 1;
+        const Eigen::Vector2d &a = place[at], &b = place[at + 1], &c = place[below], &d = place[below + 1];
+        double sum = bright(a);
+        if (bright(b) != sum || bright(c) != sum || bright(d) != sum) {
+          sum = 0;
+          for (int i = 0; i < kSide * kSide; ++i) {
+            const double x = (i % kSide + 0.5) / kSide, y = (i / kSide + 0.5) / kSide;
+            sum += bright((1 - y) * ((1 - x) * a + x * b) + y * ((1 - x) * c + x * d)) / (kSide * kSide);
           }
-          sum += bright / (kSide * kSide);
         }
         light.at<float>(v, u) = static_cast<float>(twin.black_dn + (twin.white_dn - twin.black_dn) * sum);
       }
