@@ -37,8 +37,8 @@ struct Clock {
 nlohmann::json tof_rows() {
   nlohmann::json rows = nlohmann::json::array();
   std::printf("\ntime of flight, 176x144 px, a plane at ten distances, temporal noise and ranges\n");
-  std::printf("%-26s %8s  %8s %8s %8s %8s %8s\n", "models", "ranges", "sort s", "noise s", "law s",
-              "ranges s", "all s");
+  std::printf("%-22s %8s  %7s %7s %7s %8s %7s %7s\n", "models", "ranges", "sort s", "noise s", "law s",
+              "ranges s", "all s", "CPU s");
   for (const bool all : {false, true}) {
     SyntheticTof t{.model = small_tof(176, 144), .offset_m = 0.02, .distance_sigma_m = 1e-3, .tilt = 0.03};
     t.remission = 0.4;
