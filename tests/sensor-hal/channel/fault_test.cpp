@@ -161,6 +161,13 @@ TEST(Fault, BiasDriftNoiseAndSpikeChangeOneRegisterInItsUnit) {
   EXPECT_NEAR(std::sqrt(squares / n), 0.5, 5 * 0.5 / std::sqrt(2 * n));
   EXPECT_EQ(noise.fault(0).count.changed, noise.seen.size());
 
+  // Two faults of one channel do not draw the same.
+  FaultRun twice(kRegisters, "{kind: noise, value: b, sigma: 0.5}, {kind: noise, value: b, sigma: 0.5}");
+  twice.until(seconds(40));
+  squares = 0;
+  for (const double v : twice.values(1)) squares += (v - 100) * (v - 100);
+  EXPECT_NEAR(squares / n, 0.5, 5 * 0.5 * std::sqrt(2 / n));
+
   FaultRun spike(kRegisters, "{kind: spike, value: b, amount: 40, probability: 0.1}");
   spike.until(seconds(40));
   int up = 0, down = 0;
