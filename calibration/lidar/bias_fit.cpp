@@ -10,6 +10,8 @@
 namespace rigor::calibration {
 namespace {
 
+using namespace lidar;
+
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 

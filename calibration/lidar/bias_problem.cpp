@@ -2,7 +2,7 @@
 
 #include <map>
 
-namespace rigor::calibration {
+namespace rigor::calibration::lidar {
 namespace {
 
 constexpr double kMedianOfChiSquare = 0.454936423119572;  // of one degree of freedom
@@ -324,4 +324,4 @@ double BiasProblem::neighbours(const State& s) const {
   return rho > 3 / std::sqrt(pairs) ? std::min(rho, 0.98) : 0;
 }
 
-}  // namespace rigor::calibration
+}  // namespace rigor::calibration::lidar

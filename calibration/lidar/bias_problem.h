@@ -10,7 +10,7 @@
 
 #include "calibration/lidar/bias_fit.h"
 
-namespace rigor::calibration {
+namespace rigor::calibration::lidar {
 
 using Eigen::Index;
 using Eigen::MatrixXd;
@@ -257,4 +257,4 @@ class BiasProblem {
   std::vector<double> tau2_;
 };
 
-}  // namespace rigor::calibration
+}  // namespace rigor::calibration::lidar
