@@ -150,7 +150,11 @@ TEST(CalibrateCameraCommand, MagnificationOfColoursGoesIntoASheetThatTheSimulato
   ASSERT_TRUE(other) << other.error().text();
   EXPECT_NE(other->model.chromatic.magnification[0], model->model.chromatic.magnification[0]);
   EXPECT_EQ(answer["twin"]["views"], 8);
-  EXPECT_LT(answer["twin"]["rms_per_corner_px"].get<double>(), 0.15);  // as the data
+  // The data are drawn themselves: a little sharper or softer than the twin's, and nothing else is in them.
+  const double ratio =
+      answer["twin"]["rms_per_corner_px"].get<double>() / answer["rms_per_corner_px"].get<double>();
+  EXPECT_GT(ratio, 0.5);
+  EXPECT_LT(ratio, 2);
   EXPECT_NEAR(answer["twin"]["white_dn"].get<double>(), 230, 3);
 
   const Said refused = rigor({"calibrate", "camera", grey.path().string(), "--target", "chessboard:8x5:0.03",
