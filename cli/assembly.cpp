@@ -7,8 +7,8 @@
 
 #include "apps/script/script.h"
 #include "apps/turntable-sweep/turntable_sweep.h"
-#include "cli/sensing/inertial.h"
 #include "cli/fault_signals.h"
+#include "cli/sensing/inertial.h"
 #include "cli/tune/engine_choices.h"
 #include "sensor-hal/channel/fault_bench.h"
 #include "sensor-hal/channel/pair_source.h"
@@ -389,7 +389,8 @@ Result<std::unique_ptr<Application>> make_application(const RigConfig& rig) {
   if (rig.application == "script") return make_script();
   if (rig.application == "turntable-sweep") return make_turntable_sweep();
   return tl::unexpected<Error>(
-      rig.application_params.error("name", "expected one of script, turntable-sweep, got \"" + rig.application + "\"")
+      rig.application_params
+          .error("name", "expected one of script, turntable-sweep, got \"" + rig.application + "\"")
           .error());
 }
 

@@ -306,7 +306,8 @@ SampleLease PairSource::poll(BenchTime now) noexcept {
     const SampleLease sample = state_of(side).pop();
     sample_due(side, sample);
     if (side != active_.load(std::memory_order_relaxed)) continue;
-    if (any_handed_ && (sample->stamp.sequence <= last_handed_ || sample->stamp.t_capture <= last_handed_t_)) {
+    if (any_handed_ &&
+        (sample->stamp.sequence <= last_handed_ || sample->stamp.t_capture <= last_handed_t_)) {
       misplaced_ += sample->stamp.sequence > last_handed_;  // a device's clock that was set back
       continue;
     }

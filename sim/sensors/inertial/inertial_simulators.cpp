@@ -1,5 +1,6 @@
 #include "sim/sensors/inertial/inertial_simulators.h"
 
+#include <GeographicLib/LocalCartesian.hpp>
 #include <cmath>
 #include <limits>
 
@@ -70,9 +71,12 @@ GnssSimulator::GnssSimulator(const InertialSpec& spec, const models::GnssModel& 
     : name_(spec.name),
       immediate_(spec.immediate),
       errors_(spec.ideal ? without_errors(model) : model, key_of(spec), spec.period),
-      frame_(origin.latitude_deg, origin.longitude_deg, origin.height_m),
+      frame_(std::make_unique<const GeographicLib::LocalCartesian>(origin.latitude_deg, origin.longitude_deg,
+                                                                   origin.height_m)),
       carrier_(std::move(carrier)),
       canopy_(std::move(canopy)) {}
+
+GnssSimulator::~GnssSimulator() = default;
 
 SampleProvider::Geometry GnssSimulator::geometry() const { return {SampleKind::nav_fix, 0, 0, 0, name_}; }
 
@@ -90,7 +94,7 @@ Status GnssSimulator::capture(const Request& request, Sample& sample) {
     fix.latitude_deg = fix.longitude_deg = fix.height_m = std::numeric_limits<double>::quiet_NaN();
   } else {
     double latitude = 0, longitude = 0, height = 0;
-    frame_.Reverse(p.x(), p.y(), p.z(), latitude, longitude, height);
+    frame_->Reverse(p.x(), p.y(), p.z(), latitude, longitude, height);
     // Errors are along east, north and up where the antenna is, not where the world's origin is.
     const GeographicLib::LocalCartesian here(latitude, longitude, height);
     here.Reverse(e.enu_m[0], e.enu_m[1], e.enu_m[2], fix.latitude_deg, fix.longitude_deg, fix.height_m);

@@ -6,8 +6,8 @@
 // (odometry_model.h). One thread at a time, no allocation; about a microsecond a sample.
 #pragma once
 
-#include <GeographicLib/LocalCartesian.hpp>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 
@@ -15,6 +15,10 @@
 #include "sensor-hal/models/imu/imu_model.h"
 #include "sensor-hal/models/odometry/odometry_model.h"
 #include "sim/sensors/inertial/kinematics.h"
+
+namespace GeographicLib {
+class LocalCartesian;
+}
 
 namespace rigor {
 
@@ -46,6 +50,7 @@ class GnssSimulator final : public SampleProvider {
   /// `canopy`: share of the sky that trees cover above a place of the world, 0 to 1; may be empty: none.
   GnssSimulator(const InertialSpec& spec, const models::GnssModel& model, const GeoOrigin& origin,
                 Carrier carrier, std::function<double(const Eigen::Vector3d& p_world)> canopy = {});
+  ~GnssSimulator() override;
   [[nodiscard]] Geometry geometry() const override;
   [[nodiscard]] bool immediate() const override { return immediate_; }
   [[nodiscard]] Status capture(const Request& request, Sample& sample) override;
@@ -54,7 +59,7 @@ class GnssSimulator final : public SampleProvider {
   std::string name_;
   bool immediate_;
   models::GnssErrors errors_;
-  GeographicLib::LocalCartesian frame_;
+  std::unique_ptr<const GeographicLib::LocalCartesian> frame_;
   Carrier carrier_;
   std::function<double(const Eigen::Vector3d&)> canopy_;
 };
