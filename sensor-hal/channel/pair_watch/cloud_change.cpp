@@ -1,0 +1,324 @@
+#include "sensor-hal/channel/pair_watch/cloud_change.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <string>
+
+namespace rigor::pair_watch {
+namespace {
+
+constexpr std::size_t kMostBeams = 16;
+constexpr double kLeastCosine = 0.25;
+
+LidarPoint point(const Sample& s, std::size_t i) noexcept {
+  LidarPoint p;
+  std::memcpy(&p, s.bytes().data() + i * sizeof p, sizeof p);
+  return p;
+}
+
+/// Of the firing: what the two sides share.
+bool before(const LidarPoint& a, const LidarPoint& b) noexcept { return a.t_offset_ns < b.t_offset_ns; }
+
+bool has_range(const LidarPoint& p) noexcept {
+  const double range = std::hypot(p.x_m, p.y_m, p.z_m);
+  return std::isfinite(range) && range > 0;
+}
+
+double azimuth(const double (&d)[3]) noexcept { return std::atan2(d[1], d[0]); }
+
+void cross(const double (&a)[3], const double (&b)[3], double (&c)[3]) noexcept {
+  c[0] = a[1] * b[2] - a[2] * b[1], c[1] = a[2] * b[0] - a[0] * b[2], c[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+}  // namespace
+
+Result<CloudChange> CloudChange::make(const CloudChangeOptions& o) {
+  if (o.points < 16 || o.points > 4000000)
+    return fail(ErrorCode::bad_input, "points", "expected 16 to 4000000, got " + std::to_string(o.points));
+  if (o.rings < 1 || o.rings > 1024)
+    return fail(ErrorCode::bad_input, "rings", "expected 1 to 1024, got " + std::to_string(o.rings));
+  if (!(o.sigma_m > 0) || !(o.remission_max > 0) || !(o.edge_m > 0))
+    return fail(ErrorCode::bad_input, "cloud",
+                "expected sigma_m, remission_max and edge_m above 0, got " + std::to_string(o.sigma_m) +
+                    ", " + std::to_string(o.remission_max) + ", " + std::to_string(o.edge_m));
+  return CloudChange(o);
+}
+
+CloudChange::CloudChange(const CloudChangeOptions& o)
+    : options_(o), frame_(kMaxParameters), window_(0), remission_(1) {
+  const bool plane = o.rings == 1;
+  term_of_.assign(8, kMaxParameters);
+  const auto name = [&](std::size_t k, const char* text, const char* unit) {
+    term_of_[k] = parameters_.size();
+    parameters_.push_back({text, unit, 0});
+  };
+  name(0, "range bias", "m");
+  name(1, "range scale", "1");
+  if (!plane) name(2, "mount x", "rad"), name(3, "mount y", "rad");
+  name(4, "mount z", "rad");
+  name(5, "mount move x", "m"), name(6, "mount move y", "m");
+  if (!plane) name(7, "mount move z", "m");
+  beams_ = std::min<std::size_t>(o.rings, kMostBeams);
+  first_beam_ = parameters_.size();
+  if (beams_ > 1)
+    for (std::size_t k = 0; k < beams_; ++k) {
+      const std::size_t from = (k * o.rings + beams_ - 1) / beams_,
+                        to = ((k + 1) * o.rings + beams_ - 1) / beams_ - 1;
+      parameters_.push_back(
+          {"beam " + std::to_string(from) + (to > from ? "-" + std::to_string(to) : ""), "m", 0});
+    }
+  rest_ = parameters_.size();
+  for (const char* text : {"remission", "noise", "noise low remission", "noise middle remission",
+                           "noise high remission", "lost", "gained"})
+    parameters_.push_back({text, "1", 0});
+  frame_ = WindowFit(rest_);
+  window_ = frame_;
+  points_.reserve(o.points);
+  rows_.reserve(o.points);
+  scratch_.reserve(o.points);
+  ring_begin_.resize(o.rings + 1);
+  ring_order_.resize(o.rings);
+  ring_place_.resize(o.rings);
+}
+
+bool CloudChange::add(const Sample& real, const Sample& simulated) noexcept {
+  const auto *a = real.as<PointCloudInfo>(), *b = simulated.as<PointCloudInfo>();
+  if (!a || !b || ((real.stamp.validity | simulated.stamp.validity) & (kIncomplete | kCorrupt)) != 0)
+    return false;
+  if (real.size_bytes != a->count * sizeof(LidarPoint) ||
+      simulated.size_bytes != b->count * sizeof(LidarPoint))
+    return false;
+  match(real, simulated);
+  for (std::size_t r = 0; r < options_.rings; ++r) take_noise(ring_begin_[r], ring_begin_[r + 1]);
+  regress();
+  return true;
+}
+
+/// Simulated points with what the real side measured in the same firing; both in the order of firing.
+void CloudChange::match(const Sample& real, const Sample& simulated) noexcept {
+  const std::size_t n = std::min<std::size_t>(simulated.as<PointCloudInfo>()->count, options_.points);
+  const std::size_t m = real.as<PointCloudInfo>()->count;
+  const std::size_t rings = options_.rings;
+  // By ring: counted, then placed.
+  std::fill(ring_begin_.begin(), ring_begin_.end(), std::size_t{0});
+  const auto counts = [&](const LidarPoint& p) {
+    return p.ring < rings && p.return_index == 0 && has_range(p);
+  };
+  for (std::size_t i = 0; i < n; ++i)
+    if (const LidarPoint p = point(simulated, i); counts(p)) ++ring_begin_[p.ring + std::size_t{1}];
+  for (std::size_t r = 0; r < rings; ++r) ring_begin_[r + 1] += ring_begin_[r];
+  points_.resize(ring_begin_[rings]);
+  std::size_t first = 0;
+  double matched = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    const LidarPoint p = point(simulated, i);
+    if (!counts(p)) continue;
+    Point& q = points_[ring_begin_[p.ring]++];
+    q.range = std::hypot(double{p.x_m}, double{p.y_m}, double{p.z_m});
+    q.d[0] = p.x_m / q.range, q.d[1] = p.y_m / q.range, q.d[2] = p.z_m / q.range;
+    q.remission = p.remission;
+    q.t_ns = p.t_offset_ns, q.ring = p.ring;
+    q.residual = q.remission_residual = kNaN;
+    while (first < m && before(point(real, first), p)) ++first;
+    for (std::size_t k = first; k < m; ++k) {
+      const LidarPoint r = point(real, k);
+      if (r.t_offset_ns != p.t_offset_ns) break;
+      if (r.ring != p.ring || r.return_index != p.return_index || !has_range(r)) continue;
+      q.residual = std::hypot(double{r.x_m}, double{r.y_m}, double{r.z_m}) - q.range;
+      q.remission_residual = double{r.remission} - q.remission;
+      ++matched;
+      break;
+    }
+  }
+  for (std::size_t r = rings; r > 0; --r) ring_begin_[r] = ring_begin_[r - 1];
+  ring_begin_[0] = 0;
+  double answered = 0;
+  for (std::size_t k = 0; k < m; ++k) answered += counts(point(real, k)) ? 1 : 0;
+  both_ += matched;
+  lost_ += static_cast<double>(points_.size()) - matched;
+  gained_ += std::max(0.0, answered - matched);
+
+  // Rings by elevation, from their first points. Rings without any keep their place at the end.
+  for (std::size_t r = 0; r < rings; ++r) ring_order_[r] = static_cast<std::uint32_t>(r);
+  const auto height = [&](std::uint32_t r) {
+    return ring_begin_[r] < ring_begin_[r + 1] ? points_[ring_begin_[r]].d[2] : 2.0;
+  };
+  std::sort(ring_order_.begin(), ring_order_.end(), [&](std::uint32_t x, std::uint32_t y) {
+    return height(x) != height(y) ? height(x) < height(y) : x < y;
+  });
+  for (std::size_t k = 0; k < rings; ++k) ring_place_[ring_order_[k]] = static_cast<std::uint32_t>(k);
+}
+
+/// Of another ring the point that was fired next to this one's firing and lies closest in azimuth.
+const CloudChange::Point* CloudChange::beside(const Point& p, std::size_t ring) const noexcept {
+  const auto begin = points_.begin() + static_cast<std::ptrdiff_t>(ring_begin_[ring]);
+  const auto end = points_.begin() + static_cast<std::ptrdiff_t>(ring_begin_[ring + 1]);
+  auto at = std::lower_bound(begin, end, p.t_ns, [](const Point& q, std::int32_t t) { return q.t_ns < t; });
+  const Point* best = nullptr;
+  double closest = 0.02;  // rad
+  for (int k = -2; k <= 2; ++k) {
+    if (at - begin + k < 0 || at - begin + k >= end - begin) continue;
+    const Point& q = *(at + k);
+    const double d = std::abs(std::remainder(azimuth(q.d) - azimuth(p.d), 6.283185307179586));
+    if (d < closest) closest = d, best = &q;
+  }
+  return best;
+}
+
+bool CloudChange::normal_at(std::size_t i, double (&n)[3]) const noexcept {
+  const Point& p = points_[i];
+  if (i == ring_begin_[p.ring] || i + 1 >= ring_begin_[p.ring + std::size_t{1}]) return false;
+  const auto tangent = [&](const Point& a, const Point& b, double(&t)[3]) {
+    double across = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      t[k] = b.d[k] * b.range - a.d[k] * a.range;
+      across += (b.d[k] - a.d[k]) * (b.d[k] - a.d[k]);
+    }
+    const double apart = std::sqrt(across) * p.range;
+    // Gaps, and steps in range that are more than the surface's own slope.
+    return apart > 0 && std::sqrt(across) < 0.2 &&
+           std::abs(a.range + b.range - 2 * p.range) < options_.edge_m * apart + 5 * options_.sigma_m;
+  };
+  double along[3], other[3];
+  if (!tangent(points_[i - 1], points_[i + 1], along)) return false;
+  if (options_.rings == 1) {
+    const double up[3] = {0, 0, 1};
+    cross(along, up, n);
+  } else {
+    const std::size_t place = ring_place_[p.ring];
+    const Point* below = place > 0 ? beside(p, ring_order_[place - 1]) : nullptr;
+    const Point* above = place + 1 < options_.rings ? beside(p, ring_order_[place + 1]) : nullptr;
+    if (!below) below = &p;
+    if (!above) above = &p;
+    if (below == above) return false;
+    double across = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      other[k] = above->d[k] * above->range - below->d[k] * below->range;
+      across += (above->d[k] - below->d[k]) * (above->d[k] - below->d[k]);
+    }
+    // A step between rings is steeper than kLeastCosine lets a surface be.
+    if (std::abs(above->range - below->range) > std::sqrt(across) * p.range / kLeastCosine) return false;
+    cross(along, other, n);
+  }
+  const double length = std::hypot(n[0], n[1], n[2]);
+  if (!(length > 0)) return false;
+  for (double& x : n) x /= length;
+  return std::abs(n[0] * p.d[0] + n[1] * p.d[1] + n[2] * p.d[2]) > kLeastCosine;
+}
+
+void CloudChange::take_noise(std::size_t begin, std::size_t end) noexcept {
+  // Three at a time, so that no residual counts twice.
+  for (std::size_t i = begin; i + 2 < end; i += 3) {
+    const Point &a = points_[i], &b = points_[i + 1], &c = points_[i + 2];
+    const double second = a.residual - 2 * b.residual + c.residual;
+    if (!std::isfinite(second)) continue;
+    const double excess = std::min(100.0, second * second / (6 * options_.sigma_m * options_.sigma_m)) - 2;
+    const double level = b.remission / options_.remission_max;
+    for (NoiseSums* n : {&noise_all_, &noise_bin_[level < 1.0 / 3 ? 0 : level < 2.0 / 3 ? 1 : 2]}) {
+      n->sum += excess, n->squares += excess * excess, ++n->count;
+    }
+  }
+}
+
+void CloudChange::regress() noexcept {
+  rows_.clear();
+  for (std::size_t i = 0; i < points_.size(); ++i) {
+    const Point& p = points_[i];
+    if (std::isfinite(p.remission_residual)) {
+      const WindowFit::Term t{0, p.remission};
+      remission_.add({&t, 1}, p.remission_residual, 1);
+    }
+    double n[3];
+    if (!std::isfinite(p.residual) || !normal_at(i, n)) continue;
+    const double cosine = n[0] * p.d[0] + n[1] * p.d[1] + n[2] * p.d[2];
+    double lever[3];
+    cross(p.d, n, lever);
+    Row row;
+    row.derivative[0] = 1, row.derivative[1] = p.range;
+    for (std::size_t k = 0; k < 3; ++k)
+      row.derivative[2 + k] = -p.range * lever[k] / cosine, row.derivative[5 + k] = -n[k] / cosine;
+    row.residual = p.residual;
+    row.base_weight = row.weight = 1 / (2 * options_.sigma_m * options_.sigma_m);
+    row.beam = static_cast<std::uint32_t>(p.ring * beams_ / options_.rings);
+    rows_.push_back(row);
+  }
+  if (rows_.size() < 16) return;
+  double scale = 0;
+  for (int pass = 0; pass < 3; ++pass) {
+    const auto left_of = [&](const Row& r) {
+      double left = r.residual;
+      for (std::size_t k = 0; k < 8; ++k)
+        if (term_of_[k] < rest_)
+          if (const double v = frame_.value(term_of_[k]); std::isfinite(v)) left -= r.derivative[k] * v;
+      if (beams_ > 1)
+        if (const double v = frame_.value(first_beam_ + r.beam); std::isfinite(v)) left -= v;
+      return left * std::sqrt(r.base_weight);
+    };
+    if (pass > 0) {
+      scratch_.clear();
+      for (const Row& r : rows_) scratch_.push_back(std::abs(left_of(r)));
+      const auto middle = scratch_.begin() + static_cast<std::ptrdiff_t>(scratch_.size() / 2);
+      std::nth_element(scratch_.begin(), middle, scratch_.end());
+      scale = std::max(1e-3, 1.4826 * *middle);
+      for (Row& r : rows_) {
+        const double t = std::abs(left_of(r)) / (1.345 * scale);
+        r.weight = t > 1 ? r.base_weight / t : r.base_weight;
+      }
+    }
+    frame_.clear();
+    double weights = 0;
+    std::array<bool, kMostBeams> seen{};
+    for (const Row& r : rows_) {
+      seen[r.beam] = true;
+      std::array<WindowFit::Term, 9> terms;
+      std::size_t n = 0;
+      for (std::size_t k = 0; k < 8; ++k)
+        if (term_of_[k] < rest_) terms[n++] = {term_of_[k], r.derivative[k]};
+      if (beams_ > 1) terms[n++] = {first_beam_ + r.beam, 1};
+      frame_.add({terms.data(), n}, r.residual, r.weight);
+      weights += r.weight;
+    }
+    if (beams_ > 1) {
+      // The sum is 0: what beams have in common is the bias. A beam without points is not in it.
+      std::array<WindowFit::Term, kMostBeams> terms;
+      std::size_t n = 0;
+      for (std::size_t k = 0; k < beams_; ++k)
+        if (seen[k]) terms[n++] = {first_beam_ + k, 1};
+      frame_.add({terms.data(), n}, 0, weights);
+    }
+    if (pass < 2) frame_.solve();
+  }
+  window_.add(frame_, 1 / (scale * scale));
+}
+
+void CloudChange::finish(Estimate& e) noexcept {
+  e.value.fill(kNaN), e.sigma.fill(kNaN);
+  if (window_.count() > 0) {
+    window_.solve();
+    for (std::size_t k = 0; k < rest_; ++k) e.value[k] = window_.value(k), e.sigma[k] = window_.sigma(k);
+  }
+  if (remission_.count() >= 16) {
+    remission_.solve();
+    e.value[rest_] = remission_.value(0), e.sigma[rest_] = remission_.sigma(0);
+  }
+  const auto set = [&](std::size_t at, const NoiseSums& n, double less) {
+    if (n.count < 30) return;
+    const double mean = n.sum / n.count;
+    e.value[at] = mean - less;
+    e.sigma[at] = std::sqrt(std::max(0.0, n.squares / n.count - mean * mean) / n.count);
+  };
+  set(rest_ + 1, noise_all_, 0);
+  for (std::size_t k = 0; k < 3; ++k) set(rest_ + 2 + k, noise_bin_[k], e.value[rest_ + 1]);
+  if (const double all = both_ + lost_ + gained_; all > 0) {
+    e.value[rest_ + 5] = lost_ / all, e.value[rest_ + 6] = gained_ / all;
+    const auto share = [&](double x) { return std::sqrt((x + 1) / all / all); };
+    e.sigma[rest_ + 5] = share(lost_), e.sigma[rest_ + 6] = share(gained_);
+  }
+  window_.clear(), remission_.clear();
+  noise_all_ = {};
+  for (auto& n : noise_bin_) n = {};
+  both_ = lost_ = gained_ = 0;
+}
+
+}  // namespace rigor::pair_watch

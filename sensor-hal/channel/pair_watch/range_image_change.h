@@ -1,0 +1,60 @@
+// What has changed between a time-of-flight camera and its twin, from range images of the same instants.
+//
+// Residual real − simulated of the range of a pixel where both have a return and the twin sees no edge:
+//
+//   offset               1                    m
+//   range scale          range                relative
+//   low, high amplitude  1 below a third, above two thirds of amplitude_max: m, against the middle third
+//   amplitude            simulated amplitude  relative, in a fit of its own
+//
+// Noise is what second differences along a row leave of the residuals: its variance over sigma_m², as excess
+// of the real side if the twin's noise is sigma_m; over all, and by amplitude (thirds) against that.
+// `flying`: the share of pixels that lie between two neighbours of a row that are an edge apart, and off
+// both; real less simulated. `lost`: pixels that the simulated side alone returns, `gained`: the real side
+// alone, as shares of those that either returns.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "rt-core/result.h"
+#include "sensor-hal/channel/pair_watch/window_fit.h"
+#include "sensor-hal/types/sample.h"
+
+namespace rigor::pair_watch {
+
+struct RangeImageChangeOptions {
+  double sigma_m = 0.02;     ///< of one range, by the sensor's sheet
+  double amplitude_max = 1;  ///< in the device's own unit
+  double edge_m = 0.2;       ///< neighbours farther apart than this are an edge
+};
+
+class RangeImageChange {
+ public:
+  /// Setup. bad_input: options that are not above 0, a picture of less than 8×8 pixels.
+  [[nodiscard]] static Result<RangeImageChange> make(const RangeImageInfo& shape,
+                                                     const RangeImageChangeOptions& options);
+  [[nodiscard]] const std::vector<Parameter>& parameters() const noexcept { return parameters_; }
+
+  // One thread at a time; no allocation.
+  /// False: not range images of the shape, or one is incomplete; nothing has happened. Without an amplitude
+  /// plane every pixel is of middle amplitude.
+  bool add(const Sample& real, const Sample& simulated) noexcept;
+  void finish(Estimate& estimate) noexcept;
+
+ private:
+  RangeImageChange(const RangeImageInfo& shape, const RangeImageChangeOptions& options);
+  struct NoiseSums {
+    double sum = 0, squares = 0, count = 0;
+  };
+
+  RangeImageInfo shape_;
+  RangeImageChangeOptions options_;
+  std::vector<Parameter> parameters_;
+  WindowFit window_, amplitude_;
+  NoiseSums noise_all_, noise_bin_[3];
+  double both_ = 0, lost_ = 0, gained_ = 0, flying_[2] = {0, 0}, looked_at_ = 0;
+};
+
+}  // namespace rigor::pair_watch
