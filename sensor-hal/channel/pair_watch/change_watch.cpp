@@ -143,8 +143,9 @@ void ChangeWatch::learn_one(std::size_t i) noexcept {
       break;
     }
   }
-  // Numbers that never changed (whole numbers, a switch): any change is one.
-  l.sigma = std::max({l.sigma, 1e-9 * std::abs(l.mean), 1e-12});
+  // Never less than what a window itself claims: shares that were 0 in all windows. Numbers that never
+  // changed and claim to be exact (a switch): any change is one.
+  l.sigma = std::max({l.sigma, l.within, 1e-9 * std::abs(l.mean), 1e-12});
   const double k = std::max(options_.reference, parameters_[i].least / (2 * l.sigma));
   // The formula is too long for larger k: a sum with them runs longer than one with k = 1.
   const double h = threshold_for(std::min(k, 1.0), run_length_);
@@ -185,15 +186,40 @@ void ChangeWatch::learn() noexcept {
   state_ = WatchState::watching;
 }
 
+/// What a change of 1 of j alone does to all that are watched.
+std::array<double, kMaxParameters> ChangeWatch::direction(std::size_t j) const noexcept {
+  std::array<double, kMaxParameters> d{};
+  d[j] = 1;
+  if (parameters_[j].common < 0) return d;
+  double group = 0;
+  for (const Parameter& q : parameters_) group += q.common == parameters_[j].common;
+  for (std::size_t i = 0; i < parameters_.size(); ++i) {
+    if (!learned_[i].watched) continue;
+    if (parameters_[i].common == parameters_[j].common) d[i] -= 1 / group;
+    if (static_cast<int>(i) == parameters_[j].common) d[i] = 1 / group;
+  }
+  return d;
+}
+
 void ChangeWatch::raise(std::size_t trigger) noexcept {
   const std::size_t p = parameters_.size();
   alarm_ = Alarm{};
   alarm_.trigger = alarm_.parameter = alarm_.runner_up = static_cast<std::uint32_t>(trigger);
   alarm_.window = window_ - 1;
-  alarm_.since = learned_[trigger].sum.since();
-  const std::uint64_t oldest =
-      std::max<std::uint64_t>({alarm_.since, window_ > ring_.size() ? window_ - ring_.size() : 0,
-                               first_ + options_.baseline_windows});
+  // The sum may have left 0 by chance a while before the change: of the windows since then the most likely
+  // first one with the change is that with the largest n · mean².
+  const std::uint64_t oldest_kept = std::max<std::uint64_t>(
+      {learned_[trigger].sum.since(), window_ > ring_.size() ? window_ - ring_.size() : 0,
+       first_ + options_.baseline_windows});
+  std::uint64_t oldest = window_ - 1;
+  double sum_back = 0, count_back = 0, most = -1;
+  for (std::uint64_t w = window_; w-- > oldest_kept;) {
+    const double v = at(w).value[trigger] - learned_[trigger].mean;
+    if (!std::isfinite(v)) continue;
+    sum_back += v, ++count_back;
+    if (const double gain = sum_back * sum_back / count_back; gain > most) most = gain, oldest = w;
+  }
+  alarm_.since = oldest;
   // Mean change of each in marginal standard deviations. What a parameter's windows do not say is no change.
   std::array<double, kMaxParameters> change{}, unit{};
   const double n = static_cast<double>(window_ - oldest);
@@ -210,10 +236,16 @@ void ChangeWatch::raise(std::size_t trigger) noexcept {
   for (std::size_t j = 0; j < p; ++j) {
     const Learned& l = learned_[j];
     if (!l.watched) continue;
-    double s = 0;
-    for (std::size_t i = 0; i < p; ++i) s += inverse_[j * p + i] * change[i];
-    const double information = inverse_[j * p + j];
-    const double ratio = n * s * s / (2 * information), delta = unit[j] * s / information;
+    const auto d = direction(j);
+    double s = 0, information = 0;
+    for (std::size_t i = 0; i < p; ++i) {
+      if (d[i] == 0) continue;
+      for (std::size_t k = 0; k < p; ++k) {
+        s += d[i] / unit[i] * inverse_[i * p + k] * change[k];
+        if (d[k] != 0) information += d[i] / unit[i] * inverse_[i * p + k] * d[k] / unit[k];
+      }
+    }
+    const double ratio = n * s * s / (2 * information), delta = s / information;
     if (ratio > best) {
       second = best;
       alarm_.runner_up = alarm_.parameter, alarm_.runner_up_change = alarm_.change;
@@ -224,7 +256,7 @@ void ChangeWatch::raise(std::size_t trigger) noexcept {
       // Windows hang together, and the baseline's mean is only so good.
       const double wide = l.marginal > 0 ? std::max(1.0, l.sigma / l.marginal) : 1;
       const double base = static_cast<double>(options_.baseline_windows);
-      alarm_.sigma = wide * unit[j] * std::sqrt((1 / n + 1 / base) / information);
+      alarm_.sigma = wide * std::sqrt((1 / n + 1 / base) / information);
     } else if (ratio > second) {
       second = ratio;
       alarm_.runner_up = static_cast<std::uint32_t>(j);

@@ -21,9 +21,10 @@
 // A window that is less certain than those of the baseline (a dark picture) counts less, by the ratio of its
 // own sigma; one that says nothing of a parameter is passed over.
 //
-// Explanation: of the mean change Δ since the alarm's sum left 0, over n windows, the log likelihood ratio of
-// "only j has changed" is n (S⁻¹Δ)_j² / (2 (S⁻¹)_jj), with the estimate (S⁻¹Δ)_j/(S⁻¹)_jj. S is the
-// covariance between windows, its correlations shrunk by (P + 1)/(P + 1 + N).
+// Explanation: of the mean change Δ since the alarm began, over n windows, the log likelihood ratio of "only
+// j has changed" is n (dᵀS⁻¹Δ)² / (2 dᵀS⁻¹d), with the estimate dᵀS⁻¹Δ / dᵀS⁻¹d; d is the unit vector of j,
+// or what Parameter::common makes of it. S is the covariance between windows, its correlations shrunk by (P +
+// 1)/(P + 1 + N).
 #pragma once
 
 #include <array>
@@ -103,6 +104,7 @@ class ChangeWatch {
   void learn() noexcept;
   void learn_one(std::size_t i) noexcept;
   void raise(std::size_t trigger) noexcept;
+  [[nodiscard]] std::array<double, kMaxParameters> direction(std::size_t j) const noexcept;
   [[nodiscard]] const Estimate& at(std::uint64_t window) const noexcept {
     return ring_[window % ring_.size()];
   }

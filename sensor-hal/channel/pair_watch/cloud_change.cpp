@@ -66,7 +66,7 @@ CloudChange::CloudChange(const CloudChangeOptions& o)
       const std::size_t from = (k * o.rings + beams_ - 1) / beams_,
                         to = ((k + 1) * o.rings + beams_ - 1) / beams_ - 1;
       parameters_.push_back(
-          {"beam " + std::to_string(from) + (to > from ? "-" + std::to_string(to) : ""), "m", 0});
+          {"beam " + std::to_string(from) + (to > from ? "-" + std::to_string(to) : ""), "m", 0, 0});
     }
   rest_ = parameters_.size();
   for (const char* text : {"remission", "noise", "noise low remission", "noise middle remission",
@@ -213,11 +213,10 @@ void CloudChange::take_noise(std::size_t begin, std::size_t end) noexcept {
     const Point &a = points_[i], &b = points_[i + 1], &c = points_[i + 2];
     const double second = a.residual - 2 * b.residual + c.residual;
     if (!std::isfinite(second)) continue;
-    const double excess = std::min(100.0, second * second / (6 * options_.sigma_m * options_.sigma_m)) - 2;
     const double level = b.remission / options_.remission_max;
-    for (NoiseSums* n : {&noise_all_, &noise_bin_[level < 1.0 / 3 ? 0 : level < 2.0 / 3 ? 1 : 2]}) {
-      n->sum += excess, n->squares += excess * excess, ++n->count;
-    }
+    noise_sums_.add(second * second / (6 * options_.sigma_m * options_.sigma_m), level < 1.0 / 3   ? 0
+                                                                                 : level < 2.0 / 3 ? 1
+                                                                                                   : 2);
   }
 }
 
@@ -302,22 +301,13 @@ void CloudChange::finish(Estimate& e) noexcept {
     remission_.solve();
     e.value[rest_] = remission_.value(0), e.sigma[rest_] = remission_.sigma(0);
   }
-  const auto set = [&](std::size_t at, const NoiseSums& n, double less) {
-    if (n.count < 30) return;
-    const double mean = n.sum / n.count;
-    e.value[at] = mean - less;
-    e.sigma[at] = std::sqrt(std::max(0.0, n.squares / n.count - mean * mean) / n.count);
-  };
-  set(rest_ + 1, noise_all_, 0);
-  for (std::size_t k = 0; k < 3; ++k) set(rest_ + 2 + k, noise_bin_[k], e.value[rest_ + 1]);
+  noise_sums_.finish(e, rest_ + 1);
   if (const double all = both_ + lost_ + gained_; all > 0) {
     e.value[rest_ + 5] = lost_ / all, e.value[rest_ + 6] = gained_ / all;
     const auto share = [&](double x) { return std::sqrt((x + 1) / all / all); };
     e.sigma[rest_ + 5] = share(lost_), e.sigma[rest_ + 6] = share(gained_);
   }
   window_.clear(), remission_.clear();
-  noise_all_ = {};
-  for (auto& n : noise_bin_) n = {};
   both_ = lost_ = gained_ = 0;
 }
 

@@ -26,6 +26,7 @@
 #include <vector>
 
 #include "rt-core/result.h"
+#include "sensor-hal/channel/pair_watch/noise_sums.h"
 #include "sensor-hal/channel/pair_watch/window_fit.h"
 #include "sensor-hal/types/sample.h"
 
@@ -64,9 +65,6 @@ class CloudChange {
     double residual, base_weight, weight;
     std::uint32_t beam;
   };
-  struct NoiseSums {
-    double sum = 0, squares = 0, count = 0;
-  };
   [[nodiscard]] bool normal_at(std::size_t i, double (&n)[3]) const noexcept;
   [[nodiscard]] const Point* beside(const Point& p, std::size_t ring) const noexcept;
   void match(const Sample& real, const Sample& simulated) noexcept;
@@ -84,7 +82,7 @@ class CloudChange {
   std::vector<Row> rows_;
   std::vector<double> scratch_;
   WindowFit frame_, window_, remission_;
-  NoiseSums noise_all_, noise_bin_[3];
+  NoiseSums noise_sums_;
   double both_ = 0, lost_ = 0, gained_ = 0;
 };
 

@@ -129,7 +129,7 @@ ImageChange::ImageChange(const CameraModel& camera, const ImageInfo& shape, cons
                  {"mount x", "rad", 0}, {"mount y", "rad", 0}, {"mount z", "rad", 0}};
   for (int r = 0; r < options.tiles_down; ++r)
     for (int c = 0; c < options.tiles_across; ++c)
-      parameters_.push_back({"tile " + std::to_string(c) + "," + std::to_string(r), "1", 0});
+      parameters_.push_back({"tile " + std::to_string(c) + "," + std::to_string(r), "1", 0, 0});
   for (const char* name : {"noise", "noise dark", "noise middle", "noise bright"})
     parameters_.push_back({name, "1", 0});
 }
@@ -178,11 +178,8 @@ void ImageChange::read(const Load& real, const Load& simulated) noexcept {
       const double mean = sum / 9.0, variance = variance_at(mean);
       // Nine draws span some three standard deviations; more than six are an edge.
       if (high - low > 6 * std::sqrt(variance) + 1) continue;
-      const double excess = std::min(100.0, left * left / 36.0 / variance) - 2;
       const double level = (mean - black_) / range;
-      for (NoiseSums* n : {&noise_all_, &noise_bin_[level < 0.125 ? 0 : level < 0.375 ? 1 : 2]}) {
-        n->sum += excess, n->squares += excess * excess, ++n->count;
-      }
+      noise_sums_.add(left * left / 36.0 / variance, level < 0.125 ? 0 : level < 0.375 ? 1 : 2);
     }
 }
 
@@ -309,17 +306,7 @@ void ImageChange::finish(Estimate& e) noexcept {
     for (std::size_t k = 0; k < (tiles > 1 ? noise : kGlobals); ++k)
       e.value[k] = window_.value(k), e.sigma[k] = window_.sigma(k);
   }
-  const auto set = [&](std::size_t at, const NoiseSums& n, double less) {
-    if (n.count < 30) return;
-    const double mean = n.sum / n.count;
-    e.value[at] = mean - less;
-    e.sigma[at] = std::sqrt(std::max(0.0, n.squares / n.count - mean * mean) / n.count);
-  };
-  set(noise, noise_all_, 0);
-  const double all = e.value[noise];
-  for (std::size_t k = 0; k < 3; ++k) set(noise + 1 + k, noise_bin_[k], all);
-  noise_all_ = {};
-  for (auto& n : noise_bin_) n = {};
+  noise_sums_.finish(e, noise);
   window_.clear();
 }
 

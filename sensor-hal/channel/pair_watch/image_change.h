@@ -32,6 +32,7 @@
 #include <vector>
 
 #include "rt-core/result.h"
+#include "sensor-hal/channel/pair_watch/noise_sums.h"
 #include "sensor-hal/channel/pair_watch/window_fit.h"
 #include "sensor-hal/models/camera_model.h"
 #include "sensor-hal/types/sample.h"
@@ -69,9 +70,6 @@ class ImageChange {
     std::uint32_t count = 0;
     bool bad = false;
   };
-  struct NoiseSums {
-    double sum = 0, squares = 0, count = 0;
-  };
   ImageChange(const CameraModel& camera, const ImageInfo& shape, const ImageChangeOptions& options);
   template <class Load>
   void read(const Load& real, const Load& simulated) noexcept;
@@ -95,7 +93,7 @@ class ImageChange {
   std::vector<Row> rows_;
   std::vector<double> scratch_;
   WindowFit frame_, window_;
-  NoiseSums noise_all_, noise_bin_[3];
+  NoiseSums noise_sums_;
 };
 
 }  // namespace rigor::pair_watch

@@ -108,10 +108,7 @@ bool RangeImageChange::add(const Sample& real, const Sample& simulated) noexcept
       if (u % 3 != 0) continue;  // so that no residual counts twice
       const double second = x(u - 1, v) - y(u - 1, v) - 2 * residual + x(u + 1, v) - y(u + 1, v);
       if (!std::isfinite(second)) continue;
-      const double excess = std::min(100.0, second * second / (6 * options_.sigma_m * options_.sigma_m)) - 2;
-      for (NoiseSums* n : {&noise_all_, &noise_bin_[bin]}) {
-        n->sum += excess, n->squares += excess * excess, ++n->count;
-      }
+      noise_sums_.add(second * second / (6 * options_.sigma_m * options_.sigma_m), bin);
     }
   return true;
 }
@@ -126,14 +123,7 @@ void RangeImageChange::finish(Estimate& e) noexcept {
     amplitude_.solve();
     e.value[kAmplitude] = amplitude_.value(0), e.sigma[kAmplitude] = amplitude_.sigma(0);
   }
-  const auto set = [&](std::size_t at, const NoiseSums& n, double less) {
-    if (n.count < 30) return;
-    const double mean = n.sum / n.count;
-    e.value[at] = mean - less;
-    e.sigma[at] = std::sqrt(std::max(0.0, n.squares / n.count - mean * mean) / n.count);
-  };
-  set(kNoise, noise_all_, 0);
-  for (std::size_t k = 0; k < 3; ++k) set(kNoise + 1 + k, noise_bin_[k], e.value[kNoise]);
+  noise_sums_.finish(e, kNoise);
   if (looked_at_ > 0) {
     e.value[kFlying] = (flying_[0] - flying_[1]) / looked_at_;
     e.sigma[kFlying] = std::sqrt(flying_[0] + flying_[1] + 1) / looked_at_;
@@ -143,8 +133,6 @@ void RangeImageChange::finish(Estimate& e) noexcept {
     e.sigma[kLost] = std::sqrt(lost_ + 1) / all, e.sigma[kGained] = std::sqrt(gained_ + 1) / all;
   }
   window_.clear(), amplitude_.clear();
-  noise_all_ = {};
-  for (auto& n : noise_bin_) n = {};
   both_ = lost_ = gained_ = flying_[0] = flying_[1] = looked_at_ = 0;
 }
 

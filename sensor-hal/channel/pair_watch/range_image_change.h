@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "rt-core/result.h"
+#include "sensor-hal/channel/pair_watch/noise_sums.h"
 #include "sensor-hal/channel/pair_watch/window_fit.h"
 #include "sensor-hal/types/sample.h"
 
@@ -45,15 +46,12 @@ class RangeImageChange {
 
  private:
   RangeImageChange(const RangeImageInfo& shape, const RangeImageChangeOptions& options);
-  struct NoiseSums {
-    double sum = 0, squares = 0, count = 0;
-  };
 
   RangeImageInfo shape_;
   RangeImageChangeOptions options_;
   std::vector<Parameter> parameters_;
   WindowFit window_, amplitude_;
-  NoiseSums noise_all_, noise_bin_[3];
+  NoiseSums noise_sums_;
   double both_ = 0, lost_ = 0, gained_ = 0, flying_[2] = {0, 0}, looked_at_ = 0;
 };
 

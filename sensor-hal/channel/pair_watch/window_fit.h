@@ -23,6 +23,9 @@ inline constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 struct Parameter {
   std::string name, unit;
   double least = 0;  ///< the smallest change that is worth an alarm, in `unit`; 0: whatever shows
+  /// One of several whose sum is 0 (tiles, beams): the place of the parameter that carries what they have in
+  /// common. A change of one of them alone moves the sum, hence that and all others, too.
+  int common = -1;
 };
 
 /// What a window says of each parameter; NaN: nothing. Sigmas are those that the residuals of this window
