@@ -9,6 +9,7 @@ namespace rigor::pair_watch {
 namespace {
 
 constexpr std::size_t kMostBeams = 16;
+constexpr std::size_t kMostNeighbours = 4;
 constexpr double kLeastCosine = 0.25;
 
 LidarPoint point(const Sample& s, std::size_t i) noexcept {
@@ -180,25 +181,43 @@ bool CloudChange::normal_at(std::size_t i, double (&n)[3]) const noexcept {
     return apart > 0 && std::sqrt(across) < 0.2 &&
            std::abs(a.range + b.range - 2 * p.range) < options_.edge_m * apart + 5 * options_.sigma_m;
   };
+  // Over as many neighbours as it takes for their noise not to tilt the normal by much: a tilt that is noise
+  // makes estimates of turns too small.
+  const std::size_t begin = ring_begin_[p.ring], end = ring_begin_[p.ring + std::size_t{1}];
   double along[3], other[3];
-  if (!tangent(points_[i - 1], points_[i + 1], along)) return false;
+  bool any = false;
+  for (std::size_t m = 1; m <= kMostNeighbours && i >= begin + m && i + m < end; ++m) {
+    double wider[3];
+    if (!tangent(points_[i - m], points_[i + m], wider)) break;
+    std::copy(wider, wider + 3, along);
+    any = true;
+    if (std::hypot(along[0], along[1], along[2]) > 40 * options_.sigma_m) break;
+  }
+  if (!any) return false;
   if (options_.rings == 1) {
     const double up[3] = {0, 0, 1};
     cross(along, up, n);
   } else {
     const std::size_t place = ring_place_[p.ring];
-    const Point* below = place > 0 ? beside(p, ring_order_[place - 1]) : nullptr;
-    const Point* above = place + 1 < options_.rings ? beside(p, ring_order_[place + 1]) : nullptr;
-    if (!below) below = &p;
-    if (!above) above = &p;
-    if (below == above) return false;
-    double across = 0;
-    for (std::size_t k = 0; k < 3; ++k) {
-      other[k] = above->d[k] * above->range - below->d[k] * below->range;
-      across += (above->d[k] - below->d[k]) * (above->d[k] - below->d[k]);
+    const Point *below = &p, *above = &p;
+    for (std::size_t m = 1; m <= kMostNeighbours; ++m) {
+      const Point* lower = place >= m ? beside(p, ring_order_[place - m]) : nullptr;
+      const Point* upper = place + m < options_.rings ? beside(p, ring_order_[place + m]) : nullptr;
+      const Point &l = lower ? *lower : *below, &u = upper ? *upper : *above;
+      if (&l == &u) continue;
+      double across = 0;
+      for (std::size_t k = 0; k < 3; ++k) across += (u.d[k] - l.d[k]) * (u.d[k] - l.d[k]);
+      // A step between rings is steeper than kLeastCosine lets a surface be.
+      if (std::abs(u.range - l.range) > std::sqrt(across) * p.range / kLeastCosine) break;
+      if (&l != &p && &u != &p &&
+          std::abs(u.range + l.range - 2 * p.range) >
+              options_.edge_m * std::sqrt(across) * p.range + 5 * options_.sigma_m)
+        break;
+      below = &l, above = &u;
+      if (std::sqrt(across) * p.range > 40 * options_.sigma_m) break;
     }
-    // A step between rings is steeper than kLeastCosine lets a surface be.
-    if (std::abs(above->range - below->range) > std::sqrt(across) * p.range / kLeastCosine) return false;
+    if (below == above) return false;
+    for (std::size_t k = 0; k < 3; ++k) other[k] = above->d[k] * above->range - below->d[k] * below->range;
     cross(along, other, n);
   }
   const double length = std::hypot(n[0], n[1], n[2]);

@@ -53,6 +53,7 @@ bool ValueChange::add(double t_s, std::span<const double> real, std::span<const 
     const double x = b.x - v.origin;
     v.x_sum += x, v.x_squares += x * x;
     v.x_second += x2 * x2 / 6, v.r_second += r2 * r2 / 6;
+    v.slope_noise += 2 / ((c.t_s - a.t_s) * (c.t_s - a.t_s));
     ++v.count;
   }
   return true;
@@ -69,15 +70,18 @@ void ValueChange::finish(Estimate& e) noexcept {
       const double variance = v.x_squares / n - shifted * shifted;
       const bool moves = n >= 8 && variance > 25 * v.x_second / n && variance > 0.01 * mean * mean;
       WindowFit& fit = moves ? v.fit : v.still;
+      // The instant's own x is in the residual, too; the slope is of its neighbours.
+      if (moves) fit.correct(1, v.x_second, v.x_second), fit.correct(2, v.slope_noise * v.x_second / n, 0);
       fit.solve();
       for (std::size_t k = 0; k < (moves ? 3u : 1u); ++k)
         e.value[at + k] = fit.value(k), e.sigma[at + k] = fit.sigma(k);
-      const double floor = std::max(1e-300, v.resolution * v.resolution / 12);
-      e.value[at + 3] = std::log(v.r_second / n + floor);
-      e.sigma[at + 3] = std::sqrt(35.0 / 9 / n);  // of mean squares of second differences of white noise
+      const double noise = v.r_second / n + v.resolution * v.resolution / 12;
+      if (noise > 0) e.value[at + 3] = std::log(noise);
+      if (noise > 0)
+        e.sigma[at + 3] = std::sqrt(35.0 / 9 / n);  // of mean squares of second differences of white noise
     }
     v.fit.clear(), v.still.clear();
-    v.x_sum = v.x_squares = v.x_second = v.r_second = v.count = 0;
+    v.x_sum = v.x_squares = v.x_second = v.r_second = v.slope_noise = v.count = 0;
     v.any = false;
   }
 }

@@ -6,10 +6,12 @@
 //   bias    in the number's unit, at x = 0 where scale is told, else at the window's mean
 //   scale   relative
 //   delay   s; positive: the real side shows what was, later than the twin
-//   noise   logarithm of the variance that second differences leave of y − x (both sides')
+//   noise   logarithm of the variance that second differences leave of y − x (both sides'); of numbers that
+//           are exact there is none
 //
 // Scale and delay are told where x moves: by more than 5 times its own noise (by second differences) and by
-// more than a tenth of its mean. A number that stands still has a bias and noise alone.
+// more than a tenth of its mean; what the noise of x does to both (attenuation) is taken off by moments. A
+// number that stands still has a bias and noise alone.
 //
 // At most ten numbers: four parameters each.
 #pragma once
@@ -52,7 +54,7 @@ class ValueChange {
     std::array<Instant, 3> last{};  ///< newest last
     std::uint64_t run = 0;          ///< instants in a row
     WindowFit fit{3}, still{1};
-    double x_sum = 0, x_squares = 0, x_second = 0, r_second = 0, count = 0;
+    double x_sum = 0, x_squares = 0, x_second = 0, r_second = 0, slope_noise = 0, count = 0;
   };
   explicit ValueChange(const std::vector<WatchedValue>& values);
   std::vector<Parameter> parameters_;

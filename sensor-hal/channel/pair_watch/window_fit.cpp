@@ -69,6 +69,11 @@ void WindowFit::add(const WindowFit& other, double factor) noexcept {
   count_ += other.count_;
 }
 
+void WindowFit::correct(std::size_t i, double squares_less, double products_more) noexcept {
+  normal_[i * n_ + i] -= squares_less;
+  right_[i] += products_more;
+}
+
 void WindowFit::solve() noexcept {
   // In units in which every diagonal element is 1, so that one tolerance does for all of them.
   for (std::size_t i = 0; i < n_; ++i)

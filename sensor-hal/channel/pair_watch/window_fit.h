@@ -56,6 +56,9 @@ class WindowFit {
   void add(std::span<const Term> terms, double residual, double weight) noexcept;
   /// The sums of another fit, times a factor on its weights.
   void add(const WindowFit& other, double factor) noexcept;
+  /// Columns that are measured themselves: takes what their noise adds off the sums of squares of column i,
+  /// and adds to its sum of products with the residual.
+  void correct(std::size_t i, double squares_less, double products_more) noexcept;
   /// Estimates into the first places of `value` and `sigma`. Residuals that were added: `count`.
   void solve() noexcept;
 

@@ -1,0 +1,238 @@
+#include "sensor-hal/channel/pair_watch/cloud_change.h"
+
+#include <cmath>
+#include <functional>
+#include <limits>
+
+#include "tests/sensor-hal/pair_watch/noise_for_tests.h"
+#include "tests/sensor-hal/pair_watch/watched_pair.h"
+
+namespace rigor::pair_watch {
+namespace {
+
+using testing::Random;
+using Vector = std::array<double, 3>;
+constexpr double kDegree = 3.14159265358979 / 180;
+
+/// A room of 12 by 9 by 4 m with four columns of a square section, by rays.
+struct Room {
+  struct Box {
+    Vector low, high;
+  };
+  std::vector<Box> columns;
+  explicit Room(std::uint64_t seed) {
+    Random r(seed);
+    for (int i = 0; i < 4; ++i) {
+      const double x = -5 + 10 * r.uniform(), y = (i % 2 == 0 ? 2.0 : -3.0) + r.uniform(),
+                   w = 0.4 + 0.6 * r.uniform();
+      columns.push_back({{x, y, -1.5}, {x + w, y + w, 2.5}});
+    }
+  }
+  [[nodiscard]] double range(const Vector& o, const Vector& d) const {
+    constexpr Vector low{-6, -4.5, -1.5}, high{6, 4.5, 2.5};
+    double best = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < 3; ++k)
+      if (d[k] != 0) best = std::min(best, ((d[k] > 0 ? high[k] : low[k]) - o[k]) / d[k]);
+    for (const Box& b : columns) {
+      double from = 0, to = best;
+      for (std::size_t k = 0; k < 3; ++k) {
+        if (std::abs(d[k]) < 1e-12) {
+          if (o[k] < b.low[k] || o[k] > b.high[k]) from = to + 1;
+          continue;
+        }
+        const double s = (b.low[k] - o[k]) / d[k], t = (b.high[k] - o[k]) / d[k];
+        from = std::max(from, std::min(s, t)), to = std::min(to, std::max(s, t));
+      }
+      if (from > 0 && from < to) best = std::min(best, from);
+    }
+    return best;
+  }
+};
+
+struct Change {
+  double bias_m = 0, scale = 0, noise = 1, lost = 0, beam_m = 0, remission = 0;
+  Vector turn_rad{}, move_m{};
+};
+
+struct Shape {
+  std::uint32_t rings, steps;
+  double step_rad, first_rad;
+};
+constexpr Shape kPlane{1, 271, kDegree, -135 * kDegree};
+constexpr Shape kMany{8, 180, 2 * kDegree, -180 * kDegree};
+
+class Pair {
+ public:
+  Pair(const Shape& shape, const Change& off, const Change& change, std::uint64_t seed)
+      : shape_(shape), random_(seed), off_(off), changes_(CloudChange::make(options(shape)).value()) {
+    after_ = off;
+    after_.bias_m += change.bias_m, after_.scale += change.scale, after_.beam_m += change.beam_m;
+    after_.noise *= change.noise, after_.lost += change.lost, after_.remission += change.remission;
+    for (std::size_t k = 0; k < 3; ++k)
+      after_.turn_rad[k] += change.turn_rad[k], after_.move_m[k] += change.move_m[k];
+    for (std::uint64_t i = 0; i < 12; ++i) rooms_.emplace_back(seed * 50 + i);
+    real_.reserve(24 * shape.rings * shape.steps), simulated_.reserve(24 * shape.rings * shape.steps);
+  }
+  static CloudChangeOptions options(const Shape& shape) {
+    CloudChangeOptions o;
+    o.points = 5000, o.rings = shape.rings, o.sigma_m = 0.015;
+    return o;
+  }
+  Estimate window(bool changed) {
+    const std::size_t i = random_.bits() % rooms_.size();
+    scan(real_, rooms_[i], i, changed ? after_ : off_);
+    scan(simulated_, rooms_[i], i, Change{});
+    EXPECT_TRUE(changes_.add(real_, simulated_));
+    Estimate e;
+    changes_.finish(e);
+    return e;
+  }
+  CloudChange& changes() { return changes_; }
+  Sample& real() { return real_; }
+  Sample& simulated() { return simulated_; }
+
+ private:
+  void scan(Sample& s, const Room& room, std::size_t place, const Change& c) {
+    points_.clear();
+    const Vector at{-2 + 0.3 * static_cast<double>(place), 0.2 * static_cast<double>(place) - 1, 0};
+    for (std::uint32_t k = 0; k < shape_.steps; ++k)
+      for (std::uint32_t ring = 0; ring < shape_.rings; ++ring) {
+        const double a = shape_.first_rad + k * shape_.step_rad;
+        const double e = shape_.rings == 1 ? 0 : (2.0 * ring - 7) * kDegree;
+        const Vector d{std::cos(e) * std::cos(a), std::cos(e) * std::sin(a), std::sin(e)};
+        // Of the real sensor in the twin's frame: o + R d.
+        const Vector& w = c.turn_rad;
+        Vector turned{d[0] + w[1] * d[2] - w[2] * d[1], d[1] + w[2] * d[0] - w[0] * d[2],
+                      d[2] + w[0] * d[1] - w[1] * d[0]};
+        const double length = std::hypot(turned[0], turned[1], turned[2]);
+        for (double& x : turned) x /= length;
+        const Vector o{at[0] + c.move_m[0], at[1] + c.move_m[1], at[2] + c.move_m[2]};
+        const double truth = room.range(o, turned);
+        const bool lost = random_.uniform() < 0.01 + c.lost;
+        const double range = truth * (1 + c.scale) + c.bias_m + (ring == 3 ? c.beam_m : 0) +
+                             0.015 * c.noise * random_.quick_normal();
+        if (lost) continue;
+        const double remission = (0.2 + 0.6 * std::abs(std::sin(3 * truth))) * (1 + c.remission);
+        points_.push_back({static_cast<float>(d[0] * range), static_cast<float>(d[1] * range),
+                           static_cast<float>(d[2] * range), static_cast<float>(remission),
+                           static_cast<std::int32_t>(k * 50000), static_cast<std::uint16_t>(ring), 0, 0});
+      }
+    s.info = PointCloudInfo{static_cast<std::uint32_t>(points_.size())};
+    testing::fill<LidarPoint>(s, points_);
+  }
+
+  Shape shape_;
+  Random random_;
+  Change off_, after_;
+  CloudChange changes_;
+  std::vector<Room> rooms_;
+  std::vector<LidarPoint> points_;
+  Sample real_, simulated_;
+};
+
+Change imperfect(bool plane) {
+  Change c;
+  c.bias_m = 0.004, c.scale = 2e-4, c.move_m = {0.003, -0.002, 0};
+  c.turn_rad = {plane ? 0 : 5e-4, 0, 1e-3};
+  return c;
+}
+
+struct Planted {
+  const char* name;
+  bool plane;
+  Change change;
+  double truth;
+  int most_windows;
+};
+class CloudChanges : public ::testing::TestWithParam<Planted> {};
+
+TEST_P(CloudChanges, AreFoundAndNamed) {
+  Pair pair(GetParam().plane ? kPlane : kMany, imperfect(GetParam().plane), GetParam().change, 4);
+  ChangeWatch watch = ChangeWatch::make(pair.changes().parameters(), testing::watch_options()).value();
+  const int windows = testing::windows_to_alarm(
+      watch, [&](bool c) { return pair.window(c); }, 200, 50);
+  EXPECT_GE(windows, 1);
+  EXPECT_LE(windows, GetParam().most_windows);
+  EXPECT_EQ(testing::name_of_alarm(watch), GetParam().name);
+  EXPECT_NEAR(watch.alarm().change, GetParam().truth,
+              0.15 * std::abs(GetParam().truth) + 4 * watch.alarm().sigma);
+}
+
+Change with(auto set) {
+  Change c;
+  set(c);
+  return c;
+}
+INSTANTIATE_TEST_SUITE_P(
+    Planted, CloudChanges,
+    ::testing::Values(
+        Planted{"range bias", true, with([](Change& c) { c.bias_m = 0.02; }), 0.02, 15},
+        Planted{"range bias", false, with([](Change& c) { c.bias_m = 0.02; }), 0.02, 5},
+        Planted{"range scale", true, with([](Change& c) { c.scale = 0.01; }), 0.01, 15},
+        Planted{"mount z", true, with([](Change& c) { c.turn_rad[2] = 0.5 * kDegree; }), 0.5 * kDegree, 10},
+        Planted{"mount x", false, with([](Change& c) { c.turn_rad[0] = 0.5 * kDegree; }), 0.5 * kDegree, 10},
+        Planted{"mount y", false, with([](Change& c) { c.turn_rad[1] = 0.5 * kDegree; }), 0.5 * kDegree, 10},
+        Planted{"mount z", false, with([](Change& c) { c.turn_rad[2] = 0.5 * kDegree; }), 0.5 * kDegree, 10},
+        Planted{"mount move x", true, with([](Change& c) { c.move_m[0] = 0.03; }), 0.03, 10},
+        Planted{"beam 3", false, with([](Change& c) { c.beam_m = 0.02; }), 0.02, 5},
+        Planted{"noise", true, with([](Change& c) { c.noise = 2; }), 3, 10},
+        Planted{"lost", true, with([](Change& c) { c.lost = 0.1; }), 0.1, 10},
+        Planted{"remission", true, with([](Change& c) { c.remission = -0.2; }), -0.2, 5}),
+    [](const auto& planted) {
+      std::string name = planted.param.name;
+      for (char& c : name)
+        if (c == ' ') c = '_';
+      return name + (planted.param.plane ? "_of_one_ring" : "_of_many_rings");
+    });
+
+TEST(CloudChange, TenThousandWindowsWithoutAChangeRaiseNoAlarm) {
+  Pair pair(kPlane, imperfect(true), Change{}, 6);
+  ChangeWatch watch = ChangeWatch::make(pair.changes().parameters(), testing::watch_options()).value();
+  double highest = 0;
+  for (int i = 0; i < 10200; ++i) {
+    watch.add(pair.window(false));
+    ASSERT_NE(watch.state(), WatchState::alarm) << i << ": " << testing::told(watch);
+    for (std::size_t k = 0; k < watch.parameters().size(); ++k)
+      highest = std::max(highest, watch.parameter_state(k).level);
+  }
+  EXPECT_GT(highest, 0.2);  // the sums were alive
+  std::printf("  highest sum: %.2f of its threshold\n", highest);
+}
+
+TEST(CloudChange, FewPointsNoneAndBrokenOnesSayNothing) {
+  Pair pair(kPlane, Change{}, Change{}, 6);
+  (void)pair.window(false);
+  Estimate e;
+  for (const std::uint32_t n : {0u, 1u, 5u}) {
+    pair.real().info = PointCloudInfo{n}, pair.real().size_bytes = n * sizeof(LidarPoint);
+    EXPECT_TRUE(pair.changes().add(pair.real(), pair.simulated()));
+    pair.changes().finish(e);
+    EXPECT_TRUE(std::isnan(e.value[0])) << n;
+    EXPECT_TRUE(std::isfinite(e.value[e.value.size() > 10 ? 10 : 0]));  // the share that was lost is told
+  }
+  (void)pair.window(false);
+  LidarPoint p;
+  const std::size_t bytes = pair.real().size_bytes;
+  for (std::size_t at = 0; at < bytes; at += sizeof p) {
+    std::memcpy(&p, pair.real().memory().data() + at, sizeof p);
+    p.x_m = std::numeric_limits<float>::quiet_NaN();
+    std::memcpy(pair.real().memory().data() + at, &p, sizeof p);
+  }
+  EXPECT_TRUE(pair.changes().add(pair.real(), pair.simulated()));
+  pair.changes().finish(e);
+  EXPECT_TRUE(std::isnan(e.value[0]));
+  pair.real().stamp.validity = kIncomplete;
+  EXPECT_FALSE(pair.changes().add(pair.real(), pair.simulated()));
+  pair.real().stamp.validity = 0, pair.real().size_bytes -= 1;
+  EXPECT_FALSE(pair.changes().add(pair.real(), pair.simulated()));
+  pair.real().info = ImageInfo{};
+  EXPECT_FALSE(pair.changes().add(pair.real(), pair.simulated()));
+  CloudChangeOptions o;
+  o.rings = 0;
+  EXPECT_FALSE(CloudChange::make(o));
+  o = {}, o.sigma_m = 0;
+  EXPECT_FALSE(CloudChange::make(o));
+}
+
+}  // namespace
+}  // namespace rigor::pair_watch
