@@ -1,0 +1,134 @@
+#include "sensor-hal/channel/pair_watch/pair_watch.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "tests/sensor-hal/pair_watch/noise_for_tests.h"
+
+namespace rigor::pair_watch {
+namespace {
+
+using testing::Random;
+
+WatchOptions options() {
+  WatchOptions o;
+  o.window_s = 1, o.baseline_windows = 50, o.false_alarms_per_h = 1e-3;
+  return o;
+}
+
+Sample registers(double t_s, double a, double b) {
+  Sample s;
+  s.stamp.t_capture = BenchTime{} + seconds_from(t_s);
+  RegisterBlock block;
+  block.count = 4, block.value[1] = a, block.value[3] = b;
+  s.info = block;
+  return s;
+}
+
+/// 20 Hz; from the 100th second on the second register is 0.1 more.
+void feed(PairWatch& watch, int from, int to, std::uint64_t seed) {
+  Random random(seed);
+  for (int i = from; i < to; ++i) {
+    const double t = 0.05 * i;
+    watch.add(registers(t, 5 + 0.01 * random.normal(), 7 + 0.02 * random.normal() + (t >= 100 ? 0.1 : 0)),
+              registers(t, 5, 7 + 0.02 * random.normal()));
+  }
+}
+
+PairWatch of_two() {
+  return PairWatch::of_registers({{1, {"pressure", "bar", 0}}, {3, {"flow", "l/s", 0}}}, options()).value();
+}
+
+TEST(PairWatch, TellsWhatHasChangedAndSinceWhen) {
+  PairWatch watch = of_two();
+  feed(watch, 0, 2000, 1);
+  PairWatchSnapshot s = watch.snapshot();
+  EXPECT_EQ(s.state, WatchState::watching);
+  EXPECT_EQ(s.compared, 2000u);
+  EXPECT_EQ(s.windows, 99u);  // the hundredth is open
+  EXPECT_EQ(s.parameters, 8u);
+  EXPECT_EQ(s.alarms, 0u);
+  EXPECT_EQ(text_of(watch, s), "");
+  feed(watch, 2000, 2400, 2);
+  s = watch.snapshot();
+  ASSERT_EQ(s.state, WatchState::alarm);
+  EXPECT_EQ(s.alarms, 1u);
+  EXPECT_EQ(watch.parameters()[s.alarm.parameter].name, "flow bias");
+  EXPECT_EQ((s.t_since - BenchTime{}).ns(), seconds(100).ns());
+  EXPECT_LT((s.t_alarm - BenchTime{}).seconds(), 110);
+  EXPECT_NEAR(s.alarm.change, 0.1, 0.02);
+  const std::string text = text_of(watch, s);
+  EXPECT_NE(text.find("flow bias has changed by +0."), std::string::npos) << text;
+  EXPECT_NE(text.find(" l/s, since 100 s; next best: "), std::string::npos) << text;
+  watch.acknowledge();
+  feed(watch, 2400, 2800, 3);
+  EXPECT_EQ(watch.snapshot().alarms, 2u);
+}
+
+TEST(PairWatch, WindowsAreThoseOfCaptureTime) {
+  PairWatch watch = of_two();
+  feed(watch, 0, 100, 1);    // 0 to 5 s
+  feed(watch, 400, 500, 1);  // nothing for 15 s, then 5 s
+  EXPECT_EQ(watch.snapshot().windows, 9u);
+  feed(watch, 200, 260, 1);  // set back by 15 s
+  EXPECT_EQ(watch.snapshot().windows, 12u);
+}
+
+TEST(PairWatch, SamePairsGiveTheSameToTheLastBit) {
+  PairWatch a = of_two(), b = of_two();
+  feed(a, 0, 2300, 5);
+  for (int i = 0; i < 2300; i += 100) (void)b.snapshot();
+  feed(b, 0, 2300, 5);
+  const PairWatchSnapshot x = a.snapshot(), y = b.snapshot();
+  EXPECT_EQ(x.alarm.change, y.alarm.change);
+  EXPECT_EQ(x.alarm.log_ratio, y.alarm.log_ratio);
+  for (std::size_t i = 0; i < x.parameters; ++i) EXPECT_EQ(x.level[i], y.level[i]);
+}
+
+TEST(PairWatch, CountsWhatCannotBeCompared) {
+  PairWatch watch = of_two();
+  Sample few = registers(0, 1, 2);
+  std::get<RegisterBlock>(few.info).count = 3;
+  watch.add(few, registers(0, 1, 2));
+  Sample other = registers(0, 1, 2);
+  other.info = ImuSample{};
+  watch.add(registers(0.1, 1, 2), other);
+  EXPECT_EQ(watch.snapshot().unlike, 2u);
+  EXPECT_EQ(watch.snapshot().compared, 0u);
+}
+
+TEST(PairWatch, InertialUnitsAreWatchedByAxis) {
+  PairWatch watch = PairWatch::of_imu(options()).value();
+  Random random(3);
+  for (int i = 0; i < 12000; ++i) {
+    Sample real, twin;
+    real.stamp.t_capture = twin.stamp.t_capture = BenchTime{} + milliseconds(10 * i);
+    ImuSample a, b;
+    for (std::size_t k = 0; k < 3; ++k) {
+      a.specific_force_mps2[k] = 0.05 * random.normal(), b.specific_force_mps2[k] = 0.05 * random.normal();
+      a.angular_rate_radps[k] = 1e-3 * random.normal(), b.angular_rate_radps[k] = 1e-3 * random.normal();
+    }
+    if (i > 8000) a.angular_rate_radps[2] += 1e-3;
+    real.info = a, twin.info = b;
+    watch.add(real, twin);
+  }
+  ASSERT_EQ(watch.snapshot().state, WatchState::alarm);
+  EXPECT_EQ(watch.parameters()[watch.snapshot().alarm.parameter].name, "angular rate z bias");
+}
+
+TEST(PairWatch, RefusesWhatItsPartsRefuse) {
+  EXPECT_FALSE(PairWatch::of_registers({{RegisterBlock::kMax, {"x", "1", 0}}}, options()));
+  EXPECT_FALSE(PairWatch::of_registers({}, options()));
+  WatchOptions o = options();
+  o.window_s = 0;
+  const auto watch = PairWatch::of_imu(o);
+  ASSERT_FALSE(watch);
+  EXPECT_EQ(watch.error().text(), "window_s: expected a length above 0, got 0.000000");
+  EXPECT_FALSE(PairWatch::of_clouds({.points = 1}, options()));
+  EXPECT_FALSE(PairWatch::of_range_images({2, 2}, {}, options()));
+  EXPECT_FALSE(PairWatch::of_images(CameraModel{}, ImageInfo{}, {}, options()));
+}
+
+}  // namespace
+}  // namespace rigor::pair_watch
