@@ -345,6 +345,8 @@ Status PhotonProblem::fit() {
   }
   if (response_.terms > 0) add_response(m, *outcome);
   out_.result = outcome->fit;
+  for (WeakDirection& w : out_.result.weak)
+    w.cure = "record more levels of light, from black to white, and darks of more exposure times";
   out_.result.scale = dof >= 1 ? std::sqrt(chi2 / dof) : 1;
   out_.result.model = m.two_gains ? "two_gains" : response_.terms > 0 ? "one_gain_bent" : "one_gain";
   out_.result.candidates = candidates;

@@ -257,6 +257,9 @@ Result<ShadingFit> fit_shading(const std::vector<ShadingCell>& cells, const Came
   r.model = std::string(shading_model_name(out.model));
   r.candidates = candidates;
   r.interrupted = options.stop.stop_requested();
+  for (WeakDirection& w : r.weak)
+    w.cure =
+        "record flat fields that reach the picture's corners, with less noise, or take a smaller model (r4)";
   out.vignetting = {p[kCos4], p[kA2], p[kA4], p[kA6]};
   for (std::size_t k = 0; k < judged->rejected_ids.size(); ++k) {
     const ShadingCell& c = cells[judged->rejected_ids[k]];

@@ -412,6 +412,8 @@ Result<DriftFit> fit_drift(std::span<const double> range_m, double period_s, con
     logs.push_back({r.parameters[static_cast<std::size_t>(i)].name, 0, 0, 1});
   const Eigen::MatrixXd information = f.information.size() > 0 ? f.information : Eigen::MatrixXd::Zero(n, n);
   r.weak = weak_directions(logs, information);
+  for (WeakDirection& w : r.weak)
+    w.cure = "record for ten times longer, with the temperature and the target as they are";
   const Eigen::MatrixXd log_covariance = covariance_from(logs, information);
   r.covariance = Eigen::MatrixXd::Zero(n + 2, n + 2);
   for (Eigen::Index i = 0; i < n; ++i) {

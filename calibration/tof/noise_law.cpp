@@ -314,6 +314,8 @@ Result<NoiseLawFit> fit_noise_law(const std::vector<NoiseBin>& bins, const Noise
   out.result.candidates = std::move(candidates);
   out.result.warnings = std::move(warnings);
   out.result.model = std::string(noise_law_name(law));
+  for (WeakDirection& w : out.result.weak)
+    w.cure = "record surfaces from the darkest to the brightest, so that the amplitudes span more";
   out.result.parameters.resize(static_cast<std::size_t>(n));
   out.result.covariance = f.covariance.topLeftCorner(n, n).eval();
   for (int k = 0; k < n; ++k) {

@@ -81,7 +81,9 @@ Result<TofLens> fit_tof_lens(const TofLensOptions& o) {
   for (const BoardView& v : views) out.view_names.push_back(v.name);
   out.notes.push_back(fmt::format("lens: a board in {} of {} pictures, {} places of it", out.boards,
                                   out.frames, views.size()));
-  auto fit = fit_camera(views, {.stop = o.stop});
+  CameraFitOptions options;
+  options.stop = o.stop;
+  auto fit = fit_camera(views, options);
   if (!fit) return tl::unexpected<Error>(fit.error());
   out.fit = std::move(*fit);
   out.figures = figures_of(out.fit);

@@ -52,7 +52,9 @@ TEST(ScanGrid, FindsTheFiringAndTheRangeOfEveryReturn) {
         // Three coordinates of single precision below 128 m.
         ASSERT_NEAR(grid->at(c, b).range_m, expected, 2e-5) << "column " << c << " beam " << b;
         ASSERT_EQ(grid->at(c, b, 1).range_m, 0) << "column " << c << " beam " << b;
-        if (expected > 0) ASSERT_EQ(grid->at(c, b).remission, b);
+        if (expected > 0) {
+          ASSERT_EQ(grid->at(c, b).remission, b);
+        }
       }
   }
 }
