@@ -254,7 +254,13 @@ void ChangeWatch::raise(std::size_t trigger) noexcept {
       alarm_.parameter = static_cast<std::uint32_t>(j);
       alarm_.change = delta, alarm_.log_ratio = ratio;
       // Windows hang together, and the baseline's mean is only so good.
-      const double wide = l.marginal > 0 ? std::max(1.0, l.sigma / l.marginal) : 1;
+      double within = 0, told = 0;
+      for (std::uint64_t w = oldest; w < window_; ++w)
+        if (const double x = at(w).sigma[j]; std::isfinite(x)) within += x * x, ++told;
+      // So may the noise have grown, and these windows be less certain than those of the baseline.
+      const double uncertain = told > 0 && l.within > 0 ? std::sqrt(within / told) / l.within : 1;
+      const double wide =
+          std::max(1.0, uncertain) * (l.marginal > 0 ? std::max(1.0, l.sigma / l.marginal) : 1);
       const double base = static_cast<double>(options_.baseline_windows);
       alarm_.sigma = wide * std::sqrt((1 / n + 1 / base) / information);
     } else if (ratio > second) {

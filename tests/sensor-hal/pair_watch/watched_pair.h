@@ -39,7 +39,6 @@ int windows_to_alarm(ChangeWatch& watch, Window window, int learn, int quiet, in
     watch.add(window(true));
     if (watch.state() == WatchState::alarm) {
       std::printf("  %d windows: %s\n", i, told(watch).c_str());
-      { double m[40]={0}; for(int r=0;r<50;++r){auto e=window(true); for(size_t k=0;k<watch.parameters().size();++k) m[k]+=(e.value[k]-watch.parameter_state(k).mean)/50;} for(size_t k=0;k<watch.parameters().size();++k) std::printf("%s %.4g s %.3g; ",watch.parameters()[k].name.c_str(),m[k],watch.parameter_state(k).sigma); puts(""); }
       ::testing::Test::RecordProperty("windows_to_alarm", i);
       return i;
     }
