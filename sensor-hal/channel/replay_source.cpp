@@ -92,6 +92,14 @@ Result<std::shared_ptr<const Recording>> Recording::open(const std::string& path
     r.cycles_ = std::max(r.cycles_, message.cycle + 1);
   }
   for (auto& [name, list] : changes) r.scripts_.emplace(name, VisibilityScript(std::move(list)));
+  // A recorded channel of which nothing became visible: the run ended before its first release.
+  if (r.topics_.contains("/rigor/visibility"))
+    for (const auto& [topic, type] : r.topics_) {
+      const std::size_t slash = topic.find('/', 1);
+      if (topic[0] != '/' || slash == std::string::npos) continue;
+      if (const std::string name = topic.substr(1, slash - 1); name != "rigor")
+        r.scripts_.try_emplace(name, VisibilityScript({}));
+    }
   std::sort(r.skipped_.begin(), r.skipped_.end(),
             [](const Skipped& a, const Skipped& b) { return a.first < b.first; });
   const std::int64_t period = number_or(r.metadata_, "loop_period_ns", 1'000'000);

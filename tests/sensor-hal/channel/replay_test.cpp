@@ -267,6 +267,23 @@ TEST(Replay, ShowsWhatWasSeenInTheSameCyclesAndRepeatsAsAFile) {
   }
 }
 
+// A run that is shorter than a channel's latency.
+TEST(Replay, OfAChannelOfWhichNothingWasSeenShowsNothing) {
+  test::TemporaryDirectory directory;
+  Rig rig(1);
+  rig.run(2, directory.file("run.mcap"));
+  if (HasFatalFailure()) return;
+  for (const Saw& saw : rig.seen) ASSERT_EQ(saw.status, PortStatus::never);
+  auto recording = Recording::open(directory.file("run.mcap"));
+  ASSERT_TRUE(recording) << recording.error().text();
+  for (const char* name : {"left", "right"}) ASSERT_NE((*recording)->visibility(name), nullptr) << name;
+  EXPECT_EQ((*recording)->visibility("rigor"), nullptr);
+  EXPECT_EQ((*recording)->visibility("other"), nullptr);
+  Rig again(1);
+  again.run(2, directory.file("again.mcap"), *recording);
+  EXPECT_EQ(again.seen, rig.seen);
+}
+
 TEST(Replay, FollowsWhatCameLateAndWhatWasSkipped) {
   // A wall-clock run, by hand: sample 1 (due in cycle 20) was seen in cycle 24; cycles 30 to 32 were skipped.
   test::TemporaryDirectory directory;
