@@ -6,6 +6,16 @@
 #include <cmath>
 
 namespace rigor::forest {
+namespace {
+
+Eigen::Matrix2d turned_by(double angle_rad) noexcept {
+  const double c = std::cos(angle_rad), s = std::sin(angle_rad);
+  Eigen::Matrix2d R;
+  R << c, -s, s, c;
+  return R;
+}
+
+}  // namespace
 
 PoseFilter::PoseFilter(const PoseFilterConfig& config, std::size_t map_stems)
     : c_(config), cross_(map_stems, Cross::Zero()), active_(map_stems), is_active_(map_stems) {
@@ -192,38 +202,50 @@ UpdateReport PoseFilter::update(std::span<const StemObservation> stems, std::spa
     if (iteration > 0 && step.norm() < 1e-7) break;
   }
 
-  // Schmidt–Kalman, stem by stem, all linearised at `at`.
+  // Schmidt–Kalman, stem by stem, in the error ξ = (ρ, θ) of a motion of the plane about the prior's place o:
+  // true pose = exp(ξ)·estimate. There a residual in the world, r = R·z + t − m, is −ρ − θ·J·(m − o) + the
+  // map's error + noise: its derivative holds no estimate, and so no two updates disagree about which motions
+  // a stem cannot tell.
+  const Eigen::Vector2d o = prior.head<2>();
   for (std::size_t i = 0; i < n; ++i) {
     const std::uint32_t stem = matches[i].stem;
-    const Stem& m = map[stem];
-    const SeenPoint seen = seen_from(at, m.x_m, m.y_m);
     if (centre[i].weight < 1) ++report.down_weighted;
     if (!is_active_[stem]) {
       is_active_[stem] = 1;
       active_[active_count_++] = stem;
     }
+    const Eigen::Vector2d m(map[stem].x_m, map[stem].y_m);
     Eigen::Matrix<double, 2, kSize> H = Eigen::Matrix<double, 2, kSize>::Zero();
-    H.leftCols<3>() = seen.by_pose;
-    const Eigen::Matrix2d& Hm = seen.by_point;
-    const Cross PHt = P_ * H.transpose() + cross_[stem] * Hm.transpose();
-    const Eigen::Matrix2d HC = H * cross_[stem] * Hm.transpose();
+    H.leftCols<3>() << -1, 0, m.y() - o.y(), 0, -1, o.x() - m.x();
+    const Eigen::Matrix2d R_at = turned_by(at.z());
+    const Cross PHt = P_ * H.transpose() + cross_[stem];
+    const Eigen::Matrix2d HC = H * cross_[stem];
     const Eigen::Matrix2d S = H * P_ * H.transpose() + HC + HC.transpose() +
-                              map2 * Eigen::Matrix2d::Identity() + centre[i].R / centre[i].weight;
-    const Eigen::Matrix2d S_inverse = S.inverse();
-    const Cross K = PHt * S_inverse;
-    Eigen::Vector3d from_at = x_.head<3>() - at;
-    from_at.z() = wrapped_rad(from_at.z());
-    const Eigen::Vector2d e = centre[i].z - seen.p_base - seen.by_pose * from_at;
+                              map2 * Eigen::Matrix2d::Identity() +
+                              R_at * centre[i].R * R_at.transpose() / centre[i].weight;
+    const Cross K = PHt * S.inverse();
+    const Eigen::Vector2d r = turned_by(x_[kYaw]) * centre[i].z + x_.head<2>() - m;
     for (std::size_t j = 0; j < active_count_; ++j) {
       Cross& cross = cross_[active_[j]];
       Eigen::Matrix2d seen_cross = H * cross;
-      if (active_[j] == stem) seen_cross += map2 * Hm;
+      if (active_[j] == stem) seen_cross += map2 * Eigen::Matrix2d::Identity();
       cross -= K * seen_cross;
     }
-    x_ += K * e;
+    const State step = K * r;
+    const double theta = step[kYaw], half = theta / 2;
+    const double sinc = std::abs(half) < 1e-5 ? 1 - half * half / 6 : std::sin(half) / half;
+    x_.head<2>() = o + turned_by(theta) * (x_.head<2>() - o) + sinc * turned_by(half) * step.head<2>();
+    x_.tail<4>() += step.tail<4>();
     P_ -= K * PHt.transpose();
     settle();
   }
+  // Back to errors of x, y and yaw.
+  Covariance T = Covariance::Identity();
+  T(kX, kYaw) = o.y() - x_[kY];
+  T(kY, kYaw) = x_[kX] - o.x();
+  P_ = (T * P_ * T.transpose()).eval();
+  for (std::size_t j = 0; j < active_count_; ++j) cross_[active_[j]] = T * cross_[active_[j]];
+  settle();
   return report;
 }
 

@@ -5,7 +5,8 @@
 //   predict odometry's way and turn; where there is a gyro, its turn, and odometry's then measures b and k
 //   update  by all stems of a scan at once: Gauss–Newton for the place to linearise at and for Huber's
 //   weights
-//           on each stem's Mahalanobis distance, then a Schmidt–Kalman step
+//           on each stem's Mahalanobis distance, then a Schmidt–Kalman step in the right-invariant error (A.
+//           Barrau, S. Bonnabel, IEEE T-AC 2017), which before one stem for an hour learns no heading
 //
 // Why a filter and not a sliding window: between scans odometry is good to centimetres and a degree, so one
 // iteration nearly suffices and a window would relinearise what is linear; its cost is fixed; and the one

@@ -42,8 +42,13 @@ LoopResult run_loop(const LoopOptions& o) {
   DiscForest forest = DiscForest::random(44, o.per_m2, o.seed + 100, way);
   DiscForest map = forest;
   for (Stem& s : map.stems) s.x_m += o.map_sigma_m * normal(rng), s.y_m += o.map_sigma_m * normal(rng);
+  std::vector<Stem> marked;
   if (!o.extra.empty())  // marked: three of them
-    for (std::size_t i = 0; i < 3; ++i) map.stems[20 * i].fell = true;
+    for (std::size_t i = 0; i < 3; ++i) {
+      map.stems[20 * i].fell = true;
+      marked.push_back(forest.stems[20 * i]);
+    }
+  std::vector<bool> stood(marked.size());
 
   const auto dir = std::filesystem::temp_directory_path() /
                    ("forest-localization-" + std::to_string(getpid()) + "-" + std::to_string(o.seed));
@@ -180,6 +185,12 @@ LoopResult run_loop(const LoopOptions& o) {
       wheels.forward_mps += 0.5 * v_side / 2;
       wheels.turn_radps += 0.5 * v_side / (2 * side);
     }
+    if (!o.extra.empty() && t_s > 1 && std::abs(now.forward_mps) < 1e-3)
+      for (std::size_t i = 0; i < marked.size(); ++i)
+        if (!stood[i] &&
+            std::hypot(marked[i].x_m - truth.x_m, marked[i].y_m - truth.y_m) < marked[i].radius_m + 2.2)
+          stood[i] = true, ++result.stops_at_marked;
+    if (!o.extra.empty() && result.stops_at_marked == marked.size()) break;
     const PlanarPose before = truth;
     truth = after(truth, real, 0.01);
     result.driven_m += std::hypot(truth.x_m - before.x_m, truth.y_m - before.y_m);

@@ -92,6 +92,7 @@ struct LoopResult {
   double worst_lost_speed_mps = 0;  ///< commanded while not tracking, from half a second on
   double found_after_s = -1;        ///< kidnapped: until the estimate is within 0.3 m again
   bool done = false;
+  std::size_t stops_at_marked = 0;  ///< marked stems before which it stood
   std::size_t allocations = 0;
   PlanarPose end;
   [[nodiscard]] double quantile(double q) const {
