@@ -32,9 +32,9 @@ class NullSink final : public Sink {
                description_.names.push_back(r.text("name"));
                description_.units.push_back(r.text_or("unit", ""));
              }
-             // Signals of a bus, whose units stand in a DBC file that need not be here.
+             // Signals of a bus, whose units stand in a DBC file that need not be here; of a platform, names.
              for (const ConfigNode& s : params_.list_or_empty("signals")) {
-               description_.names.push_back(s.text_or("name", s.text("signal")));
+               description_.names.push_back(s.is_map() ? s.text_or("name", s.text("signal")) : s.as_text());
                description_.units.emplace_back();
              }
              description_.kind = SampleKind::register_block;
