@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
 
 #include "tests/sensor-hal/pair_watch/noise_for_tests.h"
 
@@ -62,9 +63,36 @@ TEST(ChangeWatch, FalseAlarmsStayBelowTheStatedRate) {
   // give 1.
   const double share = false_alarms_over_stated(0, 1000);
   RecordProperty("share_of_stated_rate", std::to_string(share));
+  std::printf("  %.2f of the stated rate\n", share);
   EXPECT_LT(share, 1);
   EXPECT_GT(share, 0.02);
   EXPECT_LT(false_alarms_over_stated(0, 50), 1);
+}
+
+TEST(ChangeWatch, TakingAShortBaselineForTrueWouldExceedTheRate) {
+  // Why there are confidence limits: the same sums, with mean and deviation of 50 windows as they are.
+  WatchOptions o;
+  o.window_s = 3.6, o.baseline_windows = 50, o.false_alarms_per_h = 2;
+  const double run_length = ChangeWatch::make(named(3), o).value().run_length();
+  EXPECT_DOUBLE_EQ(run_length, 1500);
+  double alarms = 0;
+  for (std::uint64_t seed = 0; seed < 300; ++seed) {
+    Random random(seed + 1000);
+    double mean = 0, squares = 0;
+    for (int i = 0; i < 50; ++i) {
+      const double x = random.normal();
+      mean += x / 50, squares += x * x;
+    }
+    const double sigma = std::sqrt((squares - 50 * mean * mean) / 49);
+    Cusum sum(0.5, threshold_for(0.5, run_length));
+    for (std::uint64_t i = 0; i < 2000; ++i) {
+      sum.add((random.normal() - mean) / sigma, i);
+      if (sum.alarm()) ++alarms, sum.restart(i);
+    }
+  }
+  const double over = alarms / (300 * 2000 / run_length);
+  std::printf("  %.1f times the stated rate\n", over);
+  EXPECT_GT(over, 1.5);
 }
 
 TEST(ChangeWatch, WindowsThatHangTogetherRaiseNoMoreAlarms) {
