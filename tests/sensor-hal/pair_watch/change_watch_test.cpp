@@ -69,6 +69,28 @@ TEST(ChangeWatch, FalseAlarmsStayBelowTheStatedRate) {
   EXPECT_LT(false_alarms_over_stated(0, 50), 1);
 }
 
+TEST(ChangeWatch, LimitsOfTheBaselineHoldAsOftenAsStated) {
+  // Of 200 watches with three parameters at most 1 % may have one whose deviation is taken too small, or
+  // whose mean is farther off than the sums allow for: up to 8 by chance (binomial, 0.001).
+  WatchOptions o;
+  o.baseline_windows = 50;
+  int missed = 0;
+  for (std::uint64_t seed = 0; seed < 200; ++seed) {
+    ChangeWatch watch = ChangeWatch::make(named(3), o).value();
+    Process process(3, 0, seed + 500);
+    for (int i = 0; i < 50; ++i) watch.add(process.next());
+    bool miss = false;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const ParameterState p = watch.parameter_state(i);
+      miss = miss || p.sigma < 1 || std::abs(p.mean - 5) > (p.k - o.reference) * p.sigma;
+      EXPECT_LT(p.sigma, 2.2);  // nor by far too large
+      EXPECT_LT(p.k, 1.2);
+    }
+    missed += miss;
+  }
+  EXPECT_LE(missed, 8);
+}
+
 TEST(ChangeWatch, TakingAShortBaselineForTrueWouldExceedTheRate) {
   // Why there are confidence limits: the same sums, with mean and deviation of 50 windows as they are.
   WatchOptions o;
@@ -130,6 +152,13 @@ TEST(ChangeWatch, NamesTheParameterThatExplainsTheChange) {
     EXPECT_GT(a.log_ratio, a.runner_up_log_ratio);
     EXPECT_NEAR(a.change, 2, 4 * a.sigma);
     EXPECT_NEAR(static_cast<double>(a.since), 600, 4);
+    // What hangs together with it says how much of the scatter is not its own: a tenth of the variance is
+    // left.
+    const double n = static_cast<double>(a.window - a.since + 1);
+    if (planted < 2) {
+      EXPECT_LT(a.sigma, 0.6 / std::sqrt(n));
+    }
+    EXPECT_GT(a.log_ratio, 0.9 * a.change * a.change / (2 * a.sigma * a.sigma));
     EXPECT_EQ(a.window, 600u + static_cast<std::uint64_t>(windows) - 1);
   }
 }

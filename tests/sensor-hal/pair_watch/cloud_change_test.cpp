@@ -155,7 +155,7 @@ TEST_P(CloudChanges, AreFoundAndNamed) {
   EXPECT_LE(windows, GetParam().most_windows);
   EXPECT_EQ(testing::name_of_alarm(watch), GetParam().name);
   EXPECT_NEAR(watch.alarm().change, GetParam().truth,
-              0.15 * std::abs(GetParam().truth) + 4 * watch.alarm().sigma);
+              0.15 * std::abs(GetParam().truth) + 2 * watch.alarm().sigma);
 }
 
 Change with(auto set) {

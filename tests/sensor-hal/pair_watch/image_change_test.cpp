@@ -245,6 +245,37 @@ TEST(ImageChange, ParallaxOfNearThingsIsNoChange) {
   EXPECT_EQ(testing::name_of_alarm(watch), "focal length");
 }
 
+TEST(ImageChange, EdgesCountLessTheMoreTheyMayBeOff) {
+  const CameraModel camera = camera_of(96, 72);
+  Change off = imperfect();
+  off.near_thing = true, off.parallax_px = 1;
+  double scatter[2];
+  for (int k = 0; k < 2; ++k) {
+    ImageChangeOptions options;
+    options.misfit_px = k == 0 ? 0 : 0.3;
+    Pair pair(camera, off, Change{}, 16, 9, options);
+    double sum = 0, squares = 0;
+    for (int i = 0; i < 100; ++i) {
+      const double x = pair.window(false).value[2];
+      sum += x, squares += x * x;
+    }
+    scatter[k] = std::sqrt(squares / 100 - sum * sum / 1e4);
+  }
+  EXPECT_LT(scatter[1], 0.8 * scatter[0]) << scatter[0] << " " << scatter[1];
+}
+
+TEST(ImageChange, EdgesAreNoNoise) {
+  // With a gain of 20 % more the edges of a near thing differ by many times the noise, in the same place.
+  const CameraModel camera = camera_of(96, 72);
+  Change sharp, change;
+  sharp.near_thing = change.near_thing = true, change.gain = 0.2;
+  Pair pair(camera, sharp, change, 8, 10);
+  double noise = 0;
+  for (int i = 0; i < 50; ++i) noise += pair.window(true).value[12] / 50;
+  // The real side's light is 20 % more, and so is the variance of its shot noise.
+  EXPECT_NEAR(noise, 0.2, 0.1);
+}
+
 TEST(ImageChange, SigmasAreThoseOfRepeatedWindowsOfOneScene) {
   Pair pair(camera_of(96, 72), Change{}, Change{}, 1, 12);
   const std::size_t n = pair.changes().parameters().size();
