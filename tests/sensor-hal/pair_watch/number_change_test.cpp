@@ -111,6 +111,13 @@ INSTANTIATE_TEST_SUITE_P(
       return name;
     });
 
+TEST(RangeImageChange, TenThousandWindowsWithoutAChangeRaiseNoAlarm) {
+  RangePair pair(RangeChange{}, 5);
+  ChangeWatch watch = ChangeWatch::make(pair.changes().parameters(), testing::watch_options()).value();
+  testing::expect_no_false_alarm(
+      watch, [&](bool c) { return pair.window(c); }, 200);
+}
+
 TEST(RangeImageChange, EmptyUnlikeAndIncompleteOnesSayNothing) {
   RangePair pair(RangeChange{}, 3);
   (void)pair.window(false);
@@ -138,13 +145,13 @@ struct NumberChange {
 /// A register that swings, one that stands still, and one that is a switch; at 100 Hz, windows of 10 s.
 class NumberPair {
  public:
-  NumberPair(std::size_t changed, const NumberChange& change, std::uint64_t seed)
-      : random_(seed), changed_(changed), change_(change) {
+  NumberPair(std::size_t changed, const NumberChange& change, std::uint64_t seed, int instants = 1000)
+      : random_(seed), changed_(changed), change_(change), instants_(instants) {
     changes_.emplace(
         ValueChange::make({{"speed", "m/s", 0}, {"voltage", "V", 0.01}, {"switch", "1", 0}}).value());
   }
   Estimate window(bool changed) {
-    for (int i = 0; i < 1000; ++i) {
+    for (int i = 0; i < instants_; ++i) {
       t_s_ += 0.01;
       const NumberChange none, c = changed ? change_ : none;
       const auto of = [&](std::size_t k) { return k == changed_ ? c : none; };
@@ -169,6 +176,7 @@ class NumberPair {
   Random random_;
   std::size_t changed_;
   NumberChange change_;
+  int instants_;  ///< in a window
   double t_s_ = 0;
   std::optional<ValueChange> changes_;
 };
@@ -208,6 +216,13 @@ INSTANTIATE_TEST_SUITE_P(Planted, ValueChanges,
                              if (c == ' ') c = '_';
                            return name;
                          });
+
+TEST(ValueChange, TenThousandWindowsWithoutAChangeRaiseNoAlarm) {
+  NumberPair pair(0, NumberChange{}, 5, 200);
+  ChangeWatch watch = ChangeWatch::make(pair.changes().parameters(), testing::watch_options()).value();
+  testing::expect_no_false_alarm(
+      watch, [&](bool c) { return pair.window(c); }, 200);
+}
 
 TEST(ValueChange, NoneOneAndBrokenNumbersSayNothing) {
   EXPECT_FALSE(ValueChange::make({}));

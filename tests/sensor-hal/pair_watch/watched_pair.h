@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <cstring>
 #include <string>
@@ -44,6 +45,20 @@ int windows_to_alarm(ChangeWatch& watch, Window window, int learn, int quiet, in
     }
   }
   return 0;
+}
+
+/// Learns, then watches 10 000 windows without a change: fails at an alarm, and where the sums did not live.
+template <class Window>
+void expect_no_false_alarm(ChangeWatch& watch, Window window, int learn) {
+  double highest = 0;
+  for (int i = 0; i < learn + 10000; ++i) {
+    watch.add(window(false));
+    ASSERT_NE(watch.state(), WatchState::alarm) << i << ": " << told(watch);
+    for (std::size_t k = 0; k < watch.parameters().size(); ++k)
+      highest = std::max(highest, watch.parameter_state(k).level);
+  }
+  EXPECT_GT(highest, 0.2);
+  std::printf("  highest sum: %.2f of its threshold\n", highest);
 }
 
 inline std::string name_of_alarm(const ChangeWatch& watch) {
