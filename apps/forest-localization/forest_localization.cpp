@@ -200,6 +200,10 @@ class ForestLocalization final : public Application {
   Status read_guide(const ConfigNode& params, const ApplicationPorts& ports) {
     guide_ = params.choice_or("guide", {"path", "marked", "none"}, params.has("path") ? "path" : "none");
     drive_ = nullptr;
+    // Keys of the other guides may stand there, so that a rig changes over by one word.
+    (void)params.map_or_absent("path");
+    (void)params.map_or_absent("marked");
+    (void)params.map_or_absent("drive");
     if (guide_ == "none") return {};
     const ConfigNode n = params.map("drive");
     drive_ = &output(n, ports);
