@@ -26,8 +26,6 @@ bool has_range(const LidarPoint& p) noexcept {
   return std::isfinite(range) && range > 0;
 }
 
-double azimuth(const double (&d)[3]) noexcept { return std::atan2(d[1], d[0]); }
-
 void cross(const double (&a)[3], const double (&b)[3], double (&c)[3]) noexcept {
   c[0] = a[1] * b[2] - a[2] * b[1], c[1] = a[2] * b[0] - a[0] * b[2], c[2] = a[0] * b[1] - a[1] * b[0];
 }
@@ -37,6 +35,8 @@ void cross(const double (&a)[3], const double (&b)[3], double (&c)[3]) noexcept 
 Result<CloudChange> CloudChange::make(const CloudChangeOptions& o) {
   if (o.points < 16 || o.points > 4000000)
     return fail(ErrorCode::bad_input, "points", "expected 16 to 4000000, got " + std::to_string(o.points));
+  if (o.rows < 64)
+    return fail(ErrorCode::bad_input, "rows", "expected 64 or more, got " + std::to_string(o.rows));
   if (o.rings < 1 || o.rings > 1024)
     return fail(ErrorCode::bad_input, "rings", "expected 1 to 1024, got " + std::to_string(o.rings));
   if (!(o.sigma_m > 0) || !(o.remission_max > 0) || !(o.edge_m > 0))
@@ -118,6 +118,7 @@ void CloudChange::match(const Sample& real, const Sample& simulated) noexcept {
     Point& q = points_[ring_begin_[p.ring]++];
     q.range = std::hypot(double{p.x_m}, double{p.y_m}, double{p.z_m});
     q.d[0] = p.x_m / q.range, q.d[1] = p.y_m / q.range, q.d[2] = p.z_m / q.range;
+    q.azimuth_rad = std::atan2(q.d[1], q.d[0]);
     q.remission = p.remission;
     q.t_ns = p.t_offset_ns, q.ring = p.ring;
     q.residual = q.remission_residual = kNaN;
@@ -161,7 +162,7 @@ const CloudChange::Point* CloudChange::beside(const Point& p, std::size_t ring) 
   for (int k = -2; k <= 2; ++k) {
     if (at - begin + k < 0 || at - begin + k >= end - begin) continue;
     const Point& q = *(at + k);
-    const double d = std::abs(std::remainder(azimuth(q.d) - azimuth(p.d), 6.283185307179586));
+    const double d = std::abs(std::remainder(q.azimuth_rad - p.azimuth_rad, 6.283185307179586));
     if (d < closest) closest = d, best = &q;
   }
   return best;
@@ -241,6 +242,7 @@ void CloudChange::take_noise(std::size_t begin, std::size_t end) noexcept {
 
 void CloudChange::regress() noexcept {
   rows_.clear();
+  const std::size_t every = (points_.size() + options_.rows - 1) / options_.rows;
   for (std::size_t i = 0; i < points_.size(); ++i) {
     const Point& p = points_[i];
     if (std::isfinite(p.remission_residual)) {
@@ -248,7 +250,7 @@ void CloudChange::regress() noexcept {
       remission_.add({&t, 1}, p.remission_residual, 1);
     }
     double n[3];
-    if (!std::isfinite(p.residual) || !normal_at(i, n)) continue;
+    if (i % every != 0 || !std::isfinite(p.residual) || !normal_at(i, n)) continue;
     const double cosine = n[0] * p.d[0] + n[1] * p.d[1] + n[2] * p.d[2];
     double lever[3];
     cross(p.d, n, lever);

@@ -34,6 +34,7 @@ namespace rigor::pair_watch {
 
 struct CloudChangeOptions {
   std::size_t points = 100000;  ///< at most, in a cloud; what comes after is not looked at
+  std::size_t rows = 8192;      ///< the regression takes every n-th point, so that these are enough
   std::uint32_t rings = 1;      ///< ring indices are below this
   double sigma_m = 0.02;        ///< of one range, by the sensor's sheet
   double remission_max = 1;     ///< in the device's own unit
@@ -55,7 +56,7 @@ class CloudChange {
   explicit CloudChange(const CloudChangeOptions& options);
   struct Point {
     double d[3];  ///< unit
-    double range = 0, remission = 0;
+    double range = 0, azimuth_rad = 0, remission = 0;
     double residual = 0, remission_residual = 0;  ///< NaN: the real side has none
     std::int32_t t_ns = 0;
     std::uint16_t ring = 0;
