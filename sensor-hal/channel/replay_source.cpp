@@ -92,8 +92,9 @@ Result<std::shared_ptr<const Recording>> Recording::open(const std::string& path
     r.cycles_ = std::max(r.cycles_, message.cycle + 1);
   }
   for (auto& [name, list] : changes) r.scripts_.emplace(name, VisibilityScript(std::move(list)));
-  // A recorded channel of which nothing became visible: the run ended before its first release.
-  if (r.topics_.contains("/rigor/visibility"))
+  // A recorded channel of which nothing became visible: the run ended before its first release. (A file that
+  // says nothing of visibility is from elsewhere.)
+  if (any)
     for (const auto& [topic, type] : r.topics_) {
       const std::size_t slash = topic.find('/', 1);
       if (topic[0] != '/' || slash == std::string::npos) continue;
@@ -225,7 +226,10 @@ struct ReplaySource::Reader {
   }
 
   static constexpr auto kNap = std::chrono::microseconds(200);
-  static constexpr auto kPatience = std::chrono::milliseconds(200);
+  // Others than the loop (the recorder, a digest) let go of their slots some time, on a busy machine late.
+  // Once they did not, it is the loop itself that holds them, and no wait is worth much.
+  static constexpr std::chrono::milliseconds kPatience{1500}, kPatienceOnceStarved{200};
+  bool starved = false;
 
   /// False: stopping.
   bool hand_over(const record::SampleDecoder& decoder) {
@@ -239,7 +243,8 @@ struct ReplaySource::Reader {
       // The loop itself waits for this sample, so it is not the one who could let go of a slot; other threads
       // may.
       const std::lock_guard lock(mutex);
-      if (awaited >= release && ++naps * kNap > kPatience) {
+      if (awaited >= release && ++naps * kNap > (starved ? kPatienceOnceStarved : kPatience)) {
+        starved = true;
         health->no_slot.fetch_add(1, std::memory_order_relaxed);
         return true;
       }

@@ -95,6 +95,7 @@ class SimulatedSource final : public FollowerSource {
   BenchTime next_capture_;
   std::uint64_t next_index_ = 0;
   std::uint32_t lost_before_ = 0;
+  bool starved_ = false;  ///< virtual time: a slot was once waited for in vain
   std::unique_ptr<SamplePool> pool_;
   std::size_t pool_bytes_ = 0;
   std::vector<std::unique_ptr<SamplePool>> retired_;
