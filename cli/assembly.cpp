@@ -5,12 +5,14 @@
 
 #include <algorithm>
 
+#include "apps/forest-localization/forest_localization.h"
 #include "apps/script/script.h"
 #include "apps/turntable-sweep/turntable_sweep.h"
 #include "cli/fault_signals.h"
 #include "cli/sensing/inertial.h"
 #include "cli/tune/engine_choices.h"
 #include "sensor-hal/channel/fault_bench.h"
+#include "sensor-hal/channel/note_sink.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/replay_source.h"
 #include "sensor-hal/channel/simulated_sink.h"
@@ -262,6 +264,10 @@ class Assembler {
       sink->sink = std::move(*made);
       return configure_sink(entry, std::move(sink));
     }
+    if (entry.sink.backend == "note") {
+      sink->sink = std::make_unique<NoteSink>();
+      return configure_sink(entry, std::move(sink));
+    }
     const Backend* backend = registry_.find(entry.sink.backend);
     if (!backend) return tl::unexpected<Error>(unknown_backend(entry.sink));
     if (virtual_time() ? !backend->make_virtual_sink : !backend->make_sink)
@@ -386,11 +392,13 @@ class Assembler {
 
 Result<std::unique_ptr<Application>> make_application(const RigConfig& rig) {
   if (rig.application.empty()) return std::unique_ptr<Application>{};
+  if (rig.application == "forest-localization") return make_forest_localization();
   if (rig.application == "script") return make_script();
   if (rig.application == "turntable-sweep") return make_turntable_sweep();
   return tl::unexpected<Error>(
       rig.application_params
-          .error("name", "expected one of script, turntable-sweep, got \"" + rig.application + "\"")
+          .error("name", "expected one of forest-localization, script, turntable-sweep, got \"" +
+                             rig.application + "\"")
           .error());
 }
 
