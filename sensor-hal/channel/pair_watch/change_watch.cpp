@@ -123,14 +123,18 @@ void ChangeWatch::learn_one(std::size_t i) noexcept {
   l.mean = m.mean;
   l.marginal = std::sqrt(m.variance);
   l.sigma = upper(m.variance, static_cast<double>(n - 1));
-  double mean_sigma = std::sqrt(m.variance / static_cast<double>(n));
+  // How far off the mean may be.
+  const auto off = [&](double variance, double freedom) {
+    return -student_quantile(miss / 2, freedom) * std::sqrt(variance / (freedom + 1));
+  };
+  double mean_off = off(m.variance, static_cast<double>(n - 1));
   for (std::size_t batch = 1;; batch *= 2) {
     const std::size_t batches = n / batch;
     m = moments(column_, batch);
     const double b = static_cast<double>(batch), a = static_cast<double>(batches);
     if (batch > 1) {
       l.sigma = std::max(l.sigma, upper(b * m.variance, a - 1));
-      mean_sigma = std::max(mean_sigma, std::sqrt(m.variance / a));
+      mean_off = std::max(mean_off, off(m.variance, a - 1));
     }
     const bool correlates = m.lag1 > 1.645 / std::sqrt(a);
     if (!correlates) break;
@@ -138,7 +142,7 @@ void ChangeWatch::learn_one(std::size_t i) noexcept {
       // Go on as a first-order process would whose neighbouring means correlate like these.
       const double rho = std::min(m.lag1, 0.95), more = std::sqrt((1 + rho) / (1 - rho));
       l.sigma = std::max(l.sigma, more * upper(b * m.variance, a - 1));
-      mean_sigma = std::max(mean_sigma, more * std::sqrt(m.variance / a));
+      mean_off = std::max(mean_off, more * off(m.variance, a - 1));
       l.unsettled = true;
       break;
     }
@@ -149,7 +153,7 @@ void ChangeWatch::learn_one(std::size_t i) noexcept {
   const double k = std::max(options_.reference, parameters_[i].least / (2 * l.sigma));
   // The formula is too long for larger k: a sum with them runs longer than one with k = 1.
   const double h = threshold_for(std::min(k, 1.0), run_length_);
-  l.sum = Cusum(k - normal_quantile(miss / 2) * mean_sigma / l.sigma, h);
+  l.sum = Cusum(k + mean_off / l.sigma, h);
   l.sum.restart(window_);
 }
 

@@ -36,6 +36,11 @@ double chi_squared_quantile(double probability, double f) {
   return f * std::max(1e-6, root * root * root);
 }
 
+double student_quantile(double probability, double f) {
+  const double z = normal_quantile(probability), z2 = z * z;
+  return z * (1 + (z2 + 1) / (4 * f) + ((5 * z2 + 16) * z2 + 3) / (96 * f * f));
+}
+
 void Cusum::add(double z, std::uint64_t window) noexcept {
   if (!std::isfinite(z)) return;
   const double most = h_ / 2;

@@ -17,9 +17,11 @@ namespace rigor::pair_watch {
 /// The h at which both sides together run `run_length` numbers on average; at least 1.
 [[nodiscard]] double threshold_for(double k, double run_length);
 
-/// Quantiles of the standard normal and, after Wilson and Hilferty, of the chi-squared distribution.
+/// Quantiles of the standard normal; after Wilson and Hilferty of the chi-squared; and, by the expansion of
+/// Cornish and Fisher to the second order (for 15 degrees of freedom and more), of Student's distribution.
 [[nodiscard]] double normal_quantile(double probability);
 [[nodiscard]] double chi_squared_quantile(double probability, double degrees_of_freedom);
+[[nodiscard]] double student_quantile(double probability, double degrees_of_freedom);
 
 /// Two-sided. Any one thread; no allocation. A number adds to a sum h/2 at most, so that a single window that
 /// was disturbed (a hand before the lens) is no alarm.

@@ -66,6 +66,8 @@ TEST(Cusum, ThresholdIsTheInverseOfTheRunLength) {
 TEST(Cusum, QuantilesAreThoseOfTables) {
   EXPECT_NEAR(normal_quantile(0.975), 1.959964, 1e-5);
   EXPECT_NEAR(normal_quantile(1e-4), -3.719016, 1e-5);
+  EXPECT_NEAR(student_quantile(0.975, 20), 2.08596, 2e-3);
+  EXPECT_NEAR(student_quantile(0.999, 15), 3.7328, 2e-2);
   EXPECT_NEAR(chi_squared_quantile(0.95, 10), 18.307, 0.05);
   EXPECT_NEAR(chi_squared_quantile(0.01, 20), 8.260, 0.05);
   EXPECT_NEAR(chi_squared_quantile(0.001, 50), 24.674, 0.1);

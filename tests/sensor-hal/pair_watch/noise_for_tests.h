@@ -8,7 +8,10 @@ namespace rigor::pair_watch::testing {
 
 class Random {
  public:
-  explicit Random(std::uint64_t seed) : state_(seed * 0x9E3779B97F4A7C15ULL + 0x1234567ULL) {}
+  /// Streams of neighbouring seeds do not overlap: the state starts at a scrambled place.
+  explicit Random(std::uint64_t seed) : state_(seed + 0x1234567ULL) {
+    state_ = bits() ^ 0xD1B54A32D192ED03ULL;
+  }
   std::uint64_t bits() {  // SplitMix64
     std::uint64_t z = (state_ += 0x9E3779B97F4A7C15ULL);
     z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9ULL;
