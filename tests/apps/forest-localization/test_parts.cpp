@@ -188,6 +188,31 @@ TEST(Relocalizer, FindsNothingInAnotherStandNorAmongRowsThatLookAlike) {
   EXPECT_EQ(search(rows, rows.stems, 10, false).found, 0);
 }
 
+TEST(Localizer, TakesASlipBetweenTwoScansForWhatItIs) {
+  const DiscForest forest = DiscForest::random(20, 0.06, 21, {{}});
+  const auto map = StemMap::from(forest.stems);
+  PoseGaussian start;
+  start.covariance = Eigen::Vector3d(1e-4, 1e-4, 1e-4).asDiagonal();
+  Localizer localizer({}, *map, start);
+  StemDetector detector({});
+  std::mt19937 rng(3);
+  const auto scan = [&](int k, const PlanarPose& pose) {
+    const BenchTime t = BenchTime(0) + milliseconds(66) * k;
+    localizer.odometry(t, 0, 0);  // the wheels stand, as far as they know
+    localizer.scan(t, detector.detect(forest.scan(pose, Scanner{}, rng)));
+    return localizer.filter().state();
+  };
+  for (int k = 1; k < 10; ++k) scan(k, {});
+  EXPECT_EQ(localizer.counters().slips, 0u);
+  const PlanarPose moved_to{0.35, -0.2, 0.15};
+  const auto state = scan(10, moved_to);
+  EXPECT_EQ(localizer.counters().slips, 1u);
+  EXPECT_NEAR(state[0], 0.35, 0.03);
+  EXPECT_NEAR(state[1], -0.2, 0.03);
+  EXPECT_NEAR(state[2], 0.15, 0.01);
+  EXPECT_EQ(localizer.state(), LocalizerState::tracking);
+}
+
 // ---- steering ----
 
 /// Drives a body exactly as told; how far it was off its way at the worst after `from_m`.
@@ -241,6 +266,21 @@ TEST(PathFollower, KeepsToItsOwnBranchWhereTheWayCrossesItself) {
   EXPECT_TRUE(follower.done());
   EXPECT_GT(follower.progress_m(), 0.98 * follower.length_m());
   EXPECT_NEAR(std::hypot(pose.x_m, pose.y_m), 0, 0.3);
+}
+TEST(PathFollower, GoesToTheEndOfALaneBeforeItComesBackBesideIt) {
+  PathFollower follower({}, 10);
+  const WayPoint way[] = {{0, 0}, {10, 0}, {10, 0.1}, {0, 0.1}};
+  ASSERT_TRUE(follower.set_path(way, 4));
+  PlanarPose pose{0, 0.3, 0};
+  double farthest = 0;
+  for (int k = 0; k < 2000 && !follower.done(); ++k) {
+    const DriveCommand c = follower.step({pose.x_m, pose.y_m, pose.yaw_rad}, 0.05, true);
+    pose = test::after(pose, {c.v_mps, c.w_radps}, 0.05);
+    farthest = std::max(farthest, pose.x_m);
+  }
+  EXPECT_TRUE(follower.done());
+  EXPECT_GT(farthest, 9);
+  EXPECT_LT(pose.x_m, 0.5);
 }
 TEST(PathFollower, BrakesWhereItMayNotDriveAndRefusesWaysThatAreTooLong) {
   PathFollower follower({}, 2);
@@ -309,8 +349,7 @@ TEST_F(ForestApplication, GoesToTheStemsThatAreMarkedForFelling) {
   options.extra = "guide: marked\nmarked: { stand_off_m: 2, dwell_s: 1 }\n";
   options.max_s = 400;
   const test::LoopResult r = test::run_loop(options);
-  std::printf("marked stems: drove %.1f m, stood %zu times before one\n", r.driven_m,
-              r.stops_at_marked);
+  std::printf("marked stems: drove %.1f m, stood %zu times before one\n", r.driven_m, r.stops_at_marked);
   EXPECT_EQ(r.stops_at_marked, 3u);
 }
 
