@@ -69,10 +69,10 @@ TEST(PairWatch, TellsWhatHasChangedAndSinceWhen) {
 TEST(PairWatch, WindowsAreThoseOfCaptureTime) {
   PairWatch watch = of_two();
   feed(watch, 0, 100, 1);    // 0 to 5 s
-  feed(watch, 400, 500, 1);  // nothing for 15 s, then 5 s
-  EXPECT_EQ(watch.snapshot().windows, 9u);
-  feed(watch, 200, 260, 1);  // set back by 15 s
-  EXPECT_EQ(watch.snapshot().windows, 12u);
+  feed(watch, 430, 485, 1);  // nothing until 21.5 s, in the middle of a window; then to 24.2 s
+  EXPECT_EQ(watch.snapshot().windows, 8u);
+  feed(watch, 200, 260, 1);  // set back to 10 s
+  EXPECT_EQ(watch.snapshot().windows, 11u);
 }
 
 TEST(PairWatch, SamePairsGiveTheSameToTheLastBit) {
