@@ -55,7 +55,11 @@ Result<RigConfig> load(const ReplayOptions& options, const RecordedRun& recorded
   if (!overrides) return tl::unexpected<Error>(overrides.error());
   Result<RigConfig> rig = [&]() -> Result<RigConfig> {
     if (!options.rig.empty()) return load_rig(options.rig, *overrides);
-    auto root = ConfigDocument::parse(recorded.rig_text, options.recording.string() + ":rig", *overrides);
+    // Named by where it was, so that what it names by relative paths is found.
+    auto root = ConfigDocument::parse(
+        recorded.rig_text,
+        fmt::format("{} (as recorded in {})", recorded.rig_file, options.recording.filename().string()),
+        *overrides);
     if (!root) return tl::unexpected<Error>(root.error());
     return parse_rig(*root, recorded.rig_file);
   }();
