@@ -6,6 +6,7 @@
 #include "calibration/camera/camera_fit_internal.h"
 #include "calibration/camera/projection_uncertainty.h"
 #include "calibration/camera/view_cost.h"
+#include "calibration/core/held_parameters.h"
 
 namespace rigor::calibration {
 namespace {
@@ -82,15 +83,7 @@ Result<CameraFit> fit_chromatic(const std::vector<ColourViews>& views, const Cam
   fit.camera.chromatic.magnification = {factor[0], 1, factor[2]};
   fit.uncertainty =
       uncertainty_map(fit.camera, fit.result.covariance.topLeftCorner(kCameraParameters, kCameraParameters));
-  std::vector<Eigen::Index> kept;
-  std::vector<Parameter> parameters;
-  for (std::size_t i = 0; i < fit.result.parameters.size(); ++i)
-    if (!fit.result.parameters[i].held) {
-      kept.push_back(static_cast<Eigen::Index>(i));
-      parameters.push_back(fit.result.parameters[i]);
-    }
-  fit.result.parameters = std::move(parameters);
-  fit.result.covariance = fit.result.covariance(kept, kept).eval();
+  drop_held(fit.result);
 
   std::vector<bool> used(corners.size(), true);
   for (std::size_t k = 0; k < solved->rejected_ids.size(); ++k) {

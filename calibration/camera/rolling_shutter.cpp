@@ -8,6 +8,7 @@
 #include "calibration/camera/camera_fit_internal.h"
 #include "calibration/camera/moving_view_cost.h"
 #include "calibration/camera/projection_uncertainty.h"
+#include "calibration/core/held_parameters.h"
 
 namespace rigor::calibration {
 namespace {
@@ -173,15 +174,7 @@ Result<Solved> solve(const std::vector<BoardView>& views, const CameraFit& start
   out.sigma_s = line.sigma;
   out.determined = line.sigma <= resolution_s;
   fit.camera.shutter.line_time_s = std::max(0.0, line.value);
-  std::vector<Eigen::Index> kept;
-  std::vector<Parameter> parameters;
-  for (std::size_t i = 0; i < fit.result.parameters.size(); ++i)
-    if (!fit.result.parameters[i].held) {
-      kept.push_back(static_cast<Eigen::Index>(i));
-      parameters.push_back(fit.result.parameters[i]);
-    }
-  fit.result.parameters = std::move(parameters);
-  fit.result.covariance = fit.result.covariance(kept, kept).eval();
+  drop_held(fit.result);
 
   std::vector<bool> used(corners.size(), true);
   for (std::size_t k = 0; k < solved->rejected_ids.size(); ++k) {

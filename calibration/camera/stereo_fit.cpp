@@ -7,6 +7,7 @@
 #include "calibration/camera/camera_fit_internal.h"
 #include "calibration/camera/camera_start.h"
 #include "calibration/camera/view_cost.h"
+#include "calibration/core/held_parameters.h"
 #include "calibration/core/least_squares.h"
 
 namespace rigor::calibration {
@@ -205,15 +206,7 @@ Result<StereoFit> fit_stereo(const std::vector<StereoPair>& pairs, const StereoF
     w.cure =
         "record views with the board tilted by 30 to 45 degrees, near and far, over all of both pictures";
   // What was held is not reported: it is an input.
-  std::vector<Eigen::Index> kept;
-  std::vector<Parameter> parameters;
-  for (std::size_t i = 0; i < out.result.parameters.size(); ++i)
-    if (!out.result.parameters[i].held) {
-      kept.push_back(static_cast<Eigen::Index>(i));
-      parameters.push_back(out.result.parameters[i]);
-    }
-  out.result.parameters = std::move(parameters);
-  out.result.covariance = out.result.covariance(kept, kept).eval();
+  drop_held(out.result);
 
   std::vector<bool> used(corners.size(), true);
   const auto view_of = [&](std::size_t v) -> const BoardView& {

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <numbers>
 
+#include "calibration/core/held_parameters.h"
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
 #include "sensor-hal/models/one_source.h"
@@ -268,15 +269,7 @@ Result<ShadingFit> fit_shading(const std::vector<ShadingCell>& cells, const Came
     r.rejected.push_back({text, judged->fit.rejected[k].residual, judged->fit.rejected[k].sigmas});
   }
   r.residuals.rejected = r.rejected.size();
-  std::vector<Eigen::Index> free;
-  std::vector<Parameter> parameters;
-  for (std::size_t i = 0; i < r.parameters.size(); ++i)
-    if (!r.parameters[i].held) {
-      free.push_back(static_cast<Eigen::Index>(i));
-      parameters.push_back(r.parameters[i]);
-    }
-  r.parameters = std::move(parameters);
-  r.covariance = r.covariance(free, free).eval();
+  drop_held(r);
 
   double square = 0, relative = 0, number = 0;
   for (std::size_t i = 0; i < cells.size(); ++i) {
