@@ -57,6 +57,10 @@ enum MachineSignal : std::size_t {
   kHeadX,
   kHeadY,
   kHeadZ,
+  kHangAngle,
+  kFelledX,
+  kFelledY,
+  kFelledYaw,
   kEnable,
   kV,
   kSteerTo,
@@ -72,11 +76,31 @@ std::array<Eigen::Vector2d, 4> corners(const C& c) {
   return {Eigen::Vector2d(x, y), Eigen::Vector2d(x, -y), Eigen::Vector2d(-x, y), Eigen::Vector2d(-x, -y)};
 }
 
-std::vector<double> register_steps(std::size_t count) {
-  std::vector<double> steps(count, 1e-3);
-  for (std::size_t i = kX; i <= kHeadZ; ++i) steps[i] = 1e-4;
-  for (const auto whole : {kStatus, kFault, kFelledCount, kEnable, kFell}) steps[whole] = 1;
-  return steps;
+const std::vector<PlatformSignal>& table() {
+  static const std::vector<PlatformSignal> all = [] {
+    std::vector<PlatformSignal> t{
+        {"wheel_angle", "rad"}, {"wheel_rate", "rad/s"},  {"steer", "deg"},        {"slew", "deg"},
+        {"boom", "deg"},        {"stick", "deg"},         {"telescope", "m"},      {"rotate", "deg"},
+        {"grip", ""},           {"status", "", false, 1}, {"fault", "", false, 1}, {"felled", "", false, 1}};
+    t.insert(t.end(), kTruthSignals.begin(), kTruthSignals.end());
+    for (const char* name : {"head_x_m", "head_y_m", "head_z_m"}) t.push_back({name, "m", false, 1e-4});
+    t.insert(t.end(), {{"hang", "deg"},
+                       {"felled_x_m", "m", false, 1e-4},
+                       {"felled_y_m", "m", false, 1e-4},
+                       {"felled_yaw_deg", "deg"},
+                       {"enable", "", true, 1},
+                       {"v", "m/s", true},
+                       {"steer_to", "deg", true},
+                       {"slew_to", "deg", true},
+                       {"boom_to", "deg", true},
+                       {"stick_to", "deg", true},
+                       {"telescope_to", "m", true},
+                       {"rotate_to", "deg", true},
+                       {"grip_to", "", true},
+                       {"fell", "", true, 1}});
+    return t;
+  }();
+  return all;
 }
 
 BenchTime since_start(std::int64_t k, Duration step) { return BenchTime(0) + step * k; }
@@ -85,11 +109,11 @@ BenchTime since_start(std::int64_t k, Duration step) { return BenchTime(0) + ste
 
 Harvester::Harvester(const HarvesterConfig& config, const PlatformStart& start, Ground ground,
                      std::vector<Stem> stems)
-    : model_{config, std::move(ground), Footprint(corners(config))},
+    : SignalPlatform(table()),
+      model_{config, std::move(ground), Footprint(corners(config))},
       begin_(start),
-      stems_(std::move(stems)),
       history_(model_, config.step),
-      registers_(*this, register_steps(signals().size())) {
+      log_(std::move(stems)) {
   this->start(BenchTime(std::numeric_limits<std::int64_t>::max() / 4));
 }
 
@@ -102,8 +126,8 @@ void Harvester::start(BenchTime t0) {
     const double at = model_.c.axis[i].start;
     s.axis[i].position_rad = s.goal[i] = told.to[i] = at;
   }
-  felled_.clear();
-  last_fell_ = 0;
+  log_.clear();
+  last_cut_ = {};
   last_ = t0;
   history_.start(t0, s, told);
 }
@@ -209,26 +233,22 @@ Eigen::Isometry3d Harvester::head_of(const PlatformMotion& m) const noexcept {
 
 Eigen::Isometry3d Harvester::T_world_head(BenchTime t) const noexcept { return head_of(motion_at(t)); }
 
-std::vector<Felling> Harvester::fellings() const {
-  const std::lock_guard lock(mutex_);
-  return felled_;
+/// Under the lock. The tree falls away from the machine, along the crane.
+void Harvester::fell(BenchTime t) {
+  const PlatformMotion m = motion_of(history_.at(t), t);
+  const Eigen::Vector3d head = head_of(m).translation();
+  const double yaw_rad = std::remainder(
+      history_.state().chassis.angle_rad[2] + m.joint[kSlewJoint].position_rad, 2 * std::numbers::pi);
+  if (log_.cut({head.x(), head.y(), head.z() - kHighest_m, head.z() - kLowest_m, model_.c.reach_m}, yaw_rad,
+               t))
+    last_cut_ = {Cut::found, head.x(), head.y(), yaw_rad};
+  else
+    last_cut_.what = Cut::found_none;
 }
 
-/// Under the lock: the nearest stem within reach, where two are equally near the first of the list.
-void Harvester::fell(BenchTime t) {
-  const Eigen::Vector3d head = head_of(motion_of(history_.at(t), t)).translation();
-  const Stem* best = nullptr;
-  double least_m = model_.c.reach_m;
-  for (const Stem& s : stems_) {
-    const bool lies =
-        std::any_of(felled_.begin(), felled_.end(), [&](const Felling& f) { return f.node == s.node; });
-    const double away_m = std::hypot(s.x_m - head.x(), s.y_m - head.y()), above_m = head.z() - s.z_m;
-    if (lies || away_m >= least_m || above_m < kLowest_m || above_m > kHighest_m) continue;
-    best = &s;
-    least_m = away_m;
-  }
-  last_fell_ = best ? 1 : 2;
-  if (best) felled_.push_back({t, best->node});
+bool Harvester::told_felling(double x_m, double y_m, double yaw_rad, BenchTime t) noexcept {
+  constexpr double kInfinite = std::numeric_limits<double>::infinity(), kRounding_m = 0.02;
+  return log_.cut({x_m, y_m, -kInfinite, kInfinite, model_.c.reach_m + kRounding_m}, yaw_rad, t);
 }
 
 const std::vector<std::string>& Harvester::joint_names() const {
@@ -313,46 +333,7 @@ std::vector<PlatformPart> Harvester::parts() const {
   return parts;
 }
 
-const std::vector<SignalModel::Signal>& Harvester::signals() const {
-  static const std::vector<Signal> all{{"wheel_angle", "rad", false},
-                                       {"wheel_rate", "rad/s", false},
-                                       {"steer", "deg", false},
-                                       {"slew", "deg", false},
-                                       {"boom", "deg", false},
-                                       {"stick", "deg", false},
-                                       {"telescope", "m", false},
-                                       {"rotate", "deg", false},
-                                       {"grip", "", false},
-                                       {"status", "", false},
-                                       {"fault", "", false},
-                                       {"felled", "", false},
-                                       {"x_m", "m", false},
-                                       {"y_m", "m", false},
-                                       {"z_m", "m", false},
-                                       {"roll_deg", "deg", false},
-                                       {"pitch_deg", "deg", false},
-                                       {"yaw_deg", "deg", false},
-                                       {"velocity_mps", "m/s", false},
-                                       {"head_x_m", "m", false},
-                                       {"head_y_m", "m", false},
-                                       {"head_z_m", "m", false},
-                                       {"enable", "", true},
-                                       {"v", "m/s", true},
-                                       {"steer_to", "deg", true},
-                                       {"slew_to", "deg", true},
-                                       {"boom_to", "deg", true},
-                                       {"stick_to", "deg", true},
-                                       {"telescope_to", "m", true},
-                                       {"rotate_to", "deg", true},
-                                       {"grip_to", "", true},
-                                       {"fell", "", true}};
-  return all;
-}
-
-double Harvester::read(std::size_t signal, BenchTime t) {
-  const std::lock_guard lock(mutex_);
-  last_ = std::max(last_, t);
-  history_.advance(last_);
+double Harvester::value(std::size_t signal) {
   const State& s = history_.state();
   const Command& told = history_.told();
   const PlatformMotion m = motion_of(history_.at(last_), last_);
@@ -360,7 +341,7 @@ double Harvester::read(std::size_t signal, BenchTime t) {
     return m.joint[kJointOf[signal - kAxisTold]].position_rad / unit_of(signal - kAxisTold);
   if (signal >= kAxisTo && signal < kAxisTo + kAxes)
     return told.to[signal - kAxisTo] / unit_of(signal - kAxisTo);
-  const auto& angle = s.chassis.angle_rad;
+  if (signal >= kX && signal <= kVelocity) return truth_value(signal - kX, m.body, s.chassis.angle_rad);
   switch (signal) {
     case kWheelAngle:
       return m.joint[kWheels].position_rad;
@@ -373,28 +354,26 @@ double Harvester::read(std::size_t signal, BenchTime t) {
       for (const std::size_t j : kJointOf) moving = moving || m.joint[j].rate_radps != 0;
       const auto flag = [](bool is, StatusBit bit) { return is ? static_cast<unsigned>(bit) : 0u; };
       return flag(told.enable && s.fault == kNoFault, kEnabled) | flag(moving, kMoving) |
-             flag(s.limited, kLimited) | flag(s.fault != kNoFault, kFaulty) | flag(last_fell_ == 1, kFelled) |
-             flag(last_fell_ == 2, kFoundNone);
+             flag(s.limited, kLimited) | flag(s.fault != kNoFault, kFaulty) |
+             flag(last_cut_.what == Cut::found, kFelled) |
+             flag(last_cut_.what == Cut::found_none, kFoundNone);
     }
     case kFault:
       return s.fault;
     case kFelledCount:
-      return static_cast<double>(felled_.size());
-    case kX:
-    case kY:
-    case kZ:
-      return m.body.T_world_body.position_m[signal - kX];
-    case kRoll:
-    case kPitch:
-      return angle[signal - kRoll] * kDegPerRad;
-    case kYaw:
-      return std::remainder(angle[2], 2 * std::numbers::pi) * kDegPerRad;
-    case kVelocity:
-      return std::hypot(m.body.velocity_mps[0], m.body.velocity_mps[1], m.body.velocity_mps[2]);
+      return static_cast<double>(log_.fellings().size());
     case kHeadX:
     case kHeadY:
     case kHeadZ:
       return head_of(m).translation()[static_cast<Eigen::Index>(signal - kHeadX)];
+    case kHangAngle:
+      return m.joint[kHang].position_rad * kDegPerRad;
+    case kFelledX:
+      return last_cut_.x_m;
+    case kFelledY:
+      return last_cut_.y_m;
+    case kFelledYaw:
+      return last_cut_.yaw_rad * kDegPerRad;
     case kEnable:
       return told.enable ? 1 : 0;
     case kV:
@@ -408,11 +387,7 @@ double Harvester::read(std::size_t signal, BenchTime t) {
   }
 }
 
-bool Harvester::write(std::size_t signal, double value, BenchTime t) {
-  if (!std::isfinite(value)) return false;
-  const std::lock_guard lock(mutex_);
-  last_ = std::max(last_, t);
-  history_.advance(last_);
+bool Harvester::take(std::size_t signal, double value) {
   Command told = history_.told();
   if (signal >= kAxisTo && signal < kAxisTo + kAxes) {
     told.to[signal - kAxisTo] = value * unit_of(signal - kAxisTo);
@@ -431,14 +406,6 @@ bool Harvester::write(std::size_t signal, double value, BenchTime t) {
   }
   history_.command(last_, told);
   return true;
-}
-
-bool Harvester::read(RegisterTable table, std::uint16_t address, std::span<std::uint16_t> out, BenchTime t) {
-  return registers_.read(table, address, out, t);
-}
-bool Harvester::write(RegisterTable table, std::uint16_t address, std::span<const std::uint16_t> in,
-                      BenchTime t) {
-  return registers_.write(table, address, in, t);
 }
 
 }  // namespace rigor

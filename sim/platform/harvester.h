@@ -13,23 +13,24 @@
 //   rotate     of the head about the machine's z: it hangs along that axis, whatever boom and stick do
 //   grip       0 open, 1 closed
 //
-// A rise of `fell` to 1 cuts the stem whose axis is nearest to the head, where one stands within reach of it.
-// What was cut and when is told by `fellings`.
+// A rise of `fell` to 1 cuts the stem whose axis is nearest to the head, where one stands within reach of it;
+// the tree falls away from the machine, along the crane. What was cut and when is told by `fellings`.
 //
 // Signals told: wheel_angle [rad], wheel_rate [rad/s], steer [deg], slew, boom, stick [deg], telescope [m],
 // rotate [deg], grip, status (bit 0 enabled, 1 moving, 2 limited, 3 fault, 4 the last `fell` found a stem,
 // 5 it found none), fault (0 none, 1 tilted, 2 off the ground), felled (how many); truth: x_m, y_m, z_m,
-// roll_deg, pitch_deg, yaw_deg, velocity_mps, head_x_m, head_y_m, head_z_m. Commanded: enable, v [m/s],
-// steer_to, slew_to, boom_to, stick_to [deg], telescope_to [m], rotate_to [deg], grip_to, fell. Registers:
-// signal_registers.h, in steps of 0.001 (truth 0.0001; status, fault, felled, enable, fell: 1).
+// roll_deg, pitch_deg, yaw_deg, velocity_mps, head_x_m, head_y_m, head_z_m, hang [deg] (of the joint that
+// keeps the head plumb), felled_x_m, felled_y_m, felled_yaw_deg (where the head was at the last cut, and
+// where the tree's top points; NaN before). Commanded: enable, v [m/s], steer_to, slew_to, boom_to, stick_to
+// [deg], telescope_to [m], rotate_to [deg], grip_to, fell. Registers: signal_registers.h, in steps of 0.001
+// (truth 0.0001; status, fault, felled, enable, fell: 1).
 #pragma once
 
-#include <atomic>
-#include <mutex>
+#include <limits>
 
 #include "sim/platform/chassis.h"
 #include "sim/platform/platform.h"
-#include "sim/platform/signal_registers.h"
+#include "sim/platform/signal_platform.h"
 #include "sim/platform/skid_steer.h"
 #include "sim/platform/step_history.h"
 #include "sim/platform/turntable.h"
@@ -66,13 +67,7 @@ struct HarvesterConfig {
   Duration step = milliseconds(2);
 };
 
-/// A stem that can be cut.
-struct Stem {
-  std::uint64_t node = 0;
-  double x_m = 0, y_m = 0, z_m = 0;  ///< foot
-};
-
-class Harvester final : public Platform {
+class Harvester final : public SignalPlatform {
  public:
   Harvester(const HarvesterConfig& config, const PlatformStart& start, Ground ground,
             std::vector<Stem> stems);
@@ -82,17 +77,10 @@ class Harvester final : public Platform {
   /// wheels, steer, slew, boom, stick, telescope, hang (what keeps the head plumb), rotate, grip.
   [[nodiscard]] const std::vector<std::string>& joint_names() const override;
   [[nodiscard]] std::vector<PlatformPart> parts() const override;
-  [[nodiscard]] std::vector<Felling> fellings() const override;
+  [[nodiscard]] std::span<const Felling> fellings() const noexcept override { return log_.fellings(); }
+  bool told_felling(double x_m, double y_m, double yaw_rad, BenchTime t) noexcept override;
   /// The middle of the grip, z along the machine's.
   [[nodiscard]] Eigen::Isometry3d T_world_head(BenchTime t) const noexcept;
-
-  [[nodiscard]] const std::vector<Signal>& signals() const override;
-  [[nodiscard]] double read(std::size_t signal, BenchTime t) override;
-  [[nodiscard]] bool write(std::size_t signal, double value, BenchTime t) override;
-  [[nodiscard]] bool read(RegisterTable table, std::uint16_t address, std::span<std::uint16_t> out,
-                          BenchTime t) override;
-  [[nodiscard]] bool write(RegisterTable table, std::uint16_t address, std::span<const std::uint16_t> in,
-                           BenchTime t) override;
 
  private:
   using Config = HarvesterConfig;
@@ -109,6 +97,11 @@ class Harvester final : public Platform {
     std::int32_t fault = 0, trouble = 0;
     bool limited = false, stopped = false;
   };
+  /// What the last `fell` did.
+  struct Cut {
+    enum { none, found, found_none } what = none;
+    double x_m = std::numeric_limits<double>::quiet_NaN(), y_m = x_m, yaw_rad = x_m;
+  };
   struct Model {
     HarvesterConfig c;
     Ground ground;
@@ -121,17 +114,16 @@ class Harvester final : public Platform {
                                double* rate) const noexcept;
   [[nodiscard]] PlatformMotion motion_of(const History::Moment& m, BenchTime t) const noexcept;
   [[nodiscard]] Eigen::Isometry3d head_of(const PlatformMotion& m) const noexcept;
+  void advance(BenchTime t) override { history_.advance(t); }
+  [[nodiscard]] double value(std::size_t signal) override;
+  [[nodiscard]] bool take(std::size_t signal, double value) override;
   void fell(BenchTime t);
 
   Model model_;
   PlatformStart begin_;
-  std::vector<Stem> stems_;
   mutable History history_;  // written under the mutex, as what follows
-  SignalRegisters registers_;
-  mutable std::mutex mutex_;
-  std::vector<Felling> felled_;
-  int last_fell_ = 0;  ///< 0 none, 1 found, 2 found nothing
-  BenchTime last_;
+  FellingLog log_;
+  Cut last_cut_;
 };
 
 }  // namespace rigor

@@ -9,10 +9,12 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "sensor-hal/channel/providers.h"
+#include "sim/platform/felling_log.h"
 
 namespace rigor {
 
@@ -39,12 +41,6 @@ struct PlatformPart {
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();  ///< of the joint, in the part's own frame
 };
 
-/// A tree that a platform cut.
-struct Felling {
-  BenchTime t;             ///< from here on it no longer stands
-  std::uint64_t node = 0;  ///< of the world
-};
-
 /// Setup, signals and registers: any thread, one at a time is kept by a lock. `motion_at`: any thread,
 /// without a lock, no allocation; the same answer for the same instant whatever else was asked, as long as
 /// the platform has been told all that takes effect until then.
@@ -61,8 +57,14 @@ class Platform : public SignalModel, public RegisterModel {
   [[nodiscard]] virtual const std::vector<std::string>& joint_names() const = 0;
   /// What it looks like, parents before their children.
   [[nodiscard]] virtual std::vector<PlatformPart> parts() const = 0;
-  /// What it cut since the start, in order. Any thread; takes the lock.
-  [[nodiscard]] virtual std::vector<Felling> fellings() const { return {}; }
+  /// What it cut since the start, in order. Any thread, without a lock.
+  [[nodiscard]] virtual std::span<const Felling> fellings() const noexcept { return {}; }
+  /// Of a platform that somebody else moves and that stands for it here: it is told to have cut what stands
+  /// at a place, from `t` on. False: nothing stands there, or it does not cut. One thread at a time; no
+  /// allocation.
+  virtual bool told_felling(double /*x_m*/, double /*y_m*/, double /*yaw_rad*/, BenchTime /*t*/) noexcept {
+    return false;
+  }
 };
 
 }  // namespace rigor

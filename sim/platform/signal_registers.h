@@ -21,10 +21,12 @@ namespace rigor {
 /// One thread at a time, as the model behind it.
 class SignalRegisters {
  public:
-  /// `step`: of each signal, in its unit.
-  SignalRegisters(SignalModel& model, std::span<const double> step) : model_(model) {
-    for (std::size_t i = 0; i < model.signals().size(); ++i)
-      (model.signals()[i].commanded ? commanded_ : told_).push_back({i, step[i]});
+  /// `signals`: the model's; `step`: of each, in its unit.
+  SignalRegisters(SignalModel& model, std::span<const SignalModel::Signal> signals,
+                  std::span<const double> step)
+      : model_(model) {
+    for (std::size_t i = 0; i < signals.size(); ++i)
+      (signals[i].commanded ? commanded_ : told_).push_back({i, step[i]});
   }
 
   [[nodiscard]] bool read(RegisterTable table, std::uint16_t address, std::span<std::uint16_t> out,

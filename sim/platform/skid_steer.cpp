@@ -47,22 +47,31 @@ std::array<Eigen::Vector2d, 4> corners(const SkidSteerConfig& c) {
   return {Eigen::Vector2d(x, y), Eigen::Vector2d(x, -y), Eigen::Vector2d(-x, y), Eigen::Vector2d(-x, -y)};
 }
 
-std::vector<double> register_steps(std::size_t count) {
-  std::vector<double> steps(count, 1e-3);
-  for (const std::size_t whole : {std::size_t{kStatus}, std::size_t{kFault}, std::size_t{kEnable}})
-    steps[whole] = 1;
-  for (std::size_t i = kX; i <= kYawRate; ++i) steps[i] = 1e-4;
-  return steps;
+const std::vector<PlatformSignal>& table() {
+  static const std::vector<PlatformSignal> all = [] {
+    std::vector<PlatformSignal> t{{"left_angle", "rad"},   {"right_angle", "rad"},   {"left_rate", "rad/s"},
+                                  {"right_rate", "rad/s"}, {"status", "", false, 1}, {"fault", "", false, 1},
+                                  {"battery", "%"}};
+    t.insert(t.end(), kTruthSignals.begin(), kTruthSignals.end());
+    t.insert(t.end(), {{"yaw_rate_degps", "deg/s", false, 1e-4},
+                       {"enable", "", true, 1},
+                       {"v", "m/s", true},
+                       {"w", "rad/s", true},
+                       {"left", "rad/s", true},
+                       {"right", "rad/s", true}});
+    return t;
+  }();
+  return all;
 }
 
 }  // namespace
 
 SkidSteer::SkidSteer(const SkidSteerConfig& config, const PlatformStart& start, Ground ground)
-    : model_{config, std::move(ground), Footprint(corners(config)),
+    : SignalPlatform(table()),
+      model_{config, std::move(ground), Footprint(corners(config)),
              models::channel_key(start.seed, models::channel_id_from_name(start.name))},
       begin_(start),
-      history_(model_, config.step),
-      registers_(*this, register_steps(signals().size())) {
+      history_(model_, config.step) {
   if (model_.c.effective_track_m <= 0) model_.c.effective_track_m = config.track_m * config.icr_ratio;
   this->start(BenchTime(std::numeric_limits<std::int64_t>::max() / 4));
 }
@@ -219,39 +228,11 @@ std::vector<PlatformPart> SkidSteer::parts() const {
   return parts;
 }
 
-const std::vector<SignalModel::Signal>& SkidSteer::signals() const {
-  static const std::vector<Signal> all{{"left_angle", "rad", false},
-                                       {"right_angle", "rad", false},
-                                       {"left_rate", "rad/s", false},
-                                       {"right_rate", "rad/s", false},
-                                       {"status", "", false},
-                                       {"fault", "", false},
-                                       {"battery", "%", false},
-                                       {"x_m", "m", false},
-                                       {"y_m", "m", false},
-                                       {"z_m", "m", false},
-                                       {"roll_deg", "deg", false},
-                                       {"pitch_deg", "deg", false},
-                                       {"yaw_deg", "deg", false},
-                                       {"velocity_mps", "m/s", false},
-                                       {"yaw_rate_degps", "deg/s", false},
-                                       {"enable", "", true},
-                                       {"v", "m/s", true},
-                                       {"w", "rad/s", true},
-                                       {"left", "rad/s", true},
-                                       {"right", "rad/s", true}};
-  return all;
-}
-
-double SkidSteer::read(std::size_t signal, BenchTime t) {
-  const std::lock_guard lock(mutex_);
-  last_ = std::max(last_, t);
-  history_.advance(last_);
+double SkidSteer::value(std::size_t signal) {
   const Command& told = history_.told();
   const State& s = history_.state();
   const PlatformMotion m = motion_at(last_);
-  const auto& angle = s.chassis.angle_rad;
-  const double yaw = std::remainder(angle[2], 2 * std::numbers::pi);
+  if (signal >= kX && signal <= kVelocity) return truth_value(signal - kX, m.body, s.chassis.angle_rad);
   switch (signal) {
     case kLeftAngle:
       return m.joint[kLeft].position_rad;
@@ -271,17 +252,6 @@ double SkidSteer::read(std::size_t signal, BenchTime t) {
       return s.fault;
     case kBattery:
       return std::max(0.0, 100 * (1 - s.energy_j / (model_.c.battery_wh * 3600)));
-    case kX:
-    case kY:
-    case kZ:
-      return m.body.T_world_body.position_m[signal - kX];
-    case kRoll:
-    case kPitch:
-      return angle[signal - kRoll] * kDegPerRad;
-    case kYaw:
-      return yaw * kDegPerRad;
-    case kVelocity:
-      return std::hypot(m.body.velocity_mps[0], m.body.velocity_mps[1], m.body.velocity_mps[2]);
     case kYawRate:
       return s.chassis.rate_radps[2] * kDegPerRad;
     case kEnable:
@@ -298,11 +268,7 @@ double SkidSteer::read(std::size_t signal, BenchTime t) {
   }
 }
 
-bool SkidSteer::write(std::size_t signal, double value, BenchTime t) {
-  if (!std::isfinite(value)) return false;
-  const std::lock_guard lock(mutex_);
-  last_ = std::max(last_, t);
-  history_.advance(last_);
+bool SkidSteer::take(std::size_t signal, double value) {
   Command told = history_.told();
   switch (signal) {
     case kEnable:
@@ -324,14 +290,6 @@ bool SkidSteer::write(std::size_t signal, double value, BenchTime t) {
   told.k = std::max<std::int64_t>(0, (last_ - history_.t0()) / history_.step());
   history_.command(last_, told);
   return true;
-}
-
-bool SkidSteer::read(RegisterTable table, std::uint16_t address, std::span<std::uint16_t> out, BenchTime t) {
-  return registers_.read(table, address, out, t);
-}
-bool SkidSteer::write(RegisterTable table, std::uint16_t address, std::span<const std::uint16_t> in,
-                      BenchTime t) {
-  return registers_.write(table, address, in, t);
 }
 
 }  // namespace rigor

@@ -23,13 +23,10 @@
 // v/w or left/right, counts. Registers: signal_registers.h, in steps of 0.001 of the unit (truth: 0.0001).
 #pragma once
 
-#include <memory>
-#include <mutex>
-
 #include "sensor-hal/models/philox.h"
 #include "sim/platform/chassis.h"
 #include "sim/platform/platform.h"
-#include "sim/platform/signal_registers.h"
+#include "sim/platform/signal_platform.h"
 #include "sim/platform/step_history.h"
 
 namespace rigor {
@@ -69,7 +66,7 @@ struct PlatformStart {
   std::string name = "robot";  ///< keys the draws
 };
 
-class SkidSteer final : public Platform {
+class SkidSteer final : public SignalPlatform {
  public:
   SkidSteer(const SkidSteerConfig& config, const PlatformStart& start, Ground ground);
 
@@ -78,14 +75,6 @@ class SkidSteer final : public Platform {
   /// left, right: the wheels of each side.
   [[nodiscard]] const std::vector<std::string>& joint_names() const override;
   [[nodiscard]] std::vector<PlatformPart> parts() const override;
-
-  [[nodiscard]] const std::vector<Signal>& signals() const override;
-  [[nodiscard]] double read(std::size_t signal, BenchTime t) override;
-  [[nodiscard]] bool write(std::size_t signal, double value, BenchTime t) override;
-  [[nodiscard]] bool read(RegisterTable table, std::uint16_t address, std::span<std::uint16_t> out,
-                          BenchTime t) override;
-  [[nodiscard]] bool write(RegisterTable table, std::uint16_t address, std::span<const std::uint16_t> in,
-                           BenchTime t) override;
 
  private:
   struct State {
@@ -112,12 +101,13 @@ class SkidSteer final : public Platform {
     [[nodiscard]] double event_slip(std::int64_t k, std::size_t side) const noexcept;
   };
 
+  void advance(BenchTime t) override { history_.advance(t); }
+  [[nodiscard]] double value(std::size_t signal) override;
+  [[nodiscard]] bool take(std::size_t signal, double value) override;
+
   Model model_;
   PlatformStart begin_;
   mutable StepHistory<Model, State, Command> history_;  // written under the mutex
-  SignalRegisters registers_;
-  mutable std::mutex mutex_;
-  BenchTime last_;
 };
 
 }  // namespace rigor

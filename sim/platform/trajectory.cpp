@@ -291,7 +291,7 @@ double TrajectoryPlatform::read(std::size_t signal, BenchTime t) {
 bool TrajectoryPlatform::read(RegisterTable table, std::uint16_t address, std::span<std::uint16_t> out,
                               BenchTime t) {
   static const std::vector<double> steps(6, 1e-4);
-  return SignalRegisters(*this, steps).read(table, address, out, t);
+  return SignalRegisters(*this, signals(), steps).read(table, address, out, t);
 }
 
 }  // namespace rigor

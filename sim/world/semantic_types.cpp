@@ -137,7 +137,8 @@ std::vector<TypeSpec> type_table() {
                       number("crown_radius_m", 0, "m", "Widest.", 0, 50),
                       number("crown_base_m", 0, "m", "Lowest green branches above the foot.", 0, 150),
                       number("heading_rad", 0, "rad", "About z."),
-                      other("dead", false, "", "A snag: no leaves.")},
+                      other("dead", false, "", "A snag: no leaves."),
+                      other("marked", false, "", "The forester wants it felled.")},
        .place_attribute = "position"},
       {.name = "Building",
        .meaning = "A footprint that becomes a building.",
@@ -350,7 +351,8 @@ Tree::Tree(const Schema& s)
       crown_radius_m(s.require<double>("Tree", "crown_radius_m")),
       crown_base_m(s.require<double>("Tree", "crown_base_m")),
       heading_rad(s.require<double>("Tree", "heading_rad")),
-      dead(s.require<bool>("Tree", "dead")) {}
+      dead(s.require<bool>("Tree", "dead")),
+      marked(s.require<bool>("Tree", "marked")) {}
 
 Building::Building(const Schema& s)
     : Object(s, "Building"),

@@ -127,6 +127,7 @@ struct Tree : Object {
   Attribute<double> height_m, crown_radius_m, crown_base_m;
   Attribute<double> heading_rad;  ///< about z
   Attribute<bool> dead;           ///< a snag: no leaves
+  Attribute<bool> marked;         ///< the forester wants it felled
 };
 
 /// A footprint that becomes a building. Rings: x0 y0 x1 y1 …, not closed, outer ring anticlockwise.

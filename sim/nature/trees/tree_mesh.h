@@ -55,10 +55,12 @@ struct TrunkKey {
 };
 struct TrunkPrototype {
   std::shared_ptr<const render::Prototype> prototype;
-  float length_m = 1;                ///< at scale 1
-  std::vector<float> z_m, radius_m;  ///< mean radius of the finest level's rings, upwards
-  /// Mean radius at a height, linear between rings.
+  float length_m = 1;                   ///< at scale 1
+  std::vector<float> z_m, radius_m;     ///< mean radius of the finest level's rings, upwards
+  std::vector<Eigen::Vector2f> axis_m;  ///< their middles
+  /// Mean radius, middle at a height, linear between rings.
   [[nodiscard]] float radius_at(float z_m) const noexcept;
+  [[nodiscard]] Eigen::Vector2f axis_at(float z_m) const noexcept;
 };
 
 [[nodiscard]] const CrownPrototype& crown_prototype(const CrownKey& key);

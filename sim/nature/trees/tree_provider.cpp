@@ -10,6 +10,7 @@
 #include "sim/nature/providers.h"
 #include "sim/nature/trees/allometry.h"
 #include "sim/nature/trees/draws.h"
+#include "sim/nature/trees/stem_shape.h"
 #include "sim/nature/trees/tree_mesh.h"
 #include "sim/world/semantic_types.h"
 
@@ -152,50 +153,12 @@ void TreeProvider::plant(const world::Snapshot& world, NodeId node, Touched* tou
     p.off_terrain = !std::isfinite(z);
     p.position.z() = p.off_terrain ? 0 : z;
   }
+  const ShownTree t = shown_tree(world, *types_, node);
+  const Species& species = *t.species;
   const std::string& code = world.get_or_default(node, types_->species);
-  const SpeciesMatch match = find_species(code);
-  if (!match.known) p.unknown_species = code.empty() ? std::string(" ") : code;
-  const Species& species = *match.species;
-  const bool dead = world.get_or_default(node, types_->dead);
-  const Draws draws("tree", node.value);
-  const TreeMeasure measure{
-      world.get_or_default(node, types_->dbh_m), world.get_or_default(node, types_->height_m),
-      world.get_or_default(node, types_->crown_radius_m), world.get_or_default(node, types_->crown_base_m)};
-  TreeSize size = size_of(species, measure);
-  p.no_size = size.seedling;
-  if (dead && !(measure.height_m > 0)) size.height_m *= 0.5 + 0.4 * static_cast<double>(draws.uniform(1, 0));
-
-  // Inventories seldom know which way a tree faces: 0 leaves it to the lot.
-  const double heading = world.get_or_default(node, types_->heading_rad);
-  const double turn = std::isfinite(heading) && heading != 0
-                          ? heading
-                          : 2 * std::numbers::pi * static_cast<double>(draws.uniform(2, 0));
-  const int age_class = age_class_of(size.height_m);
-  const auto variant = [&](std::uint32_t stream, int count) {
-    return static_cast<int>(draws.uniform(stream, 0) * static_cast<float>(count));
-  };
-  Instance base;
-  base.rotation[2] = static_cast<float>(std::sin(0.5 * turn));
-  base.rotation[3] = static_cast<float>(std::cos(0.5 * turn));
-  base.phase = 2 * std::numbers::pi_v<float> * draws.uniform(3, 0);
-  const float light = 1 + 0.10F * draws.spread(4, 0);
-
-  TrunkKey trunk_key{dead                       ? TrunkKind::snag
-                     : is_conifer(species.form) ? TrunkKind::conifer
-                                                : TrunkKind::broadleaf,
-                     species.bark, age_class, variant(5, kTrunkVariants)};
-  const TrunkPrototype& trunk = trunk_prototype(trunk_key);
-  const double crown_m = size.height_m - size.crown_base_m;
-  const double top = dead ? size.height_m
-                     : is_conifer(species.form)
-                         ? 0.985 * size.height_m
-                         : size.crown_base_m + trunk_share_of_crown(species.form) * crown_m;
-  Instance stem = base;
-  stem.scale[2] = static_cast<float>(top / trunk.length_m);
-  const double breast = std::min(1.3, 0.4 * top);
-  const float girth = trunk.radius_at(static_cast<float>(breast) / stem.scale[2]);
-  stem.scale[0] = stem.scale[1] = static_cast<float>(0.5 * size.dbh_m) / std::max(girth, 1e-4F);
-  for (int k = 0; k < 3; ++k) stem.tint[k] = species.bark_tint[k] * (dead ? 1.25F : 1.0F) * light;
+  if (!t.known) p.unknown_species = code.empty() ? std::string(" ") : code;
+  p.no_size = t.size.seedling;
+  const TreeSize& size = t.size;
 
   p.tile = tile_at(p.position.x(), p.position.y());
   Tile& tile = tiles_[p.tile];
@@ -211,16 +174,19 @@ void TreeProvider::plant(const world::Snapshot& world, NodeId node, Touched* tou
     p.parts[p.part_count++] = key;
     if (touched) touched->insert({p.tile, key});
   };
-  put({std::nullopt, trunk_key}, stem);
-  if (!dead) {
-    const CrownKey crown_key{species.form, species.bark, age_class, variant(6, kCrownVariants)};
+  put({std::nullopt, t.trunk}, t.stem);
+  if (!t.dead) {
+    const Draws draws("tree", node.value);
+    const CrownKey crown_key{species.form, species.bark, t.age_class,
+                             static_cast<int>(draws.uniform(6, 0) * static_cast<float>(kCrownVariants))};
     const CrownPrototype& crown = crown_prototype(crown_key);
-    Instance leaves = base;
+    Instance leaves = t.upright;
     leaves.position[2] = static_cast<float>(size.crown_base_m);
     leaves.scale[0] = leaves.scale[1] = static_cast<float>(size.crown_radius_m) / crown.radius_m;
-    leaves.scale[2] = static_cast<float>(crown_m) / crown.length_m;
+    leaves.scale[2] = static_cast<float>(size.height_m - size.crown_base_m) / crown.length_m;
     const float hue = 0.05F * draws.spread(7, 0);
-    for (int k = 0; k < 3; ++k) leaves.tint[k] = species.foliage_tint[k] * light * (k == 1 ? 1.0F : 1 + hue);
+    for (int k = 0; k < 3; ++k)
+      leaves.tint[k] = species.foliage_tint[k] * t.light * (k == 1 ? 1.0F : 1 + hue);
     put({crown_key, std::nullopt}, leaves);
   }
   planted_[node] = std::move(p);

@@ -259,6 +259,7 @@ TrunkPrototype make(const TrunkKey& key) {
     const bool tip = i + 1 == fine.rings.size() && key.kind != TrunkKind::snag;
     out.z_m.push_back(fine.heights[i]);
     out.radius_m.push_back(tip ? 0.0F : mean);
+    out.axis_m.emplace_back(c.x(), c.y());
   }
   out.prototype = prototype;
   return out;
@@ -271,6 +272,13 @@ float TrunkPrototype::radius_at(float z) const noexcept {
   while (i + 2 < z_m.size() && z_m[i + 1] < z) ++i;
   const float f = std::clamp((z - z_m[i]) / (z_m[i + 1] - z_m[i]), 0.0F, 1.0F);
   return radius_m[i] + f * (radius_m[i + 1] - radius_m[i]);
+}
+
+Eigen::Vector2f TrunkPrototype::axis_at(float z) const noexcept {
+  std::size_t i = 0;
+  while (i + 2 < z_m.size() && z_m[i + 1] < z) ++i;
+  const float f = std::clamp((z - z_m[i]) / (z_m[i + 1] - z_m[i]), 0.0F, 1.0F);
+  return axis_m[i] + f * (axis_m[i + 1] - axis_m[i]);
 }
 
 const TrunkPrototype& trunk_prototype(const TrunkKey& key) {

@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "sim/nature/trees/allometry.h"
+#include "sim/nature/trees/stem_shape.h"
 #include "sim/nature/trees/tree_mesh.h"
 #include "tests/sim/nature/trees/tree_world.h"
 
@@ -290,6 +291,56 @@ TEST(TreeProvider, LoadsAHundredThousandTreesAndCutsOneAtOnce) {
   std::size_t shown = 0;
   for (const auto& b : w.frame().batches) shown += b->instances.size();
   EXPECT_EQ(shown, 2 * (specs.size() - 50));
+}
+
+/// A stem's mesh, cut level: the middle of the cut's outline, and twice the mean distance from it. Each piece
+/// of the outline counts by its length, so that it does not matter how the mesh is divided into triangles.
+nature::StemSection cut_of(const render::ContentFrame& frame, NodeId node, double z) {
+  std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> outline;
+  for (const auto& b : frame.batches)
+    for (std::size_t i = 0; i < b->instances.size(); ++i) {
+      if (b->nodes.at(i) != node || is_crown(*b)) continue;
+      const auto& m = *b->prototype->levels.front().mesh;
+      const auto c = test::corners_of(*b, i);
+      for (std::size_t k = 0; k + 2 < m.indices.size(); k += 3) {
+        std::vector<Eigen::Vector2d> met;
+        for (std::size_t e = 0; e < 3; ++e) {
+          const Eigen::Vector3d &p = c[m.indices[k + e]], &q = c[m.indices[k + (e + 1) % 3]];
+          if ((p.z() < z) != (q.z() < z))
+            met.push_back((p + (q - p) * ((z - p.z()) / (q.z() - p.z()))).head<2>());
+        }
+        if (met.size() == 2) outline.emplace_back(met[0], met[1]);
+      }
+    }
+  Eigen::Vector2d middle = Eigen::Vector2d::Zero();
+  double length = 0, radius = 0;
+  for (const auto& [p, q] : outline) middle += (p + q) / 2 * (q - p).norm(), length += (q - p).norm();
+  middle /= length;
+  for (const auto& [p, q] : outline)
+    radius += ((p - middle).norm() + (q - middle).norm()) / 2 * (q - p).norm() / length;
+  return {middle.x(), middle.y(), 2 * radius};
+}
+
+TEST(TreeProvider, AStemsSectionIsThatOfItsMesh) {
+  TreeWorld w;
+  const auto nodes = w.plant(
+      {{3, -4, 7, "TSHE", 0.4}, {20, 5, 7, "FASY", 0.5}, {-8, 2, 7, "THPL", 0.9}, {0, 9, 7, "PIAB", 0.3}});
+  const auto frame = w.frame();
+  const auto snapshot = w.db->snapshot();
+  double farthest = 0;
+  for (const NodeId n : nodes)
+    for (const double height : {0.5, 0.8, 2.0}) {
+      const auto section = nature::stem_section(snapshot, *w.tree, n, height);
+      ASSERT_TRUE(section);
+      const nature::StemSection cut = cut_of(frame, n, 7 + height);
+      EXPECT_NEAR(section->x_m, cut.x_m, 0.01) << n.value << " at " << height;
+      EXPECT_NEAR(section->y_m, cut.y_m, 0.01);
+      EXPECT_NEAR(section->diameter_m, cut.diameter_m, 0.03 * cut.diameter_m);
+      const world::Vector3& foot = *snapshot.get(n, w.tree->position);
+      farthest = std::max(farthest, std::hypot(section->x_m - foot.x(), section->y_m - foot.y()));
+    }
+  EXPECT_GT(farthest, 0.02) << "no stem here is straight: the middle of the cut proves something";
+  EXPECT_FALSE(nature::stem_section(snapshot, *w.tree, nodes[0], 80)) << "higher than the tree";
 }
 
 }  // namespace
