@@ -12,6 +12,9 @@
 
 namespace rigor {
 
+/// EventInfo::code of an edit of the bench's world while a run goes on; `value` is the node.
+inline constexpr std::uint32_t kEventWorldEdit = 0x30;
+
 /// One thread; wait-free.
 class EventText {
  public:

@@ -13,7 +13,11 @@
 #include <thread>
 
 #include "rt-core/spsc_ring.h"
+#include "rt-core/stage_time.h"
+#include "sensor-hal/channel/event_text.h"
 #include "sensor-hal/channel/fault_spec.h"
+#include "sensor-hal/channel/pair_monitor.h"
+#include "sensor-hal/record/pair_diagnostics.h"
 #include "sensor-hal/record/sample_codec.h"
 
 namespace rigor {
@@ -21,11 +25,18 @@ namespace {
 
 using record::MessageInfo;
 
-std::string_view event_kind(std::uint32_t code) {
+}  // namespace
+
+std::string_view event_kind(std::uint32_t code) noexcept {
+  if (code == kEventWorldEdit) return "world_edit";
   if (code == kEventPairSwitch) return "pair_switch";
+  if (code == kEventPairAlarm) return "pair_alarm";
+  if (code == kEventPairWatching || code == kEventPairOrder) return "pair_watch";
   if (code == kEventFaultBegin || code == kEventLiveFaultBegin) return "fault_begin";
   return code == kEventFaultEnd || code == kEventLiveFaultEnd ? "fault_end" : "event";
 }
+
+namespace {
 
 void nap(std::int64_t ns) {
   const timespec t{0, ns};
@@ -47,6 +58,7 @@ struct Item {
     skipped,
     command,
     event,
+    window,
     end_cycle
   } kind = Kind::none;
   PortStatus status = PortStatus::never;
@@ -95,6 +107,7 @@ struct Recorder::Impl {
     void on_side_sample(PairSide side, const SampleLease& sample) noexcept override {
       recorder->record_side(channel, side, sample);
     }
+    void on_window(const SampleLease& window) noexcept override { recorder->record_window(channel, window); }
     Recorder* recorder = nullptr;
     std::uint32_t channel = 0;
   };
@@ -132,9 +145,9 @@ struct Recorder::Impl {
   record::CdrWriter cdr;
   std::priority_queue<Waiting> waiting;
   std::vector<Item> of_cycle;
-  std::uint16_t visibility_id = 0, events_id = 0, commands_id = 0;
+  std::uint16_t visibility_id = 0, events_id = 0, commands_id = 0, diagnostics_id = 0;
   std::uint64_t last_log_ns = 0;
-  std::uint32_t visibility_count = 0, event_count = 0;
+  std::uint32_t visibility_count = 0, event_count = 0, window_count = 0;
   std::uint64_t noted_drops = 0;
   BenchTime noted_at{std::numeric_limits<std::int64_t>::min()};
   bool any_cycle = false;
@@ -145,6 +158,7 @@ struct Recorder::Impl {
   mutable std::mutex error_mutex;
   std::optional<Error> error;
   std::atomic<std::uint64_t> samples_written{0}, messages{0}, bytes{0}, chunks{0}, after_end{0};
+  std::atomic<std::int64_t> cpu_ns{0};
 
   Impl() {
     sem_init(&wake, 0, 0);
@@ -215,6 +229,7 @@ struct Recorder::Impl {
     messages.store(s.messages, std::memory_order_relaxed);
     bytes.store(s.file_bytes, std::memory_order_relaxed);
     chunks.store(s.chunks, std::memory_order_relaxed);
+    cpu_ns.store(StageTime::thread_cpu().ns(), std::memory_order_relaxed);
   }
 };
 
@@ -291,6 +306,12 @@ Status Recorder::Impl::open(std::unique_ptr<record::ByteSink> sink,
     auto added = add_topic(topic, type);
     if (!added) return tl::unexpected<Error>(added.error());
     *id = *added;
+  }
+
+  if (std::any_of(channels.begin(), channels.end(), [](const auto& c) { return !c.watched.empty(); })) {
+    auto added = add_topic("/diagnostics", record::msg::DiagnosticArray::kType);
+    if (!added) return tl::unexpected<Error>(added.error());
+    diagnostics_id = *added;
   }
 
   options.places = std::max<std::size_t>(options.places, 64);
@@ -449,6 +470,16 @@ void Recorder::record_event(std::uint32_t channel, const SampleLease& event) noe
   if (!impl_->push(std::move(item))) impl_->other_dropped.fetch_add(1, std::memory_order_relaxed);
 }
 
+void Recorder::record_window(std::uint32_t channel, const SampleLease& window) noexcept {
+  if (!window || channel >= impl_->channels.size() || impl_->channels[channel].watched.empty()) return;
+  Item item;
+  item.kind = Item::Kind::window;
+  item.channel = channel;
+  item.t = window->stamp.t_release;
+  item.lease = window;
+  if (!impl_->push(std::move(item))) impl_->other_dropped.fetch_add(1, std::memory_order_relaxed);
+}
+
 void Recorder::end_cycle(std::uint64_t cycle, BenchTime t) noexcept {
   Item item;
   item.kind = Item::Kind::end_cycle;
@@ -499,6 +530,7 @@ void Recorder::Impl::take(Item&& item) {
     case Item::Kind::skipped:
     case Item::Kind::command:
     case Item::Kind::event:
+    case Item::Kind::window:
       of_cycle.push_back(std::move(item));
       break;
     case Item::Kind::end_cycle:
@@ -528,6 +560,15 @@ void Recorder::Impl::end_cycle(const Item& tick) {
       m.values.assign(item.command.value.begin(),
                       item.command.value.begin() + static_cast<std::ptrdiff_t>(n));
       write(commands_id, static_cast<std::uint32_t>(item.command.sequence), tick.t, m);
+    } else if (item.kind == Item::Kind::window) {
+      PairWindow window;
+      if (item.lease->size_bytes != sizeof window) continue;
+      std::memcpy(&window, item.lease->bytes().data(), sizeof window);
+      record::msg::DiagnosticArray m;
+      m.header.stamp = to_time(window.t_end.ns() + to_utc.ns());
+      const RecordedChannel& c = channels[item.channel];
+      m.status.push_back(record::pair_diagnostics(c.name, c.description.kind, c.watched, window));
+      write(diagnostics_id, window_count++, tick.t, m);
     } else if (item.kind == Item::Kind::event) {
       const auto* info = item.lease->as<EventInfo>();
       if (!info) continue;
@@ -743,6 +784,7 @@ Recorder::Statistics Recorder::statistics() const {
   s.samples = i.samples_written.load(std::memory_order_relaxed);
   s.after_end = i.after_end.load(std::memory_order_relaxed);
   s.dropped = i.all_dropped();
+  s.cpu_s = static_cast<double>(i.cpu_ns.load(std::memory_order_relaxed)) * 1e-9;
   for (std::size_t c = 0; c < i.channels.size(); ++c) {
     std::uint64_t n = 0;
     for (std::size_t side = 0; side < 2; ++side)

@@ -20,9 +20,10 @@
 // Topics: `/NAME/image` with `/NAME/image/settings`, `/NAME/image/stamp`, `/NAME/camera_info`;
 // `/NAME/registers` and so on by kind; the sides of a pair `/NAME/real/…` and `/NAME/simulated/…`.
 // `/rigor/visibility` says what the application saw: entries name a port, and for a pair the side that was
-// handed on ("left/real"); only ports that changed are listed; an entry without a name says that `sequence`
+// handed on ("left/real"); listed are all ports in the first cycle, then those that changed; an entry without a name says that `sequence`
 // cycles, this one the first, were skipped by the loop.
-// `/rigor/events`, `/rigor/commands`.
+// `/rigor/events`, `/rigor/commands`. Where a pair is watched, `/diagnostics` has a status for each of its
+// windows (pair_diagnostics.h).
 #pragma once
 
 #include <atomic>
@@ -30,6 +31,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "rt-core/epoch.h"
@@ -37,6 +39,7 @@
 #include "rt-core/result.h"
 #include "sensor-hal/channel/channel.h"
 #include "sensor-hal/channel/pair_source.h"
+#include "sensor-hal/channel/pair_watch/window_fit.h"
 #include "sensor-hal/record/mcap_writer.h"
 #include "sensor-hal/record/ros2_messages.h"
 
@@ -50,6 +53,8 @@ struct RecordedChannel {
   std::optional<record::msg::CameraInfo> camera = std::nullopt;
   /// Samples of this channel (of each side) held at a time, where they are not copied.
   std::size_t lease_budget = 6;
+  /// Of a pair that is watched: what its windows tell of, in their order.
+  std::vector<pair_watch::Parameter> watched{};
 };
 
 struct RecordedSink {
@@ -99,7 +104,8 @@ class Recorder {
   void record_side(std::uint32_t channel, PairSide side, const SampleLease& sample) noexcept;
   /// For PairSource::observe: calls record_side.
   [[nodiscard]] PairObserver* observer(std::uint32_t channel) noexcept;
-  /// What port `channel` showed from this cycle on: call it when that has changed, before end_cycle.
+  /// What port `channel` showed from this cycle on: call it in the first cycle and when that has changed, before
+  /// end_cycle.
   /// `sample`: the visible one, or empty. Which side of a pair it is from is known by what was recorded.
   void record_visibility(std::uint32_t channel, std::uint64_t cycle, BenchTime t, PortStatus status,
                          const SampleLease& sample) noexcept;
@@ -108,6 +114,8 @@ class Recorder {
   void record_command(std::uint32_t sink, const Command& command) noexcept;
   /// A sample of kind event that concerns a channel; beyond the last one: none, the text says what.
   void record_event(std::uint32_t channel, const SampleLease& event) noexcept;
+  /// A window of a pair that is watched, as PairObserver::on_window gives it; goes to /diagnostics.
+  void record_window(std::uint32_t channel, const SampleLease& window) noexcept;
   /// Once a cycle, last.
   void end_cycle(std::uint64_t cycle, BenchTime t) noexcept;
 
@@ -127,6 +135,7 @@ class Recorder {
     std::uint64_t dropped = 0;  ///< samples and other entries that were skipped or could not be written
     std::vector<std::uint64_t> dropped_by_channel;
     std::uint64_t after_end = 0;  ///< samples whose release came after the last cycle
+    double cpu_s = 0;             ///< of the thread that encodes, compresses and writes
   };
   [[nodiscard]] Statistics statistics() const;
 
@@ -136,6 +145,9 @@ class Recorder {
   std::unique_ptr<Impl> impl_;
   std::atomic<bool>& failed_;
 };
+
+/// The word in `/rigor/events` for an EventInfo::code.
+[[nodiscard]] std::string_view event_kind(std::uint32_t code) noexcept;
 
 /// What `/rigor/visibility` says in place of a status for cycles that the loop skipped.
 inline constexpr std::uint8_t kVisibilitySkipped = 255;
