@@ -74,6 +74,9 @@ class Application {
                                          Duration loop_period) = 0;
   /// Loop thread, once a cycle after the inputs: no allocation, no lock, no blocking call.
   virtual void step(std::uint64_t cycle, BenchTime t_cycle) noexcept = 0;
+  /// Setup thread, once after the last step: ends its threads, writes what it has to say. An error fails
+  /// the run.
+  [[nodiscard]] virtual Status finish() { return {}; }
 };
 
 }  // namespace rigor

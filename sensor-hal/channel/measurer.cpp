@@ -2,6 +2,8 @@
 
 #include <utility>
 
+#include "sensor-hal/channel/named_values.h"
+
 namespace rigor {
 namespace {
 
@@ -108,6 +110,8 @@ class SampleMeasurer final : public Measurer {
     description.width_px = sensor.width_px;
     description.height_px = sensor.height_px;
     description.max_bytes = sensor.max_bytes;
+    if (const auto* named = dynamic_cast<const NamedValues*>(provider_.get()))
+      description.names = named->names(), description.units = named->units();
     return {};
   }
 

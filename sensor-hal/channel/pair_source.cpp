@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "sensor-hal/channel/event_text.h"
+#include "sensor-hal/channel/pair_monitor.h"
 
 namespace rigor {
 namespace {
@@ -40,6 +41,11 @@ PairSource::PairSource(std::unique_ptr<Source> real, std::unique_ptr<FollowerSou
 
 PairSource::~PairSource() {
   if (state() == ChannelState::armed || state() == ChannelState::running) (void)do_stop();
+}
+
+void PairSource::watch(std::unique_ptr<PairMonitor> monitor) {
+  monitor_ = std::move(monitor);
+  statistics_.watch(monitor_.get());
 }
 
 Status PairSource::do_configure(const ChannelConfig& config) {
@@ -111,6 +117,7 @@ Status PairSource::do_start(BenchTime t0) {
   active_ = initial_;
   handed_side_ = initial_;
   switches_ = 0;
+  if (monitor_) monitor_->start(t0);
   if (auto s = real_->start(t0); !s) return s;
   if (auto s = simulated_->start(t0); !s) return s;  // `stop` ends the real side: it is armed or running
   running_ = true;
@@ -156,6 +163,7 @@ void PairSource::begin_cycle(BenchTime now) noexcept {
 void PairSource::complete_until(BenchTime now) {
   if (!running_) return;
   statistics_.drain();
+  take_notes();
   real_->complete_until(now);
   take_in(now);
   request_overdue(now, latency_);
@@ -220,6 +228,27 @@ void PairSource::new_cycle(BenchTime now) noexcept {
   const PairSide wanted = wanted_.load(std::memory_order_acquire);
   if (wanted != active_.load(std::memory_order_relaxed)) switch_now(wanted, now);
   mirror_health();
+  if (!virtual_time_) take_notes();
+}
+
+/// What the watch has to tell: windows to the observer, the rest as events of this pair.
+void PairSource::take_notes() noexcept {
+  if (!monitor_) return;
+  while (SampleLease note = monitor_->take()) {
+    const auto* told = note->as<EventInfo>();
+    if (!told) continue;
+    if (told->code == kEventPairWindow) {
+      if (observer_) observer_->on_window(note);
+      continue;
+    }
+    Sample* event = new_event(note->stamp.t_capture);
+    if (!event) continue;
+    EventInfo info;
+    info.code = told->code;
+    info.value = told->value;
+    EventText(info).add(config().name).add(": ").add(told->text.data());
+    event->info = info;
+  }
 }
 
 void PairSource::switch_now(PairSide to, BenchTime now) noexcept {

@@ -48,6 +48,9 @@ class PairObserver {
  public:
   virtual ~PairObserver() = default;
   virtual void on_side_sample(PairSide side, const SampleLease& sample) noexcept = 0;
+  /// A window of a pair that is watched has ended: an event with the bytes of a PairWindow
+  /// (pair_monitor.h).
+  virtual void on_window(const SampleLease& window) noexcept { (void)window; }
 };
 
 /// EventInfo::code of a switch; `value` is 0 for real, 1 for simulated.
@@ -63,6 +66,11 @@ class PairSource final : public Source {
 
   /// Setup; null: nobody. Must outlive the run.
   void observe(PairObserver* observer) noexcept { observer_ = observer; }
+  /// Setup, before arm: look for changes of the device against its twin (docs/pair-watch.md). Alarms are
+  /// events.
+  void watch(std::unique_ptr<PairMonitor> monitor);
+  /// Null: nobody watches.
+  [[nodiscard]] PairMonitor* monitor() const noexcept { return monitor_.get(); }
 
   void begin_cycle(BenchTime now) noexcept override;
   [[nodiscard]] SampleLease poll(BenchTime now) noexcept override;
@@ -113,11 +121,13 @@ class PairSource final : public Source {
   void sample_due(PairSide side, const SampleLease& sample) noexcept;
   [[nodiscard]] SampleLease hand_on(PairSide side, const SampleLease& sample) noexcept;
   void mirror_health() noexcept;
+  void take_notes() noexcept;
   void pass_on_events() noexcept;
   [[nodiscard]] Sample* new_event(BenchTime now) noexcept;
 
   std::unique_ptr<Source> real_;
   std::unique_ptr<FollowerSource> simulated_;
+  std::unique_ptr<PairMonitor> monitor_;
   PairStatistics statistics_;
   PairObserver* observer_ = nullptr;
 

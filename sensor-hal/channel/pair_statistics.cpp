@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "sensor-hal/channel/pair_monitor.h"
 #include "sensor-hal/channel/pair_values.h"
 
 namespace rigor {
@@ -24,7 +25,7 @@ void add_bytes(IntegerSums& s, const std::byte* a, const std::byte* b, std::size
     const std::size_t end = std::min(n, at + 8192);
     std::int32_t sum = 0, squares = 0;
     for (; at < end; ++at) {
-      const std::int32_t d = static_cast<std::int32_t>(b[at]) - static_cast<std::int32_t>(a[at]);
+      const std::int32_t d = static_cast<std::int32_t>(a[at]) - static_cast<std::int32_t>(b[at]);
       sum += d;
       squares += d * d;
     }
@@ -39,7 +40,7 @@ void add_words(IntegerSums& s, const std::byte* a, const std::byte* b, std::size
     std::uint16_t x, y;
     std::memcpy(&x, a + 2 * i, 2);
     std::memcpy(&y, b + 2 * i, 2);
-    s.add(std::int64_t{y} - std::int64_t{x});
+    s.add(std::int64_t{x} - std::int64_t{y});
   }
   s.count += n;
 }
@@ -90,7 +91,7 @@ std::optional<Difference> difference_of_images(const Sample& real, const Sample&
         add_words(s, x + 2 * first, y + 2 * first, row_elements);
         break;
       case PixelFormat::mono12p:
-        for (std::size_t i = first; i < first + row_elements; ++i) s.add(mono12p(y, i) - mono12p(x, i));
+        for (std::size_t i = first; i < first + row_elements; ++i) s.add(mono12p(x, i) - mono12p(y, i));
         s.count += row_elements;
         break;
     }
@@ -144,7 +145,7 @@ std::optional<Difference> difference_of_clouds(const Sample& real, const Sample&
       const auto b = item<LidarPoint>(simulated.bytes(), k);
       if (b.t_offset_ns != a.t_offset_ns) break;
       if (b.ring != a.ring || b.return_index != a.return_index) continue;
-      sums.add(range_of(b) - range_of(a));
+      sums.add(range_of(a) - range_of(b));
       break;
     }
   }
@@ -163,7 +164,7 @@ std::optional<Difference> difference_of_ranges(const Sample& real, const Sample&
   if (real.size_bytes < pixels * sizeof(float) || simulated.size_bytes < pixels * sizeof(float)) return {};
   RangeSums sums;
   for (std::size_t i = 0; i < pixels; ++i) {
-    const double d = double{item<float>(simulated.bytes(), i)} - double{item<float>(real.bytes(), i)};
+    const double d = double{item<float>(real.bytes(), i)} - double{item<float>(simulated.bytes(), i)};
     if (std::isfinite(d)) sums.add(d);
   }
   return sums.result();
@@ -229,16 +230,18 @@ void PairStatistics::drain() {
 void PairStatistics::run() {
   Job job;
   if (!jobs_->try_pop(job)) return;
+  std::optional<Difference> of_pair;
   std::array<double, RegisterBlock::kMax> difference;
   if (const std::uint32_t n = value_differences(*job.real, *job.simulated, difference); n > 0) {
     ++work_.compared;
     work_.values = n;
     for (std::uint32_t i = 0; i < n; ++i) {
-      sums_[i].merge({1, difference[i], 0});
+      // A value that its bus has not told yet is not a number.
+      if (std::isfinite(difference[i])) sums_[i].merge({1, difference[i], 0});
       work_.value[i] = sums_[i].result();
     }
     work_.all = work_.value[0];
-    work_.last = {1, difference[0], 0};
+    if (std::isfinite(difference[0])) of_pair = work_.last = {1, difference[0], 0};
   } else if (const auto d = job.real->kind() == SampleKind::image
                                 ? difference_of_images(*job.real, *job.simulated)
                                 : difference_of_ranges(*job.real, *job.simulated)) {
@@ -246,10 +249,12 @@ void PairStatistics::run() {
     sums_[0].merge(*d);
     work_.all = sums_[0].result();
     work_.last = *d;
+    of_pair = d;
   } else {
     ++work_.unlike;
   }
   published_.store(work_);
+  if (monitor_) monitor_->add(*job.real, *job.simulated, of_pair);
 }
 
 PairSnapshot PairStatistics::snapshot() const noexcept {

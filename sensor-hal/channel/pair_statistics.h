@@ -1,4 +1,4 @@
-// How far apart the two sides of a pair are: bias and sigma of simulated − real, over samples of the same
+// How far apart the two sides of a pair are: bias and sigma of real − simulated, over samples of the same
 // instant.
 //
 // Images: over all elements (pixels, or bytes of RGB8) of rows that are looked at, in digital numbers of the
@@ -58,20 +58,24 @@ struct PairSnapshot {
   }
 };
 
-/// The difference of ranges, simulated − real, m; empty when the samples cannot be compared. Any thread, no
+/// The difference of ranges, real − simulated, m; empty when the samples cannot be compared. Any thread, no
 /// allocation. Range images of one size, point clouds in the order of firing.
 [[nodiscard]] std::optional<Difference> difference_of_ranges(const Sample& real,
                                                              const Sample& simulated) noexcept;
-/// The difference of two samples, simulated − real; empty when they cannot be compared. Any thread, no
+/// The difference of two samples, real − simulated; empty when they cannot be compared. Any thread, no
 /// allocation. Images only.
 [[nodiscard]] std::optional<Difference> difference_of_images(const Sample& real,
                                                              const Sample& simulated) noexcept;
+
+class PairMonitor;
 
 class PairStatistics {
  public:
   static constexpr std::size_t kMaxElements = std::size_t{1} << 19;
 
   explicit PairStatistics(WorkerPool& workers) : workers_(workers) {}
+  /// Setup, not started; null: none. Gets every pair that is compared, on the worker; outlives this.
+  void watch(PairMonitor* monitor) noexcept { monitor_ = monitor; }
   ~PairStatistics() { stop(); }
 
   /// Setup. False: the worker pool takes no more strands.
@@ -102,6 +106,7 @@ class PairStatistics {
   void run();
 
   WorkerPool& workers_;
+  PairMonitor* monitor_ = nullptr;
   bool virtual_time_ = false;
   std::optional<SpscRing<Job>> jobs_;
   std::unique_ptr<WorkerPool::Strand> strand_;

@@ -1,4 +1,4 @@
-// Samples that are a few numbers, compared number by number, simulated − real: registers each in its unit,
+// Samples that are a few numbers, compared number by number, real − simulated: registers each in its unit,
 // and of inertial units, satellite receivers and odometry what `compared_values` lists. Any thread, no
 // allocation.
 #pragma once

@@ -31,7 +31,7 @@ class StreamSource : public Source {
   /// Setup thread, no producer is running: what nobody polled is given back.
   void close_stream() noexcept;
 
-  /// Producer thread; wait-free. Empty when every slot is held.
+  /// Producer thread; wait-free, in virtual time waiting. Empty when every slot stays held.
   [[nodiscard]] SampleLease take_slot() noexcept;
   /// Producer thread; wait-free. Counts a sample that came, writes its `lost_before`, and gives it to the
   /// loop. An empty lease is a sample that came and for which there was no slot.
@@ -45,6 +45,7 @@ class StreamSource : public Source {
   std::vector<std::unique_ptr<SamplePool>> retired_;
   std::unique_ptr<SpscRing<SampleLease>> ring_;
   std::uint32_t lost_before_ = 0;
+  int naps_left_ = 0;  ///< virtual time: how long a slot is waited for
   bool virtual_time_ = false;
 };
 

@@ -22,6 +22,22 @@ constexpr std::array<std::pair<std::string_view, SampleKind>, 10> kKinds{
      {"nav_fix", SampleKind::nav_fix},
      {"odometry", SampleKind::odometry}}};
 
+std::optional<PairWatchConfig> read_pair_watch(const ConfigNode& pair, Duration period) {
+  if (!pair.has("watch")) return {};
+  const ConfigNode n = pair.map("watch");
+  PairWatchConfig w;
+  w.window_s = n.number_or("window_s", w.window_s, {.min = 1e-3, .max = 1e6});
+  if (w.window_s < period.seconds())
+    throw n.error("window_s", fmt::format("expected at least the channel's period, {:g} s, got {:g}; windows "
+                                          "without a pair say nothing",
+                                          period.seconds(), w.window_s));
+  w.baseline_windows = static_cast<std::uint32_t>(
+      n.integer_or("baseline_windows", w.baseline_windows, {.min = 16, .max = 100000}));
+  w.false_alarms_per_h = n.number_or("false_alarms_per_h", w.false_alarms_per_h, {.min = 1e-12, .max = 3600});
+  n.finish();
+  return w;
+}
+
 SampleKind read_kind(ConfigNode n) {
   std::vector<std::string> names;
   for (const auto& [name, kind] : kKinds) names.emplace_back(name);
@@ -51,6 +67,24 @@ Duration read_period(ConfigNode n, Duration base, std::int64_t& divisor) {
                     base_hz, rate_hz, base_hz / d, base_hz / (ratio > d ? d + 1 : std::max(1.0, d - 1))));
   }
   return base * divisor;
+}
+
+/// Whether the channel itself, or the real side of a pair, is a device or a recording.
+bool from_outside(ConfigNode n) {
+  const ConfigNode side = n.has("pair") ? n.map("pair").map("real") : n;
+  return side.text_or("backend", "simulated") != "simulated";
+}
+
+/// A scanner turns by its own clock: its rate is what it is, and the loop sees its scans when they come.
+bool turns_by_itself(ConfigNode n, SampleKind kind) {
+  return kind == SampleKind::point_cloud && from_outside(n);
+}
+
+/// Nodes of a bus tell of these by signals, when they do.
+bool told_by_signals(ConfigNode n, SampleKind kind) {
+  return (kind == SampleKind::pose || kind == SampleKind::imu || kind == SampleKind::nav_fix ||
+          kind == SampleKind::odometry) &&
+         from_outside(n);
 }
 
 Duration read_ms(ConfigNode n, std::string_view key, double fallback_ms,
@@ -95,7 +129,10 @@ ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfi
   c.name = name;
   c.node = n;
   c.kind = read_kind(n);
-  if (n.has("rate_hz") || !may_lack_a_rate(c.kind)) c.period = read_period(n, loop.period, c.divisor);
+  if (turns_by_itself(n, c.kind))
+    c.period = seconds_from(1 / n.number("rate_hz", {.min = 0, .max = 1e6, .exclusive_min = true}));
+  else if (n.has("rate_hz") || !(may_lack_a_rate(c.kind) || told_by_signals(n, c.kind)))
+    c.period = read_period(n, loop.period, c.divisor);
   c.latency = read_ms(n, "latency_ms", 0);
   c.record = n.flag_or("record", true);
   c.timing.period = c.period;
@@ -125,6 +162,7 @@ ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfi
       throw item.error("at_s", "expected the switches in the order of time");
     c.switches.push_back(s);
   }
+  c.watch = read_pair_watch(c.pair, c.period);
   c.source = read_backend(c.pair.map("real"), name);
   c.twin = read_backend(c.pair.map("simulated"), name);
   n.finish();

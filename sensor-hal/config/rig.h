@@ -59,6 +59,14 @@ struct PairSwitch {
   bool to_real = true;
 };
 
+/// `pair: { watch: { window_s: 10, baseline_windows: 200, false_alarms_per_h: 0.001 } }`
+/// (docs/pair-watch.md)
+struct PairWatchConfig {
+  double window_s = 10;
+  std::uint32_t baseline_windows = 200;
+  double false_alarms_per_h = 1e-3;
+};
+
 struct ChannelEntry {
   std::string name;
   SampleKind kind = SampleKind::none;
@@ -68,10 +76,11 @@ struct ChannelEntry {
   PortTiming timing;
   bool record = true;
   bool is_pair = false;
-  std::vector<PairSwitch> switches;  ///< in order of time
-  BackendChoice source;              ///< the channel itself, or the real side of a pair
-  BackendChoice twin;                ///< the simulated side of a pair
-  ConfigNode pair;                   ///< keys of the pair itself
+  std::vector<PairSwitch> switches;      ///< in order of time
+  std::optional<PairWatchConfig> watch;  ///< of a pair: whether it is looked at for changes
+  BackendChoice source;                  ///< the channel itself, or the real side of a pair
+  BackendChoice twin;                    ///< the simulated side of a pair
+  ConfigNode pair;                       ///< keys of the pair itself
   ConfigNode node;
 };
 

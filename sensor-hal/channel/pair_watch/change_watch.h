@@ -90,6 +90,10 @@ class ChangeWatch {
   [[nodiscard]] const std::vector<Parameter>& parameters() const noexcept { return parameters_; }
   [[nodiscard]] ParameterState parameter_state(std::size_t i) const noexcept;
   [[nodiscard]] std::uint64_t windows() const noexcept { return window_; }
+  /// Windows of the baseline that are there.
+  [[nodiscard]] std::uint64_t learned() const noexcept {
+    return state_ == WatchState::learning ? window_ - first_ : options_.baseline_windows;
+  }
   /// Mean windows between false alarms of one parameter that its threshold is made for.
   [[nodiscard]] double run_length() const noexcept { return run_length_; }
 

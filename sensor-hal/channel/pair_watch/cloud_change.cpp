@@ -261,6 +261,8 @@ void CloudChange::regress() noexcept {
     row.residual = p.residual;
     row.base_weight = row.weight = 1 / (2 * options_.sigma_m * options_.sigma_m);
     row.beam = static_cast<std::uint32_t>(p.ring * beams_ / options_.rings);
+    row.direction = {p.d[0], p.d[1], p.d[2]}, row.normal = {n[0], n[1], n[2]};
+    row.range = p.range, row.t_ns = p.t_ns, row.ring = p.ring;
     rows_.push_back(row);
   }
   if (rows_.size() < 16) return;
@@ -281,6 +283,11 @@ void CloudChange::regress() noexcept {
       const auto middle = scratch_.begin() + static_cast<std::ptrdiff_t>(scratch_.size() / 2);
       std::nth_element(scratch_.begin(), middle, scratch_.end());
       scale = std::max(1e-3, 1.4826 * *middle);
+      if (pass == 2)
+        for (const Row& r : rows_) {
+          const double left = left_of(r);
+          left_squares_ += left * left / r.base_weight, ++left_count_;
+        }
       for (Row& r : rows_) {
         const double t = std::abs(left_of(r)) / (1.345 * scale);
         r.weight = t > 1 ? r.base_weight / t : r.base_weight;
@@ -328,6 +335,9 @@ void CloudChange::finish(Estimate& e) noexcept {
     const auto share = [&](double x) { return std::sqrt((x + 1) / all / all); };
     e.sigma[rest_ + 5] = share(lost_), e.sigma[rest_ + 6] = share(gained_);
   }
+  e.left = left_count_ > 0 ? std::sqrt(left_squares_ / left_count_) : kNaN;
+  e.shift_px = kNaN;
+  left_squares_ = left_count_ = 0;
   window_.clear(), remission_.clear();
   both_ = lost_ = gained_ = 0;
 }

@@ -21,8 +21,10 @@
 // that which the real side alone answers, of those that either answers. First returns only.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "rt-core/result.h"
@@ -47,7 +49,20 @@ class CloudChange {
   [[nodiscard]] static Result<CloudChange> make(const CloudChangeOptions& options);
   [[nodiscard]] const std::vector<Parameter>& parameters() const noexcept { return parameters_; }
 
+  /// A point of the regression: on a surface of the simulated side, with what the real one measured there.
+  struct Row {
+    std::array<double, 8> derivative;  ///< bias, scale, turns, moves
+    double residual, base_weight, weight;
+    std::uint32_t beam;
+    std::array<double, 3> direction, normal;  ///< unit
+    double range;                             ///< simulated, m
+    std::int32_t t_ns;
+    std::uint16_t ring;
+  };
+
   // One thread at a time; no allocation.
+  /// Of the last pair, by ring, then by firing; empty where it said nothing.
+  [[nodiscard]] std::span<const Row> rows() const noexcept { return rows_; }
   /// False: not clouds, or one is incomplete; nothing has happened. A cloud without points is one.
   bool add(const Sample& real, const Sample& simulated) noexcept;
   void finish(Estimate& estimate) noexcept;
@@ -60,11 +75,6 @@ class CloudChange {
     double residual = 0, remission_residual = 0;  ///< NaN: the real side has none
     std::int32_t t_ns = 0;
     std::uint16_t ring = 0;
-  };
-  struct Row {
-    std::array<double, 8> derivative;  ///< bias, scale, turns, moves
-    double residual, base_weight, weight;
-    std::uint32_t beam;
   };
   [[nodiscard]] bool normal_at(std::size_t i, double (&n)[3]) const noexcept;
   [[nodiscard]] const Point* beside(const Point& p, std::size_t ring) const noexcept;
@@ -85,6 +95,7 @@ class CloudChange {
   WindowFit frame_, window_, remission_;
   NoiseSums noise_sums_;
   double both_ = 0, lost_ = 0, gained_ = 0;
+  double left_squares_ = 0, left_count_ = 0;
 };
 
 }  // namespace rigor::pair_watch

@@ -240,6 +240,8 @@ void ImageChange::regress() noexcept {
       row.tile = static_cast<std::uint32_t>((j * static_cast<std::size_t>(options_.tiles_down) / down_) *
                                                 static_cast<std::size_t>(options_.tiles_across) +
                                             i * static_cast<std::size_t>(options_.tiles_across) / across_);
+      row.gradient[0] = static_cast<float>(gx), row.gradient[1] = static_cast<float>(gy);
+      row.cell = static_cast<std::uint32_t>(at);
       const Flow& f = flow_[at];
       row.derivative[0] = row.lit;
       row.derivative[1] = 1;
@@ -268,6 +270,11 @@ void ImageChange::regress() noexcept {
       const auto middle = scratch_.begin() + static_cast<std::ptrdiff_t>(scratch_.size() / 2);
       std::nth_element(scratch_.begin(), middle, scratch_.end());
       scale = std::max(1e-3, 1.4826 * *middle);
+      if (pass == 2)
+        for (const Row& r : rows_) {
+          const double left = left_of(r);
+          left_squares_ += left * left / r.base_weight, ++left_count_;
+        }
       // `left_of` reads the fit that is replaced below, so the weights are worked out before.
       for (Row& r : rows_) {
         const double t = std::abs(left_of(r)) / (1.345 * scale);
@@ -298,6 +305,19 @@ void ImageChange::regress() noexcept {
   window_.add(frame_, 1 / (scale * scale));
 }
 
+double ImageChange::shift_px(const Estimate& e) const noexcept {
+  double squares = 0, count = 0;
+  for (std::size_t i = 0; i < flow_.size(); ++i) {
+    if (!has_flow_[i]) continue;
+    const Flow& f = flow_[i];
+    double u = f.focal[0] * e.value[2], v = f.focal[1] * e.value[2];
+    for (std::size_t k = 0; k < 3; ++k)
+      u += f.turn[k][0] * e.value[3 + k], v += f.turn[k][1] * e.value[3 + k];
+    squares += u * u + v * v, ++count;
+  }
+  return count > 0 ? std::sqrt(squares / count) : kNaN;
+}
+
 void ImageChange::finish(Estimate& e) noexcept {
   e.value.fill(kNaN), e.sigma.fill(kNaN);
   const std::size_t noise = parameters_.size() - 4, tiles = noise - kGlobals;
@@ -306,6 +326,9 @@ void ImageChange::finish(Estimate& e) noexcept {
     for (std::size_t k = 0; k < (tiles > 1 ? noise : kGlobals); ++k)
       e.value[k] = window_.value(k), e.sigma[k] = window_.sigma(k);
   }
+  e.left = left_count_ > 0 ? std::sqrt(left_squares_ / left_count_) : kNaN;
+  e.shift_px = shift_px(e);
+  left_squares_ = left_count_ = 0;
   noise_sums_.finish(e, noise);
   window_.clear();
 }

@@ -55,7 +55,23 @@ class ImageChange {
 
   [[nodiscard]] const std::vector<Parameter>& parameters() const noexcept { return parameters_; }
 
+  /// A cell of the regression: residual real − simulated in DN, its derivatives by gain, offset, focal length
+  /// and the three turns, mean gradient of both pictures, light of the simulated one above black.
+  struct Row {
+    double residual, base_weight, weight, derivative[6], lit;
+    std::uint32_t tile;
+    float gradient[2];   ///< DN/px
+    std::uint32_t cell;  ///< place in the grid, row by row
+  };
+
   // One thread at a time; no allocation.
+  /// Of the last pair; empty where it said nothing.
+  [[nodiscard]] std::span<const Row> rows() const noexcept { return rows_; }
+  [[nodiscard]] std::size_t cells_across() const noexcept { return across_; }
+  [[nodiscard]] std::size_t cells_down() const noexcept { return down_; }
+  [[nodiscard]] std::size_t cell_side_px() const noexcept { return side_; }
+  /// Variance of one side's pixel at a value, DN² of the format.
+  [[nodiscard]] double variance_at(double dn) const noexcept;
   /// False: not pictures of the shape, or one is incomplete; nothing has happened.
   bool add(const Sample& real, const Sample& simulated) noexcept;
   /// What the pictures since the last call say; starts the next window.
@@ -74,8 +90,7 @@ class ImageChange {
   template <class Load>
   void read(const Load& real, const Load& simulated) noexcept;
   void regress() noexcept;
-  /// Variance of one side's pixel at a value, DN² of the format.
-  [[nodiscard]] double variance_at(double dn) const noexcept;
+  [[nodiscard]] double shift_px(const Estimate& estimate) const noexcept;
 
   ImageInfo shape_;
   ImageChangeOptions options_;
@@ -86,14 +101,11 @@ class ImageChange {
   std::vector<Flow> flow_;
   std::vector<std::uint8_t> has_flow_;
   std::vector<Cell> cells_;
-  struct Row {
-    double residual, base_weight, weight, derivative[6], lit;
-    std::uint32_t tile;
-  };
   std::vector<Row> rows_;
   std::vector<double> scratch_;
   WindowFit frame_, window_;
   NoiseSums noise_sums_;
+  double left_squares_ = 0, left_count_ = 0;
 };
 
 }  // namespace rigor::pair_watch

@@ -116,7 +116,7 @@ void PairWatch::end_window() noexcept {
           change.finish(last_);
       },
       change_);
-  starts_[watch_.windows() % kStarts] = start_;
+  starts_[watch_.windows() % kStarts] = last_start_ = start_;
   const bool before = watch_.state() == WatchState::alarm;
   watch_.add(last_);
   if (before || watch_.state() != WatchState::alarm) return;
@@ -134,23 +134,24 @@ PairWatchSnapshot PairWatch::snapshot() const noexcept {
   s.compared = compared_, s.unlike = unlike_;
   s.windows = watch_.windows();
   s.baseline_windows = baseline_windows_;
+  s.learned = static_cast<std::uint32_t>(watch_.learned());
   s.parameters = static_cast<std::uint32_t>(watch_.parameters().size());
   s.alarms = alarms_;
   s.alarm = watch_.alarm();
   s.t_alarm = t_alarm_, s.t_since = t_since_;
-  s.last = last_;
+  s.last = last_, s.t_last = last_start_;
   for (std::size_t i = 0; i < s.parameters; ++i)
     s.level[i] = static_cast<float>(watch_.parameter_state(i).level);
   return s;
 }
 
-std::string text_of(const PairWatch& watch, const PairWatchSnapshot& s) {
+std::string text_of(const PairWatch& watch, const PairWatchSnapshot& s, BenchTime t0) {
   if (s.alarms == 0) return {};
   const Parameter &p = watch.parameters()[s.alarm.parameter], &q = watch.parameters()[s.alarm.runner_up];
   const std::string unit = p.unit == "1" ? "" : " " + p.unit;
   char text[400];
   int n = std::snprintf(text, sizeof text, "%s has changed by %+.4g ± %.2g%s, since %.0f s", p.name.c_str(),
-                        s.alarm.change, s.alarm.sigma, unit.c_str(), (s.t_since - BenchTime{}).seconds());
+                        s.alarm.change, s.alarm.sigma, unit.c_str(), (s.t_since - t0).seconds());
   if (s.alarm.runner_up != s.alarm.parameter && n > 0 && n < static_cast<int>(sizeof text))
     std::snprintf(text + n, sizeof text - static_cast<std::size_t>(n),
                   "; next best: %s (log ratios %.0f, %.0f)", q.name.c_str(), s.alarm.log_ratio,

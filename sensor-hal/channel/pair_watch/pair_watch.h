@@ -29,15 +29,16 @@ namespace rigor::pair_watch {
 /// Plain data, to be published.
 struct PairWatchSnapshot {
   WatchState state = WatchState::learning;
-  std::uint64_t compared = 0, unlike = 0;  ///< pairs
-  std::uint64_t windows = 0;               ///< that ended, those of the baseline included
-  std::uint32_t baseline_windows = 0;
+  std::uint64_t compared = 0, unlike = 0;           ///< pairs
+  std::uint64_t windows = 0;                        ///< that ended, those of the baseline included
+  std::uint32_t baseline_windows = 0, learned = 0;  ///< `learned`: of the baseline, so far
   std::uint32_t parameters = 0;
   std::uint64_t alarms = 0;  ///< raised so far
   Alarm alarm;               ///< the last one
   BenchTime t_alarm,
-      t_since;    ///< end of the window in which it was raised; start of the first with the change
-  Estimate last;  ///< of the newest window
+      t_since;       ///< end of the window in which it was raised; start of the first with the change
+  Estimate last;     ///< of the newest window
+  BenchTime t_last;  ///< when it began
   std::array<float, kMaxParameters> level{};  ///< of the sums; 1 is the alarm
 };
 
@@ -70,6 +71,9 @@ class PairWatch {
   [[nodiscard]] PairWatchSnapshot snapshot() const noexcept;
   [[nodiscard]] const std::vector<Parameter>& parameters() const noexcept { return watch_.parameters(); }
   [[nodiscard]] const ChangeWatch& watch() const noexcept { return watch_; }
+  [[nodiscard]] Duration window() const noexcept { return window_; }
+  [[nodiscard]] std::uint64_t compared() const noexcept { return compared_; }
+  [[nodiscard]] std::uint64_t unlike() const noexcept { return unlike_; }
 
  private:
   struct Registers {
@@ -95,7 +99,8 @@ class PairWatch {
   Duration window_;
   std::uint32_t baseline_windows_ = 0;
   bool any_ = false;
-  BenchTime start_;  ///< of the window that is open
+  BenchTime start_;       ///< of the window that is open
+  BenchTime last_start_;  ///< of the newest that ended
   Estimate last_;
   std::uint64_t compared_ = 0, unlike_ = 0, alarms_ = 0;
   BenchTime t_alarm_, t_since_;
@@ -103,7 +108,8 @@ class PairWatch {
   std::array<BenchTime, kStarts> starts_{};  ///< of the newest windows, by number
 };
 
-/// One sentence about the last alarm; empty before the first. Allocates.
-[[nodiscard]] std::string text_of(const PairWatch& watch, const PairWatchSnapshot& snapshot);
+/// One sentence about the last alarm; empty before the first. Times count from `t0`. Allocates.
+[[nodiscard]] std::string text_of(const PairWatch& watch, const PairWatchSnapshot& snapshot,
+                                  BenchTime t0 = {});
 
 }  // namespace rigor::pair_watch

@@ -115,9 +115,11 @@ bool RangeImageChange::add(const Sample& real, const Sample& simulated) noexcept
 
 void RangeImageChange::finish(Estimate& e) noexcept {
   e.value.fill(kNaN), e.sigma.fill(kNaN);
+  e.left = e.shift_px = kNaN;
   if (window_.count() >= 16) {
     window_.solve();
     for (std::size_t k = 0; k < 4; ++k) e.value[k] = window_.value(k), e.sigma[k] = window_.sigma(k);
+    e.left = std::sqrt(2 * window_.variance()) * options_.sigma_m;
   }
   if (amplitude_.count() >= 16) {
     amplitude_.solve();

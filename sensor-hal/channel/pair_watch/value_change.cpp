@@ -61,6 +61,7 @@ bool ValueChange::add(double t_s, std::span<const double> real, std::span<const 
 
 void ValueChange::finish(Estimate& e) noexcept {
   e.value.fill(kNaN), e.sigma.fill(kNaN);
+  e.left = e.shift_px = kNaN;
   for (std::size_t i = 0; i < values_.size(); ++i) {
     Value& v = values_[i];
     const std::size_t at = 4 * i;

@@ -32,6 +32,9 @@ struct Parameter {
 /// show and hold for independent elements; what changes from window to window is learned elsewhere.
 struct Estimate {
   std::array<double, kMaxParameters> value{}, sigma{};
+  // What is left of the elements' residuals once the window's parameters are taken off; NaN: not told.
+  double left = kNaN;      ///< root mean square, DN (cells of pictures) or m; not of numbers
+  double shift_px = kNaN;  ///< of pictures: by how much focal length and mount move what is seen, rms
 };
 
 /// Inverse of a symmetric n×n matrix (row by row), in place, by sweeping its diagonal (Goodnight, The
@@ -67,6 +70,8 @@ class WindowFit {
     return scale_ * inverse_[i * n_ + j];
   }
   [[nodiscard]] double sigma(std::size_t i) const noexcept;
+  /// Of a residual of weight 1, as the fit leaves them.
+  [[nodiscard]] double variance() const noexcept { return scale_; }
   [[nodiscard]] double count() const noexcept { return count_; }
 
  private:

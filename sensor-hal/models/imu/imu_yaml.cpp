@@ -3,6 +3,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "sensor-hal/models/calibration_section.h"
+
 namespace rigor {
 namespace {
 
@@ -122,6 +124,7 @@ Result<ImuModel> parse_imu_model(ConfigNode root) {
     }
     m.delay_s = root.number_or("delay_ms", 0, {.min = 0, .max = 1000}) * 1e-3;
     m.earth_rate = root.flag_or("earth_rate", m.earth_rate);
+    (void)read_calibration(root);
     root.finish();
     return m;
   });

@@ -201,7 +201,7 @@ TEST_F(PairTest, MeasuresBothSidesAtTheSameInstants) {
   EXPECT_EQ(s.compared, 10u);
   EXPECT_EQ(s.unlike, 0u);
   EXPECT_EQ(s.all.count, 10u * 64 * 48);
-  EXPECT_DOUBLE_EQ(s.all.bias, 3);
+  EXPECT_DOUBLE_EQ(s.all.bias, -3) << "real − simulated";
   EXPECT_DOUBLE_EQ(s.all.sigma, 0);
   EXPECT_EQ(s.missing_of(PairSide::real), 0u);
   EXPECT_EQ(s.missing_of(PairSide::simulated), 0u);
@@ -402,7 +402,7 @@ TEST(PairStatistics, KnowsBiasAndSigmaOfEveryFormat) {
                      y = static_cast<unsigned>(i * 104729 % (top + 1));
       put(a.edit(), i, x);
       put(b.edit(), i, y);
-      const double d = static_cast<double>(y) - static_cast<double>(x);
+      const double d = static_cast<double>(x) - static_cast<double>(y);
       sum += d;
       squares += d * d;
     }
@@ -445,7 +445,7 @@ TEST(PairStatistics, ComparesRangesWhereBothHaveAReturn) {
   const auto d = difference_of_ranges(*a, *b);
   ASSERT_TRUE(d);
   EXPECT_EQ(d->count, 2u);
-  EXPECT_DOUBLE_EQ(d->bias, 0.375);  // 0.5 and 0.25
+  EXPECT_DOUBLE_EQ(d->bias, -0.375);  // −0.5 and −0.25
   EXPECT_DOUBLE_EQ(d->sigma, 0.125);
   b.edit().info = RangeImageInfo{2, 2};
   EXPECT_FALSE(difference_of_ranges(*a, *b)) << "pictures of other sizes";
@@ -470,7 +470,7 @@ TEST(PairStatistics, ComparesThePointsOfOneFiring) {
   const auto d = difference_of_ranges(*a, *b);
   ASSERT_TRUE(d);
   EXPECT_EQ(d->count, 3u);
-  EXPECT_NEAR(d->bias, (0.25 + 0.5 + 1) / 3, 1e-12);
+  EXPECT_NEAR(d->bias, -(0.25 + 0.5 + 1) / 3, 1e-12);
   put(b, {point(1, 100, 0)});
   EXPECT_FALSE(difference_of_ranges(*a, *b)) << "no firing in both";
 }
@@ -490,14 +490,14 @@ TEST(PairValues, ComparePlacesOfReceiversInMetres) {
   simulated.longitude_deg = 6.500421909268;
   simulated.height_m = 605.000196;
   ASSERT_EQ(value_differences(sample_with(real), sample_with(simulated), d), 3u);
-  EXPECT_NEAR(d[0], 30, 1e-3);
-  EXPECT_NEAR(d[1], 40, 1e-3);
-  EXPECT_NEAR(d[2], 5, 1e-3);
+  EXPECT_NEAR(d[0], -30, 1e-3);
+  EXPECT_NEAR(d[1], -40, 1e-3);
+  EXPECT_NEAR(d[2], -5, 1e-3);
   // Across the date line.
   real.longitude_deg = 179.9999;
   simulated.longitude_deg = -179.9999;
   ASSERT_EQ(value_differences(sample_with(real), sample_with(simulated), d), 3u);
-  EXPECT_NEAR(d[0], 0.0002 * 71'106, 0.01);
+  EXPECT_NEAR(d[0], -0.0002 * 71'106, 0.01);
   simulated.status = FixStatus::none;
   EXPECT_EQ(value_differences(sample_with(real), sample_with(simulated), d), 0u);
   EXPECT_EQ(value_differences(sample_with(real), sample_with(ImuSample{}), d), 0u);
@@ -508,7 +508,7 @@ TEST(PairValues, CompareInertialUnitsAndOdometryNumberByNumber) {
   ASSERT_EQ(value_differences(sample_with(ImuSample{{1, 2, 3}, {4, 5, 6}}),
                               sample_with(ImuSample{{1.5, 2, 2}, {4, 7, 5.75}}), d),
             6u);
-  EXPECT_EQ((std::vector<double>(d.begin(), d.begin() + 6)), (std::vector<double>{0.5, 0, -1, 0, 2, -0.25}));
+  EXPECT_EQ((std::vector<double>(d.begin(), d.begin() + 6)), (std::vector<double>{-0.5, 0, 1, 0, -2, 0.25}));
   Odometry a, b;
   const auto turned = [](double yaw_rad) {
     return std::array<double, 4>{std::cos(yaw_rad / 2), 0, 0, std::sin(yaw_rad / 2)};
@@ -519,10 +519,10 @@ TEST(PairValues, CompareInertialUnitsAndOdometryNumberByNumber) {
   b.turn_rate_radps = {3, 3, -0.5};
   b.wheel_angle_rad = {10, -20};
   ASSERT_EQ(value_differences(sample_with(a), sample_with(b), d), 7u);
-  EXPECT_EQ(d[0], 0.5);
-  EXPECT_EQ(d[1], -1);
-  EXPECT_NEAR(d[2], 2 * std::numbers::pi - 6.2, 1e-12) << "the short way round";
-  EXPECT_EQ((std::vector<double>(d.begin() + 3, d.begin() + 7)), (std::vector<double>{0.25, -0.5, 10, -20}));
+  EXPECT_EQ(d[0], -0.5);
+  EXPECT_EQ(d[1], 1);
+  EXPECT_NEAR(d[2], 6.2 - 2 * std::numbers::pi, 1e-12) << "the short way round";
+  EXPECT_EQ((std::vector<double>(d.begin() + 3, d.begin() + 7)), (std::vector<double>{-0.25, 0.5, -10, 20}));
   EXPECT_EQ(compared_values(SampleKind::odometry).size(), 7u);
 }
 
@@ -541,7 +541,7 @@ TEST(PairStatistics, LooksAtEveryNthRowOfLargePictures) {
   std::fill(b.edit().memory().begin(), b.edit().memory().end(), std::byte{8});
   const auto d = difference_of_images(*a, *b);
   ASSERT_TRUE(d);
-  EXPECT_EQ(d->bias, -2);
+  EXPECT_EQ(d->bias, 2);
   EXPECT_LE(d->count, PairStatistics::kMaxElements);
   EXPECT_GE(d->count, PairStatistics::kMaxElements / 2);
 }
@@ -560,7 +560,7 @@ TEST(PairStatistics, JudgesEachRegisterByItself) {
     x.count = y.count = 2;
     x.value[0] = i;
     const double d = std::sin(i) + 0.5;
-    y.value[0] = i + d;
+    y.value[0] = i - d;
     x.value[1] = 4;
     y.value[1] = 1;
     sum += d;
@@ -578,7 +578,7 @@ TEST(PairStatistics, JudgesEachRegisterByItself) {
   const double mean = sum / kPairs;
   EXPECT_NEAR(s.value[0].bias, mean, 1e-12);
   EXPECT_NEAR(s.value[0].sigma, std::sqrt(squares / kPairs - mean * mean), 1e-12);
-  EXPECT_NEAR(s.value[1].bias, -3, 1e-12);
+  EXPECT_NEAR(s.value[1].bias, 3, 1e-12);
   EXPECT_NEAR(s.value[1].sigma, 0, 1e-12);
   EXPECT_EQ(s.all.count, static_cast<std::uint64_t>(kPairs));
 }

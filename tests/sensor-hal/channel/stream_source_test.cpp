@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <thread>
+
 #include "sensor-hal/channel/backoff.h"
 
 namespace rigor {
@@ -53,6 +55,24 @@ TEST(StreamSource, InVirtualTimeASampleIsNotSeenBeforeItsRelease) {
   source.come(100);
   EXPECT_FALSE(source.poll(BenchTime(99)));
   EXPECT_TRUE(source.poll(BenchTime(100)));
+}
+
+TEST(StreamSource, InVirtualTimeASlotThatAnotherThreadHoldsIsWaitedFor) {
+  Streamed source(2);
+  bring_up(source, true);
+  source.come(1);
+  source.come(2);
+  std::thread holder([a = source.poll(BenchTime(9)), b = source.poll(BenchTime(9))]() mutable {
+    std::this_thread::sleep_for(std::chrono::milliseconds(30));
+    a.reset();
+    b.reset();
+  });
+  source.come(3);
+  holder.join();
+  EXPECT_EQ(source.health().no_slot.load(), 0u);
+  const auto third = source.poll(BenchTime(9));
+  ASSERT_TRUE(third);
+  EXPECT_EQ(third->stamp.sequence, 2u);
 }
 
 TEST(StreamSource, WithAllSlotsHeldASampleIsCountedAndTheNextOneTellsOfIt) {
