@@ -1,0 +1,448 @@
+#include "calibration/pair/cloud_model.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <memory>
+#include <numbers>
+
+#include "calibration/pair/clustered_fit.h"
+#include "sensor-hal/channel/pair_watch/cloud_change.h"
+
+namespace rigor::calibration {
+namespace {
+
+using Eigen::Vector3d;
+using pair_watch::CloudChange;
+using Row = CloudChange::Row;
+
+enum Column : std::size_t { kBias, kScale, kTurn, kMove = kTurn + 3, kRemission = kMove + 3, kBeams };
+constexpr std::size_t kSectors = 128;
+constexpr std::size_t kNoiseLevels = 24;
+constexpr double kLeastCosine = 0.2;
+
+Vector3d vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
+double azimuth(const Vector3d& d) { return std::atan2(d.y(), d.x()); }
+double elevation(const Vector3d& d) { return std::atan2(d.z(), std::hypot(d.x(), d.y())); }
+bool fired_before(const Row& a, const Row& b) { return a.ring != b.ring ? a.ring < b.ring : a.t_ns < b.t_ns; }
+
+/// First returns by ring and firing.
+struct Return {
+  std::uint16_t ring;
+  std::int32_t t_ns;
+  double range, remission;
+  friend bool operator<(const Return& a, const Return& b) {
+    return a.ring != b.ring ? a.ring < b.ring : a.t_ns < b.t_ns;
+  }
+};
+void take_returns(const Sample& s, std::uint32_t rings, std::vector<Return>& out) {
+  out.clear();
+  for (std::size_t i = 0; i + sizeof(LidarPoint) <= s.size_bytes; i += sizeof(LidarPoint)) {
+    LidarPoint p;
+    std::memcpy(&p, s.bytes().data() + i, sizeof p);
+    const double range = std::hypot(double{p.x_m}, double{p.y_m}, double{p.z_m});
+    if (p.ring < rings && p.return_index == 0 && std::isfinite(range) && range > 0)
+      out.push_back({p.ring, p.t_offset_ns, range, double{p.remission}});
+  }
+  std::sort(out.begin(), out.end());
+}
+
+/// The twin's pieces of surface by direction.
+class Pieces {
+ public:
+  void take(std::span<const Row> rows, std::uint32_t rings) {
+    rows_ = rows;
+    by_ring_.assign(rings, {});
+    height_.assign(rings, 0);
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      const Vector3d d = vector(rows[i].direction);
+      by_ring_[rows[i].ring].push_back({azimuth(d), i});
+      height_[rows[i].ring] += elevation(d);
+    }
+    for (std::size_t r = 0; r < rings; ++r) {
+      std::sort(by_ring_[r].begin(), by_ring_[r].end());
+      if (!by_ring_[r].empty()) height_[r] /= double(by_ring_[r].size());
+    }
+  }
+  [[nodiscard]] const Row* towards(const Vector3d& d) const {
+    std::size_t ring = 0;
+    if (by_ring_.size() > 1) {
+      const double e = elevation(d);
+      double closest = 1e9;
+      for (std::size_t r = 0; r < by_ring_.size(); ++r)
+        if (!by_ring_[r].empty() && std::abs(height_[r] - e) < closest)
+          closest = std::abs(height_[r] - e), ring = r;
+    }
+    const auto& at = by_ring_[ring];
+    if (at.empty()) return nullptr;
+    const double a = azimuth(d);
+    const auto next = std::lower_bound(at.begin(), at.end(), std::pair{a, std::size_t{0}});
+    const Row* best = nullptr;
+    double closest = 0.03;  // rad
+    const auto look = [&](const std::pair<double, std::size_t>& p) {
+      const double off = std::abs(std::remainder(p.first - a, 2 * std::numbers::pi));
+      if (off < closest) closest = off, best = &rows_[p.second];
+    };
+    look(next == at.end() ? at.front() : *next);
+    look(next == at.begin() ? at.back() : *std::prev(next));
+    return best;
+  }
+
+ private:
+  std::span<const Row> rows_;
+  std::vector<std::vector<std::pair<double, std::size_t>>> by_ring_;
+  std::vector<double> height_;
+};
+
+class Fitter {
+ public:
+  Fitter(const ForEachPair& pairs, const CloudPairOptions& options)
+      : pairs_(pairs), options_(options), beams_(options.rings > 1 ? std::min(options.rings, 16U) : 0) {
+    columns_ = kBeams + beams_;
+    const bool plane = options.rings == 1;
+    held_.assign(columns_, false);
+    for (std::size_t k = 0; k < 3; ++k) held_[kTurn + k] = held_[kMove + k] = !options.mount;
+    if (plane) held_[kTurn] = held_[kTurn + 1] = held_[kMove + 2] = true;
+    for (std::size_t k = 0; k < beams_; ++k) held_[kBeams + k] = true;
+    state_ = Eigen::VectorXd::Zero(Eigen::Index(columns_));
+    for (std::uint32_t r = 0; r < options.rings; ++r)
+      fit_.beam_of_ring.push_back(beams_ > 0 ? r * std::uint32_t(beams_) / options.rings : 0);
+    names_ = {{.name = "range_bias_m", .resolution = 0.2},   {.name = "range_scale", .resolution = 0.05},
+              {.name = "mount_x_rad", .resolution = 0.05},   {.name = "mount_y_rad", .resolution = 0.05},
+              {.name = "mount_z_rad", .resolution = 0.05},   {.name = "mount_move_x_m", .resolution = 0.2},
+              {.name = "mount_move_y_m", .resolution = 0.2}, {.name = "mount_move_z_m", .resolution = 0.2},
+              {.name = "remission_gain", .resolution = 0.2}};
+    why_ = {"there are too few smooth surfaces; record walls, ground, trunks",
+            "all surfaces are about equally far; record near and far ones",
+            "surfaces to all sides are needed; record a place with ground and walls",
+            "surfaces to all sides are needed; record a place with ground and walls",
+            "surfaces to all sides are needed; record a place with walls in several directions",
+            "no surface lies across x; record a place with walls in several directions",
+            "no surface lies across y; record a place with walls in several directions",
+            "no surface lies across z; record a place with ground or ceiling",
+            "there are too few returns that both sides have"};
+    for (std::size_t k = 0; k < beams_; ++k) {
+      names_.push_back({.name = "beam_bias_m[" + std::to_string(k) + "]", .resolution = 0.2});
+      why_.emplace_back("this beam meets too few smooth surfaces");
+    }
+  }
+
+  Result<CloudPairFit> run() {
+    if (auto s = solve(); !s) return tl::unexpected<Error>(s.error());
+    hold_the_open();
+    if (beams_ > 0 && fit_.pairs >= 2 && !fit_.change.interrupted) {
+      const auto before = std::tuple{state_, R_, t_};
+      for (std::size_t k = 0; k < beams_; ++k) held_[kBeams + k] = false;
+      if (auto s = solve(); !s) return tl::unexpected<Error>(s.error());
+      bool any = false;
+      for (std::size_t k = kBeams; k < columns_; ++k) {
+        const auto i = Eigen::Index(k);
+        any = any ||
+              (solution_.determined[k] && std::abs(state_[i]) > 4.5 * std::sqrt(solution_.covariance(i, i)));
+      }
+      if (!any) {
+        std::tie(state_, R_, t_) = before;
+        for (std::size_t k = 0; k < beams_; ++k) held_[kBeams + k] = true;
+        if (auto s = solve(); !s) return tl::unexpected<Error>(s.error());
+      }
+    }
+    finish();
+    return std::move(fit_);
+  }
+
+ private:
+  /// What is known to no use makes others worse: it stays as it is in the sheet, and is told.
+  void hold_the_open() {
+    bool again = false;
+    for (std::size_t k = 0; k < columns_; ++k) {
+      const auto i = Eigen::Index(k);
+      if (held_[k] ||
+          (solution_.determined[k] && std::sqrt(solution_.covariance(i, i)) <= names_[k].resolution))
+        continue;
+      held_[k] = true, again = true;
+      open_.push_back(k);
+      state_[i] = 0;
+    }
+    if (!again) return;
+    // Turns and moves start anew without those that are open.
+    R_.setIdentity(), t_.setZero(), state_.setZero();
+    (void)solve();
+  }
+
+  Status solve() {
+    fit_.converged = false;
+    for (int pass = 0; pass < options_.most_passes; ++pass) {
+      if (options_.progress) options_.progress(fit_.passes + 1);
+      if (auto s = one_pass(); !s) return s;
+      const bool first = fit_.passes++ == 0;
+      const Eigen::VectorXd& step = solution_.step;
+      if (first) fit_.one_step.assign(step.data(), step.data() + step.size());
+      if (fit_.pairs < 2) return {};
+      bool small = true;
+      for (std::size_t k = 0; k < columns_; ++k)
+        if (solution_.determined[k]) {
+          const auto i = Eigen::Index(k);
+          // Pieces that are looked up change with the state: steps do not get as small as a smooth model's.
+          small = small && std::abs(step[i]) < 0.1 * std::sqrt(solution_.covariance(i, i));
+        }
+      if (small || options_.stop.stop_requested()) {
+        fit_.converged = small, fit_.change.interrupted = options_.stop.stop_requested();
+        return {};
+      }
+      state_ += step;
+      const Vector3d turn = step.segment<3>(kTurn);
+      // About the device's own axes; moves are in the twin's.
+      t_ += R_ * Vector3d(step.segment<3>(kMove));
+      if (turn.norm() > 0) R_ = R_ * Eigen::AngleAxisd(turn.norm(), turn.normalized()).toRotationMatrix();
+    }
+    return {};
+  }
+
+  Status one_pass() {
+    const std::uint64_t stretch = std::max<std::uint64_t>(1, fit_.pairs / 50);
+    fit_.pairs = fit_.unlike = 0, fit_.after = {};
+    both_ = lost_ = gained_ = 0;
+    noise_ = NoiseByLevel(kNoiseLevels);
+    if (!twin_change_) {
+      pair_watch::CloudChangeOptions o;
+      o.points = o.rows = options_.points;
+      o.rings = options_.rings, o.sigma_m = options_.sigma_m;
+      for (auto* change : {&twin_change_, &real_change_}) {
+        auto made = CloudChange::make(o);
+        if (!made) return tl::unexpected<Error>(made.error());
+        *change = std::make_unique<CloudChange>(std::move(*made));
+      }
+      fit_rows_ = std::make_unique<ClusteredFit>(columns_, std::size_t{options_.rings} * kSectors);
+      if (beams_ > 0) {
+        std::vector<double> sum(columns_, 0);
+        std::fill(sum.begin() + kBeams, sum.end(), 1);
+        fit_rows_->constrain(sum);
+      }
+    }
+    fit_rows_->clear();
+    auto said = pairs_([&](const Sample& real, const Sample& simulated) {
+      if (!twin_change_->add(real, simulated) || !real_change_->add(simulated, real)) {
+        ++fit_.unlike;
+        return;
+      }
+      ++fit_.pairs;
+      take_rows();
+      take_returns(real, options_.rings, real_);
+      take_returns(simulated, options_.rings, simulated_);
+      take_remission_and_noise();
+      pair_watch::Estimate nobody;
+      twin_change_->finish(nobody), real_change_->finish(nobody);
+      if (fit_.pairs % stretch == 0) fit_rows_->end_stretch();
+    });
+    if (!said) return said;
+    fit_rows_->end_stretch();
+    solution_ = fit_rows_->solve(held_);
+    return {};
+  }
+
+  [[nodiscard]] std::size_t place(std::uint32_t ring, double azimuth_rad) const {
+    const double turn = azimuth_rad / (2 * std::numbers::pi) + 0.5;
+    return ring * kSectors + std::min(kSectors - 1, std::size_t(std::max(0.0, turn * double(kSectors))));
+  }
+
+  struct Equation {
+    std::vector<double> z, j;
+    double residual = 0, weight = 0;
+    std::size_t place = 0;
+  };
+
+  void take_rows() {
+    const auto twin = twin_change_->rows(), real = real_change_->rows();
+    pieces_.take(twin, options_.rings);
+    equations_.clear();
+    const bool moved = !R_.isIdentity(0) || !t_.isZero(0);
+    for (const Row& fired : real) {
+      const Vector3d d = vector(fired.direction), n_real = vector(fired.normal);
+      const double measured = fired.range;
+      const Row* piece = nullptr;
+      double range = 0;
+      if (moved) {
+        const Vector3d ray = R_ * d;
+        range = (measured - state_[kBias]) / (1 + state_[kScale]);
+        for (int again = 0; again < 2; ++again) {
+          piece = pieces_.towards(t_ + ray * range);
+          if (!piece) break;
+          const Vector3d n = vector(piece->normal), p = piece->range * vector(piece->direction);
+          const double across = n.dot(ray);
+          if (std::abs(across) < kLeastCosine) {
+            piece = nullptr;
+            break;
+          }
+          range = n.dot(p - t_) / across;
+        }
+      } else {
+        const auto same = std::lower_bound(twin.begin(), twin.end(), fired, fired_before);
+        if (same != twin.end() && same->ring == fired.ring && same->t_ns == fired.t_ns)
+          piece = &*same, range = piece->range;
+      }
+      if (!piece || !(range > 0) || std::abs(range - piece->range) > 0.1 * piece->range + 1) continue;
+      const Vector3d n = R_.transpose() * vector(piece->normal);
+      // One surface, as both see it.
+      if (std::abs(n.dot(n_real)) < 0.95 || std::abs(n.dot(d)) < kLeastCosine ||
+          std::abs(n_real.dot(d)) < kLeastCosine)
+        continue;
+      Equation e;
+      const std::size_t beam = kBeams + fit_.beam_of_ring[fired.ring];
+      const auto columns = [&](const Vector3d& normal) {
+        std::vector<double> c(columns_, 0);
+        const double across = normal.dot(d);
+        c[kBias] = 1, c[kScale] = range;
+        for (Eigen::Index k = 0; k < 3; ++k) {
+          c[kTurn + std::size_t(k)] = -range * d.cross(normal)[k] / across;
+          c[kMove + std::size_t(k)] = -normal[k] / across;
+        }
+        if (beams_ > 0) c[beam] = 1;
+        return c;
+      };
+      e.j = columns(n), e.z = columns(n_real);
+      e.residual = measured - (1 + state_[kScale]) * range - state_[kBias];
+      if (beams_ > 0) e.residual -= state_[Eigen::Index(beam)];
+      e.place = place(fired.ring, azimuth(d));
+      equations_.push_back(std::move(e));
+    }
+    if (equations_.size() < 16) return;
+    scratch_.clear();
+    for (const Equation& e : equations_) scratch_.push_back(std::abs(e.residual));
+    const auto middle = scratch_.begin() + std::ptrdiff_t(scratch_.size() / 2);
+    std::nth_element(scratch_.begin(), middle, scratch_.end());
+    const double limit = 1.345 * std::max(1.4826 * *middle, 1e-6);
+    const double weight = 1 / (2 * options_.sigma_m * options_.sigma_m);
+    for (Equation& e : equations_) {
+      if (fit_.passes == 0) fit_.before.add(e.residual);
+      fit_.after.add(e.residual);
+      const double far = std::abs(e.residual) / limit;
+      fit_rows_->add(e.place, e.z, e.j, e.residual, far > 1 ? weight / far : weight);
+    }
+  }
+
+  void take_remission_and_noise() {
+    std::size_t k = 0;
+    const auto n = simulated_.size();
+    matched_.assign(n, nullptr);
+    double both = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      while (k < real_.size() && real_[k] < simulated_[i]) ++k;
+      if (k == real_.size() || simulated_[i] < real_[k]) continue;
+      matched_[i] = &real_[k], ++both;
+    }
+    both_ += both, lost_ += double(n) - both, gained_ += double(real_.size()) - both;
+    const double top = options_.remission_max;
+    for (std::size_t i = 0; i < n; ++i) {
+      const Return* r = matched_[i];
+      if (!r) continue;
+      const Return& s = simulated_[i];
+      if (s.remission > 0 && (top <= 0 || (s.remission < 0.95 * top && r->remission < 0.95 * top))) {
+        // A ratio of sums: noise of the twin's own remission does not make it smaller.
+        scratch_.assign(columns_, 0), instrument_.assign(columns_, 0);
+        scratch_[kRemission] = s.remission, instrument_[kRemission] = 1;
+        fit_rows_->add(place(s.ring, 2 * std::numbers::pi * (double(i) / double(n) - 0.5)), instrument_,
+                       scratch_, r->remission - (1 + state_[kRemission]) * s.remission, 1e-6);
+      }
+    }
+    // Three in a row, and the next three: no return counts twice. Where the twin has an edge near by, the
+    // device may have it here.
+    const auto sigma_of = [&](const Return& r) {
+      return options_.sheet_sigma_m ? options_.sheet_sigma_m(r.remission, r.range) : options_.sigma_m;
+    };
+    const auto smooth = [&](std::size_t i) {
+      const Return &a = simulated_[i - 1], &b = simulated_[i], &c = simulated_[i + 1];
+      return a.ring == c.ring && std::abs(a.range - 2 * b.range + c.range) < 6 * std::sqrt(6.0) * sigma_of(b);
+    };
+    constexpr std::size_t kAround = 4;
+    for (std::size_t i = kAround; i + kAround + 2 < n; i += 3) {
+      const Return &a = simulated_[i], &b = simulated_[i + 1], &c = simulated_[i + 2];
+      if (!matched_[i] || !matched_[i + 1] || !matched_[i + 2] || a.ring != c.ring) continue;
+      const double sigma = sigma_of(b);
+      if (!(sigma > 0)) continue;
+      bool even = true;
+      double bend = 0;
+      for (std::size_t m = i + 1 - kAround; m <= i + 1 + kAround && even; ++m) {
+        even = smooth(m);
+        bend += simulated_[m - 1].range - 2 * simulated_[m].range + simulated_[m + 1].range;
+      }
+      // A wall seen along itself bends by more than the noise, and after a turn by another amount.
+      if (!even || std::abs(bend) / (2 * kAround + 1) > 0.5 * sigma) continue;
+      const double second[2] = {matched_[i]->range - 2 * matched_[i + 1]->range + matched_[i + 2]->range,
+                                a.range - 2 * b.range + c.range};
+      const double octave = std::log2(sigma / 1e-3) * 3;
+      const auto level = std::size_t(std::clamp(octave, 0.0, double(kNoiseLevels - 1)));
+      noise_.add(level, sigma * sigma, std::min(second[0] * second[0] / 6, 60 * sigma * sigma),
+                 second[1] * second[1] / 6);
+    }
+  }
+
+  void finish() {
+    fit_.bias_m = state_[kBias], fit_.scale = state_[kScale];
+    fit_.R_twin_real = R_, fit_.t_twin_real_m = t_;
+    if (beams_ > 0 && !held_[kBeams])
+      for (std::size_t k = 0; k < beams_; ++k) fit_.beam_m.push_back(state_[Eigen::Index(kBeams + k)]);
+    if (const double all = both_ + lost_ + gained_; all > 0)
+      fit_.lost = lost_ / all, fit_.gained = gained_ / all;
+    fit_.noise = noise_.levels();
+    fit_.change.residuals.unit = "m";
+    fit_.change.model = std::string("range bias, range scale, remission") +
+                        (options_.mount ? ", mount" : "") + (fit_.beam_m.empty() ? "" : ", beams");
+    Eigen::VectorXd value = state_;
+    const Eigen::AngleAxisd turned(R_);
+    value.segment<3>(kTurn) = turned.angle() * turned.axis();
+    value.segment<3>(kMove) = t_;
+    keep_solution(fit_, names_, value, solution_.covariance, held_, why_);
+    for (const std::size_t k : open_) fit_.change.not_identifiable.emplace_back(names_[k].name, why_[k]);
+  }
+
+  const ForEachPair& pairs_;
+  CloudPairOptions options_;
+  std::size_t beams_, columns_ = 0;
+  std::vector<bool> held_;
+  std::vector<std::size_t> open_;
+  std::vector<Parameter> names_;
+  std::vector<std::string> why_;
+  Eigen::VectorXd state_;
+  Eigen::Matrix3d R_ = Eigen::Matrix3d::Identity();
+  Vector3d t_ = Vector3d::Zero();
+  CloudPairFit fit_;
+  ClusteredFit::Solution solution_;
+  std::unique_ptr<CloudChange> twin_change_, real_change_;
+  std::unique_ptr<ClusteredFit> fit_rows_;
+  Pieces pieces_;
+  std::vector<Equation> equations_;
+  std::vector<double> scratch_, instrument_;
+  std::vector<Return> real_, simulated_;
+  std::vector<const Return*> matched_;
+  NoiseByLevel noise_{kNoiseLevels};
+  double both_ = 0, lost_ = 0, gained_ = 0;
+};
+
+}  // namespace
+
+Result<CloudPairFit> fit_cloud_pair(const ForEachPair& pairs, const CloudPairOptions& options) {
+  return Fitter(pairs, options).run();
+}
+
+NoiseFactor noise_factor(const std::vector<NoiseLevel>& levels) {
+  NoiseFactor out;
+  double weights = 0, sum = 0;
+  for (const NoiseLevel& l : levels) {
+    if (!(l.level > 0) || !(l.sigma > 0)) continue;
+    const double w = std::pow(l.level / l.sigma, 2);
+    weights += w, sum += w * (1 + l.difference / l.level);
+    ++out.levels;
+  }
+  if (out.levels == 0) return out;
+  const double square = std::max(1e-6, sum / weights);
+  for (const NoiseLevel& l : levels)
+    if (l.level > 0 && l.sigma > 0)
+      out.chi2 += std::pow((1 + l.difference / l.level - square) * l.level / l.sigma, 2);
+  out.factor = std::sqrt(square);
+  out.sigma = 1 / std::sqrt(weights) / (2 * out.factor);
+  return out;
+}
+
+}  // namespace rigor::calibration

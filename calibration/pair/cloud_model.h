@@ -1,0 +1,54 @@
+// A LiDAR pair: what has to change in the twin's ranges, beams and mount, so that it measures what the device
+// does.
+//
+// The twin's points are pieces of surface: point and normal. A firing of the device, mounted with T_twin_real
+// = (R, t), meets the piece that lies in its direction at
+//
+//   ρ′ = n·(p − t)/(n·R d),   and measures   (1 + s) ρ′ + b + b_beam
+//
+// which is solved for b, s, R, t by point-to-plane Gauss-Newton steps, pieces looked up anew in each pass.
+// Normals are measured from noisy points, and their noise would make estimates of a mount's turn too small;
+// normals of the device's own points serve as instruments against that (clustered_fit.h). Points and normals
+// come from pair_watch's CloudChange. Huber's weights limit edges, leaves, people.
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <vector>
+
+#include "calibration/pair/pair_model.h"
+
+namespace rigor::calibration {
+
+struct CloudPairOptions : PairOptions {
+  std::uint32_t rings = 1;
+  std::size_t points = 100000;  ///< at most, in a cloud
+  double sigma_m = 0.02;        ///< of one range, roughly
+  double remission_max = 0;     ///< brighter ones are not compared (saturation); 0: all
+  bool mount = true;
+  /// Of the sheet, of a return with this remission (device's unit) and range; null: sigma_m.
+  std::function<double(double remission, double range_m)> sheet_sigma_m{};
+};
+
+struct CloudPairFit : PairFit {
+  double bias_m = 0, scale = 0;  ///< of the device over the twin: (1 + scale) ρ + bias
+  Eigen::Matrix3d R_twin_real = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d t_twin_real_m = Eigen::Vector3d::Zero();
+  std::vector<double> beam_m;  ///< of groups of rings, sum 0; empty: nothing to be said of single beams
+  std::vector<std::uint32_t> beam_of_ring;
+  double lost = 0, gained = 0;  ///< shares of firings that the twin alone, the device alone answers
+};
+
+/// bad_input: no pairs, clouds that cannot be compared.
+[[nodiscard]] Result<CloudPairFit> fit_cloud_pair(const ForEachPair& pairs, const CloudPairOptions& options);
+
+/// By which factor the device's noise differs from the sheet's, from levels whose `level` is the sheet's
+/// variance: weighted mean of (level + difference)/level. `chi2` over their number less 1: whether one factor
+/// is enough.
+struct NoiseFactor {
+  double factor = 1, sigma = 0, chi2 = 0;  ///< of the standard deviation
+  int levels = 0;
+};
+[[nodiscard]] NoiseFactor noise_factor(const std::vector<NoiseLevel>& levels);
+
+}  // namespace rigor::calibration

@@ -1,0 +1,162 @@
+#include "calibration/pair/clustered_fit.h"
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <limits>
+
+namespace rigor::calibration {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+Eigen::Map<const Eigen::VectorXd> vector(std::span<const double> v) {
+  return {v.data(), static_cast<Eigen::Index>(v.size())};
+}
+
+}  // namespace
+
+ClusteredFit::ClusteredFit(std::size_t parameters, std::size_t places)
+    : n_(parameters),
+      place_scores_(Eigen::MatrixXd::Zero(Eigen::Index(parameters), Eigen::Index(places))),
+      stretch_scores_(place_scores_),
+      touched_(places) {
+  clear();
+}
+
+void ClusteredFit::clear() {
+  const auto n = static_cast<Eigen::Index>(n_);
+  a_ = information_ = time_ = both_ = Eigen::MatrixXd::Zero(n, n);
+  b_ = Eigen::VectorXd::Zero(n);
+  place_scores_.setZero(), stretch_scores_.setZero();
+  touched_.assign(touched_.size(), false);
+  count_ = 0, stretches_ = 0, squares_ = 0;
+}
+
+void ClusteredFit::add(std::size_t place, std::span<const double> instrument,
+                       std::span<const double> derivative, double residual, double weight) {
+  // Of many beams an equation has one: what is 0 costs nothing.
+  used_.clear();
+  for (std::size_t i = 0; i < n_; ++i)
+    if (instrument[i] != 0 || derivative[i] != 0) used_.push_back(static_cast<Eigen::Index>(i));
+  const auto column = static_cast<Eigen::Index>(place);
+  const double wr = weight * residual;
+  for (const Eigen::Index k : used_) {
+    const double wj = weight * derivative[static_cast<std::size_t>(k)];
+    for (const Eigen::Index i : used_) {
+      a_(i, k) += instrument[static_cast<std::size_t>(i)] * wj;
+      information_(i, k) += derivative[static_cast<std::size_t>(i)] * wj;
+    }
+    const double score = wr * instrument[static_cast<std::size_t>(k)];
+    b_[k] += score;
+    stretch_scores_(k, column) += score;
+  }
+  touched_[place] = true;
+  squares_ += wr * residual;
+  ++count_;
+}
+
+void ClusteredFit::constrain(std::span<const double> coefficients) {
+  constraints_.emplace_back(vector(coefficients));
+}
+
+void ClusteredFit::end_stretch() {
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(n_));
+  bool any = false;
+  for (std::size_t p = 0; p < touched_.size(); ++p) {
+    if (!touched_[p]) continue;
+    auto g = stretch_scores_.col(static_cast<Eigen::Index>(p));
+    both_.noalias() += g * g.transpose();
+    place_scores_.col(static_cast<Eigen::Index>(p)) += g;
+    sum += g;
+    g.setZero();
+    touched_[p] = false;
+    any = true;
+  }
+  if (!any) return;
+  time_.noalias() += sum * sum.transpose();
+  ++stretches_;
+}
+
+ClusteredFit::Solution ClusteredFit::solve(const std::vector<bool>& held) const {
+  const auto n = static_cast<Eigen::Index>(n_);
+  Solution s{Eigen::VectorXd::Zero(n), Eigen::MatrixXd::Zero(n, n), std::vector<bool>(n_, false)};
+  std::vector<Eigen::Index> free;
+  for (Eigen::Index i = 0; i < n; ++i)
+    if (!held[static_cast<std::size_t>(i)]) free.push_back(i);
+  const auto lost = [&](Eigen::Index i) { s.covariance(i, i) = kInfinity; };
+  double places = 0;
+  for (Eigen::Index p = 0; p < place_scores_.cols(); ++p)
+    if (!place_scores_.col(p).isZero(0)) ++places;
+  if (places < 2 || stretches_ < 2) {
+    for (const Eigen::Index i : free) lost(i);
+    return s;
+  }
+  // Conditions weigh as much as the data say of what they bind.
+  Eigen::MatrixXd a = a_, information = information_;
+  for (const Eigen::VectorXd& c : constraints_) {
+    const double weight = (information_.diagonal().cwiseProduct(c.cwiseAbs2())).sum();
+    a += weight * c * c.transpose(), information += weight * c * c.transpose();
+  }
+  // What the data leave open: the null space in units in which every parameter's own information is 1.
+  while (!free.empty()) {
+    const auto m = static_cast<Eigen::Index>(free.size());
+    Eigen::VectorXd unit(m);
+    bool changed = false;
+    for (Eigen::Index i = 0; i < m; ++i) {
+      const double d = information(free[std::size_t(i)], free[std::size_t(i)]);
+      unit[i] = d > 0 ? 1 / std::sqrt(d) : 0;
+      if (!(d > 0)) lost(free[std::size_t(i)]), changed = true;
+    }
+    Eigen::VectorXd open = Eigen::VectorXd::Zero(m);
+    if (!changed) {
+      Eigen::MatrixXd scaled(m, m);
+      for (Eigen::Index i = 0; i < m; ++i)
+        for (Eigen::Index k = 0; k < m; ++k)
+          scaled(i, k) = information(free[std::size_t(i)], free[std::size_t(k)]) * unit[i] * unit[k];
+      const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
+      for (Eigen::Index k = 0; k < m; ++k)
+        if (eigen.eigenvalues()[k] < 1e-9) open += eigen.eigenvectors().col(k).cwiseAbs();
+      for (Eigen::Index i = 0; i < m; ++i)
+        if (open[i] > 1e-3) lost(free[std::size_t(i)]), changed = true;
+    }
+    if (!changed) break;
+    std::erase_if(free, [&](Eigen::Index i) { return std::isinf(s.covariance(i, i)); });
+  }
+  if (free.empty()) return s;
+
+  const auto m = static_cast<Eigen::Index>(free.size());
+  const auto part = [&](const Eigen::MatrixXd& full) {
+    Eigen::MatrixXd out(m, m);
+    for (Eigen::Index i = 0; i < m; ++i)
+      for (Eigen::Index k = 0; k < m; ++k) out(i, k) = full(free[std::size_t(i)], free[std::size_t(k)]);
+    return out;
+  };
+  Eigen::VectorXd b(m);
+  for (Eigen::Index i = 0; i < m; ++i) b[i] = b_[free[std::size_t(i)]];
+  const Eigen::MatrixXd inverse = part(a).fullPivLu().inverse();
+  const Eigen::VectorXd step = inverse * b;
+  const double k = static_cast<double>(stretches_);
+  const auto sandwich = [&](const Eigen::MatrixXd& meat) -> Eigen::MatrixXd {
+    return inverse * meat * inverse.transpose();
+  };
+  const Eigen::MatrixXd by_place =
+      places / (places - 1) * sandwich(part(place_scores_ * place_scores_.transpose()));
+  const Eigen::MatrixXd by_time = k / (k - 1) * sandwich(part(time_)), by_both = sandwich(part(both_));
+  // Correlations by place, of which there are many; standard deviations at least theirs, and more where
+  // stretches of time say so. A difference of matrices need not be a covariance; this is.
+  Eigen::VectorXd more(m);
+  for (Eigen::Index i = 0; i < m; ++i) {
+    const double two_ways = by_place(i, i) + by_time(i, i) - by_both(i, i);
+    more[i] = by_place(i, i) > 0 ? std::sqrt(std::max(1.0, two_ways / by_place(i, i))) : 1;
+  }
+  const Eigen::MatrixXd covariance = more.asDiagonal() * by_place * more.asDiagonal();
+  for (Eigen::Index i = 0; i < m; ++i) {
+    s.step[free[std::size_t(i)]] = step[i];
+    s.determined[std::size_t(free[std::size_t(i)])] = true;
+    for (Eigen::Index j = 0; j < m; ++j)
+      s.covariance(free[std::size_t(i)], free[std::size_t(j)]) = (covariance(i, j) + covariance(j, i)) / 2;
+  }
+  return s;
+}
+
+}  // namespace rigor::calibration

@@ -1,0 +1,62 @@
+// Estimating equations whose uncertainty comes from the scatter of what hangs together.
+//
+//   Σ_i z_i w_i (r_i − J_iᵀ δ) = 0      δ = A⁻¹ b,  A = Σ z w Jᵀ,  b = Σ z w r
+//
+// z = J is weighted least squares. Where J is measured itself (a normal from noisy points), its noise makes δ
+// too small; a z that has noise of its own, independent of J's, does not (instrumental variables: Wooldridge,
+// Econometric Analysis of Cross Section and Panel Data, 2010, chapter 5).
+//
+// A fixed pattern stays at its place and a disturbance stays for its time, so residuals of one place, or of
+// one stretch of time, are no independent witnesses. The covariance is A⁻¹ (V_place + V_time − V_both) A⁻ᵀ
+// with V_c the sum over the clusters of g gᵀ, g = Σ z w r in the cluster (two ways of clustering: Cameron,
+// Gelbach and Miller, Journal of Business & Economic Statistics 29, 2011). It is that of the last linear
+// step: residuals are those at the solution.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace rigor::calibration {
+
+class ClusteredFit {
+ public:
+  /// Setup; allocates.
+  ClusteredFit(std::size_t parameters, std::size_t places);
+
+  /// One residual. `place` below the number given to the constructor.
+  void add(std::size_t place, std::span<const double> instrument, std::span<const double> derivative,
+           double residual, double weight);
+  /// A condition on the parameters, Σ c δ = 0, that counts for every later solution.
+  void constrain(std::span<const double> coefficients);
+  /// What was added since the last call is one stretch of time.
+  void end_stretch();
+  void clear();
+
+  struct Solution {
+    Eigen::VectorXd step;         ///< 0 where held or not determined
+    Eigen::MatrixXd covariance;   ///< zero rows where held; infinite variance where not determined
+    std::vector<bool> determined; /**< false: held, or the data say nothing of it */
+  };
+  /// `held`: these stay; the rest is solved for. Fewer than two stretches or places: all is undetermined.
+  [[nodiscard]] Solution solve(const std::vector<bool>& held) const;
+
+  [[nodiscard]] std::uint64_t count() const { return count_; }
+  [[nodiscard]] double weighted_squares() const { return squares_; }
+  [[nodiscard]] std::size_t stretches() const { return stretches_; }
+
+ private:
+  std::size_t n_;
+  Eigen::MatrixXd a_, information_, time_, both_, place_scores_, stretch_scores_;
+  Eigen::VectorXd b_;
+  std::vector<Eigen::VectorXd> constraints_;
+  std::vector<bool> touched_;
+  std::vector<Eigen::Index> used_;  ///< scratch
+  std::uint64_t count_ = 0;
+  std::size_t stretches_ = 0;
+  double squares_ = 0;
+};
+
+}  // namespace rigor::calibration
