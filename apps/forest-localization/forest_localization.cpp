@@ -1,5 +1,6 @@
 #include "apps/forest-localization/forest_localization.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,11 +12,14 @@
 #include <string>
 #include <vector>
 
+#include "apps/forest-localization/crane_ports.h"
 #include "apps/forest-localization/geodetic.h"
+#include "apps/forest-localization/level_scan.h"
 #include "apps/forest-localization/localizer.h"
 #include "apps/forest-localization/path_follower.h"
 #include "apps/forest-localization/stem_detector.h"
 #include "apps/forest-localization/stem_map.h"
+#include "apps/forest-localization/tilt_filter.h"
 
 namespace rigor {
 namespace {
@@ -23,9 +27,10 @@ namespace {
 using namespace forest;
 
 constexpr double kRadPerDeg = std::numbers::pi / 180;
-constexpr std::array<const char*, 14> kEstimateNames{
-    "x",     "y",       "yaw",      "sigma_x",     "sigma_y",      "sigma_yaw",      "state",
-    "stems", "matched", "progress", "cross_track", "target_range", "target_bearing", "done"};
+constexpr std::array<const char*, 16> kEstimateNames{
+    "x",     "y",           "yaw",      "sigma_x",     "sigma_y",      "sigma_yaw",      "state",
+    "stems", "matched",     "progress", "cross_track", "target_range", "target_bearing", "done",
+    "cut",   "out_of_reach"};
 
 double yaw_of(const std::array<double, 4>& q) noexcept {
   return std::atan2(2 * (q[0] * q[3] + q[1] * q[2]), 1 - 2 * (q[2] * q[2] + q[3] * q[3]));
@@ -43,7 +48,10 @@ class ForestLocalization final : public Application {
     period_ = loop_period;
     auto read = catch_config([&]() -> Status {
       if (auto s = read_map(params.map("map")); !s) return s;
-      read_scanner(params.map("scanner"), ports);
+      if (params.has("scanners"))
+        for (const ConfigNode& n : params.list("scanners")) read_scanner(n, ports);
+      else
+        read_scanner(params.map("scanner"), ports);
       read_odometry(params.map("odometry"), ports);
       if (params.has("imu")) read_imu(params.map("imu"), ports);
       if (params.has("gnss")) read_gnss(params.map("gnss"), ports);
@@ -64,7 +72,7 @@ class ForestLocalization final : public Application {
     take_odometry();
     take_imu();
     take_fix();
-    take_scan(t_cycle);
+    for (Scanner& scanner : scanners_) take_scan(scanner);
     localizer_->work(search_poses_);
     const bool drives = drive_ && cycle % drive_every_ == 0;
     const bool tells = estimate_ && cycle % estimate_every_ == 0;
@@ -75,6 +83,13 @@ class ForestLocalization final : public Application {
   }
 
  private:
+  static constexpr std::size_t kMaxScanners = 4;
+  struct Scanner {
+    const SamplePort* port = nullptr;
+    LevelScan level;
+    StemDetector detector;
+  };
+
   // ---- setup ----
   Status read_map(const ConfigNode& n) {
     const std::filesystem::path file = n.base_dir() / n.text("file");
@@ -119,12 +134,25 @@ class ForestLocalization final : public Application {
   }
 
   void read_scanner(const ConfigNode& n, const ApplicationPorts& ports) {
-    scanner_ = input(n, ports, {SampleKind::point_cloud}, "point_cloud").port;
-    const ConfigNode mount = n.map_or_absent("T_base_sensor");
-    const auto place = mount.numbers_or("position_m", {0, 0});
-    T_base_scanner_ = {place[0], place[1],
-                       mount.number_or("yaw_deg", 0, {.min = -360, .max = 360}) * kRadPerDeg};
-    mount.finish();
+    const SamplePort* port = input(n, ports, {SampleKind::point_cloud}, "point_cloud").port;
+    if (scanners_.size() == kMaxScanners) throw n.error("", "expected at most 4 scanners");
+    const ConfigNode at = n.map_or_absent("T_base_sensor");
+    const auto place = at.numbers_or("position_m", {0, 0});
+    ScannerMount mount;
+    mount.T_base_sensor = {place[0], place[1],
+                           at.number_or("yaw_deg", 0, {.min = -360, .max = 360}) * kRadPerDeg};
+    mount.height_m = at.number_or("height_m", 0, {.min = -10, .max = 20});
+    mount.pitch_rad = at.number_or("pitch_deg", 0, {.min = -45, .max = 45}) * kRadPerDeg;
+    mount.roll_rad = at.number_or("roll_deg", 0, {.min = -45, .max = 45}) * kRadPerDeg;
+    at.finish();
+    if (n.has("lowest_m")) mount.lowest_m = n.number("lowest_m", {.min = -10, .max = 20});
+    std::vector<IgnoredSector> sectors;
+    for (const ConfigNode& item : n.list_or_empty("ignore_sectors")) {
+      sectors.push_back({item.number("from_deg", {.min = -180, .max = 180}) * kRadPerDeg,
+                         item.number("to_deg", {.min = -180, .max = 180}) * kRadPerDeg,
+                         item.number("within_m", {.min = 0, .max = 500})});
+      item.finish();
+    }
     StemDetectorConfig c;
     c.step_rad = n.number("step_deg", {.min = 0.001, .max = 5}) * kRadPerDeg;
     c.half_field_rad = n.number_or("field_of_view_deg", 270, {.min = 10, .max = 360}) * kRadPerDeg / 2;
@@ -140,7 +168,7 @@ class ForestLocalization final : public Application {
     c.max_range_m = n.number_or("max_range_m", 20, {.min = 1, .max = 500});
     c.misfit = n.number_or("misfit", 1, {.min = 1, .max = 100});
     n.finish();
-    detector_.emplace(c);
+    scanners_.push_back({port, LevelScan(mount, std::move(sectors)), StemDetector(c)});
   }
 
   void read_odometry(const ConfigNode& n, const ApplicationPorts& ports) {
@@ -149,16 +177,24 @@ class ForestLocalization final : public Application {
     odometry_ = in.port;
     if (in.description->kind == SampleKind::register_block) {
       const auto& names = in.description->names;
+      steered_ = std::find(names.begin(), names.end(), "wheel_angle") != names.end();
       for (std::size_t side = 0; side < 2; ++side) {
-        const char* name = side == 0 ? "left_angle" : "right_angle";
+        const char* name =
+            steered_ ? (side == 0 ? "wheel_angle" : "steer") : (side == 0 ? "left_angle" : "right_angle");
         const auto it = std::find(names.begin(), names.end(), name);
         if (it == names.end())
-          throw n.error("channel", "expected registers with left_angle and right_angle in rad, found no \"" +
-                                       std::string(name) + "\" among them");
+          throw n.error(
+              "channel",
+              "expected registers with left_angle and right_angle in rad, or wheel_angle in rad and "
+              "steer in deg, found no \"" +
+                  std::string(name) + "\" among them");
         wheel_register_[side] = static_cast<std::size_t>(it - names.begin());
       }
       wheel_radius_m_ = n.number("wheel_radius_m", {.min = 0.001, .max = 10});
-      track_m_ = n.number("track_m", {.min = 0.01, .max = 20});
+      if (steered_)
+        wheelbase_m_ = n.number("wheelbase_m", {.min = 0.01, .max = 50});
+      else
+        track_m_ = n.number("track_m", {.min = 0.01, .max = 20});
     }
     n.finish();
   }
@@ -166,8 +202,14 @@ class ForestLocalization final : public Application {
   void read_imu(const ConfigNode& n, const ApplicationPorts& ports) {
     imu_ = input(n, ports, {SampleKind::imu}, "imu").port;
     const auto rpy = n.numbers_or("roll_pitch_yaw_deg", {0, 0, 0});
-    const double r = rpy[0] * kRadPerDeg, p = rpy[1] * kRadPerDeg;
-    up_in_imu_ = {-std::sin(p), std::cos(p) * std::sin(r), std::cos(p) * std::cos(r)};
+    const Eigen::Matrix3d R = (Eigen::AngleAxisd(rpy[2] * kRadPerDeg, Eigen::Vector3d::UnitZ()) *
+                               Eigen::AngleAxisd(rpy[1] * kRadPerDeg, Eigen::Vector3d::UnitY()) *
+                               Eigen::AngleAxisd(rpy[0] * kRadPerDeg, Eigen::Vector3d::UnitX()))
+                                  .toRotationMatrix();
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j) R_base_imu_[i][j] = R(i, j);
+    if (n.flag_or("levels", false)) tilt_.emplace();
+    tilt_sigma_rad_ = n.number_or("tilt_sigma_deg", 1, {.min = 0, .max = 45}) * kRadPerDeg;
     n.finish();
   }
 
@@ -204,20 +246,29 @@ class ForestLocalization final : public Application {
     (void)params.map_or_absent("path");
     (void)params.map_or_absent("marked");
     (void)params.map_or_absent("drive");
+    (void)params.map_or_absent("crane");
     if (guide_ == "none") return {};
     const ConfigNode n = params.map("drive");
     drive_ = &output(n, ports);
     const auto& names = drive_->describe().names;
     if (names.size() > drive_values_.size()) throw n.error("sink", "expected a sink of at most 16 values");
+    const ConfigNode steering = n.map_or_absent("steering");
+    turns_by_angle_ = steering.present();
     const auto place = [&](const char* name) {
       const auto it = std::find(names.begin(), names.end(), name);
       if (it == names.end())
-        throw n.error("sink", "expected a sink with the values v [m/s] and w [rad/s], found no \"" +
+        throw n.error("sink", std::string("expected a sink with the values v [m/s] and ") +
+                                  (turns_by_angle_ ? "steer_to [deg]" : "w [rad/s]") + ", found no \"" +
                                   std::string(name) + "\" among its values");
       return static_cast<std::size_t>(it - names.begin());
     };
     v_at_ = place("v");
-    w_at_ = place("w");
+    w_at_ = place(turns_by_angle_ ? "steer_to" : "w");
+    if (turns_by_angle_) {
+      steering_base_m_ = steering.number("wheelbase_m", {.min = 0.01, .max = 50});
+      max_steer_rad_ = steering.number("max_deg", {.min = 1, .max = 80}) * kRadPerDeg;
+      steering.finish();
+    }
     drive_values_.fill(0);
     for (std::size_t i = 0; i < names.size(); ++i)
       if (names[i] == "enable") drive_values_[i] = 1;
@@ -228,17 +279,30 @@ class ForestLocalization final : public Application {
     c.max_turn_radps = n.number_or("max_turn_degps", 45, {.min = 1, .max = 360}) * kRadPerDeg;
     c.lookahead_m = n.number_or("lookahead_m", 1, {.min = 0.1, .max = 50});
     c.stop_within_m = n.number_or("stop_within_m", 0.15, {.min = 0.01, .max = 10});
+    if (turns_by_angle_) c.spot_turn_rad = 2 * std::numbers::pi;  // it cannot turn on the spot
     n.finish();
     if (guide_ == "marked") {
       const ConfigNode marked = params.map_or_absent("marked");
+      along_path_ = marked.flag_or("along_path", false);
       stand_off_m_ = marked.number_or("stand_off_m", 2, {.min = 0, .max = 50});
       dwell_ = seconds_from(marked.number_or("dwell_s", 5, {.min = 0, .max = 1e6}));
       marked.finish();
       visited_.assign(map_->size(), 0);
-      follower_.emplace(c, 2);
+      if (along_path_) {
+        if (auto s = read_path(params.map("path"), c); !s) return s;
+      } else {
+        follower_.emplace(c, 2);
+      }
       if (std::none_of(map_->stems().begin(), map_->stems().end(), [](const Stem& s) { return s.fell; }))
         return fail(ErrorCode::bad_input, params.place(),
                     "guide: marked needs stems with `fell: true` in the map; there is none");
+      if (params.has("crane")) {
+        if (!along_path_)
+          throw params.error("crane",
+                             "expected `marked.along_path: true` with a crane: it works beside a path");
+        crane_.emplace(params.map("crane"), ports);
+      }
+      if (along_path_) plan_stops();
       return {};
     }
     return read_path(params.map("path"), c);
@@ -277,6 +341,8 @@ class ForestLocalization final : public Application {
   void read_estimate(const ConfigNode& n, const ApplicationPorts& ports) {
     estimate_ = &output(n, ports);
     estimate_every_ = every(n);
+    const auto at = n.numbers_or("at_m", {0, 0});
+    estimate_at_m_ = {at[0], at[1]};
     const auto& names = estimate_->describe().names;
     if (names.size() > estimate_index_.size()) throw n.error("sink", "expected a sink of at most 16 values");
     estimate_count_ = names.size();
@@ -321,6 +387,20 @@ class ForestLocalization final : public Application {
     } else if (const auto* r = sample->as<RegisterBlock>()) {
       if (wheel_register_[0] >= r->count || wheel_register_[1] >= r->count) return;
       const double left = r->value[wheel_register_[0]], right = r->value[wheel_register_[1]];
+      if (steered_) {
+        // A curve of the angle that the front wheels had on the way between two reports.
+        const double way = wheel_radius_m_ * (left - told_[0]), steer = right * kRadPerDeg;
+        if (odometry_seen_) {
+          way_m_ += way;
+          turn_rad_ += way * std::tan((told_[1] + steer) / 2) / wheelbase_m_;
+        }
+        told_ = {left, steer, 0};
+        t_odometry_ = t;
+        odometry_seen_ = true;
+        localizer_->odometry(t, way_m_, turn_rad_);
+        if (tilt_) tilt_->odometry(t, way_m_);
+        return;
+      }
       if (odometry_seen_) {
         way_m_ += wheel_radius_m_ * (left - told_[0] + right - told_[1]) / 2;
         turn_rad_ += wheel_radius_m_ * (right - told_[1] - left + told_[0]) / track_m_;
@@ -332,15 +412,21 @@ class ForestLocalization final : public Application {
     t_odometry_ = t;
     odometry_seen_ = true;
     localizer_->odometry(t, way_m_, turn_rad_);
+    if (tilt_) tilt_->odometry(t, way_m_);
   }
 
   void take_imu() noexcept {
     const Sample* sample = fresh(imu_);
     const auto* s = sample ? sample->as<ImuSample>() : nullptr;
     if (!s) return;
-    double rate = 0;
-    for (std::size_t i = 0; i < 3; ++i) rate += up_in_imu_[i] * s->angular_rate_radps[i];
-    localizer_->gyro(sample->stamp.t_capture, rate);
+    std::array<double, 3> force{}, rate{};
+    for (std::size_t i = 0; i < 3; ++i)
+      for (std::size_t j = 0; j < 3; ++j) {
+        force[i] += R_base_imu_[i][j] * s->specific_force_mps2[j];
+        rate[i] += R_base_imu_[i][j] * s->angular_rate_radps[j];
+      }
+    localizer_->gyro(sample->stamp.t_capture, rate[2]);
+    if (tilt_) tilt_->imu(sample->stamp.t_capture, force, rate);
   }
 
   void take_fix() noexcept {
@@ -354,34 +440,122 @@ class ForestLocalization final : public Application {
                      {enu[0], enu[1], std::max(3 * claimed, 0.5) + antenna_lever_m_});
   }
 
-  void take_scan(BenchTime now) noexcept {
-    const Sample* sample = fresh(scanner_);
+  void take_scan(Scanner& scanner) noexcept {
+    const Sample* sample = fresh(scanner.port);
     const auto* info = sample ? sample->as<PointCloudInfo>() : nullptr;
     if (!info) return;
     const auto bytes = sample->bytes();
     const std::size_t count = std::min<std::size_t>(info->count, bytes.size() / sizeof(LidarPoint));
     const auto* points = reinterpret_cast<const LidarPoint*>(bytes.data());
     const double v = localizer_->speed_mps(), w = localizer_->turn_radps();
-    const double c = std::cos(T_base_scanner_.yaw_rad), s = std::sin(T_base_scanner_.yaw_rad);
-    const double vx = v - w * T_base_scanner_.y_m, vy = w * T_base_scanner_.x_m;
-    const auto stems = detector_->detect({points, count}, {c * vx + s * vy, -s * vx + c * vy, w});
-    for (std::size_t i = 0; i < stems.size(); ++i) in_base_[i] = moved(stems[i], T_base_scanner_);
+    const PlanarPose& at = scanner.level.mount().T_base_sensor;
+    const double c = std::cos(at.yaw_rad), s = std::sin(at.yaw_rad);
+    const double vx = v - w * at.y_m, vy = w * at.x_m;
+    const std::optional<IgnoredStrip> own = crane_ ? crane_->strip() : std::nullopt;
+    const auto level = scanner.level.level({points, count}, own ? &*own : nullptr);
+    const auto stems = scanner.detector.detect(level, {c * vx + s * vy, -s * vx + c * vy, w});
+    const double height_m = scanner.level.mount().height_m;
+    const Tilt tilt = tilt_ ? tilt_->at(sample->stamp.t_capture) : Tilt{};
+    for (std::size_t i = 0; i < stems.size(); ++i) {
+      in_base_[i] = moved(stems[i], at);
+      if (tilt_) in_base_[i] = levelled(in_base_[i], height_m, tilt);
+    }
+    if (crane_ && target_ != StemMap::kNone) look_for_target({in_base_.data(), stems.size()});
     const std::uint64_t matched_before = localizer_->counters().matched;
     localizer_->scan(sample->stamp.t_capture, {in_base_.data(), stems.size()});
     last_stems_ = static_cast<double>(stems.size());
     last_matched_ = static_cast<double>(localizer_->counters().matched - matched_before);
-    (void)now;
   }
 
   void drive(const PoseGaussian& pose, BenchTime now) noexcept {
     const bool may_drive = localizer_->state() == LocalizerState::tracking;
-    if (guide_ == "marked" && may_drive) aim(pose, now);
+    if (along_path_) {
+      work_along(pose, may_drive, now);
+    } else if (guide_ == "marked" && may_drive) {
+      aim(pose, now);
+    }
     const double dt_s = static_cast<double>(drive_every_) * period_.seconds();
-    const DriveCommand command = follower_->step(pose.mean, dt_s, may_drive);
+    const bool busy = crane_ && crane_->work().busy();
+    const DriveCommand command = follower_->step(pose.mean, dt_s, may_drive && !busy);
     drive_values_[v_at_] = command.v_mps;
-    drive_values_[w_at_] = command.w_radps;
+    if (!turns_by_angle_)
+      drive_values_[w_at_] = command.w_radps;
+    else if (std::abs(command.v_mps) > 0.02)  // while it stands, the wheels stay where they are
+      drive_values_[w_at_] = std::clamp(std::atan(command.w_radps * steering_base_m_ / command.v_mps),
+                                        -max_steer_rad_, max_steer_rad_) /
+                             kRadPerDeg;
     (void)drive_->send(now,
                        std::span(drive_values_).first(drive_count_));  // a full ring is counted by the sink
+  }
+
+  /// Where on the path each marked stem is worked on: within the crane's reach, as nearly at its best bearing
+  /// as can be; without a crane, where the path passes it.
+  void plan_stops() {
+    constexpr double kStep_m = 0.1;
+    for (std::uint32_t i = 0; i < map_->size(); ++i) {
+      const Stem& s = (*map_)[i];
+      if (!s.fell) continue;
+      Stop stop{0, i};
+      double best = std::numeric_limits<double>::infinity();
+      for (double at = 0; at <= follower_->length_m(); at += kStep_m) {
+        const Eigen::Vector2d p = seen_from(follower_->pose_at(at), s.x_m, s.y_m).p_base;
+        const double cost = crane_ ? crane_->cost(p.x(), p.y()) : p.norm() - stand_off_m_;
+        if (cost < best) best = cost, stop.progress_m = at;
+      }
+      const bool reached = crane_ ? std::isfinite(best) : best < 1;
+      if (reached)
+        stops_.push_back(stop);
+      else
+        ++out_of_reach_;
+    }
+    std::stable_sort(stops_.begin(), stops_.end(),
+                     [](const Stop& a, const Stop& b) { return a.progress_m < b.progress_m; });
+    next_stop_ = 0;
+    t_there_ = BenchTime();
+    follower_->set_end(stops_.empty() ? follower_->length_m() : stops_[0].progress_m);
+  }
+
+  /// Drives from stop to stop, works there, and to the path's end.
+  void work_along(const PoseGaussian& pose, bool may_drive, BenchTime now) noexcept {
+    if (crane_) crane_->step(now);
+    if (next_stop_ == stops_.size() || (crane_ && crane_->work().busy())) return;
+    if (!follower_->done() || !may_drive) {
+      if (follower_->done()) return;
+      t_there_ = now;
+      begun_here_ = target_seen_ = false;
+      target_ = stops_[next_stop_].stem;
+      return;
+    }
+    if (now - t_there_ < (crane_ ? kSettles : dwell_)) return;
+    if (crane_ && !begun_here_) {
+      begun_here_ = true;
+      Eigen::Vector2d p = seen_from(pose.mean, (*map_)[target_].x_m, (*map_)[target_].y_m).p_base;
+      if (target_seen_) p = target_in_base_;
+      if (crane_->begin(p.x(), p.y(), now)) return;
+      ++out_of_reach_;
+    }
+    visited_[target_] = 1;
+    ++next_stop_;
+    begun_here_ = target_seen_ = false;
+    t_there_ = now;
+    const bool more = next_stop_ < stops_.size();
+    if (more) target_ = stops_[next_stop_].stem;
+    follower_->set_end(more ? stops_[next_stop_].progress_m : follower_->length_m());
+  }
+
+  /// Where it stands before a stem, what the scanners see of it is nearer to the truth than the map.
+  void look_for_target(std::span<const StemObservation> stems) noexcept {
+    if (!follower_->done() || crane_->work().busy()) return;
+    const PoseGaussian& pose = localizer_->filter().pose();
+    const Eigen::Vector2d expected = seen_from(pose.mean, (*map_)[target_].x_m, (*map_)[target_].y_m).p_base;
+    double best = kSameStem_m;
+    for (const StemObservation& s : stems) {
+      const double d = std::hypot(s.x_m - expected.x(), s.y_m - expected.y());
+      if (d >= best) continue;
+      best = d;
+      target_seen_ = true;
+      target_in_base_ = {s.x_m, s.y_m};
+    }
   }
 
   /// The next marked stem, when it stands before the last one for long enough.
@@ -419,12 +593,23 @@ class ForestLocalization final : public Application {
       range = p.norm();
       bearing = std::atan2(p.y(), p.x());
     }
-    const std::array<double, kEstimateNames.size()> all{pose.mean.x(),
-                                                        pose.mean.y(),
+    // Where the accelerometer is wrong about the level, the scanner is not where it is thought to be above
+    // the base; no scan tells.
+    const double lean_m =
+        tilt_ && !scanners_.empty() ? tilt_sigma_rad_ * scanners_[0].level.mount().height_m : 0;
+    // Of the point of the base that is asked for: it swings with the heading.
+    const double c = std::cos(pose.mean.z()), s = std::sin(pose.mean.z());
+    const Eigen::Vector2d arm(c * estimate_at_m_.x() - s * estimate_at_m_.y(),
+                              s * estimate_at_m_.x() + c * estimate_at_m_.y());
+    Eigen::Matrix3d J = Eigen::Matrix3d::Identity();
+    J(0, 2) = -arm.y(), J(1, 2) = arm.x();
+    const Eigen::Matrix3d covariance = J * pose.covariance * J.transpose();
+    const std::array<double, kEstimateNames.size()> all{pose.mean.x() + arm.x(),
+                                                        pose.mean.y() + arm.y(),
                                                         pose.mean.z(),
-                                                        std::sqrt(pose.covariance(0, 0)),
-                                                        std::sqrt(pose.covariance(1, 1)),
-                                                        std::sqrt(pose.covariance(2, 2)),
+                                                        std::sqrt(covariance(0, 0) + lean_m * lean_m),
+                                                        std::sqrt(covariance(1, 1) + lean_m * lean_m),
+                                                        std::sqrt(covariance(2, 2)),
                                                         static_cast<double>(localizer_->state()),
                                                         last_stems_,
                                                         last_matched_,
@@ -432,7 +617,9 @@ class ForestLocalization final : public Application {
                                                         follower_ ? follower_->cross_track_m() : 0,
                                                         range,
                                                         bearing,
-                                                        follower_ && follower_->done() ? 1.0 : 0.0};
+                                                        follower_ && follower_->done() ? 1.0 : 0.0,
+                                                        crane_ ? crane_->work().cut() : 0.0,
+                                                        static_cast<double>(out_of_reach_)};
     std::array<double, 16> values{};
     for (std::size_t i = 0; i < estimate_count_; ++i) values[i] = all[estimate_index_[i]];
     (void)estimate_->send(now, std::span(values).first(estimate_count_));
@@ -441,27 +628,28 @@ class ForestLocalization final : public Application {
   Duration period_;
   std::unique_ptr<StemMap> map_;
   LocalizerConfig localizer_config_;
-  std::optional<StemDetector> detector_;
   std::optional<Localizer> localizer_;
   std::optional<PathFollower> follower_;
   std::optional<PoseGaussian> start_;
   std::uint32_t search_poses_ = 100;
 
-  const SamplePort* scanner_ = nullptr;
-  PlanarPose T_base_scanner_;
+  std::vector<Scanner> scanners_;
   std::array<StemObservation, StemDetector::kMaxStems> in_base_{};
   double last_stems_ = 0, last_matched_ = 0;
 
   const SamplePort* odometry_ = nullptr;
   std::array<std::size_t, 2> wheel_register_{};
-  double wheel_radius_m_ = 0, track_m_ = 1;
-  std::array<double, 3> told_{};  ///< x, y, yaw; or the angles of the wheels
+  double wheel_radius_m_ = 0, track_m_ = 1, wheelbase_m_ = 1;
+  bool steered_ = false;          ///< by an angle of the front wheels
+  std::array<double, 3> told_{};  ///< x, y, yaw; or the angles of the wheels; or of a wheel and of steering
   double way_m_ = 0, turn_rad_ = 0;
   BenchTime t_odometry_;
   bool odometry_seen_ = false;
 
   const SamplePort* imu_ = nullptr;
-  std::array<double, 3> up_in_imu_{0, 0, 1};
+  double R_base_imu_[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  std::optional<TiltFilter> tilt_;
+  double tilt_sigma_rad_ = 0;
   const SamplePort* gnss_ = nullptr;
   GeodeticPlace origin_;
   double antenna_lever_m_ = 0;
@@ -475,9 +663,27 @@ class ForestLocalization final : public Application {
   std::uint32_t target_ = StemMap::kNone;
   double stand_off_m_ = 2;
   Duration dwell_;
+  bool turns_by_angle_ = false;
+  double steering_base_m_ = 1, max_steer_rad_ = 0.5;
+
+  // Beside a path.
+  static constexpr Duration kSettles = seconds(1);
+  static constexpr double kSameStem_m = 0.3;
+  struct Stop {
+    double progress_m = 0;
+    std::uint32_t stem = 0;
+  };
+  bool along_path_ = false, begun_here_ = false, target_seen_ = false;
+  std::vector<Stop> stops_;
+  std::size_t next_stop_ = 0;
+  std::uint32_t out_of_reach_ = 0;
+  Eigen::Vector2d target_in_base_ = Eigen::Vector2d::Zero();
+  std::optional<CranePorts> crane_;
+
   BenchTime t_there_;
 
   CommandPort* estimate_ = nullptr;
+  Eigen::Vector2d estimate_at_m_ = Eigen::Vector2d::Zero();
   std::array<std::size_t, 16> estimate_index_{};
   std::size_t estimate_count_ = 0;
   std::uint64_t estimate_every_ = 1;

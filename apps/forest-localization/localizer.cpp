@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 namespace rigor::forest {
 namespace {
@@ -10,6 +11,22 @@ constexpr Duration kNewRate = milliseconds(200);     ///< for so long the last r
 constexpr Duration kKeepAhead = milliseconds(1000);  ///< the filter follows at this distance without scans
 constexpr Duration kHintLife = seconds(5);
 constexpr std::uint32_t kFarHints = 3;
+constexpr double kSeen_m = 0.05;        ///< how far a scanner sees a stem from where it is, sigma
+constexpr double kAccident = 0.01;      ///< matches that accident brings less often speak for the pose
+constexpr double kPlausible = 0.1;      ///< matches that accident brings more often teach the filter nothing
+constexpr double kRareAccident = 1e-3;  ///< so rare that several scans of them end a search
+constexpr std::uint32_t kAgreeingScans = 3;
+
+/// P(N ≥ count) of a Poisson variable.
+double poisson_tail(std::size_t count, double mean) noexcept {
+  double term = std::exp(-mean), below = 0;
+  for (std::size_t k = 0; k < count; ++k) {
+    below += term;
+    term *= mean / static_cast<double>(k + 1);
+  }
+  // For the small means in question, what is left of 1 keeps enough digits down to 1e-12.
+  return std::max(1 - below, 0.0);
+}
 
 }  // namespace
 
@@ -21,6 +38,7 @@ Localizer::Localizer(const LocalizerConfig& config, const StemMap& map, std::opt
       relocalizer_(config.relocalizer) {
   if (!start) return;
   filter_.reset(*start);
+  pose_known_ = true;
   state_ = LocalizerState::tracking;
 }
 
@@ -120,7 +138,7 @@ double Localizer::worst_sigma_m() const noexcept {
 void Localizer::lose() noexcept {
   if (state_ != LocalizerState::searching) ++counters_.lost;
   state_ = LocalizerState::searching;
-  poor_ = far_ = 0;
+  poor_ = far_ = agreeing_ = 0;
   relocalizer_.forget();
 }
 
@@ -130,6 +148,13 @@ void Localizer::start_search(BenchTime t, std::span<const StemObservation> stems
   if (hint_ && t - t_hint_ < kHintLife) {
     near = hint_;
     near->sigma_m = std::hypot(near->sigma_m, config_.guess_speed_mps * (t - t_hint_).seconds());
+  }
+  // Every other search looks only where dead reckoning says that the base is: among few poses fewer stems
+  // convince.
+  if (pose_known_ && counters_.searches % 2 == 0) {
+    const Eigen::Vector3d here = filter_.pose().mean;
+    const double sigma_m = std::max(3 * worst_sigma_m(), config_.near_m);
+    if (!near || near->sigma_m > sigma_m) near = PositionHint{here.x(), here.y(), sigma_m};
   }
   ++counters_.searches;
   relocalizer_.begin(stems, *map_, near);
@@ -141,31 +166,58 @@ void Localizer::scan(BenchTime t_capture, std::span<const StemObservation> stems
     begun_ = true;
     t_filter_ = t_capture;
   }
-  if (t_capture < t_filter_ && state_ != LocalizerState::searching) {
+  const bool lost = state_ == LocalizerState::searching;
+  if (t_capture < t_filter_ && !lost) {
     ++counters_.old_scans;
     return;
   }
   ++counters_.scans;
   counters_.stems += stems.size();
   if (stems.empty()) ++counters_.empty_scans;
-  if (state_ == LocalizerState::searching) {
+  if (lost) {
     start_search(t_capture, stems);
-    return;
+    if (!pose_known_ || t_capture < t_filter_) return;
   }
   advance(t_capture);
 
-  const auto enough = [&](std::size_t matched) {
-    return stems.size() < 3 ? matched > 0 : matched >= 2 && 10 * matched >= 4 * stems.size();
+  // How many of K observations that stand anywhere fit by accident: as many as there are stems within reach
+  // of each. The first two settle the pose; those after them have what is left of the reach.
+  const auto expected = [&](double sigma_m) {
+    const double reach_m = 3.7 * std::hypot(sigma_m, config_.filter.map_sigma_m, kSeen_m);
+    return static_cast<double>(stems.size()) * map_->density_per_m2() * std::numbers::pi * reach_m * reach_m;
+  };
+  const double accidents = expected(worst_sigma_m()), settled = expected(0);
+  const auto accident = [&](std::size_t matched) {
+    const double all = poisson_tail(matched, accidents);
+    if (matched < 3) return all;
+    return std::min(all, std::max(accidents * accidents / 2, 1.0) * poisson_tail(matched - 2, settled));
   };
   std::span<const StemMatch> matches = matcher_.match(stems, filter_.pose(), *map_);
-  if (stems.size() >= 3 && !enough(matches.size())) {
+  if (lost) {
+    // The pose may have been right all the time, and what was seen was not in the map.
+    const bool agrees = matches.size() >= 3 && accident(matches.size()) < kRareAccident;
+    agreeing_ = agrees ? agreeing_ + 1 : 0;
+    if (agreeing_ < kAgreeingScans) return;
+    relocalizer_.forget();
+    state_ = LocalizerState::tracking;
+    poor_ = 0;
+    ++counters_.found;
+  }
+  // Most of what is seen fits, or more than accident brings.
+  const auto most = [&](std::size_t matched, std::size_t tenths) {
+    return matched >= 2 && 10 * matched >= tenths * stems.size();
+  };
+  if (stems.size() >= 3 && !most(matches.size(), 4) &&
+      static_cast<double>(matches.size()) < 4 + 3 * accidents) {
     const std::size_t before = matches.size();
     PoseGaussian loose = filter_.pose();
     loose.covariance.diagonal() +=
         Eigen::Vector3d(config_.slip_m * config_.slip_m, config_.slip_m * config_.slip_m,
                         config_.slip_rad * config_.slip_rad);
     matches = matcher_.match(stems, loose, *map_);
-    if (matches.size() >= 3 && matches.size() > before + 1 && 10 * matches.size() >= 6 * stems.size()) {
+    // With room for half a metre two may pair with anything near; the third leaves no more room.
+    if (matches.size() > before + 1 &&
+        ((matches.size() >= 3 && most(matches.size(), 6)) || matches.size() >= 6)) {
       filter_.loosen(config_.slip_m, config_.slip_rad);
       ++counters_.slips;
     } else {
@@ -173,26 +225,39 @@ void Localizer::scan(BenchTime t_capture, std::span<const StemObservation> stems
     }
   }
   counters_.matched += matches.size();
-  (void)filter_.update(stems, matches, *map_);
-  if (stems.size() >= 3) {
-    poor_ = enough(matches.size()) ? 0 : poor_ + 1;
-    if (poor_ > 0) ++counters_.poor_scans;
-  }
+  // Among ferns and twigs that look like stems few of what is seen fit, at a right pose too: two or three
+  // that accident does not bring are enough.
+  const bool good = most(matches.size(), 4) || (matches.size() >= 2 && accident(matches.size()) < kAccident);
+  if (good || stems.size() < 3 || accident(matches.size()) < kPlausible)
+    (void)filter_.update(stems, matches, *map_);
   state_ = worst_sigma_m() < config_.lost_sigma_m ? LocalizerState::tracking : LocalizerState::dead_reckoning;
-  if (poor_ >= config_.lost_scans) {
-    lose();
-    start_search(t_capture, stems);
+  if (stems.size() < 3) return;
+  if (good) {
+    poor_ = 0;
+    way_good_m_ = way_m();
+    relocalizer_.forget();
+    return;
   }
+  ++poor_;
+  ++counters_.poor_scans;
+  if (poor_ < config_.lost_scans) return;
+  // In doubt: is there a better place? Where none is found, odometry carries it on for a while.
+  if (std::abs(way_m() - way_good_m_) > config_.blind_way_m) lose();
+  start_search(t_capture, stems);
 }
 
 void Localizer::work(std::uint32_t poses) noexcept {
-  if (state_ != LocalizerState::searching) return;
+  const bool lost = state_ == LocalizerState::searching;
+  if (!lost && poor_ < config_.lost_scans) return;
   relocalizer_.work(poses);
   if (relocalizer_.state() != Relocalizer::State::found) return;
+  if (!lost) ++counters_.lost;
   filter_.reset(relocalizer_.pose());
   relocalizer_.forget();
   t_filter_ = t_search_;
   state_ = LocalizerState::tracking;
+  pose_known_ = true;
+  way_good_m_ = way_m();
   ++counters_.found;
   poor_ = config_.lost_scans / 2;  // the next scans must agree
 }

@@ -5,8 +5,12 @@
 // later instant is worked out ahead of it.
 //
 //   searching ──constellation found──▶ tracking ──no stems for long, or wheels alone──▶ dead_reckoning
-//       ▲                                 │ ▲                                              │
-//       └──────── scans do not fit ───────┘ └──────────────── stems fit again ─────────────┘
+//       ▲       stems fit again           │ ▲                                              │
+//       └── scans do not fit for metres ──┘ └──────────────── stems fit again ─────────────┘
+//
+// Where several scans do not fit, a search begins beside the tracking. It replaces the pose when it finds
+// another; finding none is no proof against the pose, which goes on by odometry for `blind_way_m`. While
+// searching dead reckoning goes on, too, and ends the search when what is seen fits it.
 //
 // A scan that does not fit is tried again with a looser prior before it counts against the pose: wheels slip
 // by decimetres between two scans.
@@ -29,8 +33,10 @@ struct LocalizerConfig {
   StemMatcherConfig matcher;
   RelocalizerConfig relocalizer;
   double lost_sigma_m = 0.5;  ///< of the place, its worse axis, from which the pose is not to drive by
-  double slip_m = 0.4, slip_rad = 0.2;                   ///< what wheels may have slipped between two scans
-  std::uint32_t lost_scans = 8;                          ///< that do not fit, one after the other
+  double slip_m = 0.4, slip_rad = 0.2;  ///< what wheels may have slipped between two scans
+  std::uint32_t lost_scans = 8;  ///< that do not fit, one after the other, from which it doubts the pose
+  double blind_way_m = 5;        ///< way in doubt, after which the pose counts as lost
+  double near_m = 1;             ///< sigma of a search around dead reckoning, at the least
   double guess_speed_mps = 0.5, guess_turn_radps = 0.5;  ///< without odometry: sigma of what is unknown
 };
 
@@ -76,6 +82,9 @@ class Localizer {
   void lose() noexcept;
   void start_search(BenchTime t, std::span<const StemObservation> stems) noexcept;
   [[nodiscard]] double worst_sigma_m() const noexcept;
+  [[nodiscard]] double way_m() const noexcept {
+    return odometry_.size() > 0 ? odometry_.newest().sums[0] : 0;
+  }
 
   LocalizerConfig config_;
   const StemMap* map_;
@@ -88,7 +97,9 @@ class Localizer {
   BenchTime t_filter_, t_search_, t_hint_;
   std::optional<PositionHint> hint_;
   bool begun_ = false;
-  std::uint32_t poor_ = 0, far_ = 0;
+  bool pose_known_ = false;  ///< of some time: there is something to reckon on from
+  double way_good_m_ = 0;    ///< odometry's, at the last scan that fitted
+  std::uint32_t poor_ = 0, far_ = 0, agreeing_ = 0;
   LocalizerState state_ = LocalizerState::searching;
   Counters counters_;
 };

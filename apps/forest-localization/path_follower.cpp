@@ -18,8 +18,22 @@ bool PathFollower::set_path(const WayPoint* points, std::size_t count) noexcept 
     at_m_[i] = way;
   }
   progress_m_ = cross_track_m_ = 0;
+  end_m_ = way;
   done_ = false;
   return true;
+}
+
+void PathFollower::set_end(double progress_m) noexcept {
+  end_m_ = std::clamp(progress_m, 0.0, length_m());
+  if (end_m_ > progress_m_ + config_.stop_within_m) done_ = false;
+}
+
+Eigen::Vector3d PathFollower::pose_at(double way_m) const noexcept {
+  constexpr double kStep_m = 0.05;
+  const double at = std::clamp(way_m, 0.0, length_m());
+  const WayPoint p = point_at(at), behind = point_at(std::max(at - kStep_m, 0.0)),
+                 ahead = point_at(std::min(at + kStep_m, length_m()));
+  return {p.x_m, p.y_m, std::atan2(ahead.y_m - behind.y_m, ahead.x_m - behind.x_m)};
 }
 
 WayPoint PathFollower::point_at(double way_m) const noexcept {
@@ -73,8 +87,8 @@ DriveCommand PathFollower::limited(DriveCommand wanted, double dt_s) noexcept {
 DriveCommand PathFollower::step(const Eigen::Vector3d& pose, double dt_s, bool may_drive) noexcept {
   if (count_ == 0 || done_ || !may_drive || !pose.allFinite()) return limited({}, dt_s);
   follow(pose);
-  const double left_m = length_m() - progress_m_;
-  const WayPoint& last = points_[count_ - 1];
+  const double left_m = end_m_ - progress_m_;
+  const WayPoint last = point_at(end_m_);
   const double to_end_m = std::hypot(last.x_m - pose.x(), last.y_m - pose.y());
   if (left_m < config_.stop_within_m && (to_end_m < config_.stop_within_m || left_m <= 0)) {
     done_ = true;

@@ -40,10 +40,16 @@ class PathFollower {
   /// thread, no allocation.
   bool set_path(const WayPoint* points, std::size_t count) noexcept;
 
+  /// The way ends here until it is told again, where the path is longer; beyond where it stood it goes on.
+  /// Loop thread.
+  void set_end(double progress_m) noexcept;
+
   /// `may_drive` false: brakes. Loop thread, no allocation.
   [[nodiscard]] DriveCommand step(const Eigen::Vector3d& pose, double dt_s, bool may_drive) noexcept;
   [[nodiscard]] bool done() const noexcept { return done_; }
   [[nodiscard]] double progress_m() const noexcept { return progress_m_; }
+  /// Of the way, at `way_m` from its begin: x, y and the direction in which it goes on. count ≥ 1.
+  [[nodiscard]] Eigen::Vector3d pose_at(double way_m) const noexcept;
   [[nodiscard]] double length_m() const noexcept { return count_ ? at_m_[count_ - 1] : 0; }
   /// Of the last step: distance to the nearest point of the way, left of it positive.
   [[nodiscard]] double cross_track_m() const noexcept { return cross_track_m_; }
@@ -57,6 +63,7 @@ class PathFollower {
   std::vector<WayPoint> points_;
   std::vector<double> at_m_;  ///< way from the first point to each
   std::size_t count_ = 0;
+  double end_m_ = 0;  ///< of the way
   double progress_m_ = 0, cross_track_m_ = 0;
   bool done_ = true;
   DriveCommand last_;

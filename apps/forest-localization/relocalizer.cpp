@@ -104,7 +104,6 @@ void Relocalizer::try_pose(std::uint32_t stem_a, std::uint32_t stem_b) noexcept 
   const StemObservation& b = stems_[pairs_[pair_].b];
   const Stem& A = (*map_)[stem_a];
   const Stem& B = (*map_)[stem_b];
-  ++tried_;
   if (!fits_radius(a, stem_a) || !fits_radius(b, stem_b)) return;
   const double yaw =
       wrapped_rad(std::atan2(B.y_m - A.y_m, B.x_m - A.x_m) - std::atan2(b.y_m - a.y_m, b.x_m - a.x_m));
@@ -113,6 +112,7 @@ void Relocalizer::try_pose(std::uint32_t stem_a, std::uint32_t stem_b) noexcept 
   const Eigen::Vector3d pose((A.x_m + B.x_m) / 2 - c * mx + s * my, (A.y_m + B.y_m) / 2 - s * mx - c * my,
                              yaw);
   if (hint_ && std::hypot(pose.x() - hint_->x_m, pose.y() - hint_->y_m) > 4 * hint_->sigma_m + 1) return;
+  ++tried_;
   std::uint32_t agreeing = 0;
   double sum = 0;
   for (std::uint32_t i = 0; i < count_; ++i) {

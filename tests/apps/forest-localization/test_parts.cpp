@@ -213,6 +213,89 @@ TEST(Localizer, TakesASlipBetweenTwoScansForWhatItIs) {
   EXPECT_EQ(localizer.state(), LocalizerState::tracking);
 }
 
+/// Stems of a scan, the nearest `seen` of them, among `ghosts` that stand elsewhere each time: ferns.
+std::span<const StemObservation> among_ghosts(std::span<const StemObservation> stems, std::size_t seen,
+                                              std::size_t ghosts, std::mt19937& rng,
+                                              std::vector<StemObservation>& out) {
+  out.assign(stems.begin(), stems.end());
+  std::sort(out.begin(), out.end(),
+            [](const auto& a, const auto& b) { return std::hypot(a.x_m, a.y_m) < std::hypot(b.x_m, b.y_m); });
+  out.resize(std::min(out.size(), seen));
+  std::uniform_real_distribution<double> place(-7, 7), radius(0.03, 0.2);
+  for (std::size_t i = 0; i < ghosts; ++i) {
+    StemObservation ghost = stems.front();
+    ghost.x_m = place(rng), ghost.y_m = place(rng), ghost.radius_m = radius(rng);
+    out.push_back(ghost);
+  }
+  return out;
+}
+
+TEST(Localizer, KeepsItsPlaceAmongFernsThatLookLikeStems) {
+  const DiscForest forest = DiscForest::random(20, 0.06, 21, {{}});
+  const auto map = StemMap::from(forest.stems);
+  PoseGaussian start;
+  start.covariance = Eigen::Vector3d(1e-4, 1e-4, 1e-4).asDiagonal();
+  Localizer localizer({}, *map, start);
+  StemDetector detector({});
+  std::mt19937 rng(3);
+  std::vector<StemObservation> seen;
+  int k = 0;
+  double way_m = 0;
+  const auto scan = [&](const PlanarPose& pose, std::size_t stems) {
+    const BenchTime t = BenchTime(0) + milliseconds(66) * ++k;
+    localizer.odometry(t, way_m, 0);
+    localizer.scan(t, among_ghosts(detector.detect(forest.scan(pose, Scanner{}, rng)), stems, 18, rng, seen));
+  };
+  for (int i = 0; i < 60; ++i) scan({}, 7);
+  EXPECT_EQ(localizer.state(), LocalizerState::tracking);
+  EXPECT_EQ(localizer.counters().lost, 0u) << localizer.counters().poor_scans << " scans were called poor";
+  EXPECT_LT(std::hypot(localizer.filter().state()[0], localizer.filter().state()[1]), 0.02);
+  // Where only three of the map are in sight, it still knows.
+  for (int i = 0; i < 60; ++i) scan({}, 3);
+  EXPECT_EQ(localizer.state(), LocalizerState::tracking);
+  EXPECT_LT(localizer.counters().poor_scans, 12u);
+  EXPECT_LT(std::hypot(localizer.filter().state()[0], localizer.filter().state()[1]), 0.03);
+  // A place without any is passed by odometry.
+  for (int i = 0; i < 30; ++i) way_m += 0.05, scan({0.05 * (i + 1), 0, 0}, 0);
+  EXPECT_EQ(localizer.state(), LocalizerState::tracking);
+  EXPECT_GE(localizer.counters().poor_scans, 20u);
+  for (int i = 0; i < 10; ++i) scan({1.5, 0, 0}, 5);
+  EXPECT_NEAR(localizer.filter().state()[0], 1.5, 0.05);
+  EXPECT_NEAR(localizer.filter().state()[1], 0, 0.05);
+  // And ghosts alone are no place: carried away, it notices before long.
+  for (int i = 0; i < 200; ++i) way_m += 0.05, scan({7.3, -5.1, 1}, 0);
+  EXPECT_GE(localizer.counters().lost, 1u);
+  EXPECT_EQ(localizer.state(), LocalizerState::searching);
+}
+
+TEST(Localizer, EndsASearchWhereDeadReckoningWasRight) {
+  const DiscForest forest = DiscForest::random(20, 0.06, 21, {{}});
+  const auto map = StemMap::from(forest.stems);
+  PoseGaussian start;
+  start.covariance = Eigen::Vector3d(1e-4, 1e-4, 1e-4).asDiagonal();
+  Localizer localizer({}, *map, start);
+  StemDetector detector({});
+  std::mt19937 rng(3);
+  std::vector<StemObservation> seen;
+  int k = 0;
+  double way_m = 0;
+  const auto scan = [&](double x_m, std::size_t stems) {
+    const BenchTime t = BenchTime(0) + milliseconds(66) * ++k;
+    localizer.odometry(t, way_m, 0);
+    localizer.scan(
+        t, among_ghosts(detector.detect(forest.scan({x_m, 0, 0}, Scanner{}, rng)), stems, 12, rng, seen));
+  };
+  for (int i = 0; i < 10; ++i) scan(0, 7);
+  // The wheels turn for metres where nothing of the map is in sight, and come back.
+  for (int i = 0; i < 70; ++i) way_m += 0.1, scan(0.1 * (i + 1), 0);
+  ASSERT_EQ(localizer.state(), LocalizerState::searching);
+  for (int i = 0; i < 10; ++i) scan(7, 6);
+  EXPECT_EQ(localizer.state(), LocalizerState::tracking);
+  EXPECT_NEAR(localizer.filter().state()[0], 7, 0.05);
+  EXPECT_NEAR(localizer.filter().state()[1], 0, 0.05);
+  EXPECT_EQ(localizer.counters().found, 1u);
+}
+
 // ---- steering ----
 
 /// Drives a body exactly as told; how far it was off its way at the worst after `from_m`.
