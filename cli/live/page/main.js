@@ -1,0 +1,66 @@
+// The page: makes its parts, and draws what is new once in each frame of the screen.
+import { Channels } from "./channels.js";
+import { EventLog } from "./event_log.js";
+import { FaultPanel } from "./fault_panel.js";
+import { PairPanel } from "./pair_panel.js";
+import { RunHeader, RunPanel } from "./run_panel.js";
+import { Session } from "./session.js";
+import { WorldPanel } from "./world_panel.js";
+import { element, setText } from "./dom.js";
+
+const at = (id) => document.getElementById(id);
+const body = (id) => at(id).querySelector(".panel-body");
+
+const session = new Session();
+new RunHeader(session, at("head"));
+const channels = new Channels(session, at("channels"));
+const world = new WorldPanel(session, at("world"));
+const run = new RunPanel(session, body("loop"));
+new PairPanel(session, at("pairs"));
+new FaultPanel(session, body("faults"));
+new EventLog(session, body("events"));
+
+const banner = at("banner"), said = element("span");
+const word = element("input", { type: "text", name: "token", required: true, autocomplete: "off", "aria-label": "Token" });
+const tokenForm = element("form", { hidden: true, method: "get", action: "/" }, word, element("button", { type: "submit" }, "Open"));
+banner.append(said, tokenForm);
+function tell() {
+  const { client, ended, tokenRefused } = session;
+  const text = ended
+    ? "The run has ended. What is shown is its last state."
+    : session.gone && session.live
+      ? "The run has ended, or its machine cannot be reached. What is shown is its last state."
+      : client.state === "lost" || (client.state === "connecting" && session.live)
+      ? "The connection to the run is lost. Trying again…"
+      : tokenRefused
+        ? "This run asks for a token, the one that was given to --live-token."
+        : client.state === "refused"
+          ? "No run answers here. Trying again…"
+          : "";
+  banner.hidden = text === "";
+  banner.dataset.kind = ended ? "ended" : "lost";
+  document.body.classList.toggle("frozen", text !== "");
+  tokenForm.hidden = ended || !tokenRefused;
+  document.body.classList.toggle("unknown", !session.live);
+  setText(said, text);
+}
+session.addEventListener("state", tell);
+session.addEventListener("live", tell);
+tell();
+let last = "";
+session.addEventListener("state", () => {
+  const state = session.ended ? "run has ended" : { open: "connected", lost: "connection lost" }[session.client.state];
+  if (state && state !== last) session.note("page", state);
+  last = state ?? last;
+});
+
+function draw() {
+  channels.draw();
+  world.draw();
+  requestAnimationFrame(draw);
+}
+requestAnimationFrame(draw);
+
+// Colours of canvases follow the style.
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => (channels.resized(), world.map.resized(), run.histogram.draw()));
+new ResizeObserver(() => run.histogram.draw()).observe(run.histogram.canvas);

@@ -1,0 +1,231 @@
+#include "cli/live/status.h"
+
+#include <unistd.h>
+
+#include <nlohmann/json.hpp>
+
+#include "cli/pair_snapshot.h"
+#include "sensor-hal/channel/pair_source.h"
+#include "sensor-hal/channel/simulated_source.h"
+#include "sensor-hal/record/sample_codec.h"
+
+namespace rigor::live {
+namespace {
+
+using nlohmann::json;
+
+json bins_json(const LiveBins& bins) {
+  const LiveBins::Read r = bins.read();
+  json list = json::array();
+  for (std::size_t i = 0; i < LiveBins::kBins; ++i)
+    if (r.count[i] > 0)
+      list.push_back({{"from_us", LiveBins::lower_us(i)},
+                      {"to_us", i + 1 == LiveBins::kBins ? r.max_us : LiveBins::lower_us(i + 1)},
+                      {"count", r.count[i]}});
+  return {{"p50_us", r.percentile_us(0.5)},
+          {"p99_us", r.percentile_us(0.99)},
+          {"max_us", r.max_us},
+          {"count", r.total},
+          {"bins", std::move(list)}};
+}
+
+json side_json(const PairSource& pair, const PairSnapshot& s, PairSide side) {
+  const Health& h = pair.side(side).health();
+  return {{"connected", h.connected.load()},
+          {"received", h.received.load()},
+          {"came", s.came_of(side)},
+          {"missing", s.missing_of(side)}};
+}
+
+json differences_json(const RunChannel& channel) {
+  const PairSource& pair = *channel.pair;
+  const PairSnapshot s = pair.statistics();
+  json j{{"hand_on", name_of(pair.active())},
+         {"switches", pair.switches()},
+         {"compared", s.compared},
+         {"unlike", s.unlike},
+         {"bias", s.compared ? json(s.all.bias) : json()},
+         {"sigma", s.compared ? json(s.all.sigma) : json()},
+         {"last_bias", s.compared ? json(s.last.bias) : json()},
+         {"last_sigma", s.compared ? json(s.last.sigma) : json()},
+         {"real", side_json(pair, s, PairSide::real)},
+         {"simulated", side_json(pair, s, PairSide::simulated)}};
+  if (pair.monitor()) {
+    j["watch"] = pair_json(channel, false)["watch"];
+    j["watch"].erase("parameters");  // the command `pair` tells of each
+  }
+  return j;
+}
+
+const char* status_name(std::uint8_t status) {
+  switch (static_cast<PortStatus>(status)) {
+    case PortStatus::never:
+      return "never";
+    case PortStatus::fresh:
+      return "fresh";
+    case PortStatus::stale:
+      return "stale";
+    case PortStatus::late:
+      return "late";
+    case PortStatus::lost:
+      return "lost";
+  }
+  return "never";
+}
+
+}  // namespace
+
+LiveStatus::LiveStatus(const RunParts& parts, const LoopCounters& counters, ControlCommands& commands,
+                       const LiveTap& tap, const EpochPair& epoch, bool replay)
+    : parts_(parts),
+      counters_(counters),
+      commands_(commands),
+      tap_(tap),
+      epoch_(epoch),
+      replay_(replay),
+      rates_(parts.channels.size()) {
+  for (const auto& c : parts.channels) descriptions_.push_back(c->source->describe());
+}
+
+std::string LiveStatus::schema() {
+  const json number{{"type", "number"}}, text{{"type", "string"}},
+      list{{"type", "array"}, {"items", {{"type", "object"}}}}, object{{"type", "object"}};
+  return json{{"type", "object"},
+              {"title", "rigor.Live"},
+              {"properties",
+               {{"run", object},
+                {"t_s", number},
+                {"bench_ns", number},
+                {"utc_ns", number},
+                {"cycles", number},
+                {"skipped", number},
+                {"overruns", number},
+                {"misses", number},
+                {"wake", object},
+                {"cycle_time", object},
+                {"channels", list},
+                {"sinks", list},
+                {"faults", list},
+                {"server", object}}}}
+      .dump();
+}
+
+json LiveStatus::channel(std::size_t i) {
+  const RunChannel& c = *parts_.channels[i];
+  const ChannelDescription& d = descriptions_[i];
+  const LiveTap::ChannelState& s = tap_.channel(i);
+  const Health& h = c.source->health();
+  const std::uint64_t fresh = s.fresh.load(std::memory_order_relaxed);
+  const std::int64_t now = tap_.now().ns();
+  Rate& rate = rates_[i];
+  if (now - rate.t_ns >= 1'000'000'000 || now < rate.t_ns) {
+    rate.known = rate.t_ns > 0 && now > rate.t_ns && fresh >= rate.fresh;
+    rate.hz =
+        rate.known ? static_cast<double>(fresh - rate.fresh) * 1e9 / static_cast<double>(now - rate.t_ns) : 0;
+    rate.fresh = fresh;
+    rate.t_ns = now;
+  }
+  json j{{"name", c.entry->name},
+         {"kind", kind_name(c.entry->kind)},
+         {"status", status_name(s.status.load(std::memory_order_relaxed))},
+         {"connected", h.connected.load()},
+         {"rate_hz", rate.known ? json(rate.hz) : json()},
+         {"nominal_hz", c.entry->period.ns() > 0 ? json(1.0 / c.entry->period.seconds()) : json()},
+         {"latency_ms", c.entry->latency.seconds() * 1e3},
+         {"samples", fresh},
+         {"received", h.received.load()},
+         {"sequence", s.sequence.load(std::memory_order_relaxed)},
+         {"lost", std::max(s.lost.load(std::memory_order_relaxed), h.lost.load())},
+         {"late", s.late_cycles.load(std::memory_order_relaxed)},
+         {"dropped", h.no_slot.load() + h.ring_full.load() + s.overflow.load(std::memory_order_relaxed)},
+         {"incomplete", h.incomplete.load()},
+         {"reconnects", h.reconnects.load()},
+         {"replaced_by", c.replaced_by},
+         {"frame_id", d.frame_id}};
+  const LiveBins::Read age = s.age.read();
+  j["age_ms"] = age.total == 0
+                    ? json()
+                    : json{{"p50", age.percentile_us(0.5) * 1e-3}, {"p99", age.percentile_us(0.99) * 1e-3}};
+  if (d.width_px > 0) {
+    j["width_px"] = d.width_px;
+    j["height_px"] = d.height_px;
+    if (d.kind == SampleKind::image) j["format"] = pfnc_name(d.format);
+  }
+  j["values"] = json::array();
+  for (std::size_t k = 0; k < d.names.size(); ++k)
+    j["values"].push_back({{"name", d.names[k]}, {"unit", k < d.units.size() ? d.units[k] : std::string()}});
+  const std::string topic = "/" + std::string(record::topic_of(d.kind));
+  if (c.pair) {
+    j["topics"] = {{"real", "/" + c.entry->name + "/real" + topic},
+                   {"simulated", "/" + c.entry->name + "/simulated" + topic}};
+    j["pair"] = differences_json(c);
+  } else {
+    j["topics"] = {{"main", "/" + c.entry->name + topic}};
+  }
+  return j;
+}
+
+json LiveStatus::faults() {
+  json list = json::array();
+  if (!parts_.faults) return list;
+  const json answer = json::parse(commands_.answer(R"({"command":"faults"})"), nullptr, false);
+  if (!answer.is_object() || !answer.value("ok", false)) return list;
+  for (const json& entry : answer["result"])
+    for (json f : entry["faults"]) {
+      f["channel"] = entry["channel"];
+      list.push_back(std::move(f));
+    }
+  return list;
+}
+
+json LiveStatus::operator()(const HubCounters& server) {
+  const RigConfig& rig = parts_.rig;
+  const BenchTime now = tap_.now();
+  const bool begun = counters_.run.load() > 0;
+  json j{{"run",
+          {{"rig", rig.name},
+           {"file", rig.file.string()},
+           {"clock", rig.clock == ClockKind::wall ? "wall" : "virtual"},
+           {"seed", rig.seed},
+           {"pid", getpid()},
+           {"version", RIGOR_VERSION},
+           {"replay", replay_},
+           {"application", rig.application},
+           {"duration_s", rig.duration.seconds()},
+           {"period_s", rig.loop.period.seconds()}}},
+         {"t_s", begun ? (now - tap_.t0()).seconds() : 0.0},
+         {"bench_ns", now.ns()},
+         {"utc_ns", epoch_.to_utc(now).ns()},
+         {"cycles", counters_.run.load()},
+         {"skipped", counters_.skipped.load()},
+         {"overruns", counters_.overruns.load()},
+         {"misses", counters_.misses.load()},
+         {"wake", bins_json(tap_.wake())},
+         {"cycle_time", bins_json(tap_.cycle_time())},
+         {"channels", json::array()},
+         {"sinks", json::array()},
+         {"faults", faults()},
+         {"server",
+          {{"clients", server.clients.load()},
+           {"frames_sent", server.frames_sent.load()},
+           {"frames_dropped", server.frames_dropped.load()},
+           {"bytes_sent", server.bytes_sent.load()},
+           {"events_lost", tap_.lost()}}}};
+  for (std::size_t i = 0; i < parts_.channels.size(); ++i) j["channels"].push_back(channel(i));
+  for (const auto& s : parts_.sinks) {
+    const Sink::Counters& n = s->sink->counters();
+    j["sinks"].push_back({{"name", s->entry->name},
+                          {"accepted", n.accepted.load()},
+                          {"applied", n.applied.load()},
+                          {"late", n.late.load()},
+                          {"failed", n.failed.load()},
+                          {"dropped", n.dropped.load()},
+                          {"made_safe", n.made_safe.load()},
+                          {"names", s->sink->describe().names},
+                          {"units", s->sink->describe().units},
+                          {"replaced_by", s->replaced_by}});
+  }
+  return j;
+}
+
+}  // namespace rigor::live

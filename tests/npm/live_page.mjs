@@ -1,0 +1,293 @@
+// The live view's page in headless Chromium, against a `rigor run --live` of this script's own. One case for each call:
+//
+//   node live_page.mjs CASE RIGOR RIG.yaml
+//
+// Exit status 0: as expected; 1: what was expected and what came, on stderr.
+import assert from "node:assert/strict";
+import { spawn } from "node:child_process";
+import { mkdtempSync, rmSync } from "node:fs";
+import { createServer } from "node:net";
+import { tmpdir } from "node:os";
+import { join, resolve } from "node:path";
+import { chromium } from "playwright-core";
+
+const name = process.argv[2];
+const [rigor, rig] = process.argv.slice(3).map((path) => resolve(path));
+const PATIENCE_MS = 60_000; // a loaded machine is slow, not wrong
+const folder = mkdtempSync(join(tmpdir(), "rigor-live-page-"));
+
+async function freePort() {
+  const server = createServer();
+  await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));
+  const { port } = server.address();
+  await new Promise((resolve) => server.close(resolve));
+  return port;
+}
+
+/// A run on a port of its own: {url, process, said()}.
+const runs = [];
+async function startRun(...more) {
+  const port = await freePort();
+  const words = ["run", rig, "--live", "0", "--report", join(folder, "report"), "--set", `channels.scanner.pair.real.port=${port}`, "--set", `emulators.scanner.port=${port}`, ...more];
+  const process = spawn(rigor, words, { cwd: folder, env: { ...globalThis.process.env, XDG_RUNTIME_DIR: folder }, stdio: ["ignore", "pipe", "pipe"] });
+  let said = "";
+  for (const stream of [process.stdout, process.stderr]) stream.on("data", (d) => (said += d));
+  const over = new Promise((resolve) => process.on("exit", resolve));
+  const run = { process, over, said: () => said };
+  runs.push(run); // ended by the end of this script, however it comes
+  const end = Date.now() + PATIENCE_MS;
+  let found;
+  while (!(found = /live\s+(http:\/\/\S+)/.exec(said))) {
+    if (process.exitCode !== null || Date.now() > end) throw new Error(`rigor run did not serve a page: ${said}`);
+    await new Promise((done) => setTimeout(done, 20));
+  }
+  run.url = found[1];
+  return run;
+}
+
+async function openPage(browser, url, width = 1400) {
+  const page = await browser.newPage({ viewport: { width, height: 900 } });
+  page.setDefaultTimeout(PATIENCE_MS);
+  page.trouble = [];
+  page.on("pageerror", (e) => page.trouble.push(e.stack));
+  page.on("console", (m) => m.type() === "error" && page.trouble.push(m.text()));
+  await page.goto(url);
+  return page;
+}
+
+const until = (page, what, check, argument) =>
+  page.waitForFunction(check, argument, { timeout: PATIENCE_MS }).catch(async (e) => {
+    const shown = await page.evaluate(() => document.body.innerText).catch(() => "nothing");
+    throw new Error(`expected ${what}; ${e.message}\n${shown}\n${page.trouble.join("\n")}`);
+  });
+
+const pictures = (page, tile, count) =>
+  until(page, `${count} pictures of ${tile}`, ([t, n]) => Number(document.querySelector(`[data-channel="${t}"] canvas`)?.dataset.pictures ?? 0) >= n, [tile, count]);
+
+/// The pixels that the page shows of a camera, and how many pictures it has shown by then.
+const pixels = (page, tile) =>
+  page.evaluate((t) => {
+    const canvas = document.querySelector(`[data-channel="${t}"] canvas`);
+    return { count: Number(canvas.dataset.pictures), stamp: canvas.dataset.stamp, data: Array.from(canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data) };
+  }, tile);
+
+function difference(a, b) {
+  assert.equal(a.data.length, b.data.length);
+  let sum = 0;
+  for (let i = 0; i < a.data.length; i++) sum += Math.abs(a.data[i] - b.data[i]);
+  return sum / a.data.length;
+}
+
+async function nextPicture(page, tile) {
+  const before = await pixels(page, tile);
+  await pictures(page, tile, before.count + 1);
+  return pixels(page, tile);
+}
+
+/// What `/rigor/live` says next, asked for by a client that shares nothing with the page but the browser.
+const liveState = (page) =>
+  page.evaluate(
+    () =>
+      new Promise((resolve, reject) => {
+        const url = new URL("/", location.href);
+        url.protocol = "ws:";
+        const socket = new WebSocket(url.href, ["foxglove.websocket.v1"]);
+        socket.binaryType = "arraybuffer";
+        socket.onerror = () => reject(new Error("no connection"));
+        socket.onmessage = ({ data }) => {
+          if (typeof data !== "string") {
+            if (new Uint8Array(data)[0] !== 1) return; // the server's clock
+            socket.close();
+            return resolve(JSON.parse(new TextDecoder().decode(new Uint8Array(data, 13))));
+          }
+          const message = JSON.parse(data);
+          const live = message.op === "advertise" && message.channels.find((c) => c.topic === "/rigor/live");
+          if (live) socket.send(JSON.stringify({ op: "subscribe", subscriptions: [{ id: 7, channelId: live.id }] }));
+        };
+      }),
+  );
+
+const tile = (channel) => `[data-channel="${channel}"]`;
+const status = (page, channel, word) => until(page, `${channel} to be ${word}`, ([c, w]) => document.querySelector(`[data-channel="${c}"]`)?.dataset.status === w, [channel, word]);
+const logged = (page, text) => until(page, `"${text}" in the log`, (t) => document.querySelector("#events").innerText.includes(t), text);
+
+const CASES = {
+  /// Every kind of channel shows what it has, what has nothing says so, and nothing goes wrong on the way.
+  async shows(browser) {
+    const run = await startRun();
+    const page = await openPage(browser, run.url);
+    await pictures(page, "camera", 3);
+    assert.equal(await page.title(), "live-page · Rigor");
+    const first = await pixels(page, "camera"), second = await nextPicture(page, "camera");
+    assert.notEqual(first.stamp, second.stamp);
+    assert.ok(difference(first, second) > 0, "two pictures of a noisy camera are the same");
+    assert.ok(new Set(second.data).size > 20, "a picture of few grey levels");
+
+    for (const side of ["real", "simulated"])
+      await until(page, `points of the ${side} side`, (topic) => {
+        const canvas = document.querySelector(`canvas[data-topic="${topic}"]`);
+        if (!(canvas?.dataset.pictures > 0)) return false;
+        const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+        let drawn = 0;
+        for (let i = 3; i < data.length; i += 4) if (data[i] > 0 && Math.max(data[i - 1], data[i - 2], data[i - 3]) - Math.min(data[i - 1], data[i - 2], data[i - 3]) > 60) drawn++;
+        return drawn > 100; // rings and ground are grey
+      }, `/scanner/${side}/points`);
+    for (const channel of ["odometry", "imu"]) await until(page, `values of ${channel}`, (c) => document.querySelector(`[data-channel="${c}"] .numbers-view`)?.dataset.values > 5, channel);
+    await until(page, "the turn rate of the robot, 0.5 rad/s or what slip leaves of it", () => {
+      const value = [...document.querySelectorAll('[data-channel="odometry"] .series')].find((s) => s.textContent.startsWith("yaw"))?.querySelector(".value").textContent;
+      return Number(value) > 0.1 && Number(value) < 1;
+    });
+    await until(page, "a tile that says that nothing came", () => /no picture so far|nothing has come/i.test(document.querySelector('[data-channel="dark"]').innerText));
+    await until(page, "a map with the robot", () => document.querySelector("#world .map") && !document.querySelector("#world").hidden);
+
+    // Large: the sensor's own pixels in place of the small JPEG.
+    const before = await pixels(page, "camera");
+    await page.click(`${tile("camera")} button.icon`);
+    await until(page, "pixels as the sensor gave them", () => document.querySelector('[data-channel="camera"] canvas').dataset.encoding === "rgb8");
+    await pictures(page, "camera", before.count + 2);
+
+    // Narrow: nothing sticks out.
+    await page.setViewportSize({ width: 360, height: 700 });
+    const [inner, outer] = await page.evaluate(() => [document.documentElement.scrollWidth, window.innerWidth]);
+    assert.ok(inner <= outer, `the page is ${inner} px wide in a window of ${outer} px`);
+    assert.deepEqual(page.trouble, []);
+  },
+
+  /// A click hands on the other side: in the tile, in the pair's panel, in what every client gets, in the recording's events.
+  async switches(browser) {
+    const run = await startRun();
+    const page = await openPage(browser, run.url);
+    const chosen = (side) =>
+      until(page, `the ${side} side to be handed on`, (s) => {
+        const all = [...document.querySelectorAll(`.side-switch [data-side="${s}"]`)];
+        return all.length === 2 && all.every((b) => b.getAttribute("aria-checked") === "true");
+      }, side);
+    const handedOn = async (side) => {
+      let state;
+      for (let i = 0; i < 50; i++) {
+        state = (await liveState(page)).channels.find((c) => c.name === "scanner").pair.hand_on;
+        if (state === side) return;
+      }
+      assert.equal(state, side);
+    };
+    await chosen("real");
+    await handedOn("real");
+    await page.click(`${tile("scanner")} [data-side="simulated"]`);
+    await chosen("simulated");
+    await handedOn("simulated");
+    await logged(page, "pair switch");
+    await page.click('#pairs [data-side="real"]'); // and back, from the panel
+    await chosen("real");
+    await handedOn("real");
+    assert.deepEqual(page.trouble, []);
+  },
+
+  /// A fault from the form is refused in the bench's words or takes hold: status, list, log; and it ends.
+  async faults(browser) {
+    const run = await startRun();
+    const page = await openPage(browser, run.url);
+    await pictures(page, "camera", 1);
+    await page.selectOption("#fault-channel", "camera");
+    await page.selectOption("#fault-kind", "delay");
+    await page.fill('.fault-form [name="delay_ms"]', "0");
+    await page.click(".fault-form button.primary");
+    await until(page, "a refusal that names the key", () => document.querySelector(".fault-form .error").textContent.includes("delay_ms"));
+    assert.equal((await liveState(page)).faults.filter((f) => f.live).length, 0);
+
+    await page.selectOption("#fault-kind", "disconnect");
+    await page.click(".fault-form button.primary");
+    await status(page, "camera", "lost");
+    await until(page, "the fault in the list", () => [...document.querySelectorAll('#faults li[data-state="on"]')].some((l) => l.textContent.includes("disconnect")));
+    await logged(page, "fault begin");
+    assert.ok((await liveState(page)).faults.some((f) => f.live && f.on && f.kind === "disconnect"), "the bench knows of no such fault");
+
+    const before = await pixels(page, "camera");
+    await page.click('#faults li[data-state="on"] button >> nth=0');
+    await pictures(page, "camera", before.count + 2);
+    await logged(page, "fault end");
+    await until(page, "the fault to be over", () => [...document.querySelectorAll('#faults li[data-state="over"]')].some((l) => l.textContent.includes("disconnect")));
+    assert.deepEqual(page.trouble, []);
+  },
+
+  /// A node is picked in a picture, its size changed: the next picture shows it. What the schema forbids is refused.
+  async edits(browser) {
+    const run = await startRun();
+    const page = await openPage(browser, run.url);
+    await pictures(page, "camera", 2);
+    const box = await page.locator(`${tile("camera")} canvas`).boundingBox();
+    await page.locator(`${tile("camera")} canvas`).click({ position: { x: (137 / 160) * box.width, y: (68 / 120) * box.height } }); // the crate
+    await until(page, "the crate to be selected", () => document.querySelector(".node-panel h3").textContent.startsWith("crate"));
+
+    // Two pictures of an unchanged world, so that noise is known; then the next ones after the edit.
+    const one = await pixels(page, "camera"), two = await nextPicture(page, "camera");
+    const noise = difference(one, two);
+    const field = page.locator('[data-attribute="size_m"] input').first();
+    assert.equal(await field.inputValue(), "0.8");
+    await field.fill("2.4");
+    await field.press("Enter");
+    await until(page, "the edit to be taken", () => document.querySelector('[data-attribute="size_m"]').dataset.state === "done");
+    let edited = 0;
+    for (let i = 0; i < 20 && !(edited > 1.3 * noise); i++) edited = difference(two, await nextPicture(page, "camera"));
+    if (process.env.RIGOR_LIVE_PAGE_SAY) console.error({ noise, edited });
+    assert.ok(edited > 1.3 * noise, `a crate of three times the width changed the picture by ${edited}, noise by ${noise}`);
+    await logged(page, "crate: size_m");
+
+    await field.fill("-1");
+    await field.press("Enter");
+    await until(page, "the schema's refusal", () => /size_m|-1|expected/.test(document.querySelector('[data-attribute="size_m"] .error').textContent));
+    assert.equal(await field.getAttribute("aria-invalid"), "true");
+    await field.fill("wide");
+    await field.press("Enter");
+    await until(page, "a refusal of what is no number", () => /number|vector3/.test(document.querySelector('[data-attribute="size_m"] .error').textContent));
+    await page.click('[aria-label="Close the node"]');
+    await page.fill("#world input[type=search]", "crate");
+    await page.press("#world input[type=search]", "Enter");
+    await until(page, "the node's last good value", () => !document.querySelector(".node-panel").hidden && document.querySelector('[data-attribute="size_m"] input')?.value === "2.4");
+    assert.deepEqual(page.trouble, []);
+  },
+
+  /// Without the token there is nothing to see but the reason; with it all.
+  async token(browser) {
+    const run = await startRun("--live-token", "open-sesame");
+    const stranger = await openPage(browser, run.url);
+    await until(stranger, "the reason", () => /asks for a token/.test(document.getElementById("banner").innerText));
+    assert.equal(await stranger.locator(".tile").count(), 0);
+    const wrong = await openPage(browser, `${run.url}?token=open-barley`);
+    await until(wrong, "the reason", () => /asks for a token/.test(document.getElementById("banner").innerText));
+    const friend = await openPage(browser, `${run.url}?token=open-sesame`);
+    await pictures(friend, "camera", 1);
+    assert.deepEqual(friend.trouble, []);
+  },
+
+  /// The end of a run is told, and what it showed last stays. A run of nothing but a sink shows that, too.
+  async ends(browser) {
+    const run = await startRun();
+    const page = await openPage(browser, run.url);
+    await pictures(page, "camera", 2);
+    run.process.kill("SIGINT");
+    await until(page, "the page to say that the run has ended", () => /the run has ended/i.test(document.getElementById("banner").innerText));
+    assert.ok((await pixels(page, "camera")).count >= 2);
+    await run.over;
+  },
+};
+
+let browser, failed = false;
+try {
+  browser = await chromium.launch({
+    executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
+    args: ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"],
+  });
+  await CASES[name](browser);
+} catch (error) {
+  failed = true;
+  console.error(error.stack ?? error);
+  for (const run of runs) console.error(run.said().slice(-3000));
+} finally {
+  await browser?.close();
+  for (const run of runs) {
+    if (run.process.exitCode === null) run.process.kill("SIGINT");
+    await run.over;
+  }
+  rmSync(folder, { recursive: true, force: true });
+}
+process.exit(failed ? 1 : 0);
