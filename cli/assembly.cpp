@@ -7,16 +7,22 @@
 
 #include "apps/forest-localization/forest_localization.h"
 #include "apps/script/script.h"
+#include "apps/stereo-depth/stereo_depth.h"
 #include "apps/turntable-sweep/turntable_sweep.h"
 #include "cli/fault_signals.h"
+#include "cli/pair_watches.h"
+#include "cli/sensing/changing_device.h"
 #include "cli/sensing/inertial.h"
+#include "cli/sensing/signal_values.h"
 #include "cli/tune/engine_choices.h"
 #include "sensor-hal/channel/fault_bench.h"
 #include "sensor-hal/channel/note_sink.h"
+#include "sensor-hal/channel/pair_monitor.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/replay_source.h"
 #include "sensor-hal/channel/simulated_sink.h"
 #include "sensor-hal/channel/simulated_source.h"
+#include "sensor-hal/channel/typed_source.h"
 #include "sensor-hal/channel/worker_pool.h"
 #include "sim/platform/platform.h"
 
@@ -111,12 +117,18 @@ class Assembler {
                                                &out_.parts.motion, *out_.workers);
     }
     SensorOptions options;
+    options.times = std::make_shared<SensorTimes>();
+    out_.parts.sensor_times.emplace_back(name, options.times);
     if (const auto it = engines_.find(entry.name); it != engines_.end()) options.choice = it->second;
     if (entry.kind == SampleKind::point_cloud || entry.kind == SampleKind::range_image) {
-      auto sampler = out_.simulation->sampler(entry.kind, choice.params, rig_.seed, name, options);
+      auto sampler = changing_sampler(
+          choice.params, [&](const ConfigNode& params) -> Result<std::shared_ptr<SampleProvider>> {
+            auto made = out_.simulation->sampler(entry.kind, params, rig_.seed, name, options);
+            if (!made) return tl::unexpected<Error>(made.error());
+            return std::shared_ptr<SampleProvider>(std::move(*made));
+          });
       if (!sampler) return tl::unexpected<Error>(sampler.error());
-      return std::make_unique<SimulatedSource>(std::shared_ptr<SampleProvider>(std::move(*sampler)),
-                                               &out_.parts.motion, *out_.workers);
+      return std::make_unique<SimulatedSource>(std::move(*sampler), &out_.parts.motion, *out_.workers);
     }
     if (is_inertial(entry.kind)) {
       auto provider =
@@ -124,22 +136,42 @@ class Assembler {
       if (!provider) return tl::unexpected<Error>(provider.error());
       return std::make_unique<SimulatedSource>(std::move(*provider), &out_.parts.motion, *out_.workers);
     }
+    if (entry.kind == SampleKind::register_block)
+      return std::make_unique<SimulatedSource>(
+          make_signal_values(choice.params,
+                             [this](const ConfigNode& n, std::string_view key) {
+                               auto index = out_.simulation->joint(n.text(key));
+                               if (!index) throw n.error(key, index.error().message);
+                               return *index;
+                             }),
+          &out_.parts.motion, *out_.workers);
     if (entry.kind != SampleKind::image)
       return tl::unexpected<Error>(
           entry.node
               .error("kind",
-                     fmt::format(
-                         "expected image, range_image, point_cloud, pose, imu, nav_fix or odometry, which "
-                         "simulators make, got {}",
-                         kind_name(entry.kind)))
+                     fmt::format("expected image, range_image, point_cloud, registers, pose, imu, nav_fix or "
+                                 "odometry, which simulators make, got {}",
+                                 kind_name(entry.kind)))
               .error());
-    auto camera = out_.simulation->camera(choice.params, rig_.seed, name, options);
+    auto camera = changing_camera(choice.params, [&](const ConfigNode& params) {
+      return out_.simulation->camera(params, rig_.seed, name, options);
+    });
     if (!camera) return tl::unexpected<Error>(camera.error());
     return std::make_unique<SimulatedSource>(std::move(*camera), &out_.parts.motion, *out_.workers);
   }
 
+  /// Of kinds that devices tell by registers or signals: behind what says what these mean.
   Result<std::unique_ptr<Source>> make_source(const ChannelEntry& entry, const std::string& name,
                                               std::string& replaced_by) {
+    auto source = make_plain_source(entry, name, replaced_by);
+    const std::string& backend = entry.source.backend;
+    const bool device = backend != kSimulated && backend != kReplay;
+    if (!source || !device || values_of_kind(entry.kind).empty()) return source;
+    return std::unique_ptr<Source>(std::make_unique<TypedSource>(std::move(*source)));
+  }
+
+  Result<std::unique_ptr<Source>> make_plain_source(const ChannelEntry& entry, const std::string& name,
+                                                    std::string& replaced_by) {
     const BackendChoice& choice = entry.source;
     if (choice.backend == kSimulated) {
       auto source = make_simulated(entry, choice, name);
@@ -234,7 +266,13 @@ class Assembler {
                                              *out_.workers);
     channel.pair = pair.get();
     channel.source = std::move(pair);
-    return channel.source->configure(channel_config(entry, entry.name, entry.pair));
+    if (auto s = channel.source->configure(channel_config(entry, entry.name, entry.pair)); !s) return s;
+    if (!entry.watch) return {};
+    auto watch = make_pair_watch(entry, channel.pair->side(PairSide::real).describe(),
+                                 channel.pair->side(PairSide::simulated).describe());
+    if (!watch) return tl::unexpected<Error>(watch.error());
+    channel.pair->watch(std::make_unique<PairMonitor>(std::move(*watch)));
+    return {};
   }
 
   /// A sink whose device is a platform of this process.
@@ -362,8 +400,24 @@ class Assembler {
           const InputPort input{entry.channel, &channel->source->describe(), &channel->port};
           if (auto s = out_.parts.motion.follow(i, entry.name, start, input); !s) return s;
         }
+      if (auto s = follow_fellings(i, entry); !s) return s;
     }
     return {};
+  }
+
+  Status follow_fellings(std::size_t index, const PlatformEntry& entry) {
+    const std::string teller = entry.node.text_or("felled", "");
+    if (teller.empty()) return {};
+    for (const auto& channel : out_.parts.channels)
+      if (channel->entry->name == teller && channel->entry->kind == SampleKind::register_block)
+        return out_.parts.motion.follow_fellings(index, out_.simulation->platforms()[index].model,
+                                                 {teller, &channel->source->describe(), &channel->port});
+    return tl::unexpected<Error>(
+        entry.node
+            .error("felled", fmt::format("expected a channel of kind registers that tells what the platform "
+                                         "cuts, got \"{}\"",
+                                         teller))
+            .error());
   }
 
   Status bind_joints() {
@@ -394,11 +448,13 @@ Result<std::unique_ptr<Application>> make_application(const RigConfig& rig) {
   if (rig.application.empty()) return std::unique_ptr<Application>{};
   if (rig.application == "forest-localization") return make_forest_localization();
   if (rig.application == "script") return make_script();
+  if (rig.application == "stereo-depth") return make_stereo_depth();
   if (rig.application == "turntable-sweep") return make_turntable_sweep();
   return tl::unexpected<Error>(
       rig.application_params
-          .error("name", "expected one of forest-localization, script, turntable-sweep, got \"" +
-                             rig.application + "\"")
+          .error("name",
+                 "expected one of forest-localization, script, stereo-depth, turntable-sweep, got \"" +
+                     rig.application + "\"")
           .error());
 }
 

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "sim/platform/platform.h"
+
 namespace rigor {
 namespace {
 
@@ -96,6 +98,46 @@ Status BenchMotion::follow(std::size_t index, const std::string& platform, const
   return {};
 }
 
+Status BenchMotion::follow_fellings(std::size_t index, std::shared_ptr<Platform> model,
+                                    const InputPort& input) {
+  Body& body = bodies_[index];
+  const auto& names = input.description->names;
+  const char* const wanted[] = {"felled", "felled_x_m", "felled_y_m", "felled_yaw_deg"};
+  for (std::size_t i = 0; i < 4; ++i) {
+    const auto at = std::find(names.begin(), names.end(), wanted[i]);
+    if (at == names.end())
+      return fail(ErrorCode::bad_input, "simulation.platforms",
+                  fmt::format("expected values felled, felled_x_m, felled_y_m and felled_yaw_deg of channel "
+                              "{}, found {}",
+                              input.name, fmt::join(names, ", ")));
+    body.cuts_index[i] = static_cast<std::size_t>(at - names.begin());
+  }
+  body.cuts = std::move(model);
+  body.cuts_port = input.port;
+  body.cuts_known = 0;
+  return {};
+}
+
+/// Captures that were asked for until now have found the tree standing, and measure it so, whenever a worker
+/// comes to them: it is gone for those alone that are asked for later.
+void BenchMotion::take_felling(Body& body, BenchTime t_cycle) noexcept {
+  if (!body.cuts || body.cuts_port->status() != PortStatus::fresh || !body.cuts_port->sample()) return;
+  const auto* block = body.cuts_port->sample()->as<RegisterBlock>();
+  if (!block) return;
+  std::array<double, 4> value{};
+  for (std::size_t i = 0; i < 4; ++i) {
+    if (body.cuts_index[i] >= block->count) return;
+    value[i] = block->value[body.cuts_index[i]];
+    if (!std::isfinite(value[i])) return;  // nothing was cut yet
+  }
+  if (value[0] == body.cuts_known) return;
+  const bool more = value[0] > body.cuts_known;
+  body.cuts_known = value[0];
+  if (more)
+    (void)body.cuts->told_felling(value[1], value[2], value[3] * std::numbers::pi / 180,
+                                  t_cycle + nanoseconds(1));
+}
+
 void BenchMotion::take_pose(Body& body) noexcept {
   if (!body.port || body.port->status() != PortStatus::fresh || !body.port->sample()) return;
   const Sample& sample = *body.port->sample();
@@ -163,8 +205,11 @@ BodyState BenchMotion::Body::at(BenchTime t) const noexcept {
   return b;
 }
 
-void BenchMotion::update() noexcept {
-  for (std::uint32_t i = 0; i < body_count_; ++i) take_pose(bodies_[i]);
+void BenchMotion::update(BenchTime t_cycle) noexcept {
+  for (std::uint32_t i = 0; i < body_count_; ++i) {
+    take_pose(bodies_[i]);
+    take_felling(bodies_[i], t_cycle);
+  }
   for (std::uint32_t i = 0; i < count_; ++i) {
     Joint& joint = joints_[i];
     if (!joint.port || joint.port->status() != PortStatus::fresh || !joint.port->sample()) continue;

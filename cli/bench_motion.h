@@ -33,8 +33,14 @@ class BenchMotion final : public MotionSource {
   /// velocity goes on for half a second.
   [[nodiscard]] Status follow(std::size_t index, const std::string& platform, const BodyState& start,
                               const InputPort& input);
+  /// Setup: a channel of kind registers tells what the platform of body `index` cuts, with values felled (how
+  /// many), felled_x_m, felled_y_m, felled_yaw_deg (where, and where the top of the last one points). `model`
+  /// stands for it in the bench's world, and loses its trees from the cycle on in which the bench learns of
+  /// it.
+  [[nodiscard]] Status follow_fellings(std::size_t index, std::shared_ptr<Platform> model,
+                                       const InputPort& input);
   /// Each cycle after the ports advanced: takes up what is fresh.
-  void update() noexcept;
+  void update(BenchTime t_cycle) noexcept;
   [[nodiscard]] WorldMotion motion_at(BenchTime t) const noexcept override;
 
  private:
@@ -58,6 +64,10 @@ class BenchMotion final : public MotionSource {
     BodyState start;
     std::array<Report, kHistory> history{};
     std::size_t size = 0, newest = 0;
+    std::shared_ptr<Platform> cuts;  ///< null: nobody tells what it cuts
+    const SamplePort* cuts_port = nullptr;
+    std::array<std::size_t, 4> cuts_index{};  ///< felled, x, y, yaw
+    double cuts_known = 0;
     [[nodiscard]] const Report& back(std::size_t n) const noexcept {
       return history[(newest + kHistory - n) % kHistory];
     }
@@ -65,6 +75,7 @@ class BenchMotion final : public MotionSource {
   };
   static constexpr std::size_t kNone = ~std::size_t{0};
   void take_pose(Body& body) noexcept;
+  static void take_felling(Body& body, BenchTime t_cycle) noexcept;
 
   std::array<Joint, WorldMotion::kMax> joints_{};
   std::array<Body, WorldMotion::kMaxBodies> bodies_{};

@@ -1,7 +1,11 @@
 #include "cli/bench_run.h"
 
-#include <algorithm>
+#include <time.h>
 
+#include <algorithm>
+#include <thread>
+
+#include "cli/live/tap.h"
 #include "sensor-hal/channel/fault_bench.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/replay_source.h"
@@ -41,6 +45,12 @@ ExecutiveConfig executive_config(const RigConfig& rig, Heartbeat& heartbeat, Tra
   c.realtime.lock_memory = rig.loop.lock_memory;
   c.realtime.hold_dma_latency = rig.loop.dma_latency;
   return c;
+}
+
+Duration process_cpu() {
+  timespec t{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return Duration(std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec);
 }
 
 }  // namespace
@@ -128,7 +138,11 @@ Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
                 "device answers slowly (`rigor doctor`)");
   };
   if (wall && bench_now() + milliseconds(5) > t0_) return late();
+  began_ = monotonic_now();
+  const Duration cpu_before = process_cpu();
+  const auto wall_before = monotonic_now();
   auto summary = executive_.run(stop_token, t0_);
+  const Duration cpu = process_cpu() - cpu_before, took = monotonic_now() - wall_before;
   // Between here and the first cycle the loop's thread is set up, which may take its time, too.
   if (!summary && wall && executive_.counters().run.load() == 0 && bench_now() > t0_) return late();
   if (!summary) return tl::unexpected<Error>(summary.error());
@@ -137,6 +151,8 @@ Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
   outcome.t0 = t0_;
   outcome.seen_sha256 = digest_->finish();
   outcome.loop = std::move(*summary);
+  outcome.wall_s = took.seconds();
+  outcome.cpu_s = cpu.seconds();
   return outcome;
 }
 
@@ -162,7 +178,15 @@ Status BenchRun::stop_channels() {
   return first;
 }
 
+void BenchRun::keep_pace(BenchTime t) {
+  const Duration due(
+      (t - t0_).ns() > 0 ? static_cast<std::int64_t>(static_cast<double>((t - t0_).ns()) / pace_) : 0);
+  const Duration passed = monotonic_now() - began_;
+  if (due > passed) std::this_thread::sleep_for(std::chrono::nanoseconds((due - passed).ns()));
+}
+
 void BenchRun::before_cycle(BenchTime t) {
+  if (pace_ > 0) keep_pace(t);
   if (parts_.faults) parts_.faults->begin_cycle(t);
   for (auto& sink : parts_.sinks) sink->sink->complete_until(t);
   for (auto& channel : parts_.channels) channel->source->complete_until(t);
@@ -172,50 +196,75 @@ void BenchRun::cycle_begin(const CycleContext& cycle) noexcept {
   if (recorder_ && cycle.index > next_cycle_)
     recorder_->record_skipped(next_cycle_, cycle.index - next_cycle_, cycle.t);
   next_cycle_ = cycle.index + 1;
+  if (live_) {
+    const LoopCounters& n = executive_.counters();
+    live_->cycle(cycle.t, Duration(n.last_wake_error_ns.load(std::memory_order_relaxed)),
+                 Duration(n.last_cycle_ns.load(std::memory_order_relaxed)));
+  }
   skip_this_cycle_ = ran_ && !ran_(cycle.index);
 }
 
 void BenchRun::take_up_faults(const CycleContext& cycle) noexcept {
   parts_.faults->begin_cycle(cycle.t);
   std::uint32_t channel = FaultBench::kNoChannel;
-  while (SampleLease event = parts_.faults->poll_event(channel))
+  while (SampleLease event = parts_.faults->poll_event(channel)) {
+    if (live_) live_->event(channel, event);
     if (recorder_)
       recorder_->record_event(
           channel == FaultBench::kNoChannel ? channel : parts_.channels[channel]->recorder_id, event);
+  }
 }
 
 void BenchRun::inputs(const CycleContext& cycle) noexcept {
   if (skip_this_cycle_) return;
   if (parts_.faults) take_up_faults(cycle);
+  if (live_) take_up_notes(cycle);
   for (std::uint32_t i = 0; i < parts_.channels.size(); ++i) show(*parts_.channels[i], i, cycle);
-  parts_.motion.update();
+  parts_.motion.update(cycle.t);
+  if (live_ && live_->wants_motion()) live_->motion(parts_.motion.motion_at(cycle.t), cycle.t);
+}
+
+void BenchRun::take_up_notes(const CycleContext& cycle) noexcept {
+  while (SampleLease note = live_->next_note(cycle.t)) {
+    live_->event(FaultBench::kNoChannel, note);
+    if (recorder_) recorder_->record_event(FaultBench::kNoChannel, note);
+  }
 }
 
 void BenchRun::show(RunChannel& c, std::uint32_t index, const CycleContext& cycle) noexcept {
   while (SampleLease sample = c.source->poll(cycle.t)) {
+    ++c.taken;
     // What a free-running device measured while the bench was starting is not of this run.
     if (sample->stamp.t_capture < t0_ - c.entry->period) {
       ++c.before_start;
       continue;
     }
     if (recorder_ && !c.pair) recorder_->record(c.recorder_id, sample);
+    if (live_ && !c.pair) live_->sample(std::size_t{2} * index, sample);
     c.port.push(std::move(sample));
   }
-  while (SampleLease event = c.source->poll_event())
+  while (SampleLease event = c.source->poll_event()) {
     if (recorder_) recorder_->record_event(c.recorder_id, event);
+    if (live_) live_->event(index, event);
+  }
   if (c.script) {
     const auto visible = c.script->at(cycle.index);
     c.port.obey(visible.status, visible.sequence, cycle.t);
   } else {
     c.port.advance(cycle.t, c.source->health().connected.load(std::memory_order_relaxed));
   }
+  if (live_) live_->port(index, c.port, cycle.t);
   const PortStatus status = c.port.status();
   const bool fresh = status == PortStatus::fresh;
-  if (!fresh && status == c.last_status) return;
-
+  const bool changed = fresh || status != c.last_status;
   const SampleLease& sample = c.port.sample();
+  // A recording lists every port in its first cycle: of one that never changes it is known, too, what was seen.
+  if (recorder_ && (changed || !c.listed))
+    recorder_->record_visibility(c.recorder_id, cycle.index, cycle.t, status, sample);
+  c.listed = true;
+  if (!changed) return;
+
   digest_->saw(cycle.index, cycle.t, index, status, sample);
-  if (recorder_) recorder_->record_visibility(c.recorder_id, cycle.index, cycle.t, status, sample);
   if (status != c.last_status && !(fresh && c.last_status == PortStatus::stale) &&
       !(status == PortStatus::stale && c.last_status == PortStatus::fresh)) {
     if (c.span_count < RunChannel::kKept) c.spans[c.span_count] = {cycle.t, status};
@@ -270,8 +319,10 @@ void BenchRun::outputs(const CycleContext& cycle) noexcept {
     next_note_ = cycle.index + note_every_;
   }
   for (std::uint32_t i = 0; i < parts_.sinks.size(); ++i)
-    if (const Command* command = parts_.sinks[i]->port->take_new(); command && recorder_)
-      recorder_->record_command(i, *command);
+    if (const Command* command = parts_.sinks[i]->port->take_new()) {
+      if (recorder_) recorder_->record_command(i, *command);
+      if (live_) live_->command(i, *command);
+    }
   if (!recorder_) return;
   recorder_->end_cycle(cycle.index, cycle.t);
   if (recorder_->failed()) executive_.fail_run();  // a run that was to be recorded is over when it cannot be

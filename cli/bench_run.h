@@ -21,9 +21,13 @@
 
 namespace rigor {
 
+namespace live {
+class LiveTap;
+}
 class FaultBench;
 class PairSource;
 class Recorder;
+struct SensorTimes;
 class VisibilityScript;
 
 /// A hole in a channel's sequence, as the loop saw it.
@@ -66,8 +70,10 @@ struct RunChannel {
   BenchTime t_first, t_last;  ///< captures of the first and last visible sample
   std::uint64_t last_sequence = 0;
   std::uint64_t before_start = 0;  ///< samples that were captured before the run, and not shown
+  std::uint64_t taken = 0;         ///< samples that the loop took from the source, these included
   bool seen = false;
   PortStatus last_status = PortStatus::never;
+  bool listed = false;  ///< in the recording's first cycle
 };
 
 struct RunSink {
@@ -86,6 +92,8 @@ struct RunParts {
   std::shared_ptr<FaultBench> faults;  ///< null: a replay, which shows what came of them
   BenchMotion motion;
   std::vector<std::shared_ptr<Platform>> platforms;  ///< of this process: they set out when the run starts
+  /// Of simulated sensors, by the names of their channels (of a pair NAME.simulated).
+  std::vector<std::pair<std::string, std::shared_ptr<const SensorTimes>>> sensor_times;
   /// Keeps alive what sources point to (worlds, renderers, device models, workers).
   std::vector<std::shared_ptr<void>> keep;
 };
@@ -94,6 +102,7 @@ struct RunOutcome {
   RunSummary loop;
   std::string seen_sha256;  ///< empty: entries were dropped
   BenchTime t0;
+  double wall_s = 0, cpu_s = 0;  ///< from the first cycle to the last; of all threads of this process
 };
 
 /// The loop of a run. Setup thread constructs and calls; `run` blocks.
@@ -109,6 +118,10 @@ class BenchRun final : private ExecutiveHooks {
   [[nodiscard]] std::vector<std::string> warnings() const;
   /// Between arm and run; null: nothing is recorded.
   void set_recorder(Recorder* recorder) { recorder_ = recorder; }
+  /// Between arm and run; null: nobody looks on.
+  void set_live(live::LiveTap* tap) { live_ = tap; }
+  /// Virtual time: at most so many seconds of bench time in a second; 0: as fast as it goes.
+  void set_pace(double pace) { pace_ = pace; }
   /// Replay: cycles for which this returns false are not run by the application, as in the recorded run.
   void set_cycle_filter(std::function<bool(std::uint64_t)> ran) { ran_ = std::move(ran); }
   /// Starts the channels with the grid of t0 (wall: far enough in the future for all of them to start) and
@@ -134,6 +147,7 @@ class BenchRun final : private ExecutiveHooks {
 
   void inputs(const CycleContext& cycle) noexcept;
   void take_up_faults(const CycleContext& cycle) noexcept;
+  void take_up_notes(const CycleContext& cycle) noexcept;
   void show(RunChannel& channel, std::uint32_t index, const CycleContext& cycle) noexcept;
   void capture(const CycleContext& cycle) noexcept;
   void application(const CycleContext& cycle) noexcept;
@@ -141,7 +155,12 @@ class BenchRun final : private ExecutiveHooks {
   void note_differences(const CycleContext& cycle) noexcept;
 
   RunParts& parts_;
+  void keep_pace(BenchTime t);
+
   Recorder* recorder_ = nullptr;
+  live::LiveTap* live_ = nullptr;
+  double pace_ = 0;
+  MonotonicTime began_;  ///< of the run, for its pace
   Heartbeat heartbeat_;
   Executive executive_;
   std::unique_ptr<SeenDigest> digest_;

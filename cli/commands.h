@@ -9,6 +9,14 @@
 
 namespace rigor {
 
+/// `--live` and what belongs to it (docs/live.md).
+struct LiveOptions {
+  bool on = false;
+  std::string endpoint;  ///< [ADDRESS:]PORT; empty: 127.0.0.1:8765
+  std::string token;     ///< empty: RIGOR_LIVE_TOKEN, or none
+  std::filesystem::path page;
+  double pace = 0;  ///< virtual time
+};
 struct RunOptions {
   std::filesystem::path rig;
   std::vector<std::string> overrides;  ///< --set
@@ -19,12 +27,14 @@ struct RunOptions {
   std::filesystem::path faults_from;  ///< a recording whose live faults come again; empty: none
   bool no_emulators = false;
   bool no_control = false;
+  LiveOptions live;
   bool json = false;
 };
 struct ReplayOptions {
   std::filesystem::path recording, rig;
   std::vector<std::string> overrides;
   std::filesystem::path record, report;
+  LiveOptions live;
   bool json = false;
 };
 struct EmulateOptions {
@@ -59,6 +69,14 @@ struct InspectOptions {
   std::filesystem::path output;  ///< of the repair
   bool json = false;
 };
+struct LocalizationOptions {
+  std::filesystem::path recording;
+  std::string truth = "truth", estimate = "estimate";  ///< a channel, a sink
+  double after_s = 1;
+  std::filesystem::path map;     ///< stems to draw; empty: none
+  std::filesystem::path report;  ///< empty: none
+  bool json = false;
+};
 struct WorldRenderOptions {
   std::filesystem::path world;
   std::filesystem::path output;     ///< .png or .exr
@@ -87,6 +105,12 @@ struct FaultOptions {
   bool list = false, clear = false;
   bool json = false;
 };
+struct PairOptions {
+  std::string run;      ///< name or process id
+  std::string channel;  ///< empty: all pairs
+  bool acknowledge = false, learn_again = false;
+  bool json = false;
+};
 struct PlainOptions {
   bool json = false;
 };
@@ -97,8 +121,10 @@ int emulate_command(const EmulateOptions& options);
 int sense_command(const SenseOptions& options);
 int tune_command(const TuneOptions& options);
 int inspect_command(const InspectOptions& options);
+int localization_command(const LocalizationOptions& options);
 int world_render_command(const WorldRenderOptions& options);
 int fault_command(const FaultOptions& options);
+int pair_command(const PairOptions& options);
 int devices_command(const PlainOptions& options);
 int doctor_command(const PlainOptions& options);
 

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "cli/device_sensors.h"
 #include "cli/device_signals.h"
 #include "cli/sensing/sheet_kind.h"
 #include "sim/platform/platform.h"
@@ -49,6 +50,7 @@ struct DeviceWorld::Impl {
   std::map<std::string, std::shared_ptr<Turntable>, std::less<>> turntables;
   std::map<std::string, std::shared_ptr<SignalModel>, std::less<>> signals;
   std::map<std::string, std::shared_ptr<Platform>, std::less<>> carriers;  ///< by emulator
+  std::map<std::string, std::shared_ptr<DeviceSensors>, std::less<>> sensors;
   bool set_out = false;
 
   /// Device models first: cameras look at what they move.
@@ -59,11 +61,16 @@ struct DeviceWorld::Impl {
     }
     for (const EmulatorEntry& e : copy.emulators) {
       const ConfigNode& n = e.emulator.params;
-      if (n.has("platform") && (e.emulator.backend == "modbus" || e.emulator.backend == "can")) {
+      const bool bus = e.emulator.backend == "modbus" || e.emulator.backend == "can";
+      if (n.has("sensors") && bus) {
+        if (auto s = make_sensors(e); !s) return s;
+        continue;
+      }
+      if (n.has("platform") && bus) {
         if (auto s = take_platform(e); !s) return s;
         continue;
       }
-      if (!n.has("model") || (e.emulator.backend != "modbus" && e.emulator.backend != "can")) continue;
+      if (!n.has("model") || !bus) continue;
       auto made = catch_config([&]() -> Status {
         (void)n.choice("model", {"turntable"});
         auto table = std::make_shared<Turntable>(read_turntable(n));
@@ -79,6 +86,22 @@ struct DeviceWorld::Impl {
       if (!made) return tl::unexpected<Error>(made.error());
       if (!*made) return *made;
     }
+    return {};
+  }
+
+  /// The device measures how it moves.
+  Status make_sensors(const EmulatorEntry& e) {
+    const ConfigNode& n = e.emulator.params;
+    if (!simulation)
+      return tl::unexpected<Error>(
+          n.error("sensors", "expected `simulation.world` in the rig, found none").error());
+    auto made = DeviceSensors::make(
+        n, e.name + ".device", motion,
+        [this](SampleKind kind, const ConfigNode& keys, const std::string& name, Duration period) {
+          return simulation->inertial(kind, keys, copy.seed, name, period);
+        });
+    if (!made) return tl::unexpected<Error>(made.error());
+    sensors[e.name] = std::move(*made);
     return {};
   }
 
@@ -110,6 +133,7 @@ struct DeviceWorld::Impl {
       std::shared_ptr<SignalModel> base;
       if (table != turntables.end()) base = table->second;
       if (const auto it = carriers.find(e.name); it != carriers.end()) base = it->second;
+      if (const auto it = sensors.find(e.name); it != sensors.end()) base = it->second;
       auto made = catch_config([&] { return read_device_signals(e.emulator.params, base, motion, find); });
       if (!made) return tl::unexpected<Error>(made.error());
       signals[e.name] = std::move(*made);
@@ -180,6 +204,8 @@ Result<DeviceParts> DeviceWorld::parts(std::string_view emulator_name) {
   if (const auto it = impl_->turntables.find(emulator_name); it != impl_->turntables.end())
     parts.registers = it->second;
   if (const auto it = impl_->carriers.find(emulator_name); it != impl_->carriers.end())
+    parts.registers = it->second;
+  if (const auto it = impl_->sensors.find(emulator_name); it != impl_->sensors.end())
     parts.registers = it->second;
   if (const auto it = impl_->signals.find(emulator_name); it != impl_->signals.end())
     parts.signals = it->second;

@@ -10,7 +10,10 @@
 #include <optional>
 #include <thread>
 
+#include "apps/forest-localization/stem_map.h"
 #include "cli/fault_control.h"
+#include "cli/live/live_view.h"
+#include "cli/localization_error.h"
 #include "cli/recording.h"
 #include "cli/report.h"
 #include "cli/run_result.h"
@@ -67,6 +70,31 @@ std::string iso(RealtimeTime t) {
   return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", fmt::gmtime(s), t.ns() / 1'000'000 % 1000);
 }
 
+/// Of a run that records a channel `truth` and a sink `estimate`.
+std::optional<LocalizationError> localization_of(const RunParts& parts) {
+  const auto named = [](const char* name) {
+    return [name](const auto& c) { return c->entry->name == name; };
+  };
+  if (parts.rig.record.file.empty() || std::ranges::none_of(parts.channels, named("truth")) ||
+      std::ranges::none_of(parts.sinks, named("estimate")))
+    return std::nullopt;
+  auto error = localization_error(parts.rig.record.file, {});
+  if (!error) return std::nullopt;  // of other kinds, or none was told
+  return std::move(*error);
+}
+/// What the application knows of stems, for the drawing.
+std::vector<DrawnStem> stems_of(const RigConfig& rig) {
+  std::vector<DrawnStem> stems;
+  (void)catch_config([&] {
+    const ConfigNode map = rig.application_params.map_or_absent("map");
+    if (!map.has("file")) return true;
+    if (const auto known = forest::StemMap::load(map.base_dir() / map.text("file")))
+      for (const forest::Stem& s : known->stems()) stems.push_back({s.x_m, s.y_m, s.radius_m});
+    return true;
+  });
+  return stems;
+}
+
 }  // namespace
 
 int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
@@ -84,8 +112,15 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   const std::string engine = assembly.simulation ? assembly.simulation->engine() : "";
   ControlCommands commands;
   std::unique_ptr<ControlSocket> control;
+  if (options.control || options.live) add_run_commands(commands, parts);
+  std::optional<live::LiveView> view;
+  if (options.live)
+    view.emplace(*options.live,
+                 live::LiveView::Context{parts, run.counters(), commands, assembly.simulation.get(), epoch,
+                                         static_cast<bool>(options.ran)});
+  run.set_live(view ? &view->tap() : nullptr);
+  run.set_pace(options.pace);
   if (options.control) {
-    add_run_commands(commands, parts);
     const AvoidCpu rest(virtual_time ? -1 : loop_cpu(run.executive().config().realtime));
     auto opened = ControlSocket::open(parts.rig.name, commands);
     if (opened)
@@ -106,6 +141,7 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     }();
     if (!opened) return report_error(opened.error(), options.json);
     run.set_recorder(opened->get());
+    if (view) view->attach(opened->get(), t0);
     {
       std::optional<StatusThread> status;
       if (!options.json) status.emplace(run, parts, t0);
@@ -119,6 +155,8 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     if (auto s = run.arm_again(); !s) return report_error(s.error(), options.json);
     if (*opened) (void)(*opened)->stop();  // nothing is in it; the next attempt writes the file anew
   }
+  view.reset();
+  run.set_live(nullptr);
   control.reset();
   // What came up during the run: devices that refused, clocks that did not settle.
   for (std::string& w : run.warnings()) {
@@ -126,6 +164,7 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     fmt::print(stderr, "rigor: warning: {}\n", w);
     warnings.push_back(std::move(w));
   }
+  const Status finished = parts.application ? parts.application->finish() : Status{};
   const Status stopped = run.stop();
   Status recorded;
   if (recorder) {
@@ -140,8 +179,15 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   text.recording = parts.rig.record.file.string();
   nlohmann::json result = run_result(parts, *outcome, recorder.get(), text);
   result["warnings"] = warnings;
+  std::string localization;
+  if (recorder && recorded)
+    if (const auto error = localization_of(parts)) {
+      result["localization"] = to_json(*error);
+      result["localization"]["text"] = to_text(*error);
+      if (!parts.rig.report.empty()) localization = localization_section(*error, stems_of(parts.rig));
+    }
   Status reported;
-  if (!parts.rig.report.empty()) reported = write_report(parts.rig.report, result, parts);
+  if (!parts.rig.report.empty()) reported = write_report(parts.rig.report, result, parts, localization);
   if (reported && trace) reported = trace->write(options.trace.string());
   if (options.json) {
     fmt::print("{}\n", result.dump());
@@ -159,7 +205,7 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
                                options.expected_sha256 + "); the rig or the file was changed"},
                           false);
   for (const Status* s :
-       {static_cast<const Status*>(&recorded), static_cast<const Status*>(&reported), &stopped})
+       {static_cast<const Status*>(&recorded), static_cast<const Status*>(&reported), &stopped, &finished})
     if (!*s) status = 1, report_error(s->error(), false);
   const StopReason reason = outcome->loop.reason;
   return reason == StopReason::overrun || reason == StopReason::failed ? 1 : status;

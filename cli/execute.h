@@ -12,9 +12,15 @@
 
 namespace rigor {
 
+namespace live {
+class Server;
+}
+
 struct ExecuteOptions {
   bool json = false;
   bool control = false;                    ///< may be talked to while it goes on (control_socket.h)
+  live::Server* live = nullptr;            ///< shows how it goes (docs/live.md); null: nobody looks on
+  double pace = 0;                         ///< virtual time: seconds in a second at most; 0: no limit
   std::filesystem::path trace;             ///< for Perfetto; empty: none
   std::optional<BenchTime> t0;             ///< replay: the recorded one
   std::optional<EpochPair> epoch;          ///< replay: the recorded one

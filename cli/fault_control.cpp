@@ -7,6 +7,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "cli/pair_snapshot.h"
 #include "cli/recording.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/record/cdr.h"
@@ -128,6 +129,7 @@ void add_run_commands(ControlCommands& commands, RunParts& parts) {
   });
   commands.add("channels", [&parts](const json&) { return list_channels(parts); });
   commands.add("switch", [&parts](const json& request) { return switch_pair(parts, request); });
+  add_pair_command(commands, parts);
   if (!parts.faults) return;
   commands.add("fault", [&parts](const json& request) { return inject(*parts.faults, request); });
   commands.add("clear", [&parts](const json& request) -> Result<json> {

@@ -20,6 +20,24 @@ void add_overrides(CLI::App* app, std::vector<std::string>& overrides) {
       ->allow_extra_args(false);
 }
 
+void add_live(CLI::App* app, rigor::LiveOptions& live) {
+  app->add_option_function<std::vector<std::string>>(
+         "--live",
+         [&live](const std::vector<std::string>& given) {
+           live.on = true;
+           if (!given.empty()) live.endpoint = given.front();
+         },
+         "Serve a page that shows how it goes, for browsers and Foxglove (default 127.0.0.1:8765)")
+      ->type_name("[ADDRESS:]PORT")
+      ->expected(0, 1)
+      ->trigger_on_parse();
+  app->add_option("--live-token", live.token, "Who connects must say this (or RIGOR_LIVE_TOKEN)");
+  app->add_option("--live-page", live.page, "Folder with other files for the page")
+      ->check(CLI::ExistingDirectory);
+  app->add_option("--pace", live.pace, "Virtual time: at most so many seconds of it in a second")
+      ->check(CLI::PositiveNumber);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -45,6 +63,7 @@ int main(int argc, char** argv) {
   run_app->add_option(
       "--faults-from", run.faults_from,
       "Recording of a run of this rig: faults that were injected while it went on come again");
+  add_live(run_app, run.live);
   run_app->add_flag("--no-control", run.no_control, "Without the socket that `rigor fault` talks to");
   run_app->add_flag("--json", run.json, "Print the results as JSON");
   add_overrides(run_app, run.overrides);
@@ -67,6 +86,7 @@ int main(int argc, char** argv) {
   replay_app->add_option("RIG", replay.rig, "Rig file (default: the one in the recording)");
   replay_app->add_option("--record", replay.record, "Write an MCAP recording of the replay");
   replay_app->add_option("--report", replay.report, "Write an HTML report into this folder");
+  add_live(replay_app, replay.live);
   replay_app->add_flag("--json", replay.json, "Print the results as JSON");
   add_overrides(replay_app, replay.overrides);
   replay_app->footer("Example: rigor replay demo.mcap --record again.mcap");
@@ -126,6 +146,20 @@ int main(int argc, char** argv) {
   fault_app->add_flag("--json", fault.json, "Print as JSON");
   fault_app->footer("Example: rigor fault demo right drop probability=0.2 --for 2");
 
+  rigor::PairOptions pair;
+  auto* pair_app = app.add_subcommand(
+      "pair",
+      "Say what the watch of a run's pairs says, of one of them number by number: docs/pair-watch.md");
+  pair_app->add_option("RUN", pair.run, "Name of the rig or process id")->required();
+  auto* pair_channel = pair_app->add_option("CHANNEL", pair.channel, "A pair (without: all)");
+  auto* acknowledge = pair_app->add_flag("--acknowledge", pair.acknowledge, "The alarm is over: watch again")
+                          ->needs(pair_channel);
+  pair_app->add_flag("--learn-again", pair.learn_again, "What is now is taken as normal")
+      ->needs(pair_channel)
+      ->excludes(acknowledge);
+  pair_app->add_flag("--json", pair.json, "Print as JSON");
+  pair_app->footer("Example: rigor pair bench left --acknowledge");
+
   rigor::InspectOptions inspect;
   auto* inspect_app = app.add_subcommand("inspect", "Say what is in a recording");
   inspect_app->add_option("FILE", inspect.file, "MCAP file")->required();
@@ -134,6 +168,21 @@ int main(int argc, char** argv) {
                           "Where the repaired file goes (default: FILE.repaired.mcap)");
   inspect_app->add_flag("--json", inspect.json, "Print as JSON");
   inspect_app->footer("Example: rigor inspect demo.mcap --repair -o demo-whole.mcap");
+
+  rigor::LocalizationOptions localization;
+  auto* localization_app = app.add_subcommand(
+      "localization", "Say how far an application's estimate of its pose was from the truth");
+  localization_app->add_option("RECORDING", localization.recording, "MCAP file of a run")->required();
+  localization_app->add_option("--truth", localization.truth,
+                               "Channel of kind pose, or registers with x_m, y_m, yaw_deg (truth)");
+  localization_app->add_option("--estimate", localization.estimate,
+                               "Sink that was told x, y, yaw (estimate)");
+  localization_app->add_option("--after", localization.after_s, "Seconds from which on it counts (1)")
+      ->check(CLI::NonNegativeNumber);
+  localization_app->add_option("--map", localization.map, "Stems to draw: x_m,y_m,diameter_m");
+  localization_app->add_option("--report", localization.report, "Write a page with plots into this folder");
+  localization_app->add_flag("--json", localization.json, "Print as JSON");
+  localization_app->footer("Example: rigor localization report/forest-discs.mcap --report error");
 
   rigor::CalibrateCommandLine calibrate(app);
   rigor::WorldCommandLine world(app);
@@ -162,7 +211,9 @@ int main(int argc, char** argv) {
     if (*sense_app) return rigor::sense_command(sense);
     if (*tune_app) return rigor::tune_command(tune);
     if (*fault_app) return rigor::fault_command(fault);
+    if (*pair_app) return rigor::pair_command(pair);
     if (*inspect_app) return rigor::inspect_command(inspect);
+    if (*localization_app) return rigor::localization_command(localization);
     if (calibrate.chosen()) return calibrate.run();
     if (world.chosen()) return world.run();
     if (*devices_app) return rigor::devices_command(devices);

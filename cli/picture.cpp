@@ -90,6 +90,40 @@ Result<std::vector<std::uint8_t>> grey_picture(const ImageInfo& info, std::span<
   return std::vector<std::uint8_t>(out.ptr(), out.ptr() + out.total());
 }
 
+Result<std::vector<std::uint8_t>> small_jpeg(const ImageInfo& info, std::span<const std::byte> bytes,
+                                             std::uint32_t width_px) {
+  if (info.format == PixelFormat::coord3d_c16)
+    return fail(ErrorCode::bad_input, "picture", "expected brightness, got depths (Coord3D_C16)");
+  const cv::Mat full = shown(info, bytes);
+  if (full.empty()) return too_few("picture");
+  cv::Mat small = full;
+  if (info.width_px > width_px) {
+    const double scale = static_cast<double>(width_px) / info.width_px;
+    cv::resize(full, small, {}, scale, scale, cv::INTER_AREA);
+  }
+  std::vector<std::uint8_t> file;
+  try {
+    if (cv::imencode(".jpg", small, file, {cv::IMWRITE_JPEG_QUALITY, 80})) return file;
+  } catch (const cv::Exception& e) {
+    return fail(ErrorCode::internal, "picture", e.what());
+  }
+  return fail(ErrorCode::internal, "picture", "it cannot be written as JPEG");
+}
+
+std::vector<std::uint8_t> png_of(std::span<const std::uint8_t> pixels, int width_px, int height_px,
+                                 int channels) {
+  const cv::Mat given(height_px, width_px, CV_8UC(channels), const_cast<std::uint8_t*>(pixels.data()));
+  cv::Mat out = given;
+  if (channels == 3) cv::cvtColor(given, out, cv::COLOR_RGB2BGR);
+  std::vector<std::uint8_t> file;
+  try {
+    if (!cv::imencode(".png", out, file)) file.clear();
+  } catch (const cv::Exception&) {
+    file.clear();
+  }
+  return file;
+}
+
 Result<std::vector<double>> pixel_values(const ImageInfo& info, std::span<const std::byte> bytes) {
   const std::size_t size = image_bytes(info.format, info.width_px, info.height_px);
   if (bytes.size() < size) return too_few("picture");

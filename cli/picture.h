@@ -19,4 +19,13 @@ namespace rigor {
 [[nodiscard]] Result<std::vector<double>> pixel_values(const ImageInfo& info,
                                                        std::span<const std::byte> bytes);
 
+/// For a glance: 8 bits, colour where there is colour, at most `width_px` wide, as a JPEG file. Errors as
+/// above.
+[[nodiscard]] Result<std::vector<std::uint8_t>> small_jpeg(const ImageInfo& info,
+                                                           std::span<const std::byte> bytes,
+                                                           std::uint32_t width_px);
+/// Grey or RGB pixels, row by row, as a PNG file. Empty: it cannot be written.
+[[nodiscard]] std::vector<std::uint8_t> png_of(std::span<const std::uint8_t> pixels, int width_px,
+                                               int height_px, int channels);
+
 }  // namespace rigor

@@ -142,6 +142,7 @@ Result<std::vector<WorldPlatform>> make_platforms(const SimulationConfig& config
         throw n.error("", fmt::format("expected at most {} joints of the world and its platforms, got {}",
                                       WorldMotion::kMax, joints));
       (void)n.text_or("channel", "");
+      (void)n.text_or("felled", "");
       n.finish();
       all.push_back(std::move(p));
     }

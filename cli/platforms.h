@@ -7,6 +7,7 @@
 //       T_world_start: { position_m: [2, 1], yaw_deg: 90 }    # x, y; it stands on the ground
 //       visible: true                                 # whether sensors see it
 //       channel: truth                                # mixed rigs: who tells the bench where it is
+//       felled: head                                  # mixed rigs: who tells the bench what it cuts
 //     cart:
 //       model: trajectory
 //       poses: way.csv                                # columns t_s,x_m,y_m,z_m and a rotation (trajectory.h)

@@ -9,6 +9,7 @@
 #include <charconv>
 #include <cstring>
 
+#include "sensor-hal/channel/pair_monitor.h"
 #include "sensor-hal/models/camera_yaml.h"
 #include "sensor-hal/record/mcap_reader.h"
 
@@ -26,8 +27,8 @@ std::optional<std::int64_t> number(const std::map<std::string, std::string>& m, 
   return v;
 }
 
-/// The lens of a simulated channel (of a pair: of its twin), as ROS has it; empty where the rig names no
-/// sensor.
+}  // namespace
+
 std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry) {
   const ConfigNode& params = entry.is_pair ? entry.twin.params : entry.source.params;
   if (entry.kind != SampleKind::image || !params.has("sensor")) return std::nullopt;
@@ -44,8 +45,6 @@ std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry) {
   info.p = {m.fx_px, 0, m.cx_px, 0, 0, m.fy_px, m.cy_px, 0, 0, 0, 1, 0};
   return info;
 }
-
-}  // namespace
 
 Status check_writable(const std::filesystem::path& file) {
   const bool existed = std::filesystem::exists(file);
@@ -77,6 +76,22 @@ std::map<std::string, std::string> run_metadata(const RunParts& parts, const Epo
   return m;
 }
 
+namespace {
+
+/// Of the 16 slots that a channel has, or of those that its keys ask for: the others are the loop's. A
+/// recorder that a busy machine lets wait longer than these last has to skip samples.
+std::size_t lease_budget(const ChannelEntry& entry) {
+  constexpr std::int64_t kUsual = 16, kForTheLoop = 6;
+  const auto slots_of = [](const ConfigNode& n) {
+    return n.integer_or(n.has("buffers") ? "buffers" : "slots", kUsual, {.min = 1, .max = 65536});
+  };
+  std::int64_t slots = slots_of(entry.source.params);
+  if (entry.is_pair) slots = std::min(slots, slots_of(entry.twin.params));
+  return static_cast<std::size_t>(std::max(slots, kUsual) - kForTheLoop);
+}
+
+}  // namespace
+
 Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, BenchTime t0, const EpochPair& epoch,
                                                  std::map<std::string, std::string> metadata) {
   const RigConfig& rig = parts.rig;
@@ -102,7 +117,8 @@ Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, BenchTime t0, 
     channel.description = c->source->describe();
     channel.is_pair = c->pair != nullptr;
     channel.camera = camera_info(*c->entry);
-    channel.lease_budget = 10;  // of the 16 slots that a channel has
+    if (c->pair && c->pair->monitor()) channel.watched = c->pair->monitor()->parameters();
+    channel.lease_budget = lease_budget(*c->entry);
     channels.push_back(std::move(channel));
   }
   std::vector<RecordedSink> sinks;
@@ -135,6 +151,8 @@ Result<RecordedRun> read_recorded_run(const std::filesystem::path& file) {
     if (m.name == "rigor_recorder") {
       run.cycles =
           static_cast<std::uint64_t>(std::max<std::int64_t>(0, number(m.values, "cycles").value_or(0)));
+      run.dropped =
+          static_cast<std::uint64_t>(std::max<std::int64_t>(0, number(m.values, "dropped").value_or(0)));
       if (m.values.contains("seen_sha256")) run.seen_sha256 = m.values.at("seen_sha256");
     }
   }

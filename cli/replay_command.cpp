@@ -5,6 +5,7 @@
 
 #include "cli/commands.h"
 #include "cli/execute.h"
+#include "cli/live/open_live.h"
 #include "cli/overrides.h"
 #include "cli/recording.h"
 #include "cli/report.h"
@@ -76,10 +77,18 @@ Result<RigConfig> load(const ReplayOptions& options, const RecordedRun& recorded
 int replay_command(const ReplayOptions& options) {
   auto recorded = read_recorded_run(options.recording);
   if (!recorded) return report_error(recorded.error(), options.json);
+  if (recorded->dropped > 0)
+    fmt::print(
+        stderr,
+        "rigor: warning: {}: its recorder had to skip {} samples; what the application saw of them is not "
+        "there to be seen again\n",
+        options.recording.string(), recorded->dropped);
   auto recording = Recording::open(options.recording.string());
   if (!recording) return report_error(recording.error(), options.json);
   auto rig = load(options, *recorded, recorded->cycles > 0 ? recorded->cycles : (*recording)->cycles());
   if (!rig) return report_error(rig.error(), options.json);
+  auto live = open_live(options.live, *rig);
+  if (!live) return report_error(live.error(), options.json);
   StopSource stop;
   SignalStop signals(stop);
 
@@ -127,6 +136,8 @@ int replay_command(const ReplayOptions& options) {
 
   ExecuteOptions how;
   how.json = options.json;
+  how.live = live->get();
+  how.pace = options.live.pace;
   how.t0 = recorded->t0;
   how.epoch = recorded->epoch;
   how.ran = [&](std::uint64_t cycle) { return (*recording)->ran(cycle); };

@@ -6,6 +6,7 @@
 
 #include "cli/fault_report.h"
 #include "cli/page.h"
+#include "cli/pair_report.h"
 #include "cli/svg.h"
 #include "cli/terminal.h"
 
@@ -120,7 +121,9 @@ std::string pair_card(const json& c) {
   if (!bias.x.empty())
     s += svg_lines({bias, sigma}, "time [s]",
                    "difference real − simulated [" + html(p.value("unit", "")) + "]");
-  return s + "</div>";
+  s += "</div>";
+  if (p.contains("watch")) s += pair_watch_card(c["name"], p["watch"], p.value("unit", ""));
+  return s;
 }
 
 std::string channel_section(const json& r) {
@@ -152,7 +155,8 @@ std::string channel_section(const json& r) {
 
 }  // namespace
 
-Status write_report(const std::filesystem::path& dir, json& result, const RunParts& parts) {
+Status write_report(const std::filesystem::path& dir, json& result, const RunParts& parts,
+                    const std::string& localization) {
   for (std::size_t i = 0; i < parts.channels.size(); ++i) {
     const RunChannel& c = *parts.channels[i];
     const auto add = [&](const SampleLease& sample, const std::string& which) -> Status {
@@ -177,7 +181,8 @@ Status write_report(const std::filesystem::path& dir, json& result, const RunPar
       "{5} · {6}</p></header><main>",
       str(result["rig"]), kPageStyle, str(result["utc"]), result["duration_s"].get<double>(),
       str(result["clock"]), str(result["loop"]["reason"]), str(result["engine"]));
-  page += loop_section(result) + channel_table(result) + faults_section(result) + channel_section(result);
+  page += loop_section(result) + channel_table(result) + localization + faults_section(result) +
+          channel_section(result);
   if (result.contains("recording"))
     page +=
         fmt::format("<h2>Recording</h2><p><code>{}</code>: {} messages, {:.1f} MB, {} dropped</p>",

@@ -11,8 +11,9 @@
 namespace rigor {
 
 /// Writes pictures, index.html and result.json into `dir`. Adds to `result` the names of the pictures.
+/// `localization`: HTML of what an application's estimate was worth; empty: none.
 [[nodiscard]] Status write_report(const std::filesystem::path& dir, nlohmann::json& result,
-                                  const RunParts& parts);
+                                  const RunParts& parts, const std::string& localization);
 
 /// A sample's image as 8-bit BGR rows for people: demosaicked, unpacked, not stretched. PNG at `file`.
 [[nodiscard]] Status write_picture(const std::filesystem::path& file, const ImageInfo& info,

@@ -6,6 +6,7 @@
 #include "cli/emulator_process.h"
 #include "cli/execute.h"
 #include "cli/fault_control.h"
+#include "cli/live/open_live.h"
 #include "cli/overrides.h"
 #include "cli/recording.h"
 #include "cli/report.h"
@@ -38,6 +39,8 @@ Result<RigConfig> load(const RunOptions& options) {
 int run_command(const RunOptions& options) {
   auto rig = load(options);
   if (!rig) return report_error(rig.error(), options.json);
+  auto live = open_live(options.live, *rig);
+  if (!live) return report_error(live.error(), options.json);
   StopSource stop;
   SignalStop signals(stop);
 
@@ -69,6 +72,8 @@ int run_command(const RunOptions& options) {
   how.json = options.json;
   how.trace = options.trace;
   how.control = !options.no_control;
+  how.live = live->get();
+  how.pace = options.live.pace;
   return execute(**assembly, how, stop.token());
 }
 

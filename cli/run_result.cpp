@@ -6,10 +6,12 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/fault_control.h"
+#include "cli/pair_snapshot.h"
+#include "cli/sensing/sensors.h"
 #include "cli/terminal.h"
 #include "sensor-hal/channel/fault_bench.h"
+#include "sensor-hal/channel/fault_source.h"
 #include "sensor-hal/channel/pair_source.h"
-#include "sensor-hal/channel/pair_values.h"
 #include "sensor-hal/record/recorder.h"
 
 namespace rigor {
@@ -126,6 +128,61 @@ json channel_json(const RunChannel& c, BenchTime t0) {
   return j;
 }
 
+/// Where the samples of a channel went, from the source to the application.
+json accounts_json(const RunChannel& c, const RunParts& parts) {
+  const PortCounters& n = c.port.counters();
+  json j{{"taken_by_loop", c.taken},
+         {"before_start", c.before_start},
+         {"shown", n.fresh},
+         {"superseded", n.superseded},
+         {"overflow", n.overflow},
+         {"not_due_at_end", c.taken - c.before_start - n.fresh - n.superseded - n.overflow},
+         {"sources", json::array()}};
+  const std::string& name = c.entry->name;
+  if (parts.faults)
+    for (const FaultBench::Entry& e : parts.faults->entries())
+      if (e.source && (e.name == name || (c.pair && e.name.rfind(name + ".", 0) == 0))) {
+        const FaultySource::Accounts& a = e.source->accounts();
+        const Health& h = e.source->inner().health();
+        j["sources"].push_back({{"name", e.name},
+                                {"received", h.received.load()},
+                                {"ring_full", h.ring_full.load()},
+                                {"no_slot_in_source", h.no_slot.load()},
+                                {"lost_in_source", h.lost.load()},
+                                {"taken", a.taken.load()},
+                                {"handed_on", a.handed_on.load()},
+                                {"dropped", a.dropped.load()},
+                                {"disconnected", a.disconnected.load()},
+                                {"no_slot", a.no_slot.load()},
+                                {"waiting", a.waiting.load()}});
+      }
+  return j;
+}
+
+/// Where the time went: of the loop's steps `loop.steps` has more.
+json times_json(const RunParts& parts, const RunOutcome& outcome, const Recorder* recorder) {
+  json j{{"wall_s", outcome.wall_s}, {"cpu_s", outcome.cpu_s}, {"sensors", json::array()}};
+  for (const StepTiming& step : outcome.loop.steps)
+    j["loop_s"][step.name] = step.ran.mean_ns() * static_cast<double>(step.ran.count()) * 1e-9;
+  const auto seconds_of = [](const StageTime& s) { return static_cast<double>(s.wall_ns.load()) * 1e-9; };
+  for (const auto& [name, times] : parts.sensor_times) {
+    const StageTime& whole = times->whole;
+    if (whole.count.load() == 0) continue;
+    const double all_s = seconds_of(whole), world_s = seconds_of(times->world),
+                 light_s = seconds_of(times->light);
+    j["sensors"].push_back({{"channel", name},
+                            {"captures", whole.count.load()},
+                            {"wall_s", all_s},
+                            {"world_s", world_s},
+                            {"light_s", light_s},
+                            {"model_s", std::max(0.0, all_s - world_s - light_s)},
+                            {"cpu_s", static_cast<double>(whole.cpu_ns.load()) * 1e-9},
+                            {"longest_ms", static_cast<double>(whole.longest_ns.load()) * 1e-6}});
+  }
+  if (recorder) j["recorder_cpu_s"] = recorder->statistics().cpu_s;
+  return j;
+}
+
 json sink_json(const RunSink& s) {
   const Sink::Counters& n = s.sink->counters();
   return {
@@ -134,34 +191,10 @@ json sink_json(const RunSink& s) {
       {"failed", n.failed.load()},     {"dropped", n.dropped.load()},      {"made_safe", n.made_safe.load()}};
 }
 
-std::string unit_of(SampleKind kind) {
-  if (kind == SampleKind::image) return "DN";
-  if (const auto values = compared_values(kind); !values.empty()) return std::string(values.front().unit);
-  return kind == SampleKind::point_cloud || kind == SampleKind::range_image ? "m" : "";
-}
-
-json pair_json(const RunChannel& c) {
-  const PairSnapshot s = c.pair->statistics();
-  json j{{"count", s.compared},
-         {"unlike", s.unlike},
-         {"skipped", s.skipped},
-         {"switches", c.pair->switches()},
-         {"active", name_of(c.pair->active())},
-         {"real_missing", s.missing_of(PairSide::real)},
-         {"simulated_missing", s.missing_of(PairSide::simulated)},
-         {"bias", s.all.bias},
-         {"sigma", s.all.sigma},
-         {"unit", unit_of(c.entry->kind)},
-         {"series", json::array()}};
-  const auto values = compared_values(c.entry->kind);
-  if (!values.empty() && s.values == values.size()) {
-    j["values"] = json::array();
-    for (std::size_t i = 0; i < values.size(); ++i)
-      j["values"].push_back({{"name", values[i].name},
-                             {"unit", values[i].unit},
-                             {"bias", s.value[i].bias},
-                             {"sigma", s.value[i].sigma}});
-  }
+/// As `pair_json`, with how the difference went over the run.
+json pair_result(const RunChannel& c) {
+  json j = pair_json(c, true);
+  j["series"] = json::array();
   for (std::size_t i = 0; i < std::min(c.difference_count, RunChannel::kKept); ++i) {
     const auto& d = c.differences[i];
     j["series"].push_back({{"t_s", d.t_s}, {"bias", d.bias}, {"sigma", d.sigma}});
@@ -195,7 +228,8 @@ json run_result(const RunParts& parts, const RunOutcome& outcome, const Recorder
          {"sinks", json::array()}};
   for (const auto& c : parts.channels) {
     json channel = channel_json(*c, outcome.t0);
-    if (c->pair) channel["pair"] = pair_json(*c);
+    if (c->pair) channel["pair"] = pair_result(*c);
+    channel["accounts"] = accounts_json(*c, parts);
     j["channels"].push_back(std::move(channel));
   }
   for (const auto& s : parts.sinks) j["sinks"].push_back(sink_json(*s));
@@ -203,9 +237,27 @@ json run_result(const RunParts& parts, const RunOutcome& outcome, const Recorder
     for (const FaultBench::Entry& e : parts.faults->entries())
       if (!e.injector->scheduled().empty() || !e.injector->live().empty())
         j["faults"].push_back(faults_json(e, &outcome.t0));
+  j["times"] = times_json(parts, outcome, recorder);
   if (recorder) j["recording"] = recorder_json(*recorder, text.recording);
   return j;
 }
+
+namespace {
+
+std::string watch_line(const json& w) {
+  const std::string state = w["state"];
+  std::string out = fmt::format("          watch: {}, {} windows", state, w["windows"].get<std::uint64_t>());
+  if (state == "learning")
+    out += fmt::format(" ({} of {} of the baseline)", w["learned"].get<std::uint64_t>(),
+                       w["baseline_windows"].get<std::uint64_t>());
+  out += '\n';
+  if (w["alarms"].get<std::uint64_t>() > 0)
+    out += fmt::format("          ALARM at {:.1f} s: {}\n", w["alarm"]["raised_s"].get<double>(),
+                       w["text"].get<std::string>());
+  return out;
+}
+
+}  // namespace
 
 std::string summary_text(const json& r) {
   const auto ns = [](const json& v) { return text_of(Duration(v.get<std::int64_t>())); };
@@ -240,6 +292,7 @@ std::string summary_text(const json& r) {
       out += fmt::format("          pair: {} compared, bias {:.3f}, sigma {:.3f} {}\n",
                          c["pair"]["count"].get<std::uint64_t>(), c["pair"]["bias"].get<double>(),
                          c["pair"]["sigma"].get<double>(), c["pair"].value("unit", ""));
+    if (c.contains("pair") && c["pair"].contains("watch")) out += watch_line(c["pair"]["watch"]);
   }
   for (const json& s : r["sinks"])
     out += fmt::format("{:<9} {} {} commands, {} applied, {} late, {} failed\n", s["name"].get<std::string>(),
@@ -253,6 +306,8 @@ std::string summary_text(const json& r) {
                          f["times"].get<std::uint64_t>(), f["seen"].get<std::uint64_t>(),
                          f["dropped"].get<std::uint64_t>(), f["changed"].get<std::uint64_t>(),
                          f["delayed"].get<std::uint64_t>());
+  if (r.contains("localization"))
+    out += fmt::format("estimate  {}\n", r["localization"]["text"].get<std::string>());
   if (r.contains("recording"))
     out += fmt::format(
         "recording {} ({} messages, {:.1f} MB, {} dropped)\n", r["recording"]["file"].get<std::string>(),

@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <atomic>
 #include <map>
+#include <mutex>
 
 #include "cli/sensing/inertial.h"
 #include "cli/sensing/sheet_kind.h"
@@ -34,16 +36,38 @@ std::vector<std::size_t> hinged_nodes(const world::Scene& scene) {
   return nodes;
 }
 
+/// What the small renderer draws: replaced as a whole when the world is edited.
+class SharedScene {
+ public:
+  void store(std::shared_ptr<const world::Scene> scene) {
+    const std::lock_guard lock(mutex_);
+    scene_ = std::move(scene);
+    version_.fetch_add(1, std::memory_order_release);
+  }
+  [[nodiscard]] std::shared_ptr<const world::Scene> load() const {
+    const std::lock_guard lock(mutex_);
+    return scene_;
+  }
+  [[nodiscard]] std::uint64_t version() const { return version_.load(std::memory_order_acquire); }
+
+ private:
+  mutable std::mutex mutex_;
+  std::shared_ptr<const world::Scene> scene_;
+  std::atomic<std::uint64_t> version_{0};
+};
+
 /// A camera of a small scene behind the HAL's interface. A renderer is made for one pixel format, so there is
 /// one for each format that was ever asked for; the default one is ready from the beginning.
 class SceneCamera final : public ImageProvider {
  public:
   SceneCamera(CameraSpec spec, Duration exposure, std::shared_ptr<render::Device> device,
-              std::shared_ptr<const world::Scene> scene)
+              std::shared_ptr<const SharedScene> shared)
       : spec_(std::move(spec)),
         exposure_(exposure),
         device_(std::move(device)),
-        scene_(std::move(scene)),
+        shared_(std::move(shared)),
+        version_(shared_->version()),
+        scene_(shared_->load()),
         joints_(hinged_nodes(*scene_)),
         snapshot_(*scene_) {}
 
@@ -65,7 +89,19 @@ class SceneCamera final : public ImageProvider {
   }
 
  private:
+  /// After an edit of the world: its renderers are made anew.
+  void take_up_edits() {
+    const std::uint64_t version = shared_->version();
+    if (version == version_) return;
+    version_ = version;
+    cameras_.clear();
+    scene_ = shared_->load();
+    joints_ = hinged_nodes(*scene_);
+    snapshot_ = world::WorldSnapshot(*scene_);
+  }
+
   [[nodiscard]] Status draw(const ImageRequest& request, std::span<std::byte> pixels) {
+    take_up_edits();
     auto camera = camera_for(request.format);
     if (!camera) return tl::unexpected<Error>(camera.error());
     for (std::size_t i = 0; i < joints_.size(); ++i) {
@@ -97,6 +133,8 @@ class SceneCamera final : public ImageProvider {
   CameraSpec spec_;
   Duration exposure_;
   std::shared_ptr<render::Device> device_;
+  std::shared_ptr<const SharedScene> shared_;
+  std::uint64_t version_ = 0;
   std::shared_ptr<const world::Scene> scene_;
   std::vector<std::size_t> joints_;
   world::WorldSnapshot snapshot_;
@@ -127,12 +165,19 @@ SensorSetup read_setup(const ConfigNode& params, SampleKind kind, const SensorWo
   setup.name = name;
   setup.seed = seed;
   setup.ideal = options.ideal;
+  setup.times = options.times;
   setup.mount =
       read_mount(params, world, kind == SampleKind::point_cloud ? SensorAxes::forward : SensorAxes::optical);
   setup.choice = read_engine_choice(params, kind);
   (void)read_tolerance(params, kind);
   if (options.choice) setup.choice = *options.choice;
   return setup;
+}
+
+/// As asked for, and `ideal: true` of the channel itself. Throws ConfigError.
+SensorOptions with_keys(SensorOptions options, const ConfigNode& params) {
+  options.ideal |= params.flag_or("ideal", false);
+  return options;
 }
 
 template <class T>
@@ -148,7 +193,7 @@ struct Simulation::Impl {
   SimulationConfig config;
   std::unique_ptr<SensorWorld> world;
   std::vector<WorldPlatform> platforms;
-  std::shared_ptr<const world::Scene> scene;  ///< what the small renderer draws; null: the world is none
+  std::shared_ptr<SharedScene> scene;  ///< what the small renderer draws; null: the world is none
   SensingResources resources;
 };
 
@@ -163,7 +208,8 @@ Result<std::unique_ptr<Simulation>> Simulation::open(const SimulationConfig& con
   if (impl->world->is_scene()) {
     auto scene = world::scene_of(impl->world->snapshot());
     if (!scene) return tl::unexpected<Error>(scene.error());
-    impl->scene = std::make_shared<const world::Scene>(std::move(*scene));
+    impl->scene = std::make_shared<SharedScene>();
+    impl->scene->store(std::make_shared<const world::Scene>(std::move(*scene)));
   }
   if (!config.platforms.empty()) {
     auto platforms = make_platforms(config, impl->world->ground(), impl->world->stems(),
@@ -178,12 +224,17 @@ Result<std::unique_ptr<Simulation>> Simulation::open(const SimulationConfig& con
 
 Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std::uint64_t seed,
                                                           const std::string& name,
-                                                          const SensorOptions& options) {
-  if (auto s = catch_config([&] { return expect_sheet(params, SampleKind::image), true; }); !s)
-    return tl::unexpected<Error>(s.error());
-  // The small renderer knows neither air nor platforms.
+                                                          const SensorOptions& asked) {
+  const auto keyed = catch_config([&] {
+    expect_sheet(params, SampleKind::image);
+    return with_keys(asked, params);
+  });
+  if (!keyed) return tl::unexpected<Error>(keyed.error());
+  const SensorOptions& options = *keyed;
+  // The small renderer knows neither air nor platforms, and of `ideal` it leaves the lens.
   bool small = impl_->scene && impl_->platforms.empty() && impl_->config.weather.empty() &&
-               !params.has("engine") && !options.choice && options.only.empty() && !params.has("motion");
+               !params.has("engine") && !options.choice && options.only.empty() && !params.has("motion") &&
+               options.ideal == asked.ideal;
   if (small) {
     const auto sheet = catch_config([&] {
       return value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params)));
@@ -222,9 +273,10 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
 
 Result<std::shared_ptr<SensedCamera>> Simulation::sensed_camera(ConfigNode params, std::uint64_t seed,
                                                                 const std::string& name,
-                                                                const SensorOptions& options) {
+                                                                const SensorOptions& asked) {
   auto made = catch_config([&] {
     expect_sheet(params, SampleKind::image);
+    const SensorOptions options = with_keys(asked, params);
     const auto sheet =
         value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params)));
     SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
@@ -242,12 +294,13 @@ Result<std::shared_ptr<SensedCamera>> Simulation::sensed_camera(ConfigNode param
 
 Result<std::shared_ptr<TruthfulSampler>> Simulation::sampler(SampleKind kind, ConfigNode params,
                                                              std::uint64_t seed, const std::string& name,
-                                                             const SensorOptions& options) {
+                                                             const SensorOptions& asked) {
   if (kind != SampleKind::point_cloud && kind != SampleKind::range_image)
     return tl::unexpected<Error>(
         params.error("", "expected a channel of kind point_cloud or range_image, got another one").error());
   auto made = catch_config([&]() -> Result<std::shared_ptr<TruthfulSampler>> {
     expect_sheet(params, kind);
+    const SensorOptions options = with_keys(asked, params);
     const std::filesystem::path file = params.base_dir() / params.text("sensor");
     SensorSetup setup = read_setup(params, kind, *impl_->world, name, seed, options);
     if (setup.choice.engine.empty()) setup.choice.engine = "rays";
@@ -266,10 +319,12 @@ Result<std::shared_ptr<TruthfulSampler>> Simulation::sampler(SampleKind kind, Co
 
 Result<std::shared_ptr<SampleProvider>> Simulation::inertial(SampleKind kind, ConfigNode params,
                                                              std::uint64_t seed, const std::string& name,
-                                                             Duration period, const SensorOptions& options) {
+                                                             Duration period, const SensorOptions& asked) {
+  const auto options = catch_config([&] { return with_keys(asked, params); });
+  if (!options) return tl::unexpected<Error>(options.error());
   return make_inertial(
       kind, params,
-      {name, seed, period, options.ideal, [this](const std::string& wanted) { return joint(wanted); }},
+      {name, seed, period, options->ideal, [this](const std::string& wanted) { return joint(wanted); }},
       *impl_->world);
 }
 
@@ -316,6 +371,17 @@ WorldMotion Simulation::motion_at_rest() const {
   for (std::size_t i = 0; i < impl_->platforms.size(); ++i)
     add_platform_motion(motion, impl_->platforms[i], i, BenchTime());
   return motion;
+}
+
+Status Simulation::edit(world::NodeId node, const std::string& attribute, world::Value value) {
+  return impl_->world->edit(node, attribute, std::move(value),
+                            [this](const world::Snapshot& after) -> Status {
+                              if (!impl_->scene) return {};
+                              auto scene = world::scene_of(after);
+                              if (!scene) return tl::unexpected<Error>(scene.error());
+                              impl_->scene->store(std::make_shared<const world::Scene>(std::move(*scene)));
+                              return {};
+                            });
 }
 
 std::string Simulation::engine() const { return impl_->resources.text(); }

@@ -17,9 +17,10 @@ namespace rigor {
 
 /// How a sensor is made beside what its keys say.
 struct SensorOptions {
-  bool ideal = false;                  ///< without the sensor's errors
-  std::vector<std::string> only;       ///< of its effects these alone; empty: all that it has
-  std::optional<EngineChoice> choice;  ///< in place of `engine` and `effort`
+  bool ideal = false;                    ///< without the sensor's errors
+  std::vector<std::string> only;         ///< of its effects these alone; empty: all that it has
+  std::optional<EngineChoice> choice;    ///< in place of `engine` and `effort`
+  std::shared_ptr<SensorTimes> times{};  ///< null: nobody asks
 };
 
 class Simulation {
@@ -29,9 +30,10 @@ class Simulation {
   [[nodiscard]] static Result<std::unique_ptr<Simulation>> open(const SimulationConfig& config);
   ~Simulation();
 
-  /// A camera over this world. Reads the keys `sensor`, `T_world_sensor`, `parent`, `motion`, `engine`,
-  /// `effort` and `tolerance` of `params`; the noise draws are keyed by seed and `name`. A small scene
-  /// without `engine` is drawn by the small renderer, unless the sheet has effects that this does not know.
+  /// A camera over this world. Reads the keys `sensor`, `ideal`, `T_world_sensor`, `parent`, `motion`,
+  /// `engine`, `effort` and `tolerance` of `params`; the noise draws are keyed by seed and `name`. A small
+  /// scene without `engine` is drawn by the small renderer, unless the sheet has effects that this does not
+  /// know.
   [[nodiscard]] Result<std::shared_ptr<ImageProvider>> camera(ConfigNode params, std::uint64_t seed,
                                                               const std::string& name,
                                                               const SensorOptions& options = {});
@@ -64,6 +66,8 @@ class Simulation {
   /// Which engines measure, for reports; empty before the first sensor.
   [[nodiscard]] std::string engine() const;
   [[nodiscard]] const SensorWorld& world() const;
+  /// SensorWorld::edit; what the small renderer draws follows. Any thread.
+  [[nodiscard]] Status edit(world::NodeId node, const std::string& attribute, world::Value value);
 
   /// `rigor doctor`: Vulkan devices and what they are.
   [[nodiscard]] static std::vector<DoctorFinding> doctor();

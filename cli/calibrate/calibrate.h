@@ -44,6 +44,7 @@ struct CalibrateSubcommand {
 [[nodiscard]] CalibrateSubcommand add_calibrate_extrinsics(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_delay(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_twin(CLI::App& calibrate);
+[[nodiscard]] CalibrateSubcommand add_calibrate_pair(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_photon(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_shading(CLI::App& calibrate);
 /// The options of CalibrateOptions; `inputs` says what INPUT may be.
@@ -58,6 +59,7 @@ struct CalibrationProduct {
   std::vector<std::filesystem::path> inputs;       ///< files whose hashes go into the sheet
   nlohmann::json more = nlohmann::json::object();  ///< added to the JSON answer, e.g. per-view RMS
   std::vector<std::string> record_next;            ///< what further recording would help
+  std::vector<std::string> notes{};                ///< what follows from it beyond the sheet
 };
 
 /// Before the work: outputs can be written, nothing is overwritten by accident. not_writable, bad_input.

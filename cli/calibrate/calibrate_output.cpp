@@ -58,6 +58,7 @@ void print(const CalibrationProduct& product) {
                  f.residuals.unit, f.rejected[i].sigmas);
     if (f.rejected.size() > 30) fmt::print("  … and {} more (--json lists all)\n", f.rejected.size() - 30);
   }
+  for (const std::string& note : product.notes) fmt::print("{}\n", note);
   for (const auto& [name, why] : f.not_identifiable) fmt::print("NOT IDENTIFIABLE {}: {}\n", name, why);
   for (const WeakDirection& w : f.weak) {
     fmt::print("WEAK: {}\n", w.words);
@@ -108,6 +109,7 @@ std::string page_of(const CalibrationProduct& product) {
                     : p.at_bound ? "at its bound"
                                  : ""});
   if (!rows.empty()) s += "<h2>Parameters</h2>" + table({"parameter", "value", "sigma", ""}, rows);
+  for (const std::string& note : product.notes) s += "<p>" + html_text(note) + "</p>";
   if (!f.candidates.empty()) {
     rows.clear();
     for (const Candidate& c : f.candidates)
@@ -201,6 +203,7 @@ Status check_outputs(const CalibrateOptions& options) {
 int finish_calibration(const CalibrateOptions& options, CalibrationProduct product) {
   json answer = to_json(product.fit);
   answer.update(product.more);
+  if (!product.notes.empty()) answer["notes"] = product.notes;
   if (!options.output.empty()) {
     if (!options.base.empty()) {
       std::ifstream in(options.base);

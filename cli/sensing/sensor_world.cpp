@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "sensor-hal/config/yaml.h"
+#include "sim/nature/trees/allometry.h"
 #include "sim/platform/harvester.h"
 
 namespace rigor {
@@ -159,6 +160,26 @@ Status SensorWorld::add_platform(const WorldPlatform& platform) {
   return {};
 }
 
+Status SensorWorld::edit(world::NodeId node, const std::string& attribute, world::Value value,
+                         const std::function<Status(const world::Snapshot&)>& accept) {
+  const std::lock_guard lock(mutex_);
+  auto tx = opened_.db->begin("edit");
+  if (auto s = tx.set(node, attribute, std::move(value)); !s) return s;
+  if (auto s = tx.commit(); !s) return s;
+  if (auto s = accept(snapshot()); !s) {
+    if (auto back = opened_.db->undo(); !back) return back;
+    return s;
+  }
+  ++changes_;
+  return {};
+}
+
+std::vector<std::pair<std::string, world::NodeId>> SensorWorld::platform_nodes() const {
+  std::vector<std::pair<std::string, world::NodeId>> all;
+  for (const Carrier& c : carriers_) all.emplace_back(c.name, c.node);
+  return all;
+}
+
 std::optional<std::size_t> SensorWorld::platform_named(const std::string& name) const {
   for (std::size_t i = 0; i < carriers_.size(); ++i)
     if (carriers_[i].name == name) return i;
@@ -184,7 +205,27 @@ namespace {
 /// Ids of what is made of a cut tree: far from those that worlds give, and the same whenever it is made.
 world::NodeId stump_of(std::uint64_t tree) { return {tree | std::uint64_t{1} << 40}; }
 world::NodeId wood_of(std::uint64_t tree) { return {tree | std::uint64_t{1} << 41}; }
+world::NodeId trunk_of(std::uint64_t tree) { return {tree | std::uint64_t{1} << 42}; }
+world::NodeId bark_of(std::uint64_t tree) { return {tree | std::uint64_t{1} << 43}; }
 constexpr double kStump_m = 0.25;
+/// What lies is the trunk without its branches and its top, as one cylinder: three quarters of the height,
+/// with the diameter of the middle of such a piece of a cone.
+constexpr double kTrunkShare = 0.75, kTrunkTaper = 1 - kTrunkShare / 2;
+
+Status make_body(world::Transaction& tx, const world::Schema& schema, world::NodeId node,
+                 world::NodeId material, const char* name, const world::Vector3& size_m,
+                 const std::vector<double>& reflectance) {
+  const world::types::Body body(schema);
+  if (tx.view().contains(node)) return {};
+  const world::types::Material kind(schema);
+  if (auto s = tx.create_as(material, kind.type); !s) return s;
+  if (auto s = tx.set(material, kind.reflectance, world::Numbers(reflectance)); !s) return s;
+  if (auto s = tx.create_as(node, body.type); !s) return s;
+  if (auto s = tx.set(node, body.name, std::string(name)); !s) return s;
+  if (auto s = tx.set(node, body.shape, std::string("cylinder")); !s) return s;
+  if (auto s = tx.set(node, body.size_m, size_m); !s) return s;
+  return tx.connect(node, body.made_of, material);
+}
 }  // namespace
 
 /// Brings the world to the trees that stand at the motion's instant. A request for an earlier one, of a twin
@@ -201,6 +242,7 @@ Status SensorWorld::fell(world::Transaction& tx, const WorldMotion& motion) {
   std::size_t common = 0;
   while (common < wanted.size() && common < lying_.size() && same_cut(wanted[common], lying_[common]))
     ++common;
+  changes_ += lying_.size() - common + wanted.size() - common;
   while (lying_.size() > common)
     if (auto s = put_back(tx); !s) return s;
   for (std::size_t i = common; i < wanted.size(); ++i)
@@ -220,28 +262,39 @@ Status SensorWorld::cut(world::Transaction& tx, const Felling& felling) {
   const world::Vector3 at = world.get_or_default(node, tree.position);
   if (auto s = tx.set(node, tree.position, world::Vector3(kNowhere, kNowhere, kNowhere)); !s) return s;
   lying_.push_back({felling, at});
-  // What stays: a stump of fresh wood.
-  const double dbh_m = world.get_or_default(node, tree.dbh_m), width_m = dbh_m > 0 ? 1.15 * dbh_m : 0.3;
-  const double z_m =
-      std::isnan(at.z()) && picture_.ground ? picture_.ground->height_at(at.x(), at.y()) : at.z();
-  if (!std::isfinite(z_m)) return {};
   const world::types::Body body(world.schema());
-  const world::NodeId stump = stump_of(felling.node);
-  if (!world.contains(stump)) {
-    const world::types::Material material(world.schema());
-    const world::NodeId wood = wood_of(felling.node);
-    if (auto s = tx.create_as(wood, material.type); !s) return s;
-    if (auto s = tx.set(wood, material.reflectance, world::Numbers({0.55, 0.42, 0.25, 0.62, 0.62, 0.5})); !s)
-      return s;
-    if (auto s = tx.create_as(stump, body.type); !s) return s;
-    if (auto s = tx.set(stump, body.name, std::string("stump")); !s) return s;
-    if (auto s = tx.set(stump, body.shape, std::string("cylinder")); !s) return s;
-    if (auto s = tx.set(stump, body.size_m, world::Vector3(width_m, width_m, kStump_m)); !s) return s;
-    if (auto s = tx.connect(stump, body.made_of, wood); !s) return s;
-  }
+  const auto ground_m = [&](double x_m, double y_m) {
+    const double z_m = picture_.ground ? picture_.ground->height_at(x_m, y_m) : kNowhere;
+    return std::isnan(z_m) ? at.z() : z_m;
+  };
+  const double foot_m = std::isnan(at.z()) ? ground_m(at.x(), at.y()) : at.z();
+  if (!std::isfinite(foot_m)) return {};
+  // What stays: a stump of fresh wood, ...
+  const nature::TreeSize size = nature::size_of(
+      *nature::find_species(world.get_or_default(node, tree.species)).species,
+      {world.get_or_default(node, tree.dbh_m), world.get_or_default(node, tree.height_m), 0, 0});
+  const double wide_m = 1.15 * size.dbh_m;
+  if (auto s = make_body(tx, world.schema(), stump_of(felling.node), wood_of(felling.node), "stump",
+                         {wide_m, wide_m, kStump_m}, {0.55, 0.42, 0.25, 0.62, 0.62, 0.5});
+      !s)
+    return s;
   world::Pose pose = world::Pose::Identity();
-  pose.translation() = Eigen::Vector3d(at.x(), at.y(), z_m + kStump_m / 2);
-  return tx.set(stump, body.pose, pose);
+  pose.translation() = Eigen::Vector3d(at.x(), at.y(), foot_m + kStump_m / 2);
+  if (auto s = tx.set(stump_of(felling.node), body.pose, pose); !s) return s;
+  // ... and the trunk on the ground before it.
+  const double length_m = kTrunkShare * size.height_m, thick_m = kTrunkTaper * size.dbh_m;
+  if (auto s = make_body(tx, world.schema(), trunk_of(felling.node), bark_of(felling.node), "lying stem",
+                         {thick_m, thick_m, length_m}, {0.22, 0.18, 0.14, 0.4, 0.42, 0.4});
+      !s)
+    return s;
+  const Eigen::Vector2d away(std::cos(felling.yaw_rad), std::sin(felling.yaw_rad));
+  const Eigen::Vector2d begin = at.head<2>() + wide_m * away, end = begin + length_m * away;
+  const Eigen::Vector3d from(begin.x(), begin.y(), ground_m(begin.x(), begin.y()) + thick_m / 2);
+  const Eigen::Vector3d to(end.x(), end.y(), ground_m(end.x(), end.y()) + thick_m / 2);
+  pose = world::Pose::Identity();
+  pose.linear() = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), to - from).toRotationMatrix();
+  pose.translation() = (from + to) / 2;
+  return tx.set(trunk_of(felling.node), body.pose, pose);
 }
 
 Status SensorWorld::put_back(world::Transaction& tx) {
@@ -249,11 +302,11 @@ Status SensorWorld::put_back(world::Transaction& tx) {
   lying_.pop_back();
   const world::types::Tree tree(opened_.db->schema());
   const world::types::Body body(opened_.db->schema());
-  if (const world::NodeId stump = stump_of(lying.cut.node); tx.view().contains(stump)) {
-    world::Pose nowhere = world::Pose::Identity();
-    nowhere.translation().setConstant(std::numeric_limits<double>::quiet_NaN());
-    if (auto s = tx.set(stump, body.pose, nowhere); !s) return s;
-  }
+  world::Pose nowhere = world::Pose::Identity();
+  nowhere.translation().setConstant(std::numeric_limits<double>::quiet_NaN());
+  for (const world::NodeId made : {stump_of(lying.cut.node), trunk_of(lying.cut.node)})
+    if (tx.view().contains(made))
+      if (auto s = tx.set(made, body.pose, nowhere); !s) return s;
   return tx.set(world::NodeId{lying.cut.node}, tree.position, lying.position);
 }
 
@@ -292,6 +345,10 @@ Status SensorWorld::move_platforms(world::Transaction& tx, const WorldMotion& mo
 
 void SensorWorld::move(const WorldMotion& motion) {
   if ((joints_.empty() && carriers_.empty()) || (moved_ && same(motion, motion_))) return;
+  // Where trees were cut, what is left of them lies on the ground that the picture knows.
+  if (std::any_of(carriers_.begin(), carriers_.end(),
+                  [](const Carrier& c) { return !c.platform->fellings().empty(); }))
+    make_picture();
   const world::Snapshot before = opened_.db->snapshot();
   const world::types::Hinge hinge(before.schema());
   auto tx = opened_.db->begin("joints");

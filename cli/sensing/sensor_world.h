@@ -7,6 +7,8 @@
 #pragma once
 
 #include <array>
+#include <atomic>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -50,6 +52,16 @@ class SensorWorld {
 
   /// Setup, before the first sensor: the next body of a WorldMotion, as nodes that are seen and move with it.
   [[nodiscard]] Status add_platform(const WorldPlatform& platform);
+  /// What is written while the run goes on, by a thread that has nothing to do with it: one attribute, by its
+  /// name, as a transaction of its own that the world's rules and limits may refuse (bad_input, with what
+  /// they say). The next sample that is measured shows it. `accept`: sees the world after it, and may refuse
+  /// it, too: it is then taken back. Any thread; waits for who measures.
+  [[nodiscard]] Status edit(world::NodeId node, const std::string& attribute, world::Value value,
+                            const std::function<Status(const world::Snapshot&)>& accept);
+  /// Counts edits, and trees that were cut or stand again. Any thread.
+  [[nodiscard]] std::uint64_t changes() const { return changes_.load(std::memory_order_relaxed); }
+  /// Names and nodes of the platforms, in the order of their bodies.
+  [[nodiscard]] std::vector<std::pair<std::string, world::NodeId>> platform_nodes() const;
   /// Index of a body in a WorldMotion.
   [[nodiscard]] std::optional<std::size_t> platform_named(const std::string& name) const;
 
@@ -104,6 +116,7 @@ class SensorWorld {
   std::vector<Carrier> carriers_;
   std::vector<Lying> lying_;  ///< in the order in which they were cut
   std::vector<std::string> joint_names_;
+  std::atomic<std::uint64_t> changes_{0};
   mutable std::mutex mutex_;
   bool moved_ = false;
   WorldMotion motion_;

@@ -2,6 +2,8 @@
 
 #include <cmath>
 #include <cstring>
+#include <optional>
+#include <utility>
 
 #include "cli/sensing/yuv_capture.h"
 #include "sim/render/view/raster_engine.h"
@@ -21,6 +23,51 @@ struct Engine {
     rays_options.eye = eye;
     rays->set_options(rays_options);
   }
+};
+
+/// Any engine, with the time that it takes.
+class TimedEngine final : public render::RayEngine {
+ public:
+  TimedEngine(std::shared_ptr<render::RayEngine> engine, std::shared_ptr<SensorTimes> times)
+      : engine_(std::move(engine)), times_(std::move(times)) {}
+  [[nodiscard]] std::string_view name() const override { return engine_->name(); }
+  [[nodiscard]] bool own_origins() const override { return engine_->own_origins(); }
+  [[nodiscard]] Status prepare(std::shared_ptr<const render::ContentWindow> window) override {
+    const StageTime::Scope scope(&times_->light);
+    return engine_->prepare(std::move(window));
+  }
+  [[nodiscard]] Status cast(const render::RayQuery& query, std::span<render::Hit> hits) override {
+    const StageTime::Scope scope(&times_->light);
+    return engine_->cast(query, hits);
+  }
+  [[nodiscard]] Status occluded(const render::RayQuery& query, std::span<std::uint8_t> met) override {
+    const StageTime::Scope scope(&times_->light);
+    return engine_->occluded(query, met);
+  }
+  [[nodiscard]] render::EngineStatistics statistics() const override { return engine_->statistics(); }
+
+ private:
+  std::shared_ptr<render::RayEngine> engine_;
+  std::shared_ptr<SensorTimes> times_;
+};
+
+std::shared_ptr<render::RayEngine> timed(const Engine& engine, const std::shared_ptr<SensorTimes>& times) {
+  if (!times) return engine.engine;
+  return std::make_shared<TimedEngine>(engine.engine, times);
+}
+
+/// The world at an instant; how long that took counts.
+class TimedMoment {
+ public:
+  TimedMoment(SensorWorld& world, const WorldMotion& motion, SensorTimes* times)
+      : scope_(std::in_place, times ? &times->world : nullptr), moment_(world, motion) {
+    scope_.reset();
+  }
+  [[nodiscard]] SensorWorld::Moment& operator*() { return moment_; }
+
+ private:
+  std::optional<StageTime::Scope> scope_;
+  SensorWorld::Moment moment_;
 };
 
 Result<Engine> make_engine(const EngineChoice& choice, SensingResources& resources) {
@@ -48,14 +95,21 @@ Result<Engine> make_engine(const EngineChoice& choice, SensingResources& resourc
 
 class SensedLidar final : public TruthfulSampler {
  public:
-  SensedLidar(std::unique_ptr<LidarSimulator> lidar, Engine engine, const Mount& mount, SensorWorld& world)
-      : lidar_(std::move(lidar)), engine_(std::move(engine)), mount_(mount), world_(world) {}
+  SensedLidar(std::unique_ptr<LidarSimulator> lidar, Engine engine, const SensorSetup& setup,
+              SensorWorld& world)
+      : lidar_(std::move(lidar)),
+        engine_(std::move(engine)),
+        mount_(setup.mount),
+        world_(world),
+        times_(setup.times) {}
 
   [[nodiscard]] Geometry geometry() const override {
     return {SampleKind::point_cloud, 0, 0, lidar_->max_points() * sizeof(LidarPoint), lidar_->spec().name};
   }
   [[nodiscard]] Status capture(const Request& request, Sample& sample) override {
-    SensorWorld::Moment moment(world_, request.motion);
+    const StageTime::Scope scope(times_ ? &times_->whole : nullptr);
+    TimedMoment timed_moment(world_, request.motion, times_.get());
+    SensorWorld::Moment& moment = *timed_moment;
     render::PoseFunction pose = mount_.T_world_sensor(moment, request.t_start);
     // A scan that begins farther round is the usual one of a sensor that stands turned by that much.
     const Eigen::AngleAxisd turn(request.turn_rad, Eigen::Vector3d::UnitZ());
@@ -94,13 +148,18 @@ class SensedLidar final : public TruthfulSampler {
   Engine engine_;
   Mount mount_;
   SensorWorld& world_;
+  std::shared_ptr<SensorTimes> times_;
   std::vector<LidarPoint> points_;
 };
 
 class SensedTof final : public TruthfulSampler {
  public:
-  SensedTof(std::unique_ptr<TofSimulator> tof, Engine engine, const Mount& mount, SensorWorld& world)
-      : tof_(std::move(tof)), engine_(std::move(engine)), mount_(mount), world_(world) {}
+  SensedTof(std::unique_ptr<TofSimulator> tof, Engine engine, const SensorSetup& setup, SensorWorld& world)
+      : tof_(std::move(tof)),
+        engine_(std::move(engine)),
+        mount_(setup.mount),
+        world_(world),
+        times_(setup.times) {}
 
   [[nodiscard]] Geometry geometry() const override {
     const models::TofModel& m = tof_->spec().model;
@@ -109,7 +168,9 @@ class SensedTof final : public TruthfulSampler {
             tof_->spec().name + "_optical"};
   }
   [[nodiscard]] Status capture(const Request& request, Sample& sample) override {
-    SensorWorld::Moment moment(world_, request.motion);
+    const StageTime::Scope scope(times_ ? &times_->whole : nullptr);
+    TimedMoment timed_moment(world_, request.motion, times_.get());
+    SensorWorld::Moment& moment = *timed_moment;
     const auto pose = mount_.T_world_sensor(moment, request.t_start);
     engine_.look_from(pose(request.t_capture).translation());
     if (auto s = tof_->capture({request.index, request.t_capture}, {moment, pose}, picture_, truth_); !s)
@@ -142,14 +203,20 @@ class SensedTof final : public TruthfulSampler {
   Engine engine_;
   Mount mount_;
   SensorWorld& world_;
+  std::shared_ptr<SensorTimes> times_;
   TofPicture picture_;
 };
 
 class SensedCameraOfWorld final : public SensedCamera {
  public:
   SensedCameraOfWorld(std::unique_ptr<SimulatedCamera> camera, PixelFormat format, Duration exposure,
-                      const Mount& mount, SensorWorld& world)
-      : camera_(std::move(camera)), format_(format), exposure_(exposure), mount_(mount), world_(world) {}
+                      const SensorSetup& setup, SensorWorld& world)
+      : camera_(std::move(camera)),
+        format_(format),
+        exposure_(exposure),
+        mount_(setup.mount),
+        world_(world),
+        times_(setup.times) {}
 
   [[nodiscard]] Geometry geometry() const override {
     const SimulatedCameraSpec& spec = camera_->spec();
@@ -166,7 +233,9 @@ class SensedCameraOfWorld final : public SensedCamera {
 
  private:
   [[nodiscard]] Status measure(const ImageRequest& request, std::span<std::byte> pixels) {
-    SensorWorld::Moment moment(world_, request.motion);
+    const StageTime::Scope scope(times_ ? &times_->whole : nullptr);
+    TimedMoment timed_moment(world_, request.motion, times_.get());
+    SensorWorld::Moment& moment = *timed_moment;
     CameraCapture c;
     c.measure = {request.index, request.t_capture};
     c.exposure = request.exposure.ns() > 0 ? request.exposure : exposure_;
@@ -174,7 +243,11 @@ class SensedCameraOfWorld final : public SensedCamera {
     c.format = request.format;
     c.region = {static_cast<int>(request.offset_x_px), static_cast<int>(request.offset_y_px),
                 static_cast<int>(request.width_px), static_cast<int>(request.height_px)};
-    return camera_->capture(c, {moment, mount_.T_world_sensor(moment, request.t_start)}, pixels, truth_);
+    CaptureTimes spent;
+    const Status captured = camera_->capture(c, {moment, mount_.T_world_sensor(moment, request.t_start)},
+                                             pixels, truth_, times_ ? &spent : nullptr);
+    if (times_) times_->light.add(seconds_from(spent.optics_ms * 1e-3), Duration(0));
+    return captured;
   }
 
   std::unique_ptr<SimulatedCamera> camera_;
@@ -183,6 +256,7 @@ class SensedCameraOfWorld final : public SensedCamera {
   Duration exposure_;
   Mount mount_;
   SensorWorld& world_;
+  std::shared_ptr<SensorTimes> times_;
   GroundTruth* truth_ = nullptr;
 };
 
@@ -218,9 +292,9 @@ Result<std::shared_ptr<TruthfulSampler>> make_lidar(const SensorSetup& setup, co
                  .ideal = setup.ideal,
                  .allowed_error_rad = setup.choice.allowed_error_rad};
   if (setup.choice.sub_rays > 0) spec.model.footprint.sub_rays = setup.choice.sub_rays;
-  auto lidar = LidarSimulator::create(spec, engine->engine);
+  auto lidar = LidarSimulator::create(spec, timed(*engine, setup.times));
   if (!lidar) return tl::unexpected<Error>(lidar.error());
-  return std::make_shared<SensedLidar>(std::move(*lidar), std::move(*engine), setup.mount, world);
+  return std::make_shared<SensedLidar>(std::move(*lidar), std::move(*engine), setup, world);
 }
 
 Result<std::shared_ptr<TruthfulSampler>> make_tof(const SensorSetup& setup, const models::TofModel& model,
@@ -233,9 +307,9 @@ Result<std::shared_ptr<TruthfulSampler>> make_tof(const SensorSetup& setup, cons
                .ideal = setup.ideal,
                .allowed_error_rad = setup.choice.allowed_error_rad};
   if (setup.choice.samples_per_pixel > 0) spec.model.sampling.samples = setup.choice.samples_per_pixel;
-  auto tof = TofSimulator::create(spec, engine->engine);
+  auto tof = TofSimulator::create(spec, timed(*engine, setup.times));
   if (!tof) return tl::unexpected<Error>(tof.error());
-  return std::make_shared<SensedTof>(std::move(*tof), std::move(*engine), setup.mount, world);
+  return std::make_shared<SensedTof>(std::move(*tof), std::move(*engine), setup, world);
 }
 
 Result<std::shared_ptr<SensedCamera>> make_camera(const SensorSetup& setup, const CameraModel& model,
@@ -266,7 +340,7 @@ Result<std::shared_ptr<SensedCamera>> make_camera(const SensorSetup& setup, cons
   }
   auto camera = SimulatedCamera::create(spec, engines);
   if (!camera) return tl::unexpected<Error>(camera.error());
-  return std::make_shared<SensedCameraOfWorld>(std::move(*camera), format, exposure, setup.mount, world);
+  return std::make_shared<SensedCameraOfWorld>(std::move(*camera), format, exposure, setup, world);
 }
 
 }  // namespace rigor

@@ -8,6 +8,7 @@
 
 #include "cli/sensing/engine_choice.h"
 #include "cli/sensing/mount.h"
+#include "rt-core/stage_time.h"
 #include "sim/render/device.h"
 #include "sim/render/rays/embree_engine.h"
 #include "sim/sensors/camera/simulated_camera.h"
@@ -32,6 +33,13 @@ class SensingResources {
   std::shared_ptr<render::EmbreeCache> cache_;
 };
 
+/// Where the time of a simulated sensor goes.
+struct SensorTimes {
+  StageTime whole;  ///< a capture
+  StageTime world;  ///< of it: waiting for the world, and bringing it to the instant
+  StageTime light;  ///< of it: the engine: preparing what is new, drawing, casting rays
+};
+
 /// All that makes one sensor, whatever its kind.
 struct SensorSetup {
   std::string name;  ///< keys the noise, with the seed
@@ -39,6 +47,7 @@ struct SensorSetup {
   bool ideal = false;  ///< without its errors
   Mount mount;
   EngineChoice choice;
+  std::shared_ptr<SensorTimes> times{};  ///< null: nobody asks
 };
 
 /// A LiDAR or a time-of-flight camera. Truth of the captures that follow goes to `truth`; null: none.

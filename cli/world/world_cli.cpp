@@ -100,13 +100,21 @@ WorldCommandLine::WorldCommandLine(CLI::App& app) : impl_(std::make_unique<Impl>
       ->required();
   impl_->info->add_flag("--json", impl_->info_options.json, "Print as JSON");
   impl_->info->footer("Example: rigor world info hills.rigor");
-  impl_->export_app = impl_->world->add_subcommand("export", "Write a world as YAML");
+  impl_->export_app = impl_->world->add_subcommand("export", "Write a world as YAML, or a map of its stems");
   impl_->export_app
       ->add_option("WORLD", impl_->export_options.world,
                    "World (*.rigor, *.yaml) or import plan (*.import.yaml)")
       ->required();
-  impl_->export_app->add_option("-o,--output", impl_->export_options.output, "YAML to write, *.yaml")
+  impl_->export_app
+      ->add_option("-o,--output", impl_->export_options.output,
+                   "What to write: the world, *.yaml; a map of its stems, *.csv")
       ->required();
+  impl_->export_app
+      ->add_option(
+          "--at-height", impl_->export_options.at_height_m,
+          "Metres above its foot at which a stem's place and diameter are measured for the map (default: "
+          "feet and diameters of the inventory)")
+      ->check(CLI::Range(0.0, 100.0));
   impl_->export_app->add_flag("--force", impl_->export_options.force, "Write over a file that is there");
   impl_->export_app->add_flag("--json", impl_->export_options.json, "Print as JSON");
   impl_->export_app->footer("Example: rigor world export hills.rigor -o hills.yaml");

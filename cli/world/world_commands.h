@@ -29,7 +29,9 @@ struct WorldInfoOptions {
   bool json = false;
 };
 struct WorldExportOptions {
-  std::filesystem::path world, output;  ///< output: *.yaml
+  std::filesystem::path world, output;  ///< output: *.yaml, or *.csv for a map of stems
+  /// Above the foot, where stems are measured for the map; empty: their feet and diameters of the inventory.
+  std::optional<double> at_height_m;
   bool force = false;
   bool json = false;
 };

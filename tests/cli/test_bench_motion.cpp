@@ -28,7 +28,7 @@ class BenchMotionTest : public ::testing::Test {
     s.edit().info = block;
     port.push(std::move(s));
     port.advance(BenchTime(0) + milliseconds(t_ms), true);
-    motion.update();
+    motion.update(BenchTime(0) + milliseconds(t_ms));
   }
   double degrees_at(std::int64_t t_ms) {
     const BenchTime t = BenchTime(0) + milliseconds(t_ms);

@@ -408,5 +408,109 @@ TEST_F(Platforms, ThatFellATreeChangeTheNextScanAndNotTheOneBefore) {
   }
 }
 
+/// Two scanners on the cabin look down past the tree; the machine is a Modbus device, in a world of its own.
+TEST_F(Platforms, ThatSomebodyElseMovesFellTreesOfTheBenchsWorldWhenTheyTellOfIt) {
+  Harvester machine(HarvesterConfig{}, {.x_m = -12, .y_m = 0}, Ground(), {});
+  const Eigen::Vector3d head = machine.T_world_head(BenchTime(0)).translation();
+  const Eigen::Vector3d tree(head.x() + 0.2, head.y() - 0.1, 0);
+  char node[400];
+  std::snprintf(node, sizeof node,
+                "  - { id: 5, type: Tree, attributes: { position: [%.4f, %.4f, 0], species: PIAB, dbh_m: "
+                "0.3, height_m: 18, crown_base_m: 8 } }\n",
+                tree.x(), tree.y());
+  test::write_file(dir / "world.yaml", std::string(kWorld) + node);
+  const std::string link = "backend: modbus, emulated_by: machine, address: 127.0.0.1, port: 5028";
+  const auto told = [](const char* name, int address) {
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  "{ name: %s, table: input_registers, address: %d, type: s32, scale: %s }", name, address,
+                  std::string(name) == "felled" ? "1" : "0.0001");
+    return std::string(text);
+  };
+  const auto scan = [](const char* name, const char* y, const char* yaw) {
+    return std::string("  ") + name +
+           ": { kind: point_cloud, backend: simulated, rate_hz: 12.5, latency_ms: 160, engine: rays, "
+           "sensor: " +
+           kSource +
+           "/configs/sensors/sick-tim781s.yaml, parent: harvester.cabin, T_parent_sensor: { position_m: "
+           "[1, " +
+           y + ", -1], roll_pitch_yaw_deg: [0, 14, " + yaw + "] } }\n";
+  };
+  const std::string rig =
+      "  platforms:\n    harvester: { model: harvester, T_world_start: { position_m: [-12, 0] }, visible: "
+      "false, "
+      "channel: truth, felled: head }\n"
+      "channels:\n" +
+      scan("left", "0.85", "10") + scan("right", "-0.85", "-10") +
+      "  truth: { kind: registers, rate_hz: 100, latency_ms: 5, " + link + ", registers: [ " +
+      told("x_m", 24) + ", " + told("y_m", 26) + ", " + told("yaw_deg", 34) + " ] }\n" +
+      "  head: { kind: registers, rate_hz: 20, latency_ms: 20, " + link + ", registers: [ " +
+      told("felled", 22) + ", " + told("felled_x_m", 46) + ", " + told("felled_y_m", 48) +
+      ", { name: felled_yaw_deg, table: input_registers, address: 50, type: s32, scale: 0.001 } ] }\n" +
+      "sinks:\n  crane: { latency_ms: 20, " + link +
+      ", registers: [ { name: fell, table: holding_registers, address: 18, type: s32 } ], safe: { fell: 0 } "
+      "}\n"
+      "emulators:\n  machine: { backend: modbus, platform: harvester, address: 127.0.0.1, port: 5028 }\n"
+      "application: { name: script, sinks: { crane: { rate_hz: 20, steps: [ { at_s: 0, values: [0] }, { "
+      "at_s: 2, "
+      "values: [1] } ] } } }\n";
+  std::string seen;
+  for (const int workers : {1, 4}) {
+    auto assembly = make(rig, workers);
+    ASSERT_TRUE(assembly);
+    const std::string digest = run(*assembly);
+    if (seen.empty()) seen = digest;
+    EXPECT_EQ(digest, seen) << workers << " workers";
+    auto config = load_rig(dir / "rig.yaml", {});
+    ASSERT_TRUE(config);
+    SensorOptions ideal;
+    ideal.ideal = true;
+    for (const std::size_t which : {0u, 1u}) {
+      const auto& entry = config->channels[which];
+      auto lidar =
+          assembly->simulation->sampler(SampleKind::point_cloud, entry.source.params, 1, "probe", ideal);
+      ASSERT_TRUE(lidar) << lidar.error().text();
+      auto pool = make_sample_pool(1, (*lidar)->geometry().max_bytes);
+      SampleLease slot = pool->try_acquire();
+      const Eigen::Isometry3d T_world_sensor =
+          Eigen::Translation3d(-12 + HarvesterConfig{}.cabin_x_m + 1, which == 0 ? 0.85 : -0.85, 2.6) *
+          Eigen::AngleAxisd((which == 0 ? 10 : -10) * std::numbers::pi / 180, Eigen::Vector3d::UnitZ()) *
+          Eigen::AngleAxisd(14 * std::numbers::pi / 180, Eigen::Vector3d::UnitY());
+      struct Seen {
+        int stem = 0, behind = 0, lying = 0;
+      };
+      const auto look = [&](double t_s) {
+        SampleProvider::Request request;
+        request.t_capture = BenchTime(0) + seconds_from(t_s);
+        request.motion = assembly->parts.motion.motion_at(request.t_capture);
+        EXPECT_TRUE((*lidar)->capture(request, slot.edit()));
+        Seen all;
+        const double away = std::atan2(tree.y() - T_world_sensor.translation().y(),
+                                       tree.x() - T_world_sensor.translation().x());
+        for (std::size_t i = 0; i < slot->as<PointCloudInfo>()->count; ++i) {
+          LidarPoint p;
+          std::memcpy(&p, slot->bytes().data() + i * sizeof p, sizeof p);
+          const Eigen::Vector3d w = T_world_sensor * Eigen::Vector3d(p.x_m, p.y_m, p.z_m);
+          all.stem += (w - tree).head<2>().norm() < 0.25 && w.z() > 0.4;
+          const Eigen::Vector3d d = w - T_world_sensor.translation();
+          all.behind += std::abs(std::atan2(d.y(), d.x()) - away) < 0.015 && w.x() > tree.x() + 0.5;
+          // The trunk: 0.3 m · 0.625 thick, away from the machine, before it the stump.
+          all.lying += w.x() > tree.x() + 0.4 && w.x() < tree.x() + 13 && std::abs(w.y() - tree.y()) < 0.11 &&
+                       w.z() > 0.05 && w.z() < 0.2;
+        }
+        return all;
+      };
+      const Seen before = look(1.99), after = look(2.3);
+      EXPECT_GE(before.stem, 5) << entry.name;
+      EXPECT_EQ(before.behind, 0) << entry.name;
+      EXPECT_EQ(before.lying, 0) << entry.name;
+      EXPECT_EQ(after.stem, 0) << entry.name;
+      EXPECT_GE(after.behind, 4) << entry.name;
+      EXPECT_GE(after.lying, 2) << entry.name;
+      EXPECT_EQ(look(1.99).stem, before.stem) << "the past keeps its tree";
+    }
+  }
+}
+
 }  // namespace
 }  // namespace rigor

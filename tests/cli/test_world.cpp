@@ -81,6 +81,29 @@ TEST_F(World, ExportedYamlIsTheWorldItself) {
   EXPECT_EQ(a, b);
 }
 
+TEST_F(World, ExportsAMapOfStemsWithTheirMarks) {
+  write_file(
+      dir / "stand.yaml",
+      "rigor_world: 1\nnext_id: 9\nnodes:\n"
+      "  - { id: 1, type: Tree, attributes: { position: [1.5, -2.25, 0], dbh_m: 0.31, marked: true } }\n"
+      "  - { id: 2, type: Tree, attributes: { position: [3, 4, 0], dbh_m: 0 } }\n"
+      "  - { id: 3, type: Pole, attributes: { position: [7, 7, 0] } }\n"
+      "  - { id: 5, type: Tree, attributes: { position: [-10, 0.125, 0], dbh_m: 0.4 } }\n");
+  const Said said = world({"export", "stand.yaml", "-o", "stems.csv", "--json"});
+  ASSERT_EQ(said.status, 0) << said.err;
+  EXPECT_EQ(json::parse(said.out)["stems"], 2);
+  EXPECT_EQ(read_file(dir / "stems.csv"),
+            "x_m,y_m,diameter_m,fell\n1.500,-2.250,0.31,true\n-10.000,0.125,0.4,false\n");
+  EXPECT_EQ(world({"export", "stand.yaml", "-o", "stems.csv"}).status, 2) << "it is there";
+  ASSERT_EQ(world({"export", "stand.yaml", "-o", "low.csv", "--at-height", "0.3"}).status, 0);
+  double x = 0, y = 0, diameter = 0;
+  ASSERT_EQ(std::sscanf(read_file(dir / "low.csv").c_str(), "x_m,y_m,diameter_m,fell %lf,%lf,%lf", &x, &y,
+                        &diameter),
+            3);
+  EXPECT_NEAR(std::hypot(x - 1.5, y + 2.25), 0.02, 0.02) << "the stem is not quite straight";
+  EXPECT_GT(diameter, 0.32) << "root flare";
+}
+
 TEST_F(World, ImportTwiceGivesTheSameWorld) {
   ASSERT_EQ(import("a.rigor").status, 0);
   ASSERT_EQ(import("b.rigor").status, 0);

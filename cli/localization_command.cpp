@@ -1,0 +1,45 @@
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+#include "apps/forest-localization/stem_map.h"
+#include "cli/commands.h"
+#include "cli/localization_error.h"
+#include "cli/page.h"
+#include "cli/terminal.h"
+
+namespace rigor {
+
+int localization_command(const LocalizationOptions& options) {
+  std::vector<DrawnStem> stems;
+  if (!options.map.empty()) {
+    const auto map = forest::StemMap::load(options.map);
+    if (!map) return report_error(map.error(), options.json);
+    for (const forest::Stem& s : map->stems()) stems.push_back({s.x_m, s.y_m, s.radius_m});
+  }
+  if (!options.report.empty())
+    if (auto s = prepare_report(options.report); !s) return report_error(s.error(), options.json);
+  const auto error =
+      localization_error(options.recording, {options.truth, options.estimate, options.after_s});
+  if (!error) return report_error(error.error(), options.json);
+  if (!options.report.empty()) {
+    const std::string page = fmt::format(
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" "
+        "content=\"width=device-width\"><title>{0} – Rigor</title><style>{1}</style><header><h1>{0}</h1>"
+        "</header><main>{2}</main></html>\n",
+        html_text(options.recording.filename().string()), kPageStyle, localization_section(*error, stems));
+    if (auto s = write_text_file(options.report / "index.html", page); !s)
+      return report_error(s.error(), options.json);
+  }
+  if (options.json) {
+    nlohmann::json j = to_json(*error);
+    j["recording"] = options.recording.string();
+    fmt::print("{}\n", json_text(j));
+    return 0;
+  }
+  fmt::print("{}\n", to_text(*error));
+  if (!options.report.empty()) fmt::print("report    {}\n", (options.report / "index.html").string());
+  return 0;
+}
+
+}  // namespace rigor

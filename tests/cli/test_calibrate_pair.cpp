@@ -1,0 +1,119 @@
+// `rigor calibrate pair` as a user drives it: a device that has changed, the proposal, and the twin that has
+// it.
+#include <cmath>
+
+#include "sensor-hal/models/lidar/lidar_yaml.h"
+#include "tests/cli/calibrate_fixture.h"
+
+namespace rigor::test {
+namespace {
+
+using nlohmann::json;
+using ::testing::HasSubstr;
+
+constexpr const char* kRig = R"(
+name: pair
+seed: 3
+clock: virtual
+loop: { rate_hz: 1000, overrun: skip }
+simulation: { world: TESTBED, workers: 1 }
+channels:
+  scan:
+    kind: point_cloud
+    rate_hz: 25
+    latency_ms: 30
+    pair:
+      hand_on: real
+      real: { backend: simulated, sensor: device.yaml, engine: rays, T_world_sensor: { position_m: [0, -3, 0.4], roll_pitch_yaw_deg: [0, 0, 90.5] } }
+      simulated: { backend: simulated, sensor: twin.yaml, engine: rays, T_world_sensor: { position_m: [0, -3, 0.4], look_at_m: [0, 2.5, 0.4] } }
+  single:
+    kind: point_cloud
+    backend: simulated
+    rate_hz: 5
+    latency_ms: 30
+    sensor: twin.yaml
+    engine: rays
+    T_world_sensor: { position_m: [0, -3, 0.4], look_at_m: [0, 2.5, 0.4] }
+)";
+constexpr const char* kTwin = R"(
+wavelength_nm: 905
+scan: { rotation_hz: 50, start_deg: -135, end_deg: 135, step_deg: 0.5 }
+range: { min_m: 0.5, max_m: 20, step_mm: 1, bias_mm: BIAS }
+noise: { floor_mm: FLOOR, scale_mm: 1, exponent: 0.5 }
+remission: { scale: 200, noise: 0.02, maximum: 254, step: 1 }
+)";
+
+std::string with(std::string text, const std::string& word, const std::string& value) {
+  const auto at = text.find(word);
+  return text.replace(at, word.size(), value);
+}
+
+class CalibratePair : public Calibrate {
+ protected:
+  void SetUp() override {
+    write_file(dir / "rig.yaml", with(kRig, "TESTBED", config("worlds/testbed.yaml")));
+    write_file(dir / "twin.yaml", with(with(kTwin, "BIAS", "5"), "FLOOR", "6"));
+    // 20 mm more, and noise doubled but for a part of it.
+    write_file(dir / "device.yaml", with(with(kTwin, "BIAS", "25"), "FLOOR", "12"));
+  }
+  void record(const std::string& name, const std::string& duration_s,
+              std::vector<std::string> more = {}) const {
+    std::vector<std::string> words{"run", "rig.yaml", "--duration", duration_s, "--record", name};
+    words.insert(words.end(), more.begin(), more.end());
+    const Said said = rigor(words, dir.path());
+    ASSERT_EQ(said.status, 0) << said.err;
+  }
+  static double change(const json& j, const char* name, const char* what = "value") {
+    return j["change"][name][what].get<double>();
+  }
+};
+
+TEST_F(CalibratePair, AProposalClosesTheLoop) {
+  record("before.mcap", "2");
+  const json j =
+      answer({"pair", "before.mcap", "--channel", "scan", "-o", "proposed.yaml", "--report", "report"});
+  expect_report("report", "Model of a pair");
+  EXPECT_EQ(j["pairs"], 50);
+  EXPECT_NEAR(change(j, "range_bias_m"), 0.020, 4 * change(j, "range_bias_m", "sigma"));
+  EXPECT_LT(change(j, "range_bias_m", "sigma"), 0.004);
+  EXPECT_NEAR(change(j, "mount_z_rad"), 0.5 * M_PI / 180, 4 * change(j, "mount_z_rad", "sigma"));
+  EXPECT_NEAR(change(j, "noise_factor"), 1.95, 0.12);
+  EXPECT_TRUE(j["mount"]["changed"].get<bool>());
+  EXPECT_EQ(j["mount"]["key"], "channels.scan.pair.simulated.T_world_sensor");
+  const auto sheet = load_lidar_model(dir / "proposed.yaml");
+  ASSERT_TRUE(sheet) << sheet.error().text();
+  EXPECT_DOUBLE_EQ(sheet->range.bias_m * 1e3, j["parameters"]["range_bias_m"]["value"].get<double>() * 1e3);
+  EXPECT_THAT(read_file(dir / "proposed.yaml"), HasSubstr("before.mcap"));
+
+  record("after.mcap", "2",
+         {"--set", "channels.scan.pair.simulated.sensor=proposed.yaml", "--set",
+          j["mount"]["key"].get<std::string>() + "=" + j["mount"]["value"].get<std::string>(), "--set",
+          "seed=4"});
+  const json k = answer({"pair", "after.mcap", "--channel", "scan"});
+  for (const char* name : {"range_bias_m", "range_scale", "mount_z_rad", "mount_move_x_m", "mount_move_y_m"})
+    // Both recordings are uncertain.
+    EXPECT_NEAR(change(k, name), 0, 4 * std::hypot(change(k, name, "sigma"), change(j, name, "sigma")))
+        << name;
+  EXPECT_NEAR(change(k, "noise_factor"), 1, 0.08);
+  EXPECT_LT(std::abs(k["mean_before"].get<double>()), 0.1 * std::abs(j["mean_before"].get<double>()));
+}
+
+TEST_F(CalibratePair, WrongInputIsRefused) {
+  const std::string board = CalibrationRecordings::get().board(), wall = CalibrationRecordings::get().wall();
+  expect_refused({"pair", "nothing.mcap", "--channel", "left"}, {"nothing.mcap", "no such file"});
+  expect_refused({"pair", wall, "--channel", "tof"}, {"wall.mcap", "pair", "tof"});
+  expect_refused({"pair", board, "--channel", "lefft"}, {"lefft", "left"});
+  expect_refused({"pair", board, "--channel", "top"}, {"channel top is none", "left"});
+  expect_refused({"pair", board, "--channel", "left", "--model", "best"}, {"--model", "principal-point"});
+  expect_refused({"pair", board, board}, {"one recording", "got 2"});
+  write_file(dir / "text.mcap", "this is no recording");
+  expect_refused({"pair", "text.mcap"}, {"text.mcap"});
+  record("short.mcap", "0.2");
+  expect_refused({"pair", "short.mcap", "--channel", "scan", "-o", "x.yaml"},
+                 {"short.mcap", "expected 8 samples"});
+  write_file(dir / "taken.yaml", "x");
+  expect_refused({"pair", board, "--channel", "left", "-o", "taken.yaml"}, {"taken.yaml", "--force"});
+}
+
+}  // namespace
+}  // namespace rigor::test
