@@ -27,6 +27,7 @@ usage: tools/guest.sh [OPTION...] CMD [ARG...]
   --bind DIR         a folder below /tmp or /run that the guest shall see too (it has its own /tmp and /run);
                      the checkout and the working directory are seen wherever they lie
   --out DIR          what the guest has as /tmp/rigor-out, writable ($RIGOR_OUT; default build/guest/out)
+  --memory MIB       of the guest (default 1024)
   --modules FILE     loads what FILE lists instead of tools/guest/modules.txt
   --prepare          only fetch and build what the guest needs; nothing is installed
   --fetch            only fetch it
@@ -73,15 +74,16 @@ take_lock() {
 }
 
 main() {
-  local timeout=480 boot_timeout=120 out=$GUEST_CACHE/out modules=$ROOT/tools/guest/modules.txt
+  local timeout=480 boot_timeout=120 memory=1024 out=$GUEST_CACHE/out modules=$ROOT/tools/guest/modules.txt
   local -a binds=("$ROOT" "$PWD")
   while [[ $# -gt 0 ]]; do
     case $1 in
-      --timeout | --boot-timeout | --bind | --out | --modules)
+      --timeout | --boot-timeout | --memory | --bind | --out | --modules)
         [[ $# -ge 2 ]] || { usage >&2 && no_guest "$1 wants a value"; }
         case $1 in
           --timeout) timeout=$2 ;;
           --boot-timeout) boot_timeout=$2 ;;
+          --memory) memory=$2 ;;
           --bind) binds+=("$(realpath "$2")") ;;
           --out) out=$2 ;;
           --modules) modules=$2 ;;
@@ -136,7 +138,7 @@ main() {
   cat "$JOB/output" 9>&- &
   PRINTER=$!
   qemu-system-x86_64 -nodefaults -no-reboot -display none -monitor none \
-    -accel tcg,thread=multi -cpu max -smp 2 -m 1024 \
+    -accel tcg,thread=multi -cpu max -smp 2 -m "$memory" \
     -kernel "$GUEST_TREE/vmlinuz" -initrd "$GUEST_TREE/initramfs" \
     -append "console=ttyS0 quiet panic=-1 mitigations=off tsc=reliable random.trust_cpu=on rigor.bind=$bound" \
     -serial "file:$GUEST_CACHE/kernel.log" \

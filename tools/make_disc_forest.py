@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Writes the forest of cylinders that configs/rigs/forest-discs.yaml drives through: a world, the map of its stems with errors of
-20 mm, and a way. Repeatable: run it again and nothing changes.
+20 mm, and a way of one round and one of 200 m. Repeatable: run it again and nothing changes.
 
     tools/make_disc_forest.py configs/worlds
 """
@@ -19,6 +19,18 @@ def way():
         points += [(cx + 2 * math.cos(math.radians(start + a)), cy + 2 * math.sin(math.radians(start + a)))
                    for a in range(0, 91, 15)]
     return [(0.0, -6.0)] + points + [(0.0, -6.0)]
+
+
+def way_of_length(length):
+    """Round after round, and the last one as far as the length goes."""
+    lap, points, left = way(), [way()[0]], length
+    while True:
+        for a, b in zip(lap, lap[1:]):
+            d = math.dist(a, b)
+            if d >= left:
+                return points + [(a[0] + (b[0] - a[0]) * left / d, a[1] + (b[1] - a[1]) * left / d)]
+            points.append(b)
+            left -= d
 
 
 def near(x, y, path, limit):
@@ -52,8 +64,8 @@ def main(folder):
     for i, (x, y, d) in enumerate(stems):
         rows.append(f"{x + rng.gauss(0, MAP_SIGMA_M):.3f},{y + rng.gauss(0, MAP_SIGMA_M):.3f},{d},{'true' if i % 20 == 0 else 'false'}")
     (folder / "data" / "disc-forest-stems.csv").write_text("\n".join(rows) + "\n")
-    (folder / "data" / "disc-forest-way.csv").write_text(
-        "\n".join(["x_m,y_m"] + [f"{x:.3f},{y:.3f}" for x, y in path]) + "\n")
+    for name, points in (("disc-forest-way", path), ("disc-forest-way-200m", way_of_length(200))):
+        (folder / "data" / f"{name}.csv").write_text("\n".join(["x_m,y_m"] + [f"{x:.3f},{y:.3f}" for x, y in points]) + "\n")
 
 
 if __name__ == "__main__":
