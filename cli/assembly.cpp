@@ -392,7 +392,10 @@ class Assembler {
       const PlatformEntry& entry = rig_.simulation.platforms[i];
       const BodyState start = out_.simulation->platforms()[i].model->motion_at(BenchTime()).body;
       if (entry.channel.empty()) {
-        if (moves_here(i)) continue;
+        if (moves_here(i)) {
+          if (auto s = knows_its_fellings(entry); !s) return s;
+          continue;
+        }
         out_.parts.motion.stand(i, start);
       }
       for (const auto& channel : out_.parts.channels)
@@ -405,6 +408,18 @@ class Assembler {
     return {};
   }
 
+  /// A platform that the bench moves is asked itself.
+  static Status knows_its_fellings(const PlatformEntry& entry) {
+    if (entry.node.text_or("felled", "").empty()) return {};
+    return tl::unexpected<Error>(
+        entry.node
+            .error(
+                "felled",
+                fmt::format("expected none: the bench moves {} itself, and its world loses a tree at the "
+                            "instant of `fell`; `felled` is for a platform that a device or a channel moves",
+                            entry.name))
+            .error());
+  }
   Status follow_fellings(std::size_t index, const PlatformEntry& entry) {
     const std::string teller = entry.node.text_or("felled", "");
     if (teller.empty()) return {};

@@ -15,7 +15,10 @@ struct LiveOptions {
   std::string endpoint;  ///< [ADDRESS:]PORT; empty: 127.0.0.1:8765
   std::string token;     ///< empty: RIGOR_LIVE_TOKEN, or none
   std::filesystem::path page;
-  double pace = 0;  ///< virtual time
+  /// Virtual time: at most so many seconds of it in a second; 0: as fast as it goes. None: as a clock where
+  /// somebody looks on, else as fast as it goes.
+  std::optional<double> pace;
+  [[nodiscard]] double pace_or_default() const { return pace.value_or(on ? 1 : 0); }
 };
 struct RunOptions {
   std::filesystem::path rig;

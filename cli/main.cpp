@@ -34,8 +34,11 @@ void add_live(CLI::App* app, rigor::LiveOptions& live) {
   app->add_option("--live-token", live.token, "Who connects must say this (or RIGOR_LIVE_TOKEN)");
   app->add_option("--live-page", live.page, "Folder with other files for the page")
       ->check(CLI::ExistingDirectory);
-  app->add_option("--pace", live.pace, "Virtual time: at most so many seconds of it in a second")
-      ->check(CLI::PositiveNumber);
+  app->add_option(
+         "--pace", live.pace,
+         "Virtual time: at most so many seconds of it in a second; 0: as fast as it goes (default: 1 with "
+         "--live, else 0)")
+      ->check(CLI::NonNegativeNumber);
 }
 
 }  // namespace

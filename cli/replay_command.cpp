@@ -137,7 +137,7 @@ int replay_command(const ReplayOptions& options) {
   ExecuteOptions how;
   how.json = options.json;
   how.live = live->get();
-  how.pace = options.live.pace;
+  how.pace = options.live.pace_or_default();
   how.t0 = recorded->t0;
   how.epoch = recorded->epoch;
   how.ran = [&](std::uint64_t cycle) { return (*recording)->ran(cycle); };

@@ -73,7 +73,7 @@ int run_command(const RunOptions& options) {
   how.trace = options.trace;
   how.control = !options.no_control;
   how.live = live->get();
-  how.pace = options.live.pace;
+  if (checked.clock == ClockKind::virtual_time) how.pace = options.live.pace_or_default();
   return execute(**assembly, how, stop.token());
 }
 

@@ -12,7 +12,7 @@ Result<std::unique_ptr<live::Server>> open_live(const LiveOptions& options, cons
   const auto refuse = [](const char* where, const char* why) {
     return fail(ErrorCode::bad_input, where, why);
   };
-  if (options.pace > 0 && rig.clock == ClockKind::wall)
+  if (options.pace.value_or(0) > 0 && rig.clock == ClockKind::wall)
     return refuse("--pace",
                   "expected a run in virtual time, got one on the wall clock, which has its own pace");
   if (!options.on) {

@@ -190,18 +190,18 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
     send(http::status::ok, content_type(path), std::move(content));
   }
 
+  /// What the folder does not have, such as libraries, comes from the program.
   bool load(const std::string& path, std::string& content) const {
-    if (site_.page_dir.empty()) {
-      for (const PageFile& f : page_files())
-        if (f.path == path) return content = std::string(f.bytes), true;
-      return false;
-    }
     const auto file = site_.page_dir / path;
     std::error_code none;
-    if (!std::filesystem::is_regular_file(file, none)) return false;
-    std::ifstream in(file, std::ios::binary);
-    content.assign(std::istreambuf_iterator<char>(in), {});
-    return in.good() || in.eof();
+    if (!site_.page_dir.empty() && std::filesystem::is_regular_file(file, none)) {
+      std::ifstream in(file, std::ios::binary);
+      content.assign(std::istreambuf_iterator<char>(in), {});
+      return in.good() || in.eof();
+    }
+    for (const PageFile& f : page_files())
+      if (f.path == path) return content = std::string(f.bytes), true;
+    return false;
   }
 
   void send(http::status status, std::string_view type, std::string content) {

@@ -55,6 +55,11 @@ struct Extent {
 };
 
 void add_shape(Extent& e, const Shape& s) {
+  if (leans(s)) {
+    const std::vector<double> ring = ground_plan(s);
+    for (std::size_t i = 0; i + 1 < ring.size(); i += 2) e.add(ring[i], ring[i + 1]);
+    return;
+  }
   const auto at = s.T_world_node.translation();
   const double r = s.kind == Shape::Kind::plane  ? 0.5 * s.size_m.x()
                    : s.kind == Shape::Kind::tree ? s.crown_radius_m
@@ -99,6 +104,11 @@ bool marked(const world::Snapshot& world, world::NodeId node) {
   const auto value = world.get(node, "marked");
   const bool* flag = value ? std::get_if<bool>(&*value) : nullptr;
   return flag && *flag;
+}
+
+std::vector<double> millimetres(std::vector<double> metres) {
+  for (double& m : metres) m = std::round(1e3 * m) / 1e3;
+  return metres;
 }
 
 double yaw_of(const Eigen::Vector3d& forward) { return std::atan2(forward.y(), forward.x()); }
@@ -156,14 +166,23 @@ json LiveWorld::moving() const {
   for (std::size_t i = 0; i < platforms_.size() && i < at.motion.body_count; ++i) {
     const BodyState& b = at.motion.body[i];
     const Pose pose = b.at(at.t);
-    j["bodies"].push_back({{"id", platforms_[i].second.value},
+    json parts = json::array();
+    const world::NodeId root = platforms_[i].second;
+    // The world is as a sensor measured it last: of its parts counts how they stand to the body.
+    const world::Pose T = isometry(pose) * world.T_world_node(root, at.t).inverse();
+    for (Shape& part : parts_of(world, at.t, root)) {
+      part.T_world_node = T * part.T_world_node;
+      parts.push_back(millimetres(ground_plan(part)));
+    }
+    j["bodies"].push_back({{"id", root.value},
                            {"name", platforms_[i].first},
                            {"x_m", pose.position_m[0]},
                            {"y_m", pose.position_m[1]},
                            {"z_m", pose.position_m[2]},
                            {"yaw_rad", yaw_of(isometry(pose).linear().col(0))},
                            {"quaternion_wxyz", pose.orientation_wxyz},
-                           {"velocity_mps", b.velocity_mps}});
+                           {"velocity_mps", b.velocity_mps},
+                           {"parts_m", std::move(parts)}});
   }
   for (std::size_t i = 0; i < joints_.size() && i < at.motion.count; ++i)
     j["joints"].push_back({{"name", joints_[i]},
@@ -201,6 +220,11 @@ json LiveWorld::shape_json(const world::Snapshot& world, const Shape& s) const {
   const auto at = s.T_world_node.translation();
   json j{{"id", s.node.value}, {"type", type_name_of(world, s.node)}, {"name", name_of_node(world, s.node)}};
   j["x_m"] = at.x(), j["y_m"] = at.y(), j["z_m"] = at.z();
+  if (leans(s)) {
+    j["shape"] = "outline";
+    j["outline_m"] = ground_plan(s);
+    return j;
+  }
   switch (s.kind) {
     case Shape::Kind::box:
     case Shape::Kind::cylinder:

@@ -172,14 +172,25 @@ bool part_of_any(const world::Snapshot& w, world::NodeId node, world::EdgeTypeId
   return false;
 }
 
+double ring_area(const std::vector<double>& ring) {
+  double area = 0;
+  const std::size_t n = ring.size() / 2;
+  for (std::size_t i = 0, j = n - 1; i < n; j = i++)
+    area += ring[2 * j] * ring[2 * i + 1] - ring[2 * i] * ring[2 * j + 1];
+  return std::abs(area) / 2;
+}
+
 /// Area of the ground plan, and whether it holds the point.
 std::pair<double, bool> plan(const Shape& s, double x, double y) {
   const Vector3 at = s.T_world_node.translation();
+  if (leans(s)) {
+    const std::vector<double> ring = ground_plan(s);
+    return {ring_area(ring), inside_ring(ring, x, y)};
+  }
   switch (s.kind) {
     case Shape::Kind::box:
     case Shape::Kind::cylinder:
     case Shape::Kind::plane: {
-      // Its own frame, seen from above: what is tilted is taken by its x and y.
       const Vector3 local = s.T_world_node.inverse() * Vector3(x, y, at.z());
       const bool round = s.kind == Shape::Kind::cylinder;
       const bool in =
@@ -192,19 +203,22 @@ std::pair<double, bool> plan(const Shape& s, double x, double y) {
       const double r = std::hypot(x - at.x(), y - at.y());
       return {r * r, r <= std::max({s.crown_radius_m, s.radius_m, 0.3})};
     }
-    case Shape::Kind::outline: {
-      double area = 0;
-      const std::size_t n = s.outline_m.size() / 2;
-      for (std::size_t i = 0, j = n - 1; i < n; j = i++)
-        area += s.outline_m[2 * j] * s.outline_m[2 * i + 1] - s.outline_m[2 * i] * s.outline_m[2 * j + 1];
-      return {std::abs(area) / 2, inside_ring(s.outline_m, x, y)};
-    }
+    case Shape::Kind::outline:
+      return {ring_area(s.outline_m), inside_ring(s.outline_m, x, y)};
     case Shape::Kind::line:
       return {1e6, distance_to_line(s.outline_m, x, y) <= std::max(s.width_m / 2, 0.2)};
     case Shape::Kind::point:
       return {0.05, std::hypot(x - at.x(), y - at.y()) <= 0.25};
   }
   return {kNone, false};
+}
+
+Shape solid(const world::Snapshot& w, const world::types::Body& body, world::NodeId n, BenchTime t) {
+  Shape s{.node = n};
+  s.kind = w.get_or_default(n, body.shape) == "cylinder" ? Shape::Kind::cylinder : Shape::Kind::box;
+  s.T_world_node = w.T_world_node(n, t);
+  s.size_m = w.get_or_default(n, body.size_m);
+  return s;
 }
 
 class Collector {
@@ -230,11 +244,7 @@ class Collector {
     const world::types::GroundPlane plane(schema_);
     w_.for_each(body.type, [&](world::NodeId n) {
       if (!without_.empty() && part_of_any(w_, n, body.part_of, without_)) return;
-      Shape s{.node = n};
-      s.kind = w_.get_or_default(n, body.shape) == "cylinder" ? Shape::Kind::cylinder : Shape::Kind::box;
-      s.T_world_node = w_.T_world_node(n, t_);
-      s.size_m = w_.get_or_default(n, body.size_m);
-      add(std::move(s));
+      add(solid(w_, body, n, t_));
     });
     w_.for_each(plane.type, [&](world::NodeId n) {
       Shape s{.node = n, .kind = Shape::Kind::plane};
@@ -325,6 +335,51 @@ class Collector {
 };
 
 }  // namespace
+
+std::vector<Shape> parts_of(const world::Snapshot& world, BenchTime t, world::NodeId root) {
+  const world::types::Body body(world.schema());
+  std::vector<Shape> parts;
+  world.for_each(body.type, [&](world::NodeId n) {
+    if (part_of_any(world, n, body.part_of, {root})) parts.push_back(solid(world, body, n, t));
+  });
+  return parts;
+}
+
+bool leans(const Shape& s) {
+  constexpr double kUpright = 0.9998;  // to a degree
+  return (s.kind == Shape::Kind::box || s.kind == Shape::Kind::cylinder) &&
+         std::abs(s.T_world_node.linear()(2, 2)) < kUpright;
+}
+
+std::vector<double> ground_plan(const Shape& s) {
+  using Point = std::pair<double, double>;
+  std::vector<Point> points;
+  for (const double x : {-0.5, 0.5})
+    for (const double y : {-0.5, 0.5})
+      for (const double z : {-0.5, 0.5}) {
+        const Vector3 p = s.T_world_node * s.size_m.cwiseProduct(Vector3(x, y, z));
+        points.emplace_back(p.x(), p.y());
+      }
+  std::sort(points.begin(), points.end());
+  // Andrew's chains: from the least to the greatest x, and back.
+  std::vector<Point> hull;
+  for (int side = 0; side < 2; ++side) {
+    const std::size_t begin = hull.size();
+    for (const Point& p : points) {
+      const auto turns_left = [&] {
+        const Point &a = hull[hull.size() - 2], &b = hull.back();
+        return (b.first - a.first) * (p.second - a.second) - (b.second - a.second) * (p.first - a.first) > 0;
+      };
+      while (hull.size() >= begin + 2 && !turns_left()) hull.pop_back();
+      hull.push_back(p);
+    }
+    hull.pop_back();  // the other chain begins with it
+    std::reverse(points.begin(), points.end());
+  }
+  std::vector<double> ring;
+  for (const Point& p : hull) ring.insert(ring.end(), {p.first, p.second});
+  return ring;
+}
 
 std::vector<Shape> shapes_of(const world::Snapshot& world, BenchTime t, const GroundHeight& ground,
                              const std::set<world::NodeId>& without) {

@@ -41,6 +41,14 @@ using GroundHeight = std::function<double(double x_m, double y_m)>;
                                            const GroundHeight& ground,
                                            const std::set<world::NodeId>& without);
 
+/// The boxes and cylinders that are part of `root`, itself among them. Any thread.
+[[nodiscard]] std::vector<Shape> parts_of(const world::Snapshot& world, BenchTime t, world::NodeId root);
+
+/// Whether it is a box or a cylinder whose own z is not upright, as that of a trunk on the ground.
+[[nodiscard]] bool leans(const Shape& shape);
+/// What a box or a cylinder covers of the ground, x0 y0 …: a convex ring round its corners.
+[[nodiscard]] std::vector<double> ground_plan(const Shape& shape);
+
 struct Hit {
   world::NodeId node{};
   double distance_m = 0;

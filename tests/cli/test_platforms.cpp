@@ -337,6 +337,7 @@ TEST_F(Platforms, ComplaintsSayWhereAndWhatToDo) {
                "  followed: { kind: pose, backend: simulated, platform: robot, rate_hz: 10 }\n" +
                bus_drive()),
       "expected `channel` in simulation.platforms.robot");
+  has(error_of(platform(", felled: wheels") + kDrive), "felled: expected none: the bench moves robot itself");
 }
 
 /// A LiDAR and a camera that look at a tree, and a harvester whose head hangs at it.

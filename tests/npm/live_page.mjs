@@ -1,10 +1,10 @@
-// The live view's page in headless Chromium, against a `rigor run --live` of this script's own. One case for each call:
+// The live view's page in headless Chromium, against a `rigor run --live` or `rigor replay --live` of this script's own. One case for each call:
 //
 //   node live_page.mjs CASE RIGOR RIG.yaml
 //
 // Exit status 0: as expected; 1: what was expected and what came, on stderr.
 import assert from "node:assert/strict";
-import { spawn } from "node:child_process";
+import { spawn, spawnSync } from "node:child_process";
 import { mkdtempSync, rmSync } from "node:fs";
 import { createServer } from "node:net";
 import { tmpdir } from "node:os";
@@ -24,11 +24,14 @@ async function freePort() {
   return port;
 }
 
-/// A run on a port of its own: {url, process, said()}.
-const runs = [];
+/// A run whose scanner has a port of its own: {url, process, said()}.
 async function startRun(...more) {
   const port = await freePort();
-  const words = ["run", rig, "--live", "0", "--report", join(folder, "report"), "--set", `channels.scanner.pair.real.port=${port}`, "--set", `emulators.scanner.port=${port}`, ...more];
+  return serve(["run", rig, "--set", `channels.scanner.pair.real.port=${port}`, "--set", `emulators.scanner.port=${port}`, ...more]);
+}
+const runs = [];
+async function serve(command) {
+  const words = [...command, "--live", "0", "--report", join(folder, "report")];
   const process = spawn(rigor, words, { cwd: folder, env: { ...globalThis.process.env, XDG_RUNTIME_DIR: folder }, stdio: ["ignore", "pipe", "pipe"] });
   let said = "";
   for (const stream of [process.stdout, process.stderr]) stream.on("data", (d) => (said += d));
@@ -38,7 +41,7 @@ async function startRun(...more) {
   const end = Date.now() + PATIENCE_MS;
   let found;
   while (!(found = /live\s+(http:\/\/\S+)/.exec(said))) {
-    if (process.exitCode !== null || Date.now() > end) throw new Error(`rigor run did not serve a page: ${said}`);
+    if (process.exitCode !== null || Date.now() > end) throw new Error(`rigor ${command[0]} did not serve a page: ${said}`);
     await new Promise((done) => setTimeout(done, 20));
   }
   run.url = found[1];
@@ -257,6 +260,29 @@ const CASES = {
     const friend = await openPage(browser, `${run.url}?token=open-sesame`);
     await pictures(friend, "camera", 1);
     assert.deepEqual(friend.trouble, []);
+  },
+
+  /// A replay shows what the run's channels had; what there is no more, a world and faults, is not offered.
+  async replays(browser) {
+    const recording = join(folder, "run.mcap");
+    const made = spawnSync(rigor, ["run", rig, "--clock", "virtual", "--duration", "8", "--record", recording, "--report", join(folder, "made")], { encoding: "utf8" });
+    assert.equal(made.status, 0, made.stderr);
+    const run = await serve(["replay", recording, "--pace", "0.2"]); // 40 s
+    const page = await openPage(browser, run.url);
+    await pictures(page, "camera", 3);
+    const first = await pixels(page, "camera"), second = await nextPicture(page, "camera");
+    assert.notEqual(first.stamp, second.stamp);
+    assert.ok(difference(first, second) > 0, "two pictures of a noisy camera are the same");
+    await until(page, "points of what was handed on", () => document.querySelector('canvas[data-topic="/scanner/points"]')?.dataset.pictures > 0);
+    for (const channel of ["odometry", "imu"]) await until(page, `values of ${channel}`, (c) => document.querySelector(`[data-channel="${c}"] .numbers-view`)?.dataset.values > 5, channel);
+    for (const channel of ["camera", "scanner", "odometry", "imu"]) await until(page, `${channel} to be as it was`, (c) => ["fresh", "stale"].includes(document.querySelector(`[data-channel="${c}"]`).dataset.status), channel);
+    await until(page, "a tile that says that nothing came", () => /no picture so far|nothing has come/i.test(document.querySelector('[data-channel="dark"]').innerText));
+    const live = await liveState(page);
+    assert.equal(live.run.replay, true);
+    assert.ok(live.cycles > 0 && live.t_s > 0 && live.channels.find((c) => c.name === "camera").samples > 0);
+    assert.match(await page.locator("#head").innerText(), /replay/);
+    for (const panel of ["world", "faults", "pairs"]) assert.equal(await page.locator(`#${panel}`).isVisible(), false, `a replay has a panel ${panel}`);
+    assert.deepEqual(page.trouble, []);
   },
 
   /// The end of a run is told, and what it showed last stays. A run of nothing but a sink shows that, too.

@@ -46,6 +46,8 @@ function tell() {
 }
 session.addEventListener("state", tell);
 session.addEventListener("live", tell);
+// What is replayed is as it was: nothing is to be made worse.
+session.addEventListener("live", () => (at("faults").hidden = session.live.run.replay === true));
 tell();
 let last = "";
 session.addEventListener("state", () => {

@@ -86,6 +86,7 @@ export class WorldMap {
   setEstimate(estimate) {
     this.#estimate = estimate;
     this.#trail("estimate", estimate.x_m, estimate.y_m);
+    if (!this.#framed) this.frame();
     this.#dirty = true;
   }
 
@@ -115,15 +116,17 @@ export class WorldMap {
   /// Shows the whole world, or of a wide one what is around the things in it.
   frame() {
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
-    if (!width || !this.map) return;
-    let { x_m: x, y_m: y } = this.map.extent ?? { x_m: [-5, 5], y_m: [-5, 5] };
+    if (!width || !(this.map || this.#estimate)) return;
+    let { x_m: x, y_m: y } = this.map?.extent ?? { x_m: [-Infinity, Infinity], y_m: [-Infinity, Infinity] };
     const xs = [], ys = [];
-    for (const o of [...this.map.objects, ...this.bodies, ...this.sensors])
+    // A replay has no world: the way alone.
+    if (!this.map) for (const [i, v] of this.#trails.get("estimate").entries()) (i % 2 ? ys : xs).push(v);
+    for (const o of [...(this.map?.objects ?? []), ...this.bodies, ...this.sensors])
       if (Number.isFinite(o.x_m) && !o.outline_m) {
         xs.push(o.x_m);
         ys.push(o.y_m);
       }
-    if (xs.length > 2) {
+    if (xs.length > 2 || !this.map) {
       const span = (v, [low, high]) => {
         v.sort((a, b) => a - b);
         const [from, to] = [v[Math.floor(0.01 * (v.length - 1))], v[Math.ceil(0.99 * (v.length - 1))]], margin = Math.max(1.5, 0.1 * (to - from));
@@ -133,11 +136,12 @@ export class WorldMap {
     }
     this.#center = [(x[0] + x[1]) / 2, (y[0] + y[1]) / 2];
     this.#scale = Math.max(0.05, Math.min(400, 0.94 * Math.min(width / Math.max(0.5, x[1] - x[0]), height / Math.max(0.5, y[1] - y[0]))));
-    this.#framed = true;
+    this.#framed = Boolean(this.map);
     this.#dirty = true;
   }
 
   #look(center) {
+    this.#framed = true;
     this.#center = center;
     this.#dirty = true;
   }
@@ -145,6 +149,7 @@ export class WorldMap {
     const scale = Math.max(0.05, Math.min(2000, this.#scale * factor)), k = this.#scale / scale;
     this.#center = [around[0] + (this.#center[0] - around[0]) * k, around[1] + (this.#center[1] - around[1]) * k];
     this.#scale = scale;
+    this.#framed = true;
     this.#dirty = true;
   }
   #worldAt(px, py) {
@@ -199,6 +204,7 @@ export class WorldMap {
     for (const o of this.map?.objects ?? []) this.#drawObject(c, o, color);
     for (const s of this.sensors) this.#drawSensor(c, s, color);
     for (const [key, trail] of this.#trails) this.#drawTrail(c, trail, key === "estimate" ? color["map-estimate"] : color["map-body"]);
+    for (const b of this.bodies) this.#drawParts(c, b, color["map-body"]);
     for (const b of this.bodies) this.#drawHeading(c, b, color["map-body"], b.id === this.selected ? color.accent : null);
     if (this.#estimate) this.#drawEstimate(c, this.#estimate, color["map-estimate"]);
     this.#drawScale(c, color);
@@ -328,6 +334,22 @@ export class WorldMap {
     c.globalAlpha = 0.6;
     c.lineWidth = 1.5;
     c.stroke();
+    c.globalAlpha = 1;
+  }
+
+  /// Hull, wheels, crane: what is drawn last lies above.
+  #drawParts(c, { parts_m = [] }, stroke) {
+    c.fillStyle = c.strokeStyle = stroke;
+    c.lineWidth = 1;
+    for (const ring of parts_m) {
+      c.beginPath();
+      for (let i = 0; i + 1 < ring.length; i += 2) c.lineTo(...this.placeOf(ring[i], ring[i + 1]));
+      c.closePath();
+      c.globalAlpha = 0.18;
+      c.fill();
+      c.globalAlpha = 0.8;
+      c.stroke();
+    }
     c.globalAlpha = 1;
   }
 

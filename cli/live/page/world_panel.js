@@ -35,7 +35,11 @@ export class WorldPanel {
       if (world.revision !== this.#revision) this.#load(world.revision);
     });
     session.client.subscribe("/rigor/commands", (m) => this.#command(m.read(m.bytes)));
-    session.client.addEventListener("services", () => this.#load());
+    session.client.addEventListener("services", () => {
+      const offered = session.client.services.has("rigor/world/map");
+      panel.hidden = this.search.hidden = this.key.children[0].hidden = this.key.children[2].hidden = !offered;
+      if (offered) this.#load();
+    });
     session.addEventListener("select", () => this.map.select(session.selected));
   }
 
@@ -46,7 +50,6 @@ export class WorldPanel {
       const map = await this.session.call("rigor/world/map", {});
       this.#revision = revision;
       this.map.setMap(map);
-      this.panel.hidden = false;
       setText(this.told, map.left_out > 0 ? `${figure(map.left_out)} more objects are not drawn` : "");
       this.#listNames(map.objects);
     } catch (error) {
@@ -73,6 +76,7 @@ export class WorldPanel {
 
   async #picked(id, x, y) {
     if (id) return this.session.select(id);
+    if (!this.map.map) return;
     try {
       const found = await this.session.call("rigor/world/pick", { x_m: x, y_m: y });
       if (found.id) this.session.select(found.id);
@@ -85,7 +89,7 @@ export class WorldPanel {
   #command(command) {
     const value = (name) => command.values[command.names.indexOf(name)];
     if (!["x", "y", "yaw"].every((n) => command.names.includes(n))) return;
-    this.key.children[1].hidden = false;
+    this.key.children[1].hidden = this.panel.hidden = false;
     this.map.setEstimate({ x_m: value("x"), y_m: value("y"), yaw_rad: value("yaw"), sigma_x_m: value("sigma_x"), sigma_y_m: value("sigma_y") });
   }
 

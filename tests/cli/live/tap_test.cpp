@@ -4,8 +4,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <numbers>
 #include <set>
 
 #include "cli/live/world_shapes.h"
@@ -156,6 +158,36 @@ TEST_F(LiveShapes, AreFoundOnTheMap) {
   EXPECT_FALSE(at_place(shapes, 200, 0, ground, terrain));
 }
 
+TEST_F(LiveShapes, ThatLieCoverTheGroundAlongTheirLength) {
+  const world::types::Body body(db->schema());
+  world::Pose pose = world::Pose::Identity();  // a trunk of 10 m along y, 0.2 m thick
+  pose.translation() = world::Vector3(-20, 5, 0.1);
+  pose.linear() = Eigen::AngleAxisd(-std::numbers::pi / 2, world::Vector3::UnitX()).toRotationMatrix();
+  auto tx = db->begin();
+  ASSERT_TRUE(tx.set(pole, body.pose, pose) && tx.set(pole, body.size_m, world::Vector3(0.2, 0.2, 10)));
+  ASSERT_TRUE(tx.commit());
+  shapes = shapes_of(db->snapshot(), BenchTime(), ground, {});
+  const auto trunk =
+      std::find_if(shapes.begin(), shapes.end(), [&](const Shape& s) { return s.node == pole; });
+  ASSERT_NE(trunk, shapes.end());
+  EXPECT_TRUE(leans(*trunk));
+  EXPECT_FALSE(
+      std::any_of(shapes.begin(), shapes.end(), [&](const Shape& s) { return s.node != pole && leans(s); }));
+  const std::vector<double> ring = ground_plan(*trunk);
+  ASSERT_EQ(ring.size(), 8u);
+  double area = 0;
+  for (std::size_t i = 0, j = 6; i < 8; j = i, i += 2) {
+    EXPECT_NEAR(std::abs(ring[i] + 20), 0.1, 1e-9);
+    EXPECT_NEAR(std::abs(ring[i + 1] - 5), 5, 1e-9);
+    area += (ring[j] * ring[i + 1] - ring[j + 1] * ring[i]) / 2;
+  }
+  EXPECT_NEAR(area, 2, 1e-9);  // anticlockwise
+  EXPECT_EQ(at_place(shapes, -20.05, 9.9, ground, terrain)->node, pole);
+  EXPECT_EQ(at_place(shapes, -20.05, 0.1, ground, terrain)->node, pole);
+  EXPECT_EQ(at_place(shapes, -20.05, 10.1, ground, terrain)->node, terrain) << "beyond its end";
+  EXPECT_EQ(at_place(shapes, -20.15, 5, ground, terrain)->node, terrain) << "beside it";
+}
+
 TEST_F(LiveShapes, LeaveOutWhatIsPartOfAPlatform) {
   const world::types::Body body(db->schema());
   auto tx = db->begin();
@@ -164,6 +196,8 @@ TEST_F(LiveShapes, LeaveOutWhatIsPartOfAPlatform) {
   const auto left = shapes_of(db->snapshot(), BenchTime(), ground, {box});
   ASSERT_EQ(left.size(), 1u);
   EXPECT_EQ(left[0].node, oak);
+  EXPECT_EQ(parts_of(db->snapshot(), BenchTime(), box).size(), 2u);
+  EXPECT_EQ(parts_of(db->snapshot(), BenchTime(), pole).size(), 1u);
 }
 
 TEST(LiveValues, GoThroughJsonAndBack) {
