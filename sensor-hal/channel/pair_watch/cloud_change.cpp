@@ -46,8 +46,7 @@ Result<CloudChange> CloudChange::make(const CloudChangeOptions& o) {
   return CloudChange(o);
 }
 
-CloudChange::CloudChange(const CloudChangeOptions& o)
-    : options_(o), frame_(kMaxParameters), window_(0), remission_(1) {
+CloudChange::CloudChange(const CloudChangeOptions& o) : options_(o), remission_(1) {
   const bool plane = o.rings == 1;
   term_of_.assign(8, kMaxParameters);
   const auto name = [&](std::size_t k, const char* text, const char* unit) {
@@ -73,11 +72,9 @@ CloudChange::CloudChange(const CloudChangeOptions& o)
   for (const char* text : {"remission", "noise", "noise low remission", "noise middle remission",
                            "noise high remission", "lost", "gained"})
     parameters_.push_back({text, "1", 0});
-  frame_ = WindowFit(rest_);
-  window_ = frame_;
+  fit_ = RobustFit(rest_, {first_beam_, rest_ - first_beam_}, o.points);
   points_.reserve(o.points);
   rows_.reserve(o.points);
-  scratch_.reserve(o.points);
   ring_begin_.resize(o.rings + 1);
   ring_order_.resize(o.rings);
   ring_place_.resize(o.rings);
@@ -266,65 +263,18 @@ void CloudChange::regress() noexcept {
     rows_.push_back(row);
   }
   if (rows_.size() < 16) return;
-  double scale = 0;
-  for (int pass = 0; pass < 3; ++pass) {
-    const auto left_of = [&](const Row& r) {
-      double left = r.residual;
-      for (std::size_t k = 0; k < 8; ++k)
-        if (term_of_[k] < rest_)
-          if (const double v = frame_.value(term_of_[k]); std::isfinite(v)) left -= r.derivative[k] * v;
-      if (beams_ > 1)
-        if (const double v = frame_.value(first_beam_ + r.beam); std::isfinite(v)) left -= v;
-      return left * std::sqrt(r.base_weight);
-    };
-    if (pass > 0) {
-      scratch_.clear();
-      for (const Row& r : rows_) scratch_.push_back(std::abs(left_of(r)));
-      const auto middle = scratch_.begin() + static_cast<std::ptrdiff_t>(scratch_.size() / 2);
-      std::nth_element(scratch_.begin(), middle, scratch_.end());
-      scale = std::max(1e-3, 1.4826 * *middle);
-      if (pass == 2)
-        for (const Row& r : rows_) {
-          const double left = left_of(r);
-          left_squares_ += left * left / r.base_weight, ++left_count_;
-        }
-      for (Row& r : rows_) {
-        const double t = std::abs(left_of(r)) / (1.345 * scale);
-        r.weight = t > 1 ? r.base_weight / t : r.base_weight;
-      }
-    }
-    frame_.clear();
-    double weights = 0;
-    std::array<bool, kMostBeams> seen{};
-    for (const Row& r : rows_) {
-      seen[r.beam] = true;
-      std::array<WindowFit::Term, 9> terms;
-      std::size_t n = 0;
-      for (std::size_t k = 0; k < 8; ++k)
-        if (term_of_[k] < rest_) terms[n++] = {term_of_[k], r.derivative[k]};
-      if (beams_ > 1) terms[n++] = {first_beam_ + r.beam, 1};
-      frame_.add({terms.data(), n}, r.residual, r.weight);
-      weights += r.weight;
-    }
-    if (beams_ > 1) {
-      // The sum is 0: what beams have in common is the bias. A beam without points is not in it.
-      std::array<WindowFit::Term, kMostBeams> terms;
-      std::size_t n = 0;
-      for (std::size_t k = 0; k < beams_; ++k)
-        if (seen[k]) terms[n++] = {first_beam_ + k, 1};
-      frame_.add({terms.data(), n}, 0, weights);
-    }
-    if (pass < 2) frame_.solve();
-  }
-  window_.add(frame_, 1 / (scale * scale));
+  fit_.add(std::span(rows_), [this](const Row& r, RobustFit::Terms& terms) {
+    std::size_t n = 0;
+    for (std::size_t k = 0; k < 8; ++k)
+      if (term_of_[k] < rest_) terms[n++] = {term_of_[k], r.derivative[k]};
+    if (beams_ > 1) terms[n++] = {first_beam_ + r.beam, 1};
+    return n;
+  });
 }
 
 void CloudChange::finish(Estimate& e) noexcept {
   e.value.fill(kNaN), e.sigma.fill(kNaN);
-  if (window_.count() > 0) {
-    window_.solve();
-    for (std::size_t k = 0; k < rest_; ++k) e.value[k] = window_.value(k), e.sigma[k] = window_.sigma(k);
-  }
+  fit_.finish(e);
   if (remission_.count() >= 16) {
     remission_.solve();
     e.value[rest_] = remission_.value(0), e.sigma[rest_] = remission_.sigma(0);
@@ -335,10 +285,8 @@ void CloudChange::finish(Estimate& e) noexcept {
     const auto share = [&](double x) { return std::sqrt((x + 1) / all / all); };
     e.sigma[rest_ + 5] = share(lost_), e.sigma[rest_ + 6] = share(gained_);
   }
-  e.left = left_count_ > 0 ? std::sqrt(left_squares_ / left_count_) : kNaN;
   e.shift_px = kNaN;
-  left_squares_ = left_count_ = 0;
-  window_.clear(), remission_.clear();
+  remission_.clear();
   both_ = lost_ = gained_ = 0;
 }
 

@@ -29,6 +29,7 @@
 
 #include "rt-core/result.h"
 #include "sensor-hal/channel/pair_watch/noise_sums.h"
+#include "sensor-hal/channel/pair_watch/robust_fit.h"
 #include "sensor-hal/channel/pair_watch/window_fit.h"
 #include "sensor-hal/types/sample.h"
 
@@ -91,11 +92,10 @@ class CloudChange {
   std::vector<std::uint32_t> ring_order_;  ///< rings by elevation
   std::vector<std::uint32_t> ring_place_;  ///< of a ring in that order
   std::vector<Row> rows_;
-  std::vector<double> scratch_;
-  WindowFit frame_, window_, remission_;
+  RobustFit fit_;
+  WindowFit remission_;
   NoiseSums noise_sums_;
   double both_ = 0, lost_ = 0, gained_ = 0;
-  double left_squares_ = 0, left_count_ = 0;
 };
 
 }  // namespace rigor::pair_watch

@@ -74,11 +74,7 @@ Result<ImageChange> ImageChange::make(const CameraModel& camera, const ImageInfo
 }
 
 ImageChange::ImageChange(const CameraModel& camera, const ImageInfo& shape, const ImageChangeOptions& options)
-    : shape_(shape),
-      options_(options),
-      noise_(camera.noise),
-      frame_(kGlobals + static_cast<std::size_t>(options.tiles_across * options.tiles_down)),
-      window_(frame_) {
+    : shape_(shape), options_(options), noise_(camera.noise) {
   const std::size_t width = shape.width_px, height = shape.height_px;
   pitch_ = is_bayer(shape.format) ? 2 : 1;
   const double wanted = std::sqrt(static_cast<double>(width * height) / static_cast<double>(options.cells));
@@ -100,7 +96,8 @@ ImageChange::ImageChange(const CameraModel& camera, const ImageInfo& shape, cons
   has_flow_.resize(across_ * down_);
   cells_.resize(across_ * down_);
   rows_.reserve(across_ * down_);
-  scratch_.reserve(across_ * down_);
+  const auto tiles = static_cast<std::size_t>(options.tiles_across * options.tiles_down);
+  fit_ = RobustFit(kGlobals + tiles, {kGlobals, tiles}, across_ * down_);
   CameraModel longer = camera;
   constexpr double kStep = 1e-4;
   longer.fx_px *= 1 + kStep, longer.fy_px *= 1 + kStep;
@@ -251,58 +248,12 @@ void ImageChange::regress() noexcept {
     }
   if (rows_.size() < 4 * kGlobals) return;
 
-  const std::size_t tiles = parameters_.size() - kGlobals - 4;
-  double scale = 0;  // of the residuals against what their weights say; 0: not known yet
-  for (int pass = 0; pass < 3; ++pass) {
-    const bool first = pass == 0;
-    WindowFit& fit = frame_;
-    const auto left_of = [&](const Row& r) {
-      double left = r.residual;
-      for (std::size_t k = 0; k < kGlobals; ++k)
-        if (std::isfinite(fit.value(k))) left -= r.derivative[k] * fit.value(k);
-      if (tiles > 1 && std::isfinite(fit.value(kGlobals + r.tile)))
-        left -= r.lit * fit.value(kGlobals + r.tile);
-      return left * std::sqrt(r.base_weight);
-    };
-    if (!first) {
-      scratch_.clear();
-      for (const Row& r : rows_) scratch_.push_back(std::abs(left_of(r)));
-      const auto middle = scratch_.begin() + static_cast<std::ptrdiff_t>(scratch_.size() / 2);
-      std::nth_element(scratch_.begin(), middle, scratch_.end());
-      scale = std::max(1e-3, 1.4826 * *middle);
-      if (pass == 2)
-        for (const Row& r : rows_) {
-          const double left = left_of(r);
-          left_squares_ += left * left / r.base_weight, ++left_count_;
-        }
-      // `left_of` reads the fit that is replaced below, so the weights are worked out before.
-      for (Row& r : rows_) {
-        const double t = std::abs(left_of(r)) / (1.345 * scale);
-        r.weight = t > 1 ? r.base_weight / t : r.base_weight;
-      }
-    }
-    fit.clear();
-    double lit_squares = 0;
-    std::array<bool, kMostTiles> seen{};
-    for (const Row& r : rows_) {
-      seen[r.tile] = true;
-      std::array<WindowFit::Term, kGlobals + 1> terms;
-      for (std::size_t k = 0; k < kGlobals; ++k) terms[k] = {k, r.derivative[k]};
-      terms[kGlobals] = {kGlobals + r.tile, r.lit};
-      fit.add({terms.data(), tiles > 1 ? kGlobals + 1 : kGlobals}, r.residual, r.weight);
-      lit_squares += r.weight * r.lit * r.lit;
-    }
-    if (tiles > 1) {
-      // Tiles sum to 0: what they have in common is the gain. A tile without cells is not in it.
-      std::array<WindowFit::Term, kMostTiles> terms;
-      std::size_t n = 0;
-      for (std::size_t k = 0; k < tiles; ++k)
-        if (seen[k]) terms[n++] = {kGlobals + k, 1};
-      fit.add({terms.data(), n}, 0, lit_squares);
-    }
-    if (pass < 2) fit.solve();
-  }
-  window_.add(frame_, 1 / (scale * scale));
+  const bool tiles = parameters_.size() - kGlobals - 4 > 1;
+  fit_.add(std::span(rows_), [tiles](const Row& r, RobustFit::Terms& terms) {
+    for (std::size_t k = 0; k < kGlobals; ++k) terms[k] = {k, r.derivative[k]};
+    if (tiles) terms[kGlobals] = {kGlobals + r.tile, r.lit};
+    return tiles ? kGlobals + 1 : kGlobals;
+  });
 }
 
 double ImageChange::shift_px(const Estimate& e) const noexcept {
@@ -320,17 +271,9 @@ double ImageChange::shift_px(const Estimate& e) const noexcept {
 
 void ImageChange::finish(Estimate& e) noexcept {
   e.value.fill(kNaN), e.sigma.fill(kNaN);
-  const std::size_t noise = parameters_.size() - 4, tiles = noise - kGlobals;
-  if (window_.count() > 0) {
-    window_.solve();
-    for (std::size_t k = 0; k < (tiles > 1 ? noise : kGlobals); ++k)
-      e.value[k] = window_.value(k), e.sigma[k] = window_.sigma(k);
-  }
-  e.left = left_count_ > 0 ? std::sqrt(left_squares_ / left_count_) : kNaN;
+  fit_.finish(e);
   e.shift_px = shift_px(e);
-  left_squares_ = left_count_ = 0;
-  noise_sums_.finish(e, noise);
-  window_.clear();
+  noise_sums_.finish(e, parameters_.size() - 4);
 }
 
 }  // namespace rigor::pair_watch

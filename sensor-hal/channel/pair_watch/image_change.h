@@ -33,6 +33,7 @@
 
 #include "rt-core/result.h"
 #include "sensor-hal/channel/pair_watch/noise_sums.h"
+#include "sensor-hal/channel/pair_watch/robust_fit.h"
 #include "sensor-hal/channel/pair_watch/window_fit.h"
 #include "sensor-hal/models/camera_model.h"
 #include "sensor-hal/types/sample.h"
@@ -102,10 +103,8 @@ class ImageChange {
   std::vector<std::uint8_t> has_flow_;
   std::vector<Cell> cells_;
   std::vector<Row> rows_;
-  std::vector<double> scratch_;
-  WindowFit frame_, window_;
+  RobustFit fit_;
   NoiseSums noise_sums_;
-  double left_squares_ = 0, left_count_ = 0;
 };
 
 }  // namespace rigor::pair_watch

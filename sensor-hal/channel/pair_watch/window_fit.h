@@ -73,6 +73,7 @@ class WindowFit {
   /// Of a residual of weight 1, as the fit leaves them.
   [[nodiscard]] double variance() const noexcept { return scale_; }
   [[nodiscard]] double count() const noexcept { return count_; }
+  [[nodiscard]] std::size_t parameters() const noexcept { return n_; }
 
  private:
   std::size_t n_;
