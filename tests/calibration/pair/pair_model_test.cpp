@@ -191,15 +191,15 @@ CloudPairOptions scan_options(const ScanShape& shape) {
   o.rings = shape.rings, o.points = 20000, o.sigma_m = 0.015;
   return o;
 }
-CloudChangePlanted all_of_a_scanner() {
-  CloudChangePlanted c;
+ScanChange all_of_a_scanner() {
+  ScanChange c;
   c.bias_m = 0.02, c.turn_rad = {0, 0, 0.5 * kDegree}, c.move_m = {0.03, -0.02, 0}, c.noise = 2,
   c.remission = 0.1;
   return c;
 }
 
 TEST(CloudPair, UncertaintiesOfAScannerHoldOverSeeds) {
-  const CloudChangePlanted change = all_of_a_scanner();
+  const ScanChange change = all_of_a_scanner();
   Consistency c({{"range_bias_m", change.bias_m},
                  {"range_scale", 0},
                  {"mount_z_rad", change.turn_rad[2]},
@@ -228,7 +228,7 @@ TEST(CloudPair, UncertaintiesOfAScannerHoldOverSeeds) {
 
 TEST(CloudPair, ManyRingsSayAllOfAMountAndWhichBeamIsOff) {
   const ScanShape shape{8, 360, 1 * kDegree, -180 * kDegree};
-  CloudChangePlanted change;
+  ScanChange change;
   change.turn_rad = {0.5 * kDegree, -0.3 * kDegree, 0.4 * kDegree}, change.move_m = {0.03, 0.02, 0};
   change.bias_m = 0.02, change.beam_m = 0.04;
   const Pairs pairs = cloud_pairs(shape, change, 12, 9);

@@ -1,63 +1,19 @@
 #include "sensor-hal/channel/pair_watch/cloud_change.h"
 
 #include <cmath>
-#include <functional>
 #include <limits>
 
-#include "tests/sensor-hal/pair_watch/noise_for_tests.h"
+#include "tests/sensor-hal/pair_watch/synthetic_scene.h"
 #include "tests/sensor-hal/pair_watch/watched_pair.h"
 
 namespace rigor::pair_watch {
 namespace {
 
+using testing::kDegree;
 using testing::Random;
-using Vector = std::array<double, 3>;
-constexpr double kDegree = 3.14159265358979 / 180;
-
-/// A room of 12 by 9 by 4 m with four columns of a square section, by rays.
-struct Room {
-  struct Box {
-    Vector low, high;
-  };
-  std::vector<Box> columns;
-  explicit Room(std::uint64_t seed) {
-    Random r(seed);
-    for (int i = 0; i < 4; ++i) {
-      const double x = -5 + 10 * r.uniform(), y = (i % 2 == 0 ? 2.0 : -3.0) + r.uniform(),
-                   w = 0.4 + 0.6 * r.uniform();
-      columns.push_back({{x, y, -1.5}, {x + w, y + w, 2.5}});
-    }
-  }
-  [[nodiscard]] double range(const Vector& o, const Vector& d) const {
-    constexpr Vector low{-6, -4.5, -1.5}, high{6, 4.5, 2.5};
-    double best = std::numeric_limits<double>::infinity();
-    for (std::size_t k = 0; k < 3; ++k)
-      if (d[k] != 0) best = std::min(best, ((d[k] > 0 ? high[k] : low[k]) - o[k]) / d[k]);
-    for (const Box& b : columns) {
-      double from = 0, to = best;
-      for (std::size_t k = 0; k < 3; ++k) {
-        if (std::abs(d[k]) < 1e-12) {
-          if (o[k] < b.low[k] || o[k] > b.high[k]) from = to + 1;
-          continue;
-        }
-        const double s = (b.low[k] - o[k]) / d[k], t = (b.high[k] - o[k]) / d[k];
-        from = std::max(from, std::min(s, t)), to = std::min(to, std::max(s, t));
-      }
-      if (from > 0 && from < to) best = std::min(best, from);
-    }
-    return best;
-  }
-};
-
-struct Change {
-  double bias_m = 0, scale = 0, noise = 1, lost = 0, beam_m = 0, remission = 0;
-  Vector turn_rad{}, move_m{};
-};
-
-struct Shape {
-  std::uint32_t rings, steps;
-  double step_rad, first_rad;
-};
+using testing::Room;
+using Change = testing::ScanChange;
+using Shape = testing::ScanShape;
 constexpr Shape kPlane{1, 271, kDegree, -135 * kDegree};
 constexpr Shape kMany{8, 180, 2 * kDegree, -180 * kDegree};
 
@@ -70,7 +26,10 @@ class Pair {
     after_.noise *= change.noise, after_.lost += change.lost, after_.remission += change.remission;
     for (std::size_t k = 0; k < 3; ++k)
       after_.turn_rad[k] += change.turn_rad[k], after_.move_m[k] += change.move_m[k];
-    for (std::uint64_t i = 0; i < 12; ++i) rooms_.emplace_back(seed * 50 + i);
+    for (std::uint64_t i = 0; i < 12; ++i) {
+      Random r(seed * 50 + i);
+      rooms_.emplace_back(r);
+    }
     real_.reserve(24 * shape.rings * shape.steps), simulated_.reserve(24 * shape.rings * shape.steps);
   }
   static CloudChangeOptions options(const Shape& shape) {
@@ -93,30 +52,9 @@ class Pair {
 
  private:
   void scan(Sample& s, const Room& room, std::size_t place, const Change& c) {
-    points_.clear();
-    const Vector at{-2 + 0.3 * static_cast<double>(place), 0.2 * static_cast<double>(place) - 1, 0};
-    for (std::uint32_t k = 0; k < shape_.steps; ++k)
-      for (std::uint32_t ring = 0; ring < shape_.rings; ++ring) {
-        const double a = shape_.first_rad + k * shape_.step_rad;
-        const double e = shape_.rings == 1 ? 0 : (2.0 * ring - 7) * kDegree;
-        const Vector d{std::cos(e) * std::cos(a), std::cos(e) * std::sin(a), std::sin(e)};
-        // Of the real sensor in the twin's frame: o + R d.
-        const Vector& w = c.turn_rad;
-        Vector turned{d[0] + w[1] * d[2] - w[2] * d[1], d[1] + w[2] * d[0] - w[0] * d[2],
-                      d[2] + w[0] * d[1] - w[1] * d[0]};
-        const double length = std::hypot(turned[0], turned[1], turned[2]);
-        for (double& x : turned) x /= length;
-        const Vector o{at[0] + c.move_m[0], at[1] + c.move_m[1], at[2] + c.move_m[2]};
-        const double truth = room.range(o, turned);
-        const bool lost = random_.uniform() < 0.01 + c.lost;
-        const double range = truth * (1 + c.scale) + c.bias_m + (ring == 3 ? c.beam_m : 0) +
-                             0.015 * c.noise * random_.quick_normal();
-        if (lost) continue;
-        const double remission = (0.2 + 0.6 * std::abs(std::sin(3 * truth))) * (1 + c.remission);
-        points_.push_back({static_cast<float>(d[0] * range), static_cast<float>(d[1] * range),
-                           static_cast<float>(d[2] * range), static_cast<float>(remission),
-                           static_cast<std::int32_t>(k * 50000), static_cast<std::uint16_t>(ring), 0, 0});
-      }
+    const double x = static_cast<double>(place);
+    points_ = testing::scan_of(room, {-2 + 0.3 * x, 0.2 * x - 1, 0}, shape_, c,
+                               {.sigma_m = 0.015, .lost = 0.01}, random_);
     s.info = PointCloudInfo{static_cast<std::uint32_t>(points_.size())};
     testing::fill<LidarPoint>(s, points_);
   }

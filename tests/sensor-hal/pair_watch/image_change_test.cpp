@@ -3,50 +3,30 @@
 #include <algorithm>
 #include <cmath>
 
-#include "tests/sensor-hal/pair_watch/noise_for_tests.h"
+#include "tests/sensor-hal/pair_watch/synthetic_scene.h"
 #include "tests/sensor-hal/pair_watch/watched_pair.h"
 
 namespace rigor::pair_watch {
 namespace {
 
+using testing::camera_of;
 using testing::Random;
-
-CameraModel camera_of(int width, int height) {
-  CameraModel c;
-  c.width_px = width, c.height_px = height;
-  c.fx_px = c.fy_px = 0.9 * width;
-  c.cx_px = (width - 1) / 2.0, c.cy_px = (height - 1) / 2.0;
-  c.lens.k1 = -0.1, c.lens.k2 = 0.02;
-  c.noise.system_gain_dn_per_e = 0.4, c.noise.black_level_dn = 100;
-  c.noise.dsnu_e = 0, c.noise.prnu = 0;
-  return c;
-}
+using testing::Vector;
 
 /// What the real camera differs by from its twin.
 struct Change {
-  double focal = 0, gain = 0, offset_dn = 0, turn_rad[3] = {0, 0, 0}, noise = 1, dirt = 0;
+  double focal = 0, gain = 0, offset_dn = 0, noise = 1, dirt = 0;
+  Vector turn_rad{};
   bool near_thing = false;
   double parallax_px = 0;
 };
 
-/// Light by direction: waves of many lengths, none shorter than some pixels of the cells.
 struct Scene {
-  struct Wave {
-    double x, y, phase, height;
-  };
-  std::vector<Wave> waves;
+  Random random;
+  testing::Waves waves{random, 60};
   double near_u, near_v;  ///< a thing near the camera, in shares of the picture
-  explicit Scene(std::uint64_t seed) {
-    Random r(seed);
-    for (int i = 0; i < 12; ++i)
-      waves.push_back(
-          {40 * (r.uniform() - 0.5), 40 * (r.uniform() - 0.5), 6.28 * r.uniform(), 60 + 120 * r.uniform()});
-    near_u = 0.2 + 0.6 * r.uniform(), near_v = 0.2 + 0.6 * r.uniform();
-  }
-  [[nodiscard]] double light(double x, double y) const {
-    double v = 1400;
-    for (const Wave& w : waves) v += w.height * std::sin(w.x * x + w.y * y + w.phase);
-    return v;
+  explicit Scene(std::uint64_t seed) : random(seed) {
+    near_u = 0.2 + 0.6 * random.uniform(), near_v = 0.2 + 0.6 * random.uniform();
   }
 };
 
@@ -59,10 +39,7 @@ std::vector<float> picture(const Scene& scene, CameraModel c, const Change& chan
   for (int v = 0; v < c.height_px; ++v)
     for (int u = 0; u < c.width_px; ++u) {
       const OpticalRay d = unproject_ray(c, {double(u), double(v)}).value();
-      const double* w = change.turn_rad;  // into the twin's frame: p_twin = (1 + ω×) p_real
-      const double x = d.x + w[1] * d.z - w[2] * d.y, y = d.y + w[2] * d.x - w[0] * d.z,
-                   z = d.z + w[0] * d.y - w[1] * d.x;
-      double light = scene.light(x / z, y / z);
+      double light = scene.waves.light(testing::turned(change.turn_rad, {d.x, d.y, d.z}));
       if (change.near_thing && std::hypot(u - near_u, v - near_v) < 0.08 * c.width_px) light = 500;
       light *= 1 + change.gain;
       if (u < c.width_px / 3 && v < c.height_px / 2) light *= 1 - change.dirt;
@@ -87,7 +64,7 @@ class Pair {
     Change both = twin_is_off;
     both.focal += change.focal, both.gain += change.gain, both.offset_dn += change.offset_dn;
     both.dirt += change.dirt;
-    for (int k = 0; k < 3; ++k) both.turn_rad[k] += change.turn_rad[k];
+    for (std::size_t k = 0; k < 3; ++k) both.turn_rad[k] += change.turn_rad[k];
     Change nothing;
     nothing.near_thing = twin_is_off.near_thing;
     for (std::size_t i = 0; i < scenes; ++i) {
