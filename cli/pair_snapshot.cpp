@@ -98,6 +98,7 @@ json watch_json(const PairMonitor& monitor, bool series) {
       p["scatter"] = number(baseline[i].sigma);
       p["threshold"] = number(baseline[i].h);
       p["reference"] = number(baseline[i].k);
+      p["highest"] = number(baseline[i].highest);
       p["unsettled"] = baseline[i].unsettled;
     }
     j["parameters"].push_back(std::move(p));

@@ -5,7 +5,7 @@
 //              "learned": 200, "baseline_windows": 200, "windows": 251, "alarms": 1,
 //              "alarm": {"parameter": "focal length", "change": 0.01004, "sigma": 0.0003, "since_s": 2500,
 //              …}, "parameters": [{"name": "gain", "unit": "1", "value": …, "sigma": …, "level": 0.1,
-//                              "mean": …, "threshold": …}, …]}}
+//                              "highest": 0.3, "mean": …, "threshold": …}, …]}}
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>

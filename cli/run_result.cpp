@@ -250,6 +250,11 @@ std::string watch_line(const json& w) {
   if (state == "learning")
     out += fmt::format(" ({} of {} of the baseline)", w["learned"].get<std::uint64_t>(),
                        w["baseline_windows"].get<std::uint64_t>());
+  double highest = -1;
+  std::string of;
+  for (const json& p : w["parameters"])
+    if (p.contains("highest") && p["highest"].get<double>() > highest) highest = p["highest"], of = p["name"];
+  if (!of.empty()) out += fmt::format(", highest sum {:.2f} of its threshold ({})", highest, of);
   out += '\n';
   if (w["alarms"].get<std::uint64_t>() > 0)
     out += fmt::format("          ALARM at {:.1f} s: {}\n", w["alarm"]["raised_s"].get<double>(),

@@ -82,6 +82,7 @@ void ChangeWatch::add(const Estimate& e) noexcept {
     const double less_certain =
         l.within > 0 && std::isfinite(e.sigma[i]) ? std::max(1.0, e.sigma[i] / l.within) : 1;
     l.sum.add((e.value[i] - l.mean) / (l.sigma * less_certain), now);
+    l.highest = std::max(l.highest, l.sum.level());
     if (l.sum.level() >= highest) highest = l.sum.level(), trigger = i;
   }
   if (state_ == WatchState::watching && trigger < learned_.size()) raise(trigger);
@@ -279,8 +280,8 @@ void ChangeWatch::raise(std::size_t trigger) noexcept {
 
 ParameterState ChangeWatch::parameter_state(std::size_t i) const noexcept {
   const Learned& l = learned_[i];
-  return {l.watched, l.unsettled, l.mean,        l.sigma, l.watched ? l.sum.level() : 0,
-          l.sum.k(), l.sum.h(),   l.undetermined};
+  return {l.watched, l.unsettled, l.mean,    l.sigma,       l.watched ? l.sum.level() : 0,
+          l.highest, l.sum.k(),   l.sum.h(), l.undetermined};
 }
 
 }  // namespace rigor::pair_watch

@@ -67,6 +67,7 @@ struct ParameterState {
   double mean = 0;         ///< μ
   double sigma = 0;        ///< s
   double level = 0;        ///< of its sum; 1 is the alarm
+  double highest = 0;      ///< level since the baseline
   double k = 0, h = 0;
   std::uint64_t undetermined = 0;  ///< windows that said nothing of it
 };
@@ -101,7 +102,7 @@ class ChangeWatch {
   ChangeWatch(std::vector<Parameter> parameters, const WatchOptions& options);
   struct Learned {
     bool watched = false, unsettled = false;
-    double mean = 0, marginal = 0, sigma = 0, within = 0;
+    double mean = 0, marginal = 0, sigma = 0, within = 0, highest = 0;
     std::uint64_t undetermined = 0;
     Cusum sum;
   };

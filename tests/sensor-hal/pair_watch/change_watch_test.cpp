@@ -182,6 +182,7 @@ TEST(ChangeWatch, AlarmStaysUntilAcknowledgedAndComesBackWhereTheChangePersists)
   for (int i = 0; i < 300; ++i) watch.add(process.next());
   EXPECT_EQ(watch.state(), WatchState::alarm);
   EXPECT_EQ(watch.alarm().window, raised);
+  EXPECT_GE(watch.parameter_state(0).highest, 1) << "the alarm is remembered";
   watch.acknowledge();
   for (int i = 0; i < 300; ++i) watch.add(process.next());
   EXPECT_EQ(watch.state(), WatchState::watching);
@@ -189,6 +190,7 @@ TEST(ChangeWatch, AlarmStaysUntilAcknowledgedAndComesBackWhereTheChangePersists)
   EXPECT_EQ(watch.state(), WatchState::alarm);
   watch.learn_again();
   EXPECT_EQ(watch.state(), WatchState::learning);
+  EXPECT_EQ(watch.parameter_state(0).highest, 0) << "nothing has been watched yet";
   for (int i = 0; i < 500; ++i) watch.add(changed());
   EXPECT_EQ(watch.state(), WatchState::watching);
   EXPECT_NEAR(watch.parameter_state(0).mean, 11, 0.5);
