@@ -11,6 +11,8 @@
 namespace rigor::record {
 namespace {
 
+constexpr std::size_t kSummaryPiece = std::size_t{256} << 10;
+
 /// Opens a record in `out`, and fills in its length when it is done.
 class Record {
  public:
@@ -49,17 +51,6 @@ void put_channel(ByteBuffer& out, const Channel& channel) {
 }
 
 }  // namespace
-
-struct McapWriter::ChunkIndex {
-  std::uint64_t start_ns = 0;
-  std::uint64_t end_ns = 0;
-  std::uint64_t offset = 0;
-  std::uint64_t length = 0;  ///< with its record header
-  std::vector<std::pair<std::uint16_t, std::uint64_t>> index_offsets;
-  std::uint64_t index_length = 0;
-  std::uint64_t compressed = 0;
-  std::uint64_t uncompressed = 0;
-};
 
 struct McapWriter::Compressor {
   ZSTD_CCtx* zstd = nullptr;
@@ -247,7 +238,7 @@ Status McapWriter::end_chunk(Pieces tail) {
   scratch_.put(compression);
   scratch_.put(stored);
 
-  ChunkIndex chunk;
+  ChunkPlace& chunk = place_;
   chunk.start_ns = chunk_messages_ > 0 ? chunk_start_ns_ : 0;
   chunk.end_ns = chunk_messages_ > 0 ? chunk_end_ns_ : 0;
   chunk.offset = position_;
@@ -255,6 +246,7 @@ Status McapWriter::end_chunk(Pieces tail) {
   chunk.compressed = stored;
   chunk.uncompressed = uncompressed;
 
+  chunk.index_offsets.clear();
   index_scratch_.clear();
   std::sort(touched_.begin(), touched_.end());
   for (const std::uint16_t channel : touched_) {
@@ -300,7 +292,7 @@ Status McapWriter::end_chunk(Pieces tail) {
     indexes_[channel].clear();
   }
   touched_.clear();
-  chunk_indexes_.push_back(std::move(chunk));
+  chunks_.add(chunk);
   chunk_.clear();
   chunk_messages_ = 0;
   return {};
@@ -354,15 +346,36 @@ Status McapWriter::add_attachment(const Attachment& attachment) {
   return {};
 }
 
+/// Appends the end of the file: all of it, or nothing.
 Status McapWriter::append_summary() {
-  ByteBuffer& out = scratch_;
+  const std::uint64_t start = position_;
+  Status status = append_summary(scratch_);
+  if (status || position_ == start) return status;
+  position_ = start;
+  statistics_.file_bytes = start;
+  if (Status cut = sink_->truncate(start); !cut) error_->message += "; " + cut.error().message;
+  return tl::unexpected(*error_);
+}
+
+/// Through `out`, in pieces of about kSummaryPiece.
+Status McapWriter::append_summary(ByteBuffer& out) {
   out.clear();
   {
     const Record record(out, Opcode::data_end);
     out.put(data_crc_);
   }
-  const std::size_t data_end_bytes = out.size();
-  const std::uint64_t summary_start = position_ + data_end_bytes;
+  const std::uint64_t summary_start = position_ + out.size();
+  std::size_t not_of_summary = out.size();  // at the start of `out`
+  std::uint32_t crc = 0;
+  Status status;
+  const auto append_piece = [&] {
+    if (!status) return;
+    if (options_.checksums) crc = crc32(out.bytes().subspan(not_of_summary), crc);
+    not_of_summary = 0;
+    const Bytes bytes = out.bytes();
+    status = append({&bytes, 1});
+    out.clear();
+  };
   ByteBuffer offsets;
   const auto group = [&](Opcode op, auto&& fill) {
     const std::uint64_t start = position_ + out.size();
@@ -387,7 +400,7 @@ Status McapWriter::append_summary() {
     out.put(static_cast<std::uint32_t>(channels_.size()));
     out.put(attachments_);
     out.put(metadata_);
-    out.put(static_cast<std::uint32_t>(chunk_indexes_.size()));
+    out.put(static_cast<std::uint32_t>(chunks_.size()));
     out.put(first_ns_);
     out.put(last_ns_);
     out.put(static_cast<std::uint32_t>(channels_.size() * 10));
@@ -395,18 +408,21 @@ Status McapWriter::append_summary() {
       out.put(channels_[i].id), out.put(channel_messages_[i]);
   });
   group(Opcode::chunk_index, [&] {
-    for (const ChunkIndex& chunk : chunk_indexes_) {
+    ChunkList::Cursor cursor(chunks_);
+    while (const ChunkPlace* chunk = cursor.next()) {
+      if (out.size() >= kSummaryPiece) append_piece();
+      if (!status) return;
       const Record record(out, Opcode::chunk_index);
-      out.put(chunk.start_ns);
-      out.put(chunk.end_ns);
-      out.put(chunk.offset);
-      out.put(chunk.length);
-      out.put(static_cast<std::uint32_t>(chunk.index_offsets.size() * 10));
-      for (const auto& [channel, offset] : chunk.index_offsets) out.put(channel), out.put(offset);
-      out.put(chunk.index_length);
+      out.put(chunk->start_ns);
+      out.put(chunk->end_ns);
+      out.put(chunk->offset);
+      out.put(chunk->length);
+      out.put(static_cast<std::uint32_t>(chunk->index_offsets.size() * 10));
+      for (const auto& [channel, offset] : chunk->index_offsets) out.put(channel), out.put(offset);
+      out.put(chunk->index_length);
       out.put(to_string(options_.compression));
-      out.put(chunk.compressed);
-      out.put(chunk.uncompressed);
+      out.put(chunk->compressed);
+      out.put(chunk->uncompressed);
     }
   });
   group(Opcode::attachment_index, [&] { out.append(attachment_indexes_.bytes()); });
@@ -417,10 +433,10 @@ Status McapWriter::append_summary() {
   out.put(std::uint64_t{kFooterBytes});
   out.put(summary_start);
   out.put(offsets_start);
-  out.put(options_.checksums ? crc32(out.bytes().subspan(data_end_bytes)) : std::uint32_t{0});
+  out.put(options_.checksums ? crc32(out.bytes().subspan(not_of_summary), crc) : std::uint32_t{0});
   out.append(kMagic.data(), kMagic.size());
   const Bytes bytes = out.bytes();
-  return append({&bytes, 1});
+  return status ? append({&bytes, 1}) : status;
 }
 
 Status McapWriter::close() {

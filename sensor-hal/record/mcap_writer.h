@@ -15,6 +15,9 @@
 // Uncompressed, a message of `direct_bytes` or more ends its chunk at once, and its pieces go from the
 // caller's memory to the kernel without a copy in between.
 //
+// What is kept in memory until close(): for each chunk some 30 bytes and 2 or 3 for each topic in it
+// (chunk_list.h).
+//
 // All calls: one thread at a time, an I/O thread; may block and allocate. After a failed append the output is
 // cut back to its last whole chunk, and every further write gives the same error.
 #pragma once
@@ -26,6 +29,7 @@
 #include <vector>
 
 #include "sensor-hal/record/byte_io.h"
+#include "sensor-hal/record/chunk_list.h"
 #include "sensor-hal/record/mcap_format.h"
 
 namespace rigor::record {
@@ -100,7 +104,6 @@ class McapWriter {
     std::uint64_t log_time_ns;
     std::uint64_t offset;
   };
-  struct ChunkIndex;
   struct Compressor;
 
   McapWriter(std::unique_ptr<ByteSink> sink, WriterOptions options);
@@ -108,6 +111,7 @@ class McapWriter {
   Status append(Pieces pieces);
   Status end_chunk(Pieces tail);
   Status append_summary();
+  Status append_summary(ByteBuffer& out);
   Bytes compress();
 
   std::unique_ptr<ByteSink> sink_;
@@ -131,7 +135,8 @@ class McapWriter {
   std::uint64_t chunk_end_ns_ = 0;
   std::uint64_t chunk_messages_ = 0;
 
-  std::vector<ChunkIndex> chunk_indexes_;
+  ChunkList chunks_;
+  ChunkPlace place_;  ///< of the chunk that is being handed over
   ByteBuffer attachment_indexes_;
   ByteBuffer metadata_indexes_;
   std::uint32_t attachments_ = 0;

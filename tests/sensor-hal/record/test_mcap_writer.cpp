@@ -170,6 +170,39 @@ TEST(McapWriter, DiskFullAtAnyByteIsReportedAtOnceAndLeavesAReadableFile) {
   EXPECT_GT(complete, 0u) << "the room of the lost chunk was never enough for a summary";
 }
 
+/// A chunk for each message, so that the summary goes to the sink in several pieces.
+Status write_chunks(std::unique_ptr<ByteSink> sink, std::size_t count) {
+  auto writer = must(McapWriter::open(std::move(sink), {.chunk_bytes = 1}));
+  const auto channel = must(writer->add_channel({.topic = "/a"}));
+  const auto data = noise(4, 1);
+  for (std::size_t i = 0; i < count; ++i)
+    must(writer->write({channel, static_cast<std::uint32_t>(i), i * 1000, 0}, Bytes(data)));
+  return writer->close();
+}
+
+TEST(McapWriter, SummaryOfManyChunksIsWholeOrLeftAway) {
+  constexpr std::size_t kChunks = 8000;  // of 85 bytes in the summary
+  MemorySink memory;
+  must(write_chunks(std::make_unique<SharedSink>(memory), kChunks));
+  {
+    auto reader = open_bytes(memory.bytes());
+    EXPECT_TRUE(reader->health().indexed);
+    EXPECT_TRUE(reader->health().good()) << testing::PrintToString(reader->health().notes);
+    EXPECT_EQ(reader->segments().size(), kChunks);
+    EXPECT_EQ(reader->message_count(), kChunks);
+  }
+  // The disk fills up in the last piece: those before it are taken back.
+  MemorySink cut;
+  const Status closed = write_chunks(std::make_unique<FullDisk>(cut, memory.bytes().size() - 1), kChunks);
+  ASSERT_FALSE(closed);
+  EXPECT_EQ(closed.error().code, ErrorCode::disk_full);
+  auto reader = open_bytes(cut.bytes(), {.salvage_tail = false});
+  EXPECT_FALSE(reader->health().indexed);
+  EXPECT_EQ(reader->health().lost_bytes, 0u) << "the file must end with a whole record";
+  EXPECT_EQ(reader->message_count(), kChunks);
+  EXPECT_LT(cut.bytes().size(), memory.bytes().size() - 80 * kChunks);
+}
+
 TEST(McapWriter, DiskFullOfTheKernelIsReported) {
   auto sink = open_file_sink("/dev/full");
   if (!sink) GTEST_SKIP() << "no /dev/full here: " << sink.error().text();
