@@ -15,6 +15,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 #include "sensor-hal/config/yaml.h"
 
@@ -80,11 +81,19 @@ bool address_of(const std::filesystem::path& path, sockaddr_un& address) {
   return true;
 }
 
-int connect_to(const std::filesystem::path& path) {
+void set_patience(int fd, Duration d) {
+  const timeval patience{static_cast<time_t>(d.ns() / 1'000'000'000),
+                         static_cast<suseconds_t>(d.ns() % 1'000'000'000 / 1000)};
+  (void)setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
+  (void)setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+}
+
+int connect_to(const std::filesystem::path& path, Duration patience) {
   sockaddr_un address{};
   if (!address_of(path, address)) return -1;
   const int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
   if (fd < 0) return -1;
+  set_patience(fd, patience);  // of connecting, too: the run may have many who wait
   if (connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) return fd;
   const int error = errno;
   close(fd);
@@ -102,12 +111,6 @@ bool send_all(int fd, std::string_view text) {
   return true;
 }
 
-void set_patience(int fd, int seconds) {
-  const timeval patience{seconds, 0};
-  (void)setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
-  (void)setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
-}
-
 }  // namespace
 
 // ------------------------------------------------------------------ commands
@@ -117,12 +120,10 @@ ControlCommands::~ControlCommands() = default;
 
 void ControlCommands::add(const std::string& name, Handler handler) { handlers_[name] = std::move(handler); }
 
-Result<json> ControlCommands::result_of(std::string_view line) {
-  const json request = json::parse(line, nullptr, false);
+Result<json> ControlCommands::result_of(const json& request) {
   if (!request.is_object() || !request.contains("command") || !request["command"].is_string())
     return fail(ErrorCode::bad_input, "", "expected a line with an object of JSON that has a `command`");
   const std::string name = request["command"];
-  const std::lock_guard lock(mutex_);
   const auto it = handlers_.find(name);
   if (it == handlers_.end()) {
     std::string all;
@@ -141,13 +142,25 @@ Result<json> ControlCommands::result_of(std::string_view line) {
 }
 
 std::string ControlCommands::answer(std::string_view line) {
-  const auto result = result_of(line);
+  const json request = json::parse(line, nullptr, false);
+  const std::lock_guard lock(mutex_);
+  std::string id;
+  if (request.is_object() && request.contains("id") && request["id"].is_string()) id = request["id"];
+  if (!id.empty())
+    for (const auto& [known, said] : answered_)
+      if (known == id) return said;
+  const auto result = result_of(request);
   const json reply =
       result
           ? json{{"ok", true}, {"result", *result}}
           : json{{"ok", false},
                  {"error", {{"code", code_name(result.error().code)}, {"message", result.error().text()}}}};
-  return reply.dump(-1, ' ', false, json::error_handler_t::replace);
+  std::string said = reply.dump(-1, ' ', false, json::error_handler_t::replace);
+  if (!id.empty()) {
+    answered_.emplace_back(std::move(id), said);
+    if (answered_.size() > kAnswersKept) answered_.pop_front();
+  }
+  return said;
 }
 
 // ------------------------------------------------------------------ server
@@ -210,7 +223,7 @@ void ControlSocket::serve() {
     if ((wait[1].revents & POLLIN) == 0) continue;
     const int fd = accept4(listener_, nullptr, nullptr, SOCK_CLOEXEC);
     if (fd < 0) continue;
-    set_patience(fd, 2);  // whoever does not read his answers is let go
+    set_patience(fd, seconds(2));  // whoever does not read his answers is let go
     if (clients.size() < kMaxClients)
       clients.push_back({fd, {}});
     else
@@ -259,7 +272,41 @@ std::vector<RunningBench> running_benches() {
   return all;
 }
 
-Result<json> ask_bench(const std::string& name_or_pid, const json& request) {
+namespace {
+
+/// What came back for one line; empty, and why, where nothing did.
+struct Asked {
+  std::string reply, why;
+  bool gone = false;  ///< there is nobody to ask again
+};
+
+Asked ask_once(const std::filesystem::path& path, const std::string& line, Duration patience) {
+  const auto too_late = [&] { return fmt::format("no answer within {:g} s", patience.seconds()); };
+  const int fd = connect_to(path, patience);
+  if (fd < 0) {
+    const bool busy = errno == EAGAIN || errno == EINTR;
+    return {"", busy ? too_late() : std::strerror(errno), !busy};
+  }
+  Asked asked;
+  bool good = send_all(fd, line);
+  if (!good) asked.why = too_late();
+  while (good && asked.reply.find('\n') == std::string::npos) {
+    char buffer[4096];
+    const ssize_t n = recv(fd, buffer, sizeof buffer, 0);
+    if (n < 0 && errno == EINTR) continue;
+    good = n > 0;
+    if (good) asked.reply.append(buffer, static_cast<std::size_t>(n));
+    if (n == 0) asked.why = "it closed the connection";
+    if (n < 0) asked.why = errno == EAGAIN ? too_late() : std::strerror(errno);
+  }
+  close(fd);
+  if (!good) asked.reply.clear();
+  return asked;
+}
+
+}  // namespace
+
+Result<json> ask_bench(const std::string& name_or_pid, const json& request, Patience patience) {
   const auto all = running_benches();
   std::vector<const RunningBench*> fits;
   std::string list;
@@ -273,25 +320,29 @@ Result<json> ask_bench(const std::string& name_or_pid, const json& request) {
         fmt::format("expected the name or the process id of one run of this user; {}; running now: {}",
                     fits.empty() ? "none has it" : "several have it, give the process id",
                     list.empty() ? "none" : list));
-  const auto broken = [&](const std::string& why) {
-    return fail(ErrorCode::io, fits.front()->socket.string(), "the run does not answer: " + why);
-  };
-  const int fd = connect_to(fits.front()->socket);
-  if (fd < 0) return broken(std::strerror(errno));
-  set_patience(fd, 10);
-  std::string reply;
-  bool good = send_all(fd, request.dump() + "\n");
-  while (good && reply.find('\n') == std::string::npos) {
-    char buffer[4096];
-    const ssize_t n = recv(fd, buffer, sizeof buffer, 0);
-    if (n < 0 && errno == EINTR) continue;
-    good = n > 0;
-    if (good) reply.append(buffer, static_cast<std::size_t>(n));
+  json with_id = request;
+  with_id["id"] = fmt::format("{}-{}", getpid(), monotonic_now().ns());
+  const std::string line = with_id.dump() + "\n";
+  const std::string where = fits.front()->socket.string();
+  Asked asked;
+  for (int i = 1; i <= patience.times; ++i) {
+    asked = ask_once(fits.front()->socket, line, patience.each);
+    if (!asked.reply.empty() || asked.gone) break;
+    if (i < patience.times) {
+      fmt::print(stderr, "rigor: {}: {}; asking again\n", where, asked.why);
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    }
   }
-  close(fd);
-  if (!good) return broken("it closed the connection");
-  const json answer = json::parse(reply, nullptr, false);
-  if (!answer.is_object()) return broken("its answer is no JSON");
+  if (asked.gone) return fail(ErrorCode::io, where, "the run does not answer: " + asked.why);
+  if (asked.reply.empty())
+    return fail(
+        ErrorCode::timeout, where,
+        fmt::format("the run does not answer, asked {} times: {}; whether it did what it was asked is "
+                    "not known (`rigor fault RUN --list` tells of faults)",
+                    patience.times, asked.why));
+  const json answer = json::parse(asked.reply, nullptr, false);
+  if (!answer.is_object())
+    return fail(ErrorCode::io, where, "the run does not answer: its answer is no JSON");
   if (answer.value("ok", false)) return answer.value("result", json::object());
   const json error = answer.value("error", json::object());
   return fail(code_of(error.value("code", "")), "", error.value("message", "it refused"));

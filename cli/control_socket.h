@@ -5,6 +5,9 @@
 //   → {"command": "flt"}
 //   ← {"ok": false, "error": {"code": "bad_input", "message": "command: expected one of …, got flt; did …"}}
 //
+// A request may have an `id`, a text of its own: one that comes again is not done again, but gets the answer
+// that it got. Whoever had no answer in time can so ask once more.
+//
 // One answer for each line, in order. What commands there are is up to whoever fills the table; a table can
 // be asked by others as well (a page in a browser).
 //
@@ -13,6 +16,7 @@
 #pragma once
 
 #include <atomic>
+#include <deque>
 #include <filesystem>
 #include <functional>
 #include <map>
@@ -25,6 +29,7 @@
 #include <vector>
 
 #include "rt-core/result.h"
+#include "rt-core/time.h"
 
 namespace rigor {
 
@@ -40,9 +45,11 @@ class ControlCommands {
   [[nodiscard]] std::string answer(std::string_view line);
 
  private:
-  [[nodiscard]] Result<nlohmann::json> result_of(std::string_view line);
+  static constexpr std::size_t kAnswersKept = 64;
+  [[nodiscard]] Result<nlohmann::json> result_of(const nlohmann::json& request);
   std::mutex mutex_;
   std::map<std::string, Handler> handlers_;
+  std::deque<std::pair<std::string, std::string>> answered_;  // id, answer: the last ones
 };
 
 /// The socket of this process, with a thread of its own.
@@ -77,8 +84,14 @@ struct RunningBench {
 };
 /// Of this user, on this machine. Sockets that nobody answers on any more are removed.
 [[nodiscard]] std::vector<RunningBench> running_benches();
+/// How long a run is waited for. Asking again is safe: see `id` above.
+struct Patience {
+  Duration each = seconds(10);
+  int times = 3;
+};
 /// `name_or_pid`: not_found where no run, or more than one, has that name. The answer's `result`, or its
-/// error.
-[[nodiscard]] Result<nlohmann::json> ask_bench(const std::string& name_or_pid, const nlohmann::json& request);
+/// error. timeout: nobody knows whether it was done; an earlier attempt that was in vain is told on stderr.
+[[nodiscard]] Result<nlohmann::json> ask_bench(const std::string& name_or_pid, const nlohmann::json& request,
+                                               Patience patience = {});
 
 }  // namespace rigor

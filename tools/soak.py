@@ -7,7 +7,7 @@ usage: tools/soak.py --self-test
 
 The rig runs in a process of its own (and its emulators in theirs) until the time is over, then it is told to end by SIGINT.
 Meanwhile, every few seconds: memory of the processes from /proc, and whether the loop has gone on, asked over the control
-socket. With --fault-every a fault of a random kind on a random channel or sink comes that often, by `rigor fault`.
+socket. With --fault-every a fault of a random kind on a random channel or sink comes that often, over the same socket.
 Afterwards: the slope of memory with its confidence interval, the accounts of every channel, and what `rigor inspect` says of the
 recording. DIR/soak.json has it all; exit status 0 where nothing was wrong, 1 where something was, 2 for bad input.
 docs/soak.md explains the figures.
@@ -19,6 +19,7 @@ import os
 import pathlib
 import random
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -122,6 +123,15 @@ def children_of(pid):
     return kids + [g for k in kids for g in children_of(k)]
 
 
+def cpu_s(pid):
+    """Of all threads; a run that does not go on and has had none is starved, not stuck."""
+    try:
+        fields = open(f"/proc/{pid}/stat").read().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except OSError:
+        return 0.0
+
+
 def counted(path):
     try:
         return len(os.listdir(path))
@@ -137,6 +147,7 @@ class Bench:
         self.env = dict(os.environ, XDG_RUNTIME_DIR=str(out / "sockets"))
         (out / "sockets").mkdir(mode=0o700, exist_ok=True)
         self.recording = out / "soak.mcap"
+        self.asked = self.asked_again = 0
         command = [str(args.rigor), "run", str(args.rig), "--json", "--clock", args.clock, "--set", "report=",
                    "--duration", str(args.virtual_s if args.clock == "virtual" else args.for_s + 60)]
         command += ["--record", str(self.recording)]
@@ -146,17 +157,36 @@ class Bench:
         self.process = subprocess.Popen(command, env=self.env, stdout=open(out / "run.json", "w"),
                                         stderr=open(out / "run.stderr", "w"), stdin=subprocess.DEVNULL)
 
-    def ask(self, *words, seconds=30):
-        """`rigor fault PID …`; (status, JSON or text). Status None: no answer in time."""
-        try:
-            said = subprocess.run([str(self.args.rigor), "fault", str(self.process.pid), *words, "--json"], env=self.env,
-                                  capture_output=True, text=True, timeout=seconds)
-        except subprocess.TimeoutExpired:
-            return None, "no answer"
-        try:
-            return said.returncode, json.loads(said.stdout)
-        except ValueError:
-            return said.returncode, (said.stdout + said.stderr).strip()
+    def ask(self, seconds=60, **request):
+        """One request over the run's control socket (docs/faults.md): its answer, or None and why: a text where there was no answer.
+
+        Asked in this process, because on a busy machine a process of its own may take minutes to start. Asked again every 10 s
+        under the same `id`, so that nothing is done twice.
+        """
+        self.asked += 1
+        line = json.dumps({**request, "id": f"soak-{self.asked}"}).encode() + b"\n"
+        until, why, tries = time.monotonic() + seconds, "there is no socket", 0
+        while time.monotonic() < until and self.process.poll() is None:
+            tries += 1
+            try:
+                path = next((self.out / "sockets" / "rigor").glob(f"*.{self.process.pid}.sock"))
+                with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as s:
+                    s.settimeout(10)
+                    s.connect(str(path))
+                    s.sendall(line)
+                    answer = s.makefile("rb").readline()
+                if answer.endswith(b"\n"):
+                    self.asked_again += tries > 1
+                    answer = json.loads(answer)
+                    return (answer["result"], None) if answer["ok"] else (None, answer["error"])
+                why = "it closed the connection"
+            except StopIteration:
+                return None, why
+            except OSError as e:
+                why = str(e) or "no answer within 10 s"
+            time.sleep(0.2)
+        self.asked_again += tries > 1
+        return None, f"asked {tries} times in {seconds} s: {why}"
 
     def end(self, seconds=300):
         """SIGINT, then the exit status; None where it had to be killed."""
@@ -175,7 +205,7 @@ class Faults:
 
     def __init__(self, bench, seed):
         self.bench, self.random = bench, random.Random(seed)
-        self.made, self.refused, self.problems, self.deck = {}, {}, [], []
+        self.made, self.refused, self.unanswered, self.deck = {}, {}, [], []
 
     def next(self, places):
         # Every kind comes once before one comes again; where none of the places takes it, that is told.
@@ -184,16 +214,15 @@ class Faults:
         kind = self.deck.pop()
         for place in self.random.sample(places, len(places)):
             for keys in self.keys(kind, place):
-                words = [f"{k}={str(v).lower() if isinstance(v, bool) else v}" for k, v in keys.items()]
-                status, answer = self.bench.ask(place["name"], kind, *words, "--for",
-                                                str(round(self.random.uniform(1, 8), 1)))
-                if status is None:
-                    self.problems.append(f"no answer to {kind} of {place['name']}")
-                    return
-                if status == 0:
+                fault = {"kind": kind, **keys, "for_s": round(self.random.uniform(1, 8), 1)}
+                answer, why = self.bench.ask(command="fault", channel=place["name"], fault=fault)
+                if answer is not None:
                     self.made[kind] = self.made.get(kind, 0) + 1
                     return
-                self.refused[kind] = str(answer)[:300]
+                if isinstance(why, str):
+                    self.unanswered.append({"kind": kind, "place": place["name"], "why": why})
+                    return
+                self.refused[kind] = why["message"][:300]
 
     def keys(self, kind, place):
         for name, make in LOSSES + TIMES + SOURCES_ONLY:
@@ -246,6 +275,23 @@ def check_accounts(result):
     return wrong, rows
 
 
+def check_faults(result, faults):
+    """Whether the run knows every fault that it said it had taken, and no other."""
+    asked, unanswered = sum(faults.made.values()), len(faults.unanswered)
+    known = begun = 0
+    for c in result.get("faults", []):
+        earlier = c.get("earlier", {})
+        live = [f for f in c["faults"] if f["live"]]
+        known += len(live) + earlier.get("faults", 0)
+        begun += sum(f["times"] for f in live) + earlier.get("times", 0)
+    wrong = [f"no answer to {u['kind']} of {u['place']}: {u['why']}" for u in faults.unanswered]
+    if not asked <= known <= asked + unanswered:
+        wrong.append(f"{asked} faults were taken, {unanswered} requests had no answer, but the run knows {known}")
+    if begun != known:
+        wrong.append(f"the run knows {known} faults, of which {begun} began")
+    return wrong, {"known": known, "begun": begun}
+
+
 def check_recording(args, bench, result):
     said = subprocess.run([str(args.rigor), "inspect", str(bench.recording), "--json"], capture_output=True, text=True)
     if said.returncode != 0:
@@ -296,6 +342,15 @@ def self_test():
     for planted in ({"taken_by_loop": 5}, {"not_due_at_end": 65}, {"not_due_at_end": -1}):
         if len(wrong(port=planted)) != 1:
             failures.append(f"not found once: {planted} in a port")
+    asked = Faults(None, 1)
+    asked.made, asked.unanswered = {"drop": 2, "bias": 1}, []
+    entry = {"channel": "a", "faults": [{"live": False, "times": 3}, {"live": True, "times": 1}],
+             "earlier": {"faults": 2, "times": 2}}
+    if check_faults({"faults": [entry]}, asked)[0]:
+        failures.append("faults that add up")
+    for planted, count in (({"earlier": {"faults": 1, "times": 1}}, 1), ({"earlier": {"faults": 2, "times": 1}}, 1)):
+        if len(check_faults({"faults": [{**entry, **planted}]}, asked)[0]) != count:
+            failures.append(f"not found: {planted} in the faults that a run knows")
     for f in failures:
         print(f"self-test: {f}")
     print(f"self-test: {len(failures)} failures")
@@ -316,6 +371,7 @@ def main():
     p.add_argument("--sample-every", type=float, default=5)
     p.add_argument("--warm-up", type=float, default=0.2, help="share of the time before the slope counts")
     p.add_argument("--hang", type=float, default=120, help="seconds without a step forward that are one")
+    p.add_argument("--start", type=float, default=900, help="seconds until it answers for the first time, at most")
     p.add_argument("--keep", action="store_true", help="keep the recording")
     p.add_argument("--set", action="append", default=[])
     p.add_argument("-o", "--output", type=pathlib.Path, default=pathlib.Path("soak"))
@@ -329,7 +385,7 @@ def main():
     out = args.output.resolve()
     bench, problems = Bench(args, out), []
     faults = Faults(bench, args.seed) if args.fault_every else None
-    samples, places, cycle, progress = [], None, -1, time.monotonic()
+    samples, places, cycle, progress, cpu = [], None, -1, time.monotonic(), 0.0
     started = time.monotonic()
     next_fault = started + 15
     ended_itself = False
@@ -341,21 +397,23 @@ def main():
             break
         all_pids = [bench.process.pid] + children_of(bench.process.pid)
         memory = [m for m in map(memory_kib, all_pids) if m]
-        status, answer = bench.ask(seconds=args.hang)
-        if status == 0:
+        answer, why = bench.ask(command="channels")
+        if answer is not None:
             places = places_of(answer)
             at = answer.get("cycle")
             if at is None:  # what came from the sources goes on as the loop does
                 at = sum(c.get("received", 0) for c in answer.get("channels", []))
             if at != cycle:
-                cycle, progress = at, time.monotonic()
-        if time.monotonic() - progress > args.hang:
-            problems.append(f"no step forward for {args.hang} s at {now:.0f} s: {str(answer)[:200]}")
+                cycle, progress, cpu = at, time.monotonic(), cpu_s(bench.process.pid)
+        if time.monotonic() - progress > (args.hang if places else args.start):
+            used = cpu_s(bench.process.pid) - cpu
+            problems.append((f"no step forward for {args.hang} s at {now:.0f} s" if places else
+                             f"it did not start within {args.start} s") + f" and {used:.1f} s of CPU time: {why}")
             break
-        if memory:
+        if memory and places:
             samples.append({"t_s": round(now, 1), "cycle": cycle, "threads": counted(f"/proc/{bench.process.pid}/task"),
                             "files": counted(f"/proc/{bench.process.pid}/fd"), "processes": len(memory),
-                            **{k: sum(m[k] for m in memory) for k in memory[0]}})
+                            **{k: sum(m[k] for m in memory) for k in memory[0]}, "own_run": memory[0]["own"]})
         if faults and places and time.monotonic() >= next_fault:
             next_fault += args.fault_every
             faults.next(places)
@@ -379,8 +437,10 @@ def main():
     problems += wrong
     wrong, inspected = check_recording(args, bench, result)
     problems += wrong
+    known = {}
     if faults:
-        problems += faults.problems
+        wrong, known = check_faults(result, faults)
+        problems += wrong
     steady = [s for s in samples if s["t_s"] >= args.warm_up * wall_s]
     told = {
         "command": " ".join(bench.command), "version": result.get("version"), "clock": args.clock,
@@ -388,13 +448,14 @@ def main():
         "problems": problems,
         "memory_kib": {k: {"first": steady[0][k], "last": steady[-1][k], "most": max(s[k] for s in samples),
                            "slope": slope([s["t_s"] for s in steady], [s[k] for s in steady])}
-                       for k in ("rss", "pss", "own", "threads", "files")} if steady else {},
+                       for k in ("rss", "pss", "own", "own_run", "threads", "files")} if steady else {},
         "accounts": rows,
         "loop": {k: result.get("loop", {}).get(k) for k in ("cycles_run", "cycles_skipped", "overruns", "reason")},
         "recording": {k: v for k, v in result.get("recording", {}).items()},
         "inspected": {k: v for k, v in inspected.items() if not isinstance(v, (list, dict))},
-        "faults": {"made": faults.made, "refused": {k: v for k, v in faults.refused.items() if k not in faults.made}}
-                  if faults else {},
+        "faults": {"made": faults.made, "refused": {k: v for k, v in faults.refused.items() if k not in faults.made},
+                   "unanswered": faults.unanswered, **known} if faults else {},
+        "asked_again": bench.asked_again,
         "samples": samples,
     }
     write(out / "soak.json", told)
@@ -414,13 +475,14 @@ def summary(told):
     lines = [f"{told['wall_s']:.0f} s of wall time, {told['bench_s'] or 0:.0f} s of the bench's on the {told['clock']} clock"]
     for k, m in told["memory_kib"].items():
         s = m["slope"]
-        unit = "KiB" if k in ("rss", "pss", "own") else ""
+        unit = "KiB" if k in ("rss", "pss", "own", "own_run") else ""
         slope_text = (f"{s['per_hour']:+.1f} {unit} an hour ({s['from']:+.1f} to {s['to']:+.1f})" if s
                       else "too few samples for a slope")
         lines.append(f"{k:8} {m['last']} {unit}, most {m['most']}; {slope_text}")
     if told["faults"]:
         made = told["faults"]["made"]
-        lines.append(f"faults   {sum(made.values())}: " + ", ".join(f"{n} {k}" for k, n in sorted(made.items())))
+        lines.append(f"faults   {sum(made.values())} ({told['faults']['known']} known to the run): "
+                     + ", ".join(f"{n} {k}" for k, n in sorted(made.items())))
     for row in told["accounts"]:
         lines.append("account  " + ", ".join(f"{k} {v}" for k, v in row.items() if k != "sources"))
         lines += ["         " + ", ".join(f"{k} {v}" for k, v in place.items()) for place in row["sources"]]
