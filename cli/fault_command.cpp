@@ -44,7 +44,12 @@ Result<json> request_of(const FaultOptions& o) {
 
 void print_faults(const json& all) {
   if (all.empty()) fmt::print("no faults\n");
-  for (const json& c : all)
+  for (const json& c : all) {
+    if (c.contains("earlier"))
+      fmt::print("{:<16} {} earlier live ones\n{:21}seen {}, dropped {}, changed {}, delayed {}\n",
+                 c["channel"].get<std::string>(), c["earlier"]["faults"].get<std::uint64_t>(), "",
+                 c["earlier"]["seen"].get<std::uint64_t>(), c["earlier"]["dropped"].get<std::uint64_t>(),
+                 c["earlier"]["changed"].get<std::uint64_t>(), c["earlier"]["delayed"].get<std::uint64_t>());
     for (const json& f : c["faults"])
       fmt::print(
           "{:<16} {:>3} {:<5} {:<4} {}\n{:21}seen {}, dropped {}, changed {}, delayed {}\n",
@@ -54,6 +59,7 @@ void print_faults(const json& all) {
                                   : "off",
           f["text"].get<std::string>(), "", f["seen"].get<std::uint64_t>(), f["dropped"].get<std::uint64_t>(),
           f["changed"].get<std::uint64_t>(), f["delayed"].get<std::uint64_t>());
+  }
 }
 
 void print_channels(const json& all) {

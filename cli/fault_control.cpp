@@ -9,6 +9,7 @@
 
 #include "cli/pair_snapshot.h"
 #include "cli/recording.h"
+#include "cli/run_json.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/record/cdr.h"
 #include "sensor-hal/record/mcap_reader.h"
@@ -100,32 +101,24 @@ json faults_json(const FaultBench::Entry& entry, const BenchTime* t0) {
              {"delayed", f->count.delayed.load()}};
       if (t0) {
         j["spans"] = json::array();
-        for (std::size_t i = 0; i < std::min(f->span_count, Fault::kSpans); ++i)
+        for (std::size_t i = 0; i < std::min(f->span_count, f->spans.size()); ++i)
           j["spans"].push_back({(f->spans[i].from - *t0).seconds(), (f->spans[i].until - *t0).seconds()});
       }
       list.push_back(std::move(j));
     }
   json j{{"channel", entry.name}, {"faults", std::move(list)}};
-  if (entry.source) {
-    const FaultySource::Accounts& a = entry.source->accounts();
-    j["taken"] = a.taken.load();
-    j["handed_on"] = a.handed_on.load();
-    j["dropped"] = a.dropped.load();
-    j["disconnected"] = a.disconnected.load();
-    j["no_slot"] = a.no_slot.load();
-    j["waiting"] = a.waiting.load();
-  }
+  if (const FaultInjector::Earlier& e = entry.injector->earlier(); e.faults > 0)
+    j["earlier"] = {{"faults", e.faults},   {"times", e.begins},    {"seen", e.seen},
+                    {"dropped", e.dropped}, {"changed", e.changed}, {"delayed", e.delayed}};
+  if (entry.source) j.update(faulty_json(*entry.source));
   return j;
 }
 
 void add_run_commands(ControlCommands& commands, RunParts& parts) {
   commands.add("run", [&parts](const json&) -> Result<json> {
-    return json{{"rig", parts.rig.name},
-                {"file", parts.rig.file.string()},
-                {"clock", parts.rig.clock == ClockKind::wall ? "wall" : "virtual"},
-                {"seed", parts.rig.seed},
-                {"pid", getpid()},
-                {"version", RIGOR_VERSION}};
+    json run = identity_json(parts.rig);
+    run["pid"] = getpid();
+    return run;
   });
   commands.add("channels", [&parts](const json&) { return list_channels(parts); });
   commands.add("switch", [&parts](const json& request) { return switch_pair(parts, request); });

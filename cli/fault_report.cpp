@@ -92,14 +92,20 @@ std::string faults_section(const json& result) {
   std::string s = "<h2>Faults</h2><div class=\"card\">" + timeline(result) +
                   "</div><table><tr><th>channel</th><th class=\"l\">fault</th><th>times on</th><th>samples "
                   "seen</th><th>dropped</th><th>changed</th><th>delayed</th></tr>";
-  for (const json& c : result["faults"])
-    for (const json& f : c["faults"])
+  for (const json& c : result["faults"]) {
+    const auto row = [&](const std::string& what, const json& f) {
       s += fmt::format(
           "<tr><td>{}</td><td "
-          "class=\"l\">{}<code>{}</code></td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-          html_text(c["channel"].get<std::string>()), f["live"].get<bool>() ? "live " : "",
-          html_text(f["text"].get<std::string>()), number(f, "times"), number(f, "seen"),
+          "class=\"l\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+          html_text(c["channel"].get<std::string>()), what, number(f, "times"), number(f, "seen"),
           number(f, "dropped"), number(f, "changed"), number(f, "delayed"));
+    };
+    if (c.contains("earlier")) row(number(c["earlier"], "faults") + " earlier live ones", c["earlier"]);
+    for (const json& f : c["faults"])
+      row(fmt::format("{}<code>{}</code>", f["live"].get<bool>() ? "live " : "",
+                      html_text(f["text"].get<std::string>())),
+          f);
+  }
   s += "</table><h3>Every sample accounted for</h3><table><tr><th>channel</th><th>taken from the "
        "source</th><th>handed on</th><th>dropped</th><th>disconnected</th><th>no slot</th><th>waiting at the "
        "end</th></tr>";

@@ -7,6 +7,7 @@
 
 #include "cli/fault_control.h"
 #include "cli/pair_snapshot.h"
+#include "cli/run_json.h"
 #include "cli/sensing/sensors.h"
 #include "cli/terminal.h"
 #include "sensor-hal/channel/fault_bench.h"
@@ -29,22 +30,6 @@ json histogram_json(const Histogram& h) {
           {"max_ns", h.max().ns()},
           {"mean_ns", h.mean_ns()},
           {"buckets", std::move(buckets)}};
-}
-
-const char* status_name(PortStatus s) {
-  switch (s) {
-    case PortStatus::never:
-      return "never";
-    case PortStatus::fresh:
-      return "fresh";
-    case PortStatus::stale:
-      return "stale";
-    case PortStatus::late:
-      return "late";
-    case PortStatus::lost:
-      return "lost";
-  }
-  return "?";
 }
 
 json loop_json(const RunParts& parts, const RunSummary& s) {
@@ -123,8 +108,7 @@ json channel_json(const RunChannel& c, BenchTime t0) {
                          {"missing", c.gaps[i].missing}});
   j["status"] = json::array();
   for (std::size_t i = 0; i < std::min(c.span_count, RunChannel::kKept); ++i)
-    j["status"].push_back(
-        {{"t_s", (c.spans[i].t - t0).seconds()}, {"status", status_name(c.spans[i].status)}});
+    j["status"].push_back({{"t_s", (c.spans[i].t - t0).seconds()}, {"status", name_of(c.spans[i].status)}});
   return j;
 }
 
@@ -142,19 +126,14 @@ json accounts_json(const RunChannel& c, const RunParts& parts) {
   if (parts.faults)
     for (const FaultBench::Entry& e : parts.faults->entries())
       if (e.source && (e.name == name || (c.pair && e.name.rfind(name + ".", 0) == 0))) {
-        const FaultySource::Accounts& a = e.source->accounts();
         const Health& h = e.source->inner().health();
-        j["sources"].push_back({{"name", e.name},
-                                {"received", h.received.load()},
-                                {"ring_full", h.ring_full.load()},
-                                {"no_slot_in_source", h.no_slot.load()},
-                                {"lost_in_source", h.lost.load()},
-                                {"taken", a.taken.load()},
-                                {"handed_on", a.handed_on.load()},
-                                {"dropped", a.dropped.load()},
-                                {"disconnected", a.disconnected.load()},
-                                {"no_slot", a.no_slot.load()},
-                                {"waiting", a.waiting.load()}});
+        json source = faulty_json(*e.source);
+        source.update({{"name", e.name},
+                       {"received", h.received.load()},
+                       {"ring_full", h.ring_full.load()},
+                       {"no_slot_in_source", h.no_slot.load()},
+                       {"lost_in_source", h.lost.load()}});
+        j["sources"].push_back(std::move(source));
       }
   return j;
 }
@@ -184,11 +163,9 @@ json times_json(const RunParts& parts, const RunOutcome& outcome, const Recorder
 }
 
 json sink_json(const RunSink& s) {
-  const Sink::Counters& n = s.sink->counters();
-  return {
-      {"name", s.entry->name},         {"backend", s.entry->sink.backend}, {"replaced_by", s.replaced_by},
-      {"accepted", n.accepted.load()}, {"applied", n.applied.load()},      {"late", n.late.load()},
-      {"failed", n.failed.load()},     {"dropped", n.dropped.load()},      {"made_safe", n.made_safe.load()}};
+  json j = commands_json(*s.sink);
+  j.update({{"name", s.entry->name}, {"backend", s.entry->sink.backend}, {"replaced_by", s.replaced_by}});
+  return j;
 }
 
 /// As `pair_json`, with how the difference went over the run.
@@ -212,20 +189,15 @@ json recorder_json(const Recorder& recorder, const std::string& file) {
 
 json run_result(const RunParts& parts, const RunOutcome& outcome, const Recorder* recorder,
                 const RunContextText& text) {
-  const RigConfig& rig = parts.rig;
-  json j{{"rig", rig.name},
-         {"file", rig.file.string()},
-         {"clock", rig.clock == ClockKind::wall ? "wall" : "virtual"},
-         {"seed", rig.seed},
-         {"version", RIGOR_VERSION},
-         {"utc", text.utc},
-         {"engine", text.engine},
-         {"duration_s", outcome.loop.period.seconds() *
-                            static_cast<double>(outcome.loop.cycles_run + outcome.loop.cycles_skipped)},
-         {"loop", loop_json(parts, outcome.loop)},
-         {"seen_sha256", outcome.seen_sha256},
-         {"channels", json::array()},
-         {"sinks", json::array()}};
+  json j = identity_json(parts.rig);
+  j.update({{"utc", text.utc},
+            {"engine", text.engine},
+            {"duration_s", outcome.loop.period.seconds() *
+                               static_cast<double>(outcome.loop.cycles_run + outcome.loop.cycles_skipped)},
+            {"loop", loop_json(parts, outcome.loop)},
+            {"seen_sha256", outcome.seen_sha256},
+            {"channels", json::array()},
+            {"sinks", json::array()}});
   for (const auto& c : parts.channels) {
     json channel = channel_json(*c, outcome.t0);
     if (c->pair) channel["pair"] = pair_result(*c);
@@ -304,13 +276,17 @@ std::string summary_text(const json& r) {
                        s["backend"].get<std::string>(), s["accepted"].get<std::uint64_t>(),
                        s["applied"].get<std::uint64_t>(), s["late"].get<std::uint64_t>(),
                        s["failed"].get<std::uint64_t>());
-  for (const json& c : r.value("faults", json::array()))
-    for (const json& f : c["faults"])
+  for (const json& c : r.value("faults", json::array())) {
+    const auto line = [&](const std::string& what, const json& f) {
       out += fmt::format("fault     {}: {}: {} times on, {} seen, {} dropped, {} changed, {} delayed\n",
-                         c["channel"].get<std::string>(), f["text"].get<std::string>(),
-                         f["times"].get<std::uint64_t>(), f["seen"].get<std::uint64_t>(),
-                         f["dropped"].get<std::uint64_t>(), f["changed"].get<std::uint64_t>(),
-                         f["delayed"].get<std::uint64_t>());
+                         c["channel"].get<std::string>(), what, f["times"].get<std::uint64_t>(),
+                         f["seen"].get<std::uint64_t>(), f["dropped"].get<std::uint64_t>(),
+                         f["changed"].get<std::uint64_t>(), f["delayed"].get<std::uint64_t>());
+    };
+    if (c.contains("earlier"))
+      line(fmt::format("{} earlier live ones", c["earlier"]["faults"].get<std::uint64_t>()), c["earlier"]);
+    for (const json& f : c["faults"]) line(f["text"].get<std::string>(), f);
+  }
   if (r.contains("localization"))
     out += fmt::format("estimate  {}\n", r["localization"]["text"].get<std::string>());
   if (r.contains("recording"))

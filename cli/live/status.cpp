@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/pair_snapshot.h"
+#include "cli/run_json.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/simulated_source.h"
 #include "sensor-hal/record/sample_codec.h"
@@ -55,22 +56,6 @@ json differences_json(const RunChannel& channel) {
     j["watch"].erase("parameters");  // the command `pair` tells of each
   }
   return j;
-}
-
-const char* status_name(std::uint8_t status) {
-  switch (static_cast<PortStatus>(status)) {
-    case PortStatus::never:
-      return "never";
-    case PortStatus::fresh:
-      return "fresh";
-    case PortStatus::stale:
-      return "stale";
-    case PortStatus::late:
-      return "late";
-    case PortStatus::lost:
-      return "lost";
-  }
-  return "never";
 }
 
 }  // namespace
@@ -127,7 +112,7 @@ json LiveStatus::channel(std::size_t i) {
   }
   json j{{"name", c.entry->name},
          {"kind", kind_name(c.entry->kind)},
-         {"status", status_name(s.status.load(std::memory_order_relaxed))},
+         {"status", name_of(static_cast<PortStatus>(s.status.load(std::memory_order_relaxed)))},
          {"connected", h.connected.load()},
          {"rate_hz", rate.known ? json(rate.hz) : json()},
          {"nominal_hz", c.entry->period.ns() > 0 ? json(1.0 / c.entry->period.seconds()) : json()},
@@ -182,17 +167,13 @@ json LiveStatus::operator()(const HubCounters& server) {
   const RigConfig& rig = parts_.rig;
   const BenchTime now = tap_.now();
   const bool begun = counters_.run.load() > 0;
-  json j{{"run",
-          {{"rig", rig.name},
-           {"file", rig.file.string()},
-           {"clock", rig.clock == ClockKind::wall ? "wall" : "virtual"},
-           {"seed", rig.seed},
-           {"pid", getpid()},
-           {"version", RIGOR_VERSION},
-           {"replay", replay_},
-           {"application", rig.application},
-           {"duration_s", rig.duration.seconds()},
-           {"period_s", rig.loop.period.seconds()}}},
+  json run = identity_json(rig);
+  run.update({{"pid", getpid()},
+              {"replay", replay_},
+              {"application", rig.application},
+              {"duration_s", rig.duration.seconds()},
+              {"period_s", rig.loop.period.seconds()}});
+  json j{{"run", std::move(run)},
          {"t_s", begun ? (now - tap_.t0()).seconds() : 0.0},
          {"bench_ns", now.ns()},
          {"utc_ns", epoch_.to_utc(now).ns()},
@@ -213,17 +194,12 @@ json LiveStatus::operator()(const HubCounters& server) {
            {"events_lost", tap_.lost()}}}};
   for (std::size_t i = 0; i < parts_.channels.size(); ++i) j["channels"].push_back(channel(i));
   for (const auto& s : parts_.sinks) {
-    const Sink::Counters& n = s->sink->counters();
-    j["sinks"].push_back({{"name", s->entry->name},
-                          {"accepted", n.accepted.load()},
-                          {"applied", n.applied.load()},
-                          {"late", n.late.load()},
-                          {"failed", n.failed.load()},
-                          {"dropped", n.dropped.load()},
-                          {"made_safe", n.made_safe.load()},
-                          {"names", s->sink->describe().names},
-                          {"units", s->sink->describe().units},
-                          {"replaced_by", s->replaced_by}});
+    json sink = commands_json(*s->sink);
+    sink.update({{"name", s->entry->name},
+                 {"names", s->sink->describe().names},
+                 {"units", s->sink->describe().units},
+                 {"replaced_by", s->replaced_by}});
+    j["sinks"].push_back(std::move(sink));
   }
   return j;
 }

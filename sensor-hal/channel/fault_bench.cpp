@@ -75,7 +75,7 @@ Result<std::uint32_t> FaultBench::inject(const std::string& name, const ConfigNo
   auto fault = (*entry)->injector->make_live(node);
   if (!fault) return tl::unexpected<Error>(fault.error());
   if (!orders_.try_push({(*entry)->injector, *fault})) {
-    (*fault)->over = true;
+    (*fault)->over = (*fault)->left = true;
     return fail(ErrorCode::unavailable, name, "the loop has not taken up the last 256 faults yet; try again");
   }
   return (*fault)->index;

@@ -13,7 +13,7 @@ void count(std::atomic<std::uint64_t>& n) noexcept { n.fetch_add(1, std::memory_
 void forget_run(Fault& f) noexcept {
   for (auto* n : {&f.count.begins, &f.count.seen, &f.count.dropped, &f.count.changed, &f.count.delayed})
     n->store(0, std::memory_order_relaxed);
-  f.on = f.over = false;
+  f.on = f.over = f.left = false;
   f.span_count = 0;
   f.triggered = f.was_true = f.in_burst = f.burst_known = f.has_kept_values = false;
   f.kept.reset();
@@ -30,6 +30,7 @@ std::unique_ptr<Fault> FaultInjector::make(FaultSpec spec, std::uint32_t index, 
   f->spec = std::move(spec);
   f->index = index;
   f->live = live;
+  f->spans.resize(live ? 1 : Fault::kSpans);
   f->held.reserve(f->spec.leases);
   return f;
 }
@@ -39,6 +40,7 @@ void FaultInjector::configure(const FaultSubject& subject, std::uint64_t seed, c
   seed_ = seed;
   scheduled_.clear();
   live_.clear();
+  earlier_ = {};
   next_index_ = 0;
   const std::vector<ConfigNode> nodes = params.list_or_empty("faults");
   if (nodes.size() > kMost)
@@ -60,8 +62,31 @@ Result<Fault*> FaultInjector::make_live(const ConfigNode& node) {
                 "has " + std::to_string(there) + " faults, which is as many as it can have; clear some");
   if (make_room)
     if (auto s = make_room(spec->kind); !s) return tl::unexpected<Error>(s.error());
+  forget_oldest();
+  spec->node = {};  // it keeps a parsed document alive, for messages about what is scheduled
   live_.push_back(make(std::move(*spec), next_index_++, true));
   return live_.back().get();
+}
+
+/// So that a run of days does not grow with each fault that it was ever given.
+void FaultInjector::forget_oldest() {
+  std::size_t left = 0;
+  for (const auto& f : live_) {
+    if (!f->left.load(std::memory_order_acquire)) continue;
+    f->spec.signal.reset();
+    ++left;
+  }
+  std::erase_if(live_, [&](const std::unique_ptr<Fault>& f) {
+    if (left <= kRemembered || !f->left.load(std::memory_order_acquire)) return false;
+    --left;
+    ++earlier_.faults;
+    earlier_.begins += f->count.begins;
+    earlier_.seen += f->count.seen;
+    earlier_.dropped += f->count.dropped;
+    earlier_.changed += f->count.changed;
+    earlier_.delayed += f->count.delayed;
+    return true;
+  });
 }
 
 Status FaultInjector::schedule_live(const ConfigNode& node, std::uint32_t index, Duration from,
@@ -106,7 +131,7 @@ void FaultInjector::stop() noexcept {
     for (const auto& f : *list) {
       f->kept.reset();
       f->held.clear();
-      if (f->on && f->span_count > 0 && f->span_count <= Fault::kSpans)
+      if (f->on && f->span_count > 0 && f->span_count <= f->spans.size())
         f->spans[f->span_count - 1].until = cycle_ + period_;
       f->on = false;
     }
@@ -117,7 +142,7 @@ void FaultInjector::stop() noexcept {
 void FaultInjector::add(Fault* live) noexcept {
   // Ended ones leave the list in the next cycle; make_live sees to it that there are never so many.
   if (!running_ || all_.size() == all_.capacity()) {
-    live->over = true;
+    live->over = live->left = true;
     return;
   }
   live->spec.from = Duration(-1);  // from this cycle on
@@ -178,13 +203,20 @@ void FaultInjector::begin_cycle(BenchTime now) noexcept {
       want ? switch_on(*f, now) : switch_off(*f, now);
       changed = true;
     }
-    if (f->live && !want && elapsed >= f->spec.until) f->over.store(true, std::memory_order_release);
+    if (f->live && !want && elapsed >= f->spec.until) {
+      f->over.store(true, std::memory_order_release);
+      changed = true;
+    }
   }
   if (!changed) return;
-  std::erase_if(all_, [](const Fault* f) { return f->over.load(std::memory_order_relaxed); });
   active_.clear();
   for (Fault* f : all_)
     if (f->on.load(std::memory_order_relaxed)) active_.push_back(f);
+  std::erase_if(all_, [](Fault* f) {
+    if (!f->over.load(std::memory_order_relaxed)) return false;
+    f->left.store(true, std::memory_order_release);  // from here on it may be gone
+    return true;
+  });
 }
 
 void FaultInjector::switch_on(Fault& f, BenchTime now) noexcept {
@@ -192,14 +224,14 @@ void FaultInjector::switch_on(Fault& f, BenchTime now) noexcept {
   f.burst_known = false;
   f.on.store(true, std::memory_order_relaxed);
   count(f.count.begins);
-  if (f.span_count < Fault::kSpans) f.spans[f.span_count] = {now, BenchTime(0)};
+  if (f.span_count < f.spans.size()) f.spans[f.span_count] = {now, BenchTime(0)};
   ++f.span_count;
   tell(f, true, now);
 }
 
 void FaultInjector::switch_off(Fault& f, BenchTime now) noexcept {
   f.on.store(false, std::memory_order_relaxed);
-  if (f.span_count <= Fault::kSpans) f.spans[f.span_count - 1].until = now;
+  if (f.span_count <= f.spans.size()) f.spans[f.span_count - 1].until = now;
   f.kept.reset();
   f.has_kept_values = false;
   f.held.clear();

@@ -45,13 +45,15 @@ struct Fault {
   } count;
   std::atomic<bool> on{false};
   std::atomic<bool> over{false};  ///< a live one that will not come back
+  std::atomic<bool> left{false};  ///< it is over, and the loop has let go of it
 
   // The loop's own.
   struct Span {
     BenchTime from, until;
   };
-  static constexpr std::size_t kSpans = 128;
-  std::array<Span, kSpans> spans{};  ///< the first times that it was on; `until` 0 while it is
+  static constexpr std::size_t kSpans = 128;  ///< of a scheduled one; a live one is on once
+  std::vector<Span>
+      spans;  ///< the first times that it was on; `until` 0 while it is; its memory is taken when it is made
   std::size_t span_count = 0;
   BenchTime t_on;
   BenchTime t_triggered;
@@ -67,6 +69,11 @@ class FaultInjector {
  public:
   /// So many faults can be there at a time, live ones included.
   static constexpr std::size_t kMost = 24;
+  /// So many live faults that are over are remembered each by itself; earlier ones as a sum.
+  static constexpr std::size_t kRemembered = 64;
+  struct Earlier {
+    std::uint64_t faults = 0, begins = 0, seen = 0, dropped = 0, changed = 0, delayed = 0;
+  };
 
   /// Reads `faults` of a channel's keys. Throws ConfigError. What was there before is forgotten.
   void configure(const FaultSubject& subject, std::uint64_t seed, const ConfigNode& params);
@@ -79,8 +86,12 @@ class FaultInjector {
   /// Of the thread that injects; after the run, of any.
   [[nodiscard]] const std::vector<std::unique_ptr<Fault>>& live() const noexcept { return live_; }
 
+  /// What the live faults came to that are no longer in `live`. Of the same threads.
+  [[nodiscard]] const Earlier& earlier() const noexcept { return earlier_; }
+
   /// A live fault, to be given to `add`. Setup thread, or the one thread that injects while a run goes on.
-  /// bad_input, unavailable (there are too many). It belongs to the injector.
+  /// bad_input, unavailable (there are too many). It belongs to the injector, for as long as it is not
+  /// `left`.
   [[nodiscard]] Result<Fault*> make_live(const ConfigNode& node);
   /// A live fault of an earlier run, to come again at the same instants. Before start.
   [[nodiscard]] Status schedule_live(const ConfigNode& node, std::uint32_t index, Duration from,
@@ -99,6 +110,7 @@ class FaultInjector {
  private:
   [[nodiscard]] std::unique_ptr<Fault> make(FaultSpec spec, std::uint32_t index, bool live) const;
   [[nodiscard]] bool wanted(Fault& f, Duration elapsed) const noexcept;
+  void forget_oldest();
   void switch_on(Fault& f, BenchTime now) noexcept;
   void switch_off(Fault& f, BenchTime now) noexcept;
   void tell(const Fault& f, bool begins, BenchTime now) noexcept;
@@ -106,6 +118,7 @@ class FaultInjector {
   FaultSubject subject_;
   std::uint64_t seed_ = 0;
   std::vector<std::unique_ptr<Fault>> scheduled_, live_;
+  Earlier earlier_;
   std::uint32_t next_index_ = 0;
 
   // the run

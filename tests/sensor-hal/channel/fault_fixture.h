@@ -12,6 +12,8 @@
 
 namespace rigor::test {
 
+inline constexpr SampleKind kRegisters = SampleKind::register_block;
+
 /// In virtual time: a sample at each instant of its grid. Registers a = index, b = 100; frames of id 0x123
 /// with byte i = index + i; poses, units, fixes and odometry that are as good as at rest; pictures of
 /// `format` with every pixel at a value; clouds of 50 points at 10 m; range images at 5 m.

@@ -353,6 +353,71 @@ TEST(Replay, FollowsWhatCameLateAndWhatWasSkipped) {
   ASSERT_TRUE(source.stop());
 }
 
+TEST(Replay, ShowsThePairsSidesInTheOrderInWhichTheyWereSeenWhereOneWasLate) {
+  // By hand: the real side's sample of cycle 21 waits for the switch in cycle 23; the simulated one that was
+  // due in cycle 20 comes in cycle 22, and so after it in the file.
+  struct Numbers {
+    std::uint64_t simulated, real;
+  };
+  for (const Numbers first : {Numbers{0, 7}, Numbers{7, 0}}) {
+    test::TemporaryDirectory directory;
+    const std::string path = directory.file("pair.mcap");
+    ChannelDescription table;
+    table.kind = SampleKind::register_block;
+    table.names = {"a", "b"};
+    table.units = {"", ""};
+    {
+      RecordedChannel channel{"table", table};
+      channel.is_pair = true;
+      auto recorder = Recorder::create(path, {}, {channel}, {}, {});
+      ASSERT_TRUE(recorder);
+      auto pool = make_sample_pool(8, 0);
+      SampleLease waiting;
+      for (std::uint64_t k = 0; k < 50; ++k) {
+        const BenchTime now = BenchTime(0) + milliseconds(static_cast<std::int64_t>(k));
+        const auto come = [&](PairSide side, std::uint64_t n, std::uint64_t due) {
+          SampleLease s = block(*pool, n, BenchTime(0) + milliseconds(static_cast<std::int64_t>(due)));
+          (*recorder)->observer(0)->on_side_sample(side, s);
+          return s;
+        };
+        SampleLease shown;
+        if (k == 10) shown = come(PairSide::simulated, first.simulated, 10);
+        if (k == 21) waiting = come(PairSide::real, first.real, 21);
+        if (k == 22) shown = come(PairSide::simulated, first.simulated + 1, 20);
+        if (k == 23) shown = waiting;
+        if (k == 40) shown = come(PairSide::real, first.real + 1, 40);
+        if (shown) (*recorder)->record_visibility(0, k, now, PortStatus::fresh, shown);
+        (*recorder)->end_cycle(k, now);
+      }
+      waiting.reset();
+      ASSERT_TRUE((*recorder)->stop());
+    }
+    auto recording = Recording::open(path);
+    ASSERT_TRUE(recording) << recording.error().text();
+    ReplaySource source(*recording);
+    ChannelConfig config = image_config("", milliseconds(10), milliseconds(1), "table");
+    config.kind = SampleKind::register_block;
+    ASSERT_TRUE(source.configure(config));
+    ASSERT_TRUE(source.arm({.virtual_time = true}));
+    ASSERT_TRUE(source.start(BenchTime(0)));
+    Port<Sample> port;
+    std::map<std::uint64_t, std::uint64_t> fresh;
+    for (std::uint64_t k = 0; k < 50; ++k) {
+      const BenchTime now = BenchTime(0) + milliseconds(static_cast<std::int64_t>(k));
+      source.complete_until(now);
+      while (SampleLease s = source.poll(now)) port.push(std::move(s));
+      const auto v = (*recording)->visibility("table")->at(k);
+      if (port.obey(v.status, v.sequence, now) && v.status == PortStatus::fresh)
+        fresh[k] = port.sample()->stamp.sequence;
+    }
+    EXPECT_EQ(fresh,
+              (std::map<std::uint64_t, std::uint64_t>{
+                  {10, first.simulated}, {22, first.simulated + 1}, {23, first.real}, {40, first.real + 1}}));
+    port = Port<Sample>();
+    ASSERT_TRUE(source.stop());
+  }
+}
+
 TEST(Replay, SaysWhatARecordingLacks) {
   test::TemporaryDirectory directory;
   const auto none = Recording::open(directory.file("none.mcap"));
