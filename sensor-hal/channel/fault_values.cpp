@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "sensor-hal/models/one_source.h"
+#include "sensor-hal/types/geodetic.h"
 
 namespace rigor {
 namespace {
@@ -203,18 +204,13 @@ double* imu_value(ImuSample& s, int component) noexcept {
   return i < 3 ? &s.specific_force_mps2[i] : i < 6 ? &s.angular_rate_radps[i - 3] : &s.temperature_c;
 }
 
-// WGS 84: radii of curvature along the meridian and across it, for offsets of metres to kilometres.
-constexpr double kSemiMajor_m = 6378137.0, kEccentricity2 = 6.69437999014e-3;
-
 void change_fix(NavFix& f, int component, double by) noexcept {
-  const double to_rad = std::numbers::pi / 180, lat = f.latitude_deg * to_rad;
-  const double w = std::sqrt(1 - kEccentricity2 * std::sin(lat) * std::sin(lat));
+  const double to_rad = std::numbers::pi / 180;
+  const MetresPerRadian m = metres_per_radian(f.latitude_deg * to_rad, f.height_m);
   if (component == 0) {
-    const double across_m = (kSemiMajor_m / w + f.height_m) * std::cos(lat);
-    if (across_m > 1) f.longitude_deg = std::remainder(f.longitude_deg + by / across_m / to_rad, 360.0);
+    if (m.east > 1) f.longitude_deg = std::remainder(f.longitude_deg + by / m.east / to_rad, 360.0);
   } else if (component == 1) {
-    const double along_m = kSemiMajor_m * (1 - kEccentricity2) / (w * w * w) + f.height_m;
-    f.latitude_deg = std::clamp(f.latitude_deg + by / along_m / to_rad, -90.0, 90.0);
+    f.latitude_deg = std::clamp(f.latitude_deg + by / m.north / to_rad, -90.0, 90.0);
   } else if (component == 2) {
     f.height_m += by;
   } else {

@@ -3,6 +3,7 @@ import { element, figure, setText } from "./dom.js";
 import { FAULT_KINDS, kindsOf } from "./fault_kinds.js";
 
 const BYTE_VALUES = Array.from({ length: 8 }, (_, i) => ({ name: `byte_${i}`, unit: "" }));
+const RETRY_MS = 3000;
 let ids = 0;
 
 /// A field with its label: {node, key, read()}.
@@ -47,12 +48,14 @@ export class FaultPanel {
   }
 
   async #load() {
+    const { session } = this;
     try {
       const { faults_at: places } = await this.session.control({ command: "channels" });
       this.#places = places ?? [];
     } catch (error) {
-      this.#places = [];
-      setText(this.error, error.message);
+      // A machine that has much to do answers late.
+      if (session.client.state === "open") setTimeout(() => this.#load(), RETRY_MS);
+      return setText(this.none, error.message);
     }
     const chosen = this.place.value;
     this.place.replaceChildren(...this.#places.map((p) => element("option", { value: p.name }, `${p.name}${p.kind === "sink" ? " (sink)" : ""}`)));

@@ -121,7 +121,8 @@ export class NodePanel {
     const told = element("p.error", { role: "alert" });
     const limits = [attribute.min !== null && attribute.min !== undefined ? `at least ${figure(attribute.min)}` : "", attribute.max !== null && attribute.max !== undefined ? `at most ${figure(attribute.max)}` : ""].filter(Boolean).join(", ");
     const label = element("span.attribute-name", { title: [meaning, limits].filter(Boolean).join(" ") }, name);
-    const unitNode = unit && !name.endsWith(`_${unit}`) ? element("small", {}, unit) : null;
+    const saysUnits = ["pose", "motion"].includes(attribute.kind); // metres and degrees, each beside its numbers
+    const unitNode = unit && !saysUnits && !name.endsWith(`_${unit}`) ? element("small", {}, unit) : null;
     const editor = writable ? editorOf(attribute) : null;
     if (!editor) {
       const text = typeof value === "string" ? value : JSON.stringify(value);

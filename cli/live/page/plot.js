@@ -96,7 +96,7 @@ export class TimePlot {
     const { width, height } = this.canvas, ratio = window.devicePixelRatio || 1, c = this.canvas.getContext("2d");
     const colors = seriesColors(), faint = themeColor("--rule"), quiet = themeColor("--quiet");
     c.clearRect(0, 0, width, height);
-    const left = 44 * ratio, right = width - 4 * ratio, top = 5 * ratio, bottom = height - 15 * ratio;
+    const left = 50 * ratio, right = width - 4 * ratio, top = 5 * ratio, bottom = height - 15 * ratio;
     const until = this.#latest, from = until - this.windowS;
     const x = (t) => left + ((t - from) / this.windowS) * (right - left);
 
@@ -116,7 +116,10 @@ export class TimePlot {
       return;
     }
     const least = Math.max(1e-9, 1e-6 * Math.max(Math.abs(low), Math.abs(high)));
-    if (high - low < least) [low, high] = [low - Math.max(least, 0.05 * Math.abs(low)), high + Math.max(least, 0.05 * Math.abs(high))];
+    if (high - low < least) { // flat: so many percent around it, and around 0 as far as 1
+      const half = Math.max(0.05 * Math.abs(low), low === 0 ? 1 : 1e-9);
+      [low, high] = [low - half, high + half];
+    }
     const margin = 0.06 * (high - low);
     [low, high] = [low - margin, high + margin];
     const y = (value) => bottom - ((value - low) / (high - low)) * (bottom - top);
@@ -133,7 +136,8 @@ export class TimePlot {
       c.moveTo(left, y(v));
       c.lineTo(right, y(v));
       c.stroke();
-      c.fillText((Math.abs(v) < step / 1e3 ? 0 : v).toFixed(Math.min(6, digits)).replace("-", "−"), left - 5 * ratio, y(v));
+      const label = Math.abs(v) < step / 1e3 ? "0" : digits > 4 || Math.abs(v) >= 1e6 ? v.toExponential(1) : v.toFixed(digits);
+      c.fillText(label.replaceAll("-", "−"), left - 5 * ratio, y(v));
     }
     c.textBaseline = "alphabetic";
     const tick = niceStep(this.windowS, Math.max(2, (right - left) / (64 * ratio)));

@@ -108,7 +108,13 @@ export class WorldMap {
   }
 
   #area(o) {
-    if (o.outline_m) return 1e6;
+    if (o.size_m?.[2] === 0) return 1e12; // the ground
+    if (o.shape === "line") return 1e6;
+    if (o.outline_m) {
+      const span = (first) => o.outline_m.reduce(([low, high], v, i) => (i % 2 === first ? [Math.min(low, v), Math.max(high, v)] : [low, high]), [Infinity, -Infinity]);
+      const [[x0, x1], [y0, y1]] = [span(0), span(1)];
+      return (x1 - x0) * (y1 - y0);
+    }
     if (o.size_m) return o.size_m[0] * o.size_m[1];
     return (o.radius_m ?? 0.1) ** 2;
   }

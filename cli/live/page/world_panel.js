@@ -3,7 +3,7 @@ import { element, figure, setText } from "./dom.js";
 import { NodePanel } from "./node_panel.js";
 import { WorldMap } from "./world_map.js";
 
-const MOST_NAMES = 1500;
+const MOST_NAMES = 1500, RETRY_MS = 3000;
 
 export class WorldPanel {
   #revision = null;
@@ -53,8 +53,10 @@ export class WorldPanel {
       setText(this.told, map.left_out > 0 ? `${figure(map.left_out)} more objects are not drawn` : "");
       this.#listNames(map.objects);
     } catch (error) {
-      this.#revision = revision; // asked again when something changes
+      this.#revision = revision;
       setText(this.told, error.message);
+      // Asked again when something changes; the first map, which a machine with much to do answers late, until it is there.
+      if (!this.map.map) setTimeout(() => this.#load(), RETRY_MS);
     }
     this.#loading = false;
   }
