@@ -75,7 +75,7 @@ Result<PairWatch> of_range_images(const ConfigNode& params, const ChannelDescrip
     o.sigma_m =
         kLight_mps / (4 * std::numbers::pi * highest_hz) * std::sqrt((e / 2 + read * read) / 2) / amplitude;
   o.sigma_m = std::clamp(o.sigma_m, kLeastSigma_m, 0.2);
-  if (amplitude > 0) o.amplitude_max = 2 * amplitude;
+  if (amplitude > 0) o.amplitude_max = 2 * amplitude, o.noise_exponent = 0.5;
   return PairWatch::of_range_images({twin.width_px, twin.height_px}, o, watch);
 }
 
@@ -118,11 +118,13 @@ Result<PairWatch> make_pair_watch(const ChannelEntry& entry, const ChannelDescri
       case SampleKind::register_block:
         return at_keys(of_registers(keys, real, twin, watch));
       case SampleKind::imu:
-        return at_keys(PairWatch::of_imu(watch));
+      case SampleKind::nav_fix:
+      case SampleKind::odometry:
+        return at_keys(PairWatch::of_numbers(entry.kind, watch));
       default:
         throw entry.pair.error("watch",
                                fmt::format("expected no watch of a pair of kind {}: image, point_cloud, "
-                                           "range_image, registers and imu can be watched",
+                                           "range_image, registers, imu, nav_fix and odometry can be watched",
                                            kind_name(entry.kind)));
     }
   });

@@ -3,6 +3,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "sensor-hal/types/geodetic.h"
+
 namespace rigor {
 namespace {
 
@@ -22,18 +24,6 @@ constexpr std::array<ComparedValue, 7> kOdometry{{{"x", "m"},
                                                   {"right wheel angle", "rad"}}};
 
 double within_half_turn(double angle_rad) noexcept { return std::remainder(angle_rad, 2 * std::numbers::pi); }
-
-/// Metres for each radian of latitude and of longitude at a place on the ellipsoid of WGS 84.
-struct MetresPerRadian {
-  double north, east;
-};
-MetresPerRadian metres_per_radian(double latitude_rad, double height_m) noexcept {
-  constexpr double a_m = 6378137, flattening = 1 / 298.257223563;
-  constexpr double e2 = flattening * (2 - flattening);
-  const double s = std::sin(latitude_rad), w2 = 1 - e2 * s * s, w = std::sqrt(w2);
-  const double meridian_m = a_m * (1 - e2) / (w2 * w), normal_m = a_m / w;
-  return {meridian_m + height_m, (normal_m + height_m) * std::cos(latitude_rad)};
-}
 
 double yaw_of(const std::array<double, 4>& q) noexcept {
   return std::atan2(2 * (q[0] * q[3] + q[1] * q[2]), 1 - 2 * (q[2] * q[2] + q[3] * q[3]));

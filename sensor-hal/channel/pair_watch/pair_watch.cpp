@@ -55,16 +55,11 @@ Result<PairWatch> PairWatch::of_registers(const std::vector<WatchedRegister>& re
   return make(Result<Registers>(Registers{std::move(*change), std::move(index)}), parameters, watch);
 }
 
-Result<PairWatch> PairWatch::of_imu(const WatchOptions& watch) {
-  auto change = ValueChange::make({{"specific force x", "m/s²", 0},
-                                   {"specific force y", "m/s²", 0},
-                                   {"specific force z", "m/s²", 0},
-                                   {"angular rate x", "rad/s", 0},
-                                   {"angular rate y", "rad/s", 0},
-                                   {"angular rate z", "rad/s", 0}});
+Result<PairWatch> PairWatch::of_numbers(SampleKind kind, const WatchOptions& watch) {
+  auto change = KindNumbers::make(kind);
   if (!change) return tl::unexpected<Error>(change.error());
   const auto parameters = change->parameters();
-  return make(Result<Imu>(Imu{std::move(*change)}), parameters, watch);
+  return make(std::move(change), parameters, watch);
 }
 
 void PairWatch::add(const Sample& real, const Sample& simulated) noexcept {
@@ -91,15 +86,8 @@ void PairWatch::add(const Sample& real, const Sample& simulated) noexcept {
       }
       const std::size_t n = change.index.size();
       return change.values.add((t - BenchTime{}).seconds(), {x.data(), n}, {y.data(), n});
-    } else if constexpr (std::is_same_v<T, Imu>) {
-      const auto *a = real.as<ImuSample>(), *b = simulated.as<ImuSample>();
-      if (!a || !b) return false;
-      std::array<double, 6> x, y;
-      for (std::size_t i = 0; i < 3; ++i) {
-        x[i] = a->specific_force_mps2[i], y[i] = b->specific_force_mps2[i];
-        x[3 + i] = a->angular_rate_radps[i], y[3 + i] = b->angular_rate_radps[i];
-      }
-      return change.values.add((t - BenchTime{}).seconds(), x, y);
+    } else if constexpr (std::is_same_v<T, KindNumbers>) {
+      return change.add((t - BenchTime{}).seconds(), real, simulated);
     } else {
       return change.add(real, simulated);
     }

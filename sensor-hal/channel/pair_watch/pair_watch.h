@@ -21,6 +21,7 @@
 #include "sensor-hal/channel/pair_watch/change_watch.h"
 #include "sensor-hal/channel/pair_watch/cloud_change.h"
 #include "sensor-hal/channel/pair_watch/image_change.h"
+#include "sensor-hal/channel/pair_watch/kind_numbers.h"
 #include "sensor-hal/channel/pair_watch/range_image_change.h"
 #include "sensor-hal/channel/pair_watch/value_change.h"
 
@@ -60,8 +61,8 @@ class PairWatch {
                                                          const WatchOptions& watch);
   [[nodiscard]] static Result<PairWatch> of_registers(const std::vector<WatchedRegister>& registers,
                                                       const WatchOptions& watch);
-  /// Specific force (m/s²) and angular rate (rad/s) by axis.
-  [[nodiscard]] static Result<PairWatch> of_imu(const WatchOptions& watch);
+  /// Of a kind that is a few numbers (kind_numbers.h): imu, nav_fix, odometry.
+  [[nodiscard]] static Result<PairWatch> of_numbers(SampleKind kind, const WatchOptions& watch);
 
   /// Two samples of one instant; those that cannot be compared are counted.
   void add(const Sample& real, const Sample& simulated) noexcept;
@@ -80,10 +81,7 @@ class PairWatch {
     ValueChange values;
     std::vector<std::uint32_t> index;
   };
-  struct Imu {
-    ValueChange values;
-  };
-  using Change = std::variant<ImageChange, CloudChange, RangeImageChange, Registers, Imu>;
+  using Change = std::variant<ImageChange, CloudChange, RangeImageChange, Registers, KindNumbers>;
   PairWatch(Change change, ChangeWatch watch, const WatchOptions& options)
       : change_(std::move(change)),
         watch_(std::move(watch)),

@@ -38,6 +38,9 @@ Result<RangeImageChange> RangeImageChange::make(const RangeImageInfo& shape,
     return fail(ErrorCode::bad_input, "shape",
                 "expected at least 8x8 pixels, got " + std::to_string(shape.width_px) + "x" +
                     std::to_string(shape.height_px));
+  if (!(o.noise_exponent >= 0 && o.noise_exponent <= 2))
+    return fail(ErrorCode::bad_input, "noise_exponent",
+                "expected 0 to 2, got " + std::to_string(o.noise_exponent));
   if (!(o.sigma_m > 0) || !(o.amplitude_max > 0) || !(o.edge_m > 0))
     return fail(ErrorCode::bad_input, "range image",
                 "expected sigma_m, amplitude_max and edge_m above 0, got " + std::to_string(o.sigma_m) +
@@ -63,6 +66,14 @@ RangeImageChange::RangeImageChange(const RangeImageInfo& shape, const RangeImage
       window_(4),
       amplitude_(1) {}
 
+double RangeImageChange::variance_at(double amplitude) const noexcept {
+  const double at_half = options_.sigma_m * options_.sigma_m;
+  if (options_.noise_exponent == 0) return at_half;
+  // Below a hundredth the model says nothing any more.
+  const double share = std::max(0.01, 2 * amplitude / options_.amplitude_max);
+  return at_half / std::pow(share, 2 * options_.noise_exponent);
+}
+
 bool RangeImageChange::add(const Sample& real, const Sample& simulated) noexcept {
   const auto *a = real.as<RangeImageInfo>(), *b = simulated.as<RangeImageInfo>();
   if (!a || !b || ((real.stamp.validity | simulated.stamp.validity) & (kIncomplete | kCorrupt)) != 0)
@@ -76,7 +87,6 @@ bool RangeImageChange::add(const Sample& real, const Sample& simulated) noexcept
   const Plane ax{real.bytes().data() + (amplitudes ? plane : 0), w};
   const Plane ay{simulated.bytes().data() + (amplitudes ? plane : 0), w};
   const double edge = options_.edge_m, limit = 5 * options_.sigma_m;
-  const double weight = 1 / (2 * options_.sigma_m * options_.sigma_m);
   const auto flies = [&](const Plane& p, std::size_t u, std::size_t v) {
     const double l = p(u - 1, v), m = p(u, v), r = p(u + 1, v);
     return std::abs(r - l) > edge && m > std::min(l, r) + limit && m < std::max(l, r) - limit;
@@ -96,8 +106,9 @@ bool RangeImageChange::add(const Sample& real, const Sample& simulated) noexcept
       if (!smooth) continue;
       const double level = amplitudes ? ay(u, v) / options_.amplitude_max : 0.5;
       const std::size_t bin = level < 1.0 / 3 ? 0 : level < 2.0 / 3 ? 1 : 2;
+      const double variance = variance_at(level * options_.amplitude_max), weight = 1 / (2 * variance);
       // Huber's weight against what noise may do, wide enough for any change that is sought.
-      const double far = std::abs(residual) / (edge + limit);
+      const double far = std::abs(residual) / (edge + 5 * std::sqrt(variance));
       const std::array<WindowFit::Term, 3> terms{
           {{kOffset, 1}, {kScale, s}, {bin == 0 ? std::size_t{kLow} : std::size_t{kHigh}, 1}}};
       window_.add({terms.data(), bin == 1 ? 2u : 3u}, residual, far > 1 ? weight / far : weight);
@@ -108,7 +119,7 @@ bool RangeImageChange::add(const Sample& real, const Sample& simulated) noexcept
       if (u % 3 != 0) continue;  // so that no residual counts twice
       const double second = x(u - 1, v) - y(u - 1, v) - 2 * residual + x(u + 1, v) - y(u + 1, v);
       if (!std::isfinite(second)) continue;
-      noise_sums_.add(second * second / (6 * options_.sigma_m * options_.sigma_m), bin);
+      noise_sums_.add(second * second / (6 * variance), bin);
     }
   return true;
 }

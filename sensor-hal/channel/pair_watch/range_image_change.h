@@ -7,8 +7,12 @@
 //   low, high amplitude  1 below a third, above two thirds of amplitude_max: m, against the middle third
 //   amplitude            simulated amplitude  relative, in a fit of its own
 //
-// Noise is what second differences along a row leave of the residuals: its variance over sigma_m², as excess
-// of the real side if the twin's noise is sigma_m; over all, and by amplitude (thirds) against that.
+// Noise of a range is told by its amplitude A: sigma(A) = sigma_m (amplitude_max / 2A)^noise_exponent, 1/2
+// where the noise is that of the light. Pixels weigh by it; far walls would drown the rest else.
+//
+// The parameter noise is what second differences along a row leave of the residuals: its variance over
+// sigma², as excess of the real side if the twin's noise is sigma; over all, and by amplitude (thirds)
+// against that.
 // `flying`: the share of pixels that lie between two neighbours of a row that are an edge apart, and off
 // both; real less simulated. `lost`: pixels that the simulated side alone returns, `gained`: the real side
 // alone, as shares of those that either returns.
@@ -26,9 +30,10 @@
 namespace rigor::pair_watch {
 
 struct RangeImageChangeOptions {
-  double sigma_m = 0.02;     ///< of one range, by the sensor's sheet
-  double amplitude_max = 1;  ///< in the device's own unit
-  double edge_m = 0.2;       ///< neighbours farther apart than this are an edge
+  double sigma_m = 0.02;      ///< of one range at half of amplitude_max, by the sensor's sheet
+  double amplitude_max = 1;   ///< in the device's own unit
+  double noise_exponent = 0;  ///< 0: the same at any amplitude
+  double edge_m = 0.2;        ///< neighbours farther apart than this are an edge
 };
 
 class RangeImageChange {
@@ -46,6 +51,7 @@ class RangeImageChange {
 
  private:
   RangeImageChange(const RangeImageInfo& shape, const RangeImageChangeOptions& options);
+  [[nodiscard]] double variance_at(double amplitude) const noexcept;
 
   RangeImageInfo shape_;
   RangeImageChangeOptions options_;

@@ -18,12 +18,13 @@ Result<ValueChange> ValueChange::make(const std::vector<WatchedValue>& values) {
 
 ValueChange::ValueChange(const std::vector<WatchedValue>& values) {
   for (const WatchedValue& v : values) {
+    values_.emplace_back();
+    values_.back().resolution = v.resolution, values_.back().has_scale = v.has_scale;
+    values_.back().first = parameters_.size();
     parameters_.push_back({v.name + " bias", v.unit, 0});
-    parameters_.push_back({v.name + " scale", "1", 0});
+    if (v.has_scale) parameters_.push_back({v.name + " scale", "1", 0});
     parameters_.push_back({v.name + " delay", "s", 0});
     parameters_.push_back({v.name + " noise", "ln", 0});
-    values_.emplace_back();
-    values_.back().resolution = v.resolution;
   }
 }
 
@@ -45,7 +46,7 @@ bool ValueChange::add(double t_s, std::span<const double> real, std::span<const 
     if (++v.run < 3) continue;
     const auto& [a, b, c] = v.last;
     const double slope = (c.x - a.x) / (c.t_s - a.t_s);
-    const std::array<WindowFit::Term, 3> terms{{{0, 1}, {1, b.x}, {2, -slope}}};
+    const std::array<WindowFit::Term, 3> terms{{{0, 1}, {1, v.has_scale ? b.x : 0}, {2, -slope}}};
     v.fit.add(terms, b.residual, 1);
     v.still.add({terms.data(), 1}, b.residual, 1);
     const double x2 = a.x - 2 * b.x + c.x, r2 = a.residual - 2 * b.residual + c.residual;
@@ -64,22 +65,25 @@ void ValueChange::finish(Estimate& e) noexcept {
   e.left = e.shift_px = kNaN;
   for (std::size_t i = 0; i < values_.size(); ++i) {
     Value& v = values_[i];
-    const std::size_t at = 4 * i;
     const double n = v.count;
     if (n >= 4) {
       const double shifted = v.x_sum / n, mean = v.origin + shifted;
       const double variance = v.x_squares / n - shifted * shifted;
-      const bool moves = n >= 8 && variance > 25 * v.x_second / n && variance > 0.01 * mean * mean;
+      const bool moves =
+          n >= 8 && variance > 25 * v.x_second / n && (!v.has_scale || variance > 0.01 * mean * mean);
       WindowFit& fit = moves ? v.fit : v.still;
       // The instant's own x is in the residual, too; the slope is of its neighbours.
-      if (moves) fit.correct(1, v.x_second, v.x_second), fit.correct(2, v.slope_noise * v.x_second / n, 0);
+      if (moves && v.has_scale) fit.correct(1, v.x_second, v.x_second);
+      if (moves) fit.correct(2, v.slope_noise * v.x_second / n, 0);
       fit.solve();
-      for (std::size_t k = 0; k < (moves ? 3u : 1u); ++k)
-        e.value[at + k] = fit.value(k), e.sigma[at + k] = fit.sigma(k);
+      std::size_t at = v.first;
+      const auto put = [&](double value, double sigma) { e.value[at] = value, e.sigma[at++] = sigma; };
+      put(fit.value(0), fit.sigma(0));
+      if (v.has_scale) put(moves ? fit.value(1) : kNaN, moves ? fit.sigma(1) : kNaN);
+      put(moves ? fit.value(2) : kNaN, moves ? fit.sigma(2) : kNaN);
       const double noise = v.r_second / n + v.resolution * v.resolution / 12;
-      if (noise > 0) e.value[at + 3] = std::log(noise);
-      if (noise > 0)
-        e.sigma[at + 3] = std::sqrt(35.0 / 9 / n);  // of mean squares of second differences of white noise
+      // Of mean squares of second differences of white noise.
+      if (noise > 0) put(std::log(noise), std::sqrt(35.0 / 9 / n));
     }
     v.fit.clear(), v.still.clear();
     v.x_sum = v.x_squares = v.x_second = v.r_second = v.slope_noise = v.count = 0;

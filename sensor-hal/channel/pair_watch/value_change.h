@@ -4,14 +4,14 @@
 //   y − x = bias + scale · x − delay · dx/dt + noise
 //
 //   bias    in the number's unit, at x = 0 where scale is told, else at the window's mean
-//   scale   relative
+//   scale   relative; not of places, whose zero is nowhere
 //   delay   s; positive: the real side shows what was, later than the twin
 //   noise   logarithm of the variance that second differences leave of y − x (both sides'); of numbers that
 //           are exact there is none
 //
 // Scale and delay are told where x moves: by more than 5 times its own noise (by second differences) and by
-// more than a tenth of its mean; what the noise of x does to both (attenuation) is taken off by moments. A
-// number that stands still has a bias and noise alone.
+// more than a tenth of its mean (places: whatever that is); what the noise of x does to both (attenuation) is
+// taken off by moments. A number that stands still has a bias and noise alone.
 //
 // At most ten numbers: four parameters each.
 #pragma once
@@ -30,6 +30,7 @@ namespace rigor::pair_watch {
 struct WatchedValue {
   std::string name, unit;
   double resolution = 0;  ///< steps of whole numbers: noise is never less than theirs, resolution²/12
+  bool has_scale = true;  ///< false: of a place
 };
 
 class ValueChange {
@@ -50,7 +51,8 @@ class ValueChange {
   };
   struct Value {
     double resolution = 0, origin = 0;
-    bool any = false;
+    std::size_t first = 0;  ///< of its parameters
+    bool has_scale = true, any = false;
     std::array<Instant, 3> last{};  ///< newest last
     std::uint64_t run = 0;          ///< instants in a row
     WindowFit fit{3}, still{1};

@@ -93,7 +93,7 @@ TEST(PairWatchAllocation, NumbersTakeNone) {
 
   o.window_s = 4;
   o.baseline_windows = 16;
-  PairWatch watch = PairWatch::of_imu(o).value();
+  PairWatch watch = PairWatch::of_numbers(SampleKind::imu, o).value();
   guard::clear();
   (void)guard::install();
   testing::Random random(2);

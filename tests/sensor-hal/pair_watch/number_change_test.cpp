@@ -118,6 +118,40 @@ TEST(RangeImageChange, TenThousandWindowsWithoutAChangeRaiseNoAlarm) {
       watch, [&](bool c) { return pair.window(c); }, 200);
 }
 
+TEST(RangeImageChange, PixelsWeighByTheNoiseOfTheirAmplitude) {
+  // A leaning wall whose light falls to a tenth across, and whose noise grows as that light falls.
+  constexpr std::size_t kWidth = 48, kHeight = 36;
+  Random random(7);
+  std::array<Sample, 2> side;
+  std::vector<float> data(2 * kWidth * kHeight);
+  double scatter[2], excess = 0;
+  for (const int k : {0, 1}) {
+    RangeImageChange change =
+        RangeImageChange::make({kWidth, kHeight}, {.sigma_m = 0.01, .noise_exponent = k == 0 ? 0.0 : 1.0})
+            .value();
+    double sum = 0, squares = 0;
+    for (int i = 0; i < 200; ++i) {
+      for (Sample& s : side) {
+        for (std::size_t p = 0; p < kWidth * kHeight; ++p) {
+          const double amplitude = 0.1 + 0.8 * static_cast<double>(p % kWidth) / kWidth;
+          data[p] = static_cast<float>(3 - amplitude + 0.01 * (0.5 / amplitude) * random.quick_normal());
+          data[kWidth * kHeight + p] = static_cast<float>(amplitude);
+        }
+        s.reserve(data.size() * sizeof(float)), s.info = RangeImageInfo{kWidth, kHeight};
+        testing::fill<float>(s, data);
+      }
+      ASSERT_TRUE(change.add(side[0], side[1]));
+      Estimate e;
+      change.finish(e);
+      sum += e.value[0], squares += e.value[0] * e.value[0];
+      if (k == 1) excess += e.value[5] / 200;
+    }
+    scatter[k] = std::sqrt(squares / 200 - sum * sum / 4e4);
+  }
+  EXPECT_LT(scatter[1], 0.7 * scatter[0]) << scatter[0] << " " << scatter[1];
+  EXPECT_NEAR(excess, 0, 0.05) << "of the variance, everywhere";
+}
+
 TEST(RangeImageChange, EmptyUnlikeAndIncompleteOnesSayNothing) {
   RangePair pair(RangeChange{}, 3);
   (void)pair.window(false);
@@ -136,6 +170,7 @@ TEST(RangeImageChange, EmptyUnlikeAndIncompleteOnesSayNothing) {
   EXPECT_FALSE(pair.changes().add(pair.real(), pair.simulated()));
   EXPECT_FALSE(RangeImageChange::make({4, 4}, {}));
   EXPECT_FALSE(RangeImageChange::make({48, 36}, {.sigma_m = kNaN}));
+  EXPECT_FALSE(RangeImageChange::make({48, 36}, {.noise_exponent = -1}));
 }
 
 struct NumberChange {

@@ -99,7 +99,7 @@ TEST(PairWatch, CountsWhatCannotBeCompared) {
 }
 
 TEST(PairWatch, InertialUnitsAreWatchedByAxis) {
-  PairWatch watch = PairWatch::of_imu(options()).value();
+  PairWatch watch = PairWatch::of_numbers(SampleKind::imu, options()).value();
   Random random(3);
   for (int i = 0; i < 12000; ++i) {
     Sample real, twin;
@@ -117,12 +117,74 @@ TEST(PairWatch, InertialUnitsAreWatchedByAxis) {
   EXPECT_EQ(watch.parameters()[watch.snapshot().alarm.parameter].name, "angular rate z bias");
 }
 
+TEST(PairWatch, ReceiversAreWatchedByEastNorthAndUp) {
+  // On a circle of 20 m, 1 Hz, windows of 10 s; the receiver's antenna is half a metre higher after 1000 s.
+  WatchOptions o = options();
+  o.window_s = 10;
+  PairWatch watch = PairWatch::of_numbers(SampleKind::nav_fix, o).value();
+  Random random(4);
+  const auto fix = [&](double east_m, double north_m, double up_m) {
+    NavFix f;  // at 50° north a second of arc is 30.9 m of latitude, 19.9 m of longitude
+    f.status = FixStatus::fix;
+    f.latitude_deg = 50 + (north_m + 0.05 * random.normal()) / 111229.0;
+    f.longitude_deg = 180 - 1e-5 + (east_m + 0.05 * random.normal()) / 71696.0;
+    if (f.longitude_deg > 180) f.longitude_deg -= 360;  // half of the circle lies beyond the date line
+    f.height_m = 600 + up_m + 0.1 * random.normal();
+    return f;
+  };
+  for (int i = 0; i < 2000 && watch.snapshot().state != WatchState::alarm; ++i) {
+    const double a = 0.1 * i, x = 20 * std::cos(a), y = 20 * std::sin(a);
+    Sample real, twin;
+    real.stamp.t_capture = twin.stamp.t_capture = BenchTime{} + seconds(i);
+    real.info = fix(x, y, i >= 1000 ? 0.5 : 0), twin.info = fix(x, y, 0);
+    if (i % 100 == 50) real.info = NavFix{};  // no fix
+    watch.add(real, twin);
+  }
+  const PairWatchSnapshot s = watch.snapshot();
+  ASSERT_EQ(s.state, WatchState::alarm);
+  EXPECT_GE(s.unlike, 10u) << "fixes that were none";
+  EXPECT_EQ(watch.parameters()[s.alarm.parameter].name, "up bias");
+  EXPECT_NEAR(s.alarm.change, 0.5, 0.1);
+  EXPECT_EQ((s.t_since - BenchTime{}).ns(), seconds(1000).ns());
+  EXPECT_NEAR(s.last.value[0], 0, 0.1) << "east, in metres";
+  EXPECT_EQ(watch.parameters()[1].name, "east delay") << "a place has no scale";
+  EXPECT_NEAR(s.last.value[1], 0, 0.1);
+}
+
+TEST(PairWatch, OdometryIsWatchedByItsVelocities) {
+  PairWatch watch = PairWatch::of_numbers(SampleKind::odometry, options()).value();
+  Random random(5);
+  double x_m = 0;
+  for (int i = 0; i < 3000 && watch.snapshot().state != WatchState::alarm; ++i) {
+    const double t = 0.05 * i, v = 0.8 + 0.5 * std::sin(2 * t), turn = 0.4 * std::sin(1.3 * t);
+    // From 100 s on the left tyre has lost air: its wheel turns faster by 3 %.
+    const auto side = [&](double left) {
+      Odometry o;
+      o.velocity_mps[0] = v + 0.002 * random.normal(), o.turn_rate_radps[2] = turn + 0.002 * random.normal();
+      o.wheel_rate_radps = {(v - 0.3 * turn) / 0.2 * left + 0.01 * random.normal(),
+                            (v + 0.3 * turn) / 0.2 + 0.01 * random.normal()};
+      return o;
+    };
+    Sample real, twin;
+    real.stamp.t_capture = twin.stamp.t_capture = BenchTime{} + milliseconds(50 * i);
+    Odometry o = side(t >= 100 ? 1.03 : 1);
+    o.T_odom_base.position_m[0] = x_m += 0.01 * random.normal();  // wanders; nobody minds
+    real.info = o, twin.info = side(1);
+    watch.add(real, twin);
+  }
+  const PairWatchSnapshot s = watch.snapshot();
+  ASSERT_EQ(s.state, WatchState::alarm);
+  EXPECT_EQ(watch.parameters()[s.alarm.parameter].name, "left wheel scale");
+  EXPECT_NEAR(s.alarm.change, 0.03, 0.005);
+  EXPECT_FALSE(PairWatch::of_numbers(SampleKind::pose, options()));
+}
+
 TEST(PairWatch, RefusesWhatItsPartsRefuse) {
   EXPECT_FALSE(PairWatch::of_registers({{RegisterBlock::kMax, {"x", "1", 0}}}, options()));
   EXPECT_FALSE(PairWatch::of_registers({}, options()));
   WatchOptions o = options();
   o.window_s = 0;
-  const auto watch = PairWatch::of_imu(o);
+  const auto watch = PairWatch::of_numbers(SampleKind::imu, o);
   ASSERT_FALSE(watch);
   EXPECT_EQ(watch.error().text(), "window_s: expected a length above 0, got 0.000000");
   EXPECT_FALSE(PairWatch::of_clouds({.points = 1}, options()));
