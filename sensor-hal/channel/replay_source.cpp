@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <condition_variable>
+#include <map>
 #include <mutex>
+#include <optional>
 
 #include "sensor-hal/record/recorder.h"
 #include "sensor-hal/record/sample_codec.h"
@@ -145,6 +147,13 @@ struct ReplaySource::Reader {
     std::string topic;
     bool simulated;
     record::SampleDecoder decoder;
+    std::vector<std::size_t> seen;  ///< places in `shown` of what was seen of this side
+    std::size_t next = 0;           ///< of them: what lies before was met, or is not in the file
+  };
+  /// What the script says was seen, in this order.
+  struct Shown {
+    std::uint64_t sequence = 0;
+    bool settled = false;  ///< handed over, or not in the file
   };
 
   SamplePool pool;
@@ -154,6 +163,10 @@ struct ReplaySource::Reader {
   std::vector<Stream> streams;
   /// The samples to give, in this order; null: all.
   const VisibilityScript* script = nullptr;
+  std::vector<Shown> shown;
+  std::size_t due = 0;                       ///< of `shown`: all before are settled
+  std::map<std::size_t, SampleLease> early;  ///< by place in `shown`: read, while one before may yet come
+  std::size_t most_early = 0;                ///< of them: who waits takes a slot
   Duration shift;
   Health* health = nullptr;
 
@@ -175,22 +188,42 @@ struct ReplaySource::Reader {
     progress.notify_all();
   }
 
-  [[nodiscard]] bool wanted(const Stream& stream, std::uint64_t sequence, std::size_t& next) const {
-    if (!script) return true;
-    const auto& changes = script->changes();
-    // Samples come in the order in which they were seen, so what lies before is not looked at again; a little
-    // slack is left because the two sides of a pair interleave.
-    for (std::size_t i = next; i < changes.size(); ++i) {
-      const auto& v = changes[i].visible;
-      if (v.status != PortStatus::fresh) continue;
-      if (v.sequence > sequence) return false;
-      if (v.sequence == sequence) {
-        if (v.simulated != stream.simulated) return false;
-        next = i + 1;
-        return true;
-      }
+  void follow(const VisibilityScript& visibility) {
+    script = &visibility;
+    for (const auto& change : visibility.changes()) {
+      if (change.visible.status != PortStatus::fresh) continue;
+      for (Stream& stream : streams)
+        if (stream.simulated == change.visible.simulated) stream.seen.push_back(shown.size());
+      shown.push_back({change.visible.sequence, false});
     }
-    return false;
+  }
+
+  /// Which of `shown` this sample is; none: nobody saw it. Samples of one side come in the order in which
+  /// they were seen.
+  std::optional<std::size_t> place_of(Stream& stream, std::uint64_t sequence) {
+    for (std::size_t i = stream.next; i < stream.seen.size(); ++i) {
+      const std::uint64_t shown_sequence = shown[stream.seen[i]].sequence;
+      if (shown_sequence > sequence) return std::nullopt;
+      if (shown_sequence < sequence) continue;
+      for (; stream.next < i; ++stream.next)
+        shown[stream.seen[stream.next]].settled = true;  // not in the file
+      return stream.seen[stream.next++];
+    }
+    return std::nullopt;
+  }
+
+  /// Samples of the two sides of a pair may have been seen in another order than they are in the file. False:
+  /// stopping.
+  bool hand_over_in_order(bool all) {
+    while (!early.empty()) {
+      const auto first = early.begin();
+      while (due < first->first && shown[due].settled) ++due;
+      if (due < first->first && !all && early.size() <= most_early) return true;
+      if (!push(std::move(first->second))) return false;
+      shown[first->first].settled = true;
+      early.erase(first);
+    }
+    return true;
   }
 
   void run() {
@@ -203,7 +236,6 @@ struct ReplaySource::Reader {
     filter.order = record::MessageOrder::file;
     auto cursor = file->messages(filter);
     record::MessageView view;
-    std::size_t next = 0;
     while (!stopping.load(std::memory_order_acquire)) {
       const auto more = cursor.next(view);
       if (!more) {
@@ -218,10 +250,24 @@ struct ReplaySource::Reader {
           health->protocol_errors.fetch_add(1, std::memory_order_relaxed);
           continue;
         }
-        if (!*whole || !wanted(stream, stream.decoder.stamp().sequence, next)) continue;
-        if (!hand_over(stream.decoder)) return;
+        if (!*whole) continue;
+        if (!script) {
+          SampleLease sample;
+          if (!read(stream.decoder, sample) || (sample && !push(std::move(sample)))) return;
+          continue;
+        }
+        if (const auto place = place_of(stream, stream.decoder.stamp().sequence)) {
+          SampleLease sample;
+          if (!read(stream.decoder, sample)) return;
+          if (sample)
+            early.emplace(*place, std::move(sample));
+          else
+            shown[*place].settled = true;
+        }
+        if (!hand_over_in_order(false)) return;
       }
     }
+    if (!hand_over_in_order(true)) return;
     reached(BenchTime::never(), true);
   }
 
@@ -231,12 +277,12 @@ struct ReplaySource::Reader {
   static constexpr std::chrono::milliseconds kPatience{1500}, kPatienceOnceStarved{200};
   bool starved = false;
 
-  /// False: stopping.
-  bool hand_over(const record::SampleDecoder& decoder) {
+  /// No sample where it cannot be had. False: stopping.
+  bool read(const record::SampleDecoder& decoder, SampleLease& slot) {
     const BenchTime release = decoder.stamp().t_release + shift;
-    SampleLease slot;
     for (int naps = 0; !(slot = pool.try_acquire());) {
       // All slots are ahead of the loop or held by somebody.
+      if (!hand_over_in_order(true)) return false;
       reached(release - Duration(1), false);
       if (stopping.load(std::memory_order_acquire)) return false;
       std::this_thread::sleep_for(kNap);
@@ -252,6 +298,7 @@ struct ReplaySource::Reader {
     Sample& sample = slot.edit();
     if (!decoder.fill(sample)) {
       health->protocol_errors.fetch_add(1, std::memory_order_relaxed);
+      slot.reset();
       return true;
     }
     sample.stamp.t_capture = sample.stamp.t_capture + shift;
@@ -259,7 +306,12 @@ struct ReplaySource::Reader {
     sample.stamp.t_arrival = sample.stamp.t_arrival + shift;
     health->received.fetch_add(1, std::memory_order_relaxed);
     if (sample.stamp.validity & kIncomplete) health->incomplete.fetch_add(1, std::memory_order_relaxed);
-    while (!ring.try_push(std::move(slot))) {
+    return true;
+  }
+  /// False: stopping.
+  bool push(SampleLease sample) {
+    const BenchTime release = sample->stamp.t_release;
+    while (!ring.try_push(std::move(sample))) {
       if (stopping.load(std::memory_order_acquire)) return false;
       std::this_thread::sleep_for(kNap);
     }
@@ -353,7 +405,8 @@ Status ReplaySource::do_arm(const ArmContext&) {
     std::string topic = "/" + channel_ + "/" + side + std::string(kind_topic);
     if (recording_->topics_.contains(topic)) reader_->streams.emplace_back(topic, side[0] == 's');
   }
-  reader_->script = recording_->visibility(channel_);
+  if (const VisibilityScript* script = recording_->visibility(channel_)) reader_->follow(*script);
+  reader_->most_early = slots_ / 4;
   reader_->health = &health_;
   return {};
 }
