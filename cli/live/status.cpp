@@ -103,7 +103,8 @@ json LiveStatus::channel(std::size_t i) {
   const std::uint64_t fresh = s.fresh.load(std::memory_order_relaxed);
   const std::int64_t now = tap_.now().ns();
   Rate& rate = rates_[i];
-  if (now - rate.t_ns >= 1'000'000'000 || now < rate.t_ns) {
+  const std::int64_t window_ns = std::max<std::int64_t>(1'000'000'000, 2 * c.entry->period.ns());
+  if (now - rate.t_ns >= window_ns || now < rate.t_ns) {
     rate.known = rate.t_ns > 0 && now > rate.t_ns && fresh >= rate.fresh;
     rate.hz =
         rate.known ? static_cast<double>(fresh - rate.fresh) * 1e9 / static_cast<double>(now - rate.t_ns) : 0;
