@@ -14,6 +14,8 @@ import { chromium } from "playwright-core";
 const name = process.argv[2];
 const [rigor, rig] = process.argv.slice(3).map((path) => resolve(path));
 const PATIENCE_MS = 60_000; // a loaded machine is slow, not wrong
+// A graphics card in software is what a browser costs most: for points alone.
+const NEED_WEBGL = ["shows", "replays"];
 const folder = mkdtempSync(join(tmpdir(), "rigor-live-page-"));
 
 async function freePort() {
@@ -301,7 +303,7 @@ let browser, failed = false;
 try {
   browser = await chromium.launch({
     executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
-    args: ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"],
+    args: ["--no-sandbox", "--disable-dev-shm-usage", ...(NEED_WEBGL.includes(name) ? ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"] : ["--disable-gpu"])],
   });
   await CASES[name](browser);
 } catch (error) {
