@@ -112,6 +112,7 @@ bool RangeImageChange::add(const Sample& real, const Sample& simulated) noexcept
       const std::array<WindowFit::Term, 3> terms{
           {{kOffset, 1}, {kScale, s}, {bin == 0 ? std::size_t{kLow} : std::size_t{kHigh}, 1}}};
       window_.add({terms.data(), bin == 1 ? 2u : 3u}, residual, far > 1 ? weight / far : weight);
+      weights_ += weight;
       if (amplitudes && std::isfinite(ax(u, v)) && std::isfinite(ay(u, v))) {
         const WindowFit::Term t{0, ay(u, v)};
         amplitude_.add({&t, 1}, ax(u, v) - ay(u, v), 1);
@@ -128,6 +129,11 @@ void RangeImageChange::finish(Estimate& e) noexcept {
   e.value.fill(kNaN), e.sigma.fill(kNaN);
   e.left = e.shift_px = kNaN;
   if (window_.count() >= 16) {
+    // A thousandth of all pixels says that amplitudes make no difference: decides where nothing else does.
+    for (const std::size_t k : {std::size_t{kLow}, std::size_t{kHigh}}) {
+      const WindowFit::Term none{k, 1};
+      window_.add({&none, 1}, 0, 1e-3 * weights_);
+    }
     window_.solve();
     for (std::size_t k = 0; k < 4; ++k) e.value[k] = window_.value(k), e.sigma[k] = window_.sigma(k);
     e.left = std::sqrt(2 * window_.variance()) * options_.sigma_m;
@@ -146,6 +152,7 @@ void RangeImageChange::finish(Estimate& e) noexcept {
     e.sigma[kLost] = std::sqrt(lost_ + 1) / all, e.sigma[kGained] = std::sqrt(gained_ + 1) / all;
   }
   window_.clear(), amplitude_.clear();
+  weights_ = 0;
   both_ = lost_ = gained_ = flying_[0] = flying_[1] = looked_at_ = 0;
 }
 

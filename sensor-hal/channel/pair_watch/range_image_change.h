@@ -7,6 +7,8 @@
 //   low, high amplitude  1 below a third, above two thirds of amplitude_max: m, against the middle third
 //   amplitude            simulated amplitude  relative, in a fit of its own
 //
+// Where all pixels are of one third (a far wall), what they have in common is the offset.
+//
 // Noise of a range is told by its amplitude A: sigma(A) = sigma_m (amplitude_max / 2A)^noise_exponent, 1/2
 // where the noise is that of the light. Pixels weigh by it; far walls would drown the rest else.
 //
@@ -58,6 +60,7 @@ class RangeImageChange {
   std::vector<Parameter> parameters_;
   WindowFit window_, amplitude_;
   NoiseSums noise_sums_;
+  double weights_ = 0;  ///< of the window's pixels
   double both_ = 0, lost_ = 0, gained_ = 0, flying_[2] = {0, 0}, looked_at_ = 0;
 };
 

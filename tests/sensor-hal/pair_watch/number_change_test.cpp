@@ -152,6 +152,30 @@ TEST(RangeImageChange, PixelsWeighByTheNoiseOfTheirAmplitude) {
   EXPECT_NEAR(excess, 0, 0.05) << "of the variance, everywhere";
 }
 
+TEST(RangeImageChange, WhereAllIsDimTheOffsetIsToldStill) {
+  constexpr std::size_t kPixels = 48 * 36;
+  Random random(9);
+  RangeImageChange change =
+      RangeImageChange::make({48, 36}, {.sigma_m = 0.01, .noise_exponent = 0.5}).value();
+  std::array<Sample, 2> side;
+  std::vector<float> data(2 * kPixels);
+  for (const std::size_t k : {0, 1}) {
+    for (std::size_t p = 0; p < kPixels; ++p) {
+      data[p] = static_cast<float>(3 + 0.01 * static_cast<double>(p % 48) + (k == 0 ? 0.02 : 0) +
+                                   0.02 * random.quick_normal());
+      data[kPixels + p] = 0.1F;
+    }
+    side[k].reserve(data.size() * sizeof(float)), side[k].info = RangeImageInfo{48, 36};
+    testing::fill<float>(side[k], data);
+  }
+  ASSERT_TRUE(change.add(side[0], side[1]));
+  Estimate e;
+  change.finish(e);
+  // Scale and offset of ranges between 3 and 3.5 m: together they are the 20 mm.
+  ASSERT_TRUE(std::isfinite(e.value[0]) && std::isfinite(e.value[1]));
+  EXPECT_NEAR(e.value[0] + 3.24 * e.value[1], 0.02, 0.004);
+}
+
 TEST(RangeImageChange, EmptyUnlikeAndIncompleteOnesSayNothing) {
   RangePair pair(RangeChange{}, 3);
   (void)pair.window(false);
