@@ -7,8 +7,8 @@ namespace rigor::record {
 // bit.
 
 void ChunkList::put(std::uint64_t number) {
-  for (; number >= 0x80; number >>= 7) packed_.put(static_cast<std::uint8_t>(number | 0x80));
-  packed_.put(static_cast<std::uint8_t>(number));
+  for (; number >= 0x80; number >>= 7) packed_.push_back(static_cast<std::uint8_t>(number | 0x80));
+  packed_.push_back(static_cast<std::uint8_t>(number));
 }
 
 void ChunkList::put_after(std::uint64_t before, std::uint64_t number) {
@@ -40,7 +40,7 @@ void ChunkList::add(const ChunkPlace& chunk) {
 std::uint64_t ChunkList::Cursor::number() {
   std::uint64_t number = 0;
   for (unsigned shift = 0;; shift += 7) {
-    const auto byte = static_cast<std::uint8_t>(list_->packed_.bytes()[at_++]);
+    const std::uint8_t byte = list_->packed_[at_++];
     number |= std::uint64_t{byte & 0x7fu} << shift;
     if (byte < 0x80) return number;
   }

@@ -5,10 +5,9 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <utility>
 #include <vector>
-
-#include "sensor-hal/record/mcap_format.h"
 
 namespace rigor::record {
 
@@ -49,7 +48,7 @@ class ChunkList {
   void put(std::uint64_t number);
   void put_after(std::uint64_t before, std::uint64_t number);
 
-  ByteBuffer packed_;
+  std::deque<std::uint8_t> packed_;  // grows without moving, which would leave holes of its size in the heap
   std::size_t size_ = 0;
   std::uint64_t last_start_ns_ = 0, last_end_ = 0;
 };
