@@ -180,7 +180,10 @@ TEST_F(Faults, AreInjectedWhileARunGoesOnListedClearedAndComeAgain) {
   EXPECT_FALSE(std::filesystem::exists(socket_file)) << "it goes with the run";
   const json result = json::parse(said.out), eye = faults_of(result, "eye");
   expect_accounted(eye);
-  EXPECT_NEAR(eye["faults"][0]["seen"].get<double>(), 20, 3) << "one second";
+  const json span = eye["faults"][0]["spans"].at(0);
+  EXPECT_GE(span[1].get<double>() - span[0].get<double>(), 0.999)
+      << "its second, and cycles that a busy machine skipped";
+  EXPECT_GT(eye["faults"][0]["seen"], 0);
   EXPECT_EQ(eye["faults"][1]["over"], true);
   EXPECT_GT(eye["faults"][1]["changed"], 10);
 
