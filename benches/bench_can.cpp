@@ -37,7 +37,7 @@ std::int64_t cpu_ns(clockid_t clock) {
   clock_gettime(clock, &t);
   return t.tv_sec * 1'000'000'000 + t.tv_nsec;
 }
-BenchTime now() { return BenchTime(monotonic_now().ns()); }
+BenchTime now() { return bench_now(); }
 double us(Duration d) { return static_cast<double>(d.ns()) * 1e-3; }
 
 struct Reader {

@@ -127,7 +127,7 @@ bool run(const Options& o, double loss, Figures& f) {
   config.params = *ConfigDocument::parse(keys, "bench");
   AravisSource source;
   if (!check(source.configure(config)) || !check(source.arm({}))) return false;
-  const auto now = [] { return BenchTime(monotonic_now().ns()); };
+  const auto now = [] { return bench_now(); };
   if (!check(source.start(now()))) return false;
   const Duration first_packet = microseconds(2000) + milliseconds(1);  // exposure and the camera's readout
   double judging_s = 0, sigma_sum = 0;
@@ -275,7 +275,7 @@ bool recover(const Options& o, Recovery& r) {
   config.latency = milliseconds(100);
   config.params = *ConfigDocument::parse("{address: 127.0.0.71, exposure_us: 2000}", "bench");
   AravisSource source;
-  const auto now = [] { return BenchTime(monotonic_now().ns()); };
+  const auto now = [] { return bench_now(); };
   if (!check(source.configure(config)) || !check(source.arm({})) || !check(source.start(now()))) return false;
   std::uint64_t last = 0;
   bool any = false;

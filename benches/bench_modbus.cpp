@@ -49,7 +49,7 @@ class Clock final : public RegisterModel {
   }
 };
 
-BenchTime now() { return BenchTime(monotonic_now().ns()); }
+BenchTime now() { return bench_now(); }
 
 double thread_cpu_s() {
   timespec t{};

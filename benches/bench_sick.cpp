@@ -236,7 +236,7 @@ int main(int argc, char** argv) {
   config.latency = milliseconds(100);
   config.params = *ConfigDocument::parse("{address: 127.0.0.1, port: " + std::to_string(port) + "}", "bench");
   SickSource source;
-  const auto now = [] { return BenchTime(monotonic_now().ns()); };
+  const auto now = [] { return bench_now(); };
   if (!good(source.configure(config)) || !good(source.arm({})) || !good(source.start(now()))) return 1;
 
   Figures channel, hand, plain;

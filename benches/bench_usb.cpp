@@ -149,14 +149,14 @@ void ours(double seconds_long, pid_t& scanner, Figures& f) {
   c.params = *ConfigDocument::parse("{transport: tty, slots: 64, device: " + kLink + "}", "bench");
   Status s = source.configure(c);
   if (s) s = source.arm({});
-  if (s) s = source.start(BenchTime(monotonic_now().ns()));
+  if (s) s = source.start(bench_now());
   if (!s) {
     std::fprintf(stderr, "%s\n", s.error().text().c_str());
     std::exit(1);
   }
   const double cpu = cpu_s(RUSAGE_SELF), mine = cpu_s(RUSAGE_THREAD);
   const auto take = [&](auto&& each) {
-    while (SampleLease lease = source.poll(BenchTime(monotonic_now().ns()))) each(*lease);
+    while (SampleLease lease = source.poll(bench_now())) each(*lease);
   };
   const MonotonicTime end = monotonic_now() + seconds_from(seconds_long);
   while (monotonic_now() < end) {

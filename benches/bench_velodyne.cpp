@@ -174,14 +174,14 @@ Row measure(double packets_per_s, double seconds) {
   };
   must(source.configure(config));
   must(source.arm({}));
-  must(source.start(BenchTime(monotonic_now().ns())));
+  must(source.start(bench_now()));
   std::vector<double> ours_us, plain_us;
   std::int64_t end = monotonic_now().ns() + static_cast<std::int64_t>(seconds * 1e9);
   const std::size_t plain_first = plain.arrival.size();
   const std::uint64_t sent_first = sender->sent();
   std::uint64_t ours = 0, k = sent_first;
   while (monotonic_now().ns() < end) {
-    while (SampleLease s = source.poll(BenchTime(monotonic_now().ns()))) {
+    while (SampleLease s = source.poll(bench_now())) {
       ++ours;
       // Which packet it was: the last that had gone out when the kernel had this one.
       const std::int64_t here = s->stamp.t_capture.ns() + 1'327'104;
@@ -204,11 +204,11 @@ Row measure(double packets_per_s, double seconds) {
   // Away for two seconds, and back.
   sender->pause(true);
   std::this_thread::sleep_for(std::chrono::seconds(2));
-  while (source.poll(BenchTime(monotonic_now().ns()))) {
+  while (source.poll(bench_now())) {
   }
   const std::int64_t back = monotonic_now().ns();
   sender->pause(false);
-  while (!source.poll(BenchTime(monotonic_now().ns())) && monotonic_now().ns() - back < 10'000'000'000)
+  while (!source.poll(bench_now()) && monotonic_now().ns() - back < 10'000'000'000)
     std::this_thread::yield();
   r.recover_ms = static_cast<double>(monotonic_now().ns() - back) * 1e-6;
   sender.reset();

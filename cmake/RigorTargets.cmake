@@ -22,17 +22,23 @@ if(RIGOR_SANITIZE)
   target_link_options(rigor_options INTERFACE -fsanitize=${RIGOR_SANITIZE})
 endif()
 
-# rigor_library(NAME SOURCES... [LINKS targets...] [PRIVATE_LINKS targets...])
+# rigor_library(NAME SOURCES... [APART sources...] [LINKS targets...] [PRIVATE_LINKS targets...])
+# APART: sources that have names of their own in common with others of the library.
 function(rigor_library NAME)
-  cmake_parse_arguments(ARG "" "" "SOURCES;LINKS;PRIVATE_LINKS" ${ARGN})
-  add_library(${NAME} STATIC ${ARG_SOURCES})
+  cmake_parse_arguments(ARG "" "" "SOURCES;APART;LINKS;PRIVATE_LINKS" ${ARGN})
+  add_library(${NAME} STATIC ${ARG_SOURCES} ${ARG_APART})
+  set_source_files_properties(${ARG_APART} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
   target_link_libraries(${NAME} PUBLIC rigor_options ${ARG_LINKS} PRIVATE ${ARG_PRIVATE_LINKS})
   set_target_properties(${NAME} PROPERTIES POSITION_INDEPENDENT_CODE ON)
+  if(RIGOR_QUICK_BUILD)
+    set_target_properties(${NAME} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 6)
+  endif()
 endfunction()
 
-# Continuous integration builds from nothing: there tests include precompiled headers and are optimised lightly. What they
-# test is optimised as ever. Elsewhere ccache does more, and it cannot share what precompiled headers went into between folders.
-option(RIGOR_QUICK_BUILD "Build tests with precompiled headers and at -O1" OFF)
+# Continuous integration builds from nothing: there libraries are compiled some files at a time, and tests include precompiled
+# headers and are optimised lightly. What they test is optimised as ever. Elsewhere ccache does more, and it cannot share what
+# precompiled headers went into between folders.
+option(RIGOR_QUICK_BUILD "Compile libraries some files at a time, tests with precompiled headers and at -O1" OFF)
 if(RIGOR_QUICK_BUILD AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   set(CMAKE_PCH_WARN_INVALID OFF)  # a test with other flags reads the headers as they are
   if(CCACHE)

@@ -44,9 +44,6 @@ namespace rigor {
 
 class Trace;
 
-/// Bench time of a wall-clock run: CLOCK_MONOTONIC.
-[[nodiscard]] inline BenchTime bench_now() noexcept { return BenchTime(monotonic_now().ns()); }
-
 enum class RunClock : std::uint8_t { wall, virtual_time };
 enum class OverrunPolicy : std::uint8_t { skip, abort, log };
 

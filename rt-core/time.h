@@ -81,6 +81,8 @@ using DeviceTime = TimePoint<DeviceClockTag>;
   clock_gettime(CLOCK_MONOTONIC, &ts);
   return MonotonicTime(ts.tv_sec * 1'000'000'000 + ts.tv_nsec);
 }
+/// Bench time of a wall-clock run.
+[[nodiscard]] inline BenchTime bench_now() noexcept { return BenchTime(monotonic_now().ns()); }
 [[nodiscard]] inline RealtimeTime realtime_now() noexcept {
   timespec ts{};
   clock_gettime(CLOCK_REALTIME, &ts);

@@ -29,8 +29,6 @@ constexpr Duration kAskEvery = seconds(1);
 constexpr Duration kMaxReconnectPause = milliseconds(250);  // a question is one datagram
 constexpr Duration kFrozenAfter = seconds(2);  // a camera that answers and sends nothing is opened anew
 
-BenchTime bench_now() { return BenchTime(monotonic_now().ns()); }
-
 void raise(std::atomic<std::uint64_t>& counter, std::uint64_t by = 1) {
   counter.fetch_add(by, std::memory_order_relaxed);
 }

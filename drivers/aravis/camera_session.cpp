@@ -21,8 +21,6 @@
 namespace rigor {
 namespace {
 
-BenchTime bench_now() { return BenchTime(monotonic_now().ns()); }
-
 bool may_use_packet_sockets() {
   __user_cap_header_struct header{_LINUX_CAPABILITY_VERSION_3, 0};
   std::array<__user_cap_data_struct, 2> data{};

@@ -6,12 +6,6 @@
 #include "drivers/aravis/gige_device_model.h"
 
 namespace rigor::gige {
-namespace {
-
-DeviceTime max_of(DeviceTime a, DeviceTime b) { return a < b ? b : a; }
-
-}  // namespace
-
 std::uint64_t GigeDeviceModel::ticks(DeviceTime t) const {
   return static_cast<std::uint64_t>(std::max<std::int64_t>(0, (t - timestamp_zero_).ns()));
 }
@@ -177,7 +171,8 @@ void GigeDeviceModel::append_chunks(const FrameRequest& r, std::vector<std::uint
 DeviceTime GigeDeviceModel::next_exposure() const {
   if (!acquiring_) return DeviceTime::never();
   if (trigger_mode_ == 0) return next_free_run_;
-  const DeviceTime asked = triggers_.empty() ? DeviceTime::never() : max_of(triggers_.front(), sensor_free_);
+  const DeviceTime asked =
+      triggers_.empty() ? DeviceTime::never() : std::max(triggers_.front(), sensor_free_);
   return next_wired_ == DeviceTime::never() ? asked : std::min(asked, next_wired_ + trigger_delay());
 }
 

@@ -41,8 +41,6 @@ bool read_only(std::uint32_t a) {
          a == reg::kPtpOffsetHigh || a == reg::kPtpOffsetLow;
 }
 
-DeviceTime max_of(DeviceTime a, DeviceTime b) { return a < b ? b : a; }
-
 }  // namespace
 
 GvStatus GigeDeviceModel::read_u32(std::uint32_t address, Endpoint from, std::uint32_t& value) const {
@@ -384,7 +382,7 @@ GvStatus GigeDeviceModel::write_feature(std::uint32_t address, std::uint32_t val
       if (trigger_mode_ != value) triggers_.clear();
       trigger_mode_ = value;
       rewire(now);
-      if (value == 0) next_free_run_ = on_grid(max_of(next_free_run_, max_of(now, sensor_free_)));
+      if (value == 0) next_free_run_ = on_grid(std::max(next_free_run_, std::max(now, sensor_free_)));
       return GvStatus::success;
     case reg::kTriggerSource:
       if (value > reg::kTriggerSourceLine1) return GvStatus::invalid_parameter;
@@ -457,7 +455,7 @@ GvStatus GigeDeviceModel::write_double(std::uint32_t address, double value, Devi
   if (acquiring_ && index_ > 0 && period() != before) {
     // The frame in progress keeps its place and is exposed to its end; the next one comes a new period behind
     // it.
-    next_free_run_ = on_grid(max_of(max_of(next_free_run_ - before + period(), sensor_free_), now));
+    next_free_run_ = on_grid(std::max(std::max(next_free_run_ - before + period(), sensor_free_), now));
   }
   return s;
 }

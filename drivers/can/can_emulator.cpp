@@ -134,7 +134,7 @@ void CanEmulator::read_all() {
     for (int i = 0; i < n; ++i) {
       const auto& r = batch_[static_cast<std::size_t>(i)];
       log_frame(r.frame, r.fd_flags, r.t);
-      node_->receive(r.frame, BenchTime(monotonic_now().ns()));
+      node_->receive(r.frame, bench_now());
     }
     if (n < static_cast<int>(batch_.size())) return;
   }

@@ -148,7 +148,7 @@ Status change(Request& request, const std::string& name, const std::string& what
   return ask(request, name, what, [](auto, auto) {});
 }
 
-int index_of(const std::string& name) { return static_cast<int>(::if_nametoindex(name.c_str())); }
+int index_or_none(const std::string& name) { return static_cast<int>(::if_nametoindex(name.c_str())); }
 
 }  // namespace
 
@@ -231,7 +231,7 @@ Status create_vcan(const std::string& name) {
 
 Status remove_interface(const std::string& name) {
   Request r(RTM_DELLINK, NLM_F_ACK);
-  r.info().ifi_index = index_of(name);
+  r.info().ifi_index = index_or_none(name);
   if (r.info().ifi_index == 0)
     return fail(ErrorCode::not_found, name, "expected a network interface, found none");
   return change(r, name, "cannot remove the interface");
@@ -239,7 +239,7 @@ Status remove_interface(const std::string& name) {
 
 Status set_up(const std::string& name, bool up) {
   Request r(RTM_NEWLINK, NLM_F_ACK);
-  r.info().ifi_index = index_of(name);
+  r.info().ifi_index = index_or_none(name);
   if (r.info().ifi_index == 0)
     return fail(ErrorCode::not_found, name, "expected a network interface, found none");
   r.info().ifi_change = IFF_UP;
@@ -249,7 +249,7 @@ Status set_up(const std::string& name, bool up) {
 
 Status restart_controller(const std::string& name) {
   Request r(RTM_NEWLINK, NLM_F_ACK);
-  r.info().ifi_index = index_of(name);
+  r.info().ifi_index = index_or_none(name);
   if (r.info().ifi_index == 0)
     return fail(ErrorCode::not_found, name, "expected a network interface, found none");
   const auto info = r.begin(IFLA_LINKINFO);

@@ -211,7 +211,7 @@ void CanSource::give(SampleLease&& slot, BenchTime t) {
     stamp.sequence = index_;
     stamp.t_capture = t;
     stamp.t_release = t + config().latency;
-    stamp.t_arrival = BenchTime(monotonic_now().ns());
+    stamp.t_arrival = bench_now();
     stamp.sigma_capture = epoch_.sigma;
   }
   ++index_;
@@ -279,7 +279,7 @@ void CanSource::sample_at(BenchTime t, std::uint64_t index) {
     sample.stamp.sequence = index;
     sample.stamp.t_capture = t;
     sample.stamp.t_release = t + config().latency;
-    sample.stamp.t_arrival = BenchTime(monotonic_now().ns());
+    sample.stamp.t_arrival = bench_now();
     sample.stamp.sigma_capture = {};
   }
   hand_over(std::move(slot));

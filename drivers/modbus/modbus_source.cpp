@@ -189,7 +189,7 @@ void ModbusSource::tell(std::uint32_t code, double value, const std::string& tex
   sample.info = info;
   sample.size_bytes = 0;
   sample.stamp = {};
-  sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = BenchTime(monotonic_now().ns());
+  sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = bench_now();
   (void)events_->try_push(std::move(lease));  // told to nobody: the counters have it all the same
 }
 

@@ -239,7 +239,7 @@ void BulkSource::run() {
     if (now > refused) health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
     refused = reader_->refused_headers();
   }
-  if (!link_->is_open()) count_lost(keeper_.missing_by(BenchTime(monotonic_now().ns())));
+  if (!link_->is_open()) count_lost(keeper_.missing_by(bench_now()));
 }
 
 // ------------------------------------------------------------------ the world

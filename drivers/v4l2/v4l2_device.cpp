@@ -141,7 +141,7 @@ FrameStatus V4l2Device::next(RawFrame& out) {
                   ? TimestampEvent::start_of_exposure
                   : TimestampEvent::end_of_frame;
   out.error = (b.flags & V4L2_BUF_FLAG_ERROR) != 0;
-  out.t_taken = BenchTime(monotonic_now().ns());
+  out.t_taken = bench_now();
   return FrameStatus::frame;
 }
 

@@ -14,8 +14,6 @@ namespace {
 
 constexpr std::uint32_t kBuffers = 4;
 
-BenchTime bench_now() { return BenchTime(monotonic_now().ns()); }
-
 }  // namespace
 
 V4l2Emulator::~V4l2Emulator() {

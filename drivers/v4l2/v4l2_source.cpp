@@ -82,7 +82,7 @@ void V4l2Source::run() {
       lose();
   }
   // What never came while the device was away is lost, too.
-  if (!device_) give_up_until(BenchTime(monotonic_now().ns()));
+  if (!device_) give_up_until(bench_now());
 }
 
 void V4l2Source::take_frames() {

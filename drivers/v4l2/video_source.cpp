@@ -122,9 +122,7 @@ void VideoSource::deliver(const RawFrame& frame, BenchTime arrival) {
   s.stamp.t_capture = instant.t;
   s.stamp.sigma_capture = virtual_time_ && plan_.shutter.exposure_known ? Duration{} : instant.sigma;
   s.stamp.t_release = instant.t + config().latency;
-  s.stamp.t_arrival = virtual_time_            ? s.stamp.t_release
-                      : arrival != BenchTime{} ? arrival
-                                               : BenchTime(monotonic_now().ns());
+  s.stamp.t_arrival = virtual_time_ ? s.stamp.t_release : arrival != BenchTime{} ? arrival : bench_now();
   s.stamp.validity = (incomplete ? kIncomplete : kValid) | (instant.sure ? kValid : kClockUnsure);
   s.info = ImageInfo{.format = description_.format,
                      .width_px = description_.width_px,

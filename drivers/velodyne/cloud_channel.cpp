@@ -85,7 +85,7 @@ void CloudChannel::hand(const Cloud& c) noexcept {
     s.stamp.sequence = c.sequence;
     s.stamp.t_capture = c.t_capture;
     s.stamp.t_release = release;
-    s.stamp.t_arrival = virtual_time_ ? release : BenchTime(monotonic_now().ns());
+    s.stamp.t_arrival = virtual_time_ ? release : bench_now();
     s.stamp.sigma_capture = c.sigma;
     s.stamp.validity = c.validity;
     if ((c.validity & kIncomplete) != 0) health_.incomplete.fetch_add(1, std::memory_order_relaxed);

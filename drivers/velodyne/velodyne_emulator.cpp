@@ -105,9 +105,9 @@ Status VelodyneEmulator::do_start(BenchTime t0) {
     const BenchTime began(monotonic_now().ns());
     const WorldMotion motion = parts_.motion ? parts_.motion->motion_at(began) : WorldMotion{};
     if (auto s = trial->measure(0, began, motion, scratch); !s) return s;
-    measuring_time_ = BenchTime(monotonic_now().ns()) - began;
+    measuring_time_ = bench_now() - began;
   }
-  t_start_ = std::max(t0, BenchTime(monotonic_now().ns())) + trial->revolution_time() + measuring_time_ * 2;
+  t_start_ = std::max(t0, bench_now()) + trial->revolution_time() + measuring_time_ * 2;
   // Whole microseconds: what the device counts.
   t_start_ = t_start_ - Duration(epoch_.to_utc(t_start_).ns() % 1000);
   rotor.start_us = static_cast<std::uint32_t>(epoch_.to_utc(t_start_).ns() % kHour_ns / 1000);
@@ -146,7 +146,7 @@ Status VelodyneEmulator::do_stop() {
 std::uint64_t VelodyneEmulator::next_revolution() const {
   // Where measuring takes longer than a turn, those that would come too late are left out, so that the others
   // are whole.
-  const double ready = (BenchTime(monotonic_now().ns()) + measuring_time_ - t_start_).seconds();
+  const double ready = (bench_now() + measuring_time_ - t_start_).seconds();
   const double in_time = std::max(0.0, std::floor(ready * device_->rotation_hz()) + 1);
   return std::max(measured_, std::min(static_cast<std::uint64_t>(in_time), sending_revolution_ + kKept - 2));
 }
@@ -170,7 +170,7 @@ void VelodyneEmulator::measure_ahead() {
     if (!device_->measure(k, begin, motion, scratch)) raise(health_.protocol_errors);
     const std::lock_guard lock(mutex_);
     // A machine that is busy now is busy a little longer.
-    measuring_time_ = std::max(BenchTime(monotonic_now().ns()) - now, measuring_time_ * 3 / 4);
+    measuring_time_ = std::max(bench_now() - now, measuring_time_ * 3 / 4);
     std::swap(scratch, revolutions_[k % kKept]);
     measured_ = k + 1;
   }
@@ -202,7 +202,7 @@ void VelodyneEmulator::send_packets() {
       };
       device_->compose(j, of, packet);
     }
-    if (!there || BenchTime(monotonic_now().ns()) - due > kLatest) {
+    if (!there || bench_now() - due > kLatest) {
       raise(health_.lost);
     } else {
       send(packet.bytes(), settings_.port);
@@ -232,9 +232,7 @@ void VelodyneEmulator::send(Bytes bytes, std::uint16_t port) {
   } else {
     raise(health_.retries);
   }
-  if (pcap_)
-    pcap_->write(epoch_.to_utc(BenchTime(monotonic_now().ns())),
-                 {local_ipv4_, destination_ipv4_, port, port, bytes});
+  if (pcap_) pcap_->write(epoch_.to_utc(bench_now()), {local_ipv4_, destination_ipv4_, port, port, bytes});
 }
 
 void VelodyneEmulator::send_position(BenchTime t) {

@@ -11,8 +11,6 @@ namespace {
 
 constexpr Duration kListen = seconds(2), kSilence = seconds(1), kEpochEvery = seconds(1);
 
-BenchTime bench_now() { return BenchTime(monotonic_now().ns()); }
-
 }  // namespace
 
 VelodyneSource::~VelodyneSource() {

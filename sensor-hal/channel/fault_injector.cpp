@@ -8,8 +8,6 @@
 namespace rigor {
 namespace {
 
-void count(std::atomic<std::uint64_t>& n) noexcept { n.fetch_add(1, std::memory_order_relaxed); }
-
 void forget_run(Fault& f) noexcept {
   for (auto* n : {&f.count.begins, &f.count.seen, &f.count.dropped, &f.count.changed, &f.count.delayed})
     n->store(0, std::memory_order_relaxed);

@@ -26,6 +26,11 @@
 
 namespace rigor {
 
+/// Adds to a counter that other threads read.
+inline void count(std::atomic<std::uint64_t>& n, std::uint64_t by = 1) noexcept {
+  n.fetch_add(by, std::memory_order_relaxed);
+}
+
 /// One fault in a run.
 struct Fault {
   FaultSpec spec;

@@ -3,10 +3,6 @@
 #include <algorithm>
 
 namespace rigor {
-namespace {
-void count(std::atomic<std::uint64_t>& n) noexcept { n.fetch_add(1, std::memory_order_relaxed); }
-}  // namespace
-
 FaultySink::FaultySink(std::unique_ptr<Sink> inner) : inner_(std::move(inner)) {}
 
 FaultySink::~FaultySink() {

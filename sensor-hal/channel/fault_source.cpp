@@ -9,13 +9,8 @@
 namespace rigor {
 namespace {
 
-constexpr int kMaxNaps = 2000;  // of 0.1 ms
 // Visible, application, recorder, pair: of the slots in which samples are changed.
 constexpr std::size_t kForOthers = 14;
-
-void count(std::atomic<std::uint64_t>& n, std::uint64_t by = 1) noexcept {
-  n.fetch_add(by, std::memory_order_relaxed);
-}
 
 /// Which faults need slots of the decorator's own.
 bool needs_room(FaultKind kind, bool elements) {
@@ -80,6 +75,7 @@ Status FaultySource::do_configure(const ChannelConfig& config) {
 
 Status FaultySource::do_arm(const ArmContext& context) {
   virtual_time_ = context.virtual_time;
+  slot_wait_.begin(virtual_time_);
   loop_period_ = context.loop_period;
   if (auto s = inner_->arm(context); !s) return s;
   description_ = inner_->describe();  // a device tells its size when it is opened
@@ -324,17 +320,10 @@ void FaultySource::judge(const SampleLease& sample, Verdict& v) noexcept {
 }
 
 SampleLease FaultySource::take_slot(Room& room) noexcept {
-  // In virtual time a slot that another thread is about to let go of is waited for, so that the run does not
-  // depend on when it does; and those that are held back here leave some for the others, so that it is not
-  // waited for in vain.
+  // Those that are held back here leave some for the others, so that in virtual time it is not waited for in
+  // vain.
   if (virtual_time_ && own_waiting_ + kForOthers > room.pool->size()) return {};
-  SampleLease slot = room.pool->try_acquire();
-  for (int naps = 0; virtual_time_ && !slot && naps < kMaxNaps; ++naps) {
-    const timespec nap{0, 100'000};
-    nanosleep(&nap, nullptr);
-    slot = room.pool->try_acquire();
-  }
-  return slot;
+  return slot_wait_.acquire(*room.pool);
 }
 
 /// False: there was no slot.

@@ -36,6 +36,7 @@
 #include "rt-core/spsc_ring.h"
 #include "sensor-hal/channel/fault_injector.h"
 #include "sensor-hal/channel/simulated_source.h"
+#include "sensor-hal/channel/slot_wait.h"
 
 namespace rigor {
 
@@ -133,6 +134,7 @@ class FaultySource final : public FollowerSource {
 
   // the run
   bool virtual_time_ = false, running_ = false;
+  SlotWait slot_wait_;
   Duration loop_period_ = milliseconds(1);
   SampleLease ahead_;  ///< virtual time: one whose release has not come
   std::array<Waiting, kWaiting> waiting_{};

@@ -83,7 +83,7 @@ Status SimulatedSink::do_stop() {
   if (thread_.joinable()) {
     deadline_.cut();
     thread_.join();
-    make_safe(BenchTime(monotonic_now().ns()));
+    make_safe(bench_now());
   }
   Command c;
   while (ring_ && ring_->try_pop(c)) counters_.dropped.fetch_add(1, std::memory_order_relaxed);

@@ -7,7 +7,6 @@
 
 namespace rigor {
 namespace {
-constexpr int kMaxNaps = 10'000, kMaxNapsOnceStarved = 2000;  // of 0.1 ms
 constexpr int kWarmCaptures = 5;
 constexpr Duration kWarmPatience = seconds(2);
 }  // namespace
@@ -98,7 +97,7 @@ Status SimulatedSource::do_start(BenchTime t0) {
   next_capture_ = t0 + phase_;
   next_index_ = 0;
   lost_before_ = 0;
-  starved_ = false;
+  slot_wait_.begin(virtual_time_);
   failed_before_.store(0, std::memory_order_relaxed);
   dispatched_ = completed_ = 0;
   running_ = true;
@@ -132,18 +131,8 @@ bool SimulatedSource::request_at(std::uint64_t index, BenchTime t_capture) noexc
     return false;
   }
   Request request;
-  request.slot = pool_->try_acquire();
-  // In virtual time a slot that another thread (the recorder, a digest) is about to let go of is waited for,
-  // so that the run does not depend on when it does, on a busy machine for long. What the loop itself holds
-  // it will not let go of meanwhile; once that showed, no wait is worth much.
-  const int most_naps = starved_ ? kMaxNapsOnceStarved : kMaxNaps;
-  for (int naps = 0; virtual_time_ && !request.slot && naps < most_naps; ++naps) {
-    const timespec nap{0, 100'000};
-    nanosleep(&nap, nullptr);
-    request.slot = pool_->try_acquire();
-  }
+  request.slot = slot_wait_.acquire(*pool_);
   if (!request.slot) {
-    starved_ = true;
     health_.no_slot.fetch_add(1, std::memory_order_relaxed);
     ++lost_before_;
     return false;

@@ -32,6 +32,7 @@
 #include "rt-core/spsc_ring.h"
 #include "sensor-hal/channel/channel.h"
 #include "sensor-hal/channel/providers.h"
+#include "sensor-hal/channel/slot_wait.h"
 #include "sensor-hal/channel/worker_pool.h"
 
 namespace rigor {
@@ -95,7 +96,7 @@ class SimulatedSource final : public FollowerSource {
   BenchTime next_capture_;
   std::uint64_t next_index_ = 0;
   std::uint32_t lost_before_ = 0;
-  bool starved_ = false;  ///< virtual time: a slot was once waited for in vain
+  SlotWait slot_wait_;
   std::unique_ptr<SamplePool> pool_;
   std::size_t pool_bytes_ = 0;
   std::vector<std::unique_ptr<SamplePool>> retired_;

@@ -1,14 +1,9 @@
 #include "sensor-hal/channel/stream_source.h"
 
-#include <time.h>
-
 #include <algorithm>
 #include <limits>
 
 namespace rigor {
-namespace {
-constexpr int kMaxNaps = 10'000;  // of 0.1 ms
-}  // namespace
 
 void StreamSource::open_stream(std::size_t slots, std::size_t slot_bytes, bool virtual_time) {
   ring_.reset();  // it may hold leases of the pool
@@ -20,7 +15,7 @@ void StreamSource::open_stream(std::size_t slots, std::size_t slot_bytes, bool v
   }
   ring_ = std::make_unique<SpscRing<SampleLease>>(slots);
   lost_before_ = 0;
-  naps_left_ = kMaxNaps;
+  slot_wait_.begin(virtual_time);
   virtual_time_ = virtual_time;
 }
 
@@ -42,19 +37,9 @@ SampleLease StreamSource::poll(BenchTime now) noexcept {
 }
 
 SampleLease StreamSource::take_slot() noexcept {
-  SampleLease slot = pool_->try_acquire();
-  // In virtual time a slot that another thread (the recorder, a digest) is about to let go of is waited for,
-  // as simulated sources do: what a run sees may not depend on when a busy machine gets to it. What waits
-  // here to be polled comes free by no wait, nor does what a fault holds back on this very thread: each wait
-  // in vain makes the next an eighth as long.
-  if (!virtual_time_ || slot || ring_->size_approx() >= pool_->size()) return slot;
-  for (int naps = 0; !slot && naps < naps_left_; ++naps) {
-    const timespec nap{0, 100'000};
-    nanosleep(&nap, nullptr);
-    slot = pool_->try_acquire();
-  }
-  naps_left_ = slot ? kMaxNaps : std::max(1, naps_left_ / 8);
-  return slot;
+  // What waits here to be polled comes free by no wait.
+  if (ring_->size_approx() >= pool_->size()) return {};
+  return slot_wait_.acquire(*pool_);
 }
 
 void StreamSource::hand_over(SampleLease&& lease) noexcept {

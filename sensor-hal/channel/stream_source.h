@@ -15,6 +15,7 @@
 
 #include "rt-core/spsc_ring.h"
 #include "sensor-hal/channel/channel.h"
+#include "sensor-hal/channel/slot_wait.h"
 
 namespace rigor {
 
@@ -45,7 +46,7 @@ class StreamSource : public Source {
   std::vector<std::unique_ptr<SamplePool>> retired_;
   std::unique_ptr<SpscRing<SampleLease>> ring_;
   std::uint32_t lost_before_ = 0;
-  int naps_left_ = 0;  ///< virtual time: how long a slot is waited for
+  SlotWait slot_wait_;
   bool virtual_time_ = false;
 };
 

@@ -29,7 +29,7 @@ class Scanner final : public SourceUnderTest {
     emulator_.attach(parts_of(std::make_shared<FormulaScan>()));
     auto s = emulator_.configure(config_of("{port: 0}"));
     if (s) s = emulator_.arm({});
-    if (s) s = emulator_.start(BenchTime(monotonic_now().ns()));
+    if (s) s = emulator_.start(bench_now());
     if (!s) problem_ = "no scanner to test with: " + s.error().text();
   }
   ~Scanner() override { (void)emulator_.stop(); }

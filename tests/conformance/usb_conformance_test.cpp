@@ -65,7 +65,7 @@ class FramesOverTcp final : public SourceUnderTest {
     emulator_.attach(range_images());
     Status s = emulator_.configure(frames("as: tcp, port: 0, rate_hz: 40"));
     if (s) s = emulator_.arm({});
-    if (s) s = emulator_.start(BenchTime(monotonic_now().ns()));
+    if (s) s = emulator_.start(bench_now());
     if (!s) problem_ = s.error().text();
     where_ = "transport: tcp, address: 127.0.0.1, port: " +
              emulator_.where().substr(emulator_.where().find(':') + 1);

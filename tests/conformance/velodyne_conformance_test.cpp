@@ -43,7 +43,7 @@ class Loopback : public SourceUnderTest {
     const auto first_error = [&]() -> Status {
       if (auto s = emulator_.configure(cloud_config("{" + keys_ + "}")); !s) return s;
       if (auto s = emulator_.arm({}); !s) return s;
-      return emulator_.start(BenchTime(monotonic_now().ns()));
+      return emulator_.start(bench_now());
     };
     if (auto s = first_error(); !s) problem_ = s.error().text();
   }

@@ -22,10 +22,10 @@ TEST(Heartbeat, GoesFromNotStartedToAliveToSilent) {
 
 TEST(Heartbeat, AStoppedLoopIsStoppedForGoodAndKeepsItsFirstReason) {
   Heartbeat h;
-  h.beat(BenchTime(monotonic_now().ns()));
+  h.beat(bench_now());
   h.declare_stopped(StopReason::overrun);
   h.declare_stopped(StopReason::finished);
-  h.beat(BenchTime(monotonic_now().ns()));
+  h.beat(bench_now());
   EXPECT_EQ(h.check(monotonic_now(), seconds(9)), LoopPulse::stopped);
   EXPECT_EQ(h.stop_reason(), StopReason::overrun);
   h.restart(false);

@@ -10,8 +10,8 @@
 namespace rigor::nature {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-constexpr double kRad = kPi / 180;
+using std::numbers::pi;
+constexpr double kRadPerDeg = pi / 180;
 
 /// Airglow and starlight, moonless, away from cities: 21.6 mag/arcsec² in V, and the OH bands in the
 /// infrared.
@@ -26,8 +26,8 @@ double smooth_step(double a, double b, double x) {
 }
 double overcast_share(double cover) { return smooth_step(0.7, 1.0, cover); }
 
-double elevation_of_row(int row) { return (row + 0.5) * kPi / 2 / kSkyHeight; }
-double azimuth_of_column(int column) { return (column + 0.5) * 2 * kPi / kSkyWidth; }
+double elevation_of_row(int row) { return (row + 0.5) * pi / 2 / kSkyHeight; }
+double azimuth_of_column(int column) { return (column + 0.5) * 2 * pi / kSkyWidth; }
 Spectrum& texel(render::SkyMap& map, int column, int row) {
   return map.radiance[static_cast<std::size_t>(row * kSkyWidth + column)];
 }
@@ -41,13 +41,13 @@ double way_to_shell(double elevation_rad, double height_m) {
 /// What a layer of a vertical depth lets through from the sun; at the horizon the layer is as thick as the
 /// round earth makes it.
 double slant_share(double depth, double sun_elevation_deg) {
-  return std::exp(-std::min(depth / std::max(std::sin(sun_elevation_deg * kRad), 0.03), 80.0));
+  return std::exp(-std::min(depth / std::max(std::sin(sun_elevation_deg * kRadPerDeg), 0.03), 80.0));
 }
 
 /// Henyey & Greenstein.
 double forward_phase(double c, double g) {
   const double x = 1 + g * g - 2 * g * c;
-  return (1 - g * g) / (4 * kPi * (x * std::sqrt(x)));
+  return (1 - g * g) / (4 * pi * (x * std::sqrt(x)));
 }
 
 /// Cumulus over the clear sky.
@@ -55,8 +55,9 @@ void draw_clouds(const ClearSky& clear, const SkyState& s, const BandValues& sol
                  const Spectrum& albedo, render::SkyMap& map) {
   const CloudField field(s.cloud_cover);
   const double height_m = s.air.height_m + kCloudBase_m;
-  const double sun_elevation = s.sun_elevation_deg * kRad, sin_sun = std::sin(sun_elevation);
-  const Eigen::Vector2d to_sun(std::sin(s.sun_azimuth_deg * kRad), std::cos(s.sun_azimuth_deg * kRad));
+  const double sun_elevation = s.sun_elevation_deg * kRadPerDeg, sin_sun = std::sin(sun_elevation);
+  const Eigen::Vector2d to_sun(std::sin(s.sun_azimuth_deg * kRadPerDeg),
+                               std::cos(s.sun_azimuth_deg * kRadPerDeg));
   // Sunlight at the layer: the ground's horizon is lower there, so clouds glow when the sun has set.
   const double lit = sun_above_ground(height_m, sin_sun);
   const auto through = clear.air().transmittance(columns_to_space(height_m, sin_sun));
@@ -65,7 +66,7 @@ void draw_clouds(const ClearSky& clear, const SkyState& s, const BandValues& sol
   for (int row = 0; row < kSkyHeight; ++row) {
     const double elevation = elevation_of_row(row);
     const double way = way_to_shell(elevation, kCloudBase_m);
-    const double footprint = way * (kPi / 2 / kSkyHeight) / std::max(std::sin(elevation), 0.02) * 0.5;
+    const double footprint = way * (pi / 2 / kSkyHeight) / std::max(std::sin(elevation), 0.02) * 0.5;
     // Air between cloud and eye, the light of which stands in the clear sky behind it.
     const auto near = clear.air().transmittance(
         {way * (1 - std::exp(-kCloudBase_m / kRayleighScaleHeight_m)) /
@@ -83,7 +84,7 @@ void draw_clouds(const ClearSky& clear, const SkyState& s, const BandValues& sol
       const double open = std::exp(-0.12 * std::max(0.0, towards_sun - 0.3 * depth));
       const double cos_between =
           std::sin(elevation) * sin_sun +
-          std::cos(elevation) * std::cos(sun_elevation) * std::cos(azimuth - s.sun_azimuth_deg * kRad);
+          std::cos(elevation) * std::cos(sun_elevation) * std::cos(azimuth - s.sun_azimuth_deg * kRadPerDeg);
       const double base = cloud_transmittance(depth);
       const double cover = 1 - std::exp(-0.8 * depth);
       const double thin = std::min(depth, 4.0) * std::exp(-0.7 * depth);
@@ -91,9 +92,9 @@ void draw_clouds(const ClearSky& clear, const SkyState& s, const BandValues& sol
       for (int b = 0; b < kBandCount; ++b) {
         const double sun = solar[b] * through[b] * lit;
         const double radiance =
-            sun / kPi * (0.75 * base * std::max(sin_sun, 0.0) + 0.30 * open * (0.7 - 0.3 * cos_between)) +
-            0.25 * sun * forward_phase(cos_between, 0.8) * thin * open + 0.7 * above[b] / kPi * base +
-            albedo[b] * (sun * std::max(sin_sun, 0.0) + above[b]) / kPi * 0.6 * (1 - base);
+            sun / pi * (0.75 * base * std::max(sin_sun, 0.0) + 0.30 * open * (0.7 - 0.3 * cos_between)) +
+            0.25 * sun * forward_phase(cos_between, 0.8) * thin * open + 0.7 * above[b] / pi * base +
+            albedo[b] * (sun * std::max(sin_sun, 0.0) + above[b]) / pi * 0.6 * (1 - base);
         const double seen = near[b];
         out[b] = static_cast<float>(out[b] * (1 - cover * seen) + radiance * cover * seen);
       }
@@ -117,7 +118,8 @@ Spectrum put_layer(const Spectrum& depth, const SkyState& s, const Spectrum& alb
   glow.width = kSkyWidth;
   glow.height = kSkyHeight;
   glow.radiance.resize(map.radiance.size());
-  const double sin_sun = std::sin(s.sun_elevation_deg * kRad), cos_sun = std::cos(s.sun_elevation_deg * kRad);
+  const double sin_sun = std::sin(s.sun_elevation_deg * kRadPerDeg),
+               cos_sun = std::cos(s.sun_elevation_deg * kRadPerDeg);
   for (int row = 0; row < kSkyHeight; ++row) {
     const double up = std::sin(elevation_of_row(row)), out = std::cos(elevation_of_row(row));
     Spectrum left{};
@@ -125,8 +127,8 @@ Spectrum put_layer(const Spectrum& depth, const SkyState& s, const Spectrum& alb
       left[b] = static_cast<float>(std::exp(-std::min(depth[b] / std::max(up, 0.02), 80.0)));
     for (int column = 0; column < kSkyWidth; ++column) {
       const double cos_between =
-          up * sin_sun + out * cos_sun * std::cos(azimuth_of_column(column) - s.sun_azimuth_deg * kRad);
-      const double about_sun = 4 * kPi * forward_phase(cos_between, kAsymmetry);
+          up * sin_sun + out * cos_sun * std::cos(azimuth_of_column(column) - s.sun_azimuth_deg * kRadPerDeg);
+      const double about_sun = 4 * pi * forward_phase(cos_between, kAsymmetry);
       auto& sky = texel(map, column, row);
       auto& own = texel(glow, column, row);
       for (int b = 0; b < kBandCount; ++b) {
@@ -142,7 +144,7 @@ Spectrum put_layer(const Spectrum& depth, const SkyState& s, const Spectrum& alb
     direct_level[b] *= static_cast<float>(slant_share(depth[b], s.sun_elevation_deg));
     const double rest = std::max(0.0, all - direct_level[b] - straight[b]);
     strength[b] = pattern[b] > 1e-6F ? static_cast<float>(rest / pattern[b]) : 0;
-    endless[b] = static_cast<float>(all / kPi * 0.5 * (1 + albedo[b]));
+    endless[b] = static_cast<float>(all / pi * 0.5 * (1 + albedo[b]));
   }
   for (std::size_t i = 0; i < map.radiance.size(); ++i)
     for (int b = 0; b < kBandCount; ++b) map.radiance[i][b] += strength[b] * glow.radiance[i][b];
@@ -152,11 +154,11 @@ Spectrum put_layer(const Spectrum& depth, const SkyState& s, const Spectrum& alb
 /// Clouds alone, at the place where the sun shines through them.
 double cloud_share(const SkyState& s) {
   if (!(s.cloud_cover > 0)) return 1;
-  const double elevation = std::max(s.sun_elevation_deg, 0.5) * kRad;
+  const double elevation = std::max(s.sun_elevation_deg, 0.5) * kRadPerDeg;
   const double ground_way = std::min(way_to_shell(elevation, kCloudBase_m) * std::cos(elevation), 200'000.0);
-  const Eigen::Vector2d p =
-      ground_way * Eigen::Vector2d(std::sin(s.sun_azimuth_deg * kRad), std::cos(s.sun_azimuth_deg * kRad)) -
-      s.cloud_drift_m;
+  const Eigen::Vector2d p = ground_way * Eigen::Vector2d(std::sin(s.sun_azimuth_deg * kRadPerDeg),
+                                                         std::cos(s.sun_azimuth_deg * kRadPerDeg)) -
+                            s.cloud_drift_m;
   const double depth = CloudField(s.cloud_cover).optical_depth(p, 60);
   return slant_share(depth, s.sun_elevation_deg) * (1 - overcast_share(s.cloud_cover));
 }
@@ -210,8 +212,8 @@ Spectrum sun_irradiance(const SkyState& s) {
 Spectrum level_irradiance(const render::SkyMap& map) {
   BandValues sum{};
   for (int row = 0; row < map.height; ++row) {
-    const double e0 = row * kPi / 2 / map.height, e1 = (row + 1) * kPi / 2 / map.height;
-    const double weight = kPi * (std::sin(e1) * std::sin(e1) - std::sin(e0) * std::sin(e0)) / map.width;
+    const double e0 = row * pi / 2 / map.height, e1 = (row + 1) * pi / 2 / map.height;
+    const double weight = pi * (std::sin(e1) * std::sin(e1) - std::sin(e0) * std::sin(e0)) / map.width;
     for (int column = 0; column < map.width; ++column)
       for (int b = 0; b < kBandCount; ++b)
         sum[b] += weight * map.radiance[static_cast<std::size_t>(row * map.width + column)][b];
@@ -238,13 +240,14 @@ SkyLight make_sky_light(const ClearSky& clear, const SkyState& s) {
     const auto view = clear.view(s.sun_elevation_deg, s.air.height_m, solar, kSkyHeight);
     for (int row = 0; row < kSkyHeight; ++row)
       for (int column = 0; column < kSkyWidth; ++column)
-        texel(map, column, row) = view.radiance(row, azimuth_of_column(column) - s.sun_azimuth_deg * kRad);
+        texel(map, column, row) =
+            view.radiance(row, azimuth_of_column(column) - s.sun_azimuth_deg * kRadPerDeg);
   }
   for (auto& t : map.radiance)
     for (int b = 0; b < kBandCount; ++b) t[b] += kNightRadiance[b];
 
   const auto albedo = ground_albedo(s.snow_depth_m);
-  const double sin_sun = std::max(std::sin(s.sun_elevation_deg * kRad), 0.0);
+  const double sin_sun = std::max(std::sin(s.sun_elevation_deg * kRadPerDeg), 0.0);
   Spectrum direct_level = direct_irradiance(s.sun_elevation_deg, s.sun_distance_au, s.air);
   for (auto& x : direct_level) x *= static_cast<float>(sin_sun);
   if (s.cloud_cover > 0) {
@@ -254,7 +257,7 @@ SkyLight make_sky_light(const ClearSky& clear, const SkyState& s) {
     for (int row = 0; row < kSkyHeight && even > 0; ++row) {
       // CIE standard overcast sky: (1 + 2 sin e)/3 of the zenith, whose radiance is 9/(7 pi) of the level
       // irradiance.
-      const double pattern = 9 / (7 * kPi) * (1 + 2 * std::sin(elevation_of_row(row))) / 3;
+      const double pattern = 9 / (7 * pi) * (1 + 2 * std::sin(elevation_of_row(row))) / 3;
       for (int column = 0; column < kSkyWidth; ++column)
         for (int b = 0; b < kBandCount; ++b) {
           auto& out = texel(map, column, row)[b];

@@ -7,7 +7,7 @@
 namespace rigor::nature {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 constexpr double kTop = kEarthRadius_m + kAirTop_m;
 const double kHorizon = std::sqrt(kTop * kTop - kEarthRadius_m * kEarthRadius_m);
 constexpr double kOzonePeak_m = 25'000, kOzoneHalfWidth_m = 15'000;
@@ -93,12 +93,12 @@ double cell_of_sun(double mu) {
   return 0.5 * (1 + (m < 0 ? -std::sqrt(m / kLowestSun) : std::sqrt(m)));
 }
 
-double rayleigh_phase(double c) { return 3 / (16 * kPi) * (1 + c * c); }
+double rayleigh_phase(double c) { return 3 / (16 * pi) * (1 + c * c); }
 double three_halves(double x) { return x * std::sqrt(x); }
 /// Cornette & Shanks 1992.
 double aerosol_phase(double c) {
   const double g = kAerosolAsymmetry, g2 = g * g;
-  return 3 / (8 * kPi) * (1 - g2) * (1 + c * c) / ((2 + g2) * three_halves(1 + g2 - 2 * g * c));
+  return 3 / (8 * pi) * (1 - g2) * (1 + c * c) / ((2 + g2) * three_halves(1 + g2 - 2 * g * c));
 }
 
 constexpr int kAzimuths = 25;  // of a view, over half a turn
@@ -211,13 +211,13 @@ ClearSky::ClearSky(double turbidity, const Spectrum& ground_albedo)
         const double sin_view = std::sqrt(1 - ring.mu * ring.mu);
         for (int spoke = 0; spoke < kSpokes; ++spoke) {
           const double cos_between =
-              ring.mu * mu_sun + sin_view * sin_sun * std::cos(kPi * (spoke + 0.5) / kSpokes);
+              ring.mu * mu_sun + sin_view * sin_sun * std::cos(pi * (spoke + 0.5) / kSpokes);
           for (std::size_t k = 0; k < kSteps; ++k) {
             const double mu_there = (r * mu_sun + ring.t[k] * cos_between) / (kEarthRadius_m + ring.h[k]);
             const double lit = sun_above_ground(ring.h[k], mu_there);
             if (!(lit > 0)) continue;
             const auto sun = air_.transmittance(columns_to_space(ring.h[k], mu_there));
-            for (int b = 0; b < kBandCount; ++b) second[b] += ring.gained[k][b] * lit * sun[b] / (4 * kPi);
+            for (int b = 0; b < kBandCount; ++b) second[b] += ring.gained[k][b] * lit * sun[b] / (4 * pi);
           }
           if (!ring.down) continue;
           const double mu_there = (r * mu_sun + ring.way * cos_between) / kEarthRadius_m;
@@ -225,7 +225,7 @@ ClearSky::ClearSky(double turbidity, const Spectrum& ground_albedo)
           if (!(lit > 0)) continue;
           const auto sun = air_.transmittance(columns_to_space(0, mu_there));
           for (int b = 0; b < kBandCount; ++b)
-            second[b] += ring.left[b] * ground_albedo[b] / kPi * sun[b] * lit;
+            second[b] += ring.left[b] * ground_albedo[b] / pi * sun[b] * lit;
         }
       }
       auto& cell = multiple_[static_cast<std::size_t>(i * kMultipleSuns + j)];
@@ -257,7 +257,7 @@ ClearSky::View ClearSky::view(double sun_elevation_deg, double height_m, const B
   constexpr std::size_t kSteps = 30;
   View view;
   view.rows_ = rows;
-  view.sun_elevation_rad_ = sun_elevation_deg * kPi / 180;
+  view.sun_elevation_rad_ = sun_elevation_deg * pi / 180;
   view.nodes_.resize(static_cast<std::size_t>(rows * kAzimuths));
   const double mu_sun = std::sin(view.sun_elevation_rad_), sin_sun = std::cos(view.sun_elevation_rad_);
   const double r = kEarthRadius_m + std::clamp(height_m, 0.0, 20'000.0);
@@ -267,7 +267,7 @@ ClearSky::View ClearSky::view(double sun_elevation_deg, double height_m, const B
   };
   std::array<Step, kSteps> steps;
   for (int row = 0; row < rows; ++row) {
-    const double elevation = (row + 0.5) * kPi / 2 / rows;
+    const double elevation = (row + 0.5) * pi / 2 / rows;
     const double mu = std::sin(elevation), sin_view = std::cos(elevation);
     const double way = way_to_top(r, mu);
     BandValues left = solar;
@@ -281,7 +281,7 @@ ClearSky::View ClearSky::view(double sun_elevation_deg, double height_m, const B
     }
     for (int a = 0; a < kAzimuths; ++a) {
       auto& node = view.nodes_[static_cast<std::size_t>(row * kAzimuths + a)];
-      const double cos_between = mu * mu_sun + sin_view * sin_sun * std::cos(kPi * a / (kAzimuths - 1));
+      const double cos_between = mu * mu_sun + sin_view * sin_sun * std::cos(pi * a / (kAzimuths - 1));
       for (const auto& step : steps) {
         const double mu_there = (r * mu_sun + step.t * cos_between) / (kEarthRadius_m + step.h);
         const auto spread = multiple(step.h, mu_there);
@@ -302,11 +302,11 @@ ClearSky::View ClearSky::view(double sun_elevation_deg, double height_m, const B
 }
 
 Spectrum ClearSky::View::radiance(int row, double relative_azimuth_rad) const {
-  const double turn = std::abs(std::remainder(relative_azimuth_rad, 2 * kPi));
-  const double u = turn / kPi * (kAzimuths - 1);
+  const double turn = std::abs(std::remainder(relative_azimuth_rad, 2 * pi));
+  const double u = turn / pi * (kAzimuths - 1);
   const int a = std::min(static_cast<int>(u), kAzimuths - 2);
   const double f = u - a;
-  const double elevation = (row + 0.5) * kPi / 2 / rows_;
+  const double elevation = (row + 0.5) * pi / 2 / rows_;
   const double cos_between =
       std::sin(elevation) * std::sin(sun_elevation_rad_) +
       std::cos(elevation) * std::cos(sun_elevation_rad_) * std::cos(relative_azimuth_rad);

@@ -15,13 +15,13 @@
 namespace rigor::nature {
 namespace {
 
-constexpr double kRad = std::numbers::pi / 180;
+constexpr double kRadian = std::numbers::pi / 180;
 
 /// Sæmundsson 1986, true elevation to refraction, both in degrees. SPA (Reda & Andreas 2004) cuts it off at
 /// −0.83°; here it fades to nothing at −3° so that the sun does not jump.
 double refraction_deg(double true_elevation_deg, double pressure_hpa, double temperature_c) {
   const double h = std::max(true_elevation_deg, -0.83);
-  const double r = 1.02 / std::tan((h + 10.3 / (h + 5.11)) * kRad) / 60 * (pressure_hpa / 1010) *
+  const double r = 1.02 / std::tan((h + 10.3 / (h + 5.11)) * kRadian) / 60 * (pressure_hpa / 1010) *
                    (283 / (273 + temperature_c));
   const double fade = std::clamp((true_elevation_deg + 3) / (3 - 0.83), 0.0, 1.0);
   return std::max(r, 0.0) * fade;
@@ -33,9 +33,9 @@ struct Ecliptic {
 /// From the ecliptic and equinox of J2000 to those of the date (Meeus, Astronomical Algorithms, 21.5
 /// to 21.7).
 Ecliptic precess_from_j2000(double longitude_rad, double latitude_rad, double jde) {
-  const double t = (jde - 2451545.0) / 36525, second = kRad / 3600;
+  const double t = (jde - 2451545.0) / 36525, second = kRadian / 3600;
   const double eta = (47.0029 * t - 0.03302 * t * t) * second;
-  const double node = 174.876384 * kRad + (-869.8089 * t + 0.03536 * t * t) * second;
+  const double node = 174.876384 * kRadian + (-869.8089 * t + 0.03536 * t * t) * second;
   const double p = (5029.0966 * t + 1.11113 * t * t) * second;
   const double sin_b = std::sin(latitude_rad), cos_b = std::cos(latitude_rad);
   const double sin_d = std::sin(node - longitude_rad), cos_d = std::cos(node - longitude_rad);
@@ -51,25 +51,25 @@ ln_equ_posn apparent_sun(double jde, double* distance_au) {
   ln_get_solar_geom_coords(jde, &sun);
   ln_nutation nutation{};
   ln_get_nutation(jde, &nutation);
-  auto e = precess_from_j2000(sun.L * kRad, sun.B * kRad, jde);
-  e.longitude_rad += (nutation.longitude - 20.4898 / 3600 / sun.R) * kRad;
-  const double obliquity = (nutation.ecliptic + nutation.obliquity) * kRad;
+  auto e = precess_from_j2000(sun.L * kRadian, sun.B * kRadian, jde);
+  e.longitude_rad += (nutation.longitude - 20.4898 / 3600 / sun.R) * kRadian;
+  const double obliquity = (nutation.ecliptic + nutation.obliquity) * kRadian;
   *distance_au = sun.R;
   ln_equ_posn q{};
   q.ra = std::atan2(
              std::sin(e.longitude_rad) * std::cos(obliquity) - std::tan(e.latitude_rad) * std::sin(obliquity),
              std::cos(e.longitude_rad)) /
-         kRad;
+         kRadian;
   q.dec = std::asin(std::sin(e.latitude_rad) * std::cos(obliquity) +
                     std::cos(e.latitude_rad) * std::sin(obliquity) * std::sin(e.longitude_rad)) /
-          kRad;
+          kRadian;
   return q;
 }
 
 }  // namespace
 
 Eigen::Vector3d SunPosition::direction() const {
-  const double a = azimuth_deg * kRad, e = elevation_deg * kRad;
+  const double a = azimuth_deg * kRadian, e = elevation_deg * kRadian;
   return {std::sin(a) * std::cos(e), std::cos(a) * std::cos(e), std::sin(e)};
 }
 
@@ -97,7 +97,7 @@ SunPosition sun_position(double utc_s, const GeodeticPlace& place, double temper
     ln_get_hrz_from_equ_sidereal_time(&equatorial, &observer, ln_get_apparent_sidereal_time(jd), &horizontal);
   }
   sun.azimuth_deg = std::fmod(horizontal.az + 180, 360);  // libnova counts from the south over west
-  const double parallax_deg = 8.794 / 3600 / sun.distance_au * std::cos(horizontal.alt * kRad);
+  const double parallax_deg = 8.794 / 3600 / sun.distance_au * std::cos(horizontal.alt * kRadian);
   const double elevation_deg = horizontal.alt - parallax_deg;
   sun.elevation_deg =
       elevation_deg + refraction_deg(elevation_deg, air_pressure_hpa(place.height_m), temperature_c);

@@ -11,7 +11,7 @@
 namespace rigor::nature {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 
 /// What a card shows at (u, v), v from the bottom: covered or not, and its colour as factors.
 struct Ink {
@@ -101,7 +101,7 @@ Ink frond(double u, double v) {
   constexpr int kPinnae = 22;
   for (int k = 0; k < kPinnae; ++k) {
     const double foot = 0.10 + 0.88 * (k + (side > 0 ? 0.0 : 0.4)) / kPinnae;
-    const double envelope = 0.47 * std::pow(std::sin(kPi * std::min(1.0, 0.12 + 0.88 * (1 - foot))), 0.8);
+    const double envelope = 0.47 * std::pow(std::sin(pi * std::min(1.0, 0.12 + 0.88 * (1 - foot))), 0.8);
     const double length = std::max(0.03, envelope);
     const double along = across / length;  // pinnae rise towards the tip
     const double middle = foot + 0.055 * along + 0.02 * along * along;
@@ -129,7 +129,7 @@ Ink fern_side(double u, double v) {
       const double d = std::hypot(u - x, v - y);
       if (d < best) best = d, best_t = t;
     }
-    const double half = 0.085 * std::sin(kPi * std::clamp(best_t, 0.05, 0.98)) + 0.01;
+    const double half = 0.085 * std::sin(pi * std::clamp(best_t, 0.05, 0.98)) + 0.01;
     const bool comb = std::fmod(best_t * 17 + i * 0.37, 1.0) < 0.72 || best < 0.012;
     if (best < half && comb) out = shade(0.5 + 0.4 * best_t * (0.8 + 0.2 * draw(3, i, 0)));
   }
@@ -148,7 +148,7 @@ Ink leaves(double u, double v) {
     const double along = (dx * std::sin(angle) + dy * std::cos(angle)) / length;
     const double across = (dx * std::cos(angle) - dy * std::sin(angle)) / length;
     if (along < 0 || along > 1) continue;
-    const double half = 0.30 * std::sin(kPi * std::pow(along, 0.8)) * (1 - 0.15 * along);
+    const double half = 0.30 * std::sin(pi * std::pow(along, 0.8)) * (1 - 0.15 * along);
     if (std::abs(across) > half) continue;
     const double vein = std::abs(across) < 0.02 ? 0.85 : 1.0;
     out = shade(vein * (0.62 + 0.33 * draw(4, i, 3)));
@@ -162,7 +162,7 @@ Ink leaf(double u, double v) {
   if (along < 0.10) return across < 0.015 ? shade(0.6) : Ink{};
   const double t = (along - 0.10) / 0.9;
   const double half =
-      0.46 * std::pow(std::sin(kPi * std::pow(t, 0.75)), 0.8) * (0.84 + 0.16 * std::cos(t * 22));
+      0.46 * std::pow(std::sin(pi * std::pow(t, 0.75)), 0.8) * (0.84 + 0.16 * std::cos(t * 22));
   if (across > half) return {};
   const bool vein = across < 0.014 || std::fmod(t * 7 + 10 - across * 4, 1.0) < 0.08;
   const double blotch = 0.85 + 0.12 * std::sin(u * 17 + 3 * std::sin(v * 11)) * std::sin(v * 13);

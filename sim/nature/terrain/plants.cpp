@@ -15,7 +15,7 @@ using Eigen::Vector3d;
 using render::Mesh;
 using render::Surface;
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 
 /// A surface of the library that shows through a card: its reflectance holds on the card's average.
 std::shared_ptr<const Surface> card_surface(std::string_view material, Card card,
@@ -163,7 +163,7 @@ std::shared_ptr<const Mesh> crossed_cards(const std::shared_ptr<const Surface>& 
   Shaper s;
   s.use(surface);
   for (int k = 0; k < cards; ++k) {
-    const double a = kPi * k / cards;
+    const double a = pi * k / cards;
     s.card(Vector3d::Zero(), Vector3d(std::cos(a), std::sin(a), 0) * width, up(height), Vector3d(0, 0, 1), 0,
            1);
   }
@@ -174,7 +174,7 @@ std::shared_ptr<const Mesh> grass(double h, int variant, int blades, double widt
   Shaper s;
   s.use(surfaces().blade);
   for (int i = 0; i < blades; ++i) {
-    const double a = 2 * kPi * (i + 0.7 * draw(variant, 1, i)) / blades,
+    const double a = 2 * pi * (i + 0.7 * draw(variant, 1, i)) / blades,
                  r = 0.22 * h * std::sqrt(draw(variant, 2, i));
     const double tall = i == 0 ? 1 : 0.5 + 0.48 * draw(variant, 3, i);
     s.strip({.foot = {r * std::cos(a), r * std::sin(a), 0},
@@ -192,7 +192,7 @@ std::shared_ptr<const Mesh> fern(double h, int variant, int fronds, int segments
   Shaper s;
   s.use(surfaces().frond);
   for (int i = 0; i < fronds; ++i) {
-    const double a = 2 * kPi * (i + 0.6 * draw(variant, 11, i)) / fronds,
+    const double a = 2 * pi * (i + 0.6 * draw(variant, 11, i)) / fronds,
                  tall = 0.72 + 0.28 * draw(variant, 12, i);
     s.strip({.foot = {0.03 * h * std::cos(a), 0.03 * h * std::sin(a), 0},
              .heading = a,
@@ -211,12 +211,12 @@ std::shared_ptr<const Mesh> shrub(double h, int variant, int cards, double size,
   if (stems) {
     s.use(surfaces().wood);
     for (int i = 0; i < 7; ++i) {
-      const double a = 2 * kPi * (i + draw(variant, 21, i)) / 7, lean = 0.15 + 0.3 * draw(variant, 22, i);
+      const double a = 2 * pi * (i + draw(variant, 21, i)) / 7, lean = 0.15 + 0.3 * draw(variant, 22, i);
       const Vector3d top(h * lean * std::cos(a), h * lean * std::sin(a),
                          h * (0.6 + 0.25 * draw(variant, 23, i)));
       std::uint32_t ring[3];
       for (int k = 0; k < 3; ++k) {
-        const double b = 2 * kPi * k / 3;
+        const double b = 2 * pi * k / 3;
         const Vector3d n(std::cos(b), std::sin(b), 0);
         ring[k] = s.add(n * (0.012 * h), n, k / 3.0, 0, 0);
       }
@@ -255,7 +255,7 @@ std::shared_ptr<const Mesh> flower(double h, int variant, int leaves_count, bool
              .segments = 1,
              .pointed = false});
     for (int i = 0; i < leaves_count; ++i) {
-      s.strip({.heading = 2 * kPi * (i + draw(variant, 31, i)) / leaves_count,
+      s.strip({.heading = 2 * pi * (i + draw(variant, 31, i)) / leaves_count,
                .height = h * (0.2 + 0.25 * draw(variant, 32, i)),
                .reach = 0.22 * h,
                .droop = 0.3,
@@ -274,9 +274,9 @@ std::shared_ptr<const Mesh> litter(double length, int variant, int count, double
   Shaper s;
   s.use(surfaces().leaf);
   for (int i = 0; i < count; ++i) {
-    const double a = 2 * kPi * draw(variant, 41, i),
+    const double a = 2 * pi * draw(variant, 41, i),
                  r = count == 1 ? 0 : 2.2 * length * std::sqrt(draw(variant, 42, i));
-    const double b = 2 * kPi * draw(variant, 43, i);
+    const double b = 2 * pi * draw(variant, 43, i);
     const Vector3d along = Vector3d(std::cos(b), std::sin(b), 0.35 * (draw(variant, 44, i) - 0.35));
     const Vector3d right = Vector3d(-std::sin(b), std::cos(b), 0.3 * (draw(variant, 45, i) - 0.5));
     const Vector3d normal = along.cross(right).normalized() * (along.cross(right).z() < 0 ? -1 : 1);

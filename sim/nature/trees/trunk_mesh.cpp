@@ -10,7 +10,7 @@
 namespace rigor::nature {
 namespace {
 
-constexpr float kTwoPi = 2 * std::numbers::pi_v<float>;
+constexpr float kTurn_rad = 2 * std::numbers::pi_v<float>;
 constexpr float kBreast_m = 1.3F;
 constexpr float kClassDbh_m[kAgeClasses] = {0.02F, 0.08F, 0.20F, 0.42F, 0.95F};
 
@@ -32,18 +32,19 @@ struct TrunkShape {
     float lobes = 0;
     for (int k = 0; k < 3; ++k) {
       const auto n = static_cast<std::uint32_t>(k);
-      lobes += std::cos(static_cast<float>(3 + 2 * k) * angle + kTwoPi * draws.uniform(1, n)) *
+      lobes += std::cos(static_cast<float>(3 + 2 * k) * angle + kTurn_rad * draws.uniform(1, n)) *
                (0.6F - 0.15F * static_cast<float>(k));
     }
-    const float ripple = flutes * std::cos(9 * angle + kTwoPi * draws.uniform(1, 7)) *
+    const float ripple = flutes * std::cos(9 * angle + kTurn_rad * draws.uniform(1, 7)) *
                          std::exp(-std::max(z, 0.0F) / (5 * flare_m));
     return mean_radius(z) * (1 + 0.26F * flare * low * lobes + ripple);
   }
   /// The axis wanders, and returns to the middle at both ends.
   [[nodiscard]] Vec3 axis(float z) const {
-    const float s = std::clamp(z / length_m, 0.0F, 1.0F), envelope = std::sin(0.5F * kTwoPi * s) * lean_m;
-    return {envelope * (std::cos(kTwoPi * (s * 1.3F + draws.uniform(2, 0))) + 0.6F * draws.spread(2, 1)),
-            envelope * (std::sin(kTwoPi * (s * 1.1F + draws.uniform(2, 2))) + 0.6F * draws.spread(2, 3)), z};
+    const float s = std::clamp(z / length_m, 0.0F, 1.0F), envelope = std::sin(0.5F * kTurn_rad * s) * lean_m;
+    return {envelope * (std::cos(kTurn_rad * (s * 1.3F + draws.uniform(2, 0))) + 0.6F * draws.spread(2, 1)),
+            envelope * (std::sin(kTurn_rad * (s * 1.1F + draws.uniform(2, 2))) + 0.6F * draws.spread(2, 3)),
+            z};
   }
   [[nodiscard]] Vec3 point(float z, float angle, float swell = 1) const {
     const float r = radius(z, angle) * swell;
@@ -115,17 +116,18 @@ struct TrunkLevel {
 TrunkLevel level_of(const TrunkShape& s, int level) {
   constexpr int kSides[4] = {16, 10, 6, 4}, kThinSides[4] = {8, 6, 4, 3};
   TrunkLevel out{ring_heights(s, level), s.key.age_class < 2 ? kThinSides[level] : kSides[level], {}};
-  const float swell = 2 / (1 + std::cos(kTwoPi / 2 / static_cast<float>(out.sides)));
+  const float swell = 2 / (1 + std::cos(kTurn_rad / 2 / static_cast<float>(out.sides)));
   const bool broken = s.key.kind == TrunkKind::snag;
   for (std::size_t i = 0; i < out.heights.size(); ++i) {
     std::vector<Vec3> ring;
     for (int k = 0; k < out.sides; ++k) {
-      const float a = kTwoPi * static_cast<float>(k) / static_cast<float>(out.sides);
+      const float a = kTurn_rad * static_cast<float>(k) / static_cast<float>(out.sides);
       Vec3 p = s.point(out.heights[i], a, swell);
       if (broken && i + 1 == out.heights.size())
-        p.z() -= s.mean_radius(s.length_m) *
-                 (0.2F + 1.8F * std::pow(0.5F + 0.5F * std::sin(a + kTwoPi * s.draws.uniform(4, 0)), 2.0F) +
-                  0.8F * s.draws.uniform(4, 1 + static_cast<std::uint32_t>(k)));
+        p.z() -=
+            s.mean_radius(s.length_m) *
+            (0.2F + 1.8F * std::pow(0.5F + 0.5F * std::sin(a + kTurn_rad * s.draws.uniform(4, 0)), 2.0F) +
+             0.8F * s.draws.uniform(4, 1 + static_cast<std::uint32_t>(k)));
       ring.push_back(p);
     }
     out.rings.push_back(std::move(ring));
@@ -136,7 +138,7 @@ Vec3 on_level(const TrunkLevel& l, float z, float angle) {
   std::size_t i = 0;
   while (i + 2 < l.heights.size() && l.heights[i + 1] < z) ++i;
   const float f = std::clamp((z - l.heights[i]) / (l.heights[i + 1] - l.heights[i]), 0.0F, 1.0F);
-  const float turn = angle / kTwoPi * static_cast<float>(l.sides);
+  const float turn = angle / kTurn_rad * static_cast<float>(l.sides);
   const int k = static_cast<int>(turn) % l.sides;
   const float g = turn - std::floor(turn);
   const auto at = [&](std::size_t ring) {
@@ -146,7 +148,7 @@ Vec3 on_level(const TrunkLevel& l, float z, float angle) {
 }
 
 void add_trunk(MeshBuilder& out, const TrunkShape& s, const TrunkLevel& l) {
-  const float repeats = std::max(1.0F, std::round(kTwoPi * 0.5F * s.dbh_m / kBarkWidth_m));
+  const float repeats = std::max(1.0F, std::round(kTurn_rad * 0.5F * s.dbh_m / kBarkWidth_m));
   const std::size_t rings = l.rings.size();
   const bool pointed = s.key.kind != TrunkKind::snag;
   std::vector<std::uint32_t> previous;
@@ -240,7 +242,7 @@ TrunkPrototype make(const TrunkKey& key) {
     if (level > 0) {
       for (std::size_t i = 0; i < fine.rings.size(); ++i)
         for (int k = 0; k < fine.sides; ++k) {
-          const float a = kTwoPi * static_cast<float>(k) / static_cast<float>(fine.sides);
+          const float a = kTurn_rad * static_cast<float>(k) / static_cast<float>(fine.sides);
           // Below the ground nothing is seen; at a broken top the jags are, but they are within a radius.
           if (fine.heights[i] >= 0)
             error = std::max(error,

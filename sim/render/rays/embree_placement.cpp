@@ -9,7 +9,7 @@
 namespace rigor::render {
 namespace {
 
-constexpr double kFarthest_m = 1e12;
+constexpr double kFarthestPlace_m = 1e12;
 /// From how many instances on a batch has a structure of its own: of ground cover, whose batches lie beside
 /// each other; and of anything else, whose batches lie through each other, so that a ray would walk through
 /// them all.
@@ -38,7 +38,7 @@ bool pose_of(const Instance& a, Pose& out) {
       Eigen::Quaternionf(a.rotation[3] * k, a.rotation[0] * k, a.rotation[1] * k, a.rotation[2] * k);
   // Without extent along an axis it has no inside and no normals.
   return out.scale.cwiseAbs().minCoeff() > 1e-12F &&
-         static_cast<double>(out.scale.cwiseAbs().maxCoeff()) < kFarthest_m;
+         static_cast<double>(out.scale.cwiseAbs().maxCoeff()) < kFarthestPlace_m;
 }
 
 NodeId node_of(const Batch& b, std::size_t i) { return i < b.nodes.size() ? b.nodes[i] : b.node; }
@@ -155,8 +155,8 @@ std::shared_ptr<const RayBatch> make_batch(RTCDevice device, const WantedBatch& 
     bool there = mesh != nullptr;
     for (std::size_t k = 0; k < steps && there; ++k)
       there = pose_of(w.frames[k]->instances[n], poses[k]) &&
-              (w.frames[k]->origin - b.origin).cwiseAbs().maxCoeff() < kFarthest_m &&
-              static_cast<double>(poses[k].position.cwiseAbs().maxCoeff()) < kFarthest_m;
+              (w.frames[k]->origin - b.origin).cwiseAbs().maxCoeff() < kFarthestPlace_m &&
+              static_cast<double>(poses[k].position.cwiseAbs().maxCoeff()) < kFarthestPlace_m;
     if (!there) {
       ++out->left_out;
       continue;

@@ -6,7 +6,7 @@
 namespace rigor::render::light {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 /// Cells along a side of the table of irradiance. Even: the octahedron's edges lie on its places.
 constexpr int kSide = 32;
 /// The sky is gathered into this many patches before it is integrated.
@@ -72,13 +72,13 @@ void SkyTables::integrate() {
   std::vector<Patch> patches(static_cast<std::size_t>(kPatchColumns * kPatchRows));
   const int fine_rows = std::max(height_, kPatchRows), fine_columns = std::max(width_, kPatchColumns);
   for (int j = 0; j < fine_rows; ++j) {
-    const double low = j * 0.5 * kPi / fine_rows, high = (j + 1) * 0.5 * kPi / fine_rows;
+    const double low = j * 0.5 * pi / fine_rows, high = (j + 1) * 0.5 * pi / fine_rows;
     const double sin_low = std::sin(low), sin_high = std::sin(high);
     // Over the row: of cos² and of sin cos of the elevation.
     const double across = 0.5 * (high - low) + 0.25 * (std::sin(2 * high) - std::sin(2 * low));
     const double up = 0.5 * (sin_high * sin_high - sin_low * sin_low);
     for (int i = 0; i < fine_columns; ++i) {
-      const double a0 = i * 2 * kPi / fine_columns, a1 = (i + 1) * 2 * kPi / fine_columns;
+      const double a0 = i * 2 * pi / fine_columns, a1 = (i + 1) * 2 * pi / fine_columns;
       const Bands4 l = texels_[static_cast<std::size_t>(j * height_ / fine_rows * (width_ + 1) +
                                                         i * width_ / fine_columns)];
       Patch& p = patches[static_cast<std::size_t>(j * kPatchRows / fine_rows * kPatchColumns +

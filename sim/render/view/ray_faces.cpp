@@ -10,11 +10,11 @@
 namespace rigor::render {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 /// Elevation from which on a ray belongs to the top or the bottom.
 constexpr double kSide = 0.7071067811865476;
 /// A side spans no more than this, so that its texels do not grow too small at its edges.
-constexpr double kSideSpan_rad = 95.0 / 180 * kPi;
+constexpr double kSideSpan_rad = 95.0 / 180 * pi;
 
 Eigen::Vector3d direction_of(const Ray& r) {
   return Eigen::Vector3d(r.direction[0], r.direction[1], r.direction[2]);
@@ -72,11 +72,11 @@ Eigen::Vector3d pole_of(std::span<const Ray> rays, std::span<const std::uint32_t
 class Phase {
  public:
   void add(double px) {
-    sum_ += std::polar(1.0, 2 * kPi * (px - std::floor(px)));
+    sum_ += std::polar(1.0, 2 * pi * (px - std::floor(px)));
     ++count_;
   }
   [[nodiscard]] double get() const {
-    return std::abs(sum_) > 0.5 * static_cast<double>(count_) ? std::arg(sum_) / (2 * kPi) : 0.0;
+    return std::abs(sum_) > 0.5 * static_cast<double>(count_) ? std::arg(sum_) / (2 * pi) : 0.0;
   }
 
  private:
@@ -187,20 +187,20 @@ std::vector<RayFace> faces_for(std::span<const Ray> rays, std::span<const std::u
       continue;
     }
     sides.push_back(i);
-    used[static_cast<std::size_t>(std::clamp((azimuth(d) / kPi + 1) * 0.5 * kBins, 0.0, kBins - 1.0))] = true;
+    used[static_cast<std::size_t>(std::clamp((azimuth(d) / pi + 1) * 0.5 * kBins, 0.0, kBins - 1.0))] = true;
   }
   int gap = 0, gap_end = 0;
   for (int run = 0, k = 0; k < 2 * kBins; ++k) {
     run = used[static_cast<std::size_t>(k % kBins)] ? 0 : run + 1;
     if (run > gap && run <= kBins) gap = run, gap_end = k + 1;
   }
-  const double span = (kBins - gap) * 2 * kPi / kBins;
-  const double begin = (static_cast<double>(gap_end % kBins) / kBins * 2 - 1) * kPi;
+  const double span = (kBins - gap) * 2 * pi / kBins;
+  const double begin = (static_cast<double>(gap_end % kBins) / kBins * 2 - 1) * pi;
   const int count = std::max(1, static_cast<int>(std::ceil(span / kSideSpan_rad)));
   std::vector<std::vector<std::uint32_t>> of_side(static_cast<std::size_t>(count));
   for (const std::uint32_t i : sides) {
     double a = azimuth(direction_of(rays[i])) - begin;
-    a -= std::floor(a / (2 * kPi)) * 2 * kPi;
+    a -= std::floor(a / (2 * pi)) * 2 * pi;
     of_side[static_cast<std::size_t>(std::clamp(static_cast<int>(a / span * count), 0, count - 1))].push_back(
         i);
   }

@@ -7,13 +7,13 @@
 namespace rigor::render {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 // Real spherical harmonics times the convolution with the clamped cosine: pi, 2 pi / 3, pi / 4.
 constexpr double kY0 = 0.28209479177387814, kY1 = 0.4886025119029199, kY2 = 1.0925484305920792,
                  kY20 = 0.31539156525252005, kY22 = 0.5462742152960396;
 constexpr std::array<double, 9> kNorm{kY0, kY1, kY1, kY1, kY2, kY2, kY20, kY2, kY22};
-constexpr std::array<double, 9> kConvolved{kPi,     2 * kPi / 3, 2 * kPi / 3, 2 * kPi / 3, kPi / 4,
-                                           kPi / 4, kPi / 4,     kPi / 4,     kPi / 4};
+constexpr std::array<double, 9> kConvolved{pi,     2 * pi / 3, 2 * pi / 3, 2 * pi / 3, pi / 4,
+                                           pi / 4, pi / 4,     pi / 4,     pi / 4};
 
 std::array<double, 9> basis(const Eigen::Vector3d& d) {
   const double x = d.x(), y = d.y(), z = d.z();
@@ -27,15 +27,15 @@ SkyLight sky_light(const SkyMap* map) {
   SkyLight out{};
   if (map == nullptr || map->width < 1 || map->height < 1) return out;
   for (int j = 0; j < map->height; ++j) {
-    const double low = j * 0.5 * kPi / map->height, high = (j + 1) * 0.5 * kPi / map->height;
+    const double low = j * 0.5 * pi / map->height, high = (j + 1) * 0.5 * pi / map->height;
     // Four directions a texel: a coarse map's texels are wide.
     for (int sub = 0; sub < 4; ++sub) {
       const double elevation = low + (sub + 0.5) / 4 * (high - low);
       const double part =
-          (std::sin(low + (sub + 1) * (high - low) / 4) - std::sin(low + sub * (high - low) / 4)) * 2 * kPi /
+          (std::sin(low + (sub + 1) * (high - low) / 4) - std::sin(low + sub * (high - low) / 4)) * 2 * pi /
           map->width;
       for (int i = 0; i < map->width; ++i) {
-        const double azimuth = (i + 0.5) * 2 * kPi / map->width;
+        const double azimuth = (i + 0.5) * 2 * pi / map->width;
         const Eigen::Vector3d d(std::sin(azimuth) * std::cos(elevation),
                                 std::cos(azimuth) * std::cos(elevation), std::sin(elevation));
         const auto b = basis(d);
@@ -69,12 +69,12 @@ SkyLight with_ground(const SkyLight& sky, const Light& light, Spectrum& ground_r
   const double sun = std::max(light.direction_to_sun.normalized().z(), 0.0);
   for (std::size_t band = 0; band < ground_radiance.size(); ++band) {
     const double radiance =
-        light.ground_albedo[band] / kPi *
+        light.ground_albedo[band] / pi *
         (static_cast<double>(down[band]) + sun * static_cast<double>(light.sun_irradiance[band]));
     ground_radiance[band] = static_cast<float>(radiance);
     // A half sphere of one radiance: pi (1 ∓ n.z) / 2 of it.
-    out[0][band] += static_cast<float>(0.5 * kPi * radiance);
-    out[2][band] -= static_cast<float>(0.5 * kPi * radiance);
+    out[0][band] += static_cast<float>(0.5 * pi * radiance);
+    out[2][band] -= static_cast<float>(0.5 * pi * radiance);
   }
   return out;
 }

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "sensor-hal/models/one_source.h"
+#include "sim/sensors/camera/rows.h"
 #include "sim/sensors/camera/sensor_stage_bloom.h"
 #include "sim/sensors/camera/sensor_stage_draws.h"
 #include "sim/sensors/camera/sensor_stage_processing.h"
@@ -23,15 +24,6 @@ namespace {
 
 using namespace sensor_stage;
 static_assert(std::endian::native == std::endian::little, "words of pixels are little-endian");
-
-constexpr int kRowsPerTask = 8;
-
-template <class F>
-void for_rows(int rows, const F& body) {
-  tbb::parallel_for(tbb::blocked_range<int>(0, rows, kRowsPerTask), [&](const tbb::blocked_range<int>& r) {
-    for (int y = r.begin(); y < r.end(); ++y) body(y);
-  });
-}
 
 struct Rect {
   int x = 0, y = 0, width = 0, height = 0;

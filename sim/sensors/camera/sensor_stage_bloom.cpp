@@ -1,4 +1,5 @@
 #include "sim/sensors/camera/sensor_stage_bloom.h"
+#include "sim/sensors/camera/rows.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
@@ -25,14 +26,6 @@ using Model = models::PictureMath<double>;
 constexpr double kSigma_px = 1.25;
 constexpr double kReach_sigma = 3.5;  ///< taps go that far: beyond it the next Gaussian is wider and stronger
 constexpr double kRankTolerance = 2e-4;  ///< of the core's light that its separable parts may miss
-constexpr int kRowsPerTask = 8;
-
-template <class F>
-void for_rows(int rows, const F& body) {
-  tbb::parallel_for(tbb::blocked_range<int>(0, rows, kRowsPerTask), [&](const tbb::blocked_range<int>& r) {
-    for (int y = r.begin(); y < r.end(); ++y) body(y);
-  });
-}
 
 // out[x] (+)= sum over k of taps[k] (in[x - k] + in[x + k]); `in` is readable `n` taps beyond both ends.
 RIGOR_WIDE void filter_row(const float* __restrict in, const float* __restrict taps, int n, int count,

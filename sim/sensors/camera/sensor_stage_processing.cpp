@@ -1,4 +1,5 @@
 #include "sim/sensors/camera/sensor_stage_processing.h"
+#include "sim/sensors/camera/rows.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
@@ -7,13 +8,6 @@
 
 namespace rigor::sensor_stage {
 namespace {
-
-template <class F>
-void for_rows(int rows, const F& body) {
-  tbb::parallel_for(tbb::blocked_range<int>(0, rows, 8), [&](const tbb::blocked_range<int>& r) {
-    for (int y = r.begin(); y < r.end(); ++y) body(y);
-  });
-}
 
 /// Mirrored about the first and the last index, which keeps a mosaic's colours; for any distance.
 int mirrored(int i, int size) {

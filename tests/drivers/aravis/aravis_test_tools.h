@@ -15,7 +15,7 @@
 
 namespace rigor::testing {
 
-inline BenchTime now() { return BenchTime(monotonic_now().ns()); }
+inline BenchTime now() { return bench_now(); }
 
 inline ChannelConfig make_config(const std::string& keys, Duration period = milliseconds(40),
                                  Duration latency = milliseconds(60)) {

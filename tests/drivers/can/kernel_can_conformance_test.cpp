@@ -30,7 +30,7 @@ class Node {
         emulator_.configure(config_of(SampleKind::none, std::string("{interface: ") + kBus +
                                                             ", node: Device, dbc: " + folder_.dbc() + "}"));
     if (s) s = emulator_.arm({});
-    if (s) s = emulator_.start(BenchTime(monotonic_now().ns()));
+    if (s) s = emulator_.start(bench_now());
     EXPECT_TRUE(s) << s.error().text();
   }
   ~Node() {

@@ -28,7 +28,7 @@ class KernelCan : public test::VcanTest {
     std::vector<SampleLease> out;
     (void)wait_for(
         [&] {
-          while (auto sample = s.poll(BenchTime(monotonic_now().ns()))) out.push_back(sample);
+          while (auto sample = s.poll(bench_now())) out.push_back(sample);
           return out.size() >= n;
         },
         limit_s);
@@ -147,7 +147,7 @@ TEST_F(KernelCan, WhatIsSentIsReceivedOrReportedLost) {
   });
   std::uint64_t got = 0, gaps = 0, next = 0, told = 0;
   const auto take = [&] {
-    while (auto s = source.poll(BenchTime(monotonic_now().ns()))) {
+    while (auto s = source.poll(bench_now())) {
       ++got;
       told += s->stamp.lost_before;
       gaps += s->stamp.sequence - next;
@@ -244,7 +244,7 @@ TEST_F(KernelCan, SampledSignalsCountTheInstantsWithoutTheInterface) {
   ASSERT_EQ(out.send(frame(0x100, {42, 0, 0, 0, 0, 0, 0, 0})), 0);
   double value = 0;
   EXPECT_TRUE(wait_for([&] {
-    while (auto s = source.poll(BenchTime(monotonic_now().ns()))) value = s->as<RegisterBlock>()->value[0];
+    while (auto s = source.poll(bench_now())) value = s->as<RegisterBlock>()->value[0];
     return value == 42;
   }));
   ASSERT_TRUE(set_up(bus, false));
@@ -255,7 +255,7 @@ TEST_F(KernelCan, SampledSignalsCountTheInstantsWithoutTheInterface) {
   EXPECT_TRUE(wait_for([&] { return source.health().connected.load(); }));
   std::uint64_t before = 0;
   EXPECT_TRUE(wait_for([&] {
-    while (auto s = source.poll(BenchTime(monotonic_now().ns())))
+    while (auto s = source.poll(bench_now()))
       if (s->stamp.lost_before >= 10) before = s->stamp.lost_before, value = s->as<RegisterBlock>()->value[0];
     return before != 0;
   }));
@@ -345,13 +345,13 @@ class KernelCanSink : public KernelCan {
     sink.watch(&heartbeat, deadline);
     s = sink.arm({});
     ASSERT_TRUE(s) << s.error().text();
-    ASSERT_TRUE(sink.start(BenchTime(monotonic_now().ns())));
+    ASSERT_TRUE(sink.start(bench_now()));
   }
   Command command(double enable, double target, double level) {
     Command c;
     c.count = 3;
     c.value = {enable, target, level};
-    c.t_effect = BenchTime(monotonic_now().ns());
+    c.t_effect = bench_now();
     return c;
   }
   bool hears(const std::function<bool(const CanFrame&)>& which) {
@@ -368,7 +368,7 @@ TEST_F(KernelCanSink, CommandsLeaveAndASilentLoopMakesTheDeviceSafe) {
   CanSink sink;
   arm(sink, seconds(5));
   EXPECT_TRUE(hears([](const CanFrame& f) { return f.id == 0x201 && f.data[0] == 7; })) << "safe from arm on";
-  heartbeat.beat(BenchTime(monotonic_now().ns()));
+  heartbeat.beat(bench_now());
   ASSERT_TRUE(sink.command(command(1, -12.3, 500)));
   EXPECT_TRUE(hears([](const CanFrame& f) {
     return f.id == 0x200 && f.data[0] == 1 && f.data[1] == 0xff && f.data[2] == 0x85;
@@ -421,7 +421,7 @@ TEST_F(KernelCan, AnEmulatedNodeSendsAndObeys) {
   model->set_state(8);
   double state = 0;
   EXPECT_TRUE(wait_for([&] {
-    while (auto s = source.poll(BenchTime(monotonic_now().ns()))) state = s->as<RegisterBlock>()->value[1];
+    while (auto s = source.poll(bench_now())) state = s->as<RegisterBlock>()->value[1];
     return state == 8;
   }));
   auto out = sender();
@@ -573,7 +573,7 @@ TEST_F(KernelCan, OurIsoTpAndTheKernelsUnderstandEachOther) {
     ASSERT_TRUE(line.open(bus, only));
     std::vector<std::uint8_t> message(777);
     for (std::size_t i = 0; i < message.size(); ++i) message[i] = static_cast<std::uint8_t>(i * 7);
-    const auto now = [] { return BenchTime(monotonic_now().ns()); };
+    const auto now = [] { return bench_now(); };
     std::vector<ReceivedFrame> part(8);
     IsoTpSender sender(o);
     ASSERT_TRUE(sender.start(message, now()));

@@ -137,7 +137,7 @@ class VcanTest : public testing::Test {
     ASSERT_TRUE(status) << status.error().text();
     status = s.arm({});
     ASSERT_TRUE(status) << status.error().text();
-    ASSERT_TRUE(s.start(BenchTime(monotonic_now().ns())));
+    ASSERT_TRUE(s.start(bench_now()));
   }
   std::string bus;
   RawSocket ear;

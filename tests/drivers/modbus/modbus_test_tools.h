@@ -87,7 +87,6 @@ inline ConfigNode yaml(const std::string& text) {
   EXPECT_TRUE(n.has_value()) << (n ? "" : n.error().text());
   return n ? *n : ConfigNode();
 }
-inline BenchTime bench_now() { return BenchTime(monotonic_now().ns()); }
 
 /// Waits until `true_now`; false when it was not within `at_most`.
 template <class F>

@@ -28,13 +28,13 @@ class Bench : public testing::Test {
     if (s) s = emulator->arm({});
     ASSERT_TRUE(s) << s.error().text();
     port = emulator->port();
-    ASSERT_TRUE(emulator->start(BenchTime(monotonic_now().ns())));
+    ASSERT_TRUE(emulator->start(bench_now()));
   }
   ChannelConfig channel(const std::string& more = "", Duration period = milliseconds(20)) {
     return config_of("{address: 127.0.0.1, port: " + std::to_string(port) + ", timeout_ms: 5000" + more + "}",
                      period);
   }
-  void start_source(const ChannelConfig& config, BenchTime t0 = BenchTime(monotonic_now().ns())) {
+  void start_source(const ChannelConfig& config, BenchTime t0 = bench_now()) {
     auto s = source.configure(config);
     if (s) s = source.arm({});
     if (s) s = source.start(t0);
@@ -43,7 +43,7 @@ class Bench : public testing::Test {
   bool collect(std::size_t n) {
     const std::size_t until = samples.size() + n;
     return eventually([&] {
-      while (auto lease = source.poll(BenchTime(monotonic_now().ns()))) {
+      while (auto lease = source.poll(bench_now())) {
         samples.push_back(lease->stamp);
         const auto* p = reinterpret_cast<const LidarPoint*>(lease->bytes().data());
         points.assign(p, p + lease->as<PointCloudInfo>()->count);
@@ -143,7 +143,7 @@ TEST_F(Bench, AKilledDeviceIsFoundAgainAndItsScansAreCounted) {
   const auto config = config_of("{port: " + std::to_string(port) + "}");
   emulator.reset();
   ASSERT_TRUE(eventually([&] { return !source.health().connected; }));
-  while (source.poll(BenchTime(monotonic_now().ns()))) samples.emplace_back();
+  while (source.poll(bench_now())) samples.emplace_back();
   const std::size_t before = samples.size();
   std::this_thread::sleep_for(std::chrono::milliseconds(200));
   start_emulator(samples_of, "{port: " + std::to_string(port) + "}");

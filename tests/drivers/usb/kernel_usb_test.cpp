@@ -22,7 +22,7 @@ using testing::formula_scan;
 using testing::RunningEmulator;
 using testing::scanner_config;
 
-BenchTime now() { return BenchTime(monotonic_now().ns()); }
+BenchTime now() { return bench_now(); }
 
 std::unique_ptr<ByteLink> any_link(const LinkSettings& s) {
   return s.transport == Transport::usb ? make_libusb_link(s.usb) : make_plain_link(s);

@@ -24,7 +24,7 @@ using ::testing::HasSubstr;
 using testing::RunningEmulator;
 using testing::scanner_config;
 
-BenchTime now() { return BenchTime(monotonic_now().ns()); }
+BenchTime now() { return bench_now(); }
 
 /// Polls until `until` or a generous limit.
 template <class See>

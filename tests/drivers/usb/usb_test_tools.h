@@ -76,7 +76,7 @@ struct RunningEmulator {
     emulator.measure_by(formula(model));
     Status s = emulator.configure(scanner_config(params));
     if (s) s = emulator.arm({});
-    if (s) s = emulator.start(BenchTime(monotonic_now().ns()));
+    if (s) s = emulator.start(bench_now());
     if (!s) problem = s.error().text();
   }
   ~RunningEmulator() {

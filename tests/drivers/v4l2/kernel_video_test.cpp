@@ -30,7 +30,7 @@ Seen take(Source& s, std::size_t n, bool pictures = false, Duration limit = seco
   Seen seen;
   const MonotonicTime end = monotonic_now() + limit;
   while (seen.stamps.size() < n && monotonic_now() < end) {
-    const SampleLease sample = s.poll(BenchTime(monotonic_now().ns()));
+    const SampleLease sample = s.poll(bench_now());
     if (!sample) {
       std::this_thread::sleep_for(std::chrono::milliseconds(2));
       continue;
@@ -49,7 +49,7 @@ bool wait_for(const std::function<bool()>& done, Duration limit = seconds(30)) {
 Status start(Channel& c, const ChannelConfig& config) {
   if (auto s = c.configure(config); !s) return s;
   if (auto s = c.arm({}); !s) return s;
-  return c.start(BenchTime(monotonic_now().ns()));
+  return c.start(bench_now());
 }
 
 // ------------------------------------------------------------------ capture: vivid
@@ -471,7 +471,7 @@ TEST_F(UsbCamera, IsSeenAsACameraWithItsFormats) {
   EXPECT_TRUE(camera.stop());
   EXPECT_TRUE(wait_for([] { return host_node().empty(); })) << "the host still sees the camera";
   ASSERT_TRUE(camera.arm({}));
-  ASSERT_TRUE(camera.start(BenchTime(monotonic_now().ns())));
+  ASSERT_TRUE(camera.start(bench_now()));
   EXPECT_TRUE(wait_for([] { return !host_node().empty(); }));
   EXPECT_TRUE(camera.stop());
 }

@@ -150,7 +150,7 @@ struct Device {
     emulator->attach(parts_of(model, hz, dual));
     if (auto s = emulator->configure(config_of("{" + keys() + more + "}")); !s) return s;
     if (auto s = emulator->arm({}); !s) return s;
-    return emulator->start(BenchTime(monotonic_now().ns()));
+    return emulator->start(bench_now());
   }
 };
 
@@ -249,7 +249,7 @@ TEST(VelodyneEmulator, OnASlowMachineSendsTheRevolutionsThatItCanMeasure) {
   device.emulator->attach(std::move(parts));
   ASSERT_TRUE(device.emulator->configure(config_of("{" + device.keys() + "}")));
   ASSERT_TRUE(device.emulator->arm({}));
-  const auto s = device.emulator->start(BenchTime(monotonic_now().ns()));
+  const auto s = device.emulator->start(bench_now());
   ASSERT_TRUE(s) << s.error().text();
   const Health& health = device.emulator->health();
   // The packets of at least five revolutions, 37 each; and most are left out.
@@ -291,12 +291,12 @@ TEST(VelodyneSource, SurvivesADeviceThatGoesAndComesAndCountsWhatItMissed) {
   ASSERT_TRUE(source.configure(config_of("{time: device, " + device.keys() + "}")));
   const auto armed = source.arm({});
   ASSERT_TRUE(armed) << armed.error().text();
-  ASSERT_TRUE(source.start(BenchTime(monotonic_now().ns())));
+  ASSERT_TRUE(source.start(bench_now()));
   std::vector<std::pair<std::uint64_t, std::uint32_t>> seen;  // sequence, lost_before
   std::vector<BenchTime> captured;
   const auto until = [&](auto&& done) {
     for (const MonotonicTime end = monotonic_now() + seconds(30); !done() && monotonic_now() < end;) {
-      while (SampleLease s = source.poll(BenchTime(monotonic_now().ns()))) {
+      while (SampleLease s = source.poll(bench_now())) {
         seen.emplace_back(s->stamp.sequence, s->stamp.lost_before);
         captured.push_back(s->stamp.t_capture);
         EXPECT_LE(s->stamp.t_capture.ns(), monotonic_now().ns());

@@ -114,7 +114,7 @@ TEST(PclGrabber, TakesWhatTheEmulatorSends) {
   pcl::VLPGrabber grabber(boost::asio::ip::make_address("127.0.0.1"), port[0]);
   collect(grabber, theirs);
   grabber.start();
-  ASSERT_TRUE(emulator.start(BenchTime(monotonic_now().ns())));
+  ASSERT_TRUE(emulator.start(bench_now()));
   for (int i = 0; i < 2000; ++i) {
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
     const std::lock_guard lock(theirs.mutex);

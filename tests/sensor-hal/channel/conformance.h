@@ -85,7 +85,7 @@ class SourceConformance : public testing::TestWithParam<SourceCase> {
     auto s = source_->arm(context);
     ASSERT_TRUE(s) << s.error().text();
     t0_ = backend_->virtual_time() ? backend_->virtual_t0()
-                                   : BenchTime(monotonic_now().ns()) + milliseconds(50);
+                                   : bench_now() + milliseconds(50);
     s = source_->start(t0_);
     ASSERT_TRUE(s) << s.error().text();
     cycle_ = 0;
@@ -240,7 +240,7 @@ TEST_P(SourceConformance, KeepsTheOrderOfSequenceAndTime) {
         } else {
           // Stamped on the way, polled afterwards; a device clock that is still being mapped may be off a
           // little.
-          EXPECT_LE(stamp.t_arrival, BenchTime(monotonic_now().ns()));
+          EXPECT_LE(stamp.t_arrival, bench_now());
           EXPECT_GE(stamp.t_arrival, stamp.t_capture - milliseconds(5));
         }
         if (any) {
@@ -373,7 +373,7 @@ class LifecycleConformance : public testing::TestWithParam<ChannelCase> {
     channel_ = backend_->make();
     ASSERT_NE(channel_, nullptr);
     context_.virtual_time = backend_->virtual_time();
-    t0_ = context_.virtual_time ? BenchTime(0) : BenchTime(monotonic_now().ns()) + milliseconds(100);
+    t0_ = context_.virtual_time ? BenchTime(0) : bench_now() + milliseconds(100);
   }
   void TearDown() override {
     channel_.reset();
