@@ -7,8 +7,6 @@
 namespace rigor::calibration {
 namespace {
 
-constexpr double kUs = 1e-6;
-
 class MovingViewCost final : public ceres::CostFunction {
  public:
   MovingViewCost(std::vector<BoardPoint> points, bool fisheye, const MotionWindow& window,

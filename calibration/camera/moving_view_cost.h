@@ -23,6 +23,8 @@ struct MotionWindow {
   [[nodiscard]] std::array<double, 6> pose_at(double t, const double* const* poses) const;
 };
 
+inline constexpr double kUs = 1e-6;  ///< s
+
 /// Residuals u, v of `points` in pixels. Blocks: camera (12), line time in microseconds (1), then the poses
 /// of the window (6 each). A point that has no image is infinity. `middle_row_px`: of the picture's time.
 [[nodiscard]] ceres::CostFunction* moving_view_cost(std::vector<BoardPoint> points, bool fisheye,

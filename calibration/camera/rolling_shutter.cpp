@@ -15,7 +15,6 @@ namespace {
 
 using Pose = std::array<double, 6>;
 constexpr const char* kLineTime = "line_time_s";
-constexpr double kUs = 1e-6;
 constexpr std::size_t kLongest = 60;      // views in a run: beyond it a new one begins, for the memory
 constexpr double kLargestTurn_rad = 1.0;  // between neighbours: a board that was counted from its other end
 

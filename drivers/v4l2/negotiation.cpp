@@ -9,9 +9,6 @@
 namespace rigor::v4l2 {
 namespace {
 
-// 30 and 30000/1001 Hz are two rates; 333333 · 100 ns, as UVC has it, is 30 Hz.
-constexpr double kRateTolerance = 5e-4;
-
 /// What a device offers, for messages: "YUYV, MJPG, GREY".
 std::string formats_text(const DeviceTable& table) {
   std::string text;

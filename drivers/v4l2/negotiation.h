@@ -15,6 +15,9 @@
 
 namespace rigor::v4l2 {
 
+/// 30 and 30000/1001 Hz are two rates; 333333 · 100 ns, as UVC has it, is 30 Hz.
+inline constexpr double kRateTolerance = 5e-4;
+
 struct FormatRequest {
   PixelFormat format = PixelFormat::mono8;    ///< of the samples
   std::uint32_t code = 0;                     ///< of the device; 0: any that gives `format`

@@ -8,14 +8,11 @@
 #include <cstring>
 #include <filesystem>
 
+#include "drivers/v4l2/system_error.h"
 #include "sensor-hal/config/yaml.h"
 
 namespace rigor::v4l2 {
 namespace {
-
-tl::unexpected<Error> system_error(const std::string& path, const char* what, int negative_errno) {
-  return fail(ErrorCode::io, path, std::string(what) + ": " + std::strerror(-negative_errno));
-}
 
 v4l2_ext_controls one_control(v4l2_ext_control& control) {
   v4l2_ext_controls c;

@@ -16,6 +16,8 @@
 #include <cstring>
 #include <utility>
 
+#include "drivers/v4l2/system_error.h"
+
 namespace rigor::v4l2 {
 namespace {
 
@@ -26,13 +28,6 @@ constexpr std::size_t kPage = 4096;
 std::string text_of(const __u8* s, std::size_t size) {
   const auto* c = reinterpret_cast<const char*>(s);
   return {c, strnlen(c, size)};
-}
-
-tl::unexpected<Error> system_error(const std::string& path, const char* what, int negative_errno) {
-  const ErrorCode code = negative_errno == -EBUSY ? ErrorCode::unavailable : ErrorCode::io;
-  std::string message = std::string(what) + ": " + std::strerror(-negative_errno);
-  if (negative_errno == -EBUSY) message += "; another program holds the device (fuser " + path + " names it)";
-  return fail(code, path, std::move(message));
 }
 
 template <class T>

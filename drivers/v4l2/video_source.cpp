@@ -5,11 +5,10 @@
 #include <cmath>
 
 #include "drivers/v4l2/control_values.h"
+#include "drivers/v4l2/negotiation.h"
 
 namespace rigor::v4l2 {
 namespace {
-
-constexpr double kRateTolerance = 5e-4;
 
 tl::unexpected<Error> at_key(const ChannelConfig& config, const Error& e) {
   const auto error = config.params.error(e.where, e.message).error();
