@@ -6,9 +6,10 @@
 #include <numbers>
 #include <string>
 
+#include "apps/forest-localization/rig_ports.h"
+
 namespace rigor::forest {
 namespace {
-constexpr double kRadPerDeg = std::numbers::pi / 180;
 constexpr std::array<const char*, 5> kToldNames{"slew", "boom", "stick", "telescope", "felled"};
 constexpr std::array<const char*, 7> kCommandNames{"slew_to",   "boom_to", "stick_to", "telescope_to",
                                                    "rotate_to", "grip_to", "fell"};

@@ -9,9 +9,7 @@
 #include "apps/forest-localization/rig_ports.h"
 
 namespace rigor::forest {
-namespace {
-constexpr double kRadPerDeg = std::numbers::pi / 180;
-}
+namespace {}
 
 DriveOutput::DriveOutput(const ConfigNode& n, const ApplicationPorts& ports, Duration loop_period) {
   port_ = &find_output(n, ports);

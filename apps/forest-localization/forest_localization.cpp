@@ -29,8 +29,6 @@ namespace {
 
 using namespace forest;
 
-constexpr double kRadPerDeg = std::numbers::pi / 180;
-
 class ForestLocalization final : public Application {
  public:
   Status configure(ConfigNode params, const ApplicationPorts& ports, Duration loop_period) override {

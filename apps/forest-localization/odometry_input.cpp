@@ -11,8 +11,6 @@
 namespace rigor::forest {
 namespace {
 
-constexpr double kRadPerDeg = std::numbers::pi / 180;
-
 double yaw_of(const std::array<double, 4>& q) noexcept {
   return std::atan2(2 * (q[0] * q[3] + q[1] * q[2]), 1 - 2 * (q[2] * q[2] + q[3] * q[3]));
 }

@@ -3,10 +3,13 @@
 
 #include <cstdint>
 #include <initializer_list>
+#include <numbers>
 
 #include "sensor-hal/channel/application.h"
 
 namespace rigor::forest {
+
+inline constexpr double kRadPerDeg = std::numbers::pi / 180;  ///< keys have degrees
 
 // Setup context; ConfigError with its place is thrown.
 
