@@ -46,7 +46,10 @@ std::string axes(const Figure& f, const Axis& x, const Axis& y) {
 Axis x_axis(double a, double b) { return {a, b, kLeft, kWidth - kLeft - kRight}; }
 Axis y_axis(double a, double b) { return {a, b, kHeight - kBottom, -(kHeight - kTop - kBottom)}; }
 void widen(double& a, double& b) {
-  if (!(b > a)) a -= 0.5, b += 0.5;
+  if (!(b > a)) {  // one value: around it, by its own size
+    const double about = a != 0 ? 0.1 * std::abs(a) : 0.5;
+    a -= about, b += about;
+  }
   const double margin = 0.04 * (b - a);
   a -= margin, b += margin;
 }
@@ -89,19 +92,23 @@ std::string draw_series(const Figure& f) {
     const std::size_t n = std::min(s.x.size(), s.y.size());
     std::string path;
     // A page is to be read: of many points every n-th.
-    const std::size_t stride = s.line ? 1 : std::max<std::size_t>(1, n / 4000);
+    const bool line = s.line && n > 1;
+    const double width = line ? 1.6 : n < 60 ? 6.0 : 2.6;
+    const std::size_t stride = line ? 1 : std::max<std::size_t>(1, n / 4000);
     for (std::size_t i = 0; i < n; i += stride) {
       if (!std::isfinite(s.x[i]) || !std::isfinite(s.y[i])) continue;
-      if (s.line)
+      if (line)
         path += fmt::format("{}{:.1f} {:.1f}", path.empty() ? "M" : "L", x(s.x[i]), y(s.y[i]));
       else
         path += fmt::format("M{:.1f} {:.1f}h.01", x(s.x[i]), y(s.y[i]));
     }
     out += fmt::format(R"(<path d="{}" fill="none" stroke="{}" stroke-width="{}" stroke-linecap="round"/>)",
-                       path, colour, s.line ? 1.6 : 2.6);
+                       path, colour, width);
     if (!s.name.empty())
-      out += text(kWidth - kRight - 4, kTop + 10 + 13 * static_cast<double>(k), "end", s.name,
-                  fmt::format("style=\"fill:{}\"", colour).c_str());
+      out += text(
+          kWidth - kRight - 4, kTop + 10 + 13 * static_cast<double>(k), "end", s.name,
+          // A white rim, so that a curve beneath does not cross it out.
+          fmt::format("style=\"fill:{};paint-order:stroke;stroke:#fff;stroke-width:4px\"", colour).c_str());
   }
   return out;
 }

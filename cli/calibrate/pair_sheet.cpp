@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
@@ -81,10 +82,13 @@ void PairProposal::mount(const RecordedPair& pair, const Eigen::Matrix3d& R, con
   Eigen::Quaterniond q(proposed.linear());
   if (q.w() < 0) q.coeffs() = -q.coeffs();
   const Eigen::Vector3d p = proposed.translation();
+  // To a micrometre and a nanoradian: what a person copies, and finer than any mount is known.
+  const auto metres = [](double x) { return exact_text(std::round(x * 1e6) / 1e6); };
+  const auto turn = [](double x) { return exact_text(std::round(x * 1e9) / 1e9); };
   const std::string yaml =
-      fmt::format("{{ position_m: [{}, {}, {}], quaternion_wxyz: [{}, {}, {}, {}]{} }}", exact_text(p.x()),
-                  exact_text(p.y()), exact_text(p.z()), exact_text(q.w()), exact_text(q.x()),
-                  exact_text(q.y()), exact_text(q.z()), pair.above_ground ? ", above_ground: true" : "");
+      fmt::format("{{ position_m: [{}, {}, {}], quaternion_wxyz: [{}, {}, {}, {}]{} }}", metres(p.x()),
+                  metres(p.y()), metres(p.z()), turn(q.w()), turn(q.x()), turn(q.y()), turn(q.z()),
+                  pair.above_ground ? ", above_ground: true" : "");
   const std::string key = fmt::format("channels.{}.pair.simulated.{}", pair.channel, pair.mount_key);
   m["key"] = key;
   m["position_m"] = {p.x(), p.y(), p.z()};
@@ -97,11 +101,15 @@ void PairProposal::mount(const RecordedPair& pair, const Eigen::Matrix3d& R, con
   std::string words;
   for (const char* name : kNames)
     if (const Parameter* c = change_.find(name)) {
-      const bool turn = std::string_view(name).ends_with("_rad");
-      const double unit = turn ? 180 / std::numbers::pi : 1e3;
-      words += fmt::format("{}{} {:+.4g} ± {:.2g} {}", words.empty() ? "" : ", ",
-                           std::string_view(name).substr(6, turn ? 1 : 6), c->value * unit, c->sigma * unit,
-                           turn ? "°" : "mm");
+      const bool angle = std::string_view(name).ends_with("_rad");
+      const double unit = angle ? 180 / std::numbers::pi : 1e3;
+      const double sigma = c->sigma * unit;  // told with two digits, and the value with as many places
+      const int places = std::isfinite(sigma) && sigma > 0
+                             ? std::clamp(1 - static_cast<int>(std::floor(std::log10(sigma))), 0, 9)
+                             : 4;
+      words += fmt::format("{}{} {:+.{}f} ± {:.{}f} {}", words.empty() ? "" : ", ",
+                           std::string_view(name).substr(6, angle ? 1 : 6), c->value * unit, places, sigma,
+                           places, angle ? "°" : "mm");
     }
   for (char& c : words)
     if (c == '_') c = ' ';

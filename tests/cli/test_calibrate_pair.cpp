@@ -1,6 +1,7 @@
 // `rigor calibrate pair` as a user drives it: a device that has changed, the proposal, and the twin that has
 // it.
 #include <cmath>
+#include <map>
 
 #include "sensor-hal/models/lidar/lidar_yaml.h"
 #include "tests/cli/calibrate_fixture.h"
@@ -56,12 +57,14 @@ class CalibratePair : public Calibrate {
     // 20 mm more, and noise doubled but for a part of it.
     write_file(dir / "device.yaml", with(with(kTwin, "BIAS", "25"), "FLOOR", "12"));
   }
-  void record(const std::string& name, const std::string& duration_s,
+  /// What the run says of itself.
+  json record(const std::string& name, const std::string& duration_s,
               std::vector<std::string> more = {}) const {
-    std::vector<std::string> words{"run", "rig.yaml", "--duration", duration_s, "--record", name};
+    std::vector<std::string> words{"run", "rig.yaml", "--duration", duration_s, "--record", name, "--json"};
     words.insert(words.end(), more.begin(), more.end());
     const Said said = rigor(words, dir.path());
-    ASSERT_EQ(said.status, 0) << said.err;
+    EXPECT_EQ(said.status, 0) << said.err;
+    return json::parse(said.out, nullptr, false);
   }
   static double change(const json& j, const char* name, const char* what = "value") {
     return j["change"][name][what].get<double>();
@@ -85,10 +88,12 @@ TEST_F(CalibratePair, AProposalClosesTheLoop) {
   EXPECT_DOUBLE_EQ(sheet->range.bias_m * 1e3, j["parameters"]["range_bias_m"]["value"].get<double>() * 1e3);
   EXPECT_THAT(read_file(dir / "proposed.yaml"), HasSubstr("before.mcap"));
 
-  record("after.mcap", "2",
-         {"--set", "channels.scan.pair.simulated.sensor=proposed.yaml", "--set",
-          j["mount"]["key"].get<std::string>() + "=" + j["mount"]["value"].get<std::string>(), "--set",
-          "seed=4"});
+  const std::string mount =
+      j["mount"]["key"].get<std::string>() + "=" + j["mount"]["value"].get<std::string>();
+  const json run =
+      record("after.mcap", "4",
+             {"--set", "channels.scan.pair.simulated.sensor=proposed.yaml", "--set", mount, "--set", "seed=4",
+              "--set", "channels.scan.pair.watch={ window_s: 0.08, baseline_windows: 24 }"});
   const json k = answer({"pair", "after.mcap", "--channel", "scan"});
   for (const char* name : {"range_bias_m", "range_scale", "mount_z_rad", "mount_move_x_m", "mount_move_y_m"})
     // Both recordings are uncertain.
@@ -96,6 +101,28 @@ TEST_F(CalibratePair, AProposalClosesTheLoop) {
         << name;
   EXPECT_NEAR(change(k, "noise_factor"), 1, 0.08);
   EXPECT_LT(std::abs(k["mean_before"].get<double>()), 0.1 * std::abs(j["mean_before"].get<double>()));
+
+  // The watch of that run: silent, and its baseline says of each change that there is none.
+  ASSERT_TRUE(run.contains("channels"));
+  const json& watch = run["channels"][0]["pair"]["watch"];
+  EXPECT_EQ(watch["alarms"], 0) << watch["text"];
+  EXPECT_GE(watch["windows"], 45);
+  const std::map<std::string, std::string> proposed{{"range bias", "range_bias_m"},
+                                                    {"range scale", "range_scale"},
+                                                    {"mount z", "mount_z_rad"},
+                                                    {"mount move x", "mount_move_x_m"},
+                                                    {"mount move y", "mount_move_y_m"}};
+  std::size_t looked_at = 0;
+  for (const json& p : watch["parameters"]) {
+    const auto name = proposed.find(p["name"]);
+    if (name == proposed.end()) continue;
+    const double of_baseline = p["scatter"].get<double>() / std::sqrt(24);
+    EXPECT_LT(std::abs(p["mean"].get<double>()),
+              4 * std::hypot(of_baseline, change(j, name->second.c_str(), "sigma")))
+        << name->first << " " << p["mean"] << " ± " << of_baseline;
+    ++looked_at;
+  }
+  EXPECT_EQ(looked_at, proposed.size());
 }
 
 TEST_F(CalibratePair, WrongInputIsRefused) {

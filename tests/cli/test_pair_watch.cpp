@@ -63,7 +63,7 @@ TEST_F(PairWatchRuns, FindAndNameWhatChangesInARunAlikeOnAnyNumberOfWorkers) {
   std::string bytes;
   for (const char* workers : {"1", "3"}) {
     const Said said = rigor({"run", config("rigs/pair-watch.yaml"), "--json", "--workers", workers,
-                             "--record", file("run.mcap"), "--report", file("report")});
+                             "--duration", "6.4", "--record", file("run.mcap"), "--report", file("report")});
     ASSERT_EQ(said.status, 0) << said.err;
     const json result = json::parse(said.out);
     // The name is right; edges that are sharper than pixels put the number off (docs/pair-watch.md).
@@ -89,16 +89,20 @@ TEST_F(PairWatchRuns, FindAndNameWhatChangesInARunAlikeOnAnyNumberOfWorkers) {
                   ::testing::Contains(::testing::Field(&record::msg::KeyValue::key, "range bias [m]")));
     }
   EXPECT_EQ(learning, 19u) << "the twentieth window ends the baseline";
-  EXPECT_GT(alarmed, 5u);
+  EXPECT_GE(alarmed, 2u);
   const std::string page = read_file(file("report/index.html"));
   EXPECT_THAT(page, HasSubstr("scan: is the twin still right?"));
   EXPECT_THAT(page, HasSubstr("range bias has changed by"));
 }
 
 /// A camera's sheet with other numbers.
-std::string camera_sheet(double fx_px, double gain) {
-  return "width_px: 192\nheight_px: 144\nexposure_us: 4000\nintrinsics: { fx_px: " + std::to_string(fx_px) +
-         ", cx_px: 96.6, cy_px: 71.4 }\nlens: { k1: -0.22, k2: 0.08 }\noptics: { f_number: 4, "
+std::string camera_sheet(int width_px, double focal, double gain) {
+  const double across = width_px;
+  const auto text = [](double x) { return std::to_string(x); };
+  return "width_px: " + std::to_string(width_px) + "\nheight_px: " + std::to_string(width_px * 3 / 4) +
+         "\nexposure_us: 4000\nintrinsics: { fx_px: " + text(0.97 * across * focal) +
+         ", cx_px: " + text(0.503 * across) + ", cy_px: " + text(0.372 * across) +
+         " }\nlens: { k1: -0.22, k2: 0.08 }\noptics: { f_number: 4, "
          "transmission: " +
          std::to_string(0.8 * gain) +
          " }\nnoise: { full_well_e: 10500, read_noise_e: 6, dsnu_e: 2, prnu: 0.006, black_level_dn: 32, "
@@ -106,34 +110,37 @@ std::string camera_sheet(double fx_px, double gain) {
 }
 
 TEST_F(PairWatchRuns, NameFocalLengthGainAndNoiseOfACamera) {
-  write_file(dir / "twin.yaml", camera_sheet(186, 1));
-  write_file(dir / "longer.yaml", camera_sheet(186 * 1.01, 1));
-  write_file(dir / "brighter.yaml", camera_sheet(186, 1.1));
+  write_file(dir / "twin.yaml", camera_sheet(192, 1, 1));
+  write_file(dir / "longer.yaml", camera_sheet(192, 1.01, 1));
+  // Light and noise do not ask for that many pixels.
+  write_file(dir / "coarse.yaml", camera_sheet(96, 1, 1));
+  write_file(dir / "brighter.yaml", camera_sheet(96, 1, 1.1));
   const std::string worlds = config("worlds/testbed.yaml");
   const std::string mount = "T_world_sensor: { position_m: [0, -3, 1.4], look_at_m: [0, 2.5, 1.1] }";
   const auto device = [&](const std::string& sheet) {
     return "sensor: " + sheet + ", engine: rays, " + mount;
   };
-  const auto pair = [&](const std::string& name, const std::string& change) {
+  const auto pair = [&](const std::string& name, const std::string& sheet, const std::string& change) {
     return "  " + name + ":\n    kind: image\n    rate_hz: 4\n    latency_ms: 100\n    pair:\n" +
-           "      watch: { window_s: 0.25, baseline_windows: 24, false_alarms_per_h: 0.01 }\n" +
-           "      real: { backend: simulated, " + device("twin.yaml") + ", " + change + " }\n" +
-           "      simulated: { backend: simulated, " + device("twin.yaml") + " }\n";
+           "      watch: { window_s: 0.25, baseline_windows: 20, false_alarms_per_h: 0.01 }\n" +
+           "      real: { backend: simulated, " + device(sheet) + ", " + change + " }\n" +
+           "      simulated: { backend: simulated, " + device(sheet) + " }\n";
   };
-  write_file(dir / "rig.yaml",
-             "name: planted\nclock: virtual\nduration_s: 9\nloop: { rate_hz: 20 }\n"
-             "simulation: { world: " +
-                 worlds + ", workers: 2 }\nchannels:\n" +
-                 pair("focal", "becomes: [ { from_s: 6.5, " + device("longer.yaml") + " } ]") +
-                 pair("bright", "becomes: [ { from_s: 6.5, " + device("brighter.yaml") + " } ]") +
-                 pair("noisy", "faults: [ { kind: noise, sigma_dn: 4, from_s: 6.5 } ]"));
+  write_file(
+      dir / "rig.yaml",
+      "name: planted\nclock: virtual\nduration_s: 6.75\nloop: { rate_hz: 20 }\n"
+      "simulation: { world: " +
+          worlds + ", workers: 2 }\nchannels:\n" +
+          pair("focal", "twin.yaml", "becomes: [ { from_s: 5.5, " + device("longer.yaml") + " } ]") +
+          pair("bright", "coarse.yaml", "becomes: [ { from_s: 5.5, " + device("brighter.yaml") + " } ]") +
+          pair("noisy", "coarse.yaml", "faults: [ { kind: noise, sigma_dn: 4, from_s: 5.5 } ]"));
   const Said said = rigor({"run", file("rig.yaml"), "--json"});
   ASSERT_EQ(said.status, 0) << said.err;
   const json result = json::parse(said.out);
   const auto alarm = [&](const char* channel) {
     const json& watch = watch_of(result, channel);
     EXPECT_EQ(watch["alarms"], 1) << channel;
-    EXPECT_NEAR(watch.value("alarm", json::object()).value("since_s", 0.0), 6.5, 0.3) << watch["text"];
+    EXPECT_NEAR(watch.value("alarm", json::object()).value("since_s", 0.0), 5.5, 0.3) << watch["text"];
     return watch.value("alarm", json::object());
   };
   const json focal = alarm("focal"), bright = alarm("bright"), noisy = alarm("noisy");
@@ -143,6 +150,37 @@ TEST_F(PairWatchRuns, NameFocalLengthGainAndNoiseOfACamera) {
   EXPECT_NEAR(bright.value("change", 0.0), 0.1, 0.01);
   EXPECT_EQ(noisy.value("parameter", "").substr(0, 5), "noise");
   EXPECT_GT(noisy.value("change", 0.0), 1);
+}
+
+TEST_F(PairWatchRuns, NameTheLightThatATimeOfFlightCameraHasLost) {
+  const std::string sheet = config("sensors/watched-tof.yaml");
+  std::string dim = read_file(sheet);
+  dim.replace(dim.find("0.375"), 5, "0.3375");  // 10 % less light
+  write_file(dir / "dim.yaml", dim);
+  const auto device = [](const std::string& of) {
+    return "sensor: " + of +
+           ", engine: rays, T_world_sensor: { position_m: [0.3, 0.9, 1.2], look_at_m: [0.9, 2.5, 0.7] }";
+  };
+  const auto pair = [&](const std::string& name, const std::string& change) {
+    return "  " + name + ":\n    kind: range_image\n    rate_hz: 5\n    latency_ms: 80\n    pair:\n" +
+           "      watch: { window_s: 0.2, baseline_windows: 32, false_alarms_per_h: 0.01 }\n" +
+           "      real: { backend: simulated, " + device(sheet) + (change.empty() ? "" : ", ") + change +
+           " }\n      simulated: { backend: simulated, " + device(sheet) + " }\n";
+  };
+  write_file(dir / "rig.yaml",
+             "name: planted\nclock: virtual\nduration_s: 8.6\nloop: { rate_hz: 20 }\nsimulation: { world: " +
+                 config("worlds/testbed.yaml") + ", workers: 2 }\nchannels:\n" +
+                 pair("dim", "becomes: [ { from_s: 7, " + device("dim.yaml") + " } ]") + pair("same", ""));
+  const Said said = rigor({"run", file("rig.yaml"), "--json"});
+  ASSERT_EQ(said.status, 0) << said.err;
+  const json result = json::parse(said.out);
+  EXPECT_EQ(watch_of(result, "same")["alarms"], 0) << watch_of(result, "same")["text"];
+  const json& watch = watch_of(result, "dim");
+  ASSERT_EQ(watch["alarms"], 1);
+  const json& a = watch["alarm"];
+  EXPECT_EQ(a["parameter"], "amplitude") << watch["text"];
+  EXPECT_NEAR(a["since_s"].get<double>(), 7, 0.21) << watch["text"];
+  EXPECT_NEAR(a["change"].get<double>(), -0.1, 4 * a["sigma"].get<double>()) << watch["text"];
 }
 
 TEST_F(PairWatchRuns, AreQuietWhereNothingChanges) {
