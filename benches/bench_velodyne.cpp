@@ -208,8 +208,7 @@ Row measure(double packets_per_s, double seconds) {
   }
   const std::int64_t back = monotonic_now().ns();
   sender->pause(false);
-  while (!source.poll(bench_now()) && monotonic_now().ns() - back < 10'000'000'000)
-    std::this_thread::yield();
+  while (!source.poll(bench_now()) && monotonic_now().ns() - back < 10'000'000'000) std::this_thread::yield();
   r.recover_ms = static_cast<double>(monotonic_now().ns() - back) * 1e-6;
   sender.reset();
   plain.stop = true;

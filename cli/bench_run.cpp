@@ -258,7 +258,8 @@ void BenchRun::show(RunChannel& c, std::uint32_t index, const CycleContext& cycl
   const bool fresh = status == PortStatus::fresh;
   const bool changed = fresh || status != c.last_status;
   const SampleLease& sample = c.port.sample();
-  // A recording lists every port in its first cycle: of one that never changes it is known, too, what was seen.
+  // A recording lists every port in its first cycle: of one that never changes it is known, too, what was
+  // seen.
   if (recorder_ && (changed || !c.listed))
     recorder_->record_visibility(c.recorder_id, cycle.index, cycle.t, status, sample);
   c.listed = true;

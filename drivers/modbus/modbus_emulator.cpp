@@ -114,8 +114,7 @@ Status ModbusEmulator::do_arm(const ArmContext& context) {
             ": expected a model with registers (such as `model: turntable`) or a list `registers`, got "
             "neither");
   server_ = std::make_unique<Server>(
-      model, [] { return bench_now(); }, settings_.options,
-      std::make_shared<FaultBox>(settings_.faults));
+      model, [] { return bench_now(); }, settings_.options, std::make_shared<FaultBox>(settings_.faults));
   server_->on_clients(
       [this](unsigned clients) { health_.connected.store(clients != 0, std::memory_order_release); });
   const auto s = settings_.serial ? open_line() : server_->listen(settings_.address, settings_.port);

@@ -183,8 +183,7 @@ Status SickSource::do_start(BenchTime t0) {
     const auto stream_once = [&](bool& cut) {
       for (Bytes body = i.parser.next(); body.data(); body = i.parser.next()) {
         const auto t = parse_telegram(body);
-        if (t && t->name == "LMDscandata" && t->type == "sSN")
-          take_scan(t->values, bench_now());
+        if (t && t->name == "LMDscandata" && t->type == "sSN") take_scan(t->values, bench_now());
       }
       const auto bad = i.parser.bad_checksums() + i.parser.bad_lengths();
       health_.protocol_errors.fetch_add(bad - i.bad_frames, std::memory_order_relaxed);

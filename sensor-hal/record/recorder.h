@@ -20,8 +20,8 @@
 // Topics: `/NAME/image` with `/NAME/image/settings`, `/NAME/image/stamp`, `/NAME/camera_info`;
 // `/NAME/registers` and so on by kind; the sides of a pair `/NAME/real/…` and `/NAME/simulated/…`.
 // `/rigor/visibility` says what the application saw: entries name a port, and for a pair the side that was
-// handed on ("left/real"); listed are all ports in the first cycle, then those that changed; an entry without a name says that `sequence`
-// cycles, this one the first, were skipped by the loop.
+// handed on ("left/real"); all ports are listed in the first cycle, then those that changed; an entry without
+// a name says that `sequence` cycles, this one the first, were skipped by the loop.
 // `/rigor/events`, `/rigor/commands`. Where a pair is watched, `/diagnostics` has a status for each of its
 // windows (pair_diagnostics.h).
 #pragma once
@@ -104,9 +104,9 @@ class Recorder {
   void record_side(std::uint32_t channel, PairSide side, const SampleLease& sample) noexcept;
   /// For PairSource::observe: calls record_side.
   [[nodiscard]] PairObserver* observer(std::uint32_t channel) noexcept;
-  /// What port `channel` showed from this cycle on: call it in the first cycle and when that has changed, before
-  /// end_cycle.
-  /// `sample`: the visible one, or empty. Which side of a pair it is from is known by what was recorded.
+  /// What port `channel` showed from this cycle on: call it in the first cycle and when that has changed,
+  /// before end_cycle. `sample`: the visible one, or empty. Which side of a pair it is from is known by what
+  /// was recorded.
   void record_visibility(std::uint32_t channel, std::uint64_t cycle, BenchTime t, PortStatus status,
                          const SampleLease& sample) noexcept;
   /// The loop did not run `count` cycles, of which `first` is the first.

@@ -37,8 +37,7 @@ class Camera final : public SourceUnderTest {
     const auto config = camera_config("{address: 127.0.0.171, serial: conform71, rate_hz: 25}");
     if (auto s = emulator_.configure(config); !s) return "no camera to test with: " + s.error().text();
     if (auto s = emulator_.arm({}); !s) return "no camera to test with: " + s.error().text();
-    if (auto s = emulator_.start(bench_now()); !s)
-      return "no camera to test with: " + s.error().text();
+    if (auto s = emulator_.start(bench_now()); !s) return "no camera to test with: " + s.error().text();
     return {};
   }
   GigeChannelEmulator emulator_;

@@ -84,8 +84,7 @@ class SourceConformance : public testing::TestWithParam<SourceCase> {
     context.loop_period = kCycle;
     auto s = source_->arm(context);
     ASSERT_TRUE(s) << s.error().text();
-    t0_ = backend_->virtual_time() ? backend_->virtual_t0()
-                                   : bench_now() + milliseconds(50);
+    t0_ = backend_->virtual_time() ? backend_->virtual_t0() : bench_now() + milliseconds(50);
     s = source_->start(t0_);
     ASSERT_TRUE(s) << s.error().text();
     cycle_ = 0;

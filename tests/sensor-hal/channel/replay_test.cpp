@@ -604,8 +604,7 @@ TEST(Recorder, LosesAtMostASecondWhenItIsKilled) {
       (*recorder)->record(0, block(*pool, k, now));
       (*recorder)->end_cycle(k, now);
       if (k == 2500) raise(SIGKILL);
-      while (bench_now() < now)
-        std::this_thread::sleep_for(std::chrono::microseconds(300));
+      while (bench_now() < now) std::this_thread::sleep_for(std::chrono::microseconds(300));
     }
   }
   int status = 0;
