@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <thread>
+#include <tuple>
 
 #include "sensor-hal/record/cdr.h"
 #include "sensor-hal/record/mcap_reader.h"
@@ -93,6 +94,29 @@ TEST_F(PairWatchRuns, FindAndNameWhatChangesInARunAlikeOnAnyNumberOfWorkers) {
   const std::string page = read_file(file("report/index.html"));
   EXPECT_THAT(page, HasSubstr("scan: is the twin still right?"));
   EXPECT_THAT(page, HasSubstr("range bias has changed by"));
+}
+
+TEST_F(PairWatchRuns, NameWhatChangesInOdometryAndReceivers) {
+  const Said said = rigor({"run", config("rigs/pair-watch-navigation.yaml"), "--json", "--duration", "3800",
+                           "--set", "channels.gnss.pair.watch.baseline_windows=40", "--set",
+                           "channels.odometry.pair.real.faults=[{kind: bias, value: velocity_x, amount_mps: "
+                           "0.02, from_s: 3600}]",
+                           "--set",
+                           "channels.gnss.pair.real.faults=[{kind: bias, value: east, amount_m: 0.2, from_s: "
+                           "3600}]"});
+  ASSERT_EQ(said.status, 0) << said.err;
+  const json result = json::parse(said.out);
+  for (const auto& [channel, parameter, change, sigmas] :
+       {std::tuple{"odometry", "forward velocity bias", 0.02, 4.0},
+        std::tuple{"gnss", "east bias", 0.2, 4.0}}) {
+    const json& watch = watch_of(result, channel);
+    ASSERT_EQ(watch["alarms"], 1) << watch.dump().substr(0, 300);
+    const json& a = watch["alarm"];
+    EXPECT_EQ(a["parameter"], parameter) << watch["text"];
+    EXPECT_NEAR(a["change"].get<double>(), change, sigmas * a["sigma"].get<double>()) << watch["text"];
+    EXPECT_LT(a["sigma"].get<double>(), change / 5) << watch["text"];
+    EXPECT_EQ(a["since_s"], 3600) << watch["text"];
+  }
 }
 
 /// A camera's sheet with other numbers.

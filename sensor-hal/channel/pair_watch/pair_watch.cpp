@@ -138,8 +138,12 @@ std::string text_of(const PairWatch& watch, const PairWatchSnapshot& s, BenchTim
   const Parameter &p = watch.parameters()[s.alarm.parameter], &q = watch.parameters()[s.alarm.runner_up];
   const std::string unit = p.unit == "1" ? "" : " " + p.unit;
   char text[400];
-  int n = std::snprintf(text, sizeof text, "%s has changed by %+.4g ± %.2g%s, since %.0f s", p.name.c_str(),
-                        s.alarm.change, s.alarm.sigma, unit.c_str(), (s.t_since - t0).seconds());
+  // As many decimals as the uncertainty has, with two digits of it.
+  const double order = std::floor(std::log10(s.alarm.sigma));
+  const int decimals = std::isfinite(order) ? static_cast<int>(std::clamp(1 - order, 0.0, 9.0)) : 6;
+  int n = std::snprintf(text, sizeof text, "%s has changed by %+.*f ± %.*f%s, since %.0f s", p.name.c_str(),
+                        decimals, s.alarm.change, decimals, s.alarm.sigma, unit.c_str(),
+                        (s.t_since - t0).seconds());
   if (s.alarm.runner_up != s.alarm.parameter && n > 0 && n < static_cast<int>(sizeof text))
     std::snprintf(text + n, sizeof text - static_cast<std::size_t>(n),
                   "; next best: %s (log ratios %.0f, %.0f)", q.name.c_str(), s.alarm.log_ratio,
