@@ -128,7 +128,7 @@ void BenchMotion::take_felling(Body& body, BenchTime t_cycle) noexcept {
   for (std::size_t i = 0; i < 4; ++i) {
     if (body.cuts_index[i] >= block->count) return;
     value[i] = block->value[body.cuts_index[i]];
-    if (!std::isfinite(value[i])) return;  // nothing was cut yet
+    if (!std::isfinite(value[i])) return;  // the machine does not know yet
   }
   if (value[0] == body.cuts_known) return;
   const bool more = value[0] > body.cuts_known;

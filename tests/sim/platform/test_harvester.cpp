@@ -150,6 +150,9 @@ TEST(Harvester, FellsTheNearestStemWithinReachAndEachOnce) {
                                 {14, head.x() + 3, head.y(), 0}};
   Harvester machine(c, {}, Ground(), stems);
   machine.start(at(0));
+  // A register can say no NaN: zeros, and a count of zero, until there is something to tell.
+  for (const char* value : {"felled", "felled_x_m", "felled_y_m", "felled_yaw_deg"})
+    EXPECT_EQ(ask(machine, value, at(0.5)), 0) << value;
   const auto fell = [&](double t) {
     tell(machine, "fell", 1, at(t));
     tell(machine, "fell", 1, at(t + 0.1));  // no rise, no cut
@@ -167,6 +170,8 @@ TEST(Harvester, FellsTheNearestStemWithinReachAndEachOnce) {
   EXPECT_EQ(machine.fellings().size(), 2u);
   EXPECT_EQ(static_cast<int>(ask(machine, "status", at(3.5))) & 48, 32);
   EXPECT_EQ(ask(machine, "felled", at(3.5)), 2);
+  EXPECT_NEAR(ask(machine, "felled_x_m", at(3.5)), head.x(), 1e-9);
+  EXPECT_NEAR(ask(machine, "felled_y_m", at(3.5)), head.y(), 1e-9);
   machine.start(at(10));
   EXPECT_TRUE(machine.fellings().empty());
 }
