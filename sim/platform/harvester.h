@@ -21,9 +21,9 @@
 // 5 it found none), fault (0 none, 1 tilted, 2 off the ground), felled (how many); truth: x_m, y_m, z_m,
 // roll_deg, pitch_deg, yaw_deg, velocity_mps, head_x_m, head_y_m, head_z_m, hang [deg] (of the joint that
 // keeps the head plumb), felled_x_m, felled_y_m, felled_yaw_deg (where the head was at the last cut, and
-// where the tree's top points; 0 while felled is 0). Commanded: enable, v [m/s], steer_to, slew_to, boom_to, stick_to
-// [deg], telescope_to [m], rotate_to [deg], grip_to, fell. Registers: signal_registers.h, in steps of 0.001
-// (truth 0.0001; status, fault, felled, enable, fell: 1).
+// where the tree's top points; 0 while felled is 0). Commanded: enable, v [m/s], steer_to, slew_to, boom_to,
+// stick_to [deg], telescope_to [m], rotate_to [deg], grip_to, fell. Registers: signal_registers.h, in steps
+// of 0.001 (truth 0.0001; status, fault, felled, enable, fell: 1).
 #pragma once
 
 #include "sim/platform/chassis.h"
