@@ -10,6 +10,7 @@
 #include <cstring>
 
 #include "sensor-hal/channel/pair_monitor.h"
+#include "sensor-hal/channel/slot_wait.h"
 #include "sensor-hal/models/camera_yaml.h"
 #include "sensor-hal/record/mcap_reader.h"
 
@@ -81,7 +82,7 @@ namespace {
 /// Of the 16 slots that a channel has, or of those that its keys ask for: the others are the loop's. A
 /// recorder that a busy machine lets wait longer than these last has to skip samples.
 std::size_t lease_budget(const ChannelEntry& entry) {
-  constexpr std::int64_t kUsual = 16, kForTheLoop = 6;
+  constexpr std::int64_t kUsual = 16, kForTheLoop = kSlotsForTheLoop;
   const auto slots_of = [](const ConfigNode& n) {
     return n.integer_or(n.has("buffers") ? "buffers" : "slots", kUsual, {.min = 1, .max = 65536});
   };

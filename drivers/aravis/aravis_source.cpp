@@ -17,6 +17,7 @@
 #include "drivers/aravis/frame_sequence.h"
 #include "rt-core/clock_map.h"
 #include "rt-core/spsc_ring.h"
+#include "sensor-hal/channel/slot_wait.h"
 
 namespace rigor {
 namespace {
@@ -484,7 +485,7 @@ void AravisSource::Impl::hand_on(SampleLease lease, const ReceivedFrame& f, Benc
   if (!whole) stamp.validity |= kIncomplete;
   sample.stamp = stamp;
   fill(sample, f, exposure);
-  if (!ring->try_push(std::move(lease))) {
+  if (ring->size_approx() >= most_waiting(settings.buffers, false) || !ring->try_push(std::move(lease))) {
     raise(health.ring_full);
     lost_pending += step.lost_before + 1;
     return;

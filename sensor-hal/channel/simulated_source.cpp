@@ -54,6 +54,7 @@ Status SimulatedSource::do_arm(const ArmContext& context) {
   requests_.emplace(slots_ + 1);
   results_.emplace(slots_ + 1);
   releases_.assign(slots_ + 1, BenchTime());
+  most_waiting_ = description_.max_bytes > 0 ? most_waiting(slots_, virtual_time_) : slots_;
   warm_ = {};
   if (!virtual_time_)
     if (auto s = warm_up(); !s) return s;
@@ -131,7 +132,7 @@ bool SimulatedSource::request_at(std::uint64_t index, BenchTime t_capture) noexc
     return false;
   }
   Request request;
-  request.slot = slot_wait_.acquire(*pool_);
+  if (results_->size_approx() < most_waiting_) request.slot = slot_wait_.acquire(*pool_);
   if (!request.slot) {
     health_.no_slot.fetch_add(1, std::memory_order_relaxed);
     ++lost_before_;

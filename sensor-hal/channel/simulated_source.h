@@ -87,6 +87,7 @@ class SimulatedSource final : public FollowerSource {
   Duration period_, latency_, phase_;
   std::size_t slots_ = 0;
   std::uint64_t max_backlog_ = 0;
+  std::size_t most_waiting_ = 0;
 
   // the run
   bool virtual_time_ = false;

@@ -16,6 +16,8 @@ void StreamSource::open_stream(std::size_t slots, std::size_t slot_bytes, bool v
   ring_ = std::make_unique<SpscRing<SampleLease>>(slots);
   lost_before_ = 0;
   slot_wait_.begin(virtual_time);
+  // Samples that lie in their info alone are copied by who keeps them.
+  most_waiting_ = slot_bytes > 0 ? most_waiting(slots, virtual_time) : slots;
   virtual_time_ = virtual_time;
 }
 
@@ -38,7 +40,7 @@ SampleLease StreamSource::poll(BenchTime now) noexcept {
 
 SampleLease StreamSource::take_slot() noexcept {
   // What waits here to be polled comes free by no wait.
-  if (ring_->size_approx() >= pool_->size()) return {};
+  if (ring_->size_approx() >= most_waiting_) return {};
   return slot_wait_.acquire(*pool_);
 }
 

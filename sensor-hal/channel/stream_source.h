@@ -47,6 +47,7 @@ class StreamSource : public Source {
   std::unique_ptr<SpscRing<SampleLease>> ring_;
   std::uint32_t lost_before_ = 0;
   SlotWait slot_wait_;
+  std::size_t most_waiting_ = 0;
   bool virtual_time_ = false;
 };
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <thread>
+#include <vector>
 
 #include "sensor-hal/channel/backoff.h"
 
@@ -91,6 +92,25 @@ TEST(StreamSource, WithAllSlotsHeldASampleIsCountedAndTheNextOneTellsOfIt) {
   ASSERT_TRUE(told);
   EXPECT_EQ(told->stamp.lost_before, 6u);
   EXPECT_EQ(source.health().lost.load(), 5u);
+}
+
+TEST(StreamSource, ThatIsNotPolledKeepsNoMoreThanARecorderTakesAtOnce) {
+  for (const bool virtual_time : {false, true}) {
+    Streamed source(16);
+    bring_up(source, virtual_time);
+    for (int i = 1; i <= 16; ++i) source.come(i);
+    const std::size_t most =
+        virtual_time ? 16 : 16 - kSlotsForTheLoop;  // nothing is left out in virtual time
+    EXPECT_EQ(source.health().no_slot.load(), 16 - most);
+    std::vector<SampleLease> held;
+    while (auto lease = source.poll(BenchTime(16))) held.push_back(std::move(lease));
+    EXPECT_EQ(held.size(), most);
+    if (virtual_time) continue;
+    source.come(17);
+    const auto next = source.poll(BenchTime(17));
+    ASSERT_TRUE(next) << "the loop has slots although all samples are held";
+    EXPECT_EQ(next->stamp.lost_before, kSlotsForTheLoop);
+  }
 }
 
 TEST(StreamSource, LeasesOfAnEarlierRunOutliveTheNextArm) {
