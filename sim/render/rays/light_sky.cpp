@@ -66,10 +66,10 @@ void SkyTables::integrate() {
   if (width_ == 0) return;
   // Integral of radiance times direction over each patch: what a plane gets of a patch that it sees wholly is
   // its normal times that, exactly.
-  struct Patch {
+  struct DirectedLight {
     Bands4 x{}, y{}, z{};
   };
-  std::vector<Patch> patches(static_cast<std::size_t>(kPatchColumns * kPatchRows));
+  std::vector<DirectedLight> patches(static_cast<std::size_t>(kPatchColumns * kPatchRows));
   const int fine_rows = std::max(height_, kPatchRows), fine_columns = std::max(width_, kPatchColumns);
   for (int j = 0; j < fine_rows; ++j) {
     const double low = j * 0.5 * pi / fine_rows, high = (j + 1) * 0.5 * pi / fine_rows;
@@ -81,8 +81,8 @@ void SkyTables::integrate() {
       const double a0 = i * 2 * pi / fine_columns, a1 = (i + 1) * 2 * pi / fine_columns;
       const Bands4 l = texels_[static_cast<std::size_t>(j * height_ / fine_rows * (width_ + 1) +
                                                         i * width_ / fine_columns)];
-      Patch& p = patches[static_cast<std::size_t>(j * kPatchRows / fine_rows * kPatchColumns +
-                                                  i * kPatchColumns / fine_columns)];
+      DirectedLight& p = patches[static_cast<std::size_t>(j * kPatchRows / fine_rows * kPatchColumns +
+                                                          i * kPatchColumns / fine_columns)];
       p.x += l * static_cast<float>(across * (std::cos(a0) - std::cos(a1)));
       p.y += l * static_cast<float>(across * (std::sin(a1) - std::sin(a0)));
       p.z += l * static_cast<float>(up * (a1 - a0));
@@ -92,7 +92,7 @@ void SkyTables::integrate() {
     for (int i = 0; i <= kSide; ++i) {
       const Vec3 n = octahedral(i, j);
       Bands4 sum{};
-      for (const Patch& p : patches) sum += not_negative(p.x * n.x + p.y * n.y + p.z * n.z);
+      for (const DirectedLight& p : patches) sum += not_negative(p.x * n.x + p.y * n.y + p.z * n.z);
       irradiance_[static_cast<std::size_t>(j * (kSide + 1) + i)] = sum;
     }
 }
