@@ -136,12 +136,13 @@ std::string pair_watch_card(const std::string& channel, const json& w, const std
   if (series.empty()) return s + "</div>";
 
   Times times;
-  std::vector<double> bias, sigma, left, shift, level;
+  std::vector<double> bias, sigma, left, shift, features, level;
   for (const json& window : series) {
     times.t_s.push_back(window["t_s"]);
     if (window["state"] == "learning") times.watched_from_s = window["t_s"];
     bias.push_back(number(window["bias"])), sigma.push_back(number(window["sigma_all"]));
     left.push_back(number(window["left"])), shift.push_back(number(window["shift_px"]));
+    features.push_back(number(window["features_px"]));
     double highest = kNaN;
     for (const json& l : window["level"])
       if (const double v = number(l); std::isfinite(v) && !(v <= highest)) highest = v;
@@ -155,6 +156,7 @@ std::string pair_watch_card(const std::string& channel, const json& w, const std
   s += strip_svg({with_unit("sigma real − simulated", unit), sigma}, times);
   s += strip_svg({with_unit("residual left by the fit, rms", unit), left}, times);
   s += strip_svg({"shift by focal length and mount, rms [px]", shift}, times);
+  s += strip_svg({"reprojection of features after that, rms [px]", features}, times);
   const json& parameters = w["parameters"];
   for (std::size_t i = 0; i < parameters.size(); ++i) {
     const json& p = parameters[i];

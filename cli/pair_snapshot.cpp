@@ -52,6 +52,7 @@ json window_json(const PairWindow& w, BenchTime t0) {
           {"sigma_all", w.difference.count > 0 ? number(w.difference.sigma) : json()},
           {"left", number(w.estimate.left)},
           {"shift_px", number(w.estimate.shift_px)},
+          {"features_px", number(w.estimate.features_px)},
           {"value", std::move(values)},
           {"sigma", std::move(sigmas)},
           {"level", std::move(levels)}};

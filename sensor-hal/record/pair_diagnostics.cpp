@@ -39,6 +39,7 @@ msg::DiagnosticStatus pair_diagnostics(const std::string& channel, SampleKind ki
   if (w.difference.count > 0) add("bias" + unit, w.difference.bias), add("sigma" + unit, w.difference.sigma);
   add("residual left" + unit, w.estimate.left);
   add("shift [px]", w.estimate.shift_px);
+  add("features [px]", w.estimate.features_px);
   for (std::size_t i = 0; i < parameters.size() && i < w.parameters; ++i) {
     const pair_watch::Parameter& p = parameters[i];
     if (!std::isfinite(w.estimate.value[i])) continue;

@@ -98,6 +98,7 @@ ImageChange::ImageChange(const CameraModel& camera, const ImageInfo& shape, cons
   rows_.reserve(across_ * down_);
   const auto tiles = static_cast<std::size_t>(options.tiles_across * options.tiles_down);
   fit_ = RobustFit(kGlobals + tiles, {kGlobals, tiles}, across_ * down_);
+  features_ = FeatureShift(4 * tiles);
   CameraModel longer = camera;
   constexpr double kStep = 1e-4;
   longer.fx_px *= 1 + kStep, longer.fy_px *= 1 + kStep;
@@ -234,9 +235,12 @@ void ImageChange::regress() noexcept {
       row.residual = mean(c, c.real) - lit;
       row.base_weight = row.weight = 1 / (2 * variance_at(lit) / c.count + edge * edge);
       row.lit = lit - black_;
-      row.tile = static_cast<std::uint32_t>((j * static_cast<std::size_t>(options_.tiles_down) / down_) *
-                                                static_cast<std::size_t>(options_.tiles_across) +
-                                            i * static_cast<std::size_t>(options_.tiles_across) / across_);
+      const auto place = [&](std::size_t fine) {
+        const std::size_t wide = fine * static_cast<std::size_t>(options_.tiles_across);
+        return static_cast<std::uint32_t>(
+            (j * fine * static_cast<std::size_t>(options_.tiles_down) / down_) * wide + i * wide / across_);
+      };
+      row.tile = place(1), row.field = place(2);
       row.gradient[0] = static_cast<float>(gx), row.gradient[1] = static_cast<float>(gy);
       row.cell = static_cast<std::uint32_t>(at);
       const Flow& f = flow_[at];
@@ -249,11 +253,18 @@ void ImageChange::regress() noexcept {
   if (rows_.size() < 4 * kGlobals) return;
 
   const bool tiles = parameters_.size() - kGlobals - 4 > 1;
-  fit_.add(std::span(rows_), [tiles](const Row& r, RobustFit::Terms& terms) {
+  const auto terms_of = [tiles](const Row& r, RobustFit::Terms& terms) {
     for (std::size_t k = 0; k < kGlobals; ++k) terms[k] = {k, r.derivative[k]};
     if (tiles) terms[kGlobals] = {kGlobals + r.tile, r.lit};
     return tiles ? kGlobals + 1 : kGlobals;
-  });
+  };
+  fit_.add(std::span(rows_), terms_of);
+  RobustFit::Terms terms;
+  for (const Row& r : rows_) {
+    const std::size_t n = terms_of(r, terms);
+    features_.add(r.field, double{r.gradient[0]}, double{r.gradient[1]}, r.weight, r.residual,
+                  {terms.data(), n});
+  }
 }
 
 double ImageChange::shift_px(const Estimate& e) const noexcept {
@@ -273,6 +284,7 @@ void ImageChange::finish(Estimate& e) noexcept {
   e.value.fill(kNaN), e.sigma.fill(kNaN);
   fit_.finish(e);
   e.shift_px = shift_px(e);
+  e.features_px = features_.finish(e);
   noise_sums_.finish(e, parameters_.size() - 4);
 }
 

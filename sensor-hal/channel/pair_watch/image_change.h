@@ -32,6 +32,7 @@
 #include <vector>
 
 #include "rt-core/result.h"
+#include "sensor-hal/channel/pair_watch/feature_shift.h"
 #include "sensor-hal/channel/pair_watch/noise_sums.h"
 #include "sensor-hal/channel/pair_watch/robust_fit.h"
 #include "sensor-hal/channel/pair_watch/window_fit.h"
@@ -60,9 +61,9 @@ class ImageChange {
   /// and the three turns, mean gradient of both pictures, light of the simulated one above black.
   struct Row {
     double residual, base_weight, weight, derivative[6], lit;
-    std::uint32_t tile;
-    float gradient[2];   ///< DN/px
-    std::uint32_t cell;  ///< place in the grid, row by row
+    std::uint32_t tile, field;  ///< fields are half as wide and as high as tiles
+    float gradient[2];          ///< DN/px
+    std::uint32_t cell;         ///< place in the grid, row by row
   };
 
   // One thread at a time; no allocation.
@@ -104,6 +105,7 @@ class ImageChange {
   std::vector<Cell> cells_;
   std::vector<Row> rows_;
   RobustFit fit_;
+  FeatureShift features_;
   NoiseSums noise_sums_;
 };
 

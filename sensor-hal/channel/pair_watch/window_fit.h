@@ -33,8 +33,9 @@ struct Parameter {
 struct Estimate {
   std::array<double, kMaxParameters> value{}, sigma{};
   // What is left of the elements' residuals once the window's parameters are taken off; NaN: not told.
-  double left = kNaN;      ///< root mean square, DN (cells of pictures) or m; not of numbers
-  double shift_px = kNaN;  ///< of pictures: by how much focal length and mount move what is seen, rms
+  double left = kNaN;         ///< root mean square, DN (cells of pictures) or m; not of numbers
+  double shift_px = kNaN;     ///< of pictures: by how much focal length and mount move what is seen, rms
+  double features_px = kNaN;  ///< of pictures: how far features are apart after that, rms (feature_shift.h)
 };
 
 /// Inverse of a symmetric n×n matrix (row by row), in place, by sweeping its diagonal (Goodnight, The

@@ -15,7 +15,7 @@ using testing::Vector;
 
 /// What the real camera differs by from its twin.
 struct Change {
-  double focal = 0, gain = 0, offset_dn = 0, noise = 1, dirt = 0;
+  double focal = 0, gain = 0, offset_dn = 0, noise = 1, dirt = 0, k1 = 0;
   Vector turn_rad{};
   bool near_thing = false;
   double parallax_px = 0;
@@ -34,6 +34,7 @@ struct Scene {
 std::vector<float> picture(const Scene& scene, CameraModel c, const Change& change) {
   const double black = c.noise.black_level_dn;
   c.fx_px *= 1 + change.focal, c.fy_px *= 1 + change.focal;
+  c.lens.k1 += change.k1;
   std::vector<float> out;
   const double near_u = scene.near_u * c.width_px + change.parallax_px, near_v = scene.near_v * c.height_px;
   for (int v = 0; v < c.height_px; ++v)
@@ -63,7 +64,7 @@ class Pair {
     }
     Change both = twin_is_off;
     both.focal += change.focal, both.gain += change.gain, both.offset_dn += change.offset_dn;
-    both.dirt += change.dirt;
+    both.dirt += change.dirt, both.k1 += change.k1;
     for (std::size_t k = 0; k < 3; ++k) both.turn_rad[k] += change.turn_rad[k];
     Change nothing;
     nothing.near_thing = twin_is_off.near_thing;
@@ -194,6 +195,55 @@ TEST(ImageChange, TenThousandWindowsWithoutAChangeRaiseNoAlarm) {
   ChangeWatch watch = ChangeWatch::make(pair.changes().parameters(), testing::watch_options()).value();
   testing::expect_no_false_alarm(
       watch, [&](bool c) { return pair.window(c); }, 200);
+}
+
+/// Of a lens with another k1: by how much fields of the picture move, rms, after the best focal length.
+double left_by_lens_px(const CameraModel& camera, double k1, int fields_across, int fields_down) {
+  CameraModel bent = camera;
+  bent.lens.k1 += k1;
+  struct Field {
+    double u = 0, v = 0, du = 0, dv = 0, n = 0;
+  };
+  std::vector<Field> fields(static_cast<std::size_t>(fields_across * fields_down));
+  for (int v = 0; v < camera.height_px; ++v)
+    for (int u = 0; u < camera.width_px; ++u) {
+      const auto q = project_ray(bent, unproject_ray(camera, {double(u), double(v)}).value()).value();
+      const int place =
+          v * fields_down / camera.height_px * fields_across + u * fields_across / camera.width_px;
+      Field& f = fields[static_cast<std::size_t>(place)];
+      f.u += u - camera.cx_px, f.v += v - camera.cy_px, f.du += q.u_px - u, f.dv += q.v_px - v, ++f.n;
+    }
+  double along = 0, squares = 0, left = 0;
+  for (const Field& f : fields) along += f.u * f.du + f.v * f.dv, squares += f.u * f.u + f.v * f.v;
+  const double focal = along / squares;
+  for (const Field& f : fields)
+    left += std::pow((f.du - focal * f.u) / f.n, 2) + std::pow((f.dv - focal * f.v) / f.n, 2);
+  return std::sqrt(left / static_cast<double>(fields.size()));
+}
+
+TEST(ImageChange, ReprojectsFeaturesOnceFocalLengthAndMountAreTakenOff) {
+  const CameraModel camera = camera_of(96, 72);
+  const auto apart_px = [&](const Change& change, double& shift_px) {
+    Pair pair(camera, Change{}, change, 8, 14);
+    double sum = 0, shifts = 0;
+    for (int i = 0; i < 40; ++i) {
+      const Estimate e = pair.window(true);
+      sum += e.features_px * e.features_px / 40, shifts += e.shift_px / 40;
+    }
+    shift_px = shifts;
+    return std::sqrt(sum);
+  };
+  double shift_px = 0;
+  const double nothing = apart_px(Change{}, shift_px);
+  EXPECT_LT(nothing, 0.04);
+  EXPECT_LT(shift_px, 0.02);
+  // A turn moves everything by 0.75 px, and explains all of it.
+  EXPECT_LT(apart_px(with([](Change& c) { c.turn_rad[1] = kHalfDegree; }), shift_px), 0.06);
+  EXPECT_NEAR(shift_px, kHalfDegree * camera.fx_px, 0.1);
+  // Another lens is neither.
+  const double expected = left_by_lens_px(camera, 0.1, 6, 4);
+  EXPECT_GT(expected, 0.2);
+  EXPECT_NEAR(apart_px(with([](Change& c) { c.k1 = 0.1; }), shift_px), expected, 0.3 * expected);
 }
 
 TEST(ImageChange, ParallaxOfNearThingsIsNoChange) {
