@@ -9,6 +9,7 @@
 // The sums are linear in δ̂, which is known at the end of the window alone.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -42,10 +43,11 @@ class FeatureShift {
       f.term[k].x += x * terms[k].derivative, f.term[k].y += y * terms[k].derivative;
     }
   }
-  /// Root mean square over the fields whose structure tells of both directions to a tenth of a pixel; NaN
-  /// with less than three of them. `estimate`: of this window; what it does not know was not taken off.
+  /// Root mean square over the fields whose structure tells of both directions to a fifth of a pixel, less
+  /// what the pixels' noise adds to it; NaN with less than three of them. `estimate`: of this window; what it
+  /// does not know was not taken off.
   [[nodiscard]] double finish(const Estimate& estimate) noexcept {
-    constexpr double kLeastInformation = 100;  // 1/px²
+    constexpr double kLeastInformation = 25;  // 1/px²
     double squares = 0, count = 0;
     for (Field& f : fields_) {
       const double half = (f.xx - f.yy) / 2, least = (f.xx + f.yy) / 2 - std::hypot(half, f.xy);
@@ -55,11 +57,11 @@ class FeatureShift {
             f.x -= f.term[k].x * v, f.y -= f.term[k].y * v;
         const double determinant = f.xx * f.yy - f.xy * f.xy;
         const double u = (f.yy * f.x - f.xy * f.y) / determinant, v = (f.xx * f.y - f.xy * f.x) / determinant;
-        squares += u * u + v * v, ++count;
+        squares += u * u + v * v - (f.xx + f.yy) / determinant, ++count;
       }
       f = {};
     }
-    return count >= 3 ? std::sqrt(squares / count) : kNaN;
+    return count >= 3 ? std::sqrt(std::max(0.0, squares / count)) : kNaN;
   }
 
  private:
