@@ -156,7 +156,7 @@ std::string pair_watch_card(const std::string& channel, const json& w, const std
   s += strip_svg({with_unit("sigma real − simulated", unit), sigma}, times);
   s += strip_svg({with_unit("residual left by the fit, rms", unit), left}, times);
   s += strip_svg({"shift by focal length and mount, rms [px]", shift}, times);
-  s += strip_svg({"reprojection of features after that, rms [px]", features}, times);
+  s += strip_svg({"features apart after that, rms [px]", features}, times);
   const json& parameters = w["parameters"];
   for (std::size_t i = 0; i < parameters.size(); ++i) {
     const json& p = parameters[i];
