@@ -8,7 +8,7 @@
 namespace rigor {
 namespace {
 
-std::string quoted(const std::string& text) {
+std::string json_string(const std::string& text) {
   std::string out = "\"";
   for (const char c : text) {
     const auto u = static_cast<unsigned char>(c);
@@ -65,13 +65,13 @@ Status Trace::write(const std::string& path) const {
   std::fputs("{\"ph\":\"M\",\"pid\":1,\"tid\":0,\"name\":\"process_name\",\"args\":{\"name\":\"rigor\"}}",
              file);
   std::vector<std::string> names;
-  for (const std::string& n : names_) names.push_back(quoted(n));
+  for (const std::string& n : names_) names.push_back(json_string(n));
   std::uint64_t dropped = 0;
   for (const auto& t : threads_) {
     dropped += t->dropped();
     std::fprintf(file,
                  ",\n{\"ph\":\"M\",\"pid\":1,\"tid\":%u,\"name\":\"thread_name\",\"args\":{\"name\":%s}}",
-                 t->id_, quoted(t->name_).c_str());
+                 t->id_, json_string(t->name_).c_str());
     const std::size_t n = t->recorded();
     for (std::size_t i = 0; i < n; ++i) {
       const TraceThread::Event& e = t->events_[i];

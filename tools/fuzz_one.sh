@@ -1,19 +1,19 @@
 #!/usr/bin/env bash
-# fuzz_one.sh SECONDS RESULTS HARNESS: runs one harness of build/fuzz on its corpus in tests/fuzz/corpus/NAME, prints the
-# end of its log, and leaves RESULTS/fuzz-NAME.ok when it found nothing. New inputs are kept in build/fuzz/corpus.
+# fuzz_one.sh SECONDS RESULTS HARNESS: runs one harness of build/asan-ubsan on its corpus in tests/fuzz/corpus/NAME, prints the
+# end of its log, and leaves RESULTS/fuzz-NAME.ok when it found nothing. New inputs are kept in build/fuzz-corpus.
 set -euo pipefail
 
 seconds=$1 results=$2 harness=$3
 name=$(basename "$harness")
 log=$results/fuzz-$name.log
-found=build/fuzz/corpus/$name
-mkdir -p "$found" build/fuzz/artifacts
+found=build/fuzz-corpus/$name
+mkdir -p "$found" build/fuzz-artifacts
 folders=("$found")
 seeds=tests/fuzz/corpus/$name
 [[ ! -d $seeds ]] || folders+=("$seeds")
 
-if "build/fuzz/$harness" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
-  -artifact_prefix="build/fuzz/artifacts/$name-" "${folders[@]}" >"$log" 2>&1; then
+if "build/asan-ubsan/$harness" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
+  -artifact_prefix="build/fuzz-artifacts/$name-" "${folders[@]}" >"$log" 2>&1; then
   runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
   [[ ${runs:-0} -gt 0 ]] || { echo "$name: no input was run, see $log" && exit 1; }
   echo "$name: $runs inputs, nothing found"

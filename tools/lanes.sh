@@ -104,12 +104,12 @@ lane_tsan() {
 
 lane_fuzz() {
   count fuzz 0 1 0
-  configure_preset fuzz
+  configure_preset asan-ubsan
   local -a harnesses
-  mapfile -t harnesses < <(ninja -C build/fuzz -t targets all |
+  mapfile -t harnesses < <(ninja -C build/asan-ubsan -t targets all |
     sed -nE 's#^(([^ ]*/)?fuzz_[a-z0-9_]+): CXX_EXECUTABLE_LINKER.*#\1#p')
-  [[ ${#harnesses[@]} -gt 0 ]] || die "build/fuzz has no harness fuzz_*"
-  build_preset fuzz "${harnesses[@]}"
+  [[ ${#harnesses[@]} -gt 0 ]] || die "build/asan-ubsan has no harness fuzz_*"
+  build_preset asan-ubsan "${harnesses[@]}"
   local status=0 harness
   rm -f "$RESULTS"/fuzz-*.ok
   printf '%s\0' "${harnesses[@]}" | xargs -0 -n 1 -P 2 bash tools/fuzz_one.sh "$FUZZ_SECONDS" "$RESULTS" || status=1

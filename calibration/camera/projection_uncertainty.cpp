@@ -2,13 +2,13 @@
 
 #include <ceres/jet.h>
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "calibration/camera/camera_fit_internal.h"
 #include "calibration/camera/reprojection.h"
+#include "calibration/core/decompositions.h"
 
 namespace rigor::calibration {
 namespace {

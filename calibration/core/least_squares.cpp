@@ -3,12 +3,13 @@
 #include <ceres/ceres.h>
 #include <glog/logging.h>
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <numeric>
 #include <thread>
+
+#include "calibration/core/decompositions.h"
 
 namespace rigor::calibration {
 namespace {

@@ -3,14 +3,12 @@
 #include <ceres/autodiff_cost_function.h>
 #include <ceres/rotation.h>
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <cmath>
 
+#include "calibration/core/decompositions.h"
 #include "calibration/core/least_squares.h"
 
 namespace rigor::calibration {

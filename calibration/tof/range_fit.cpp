@@ -2,12 +2,12 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
 
+#include "calibration/core/decompositions.h"
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
 #include "calibration/tof/chi_squared.h"

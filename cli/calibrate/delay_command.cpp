@@ -1,13 +1,13 @@
 // `rigor calibrate delay`: by how much one channel's stamps are off against another's.
 #include <fmt/format.h>
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <cmath>
 #include <cstring>
 #include <memory>
 #include <optional>
 
+#include "calibration/core/decompositions.h"
 #include "calibration/pair/board_pose.h"
 #include "calibration/pair/time_offset.h"
 #include "cli/calibrate/calibrate.h"
