@@ -134,14 +134,18 @@ def planted(folder, tests):
     return {name: folder / f"{abs(hash(name))}.count" for name, _, _ in tests}
 
 
+# Names of cases with parameters go on as gtest prints these.
+PARAMETER = "A/Wall.Clock/a+b  # GetParam() = 4-byte object <01-00 [x]>"
+
+
 def self_test():
     never = 99
     passes = ("Always.Passes", "", 0)
     trials = [  # what is planted; exit status; test: attempts; failed in the end; lines of the account
         ("all pass", [passes], 0, {"Always.Passes": 1}, [], []),
-        ("labelled, fails once", [passes, ("A/Wall.Clock/a+b", "wall-clock", 1), ("A/Wall.Clock/a+bc", "wall-clock", 0)],
-         0, {"Always.Passes": 1, "A/Wall.Clock/a+b": 2, "A/Wall.Clock/a+bc": 1}, [],
-         ["A/Wall.Clock/a+b: passed at attempt 2"]),
+        ("labelled, fails once", [passes, (PARAMETER, "wall-clock", 1), ("A/Wall.Clock/a+bc", "wall-clock", 0)],
+         0, {"Always.Passes": 1, PARAMETER: 2, "A/Wall.Clock/a+bc": 1}, [],
+         [PARAMETER + ": passed at attempt 2"]),
         ("labelled, fails twice", [passes, ("Kernel.Device", "kernel", 2)], 0, {"Kernel.Device": 3}, [],
          ["Kernel.Device: passed at attempt 3"]),
         ("labelled, never passes", [passes, ("Wall.Never", "wall-clock", never)], 1, {"Wall.Never": 3}, ["Wall.Never"],
