@@ -83,10 +83,12 @@ endfunction()
 # What tests test is optimised as ever; the tests themselves need not be.
 set(RIGOR_TEST_OPTIONS $<$<CONFIG:Release>:-O1>)
 
-# rigor_test(NAME SOURCES... LINKS... [SERIAL]): a GoogleTest binary whose cases ctest knows one by one.
-# SERIAL is for tests that measure time or hold a fixed port. DATA_DIR finds recordings where they are present.
+# rigor_test(NAME SOURCES... LINKS... [SERIAL] [WALL_CLOCK cases...]): a GoogleTest binary whose cases ctest knows one by one.
+# WALL_CLOCK: those cases (patterns of --gtest_filter) whose verdict depends on how promptly this machine runs threads and passes
+# on packets; tools/run_tests.py runs them again where they fail. SERIAL: these cases, or all where none are named, run alone, for
+# they measure time or hold a fixed port. DATA_DIR finds recordings where they are present.
 function(rigor_test NAME)
-  cmake_parse_arguments(ARG "SERIAL" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "SERIAL" "TIMEOUT" "SOURCES;LINKS;LABELS;WALL_CLOCK" ${ARGN})
   find_package(GTest REQUIRED)
   include(GoogleTest)
   add_executable(${NAME} ${ARG_SOURCES})
@@ -110,13 +112,22 @@ function(rigor_test NAME)
   if(ARG_LABELS)
     list(APPEND PROPS LABELS "${ARG_LABELS}")
   endif()
-  if(ARG_SERIAL)
+  if(ARG_SERIAL AND NOT ARG_WALL_CLOCK)
     list(APPEND PROPS RUN_SERIAL TRUE)
   endif()
   if(RIGOR_SANITIZE MATCHES "thread")
     list(APPEND PROPS ENVIRONMENT "TSAN_OPTIONS=suppressions=${CMAKE_SOURCE_DIR}/tests/tsan.supp")
   endif()
-  gtest_discover_tests(${NAME} DISCOVERY_MODE PRE_TEST PROPERTIES ${PROPS})
+  set(OTHERS)
+  if(ARG_WALL_CLOCK)
+    string(JOIN ":" CASES ${ARG_WALL_CLOCK})
+    gtest_discover_tests(${NAME} DISCOVERY_MODE PRE_TEST TEST_FILTER "${CASES}"
+                         PROPERTIES ${PROPS} RUN_SERIAL ${ARG_SERIAL} LABELS wall-clock)
+    set(OTHERS TEST_FILTER "-${CASES}")
+  endif()
+  if(NOT ARG_WALL_CLOCK STREQUAL "*")
+    gtest_discover_tests(${NAME} DISCOVERY_MODE PRE_TEST ${OTHERS} PROPERTIES ${PROPS})
+  endif()
 endfunction()
 
 # rigor_bench(NAME SOURCES... LINKS...): build/<preset>/benches/NAME, each takes --json FILE.

@@ -9,14 +9,11 @@ readonly RESULTS=build/test-results
 readonly LANES=(format includes release kernel asan-ubsan tsan fuzz docs skips)
 readonly FAST_LANES=(format includes release)
 readonly FUZZ_SECONDS=10
-# Tests talk to the wall clock, to sockets and to child processes, and a host may hold a virtual machine up for seconds:
-# what fails is tried again, and the lane names it.
-readonly ATTEMPTS=3
 
 lane_about() {
   case $1 in
     format) echo "sources are as clang-format-14 writes them; scripts pass shellcheck" ;;
-    includes) echo "includes run along the arrows of the house; the check finds planted violations" ;;
+    includes) echo "includes run along the arrows of the house; this check and tools/run_tests.py find what is planted" ;;
     release) echo "release build and every test that needs no kernel device" ;;
     kernel) echo "CAN, V4L2 and USB drivers on a real kernel's devices (a guest in QEMU where the running one has none)" ;;
     asan-ubsan) echo "core and decoders under the address and undefined-behaviour sanitizers" ;;
@@ -49,12 +46,7 @@ without_address_randomisation() {
   fi
 }
 
-# failed_once LOG: how often each test failed that did, by what ctest printed.
-failed_once() {
-  sed -nE 's/^.*Test +#[0-9]+: ([^ ]+) .*\*\*\*(Failed|Timeout|Exception).*/\1/p' "$1" | sort | uniq -c
-}
-
-# ctest_lane LANE PRESET [CTEST-OPTION...]
+# ctest_lane LANE PRESET [CTEST-OPTION...]: a failed test fails; tools/run_tests.py says which are run again.
 ctest_lane() {
   local lane=$1 preset=$2 status=0
   shift 2
@@ -62,14 +54,8 @@ ctest_lane() {
   build_preset "$preset"
   local -a runner=()
   [[ $preset == release ]] || runner=(without_address_randomisation)
-  "${runner[@]}" ctest --test-dir "build/$preset" --parallel 2 --output-on-failure --no-tests=error \
-    --repeat "until-pass:$ATTEMPTS" --output-junit "$PWD/$RESULTS/$lane.xml" "$@" |
-    tee "$RESULTS/$lane.log" |
-    grep -vE '^ +(Start +[0-9]+|Test +#[0-9]+): |^ *[0-9]+/[0-9]+ .* Passed ' || status=$?
-  local again
-  again=$(failed_once "$RESULTS/$lane.log")
-  [[ -z $again ]] || say "failed at least once (times, test):"$'\n'"$again"
-  python3 tools/check_skips.py --count "$RESULTS/$lane.xml" >"$RESULTS/$lane.count"
+  "${runner[@]}" python3 tools/run_tests.py "build/$preset" "$RESULTS" "$lane" "$@" || status=$?
+  [[ ! -s $RESULTS/$lane.xml ]] || python3 tools/check_skips.py --count "$RESULTS/$lane.xml" >"$RESULTS/$lane.count"
   return "$status"
 }
 
@@ -83,6 +69,7 @@ lane_includes() { check_lane includes check_includes; }
 check_includes() {
   python3 tools/check_includes.py --self-test
   python3 tools/check_includes.py
+  python3 tools/run_tests.py --self-test
 }
 
 # Tests labelled `kernel` are the kernel lane's.
@@ -165,19 +152,25 @@ run_lane() {
 }
 
 summarise() {
-  local lane status took failed=0 passed=0 bad=0 skipped=0 p f s
+  local lane status took failed=0 passed=0 bad=0 skipped=0 again=0 p f s a
   echo
   while read -r lane status took; do
     read -r p f s <"$RESULTS/$lane.count"
     # A lane that broke after its tests had passed (or before any ran) counts as one failure.
     [[ $status -eq 0 || $f -gt 0 ]] || f=1
-    printf '  %-11s %-7s %9s  %5d passed %4d failed %4d skipped\n' "$lane" \
-      "$([[ $status -eq 0 ]] && echo passed || echo FAILED)" "$(minutes "$took")" "$p" "$f" "$s"
+    a=0
+    [[ ! -f $RESULTS/$lane.again ]] || a=$(wc -l <"$RESULTS/$lane.again")
+    printf '  %-11s %-7s %9s  %5d passed %4d failed %4d skipped %4d run again\n' "$lane" \
+      "$([[ $status -eq 0 ]] && echo passed || echo FAILED)" "$(minutes "$took")" "$p" "$f" "$s" "$a"
     [[ $status -eq 0 ]] || failed=1
-    passed=$((passed + p)) bad=$((bad + f)) skipped=$((skipped + s))
+    passed=$((passed + p)) bad=$((bad + f)) skipped=$((skipped + s)) again=$((again + a))
   done <"$RESULTS/lanes"
   printf '  %-11s %-7s %9s\n\n' total "" "$(minutes "$1")"
-  echo "$passed passed, $bad failed, $skipped skipped"
+  # Which those were; nothing where no test was run again.
+  find "$RESULTS" -name '*.again' -size +0 | sort | while read -r lane; do
+    sed "s/^/  run again in $(basename "$lane" .again): /" "$lane"
+  done
+  echo "$passed passed, $bad failed, $skipped skipped, $again run again"
   return "$failed"
 }
 

@@ -1,0 +1,203 @@
+#!/usr/bin/env python3
+"""Runs the tests of a build folder by ctest, once; a failed test fails.
+
+    run_tests.py BUILD_DIR RESULTS LANE [CTEST-OPTION...]
+
+Tests talk to the wall clock, to sockets and to child processes, and a host may hold a virtual machine up for seconds.
+So those that are labelled `wall-clock` or `kernel`, because they judge how fast this machine or what its kernel does,
+are run again where they fail, alone, at most twice. No other test is, and where more than three such tests failed, the
+run fails whatever they do afterwards.
+
+Writes RESULTS/LANE.xml (JUnit: each test once, as it ended), LANE.log (all that ctest said) and LANE.again (the tests
+that were run again, one a line, and how that ended). Exit status 1 where the run fails.
+
+    run_tests.py --self-test
+"""
+import json
+import re
+import subprocess
+import sys
+import tempfile
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+from check_skips import cases
+
+LABELS = {"wall-clock", "kernel"}
+MORE_ATTEMPTS = 2
+MOST_AGAIN = 3
+# What ctest says of a test that starts or passes: in the log, not on the terminal.
+QUIET = re.compile(r"^ +(Start +[0-9]+|Test +#[0-9]+): |^ *[0-9]+/[0-9]+ .* Passed ")
+
+
+def ctest(build, junit, log, options):
+    """Runs ctest; its exit status."""
+    junit.unlink(missing_ok=True)
+    command = ["ctest", "--test-dir", str(build), "--output-on-failure", "--no-tests=error", "--output-junit",
+               str(junit.resolve()), *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace") as run:
+        for line in run.stdout:
+            log.write(line)
+            if not QUIET.match(line):
+                print(line, end="", flush=True)
+    return run.returncode
+
+
+def failed_in(junit):
+    return [name for name, state, _ in cases(junit) if state == "failed"] if junit.is_file() else []
+
+
+def may_run_again(build, options):
+    """Names of the tests with one of LABELS."""
+    listing = subprocess.run(["ctest", "--test-dir", str(build), "--show-only=json-v1", *options],
+                             capture_output=True, text=True, check=True)
+    names = set()
+    for test in json.loads(listing.stdout)["tests"]:
+        labels = next((p["value"] for p in test.get("properties", []) if p["name"] == "LABELS"), [])
+        if LABELS & set(labels):
+            names.add(test["name"])
+    return names
+
+
+def exactly(name):
+    """As an expression of ctest -R."""
+    return "^" + re.sub(r"([][.*+?()^$|\\])", r"\\\1", name) + "$"
+
+
+def replace_result(junit, name, other):
+    """Puts the test's result of `other` in place of that in `junit`, and mends the sums of the suite."""
+    tree = ElementTree.parse(junit)
+    suite = tree.getroot()
+    newer = next(c for c in ElementTree.parse(other).getroot().iter("testcase") if c.get("name") == name)
+    for i, case in enumerate(list(suite)):
+        if case.tag == "testcase" and case.get("name") == name:
+            suite[i] = newer
+    suite.set("failures", str(sum(c.get("status") == "fail" for c in suite.iter("testcase"))))
+    tree.write(junit, encoding="UTF-8", xml_declaration=True)
+
+
+def again(build, junit, log, name):
+    """Runs one test alone until it passes, at most MORE_ATTEMPTS times; how that ended."""
+    other = junit.with_suffix(".again.tmp")
+    try:
+        for attempt in range(2, MORE_ATTEMPTS + 2):
+            print(f"again, alone: {name} (attempt {attempt})", flush=True)
+            status = ctest(build, other, log, ["-R", exactly(name)])
+            if [case[0] for case in cases(other)] != [name]:
+                raise RuntimeError(f"ctest -R '{exactly(name)}' did not run this test alone")
+            replace_result(junit, name, other)
+            if status == 0:
+                return f"passed at attempt {attempt}"
+        return f"failed {MORE_ATTEMPTS + 1} times"
+    finally:
+        other.unlink(missing_ok=True)
+
+
+def run(build, results, lane, options):
+    junit, account = results / f"{lane}.xml", []
+    with open(results / f"{lane}.log", "w", encoding="utf-8") as log:
+        status = ctest(build, junit, log, ["--parallel", "2", *options])
+        failed = failed_in(junit)
+        if status != 0 and not failed:
+            print(f"ctest ended with status {status}, and no test failed", flush=True)
+            return 1
+        labelled = may_run_again(build, options) if failed else set()
+        candidates = [name for name in failed if name in labelled]
+        too_many = len(candidates) > MOST_AGAIN
+        for name in candidates:
+            account.append(f"{name}: " + ("not run again" if too_many else again(build, junit, log, name)))
+    (results / f"{lane}.again").write_text("".join(line + "\n" for line in account), encoding="utf-8")
+    at_once = [name for name in failed if name not in labelled]
+    if at_once:
+        print(f"failed, and not run again, for they judge neither the wall clock nor a kernel: {len(at_once)}")
+        print("".join(f"  {name}\n" for name in at_once), end="")
+    if account:
+        print(f"run again, for they judge the wall clock or a kernel: {0 if too_many else len(account)}")
+        print("".join(f"  {line}\n" for line in account), end="")
+    if too_many:
+        print(f"{len(candidates)} of those failed: more than {MOST_AGAIN} is no accident, and fails the lane")
+    return 1 if too_many or failed_in(junit) else 0
+
+
+# ------------------------------------------------------------------ self-test
+
+def planted(folder, tests):
+    """A ctest project of shell commands: (name, label, how many times it fails before it passes)."""
+    lines = []
+    for name, label, failures in tests:
+        count = folder / f"{abs(hash(name))}.count"
+        script = f"n=$(cat '{count}' 2>/dev/null || echo 0); echo $((n + 1)) >'{count}'; [ $n -ge {failures} ]"
+        lines.append(f"add_test([==[{name}]==] sh -c [==[{script}]==])")
+        if label:
+            lines.append(f"set_tests_properties([==[{name}]==] PROPERTIES LABELS {label})")
+    (folder / "CTestTestfile.cmake").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return {name: folder / f"{abs(hash(name))}.count" for name, _, _ in tests}
+
+
+# Names of cases with parameters go on as gtest prints these.
+PARAMETER = "A/Wall.Clock/a+b  # GetParam() = 4-byte object <01-00 [x]>"
+
+
+def self_test():
+    never = 99
+    passes = ("Always.Passes", "", 0)
+    trials = [  # what is planted; exit status; test: attempts; failed in the end; lines of the account
+        ("all pass", [passes], 0, {"Always.Passes": 1}, [], []),
+        ("labelled, fails once", [passes, (PARAMETER, "wall-clock", 1), ("A/Wall.Clock/a+bc", "wall-clock", 0)],
+         0, {"Always.Passes": 1, PARAMETER: 2, "A/Wall.Clock/a+bc": 1}, [],
+         [PARAMETER + ": passed at attempt 2"]),
+        ("labelled, fails twice", [passes, ("Kernel.Device", "kernel", 2)], 0, {"Kernel.Device": 3}, [],
+         ["Kernel.Device: passed at attempt 3"]),
+        ("labelled, never passes", [passes, ("Wall.Never", "wall-clock", never)], 1, {"Wall.Never": 3}, ["Wall.Never"],
+         ["Wall.Never: failed 3 times"]),
+        ("unlabelled, fails once", [passes, ("Race.Once", "", 1)], 1, {"Race.Once": 1}, ["Race.Once"], []),
+        ("another label, fails once", [passes, ("Race.Once", "one-thread", 1)], 1, {"Race.Once": 1}, ["Race.Once"], []),
+        ("both kinds", [("Race.Once", "", 1), ("Wall.Once", "wall-clock", 1)], 1, {"Race.Once": 1, "Wall.Once": 2},
+         ["Race.Once"], ["Wall.Once: passed at attempt 2"]),
+        ("three labelled", [passes] + [(f"Wall.{i}", "wall-clock", 1) for i in range(3)], 0, {"Wall.2": 2}, [],
+         [f"Wall.{i}: passed at attempt 2" for i in range(3)]),
+        ("four labelled", [passes] + [(f"Wall.{i}", "wall-clock", 1) for i in range(4)], 1, {"Wall.3": 1},
+         [f"Wall.{i}" for i in range(4)], [f"Wall.{i}: not run again" for i in range(4)]),
+        ("no test", [], 1, {}, [], []),
+    ]
+    wrong = 0
+    for what, tests, status, attempts, failed, account in trials:
+        with tempfile.TemporaryDirectory() as folder:
+            build, results = Path(folder) / "build", Path(folder) / "results"
+            build.mkdir()
+            results.mkdir()
+            counts = planted(build, tests)
+            said = subprocess.run([sys.executable, __file__, str(build), str(results), "lane"], capture_output=True,
+                                  text=True, check=False)
+            file, accounts = results / "lane.xml", results / "lane.again"
+            found = {
+                "status": said.returncode,
+                "attempts": {name: int(counts[name].read_text()) for name in attempts},
+                "results": len(list(cases(file))) if tests else 0,
+                "failed": sorted(failed_in(file)),
+                "account": sorted(accounts.read_text().splitlines()) if accounts.is_file() else [],
+            }
+            expected = {"status": status, "attempts": attempts, "results": len(tests), "failed": failed,
+                        "account": account}
+            for key, value in expected.items():
+                if found[key] != value:
+                    wrong += 1
+                    print(f"self-test: {what}: {key}: expected {value}, found {found[key]}\n{said.stdout}{said.stderr}")
+            for name in [line.split(":")[0] for line in account] + failed:
+                if f"  {name}" not in said.stdout:
+                    wrong += 1
+                    print(f"self-test: {what}: the last lines do not name {name}\n{said.stdout}")
+    print(f"self-test: {len(trials)} trials, {wrong} wrong")
+    return 1 if wrong else 0
+
+
+def main():
+    if sys.argv[1:] == ["--self-test"]:
+        return self_test()
+    if len(sys.argv) < 4:
+        sys.exit("usage: run_tests.py BUILD_DIR RESULTS LANE [CTEST-OPTION...] | run_tests.py --self-test")
+    return run(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], sys.argv[4:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
