@@ -64,8 +64,11 @@ install_packages() {
     tail -n 20 "$log" >&2
     die "apt-get update failed, and these packages are missing: ${missing[*]}. Is there a network? Log: $log"
   }
-  as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends \
-    -o APT::Status-Fd=1 -o Dpkg::Use-Pty=0 "${missing[@]}" 2>&1 | apt_progress "$log" || {
+  # Only the progress goes through the pipe: maintainer scripts whose output did, too, failed with I/O errors on a
+  # machine so busy that the pipe's reader was slow.
+  # shellcheck disable=SC2016
+  as_root env DEBIAN_FRONTEND=noninteractive bash -c 'exec apt-get "$@" 3>&1 >>"$0" 2>&1' "$log" \
+    install -y -q --no-install-recommends -o APT::Status-Fd=3 -o Dpkg::Use-Pty=0 "${missing[@]}" | apt_progress "$log" || {
     tail -n 20 "$log" >&2
     die "apt-get could not install: ${missing[*]}. Log: $log"
   }

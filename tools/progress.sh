@@ -23,22 +23,19 @@ end_progress() {
   [[ ! -t 1 ]] || printf '\r\033[K'
 }
 
-# apt_progress LOG: apt-get's output with APT::Status-Fd=1.
+# apt_progress LOG: what apt-get writes to APT::Status-Fd, while its output goes to LOG.
 apt_progress() {
   local log=$1 line total=0 percent pattern='^(dl|pm)status:[^:]*:([0-9]+)'
   PROGRESS_TENTH=0
   while IFS= read -r line; do
-    if [[ $line =~ $pattern ]]; then
-      percent=${BASH_REMATCH[2]}
-      if [[ ${BASH_REMATCH[1]} == dl ]]; then
-        show_progress "downloading packages, percent:" "$percent" 100
-      else
-        show_progress packages $((percent * total / 100)) "$total"
-      fi
+    [[ $line =~ $pattern ]] || continue
+    percent=${BASH_REMATCH[2]}
+    if [[ ${BASH_REMATCH[1]} == dl ]]; then
+      show_progress "downloading packages, percent:" "$percent" 100
       continue
     fi
-    printf '%s\n' "$line" >>"$log"
-    [[ ! $line =~ ,\ ([0-9]+)\ newly\ installed ]] || total=${BASH_REMATCH[1]}
+    [[ $total -gt 0 ]] || total=$(sed -nE 's/.* ([0-9]+) newly installed.*/\1/p' "$log" | head -n 1)
+    show_progress packages $((percent * ${total:-0} / 100)) "${total:-0}"
   done
   end_progress
 }
