@@ -4,12 +4,7 @@ find_package(tl-expected REQUIRED)
 find_package(fmt REQUIRED)
 find_package(Eigen3 REQUIRED)
 find_package(nlohmann_json REQUIRED)
-# ccache shares results between folders, and with precompiled headers as GCC and clang make them.
-find_program(CCACHE ccache)
-if(CCACHE)
-  set(CMAKE_CXX_COMPILER_LAUNCHER env CCACHE_BASEDIR=${CMAKE_SOURCE_DIR} CCACHE_NOHASHDIR=1
-      CCACHE_SLOPPINESS=pch_defines,time_macros ${CCACHE})
-endif()
+set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_SOURCE_DIR}/tools/with_ccache.sh)
 
 # Both are on unless a preset says otherwise: they halve a build from nothing. The preset dev compiles file by file, which is
 # quicker for whoever changes one file at a time.

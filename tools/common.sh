@@ -8,9 +8,12 @@ die() {
   exit "${2:-1}"
 }
 
+# need_program PROGRAM PART: installs the part of packages/ that has it where it is missing.
 need_program() {
-  command -v "$1" >/dev/null || install_packages
+  command -v "$1" >/dev/null || install_packages "$2"
 }
+
+minutes() { awk -v s="$1" 'BEGIN { printf "%.1f min", s / 60 }'; }
 
 # How many compilers at once: one a core, and 1.5 GB of memory for each.
 build_jobs() {
@@ -20,26 +23,44 @@ build_jobs() {
   echo $((jobs < by_memory ? jobs : by_memory))
 }
 
-# configure_preset PRESET: once; afterwards ninja itself sees to changes of the CMake files.
+# Adds seconds to what building took: to BUILD_SECONDS, and to the file BUILD_TIMES where that is set.
+BUILD_SECONDS=0
+add_build_time() {
+  BUILD_SECONDS=$((BUILD_SECONDS + $1))
+  [[ -z ${BUILD_TIMES:-} ]] || echo "$1" >>"$BUILD_TIMES"
+}
+
+# configure_preset PRESET: once; afterwards ninja itself sees to changes of the CMake files. With WITHOUT_TESTS=yes a new
+# build folder leaves the tests out, and needs no GoogleTest; otherwise a folder without tests is configured again.
 configure_preset() {
-  local preset=$1 dir=build/$1
-  if [[ -f $dir/build.ninja && ! CMakePresets.json -nt $dir/build.ninja ]]; then
+  local preset=$1 dir=build/$1 started=$SECONDS tests=ON log
+  if [[ ${WITHOUT_TESTS:-no} == yes ]] && ! grep -qs '^RIGOR_TESTS:BOOL=ON' "$dir/CMakeCache.txt"; then
+    tests=OFF
+  fi
+  if [[ -f $dir/build.ninja && ! CMakePresets.json -nt $dir/build.ninja ]] &&
+    { [[ $tests == OFF ]] || ! grep -qs '^RIGOR_TESTS:BOOL=OFF' "$dir/CMakeCache.txt"; }; then
     return
   fi
   say "configuring $dir"
-  cmake --preset "$preset" >"$(log_file configure "$preset")" 2>&1 ||
-    { tail -n 40 "$(log_file configure "$preset")" >&2 && die "configuring $dir failed"; }
+  log=$(log_file configure "$preset")
+  cmake --preset "$preset" "-DRIGOR_TESTS=$tests" >"$log" 2>&1 ||
+    { tail -n 40 "$log" >&2 && die "configuring $dir failed. Log: $log"; }
+  add_build_time $((SECONDS - started))
 }
 
 # build_preset PRESET [TARGET...]
 build_preset() {
-  local preset=$1
+  local preset=$1 started log
   shift
   configure_preset "$preset"
+  started=$SECONDS log=$(log_file build "$preset")
   say "building build/$preset${*:+: $*}"
   local -a targets=()
   [[ $# -eq 0 ]] || targets=(--target "$@")
-  cmake --build "build/$preset" --parallel "$(build_jobs)" "${targets[@]}"
+  : >"$log"
+  NINJA_STATUS='[%f/%t %e] ' cmake --build "build/$preset" --parallel "$(build_jobs)" "${targets[@]}" 2>&1 |
+    ninja_progress "$log" building || die "building build/$preset failed. Log: $log"
+  add_build_time $((SECONDS - started))
 }
 
 # log_file KIND NAME: where a step's output goes.

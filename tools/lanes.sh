@@ -9,6 +9,8 @@ readonly RESULTS=build/test-results
 readonly LANES=(format includes release kernel asan-ubsan tsan fuzz docs skips)
 readonly FAST_LANES=(format includes release)
 readonly FUZZ_SECONDS=10
+# CI prints a warning when all lanes together take longer.
+readonly WHOLE_MINUTES=40
 
 lane_about() {
   case $1 in
@@ -22,6 +24,18 @@ lane_about() {
     docs) echo "commands, files and links that the documents name exist" ;;
     skips) echo "no test is skipped that tests/skipped.txt does not allow" ;;
     *) return 1 ;;
+  esac
+}
+
+# The parts of packages/ that a lane needs.
+lane_parts() {
+  case $1 in
+    format | includes | skips) echo check ;;
+    release) echo run test live ;;
+    kernel) echo run test kernel ;;
+    asan-ubsan | fuzz) echo run test clang ;;
+    tsan) echo run test ;;
+    docs) echo run check ;;
   esac
 }
 
@@ -133,44 +147,72 @@ build_beside() {
   BUILDING_BESIDE=$!
 }
 
-minutes() { awk -v s="$1" 'BEGIN { printf "%.1f min", s / 60 }'; }
+# compile_seconds LANE: what building took in it, where it built anything.
+compile_seconds() {
+  [[ ! -f $RESULTS/$1.compile ]] || awk '{ s += $1 } END { print s + 0 }' "$RESULTS/$1.compile"
+}
 
 # run_lane NAME: in a subshell, so that a lane may stop at its first error and set its own environment.
 run_lane() {
   local lane=$1 started=$SECONDS status=0
   say "lane $lane: $(lane_about "$lane")"
+  # What waiting for the build beside the kernel lane takes is compiling; the lane builds again and shows what failed.
+  if [[ $lane == asan-ubsan && -n ${BUILDING_BESIDE:-} ]]; then
+    wait "$BUILDING_BESIDE" || true
+    BUILDING_BESIDE=
+    echo $((SECONDS - started)) >>"$RESULTS/$lane.compile"
+  fi
   set +e
   (
     set -e
+    # shellcheck disable=SC2034  # add_build_time reads it
+    BUILD_TIMES=$RESULTS/$lane.compile
     "lane_$lane"
   )
   status=$?
   set -e
-  local took=$((SECONDS - started))
-  echo "$lane $status $took" >>"$RESULTS/lanes"
-  say "lane $lane: $([[ $status -eq 0 ]] && echo passed || echo FAILED) in $(minutes $took)"
+  local took=$((SECONDS - started)) compile parts=''
+  compile=$(compile_seconds "$lane")
+  [[ -z $compile ]] || parts=": compile $(minutes "$compile"), test $(minutes $((took - compile)))"
+  echo "$lane $status $took ${compile:--}" >>"$RESULTS/lanes"
+  say "lane $lane: $([[ $status -eq 0 ]] && echo passed || echo FAILED) in $(minutes $took)$parts"
 }
 
+# A line of the summary: NAME STATE SECONDS COMPILE-SECONDS; the last is - where nothing was built.
+summary_line() {
+  local compile=- tests=-
+  if [[ $4 != - ]]; then
+    compile=$(minutes "$4") tests=$(minutes $(($3 - $4)))
+  fi
+  printf '  %-11s %-7s %9s %9s %9s' "$1" "$2" "$(minutes "$3")" "$compile" "$tests"
+}
+
+# summarise SECONDS
 summarise() {
-  local lane status took failed=0 passed=0 bad=0 skipped=0 again=0 p f s a
-  echo
-  while read -r lane status took; do
+  local lane status took compile failed=0 passed=0 bad=0 skipped=0 p f s a
+  printf '\n  %-11s %-7s %9s %9s %9s\n' lane '' whole compile test
+  [[ $PACKAGE_SECONDS -eq 0 ]] || { summary_line packages '' "$PACKAGE_SECONDS" - && echo; }
+  while read -r lane status took compile; do
     read -r p f s <"$RESULTS/$lane.count"
     # A lane that broke after its tests had passed (or before any ran) counts as one failure.
     [[ $status -eq 0 || $f -gt 0 ]] || f=1
     a=0
     [[ ! -f $RESULTS/$lane.again ]] || a=$(wc -l <"$RESULTS/$lane.again")
-    printf '  %-11s %-7s %9s  %5d passed %4d failed %4d skipped %4d run again\n' "$lane" \
-      "$([[ $status -eq 0 ]] && echo passed || echo FAILED)" "$(minutes "$took")" "$p" "$f" "$s" "$a"
+    summary_line "$lane" "$([[ $status -eq 0 ]] && echo passed || echo FAILED)" "$took" "$compile"
+    printf '  %5d passed %4d failed %4d skipped %4d run again\n' "$p" "$f" "$s" "$a"
     [[ $status -eq 0 ]] || failed=1
-    passed=$((passed + p)) bad=$((bad + f)) skipped=$((skipped + s)) again=$((again + a))
+    passed=$((passed + p)) bad=$((bad + f)) skipped=$((skipped + s))
   done <"$RESULTS/lanes"
-  printf '  %-11s %-7s %9s\n\n' total "" "$(minutes "$1")"
-  # Which those were; nothing where no test was run again.
+  summary_line total '' "$1" -
+  printf '\n\n'
+  # Which tests were run again; nothing where none was.
   find "$RESULTS" -name '*.again' -size +0 | sort | while read -r lane; do
     sed "s/^/  run again in $(basename "$lane" .again): /" "$lane"
   done
-  echo "$passed passed, $bad failed, $skipped skipped, $again run again"
+  if [[ ${CI:-} == true && $1 -gt $((WHOLE_MINUTES * 60)) ]]; then
+    warn "warning: the whole took $(minutes "$1"), more than $WHOLE_MINUTES min"
+  fi
+  echo "$passed passed, $bad failed, $skipped skipped"
   return "$failed"
 }
 
@@ -198,13 +240,13 @@ dev_test() {
   rm -rf "$RESULTS"
   mkdir -p "$RESULTS"
   trap 'echo; warn "interrupted"; [[ -z ${BUILDING_BESIDE:-} ]] || kill "$BUILDING_BESIDE" 2>/dev/null; exit 130' INT TERM
-  install_packages
-  install_npm_packages
+  local -a parts
+  mapfile -t parts < <(for lane in "${chosen[@]}"; do lane_parts "$lane"; done | tr ' ' '\n' | sort -u)
+  install_packages "${parts[@]}"
+  [[ " ${parts[*]} " != *" test "* ]] || install_npm_packages
   for lane in "${chosen[@]}"; do
     count "$lane" 0 0 0
     if [[ $lane == kernel && " ${chosen[*]} " == *" kernel asan-ubsan "* ]]; then build_beside asan-ubsan; fi
-    # The lane builds again and shows what failed.
-    if [[ $lane == asan-ubsan && -n ${BUILDING_BESIDE:-} ]]; then wait "$BUILDING_BESIDE" || true; fi
     run_lane "$lane"
   done
   summarise $((SECONDS - started))

@@ -2,7 +2,8 @@
 # try_in_chroot.sh [--keep] [--dir DIR] [--data DIR] [--ca FILE] ./dev COMMAND...
 #
 # Runs a ./dev command of the committed tree in a fresh, minimal Debian 12 with nothing installed by hand. Needs root,
-# debootstrap and a network; 2 to 4 GB below DIR (default: a new folder in /var/tmp), which is deleted at the end.
+# debootstrap and a network; 2 to 5 GB below DIR (default: a new folder in /var/tmp), which is deleted at the end.
+# `./dev run` ends with what packages, building and the start took.
 #   --keep      leaves the root there; with --dir, a root that is already there is used again
 #   --data DIR  shows DIR, read-only, as the test data
 #   --ca FILE   lets npm trust the certificates in FILE, too: for networks behind a proxy that signs for others
@@ -69,6 +70,8 @@ mount --make-rslave "$root/sys"
 mount --make-rslave "$root/dev"
 cp /etc/resolv.conf "$root/etc/resolv.conf"
 cp /etc/hosts "$root/etc/hosts"
+# Proxies of this machine's apt serve in the root, too.
+apt-config dump 2>/dev/null | grep -iE '^Acquire::https?::Proxy' >"$root/etc/apt/apt.conf.d/50proxy" || true
 
 rm -rf "$root/home/rigor"
 git clone --quiet --no-hardlinks "$repository" "$root/home/rigor"

@@ -20,7 +20,7 @@ class LivePageModules : public ::testing::Test {
   void SetUp() override {
     if (std::system("node --version > /dev/null 2>&1") != 0) GTEST_SKIP() << "node is not installed";
     if (!std::filesystem::exists(kSource + "/tests/npm/node_modules/playwright-core"))
-      GTEST_SKIP() << "playwright-core is absent; run ./dev deps, or npm ci --prefix tests/npm";
+      GTEST_SKIP() << "playwright-core is absent; run ./dev deps test, or npm ci --prefix tests/npm";
   }
   static void expect(std::vector<std::string> words) {
     words.front() = kSource + "/tests/npm/" + words.front();

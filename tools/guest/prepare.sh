@@ -16,7 +16,7 @@ need_guest_programs() {
   local program
   for program in "${!package_of[@]}"; do
     PATH=$PATH:/usr/sbin:/sbin command -v "$program" >/dev/null || {
-      warn "guest: $program is missing; to get it: ./dev deps, or apt-get install --no-install-recommends ${package_of[$program]}"
+      warn "guest: $program is missing; to get it: ./dev deps kernel, or apt-get install --no-install-recommends ${package_of[$program]}"
       exit 125
     }
   done
@@ -79,7 +79,7 @@ fetch_guest_packages() {
     kernel=$(newest_kernel)
     download_guest_packages "$kernel"
   } || {
-    warn "guest: the packages could not be downloaded (apt-get update, then ./dev deps with a network)"
+    warn "guest: the packages could not be downloaded (apt-get update, then ./dev deps kernel with a network)"
     exit 125
   }
 }

@@ -18,7 +18,7 @@ class LiveServer : public ::testing::Test {
   void SetUp() override {
     if (std::system("node --version > /dev/null 2>&1") != 0) GTEST_SKIP() << "node is not installed";
     if (!std::filesystem::exists(kSource + "/tests/npm/node_modules/@foxglove/ws-protocol"))
-      GTEST_SKIP() << "@foxglove/ws-protocol is absent; run ./dev deps, or npm ci --prefix tests/npm";
+      GTEST_SKIP() << "@foxglove/ws-protocol is absent; run ./dev deps test, or npm ci --prefix tests/npm";
   }
   static void expect(const std::string& name) {
     Command node({"node", kSource + "/tests/npm/live_client.mjs", name, rigor_words({}).front(),

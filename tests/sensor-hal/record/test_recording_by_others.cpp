@@ -45,7 +45,7 @@ class ByOthers : public testing::TestWithParam<Compression> {
   void SetUp() override {
     if (std::system("node --version > /dev/null 2>&1") != 0) GTEST_SKIP() << "node is not installed";
     if (!std::filesystem::exists(kFolder + "/node_modules"))
-      GTEST_SKIP() << "tests/npm/node_modules is absent; run ./dev deps, or npm ci --prefix tests/npm";
+      GTEST_SKIP() << "tests/npm/node_modules is absent; run ./dev deps test, or npm ci --prefix tests/npm";
     path_ = testing::TempDir() + "rigor_by_others_" + std::to_string(static_cast<int>(GetParam())) + "_" +
             std::to_string(getpid()) + ".mcap";
   }
