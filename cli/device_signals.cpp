@@ -10,14 +10,13 @@
 #include <numbers>
 #include <set>
 
+#include "rt-core/numbers.h"
 #include "sensor-hal/channel/replay_source.h"
 #include "sensor-hal/record/mcap_reader.h"
 #include "sensor-hal/record/sample_codec.h"
 
 namespace rigor {
 namespace {
-
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 /// One signal's law; `write` only of commanded ones.
 class Law {

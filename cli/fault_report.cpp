@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kLeft = 150, kWidth = 690, kRow = 18;
+constexpr double kChartLeft_px = 150, kWidth = 690, kRow = 18;
 
 const char* colour_of(const std::string& kind) {
   if (kind == "drop" || kind == "burst_loss" || kind == "disconnect") return "#c0392b";
@@ -22,7 +22,7 @@ const char* colour_of(const std::string& kind) {
   return "#3b6ea5";
 }
 
-std::string label(double x, double y, const char* anchor, const std::string& text) {
+std::string chart_label(double x, double y, const char* anchor, const std::string& text) {
   return fmt::format(R"(<text x="{:.1f}" y="{:.1f}" text-anchor="{}">{}</text>)", x, y, anchor,
                      html_text(text));
 }
@@ -44,7 +44,7 @@ std::string status_bar(const json& result, const std::string& channel, double y,
                                                : "#3a9a5b";
       s += fmt::format(
           R"(<rect x="{:.2f}" y="{:.1f}" width="{:.2f}" height="10" fill="{}"><title>{} from {:.3f} s</title></rect>)",
-          kLeft + from * scale, y + 3, std::max(0.5, (to - from) * scale), colour, status, from);
+          kChartLeft_px + from * scale, y + 3, std::max(0.5, (to - from) * scale), colour, status, from);
     }
   }
   return s;
@@ -56,17 +56,18 @@ std::string timeline(const json& result) {
   double y = 4;
   for (const json& c : result["faults"]) {
     const std::string channel = c["channel"];
-    rows += label(kLeft - 8, y + 12, "end", channel) + status_bar(result, channel, y, scale);
+    rows += label(kChartLeft_px - 8, y + 12, "end", channel) + status_bar(result, channel, y, scale);
     y += kRow;
     for (const json& f : c["faults"]) {
       const std::string kind = f["kind"];
-      rows += label(kLeft - 8, y + 12, "end", kind + (f["live"].get<bool>() ? " (live)" : ""));
-      rows += fmt::format(R"(<path class="grid" stroke="#ddd" d="M{} {:.1f}h{}"/>)", kLeft, y + 8, kWidth);
+      rows += label(kChartLeft_px - 8, y + 12, "end", kind + (f["live"].get<bool>() ? " (live)" : ""));
+      rows += fmt::format(R"(<path class="grid" stroke="#ddd" d="M{} {:.1f}h{}"/>)", kChartLeft_px, y + 8,
+                          kWidth);
       for (const json& span : f["spans"]) {
         const double from = span[0], to = std::min(duration_s, span[1].get<double>());
         rows += fmt::format(
             R"(<rect x="{:.2f}" y="{:.1f}" width="{:.2f}" height="12" fill="{}"><title>{} from {:.3f} to {:.3f} s</title></rect>)",
-            kLeft + from * scale, y + 2, std::max(1.0, (to - from) * scale), colour_of(kind),
+            kChartLeft_px + from * scale, y + 2, std::max(1.0, (to - from) * scale), colour_of(kind),
             html_text(f["text"].get<std::string>()), from, to);
       }
       y += kRow;
@@ -74,11 +75,11 @@ std::string timeline(const json& result) {
     y += 6;
   }
   for (const double t : axis_ticks(0, duration_s, 8))
-    rows += label(kLeft + t * scale, y + 12, "middle", fmt::format("{:g}", t));
-  rows +=
-      label(kLeft + kWidth / 2, y + 28, "middle", "time [s]; green: fresh and held, orange: late, red: lost");
+    rows += label(kChartLeft_px + t * scale, y + 12, "middle", fmt::format("{:g}", t));
+  rows += chart_label(kChartLeft_px + kWidth / 2, y + 28, "middle",
+                      "time [s]; green: fresh and held, orange: late, red: lost");
   return fmt::format(R"(<svg viewBox="0 0 {0:.0f} {1:.0f}" style="width:100%;max-width:{0:.0f}px">{2}</svg>)",
-                     kLeft + kWidth + 20, y + 34, rows);
+                     kChartLeft_px + kWidth + 20, y + 34, rows);
 }
 
 std::string number(const json& j, const char* key) {

@@ -13,6 +13,7 @@
 
 #include "cli/recording.h"
 #include "cli/svg.h"
+#include "rt-core/numbers.h"
 #include "sensor-hal/record/cdr.h"
 #include "sensor-hal/record/mcap_reader.h"
 #include "sensor-hal/record/ros2_messages.h"
@@ -23,7 +24,6 @@ namespace {
 using record::MessageView;
 namespace msg = record::msg;
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kDegPerRad = 180 / std::numbers::pi;
 constexpr std::int64_t kReach_ns = 100'000'000;  ///< from an estimate to the true poses around it
 

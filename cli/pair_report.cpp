@@ -11,13 +11,13 @@
 
 #include "cli/page.h"
 #include "cli/svg.h"
+#include "rt-core/numbers.h"
 
 namespace rigor {
 namespace {
 
 using nlohmann::json;
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kWide = 270, kHigh = 116, kLeft = 54, kTop = 20, kRight = 8, kBottom = 20;
 constexpr double kPlotW = kWide - kLeft - kRight, kPlotH = kHigh - kTop - kBottom;
 

@@ -69,7 +69,7 @@ endfunction()
 
 # rigor_quick_to_compile(NAME): several files at a time, with precompiled headers, where the build's options say so.
 function(rigor_quick_to_compile NAME)
-  set_target_properties(${NAME} PROPERTIES UNITY_BUILD ${RIGOR_UNITY} UNITY_BUILD_BATCH_SIZE 6)
+  set_target_properties(${NAME} PROPERTIES UNITY_BUILD ${RIGOR_UNITY} UNITY_BUILD_BATCH_SIZE 12)
   if(RIGOR_PRECOMPILED)
     target_precompile_headers(${NAME} REUSE_FROM rigor_headers)
   endif()

@@ -6,11 +6,17 @@
 #include <time.h>
 
 #include <atomic>
+#include <chrono>
 #include <cstdint>
 
 #include "rt-core/time.h"
 
 namespace rigor {
+
+/// Milliseconds from `begin` until now. Any thread.
+[[nodiscard]] inline double ms_since(std::chrono::steady_clock::time_point begin) noexcept {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+}
 
 /// Written by one thread at a time, read by any.
 struct StageTime {

@@ -89,18 +89,17 @@ check_includes() {
 # Tests labelled `kernel` are the kernel lane's.
 lane_release() { ctest_lane release release --label-exclude '^kernel$'; }
 
-# Timing limits mean nothing where every access is instrumented: tests labelled `timing` run in the release lane alone.
 lane_asan-ubsan() {
   export ASAN_OPTIONS=detect_stack_use_after_return=1:strict_string_checks=1
   export LSAN_OPTIONS=suppressions=$PWD/tests/lsan.supp:print_suppressions=0
   export UBSAN_OPTIONS=print_stacktrace=1
-  ctest_lane asan-ubsan asan-ubsan --label-exclude '^(timing|kernel)$'
+  ctest_lane asan-ubsan asan-ubsan --label-exclude '^kernel$'
 }
 
 lane_tsan() {
   export TSAN_OPTIONS=suppressions=$PWD/tests/tsan.supp:second_deadlock_stack=1
   # Tests labelled `one-thread` are long and have nothing for this sanitizer to see.
-  ctest_lane tsan tsan --label-exclude '^(timing|kernel|one-thread)$'
+  ctest_lane tsan tsan --label-exclude '^(kernel|one-thread)$'
 }
 
 lane_fuzz() {

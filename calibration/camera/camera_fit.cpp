@@ -10,12 +10,12 @@
 #include "calibration/camera/view_cost.h"
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
+#include "rt-core/numbers.h"
 
 namespace rigor::calibration {
 namespace {
 
 constexpr double kFar = 1e6;  // of a corner that has no image
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr const char* kNames[kCameraParameters] = {"fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2",
                                                    "p1",    "p2",    "k3",    "k4",    "k5", "k6"};
 
@@ -55,7 +55,6 @@ double resolution_of(LensModel m, int i, double focal_px, int width_px, int heig
   return limit / (focal_px * std::pow(r, kPower[i - 4]));
 }
 
-using Pose = std::array<double, 6>;
 struct State {
   CameraParameters camera{};
   std::vector<Pose> poses;

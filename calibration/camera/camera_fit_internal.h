@@ -10,6 +10,17 @@
 
 namespace rigor::calibration {
 
+/// Angle-axis, then translation: the numbers of a pose that a solver moves.
+using Pose = std::array<double, 6>;
+
+[[nodiscard]] inline Eigen::Isometry3d transform_of(const Pose& pose) {
+  const Eigen::Vector3d turn(pose[0], pose[1], pose[2]);
+  Eigen::Isometry3d t = Eigen::Isometry3d::Identity();
+  if (turn.norm() > 0) t.linear() = Eigen::AngleAxisd(turn.norm(), turn.normalized()).toRotationMatrix();
+  t.translation() = Eigen::Vector3d(pose[3], pose[4], pose[5]);
+  return t;
+}
+
 using CameraParameters = std::array<double, kCameraParameters>;
 
 [[nodiscard]] inline CameraParameters camera_parameters(const CameraModel& m) {

@@ -9,9 +9,7 @@
 #include "calibration/core/held_parameters.h"
 
 namespace rigor::calibration {
-namespace {
-using Pose = std::array<double, 6>;
-}
+namespace {}
 
 Result<CameraFit> fit_chromatic(const std::vector<ColourViews>& views, const CameraFitOptions& options) {
   std::vector<BoardView> green;

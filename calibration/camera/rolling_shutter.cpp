@@ -13,7 +13,6 @@
 namespace rigor::calibration {
 namespace {
 
-using Pose = std::array<double, 6>;
 constexpr const char* kLineTime = "line_time_s";
 constexpr std::size_t kLongest = 60;      // views in a run: beyond it a new one begins, for the memory
 constexpr double kLargestTurn_rad = 1.0;  // between neighbours: a board that was counted from its other end
@@ -21,13 +20,6 @@ constexpr double kLargestTurn_rad = 1.0;  // between neighbours: a board that wa
 Eigen::Vector3d turn_of(const Eigen::Isometry3d& t) {
   const Eigen::AngleAxisd turn(t.rotation());
   return turn.angle() * turn.axis();
-}
-Eigen::Isometry3d transform_of(const Pose& p) {
-  const Eigen::Vector3d turn(p[0], p[1], p[2]);
-  Eigen::Isometry3d t = Eigen::Isometry3d::Identity();
-  if (turn.norm() > 0) t.linear() = Eigen::AngleAxisd(turn.norm(), turn.normalized()).toRotationMatrix();
-  t.translation() = Eigen::Vector3d(p[3], p[4], p[5]);
-  return t;
 }
 
 /// Views in the order of time that follow each other closely enough.

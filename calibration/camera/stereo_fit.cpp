@@ -13,15 +13,6 @@
 namespace rigor::calibration {
 namespace {
 
-using Pose = std::array<double, 6>;
-
-Eigen::Isometry3d transform_of(const Pose& pose) {
-  const Eigen::Vector3d turn(pose[0], pose[1], pose[2]);
-  Eigen::Isometry3d t = Eigen::Isometry3d::Identity();
-  if (turn.norm() > 0) t.linear() = Eigen::AngleAxisd(turn.norm(), turn.normalized()).toRotationMatrix();
-  t.translation() = Eigen::Vector3d(pose[3], pose[4], pose[5]);
-  return t;
-}
 Pose pose_of(const Eigen::Isometry3d& t) {
   const Eigen::AngleAxisd turn(t.rotation());
   const Eigen::Vector3d w = turn.angle() * turn.axis(), p = t.translation();

@@ -12,6 +12,12 @@ struct Series {
   bool line = false;  ///< joined; else points
 };
 
+/// Of metres.
+[[nodiscard]] inline std::vector<double> in_mm(std::vector<double> v) {
+  for (double& x : v) x *= 1e3;
+  return v;
+}
+
 struct Figure {
   enum class Kind : std::uint8_t {
     series,     ///< `series` over axes

@@ -6,13 +6,13 @@
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
 #include "calibration/lidar/bias_problem.h"
+#include "rt-core/numbers.h"
 
 namespace rigor::calibration {
 namespace {
 
 using namespace lidar;
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 std::string name_of(const char* base, int i) { return std::string(base) + "[" + std::to_string(i) + "]"; }

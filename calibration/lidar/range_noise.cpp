@@ -11,6 +11,7 @@
 #include "calibration/core/model_choice.h"
 #include "calibration/lidar/noise_likelihood.h"
 #include "calibration/lidar/rounded_values.h"
+#include "rt-core/numbers.h"
 #include "sensor-hal/models/lidar/lidar_math.h"
 
 namespace rigor::calibration {
@@ -20,7 +21,6 @@ using namespace lidar;
 
 using Eigen::Index;
 using Eigen::MatrixXd;
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kOutlier = 4.5;  ///< a shot beyond this many sigmas is not noise
 
 /// Quantile of χ²/dof (Wilson & Hilferty 1931); z of the normal distribution.
@@ -29,9 +29,9 @@ double chi_square_quantile(double dof, double z) {
   return t > 0 ? t * t * t : 0;
 }
 
-class Fit {
+class RangeNoiseFit {
  public:
-  Fit(const LidarReturns& returns, const models::LidarModel& sheet, const NoiseFitOptions& options)
+  RangeNoiseFit(const LidarReturns& returns, const models::LidarModel& sheet, const NoiseFitOptions& options)
       : r_(returns), sheet_(sheet), o_(options), step_m_(sheet.range.step_m) {}
 
   Result<NoiseFit> run() {
@@ -504,7 +504,7 @@ double NoiseModel::sigma_m(double remission) const {
 
 Result<NoiseFit> fit_range_noise(const LidarReturns& returns, const models::LidarModel& sheet,
                                  const NoiseFitOptions& options) {
-  return Fit(returns, sheet, options).run();
+  return RangeNoiseFit(returns, sheet, options).run();
 }
 
 }  // namespace rigor::calibration

@@ -4,10 +4,10 @@
 #include <cmath>
 #include <limits>
 
+#include "rt-core/numbers.h"
+
 namespace rigor::calibration {
 namespace {
-
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 double quantile(const std::vector<double>& sorted, double q) {
   if (sorted.empty()) return kNaN;

@@ -10,6 +10,7 @@
 #include "calibration/core/held_parameters.h"
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
+#include "rt-core/numbers.h"
 #include "sensor-hal/models/one_source.h"
 
 namespace rigor::calibration {
@@ -18,7 +19,6 @@ namespace {
 enum : std::size_t { kScale, kCos4, kA2, kA4, kA6, kDu, kDv, kCount };
 constexpr const char* kNames[kCount] = {"scale", "cos4_weight",  "a2",          "a4",
                                         "a6",    "centre_du_px", "centre_dv_px"};
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 bool fits(ShadingModel m, std::size_t i) {
   switch (i) {

@@ -10,11 +10,11 @@
 #include "calibration/core/decompositions.h"
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
+#include "rt-core/numbers.h"
 
 namespace rigor::calibration {
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kLog2Pi = 1.8378770664093453;
 
 struct Model {

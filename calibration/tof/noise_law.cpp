@@ -9,11 +9,10 @@
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
 #include "calibration/tof/chi_squared.h"
+#include "rt-core/numbers.h"
 
 namespace rigor::calibration {
 namespace {
-
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 int coefficients_of(NoiseLaw law) {
   switch (law) {

@@ -12,11 +12,10 @@
 #include "calibration/core/model_choice.h"
 #include "calibration/tof/chi_squared.h"
 #include "calibration/tof/range_problem.h"
+#include "rt-core/numbers.h"
 
 namespace rigor::calibration {
 namespace {
-
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 /// Standard deviation of values whose own variances are known: maximum likelihood for independent normal
 /// values of variance s² + v, by Newton's method; and its uncertainty.

@@ -8,13 +8,10 @@
 #include "calibration/core/decompositions.h"
 #include "calibration/tof/range_problem.h"
 #include "calibration/tof/wiggling.h"
+#include "rt-core/numbers.h"
 
 namespace rigor::calibration {
-namespace {
-
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-
-}  // namespace
+namespace {}  // namespace
 
 double RangeProblem::withheld_error_m(const RangeModel& m, const RangeState& state, std::size_t k,
                                       std::size_t stride) const {

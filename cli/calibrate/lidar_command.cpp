@@ -144,11 +144,6 @@ SheetRecipe recipe_of(const LidarFit& fit) {
   return r;
 }
 
-std::vector<double> in_mm(std::vector<double> v) {
-  for (double& x : v) x *= 1e3;
-  return v;
-}
-
 /// Counts of the twin in the bars that the histogram of the device has.
 Series twin_curve(const std::vector<double>& device, const std::vector<double>& twin) {
   std::vector<double> v = device;

@@ -57,11 +57,6 @@ Figure against_twin(std::vector<double> real, std::vector<double> twin) {
   return f;
 }
 
-std::vector<double> in_mm(std::vector<double> v) {
-  for (double& x : v) x *= 1e3;
-  return v;
-}
-
 double scale_of(const std::vector<double>& real, const std::vector<double>& twin) {
   return twin.empty() ? 1 : static_cast<double>(real.size()) / static_cast<double>(twin.size());
 }

@@ -11,11 +11,10 @@
 #include <sstream>
 
 #include "cli/calibrate/recording_input.h"
+#include "rt-core/numbers.h"
 
 namespace rigor {
 namespace {
-
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 std::vector<std::string> split(const std::string& line, char separator) {
   std::vector<std::string> parts;

@@ -6,11 +6,10 @@
 #include <set>
 
 #include "drivers/can/signal_codec.h"
+#include "rt-core/numbers.h"
 
 namespace rigor::can {
 namespace {
-
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 Duration read_ms(const ConfigNode& n, std::string_view key, double fallback_ms, Range range) {
   return seconds_from(n.number_or(key, fallback_ms, range) * 1e-3);

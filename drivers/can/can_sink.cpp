@@ -13,7 +13,7 @@ constexpr std::size_t kRingPlaces = 256;
 /// How long a command may wait in the ring before the thread looks: the loop does not wake it, a system call
 /// on the loop's side would cost more than this costs here.
 constexpr Duration kTick = microseconds(500);
-constexpr Duration kLook = milliseconds(20);
+constexpr Duration kLookAtBus = milliseconds(20);
 
 }  // namespace
 
@@ -184,7 +184,7 @@ void CanSink::drop_all() {
 }
 
 void CanSink::look_at_link() {
-  next_look_ = monotonic_now() + kLook;
+  next_look_ = monotonic_now() + kLookAtBus;
   if (link_is_up_) {
     // The kernel sends without us; that it cannot is told to the sockets alone.
     if (const int error = bcm_.pending_error(); error != 0) failed(error);

@@ -6,11 +6,11 @@
 #include <set>
 
 #include "drivers/can/signal_codec.h"
+#include "rt-core/numbers.h"
 
 namespace rigor::can {
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr std::size_t kMostTurns = 256;
 
 std::vector<std::uint64_t> values_in_turn(const Message& m, int multiplexor) {

@@ -5,12 +5,6 @@
 namespace rigor {
 namespace {
 
-std::string joined(const std::vector<std::string>& words) {
-  std::string out;
-  for (const std::string& w : words) out += (out.empty() ? "" : ", ") + w;
-  return out.empty() ? "none" : out;
-}
-
 std::string or_nearest(const std::string& word, const std::vector<std::string>& all) {
   const std::string near = nearest(word, all);
   return "got " + word + (near.empty() ? "" : "; did you mean '" + near + "'?");
@@ -44,7 +38,8 @@ Status FaultBench::bind(const std::vector<InputPort>& ports) {
       const auto port =
           std::find_if(ports.begin(), ports.end(), [&](const auto& p) { return p.name == t.channel; });
       if (port == ports.end())
-        return refuse("channel", "expected one of " + joined(names) + ", " + or_nearest(t.channel, names));
+        return refuse("channel",
+                      "expected one of " + joined_or_none(names) + ", " + or_nearest(t.channel, names));
       fault->trigger_port = port->port;
       if (t.when == FaultTrigger::When::late || t.when == FaultTrigger::When::lost) continue;
       std::vector<std::string> values;
@@ -53,7 +48,8 @@ Status FaultBench::bind(const std::vector<InputPort>& ports) {
           values.push_back(c.name);
       const auto value = std::find(values.begin(), values.end(), t.value);
       if (value == values.end())
-        return refuse("value", "expected one of " + joined(values) + ", " + or_nearest(t.value, values));
+        return refuse("value",
+                      "expected one of " + joined_or_none(values) + ", " + or_nearest(t.value, values));
       fault->trigger_component = static_cast<int>(value - values.begin());
     }
   return {};
@@ -66,7 +62,7 @@ Result<const FaultBench::Entry*> FaultBench::find(const std::string& name) const
     names.push_back(e.name);
   }
   return fail(ErrorCode::bad_input, "channel",
-              "expected one of " + joined(names) + ", " + or_nearest(name, names));
+              "expected one of " + joined_or_none(names) + ", " + or_nearest(name, names));
 }
 
 Result<std::uint32_t> FaultBench::inject(const std::string& name, const ConfigNode& node) {

@@ -13,12 +13,6 @@ constexpr std::array<std::string_view, kFaultKinds> kNames{
     "drop",  "burst_loss", "delay",     "jitter",     "stuck",      "bias",       "drift",        "noise",
     "spike", "corrupt",    "timestamp", "clock_skew", "clock_step", "disconnect", "slow_consumer"};
 
-std::string joined(const std::vector<std::string>& words) {
-  std::string out;
-  for (const std::string& w : words) out += (out.empty() ? "" : ", ") + w;
-  return out;
-}
-
 /// As YAML in one line; maps and scalars are all that faults are made of.
 std::string flow_text(const ConfigNode& n) {
   std::string out;
@@ -77,14 +71,14 @@ FaultKind read_kind(const ConfigNode& n, const FaultSubject& subject) {
   const auto at = std::find(all.begin(), all.end(), word);
   if (at == all.end()) {
     const std::string near = nearest(word, all);
-    throw n.error("kind", "expected one of " + joined(fitting) + ", got " + word +
+    throw n.error("kind", "expected one of " + joined_or_none(fitting) + ", got " + word +
                               (near.empty() ? "" : "; did you mean '" + near + "'?"));
   }
   const auto kind = static_cast<FaultKind>(at - all.begin());
   if (!fits(kind, subject))
     throw n.error("kind", "expected a fault that " + subject.channel +
                               (subject.is_sink ? ", which takes commands," : "") + " can have: one of " +
-                              joined(fitting) + "; got " + word);
+                              joined_or_none(fitting) + "; got " + word);
   return kind;
 }
 

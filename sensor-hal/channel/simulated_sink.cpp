@@ -9,12 +9,6 @@ constexpr std::size_t kRingPlaces = 256;
 /// How often the thread looks: also how far behind the model may be, of which others ask where it is.
 constexpr Duration kTick = milliseconds(2);
 
-std::string joined(const std::vector<std::string>& names) {
-  std::string out;
-  for (const auto& name : names) out += (out.empty() ? "" : ", ") + name;
-  return out.empty() ? "none" : out;
-}
-
 }  // namespace
 
 SimulatedSink::~SimulatedSink() {
@@ -39,8 +33,8 @@ Status SimulatedSink::do_configure(const ChannelConfig& config) {
     const std::string name = item.as_text();
     const std::size_t i = find(name);
     if (i == model_->signals().size())
-      throw item.error(
-          "", "expected a signal that the device can be told (" + joined(known) + "), got \"" + name + "\"");
+      throw item.error("", "expected a signal that the device can be told (" + joined_or_none(known) +
+                               "), got \"" + name + "\"");
     signals_.push_back(i);
     description_.names.push_back(name);
     description_.units.push_back(model_->signals()[i].unit);
@@ -52,7 +46,7 @@ Status SimulatedSink::do_configure(const ChannelConfig& config) {
     for (const std::string& name : safe.keys()) {
       const std::size_t i = find(name);
       if (i == model_->signals().size())
-        throw safe.error(name, "expected a signal that the device can be told (" + joined(known) +
+        throw safe.error(name, "expected a signal that the device can be told (" + joined_or_none(known) +
                                    "), got \"" + name + "\"");
       safe_.emplace_back(i, safe.number(name));
     }

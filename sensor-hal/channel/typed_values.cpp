@@ -5,11 +5,12 @@
 #include <limits>
 #include <numbers>
 
+#include "rt-core/numbers.h"
+
 namespace rigor {
 namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180;
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 constexpr ValueName kPose[] = {{"x_m", "m"},        {"y_m", "m"},         {"z_m", "m"},
                                {"roll_deg", "deg"}, {"pitch_deg", "deg"}, {"yaw_deg", "deg"}};

@@ -141,5 +141,7 @@ template <class F>
 
 /// The candidate nearest to `word` by edit distance, or empty when none is near.
 [[nodiscard]] std::string nearest(std::string_view word, const std::vector<std::string>& candidates);
+/// The words, with commas between them; `none` where there are none.
+[[nodiscard]] std::string joined_or_none(const std::vector<std::string>& words);
 
 }  // namespace rigor

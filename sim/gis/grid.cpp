@@ -8,13 +8,14 @@
 #include <limits>
 #include <thread>
 
+#include "rt-core/numbers.h"
+
 namespace rigor::gis {
 namespace {
 
 using world::Vector3;
 
 constexpr double kEarth_m = 6'371'000;
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr std::int64_t kChunkRows =
     16;  // what comes out does not depend on the number of threads, only on this
 

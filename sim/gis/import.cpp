@@ -7,6 +7,7 @@
 #include <limits>
 #include <map>
 
+#include "rt-core/numbers.h"
 #include "sim/gis/cover.h"
 #include "sim/gis/draft.h"
 #include "sim/gis/frame.h"
@@ -24,7 +25,6 @@ namespace {
 using Kind = ImportSource::Kind;
 using world::Numbers;
 using world::Value;
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 Raster::Use use_of(Kind kind) {
   return kind == Kind::elevation ? Raster::Use::elevation

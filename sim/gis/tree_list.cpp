@@ -9,6 +9,7 @@
 #include <map>
 #include <unordered_map>
 
+#include "rt-core/numbers.h"
 #include "sim/gis/csv.h"
 #include "sim/gis/gdal_support.h"
 #include "sim/world/semantic_types.h"
@@ -17,7 +18,6 @@ namespace rigor::gis {
 namespace {
 
 using world::Value;
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 std::optional<std::size_t> first_of(const CsvTable& t, std::initializer_list<std::string_view> names) {
   for (const auto name : names)

@@ -9,6 +9,7 @@
 #include <optional>
 #include <string>
 
+#include "rt-core/stage_time.h"
 #include "sim/render/device_impl.h"
 #include "sim/render/frame_geometry.h"
 #include "sim/render/pipelines.h"
@@ -22,10 +23,6 @@ constexpr int kCylinderSegments = 64;
 constexpr std::uint32_t kNoOffset = 0;
 
 using Clock = std::chrono::steady_clock;
-double ms_since(Clock::time_point t0) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - t0).count();
-}
-
 template <class T>
 void upload(const vk::Buffer& buffer, const std::vector<T>& data) {
   if (!data.empty()) std::memcpy(buffer.data, data.data(), data.size() * sizeof(T));

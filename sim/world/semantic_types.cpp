@@ -2,11 +2,12 @@
 
 #include <array>
 
+#include "rt-core/numbers.h"
+
 namespace rigor::world {
 namespace {
 
 constexpr double kInf = std::numeric_limits<double>::infinity();
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 AttributeSpec text(std::string name, std::string value, std::string meaning,
                    std::vector<std::string> choices = {}) {

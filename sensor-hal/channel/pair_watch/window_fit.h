@@ -14,10 +14,11 @@
 #include <string>
 #include <vector>
 
+#include "rt-core/numbers.h"
+
 namespace rigor::pair_watch {
 
 inline constexpr std::size_t kMaxParameters = 40;
-inline constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 /// Of the real device against its twin: the change that is watched for.
 struct Parameter {

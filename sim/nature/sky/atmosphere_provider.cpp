@@ -39,12 +39,6 @@ struct AirState {
   double sun_azimuth_deg = 180, sun_elevation_deg = 45;
 };
 
-std::vector<NodeId> by_id(const Snapshot& world, world::TypeId type) {
-  auto nodes = world.nodes(type);
-  std::sort(nodes.begin(), nodes.end());
-  return nodes;
-}
-
 AirState read_air(const Snapshot& world, NodeId node, std::vector<std::string>& warnings) {
   const world::types::Atmosphere a(world.schema());
   const auto any = [&](world::Attribute<double> x) { return world.get_or_default(node, x); };
@@ -145,10 +139,10 @@ void AtmosphereProvider::read(const Snapshot& world) {
   studio_.reset();
   std::vector<NodeId> airs, studios, places, series;
   const auto& schema = world.schema();
-  if (const auto t = schema.find_type("Atmosphere")) airs = by_id(world, *t);
-  if (const auto t = schema.find_type("StudioLight")) studios = by_id(world, *t);
-  if (const auto t = schema.find_type("Place")) places = by_id(world, *t);
-  if (const auto t = schema.find_type("WeatherSeries")) series = by_id(world, *t);
+  if (const auto t = schema.find_type("Atmosphere")) airs = nodes_by_id(world, *t);
+  if (const auto t = schema.find_type("StudioLight")) studios = nodes_by_id(world, *t);
+  if (const auto t = schema.find_type("Place")) places = nodes_by_id(world, *t);
+  if (const auto t = schema.find_type("WeatherSeries")) series = nodes_by_id(world, *t);
   const auto several = [&](const std::vector<NodeId>& nodes, const std::string& what) {
     if (nodes.size() > 1)
       warnings_.push_back("the world has " + std::to_string(nodes.size()) + " nodes of " + what +

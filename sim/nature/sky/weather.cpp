@@ -11,12 +11,6 @@ namespace {
 
 using world::NodeId;
 
-std::vector<NodeId> by_id(const world::Snapshot& world, world::TypeId type) {
-  auto nodes = world.nodes(type);
-  std::sort(nodes.begin(), nodes.end());
-  return nodes;
-}
-
 bool is_column(const world::Schema& schema, world::TypeId atmosphere, const std::string& name) {
   if (name == "utc_s") return false;
   const auto a = schema.find_attribute(atmosphere, name);
@@ -28,8 +22,8 @@ Status write_weather(world::Transaction& tx) {
   const auto world = tx.view();
   const world::types::Atmosphere a(world.schema());
   const world::types::WeatherSeries w(world.schema());
-  const auto atmospheres = by_id(world, a.type);
-  for (const NodeId series : by_id(world, w.type)) {
+  const auto atmospheres = nodes_by_id(world, a.type);
+  for (const NodeId series : nodes_by_id(world, w.type)) {
     const auto table = WeatherTable::of(world, series);
     if (!table) return tl::unexpected(table.error());
     if (atmospheres.empty() || table->row_count() == 0) continue;
@@ -42,6 +36,12 @@ Status write_weather(world::Transaction& tx) {
 }
 
 }  // namespace
+
+std::vector<NodeId> nodes_by_id(const world::Snapshot& world, world::TypeId type) {
+  auto nodes = world.nodes(type);
+  std::sort(nodes.begin(), nodes.end());
+  return nodes;
+}
 
 Result<WeatherTable> WeatherTable::of(const world::Snapshot& world, NodeId series) {
   const world::types::WeatherSeries w(world.schema());

@@ -10,6 +10,9 @@
 
 namespace rigor::nature {
 
+/// The nodes of a type, in the order of their identifiers.
+[[nodiscard]] std::vector<world::NodeId> nodes_by_id(const world::Snapshot& world, world::TypeId type);
+
 /// A series as it is read: names and rows of one time and one value per name, times rising.
 struct WeatherTable {
   std::vector<std::string> columns;

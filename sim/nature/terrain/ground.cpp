@@ -2,10 +2,11 @@
 
 #include <limits>
 
+#include "rt-core/numbers.h"
+
 namespace rigor::nature {
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 /// The ground may stand this much above a sheet of water and still count as its bed: error of elevation data.
 constexpr double kBedAbove_m = 0.5;
 /// Where the heights of water cells differ by more than this, the water is no lake.

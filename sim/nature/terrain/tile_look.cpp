@@ -100,9 +100,9 @@ struct Channel {
   double missing;
 };
 
-class Painter {
+class TilePainter {
  public:
-  Painter(const HeightTree& tree, const RasterPlaces& places)
+  TilePainter(const HeightTree& tree, const RasterPlaces& places)
       : slopes_(kSlopes * kSlopes),
         tree_(tree),
         places_(places),
@@ -218,7 +218,7 @@ std::shared_ptr<render::Surface> tile_surface(const HeightTree& tree, const Tree
   const double size = std::ldexp(1.0, node.m), x0 = f.x(static_cast<double>(node.i) * size),
                y0 = f.y(static_cast<double>(node.j) * size);
   const RasterPlaces places{x0, y0, size * f.spacing_m / (kTileTexels - 1), kTileTexels};
-  Painter painter(tree, places);
+  TilePainter painter(tree, places);
   const auto texture = [] {
     auto t = std::make_shared<render::Texture>();
     t->width = t->height = kTileTexels;

@@ -10,6 +10,7 @@
 #include <unordered_map>
 #include <unordered_set>
 
+#include "rt-core/stage_time.h"
 #include "sim/render/rays/embree_engine_impl.h"
 #include "sim/render/rays/embree_placement.h"
 #include "sim/world/semantic_types.h"
@@ -19,10 +20,6 @@ namespace {
 
 constexpr double kCell_m = 256;
 constexpr std::size_t kCells = 2;  ///< scenes that are kept: a sensor at a cell's edge goes to and fro
-
-double ms_since(std::chrono::steady_clock::time_point t) {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - t).count();
-}
 
 Eigen::Vector3d cell_of(const Eigen::Vector3d& p) {
   return {std::round(p.x() / kCell_m) * kCell_m, std::round(p.y() / kCell_m) * kCell_m,

@@ -1,12 +1,10 @@
 #include "sim/render/rays/light_chunk.h"
 
 #include <cmath>
-#include <numbers>
 
 namespace rigor::render::light {
 namespace {
 
-constexpr float kPi = std::numbers::pi_v<float>;
 /// Second word of the draws' counters: nobody else's effect.
 constexpr std::uint32_t kSkyDraws = 0x4C490001U, kSunDraws = 0x4C490002U;
 /// What a lamp adds is not asked for shadows where it is less than this share of the light that is there.

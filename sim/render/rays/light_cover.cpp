@@ -11,7 +11,7 @@ namespace rigor::render::light {
 namespace {
 
 // Numbers of the view engine: shadow_cascades.h, view_renderer.cpp, view_frame.cpp, light.glsl.
-constexpr int kSide = 1024;
+constexpr int kCoverSide = 1024;
 constexpr double kTexel_m = 0.25;
 constexpr float kPerM = static_cast<float>(1 / kTexel_m);
 constexpr float kRise_m = 0.3F, kOff_m = 0.15F;
@@ -22,7 +22,7 @@ constexpr float kAbove_m = 1500;
 constexpr float kNothing_m = -1e6F;
 
 std::size_t place(std::int64_t x, std::int64_t y) {
-  return static_cast<std::size_t>((y & (kSide - 1)) * kSide + (x & (kSide - 1)));
+  return static_cast<std::size_t>((y & (kCoverSide - 1)) * kCoverSide + (x & (kCoverSide - 1)));
 }
 
 bool has_leaves(const Prototype& p) {
@@ -49,9 +49,11 @@ SkyCover::Area SkyCover::area_of(const Eigen::AlignedBox3d& box) {
 
 void SkyCover::update(const RayScene& scene, const ContentFrame& frame, const Eigen::Vector3d& eye,
                       tbb::task_arena& arena) {
-  const auto first = [](double v) { return static_cast<std::int64_t>(std::floor(v / kTexel_m)) - kSide / 2; };
+  const auto first = [](double v) {
+    return static_cast<std::int64_t>(std::floor(v / kTexel_m)) - kCoverSide / 2;
+  };
   const std::int64_t x0 = first(eye.x()), y0 = first(eye.y());
-  const Area map{x0, y0, x0 + kSide, y0 + kSide};
+  const Area map{x0, y0, x0 + kCoverSide, y0 + kCoverSide};
   to_texel_x_ = static_cast<float>(scene.origin().x() / kTexel_m - static_cast<double>(x0));
   to_texel_y_ = static_cast<float>(scene.origin().y() / kTexel_m - static_cast<double>(y0));
   origin_z_ = static_cast<float>(scene.origin().z());
@@ -69,13 +71,13 @@ void SkyCover::update(const RayScene& scene, const ContentFrame& frame, const Ei
   std::vector<Area> stale;
   const bool same = now == casters_;
   if (!filled_) {
-    top_m_.assign(std::size_t{kSide} * kSide, kNothing_m);
+    top_m_.assign(std::size_t{kCoverSide} * kCoverSide, kNothing_m);
     stale.push_back(map);
   } else {
     if (x0 != x0_ || y0 != y0_) {
       // What came into the map on either side.
-      const std::int64_t dx = std::clamp<std::int64_t>(x0 - x0_, -kSide, kSide);
-      const std::int64_t dy = std::clamp<std::int64_t>(y0 - y0_, -kSide, kSide);
+      const std::int64_t dx = std::clamp<std::int64_t>(x0 - x0_, -kCoverSide, kCoverSide);
+      const std::int64_t dy = std::clamp<std::int64_t>(y0 - y0_, -kCoverSide, kCoverSide);
       if (dx != 0)
         stale.push_back(dx > 0 ? Area{map.x1 - dx, map.y0, map.x1, map.y1}
                                : Area{map.x0, map.y0, map.x0 - dx, map.y1});
@@ -112,7 +114,7 @@ void SkyCover::update(const RayScene& scene, const ContentFrame& frame, const Ei
     if (part.x1 <= part.x0 || part.y1 <= part.y0) continue;
     shoot(scene, part, arena);
     shot = true;
-    if (part.x1 - part.x0 == kSide && part.y1 - part.y0 == kSide) break;  // all of it
+    if (part.x1 - part.x0 == kCoverSide && part.y1 - part.y0 == kCoverSide) break;  // all of it
   }
   if (!shot) return;
   float low = std::numeric_limits<float>::infinity(), high = -low;
@@ -169,7 +171,7 @@ float SkyCover::seen(Vec3 p, Vec3 n, bool sided) const noexcept {
   // Off a wall, whose own top would else cover it.
   const float off = sided ? 2.0F * static_cast<float>(kTexel_m) : 0.0F;
   const float u = (p.x + n.x * off) * kPerM + to_texel_x_, v = (p.y + n.y * off) * kPerM + to_texel_y_;
-  const float inside = std::min(std::min(u, v), kSide - std::max(u, v)) * (1.0F / kSide);
+  const float inside = std::min(std::min(u, v), kCoverSide - std::max(u, v)) * (1.0F / kCoverSide);
   const float known = std::clamp(inside * 10.0F, 0.0F, 1.0F);
   if (!(known > 0)) return 1;
   const float z = p.z + origin_z_ + kOff_m;
@@ -181,8 +183,8 @@ float SkyCover::seen(Vec3 p, Vec3 n, bool sided) const noexcept {
     const float own = sided ? std::max(-(n.x * x + n.y * y) * steep, 0.0F) : 0.0F;
     float horizon = own;
     for (const float r : kRadii) {
-      const int i = std::clamp(static_cast<int>(u + x * r * kPerM), 0, kSide - 1);
-      const int j = std::clamp(static_cast<int>(v + y * r * kPerM), 0, kSide - 1);
+      const int i = std::clamp(static_cast<int>(u + x * r * kPerM), 0, kCoverSide - 1);
+      const int j = std::clamp(static_cast<int>(v + y * r * kPerM), 0, kCoverSide - 1);
       horizon = std::max(horizon, (top_m_[place(x0_ + i, y0_ + j)] - z) / r);
     }
     open += 1.0F / (1.0F + horizon * horizon);

@@ -4,12 +4,10 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <numbers>
 
 namespace rigor::render::light {
 namespace {
 
-constexpr float kPi = std::numbers::pi_v<float>;
 /// Reflectance of settled snow, as the view engine has it (Warren 1982, Wiscombe and Warren 1980).
 constexpr Spectrum kSnowReflectance{0.92F, 0.93F, 0.94F, 0.87F, 0.83F, 0.12F};
 constexpr double kNoisePeriod_m = 1024;

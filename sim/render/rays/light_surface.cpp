@@ -69,7 +69,7 @@ Picture half(const Picture& a, bool weigh) {
   return b;
 }
 
-bool usable(const std::shared_ptr<const Texture>& t) {
+bool has_pixels(const std::shared_ptr<const Texture>& t) {
   return t && t->width > 0 && t->height > 0 && t->width <= 32768 && t->height <= 32768 &&
          t->rgba.size() >= std::size_t{t->width} * t->height * 4;
 }
@@ -204,7 +204,7 @@ LightSurfaces::LightSurfaces() {
 }
 
 const MipMap* LightSurfaces::map(const std::shared_ptr<const Texture>& t, bool weigh) {
-  if (!usable(t)) return nullptr;
+  if (!has_pixels(t)) return nullptr;
   KeptMap& kept = maps_[2 * t->serial + (weigh ? 1 : 0)];
   if (!kept.map) kept.map = std::make_unique<MipMap>(*t, weigh);
   kept.last_seen = round_;
@@ -248,7 +248,7 @@ void LightSurfaces::add(const std::shared_ptr<const Surface>& s) {
   for (const auto& [t, weigh] :
        {std::pair{&s->colour_map, s->alpha_cutoff > 0}, std::pair{&s->near_infrared_map, false},
         std::pair{&s->normal_map, false}, std::pair{&s->gloss_map, false}})
-    if (usable(*t)) maps_.at(2 * (*t)->serial + (weigh ? 1 : 0)).last_seen = round_;
+    if (has_pixels(*t)) maps_.at(2 * (*t)->serial + (weigh ? 1 : 0)).last_seen = round_;
 }
 
 void LightSurfaces::update(const ContentWindow& window, const std::array<int, 4>& bands) {

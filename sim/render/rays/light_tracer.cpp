@@ -8,6 +8,7 @@
 #include <list>
 #include <numbers>
 
+#include "rt-core/stage_time.h"
 #include "sim/render/rays/embree_engine_impl.h"
 #include "sim/render/rays/light_chunk.h"
 
@@ -36,10 +37,6 @@ struct LightTracer::Impl {
 namespace {
 
 constexpr std::size_t kSkiesKept = 4;
-
-double ms_since(std::chrono::steady_clock::time_point begun) {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begun).count();
-}
 
 Status check(const LightQuery& q, std::size_t samples) {
   const auto bad = [](const char* where, const std::string& message) {

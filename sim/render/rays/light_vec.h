@@ -3,8 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 namespace rigor::render::light {
+
+inline constexpr float kPi = std::numbers::pi_v<float>;
 
 /// A value in each of four bands: one register.
 using Bands4 = float __attribute__((vector_size(16)));

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 
+#include "rt-core/stage_time.h"
 #include "sim/render/view/draw_context.h"
 #include "sim/render/view/range_sampler.h"
 #include "sim/render/view/view_frame.h"
@@ -12,10 +13,6 @@ namespace rigor::render {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-double ms_since(Clock::time_point t0) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - t0).count();
-}
-
 /// Of a range view: three pictures of it take 400 megabytes.
 constexpr int kLargestSide_px = 2048;
 /// A direction may be off unit length by this much, squared: twice 1 %.

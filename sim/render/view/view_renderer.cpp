@@ -6,6 +6,7 @@
 #include <cstring>
 #include <utility>
 
+#include "rt-core/stage_time.h"
 #include "sim/render/view/culling.h"
 #include "sim/render/view/draw_context.h"
 #include "sim/render/view/impostors.h"
@@ -21,10 +22,6 @@ constexpr double kCasterReach_m = 120;
 constexpr double kCoverRise_m = 0.3;
 
 using Clock = std::chrono::steady_clock;
-double ms_since(Clock::time_point t0) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - t0).count();
-}
-
 /// As shaders/view/octahedron.glsl packs it.
 Eigen::Vector3f unpacked_direction(std::uint32_t bits) {
   const auto part = [&](int shift) {
