@@ -31,8 +31,6 @@ if(RIGOR_SANITIZE)
   target_link_options(rigor_options INTERFACE -fsanitize=${RIGOR_SANITIZE})
 endif()
 if(RIGOR_FUZZ)
-  # Libraries and tests share one build with the fuzz harnesses; without this a fuzzer does not see which branches are taken.
-  target_compile_options(rigor_options INTERFACE -fsanitize=fuzzer-no-link)
   target_link_options(rigor_options INTERFACE -fsanitize=fuzzer-no-link)
 endif()
 
@@ -64,11 +62,15 @@ function(rigor_library NAME)
   target_link_libraries(${NAME} PUBLIC rigor_options ${ARG_LINKS} PRIVATE ${ARG_PRIVATE_LINKS})
   set_target_properties(${NAME} PROPERTIES POSITION_INDEPENDENT_CODE ON)
   set_source_files_properties(${ARG_APART} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
-  rigor_quick_to_compile(${NAME})
+  rigor_compile_options(${NAME})
 endfunction()
 
-# rigor_quick_to_compile(NAME): several files at a time, with precompiled headers, where the build's options say so.
-function(rigor_quick_to_compile NAME)
+# rigor_compile_options(NAME): how a library is compiled: several files at a time and with precompiled headers, where the
+# build's options say so; beside fuzz harnesses so that these see which branches are taken.
+function(rigor_compile_options NAME)
+  if(RIGOR_FUZZ)
+    target_compile_options(${NAME} PRIVATE -fsanitize=fuzzer-no-link)
+  endif()
   set_target_properties(${NAME} PROPERTIES UNITY_BUILD ${RIGOR_UNITY} UNITY_BUILD_BATCH_SIZE 12)
   if(RIGOR_PRECOMPILED)
     target_precompile_headers(${NAME} REUSE_FROM rigor_headers)

@@ -8,7 +8,9 @@
 #include <type_traits>
 #include <utility>
 
-#if defined(__SANITIZE_THREAD__)
+#include "rt-core/sanitizers.h"
+
+#if defined(RIGOR_THREAD_SANITIZER)
 #include <sanitizer/tsan_interface.h>
 #endif
 
@@ -53,12 +55,12 @@ class SpscRing {
   // The queue publishes with fences, which ThreadSanitizer does not see: it is told of the order that they
   // give, or everything that is handed over through a ring would look like a race.
   void announce() noexcept {
-#if defined(__SANITIZE_THREAD__)
+#if defined(RIGOR_THREAD_SANITIZER)
     __tsan_release(this);
 #endif
   }
   bool observe() noexcept {
-#if defined(__SANITIZE_THREAD__)
+#if defined(RIGOR_THREAD_SANITIZER)
     __tsan_acquire(this);
 #endif
     return true;

@@ -5,13 +5,14 @@
 #include <vector>
 
 #include "rt-core/pool.h"
+#include "rt-core/sanitizers.h"
 #include "rt-core/spsc_ring.h"
 
 namespace rigor {
 namespace {
 
 // Under ThreadSanitizer each step costs some ten times more.
-#if defined(__SANITIZE_THREAD__)
+#if defined(RIGOR_THREAD_SANITIZER)
 constexpr int kRounds = 20'000;
 #else
 constexpr int kRounds = 200'000;

@@ -1,5 +1,6 @@
 #include "rt-core/realtime_setup.h"
 #include "rt-core/affinity.h"
+#include "rt-core/sanitizers.h"
 
 #include <gtest/gtest.h>
 #include <sched.h>
@@ -50,7 +51,7 @@ TEST(RealtimeSetup, WhatItSaysIsWhatTheKernelSays) {
 
     const RealtimeSetting* lock = find(setup.settings(), "memory lock");
     ASSERT_TRUE(lock && lock->wanted);
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // these make mlockall do nothing
+#if !defined(RIGOR_ADDRESS_SANITIZER) && !defined(RIGOR_THREAD_SANITIZER)  // these make mlockall do nothing
     EXPECT_EQ(lock->granted, locked_kib() > 0);
 #endif
 

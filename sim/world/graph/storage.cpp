@@ -5,6 +5,7 @@
 #include <new>
 #include <type_traits>
 
+#include "rt-core/sanitizers.h"
 #include "sim/world/graph/same.h"
 #include "sim/world/graph/space_index.h"
 
@@ -104,7 +105,7 @@ Memory::~Memory() {
 }
 
 namespace {
-#if defined(__SANITIZE_ADDRESS__)
+#if defined(RIGOR_ADDRESS_SANITIZER)
 constexpr bool kPools = false;  // so that the sanitizer sees each stored node's end
 #else
 constexpr bool kPools = true;

@@ -25,6 +25,7 @@
 #include <vector>
 
 #include "rt-core/result.h"
+#include "rt-core/sanitizers.h"
 #include "sim/world/graph/database.h"
 
 namespace rigor::world {
@@ -104,9 +105,9 @@ class Plugins {
 
 #define RIGOR_WORLD_TEXT_(x) #x
 #define RIGOR_WORLD_TEXT(x) RIGOR_WORLD_TEXT_(x)
-#if defined(__SANITIZE_ADDRESS__)
+#if defined(RIGOR_ADDRESS_SANITIZER)
 #define RIGOR_WORLD_SANITIZER "address"
-#elif defined(__SANITIZE_THREAD__)
+#elif defined(RIGOR_THREAD_SANITIZER)
 #define RIGOR_WORLD_SANITIZER "thread"
 #elif defined(__has_feature)
 #if __has_feature(address_sanitizer)

@@ -35,12 +35,13 @@ TEST(UvcControl, LaysOutTheProbeAsTheKernelDoes) {
   uvc_streaming_control k;
   static_assert(sizeof k == kControlBytes11);
   std::memcpy(&k, b.data(), sizeof k);
-  EXPECT_EQ(k.bmHint, 0x0102);
+  // The struct is packed: + copies a field, which a reference could not be bound to.
+  EXPECT_EQ(+k.bmHint, 0x0102);
   EXPECT_EQ(k.bFormatIndex, 3);
   EXPECT_EQ(k.bFrameIndex, 4);
-  EXPECT_EQ(k.dwFrameInterval, 333333u);
-  EXPECT_EQ(k.dwMaxVideoFrameSize, 614400u);
-  EXPECT_EQ(k.dwMaxPayloadTransferSize, 3072u);
+  EXPECT_EQ(+k.dwFrameInterval, 333333u);
+  EXPECT_EQ(+k.dwMaxVideoFrameSize, 614400u);
+  EXPECT_EQ(+k.dwMaxPayloadTransferSize, 3072u);
   EXPECT_EQ(decode(b)->max_frame_bytes, 614400u);
   EXPECT_FALSE(decode(std::span(b).first(25)));
 }

@@ -8,6 +8,7 @@
 #include <fstream>
 #include <map>
 
+#include "rt-core/sanitizers.h"
 #include "sensor-hal/channel/replay_source.h"
 #include "sensor-hal/record/mcap_reader.h"
 #include "sensor-hal/record/recorder.h"
@@ -552,7 +553,7 @@ TEST(Recorder, FailsTheRunForADropWhereThatIsAsked) {
   EXPECT_EQ(s.error().exit_status(), 1);
 }
 
-#if !defined(__SANITIZE_THREAD__)  // it cannot follow threads of a forked process
+#if !defined(RIGOR_THREAD_SANITIZER)  // it cannot follow threads of a forked process
 TEST(Recorder, SaysAtOnceWhenTheDiskIsFullAndKeepsWhatIsThere) {
   test::TemporaryDirectory directory;
   const std::string path = directory.file("full.mcap");

@@ -7,6 +7,7 @@
 #include <limits>
 #include <random>
 
+#include "rt-core/sanitizers.h"
 #include "tests/sim/world/graph/model.h"
 
 namespace rigor::world {
@@ -377,10 +378,10 @@ class Play {
 class GraphModel : public testing::TestWithParam<std::uint32_t> {};
 
 // Under a sanitizer a step takes twenty times as long; the thread sanitizer has one thread to watch here.
-#if defined(__SANITIZE_THREAD__)
+#if defined(RIGOR_THREAD_SANITIZER)
 constexpr int kSteps = 300;
 constexpr std::uint32_t kSeeds = 1;
-#elif defined(__SANITIZE_ADDRESS__)
+#elif defined(RIGOR_ADDRESS_SANITIZER)
 constexpr int kSteps = 300;
 constexpr std::uint32_t kSeeds = 3;
 #else
