@@ -1,5 +1,6 @@
-// Eigen's decompositions of matrices of any size, compiled once (decompositions.cpp): each file that would instantiate one for
-// itself takes seconds longer to compile. Include this wherever one of them is used in calibration.
+// Eigen's decompositions of matrices of any size, compiled once (decompositions.cpp): each file that would
+// instantiate one for itself takes seconds longer to compile. Include this wherever one of them is used in
+// calibration.
 #pragma once
 
 #include <Eigen/Cholesky>
