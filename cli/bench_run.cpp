@@ -60,7 +60,7 @@ BenchRun::BenchRun(RunParts& parts, Trace* trace)
 
 BenchRun::~BenchRun() { (void)stop(); }
 
-Status BenchRun::arm() {
+Status BenchRun::arm(StopToken stop) {
   const bool virtual_time = parts_.rig.clock == ClockKind::virtual_time;
   heartbeat_.restart(virtual_time);
   for (auto& channel : parts_.channels)
@@ -86,7 +86,7 @@ Status BenchRun::arm() {
   if (auto s = step("application", {"inputs", "capture"}, &BenchRun::application); !s) return s;
   if (auto s = step("outputs", {"application"}, &BenchRun::outputs); !s) return s;
 
-  if (auto s = arm_channels(); !s) return s;
+  if (auto s = arm_channels(stop); !s) return s;
   digest_ = std::make_unique<SeenDigest>(virtual_time);
   const auto cycles = static_cast<std::uint64_t>(parts_.rig.duration / parts_.rig.loop.period);
   note_every_ = std::max<std::uint64_t>(
@@ -95,22 +95,30 @@ Status BenchRun::arm() {
   return executive_.arm();
 }
 
-Status BenchRun::arm_channels() {
+Status BenchRun::arm_channels(StopToken stop) {
   const ArmContext context{.virtual_time = parts_.rig.clock == ClockKind::virtual_time,
                            .loop_period = parts_.rig.loop.period};
-  for (auto& sink : parts_.sinks)
+  const auto interrupted = [&] {
+    return fail(ErrorCode::unavailable, parts_.rig.name,
+                "interrupted while the channels were being armed; the devices are in their safe state");
+  };
+  for (auto& sink : parts_.sinks) {
+    if (stop.stop_requested()) return interrupted();
     if (auto s = sink->sink->arm(context); !s) return s;
-  for (auto& channel : parts_.channels)
+  }
+  for (auto& channel : parts_.channels) {
+    if (stop.stop_requested()) return interrupted();
     if (auto s = channel->source->arm(context); !s) return s;
+  }
   return {};
 }
 
-Status BenchRun::arm_again() {
+Status BenchRun::arm_again(StopToken stop) {
   auto stopped = stop_channels();
   recorder_ = nullptr;
   if (!stopped) return stopped;
   heartbeat_.restart(parts_.rig.clock == ClockKind::virtual_time);
-  return arm_channels();
+  return arm_channels(stop);
 }
 
 std::vector<std::string> BenchRun::warnings() const {
@@ -326,7 +334,8 @@ void BenchRun::outputs(const CycleContext& cycle) noexcept {
     }
   if (!recorder_) return;
   recorder_->end_cycle(cycle.index, cycle.t);
-  if (recorder_->failed()) executive_.fail_run();  // a run that was to be recorded is over when it cannot be
+  // A run that was to be recorded is over when it cannot be.
+  if (recorder_->failed()) executive_.fail_run(StopReason::recording);
 }
 
 }  // namespace rigor

@@ -112,8 +112,8 @@ class BenchRun final : private ExecutiveHooks {
   BenchRun(RunParts& parts, Trace* trace);
   ~BenchRun() override;
 
-  /// Configures ports and application, arms channels and the loop.
-  [[nodiscard]] Status arm();
+  /// Configures ports and application, arms channels and the loop. unavailable: `stop` said so meanwhile.
+  [[nodiscard]] Status arm(StopToken stop = {});
   /// What the channels found when they were armed.
   [[nodiscard]] std::vector<std::string> warnings() const;
   /// Between arm and run; null: nothing is recorded.
@@ -131,7 +131,7 @@ class BenchRun final : private ExecutiveHooks {
   [[nodiscard]] bool started_late() const { return started_late_; }
   /// After such a run: stops the channels and arms them anew, for another `run` with a later t0. The recorder
   /// is forgotten: its t0 was the old one.
-  [[nodiscard]] Status arm_again();
+  [[nodiscard]] Status arm_again(StopToken stop = {});
   /// Stops every channel; the first error is returned, all are stopped.
   [[nodiscard]] Status stop();
 
@@ -140,7 +140,7 @@ class BenchRun final : private ExecutiveHooks {
   [[nodiscard]] Executive& executive() { return executive_; }
 
  private:
-  [[nodiscard]] Status arm_channels();
+  [[nodiscard]] Status arm_channels(StopToken stop);
   [[nodiscard]] Status stop_channels();
   void before_cycle(BenchTime t) override;
   void cycle_begin(const CycleContext& cycle) noexcept override;

@@ -30,6 +30,7 @@ struct RunOptions {
   std::filesystem::path faults_from;  ///< a recording whose live faults come again; empty: none
   bool no_emulators = false;
   bool no_control = false;
+  bool force = false;  ///< replace what is there
   LiveOptions live;
   bool json = false;
 };
@@ -38,6 +39,7 @@ struct ReplayOptions {
   std::vector<std::string> overrides;
   std::filesystem::path record, report;
   LiveOptions live;
+  bool force = false;  ///< replace what is there
   bool json = false;
 };
 struct EmulateOptions {
@@ -59,17 +61,20 @@ struct SenseOptions {
   std::vector<std::string> only;  ///< effects
   bool difference = false;        ///< of a range image to the same without effects
   std::string engine;             ///< "", "rays", "vulkan"
+  bool force = false;             ///< replace what is there
   bool json = false;
 };
 struct TuneOptions {
   std::filesystem::path rig;
   std::vector<std::string> overrides;
+  bool force = false;  ///< replace what is there
   bool json = false;
 };
 struct InspectOptions {
   std::filesystem::path file;
   bool repair = false;
   std::filesystem::path output;  ///< of the repair
+  bool force = false;            ///< replace what is there
   bool json = false;
 };
 struct LocalizationOptions {
@@ -78,6 +83,7 @@ struct LocalizationOptions {
   double after_s = 1;
   std::filesystem::path map;     ///< stems to draw; empty: none
   std::filesystem::path report;  ///< empty: none
+  bool force = false;            ///< replace what is there
   bool json = false;
 };
 struct WorldRenderOptions {
@@ -97,6 +103,7 @@ struct WorldRenderOptions {
   bool plain = false;             ///< ground and imagery alone
   std::string engine = "vulkan";  ///< vulkan | rays
   std::string device;             ///< part of the Vulkan device's name
+  bool force = false;             ///< replace what is there
   bool json = false;
 };
 struct FaultOptions {

@@ -17,6 +17,7 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "cli/terminal.h"
 #include "sensor-hal/config/yaml.h"
 
 namespace rigor {
@@ -329,7 +330,7 @@ Result<json> ask_bench(const std::string& name_or_pid, const json& request, Pati
     asked = ask_once(fits.front()->socket, line, patience.each);
     if (!asked.reply.empty() || asked.gone) break;
     if (i < patience.times) {
-      fmt::print(stderr, "rigor: {}: {}; asking again\n", where, asked.why);
+      say("rigor: {}: {}; asking again\n", where, asked.why);
       std::this_thread::sleep_for(std::chrono::milliseconds(100));
     }
   }

@@ -14,6 +14,8 @@
 #include <thread>
 #include <utility>
 
+#include "cli/terminal.h"
+
 namespace rigor {
 namespace {
 
@@ -73,7 +75,7 @@ Result<EmulatorProcess> EmulatorProcess::start(const std::filesystem::path& rig,
     if (waited > std::chrono::nanoseconds(patience.ns())) break;
     if (ready == 0 && !told && waited > kTellAfter) {
       told = true;
-      std::fputs("rigor: the rig's emulators are still coming up\n", stderr);
+      say("rigor: the rig's emulators are still coming up\n");
     }
   }
   const ssize_t got = ready > 0 ? read(fds[0], &byte, 1) : -1;

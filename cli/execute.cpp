@@ -95,6 +95,13 @@ std::vector<DrawnStem> stems_of(const RigConfig& rig) {
   return stems;
 }
 
+Status write_trace(const Trace& trace, const ExecuteOptions& options) {
+  if (options.existing == Existing::keep)
+    if (const auto kept = keep_earlier(options.trace); !kept) return tl::unexpected<Error>(kept.error());
+  return write_output(options.trace,
+                      [&](const std::filesystem::path& part) { return trace.write(part.string()); });
+}
+
 }  // namespace
 
 int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
@@ -105,9 +112,10 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
 
   BenchRun run(parts, trace ? &*trace : nullptr);
   if (options.ran) run.set_cycle_filter(options.ran);
-  if (auto s = run.arm(); !s) return report_error(s.error(), options.json);
+  const CrashGuard guard(run.heartbeat());
+  if (auto s = run.arm(stop); !s) return report_error(s.error(), options.json);
   std::vector<std::string> warnings = run.warnings();
-  for (const std::string& w : warnings) fmt::print(stderr, "rigor: warning: {}\n", w);
+  for (const std::string& w : warnings) say("rigor: warning: {}\n", w);
   const EpochPair epoch = options.epoch ? *options.epoch : virtual_time ? kVirtualEpoch : read_epoch();
   const std::string engine = assembly.simulation ? assembly.simulation->engine() : "";
   ControlCommands commands;
@@ -129,17 +137,27 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
       warnings.push_back("no `rigor fault` for this run: " + opened.error().text());
   }
   BenchTime t0;
+  std::optional<RecordingFile> file;
+  if (!parts.rig.record.file.empty()) {
+    auto made = RecordingFile::create(parts.rig.record.file, options.existing);
+    if (!made) return report_error(made.error(), options.json);
+    file.emplace(std::move(*made));
+  }
   std::unique_ptr<Recorder> recorder;
   Result<RunOutcome> outcome = fail(ErrorCode::internal, "run", "did not run");
   // All channels are started with the grid of a t0 that lies ahead. How long that takes is known afterwards:
   // where t0 has passed by then, they are started once more, with more time.
   for (Duration lead = seconds(1);; lead = lead * 4) {
     t0 = options.t0 ? *options.t0 : virtual_time ? BenchTime(0) : bench_now() + lead;
-    auto opened = [&] {
+    auto opened = [&]() -> Result<std::unique_ptr<Recorder>> {
+      if (!file) return std::unique_ptr<Recorder>{};
       const AvoidCpu rest(virtual_time ? -1 : loop_cpu(run.executive().config().realtime));
-      return open_recording(parts, t0, epoch, {{"engine", engine}});
+      return open_recording(parts, *file, t0, epoch, {{"engine", engine}});
     }();
-    if (!opened) return report_error(opened.error(), options.json);
+    if (!opened) {
+      file->abandon();
+      return report_error(opened.error(), options.json);
+    }
     run.set_recorder(opened->get());
     if (view) view->attach(opened->get(), t0);
     {
@@ -152,7 +170,10 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
       recorder = std::move(*opened);
       break;
     }
-    if (auto s = run.arm_again(); !s) return report_error(s.error(), options.json);
+    if (auto s = run.arm_again(stop); !s) {
+      if (file) file->abandon();
+      return report_error(s.error(), options.json);
+    }
     if (*opened) (void)(*opened)->stop();  // nothing is in it; the next attempt writes the file anew
   }
   view.reset();
@@ -161,7 +182,7 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   // What came up during the run: devices that refused, clocks that did not settle.
   for (std::string& w : run.warnings()) {
     if (std::find(warnings.begin(), warnings.end(), w) != warnings.end()) continue;
-    fmt::print(stderr, "rigor: warning: {}\n", w);
+    say("rigor: warning: {}\n", w);
     warnings.push_back(std::move(w));
   }
   const Status finished = parts.application ? parts.application->finish() : Status{};
@@ -171,7 +192,10 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     if (outcome) recorder->add_closing_metadata({{"seen_sha256", outcome->seen_sha256}});
     recorded = recorder->stop();
   }
-  if (!outcome) return report_error(outcome.error(), options.json);
+  if (!outcome) {
+    if (file) file->abandon();
+    return report_error(outcome.error(), options.json);
+  }
 
   RunContextText text;
   text.engine = engine;
@@ -187,8 +211,9 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
       if (!parts.rig.report.empty()) localization = localization_section(*error, stems_of(parts.rig));
     }
   Status reported;
-  if (!parts.rig.report.empty()) reported = write_report(parts.rig.report, result, parts, localization);
-  if (reported && trace) reported = trace->write(options.trace.string());
+  if (!parts.rig.report.empty())
+    reported = write_report(parts.rig.report, result, parts, localization, options.existing);
+  if (reported && trace) reported = write_trace(*trace, options);
   if (options.json) {
     fmt::print("{}\n", result.dump());
   } else {
@@ -208,7 +233,9 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
        {static_cast<const Status*>(&recorded), static_cast<const Status*>(&reported), &stopped, &finished})
     if (!*s) status = 1, report_error(s->error(), false);
   const StopReason reason = outcome->loop.reason;
-  return reason == StopReason::overrun || reason == StopReason::failed ? 1 : status;
+  const bool aborted =
+      reason == StopReason::overrun || reason == StopReason::failed || reason == StopReason::recording;
+  return aborted ? 1 : status;
 }
 
 }  // namespace rigor

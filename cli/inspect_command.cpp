@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
+#include "cli/output_file.h"
 #include "cli/terminal.h"
 #include "drivers/velodyne/pcap_file.h"
 #include "drivers/velodyne/pcap_report.h"
@@ -123,13 +124,21 @@ int inspect_command(const InspectOptions& options) {
   }
   std::filesystem::path output = options.output;
   if (output.empty()) output = std::filesystem::path(options.file).replace_extension(".repaired.mcap");
-  std::error_code ec;
-  if (std::filesystem::exists(output, ec) && !std::filesystem::equivalent(output, options.file, ec))
-    return report_error({ErrorCode::not_writable, output.string(),
-                         "expected a name that is not taken, a file is there; give another with -o"},
-                        options.json);
-  auto report = record::repair(file, output.string());
-  if (!report) return report_error(report.error(), options.json);
+  InputFiles inputs;
+  inputs.add("the recording that is repaired", options.file);
+  Outputs outputs(std::move(inputs));
+  if (auto s = outputs.add(output, "-o", options.force ? Existing::replace : Existing::refuse); !s)
+    return report_error(s.error(), options.json);
+  Result<record::RepairReport> report = fail(ErrorCode::internal, file, "not repaired");
+  const Status written = write_output(output, [&](const std::filesystem::path& part) -> Status {
+    auto source = record::open_file_source(file);
+    if (!source) return tl::unexpected<Error>(source.error());
+    auto sink = record::open_file_sink(part.string());
+    if (!sink) return tl::unexpected<Error>(sink.error());
+    report = record::repair(std::move(*source), std::move(*sink));
+    return report ? Status{} : Status(tl::unexpected<Error>(report.error()));
+  });
+  if (!written) return report_error(written.error(), options.json);
   if (options.json)
     fmt::print("{}\n", nlohmann::json{{"output", output.string()},
                                       {"was_good", report->was_good},

@@ -5,6 +5,7 @@
 #include "apps/forest-localization/stem_map.h"
 #include "cli/commands.h"
 #include "cli/localization_error.h"
+#include "cli/output_file.h"
 #include "cli/page.h"
 #include "cli/terminal.h"
 
@@ -17,8 +18,13 @@ int localization_command(const LocalizationOptions& options) {
     if (!map) return report_error(map.error(), options.json);
     for (const forest::Stem& s : map->stems()) stems.push_back({s.x_m, s.y_m, s.radius_m});
   }
-  if (!options.report.empty())
-    if (auto s = prepare_report(options.report); !s) return report_error(s.error(), options.json);
+  if (!options.report.empty()) {
+    InputFiles inputs;
+    inputs.add("the recording", options.recording);
+    inputs.add("the map", options.map);
+    if (auto s = Outputs(std::move(inputs)).add_report(options.report); !s)
+      return report_error(s.error(), options.json);
+  }
   const auto error =
       localization_error(options.recording, {options.truth, options.estimate, options.after_s});
   if (!error) return report_error(error.error(), options.json);
@@ -28,7 +34,9 @@ int localization_command(const LocalizationOptions& options) {
         "content=\"width=device-width\"><title>{0} – Rigor</title><style>{1}</style><header><h1>{0}</h1>"
         "</header><main>{2}</main></html>\n",
         html_text(options.recording.filename().string()), kPageStyle, localization_section(*error, stems));
-    if (auto s = write_text_file(options.report / "index.html", page); !s)
+    if (auto s = write_report_files(options.report, {{"index.html", page}},
+                                    options.force ? Existing::replace : Existing::keep);
+        !s)
       return report_error(s.error(), options.json);
   }
   if (options.json) {

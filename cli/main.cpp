@@ -2,8 +2,8 @@
 // once.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cstdio>
 #include <exception>
-#include <iostream>
 #include <string_view>
 #include <vector>
 
@@ -41,9 +41,10 @@ void add_live(CLI::App* app, rigor::LiveOptions& live) {
       ->check(CLI::NonNegativeNumber);
 }
 
-}  // namespace
+constexpr const char* kForce = "Write over a file that is there";
+constexpr const char* kForceKept = "Write over what is there, in place of keeping it under a number";
 
-int main(int argc, char** argv) {
+int command_line(int argc, char** argv) {
   CLI::App app{"Rigor: a hardware-in-the-loop real-time test bench of real and simulated sensors."};
   app.require_subcommand(1);
   app.set_version_flag("--version", RIGOR_VERSION);
@@ -68,6 +69,7 @@ int main(int argc, char** argv) {
       "Recording of a run of this rig: faults that were injected while it went on come again");
   add_live(run_app, run.live);
   run_app->add_flag("--no-control", run.no_control, "Without the socket that `rigor fault` talks to");
+  run_app->add_flag("--force", run.force, kForceKept);
   run_app->add_flag("--json", run.json, "Print the results as JSON");
   add_overrides(run_app, run.overrides);
   run_app->footer("Example: rigor run configs/demo.yaml --duration 10 --record demo.mcap --report report");
@@ -90,6 +92,7 @@ int main(int argc, char** argv) {
   replay_app->add_option("--record", replay.record, "Write an MCAP recording of the replay");
   replay_app->add_option("--report", replay.report, "Write an HTML report into this folder");
   add_live(replay_app, replay.live);
+  replay_app->add_flag("--force", replay.force, kForceKept);
   replay_app->add_flag("--json", replay.json, "Print the results as JSON");
   add_overrides(replay_app, replay.overrides);
   replay_app->footer("Example: rigor replay demo.mcap --record again.mcap");
@@ -122,6 +125,7 @@ int main(int argc, char** argv) {
       ->add_option("-o,--output", sense.output,
                    "out.png, out.exr (images, range images) or out.pcd (point clouds, range images)")
       ->required();
+  sense_app->add_flag("--force", sense.force, kForce);
   sense_app->add_flag("--json", sense.json, "Print what was written as JSON");
   add_overrides(sense_app, sense.overrides);
   sense_app->footer("Example: rigor sense configs/demo.yaml --channel right --at 2 -o right.png");
@@ -130,6 +134,7 @@ int main(int argc, char** argv) {
   auto* tune_app = app.add_subcommand(
       "tune", "Measure engines and their settings for channels with a tolerance; write RIG.lock.yaml");
   tune_app->add_option("RIG", tune.rig, "Rig file")->required();
+  tune_app->add_flag("--force", tune.force, kForceKept);
   tune_app->add_flag("--json", tune.json, "Print what was measured as JSON");
   add_overrides(tune_app, tune.overrides);
   tune_app->footer("Example: rigor tune configs/rigs/measuring-light.yaml");
@@ -169,6 +174,7 @@ int main(int argc, char** argv) {
   inspect_app->add_flag("--repair", inspect.repair, "Make an indexed file of one that was cut short");
   inspect_app->add_option("-o,--output", inspect.output,
                           "Where the repaired file goes (default: FILE.repaired.mcap)");
+  inspect_app->add_flag("--force", inspect.force, kForce);
   inspect_app->add_flag("--json", inspect.json, "Print as JSON");
   inspect_app->footer("Example: rigor inspect demo.mcap --repair -o demo-whole.mcap");
 
@@ -184,6 +190,7 @@ int main(int argc, char** argv) {
       ->check(CLI::NonNegativeNumber);
   localization_app->add_option("--map", localization.map, "Stems to draw: x_m,y_m,diameter_m");
   localization_app->add_option("--report", localization.report, "Write a page with plots into this folder");
+  localization_app->add_flag("--force", localization.force, kForceKept);
   localization_app->add_flag("--json", localization.json, "Print as JSON");
   localization_app->footer("Example: rigor localization report/forest-discs.mcap --report error");
 
@@ -222,7 +229,15 @@ int main(int argc, char** argv) {
     if (*devices_app) return rigor::devices_command(devices);
     return rigor::doctor_command(doctor);
   } catch (const std::exception& e) {
-    std::cerr << "rigor: a defect of Rigor, please report it: " << e.what() << '\n';
+    if (std::ferror(stdout) != 0) return 1;  // it did not take what was printed; finish_stdout says so
+    rigor::say("rigor: a defect of Rigor, please report it: {}\n", e.what());
     return 1;
   }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  rigor::prepare_streams();
+  return rigor::finish_stdout(command_line(argc, argv));
 }

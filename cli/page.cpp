@@ -1,9 +1,5 @@
 #include "cli/page.h"
 
-#include <cerrno>
-#include <cstring>
-#include <fstream>
-
 namespace rigor {
 
 const char* const kPageStyle = R"(
@@ -37,30 +33,6 @@ std::string html_text(const std::string& text) {
       out += c;
   }
   return out;
-}
-Status write_text_file(const std::filesystem::path& file, const std::string& text) {
-  std::ofstream out(file, std::ios::binary);
-  out << text;
-  out.close();
-  if (out) return {};
-  return fail(errno == ENOSPC ? ErrorCode::disk_full : ErrorCode::not_writable, file.string(),
-              std::strerror(errno));
-}
-
-Status prepare_report(const std::filesystem::path& dir) {
-  std::error_code ec;
-  std::filesystem::create_directories(dir, ec);
-  const std::filesystem::path probe = dir / ".rigor-probe";
-  if (!ec) {
-    std::ofstream out(probe);
-    if (out.good()) {
-      out.close();
-      std::filesystem::remove(probe, ec);
-      return {};
-    }
-  }
-  return fail(ErrorCode::not_writable, dir.string(),
-              "expected a folder that can be written for the report; give another with --report");
 }
 
 }  // namespace rigor

@@ -1,10 +1,9 @@
-// Samples as PNG files for people.
-#include <cstdlib>
+// Samples as pictures for people.
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "cli/picture.h"
-#include "cli/report.h"
+#include "cli/picture_file.h"
 
 namespace rigor {
 namespace {
@@ -140,22 +139,29 @@ Result<std::vector<double>> pixel_values(const ImageInfo& info, std::span<const 
   return values;
 }
 
-Status write_picture(const std::filesystem::path& file, const ImageInfo& info,
-                     std::span<const std::byte> bytes) {
+Result<std::string> picture_bytes(const std::string& extension, const ImageInfo& info,
+                                  std::span<const std::byte> bytes) {
   cv::Mat out = shown(info, bytes);
-  if (out.empty()) return too_few(file.string());
-  // OpenEXR keeps the sensor's numbers as they are, in 32-bit float; PNG is for people.
-  const bool exact = file.extension() == ".exr";
-  if (exact) {
-    out.convertTo(out, CV_32F);
-    setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 1);  // Debian's OpenCV has the codec, but asks for this word
+  if (out.empty()) return too_few("picture");
+  if (extension == ".exr") {
+    // OpenEXR keeps the sensor's numbers as they are, in 32-bit float; PNG is for people.
+    const int channels = out.channels();
+    out.convertTo(out, CV_MAKETYPE(CV_32F, channels));
+    if (!out.isContinuous()) out = out.clone();
+    std::vector<ExrPlane> planes;
+    const char* const names[] = {"B", "G", "R"};
+    for (int c = 0; c < channels; ++c)
+      planes.push_back({channels == 1 ? "Y" : names[c], false, out.ptr<float>() + c,
+                        sizeof(float) * static_cast<std::size_t>(channels)});
+    return exr_bytes(static_cast<std::uint32_t>(out.cols), static_cast<std::uint32_t>(out.rows), planes);
   }
+  std::vector<std::uint8_t> file;
   try {
-    if (cv::imwrite(file.string(), out)) return {};
+    if (cv::imencode(".png", out, file)) return std::string(file.begin(), file.end());
   } catch (const cv::Exception& e) {
-    return fail(ErrorCode::not_writable, file.string(), e.what());
+    return fail(ErrorCode::internal, "picture", e.what());
   }
-  return fail(ErrorCode::not_writable, file.string(), "expected a place where a picture can be written");
+  return fail(ErrorCode::internal, "picture", "it cannot be made a PNG");
 }
 
 }  // namespace rigor

@@ -1,13 +1,7 @@
 #include "cli/recording.h"
 
-#include <fcntl.h>
-#include <fmt/format.h>
-#include <unistd.h>
-
 #include <algorithm>
-#include <cerrno>
 #include <charconv>
-#include <cstring>
 
 #include "sensor-hal/channel/pair_monitor.h"
 #include "sensor-hal/channel/slot_wait.h"
@@ -47,19 +41,6 @@ std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry) {
   return info;
 }
 
-Status check_writable(const std::filesystem::path& file) {
-  const bool existed = std::filesystem::exists(file);
-  const int fd = open(file.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644);
-  if (fd < 0)
-    return fail(
-        ErrorCode::not_writable, file.string(),
-        fmt::format("expected a file that can be written for the recording: {}; give another with --record",
-                    std::strerror(errno)));
-  close(fd);
-  if (!existed) std::filesystem::remove(file);
-  return {};
-}
-
 std::map<std::string, std::string> run_metadata(const RunParts& parts, const EpochPair& epoch) {
   const RigConfig& rig = parts.rig;
   std::map<std::string, std::string> m;
@@ -93,10 +74,10 @@ std::size_t lease_budget(const ChannelEntry& entry) {
 
 }  // namespace
 
-Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, BenchTime t0, const EpochPair& epoch,
+Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, const RecordingFile& file, BenchTime t0,
+                                                 const EpochPair& epoch,
                                                  std::map<std::string, std::string> metadata) {
   const RigConfig& rig = parts.rig;
-  if (rig.record.file.empty()) return std::unique_ptr<Recorder>{};
   RecorderOptions options;
   options.virtual_time = rig.clock == ClockKind::virtual_time;
   options.fail_on_drop = rig.record.fail_on_drop;
@@ -125,12 +106,52 @@ Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, BenchTime t0, 
   std::vector<RecordedSink> sinks;
   for (auto& s : parts.sinks) sinks.push_back({s->entry->name, s->sink->describe().names});
   metadata.merge(run_metadata(parts, epoch));
-  auto recorder = Recorder::create(rig.record.file.string(), options, std::move(channels), std::move(sinks),
-                                   std::move(metadata));
+  auto sink = file.sink(options.file);
+  if (!sink) return tl::unexpected<Error>(sink.error());
+  auto recorder =
+      Recorder::create(std::move(*sink), options, std::move(channels), std::move(sinks), std::move(metadata));
   if (!recorder) return recorder;
   for (auto& c : parts.channels)
     if (c->pair) c->pair->observe((*recorder)->observer(c->recorder_id));
   return recorder;
+}
+
+namespace {
+
+std::vector<std::filesystem::path> logs_of(const RigConfig& rig) {
+  std::vector<std::filesystem::path> logs;
+  const auto look = [&](const BackendChoice& choice) {
+    if (choice.backend == "can" && choice.params.has("log")) logs.emplace_back(choice.params.text("log"));
+  };
+  for (const ChannelEntry& c : rig.channels) look(c.source);
+  for (const EmulatorEntry& e : rig.emulators) look(e.emulator);
+  return logs;
+}
+
+}  // namespace
+
+Status prepare_logs(const RigConfig& rig, Existing existing) {
+  for (const auto& log : logs_of(rig)) {
+    std::error_code ec;
+    if (log.has_parent_path()) std::filesystem::create_directories(log.parent_path(), ec);
+    if (ec) return tl::unexpected<Error>(output_error(log, ec.value()));
+    if (existing == Existing::replace) continue;
+    if (const auto kept = keep_earlier(log); !kept) return tl::unexpected<Error>(kept.error());
+  }
+  return {};
+}
+
+Status check_run_outputs(const RigConfig& rig, const std::filesystem::path& trace, InputFiles inputs,
+                         Existing existing, bool replay) {
+  Outputs outputs(std::move(inputs));
+  if (!rig.record.file.empty())
+    if (auto s = outputs.add(rig.record.file, "--record", existing); !s) return s;
+  if (!trace.empty())
+    if (auto s = outputs.add(trace, "--trace", existing); !s) return s;
+  if (!replay)
+    for (const auto& log : logs_of(rig))
+      if (auto s = outputs.add(log, "`log`", existing); !s) return s;
+  return rig.report.empty() ? Status{} : outputs.add_report(rig.report);
 }
 
 Result<RecordedRun> read_recorded_run(const std::filesystem::path& file) {

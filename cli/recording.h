@@ -1,30 +1,62 @@
 // The recording of a run, between the rig's channels and the recorder.
 #pragma once
 
+#include <filesystem>
 #include <map>
 #include <memory>
 #include <optional>
 #include <string>
 
 #include "cli/bench_run.h"
+#include "cli/output_file.h"
 #include "rt-core/epoch.h"
 #include "sensor-hal/record/recorder.h"
 
 namespace rigor {
 
-/// Refuses an output that cannot be written, before anything else is touched. not_writable.
-[[nodiscard]] Status check_writable(const std::filesystem::path& file);
+/// The file of a run's recording: this run's alone (a lock that other runs see), under its own name from the
+/// first byte on, so that it is found when power goes. What had the name before is renamed (Existing::keep)
+/// or replaced at the moment when the new file takes the name. Setup context.
+class RecordingFile {
+ public:
+  /// not_writable: also where another run is writing it. disk_full, io.
+  [[nodiscard]] static Result<RecordingFile> create(const std::filesystem::path& file, Existing existing);
+  RecordingFile(RecordingFile&& o) noexcept;
+  RecordingFile& operator=(RecordingFile&& o) noexcept;
+  ~RecordingFile();
+
+  /// To write it from its beginning; the sink may outlive this object, the lock does not.
+  [[nodiscard]] Result<std::unique_ptr<record::ByteSink>> sink(const record::FileSinkOptions& options) const;
+  /// Nothing came of the run: removes it, and gives an earlier one its name back.
+  void abandon();
+
+ private:
+  RecordingFile() = default;
+  [[nodiscard]] Status take_name(const std::filesystem::path& part, Existing existing);
+
+  std::filesystem::path file_, target_, kept_;
+  int fd_ = -1;
+  bool device_ = false;  ///< /dev/null and its like
+};
 
 /// The lens of a simulated channel (of a pair: of its twin), as ROS has it; empty where the rig names no
 /// sensor.
 [[nodiscard]] std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry);
 
-/// Opens the rig's recording, or gives null where it asks for none. Channels are named to the recorder in the
-/// order of `parts.channels`. `metadata`: what is known of the run beyond its rig. Setup context, after the
-/// channels are configured.
-[[nodiscard]] Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, BenchTime t0,
-                                                               const EpochPair& epoch,
+/// Begins a recording in `file`. Channels are named to the recorder in the order of `parts.channels`.
+/// `metadata`: what is known of the run beyond its rig. Setup context, after the channels are configured.
+[[nodiscard]] Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, const RecordingFile& file,
+                                                               BenchTime t0, const EpochPair& epoch,
                                                                std::map<std::string, std::string> metadata);
+
+/// Before the run: that recording, report, trace and logs can be written and are none of its inputs. Errors
+/// of Outputs::add. A replay writes no logs.
+[[nodiscard]] Status check_run_outputs(const RigConfig& rig, const std::filesystem::path& trace,
+                                       InputFiles inputs, Existing existing, bool replay = false);
+
+/// Logs of CAN buses that the rig has written (`log`). Just before they are: makes their folders, and keeps
+/// earlier ones.
+[[nodiscard]] Status prepare_logs(const RigConfig& rig, Existing existing);
 
 /// What a recording says of the run that made it.
 struct RecordedRun {

@@ -78,15 +78,19 @@ int replay_command(const ReplayOptions& options) {
   auto recorded = read_recorded_run(options.recording);
   if (!recorded) return report_error(recorded.error(), options.json);
   if (recorded->dropped > 0)
-    fmt::print(
-        stderr,
-        "rigor: warning: {}: its recorder had to skip {} samples; what the application saw of them is not "
+    say("rigor: warning: {}: its recorder had to skip {} samples; what the application saw of them is not "
         "there to be seen again\n",
         options.recording.string(), recorded->dropped);
   auto recording = Recording::open(options.recording.string());
   if (!recording) return report_error(recording.error(), options.json);
   auto rig = load(options, *recorded, recorded->cycles > 0 ? recorded->cycles : (*recording)->cycles());
   if (!rig) return report_error(rig.error(), options.json);
+  InputFiles inputs;
+  inputs.add("the recording that is replayed", options.recording);
+  inputs.add_rig(*rig);
+  const Existing existing = options.force ? Existing::replace : Existing::keep;
+  if (auto s = check_run_outputs(*rig, {}, std::move(inputs), existing, true); !s)
+    return report_error(s.error(), options.json);
   auto live = open_live(options.live, *rig);
   if (!live) return report_error(live.error(), options.json);
   StopSource stop;
@@ -129,13 +133,9 @@ int replay_command(const ReplayOptions& options) {
   auto application = make_application(parts.rig);
   if (!application) return report_error(application.error(), options.json);
   parts.application = std::move(*application);
-  if (!parts.rig.record.file.empty())
-    if (auto s = check_writable(parts.rig.record.file); !s) return report_error(s.error(), options.json);
-  if (!parts.rig.report.empty())
-    if (auto s = prepare_report(parts.rig.report); !s) return report_error(s.error(), options.json);
-
   ExecuteOptions how;
   how.json = options.json;
+  how.existing = existing;
   how.live = live->get();
   how.pace = options.live.pace_or_default();
   how.t0 = recorded->t0;

@@ -7,6 +7,7 @@
 #include "cli/fault_report.h"
 #include "cli/page.h"
 #include "cli/pair_report.h"
+#include "cli/picture_file.h"
 #include "cli/svg.h"
 #include "cli/terminal.h"
 
@@ -156,23 +157,25 @@ std::string channel_section(const json& r) {
 }  // namespace
 
 Status write_report(const std::filesystem::path& dir, json& result, const RunParts& parts,
-                    const std::string& localization) {
+                    const std::string& localization, Existing existing) {
+  std::vector<std::pair<std::string, std::string>> files;
   for (std::size_t i = 0; i < parts.channels.size(); ++i) {
     const RunChannel& c = *parts.channels[i];
     const auto add = [&](const SampleLease& sample, const std::string& which) -> Status {
       const auto* image = sample ? sample->as<ImageInfo>() : nullptr;
       if (!image) return {};
-      const std::string name = c.entry->name + "-" + which + ".png";
-      if (auto s = write_picture(dir / name, *image, sample->bytes()); !s) return s;
+      auto picture = picture_bytes(".png", *image, sample->bytes());
+      if (!picture) return tl::unexpected<Error>(picture.error());
+      files.emplace_back(c.entry->name + "-" + which + ".png", std::move(*picture));
       result["channels"][i]["pictures"].push_back(
-          {{"file", name},
+          {{"file", files.back().first},
            {"caption", fmt::format("{} picture, sequence {}", which, sample->stamp.sequence)}});
       return {};
     };
     if (auto s = add(c.first_image, "first"); !s) return s;
     if (auto s = add(c.port.sample(), "last"); !s) return s;
   }
-  if (auto s = write_text_file(dir / "result.json", result.dump(1)); !s) return s;
+  files.emplace_back("result.json", result.dump(1));
 
   std::string page = fmt::format(
       "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" "
@@ -193,7 +196,8 @@ Status write_report(const std::filesystem::path& dir, json& result, const RunPar
       "<h2>What the application saw</h2><p><code>{}</code> (SHA-256 over every visible sample; a replay "
       "prints the same)</p></main></html>\n",
       seen.empty() ? "not known: the digest could not keep up" : seen);
-  return write_text_file(dir / "index.html", page);
+  files.emplace_back("index.html", std::move(page));
+  return write_report_files(dir, files, existing);
 }
 
 }  // namespace rigor

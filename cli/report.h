@@ -6,17 +6,15 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "cli/bench_run.h"
+#include "cli/output_file.h"
 #include "cli/page.h"
 
 namespace rigor {
 
 /// Writes pictures, index.html and result.json into `dir`. Adds to `result` the names of the pictures.
-/// `localization`: HTML of what an application's estimate was worth; empty: none.
+/// `localization`: HTML of what an application's estimate was worth; empty: none. `existing`: what becomes of
+/// an earlier report.
 [[nodiscard]] Status write_report(const std::filesystem::path& dir, nlohmann::json& result,
-                                  const RunParts& parts, const std::string& localization);
-
-/// A sample's image as 8-bit BGR rows for people: demosaicked, unpacked, not stretched. PNG at `file`.
-[[nodiscard]] Status write_picture(const std::filesystem::path& file, const ImageInfo& info,
-                                   std::span<const std::byte> bytes);
+                                  const RunParts& parts, const std::string& localization, Existing existing);
 
 }  // namespace rigor

@@ -41,26 +41,24 @@ int run_command(const RunOptions& options) {
   if (!rig) return report_error(rig.error(), options.json);
   auto live = open_live(options.live, *rig);
   if (!live) return report_error(live.error(), options.json);
-  StopSource stop;
-  SignalStop signals(stop);
-
-  // All that can be refused is refused before a device or a file is touched.
+  // All that can be refused is refused before a device or a file is touched; until then a signal ends the
+  // process at once.
+  InputFiles inputs;
+  inputs.add_rig(*rig);
+  inputs.add("the recording of --faults-from", options.faults_from);
+  const Existing existing = options.force ? Existing::replace : Existing::keep;
+  if (auto s = check_run_outputs(*rig, options.trace, std::move(inputs), existing); !s)
+    return report_error(s.error(), options.json);
   auto assembly = assemble(std::move(*rig), make_registry());
   if (!assembly) return report_error(assembly.error(), options.json);
   if (!options.faults_from.empty())
     if (auto s = schedule_recorded_faults(options.faults_from, *(*assembly)->parts.faults); !s)
       return report_error(s.error(), options.json);
   const RigConfig& checked = (*assembly)->parts.rig;
-  // The report's folder first: the recording may lie in it.
-  const bool had_report = checked.report.empty() || std::filesystem::exists(checked.report);
-  if (!checked.report.empty())
-    if (auto s = prepare_report(checked.report); !s) return report_error(s.error(), options.json);
-  if (!checked.record.file.empty())
-    if (auto s = check_writable(checked.record.file); !s) {
-      if (!had_report) std::filesystem::remove(checked.report);
-      return report_error(s.error(), options.json);
-    }
 
+  StopSource stop;
+  SignalStop signals(stop, SignalStop::Suspend::refuse);
+  if (auto s = prepare_logs(checked, existing); !s) return report_error(s.error(), options.json);
   std::optional<EmulatorProcess> emulators;
   if (checked.clock == ClockKind::wall && checked.start_emulators && !options.no_emulators &&
       !checked.emulators.empty()) {
@@ -70,6 +68,7 @@ int run_command(const RunOptions& options) {
   }
   ExecuteOptions how;
   how.json = options.json;
+  how.existing = existing;
   how.trace = options.trace;
   how.control = !options.no_control;
   how.live = live->get();

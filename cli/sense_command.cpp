@@ -6,13 +6,13 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
 #include "cli/commands.h"
+#include "cli/output_file.h"
 #include "cli/overrides.h"
-#include "cli/report.h"
+#include "cli/picture_file.h"
 #include "cli/sensing/inertial.h"
 #include "cli/sensing/sample_files.h"
 #include "cli/sensing/sample_json.h"
@@ -80,7 +80,7 @@ Status check_options(const SenseOptions& options, SampleKind kind) {
   return {};
 }
 
-Status check_outputs(const SenseOptions& options, SampleKind kind) {
+Status check_outputs(const SenseOptions& options, SampleKind kind, const RigConfig& rig) {
   const std::vector<std::string> endings =
       is_inertial(kind)                 ? std::vector<std::string>{".json"}
       : kind == SampleKind::image       ? std::vector<std::string>{".png", ".exr"}
@@ -94,18 +94,12 @@ Status check_outputs(const SenseOptions& options, SampleKind kind) {
   if (!options.truth.empty() && options.truth.extension() != ".exr")
     return fail(ErrorCode::bad_input, "--truth",
                 "expected a file that ends in .exr, got \"" + options.truth.string() + "\"");
-  if (!options.truth.empty() && std::filesystem::absolute(options.truth).lexically_normal() ==
-                                    std::filesystem::absolute(options.output).lexically_normal())
-    return fail(ErrorCode::bad_input, "--truth",
-                "expected another file than -o, got the same: " + options.truth.string());
-  for (const auto& file : {options.output, options.truth}) {
-    if (file.empty()) continue;
-    std::error_code ec;
-    const auto folder = std::filesystem::absolute(file).parent_path();
-    if (!std::filesystem::is_directory(folder, ec))
-      return fail(ErrorCode::not_writable, file.string(),
-                  "expected a folder that is there, got " + folder.string());
-  }
+  InputFiles inputs;
+  inputs.add_rig(rig);
+  Outputs outputs(std::move(inputs));
+  const Existing existing = options.force ? Existing::replace : Existing::refuse;
+  if (auto s = outputs.add(options.output, "-o", existing); !s) return s;
+  if (!options.truth.empty()) return outputs.add(options.truth, "--truth", existing);
   return {};
 }
 
@@ -193,8 +187,9 @@ class Sensing {
     told["height_px"] = info.height_px;
     told["format"] = pfnc_name(info.format);
     said_ = fmt::format("{}x{} {}", info.width_px, info.height_px, pfnc_name(info.format));
-    return write_whole(options_.output,
-                       [&](const std::filesystem::path& part) { return write_picture(part, info, pixels); });
+    const auto picture = picture_bytes(options_.output.extension().string(), info, pixels);
+    if (!picture) return tl::unexpected<Error>(picture.error());
+    return write_output(options_.output, *picture);
   }
 
   Status inertial(const ConfigNode& params, const SensorOptions& how, nlohmann::json& told) {
@@ -213,13 +208,7 @@ class Sensing {
     }
     told["sample"] = sample_json(sample);
     said_ = told["sample"].dump();
-    return write_whole(options_.output, [&](const std::filesystem::path& part) -> Status {
-      std::ofstream file(part);
-      file << told["sample"].dump(2) << '\n';
-      file.close();
-      if (!file) return fail(ErrorCode::not_writable, part.string(), "cannot write the sample");
-      return {};
-    });
+    return write_output(options_.output, told["sample"].dump(2) + "\n");
   }
 
   Status sampled(const ConfigNode& params, const SensorOptions& how, nlohmann::json& told) {
@@ -300,7 +289,7 @@ int sense_command(const SenseOptions& options) {
   if (!target) return report_error(target.error(), options.json);
   if (auto s = check_options(options, (*target)->entry->kind); !s)
     return report_error(s.error(), options.json);
-  if (auto s = check_outputs(options, (*target)->entry->kind); !s)
+  if (auto s = check_outputs(options, (*target)->entry->kind, (*target)->rig); !s)
     return report_error(s.error(), options.json);
   auto simulation = Simulation::open((*target)->rig.simulation);
   if (!simulation) return report_error(simulation.error(), options.json);

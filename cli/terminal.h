@@ -1,15 +1,30 @@
 // How the commands speak: errors on stderr, results on stdout, a live line only where there is a terminal.
 #pragma once
 
-#include <chrono>
-#include <string>
+#include <fmt/core.h>
 
+#include <chrono>
 #include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <string_view>
+#include <utility>
 
 #include "rt-core/result.h"
 #include "rt-core/time.h"
 
 namespace rigor {
+
+/// Text for stderr. What cannot be written there (its terminal has gone away) is lost, and the work goes on.
+void write_stderr(std::string_view text) noexcept;
+template <class... Values>
+void say(fmt::format_string<Values...> format, Values&&... values) {
+  write_stderr(fmt::format(format, std::forward<Values>(values)...));
+}
+/// First thing in main: streams that are closed get /dev/null, so that no file of ours takes their numbers,
+/// and writing where nobody reads is an error, not a signal.
+void prepare_streams();
+/// Last thing in main: 1 and a sentence where stdout did not take what was printed, else `status`.
+[[nodiscard]] int finish_stdout(int status);
 
 /// Prints `rigor: message` (or `{"error": …}` on stdout with --json) and returns the exit status that belongs
 /// to it.

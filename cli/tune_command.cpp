@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
+#include "cli/output_file.h"
 #include "cli/overrides.h"
 #include "cli/terminal.h"
 #include "cli/tune/engine_choices.h"
@@ -53,6 +54,13 @@ int tune_command(const TuneOptions& options) {
     return report_error(
         {ErrorCode::bad_input, options.rig.string(), "expected `simulation.world`, found none"},
         options.json);
+  const auto file = lock_path(rig->file);
+  InputFiles inputs;
+  inputs.add_rig(*rig);
+  Outputs outputs(std::move(inputs));
+  const Existing existing = options.force ? Existing::replace : Existing::keep;
+  if (auto s = outputs.add(file, "RIG, which names it", existing); !s)
+    return report_error(s.error(), options.json);
   auto simulation = Simulation::open(rig->simulation);
   if (!simulation) return report_error(simulation.error(), options.json);
 
@@ -91,10 +99,12 @@ int tune_command(const TuneOptions& options) {
   }
   line.done();
   lock.gpu = (*simulation)->engine();
-  const auto file = lock_path(rig->file);
   told["lock"] = status == 0 ? file.string() : "";
-  if (status == 0)
+  if (status == 0) {
+    if (existing == Existing::keep)
+      if (const auto kept = keep_earlier(file); !kept) return report_error(kept.error(), options.json);
     if (auto s = save_lock(file, lock); !s) return report_error(s.error(), options.json);
+  }
   if (options.json)
     fmt::print("{}\n", told.dump());
   else

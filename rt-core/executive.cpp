@@ -200,7 +200,7 @@ Result<RunSummary> Executive::run(StopToken stop, BenchTime t0) {
   }
   s.t0 = t0;
   s.period = config_.period;
-  failed_.store(false, std::memory_order_relaxed);
+  failed_.store(StopReason::none, std::memory_order_relaxed);
   for (auto* c :
        {&counters_.cycle, &counters_.run, &counters_.skipped, &counters_.overruns, &counters_.misses})
     c->store(0);
@@ -276,7 +276,8 @@ void Executive::loop_wall(StopToken stop, LoopData& data) noexcept {
   bool behind = false;  // policy `log`: a late cycle follows without a pause
 
   const auto stop_now = [&] {
-    s.reason = failed_.load(std::memory_order_acquire) ? StopReason::failed : stop.reason();
+    s.reason = failed_.load(std::memory_order_acquire);
+    if (s.reason == StopReason::none) s.reason = stop.reason();
     return s.reason != StopReason::none;
   };
 
@@ -405,7 +406,8 @@ void Executive::loop_virtual(StopToken stop, LoopData& data) {
   const std::uint64_t last =
       config_.cycles > 0 ? config_.cycles : std::numeric_limits<std::uint64_t>::max() / 2;
   for (std::uint64_t k = 0;; ++k) {
-    s.reason = failed_.load(std::memory_order_acquire) ? StopReason::failed : stop.reason();
+    s.reason = failed_.load(std::memory_order_acquire);
+    if (s.reason == StopReason::none) s.reason = stop.reason();
     if (s.reason == StopReason::none && k >= last) s.reason = StopReason::finished;
     if (s.reason != StopReason::none) return;
     CycleContext cycle;

@@ -172,9 +172,11 @@ class Executive {
   /// Setup, armed → configuring; memory is unlocked, steps stay.
   Status disarm();
 
-  /// A step or hook found that the run cannot go on: the loop stops at the end of this cycle. Any thread,
-  /// wait-free.
-  void fail_run() noexcept { failed_.store(true, std::memory_order_release); }
+  /// A step or hook found that the run cannot go on: the loop stops at the end of this cycle with this
+  /// reason. Any thread, wait-free.
+  void fail_run(StopReason reason = StopReason::failed) noexcept {
+    failed_.store(reason, std::memory_order_release);
+  }
 
   [[nodiscard]] State state() const noexcept { return state_.load(std::memory_order_acquire); }
   [[nodiscard]] const ExecutiveConfig& config() const noexcept { return config_; }
@@ -209,7 +211,7 @@ class Executive {
   std::unique_ptr<LoopData> data_;
   RealtimeSetup realtime_;
   LoopCounters counters_;
-  std::atomic<bool> failed_{false};
+  std::atomic<StopReason> failed_{StopReason::none};
 };
 
 }  // namespace rigor

@@ -62,8 +62,12 @@ struct CalibrationProduct {
   std::vector<std::string> notes{};                ///< what follows from it beyond the sheet
 };
 
-/// Before the work: outputs can be written, nothing is overwritten by accident. not_writable, bad_input.
-[[nodiscard]] Status check_outputs(const CalibrateOptions& options);
+/// Before the work: outputs can be written, nothing is overwritten by accident, and none of them is an input
+/// (`more_inputs`, `more_outputs`: of the subcommand's own; empty ones do not count). not_writable,
+/// bad_input.
+[[nodiscard]] Status check_outputs(const CalibrateOptions& options,
+                                   const std::vector<std::filesystem::path>& more_inputs = {},
+                                   const std::vector<std::filesystem::path>& more_outputs = {});
 /// Writes sheet and report, prints the table or the JSON. Exit status: 1 for an interrupted fit, whose best
 /// so far is written and marked.
 [[nodiscard]] int finish_calibration(const CalibrateOptions& options, CalibrationProduct product);

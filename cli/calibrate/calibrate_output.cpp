@@ -1,6 +1,5 @@
 #include <fmt/format.h>
 #include <openssl/evp.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -11,6 +10,7 @@
 
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/figure_svg.h"
+#include "cli/output_file.h"
 #include "cli/page.h"
 
 namespace rigor {
@@ -182,22 +182,26 @@ Result<std::vector<std::filesystem::path>> input_files(const std::vector<std::fi
   return files;
 }
 
-Status check_outputs(const CalibrateOptions& options) {
+Status check_outputs(const CalibrateOptions& options, const std::vector<std::filesystem::path>& more_inputs,
+                     const std::vector<std::filesystem::path>& more_outputs) {
   std::error_code ec;
-  if (!options.output.empty()) {
-    if (std::filesystem::exists(options.output, ec) && !options.force)
-      return fail(ErrorCode::not_writable, options.output.string(),
-                  "expected a name that is not taken, a file is there; give another with -o, or --force");
-    const auto folder =
-        options.output.has_parent_path() ? options.output.parent_path() : std::filesystem::path(".");
-    if (!std::filesystem::is_directory(folder, ec) || access(folder.c_str(), W_OK) != 0)
-      return fail(ErrorCode::not_writable, options.output.string(),
-                  "expected a folder that exists and can be written, got " + folder.string());
+  InputFiles inputs;
+  for (const auto& input : options.inputs) {
+    inputs.add("an input of the calibration", input);
+    for (const auto& entry : std::filesystem::directory_iterator(input, ec))
+      inputs.add("an input of the calibration", entry.path());
   }
+  for (const auto& input : more_inputs) inputs.add("an input of the calibration", input);
+  inputs.add("the sheet of --base", options.base);
+  Outputs outputs(std::move(inputs));
+  const Existing existing = options.force ? Existing::replace : Existing::refuse;
+  if (!options.output.empty())
+    if (auto s = outputs.add(options.output, "-o", existing); !s) return s;
+  for (const auto& output : more_outputs)
+    if (auto s = outputs.add(output, "-o", existing); !s) return s;
   if (!options.base.empty() && !std::filesystem::is_regular_file(options.base, ec))
     return fail(ErrorCode::not_found, options.base.string(), "expected a sheet (--base), got no such file");
-  if (!options.report.empty()) return prepare_report(options.report);
-  return {};
+  return options.report.empty() ? Status{} : outputs.add_report(options.report);
 }
 
 int finish_calibration(const CalibrateOptions& options, CalibrationProduct product) {
@@ -215,23 +219,14 @@ int finish_calibration(const CalibrateOptions& options, CalibrationProduct produ
     for (const auto& file : product.inputs) hashes.push_back({file.filename().string(), sha256_of(file)});
     const auto sheet = sheet_yaml(product.recipe, product.fit, hashes);
     if (!sheet) return report_error(sheet.error(), options.json);
-    // First beside it, then in its place: a full disk costs nothing that was there.
-    const std::filesystem::path part = options.output.string() + ".part";
-    if (auto s = write_text_file(part, *sheet); !s) {
-      std::error_code ec;
-      std::filesystem::remove(part, ec);
-      return report_error(s.error(), options.json);
-    }
-    std::error_code ec;
-    std::filesystem::rename(part, options.output, ec);
-    if (ec)
-      return report_error({ErrorCode::not_writable, options.output.string(), ec.message()}, options.json);
+    if (auto s = write_output(options.output, *sheet); !s) return report_error(s.error(), options.json);
     answer["output"] = options.output.string();
   }
   if (!options.report.empty()) {
-    if (auto s = write_text_file(options.report / "index.html", page_of(product)); !s)
-      return report_error(s.error(), options.json);
-    if (auto s = write_text_file(options.report / "result.json", json_text(answer)); !s)
+    if (auto s = write_report_files(options.report,
+                                    {{"result.json", json_text(answer)}, {"index.html", page_of(product)}},
+                                    options.force ? Existing::replace : Existing::keep);
+        !s)
       return report_error(s.error(), options.json);
     answer["report"] = (options.report / "index.html").string();
   }

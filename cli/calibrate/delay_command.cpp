@@ -202,7 +202,7 @@ Result<TimeSeries> series_of(const DelayOptions& o, const std::filesystem::path&
 
 int calibrate_delay(const DelayOptions& o) {
   const auto wrong = [&](const Error& e) { return report_error(e, o.json); };
-  if (auto s = check_outputs(o); !s) return wrong(s.error());
+  if (auto s = check_outputs(o, {o.camera_sheet}); !s) return wrong(s.error());
   const auto files = input_files(o.inputs, {".mcap"});
   if (!files) return wrong(files.error());
   if (files->size() != 1)

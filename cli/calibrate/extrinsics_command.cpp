@@ -280,7 +280,7 @@ std::vector<PlaneSighting> sightings_of(const ExtrinsicsOptions& o, const std::v
 
 int calibrate_extrinsics(const ExtrinsicsOptions& o) {
   const auto wrong = [&](const Error& e) { return report_error(e, o.json); };
-  if (auto s = check_outputs(o); !s) return wrong(s.error());
+  if (auto s = check_outputs(o, {o.camera_sheet, o.second_sheet}); !s) return wrong(s.error());
   const auto board = parse_board(o.target);
   if (!board) return wrong(board.error());
   const auto rough = parse_rough(o.rough, !o.second_sheet.empty());

@@ -327,7 +327,7 @@ nlohmann::json twin_of(const std::vector<double>& device, const std::vector<doub
 
 int calibrate_lidar(const CalibrateLidarOptions& options) {
   const auto wrong = [&](const Error& e) { return report_error(e, options.json); };
-  if (auto s = check_outputs(options); !s) return wrong(s.error());
+  if (auto s = check_outputs(options, {options.targets}); !s) return wrong(s.error());
   if (options.base.empty())
     return wrong({ErrorCode::bad_input, "--base",
                   "expected the sheet of this LiDAR's model (its beams and their angles), as in "

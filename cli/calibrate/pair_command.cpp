@@ -244,7 +244,7 @@ int calibrate_pair(PairCommandOptions o) {
          fmt::format("expected one recording (.mcap) of a pair, and its rig (.yaml) if it is another one "
                      "than the recording holds, got {} recordings",
                      recordings.size())});
-  if (auto s = check_outputs(o); !s) return wrong(s.error());
+  if (auto s = check_outputs(o, {o.rig}); !s) return wrong(s.error());
   const auto pair = find_recorded_pair(recordings.front(), o.rig, o.channel);
   if (!pair) return wrong(pair.error());
   const std::vector<std::string> models =

@@ -109,7 +109,7 @@ Result<SheetRecipe> recipe_of(const CalibratePhotonOptions& options, const Frame
 
 int calibrate_photon(const CalibratePhotonOptions& options) {
   const auto wrong = [&](const Error& e) { return report_error(e, options.json); };
-  if (auto s = check_outputs(options); !s) return wrong(s.error());
+  if (auto s = check_outputs(options, options.input.dark); !s) return wrong(s.error());
   if (!options.output.empty() && options.base.empty())
     return wrong({ErrorCode::bad_input, "--base",
                   "expected the sheet of the camera, whose lens and size a photon transfer does not know: "

@@ -232,7 +232,7 @@ std::vector<Figure> figures_of(const ShadingInput& input, const ShadingFit& fit,
 
 int calibrate_shading(const CalibrateShadingOptions& options) {
   const auto wrong = [&](const Error& e) { return report_error(e, options.json); };
-  if (auto s = check_outputs(options); !s) return wrong(s.error());
+  if (auto s = check_outputs(options, options.input.dark); !s) return wrong(s.error());
   if (options.base.empty())
     return wrong({ErrorCode::bad_input, "--base",
                   "expected the sheet of the camera: the fall-off counts from the principal point, over the "

@@ -6,7 +6,7 @@
 #include "calibration/camera/stereo_fit.h"
 #include "cli/calibrate/board_views.h"
 #include "cli/calibrate/calibrate.h"
-#include "cli/page.h"
+#include "cli/output_file.h"
 #include "sensor-hal/models/camera_yaml.h"
 
 namespace rigor {
@@ -157,7 +157,7 @@ Status write_side(const StereoOptions& o, const StereoFit& fit, const std::strin
   for (const auto& file : inputs) hashes.push_back({file.filename().string(), sha256_of(file)});
   const auto sheet = sheet_yaml(r, one, hashes);
   if (!sheet) return tl::unexpected<Error>(sheet.error());
-  return write_text_file(side_file(o.output, side.c_str()), *sheet);
+  return write_output(side_file(o.output, side.c_str()), *sheet);
 }
 
 std::vector<Figure> figures_of(const StereoFit& fit) {
@@ -193,13 +193,13 @@ std::vector<Figure> figures_of(const StereoFit& fit) {
 
 int calibrate_stereo(const StereoOptions& o) {
   const auto wrong = [&](const Error& e) { return report_error(e, o.json); };
-  if (auto s = check_outputs(o); !s) return wrong(s.error());
-  if (!o.output.empty() && !o.force)
+  std::vector<std::filesystem::path> read = o.right, sheets;
+  read.insert(read.end(), {o.left_sheet, o.right_sheet});
+  if (!o.output.empty())
     for (const char* side : {"left", "right"})
-      if (const auto file = side_file(o.output, side); std::filesystem::exists(file))
-        return wrong(
-            {ErrorCode::not_writable, file.string(),
-             "expected a name that is not taken, a file is there; give another with -o, or --force"});
+      if ((side[0] == 'l' ? o.left_sheet : o.right_sheet).empty())
+        sheets.push_back(side_file(o.output, side));
+  if (auto s = check_outputs(o, read, sheets); !s) return wrong(s.error());
   const auto board = parse_board(o.target);
   if (!board) return wrong(board.error());
   StereoFitOptions options;

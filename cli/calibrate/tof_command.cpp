@@ -221,7 +221,7 @@ void use_lens(const TofLens& lens, models::TofModel& model, CalibrationProduct& 
 
 int calibrate_tof(const TofOptions& o) {
   const auto wrong = [&](const Error& e) { return report_error(e, o.json); };
-  if (auto s = check_outputs(o); !s) return wrong(s.error());
+  if (auto s = check_outputs(o, o.board); !s) return wrong(s.error());
   if (!o.output.empty() && o.base.empty())
     return wrong(
         {ErrorCode::bad_input, "--output",

@@ -4,6 +4,7 @@
 
 #include <cstdlib>
 
+#include "cli/terminal.h"
 #include "rt-core/affinity.h"
 
 namespace rigor {
@@ -32,7 +33,7 @@ Result<std::unique_ptr<live::Server>> open_live(const LiveOptions& options, cons
   loop.cpu = rig.loop.cpu < 0 ? RealtimeConfig::kAutoCpu : rig.loop.cpu;
   const AvoidCpu rest(rig.clock == ClockKind::virtual_time ? -1 : loop_cpu(loop));
   auto opened = live::Server::open(server, rig.name);
-  if (opened) fmt::print(stderr, "live      {}\n", (*opened)->url());
+  if (opened) say("live      {}\n", (*opened)->url());
   return opened;
 }
 

@@ -1,20 +1,17 @@
 #include "cli/sensing/sample_files.h"
 
-#include <ImfChannelList.h>
-#include <ImfFrameBuffer.h>
-#include <ImfHeader.h>
-#include <ImfOutputFile.h>
-#include <ImfStringAttribute.h>
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <fstream>
 #include <limits>
 #include <numbers>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+
+#include "cli/output_file.h"
+#include "cli/picture_file.h"
 
 namespace rigor {
 namespace {
@@ -50,61 +47,32 @@ cv::Vec3b colour_of(double share) {
 }
 
 Status write_png(const std::filesystem::path& file, const cv::Mat& picture) {
-  return write_whole(file, [&](const std::filesystem::path& part) -> Status {
-    try {
-      if (cv::imwrite(
-              part.string(), picture,
-              {cv::IMWRITE_PNG_COMPRESSION, 9, cv::IMWRITE_PNG_STRATEGY, cv::IMWRITE_PNG_STRATEGY_DEFAULT}))
-        return {};
-    } catch (const cv::Exception& e) {
-      return fail(ErrorCode::not_writable, file.string(), e.what());
-    }
-    return fail(ErrorCode::not_writable, file.string(), "expected a place where a picture can be written");
-  });
+  std::vector<std::uint8_t> bytes;
+  try {
+    if (!cv::imencode(
+            ".png", picture, bytes,
+            {cv::IMWRITE_PNG_COMPRESSION, 9, cv::IMWRITE_PNG_STRATEGY, cv::IMWRITE_PNG_STRATEGY_DEFAULT}))
+      return fail(ErrorCode::internal, file.string(), "the picture cannot be made a PNG");
+  } catch (const cv::Exception& e) {
+    return fail(ErrorCode::internal, file.string(), e.what());
+  }
+  return write_output(file, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
 }
 
-struct Plane {
-  std::string name;
-  Imf::PixelType type;
-  const void* data;
-  std::size_t stride = 4;  ///< bytes from one pixel to the next
-};
-
 Status write_planes(const std::filesystem::path& file, std::uint32_t width, std::uint32_t height,
-                    const std::vector<Plane>& planes, const std::string& class_names = {}) {
-  return write_whole(file, [&](const std::filesystem::path& part) -> Status {
-    try {
-      Imf::Header header(static_cast<int>(width), static_cast<int>(height));
-      if (!class_names.empty()) header.insert("class_names", Imf::StringAttribute(class_names));
-      Imf::FrameBuffer buffer;
-      for (const Plane& p : planes) {
-        header.channels().insert(p.name, Imf::Channel(p.type));
-        auto* base = const_cast<char*>(static_cast<const char*>(p.data));  // OpenEXR reads only
-        buffer.insert(p.name, Imf::Slice(p.type, base, p.stride, p.stride * width));
-      }
-      Imf::OutputFile out(part.c_str(), header);
-      out.setFrameBuffer(buffer);
-      out.writePixels(static_cast<int>(height));
-      return {};
-    } catch (const std::exception& e) {
-      return fail(ErrorCode::not_writable, file.string(), e.what());
-    }
-  });
+                    const std::vector<ExrPlane>& planes, const std::string& class_names = {}) {
+  const auto bytes = exr_bytes(width, height, planes, class_names);
+  if (!bytes) return tl::unexpected<Error>(bytes.error());
+  return write_output(file, *bytes);
 }
 
 Status write_pcd(const std::filesystem::path& file, const std::string& fields, std::size_t width,
                  std::size_t height, const std::string& bytes) {
-  return write_whole(file, [&](const std::filesystem::path& part) -> Status {
-    std::ofstream out(part, std::ios::binary);
-    out << "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\n"
-        << fields
-        << fmt::format("WIDTH {}\nHEIGHT {}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {}\nDATA binary\n", width,
-                       height, width * height);
-    out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-    out.close();
-    if (out) return {};
-    return fail(ErrorCode::not_writable, file.string(), "expected a place where points can be written");
-  });
+  return write_output(
+      file, "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\n" + fields +
+                fmt::format("WIDTH {}\nHEIGHT {}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {}\nDATA binary\n", width,
+                            height, width * height) +
+                bytes);
 }
 
 template <class T>
@@ -240,8 +208,8 @@ Status write_difference_png(const std::filesystem::path& file, const RangePictur
 }
 
 Status write_range_exr(const std::filesystem::path& file, const RangePicture& picture) {
-  std::vector<Plane> planes{{"range", Imf::FLOAT, picture.range_m.data()}};
-  if (!picture.amplitude.empty()) planes.push_back({"amplitude", Imf::FLOAT, picture.amplitude.data()});
+  std::vector<ExrPlane> planes{{"range", false, picture.range_m.data()}};
+  if (!picture.amplitude.empty()) planes.push_back({"amplitude", false, picture.amplitude.data()});
   return write_planes(file, picture.width_px, picture.height_px, planes);
 }
 
@@ -299,14 +267,13 @@ Status write_truth(const std::filesystem::path& file, const GroundTruth& truth) 
   std::string names;
   for (std::size_t i = 0; i < truth.class_names.size(); ++i)
     names += fmt::format("{} {}\n", i, truth.class_names[i]);
-  std::vector<Plane> planes{{"node", Imf::UINT, node.data()},
-                            {"class", Imf::UINT, classes.data()},
-                            {"range", Imf::FLOAT, truth.range_m.data()}};
+  std::vector<ExrPlane> planes{
+      {"node", true, node.data()}, {"class", true, classes.data()}, {"range", false, truth.range_m.data()}};
   for (std::size_t k = 0; k < 3; ++k)
-    planes.push_back({fmt::format("normal.{}", "XYZ"[k]), Imf::FLOAT, truth.normal.data() + k, 12});
+    planes.push_back({fmt::format("normal.{}", "XYZ"[k]), false, truth.normal.data() + k, 12});
   if (truth.flow_px.size() == 2 * n)
     for (std::size_t k = 0; k < 2; ++k)
-      planes.push_back({fmt::format("flow.{}", "XY"[k]), Imf::FLOAT, truth.flow_px.data() + k, 8});
+      planes.push_back({fmt::format("flow.{}", "XY"[k]), false, truth.flow_px.data() + k, 8});
   return write_planes(file, truth.width, truth.height, planes, names);
 }
 

@@ -22,21 +22,6 @@
 
 namespace rigor {
 
-/// Calls `write` with the name of a file beside `file`, and gives that file its name where it succeeded.
-template <class Write>
-[[nodiscard]] Status write_whole(const std::filesystem::path& file, Write&& write) {
-  std::filesystem::path part = file;
-  part.replace_filename("." + file.stem().string() + ".part" + file.extension().string());
-  std::error_code ec;
-  Status s = write(part);
-  if (s) {
-    std::filesystem::rename(part, file, ec);
-    if (ec) s = fail(ErrorCode::not_writable, file.string(), ec.message());
-  }
-  if (!s) std::filesystem::remove(part, ec);
-  return s;
-}
-
 struct RangePicture {
   std::uint32_t width_px = 0, height_px = 0;
   std::span<const float> range_m, amplitude;  ///< `amplitude` may be empty

@@ -8,7 +8,7 @@
 #include <fstream>
 #include <sstream>
 
-#include "cli/sensing/sample_files.h"
+#include "cli/output_file.h"
 
 namespace rigor {
 namespace {
@@ -175,13 +175,7 @@ Status save_lock(const std::filesystem::path& file, const LockFile& lock) {
       text += fmt::format("    range_rmse_m: {:.6f}\n    outliers: {:.6f}\n", c.range_rmse_m, c.outliers);
     text += fmt::format("    digest: {}\n", quoted(c.digest));
   }
-  return write_whole(file, [&](const std::filesystem::path& part) -> Status {
-    std::ofstream out(part);
-    out << text;
-    out.close();
-    if (out) return {};
-    return fail(ErrorCode::not_writable, file.string(), "expected a place where the lock can be written");
-  });
+  return write_output(file, text);
 }
 
 }  // namespace rigor

@@ -29,7 +29,7 @@ struct LockFile {
 [[nodiscard]] std::filesystem::path lock_path(const std::filesystem::path& rig);
 /// Empty where there is no such file. bad_input with place.
 [[nodiscard]] Result<std::optional<LockFile>> load_lock(const std::filesystem::path& file);
-/// not_writable. Whole or not at all.
+/// Errors of write_output. Whole or not at all.
 [[nodiscard]] Status save_lock(const std::filesystem::path& file, const LockFile& lock);
 
 /// Of everything in a world that lasts, whatever file it came from. Pictures and models that it names are not

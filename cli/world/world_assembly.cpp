@@ -80,26 +80,13 @@ std::vector<std::string> attribute_names(const world::Schema& schema, world::Typ
 
 }  // namespace
 
-Status check_output(const std::filesystem::path& output, std::string_view ending, bool force) {
-  std::error_code ec;
+Status check_output(const std::filesystem::path& output, std::string_view ending, InputFiles inputs,
+                    bool force) {
   const std::string name = output.filename().string();
   if (!name.ends_with(ending) || (ending == ".yaml" && name.ends_with(".import.yaml")))
     return fail(ErrorCode::bad_input, "-o",
                 fmt::format("expected a file that ends in {}, got \"{}\"", ending, output.string()));
-  if (std::filesystem::is_directory(output, ec))
-    return fail(ErrorCode::not_writable, output.string(), "expected the name of a file, got a folder");
-  if (std::filesystem::exists(output, ec) && !force)
-    return fail(ErrorCode::not_writable, output.string(),
-                "expected a name that is not taken, a file is there; --force writes over it");
-  return check_folder_of(output);
-}
-
-Status check_folder_of(const std::filesystem::path& output) {
-  std::error_code ec;
-  const auto parent = std::filesystem::absolute(output).parent_path();
-  if (std::filesystem::is_directory(parent, ec)) return {};
-  return fail(ErrorCode::not_writable, output.string(),
-              "expected a folder that is there, got " + parent.string());
+  return Outputs(std::move(inputs)).add(output, "-o", force ? Existing::replace : Existing::refuse);
 }
 
 Result<OpenedWorld> open_world(const std::filesystem::path& file) {

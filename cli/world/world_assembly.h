@@ -8,6 +8,7 @@
 #include <string_view>
 #include <vector>
 
+#include "cli/output_file.h"
 #include "rt-core/result.h"
 #include "sim/nature/providers.h"
 #include "sim/render/content/world_view.h"
@@ -41,9 +42,9 @@ struct WorldPicture {
 /// another kind.
 [[nodiscard]] Status set_attribute(world::Database& db, const std::string& assignment);
 
-/// A name that a world or its export can be written to, before any work is done: it ends in `ending`, its
-/// folder is there, and no file is, unless `force`. Errors: bad_input, not_writable.
-[[nodiscard]] Status check_output(const std::filesystem::path& output, std::string_view ending, bool force);
-[[nodiscard]] Status check_folder_of(const std::filesystem::path& output);
+/// A name that a world or its export can be written to, before any work is done: it ends in `ending`, it is
+/// none of the inputs, and no file is there, unless `force`. Errors: bad_input, not_writable.
+[[nodiscard]] Status check_output(const std::filesystem::path& output, std::string_view ending,
+                                  InputFiles inputs, bool force);
 
 }  // namespace rigor

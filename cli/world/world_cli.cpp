@@ -79,6 +79,7 @@ void add_render(CLI::App* app, WorldRenderOptions& o) {
                   "vulkan, or rays: 16 samples a pixel, each with a ray for what hides the sky")
       ->check(CLI::IsMember({"vulkan", "rays"}));
   app->add_option("--device", o.device, "Part of the Vulkan device's name");
+  app->add_flag("--force", o.force, "Write over a file that is there");
   app->add_flag("--json", o.json, "Print what was drawn as JSON");
   app->footer(
       "Example: rigor world render configs/worlds/forest.import.yaml --eye 0,-60,2 --target 0,0,6 "

@@ -1,9 +1,7 @@
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "cli/terminal.h"
@@ -17,8 +15,7 @@ namespace rigor {
 namespace {
 
 /// The stems as a map for those who find their way by them (docs/forest-localization.md).
-Status export_stem_map(const world::Snapshot& world, const std::filesystem::path& file,
-                       std::optional<double> height_m, std::size_t& count) {
+std::string stem_map(const world::Snapshot& world, std::optional<double> height_m, std::size_t& count) {
   const world::types::Tree tree(world.schema());
   std::vector<world::NodeId> nodes = world.nodes(tree.type);
   std::sort(nodes.begin(), nodes.end());
@@ -37,42 +34,26 @@ Status export_stem_map(const world::Snapshot& world, const std::filesystem::path
                         world.get_or_default(node, tree.marked));
     ++count;
   }
-  std::ofstream out(file, std::ios::binary);
-  out << text;
-  out.close();
-  if (!out) return fail(ErrorCode::not_writable, file.string(), "expected to write the stem map");
-  return {};
+  return text;
 }
 
 }  // namespace
 
 int world_export_command(const WorldExportOptions& options) {
-  namespace fs = std::filesystem;
   std::error_code ec;
   const bool stems = options.output.extension() == ".csv";
-  if (auto s = check_output(options.output, stems ? ".csv" : ".yaml", options.force); !s)
+  InputFiles inputs;
+  inputs.add("the world", options.world);
+  if (auto s = check_output(options.output, stems ? ".csv" : ".yaml", std::move(inputs), options.force); !s)
     return report_error(s.error(), options.json);
   const auto opened = open_world(options.world);
   if (!opened) return report_error(opened.error(), options.json);
-  fs::path part = options.output;
-  part += fmt::format(".{}.part", ::getpid());
   const world::Snapshot snapshot = opened->db->snapshot();
   std::size_t nodes = snapshot.node_count();
-  if (auto s = stems ? export_stem_map(snapshot, part, options.at_height_m, nodes)
-                     : world::export_world_yaml(snapshot, part);
-      !s) {
-    fs::remove(part, ec);
-    return report_error(s.error(), options.json);
-  }
-  fs::rename(part, options.output, ec);
-  if (ec) {
-    const std::string why = ec.message();
-    fs::remove(part, ec);
-    return report_error(
-        {ErrorCode::not_writable, options.output.string(), "expected to write the world, got: " + why},
-        options.json);
-  }
-  const auto bytes = fs::file_size(options.output, ec);
+  const std::string text =
+      stems ? stem_map(snapshot, options.at_height_m, nodes) : world::world_yaml(snapshot);
+  if (auto s = write_output(options.output, text); !s) return report_error(s.error(), options.json);
+  const auto bytes = std::filesystem::file_size(options.output, ec);
   if (options.json)
     fmt::print("{}\n",
                nlohmann::json{

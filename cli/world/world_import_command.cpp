@@ -1,5 +1,4 @@
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -106,43 +105,35 @@ Result<gis::ImportPlan> plan_of(const WorldImportOptions& o) {
   return plan;
 }
 
-// The world under another name until it is whole, then under its own.
 Status write_world(world::Database& db, const fs::path& output) {
-  fs::path part = output;
-  part += fmt::format(".{}.part", ::getpid());
   std::error_code ec;
-  const auto clean = [&] {
-    for (const char* suffix : {"", "-journal", "-wal", "-shm"}) fs::remove(part.string() + suffix, ec);
-  };
-  clean();
-  {
-    auto file = world::WorldFile::create(part, db);
-    if (!file) return tl::unexpected(file.error());
-    if (auto s = (*file)->persist(); !s) {
-      file->reset();
-      clean();
-      return s;
+  const auto written = write_output(output, [&](const fs::path& part) -> Status {
+    Status s;
+    {
+      auto file = world::WorldFile::create(part, db);
+      s = file ? (*file)->persist() : Status(tl::unexpected<Error>(file.error()));
     }
-  }
+    if (!s)
+      for (const char* suffix : {"-journal", "-wal", "-shm"}) fs::remove(part.string() + suffix, ec);
+    return s;
+  });
   // What a crash has left beside an older world of this name is not this one's.
-  for (const char* suffix : {"-journal", "-wal", "-shm"}) fs::remove(output.string() + suffix, ec);
-  fs::rename(part, output, ec);
-  if (ec) {
-    const std::string why = ec.message();
-    clean();
-    return fail(ErrorCode::not_writable, output.string(), "expected to write the world, got: " + why);
-  }
-  return {};
+  if (written)
+    for (const char* suffix : {"-journal", "-wal", "-shm"}) fs::remove(output.string() + suffix, ec);
+  return written;
 }
 
 }  // namespace
 
 int world_import_command(const WorldImportOptions& options) {
   std::error_code ec;
-  if (auto s = check_output(options.output, ".rigor", options.force); !s)
-    return report_error(s.error(), options.json);
   auto plan = plan_of(options);
   if (!plan) return report_error(plan.error(), options.json);
+  InputFiles inputs;
+  inputs.add("the plan", options.plan);
+  for (const ImportSource& source : plan->sources) inputs.add("a source of the world", source.location);
+  if (auto s = check_output(options.output, ".rigor", std::move(inputs), options.force); !s)
+    return report_error(s.error(), options.json);
   LiveLine line;
   if (line.terminal() && !options.json)
     plan->progress = [&](std::string_view what, double done) {

@@ -9,9 +9,11 @@
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <numbers>
-#include <opencv2/imgcodecs.hpp>
 
 #include "cli/commands.h"
+#include "cli/output_file.h"
+#include "cli/picture.h"
+#include "cli/picture_file.h"
 #include "cli/terminal.h"
 #include "cli/world/world_assembly.h"
 #include "sim/gis/import.h"
@@ -170,29 +172,19 @@ Status check_engine(const WorldRenderOptions& o) {
   return {};
 }
 
-Status write_file(const std::filesystem::path& file, const cv::Mat& picture) {
-  if (file.extension() == ".exr") setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 1);
-  try {
-    if (cv::imwrite(file.string(), picture)) return {};
-  } catch (const cv::Exception& e) {
-    return fail(ErrorCode::not_writable, file.string(), e.what());
-  }
-  return fail(ErrorCode::not_writable, file.string(), "expected a place where a picture can be written");
-}
-
-Status write_picture(const WorldRenderOptions& o, const ViewPicture& picture) {
-  const int w = picture.width_px, h = picture.height_px;
+Result<std::string> bytes_of(const WorldRenderOptions& o, const ViewPicture& picture) {
+  const auto w = static_cast<std::uint32_t>(picture.width_px),
+             h = static_cast<std::uint32_t>(picture.height_px);
   if (o.output.extension() == ".exr") {
-    cv::Mat bgr(h, w, CV_32FC3);
     using Channels = std::array<int, 3>;  // as blue, green, red
     const Channels channels = o.bands == "nir"            ? Channels{3, 3, 3}
                               : o.bands == "false-colour" ? Channels{1, 0, 3}
                                                           : Channels{2, 1, 0};
-    for (int i = 0; i < w * h; ++i)
-      for (int c = 0; c < 3; ++c)
-        bgr.ptr<float>()[3 * i + c] =
-            picture.radiance[static_cast<std::size_t>(4 * i + channels[static_cast<std::size_t>(c)])];
-    return write_file(o.output, bgr);
+    std::vector<ExrPlane> planes;
+    for (std::size_t c = 0; c < 3; ++c)
+      planes.push_back({std::string(1, "BGR"[c]), false, picture.radiance.data() + channels[c],
+                        4 * sizeof picture.radiance[0]});
+    return exr_bytes(w, h, planes);
   }
   using Tone = render::ToneMapOptions;
   Tone tone{.compensation_ev = o.brighter_ev};
@@ -202,9 +194,10 @@ Status write_picture(const WorldRenderOptions& o, const ViewPicture& picture) {
     tone.exposure = Tone::Exposure::fixed;
     tone.scale = 1 / *o.white_radiance;
   }
-  auto rgb = render::tone_map(picture, tone);
-  for (std::size_t i = 0; i + 2 < rgb.size(); i += 3) std::swap(rgb[i], rgb[i + 2]);
-  return write_file(o.output, cv::Mat(h, w, CV_8UC3, rgb.data()));
+  const auto rgb = render::tone_map(picture, tone);
+  const auto png = png_of(rgb, picture.width_px, picture.height_px, 3);
+  if (png.empty()) return fail(ErrorCode::internal, o.output.string(), "the picture cannot be made a PNG");
+  return std::string(png.begin(), png.end());
 }
 
 Status check(const WorldRenderOptions& o) {
@@ -217,9 +210,9 @@ Status check(const WorldRenderOptions& o) {
   if (o.white_radiance && !(*o.white_radiance > 0 && std::isfinite(*o.white_radiance)))
     return fail(ErrorCode::bad_input, "--white",
                 fmt::format("expected a radiance above 0 in W/(m2 sr), got {}", *o.white_radiance));
-  if (std::error_code ec; std::filesystem::is_directory(o.output, ec))
-    return fail(ErrorCode::not_writable, o.output.string(), "expected the name of a file, got a folder");
-  return check_folder_of(o.output);
+  InputFiles inputs;
+  inputs.add("the world", o.world);
+  return Outputs(std::move(inputs)).add(o.output, "-o", o.force ? Existing::replace : Existing::refuse);
 }
 
 struct Drawn {
@@ -328,7 +321,9 @@ int world_render_command(const WorldRenderOptions& o) {
   if (auto s = check(o); !s) return report_error(s.error(), o.json);
   const auto drawn = draw(o);
   if (!drawn) return report_error(drawn.error(), o.json);
-  if (auto s = write_picture(o, drawn->picture); !s) return report_error(s.error(), o.json);
+  const auto bytes = bytes_of(o, drawn->picture);
+  if (!bytes) return report_error(bytes.error(), o.json);
+  if (auto s = write_output(o.output, *bytes); !s) return report_error(s.error(), o.json);
   const auto& st = drawn->statistics;
   const Eigen::Vector3d eye = drawn->T_world_camera.translation();
   if (o.json) {
@@ -353,9 +348,9 @@ int world_render_command(const WorldRenderOptions& o) {
   }
   constexpr std::size_t kShown = 10;
   for (std::size_t i = 0; i < std::min(kShown, drawn->warnings.size()); ++i)
-    fmt::print(stderr, "warning: {}\n", drawn->warnings[i]);
+    say("warning: {}\n", drawn->warnings[i]);
   if (drawn->warnings.size() > kShown)
-    fmt::print(stderr, "warning: {} more; --json lists them all\n", drawn->warnings.size() - kShown);
+    say("warning: {} more; --json lists them all\n", drawn->warnings.size() - kShown);
   fmt::print(
       "{}: {}x{}, eye at {:.1f} {:.1f} {:.1f} m, {} of {} instances, {} triangles, {:.0f} ms to draw, {}\n",
       o.output.string(), drawn->picture.width_px, drawn->picture.height_px, eye.x(), eye.y(), eye.z(),

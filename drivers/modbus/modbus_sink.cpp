@@ -38,7 +38,8 @@ Status ModbusSink::do_arm(const ArmContext& context) {
   ring_ = std::make_unique<SpscRing<Command>>(kRingPlaces);
   raw_.assign(settings_.map.raw_size(), 0);
   next_raw_ = raw_;
-  check_.assign(std::max(settings_.map.raw_size(), settings_.safe_map.raw_size()), 0);
+  check_.assign(
+      std::max({settings_.map.raw_size(), settings_.safe_map.raw_size(), settings_.watchdog_raw.size()}), 0);
   loop_period_ = context.loop_period;
   backoff_.reset();
   next_safe_ = {};
@@ -51,6 +52,13 @@ Status ModbusSink::do_arm(const ArmContext& context) {
                     "; check `table` and `address` against its manual (addresses count from 0)");
   }
   safe_ = true;
+  if (!set_watchdog()) {
+    const auto why = link_.failure();
+    link_.close();
+    return fail(ErrorCode::bad_input, config().name,
+                "expected the device to take the timeout of its watchdog, got " + why +
+                    "; check `watchdog` against its manual");
+  }
   health_.connected.store(true, std::memory_order_release);
   return {};
 }
@@ -113,6 +121,22 @@ void ModbusSink::work() {
     apply(*c);
     ring_->drop_front();
   }
+  refresh();
+}
+
+bool ModbusSink::set_watchdog() {
+  return settings_.watchdog_raw.empty() ||
+         write(settings_.watchdog_map, settings_.watchdog_raw) == LinkStatus::good;
+}
+
+/// So that the device's watchdog knows that its master lives. What was made safe stays so until a new
+/// command.
+void ModbusSink::refresh() {
+  if (settings_.refresh.ns() == 0 || safe_ || !has_command_ || !link_.is_open() ||
+      monotonic_now() < next_refresh_)
+    return;
+  next_refresh_ = monotonic_now() + settings_.refresh;
+  (void)write(settings_.map, raw_);
 }
 
 void ModbusSink::apply(const Command& c) {
@@ -128,6 +152,7 @@ void ModbusSink::apply(const Command& c) {
   raw_ = next_raw_;
   has_command_ = true;
   safe_ = false;
+  next_refresh_ = monotonic_now() + settings_.refresh;
   if (write(settings_.map, raw_) == LinkStatus::good)
     counters_.applied.fetch_add(1, std::memory_order_relaxed);
   else
@@ -185,6 +210,7 @@ void ModbusSink::try_again() {
   ++reconnects_;
   backoff_.reset();
   // Nobody knows what the device did meanwhile; it may have been switched off and on.
+  (void)set_watchdog();
   if (want_safe_ || !has_command_)
     make_safe();
   else if (write(settings_.map, raw_) == LinkStatus::good)

@@ -8,6 +8,10 @@
 // What was commanded before the loop fell silent is then thrown away. When the device is gone, the thread
 // connects again, and first of all writes what the device is to have by then: the safe values, or the last
 // command.
+//
+// When this process dies, nobody writes safe values: only the device's own watchdog can. Where the rig names
+// it (`watchdog`), its timeout is written at arm and after each reconnection, and the last command is written
+// again whenever a third of the timeout passed without a new one, as long as the loop lives.
 #pragma once
 
 #include <memory>
@@ -42,6 +46,8 @@ class ModbusSink final : public Sink {
   void work();
   void apply(const Command& command);
   LinkStatus write(const RegisterMap& map, const std::vector<std::uint16_t>& raw);
+  [[nodiscard]] bool set_watchdog();
+  void refresh();
   void make_safe();
   void drop_all();
   void try_again();
@@ -58,6 +64,7 @@ class ModbusSink final : public Sink {
   std::thread thread_;
   Backoff backoff_;          // of connecting again
   MonotonicTime next_safe_;  // of asking a device that refused its safe values
+  MonotonicTime next_refresh_;
   std::uint64_t reconnects_ = 0, repeated_ = 0;
   bool safe_ = false;       // the device has the safe values, as far as anyone knows
   bool want_safe_ = false;  // it has to have them

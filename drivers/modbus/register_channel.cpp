@@ -27,12 +27,32 @@ SourceSettings SourceSettings::parse(const ChannelConfig& config, ChannelDescrip
   return s;
 }
 
+namespace {
+
+void parse_watchdog(const ConfigNode& n, SinkSettings& s) {
+  if (!n.present()) return;
+  const RegisterValue reg = parse_register(n.map("register"), RegisterMap::Access::write);
+  const double timeout_ms = n.number("timeout_ms", {.min = 10, .max = 600000});
+  s.watchdog_raw.resize(width(reg.type));
+  if (encode(reg, timeout_ms, s.watchdog_raw) != EncodeStatus::good)
+    throw n.error(
+        "timeout_ms",
+        "expected a time that the register can hold in its unit (`scale`: milliseconds a count), got one "
+        "that it cannot");
+  s.watchdog_map = RegisterMap({reg}, RegisterMap::Access::write);
+  s.refresh = seconds_from(timeout_ms * 1e-3 / 3);
+  n.finish();
+}
+
+}  // namespace
+
 SinkSettings SinkSettings::parse(const ChannelConfig& config, ChannelDescription& description) {
   const auto& n = config.params;
   SinkSettings s;
   s.endpoint = Endpoint::parse(n, 0);
   s.map = RegisterMap::parse(n, "registers", RegisterMap::Access::write, Command{}.value.size());
   s.verify = n.flag_or("verify", false);
+  parse_watchdog(n.map_or_absent("watchdog"), s);
   s.safe.resize(s.map.values().size());
   const auto safe = n.map("safe");
   std::vector<RegisterValue> values;

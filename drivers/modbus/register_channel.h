@@ -22,7 +22,7 @@ struct SourceSettings {
 };
 
 /// Keys of a sink: as a source, and `safe` (name: value, for any of the registers), `verify` (read back what
-/// was written).
+/// was written), `watchdog` (the device's own: its `register` and `timeout_ms`).
 struct SinkSettings {
   Endpoint endpoint;
   RegisterMap map;
@@ -30,6 +30,11 @@ struct SinkSettings {
   std::vector<std::uint16_t> safe_raw;
   std::vector<std::optional<double>> safe;  ///< in the order of `map`
   bool verify = false;
+  RegisterMap watchdog_map;  ///< one register, or none
+  std::vector<std::uint16_t> watchdog_raw;
+  /// Without a new command the last one is written again after this, so that the device's watchdog knows that
+  /// its master lives; 0: never.
+  Duration refresh;
 
   [[nodiscard]] static SinkSettings parse(const ChannelConfig& config, ChannelDescription& description);
 };

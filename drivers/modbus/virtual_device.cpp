@@ -248,7 +248,9 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
       return fail(ErrorCode::wrong_state, config().name, "expected virtual time, got a wall-clock run");
     if (auto s = device_->connect(connection_, settings_.endpoint); !s) return s;
     raw_.assign(settings_.map.raw_size(), 0);
-    check_.assign(std::max(settings_.map.raw_size(), settings_.safe_map.raw_size()), 0);
+    check_.assign(
+        std::max({settings_.map.raw_size(), settings_.safe_map.raw_size(), settings_.watchdog_raw.size()}),
+        0);
     pending_.clear();
     pending_.reserve(kPlaces);
     if (!write(settings_.safe_map, settings_.safe_raw)) {
@@ -258,6 +260,14 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
       return fail(ErrorCode::bad_input, config().name,
                   "expected the emulated device to take its safe values, got " + why);
     }
+    if (!settings_.watchdog_raw.empty() && !write(settings_.watchdog_map, settings_.watchdog_raw)) {
+      const auto why = connection_.link.failure();
+      connection_.link.close();
+      connection_.server.reset();
+      return fail(ErrorCode::bad_input, config().name,
+                  "expected the emulated device to take the timeout of its watchdog, got " + why);
+    }
+    refresh_at_ = BenchTime::never();
     health_.connected.store(true, std::memory_order_release);
     return {};
   }
@@ -282,8 +292,8 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
   static constexpr std::size_t kPlaces = 256;
 
   [[nodiscard]] BenchTime next_event(BenchTime now) const noexcept override {
-    if (pending_.empty() || pending_.front().t_effect > now) return BenchTime::never();
-    return pending_.front().t_effect;
+    const BenchTime t = pending_.empty() ? refresh_at_ : std::min(refresh_at_, pending_.front().t_effect);
+    return t > now ? BenchTime::never() : t;
   }
   /// As ModbusSink writes: tried again, and read back where the rig says so.
   bool write(const RegisterMap& map, const std::vector<std::uint16_t>& raw) {
@@ -305,6 +315,7 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
   }
 
   void happen() override {
+    if (pending_.empty() || refresh_at_ < pending_.front().t_effect) return refresh();
     const Command c = pending_.front();
     pending_.erase(pending_.begin());
     if (heartbeat_ && heartbeat_->stop_reason() != StopReason::none) {
@@ -320,11 +331,20 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
                           EncodeStatus::good &&
                       write(settings_.map, raw_);
     (good ? counters_.applied : counters_.failed).fetch_add(1, std::memory_order_relaxed);
+    if (good && settings_.refresh.ns() > 0) refresh_at_ = c.t_effect + settings_.refresh;
+  }
+
+  /// For the device's watchdog, as ModbusSink does.
+  void refresh() {
+    const bool over = heartbeat_ && heartbeat_->stop_reason() != StopReason::none;
+    refresh_at_ = over ? BenchTime::never() : refresh_at_ + settings_.refresh;
+    if (!over) (void)write(settings_.map, raw_);
   }
 
   std::shared_ptr<VirtualDevice> device_;
   VirtualDevice::Connection connection_;
   SinkSettings settings_;
+  BenchTime refresh_at_ = BenchTime::never();
   std::vector<std::uint16_t> raw_, check_;
   std::vector<Command> pending_;
   const Heartbeat* heartbeat_ = nullptr;

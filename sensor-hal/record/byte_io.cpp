@@ -21,7 +21,7 @@ namespace {
 std::string reason(int error) { return std::generic_category().message(error); }
 
 Error write_error(const std::string& path, int error) {
-  if (error == ENOSPC || error == EDQUOT)
+  if (error == ENOSPC || error == EDQUOT || error == EFBIG)
     return {ErrorCode::disk_full, path,
             "no space left to write the recording (" + reason(error) + "); free some or record elsewhere"};
   return {ErrorCode::io, path, "cannot write the recording: " + reason(error)};
@@ -163,6 +163,10 @@ Result<std::unique_ptr<ByteSink>> open_file_sink(const std::string& path, FileSi
     const ErrorCode code = errno == ENOSPC ? ErrorCode::disk_full : ErrorCode::not_writable;
     return fail(code, path, "cannot create this file: " + reason(errno));
   }
+  return file_sink(fd, path, options);
+}
+
+std::unique_ptr<ByteSink> file_sink(int fd, const std::string& path, FileSinkOptions options) {
   return std::make_unique<FileSink>(fd, path, options.sync_period);
 }
 

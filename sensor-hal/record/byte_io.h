@@ -48,6 +48,11 @@ struct FileSinkOptions {
 [[nodiscard]] Result<std::unique_ptr<ByteSink>> open_file_sink(const std::string& path,
                                                                FileSinkOptions options = {});
 
+/// Writes to a file that is open already, from where it stands, and closes `fd` at its end. `path` names it
+/// in messages.
+[[nodiscard]] std::unique_ptr<ByteSink> file_sink(int fd, const std::string& path,
+                                                  FileSinkOptions options = {});
+
 /// Collects bytes in memory.
 class MemorySink final : public ByteSink {
  public:

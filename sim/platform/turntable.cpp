@@ -22,7 +22,7 @@ enum Status : std::uint16_t {
   kFault = 1u << 3,
   kLimited = 1u << 4
 };
-constexpr std::uint16_t kFaultMode = 1;
+constexpr std::uint16_t kFaultMode = 1, kFaultTimeout = 2;
 
 }  // namespace
 
@@ -126,6 +126,14 @@ void Turntable::follow(BenchTime t) {
   publish(profile_);
 }
 
+void Turntable::expire(BenchTime t) {
+  const BenchTime when(expires_ns_.load(std::memory_order_relaxed));
+  if (t <= when) return;
+  fault_ = kFaultTimeout;
+  follow(when);
+  expires_ns_.store(kNever, std::memory_order_release);
+}
+
 std::array<std::uint16_t, Turntable::kInputCount> Turntable::inputs(BenchTime t) const {
   const auto s = profile_.at(t);
   const bool enabled = holding_[0] != 0 && fault_ == 0;
@@ -152,6 +160,7 @@ std::array<std::uint16_t, Turntable::kInputCount> Turntable::inputs(BenchTime t)
 bool Turntable::read(RegisterTable table, std::uint16_t address, std::span<std::uint16_t> out, BenchTime t) {
   const std::lock_guard lock(mutex_);
   last_ = std::max(last_, t);
+  expire(last_);
   const auto copy = [&](std::span<const std::uint16_t> from) {
     if (std::size_t{address} + out.size() > from.size()) return false;
     std::copy_n(from.begin() + address, out.size(), out.begin());
@@ -166,10 +175,13 @@ bool Turntable::write(RegisterTable table, std::uint16_t address, std::span<cons
                       BenchTime t) {
   const std::lock_guard lock(mutex_);
   last_ = std::max(last_, t);
+  expire(last_);
   if (table != RegisterTable::holding_registers || std::size_t{address} + in.size() > holding_.size())
     return false;
   std::copy(in.begin(), in.end(), holding_.begin() + address);
   follow(last_);
+  const bool watched = holding_[0] != 0 && fault_ == 0 && holding_[6] != 0;
+  expires_ns_.store(watched ? (last_ + milliseconds(holding_[6])).ns() : kNever, std::memory_order_release);
   return true;
 }
 
@@ -184,7 +196,8 @@ enum TableSignal : std::size_t {
   kEnable,
   kMode,
   kTargetPosition,
-  kTargetRate
+  kTargetRate,
+  kCommandTimeout
 };
 
 }  // namespace
@@ -198,13 +211,15 @@ const std::vector<SignalModel::Signal>& Turntable::signals() const {
                                        {"enable", "", true},
                                        {"mode", "", true},
                                        {"target_position", "deg", true},
-                                       {"target_rate", "deg/s", true}};
+                                       {"target_rate", "deg/s", true},
+                                       {"command_timeout", "ms", true}};
   return all;
 }
 
 double Turntable::read(std::size_t signal, BenchTime t) {
   const std::lock_guard lock(mutex_);
   last_ = std::max(last_, t);
+  expire(last_);
   const auto in = inputs(last_);
   switch (signal) {
     case kPosition:  // not from its register, which rolls over
@@ -225,6 +240,8 @@ double Turntable::read(std::size_t signal, BenchTime t) {
       return holding_s32(2) * 1e-3;
     case kTargetRate:
       return holding_s32(4) * 1e-3;
+    case kCommandTimeout:
+      return holding_[6];
     default:
       return std::numeric_limits<double>::quiet_NaN();
   }
@@ -233,10 +250,11 @@ double Turntable::read(std::size_t signal, BenchTime t) {
 bool Turntable::write(std::size_t signal, double value, BenchTime t) {
   const double raw = std::round(signal == kTargetPosition || signal == kTargetRate ? value * 1e3 : value);
   std::array<std::uint16_t, 2> words{};
-  if (signal == kEnable || signal == kMode) {
+  if (signal == kEnable || signal == kMode || signal == kCommandTimeout) {
     if (!(raw >= 0 && raw <= 65535)) return false;
     words[0] = static_cast<std::uint16_t>(raw);
-    return write(RegisterTable::holding_registers, signal == kEnable ? 0 : 1, std::span(words).first(1), t);
+    const std::uint16_t address = signal == kEnable ? 0 : signal == kMode ? 1 : 6;
+    return write(RegisterTable::holding_registers, address, std::span(words).first(1), t);
   }
   if ((signal != kTargetPosition && signal != kTargetRate) || !(raw >= -2147483648.0 && raw <= 2147483647.0))
     return false;
@@ -263,6 +281,9 @@ WorldMotion Turntable::motion_at(BenchTime t) const noexcept {
       if ((found = p.t_start <= t || n == oldest)) break;
     }
   }
+  // Nobody may have looked at the registers since the master fell silent.
+  if (const BenchTime silent(expires_ns_.load(std::memory_order_acquire)); t > silent && p.t_start <= silent)
+    p = profile_to_rate(p.at(silent), silent, 0, config_.max_acceleration_radps2);
   const auto s = p.at(t);
   WorldMotion m;
   m.count = 1;

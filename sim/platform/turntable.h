@@ -13,15 +13,17 @@
 //     4-5  target rate       s32, 0.001 deg/s; rate mode: signed rate; position mode: greatest rate of the
 //     move,
 //                            0: the table's own
+//     6    command timeout   ms; 0: none. Enabled and without a write to any of these registers for so long,
+//                            the table brakes and holds with fault 2: the watchdog of a master that died
 //   input registers
 //     0-1  position          s32, 0.001 deg, all turns counted; rolls over as two's complement after 5965
 //     turns 2-3  rate              s32, 0.001 deg/s 4    status            bit 0 enabled, 1 moving, 2 at
 //     target, 3 fault, 4 target limited to what the motor can 5    fault             0 none, 1 mode is
-//     neither 0 nor 1 6-7  angle             s32, 0.001 deg, within the turn: [-180, 180)
+//     neither 0 nor 1, 2 command timeout 6-7  angle             s32, 0.001 deg, within the turn: [-180, 180)
 //
 // As signals (a node on a bus) the same device has position, angle [deg], rate [deg/s], status, fault;
-// commanded are enable, mode, target_position [deg] and target_rate [deg/s], which are the registers above,
-// rounded to their 0.001; what a register cannot hold is refused.
+// commanded are enable, mode, target_position [deg], target_rate [deg/s] and command_timeout [ms], which are
+// the registers above, rounded to their 0.001; what a register cannot hold is refused.
 //
 // After power-up: all registers 0, which means disabled, rate mode.
 #pragma once
@@ -29,6 +31,7 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <limits>
 #include <mutex>
 
 #include "rt-core/published.h"
@@ -91,16 +94,19 @@ class Turntable final : public RegisterModel, public SignalModel, public MotionS
   /// as the last 64 commands that changed anything.
   [[nodiscard]] WorldMotion motion_at(BenchTime t) const noexcept override;
 
-  static constexpr std::uint16_t kHoldingCount = 6, kInputCount = 8;
+  static constexpr std::uint16_t kHoldingCount = 7, kInputCount = 8;
 
  private:
   static constexpr std::size_t kHistory = 64;
+  static constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
   struct Entry {
     std::uint64_t number = 0;
     TurntableProfile profile;
   };
   void publish(const TurntableProfile& p) noexcept;
   void follow(BenchTime t);
+  /// Up to `t`: whether the master has fallen silent on the way.
+  void expire(BenchTime t);
   [[nodiscard]] std::array<std::uint16_t, kInputCount> inputs(BenchTime t) const;
   [[nodiscard]] std::int32_t holding_s32(std::size_t at) const noexcept;
 
@@ -119,6 +125,7 @@ class Turntable final : public RegisterModel, public SignalModel, public MotionS
   Goal goal_;
   TurntableProfile profile_;
   BenchTime last_;
+  std::atomic<std::int64_t> expires_ns_{kNever};  ///< when the master will have been silent for too long
 
   // Profile n is in place n % kHistory and says its number, so that a reader who was overtaken sees it.
   std::atomic<std::uint64_t> published_{0};

@@ -29,6 +29,8 @@ Command::Command(std::vector<std::string> words, const std::filesystem::path& wo
   pid_ = fork();
   if (pid_ == 0) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
+    // Whatever the test itself was started with.
+    for (int s = 1; s < NSIG; ++s) ::signal(s, SIG_DFL);
     if (!work_dir.empty() && chdir(work_dir.c_str()) != 0) _exit(126);
     const int out = open(out_file_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
     const int err = open(err_file_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);

@@ -91,7 +91,8 @@ TEST_F(BadInput, ModbusDeviceThatIsNotThere) {
 }
 
 TEST_F(BadInput, RecordingThatCannotBeWritten) {
-  expect_refused(run("loop: {}\n", {"--record", "/no/such/folder/out.mcap"}), "/no/such/folder/out.mcap");
+  write_file(dir / "file", "");
+  expect_refused(run("loop: {}\n", {"--record", "file/out.mcap"}), "file/out.mcap");
 }
 
 TEST_F(BadInput, ReportThatCannotBeWritten) {

@@ -44,7 +44,7 @@ class Inertial : public ::testing::Test {
   }
   Said sense(const std::vector<std::string>& more = {}, const std::string& output = "out.json") {
     std::vector<std::string> words{"sense", (dir_ / "rig.yaml").string(), "--channel", "it",
-                                   "-o",    (dir_ / output).string(),     "--json"};
+                                   "-o",    (dir_ / output).string(),     "--json",    "--force"};
     words.insert(words.end(), more.begin(), more.end());
     return rigor(words, dir_.path());
   }

@@ -99,7 +99,7 @@ std::vector<float> plane(const std::filesystem::path& file, const std::string& n
 class Sense : public SensingBench {
  protected:
   Pcd sense_pcd(const std::string& channel, std::vector<std::string> more = {}) {
-    std::vector<std::string> words{"sense", "rig.yaml", "--channel", channel, "-o", "out.pcd"};
+    std::vector<std::string> words{"sense", "rig.yaml", "--channel", channel, "-o", "out.pcd", "--force"};
     words.insert(words.end(), more.begin(), more.end());
     const Said said = in_dir(words);
     EXPECT_EQ(said.status, 0) << said.err;
@@ -210,7 +210,7 @@ TEST_F(Sense, WithOnlyOneEffectShowsThatOneAlone) {
 
 TEST_F(Sense, ShowsWhatEffectsAddToRanges) {
   const auto ranges = [&](const std::string& name, const std::vector<std::string>& options) {
-    std::vector<std::string> arguments{"sense", "rig.yaml", "--channel", "tof", "-o", name};
+    std::vector<std::string> arguments{"sense", "rig.yaml", "--channel", "tof", "-o", name, "--force"};
     arguments.insert(arguments.end(), options.begin(), options.end());
     EXPECT_EQ(in_dir(arguments).status, 0);
     return plane(dir / name, "range");

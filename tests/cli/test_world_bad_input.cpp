@@ -57,13 +57,14 @@ TEST_F(WorldBadInput, FilesThatAreNotThere) {
 TEST_F(WorldBadInput, OutputsWithAWrongEndingOrWithoutAFolder) {
   expect_refused(
       {{{"import", "plan.import.yaml", "-o", "x.yaml"}, "-o: expected a file that ends in .rigor"},
-       {{"import", "plan.import.yaml", "-o", "no/x.rigor"}, "no/x.rigor: expected a folder that is there"},
+       {{"import", "plan.import.yaml", "-o", "dem.asc/x.rigor"},
+        "dem.asc/x.rigor: expected a name in a folder"},
        {{"import", "plan.import.yaml", "-o", "."}, "-o: expected a file that ends in .rigor"},
        {{"export", "plan.import.yaml", "-o", "x.rigor"}, "-o: expected a file that ends in .yaml"},
        {{"export", "plan.import.yaml", "-o", "x.import.yaml"}, "-o: expected a file that ends in .yaml"},
-       {{"export", "plan.import.yaml", "-o", "no/x.yaml"}, "no/x.yaml: expected a folder"},
+       {{"export", "plan.import.yaml", "-o", "dem.asc/x.yaml"}, "dem.asc/x.yaml: expected a name in"},
        {{"render", "plan.import.yaml", "-o", "x.jpg"}, "-o: expected a file that ends in .png or .exr"},
-       {{"render", "plan.import.yaml", "-o", "no/x.png"}, "no/x.png: expected a folder"}});
+       {{"render", "plan.import.yaml", "-o", "dem.asc/x.png"}, "dem.asc/x.png: expected a name in"}});
 }
 
 TEST_F(WorldBadInput, UnknownKeyOfAPlanHasLineColumnAndTheNearestName) {

@@ -20,7 +20,8 @@ class WorldRender : public World {
   /// 160x120 of `what`; empty where the command fails, which is a failure of the test.
   [[nodiscard]] cv::Mat picture(const std::string& what, const std::string& name,
                                 std::vector<std::string> more = {}) const {
-    std::vector<std::string> words{"render", what, "-o", name, "--width", "160", "--height", "120"};
+    std::vector<std::string> words{"render", what,       "-o",  name,     "--width",
+                                   "160",    "--height", "120", "--force"};
     words.insert(words.end(), more.begin(), more.end());
     const Said said = world(std::move(words));
     EXPECT_EQ(said.status, 0) << said.err;

@@ -57,6 +57,29 @@ TEST_F(TurntableRegisters, MovesToAPositionAndSaysThatItIsThere) {
   EXPECT_EQ(input(4, 10), 1 | 4);
 }
 
+TEST_F(TurntableRegisters, BrakesWhenItsMasterIsSilentForLongerThanItsTimeout) {
+  write(6, {500}, 0);
+  write_s32(4, 36000, 0);
+  write(0, {1}, 0);
+  EXPECT_EQ(input(4, 0.45) & 3, 3);
+  write(0, {1}, 0.45);  // the master lives
+  EXPECT_EQ(input(4, 0.9) & 9, 1);
+  EXPECT_NEAR(table_.motion_at(at(0.9)).joint[0].rate_radps, 36 * kDeg, 1e-9);
+  // Silent since 0.45 s. Cameras see it brake from 0.95 s on at 180 deg/s², before anybody reads a register.
+  EXPECT_NEAR(table_.motion_at(at(1.05)).joint[0].rate_radps, 18 * kDeg, 1e-6);
+  EXPECT_EQ(table_.motion_at(at(1.2)).joint[0].rate_radps, 0);
+  EXPECT_NEAR(table_.motion_at(at(0.9)).joint[0].rate_radps, 36 * kDeg, 1e-9);
+  EXPECT_EQ(input(4, 2) & 11, 8) << "faulty, neither enabled nor moving";
+  EXPECT_EQ(input(5, 2), 2);
+  const auto rest = input_s32(0, 2);
+  write(0, {1}, 3);
+  EXPECT_EQ(input_s32(0, 4), rest) << "a master that returns has to disable it first";
+  write(0, {0}, 4);
+  write(0, {1}, 4);
+  EXPECT_EQ(input(5, 4.2), 0);
+  EXPECT_GT(input_s32(0, 4.4), rest);
+}
+
 TEST_F(TurntableRegisters, DisablingBrakesWithoutAStep) {
   write_s32(4, 90000, 0);
   write(0, {1}, 0);
@@ -98,9 +121,9 @@ TEST_F(TurntableRegisters, OtherAddressesDoNotExist) {
   EXPECT_FALSE(table_.read(RegisterTable::input_registers, 0, {r.data(), 9}, at(0)));
   EXPECT_FALSE(table_.read(RegisterTable::input_registers, 65535, {r.data(), 1}, at(0)));
   EXPECT_FALSE(table_.read(RegisterTable::coils, 0, {r.data(), 1}, at(0)));
-  EXPECT_FALSE(table_.write(RegisterTable::holding_registers, 5, {r.data(), 2}, at(0)));
+  EXPECT_FALSE(table_.write(RegisterTable::holding_registers, 6, {r.data(), 2}, at(0)));
   EXPECT_FALSE(table_.write(RegisterTable::input_registers, 0, {r.data(), 1}, at(0)));
-  EXPECT_TRUE(table_.read(RegisterTable::holding_registers, 0, {r.data(), 6}, at(0)));
+  EXPECT_TRUE(table_.read(RegisterTable::holding_registers, 0, {r.data(), 7}, at(0)));
 }
 
 TEST_F(TurntableRegisters, DaysLaterTheAngleIsExact) {
