@@ -1,14 +1,15 @@
 // `rigor`: parses the command line and calls the command. All that CLI11 costs in compile time is paid here,
 // once.
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <exception>
 #include <iostream>
-#include <string_view>
+#include <new>
+#include <string>
 #include <vector>
 
 #include "cli/calibrate/calibrate_cli.h"
 #include "cli/commands.h"
+#include "cli/option_checks.h"
 #include "cli/terminal.h"
 #include "cli/world/world_cli.h"
 
@@ -38,7 +39,7 @@ void add_live(CLI::App* app, rigor::LiveOptions& live) {
          "--pace", live.pace,
          "Virtual time: at most so many seconds of it in a second; 0: as fast as it goes (default: 1 with "
          "--live, else 0)")
-      ->check(CLI::NonNegativeNumber);
+      ->check(rigor::number_within({.min = 0, .max = 1e6}));
 }
 
 }  // namespace
@@ -55,7 +56,7 @@ int main(int argc, char** argv) {
   run_app->add_option("--clock", run.clock, "wall or virtual (default: what the rig says)")
       ->check(CLI::IsMember({"wall", "virtual"}));
   run_app->add_option("--duration", run.duration_s, "Seconds; 0: until Ctrl-C")
-      ->check(CLI::NonNegativeNumber);
+      ->check(rigor::number_within({.min = 0, .max = rigor::kLongestRun_s}));
   run_app->add_option("--workers", run.workers, "Threads that simulators compute on; no result depends on it")
       ->check(CLI::Range(1, 64));
   run_app->add_option("--record", run.record, "Write an MCAP recording");
@@ -142,7 +143,7 @@ int main(int argc, char** argv) {
   fault_app->add_option("KIND", fault.kind, "drop, delay, bias, …: docs/faults.md");
   fault_app->add_option("KEYS", fault.keys, "The fault's keys, as key=value");
   fault_app->add_option("--for", fault.for_s, "Seconds; without: until it is cleared")
-      ->check(CLI::PositiveNumber);
+      ->check(rigor::number_within({.min = 0, .max = rigor::kLongestRun_s, .exclusive_min = true}));
   auto* fault_list = fault_app->add_flag("--list", fault.list, "What each fault of the run did so far");
   fault_app->add_flag("--clear", fault.clear, "End what was injected (of CHANNEL, or all)")
       ->excludes(fault_list);
@@ -181,7 +182,7 @@ int main(int argc, char** argv) {
   localization_app->add_option("--estimate", localization.estimate,
                                "Sink that was told x, y, yaw (estimate)");
   localization_app->add_option("--after", localization.after_s, "Seconds from which on it counts (1)")
-      ->check(CLI::NonNegativeNumber);
+      ->check(rigor::number_within({.min = 0, .max = rigor::kLongestRun_s}));
   localization_app->add_option("--map", localization.map, "Stems to draw: x_m,y_m,diameter_m");
   localization_app->add_option("--report", localization.report, "Write a page with plots into this folder");
   localization_app->add_flag("--json", localization.json, "Print as JSON");
@@ -202,9 +203,13 @@ int main(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
-    const std::vector<std::string_view> words(argv, argv + argc);
-    if (e.get_exit_code() != 0 && std::find(words.begin(), words.end(), "--json") != words.end())
-      return rigor::report_error({rigor::ErrorCode::bad_input, "", e.what()}, true);
+    const std::vector<std::string> words(argv + 1, argv + argc);
+    const bool json = std::find(words.begin(), words.end(), "--json") != words.end();
+    if (e.get_exit_code() != 0) {
+      if (const std::string unknown = rigor::unknown_command(app, words); !unknown.empty())
+        return rigor::report_error({rigor::ErrorCode::bad_input, "", unknown}, json);
+      if (json) return rigor::report_error({rigor::ErrorCode::bad_input, "", e.what()}, true);
+    }
     return app.exit(e) == 0 ? 0 : 2;
   }
   try {
@@ -221,6 +226,11 @@ int main(int argc, char** argv) {
     if (world.chosen()) return world.run();
     if (*devices_app) return rigor::devices_command(devices);
     return rigor::doctor_command(doctor);
+  } catch (const std::bad_alloc&) {
+    std::cerr
+        << "rigor: this machine's memory is used up; choose smaller pictures, fewer channels or a smaller "
+           "world\n";
+    return 1;
   } catch (const std::exception& e) {
     std::cerr << "rigor: a defect of Rigor, please report it: " << e.what() << '\n';
     return 1;
