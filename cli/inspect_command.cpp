@@ -110,16 +110,46 @@ int inspect_pcap_command(const InspectOptions& options) {
   return options.json ? 1 : report_error(*report->ended_by, false);
 }
 
+/// By the index, and then the checksums over the whole file: what the index does not cover is not left
+/// unsaid.
+Result<record::RecordingReport> inspect_all(const std::string& file) {
+  auto report = record::inspect(file);
+  if (!report || !report->health.good()) return report;
+  auto scanned = record::McapReader::open(file, {.scan = true, .skip_damaged = true});
+  if (!scanned) return tl::unexpected<Error>(scanned.error());
+  const record::Health& found = (*scanned)->health();
+  if (found.good()) return report;
+  const bool indexed = report->health.indexed;
+  report->health = found;
+  report->health.indexed = indexed;
+  return report;
+}
+
+/// What is damaged is told as far as it goes, and is an error.
+int report_damage(const std::string& file, const record::Health& health, bool json) {
+  std::fflush(stdout);
+  if (json) return 1;
+  const std::size_t more = health.notes.size() > 1 ? health.notes.size() - 1 : 0;
+  return report_error(
+      {ErrorCode::protocol, file,
+       fmt::format(
+           "expected a whole recording, got one that is damaged{}{}; `rigor inspect {} --repair` keeps what "
+           "can be read",
+           health.notes.empty() ? std::string() : ": " + health.notes.front(),
+           more > 0 ? fmt::format(", and {} more", more) : "", file)},
+      false);
+}
+
 }  // namespace
 
 int inspect_command(const InspectOptions& options) {
   const std::string file = options.file.string();
   if (velodyne::is_pcap(options.file)) return inspect_pcap_command(options);
   if (!options.repair) {
-    auto report = record::inspect(file);
+    auto report = inspect_all(file);
     if (!report) return report_error(report.error(), options.json);
     fmt::print("{}", options.json ? json_text(record::to_json(*report)) + "\n" : record::to_text(*report));
-    return 0;
+    return report->health.good() ? 0 : report_damage(file, report->health, options.json);
   }
   std::filesystem::path output = options.output;
   if (output.empty()) output = std::filesystem::path(options.file).replace_extension(".repaired.mcap");
