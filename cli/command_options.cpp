@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "cli/installed_configs.h"
 #include "cli/option_checks.h"
 #include "sensor-hal/config/did_you_mean.h"
 
@@ -60,6 +61,15 @@ CommandOption CommandOption::not_negative() const {
 }
 CommandOption CommandOption::between(int from, int to) const {
   option_->check(CLI::Range(from, to));
+  return *this;
+}
+CommandOption CommandOption::config_file() const {
+  option_->transform(CLI::Validator(
+      [](std::string& name) {
+        name = find_config(name).string();
+        return std::string();
+      },
+      ""));
   return *this;
 }
 CommandOption CommandOption::one_of(const std::vector<std::string>& names) const {

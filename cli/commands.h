@@ -130,5 +130,6 @@ int fault_command(const FaultOptions& options);
 int pair_command(const PairOptions& options);
 int devices_command(const PlainOptions& options);
 int doctor_command(const PlainOptions& options);
+int rigs_command(const PlainOptions& options);
 
 }  // namespace rigor

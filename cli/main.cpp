@@ -9,6 +9,7 @@
 
 #include "cli/calibrate/calibrate_cli.h"
 #include "cli/commands.h"
+#include "cli/installed_configs.h"
 #include "cli/option_checks.h"
 #include "cli/terminal.h"
 #include "cli/world/world_cli.h"
@@ -52,7 +53,8 @@ int main(int argc, char** argv) {
 
   rigor::RunOptions run;
   auto* run_app = app.add_subcommand("run", "Run a rig");
-  run_app->add_option("RIG", run.rig, "Rig file")->required();
+  run_app->add_option("RIG", run.rig, "Rig file, or the name of one that came along (rigor rigs)")
+      ->required();
   run_app->add_option("--clock", run.clock, "wall or virtual (default: what the rig says)")
       ->check(CLI::IsMember({"wall", "virtual"}));
   run_app->add_option("--duration", run.duration_s, "Seconds; 0: until Ctrl-C")
@@ -76,7 +78,7 @@ int main(int argc, char** argv) {
   rigor::EmulateOptions emulate;
   auto* emulate_app =
       app.add_subcommand("emulate", "Bring up the devices of a rig as emulators, until Ctrl-C");
-  emulate_app->add_option("RIG", emulate.rig, "Rig file")->required();
+  emulate_app->add_option("RIG", emulate.rig, "Rig file or name")->required();
   emulate_app->add_option("--only", emulate.only, "Only these emulators");
   emulate_app->add_option("--ready-fd", emulate.ready_fd, "File descriptor that gets a line when all are up")
       ->group("");
@@ -97,7 +99,7 @@ int main(int argc, char** argv) {
 
   rigor::SenseOptions sense;
   auto* sense_app = app.add_subcommand("sense", "Take one sample of a simulated channel");
-  sense_app->add_option("RIG", sense.rig, "Rig file")->required();
+  sense_app->add_option("RIG", sense.rig, "Rig file or name")->required();
   sense_app->add_option("--channel", sense.channel, "Channel, or NAME of a pair (its simulated side)")
       ->required();
   sense_app->add_option("--at", sense.at_s, "Capture instant in seconds after the start");
@@ -130,10 +132,10 @@ int main(int argc, char** argv) {
   rigor::TuneOptions tune;
   auto* tune_app = app.add_subcommand(
       "tune", "Measure engines and their settings for channels with a tolerance; write RIG.lock.yaml");
-  tune_app->add_option("RIG", tune.rig, "Rig file")->required();
+  tune_app->add_option("RIG", tune.rig, "Rig file or name")->required();
   tune_app->add_flag("--json", tune.json, "Print what was measured as JSON");
   add_overrides(tune_app, tune.overrides);
-  tune_app->footer("Example: rigor tune configs/rigs/measuring-light.yaml");
+  tune_app->footer("Example: rigor tune tuned-scan");
 
   rigor::FaultOptions fault;
   auto* fault_app = app.add_subcommand(
@@ -162,7 +164,7 @@ int main(int argc, char** argv) {
       ->needs(pair_channel)
       ->excludes(acknowledge);
   pair_app->add_flag("--json", pair.json, "Print as JSON");
-  pair_app->footer("Example: rigor pair bench left --acknowledge");
+  pair_app->footer("Example: rigor pair pair-watch scan --acknowledge");
 
   rigor::InspectOptions inspect;
   auto* inspect_app = app.add_subcommand("inspect", "Say what is in a recording");
@@ -191,7 +193,10 @@ int main(int argc, char** argv) {
   rigor::CalibrateCommandLine calibrate(app);
   rigor::WorldCommandLine world(app);
 
-  rigor::PlainOptions devices, doctor;
+  rigor::PlainOptions devices, doctor, rigs;
+  auto* rigs_app = app.add_subcommand("rigs", "List the rigs that Rigor comes with");
+  rigs_app->add_flag("--json", rigs.json, "Print as JSON");
+  rigs_app->footer("Example: rigor rigs");
   auto* devices_app = app.add_subcommand("devices", "List what is attached, per driver");
   devices_app->add_flag("--json", devices.json, "Print as JSON");
   devices_app->footer("Example: rigor devices --json");
@@ -212,6 +217,9 @@ int main(int argc, char** argv) {
     }
     return app.exit(e) == 0 ? 0 : 2;
   }
+  for (std::filesystem::path* rig :
+       {&run.rig, &emulate.rig, &replay.rig, &sense.rig, &tune.rig, &localization.map})
+    *rig = rigor::find_config(*rig);
   try {
     if (*run_app) return rigor::run_command(run);
     if (*emulate_app) return rigor::emulate_command(emulate);
@@ -224,6 +232,7 @@ int main(int argc, char** argv) {
     if (*localization_app) return rigor::localization_command(localization);
     if (calibrate.chosen()) return calibrate.run();
     if (world.chosen()) return world.run();
+    if (*rigs_app) return rigor::rigs_command(rigs);
     if (*devices_app) return rigor::devices_command(devices);
     return rigor::doctor_command(doctor);
   } catch (const std::bad_alloc&) {

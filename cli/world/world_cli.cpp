@@ -1,6 +1,7 @@
 #include "cli/world/world_cli.h"
 
 #include "cli/commands.h"
+#include "cli/installed_configs.h"
 #include "cli/option_checks.h"
 #include "cli/world/world_commands.h"
 
@@ -133,6 +134,14 @@ WorldCommandLine::~WorldCommandLine() = default;
 bool WorldCommandLine::chosen() const { return impl_->world->parsed(); }
 
 int WorldCommandLine::run() const {
+  for (std::filesystem::path* file : {&impl_->import_options.plan, &impl_->info_options.world,
+                                      &impl_->export_options.world, &impl_->render_options.world})
+    *file = find_config(*file);
+  // Words after `=` and addresses of servers are no files, and come back as they are.
+  WorldImportOptions& sources = impl_->import_options;
+  for (auto* list :
+       {&sources.elevation, &sources.imagery, &sources.land_cover, &sources.trees, &sources.weather})
+    for (std::string& file : *list) file = find_config(file).string();
   if (*impl_->import_app) return world_import_command(impl_->import_options);
   if (*impl_->info) return world_info_command(impl_->info_options);
   if (*impl_->export_app) return world_export_command(impl_->export_options);
