@@ -168,12 +168,31 @@ int main(int argc, char** argv) {
 
   rigor::InspectOptions inspect;
   auto* inspect_app = app.add_subcommand("inspect", "Say what is in a recording");
-  inspect_app->add_option("FILE", inspect.file, "MCAP file")->required();
+  inspect_app
+      ->add_option("FILE", inspect.file,
+                   "MCAP file; packets of a Velodyne (pcap); telegrams of a SICK scanner (JSON)")
+      ->required();
   inspect_app->add_flag("--repair", inspect.repair, "Make an indexed file of one that was cut short");
   inspect_app->add_option("-o,--output", inspect.output,
                           "Where the repaired file goes (default: FILE.repaired.mcap)");
   inspect_app->add_flag("--json", inspect.json, "Print as JSON");
   inspect_app->footer("Example: rigor inspect demo.mcap --repair -o demo-whole.mcap");
+
+  rigor::ConvertOptions convert;
+  auto* convert_app =
+      app.add_subcommand("convert", "Make points of what a LiDAR sent: packets or telegrams, without a rig");
+  convert_app
+      ->add_option("INPUT", convert.input,
+                   "Packets of a Velodyne (pcap, pcapng), or telegrams of a SICK scanner in JSON")
+      ->required();
+  convert_app->add_option("-o,--output", convert.output, "out.mcap (all scans), or out.pcd (one of them)")
+      ->required();
+  auto* convert_scan =
+      convert_app->add_option("--scan", convert.scan, "Which one a .pcd gets, from 0 (default: 0)")
+          ->check(rigor::number_within({.min = 0, .max = 1e9}));
+  convert_app->add_flag("--force", convert.force, "Write over a file that is there");
+  convert_app->add_flag("--json", convert.json, "Print what was written as JSON");
+  convert_app->footer("Example: rigor convert drive.pcap -o drive.mcap");
 
   rigor::LocalizationOptions localization;
   auto* localization_app = app.add_subcommand(
@@ -229,6 +248,8 @@ int main(int argc, char** argv) {
     if (*fault_app) return rigor::fault_command(fault);
     if (*pair_app) return rigor::pair_command(pair);
     if (*inspect_app) return rigor::inspect_command(inspect);
+    convert.scan_given = convert_scan->count() > 0;
+    if (*convert_app) return rigor::convert_command(convert);
     if (*localization_app) return rigor::localization_command(localization);
     if (calibrate.chosen()) return calibrate.run();
     if (world.chosen()) return world.run();
