@@ -197,6 +197,27 @@ TEST_F(BadInput, InspectOfWhatIsNoRecording) {
   EXPECT_EQ(rigor({"replay", "x.mcap"}, dir.path()).status, 2);
 }
 
+TEST_F(BadInput, InspectOfADamagedRecordingIsNoSuccess) {
+  const Said made =
+      rigor({"run", config("rigs/inertial.yaml"), "--duration", "0.3", "--record", "whole.mcap"}, dir.path());
+  ASSERT_EQ(made.status, 0) << made.err;
+  ASSERT_EQ(rigor({"inspect", "whole.mcap"}, dir.path()).status, 0);
+  const std::string whole = read_file(dir / "whole.mcap");
+  constexpr std::size_t kPlaces = 25;
+  for (std::size_t i = 1; i <= kPlaces; ++i) {
+    const std::size_t at = whole.size() * i / (kPlaces + 1);
+    std::string damaged = whole;
+    damaged[at] = static_cast<char>(damaged[at] ^ 0x20);
+    write_file(dir / "damaged.mcap", damaged);
+    const Said flipped = rigor({"inspect", "damaged.mcap"}, dir.path());
+    EXPECT_EQ(flipped.status, 1) << "byte " << at << ": " << flipped.out << flipped.err;
+    EXPECT_THAT(flipped.err, HasSubstr("damaged.mcap: ")) << "byte " << at;
+    write_file(dir / "damaged.mcap", whole.substr(0, at));
+    const Said cut = rigor({"inspect", "damaged.mcap", "--json"}, dir.path());
+    EXPECT_EQ(cut.status, 1) << "cut at " << at << ": " << cut.err;
+  }
+}
+
 // A topic whose name is no UTF-8, in an MCAP file of one message by hand.
 TEST_F(BadInput, InspectGivesJsonWhateverTheNamesInARecording) {
   const auto number = [](std::uint64_t v, int bytes) {
