@@ -59,27 +59,34 @@ class Runner:
         self.env = {**os.environ, "PATH": f"{prefix}/bin:{os.environ['PATH']}", "XDG_RUNTIME_DIR": str(folder)}
 
     def start(self, words):
-        return subprocess.Popen(words, cwd=self.folder, env=self.env, text=True, stdout=subprocess.PIPE,
-                                stderr=subprocess.STDOUT)
+        with open(self.folder / ".said", "w", encoding="utf-8") as said:
+            return subprocess.Popen(words, cwd=self.folder, env=self.env, stdout=said, stderr=subprocess.STDOUT)
+
+    def until(self, process, there):
+        """Waits until something is there, or the process has ended."""
+        end = time.monotonic() + LONGEST_S
+        while process.poll() is None and not there() and time.monotonic() < end:
+            time.sleep(0.1)
 
     def until_interrupted(self, words):
         """What a command says that runs until Ctrl-C."""
         process = self.start(words)
-        time.sleep(3)
+        said = self.folder / ".said"
+        self.until(process, lambda: said.stat().st_size > 0)
         early = process.poll()
         process.send_signal(signal.SIGINT)
-        said = process.communicate(timeout=LONGEST_S)[0]
-        return early is None and process.returncode == 0, said
+        process.wait(timeout=LONGEST_S)
+        return early is None and process.returncode == 0, said.read_text(encoding="utf-8")
 
     def begin_beside(self, words):
         if self.beside is None:
             self.beside = self.start(["rigor", *words])
-            time.sleep(4)
+            self.until(self.beside, lambda: any((self.folder / "rigor").glob("*.sock")))
 
     def end_beside(self):
         if self.beside is not None:
             self.beside.send_signal(signal.SIGINT)
-            self.beside.communicate(timeout=LONGEST_S)
+            self.beside.wait(timeout=LONGEST_S)
             self.beside = None
 
     def run(self, line):
