@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Checks that what the documents say can be typed and followed.
 
-In fenced blocks marked `console`, each line `$ rigor COMMAND …` or `$ ./dev COMMAND …`, and in other fenced blocks each line
-that begins with `rigor`, must name a command that exists, with options that its --help knows; relative links and pictures must
+In fenced blocks marked `console`, each line `$ rigor COMMAND …` or `$ ./dev COMMAND …`, and in other fenced or indented blocks
+each line that begins with `rigor`, must name a command that exists, with options that its --help knows; relative links and pictures must
 lead to files. With --run, the commands are run as tools/docs_commands.py says: in a fresh folder for each document, after an
 install into a prefix.
 """
@@ -33,11 +33,14 @@ def command_lines(text):
             fence = line.strip()[3:] if fence is None else None
             pending = ""
             continue
-        begins = fence is not None and (line.startswith("$ ") if fence == "console" else line.startswith("rigor "))
-        if fence is None or not (begins or pending):
+        if fence is None:
+            begins = line.startswith("    rigor ")
+        else:
+            begins = line.startswith("$ ") if fence == "console" else line.startswith("rigor ")
+        if not (begins or pending):
             continue
         start = start if pending else number
-        pending += line.removeprefix("$ ") if not pending else " " + line.strip()
+        pending += line.strip().removeprefix("$ ") if not pending else " " + line.strip()
         if pending.endswith("\\"):
             pending = pending[:-1]
             continue
