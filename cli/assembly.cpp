@@ -24,6 +24,7 @@
 #include "sensor-hal/channel/simulated_source.h"
 #include "sensor-hal/channel/typed_source.h"
 #include "sensor-hal/channel/worker_pool.h"
+#include "sensor-hal/config/did_you_mean.h"
 #include "sim/platform/platform.h"
 
 namespace rigor {
@@ -37,6 +38,7 @@ class Assembler {
   Assembler(Assembly& out, const Registry& registry) : out_(out), rig_(out.parts.rig), registry_(registry) {}
 
   Status run() {
+    if (auto s = check_channel_count(); !s) return s;
     if (!rig_.simulation.world.empty()) {
       auto simulation = Simulation::open(rig_.simulation);
       if (!simulation) return tl::unexpected<Error>(simulation.error());
@@ -74,15 +76,32 @@ class Assembler {
  private:
   [[nodiscard]] bool virtual_time() const { return rig_.clock == ClockKind::virtual_time; }
 
+  /// Simulated channels and pairs compute on strands of the worker pool, which are refused here, at the
+  /// channel that takes one too many, before a world is read.
+  Status check_channel_count() const {
+    std::size_t strands = 0;
+    for (const ChannelEntry& entry : rig_.channels) {
+      strands += entry.is_pair ? 2 : entry.source.backend == kSimulated ? 1 : 0;
+      if (strands <= WorkerPool::kMaxStrands) continue;
+      return tl::unexpected<Error>(
+          entry.node
+              .error("",
+                     fmt::format("expected at most {} simulated channels in a rig (a pair counts twice), got "
+                                 "more: this is the first that is too many; split the rig",
+                                 WorkerPool::kMaxStrands))
+              .error());
+    }
+    return {};
+  }
+
   /// The error for a backend that does not exist, at its place.
   Error unknown_backend(const BackendChoice& choice) const {
     std::vector<std::string> names = registry_.names();
     names.emplace_back(kSimulated);
     names.emplace_back(kReplay);
-    const std::string near = nearest(choice.backend, names);
     return choice.params
         .error("backend", fmt::format("expected one of {}, got \"{}\"{}", fmt::join(names, ", "),
-                                      choice.backend, near.empty() ? "" : "; did you mean " + near + "?"))
+                                      choice.backend, did_you_mean(choice.backend, names)))
         .error();
   }
 

@@ -1,23 +1,75 @@
 #include "cli/command_options.h"
 
-#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <cmath>
+#include <cstdlib>
+
+#include "cli/installed_configs.h"
+#include "cli/option_checks.h"
+#include "sensor-hal/config/did_you_mean.h"
 
 namespace rigor {
+
+CLI::Validator number_within(NumberLimits limits) {
+  return CLI::Validator(
+      [limits](std::string& text) -> std::string {
+        char* end = nullptr;
+        const double x = std::strtod(text.c_str(), &end);
+        const bool number = end != text.c_str() && *end == '\0';
+        const bool inside = limits.exclusive_min ? x > limits.min : x >= limits.min;
+        if (number && std::isfinite(x) && inside && x <= limits.max) return {};
+        return limits.exclusive_min
+                   ? fmt::format("expected a number above {:g} and up to {:g}, got {}", limits.min,
+                                 limits.max, text)
+                   : fmt::format("expected a number from {:g} to {:g}, got {}", limits.min, limits.max, text);
+      },
+      "");
+}
+
+std::string unknown_command(const CLI::App& app, const std::vector<std::string>& words) {
+  const CLI::App* at = &app;
+  for (const std::string& word : words) {
+    std::vector<std::string> names;
+    const CLI::App* next = nullptr;
+    for (const CLI::App* sub : at->get_subcommands([](const CLI::App*) { return true; })) {
+      if (sub->get_name() == word) next = sub;
+      names.push_back(sub->get_name());
+    }
+    if (names.empty() || word.starts_with('-')) return {};
+    if (!next) {
+      return fmt::format("expected one of the commands {}, got \"{}\"{}", fmt::join(names, ", "), word,
+                         did_you_mean(word, names));
+    }
+    at = next;
+  }
+  return {};
+}
 
 CommandOption CommandOption::required(bool yes) const {
   option_->required(yes);
   return *this;
 }
 CommandOption CommandOption::positive() const {
-  option_->check(CLI::PositiveNumber);
+  option_->check(number_within({.min = 0, .max = kMostOption, .exclusive_min = true}));
   return *this;
 }
 CommandOption CommandOption::not_negative() const {
-  option_->check(CLI::NonNegativeNumber);
+  option_->check(number_within({.min = 0, .max = kMostOption}));
   return *this;
 }
 CommandOption CommandOption::between(int from, int to) const {
   option_->check(CLI::Range(from, to));
+  return *this;
+}
+CommandOption CommandOption::config_file() const {
+  option_->transform(CLI::Validator(
+      [](std::string& name) {
+        name = find_config(name).string();
+        return std::string();
+      },
+      ""));
   return *this;
 }
 CommandOption CommandOption::one_of(const std::vector<std::string>& names) const {
@@ -41,7 +93,8 @@ CommandOption CommandOptions::add_option(const std::string& names, std::filesyst
   return CommandOption(app_->add_option(names, value, what));
 }
 CommandOption CommandOptions::add_option(const std::string& names, double& value, const std::string& what) {
-  return CommandOption(app_->add_option(names, value, what));
+  return CommandOption(
+      app_->add_option(names, value, what)->check(number_within({.min = -kMostOption, .max = kMostOption})));
 }
 CommandOption CommandOptions::add_option(const std::string& names, int& value, const std::string& what) {
   return CommandOption(app_->add_option(names, value, what));

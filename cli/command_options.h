@@ -21,6 +21,8 @@ class CommandOption {
   CommandOption positive() const;
   CommandOption not_negative() const;
   CommandOption between(int from, int to) const;
+  /// A file that may be one that Rigor comes with (installed_configs.h).
+  CommandOption config_file() const;
   CommandOption one_of(const std::vector<std::string>& names) const;
   CommandOption excludes(const CommandOption& other) const;
 

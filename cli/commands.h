@@ -121,6 +121,13 @@ struct PairOptions {
   bool acknowledge = false, learn_again = false;
   bool json = false;
 };
+struct ConvertOptions {
+  std::filesystem::path input, output;
+  int scan = 0;  ///< of a .pcd
+  bool scan_given = false;
+  bool force = false;
+  bool json = false;
+};
 struct PlainOptions {
   bool json = false;
 };
@@ -135,7 +142,9 @@ int localization_command(const LocalizationOptions& options);
 int world_render_command(const WorldRenderOptions& options);
 int fault_command(const FaultOptions& options);
 int pair_command(const PairOptions& options);
+int convert_command(const ConvertOptions& options);
 int devices_command(const PlainOptions& options);
 int doctor_command(const PlainOptions& options);
+int rigs_command(const PlainOptions& options);
 
 }  // namespace rigor

@@ -7,6 +7,7 @@
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -53,18 +54,26 @@ std::filesystem::path control_folder() {
 }
 
 /// In /tmp another user could have been there first: only a folder of ours, closed to others, is used.
-Status make_folder(const std::filesystem::path& folder) {
+Status check_folder(const std::filesystem::path& folder) {
   const auto refuse = [&](const std::string& why) {
     return fail(ErrorCode::unavailable, folder.string(),
-                "expected a folder for control sockets that belongs to this user alone: " + why);
+                "expected a folder for control sockets that belongs to this user alone: " + why +
+                    "; remove it, or set XDG_RUNTIME_DIR to a folder of your own");
   };
-  if (mkdir(folder.c_str(), 0700) != 0 && errno != EEXIST) return refuse(std::strerror(errno));
   struct stat s {};
   if (lstat(folder.c_str(), &s) != 0) return refuse(std::strerror(errno));
   if (!S_ISDIR(s.st_mode)) return refuse("it is no folder");
   if (s.st_uid != getuid()) return refuse("it is another user's");
   if ((s.st_mode & 0077) != 0 && chmod(folder.c_str(), 0700) != 0) return refuse(std::strerror(errno));
   return {};
+}
+
+Status make_folder(const std::filesystem::path& folder) {
+  if (mkdir(folder.c_str(), 0700) != 0 && errno != EEXIST)
+    return fail(ErrorCode::unavailable, folder.string(),
+                std::string("expected a folder for control sockets that can be made: ") +
+                    std::strerror(errno) + "; set XDG_RUNTIME_DIR to a folder of your own");
+  return check_folder(folder);
 }
 
 std::string plain(const std::string& name) {
@@ -176,6 +185,7 @@ Result<std::unique_ptr<ControlSocket>> ControlSocket::open(const std::string& ru
     return fail(ErrorCode::unavailable, path.string(),
                 "expected a path of less than 108 characters for a control socket; set XDG_RUNTIME_DIR to a "
                 "shorter one");
+  (void)running_benches();  // removes what dead runs left
   std::error_code ignored;
   std::filesystem::remove(path, ignored);  // of a dead process that had our number
   const int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
@@ -250,9 +260,26 @@ bool ControlSocket::serve_client(Client& client) {
 
 // ------------------------------------------------------------------ client
 
+namespace {
+
+/// The process is gone, or another has its number by now: nobody listens at a socket that is no longer new.
+bool left_behind(const RunningBench& bench) {
+  if (kill(bench.pid, 0) != 0 && errno == ESRCH) return true;
+  struct stat s {};
+  constexpr time_t kNew_s = 10;  // one that is being made is bound before it listens
+  if (lstat(bench.socket.c_str(), &s) != 0 || time(nullptr) - s.st_mtime < kNew_s) return false;
+  const int fd = connect_to(bench.socket, seconds(1));
+  if (fd < 0) return errno == ECONNREFUSED;
+  close(fd);
+  return false;
+}
+
+}  // namespace
+
 std::vector<RunningBench> running_benches() {
   std::vector<RunningBench> all;
   std::error_code none;
+  if (!check_folder(control_folder())) return all;  // nobody else's sockets are talked to
   for (const auto& entry : std::filesystem::directory_iterator(control_folder(), none)) {
     const std::string file = entry.path().filename();
     const std::size_t end = file.rfind(".sock"),
@@ -263,7 +290,7 @@ std::vector<RunningBench> running_benches() {
     b.socket = entry.path();
     const char *first = file.data() + dot + 1, *last = file.data() + end;
     if (const auto [at, ec] = std::from_chars(first, last, b.pid); ec != std::errc{} || at != last) continue;
-    if (kill(b.pid, 0) != 0 && errno == ESRCH) {
+    if (left_behind(b)) {
       std::filesystem::remove(b.socket, none);
       continue;
     }
@@ -308,6 +335,10 @@ Asked ask_once(const std::filesystem::path& path, const std::string& line, Durat
 }  // namespace
 
 Result<json> ask_bench(const std::string& name_or_pid, const json& request, Patience patience) {
+  const auto folder = control_folder();
+  std::error_code none;
+  if (std::filesystem::exists(folder, none))
+    if (auto s = check_folder(folder); !s) return tl::unexpected<Error>(s.error());
   const auto all = running_benches();
   std::vector<const RunningBench*> fits;
   std::string list;

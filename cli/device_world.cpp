@@ -1,10 +1,12 @@
 #include "cli/device_world.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "cli/device_sensors.h"
 #include "cli/device_signals.h"
 #include "cli/sensing/sheet_kind.h"
+#include "sensor-hal/config/did_you_mean.h"
 #include "sim/platform/platform.h"
 #include "sim/platform/turntable.h"
 
@@ -224,8 +226,9 @@ Result<std::unique_ptr<Emulator>> DeviceWorld::start_emulator(const EmulatorEntr
       if (b.make_emulator) names.push_back(name);
     return tl::unexpected<Error>(
         entry.node
-            .error("backend", fmt::format("expected a backend with an emulator, got \"{}\"; did you mean {}?",
-                                          entry.emulator.backend, nearest(entry.emulator.backend, names)))
+            .error("backend", fmt::format("expected a backend with an emulator ({}), got \"{}\"{}",
+                                          fmt::join(names, ", "), entry.emulator.backend,
+                                          did_you_mean(entry.emulator.backend, names)))
             .error());
   }
   auto device_parts = parts(entry.name);

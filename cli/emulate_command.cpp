@@ -1,4 +1,5 @@
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -12,6 +13,7 @@
 #include "cli/overrides.h"
 #include "cli/terminal.h"
 #include "rt-core/executive.h"
+#include "sensor-hal/config/did_you_mean.h"
 
 namespace rigor {
 namespace {
@@ -29,8 +31,8 @@ Result<RigConfig> load(const EmulateOptions& options) {
       std::vector<std::string> names;
       for (const auto& e : rig->emulators) names.push_back(e.name);
       return fail(ErrorCode::bad_input, "--only",
-                  fmt::format("expected one of the rig's emulators, got \"{}\"; did you mean {}?", name,
-                              nearest(name, names)));
+                  fmt::format("expected one of the rig's emulators {}, got \"{}\"{}", fmt::join(names, ", "),
+                              name, did_you_mean(name, names)));
     }
   return rig;
 }

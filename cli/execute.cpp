@@ -134,7 +134,8 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     if (opened)
       control = std::move(*opened);
     else
-      warnings.push_back("no `rigor fault` for this run: " + opened.error().text());
+      warnings.push_back("no `rigor fault` for this run: " + opened.error().text()),
+          fmt::print(stderr, "rigor: warning: {}\n", warnings.back());
   }
   BenchTime t0;
   std::optional<RecordingFile> file;

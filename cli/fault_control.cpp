@@ -1,6 +1,7 @@
 #include "cli/fault_control.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -153,11 +154,38 @@ std::optional<Told> parse_event(const std::string& text) {
   return Told{text.substr(of + 4, end - of - 4), text.substr(brace + 2)};
 }
 
+/// Draws depend on channels' names and kinds: those that were recorded are to be in this rig.
+Status check_channels(const RecordedRun& run, const std::filesystem::path& file, const RigConfig& rig) {
+  const auto root = ConfigDocument::parse(run.rig_text, file.string() + ": its rig");
+  if (!root) return tl::unexpected<Error>(root.error());
+  const auto recorded = parse_rig(*root, run.rig_file);
+  if (!recorded) return tl::unexpected<Error>(recorded.error());
+  std::vector<std::string> differ;
+  for (const ChannelEntry& was : recorded->channels) {
+    const auto is = std::ranges::find(rig.channels, was.name, &ChannelEntry::name);
+    if (is == rig.channels.end())
+      differ.push_back("no channel " + was.name);
+    else if (is->kind != was.kind)
+      differ.push_back(
+          fmt::format("{} is of kind {} and not {}", was.name, kind_name(is->kind), kind_name(was.kind)));
+    else if (is->is_pair != was.is_pair)
+      differ.push_back(was.name + (was.is_pair ? " is no pair" : " is a pair"));
+  }
+  for (const SinkEntry& was : recorded->sinks)
+    if (std::ranges::find(rig.sinks, was.name, &SinkEntry::name) == rig.sinks.end())
+      differ.push_back("no sink " + was.name);
+  if (differ.empty()) return {};
+  return fail(ErrorCode::bad_input, file.string(),
+              fmt::format("expected a recording of this rig ({}), got one of {}: here is {}", rig.name,
+                          recorded->name, fmt::join(differ, ", ")));
+}
+
 }  // namespace
 
-Status schedule_recorded_faults(const std::filesystem::path& file, FaultBench& faults) {
+Status schedule_recorded_faults(const std::filesystem::path& file, const RigConfig& rig, FaultBench& faults) {
   const auto run = read_recorded_run(file);
   if (!run) return tl::unexpected<Error>(run.error());
+  if (auto s = check_channels(*run, file, rig); !s) return s;
   auto reader = record::McapReader::open(file.string());
   if (!reader) return tl::unexpected<Error>(reader.error());
   struct Recorded {
@@ -192,6 +220,11 @@ Status schedule_recorded_faults(const std::filesystem::path& file, FaultBench& f
       r.until = after;
     }
   }
+  if (found.empty())
+    return fail(
+        ErrorCode::bad_input, file.string(),
+        "expected a recording of a run into which faults were injected (`rigor fault`), got one without; "
+        "faults that the rig itself schedules come from the rig");
   for (const auto& [key, r] : found) {
     const auto entry = faults.find(key.first);
     if (!entry) return tl::unexpected<Error>(entry.error());

@@ -27,7 +27,10 @@ void add_run_commands(ControlCommands& commands, RunParts& parts);
 [[nodiscard]] nlohmann::json faults_json(const FaultBench::Entry& entry, const BenchTime* t0);
 
 /// Takes the live faults of a recording into a run that has not been armed: each comes and goes at the same
-/// instants after the start, with the index that it had. Setup context. not_found, protocol, bad_input.
-[[nodiscard]] Status schedule_recorded_faults(const std::filesystem::path& recording, FaultBench& faults);
+/// instants after the start, with the index that it had. Setup context. not_found, protocol; bad_input: among
+/// others a recording of another rig, with channels or sinks that this one does not have, and one without
+/// faults.
+[[nodiscard]] Status schedule_recorded_faults(const std::filesystem::path& recording, const RigConfig& rig,
+                                              FaultBench& faults);
 
 }  // namespace rigor

@@ -1,7 +1,12 @@
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
 #include <nlohmann/json.hpp>
 
+#include "cli/calibrate/recording_packets.h"
 #include "cli/commands.h"
 #include "cli/output_file.h"
 #include "cli/terminal.h"
@@ -111,16 +116,107 @@ int inspect_pcap_command(const InspectOptions& options) {
   return options.json ? 1 : report_error(*report->ended_by, false);
 }
 
+/// By the index, and then the checksums over the whole file: what the index does not cover is not left
+/// unsaid.
+Result<record::RecordingReport> inspect_all(const std::string& file) {
+  auto report = record::inspect(file);
+  if (!report || !report->health.good()) return report;
+  auto scanned = record::McapReader::open(file, {.scan = true, .skip_damaged = true});
+  if (!scanned) return tl::unexpected<Error>(scanned.error());
+  const record::Health& found = (*scanned)->health();
+  if (found.good()) return report;
+  const bool indexed = report->health.indexed;
+  report->health = found;
+  report->health.indexed = indexed;
+  return report;
+}
+
+/// What is damaged is told as far as it goes, and is an error.
+int report_damage(const std::string& file, const record::Health& health, bool json) {
+  std::fflush(stdout);
+  if (json) return 1;
+  const std::size_t more = health.notes.size() > 1 ? health.notes.size() - 1 : 0;
+  return report_error(
+      {ErrorCode::protocol, file,
+       fmt::format(
+           "expected a whole recording, got one that is damaged{}{}; `rigor inspect {} --repair` keeps what "
+           "can be read",
+           health.notes.empty() ? std::string() : ": " + health.notes.front(),
+           more > 0 ? fmt::format(", and {} more", more) : "", file)},
+      false);
+}
+
+/// What the scans of a SICK scanner's telegrams hold.
+int inspect_sick_command(const InspectOptions& options) {
+  if (options.repair)
+    return report_error({ErrorCode::bad_input, options.file.string(),
+                         "expected a recording of Rigor (MCAP), got telegrams: there is nothing to repair"},
+                        options.json);
+  std::uint64_t points = 0, most = 0, gaps = 0;
+  double minimum_m = std::numeric_limits<double>::infinity(), maximum_m = 0, strongest = 0, longest_s = 0;
+  std::optional<BenchTime> first, last;
+  std::vector<double> periods_s;
+  const auto read = read_sick_recording(options.file, [&](const Sample& sample) {
+    const std::size_t n = sample.bytes().size() / sizeof(LidarPoint);
+    const auto* p = reinterpret_cast<const LidarPoint*>(sample.bytes().data());
+    for (std::size_t i = 0; i < n; ++i) {
+      const double range_m = std::hypot(double{p[i].x_m}, double{p[i].y_m}, double{p[i].z_m});
+      minimum_m = std::min(minimum_m, range_m), maximum_m = std::max(maximum_m, range_m);
+      strongest = std::max(strongest, double{p[i].remission});
+    }
+    points += n, most = std::max<std::uint64_t>(most, n);
+    if (last) periods_s.push_back((sample.stamp.t_capture - *last).seconds());
+    if (!first) first = sample.stamp.t_capture;
+    last = sample.stamp.t_capture;
+    return true;
+  });
+  if (!read) return report_error(read.error(), options.json);
+  double period_s = 0;
+  if (!periods_s.empty()) {
+    std::vector<double> sorted = periods_s;
+    std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2),
+                     sorted.end());
+    period_s = sorted[sorted.size() / 2];
+    for (const double p : periods_s) gaps += p > 1.5 * period_s, longest_s = std::max(longest_s, p);
+  }
+  const double rate_hz = period_s > 0 ? 1 / period_s : 0, duration_s = first ? (*last - *first).seconds() : 0;
+  if (points == 0) minimum_m = 0;
+  const bool whole = read->warnings.empty();
+  if (options.json)
+    fmt::print("{}\n", json_text({{"file", options.file.string()},
+                                  {"format", "SICK telegrams"},
+                                  {"scans", read->samples},
+                                  {"duration_s", duration_s},
+                                  {"rate_hz", rate_hz},
+                                  {"points", points},
+                                  {"points_per_scan_max", most},
+                                  {"range_m", {{"minimum", minimum_m}, {"maximum", maximum_m}}},
+                                  {"remission_max", strongest},
+                                  {"gaps", {{"count", gaps}, {"longest_ms", longest_s * 1e3}}},
+                                  {"whole", whole},
+                                  {"warnings", read->warnings}}));
+  else
+    fmt::print(
+        "{}: {} scans of a SICK scanner, {:.3f} s\n  rate      {:.2f} Hz, {} gaps, longest {:.1f} ms\n"
+        "  points    {}, at most {} a scan, from {:.3f} to {:.3f} m, remission up to {:g}\n",
+        options.file.string(), read->samples, duration_s, rate_hz, gaps, longest_s * 1e3, points, most,
+        minimum_m, maximum_m, strongest);
+  if (whole) return 0;
+  std::fflush(stdout);
+  return options.json ? 1 : report_error({ErrorCode::protocol, "", read->warnings.front()}, false);
+}
+
 }  // namespace
 
 int inspect_command(const InspectOptions& options) {
   const std::string file = options.file.string();
   if (velodyne::is_pcap(options.file)) return inspect_pcap_command(options);
+  if (is_sick_recording(options.file)) return inspect_sick_command(options);
   if (!options.repair) {
-    auto report = record::inspect(file);
+    auto report = inspect_all(file);
     if (!report) return report_error(report.error(), options.json);
     fmt::print("{}", options.json ? json_text(record::to_json(*report)) + "\n" : record::to_text(*report));
-    return 0;
+    return report->health.good() ? 0 : report_damage(file, report->health, options.json);
   }
   std::filesystem::path output = options.output;
   if (output.empty()) output = std::filesystem::path(options.file).replace_extension(".repaired.mcap");

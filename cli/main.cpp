@@ -1,14 +1,17 @@
 // `rigor`: parses the command line and calls the command. All that CLI11 costs in compile time is paid here,
 // once.
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <exception>
+#include <new>
+#include <string>
 #include <string_view>
 #include <vector>
 
 #include "cli/calibrate/calibrate_cli.h"
 #include "cli/commands.h"
+#include "cli/installed_configs.h"
+#include "cli/option_checks.h"
 #include "cli/terminal.h"
 #include "cli/world/world_cli.h"
 
@@ -38,7 +41,7 @@ void add_live(CLI::App* app, rigor::LiveOptions& live) {
          "--pace", live.pace,
          "Virtual time: at most so many seconds of it in a second; 0: as fast as it goes (default: 1 with "
          "--live, else 0)")
-      ->check(CLI::NonNegativeNumber);
+      ->check(rigor::number_within({.min = 0, .max = 1e6}));
 }
 
 constexpr const char* kForce = "Write over a file that is there";
@@ -52,11 +55,12 @@ int command_line(int argc, char** argv) {
 
   rigor::RunOptions run;
   auto* run_app = app.add_subcommand("run", "Run a rig");
-  run_app->add_option("RIG", run.rig, "Rig file")->required();
+  run_app->add_option("RIG", run.rig, "Rig file, or the name of one that came along (rigor rigs)")
+      ->required();
   run_app->add_option("--clock", run.clock, "wall or virtual (default: what the rig says)")
       ->check(CLI::IsMember({"wall", "virtual"}));
   run_app->add_option("--duration", run.duration_s, "Seconds; 0: until Ctrl-C")
-      ->check(CLI::NonNegativeNumber);
+      ->check(rigor::number_within({.min = 0, .max = rigor::kLongestRun_s}));
   run_app->add_option("--workers", run.workers, "Threads that simulators compute on; no result depends on it")
       ->check(CLI::Range(1, 64));
   run_app->add_option("--record", run.record, "Write an MCAP recording");
@@ -77,7 +81,7 @@ int command_line(int argc, char** argv) {
   rigor::EmulateOptions emulate;
   auto* emulate_app =
       app.add_subcommand("emulate", "Bring up the devices of a rig as emulators, until Ctrl-C");
-  emulate_app->add_option("RIG", emulate.rig, "Rig file")->required();
+  emulate_app->add_option("RIG", emulate.rig, "Rig file or name")->required();
   emulate_app->add_option("--only", emulate.only, "Only these emulators");
   emulate_app->add_option("--ready-fd", emulate.ready_fd, "File descriptor that gets a line when all are up")
       ->group("");
@@ -99,7 +103,7 @@ int command_line(int argc, char** argv) {
 
   rigor::SenseOptions sense;
   auto* sense_app = app.add_subcommand("sense", "Take one sample of a simulated channel");
-  sense_app->add_option("RIG", sense.rig, "Rig file")->required();
+  sense_app->add_option("RIG", sense.rig, "Rig file or name")->required();
   sense_app->add_option("--channel", sense.channel, "Channel, or NAME of a pair (its simulated side)")
       ->required();
   sense_app->add_option("--at", sense.at_s, "Capture instant in seconds after the start");
@@ -133,11 +137,11 @@ int command_line(int argc, char** argv) {
   rigor::TuneOptions tune;
   auto* tune_app = app.add_subcommand(
       "tune", "Measure engines and their settings for channels with a tolerance; write RIG.lock.yaml");
-  tune_app->add_option("RIG", tune.rig, "Rig file")->required();
+  tune_app->add_option("RIG", tune.rig, "Rig file or name")->required();
   tune_app->add_flag("--force", tune.force, kForceKept);
   tune_app->add_flag("--json", tune.json, "Print what was measured as JSON");
   add_overrides(tune_app, tune.overrides);
-  tune_app->footer("Example: rigor tune configs/rigs/measuring-light.yaml");
+  tune_app->footer("Example: rigor tune tuned-scan");
 
   rigor::FaultOptions fault;
   auto* fault_app = app.add_subcommand(
@@ -147,7 +151,7 @@ int command_line(int argc, char** argv) {
   fault_app->add_option("KIND", fault.kind, "drop, delay, bias, …: docs/faults.md");
   fault_app->add_option("KEYS", fault.keys, "The fault's keys, as key=value");
   fault_app->add_option("--for", fault.for_s, "Seconds; without: until it is cleared")
-      ->check(CLI::PositiveNumber);
+      ->check(rigor::number_within({.min = 0, .max = rigor::kLongestRun_s, .exclusive_min = true}));
   auto* fault_list = fault_app->add_flag("--list", fault.list, "What each fault of the run did so far");
   fault_app->add_flag("--clear", fault.clear, "End what was injected (of CHANNEL, or all)")
       ->excludes(fault_list);
@@ -166,17 +170,36 @@ int command_line(int argc, char** argv) {
       ->needs(pair_channel)
       ->excludes(acknowledge);
   pair_app->add_flag("--json", pair.json, "Print as JSON");
-  pair_app->footer("Example: rigor pair bench left --acknowledge");
+  pair_app->footer("Example: rigor pair pair-watch scan --acknowledge");
 
   rigor::InspectOptions inspect;
   auto* inspect_app = app.add_subcommand("inspect", "Say what is in a recording");
-  inspect_app->add_option("FILE", inspect.file, "MCAP file")->required();
+  inspect_app
+      ->add_option("FILE", inspect.file,
+                   "MCAP file; packets of a Velodyne (pcap); telegrams of a SICK scanner (JSON)")
+      ->required();
   inspect_app->add_flag("--repair", inspect.repair, "Make an indexed file of one that was cut short");
   inspect_app->add_option("-o,--output", inspect.output,
                           "Where the repaired file goes (default: FILE.repaired.mcap)");
   inspect_app->add_flag("--force", inspect.force, kForce);
   inspect_app->add_flag("--json", inspect.json, "Print as JSON");
   inspect_app->footer("Example: rigor inspect demo.mcap --repair -o demo-whole.mcap");
+
+  rigor::ConvertOptions convert;
+  auto* convert_app =
+      app.add_subcommand("convert", "Make points of what a LiDAR sent: packets or telegrams, without a rig");
+  convert_app
+      ->add_option("INPUT", convert.input,
+                   "Packets of a Velodyne (pcap, pcapng), or telegrams of a SICK scanner in JSON")
+      ->required();
+  convert_app->add_option("-o,--output", convert.output, "out.mcap (all scans), or out.pcd (one of them)")
+      ->required();
+  auto* convert_scan =
+      convert_app->add_option("--scan", convert.scan, "Which one a .pcd gets, from 0 (default: 0)")
+          ->check(rigor::number_within({.min = 0, .max = 1e9}));
+  convert_app->add_flag("--force", convert.force, "Write over a file that is there");
+  convert_app->add_flag("--json", convert.json, "Print what was written as JSON");
+  convert_app->footer("Example: rigor convert drive.pcap -o drive.mcap");
 
   rigor::LocalizationOptions localization;
   auto* localization_app = app.add_subcommand(
@@ -187,7 +210,7 @@ int command_line(int argc, char** argv) {
   localization_app->add_option("--estimate", localization.estimate,
                                "Sink that was told x, y, yaw (estimate)");
   localization_app->add_option("--after", localization.after_s, "Seconds from which on it counts (1)")
-      ->check(CLI::NonNegativeNumber);
+      ->check(rigor::number_within({.min = 0, .max = rigor::kLongestRun_s}));
   localization_app->add_option("--map", localization.map, "Stems to draw: x_m,y_m,diameter_m");
   localization_app->add_option("--report", localization.report, "Write a page with plots into this folder");
   localization_app->add_flag("--force", localization.force, kForceKept);
@@ -197,7 +220,10 @@ int command_line(int argc, char** argv) {
   rigor::CalibrateCommandLine calibrate(app);
   rigor::WorldCommandLine world(app);
 
-  rigor::PlainOptions devices, doctor;
+  rigor::PlainOptions devices, doctor, rigs;
+  auto* rigs_app = app.add_subcommand("rigs", "List the rigs that Rigor comes with");
+  rigs_app->add_flag("--json", rigs.json, "Print as JSON");
+  rigs_app->footer("Example: rigor rigs");
   auto* devices_app = app.add_subcommand("devices", "List what is attached, per driver");
   devices_app->add_flag("--json", devices.json, "Print as JSON");
   devices_app->footer("Example: rigor devices --json");
@@ -209,11 +235,18 @@ int command_line(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
-    const std::vector<std::string_view> words(argv, argv + argc);
-    if (e.get_exit_code() != 0 && std::find(words.begin(), words.end(), "--json") != words.end())
-      return rigor::report_error({rigor::ErrorCode::bad_input, "", e.what()}, true);
+    const std::vector<std::string> words(argv + 1, argv + argc);
+    const bool json = std::find(words.begin(), words.end(), "--json") != words.end();
+    if (e.get_exit_code() != 0) {
+      if (const std::string unknown = rigor::unknown_command(app, words); !unknown.empty())
+        return rigor::report_error({rigor::ErrorCode::bad_input, "", unknown}, json);
+      if (json) return rigor::report_error({rigor::ErrorCode::bad_input, "", e.what()}, true);
+    }
     return app.exit(e) == 0 ? 0 : 2;
   }
+  for (std::filesystem::path* rig :
+       {&run.rig, &emulate.rig, &replay.rig, &sense.rig, &tune.rig, &localization.map})
+    *rig = rigor::find_config(*rig);
   try {
     if (*run_app) return rigor::run_command(run);
     if (*emulate_app) return rigor::emulate_command(emulate);
@@ -223,11 +256,20 @@ int command_line(int argc, char** argv) {
     if (*fault_app) return rigor::fault_command(fault);
     if (*pair_app) return rigor::pair_command(pair);
     if (*inspect_app) return rigor::inspect_command(inspect);
+    convert.scan_given = convert_scan->count() > 0;
+    if (*convert_app) return rigor::convert_command(convert);
     if (*localization_app) return rigor::localization_command(localization);
     if (calibrate.chosen()) return calibrate.run();
     if (world.chosen()) return world.run();
+    if (*rigs_app) return rigor::rigs_command(rigs);
     if (*devices_app) return rigor::devices_command(devices);
     return rigor::doctor_command(doctor);
+  } catch (const std::bad_alloc&) {
+    rigor::say(
+        "rigor: this machine's memory is used up; choose smaller pictures, fewer channels or a smaller "
+        "world\n"); choose smaller pictures, fewer channels or a smaller "
+           "world\n";
+    return 1;
   } catch (const std::exception& e) {
     if (std::ferror(stdout) != 0) return 1;  // it did not take what was printed; finish_stdout says so
     rigor::say("rigor: a defect of Rigor, please report it: {}\n", e.what());

@@ -52,7 +52,9 @@ int run_command(const RunOptions& options) {
   auto assembly = assemble(std::move(*rig), make_registry());
   if (!assembly) return report_error(assembly.error(), options.json);
   if (!options.faults_from.empty())
-    if (auto s = schedule_recorded_faults(options.faults_from, *(*assembly)->parts.faults); !s)
+    if (auto s =
+            schedule_recorded_faults(options.faults_from, (*assembly)->parts.rig, *(*assembly)->parts.faults);
+        !s)
       return report_error(s.error(), options.json);
   const RigConfig& checked = (*assembly)->parts.rig;
 

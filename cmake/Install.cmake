@@ -7,7 +7,8 @@ if(TARGET rigor)
   install(TARGETS rigor RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 endif()
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/configs/ DESTINATION ${CMAKE_INSTALL_DATADIR}/rigor/configs
-        FILES_MATCHING PATTERN "*.yaml" PATTERN "*.csv" PATTERN "*.dbc" PATTERN "*.lock.yaml" EXCLUDE)
+        FILES_MATCHING PATTERN "*.yaml" PATTERN "*.csv" PATTERN "*.dbc" PATTERN "*.asc" PATTERN "*.geojson"
+        PATTERN "*.lock.yaml" EXCLUDE)
 # Who may open devices, and limits of the kernel: DATADIR/rigor/udev and DATADIR/rigor/sysctl, from where an administrator
 # takes them (rigor doctor says how). With the prefix /usr, which is the distribution's, they go where the system looks.
 # `--component machine` installs them alone.

@@ -1,14 +1,19 @@
 #!/usr/bin/env python3
 """Checks that what the documents say can be typed and followed.
 
-In fenced blocks marked `console`, each line `$ rigor COMMAND …` or `$ ./dev COMMAND …` must name a command that
-exists, with options that its --help knows; relative links and pictures must lead to files.
+In fenced blocks marked `console`, each line `$ rigor COMMAND …` or `$ ./dev COMMAND …`, and in other fenced or indented blocks
+each line that begins with `rigor`, must name a command that exists, with options that its --help knows; relative links and pictures must
+lead to files. With --run, the commands are run as tools/docs_commands.py says: in a fresh folder for each document, after an
+install into a prefix.
 """
+import argparse
 import re
 import shlex
 import subprocess
 import sys
 from pathlib import Path
+
+import docs_commands
 
 ROOT = Path(__file__).resolve().parent.parent
 RIGOR = ROOT / "build" / "release" / "rigor"
@@ -20,23 +25,35 @@ def help_text(command):
     return done.stdout if done.returncode == 0 else None
 
 
-def commands_in(text):
-    """(line number, words) of each command line in console blocks; a line that ends in a backslash goes on."""
-    inside, pending, start = False, "", 0
+def command_lines(text):
+    """(line number, command line) of each command in fenced blocks; a line that ends in a backslash goes on."""
+    fence, pending, start = None, "", 0
     for number, line in enumerate(text.splitlines(), 1):
         if line.startswith("```"):
-            inside = line.strip() == "```console"
-        elif inside and (line.startswith("$ ") or pending):
-            start = start if pending else number
-            pending += line.removeprefix("$ ") if not pending else " " + line.strip()
-            if pending.endswith("\\"):
-                pending = pending[:-1]
-                continue
-            for part in re.split(r"\s(?:&&|\||;|&)(?:\s|$)", pending):
-                words = shlex.split(part, comments=True)
-                if words:
-                    yield start, words
+            fence = line.strip()[3:] if fence is None else None
             pending = ""
+            continue
+        if fence is None:
+            begins = line.startswith("    rigor ")
+        else:
+            begins = line.startswith("$ ") if fence == "console" else line.startswith("rigor ")
+        if not (begins or pending):
+            continue
+        start = start if pending else number
+        pending += line.strip().removeprefix("$ ") if not pending else " " + line.strip()
+        if pending.endswith("\\"):
+            pending = pending[:-1]
+            continue
+        yield start, pending
+        pending = ""
+
+
+def words_in(line):
+    """The words of each program of a command line."""
+    for part in re.split(r"\s(?:&&|\||;|&)(?:\s|$)", line):
+        words = shlex.split(part, comments=True)
+        if words:
+            yield words
 
 
 def check_command(words, known_help):
@@ -66,6 +83,10 @@ def check_command(words, known_help):
 
 
 def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--run", action="store_true", help="run the commands, too")
+    parser.add_argument("--only", default="", help="run those of documents whose name contains this")
+    options = parser.parse_args()
     cache = {}
 
     def known_help(command):
@@ -74,19 +95,25 @@ def main():
         return cache[command]
 
     documents = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-    errors, commands = [], 0
+    errors, commands, by_document = [], 0, {}
     for document in documents:
         name = document.relative_to(ROOT)
         text = document.read_text(encoding="utf-8")
-        for number, words in commands_in(text):
-            commands += 1
-            wrong = check_command(words, known_help)
-            if wrong:
-                errors.append(f"{name}:{number}: {wrong}")
+        lines = list(command_lines(text))
+        by_document[str(name)] = lines
+        for number, line in lines:
+            for words in words_in(line):
+                commands += 1
+                wrong = check_command(words, known_help)
+                if wrong:
+                    errors.append(f"{name}:{number}: {wrong}")
         for number, line in enumerate(text.splitlines(), 1):
             for target in LINK.findall(line):
                 if "://" not in target and not (document.parent / target).exists():
                     errors.append(f"{name}:{number}: the link leads nowhere: {target}")
+    if options.run:
+        errors += docs_commands.run_all(ROOT, {d: c for d, c in by_document.items() if options.only in d},
+                                        whole=not options.only)
     print(*errors, sep="\n", end="\n" if errors else "")
     print(f"docs: {len(documents)} documents, {commands} command lines, {len(errors)} errors")
     if not commands:

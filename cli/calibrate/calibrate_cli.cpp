@@ -25,7 +25,8 @@ struct CalibrateCommandLine::Impl {
 void add_common_options(CommandOptions& app, CalibrateOptions& o, const char* inputs) {
   app.add_option("INPUT", o.inputs, inputs).required();
   app.add_option("-o,--output", o.output, "Sheet to write (YAML), which a simulated channel reads");
-  app.add_option("--base", o.base, "Sheet that the values go into; what was not fitted stays as it is there");
+  app.add_option("--base", o.base, "Sheet that the values go into; what was not fitted stays as it is there")
+      .config_file();
   app.add_option("--model", o.model, "auto: the smallest that the data support; or a model by name");
   app.add_option("--report", o.report, "Write an HTML report into this folder");
   app.add_option("--channel", o.channel, "Channel of a recording");

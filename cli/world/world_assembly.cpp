@@ -7,6 +7,7 @@
 #include <cmath>
 #include <utility>
 
+#include "sensor-hal/config/did_you_mean.h"
 #include "sensor-hal/config/yaml.h"
 #include "sim/gis/import.h"
 #include "sim/nature/sky/weather.h"
@@ -59,11 +60,6 @@ Result<world::Value> read_value(const world::AttributeInfo& attribute, const std
                   fmt::format("expected an attribute that is a flag, a number or text; this one holds {}",
                               world::name_of(attribute.kind())));
   }
-}
-
-std::string did_you_mean(const std::string& word, const std::vector<std::string>& names) {
-  const std::string near = nearest(word, names);
-  return near.empty() ? "" : "; did you mean " + near + "?";
 }
 
 std::vector<std::string> type_names(const world::Schema& schema) {

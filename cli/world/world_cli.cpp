@@ -1,8 +1,8 @@
 #include "cli/world/world_cli.h"
 
-#include <CLI/CLI.hpp>
-
 #include "cli/commands.h"
+#include "cli/installed_configs.h"
+#include "cli/option_checks.h"
 #include "cli/world/world_commands.h"
 
 namespace rigor {
@@ -33,9 +33,10 @@ void add_import(CLI::App* app, WorldImportOptions& o) {
   source("--trees", o.trees, "Tree list in CSV");
   source("--weather", o.weather, "Weather series in CSV");
   app->add_option("--anchor", o.anchor, "Where the world frame stands: LAT,LON[,HEIGHT]");
-  app->add_option("--half-extent", o.half_extent_m,
-                  "Metres around the anchor; what lies outside is left out");
-  app->add_option("--spacing", o.spacing_m, "Metres between grid points (default: as the source)");
+  app->add_option("--half-extent", o.half_extent_m, "Metres around the anchor; what lies outside is left out")
+      ->check(number_within({.min = 0, .max = 1e6, .exclusive_min = true}));
+  app->add_option("--spacing", o.spacing_m, "Metres between grid points (default: as the source)")
+      ->check(number_within({.min = 0, .max = 1e5}));
   app->add_option("--crs", o.crs, "Reference system of sources that do not say it, e.g. EPSG:25832");
   app->add_option("--classes", o.classes, "What the land cover's values mean: worldcover, corine or words");
   app->add_flag("--heights-above-geoid", o.heights_above_geoid,
@@ -51,13 +52,18 @@ void add_import(CLI::App* app, WorldImportOptions& o) {
 void add_render(CLI::App* app, WorldRenderOptions& o) {
   app->add_option("WORLD", o.world, "World (*.rigor, *.yaml) or import plan (*.import.yaml)")->required();
   app->add_option("-o,--output", o.output, "out.png, or out.exr with radiance in W/(m2 sr)")->required();
+  const auto coordinate = number_within({.min = -1e8, .max = 1e8});
   app->add_option("--eye", o.eye, "Where the camera stands: EAST,NORTH,UP in metres")
+      ->check(coordinate)
       ->expected(3)
       ->delimiter(',');
-  app->add_option("--target", o.target, "What it looks at: EAST,NORTH,UP")->expected(3)->delimiter(',');
+  app->add_option("--target", o.target, "What it looks at: EAST,NORTH,UP")
+      ->check(coordinate)
+      ->expected(3)
+      ->delimiter(',');
   app->add_flag("--above-ground", o.above_ground, "UP of eye and target counts from the ground below them");
-  app->add_option("--width", o.width_px, "Pixels")->check(CLI::Range(1, 8192));
-  app->add_option("--height", o.height_px, "Pixels")->check(CLI::Range(1, 8192));
+  app->add_option("--width", o.width_px, "Pixels")->check(number_within({.min = 1, .max = 8192}));
+  app->add_option("--height", o.height_px, "Pixels")->check(number_within({.min = 1, .max = 8192}));
   app->add_option("--fov", o.fov_deg, "Horizontal field of view in degrees");
   app->add_option("--time", o.time, "E.g. 2024-06-21T12:00:00Z or 2024-06-21T14:00:00+02:00");
   app->add_option("--set", o.assignments, "Type.attribute=value on every node of the type (may be repeated)")
@@ -66,10 +72,11 @@ void add_render(CLI::App* app, WorldRenderOptions& o) {
       ->check(CLI::IsMember({"rgb", "nir", "false-colour"}));
   app->add_option("--white", o.white_radiance,
                   "Radiance in W/(m2 sr) that becomes white (default: by the picture)");
-  app->add_option("--brighter", o.brighter_ev, "Stops by which the picture is made brighter");
+  app->add_option("--brighter", o.brighter_ev, "Stops by which the picture is made brighter")
+      ->check(number_within({.min = -60, .max = 60}));
   app->add_option("--allowed-error-px", o.allowed_error_px,
                   "Detail that subtends less is left out; 0: all is drawn")
-      ->check(CLI::NonNegativeNumber);
+      ->check(number_within({.min = 0, .max = 1e4}));
   app->add_option(
          "--off", o.off,
          "Draw without frustum-culling, occlusion-culling, levels-of-detail, impostors, instancing, shadows")
@@ -115,7 +122,7 @@ WorldCommandLine::WorldCommandLine(CLI::App& app) : impl_(std::make_unique<Impl>
           "--at-height", impl_->export_options.at_height_m,
           "Metres above its foot at which a stem's place and diameter are measured for the map (default: "
           "feet and diameters of the inventory)")
-      ->check(CLI::Range(0.0, 100.0));
+      ->check(number_within({.min = 0, .max = 100}));
   impl_->export_app->add_flag("--force", impl_->export_options.force, "Write over a file that is there");
   impl_->export_app->add_flag("--json", impl_->export_options.json, "Print as JSON");
   impl_->export_app->footer("Example: rigor world export hills.rigor -o hills.yaml");
@@ -128,6 +135,14 @@ WorldCommandLine::~WorldCommandLine() = default;
 bool WorldCommandLine::chosen() const { return impl_->world->parsed(); }
 
 int WorldCommandLine::run() const {
+  for (std::filesystem::path* file : {&impl_->import_options.plan, &impl_->info_options.world,
+                                      &impl_->export_options.world, &impl_->render_options.world})
+    *file = find_config(*file);
+  // Words after `=` and addresses of servers are no files, and come back as they are.
+  WorldImportOptions& sources = impl_->import_options;
+  for (auto* list :
+       {&sources.elevation, &sources.imagery, &sources.land_cover, &sources.trees, &sources.weather})
+    for (std::string& file : *list) file = find_config(file).string();
   if (*impl_->import_app) return world_import_command(impl_->import_options);
   if (*impl_->info) return world_info_command(impl_->info_options);
   if (*impl_->export_app) return world_export_command(impl_->export_options);

@@ -99,9 +99,6 @@ Result<gis::ImportPlan> plan_of(const WorldImportOptions& o) {
   if (plan.sources.empty())
     return fail(ErrorCode::bad_input, "",
                 "expected a plan (*.import.yaml) or sources (--elevation, --vector, --trees …), got neither");
-  if (!(plan.spacing_m >= 0) || (plan.half_extent_m && !(*plan.half_extent_m > 0)))
-    return fail(ErrorCode::bad_input, plan.spacing_m >= 0 ? "--half-extent" : "--spacing",
-                "expected a length above 0 in metres");
   return plan;
 }
 

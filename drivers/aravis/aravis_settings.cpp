@@ -2,6 +2,8 @@
 
 #include <arpa/inet.h>
 
+#include "sensor-hal/config/sample_size.h"
+
 namespace rigor {
 namespace {
 
@@ -16,6 +18,7 @@ AravisSettings::Region read_region(const ConfigNode& n) {
   r.y_px = static_cast<std::uint32_t>(n.integer_or("y_px", 0, {.min = 0, .max = kMax}));
   r.width_px = static_cast<std::uint32_t>(n.integer("width_px", {.min = 1, .max = kMax}));
   r.height_px = static_cast<std::uint32_t>(n.integer("height_px", {.min = 1, .max = kMax}));
+  check_picture_size(n, r.width_px, r.height_px);
   n.finish();
   return r;
 }

@@ -1,6 +1,7 @@
 #include "drivers/v4l2/v4l2_settings.h"
 
 #include "drivers/v4l2/frame_conversion.h"
+#include "sensor-hal/config/sample_size.h"
 
 namespace rigor::v4l2 {
 namespace {
@@ -44,6 +45,7 @@ Settings read_settings(const ChannelConfig& config) {
   if ((s.format.width_px == 0) != (s.format.height_px == 0))
     throw n.error(s.format.width_px == 0 ? "height_px" : "width_px",
                   "expected width_px and height_px, got one of them");
+  check_picture_size(n, s.format.width_px, s.format.height_px);
   if ((is_yuv(s.format.format) && s.format.width_px % 2 != 0) ||
       (s.format.format == PixelFormat::yuv420_sp && s.format.height_px % 2 != 0))
     throw n.error("width_px", "expected an even size: " + std::string(pfnc_name(s.format.format)) +
@@ -56,6 +58,8 @@ Settings read_settings(const ChannelConfig& config) {
   s.dmabuf = n.choice_or("memory", {"mmap", "dmabuf"}, "mmap") == "dmabuf";
   s.queue = static_cast<std::uint32_t>(n.integer_or("queue", 4, {.min = 2, .max = 32}));
   s.buffers = static_cast<std::size_t>(n.integer_or("buffers", 8, {.min = 2, .max = 256}));
+  check_buffer_memory(n, "buffers", s.buffers,
+                      image_bytes(s.format.format, s.format.width_px, s.format.height_px));
   s.drop_incomplete = n.choice_or("incomplete", {"mark", "drop"}, "mark") == "drop";
   s.silence = seconds_from(n.number_or("silence_ms", 2000, {.min = 50, .max = 600'000}) * 1e-3);
   // Names of controls are known only to the device: check_controls reads this map at arm.

@@ -4,6 +4,7 @@
 #include <cstdio>
 
 #include "sensor-hal/channel/measurer.h"
+#include "sensor-hal/config/sample_size.h"
 
 namespace rigor {
 namespace {
@@ -35,6 +36,7 @@ Status SimulatedSource::do_configure(const ChannelConfig& config) {
   const std::int64_t in_flight = config.period.ns() > 0 ? config.latency / config.period + 1 : 1;
   slots_ = static_cast<std::size_t>(
       n.integer_or("slots", std::min<std::int64_t>(12 + in_flight, 64), {.min = 1, .max = 4096}));
+  check_buffer_memory(n, "slots", slots_, description_.max_bytes);
   max_backlog_ = static_cast<std::uint64_t>(n.integer_or("max_backlog", 2, {.min = 1, .max = 1024}));
   period_ = config.period;
   latency_ = config.latency;

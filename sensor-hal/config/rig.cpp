@@ -52,19 +52,49 @@ bool may_lack_a_rate(SampleKind kind) {
   return kind == SampleKind::can_frame || kind == SampleKind::event || kind == SampleKind::register_block;
 }
 
+/// Of channels: periods from 1 us to 12 days, which int64 nanoseconds hold.
+constexpr Range kRate_hz{.min = 1e-6, .max = 1e6};
+
+/// Whether a message can name this number, and the reader gets it back as it is.
+bool short_to_write(double x) { return std::stod(fmt::format("{:g}", x)) == x; }
+
+/// The rates next to `hz` whose period is a whole number of nanoseconds: 2^a 5^b. Of the loop's range.
+std::pair<double, double> whole_period_rates(double hz) {
+  double below = 1, above = 20000;
+  for (int a = -9; a <= 9; ++a)
+    for (int b = -9; b <= 9; ++b) {
+      const double rate = std::pow(2.0, a) * std::pow(5.0, b);
+      if (rate < 1 || rate > 20000 || !short_to_write(rate)) continue;
+      if (rate < hz) below = std::max(below, rate);
+      if (rate > hz) above = std::min(above, rate);
+    }
+  return {below, above};
+}
+
+/// The rates next to `hz` that divide `base_hz`.
+std::string dividing_rates(double base_hz, double hz) {
+  const auto next = [&](std::int64_t from, int step) -> std::optional<double> {
+    for (std::int64_t d = from; d >= 1 && d <= from + 1000; d += step)
+      if (const double rate = base_hz / static_cast<double>(d); short_to_write(rate)) return rate;
+    return {};
+  };
+  const double ratio = base_hz / hz;
+  if (ratio < 1) return fmt::format("the highest is {:g} Hz", base_hz);
+  const auto faster = next(static_cast<std::int64_t>(ratio), -1),
+             slower = next(static_cast<std::int64_t>(ratio) + 1, 1);
+  if (faster && slower) return fmt::format("the nearest are {:g} and {:g} Hz", *faster, *slower);
+  return fmt::format("the nearest is {:g} Hz", faster.value_or(slower.value_or(base_hz)));
+}
+
 /// A rate's period must be a whole number of nanoseconds on the loop's grid: "rates are integer divisors".
 Duration read_period(ConfigNode n, Duration base, std::int64_t& divisor) {
   const double base_hz = 1e9 / static_cast<double>(base.ns());
-  const double rate_hz = n.number("rate_hz", {.min = 0, .max = 1e6, .exclusive_min = true});
+  const double rate_hz = n.number("rate_hz", kRate_hz);
   const double ratio = base_hz / rate_hz;
   divisor = static_cast<std::int64_t>(std::llround(ratio));
   if (divisor < 1 || std::abs(ratio - static_cast<double>(divisor)) > 1e-9 * ratio) {
-    const auto d = static_cast<double>(std::max<std::int64_t>(1, divisor));
-    throw n.error(
-        "rate_hz",
-        fmt::format("expected a rate that divides the loop's {:g} Hz, got {:g}; the nearest are "
-                    "{:g} and {:g} Hz",
-                    base_hz, rate_hz, base_hz / d, base_hz / (ratio > d ? d + 1 : std::max(1.0, d - 1))));
+    throw n.error("rate_hz", fmt::format("expected a rate that divides the loop's {:g} Hz, got {}; {}",
+                                         base_hz, rate_hz, dividing_rates(base_hz, rate_hz)));
   }
   return base * divisor;
 }
@@ -105,11 +135,14 @@ LoopConfig read_loop(ConfigNode n) {
   const double rate_hz = n.number_or("rate_hz", 1000, {.min = 1, .max = 20000});
   const double period_ns = 1e9 / rate_hz;
   l.period = nanoseconds(std::llround(period_ns));
-  if (std::abs(period_ns - static_cast<double>(l.period.ns())) > 1e-6)
-    throw n.error("rate_hz",
-                  fmt::format("expected a rate whose period is a whole number of nanoseconds, got {:g} Hz; "
-                              "{:g} Hz is near",
-                              rate_hz, 1e9 / std::ceil(period_ns / 1000) / 1000));
+  if (std::abs(period_ns - static_cast<double>(l.period.ns())) > 1e-6) {
+    const auto [below, above] = whole_period_rates(rate_hz);
+    throw n.error(
+        "rate_hz",
+        fmt::format("expected a rate whose period is a whole number of nanoseconds, got {}; the nearest "
+                    "are {:g} and {:g} Hz",
+                    rate_hz, below, above));
+  }
   l.spin = seconds_from(n.number_or("spin_us", 0, {.min = 0, .max = period_ns * 1e-3}) * 1e-6);
   const std::string policy = n.choice_or("overrun", {"skip", "abort", "log"}, "skip");
   l.overrun = policy == "skip"    ? OverrunChoice::skip
@@ -130,7 +163,7 @@ ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfi
   c.node = n;
   c.kind = read_kind(n);
   if (turns_by_itself(n, c.kind))
-    c.period = seconds_from(1 / n.number("rate_hz", {.min = 0, .max = 1e6, .exclusive_min = true}));
+    c.period = seconds_from(1 / n.number("rate_hz", kRate_hz));
   else if (n.has("rate_hz") || !(may_lack_a_rate(c.kind) || told_by_signals(n, c.kind)))
     c.period = read_period(n, loop.period, c.divisor);
   c.latency = read_ms(n, "latency_ms", 0);

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <set>
 
+#include "sensor-hal/config/unit_limits.h"
 #include "sensor-hal/config/yaml_tree.h"
 
 namespace rigor {
@@ -205,7 +206,14 @@ struct ConfigNode::Impl {
         throw wrong(v, p, expected);
     }
     if (!inside(x, range)) throw wrong(v, p, expected);
+    check_unit(v, p, x, range, "a number");
     return x;
+  }
+  /// What the reader leaves open, the unit of the key bounds.
+  void check_unit(const Value& v, const std::string& p, double x, const Range& range,
+                  const char* what) const {
+    const Range bounded = config::within_unit(p, range);
+    if (!inside(x, bounded)) throw wrong(v, p, what + show(bounded));
   }
   [[nodiscard]] std::int64_t read_integer(const Value& v, const std::string& p, const Range& range) const {
     const auto expected = "a whole number" + show(range);
@@ -217,6 +225,9 @@ struct ConfigNode::Impl {
       throw wrong(v, p, expected, "; write it without the leading zero, or as 0o… in octal");
     if (parsed == Parsed::too_big) throw wrong(v, p, expected, ", which 64 bits cannot hold");
     if (parsed != Parsed::good || !inside(x, range)) throw wrong(v, p, expected);
+    // Seeds and addresses have all 64 bits.
+    if (config::unit_limit(p) < config::unit_limit(""))
+      check_unit(v, p, static_cast<double>(x), range, "a whole number");
     return x;
   }
   [[nodiscard]] bool read_flag(const Value& v, const std::string& p) const {

@@ -24,6 +24,13 @@ struct CsvTable {
   std::vector<CsvRow> rows;
   [[nodiscard]] std::optional<std::size_t> find(std::string_view column) const;
   [[nodiscard]] std::string place(const CsvRow& row) const { return file + ":" + std::to_string(row.line); }
+  /// The cells of a row by their columns' names; null for another name.
+  [[nodiscard]] auto cells_of(const CsvRow& row) const {
+    return [this, &row](const std::string& column) -> const std::string* {
+      const auto c = find(column);
+      return c ? &row.cells[*c] : nullptr;
+    };
+  }
 };
 
 /// Every row has a cell for every column. Errors: not_found; bad_input: no header, a column twice, a row that

@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
+#include "sensor-hal/config/did_you_mean.h"
 #include "sim/gis/csv.h"
 
 namespace rigor::gis {
@@ -32,6 +34,45 @@ std::string joined(const std::vector<std::string>& words) {
 
 }  // namespace
 
+Result<ColumnValue> ColumnValue::make(const std::string& text, const std::vector<std::string>& available,
+                                      const std::string& what, const std::string& where) {
+  ColumnValue v;
+  v.text_ = text;
+  const auto there = [&](const std::string& c) {
+    return std::find(available.begin(), available.end(), c) != available.end();
+  };
+  if (there(text) || (available.empty() && text.find_first_of("*/+()[") == std::string::npos)) {
+    v.columns_ = {text};
+    return v;
+  }
+  auto parsed = Expression::parse(text);
+  if (!parsed) return fail(ErrorCode::bad_input, where, fmt::format("{}: {}", what, parsed.error().message));
+  v.columns_ = parsed->columns();
+  for (const std::string& column : v.columns_)
+    if (!available.empty() && !there(column))
+      return fail(ErrorCode::bad_input, where,
+                  fmt::format("{}: expected one of the columns {}, got '{}'{}", what, joined(available),
+                              column, did_you_mean(column, available)));
+  if (v.columns_.empty())
+    return fail(ErrorCode::bad_input, where,
+                fmt::format("{}: expected a column in '{}', got none", what, text));
+  v.expression_ = std::move(*parsed);
+  return v;
+}
+
+Result<double> ColumnValue::number(const CellOf& cell_of, const std::string& place) const {
+  std::vector<double> cells;
+  for (const std::string& column : columns_) {
+    const std::string* const cell = cell_of(column);
+    const auto number = cell ? number_of(*cell) : std::numeric_limits<double>::quiet_NaN();
+    if (!number)
+      return fail(ErrorCode::bad_input, place,
+                  fmt::format("expected a number in column {}, got '{}'", column, *cell));
+    cells.push_back(*number);
+  }
+  return expression_ ? expression_->value([&](std::size_t i) { return cells[i]; }) : cells.front();
+}
+
 void Complaints::add(const std::string& what, const std::string& place) {
   Entry& e = entries_[what];
   if (e.count++ == 0) e.first = place;
@@ -58,47 +99,38 @@ Result<ColumnMapping> ColumnMapping::make(const world::Schema& schema, std::stri
       attributes.push_back(schema.attribute(a).spec.name);
   }
   for (const auto& [attribute, column] : columns) {
-    Entry e{.attribute = attribute, .column = column};
+    Entry e{.attribute = attribute, .source = {}};
     if (std::find(attributes.begin(), attributes.end(), attribute) == attributes.end()) {
-      const std::string near = nearest(attribute, attributes);
-      return fail(
-          ErrorCode::bad_input, where,
-          fmt::format("columns: {}: expected an attribute of {} ({}), got '{}'{}", attribute, type,
-                      joined(attributes), attribute, near.empty() ? "" : "; did you mean " + near + "?"));
+      return fail(ErrorCode::bad_input, where,
+                  fmt::format("columns: {}: expected an attribute of {} ({}), got '{}'{}", attribute, type,
+                              joined(attributes), attribute, did_you_mean(attribute, attributes)));
     }
     if (const auto a = schema.find_attribute(id, attribute)) e.spec = &schema.attribute(*a).spec;
-    const auto there = [&](const std::string& c) {
-      return available.empty() || std::find(available.begin(), available.end(), c) != available.end();
-    };
-    const auto star = column.rfind('*');
-    if (star != std::string::npos && (available.empty() || !there(column))) {
-      const auto factor = number_of(std::string_view(column).substr(star + 1));
-      if (!factor || std::isnan(*factor))
-        return fail(
-            ErrorCode::bad_input, where,
-            fmt::format("columns: {}: expected column or column*factor, got '{}'", attribute, column));
-      e.factor = *factor;
-      e.column = column.substr(0, star);
-      while (e.column.ends_with(' ')) e.column.pop_back();
-    } else {
-      e.factor = factor_between(column, attribute);
-    }
-    if (!there(e.column)) {
-      const std::string near = nearest(e.column, available);
+    auto source = ColumnValue::make(column, available, "columns: " + attribute, where);
+    if (!source) return tl::unexpected(source.error());
+    e.source = std::move(*source);
+    const auto kind = e.spec ? world::kind_of(e.spec->default_value) : world::ValueKind::number;
+    if (!e.source.plain() && kind != world::ValueKind::number)
       return fail(
           ErrorCode::bad_input, where,
-          fmt::format("columns: {}: expected one of the columns {}, got '{}'{}", attribute, joined(available),
-                      e.column, near.empty() ? "" : "; did you mean " + near + "?"));
-    }
+          fmt::format("columns: {}: expected the name of a column, as it is no number, got the expression "
+                      "'{}'",
+                      attribute, column));
+    if (e.source.plain()) e.factor = factor_between(column, attribute);
     mapping.entries_.push_back(std::move(e));
   }
   return mapping;
 }
 
-Result<std::optional<world::Value>> ColumnMapping::value(Entry& entry, const std::string& cell,
+Result<std::optional<world::Value>> ColumnMapping::value(Entry& entry, const CellOf& cell_of,
                                                          const std::string& place,
                                                          Complaints& complaints) const {
   using Maybe = std::optional<world::Value>;
+  static const std::string kNone;
+  const std::string& column = entry.source.text();
+  const std::string* const found = entry.source.plain() ? cell_of(column) : &kNone;
+  if (!found) return Maybe();
+  const std::string& cell = *found;
   const world::AttributeSpec* spec = entry.spec;
   const auto kind = spec ? world::kind_of(spec->default_value) : world::ValueKind::number;
   if (kind == world::ValueKind::text) {
@@ -118,15 +150,12 @@ Result<std::optional<world::Value>> ColumnMapping::value(Entry& entry, const std
       if (cell == word) return Maybe(true);
     for (const char* word : {"0", "false", "FALSE", "False", "no", "n", "N", "f", "F"})
       if (cell == word) return Maybe(false);
-    return fail(ErrorCode::bad_input, place,
-                fmt::format("{}: expected true or false in column {}, got '{}'", entry.attribute,
-                            entry.column, cell));
-  }
-  const auto number = number_of(cell);
-  if (!number)
     return fail(
         ErrorCode::bad_input, place,
-        fmt::format("{}: expected a number in column {}, got '{}'", entry.attribute, entry.column, cell));
+        fmt::format("{}: expected true or false in column {}, got '{}'", entry.attribute, column, cell));
+  }
+  auto number = entry.source.number(cell_of, place + ": " + entry.attribute);
+  if (!number) return tl::unexpected(number.error());
   if (std::isnan(*number)) return Maybe();
   const double v = *number * entry.factor;
   ++entry.given;
@@ -148,7 +177,8 @@ Status ColumnMapping::finish(const std::string& where) const {
           fmt::format(
               "columns: {}: expected values from {} to {}, got {} of {} outside: is the unit of column {} "
               "right? ({}: {}*0.01 converts)",
-              e.attribute, e.spec->min, e.spec->max, e.refused, e.given, e.column, e.attribute, e.column));
+              e.attribute, e.spec->min, e.spec->max, e.refused, e.given, e.source.text(), e.attribute,
+              e.source.text()));
   return {};
 }
 

@@ -1,12 +1,15 @@
 // What an import has read, in full, before the first write to the world.
 #pragma once
 
+#include <functional>
 #include <map>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
 
+#include "sim/gis/expression.h"
 #include "sim/gis/grid.h"
 #include "sim/world/graph/schema.h"
 
@@ -44,6 +47,30 @@ class Complaints {
   std::map<std::string, Entry> entries_;
 };
 
+/// The cell of a column in the row at hand; null where the row has none.
+using CellOf = std::function<const std::string*(const std::string& column)>;
+
+/// A number from a row: a column, or an expression over columns.
+class ColumnValue {
+ public:
+  /// `text`: the name of a column as it stands, or an expression; `available`: the columns that there are,
+  /// empty where that is not known. bad_input: `what` is where the message begins.
+  [[nodiscard]] static Result<ColumnValue> make(const std::string& text,
+                                                const std::vector<std::string>& available,
+                                                const std::string& what, const std::string& where);
+  /// Whether it is one column and nothing else: its text counts.
+  [[nodiscard]] bool plain() const noexcept { return !expression_; }
+  [[nodiscard]] const std::string& text() const noexcept { return text_; }
+  [[nodiscard]] const std::vector<std::string>& columns() const noexcept { return columns_; }
+  /// NaN: unknown. bad_input: a cell that is no number.
+  [[nodiscard]] Result<double> number(const CellOf& cell, const std::string& place) const;
+
+ private:
+  std::string text_;
+  std::vector<std::string> columns_;
+  std::optional<Expression> expression_;
+};
+
 /// How columns of data become attributes of one type.
 class ColumnMapping {
  public:
@@ -56,15 +83,16 @@ class ColumnMapping {
       const std::vector<std::string>& available, const std::vector<std::string>& extra,
       const std::string& where);
   struct Entry {
-    std::string attribute, column;
-    double factor = 1;
+    std::string attribute;
+    ColumnValue source;
+    double factor = 1;                           ///< of a plain column in another unit than the attribute
     const world::AttributeSpec* spec = nullptr;  ///< null: of `extra`
     std::size_t given = 0, refused = 0;
   };
   [[nodiscard]] std::vector<Entry>& entries() noexcept { return entries_; }
-  /// The value of a cell; empty where it is unknown or outside of the attribute's limits (a complaint).
+  /// The value in a row; empty where it is unknown or outside of the attribute's limits (a complaint).
   /// bad_input: no number.
-  [[nodiscard]] Result<std::optional<world::Value>> value(Entry& entry, const std::string& cell,
+  [[nodiscard]] Result<std::optional<world::Value>> value(Entry& entry, const CellOf& cell_of,
                                                           const std::string& place,
                                                           Complaints& complaints) const;
   /// bad_input: most values of an attribute lie outside its limits, so its unit is wrong.

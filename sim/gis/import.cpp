@@ -82,6 +82,7 @@ class Import {
   Status find_anchor();
   Status open_rasters();
   Status make_ground();
+  [[nodiscard]] Status no_extent(const Grid& grid) const;
   Status read_vectors();
   Status read_tree_lists();
   Status read_weathers();
@@ -206,6 +207,23 @@ Status Import::open_rasters() {
   return {};
 }
 
+// A surface needs points on two sides: one row or column of them spans nothing.
+Status Import::no_extent(const Grid& grid) const {
+  const Raster& first = *elevation_.front();
+  const std::string extent =
+      plan_.half_extent_m
+          ? fmt::format("the wanted extent is {:g} m on each side of the anchor", *plan_.half_extent_m)
+          : "the sources themselves reach no further";
+  return fail(
+      ErrorCode::bad_input, first.file(),
+      fmt::format(
+          "expected elevation that makes a terrain of at least 2 x 2 points, got {} x {} points {:g} m "
+          "apart: the raster's cells are {:g} m, and {}; give {}",
+          grid.columns, grid.rows, grid.spacing_m, first.pixel_m(), extent,
+          plan_.half_extent_m ? "a larger half_extent_m, or a smaller spacing_m"
+                              : "a raster of more cells, or half_extent_m and spacing_m"));
+}
+
 Status Import::make_ground() {
   if (std::isnan(anchor_.height_m)) {
     anchor_.height_m = 0;
@@ -225,6 +243,7 @@ Status Import::make_ground() {
   if (!elevation_.empty()) {
     auto grid = plan_grid(*frame_, elevation_, plan_.half_extent_m, plan_.spacing_m);
     if (!grid) return tl::unexpected(grid.error());
+    if (grid->columns < 2 || grid->rows < 2) return no_extent(*grid);
     ground_->use(&elevation_);
     auto z = ground_->z_grid(*grid, part("elevation", 0, 0.3));
     if (!z) return tl::unexpected(z.error());

@@ -47,8 +47,9 @@ struct ImportSource {
   /// Of vectors: building | road | fence | pole | water | tree | a land cover word | osm (each feature by its
   /// tags). Empty: osm for an OpenStreetMap file, else an error.
   std::string becomes = "";
-  /// Attribute = column of the data, or `column*factor`. A column whose name ends in another unit of length
-  /// than the attribute's (`_mm`, `_cm`, `_km`, `_in`, `_ft`) is converted.
+  /// Attribute = column of the data, or an expression over columns (expression.h). A column whose name ends
+  /// in another unit of length than the attribute's (`_mm`, `_cm`, `_km`, `_in`, `_ft`) is converted. Of tree
+  /// lists also x, y, lon, lat, id and plot.
   std::vector<std::pair<std::string, std::string>> columns = {};
   /// Land cover: value = cover word, or `unknown`.
   std::vector<std::pair<std::string, std::string>> classes = {};
@@ -58,6 +59,8 @@ struct ImportSource {
   /// CSV of plots with columns latitude_deg, longitude_deg, y_axis_azimuth_deg and one that the tree list has
   /// too: each tree is placed in the plot that it names.
   std::string plots = "";
+  /// Of the plots' file: plot, latitude_deg, longitude_deg, y_axis_azimuth_deg = column or expression.
+  std::vector<std::pair<std::string, std::string>> plot_columns = {};
 };
 
 /// Grids (Terrain, LandCover, Imagery) become one of each kind: of several sources the first in the list wins

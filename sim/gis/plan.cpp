@@ -29,6 +29,21 @@ Plot read_plot(const ConfigNode& n) {
   return p;
 }
 
+/// `plots: stands.csv`, or a map of the file and the columns whose names are others.
+void read_plots(const ConfigNode& n, ImportSource& s) {
+  if (const auto text = catch_config([&] { return n.text("plots"); })) {
+    s.plots = located(n, *text);
+    return;
+  }
+  const ConfigNode plots = n.map("plots");
+  s.plots = located(plots, plots.text("file"));
+  const ConfigNode columns = plots.map_or_absent("columns");
+  for (const char* key : {"plot", "latitude_deg", "longitude_deg", "y_axis_azimuth_deg"})
+    if (columns.has(key)) s.plot_columns.emplace_back(key, columns.text(key));
+  columns.finish();
+  plots.finish();
+}
+
 ImportSource read_source(const ConfigNode& n) {
   ImportSource s;
   const std::pair<const char*, Kind>* kind = nullptr;
@@ -62,7 +77,7 @@ ImportSource read_source(const ConfigNode& n) {
     }
   if (s.kind == Kind::trees) {
     if (const ConfigNode plot = n.map_or_absent("plot"); plot.present()) s.plot = read_plot(plot);
-    if (n.has("plots")) s.plots = located(n, n.text("plots"));
+    if (n.has("plots")) read_plots(n, s);
   }
   if (s.kind == Kind::land_cover && n.has("classes")) {
     bool is_map = true;

@@ -185,9 +185,8 @@ Result<Builder::Attributes> Builder::attributes(const VectorData& data, const Fe
   auto m = mapping(data, type);
   if (!m) return tl::unexpected(m.error());
   for (auto& entry : (*m)->entries()) {
-    const std::string* cell = f.field(entry.column);
-    if (!cell) continue;
-    auto v = (*m)->value(entry, *cell, f.place, complaints);
+    auto v = (*m)->value(
+        entry, [&](const std::string& column) { return f.field(column); }, f.place, complaints);
     if (!v) return tl::unexpected(v.error());
     if (!*v) continue;
     if (entry.attribute == "foot_height_m")

@@ -31,12 +31,50 @@ std::string names_of(const CsvTable& t) {
   return all;
 }
 
-Result<double> cell_number(const CsvTable& t, const CsvRow& row, std::size_t column) {
-  const auto v = number_of(row.cells[column]);
-  if (!v || std::isnan(*v))
-    return fail(ErrorCode::bad_input, t.place(row),
-                fmt::format("{}: expected a number, got '{}'", t.columns[column], row.cells[column]));
-  return *v;
+Result<double> cell_number(const CsvTable& t, const CsvRow& row, const ColumnValue& column) {
+  const auto v = column.number(t.cells_of(row), t.place(row));
+  if (!v || !std::isnan(*v)) return v;
+  const std::string* const cell = column.plain() ? t.cells_of(row)(column.text()) : nullptr;
+  return fail(ErrorCode::bad_input, t.place(row),
+              fmt::format("{}: expected a number, got '{}'", column.text(), cell ? *cell : "nothing"));
+}
+
+using Columns = std::vector<std::pair<std::string, std::string>>;
+
+/// What of a row is no attribute of a tree: where it stands, and which one it is.
+constexpr std::string_view kPlacingKeys[] = {"x", "y", "lon", "lat", "plot", "id"};
+bool is_placing(std::string_view key) {
+  return std::ranges::find(kPlacingKeys, key) != std::end(kPlacingKeys);
+}
+
+/// The column that `columns` maps to the key, else the first of the usual names; empty where there is none.
+Result<std::optional<ColumnValue>> value_of(const CsvTable& t, const Columns& columns, std::string_view key,
+                                            std::initializer_list<std::string_view> usual) {
+  using Maybe = std::optional<ColumnValue>;
+  std::string text;
+  for (const auto& [k, column] : columns)
+    if (k == key) text = column;
+  if (text.empty()) {
+    const auto found = first_of(t, usual);
+    if (!found) return Maybe();
+    text = t.columns[*found];
+  }
+  auto value = ColumnValue::make(text, t.columns, fmt::format("columns: {}", key), t.file);
+  if (!value) return tl::unexpected(value.error());
+  return Maybe(std::move(*value));
+}
+/// As value_of, of what is no number: one column.
+Result<std::optional<std::size_t>> column_of(const CsvTable& t, const Columns& columns, std::string_view key,
+                                             std::initializer_list<std::string_view> usual) {
+  using Maybe = std::optional<std::size_t>;
+  auto value = value_of(t, columns, key, usual);
+  if (!value) return tl::unexpected(value.error());
+  if (!*value) return Maybe();
+  if (!(*value)->plain())
+    return fail(ErrorCode::bad_input, t.file,
+                fmt::format("columns: {}: expected the name of a column, got the expression '{}'", key,
+                            (*value)->text()));
+  return Maybe(*t.find((*value)->text()));
 }
 
 // What the source does not map itself: columns named as attributes, in any unit of length.
@@ -61,40 +99,58 @@ std::vector<std::pair<std::string, std::string>> with_found_columns(
 }
 
 struct Placing {
-  std::size_t x = 0, y = 0;
+  ColumnValue x, y;
   bool geographic = false, local = false;
   TransformationPtr to_geo;
   std::optional<Plot> plot;
   std::map<std::string, Plot> plots;
   std::size_t plot_column = 0;
+  std::optional<std::size_t> id;
 };
 
 Result<std::map<std::string, Plot>> read_plots(const ImportSource& source, const CsvTable& trees,
                                                std::size_t& join) {
   auto table = read_csv(source.plots);
   if (!table) return tl::unexpected(table.error());
-  const auto lat = first_of(*table, {"latitude_deg", "latitude", "lat"});
-  const auto lon = first_of(*table, {"longitude_deg", "longitude", "lon"});
-  const auto azimuth = first_of(*table, {"y_axis_azimuth_deg", "azimuth_deg", "azimuth"});
-  if (!lat || !lon || !azimuth)
-    return fail(ErrorCode::bad_input, table->file,
-                fmt::format("expected columns latitude_deg, longitude_deg, y_axis_azimuth_deg, got {}",
-                            names_of(*table)));
-  std::optional<std::size_t> key;
-  for (std::size_t c = 0; c < table->columns.size() && !key; ++c)
-    if (const auto same = trees.find(table->columns[c]); same && c != *lat && c != *lon && c != *azimuth) {
-      key = c;
-      join = *same;
-    }
-  if (!key)
+  const Columns& columns = source.plot_columns;
+  const auto lat = value_of(*table, columns, "latitude_deg", {"latitude_deg", "latitude", "lat"});
+  const auto lon = value_of(*table, columns, "longitude_deg", {"longitude_deg", "longitude", "lon"});
+  const auto azimuth =
+      value_of(*table, columns, "y_axis_azimuth_deg", {"y_axis_azimuth_deg", "azimuth_deg", "azimuth"});
+  for (const auto* v : {&lat, &lon, &azimuth})
+    if (!*v) return tl::unexpected(v->error());
+  if (!*lat || !*lon || !*azimuth)
     return fail(
         ErrorCode::bad_input, table->file,
-        fmt::format("expected a column that names the plot as one of the trees' columns ({}) does, got {}",
-                    names_of(trees), names_of(*table)));
+        fmt::format(
+            "expected columns latitude_deg, longitude_deg, y_axis_azimuth_deg, got {}; map others with "
+            "plots: {{ file: …, columns: {{ latitude_deg: … }} }}",
+            names_of(*table)));
+  // By the mappings of both files; else a column that both have.
+  auto of_trees = column_of(trees, source.columns, "plot", {});
+  if (!of_trees) return tl::unexpected(of_trees.error());
+  auto own = column_of(*table, columns, "plot", {});
+  if (!own) return tl::unexpected(own.error());
+  std::optional<std::size_t> key = *own;
+  if (!key && *of_trees) key = table->find(trees.columns[**of_trees]);
+  const auto placed = [&](const std::string& name) {
+    return name == (*lat)->text() || name == (*lon)->text() || name == (*azimuth)->text();
+  };
+  for (std::size_t c = 0; c < table->columns.size() && !key && !*of_trees; ++c)
+    if (trees.find(table->columns[c]) && !placed(table->columns[c])) key = c;
+  if (key && !*of_trees) *of_trees = trees.find(table->columns[*key]);
+  if (key && *of_trees) join = **of_trees;
+  if (!key || !*of_trees)
+    return fail(
+        ErrorCode::bad_input, table->file,
+        fmt::format(
+            "expected a column that names the plot as one of the trees' columns ({}) does, got {}; name them "
+            "with columns: {{ plot: … }} of the trees and of the plots",
+            names_of(trees), names_of(*table)));
   std::map<std::string, Plot> plots;
   for (const CsvRow& row : table->rows) {
-    const auto a = cell_number(*table, row, *lat), b = cell_number(*table, row, *lon),
-               c = cell_number(*table, row, *azimuth);
+    const auto a = cell_number(*table, row, **lat), b = cell_number(*table, row, **lon),
+               c = cell_number(*table, row, **azimuth);
     for (const auto* v : {&a, &b, &c})
       if (!*v) return tl::unexpected(v->error());
     if (std::abs(*a) > 90 || std::abs(*b) > 360)
@@ -109,17 +165,30 @@ Result<std::map<std::string, Plot>> read_plots(const ImportSource& source, const
 
 Result<Placing> find_placing(const ImportSource& source, const CsvTable& t) {
   Placing p;
-  const auto lon = first_of(t, {"lon", "lng", "longitude", "longitude_deg"}),
-             lat = first_of(t, {"lat", "latitude", "latitude_deg"});
-  const auto x = first_of(t, {"x_m", "x", "X", "easting", "easting_m"}),
-             y = first_of(t, {"y_m", "y", "Y", "northing", "northing_m"});
+  const Columns& columns = source.columns;
+  const auto id = column_of(t, columns, "id", {"tree_id", "treeid", "id", "tree_no"});
+  if (!id) return tl::unexpected(id.error());
+  p.id = *id;
+  const auto lon_or = value_of(t, columns, "lon", {"lon", "lng", "longitude", "longitude_deg"}),
+             lat_or = value_of(t, columns, "lat", {"lat", "latitude", "latitude_deg"}),
+             x_or = value_of(t, columns, "x", {"x_m", "x", "X", "easting", "easting_m"}),
+             y_or = value_of(t, columns, "y", {"y_m", "y", "Y", "northing", "northing_m"});
+  for (const auto* v : {&lon_or, &lat_or, &x_or, &y_or})
+    if (!*v) return tl::unexpected(v->error());
+  const auto &lon = *lon_or, &lat = *lat_or, &x = *x_or, &y = *y_or;
+  // x and y that are mapped are meant, whatever else the table has.
+  const bool mapped_xy =
+      std::ranges::any_of(columns, [](const auto& c) { return c.first == "x" || c.first == "y"; });
   p.plot = source.plot;
   if (source.plot && !source.plots.empty())
     return fail(ErrorCode::bad_input, t.file, "expected plot or plots, got both");
   if (source.plot || !source.plots.empty()) {
     if (!x || !y)
-      return fail(ErrorCode::bad_input, t.file,
-                  fmt::format("expected columns x_m, y_m in the plot, got {}", names_of(t)));
+      return fail(
+          ErrorCode::bad_input, t.file,
+          fmt::format(
+              "expected columns x_m, y_m in the plot, got {}; map others with columns: {{ x: …, y: … }}",
+              names_of(t)));
     if (!source.crs.empty()) return fail(ErrorCode::bad_input, t.file, "expected a plot or a crs, got both");
     p.x = *x, p.y = *y;
     if (!source.plots.empty()) {
@@ -129,7 +198,7 @@ Result<Placing> find_placing(const ImportSource& source, const CsvTable& t) {
     }
     return p;
   }
-  if (lon && lat) {
+  if (lon && lat && !mapped_xy) {
     p.geographic = true;
     p.x = *lon, p.y = *lat;
   } else if (x && y) {
@@ -139,8 +208,10 @@ Result<Placing> find_placing(const ImportSource& source, const CsvTable& t) {
       return fail(ErrorCode::bad_input, t.file,
                   "expected to be told what x and y mean: crs (such as EPSG:25832, or local), plot or plots");
   } else {
-    return fail(ErrorCode::bad_input, t.file,
-                fmt::format("expected columns lon, lat or x, y, got {}", names_of(t)));
+    return fail(
+        ErrorCode::bad_input, t.file,
+        fmt::format("expected columns lon, lat or x, y, got {}; map others with columns: {{ x: …, y: … }}",
+                    names_of(t)));
   }
   if (!source.crs.empty() && !p.local) {
     auto crs = parse_crs(source.crs, t.file + ": crs");
@@ -180,7 +251,7 @@ Result<GeoPoint> place_of(const Placing& p, const CsvTable& t, const CsvRow& row
       std::abs(place.longitude_deg) > 540)
     return fail(ErrorCode::bad_input, t.place(row),
                 fmt::format("expected a place on the earth, got {} {}, {} {}: is the reference system right?",
-                            t.columns[p.x], *x, t.columns[p.y], *y));
+                            p.x.text(), *x, p.y.text(), *y));
   return place;
 }
 
@@ -201,7 +272,10 @@ Result<TreeList> read_trees(const world::Schema& schema, const ImportSource& sou
           ErrorCode::bad_input, table->file,
           fmt::format("where: expected one of the columns {}, got '{}'", names_of(*table), (*where)->column));
   }
-  const auto columns = with_found_columns(schema, *table, source.columns);
+  Columns attributes;
+  for (const auto& c : source.columns)
+    if (!is_placing(c.first)) attributes.push_back(c);
+  const auto columns = with_found_columns(schema, *table, std::move(attributes));
   if (std::none_of(columns.begin(), columns.end(), [](const auto& c) { return c.first == "dbh_m"; }))
     for (const char* name : {"dbh", "DBH", "diameter"})
       if (table->find(name))
@@ -216,9 +290,7 @@ Result<TreeList> read_trees(const world::Schema& schema, const ImportSource& sou
   TreeList list;
   list.where = table->file;
   list.local = placing->local;
-  std::vector<std::size_t> indices;
-  for (auto& e : mapping->entries()) indices.push_back(*table->find(e.column));
-  const auto id = first_of(*table, {"tree_id", "treeid", "id", "tree_no"});
+  const auto id = placing->id;
   std::unordered_map<std::string, std::size_t> seen;
   Complaints complaints;
   std::size_t without_dbh = 0, without_species = 0;
@@ -237,9 +309,8 @@ Result<TreeList> read_trees(const world::Schema& schema, const ImportSource& sou
     if (!place) return tl::unexpected(place.error());
     TreeList::Entry tree{.place = *place, .attributes = {{"dbh_m", Value(0.0)}}};
     bool dbh = false, species = false;
-    for (std::size_t i = 0; i < indices.size(); ++i) {
-      auto& entry = mapping->entries()[i];
-      auto v = mapping->value(entry, row.cells[indices[i]], table->place(row), complaints);
+    for (auto& entry : mapping->entries()) {
+      auto v = mapping->value(entry, table->cells_of(row), table->place(row), complaints);
       if (!v) return tl::unexpected(v.error());
       if (!*v) continue;
       if (entry.attribute == "foot_height_m") {

@@ -79,7 +79,6 @@ Result<Weather> read_weather(const world::Schema& schema, const ImportSource& so
   }
   auto mapping = ColumnMapping::make(schema, "Atmosphere", columns, table->columns, {}, table->file);
   if (!mapping) return tl::unexpected(mapping.error());
-  std::vector<std::size_t> indices;
   for (auto& e : mapping->entries()) {
     if (!e.spec || world::kind_of(e.spec->default_value) != world::ValueKind::number ||
         e.attribute == "utc_s")
@@ -88,9 +87,8 @@ Result<Weather> read_weather(const world::Schema& schema, const ImportSource& so
           fmt::format("columns: expected numbers of the Atmosphere that change with the weather, got {}",
                       e.attribute));
     weather.columns.push_back(e.attribute);
-    indices.push_back(*table->find(e.column));
   }
-  if (indices.empty())
+  if (mapping->entries().empty())
     return fail(ErrorCode::bad_input, table->file,
                 "expected columns named as attributes of the Atmosphere (temperature_c, cloud_cover …), got "
                 "none: map them "
@@ -112,13 +110,13 @@ Result<Weather> read_weather(const world::Schema& schema, const ImportSource& so
       if (!v) return tl::unexpected(v.error());
       utc = *v;
     }
-    const std::size_t width = indices.size() + 1;
+    const std::size_t width = mapping->entries().size() + 1;
     if (!weather.table.empty() && utc <= weather.table[weather.table.size() - width])
       return fail(ErrorCode::bad_input, place,
                   "expected times that rise from row to row, got one that does not");
     weather.table.push_back(utc);
-    for (std::size_t i = 0; i < indices.size(); ++i) {
-      auto v = mapping->value(mapping->entries()[i], row.cells[indices[i]], place, complaints);
+    for (std::size_t i = 0; i < mapping->entries().size(); ++i) {
+      auto v = mapping->value(mapping->entries()[i], table->cells_of(row), place, complaints);
       if (!v) return tl::unexpected(v.error());
       if (*v)
         before[i] = std::get<double>(**v);

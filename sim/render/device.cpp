@@ -132,8 +132,8 @@ Result<vk::Buffer> Device::Impl::make_buffer(std::size_t size_bytes, VkBufferUsa
   info.usage = usage;
   if ((usage & VK_BUFFER_USAGE_STORAGE_BUFFER_BIT) != 0 && info.size > limits.maxStorageBufferRange)
     return fail(ErrorCode::unavailable, "vulkan",
-                "a buffer of " + std::to_string(size_bytes) + " bytes exceeds what " + name + " allows (" +
-                    std::to_string(limits.maxStorageBufferRange) + "): choose a smaller picture");
+                "expected a buffer of at most the " + std::to_string(limits.maxStorageBufferRange) +
+                    " bytes that " + name + " allows, got " + std::to_string(size_bytes));
   VkBuffer handle = VK_NULL_HANDLE;
   if (const VkResult r = vkCreateBuffer(device, &info, nullptr, &handle); r != VK_SUCCESS)
     return vk::failed("making a buffer", r);

@@ -123,6 +123,28 @@ struct Renderer::Impl {
   void record_sensor(const Region& region);
 };
 
+/// Lists grow with the square of the bodies, as each may throw its shadow on each: refused before they are
+/// made, by what is too large.
+static Status check_limits(const world::Scene& scene, const CameraModel& camera, std::size_t most_bytes) {
+  const std::size_t n = scene.bodies.size();
+  if (n * n * sizeof(std::uint32_t) > most_bytes)
+    return fail(ErrorCode::bad_input, "world",
+                "bodies: expected at most " +
+                    std::to_string(static_cast<std::size_t>(
+                        std::sqrt(static_cast<double>(most_bytes / sizeof(std::uint32_t))))) +
+                    ", which the small renderer draws on this device, got " + std::to_string(n) +
+                    "; give the channel `engine: rays`");
+  const std::size_t pixels =
+      static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px);
+  if (pixels * sizeof(gpu::vec4) > most_bytes)
+    return fail(ErrorCode::bad_input, "camera model",
+                "expected at most " + std::to_string(most_bytes / sizeof(gpu::vec4)) +
+                    " pixels, which the small renderer draws on this device, got " +
+                    std::to_string(camera.width_px) + " x " + std::to_string(camera.height_px) +
+                    "; give the channel `engine: rays`, or choose a smaller picture");
+  return {};
+}
+
 Status Renderer::Impl::make_buffers() {
   const std::size_t n = scene->bodies.size();
   const std::size_t pixels = static_cast<std::size_t>(options.camera.width_px) * options.camera.height_px;
@@ -592,6 +614,8 @@ Result<std::unique_ptr<Renderer>> Renderer::create(std::shared_ptr<Device> devic
   impl->device = std::move(device);
   impl->scene = std::move(scene);
   impl->options = options;
+  if (auto s = check_limits(*impl->scene, options.camera, impl->gpu().limits.maxStorageBufferRange); !s)
+    return tl::unexpected(s.error());
   const CameraModel& c = options.camera;
   const bool mono = is_mono(options.format);
   ChannelResponse response{};

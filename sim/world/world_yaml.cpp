@@ -96,7 +96,8 @@ Body read_body(const ConfigNode& n, const Scene& scene) {
   } else {
     const std::vector<double> size = n.numbers("size_m", 3);
     body.size_m = {size[0], size[1], size[2]};
-    if (!(body.size_m.minCoeff() > 0.0)) throw n.error("size_m", "expected three lengths > 0");
+    if (!(body.size_m.minCoeff() > 0.0 && body.size_m.maxCoeff() <= kLength.max))
+      throw n.error("size_m", "expected three lengths above 0 and up to 1e6 m");
   }
   if (n.has("chessboard")) {
     const ConfigNode c = n.map("chessboard");

@@ -121,11 +121,102 @@ TEST_F(BadInput, OptionsOfTheCommandLine) {
   EXPECT_FALSE(std::filesystem::exists(dir / "x.png"));
 }
 
+TEST_F(BadInput, NumbersOfTheCommandLineHaveARange) {
+  write_file(dir / "rig.yaml", "loop: {}\n");
+  for (const char* seconds : {"nan", "inf", "1e300", "-1", "10s"}) {
+    const Said said = rigor({"run", "rig.yaml", "--duration", seconds}, dir.path());
+    expect_refused(said, "--duration: expected a number from 0 to 1e+07, got " + std::string(seconds));
+    EXPECT_LT(said.err.size(), 300u) << said.err;
+  }
+  expect_refused(rigor({"run", "rig.yaml", "--duration", "0.1", "--pace", "nan"}, dir.path()),
+                 "--pace: expected");
+  expect_refused(
+      rigor({"calibrate", "delay", "x", "--first", "a", "--second", "b", "--largest", "nan"}, dir.path()),
+      "--largest: expected a number above 0");
+  expect_refused(rigor({"world", "render", "x.rigor", "-o", "x.png", "--eye", "nan,0,0"}, dir.path()),
+                 "--eye: expected a number from -1e+08 to 1e+08, got nan");
+}
+
+TEST_F(BadInput, NumbersOfAWorldHaveARange) {
+  write_file(dir / "world.yaml",
+             "materials:\n  - { name: m, reflectance: { red: 1, green: 1, blue: 1, nir: 1 } }\n"
+             "bodies:\n  - { name: b, material: m, size_m: [1, 1, 1], position_m: [1e300, 0, 0] }\n");
+  expect_refused(rigor({"world", "info", "world.yaml"}, dir.path()),
+                 "bodies.0.position_m.0: expected a number from -1e+08 to 1e+08, got 1e300");
+}
+
+TEST_F(BadInput, MoreSimulatedChannelsThanThePoolOfWorkersTakes) {
+  // Before a world is read, and not after each of them was made.
+  std::string rig = "simulation: { world: nowhere.yaml }\nchannels:\n";
+  for (int i = 0; i < 300; ++i)
+    rig +=
+        "  c" + std::to_string(i) + ": { kind: image, backend: simulated, rate_hz: 10, sensor: none.yaml }\n";
+  expect_refused(run(rig), "rig.yaml:131:9: channels.c128: expected at most 128 simulated channels in a rig");
+}
+
+TEST_F(BadInput, PicturesThatNoSensorHas) {
+  expect_refused(
+      run("channels:\n  c: { kind: image, backend: v4l2, rate_hz: 10, device: /dev/video0, width_px: "
+          "60000, height_px: 60000 }\n"),
+      "width_px: expected a picture of at most 268435456 pixels (16384 x 16384), got 60000 x 60000");
+}
+
+TEST_F(BadInput, MoreBoxesThanTheSmallRendererDraws) {
+  std::string world =
+      "materials:\n  - { name: m, reflectance: { red: 1, green: 1, blue: 1, nir: 1 } }\nbodies:\n";
+  for (int i = 0; i < 20000; ++i)
+    world += "  - { name: b" + std::to_string(i) + ", material: m, size_m: [1, 1, 1], position_m: [" +
+             std::to_string(2 * i) + ", 0, 0] }\n";
+  write_file(dir / "world.yaml", world);
+  const Said said =
+      run("simulation: { world: world.yaml }\nchannels:\n  c: { kind: image, backend: simulated, "
+          "rate_hz: 10, sensor: " +
+              config("sensors/demo-camera.yaml") + " }\n",
+          {"--clock", "virtual"});
+  expect_refused(said, "bodies: expected at most ");
+  EXPECT_THAT(said.err, HasSubstr("got 20000; give the channel `engine: rays`"));
+}
+
+TEST_F(BadInput, AWordThatIsNoCommand) {
+  expect_refused(rigor({"rnu", "rig.yaml"}, dir.path()), "got \"rnu\"; did you mean run?");
+  expect_refused(rigor({"world", "improt"}, dir.path()), "got \"improt\"; did you mean import?");
+  const Said far = rigor({"fly"}, dir.path());
+  expect_refused(far, "expected one of the commands run, emulate, replay");
+  EXPECT_EQ(far.err.find("did you mean"), std::string::npos) << far.err;
+}
+
+TEST_F(BadInput, NothingIsSuggestedWhereNothingIsNear) {
+  const Said said = rigor({"emulate", config("demo.yaml"), "--only", "zzzz"}, dir.path());
+  EXPECT_EQ(said.status, 2);
+  EXPECT_EQ(said.err.find("did you mean"), std::string::npos) << said.err;
+}
+
 TEST_F(BadInput, InspectOfWhatIsNoRecording) {
   write_file(dir / "x.mcap", "this is no recording");
   EXPECT_EQ(rigor({"inspect", "x.mcap"}, dir.path()).status, 2);
   EXPECT_EQ(rigor({"inspect", "y.mcap"}, dir.path()).status, 2);
   EXPECT_EQ(rigor({"replay", "x.mcap"}, dir.path()).status, 2);
+}
+
+TEST_F(BadInput, InspectOfADamagedRecordingIsNoSuccess) {
+  const Said made =
+      rigor({"run", config("rigs/inertial.yaml"), "--duration", "0.3", "--record", "whole.mcap"}, dir.path());
+  ASSERT_EQ(made.status, 0) << made.err;
+  ASSERT_EQ(rigor({"inspect", "whole.mcap"}, dir.path()).status, 0);
+  const std::string whole = read_file(dir / "whole.mcap");
+  constexpr std::size_t kPlaces = 25;
+  for (std::size_t i = 1; i <= kPlaces; ++i) {
+    const std::size_t at = whole.size() * i / (kPlaces + 1);
+    std::string damaged = whole;
+    damaged[at] = static_cast<char>(damaged[at] ^ 0x20);
+    write_file(dir / "damaged.mcap", damaged);
+    const Said flipped = rigor({"inspect", "damaged.mcap"}, dir.path());
+    EXPECT_EQ(flipped.status, 1) << "byte " << at << ": " << flipped.out << flipped.err;
+    EXPECT_THAT(flipped.err, HasSubstr("damaged.mcap: ")) << "byte " << at;
+    write_file(dir / "damaged.mcap", whole.substr(0, at));
+    const Said cut = rigor({"inspect", "damaged.mcap", "--json"}, dir.path());
+    EXPECT_EQ(cut.status, 1) << "cut at " << at << ": " << cut.err;
+  }
 }
 
 // A topic whose name is no UTF-8, in an MCAP file of one message by hand.

@@ -2,10 +2,16 @@
 // an answer is told.
 #include "cli/control_socket.h"
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <future>
 #include <nlohmann/json.hpp>
@@ -50,6 +56,50 @@ class ControlSockets : public ::testing::Test {
   TempDir dir;
   const std::string me = std::to_string(getpid());
 };
+
+/// A socket file at which nobody listens.
+void leave_socket(const std::filesystem::path& path) {
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  ASSERT_LT(path.native().size(), sizeof address.sun_path);
+  std::copy(path.native().begin(), path.native().end(), address.sun_path);
+  const int fd = socket(AF_UNIX, SOCK_STREAM, 0);
+  ASSERT_EQ(bind(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+  close(fd);
+}
+
+TEST_F(ControlSockets, WhatDeadRunsLeftIsRemovedWhenARunBegins) {
+  std::filesystem::create_directory(dir / "rigor");
+  std::filesystem::permissions(dir / "rigor", std::filesystem::perms::owner_all);
+  const pid_t child = fork();
+  if (child == 0) _exit(0);
+  waitpid(child, nullptr, 0);
+  const auto dead = dir / ("rigor/dead." + std::to_string(child) + ".sock");
+  // Its number belongs to another process by now: to this one's parent, say.
+  const auto reused = dir / ("rigor/reused." + std::to_string(getppid()) + ".sock");
+  const auto fresh = dir / ("rigor/fresh." + std::to_string(getppid()) + ".sock");
+  for (const auto& path : {dead, reused, fresh}) leave_socket(path);
+  const timespec old[2] = {{1'000'000'000, 0}, {1'000'000'000, 0}};
+  ASSERT_EQ(utimensat(AT_FDCWD, reused.c_str(), old, 0), 0);
+  ControlCommands commands;
+  const auto socket = ControlSocket::open("me", commands);
+  ASSERT_TRUE(socket) << socket.error().text();
+  EXPECT_FALSE(std::filesystem::exists(dead));
+  EXPECT_FALSE(std::filesystem::exists(reused));
+  EXPECT_TRUE(std::filesystem::exists(fresh)) << "it may be about to listen";
+}
+
+TEST_F(ControlSockets, AFolderThatIsNotThisUsersIsRefusedAloud) {
+  std::filesystem::create_directory_symlink("/etc", dir / "rigor");
+  write_file(dir / "rig.yaml", "name: none\nclock: virtual\nduration_s: 0.01\n");
+  const Said run = rigor({"run", "rig.yaml"}, dir.path());
+  EXPECT_EQ(run.status, 0) << run.err;
+  EXPECT_THAT(run.err, HasSubstr("warning: no `rigor fault` for this run: "));
+  EXPECT_THAT(run.err, HasSubstr("it is no folder; remove it, or set XDG_RUNTIME_DIR"));
+  const Said fault = rigor({"fault", "any", "eye", "drop"});
+  EXPECT_EQ(fault.status, 1) << fault.err;
+  EXPECT_THAT(fault.err, HasSubstr("it is no folder"));
+}
 
 TEST_F(ControlSockets, WhoeverHadNoAnswerInTimeAsksAgainAndIsAnsweredOnce) {
   ControlCommands commands;

@@ -212,6 +212,23 @@ TEST_F(Faults, AreInjectedWhileARunGoesOnListedClearedAndComeAgain) {
   EXPECT_TRUE(read_file(dir / "two.mcap") == bytes);
 }
 
+TEST_F(Faults, AreNotTakenFromARecordingOfAnotherRigOrWithoutThem) {
+  write_file(dir / "small.yaml", small_rig());
+  write_file(dir / "other.yaml",
+             "name: other\nclock: virtual\nduration_s: 0.1\nrecord: { file: " + file("other.mcap") +
+                 " }\nsinks:\n  lamp: { backend: note, signals: [on] }\n");
+  const Said made = rigor({"run", file("other.yaml"), "--json"});
+  ASSERT_EQ(made.status, 0) << made.err;
+  const Said other = rigor({"run", file("small.yaml"), "--clock", "virtual", "--duration", "0.1",
+                            "--faults-from", file("other.mcap")});
+  EXPECT_EQ(other.status, 2);
+  EXPECT_THAT(other.err,
+              HasSubstr("expected a recording of this rig (small), got one of other: here is no sink lamp"));
+  const Said none = rigor({"run", file("other.yaml"), "--faults-from", file("other.mcap")});
+  EXPECT_EQ(none.status, 2);
+  EXPECT_THAT(none.err, HasSubstr("expected a recording of a run into which faults were injected"));
+}
+
 TEST_F(Faults, NoRunIsDisturbedByWhoeverTalksNonsenseToIt) {
   write_file(dir / "small.yaml", small_rig());
   Command going(rigor_words({"run", file("small.yaml"), "--duration", "60", "--json"}));

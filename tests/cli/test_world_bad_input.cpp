@@ -37,7 +37,7 @@ class WorldBadInput : public World {
 
 TEST_F(WorldBadInput, Commands) {
   expect_refused({{{}, "subcommand"},
-                  {{"fly"}, "subcommand"},
+                  {{"fly"}, "expected one of the commands import, info, export, render, got \"fly\""},
                   {{"import", "-o", "x.rigor"}, "expected a plan (*.import.yaml) or sources"},
                   {{"import", "plan.import.yaml"}, "--output is required"},
                   {{"info"}, "WORLD is required"}});
@@ -116,8 +116,8 @@ TEST_F(WorldBadInput, AnchorsAndLengths) {
        {with({"--anchor", "97,9"}), "expected a latitude from -90 to 90 degrees, got 97"},
        {with({"--anchor", "47,9,1,2"}), "anchor: expected latitude,longitude"},
        {with({"--anchor", "-47,9"}), "dem.asc: expected elevation within the extent"},
-       {with({"--half-extent", "0"}), "--half-extent: expected a length above 0"},
-       {with({"--spacing", "-1"}), "--spacing: expected a length above 0"},
+       {with({"--half-extent", "0"}), "--half-extent: expected a number above 0 and up to 1e+06, got 0"},
+       {with({"--spacing", "-1"}), "--spacing: expected a number from 0 to 1e+05, got -1"},
        {with({"--set", "half_extent_m"}), "--set half_extent_m: expected path.to.key=value"},
        {with({"--set", "cache_dirs=3"}), "did you mean cache_dir?"},
        {with({"--set", "sources.9.crs=local"}), "sources: expected the index of one of its 3 items"},

@@ -62,7 +62,22 @@ TEST(Rig, RefusesARateThatDoesNotDivideTheBaseRateAndNamesOnesThatDo) {
   const std::string e = error_of("channels:\n  c: { kind: image, backend: simulated, rate_hz: 30 }\n");
   EXPECT_THAT(e, StartsWith("rig.yaml:2:"));
   EXPECT_THAT(e, HasSubstr("channels.c.rate_hz: expected a rate that divides the loop's 1000 Hz, got 30"));
-  EXPECT_THAT(e, HasSubstr("30.303"));
+  EXPECT_THAT(e, HasSubstr("the nearest are 31.25 and 25 Hz"));
+}
+
+TEST(Rig, NamesRatesThatItTakes) {
+  // Rounded to six digits, the rate that was advised was the one that was refused.
+  const std::string loop = error_of("loop: { rate_hz: 6.99996 }\n");
+  EXPECT_THAT(loop, HasSubstr("got 6.99996; the nearest are 6.4 and 7.8125 Hz"));
+  for (const char* rate : {"6.4", "7.8125"}) {
+    const auto rig = parse("loop: { rate_hz: " + std::string(rate) + " }\n");
+    EXPECT_TRUE(rig) << rig.error().text();
+  }
+  const std::string channel =
+      error_of("channels:\n  c: { kind: image, backend: simulated, rate_hz: 333.333 }\n");
+  EXPECT_THAT(channel, HasSubstr("got 333.333; the nearest are 500 and 250 Hz"));
+  EXPECT_THAT(error_of("channels:\n  c: { kind: image, backend: simulated, rate_hz: 1e-300 }\n"),
+              HasSubstr("rate_hz: expected a number from 1e-06 to 1e+06, got 1e-300"));
 }
 
 TEST(Rig, RefusesNegativeRatesUnknownKindsAndUnknownKeys) {

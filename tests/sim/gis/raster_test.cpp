@@ -480,6 +480,37 @@ TEST(Grid, TooManyCellsAreRefusedWithWhatToDo) {
   EXPECT_NE(import(plan).complaint().find("spacing_m"), std::string::npos);
 }
 
+TEST(Elevation, ARasterThatSpansNothingIsRefused) {
+  const Folder f;
+  RasterSpec r;
+  r.width = r.height = 1;
+  r.geotransform = {8.2, 0.001, 0, 46.8, 0, -0.001};
+  r.value = [](int, int, int) { return 500.0; };
+  write_raster(f / "one.tif", r);
+  ImportPlan plan;
+  plan.sources = {source(ImportSource::Kind::elevation, f / "one.tif")};
+  const Imported one = import(plan);
+  ASSERT_FALSE(one.report);
+  EXPECT_EQ(one.report.error().code, ErrorCode::bad_input);
+  EXPECT_NE(one.complaint().find("expected elevation that makes a terrain of at least 2 x 2 points"),
+            std::string::npos)
+      << one.complaint();
+  EXPECT_NE(one.complaint().find("the raster's cells are"), std::string::npos) << one.complaint();
+
+  // Many cells, of which the wanted extent holds one.
+  r.width = r.height = 50;
+  write_raster(f / "many.tif", r);
+  plan.sources = {source(ImportSource::Kind::elevation, f / "many.tif")};
+  plan.half_extent_m = 5;
+  const Imported narrow = import(plan);
+  ASSERT_FALSE(narrow.report);
+  EXPECT_NE(narrow.complaint().find("the wanted extent is 5 m on each side"), std::string::npos)
+      << narrow.complaint();
+  EXPECT_EQ(narrow.world().node_count(), 0u);
+  plan.half_extent_m = 500;
+  EXPECT_TRUE(import(plan).report) << import(plan).complaint();
+}
+
 TEST(RealRasters, EachOfTheCollectionIsImportedOrRefusedWithItsReason) {
   const std::string folder = shared_data("gis_rasters");
   if (folder.empty()) GTEST_SKIP() << "no test data: gis_rasters";

@@ -60,6 +60,72 @@ TEST(Trees, AWrongUnitIsSeenAndAnUnnamedOneAskedFor) {
   EXPECT_DOUBLE_EQ(*w.world().get(w.nodes("Tree")[0], world::types::Tree(w.world().schema()).dbh_m), 0.35);
 }
 
+TEST(Trees, EveryColumnCanHaveAnotherName) {
+  const Folder f;
+  f.write("t.csv",
+          "nr,sp,E (cm),N "
+          "(cm),d1_cm,d2_cm,h_dm\n1,PIAB,100,200,30,40,250\n1,PIAB,0,0,1,1,1\n2,PIAB,300,400,NA,40,100\n");
+  auto plan = plan_of(f / "t.csv", "local");
+  plan.sources[0].columns = {{"id", "nr"},
+                             {"species", "sp"},
+                             {"x", "[E (cm)] * 0.01"},
+                             {"y", "[N (cm)] / 100"},
+                             {"dbh_m", "(d1_cm + d2_cm) / 200"},
+                             {"height_m", "h_dm * 0.1"}};
+  const Imported w = import(plan);
+  ASSERT_TRUE(w.report) << w.complaint();
+  const auto s = w.world();
+  const world::types::Tree t(s.schema());
+  const auto n = w.nodes("Tree");
+  ASSERT_EQ(n.size(), 2u) << "of nr 1 the first is kept";
+  EXPECT_DOUBLE_EQ(s.get(n[0], t.position)->x(), 1);
+  EXPECT_DOUBLE_EQ(s.get(n[0], t.position)->y(), 2);
+  EXPECT_DOUBLE_EQ(*s.get(n[0], t.dbh_m), 0.35);
+  EXPECT_DOUBLE_EQ(*s.get(n[0], t.height_m), 25);
+  EXPECT_EQ(*s.get(n[0], t.species), "PIAB");
+  EXPECT_EQ(*s.get(n[1], t.dbh_m), 0) << "one of two diameters is missing: unknown";
+
+  plan.sources[0].columns[2].second = "[E (dm)] * 0.01";
+  EXPECT_NE(import(plan).complaint().find("columns: x: expected one of the columns nr, sp, E (cm)"),
+            std::string::npos)
+      << import(plan).complaint();
+  plan.sources[0].columns[2].second = "[E (cm)] *";
+  EXPECT_NE(import(plan).complaint().find("columns: x: expected a number, the name of a column"),
+            std::string::npos);
+  plan.sources[0].columns[2].second = "[E (cm)]";
+  plan.sources[0].columns[1].second = "sp * 2";
+  EXPECT_NE(import(plan).complaint().find("columns: species: expected the name of a column"),
+            std::string::npos);
+}
+
+TEST(Trees, PlotsAndTheirColumnsCanHaveOtherNames) {
+  const Folder f;
+  f.write("t.csv", "stand,x,y,dbh_m\nA,0,0,0.3\nB,0,0,0.4\n");
+  f.write("p.csv", "code,LAT_E7,LON_E7,north_rad\nA,468000000,82000000,0\nB,468100000,82000000,0\n");
+  const auto plan =
+      load_import_plan(f.write("plan.import.yaml",
+                               "anchor: { latitude_deg: 46.8, longitude_deg: 8.2, height_m: 0 }\nsources:\n"
+                               "  - trees: t.csv\n    columns: { plot: stand }\n"
+                               "    plots: { file: p.csv, columns: { plot: code, latitude_deg: LAT_E7 / 1e7, "
+                               "longitude_deg: LON_E7 / 1e7, "
+                               "y_axis_azimuth_deg: north_rad * 57.29578 } }\n"));
+  ASSERT_TRUE(plan) << plan.error().text();
+  const Imported w = import(*plan);
+  ASSERT_TRUE(w.report) << w.complaint();
+  const auto s = w.world();
+  const world::types::Tree t(s.schema());
+  ASSERT_EQ(w.nodes("Tree").size(), 2u);
+  EXPECT_LT(s.get(w.nodes("Tree")[0], t.position)->head<2>().norm(), 1e-3);
+  EXPECT_NEAR(s.get(w.nodes("Tree")[1], t.position)->y(), 1111.8, 1.5);
+
+  f.write("plan.import.yaml",
+          "sources:\n  - trees: t.csv\n    plots: { file: p.csv, columns: { lat: LAT_E7 } }\n");
+  const auto wrong = load_import_plan(f / "plan.import.yaml");
+  ASSERT_FALSE(wrong);
+  EXPECT_NE(wrong.error().text().find("plots.columns.lat: unknown key"), std::string::npos)
+      << wrong.error().text();
+}
+
 TEST(Trees, PlacesAreReadFromLongitudeAndLatitudeOrAReferenceSystem) {
   const Folder f;
   f.write("ll.csv", "lon,lat,dbh_m,foot_height_m\n8.2,46.8,0.3,612.5\n8.21,46.8,0.3,NA\n");

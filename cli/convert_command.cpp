@@ -1,0 +1,159 @@
+// `rigor convert`: what a LiDAR sent, as points, without a rig.
+#include <fmt/format.h>
+
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "cli/calibrate/recording_packets.h"
+#include "cli/commands.h"
+#include "cli/recording.h"
+#include "cli/sensing/sample_files.h"
+#include "cli/terminal.h"
+#include "drivers/velodyne/pcap_file.h"
+#include "sensor-hal/record/recorder.h"
+
+namespace rigor {
+namespace {
+
+constexpr const char* kChannel = "points";
+
+struct Converted {
+  std::uint64_t scans = 0, points = 0;
+  std::vector<std::string> warnings;
+};
+
+std::span<const LidarPoint> points_of(const Sample& sample) {
+  return {reinterpret_cast<const LidarPoint*>(sample.bytes().data()),
+          sample.bytes().size() / sizeof(LidarPoint)};
+}
+
+Result<RecordingInput> read_clouds(const std::filesystem::path& file, const TakeSample& take) {
+  if (velodyne::is_pcap(file)) return read_velodyne_recording(file, take);
+  if (is_sick_recording(file)) return read_sick_recording(file, take);
+  std::error_code none;
+  if (!std::filesystem::is_regular_file(file, none))
+    return fail(ErrorCode::not_found, file.string(), "expected a recording, found no such file");
+  return fail(ErrorCode::bad_input, file.string(),
+              "expected packets of a Velodyne (pcap, pcapng) or telegrams of a SICK scanner (.json), got "
+              "another file");
+}
+
+/// When it was recorded: the device's own clock counts from the hour, or from when it was switched on.
+RealtimeTime recorded_at(const std::filesystem::path& file) {
+  if (!velodyne::is_pcap(file)) return kVirtualEpoch.utc;
+  auto reader = velodyne::PcapReader::open(file);
+  if (!reader) return kVirtualEpoch.utc;
+  while (true) {
+    const auto record = reader->next();
+    if (!record || !*record) return kVirtualEpoch.utc;
+    if ((*record)->udp) return (*record)->t;
+  }
+}
+
+Result<Converted> to_pcd(const ConvertOptions& options) {
+  Converted out;
+  Status written = fail(ErrorCode::bad_input, "--scan", "");
+  const auto read = read_clouds(options.input, [&](const Sample& sample) {
+    if (out.scans++ != static_cast<std::uint64_t>(options.scan)) return true;
+    const auto points = points_of(sample);
+    out.points = points.size();
+    written = write_whole(options.output,
+                          [&](const std::filesystem::path& part) { return write_points_pcd(part, points); });
+    return false;
+  });
+  if (!read) return tl::unexpected<Error>(read.error());
+  out.warnings = read->warnings;
+  if (!written && written.error().where == "--scan")
+    return fail(ErrorCode::bad_input, "--scan",
+                fmt::format("expected a number from 0 to {}, as the recording has {} scans, got {}",
+                            out.scans - 1, out.scans, options.scan));
+  if (!written) return tl::unexpected<Error>(written.error());
+  out.scans = 1;
+  return out;
+}
+
+Result<Converted> to_mcap(const ConvertOptions& options) {
+  Converted out;
+  std::size_t most = 0;
+  std::optional<BenchTime> first;
+  const auto counted = read_clouds(options.input, [&](const Sample& sample) {
+    if (!first) first = sample.stamp.t_capture;
+    most = std::max(most, sample.bytes().size());
+    return true;
+  });
+  if (!counted) return tl::unexpected<Error>(counted.error());
+  const auto write = [&](const std::filesystem::path& part) -> Status {
+    RecorderOptions how;
+    how.virtual_time = true;  // nothing is skipped
+    how.epoch = {*first, recorded_at(options.input), {}};
+    how.t0 = *first;
+    how.writer.compression = record::Compression::zstd;
+    RecordedChannel channel;
+    channel.name = kChannel;
+    channel.description.kind = SampleKind::point_cloud;
+    channel.description.frame_id = kChannel;
+    channel.description.max_bytes = most;
+    auto recorder =
+        Recorder::create(part.string(), how, {std::move(channel)}, {},
+                         {{"converted_from", options.input.filename().string()}, {"version", RIGOR_VERSION}});
+    if (!recorder) return tl::unexpected<Error>(recorder.error());
+    const auto pool = make_sample_pool(4, most);
+    const auto read = read_clouds(options.input, [&](const Sample& sample) {
+      SampleLease lease = pool->try_acquire();
+      if (!lease) return false;
+      Sample& copy = lease.edit();
+      copy.info = sample.info;
+      copy.stamp = sample.stamp;
+      copy.size_bytes = sample.bytes().size();
+      std::memcpy(copy.memory().data(), sample.bytes().data(), copy.size_bytes);
+      (*recorder)->record(0, lease);
+      lease = {};
+      (*recorder)->end_cycle(out.scans++, sample.stamp.t_release);
+      out.points += points_of(sample).size();
+      return !(*recorder)->failed();
+    });
+    const Status stopped = (*recorder)->stop();
+    if (!read) return tl::unexpected<Error>(read.error());
+    out.warnings = read->warnings;
+    return stopped;
+  };
+  if (auto s = write_whole(options.output, write); !s) return tl::unexpected<Error>(s.error());
+  return out;
+}
+
+Result<Converted> convert(const ConvertOptions& options) {
+  const auto ending = options.output.extension();
+  if (ending != ".mcap" && ending != ".pcd")
+    return fail(
+        ErrorCode::bad_input, "-o",
+        fmt::format("expected a file that ends in .mcap (all scans) or .pcd (one of them), got \"{}\"",
+                    options.output.string()));
+  if (ending == ".mcap" && options.scan_given)
+    return fail(ErrorCode::bad_input, "--scan", "expected none with an .mcap, which gets all scans");
+  std::error_code none;
+  if (std::filesystem::exists(options.output, none) && !options.force)
+    return fail(ErrorCode::not_writable, options.output.string(),
+                "expected a name that is not taken, a file is there; --force writes over it");
+  if (std::filesystem::equivalent(options.output, options.input, none))
+    return fail(ErrorCode::bad_input, options.output.string(), "expected another file than the input");
+  return ending == ".pcd" ? to_pcd(options) : to_mcap(options);
+}
+
+}  // namespace
+
+int convert_command(const ConvertOptions& options) {
+  const auto made = convert(options);
+  if (!made) return report_error(made.error(), options.json);
+  for (const std::string& w : made->warnings) fmt::print(stderr, "rigor: warning: {}\n", w);
+  if (options.json)
+    fmt::print("{}\n", json_text({{"output", options.output.string()},
+                                  {"scans", made->scans},
+                                  {"points", made->points},
+                                  {"warnings", made->warnings}}));
+  else
+    fmt::print("{}: {} scan{}, {} points\n", options.output.string(), made->scans,
+               made->scans == 1 ? "" : "s", made->points);
+  return 0;
+}
+
+}  // namespace rigor
