@@ -30,6 +30,7 @@ struct RunOptions {
   std::filesystem::path faults_from;  ///< a recording whose live faults come again; empty: none
   bool no_emulators = false;
   bool no_control = false;
+  std::vector<std::string> fail_on;  ///< findings that fail the run (verdict.h)
   LiveOptions live;
   bool json = false;
 };
@@ -37,6 +38,7 @@ struct ReplayOptions {
   std::filesystem::path recording, rig;
   std::vector<std::string> overrides;
   std::filesystem::path record, report;
+  std::vector<std::string> fail_on;
   LiveOptions live;
   bool json = false;
 };

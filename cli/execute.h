@@ -7,6 +7,7 @@
 #include <string>
 
 #include "cli/assembly.h"
+#include "cli/verdict.h"
 #include "rt-core/epoch.h"
 #include "rt-core/stop.h"
 
@@ -18,6 +19,7 @@ class Server;
 
 struct ExecuteOptions {
   bool json = false;
+  FindingSet fail_on;                      ///< findings of the verdict that fail the run
   bool control = false;                    ///< may be talked to while it goes on (control_socket.h)
   live::Server* live = nullptr;            ///< shows how it goes (docs/live.md); null: nobody looks on
   double pace = 0;                         ///< virtual time: seconds in a second at most; 0: no limit

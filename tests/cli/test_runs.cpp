@@ -6,6 +6,7 @@
 #include <sys/mount.h>
 
 #include <cmath>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -49,13 +50,21 @@ class Runs : public ::testing::Test {
     words.insert(words.end(), more.begin(), more.end());
     return rigor_words(std::move(words));
   }
+  /// In virtual time, with cameras that are faster than a small machine could keep.
+  std::vector<std::string> fast_demo(std::vector<std::string> more) const {
+    for (const char* word : {"channels.left.rate_hz=25", "channels.left.latency_ms=100",
+                             "channels.right.rate_hz=25", "channels.right.latency_ms=60"})
+      more.insert(more.begin(), {"--set", word});
+    more.insert(more.begin(), {"--clock", "virtual"});
+    return demo(std::move(more));
+  }
   TempDir dir;
 };
 
 TEST_F(Runs, InVirtualTimeRepeatByteForByteOnAnyNumberOfWorkers) {
   std::string first_file, first_seen;
   for (const char* workers : {"1", "2", "1", "2", "1"}) {
-    const Said said = Command(demo({"--clock", "virtual", "--duration", "0.8", "--workers", workers})).wait();
+    const Said said = Command(fast_demo({"--duration", "0.8", "--workers", workers})).wait();
     ASSERT_EQ(said.status, 0) << said.err;
     const json result = json::parse(said.out);
     const std::string seen = result["seen_sha256"];
@@ -77,8 +86,7 @@ TEST_F(Runs, InVirtualTimeDifferWithTheSeed) {
   std::string seen[2];
   for (int i = 0; i < 2; ++i) {
     const Said said =
-        Command(demo({"--clock", "virtual", "--duration", "0.3", "--set", "seed=" + std::to_string(i + 1)}))
-            .wait();
+        Command(fast_demo({"--duration", "0.3", "--set", "seed=" + std::to_string(i + 1)})).wait();
     ASSERT_EQ(said.status, 0) << said.err;
     seen[i] = json::parse(said.out)["seen_sha256"];
   }
@@ -109,7 +117,7 @@ TEST_F(Runs, OnTheWallClockAreReplayedExactlyAndTwoReplaysAreEqualFiles) {
 }
 
 TEST_F(Runs, TakeOneChannelFromARecordingByOneLineOfTheRig) {
-  ASSERT_EQ(Command(demo({"--clock", "virtual", "--duration", "1"})).wait().status, 0);
+  ASSERT_EQ(Command(fast_demo({"--duration", "1"})).wait().status, 0);
   write_file(dir / "rig.yaml",
              "channels:\n"
              "  right: { kind: image, backend: replay, file: run.mcap, rate_hz: 25, latency_ms: 60 }\n"
@@ -184,11 +192,12 @@ TEST_F(Runs, OfTheDemoAccountForEveryInstantAndReport) {
              table = channel(result, "turntable");
   // Every instant is accounted for: seen, overtaken by a newer one, or counted as lost. How many are lost is
   // a matter of the machine and of its other work, and no matter of a test; benches measure it.
-  for (const auto& [c, rate_hz] : {std::pair{left, 25.0}, {right, 25.0}, {table, 100.0}}) {
+  for (const auto& [c, rate_hz] : {std::pair{left, 5.0}, {right, 5.0}, {table, 100.0}}) {
     const double seen =
         c["fresh"].get<double>() + c["superseded"].get<double>() + c["lost_samples"].get<double>();
     EXPECT_NEAR(seen, 4 * rate_hz, 0.06 * 4 * rate_hz + 3) << c["name"];
-    EXPECT_GT(c["fresh"], 20) << c["name"];
+    EXPECT_GT(c["fresh"], 5) << c["name"];
+    EXPECT_NEAR(c["delivered"].get<double>() + c["missing"].get<double>(), c["due"].get<double>(), 2);
   }
   EXPECT_EQ(result["sinks"][0]["applied"].get<int>() + result["sinks"][0]["failed"].get<int>() +
                 result["sinks"][0]["dropped"].get<int>(),
@@ -203,8 +212,9 @@ TEST_F(Runs, OfTheDemoAccountForEveryInstantAndReport) {
 TEST_F(Runs, SwitchAPairWithoutAGapAndRecordTheSwitch) {
   const Said run =
       Command(
-          demo({"--clock", "virtual", "--duration", "2", "--set",
-                "channels.left.pair.switches=[{at_s: 0.8, hand_on: simulated}, {at_s: 1.4, hand_on: real}]"}))
+          fast_demo(
+              {"--duration", "2", "--set",
+               "channels.left.pair.switches=[{at_s: 0.8, hand_on: simulated}, {at_s: 1.4, hand_on: real}]"}))
           .wait();
   ASSERT_EQ(run.status, 0) << run.err;
   const json left = channel(json::parse(run.out), "left");
@@ -234,7 +244,7 @@ TEST_F(Runs, GoOnWhenTheCameraIsKilledAndSeeItReturn) {
   const json result = json::parse(said.out), left = channel(result, "left");
   EXPECT_GT(left["lost_cycles"], 300) << "the channel says lost while the camera is away";
   EXPECT_GE(left["health"]["reconnects"], 1);
-  EXPECT_GT(left["lost_samples"], 20) << "what was missed is counted";
+  EXPECT_GT(left["lost_samples"], 4) << "what was missed is counted";
   // A late sample may stand between any two; that the camera is seen again after it was lost is what counts.
   bool was_lost = false, returned = false;
   for (const json& span : left["status"]) {
@@ -244,6 +254,59 @@ TEST_F(Runs, GoOnWhenTheCameraIsKilledAndSeeItReturn) {
   EXPECT_TRUE(returned) << left["status"];
   EXPECT_EQ(result["loop"]["cycles_run"].get<int>() + result["loop"]["cycles_skipped"].get<int>(), 15000);
   EXPECT_GT(result["loop"]["cycles_run"], 7500) << "the loop goes on";
+}
+
+/// The process that a run has brought its emulators up in; 0: none yet.
+pid_t emulators_of(pid_t run) {
+  std::ifstream children("/proc/" + std::to_string(run) + "/task/" + std::to_string(run) + "/children");
+  pid_t pid = 0;
+  children >> pid;
+  return pid;
+}
+
+TEST_F(Runs, WhoseEmulatorsDieSayItAtOnceAndFail) {
+  Command run(demo({"--duration", "10"}));
+  // The recording grows once the loop runs.
+  for (int i = 0; i < 600 && (!std::filesystem::exists(dir / "run.mcap") ||
+                              std::filesystem::file_size(dir / "run.mcap") < 200'000);
+       ++i)
+    sleep_ms(50);
+  const pid_t emulators = emulators_of(run.pid());
+  ASSERT_GT(emulators, 0) << run.err();
+  kill(emulators, SIGKILL);
+  EXPECT_TRUE(wait_for(run, "died: signal 9", 3000)) << run.err();
+  EXPECT_TRUE(run.running()) << "it is said while the run goes on";
+  const Said said = run.wait();
+  EXPECT_EQ(said.status, 1) << said.err;
+  const json result = json::parse(said.out), table = channel(result, "turntable");
+  EXPECT_EQ(result["verdict"]["state"], "bad");
+  EXPECT_EQ(result["verdict"]["findings"][0]["kinds"], json::array({"emulator"}));
+  EXPECT_GT(table["due"], 990);
+  EXPECT_LT(table["delivered"], 900) << "of a device that is gone it is known what was due";
+  EXPECT_LT(table["rate_hz"].get<double>(), 91) << "over the whole run, and not until it died";
+  EXPECT_LT(table["silent_since_s"].get<double>(), 9);
+  EXPECT_THAT(read_file(dir / "report/index.html"), HasSubstr("Verdict: bad"));
+}
+
+TEST_F(Runs, FailOnWhatTheyAreToldToFailOn) {
+  const std::vector<std::string> drop{
+      "--clock", "virtual", "--duration",
+      "0.5",     "--set",   "channels.turntable.faults=[{kind: drop, probability: 0.5}]"};
+  const auto with = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), drop.begin(), drop.end());
+    return Command(demo(std::move(more))).wait();
+  };
+  const Said plain = with({});
+  ASSERT_EQ(plain.status, 0) << plain.err;
+  EXPECT_THAT(json::parse(plain.out)["warnings"].dump(), HasSubstr("injected faults took"));
+  EXPECT_EQ(with({"--fail-on", "late,alarm"}).status, 0);
+  const Said failed = with({"--fail-on", "late,lost"});
+  EXPECT_EQ(failed.status, 1);
+  EXPECT_EQ(json::parse(failed.out)["verdict"]["failed_on"], json::array({"lost"}));
+  EXPECT_THAT(failed.err, HasSubstr("--fail-on lost: turntable: "));
+  const Said unknown = with({"--fail-on", "lats"});
+  EXPECT_EQ(unknown.status, 2);
+  EXPECT_THAT(unknown.err, HasSubstr("did you mean late?"));
 }
 
 TEST_F(Runs, LeaveTheTurntableSafeOnCtrlC) {
