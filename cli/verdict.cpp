@@ -137,7 +137,7 @@ std::optional<Finding> judge_samples(const RunFacts& run, const ChannelFacts& c)
            share(missing, due) >= kLostBad) {
     f.sentence += "; its emulator, on this machine, is too slow";
     f.cure = slower(run, c, kLoad * c.rate_hz());
-  } else if (c.silent && run.emulators.empty() && c.by_faults == 0)
+  } else if (c.silent && run.wall_clock && run.emulators.empty() && c.by_faults == 0)
     f.cure = "look at the device and its connection (`rigor devices`)";
   else if (c.late > 0 && c.arrival > c.latency && c.by_faults == 0)
     f.cure = fmt::format("99 % of its {} are here after {}: `--set channels.{}.latency_ms={:.0f}`", c.noun,
