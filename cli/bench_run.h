@@ -24,6 +24,7 @@ namespace rigor {
 namespace live {
 class LiveTap;
 }
+class EmulatorProcess;
 class FaultBench;
 class PairSource;
 class Recorder;
@@ -89,7 +90,8 @@ struct RunParts {
   std::vector<std::unique_ptr<RunChannel>> channels;
   std::vector<std::unique_ptr<RunSink>> sinks;
   std::unique_ptr<Application> application;
-  std::shared_ptr<FaultBench> faults;  ///< null: a replay, which shows what came of them
+  std::shared_ptr<FaultBench> faults;          ///< null: a replay, which shows what came of them
+  const EmulatorProcess* emulators = nullptr;  ///< that this run brought up; null: none
   BenchMotion motion;
   std::vector<std::shared_ptr<Platform>> platforms;  ///< of this process: they set out when the run starts
   /// Of simulated sensors, by the names of their channels (of a pair NAME.simulated).

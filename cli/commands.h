@@ -31,6 +31,7 @@ struct RunOptions {
   bool no_emulators = false;
   bool no_control = false;
   bool force = false;  ///< replace what is there
+  std::vector<std::string> fail_on;  ///< findings that fail the run (verdict.h)
   LiveOptions live;
   bool json = false;
 };
@@ -38,6 +39,7 @@ struct ReplayOptions {
   std::filesystem::path recording, rig;
   std::vector<std::string> overrides;
   std::filesystem::path record, report;
+  std::vector<std::string> fail_on;
   LiveOptions live;
   bool force = false;  ///< replace what is there
   bool json = false;

@@ -7,10 +7,12 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cerrno>
 #include <chrono>
 #include <cstdio>
 #include <cstring>
+#include <mutex>
 #include <thread>
 #include <utility>
 
@@ -97,13 +99,51 @@ Result<EmulatorProcess> EmulatorProcess::start(const std::filesystem::path& rig,
               "already, use --no-emulators");
 }
 
-EmulatorProcess::EmulatorProcess(EmulatorProcess&& o) noexcept : pid_(std::exchange(o.pid_, -1)) {}
+/// Waits for the end of the process, without taking its status from who ends it.
+struct EmulatorProcess::Watch {
+  explicit Watch(pid_t process) : pid(process), thread([this] { wait(); }) {}
+
+  void wait() {
+    siginfo_t info{};
+    while (waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOWAIT) != 0)
+      if (errno != EINTR) return;  // it was reaped: the run has ended it
+    const BenchTime t = bench_now();
+    if (ending.load()) return;
+    const std::string how = info.si_code == CLD_EXITED ? "exit status " + std::to_string(info.si_status)
+                                                       : "signal " + std::to_string(info.si_status) + ", " +
+                                                             strsignal(info.si_status);
+    // On a terminal a line that is rewritten in place may stand there.
+    std::fprintf(stderr, "%srigor: the rig's emulators (process %d) died: %s; the run goes on without them\n",
+                 isatty(STDERR_FILENO) == 1 ? "\n" : "", static_cast<int>(pid), how.c_str());
+    const std::lock_guard lock(mutex);
+    death = Death{t, how};
+  }
+
+  pid_t pid;
+  std::atomic<bool> ending{false};  ///< the run ends it
+  mutable std::mutex mutex;
+  std::optional<Death> death;
+  std::thread thread;
+};
+
+EmulatorProcess::EmulatorProcess(pid_t pid) : pid_(pid), watch_(std::make_unique<Watch>(pid)) {}
+EmulatorProcess::EmulatorProcess(EmulatorProcess&& o) noexcept
+    : pid_(std::exchange(o.pid_, -1)), watch_(std::move(o.watch_)) {}
 EmulatorProcess& EmulatorProcess::operator=(EmulatorProcess&& o) noexcept {
   std::swap(pid_, o.pid_);
+  std::swap(watch_, o.watch_);
   return *this;
 }
 EmulatorProcess::~EmulatorProcess() {
-  if (pid_ > 0) end_child(pid_);
+  if (pid_ <= 0) return;
+  watch_->ending = true;
+  end_child(pid_);
+  watch_->thread.join();
+}
+
+std::optional<EmulatorProcess::Death> EmulatorProcess::death() const {
+  const std::lock_guard lock(watch_->mutex);
+  return watch_->death;
 }
 
 }  // namespace rigor

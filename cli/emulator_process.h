@@ -5,6 +5,8 @@
 #include <sys/types.h>
 
 #include <filesystem>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,10 +28,18 @@ class EmulatorProcess {
   /// Asks it to end (SIGTERM), and ends it (SIGKILL) after three seconds. It dies with this process too.
   ~EmulatorProcess();
   [[nodiscard]] pid_t pid() const { return pid_; }
+  struct Death {
+    BenchTime t;
+    std::string how;  ///< "signal 9, Killed", "exit status 1"
+  };
+  /// Empty while it lives. That it died is also said on stderr, at once. Any thread.
+  [[nodiscard]] std::optional<Death> death() const;
 
  private:
-  explicit EmulatorProcess(pid_t pid) : pid_(pid) {}
+  struct Watch;
+  explicit EmulatorProcess(pid_t pid);
   pid_t pid_ = -1;
+  std::unique_ptr<Watch> watch_;
 };
 
 }  // namespace rigor

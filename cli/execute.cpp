@@ -2,6 +2,7 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <atomic>
@@ -202,8 +203,13 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   text.engine = engine;
   text.utc = iso(epoch.to_utc(t0));
   text.recording = parts.rig.record.file.string();
-  nlohmann::json result = run_result(parts, *outcome, recorder.get(), text);
-  result["warnings"] = warnings;
+  text.virtual_epoch = virtual_time && !options.epoch;
+  const RunFacts facts = ended_run_facts(parts, *outcome, recorder.get(), warnings);
+  const Verdict verdict = judge(facts);
+  const FindingSet failed_on = verdict.found(options.fail_on);
+  nlohmann::json result = run_result(parts, *outcome, recorder.get(), text, facts, verdict);
+  if (!options.fail_on.empty())
+    result["verdict"].update({{"fail_on", options.fail_on.names()}, {"failed_on", failed_on.names()}});
   std::string localization;
   if (recorder && recorded)
     if (const auto error = localization_of(parts)) {
@@ -233,6 +239,12 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   for (const Status* s :
        {static_cast<const Status*>(&recorded), static_cast<const Status*>(&reported), &stopped, &finished})
     if (!*s) status = 1, report_error(s->error(), false);
+  for (const Finding& f : verdict.findings)
+    if (!f.kinds.both(failed_on).empty())
+      status = 1, fmt::print(stderr, "rigor: failed by --fail-on {}: {}\n",
+                             fmt::join(f.kinds.both(failed_on).names(), ","), f.sentence);
+  // What was to be tested was not there.
+  if (!facts.emulators.empty()) status = 1;
   const StopReason reason = outcome->loop.reason;
   const bool aborted =
       reason == StopReason::overrun || reason == StopReason::failed || reason == StopReason::recording;

@@ -8,6 +8,7 @@
 
 #include "cli/assembly.h"
 #include "cli/output_file.h"
+#include "cli/verdict.h"
 #include "rt-core/epoch.h"
 #include "rt-core/stop.h"
 
@@ -20,6 +21,7 @@ class Server;
 struct ExecuteOptions {
   bool json = false;
   Existing existing = Existing::keep;      ///< what becomes of an earlier recording, report and trace
+  FindingSet fail_on;                      ///< findings of the verdict that fail the run
   bool control = false;                    ///< may be talked to while it goes on (control_socket.h)
   live::Server* live = nullptr;            ///< shows how it goes (docs/live.md); null: nobody looks on
   double pace = 0;                         ///< virtual time: seconds in a second at most; 0: no limit

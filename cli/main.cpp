@@ -23,6 +23,15 @@ void add_overrides(CLI::App* app, std::vector<std::string>& overrides) {
       ->allow_extra_args(false);
 }
 
+void add_fail_on(CLI::App* app, std::vector<std::string>& names) {
+  app->add_option("--fail-on", names,
+                  "Exit status 1 where the verdict has one of these: lost, late, silent, alarm, uncompared, "
+                  "skipped, missed, command, … (docs/verdict.md; an unknown one lists them all)")
+      ->type_name("NAME,…")
+      ->delimiter(',')
+      ->allow_extra_args(false);
+}
+
 void add_live(CLI::App* app, rigor::LiveOptions& live) {
   app->add_option_function<std::vector<std::string>>(
          "--live",
@@ -71,12 +80,15 @@ int command_line(int argc, char** argv) {
   run_app->add_option(
       "--faults-from", run.faults_from,
       "Recording of a run of this rig: faults that were injected while it went on come again");
+  add_fail_on(run_app, run.fail_on);
   add_live(run_app, run.live);
   run_app->add_flag("--no-control", run.no_control, "Without the socket that `rigor fault` talks to");
   run_app->add_flag("--force", run.force, kForceKept);
   run_app->add_flag("--json", run.json, "Print the results as JSON");
   add_overrides(run_app, run.overrides);
-  run_app->footer("Example: rigor run configs/demo.yaml --duration 10 --record demo.mcap --report report");
+  run_app->footer(
+      "Examples: rigor run configs/demo.yaml --duration 10 --record demo.mcap --report report\n"
+      "          rigor run configs/demo.yaml --clock virtual --fail-on lost,late,alarm");
 
   rigor::EmulateOptions emulate;
   auto* emulate_app =
@@ -95,6 +107,7 @@ int command_line(int argc, char** argv) {
   replay_app->add_option("RIG", replay.rig, "Rig file (default: the one in the recording)");
   replay_app->add_option("--record", replay.record, "Write an MCAP recording of the replay");
   replay_app->add_option("--report", replay.report, "Write an HTML report into this folder");
+  add_fail_on(replay_app, replay.fail_on);
   add_live(replay_app, replay.live);
   replay_app->add_flag("--force", replay.force, kForceKept);
   replay_app->add_flag("--json", replay.json, "Print the results as JSON");
@@ -267,8 +280,7 @@ int command_line(int argc, char** argv) {
   } catch (const std::bad_alloc&) {
     rigor::say(
         "rigor: this machine's memory is used up; choose smaller pictures, fewer channels or a smaller "
-        "world\n"); choose smaller pictures, fewer channels or a smaller "
-           "world\n";
+        "world\n");
     return 1;
   } catch (const std::exception& e) {
     if (std::ferror(stdout) != 0) return 1;  // it did not take what was printed; finish_stdout says so

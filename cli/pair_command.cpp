@@ -5,6 +5,7 @@
 
 #include "cli/commands.h"
 #include "cli/control_socket.h"
+#include "cli/pair_snapshot.h"
 #include "cli/terminal.h"
 
 namespace rigor {
@@ -13,10 +14,7 @@ namespace {
 using nlohmann::json;
 
 void print_pair(const std::string& name, const json& p) {
-  const std::string unit = p.value("unit", "");
-  fmt::print("{:<16} {} handed on, {} compared, bias {:.4g}, sigma {:.4g}{}\n", name,
-             p["active"].get<std::string>(), p["count"].get<std::uint64_t>(), p["bias"].get<double>(),
-             p["sigma"].get<double>(), unit.empty() ? "" : " " + unit);
+  fmt::print("{:<16} {} handed on, {}\n", name, p["active"].get<std::string>(), pair_line(p));
   if (!p.contains("watch")) {
     fmt::print("{:17}not watched\n", "");
     return;

@@ -75,7 +75,7 @@ std::string strip_svg(const Strip& s, const Times& times) {
                        px(times.watched_from_s), kTop, kTop + kPlotH);
   if (times.raised_s)
     out += fmt::format(
-        R"(<path d="M{0:.1f} {1}V{2}" stroke="#c0392b" stroke-width="1.4"><title>alarm at {3:.0f} s</title></path>)",
+        R"(<path d="M{0:.1f} {1}V{2}" stroke="#c0392b" stroke-width="1.4"><title>alarm at {3:.1f} s</title></path>)",
         px(*times.raised_s), kTop, kTop + kPlotH, *times.raised_s);
   if (std::isfinite(s.line))
     out += fmt::format(R"(<path d="M{} {:.1f}h{}" stroke="#c0392b" stroke-dasharray="4 3"/>)", kLeft,

@@ -163,8 +163,8 @@ json pair_json(const RunChannel& c, bool series) {
          {"active", name_of(c.pair->active())},
          {"real_missing", s.missing_of(PairSide::real)},
          {"simulated_missing", s.missing_of(PairSide::simulated)},
-         {"bias", s.all.bias},
-         {"sigma", s.all.sigma},
+         {"bias", s.compared > 0 ? json(s.all.bias) : json()},
+         {"sigma", s.compared > 0 ? json(s.all.sigma) : json()},
          {"unit", unit_of(c.entry->kind)}};
   const auto values = compared_values(c.entry->kind);
   if (!values.empty() && s.values == values.size()) {
@@ -185,6 +185,16 @@ json pair_json(const RunChannel& c, bool series) {
   }
   if (const PairMonitor* monitor = c.pair->monitor()) j["watch"] = watch_json(*monitor, series);
   return j;
+}
+
+std::string pair_line(const json& p) {
+  const auto n = [&](const char* key) { return p[key].get<std::uint64_t>(); };
+  if (n("count") == 0)
+    return fmt::format("nothing compared (missing: {} of the real side, {} of the simulated{})",
+                       n("real_missing"), n("simulated_missing"),
+                       n("unlike") > 0 ? fmt::format("; {} unlike", n("unlike")) : "");
+  return fmt::format("{} compared, bias {:.3f}, sigma {:.3f} {}", n("count"), p["bias"].get<double>(),
+                     p["sigma"].get<double>(), p.value("unit", ""));
 }
 
 json pair_snapshot(const RunParts& parts) {

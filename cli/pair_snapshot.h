@@ -1,5 +1,7 @@
 // The pairs of a run as JSON: differences, who is handed on, and what the watch says (docs/pair-watch.md).
 //
+// `bias` and `sigma` are null where nothing was compared.
+//
 //   {"hand_on": "real", "count": 79, "bias": 0.02, "sigma": 2.1, "unit": "DN", …,
 //    "watch": {"state": "alarm", "text": "focal length has changed by +0.01004 ± 0.0003, since 2500 s; …",
 //              "learned": 200, "baseline_windows": 200, "windows": 251, "alarms": 1,
@@ -9,6 +11,7 @@
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
+#include <string>
 
 #include "cli/bench_run.h"
 #include "cli/control_socket.h"
@@ -20,6 +23,9 @@ namespace rigor {
 [[nodiscard]] nlohmann::json pair_snapshot(const RunParts& parts);
 /// Of one; `series`: with its windows so far (at most PairMonitor::kKept), for plots.
 [[nodiscard]] nlohmann::json pair_json(const RunChannel& channel, bool series);
+
+/// Of such JSON: "79 compared, bias 0.020, sigma 2.100 DN", or that nothing was compared and why.
+[[nodiscard]] std::string pair_line(const nlohmann::json& pair);
 
 /// The command `pair`: {"command": "pair"} gives pair_snapshot; with "channel" that one with its series, and
 /// with "do": "acknowledge" or "learn_again" that is done before.

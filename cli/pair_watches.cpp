@@ -100,7 +100,7 @@ Result<PairWatch> of_registers(const ConfigNode& keys, const ChannelDescription&
 Result<PairWatch> make_pair_watch(const ChannelEntry& entry, const ChannelDescription& real,
                                   const ChannelDescription& twin) {
   auto made = catch_config([&]() -> Result<PairWatch> {
-    const ConfigNode keys = entry.pair.map("watch");
+    const ConfigNode keys = entry.pair.map_or_absent("watch");
     const WatchOptions watch{.window_s = entry.watch->window_s,
                              .baseline_windows = entry.watch->baseline_windows,
                              .false_alarms_per_h = entry.watch->false_alarms_per_h};

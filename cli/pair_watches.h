@@ -8,8 +8,8 @@
 
 namespace rigor {
 
-/// `entry.watch` is there; both sides are configured. Setup; reads the sheet. bad_input at the place in the
-/// rig: a kind that cannot be watched, too many numbers, or others than the twin's.
+/// `entry.watch` is there, from the rig or not; both sides are configured. Setup; reads the sheet. bad_input
+/// at the place in the rig: a kind that cannot be watched, too many numbers, or others than the twin's.
 [[nodiscard]] Result<pair_watch::PairWatch> make_pair_watch(const ChannelEntry& entry,
                                                             const ChannelDescription& real,
                                                             const ChannelDescription& twin);

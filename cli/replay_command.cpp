@@ -75,6 +75,8 @@ Result<RigConfig> load(const ReplayOptions& options, const RecordedRun& recorded
 }  // namespace
 
 int replay_command(const ReplayOptions& options) {
+  const auto fail_on = findings_named(options.fail_on);
+  if (!fail_on) return report_error(fail_on.error(), options.json);
   auto recorded = read_recorded_run(options.recording);
   if (!recorded) return report_error(recorded.error(), options.json);
   if (recorded->dropped > 0)
@@ -136,6 +138,7 @@ int replay_command(const ReplayOptions& options) {
   ExecuteOptions how;
   how.json = options.json;
   how.existing = existing;
+  how.fail_on = *fail_on;
   how.live = live->get();
   how.pace = options.live.pace_or_default();
   how.t0 = recorded->t0;

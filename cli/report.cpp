@@ -7,9 +7,11 @@
 #include "cli/fault_report.h"
 #include "cli/page.h"
 #include "cli/pair_report.h"
+#include "cli/pair_snapshot.h"
 #include "cli/picture_file.h"
 #include "cli/svg.h"
 #include "cli/terminal.h"
+#include "cli/verdict.h"
 
 namespace rigor {
 namespace {
@@ -65,19 +67,23 @@ std::string loop_section(const json& r) {
 std::string channel_table(const json& r) {
   std::string s =
       "<h2>Channels</h2><table><tr><th>channel</th><th "
-      "class=\"l\">backend</th><th>rate</th><th>visible</th><th>late samples</th>"
-      "<th>late cycles</th><th>lost samples</th><th>lost cycles</th><th>gaps</th><th>age p50</th><th>age "
+      "class=\"l\">backend</th><th>rate, of nominal</th><th>samples "
+      "due</th><th>delivered</th><th>missing</th>"
+      "<th>late</th><th>silent since</th><th>gaps</th><th>age p50</th><th>age "
       "p99</th><th>arrival p99</th></tr>";
   for (const json& c : r["channels"]) {
     s += fmt::format(
-        "<tr><td>{}</td><td class=\"l\">{}{}</td><td>{:.2f} "
-        "Hz</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</"
-        "td><td>{}</td></tr>",
+        "<tr><td>{}</td><td class=\"l\">{}{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>"
+        "<td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
         str(c["name"]), str(c["backend"]),
         c["replaced_by"].get<std::string>().empty() ? "" : " (replaced by " + str(c["replaced_by"]) + ")",
-        c["rate_hz"].get<double>(), count(c["fresh"]), count(c["late_samples"]), count(c["late_cycles"]),
-        count(c["lost_samples"]), count(c["lost_cycles"]), count(c["gap_count"]), ns(c["age"]["p50_ns"]),
-        ns(c["age"]["p99_ns"]), ns(c["arrival"]["p99_ns"]));
+        c["due"].is_number() ? fmt::format("{:.2f} of {:.2f} Hz", c["rate_hz"].get<double>(),
+                                           c["nominal_rate_hz"].get<double>())
+                             : std::string("no rate"),
+        c["due"].is_number() ? count(c["due"]) : "–", count(c["delivered"]), count(c["missing"]),
+        count(c["late_samples"]),
+        c["silent_since_s"].is_number() ? fmt::format("{:.1f} s", c["silent_since_s"].get<double>()) : "",
+        count(c["gap_count"]), ns(c["age"]["p50_ns"]), ns(c["age"]["p99_ns"]), ns(c["arrival"]["p99_ns"]));
   }
   s += "</table>";
   if (!r["sinks"].empty()) {
@@ -97,14 +103,18 @@ std::string channel_table(const json& r) {
 
 std::string pair_card(const json& c) {
   const json& p = c["pair"];
-  std::string s = fmt::format(
-      "<div class=\"card\"><h3>{}: real against "
-      "simulated</h3><table><tr><th>compared</th><th>bias</th><th>sigma</th><th>real "
-      "missing</th><th>simulated missing</th></tr>"
-      "<tr><td>{}</td><td>{:.3f} {}</td><td>{:.3f} {}</td><td>{}</td><td>{}</td></tr></table>",
-      str(c["name"]), count(p["count"]), p["bias"].get<double>(), html(p.value("unit", "")),
-      p["sigma"].get<double>(), html(p.value("unit", "")), count(p["real_missing"]),
-      count(p["simulated_missing"]));
+  std::string s = fmt::format("<div class=\"card\"><h3>{}: real against simulated</h3>", str(c["name"]));
+  if (p["count"].get<std::uint64_t>() == 0) {
+    s += "<p class=\"note\">" + html(pair_line(p)) + "</p>";
+  } else {
+    const std::string unit = html(p.value("unit", ""));
+    s += fmt::format(
+        "<table><tr><th>compared</th><th>bias</th><th>sigma</th><th>real missing</th><th>simulated "
+        "missing</th></tr><tr><td>{}</td><td>{:.3f} {}</td><td>{:.3f} "
+        "{}</td><td>{}</td><td>{}</td></tr></table>",
+        count(p["count"]), p["bias"].get<double>(), unit, p["sigma"].get<double>(), unit,
+        count(p["real_missing"]), count(p["simulated_missing"]));
+  }
   if (const json values = p.value("values", json::array()); !values.empty()) {
     s += "<table><tr><th></th><th>bias</th><th>sigma</th></tr>";
     for (const json& v : values)
@@ -182,10 +192,13 @@ Status write_report(const std::filesystem::path& dir, json& result, const RunPar
       "content=\"width=device-width\">"
       "<title>{0} – Rigor</title><style>{1}</style><header><h1>{0}</h1><p>{2} · {3:.1f} s on the {4} clock · "
       "{5} · {6}</p></header><main>",
-      str(result["rig"]), kPageStyle, str(result["utc"]), result["duration_s"].get<double>(),
-      str(result["clock"]), str(result["loop"]["reason"]), str(result["engine"]));
-  page += loop_section(result) + channel_table(result) + localization + faults_section(result) +
-          channel_section(result);
+      str(result["rig"]), kPageStyle,
+      result["virtual_epoch"].get<bool>() ? "virtual time: every virtual run begins at " + str(result["utc"])
+                                          : str(result["utc"]),
+      result["duration_s"].get<double>(), str(result["clock"]), str(result["loop"]["reason"]),
+      str(result["engine"]));
+  page += verdict_section(result["verdict"]) + loop_section(result) + channel_table(result) + localization +
+          faults_section(result) + channel_section(result);
   if (result.contains("recording"))
     page +=
         fmt::format("<h2>Recording</h2><p><code>{}</code>: {} messages, {:.1f} MB, {} dropped</p>",
@@ -193,9 +206,9 @@ Status write_report(const std::filesystem::path& dir, json& result, const RunPar
                     result["recording"]["bytes"].get<double>() * 1e-6, count(result["recording"]["dropped"]));
   const std::string seen = result["seen_sha256"];
   page += fmt::format(
-      "<h2>What the application saw</h2><p><code>{}</code> (SHA-256 over every visible sample; a replay "
-      "prints the same)</p></main></html>\n",
-      seen.empty() ? "not known: the digest could not keep up" : seen);
+      "<h2>Input digest</h2><p><code>{}</code> (SHA-256 over every sample that the application saw; a replay "
+      "gives the same)</p></main></html>\n",
+      seen.empty() ? "not known: its computation could not keep up" : seen);
   files.emplace_back("index.html", std::move(page));
   return write_report_files(dir, files, existing);
 }

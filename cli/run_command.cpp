@@ -37,6 +37,8 @@ Result<RigConfig> load(const RunOptions& options) {
 }  // namespace
 
 int run_command(const RunOptions& options) {
+  const auto fail_on = findings_named(options.fail_on);
+  if (!fail_on) return report_error(fail_on.error(), options.json);
   auto rig = load(options);
   if (!rig) return report_error(rig.error(), options.json);
   auto live = open_live(options.live, *rig);
@@ -67,10 +69,12 @@ int run_command(const RunOptions& options) {
     auto started = EmulatorProcess::start(options.rig, options.overrides, seconds(300), stop.token());
     if (!started) return report_error(started.error(), options.json);
     emulators.emplace(std::move(*started));
+    (*assembly)->parts.emulators = &*emulators;
   }
   ExecuteOptions how;
   how.json = options.json;
   how.existing = existing;
+  how.fail_on = *fail_on;
   how.trace = options.trace;
   how.control = !options.no_control;
   how.live = live->get();

@@ -68,39 +68,47 @@ json loop_json(const RunParts& parts, const RunSummary& s) {
   return loop;
 }
 
-json channel_json(const RunChannel& c, BenchTime t0) {
+/// Null where it is not known.
+template <class T>
+json or_null(const std::optional<T>& v) {
+  return v ? json(*v) : json();
+}
+
+json channel_json(const RunChannel& c, const ChannelFacts& facts, BenchTime t0) {
   const PortCounters& n = c.port.counters();
   const Health& h = c.source->health();
-  const double span_s = (c.t_last - c.t_first).seconds();
-  json j{
-      {"name", c.entry->name},
-      {"kind", kind_name(c.entry->kind)},
-      {"backend",
-       c.entry->is_pair ? c.entry->source.backend + " | " + c.entry->twin.backend : c.entry->source.backend},
-      {"replaced_by", c.replaced_by},
-      {"nominal_rate_hz", 1.0 / c.entry->period.seconds()},
-      {"rate_hz", n.fresh > 1 && span_s > 0 ? static_cast<double>(n.fresh + n.superseded - 1) / span_s : 0.0},
-      {"latency_ms", c.entry->latency.seconds() * 1e3},
-      {"fresh", n.fresh},
-      {"superseded", n.superseded},
-      {"late_samples", n.late_samples},
-      {"late_cycles", n.late_cycles},
-      {"lost_samples", n.lost_samples},
-      {"lost_cycles", n.lost_cycles},
-      {"overflow", n.overflow},
-      {"before_start", c.before_start},
-      {"age", histogram_json(c.age)},
-      {"arrival", histogram_json(c.arrival)},
-      {"gap_count", c.gap_count},
-      {"health",
-       {{"received", h.received.load()},
-        {"incomplete", h.incomplete.load()},
-        {"lost", h.lost.load()},
-        {"no_slot", h.no_slot.load()},
-        {"ring_full", h.ring_full.load()},
-        {"protocol_errors", h.protocol_errors.load()},
-        {"retries", h.retries.load()},
-        {"reconnects", h.reconnects.load()}}}};
+  json j{{"name", c.entry->name},
+         {"kind", kind_name(c.entry->kind)},
+         {"backend", c.entry->is_pair ? c.entry->source.backend + " | " + c.entry->twin.backend
+                                      : c.entry->source.backend},
+         {"replaced_by", c.replaced_by},
+         {"nominal_rate_hz", 1.0 / c.entry->period.seconds()},
+         {"rate_hz", facts.rate_hz()},
+         {"due", or_null(facts.due)},
+         {"delivered", facts.delivered},
+         {"missing", facts.missing()},
+         {"silent_since_s", facts.silent ? json(facts.last_s.value_or(0)) : json()},
+         {"latency_ms", c.entry->latency.seconds() * 1e3},
+         {"fresh", n.fresh},
+         {"superseded", n.superseded},
+         {"late_samples", n.late_samples},
+         {"late_cycles", n.late_cycles},
+         {"lost_samples", n.lost_samples},
+         {"lost_cycles", n.lost_cycles},
+         {"overflow", n.overflow},
+         {"before_start", c.before_start},
+         {"age", histogram_json(c.age)},
+         {"arrival", histogram_json(c.arrival)},
+         {"gap_count", c.gap_count},
+         {"health",
+          {{"received", h.received.load()},
+           {"incomplete", h.incomplete.load()},
+           {"lost", h.lost.load()},
+           {"no_slot", h.no_slot.load()},
+           {"ring_full", h.ring_full.load()},
+           {"protocol_errors", h.protocol_errors.load()},
+           {"retries", h.retries.load()},
+           {"reconnects", h.reconnects.load()}}}};
   j["gaps"] = json::array();
   for (std::size_t i = 0; i < std::min(c.gap_count, RunChannel::kKept); ++i)
     j["gaps"].push_back({{"t_s", (c.gaps[i].t - t0).seconds()},
@@ -187,10 +195,30 @@ json recorder_json(const Recorder& recorder, const std::string& file) {
 
 }  // namespace
 
+RunFacts ended_run_facts(const RunParts& parts, const RunOutcome& outcome, const Recorder* recorder,
+                         const std::vector<std::string>& warnings) {
+  const RunSummary& s = outcome.loop;
+  LoopCounts loop{outcome.t0, outcome.t0, s.cycles_run, s.cycles_skipped, s.misses.total};
+  if (const std::uint64_t cycles = s.cycles_run + s.cycles_skipped; cycles > 0)
+    loop.now = outcome.t0 + s.period * static_cast<std::int64_t>(cycles - 1);
+  std::vector<ChannelCounts> counts;
+  for (const auto& c : parts.channels) counts.push_back(counts_of(*c));
+  RunFacts facts = run_facts(parts, loop, counts);
+  if (recorder) facts.recording_dropped = recorder->statistics().dropped;
+  facts.digest_known = !outcome.seen_sha256.empty();
+  facts.warnings = warnings;
+  return facts;
+}
+
 json run_result(const RunParts& parts, const RunOutcome& outcome, const Recorder* recorder,
-                const RunContextText& text) {
+                const RunContextText& text, const RunFacts& facts, const Verdict& verdict) {
   json j = identity_json(parts.rig);
+  j["verdict"] = verdict_json(verdict);
+  j["warnings"] = json::array();
+  for (const Finding& f : verdict.findings)
+    if (f.severity > Severity::note) j["warnings"].push_back(f.text());
   j.update({{"utc", text.utc},
+            {"virtual_epoch", text.virtual_epoch},
             {"engine", text.engine},
             {"duration_s", outcome.loop.period.seconds() *
                                static_cast<double>(outcome.loop.cycles_run + outcome.loop.cycles_skipped)},
@@ -198,8 +226,9 @@ json run_result(const RunParts& parts, const RunOutcome& outcome, const Recorder
             {"seen_sha256", outcome.seen_sha256},
             {"channels", json::array()},
             {"sinks", json::array()}});
-  for (const auto& c : parts.channels) {
-    json channel = channel_json(*c, outcome.t0);
+  for (std::size_t i = 0; i < parts.channels.size(); ++i) {
+    const auto& c = parts.channels[i];
+    json channel = channel_json(*c, facts.channels[i], outcome.t0);
     if (c->pair) channel["pair"] = pair_result(*c);
     channel["accounts"] = accounts_json(*c, parts);
     j["channels"].push_back(std::move(channel));
@@ -234,14 +263,33 @@ std::string watch_line(const json& w) {
   return out;
 }
 
+std::string channel_line(const json& c) {
+  std::string out = fmt::format("{:<9} {} ", c["name"].get<std::string>(), c["backend"].get<std::string>());
+  const auto delivered = c["delivered"].get<std::uint64_t>(), late = c["late_samples"].get<std::uint64_t>();
+  if (c["due"].is_number())
+    out += fmt::format("{:.2f} of {:.2f} Hz, {} of {} samples, {} missing, {} late",
+                       c["rate_hz"].get<double>(), c["nominal_rate_hz"].get<double>(), delivered,
+                       c["due"].get<std::uint64_t>(), c["missing"].get<std::uint64_t>(), late);
+  else
+    out += fmt::format("{} samples, {} lost, {} late", delivered, c["missing"].get<std::uint64_t>(), late);
+  if (c["silent_since_s"].is_number())
+    out += delivered > 0 ? fmt::format(", silent since {:.1f} s", c["silent_since_s"].get<double>())
+                         : std::string(", silent");
+  const auto ns = [](const json& v) { return text_of(Duration(v.get<std::int64_t>())); };
+  return out + fmt::format("; age p50 {} p99 {}\n", ns(c["age"]["p50_ns"]), ns(c["age"]["p99_ns"]));
+}
+
 }  // namespace
 
 std::string summary_text(const json& r) {
   const auto ns = [](const json& v) { return text_of(Duration(v.get<std::int64_t>())); };
   const json& loop = r["loop"];
-  std::string out = fmt::format("{}: {:.1f} s on the {} clock, {}\n", r["rig"].get<std::string>(),
-                                r["duration_s"].get<double>(), r["clock"].get<std::string>(),
-                                loop["reason"].get<std::string>());
+  std::string out = verdict_text(r["verdict"]);
+  out += fmt::format("{}: {:.1f} s on the {} clock, {}\n", r["rig"].get<std::string>(),
+                     r["duration_s"].get<double>(), r["clock"].get<std::string>(),
+                     loop["reason"].get<std::string>());
+  if (r["virtual_epoch"].get<bool>())
+    out += fmt::format("time      virtual: every virtual run begins at {}\n", r["utc"].get<std::string>());
   out += fmt::format(
       "loop      {:g} Hz, {} cycles, {} skipped, {} overruns; wake-up p50 {} p99 {}; cycle p50 {} p99 {}\n",
       loop["rate_hz"].get<double>(), loop["cycles_run"].get<std::uint64_t>(),
@@ -258,17 +306,10 @@ std::string summary_text(const json& r) {
     if (s["wanted"].get<bool>() && !s["granted"].get<bool>())
       out += fmt::format("not granted: {}: {}\n", s["name"].get<std::string>(), s["text"].get<std::string>());
   for (const json& c : r["channels"]) {
-    out +=
-        fmt::format("{:<9} {} {:.2f} Hz, {} samples, {} lost, {} late; age p50 {} p99 {}\n",
-                    c["name"].get<std::string>(), c["backend"].get<std::string>(), c["rate_hz"].get<double>(),
-                    c["fresh"].get<std::uint64_t>(), c["lost_samples"].get<std::uint64_t>(),
-                    c["late_samples"].get<std::uint64_t>(), ns(c["age"]["p50_ns"]), ns(c["age"]["p99_ns"]));
+    out += channel_line(c);
     if (const std::string by = c["replaced_by"]; !by.empty())
       out += fmt::format("          replaced by {}\n", by);
-    if (c.contains("pair") && c["pair"].value("count", 0) > 0)
-      out += fmt::format("          pair: {} compared, bias {:.3f}, sigma {:.3f} {}\n",
-                         c["pair"]["count"].get<std::uint64_t>(), c["pair"]["bias"].get<double>(),
-                         c["pair"]["sigma"].get<double>(), c["pair"].value("unit", ""));
+    if (c.contains("pair")) out += fmt::format("          pair: {}\n", pair_line(c["pair"]));
     if (c.contains("pair") && c["pair"].contains("watch")) out += watch_line(c["pair"]["watch"]);
   }
   for (const json& s : r["sinks"])
@@ -295,7 +336,8 @@ std::string summary_text(const json& r) {
         r["recording"]["messages"].get<std::uint64_t>(), r["recording"]["bytes"].get<double>() * 1e-6,
         r["recording"]["dropped"].get<std::uint64_t>());
   const std::string seen = r["seen_sha256"];
-  out += fmt::format("seen      {}\n", seen.empty() ? "not known: the digest could not keep up" : seen);
+  out += fmt::format("digest    of all that the application saw (a replay gives the same): {}\n",
+                     seen.empty() ? "not known, its computation could not keep up" : seen);
   return out;
 }
 

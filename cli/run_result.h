@@ -5,18 +5,25 @@
 #include <string>
 
 #include "cli/bench_run.h"
+#include "cli/run_facts.h"
 
 namespace rigor {
 
 struct RunContextText {
-  std::string engine;     ///< what rendered
-  std::string utc;        ///< of t0, ISO 8601
-  std::string recording;  ///< file, or empty
+  std::string engine;          ///< what rendered
+  std::string utc;             ///< of t0, ISO 8601
+  bool virtual_epoch = false;  ///< that is where all virtual runs begin, and not when this one was
+  std::string recording;       ///< file, or empty
 };
 
-/// Setup context, after the loop has ended.
+/// What the verdict rests on, of a run that has ended. Setup context.
+[[nodiscard]] RunFacts ended_run_facts(const RunParts& parts, const RunOutcome& outcome,
+                                       const Recorder* recorder, const std::vector<std::string>& warnings);
+/// With its `verdict`, and `warnings`: of its findings those that are more than notes. Setup context, after
+/// the loop has ended.
 [[nodiscard]] nlohmann::json run_result(const RunParts& parts, const RunOutcome& outcome,
-                                        const Recorder* recorder, const RunContextText& text);
+                                        const Recorder* recorder, const RunContextText& text,
+                                        const RunFacts& facts, const Verdict& verdict);
 /// A few lines for people.
 [[nodiscard]] std::string summary_text(const nlohmann::json& result);
 

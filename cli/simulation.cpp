@@ -23,6 +23,22 @@
 namespace rigor {
 namespace {
 
+/// Where the time of a camera of the small renderer goes.
+class TimedCamera final : public ImageProvider {
+ public:
+  TimedCamera(std::shared_ptr<ImageProvider> camera, std::shared_ptr<SensorTimes> times)
+      : camera_(std::move(camera)), times_(std::move(times)) {}
+  [[nodiscard]] Geometry geometry() const override { return camera_->geometry(); }
+  [[nodiscard]] Status capture(const ImageRequest& request, std::span<std::byte> pixels) override {
+    const StageTime::Scope scope(&times_->whole);
+    return camera_->capture(request, pixels);
+  }
+
+ private:
+  std::shared_ptr<ImageProvider> camera_;
+  std::shared_ptr<SensorTimes> times_;
+};
+
 /// Which device of those that a fitted sheet describes the channel is.
 std::uint64_t draw_of(const ConfigNode& params) {
   return static_cast<std::uint64_t>(params.integer_or("calibration_draw", 0, {.min = 0}));
@@ -265,7 +281,8 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
     auto provider =
         std::make_shared<SceneCamera>(spec, seconds_from(sheet.exposure_s), *device, impl_->scene);
     if (auto s = provider->prepare(spec.format); !s) return tl::unexpected<Error>(s.error());
-    return std::shared_ptr<ImageProvider>(std::move(provider));
+    if (!options.times) return std::shared_ptr<ImageProvider>(std::move(provider));
+    return std::shared_ptr<ImageProvider>(std::make_shared<TimedCamera>(std::move(provider), options.times));
   });
   if (!made) return tl::unexpected<Error>(made.error());
   return *made;

@@ -117,7 +117,8 @@ std::string svg_lines(const std::vector<SvgSeries>& series, const std::string& x
     s += fmt::format(R"(<polyline fill="none" stroke="{}" stroke-width="1.4" points=")", l.colour);
     for (std::size_t i = 0; i < l.x.size(); ++i) s += fmt::format("{:.1f},{:.1f} ", px(l.x[i]), py(l.y[i]));
     s += "\"/>";
-    s += fmt::format(R"(<text x="{:.1f}" y="{}" fill="{}">{}</text>)", legend, kTop + 10, l.colour, l.name);
+    s += fmt::format(R"(<text x="{:.1f}" y="{}" style="fill:{}">{}</text>)", legend, kTop + 10, l.colour,
+                     l.name);
     legend += 14 + 7.0 * static_cast<double>(l.name.size());
   }
   return s + text_at(kLeft + kPlotW / 2, kHeight - 4, "middle", x_label + " · " + y_label) + "</svg>";

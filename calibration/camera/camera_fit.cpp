@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "calibration/camera/camera_fit_internal.h"
 #include "calibration/camera/camera_start.h"
@@ -293,19 +294,59 @@ void cross_validate(const std::vector<BoardView>& views, LensModel model, const 
         std::sqrt(variance / (m - 1) / m) / (2 * std::max(1e-300, candidate.cross_validation));
 }
 
-/// Two halves of the views, fitted apart: how far do they put the same ray apart?
-double odd_even_p95_px(const std::vector<BoardView>& views, LensModel model, const Problem& problem,
-                       const std::vector<bool>& used, const State& full) {
-  if (views.size() < 4) return kNaN;
-  CameraModel half[2];
+/// The odd and the even views, fitted apart.
+struct Halves {
+  std::array<CameraParameters, 2> camera;
+  double apart_p95_px = 0;  ///< how far they put the same ray apart
+};
+std::optional<Halves> fit_halves(const std::vector<BoardView>& views, LensModel model, const Problem& problem,
+                                 const std::vector<bool>& used, const State& full) {
+  if (views.size() < 4) return std::nullopt;
+  Halves out;
+  std::array<CameraModel, 2> half;
   for (std::size_t k = 0; k < 2; ++k) {
     State state = full;
     if (!problem.fit(model, state, false, false,
                      [&](std::size_t i) { return used[i] && problem.corners()[i].view % 2 == k; }))
-      return kNaN;
+      return std::nullopt;
+    out.camera[k] = state.camera;
     half[k] = camera_of(state.camera, is_fisheye(model), views.front().width_px, views.front().height_px);
   }
-  return projection_difference_p95_px(half[0], half[1]);
+  out.apart_p95_px = projection_difference_p95_px(half[0], half[1]);
+  return out;
+}
+
+/// A sigma from the covariance holds where corners err independently. Each half of the views has √2 of it, so
+/// the halves differ by 2 sigma in the mean square. Where they differ by far more, views share errors (a
+/// board that hardly moves, a lens that the model does not have), and the sigma is too small by an unknown
+/// factor.
+void judge_halves(CameraFit& fit, const Halves& halves, const std::vector<Eigen::Index>& index) {
+  constexpr double kContradiction = 4;  // in standard deviations of the difference
+  fit.halves_apart_px = halves.apart_p95_px;
+  if (!std::isfinite(halves.apart_p95_px)) return;
+  std::vector<double> sigmas;
+  for (std::size_t i = 0; i < index.size(); ++i) {
+    Parameter& p = fit.result.parameters[i];
+    const auto k = static_cast<std::size_t>(index[i]);
+    p.halves_apart = std::abs(halves.camera[0][k] - halves.camera[1][k]);
+    sigmas.push_back(p.sigma > 0 && std::isfinite(p.sigma) ? p.halves_apart / (2 * p.sigma) : 0);
+  }
+  // What lies within the corners' own errors harms nobody.
+  if (halves.apart_p95_px <= 2 * fit.rms_per_corner_px) return;
+  for (std::size_t i = 0; i < index.size(); ++i) {
+    if (sigmas[i] <= kContradiction) continue;
+    const Parameter& p = fit.result.parameters[i];
+    char text[240];
+    std::snprintf(text, sizeof text,
+                  "halves of the views are %.3g apart, %.0f times what its sigma of %.2g allows; the halves "
+                  "put a ray %.2g px apart (p95)",
+                  p.halves_apart, sigmas[i], p.sigma, halves.apart_p95_px);
+    fit.result.not_identifiable.emplace_back(p.name, text);
+  }
+  if (fit.result.not_identifiable.empty()) return;
+  fit.result.warnings.emplace_back(
+      "the sigmas do not hold: fits to halves of the views contradict them. Record the board near and far, "
+      "tilted by 30 to 45 degrees about both of its axes, and in the corners of the picture");
 }
 
 /// Empties the views that are copies of an earlier one (a frame that was recorded twice): they would count as
@@ -443,9 +484,10 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& given, const CameraFi
     c.bic = bic(sum, fitted.residuals.size(), static_cast<std::size_t>(c.parameters) + 6 * distinct);
     if (models.size() > 1) {
       cross_validate(views, models[m], problem, used, state, options.folds, c);
-      if (const double p95 = odd_even_p95_px(views, models[m], problem, used, state); std::isfinite(p95)) {
+      if (const auto halves = fit_halves(views, models[m], problem, used, state);
+          halves && std::isfinite(halves->apart_p95_px)) {
         char text[80];
-        std::snprintf(text, sizeof text, "halves of the views apart by %.2f px (p95)", p95);
+        std::snprintf(text, sizeof text, "halves of the views apart by %.2f px (p95)", halves->apart_p95_px);
         c.note = text;
       }
     }
@@ -508,6 +550,9 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& given, const CameraFi
     by_view[c.view].push_back(all.back());
   }
   out.rms_per_corner_px = rms_of(all);
+  if (!cut_short && !stopped())
+    if (const auto halves = fit_halves(views, out.lens_model, problem, kept_corner, state))
+      judge_halves(out, *halves, kept);
   for (std::size_t v = 0; v < views.size(); ++v) {
     out.view_rms_px.push_back(rms_of(by_view[v]));
     if (by_view[v].empty() && !views[v].points.empty())

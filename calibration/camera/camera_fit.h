@@ -9,6 +9,7 @@
 
 #include <Eigen/Geometry>
 #include <functional>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -55,6 +56,9 @@ struct CameraFit {
   std::vector<double> view_rms_px;  ///< per corner, of those used; NaN: none
   double rms_per_corner_px = 0;     ///< √(Σ|r|²/corners)
   UncertaintyMap uncertainty;
+  /// 95 % quantile over the picture of how far fits to the odd and to the even views put the same ray apart;
+  /// NaN: fewer than four views.
+  double halves_apart_px = std::numeric_limits<double>::quiet_NaN();
   struct Residual {
     std::size_t view;
     double u_px, v_px, du_px, dv_px;
@@ -64,8 +68,9 @@ struct CameraFit {
 };
 
 /// A view that is a copy of an earlier one is left out and named. Asked to stop, gives the best so far,
-/// marked. bad_input: fewer than two views, mixed picture sizes, nothing to fit. What the views do not
-/// determine is in result.weak with what to record.
+/// marked. Parameters whose sigma is contradicted by fits to halves of the views are in
+/// result.not_identifiable. bad_input: fewer than two views, mixed picture sizes, nothing to fit. What the
+/// views do not determine is in result.weak with what to record.
 [[nodiscard]] Result<CameraFit> fit_camera(const std::vector<BoardView>& views,
                                            const CameraFitOptions& options);
 

@@ -30,7 +30,8 @@ struct Figure {
   std::vector<Series> series{};
   std::vector<double> values{};  ///< NaN: nothing there
   int columns = 0;
-  double x_from = 0, x_to = 0, y_from = 0, y_to = 0;  ///< of maps and arrows
+  double x_from = 0, x_to = 0, y_from = 0,
+         y_to = 0;  ///< of maps and arrows; of series where given: else they span the data
   double stretch = 1;
   std::string value_label{};
 };

@@ -148,6 +148,7 @@ json to_json(const FitResult& fit) {
     j = {{"value", number_or_null(p.value)}, {"sigma", number_or_null(p.sigma)}};
     if (p.held) j["held"] = true;
     if (p.at_bound) j["at_bound"] = true;
+    if (std::isfinite(p.halves_apart)) j["halves_apart"] = p.halves_apart;
   }
   json covariance = json::array();
   for (Eigen::Index i = 0; i < fit.covariance.rows(); ++i) {

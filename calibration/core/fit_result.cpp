@@ -16,6 +16,10 @@ const Parameter* FitResult::find(std::string_view name) const {
   return i < 0 ? nullptr : &parameters[static_cast<std::size_t>(i)];
 }
 
+bool FitResult::identifiable(std::string_view name) const {
+  return std::ranges::none_of(not_identifiable, [&](const auto& n) { return n.first == name; });
+}
+
 ResidualStatistics statistics_of(std::vector<double>& residuals, std::string unit) {
   ResidualStatistics s;
   s.unit = std::move(unit);

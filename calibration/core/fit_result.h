@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
@@ -19,6 +20,9 @@ struct Parameter {
   double resolution = 0;
   bool held = false;      ///< not fitted: the value was given
   bool at_bound = false;  ///< the fit ended where the model ends; sigma then means little
+  /// How far apart fits to two halves of the data put it; NaN: not computed. Where that is far more than
+  /// sigma says, the parameter is in FitResult::not_identifiable.
+  double halves_apart = std::numeric_limits<double>::quiet_NaN();
 };
 
 /// A combination of parameters along which the data leave the model free.
@@ -69,7 +73,7 @@ struct FitResult {
   std::vector<WeakDirection> weak;
   std::vector<Candidate> candidates;
   std::vector<std::string> warnings;
-  /// What could not be determined at all, and why: never reported as a number.
+  /// What could not be determined, and why: not reported as a number, or with this reason beside it.
   std::vector<std::pair<std::string, std::string>> not_identifiable;
   /// Over which inputs the model was fitted: name, smallest, largest (`range_m` 0.5 … 7.2).
   struct Span {
@@ -80,6 +84,7 @@ struct FitResult {
   bool interrupted = false;  ///< stopped early: the best so far
 
   [[nodiscard]] const Parameter* find(std::string_view name) const;
+  [[nodiscard]] bool identifiable(std::string_view name) const;
   /// −1: there is none.
   [[nodiscard]] int index_of(std::string_view name) const;
 };

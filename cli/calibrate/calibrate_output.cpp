@@ -31,14 +31,20 @@ std::string value_with(const Parameter& p) {
   return fmt::format("{:.{}f}", p.value, digits);
 }
 
+/// What stands beside a sigma that does not hold.
+std::string contradiction(const FitResult& f, const Parameter& p) {
+  if (f.identifiable(p.name) || !std::isfinite(p.halves_apart)) return {};
+  return fmt::format(" NOT IDENTIFIABLE: halves of the data are {:.2g} apart", p.halves_apart);
+}
+
 void print(const CalibrationProduct& product) {
   const FitResult& f = product.fit;
   if (f.interrupted) fmt::print("INTERRUPTED: the best so far\n");
   fmt::print("model {}\n", f.model);
   for (const Parameter& p : f.parameters)
-    fmt::print("  {:<26} {:>16} ± {:<12}{}{}\n", p.name, value_with(p),
+    fmt::print("  {:<26} {:>16} ± {:<12}{}{}{}\n", p.name, value_with(p),
                std::isfinite(p.sigma) ? fmt::format("{:.2g}", p.sigma) : "not determined",
-               p.held ? " held" : "", p.at_bound ? " AT ITS BOUND" : "");
+               p.held ? " held" : "", p.at_bound ? " AT ITS BOUND" : "", contradiction(f, p));
   fmt::print("residuals: RMS {:.4g} {} over {} numbers, median {:.3g}, p95 {:.3g}, largest {:.3g}\n",
              f.residuals.rms, f.residuals.unit, f.residuals.count, f.residuals.median_absolute,
              f.residuals.p95_absolute, f.residuals.largest);
@@ -107,7 +113,7 @@ std::string page_of(const CalibrationProduct& product) {
                     std::isfinite(p.sigma) ? fmt::format("{:.2g}", p.sigma) : "not determined",
                     p.held       ? "held"
                     : p.at_bound ? "at its bound"
-                                 : ""});
+                                 : contradiction(f, p)});
   if (!rows.empty()) s += "<h2>Parameters</h2>" + table({"parameter", "value", "sigma", ""}, rows);
   for (const std::string& note : product.notes) s += "<p>" + html_text(note) + "</p>";
   if (!f.candidates.empty()) {

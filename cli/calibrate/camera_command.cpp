@@ -74,11 +74,14 @@ std::vector<Figure> figures_of(const CameraFit& fit, const std::vector<BoardView
       .x_to = w,
       .y_to = h,
       .stretch = 50};
-  Figure coverage{.kind = Figure::Kind::series,
-                  .title = "Coverage",
-                  .caption = "Where corners were seen. The model is unproven where there are none.",
-                  .x_label = "u [px]",
-                  .y_label = "−v [px]"};
+  Figure coverage{
+      .kind = Figure::Kind::series,
+      .title = "Coverage",
+      .caption = "Where in the picture corners were seen. The model is unproven where there are none.",
+      .x_label = "u [px]",
+      .y_label = "−v [px]",
+      .x_to = w,
+      .y_from = -h};
   Series at, by, used{"used", {}, {}, false}, rejected{"rejected", {}, {}, false};
   Series scalar;
   for (const auto& r : fit.residuals) {

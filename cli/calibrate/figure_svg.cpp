@@ -84,6 +84,8 @@ std::string draw_series(const Figure& f) {
   for (const Series& s : f.series) span_of(s.x, x0, x1), span_of(s.y, y0, y1);
   if (!(x1 >= x0)) return "<p class=\"none\">nothing to show</p>";
   widen(x0, x1), widen(y0, y1);
+  if (f.x_to > f.x_from) x0 = f.x_from, x1 = f.x_to;
+  if (f.y_to > f.y_from) y0 = f.y_from, y1 = f.y_to;
   const Axis x = x_axis(x0, x1), y = y_axis(y0, y1);
   std::string out = axes(f, x, y);
   for (std::size_t k = 0; k < f.series.size(); ++k) {

@@ -3,9 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 
 #include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/pair_changes.h"
 #include "cli/calibrate/pair_input.h"
 #include "cli/calibrate/pair_sheet.h"
 #include "rt-core/stop.h"
@@ -23,6 +25,8 @@ constexpr std::uint64_t kLeastPairs = 8;
 
 struct PairCommandOptions : CalibrateOptions {
   std::filesystem::path rig;
+  double from_s = -std::numeric_limits<double>::infinity(), until_s = -from_s;
+  [[nodiscard]] bool spanned() const { return std::isfinite(from_s) || std::isfinite(until_s); }
 };
 
 /// What all kinds hand on.
@@ -259,6 +263,10 @@ int calibrate_pair(PairCommandOptions o) {
   if (has_sheet)
     if (auto s = need_sheet(*pair); !s) return wrong(s.error());
   RecordedPair twin = *pair;
+  if (!(o.from_s < o.until_s))
+    return wrong({ErrorCode::bad_input, "--from, --until",
+                  fmt::format("expected --from before --until, got {:g} and {:g}", o.from_s, o.until_s)});
+  twin.from_s = o.from_s, twin.until_s = o.until_s;
   if (!o.base.empty()) twin.sheet = o.base;  // the sheet that the twin had, where the rig's has changed since
   if (has_sheet) o.base = twin.sheet;
 
@@ -267,6 +275,22 @@ int calibrate_pair(PairCommandOptions o) {
   LiveLine line;
   std::uint64_t alone = 0;
   const ForEachPair pairs = [&](const TakePair& take) { return read_pairs(twin, take, alone); };
+  if (!o.json) line.show("looking for changes of the device");
+  const auto search = find_change(twin, pairs, stop.token());
+  if (!search) {
+    line.done();
+    return wrong(search.error());
+  }
+  if (search->change && !o.spanned()) {
+    line.done();
+    const RecordedChange& c = *search->change;
+    return wrong(
+        {ErrorCode::bad_input, twin.recording.string(),
+         fmt::format("expected a device that stays as it is, found a change: {}; a model of all of it "
+                     "would be that of neither device. Give --until {:.2f} for the device before, "
+                     "--from {:.2f} for the device after",
+                     c.text(), std::max(0.0, c.at_s - c.window_s), c.at_s + c.window_s)});
+  }
   auto solved = [&]() -> Result<Solved> {
     switch (twin.kind) {
       case SampleKind::image:
@@ -286,6 +310,12 @@ int calibrate_pair(PairCommandOptions o) {
   product.title = "Model of a pair";
   product.inputs = {twin.recording};
   product.fit = solved->proposal.result();
+  if (search->change)
+    product.fit.warnings.push_back(
+        fmt::format("within --from and --until the device changes: {}; the model averages across it",
+                    search->change->text()));
+  if (!search->enough)
+    product.notes.emplace_back("too few pairs to look for changes of the device while it was recorded");
   if (alone > 0)
     product.fit.warnings.push_back(fmt::format("{} samples have no partner of their instant", alone));
   if (solved->unlike > 0)
@@ -302,7 +332,7 @@ int calibrate_pair(PairCommandOptions o) {
                         : twin.kind == SampleKind::imu         ? "imu"
                                                                : "registers";
   product.figures = std::move(solved->figures);
-  product.notes = solved->proposal.notes();
+  for (const std::string& note : solved->proposal.notes()) product.notes.push_back(note);
   product.more = std::move(solved->proposal.more);
   product.more["channel"] = twin.channel;
   product.more["pairs"] = solved->pairs;
@@ -323,7 +353,11 @@ CalibrateSubcommand add_calibrate_pair(CLI::App& calibrate) {
   auto o = std::make_shared<PairCommandOptions>();
   add_common_options(app, *o,
                      "Recording (.mcap) of a pair; and its rig (.yaml), where not the recorded one counts");
-  app.footer("Example: rigor calibrate pair run.mcap --channel left -o left-new.yaml --report pair");
+  app.add_option("--from", o->from_s, "Only captures from this second of the run on");
+  app.add_option("--until", o->until_s, "Only captures before this second of the run");
+  app.footer(
+      "Examples: rigor calibrate pair run.mcap --channel left -o left-new.yaml --report pair\n"
+      "          rigor calibrate pair run.mcap --channel left --from 12.5 -o left-new.yaml");
   return {app, [o] { return calibrate_pair(*o); }};
 }
 

@@ -74,6 +74,8 @@ Result<RecordedPair> find_recorded_pair(const std::filesystem::path& recording,
   RecordedPair out;
   out.recording = recording, out.channel = entry->name, out.kind = entry->kind;
   out.rig_file = rig->file.string();
+  out.entry = *entry;
+  if (const auto run = read_recorded_run(recording)) out.t0 = run->t0, out.t0_known = true;
   if (!has_model(entry->kind))
     return fail(
         ErrorCode::bad_input, where,
@@ -120,6 +122,8 @@ Status read_pairs(const RecordedPair& pair, const calibration::TakePair& take, s
   auto cursor = (*reader)->messages(filter);
   record::MessageView view;
   alone = 0;
+  BenchTime t0 = pair.t0;
+  bool t0_known = pair.t0_known, any_in_span = false;
   while (!filter.topics.empty()) {
     const auto more = cursor.next(view);
     if (!more) return tl::unexpected<Error>(more.error());
@@ -135,6 +139,13 @@ Status read_pairs(const RecordedPair& pair, const calibration::TakePair& take, s
       if (auto filled = s.decoder.fill(sample); !filled) return filled;
       if (sample.kind() != pair.kind) continue;
       s.any = true;
+      if (!t0_known) t0 = sample.stamp.t_capture, t0_known = true;
+      const double t_s = (sample.stamp.t_capture - t0).seconds();
+      if (t_s < pair.from_s || t_s >= pair.until_s) {
+        spare.push_back(std::move(sample));
+        continue;
+      }
+      any_in_span = true;
       const std::int64_t t = sample.stamp.t_capture.ns();
       if (const auto partner = other.waiting.find(t); partner != other.waiting.end()) {
         take(k == 0 ? sample : partner->second, k == 0 ? partner->second : sample);
@@ -151,6 +162,9 @@ Status read_pairs(const RecordedPair& pair, const calibration::TakePair& take, s
       }
     }
   }
+  if (!any_in_span && sides[0].any && sides[1].any)
+    return fail(ErrorCode::bad_input, pair.recording.string(),
+                "expected samples between --from and --until, found none");
   for (const Side& s : sides) {
     alone += s.waiting.size();
     if (!s.any)

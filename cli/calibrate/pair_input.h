@@ -4,13 +4,14 @@
 
 #include <Eigen/Geometry>
 #include <filesystem>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "calibration/pair/pair_model.h"
 #include "rt-core/result.h"
-#include "sensor-hal/config/yaml.h"
+#include "sensor-hal/config/rig.h"
 
 namespace rigor {
 
@@ -25,6 +26,12 @@ struct RecordedPair {
   /// none.
   std::string mount_key;
   Eigen::Isometry3d T_parent_sensor = Eigen::Isometry3d::Identity();
+  ChannelEntry entry;  ///< of the rig
+  BenchTime t0;        ///< of the run; that of its first pair where the recording does not say
+  bool t0_known = false;
+  /// Captures that count, since t0.
+  double from_s = -std::numeric_limits<double>::infinity();
+  double until_s = std::numeric_limits<double>::infinity();
   bool above_ground = false;  ///< z of the position counts from the terrain
   std::vector<std::string> warnings;
 };

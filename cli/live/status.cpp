@@ -88,6 +88,7 @@ std::string LiveStatus::schema() {
                 {"misses", number},
                 {"wake", object},
                 {"cycle_time", object},
+                {"verdict", object},
                 {"channels", list},
                 {"sinks", list},
                 {"faults", list},
@@ -95,7 +96,27 @@ std::string LiveStatus::schema() {
       .dump();
 }
 
-json LiveStatus::channel(std::size_t i) {
+/// As a run that has ended is judged, of what is known so far.
+RunFacts LiveStatus::facts() const {
+  const LoopCounts loop{tap_.t0(), tap_.now(), counters_.run.load(), counters_.skipped.load(),
+                        counters_.misses.load()};
+  std::vector<ChannelCounts> counts;
+  for (std::size_t i = 0; i < parts_.channels.size(); ++i) {
+    const LiveTap::ChannelState& s = tap_.channel(i);
+    const auto of = [](const auto& a) { return a.load(std::memory_order_relaxed); };
+    ChannelCounts n;
+    n.delivered = of(s.fresh) + of(s.superseded);
+    n.late = of(s.late_samples);
+    n.lost = of(s.lost);
+    n.lost_cycles = of(s.lost_cycles);
+    n.lost_now = static_cast<PortStatus>(of(s.status)) == PortStatus::lost;
+    if (of(s.fresh) > 0) n.t_last = BenchTime(of(s.t_capture_ns));
+    counts.push_back(n);
+  }
+  return run_facts(parts_, loop, counts);
+}
+
+json LiveStatus::channel(std::size_t i, const ChannelFacts& facts) {
   const RunChannel& c = *parts_.channels[i];
   const ChannelDescription& d = descriptions_[i];
   const LiveTap::ChannelState& s = tap_.channel(i);
@@ -118,11 +139,13 @@ json LiveStatus::channel(std::size_t i) {
          {"rate_hz", rate.known ? json(rate.hz) : json()},
          {"nominal_hz", c.entry->period.ns() > 0 ? json(1.0 / c.entry->period.seconds()) : json()},
          {"latency_ms", c.entry->latency.seconds() * 1e3},
-         {"samples", fresh},
+         {"samples", facts.delivered},
+         {"due", facts.due ? json(*facts.due) : json()},
+         {"silent_since_s", facts.silent ? json(facts.last_s.value_or(0)) : json()},
          {"received", h.received.load()},
          {"sequence", s.sequence.load(std::memory_order_relaxed)},
          {"lost", std::max(s.lost.load(std::memory_order_relaxed), h.lost.load())},
-         {"late", s.late_cycles.load(std::memory_order_relaxed)},
+         {"late", facts.late},
          {"dropped", h.no_slot.load() + h.ring_full.load() + s.overflow.load(std::memory_order_relaxed)},
          {"incomplete", h.incomplete.load()},
          {"reconnects", h.reconnects.load()},
@@ -168,6 +191,7 @@ json LiveStatus::operator()(const HubCounters& server) {
   const RigConfig& rig = parts_.rig;
   const BenchTime now = tap_.now();
   const bool begun = counters_.run.load() > 0;
+  const RunFacts facts = this->facts();
   json run = identity_json(rig);
   run.update({{"pid", getpid()},
               {"replay", replay_},
@@ -184,6 +208,7 @@ json LiveStatus::operator()(const HubCounters& server) {
          {"misses", counters_.misses.load()},
          {"wake", bins_json(tap_.wake())},
          {"cycle_time", bins_json(tap_.cycle_time())},
+         {"verdict", begun ? verdict_json(judge(facts)) : json()},
          {"channels", json::array()},
          {"sinks", json::array()},
          {"faults", faults()},
@@ -193,7 +218,8 @@ json LiveStatus::operator()(const HubCounters& server) {
            {"frames_dropped", server.frames_dropped.load()},
            {"bytes_sent", server.bytes_sent.load()},
            {"events_lost", tap_.lost()}}}};
-  for (std::size_t i = 0; i < parts_.channels.size(); ++i) j["channels"].push_back(channel(i));
+  for (std::size_t i = 0; i < parts_.channels.size(); ++i)
+    j["channels"].push_back(channel(i, facts.channels[i]));
   for (const auto& s : parts_.sinks) {
     json sink = commands_json(*s->sink);
     sink.update({{"name", s->entry->name},

@@ -9,6 +9,7 @@
 #include "cli/control_socket.h"
 #include "cli/live/hub.h"
 #include "cli/live/tap.h"
+#include "cli/run_facts.h"
 #include "rt-core/epoch.h"
 
 namespace rigor::live {
@@ -30,7 +31,8 @@ class LiveStatus {
     double hz = 0;
     bool known = false;
   };
-  [[nodiscard]] nlohmann::json channel(std::size_t i);
+  [[nodiscard]] nlohmann::json channel(std::size_t i, const ChannelFacts& facts);
+  [[nodiscard]] RunFacts facts() const;
   [[nodiscard]] nlohmann::json faults();
 
   const RunParts& parts_;

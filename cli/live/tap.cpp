@@ -105,13 +105,16 @@ void LiveTap::port(std::size_t index, const SamplePort& port, BenchTime now) noe
     return;
   c.status.store(static_cast<std::uint8_t>(status), std::memory_order_relaxed);
   const PortCounters& n = port.counters();
-  c.late_cycles.store(n.late_cycles, std::memory_order_relaxed);
+  c.late_samples.store(n.late_samples, std::memory_order_relaxed);
+  c.lost_cycles.store(n.lost_cycles, std::memory_order_relaxed);
+  c.superseded.store(n.superseded, std::memory_order_relaxed);
   c.lost.store(n.lost_samples, std::memory_order_relaxed);
   c.overflow.store(n.overflow + n.superseded, std::memory_order_relaxed);
   if (status != PortStatus::fresh || !port.sample()) return;
   c.age.record(now - port.sample()->stamp.t_capture);
   c.sequence.store(port.sample()->stamp.sequence, std::memory_order_relaxed);
   c.t_fresh_ns.store(now.ns(), std::memory_order_relaxed);
+  c.t_capture_ns.store(port.sample()->stamp.t_capture.ns(), std::memory_order_relaxed);
   c.fresh.store(n.fresh, std::memory_order_relaxed);
 }
 

@@ -109,8 +109,9 @@ class LiveTap {
 
   struct ChannelState {
     std::atomic<std::uint8_t> status{0};
-    std::atomic<std::uint64_t> fresh{0}, late_cycles{0}, lost{0}, overflow{0}, sequence{0};
-    std::atomic<std::int64_t> t_fresh_ns{0};
+    std::atomic<std::uint64_t> fresh{0}, superseded{0}, late_samples{0}, lost{0}, lost_cycles{0}, overflow{0},
+        sequence{0};
+    std::atomic<std::int64_t> t_fresh_ns{0}, t_capture_ns{0};
     LiveBins age;
   };
   [[nodiscard]] const ChannelState& channel(std::size_t i) const noexcept { return *channels_[i]; }

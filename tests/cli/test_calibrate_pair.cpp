@@ -142,5 +142,47 @@ TEST_F(CalibratePair, WrongInputIsRefused) {
   expect_refused({"pair", board, "--channel", "left", "-o", "taken.yaml"}, {"taken.yaml", "--force"});
 }
 
+// 20 mm that come after two of five seconds: neither 0, nor 20, nor something between is proposed unasked.
+TEST_F(CalibratePair, ADeviceThatChangesWhileItIsRecordedIsRefusedAndEachPartIsFitted) {
+  write_file(dir / "twin.yaml", with(with(kTwin, "BIAS", "5"), "FLOOR", "6"));
+  write_file(dir / "device.yaml", with(with(kTwin, "BIAS", "5"), "FLOOR", "6"));
+  write_file(dir / "changed.yaml", with(with(kTwin, "BIAS", "25"), "FLOOR", "6"));
+  record(
+      "across.mcap", "5",
+      {"--set",
+       "channels.scan.pair.real.T_world_sensor={ position_m: [0, -3, 0.4], look_at_m: [0, 2.5, 0.4] }",
+       "--set",
+       "channels.scan.pair.real.becomes=[{ from_s: 2, sensor: changed.yaml, engine: rays, T_world_sensor: { "
+       "position_m: [0, -3, 0.4], look_at_m: [0, 2.5, 0.4] } }]"});
+  const std::vector<std::string> words{"calibrate", "pair", "across.mcap", "--channel", "scan"};
+  const auto with_words = [&](std::vector<std::string> more) {
+    std::vector<std::string> all = words;
+    all.insert(all.end(), more.begin(), more.end());
+    return rigor(all, dir.path());
+  };
+  const Said refused = with_words({"-o", "new.yaml"});
+  EXPECT_EQ(refused.status, 2) << refused.out;
+  EXPECT_THAT(refused.err, HasSubstr("range bias has changed by +0.0"));
+  EXPECT_THAT(refused.err, HasSubstr("--until "));
+  EXPECT_FALSE(std::filesystem::exists(dir / "new.yaml"));
+  // The instants that it names are good ones.
+  const auto named = [&](const std::string& option) {
+    return std::stod(refused.err.substr(refused.err.find(option) + option.size()));
+  };
+  EXPECT_NEAR(named("--until "), 2, 0.3);
+  EXPECT_NEAR(named("--from "), 2, 0.3);
+  const json before =
+      answer({"pair", "across.mcap", "--channel", "scan", "--until", std::to_string(named("--until "))});
+  EXPECT_NEAR(change(before, "range_bias_m"), 0, 4 * change(before, "range_bias_m", "sigma"));
+  const json after =
+      answer({"pair", "across.mcap", "--channel", "scan", "--from", std::to_string(named("--from "))});
+  EXPECT_NEAR(change(after, "range_bias_m"), 0.020, 4 * change(after, "range_bias_m", "sigma"));
+  // Who wants all of it gets it, and is told.
+  const json all = answer({"pair", "across.mcap", "--channel", "scan", "--from", "0"});
+  EXPECT_THAT(all["warnings"].dump(), HasSubstr("averages across it"));
+  EXPECT_EQ(with_words({"--from", "3", "--until", "2"}).status, 2);
+  EXPECT_EQ(with_words({"--from", "30"}).status, 2);
+}
+
 }  // namespace
 }  // namespace rigor::test

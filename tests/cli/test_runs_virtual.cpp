@@ -17,7 +17,7 @@ using ::testing::HasSubstr;
 TEST_F(Runs, InVirtualTimeRepeatByteForByteOnAnyNumberOfWorkers) {
   std::string first_file, first_seen;
   for (const char* workers : {"1", "2", "1", "2", "1"}) {
-    const Said said = Command(demo({"--clock", "virtual", "--duration", "0.8", "--workers", workers})).wait();
+    const Said said = Command(fast_demo({"--duration", "0.8", "--workers", workers})).wait();
     ASSERT_EQ(said.status, 0) << said.err;
     const json result = json::parse(said.out);
     const std::string seen = result["seen_sha256"];
@@ -39,8 +39,7 @@ TEST_F(Runs, InVirtualTimeDifferWithTheSeed) {
   std::string seen[2];
   for (int i = 0; i < 2; ++i) {
     const Said said =
-        Command(demo({"--clock", "virtual", "--duration", "0.3", "--set", "seed=" + std::to_string(i + 1)}))
-            .wait();
+        Command(fast_demo({"--duration", "0.3", "--set", "seed=" + std::to_string(i + 1)})).wait();
     ASSERT_EQ(said.status, 0) << said.err;
     seen[i] = json::parse(said.out)["seen_sha256"];
   }
@@ -100,8 +99,9 @@ TEST_F(Runs, OfADeviceWhoseSignalsComeFromARecordingSeeWhatWasRecorded) {
 TEST_F(Runs, SwitchAPairWithoutAGapAndRecordTheSwitch) {
   const Said run =
       Command(
-          demo({"--clock", "virtual", "--duration", "2", "--set",
-                "channels.left.pair.switches=[{at_s: 0.8, hand_on: simulated}, {at_s: 1.4, hand_on: real}]"}))
+          fast_demo(
+              {"--duration", "2", "--set",
+               "channels.left.pair.switches=[{at_s: 0.8, hand_on: simulated}, {at_s: 1.4, hand_on: real}]"}))
           .wait();
   ASSERT_EQ(run.status, 0) << run.err;
   const json left = channel(json::parse(run.out), "left");
@@ -148,6 +148,27 @@ TEST_F(Runs, SenseGivesTheSampleOfARun) {
   EXPECT_GT(std::filesystem::file_size(dir / "left.png"), 10'000u);
   EXPECT_EQ(rigor({"sense", config("demo.yaml"), "--channel", "right", "-o", file("right.exr")}).status, 0);
   EXPECT_GT(std::filesystem::file_size(dir / "right.exr"), 10'000u);
+}
+
+TEST_F(Runs, FailOnWhatTheyAreToldToFailOn) {
+  const std::vector<std::string> drop{
+      "--clock", "virtual", "--duration",
+      "0.5",     "--set",   "channels.turntable.faults=[{kind: drop, probability: 0.5}]"};
+  const auto with = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), drop.begin(), drop.end());
+    return Command(demo(std::move(more))).wait();
+  };
+  const Said plain = with({});
+  ASSERT_EQ(plain.status, 0) << plain.err;
+  EXPECT_THAT(json::parse(plain.out)["warnings"].dump(), HasSubstr("injected faults took"));
+  EXPECT_EQ(with({"--fail-on", "late,alarm"}).status, 0);
+  const Said failed = with({"--fail-on", "late,lost"});
+  EXPECT_EQ(failed.status, 1);
+  EXPECT_EQ(json::parse(failed.out)["verdict"]["failed_on"], json::array({"lost"}));
+  EXPECT_THAT(failed.err, HasSubstr("--fail-on lost: turntable: "));
+  const Said unknown = with({"--fail-on", "lats"});
+  EXPECT_EQ(unknown.status, 2);
+  EXPECT_THAT(unknown.err, HasSubstr("did you mean late?"));
 }
 
 }  // namespace

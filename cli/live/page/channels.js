@@ -56,7 +56,8 @@ class Tile {
     this.status = element("span.status");
     this.rate = element("span.figure", { title: "Samples per second of bench time" });
     this.age = element("span.figure", { title: "Age when it became visible: median, 99th percentile" });
-    this.counts = element("span.counts");
+    this.samples = element("span.figure", { title: "Samples that became visible, of those that were due so far" });
+    this.counts = element("span.counts", { title: "Samples that are missing, that arrived after their release, that were dropped on the way" });
     this.detail = element("span.detail");
     this.expand = element("button.icon", { type: "button", "aria-pressed": "false", "aria-label": `Show ${channel.name} large`, title: "Large, with the sensor's own pixels" }, "⤢");
     this.expand.onclick = () => this.#enlarge();
@@ -67,7 +68,7 @@ class Tile {
       { "aria-label": `Channel ${channel.name}` },
       element("header", {}, element("h3", {}, channel.name), element("span.kind", {}, KINDS[channel.kind] ?? channel.kind), this.status, element("span.gap"), this.switch?.node, this.expand),
       this.body,
-      element("footer", {}, this.rate, this.age, this.detail, element("span.gap"), this.counts),
+      element("footer", {}, this.rate, this.samples, this.age, this.detail, element("span.gap"), this.counts),
     );
     this.node.dataset.channel = channel.name;
     this.node.dataset.kind = channel.kind;
@@ -127,7 +128,10 @@ class Tile {
     setText(this.age, channel.age_ms ? `${figure(channel.age_ms.p50)} / ${figure(channel.age_ms.p99)} ms` : "– ms");
     const size = channel.width_px ? `${channel.width_px}×${channel.height_px}` : "";
     setText(this.detail, [size, channel.format].filter(Boolean).join(" "));
+    const due = Number.isInteger(channel.due);
+    setText(this.samples, due ? `${figure(channel.samples)} of ${figure(channel.due)}` : figure(channel.samples ?? 0));
     const counts = ["lost", "late", "dropped"].filter((k) => channel[k] > 0).map((k) => `${figure(channel[k])} ${k}`);
+    if (typeof channel.silent_since_s === "number" && !ended) counts.unshift(channel.samples > 0 ? `silent since ${figure(channel.silent_since_s)} s` : "silent");
     setText(this.counts, counts.join(" · "));
     if (channel.pair) {
       this.switch?.show(channel.pair.hand_on);

@@ -1,4 +1,4 @@
-// Faults on demand: a form with the kinds that the chosen channel can have, and the list of what is wrong at the moment.
+// Faults on demand: a form with the kinds that the chosen channel can have, and the list of injected faults.
 import { element, figure, setText } from "./dom.js";
 import { FAULT_KINDS, kindsOf } from "./fault_kinds.js";
 
@@ -37,7 +37,7 @@ export class FaultPanel {
       this.error,
     );
     this.list = element("ul.faults", { "aria-label": "Faults of this run" });
-    this.none = element("p.empty", {}, "Nothing is wrong.");
+    this.none = element("p.empty", {}, "No fault is injected.");
     node.append(this.form, this.none, this.list);
     this.place.onchange = () => this.#placeChanged();
     this.kind.onchange = () => this.#kindChanged();
@@ -61,7 +61,7 @@ export class FaultPanel {
     this.place.replaceChildren(...this.#places.map((p) => element("option", { value: p.name }, `${p.name}${p.kind === "sink" ? " (sink)" : ""}`)));
     if (this.#places.some((p) => p.name === chosen)) this.place.value = chosen;
     this.form.hidden = this.#places.length === 0;
-    this.none.textContent = this.#places.length ? "Nothing is wrong." : "This run takes no faults.";
+    this.none.textContent = this.#places.length ? "No fault is injected." : "This run takes no faults.";
     if (this.#places.length) this.#placeChanged();
   }
 

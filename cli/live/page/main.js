@@ -5,6 +5,7 @@ import { FaultPanel } from "./fault_panel.js";
 import { PairPanel } from "./pair_panel.js";
 import { RunHeader, RunPanel } from "./run_panel.js";
 import { Session } from "./session.js";
+import { Verdict } from "./verdict.js";
 import { WorldPanel } from "./world_panel.js";
 import { element, setText } from "./dom.js";
 
@@ -13,6 +14,7 @@ const body = (id) => at(id).querySelector(".panel-body");
 
 const session = new Session();
 new RunHeader(session, at("head"));
+new Verdict(session, at("verdict"));
 const channels = new Channels(session, at("channels"));
 const world = new WorldPanel(session, at("world"));
 const run = new RunPanel(session, body("loop"));

@@ -52,7 +52,7 @@ class Pair {
     }
     const missing = ["real", "simulated"].filter((s) => pair[s]?.missing > 0).map((s) => `${figure(pair[s].missing)} missing ${s}`);
     const unit = this.unit ? ` ${this.unit}` : "";
-    setText(this.figures, [`${figure(pair.compared)} compared`, pair.unlike > 0 ? `${figure(pair.unlike)} not alike` : "", `bias ${figure(pair.bias)}${unit}`, `sigma ${figure(pair.sigma)}${unit}`, pair.switches === 1 ? "1 switch" : `${figure(pair.switches)} switches`, ...missing].filter(Boolean).join(" · "));
+    setText(this.figures, [pair.compared > 0 ? `${figure(pair.compared)} compared` : "nothing compared", pair.unlike > 0 ? `${figure(pair.unlike)} not alike` : "", ...(pair.compared > 0 ? [`bias ${figure(pair.bias)}${unit}`, `sigma ${figure(pair.sigma)}${unit}`] : []), pair.switches === 1 ? "1 switch" : `${figure(pair.switches)} switches`, ...missing].filter(Boolean).join(" · "));
   }
 
   #watch(watch) {

@@ -98,7 +98,7 @@ export class RunHeader {
     const { run } = live;
     document.title = `${run.rig} · Rigor`;
     setText(this.rig, run.rig);
-    setText(this.clock, [`${run.clock} clock`, `seed ${run.seed}`, run.replay ? "replay" : ""].filter(Boolean).join(" · "));
+    setText(this.clock, [run.clock === "virtual" && !run.replay ? "virtual time, dated 2020" : `${run.clock} clock`, `seed ${run.seed}`, run.replay ? "replay" : ""].filter(Boolean).join(" · "));
     const whole = run.duration_s > 0 ? ` / ${duration(run.duration_s)}` : "";
     setText(this.time, duration(live.t_s) + whole);
     this.progress.hidden = !(run.duration_s > 0);

@@ -141,9 +141,10 @@ std::string text_of(const PairWatch& watch, const PairWatchSnapshot& s, BenchTim
   // As many decimals as the uncertainty has, with two digits of it.
   const double order = std::floor(std::log10(s.alarm.sigma));
   const int decimals = std::isfinite(order) ? static_cast<int>(std::clamp(1 - order, 0.0, 9.0)) : 6;
-  int n = std::snprintf(text, sizeof text, "%s has changed by %+.*f ± %.*f%s, since %.0f s", p.name.c_str(),
+  const double since_s = (s.t_since - t0).seconds();
+  int n = std::snprintf(text, sizeof text, "%s has changed by %+.*f ± %.*f%s, since %.*f s", p.name.c_str(),
                         decimals, s.alarm.change, decimals, s.alarm.sigma, unit.c_str(),
-                        (s.t_since - t0).seconds());
+                        since_s < 100 ? 1 : 0, since_s);
   if (s.alarm.runner_up != s.alarm.parameter && n > 0 && n < static_cast<int>(sizeof text))
     std::snprintf(text + n, sizeof text - static_cast<std::size_t>(n),
                   "; next best: %s (log ratios %.0f, %.0f)", q.name.c_str(), s.alarm.log_ratio,

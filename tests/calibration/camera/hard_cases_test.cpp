@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 
 #include "tests/calibration/camera/board_scene.h"
 
@@ -203,6 +204,43 @@ TEST(CameraHardCase, AStopGivesTheBestSoFarAndMarksIt) {
   ASSERT_TRUE(fit) << fit.error().text();
   EXPECT_TRUE(fit->result.interrupted);
   EXPECT_NEAR(fit->result.find("fx_px")->value, kTruth.fx_px, 0.1 * kTruth.fx_px);
+}
+
+// A board that turns to and fro in the middle of the picture: corners err alike from view to view (how a
+// picture is sampled), and sixty views are no sixty witnesses.
+TEST(CameraHardCase, ViewsThatErrAlikeContradictTheirSigmas) {
+  const Board board{BoardKind::chessboard, 9, 6, 0.03};
+  std::mt19937 random(11);
+  std::normal_distribution<double> error(0, 0.2);
+  std::array<std::vector<double>, 2> shared;
+  for (auto& pattern : shared)
+    for (int i = 0; i < 2 * board.columns * board.rows; ++i) pattern.push_back(error(random));
+  std::vector<BoardView> views;
+  for (int i = 0; i < 60; ++i) {
+    Eigen::Isometry3d t = Eigen::Isometry3d::Identity();
+    t.linear() = Eigen::AngleAxisd(-0.6 + 0.02 * i, Eigen::Vector3d::UnitY()).toRotationMatrix();
+    t.translation() = Eigen::Vector3d(0, 0, 1.6) - t.linear() * Eigen::Vector3d(0.12, 0.075, 0);
+    BoardView view = view_of(kTruth, board, t, std::to_string(i));
+    const auto& pattern = shared[static_cast<std::size_t>(i % 2)];
+    for (std::size_t k = 0; k < view.points.size(); ++k)
+      view.points[k].u_px += pattern[2 * k], view.points[k].v_px += pattern[2 * k + 1];
+    views.push_back(view);
+  }
+  const auto fit = fit_camera(views, {.models = {LensModel::opencv4}});
+  ASSERT_TRUE(fit) << fit.error().text();
+  EXPECT_GT(fit->halves_apart_px, 2 * fit->rms_per_corner_px);
+  ASSERT_FALSE(fit->result.not_identifiable.empty());
+  for (const auto& [name, why] : fit->result.not_identifiable) {
+    const Parameter* p = fit->result.find(name);
+    ASSERT_TRUE(p) << name;
+    EXPECT_GT(p->halves_apart, 8 * p->sigma) << name;
+    EXPECT_NE(why.find("halves of the views"), std::string::npos) << why;
+  }
+  // Where views err independently the halves agree with the sigmas.
+  const auto good = fit_camera(random_views(kTruth, {}, 12), {.models = {LensModel::opencv4}});
+  ASSERT_TRUE(good) << good.error().text();
+  EXPECT_TRUE(good->result.not_identifiable.empty()) << good->result.not_identifiable[0].second;
+  EXPECT_LT(good->result.find("k1")->halves_apart, 8 * good->result.find("k1")->sigma);
 }
 
 }  // namespace
