@@ -1,4 +1,5 @@
 # How every target of the project is made: one include root, one set of warnings, one set of sanitizers.
+set(THREADS_PREFER_PTHREAD_FLAG ON)  # defines a macro, and precompiled headers want it alike everywhere
 find_package(Threads REQUIRED)
 find_package(tl-expected REQUIRED)
 find_package(fmt REQUIRED)
