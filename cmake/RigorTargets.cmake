@@ -1,5 +1,4 @@
 # How every target of the project is made: one include root, one set of warnings, one set of sanitizers.
-set(THREADS_PREFER_PTHREAD_FLAG ON)  # defines a macro, and precompiled headers want it alike everywhere
 find_package(Threads REQUIRED)
 find_package(tl-expected REQUIRED)
 find_package(fmt REQUIRED)
@@ -16,6 +15,8 @@ add_library(rigor_options INTERFACE)
 target_include_directories(rigor_options INTERFACE ${CMAKE_SOURCE_DIR})
 target_compile_options(rigor_options INTERFACE -Wall -Wextra -Wshadow -Wnon-virtual-dtor -Wconversion
                                                -Wno-sign-conversion $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict> -fno-omit-frame-pointer)
+# -pthread defines a macro, and precompiled headers want it alike everywhere; some dependencies ask for it.
+target_compile_options(rigor_options INTERFACE -pthread)
 target_link_libraries(rigor_options INTERFACE tl::expected fmt::fmt Eigen3::Eigen nlohmann_json::nlohmann_json Threads::Threads)
 # -Wrestrict of GCC 12 misfires on std::string + const char* (gcc.gnu.org/PR105651).
 # No fused multiply-add behind our back: derived floats agree between builds of one architecture.
