@@ -33,7 +33,8 @@ if(RIGOR_SANITIZE)
   target_link_options(rigor_options INTERFACE -fsanitize=${RIGOR_SANITIZE})
 endif()
 if(RIGOR_FUZZ)
-  target_link_options(rigor_options INTERFACE -fsanitize=fuzzer-no-link)
+  set(RIGOR_FUZZ_OPTION -fsanitize=fuzzer-no-link)
+  target_link_options(rigor_options INTERFACE ${RIGOR_FUZZ_OPTION})
 endif()
 
 # The headers that most files include, precompiled once for libraries and once, with GoogleTest, for tests (whose flags differ).
@@ -54,6 +55,9 @@ if(RIGOR_PRECOMPILED)
   endif()
   rigor_precompiled(rigor_headers HEADERS ${RIGOR_COMMON_HEADERS})
   set_target_properties(rigor_headers PROPERTIES POSITION_INDEPENDENT_CODE ON)
+  if(RIGOR_FUZZ)
+    target_compile_options(rigor_headers PRIVATE ${RIGOR_FUZZ_OPTION})  # as for libraries
+  endif()
 endif()
 
 # rigor_library(NAME SOURCES... [APART sources...] [LINKS targets...] [PRIVATE_LINKS targets...])
@@ -71,7 +75,7 @@ endfunction()
 # build's options say so; beside fuzz harnesses so that these see which branches are taken.
 function(rigor_compile_options NAME)
   if(RIGOR_FUZZ)
-    target_compile_options(${NAME} PRIVATE -fsanitize=fuzzer-no-link)
+    target_compile_options(${NAME} PRIVATE ${RIGOR_FUZZ_OPTION})
   endif()
   set_target_properties(${NAME} PROPERTIES UNITY_BUILD ${RIGOR_UNITY} UNITY_BUILD_BATCH_SIZE 12)
   if(RIGOR_UNITY AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
