@@ -6,8 +6,8 @@ find_package(Eigen3 REQUIRED)
 find_package(nlohmann_json REQUIRED)
 set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_SOURCE_DIR}/tools/with_ccache.sh)
 
-# Both are on unless a preset says otherwise: they halve a build from nothing. The preset dev compiles file by file, which is
-# quicker for whoever changes one file at a time.
+# Both are on unless a preset says otherwise, for builds from nothing. The preset dev compiles file by file, so that a change
+# of one file compiles that file alone.
 option(RIGOR_UNITY "Compile the files of a library several at a time" ON)
 option(RIGOR_PRECOMPILED "Precompile the headers that most files include" ON)
 
