@@ -6,8 +6,8 @@ find_package(Eigen3 REQUIRED)
 find_package(nlohmann_json REQUIRED)
 set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_SOURCE_DIR}/tools/with_ccache.sh)
 
-# Both are on unless a preset says otherwise: they halve a build from nothing. The preset dev compiles file by file, which is
-# quicker for whoever changes one file at a time.
+# Both are on unless a preset says otherwise, for builds from nothing. The preset dev compiles file by file, so that a change
+# of one file compiles that file alone.
 option(RIGOR_UNITY "Compile the files of a library several at a time" ON)
 option(RIGOR_PRECOMPILED "Precompile the headers that most files include" ON)
 
@@ -15,6 +15,8 @@ add_library(rigor_options INTERFACE)
 target_include_directories(rigor_options INTERFACE ${CMAKE_SOURCE_DIR})
 target_compile_options(rigor_options INTERFACE -Wall -Wextra -Wshadow -Wnon-virtual-dtor -Wconversion
                                                -Wno-sign-conversion $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict> -fno-omit-frame-pointer)
+# -pthread defines a macro, and precompiled headers want it alike everywhere; some dependencies ask for it.
+target_compile_options(rigor_options INTERFACE -pthread)
 target_link_libraries(rigor_options INTERFACE tl::expected fmt::fmt Eigen3::Eigen nlohmann_json::nlohmann_json Threads::Threads)
 # -Wrestrict of GCC 12 misfires on std::string + const char* (gcc.gnu.org/PR105651).
 # No fused multiply-add behind our back: derived floats agree between builds of one architecture.
@@ -31,7 +33,8 @@ if(RIGOR_SANITIZE)
   target_link_options(rigor_options INTERFACE -fsanitize=${RIGOR_SANITIZE})
 endif()
 if(RIGOR_FUZZ)
-  target_link_options(rigor_options INTERFACE -fsanitize=fuzzer-no-link)
+  set(RIGOR_FUZZ_OPTION -fsanitize=fuzzer-no-link)
+  target_link_options(rigor_options INTERFACE ${RIGOR_FUZZ_OPTION})
 endif()
 
 # The headers that most files include, precompiled once for libraries and once, with GoogleTest, for tests (whose flags differ).
@@ -52,6 +55,9 @@ if(RIGOR_PRECOMPILED)
   endif()
   rigor_precompiled(rigor_headers HEADERS ${RIGOR_COMMON_HEADERS})
   set_target_properties(rigor_headers PROPERTIES POSITION_INDEPENDENT_CODE ON)
+  if(RIGOR_FUZZ)
+    target_compile_options(rigor_headers PRIVATE ${RIGOR_FUZZ_OPTION})  # as for libraries
+  endif()
 endif()
 
 # rigor_library(NAME SOURCES... [APART sources...] [LINKS targets...] [PRIVATE_LINKS targets...])
@@ -69,9 +75,13 @@ endfunction()
 # build's options say so; beside fuzz harnesses so that these see which branches are taken.
 function(rigor_compile_options NAME)
   if(RIGOR_FUZZ)
-    target_compile_options(${NAME} PRIVATE -fsanitize=fuzzer-no-link)
+    target_compile_options(${NAME} PRIVATE ${RIGOR_FUZZ_OPTION})
   endif()
   set_target_properties(${NAME} PROPERTIES UNITY_BUILD ${RIGOR_UNITY} UNITY_BUILD_BATCH_SIZE 12)
+  if(RIGOR_UNITY AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+    # A file that is included looks like a header: its types may use its own anonymous namespace all the same.
+    target_compile_options(${NAME} PRIVATE -Wno-subobject-linkage)
+  endif()
   if(RIGOR_PRECOMPILED)
     target_precompile_headers(${NAME} REUSE_FROM rigor_headers)
   endif()

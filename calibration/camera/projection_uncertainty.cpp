@@ -1,6 +1,7 @@
 #include "calibration/camera/projection_uncertainty.h"
 
 #include <ceres/jet.h>
+#include <Eigen/Dense>
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +9,6 @@
 
 #include "calibration/camera/camera_fit_internal.h"
 #include "calibration/camera/reprojection.h"
-#include "calibration/core/decompositions.h"
 
 namespace rigor::calibration {
 namespace {

@@ -1,9 +1,9 @@
 // What the data determine and what they leave free: from the information matrix of a fit.
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/core/least_squares.h"
 
 namespace rigor::calibration {

@@ -2,14 +2,13 @@
 
 #include <ceres/ceres.h>
 #include <glog/logging.h>
+#include <Eigen/Dense>
 
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <numeric>
 #include <thread>
-
-#include "calibration/core/decompositions.h"
 
 namespace rigor::calibration {
 namespace {

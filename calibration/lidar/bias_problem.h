@@ -2,12 +2,12 @@
 // them whose mean residuals are solved by least squares. Not for use beside bias_fit.cpp.
 #pragma once
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/lidar/bias_fit.h"
 
 namespace rigor::calibration::lidar {

@@ -2,12 +2,12 @@
 // them. Not for use beside range_noise.cpp.
 #pragma once
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <vector>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/lidar/range_noise.h"
 #include "calibration/lidar/rounded_values.h"
 

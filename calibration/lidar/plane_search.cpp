@@ -1,12 +1,11 @@
 #include "calibration/lidar/plane_search.h"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <numbers>
 #include <random>
-
-#include "calibration/core/decompositions.h"
 
 namespace rigor::calibration {
 namespace {

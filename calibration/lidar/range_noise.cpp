@@ -1,12 +1,12 @@
 #include "calibration/lidar/range_noise.h"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <numbers>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
 #include "calibration/lidar/noise_likelihood.h"

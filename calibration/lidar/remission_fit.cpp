@@ -1,11 +1,11 @@
 #include "calibration/lidar/remission_fit.h"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <numbers>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
 #include "calibration/lidar/rounded_values.h"

@@ -1,9 +1,8 @@
 #include "calibration/pair/clustered_fit.h"
 
+#include <Eigen/Dense>
 #include <cmath>
 #include <limits>
-
-#include "calibration/core/decompositions.h"
 
 namespace rigor::calibration {
 namespace {

@@ -2,13 +2,13 @@
 
 #include <ceres/autodiff_cost_function.h>
 #include <ceres/rotation.h>
+#include <Eigen/Dense>
 
 #include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <cmath>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/core/least_squares.h"
 
 namespace rigor::calibration {

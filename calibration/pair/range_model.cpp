@@ -1,12 +1,12 @@
 #include "calibration/pair/range_model.h"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>
 #include <memory>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/pair/clustered_fit.h"
 
 namespace rigor::calibration {

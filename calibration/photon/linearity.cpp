@@ -1,10 +1,9 @@
 #include "calibration/photon/linearity.h"
 
+#include <Eigen/Dense>
 #include <cmath>
 #include <cstdio>
 #include <set>
-
-#include "calibration/core/decompositions.h"
 
 namespace rigor::calibration {
 

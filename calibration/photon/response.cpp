@@ -1,10 +1,10 @@
 #include "calibration/photon/response.h"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <map>
 
-#include "calibration/core/decompositions.h"
 #include "sensor-hal/models/one_source.h"
 
 namespace rigor::calibration {

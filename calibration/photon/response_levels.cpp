@@ -1,11 +1,11 @@
 // The response within the joint fit: found in the levels' signals, taken out of them, and its uncertainty
 // carried into the other parameters.
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <set>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/photon/photon_problem.h"
 
 namespace rigor::calibration {

@@ -1,10 +1,9 @@
 #include "calibration/shading/flat_field.h"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 #include <cmath>
-
-#include "calibration/core/decompositions.h"
 
 namespace rigor::calibration {
 namespace {

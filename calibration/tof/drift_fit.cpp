@@ -1,5 +1,6 @@
 #include "calibration/tof/drift_fit.h"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -7,7 +8,6 @@
 #include <limits>
 #include <numeric>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
 #include "rt-core/numbers.h"

@@ -1,10 +1,10 @@
 #include "calibration/tof/local_noise.h"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/tof/chi_squared.h"
 
 namespace rigor::calibration {

@@ -1,13 +1,13 @@
 #include "calibration/tof/range_fit.h"
 
 #include <fmt/format.h>
+#include <Eigen/Dense>
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
 #include "calibration/tof/chi_squared.h"

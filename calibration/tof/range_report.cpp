@@ -1,11 +1,11 @@
 // What the range fit says: information, residuals, scenes, the curve of the wiggling.
 #include <fmt/format.h>
+#include <Eigen/Dense>
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/tof/range_problem.h"
 #include "calibration/tof/wiggling.h"
 #include "rt-core/numbers.h"

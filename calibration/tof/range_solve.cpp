@@ -1,9 +1,9 @@
 // Gauss–Newton of the range fit, the pixels eliminated.
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/tof/range_parts.h"
 #include "calibration/tof/range_problem.h"
 

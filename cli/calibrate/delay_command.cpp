@@ -1,5 +1,6 @@
 // `rigor calibrate delay`: by how much one channel's stamps are off against another's.
 #include <fmt/format.h>
+#include <Eigen/Dense>
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -7,7 +8,6 @@
 #include <memory>
 #include <optional>
 
-#include "calibration/core/decompositions.h"
 #include "calibration/pair/board_pose.h"
 #include "calibration/pair/time_offset.h"
 #include "cli/calibrate/calibrate.h"

@@ -50,7 +50,7 @@ struct RangeSum {
   }
 };
 
-double range_of(const LidarPoint& p) { return std::hypot(double{p.x_m}, double{p.y_m}, double{p.z_m}); }
+double range_of_point(const LidarPoint& p) { return std::hypot(double{p.x_m}, double{p.y_m}, double{p.z_m}); }
 
 bool before(const LidarPoint& a, const LidarPoint& b) {
   if (a.t_offset_ns != b.t_offset_ns) return a.t_offset_ns < b.t_offset_ns;
@@ -346,7 +346,7 @@ RangeError difference_of(std::span<const LidarPoint> reference, std::span<const 
     } else if (i == a.size() || before(b[j], a[i])) {
       ++sum.wrong, ++j;  // false
     } else {
-      sum.add(range_of(b[j++]) - range_of(a[i++]), limit_m);
+      sum.add(range_of_point(b[j++]) - range_of_point(a[i++]), limit_m);
     }
   }
   return sum.result();
