@@ -6,6 +6,7 @@
 
 #include "cli/calibrate/recording_packets.h"
 #include "cli/commands.h"
+#include "cli/output_file.h"
 #include "cli/recording.h"
 #include "cli/sensing/sample_files.h"
 #include "cli/terminal.h"
@@ -57,8 +58,8 @@ Result<Converted> to_pcd(const ConvertOptions& options) {
     if (out.scans++ != static_cast<std::uint64_t>(options.scan)) return true;
     const auto points = points_of(sample);
     out.points = points.size();
-    written = write_whole(options.output,
-                          [&](const std::filesystem::path& part) { return write_points_pcd(part, points); });
+    written = write_output(options.output,
+                           [&](const std::filesystem::path& part) { return write_points_pcd(part, points); });
     return false;
   });
   if (!read) return tl::unexpected<Error>(read.error());
@@ -117,7 +118,7 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
     out.warnings = read->warnings;
     return stopped;
   };
-  if (auto s = write_whole(options.output, write); !s) return tl::unexpected<Error>(s.error());
+  if (auto s = write_output(options.output, write); !s) return tl::unexpected<Error>(s.error());
   return out;
 }
 
@@ -130,12 +131,11 @@ Result<Converted> convert(const ConvertOptions& options) {
                     options.output.string()));
   if (ending == ".mcap" && options.scan_given)
     return fail(ErrorCode::bad_input, "--scan", "expected none with an .mcap, which gets all scans");
-  std::error_code none;
-  if (std::filesystem::exists(options.output, none) && !options.force)
-    return fail(ErrorCode::not_writable, options.output.string(),
-                "expected a name that is not taken, a file is there; --force writes over it");
-  if (std::filesystem::equivalent(options.output, options.input, none))
-    return fail(ErrorCode::bad_input, options.output.string(), "expected another file than the input");
+  InputFiles inputs;
+  inputs.add("the recording", options.input);
+  Outputs outputs(std::move(inputs));
+  if (auto s = outputs.add(options.output, "-o", options.force ? Existing::replace : Existing::refuse); !s)
+    return tl::unexpected<Error>(s.error());
   return ending == ".pcd" ? to_pcd(options) : to_mcap(options);
 }
 
