@@ -94,8 +94,8 @@ TEST_F(CalibrateInterrupt, TheLiveLineIsForTerminals) {
   EXPECT_EQ(said.status, 0) << said.err;
   EXPECT_THAT(said.err + said.out, Not(HasSubstr("\r")));
   EXPECT_THAT(said.err + said.out, Not(HasSubstr("\033")));
-  const Said said = run({"twin", CalibrationRecordings::get().board(), "--channel", "left", "--json"});
-  EXPECT_THAT(said.err, ::testing::IsEmpty());
+  const Said quiet = run({"twin", CalibrationRecordings::get().board(), "--channel", "left", "--json"});
+  EXPECT_THAT(quiet.err, ::testing::IsEmpty());
 }
 
 }  // namespace
