@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "sensor-hal/channel/typed_values.h"
+#include "sensor-hal/config/rate.h"
 
 namespace rigor {
 namespace {
@@ -36,7 +37,7 @@ Result<std::shared_ptr<DeviceSensors>> DeviceSensors::make(const ConfigNode& par
       const ConfigNode n = map.map(sensor);
       const SampleKind kind = read_kind(n);
       Sensor s;
-      s.period = seconds_from(1 / n.number("rate_hz", {.min = 1e-3, .max = 1e5}));
+      s.period = read_rate(n, "rate_hz", {.min = 1e-3, .max = 1e5});
       auto provider = make_sensor(kind, n, name + "." + sensor, s.period);
       if (!provider) throw ConfigError(provider.error());
       n.finish();
@@ -68,7 +69,7 @@ double DeviceSensors::value(std::size_t signal, BenchTime t) {
     s.begun = true;
     s.t = t;
     // The nearest step: who reads on the sensor's own grid with jitter gets each once.
-    const auto index = static_cast<std::uint64_t>(((t - s.t_start).ns() + s.period.ns() / 2) / s.period.ns());
+    const auto index = static_cast<std::uint64_t>(s.period.nearest_index(t - s.t_start));
     Sample sample;
     const bool measured =
         s.provider->capture({index, t, s.t_start, motion_->motion_at(t), 0}, sample).has_value();

@@ -23,6 +23,7 @@
 #include <mutex>
 #include <vector>
 
+#include "rt-core/period.h"
 #include "rt-core/result.h"
 #include "sensor-hal/channel/providers.h"
 #include "sensor-hal/config/yaml.h"
@@ -54,7 +55,7 @@ class DeviceSensors final : public SignalModel, public RegisterModel {
  private:
   struct Sensor {
     std::shared_ptr<SampleProvider> provider;
-    Duration period;
+    Period period;
     std::size_t first = 0, count = 0;  ///< of its signals
     BenchTime t_start, t;              ///< of the first reading, of the last
     bool begun = false;

@@ -86,7 +86,6 @@ RunFacts run_facts(const RunParts& parts, const LoopCounts& loop, const std::vec
   const RigConfig& rig = parts.rig;
   RunFacts run;
   run.wall_clock = rig.clock == ClockKind::wall;
-  run.loop_hz = 1.0 / rig.loop.period.seconds();
   run.workers = rig.simulation.workers;
   run.cycles = loop.cycles;
   run.skipped = loop.skipped;

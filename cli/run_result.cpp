@@ -33,7 +33,7 @@ json histogram_json(const Histogram& h) {
 }
 
 json loop_json(const RunParts& parts, const RunSummary& s) {
-  json loop{{"rate_hz", 1e9 / static_cast<double>(s.period.ns())},
+  json loop{{"rate_hz", s.period.hz()},
             {"reason", to_string(s.reason)},
             {"cycles_run", s.cycles_run},
             {"cycles_skipped", s.cycles_skipped},
@@ -82,7 +82,7 @@ json channel_json(const RunChannel& c, const ChannelFacts& facts, BenchTime t0) 
          {"backend", c.entry->is_pair ? c.entry->source.backend + " | " + c.entry->twin.backend
                                       : c.entry->source.backend},
          {"replaced_by", c.replaced_by},
-         {"nominal_rate_hz", 1.0 / c.entry->period.seconds()},
+         {"nominal_rate_hz", c.entry->period.hz()},
          {"rate_hz", facts.rate_hz()},
          {"due", or_null(facts.due)},
          {"delivered", facts.delivered},

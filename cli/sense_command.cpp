@@ -133,7 +133,7 @@ class Sensing {
       how.choice = std::move(*choice);
     }
     // The sample that a virtual run takes at that instant: same index, same draws.
-    const Duration period = target_.entry->period;
+    const Period period = target_.entry->period;
     const Duration phase = seconds_from(params.number_or("phase_us", 0, {.min = 0}) * 1e-6);
     request_.index =
         static_cast<std::uint64_t>(std::max<std::int64_t>(0, (seconds_from(options_.at_s) - phase) / period));
@@ -202,8 +202,8 @@ class Sensing {
     // Odometry adds up: every capture since the start, as a run takes them.
     const std::uint64_t first = entry.kind == SampleKind::odometry ? 0 : request_.index;
     for (request.index = first; request.index <= request_.index; ++request.index) {
-      request.t_capture =
-          request_.t_capture - entry.period * static_cast<std::int64_t>(request_.index - request.index);
+      request.t_capture = request_.t_capture - entry.period * static_cast<std::int64_t>(request_.index) +
+                          entry.period * static_cast<std::int64_t>(request.index);
       if (auto s = (*made)->capture(request, sample); !s) return s;
     }
     told["sample"] = sample_json(sample);

@@ -40,13 +40,11 @@ std::string singular(const std::string& noun) {
   return noun.ends_with('s') ? noun.substr(0, noun.size() - 1) : noun;
 }
 
-/// The highest round rate up to `wanted_hz` that divides the loop's; 0: none.
-double round_rate(double wanted_hz, double loop_hz) {
+/// The highest round rate up to `wanted_hz`; 0: none.
+double round_rate(double wanted_hz) {
   for (double power = 1000; power >= 0.01; power /= 10)
-    for (const double step : {5.0, 4.0, 2.5, 2.0, 1.0}) {
-      const double rate = step * power, ratio = loop_hz / rate;
-      if (rate <= wanted_hz && std::abs(ratio - std::round(ratio)) < 1e-6 * ratio) return rate;
-    }
+    for (const double step : {5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0})
+      if (step * power <= wanted_hz) return step * power;
   return 0;
 }
 
@@ -59,8 +57,8 @@ double load(const RunFacts& run) {
   return sum;
 }
 
-std::string slower(const RunFacts& run, const ChannelFacts& c, double rate_hz) {
-  const double rate = round_rate(rate_hz, run.loop_hz);
+std::string slower(const ChannelFacts& c, double rate_hz) {
+  const double rate = round_rate(rate_hz);
   return rate > 0 && rate * c.period.seconds() < 1
              ? fmt::format("use `--clock virtual` or `--set channels.{}.rate_hz={:g}`", c.name, rate)
              : "use `--clock virtual`";
@@ -90,7 +88,7 @@ void explain_simulated(const RunFacts& run, const ChannelFacts& c, Duration capt
     f.cure = "use `--clock virtual`, or leave this machine less other work";
     return;
   }
-  f.cure = slower(run, c, rate_hz);
+  f.cure = slower(c, rate_hz);
 }
 
 std::optional<Finding> judge_samples(const RunFacts& run, const ChannelFacts& c) {
@@ -136,7 +134,7 @@ std::optional<Finding> judge_samples(const RunFacts& run, const ChannelFacts& c)
   else if (run.wall_clock && c.emulated && !c.silent && run.emulators.empty() && c.by_faults == 0 &&
            share(missing, due) >= kLostBad) {
     f.sentence += "; its emulator, on this machine, is too slow";
-    f.cure = slower(run, c, kLoad * c.rate_hz());
+    f.cure = slower(c, kLoad * c.rate_hz());
   } else if (c.silent && run.wall_clock && run.emulators.empty() && c.by_faults == 0)
     f.cure = "look at the device and its connection (`rigor devices`)";
   else if (c.late > 0 && c.arrival > c.latency && c.by_faults == 0)
@@ -264,7 +262,7 @@ double ChannelFacts::rate_hz() const {
   return static_cast<double>(delivered) / (static_cast<double>(*due) * period.seconds());
 }
 
-std::optional<std::uint64_t> samples_due(Duration elapsed, Duration period, Duration latency) {
+std::optional<std::uint64_t> samples_due(Duration elapsed, const Period& period, Duration latency) {
   if (period.ns() <= 0) return std::nullopt;
   if (elapsed < latency) return 0;
   return static_cast<std::uint64_t>((elapsed - latency) / period) + 1;

@@ -17,8 +17,8 @@
 #include <string>
 #include <vector>
 
+#include "rt-core/period.h"
 #include "rt-core/result.h"
-#include "rt-core/time.h"
 
 namespace rigor {
 
@@ -80,7 +80,7 @@ struct PairFacts {
 struct ChannelFacts {
   std::string name;
   std::string noun = "samples";  ///< what one of them is called, plural: pictures, scans
-  Duration period;               ///< 0: aperiodic
+  Period period;                 ///< 0: aperiodic
   Duration latency;
   std::optional<std::uint64_t> due;  ///< samples whose release lay in the run; none: aperiodic
   std::uint64_t delivered = 0;       ///< that became visible, those that a newer one overtook included
@@ -105,7 +105,6 @@ struct SinkFacts {
 };
 struct RunFacts {
   bool wall_clock = true;
-  double loop_hz = 1000;
   int workers = 1;  ///< threads of the simulated sensors
   std::uint64_t cycles = 0, skipped = 0, misses = 0;
   std::vector<ChannelFacts> channels;
@@ -125,7 +124,8 @@ struct Verdict {
 };
 
 /// Samples of a channel whose release lies in the first `elapsed` of a run; none where period is 0.
-[[nodiscard]] std::optional<std::uint64_t> samples_due(Duration elapsed, Duration period, Duration latency);
+[[nodiscard]] std::optional<std::uint64_t> samples_due(Duration elapsed, const Period& period,
+                                                       Duration latency);
 [[nodiscard]] Verdict judge(const RunFacts& facts);
 
 /// {"state": "good" | "warning" | "bad", "text": …, "findings": [{"severity", "kinds", "channel", "text",

@@ -260,10 +260,11 @@ void Executive::run_steps(const CycleContext& cycle, LoopData& data) noexcept {
 
 void Executive::loop_wall(StopToken stop, LoopData& data) noexcept {
   RunSummary& s = data.summary;
-  const std::int64_t period = config_.period.ns();
+  const Period period = config_.period;
   const std::int64_t spin = config_.spin.ns();
   const std::int64_t t0 = s.t0.ns();
-  const std::int64_t report_late = config_.report_late.ns() > 0 ? config_.report_late.ns() : period / 2;
+  const std::int64_t report_late = config_.report_late.ns() > 0 ? config_.report_late.ns() : period.ns() / 2;
+  const auto grid = [&](std::uint64_t k) { return t0 + (period * static_cast<std::int64_t>(k)).ns(); };
   const std::uint64_t last =
       config_.cycles > 0 ? config_.cycles : std::numeric_limits<std::uint64_t>::max() / 2;
   const OverrunPolicy policy = config_.on_overrun;
@@ -286,7 +287,7 @@ void Executive::loop_wall(StopToken stop, LoopData& data) noexcept {
       s.reason = StopReason::finished;
       break;
     }
-    const std::int64_t t_k = t0 + static_cast<std::int64_t>(k) * period;
+    const std::int64_t t_k = grid(k);
 
     // Sleep to shortly before the grid point, spin the rest.
     std::int64_t now = monotonic_now().ns();
@@ -323,13 +324,14 @@ void Executive::loop_wall(StopToken stop, LoopData& data) noexcept {
     miss.t_cycle = BenchTime(t_k);
     bool overran = false;
     bool abort_now = false;
-    if (late >= period) {
+    if (woke >= grid(k + 1)) {
       overran = true;
       if (policy == OverrunPolicy::abort) {
         abort_now = true;
       } else if (policy == OverrunPolicy::skip) {
         // The cycle of the present interval runs; those whose interval has passed do not.
-        const std::uint64_t behind_by = std::min(static_cast<std::uint64_t>(late / period), last - 1 - k);
+        const std::uint64_t behind_by =
+            std::min(static_cast<std::uint64_t>(Duration(woke - t0) / period) - k, last - 1 - k);
         miss.skipped += behind_by;
         k += behind_by;
       }
@@ -339,8 +341,8 @@ void Executive::loop_wall(StopToken stop, LoopData& data) noexcept {
     if (!abort_now) {
       CycleContext cycle;
       cycle.index = k;
-      cycle.t = BenchTime(t0 + static_cast<std::int64_t>(k) * period);
-      cycle.t_next = BenchTime(cycle.t.ns() + period);
+      cycle.t = BenchTime(grid(k));
+      cycle.t_next = BenchTime(grid(k + 1));
       run_steps(cycle, data);
       end = monotonic_now().ns();
       ++s.cycles_run;
@@ -358,13 +360,12 @@ void Executive::loop_wall(StopToken stop, LoopData& data) noexcept {
       s.reason = StopReason::overrun;
     } else if (overran && policy == OverrunPolicy::skip) {
       // Continue on the first grid point that has not passed.
-      const std::int64_t passed = end - t0;
-      const auto next = static_cast<std::uint64_t>(std::max<std::int64_t>(0, (passed + period - 1) / period));
+      const auto next = static_cast<std::uint64_t>(period.first_index_from(Duration(end - t0)));
       const std::uint64_t wanted = std::min(std::max(k, next), last);
       miss.skipped += wanted - k;
       k = wanted;
     } else if (policy == OverrunPolicy::log) {
-      behind = end > t0 + static_cast<std::int64_t>(k) * period;
+      behind = end > grid(k);
     }
     s.cycles_skipped += miss.skipped;
 
@@ -372,7 +373,7 @@ void Executive::loop_wall(StopToken stop, LoopData& data) noexcept {
     if (overran) ++s.overruns;
     if (late > report_late && !was_behind) ++s.late_wakeups;
     // While catching up, only a cycle that is too long by itself is another miss.
-    if ((overran && (!was_behind || end - woke > period)) || (late > report_late && !was_behind)) {
+    if ((overran && (!was_behind || end - woke > period.ns())) || (late > report_late && !was_behind)) {
       miss.t_woke = BenchTime(woke);
       miss.t_end = BenchTime(end);
       miss.late = Duration(late);
@@ -412,8 +413,8 @@ void Executive::loop_virtual(StopToken stop, LoopData& data) {
     if (s.reason != StopReason::none) return;
     CycleContext cycle;
     cycle.index = k;
-    cycle.t = s.t0 + static_cast<std::int64_t>(k) * config_.period;
-    cycle.t_next = cycle.t + config_.period;
+    cycle.t = s.t0 + config_.period * static_cast<std::int64_t>(k);
+    cycle.t_next = s.t0 + config_.period * static_cast<std::int64_t>(k + 1);
     cycle.virtual_time = true;
     if (config_.hooks) config_.hooks->before_cycle(cycle.t);
     const std::int64_t began = monotonic_now().ns();

@@ -7,7 +7,8 @@
 //   loop.arm();                                        // order: inputs, app, slow; or an error that names
 //   the circle Result<RunSummary> s = loop.run(stop.token(), bench_now() + milliseconds(100));
 //
-// Cycle k belongs to the grid point t0 + k·period, however late it was woken.
+// Cycle k belongs to the grid point t0 + k·period, however late it was woken; for a period that is no whole
+// number of nanoseconds rounded once, so that the grid does not drift (period.h).
 //
 //   grid    |k        |k+1      |k+2      |k+3
 //   skip    ███████████████      ·        █████     k overran: k+1 is skipped and counted, k+2 is on its
@@ -35,6 +36,7 @@
 #include "rt-core/heartbeat.h"
 #include "rt-core/histogram.h"
 #include "rt-core/miss_report.h"
+#include "rt-core/period.h"
 #include "rt-core/realtime_setup.h"
 #include "rt-core/result.h"
 #include "rt-core/stop.h"
@@ -82,7 +84,7 @@ class ExecutiveHooks {
 };
 
 struct ExecutiveConfig {
-  Duration period = milliseconds(1);
+  Period period = milliseconds(1);
   RunClock clock = RunClock::wall;
   Duration spin{};  ///< busy-wait the last part of each sleep; 0: only sleep
   OverrunPolicy on_overrun = OverrunPolicy::skip;
@@ -96,8 +98,8 @@ struct ExecutiveConfig {
 };
 
 /// Grid points within `duration`: those with t < t0 + duration. Setup.
-[[nodiscard]] constexpr std::uint64_t cycles_in(Duration duration, Duration period) {
-  return static_cast<std::uint64_t>((duration.ns() + period.ns() - 1) / period.ns());
+[[nodiscard]] constexpr std::uint64_t cycles_in(Duration duration, const Period& period) {
+  return static_cast<std::uint64_t>(period.first_index_from(duration));
 }
 
 /// Counters for a status line; written by the loop, read by any thread at any time.
@@ -117,7 +119,7 @@ struct StepTiming {
 struct RunSummary {
   StopReason reason = StopReason::none;
   BenchTime t0;
-  Duration period;
+  Period period;
   std::uint64_t cycles_run = 0;
   std::uint64_t cycles_skipped = 0;  ///< cycles_run + cycles_skipped == grid points passed
   std::uint64_t overruns =

@@ -11,7 +11,7 @@
 namespace rigor::forest {
 namespace {}
 
-DriveOutput::DriveOutput(const ConfigNode& n, const ApplicationPorts& ports, Duration loop_period) {
+DriveOutput::DriveOutput(const ConfigNode& n, const ApplicationPorts& ports, Period loop_period) {
   port_ = &find_output(n, ports);
   const auto& names = port_->describe().names;
   if (names.size() > values_.size()) throw n.error("sink", "expected a sink of at most 16 values");

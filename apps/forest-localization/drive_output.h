@@ -14,7 +14,7 @@ namespace rigor::forest {
 class DriveOutput {
  public:
   /// Setup context. Throws ConfigError with its place.
-  DriveOutput(const ConfigNode& n, const ApplicationPorts& ports, Duration loop_period);
+  DriveOutput(const ConfigNode& n, const ApplicationPorts& ports, Period loop_period);
   /// As its keys have it.
   [[nodiscard]] const PathFollowerConfig& follower_config() const noexcept { return follower_config_; }
 

@@ -15,7 +15,7 @@ constexpr std::array<const char*, 16> kNames{
     "cut",   "out_of_reach"};
 }
 
-EstimateOutput::EstimateOutput(const ConfigNode& n, const ApplicationPorts& ports, Duration loop_period) {
+EstimateOutput::EstimateOutput(const ConfigNode& n, const ApplicationPorts& ports, Period loop_period) {
   port_ = &find_output(n, ports);
   every_ = read_every(n, loop_period);
   const auto at = n.numbers_or("at_m", {0, 0});

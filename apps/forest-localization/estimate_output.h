@@ -25,7 +25,7 @@ struct Estimate {
 class EstimateOutput {
  public:
   /// Setup context. Throws ConfigError with its place.
-  EstimateOutput(const ConfigNode& n, const ApplicationPorts& ports, Duration loop_period);
+  EstimateOutput(const ConfigNode& n, const ApplicationPorts& ports, Period loop_period);
 
   // Loop thread; no allocation.
   [[nodiscard]] bool due(std::uint64_t cycle) const noexcept { return cycle % every_ == 0; }

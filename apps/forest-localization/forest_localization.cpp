@@ -30,7 +30,7 @@ using namespace forest;
 
 class ForestLocalization final : public Application {
  public:
-  Status configure(ConfigNode params, const ApplicationPorts& ports, Duration loop_period) override {
+  Status configure(ConfigNode params, const ApplicationPorts& ports, Period loop_period) override {
     auto read = catch_config([&]() -> Status {
       if (auto s = read_map(params.map("map")); !s) return s;
       if (params.has("scanners"))
@@ -170,7 +170,7 @@ class ForestLocalization final : public Application {
     start_ = start;
   }
 
-  Status read_guide(const ConfigNode& params, const ApplicationPorts& ports, Duration loop_period) {
+  Status read_guide(const ConfigNode& params, const ApplicationPorts& ports, Period loop_period) {
     const std::string guide =
         params.choice_or("guide", {"path", "marked", "none"}, params.has("path") ? "path" : "none");
     // Keys of the other guides may stand there, so that a rig changes over by one word.

@@ -37,8 +37,8 @@ CommandPort& find_output(const ConfigNode& n, const ApplicationPorts& ports) {
   return *it->second;
 }
 
-std::uint64_t read_every(const ConfigNode& n, Duration loop_period) {
-  const double loop_hz = 1e9 / static_cast<double>(loop_period.ns());
+std::uint64_t read_every(const ConfigNode& n, Period loop_period) {
+  const double loop_hz = loop_period.hz();
   const double rate_hz = n.number_or("rate_hz", std::min(20.0, loop_hz), {.min = 0.1, .max = loop_hz});
   return static_cast<std::uint64_t>(std::llround(loop_hz / rate_hz));
 }

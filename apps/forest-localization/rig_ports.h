@@ -19,7 +19,7 @@ inline constexpr double kRadPerDeg = std::numbers::pi / 180;  ///< keys have deg
 /// The sink that `sink` names.
 [[nodiscard]] CommandPort& find_output(const ConfigNode& n, const ApplicationPorts& ports);
 /// Every how many cycles of the loop, by `rate_hz` (20, or as often as the loop runs).
-[[nodiscard]] std::uint64_t read_every(const ConfigNode& n, Duration loop_period);
+[[nodiscard]] std::uint64_t read_every(const ConfigNode& n, Period loop_period);
 
 /// Loop thread. What came in this cycle, unless it is damaged; null: nothing, or there is no port.
 [[nodiscard]] const Sample* fresh_sample(const SamplePort* port) noexcept;

@@ -10,7 +10,7 @@ namespace {
 
 class Script final : public Application {
  public:
-  Status configure(ConfigNode params, const ApplicationPorts& ports, Duration loop_period) override {
+  Status configure(ConfigNode params, const ApplicationPorts& ports, Period loop_period) override {
     tracks_.clear();
     auto read = catch_config([&] {
       const ConfigNode sinks = params.map("sinks");
@@ -49,7 +49,7 @@ class Script final : public Application {
   };
 
   void read_track(const ConfigNode& sinks, const std::string& name, const ApplicationPorts& ports,
-                  Duration loop_period) {
+                  Period loop_period) {
     const auto port = ports.outputs.find(name);
     if (port == ports.outputs.end()) {
       std::string names;
@@ -61,7 +61,7 @@ class Script final : public Application {
     Track track;
     track.port = port->second;
     track.count = track.port->describe().names.size();
-    const double loop_hz = 1e9 / static_cast<double>(loop_period.ns());
+    const double loop_hz = loop_period.hz();
     const double rate_hz = n.number_or("rate_hz", std::min(20.0, loop_hz), {.min = 0.001, .max = loop_hz});
     track.every = static_cast<std::uint64_t>(std::llround(loop_hz / rate_hz));
     track.repeat = seconds_from(n.number_or("repeat_s", 0, {.min = 0, .max = 1e6}));

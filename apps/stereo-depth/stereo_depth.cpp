@@ -50,7 +50,7 @@ class StereoDepth final : public Application {
  public:
   ~StereoDepth() override { end_worker(); }
 
-  Status configure(ConfigNode params, const ApplicationPorts& ports, Duration /*loop_period*/) override {
+  Status configure(ConfigNode params, const ApplicationPorts& ports, Period /*loop_period*/) override {
     end_worker();
     auto read = catch_config([&]() -> Status {
       const bool pinholes = params.flag_or("pinholes", false);

@@ -10,14 +10,12 @@ namespace {
 
 class TurntableSweep final : public Application {
  public:
-  Status configure(ConfigNode params, const ApplicationPorts& ports, Duration loop_period) override {
+  Status configure(ConfigNode params, const ApplicationPorts& ports, Period loop_period) override {
     auto read = catch_config([&] {
       amplitude_rad_ = params.number_or("amplitude_deg", 30, {.min = 0, .max = 180}) * std::numbers::pi / 180;
       sweep_period_s_ = params.number_or("period_s", 8, {.min = 0.1, .max = 1e6});
-      const double rate_hz =
-          params.number_or("rate_hz", 50, {.min = 0.1, .max = 1e9 / static_cast<double>(loop_period.ns())});
-      command_every_ =
-          static_cast<std::uint64_t>(std::llround(1e9 / rate_hz / static_cast<double>(loop_period.ns())));
+      const double rate_hz = params.number_or("rate_hz", 50, {.min = 0.1, .max = loop_period.hz()});
+      command_every_ = static_cast<std::uint64_t>(std::llround(loop_period.hz() / rate_hz));
       const std::string table = params.text("table");
       params.finish();
       const auto it = ports.outputs.find(table);

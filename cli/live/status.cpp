@@ -137,7 +137,7 @@ json LiveStatus::channel(std::size_t i, const ChannelFacts& facts) {
          {"status", name_of(static_cast<PortStatus>(s.status.load(std::memory_order_relaxed)))},
          {"connected", h.connected.load()},
          {"rate_hz", rate.known ? json(rate.hz) : json()},
-         {"nominal_hz", c.entry->period.ns() > 0 ? json(1.0 / c.entry->period.seconds()) : json()},
+         {"nominal_hz", c.entry->period.ns() > 0 ? json(c.entry->period.hz()) : json()},
          {"latency_ms", c.entry->latency.seconds() * 1e3},
          {"samples", facts.delivered},
          {"due", facts.due ? json(*facts.due) : json()},

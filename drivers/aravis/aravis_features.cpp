@@ -352,7 +352,7 @@ void set_frame_rate(ArvCamera* camera, const AravisSettings& s, const ChannelCon
   if (s.software_trigger || s.hardware_trigger || config.period.ns() <= 0) return;
   if (arv_camera_is_frame_rate_available(camera, nullptr) == FALSE) return;
   GLibError e;
-  const double rate_hz = 1.0 / config.period.seconds();
+  const double rate_hz = config.period.hz();
   double min = 0, max = 0;
   arv_camera_get_frame_rate_bounds(camera, &min, &max, e.out());
   if (e) broken(config, e, "asking for the bounds of the frame rate");

@@ -11,6 +11,7 @@
 #include <mutex>
 #include <optional>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "drivers/aravis/camera_session.h"
@@ -89,8 +90,8 @@ struct AravisSource::Impl {
       triggers_sent{0}, triggers_missed{0};
 
   // Loop thread.
-  BenchTime next_trigger;
-  BenchTime t_start;  ///< what was captured before is not handed on
+  std::int64_t next_trigger = 0;  ///< index on the grid of t_start
+  BenchTime t_start;              ///< what was captured before is not handed on
 
   void begin_session();
   void end_session(bool dead);
@@ -145,10 +146,11 @@ std::vector<std::string> AravisSource::warnings() const {
 
 void AravisSource::begin_cycle(BenchTime now) noexcept {
   Impl& i = *impl_;
-  if (!i.settings.software_trigger || now < i.next_trigger) return;
+  if (!i.settings.software_trigger) return;
+  const std::int64_t after = (now - i.t_start) / i.config.period + 1;
+  if (after <= i.next_trigger) return;
   // Where the loop skipped instants, only the newest is exposed: the others are past.
-  const std::int64_t due = (now - i.next_trigger) / i.config.period + 1;
-  i.next_trigger = i.next_trigger + i.config.period * due;
+  const std::int64_t due = after - std::exchange(i.next_trigger, after);
   i.triggers_wanted.fetch_add(static_cast<std::uint64_t>(due), std::memory_order_release);
   sem_post(&i.wake);
 }
@@ -216,7 +218,7 @@ Status AravisSource::do_arm(const ArmContext& context) {
 
 Status AravisSource::do_start(BenchTime t0) {
   Impl& i = *impl_;
-  i.next_trigger = t0;
+  i.next_trigger = 0;
   i.t_start = t0;
   if (!i.session->alive(kAskWait)) {
     health_.connected = false;

@@ -4,6 +4,7 @@
 #include <array>
 
 #include "drivers/aravis/range_parts.h"
+#include "sensor-hal/config/rate.h"
 
 namespace rigor {
 namespace {
@@ -43,7 +44,8 @@ bool from_gige(gige::PixelFormat from, PixelFormat& to) {
   return false;
 }
 
-EmulatedCameraSettings read_emulated_camera(const ConfigNode& n, const std::string& name, Duration period) {
+EmulatedCameraSettings read_emulated_camera(const ConfigNode& n, const std::string& name,
+                                            const Period& period) {
   EmulatedCameraSettings s;
   s.address = n.text_or("address", "127.0.0.1");
   if (!gige::parse_ipv4(s.address))
@@ -54,11 +56,12 @@ EmulatedCameraSettings read_emulated_camera(const ConfigNode& n, const std::stri
   s.serial = n.text_or("serial", name);
   s.user_name = n.text_or("user_name", "");
   s.rate_hz =
-      n.number_or("rate_hz", period.ns() > 0 ? 1.0 / period.seconds() : 25.0, {.min = 0.1, .max = 10'000});
+      read_rate_or(n, "rate_hz", period.ns() > 0 ? period : Period::of_rate(25), {.min = 0.1, .max = 10'000})
+          .hz();
   s.readout = seconds_from(n.number_or("readout_us", 1000, {.min = 0, .max = 1e6}) * 1e-6);
   s.align_to_clock = n.flag_or("align_to_clock", true);
   if (const auto line = n.map_or_absent("trigger_line"); line.present()) {
-    s.line_period = seconds_from(1.0 / line.number("rate_hz", {.min = 0.001, .max = 1e5}));
+    s.line_period = read_rate(line, "rate_hz", {.min = 0.001, .max = 1e5});
     s.line_phase = seconds_from(line.number_or("phase_us", 0, {.min = 0, .max = 1e9}) * 1e-6);
     line.finish();
   }

@@ -29,14 +29,15 @@ struct EmulatedCameraSettings {
   Duration readout;
   bool align_to_clock = true;
   double link_bits_per_s = 1e9;
-  Duration line_period, line_phase;  ///< what is wired to Line1; period 0: nothing
+  Period line_period;  ///< of what is wired to Line1; 0: nothing
+  Duration line_phase;
   gige::GigeCameraConfig::Ptp ptp;
   double range_scale_mm = 0.25, amplitude_scale = 1;  ///< of a count of a 3D camera
 };
 
 /// Throws ConfigError. `name`: of the entry, the default serial number.
 [[nodiscard]] EmulatedCameraSettings read_emulated_camera(const ConfigNode& params, const std::string& name,
-                                                          Duration period);
+                                                          const Period& period);
 
 /// What the parts' sensor gives: a picture, or range and amplitude. Nothing where there is neither.
 struct EmulatedSensor {

@@ -10,10 +10,11 @@ std::uint64_t GigeDeviceModel::ticks(DeviceTime t) const {
   return static_cast<std::uint64_t>(std::max<std::int64_t>(0, (t - timestamp_zero_).ns()));
 }
 
-Duration GigeDeviceModel::period() const {
+Period GigeDeviceModel::period() const {
   // Exposure and readout overlap, as in a global-shutter sensor: the longer of the two times sets the rate.
   const double rate = frame_rate_enable_ != 0 ? frame_rate_hz_ : config_.max_frame_rate_hz;
-  return seconds_from(std::max(1.0 / rate, exposure_us_ * 1e-6));
+  const Period frame = Period::of_hz(rate), exposure = seconds_from(exposure_us_ * 1e-6);
+  return exposure > frame ? exposure : frame;
 }
 
 void GigeDeviceModel::start_acquisition(DeviceTime now) {
@@ -25,15 +26,22 @@ void GigeDeviceModel::start_acquisition(DeviceTime now) {
   if (mode_ == reg::kModeSingleFrame) frames_left_ = 1;
   if (mode_ == reg::kModeMultiFrame) frames_left_ = frame_count_;
   sensor_free_ = now;
-  next_free_run_ = on_grid(now);
+  run_freely_from(on_grid(now));
   rewire(now);
 }
 
 DeviceTime GigeDeviceModel::on_grid(DeviceTime t) const {
   if (!config_.align_to_clock) return t;
-  const std::int64_t p = period().ns();
-  const std::int64_t k = t.ns() / p;
-  return DeviceTime((k * p < t.ns() ? k + 1 : k) * p);
+  const Period p = period();
+  return DeviceTime(0) + p * p.first_index_from(t - DeviceTime(0));
+}
+
+void GigeDeviceModel::run_freely_from(DeviceTime t) {
+  free_run_ = period();
+  // On the emulator's grid the count goes on from its beginning.
+  free_run_zero_ = config_.align_to_clock ? DeviceTime(0) : t;
+  free_run_index_ = free_run_.nearest_index(t - free_run_zero_);
+  next_free_run_ = t;
 }
 
 void GigeDeviceModel::stop_acquisition() {
@@ -59,13 +67,18 @@ GvStatus GigeDeviceModel::software_trigger(DeviceTime now) {
 // The line. A pulse is taken when it comes, or missed: there is no queue behind a wire.
 
 DeviceTime GigeDeviceModel::wired_edge(DeviceTime t) const {
+  return config_.line_period.ns() == 0 ? DeviceTime::never() : wired_at(wired_index(t));
+}
+
+std::int64_t GigeDeviceModel::wired_index(DeviceTime t) const {
+  return (t - wired_at(0) - nanoseconds(1)) / config_.line_period + 1;
+}
+
+DeviceTime GigeDeviceModel::wired_at(std::int64_t k) const {
   const std::int64_t p = config_.line_period.ns();
-  if (p == 0) return DeviceTime::never();
   const std::int64_t first =
       config_.line_phase.ns() % p + (trigger_activation_ == reg::kFallingEdge ? p / 2 : 0);
-  const std::int64_t behind = t.ns() - first;
-  const std::int64_t k = behind <= 0 ? -(-behind / p) : (behind + p - 1) / p;
-  return DeviceTime(first + k * p);
+  return DeviceTime(first) + config_.line_period * k;
 }
 
 void GigeDeviceModel::rewire(DeviceTime now) {
@@ -74,10 +87,10 @@ void GigeDeviceModel::rewire(DeviceTime now) {
 
 bool GigeDeviceModel::line_high(DeviceTime t) const {
   if (t >= pulse_rise_ && t < pulse_fall_) return true;
-  const std::int64_t p = config_.line_period.ns();
-  if (p == 0) return false;
-  const std::int64_t in = ((t.ns() - config_.line_phase.ns()) % p + p) % p;
-  return in < p / 2;
+  const Period& p = config_.line_period;
+  if (p.ns() == 0) return false;
+  const Duration since = t - (DeviceTime(0) + config_.line_phase);
+  return since - p * (since / p) < p / 2;
 }
 
 void GigeDeviceModel::pulse_line(DeviceTime rise, DeviceTime fall) {
@@ -96,12 +109,10 @@ void GigeDeviceModel::miss_edges() {
   while (!triggers_.empty() && triggers_.front() < sensor_free_)
     triggers_.pop_front(), ++counters_.line_missed;
   if (next_wired_ == DeviceTime::never()) return;
-  const std::int64_t behind = (sensor_free_ - (next_wired_ + trigger_delay())).ns();
-  if (behind <= 0) return;
-  const std::int64_t p = config_.line_period.ns();
-  const std::int64_t missed = (behind + p - 1) / p;
-  counters_.line_missed += static_cast<std::uint64_t>(missed);
-  next_wired_ = next_wired_ + config_.line_period * missed;
+  const DeviceTime free = sensor_free_ - trigger_delay();
+  if (free <= next_wired_) return;
+  counters_.line_missed += static_cast<std::uint64_t>(wired_index(free) - wired_index(next_wired_));
+  next_wired_ = wired_edge(free);
 }
 
 // IEEE 1588: a servo that has settled keeps the clock within the offset, this way and that.
@@ -187,22 +198,28 @@ std::shared_ptr<GvspBlock> GigeDeviceModel::new_block() {
 bool GigeDeviceModel::begin_frame(DeviceTime now, FrameJob& job) {
   DeviceTime start = next_exposure();
   if (start > now) return false;
-  const Duration p = period();
   if (trigger_mode_ == 0) {
-    const std::int64_t behind = (now - start) / p;
+    if (!free_run_.same_as(period())) {  // what sets the rate was written since
+      free_run_ = period();
+      free_run_zero_ = start;
+      free_run_index_ = 0;
+    }
+    const std::int64_t behind = (now - free_run_zero_) / free_run_ - free_run_index_;
     if (behind > 0) {
       counters_.exposures_skipped += static_cast<std::uint64_t>(behind);
       index_ += static_cast<std::uint64_t>(behind);
-      start = start + p * behind;
+      free_run_index_ += behind;
+      start = free_run_zero_ + free_run_ * free_run_index_;
     }
-    next_free_run_ = start + p;
+    next_free_run_ = free_run_zero_ + free_run_ * ++free_run_index_;
   } else if (next_wired_ != DeviceTime::never() && next_wired_ + trigger_delay() == start) {
     // Edges that nobody came to look at in time are past.
-    const std::int64_t behind = (now - start) / config_.line_period;
+    const std::int64_t newest = wired_index(now - trigger_delay() + nanoseconds(1)) - 1;
+    const std::int64_t behind = newest - wired_index(next_wired_);
     counters_.exposures_skipped += static_cast<std::uint64_t>(behind);
     index_ += static_cast<std::uint64_t>(behind);
-    start = start + config_.line_period * behind;
-    next_wired_ = next_wired_ + config_.line_period * (behind + 1);
+    start = wired_at(newest) + trigger_delay();
+    next_wired_ = wired_at(newest + 1);
     ++counters_.line_edges;
   } else {
     triggers_.pop_front();

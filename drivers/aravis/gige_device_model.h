@@ -32,8 +32,8 @@
 #include "drivers/aravis/gige_registers.h"
 #include "drivers/aravis/gvcp_codec.h"
 #include "drivers/aravis/gvsp_codec.h"
+#include "rt-core/period.h"
 #include "rt-core/result.h"
-#include "rt-core/time.h"
 
 namespace rigor::gige {
 
@@ -77,7 +77,8 @@ struct GigeCameraConfig {
 
   /// What is wired to Line1: pulses that rise at line_phase + k·line_period on the emulator's clock and fall
   /// half a period later. Period 0: nothing, but pulse_line() pulses it.
-  Duration line_period, line_phase;
+  Period line_period;
+  Duration line_phase;
   /// A clock that follows a PTP master once PtpEnable was set.
   struct Ptp {
     bool present = false;
@@ -218,13 +219,15 @@ class GigeDeviceModel {
   [[nodiscard]] GvStatus software_trigger(DeviceTime now);
   [[nodiscard]] bool is_owner(Endpoint from) const { return privilege_ != 0 && from == owner_; }
   [[nodiscard]] bool params_locked() const { return acquiring_ || tl_params_locked_ != 0; }
-  [[nodiscard]] Duration period() const;
+  [[nodiscard]] Period period() const;
   [[nodiscard]] bool on_line() const {
     return trigger_mode_ != 0 && trigger_source_ == reg::kTriggerSourceLine1;
   }
   [[nodiscard]] Duration trigger_delay() const { return seconds_from(trigger_delay_us_ * 1e-6); }
   /// The first edge of the wired pulses that counts, at or after `t`.
   [[nodiscard]] DeviceTime wired_edge(DeviceTime t) const;
+  [[nodiscard]] std::int64_t wired_index(DeviceTime t) const;
+  [[nodiscard]] DeviceTime wired_at(std::int64_t k) const;
   void rewire(DeviceTime now);
   void miss_edges();
   [[nodiscard]] bool line_high(DeviceTime t) const;
@@ -240,6 +243,8 @@ class GigeDeviceModel {
   [[nodiscard]] bool sends_amplitude() const { return multipart_ && (components_ & (1u << kIntensity)) != 0; }
   void append_chunks(const FrameRequest& request, std::vector<std::uint8_t>& data) const;
   [[nodiscard]] DeviceTime on_grid(DeviceTime t) const;
+  /// Free running from `t` on: instants are counted from here, so that they do not drift.
+  void run_freely_from(DeviceTime t);
   [[nodiscard]] std::uint64_t ticks(DeviceTime t) const;
   [[nodiscard]] std::shared_ptr<GvspBlock> new_block();
   void dispatch(const GvcpRequest& q, Endpoint from, DeviceTime now, GvcpAnswer& answer);
@@ -297,6 +302,9 @@ class GigeDeviceModel {
   std::uint64_t epoch_ = 0, index_ = 0;
   std::optional<std::uint64_t> frames_left_;
   DeviceTime next_free_run_, sensor_free_;
+  Period free_run_;  ///< the period of next_free_run_, which is free_run_zero_ + free_run_·free_run_index_
+  DeviceTime free_run_zero_;
+  std::int64_t free_run_index_ = 0;
   std::deque<DeviceTime> triggers_;  ///< starts of exposures that were asked for, the delay included
   DeviceTime next_wired_ = DeviceTime::never();  ///< edge of the wired pulses, without the delay
   DeviceTime pulse_rise_, pulse_fall_;

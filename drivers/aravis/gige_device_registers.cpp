@@ -131,7 +131,7 @@ GvStatus GigeDeviceModel::read_u32(std::uint32_t address, Endpoint from, std::ui
       return GvStatus::success;
     case reg::kResultingFrameRate:
     case reg::kResultingFrameRate + 4:
-      value = half_double(1.0 / period().seconds());
+      value = half_double(period().hz());
       return GvStatus::success;
     case reg::kAcquisitionActive:
       value = acquiring_ ? 1 : 0;
@@ -382,7 +382,7 @@ GvStatus GigeDeviceModel::write_feature(std::uint32_t address, std::uint32_t val
       if (trigger_mode_ != value) triggers_.clear();
       trigger_mode_ = value;
       rewire(now);
-      if (value == 0) next_free_run_ = on_grid(std::max(next_free_run_, std::max(now, sensor_free_)));
+      if (value == 0) run_freely_from(on_grid(std::max(next_free_run_, std::max(now, sensor_free_))));
       return GvStatus::success;
     case reg::kTriggerSource:
       if (value > reg::kTriggerSourceLine1) return GvStatus::invalid_parameter;
@@ -445,17 +445,17 @@ GvStatus GigeDeviceModel::write_double(std::uint32_t address, double value, Devi
     return GvStatus::success;
   };
   answer.schedule_changed = true;
-  const Duration before = period();
+  const Period before = period();
   GvStatus s = GvStatus::write_protect;
   if (address == reg::kFrameRate)
     s = set(config_.min_frame_rate_hz, config_.max_frame_rate_hz, frame_rate_hz_);
   if (address == reg::kExposureTime) s = set(config_.min_exposure_us, config_.max_exposure_us, exposure_us_);
   if (address == reg::kGain) s = set(config_.min_gain_db, config_.max_gain_db, gain_db_);
   if (address == reg::kTriggerDelay) s = set(0, kMaxTriggerDelayUs, trigger_delay_us_);
-  if (acquiring_ && index_ > 0 && period() != before) {
+  if (acquiring_ && index_ > 0 && !period().same_as(before)) {
     // The frame in progress keeps its place and is exposed to its end; the next one comes a new period behind
     // it.
-    next_free_run_ = on_grid(std::max(std::max(next_free_run_ - before + period(), sensor_free_), now));
+    run_freely_from(on_grid(std::max(std::max(next_free_run_ - before + period(), sensor_free_), now)));
   }
   return s;
 }

@@ -54,7 +54,8 @@ struct GigeVirtualSource::Impl {
   gige::AssembledFrame frame;
   FrameSequence sequence;
   std::deque<SampleLease> ready;
-  BenchTime next_exposure;  // start of the next one that is not begun
+  BenchTime first_exposure, next_exposure;  // start of the first, and of the next one that is not begun
+  std::int64_t next_index = 0;
   DeviceTime device_now;
   std::uint32_t lost_pending = 0;
   bool running = false;
@@ -151,9 +152,9 @@ void GigeVirtualSource::Impl::set_up() {
     require(client->set_gain(*settings.gain_db), "gain_db",
             fmt::format("expected {:g} … {:g} dB, as the camera offers, got {:g}", c.min_gain_db,
                         c.max_gain_db, *settings.gain_db));
-  require(client->set_frame_rate(1.0 / config.period.seconds()), "rate_hz",
+  require(client->set_frame_rate(config.period.hz()), "rate_hz",
           fmt::format("expected {:g} … {:g} Hz, as the camera offers, got {:g}", c.min_frame_rate_hz,
-                      c.max_frame_rate_hz, 1.0 / config.period.seconds()));
+                      c.max_frame_rate_hz, config.period.hz()));
   require(client->set_acquisition(gige::AcquisitionMode::continuous), {}, "setting continuous acquisition");
   require(client->set_software_trigger(settings.software_trigger || settings.hardware_trigger), "trigger",
           "setting the trigger");
@@ -264,7 +265,8 @@ Status GigeVirtualSource::do_arm(const ArmContext& context) {
 
 Status GigeVirtualSource::do_start(BenchTime t0) {
   Impl& i = *impl_;
-  i.next_exposure = i.settings.software_trigger ? t0 : t0 - i.exposure / 2;
+  i.first_exposure = i.next_exposure = i.settings.software_trigger ? t0 : t0 - i.exposure / 2;
+  i.next_index = 0;
   if (!i.settings.software_trigger) i.advance(device_time(i.next_exposure));
   if (auto status = i.client->start(); !status)
     return fail(status.error().code, i.config.name, status.error().text());
@@ -303,7 +305,7 @@ void GigeVirtualSource::complete_until(BenchTime now) {
     // The exposure opens here, so that the picture is asked for now; and its packets are due before the next
     // one.
     i.advance(device_time(i.next_exposure) + nanoseconds(1));
-    i.next_exposure = i.next_exposure + i.config.period;
+    i.next_exposure = i.first_exposure + i.config.period * ++i.next_index;
   }
   // Packets of what is released by now, though the camera's clock has not come that far: no later exposure is
   // opened.

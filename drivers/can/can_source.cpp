@@ -115,13 +115,12 @@ bool CanSource::wait(MonotonicTime until) noexcept {
 }
 
 void CanSource::run(BenchTime t0) {
-  const std::int64_t period = config().period.ns();
+  const Period period = config().period;
   std::int64_t k = 0;
-  if (settings_.sampled)
-    k = std::max<std::int64_t>(0, (monotonic_now().ns() - t0.ns() + period - 1) / period);
+  if (settings_.sampled) k = period.first_index_from(bench_now() - t0);
   while (true) {
     auto wake = monotonic_now() + kLook;
-    const auto grid = [&] { return MonotonicTime(t0.ns() + k * period); };  // bench time is CLOCK_MONOTONIC
+    const auto grid = [&] { return MonotonicTime((t0 + period * k).ns()); };  // bench time is CLOCK_MONOTONIC
     if (settings_.sampled) wake = std::min(wake, grid());
     if (!link_is_up_) wake = std::min(wake, std::max(backoff_.next(), monotonic_now()));
     if (restart_at_.ns() != 0) wake = std::min(wake, restart_at_);
@@ -140,7 +139,7 @@ void CanSource::run(BenchTime t0) {
                                                             : now + std::max(settings_.restart, seconds(1));
     }
     for (; settings_.sampled && grid() <= now; ++k) {
-      if (now - grid() > Duration(period) || !link_is_up_)
+      if (now - grid() > period || !link_is_up_)
         count_lost(1);  // too late for this instant, or nothing to be known at it
       else
         sample_at(BenchTime(grid().ns()), static_cast<std::uint64_t>(k));

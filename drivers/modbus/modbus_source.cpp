@@ -89,9 +89,9 @@ std::vector<std::string> ModbusSource::warnings() const {
 }
 
 void ModbusSource::run(BenchTime t0) {
-  const auto period = config().period.ns();
-  std::int64_t k = std::max<std::int64_t>(0, (monotonic_now().ns() - t0.ns() + period - 1) / period);
-  while (deadline_.wait_until(MonotonicTime(t0.ns() + k * period))) {
+  const Period period = config().period;
+  std::int64_t k = period.first_index_from(bench_now() - t0);
+  while (deadline_.wait_until(MonotonicTime((t0 + period * k).ns()))) {
     if (!link_.is_open()) try_again();
     if (link_.is_open()) {
       read_once(static_cast<std::uint64_t>(k));
@@ -100,8 +100,7 @@ void ModbusSource::run(BenchTime t0) {
     }
     // An answer that took longer than the period has cost the instants it ran over; the grid stays where it
     // is.
-    const auto now = monotonic_now().ns();
-    const auto next = std::max(k + 1, (now - t0.ns() - period / 2 + period - 1) / period);
+    const auto next = std::max(k + 1, period.first_index_from(bench_now() - t0 - period / 2));
     count_lost(static_cast<std::uint64_t>(next - (k + 1)));
     k = next;
   }

@@ -199,9 +199,9 @@ class VirtualSource final : public StreamSource, private VirtualDevice::Member {
       count_lost(1);
     }
     // What an answer ran over is lost; the grid stays where it is.
-    const auto period = config().period.ns();
+    const Period& period = config().period;
     const auto next = std::max<std::int64_t>(static_cast<std::int64_t>(index) + 1,
-                                             ((t - t0_).ns() + took.ns() + period / 2 - 1) / period);
+                                             period.first_index_from(t - t0_ + took - period / 2));
     count_lost(static_cast<std::uint64_t>(next) - index - 1);
     index_ = static_cast<std::uint64_t>(next);
   }

@@ -7,6 +7,7 @@
 #include <cerrno>
 
 #include "drivers/usb/device_ends.h"
+#include "sensor-hal/config/rate.h"
 
 namespace rigor::usb {
 
@@ -25,7 +26,7 @@ Status BulkEmulator::do_configure(const ChannelConfig& config) {
   const ConfigNode& n = config.params;
   (void)n.choice_or("protocol", {"bulk"}, "bulk");
   format_ = read_bulk_format(n.map("frame"));
-  period_ = seconds_from(1 / n.number_or("rate_hz", 30, {.min = 0.01, .max = 10000}));
+  period_ = read_rate_or(n, "rate_hz", Period::of_rate(30), {.min = 0.01, .max = 10000});
   delay_ = seconds_from(n.number_or("delay_ms", 0, {.min = 0, .max = 10000}) * 1e-3);
   gadget_ = n.choice_or("as", {"gadget", "tcp"}, "gadget") == "gadget";
   if (gadget_) {
@@ -109,7 +110,7 @@ void BulkEmulator::run() {
   const MonotonicTime start = monotonic_now();
   std::string bytes;
   for (std::int64_t k = 0;; ++k) {
-    const std::int64_t now = (monotonic_now() - start).ns() / period_.ns();
+    const std::int64_t now = (monotonic_now() - start) / period_;
     if (now > k) {
       counters_.frames_skipped.fetch_add(static_cast<std::uint64_t>(now - k), std::memory_order_relaxed);
       k = now;
@@ -118,7 +119,7 @@ void BulkEmulator::run() {
     if (!deadline_.wait_until(due)) return;
     if (end_ && end_->fd() < 0) {
       set_connected(false);
-      end_->await(deadline_.cut_fd(), std::min(period_, milliseconds(100)));
+      end_->await(deadline_.cut_fd(), std::min<Duration>(period_, milliseconds(100)));
       continue;
     }
     if (device_ && !device_->enabled()) {

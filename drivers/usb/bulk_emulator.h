@@ -53,7 +53,8 @@ class BulkEmulator final : public Emulator {
 
   DeviceParts parts_;
   BulkFormat format_;
-  Duration period_, delay_;
+  Period period_;
+  Duration delay_;
   bool gadget_ = true;
   GadgetSettings gadget_settings_;
   std::string address_;

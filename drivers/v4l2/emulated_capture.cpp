@@ -12,7 +12,7 @@ constexpr std::int64_t kMaxExposure = 100'000;  // 10 s in units of 100 µs
 
 EmulatedCapture::EmulatedCapture(const EmulatedVideoSettings& settings, EmulatedPictures pictures)
     : settings_(settings), pictures_(std::move(pictures)) {
-  period_ = seconds_from(1.0 / settings.rate_hz);
+  period_ = Period::of_hz(settings.rate_hz);
   // Its control has units of 100 µs, so it exposes in whole ones.
   const std::int64_t units = std::max<std::int64_t>(1, (pictures_.exposure().ns() + 50'000) / 100'000);
   pictures_.set_exposure(microseconds(units * 100));
@@ -73,7 +73,7 @@ Status EmulatedCapture::start(std::uint32_t count) {
   return {};
 }
 
-void EmulatedCapture::set_grid(BenchTime t0, Duration period) noexcept { t0_ = t0, period_ = period; }
+void EmulatedCapture::set_grid(BenchTime t0, const Period& period) noexcept { t0_ = t0, period_ = period; }
 
 bool EmulatedCapture::advance(BenchTime now) {
   const Shutter shutter{.exposure = pictures_.exposure(), .readout = settings_.readout};

@@ -23,7 +23,7 @@ class EmulatedCapture final : public CaptureDevice {
   void stop() override;
 
   /// The middle of the centre row's exposure of capture 0. Before start.
-  void set_grid(BenchTime t0, Duration period) noexcept;
+  void set_grid(BenchTime t0, const Period& period) noexcept;
   /// The next capture, if its last row is read by `now`; false when there is none. One that finds no free
   /// buffer is dropped, and the count goes on, as drivers do.
   bool advance(BenchTime now);
@@ -43,7 +43,7 @@ class EmulatedCapture final : public CaptureDevice {
   std::deque<std::uint32_t> done_;
   std::uint64_t next_index_ = 0, dropped_ = 0;
   BenchTime t0_;
-  Duration period_;
+  Period period_;
   bool running_ = false;
 };
 

@@ -5,14 +5,17 @@
 #include <cstring>
 
 #include "drivers/v4l2/v4l2_settings.h"
+#include "sensor-hal/config/rate.h"
 
 namespace rigor::v4l2 {
 
-EmulatedVideoSettings read_emulated_video(const ConfigNode& n, const std::string& name, Duration period) {
+EmulatedVideoSettings read_emulated_video(const ConfigNode& n, const std::string& name,
+                                          const Period& period) {
   EmulatedVideoSettings s;
   s.codes = read_codes(n, "formats", kYuyv);
   s.rate_hz =
-      n.number_or("rate_hz", period.ns() > 0 ? 1.0 / period.seconds() : 30.0, {.min = 0.1, .max = 1000});
+      read_rate_or(n, "rate_hz", period.ns() > 0 ? period : Period::of_rate(30), {.min = 0.1, .max = 1000})
+          .hz();
   if (n.has("exposure_us"))
     s.exposure = seconds_from(n.number("exposure_us", {.min = 0, .max = 10e6, .exclusive_min = true}) * 1e-6);
   s.gain_db = n.number_or("gain_db", 0, {.min = -40, .max = 80});

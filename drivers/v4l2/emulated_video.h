@@ -37,7 +37,7 @@ struct EmulatedVideoSettings {
 };
 /// Throws ConfigError. `period`: of the channel that it stands for; the default rate.
 [[nodiscard]] EmulatedVideoSettings read_emulated_video(const ConfigNode& params, const std::string& name,
-                                                        Duration period);
+                                                        const Period& period);
 
 /// Depth along z from range along the ray: z = r / √(1 + x² + y²), x = (u − cx)/fx; in units of `unit_m`,
 /// rounded to nearest, 0 for no return and for what 16 bits do not hold.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 namespace rigor::v4l2 {
 namespace {
@@ -22,15 +23,23 @@ const OfferedSize* size_of(const OfferedFormat& format, std::uint32_t width_px, 
   return nullptr;
 }
 
+/// 1/30 s for 30 Hz; in units of 100 ns, as UVC counts, what the fields of an interval cannot hold.
+Interval exactly(const Period& period) {
+  constexpr std::int64_t kMost = std::numeric_limits<std::uint32_t>::max();
+  if (period.rate_num() <= kMost && period.rate_den() <= kMost)
+    return {static_cast<std::uint32_t>(period.rate_den()), static_cast<std::uint32_t>(period.rate_num())};
+  return {static_cast<std::uint32_t>(std::llround(period.seconds() * 1e7)), 10'000'000};
+}
+
 /// The interval for this rate; numerator 0 where the device leaves the rate to others.
-std::optional<Interval> interval_of(const OfferedSize& size, Duration period) {
+std::optional<Interval> interval_of(const OfferedSize& size, const Period& period) {
   if (period.ns() <= 0 || size.intervals.empty()) return Interval{};
-  const double rate_hz = 1.0 / period.seconds();
+  const double rate_hz = period.hz();
   if (size.continuous) {
     const double fastest = size.intervals.front().rate_hz(), slowest = size.intervals.back().rate_hz();
     if (rate_hz > fastest * (1 + kRateTolerance) || rate_hz < slowest * (1 - kRateTolerance))
       return std::nullopt;
-    return Interval{static_cast<std::uint32_t>(std::llround(period.seconds() * 1e7)), 10'000'000};
+    return exactly(period);
   }
   for (const Interval& i : size.intervals)
     if (std::abs(i.rate_hz() - rate_hz) <= kRateTolerance * rate_hz) return i;
@@ -59,8 +68,7 @@ Result<FormatChoice> choose_in(const DeviceTable& table, const OfferedFormat& fo
       c.width_px = format.sizes.front().min_width_px, c.height_px = format.sizes.front().min_height_px;
   }
   if (format.sizes.empty()) {  // the driver will say what it makes of it
-    if (r.period.ns() > 0 && table.sets_rate)
-      c.interval = {static_cast<std::uint32_t>(std::llround(r.period.seconds() * 1e7)), 10'000'000};
+    if (r.period.ns() > 0 && table.sets_rate) c.interval = exactly(r.period);
     return c;
   }
   const OfferedSize* size = size_of(format, c.width_px, c.height_px);
@@ -71,10 +79,10 @@ Result<FormatChoice> choose_in(const DeviceTable& table, const OfferedFormat& fo
                             nearest_size(format, c.width_px, c.height_px)));
   const auto interval = interval_of(*size, r.period);
   if (!interval)
-    return fail(ErrorCode::bad_input, "rate_hz",
-                fmt::format("expected a rate that {} offers for {} at {}x{}: {}; got {:.6g} Hz", table.card,
-                            fourcc_text(format.code), c.width_px, c.height_px, rates_text(*size),
-                            1.0 / r.period.seconds()));
+    return fail(
+        ErrorCode::bad_input, "rate_hz",
+        fmt::format("expected a rate that {} offers for {} at {}x{}: {}; got {:.6g} Hz", table.card,
+                    fourcc_text(format.code), c.width_px, c.height_px, rates_text(*size), r.period.hz()));
   c.interval = *interval;
   return c;
 }

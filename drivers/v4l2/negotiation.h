@@ -11,6 +11,7 @@
 #include <span>
 
 #include "drivers/v4l2/device_table.h"
+#include "rt-core/period.h"
 #include "rt-core/result.h"
 
 namespace rigor::v4l2 {
@@ -22,7 +23,7 @@ struct FormatRequest {
   PixelFormat format = PixelFormat::mono8;    ///< of the samples
   std::uint32_t code = 0;                     ///< of the device; 0: any that gives `format`
   std::uint32_t width_px = 0, height_px = 0;  ///< 0: as the device is set
-  Duration period;                            ///< 0: as the device is set
+  Period period;                              ///< 0: as the device is set
 };
 struct FormatChoice {
   std::uint32_t code = 0, width_px = 0, height_px = 0;

@@ -77,7 +77,7 @@ Status V4l2Emulator::do_arm(const ArmContext& context) {
   pictures_.emplace(std::move(*pictures));
   description_.width_px = pictures_->width_px(), description_.height_px = pictures_->height_px();
   description_.format = made_from(settings_.codes.front()).value_or(PixelFormat::mono8);
-  grid_.period = seconds_from(1.0 / settings_.rate_hz);
+  grid_.period = Period::of_hz(settings_.rate_hz);
   shutter_ = {.exposure = pictures_->exposure(), .readout = settings_.readout, .period = grid_.period};
   if (usb_) return arm_usb();
   auto output = open_output();
@@ -149,8 +149,8 @@ Status V4l2Emulator::do_stop() {
 }
 
 void V4l2Emulator::skip_to_now() {
-  const std::int64_t passed = (bench_now() - grid_.t0 + grid_.period - nanoseconds(1)) / grid_.period;
-  grid_.next = std::max<std::uint64_t>(grid_.next, passed > 0 ? static_cast<std::uint64_t>(passed) : 0);
+  const std::int64_t passed = grid_.period.first_index_from(bench_now() - grid_.t0);
+  grid_.next = std::max<std::uint64_t>(grid_.next, static_cast<std::uint64_t>(passed));
 }
 
 bool V4l2Emulator::hand_over_one(bool& refused) {

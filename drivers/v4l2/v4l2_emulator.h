@@ -42,7 +42,7 @@ class V4l2Emulator final : public Emulator {
  private:
   struct Grid {
     BenchTime t0;
-    Duration period;
+    Period period;
     std::uint64_t next = 0;
     [[nodiscard]] BenchTime at(std::uint64_t k) const { return t0 + period * static_cast<std::int64_t>(k); }
   };

@@ -60,7 +60,7 @@ Result<Plan> set_up(CaptureDevice& device, const Settings& settings, const Chann
   Shutter& shutter = plan.shutter;
   shutter.readout = settings.readout;
   shutter.global = settings.global_shutter;
-  shutter.period = config.period.ns() > 0 ? config.period : actual->interval.duration();
+  shutter.period = config.period.ns() > 0 ? Duration(config.period) : actual->interval.duration();
   shutter.exposure_known = true;
   if (settings.exposure) {
     shutter.exposure = *settings.exposure;

@@ -71,7 +71,7 @@ class Application {
   virtual ~Application() = default;
   /// Setup thread: reads its keys, finds its ports, takes all memory it will need.
   [[nodiscard]] virtual Status configure(ConfigNode params, const ApplicationPorts& ports,
-                                         Duration loop_period) = 0;
+                                         Period loop_period) = 0;
   /// Loop thread, once a cycle after the inputs: no allocation, no lock, no blocking call.
   virtual void step(std::uint64_t cycle, BenchTime t_cycle) noexcept = 0;
   /// Setup thread, once after the last step: ends its threads, writes what it has to say. An error fails

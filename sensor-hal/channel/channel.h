@@ -23,6 +23,7 @@
 #include <string>
 #include <vector>
 
+#include "rt-core/period.h"
 #include "rt-core/result.h"
 #include "rt-core/time.h"
 #include "sensor-hal/config/yaml.h"
@@ -37,7 +38,7 @@ enum class ChannelState : std::uint8_t { created, configured, armed, running };
 struct ChannelConfig {
   std::string name;  ///< unique in the rig; pairs name their sides `left.real`, `left.simulated`
   SampleKind kind = SampleKind::none;
-  Duration period;         ///< nominal; 0: aperiodic
+  Period period;           ///< 0: aperiodic
   Duration latency;        ///< capture to release: the latency of the device that is modelled
   std::uint64_t seed = 0;  ///< of the rig; a model's draws are keyed by it and by the channel's name
   ConfigNode params;       ///< this backend's own keys, with their places in the file
@@ -69,7 +70,7 @@ struct Health {
 /// What arm needs to know of the run.
 struct ArmContext {
   bool virtual_time = false;
-  Duration loop_period = milliseconds(1);
+  Period loop_period = milliseconds(1);
 };
 
 class Channel {

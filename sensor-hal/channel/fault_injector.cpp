@@ -104,7 +104,7 @@ Status FaultInjector::schedule_live(const ConfigNode& node, std::uint32_t index,
   return {};
 }
 
-void FaultInjector::start(BenchTime t0, Duration loop_period) {
+void FaultInjector::start(BenchTime t0, Period loop_period) {
   t0_ = t0;
   period_ = loop_period;
   any_cycle_ = false;

@@ -20,6 +20,7 @@
 #include <string>
 #include <vector>
 
+#include "rt-core/period.h"
 #include "rt-core/port.h"
 #include "sensor-hal/channel/fault_spec.h"
 #include "sensor-hal/channel/fault_values.h"
@@ -82,7 +83,7 @@ class FaultInjector {
 
   /// Reads `faults` of a channel's keys. Throws ConfigError. What was there before is forgotten.
   void configure(const FaultSubject& subject, std::uint64_t seed, const ConfigNode& params);
-  void start(BenchTime t0, Duration loop_period);
+  void start(BenchTime t0, Period loop_period);
   /// Gives back what faults hold. The loop has ended.
   void stop() noexcept;
 
@@ -128,7 +129,7 @@ class FaultInjector {
 
   // the run
   BenchTime t0_, cycle_;
-  Duration period_ = milliseconds(1);
+  Period period_ = milliseconds(1);
   bool running_ = false, any_cycle_ = false;
   std::vector<Fault*> all_, active_;
   std::unique_ptr<SamplePool> event_pool_;

@@ -40,7 +40,7 @@ class FaultySink final : public Sink {
 
   std::unique_ptr<Sink> inner_;
   FaultInjector faults_;
-  Duration loop_period_ = milliseconds(1);
+  Period loop_period_ = milliseconds(1);
   BenchTime last_effect_;
   bool any_ = false;
   std::uint64_t lost_ = 0;

@@ -135,7 +135,7 @@ class FaultySource final : public FollowerSource {
   // the run
   bool virtual_time_ = false, running_ = false;
   SlotWait slot_wait_;
-  Duration loop_period_ = milliseconds(1);
+  Period loop_period_ = milliseconds(1);
   SampleLease ahead_;  ///< virtual time: one whose release has not come
   std::array<Waiting, kWaiting> waiting_{};
   std::size_t first_ = 0, count_ = 0, own_waiting_ = 0;

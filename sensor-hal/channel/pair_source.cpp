@@ -8,15 +8,6 @@
 #include "sensor-hal/channel/pair_monitor.h"
 
 namespace rigor {
-namespace {
-
-/// Nearest integer to d / period; d may be negative.
-std::int64_t periods_in(Duration d, Duration period) noexcept {
-  const std::int64_t p = period.ns(), n = d.ns() + p / 2;
-  return n >= 0 ? n / p : -((-n + p - 1) / p);
-}
-
-}  // namespace
 
 bool PairSource::SideState::push(SampleLease&& s) noexcept {
   if (count == kPending) return false;
@@ -146,9 +137,10 @@ std::vector<std::string> PairSource::warnings() const {
 }
 
 BenchTime PairSource::predicted(std::uint64_t index) const noexcept {
-  const auto k =
-      static_cast<std::int64_t>(index - anchor_index_);  // wraps to negative where index is before the anchor
-  const BenchTime t = anchor_t_ + period_ * k;
+  // By the grid and how far the anchor lies from it, so that the instants of a device on the grid come out to
+  // the nanosecond.
+  const auto on_grid = [this](std::uint64_t k) { return period_ * static_cast<std::int64_t>(k); };
+  const BenchTime t = anchor_t_ + (on_grid(index) - on_grid(anchor_index_));
   return std::max(t, last_twin_t_ == BenchTime(std::numeric_limits<std::int64_t>::min())
                          ? t
                          : last_twin_t_ + Duration(1));
@@ -192,7 +184,7 @@ void PairSource::take_real(SampleLease&& sample) noexcept {
     misplaced_ += any_real_;  // and a clock that was right before is wrong now
     return;
   }
-  const std::int64_t steps = periods_in(stamp.t_capture - anchor_t_, period_);
+  const std::int64_t steps = period_.nearest_index(stamp.t_capture - anchor_t_);
   const std::uint64_t index =
       any_real_ ? anchor_index_ + static_cast<std::uint64_t>(std::max<std::int64_t>(1, steps))
                 : static_cast<std::uint64_t>(std::max<std::int64_t>(0, steps));

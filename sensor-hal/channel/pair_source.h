@@ -132,7 +132,8 @@ class PairSource final : public Source {
   PairObserver* observer_ = nullptr;
 
   // configuration
-  Duration period_, latency_, overdue_, phase_;
+  Period period_;
+  Duration latency_, overdue_, phase_;
   PairSide initial_ = PairSide::real;
 
   // the run

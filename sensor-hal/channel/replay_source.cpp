@@ -21,6 +21,13 @@ std::int64_t number_or(const std::map<std::string, std::string>& map, const std:
   return end && *end == '\0' && !it->second.empty() ? n : fallback;
 }
 
+/// Recordings of loops with a whole number of nanoseconds say that alone.
+Period recorded_loop_period(const std::map<std::string, std::string>& metadata) {
+  if (const auto it = metadata.find("loop_rate_hz"); it != metadata.end())
+    if (const auto rate = parse_rate(it->second)) return *rate;
+  return nanoseconds(number_or(metadata, "loop_period_ns", 1'000'000));
+}
+
 }  // namespace
 
 // ------------------------------------------------------------------ visibility
@@ -105,8 +112,8 @@ Result<std::shared_ptr<const Recording>> Recording::open(const std::string& path
     }
   std::sort(r.skipped_.begin(), r.skipped_.end(),
             [](const Skipped& a, const Skipped& b) { return a.first < b.first; });
-  const std::int64_t period = number_or(r.metadata_, "loop_period_ns", 1'000'000);
-  const std::int64_t guess = any ? first_t - static_cast<std::int64_t>(first_cycle) * period : 0;
+  const Period period = recorded_loop_period(r.metadata_);
+  const std::int64_t guess = any ? first_t - (period * static_cast<std::int64_t>(first_cycle)).ns() : 0;
   r.t0_ = BenchTime(number_or(r.metadata_, "t0_ns", guess));
   r.cycles_ = static_cast<std::uint64_t>(
       std::max<std::int64_t>(number_or(r.metadata_, "cycles", 0), static_cast<std::int64_t>(r.cycles_)));

@@ -99,6 +99,7 @@ Status SimulatedSource::do_start(BenchTime t0) {
   t_start_ = t0;
   next_capture_ = t0 + phase_;
   next_index_ = 0;
+  on_grid_ = false;
   lost_before_ = 0;
   slot_wait_.begin(virtual_time_);
   failed_before_.store(0, std::memory_order_relaxed);
@@ -119,11 +120,14 @@ Status SimulatedSource::do_stop() {
 
 void SimulatedSource::begin_cycle(BenchTime now) noexcept {
   if (!running_ || period_.ns() <= 0) return;
-  while (next_capture_ <= now) {
-    (void)request_at(next_index_, next_capture_);
-    ++next_index_;
-    next_capture_ = next_capture_ + period_;
-  }
+  on_grid_ = true;
+  while (next_capture_ <= now) request_next();
+}
+
+void SimulatedSource::request_next() noexcept {
+  (void)request_at(next_index_, next_capture_);
+  ++next_index_;
+  next_capture_ = t_start_ + phase_ + period_ * static_cast<std::int64_t>(next_index_);
 }
 
 bool SimulatedSource::request_at(std::uint64_t index, BenchTime t_capture) noexcept {
@@ -195,6 +199,8 @@ SampleLease SimulatedSource::poll(BenchTime) noexcept {
 
 void SimulatedSource::complete_until(BenchTime now) {
   if (!running_) return;
+  // Captured since the last cycle, and due in this one: the next begin_cycle would come too late for them.
+  while (on_grid_ && next_capture_ < now && next_capture_ + latency_ <= now) request_next();
   while (completed_ < dispatched_ && releases_[completed_ % releases_.size()] <= now) ++completed_;
   strand_->wait_for(completed_);
 }

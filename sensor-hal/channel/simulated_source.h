@@ -75,6 +75,7 @@ class SimulatedSource final : public FollowerSource {
   Status do_arm(const ArmContext& context) override;
   Status do_start(BenchTime t0) override;
   Status do_stop() override;
+  void request_next() noexcept;
   void measure_next();
   void measure(Request& request);
   Status warm_up();
@@ -84,7 +85,8 @@ class SimulatedSource final : public FollowerSource {
   WorkerPool& workers_;
 
   // configuration
-  Duration period_, latency_, phase_;
+  Period period_;
+  Duration latency_, phase_;
   std::size_t slots_ = 0;
   std::uint64_t max_backlog_ = 0;
   std::size_t most_waiting_ = 0;
@@ -95,6 +97,7 @@ class SimulatedSource final : public FollowerSource {
   bool running_ = false;
   BenchTime t_start_;
   BenchTime next_capture_;
+  bool on_grid_ = false;  ///< asked by begin_cycle, where a twin is asked by its pair
   std::uint64_t next_index_ = 0;
   std::uint32_t lost_before_ = 0;
   SlotWait slot_wait_;

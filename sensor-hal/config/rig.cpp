@@ -3,9 +3,10 @@
 #include <fmt/format.h>
 
 #include <array>
-#include <cmath>
 #include <numbers>
 #include <set>
+
+#include "sensor-hal/config/rate.h"
 
 namespace rigor {
 namespace {
@@ -55,50 +56,6 @@ bool may_lack_a_rate(SampleKind kind) {
 /// Of channels: periods from 1 us to 12 days, which int64 nanoseconds hold.
 constexpr Range kRate_hz{.min = 1e-6, .max = 1e6};
 
-/// Whether a message can name this number, and the reader gets it back as it is.
-bool short_to_write(double x) { return std::stod(fmt::format("{:g}", x)) == x; }
-
-/// The rates next to `hz` whose period is a whole number of nanoseconds: 2^a 5^b. Of the loop's range.
-std::pair<double, double> whole_period_rates(double hz) {
-  double below = 1, above = 20000;
-  for (int a = -9; a <= 9; ++a)
-    for (int b = -9; b <= 9; ++b) {
-      const double rate = std::pow(2.0, a) * std::pow(5.0, b);
-      if (rate < 1 || rate > 20000 || !short_to_write(rate)) continue;
-      if (rate < hz) below = std::max(below, rate);
-      if (rate > hz) above = std::min(above, rate);
-    }
-  return {below, above};
-}
-
-/// The rates next to `hz` that divide `base_hz`.
-std::string dividing_rates(double base_hz, double hz) {
-  const auto next = [&](std::int64_t from, int step) -> std::optional<double> {
-    for (std::int64_t d = from; d >= 1 && d <= from + 1000; d += step)
-      if (const double rate = base_hz / static_cast<double>(d); short_to_write(rate)) return rate;
-    return {};
-  };
-  const double ratio = base_hz / hz;
-  if (ratio < 1) return fmt::format("the highest is {:g} Hz", base_hz);
-  const auto faster = next(static_cast<std::int64_t>(ratio), -1),
-             slower = next(static_cast<std::int64_t>(ratio) + 1, 1);
-  if (faster && slower) return fmt::format("the nearest are {:g} and {:g} Hz", *faster, *slower);
-  return fmt::format("the nearest is {:g} Hz", faster.value_or(slower.value_or(base_hz)));
-}
-
-/// A rate's period must be a whole number of nanoseconds on the loop's grid: "rates are integer divisors".
-Duration read_period(ConfigNode n, Duration base, std::int64_t& divisor) {
-  const double base_hz = 1e9 / static_cast<double>(base.ns());
-  const double rate_hz = n.number("rate_hz", kRate_hz);
-  const double ratio = base_hz / rate_hz;
-  divisor = static_cast<std::int64_t>(std::llround(ratio));
-  if (divisor < 1 || std::abs(ratio - static_cast<double>(divisor)) > 1e-9 * ratio) {
-    throw n.error("rate_hz", fmt::format("expected a rate that divides the loop's {:g} Hz, got {}; {}",
-                                         base_hz, rate_hz, dividing_rates(base_hz, rate_hz)));
-  }
-  return base * divisor;
-}
-
 /// Whether the channel itself, or the real side of a pair, is a device or a recording.
 bool from_outside(ConfigNode n) {
   const ConfigNode side = n.has("pair") ? n.map("pair").map("real") : n;
@@ -132,18 +89,8 @@ BackendChoice read_backend(ConfigNode n, const std::string& name) {
 
 LoopConfig read_loop(ConfigNode n) {
   LoopConfig l;
-  const double rate_hz = n.number_or("rate_hz", 1000, {.min = 1, .max = 20000});
-  const double period_ns = 1e9 / rate_hz;
-  l.period = nanoseconds(std::llround(period_ns));
-  if (std::abs(period_ns - static_cast<double>(l.period.ns())) > 1e-6) {
-    const auto [below, above] = whole_period_rates(rate_hz);
-    throw n.error(
-        "rate_hz",
-        fmt::format("expected a rate whose period is a whole number of nanoseconds, got {}; the nearest "
-                    "are {:g} and {:g} Hz",
-                    rate_hz, below, above));
-  }
-  l.spin = seconds_from(n.number_or("spin_us", 0, {.min = 0, .max = period_ns * 1e-3}) * 1e-6);
+  l.period = read_rate_or(n, "rate_hz", l.period, {.min = 1, .max = 20000});
+  l.spin = seconds_from(n.number_or("spin_us", 0, {.min = 0, .max = l.period.seconds() * 1e6}) * 1e-6);
   const std::string policy = n.choice_or("overrun", {"skip", "abort", "log"}, "skip");
   l.overrun = policy == "skip"    ? OverrunChoice::skip
               : policy == "abort" ? OverrunChoice::abort
@@ -157,15 +104,23 @@ LoopConfig read_loop(ConfigNode n) {
   return l;
 }
 
+/// The loop sees at most one sample in a cycle: what comes faster would be overtaken before anyone saw it.
+Period read_channel_rate(const ConfigNode& n, SampleKind kind, const LoopConfig& loop) {
+  const Period period = read_rate(n, "rate_hz", kRate_hz);
+  if (period < loop.period && !turns_by_itself(n, kind))
+    throw n.error("rate_hz", fmt::format("expected a rate of at most the loop's {} Hz, got {}; raise "
+                                         "`loop.rate_hz`",
+                                         rate_text(loop.period), rate_text(period)));
+  return period;
+}
+
 ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfig& loop) {
   ChannelEntry c;
   c.name = name;
   c.node = n;
   c.kind = read_kind(n);
-  if (turns_by_itself(n, c.kind))
-    c.period = seconds_from(1 / n.number("rate_hz", kRate_hz));
-  else if (n.has("rate_hz") || !(may_lack_a_rate(c.kind) || told_by_signals(n, c.kind)))
-    c.period = read_period(n, loop.period, c.divisor);
+  if (n.has("rate_hz") || !(may_lack_a_rate(c.kind) || told_by_signals(n, c.kind)))
+    c.period = read_channel_rate(n, c.kind, loop);
   c.latency = read_ms(n, "latency_ms", 0);
   c.record = n.flag_or("record", true);
   c.timing.period = c.period;

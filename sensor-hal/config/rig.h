@@ -25,6 +25,7 @@
 #include <utility>
 #include <vector>
 
+#include "rt-core/period.h"
 #include "rt-core/port.h"
 #include "rt-core/result.h"
 #include "sensor-hal/channel/channel.h"
@@ -36,7 +37,7 @@ enum class ClockKind : std::uint8_t { wall, virtual_time };
 enum class OverrunChoice : std::uint8_t { skip, abort, log };
 
 struct LoopConfig {
-  Duration period = milliseconds(1);
+  Period period = milliseconds(1);
   Duration spin;  ///< busy-wait over the last part of each period; 0: plain sleep
   OverrunChoice overrun = OverrunChoice::skip;
   int fifo_priority = 80;  ///< 0: ordinary scheduling
@@ -70,9 +71,8 @@ struct PairWatchConfig {
 struct ChannelEntry {
   std::string name;
   SampleKind kind = SampleKind::none;
-  Duration period;
+  Period period;  ///< 0: aperiodic; captures need not lie on the loop's grid
   Duration latency;
-  std::int64_t divisor = 1;  ///< loop cycles per period
   PortTiming timing;
   bool record = true;
   bool is_pair = false;

@@ -291,6 +291,10 @@ bool ConfigNode::has(std::string_view key) const {
   impl_->known.emplace(key);
   return impl_->value && impl_->value->kind == Kind::map && impl_->value->find(key) != nullptr;
 }
+std::string ConfigNode::scalar_or_empty(std::string_view key) const {
+  const auto* v = impl_ ? impl_->ask(key) : nullptr;
+  return v && v->kind == Kind::scalar ? v->text : "";
+}
 std::string ConfigNode::path() const { return impl_ ? impl_->path : ""; }
 std::string ConfigNode::place() const { return impl_ ? impl_->document->place(impl_->place) : ""; }
 std::filesystem::path ConfigNode::base_dir() const {

@@ -58,6 +58,8 @@ class ConfigNode {
   [[nodiscard]] bool is_list() const;
   /// Does not count as reading the key: `finish` still asks that it be read.
   [[nodiscard]] bool has(std::string_view key) const;
+  /// As it is written; empty where the key is missing, or is a map or a list.
+  [[nodiscard]] std::string scalar_or_empty(std::string_view key) const;
   [[nodiscard]] std::string path() const;   ///< "channels.left.real"
   [[nodiscard]] std::string place() const;  ///< "rig.yaml:12:5"
   /// Directory of the file, against which relative paths in it are meant.

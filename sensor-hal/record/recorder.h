@@ -69,7 +69,7 @@ struct RecorderOptions {
   std::size_t budget_bytes = 256u << 20;
   EpochPair epoch = kVirtualEpoch;
   BenchTime t0;  ///< of the first cycle; goes into the metadata with the loop's period, replay needs them
-  Duration loop_period = milliseconds(1);
+  Period loop_period = milliseconds(1);
   record::WriterOptions writer;
   record::FileSinkOptions file;
 };

@@ -34,6 +34,8 @@ Status Recorder::Impl::open(std::unique_ptr<record::ByteSink> sink,
   record::Metadata run{"rigor", metadata};
   run.values["t0_ns"] = std::to_string(options.t0.ns());
   run.values["loop_period_ns"] = std::to_string(options.loop_period.ns());
+  // In recordings of a whole period it would say the same twice.
+  if (!options.loop_period.whole()) run.values["loop_rate_hz"] = rate_text(options.loop_period);
   run.values["utc_of_bench_0_ns"] = std::to_string(to_utc.ns());
   if (auto s = writer->add_metadata(run); !s) return s;
 

@@ -61,9 +61,9 @@ TEST_F(BadInput, NegativeRate) {
                  "rate_hz: expected");
 }
 
-TEST_F(BadInput, RateThatDoesNotDivideTheBaseRate) {
-  expect_refused(run("channels:\n  c: { kind: image, backend: simulated, rate_hz: 30 }\n"),
-                 "divides the loop's 1000 Hz, got 30");
+TEST_F(BadInput, RateAboveTheLoops) {
+  expect_refused(run("channels:\n  c: { kind: image, backend: simulated, rate_hz: 3000 }\n"),
+                 "at most the loop's 1000 Hz, got 3000");
 }
 
 TEST_F(BadInput, TwoChannelsWithOneName) {

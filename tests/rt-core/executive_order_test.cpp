@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <vector>
 
 namespace rigor {
@@ -143,6 +144,24 @@ TEST(Executive, VirtualTimeFollowsTheGridAndLetsSourcesCompleteFirst) {
   ASSERT_TRUE(again);
   EXPECT_EQ(again->cycles_run, 4u);
   EXPECT_EQ(again->steps[0].runs, 4u);
+}
+
+TEST(Executive, RunsAtAnyRateWithoutDrift) {
+  for (const Period period : {Period::of_rate(30), Period::of_rate(60000, 1001), Period::of_rate(960)}) {
+    ExecutiveConfig c = virtual_config(cycles_in(seconds(5), period));
+    c.period = period;
+    EXPECT_EQ(c.cycles, static_cast<std::uint64_t>(std::ceil(5 * period.hz()))) << rate_text(period);
+    Executive loop(c);
+    ASSERT_TRUE(loop.add_step({.name = "x"}, [&](const CycleContext& k) noexcept {
+      const auto index = static_cast<std::int64_t>(k.index);
+      EXPECT_EQ(k.t, BenchTime(7) + period * index);
+      EXPECT_EQ(k.t_next, BenchTime(7) + period * (index + 1));
+    }));
+    ASSERT_TRUE(loop.arm());
+    const auto s = loop.run({}, BenchTime(7));
+    ASSERT_TRUE(s);
+    EXPECT_EQ(s->cycles_run, c.cycles);
+  }
 }
 
 TEST(Executive, StopsForTheTokenAndForAFailedStep) {

@@ -118,7 +118,7 @@ class SourceConformance : public testing::TestWithParam<SourceCase> {
     }
   }
   [[nodiscard]] Duration period() const {
-    return config_.period.ns() > 0 ? config_.period : milliseconds(10);
+    return config_.period.ns() > 0 ? Duration(config_.period) : milliseconds(10);
   }
   /// Time in which `n` samples must have come.
   [[nodiscard]] Duration time_for(int n) const {

@@ -115,13 +115,13 @@ class Log final : public PairObserver {
 /// it is rendered for the same instant.
 class PairTest : public testing::Test {
  protected:
-  void make(const std::string& params = "", bool virtual_time = true) {
+  void make(const std::string& params = "", bool virtual_time = true, Period period = milliseconds(10)) {
     auto device = std::make_unique<ScriptedDevice>();
     device_ = device.get();
     auto images = std::make_shared<FormulaImagesOfInstant>();
     pair_ = std::make_unique<PairSource>(
         std::move(device), std::make_unique<SimulatedSource>(images, nullptr, workers_), workers_);
-    const auto s = pair_->configure(image_config(params));
+    const auto s = pair_->configure(image_config(params, period));
     ASSERT_TRUE(s) << s.error().text();
     pair_->observe(&log_);
     ASSERT_TRUE(pair_->arm({.virtual_time = virtual_time}));
@@ -287,6 +287,20 @@ TEST_F(PairTest, ComesBackWithTheDeviceAtTheRightCount) {
   ASSERT_EQ(log_.seen[0].size(), 6u);
   EXPECT_EQ(log_.seen[0][3].sequence, 30u);
   EXPECT_EQ(log_.seen[0][5].sequence, 32u);
+}
+
+TEST_F(PairTest, PredictsTheInstantsOfAnyRateToTheNanosecond) {
+  const Period period = Period::of_rate(30);
+  make("", true, period);
+  for (int k = 0; k < 90; ++k)
+    if (k % 7 < 3) device_->shots.push_back({t0_ + period * k, t0_ + period * k + milliseconds(3)});
+  run(0, 3020);
+  const std::vector<Stamp>& twin = log_.seen[1];
+  ASSERT_GE(twin.size(), 90u);
+  for (std::size_t i = 0; i < twin.size(); ++i) {
+    EXPECT_EQ(twin[i].sequence, i);
+    EXPECT_EQ(twin[i].t_capture, t0_ + period * static_cast<std::int64_t>(i)) << "at " << i;
+  }
 }
 
 TEST_F(PairTest, TellsWhatTheDeviceTellsAndCountsWhatItCounts) {

@@ -112,7 +112,7 @@ class TurningJoint final : public MotionSource {
   }
 };
 
-inline ChannelConfig image_config(const std::string& params, Duration period = milliseconds(10),
+inline ChannelConfig image_config(const std::string& params, Period period = milliseconds(10),
                                   Duration latency = milliseconds(12), std::string name = "left") {
   ChannelConfig c;
   c.name = std::move(name);

@@ -31,7 +31,6 @@ TEST(Rig, ReadsAChannelAndItsTiming) {
   const ChannelEntry& c = rig->channels[0];
   EXPECT_EQ(c.kind, SampleKind::image);
   EXPECT_EQ(c.period, milliseconds(40));
-  EXPECT_EQ(c.divisor, 40);
   EXPECT_EQ(c.latency, milliseconds(60));
   EXPECT_EQ(c.timing.on_late, LatePolicy::drop);
   EXPECT_EQ(c.source.backend, "simulated");
@@ -58,26 +57,45 @@ TEST(Rig, ReadsBothSidesOfAPairAndItsSwitches) {
   EXPECT_FALSE(c.switches[0].to_real);
 }
 
-TEST(Rig, RefusesARateThatDoesNotDivideTheBaseRateAndNamesOnesThatDo) {
-  const std::string e = error_of("channels:\n  c: { kind: image, backend: simulated, rate_hz: 30 }\n");
-  EXPECT_THAT(e, StartsWith("rig.yaml:2:"));
-  EXPECT_THAT(e, HasSubstr("channels.c.rate_hz: expected a rate that divides the loop's 1000 Hz, got 30"));
-  EXPECT_THAT(e, HasSubstr("the nearest are 31.25 and 25 Hz"));
+TEST(Rig, TakesAnyRateThatIsAFractionOfWholeNumbers) {
+  const auto rig = parse(
+      "loop: { rate_hz: 960 }\n"
+      "channels:\n"
+      "  a: { kind: image, backend: simulated, rate_hz: 30 }\n"
+      "  b: { kind: image, backend: simulated, rate_hz: 29.97 }\n"
+      "  c: { kind: image, backend: simulated, rate_hz: 60000/1001 }\n"
+      "  d: { kind: image, backend: simulated, rate_hz: 23.976 }\n");
+  ASSERT_TRUE(rig) << rig.error().text();
+  EXPECT_TRUE(rig->loop.period.same_as(Period::of_rate(960)));
+  ASSERT_EQ(rig->channels.size(), 4u);
+  EXPECT_TRUE(rig->channels[0].period.same_as(Period::of_rate(30)));
+  EXPECT_TRUE(rig->channels[1].period.same_as(Period::of_rate(2997, 100)));
+  EXPECT_TRUE(rig->channels[2].period.same_as(Period::of_rate(60000, 1001)));
+  EXPECT_TRUE(rig->channels[3].period.same_as(Period::of_rate(23976, 1000)));
+  EXPECT_EQ(rig->channels[0].timing.period, nanoseconds(33'333'333));
 }
 
-TEST(Rig, NamesRatesThatItTakes) {
-  // Rounded to six digits, the rate that was advised was the one that was refused.
-  const std::string loop = error_of("loop: { rate_hz: 6.99996 }\n");
-  EXPECT_THAT(loop, HasSubstr("got 6.99996; the nearest are 6.4 and 7.8125 Hz"));
-  for (const char* rate : {"6.4", "7.8125"}) {
-    const auto rig = parse("loop: { rate_hz: " + std::string(rate) + " }\n");
-    EXPECT_TRUE(rig) << rig.error().text();
-  }
-  const std::string channel =
-      error_of("channels:\n  c: { kind: image, backend: simulated, rate_hz: 333.333 }\n");
-  EXPECT_THAT(channel, HasSubstr("got 333.333; the nearest are 500 and 250 Hz"));
-  EXPECT_THAT(error_of("channels:\n  c: { kind: image, backend: simulated, rate_hz: 1e-300 }\n"),
-              HasSubstr("rate_hz: expected a number from 1e-06 to 1e+06, got 1e-300"));
+TEST(Rig, RefusesRatesThatAreNoneOrAboveTheLoops) {
+  const auto channel = [](const std::string& rate) {
+    return error_of("channels:\n  c: { kind: image, backend: simulated, rate_hz: " + rate + " }\n");
+  };
+  EXPECT_THAT(channel("2000"), StartsWith("rig.yaml:2:"));
+  EXPECT_THAT(channel("2000"),
+              HasSubstr("channels.c.rate_hz: expected a rate of at most the loop's 1000 Hz, got "
+                        "2000; raise `loop.rate_hz`"));
+  EXPECT_THAT(channel("1e-300"), HasSubstr("rate_hz: expected a number from 1e-06 to 1e+06, got 1e-300"));
+  EXPECT_THAT(channel("0"), HasSubstr("rate_hz: expected a number from 1e-06 to 1e+06, got 0"));
+  EXPECT_THAT(channel(".inf"), HasSubstr("rate_hz: expected a finite number"));
+  EXPECT_THAT(channel("[30]"), HasSubstr("rate_hz: expected a number"));
+  EXPECT_THAT(channel("30/0"),
+              HasSubstr("rate_hz: expected a rate whose denominator is not 0, got 30/0; write"));
+  EXPECT_THAT(channel("a/b"),
+              HasSubstr("rate_hz: expected a rate as a number or a fraction of whole numbers, got "
+                        "a/b; write 30, 29.97 or 60000/1001"));
+  EXPECT_THAT(channel("33.3333333333333333333"), HasSubstr("rate_hz: expected a rate of at most 18 digits"));
+  EXPECT_THAT(channel("1/9000000"), HasSubstr("rate_hz: expected a rate from 1e-06 to 1e+06, got 1/9000000"));
+  EXPECT_THAT(error_of("loop: { rate_hz: 1/2 }\n"),
+              HasSubstr("loop.rate_hz: expected a rate from 1 to 20000, got 1/2"));
 }
 
 TEST(Rig, RefusesNegativeRatesUnknownKindsAndUnknownKeys) {
