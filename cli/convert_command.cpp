@@ -6,6 +6,8 @@
 
 #include "cli/calibrate/recording_packets.h"
 #include "cli/commands.h"
+#include "cli/output_file.h"
+#include "cli/progress.h"
 #include "cli/recording.h"
 #include "cli/sensing/sample_files.h"
 #include "cli/terminal.h"
@@ -52,13 +54,15 @@ RealtimeTime recorded_at(const std::filesystem::path& file) {
 
 Result<Converted> to_pcd(const ConvertOptions& options) {
   Converted out;
+  ProgressTask progress("read " + options.input.filename().string(), 0, "scans");
   Status written = fail(ErrorCode::bad_input, "--scan", "");
   const auto read = read_clouds(options.input, [&](const Sample& sample) {
+    progress.set(static_cast<double>(out.scans));
     if (out.scans++ != static_cast<std::uint64_t>(options.scan)) return true;
     const auto points = points_of(sample);
     out.points = points.size();
-    written = write_whole(options.output,
-                          [&](const std::filesystem::path& part) { return write_points_pcd(part, points); });
+    written = write_output(options.output,
+                           [&](const std::filesystem::path& part) { return write_points_pcd(part, points); });
     return false;
   });
   if (!read) return tl::unexpected<Error>(read.error());
@@ -76,12 +80,17 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
   Converted out;
   std::size_t most = 0;
   std::optional<BenchTime> first;
+  std::optional<ProgressTask> progress(std::in_place, "read " + options.input.filename().string(), 0,
+                                       "scans");
+  std::uint64_t scans = 0;
   const auto counted = read_clouds(options.input, [&](const Sample& sample) {
     if (!first) first = sample.stamp.t_capture;
     most = std::max(most, sample.bytes().size());
+    progress->set(static_cast<double>(++scans));
     return true;
   });
   if (!counted) return tl::unexpected<Error>(counted.error());
+  progress.emplace("convert", static_cast<double>(scans), "scans");
   const auto write = [&](const std::filesystem::path& part) -> Status {
     RecorderOptions how;
     how.virtual_time = true;  // nothing is skipped
@@ -110,6 +119,7 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
       lease = {};
       (*recorder)->end_cycle(out.scans++, sample.stamp.t_release);
       out.points += points_of(sample).size();
+      progress->set(static_cast<double>(out.scans));
       return !(*recorder)->failed();
     });
     const Status stopped = (*recorder)->stop();
@@ -117,7 +127,8 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
     out.warnings = read->warnings;
     return stopped;
   };
-  if (auto s = write_whole(options.output, write); !s) return tl::unexpected<Error>(s.error());
+  if (auto s = write_output(options.output, write); !s) return tl::unexpected<Error>(s.error());
+  progress->finish();
   return out;
 }
 
@@ -130,12 +141,12 @@ Result<Converted> convert(const ConvertOptions& options) {
                     options.output.string()));
   if (ending == ".mcap" && options.scan_given)
     return fail(ErrorCode::bad_input, "--scan", "expected none with an .mcap, which gets all scans");
-  std::error_code none;
-  if (std::filesystem::exists(options.output, none) && !options.force)
-    return fail(ErrorCode::not_writable, options.output.string(),
-                "expected a name that is not taken, a file is there; --force writes over it");
-  if (std::filesystem::equivalent(options.output, options.input, none))
-    return fail(ErrorCode::bad_input, options.output.string(), "expected another file than the input");
+  InputFiles inputs;
+  inputs.add("the recording", options.input);
+  if (auto s = Outputs(std::move(inputs))
+                   .add(options.output, "-o", options.force ? Existing::replace : Existing::refuse);
+      !s)
+    return tl::unexpected<Error>(s.error());
   return ending == ".pcd" ? to_pcd(options) : to_mcap(options);
 }
 

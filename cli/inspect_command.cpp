@@ -9,6 +9,7 @@
 #include "cli/calibrate/recording_packets.h"
 #include "cli/commands.h"
 #include "cli/output_file.h"
+#include "cli/progress.h"
 #include "cli/terminal.h"
 #include "drivers/velodyne/pcap_file.h"
 #include "drivers/velodyne/pcap_report.h"
@@ -210,14 +211,17 @@ int inspect_sick_command(const InspectOptions& options) {
 
 int inspect_command(const InspectOptions& options) {
   const std::string file = options.file.string();
+  std::optional<ProgressTask> reading(std::in_place, "read " + options.file.filename().string());
   if (velodyne::is_pcap(options.file)) return inspect_pcap_command(options);
   if (is_sick_recording(options.file)) return inspect_sick_command(options);
   if (!options.repair) {
     auto report = inspect_all(file);
+    reading.reset();
     if (!report) return report_error(report.error(), options.json);
     fmt::print("{}", options.json ? json_text(record::to_json(*report)) + "\n" : record::to_text(*report));
     return report->health.good() ? 0 : report_damage(file, report->health, options.json);
   }
+  reading.reset();
   std::filesystem::path output = options.output;
   if (output.empty()) output = std::filesystem::path(options.file).replace_extension(".repaired.mcap");
   InputFiles inputs;
@@ -231,6 +235,12 @@ int inspect_command(const InspectOptions& options) {
     if (!source) return tl::unexpected<Error>(source.error());
     auto sink = record::open_file_sink(part.string());
     if (!sink) return tl::unexpected<Error>(sink.error());
+    ProgressTask repairing("repair", 0, "MB written");
+    repairing.follow([&part] {
+      std::error_code none;
+      const auto bytes = std::filesystem::file_size(part, none);
+      return none ? 0.0 : static_cast<double>(bytes) / 1e6;
+    });
     report = record::repair(std::move(*source), std::move(*sink));
     return report ? Status{} : Status(tl::unexpected<Error>(report.error()));
   });

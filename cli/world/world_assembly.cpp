@@ -7,6 +7,7 @@
 #include <cmath>
 #include <utility>
 
+#include "cli/progress.h"
 #include "sensor-hal/config/did_you_mean.h"
 #include "sensor-hal/config/yaml.h"
 #include "sim/gis/import.h"
@@ -21,10 +22,16 @@ namespace rigor {
 namespace {
 
 Result<OpenedWorld> opened_from_plan(const std::filesystem::path& file, OpenedWorld opened) {
-  const auto plan = gis::load_import_plan(file);
+  auto plan = gis::load_import_plan(file);
   if (!plan) return tl::unexpected(plan.error());
+  ProgressTask progress("import " + file.filename().string(), 1);
+  plan->progress = [&](std::string_view what, double done) {
+    progress.set(done);
+    progress.note(std::string(what));
+  };
   auto report = gis::import_into(*opened.db, *plan);
   if (!report) return tl::unexpected(report.error());
+  progress.finish();
   opened.warnings = std::move(report->warnings);
   return opened;
 }
@@ -97,6 +104,7 @@ Result<OpenedWorld> open_world(const std::filesystem::path& file) {
   if (auto s = nature::add_weather_rule(*opened.db); !s) return tl::unexpected(s.error());
   const std::string name = file.filename().string();
   if (name.ends_with(".import.yaml")) return opened_from_plan(file, std::move(opened));
+  const ProgressTask reading("read " + name);
   if (name.ends_with(".yaml") || name.ends_with(".yml")) {
     // A world of nodes says so in its first key; else it is a scene of boxes and cylinders.
     const auto document = ConfigDocument::load(file);

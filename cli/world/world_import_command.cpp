@@ -4,6 +4,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "cli/progress.h"
 #include "cli/terminal.h"
 #include "cli/world/world_assembly.h"
 #include "cli/world/world_commands.h"
@@ -131,18 +132,21 @@ int world_import_command(const WorldImportOptions& options) {
   for (const ImportSource& source : plan->sources) inputs.add("a source of the world", source.location);
   if (auto s = check_output(options.output, ".rigor", std::move(inputs), options.force); !s)
     return report_error(s.error(), options.json);
-  LiveLine line;
-  if (line.terminal() && !options.json)
-    plan->progress = [&](std::string_view what, double done) {
-      line.show(fmt::format("{:3.0f} % {}", done * 100, what));
-    };
+  ProgressTask progress("import", 1);
+  plan->progress = [&](std::string_view what, double done) {
+    progress.set(done);
+    progress.note(std::string(what));
+  };
   auto db = world::Database::create();
   if (auto s = world::define_semantic_types(*db); !s) return report_error(s.error(), options.json);
   if (auto s = nature::add_weather_rule(*db); !s) return report_error(s.error(), options.json);
   auto report = gis::import_into(*db, *plan);
-  if (plan->progress) line.done();
   if (!report) return report_error(report.error(), options.json);
-  if (auto s = write_world(*db, options.output); !s) return report_error(s.error(), options.json);
+  progress.finish();
+  {
+    const ProgressTask writing("write " + options.output.filename().string());
+    if (auto s = write_world(*db, options.output); !s) return report_error(s.error(), options.json);
+  }
   const auto bytes = fs::file_size(options.output, ec);
   if (options.json) {
     fmt::print("{}\n", nlohmann::json{{"world", options.output.string()},
