@@ -143,9 +143,8 @@ Result<Converted> convert(const ConvertOptions& options) {
     return fail(ErrorCode::bad_input, "--scan", "expected none with an .mcap, which gets all scans");
   InputFiles inputs;
   inputs.add("the recording", options.input);
-  if (auto s = Outputs(std::move(inputs))
-                   .add(options.output, "-o", options.force ? Existing::replace : Existing::refuse);
-      !s)
+  Outputs outputs(std::move(inputs));
+  if (auto s = outputs.add(options.output, "-o", options.force ? Existing::replace : Existing::refuse); !s)
     return tl::unexpected<Error>(s.error());
   return ending == ".pcd" ? to_pcd(options) : to_mcap(options);
 }

@@ -145,13 +145,13 @@ void add_run_commands(ControlCommands& commands, RunParts& parts) {
 namespace {
 
 /// "live fault 2 of left.real begins in cycle 40: {kind: drop}"
-struct Told {
+struct RecordedFault {
   std::string channel, yaml;
 };
-std::optional<Told> parse_event(const std::string& text) {
+std::optional<RecordedFault> parse_event(const std::string& text) {
   const std::size_t of = text.find(" of "), end = text.find(' ', of + 4), brace = text.find(": {");
   if (of == std::string::npos || end == std::string::npos || brace == std::string::npos) return {};
-  return Told{text.substr(of + 4, end - of - 4), text.substr(brace + 2)};
+  return RecordedFault{text.substr(of + 4, end - of - 4), text.substr(brace + 2)};
 }
 
 /// Draws depend on channels' names and kinds: those that were recorded are to be in this rig.
@@ -189,7 +189,7 @@ Status schedule_recorded_faults(const std::filesystem::path& file, const RigConf
   auto reader = record::McapReader::open(file.string());
   if (!reader) return tl::unexpected<Error>(reader.error());
   struct Recorded {
-    Told told;
+    RecordedFault told;
     std::uint32_t index = 0;
     Duration from, until = Duration(std::numeric_limits<std::int64_t>::max());
   };

@@ -56,11 +56,11 @@ std::string timeline(const json& result) {
   double y = 4;
   for (const json& c : result["faults"]) {
     const std::string channel = c["channel"];
-    rows += label(kChartLeft_px - 8, y + 12, "end", channel) + status_bar(result, channel, y, scale);
+    rows += chart_label(kChartLeft_px - 8, y + 12, "end", channel) + status_bar(result, channel, y, scale);
     y += kRow;
     for (const json& f : c["faults"]) {
       const std::string kind = f["kind"];
-      rows += label(kChartLeft_px - 8, y + 12, "end", kind + (f["live"].get<bool>() ? " (live)" : ""));
+      rows += chart_label(kChartLeft_px - 8, y + 12, "end", kind + (f["live"].get<bool>() ? " (live)" : ""));
       rows += fmt::format(R"(<path class="grid" stroke="#ddd" d="M{} {:.1f}h{}"/>)", kChartLeft_px, y + 8,
                           kWidth);
       for (const json& span : f["spans"]) {
@@ -75,7 +75,7 @@ std::string timeline(const json& result) {
     y += 6;
   }
   for (const double t : axis_ticks(0, duration_s, 8))
-    rows += label(kChartLeft_px + t * scale, y + 12, "middle", fmt::format("{:g}", t));
+    rows += chart_label(kChartLeft_px + t * scale, y + 12, "middle", fmt::format("{:g}", t));
   rows += chart_label(kChartLeft_px + kWidth / 2, y + 28, "middle",
                       "time [s]; green: fresh and held, orange: late, red: lost");
   return fmt::format(R"(<svg viewBox="0 0 {0:.0f} {1:.0f}" style="width:100%;max-width:{0:.0f}px">{2}</svg>)",

@@ -31,7 +31,7 @@ struct TruePose {
   std::int64_t t_ns;  ///< UTC
   double x_m, y_m, yaw_rad;
 };
-struct Told {
+struct EstimatedPose {
   std::int64_t t_ns;
   double x_m, y_m, yaw_rad, sigma_x_m, sigma_y_m, state;
 };
@@ -110,8 +110,8 @@ Result<std::vector<TruePose>> true_poses(record::McapReader& reader, const std::
   return poses;
 }
 
-Result<std::vector<Told>> told_poses(record::McapReader& reader, const std::string& sink) {
-  std::vector<Told> told;
+Result<std::vector<EstimatedPose>> told_poses(record::McapReader& reader, const std::string& sink) {
+  std::vector<EstimatedPose> told;
   std::set<std::string> sinks;
   auto s = each(reader, "/rigor/commands", [&](const MessageView& view) -> Status {
     msg::Command m;
@@ -179,7 +179,7 @@ Result<LocalizationError> localization_error(const std::filesystem::path& record
   double squared = 0;
   std::size_t with_sigma = 0;
   std::vector<double> distances, turns;
-  for (const Told& e : *told) {
+  for (const EstimatedPose& e : *told) {
     const double t_s = static_cast<double>(e.t_ns - start_ns) * 1e-9;
     if (t_s < question.after_s) continue;
     if (e.state == 0) {

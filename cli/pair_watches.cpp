@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "sensor-hal/config/value_or_throw.h"
 #include "sensor-hal/models/camera_yaml.h"
 #include "sensor-hal/models/lidar/lidar_math.h"
 #include "sensor-hal/models/lidar/lidar_yaml.h"
@@ -20,12 +21,6 @@ using pair_watch::WatchOptions;
 
 /// Below this a sheet's noise is taken for left away: a window's own scatter needs a scale.
 constexpr double kLeastSigma_m = 1e-4;
-
-template <class T>
-T value_or_throw(Result<T> result) {
-  if (!result) throw ConfigError(result.error());
-  return std::move(*result);
-}
 
 std::filesystem::path sheet_of(const ConfigNode& params) { return params.base_dir() / params.text("sensor"); }
 std::uint64_t draw_of(const ConfigNode& params) {

@@ -10,6 +10,7 @@
 #include "cli/sensing/sheet_kind.h"
 #include "cli/sensing/tolerance.h"
 #include "cli/sensing/yuv_capture.h"
+#include "sensor-hal/config/value_or_throw.h"
 #include "sensor-hal/models/camera_effects.h"
 #include "sensor-hal/models/camera_yaml.h"
 #include "sensor-hal/models/lidar/lidar_effects.h"
@@ -194,12 +195,6 @@ SensorSetup read_setup(const ConfigNode& params, SampleKind kind, const SensorWo
 SensorOptions with_keys(SensorOptions options, const ConfigNode& params) {
   options.ideal |= params.flag_or("ideal", false);
   return options;
-}
-
-template <class T>
-T value_or_throw(Result<T> result) {
-  if (!result) throw ConfigError(result.error());
-  return std::move(*result);
 }
 
 }  // namespace

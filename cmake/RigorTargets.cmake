@@ -8,22 +8,27 @@ set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_SOURCE_DIR}/tools/with_ccache.sh)
 
 # Both are on unless a preset says otherwise, for builds from nothing. The preset dev compiles file by file, so that a change
 # of one file compiles that file alone.
-option(RIGOR_UNITY "Compile the files of a library several at a time" ON)
+option(RIGOR_UNITY "Compile the files of a library, or of a test, several at a time" ON)
 option(RIGOR_PRECOMPILED "Precompile the headers that most files include" ON)
 
 add_library(rigor_options INTERFACE)
 target_include_directories(rigor_options INTERFACE ${CMAKE_SOURCE_DIR})
 target_compile_options(rigor_options INTERFACE -Wall -Wextra -Wshadow -Wnon-virtual-dtor -Wconversion
-                                               -Wno-sign-conversion $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict> -fno-omit-frame-pointer)
+                                               -Wno-sign-conversion "$<$<CXX_COMPILER_ID:GNU>:-Wno-restrict;-Wno-stringop-overflow;-Wno-array-bounds>"
+                                               -fno-omit-frame-pointer)
 # -pthread defines a macro, and precompiled headers want it alike everywhere; some dependencies ask for it.
 target_compile_options(rigor_options INTERFACE -pthread)
 target_link_libraries(rigor_options INTERFACE tl::expected fmt::fmt Eigen3::Eigen nlohmann_json::nlohmann_json Threads::Threads)
-# -Wrestrict of GCC 12 misfires on std::string + const char* (gcc.gnu.org/PR105651).
+# These three of GCC 12 misfire on std::string + const char* where it is inlined (gcc.gnu.org/PR105651).
 # No fused multiply-add behind our back: derived floats agree between builds of one architecture.
 target_compile_options(rigor_options INTERFACE -ffp-contract=off)
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # GCC collects its garbage far less often: a tenth less time, for 200 MB more memory in each compiler.
   target_compile_options(rigor_options INTERFACE "SHELL:--param ggc-min-expand=100" "SHELL:--param ggc-min-heapsize=1048576")
+endif()
+if(RIGOR_UNITY AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  # A file that is included looks like a header: its types may use its own anonymous namespace all the same.
+  target_compile_options(rigor_options INTERFACE -Wno-subobject-linkage)
 endif()
 if(RIGOR_SANITIZE STREQUAL "thread" AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   target_compile_options(rigor_options INTERFACE -Wno-tsan)  # fences: rt-core/spsc_ring.h tells the sanitizer itself
@@ -78,10 +83,6 @@ function(rigor_compile_options NAME)
     target_compile_options(${NAME} PRIVATE ${RIGOR_FUZZ_OPTION})
   endif()
   set_target_properties(${NAME} PROPERTIES UNITY_BUILD ${RIGOR_UNITY} UNITY_BUILD_BATCH_SIZE 12)
-  if(RIGOR_UNITY AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
-    # A file that is included looks like a header: its types may use its own anonymous namespace all the same.
-    target_compile_options(${NAME} PRIVATE -Wno-subobject-linkage)
-  endif()
   if(RIGOR_PRECOMPILED)
     target_precompile_headers(${NAME} REUSE_FROM rigor_headers)
   endif()
@@ -90,15 +91,19 @@ endfunction()
 # What tests test is optimised as ever; the tests themselves need not be.
 set(RIGOR_TEST_OPTIONS $<$<CONFIG:Release>:-O1>)
 
-# rigor_test(NAME SOURCES... LINKS... [SERIAL] [WALL_CLOCK cases...]): a GoogleTest binary whose cases ctest knows one by one.
+# rigor_test(NAME SOURCES... [APART sources...] LINKS... [SERIAL|ALONE] [WALL_CLOCK cases...] [TIMEOUT seconds]): a GoogleTest
+# binary whose cases ctest knows one by one.
 # WALL_CLOCK: those cases (patterns of --gtest_filter) whose verdict depends on how promptly this machine runs threads and passes
-# on packets; tools/run_tests.py runs them again where they fail. SERIAL: these cases, or all where none are named, run alone, for
-# they measure time or hold a fixed port. DATA_DIR finds recordings where they are present.
+# on packets; tools/run_tests.py runs them again where they fail. SERIAL: these cases, or all where none are named, run one after
+# the other over all binaries, for they hold fixed ports or several threads each, with other tests beside them. ALONE: they
+# measure microseconds, and nothing runs beside them. APART: as for rigor_library.
 function(rigor_test NAME)
-  cmake_parse_arguments(ARG "SERIAL" "TIMEOUT" "SOURCES;LINKS;LABELS;WALL_CLOCK" ${ARGN})
+  cmake_parse_arguments(ARG "SERIAL;ALONE" "TIMEOUT" "SOURCES;APART;LINKS;LABELS;WALL_CLOCK" ${ARGN})
   find_package(GTest REQUIRED)
   include(GoogleTest)
-  add_executable(${NAME} ${ARG_SOURCES})
+  add_executable(${NAME} ${ARG_SOURCES} ${ARG_APART})
+  set_target_properties(${NAME} PROPERTIES UNITY_BUILD ${RIGOR_UNITY} UNITY_BUILD_BATCH_SIZE 6)
+  set_source_files_properties(${ARG_APART} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
   target_link_libraries(${NAME} PRIVATE rigor_options ${ARG_LINKS} GTest::gtest_main GTest::gmock)
   target_compile_definitions(${NAME} PRIVATE RIGOR_SOURCE_DIR="${CMAKE_SOURCE_DIR}"
                                              RIGOR_BINARY_DIR="${CMAKE_BINARY_DIR}")
@@ -115,25 +120,28 @@ function(rigor_test NAME)
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
-  set(PROPS TIMEOUT ${ARG_TIMEOUT})
+  # The longest first, and those that take turns before all others.
+  set(PROPS TIMEOUT ${ARG_TIMEOUT} COST ${ARG_TIMEOUT})
+  set(TURNS)
+  if(ARG_SERIAL)
+    set(TURNS RESOURCE_LOCK one-at-a-time COST 1000)
+  elseif(ARG_ALONE)
+    set(TURNS RUN_SERIAL TRUE)
+  endif()
   if(ARG_LABELS)
     list(APPEND PROPS LABELS "${ARG_LABELS}")
-  endif()
-  if(ARG_SERIAL AND NOT ARG_WALL_CLOCK)
-    list(APPEND PROPS RUN_SERIAL TRUE)
   endif()
   if(RIGOR_SANITIZE MATCHES "thread")
     list(APPEND PROPS ENVIRONMENT "TSAN_OPTIONS=suppressions=${CMAKE_SOURCE_DIR}/tests/tsan.supp")
   endif()
-  set(OTHERS)
   if(ARG_WALL_CLOCK)
     string(JOIN ":" CASES ${ARG_WALL_CLOCK})
-    gtest_discover_tests(${NAME} DISCOVERY_MODE PRE_TEST TEST_FILTER "${CASES}"
-                         PROPERTIES ${PROPS} RUN_SERIAL ${ARG_SERIAL} LABELS wall-clock)
-    set(OTHERS TEST_FILTER "-${CASES}")
-  endif()
-  if(NOT ARG_WALL_CLOCK STREQUAL "*")
-    gtest_discover_tests(${NAME} DISCOVERY_MODE PRE_TEST ${OTHERS} PROPERTIES ${PROPS})
+    gtest_discover_tests(${NAME} DISCOVERY_MODE PRE_TEST TEST_FILTER "${CASES}" PROPERTIES ${PROPS} ${TURNS} LABELS wall-clock)
+    if(NOT CASES STREQUAL "*")
+      gtest_discover_tests(${NAME} DISCOVERY_MODE PRE_TEST TEST_FILTER "-${CASES}" PROPERTIES ${PROPS})
+    endif()
+  else()
+    gtest_discover_tests(${NAME} DISCOVERY_MODE PRE_TEST PROPERTIES ${PROPS} ${TURNS})
   endif()
 endfunction()
 

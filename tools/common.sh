@@ -23,12 +23,8 @@ build_jobs() {
   echo $((jobs < by_memory ? jobs : by_memory))
 }
 
-# Adds seconds to what building took: to BUILD_SECONDS, and to the file BUILD_TIMES where that is set.
+# What building took.
 BUILD_SECONDS=0
-add_build_time() {
-  BUILD_SECONDS=$((BUILD_SECONDS + $1))
-  [[ -z ${BUILD_TIMES:-} ]] || echo "$1" >>"$BUILD_TIMES"
-}
 
 # configure_preset PRESET: once; afterwards ninja itself sees to changes of the CMake files. With WITHOUT_TESTS=yes a new
 # build folder leaves the tests out, and needs no GoogleTest; otherwise a folder without tests is configured again.
@@ -45,7 +41,7 @@ configure_preset() {
   log=$(log_file configure "$preset")
   cmake --preset "$preset" "-DRIGOR_TESTS=$tests" >"$log" 2>&1 ||
     { tail -n 40 "$log" >&2 && die "configuring $dir failed. Log: $log"; }
-  add_build_time $((SECONDS - started))
+  BUILD_SECONDS=$((BUILD_SECONDS + SECONDS - started))
 }
 
 # build_preset PRESET [TARGET...]
@@ -60,7 +56,7 @@ build_preset() {
   : >"$log"
   NINJA_STATUS='[%f/%t %e] ' cmake --build "build/$preset" --parallel "$(build_jobs)" "${targets[@]}" 2>&1 |
     ninja_progress "$log" building || die "building build/$preset failed. Log: $log"
-  add_build_time $((SECONDS - started))
+  BUILD_SECONDS=$((BUILD_SECONDS + SECONDS - started))
 }
 
 # log_file KIND NAME: where a step's output goes.

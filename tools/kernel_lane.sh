@@ -34,25 +34,25 @@ failed_once() {
     sed -E 's/^ *([0-9]+) (.*)/\2: failed \1 times/'
 }
 
-# Builds the lane's tests alone, and says where they are; those of RIGOR_KERNEL_BUILD are taken as they are.
+# Where the lane's tests are.
+readonly KERNEL_BUILD=${RIGOR_KERNEL_BUILD:-build/release}
+
+# Builds the lane's tests alone; those of RIGOR_KERNEL_BUILD are taken as they are.
 build_kernel_tests() {
-  kernel_build=${RIGOR_KERNEL_BUILD:-build/release}
   if [[ -n ${RIGOR_KERNEL_BUILD:-} ]]; then
-    [[ -f $kernel_build/build.ninja ]] || die "RIGOR_KERNEL_BUILD: expected a build folder, got '$kernel_build'"
+    [[ -f $KERNEL_BUILD/build.ninja ]] || die "RIGOR_KERNEL_BUILD: expected a build folder, got '$KERNEL_BUILD'"
     return
   fi
   configure_preset release
   local -a targets
-  mapfile -t targets < <(ninja -C "$kernel_build" -t targets all |
+  mapfile -t targets < <(ninja -C "$KERNEL_BUILD" -t targets all |
     sed -nE 's#^(([^ ]*/)?test_kernel_[a-z0-9_]+): CXX_EXECUTABLE_LINKER.*#\1#p')
-  [[ ${#targets[@]} -gt 0 ]] || die "$kernel_build has no test test_kernel_*"
+  [[ ${#targets[@]} -gt 0 ]] || die "$KERNEL_BUILD has no test test_kernel_*"
   build_preset release "${targets[@]}"
 }
 
 lane_kernel() {
-  count kernel 0 1 0
-  local kernel_build out=build/guest/out missing status=0 tests
-  build_kernel_tests
+  local out=build/guest/out missing status=0 tests
   missing=$(missing_here | paste -sd, | sed 's/,/, /g')
   if [[ -z $missing ]]; then
     say "the running kernel has the devices: the tests run on it, without QEMU"
@@ -62,7 +62,7 @@ lane_kernel() {
     tools/guest/self_test.sh
   fi
   rm -rf "$out/tests" "$out/kernel.xml"
-  tests=$(python3 tools/kernel_tests.py "$kernel_build" "$out/tests")
+  tests=$(python3 tools/kernel_tests.py "$KERNEL_BUILD" "$out/tests")
   say "$tests tests"
   if [[ -z $missing ]]; then
     run_kernel_tests "$PWD/$out/tests" "$PWD/$out/kernel.xml" env 2>&1 | tee "$RESULTS/kernel.log" || status=$?

@@ -8,6 +8,7 @@ source tools/kernel_lane.sh
 readonly RESULTS=build/test-results
 readonly LANES=(format includes release kernel asan-ubsan tsan fuzz docs skips)
 readonly FAST_LANES=(format includes release)
+readonly BUILDING_LANES="release kernel asan-ubsan tsan fuzz docs"
 readonly FUZZ_SECONDS=10
 # CI prints a warning when all lanes together take longer.
 readonly WHOLE_MINUTES=40
@@ -60,12 +61,30 @@ without_address_randomisation() {
   fi
 }
 
+# build_lane LANE: builds what a lane needs; nothing for those that need nothing.
+build_lane() {
+  local -a harnesses
+  case $1 in
+    release | asan-ubsan | tsan) build_preset "$1" ;;
+    kernel) build_kernel_tests ;;
+    fuzz)
+      configure_preset asan-ubsan
+      mapfile -t harnesses < <(list_harnesses)
+      [[ ${#harnesses[@]} -gt 0 ]] || die "build/asan-ubsan has no harness fuzz_*"
+      build_preset asan-ubsan "${harnesses[@]}"
+      ;;
+    docs) build_preset release rigor ;;
+  esac
+}
+
+list_harnesses() {
+  ninja -C build/asan-ubsan -t targets all | sed -nE 's#^(([^ ]*/)?fuzz_[a-z0-9_]+): CXX_EXECUTABLE_LINKER.*#\1#p'
+}
+
 # ctest_lane LANE PRESET [CTEST-OPTION...]: a failed test fails; tools/run_tests.py says which are run again.
 ctest_lane() {
   local lane=$1 preset=$2 status=0
   shift 2
-  count "$lane" 0 1 0
-  build_preset "$preset"
   local -a runner=()
   [[ $preset == release ]] || runner=(without_address_randomisation)
   "${runner[@]}" python3 tools/run_tests.py "build/$preset" "$RESULTS" "$lane" "$@" || status=$?
@@ -103,13 +122,8 @@ lane_tsan() {
 }
 
 lane_fuzz() {
-  count fuzz 0 1 0
-  configure_preset asan-ubsan
   local -a harnesses
-  mapfile -t harnesses < <(ninja -C build/asan-ubsan -t targets all |
-    sed -nE 's#^(([^ ]*/)?fuzz_[a-z0-9_]+): CXX_EXECUTABLE_LINKER.*#\1#p')
-  [[ ${#harnesses[@]} -gt 0 ]] || die "build/asan-ubsan has no harness fuzz_*"
-  build_preset asan-ubsan "${harnesses[@]}"
+  mapfile -t harnesses < <(list_harnesses)
   local status=0 harness
   rm -f "$RESULTS"/fuzz-*.ok
   printf '%s\0' "${harnesses[@]}" | xargs -0 -n 1 -P 2 bash tools/fuzz_one.sh "$FUZZ_SECONDS" "$RESULTS" || status=1
@@ -121,13 +135,7 @@ lane_fuzz() {
   return "$status"
 }
 
-lane_docs() {
-  check_lane docs check_docs
-}
-check_docs() {
-  build_preset release rigor
-  python3 tools/check_docs.py
-}
+lane_docs() { check_lane docs python3 tools/check_docs.py; }
 
 lane_skips() {
   local -a results
@@ -136,44 +144,69 @@ lane_skips() {
   check_lane skips python3 tools/check_skips.py "${results[@]}"
 }
 
-# The kernel lane waits for one emulated core: what the next lane needs is built beside it, on what is left.
+# Tests wait for clocks and sockets, and the kernel lane for one emulated core: what later lanes need is built beside them, on
+# what is left. BESIDE holds the presets that are built so; each leaves RESULTS/PRESET.beside, its seconds, when it ends.
+BESIDE=()
 build_beside() {
-  local preset=$1
+  BESIDE=("$@")
   (
     renice -n 19 "$BASHPID" >/dev/null
-    build_preset "$preset"
-  ) >"$RESULTS/build-$preset.log" 2>&1 &
+    for preset in "$@"; do
+      BUILD_SECONDS=0
+      build_preset "$preset" >"$RESULTS/build-$preset.log" 2>&1 || true
+      echo "$BUILD_SECONDS" >"$RESULTS/$preset.beside"
+    done
+  ) &
   BUILDING_BESIDE=$!
 }
 
-# compile_seconds LANE: what building took in it, where it built anything.
-compile_seconds() {
-  [[ ! -f $RESULTS/$1.compile ]] || awk '{ s += $1 } END { print s + 0 }' "$RESULTS/$1.compile"
+# start_building_beside LANE...: what these need beyond the release build, unless that has been started.
+start_building_beside() {
+  local -a presets=()
+  local preset
+  for preset in asan-ubsan tsan; do
+    [[ " $* " != *" $preset "* ]] || presets+=("$preset")
+  done
+  [[ ${#BESIDE[@]} -gt 0 || ${#presets[@]} -eq 0 ]] || build_beside "${presets[@]}"
 }
 
-# run_lane NAME: in a subshell, so that a lane may stop at its first error and set its own environment.
+# Waits until the lane's preset is built beside, where it is.
+wait_for_build_beside() {
+  [[ " ${BESIDE[*]} " == *" $1 "* ]] || return 0
+  while [[ ! -f $RESULTS/$1.beside ]] && kill -0 "$BUILDING_BESIDE" 2>/dev/null; do
+    sleep 0.5
+  done
+}
+
+# run_lane NAME LANES...: each step in a subshell, so that it may stop at its first error and set its own environment.
 run_lane() {
   local lane=$1 started=$SECONDS status=0
+  shift
   say "lane $lane: $(lane_about "$lane")"
-  # What waiting for the build beside the kernel lane takes is compiling; the lane builds again and shows what failed.
-  if [[ $lane == asan-ubsan && -n ${BUILDING_BESIDE:-} ]]; then
-    wait "$BUILDING_BESIDE" || true
-    BUILDING_BESIDE=
-    echo $((SECONDS - started)) >>"$RESULTS/$lane.compile"
-  fi
+  count "$lane" 0 1 0
+  wait_for_build_beside "$lane"
   set +e
   (
     set -e
-    # shellcheck disable=SC2034  # add_build_time reads it
-    BUILD_TIMES=$RESULTS/$lane.compile
-    "lane_$lane"
+    build_lane "$lane"
   )
   status=$?
   set -e
-  local took=$((SECONDS - started)) compile parts=''
-  compile=$(compile_seconds "$lane")
-  [[ -z $compile ]] || parts=": compile $(minutes "$compile"), test $(minutes $((took - compile)))"
-  echo "$lane $status $took ${compile:--}" >>"$RESULTS/lanes"
+  local compile=$((SECONDS - started))
+  if [[ $status -eq 0 ]]; then
+    [[ $lane != release && $lane != kernel ]] || start_building_beside "$@"
+    set +e
+    (
+      set -e
+      "lane_$lane"
+    )
+    status=$?
+    set -e
+  fi
+  local took=$((SECONDS - started)) parts=''
+  [[ " $BUILDING_LANES " == *" $lane "* ]] || compile=-
+  [[ $compile == - ]] || parts=": compile $(minutes "$compile"), test $(minutes $((took - compile)))"
+  echo "$lane $status $took $compile" >>"$RESULTS/lanes"
   say "lane $lane: $([[ $status -eq 0 ]] && echo passed || echo FAILED) in $(minutes $took)$parts"
 }
 
@@ -204,6 +237,9 @@ summarise() {
   done <"$RESULTS/lanes"
   summary_line total '' "$1" -
   printf '\n\n'
+  for lane in "${BESIDE[@]}"; do
+    [[ ! -f $RESULTS/$lane.beside ]] || echo "  built beside other lanes: $lane, $(minutes "$(<"$RESULTS/$lane.beside")")"
+  done
   # Which tests were run again; nothing where none was.
   find "$RESULTS" -name '*.again' -size +0 | sort | while read -r lane; do
     sed "s/^/  run again in $(basename "$lane" .again): /" "$lane"
@@ -238,15 +274,13 @@ dev_test() {
   [[ ${#chosen[@]} -gt 0 ]] || chosen=("${LANES[@]}")
   rm -rf "$RESULTS"
   mkdir -p "$RESULTS"
-  trap 'echo; warn "interrupted"; [[ -z ${BUILDING_BESIDE:-} ]] || kill "$BUILDING_BESIDE" 2>/dev/null; exit 130' INT TERM
+  trap 'echo; warn "interrupted"; [[ ${#BESIDE[@]} -eq 0 ]] || pkill -TERM -P "$BUILDING_BESIDE"; exit 130' INT TERM
   local -a parts
   mapfile -t parts < <(for lane in "${chosen[@]}"; do lane_parts "$lane"; done | tr ' ' '\n' | sort -u)
   install_packages "${parts[@]}"
   [[ " ${parts[*]} " != *" test "* ]] || install_npm_packages
   for lane in "${chosen[@]}"; do
-    count "$lane" 0 0 0
-    if [[ $lane == kernel && " ${chosen[*]} " == *" kernel asan-ubsan "* ]]; then build_beside asan-ubsan; fi
-    run_lane "$lane"
+    run_lane "$lane" "${chosen[@]}"
   done
   summarise $((SECONDS - started))
 }

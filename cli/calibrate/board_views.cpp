@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "cli/calibrate/recording_input.h"
+#include "cli/output_file.h"
 #include "cli/picture.h"
 #include "cli/progress.h"
 
@@ -45,11 +46,10 @@ std::string draw_looked_for(const std::filesystem::path& folder, const Board& bo
     cv::hconcat(drawn, beside, page);
   }
   const auto file = folder / "looked_for.png";
-  try {
-    return cv::imwrite(file.string(), page) ? file.string() : "";
-  } catch (const cv::Exception&) {
-    return "";
-  }
+  std::vector<std::uint8_t> png;
+  if (!cv::imencode(".png", page, png)) return "";
+  const std::string_view bytes(reinterpret_cast<const char*>(png.data()), png.size());
+  return write_output(file, bytes) ? file.string() : "";
 }
 
 struct Reader {

@@ -41,7 +41,7 @@ ChannelDescription described(const RecordedPair& pair, const Sample& sample) {
 }
 
 /// The alarm of a watch that sees these windows, and the number of the first window that has the change.
-std::optional<std::pair<Alarm, std::size_t>> alarm_of(const std::vector<Parameter>& parameters,
+std::optional<std::pair<Alarm, std::size_t>> alarm_of(const std::vector<pair_watch::Parameter>& parameters,
                                                       const WatchOptions& options,
                                                       const std::vector<const Window*>& windows) {
   auto watch = ChangeWatch::make(parameters, options);

@@ -15,17 +15,18 @@ struct KindOfTopic {
   std::string_view suffix;  ///< of the topics of a rig's channels
   std::string_view type;    ///< of the main message
 };
-constexpr KindOfTopic kKinds[] = {{SampleKind::image, "image", "sensor_msgs/msg/Image"},
-                                  {SampleKind::range_image, "range", "sensor_msgs/msg/Image"},
-                                  {SampleKind::point_cloud, "points", "sensor_msgs/msg/PointCloud2"},
-                                  {SampleKind::register_block, "registers", "rigor_msgs/msg/RegisterBlock"},
-                                  {SampleKind::pose, "pose", "geometry_msgs/msg/PoseStamped"},
-                                  {SampleKind::event, "events", "rigor_msgs/msg/Event"}};
+constexpr KindOfTopic kKindsOfTopics[] = {
+    {SampleKind::image, "image", "sensor_msgs/msg/Image"},
+    {SampleKind::range_image, "range", "sensor_msgs/msg/Image"},
+    {SampleKind::point_cloud, "points", "sensor_msgs/msg/PointCloud2"},
+    {SampleKind::register_block, "registers", "rigor_msgs/msg/RegisterBlock"},
+    {SampleKind::pose, "pose", "geometry_msgs/msg/PoseStamped"},
+    {SampleKind::event, "events", "rigor_msgs/msg/Event"}};
 
 const KindOfTopic* kind_of(SampleKind kind) {
-  const auto* it =
-      std::find_if(std::begin(kKinds), std::end(kKinds), [&](const auto& k) { return k.kind == kind; });
-  return it == std::end(kKinds) ? nullptr : it;
+  const auto* it = std::find_if(std::begin(kKindsOfTopics), std::end(kKindsOfTopics),
+                                [&](const auto& k) { return k.kind == kind; });
+  return it == std::end(kKindsOfTopics) ? nullptr : it;
 }
 
 std::string joined(const std::vector<std::string>& names) {

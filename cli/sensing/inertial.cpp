@@ -6,6 +6,7 @@
 
 #include "cli/sensing/mount.h"
 #include "cli/sensing/sheet_kind.h"
+#include "sensor-hal/config/value_or_throw.h"
 #include "sensor-hal/models/gnss/gnss_yaml.h"
 #include "sensor-hal/models/imu/imu_yaml.h"
 #include "sensor-hal/models/odometry/odometry_yaml.h"
@@ -13,12 +14,6 @@
 
 namespace rigor {
 namespace {
-
-template <class T>
-T value_or_throw(Result<T> result) {
-  if (!result) throw ConfigError(result.error());
-  return std::move(*result);
-}
 
 Pose pose_of(const Eigen::Isometry3d& T) {
   const Eigen::Quaterniond q(T.linear());

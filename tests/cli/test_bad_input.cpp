@@ -131,7 +131,7 @@ TEST_F(BadInput, NumbersOfTheCommandLineHaveARange) {
   expect_refused(rigor({"run", "rig.yaml", "--duration", "0.1", "--pace", "nan"}, dir.path()),
                  "--pace: expected");
   expect_refused(
-      rigor({"calibrate", "delay", "x", "--first", "a", "--second", "b", "--largest", "nan"}, dir.path()),
+      rigor({"calibrate", "delay", "x", "--first", "a", "--second", "b", "--largest", "0"}, dir.path()),
       "--largest: expected a number above 0");
   expect_refused(rigor({"world", "render", "x.rigor", "-o", "x.png", "--eye", "nan,0,0"}, dir.path()),
                  "--eye: expected a number from -1e+08 to 1e+08, got nan");
@@ -170,7 +170,7 @@ TEST_F(BadInput, MoreBoxesThanTheSmallRendererDraws) {
   write_file(dir / "world.yaml", world);
   const Said said =
       run("simulation: { world: world.yaml }\nchannels:\n  c: { kind: image, backend: simulated, "
-          "rate_hz: 10, sensor: " +
+          "rate_hz: 10, T_world_sensor: {position_m: [0, 0, 1], look_at_m: [1, 0, 1]}, sensor: " +
               config("sensors/demo-camera.yaml") + " }\n",
           {"--clock", "virtual"});
   expect_refused(said, "bodies: expected at most ");

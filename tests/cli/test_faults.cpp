@@ -224,7 +224,8 @@ TEST_F(Faults, AreNotTakenFromARecordingOfAnotherRigOrWithoutThem) {
   EXPECT_EQ(other.status, 2);
   EXPECT_THAT(other.err,
               HasSubstr("expected a recording of this rig (small), got one of other: here is no sink lamp"));
-  const Said none = rigor({"run", file("other.yaml"), "--faults-from", file("other.mcap")});
+  const Said none =
+      rigor({"run", file("other.yaml"), "--record", file("none.mcap"), "--faults-from", file("other.mcap")});
   EXPECT_EQ(none.status, 2);
   EXPECT_THAT(none.err, HasSubstr("expected a recording of a run into which faults were injected"));
 }

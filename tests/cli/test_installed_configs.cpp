@@ -33,7 +33,8 @@ TEST(InstalledConfigs, WhatCameAlongIsListed) {
   const Said said = rigor({"rigs", "--json"});
   ASSERT_EQ(said.status, 0) << said.err;
   std::size_t found = 0;
-  for (const json& rig : json::parse(said.out)["rigs"]) {
+  const json listed = json::parse(said.out);
+  for (const json& rig : listed["rigs"]) {
     EXPECT_TRUE(std::filesystem::exists(rig["file"].get<std::string>())) << rig;
     EXPECT_GT(rig["about"].get<std::string>().size(), 10u) << rig;
     found += rig["name"] == "demo" || rig["name"] == "velodyne";

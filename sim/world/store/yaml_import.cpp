@@ -17,12 +17,15 @@ namespace {
 constexpr double kInf = std::numeric_limits<double>::infinity();
 
 /// As ConfigNode's numbers, and those that are not finite.
+// What a world holds comes back whatever it is: no limit by unit.
+constexpr Range kAny{.min = std::numeric_limits<double>::lowest(), .max = std::numeric_limits<double>::max()};
+
 double real(const ConfigNode& n) {
   const auto word = n.as_text();
   if (word == ".nan") return std::numeric_limits<double>::quiet_NaN();
   if (word == ".inf") return kInf;
   if (word == "-.inf") return -kInf;
-  return n.as_number();
+  return n.as_number(kAny);
 }
 
 double real(const ConfigNode& n, std::string_view key) {
@@ -30,7 +33,7 @@ double real(const ConfigNode& n, std::string_view key) {
   if (word == ".nan") return std::numeric_limits<double>::quiet_NaN();
   if (word == ".inf") return kInf;
   if (word == "-.inf") return -kInf;
-  return n.number(key);
+  return n.number(key, kAny);
 }
 
 std::vector<double> reals(const ConfigNode& n, std::string_view key, std::optional<std::size_t> count) {

@@ -54,7 +54,7 @@ TEST(WorldYaml, SaysWhereAndWhatWasExpected) {
        {Case{materials + "bodies:\n  - { name: a, size_m: [1, 1, 1], material: gray }\n",
              "w.yaml:4:", "did you mean 'grey'"},
         Case{materials + "bodies:\n  - { name: a, size_m: [1, 1], material: grey }\n", "w.yaml:4:", "size_m"},
-        Case{materials + "bodies:\n  - { name: a, size_m: [1, 0, 1], material: grey }\n", "w.yaml:4:", "> 0"},
+        Case{materials + "bodies:\n  - { name: a, size_m: [1, 0, 1], material: grey }\n", "w.yaml:4:", "above 0"},
         Case{materials + "bodies:\n  - { name: a, size_m: [1, 1, 1], material: grey, colour: red }\n",
              "w.yaml:4:", "unknown key"},
         Case{materials + "nodes:\n  - { name: n, parent: m }\n", "w.yaml:4:", "expected the name of a node"},
