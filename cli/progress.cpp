@@ -23,8 +23,9 @@ constexpr Duration kWindow = seconds(20), kApart = milliseconds(500);
 constexpr std::size_t kFewest = 3;  ///< of what the meter keeps: two steps
 /// Work that takes less is not shown.
 constexpr Duration kSilent = seconds(2);
-/// JSON lines are so far apart; lines off a terminal a tenth of the task and at least kPlain, or kSeldom.
-constexpr Duration kJson = milliseconds(500), kPlain = seconds(5), kSeldom = seconds(30);
+/// JSON lines, and rewritten ones, are so far apart; lines off a terminal a tenth of the task and at least
+/// kPlain, or kSeldom.
+constexpr Duration kOften = milliseconds(200), kPlain = seconds(5), kSeldom = seconds(30);
 
 /// At most `columns` characters, each of which may be several bytes.
 std::string cut_to(std::string text, std::size_t columns) {
@@ -124,12 +125,13 @@ ProgressDisplay::Output ProgressDisplay::update(double done, const std::string& 
   if (!std::isfinite(done)) done = 0;
   task.meter.take(now, task.total > 0 ? std::min(done, task.total) : done);
   if (format_ == ProgressFormat::json) {
-    if (now - shown_ < kJson) return {};
+    if (now - shown_ < kOften) return {};
     shown_ = now;
     return {json(note)};
   }
   if (terminal_) {
-    if (now - tasks_.front().begin < kSilent) return {};
+    if (now - tasks_.front().begin < kSilent || now - shown_ < kOften) return {};
+    shown_ = now;
     return {cut_to(line(note, now), std::max<std::size_t>(columns, 20) - 1), true};
   }
   const double fraction = task.total > 0 ? task.meter.done() / task.total : 0;
@@ -219,7 +221,7 @@ class Console {
  private:
   void show() {
     std::unique_lock lock(mutex_);
-    while (!wake_.wait_for(lock, std::chrono::milliseconds(200), [this] { return stop_; }))
+    while (!wake_.wait_for(lock, std::chrono::milliseconds(100), [this] { return stop_; }))
       if (!tasks_.empty())
         write(display_.update(tasks_.back()->now(), tasks_.back()->text(), monotonic_now(),
                               terminal_columns()));
