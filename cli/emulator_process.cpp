@@ -17,6 +17,7 @@
 #include <utility>
 
 #include "cli/terminal.h"
+#include "cli/world/world_plugins.h"
 
 namespace rigor {
 namespace {
@@ -45,6 +46,10 @@ Result<EmulatorProcess> EmulatorProcess::start(const std::filesystem::path& rig,
   for (const std::string& o : overrides) {
     words.emplace_back("--set");
     words.push_back(o);
+  }
+  for (const NamedFile& plugin : command_plugins()) {
+    words.emplace_back("--plugin");
+    words.push_back(plugin.file.string());
   }
   std::vector<char*> argv;
   for (std::string& w : words) argv.push_back(w.data());

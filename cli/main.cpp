@@ -251,6 +251,8 @@ int command_line(int argc, char** argv) {
   rigor::CalibrateCommandLine calibrate(app);
   rigor::WorldCommandLine world(app);
 
+  for (CLI::App* opens_a_world : {run_app, emulate_app, sense_app, tune_app})
+    rigor::add_plugins(opens_a_world);
   add_progress(app);
   for (CLI::App* quick : {fault_app, pair_app}) quick->remove_option(quick->get_option("--progress"));
 

@@ -143,6 +143,7 @@ void InputFiles::add(const std::string& what, const fs::path& file) {
 void InputFiles::add_rig(const RigConfig& rig) {
   add("the rig", rig.file);
   add("the rig's world", rig.simulation.world);
+  for (const NamedFile& plugin : rig.simulation.plugins) add("a plugin of the world", plugin.file);
   const auto look = [&](const ConfigNode& node, const std::string& what) {
     if (node.present()) add_named_in(node.dump(), node.base_dir(), what, 0);
   };

@@ -5,6 +5,7 @@
 
 #include <fstream>
 #include <functional>
+#include <sstream>
 #include <thread>
 
 #include "tests/cli/runs_fixture.h"
