@@ -138,6 +138,7 @@ int replay_command(const ReplayOptions& options) {
   auto application = make_application(parts.rig);
   if (!application) return report_error(application.error(), options.json);
   parts.application = std::move(*application);
+  if (auto s = prepare_outputs(parts.rig, existing, true); !s) return report_error(s.error(), options.json);
   ExecuteOptions how;
   how.json = options.json;
   how.existing = existing;

@@ -64,7 +64,7 @@ int run_command(const RunOptions& options) {
 
   StopSource stop;
   SignalStop signals(stop, SignalStop::Suspend::refuse);
-  if (auto s = prepare_logs(checked, existing); !s) return report_error(s.error(), options.json);
+  if (auto s = prepare_outputs(checked, existing); !s) return report_error(s.error(), options.json);
   std::optional<EmulatorProcess> emulators;
   if (checked.clock == ClockKind::wall && checked.start_emulators && !options.no_emulators &&
       !checked.emulators.empty()) {
