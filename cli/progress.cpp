@@ -6,11 +6,13 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <cmath>
 #include <condition_variable>
 #include <limits>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <system_error>
 #include <thread>
 
 #include "cli/terminal.h"
@@ -96,11 +98,11 @@ std::string ProgressDisplay::line(const std::string& note, MonotonicTime now) co
   std::string text;
   for (const Task& t : tasks_) text += (text.empty() ? "" : ": ") + t.name;
   if (task.total > 0) text += fmt::format("  {:.0f} %", std::floor(100 * done / task.total));
+  const int digits = time ? 1 : 0;
   if (!task.unit.empty() && task.total > 0)
-    text +=
-        fmt::format(time ? "  {:.1f} of {:.1f} {}" : "  {:.0f} of {:.0f} {}", done, task.total, task.unit);
+    text += fmt::format("  {:.{}f} of {:.{}f} {}", done, digits, task.total, digits, task.unit);
   else if (!task.unit.empty() && done > 0)
-    text += fmt::format(time ? "  {:.1f} {}" : "  {:.0f} {}", done, task.unit);
+    text += fmt::format("  {:.{}f} {}", done, digits, task.unit);
   else if (!(task.total > 0))
     text += "  for " + text_of_span((now - task.begin).seconds());
   if (time && std::isfinite(speed)) text += fmt::format("  {:.3g} x real time", speed);
@@ -195,18 +197,23 @@ class Console {
     tasks_.push_back(&state);
     if (tasks_.size() > 1 || g_format == ProgressFormat::none) return;
     stop_ = false;
-    thread_ = std::thread([this] { show(); });
+    try {
+      thread_ = std::thread([this] { show(); });
+    } catch (const std::system_error&) {
+      // The work itself matters more than what is said of it.
+    }
   }
   void end(State& state, bool whole) {
     std::thread last;
     {
       const std::lock_guard lock(mutex_);
+      if (std::find(tasks_.begin(), tasks_.end(), &state) == tasks_.end()) return;
       // Tasks within it end with it.
-      const auto at = std::find(tasks_.begin(), tasks_.end(), &state);
-      while (tasks_.end() != at && tasks_.size() > static_cast<std::size_t>(at - tasks_.begin())) {
+      for (bool ended = false; !ended && !tasks_.empty();) {
         State& inner = *tasks_.back();
+        ended = &inner == &state;
         tasks_.pop_back();
-        write(display_.end(inner.now(), inner.text(), whole && &inner == &state, monotonic_now()));
+        write(display_.end(inner.now(), inner.text(), whole && ended, monotonic_now()));
       }
       if (tasks_.empty()) {
         stop_ = true;

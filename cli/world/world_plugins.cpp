@@ -11,7 +11,7 @@ std::vector<NamedFile>& of_the_command() {
 }
 
 /// The error of a file, with who names the file before it.
-Status named(Status s, const NamedFile& file) {
+Status with_who_names_it(Status s, const NamedFile& file) {
   if (s) return s;
   Error e = s.error();
   e.where = e.where.empty() ? file.file.string() : e.where;
@@ -52,7 +52,7 @@ Status load_plugins(world::Plugins& plugins, const std::vector<NamedFile>& files
     for (const world::PluginInfo& known : plugins.list())
       loaded = loaded || std::filesystem::equivalent(known.file, f.file, none);
     if (loaded) continue;
-    if (auto s = named(plugins.load(f.file), f); !s) return s;
+    if (auto s = with_who_names_it(plugins.load(f.file), f); !s) return s;
   }
   return {};
 }
@@ -60,7 +60,7 @@ Status load_plugins(world::Plugins& plugins, const std::vector<NamedFile>& files
 Status import_plugin_data(world::Plugins& plugins, const std::vector<WorldPlugins::Data>& data) {
   for (const auto& d : data) {
     const ProgressTask reading("read " + d.file.file.filename().string());
-    if (auto s = named(plugins.import_file(d.file.file, d.importer), d.file); !s) return s;
+    if (auto s = with_who_names_it(plugins.import_file(d.file.file, d.importer), d.file); !s) return s;
   }
   return {};
 }
