@@ -3,7 +3,13 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <pty.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -178,6 +184,42 @@ TEST(Progress, IsSilentWhereWorkIsShortOrNobodyWantsIt) {
   const test::Said wrong = test::rigor({"run", test::config("demo.yaml"), "--progress", "bar"});
   EXPECT_EQ(wrong.status, 2);
   EXPECT_THAT(wrong.err, HasSubstr("--progress"));
+}
+
+TEST(Progress, OnATerminalIsOneLineThatIsRewrittenAndClearedAtTheEnd) {
+  auto words = test::rigor_words(
+      {"run", test::config("demo.yaml"), "--clock", "virtual", "--duration", "4", "--pace", "1", "--json"});
+  std::vector<char*> argv;
+  for (auto& w : words) argv.push_back(w.data());
+  argv.push_back(nullptr);
+  const winsize size{.ws_row = 24, .ws_col = 60, .ws_xpixel = 0, .ws_ypixel = 0};
+  int terminal = -1;
+  const pid_t pid = forkpty(&terminal, nullptr, nullptr, &size);
+  if (pid == 0) {
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (freopen("/dev/null", "w", stdout) == nullptr) _exit(126);
+    execvp(argv[0], argv.data());
+    _exit(127);
+  }
+  std::string shown;
+  std::array<char, 4096> block{};
+  for (ssize_t n = 0; (n = read(terminal, block.data(), block.size())) > 0;)
+    shown.append(block.data(), static_cast<std::size_t>(n));
+  int status = 0;
+  waitpid(pid, &status, 0);
+  close(terminal);
+  EXPECT_EQ(status, 0);
+  const std::string clear = "\r\033[K";
+  EXPECT_THAT(shown, AllOf(HasSubstr(clear + "run  "), HasSubstr("of 4.0 s"), Not(HasSubstr("\n"))));
+  EXPECT_TRUE(shown.ends_with(clear)) << shown;
+  int lines = 0;
+  for (std::size_t from = shown.find(clear); from != std::string::npos; ++lines) {
+    const std::size_t next = shown.find(clear, from + 1);
+    EXPECT_LE(std::min(next, shown.size()) - from - clear.size(), 59U) << "it fits in the terminal";
+    from = next;
+  }
+  EXPECT_GE(lines, 4);
+  EXPECT_LE(lines, 30) << "a few times a second";
 }
 
 class ProgressOfWorlds : public test::World {};
