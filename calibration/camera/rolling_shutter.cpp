@@ -121,10 +121,10 @@ Result<Solved> solve(const std::vector<BoardView>& views, const CameraFit& start
   problem.add_block(camera.data(), camera_infos(start.lens_model, camera[0], width, height, false));
   problem.add_block(&line_us, {{.name = kLineTime, .resolution = resolution_s / kUs}});
   for (Pose& p : path.pose) problem.add_nuisance(p.data(), 6);
-  struct Corner {
+  struct SeenCorner {
     std::size_t moving, point;
   };
-  std::vector<Corner> corners;
+  std::vector<SeenCorner> corners;
   for (std::size_t m = 0; m < path.moving.size(); ++m) {
     const Moving& moving = path.moving[m];
     const BoardView& view = views[moving.view];
@@ -169,7 +169,7 @@ Result<Solved> solve(const std::vector<BoardView>& views, const CameraFit& start
 
   std::vector<bool> used(corners.size(), true);
   for (std::size_t k = 0; k < solved->rejected_ids.size(); ++k) {
-    const Corner& c = corners[solved->rejected_ids[k]];
+    const SeenCorner& c = corners[solved->rejected_ids[k]];
     const BoardView& view = views[path.moving[c.moving].view];
     const BoardPoint& p = view.points[c.point];
     used[solved->rejected_ids[k]] = false;

@@ -65,16 +65,16 @@ void PairProposal::mount(const RecordedPair& pair, const Eigen::Matrix3d& R, con
   static constexpr std::array<const char*, 6> kNames{"mount_x_rad",    "mount_y_rad",    "mount_z_rad",
                                                      "mount_move_x_m", "mount_move_y_m", "mount_move_z_m"};
   bool any = false;
-  nlohmann::json sigma = nlohmann::json::object();
+  nlohmann::json sigmas = nlohmann::json::object();
   for (const char* name : kNames) {
     const Parameter* p = change(name);
     if (!p) continue;
     any = any || changed(name);
-    sigma[name] = p->sigma;
+    sigmas[name] = p->sigma;
     add(name, p->value, {{name}});
   }
-  if (sigma.empty()) return;
-  nlohmann::json& m = more["mount"] = {{"changed", any}, {"sigma", sigma}};
+  if (sigmas.empty()) return;
+  nlohmann::json& m = more["mount"] = {{"changed", any}, {"sigma", sigmas}};
   if (pair.mount_key.empty()) return;
   Eigen::Isometry3d change = Eigen::Isometry3d::Identity();
   change.linear() = R, change.translation() = t;

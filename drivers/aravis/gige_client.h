@@ -41,7 +41,7 @@ struct GigeClientOptions {
   std::uint32_t packet_size = 1400;
   std::uint32_t heartbeat_timeout_ms = 3000;
   /// Packet size and payload are set from the camera at start().
-  GvspAssemblerOptions stream;
+  GvspAssemblerOptions stream = {};
   /// What a camera may ask for as one frame: memory is taken for several of them.
   std::uint32_t max_payload_bytes = 1u << 30;
 };

@@ -78,8 +78,8 @@ class CalibrateInterrupt : public Calibrate {
     EXPECT_THAT(r.out, HasSubstr(parameter));
     EXPECT_THAT(read_file(dir / "best.yaml"), HasSubstr("interrupted: true"));
     EXPECT_THAT(read_file(dir / "report/index.html"), HasSubstr("INTERRUPTED"));
-    const auto json = nlohmann::json::parse(read_file(dir / "report/result.json"));
-    EXPECT_TRUE(json["interrupted"].get<bool>());
+    const auto result = nlohmann::json::parse(read_file(dir / "report/result.json"));
+    EXPECT_TRUE(result["interrupted"].get<bool>());
   }
 };
 
@@ -108,8 +108,8 @@ TEST_F(CalibrateInterrupt, NothingIsRewrittenWhereNoTerminalIs) {
   EXPECT_EQ(said.status, 0) << said.err;
   EXPECT_THAT(said.err + said.out, Not(HasSubstr("\r")));
   EXPECT_THAT(said.err + said.out, Not(HasSubstr("\033")));
-  const Said json = run({"twin", CalibrationRecordings::get().board(), "--channel", "left", "--json"});
-  EXPECT_THAT(json.err, ::testing::IsEmpty());
+  const Said quiet = run({"twin", CalibrationRecordings::get().board(), "--channel", "left", "--json"});
+  EXPECT_THAT(quiet.err, ::testing::IsEmpty());
 }
 
 }  // namespace

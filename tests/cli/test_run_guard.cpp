@@ -37,9 +37,9 @@ void run_under_guard(const std::string& file, const std::function<void(RunParts&
   BenchRun run(parts, nullptr);
   ASSERT_TRUE(run.arm());
   const BenchTime t0 = bench_now() + seconds(1);
-  auto file = RecordingFile::create(parts.rig.record.file, Existing::replace);
-  ASSERT_TRUE(file) << file.error().text();
-  auto recorder = open_recording(parts, *file, t0, read_epoch(), {});
+  auto output = RecordingFile::create(parts.rig.record.file, Existing::replace);
+  ASSERT_TRUE(output) << output.error().text();
+  auto recorder = open_recording(parts, *output, t0, read_epoch(), {});
   ASSERT_TRUE(recorder) << recorder.error().text();
   run.set_recorder(recorder->get());
   const Status installed = guard::install();

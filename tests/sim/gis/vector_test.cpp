@@ -194,7 +194,7 @@ void write_layer(const std::string& file, const char* driver, const char* name, 
   OGRLayer* layer = d->CreateLayer(name, crs_text ? &crs : nullptr, wkbPoint);
   OGRFieldDefn height("HOEHE", OFTReal);
   layer->CreateField(&height);
-  layer->StartTransaction();
+  ASSERT_EQ(layer->StartTransaction(), OGRERR_NONE);
   for (int i = 0; i < count; ++i) {
     OGRFeature feature(layer->GetLayerDefn());
     feature.SetField("HOEHE", 5.0 + i % 7);
@@ -202,7 +202,7 @@ void write_layer(const std::string& file, const char* driver, const char* name, 
     feature.SetGeometry(&p);
     ASSERT_EQ(layer->CreateFeature(&feature), OGRERR_NONE);
   }
-  layer->CommitTransaction();
+  ASSERT_EQ(layer->CommitTransaction(), OGRERR_NONE);
   GDALClose(d);
 }
 
