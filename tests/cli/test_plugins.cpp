@@ -14,14 +14,14 @@ using nlohmann::json;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-std::string module(const std::string& name) { return RIGOR_TEST_MODULES "/" + name + ".so"; }
+std::string plugin_file(const std::string& name) { return RIGOR_TEST_MODULES "/" + name + ".so"; }
 
 class WorldPlugins : public SensingBench {
  protected:
   void SetUp() override {
     SensingBench::SetUp();
     fs::create_directory(dir / "lib");
-    fs::copy_file(module("good"), dir / "lib/good.so");
+    fs::copy_file(plugin_file("good"), dir / "lib/good.so");
     write_file(dir / "left.yaml", left("2"));
     write_file(dir / "seven.yaml", left("7"));
     write_file(dir / "own.yaml", "plugins: [lib/good.so]\n" + left("2"));
@@ -92,13 +92,13 @@ TEST_F(WorldPlugins, ThatCannotBeHadSayWhoNamesThemAndWhatToDo) {
   refused({"world", "info", "left.yaml", "--plugin", "none.so"}, {"--plugin: none.so", "no such file"});
   refused({"world", "info", "left.yaml", "--plugin", "left.yaml"},
           {"--plugin: left.yaml", "expected", "shared object"});
-  refused({"world", "info", "left.yaml", "--plugin", module("broken_no_entry")},
+  refused({"world", "info", "left.yaml", "--plugin", plugin_file("broken_no_entry")},
           {"broken_no_entry.so", "RIGOR_WORLD_PLUGIN"});
-  refused({"world", "info", "left.yaml", "--plugin", module("broken_abi")},
+  refused({"world", "info", "left.yaml", "--plugin", plugin_file("broken_abi")},
           {"broken_abi.so", "expected", "got", "build the plugin again"});
-  refused({"world", "info", "left.yaml", "--plugin", module("broken_throws")}, {"out of bees"});
+  refused({"world", "info", "left.yaml", "--plugin", plugin_file("broken_throws")}, {"out of bees"});
   // Another file with a plugin of the same name.
-  fs::copy_file(module("good"), dir / "lib/again.so");
+  fs::copy_file(plugin_file("good"), dir / "lib/again.so");
   refused({"world", "info", "left.yaml", "--plugin", "lib/good.so", "--plugin", "lib/again.so"},
           {"again.so", "expected each plugin once", "good.so"});
   write_file(dir / "wrong.yaml", "plugins: [lib/none.so]\n" + left("2"));

@@ -93,7 +93,9 @@ TEST(ProgressDisplay, WritesALineNowAndThenWhereNoTerminalIs) {
   for (int i = 1; i <= 5000; ++i) {
     const auto out = display.update(0.2 * i, "", at(0.2 * i));  // 1000 s
     EXPECT_FALSE(out.rewritten);
-    if (!out.text.empty()) ++lines, EXPECT_THAT(out.text, AllOf(HasSubstr("run  "), HasSubstr("%")));
+    if (out.text.empty()) continue;
+    ++lines;
+    EXPECT_THAT(out.text, AllOf(HasSubstr("run  "), HasSubstr("%")));
   }
   EXPECT_GE(lines, 30);
   EXPECT_LE(lines, 40);
