@@ -91,14 +91,15 @@ endfunction()
 # What tests test is optimised as ever; the tests themselves need not be.
 set(RIGOR_TEST_OPTIONS $<$<CONFIG:Release>:-O1>)
 
-# rigor_test(NAME SOURCES... [APART sources...] LINKS... [SERIAL|ALONE] [WALL_CLOCK cases...] [TIMEOUT seconds]): a GoogleTest
+# rigor_test(NAME SOURCES... [APART sources...] LINKS... [IN_TURN what|ALONE] [WALL_CLOCK cases...] [TIMEOUT seconds]): a GoogleTest
 # binary whose cases ctest knows one by one.
 # WALL_CLOCK: those cases (patterns of --gtest_filter) whose verdict depends on how promptly this machine runs threads and passes
-# on packets; tools/run_tests.py runs them again where they fail. SERIAL: these cases, or all where none are named, run one after
-# the other over all binaries, for they hold fixed ports or several threads each, with other tests beside them. ALONE: they
-# measure microseconds, and nothing runs beside them. APART: as for rigor_library.
+# on packets; tools/run_tests.py runs them again where they fail. IN_TURN: these cases, or all where none are named, run one after
+# the other over all binaries that name the same thing (`gige`: the one port of GigE Vision; `loop`: a wall-clock run with all its
+# threads), with other tests beside them. ALONE: they measure microseconds, and nothing runs beside them. APART: as for
+# rigor_library.
 function(rigor_test NAME)
-  cmake_parse_arguments(ARG "SERIAL;ALONE" "TIMEOUT" "SOURCES;APART;LINKS;LABELS;WALL_CLOCK" ${ARGN})
+  cmake_parse_arguments(ARG "ALONE" "TIMEOUT;IN_TURN" "SOURCES;APART;LINKS;LABELS;WALL_CLOCK" ${ARGN})
   find_package(GTest REQUIRED)
   include(GoogleTest)
   add_executable(${NAME} ${ARG_SOURCES} ${ARG_APART})
@@ -123,8 +124,8 @@ function(rigor_test NAME)
   # The longest first, and those that take turns before all others.
   set(PROPS TIMEOUT ${ARG_TIMEOUT} COST ${ARG_TIMEOUT})
   set(TURNS)
-  if(ARG_SERIAL)
-    set(TURNS RESOURCE_LOCK one-at-a-time COST 1000)
+  if(ARG_IN_TURN)
+    set(TURNS RESOURCE_LOCK ${ARG_IN_TURN} COST 1000)
   elseif(ARG_ALONE)
     set(TURNS RUN_SERIAL TRUE)
   endif()

@@ -14,6 +14,7 @@ that were run again, one a line, and how that ended). Exit status 1 where the ru
     run_tests.py --self-test
 """
 import json
+import os
 import re
 import subprocess
 import sys
@@ -96,7 +97,7 @@ def again(build, junit, log, name):
 def run(build, results, lane, options):
     junit, account = results / f"{lane}.xml", []
     with open(results / f"{lane}.log", "w", encoding="utf-8") as log:
-        status = ctest(build, junit, log, ["--parallel", "2", *options])
+        status = ctest(build, junit, log, ["--parallel", str(os.cpu_count() + 1), *options])
         failed = failed_in(junit)
         if status != 0 and not failed:
             print(f"ctest ended with status {status}, and no test failed", flush=True)

@@ -32,7 +32,7 @@ std::string random_fault(std::mt19937& random, SampleKind kind) {
       case 4:
         return "{kind: stuck, freeze: " + pick({"true", "false"}) + "}";
       case 5:
-        return "{kind: bias" + value + ", amount" + unit + ": " + pick({"1e8", "-3", "0.5"}) + "}";
+        return "{kind: bias" + value + ", amount" + unit + ": " + pick({"1e6", "-3", "0.5"}) + "}";
       case 6:
         return "{kind: drift" + value + ", rate" + unit + "_per_s: 100}";
       case 7:
