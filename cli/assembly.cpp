@@ -11,6 +11,7 @@
 #include "apps/turntable-sweep/turntable_sweep.h"
 #include "cli/fault_signals.h"
 #include "cli/pair_watches.h"
+#include "cli/progress.h"
 #include "cli/sensing/changing_device.h"
 #include "cli/sensing/inertial.h"
 #include "cli/sensing/signal_values.h"
@@ -57,8 +58,15 @@ class Assembler {
     carry();
     out_.fault_workers = std::make_unique<WorkerPool>(static_cast<std::size_t>(rig_.simulation.workers));
     out_.parts.faults = std::make_shared<FaultBench>();
-    for (const ChannelEntry& entry : rig_.channels)
-      if (auto s = add_channel(entry); !s) return s;
+    {
+      ProgressTask making("make the channels", static_cast<double>(rig_.channels.size()), "channels");
+      for (const ChannelEntry& entry : rig_.channels) {
+        making.note(entry.name);
+        if (auto s = add_channel(entry); !s) return s;
+        making.set(static_cast<double>(out_.parts.channels.size()));
+      }
+      making.finish();
+    }
     for (const SinkEntry& entry : rig_.sinks)
       if (auto s = add_sink(entry); !s) return s;
     if (auto s = bind_joints(); !s) return s;

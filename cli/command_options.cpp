@@ -8,6 +8,7 @@
 
 #include "cli/installed_configs.h"
 #include "cli/option_checks.h"
+#include "cli/world/world_plugins.h"
 #include "sensor-hal/config/did_you_mean.h"
 
 namespace rigor {
@@ -45,6 +46,14 @@ std::string unknown_command(const CLI::App& app, const std::vector<std::string>&
     at = next;
   }
   return {};
+}
+
+void add_plugins(CLI::App* app) {
+  app->add_option_function<std::vector<std::string>>(
+         "--plugin", &set_command_plugins,
+         "Plugin of the world, a shared object that is loaded before the world (may be repeated)")
+      ->type_name("FILE.so")
+      ->allow_extra_args(false);
 }
 
 CommandOption CommandOption::required(bool yes) const {

@@ -30,7 +30,7 @@ struct RunOptions {
   std::filesystem::path faults_from;  ///< a recording whose live faults come again; empty: none
   bool no_emulators = false;
   bool no_control = false;
-  bool force = false;  ///< replace what is there
+  bool force = false;                ///< replace what is there
   std::vector<std::string> fail_on;  ///< findings that fail the run (verdict.h)
   LiveOptions live;
   bool json = false;

@@ -7,6 +7,7 @@
 #include "cli/calibrate/recording_packets.h"
 #include "cli/commands.h"
 #include "cli/output_file.h"
+#include "cli/progress.h"
 #include "cli/recording.h"
 #include "cli/sensing/sample_files.h"
 #include "cli/terminal.h"
@@ -53,8 +54,10 @@ RealtimeTime recorded_at(const std::filesystem::path& file) {
 
 Result<Converted> to_pcd(const ConvertOptions& options) {
   Converted out;
+  ProgressTask progress("read " + options.input.filename().string(), 0, "scans");
   Status written = fail(ErrorCode::bad_input, "--scan", "");
   const auto read = read_clouds(options.input, [&](const Sample& sample) {
+    progress.set(static_cast<double>(out.scans));
     if (out.scans++ != static_cast<std::uint64_t>(options.scan)) return true;
     const auto points = points_of(sample);
     out.points = points.size();
@@ -77,12 +80,17 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
   Converted out;
   std::size_t most = 0;
   std::optional<BenchTime> first;
+  std::optional<ProgressTask> progress(std::in_place, "read " + options.input.filename().string(), 0,
+                                       "scans");
+  std::uint64_t scans = 0;
   const auto counted = read_clouds(options.input, [&](const Sample& sample) {
     if (!first) first = sample.stamp.t_capture;
     most = std::max(most, sample.bytes().size());
+    progress->set(static_cast<double>(++scans));
     return true;
   });
   if (!counted) return tl::unexpected<Error>(counted.error());
+  progress.emplace("convert", static_cast<double>(scans), "scans");
   const auto write = [&](const std::filesystem::path& part) -> Status {
     RecorderOptions how;
     how.virtual_time = true;  // nothing is skipped
@@ -111,6 +119,7 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
       lease = {};
       (*recorder)->end_cycle(out.scans++, sample.stamp.t_release);
       out.points += points_of(sample).size();
+      progress->set(static_cast<double>(out.scans));
       return !(*recorder)->failed();
     });
     const Status stopped = (*recorder)->stop();
@@ -119,6 +128,7 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
     return stopped;
   };
   if (auto s = write_output(options.output, write); !s) return tl::unexpected<Error>(s.error());
+  progress->finish();
   return out;
 }
 

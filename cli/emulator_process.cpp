@@ -17,11 +17,10 @@
 #include <utility>
 
 #include "cli/terminal.h"
+#include "cli/world/world_plugins.h"
 
 namespace rigor {
 namespace {
-
-constexpr auto kTellAfter = std::chrono::seconds(5);
 
 void end_child(pid_t pid) {
   kill(pid, SIGTERM);
@@ -42,10 +41,15 @@ Result<EmulatorProcess> EmulatorProcess::start(const std::filesystem::path& rig,
   if (pipe2(fds, O_CLOEXEC) != 0)
     return fail(ErrorCode::io, "emulators", std::string("pipe: ") + std::strerror(errno));
   const std::string ready_fd = std::to_string(fds[1]);
-  std::vector<std::string> words{"rigor", "emulate", rig.string(), "--ready-fd", ready_fd};
+  std::vector<std::string> words{"rigor",  "emulate",    rig.string(), "--ready-fd",
+                                 ready_fd, "--progress", "none"};
   for (const std::string& o : overrides) {
     words.emplace_back("--set");
     words.push_back(o);
+  }
+  for (const NamedFile& plugin : command_plugins()) {
+    words.emplace_back("--plugin");
+    words.push_back(plugin.file.string());
   }
   std::vector<char*> argv;
   for (std::string& w : words) argv.push_back(w.data());
@@ -67,18 +71,13 @@ Result<EmulatorProcess> EmulatorProcess::start(const std::filesystem::path& rig,
   pollfd wait{fds[0], POLLIN, 0};
   char byte = 0;
   int ready = 0;
-  // A world that is large, or a machine that is slow, may take minutes: who waits is told, and may give up.
+  // A world that is large, or a machine that is slow, may take minutes; Ctrl-C ends it.
   const auto began = std::chrono::steady_clock::now();
-  bool told = false;
   while (ready == 0 && !stop.stop_requested()) {
     ready = poll(&wait, 1, 200);
     if (ready < 0 && errno == EINTR) ready = 0;
     const auto waited = std::chrono::steady_clock::now() - began;
     if (waited > std::chrono::nanoseconds(patience.ns())) break;
-    if (ready == 0 && !told && waited > kTellAfter) {
-      told = true;
-      say("rigor: the rig's emulators are still coming up\n");
-    }
   }
   const ssize_t got = ready > 0 ? read(fds[0], &byte, 1) : -1;
   close(fds[0]);

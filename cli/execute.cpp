@@ -5,16 +5,14 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <atomic>
-#include <chrono>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <thread>
 
 #include "apps/forest-localization/stem_map.h"
 #include "cli/fault_control.h"
 #include "cli/live/live_view.h"
 #include "cli/localization_error.h"
+#include "cli/progress.h"
 #include "cli/recording.h"
 #include "cli/report.h"
 #include "cli/run_result.h"
@@ -25,10 +23,11 @@
 namespace rigor {
 namespace {
 
-std::string status_line(const BenchRun& run, const RunParts& parts, double t_s) {
+/// "2000 cycles, 0 skipped, 0 misses  left 50 LOST (-3)  right 50".
+std::string status_text(const BenchRun& run, const RunParts& parts, double t_s) {
   const LoopCounters& n = run.counters();
-  std::string line = fmt::format("{:6.1f} s  {} cycles, {} skipped, {} misses", t_s, n.run.load(),
-                                 n.skipped.load(), n.misses.load());
+  std::string line =
+      fmt::format("{} cycles, {} skipped, {} misses", n.run.load(), n.skipped.load(), n.misses.load());
   for (const auto& c : parts.channels) {
     const Health& h = c->source->health();
     // Before the run begins nothing is there that could be lost.
@@ -39,32 +38,12 @@ std::string status_line(const BenchRun& run, const RunParts& parts, double t_s) 
   return line;
 }
 
-/// Shows how the run goes, until it is told to end.
-class StatusThread {
- public:
-  StatusThread(const BenchRun& run, const RunParts& parts, BenchTime t0)
-      : thread_([this, &run, &parts, t0] {
-          LiveLine line;
-          const auto step = std::chrono::milliseconds(line.terminal() ? 200 : 1000);
-          while (!end_) {
-            line.show(status_line(
-                run, parts,
-                parts.rig.clock == ClockKind::wall
-                    ? std::max(0.0, (bench_now() - t0).seconds())
-                    : static_cast<double>(run.counters().cycle.load()) * parts.rig.loop.period.seconds()));
-            for (auto slept = step; slept.count() > 0 && !end_; slept -= std::chrono::milliseconds(50))
-              std::this_thread::sleep_for(std::chrono::milliseconds(50));
-          }
-        }) {}
-  ~StatusThread() {
-    end_ = true;
-    thread_.join();
-  }
-
- private:
-  std::atomic<bool> end_{false};
-  std::thread thread_;
-};
+/// Seconds of the run that are over, as its clock counts.
+double run_s(const BenchRun& run, const RunParts& parts, BenchTime t0) {
+  return parts.rig.clock == ClockKind::wall
+             ? std::max(0.0, (bench_now() - t0).seconds())
+             : static_cast<double>(run.counters().cycle.load()) * parts.rig.loop.period.seconds();
+}
 
 std::string iso(RealtimeTime t) {
   const std::time_t s = t.ns() / 1'000'000'000;
@@ -114,7 +93,10 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   BenchRun run(parts, trace ? &*trace : nullptr);
   if (options.ran) run.set_cycle_filter(options.ran);
   const CrashGuard guard(run.heartbeat());
-  if (auto s = run.arm(stop); !s) return report_error(s.error(), options.json);
+  {
+    const ProgressTask arming("arm the channels");
+    if (auto s = run.arm(stop); !s) return report_error(s.error(), options.json);
+  }
   std::vector<std::string> warnings = run.warnings();
   for (const std::string& w : warnings) say("rigor: warning: {}\n", w);
   const EpochPair epoch = options.epoch ? *options.epoch : virtual_time ? kVirtualEpoch : read_epoch();
@@ -163,9 +145,15 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     run.set_recorder(opened->get());
     if (view) view->attach(opened->get(), t0);
     {
-      std::optional<StatusThread> status;
-      if (!options.json) status.emplace(run, parts, t0);
+      std::optional<ProgressTask> progress;
+      {
+        const AvoidCpu rest(virtual_time ? -1 : loop_cpu(run.executive().config().realtime));
+        progress.emplace(options.ran ? "replay" : "run", parts.rig.duration.seconds(), "s");
+      }
+      progress->follow([&] { return run_s(run, parts, t0); },
+                       [&] { return status_text(run, parts, run_s(run, parts, t0)); });
       outcome = run.run(stop, t0);
+      if (outcome && outcome->loop.reason == StopReason::finished) progress->finish();
     }
     const bool again = !outcome && run.started_late() && lead < seconds(10) && !stop.stop_requested();
     if (!again) {
@@ -187,6 +175,7 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     say("rigor: warning: {}\n", w);
     warnings.push_back(std::move(w));
   }
+  std::optional<ProgressTask> closing(std::in_place, "close the devices and the recording");
   const Status finished = parts.application ? parts.application->finish() : Status{};
   const Status stopped = run.stop();
   Status recorded;
@@ -194,6 +183,7 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     if (outcome) recorder->add_closing_metadata({{"seen_sha256", outcome->seen_sha256}});
     recorded = recorder->stop();
   }
+  closing.reset();
   if (!outcome) {
     if (file) file->abandon();
     return report_error(outcome.error(), options.json);
@@ -218,8 +208,10 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
       if (!parts.rig.report.empty()) localization = localization_section(*error, stems_of(parts.rig));
     }
   Status reported;
-  if (!parts.rig.report.empty())
+  if (!parts.rig.report.empty()) {
+    const ProgressTask writing("write the report");
     reported = write_report(parts.rig.report, result, parts, localization, options.existing);
+  }
   if (reported && trace) reported = write_trace(*trace, options);
   if (options.json) {
     fmt::print("{}\n", result.dump());

@@ -9,6 +9,7 @@
 #include "cli/calibrate/recording_packets.h"
 #include "cli/commands.h"
 #include "cli/output_file.h"
+#include "cli/progress.h"
 #include "cli/terminal.h"
 #include "drivers/velodyne/pcap_file.h"
 #include "drivers/velodyne/pcap_report.h"
@@ -102,13 +103,17 @@ std::string to_text(const PcapReport& r) {
   return t;
 }
 
+std::string read_task(const InspectOptions& options) { return "read " + options.file.filename().string(); }
+
 /// A recording that breaks off is told as far as it goes, and is an error.
 int inspect_pcap_command(const InspectOptions& options) {
   if (options.repair)
     return report_error({ErrorCode::bad_input, options.file.string(),
                          "expected a recording of Rigor (MCAP), got a pcap: there is nothing to repair"},
                         options.json);
+  std::optional<ProgressTask> reading(std::in_place, read_task(options));
   auto report = velodyne::inspect_pcap(options.file);
+  reading.reset();
   if (!report) return report_error(report.error(), options.json);
   fmt::print("{}", options.json ? json_text(to_json(*report)) + "\n" : to_text(*report));
   if (!report->ended_by) return 0;
@@ -156,6 +161,8 @@ int inspect_sick_command(const InspectOptions& options) {
   double minimum_m = std::numeric_limits<double>::infinity(), maximum_m = 0, strongest = 0, longest_s = 0;
   std::optional<BenchTime> first, last;
   std::vector<double> periods_s;
+  std::optional<ProgressTask> reading(std::in_place, read_task(options), 0, "scans");
+  std::uint64_t scans = 0;
   const auto read = read_sick_recording(options.file, [&](const Sample& sample) {
     const std::size_t n = sample.bytes().size() / sizeof(LidarPoint);
     const auto* p = reinterpret_cast<const LidarPoint*>(sample.bytes().data());
@@ -168,8 +175,10 @@ int inspect_sick_command(const InspectOptions& options) {
     if (last) periods_s.push_back((sample.stamp.t_capture - *last).seconds());
     if (!first) first = sample.stamp.t_capture;
     last = sample.stamp.t_capture;
+    reading->set(static_cast<double>(++scans));
     return true;
   });
+  reading.reset();
   if (!read) return report_error(read.error(), options.json);
   double period_s = 0;
   if (!periods_s.empty()) {
@@ -213,7 +222,9 @@ int inspect_command(const InspectOptions& options) {
   if (velodyne::is_pcap(options.file)) return inspect_pcap_command(options);
   if (is_sick_recording(options.file)) return inspect_sick_command(options);
   if (!options.repair) {
+    std::optional<ProgressTask> reading(std::in_place, read_task(options));
     auto report = inspect_all(file);
+    reading.reset();
     if (!report) return report_error(report.error(), options.json);
     fmt::print("{}", options.json ? json_text(record::to_json(*report)) + "\n" : record::to_text(*report));
     return report->health.good() ? 0 : report_damage(file, report->health, options.json);
@@ -231,6 +242,12 @@ int inspect_command(const InspectOptions& options) {
     if (!source) return tl::unexpected<Error>(source.error());
     auto sink = record::open_file_sink(part.string());
     if (!sink) return tl::unexpected<Error>(sink.error());
+    ProgressTask repairing("repair", 0, "MB written");
+    repairing.follow([&part] {
+      std::error_code none;
+      const auto bytes = std::filesystem::file_size(part, none);
+      return none ? 0.0 : static_cast<double>(bytes) / 1e6;
+    });
     report = record::repair(std::move(*source), std::move(*sink));
     return report ? Status{} : Status(tl::unexpected<Error>(report.error()));
   });

@@ -7,6 +7,7 @@
 #include "cli/localization_error.h"
 #include "cli/output_file.h"
 #include "cli/page.h"
+#include "cli/progress.h"
 #include "cli/terminal.h"
 
 namespace rigor {
@@ -25,8 +26,10 @@ int localization_command(const LocalizationOptions& options) {
     if (auto s = Outputs(std::move(inputs)).add_report(options.report); !s)
       return report_error(s.error(), options.json);
   }
+  std::optional<ProgressTask> reading(std::in_place, "read the recording");
   const auto error =
       localization_error(options.recording, {options.truth, options.estimate, options.after_s});
+  reading.reset();
   if (!error) return report_error(error.error(), options.json);
   if (!options.report.empty()) {
     const std::string page = fmt::format(

@@ -12,6 +12,7 @@
 #include "cli/commands.h"
 #include "cli/installed_configs.h"
 #include "cli/option_checks.h"
+#include "cli/progress.h"
 #include "cli/terminal.h"
 #include "cli/world/world_cli.h"
 
@@ -51,6 +52,23 @@ void add_live(CLI::App* app, rigor::LiveOptions& live) {
          "Virtual time: at most so many seconds of it in a second; 0: as fast as it goes (default: 1 with "
          "--live, else 0)")
       ->check(rigor::number_within({.min = 0, .max = 1e6}));
+}
+
+/// To every command that works on something. Options of a subcommand stand behind its name.
+void add_progress(CLI::App& app) {
+  const auto below = app.get_subcommands([](CLI::App*) { return true; });
+  for (CLI::App* sub : below) add_progress(*sub);
+  if (!below.empty()) return;
+  app.add_option_function<std::string>(
+         "--progress",
+         [](const std::string& format) {
+           using rigor::ProgressFormat;
+           rigor::set_progress_format(format == "json"   ? ProgressFormat::json
+                                      : format == "none" ? ProgressFormat::none
+                                                         : ProgressFormat::line);
+         },
+         "How far it has come, on stderr: line, json (an object a line) or none (default: line, from 2 s on)")
+      ->check(CLI::IsMember({"line", "json", "none"}));
 }
 
 constexpr const char* kForce = "Write over a file that is there";
@@ -232,6 +250,11 @@ int command_line(int argc, char** argv) {
 
   rigor::CalibrateCommandLine calibrate(app);
   rigor::WorldCommandLine world(app);
+
+  for (CLI::App* opens_a_world : {run_app, emulate_app, sense_app, tune_app})
+    rigor::add_plugins(opens_a_world);
+  add_progress(app);
+  for (CLI::App* quick : {fault_app, pair_app}) quick->remove_option(quick->get_option("--progress"));
 
   rigor::PlainOptions devices, doctor, rigs;
   auto* rigs_app = app.add_subcommand("rigs", "List the rigs that Rigor comes with");

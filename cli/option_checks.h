@@ -22,6 +22,9 @@ inline constexpr double kLongestRun_s = 1e7;
 /// digits.
 [[nodiscard]] CLI::Validator number_within(NumberLimits limits);
 
+/// `--plugin FILE.so`, to commands that open a world (cli/world/world_plugins.h).
+void add_plugins(CLI::App* app);
+
 /// What is wrong with the first of the words that should name a command and names none, with the commands
 /// that there are; empty where the words name one.
 [[nodiscard]] std::string unknown_command(const CLI::App& app, const std::vector<std::string>& words);

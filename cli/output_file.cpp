@@ -143,6 +143,7 @@ void InputFiles::add(const std::string& what, const fs::path& file) {
 void InputFiles::add_rig(const RigConfig& rig) {
   add("the rig", rig.file);
   add("the rig's world", rig.simulation.world);
+  for (const NamedFile& plugin : rig.simulation.plugins) add("a plugin of the world", plugin.file);
   const auto look = [&](const ConfigNode& node, const std::string& what) {
     if (node.present()) add_named_in(node.dump(), node.base_dir(), what, 0);
   };
@@ -315,6 +316,18 @@ Result<fs::path> keep_earlier(const fs::path& file) {
   return kept;
 }
 
+Status keep_earlier_files(const fs::path& dir, const std::vector<std::string>& names) {
+  if (names.empty()) return {};
+  std::error_code ec;
+  const fs::path kept = next_number(dir / "");
+  fs::create_directory(kept, ec);
+  if (ec) return tl::unexpected<Error>(output_error(kept, ec.value()));
+  for (const std::string& name : names)
+    if (auto s = move_file(dir / name, kept / name); !s) return s;
+  say("rigor: the earlier report in {} is kept as {}\n", dir.string(), (kept / names.front()).string());
+  return {};
+}
+
 Status write_report_files(const fs::path& dir, const std::vector<std::pair<std::string, std::string>>& files,
                           Existing existing) {
   std::error_code ec;
@@ -335,14 +348,8 @@ Status write_report_files(const fs::path& dir, const std::vector<std::pair<std::
   const int lock = ::open(dir.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (lock >= 0) ::flock(lock, LOCK_EX);
   const Status moved = [&]() -> Status {
-    if (const auto earlier = report_files_in(dir); !earlier.empty() && existing != Existing::replace) {
-      const fs::path kept = next_number(dir / "");
-      fs::create_directory(kept, ec);
-      if (ec) return tl::unexpected<Error>(output_error(kept, ec.value()));
-      for (const std::string& name : earlier)
-        if (auto s = move_file(dir / name, kept / name); !s) return s;
-      say("rigor: the earlier report in {} is kept as {}\n", dir.string(), (kept / "index.html").string());
-    }
+    if (existing != Existing::replace)
+      if (auto s = keep_earlier_files(dir, report_files_in(dir)); !s) return s;
     for (auto it = files.begin(); it != files.end(); ++it)
       if (auto s = move_file(part / it->first, dir / it->first); !s) return s;
     return {};

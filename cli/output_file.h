@@ -78,6 +78,11 @@ class Outputs {
 /// nothing was there.
 [[nodiscard]] Result<std::filesystem::path> keep_earlier(const std::filesystem::path& file);
 
+/// Existing::keep, of files that belong together: moves them to a folder with the next number in theirs, and
+/// says so on stderr, with the first.
+[[nodiscard]] Status keep_earlier_files(const std::filesystem::path& dir,
+                                        const std::vector<std::string>& names);
+
 /// A report's files by name into `dir`, all or none; index.html is written last. An earlier report there is
 /// moved to a folder with the next number, in which it still works, unless `existing` is replace.
 [[nodiscard]] Status write_report_files(const std::filesystem::path& dir,

@@ -128,9 +128,31 @@ std::vector<std::filesystem::path> logs_of(const RigConfig& rig) {
   return logs;
 }
 
+/// Where the application writes its result and its pictures; empty: it writes none.
+std::filesystem::path application_folder(const RigConfig& rig) {
+  return rig.application == "stereo-depth" && rig.application_params.has("output")
+             ? rig.application_params.text("output")
+             : std::filesystem::path();
+}
+
+/// The result, and pictures `view-*.png`.
+std::vector<std::string> application_files_in(const std::filesystem::path& dir) {
+  std::vector<std::string> names;
+  std::error_code ec;
+  for (const auto& entry : std::filesystem::directory_iterator(dir, ec)) {
+    const std::string name = entry.path().filename().string();
+    if (name == "result.json" || (name.starts_with("view-") && name.ends_with(".png"))) names.push_back(name);
+  }
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
 }  // namespace
 
-Status prepare_logs(const RigConfig& rig, Existing existing) {
+Status prepare_outputs(const RigConfig& rig, Existing existing, bool replay) {
+  if (const auto dir = application_folder(rig); !dir.empty() && existing != Existing::replace)
+    if (auto s = keep_earlier_files(dir, application_files_in(dir)); !s) return s;
+  if (replay) return {};
   for (const auto& log : logs_of(rig)) {
     std::error_code ec;
     if (log.has_parent_path()) std::filesystem::create_directories(log.parent_path(), ec);
@@ -148,6 +170,8 @@ Status check_run_outputs(const RigConfig& rig, const std::filesystem::path& trac
     if (auto s = outputs.add(rig.record.file, "--record", existing); !s) return s;
   if (!trace.empty())
     if (auto s = outputs.add(trace, "--trace", existing); !s) return s;
+  if (const auto dir = application_folder(rig); !dir.empty())
+    if (auto s = outputs.add(dir / "result.json", "`output` of the application", existing); !s) return s;
   if (!replay)
     for (const auto& log : logs_of(rig))
       if (auto s = outputs.add(log, "`log`", existing); !s) return s;

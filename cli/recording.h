@@ -49,14 +49,15 @@ class RecordingFile {
                                                                BenchTime t0, const EpochPair& epoch,
                                                                std::map<std::string, std::string> metadata);
 
-/// Before the run: that recording, report, trace and logs can be written and are none of its inputs. Errors
-/// of Outputs::add. A replay writes no logs.
+/// Before the run: that recording, report, trace, logs and what the application writes can be written and are
+/// none of its inputs. Errors of Outputs::add. A replay writes no logs.
 [[nodiscard]] Status check_run_outputs(const RigConfig& rig, const std::filesystem::path& trace,
                                        InputFiles inputs, Existing existing, bool replay = false);
 
-/// Logs of CAN buses that the rig has written (`log`). Just before they are: makes their folders, and keeps
-/// earlier ones.
-[[nodiscard]] Status prepare_logs(const RigConfig& rig, Existing existing);
+/// What devices and applications of the rig write themselves: logs of CAN buses (`log`; a replay writes
+/// none), the folder of an application (`output`). Just before they do: makes the folders, and keeps what is
+/// there.
+[[nodiscard]] Status prepare_outputs(const RigConfig& rig, Existing existing, bool replay = false);
 
 /// What a recording says of the run that made it.
 struct RecordedRun {

@@ -7,6 +7,7 @@
 #include "cli/execute.h"
 #include "cli/live/open_live.h"
 #include "cli/overrides.h"
+#include "cli/progress.h"
 #include "cli/recording.h"
 #include "cli/report.h"
 #include "cli/terminal.h"
@@ -77,6 +78,7 @@ Result<RigConfig> load(const ReplayOptions& options, const RecordedRun& recorded
 int replay_command(const ReplayOptions& options) {
   const auto fail_on = findings_named(options.fail_on);
   if (!fail_on) return report_error(fail_on.error(), options.json);
+  std::optional<ProgressTask> reading(std::in_place, "read the recording");
   auto recorded = read_recorded_run(options.recording);
   if (!recorded) return report_error(recorded.error(), options.json);
   if (recorded->dropped > 0)
@@ -85,6 +87,7 @@ int replay_command(const ReplayOptions& options) {
         options.recording.string(), recorded->dropped);
   auto recording = Recording::open(options.recording.string());
   if (!recording) return report_error(recording.error(), options.json);
+  reading.reset();
   auto rig = load(options, *recorded, recorded->cycles > 0 ? recorded->cycles : (*recording)->cycles());
   if (!rig) return report_error(rig.error(), options.json);
   InputFiles inputs;
@@ -135,6 +138,7 @@ int replay_command(const ReplayOptions& options) {
   auto application = make_application(parts.rig);
   if (!application) return report_error(application.error(), options.json);
   parts.application = std::move(*application);
+  if (auto s = prepare_outputs(parts.rig, existing, true); !s) return report_error(s.error(), options.json);
   ExecuteOptions how;
   how.json = options.json;
   how.existing = existing;

@@ -8,6 +8,7 @@
 #include "cli/fault_control.h"
 #include "cli/live/open_live.h"
 #include "cli/overrides.h"
+#include "cli/progress.h"
 #include "cli/recording.h"
 #include "cli/report.h"
 #include "cli/terminal.h"
@@ -51,6 +52,7 @@ int run_command(const RunOptions& options) {
   const Existing existing = options.force ? Existing::replace : Existing::keep;
   if (auto s = check_run_outputs(*rig, options.trace, std::move(inputs), existing); !s)
     return report_error(s.error(), options.json);
+  std::optional<ProgressTask> start(std::in_place, "start");
   auto assembly = assemble(std::move(*rig), make_registry());
   if (!assembly) return report_error(assembly.error(), options.json);
   if (!options.faults_from.empty())
@@ -62,15 +64,17 @@ int run_command(const RunOptions& options) {
 
   StopSource stop;
   SignalStop signals(stop, SignalStop::Suspend::refuse);
-  if (auto s = prepare_logs(checked, existing); !s) return report_error(s.error(), options.json);
+  if (auto s = prepare_outputs(checked, existing); !s) return report_error(s.error(), options.json);
   std::optional<EmulatorProcess> emulators;
   if (checked.clock == ClockKind::wall && checked.start_emulators && !options.no_emulators &&
       !checked.emulators.empty()) {
+    const ProgressTask coming("bring up the emulators");
     auto started = EmulatorProcess::start(options.rig, options.overrides, seconds(300), stop.token());
     if (!started) return report_error(started.error(), options.json);
     emulators.emplace(std::move(*started));
     (*assembly)->parts.emulators = &*emulators;
   }
+  start.reset();
   ExecuteOptions how;
   how.json = options.json;
   how.existing = existing;

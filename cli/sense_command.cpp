@@ -13,6 +13,7 @@
 #include "cli/output_file.h"
 #include "cli/overrides.h"
 #include "cli/picture_file.h"
+#include "cli/progress.h"
 #include "cli/sensing/inertial.h"
 #include "cli/sensing/sample_files.h"
 #include "cli/sensing/sample_json.h"
@@ -298,7 +299,9 @@ int sense_command(const SenseOptions& options) {
                       {"channel", options.channel},
                       {"kind", kind_name((*target)->entry->kind)}};
   Sensing sensing(options, **target, **simulation);
+  std::optional<ProgressTask> progress(std::in_place, "sense " + options.channel);
   const auto done = catch_config([&] { return sensing.run(told); });
+  progress.reset();
   if (!done) return report_error(done.error(), options.json);
   if (!*done) return report_error(done->error(), options.json);
 

@@ -213,7 +213,7 @@ Simulation::~Simulation() = default;
 
 Result<std::unique_ptr<Simulation>> Simulation::open(const SimulationConfig& config) {
   auto impl = std::make_unique<Impl>(config);
-  auto world = SensorWorld::open(config.world, config.weather);
+  auto world = SensorWorld::open(config.world, config.weather, config.plugins);
   if (!world) return tl::unexpected<Error>(world.error());
   impl->world = std::move(*world);
   if (impl->world->is_scene()) {

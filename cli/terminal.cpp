@@ -4,6 +4,9 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
+#include <atomic>
 #include <cerrno>
 #include <cmath>
 #include <csignal>
@@ -13,9 +16,27 @@
 
 namespace rigor {
 
+namespace {
+std::atomic<bool> g_line_open{false};  ///< the terminal's last line is one that is rewritten
+constexpr std::string_view kClear = "\r\033[K";
+}  // namespace
+
 void write_stderr(std::string_view text) noexcept {
+  if (g_line_open.exchange(false)) (void)std::fwrite(kClear.data(), 1, kClear.size(), stderr);
   (void)std::fwrite(text.data(), 1, text.size(), stderr);
   (void)std::fflush(stderr);
+}
+
+void rewrite_line(std::string_view text) noexcept {
+  const bool open = g_line_open.exchange(false);
+  if (!open && text.empty()) return;
+  std::array<char, 1024> line{};  // one call: no other thread's text comes between
+  const std::size_t n = std::min(text.size(), line.size() - kClear.size());
+  std::copy_n(kClear.begin(), kClear.size(), line.begin());
+  std::copy_n(text.begin(), n, line.begin() + static_cast<std::ptrdiff_t>(kClear.size()));
+  (void)std::fwrite(line.data(), 1, kClear.size() + n, stderr);
+  (void)std::fflush(stderr);
+  g_line_open = n > 0;
 }
 
 void prepare_streams() {
@@ -43,27 +64,6 @@ int report_error(const Error& error, bool json) {
 
 std::string json_text(const nlohmann::json& json) {
   return json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace);
-}
-
-LiveLine::LiveLine() : terminal_(isatty(STDERR_FILENO) == 1) {}
-LiveLine::~LiveLine() { done(); }
-
-void LiveLine::show(const std::string& text) {
-  if (terminal_) {
-    say("\r\033[K{}", text);
-    open_ = true;
-  } else {
-    const auto now = std::chrono::steady_clock::now();
-    if (shown_ != std::chrono::steady_clock::time_point{} && now - shown_ < std::chrono::seconds(1)) return;
-    shown_ = now;
-    say("{}\n", text);
-  }
-  std::fflush(stderr);
-}
-
-void LiveLine::done() {
-  if (terminal_ && open_) say("\n");
-  open_ = false;
 }
 
 std::string text_of(Duration d) {

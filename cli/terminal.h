@@ -1,9 +1,8 @@
-// How the commands speak: errors on stderr, results on stdout, a live line only where there is a terminal.
+// How the commands speak: errors on stderr, results on stdout (how far work has come: progress.h).
 #pragma once
 
 #include <fmt/core.h>
 
-#include <chrono>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <string_view>
@@ -16,6 +15,9 @@ namespace rigor {
 
 /// Text for stderr. What cannot be written there (its terminal has gone away) is lost, and the work goes on.
 void write_stderr(std::string_view text) noexcept;
+/// On a terminal: a line in place of the one that was written so before; empty: that is cleared. What
+/// write_stderr writes in between takes its place.
+void rewrite_line(std::string_view text) noexcept;
 template <class... Values>
 void say(fmt::format_string<Values...> format, Values&&... values) {
   write_stderr(fmt::format(format, std::forward<Values>(values)...));
@@ -32,22 +34,6 @@ int report_error(const Error& error, bool json);
 /// JSON for stdout, indented. What devices and recordings say of themselves need not be UTF-8: such bytes
 /// become U+FFFD.
 std::string json_text(const nlohmann::json& json);
-
-/// A line that is rewritten in place on a terminal, and otherwise printed once a second as a plain line.
-class LiveLine {
- public:
-  LiveLine();
-  ~LiveLine();
-  void show(const std::string& text);
-  /// Leaves the last line standing.
-  void done();
-  [[nodiscard]] bool terminal() const { return terminal_; }
-
- private:
-  bool terminal_;
-  bool open_ = false;
-  std::chrono::steady_clock::time_point shown_{};
-};
 
 /// "12.3 ms", "450 µs", "1.20 s": three digits, the unit that fits.
 [[nodiscard]] std::string text_of(Duration d);

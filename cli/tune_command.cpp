@@ -5,6 +5,7 @@
 #include "cli/commands.h"
 #include "cli/output_file.h"
 #include "cli/overrides.h"
+#include "cli/progress.h"
 #include "cli/terminal.h"
 #include "cli/tune/engine_choices.h"
 #include "cli/tune/tuner.h"
@@ -70,11 +71,11 @@ int tune_command(const TuneOptions& options) {
   nlohmann::json told{{"rig", options.rig.string()}, {"channels", nlohmann::json::array()}};
   std::string text;
   int status = 0;
-  LiveLine line;
+  std::optional<ProgressTask> progress(std::in_place, "tune");
   for (const auto& [entry, tolerance] : wanted) {
     const bool image = entry->kind == SampleKind::image;
     auto tuned = tune_channel(**simulation, *rig, *entry, tolerance,
-                              [&](const std::string& what) { line.show(what); });
+                              [&](const std::string& what) { progress->note(what); });
     if (!tuned) return report_error(tuned.error(), options.json);
     nlohmann::json channel{{"name", entry->name}, {"trials", nlohmann::json::array()}};
     text += entry->name + '\n';
@@ -97,7 +98,7 @@ int tune_command(const TuneOptions& options) {
     }
     told["channels"].push_back(std::move(channel));
   }
-  line.done();
+  progress.reset();
   lock.gpu = (*simulation)->engine();
   told["lock"] = status == 0 ? file.string() : "";
   if (status == 0) {

@@ -10,6 +10,7 @@
 #include "cli/calibrate/recording_input.h"
 #include "cli/output_file.h"
 #include "cli/picture.h"
+#include "cli/progress.h"
 
 namespace rigor {
 namespace {
@@ -55,13 +56,14 @@ struct Reader {
   const BoardViewsOptions& options;
   const Board& board;
   BoardViews views{};
-  LiveLine line{};
+  double total = 0;  ///< pictures; 0: not known
+  ProgressTask progress{"look for boards", total, "pictures"};
   std::size_t looked = 0;
   cv::Mat first{};
 
-  void tell(const std::string& of) {
-    if (!options.json)
-      line.show(fmt::format("looking for boards: picture {}{}, {} found", looked, of, views.seen.size()));
+  void tell() {
+    progress.set(static_cast<double>(looked));
+    progress.note(fmt::format("{} found", views.seen.size()));
   }
   void take(BoardView view) {
     if (options.rate_hz > 0 && !std::isfinite(view.t_s))
@@ -112,7 +114,7 @@ struct Reader {
         take(std::move(*view));
       }
       ++looked;
-      tell("");
+      tell();
       views.interrupted = options.stop.stop_requested();
       return !views.interrupted;
     });
@@ -128,7 +130,11 @@ struct Reader {
 Result<BoardViews> read_board_views(const BoardViewsOptions& options, const Board& board) {
   auto files = input_files(options.inputs, {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm"});
   if (!files) return tl::unexpected<Error>(files.error());
-  Reader reader{options, board};
+  const bool pictures = std::none_of(files->begin(), files->end(), [](const std::filesystem::path& f) {
+    return is_recording(f) || f.extension() == ".vnl";
+  });
+  Reader reader{
+      .options = options, .board = board, .total = pictures ? static_cast<double>(files->size()) : 0};
   BoardViews& views = reader.views;
   views.files = *files;
   std::size_t without = 0;
@@ -169,9 +175,9 @@ Result<BoardViews> read_board_views(const BoardViewsOptions& options, const Boar
       return tl::unexpected<Error>(view.error());
     }
     ++reader.looked;
-    reader.tell(fmt::format(" of {}", files->size()));
+    reader.tell();
   }
-  reader.line.done();
+  reader.progress.finish();
   if (without > 20)
     views.notes.push_back(fmt::format("… and {} more pictures without a board", without - 20));
   if (!views.seen.empty()) return std::move(views);

@@ -13,7 +13,6 @@ struct BoardViewsOptions {
   std::string channel;           ///< of recordings
   std::string size;              ///< WIDTHxHEIGHT of the pictures that a list of corners is about
   std::filesystem::path report;  ///< where what was looked for is drawn, if nothing was found; empty: nowhere
-  bool json = false;             ///< no progress
   bool colours = false;          ///< corners in red, green and blue; a grey picture is bad_input
   double rate_hz = 0;            ///< pictures of files were taken at this rate; 0: not known
   StopToken stop{};              ///< what was found until then is returned

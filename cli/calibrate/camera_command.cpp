@@ -9,6 +9,7 @@
 #include "cli/calibrate/board_twin.h"
 #include "cli/calibrate/board_views.h"
 #include "cli/calibrate/calibrate.h"
+#include "cli/progress.h"
 #include "rt-core/stop.h"
 
 namespace rigor {
@@ -160,23 +161,22 @@ int calibrate_camera(const CalibrateCameraOptions& options) {
                                        .channel = options.channel,
                                        .size = options.size,
                                        .report = options.report,
-                                       .json = options.json,
                                        .colours = options.chromatic,
                                        .rate_hz = options.rate_hz,
                                        .stop = stop.token()},
                                       *board);
   if (!views) return wrong(views.error());
-  LiveLine line;
-  if (!options.json)
-    fit_options.progress = [&](double share, double rms) {
-      line.show(fmt::format("fitting: {:3.0f} %, RMS {:.3g} px", 100 * share, rms));
-    };
+  ProgressTask fitting("fit", 1);
+  fit_options.progress = [&](double share, double rms) {
+    fitting.set(share);
+    fitting.note(fmt::format("RMS {:.3g} px", rms));
+  };
   auto fit = options.chromatic         ? fit_chromatic(views->colours, fit_options)
              : options.rolling_shutter ? fit_rolling_shutter(views->seen, fit_options,
                                                              {.longest_gap_s = 1e-3 * options.longest_gap_ms})
                                        : fit_camera(views->seen, fit_options);
-  if (!options.json) line.done();
   if (!fit) return wrong(fit.error());
+  fitting.finish();
 
   CalibrationProduct product;
   product.title = "Camera calibration";

@@ -13,6 +13,7 @@
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/recording_input.h"
 #include "cli/picture.h"
+#include "cli/progress.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/models/camera_yaml.h"
 
@@ -125,9 +126,10 @@ Result<TimeSeries> series_of(const DelayOptions& o, const std::filesystem::path&
     board = *parsed, camera = sheet->model;
   }
   Eigen::Isometry3d first = Eigen::Isometry3d::Identity(), before = first;
-  LiveLine line;
-  std::uint64_t looked = 0;
+  ProgressTask reading("read " + channel, 0, "samples");
+  std::uint64_t taken = 0;
   const auto read = read_samples(file, channel, *kind, [&](const Sample& s) {
+    reading.set(static_cast<double>(++taken));
     switch (*kind) {
       case SampleKind::register_block: {
         const auto* block = s.as<RegisterBlock>();
@@ -149,8 +151,6 @@ Result<TimeSeries> series_of(const DelayOptions& o, const std::filesystem::path&
         add(s, mean_range(s));
         break;
       default: {
-        if (!o.json)
-          line.show(fmt::format("looking for boards: picture {}, {} found", ++looked, track.value.size()));
         const auto* info = s.as<ImageInfo>();
         const auto grey = grey_picture(*info, s.bytes());
         if (!grey) {
@@ -184,7 +184,7 @@ Result<TimeSeries> series_of(const DelayOptions& o, const std::filesystem::path&
     }
     return !stop.stop_requested();
   });
-  if (!o.json) line.done();
+  reading.finish();
   if (!bad) return tl::unexpected<Error>(bad.error());
   if (!read) return tl::unexpected<Error>(read.error());
   warnings.insert(warnings.end(), read->warnings.begin(), read->warnings.end());

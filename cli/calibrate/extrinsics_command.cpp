@@ -14,6 +14,7 @@
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/recording_input.h"
 #include "cli/picture.h"
+#include "cli/progress.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/models/camera_yaml.h"
 #include "sensor-hal/models/tof/tof_yaml.h"
@@ -89,7 +90,7 @@ Result<std::vector<Seen>> boards_of(const ExtrinsicsOptions& o, const std::files
                                     const Board& board, const CameraModel& camera, const StopToken& stop,
                                     std::vector<std::string>& warnings) {
   std::vector<Seen> seen;
-  LiveLine line;
+  ProgressTask looking("look for boards", 0, "pictures");
   std::uint64_t looked = 0;
   Status bad;
   const auto read = read_samples(file, o.camera, SampleKind::image, [&](const Sample& sample) {
@@ -100,7 +101,8 @@ Result<std::vector<Seen>> boards_of(const ExtrinsicsOptions& o, const std::files
       return false;
     }
     ++looked;
-    if (!o.json) line.show(fmt::format("looking for boards: picture {}, {} found", looked, seen.size()));
+    looking.set(static_cast<double>(looked));
+    looking.note(fmt::format("{} found", seen.size()));
     const std::string name =
         fmt::format("{}#{}", o.camera.empty() ? "camera" : o.camera, sample.stamp.sequence);
     auto view = find_board(name, grey->data(), static_cast<int>(info->width_px),
@@ -114,7 +116,7 @@ Result<std::vector<Seen>> boards_of(const ExtrinsicsOptions& o, const std::files
     seen.push_back({sample.stamp.t_capture, std::move(*view), *pose});
     return !stop.stop_requested();
   });
-  if (!o.json) line.done();
+  looking.finish();
   if (!bad) return tl::unexpected<Error>(bad.error());
   if (!read) return tl::unexpected<Error>(read.error());
   warnings.insert(warnings.end(), read->warnings.begin(), read->warnings.end());

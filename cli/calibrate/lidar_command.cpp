@@ -9,6 +9,7 @@
 #include "calibration/tof/twin.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/recording_input.h"
+#include "cli/progress.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/config/yaml.h"
 #include "sensor-hal/models/lidar/lidar_yaml.h"
@@ -347,13 +348,13 @@ int calibrate_lidar(const CalibrateLidarOptions& options) {
   auto input = read_returns(options, sheet->scan);
   if (!input) return wrong(input.error());
   SignalStop signals(stop);
-  LiveLine line;
-  if (!options.json)
-    fit_options.progress = [&](double share, double rms) {
-      line.show(fmt::format("fitting: {:3.0f} %, {:.2f} mm", 100 * share, 1e3 * rms));
-    };
+  ProgressTask fitting("fit", 1);
+  fit_options.progress = [&](double share, double rms) {
+    fitting.set(share);
+    fitting.note(fmt::format("RMS {:.2f} mm", 1e3 * rms));
+  };
   auto fit = fit_lidar(input->returns, *sheet, fit_options);
-  if (!options.json) line.done();
+  if (fit) fitting.finish();
   if (!fit) {
     Error e = fit.error();
     if (e.where.empty()) e.where = input->files.front().string();

@@ -10,6 +10,7 @@
 #include "cli/calibrate/pair_changes.h"
 #include "cli/calibrate/pair_input.h"
 #include "cli/calibrate/pair_sheet.h"
+#include "cli/progress.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/channel/pair_values.h"
 #include "sensor-hal/models/camera_yaml.h"
@@ -109,19 +110,18 @@ Status need_sheet(const RecordedPair& pair) {
 }
 
 template <class Options>
-Options common_of(const PairCommandOptions& o, const StopToken& stop, LiveLine& line) {
+Options common_of(const PairCommandOptions& o, const StopToken& stop, ProgressTask& task) {
   Options options;
   options.stop = stop;
-  if (!o.json)
-    options.progress = [&line](int pass) { line.show(fmt::format("pass {} over the recording", pass)); };
+  options.progress = [&task](int pass) { task.note(fmt::format("pass {} over the recording", pass)); };
   return options;
 }
 
 Result<Solved> solve_camera(const RecordedPair& pair, const PairCommandOptions& o, const ForEachPair& pairs,
-                            const std::uint64_t& alone, const StopToken& stop, LiveLine& line) {
+                            const std::uint64_t& alone, const StopToken& stop, ProgressTask& task) {
   const auto sheet = load_camera(pair.sheet);
   if (!sheet) return tl::unexpected<Error>(sheet.error());
-  auto options = common_of<ImagePairOptions>(o, stop, line);
+  auto options = common_of<ImagePairOptions>(o, stop, task);
   options.principal_point = o.model == "principal-point" || o.model == "lens";
   options.mount = o.model != "principal-point";
   options.distortion = o.model == "lens";
@@ -137,10 +137,10 @@ Result<Solved> solve_camera(const RecordedPair& pair, const PairCommandOptions& 
 }
 
 Result<Solved> solve_lidar(const RecordedPair& pair, const PairCommandOptions& o, const ForEachPair& pairs,
-                           const std::uint64_t& alone, const StopToken& stop, LiveLine& line) {
+                           const std::uint64_t& alone, const StopToken& stop, ProgressTask& task) {
   const auto model = load_lidar_model(pair.sheet);
   if (!model) return tl::unexpected<Error>(model.error());
-  auto options = common_of<CloudPairOptions>(o, stop, line);
+  auto options = common_of<CloudPairOptions>(o, stop, task);
   options.mount = o.model != "ranges";
   options.rings = std::uint32_t(model->scan.beams.size());
   options.points = std::clamp<std::size_t>(model->firings(), 64, 400000);
@@ -162,8 +162,8 @@ Result<Solved> solve_lidar(const RecordedPair& pair, const PairCommandOptions& o
 }
 
 Result<Solved> solve_tof(const RecordedPair& pair, const PairCommandOptions& o, const ForEachPair& pairs,
-                         const std::uint64_t& alone, const StopToken& stop, LiveLine& line) {
-  const auto fit = fit_range_pair(pairs, common_of<RangePairOptions>(o, stop, line));
+                         const std::uint64_t& alone, const StopToken& stop, ProgressTask& task) {
+  const auto fit = fit_range_pair(pairs, common_of<RangePairOptions>(o, stop, task));
   if (!fit) return tl::unexpected<Error>(fit.error());
   if (auto s = enough(pair, fit->pairs, fit->unlike, alone); !s) return tl::unexpected<Error>(s.error());
   auto proposal = propose_tof(pair, *fit);
@@ -272,17 +272,13 @@ int calibrate_pair(PairCommandOptions o) {
 
   StopSource stop;
   SignalStop signals(stop);
-  LiveLine line;
+  std::optional<ProgressTask> searching(std::in_place, "look for changes of the device");
   std::uint64_t alone = 0;
   const ForEachPair pairs = [&](const TakePair& take) { return read_pairs(twin, take, alone); };
-  if (!o.json) line.show("looking for changes of the device");
   const auto search = find_change(twin, pairs, stop.token());
-  if (!search) {
-    line.done();
-    return wrong(search.error());
-  }
+  searching.reset();
+  if (!search) return wrong(search.error());
   if (search->change && !o.spanned()) {
-    line.done();
     const RecordedChange& c = *search->change;
     return wrong(
         {ErrorCode::bad_input, twin.recording.string(),
@@ -291,19 +287,21 @@ int calibrate_pair(PairCommandOptions o) {
                      "--from {:.2f} for the device after",
                      c.text(), std::max(0.0, c.at_s - c.window_s), c.at_s + c.window_s)});
   }
+  std::optional<ProgressTask> fitting(std::in_place, "fit");
+  ProgressTask& task = *fitting;
   auto solved = [&]() -> Result<Solved> {
     switch (twin.kind) {
       case SampleKind::image:
-        return solve_camera(twin, o, pairs, alone, stop.token(), line);
+        return solve_camera(twin, o, pairs, alone, stop.token(), task);
       case SampleKind::point_cloud:
-        return solve_lidar(twin, o, pairs, alone, stop.token(), line);
+        return solve_lidar(twin, o, pairs, alone, stop.token(), task);
       case SampleKind::range_image:
-        return solve_tof(twin, o, pairs, alone, stop.token(), line);
+        return solve_tof(twin, o, pairs, alone, stop.token(), task);
       default:
         return solve_values(twin, pairs, alone);
     }
   }();
-  line.done();
+  fitting.reset();
   if (!solved) return wrong(solved.error());
 
   CalibrationProduct product;

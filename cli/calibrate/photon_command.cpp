@@ -9,6 +9,7 @@
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/photon_figures.h"
 #include "cli/calibrate/photon_input.h"
+#include "cli/progress.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/models/camera_yaml.h"
 
@@ -117,13 +118,13 @@ int calibrate_photon(const CalibratePhotonOptions& options) {
                   "--base, as in --base configs/sensors/industrial-global-shutter.yaml"});
   StopSource stop;
   SignalStop signals(stop);
-  LiveLine line;
+  ProgressTask reading("read", 0, "frames");
   FrameStacks stacks;
   int bits = options.bits;
   bool mosaic = options.mosaic;
   std::size_t number = 0;
   const auto input = read_photon_pictures(options, options.input, [&](const PhotonPicture& p) -> Status {
-    if (!options.json) line.show(fmt::format("reading: {} frames", ++number));
+    reading.set(static_cast<double>(++number));
     if (options.bits > p.bits && p.bits > 0)
       return fail(
           ErrorCode::bad_input, "--bits",
@@ -132,14 +133,16 @@ int calibrate_photon(const CalibratePhotonOptions& options) {
     mosaic = mosaic || (p.mosaic && !options.grey);
     return stacks.add(p.frame, p.pixels, p.width_px, p.height_px);
   });
-  if (!options.json) line.done();
   if (!input) return wrong(input.error());
+  reading.finish();
   PhotonFitOptions fit_options;
   fit_options.model = options.model;
   fit_options.bits = bits;
   fit_options.mosaic = options.grey ? 0 : mosaic ? 1 : -1;
   fit_options.stop = stop.token();
+  std::optional<ProgressTask> fitting(std::in_place, "fit");
   auto fit = fit_photon(stacks, fit_options);
+  fitting.reset();
   if (!fit) return wrong(fit.error());
   if (bits == 0 && fit->statistics.bits > 8)
     fit->result.warnings.push_back(

@@ -7,6 +7,7 @@
 #include "cli/calibrate/board_views.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/output_file.h"
+#include "cli/progress.h"
 #include "sensor-hal/models/camera_yaml.h"
 
 namespace rigor {
@@ -215,12 +216,8 @@ int calibrate_stereo(const StereoOptions& o) {
   StopSource stop;
   SignalStop signals(stop);
   options.stop = stop.token();
-  BoardViewsOptions from{.inputs = o.inputs,
-                         .channel = o.channel,
-                         .size = o.size,
-                         .report = o.report,
-                         .json = o.json,
-                         .stop = stop.token()};
+  BoardViewsOptions from{
+      .inputs = o.inputs, .channel = o.channel, .size = o.size, .report = o.report, .stop = stop.token()};
   const auto left = read_board_views(from, *board);
   if (!left) return wrong(left.error());
   // One recording has both.
@@ -230,14 +227,14 @@ int calibrate_stereo(const StereoOptions& o) {
   if (!right) return wrong(right.error());
   const auto pairs = pairs_of(*left, *right, 1e-3 * o.within_ms);
   if (!pairs) return wrong(pairs.error());
-  LiveLine line;
-  if (!o.json)
-    options.progress = [&](double share, double rms) {
-      line.show(fmt::format("fitting: {:3.0f} %, RMS {:.3g} px", 100 * share, rms));
-    };
+  ProgressTask fitting("fit", 1);
+  options.progress = [&](double share, double rms) {
+    fitting.set(share);
+    fitting.note(fmt::format("RMS {:.3g} px", rms));
+  };
   auto fit = fit_stereo(*pairs, options);
-  line.done();
   if (!fit) return wrong(fit.error());
+  fitting.finish();
 
   CalibrationProduct product;
   product.title = "Stereo calibration";

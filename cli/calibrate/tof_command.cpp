@@ -15,6 +15,7 @@
 #include "cli/calibrate/tof_inputs.h"
 #include "cli/calibrate/tof_lens.h"
 #include "cli/calibrate/tof_sheet.h"
+#include "cli/progress.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/models/camera_model.h"
 #include "sensor-hal/models/tof/tof_yaml.h"
@@ -181,12 +182,11 @@ int series_command(const TofOptions& o, const Chosen& chosen,
         {ErrorCode::bad_input, "INPUT", "expected one series of readings at a time, got several CSV files"});
   const auto series = read_series(files[0], o.unit, o.period_s);
   if (!series) return wrong(series.error());
-  LiveLine line;
-  if (!o.json) line.show(fmt::format("fitting {} readings", series->range_m.size()));
+  std::optional<ProgressTask> fitting(std::in_place, fmt::format("fit {} readings", series->range_m.size()));
   const auto fit =
       fit_drift(series->range_m, series->period_s,
                 {.model = chosen.drift, .name = files[0].filename().string(), .stop = stop.token()});
-  if (!o.json) line.done();
+  fitting.reset();
   if (!fit) return wrong(fit.error());
   product.inputs = files;
   add_drift(product, *fit, files[0].filename().string());
@@ -266,7 +266,6 @@ int calibrate_tof(const TofOptions& o) {
                               .target = o.target,
                               .width_px = base->width_px,
                               .height_px = base->height_px,
-                              .json = o.json,
                               .stop = stop.token()});
     if (!made) return wrong(made.error());
     lens = std::move(*made);
@@ -279,8 +278,7 @@ int calibrate_tof(const TofOptions& o) {
   }
   TofInputs inputs;
   bool depth = false;
-  LiveLine line;
-  if (!o.json) line.show("reading");
+  std::optional<ProgressTask> progress(std::in_place, "read");
   if (auto s = add_recordings(recordings, o.channel, o.distances, inputs); !s) return wrong(s.error());
   for (const std::string& raw : o.raw)
     if (auto s = add_raw(raw, inputs, depth); !s) return wrong(s.error());
@@ -292,6 +290,7 @@ int calibrate_tof(const TofOptions& o) {
                                   base->width_px, base->height_px, f.width_px, f.height_px)});
     to_ranges(inputs.frames, *base);
   }
+  progress.emplace("fit the noise");
   auto scenes = sort_scenes(std::move(inputs.frames), inputs.scene_of);
   if (!scenes) return wrong(scenes.error());
 
@@ -333,14 +332,13 @@ int calibrate_tof(const TofOptions& o) {
     if (chosen->range) ro.models = {*chosen->range};
     ro.distance_sigma_m = o.distance_sigma_m;
     ro.stop = stop.token();
-    if (!o.json)
-      ro.progress = [&](double share, double) {
-        line.show(fmt::format("fitting ranges: {:3.0f} %", 100 * share));
-      };
+    progress.emplace("fit the ranges", 1);
+    ro.progress = [&](double share, double) { progress->set(share); };
     models::TofModel start = *base;
     auto r = fit_ranges(*scenes, start, law ? &law->noise : nullptr, ro);
     if (!r) return wrong(r.error());
     ranges = std::move(*r);
+    progress.emplace("fit");
     merge(fit, ranges->result, "wiggling");
     fit.residuals = ranges->result.residuals;
     fit.scale = ranges->result.scale;
@@ -454,7 +452,7 @@ int calibrate_tof(const TofOptions& o) {
                                       "expected at least 100 frames of one scene at rest to tell it, got " +
                                           std::to_string(longest ? longest->frames.size() : 0));
   }
-  if (!o.json) line.done();
+  progress.reset();
   fit.interrupted = stop.token().stop_requested();
   const Parameter* electrons = fit.find("electrons_per_count");
   set_tof_sheet(product.recipe, fit,

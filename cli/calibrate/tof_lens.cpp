@@ -6,6 +6,7 @@
 
 #include "calibration/tof/lens.h"
 #include "cli/calibrate/tof_inputs.h"
+#include "cli/progress.h"
 #include "cli/terminal.h"
 
 namespace rigor {
@@ -51,7 +52,7 @@ Result<TofLens> fit_tof_lens(const TofLensOptions& o) {
     return tl::unexpected<Error>(s.error());
   TofLens out;
   out.notes = inputs.warnings;
-  LiveLine line;
+  ProgressTask looking("look for boards", static_cast<double>(inputs.frames.size()), "pictures");
   std::vector<BoardView> seen;
   for (const TofFrame& f : inputs.frames) {
     if (f.width_px != o.width_px || f.height_px != o.height_px)
@@ -64,12 +65,11 @@ Result<TofLens> fit_tof_lens(const TofLensOptions& o) {
       seen.push_back(std::move(*view)), ++out.boards;
     else if (view.error().code != ErrorCode::not_found)
       return tl::unexpected<Error>(view.error());
-    if (!o.json)
-      line.show(fmt::format("looking for boards: picture {} of {}, {} found", out.frames,
-                            inputs.frames.size(), out.boards));
+    looking.set(static_cast<double>(out.frames));
+    looking.note(fmt::format("{} found", out.boards));
     if (o.stop.stop_requested()) break;
   }
-  if (!o.json) line.done();
+  looking.finish();
   if (seen.empty())
     return fail(
         ErrorCode::bad_input, inputs.frames.empty() ? "--board" : inputs.frames.front().name,

@@ -16,7 +16,6 @@ struct TofLensOptions {
   std::vector<std::filesystem::path> recordings;
   std::string channel, target;
   int width_px = 0, height_px = 0;  ///< of the base sheet
-  bool json = false;                ///< no progress
   StopToken stop{};
 };
 

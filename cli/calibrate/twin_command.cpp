@@ -11,6 +11,7 @@
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/recording_input.h"
 #include "cli/picture.h"
+#include "cli/progress.h"
 #include "rt-core/stop.h"
 
 namespace rigor {
@@ -78,7 +79,6 @@ int calibrate_twin(const TwinOptions& o) {
   TwinComparer comparer(kind == SampleKind::image ? 1 : 0);
   StopSource stop;
   SignalStop signals(stop);
-  LiveLine line;
   std::vector<std::string> warnings;
   std::uint64_t without = 0;
   for (const auto& file : *files) {
@@ -86,6 +86,7 @@ int calibrate_twin(const TwinOptions& o) {
     std::uint64_t compared = 0;
     std::map<std::int64_t, std::vector<TwinElement>> reals;
     Status bad;
+    std::optional<ProgressTask> progress(std::in_place, "read " + real, 0, "samples");
     const auto found = read_samples(file, real, kind, [&](const Sample& s) {
       auto e = elements_of(s);
       if (!e) {
@@ -93,7 +94,7 @@ int calibrate_twin(const TwinOptions& o) {
         return false;
       }
       reals.emplace(s.stamp.t_capture.ns(), std::move(*e));
-      if (!o.json) line.show(fmt::format("reading {}: {} samples", real, reals.size()));
+      progress->set(static_cast<double>(reals.size()));
       return !stop.token().stop_requested();
     });
     if (!bad) return wrong(bad.error());
@@ -101,6 +102,7 @@ int calibrate_twin(const TwinOptions& o) {
     warnings.insert(warnings.end(), found->warnings.begin(), found->warnings.end());
     // Ctrl-C while the real side was read: what was read is still compared.
     const bool was_stopped = stop.token().stop_requested();
+    progress.emplace("compare", static_cast<double>(reals.size()), "samples");
     const auto read = read_samples(file, simulated, kind, [&](const Sample& s) {
       const std::int64_t t = s.stamp.t_capture.ns();
       auto next = reals.lower_bound(t);
@@ -116,13 +118,12 @@ int calibrate_twin(const TwinOptions& o) {
         return false;
       }
       comparer.add(next->second, *e);
-      if (!o.json) line.show(fmt::format("comparing: {} of {} samples", ++compared, reals.size()));
+      progress->set(static_cast<double>(++compared));
       return was_stopped || !stop.token().stop_requested();
     });
     if (!bad) return wrong(bad.error());
     if (!read) return wrong(read.error());
   }
-  line.done();
   const TwinDifference t = comparer.result();
   if (t.samples == 0)
     return wrong(

@@ -52,8 +52,9 @@ Status set_weather(world::Database& db, const std::vector<std::pair<std::string,
 }  // namespace
 
 Result<std::unique_ptr<SensorWorld>> SensorWorld::open(
-    const std::filesystem::path& file, const std::vector<std::pair<std::string, double>>& weather) {
-  auto opened = open_world(file);
+    const std::filesystem::path& file, const std::vector<std::pair<std::string, double>>& weather,
+    const std::vector<NamedFile>& plugins) {
+  auto opened = open_world(file, plugins);
   if (!opened) return tl::unexpected<Error>(opened.error());
   if (auto s = set_weather(*opened->db, weather); !s) return tl::unexpected<Error>(s.error());
   std::unique_ptr<SensorWorld> world(new SensorWorld());

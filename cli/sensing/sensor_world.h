@@ -30,8 +30,10 @@ class SensorWorld {
   /// Small scenes, worlds in YAML, world files and import plans: cli/world/world_assembly.h. Errors:
   /// not_found, bad_input (also more joints than WorldMotion holds), unavailable.
   /// `weather`: attributes of the world's Atmosphere in place of its own; a world without one gets one.
+  /// `plugins`: of the world, beside those that it names itself.
   [[nodiscard]] static Result<std::unique_ptr<SensorWorld>> open(
-      const std::filesystem::path& file, const std::vector<std::pair<std::string, double>>& weather = {});
+      const std::filesystem::path& file, const std::vector<std::pair<std::string, double>>& weather = {},
+      const std::vector<NamedFile>& plugins = {});
 
   /// Whether it was read from a small scene of boxes and cylinders.
   [[nodiscard]] bool is_scene() const { return opened_.scene; }

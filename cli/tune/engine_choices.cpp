@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "cli/progress.h"
 #include "cli/terminal.h"
 #include "cli/tune/tuner.h"
 
@@ -60,10 +61,10 @@ Result<EngineChoices> choose_engines(const RigConfig& rig, Simulation& simulatio
                                  "or {}, found neither. Type `rigor tune {}`",
                                  lock_path(rig.file).filename().string(), rig.file.string()))
               .error());
-    LiveLine line;
+    std::optional<ProgressTask> progress(std::in_place, "tune");
     auto tuned = tune_channel(simulation, rig, entry, **tolerance,
-                              [&](const std::string& what) { line.show("tuning " + what); });
-    line.done();
+                              [&](const std::string& what) { progress->note(what); });
+    progress.reset();
     if (!tuned) return tl::unexpected<Error>(tuned.error());
     if (!tuned->best())
       return fail(

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <utility>
 
+#include "cli/progress.h"
 #include "sensor-hal/config/did_you_mean.h"
 #include "sensor-hal/config/yaml.h"
 #include "sim/gis/import.h"
@@ -19,15 +20,6 @@
 
 namespace rigor {
 namespace {
-
-Result<OpenedWorld> opened_from_plan(const std::filesystem::path& file, OpenedWorld opened) {
-  const auto plan = gis::load_import_plan(file);
-  if (!plan) return tl::unexpected(plan.error());
-  auto report = gis::import_into(*opened.db, *plan);
-  if (!report) return tl::unexpected(report.error());
-  opened.warnings = std::move(report->warnings);
-  return opened;
-}
 
 /// Reads `text` as the kind that the attribute has.
 Result<world::Value> read_value(const world::AttributeInfo& attribute, const std::string& text,
@@ -85,33 +77,82 @@ Status check_output(const std::filesystem::path& output, std::string_view ending
   return Outputs(std::move(inputs)).add(output, "-o", force ? Existing::replace : Existing::refuse);
 }
 
-Result<OpenedWorld> open_world(const std::filesystem::path& file) {
+Result<OpenedWorld> new_world(const std::vector<NamedFile>& plugins) {
+  OpenedWorld opened;
+  opened.db = world::Database::create();
+  if (auto s = world::define_semantic_types(*opened.db); !s) return tl::unexpected(s.error());
+  if (auto s = nature::add_weather_rule(*opened.db); !s) return tl::unexpected(s.error());
+  opened.plugins = std::make_unique<world::Plugins>(*opened.db);
+  for (const auto* files : {&command_plugins(), &plugins})
+    if (auto s = load_plugins(*opened.plugins, *files); !s) return tl::unexpected(s.error());
+  return opened;
+}
+
+Result<gis::ImportReport> import_world(OpenedWorld& opened, gis::ImportPlan plan,
+                                       const std::vector<WorldPlugins::Data>& data, const std::string& what) {
+  ProgressTask progress(what, 1);
+  plan.progress = [&](std::string_view part, double done) {
+    progress.set(done);
+    progress.note(std::string(part));
+  };
+  gis::ImportReport report;
+  if (!plan.sources.empty() || data.empty()) {
+    auto imported = gis::import_into(*opened.db, plan);
+    if (!imported) return imported;
+    report = std::move(*imported);
+  }
+  progress.finish();
+  const std::size_t before = opened.db->snapshot().node_count();
+  if (auto s = import_plugin_data(*opened.plugins, data); !s) return tl::unexpected(s.error());
+  if (const std::size_t more = opened.db->snapshot().node_count() - before; more > 0)
+    report.lines.push_back(fmt::format("plugins: {} node{}", more, more == 1 ? "" : "s"));
+  report.nodes += opened.db->snapshot().node_count() - before;
+  return report;
+}
+
+Result<OpenedWorld> open_world(const std::filesystem::path& file, const std::vector<NamedFile>& plugins) {
   std::error_code ec;
   if (!std::filesystem::is_regular_file(file, ec))
     return fail(ErrorCode::not_found, file.string(),
                 "expected a world (*.rigor, *.yaml) or an import plan (*.import.yaml), found no such file");
-  OpenedWorld opened;
-  opened.base_dir = std::filesystem::absolute(file).parent_path();
-  opened.db = world::Database::create();
-  if (auto s = world::define_semantic_types(*opened.db); !s) return tl::unexpected(s.error());
-  if (auto s = nature::add_weather_rule(*opened.db); !s) return tl::unexpected(s.error());
   const std::string name = file.filename().string();
-  if (name.ends_with(".import.yaml")) return opened_from_plan(file, std::move(opened));
-  if (name.ends_with(".yaml") || name.ends_with(".yml")) {
-    // A world of nodes says so in its first key; else it is a scene of boxes and cylinders.
+  const bool plan = name.ends_with(".import.yaml"), yaml = name.ends_with(".yaml") || name.ends_with(".yml");
+  std::vector<NamedFile> all = plugins;
+  WorldPlugins own;
+  bool scene = false;
+  if (yaml) {
     const auto document = ConfigDocument::load(file);
     if (!document) return tl::unexpected(document.error());
-    if (document->has("materials") || document->has("bodies")) {
-      const auto scene = world::load_world(file);
-      if (!scene) return tl::unexpected(scene.error());
-      if (auto s = world::put_scene(*opened.db, *scene); !s) return tl::unexpected(s.error());
-      opened.scene = true;
-    } else if (auto s = world::import_world_yaml(file, *opened.db); !s) {
-      return tl::unexpected(s.error());
-    }
+    auto read = read_world_plugins(*document);
+    if (!read) return tl::unexpected(read.error());
+    own = std::move(*read);
+    all.insert(all.end(), own.plugins.begin(), own.plugins.end());
+    // A world of nodes says so in its first key; else it is a scene of boxes and cylinders.
+    scene = !plan && (document->has("materials") || document->has("bodies"));
+  }
+  auto opened = new_world(all);
+  if (!opened) return opened;
+  opened->base_dir = std::filesystem::absolute(file).parent_path();
+  if (plan) {
+    auto sources = gis::load_import_plan(file);
+    if (!sources) return tl::unexpected(sources.error());
+    auto report = import_world(*opened, std::move(*sources), own.data, "import " + name);
+    if (!report) return tl::unexpected(report.error());
+    opened->warnings = std::move(report->warnings);
     return opened;
   }
-  if (auto f = world::WorldFile::open(file, *opened.db); !f) return tl::unexpected(f.error());
+  const ProgressTask reading("read " + name);
+  if (scene) {
+    const auto drawn = world::load_world(file);
+    if (!drawn) return tl::unexpected(drawn.error());
+    if (auto s = world::put_scene(*opened->db, *drawn); !s) return tl::unexpected(s.error());
+    opened->scene = true;
+  } else if (yaml) {
+    if (auto s = world::import_world_yaml(file, *opened->db); !s) return tl::unexpected(s.error());
+  } else if (auto f = world::WorldFile::open(file, *opened->db); !f) {
+    return tl::unexpected(f.error());
+  }
+  if (auto s = import_plugin_data(*opened->plugins, own.data); !s) return tl::unexpected(s.error());
   return opened;
 }
 

@@ -9,7 +9,9 @@
 #include <vector>
 
 #include "cli/output_file.h"
+#include "cli/world/world_plugins.h"
 #include "rt-core/result.h"
+#include "sim/gis/import.h"
 #include "sim/nature/providers.h"
 #include "sim/render/content/world_view.h"
 #include "sim/world/graph/database.h"
@@ -18,14 +20,24 @@ namespace rigor {
 
 struct OpenedWorld {
   std::unique_ptr<world::Database> db;
+  std::unique_ptr<world::Plugins> plugins;
   std::filesystem::path base_dir;  ///< where file names in the world begin
   std::vector<std::string> warnings;
   bool scene = false;  ///< a small scene of boxes and cylinders (sim/world/scene.h)
 };
 
 /// A world file (*.rigor), a world in YAML, or an import plan (*.import.yaml), which is imported into memory.
-/// Errors: not_found, bad_input, unavailable.
-[[nodiscard]] Result<OpenedWorld> open_world(const std::filesystem::path& file);
+/// Plugins of the command line, `plugins`, and those that the file names are loaded first. Errors: not_found,
+/// bad_input, unavailable.
+[[nodiscard]] Result<OpenedWorld> open_world(const std::filesystem::path& file,
+                                             const std::vector<NamedFile>& plugins = {});
+/// Without a node: with the types of the tree and those of the plugins, the command line's before `plugins`.
+/// Errors: those of Plugins::load.
+[[nodiscard]] Result<OpenedWorld> new_world(const std::vector<NamedFile>& plugins);
+/// What a plan names, and then what the plugins' importers read, into a new world. `what`: for the progress.
+[[nodiscard]] Result<gis::ImportReport> import_world(OpenedWorld& opened, gis::ImportPlan plan,
+                                                     const std::vector<WorldPlugins::Data>& data,
+                                                     const std::string& what);
 
 /// Which providers show the world.
 struct PictureContent {

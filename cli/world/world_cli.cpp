@@ -32,6 +32,7 @@ void add_import(CLI::App* app, WorldImportOptions& o) {
          "FILE[:LAYER][=WORD], or WFS:http://…; WORD: building, road, fence, pole, water, tree");
   source("--trees", o.trees, "Tree list in CSV");
   source("--weather", o.weather, "Weather series in CSV");
+  source("--plugin-file", o.plugin_files, "FILE[=IMPORTER], read by an importer of a plugin (--plugin)");
   app->add_option("--anchor", o.anchor, "Where the world frame stands: LAT,LON[,HEIGHT]");
   app->add_option("--half-extent", o.half_extent_m, "Metres around the anchor; what lies outside is left out")
       ->check(number_within({.min = 0, .max = 1e6, .exclusive_min = true}));
@@ -128,6 +129,7 @@ WorldCommandLine::WorldCommandLine(CLI::App& app) : impl_(std::make_unique<Impl>
   impl_->export_app->footer("Example: rigor world export hills.rigor -o hills.yaml");
   impl_->render = impl_->world->add_subcommand("render", "Make one picture of a world");
   add_render(impl_->render, impl_->render_options);
+  for (CLI::App* sub : {impl_->import_app, impl_->info, impl_->export_app, impl_->render}) add_plugins(sub);
 }
 
 WorldCommandLine::~WorldCommandLine() = default;

@@ -14,7 +14,8 @@ struct WorldImportOptions {
   std::vector<std::string> overrides;  ///< --set, of the plan
   /// Each a path or a server's address; vectors also PATH=WORD or PATH:LAYER=WORD (WORD: what it becomes).
   std::vector<std::string> elevation, imagery, land_cover, vectors, trees, weather;
-  std::string anchor;  ///< LAT,LON[,H]
+  std::vector<std::string> plugin_files;  ///< FILE or FILE=IMPORTER, read by importers of plugins
+  std::string anchor;                     ///< LAT,LON[,H]
   std::optional<double> half_extent_m, spacing_m;
   std::string crs;      ///< of sources that do not say it themselves
   std::string classes;  ///< of land cover: worldcover | corine | words

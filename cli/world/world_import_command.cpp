@@ -4,12 +4,11 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "cli/progress.h"
 #include "cli/terminal.h"
 #include "cli/world/world_assembly.h"
 #include "cli/world/world_commands.h"
 #include "sim/gis/import.h"
-#include "sim/nature/sky/weather.h"
-#include "sim/world/semantic_types.h"
 #include "sim/world/store/world_file.h"
 
 namespace rigor {
@@ -96,10 +95,29 @@ Result<gis::ImportPlan> plan_of(const WorldImportOptions& o) {
   if (o.half_extent_m) plan.half_extent_m = o.half_extent_m;
   if (o.spacing_m) plan.spacing_m = *o.spacing_m;
   if (!o.cache_dir.empty()) plan.cache_dir = o.cache_dir;
-  if (plan.sources.empty())
+  if (plan.sources.empty() && o.plan.empty() && o.plugin_files.empty())
     return fail(ErrorCode::bad_input, "",
                 "expected a plan (*.import.yaml) or sources (--elevation, --vector, --trees …), got neither");
   return plan;
+}
+
+/// Of the plan, and of the command line: FILE or FILE=IMPORTER.
+Result<WorldPlugins> plugins_of(const WorldImportOptions& o) {
+  WorldPlugins out;
+  if (!o.plan.empty()) {
+    const auto document = ConfigDocument::load(o.plan);
+    if (!document) return tl::unexpected(document.error());
+    auto read = read_world_plugins(*document);
+    if (!read) return read;
+    out = std::move(*read);
+  }
+  for (const std::string& text : o.plugin_files) {
+    std::error_code ec;
+    const auto equals = fs::exists(text, ec) ? std::string::npos : text.rfind('=');
+    out.data.push_back({{text.substr(0, equals), "--plugin-file"},
+                        equals == std::string::npos ? "" : text.substr(equals + 1)});
+  }
+  return out;
 }
 
 Status write_world(world::Database& db, const fs::path& output) {
@@ -126,23 +144,22 @@ int world_import_command(const WorldImportOptions& options) {
   std::error_code ec;
   auto plan = plan_of(options);
   if (!plan) return report_error(plan.error(), options.json);
+  const auto plugins = plugins_of(options);
+  if (!plugins) return report_error(plugins.error(), options.json);
   InputFiles inputs;
   inputs.add("the plan", options.plan);
+  for (const auto& d : plugins->data) inputs.add("a file for a plugin", d.file.file);
   for (const ImportSource& source : plan->sources) inputs.add("a source of the world", source.location);
   if (auto s = check_output(options.output, ".rigor", std::move(inputs), options.force); !s)
     return report_error(s.error(), options.json);
-  LiveLine line;
-  if (line.terminal() && !options.json)
-    plan->progress = [&](std::string_view what, double done) {
-      line.show(fmt::format("{:3.0f} % {}", done * 100, what));
-    };
-  auto db = world::Database::create();
-  if (auto s = world::define_semantic_types(*db); !s) return report_error(s.error(), options.json);
-  if (auto s = nature::add_weather_rule(*db); !s) return report_error(s.error(), options.json);
-  auto report = gis::import_into(*db, *plan);
-  if (plan->progress) line.done();
+  auto opened = new_world(plugins->plugins);
+  if (!opened) return report_error(opened.error(), options.json);
+  const auto report = import_world(*opened, std::move(*plan), plugins->data, "import");
   if (!report) return report_error(report.error(), options.json);
-  if (auto s = write_world(*db, options.output); !s) return report_error(s.error(), options.json);
+  {
+    const ProgressTask writing("write " + options.output.filename().string());
+    if (auto s = write_world(*opened->db, options.output); !s) return report_error(s.error(), options.json);
+  }
   const auto bytes = fs::file_size(options.output, ec);
   if (options.json) {
     fmt::print("{}\n", nlohmann::json{{"world", options.output.string()},

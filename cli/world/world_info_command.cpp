@@ -116,7 +116,14 @@ double tenth(double x_m) { return std::round(x_m * 10) / 10 + 0.0; }
 int world_info_command(const WorldInfoOptions& options) {
   const auto opened = open_world(options.world);
   if (!opened) return report_error(opened.error(), options.json);
-  const json info = info_of(opened->db->snapshot(), options.world);
+  json info = info_of(opened->db->snapshot(), options.world);
+  for (const world::PluginInfo& p : opened->plugins->list())
+    info["plugins"].push_back({{"name", p.name},
+                               {"version", p.version},
+                               {"file", p.file.string()},
+                               {"types", p.types},
+                               {"rules", p.rules},
+                               {"importers", p.importers}});
   if (options.json) {
     fmt::print("{}\n", info.dump(2, ' ', false, json::error_handler_t::replace));
     return 0;
@@ -134,6 +141,8 @@ int world_info_command(const WorldInfoOptions& options) {
                tenth(info["extent_m"]["north"].get<double>()));
   for (const auto& [type, count] : info["types"].items())
     fmt::print("{:>8}  {}\n", count.get<std::size_t>(), type);
+  for (const world::PluginInfo& p : opened->plugins->list())
+    fmt::print("plugin  {} {}: {}\n", p.name, p.version, p.meaning);
   if (info.contains("atmosphere")) {
     fmt::print("atmosphere\n");
     for (const auto& [name, value] : info["atmosphere"].items())

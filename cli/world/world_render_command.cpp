@@ -14,6 +14,7 @@
 #include "cli/output_file.h"
 #include "cli/picture.h"
 #include "cli/picture_file.h"
+#include "cli/progress.h"
 #include "cli/terminal.h"
 #include "cli/world/world_assembly.h"
 #include "sim/gis/import.h"
@@ -235,8 +236,10 @@ Status draw_by_vulkan(const std::string& device_name, render::WorldView& view, c
   if (!renderer) return tl::unexpected(renderer.error());
   drawn.device = (*device)->name();
   const auto begin = std::chrono::steady_clock::now();
+  std::optional<ProgressTask> progress(std::in_place, "collect what is in view");
   const auto frame = view.collect(render::ViewRenderer::query_for(request));
   const double collect_ms = ms_since(begin);
+  progress.emplace("draw");
   if (auto s = (*renderer)->draw(frame, request, drawn.picture, &drawn.statistics); !s) return s;
   drawn.statistics.collect_ms = collect_ms;
   return {};
@@ -253,14 +256,17 @@ Status draw_by_rays(const OpenedWorld& opened, render::WorldView& view, ViewRequ
   if (!engine) return tl::unexpected(engine.error());
   drawn.device = "rays";
   auto begin = std::chrono::steady_clock::now();
+  std::optional<ProgressTask> progress(std::in_place, "collect what is in view");
   render::ViewContent content(*opened.db, view);
   const auto window = content.collect(query, request.t, request.t, 1);
   drawn.statistics.collect_ms = ms_since(begin);
   begin = std::chrono::steady_clock::now();
+  progress.emplace("build the ray tracer's trees");
   if (auto s = (*engine)->prepare(window); !s) return s;
   drawn.statistics.upload_ms = ms_since(begin);
   begin = std::chrono::steady_clock::now();
   render::LightTracer tracer(*engine);
+  progress.emplace("draw", 1);
   if (auto s = render::trace_picture(tracer,
                                      {.T_world_camera = request.T_world_camera,
                                       .pinhole = request.pinhole,
@@ -268,10 +274,12 @@ Status draw_by_rays(const OpenedWorld& opened, render::WorldView& view, ViewRequ
                                       .samples_a_side = 4,
                                       .shadows = request.switches.shadows,
                                       .sky_rays = 1,
-                                      .soft_sun = true},
+                                      .soft_sun = true,
+                                      .progress = [&](double share) { progress->set(share); }},
                                      drawn.picture);
       !s)
     return s;
+  progress->finish();
   drawn.statistics.draw_ms = ms_since(begin);
   for (const auto& batch : window->first().batches) {
     ++drawn.statistics.batches;

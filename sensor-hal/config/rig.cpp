@@ -183,6 +183,9 @@ std::vector<std::pair<std::string, double>> read_weather(const ConfigNode& n) {
 SimulationConfig read_simulation(ConfigNode n) {
   SimulationConfig s;
   if (n.has("world")) s.world = n.base_dir() / n.text("world");
+  s.plugins = named_files(n, "plugins");
+  if (!s.plugins.empty() && s.world.empty())
+    throw n.error("plugins", "expected a `world` for them, found none");
   s.workers = static_cast<int>(n.integer_or("workers", 1, {.min = 1, .max = 64}));
   s.device = n.text_or("device", "");
   if (const ConfigNode weather = n.map_or_absent("weather"); weather.present()) {

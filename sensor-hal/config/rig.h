@@ -29,6 +29,7 @@
 #include "rt-core/port.h"
 #include "rt-core/result.h"
 #include "sensor-hal/channel/channel.h"
+#include "sensor-hal/config/named_file.h"
 #include "sensor-hal/config/yaml.h"
 
 namespace rigor {
@@ -120,7 +121,8 @@ struct PlatformEntry {
 };
 
 struct SimulationConfig {
-  std::filesystem::path world;  ///< empty: the rig has no world
+  std::filesystem::path world;     ///< empty: the rig has no world
+  std::vector<NamedFile> plugins;  ///< of the world (docs/world-plugins.md)
   int workers = 1;
   std::string device;  ///< Vulkan device by name; empty: the first
   std::vector<JointBinding> joints;

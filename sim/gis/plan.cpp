@@ -119,8 +119,12 @@ ImportPlan read_plan(const ConfigNode& n) {
     if (!utc) throw n.error("utc", utc.error().message);
     plan.utc_s = *utc;
   }
-  for (const ConfigNode& s : n.list("sources")) plan.sources.push_back(read_source(s));
-  if (plan.sources.empty()) throw n.error("sources", "expected at least one source, got none");
+  // Read by whoever opens the world: plugins are loaded before it is read (docs/world-plugins.md).
+  (void)n.list_or_empty("plugins");
+  const bool more = !n.list_or_empty("plugin_files").empty();
+  for (const ConfigNode& s : more ? n.list_or_empty("sources") : n.list("sources"))
+    plan.sources.push_back(read_source(s));
+  if (plan.sources.empty() && !more) throw n.error("sources", "expected at least one source, got none");
   n.finish();
   return plan;
 }

@@ -157,6 +157,8 @@ Scene read_scene(const ConfigNode& root) {
     scene.sky.horizon_radiance_w_per_m2_sr = bands(n.map("horizon_radiance_w_per_m2_sr"), kRadiance);
     n.finish();
   }
+  // Read by whoever opens the world: plugins are loaded before it is read (docs/world-plugins.md).
+  for (const char* key : {"plugins", "plugin_files"}) (void)root.list_or_empty(key);
   root.finish();
   return scene;
 }

@@ -29,17 +29,22 @@ inline nlohmann::json channel(const nlohmann::json& result, const std::string& n
 class Runs : public ::testing::Test {
  protected:
   [[nodiscard]] std::string file(const std::string& name) const { return (dir / name).string(); }
-  /// The demo with its outputs in the test's own folder; it says once a second how it goes.
-  std::vector<std::string> demo_with_progress(const std::vector<std::string>& more) const {
+  /// The demo with its outputs in the test's own folder.
+  std::vector<std::string> demo_words(const std::vector<std::string>& more) const {
     std::vector<std::string> words{"run",      config("demo.yaml"), "--record", file("run.mcap"),
                                    "--report", file("report")};
     words.insert(words.end(), more.begin(), more.end());
     return rigor_words(std::move(words));
   }
+  /// It says a few times a second how it goes.
+  std::vector<std::string> demo_with_progress(std::vector<std::string> more) const {
+    more.insert(more.end(), {"--progress", "json"});
+    return demo_words(std::move(more));
+  }
   /// The same; it says nothing until it prints its result as JSON.
   std::vector<std::string> demo(std::vector<std::string> more) const {
     more.emplace_back("--json");
-    return demo_with_progress(more);
+    return demo_words(std::move(more));
   }
   /// In virtual time, with cameras that are faster than a small machine could keep.
   std::vector<std::string> fast_demo(std::vector<std::string> more) const {

@@ -1,4 +1,4 @@
-// Ctrl-C keeps the best so far, marked; the live line is for terminals.
+// Ctrl-C keeps the best so far, marked; progress is rewritten on terminals alone.
 #include <pty.h>
 #include <signal.h>
 #include <sys/prctl.h>
@@ -6,6 +6,8 @@
 #include <unistd.h>
 
 #include <array>
+#include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "tests/cli/calibrate_fixture.h"
 
@@ -15,13 +17,25 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-/// A command whose messages go to a terminal; SIGINT as soon as these hold a text.
+/// Whether `text`, lines of --progress json and others, says of the task that so much is done.
+bool says(const std::string& text, const std::string& task, double done) {
+  std::istringstream in(text.substr(0, text.rfind('\n') + 1));
+  for (std::string line; std::getline(in, line);)
+    if (const auto o = nlohmann::json::parse(line, nullptr, false);
+        o.is_object() && o["task"] == task && o["done"].get<double>() >= done)
+      return true;
+  return false;
+}
+
+/// A command whose messages go to a terminal; SIGINT as soon as so much of a task is done.
 struct Interrupted {
   int status = -1;
   bool signalled = false;
   std::string out, shown;
 };
-Interrupted interrupt_at(const std::string& text, std::vector<std::string> words, const TempDir& dir) {
+Interrupted interrupt_at(const std::string& task, double done, std::vector<std::string> words,
+                         const TempDir& dir) {
+  words.insert(words.end(), {"--progress", "json"});
   words = rigor_words(std::move(words));
   std::vector<char*> argv;
   for (auto& w : words) argv.push_back(w.data());
@@ -39,7 +53,7 @@ Interrupted interrupt_at(const std::string& text, std::vector<std::string> words
   std::array<char, 4096> block{};
   for (ssize_t n = 0; (n = read(terminal, block.data(), block.size())) > 0;) {
     result.shown.append(block.data(), static_cast<std::size_t>(n));
-    if (result.signalled || result.shown.find(text) == std::string::npos) continue;
+    if (result.signalled || !says(result.shown, task, done)) continue;
     kill(pid, SIGINT);
     result.signalled = true;
   }
@@ -53,11 +67,11 @@ Interrupted interrupt_at(const std::string& text, std::vector<std::string> words
 
 class CalibrateInterrupt : public Calibrate {
  protected:
-  void expect_best_so_far(const std::string& at, std::vector<std::string> words,
+  void expect_best_so_far(const std::string& task, double done, std::vector<std::string> words,
                           const std::string& parameter) {
     words.insert(words.begin(), "calibrate");
     words.insert(words.end(), {"-o", "best.yaml", "--report", "report"});
-    const Interrupted r = interrupt_at(at, words, dir);
+    const Interrupted r = interrupt_at(task, done, words, dir);
     ASSERT_TRUE(r.signalled) << r.shown << r.out;
     EXPECT_EQ(r.status, 1) << r.shown << r.out;
     EXPECT_THAT(r.out, HasSubstr("INTERRUPTED"));
@@ -71,25 +85,25 @@ class CalibrateInterrupt : public Calibrate {
 
 TEST_F(CalibrateInterrupt, CameraKeepsTheBoardsItHasSeen) {
   expect_best_so_far(
-      "picture 12,",
+      "look for boards", 12,
       {"camera", CalibrationRecordings::get().board(), "--channel", "left/real", "--target", kBoard},
       "fx_px");
 }
 
 TEST_F(CalibrateInterrupt, TwinKeepsTheSamplesItHasCompared) {
-  expect_best_so_far("comparing: 12 of", {"twin", CalibrationRecordings::get().board(), "--channel", "left"},
+  expect_best_so_far("compare", 12, {"twin", CalibrationRecordings::get().board(), "--channel", "left"},
                      "bias_dn");
 }
 
 TEST_F(CalibrateInterrupt, ExtrinsicsKeepTheBoardsTheyHaveSeen) {
   expect_best_so_far(
-      "picture 12,",
+      "look for boards", 12,
       {"extrinsics", CalibrationRecordings::get().board(), "--camera", "left/real", "--camera-sheet",
        sensor("demo-camera"), "--second", "top", "--target", kBoard, "--rough", "0.2,0.22,0.02,0,-8,5"},
       "x_m");
 }
 
-TEST_F(CalibrateInterrupt, TheLiveLineIsForTerminals) {
+TEST_F(CalibrateInterrupt, NothingIsRewrittenWhereNoTerminalIs) {
   const Said said = run({"twin", CalibrationRecordings::get().board(), "--channel", "left"});
   EXPECT_EQ(said.status, 0) << said.err;
   EXPECT_THAT(said.err + said.out, Not(HasSubstr("\r")));

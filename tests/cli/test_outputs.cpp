@@ -143,6 +143,28 @@ TEST_F(Outputs, RunsKeepWhatWasThereUnderANumber) {
   EXPECT_TRUE(is_whole("again.1.mcap"));
 }
 
+TEST_F(Outputs, WhatAnApplicationWritesKeepsWhatWasThere) {
+  fs::create_directory(dir / "out");
+  for (const char* name : {"result.json", "view-000.png", "mine.txt"})
+    write_file(dir / "out" / name, "precious");
+  // Too short for a picture: the application writes its result all the same.
+  const std::vector<std::string> run{
+      "run",   config("rigs/stereo.yaml"),  "--duration", "0.05",
+      "--set", "application.output=out",    "--set",      "channels.left.engine=rays",
+      "--set", "channels.right.engine=rays"};
+  const Said said = in_dir(run);
+  ASSERT_EQ(said.status, 0) << said.err;
+  EXPECT_THAT(said.err, HasSubstr("out/1/result.json"));
+  EXPECT_EQ(names("out"), (std::vector<std::string>{"1", "mine.txt", "result.json"}));
+  EXPECT_EQ(names("out/1"), (std::vector<std::string>{"result.json", "view-000.png"}));
+  EXPECT_EQ(read_file(dir / "out/1/result.json"), "precious");
+  EXPECT_EQ(read_file(dir / "out/mine.txt"), "precious");
+  auto forced = run;
+  forced.emplace_back("--force");
+  EXPECT_EQ(in_dir(forced).status, 0);
+  EXPECT_FALSE(fs::exists(dir / "out/2"));
+}
+
 TEST_F(Outputs, ToolsRefuseWhatIsThereUnlessForced) {
   record();
   for (const auto& words : std::vector<std::vector<std::string>>{

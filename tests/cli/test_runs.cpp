@@ -5,6 +5,7 @@
 
 #include <fstream>
 #include <functional>
+#include <sstream>
 #include <thread>
 
 #include "tests/cli/runs_fixture.h"
@@ -25,7 +26,7 @@ bool wait_for(const Command& command, const std::string& text, int patience_ms =
   return false;
 }
 
-/// What a run without --json says once a second: "   2.0 s  2000 cycles, …  left 50 LOST (-3)  right 50 …".
+/// What a run says with --progress json; its note: "2000 cycles, …  left 50 LOST (-3)  right 50 …".
 struct Progress {
   double t_s = 0;
   std::uint64_t left = 0;  ///< samples that the channel `left` received
@@ -34,12 +35,18 @@ struct Progress {
 Progress progress(const Command& run) {
   const std::string text = run.err();
   Progress p;
-  const std::size_t end = text.rfind('\n'), from = text.rfind("  left ", end);
-  if (end == std::string::npos || from == std::string::npos) return p;
-  const std::size_t begin = text.rfind('\n', from) + 1;
-  p.t_s = std::strtod(text.c_str() + begin, nullptr);
+  std::istringstream in(text.substr(0, text.rfind('\n') + 1));
+  json last;
+  for (std::string line; std::getline(in, line);)
+    if (json object = json::parse(line, nullptr, false); object.is_object() && object["task"] == "run")
+      last = std::move(object);
+  if (!last.is_object()) return p;
+  p.t_s = last["done"];
+  const std::string note = last["note"];
+  const std::size_t from = note.find("  left ");
+  if (from == std::string::npos) return p;
   char* after = nullptr;
-  p.left = std::strtoull(text.c_str() + from + 7, &after, 10);
+  p.left = std::strtoull(note.c_str() + from + 7, &after, 10);
   p.left_lost = std::string_view(after).starts_with(" LOST");
   return p;
 }
@@ -67,8 +74,9 @@ TEST_F(Runs, OnTheWallClockAreReplayedExactlyAndTwoReplaysAreEqualFiles) {
   }
   EXPECT_EQ(sha256(dir / "one.mcap"), sha256(dir / "two.mcap"));
   // What it tells on the way: nothing is lost before it begins.
-  const Said told = rigor({"replay", file("run.mcap")});
+  const Said told = rigor({"replay", file("run.mcap"), "--progress", "json"});
   ASSERT_EQ(told.status, 0) << told.err;
+  EXPECT_THAT(told.err, HasSubstr("\"task\":\"replay\""));
   EXPECT_EQ((told.out + told.err).find("LOST"), std::string::npos) << told.out << told.err;
   // And a replay of a replay is still the same.
   const Said again = rigor({"replay", file("one.mcap"), "--json"});

@@ -103,6 +103,7 @@ Status trace_picture(LightTracer& tracer, const LightPictureRequest& request, Vi
       out.depth_m[pixel] = s.range_m * static_cast<float>(r.col(2).dot(direction));
       out.nodes[pixel] = s.node.value;
     }
+    if (request.progress) request.progress(static_cast<double>(end) / p.height_px);
   }
   return {};
 }

@@ -1,6 +1,8 @@
 // Pictures by rays: what ViewRenderer draws, from a LightTracer.
 #pragma once
 
+#include <functional>
+
 #include "sim/render/rays/light_tracer.h"
 #include "sim/render/view/view_renderer.h"
 
@@ -17,6 +19,8 @@ struct LightPictureRequest {
   bool soft_sun = false;
   std::uint64_t seed = 0;
   float time = 0;  ///< of the window: 0 its begin … 1 its end
+  /// Told the share of the picture that is done, now and then. Same thread.
+  std::function<void(double)> progress = {};
 };
 
 /// Radiance is the mean of a pixel's samples; depth and node are those of the sample nearest to its centre.

@@ -242,6 +242,8 @@ Status import_world_yaml(const std::filesystem::path& file, Database& db) {
     const auto schema = read_schema(n);
     const auto next = id(n.text_or("next_id", "1"), n, "next_id");
     const auto nodes = n.list("nodes");
+    // Read by whoever opens the world: plugins are loaded before it is read (docs/world-plugins.md).
+    for (const char* key : {"plugins", "plugin_files"}) (void)n.list_or_empty(key);
     n.finish();
     if (auto s = store::merge_schema(schema, db, file.string()); !s) return s;
     auto tx = db.begin("import " + file.filename().string());
