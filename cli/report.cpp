@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <span>
 #include <string_view>
 
@@ -171,8 +172,9 @@ std::string channel_section(const json& r, const NamedFiles& pictures) {
     s += "<div class=\"card\"><h3>" + str(c["name"]) + "</h3>" +
          svg_histogram(c["age"], "age when it became visible (counts, log)");
     // What arrives after its release is late.
+    const double latency_ns = c["latency_ms"].get<double>() * 1e6;
     s += svg_histogram(c["arrival"], "arrival after capture (counts, log)",
-                       c["latency_ms"].get<double>() * 1e6);
+                       latency_ns > 0 ? std::optional(latency_ns) : std::nullopt);
     s += svg_status(c["status"], r["duration_s"]);
     if (!c["gaps"].empty()) {
       s += "<details><summary>gaps</summary><table><tr><th>at</th><th>missing</th></tr>";

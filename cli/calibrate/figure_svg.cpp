@@ -152,7 +152,8 @@ std::string draw_histogram(const Figure& f) {
     for (std::size_t i = 0; i < std::min(s.x.size(), s.y.size()); ++i)
       if (s.x[i] >= a && s.x[i] <= b)
         path += fmt::format("{}{:.1f} {:.1f}", path.empty() ? "M" : "L", x(s.x[i]), y(s.y[i]));
-    out += fmt::format(R"(<path d="{}" fill="none" stroke="{}" stroke-width="1.6"/>)", path, kColours[1]);
+    out +=
+        fmt::format(R"(<path d="{}" fill="none" style="stroke:{}" stroke-width="1.6"/>)", path, kColours[1]);
   }
   return out;
 }
@@ -279,7 +280,8 @@ std::string draw_arrows(const Figure& f) {
   for (std::size_t i = 0; i < std::min(at.x.size(), by.x.size()); ++i)
     path += fmt::format("M{:.1f} {:.1f}L{:.1f} {:.1f}", x(at.x[i]), y(at.y[i]),
                         x(at.x[i] + f.stretch * by.x[i]), y(at.y[i] + f.stretch * by.y[i]));
-  return out + fmt::format(R"(<path d="{}" fill="none" stroke="{}" stroke-width="1"/>)", path, kColours[0]);
+  return out +
+         fmt::format(R"(<path d="{}" fill="none" style="stroke:{}" stroke-width="1"/>)", path, kColours[0]);
 }
 
 }  // namespace
