@@ -17,6 +17,7 @@
 #include "cli/report.h"
 #include "cli/run_result.h"
 #include "cli/terminal.h"
+#include "cli/typed_command.h"
 #include "rt-core/affinity.h"
 #include "rt-core/trace.h"
 
@@ -193,6 +194,8 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   text.engine = engine;
   text.utc = iso(epoch.to_utc(t0));
   text.recording = parts.rig.record.file.string();
+  text.command = typed_command();
+  text.machine = machine_name();
   text.virtual_epoch = virtual_time && !options.epoch;
   const RunFacts facts = ended_run_facts(parts, *outcome, recorder.get(), warnings);
   const Verdict verdict = judge(facts);

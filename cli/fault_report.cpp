@@ -38,13 +38,11 @@ std::string status_bar(const json& result, const std::string& channel, double y,
       const double from = spans[i]["t_s"],
                    to = i + 1 < spans.size() ? spans[i + 1]["t_s"] : result["duration_s"];
       const std::string status = spans[i]["status"];
-      const char* colour = status == "late"    ? "#e8a33d"
-                           : status == "lost"  ? "#c0392b"
-                           : status == "never" ? "#bbb"
-                                               : "#3a9a5b";
+      const char* known =
+          status == "late" || status == "lost" || status == "never" ? status.c_str() : "fresh";
       s += fmt::format(
-          R"(<rect x="{:.2f}" y="{:.1f}" width="{:.2f}" height="10" fill="{}"><title>{} from {:.3f} s</title></rect>)",
-          kChartLeft_px + from * scale, y + 3, std::max(0.5, (to - from) * scale), colour, status, from);
+          R"(<rect x="{:.2f}" y="{:.1f}" width="{:.2f}" height="10" class="status-{}"><title>{} from {:.3f} s</title></rect>)",
+          kChartLeft_px + from * scale, y + 3, std::max(0.5, (to - from) * scale), known, status, from);
     }
   }
   return s;
@@ -61,8 +59,7 @@ std::string timeline(const json& result) {
     for (const json& f : c["faults"]) {
       const std::string kind = f["kind"];
       rows += chart_label(kChartLeft_px - 8, y + 12, "end", kind + (f["live"].get<bool>() ? " (live)" : ""));
-      rows += fmt::format(R"(<path class="grid" stroke="#ddd" d="M{} {:.1f}h{}"/>)", kChartLeft_px, y + 8,
-                          kWidth);
+      rows += fmt::format(R"(<path class="grid" d="M{} {:.1f}h{}"/>)", kChartLeft_px, y + 8, kWidth);
       for (const json& span : f["spans"]) {
         const double from = span[0], to = std::min(duration_s, span[1].get<double>());
         rows += fmt::format(

@@ -32,11 +32,8 @@ int localization_command(const LocalizationOptions& options) {
   reading.reset();
   if (!error) return report_error(error.error(), options.json);
   if (!options.report.empty()) {
-    const std::string page = fmt::format(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" "
-        "content=\"width=device-width\"><title>{0} – Rigor</title><style>{1}</style><header><h1>{0}</h1>"
-        "</header><main>{2}</main></html>\n",
-        html_text(options.recording.filename().string()), kPageStyle, localization_section(*error, stems));
+    const std::string page =
+        html_page(options.recording.filename().string(), "", localization_section(*error, stems));
     if (auto s = write_report_files(options.report, {{"index.html", page}},
                                     options.force ? Existing::replace : Existing::keep);
         !s)

@@ -317,7 +317,7 @@ std::string map_svg(const LocalizationError& e, const std::vector<DrawnStem>& st
   s += fmt::format(R"(<circle cx="{0:.1f}" cy="{1:.1f}" r="5" fill="none" stroke="#222" stroke-width="2"/>)",
                    px(first.x_m), py(first.y_m));
   const double ruler_m = (x1 - x0) > 60 ? 20 : (x1 - x0) > 20 ? 5 : 1;
-  s += fmt::format(R"(<path d="M8 {0:.1f}h{1:.1f}" stroke="#222" stroke-width="2"/>)", height + 12,
+  s += fmt::format(R"(<path d="M8 {0:.1f}h{1:.1f}" style="stroke:var(--ink)" stroke-width="2"/>)", height + 12,
                    ruler_m * scale);
   s +=
       fmt::format(R"(<text x="{:.1f}" y="{:.1f}">{:g} m</text>)", 14 + ruler_m * scale, height + 16, ruler_m);
@@ -349,9 +349,10 @@ std::string localization_section(const LocalizationError& e, const std::vector<D
        "by the "
        "distance of the estimate</h3>" +
        map_svg(e, stems) + "</div><div class=\"card\">";
-  SvgSeries distance{"distance", "#3b6ea5", {}, {}}, sigma{"sigma as told", "#e8a33d", {}, {}};
-  SvgSeries along{"forward", "#3b6ea5", {}, {}}, across{"left", "#3a9a5b", {}, {}},
-      yaw{"yaw", "#7a4fa3", {}, {}};
+  SvgSeries distance{"distance", "var(--series-1)", {}, {}},
+      sigma{"sigma as told", "var(--series-5)", {}, {}};
+  SvgSeries along{"forward", "var(--series-1)", {}, {}}, across{"left", "var(--series-3)", {}, {}},
+      yaw{"yaw", "var(--series-4)", {}, {}};
   for (const auto* a : thinned(e)) {
     const auto add = [&](SvgSeries& series, double y) {
       if (!std::isfinite(y)) return;

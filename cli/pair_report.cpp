@@ -18,9 +18,6 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kWide = 270, kHigh = 116, kLeft = 54, kTop = 20, kRight = 8, kBottom = 20;
-constexpr double kPlotW = kWide - kLeft - kRight, kPlotH = kHigh - kTop - kBottom;
-
 double number(const json& v) { return v.is_number() ? v.get<double>() : kNaN; }
 
 /// What one strip shows over the windows.
@@ -56,41 +53,47 @@ std::string strip_svg(const Strip& s, const Times& times) {
   const double pad = std::max((high - low) * 0.08, 1e-12 + std::abs(high) * 1e-6);
   high += pad;
   if (!s.from_zero) low -= pad;
-  const double t0 = times.t_s.front(), t1 = std::max(times.t_s.back(), t0 + 1e-3);
-  const auto px = [&](double t) { return kLeft + kPlotW * std::clamp((t - t0) / (t1 - t0), 0.0, 1.0); };
-  const auto py = [&](double v) { return kTop + kPlotH - kPlotH * (v - low) / (high - low); };
-  std::string out = fmt::format(
-      R"(<svg viewBox="0 0 {0} {1}" style="width:{0}px;height:{1}px" xmlns="http://www.w3.org/2000/svg" role="img">)",
-      kWide, kHigh);
+  PlotFrame f;
+  f.width = 270, f.height = 116, f.left = 54, f.top = 20, f.right = 8, f.bottom = 20;
+  f.x0 = times.t_s.front(), f.x1 = std::max(times.t_s.back(), f.x0 + 1e-3);
+  f.y0 = low, f.y1 = high;
+  const double bottom = f.top + f.plot_height();
+  const auto px = [&](double t) { return f.px(std::clamp(t, f.x0, f.x1)); };
+  std::string out = open_plot(f, "width:270px;height:116px") + open_data(f);
   if (std::isfinite(s.half) && s.half > 0)
     out += fmt::format(
-        R"(<rect x="{}" y="{:.1f}" width="{}" height="{:.1f}" fill="#dfe8f2"><title>baseline, 3 standard deviations</title></rect>)",
-        kLeft, py(s.middle + s.half), kPlotW, std::max(0.5, py(s.middle - s.half) - py(s.middle + s.half)));
+        R"(<rect x="{}" y="{:.1f}" width="{}" height="{:.1f}" style="fill:var(--band)"><title>baseline, 3 standard deviations</title></rect>)",
+        f.left, f.py(s.middle + s.half), f.plot_width(),
+        std::max(0.5, f.py(s.middle - s.half) - f.py(s.middle + s.half)));
+  if (std::isfinite(s.line) && s.line < high)  // beyond the threshold
+    out += fmt::format(R"(<rect class="region" x="{}" y="{}" width="{}" height="{:.1f}"/>)", f.left, f.top,
+                       f.plot_width(), f.py(s.line) - f.top);
   if (times.since_s)
-    out += fmt::format(R"(<rect x="{:.1f}" y="{}" width="{:.1f}" height="{}" fill="#f8e0dc"/>)",
-                       px(*times.since_s), kTop, std::max(1.0, px(*times.raised_s) - px(*times.since_s)),
-                       kPlotH);
+    out += fmt::format(R"(<rect class="region" x="{:.1f}" y="{}" width="{:.1f}" height="{}"/>)",
+                       px(*times.since_s), f.top, std::max(1.0, px(*times.raised_s) - px(*times.since_s)),
+                       f.plot_height());
   if (std::isfinite(times.watched_from_s))
-    out += fmt::format(R"(<path d="M{0:.1f} {1}V{2}" stroke="#999" stroke-dasharray="1 3"/>)",
-                       px(times.watched_from_s), kTop, kTop + kPlotH);
+    out += fmt::format(
+        R"(<path class="axis" d="M{0:.1f} {1}V{2}" stroke-dasharray="1 3" vector-effect="non-scaling-stroke"/>)",
+        px(times.watched_from_s), f.top, bottom);
   if (times.raised_s)
     out += fmt::format(
-        R"(<path d="M{0:.1f} {1}V{2}" stroke="#c0392b" stroke-width="1.4"><title>alarm at {3:.1f} s</title></path>)",
-        px(*times.raised_s), kTop, kTop + kPlotH, *times.raised_s);
+        R"(<path class="limit" d="M{0:.1f} {1}V{2}" stroke-width="1.4" vector-effect="non-scaling-stroke"><title>alarm at {3:.1f} s</title></path>)",
+        px(*times.raised_s), f.top, bottom, *times.raised_s);
   if (std::isfinite(s.line))
-    out += fmt::format(R"(<path d="M{} {:.1f}h{}" stroke="#c0392b" stroke-dasharray="4 3"/>)", kLeft,
-                       py(s.line), kPlotW);
+    out += fmt::format(
+        R"(<path class="limit" d="M{} {:.1f}h{}" stroke-dasharray="4 3" vector-effect="non-scaling-stroke"/>)",
+        f.left, f.py(s.line), f.plot_width());
   std::string points;
   for (std::size_t i = 0; i < s.y.size(); ++i)
-    if (std::isfinite(s.y[i])) points += fmt::format("{:.1f},{:.1f} ", px(times.t_s[i]), py(s.y[i]));
-  out += fmt::format(R"(<polyline fill="none" stroke="#3b6ea5" stroke-width="1.2" points="{}"/>)", points);
-  out +=
-      fmt::format(R"(<path class="axis" d="M{0} {1}V{2}H{3}"/>)", kLeft, kTop, kTop + kPlotH, kLeft + kPlotW);
+    if (std::isfinite(s.y[i])) points += fmt::format("{:.2f},{:.2f} ", px(times.t_s[i]), f.py(s.y[i]));
+  if (!points.empty()) out += plot_line(s.title, "var(--series-1)", points);
+  out += fmt::format(R"(</svg><path class="axis" d="M{0} {1}V{2}H{3}"/>)", f.left, f.top, bottom,
+                     f.left + f.plot_width());
   for (const double v : axis_ticks(low, high, 3))
-    out += label(kLeft - 4, py(v) + 3, "end", fmt::format("{:.4g}", v));
-  for (const double t : axis_ticks(t0, t1, 4))
-    out += label(px(t), kTop + kPlotH + 12, "middle", fmt::format("{:g}", t));
-  return out + label(kLeft, 12, "start", s.title) + "</svg>";
+    out += label(f.left - 4, f.py(v) + 3, "end", fmt::format("{:.4g}", v));
+  for (const double t : axis_ticks(f.x0, f.x1, 4)) out += x_label(f, t, fmt::format("{:g}", t));
+  return out + label(f.left, 12, "start", s.title) + "</svg>";
 }
 
 std::string with_unit(const std::string& name, const std::string& unit) {
@@ -123,7 +126,7 @@ std::string pair_watch_card(const std::string& channel, const json& w, const std
       fmt::format("<div class=\"card\" style=\"grid-column:1/-1\"><h3>{}: is the twin still right?</h3><p>",
                   html_text(channel));
   if (w["alarms"].get<std::uint64_t>() > 0)
-    s += fmt::format("<b style=\"color:#c0392b\">{} at {:.1f} s: {}.</b> ",
+    s += fmt::format("<b style=\"color:var(--bad)\">{} at {:.1f} s: {}.</b> ",
                      state == "alarm" ? "Alarm" : "Alarm (acknowledged)",
                      w["alarm"]["raised_s"].get<double>(), html_text(w["text"].get<std::string>()));
   else if (state == "learning")

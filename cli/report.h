@@ -1,5 +1,5 @@
-// `--report DIR`: one HTML page with plots and pictures, and the JSON that it was made from. No script, no
-// network: it can be mailed, and read in ten years.
+// `--report DIR`: one HTML page with plots and pictures, and the JSON that it was made from. Everything is in
+// the folder and nothing is fetched: it can be mailed, and read in ten years.
 #pragma once
 
 #include <filesystem>

@@ -220,6 +220,8 @@ json run_result(const RunParts& parts, const RunOutcome& outcome, const Recorder
   j.update({{"utc", text.utc},
             {"virtual_epoch", text.virtual_epoch},
             {"engine", text.engine},
+            {"command", text.command},
+            {"machine", text.machine},
             {"duration_s", outcome.loop.period.seconds() *
                                static_cast<double>(outcome.loop.cycles_run + outcome.loop.cycles_skipped)},
             {"loop", loop_json(parts, outcome.loop)},

@@ -14,6 +14,8 @@ struct RunContextText {
   std::string utc;             ///< of t0, ISO 8601
   bool virtual_epoch = false;  ///< that is where all virtual runs begin, and not when this one was
   std::string recording;       ///< file, or empty
+  std::string command;         ///< as typed, without secrets
+  std::string machine;         ///< name, processor, kernel
 };
 
 /// What the verdict rests on, of a run that has ended. Setup context.

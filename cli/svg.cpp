@@ -6,24 +6,21 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "cli/page.h"
 #include "cli/terminal.h"
 
 namespace rigor {
 namespace {
 
-constexpr double kWidth = 560, kHeight = 180, kLeft = 56, kBottom = 34, kTop = 10, kRight = 12;
-constexpr double kPlotW = kWidth - kLeft - kRight, kPlotH = kHeight - kTop - kBottom;
-
-std::string open_svg(double height = kHeight) {
-  return fmt::format(R"(<svg viewBox="0 0 {} {}" xmlns="http://www.w3.org/2000/svg" role="img">)", kWidth,
-                     height);
-}
 std::string text_at(double x, double y, const std::string& anchor, const std::string& text) {
   return fmt::format(R"(<text x="{:.1f}" y="{:.1f}" text-anchor="{}">{}</text>)", x, y, anchor, text);
 }
-std::string frame() {
-  return fmt::format(R"(<path class="axis" d="M{0} {1}V{2}H{3}"/>)", kLeft, kTop, kTop + kPlotH,
-                     kLeft + kPlotW);
+std::string axes(const PlotFrame& f) {
+  return fmt::format(R"(<path class="axis" d="M{0} {1}V{2}H{3}"/>)", f.left, f.top, f.top + f.plot_height(),
+                     f.left + f.plot_width());
+}
+std::string caption(const PlotFrame& f, const std::string& text) {
+  return text_at(f.left + f.plot_width() / 2, f.height - 4, "middle", text);
 }
 
 }  // namespace
@@ -42,106 +39,141 @@ std::vector<double> axis_ticks(double a, double b, int parts) {
   return out;
 }
 
-std::string svg_histogram(const nlohmann::json& histogram, const std::string& label) {
+std::string open_plot(const PlotFrame& f, const std::string& style) {
+  return fmt::format(
+      R"(<svg class="plot" viewBox="0 0 {} {}" data-frame="{} {} {} {}" data-range="{:.9g} {:.9g} {:.9g} {:.9g}" data-axis="{}"{} xmlns="http://www.w3.org/2000/svg" role="img">)",
+      f.width, f.height, f.left, f.top, f.plot_width(), f.plot_height(), f.x0, f.x1, f.y0, f.y1, f.axis,
+      style.empty() ? "" : " style=\"" + style + "\"");
+}
+
+std::string open_data(const PlotFrame& f) {
+  return fmt::format(
+      R"(<svg class="data" x="{0}" y="{1}" width="{2}" height="{3}" viewBox="{0} {1} {2} {3}" preserveAspectRatio="none">)",
+      f.left, f.top, f.plot_width(), f.plot_height());
+}
+
+std::string x_label(const PlotFrame& f, double x, const std::string& text) {
+  return fmt::format(R"(<text class="x" x="{:.1f}" y="{:.1f}" text-anchor="middle">{}</text>)", f.px(x),
+                     f.top + f.plot_height() + 14, text);
+}
+
+std::string plot_line(const std::string& name, const std::string& colour, const std::string& points) {
+  return fmt::format(
+      R"(<polyline fill="none" style="stroke:{}" stroke-width="1.4" vector-effect="non-scaling-stroke" data-name="{}" points="{}"/>)",
+      colour, html_text(name), points);
+}
+
+std::string svg_histogram(const nlohmann::json& histogram, const std::string& label,
+                          std::optional<double> limit_ns) {
   const auto& buckets = histogram["buckets"];
   if (buckets.empty()) return "<p class=\"none\">nothing to show</p>";
-  const double lo = std::log10(std::max(100.0, buckets.front()[0].get<double>()));
-  const double hi = std::max(lo + 0.3, std::log10(std::max(101.0, buckets.back()[1].get<double>())));
-  const auto x_of = [&](double ns) {
-    return kLeft + kPlotW * (std::log10(std::max(ns, std::pow(10, lo))) - lo) / (hi - lo);
-  };
+  const auto log_of = [](double ns) { return std::log10(std::max(ns, 1.0)); };
+  PlotFrame f;
+  f.axis = "log ns";
+  f.x0 = std::log10(std::max(100.0, buckets.front()[0].get<double>()));
+  f.x1 = std::max(f.x0 + 0.3, std::log10(std::max(101.0, buckets.back()[1].get<double>())));
   // The linear parts of the buckets differ in width: draw the share per decade by regrouping into equal bars
   // on the log axis.
   constexpr std::size_t kBars = 90;
+  const double step = (f.x1 - f.x0) / kBars;
   std::vector<double> bar(kBars, 0.0);
   for (const auto& b : buckets) {
     const double middle = 0.5 * (b[0].get<double>() + b[1].get<double>());
-    const auto i =
-        static_cast<std::size_t>(std::clamp((x_of(middle) - kLeft) / kPlotW * kBars, 0.0, kBars - 1.0));
-    bar[i] += b[2].get<double>();
+    bar[static_cast<std::size_t>(std::clamp((log_of(middle) - f.x0) / step, 0.0, kBars - 1.0))] +=
+        b[2].get<double>();
   }
+  // Counts are logarithmic as well, and one is seen.
+  constexpr double kFoot = 0.15;
   const double peak = *std::max_element(bar.begin(), bar.end());
-  const double top = std::log10(peak) + 0.15;
-  std::string s = open_svg() + frame();
+  f.y0 = -kFoot;
+  f.y1 = std::max(std::log10(peak), kFoot);
+  std::string s = open_plot(f) + open_data(f);
   for (std::size_t i = 0; i < kBars; ++i)
     if (bar[i] > 0) {
-      const double h = kPlotH * (std::log10(bar[i]) + 0.15) / top;
+      const double from = f.x0 + step * static_cast<double>(i), y = f.py(std::log10(bar[i]));
+      const bool beyond = limit_ns && from >= log_of(*limit_ns);
       s += fmt::format(
-          R"(<rect class="bar" x="{:.2f}" y="{:.2f}" width="{:.2f}" height="{:.2f}"><title>{:.0f}</title></rect>)",
-          kLeft + kPlotW * static_cast<double>(i) / kBars, kTop + kPlotH - h, kPlotW / kBars - 0.6, h,
-          bar[i]);
+          R"(<rect class="bar{}" x="{:.2f}" y="{:.2f}" width="{:.2f}" height="{:.2f}" data-span="{:.6f} {:.6f}"><title>{:.0f} times</title></rect>)",
+          beyond ? " beyond" : "", f.px(from), y, f.plot_width() / kBars - 0.6, f.top + f.plot_height() - y,
+          from, from + step, bar[i]);
     }
+  std::string names;
+  double name_y = f.top + 9;
+  const auto mark = [&](double ns, const char* name, const char* kind) {
+    const double x = log_of(ns);
+    if (x < f.x0 || x > f.x1) return;
+    s += fmt::format(R"(<path class="{}" vector-effect="non-scaling-stroke" d="M{:.1f} {}V{}"/>)", kind,
+                     f.px(x), f.top, f.top + f.plot_height());
+    const bool at_edge = f.px(x) > f.left + f.plot_width() - 30;
+    names += fmt::format(R"(<text data-x="{:.6f}" x="{:.1f}" y="{:.1f}" text-anchor="{}">{}</text>)", x,
+                         f.px(x) + (at_edge ? -3 : 3), name_y, at_edge ? "end" : "start", name);
+    name_y += 12;
+  };
+  mark(histogram["p50_ns"].get<double>(), "p50", "mark");
+  mark(histogram["p99_ns"].get<double>(), "p99", "mark");
+  if (limit_ns) mark(*limit_ns, "limit", "limit");
+  s += "</svg>" + axes(f) + names;
   // Every power of ten; on a narrow axis two and five times it as well.
-  for (double e = std::floor(lo); e <= hi; ++e)
-    for (double step : {1.0, 2.0, 5.0}) {
-      const double ns = step * std::pow(10, e);
-      if (std::log10(ns) < lo || std::log10(ns) > hi || (step > 1 && hi - lo > 2)) continue;
-      s += text_at(x_of(ns), kTop + kPlotH + 14, "middle", text_of(Duration(std::llround(ns))));
+  for (double e = std::floor(f.x0); e <= f.x1; ++e)
+    for (double times : {1.0, 2.0, 5.0}) {
+      const double ns = times * std::pow(10, e), x = std::log10(ns);
+      if (x < f.x0 || x > f.x1 || (times > 1 && f.x1 - f.x0 > 2)) continue;
+      s += x_label(f, x, text_of(Duration(std::llround(ns))));
     }
   for (double e = 0; e <= std::log10(peak); ++e)
-    s += text_at(kLeft - 6, kTop + kPlotH - kPlotH * (e + 0.15) / top + 4, "end",
-                 fmt::format("{:.0f}", std::pow(10, e)));
-  double label_y = kTop + 9;
-  for (const auto& [key, name] : {std::pair{"p50_ns", "p50"}, std::pair{"p99_ns", "p99"}}) {
-    const double x = x_of(histogram[key].get<double>());
-    s += fmt::format(R"(<path class="mark" d="M{0:.1f} {1}V{2}"/>)", x, kTop, kTop + kPlotH);
-    s += text_at(x + 3, label_y, "start", name);
-    label_y += 12;
-  }
-  return s + text_at(kLeft + kPlotW / 2, kHeight - 4, "middle", label) + "</svg>";
+    s += text_at(f.left - 6, f.py(e) + 4, "end", fmt::format("{:.0f}", std::pow(10, e)));
+  return s + caption(f, label) + "</svg>";
 }
 
-std::string svg_lines(const std::vector<SvgSeries>& series, const std::string& x_label,
-                      const std::string& y_label) {
-  double x0 = INFINITY, x1 = -INFINITY, y0 = INFINITY, y1 = -INFINITY;
+std::string svg_lines(const std::vector<SvgSeries>& series, const std::string& x_title,
+                      const std::string& y_title) {
+  PlotFrame f;
+  f.x0 = f.y0 = INFINITY, f.x1 = f.y1 = -INFINITY;
   for (const SvgSeries& l : series)
     for (std::size_t i = 0; i < l.x.size(); ++i) {
-      x0 = std::min(x0, l.x[i]);
-      x1 = std::max(x1, l.x[i]);
-      y0 = std::min(y0, l.y[i]);
-      y1 = std::max(y1, l.y[i]);
+      f.x0 = std::min(f.x0, l.x[i]);
+      f.x1 = std::max(f.x1, l.x[i]);
+      f.y0 = std::min(f.y0, l.y[i]);
+      f.y1 = std::max(f.y1, l.y[i]);
     }
-  if (!(x1 >= x0)) return "<p class=\"none\">nothing to show</p>";
-  if (x1 == x0) x1 = x0 + 1;
-  const double pad = std::max((y1 - y0) * 0.08, 1e-6 + std::abs(y1) * 0.01);
-  y0 -= pad;
-  y1 += pad;
-  const auto px = [&](double x) { return kLeft + kPlotW * (x - x0) / (x1 - x0); };
-  const auto py = [&](double y) { return kTop + kPlotH - kPlotH * (y - y0) / (y1 - y0); };
-  std::string s = open_svg() + frame();
-  for (double t : axis_ticks(x0, x1, 5))
-    s += text_at(px(t), kTop + kPlotH + 14, "middle", fmt::format("{:g}", t));
-  for (double t : axis_ticks(y0, y1, 5)) s += text_at(kLeft - 6, py(t) + 4, "end", fmt::format("{:g}", t));
-  double legend = kLeft + 8;
+  if (!(f.x1 >= f.x0)) return "<p class=\"none\">nothing to show</p>";
+  if (f.x1 == f.x0) f.x1 = f.x0 + 1;
+  const double pad = std::max((f.y1 - f.y0) * 0.08, 1e-6 + std::abs(f.y1) * 0.01);
+  f.y0 -= pad;
+  f.y1 += pad;
+  std::string s = open_plot(f), legend;
+  for (double t : axis_ticks(f.x0, f.x1, 5)) s += x_label(f, t, fmt::format("{:g}", t));
+  for (double y : axis_ticks(f.y0, f.y1, 5))
+    s += text_at(f.left - 6, f.py(y) + 4, "end", fmt::format("{:g}", y));
+  s += axes(f) + open_data(f);
+  double legend_x = f.left + 8;
   for (const SvgSeries& l : series) {
-    s += fmt::format(R"(<polyline fill="none" stroke="{}" stroke-width="1.4" points=")", l.colour);
-    for (std::size_t i = 0; i < l.x.size(); ++i) s += fmt::format("{:.1f},{:.1f} ", px(l.x[i]), py(l.y[i]));
-    s += "\"/>";
-    s += fmt::format(R"(<text x="{:.1f}" y="{}" style="fill:{}">{}</text>)", legend, kTop + 10, l.colour,
-                     l.name);
-    legend += 14 + 7.0 * static_cast<double>(l.name.size());
+    std::string points;
+    for (std::size_t i = 0; i < l.x.size(); ++i)
+      points += fmt::format("{:.2f},{:.2f} ", f.px(l.x[i]), f.py(l.y[i]));
+    if (!points.empty()) s += plot_line(l.name, l.colour, points);
+    legend += fmt::format(R"(<text x="{:.1f}" y="{}" style="fill:{}">{}</text>)", legend_x, f.top + 10,
+                          l.colour, html_text(l.name));
+    legend_x += 14 + 7.0 * static_cast<double>(l.name.size());
   }
-  return s + text_at(kLeft + kPlotW / 2, kHeight - 4, "middle", x_label + " · " + y_label) + "</svg>";
+  return s + "</svg>" + legend + caption(f, x_title + " · " + y_title) + "</svg>";
 }
 
 std::string svg_status(const nlohmann::json& spans, double duration_s) {
-  const auto colour = [](const std::string& status) {
-    return status == "late"    ? "#e8a33d"
-           : status == "lost"  ? "#c0392b"
-           : status == "never" ? "#bbb"
-                               : "#3a9a5b";
-  };
-  std::string s = open_svg(18);
+  PlotFrame f;
+  f.height = 18, f.top = 2, f.bottom = 2;
+  f.x1 = std::max(duration_s, 1e-9);
+  std::string s = open_plot(f) + open_data(f);
   for (std::size_t i = 0; i < spans.size(); ++i) {
     const double from = spans[i]["t_s"],
                  to = i + 1 < spans.size() ? spans[i + 1]["t_s"].get<double>() : duration_s;
     const std::string status = spans[i]["status"];
     s += fmt::format(
-        R"(<rect x="{:.2f}" y="2" width="{:.2f}" height="14" fill="{}"><title>{} from {:.3f} s</title></rect>)",
-        kLeft + kPlotW * from / duration_s, std::max(0.5, kPlotW * (to - from) / duration_s), colour(status),
-        status, from);
+        R"(<rect class="status-{}" x="{:.2f}" y="2" width="{:.2f}" height="14" data-span="{:.6f} {:.6f}"><title>{} from {:.3f} s</title></rect>)",
+        status == "late" || status == "lost" || status == "never" ? status : "fresh", f.px(from),
+        std::max(0.5, f.px(to) - f.px(from)), from, to, status, from);
   }
-  return s + "</svg>";
+  return s + "</svg></svg>";
 }
 
 }  // namespace rigor

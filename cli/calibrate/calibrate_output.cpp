@@ -87,14 +87,11 @@ std::string table(const std::vector<std::string>& head, const std::vector<std::v
 
 std::string page_of(const CalibrationProduct& product) {
   const FitResult& f = product.fit;
-  std::string s = fmt::format(
-      "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" "
-      "content=\"width=device-width\">"
-      "<title>{0} – Rigor</title><style>{1}</style><header><h1>{0}</h1><p>model {2} · RMS {3:.4g} {4} · {5} "
-      "numbers, "
-      "{6} rejected{7}</p></header><main>",
-      html_text(product.title), kPageStyle, html_text(f.model), f.residuals.rms, html_text(f.residuals.unit),
-      f.residuals.count, f.residuals.rejected, f.interrupted ? " · INTERRUPTED, the best so far" : "");
+  const std::string subtitle =
+      fmt::format("model {} · RMS {:.4g} {} · {} numbers, {} rejected{}", html_text(f.model), f.residuals.rms,
+                  html_text(f.residuals.unit), f.residuals.count, f.residuals.rejected,
+                  f.interrupted ? " · INTERRUPTED, the best so far" : "");
+  std::string s;
   if (!f.weak.empty() || !f.warnings.empty() || !f.not_identifiable.empty() || !product.record_next.empty()) {
     s += "<h2>What the data do not say, and what to record next</h2><ul>";
     for (const auto& [name, why] : f.not_identifiable)
@@ -137,7 +134,7 @@ std::string page_of(const CalibrationProduct& product) {
     s += "<h2>Rejected</h2><details><summary>" + std::to_string(rows.size()) + " observations</summary>" +
          table({"what", "residual [" + f.residuals.unit + "]", "sigmas"}, rows) + "</details>";
   }
-  return s + "</main></html>\n";
+  return html_page(product.title, subtitle, s);
 }
 
 }  // namespace

@@ -17,7 +17,8 @@ using calibration::Figure;
 using calibration::Series;
 
 constexpr double kWidth = 560, kHeight = 300, kLeft = 62, kRight = 14, kTop = 12, kBottom = 42;
-constexpr std::array kColours{"#3b6ea5", "#c0392b", "#2e8b57", "#8e6bb0", "#b8860b", "#555555"};
+constexpr std::array kColours{"var(--series-1)", "var(--series-2)", "var(--series-3)",
+                              "var(--series-4)", "var(--series-5)", "var(--quiet)"};
 
 struct Axis {
   double from, to, at, length;  // pixels
@@ -104,13 +105,15 @@ std::string draw_series(const Figure& f) {
       else
         path += fmt::format("M{:.1f} {:.1f}h.01", x(s.x[i]), y(s.y[i]));
     }
-    out += fmt::format(R"(<path d="{}" fill="none" stroke="{}" stroke-width="{}" stroke-linecap="round"/>)",
-                       path, colour, width);
+    out += fmt::format(
+        R"(<path d="{}" fill="none" style="stroke:{}" stroke-width="{}" stroke-linecap="round"/>)", path,
+        colour, width);
     if (!s.name.empty())
       out += text(
           kWidth - kRight - 4, kTop + 10 + 13 * static_cast<double>(k), "end", s.name,
-          // A white rim, so that a curve beneath does not cross it out.
-          fmt::format("style=\"fill:{};paint-order:stroke;stroke:#fff;stroke-width:4px\"", colour).c_str());
+          // A rim of the ground, so that a curve beneath does not cross it out.
+          fmt::format("style=\"fill:{};paint-order:stroke;stroke:var(--surface);stroke-width:4px\"", colour)
+              .c_str());
   }
   return out;
 }
@@ -149,7 +152,8 @@ std::string draw_histogram(const Figure& f) {
     for (std::size_t i = 0; i < std::min(s.x.size(), s.y.size()); ++i)
       if (s.x[i] >= a && s.x[i] <= b)
         path += fmt::format("{}{:.1f} {:.1f}", path.empty() ? "M" : "L", x(s.x[i]), y(s.y[i]));
-    out += fmt::format(R"(<path d="{}" fill="none" stroke="{}" stroke-width="1.6"/>)", path, kColours[1]);
+    out +=
+        fmt::format(R"(<path d="{}" fill="none" style="stroke:{}" stroke-width="1.6"/>)", path, kColours[1]);
   }
   return out;
 }
@@ -276,7 +280,8 @@ std::string draw_arrows(const Figure& f) {
   for (std::size_t i = 0; i < std::min(at.x.size(), by.x.size()); ++i)
     path += fmt::format("M{:.1f} {:.1f}L{:.1f} {:.1f}", x(at.x[i]), y(at.y[i]),
                         x(at.x[i] + f.stretch * by.x[i]), y(at.y[i] + f.stretch * by.y[i]));
-  return out + fmt::format(R"(<path d="{}" fill="none" stroke="{}" stroke-width="1"/>)", path, kColours[0]);
+  return out +
+         fmt::format(R"(<path d="{}" fill="none" style="stroke:{}" stroke-width="1"/>)", path, kColours[0]);
 }
 
 }  // namespace

@@ -53,6 +53,8 @@ TEST_F(LivePageModules, ReadMessagesAsTheReferenceDoes) {
 }
 TEST_F(LivePageModules, ShowPixelsOfEveryFormat) { expect({"page_modules.mjs", "pictures"}); }
 
+TEST_F(LivePageModules, RememberALongRunInBoundedMemory) { expect({"page_modules.mjs", "history"}); }
+
 TEST_F(LivePage, ShowsEveryKindOfChannelWithoutTrouble) { expect("shows"); }
 TEST_F(LivePage, SwitchesAPair) { expect("switches"); }
 TEST_F(LivePage, InjectsAFaultAndShowsIt) { expect("faults"); }

@@ -110,6 +110,20 @@ TEST_F(Runs, OfTheDemoAccountForEveryInstantAndReport) {
   for (const char* part : {"Wake-up error", "Misses and their causes", "left: real against simulated",
                            "left-first.png", "right-last.png", "</html>"})
     EXPECT_THAT(page, HasSubstr(part));
+  // The verdict first, then channels, then what the host did.
+  std::size_t before = 0;
+  for (const char* part : {"Verdict: ", "<h2>Channels</h2>", "<h2>The loop</h2>", "<h2>About this run</h2>",
+                           "<td>Command</td><td><code>rigor run "}) {
+    const std::size_t at = page.find(part);
+    ASSERT_NE(at, std::string::npos) << part;
+    EXPECT_GT(at, before) << part;
+    before = at;
+  }
+  // One file, and nothing is fetched.
+  EXPECT_THAT(page, HasSubstr("<img src=\"data:image/png;base64,"));
+  EXPECT_THAT(page, ::testing::Not(::testing::ContainsRegex("(src|href)=\"http")));
+  EXPECT_THAT(page, HasSubstr("prefers-color-scheme:dark"));
+  EXPECT_FALSE(result["machine"].get<std::string>().empty());
   EXPECT_GT(std::filesystem::file_size(dir / "report/right-last.png"), 1000u);
 }
 

@@ -64,6 +64,8 @@ TEST_F(Runs, OfADeviceWhoseSignalsComeFromARecordingSeeWhatWasRecorded) {
   const Said first = rigor({"run", config("rigs/can.yaml"), "--clock", "virtual", "--duration", "2", "--json",
                             "--record", file("first.mcap"), "--report", file("report")});
   ASSERT_EQ(first.status, 0) << first.err;
+  EXPECT_THAT(read_file(file("report/index.html")), ::testing::Not(::testing::HasSubstr("<h2>The loop</h2>")))
+      << "in virtual time that is the host's speed and nothing of the run";
   const std::string dbc = config("buses/turntable.dbc");
   write_file(dir / "rig.yaml",
              "duration_s: 1.9\nclock: virtual\nloop: { rate_hz: 1000 }\n"

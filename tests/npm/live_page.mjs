@@ -151,6 +151,46 @@ const CASES = {
     await until(page, "pixels as the sensor gave them", () => document.querySelector('[data-channel="camera"] canvas').dataset.encoding === "rgb8");
     await pictures(page, "camera", before.count + 2);
 
+    // One time axis and one cursor for all plots; held and moved back while the run goes on.
+    const plots = () => page.evaluate(() => [...document.querySelectorAll("canvas.plot")].map((c) => ({ ...c.dataset })).filter((d) => d.until));
+    const same = (key) => until(page, `one ${key} of all plots`, (k) => {
+      const all = [...document.querySelectorAll("canvas.plot")].filter((c) => c.dataset.until && c.getBoundingClientRect().height > 0).map((c) => c.dataset[k]);
+      return all.length > 2 && all[0] !== "" && all.every((v) => v === all[0]);
+    }, key);
+    await page.locator('[data-channel="odometry"] canvas.plot').first().scrollIntoViewIfNeeded();
+    await page.click("#timeline button");
+    await same("until");
+    await page.locator('[data-channel="odometry"] canvas.plot').first().hover({ position: { x: 150, y: 30 } });
+    await same("cursor");
+    const held = (await plots())[0].until;
+    await pictures(page, "camera", (await pixels(page, "camera")).count + 3); // the run goes on
+    assert.equal((await plots())[0].until, held, "a page that is paused moves on");
+    const beginning = Number(await page.getAttribute("#timeline input", "min"));
+    await page.locator("#timeline input").evaluate((slider) => ((slider.value = Number(slider.min) + 0.2), slider.dispatchEvent(new Event("input"))));
+    await until(page, "plots of the run's beginning", (t) => Math.abs(Number(document.querySelector("canvas.plot[data-until]").dataset.until) - t) < 0.21, beginning);
+    await page.selectOption("#timeline select", "Infinity");
+    await page.click("#timeline button");
+    await until(page, "plots that follow again, from the start", ([h, t]) => {
+      const { from, until } = document.querySelector("canvas.plot[data-until]").dataset;
+      return Number(until) > Number(h) && Math.abs(Number(from) - t) < 0.5;
+    }, [held, beginning]);
+
+    // The map over the whole page, and back.
+    await page.click('[aria-label="Enlarge the map"]');
+    await until(page, "a large map", () => document.querySelector("#world .map").clientWidth > 0.9 * innerWidth && document.querySelector("#world .map").clientHeight > 0.5 * innerHeight);
+    await page.keyboard.press("Escape");
+    await until(page, "a small map", () => document.querySelector("#world .map").clientWidth < 0.7 * innerWidth);
+
+    // Dark: text stays legible (WCAG AA).
+    await page.emulateMedia({ colorScheme: "dark" });
+    const contrast = await page.evaluate(() => {
+      const light = (css) => css.match(/[\d.]+/g).slice(0, 3).map((v) => ((v /= 255) <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)).reduce((s, v, i) => s + v * [0.2126, 0.7152, 0.0722][i], 0);
+      const [a, b] = [light(getComputedStyle(document.querySelector(".tile h3")).color), light(getComputedStyle(document.querySelector(".tile")).backgroundColor)].sort((x, y) => y - x);
+      return (a + 0.05) / (b + 0.05);
+    });
+    assert.ok(contrast > 4.5, `contrast ${contrast}`);
+    await page.emulateMedia({ colorScheme: "light" });
+
     // Narrow: nothing sticks out.
     await page.setViewportSize({ width: 360, height: 700 });
     const [inner, outer] = await page.evaluate(() => [document.documentElement.scrollWidth, window.innerWidth]);

@@ -2,6 +2,7 @@
 //
 //   node page_modules.mjs messages FILE.mcap     every message of a recording, by the page's reader and by the reference's
 //   node page_modules.mjs pictures               pixel formats against what they must come to
+//   node page_modules.mjs history                a plot's memory of a long run
 import assert from "node:assert/strict";
 import { open, readFile } from "node:fs/promises";
 import { dirname, join } from "node:path";
@@ -102,5 +103,26 @@ async function pictures() {
   assert.throws(() => decode({ ...image("mono8", 2, 1, Uint8Array.of(1, 2)), width: 1e9 }), /picture of/);
 }
 
+async function history() {
+  const { History } = await load("history.js");
+  const h = new History(), count = 1_000_000;
+  for (let i = 0; i < count; i++) h.add(i / 100, i === 777 ? 50 : i === 900_000 ? -50 : Math.sin(i / 1e4));
+  let points = 0, least = Infinity, greatest = -Infinity, before = -1;
+  h.each(-Infinity, Infinity, (t, low, high) => {
+    assert.ok(t >= before, `${t} s after ${before} s`);
+    before = t;
+    points++;
+    least = Math.min(least, low);
+    greatest = Math.max(greatest, high);
+  });
+  assert.ok(points < 8192, `${points} points are kept of ${count}`);
+  assert.equal(h.first, 0);
+  assert.equal(before, (count - 1) / 100);
+  assert.deepEqual([least, greatest], [-50, 50], "a peak is lost where neighbours become one");
+  assert.equal(h.at(9990), Math.sin(99.9)); // among the newest
+  assert.ok(Math.abs(h.at(5000) - Math.sin(50)) < 0.05);
+  assert.ok(Number.isNaN(h.at(-1)));
+}
+
 const [, , what, ...rest] = process.argv;
-await { messages, pictures }[what](...rest);
+await { messages, pictures, history }[what](...rest);

@@ -55,7 +55,7 @@ class Tile {
     this.kind = channel.kind;
     this.status = element("span.status");
     this.rate = element("span.figure", { title: "Samples per second of bench time" });
-    this.age = element("span.figure", { title: "Age when it became visible: median, 99th percentile" });
+    this.age = element("span.figure", { title: "From capture until visible to the application: half of the samples are at most this old (p50), 99 of 100 are at most that old (p99)" });
     this.samples = element("span.figure", { title: "Samples that became visible, of those that were due so far" });
     this.counts = element("span.counts", { title: "Samples that are missing, that arrived after their release, that were dropped on the way" });
     this.detail = element("span.detail");
@@ -125,7 +125,7 @@ class Tile {
     this.node.dataset.status = ended ? "ended" : channel.status;
     setText(this.status, ended ? "ended" : !channel.connected && channel.status !== "never" ? `${WORDS[channel.status] ?? channel.status}, not connected` : (WORDS[channel.status] ?? channel.status));
     setText(this.rate, channel.rate_hz === null || channel.rate_hz === undefined ? "– Hz" : `${figure(channel.rate_hz)} Hz`);
-    setText(this.age, channel.age_ms ? `${figure(channel.age_ms.p50)} / ${figure(channel.age_ms.p99)} ms` : "– ms");
+    setText(this.age, channel.age_ms ? `age p50 ${figure(channel.age_ms.p50)} ms, p99 ${figure(channel.age_ms.p99)} ms` : "age –");
     const size = channel.width_px ? `${channel.width_px}×${channel.height_px}` : "";
     setText(this.detail, [size, channel.format].filter(Boolean).join(" "));
     const due = Number.isInteger(channel.due);

@@ -5,6 +5,7 @@ import { FaultPanel } from "./fault_panel.js";
 import { PairPanel } from "./pair_panel.js";
 import { RunHeader, RunPanel } from "./run_panel.js";
 import { Session } from "./session.js";
+import { TimelineBar, timeline } from "./timeline.js";
 import { Verdict } from "./verdict.js";
 import { WorldPanel } from "./world_panel.js";
 import { element, setText } from "./dom.js";
@@ -18,8 +19,9 @@ new Verdict(session, at("verdict"));
 const channels = new Channels(session, at("channels"));
 const world = new WorldPanel(session, at("world"));
 const run = new RunPanel(session, body("loop"));
-new PairPanel(session, at("pairs"));
+const pairs = new PairPanel(session, at("pairs"));
 new FaultPanel(session, body("faults"));
+const bar = new TimelineBar(at("timeline"));
 new EventLog(session, body("events"));
 
 const banner = at("banner"), said = element("span");
@@ -61,10 +63,12 @@ session.addEventListener("state", () => {
 function draw() {
   channels.draw();
   world.draw();
+  pairs.draw();
+  bar.draw();
   requestAnimationFrame(draw);
 }
 requestAnimationFrame(draw);
 
 // Colours of canvases follow the style.
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => (channels.resized(), world.map.resized(), run.histogram.draw()));
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => (timeline.point(null), channels.resized(), world.map.resized(), run.histogram.draw()));
 new ResizeObserver(() => run.histogram.draw()).observe(run.histogram.canvas);

@@ -19,7 +19,7 @@ class Pair {
     this.acknowledge.onclick = () => this.#order("acknowledge", "alarm acknowledged");
     this.learn = element("button.small", { type: "button", title: "Take how the pair is now for its normal state" }, "Learn again");
     this.learn.onclick = () => this.#order("learn_again", "learning again");
-    this.plot = new TimePlot({ title: "Real − simulated", windowS: 60 });
+    this.plot = new TimePlot({ title: "Real − simulated" });
     this.figures = element("p.figures-line");
     this.rows = element("tbody");
     this.parameters = element(
@@ -48,7 +48,6 @@ class Pair {
       this.compared = pair.compared;
       this.plot.add("bias", t, pair.last_bias ?? pair.bias);
       this.plot.add("sigma", t, pair.last_sigma ?? pair.sigma);
-      this.plot.draw();
     }
     const missing = ["real", "simulated"].filter((s) => pair[s]?.missing > 0).map((s) => `${figure(pair[s].missing)} missing ${s}`);
     const unit = this.unit ? ` ${this.unit}` : "";
@@ -105,6 +104,10 @@ export class PairPanel {
       setTimeout(ask, ASK_EVERY_MS);
     };
     setTimeout(ask, 700);
+  }
+
+  draw() {
+    if (this.panel.open) for (const pair of this.#pairs.values()) pair.plot.draw();
   }
 
   update() {

@@ -1,36 +1,11 @@
-// Numbers over time, on a canvas: the last seconds, each series a line, the values under the pointer as text.
+// Numbers over time, on a canvas: each series a line over the range of the timeline, the values at the cursor as text.
 import { element, figure, fitCanvas, setText } from "./dom.js";
 import { seriesColors, themeColor } from "./color.js";
+import { History } from "./history.js";
+import { timeline } from "./timeline.js";
 
-const KEPT = 4096;
-
-/// The last values of a series in a ring; times in seconds.
-class Series {
-  t = new Float64Array(KEPT);
-  y = new Float64Array(KEPT);
-  end = 0; // how many there ever were
-  add(t, y) {
-    this.t[this.end % KEPT] = t;
-    this.y[this.end % KEPT] = y;
-    this.end++;
-  }
-  get begin() {
-    return Math.max(0, this.end - KEPT);
-  }
-  get last() {
-    return this.end ? this.y[(this.end - 1) % KEPT] : NaN;
-  }
-  /// Index of the last value at or before t; -1: none.
-  at(t) {
-    let low = this.begin - 1, high = this.end - 1;
-    while (low < high) {
-      const middle = (low + high + 1) >> 1;
-      if (this.t[middle % KEPT] <= t) low = middle;
-      else high = middle - 1;
-    }
-    return low >= this.begin ? low % KEPT : -1;
-  }
-}
+const LEFT = 50, RIGHT = 4; // of the canvas, in CSS pixels
+const BACK_S = 1; // sides of a pair may come in any order; more is another run
 
 /// 1, 2 or 5 times a power of ten: about `count` steps between the limits.
 function niceStep(span, count) {
@@ -41,39 +16,39 @@ function niceStep(span, count) {
 export class TimePlot {
   #series = new Map();
   #hidden = new Set();
-  #pointer = null;
-  #latest = -Infinity;
+  #drawn = -1;
 
-  /// `unit` stands at the axis; `windowS` is how much of time is shown.
-  constructor({ title, unit = "", windowS = 20 }) {
+  /// `unit` stands at the axis.
+  constructor({ title, unit = "" }) {
     this.unitNode = element("span.unit", {}, unit ? ` ${unit}` : "");
-    this.windowS = windowS;
     this.canvas = element("canvas.plot", { role: "img", "aria-label": `${title} over time` });
     this.legend = element("div.legend");
     this.node = element("figure.time-plot", {}, element("figcaption", {}, element("span.plot-title", {}, title, this.unitNode), this.legend), this.canvas);
-    this.canvas.addEventListener("pointermove", (e) => ((this.#pointer = e.offsetX), this.draw()));
-    this.canvas.addEventListener("pointerleave", () => ((this.#pointer = null), this.draw()));
+    this.canvas.addEventListener("pointermove", (e) => timeline.point(this.#timeAt(e.offsetX)));
+    this.canvas.addEventListener("pointerleave", () => timeline.point(null));
   }
 
   setUnit(unit) {
     setText(this.unitNode, unit ? ` ${unit}` : "");
   }
 
-  add(name, t, value) {
-    let s = this.#series.get(name);
-    if (!s) {
-      s = new Series();
-      this.#series.set(name, s);
-      this.#legendFor(name);
-    }
-    if (t < this.#latest - this.windowS) this.#forget(); // another run, or time was set back
-    this.#latest = Math.max(this.#latest, t);
-    if (!(t < s.t[(s.end + KEPT - 1) % KEPT]) || s.end === 0) s.add(t, value);
+  #timeAt(x) {
+    return timeline.from + (timeline.until - timeline.from) * Math.max(0, Math.min(1, (x - LEFT) / (this.canvas.clientWidth - LEFT - RIGHT)));
   }
 
-  #forget() {
-    for (const s of this.#series.values()) s.end = 0;
-    this.#latest = -Infinity;
+  add(name, t, value) {
+    if (!this.#series.has(name)) {
+      this.#series.set(name, { history: new History() });
+      this.#legendFor(name);
+    }
+    const s = this.#series.get(name);
+    if (t < s.history.lastTime - BACK_S) {
+      timeline.forget();
+      for (const other of this.#series.values()) other.history = new History();
+    }
+    if (t >= s.history.lastTime) s.history.add(t, value);
+    timeline.advance(t);
+    this.#drawn = -1;
   }
 
   #legendFor(name) {
@@ -83,6 +58,7 @@ export class TimePlot {
       const shown = this.#hidden.delete(name);
       if (!shown) this.#hidden.add(name);
       button.setAttribute("aria-pressed", String(shown));
+      this.#drawn = -1;
       this.draw();
     };
     button.style.setProperty("--index", this.#series.size - 1);
@@ -91,28 +67,30 @@ export class TimePlot {
     this.legend.append(button);
   }
 
+  /// Where something changed since: values, the timeline, its size.
   draw() {
-    fitCanvas(this.canvas);
+    if (!fitCanvas(this.canvas) && this.#drawn === timeline.revision) return;
+    this.#drawn = timeline.revision;
     const { width, height } = this.canvas, ratio = window.devicePixelRatio || 1, c = this.canvas.getContext("2d");
     const colors = seriesColors(), faint = themeColor("--rule"), quiet = themeColor("--quiet");
     c.clearRect(0, 0, width, height);
-    const left = 50 * ratio, right = width - 4 * ratio, top = 5 * ratio, bottom = height - 15 * ratio;
-    const until = this.#latest, from = until - this.windowS;
-    const x = (t) => left + ((t - from) / this.windowS) * (right - left);
+    const left = LEFT * ratio, right = width - RIGHT * ratio, top = 5 * ratio, bottom = height - 15 * ratio;
+    const { from, until } = timeline, span = until - from;
+    const x = (t) => left + ((t - from) / span) * (right - left);
 
     let low = Infinity, high = -Infinity;
     for (const [name, s] of this.#series) {
       if (this.#hidden.has(name)) continue;
-      for (let i = Math.max(s.begin, 0); i < s.end; i++)
-        if (s.t[i % KEPT] >= from && Number.isFinite(s.y[i % KEPT])) {
-          low = Math.min(low, s.y[i % KEPT]);
-          high = Math.max(high, s.y[i % KEPT]);
-        }
+      s.history.each(from, until, (t, least, greatest) => {
+        if (!(t >= from && t <= until) || !Number.isFinite(least + greatest)) return;
+        low = Math.min(low, least);
+        high = Math.max(high, greatest);
+      });
     }
     c.font = `${10.5 * ratio}px ${getComputedStyle(document.body).fontFamily}`;
     if (low > high) {
       c.fillStyle = quiet;
-      c.fillText("no values yet", left, (top + bottom) / 2);
+      c.fillText("no values in this time", left, (top + bottom) / 2);
       return;
     }
     const least = Math.max(1e-9, 1e-6 * Math.max(Math.abs(low), Math.abs(high)));
@@ -140,7 +118,7 @@ export class TimePlot {
       c.fillText(label.replaceAll("-", "−"), left - 5 * ratio, y(v));
     }
     c.textBaseline = "alphabetic";
-    const tick = niceStep(this.windowS, Math.max(2, (right - left) / (64 * ratio)));
+    const tick = niceStep(span, Math.max(2, (right - left) / (64 * ratio)));
     for (let t = Math.ceil(Math.max(0, from) / tick) * tick; t <= until; t += tick) {
       c.beginPath();
       c.moveTo(x(t), bottom);
@@ -162,30 +140,33 @@ export class TimePlot {
       c.strokeStyle = color;
       c.lineWidth = 1.4 * ratio;
       c.beginPath();
-      let pen = false;
-      for (let i = Math.max(s.begin, 0); i < s.end; i++) {
-        const t = s.t[i % KEPT], value = s.y[i % KEPT];
-        if (t < from - 1) continue;
-        if (!Number.isFinite(value)) pen = false;
-        else if (pen) c.lineTo(x(t), y(value));
-        else c.moveTo(x(t), y(value)), (pen = true);
-      }
+      let pen = false, last = 0;
+      s.history.each(from, until, (t, least, greatest) => {
+        if (!Number.isFinite(least + greatest)) return (pen = false);
+        const [near, far] = Math.abs(greatest - last) < Math.abs(least - last) ? [greatest, least] : [least, greatest];
+        if (pen) c.lineTo(x(t), y(near));
+        else c.moveTo(x(t), y(near)), (pen = true);
+        if (far !== near) c.lineTo(x(t), y(far)); // as far as its values went
+        last = far;
+      });
       c.stroke();
     }
     c.restore();
 
-    const pointed = this.#pointer === null ? null : from + ((this.#pointer * ratio - left) / (right - left)) * this.windowS;
-    if (pointed !== null && pointed >= from) {
+    const { cursor } = timeline, pointed = cursor !== null && cursor >= from && cursor <= until;
+    if (pointed) {
       c.strokeStyle = quiet;
       c.lineWidth = ratio;
       c.beginPath();
-      c.moveTo(x(pointed), top);
-      c.lineTo(x(pointed), bottom);
+      c.moveTo(x(cursor), top);
+      c.lineTo(x(cursor), bottom);
       c.stroke();
     }
+    this.canvas.dataset.from = from;
+    this.canvas.dataset.until = until;
+    this.canvas.dataset.cursor = pointed ? cursor : "";
     for (const s of this.#series.values()) {
-      const i = pointed === null ? -1 : s.at(pointed);
-      setText(s.value, figure(i >= 0 ? s.y[i] : s.last, 3));
+      setText(s.value, figure(s.history.at(pointed ? cursor : until), 3));
     }
   }
 }

@@ -4,7 +4,7 @@ import { TimePlot } from "./plot.js";
 
 const xyz = (v) => ({ x: v.x, y: v.y, z: v.z });
 const yawOf = (q) => Math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z));
-const EARTH_M = 6371008.8;
+const EARTH_M = 6371008.8, MOST_PENDING = 500;
 
 /// By schema: a maker of f(message) → [{title, unit, values: {name: number}}].
 const PLOTTED = {
@@ -58,7 +58,6 @@ export class NumbersView {
   #plots = new Map();
   #pending = [];
   #ends = [];
-  #dirty = false;
 
   /// `topics`: by side; a channel that is no pair has one, with the name "main".
   constructor(session, channel, topics, label) {
@@ -68,23 +67,35 @@ export class NumbersView {
     this.empty = element("p.empty", {}, "No values so far");
     this.node = element("div.view.numbers-view", {}, this.empty);
     this.read = new Map();
+    this.show(); // numbers are few: they are kept while the tile is out of sight, so that their history has no holes
   }
 
   show() {
     if (this.#ends.length) return;
     for (const [side, topic] of Object.entries(this.topics))
-      this.#ends.push(this.session.client.subscribe(topic, (m) => this.#pending.length < 2000 && this.#pending.push([side, topic, m])));
+      this.#ends.push(
+        this.session.client.subscribe(topic, (m) => {
+          if (this.#pending.push([side, topic, m]) >= MOST_PENDING) this.#takeAll();
+        }),
+      );
   }
+  /// A page that nobody sees asks for nothing.
   hide() {
+    if (document.hidden) this.#end();
+  }
+  #end() {
     for (const end of this.#ends) end();
     this.#ends = [];
   }
 
   draw() {
+    this.#takeAll();
+    for (const plot of this.#plots.values()) plot.draw();
+  }
+
+  #takeAll() {
     for (const [side, topic, message] of this.#pending) this.#take(side, topic, message);
     this.#pending.length = 0;
-    if (this.#dirty) for (const plot of this.#plots.values()) plot.draw();
-    this.#dirty = false;
   }
 
   #take(side, topic, message) {
@@ -106,13 +117,10 @@ export class NumbersView {
       }
       for (const [name, value] of Object.entries(values)) this.#plots.get(key).add(side === "main" ? name : `${name} ${side}`, t, value);
     }
-    this.#dirty = true;
   }
 
-  resized() {
-    this.#dirty = true;
-  }
+  resized() {}
   dispose() {
-    this.hide();
+    this.#end();
   }
 }

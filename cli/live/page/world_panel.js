@@ -18,7 +18,9 @@ export class WorldPanel {
     this.map = new WorldMap(canvas, (id, x, y) => this.#picked(id, x, y));
     this.map.hovered = (x, y, name) => setText(this.place, `${x.toFixed(2)}, ${y.toFixed(2)} m${name ? `  ${name}` : ""}`);
     const button = (label, text, f) => element("button.icon", { type: "button", title: label, "aria-label": label, onclick: f }, text);
-    const tools = element("div.map-tools", {}, button("Nearer", "+", () => this.map.zoom(1.5)), button("Farther", "−", () => this.map.zoom(1 / 1.5)), button("Show all", "⌂", () => this.map.frame()));
+    const tools = element("div.map-tools", {}, button("Nearer", "+", () => this.map.zoom(1.5)), button("Farther", "−", () => this.map.zoom(1 / 1.5)), button("Show all", "⌂", () => this.map.frame()), (this.enlarge = button("Enlarge the map", "⤢", () => this.#enlarge())));
+    this.enlarge.setAttribute("aria-pressed", "false");
+    panel.addEventListener("keydown", (e) => e.key === "Escape" && panel.classList.contains("enlarged") && this.#enlarge());
     this.names = element("datalist", { id: "node-names" });
     this.search = element("input", { type: "search", list: "node-names", placeholder: "Find a node by name or number", "aria-label": "Find a node by name or number" });
     this.search.addEventListener("change", () => this.#find());
@@ -41,6 +43,13 @@ export class WorldPanel {
       if (offered) this.#load();
     });
     session.addEventListener("select", () => this.map.select(session.selected));
+  }
+
+  /// Over the whole page, and back.
+  #enlarge() {
+    const large = this.panel.classList.toggle("enlarged");
+    this.enlarge.setAttribute("aria-pressed", String(large));
+    document.body.classList.toggle("covered", large);
   }
 
   async #load(revision = this.#revision) {
