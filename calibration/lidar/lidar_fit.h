@@ -9,8 +9,8 @@
 namespace rigor::calibration {
 
 struct LidarFitOptions {
-  std::string model = "auto";        ///< of biases: a name of bias_models()
-  std::string noise_model = "auto";  ///< a name of fit_range_noise()
+  std::string model = "auto";             ///< of biases: a name of bias_models()
+  std::string noise_model = "auto";       ///< a name of fit_range_noise()
   std::vector<LidarPlane> surveyed = {};  ///< walls in the sensor's frame; empty: found in the data
   PlaneSearchOptions search{};
   StopToken stop{};
