@@ -317,8 +317,8 @@ std::string map_svg(const LocalizationError& e, const std::vector<DrawnStem>& st
   s += fmt::format(R"(<circle cx="{0:.1f}" cy="{1:.1f}" r="5" fill="none" stroke="#222" stroke-width="2"/>)",
                    px(first.x_m), py(first.y_m));
   const double ruler_m = (x1 - x0) > 60 ? 20 : (x1 - x0) > 20 ? 5 : 1;
-  s += fmt::format(R"(<path d="M8 {0:.1f}h{1:.1f}" style="stroke:var(--ink)" stroke-width="2"/>)", height + 12,
-                   ruler_m * scale);
+  s += fmt::format(R"x(<path d="M8 {0:.1f}h{1:.1f}" style="stroke:var(--ink)" stroke-width="2"/>)x",
+                   height + 12, ruler_m * scale);
   s +=
       fmt::format(R"(<text x="{:.1f}" y="{:.1f}">{:g} m</text>)", 14 + ruler_m * scale, height + 16, ruler_m);
   for (int k = 0; k <= 8; ++k)

@@ -62,7 +62,7 @@ std::string strip_svg(const Strip& s, const Times& times) {
   std::string out = open_plot(f, "width:270px;height:116px") + open_data(f);
   if (std::isfinite(s.half) && s.half > 0)
     out += fmt::format(
-        R"(<rect x="{}" y="{:.1f}" width="{}" height="{:.1f}" style="fill:var(--band)"><title>baseline, 3 standard deviations</title></rect>)",
+        R"x(<rect x="{}" y="{:.1f}" width="{}" height="{:.1f}" style="fill:var(--band)"><title>baseline, 3 standard deviations</title></rect>)x",
         f.left, f.py(s.middle + s.half), f.plot_width(),
         std::max(0.5, f.py(s.middle - s.half) - f.py(s.middle + s.half)));
   if (std::isfinite(s.line) && s.line < high)  // beyond the threshold

@@ -130,9 +130,8 @@ std::vector<std::filesystem::path> logs_of(const RigConfig& rig) {
 
 /// Where the application writes its result and its pictures; empty: it writes none.
 std::filesystem::path application_folder(const RigConfig& rig) {
-  return rig.application == "stereo-depth" && rig.application_params.has("output")
-             ? rig.application_params.text("output")
-             : std::filesystem::path();
+  if (rig.application != "stereo-depth" || !rig.application_params.has("output")) return {};
+  return rig.application_params.text("output");
 }
 
 /// The result, and pictures `view-*.png`.

@@ -12,7 +12,12 @@
 namespace rigor {
 namespace {
 
-using namespace pair_watch;
+using pair_watch::Alarm;
+using pair_watch::ChangeWatch;
+using pair_watch::Estimate;
+using pair_watch::PairWatch;
+using pair_watch::WatchOptions;
+using pair_watch::WatchState;
 
 // A third of the windows is taken for normal; a watch needs sixteen to learn.
 constexpr std::size_t kWindows = 96, kLeastWindows = 48;
@@ -98,7 +103,7 @@ Result<ChangeSearch> find_change(const RecordedPair& pair, const calibration::Fo
     const std::uint64_t before = watch->watch().windows();
     watch->add(real, simulated);
     if (watch->watch().windows() == before) return;
-    const PairWatchSnapshot s = watch->snapshot();
+    const pair_watch::PairWatchSnapshot s = watch->snapshot();
     windows.push_back({s.t_last, s.last});
   };
   if (auto s = pairs(take); !s) return tl::unexpected<Error>(s.error());

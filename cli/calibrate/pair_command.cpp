@@ -110,7 +110,7 @@ Status need_sheet(const RecordedPair& pair) {
 }
 
 template <class Options>
-Options common_of(const PairCommandOptions& o, const StopToken& stop, ProgressTask& task) {
+Options common_of(const StopToken& stop, ProgressTask& task) {
   Options options;
   options.stop = stop;
   options.progress = [&task](int pass) { task.note(fmt::format("pass {} over the recording", pass)); };
@@ -121,7 +121,7 @@ Result<Solved> solve_camera(const RecordedPair& pair, const PairCommandOptions& 
                             const std::uint64_t& alone, const StopToken& stop, ProgressTask& task) {
   const auto sheet = load_camera(pair.sheet);
   if (!sheet) return tl::unexpected<Error>(sheet.error());
-  auto options = common_of<ImagePairOptions>(o, stop, task);
+  auto options = common_of<ImagePairOptions>(stop, task);
   options.principal_point = o.model == "principal-point" || o.model == "lens";
   options.mount = o.model != "principal-point";
   options.distortion = o.model == "lens";
@@ -140,7 +140,7 @@ Result<Solved> solve_lidar(const RecordedPair& pair, const PairCommandOptions& o
                            const std::uint64_t& alone, const StopToken& stop, ProgressTask& task) {
   const auto model = load_lidar_model(pair.sheet);
   if (!model) return tl::unexpected<Error>(model.error());
-  auto options = common_of<CloudPairOptions>(o, stop, task);
+  auto options = common_of<CloudPairOptions>(stop, task);
   options.mount = o.model != "ranges";
   options.rings = std::uint32_t(model->scan.beams.size());
   options.points = std::clamp<std::size_t>(model->firings(), 64, 400000);
@@ -161,9 +161,9 @@ Result<Solved> solve_lidar(const RecordedPair& pair, const PairCommandOptions& o
   return solved;
 }
 
-Result<Solved> solve_tof(const RecordedPair& pair, const PairCommandOptions& o, const ForEachPair& pairs,
+Result<Solved> solve_tof(const RecordedPair& pair, const PairCommandOptions&, const ForEachPair& pairs,
                          const std::uint64_t& alone, const StopToken& stop, ProgressTask& task) {
-  const auto fit = fit_range_pair(pairs, common_of<RangePairOptions>(o, stop, task));
+  const auto fit = fit_range_pair(pairs, common_of<RangePairOptions>(stop, task));
   if (!fit) return tl::unexpected<Error>(fit.error());
   if (auto s = enough(pair, fit->pairs, fit->unlike, alone); !s) return tl::unexpected<Error>(s.error());
   auto proposal = propose_tof(pair, *fit);
