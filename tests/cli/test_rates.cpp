@@ -23,7 +23,7 @@ class Rates : public Runs {
     for (std::size_t i = 0; i < rates.size(); ++i)
       rig += "  c" + std::to_string(i) + ": { kind: imu, backend: simulated, rate_hz: " + rates[i] +
              ", latency_ms: 4, sensor: " + config("sensors/imu-mems.yaml") +
-             ", T_world_sensor: { position_m: [2, 0, 0.5] } }\n";
+             ", T_world_sensor: { position_m: [2, 0, 0.5], quaternion_wxyz: [1, 0, 0, 0] } }\n";
     return rig;
   }
   json run(const std::string& rig, const std::vector<std::string>& more = {}) const {
