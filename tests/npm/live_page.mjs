@@ -152,28 +152,33 @@ const CASES = {
     await pictures(page, "camera", before.count + 2);
 
     // One time axis and one cursor for all plots; held and moved back while the run goes on.
-    const plots = () => page.evaluate(() => [...document.querySelectorAll("canvas.plot")].map((c) => ({ ...c.dataset })).filter((d) => d.until));
+    // Plots beyond the window are drawn when they come into it.
+    const shown = '[data-channel="odometry"] canvas.plot[data-until]';
+    const plot = () => page.evaluate((at) => ({ ...document.querySelector(at).dataset }), shown);
     const same = (key) => until(page, `one ${key} of all plots`, (k) => {
-      const all = [...document.querySelectorAll("canvas.plot")].filter((c) => c.dataset.until && c.getBoundingClientRect().height > 0).map((c) => c.dataset[k]);
-      return all.length > 2 && all[0] !== "" && all.every((v) => v === all[0]);
+      const all = [...document.querySelectorAll("canvas.plot")].filter((c) => {
+        const { top, bottom, height } = c.getBoundingClientRect();
+        return c.dataset.until && height > 0 && top < innerHeight && bottom > 0;
+      }).map((c) => c.dataset[k]);
+      return all.length > 1 && all[0] !== "" && all.every((v) => v === all[0]);
     }, key);
     await page.locator('[data-channel="odometry"] canvas.plot').first().scrollIntoViewIfNeeded();
     await page.click("#timeline button");
     await same("until");
     await page.locator('[data-channel="odometry"] canvas.plot').first().hover({ position: { x: 150, y: 30 } });
     await same("cursor");
-    const held = (await plots())[0].until;
+    const held = (await plot()).until;
     await pictures(page, "camera", (await pixels(page, "camera")).count + 3); // the run goes on
-    assert.equal((await plots())[0].until, held, "a page that is paused moves on");
+    assert.equal((await plot()).until, held, "a page that is paused moves on");
     const beginning = Number(await page.getAttribute("#timeline input", "min"));
     await page.locator("#timeline input").evaluate((slider) => ((slider.value = Number(slider.min) + 0.2), slider.dispatchEvent(new Event("input"))));
-    await until(page, "plots of the run's beginning", (t) => Math.abs(Number(document.querySelector("canvas.plot[data-until]").dataset.until) - t) < 0.21, beginning);
+    await until(page, "plots of the run's beginning", ([at, t]) => Math.abs(Number(document.querySelector(at).dataset.until) - t) < 0.21, [shown, beginning]);
     await page.selectOption("#timeline select", "Infinity");
     await page.click("#timeline button");
-    await until(page, "plots that follow again, from the start", ([h, t]) => {
-      const { from, until } = document.querySelector("canvas.plot[data-until]").dataset;
+    await until(page, "plots that follow again, from the start", ([at, h, t]) => {
+      const { from, until } = document.querySelector(at).dataset;
       return Number(until) > Number(h) && Math.abs(Number(from) - t) < 0.5;
-    }, [held, beginning]);
+    }, [shown, held, beginning]);
 
     // The map over the whole page, and back.
     await page.click('[aria-label="Enlarge the map"]');
