@@ -22,7 +22,7 @@ h2{margin:30px 0 8px;font-size:19px}h3{margin:0 0 6px;font-size:16px}
 .tile b{display:block;font-size:21px}.tile span{color:var(--quiet);font-size:13px}.bad b{color:var(--bad)}
 .cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(420px,100%),1fr));gap:14px;align-items:start}
 .card{background:var(--surface);border-radius:6px;padding:14px 16px;box-shadow:0 1px 2px #0002;min-width:0}
-.wide{overflow-x:auto}.wide td,.wide th{white-space:nowrap}table{border-collapse:collapse;width:100%;background:var(--surface)}td,th{padding:4px 9px;text-align:right;border-bottom:1px solid var(--rule);font-variant-numeric:tabular-nums}
+.wide{overflow-x:auto}.wide td,.wide th{white-space:nowrap}.wide td:nth-child(2){white-space:normal}table{border-collapse:collapse;width:100%;background:var(--surface)}td,th{padding:4px 9px;text-align:right;border-bottom:1px solid var(--rule);font-variant-numeric:tabular-nums}
 th{color:var(--quiet);font-weight:500}th[title]{text-decoration:underline dotted;cursor:help}td:first-child,th:first-child{text-align:left}td.l,th.l{text-align:left}
 td.bad{color:var(--bad);font-weight:600}td.warning{color:var(--warn-ink);font-weight:600}
 .facts td{text-align:left;overflow-wrap:anywhere}.facts td:first-child{color:var(--quiet);white-space:nowrap}
