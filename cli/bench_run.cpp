@@ -201,15 +201,18 @@ void BenchRun::before_cycle(BenchTime t) {
 }
 
 void BenchRun::cycle_begin(const CycleContext& cycle) noexcept {
-  if (recorder_ && cycle.index > next_cycle_)
-    recorder_->record_skipped(next_cycle_, cycle.index - next_cycle_, cycle.t);
-  next_cycle_ = cycle.index + 1;
+  // A cycle that the recorded run skipped is skipped for whoever replays this run's recording, too.
+  skip_this_cycle_ = ran_ && !ran_(cycle.index);
+  if (!skip_this_cycle_) {
+    if (recorder_ && cycle.index > next_cycle_)
+      recorder_->record_skipped(next_cycle_, cycle.index - next_cycle_, cycle.t);
+    next_cycle_ = cycle.index + 1;
+  }
   if (live_) {
     const LoopCounters& n = executive_.counters();
     live_->cycle(cycle.t, Duration(n.last_wake_error_ns.load(std::memory_order_relaxed)),
                  Duration(n.last_cycle_ns.load(std::memory_order_relaxed)));
   }
-  skip_this_cycle_ = ran_ && !ran_(cycle.index);
 }
 
 void BenchRun::take_up_faults(const CycleContext& cycle) noexcept {
