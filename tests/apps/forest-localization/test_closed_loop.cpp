@@ -12,6 +12,9 @@ thread_local bool watching = false;
 thread_local std::size_t allocations = 0;
 }  // namespace rigor::forest::test
 
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic ignored "-Wmismatched-new-delete"  // inlined in parts, these two look like strangers
+#endif
 void* operator new(std::size_t size) {
   if (rigor::forest::test::watching) ++rigor::forest::test::allocations;
   if (void* p = std::malloc(size ? size : 1)) return p;
