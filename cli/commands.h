@@ -15,6 +15,7 @@ struct LiveOptions {
   std::string endpoint;  ///< [ADDRESS:]PORT; empty: 127.0.0.1:8765
   std::string token;     ///< empty: RIGOR_LIVE_TOKEN, or none
   std::filesystem::path page;
+  bool ends = false;  ///< replays: the page ends with the replay, in place of staying until Ctrl-C
   /// Virtual time: at most so many seconds of it in a second; 0: as fast as it goes. None: as a clock where
   /// somebody looks on, else as fast as it goes.
   std::optional<double> pace;

@@ -5,8 +5,11 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <chrono>
+#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <thread>
 
 #include "apps/forest-localization/stem_map.h"
 #include "cli/fault_control.h"
@@ -167,7 +170,11 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     }
     if (*opened) (void)(*opened)->stop();  // nothing is in it; the next attempt writes the file anew
   }
-  view.reset();
+  const bool stays = view && options.live_stays && outcome && outcome->loop.reason == StopReason::finished;
+  if (stays)
+    view->ended();
+  else
+    view.reset();
   run.set_live(nullptr);
   control.reset();
   // What came up during the run: devices that refused, clocks that did not settle.
@@ -240,6 +247,11 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
                              fmt::join(f.kinds.both(failed_on).names(), ","), f.sentence);
   // What was to be tested was not there.
   if (!facts.emulators.empty()) status = 1;
+  if (stays) {
+    std::fflush(stdout);
+    say("live      {} stays until Ctrl-C\n", options.live->url());
+    while (!stop.stop_requested()) std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  }
   const StopReason reason = outcome->loop.reason;
   const bool aborted =
       reason == StopReason::overrun || reason == StopReason::failed || reason == StopReason::recording;

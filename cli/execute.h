@@ -20,14 +20,15 @@ class Server;
 
 struct ExecuteOptions {
   bool json = false;
-  Existing existing = Existing::keep;      ///< what becomes of an earlier recording, report and trace
-  FindingSet fail_on;                      ///< findings of the verdict that fail the run
-  bool control = false;                    ///< may be talked to while it goes on (control_socket.h)
-  live::Server* live = nullptr;            ///< shows how it goes (docs/live.md); null: nobody looks on
-  double pace = 0;                         ///< virtual time: seconds in a second at most; 0: no limit
-  std::filesystem::path trace;             ///< for Perfetto; empty: none
-  std::optional<BenchTime> t0;             ///< replay: the recorded one
-  std::optional<EpochPair> epoch;          ///< replay: the recorded one
+  Existing existing = Existing::keep;  ///< what becomes of an earlier recording, report and trace
+  FindingSet fail_on;                  ///< findings of the verdict that fail the run
+  bool control = false;                ///< may be talked to while it goes on (control_socket.h)
+  live::Server* live = nullptr;        ///< shows how it goes (docs/live.md); null: nobody looks on
+  bool live_stays = false;         ///< the page stays after the run has finished, until it is asked to stop
+  double pace = 0;                 ///< virtual time: seconds in a second at most; 0: no limit
+  std::filesystem::path trace;     ///< for Perfetto; empty: none
+  std::optional<BenchTime> t0;     ///< replay: the recorded one
+  std::optional<EpochPair> epoch;  ///< replay: the recorded one
   std::function<bool(std::uint64_t)> ran;  ///< replay: whether the recorded loop ran cycle k
   std::string expected_sha256;  ///< replay: what the recorded application saw; another one fails the run
 };

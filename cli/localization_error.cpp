@@ -11,6 +11,7 @@
 #include <optional>
 #include <set>
 
+#include "cli/pose_error.h"
 #include "cli/recording.h"
 #include "cli/svg.h"
 #include "rt-core/numbers.h"
@@ -25,19 +26,13 @@ using record::MessageView;
 namespace msg = record::msg;
 
 constexpr double kDegPerRad = 180 / std::numbers::pi;
-constexpr std::int64_t kReach_ns = 100'000'000;  ///< from an estimate to the true poses around it
 
-struct TruePose {
-  std::int64_t t_ns;  ///< UTC
-  double x_m, y_m, yaw_rad;
-};
 struct EstimatedPose {
-  std::int64_t t_ns;
-  double x_m, y_m, yaw_rad, sigma_x_m, sigma_y_m, state;
+  PlanePose pose;  ///< UTC
+  double sigma_x_m, sigma_y_m, state;
 };
 
 std::int64_t ns_of(const msg::Time& t) { return std::int64_t{t.sec} * 1'000'000'000 + t.nanosec; }
-double wrapped(double rad) { return std::remainder(rad, 2 * std::numbers::pi); }
 
 std::optional<double> named(const std::vector<std::string>& names, const std::vector<double>& values,
                             std::string_view name) {
@@ -59,8 +54,8 @@ Status each(record::McapReader& reader, const std::string& topic, F&& take) {
   }
 }
 
-Result<std::vector<TruePose>> true_poses(record::McapReader& reader, const std::string& channel) {
-  std::vector<TruePose> poses;
+Result<std::vector<PlanePose>> true_poses(record::McapReader& reader, const std::string& channel) {
+  std::vector<PlanePose> poses;
   std::set<std::string> recorded;
   for (const auto& [id, c] : reader.channels()) {
     const auto end = c.topic.find('/', 1);
@@ -106,7 +101,7 @@ Result<std::vector<TruePose>> true_poses(record::McapReader& reader, const std::
                     "yaw_deg), found none; its channels are {}",
                     channel, fmt::join(recorded, ", ")));
   std::stable_sort(poses.begin(), poses.end(),
-                   [](const TruePose& a, const TruePose& b) { return a.t_ns < b.t_ns; });
+                   [](const PlanePose& a, const PlanePose& b) { return a.t_ns < b.t_ns; });
   return poses;
 }
 
@@ -121,8 +116,10 @@ Result<std::vector<EstimatedPose>> told_poses(record::McapReader& reader, const 
     const auto x = named(m.names, m.values, "x"), y = named(m.names, m.values, "y");
     const auto other = [&](const char* name) { return named(m.names, m.values, name).value_or(kNaN); };
     if (x && y)
-      told.push_back(
-          {ns_of(m.header.stamp), *x, *y, other("yaw"), other("sigma_x"), other("sigma_y"), other("state")});
+      told.push_back({{ns_of(m.header.stamp), *x, *y, other("yaw")},
+                      other("sigma_x"),
+                      other("sigma_y"),
+                      other("state")});
     return {};
   });
   if (!s) return tl::unexpected<Error>(s.error());
@@ -140,23 +137,6 @@ double quantile(std::vector<double> values, double share) {
                   static_cast<std::ptrdiff_t>(std::llround(share * static_cast<double>(values.size() - 1)));
   std::nth_element(values.begin(), at, values.end());
   return *at;
-}
-
-std::optional<TruePose> between(const std::vector<TruePose>& poses, std::int64_t t_ns) {
-  const auto after = std::lower_bound(poses.begin(), poses.end(), t_ns,
-                                      [](const TruePose& p, std::int64_t t) { return p.t_ns < t; });
-  if (after == poses.end()) {
-    // The last cycle's estimate may be a little later than the last true pose.
-    if (t_ns - poses.back().t_ns > kReach_ns / 10) return std::nullopt;
-    return poses.back();
-  }
-  if (after->t_ns == t_ns) return *after;
-  if (after == poses.begin()) return std::nullopt;
-  const TruePose &a = *(after - 1), &b = *after;
-  if (t_ns - a.t_ns > kReach_ns || b.t_ns - t_ns > kReach_ns) return std::nullopt;
-  const double u = static_cast<double>(t_ns - a.t_ns) / static_cast<double>(b.t_ns - a.t_ns);
-  return TruePose{t_ns, a.x_m + u * (b.x_m - a.x_m), a.y_m + u * (b.y_m - a.y_m),
-                  a.yaw_rad + u * wrapped(b.yaw_rad - a.yaw_rad)};
 }
 
 }  // namespace
@@ -180,28 +160,27 @@ Result<LocalizationError> localization_error(const std::filesystem::path& record
   std::size_t with_sigma = 0;
   std::vector<double> distances, turns;
   for (const EstimatedPose& e : *told) {
-    const double t_s = static_cast<double>(e.t_ns - start_ns) * 1e-9;
+    const double t_s = static_cast<double>(e.pose.t_ns - start_ns) * 1e-9;
     if (t_s < question.after_s) continue;
     if (e.state == 0) {
       ++out.searching;
       continue;
     }
-    const auto p = between(*poses, e.t_ns);
+    const auto p = pose_at(*poses, e.pose.t_ns);
     if (!p) {
       ++out.no_truth;
       continue;
     }
-    const double dx = e.x_m - p->x_m, dy = e.y_m - p->y_m;
-    const double yaw = std::isfinite(p->yaw_rad) ? p->yaw_rad : 0, c = std::cos(yaw), s = std::sin(yaw);
+    const PlanePoseError error = pose_error(e.pose, *p);
     LocalizationError::At at;
     at.t_s = t_s, at.x_m = p->x_m, at.y_m = p->y_m;
-    at.along_m = c * dx + s * dy, at.across_m = -s * dx + c * dy;
-    at.yaw_rad = wrapped(e.yaw_rad - p->yaw_rad);
+    at.along_m = error.along_m, at.across_m = error.across_m, at.yaw_rad = error.yaw_rad;
+    const double distance_m = at.distance_m();
     const double variance = (e.sigma_x_m * e.sigma_x_m + e.sigma_y_m * e.sigma_y_m) / 2;
     at.sigma_m = std::sqrt(variance);
-    if (variance > 0) squared += (dx * dx + dy * dy) / (2 * variance), ++with_sigma;
+    if (variance > 0) squared += distance_m * distance_m / (2 * variance), ++with_sigma;
     if (!out.at.empty()) out.way_m += std::hypot(at.x_m - out.at.back().x_m, at.y_m - out.at.back().y_m);
-    distances.push_back(std::hypot(dx, dy));
+    distances.push_back(distance_m);
     if (std::isfinite(at.yaw_rad)) turns.push_back(std::abs(at.yaw_rad));
     out.at.push_back(at);
   }

@@ -144,6 +144,7 @@ int replay_command(const ReplayOptions& options) {
   how.existing = existing;
   how.fail_on = *fail_on;
   how.live = live->get();
+  how.live_stays = !options.live.ends;
   how.pace = options.live.pace_or_default();
   how.t0 = recorded->t0;
   how.epoch = recorded->epoch;

@@ -71,7 +71,11 @@ std::string svg_histogram(const nlohmann::json& histogram, const std::string& la
   PlotFrame f;
   f.axis = "log ns";
   f.x0 = std::log10(std::max(100.0, buckets.front()[0].get<double>()));
-  f.x1 = std::max(f.x0 + 0.3, std::log10(std::max(101.0, buckets.back()[1].get<double>())));
+  f.x1 = std::log10(std::max(101.0, buckets.back()[1].get<double>()));
+  if (f.x1 - f.x0 < 1) {  // a single value stands in the middle of a decade
+    const double middle = (f.x0 + f.x1) / 2;
+    f.x0 = middle - 0.5, f.x1 = middle + 0.5;
+  }
   // The linear parts of the buckets differ in width: draw the share per decade by regrouping into equal bars
   // on the log axis.
   constexpr std::size_t kBars = 90;

@@ -103,6 +103,8 @@ class Runner:
         if words[1] == "run":
             self.end_beside()
             words = shortened(words)
+        if words[1] == "replay" and "--live" in words:
+            words += ["--live-end", "--pace", "0"]
         if words[1:3] == ["world", "render"]:
             words += ["--width", "96", "--height", "54"]
         try:

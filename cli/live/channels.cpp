@@ -13,6 +13,12 @@ ChannelInfo ros_channel(std::string topic, std::string_view type) {
   return {0, std::move(topic), "cdr", std::string(type), "ros2msg", record::schema_text(type)};
 }
 
+/// Numbers over time, a few in a message.
+bool is_numbers(SampleKind kind) {
+  return kind == SampleKind::register_block || kind == SampleKind::pose || kind == SampleKind::imu ||
+         kind == SampleKind::nav_fix || kind == SampleKind::odometry;
+}
+
 Bytes joined(record::Pieces pieces) {
   std::size_t size = 0;
   for (const auto& piece : pieces) size += piece.size();
@@ -83,32 +89,40 @@ void LiveChannels::add_to(Hub& hub) {
     if (!s.used) continue;
     for (const auto& stream : s.encoder->streams())
       s.ids.push_back(hub.add_channel(ros_channel(stream.topic, stream.type)));
+    s.kept = is_numbers(s.kind);
+    if (s.kept)
+      for (const std::uint32_t id : s.ids) hub.keep(id, MessageHistory::Keep::thinned);
     if (s.kind != SampleKind::image) continue;
     s.small_id = hub.add_channel(ros_channel(s.topic + "/small", record::msg::CompressedImage::kType));
     if (s.camera) s.camera_id = hub.add_channel(ros_channel(s.camera_topic, record::msg::CameraInfo::kType));
   }
   events_id_ = hub.add_channel(ros_channel("/rigor/events", record::msg::Event::kType));
+  hub.keep(events_id_, MessageHistory::Keep::newest);
   commands_id_ = hub.add_channel(ros_channel("/rigor/commands", record::msg::Command::kType));
 }
 
-bool LiveChannels::wanted(const Hub& hub, const Stream& s) {
-  return std::any_of(s.ids.begin(), s.ids.end(), [&](std::uint32_t id) { return hub.wanted(id); }) ||
-         (s.small_id != 0 && hub.wanted(s.small_id)) || (s.camera_id != 0 && hub.wanted(s.camera_id));
+bool LiveChannels::listened(const Hub& hub, const Stream& s) {
+  return std::any_of(s.ids.begin(), s.ids.end(), [&](std::uint32_t id) { return hub.subscribed_now(id); }) ||
+         (s.small_id != 0 && hub.subscribed_now(s.small_id)) ||
+         (s.camera_id != 0 && hub.subscribed_now(s.camera_id));
 }
 
-void LiveChannels::pump(Hub& hub, LiveTap& tap) {
+void LiveChannels::pump(Hub& hub, LiveTap& tap, LiveEstimate* estimate) {
   ++tick_;
   for (std::size_t i = 0; i < streams_.size(); ++i) {
     Stream& s = streams_[i];
     if (!s.used) continue;
-    const bool listened = wanted(hub, s);
+    const bool heard = listened(hub, s), truth = estimate && estimate->truth_stream() == i;
     // Taken also where nobody listens any more: no slot is held for nothing.
-    if (const SampleLease sample = tap.take(i); sample && listened) publish(hub, s, *sample);
-    if (!listened || tick_ < s.next_tick) continue;
+    if (const SampleLease sample = tap.take(i)) {
+      if (heard || s.kept) publish(hub, s, *sample);
+      if (truth) estimate->truth(*sample);
+    }
+    if (!(heard || s.kept || truth) || tick_ < s.next_tick) continue;
     tap.want(i);
-    s.next_tick = tick_ + (s.max_bytes > kLarge ? 2 : 1);
+    s.next_tick = tick_ + (!heard && !truth ? kUnheardTicks : s.max_bytes > kLarge ? 2 : 1);
   }
-  publish_events(hub, tap);
+  publish_events(hub, tap, estimate);
 }
 
 template <class M>
@@ -142,7 +156,7 @@ void LiveChannels::publish(Hub& hub, Stream& s, const Sample& sample) {
   publish_message(hub, s.small_id, t, small);
 }
 
-void LiveChannels::publish_events(Hub& hub, LiveTap& tap) {
+void LiveChannels::publish_events(Hub& hub, LiveTap& tap, LiveEstimate* estimate) {
   for (LiveEvent e; tap.take(e);) {
     record::msg::Event m;
     m.header = header(e.t, "");
@@ -155,6 +169,7 @@ void LiveChannels::publish_events(Hub& hub, LiveTap& tap) {
   }
   for (LiveCommand c; tap.take(c);) {
     if (c.sink >= sink_names_.size()) continue;
+    if (estimate) estimate->told(c.sink, c.command);
     record::msg::Command m;
     m.header = header(c.command.t_issue, "");
     m.channel = sink_names_[c.sink];

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "cli/bench_run.h"
+#include "cli/live/estimate.h"
 #include "cli/live/hub.h"
 #include "cli/live/tap.h"
 #include "rt-core/epoch.h"
@@ -24,12 +25,15 @@ class LiveChannels {
   static constexpr Duration kTick = milliseconds(40);
   /// Pictures and clouds of more bytes than this are taken every second tick.
   static constexpr std::size_t kLarge = 256u << 10;
+  /// Numbers are taken every so many ticks where nobody listens, for those who come later.
+  static constexpr std::uint64_t kUnheardTicks = 5;
 
   LiveChannels(const RunParts& parts, const EpochPair& epoch);
   /// Adds the channels to the hub.
   void add_to(Hub& hub);
-  /// Each tick: encodes and publishes what came of what is subscribed, asks for the next.
-  void pump(Hub& hub, LiveTap& tap);
+  /// Each tick: encodes and publishes what came of what is wanted, asks for the next. `estimate` (may be
+  /// null) is told what came of the truth and of what was commanded.
+  void pump(Hub& hub, LiveTap& tap, LiveEstimate* estimate);
   [[nodiscard]] std::uint64_t utc_ns(BenchTime t) const;
 
  private:
@@ -43,10 +47,11 @@ class LiveChannels {
     std::optional<record::msg::CameraInfo> camera;
     std::uint32_t small_id = 0, camera_id = 0;  ///< 0: none
     std::uint64_t next_tick = 0;
+    bool kept = false;  ///< numbers
   };
-  [[nodiscard]] static bool wanted(const Hub& hub, const Stream& s);
+  [[nodiscard]] static bool listened(const Hub& hub, const Stream& s);
   void publish(Hub& hub, Stream& s, const Sample& sample);
-  void publish_events(Hub& hub, LiveTap& tap);
+  void publish_events(Hub& hub, LiveTap& tap, LiveEstimate* estimate);
   template <class M>
   void publish_message(Hub& hub, std::uint32_t id, BenchTime t, const M& message);
   [[nodiscard]] record::msg::Header header(BenchTime t, const std::string& frame_id) const;

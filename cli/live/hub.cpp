@@ -76,7 +76,15 @@ void Hub::complain(Client& client, const std::string& text) {
   say(client, status_message(StatusLevel::error, text));
 }
 
+Result<std::vector<MessageHistory::Kept>> Hub::history(std::string_view topic) const {
+  for (const ChannelInfo& c : channels_)
+    if (c.topic == topic && history_.keeps(c.id)) return history_.messages(c.id);
+  return fail(ErrorCode::bad_input, "topic",
+              "expected a topic whose messages are kept, got \"" + std::string(topic.substr(0, 80)) + "\"");
+}
+
 void Hub::publish(std::uint32_t channel, std::uint64_t time_ns, const Bytes& message) {
+  history_.add(channel, time_ns, message);
   for (auto& [link, client] : clients_) {
     const auto it = client.subscription_of.find(channel);
     if (it == client.subscription_of.end() || client.leaving) continue;

@@ -17,11 +17,10 @@
 #include <string_view>
 #include <vector>
 
+#include "cli/live/message_history.h"
 #include "cli/live/protocol.h"
 
 namespace rigor::live {
-
-using Bytes = std::shared_ptr<const std::string>;
 
 /// The way to one client.
 class Link {
@@ -63,7 +62,16 @@ class Hub {
   void serve_parameters(std::function<nlohmann::json()> values,
                         std::function<bool(const std::string& name, const nlohmann::json& value)> set);
 
-  [[nodiscard]] bool wanted(std::uint32_t channel) const { return subscribers_[channel - 1] > 0; }
+  /// What is published on the channel is remembered from now on, for `history`.
+  void keep(std::uint32_t channel, MessageHistory::Keep how) { history_.keep(channel, how); }
+  /// What is kept of a topic. bad_input: there is no such topic, or its messages are not kept. Any thread,
+  /// once all channels are added.
+  [[nodiscard]] Result<std::vector<MessageHistory::Kept>> history(std::string_view topic) const;
+  [[nodiscard]] bool subscribed_now(std::uint32_t channel) const { return subscribers_[channel - 1] > 0; }
+  /// Somebody listens, or it is kept.
+  [[nodiscard]] bool wanted(std::uint32_t channel) const {
+    return subscribed_now(channel) || history_.keeps(channel);
+  }
   /// Counts subscriptions that were made to a channel so far: who sends only changes sees a new one.
   [[nodiscard]] std::uint64_t subscribed(std::uint32_t channel) const { return subscribed_[channel - 1]; }
   void publish(std::uint32_t channel, std::uint64_t time_ns, const Bytes& message);
@@ -112,6 +120,7 @@ class Hub {
   std::size_t advertised_channels_ = 0, advertised_services_ = 0;
   std::function<nlohmann::json()> parameters_;
   std::function<bool(const std::string&, const nlohmann::json&)> set_parameter_;
+  MessageHistory history_;
   std::map<const Link*, Client> clients_;
   std::uint64_t next_serial_ = 1;
   HubCounters counters_;

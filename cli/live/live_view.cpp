@@ -1,13 +1,17 @@
 #include "cli/live/live_view.h"
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "cli/live/channels.h"
+#include "cli/live/estimate.h"
+#include "cli/live/pairs.h"
 #include "cli/live/parameters.h"
 #include "cli/live/status.h"
 #include "cli/live/world.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/record/recorder.h"
+#include "sim/world/store/value_codec.h"
 
 namespace rigor::live {
 namespace {
@@ -20,6 +24,29 @@ Bytes text_bytes(const json& j) {
   return std::make_shared<const std::string>(j.dump(-1, ' ', false, json::error_handler_t::replace));
 }
 
+/// {"topic": …}: what is kept of its messages, in base64.
+Result<json> history(const Hub& hub, const json& request) {
+  const auto kept = hub.history(request.at("topic").get<std::string>());
+  if (!kept) return tl::unexpected<Error>(kept.error());
+  json list = json::array();
+  for (const MessageHistory::Kept& k : *kept)
+    list.push_back({{"utc_ns", std::to_string(k.time_ns)},
+                    {"data", world::store::base64(std::as_bytes(std::span(*k.message)))}});
+  return json{{"messages", std::move(list)}};
+}
+
+json to_json(const LiveEstimate::At& at, BenchTime t0) {
+  const auto known = [](double v) { return std::isfinite(v) ? json(v) : json(); };
+  return {{"t_s", (at.t - t0).seconds()},
+          {"x_m", at.x_m},
+          {"y_m", at.y_m},
+          {"distance_m", std::hypot(at.along_m, at.across_m)},
+          {"along_m", at.along_m},
+          {"across_m", at.across_m},
+          {"yaw_rad", known(at.yaw_rad)},
+          {"sigma_m", known(at.sigma_m)}};
+}
+
 }  // namespace
 
 struct LiveView::Impl {
@@ -28,7 +55,9 @@ struct LiveView::Impl {
         context(c),
         tap(stream_specs(c.parts), c.parts.rig.clock == ClockKind::virtual_time),
         channels(c.parts, c.epoch),
-        status(c.parts, c.counters, c.commands, tap, c.epoch, c.replay) {
+        status(c.parts, c.counters, c.commands, tap, c.epoch, c.replay),
+        estimate(LiveEstimate::of(c.parts)),
+        pairs(c.parts) {
     if (c.simulation) world.emplace(*c.simulation, c.parts, tap);
   }
 
@@ -36,6 +65,16 @@ struct LiveView::Impl {
     channels.add_to(hub);
     status_id = hub.add_channel({0, "/rigor/live", "json", "rigor.Live", "jsonschema", LiveStatus::schema()});
     const std::string object = R"({"type":"object"})";
+    const auto add_plotted = [&](const char* topic, const char* type) {
+      const std::uint32_t id = hub.add_channel({0, topic, "json", type, "jsonschema", object});
+      hub.keep(id, MessageHistory::Keep::thinned);
+      return id;
+    };
+    if (estimate) estimate_id = add_plotted("/rigor/estimate", "rigor.Estimate");
+    if (!pairs.none()) pairs_id = add_plotted("/rigor/pairs", "rigor.Pairs");
+    hub.add_service({0, "rigor/history", object, object}, [&hub](const std::string& request) {
+      return service_answer(request, [&hub](const json& j) { return history(hub, j); });
+    });
     hub.add_service({0, "rigor/control", object, object},
                     [this](const std::string& request) { return context.commands.answer(request); });
     if (world) offer_world(hub);
@@ -69,7 +108,17 @@ struct LiveView::Impl {
     world_key = std::move(key);
     hub.publish(world_id, channels.utc_ns(tap.now()), text_bytes(world->moving()));
   }
-  void show_status(Hub& hub, bool ended) {
+  void pump(Hub& hub) {
+    channels.pump(hub, tap, estimate ? &*estimate : nullptr);
+    if (!estimate) return;
+    while (const auto at = estimate->next())
+      hub.publish(estimate_id, channels.utc_ns(at->t), text_bytes(to_json(*at, tap.t0())));
+  }
+  void show_pairs(Hub& hub) {
+    if (pairs_id == 0) return;
+    if (const auto j = pairs.changed(tap)) hub.publish(pairs_id, channels.utc_ns(tap.now()), text_bytes(*j));
+  }
+  void show_status(Hub& hub) {
     hub.publish_time(channels.utc_ns(tap.now()));
     if (!hub.wanted(status_id)) return;
     json j = status(hub.counters());
@@ -82,8 +131,11 @@ struct LiveView::Impl {
   LiveTap tap;
   LiveChannels channels;
   LiveStatus status;
+  std::optional<LiveEstimate> estimate;
+  LivePairs pairs;
   std::optional<LiveWorld> world;
-  std::uint32_t status_id = 0, world_id = 0;
+  bool ended = false;
+  std::uint32_t status_id = 0, world_id = 0, estimate_id = 0, pairs_id = 0;
   std::uint64_t world_subscribed = 0;
   std::string world_key;
 };
@@ -91,18 +143,29 @@ struct LiveView::Impl {
 LiveView::LiveView(Server& server, const Context& context) : impl_(std::make_unique<Impl>(server, context)) {
   Impl* i = impl_.get();
   server.run_there([i] { i->offer(i->server.hub()); });
-  server.every(LiveChannels::kTick, [i] { i->channels.pump(i->server.hub(), i->tap); });
+  server.every(LiveChannels::kTick, [i] { i->pump(i->server.hub()); });
   server.every(kStatusPeriod, [i] {
-    i->show_status(i->server.hub(), false);
+    i->show_status(i->server.hub());
+    i->show_pairs(i->server.hub());
     i->show_world(i->server.hub());
+  });
+}
+
+void LiveView::ended() {
+  Impl* i = impl_.get();
+  i->server.run_there([i] {
+    i->pump(i->server.hub());
+    i->ended = true;
+    i->show_status(i->server.hub());
   });
 }
 
 LiveView::~LiveView() {
   Impl* i = impl_.get();
   i->server.end([i] {
-    i->channels.pump(i->server.hub(), i->tap);
-    i->show_status(i->server.hub(), true);
+    i->pump(i->server.hub());
+    i->ended = true;
+    i->show_status(i->server.hub());
   });
   for (const auto& c : i->context.parts.channels)
     if (c->pair) c->pair->observe(nullptr);

@@ -37,6 +37,9 @@ class LiveView {
   /// Setup, before each attempt to run: pairs tell both the recorder (may be null) and this view.
   void attach(Recorder* recorder, BenchTime t0);
   [[nodiscard]] LiveTap& tap();
+  /// Setup, after the run: clients are told that it has ended, and may look at what it left until this object
+  /// goes.
+  void ended();
 
  private:
   struct Impl;

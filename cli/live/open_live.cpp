@@ -19,6 +19,7 @@ Result<std::unique_ptr<live::Server>> open_live(const LiveOptions& options, cons
   if (!options.on) {
     if (!options.token.empty()) return refuse("--live-token", "expected --live with it");
     if (!options.page.empty()) return refuse("--live-page", "expected --live with it");
+    if (options.ends) return refuse("--live-end", "expected --live with it");
     return std::unique_ptr<live::Server>();
   }
   live::ServerOptions server;

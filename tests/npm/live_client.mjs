@@ -148,14 +148,14 @@ const cases = {
     const scan = read("/scanner/simulated/points");
     assert.equal(scan.fields[0].name, "x");
     assert(scan.width > 100);
-    assert.equal(read("/rigor/commands").channel, "drive");
+    assert(["drive", "estimate"].includes(read("/rigor/commands").channel));
     assert(Math.abs(Math.hypot(...Object.values(read("/imu/imu").linear_acceleration)) - 9.8) < 2);
     const stamp = c.last.get("/camera/image").timestamp;
     assert(stamp >= 1577836800n * 1000000000n, `virtual time begins in 2020, got ${stamp}`);
     const live = await c.json("/rigor/live");
     assert.equal(live.run.clock, "virtual");
     assert.equal(live.server.clients, 1);
-    assert.deepEqual(live.channels.map((ch) => ch.name), ["camera", "scanner", "odometry", "imu", "dark"]);
+    assert.deepEqual(live.channels.map((ch) => ch.name), ["camera", "scanner", "odometry", "imu", "dark", "truth"]);
     assert.equal(live.channels[1].pair.hand_on, "real");
     assert.deepEqual(live.channels[1].topics, { real: "/scanner/real/points", simulated: "/scanner/simulated/points" });
     assert(live.cycles > 0 && live.t_s > 0 && live.channels[2].samples > 0);

@@ -168,17 +168,47 @@ const CASES = {
     await page.locator('[data-channel="odometry"] canvas.plot').first().hover({ position: { x: 150, y: 30 } });
     await same("cursor");
     const held = (await plot()).until;
-    await pictures(page, "camera", (await pixels(page, "camera")).count + 3); // the run goes on
+    await until(page, "the run to go on", (t) => Number(document.querySelector("#timeline input").max) > Number(t) + 1, held);
     assert.equal((await plot()).until, held, "a page that is paused moves on");
     const beginning = Number(await page.getAttribute("#timeline input", "min"));
     await page.locator("#timeline input").evaluate((slider) => ((slider.value = Number(slider.min) + 0.2), slider.dispatchEvent(new Event("input"))));
     await until(page, "plots of the run's beginning", ([at, t]) => Math.abs(Number(document.querySelector(at).dataset.until) - t) < 0.21, [shown, beginning]);
+    // The picture is that of the instant, too.
+    await page.locator(`${tile("camera")} canvas`).scrollIntoViewIfNeeded();
+    await until(page, "the picture of the run's beginning", (stamp) => {
+      const tile = document.querySelector('[data-channel="camera"]');
+      return !tile.querySelector(".held").hidden && tile.querySelector("canvas").dataset.stamp <= stamp;
+    }, first.stamp);
+    await page.locator('[data-channel="odometry"] canvas.plot').first().scrollIntoViewIfNeeded();
     await page.selectOption("#timeline select", "Infinity");
     await page.click("#timeline button");
     await until(page, "plots that follow again, from the start", ([at, h, t]) => {
       const { from, until } = document.querySelector(at).dataset;
       return Number(until) > Number(h) && Math.abs(Number(from) - t) < 0.5;
     }, [shown, held, beginning]);
+
+    // The estimate is 0.1 m off and claims 1 cm.
+    await until(page, "the estimate's error", () => {
+      const said = document.querySelector("#estimate .figures-line");
+      return /^\d+ mm from the truth, \d+ sigma/.test(said.textContent) && Number(said.textContent.split(" ")[0]) > 50 && said.classList.contains("bad");
+    });
+    assert.ok(await page.locator("#estimate").isVisible());
+
+    // Who comes late sees the run from its start.
+    const late = await openPage(browser, run.url);
+    await until(late, "plots from before the page was opened", (t) => {
+      const bar = document.querySelector("#timeline input");
+      return bar && Number(bar.max) > 0 && Number(bar.min) < t + 0.5;
+    }, beginning);
+    assert.deepEqual(late.trouble, []);
+    await late.close();
+
+    // The border of the panels can be moved.
+    const wide = () => page.evaluate(() => document.querySelector("aside").clientWidth);
+    const before_px = await wide();
+    await page.locator("#splitter").focus();
+    await page.keyboard.press("ArrowRight");
+    assert.ok((await wide()) < before_px - 10, "the panels are as wide as before");
 
     // The map over the whole page, and back.
     await page.click('[aria-label="Enlarge the map"]');
@@ -255,6 +285,8 @@ const CASES = {
     await page.click('#faults li[data-state="on"] button >> nth=0');
     await pictures(page, "camera", before.count + 2);
     await logged(page, "fault end");
+    await page.reload(); // what happened before a page was opened is in its log
+    await logged(page, "fault begin");
     await until(page, "the fault to be over", () => [...document.querySelectorAll('#faults li[data-state="over"]')].some((l) => l.textContent.includes("disconnect")));
     assert.deepEqual(page.trouble, []);
   },
@@ -312,9 +344,9 @@ const CASES = {
   /// A replay shows what the run's channels had; what there is no more, a world and faults, is not offered.
   async replays(browser) {
     const recording = join(folder, "run.mcap");
-    const made = spawnSync(rigor, ["run", rig, "--clock", "virtual", "--duration", "8", "--record", recording, "--report", join(folder, "made")], { encoding: "utf8" });
+    const made = spawnSync(rigor, ["run", rig, "--clock", "virtual", "--duration", "4", "--record", recording, "--report", join(folder, "made")], { encoding: "utf8" });
     assert.equal(made.status, 0, made.stderr);
-    const run = await serve(["replay", recording, "--pace", "0.2"]); // 40 s
+    const run = await serve(["replay", recording, "--pace", "0.2"]); // 20 s
     const page = await openPage(browser, run.url);
     await pictures(page, "camera", 3);
     const first = await pixels(page, "camera"), second = await nextPicture(page, "camera");
@@ -328,7 +360,20 @@ const CASES = {
     assert.equal(live.run.replay, true);
     assert.ok(live.cycles > 0 && live.t_s > 0 && live.channels.find((c) => c.name === "camera").samples > 0);
     assert.match(await page.locator("#head").innerText(), /replay/);
-    for (const panel of ["world", "faults", "pairs"]) assert.equal(await page.locator(`#${panel}`).isVisible(), false, `a replay has a panel ${panel}`);
+    for (const panel of ["faults", "pairs"]) assert.equal(await page.locator(`#${panel}`).isVisible(), false, `a replay has a panel ${panel}`);
+    assert.equal(await page.locator("#world input[type=search]").isVisible(), false, "a replay has a world to be searched");
+
+    // Its page stays after its end, also for those who open it then, until somebody ends it.
+    await until(page, "the end of the replay", () => /the replay has ended/i.test(document.getElementById("banner").innerText));
+    await page.reload();
+    await until(page, "the replay from its start, after its end", () => {
+      const bar = document.querySelector("#timeline input");
+      return /the replay has ended/i.test(document.getElementById("banner").innerText) && Number(bar.min) < 0.5 && Number(bar.max) > 3.5;
+    });
+    assert.match(run.said(), /stays until Ctrl-C/);
+    assert.equal(run.process.exitCode, null);
+    run.process.kill("SIGINT");
+    assert.equal(await run.over, 0);
     assert.deepEqual(page.trouble, []);
   },
 

@@ -2,16 +2,18 @@
 import { element, figure, setText } from "./dom.js";
 import { rampCss } from "./color.js";
 import { canDrawClouds, CloudView, pointsOf } from "./cloud.js";
+import { Feed, showHeld } from "./message_keeper.js";
+import { timeline } from "./timeline.js";
 
 export class PointsView {
   large = false;
-  #message = null;
   #end = null;
   #by = "range";
   #turned = false;
 
   constructor(session, channel, topic, label) {
     this.session = session;
+    this.feed = new Feed(session, timeline);
     this.topic = topic;
     this.canvas = element("canvas.cloud", { tabIndex: 0, role: "img", "aria-label": `Points of ${label}; the pointer turns them, arrows move them` });
     this.canvas.dataset.topic = topic;
@@ -27,12 +29,13 @@ export class PointsView {
     this.scale = element("div.scale", { hidden: true }, element("span"), element("i"), element("span"));
     this.scale.children[1].style.background = rampCss;
     this.rings = element("span.under-pointer");
-    this.node = element("div.view.cloud-view", {}, element("div.frame", {}, this.canvas, this.empty, this.rings), element("div.view-tools", {}, this.scale, this.by, home));
+    this.held = element("span.held", { hidden: true });
+    this.node = element("div.view.cloud-view", {}, element("div.frame", {}, this.canvas, this.empty, this.rings, this.held), element("div.view-tools", {}, this.scale, this.by, home));
     if (canDrawClouds()) this.cloud = new CloudView(this.canvas, () => (this.#turned = true));
   }
 
   show() {
-    this.#end ??= this.session.client.subscribe(this.topic, (m) => (this.#message = m));
+    this.#end ??= this.session.client.subscribe(this.topic, (m) => this.feed.came(m));
   }
   hide() {
     this.#end?.();
@@ -52,9 +55,9 @@ export class PointsView {
 
   draw() {
     if (!this.cloud) return;
-    const message = this.#message;
+    const message = this.feed.next();
+    showHeld(this.held, this.feed);
     if (message) {
-      this.#message = null;
       try {
         this.#take(pointsOf(message.read(message.bytes)));
         this.canvas.dataset.pictures = Number(this.canvas.dataset.pictures ?? 0) + 1;

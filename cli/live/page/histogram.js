@@ -1,11 +1,16 @@
 // Bars over a logarithmic axis: how late the loop was woken.
-import { element, fitCanvas, microseconds } from "./dom.js";
+import { element, figure, fitCanvas, microseconds, setText } from "./dom.js";
 import { themeColor } from "./color.js";
 
 export class Histogram {
+  #bars = [];
   #bins = []; // [[from_us, to_us, count], …]
   constructor(title) {
     this.canvas = element("canvas.histogram", { role: "img", "aria-label": title });
+    this.value = element("span.under-pointer");
+    this.node = element("div.frame", {}, this.canvas, this.value);
+    this.canvas.addEventListener("pointermove", (e) => this.#point(e.offsetX * (window.devicePixelRatio || 1)));
+    this.canvas.addEventListener("pointerleave", () => setText(this.value, ""));
   }
 
   /// `bins`: [from, to, count] in µs, rising. `marks`: [{at, text}].
@@ -14,6 +19,12 @@ export class Histogram {
     this.marks = marks;
     this.canvas.setAttribute("aria-label", `Wake-ups by lateness: ${marks.map((m) => `${m.text} ${microseconds(m.at)}`).join(", ")}`);
     this.draw();
+  }
+
+  /// Says what the bar at this pixel stands for.
+  #point(at) {
+    const bar = this.#bars?.find(({ from, to }) => at >= from && at <= to);
+    setText(this.value, bar ? `${figure(bar.bin[2])} between ${microseconds(bar.bin[0])} and ${microseconds(bar.bin[1])}` : "");
   }
 
   draw() {
@@ -42,6 +53,7 @@ export class Histogram {
       c.fillText(microseconds(10 ** k).replace("1.0 ", "1 "), x(10 ** k), height - 3 * ratio);
     }
     c.fillStyle = themeColor("--series-1");
+    this.#bars = bins.map((bin) => ({ bin, from: x(bin[0]), to: x(bin[1]) }));
     for (const [from, to, n] of bins) c.fillRect(x(from), y(n), Math.max(ratio, x(to) - x(from) - ratio * 0.5), bottom - y(n));
     c.fillStyle = themeColor("--text");
     c.strokeStyle = themeColor("--text");

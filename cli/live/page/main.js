@@ -1,10 +1,12 @@
 // The page: makes its parts, and draws what is new once in each frame of the screen.
 import { Channels } from "./channels.js";
+import { EstimatePanel } from "./estimate_panel.js";
 import { EventLog } from "./event_log.js";
 import { FaultPanel } from "./fault_panel.js";
 import { PairPanel } from "./pair_panel.js";
 import { RunHeader, RunPanel } from "./run_panel.js";
 import { Session } from "./session.js";
+import { makeSplitter } from "./splitter.js";
 import { TimelineBar, timeline } from "./timeline.js";
 import { Verdict } from "./verdict.js";
 import { WorldPanel } from "./world_panel.js";
@@ -20,6 +22,8 @@ const channels = new Channels(session, at("channels"));
 const world = new WorldPanel(session, at("world"));
 const run = new RunPanel(session, body("loop"));
 const pairs = new PairPanel(session, at("pairs"));
+const estimate = new EstimatePanel(session, at("estimate"));
+makeSplitter(at("splitter"), document.querySelector("main"));
 new FaultPanel(session, body("faults"));
 const bar = new TimelineBar(at("timeline"));
 new EventLog(session, body("events"));
@@ -30,8 +34,11 @@ const tokenForm = element("form", { hidden: true, method: "get", action: "/" }, 
 banner.append(said, tokenForm);
 function tell() {
   const { client, ended, tokenRefused } = session;
+  const what = session.live?.run.replay ? "replay" : "run";
   const text = ended
-    ? "The run has ended. What is shown is its last state."
+    ? client.state === "open"
+      ? `The ${what} has ended. Its page stays: pause and move back over it.`
+      : "The run has ended. What is shown is its last state."
     : session.gone && session.live
       ? "The run has ended, or its machine cannot be reached. What is shown is its last state."
       : client.state === "lost" || (client.state === "connecting" && session.live)
@@ -44,6 +51,7 @@ function tell() {
   banner.hidden = text === "";
   banner.dataset.kind = ended ? "ended" : "lost";
   document.body.classList.toggle("frozen", text !== "");
+  document.body.classList.toggle("ended", ended);
   tokenForm.hidden = ended || !tokenRefused;
   document.body.classList.toggle("unknown", !session.live);
   setText(said, text);
@@ -64,6 +72,7 @@ function draw() {
   channels.draw();
   world.draw();
   pairs.draw();
+  estimate.draw();
   bar.draw();
   requestAnimationFrame(draw);
 }

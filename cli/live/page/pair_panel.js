@@ -20,6 +20,8 @@ class Pair {
     this.learn = element("button.small", { type: "button", title: "Take how the pair is now for its normal state" }, "Learn again");
     this.learn.onclick = () => this.#order("learn_again", "learning again");
     this.plot = new TimePlot({ title: "Real − simulated" });
+    this.level = new TimePlot({ title: "Towards the alarm", limits: [{ at: 0.5, kind: "warn" }, { at: 1, kind: "bad" }] });
+    this.level.node.hidden = true;
     this.figures = element("p.figures-line");
     this.rows = element("tbody");
     this.parameters = element(
@@ -29,7 +31,7 @@ class Pair {
       element("table.messages", { "aria-label": `What is watched of ${name}` }, element("thead", {}, element("tr", {}, element("th", {}, "change of"), element("th.number", {}, "last window"), element("th", { title: "The sum's share of its alarm threshold" }, "towards the alarm"))), this.rows),
       this.learn,
     );
-    this.node = element("section.pair", { "aria-label": `Pair ${name}` }, element("header", {}, element("h3", {}, name), this.state, element("span.gap"), this.switch.node), element("div.watch", { role: "status" }, this.text, this.acknowledge), this.plot.node, this.figures, this.parameters);
+    this.node = element("section.pair", { "aria-label": `Pair ${name}` }, element("header", {}, element("h3", {}, name), this.state, element("span.gap"), this.switch.node), element("div.watch", { role: "status" }, this.text, this.acknowledge), this.plot.node, this.level.node, this.figures, this.parameters);
   }
 
   async #order(what, told) {
@@ -41,14 +43,22 @@ class Pair {
     }
   }
 
-  update(pair, t) {
+  /// Of /rigor/pairs.
+  add(t, { bias, sigma, level }) {
+    this.plot.add("bias", t, bias ?? NaN);
+    this.plot.add("sigma", t, sigma ?? NaN);
+    if (level === null) return;
+    this.level.node.hidden = false;
+    this.level.add("highest sum over its threshold", t, level);
+  }
+  draw() {
+    this.plot.draw();
+    if (!this.level.node.hidden) this.level.draw();
+  }
+
+  update(pair) {
     this.switch.show(pair.hand_on);
     this.#watch(pair.watch ?? this.told);
-    if (pair.compared > 0 && pair.compared !== this.compared) {
-      this.compared = pair.compared;
-      this.plot.add("bias", t, pair.last_bias ?? pair.bias);
-      this.plot.add("sigma", t, pair.last_sigma ?? pair.sigma);
-    }
     const missing = ["real", "simulated"].filter((s) => pair[s]?.missing > 0).map((s) => `${figure(pair[s].missing)} missing ${s}`);
     const unit = this.unit ? ` ${this.unit}` : "";
     setText(this.figures, [pair.compared > 0 ? `${figure(pair.compared)} compared` : "nothing compared", pair.unlike > 0 ? `${figure(pair.unlike)} not alike` : "", ...(pair.compared > 0 ? [`bias ${figure(pair.bias)}${unit}`, `sigma ${figure(pair.sigma)}${unit}`] : []), pair.switches === 1 ? "1 switch" : `${figure(pair.switches)} switches`, ...missing].filter(Boolean).join(" · "));
@@ -80,7 +90,7 @@ class Pair {
       }
       const { row, meter } = this.#rows.get(p.name);
       setText(row.children[1], p.value === null ? "–" : `${figure(p.value)} ± ${figure(p.sigma, 2)}${p.unit && p.unit !== "1" ? ` ${p.unit}` : ""}`);
-      meter.value = p.watched && p.threshold > 0 ? Math.min(1, Math.abs(p.level) / p.threshold) : 0;
+      meter.value = p.watched ? Math.min(1, Math.abs(p.level ?? 0)) : 0;
       meter.hidden = !p.watched;
       row.title = p.unsettled ? "Its baseline is not settled: values of one window hang together with those of many later ones" : "";
     }
@@ -94,6 +104,10 @@ export class PairPanel {
     this.session = session;
     this.panel = panel;
     session.addEventListener("live", () => this.update());
+    session.follow("/rigor/pairs", (m) => {
+      const { t_s, pairs } = m.read(m.bytes);
+      for (const pair of pairs) this.#pair(pair.channel).add(t_s, pair);
+    });
     const ask = async () => {
       if (panel.open && !document.hidden && this.#pairs.size > 0 && session.client.state === "open" && !session.ended)
         try {
@@ -107,20 +121,21 @@ export class PairPanel {
   }
 
   draw() {
-    if (this.panel.open) for (const pair of this.#pairs.values()) pair.plot.draw();
+    if (this.panel.open) for (const pair of this.#pairs.values()) pair.draw();
+  }
+
+  #pair(name) {
+    if (!this.#pairs.has(name)) {
+      const pair = new Pair(this.session, name);
+      this.#pairs.set(name, pair);
+      this.panel.querySelector(".panel-body").append(pair.node);
+    }
+    return this.#pairs.get(name);
   }
 
   update() {
     const pairs = this.session.live.channels.filter((c) => c.pair);
     this.panel.hidden = pairs.length === 0;
-    const body = this.panel.querySelector(".panel-body");
-    for (const c of pairs) {
-      if (!this.#pairs.has(c.name)) {
-        const pair = new Pair(this.session, c.name);
-        this.#pairs.set(c.name, pair);
-        body.append(pair.node);
-      }
-      this.#pairs.get(c.name).update(c.pair, this.session.live.t_s);
-    }
+    for (const c of pairs) this.#pair(c.name).update(c.pair);
   }
 }

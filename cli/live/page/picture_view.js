@@ -2,18 +2,20 @@
 // range images in colours of range, with their scale. A click asks the world what is seen there.
 import { element, figure, setText } from "./dom.js";
 import { rampCss, SteadyLimits } from "./color.js";
+import { Feed, showHeld } from "./message_keeper.js";
 import { PictureDecoder } from "./picture.js";
+import { timeline } from "./timeline.js";
 
 export class PictureView {
   large = false;
   #decoder = new PictureDecoder();
   #limits = new SteadyLimits();
-  #message = null;
   #range = null;
   #ends = [];
 
   constructor(session, channel, topic, label) {
     this.session = session;
+    this.feed = new Feed(session, timeline);
     this.name = channel.name;
     this.topic = topic;
     this.isRange = channel.kind === "range_image";
@@ -23,7 +25,8 @@ export class PictureView {
     this.scale = element("div.scale", { hidden: true }, element("span"), element("i"), element("span"));
     this.scale.children[1].style.background = rampCss;
     this.value = element("span.under-pointer");
-    this.node = element("div.view.picture-view", {}, element("div.frame", {}, this.canvas, this.empty, this.value), this.scale);
+    this.held = element("span.held", { hidden: true });
+    this.node = element("div.view.picture-view", {}, element("div.frame", {}, this.canvas, this.empty, this.value, this.held), this.scale);
     if (this.isRange) {
       this.canvas.addEventListener("pointermove", (e) => this.#point(e));
       this.canvas.addEventListener("pointerleave", () => setText(this.value, ""));
@@ -39,7 +42,7 @@ export class PictureView {
     const small = `${this.topic}/small`;
     const useSmall = !this.large && !this.isRange && this.session.client.topics.has(small);
     this.hide();
-    this.#ends = [this.session.client.subscribe(useSmall ? small : this.topic, (m) => (this.#message = m))];
+    this.#ends = [this.session.client.subscribe(useSmall ? small : this.topic, (m) => this.feed.came(m))];
     if (!this.isRange && !useSmall)
       this.#ends.push(this.session.client.subscribe(`${this.topic}/settings`, (m) => this.#decoder.settings(m.read(m.bytes).pixel_format)));
   }
@@ -49,9 +52,10 @@ export class PictureView {
   }
 
   async draw() {
-    const message = this.#message;
-    if (!message || this.busy) return;
-    this.#message = null;
+    if (this.busy) return;
+    const message = this.feed.next();
+    showHeld(this.held, this.feed);
+    if (!message) return;
     this.busy = true;
     try {
       const image = message.read(message.bytes);

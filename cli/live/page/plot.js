@@ -18,12 +18,15 @@ export class TimePlot {
   #hidden = new Set();
   #drawn = -1;
 
-  /// `unit` stands at the axis.
-  constructor({ title, unit = "" }) {
+  #limits;
+
+  /// `unit` stands at the axis. `limits`: [{at, kind}], kind "warn" or "bad": what lies above is on ground of that colour.
+  constructor({ title, unit = "", limits = [] }) {
+    this.#limits = limits;
     this.unitNode = element("span.unit", {}, unit ? ` ${unit}` : "");
     this.canvas = element("canvas.plot", { role: "img", "aria-label": `${title} over time` });
     this.legend = element("div.legend");
-    this.node = element("figure.time-plot", {}, element("figcaption", {}, element("span.plot-title", {}, title, this.unitNode), this.legend), this.canvas);
+    this.node = element("figure.time-plot", {}, element("figcaption", {}, element("span.plot-title", {}, title, this.unitNode), this.legend), element("div.plot-frame", {}, this.canvas));
     this.canvas.addEventListener("pointermove", (e) => timeline.point(this.#timeAt(e.offsetX)));
     this.canvas.addEventListener("pointerleave", () => timeline.point(null));
   }
@@ -36,9 +39,10 @@ export class TimePlot {
     return timeline.from + (timeline.until - timeline.from) * Math.max(0, Math.min(1, (x - LEFT) / (this.canvas.clientWidth - LEFT - RIGHT)));
   }
 
-  add(name, t, value) {
+  /// `dashed`: a limit that changes, rather than a value.
+  add(name, t, value, { dashed = false } = {}) {
     if (!this.#series.has(name)) {
-      this.#series.set(name, { history: new History() });
+      this.#series.set(name, { history: new History(), dashed });
       this.#legendFor(name);
     }
     const s = this.#series.get(name);
@@ -98,6 +102,8 @@ export class TimePlot {
       const half = Math.max(0.05 * Math.abs(low), low === 0 ? 1 : 1e-9);
       [low, high] = [low - half, high + half];
     }
+    // A limit is shown as soon as the values come near it.
+    for (const { at } of this.#limits) if (high > 0.4 * at) high = Math.max(high, 1.1 * at);
     const margin = 0.06 * (high - low);
     [low, high] = [low - margin, high + margin];
     const y = (value) => bottom - ((value - low) / (high - low)) * (bottom - top);
@@ -132,6 +138,19 @@ export class TimePlot {
     c.beginPath();
     c.rect(left, 0, right - left, height);
     c.clip();
+    for (const { at, kind } of this.#limits) {
+      if (at > high) continue;
+      c.fillStyle = c.strokeStyle = themeColor(`--${kind}`);
+      c.globalAlpha = 0.12;
+      c.fillRect(left, 0, right - left, Math.max(0, y(at)));
+      c.globalAlpha = 1;
+      c.setLineDash([5 * ratio, 3 * ratio]);
+      c.beginPath();
+      c.moveTo(left, y(at));
+      c.lineTo(right, y(at));
+      c.stroke();
+      c.setLineDash([]);
+    }
     let index = 0;
     for (const [name, s] of this.#series) {
       const color = colors[index++ % colors.length];
@@ -139,6 +158,7 @@ export class TimePlot {
       if (this.#hidden.has(name)) continue;
       c.strokeStyle = color;
       c.lineWidth = 1.4 * ratio;
+      c.setLineDash(s.dashed ? [4 * ratio, 3 * ratio] : []);
       c.beginPath();
       let pen = false, last = 0;
       s.history.each(from, until, (t, least, greatest) => {
@@ -152,6 +172,7 @@ export class TimePlot {
       c.stroke();
     }
     c.restore();
+    this.canvas.dataset.high = high;
 
     const { cursor } = timeline, pointed = cursor !== null && cursor >= from && cursor <= until;
     if (pointed) {

@@ -74,7 +74,7 @@ export class NumbersView {
     if (this.#ends.length) return;
     for (const [side, topic] of Object.entries(this.topics))
       this.#ends.push(
-        this.session.client.subscribe(topic, (m) => {
+        this.session.follow(topic, (m) => {
           if (this.#pending.push([side, topic, m]) >= MOST_PENDING) this.#takeAll();
         }),
       );

@@ -25,7 +25,7 @@ export class RunPanel {
     this.values = Object.fromEntries(Object.entries(rows).map(([k, [value]]) => [k, value]));
     this.sinks = element("tbody");
     this.sinkTable = element("table.messages", { hidden: true, "aria-label": "Sinks" }, element("thead", {}, element("tr", {}, element("th", {}, "sink"), ...["applied", "late", "failed", "made safe"].map((h) => element("th.number", {}, h)))), this.sinks);
-    node.append(this.histogram.canvas, element("dl.figures", {}, ...Object.values(rows).map(([, line]) => line)), this.sinkTable);
+    node.append(this.histogram.node, element("dl.figures", {}, ...Object.values(rows).map(([, line]) => line)), this.sinkTable);
     session.addEventListener("live", () => this.update());
   }
 

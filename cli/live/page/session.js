@@ -4,6 +4,7 @@
 // log shows.
 import { FoxgloveClient } from "./foxglove.js";
 
+const HISTORY = "rigor/history";
 const token = new URLSearchParams(location.search).get("token") ?? new URLSearchParams(location.hash.slice(1)).get("token");
 
 export class Session extends EventTarget {
@@ -28,10 +29,47 @@ export class Session extends EventTarget {
       if (run && (run.pid !== this.live.run.pid || run.rig !== this.live.run.rig)) location.reload();
       this.dispatchEvent(new Event("live"));
     });
-    this.client.subscribe("/rigor/events", (m) => {
+    this.follow("/rigor/events", (m) => {
       const event = m.read(m.bytes);
       this.note(event.kind, event.text, event.channel, this.seconds(event.header.stamp));
     });
+  }
+
+  /// Calls handler(message) for what the server has kept of the topic since the run began, then for each new message. What
+  /// a lost connection missed comes when it is back. Returns what ends it.
+  follow(topic, handler) {
+    let newest = -1n, waiting = null;
+    const take = (m) => {
+      if (m.time > newest) newest = m.time;
+      handler(m);
+    };
+    const fill = async () => {
+      if (waiting || !this.client.topics.has(topic)) return;
+      waiting = [];
+      const past = await this.#past(topic), held = waiting;
+      waiting = null;
+      for (const m of past) if (m.time > newest) take(m);
+      const last = newest; // what was kept and what came meanwhile overlap
+      for (const m of held) if (m.time > last) take(m);
+    };
+    const end = this.client.subscribe(topic, (m) => (waiting ? waiting.push(m) : take(m)));
+    this.client.addEventListener("services", fill);
+    if (this.client.services.has(HISTORY)) fill();
+    return () => {
+      this.client.removeEventListener("services", fill);
+      end();
+    };
+  }
+
+  async #past(topic) {
+    const { read } = this.client.topics.get(topic);
+    try {
+      const { messages } = await this.call(HISTORY, { topic });
+      if (!this.live) await new Promise((done) => this.addEventListener("live", done, { once: true }));
+      return messages.map(({ utc_ns, data }) => ({ bytes: Uint8Array.from(atob(data), (c) => c.charCodeAt(0)), time: BigInt(utc_ns), read }));
+    } catch {
+      return []; // what comes from now on is shown all the same
+    }
   }
 
   async #connection({ state, reason }) {
