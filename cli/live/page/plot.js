@@ -7,10 +7,12 @@ import { timeline } from "./timeline.js";
 const LEFT = 50, RIGHT = 4; // of the canvas, in CSS pixels
 const BACK_S = 1; // sides of a pair may come in any order; more is another run
 
-/// 1, 2 or 5 times a power of ten: about `count` steps between the limits.
-function niceStep(span, count) {
-  const rough = span / count, power = 10 ** Math.floor(Math.log10(rough));
-  return power * ([1, 2, 5].find((k) => k * power >= rough) ?? 10);
+/// 1, 2 or 5 times a power of ten: at most `count` steps between the limits, or as many as give two ticks.
+function niceStep(low, high, count) {
+  const rough = (high - low) / count, power = 10 ** Math.floor(Math.log10(rough));
+  const steps = [10, 5, 2, 1, 0.5, 0.2, 0.1].map((k) => k * power);
+  const ticks = (step) => Math.floor(high / step) - Math.ceil(low / step) + 1;
+  return steps.findLast((step) => step >= rough && ticks(step) >= 2) ?? steps.find((step) => ticks(step) >= 2) ?? rough;
 }
 
 export class TimePlot {
@@ -82,14 +84,25 @@ export class TimePlot {
     const { from, until } = timeline, span = until - from;
     const x = (t) => left + ((t - from) / span) * (right - left);
 
-    let low = Infinity, high = -Infinity;
-    for (const [name, s] of this.#series) {
-      if (this.#hidden.has(name)) continue;
-      s.history.each(from, until, (t, least, greatest) => {
-        if (!(t >= from && t <= until) || !Number.isFinite(least + greatest)) return;
-        low = Math.min(low, least);
-        high = Math.max(high, greatest);
-      });
+    const range = (wanted) => {
+      let low = Infinity, high = -Infinity;
+      for (const [name, s] of this.#series) {
+        if (this.#hidden.has(name) || s.dashed !== wanted) continue;
+        s.history.each(from, until, (t, least, greatest) => {
+          if (!(t >= from && t <= until) || !Number.isFinite(least + greatest)) return;
+          low = Math.min(low, least);
+          high = Math.max(high, greatest);
+        });
+      }
+      return [low, high];
+    };
+    let [low, high] = range(false);
+    const [lowLimit, highLimit] = range(true);
+    if (low > high) [low, high] = [lowLimit, highLimit];
+    else { // a limit far beyond the values does not make them a flat line
+      const room = 2 * Math.max(high - low, Math.abs(low), Math.abs(high));
+      low = Math.min(low, Math.max(lowLimit, low - room));
+      high = Math.max(high, Math.min(highLimit, high + room));
     }
     c.font = `${10.5 * ratio}px ${getComputedStyle(document.body).fontFamily}`;
     if (low > high) {
@@ -113,7 +126,7 @@ export class TimePlot {
     c.fillStyle = quiet;
     c.textAlign = "right";
     c.textBaseline = "middle";
-    const step = niceStep(high - low, Math.max(2, (bottom - top) / (26 * ratio)));
+    const step = niceStep(low, high, Math.max(2, (bottom - top) / (26 * ratio)));
     const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
     for (let v = Math.ceil(low / step) * step; v <= high; v += step) {
       c.beginPath();
@@ -124,7 +137,7 @@ export class TimePlot {
       c.fillText(label.replaceAll("-", "−"), left - 5 * ratio, y(v));
     }
     c.textBaseline = "alphabetic";
-    const tick = niceStep(span, Math.max(2, (right - left) / (64 * ratio)));
+    const tick = niceStep(Math.max(0, from), until, Math.max(2, (right - left) / (64 * ratio)));
     for (let t = Math.ceil(Math.max(0, from) / tick) * tick; t <= until; t += tick) {
       c.beginPath();
       c.moveTo(x(t), bottom);
