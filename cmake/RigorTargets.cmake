@@ -36,9 +36,6 @@ if(RIGOR_UNITY AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   # A file that is included looks like a header: its types may use its own anonymous namespace all the same.
   target_compile_options(rigor_options INTERFACE -Wno-subobject-linkage)
 endif()
-if(RIGOR_SANITIZE STREQUAL "thread" AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
-  target_compile_options(rigor_options INTERFACE -Wno-tsan)  # fences: rt-core/spsc_ring.h tells the sanitizer itself
-endif()
 if(RIGOR_SANITIZE)
   target_compile_options(rigor_options INTERFACE -fsanitize=${RIGOR_SANITIZE} -fno-sanitize-recover=all)
   target_link_options(rigor_options INTERFACE -fsanitize=${RIGOR_SANITIZE})

@@ -34,8 +34,7 @@ lane_parts() {
     format | includes | skips) echo check ;;
     release) echo run test live ;;
     kernel) echo run test kernel ;;
-    asan-ubsan | fuzz) echo run test clang ;;
-    tsan) echo run test ;;
+    asan-ubsan | tsan | fuzz) echo run test clang ;;
     docs) echo run check ;;
   esac
 }
@@ -52,7 +51,7 @@ check_lane() {
 }
 
 # Tests that lie in an address-space layout which the sanitizers' runtimes know: with vm.mmap_rnd_bits above 28 those
-# of g++ 12 abort at random.
+# of clang 16 abort at random.
 without_address_randomisation() {
   if setarch -R true 2>/dev/null; then
     setarch -R "$@"
@@ -108,7 +107,12 @@ check_includes() {
 # Tests labelled `kernel` are the kernel lane's.
 lane_release() { ctest_lane release release --label-exclude '^kernel$'; }
 
+# The sanitizers' runtimes find llvm-symbolizer on the path; without it, they name no file and line, and no suppression by
+# the name of a function holds.
+with_symbolizer() { export PATH=/usr/lib/llvm-16/bin:$PATH; }
+
 lane_asan-ubsan() {
+  with_symbolizer
   export ASAN_OPTIONS=detect_stack_use_after_return=1:strict_string_checks=1
   export LSAN_OPTIONS=suppressions=$PWD/tests/lsan.supp:print_suppressions=0
   export UBSAN_OPTIONS=print_stacktrace=1
@@ -116,12 +120,14 @@ lane_asan-ubsan() {
 }
 
 lane_tsan() {
+  with_symbolizer
   export TSAN_OPTIONS=suppressions=$PWD/tests/tsan.supp:second_deadlock_stack=1
   # Tests labelled `one-thread` are long and have nothing for this sanitizer to see.
   ctest_lane tsan tsan --label-exclude '^(kernel|one-thread)$'
 }
 
 lane_fuzz() {
+  with_symbolizer
   local -a harnesses
   mapfile -t harnesses < <(list_harnesses)
   local status=0 harness

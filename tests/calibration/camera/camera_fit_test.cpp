@@ -45,6 +45,8 @@ TEST(RealChessboard, CleanCornersGiveTheReferenceValues) {
   ASSERT_TRUE(four && five);
   EXPECT_LT(four->cross_validation, five->cross_validation);
   EXPECT_LT(four->bic, five->bic);
+  // Halves of thirteen good views do not contradict each other.
+  for (const auto& [name, why] : fit->result.not_identifiable) ADD_FAILURE() << name << ": " << why;
 }
 
 TEST(RealChessboard, ThePhotographsAloneDoToo) {
@@ -62,6 +64,7 @@ TEST(RealChessboard, ThePhotographsAloneDoToo) {
   ASSERT_TRUE(fit) << fit.error().text();
   EXPECT_EQ(fit->lens_model, LensModel::opencv4);
   EXPECT_NEAR(fit->result.find("fx_px")->value, 533.1, 0.9);
+  for (const auto& [name, why] : fit->result.not_identifiable) ADD_FAILURE() << name << ": " << why;
   RecordProperty("fx_px", std::to_string(fit->result.find("fx_px")->value));
   RecordProperty("rms_per_corner_px", std::to_string(fit->rms_per_corner_px));
 }
