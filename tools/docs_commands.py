@@ -4,13 +4,16 @@ Each document's commands run one after the other in a folder of its own, which i
 installed into a prefix: rigs and worlds are found as a user finds them. A command that neither runs nor is on the list is
 an error, as is an entry of the list that no command matches any more.
 """
+import contextlib
 import os
 import re
 import shlex
 import signal
 import subprocess
 import tempfile
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 # (document, pattern of the command line, why it does not run here)
@@ -40,6 +43,7 @@ NOT_RUN = [
     (r"forest-localization", r"stem|disc-forest-way-200m|scip|gnss=\{", "needs the files of a whole run before it"),
     (r"stereo", r"stereo-forest|ideal=true", "the same rig with another world: the first runs, tests have the others"),
     (r"calibration/pair", r"calibrate (delay|twin)", "needs sixteen seconds of the demo's pictures: tests/cli/test_calibrate_pair.cpp"),
+    (r"world-plugins", r"beehives\.so|hives\.rigor", "needs the plugin that the lines before build: tests/install builds it"),
     (r"platforms|README|forest-localization", r"harvester", "minutes of scans: tests/cli/test_harvester.cpp runs the rig"),
 ]
 
@@ -52,6 +56,8 @@ BESIDE = {
 REFUSED = [r"fault demo left\.real dely"]
 SECONDS = "0.3"  # of every run
 LONGEST_S = 60
+SLOW_S = 5  # what takes longer is named
+AT_ONCE = 3  # documents
 
 
 class Runner:
@@ -138,37 +144,53 @@ def reason_not_to(document, line):
     return None
 
 
+def run_document(prefix, folder, document, lines, wall_clock):
+    """(Errors, entries of NOT_RUN that were used, how many commands were run) of one document."""
+    errors, used, ran = [], set(), 0
+    folder.mkdir()
+    runner = Runner(prefix, folder, document)
+    for number, line in lines:
+        entry = reason_not_to(document, line)
+        if entry:
+            used.add(entry)
+            continue
+        if not line.startswith("rigor "):
+            errors.append(f"{document}:{number}: neither run nor on the list of tools/docs_commands.py: {line}")
+            continue
+        with wall_clock if takes_ports(line) else contextlib.nullcontext():
+            since = time.monotonic()
+            wrong = runner.run(line)
+        ran += 1
+        took = time.monotonic() - since
+        if took > SLOW_S:
+            print(f"docs: {document}:{number}: {took:.0f} s: {line[:90]}", flush=True)
+        if wrong:
+            errors.append(f"{document}:{number}: `{line}` {wrong}")
+    runner.end_beside()
+    return errors, used, ran
+
+
+def takes_ports(line):
+    """Emulators, and what waits for devices, have their own ports: one such command at a time."""
+    return line.startswith(("rigor run ", "rigor emulate ", "rigor devices")) and "--clock virtual" not in line
+
+
 def run_all(root, by_document, whole=True):
     """Errors. `whole`: all documents are there, so that an entry of the list without a command is one."""
-    errors, used, ran, began = [], set(), 0, time.monotonic()
+    began, wall_clock = time.monotonic(), threading.Lock()
     with tempfile.TemporaryDirectory(prefix="rigor-docs-") as temporary:
         prefix = Path(temporary) / "prefix"
         done = subprocess.run(["cmake", "--install", "build/release", "--prefix", str(prefix)], cwd=root, text=True,
                               capture_output=True, check=False)
         if done.returncode != 0:
             return [f"cmake --install build/release: {done.stderr.strip()}"]
-        for document, lines in by_document.items():
-            folder = Path(temporary) / re.sub(r"\W", "-", document)
-            folder.mkdir()
-            runner = Runner(prefix, folder, document)
-            for number, line in lines:
-                entry = reason_not_to(document, line)
-                if entry:
-                    used.add(entry)
-                    continue
-                if not line.startswith("rigor "):
-                    errors.append(f"{document}:{number}: neither run nor on the list of tools/docs_commands.py: {line}")
-                    continue
-                since = time.monotonic()
-                wrong = runner.run(line)
-                ran += 1
-                took = time.monotonic() - since
-                if took > 5:
-                    print(f"docs: {document}:{number}: {took:.0f} s: {line[:90]}", flush=True)
-                if wrong:
-                    errors.append(f"{document}:{number}: `{line}` {wrong}")
-            runner.end_beside()
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            results = list(pool.map(
+                lambda item: run_document(prefix, Path(temporary) / re.sub(r"\W", "-", item[0]), *item, wall_clock),
+                by_document.items()))
+    errors = [error for part, _, _ in results for error in part]
+    used = set().union(*(part for _, part, _ in results))
     if whole:
         errors += [f"tools/docs_commands.py: no command is like `{e[1]}` any more" for e in NOT_RUN if e not in used]
-    print(f"docs: {ran} commands run in {time.monotonic() - began:.0f} s")
+    print(f"docs: {sum(ran for _, _, ran in results)} commands run in {time.monotonic() - began:.0f} s")
     return errors
