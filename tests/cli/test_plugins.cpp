@@ -64,6 +64,10 @@ TEST_F(WorldPlugins, AreNamedByWorldsAndRigsAgainstTheirOwnFolders) {
   const Said own = rigor({"world", "info", file("own.yaml"), "--json"}, "/");
   ASSERT_EQ(own.status, 0) << own.err;
   EXPECT_EQ(json::parse(own.out)["types"]["Left"], 1);
+  write_file(dir / "a.left", "");
+  write_file(dir / "data.import.yaml", "plugins: [lib/good.so]\nplugin_files: [a.left]\n");
+  const Said data = rigor({"world", "import", file("data.import.yaml"), "-o", file("d.rigor")}, "/");
+  EXPECT_EQ(data.status, 0) << data.err;
   // A rig whose world needs the plugin: by the rig, by the command line, by both.
   scanner_rig(
       "    engine: rays\n    T_world_sensor: { position_m: [0, 0, 0], roll_pitch_yaw_deg: [0, 0, 0] }\n");

@@ -38,6 +38,9 @@ TEST(PoseError, IsForwardAndToTheLeftByTheTrueYaw) {
   EXPECT_NEAR(e.along_m, 2, 1e-12);
   EXPECT_NEAR(e.across_m, 0, 1e-12);
   EXPECT_NEAR(e.yaw_rad, kPi / 2 + 0.1, 1e-12);
+  const PlanePoseError right = pose_error({0, 2, 1, 0}, {0, 1, 1, kPi / 2});
+  EXPECT_NEAR(right.along_m, 0, 1e-12);
+  EXPECT_NEAR(right.across_m, -1, 1e-12);
   const PlanePoseError left = pose_error({0, 1, 3, kNone}, {0, 1, 1, 0});
   EXPECT_NEAR(left.across_m, 2, 1e-12);
   EXPECT_TRUE(std::isnan(left.yaw_rad));
