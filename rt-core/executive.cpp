@@ -16,6 +16,8 @@ using std::string;
 
 // A stop request is seen within this time, however long the period is.
 constexpr std::int64_t kSleepSlice_ns = 20'000'000;
+// Events of a trace, 32 bytes each: 64 MiB.
+constexpr std::size_t kMostTraced = std::size_t{1} << 21;
 constexpr Duration kLongestPeriod = seconds(3600);
 constexpr Duration kShortestPeriod = microseconds(10);
 
@@ -153,7 +155,11 @@ Status Executive::arm() {
 
   auto data = std::make_unique<LoopData>();
   if (config_.trace) {
-    data->trace = &config_.trace->thread("loop");
+    // A span for each step and the wake-up, in every cycle.
+    const std::size_t each = 2 * entries_.size() + 1;
+    const std::uint64_t most = kMostTraced / each;
+    const std::uint64_t cycles = config_.cycles > 0 ? std::min(config_.cycles, most) : most;
+    data->trace = &config_.trace->thread("loop", static_cast<std::size_t>(cycles) * each);
     data->trace_wake = config_.trace->name("wake-up error [us]");
   }
   slots_.clear();
@@ -222,7 +228,14 @@ Result<RunSummary> Executive::run(StopToken stop, BenchTime t0) {
     loop_wall(stop, data);
     realtime_.restore_thread();
   } else {
-    loop_virtual(stop, data);
+    try {
+      loop_virtual(stop, data);
+    } catch (...) {
+      if (config_.heartbeat) config_.heartbeat->declare_stopped(StopReason::failed);
+      data.observer.reset();
+      state_.store(State::armed, std::memory_order_release);
+      throw;
+    }
   }
   if (config_.heartbeat) config_.heartbeat->declare_stopped(s.reason);
   s.misses = data.observer->finish();

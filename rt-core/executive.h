@@ -76,7 +76,8 @@ struct StepConfig {
 class ExecutiveHooks {
  public:
   virtual ~ExecutiveHooks() = default;
-  /// Virtual time only, before each cycle; may block and allocate: let the sources complete until `t`.
+  /// Virtual time only, before each cycle; may block and allocate: let the sources complete until `t`. What
+  /// it throws ends the run and leaves run(); the executive is armed again.
   virtual void before_cycle(BenchTime t) { (void)t; }
   /// Real-time, before the first and after the last step of each cycle.
   virtual void cycle_begin(const CycleContext& cycle) noexcept { (void)cycle; }

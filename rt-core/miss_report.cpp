@@ -72,6 +72,18 @@ std::string describe(const Miss& m, Duration period, const std::string& step_nam
   return text;
 }
 
+// "cpuN user nice system idle iowait irq softirq steal ...", in ticks, a line for each CPU.
+std::optional<long long> stolen_ticks(const char* proc_stat, int cpu) noexcept {
+  char name[16];
+  std::snprintf(name, sizeof name, "\ncpu%d ", cpu);
+  const char* line = std::strstr(proc_stat, name);
+  long long v[8] = {};
+  if (line == nullptr || std::sscanf(line + std::strlen(name), "%lld %lld %lld %lld %lld %lld %lld %lld",
+                                     &v[0], &v[1], &v[2], &v[3], &v[4], &v[5], &v[6], &v[7]) != 8)
+    return std::nullopt;
+  return v[7];
+}
+
 MissObserver::MissObserver(Duration period, std::size_t capacity)
     : period_(period), capacity_(capacity), ring_(std::max<std::size_t>(capacity, 1)) {
   report_.misses.reserve(capacity);
@@ -89,6 +101,8 @@ void MissObserver::start(int tid) {
   std::snprintf(path, sizeof path, "/proc/self/task/%d/stat", tid);
   schedule_fd_ = open(path, O_RDONLY | O_CLOEXEC);
   stat_fd_ = open("/proc/stat", O_RDONLY | O_CLOEXEC);
+  text_.resize(
+      std::max<std::size_t>(4096, room_for_proc_stat(static_cast<int>(sysconf(_SC_NPROCESSORS_CONF)))));
   samples_[0] = sample();
   sampled_ = 1;
   thread_ = std::thread([this] { watch(); });
@@ -103,31 +117,24 @@ void MissObserver::report(const Miss& miss) noexcept {
 
 MissObserver::Sample MissObserver::sample() noexcept {
   Sample s;
-  char text[4096];
+  char* const text = text_.data();
+  const std::size_t size = text_.size();
   // schedstat: time on the CPU, time on the run queue (ns), slices.
-  if (read_again(schedstat_fd_, text, sizeof text) > 0) {
+  if (read_again(schedstat_fd_, text, size) > 0) {
     char* rest = nullptr;
     (void)std::strtoll(text, &rest, 10);
     s.run_queue_ns = std::strtoll(rest, nullptr, 10);
   }
   // stat, field 39: the CPU it ran on last; names may hold blanks and brackets, so count from the last ')'.
   int cpu = -1;
-  if (read_again(schedule_fd_, text, sizeof text) > 0) {
+  if (read_again(schedule_fd_, text, size) > 0) {
     const char* at = std::strrchr(text, ')');
     for (int field = 2; at && field < 39; ++field) at = std::strchr(at + 1, ' ');
     if (at) cpu = std::atoi(at);
   }
-  // /proc/stat: "cpuN user nice system idle iowait irq softirq steal ...", in ticks.
-  if (cpu >= 0 && read_again(stat_fd_, text, sizeof text) > 0) {
-    char name[16];
-    std::snprintf(name, sizeof name, "\ncpu%d ", cpu);
-    if (const char* line = std::strstr(text, name)) {
-      long long v[8] = {};
-      if (std::sscanf(line + std::strlen(name), "%lld %lld %lld %lld %lld %lld %lld %lld", &v[0], &v[1],
-                      &v[2], &v[3], &v[4], &v[5], &v[6], &v[7]) == 8)
-        s.stolen_ns = v[7] * (1'000'000'000 / sysconf(_SC_CLK_TCK));
-    }
-  }
+  if (cpu >= 0 && read_again(stat_fd_, text, size) > 0)
+    if (const auto ticks = stolen_ticks(text, cpu))
+      s.stolen_ns = *ticks * (1'000'000'000 / sysconf(_SC_CLK_TCK));
   s.t_ns = monotonic_now().ns();
   return s;
 }

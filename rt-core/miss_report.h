@@ -19,6 +19,7 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -62,6 +63,13 @@ struct Miss {
 /// One line for people: cycle, by how much, cause, and the numbers that say so. Allocates.
 [[nodiscard]] std::string describe(const Miss& miss, Duration period, const std::string& step_name);
 
+/// Ticks that the host took from a CPU, as /proc/stat says; none: it does not name this CPU. No allocation.
+[[nodiscard]] std::optional<long long> stolen_ticks(const char* proc_stat, int cpu) noexcept;
+/// Room for the lines of the CPUs in /proc/stat, which come first: ten numbers of up to 20 digits each.
+[[nodiscard]] constexpr std::size_t room_for_proc_stat(int cpus) {
+  return (static_cast<std::size_t>(cpus > 0 ? cpus : 1) + 1) * 232 + 1;
+}
+
 struct MissReport {
   std::vector<Miss> misses;                           ///< the first `capacity`, in order
   std::array<std::uint64_t, kMissCauses> by_cause{};  ///< of all that were attributed
@@ -100,6 +108,7 @@ class MissObserver {
   MissReport report_;
   std::vector<Miss> waiting_;
   std::array<Sample, 256> samples_{};
+  std::vector<char> text_;
   std::size_t sampled_ = 0;
   int schedstat_fd_ = -1, schedule_fd_ = -1, stat_fd_ = -1;
   std::atomic<bool> end_{false};

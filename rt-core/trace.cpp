@@ -1,5 +1,6 @@
 #include "rt-core/trace.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <cstdio>
@@ -51,6 +52,14 @@ std::uint64_t Trace::dropped() const {
   std::uint64_t n = 0;
   for (const auto& t : threads_) n += t->dropped();
   return n;
+}
+
+std::optional<std::int64_t> Trace::full_since_ns() const {
+  const std::lock_guard lock(mutex_);
+  std::optional<std::int64_t> since;
+  for (const auto& t : threads_)
+    if (t->dropped() > 0) since = std::min(since.value_or(t->first_dropped_ns()), t->first_dropped_ns());
+  return since;
 }
 
 Status Trace::write(const std::string& path) const {

@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -48,6 +49,10 @@ class TraceThread {
   /// Any thread.
   [[nodiscard]] std::size_t recorded() const noexcept { return count_.load(std::memory_order_acquire); }
   [[nodiscard]] std::uint64_t dropped() const noexcept { return dropped_.load(std::memory_order_relaxed); }
+  /// ns of the bench clock; no meaning while nothing was dropped.
+  [[nodiscard]] std::int64_t first_dropped_ns() const noexcept {
+    return first_dropped_ns_.load(std::memory_order_relaxed);
+  }
 
  private:
   friend class Trace;
@@ -65,7 +70,9 @@ class TraceThread {
     events_[n] = e;
     count_.store(n + 1, std::memory_order_release);
   }
-  void drop() noexcept {
+  void drop(std::int64_t t_ns) noexcept {
+    if (dropped_.load(std::memory_order_relaxed) == 0)
+      first_dropped_ns_.store(t_ns, std::memory_order_relaxed);
     dropped_.store(dropped_.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
   }
 
@@ -75,6 +82,7 @@ class TraceThread {
   std::unique_ptr<Event[]> events_;
   std::atomic<std::size_t> count_{0};
   std::atomic<std::uint64_t> dropped_{0};
+  std::atomic<std::int64_t> first_dropped_ns_{0};
   std::size_t open_ = 0;          // spans begun: room for their ends is kept
   std::size_t dropped_open_ = 0;  // spans whose begin was dropped
 };
@@ -92,6 +100,8 @@ class Trace {
   /// while threads record: it writes what was complete then. not_writable, disk_full, io.
   [[nodiscard]] Status write(const std::string& path) const;
   [[nodiscard]] std::uint64_t dropped() const;
+  /// From when on events are missing, on the bench clock; none: nothing was dropped.
+  [[nodiscard]] std::optional<std::int64_t> full_since_ns() const;
 
  private:
   mutable std::mutex mutex_;
@@ -104,7 +114,7 @@ inline void TraceThread::begin_at(TraceName name, std::int64_t t_ns) noexcept {
   // Room for this event, for its end, and for the ends of the spans that are open.
   if (dropped_open_ > 0 || count_.load(std::memory_order_relaxed) + open_ + 2 > capacity_) {
     ++dropped_open_;
-    drop();
+    drop(t_ns);
     return;
   }
   ++open_;
@@ -118,12 +128,12 @@ inline void TraceThread::end_at(TraceName name, std::int64_t t_ns) noexcept {
 #if RIGOR_TRACE
   if (dropped_open_ > 0) {
     --dropped_open_;
-    drop();
+    drop(t_ns);
   } else if (open_ > 0) {  // an end without a begin has no meaning, and would take a reserved place
     --open_;
     push({t_ns, 0, name, Kind::end});
   } else {
-    drop();
+    drop(t_ns);
   }
 #else
   (void)name, (void)t_ns;
@@ -133,7 +143,7 @@ inline void TraceThread::end_at(TraceName name, std::int64_t t_ns) noexcept {
 inline void TraceThread::single(Kind kind, TraceName name, std::int64_t t_ns, double value) noexcept {
 #if RIGOR_TRACE
   if (count_.load(std::memory_order_relaxed) + open_ + 1 > capacity_) {
-    drop();
+    drop(t_ns);
     return;
   }
   push({t_ns, value, name, kind});

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <stdexcept>
 #include <vector>
 
 namespace rigor {
@@ -185,6 +186,29 @@ TEST(Executive, CountsGridPointsWithinADuration) {
   EXPECT_EQ(cycles_in(seconds(10), milliseconds(1)), 10'000u);
   EXPECT_EQ(cycles_in(Duration(1), milliseconds(1)), 1u);
   EXPECT_EQ(cycles_in(Duration(0), milliseconds(1)), 0u);
+}
+
+TEST(Executive, IsArmedAgainAfterAHookThrew) {
+  struct ThrowsOnce final : ExecutiveHooks {
+    void before_cycle(BenchTime) override {
+      if (++calls == 3) throw std::runtime_error("no source answers");
+    }
+    int calls = 0;
+  } hooks;
+  Heartbeat heartbeat;
+  ExecutiveConfig config = virtual_config(5);
+  config.hooks = &hooks;
+  config.heartbeat = &heartbeat;
+  Executive loop(config);
+  ASSERT_TRUE(loop.add_step({.name = "app"}, kNothing));
+  ASSERT_TRUE(loop.arm());
+  StopSource stop;
+  EXPECT_THROW((void)loop.run(stop.token(), BenchTime{}), std::runtime_error);
+  EXPECT_EQ(loop.state(), Executive::State::armed);
+  EXPECT_EQ(heartbeat.stop_reason(), StopReason::failed);
+  const auto second = loop.run(stop.token(), BenchTime{});
+  ASSERT_TRUE(second) << second.error().text();
+  EXPECT_EQ(second->cycles_run, 5u);
 }
 
 }  // namespace

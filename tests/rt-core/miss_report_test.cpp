@@ -187,6 +187,24 @@ TEST(MissReport, TheRuleOnNumbers) {
   EXPECT_EQ(attribute(late, period), MissCause::host_steal);
 }
 
+TEST(MissReport, TheHostsShareIsReadOfEveryCpuOfALargeMachine) {
+  constexpr int kCpus = 512;
+  const std::string longest = " 18446744073709551615";
+  std::string stat = "cpu ";
+  for (int i = 0; i < 10; ++i) stat += longest;
+  for (int cpu = 0; cpu < kCpus; ++cpu) {
+    stat += "\ncpu" + std::to_string(cpu);
+    for (int i = 0; i < 7; ++i) stat += " 9223372036854775807";
+    stat += " " + std::to_string(1000 + cpu) + longest + longest;
+  }
+  EXPECT_LT(stat.size(), room_for_proc_stat(kCpus));
+  stat += "\nintr 1 2 3\n";
+  EXPECT_EQ(stolen_ticks(stat.c_str(), 0), 1000);
+  EXPECT_EQ(stolen_ticks(stat.c_str(), 51), 1051);
+  EXPECT_EQ(stolen_ticks(stat.c_str(), kCpus - 1), 1000 + kCpus - 1);
+  EXPECT_FALSE(stolen_ticks(stat.c_str(), kCpus));
+}
+
 TEST(MissReport, MissesBeyondTheRoomAreCounted) {
   ExecutiveConfig c = config();
   c.cycles = 40;

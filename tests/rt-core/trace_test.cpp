@@ -97,6 +97,25 @@ TEST_F(TraceTest, TheExecutiveTracesItsSteps) {
   EXPECT_EQ(begun, wakes);
 }
 
+TEST_F(TraceTest, HasRoomForTheWholeRunAndSaysSinceWhenItIsFull) {
+  Trace trace;
+  Executive loop({.clock = RunClock::virtual_time, .cycles = 100'000, .trace = &trace});
+  for (const char* name : {"a", "b", "c", "d"})
+    ASSERT_TRUE(loop.add_step({.name = name}, [](const CycleContext&) noexcept {}));
+  ASSERT_TRUE(loop.arm());
+  StopSource stop;
+  ASSERT_TRUE(loop.run(stop.token(), BenchTime{}));
+  EXPECT_EQ(trace.dropped(), 0u);
+  EXPECT_FALSE(trace.full_since_ns());
+
+  Trace small;
+  const TraceName name = small.name("x");
+  TraceThread& t = small.thread("t", 2);
+  for (const std::int64_t t_ns : {10, 20, 30, 40}) t.instant_at(name, t_ns);
+  EXPECT_EQ(small.dropped(), 2u);
+  EXPECT_EQ(small.full_since_ns(), 30);
+}
+
 TEST_F(TraceTest, SaysWhereItCannotBeWritten) {
   const Trace trace;
   const Status s = trace.write("/nowhere/at/all.json");
