@@ -21,7 +21,7 @@
 #include <string>
 #include <vector>
 
-#include "cli/world/world_assembly.h"
+#include "bench/world/world_assembly.h"
 #include "sim/render/view/view_renderer.h"
 #include "sim/world/semantic_types.h"
 #include "sim/world/store/world_file.h"

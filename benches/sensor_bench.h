@@ -17,7 +17,7 @@
 #include <thread>
 #include <vector>
 
-#include "cli/world/world_assembly.h"
+#include "bench/world/world_assembly.h"
 #include "sim/render/device.h"
 #include "sim/render/engine/content_window.h"
 

@@ -6,9 +6,9 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "cli/installed_configs.h"
+#include "bench/files/installed_configs.h"
+#include "bench/world/world_plugins.h"
 #include "cli/option_checks.h"
-#include "cli/world/world_plugins.h"
 #include "sensor-hal/config/did_you_mean.h"
 
 namespace rigor {

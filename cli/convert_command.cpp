@@ -4,13 +4,13 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
+#include "bench/console/progress.h"
+#include "bench/console/terminal.h"
+#include "bench/files/output_file.h"
+#include "bench/run/recording.h"
+#include "bench/sensing/sample_files.h"
 #include "cli/calibrate/recording_packets.h"
 #include "cli/commands.h"
-#include "cli/output_file.h"
-#include "cli/progress.h"
-#include "cli/recording.h"
-#include "cli/sensing/sample_files.h"
-#include "cli/terminal.h"
 #include "drivers/velodyne/pcap_file.h"
 #include "sensor-hal/record/recorder.h"
 

@@ -2,9 +2,9 @@
 
 #include <nlohmann/json.hpp>
 
-#include "cli/backends.h"
+#include "bench/console/terminal.h"
+#include "bench/run/backends.h"
 #include "cli/commands.h"
-#include "cli/terminal.h"
 
 namespace rigor {
 

@@ -2,11 +2,11 @@
 
 #include <nlohmann/json.hpp>
 
-#include "cli/backends.h"
+#include "bench/console/terminal.h"
+#include "bench/run/backends.h"
+#include "bench/run/machine_probe.h"
+#include "bench/sensing/simulation.h"
 #include "cli/commands.h"
-#include "cli/machine_probe.h"
-#include "cli/simulation.h"
-#include "cli/terminal.h"
 #include "rt-core/realtime_setup.h"
 
 namespace rigor {

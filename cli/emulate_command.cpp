@@ -7,11 +7,11 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "cli/backends.h"
+#include "bench/console/terminal.h"
+#include "bench/devices/device_world.h"
+#include "bench/run/backends.h"
 #include "cli/commands.h"
-#include "cli/device_world.h"
 #include "cli/overrides.h"
-#include "cli/terminal.h"
 #include "rt-core/executive.h"
 #include "sensor-hal/config/did_you_mean.h"
 

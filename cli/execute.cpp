@@ -12,15 +12,15 @@
 #include <thread>
 
 #include "apps/forest-localization/stem_map.h"
-#include "cli/fault_control.h"
-#include "cli/live/live_view.h"
-#include "cli/localization_error.h"
-#include "cli/progress.h"
-#include "cli/recording.h"
-#include "cli/report.h"
-#include "cli/run_result.h"
-#include "cli/terminal.h"
-#include "cli/typed_command.h"
+#include "bench/analysis/localization_error.h"
+#include "bench/console/progress.h"
+#include "bench/console/terminal.h"
+#include "bench/control/fault_control.h"
+#include "bench/live/live_view.h"
+#include "bench/report/report.h"
+#include "bench/report/typed_command.h"
+#include "bench/result/run_result.h"
+#include "bench/run/recording.h"
 #include "rt-core/affinity.h"
 #include "rt-core/trace.h"
 
@@ -86,6 +86,16 @@ Status write_trace(const Trace& trace, const ExecuteOptions& options) {
                       [&](const std::filesystem::path& part) { return trace.write(part.string()); });
 }
 
+/// `t0`: of the run; in virtual time, whose trace has the instants of the computer, none.
+std::string trace_warning(const std::filesystem::path& file, std::uint64_t dropped, std::int64_t since_ns,
+                          BenchTime t0) {
+  const std::string when =
+      t0.ns() > 0 ? fmt::format(" {:.1f} s into the run", static_cast<double>(since_ns - t0.ns()) * 1e-9)
+                  : "";
+  return fmt::format("{}: the trace was full{}: {} events are not in it; trace a shorter run (--duration)",
+                     file.string(), when, dropped);
+}
+
 }  // namespace
 
 int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
@@ -102,7 +112,7 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     if (auto s = run.arm(stop); !s) return report_error(s.error(), options.json);
   }
   std::vector<std::string> warnings = run.warnings();
-  for (const std::string& w : warnings) say("rigor: warning: {}\n", w);
+  for (const std::string& w : warnings) write_stderr(fmt::format("rigor: warning: {}\n", w));
   const EpochPair epoch = options.epoch ? *options.epoch : virtual_time ? kVirtualEpoch : read_epoch();
   const std::string engine = assembly.simulation ? assembly.simulation->engine() : "";
   ControlCommands commands;
@@ -178,9 +188,14 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   run.set_live(nullptr);
   control.reset();
   // What came up during the run: devices that refused, clocks that did not settle.
-  for (std::string& w : run.warnings()) {
+  std::vector<std::string> late_warnings = run.warnings();
+  if (trace)
+    if (const auto since_ns = trace->full_since_ns())
+      late_warnings.push_back(
+          trace_warning(options.trace, trace->dropped(), *since_ns, virtual_time ? BenchTime{} : t0));
+  for (std::string& w : late_warnings) {
     if (std::find(warnings.begin(), warnings.end(), w) != warnings.end()) continue;
-    say("rigor: warning: {}\n", w);
+    write_stderr(fmt::format("rigor: warning: {}\n", w));
     warnings.push_back(std::move(w));
   }
   std::optional<ProgressTask> closing(std::in_place, "close the devices and the recording");
@@ -249,7 +264,7 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   if (!facts.emulators.empty()) status = 1;
   if (stays) {
     std::fflush(stdout);
-    say("live      {} stays until Ctrl-C\n", options.live->url());
+    write_stderr(fmt::format("live      {} stays until Ctrl-C\n", options.live->url()));
     while (!stop.stop_requested()) std::this_thread::sleep_for(std::chrono::milliseconds(50));
   }
   const StopReason reason = outcome->loop.reason;

@@ -6,9 +6,9 @@
 #include <optional>
 #include <string>
 
-#include "cli/assembly.h"
-#include "cli/output_file.h"
-#include "cli/verdict.h"
+#include "bench/files/output_file.h"
+#include "bench/result/verdict.h"
+#include "bench/run/assembly.h"
 #include "rt-core/epoch.h"
 #include "rt-core/stop.h"
 

@@ -3,9 +3,9 @@
 
 #include <nlohmann/json.hpp>
 
+#include "bench/console/terminal.h"
+#include "bench/control/control_socket.h"
 #include "cli/commands.h"
-#include "cli/control_socket.h"
-#include "cli/terminal.h"
 
 namespace rigor {
 namespace {

@@ -6,11 +6,11 @@
 
 #include <nlohmann/json.hpp>
 
+#include "bench/console/progress.h"
+#include "bench/console/terminal.h"
+#include "bench/files/output_file.h"
 #include "cli/calibrate/recording_packets.h"
 #include "cli/commands.h"
-#include "cli/output_file.h"
-#include "cli/progress.h"
-#include "cli/terminal.h"
 #include "drivers/velodyne/pcap_file.h"
 #include "drivers/velodyne/pcap_report.h"
 #include "sensor-hal/record/inspect.h"
@@ -137,9 +137,9 @@ Result<record::RecordingReport> inspect_all(const std::string& file) {
 }
 
 /// What is damaged is told as far as it goes, and is an error.
-int report_damage(const std::string& file, const record::Health& health, bool json) {
+int report_damage(const std::string& file, const record::Health& health, bool as_json) {
   std::fflush(stdout);
-  if (json) return 1;
+  if (as_json) return 1;
   const std::size_t more = health.notes.size() > 1 ? health.notes.size() - 1 : 0;
   return report_error(
       {ErrorCode::protocol, file,

@@ -3,12 +3,12 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/forest-localization/stem_map.h"
+#include "bench/analysis/localization_error.h"
+#include "bench/console/progress.h"
+#include "bench/console/terminal.h"
+#include "bench/files/output_file.h"
+#include "bench/page/page.h"
 #include "cli/commands.h"
-#include "cli/localization_error.h"
-#include "cli/output_file.h"
-#include "cli/page.h"
-#include "cli/progress.h"
-#include "cli/terminal.h"
 
 namespace rigor {
 

@@ -1,5 +1,6 @@
 // `rigor`: parses the command line and calls the command. All that CLI11 costs in compile time is paid here,
 // once.
+#include <fmt/format.h>
 #include <algorithm>
 #include <cstdio>
 #include <exception>
@@ -8,12 +9,12 @@
 #include <string_view>
 #include <vector>
 
+#include "bench/console/progress.h"
+#include "bench/console/terminal.h"
+#include "bench/files/installed_configs.h"
 #include "cli/calibrate/calibrate_cli.h"
 #include "cli/commands.h"
-#include "cli/installed_configs.h"
 #include "cli/option_checks.h"
-#include "cli/progress.h"
-#include "cli/terminal.h"
 #include "cli/world/world_cli.h"
 
 namespace {
@@ -302,13 +303,13 @@ int command_line(int argc, char** argv) {
     if (*devices_app) return rigor::devices_command(devices);
     return rigor::doctor_command(doctor);
   } catch (const std::bad_alloc&) {
-    rigor::say(
+    rigor::write_stderr(
         "rigor: this machine's memory is used up; choose smaller pictures, fewer channels or a smaller "
         "world\n");
     return 1;
   } catch (const std::exception& e) {
     if (std::ferror(stdout) != 0) return 1;  // it did not take what was printed; finish_stdout says so
-    rigor::say("rigor: a defect of Rigor, please report it: {}\n", e.what());
+    rigor::write_stderr(fmt::format("rigor: a defect of Rigor, please report it: {}\n", e.what()));
     return 1;
   }
 }

@@ -22,7 +22,7 @@ inline constexpr double kLongestRun_s = 1e7;
 /// digits.
 [[nodiscard]] CLI::Validator number_within(NumberLimits limits);
 
-/// `--plugin FILE.so`, to commands that open a world (cli/world/world_plugins.h).
+/// `--plugin FILE.so`, to commands that open a world (bench/world/world_plugins.h).
 void add_plugins(CLI::App* app);
 
 /// What is wrong with the first of the words that should name a command and names none, with the commands

@@ -3,10 +3,10 @@
 
 #include <nlohmann/json.hpp>
 
+#include "bench/console/terminal.h"
+#include "bench/control/control_socket.h"
+#include "bench/control/pair_snapshot.h"
 #include "cli/commands.h"
-#include "cli/control_socket.h"
-#include "cli/pair_snapshot.h"
-#include "cli/terminal.h"
 
 namespace rigor {
 namespace {

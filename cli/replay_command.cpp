@@ -1,16 +1,16 @@
-#include "sensor-hal/channel/replay_source.h"
+#include "sensor-hal/record/replay_source.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "bench/console/progress.h"
+#include "bench/console/terminal.h"
+#include "bench/report/report.h"
+#include "bench/run/recording.h"
 #include "cli/commands.h"
 #include "cli/execute.h"
-#include "cli/live/open_live.h"
+#include "cli/open_live.h"
 #include "cli/overrides.h"
-#include "cli/progress.h"
-#include "cli/recording.h"
-#include "cli/report.h"
-#include "cli/terminal.h"
 #include "sensor-hal/channel/worker_pool.h"
 
 namespace rigor {
@@ -82,9 +82,10 @@ int replay_command(const ReplayOptions& options) {
   auto recorded = read_recorded_run(options.recording);
   if (!recorded) return report_error(recorded.error(), options.json);
   if (recorded->dropped > 0)
-    say("rigor: warning: {}: its recorder had to skip {} samples; what the application saw of them is not "
+    write_stderr(fmt::format(
+        "rigor: warning: {}: its recorder had to skip {} samples; what the application saw of them is not "
         "there to be seen again\n",
-        options.recording.string(), recorded->dropped);
+        options.recording.string(), recorded->dropped));
   auto recording = Recording::open(options.recording.string());
   if (!recording) return report_error(recording.error(), options.json);
   reading.reset();

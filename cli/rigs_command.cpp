@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "bench/console/terminal.h"
+#include "bench/files/installed_configs.h"
 #include "cli/commands.h"
-#include "cli/installed_configs.h"
-#include "cli/terminal.h"
 
 namespace rigor {
 

@@ -1,17 +1,17 @@
 #include <optional>
 
-#include "cli/assembly.h"
-#include "cli/backends.h"
+#include "bench/console/progress.h"
+#include "bench/console/terminal.h"
+#include "bench/control/fault_control.h"
+#include "bench/devices/emulator_process.h"
+#include "bench/report/report.h"
+#include "bench/run/assembly.h"
+#include "bench/run/backends.h"
+#include "bench/run/recording.h"
 #include "cli/commands.h"
-#include "cli/emulator_process.h"
 #include "cli/execute.h"
-#include "cli/fault_control.h"
-#include "cli/live/open_live.h"
+#include "cli/open_live.h"
 #include "cli/overrides.h"
-#include "cli/progress.h"
-#include "cli/recording.h"
-#include "cli/report.h"
-#include "cli/terminal.h"
 #include "sensor-hal/channel/fault_bench.h"
 
 namespace rigor {

@@ -9,18 +9,18 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "bench/console/progress.h"
+#include "bench/console/terminal.h"
+#include "bench/files/output_file.h"
+#include "bench/files/picture_file.h"
+#include "bench/sensing/inertial.h"
+#include "bench/sensing/sample_files.h"
+#include "bench/sensing/sample_json.h"
+#include "bench/sensing/simulation.h"
+#include "bench/tune/engine_choices.h"
 #include "cli/commands.h"
-#include "cli/output_file.h"
 #include "cli/overrides.h"
-#include "cli/picture_file.h"
-#include "cli/progress.h"
-#include "cli/sensing/inertial.h"
-#include "cli/sensing/sample_files.h"
-#include "cli/sensing/sample_json.h"
-#include "cli/simulation.h"
-#include "cli/terminal.h"
-#include "cli/tune/engine_choices.h"
-#include "sensor-hal/config/rig.h"
+#include "sensor-hal/rig/rig.h"
 
 namespace rigor {
 namespace {

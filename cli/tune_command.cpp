@@ -2,13 +2,13 @@
 
 #include <nlohmann/json.hpp>
 
+#include "bench/console/progress.h"
+#include "bench/console/terminal.h"
+#include "bench/files/output_file.h"
+#include "bench/tune/engine_choices.h"
+#include "bench/tune/tuner.h"
 #include "cli/commands.h"
-#include "cli/output_file.h"
 #include "cli/overrides.h"
-#include "cli/progress.h"
-#include "cli/terminal.h"
-#include "cli/tune/engine_choices.h"
-#include "cli/tune/tuner.h"
 
 namespace rigor {
 namespace {

@@ -155,8 +155,8 @@ function(rigor_test NAME)
   endif()
 endfunction()
 
-# rigor_bench(NAME SOURCES... LINKS...): build/<preset>/benches/NAME, each takes --json FILE.
-function(rigor_bench NAME)
+# rigor_benchmark(NAME SOURCES... LINKS...): build/<preset>/benches/NAME, each takes --json FILE.
+function(rigor_benchmark NAME)
   cmake_parse_arguments(ARG "" "" "SOURCES;LINKS" ${ARGN})
   add_executable(${NAME} ${ARG_SOURCES})
   target_link_libraries(${NAME} PRIVATE rigor_options ${ARG_LINKS})

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """Checks that includes only run along the arrows of docs/architecture.md.
 
-Five rules, over every C++ and GLSL source of the tree:
+Six rules, over every C++ and GLSL source of the tree:
   direction  a file includes only its own component and those that ALLOWED gives its component
   root       a quoted include is a path from the repository's root that exists, or what the build makes of a shader (X.frag.inc)
   rt-core    rt-core includes only itself, the standard library, the compiler, Linux, readerwriterqueue and tl::expected
   vendor     a public header does not include a vendor's header, not even through another header; public is
              what another component of the program includes (tests and benches may look inside)
+  circle     the rooms of a component in ROOMS, which are its folders, do not include each other in circles
   length     over 600 lines is a note, never a failure
 
 `--self-test` plants one violation of each rule in a tree of its own and fails when one is not found.
@@ -33,11 +34,13 @@ ALLOWED = {
     "sim/platform": SIM_BASE | {"sim/render"},
     "sim/nature": SIM_BASE | {"sim/render"},
     "sim/gis": SIM_BASE | {"sim/render"},
+    "bench": SIM_BASE | {"sim/render", "sim/sensors", "sim/platform", "sim/nature", "sim/gis", "drivers", "apps"},
     "cli": EVERYTHING,
     "tests": EVERYTHING,
     "benches": EVERYTHING,
 }
 ONE_EACH = ("drivers", "apps")
+ROOMS = ("bench", "sensor-hal")
 LOOKS_INSIDE = ("tests", "benches")
 SUFFIXES = (".h", ".hpp", ".cpp", ".glsl", ".comp", ".vert", ".frag")
 LENGTH_NOTE = 600
@@ -70,10 +73,14 @@ def component_of(path):
     return None
 
 
+def family(component):
+    first = component.split("/")[0]
+    return first if first in ONE_EACH else component
+
+
 def allows(includer, included):
-    family = includer.split("/")[0] if includer.split("/")[0] in ONE_EACH else includer
-    allowed = ALLOWED[family]
-    return includer == included or allowed is EVERYTHING or included in allowed
+    allowed = ALLOWED[family(includer)]
+    return includer == included or allowed is EVERYTHING or family(included) in allowed
 
 
 def may_include_in_rt_core(header):
@@ -131,6 +138,8 @@ class Tree:
                     public.add(target)
         self.check_rt_core()
         self.check_vendor(public)
+        for component in ROOMS:
+            self.check_circles(component)
         return self.errors
 
     def is_compiled_shader(self, target, component):
@@ -145,6 +154,35 @@ class Tree:
             for line, header in includes:
                 if not may_include_in_rt_core(header):
                     self.error(file, line, "rt-core", f"rt-core must not include <{header}>")
+
+    def check_circles(self, component):
+        """One error for each include of a circle of rooms."""
+        def room(path):
+            parts = path.removeprefix(component + "/").split("/")
+            return parts[0] if path.startswith(component + "/") and len(parts) > 1 else None
+
+        ways = {}  # room -> {room that it includes: [(file, line)]}
+        for file, includes in self.quoted.items():
+            for line, target in includes:
+                if room(file) and room(target) and room(file) != room(target):
+                    ways.setdefault(room(file), {}).setdefault(room(target), []).append((file, line))
+
+        def leads(start, end):
+            seen, todo = set(), [start]
+            while todo:
+                here = todo.pop()
+                if here == end:
+                    return True
+                if here not in seen:
+                    seen.add(here)
+                    todo += ways.get(here, {})
+            return False
+
+        for start, ends in ways.items():
+            for end, places in ends.items():
+                if leads(end, start):
+                    for file, line in places:
+                        self.error(file, line, "circle", f"{component}/{end} includes {component}/{start}, too")
 
     def check_vendor(self, public):
         for header in sorted(public):
@@ -182,6 +220,9 @@ def self_test():
         "sim/world/w.h": '#include "sensor-hal/channel/c.h"\n',
         "sim/render/r.cpp": '#include "sim/world/w.h"\n#include <vulkan/vulkan.h>\n#include "sky.frag.inc"\n',
         "sim/render/shaders/sky.frag": "void main() {}\n",
+        "bench/run/run.cpp": '#include "bench/files/file.h"\n#include "drivers/can/can.h"\n',
+        "bench/files/file.h": '#include "rt-core/a.h"\n',
+        "bench/run/run.h": '#include "sensor-hal/channel/c.h"\n',
         "cli/main.cpp": '#include "drivers/can/can.h"\n#include "sim/world/w.h"\n#include <CLI/CLI.hpp>\n',
     }
     planted = [  # (rule, file, text): each must be found, in that file
@@ -193,6 +234,8 @@ def self_test():
         ("root", "sim/sensors/s.cpp", '#include "../world/w.h"\n'),
         ("root", "sim/sensors/t.cpp", '#include "sim/world/missing.h"\n'),
         ("root", "sim/sensors/u.cpp", '#include "sky.frag.inc"\n'),
+        ("direction", "bench/run/up.cpp", '#include "cli/command.h"\n'),
+        ("circle", "bench/files/file.cpp", '#include "bench/run/run.h"\n'),
         ("rt-core", "rt-core/log.cpp", "#include <spdlog/spdlog.h>\n"),
         ("vendor", "drivers/modbus/m.h", "#include <modbus/modbus.h>\n"),
         ("vendor", "sensor-hal/record/outer.h", '#include "sensor-hal/record/inner.h"\n'),
@@ -200,6 +243,7 @@ def self_test():
     helpers = {
         "sim/render/shade.glsl": "float shade() { return 1.0; }\n",
         "sensor-hal/record/inner.h": "#include <zstd.h>\n",
+        "cli/command.h": "int command();\n",
         "cli/wire.cpp": '#include "drivers/modbus/m.h"\n#include "sensor-hal/record/outer.h"\n',
     }
 

@@ -69,7 +69,7 @@ log_file() {
 list_sources() {
   local -a folders=()
   local folder
-  for folder in rt-core sensor-hal sim drivers calibration cli apps benches tests; do
+  for folder in rt-core sensor-hal sim drivers calibration bench cli apps benches tests; do
     [[ ! -d $folder ]] || folders+=("$folder")
   done
   find "${folders[@]}" -name node_modules -prune -o -type f \

@@ -7,10 +7,10 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "bench/console/progress.h"
+#include "bench/files/output_file.h"
+#include "bench/files/picture.h"
 #include "cli/calibrate/recording_input.h"
-#include "cli/output_file.h"
-#include "cli/picture.h"
-#include "cli/progress.h"
 
 namespace rigor {
 namespace {

@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "bench/console/terminal.h"
 #include "calibration/core/figures.h"
 #include "calibration/core/fit_output.h"
 #include "cli/command_options.h"
-#include "cli/terminal.h"
 #include "rt-core/result.h"
 
 namespace CLI {

@@ -8,10 +8,10 @@
 #include <memory>
 #include <sstream>
 
+#include "bench/files/output_file.h"
+#include "bench/page/page.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/figure_svg.h"
-#include "cli/output_file.h"
-#include "cli/page.h"
 
 namespace rigor {
 namespace {

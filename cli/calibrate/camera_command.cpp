@@ -3,13 +3,13 @@
 #include <cmath>
 #include <memory>
 
+#include "bench/console/progress.h"
 #include "calibration/camera/camera_fit.h"
 #include "calibration/camera/chromatic.h"
 #include "calibration/camera/rolling_shutter.h"
 #include "cli/calibrate/board_twin.h"
 #include "cli/calibrate/board_views.h"
 #include "cli/calibrate/calibrate.h"
-#include "cli/progress.h"
 #include "rt-core/stop.h"
 
 namespace rigor {

@@ -8,12 +8,12 @@
 #include <memory>
 #include <optional>
 
+#include "bench/console/progress.h"
+#include "bench/files/picture.h"
 #include "calibration/pair/board_pose.h"
 #include "calibration/pair/time_offset.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/recording_input.h"
-#include "cli/picture.h"
-#include "cli/progress.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/models/camera_yaml.h"
 

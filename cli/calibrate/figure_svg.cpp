@@ -7,8 +7,8 @@
 #include <cmath>
 #include <limits>
 
-#include "cli/page.h"
-#include "cli/svg.h"
+#include "bench/page/page.h"
+#include "bench/page/svg.h"
 
 namespace rigor {
 namespace {

@@ -5,11 +5,11 @@
 #include <cstring>
 #include <numbers>
 
+#include "bench/console/progress.h"
 #include "calibration/lidar/lidar_fit.h"
 #include "calibration/tof/twin.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/recording_input.h"
-#include "cli/progress.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/config/yaml.h"
 #include "sensor-hal/models/lidar/lidar_yaml.h"

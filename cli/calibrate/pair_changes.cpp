@@ -6,7 +6,7 @@
 #include <cmath>
 #include <vector>
 
-#include "cli/pair_watches.h"
+#include "bench/run/pair_watches.h"
 #include "sensor-hal/channel/pair_watch/pair_watch.h"
 
 namespace rigor {

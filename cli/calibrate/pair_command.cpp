@@ -6,11 +6,11 @@
 #include <limits>
 #include <memory>
 
+#include "bench/console/progress.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/pair_changes.h"
 #include "cli/calibrate/pair_input.h"
 #include "cli/calibrate/pair_sheet.h"
-#include "cli/progress.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/channel/pair_values.h"
 #include "sensor-hal/models/camera_yaml.h"

@@ -5,10 +5,10 @@
 
 #include <map>
 
-#include "cli/recording.h"
-#include "cli/sensing/mount.h"
-#include "sensor-hal/config/rig.h"
+#include "bench/run/recording.h"
+#include "bench/sensing/mount.h"
 #include "sensor-hal/record/sample_codec.h"
+#include "sensor-hal/rig/rig.h"
 
 namespace rigor {
 namespace {

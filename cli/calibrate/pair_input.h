@@ -11,7 +11,7 @@
 
 #include "calibration/pair/pair_model.h"
 #include "rt-core/result.h"
-#include "sensor-hal/config/rig.h"
+#include "sensor-hal/rig/rig.h"
 
 namespace rigor {
 

@@ -5,11 +5,11 @@
 #include <optional>
 #include <set>
 
+#include "bench/console/progress.h"
 #include "calibration/photon/photon_fit.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/photon_figures.h"
 #include "cli/calibrate/photon_input.h"
-#include "cli/progress.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/models/camera_yaml.h"
 

@@ -3,11 +3,11 @@
 #include <cmath>
 #include <memory>
 
+#include "bench/console/progress.h"
+#include "bench/files/output_file.h"
 #include "calibration/camera/stereo_fit.h"
 #include "cli/calibrate/board_views.h"
 #include "cli/calibrate/calibrate.h"
-#include "cli/output_file.h"
-#include "cli/progress.h"
 #include "sensor-hal/models/camera_yaml.h"
 
 namespace rigor {

@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 
+#include "bench/console/progress.h"
 #include "calibration/tof/drift_fit.h"
 #include "calibration/tof/range_fit.h"
 #include "calibration/tof/saturation.h"
@@ -15,7 +16,6 @@
 #include "cli/calibrate/tof_inputs.h"
 #include "cli/calibrate/tof_lens.h"
 #include "cli/calibrate/tof_sheet.h"
-#include "cli/progress.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/models/camera_model.h"
 #include "sensor-hal/models/tof/tof_yaml.h"

@@ -4,10 +4,10 @@
 
 #include <cmath>
 
+#include "bench/console/progress.h"
+#include "bench/console/terminal.h"
 #include "calibration/tof/lens.h"
 #include "cli/calibrate/tof_inputs.h"
-#include "cli/progress.h"
-#include "cli/terminal.h"
 
 namespace rigor {
 namespace {

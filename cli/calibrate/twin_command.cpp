@@ -7,11 +7,11 @@
 #include <map>
 #include <memory>
 
+#include "bench/console/progress.h"
+#include "bench/files/picture.h"
 #include "calibration/pair/twin_difference.h"
 #include "cli/calibrate/calibrate.h"
 #include "cli/calibrate/recording_input.h"
-#include "cli/picture.h"
-#include "cli/progress.h"
 #include "rt-core/stop.h"
 
 namespace rigor {

@@ -1,7 +1,7 @@
 #include "cli/world/world_cli.h"
 
+#include "bench/files/installed_configs.h"
 #include "cli/commands.h"
-#include "cli/installed_configs.h"
 #include "cli/option_checks.h"
 #include "cli/world/world_commands.h"
 

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "cli/terminal.h"
-#include "cli/world/world_assembly.h"
+#include "bench/console/terminal.h"
+#include "bench/world/world_assembly.h"
 #include "cli/world/world_commands.h"
 #include "sim/nature/trees/stem_shape.h"
 #include "sim/world/semantic_types.h"

@@ -4,9 +4,9 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "cli/progress.h"
-#include "cli/terminal.h"
-#include "cli/world/world_assembly.h"
+#include "bench/console/progress.h"
+#include "bench/console/terminal.h"
+#include "bench/world/world_assembly.h"
 #include "cli/world/world_commands.h"
 #include "sim/gis/import.h"
 #include "sim/world/store/world_file.h"

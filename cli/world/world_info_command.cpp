@@ -6,8 +6,8 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "cli/terminal.h"
-#include "cli/world/world_assembly.h"
+#include "bench/console/terminal.h"
+#include "bench/world/world_assembly.h"
 #include "cli/world/world_commands.h"
 #include "sim/world/semantic_types.h"
 

@@ -10,13 +10,13 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "bench/console/progress.h"
+#include "bench/console/terminal.h"
+#include "bench/files/output_file.h"
+#include "bench/files/picture.h"
+#include "bench/files/picture_file.h"
+#include "bench/world/world_assembly.h"
 #include "cli/commands.h"
-#include "cli/output_file.h"
-#include "cli/picture.h"
-#include "cli/picture_file.h"
-#include "cli/progress.h"
-#include "cli/terminal.h"
-#include "cli/world/world_assembly.h"
 #include "sim/gis/import.h"
 #include "sim/nature/trees/allometry.h"
 #include "sim/render/engine/content_window.h"
@@ -356,9 +356,9 @@ int world_render_command(const WorldRenderOptions& o) {
   }
   constexpr std::size_t kShown = 10;
   for (std::size_t i = 0; i < std::min(kShown, drawn->warnings.size()); ++i)
-    say("warning: {}\n", drawn->warnings[i]);
+    write_stderr(fmt::format("warning: {}\n", drawn->warnings[i]));
   if (drawn->warnings.size() > kShown)
-    say("warning: {} more; --json lists them all\n", drawn->warnings.size() - kShown);
+    write_stderr(fmt::format("warning: {} more; --json lists them all\n", drawn->warnings.size() - kShown));
   fmt::print(
       "{}: {}x{}, eye at {:.1f} {:.1f} {:.1f} m, {} of {} instances, {} triangles, {:.0f} ms to draw, {}\n",
       o.output.string(), drawn->picture.width_px, drawn->picture.height_px, eye.x(), eye.y(), eye.z(),

@@ -6,9 +6,9 @@
 #include <cstring>
 #include <numbers>
 
-#include "cli/assembly.h"
-#include "cli/backends.h"
-#include "cli/bench_run.h"
+#include "bench/run/assembly.h"
+#include "bench/run/backends.h"
+#include "bench/run/bench_run.h"
 #include "cli/overrides.h"
 #include "sensor-hal/channel/worker_pool.h"
 #include "sim/platform/platform.h"

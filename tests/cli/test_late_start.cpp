@@ -4,8 +4,8 @@
 #include <chrono>
 #include <thread>
 
+#include "bench/run/recording.h"
 #include "cli/execute.h"
-#include "cli/recording.h"
 #include "sensor-hal/channel/worker_pool.h"
 #include "tests/cli/command.h"
 

@@ -9,7 +9,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "sensor-hal/config/rig.h"
+#include "sensor-hal/rig/rig.h"
 #include "tests/cli/command.h"
 
 namespace rigor::test {

@@ -1,5 +1,5 @@
 // Platforms in whole runs: commands, rides, buses, trees that fall.
-#include "cli/platforms.h"
+#include "bench/motion/platforms.h"
 
 #include <gtest/gtest.h>
 
@@ -7,9 +7,9 @@
 #include <cstring>
 #include <numbers>
 
-#include "cli/assembly.h"
-#include "cli/backends.h"
-#include "cli/bench_run.h"
+#include "bench/run/assembly.h"
+#include "bench/run/backends.h"
+#include "bench/run/bench_run.h"
 #include "sensor-hal/channel/worker_pool.h"
 #include "sim/platform/ground.h"
 #include "sim/platform/harvester.h"

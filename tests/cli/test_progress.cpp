@@ -1,5 +1,5 @@
 // What is said of work that takes long: speed and time left by an injected clock, and as programs meet it.
-#include "cli/progress.h"
+#include "bench/console/progress.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

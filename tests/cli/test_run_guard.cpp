@@ -1,45 +1,55 @@
-// The demo's own loop under the guard: real channels, recorder, digest, application, and nothing in it that
-// could wait.
+// Loops under the guard, with their channels, recorder, digest and application: the demo's and that with
+// faults by the wall clock, which do not allocate, lock, fault or block; and that of every rig in virtual
+// time, which does not allocate.
 #include <gtest/gtest.h>
 
 #include <functional>
 #include <thread>
 
-#include "cli/assembly.h"
-#include "cli/backends.h"
-#include "cli/recording.h"
+#include "bench/run/assembly.h"
+#include "bench/run/backends.h"
+#include "bench/run/recording.h"
 #include "rt-core/realtime_guard.h"
 #include "sensor-hal/channel/fault_bench.h"
 #include "tests/cli/command.h"
+#include "tests/cli/rigs_of_the_tree.h"
 
 namespace rigor {
 namespace {
 
-/// Two seconds of a rig on the wall clock; `meanwhile` runs on a thread of its own.
-void run_under_guard(const std::string& file, const std::function<void(RunParts&)>& meanwhile = {}) {
+/// `length` of a rig by its clock or this one; `meanwhile` runs on a thread of its own.
+void run_under_guard(const std::string& file, ClockKind clock, Duration length,
+                     const std::function<void(RunParts&)>& meanwhile = {},
+                     const std::vector<ConfigOverride>& overrides = {}) {
   test::TempDir dir;
-  auto rig = load_rig(test::config(file), {});
+  auto rig = load_rig(test::config(file), overrides);
   ASSERT_TRUE(rig) << rig.error().text();
-  rig->duration = seconds(2);
+  rig->clock = clock;
+  const bool wall = clock == ClockKind::wall;
+  rig->duration = length;
   rig->record.file = dir / "run.mcap";
   const Registry registry = make_registry();
-  auto devices = DeviceWorld::open(*rig);
-  ASSERT_TRUE(devices) << devices.error().text();
+  std::unique_ptr<DeviceWorld> devices;
   std::vector<std::unique_ptr<Emulator>> emulators;
-  for (const EmulatorEntry& entry : rig->emulators) {
-    auto emulator = (*devices)->start_emulator(entry, registry, bench_now());
-    ASSERT_TRUE(emulator) << emulator.error().text();
-    emulators.push_back(std::move(*emulator));
+  if (wall) {
+    auto opened = DeviceWorld::open(*rig);
+    ASSERT_TRUE(opened) << opened.error().text();
+    devices = std::move(*opened);
+    for (const EmulatorEntry& entry : rig->emulators) {
+      auto emulator = devices->start_emulator(entry, registry, bench_now());
+      ASSERT_TRUE(emulator) << emulator.error().text();
+      emulators.push_back(std::move(*emulator));
+    }
   }
   auto assembly = assemble(std::move(*rig), registry);
   ASSERT_TRUE(assembly) << assembly.error().text();
   RunParts& parts = (*assembly)->parts;
   BenchRun run(parts, nullptr);
   ASSERT_TRUE(run.arm());
-  const BenchTime t0 = bench_now() + seconds(1);
+  const BenchTime t0 = wall ? bench_now() + seconds(1) : BenchTime{};
   auto output = RecordingFile::create(parts.rig.record.file, Existing::replace);
   ASSERT_TRUE(output) << output.error().text();
-  auto recorder = open_recording(parts, *output, t0, read_epoch(), {});
+  auto recorder = open_recording(parts, *output, t0, wall ? read_epoch() : kVirtualEpoch, {});
   ASSERT_TRUE(recorder) << recorder.error().text();
   run.set_recorder(recorder->get());
   const Status installed = guard::install();
@@ -52,22 +62,26 @@ void run_under_guard(const std::string& file, const std::function<void(RunParts&
   const guard::Report report = guard::report();
   guard::uninstall();
   ASSERT_TRUE(outcome) << outcome.error().text();
-  EXPECT_GT(outcome->loop.cycles_run, 500u);
+  EXPECT_GT(outcome->loop.cycles_run, wall ? 500u : 0u);
   EXPECT_EQ(report.allocations, 0u) << report.text();
-  EXPECT_EQ(report.locks, 0u) << report.text();
-  EXPECT_EQ(report.system_calls, 0u) << report.text();
-  bool locked = false;
-  for (const RealtimeSetting& s : outcome->loop.settings) locked |= s.name == "memory lock" && s.granted;
-  EXPECT_TRUE(!locked || report.page_faults == 0) << report.text();
+  if (wall) {  // in virtual time the loop waits for its devices and its recorder
+    EXPECT_EQ(report.locks, 0u) << report.text();
+    EXPECT_EQ(report.system_calls, 0u) << report.text();
+    bool locked = false;
+    for (const RealtimeSetting& s : outcome->loop.settings) locked |= s.name == "memory lock" && s.granted;
+    EXPECT_TRUE(!locked || report.page_faults == 0) << report.text();
+  }
   EXPECT_TRUE(run.stop());
   EXPECT_TRUE((*recorder)->stop());
   for (auto& e : emulators) EXPECT_TRUE(e->stop());
 }
 
-TEST(RunGuard, TheDemosLoopDoesNotAllocateLockFaultOrBlock) { run_under_guard("demo.yaml"); }
+TEST(RunGuard, TheDemosLoopDoesNotAllocateLockFaultOrBlock) {
+  run_under_guard("demo.yaml", ClockKind::wall, seconds(2));
+}
 
 TEST(RunGuard, NorDoesALoopWithFaultsScheduledAndInjected) {
-  run_under_guard("rigs/faults.yaml", [](RunParts& parts) {
+  run_under_guard("rigs/faults.yaml", ClockKind::wall, seconds(2), [](RunParts& parts) {
     const auto inject = [&](const std::string& channel, const std::string& yaml) {
       const auto node = ConfigDocument::parse(yaml, "fault");
       ASSERT_TRUE(node);
@@ -90,6 +104,18 @@ TEST(RunGuard, NorDoesALoopWithFaultsScheduledAndInjected) {
     }
   });
 }
+
+// In virtual time, in which every rig runs on every machine.
+class RunGuardOfRigs : public testing::TestWithParam<test::Rig> {};
+
+TEST_P(RunGuardOfRigs, TheLoopDoesNotAllocate) {
+  std::vector<ConfigOverride> overrides;
+  // In place of `rigor tune`, which writes beside the rig.
+  if (GetParam().path == "rigs/tuned-scan.yaml")
+    overrides.push_back(*ConfigOverride::parse("channels.scan.engine=rays"));
+  run_under_guard(GetParam().path, ClockKind::virtual_time, milliseconds(100), {}, overrides);
+}
+INSTANTIATE_TEST_SUITE_P(Tree, RunGuardOfRigs, testing::ValuesIn(test::rigs()), test::name_of);
 
 }  // namespace
 }  // namespace rigor

@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "cli/device_signals.h"
+#include "bench/sensing/device_signals.h"
 #include "tests/cli/runs_fixture.h"
 
 namespace rigor::test {

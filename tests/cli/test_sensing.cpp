@@ -12,7 +12,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "sensor-hal/channel/replay_source.h"
+#include "sensor-hal/record/replay_source.h"
 #include "tests/cli/sensing_fixture.h"
 
 namespace rigor::test {

@@ -5,8 +5,8 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "cli/tune/lock_file.h"
-#include "cli/tune/tuner.h"
+#include "bench/tune/lock_file.h"
+#include "bench/tune/tuner.h"
 #include "tests/cli/sensing_fixture.h"
 
 namespace rigor::test {

@@ -5,8 +5,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "cli/live/access.h"
-#include "cli/live/hub.h"
+#include "bench/live/access.h"
+#include "bench/live/hub.h"
 
 namespace {
 

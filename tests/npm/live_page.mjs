@@ -112,6 +112,38 @@ const liveState = (page) =>
       }),
   );
 
+/// What the run answers to a command of the socket (docs/faults.md), asked for over the page's port.
+const command = (page, request) =>
+  page.evaluate(
+    (asked) =>
+      new Promise((resolve, reject) => {
+        const socket = new WebSocket(`ws://${location.host}`, ["foxglove.websocket.v1"]);
+        socket.binaryType = "arraybuffer";
+        socket.onerror = () => reject(new Error("no connection"));
+        socket.onmessage = ({ data }) => {
+          if (typeof data === "string") {
+            const message = JSON.parse(data);
+            const service = message.op === "advertiseServices" && message.services.find((s) => s.name === "rigor/control");
+            if (!service) return;
+            const encoding = new TextEncoder().encode("json"), payload = new TextEncoder().encode(asked);
+            const bytes = new Uint8Array(13 + encoding.length + payload.length), view = new DataView(bytes.buffer);
+            view.setUint8(0, 2); // a call of a service
+            view.setUint32(1, service.id, true);
+            view.setUint32(5, 1, true);
+            view.setUint32(9, encoding.length, true);
+            bytes.set(encoding, 13);
+            bytes.set(payload, 13 + encoding.length);
+            return socket.send(bytes);
+          }
+          const view = new DataView(data);
+          if (view.getUint8(0) !== 3) return; // an answer
+          socket.close();
+          resolve(JSON.parse(new TextDecoder().decode(new Uint8Array(data, 13 + view.getUint32(9, true)))));
+        };
+      }),
+    JSON.stringify(request),
+  );
+
 const tile = (channel) => `[data-channel="${channel}"]`;
 const status = (page, channel, word) => until(page, `${channel} to be ${word}`, ([c, w]) => document.querySelector(`[data-channel="${c}"]`)?.dataset.status === w, [channel, word]);
 const logged = (page, text) => until(page, `"${text}" in the log`, (t) => document.querySelector("#events").innerText.includes(t), text);
@@ -354,7 +386,7 @@ const CASES = {
     assert.ok(difference(first, second) > 0, "two pictures of a noisy camera are the same");
     await until(page, "points of what was handed on", () => document.querySelector('canvas[data-topic="/scanner/points"]')?.dataset.pictures > 0);
     for (const channel of ["odometry", "imu"]) await until(page, `values of ${channel}`, (c) => document.querySelector(`[data-channel="${c}"] .numbers-view`)?.dataset.values > 5, channel);
-    for (const channel of ["camera", "scanner", "odometry", "imu"]) await until(page, `${channel} to be as it was`, (c) => ["fresh", "stale"].includes(document.querySelector(`[data-channel="${c}"]`).dataset.status), channel);
+    for (const channel of ["camera", "scanner", "odometry", "imu"]) await until(page, `${channel} to be as it was`, (c) => ["fresh", "stale", "ended"].includes(document.querySelector(`[data-channel="${c}"]`).dataset.status), channel);
     await until(page, "a tile that says that nothing came", () => /no picture so far|nothing has come/i.test(document.querySelector('[data-channel="dark"]').innerText));
     const live = await liveState(page);
     assert.equal(live.run.replay, true);
@@ -371,6 +403,9 @@ const CASES = {
       return /the replay has ended/i.test(document.getElementById("banner").innerText) && Number(bar.min) < 0.5 && Number(bar.max) > 3.5;
     });
     assert.match(run.said(), /stays until Ctrl-C/);
+    const answer = await command(page, { command: "status" });
+    assert.equal(answer.ok, false);
+    assert.match(answer.error.message, /the run has ended/);
     assert.equal(run.process.exitCode, null);
     run.process.kill("SIGINT");
     assert.equal(await run.over, 0);

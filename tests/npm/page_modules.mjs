@@ -13,7 +13,7 @@ import { McapIndexedReader } from "@mcap/core";
 import { FileHandleReadable } from "@mcap/nodejs";
 import { loadDecompressHandlers } from "@mcap/support";
 
-const page = join(dirname(fileURLToPath(import.meta.url)), "../../cli/live/page");
+const page = join(dirname(fileURLToPath(import.meta.url)), "../../bench/live/page");
 const asUrl = (text) => `data:text/javascript,${encodeURIComponent(text)}`;
 /// The page's modules are modules without saying so to Node.js.
 async function load(name) {

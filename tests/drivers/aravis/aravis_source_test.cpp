@@ -298,7 +298,9 @@ TEST_F(AravisSourceTest, ASoftwareTriggerExposesOnTheBenchsGrid) {
     close += phase_ns >= 0 && phase_ns < 4'000'000;
   }
   EXPECT_GE(close, seen.size() * 9 / 10);
-  EXPECT_EQ(source.counters().triggers_sent, camera->health().frames_sent);
+  // The end of the acquisition may have taken the last one.
+  EXPECT_LE(camera->health().frames_sent, source.counters().triggers_sent);
+  EXPECT_GE(camera->health().frames_sent + 1, source.counters().triggers_sent);
   EXPECT_TRUE(seen.back().stamp.sequence >= 38U);
 }
 

@@ -2,8 +2,8 @@
 #include "tests/sensor-hal/channel/conformance.h"
 
 #include "sensor-hal/channel/fault_source.h"
-#include "sensor-hal/channel/replay_source.h"
 #include "sensor-hal/record/recorder.h"
+#include "sensor-hal/record/replay_source.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::conformance {

@@ -9,9 +9,9 @@
 #include <map>
 
 #include "rt-core/sanitizers.h"
-#include "sensor-hal/channel/replay_source.h"
 #include "sensor-hal/record/mcap_reader.h"
 #include "sensor-hal/record/recorder.h"
+#include "sensor-hal/record/replay_source.h"
 #include "sensor-hal/record/ros2_messages.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 

@@ -15,7 +15,7 @@
 #include <string>
 #include <vector>
 
-#include "cli/world/world_assembly.h"
+#include "bench/world/world_assembly.h"
 #include "sim/render/view/tone_map.h"
 #include "sim/sensors/camera/camera_optics_picture.h"
 #include "sim/sensors/camera_simulator.h"

@@ -1,0 +1,238 @@
+#include "bench/control/fault_control.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "bench/control/pair_snapshot.h"
+#include "bench/run/recording.h"
+#include "bench/run/run_json.h"
+#include "sensor-hal/channel/pair_source.h"
+#include "sensor-hal/record/cdr.h"
+#include "sensor-hal/record/mcap_reader.h"
+#include "sensor-hal/record/ros2_messages.h"
+
+namespace rigor {
+namespace {
+
+using nlohmann::json;
+
+json values_json(const FaultSubject& subject) {
+  json all = json::array();
+  if (subject.kind == SampleKind::can_frame) return all;
+  for (const FaultComponent& c : fault_components(subject.kind, *subject.description))
+    all.push_back({{"name", c.name}, {"unit", c.unit}});
+  return all;
+}
+
+json channel_json(const RunChannel& c) {
+  const Health& h = c.source->health();
+  json j{{"name", c.entry->name},           {"kind", kind_name(c.entry->kind)}, {"pair", c.pair != nullptr},
+         {"connected", h.connected.load()}, {"received", h.received.load()},    {"lost", h.lost.load()}};
+  if (c.pair) j["hand_on"] = name_of(c.pair->active());
+  return j;
+}
+
+Result<json> list_channels(const RunParts& parts) {
+  json all{{"channels", json::array()}, {"sinks", json::array()}, {"faults_at", json::array()}};
+  for (const auto& c : parts.channels) all["channels"].push_back(channel_json(*c));
+  for (const auto& s : parts.sinks)
+    all["sinks"].push_back({{"name", s->entry->name}, {"accepted", s->sink->counters().accepted.load()}});
+  if (parts.faults)
+    for (const FaultBench::Entry& e : parts.faults->entries())
+      all["faults_at"].push_back({{"name", e.name},
+                                  {"kind", e.sink ? "sink" : kind_name(e.injector->subject().kind)},
+                                  {"values", values_json(e.injector->subject())}});
+  return all;
+}
+
+Result<json> switch_pair(RunParts& parts, const json& request) {
+  const std::string name = request.value("channel", ""), side = request.value("hand_on", "");
+  std::vector<std::string> pairs;
+  if (side != "real" && side != "simulated")
+    return fail(ErrorCode::bad_input, "hand_on", "expected real or simulated, got \"" + side + "\"");
+  for (const auto& c : parts.channels) {
+    if (!c->pair) continue;
+    pairs.push_back(c->entry->name);
+    if (c->entry->name != name) continue;
+    c->pair->switch_to(side == "real" ? PairSide::real : PairSide::simulated);
+    return json::object();
+  }
+  const std::string near = nearest(name, pairs);
+  return fail(ErrorCode::bad_input, "channel",
+              fmt::format("expected a pair of this rig, got \"{}\"{}", name,
+                          near.empty() ? "" : "; did you mean '" + near + "'?"));
+}
+
+Result<json> inject(FaultBench& faults, const json& request) {
+  if (!request.contains("fault") || !request["fault"].is_object())
+    return fail(ErrorCode::bad_input, "fault",
+                "expected an object with the keys of a fault, as rigs have them");
+  // As people write it, the kind first: events have it so.
+  std::string yaml = "{kind: " + request["fault"].value("kind", json()).dump();
+  for (const auto& [key, value] : request["fault"].items())
+    if (key != "kind") yaml += ", " + json(key).dump() + ": " + value.dump();
+  const auto node = ConfigDocument::parse(yaml + "}", "fault");
+  if (!node) return tl::unexpected<Error>(node.error());
+  const auto index = faults.inject(request.value("channel", ""), *node);
+  if (!index) return tl::unexpected<Error>(index.error());
+  return json{{"index", *index}};
+}
+
+}  // namespace
+
+json faults_json(const FaultBench::Entry& entry, const BenchTime* t0) {
+  json list = json::array();
+  for (const auto* faults : {&entry.injector->scheduled(), &entry.injector->live()})
+    for (const auto& f : *faults) {
+      json j{{"index", f->index},
+             {"kind", fault_kind_name(f->spec.kind)},
+             {"text", f->spec.text},
+             {"live", f->live},
+             {"on", f->on.load()},
+             {"over", f->over.load()},
+             {"times", f->count.begins.load()},
+             {"seen", f->count.seen.load()},
+             {"dropped", f->count.dropped.load()},
+             {"changed", f->count.changed.load()},
+             {"delayed", f->count.delayed.load()}};
+      if (t0) {
+        j["spans"] = json::array();
+        for (std::size_t i = 0; i < std::min(f->span_count, f->spans.size()); ++i)
+          j["spans"].push_back({(f->spans[i].from - *t0).seconds(), (f->spans[i].until - *t0).seconds()});
+      }
+      list.push_back(std::move(j));
+    }
+  json j{{"channel", entry.name}, {"faults", std::move(list)}};
+  if (const FaultInjector::Earlier& e = entry.injector->earlier(); e.faults > 0)
+    j["earlier"] = {{"faults", e.faults},   {"times", e.begins},    {"seen", e.seen},
+                    {"dropped", e.dropped}, {"changed", e.changed}, {"delayed", e.delayed}};
+  if (entry.source) j.update(faulty_json(*entry.source));
+  return j;
+}
+
+void add_run_commands(ControlCommands& commands, RunParts& parts) {
+  commands.add("run", [&parts](const json&) -> Result<json> {
+    json run = identity_json(parts.rig);
+    run["pid"] = getpid();
+    return run;
+  });
+  commands.add("channels", [&parts](const json&) { return list_channels(parts); });
+  commands.add("switch", [&parts](const json& request) { return switch_pair(parts, request); });
+  add_pair_command(commands, parts);
+  if (!parts.faults) return;
+  commands.add("fault", [&parts](const json& request) { return inject(*parts.faults, request); });
+  commands.add("clear", [&parts](const json& request) -> Result<json> {
+    if (auto s = parts.faults->clear(request.value("channel", "")); !s)
+      return tl::unexpected<Error>(s.error());
+    return json::object();
+  });
+  commands.add("faults", [&parts](const json&) -> Result<json> {
+    json all = json::array();
+    for (const FaultBench::Entry& e : parts.faults->entries())
+      if (!e.injector->scheduled().empty() || !e.injector->live().empty())
+        all.push_back(faults_json(e, nullptr));
+    return all;
+  });
+}
+
+// ------------------------------------------------------------------ from a recording
+
+namespace {
+
+/// "live fault 2 of left.real begins in cycle 40: {kind: drop}"
+struct RecordedFault {
+  std::string channel, yaml;
+};
+std::optional<RecordedFault> parse_event(const std::string& text) {
+  const std::size_t of = text.find(" of "), end = text.find(' ', of + 4), brace = text.find(": {");
+  if (of == std::string::npos || end == std::string::npos || brace == std::string::npos) return {};
+  return RecordedFault{text.substr(of + 4, end - of - 4), text.substr(brace + 2)};
+}
+
+/// Draws depend on channels' names and kinds: those that were recorded are to be in this rig.
+Status check_channels(const RecordedRun& run, const std::filesystem::path& file, const RigConfig& rig) {
+  const auto root = ConfigDocument::parse(run.rig_text, file.string() + ": its rig");
+  if (!root) return tl::unexpected<Error>(root.error());
+  const auto recorded = parse_rig(*root, run.rig_file);
+  if (!recorded) return tl::unexpected<Error>(recorded.error());
+  std::vector<std::string> differ;
+  for (const ChannelEntry& was : recorded->channels) {
+    const auto is = std::ranges::find(rig.channels, was.name, &ChannelEntry::name);
+    if (is == rig.channels.end())
+      differ.push_back("no channel " + was.name);
+    else if (is->kind != was.kind)
+      differ.push_back(
+          fmt::format("{} is of kind {} and not {}", was.name, kind_name(is->kind), kind_name(was.kind)));
+    else if (is->is_pair != was.is_pair)
+      differ.push_back(was.name + (was.is_pair ? " is no pair" : " is a pair"));
+  }
+  for (const SinkEntry& was : recorded->sinks)
+    if (std::ranges::find(rig.sinks, was.name, &SinkEntry::name) == rig.sinks.end())
+      differ.push_back("no sink " + was.name);
+  if (differ.empty()) return {};
+  return fail(ErrorCode::bad_input, file.string(),
+              fmt::format("expected a recording of this rig ({}), got one of {}: here is {}", rig.name,
+                          recorded->name, fmt::join(differ, ", ")));
+}
+
+}  // namespace
+
+Status schedule_recorded_faults(const std::filesystem::path& file, const RigConfig& rig, FaultBench& faults) {
+  const auto run = read_recorded_run(file);
+  if (!run) return tl::unexpected<Error>(run.error());
+  if (auto s = check_channels(*run, file, rig); !s) return s;
+  auto reader = record::McapReader::open(file.string());
+  if (!reader) return tl::unexpected<Error>(reader.error());
+  struct Recorded {
+    RecordedFault told;
+    std::uint32_t index = 0;
+    Duration from, until = Duration(std::numeric_limits<std::int64_t>::max());
+  };
+  std::map<std::pair<std::string, std::uint32_t>, Recorded> found;
+  auto cursor = (*reader)->messages({.topics = {"/rigor/events"}, .order = record::MessageOrder::file});
+  record::MessageView view;
+  while (true) {
+    const auto more = cursor.next(view);
+    if (!more) return tl::unexpected<Error>(more.error());
+    if (!*more) break;
+    record::msg::Event m;
+    if (auto s = record::CdrReader::read(view.data, m); !s) return s;
+    if (m.code != kEventLiveFaultBegin && m.code != kEventLiveFaultEnd) continue;
+    auto told = parse_event(m.text);
+    if (!told || !(m.value >= 0 && m.value < 1e6))
+      return fail(ErrorCode::protocol, file.string(),
+                  "an event of a fault is not as this version writes it: " + m.text);
+    const std::int64_t utc_ns =
+        std::int64_t{m.header.stamp.sec} * 1'000'000'000 + std::int64_t{m.header.stamp.nanosec};
+    const Duration after = run->epoch.bench + (RealtimeTime(utc_ns) - run->epoch.utc) - run->t0;
+    const auto index = static_cast<std::uint32_t>(m.value);
+    Recorded& r = found[{told->channel, index}];
+    r.index = index;
+    if (m.code == kEventLiveFaultBegin) {
+      r.told = std::move(*told);
+      r.from = after;
+    } else {
+      r.until = after;
+    }
+  }
+  if (found.empty())
+    return fail(
+        ErrorCode::bad_input, file.string(),
+        "expected a recording of a run into which faults were injected (`rigor fault`), got one without; "
+        "faults that the rig itself schedules come from the rig");
+  for (const auto& [key, r] : found) {
+    const auto entry = faults.find(key.first);
+    if (!entry) return tl::unexpected<Error>(entry.error());
+    const auto node = ConfigDocument::parse(r.told.yaml, file.string());
+    if (!node) return tl::unexpected<Error>(node.error());
+    if (auto s = (*entry)->injector->schedule_live(*node, r.index, r.from, r.until); !s) return s;
+  }
+  return {};
+}
+
+}  // namespace rigor

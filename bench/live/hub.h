@@ -1,0 +1,129 @@
+// Channels, services and who listens to them: the protocol's state for all clients, without sockets.
+//
+// A message is encoded once and shared by all who subscribe. What a client has not yet read counts as its
+// backlog; a message that would make it longer than kBacklog is dropped for that client, and counted. Answers
+// to its own requests are never dropped: a client that lets more than kMaxBacklog of those lie is let go.
+//
+// All calls: the server's thread, but for counters().
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "bench/live/message_history.h"
+#include "bench/live/protocol.h"
+
+namespace rigor::live {
+
+/// The way to one client.
+class Link {
+ public:
+  virtual ~Link() = default;
+  virtual void send_text(std::string text) = 0;
+  virtual void send_binary(std::string head, Bytes body) = 0;  ///< body may be null
+  /// What was given to it and has not been handed to the kernel.
+  [[nodiscard]] virtual std::size_t backlog_bytes() const = 0;
+  /// The client is told why and let go; no call follows but Hub::closed.
+  virtual void close(const std::string& why) = 0;
+};
+
+struct HubCounters {
+  std::atomic<std::uint64_t> frames_sent{0}, frames_dropped{0}, bytes_sent{0};
+  std::atomic<std::uint32_t> clients{0};
+};
+
+class Hub {
+ public:
+  static constexpr std::size_t kBacklog = 2u << 20, kMaxBacklog = 64u << 20;
+  /// A message up to this size goes out beside a picture that fills the backlog.
+  static constexpr std::size_t kSmall = 64u << 10;
+  static constexpr std::size_t kCalls = 16;  ///< of one client at a time
+
+  /// A service's answer; called on whatever thread `run_service` brings it to. It throws nothing.
+  using Service = std::function<std::string(const std::string& request)>;
+  /// Runs `work` somewhere else, then `done` on the server's thread.
+  using RunElsewhere = std::function<void(std::function<void()> work, std::function<void()> done)>;
+
+  Hub(std::string name, std::string session_id, RunElsewhere run_elsewhere);
+
+  /// The channel's id. Clients that are there already are told of it by `advertise_new`.
+  std::uint32_t add_channel(ChannelInfo channel);
+  void add_service(ServiceInfo service, Service answer);
+  void advertise_new();
+  /// Values as JSON, and how one is set (it throws nothing; false: there is no such parameter, or not with
+  /// that value).
+  void serve_parameters(std::function<nlohmann::json()> values,
+                        std::function<bool(const std::string& name, const nlohmann::json& value)> set);
+
+  /// What is published on the channel is remembered from now on, for `history`.
+  void keep(std::uint32_t channel, MessageHistory::Keep how) { history_.keep(channel, how); }
+  /// What is kept of a topic. bad_input: there is no such topic, or its messages are not kept. Any thread,
+  /// once all channels are added.
+  [[nodiscard]] Result<std::vector<MessageHistory::Kept>> history(std::string_view topic) const;
+  [[nodiscard]] bool subscribed_now(std::uint32_t channel) const { return subscribers_[channel - 1] > 0; }
+  /// Somebody listens, or it is kept.
+  [[nodiscard]] bool wanted(std::uint32_t channel) const {
+    return subscribed_now(channel) || history_.keeps(channel);
+  }
+  /// Counts subscriptions that were made to a channel so far: who sends only changes sees a new one.
+  [[nodiscard]] std::uint64_t subscribed(std::uint32_t channel) const { return subscribed_[channel - 1]; }
+  void publish(std::uint32_t channel, std::uint64_t time_ns, const Bytes& message);
+  void publish_time(std::uint64_t time_ns);
+
+  // By whoever has the sockets.
+  void opened(Link& link);
+  void text(Link& link, std::string_view message);
+  void binary(Link& link, std::span<const std::byte> message);
+  void closed(Link& link);
+
+  [[nodiscard]] const HubCounters& counters() const { return counters_; }
+
+ private:
+  struct Client {
+    Link* link = nullptr;
+    std::uint64_t serial = 0;                           ///< answers that come when it has gone find nobody
+    std::map<std::uint32_t, std::uint32_t> channel_of;  // by subscription
+    std::map<std::uint32_t, std::uint32_t> subscription_of;  // by channel
+    std::size_t calls = 0;
+    bool told_of_drops = false, leaving = false;
+  };
+  struct Offered {
+    ServiceInfo info;
+    Service answer;
+  };
+  [[nodiscard]] Client* client_of(const Link* link);
+  void handle(Client& client, Result<ClientMessage> message);
+  void on(Client& client, const Subscribe& message);
+  void on(Client& client, const Unsubscribe& message);
+  void on(Client& client, const GetParameters& message);
+  void on(Client& client, const SetParameters& message);
+  void on(Client& client, const ServiceCall& message);
+  void on(Client& client, const NotOffered& message);
+  void say(Client& client, std::string text);
+  void say(Client& client, std::string head, Bytes body);
+  void complain(Client& client, const std::string& text);
+  [[nodiscard]] bool overfull(Client& client);
+
+  std::string name_, session_id_;
+  RunElsewhere run_elsewhere_;
+  std::vector<ChannelInfo> channels_;  // id − 1 is the place
+  std::vector<std::uint32_t> subscribers_;
+  std::vector<std::uint64_t> subscribed_;
+  std::vector<Offered> services_;  // id − 1 is the place
+  std::size_t advertised_channels_ = 0, advertised_services_ = 0;
+  std::function<nlohmann::json()> parameters_;
+  std::function<bool(const std::string&, const nlohmann::json&)> set_parameter_;
+  MessageHistory history_;
+  std::map<const Link*, Client> clients_;
+  std::uint64_t next_serial_ = 1;
+  HubCounters counters_;
+};
+
+}  // namespace rigor::live

@@ -1,0 +1,13 @@
+// The sides of pairs as parameters of the protocol (`/left/hand_on`), so that Foxglove's own panel switches
+// them.
+#pragma once
+
+#include "bench/live/hub.h"
+#include "bench/run/bench_run.h"
+
+namespace rigor::live {
+
+/// `parts` outlive the hub's last client.
+void serve_parameters(Hub& hub, RunParts& parts);
+
+}  // namespace rigor::live

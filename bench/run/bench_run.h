@@ -1,0 +1,178 @@
+// One run of a rig: the loop, its ports, and what is remembered of it for the report.
+//
+//   cycle k at t      inputs    every source is polled, every port advances, what is new goes to the recorder
+//                     motion    the bench's world takes up what the channels say of its joints
+//                     capture   simulators and triggered cameras are told to measure at t
+//                     app       the application sees the ports and gives commands
+//                     outputs   commands go to the recorder (the sinks have them already)
+#pragma once
+
+#include <array>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "bench/motion/bench_motion.h"
+#include "bench/run/seen_digest.h"
+#include "rt-core/executive.h"
+#include "sensor-hal/channel/application.h"
+#include "sensor-hal/rig/rig.h"
+
+namespace rigor {
+
+namespace live {
+class LiveTap;
+}
+class EmulatorProcess;
+class FaultBench;
+class PairSource;
+class Recorder;
+struct SensorTimes;
+class VisibilityScript;
+
+/// A hole in a channel's sequence, as the loop saw it.
+struct Gap {
+  BenchTime t;
+  std::uint64_t after_sequence = 0, missing = 0;
+};
+
+/// A stretch of cycles in which a port had one status; for the report's timeline.
+struct StatusSpan {
+  BenchTime t;
+  PortStatus status = PortStatus::never;
+};
+
+/// One channel in a run.
+struct RunChannel {
+  const ChannelEntry* entry = nullptr;
+  std::unique_ptr<Source> source;
+  PairSource* pair = nullptr;  ///< `source`, where it is one
+  std::string replaced_by;     ///< virtual time: what stands in for the device; empty: nothing does
+  SamplePort port;
+  std::uint32_t recorder_id = 0;
+  const VisibilityScript* script = nullptr;  ///< replay: what the port has to show
+
+  // Written by the loop, read when it has ended.
+  SampleLease first_image;
+  std::size_t next_switch = 0;  ///< of the pair's schedule
+  Histogram age;                ///< t_cycle − t_capture when a sample became visible
+  Histogram arrival;            ///< t_arrival − t_capture
+  static constexpr std::size_t kKept = 256;
+  std::array<Gap, kKept> gaps{};
+  std::size_t gap_count = 0;
+  std::array<StatusSpan, kKept> spans{};
+  std::size_t span_count = 0;
+  struct DifferenceAt {
+    double t_s = 0, bias = 0, sigma = 0;
+  };
+  std::array<DifferenceAt, kKept> differences{};  ///< of a pair, a few times a second
+  std::size_t difference_count = 0;
+  BenchTime t_first, t_last;  ///< captures of the first and last visible sample
+  std::uint64_t last_sequence = 0;
+  std::uint64_t before_start = 0;  ///< samples that were captured before the run, and not shown
+  std::uint64_t taken = 0;         ///< samples that the loop took from the source, these included
+  bool seen = false;
+  PortStatus last_status = PortStatus::never;
+  bool listed = false;  ///< in the recording's first cycle
+};
+
+struct RunSink {
+  const SinkEntry* entry = nullptr;
+  std::unique_ptr<Sink> sink;
+  std::unique_ptr<CommandPort> port;
+  std::string replaced_by;
+};
+
+/// What the loop works on. Filled by the assembly, then given to `BenchRun`.
+struct RunParts {
+  RigConfig rig;
+  std::vector<std::unique_ptr<RunChannel>> channels;
+  std::vector<std::unique_ptr<RunSink>> sinks;
+  std::unique_ptr<Application> application;
+  std::shared_ptr<FaultBench> faults;          ///< null: a replay, which shows what came of them
+  const EmulatorProcess* emulators = nullptr;  ///< that this run brought up; null: none
+  BenchMotion motion;
+  std::vector<std::shared_ptr<Platform>> platforms;  ///< of this process: they set out when the run starts
+  /// Of simulated sensors, by the names of their channels (of a pair NAME.simulated).
+  std::vector<std::pair<std::string, std::shared_ptr<const SensorTimes>>> sensor_times;
+  /// Keeps alive what sources point to (worlds, renderers, device models, workers).
+  std::vector<std::shared_ptr<void>> keep;
+};
+
+struct RunOutcome {
+  RunSummary loop;
+  std::string seen_sha256;  ///< empty: entries were dropped
+  BenchTime t0;
+  double wall_s = 0, cpu_s = 0;  ///< from the first cycle to the last; of all threads of this process
+};
+
+/// The loop of a run. Setup thread constructs and calls; `run` blocks.
+class BenchRun final : private ExecutiveHooks {
+ public:
+  /// `trace` may be null.
+  BenchRun(RunParts& parts, Trace* trace);
+  ~BenchRun() override;
+
+  /// Configures ports and application, arms channels and the loop. unavailable: `stop` said so meanwhile.
+  [[nodiscard]] Status arm(StopToken stop = {});
+  /// What the channels found when they were armed.
+  [[nodiscard]] std::vector<std::string> warnings() const;
+  /// Between arm and run; null: nothing is recorded.
+  void set_recorder(Recorder* recorder) { recorder_ = recorder; }
+  /// Between arm and run; null: nobody looks on.
+  void set_live(live::LiveTap* tap) { live_ = tap; }
+  /// Virtual time: at most so many seconds of bench time in a second; 0: as fast as it goes.
+  void set_pace(double pace) { pace_ = pace; }
+  /// Replay: cycles for which this returns false are not run by the application, as in the recorded run.
+  void set_cycle_filter(std::function<bool(std::uint64_t)> ran) { ran_ = std::move(ran); }
+  /// Starts the channels with the grid of t0 (wall: far enough in the future for all of them to start) and
+  /// runs the loop until the duration is over or `stop` says so.
+  [[nodiscard]] Result<RunOutcome> run(StopToken stop, BenchTime t0);
+  /// After a `run` that failed: because t0 came before all was started, and not a cycle was run.
+  [[nodiscard]] bool started_late() const { return started_late_; }
+  /// After such a run: stops the channels and arms them anew, for another `run` with a later t0. The recorder
+  /// is forgotten: its t0 was the old one.
+  [[nodiscard]] Status arm_again(StopToken stop = {});
+  /// Stops every channel; the first error is returned, all are stopped.
+  [[nodiscard]] Status stop();
+
+  [[nodiscard]] const LoopCounters& counters() const { return executive_.counters(); }
+  [[nodiscard]] Heartbeat& heartbeat() { return heartbeat_; }
+  [[nodiscard]] Executive& executive() { return executive_; }
+
+ private:
+  [[nodiscard]] Status arm_channels(StopToken stop);
+  [[nodiscard]] Status stop_channels();
+  void before_cycle(BenchTime t) override;
+  void cycle_begin(const CycleContext& cycle) noexcept override;
+
+  void inputs(const CycleContext& cycle) noexcept;
+  void take_up_faults(const CycleContext& cycle) noexcept;
+  void take_up_notes(const CycleContext& cycle) noexcept;
+  void show(RunChannel& channel, std::uint32_t index, const CycleContext& cycle) noexcept;
+  void capture(const CycleContext& cycle) noexcept;
+  void application(const CycleContext& cycle) noexcept;
+  void outputs(const CycleContext& cycle) noexcept;
+  void note_differences(const CycleContext& cycle) noexcept;
+
+  RunParts& parts_;
+  void keep_pace(BenchTime t);
+
+  Recorder* recorder_ = nullptr;
+  live::LiveTap* live_ = nullptr;
+  double pace_ = 0;
+  MonotonicTime began_;  ///< of the run, for its pace
+  Heartbeat heartbeat_;
+  Executive executive_;
+  std::unique_ptr<SeenDigest> digest_;
+  std::function<bool(std::uint64_t)> ran_;
+  ApplicationPorts ports_;
+  BenchTime t0_;
+  bool started_late_ = false;
+  std::uint64_t next_cycle_ = 0;
+  bool skip_this_cycle_ = false;
+  std::uint64_t next_note_ = 0, note_every_ = 100;
+};
+
+}  // namespace rigor

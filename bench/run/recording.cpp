@@ -1,0 +1,210 @@
+#include "bench/run/recording.h"
+
+#include <algorithm>
+#include <charconv>
+
+#include "sensor-hal/channel/pair_monitor.h"
+#include "sensor-hal/channel/slot_wait.h"
+#include "sensor-hal/models/camera_yaml.h"
+#include "sensor-hal/record/mcap_reader.h"
+
+namespace rigor {
+namespace {
+
+constexpr const char* kVersionKey = "rigor_run";
+
+std::optional<std::int64_t> number(const std::map<std::string, std::string>& m, const std::string& key) {
+  const auto it = m.find(key);
+  if (it == m.end()) return std::nullopt;
+  std::int64_t v = 0;
+  const auto [end, ec] = std::from_chars(it->second.data(), it->second.data() + it->second.size(), v);
+  if (ec != std::errc{} || end != it->second.data() + it->second.size()) return std::nullopt;
+  return v;
+}
+
+}  // namespace
+
+std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry) {
+  const ConfigNode& params = entry.is_pair ? entry.twin.params : entry.source.params;
+  if (entry.kind != SampleKind::image || !params.has("sensor")) return std::nullopt;
+  const auto sheet = load_camera(params.base_dir() / params.text("sensor"));
+  if (!sheet) return std::nullopt;  // the assembly has refused it before
+  const CameraModel& m = sheet->model;
+  record::msg::CameraInfo info;
+  info.width = static_cast<std::uint32_t>(m.width_px);
+  info.height = static_cast<std::uint32_t>(m.height_px);
+  info.distortion_model = "rational_polynomial";
+  info.d = {m.lens.k1, m.lens.k2, m.lens.p1, m.lens.p2, m.lens.k3, m.lens.k4, m.lens.k5, m.lens.k6};
+  info.k = {m.fx_px, 0, m.cx_px, 0, m.fy_px, m.cy_px, 0, 0, 1};
+  info.r = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  info.p = {m.fx_px, 0, m.cx_px, 0, 0, m.fy_px, m.cy_px, 0, 0, 0, 1, 0};
+  return info;
+}
+
+std::map<std::string, std::string> run_metadata(const RunParts& parts, const EpochPair& epoch) {
+  const RigConfig& rig = parts.rig;
+  std::map<std::string, std::string> m;
+  m[kVersionKey] = "1";
+  m["rig"] = rig.text;
+  m["rig_file"] = rig.file.string();
+  m["seed"] = std::to_string(rig.seed);
+  m["clock"] = rig.clock == ClockKind::wall ? "wall" : "virtual";
+  m["epoch_bench_ns"] = std::to_string(epoch.bench.ns());
+  m["epoch_utc_ns"] = std::to_string(epoch.utc.ns());
+  m["epoch_sigma_ns"] = std::to_string(epoch.sigma.ns());
+  m["version"] = RIGOR_VERSION;
+  for (const auto& c : parts.channels)
+    if (!c->replaced_by.empty()) m["replaced/" + c->entry->name] = c->replaced_by;
+  return m;
+}
+
+namespace {
+
+/// Of the 16 slots that a channel has, or of those that its keys ask for: the others are the loop's. A
+/// recorder that a busy machine lets wait longer than these last has to skip samples.
+std::size_t lease_budget(const ChannelEntry& entry) {
+  constexpr std::int64_t kUsual = 16, kForTheLoop = kSlotsForTheLoop;
+  const auto slots_of = [](const ConfigNode& n) {
+    return n.integer_or(n.has("buffers") ? "buffers" : "slots", kUsual, {.min = 1, .max = 65536});
+  };
+  std::int64_t slots = slots_of(entry.source.params);
+  if (entry.is_pair) slots = std::min(slots, slots_of(entry.twin.params));
+  return static_cast<std::size_t>(std::max(slots, kUsual) - kForTheLoop);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, const RecordingFile& file, BenchTime t0,
+                                                 const EpochPair& epoch,
+                                                 std::map<std::string, std::string> metadata) {
+  const RigConfig& rig = parts.rig;
+  RecorderOptions options;
+  options.virtual_time = rig.clock == ClockKind::virtual_time;
+  options.fail_on_drop = rig.record.fail_on_drop;
+  options.budget_bytes = rig.record.budget_bytes;
+  options.epoch = epoch;
+  options.t0 = t0;
+  // A power cut loses what the kernel had not written; once a second it is made to, on a thread of its own.
+  if (!options.virtual_time) options.file.sync_period = seconds(1);
+  options.loop_period = rig.loop.period;
+  options.writer.compression = rig.record.compression == "zstd"  ? record::Compression::zstd
+                               : rig.record.compression == "lz4" ? record::Compression::lz4
+                                                                 : record::Compression::none;
+  options.writer.chunk_bytes = rig.record.chunk_bytes;
+  std::vector<RecordedChannel> channels;
+  for (auto& c : parts.channels) {
+    c->recorder_id = static_cast<std::uint32_t>(channels.size());
+    RecordedChannel channel;
+    channel.name = c->entry->name;
+    channel.description = c->source->describe();
+    channel.is_pair = c->pair != nullptr;
+    channel.camera = camera_info(*c->entry);
+    if (c->pair && c->pair->monitor()) channel.watched = c->pair->monitor()->parameters();
+    channel.lease_budget = lease_budget(*c->entry);
+    channels.push_back(std::move(channel));
+  }
+  std::vector<RecordedSink> sinks;
+  for (auto& s : parts.sinks) sinks.push_back({s->entry->name, s->sink->describe().names});
+  metadata.merge(run_metadata(parts, epoch));
+  auto sink = file.sink(options.file);
+  if (!sink) return tl::unexpected<Error>(sink.error());
+  auto recorder =
+      Recorder::create(std::move(*sink), options, std::move(channels), std::move(sinks), std::move(metadata));
+  if (!recorder) return recorder;
+  for (auto& c : parts.channels)
+    if (c->pair) c->pair->observe((*recorder)->observer(c->recorder_id));
+  return recorder;
+}
+
+namespace {
+
+std::vector<std::filesystem::path> logs_of(const RigConfig& rig) {
+  std::vector<std::filesystem::path> logs;
+  const auto look = [&](const BackendChoice& choice) {
+    if (choice.backend == "can" && choice.params.has("log")) logs.emplace_back(choice.params.text("log"));
+  };
+  for (const ChannelEntry& c : rig.channels) look(c.source);
+  for (const EmulatorEntry& e : rig.emulators) look(e.emulator);
+  return logs;
+}
+
+/// Where the application writes its result and its pictures; empty: it writes none.
+std::filesystem::path application_folder(const RigConfig& rig) {
+  if (rig.application != "stereo-depth" || !rig.application_params.has("output")) return {};
+  return rig.application_params.text("output");
+}
+
+/// The result, and pictures `view-*.png`.
+std::vector<std::string> application_files_in(const std::filesystem::path& dir) {
+  std::vector<std::string> names;
+  std::error_code ec;
+  for (const auto& entry : std::filesystem::directory_iterator(dir, ec)) {
+    const std::string name = entry.path().filename().string();
+    if (name == "result.json" || (name.starts_with("view-") && name.ends_with(".png"))) names.push_back(name);
+  }
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+}  // namespace
+
+Status prepare_outputs(const RigConfig& rig, Existing existing, bool replay) {
+  if (const auto dir = application_folder(rig); !dir.empty() && existing != Existing::replace)
+    if (auto s = keep_earlier_files(dir, application_files_in(dir)); !s) return s;
+  if (replay) return {};
+  for (const auto& log : logs_of(rig)) {
+    std::error_code ec;
+    if (log.has_parent_path()) std::filesystem::create_directories(log.parent_path(), ec);
+    if (ec) return tl::unexpected<Error>(output_error(log, ec.value()));
+    if (existing == Existing::replace) continue;
+    if (const auto kept = keep_earlier(log); !kept) return tl::unexpected<Error>(kept.error());
+  }
+  return {};
+}
+
+Status check_run_outputs(const RigConfig& rig, const std::filesystem::path& trace, InputFiles inputs,
+                         Existing existing, bool replay) {
+  Outputs outputs(std::move(inputs));
+  if (!rig.record.file.empty())
+    if (auto s = outputs.add(rig.record.file, "--record", existing); !s) return s;
+  if (!trace.empty())
+    if (auto s = outputs.add(trace, "--trace", existing); !s) return s;
+  if (const auto dir = application_folder(rig); !dir.empty())
+    if (auto s = outputs.add(dir / "result.json", "`output` of the application", existing); !s) return s;
+  if (!replay)
+    for (const auto& log : logs_of(rig))
+      if (auto s = outputs.add(log, "`log`", existing); !s) return s;
+  return rig.report.empty() ? Status{} : outputs.add_report(rig.report);
+}
+
+Result<RecordedRun> read_recorded_run(const std::filesystem::path& file) {
+  auto reader = record::McapReader::open(file.string());
+  if (!reader) return tl::unexpected<Error>(reader.error());
+  RecordedRun run;
+  bool found = false;
+  for (const record::Metadata& m : (*reader)->readable_metadata()) {
+    if (m.values.contains(kVersionKey)) {
+      const auto t0 = number(m.values, "t0_ns"), bench = number(m.values, "epoch_bench_ns"),
+                 utc = number(m.values, "epoch_utc_ns"), sigma = number(m.values, "epoch_sigma_ns");
+      if (!t0 || !bench || !utc || !sigma || !m.values.contains("rig")) break;
+      run.t0 = BenchTime(*t0);
+      run.epoch = {BenchTime(*bench), RealtimeTime(*utc), Duration(*sigma)};
+      run.rig_text = m.values.at("rig");
+      run.rig_file = m.values.contains("rig_file") ? m.values.at("rig_file") : file.string();
+      found = true;
+    }
+    if (m.name == "rigor_recorder") {
+      run.cycles =
+          static_cast<std::uint64_t>(std::max<std::int64_t>(0, number(m.values, "cycles").value_or(0)));
+      run.dropped =
+          static_cast<std::uint64_t>(std::max<std::int64_t>(0, number(m.values, "dropped").value_or(0)));
+      if (m.values.contains("seen_sha256")) run.seen_sha256 = m.values.at("seen_sha256");
+    }
+  }
+  if (!found)
+    return fail(ErrorCode::bad_input, file.string(),
+                "expected a recording of `rigor run`, which carries its rig; this file has none");
+  return run;
+}
+
+}  // namespace rigor

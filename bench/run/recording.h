@@ -1,0 +1,75 @@
+// The recording of a run, between the rig's channels and the recorder.
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "bench/files/output_file.h"
+#include "bench/run/bench_run.h"
+#include "rt-core/epoch.h"
+#include "sensor-hal/record/recorder.h"
+
+namespace rigor {
+
+/// The file of a run's recording: this run's alone (a lock that other runs see), under its own name from the
+/// first byte on, so that it is found when power goes. What had the name before is renamed (Existing::keep)
+/// or replaced at the moment when the new file takes the name. Setup context.
+class RecordingFile {
+ public:
+  /// not_writable: also where another run is writing it. disk_full, io.
+  [[nodiscard]] static Result<RecordingFile> create(const std::filesystem::path& file, Existing existing);
+  RecordingFile(RecordingFile&& o) noexcept;
+  RecordingFile& operator=(RecordingFile&& o) noexcept;
+  ~RecordingFile();
+
+  /// To write it from its beginning; the sink may outlive this object, the lock does not.
+  [[nodiscard]] Result<std::unique_ptr<record::ByteSink>> sink(const record::FileSinkOptions& options) const;
+  /// Nothing came of the run: removes it, and gives an earlier one its name back.
+  void abandon();
+
+ private:
+  RecordingFile() = default;
+  [[nodiscard]] Status take_name(const std::filesystem::path& part, Existing existing);
+
+  std::filesystem::path file_, target_, kept_;
+  int fd_ = -1;
+  bool device_ = false;  ///< /dev/null and its like
+};
+
+/// The lens of a simulated channel (of a pair: of its twin), as ROS has it; empty where the rig names no
+/// sensor.
+[[nodiscard]] std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry);
+
+/// Begins a recording in `file`. Channels are named to the recorder in the order of `parts.channels`.
+/// `metadata`: what is known of the run beyond its rig. Setup context, after the channels are configured.
+[[nodiscard]] Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, const RecordingFile& file,
+                                                               BenchTime t0, const EpochPair& epoch,
+                                                               std::map<std::string, std::string> metadata);
+
+/// Before the run: that recording, report, trace, logs and what the application writes can be written and are
+/// none of its inputs. Errors of Outputs::add. A replay writes no logs.
+[[nodiscard]] Status check_run_outputs(const RigConfig& rig, const std::filesystem::path& trace,
+                                       InputFiles inputs, Existing existing, bool replay = false);
+
+/// What devices and applications of the rig write themselves: logs of CAN buses (`log`; a replay writes
+/// none), the folder of an application (`output`). Just before they do: makes the folders, and keeps what is
+/// there.
+[[nodiscard]] Status prepare_outputs(const RigConfig& rig, Existing existing, bool replay = false);
+
+/// What a recording says of the run that made it.
+struct RecordedRun {
+  std::string rig_text, rig_file;
+  BenchTime t0;
+  EpochPair epoch;
+  std::uint64_t cycles = 0;   ///< grid points of the run
+  std::string seen_sha256;    ///< as printed by the run, where it could be
+  std::uint64_t dropped = 0;  ///< samples that the recorder had to skip
+};
+[[nodiscard]] std::map<std::string, std::string> run_metadata(const RunParts& parts, const EpochPair& epoch);
+/// From the file's metadata; bad_input where it is not a recording of a run.
+[[nodiscard]] Result<RecordedRun> read_recorded_run(const std::filesystem::path& file);
+
+}  // namespace rigor

@@ -1,0 +1,417 @@
+#include "bench/sensing/simulation.h"
+
+#include <fmt/format.h>
+
+#include <atomic>
+#include <map>
+#include <mutex>
+
+#include "bench/sensing/inertial.h"
+#include "bench/sensing/sheet_kind.h"
+#include "bench/sensing/tolerance.h"
+#include "bench/sensing/yuv_capture.h"
+#include "sensor-hal/config/value_or_throw.h"
+#include "sensor-hal/models/camera_effects.h"
+#include "sensor-hal/models/camera_yaml.h"
+#include "sensor-hal/models/lidar/lidar_effects.h"
+#include "sensor-hal/models/lidar/lidar_yaml.h"
+#include "sensor-hal/models/tof/tof_model_effects.h"
+#include "sensor-hal/models/tof/tof_yaml.h"
+#include "sim/platform/harvester.h"
+#include "sim/sensors/camera_simulator.h"
+#include "sim/world/scene_graph.h"
+
+namespace rigor {
+namespace {
+
+/// Where the time of a camera of the small renderer goes.
+class TimedCamera final : public ImageProvider {
+ public:
+  TimedCamera(std::shared_ptr<ImageProvider> camera, std::shared_ptr<SensorTimes> times)
+      : camera_(std::move(camera)), times_(std::move(times)) {}
+  [[nodiscard]] Geometry geometry() const override { return camera_->geometry(); }
+  [[nodiscard]] Status capture(const ImageRequest& request, std::span<std::byte> pixels) override {
+    const StageTime::Scope scope(&times_->whole);
+    return camera_->capture(request, pixels);
+  }
+
+ private:
+  std::shared_ptr<ImageProvider> camera_;
+  std::shared_ptr<SensorTimes> times_;
+};
+
+/// Which device of those that a fitted sheet describes the channel is.
+std::uint64_t draw_of(const ConfigNode& params) {
+  return static_cast<std::uint64_t>(params.integer_or("calibration_draw", 0, {.min = 0}));
+}
+
+/// Hinged nodes of the scene, in its order: joint i of WorldMotion is node nodes[i].
+std::vector<std::size_t> hinged_nodes(const world::Scene& scene) {
+  std::vector<std::size_t> nodes;
+  for (std::size_t i = 0; i < scene.nodes.size(); ++i)
+    if (scene.nodes[i].hinge) nodes.push_back(i);
+  return nodes;
+}
+
+/// What the small renderer draws: replaced as a whole when the world is edited.
+class SharedScene {
+ public:
+  void store(std::shared_ptr<const world::Scene> scene) {
+    const std::lock_guard lock(mutex_);
+    scene_ = std::move(scene);
+    version_.fetch_add(1, std::memory_order_release);
+  }
+  [[nodiscard]] std::shared_ptr<const world::Scene> load() const {
+    const std::lock_guard lock(mutex_);
+    return scene_;
+  }
+  [[nodiscard]] std::uint64_t version() const { return version_.load(std::memory_order_acquire); }
+
+ private:
+  mutable std::mutex mutex_;
+  std::shared_ptr<const world::Scene> scene_;
+  std::atomic<std::uint64_t> version_{0};
+};
+
+/// A camera of a small scene behind the HAL's interface. A renderer is made for one pixel format, so there is
+/// one for each format that was ever asked for; the default one is ready from the beginning.
+class SceneCamera final : public ImageProvider {
+ public:
+  SceneCamera(CameraSpec spec, Duration exposure, std::shared_ptr<render::Device> device,
+              std::shared_ptr<const SharedScene> shared)
+      : spec_(std::move(spec)),
+        exposure_(exposure),
+        device_(std::move(device)),
+        shared_(std::move(shared)),
+        version_(shared_->version()),
+        scene_(shared_->load()),
+        joints_(hinged_nodes(*scene_)),
+        snapshot_(*scene_) {}
+
+  Status prepare(PixelFormat format) {
+    auto camera = camera_for(light_format(format));
+    return camera ? Status{} : Status(tl::unexpected<Error>(camera.error()));
+  }
+
+  [[nodiscard]] Geometry geometry() const override {
+    return {static_cast<std::uint32_t>(spec_.model.width_px),
+            static_cast<std::uint32_t>(spec_.model.height_px), spec_.format, exposure_,
+            spec_.name + "_optical"};
+  }
+
+  [[nodiscard]] Status capture(const ImageRequest& request, std::span<std::byte> pixels) override {
+    return capture_converted(
+        request, geometry(), pixels, scratch_,
+        [this](const ImageRequest& r, std::span<std::byte> out) { return draw(r, out); });
+  }
+
+ private:
+  /// After an edit of the world: its renderers are made anew.
+  void take_up_edits() {
+    const std::uint64_t version = shared_->version();
+    if (version == version_) return;
+    version_ = version;
+    cameras_.clear();
+    scene_ = shared_->load();
+    joints_ = hinged_nodes(*scene_);
+    snapshot_ = world::WorldSnapshot(*scene_);
+  }
+
+  [[nodiscard]] Status draw(const ImageRequest& request, std::span<std::byte> pixels) {
+    take_up_edits();
+    auto camera = camera_for(request.format);
+    if (!camera) return tl::unexpected<Error>(camera.error());
+    for (std::size_t i = 0; i < joints_.size(); ++i) {
+      const JointState j = i < request.motion.count ? request.motion.joint[i] : JointState{};
+      snapshot_.joints[joints_[i]] = {j.t_ref, j.position_rad, j.rate_radps};
+    }
+    CaptureRequest r;
+    r.capture_index = request.index;
+    r.t_capture = request.t_capture;
+    r.exposure = request.exposure.ns() > 0 ? request.exposure : exposure_;
+    r.gain_db = request.gain_db;
+    r.region = {static_cast<int>(request.offset_x_px), static_cast<int>(request.offset_y_px),
+                static_cast<int>(request.width_px), static_cast<int>(request.height_px)};
+    return (*camera)->capture(r, snapshot_, pixels);
+  }
+
+  Result<CameraSimulator*> camera_for(PixelFormat format) {
+    auto& camera = cameras_[format];
+    if (!camera) {
+      CameraSpec spec = spec_;
+      spec.format = format;
+      auto made = CameraSimulator::create(spec, device_, scene_);
+      if (!made) return tl::unexpected<Error>(made.error());
+      camera = std::move(*made);
+    }
+    return camera.get();
+  }
+
+  CameraSpec spec_;
+  Duration exposure_;
+  std::shared_ptr<render::Device> device_;
+  std::shared_ptr<const SharedScene> shared_;
+  std::uint64_t version_ = 0;
+  std::shared_ptr<const world::Scene> scene_;
+  std::vector<std::size_t> joints_;
+  world::WorldSnapshot snapshot_;
+  std::map<PixelFormat, std::unique_ptr<CameraSimulator>> cameras_;
+  std::vector<std::byte> scratch_;
+};
+
+/// Whether the renderer of small scenes draws all that this camera does: lens, vignetting and noise.
+bool small_renderer_knows(const CameraModel& m) {
+  const ImageProcessing& p = m.processing;
+  const bool processing = p.median_filter || p.demosaic || p.subtract_black || p.gamma != 1 ||
+                          p.white_balance != ImageProcessing{}.white_balance;
+  return m.projection == Projection::opencv && !m.chromatic.lateral() && !m.chromatic.longitudinal() &&
+         !m.depth_of_field.active() && !m.shutter.motion_blur && m.shutter.line_time_s == 0 &&
+         !m.bloom.active() && m.noise.hot_pixel_share == 0 && !processing;
+}
+
+template <class Model>
+struct Sheet {
+  Model model;
+  SensorSetup setup;
+};
+
+/// The keys that all simulated sensors share. Throws ConfigError.
+SensorSetup read_setup(const ConfigNode& params, SampleKind kind, const SensorWorld& world,
+                       const std::string& name, std::uint64_t seed, const SensorOptions& options) {
+  SensorSetup setup;
+  setup.name = name;
+  setup.seed = seed;
+  setup.ideal = options.ideal;
+  setup.times = options.times;
+  setup.mount =
+      read_mount(params, world, kind == SampleKind::point_cloud ? SensorAxes::forward : SensorAxes::optical);
+  setup.choice = read_engine_choice(params, kind);
+  (void)read_tolerance(params, kind);
+  if (options.choice) setup.choice = *options.choice;
+  return setup;
+}
+
+/// As asked for, and `ideal: true` of the channel itself. Throws ConfigError.
+SensorOptions with_keys(SensorOptions options, const ConfigNode& params) {
+  options.ideal |= params.flag_or("ideal", false);
+  return options;
+}
+
+}  // namespace
+
+struct Simulation::Impl {
+  explicit Impl(const SimulationConfig& c) : config(c), resources(c.device) {}
+  SimulationConfig config;
+  std::unique_ptr<SensorWorld> world;
+  std::vector<WorldPlatform> platforms;
+  std::shared_ptr<SharedScene> scene;  ///< what the small renderer draws; null: the world is none
+  SensingResources resources;
+};
+
+Simulation::Simulation(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Simulation::~Simulation() = default;
+
+Result<std::unique_ptr<Simulation>> Simulation::open(const SimulationConfig& config) {
+  auto impl = std::make_unique<Impl>(config);
+  auto world = SensorWorld::open(config.world, config.weather, config.plugins);
+  if (!world) return tl::unexpected<Error>(world.error());
+  impl->world = std::move(*world);
+  if (impl->world->is_scene()) {
+    auto scene = world::scene_of(impl->world->snapshot());
+    if (!scene) return tl::unexpected<Error>(scene.error());
+    impl->scene = std::make_shared<SharedScene>();
+    impl->scene->store(std::make_shared<const world::Scene>(std::move(*scene)));
+  }
+  if (!config.platforms.empty()) {
+    auto platforms = make_platforms(config, impl->world->ground(), impl->world->stems(),
+                                    impl->world->joint_names().size());
+    if (!platforms) return tl::unexpected<Error>(platforms.error());
+    impl->platforms = std::move(*platforms);
+    for (const WorldPlatform& p : impl->platforms)
+      if (auto s = impl->world->add_platform(p); !s) return tl::unexpected<Error>(s.error());
+  }
+  return std::unique_ptr<Simulation>(new Simulation(std::move(impl)));
+}
+
+Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std::uint64_t seed,
+                                                          const std::string& name,
+                                                          const SensorOptions& asked) {
+  const auto keyed = catch_config([&] {
+    expect_sheet(params, SampleKind::image);
+    return with_keys(asked, params);
+  });
+  if (!keyed) return tl::unexpected<Error>(keyed.error());
+  const SensorOptions& options = *keyed;
+  // The small renderer knows neither air nor platforms, and of `ideal` it leaves the lens.
+  bool small = impl_->scene && impl_->platforms.empty() && impl_->config.weather.empty() &&
+               !params.has("engine") && !options.choice && options.only.empty() && !params.has("motion") &&
+               options.ideal == asked.ideal;
+  if (small) {
+    const auto sheet = catch_config([&] {
+      return value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params)));
+    });
+    if (!sheet) return tl::unexpected<Error>(sheet.error());
+    small = small_renderer_knows(sheet->model);
+  }
+  if (!small) {
+    auto made = sensed_camera(std::move(params), seed, name, options);
+    if (!made) return tl::unexpected<Error>(made.error());
+    return std::shared_ptr<ImageProvider>(std::move(*made));
+  }
+  auto made = catch_config([&]() -> Result<std::shared_ptr<ImageProvider>> {
+    const auto sheet =
+        value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params)));
+    const SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
+    auto device = impl_->resources.device();
+    if (!device) return tl::unexpected<Error>(device.error());
+    CameraSpec spec;
+    spec.name = name;
+    spec.model = sheet.model;
+    spec.format = pixel_format_from(params.text_or("pixel_format", "Mono8")).value_or(PixelFormat::mono8);
+    spec.supersampling = sheet.supersampling;
+    spec.noise = !options.ideal;
+    spec.seed = seed;
+    if (setup.mount.parent) spec.parent_node = params.text("parent");
+    spec.T_parent_sensor = setup.mount.T_parent_sensor;
+    auto provider =
+        std::make_shared<SceneCamera>(spec, seconds_from(sheet.exposure_s), *device, impl_->scene);
+    if (auto s = provider->prepare(spec.format); !s) return tl::unexpected<Error>(s.error());
+    if (!options.times) return std::shared_ptr<ImageProvider>(std::move(provider));
+    return std::shared_ptr<ImageProvider>(std::make_shared<TimedCamera>(std::move(provider), options.times));
+  });
+  if (!made) return tl::unexpected<Error>(made.error());
+  return *made;
+}
+
+Result<std::shared_ptr<SensedCamera>> Simulation::sensed_camera(ConfigNode params, std::uint64_t seed,
+                                                                const std::string& name,
+                                                                const SensorOptions& asked) {
+  auto made = catch_config([&] {
+    expect_sheet(params, SampleKind::image);
+    const SensorOptions options = with_keys(asked, params);
+    const auto sheet =
+        value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params)));
+    SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
+    if (setup.choice.engine.empty()) setup.choice.engine = "vulkan";
+    CameraModel model = sheet.model;
+    if (options.ideal || !options.only.empty()) model = value_or_throw(only_effects(model, options.only));
+    const auto format =
+        pixel_format_from(params.text_or("pixel_format", "Mono8")).value_or(PixelFormat::mono8);
+    return make_camera(setup, model, format, seconds_from(sheet.exposure_s), sheet.supersampling,
+                       *impl_->world, impl_->resources);
+  });
+  if (!made) return tl::unexpected<Error>(made.error());
+  return *made;
+}
+
+Result<std::shared_ptr<TruthfulSampler>> Simulation::sampler(SampleKind kind, ConfigNode params,
+                                                             std::uint64_t seed, const std::string& name,
+                                                             const SensorOptions& asked) {
+  if (kind != SampleKind::point_cloud && kind != SampleKind::range_image)
+    return tl::unexpected<Error>(
+        params.error("", "expected a channel of kind point_cloud or range_image, got another one").error());
+  auto made = catch_config([&]() -> Result<std::shared_ptr<TruthfulSampler>> {
+    expect_sheet(params, kind);
+    const SensorOptions options = with_keys(asked, params);
+    const std::filesystem::path file = params.base_dir() / params.text("sensor");
+    SensorSetup setup = read_setup(params, kind, *impl_->world, name, seed, options);
+    if (setup.choice.engine.empty()) setup.choice.engine = "rays";
+    if (kind == SampleKind::point_cloud) {
+      auto model = value_or_throw(load_lidar_model(file, draw_of(params)));
+      if (!options.only.empty()) model = value_or_throw(models::only_effects(model, options.only));
+      return make_lidar(setup, model, *impl_->world, impl_->resources);
+    }
+    auto model = value_or_throw(load_tof_model(file, draw_of(params)));
+    if (!options.only.empty()) model = value_or_throw(models::only_effects(model, options.only));
+    return make_tof(setup, model, *impl_->world, impl_->resources);
+  });
+  if (!made) return tl::unexpected<Error>(made.error());
+  return *made;
+}
+
+Result<std::shared_ptr<SampleProvider>> Simulation::inertial(SampleKind kind, ConfigNode params,
+                                                             std::uint64_t seed, const std::string& name,
+                                                             Duration period, const SensorOptions& asked) {
+  const auto options = catch_config([&] { return with_keys(asked, params); });
+  if (!options) return tl::unexpected<Error>(options.error());
+  return make_inertial(
+      kind, params,
+      {name, seed, period, options->ideal, [this](const std::string& wanted) { return joint(wanted); }},
+      *impl_->world);
+}
+
+Result<std::size_t> Simulation::joint(const std::string& name) const {
+  const auto& joints = impl_->world->joint_names();
+  std::string names;
+  for (std::size_t i = 0; i < joints.size(); ++i) {
+    if (joints[i] == name) return i;
+    names += (names.empty() ? "" : ", ") + joints[i];
+  }
+  for (const WorldPlatform& p : impl_->platforms)
+    for (std::size_t i = 0; i < p.model->joint_names().size(); ++i) {
+      const std::string full = p.name + "." + p.model->joint_names()[i];
+      if (full == name) return p.first_joint + i;
+      names += (names.empty() ? "" : ", ") + full;
+    }
+  return fail(ErrorCode::bad_input, impl_->config.world.string(),
+              fmt::format("expected a hinged node of this world ({}), got \"{}\"",
+                          names.empty() ? "it has none" : names, name));
+}
+
+std::size_t Simulation::joint_count() const {
+  std::size_t count = impl_->world->joint_names().size();
+  for (const WorldPlatform& p : impl_->platforms) count += p.model->joint_names().size();
+  return count;
+}
+
+const std::vector<WorldPlatform>& Simulation::platforms() const { return impl_->platforms; }
+
+Result<std::size_t> Simulation::platform(const std::string& name) const {
+  std::string names;
+  for (std::size_t i = 0; i < impl_->platforms.size(); ++i) {
+    if (impl_->platforms[i].name == name) return i;
+    names += (names.empty() ? "" : ", ") + impl_->platforms[i].name;
+  }
+  return fail(ErrorCode::bad_input, "",
+              fmt::format("expected one of `simulation.platforms` ({}), got \"{}\"",
+                          names.empty() ? "there is none" : names, name));
+}
+
+WorldMotion Simulation::motion_at_rest() const {
+  WorldMotion motion;
+  motion.count = static_cast<std::uint32_t>(joint_count());
+  for (std::size_t i = 0; i < impl_->platforms.size(); ++i)
+    add_platform_motion(motion, impl_->platforms[i], i, BenchTime());
+  return motion;
+}
+
+Status Simulation::edit(world::NodeId node, const std::string& attribute, world::Value value) {
+  return impl_->world->edit(node, attribute, std::move(value),
+                            [this](const world::Snapshot& after) -> Status {
+                              if (!impl_->scene) return {};
+                              auto scene = world::scene_of(after);
+                              if (!scene) return tl::unexpected<Error>(scene.error());
+                              impl_->scene->store(std::make_shared<const world::Scene>(std::move(*scene)));
+                              return {};
+                            });
+}
+
+std::string Simulation::engine() const { return impl_->resources.text(); }
+const SensorWorld& Simulation::world() const { return *impl_->world; }
+
+std::vector<DoctorFinding> Simulation::doctor() {
+  using Level = DoctorFinding::Level;
+  const auto devices = render::Device::list();
+  if (!devices || devices->empty())
+    return {{Level::missing, devices ? "no Vulkan device" : devices.error().text(),
+             "apt-get install mesa-vulkan-drivers (a software device), or the driver of your GPU"}};
+  std::vector<DoctorFinding> out;
+  for (const std::string& name : *devices) {
+    const bool software = name.find("llvmpipe") != std::string::npos;
+    out.push_back({software ? Level::note : Level::good,
+                   "Vulkan device " + name + (software ? ": renders on the CPU, beside the loop" : ""), ""});
+  }
+  return out;
+}
+
+}  // namespace rigor

@@ -1,0 +1,310 @@
+// The live view without sockets: what clients say, who may connect, who gets what.
+#include "bench/live/hub.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <deque>
+#include <nlohmann/json.hpp>
+
+#include "bench/live/access.h"
+
+namespace rigor::live {
+namespace {
+
+using nlohmann::json;
+using ::testing::HasSubstr;
+
+std::span<const std::byte> bytes_of(const std::string& s) {
+  return {reinterpret_cast<const std::byte*>(s.data()), s.size()};
+}
+std::string u32(std::uint32_t v) {
+  std::string s(4, '\0');
+  for (std::size_t i = 0; i < 4; ++i) s[i] = static_cast<char>(v >> (8 * i));
+  return s;
+}
+std::string call(std::uint32_t service, std::uint32_t id, const std::string& encoding,
+                 const std::string& request) {
+  return std::string("\x02", 1) + u32(service) + u32(id) + u32(static_cast<std::uint32_t>(encoding.size())) +
+         encoding + request;
+}
+
+// ------------------------------------------------------------------ protocol
+
+TEST(LiveProtocol, ReadsWhatClientsSay) {
+  const auto s = parse_text(
+      R"({"op":"subscribe","subscriptions":[{"id":0,"channelId":3},{"id":4294967295,"channelId":5}]})");
+  ASSERT_TRUE(s) << s.error().text();
+  const auto& entries = std::get<Subscribe>(*s).entries;
+  ASSERT_EQ(entries.size(), 2u);
+  EXPECT_EQ(entries[1].id, 4294967295u);
+  EXPECT_EQ(entries[1].channel, 5u);
+  const auto c = parse_binary(bytes_of(call(7, 9, "json", "{\"a\":1}")));
+  ASSERT_TRUE(c) << c.error().text();
+  EXPECT_EQ(std::get<ServiceCall>(*c).service, 7u);
+  EXPECT_EQ(std::get<ServiceCall>(*c).call, 9u);
+  EXPECT_EQ(std::get<ServiceCall>(*c).encoding, "json");
+  EXPECT_EQ(std::get<ServiceCall>(*c).request, "{\"a\":1}");
+  EXPECT_TRUE(std::holds_alternative<NotOffered>(*parse_text(R"({"op":"fetchAsset"})")));
+}
+
+TEST(LiveProtocol, RefusesWhatIsNoMessage) {
+  for (const char* text :
+       {"", "{", "7", "[]", "{}", R"({"op":7})", R"({"op":"dance"})", R"({"op":"subscribe"})",
+        R"({"op":"subscribe","subscriptions":{}})", R"({"op":"subscribe","subscriptions":[7]})",
+        R"({"op":"subscribe","subscriptions":[{"id":-1,"channelId":1}]})",
+        R"({"op":"subscribe","subscriptions":[{"id":1.5,"channelId":1}]})",
+        R"({"op":"subscribe","subscriptions":[{"id":4294967296,"channelId":1}]})",
+        R"({"op":"unsubscribe","subscriptionIds":["a"]})",
+        R"({"op":"getParameters","parameterNames":[],"id":7})"}) {
+    const auto m = parse_text(text);
+    EXPECT_FALSE(m) << text;
+    if (!m) {
+      EXPECT_EQ(m.error().code, ErrorCode::protocol);
+    }
+  }
+  json many{{"op", "unsubscribe"}, {"subscriptionIds", std::vector<int>(kMaxEntries + 1)}};
+  EXPECT_FALSE(parse_text(many.dump()));
+  const std::string whole = call(1, 2, "json", "");
+  for (std::size_t n = 0; n < whole.size(); ++n)
+    EXPECT_FALSE(parse_binary(bytes_of(whole.substr(0, n)))) << n;
+  EXPECT_TRUE(parse_binary(bytes_of(whole)));
+  std::string beyond = whole;
+  beyond.replace(9, 4, u32(0xffffffff));
+  EXPECT_FALSE(parse_binary(bytes_of(beyond)));
+  EXPECT_FALSE(parse_binary(bytes_of(std::string("\x09", 1))));
+}
+
+// ------------------------------------------------------------------ access
+
+TEST(LiveAccess, ReadsEndpoints) {
+  EXPECT_EQ(parse_endpoint("")->port, 8765);
+  EXPECT_EQ(parse_endpoint("0")->port, 0);
+  EXPECT_EQ(parse_endpoint("localhost:9")->address, "127.0.0.1");
+  EXPECT_EQ(parse_endpoint("[::1]:9")->address, "::1");
+  EXPECT_TRUE(parse_endpoint("127.9.9.9:9")->loopback());
+  EXPECT_TRUE(parse_endpoint("[::1]:9")->loopback());
+  EXPECT_FALSE(parse_endpoint("0.0.0.0:9")->loopback());
+  for (const char* wrong :
+       {"x", "65536", "-1", "1:2:3", "example.com:80", "127.0.0.1:", "127.0.0.1", ":1", "8765 "})
+    EXPECT_FALSE(parse_endpoint(wrong)) << wrong;
+}
+
+TEST(LiveAccess, AsksForATokenBeyondLoopback) {
+  EXPECT_TRUE(check_token({"127.0.0.1", 1}, ""));
+  EXPECT_FALSE(check_token({"0.0.0.0", 1}, ""));
+  EXPECT_FALSE(check_token({"0.0.0.0", 1}, "short"));
+  EXPECT_TRUE(check_token({"0.0.0.0", 1}, "long-enough"));
+}
+
+TEST(LiveAccess, KnowsTheToken) {
+  const std::string token = "open sesame+";
+  EXPECT_TRUE(token_fits({}, ""));
+  EXPECT_FALSE(token_fits({.target = "/"}, token));
+  EXPECT_TRUE(token_fits({.target = "/?a=b&token=open%20sesame%2b"}, token));
+  EXPECT_FALSE(token_fits({.target = "/?token=open%20sesame%2c"}, token));
+  EXPECT_FALSE(token_fits({.target = "/?xtoken=open%20sesame%2b"}, token));
+  EXPECT_TRUE(token_fits({.target = "/", .authorization = "Bearer open sesame+"}, token));
+  EXPECT_FALSE(token_fits({.target = "/", .authorization = "Bearer open sesame"}, token));
+}
+
+TEST(LiveAccess, RefusesOtherSites) {
+  const std::string_view host = "localhost:8765";
+  EXPECT_EQ(refuse_socket({.host = host}, true, false), "");
+  EXPECT_EQ(refuse_socket({.host = host, .origin = "http://localhost:8765"}, true, false), "");
+  EXPECT_EQ(refuse_socket({.host = "[::1]:8765", .origin = "http://[::1]:8765"}, true, false), "");
+  EXPECT_EQ(refuse_socket({.host = host, .origin = "https://app.foxglove.dev"}, true, false), "");
+  for (const char* origin : {"http://evil.example", "null", "http://localhost:8766", "file://",
+                             "https://app.foxglove.dev.evil.example"}) {
+    EXPECT_NE(refuse_socket({.host = host, .origin = origin}, true, false), "") << origin;
+    EXPECT_EQ(refuse_socket({.host = host, .origin = origin}, true, true), "") << origin;
+  }
+  // DNS rebinding: the attacker's own name leads here, and his page is of the same origin.
+  EXPECT_NE(refuse_socket({.host = "evil.example:8765", .origin = "http://evil.example:8765"}, true, false),
+            "");
+  EXPECT_NE(refuse_page({.host = "evil.example:8765"}, true), "");
+  EXPECT_NE(refuse_page({.host = "localhost.evil.example"}, true), "");
+  EXPECT_NE(refuse_page({.host = ""}, true), "");
+  EXPECT_EQ(refuse_page({.host = "127.0.0.1"}, true), "");
+  EXPECT_EQ(refuse_page({.host = "bench.example:8765"}, false), "");
+}
+
+// ------------------------------------------------------------------ hub
+
+class FakeLink final : public Link {
+ public:
+  void send_text(std::string text) override { texts.push_back(json::parse(text)); }
+  void send_binary(std::string head, Bytes body) override {
+    binaries.push_back(head + (body ? *body : std::string()));
+  }
+  [[nodiscard]] std::size_t backlog_bytes() const override { return backlog; }
+  void close(const std::string&) override { closed = true; }
+  json last(const std::string& op) const {
+    for (auto it = texts.rbegin(); it != texts.rend(); ++it)
+      if ((*it)["op"] == op) return *it;
+    return nullptr;
+  }
+  std::vector<json> texts;
+  std::vector<std::string> binaries;
+  std::size_t backlog = 0;
+  bool closed = false;
+};
+
+class LiveHub : public ::testing::Test {
+ protected:
+  LiveHub()
+      : hub("bench", "1", [this](auto work, auto done) {
+          work();
+          later.push_back(done);
+        }) {
+    images = hub.add_channel({0, "/left/image", "cdr", "sensor_msgs/msg/Image", "ros2msg", "uint8 x"});
+    live = hub.add_channel({0, "/rigor/live", "json", "rigor.Live", "jsonschema", "{}"});
+    hub.add_service({0, "echo", "{}", "{}"}, [](const std::string& request) { return "<" + request + ">"; });
+    hub.advertise_new();
+  }
+  void subscribe(Link& link, std::uint32_t id, std::uint32_t channel) {
+    hub.text(link,
+             json{{"op", "subscribe"}, {"subscriptions", {{{"id", id}, {"channelId", channel}}}}}.dump());
+  }
+  static Bytes message(std::size_t n) { return std::make_shared<const std::string>(n, 'x'); }
+  std::vector<std::function<void()>> later;
+  Hub hub;
+  std::uint32_t images = 0, live = 0;
+};
+
+TEST_F(LiveHub, GreetsAndSendsWhatIsSubscribed) {
+  FakeLink a, b;
+  hub.opened(a);
+  hub.opened(b);
+  EXPECT_EQ(a.last("serverInfo")["name"], "bench");
+  EXPECT_EQ(a.last("advertise")["channels"].size(), 2u);
+  EXPECT_EQ(a.last("advertiseServices")["services"][0]["name"], "echo");
+  EXPECT_FALSE(hub.wanted(images));
+  subscribe(a, 70, images);
+  EXPECT_TRUE(hub.wanted(images));
+  hub.publish(images, 0x0102030405060708u, message(3));
+  ASSERT_EQ(a.binaries.size(), 1u);
+  EXPECT_EQ(a.binaries[0], std::string("\x01\x46\0\0\0\x08\x07\x06\x05\x04\x03\x02\x01xxx", 16));
+  EXPECT_TRUE(b.binaries.empty());
+  hub.text(a, R"({"op":"unsubscribe","subscriptionIds":[70]})");
+  EXPECT_FALSE(hub.wanted(images));
+  hub.publish(images, 1, message(3));
+  EXPECT_EQ(a.binaries.size(), 1u);
+  subscribe(a, 70, images);
+  hub.closed(a);
+  EXPECT_FALSE(hub.wanted(images));
+  EXPECT_EQ(hub.counters().clients.load(), 1u);
+}
+
+TEST_F(LiveHub, ComplainsOfIdsThatAreNotThere) {
+  FakeLink a;
+  hub.opened(a);
+  const auto complaint = [&] { return a.last("status")["message"].get<std::string>(); };
+  subscribe(a, 1, 99);
+  EXPECT_THAT(complaint(), HasSubstr("there is no such channel"));
+  subscribe(a, 1, 0);
+  EXPECT_THAT(complaint(), HasSubstr("channel 0"));
+  subscribe(a, 1, images);
+  subscribe(a, 1, live);
+  EXPECT_THAT(complaint(), HasSubstr("with this id"));
+  subscribe(a, 2, images);
+  EXPECT_THAT(complaint(), HasSubstr("has subscribed"));
+  hub.text(a, R"({"op":"unsubscribe","subscriptionIds":[9]})");
+  EXPECT_THAT(complaint(), HasSubstr("no subscription 9"));
+  hub.text(a, "no json");
+  EXPECT_THAT(complaint(), HasSubstr("expected an object of JSON"));
+  EXPECT_FALSE(a.closed);
+  EXPECT_FALSE(hub.wanted(live));
+}
+
+TEST_F(LiveHub, DropsForWhoIsSlowAlone) {
+  FakeLink slow, quick;
+  hub.opened(slow);
+  hub.opened(quick);
+  subscribe(slow, 1, images);
+  subscribe(quick, 1, images);
+  slow.backlog = Hub::kBacklog;
+  for (int i = 0; i < 5; ++i) hub.publish(images, 1, message(100'000));
+  EXPECT_EQ(quick.binaries.size(), 5u);
+  EXPECT_TRUE(slow.binaries.empty());
+  EXPECT_EQ(hub.counters().frames_dropped.load(), 5u);
+  EXPECT_EQ(hub.counters().frames_sent.load(), 5u);
+  EXPECT_THAT(slow.last("status")["message"].get<std::string>(), HasSubstr("does not read as fast"));
+  hub.publish(images, 1, message(100));  // a little one finds room beside
+  EXPECT_EQ(slow.binaries.size(), 1u);
+  slow.backlog = 0;  // it has caught up: even what is larger than the backlog goes out
+  hub.publish(images, 1, message(Hub::kBacklog + 1));
+  EXPECT_EQ(slow.binaries.size(), 2u);
+}
+
+TEST_F(LiveHub, AnswersCalls) {
+  FakeLink a;
+  hub.opened(a);
+  hub.binary(a, bytes_of(call(1, 5, "json", "[1]")));
+  EXPECT_TRUE(a.binaries.empty());
+  ASSERT_EQ(later.size(), 1u);
+  later[0]();
+  ASSERT_EQ(a.binaries.size(), 1u);
+  EXPECT_EQ(a.binaries[0], std::string("\x03", 1) + u32(1) + u32(5) + u32(4) + "json<[1]>");
+  for (const std::string& wrong : {call(9, 6, "json", "{}"), call(0, 6, "json", "{}"),
+                                   call(1, 6, "cdr", "{}"), call(1, 6, "json", "{")}) {
+    a.texts.clear();
+    hub.binary(a, bytes_of(wrong));
+    EXPECT_EQ(a.last("serviceCallFailure")["callId"], 6) << wrong;
+  }
+}
+
+TEST_F(LiveHub, LimitsCallsAndForgetsThoseOfClientsThatLeft) {
+  FakeLink a;
+  hub.opened(a);
+  for (std::uint32_t i = 0; i < Hub::kCalls; ++i) hub.binary(a, bytes_of(call(1, i, "json", "{}")));
+  EXPECT_TRUE(a.last("serviceCallFailure").is_null());
+  hub.binary(a, bytes_of(call(1, 99, "json", "{}")));
+  EXPECT_EQ(a.last("serviceCallFailure")["callId"], 99);
+  later[0]();
+  hub.binary(a, bytes_of(call(1, 100, "json", "{}")));
+  EXPECT_EQ(later.size(), Hub::kCalls + 1);
+  hub.closed(a);
+  const std::size_t before = a.binaries.size();
+  hub.opened(a);  // another client at the same address
+  for (std::size_t i = 1; i < later.size(); ++i) later[i]();
+  EXPECT_EQ(a.binaries.size(), before);
+}
+
+TEST_F(LiveHub, LetsGoOfWhoReadsNoAnswers) {
+  FakeLink a;
+  hub.opened(a);
+  a.backlog = Hub::kMaxBacklog + 1;
+  hub.text(a, R"({"op":"getParameters","parameterNames":[]})");
+  EXPECT_TRUE(a.closed);
+  const std::size_t said = a.texts.size();
+  hub.text(a, R"({"op":"getParameters","parameterNames":[]})");
+  EXPECT_EQ(a.texts.size(), said);
+}
+
+TEST_F(LiveHub, ServesParameters) {
+  std::string side = "real";
+  hub.serve_parameters(
+      [&] {
+        return json::array({{{"name", "/left/hand_on"}, {"value", side}}});
+      },
+      [&](const std::string& name, const json& value) {
+        if (name != "/left/hand_on" || !value.is_string()) return false;
+        side = value;
+        return true;
+      });
+  FakeLink a;
+  hub.opened(a);
+  hub.text(a,
+           R"({"op":"setParameters","id":"7","parameters":[{"name":"/left/hand_on","value":"simulated"}]})");
+  EXPECT_EQ(side, "simulated");
+  EXPECT_EQ(a.last("parameterValues")["id"], "7");
+  EXPECT_EQ(a.last("parameterValues")["parameters"][0]["value"], "simulated");
+  EXPECT_TRUE(a.last("status").is_null());
+  hub.text(a, R"({"op":"setParameters","parameters":[{"name":"/right/hand_on","value":"real"}]})");
+  EXPECT_THAT(a.last("status")["message"].get<std::string>(), HasSubstr("/right/hand_on"));
+}
+
+}  // namespace
+}  // namespace rigor::live
