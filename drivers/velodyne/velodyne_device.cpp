@@ -29,7 +29,7 @@ std::optional<Model> model_named(std::string_view key) {
 }
 
 Calibration factory_calibration(Model model) {
-  constexpr double kDegree = std::numbers::pi / 180;
+  constexpr double kRadPerDegree = std::numbers::pi / 180;
   // VLP-16 manual, table 9-1: elevation and vertical offset by laser id.
   constexpr double kVlpElevation_deg[] = {-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15};
   constexpr double kVlpOffset_mm[] = {11.2, -0.7, 9.7, -2.2, 8.1, -3.7, 6.6, -5.1,
@@ -39,11 +39,11 @@ Calibration factory_calibration(Model model) {
   c.lasers.resize(facts_of(model).lasers);
   for (std::size_t i = 0; i < c.lasers.size(); ++i) {
     if (model == Model::vlp16) {
-      c.lasers[i].elevation_rad = kVlpElevation_deg[i] * kDegree;
+      c.lasers[i].elevation_rad = kVlpElevation_deg[i] * kRadPerDegree;
       c.lasers[i].vertical_offset_m = kVlpOffset_mm[i] * 1e-3;
     } else {
       const double step = static_cast<double>(i % 2 == 0 ? i / 2 : 16 + i / 2);
-      c.lasers[i].elevation_rad = std::round((-92.0 / 3 + step * 4 / 3) * 100) / 100 * kDegree;
+      c.lasers[i].elevation_rad = std::round((-92.0 / 3 + step * 4 / 3) * 100) / 100 * kRadPerDegree;
     }
   }
   return c;

@@ -43,7 +43,7 @@ TEST(Lease, TheLastCopyFreesTheSlot) {
   Lease<int> c = std::move(a);
   EXPECT_FALSE(a);  // NOLINT: moved from, and empty by contract
   EXPECT_TRUE(b.same_as(c));
-  b = b;  // NOLINT: on purpose
+  b = static_cast<const Lease<int>&>(b);  // to itself, on purpose
   EXPECT_TRUE(b);
   b.reset();
   EXPECT_EQ(pool.in_use(), 1u);
@@ -77,11 +77,10 @@ TEST(Pool, NobodySeesASlotBeforeItsLastReaderHasLeft) {
     }
   };
   std::thread a([&] { read(to_a); }), b([&] { read(to_b); });
-  std::uint64_t sent = 0, none = 0;
+  std::uint64_t sent = 0;
   while (sent < kRounds) {
     Lease<Block> lease = pool.try_acquire();
     if (!lease) {
-      ++none;
       std::this_thread::yield();
       continue;
     }
