@@ -228,7 +228,7 @@ double ms_since(std::chrono::steady_clock::time_point begin) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
 }
 
-Status draw_by_vulkan(const std::string& device_name, render::WorldView& view, const ViewRequest& request,
+Status draw_by_vulkan(const std::string& device_name, render::WorldView& view, ViewRequest request,
                       Drawn& drawn) {
   auto device = render::Device::create({.name_contains = device_name});
   if (!device) return tl::unexpected(device.error());
@@ -239,8 +239,10 @@ Status draw_by_vulkan(const std::string& device_name, render::WorldView& view, c
   std::optional<ProgressTask> progress(std::in_place, "collect what is in view");
   const auto frame = view.collect(render::ViewRenderer::query_for(request));
   const double collect_ms = ms_since(begin);
-  progress.emplace("draw");
+  progress.emplace("draw", 1);
+  request.progress = [&](double share) { progress->set(share); };
   if (auto s = (*renderer)->draw(frame, request, drawn.picture, &drawn.statistics); !s) return s;
+  progress->finish();
   drawn.statistics.collect_ms = collect_ms;
   return {};
 }

@@ -242,6 +242,10 @@ TEST_F(ProgressOfWorlds, ImportAndRenderIncreaseToOne) {
   ASSERT_EQ(drawn.status, 0) << drawn.err;
   increase_to_one(objects_of(drawn.err, "draw"));
   EXPECT_FALSE(objects_of(drawn.err, "collect what is in view").empty());
+  const test::Said by_vulkan = world({"render", "w.rigor", "-o", "v.png", "--engine", "vulkan", "--width",
+                                      "64", "--height", "48", "--progress", "json"});
+  ASSERT_EQ(by_vulkan.status, 0) << by_vulkan.err;
+  increase_to_one(objects_of(by_vulkan.err, "draw"));
 }
 
 }  // namespace

@@ -86,6 +86,34 @@ void count_calls(const std::vector<DrawCall>& calls, bool instancing, ViewStatis
   }
 }
 
+/// What drawing costs, about.
+double work_of(const DrawCall& c) {
+  return static_cast<double>(c.index_count) * static_cast<double>(c.instance_count);
+}
+double work_of(std::span<const DrawCall> calls) {
+  double work = 0;
+  for (const DrawCall& c : calls) work += work_of(c);
+  return work;
+}
+double work_of(const std::vector<Bucket>& buckets) {
+  double work = 0;
+  for (const Bucket& b : buckets)
+    work += (b.mesh != nullptr ? 3.0 * b.mesh->triangles : 6.0) * static_cast<double>(b.instances.size());
+  return work;
+}
+
+/// How much of a picture is drawn, for who asked. `told` is empty where nobody did.
+struct Progress {
+  static constexpr double kPieces = 40;  ///< of a picture, each a submission
+  std::function<void(double)> told;
+  double total = 0, done = 0;
+
+  void add(double work) {
+    done += work;
+    if (told && total > 0) told(std::min(1.0, done / total));
+  }
+};
+
 }  // namespace
 
 struct ViewRenderer::Impl : DrawContext {
@@ -111,8 +139,12 @@ struct ViewRenderer::Impl : DrawContext {
   /// `first_is_done`: the first are drawn, or their depth is where that comes first.
   Status record_part(const FrameTargets::Part& part, std::span<const DrawCall> first,
                      std::span<const DrawCall> second, bool first_is_done, const FrameFeatures& features);
+  /// Calls within `pass`, which was begun; piece by piece where somebody wants to know how far it is.
+  Status record_calls(std::span<const DrawCall> calls, FrameTargets::Pass pass,
+                      const FrameTargets::Part& part, bool instancing);
   void read_back(const ViewRequest& request, ViewPicture& out) const;
 
+  Progress progress;
   FrameTargets targets;
   TilePass tiles;
   ParticlePass particles;
@@ -181,28 +213,57 @@ Status ViewRenderer::Impl::make_shadows(const ViewCamera& camera, const CullOpti
   return {};
 }
 
+Status ViewRenderer::Impl::record_calls(std::span<const DrawCall> calls, FrameTargets::Pass pass,
+                                        const FrameTargets::Part& part, bool instancing) {
+  const bool depth_only = pass.writes == FrameTargets::Writes::depth;
+  pass.clears_depth = pass.clears_colours = false;
+  while (!calls.empty()) {
+    std::size_t n = calls.size();
+    double work = 0;
+    if (progress.told) {
+      n = 0;
+      do work += work_of(calls[n++]);
+      while (n < calls.size() && work < progress.total / Progress::kPieces);
+    }
+    if (depth_only)
+      lists.record_depth(commands, calls.first(n), instancing);
+    else
+      lists.record(commands, calls.first(n), instancing);
+    calls = calls.subspan(n);
+    if (!progress.told) continue;
+    vkCmdEndRendering(commands);
+    if (auto s = submit(); !s) return s;
+    progress.add(work);
+    if (auto s = begin(); !s) return s;
+    targets.begin_pass(commands, pass, part);
+    bind_frame();
+  }
+  return {};
+}
+
 Status ViewRenderer::Impl::record_part(const FrameTargets::Part& part, std::span<const DrawCall> first,
                                        std::span<const DrawCall> second, bool first_is_done,
                                        const FrameFeatures& features) {
   if (!first_is_done) targets.record_begin(commands);
   const bool depth_first = (features.all & kFeatureAfterDepth) != 0;
   if (depth_first) {
-    targets.begin_pass(commands, {.writes = FrameTargets::Writes::depth, .clears_depth = !first_is_done},
-                       part);
+    const FrameTargets::Pass pass{.writes = FrameTargets::Writes::depth, .clears_depth = !first_is_done};
+    targets.begin_pass(commands, pass, part);
     bind_frame();
-    if (!first_is_done) lists.record_depth(commands, first, features.instancing);
-    lists.record_depth(commands, second, features.instancing);
+    if (!first_is_done)
+      if (auto s = record_calls(first, pass, part, features.instancing); !s) return s;
+    if (auto s = record_calls(second, pass, part, features.instancing); !s) return s;
     vkCmdEndRendering(commands);
   }
-  targets.begin_pass(commands,
-                     {.clears_depth = !depth_first && !first_is_done,
-                      .clears_colours = depth_first || !first_is_done,
-                      .resolves = !particles.any(),
-                      .resolves_identity = true},
-                     part);
+  const FrameTargets::Pass pass{.clears_depth = !depth_first && !first_is_done,
+                                .clears_colours = depth_first || !first_is_done,
+                                .resolves = !particles.any(),
+                                .resolves_identity = true};
+  targets.begin_pass(commands, pass, part);
   bind_frame();
-  if (depth_first || !first_is_done) lists.record(commands, first, features.instancing);
-  lists.record(commands, second, features.instancing);
+  if (depth_first || !first_is_done)
+    if (auto s = record_calls(first, pass, part, features.instancing); !s) return s;
+  if (auto s = record_calls(second, pass, part, features.instancing); !s) return s;
   if (auto s = record_sky(commands, pipelines, features.all); !s) return s;
   vkCmdEndRendering(commands);
   if (particles.any()) {
@@ -334,20 +395,28 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   }
   resources.record_shadows(commands, lists, shadow_calls, features.instancing);
   if (covered) resources.record_zenith(commands, lists, *cover_calls, features.instancing);
+  progress = {request.progress};
+  if (progress.told) {
+    double shadows = work_of(*cover_calls);
+    for (const auto& calls : shadow_calls) shadows += work_of(calls);
+    const int parts = (p.height_px + targets.rows_at_once() - 1) / targets.rows_at_once();
+    const double times = ((features.all & kFeatureAfterDepth) != 0 ? 2 : 1) * parts;
+    progress.total = shadows + times * (work_of(*first) + (two_steps ? work_of(all) : work_of(second)));
+    if (auto ok = submit(); !ok) return ok;
+    progress.add(shadows);
+    if (auto ok = begin(); !ok) return ok;
+  }
   if (two_steps) {
     const FrameTargets::Part part{0, p.height_px};
     targets.record_begin(commands);
     const bool depth_first = (features.all & kFeatureAfterDepth) != 0;
-    targets.begin_pass(commands,
-                       {.writes = depth_first ? FrameTargets::Writes::depth : FrameTargets::Writes::picture,
-                        .clears_depth = true,
-                        .clears_colours = !depth_first},
-                       part);
+    const FrameTargets::Pass pass{
+        .writes = depth_first ? FrameTargets::Writes::depth : FrameTargets::Writes::picture,
+        .clears_depth = true,
+        .clears_colours = !depth_first};
+    targets.begin_pass(commands, pass, part);
     bind_frame();
-    if (depth_first)
-      lists.record_depth(commands, *first, features.instancing);
-    else
-      lists.record(commands, *first, features.instancing);
+    if (auto ok = record_calls(*first, pass, part, features.instancing); !ok) return ok;
     vkCmdEndRendering(commands);
     if (auto ok = tiles.record(commands, targets, p.width_px, p.height_px, request.samples == 4); !ok)
       return ok;

@@ -11,6 +11,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -47,6 +48,9 @@ struct ViewRequest {
   int samples = 4;  ///< per pixel: 1 or 4
   ViewSwitches switches{};
   bool normals = false;  ///< ViewPicture::normals is wanted; costs nothing where it is not
+  /// Told on the calling thread how much of the triangles is drawn, 0 to 1. The picture is the same, in more
+  /// submissions to the device.
+  std::function<void(double share)> progress{};
 };
 
 /// With 4 samples radiance is their mean; depth, node and normal are those of one and the same sample, which

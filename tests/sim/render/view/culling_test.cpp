@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "tests/sim/render/view/synthetic_forest.h"
 #include "tests/sim/render/view/view_fixture.h"
 
@@ -66,6 +68,35 @@ TEST_F(ViewCulling, WhatAWallHidesIsNotDrawnAndThePictureIsTheSame) {
     EXPECT_EQ(without.nodes, with.nodes);
     EXPECT_EQ(without.depth_m, with.depth_m);
   }
+}
+
+TEST_F(ViewCulling, APictureWhoseProgressIsToldIsTheSame) {
+  forest(300, 100);
+  auto wall = std::make_shared<Prototype>();
+  wall->levels = {{box_mesh({20, 0.2F, 6}, SurfaceOf::grey(0.4F), {0, 0, 6}), 0}};
+  wall->occludes = true;
+  frame_.batches.push_back(batch_of(wall, {at(0, -38, -3)}, 100000));
+  for (const bool occlusion : {false, true})
+    for (const int samples : {4, 1}) {
+      SCOPED_TRACE(std::to_string(samples) + (occlusion ? " samples, what hides first" : " samples"));
+      request_.samples = samples;
+      request_.switches.occlusion_culling = occlusion;
+      request_.progress = {};
+      const auto silent = shoot();
+      std::vector<double> shares;
+      request_.progress = [&](double share) { shares.push_back(share); };
+      const auto told = shoot();
+      EXPECT_EQ(silent.nodes, told.nodes);
+      EXPECT_EQ(silent.depth_m, told.depth_m);
+      EXPECT_EQ(silent.radiance, told.radiance);
+      ASSERT_GT(shares.size(), 5U);
+      EXPECT_TRUE(std::is_sorted(shares.begin(), shares.end()));
+      EXPECT_GT(shares.front(), 0);
+      if (occlusion)
+        EXPECT_LE(shares.back(), 1);  // what is hidden is not drawn
+      else
+        EXPECT_NEAR(shares.back(), 1, 1e-9);
+    }
 }
 
 TEST_F(ViewCulling, CoarserLevelsAndImpostorsStayCloseAndAreCheaper) {
