@@ -102,6 +102,22 @@ double work_of(const std::vector<Bucket>& buckets) {
   return work;
 }
 
+/// The same calls, none of them more work than `most` where it has several instances.
+std::vector<DrawCall> in_pieces(std::span<const DrawCall> calls, double most) {
+  std::vector<DrawCall> pieces;
+  for (const DrawCall& c : calls) {
+    const double each = static_cast<double>(c.index_count);
+    const auto step = static_cast<std::uint32_t>(std::clamp(most / std::max(each, 1.0), 1.0, 4e9));
+    for (std::uint32_t i = 0; i < c.instance_count; i += step) {
+      DrawCall& piece = pieces.emplace_back(c);
+      piece.first_instance += i;
+      piece.instance_count = std::min(step, c.instance_count - i);
+      if (c.instance_count - i <= step) break;
+    }
+  }
+  return pieces;
+}
+
 /// How much of a picture is drawn, for who asked. `told` is empty where nobody did.
 struct Progress {
   static constexpr double kPieces = 40;  ///< of a picture, each a submission
@@ -217,6 +233,8 @@ Status ViewRenderer::Impl::record_calls(std::span<const DrawCall> calls, FrameTa
                                         const FrameTargets::Part& part, bool instancing) {
   const bool depth_only = pass.writes == FrameTargets::Writes::depth;
   pass.clears_depth = pass.clears_colours = false;
+  std::vector<DrawCall> pieces;
+  if (progress.told) calls = pieces = in_pieces(calls, progress.total / Progress::kPieces);
   while (!calls.empty()) {
     std::size_t n = calls.size();
     double work = 0;
@@ -428,6 +446,8 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
     s.cull_ms += ms_since(again);
     if (auto ok = begin(); !ok) return ok;
     if (auto ok = add_rest(); !ok) return ok;
+    progress.total = progress.done + (depth_first ? work_of(*first) + 2 * work_of(second)
+                                                  : work_of(second));  // without what is hidden
     if (auto ok = record_part(part, *first, second, true, features); !ok) return ok;
   } else {
     for (int row = 0; row < p.height_px; row += targets.rows_at_once()) {
