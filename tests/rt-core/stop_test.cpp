@@ -64,11 +64,14 @@ int crash(int signal) {
     StopSource source;
     const SignalStop signals(source);
     const CrashGuard guard(heartbeat);
+    std::atomic<bool> begun = false;
     std::thread sink([&] {
+      begun = true;
       while (!heartbeat.expired(monotonic_now(), seconds(60))) std::this_thread::yield();
       safe->store(1);
       pause();
     });
+    while (!begun) std::this_thread::yield();
     if (signal == SIGABRT) std::abort();
     raise(signal);
     _exit(99);
