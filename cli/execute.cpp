@@ -268,8 +268,8 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     while (!stop.stop_requested()) std::this_thread::sleep_for(std::chrono::milliseconds(50));
   }
   const StopReason reason = outcome->loop.reason;
-  const bool aborted =
-      reason == StopReason::overrun || reason == StopReason::failed || reason == StopReason::recording;
+  const bool aborted = reason == StopReason::overrun || reason == StopReason::failed ||
+                       reason == StopReason::recording || reason == StopReason::application;
   return aborted ? 1 : status;
 }
 

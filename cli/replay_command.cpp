@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "bench/application/application_choice.h"
 #include "bench/console/progress.h"
 #include "bench/console/terminal.h"
 #include "bench/report/report.h"
+#include "bench/run/backends.h"
 #include "bench/run/recording.h"
 #include "cli/commands.h"
 #include "cli/execute.h"
@@ -106,6 +108,9 @@ int replay_command(const ReplayOptions& options) {
   assembly.workers = std::make_unique<WorkerPool>(1);
   RunParts& parts = assembly.parts;
   parts.rig = std::move(*rig);
+  auto application = make_application(parts.rig, make_registry());
+  if (!application) return report_error(application.error(), options.json);
+  parts.application = std::move(*application);
   for (const ChannelEntry& entry : parts.rig.channels) {
     auto channel = std::make_unique<RunChannel>();
     channel->entry = &entry;
@@ -136,9 +141,6 @@ int replay_command(const ReplayOptions& options) {
     if (auto s = sink->sink->configure(config); !s) return report_error(s.error(), options.json);
     parts.sinks.push_back(std::move(sink));
   }
-  auto application = make_application(parts.rig);
-  if (!application) return report_error(application.error(), options.json);
-  parts.application = std::move(*application);
   if (auto s = prepare_outputs(parts.rig, existing, true); !s) return report_error(s.error(), options.json);
   ExecuteOptions how;
   how.json = options.json;

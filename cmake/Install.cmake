@@ -9,6 +9,9 @@ endif()
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/configs/ DESTINATION ${CMAKE_INSTALL_DATADIR}/rigor/configs
         FILES_MATCHING PATTERN "*.yaml" PATTERN "*.csv" PATTERN "*.dbc" PATTERN "*.asc" PATTERN "*.geojson"
         PATTERN "*.lock.yaml" EXCLUDE)
+# The clients for applications as processes: Python's is found by a rig's program by itself, C++'s is one header.
+install(FILES ${CMAKE_SOURCE_DIR}/clients/python/rigor_client.py DESTINATION ${CMAKE_INSTALL_DATADIR}/rigor/clients/python)
+install(FILES ${CMAKE_SOURCE_DIR}/clients/cpp/rigor_client.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
 # Who may open devices, and limits of the kernel: DATADIR/rigor/udev and DATADIR/rigor/sysctl, from where an administrator
 # takes them (rigor doctor says how). With the prefix /usr, which is the distribution's, they go where the system looks.
 # `--component machine` installs them alone.

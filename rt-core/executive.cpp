@@ -361,7 +361,7 @@ void Executive::loop_wall(StopToken stop, LoopData& data) noexcept {
       ++s.cycles_run;
       s.cycle_time.record(Duration(end - woke));
       if (end > cycle.t_next.ns()) overran = true;
-      if (config_.heartbeat) config_.heartbeat->beat(BenchTime(end));
+      if (in_charge()) config_.heartbeat->beat(BenchTime(end));
       if (data.trace) {
         data.trace->counter_at(data.trace_wake, woke, static_cast<double>(late) * 1e-3);
       }
@@ -438,7 +438,7 @@ void Executive::loop_virtual(StopToken stop, LoopData& data) {
     const std::int64_t ran = monotonic_now().ns() - began;
     ++s.cycles_run;
     s.cycle_time.record(Duration(ran));
-    if (config_.heartbeat) config_.heartbeat->beat(cycle.t);
+    if (in_charge()) config_.heartbeat->beat(cycle.t);
     counters_.cycle.store(k + 1, std::memory_order_relaxed);
     counters_.run.store(s.cycles_run, std::memory_order_relaxed);
     counters_.last_cycle_ns.store(ran, std::memory_order_relaxed);

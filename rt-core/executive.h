@@ -82,6 +82,8 @@ class ExecutiveHooks {
   /// Real-time, before the first and after the last step of each cycle.
   virtual void cycle_begin(const CycleContext& cycle) noexcept { (void)cycle; }
   virtual void cycle_end(const CycleContext& cycle) noexcept { (void)cycle; }
+  /// Real-time, at the end of each cycle. False: the heartbeat is not beaten, for nobody commands the sinks.
+  [[nodiscard]] virtual bool in_charge() const noexcept { return true; }
 };
 
 struct ExecutiveConfig {
@@ -204,6 +206,9 @@ class Executive {
   void loop_wall(StopToken stop, LoopData& data) noexcept;
   void loop_virtual(StopToken stop, LoopData& data);
   void run_steps(const CycleContext& cycle, LoopData& data) noexcept;
+  [[nodiscard]] bool in_charge() const noexcept {
+    return config_.heartbeat && (!config_.hooks || config_.hooks->in_charge());
+  }
 
   ExecutiveConfig config_;
   std::atomic<State> state_{State::configuring};

@@ -12,13 +12,14 @@ namespace rigor {
 
 /// Why a loop stopped.
 enum class StopReason : std::uint8_t {
-  none,       ///< it still runs, or has not begun
-  finished,   ///< the given number of cycles is done
-  requested,  ///< StopSource::request() was called
-  signal,     ///< a signal came that would have ended the process
-  overrun,    ///< a cycle was too late, and the policy is `abort`
-  failed,     ///< a step or a channel reported that the run cannot go on
-  recording   ///< the recording could not be continued
+  none,        ///< it still runs, or has not begun
+  finished,    ///< the given number of cycles is done
+  requested,   ///< StopSource::request() was called
+  signal,      ///< a signal came that would have ended the process
+  overrun,     ///< a cycle was too late, and the policy is `abort`
+  failed,      ///< a step or a channel reported that the run cannot go on
+  recording,   ///< the recording could not be continued
+  application  ///< the application said that it cannot go on
 };
 
 [[nodiscard]] constexpr const char* to_string(StopReason r) noexcept {
@@ -37,6 +38,8 @@ enum class StopReason : std::uint8_t {
       return "aborted: a step failed";
     case StopReason::recording:
       return "aborted: the recording could not be continued";
+    case StopReason::application:
+      return "aborted: the application cannot go on";
   }
   return "?";
 }

@@ -35,6 +35,7 @@ ALLOWED = {
     "sim/nature": SIM_BASE | {"sim/render"},
     "sim/gis": SIM_BASE | {"sim/render"},
     "bench": SIM_BASE | {"sim/render", "sim/sensors", "sim/platform", "sim/nature", "sim/gis", "drivers", "apps"},
+    "clients": set(),
     "cli": EVERYTHING,
     "tests": EVERYTHING,
     "benches": EVERYTHING,

@@ -1,6 +1,6 @@
 """Runs the commands of the documents: what can run here, shortened; what cannot is on the list below, with its reason.
 
-Each document's commands run one after the other in a folder of its own, which is empty at first, with a Rigor that was
+Each document's commands run one after the other in a folder of its own, which has `examples` alone at first, with a Rigor that was
 installed into a prefix: rigs and worlds are found as a user finds them. A command that neither runs nor is on the list is
 an error, as is an entry of the list that no command matches any more.
 """
@@ -44,6 +44,7 @@ NOT_RUN = [
     (r"stereo", r"stereo-forest|ideal=true", "the same rig with another world: the first runs, tests have the others"),
     (r"calibration/pair", r"calibrate (delay|twin)", "needs sixteen seconds of the demo's pictures: tests/cli/test_calibrate_pair.cpp"),
     (r"world-plugins", r"beehives\.so|hives\.rigor", "needs the plugin that the lines before build: tests/install builds it"),
+    (r"tutorial", r"/tmp/detector", "needs the program that the line before builds: tests/cli/test_application_process.cpp runs it"),
     (r"platforms|README|forest-localization", r"harvester", "minutes of scans: tests/cli/test_harvester.cpp runs the rig"),
 ]
 
@@ -144,10 +145,11 @@ def reason_not_to(document, line):
     return None
 
 
-def run_document(prefix, folder, document, lines, wall_clock):
+def run_document(root, prefix, folder, document, lines, wall_clock):
     """(Errors, entries of NOT_RUN that were used, how many commands were run) of one document."""
     errors, used, ran = [], set(), 0
     folder.mkdir()
+    (folder / "examples").symlink_to(Path(root) / "examples")
     runner = Runner(prefix, folder, document)
     for number, line in lines:
         entry = reason_not_to(document, line)
@@ -186,7 +188,7 @@ def run_all(root, by_document, whole=True):
             return [f"cmake --install build/release: {done.stderr.strip()}"]
         with ThreadPoolExecutor(AT_ONCE) as pool:
             results = list(pool.map(
-                lambda item: run_document(prefix, Path(temporary) / re.sub(r"\W", "-", item[0]), *item, wall_clock),
+                lambda item: run_document(root, prefix, Path(temporary) / re.sub(r"\W", "-", item[0]), *item, wall_clock),
                 by_document.items()))
     errors = [error for part, _, _ in results for error in part]
     used = set().union(*(part for _, part, _ in results))

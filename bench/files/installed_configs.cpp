@@ -34,6 +34,13 @@ fs::path installed_configs() {
   return {};
 }
 
+fs::path installed_clients() {
+  std::error_code error;
+  const fs::path configs = installed_configs();
+  const fs::path folder = configs.parent_path() / "clients";
+  return !configs.empty() && fs::is_directory(folder, error) ? folder : fs::path();
+}
+
 fs::path find_config(const fs::path& name) {
   std::error_code error;
   if (name.empty() || name.is_absolute() || fs::exists(name, error)) return name;

@@ -17,6 +17,10 @@ namespace rigor {
 /// Empty where there is none.
 [[nodiscard]] std::filesystem::path installed_configs();
 
+/// The clients for applications as processes (docs/application-protocol.md), beside them; empty where there
+/// are none.
+[[nodiscard]] std::filesystem::path installed_clients();
+
 /// `name` itself where it exists, is absolute, empty, or nothing of that name came along.
 [[nodiscard]] std::filesystem::path find_config(const std::filesystem::path& name);
 

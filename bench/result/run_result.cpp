@@ -193,6 +193,25 @@ json recorder_json(const Recorder& recorder, const std::string& file) {
           {"samples", s.samples}, {"dropped", s.dropped},   {"after_end", s.after_end}};
 }
 
+json application_json(const RigConfig& rig, const ApplicationFacts& a) {
+  json j{{"name", rig.application},
+         {"turns", a.turns},
+         {"answered", a.answered},
+         {"late", a.late},
+         {"left_out", a.left_out},
+         {"restarts", a.restarts},
+         {"samples",
+          {{"shown", a.shown},
+           {"overtaken", a.overtaken},
+           {"unshown", a.unshown},
+           {"after_last", a.after_last}}}};
+  if (a.answer.count() > 0)
+    j["answer"] = {{"p50_ns", a.answer.percentile(0.5).ns()},
+                   {"p99_ns", a.answer.percentile(0.99).ns()},
+                   {"max_ns", a.answer.max().ns()}};
+  return j;
+}
+
 }  // namespace
 
 RunFacts ended_run_facts(const RunParts& parts, const RunOutcome& outcome, const Recorder* recorder,
@@ -207,6 +226,7 @@ RunFacts ended_run_facts(const RunParts& parts, const RunOutcome& outcome, const
   if (recorder) facts.recording_dropped = recorder->statistics().dropped;
   facts.digest_known = !outcome.seen_sha256.empty();
   facts.warnings = warnings;
+  if (parts.application) facts.application = parts.application->facts();
   return facts;
 }
 
@@ -240,6 +260,7 @@ json run_result(const RunParts& parts, const RunOutcome& outcome, const Recorder
     for (const FaultBench::Entry& e : parts.faults->entries())
       if (!e.injector->scheduled().empty() || !e.injector->live().empty())
         j["faults"].push_back(faults_json(e, &outcome.t0));
+  if (facts.application) j["application"] = application_json(parts.rig, *facts.application);
   j["times"] = times_json(parts, outcome, recorder);
   if (recorder) j["recording"] = recorder_json(*recorder, text.recording);
   return j;
@@ -319,6 +340,16 @@ std::string summary_text(const json& r) {
                        s["backend"].get<std::string>(), s["accepted"].get<std::uint64_t>(),
                        s["applied"].get<std::uint64_t>(), s["late"].get<std::uint64_t>(),
                        s["failed"].get<std::uint64_t>());
+  if (const auto a = r.find("application"); a != r.end()) {
+    out += fmt::format("app       {}: {} turns, {} late, {} left out, {} restarts",
+                       (*a)["name"].get<std::string>(), (*a)["turns"].get<std::uint64_t>(),
+                       (*a)["late"].get<std::uint64_t>(), (*a)["left_out"].get<std::uint64_t>(),
+                       (*a)["restarts"].get<std::uint64_t>());
+    if (a->contains("answer"))
+      out +=
+          fmt::format("; answers p50 {} p99 {}", ns((*a)["answer"]["p50_ns"]), ns((*a)["answer"]["p99_ns"]));
+    out += '\n';
+  }
   for (const json& c : r.value("faults", json::array())) {
     const auto line = [&](const std::string& what, const json& f) {
       out += fmt::format("fault     {}: {}: {} times on, {} seen, {} dropped, {} changed, {} delayed\n",

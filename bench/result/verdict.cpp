@@ -17,9 +17,9 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::array<const char*, kFindingKinds> kNames{"lost",    "late",       "silent",  "emulator",
-                                                        "alarm",   "uncompared", "skipped", "missed",
-                                                        "command", "recording",  "digest",  "warning"};
+constexpr std::array<const char*, kFindingKinds> kNames{
+    "lost",   "late",    "silent",      "emulator",  "alarm",  "uncompared", "skipped",
+    "missed", "command", "application", "recording", "digest", "warning"};
 
 // Where a note becomes a warning, and a warning bad; shares of what was due.
 constexpr double kLostBad = 0.05, kLateWarning = 0.01, kLateBad = 0.2, kMissedWarning = 0.01,
@@ -211,6 +211,26 @@ void judge_sink(const SinkFacts& s, std::vector<Finding>& out) {
   out.push_back(std::move(f));
 }
 
+void judge_application(const ApplicationFacts& a, std::vector<Finding>& out) {
+  if (a.late == 0 && a.left_out == 0 && a.restarts == 0 && a.unshown == 0) return;
+  Finding f;
+  f.kinds.add(FindingKind::application);
+  const std::uint64_t due = a.turns + a.left_out;
+  f.severity = a.restarts > 0 || share(a.left_out, due) >= kLateBad               ? Severity::bad
+               : a.unshown > 0 || share(a.late + a.left_out, due) >= kLateWarning ? Severity::warning
+                                                                                  : Severity::note;
+  std::vector<std::string> parts;
+  if (a.restarts > 0) parts.push_back(fmt::format("it was started again {} times", a.restarts));
+  if (a.left_out > 0) parts.push_back(fmt::format("{} of {} turns were left out", a.left_out, due));
+  if (a.late > 0) parts.push_back(fmt::format("{} of {} answers were late", a.late, a.turns));
+  if (a.unshown > 0) parts.push_back(fmt::format("{} samples were not shown to it", a.unshown));
+  f.sentence = fmt::format("application: {}", fmt::join(parts, ", "));
+  if (a.left_out > 0 && a.answer.count() > 0)
+    f.cure = fmt::format("give it a `rate_hz` that it keeps (99 % of its answers take up to {:.3g} ms)",
+                         a.answer.percentile(0.99).seconds() * 1e3);
+  out.push_back(std::move(f));
+}
+
 Finding of_run(FindingKind kind, Severity severity, std::string sentence, std::string cure = {}) {
   Finding f;
   f.kinds.add(kind);
@@ -290,6 +310,7 @@ Verdict judge(const RunFacts& run) {
     if (c.pair) judge_pair(run, c, v.findings);
   }
   for (const SinkFacts& s : run.sinks) judge_sink(s, v.findings);
+  if (run.application) judge_application(*run.application, v.findings);
   judge_loop(run, v.findings);
   if (run.recording_dropped > 0)
     v.findings.push_back(

@@ -19,25 +19,27 @@
 
 #include "rt-core/period.h"
 #include "rt-core/result.h"
+#include "sensor-hal/channel/application.h"
 
 namespace rigor {
 
 /// What a finding is about; names for `--fail-on` and JSON in `finding_names`.
 enum class FindingKind : std::uint8_t {
-  lost,        ///< samples that were due never became visible
-  late,        ///< samples arrived after their release
-  silent,      ///< a channel gives nothing (any more) when the run ends
-  emulator,    ///< the run's own emulator process died
-  alarm,       ///< the watch of a pair raised an alarm
-  uncompared,  ///< of a pair nothing, or less than due, was compared
-  skipped,     ///< cycles of the loop were left out
-  missed,      ///< cycles began late or took too long
-  command,     ///< commands failed, came late, or found no place
-  recording,   ///< the recorder had to drop samples
-  digest,      ///< the input digest is not known
-  warning      ///< what a channel warned of
+  lost,         ///< samples that were due never became visible
+  late,         ///< samples arrived after their release
+  silent,       ///< a channel gives nothing (any more) when the run ends
+  emulator,     ///< the run's own emulator process died
+  alarm,        ///< the watch of a pair raised an alarm
+  uncompared,   ///< of a pair nothing, or less than due, was compared
+  skipped,      ///< cycles of the loop were left out
+  missed,       ///< cycles began late or took too long
+  command,      ///< commands failed, came late, or found no place
+  application,  ///< the application's process answered late, was left out, or was started again
+  recording,    ///< the recorder had to drop samples
+  digest,       ///< the input digest is not known
+  warning       ///< what a channel warned of
 };
-inline constexpr std::size_t kFindingKinds = 12;
+inline constexpr std::size_t kFindingKinds = 13;
 [[nodiscard]] const char* name_of(FindingKind kind) noexcept;
 
 enum class Severity : std::uint8_t { note, warning, bad };
@@ -104,6 +106,7 @@ struct SinkFacts {
   std::uint64_t accepted = 0, late = 0, failed = 0, dropped = 0;
 };
 struct RunFacts {
+  std::optional<ApplicationFacts> application;  ///< of one in a process of its own
   bool wall_clock = true;
   int workers = 1;  ///< threads of the simulated sensors
   std::uint64_t cycles = 0, skipped = 0, misses = 0;

@@ -5,10 +5,7 @@
 
 #include <algorithm>
 
-#include "apps/forest-localization/forest_localization.h"
-#include "apps/script/script.h"
-#include "apps/stereo-depth/stereo_depth.h"
-#include "apps/turntable-sweep/turntable_sweep.h"
+#include "bench/application/application_choice.h"
 #include "bench/console/progress.h"
 #include "bench/run/fault_signals.h"
 #include "bench/run/pair_watches.h"
@@ -40,6 +37,9 @@ class Assembler {
 
   Status run() {
     if (auto s = check_channel_count(); !s) return s;
+    auto application = make_application(rig_, registry_);
+    if (!application) return tl::unexpected<Error>(application.error());
+    out_.parts.application = std::move(*application);
     if (!rig_.simulation.world.empty()) {
       auto simulation = Simulation::open(rig_.simulation);
       if (!simulation) return tl::unexpected<Error>(simulation.error());
@@ -75,9 +75,6 @@ class Assembler {
       ports.push_back({channel->entry->name, &channel->source->describe(), &channel->port});
     if (auto s = out_.parts.faults->bind(ports); !s) return s;
     if (auto s = follow(); !s) return s;
-    auto application = make_application(rig_);
-    if (!application) return tl::unexpected<Error>(application.error());
-    out_.parts.application = std::move(*application);
     return {};
   }
 
@@ -485,20 +482,6 @@ class Assembler {
 };
 
 }  // namespace
-
-Result<std::unique_ptr<Application>> make_application(const RigConfig& rig) {
-  if (rig.application.empty()) return std::unique_ptr<Application>{};
-  if (rig.application == "forest-localization") return make_forest_localization();
-  if (rig.application == "script") return make_script();
-  if (rig.application == "stereo-depth") return make_stereo_depth();
-  if (rig.application == "turntable-sweep") return make_turntable_sweep();
-  return tl::unexpected<Error>(
-      rig.application_params
-          .error("name",
-                 "expected one of forest-localization, script, stereo-depth, turntable-sweep, got \"" +
-                     rig.application + "\"")
-          .error());
-}
 
 Result<std::unique_ptr<Assembly>> assemble(RigConfig rig, const Registry& registry) {
   auto assembly = std::make_unique<Assembly>();

@@ -24,7 +24,5 @@ struct Assembly {
 
 /// Makes and configures every channel, sink and the application. Opens no device. Setup context.
 [[nodiscard]] Result<std::unique_ptr<Assembly>> assemble(RigConfig rig, const Registry& registry);
-/// The application by name; bad_input with the names that there are.
-[[nodiscard]] Result<std::unique_ptr<Application>> make_application(const RigConfig& rig);
 
 }  // namespace rigor

@@ -1,5 +1,9 @@
 #include "bench/run/backends.h"
 
+#include "apps/forest-localization/forest_localization.h"
+#include "apps/script/script.h"
+#include "apps/stereo-depth/stereo_depth.h"
+#include "apps/turntable-sweep/turntable_sweep.h"
 #include "drivers/aravis/aravis_backend.h"
 #include "drivers/can/can_backend.h"
 #include "drivers/modbus/modbus_backend.h"
@@ -19,6 +23,10 @@ Registry make_registry() {
   registry.add(usb_backend());
   registry.add(v4l2_backend());
   registry.add(velodyne_backend());
+  registry.add(NamedApplication{"forest-localization", make_forest_localization});
+  registry.add(NamedApplication{"script", make_script});
+  registry.add(NamedApplication{"stereo-depth", make_stereo_depth});
+  registry.add(NamedApplication{"turntable-sweep", make_turntable_sweep});
   return registry;
 }
 

@@ -1,4 +1,4 @@
-// The backends that this build of Rigor has, in one registry.
+// The backends and applications that come with Rigor, in one registry.
 #pragma once
 
 #include "sensor-hal/channel/registry.h"

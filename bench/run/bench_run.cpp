@@ -6,6 +6,7 @@
 #include <thread>
 
 #include "bench/run/tap.h"
+#include "rt-core/affinity.h"
 #include "sensor-hal/channel/fault_bench.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/record/recorder.h"
@@ -71,10 +72,14 @@ Status BenchRun::arm(StopToken stop) {
     sink->sink->watch(&heartbeat_, parts_.rig.loop.heartbeat_deadline);
     ports_.outputs[sink->entry->name] = sink->port.get();
   }
-  if (parts_.application)
+  ports_.stop = stop;
+  if (parts_.application) {
+    // What it starts leaves the loop's CPU alone.
+    const AvoidCpu rest(virtual_time ? -1 : loop_cpu(executive_.config().realtime));
     if (auto s = parts_.application->configure(parts_.rig.application_params, ports_, parts_.rig.loop.period);
         !s)
       return s;
+  }
 
   const auto step = [&](const char* name, std::vector<std::string> after,
                         void (BenchRun::*body)(const CycleContext&) noexcept) {
@@ -313,7 +318,9 @@ void BenchRun::capture(const CycleContext& cycle) noexcept {
 }
 
 void BenchRun::application(const CycleContext& cycle) noexcept {
-  if (parts_.application && !skip_this_cycle_) parts_.application->step(cycle.index, cycle.t);
+  if (!parts_.application || skip_this_cycle_) return;
+  parts_.application->step(cycle.index, cycle.t);
+  if (parts_.application->failed()) executive_.fail_run(StopReason::application);
 }
 
 void BenchRun::note_differences(const CycleContext& cycle) noexcept {

@@ -146,6 +146,9 @@ class BenchRun final : private ExecutiveHooks {
   [[nodiscard]] Status stop_channels();
   void before_cycle(BenchTime t) override;
   void cycle_begin(const CycleContext& cycle) noexcept override;
+  [[nodiscard]] bool in_charge() const noexcept override {
+    return !parts_.application || parts_.application->in_charge();
+  }
 
   void inputs(const CycleContext& cycle) noexcept;
   void take_up_faults(const CycleContext& cycle) noexcept;

@@ -5,10 +5,13 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 
+#include "rt-core/histogram.h"
 #include "rt-core/port.h"
+#include "rt-core/stop.h"
 #include "sensor-hal/channel/channel.h"
 
 namespace rigor {
@@ -62,8 +65,24 @@ struct InputPort {
 };
 
 struct ApplicationPorts {
+  StopToken stop{};  ///< of the run, for whoever waits in setup or in virtual time
   std::map<std::string, InputPort, std::less<>> inputs;
   std::map<std::string, CommandPort*, std::less<>> outputs;
+};
+
+/// How an application kept up that is called in turns (a process, a shared object). Every sample that became
+/// visible is in one of the last four.
+struct ApplicationFacts {
+  std::uint64_t turns = 0;       ///< that it was given
+  std::uint64_t answered = 0;    ///< of these
+  std::uint64_t late = 0;        ///< answers that were not there at their deadline
+  std::uint64_t left_out = 0;    ///< turns that were due and not given: it was still busy, or not there
+  std::uint64_t restarts = 0;    ///< how often it was started again
+  std::uint64_t shown = 0;       ///< samples in turns; those that were shown again after a restart count once
+  std::uint64_t overtaken = 0;   ///< pictures and scans not shown, for a newer one came before its turn
+  std::uint64_t unshown = 0;     ///< samples not shown: it was away for too long, or was started again
+  std::uint64_t after_last = 0;  ///< that became visible after the last turn
+  Histogram answer;              ///< from turn to answer
 };
 
 class Application {
@@ -74,6 +93,13 @@ class Application {
                                          Period loop_period) = 0;
   /// Loop thread, once a cycle after the inputs: no allocation, no lock, no blocking call.
   virtual void step(std::uint64_t cycle, BenchTime t_cycle) noexcept = 0;
+  /// Loop thread, after `step`: the run cannot go on; `finish` says why.
+  [[nodiscard]] virtual bool failed() const noexcept { return false; }
+  /// Loop thread, after `step`. False: nobody commands the sinks now; they do what they do when the loop
+  /// falls silent, until it is true again.
+  [[nodiscard]] virtual bool in_charge() const noexcept { return true; }
+  /// Of one that is called in turns. Setup thread, after the last step.
+  [[nodiscard]] virtual std::optional<ApplicationFacts> facts() const { return std::nullopt; }
   /// Setup thread, once after the last step: ends its threads, writes what it has to say. An error fails
   /// the run.
   [[nodiscard]] virtual Status finish() { return {}; }

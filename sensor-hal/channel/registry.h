@@ -1,5 +1,5 @@
-// Backends by name, as rigs write them: `backend: aravis`. The command line fills one registry; nothing
-// registers itself behind anyone's back.
+// What rigs name: backends (`backend: aravis`) and applications (`application: { name: script, … }`). Whoever
+// makes a bench fills one registry; nothing registers itself behind anyone's back.
 #pragma once
 
 #include <functional>
@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "sensor-hal/channel/application.h"
 #include "sensor-hal/channel/emulator.h"
 
 namespace rigor {
@@ -41,16 +42,28 @@ struct Backend {
   std::function<std::vector<DoctorFinding>()> doctor;
 };
 
+/// An application that is compiled into the program.
+struct NamedApplication {
+  std::string name;
+  std::function<std::unique_ptr<Application>()> make;
+};
+
 class Registry {
  public:
-  void add(Backend backend);  ///< a second one with the name replaces the first
+  // A second one with the name replaces the first.
+  void add(Backend backend);
+  void add(NamedApplication application);
   /// nullptr when there is none.
   [[nodiscard]] const Backend* find(std::string_view name) const;
   [[nodiscard]] std::vector<std::string> names() const;
   [[nodiscard]] const std::map<std::string, Backend, std::less<>>& all() const { return backends_; }
+  /// nullptr when there is none.
+  [[nodiscard]] const NamedApplication* find_application(std::string_view name) const;
+  [[nodiscard]] std::vector<std::string> application_names() const;
 
  private:
   std::map<std::string, Backend, std::less<>> backends_;
+  std::map<std::string, NamedApplication, std::less<>> applications_;
 };
 
 }  // namespace rigor

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <set>
 
 #include "sensor-hal/config/unit_limits.h"
@@ -130,6 +131,33 @@ Parsed parse_number(std::string_view s, double& out) {
     return Parsed::too_big;
   }
   return ec == std::errc{} && end == s.data() + s.size() ? Parsed::good : Parsed::not_one;
+}
+
+nlohmann::json to_json(const Value& v) {
+  switch (v.kind) {
+    case Kind::null:
+      return nullptr;
+    case Kind::list: {
+      auto out = nlohmann::json::array();
+      for (const ValuePtr& item : v.items) out.push_back(to_json(*item));
+      return out;
+    }
+    case Kind::map: {
+      auto out = nlohmann::json::object();
+      for (const Value::Entry& e : v.entries) out[e.key] = to_json(*e.value);
+      return out;
+    }
+    case Kind::scalar:
+      break;
+  }
+  std::int64_t whole = 0;
+  double number = 0;
+  if (v.quoted) return v.text;
+  if (v.text == "true" || v.text == "false") return v.text == "true";
+  if (config::is_null_word(v.text)) return nullptr;
+  if (parse_integer(v.text, whole) == Parsed::good) return whole;
+  if (parse_number(v.text, number) == Parsed::good) return number;
+  return v.text;
 }
 
 }  // namespace
@@ -452,6 +480,10 @@ ConfigError ConfigNode::error(std::string_view key, std::string_view message) co
 }
 
 std::string ConfigNode::dump() const { return present() ? config::write_yaml(*impl_->value) : ""; }
+std::string ConfigNode::json() const {
+  const auto replace = nlohmann::json::error_handler_t::replace;
+  return present() ? to_json(*impl_->value).dump(-1, ' ', false, replace) : "{}";
+}
 
 Result<ConfigOverride> ConfigOverride::parse(std::string_view text) {
   const auto equals = text.find('=');

@@ -106,6 +106,9 @@ class ConfigNode {
   [[nodiscard]] ConfigError error(std::string_view key, std::string_view message) const;
   /// This node as YAML text, for a recording's metadata.
   [[nodiscard]] std::string dump() const;
+  /// This node as JSON text, for other programs; scalars by the core schema of YAML 1.2, an absent node as
+  /// {}. Numbers that JSON cannot say (infinity) are text.
+  [[nodiscard]] std::string json() const;
 
  private:
   friend class ConfigDocument;

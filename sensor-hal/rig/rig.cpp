@@ -253,6 +253,26 @@ void check_name(ConfigNode parent, const std::string& name) {
         name, "expected a name of letters, digits, `_` and `-`, at most 64 of them, got \"" + name + "\"");
 }
 
+/// How the application is called: by one of three keys.
+std::string read_application(const ConfigNode& app) {
+  std::string named_by;
+  for (const char* key : {"name", "library", "command"}) {
+    if (!app.has(key)) continue;
+    if (!named_by.empty())
+      throw app.error(key, "expected one of name, library and command, got both " + named_by + " and " + key);
+    named_by = key;
+  }
+  if (named_by.empty())
+    throw app.error("",
+                    "expected `name` of an application of Rigor, `library` (a shared object) or `command` (a "
+                    "program and its arguments), got none");
+  if (named_by != "command") return app.text(named_by);
+  std::string words;
+  for (const ConfigNode& word : app.list("command")) words += (words.empty() ? "" : " ") + word.as_text();
+  if (words.empty()) throw app.error("command", "expected a program and its arguments, got an empty list");
+  return words;
+}
+
 }  // namespace
 
 std::string_view kind_name(SampleKind kind) {
@@ -299,7 +319,7 @@ Result<RigConfig> parse_rig(ConfigNode root, const std::filesystem::path& file) 
       rig.emulators.push_back({name, read_backend(n, name), n});
     }
     if (ConfigNode app = root.map_or_absent("application"); app.present()) {
-      rig.application = app.text("name");
+      rig.application = read_application(app);
       rig.application_params = app;
     }
     if (ConfigNode r = root.map_or_absent("record"); r.present()) {

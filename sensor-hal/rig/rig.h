@@ -145,7 +145,7 @@ struct RigConfig {
   std::vector<ChannelEntry> channels;
   std::vector<SinkEntry> sinks;
   std::vector<EmulatorEntry> emulators;
-  std::string application;  ///< empty: none
+  std::string application;  ///< its name, the file of its library, or the words of its command; empty: none
   ConfigNode application_params;
   RecordConfig record;
   std::filesystem::path report;  ///< directory; empty: none

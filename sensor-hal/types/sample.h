@@ -29,6 +29,7 @@
 #include "rt-core/pool.h"
 #include "rt-core/stamp.h"
 #include "sensor-hal/types/pixel_format.h"
+#include "sensor-hal/types/sample_memory.h"
 
 namespace rigor {
 
@@ -136,16 +137,18 @@ struct Sample {
     return std::get_if<T>(&info);
   }
   [[nodiscard]] std::span<const std::byte> bytes() const noexcept { return {memory_.get(), size_bytes}; }
+  /// Where the bytes lie in the memory that other processes map (sample_memory.h); negative: elsewhere.
+  [[nodiscard]] std::int64_t shared_offset() const noexcept { return memory_.get_deleter().offset; }
   /// All of the slot's memory, to be filled.
   [[nodiscard]] std::span<std::byte> memory() noexcept { return {memory_.get(), capacity_bytes_}; }
   /// Setup context: gives the slot its memory and touches every page of it.
   void reserve(std::size_t capacity_bytes) {
-    memory_ = std::make_unique<std::byte[]>(capacity_bytes);
+    memory_ = sample_memory::take(capacity_bytes);
     capacity_bytes_ = capacity_bytes;
   }
 
  private:
-  std::unique_ptr<std::byte[]> memory_;
+  sample_memory::Block memory_;
   std::size_t capacity_bytes_ = 0;
 };
 
