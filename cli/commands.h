@@ -42,7 +42,8 @@ struct ReplayOptions {
   std::filesystem::path record, report;
   std::vector<std::string> fail_on;
   LiveOptions live;
-  bool force = false;  ///< replace what is there
+  bool run_program = false;  ///< the application that the recording names may be started or loaded
+  bool force = false;        ///< replace what is there
   bool json = false;
 };
 struct EmulateOptions {

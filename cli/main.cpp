@@ -129,6 +129,9 @@ int command_line(int argc, char** argv) {
   add_fail_on(replay_app, replay.fail_on);
   add_live(replay_app, replay.live);
   replay_app->add_flag("--live-end", replay.live.ends, "The page ends with the replay (else: with Ctrl-C)");
+  replay_app->add_flag(
+      "--run-program", replay.run_program,
+      "Start the program, or load the shared object, that the recording names as its application");
   replay_app->add_flag("--force", replay.force, kForceKept);
   replay_app->add_flag("--json", replay.json, "Print the results as JSON");
   add_overrides(replay_app, replay.overrides);

@@ -53,6 +53,23 @@ class NullSink final : public Sink {
   ConfigNode params_;
 };
 
+/// A recording may come from anybody: a program that it names is not run unasked.
+Status may_run(const RigConfig& rig, const ReplayOptions& options) {
+  const ConfigNode& application = rig.application_params;
+  if (options.run_program || !options.rig.empty()) return {};
+  for (const char* key : {"command", "library"}) {
+    if (!application.has(key)) continue;
+    Error e = application.error(key, "").error();
+    if (e.where.starts_with("--set")) return {};
+    e.message = fmt::format(
+        "the recording names a program of its own as application, which would be run from {}: {}; with "
+        "--run-program it is, with --set application=… or a RIG it is replaced",
+        application.base_dir().empty() ? "." : application.base_dir().string(), rig.application);
+    return tl::unexpected<Error>(std::move(e));
+  }
+  return {};
+}
+
 /// The rig to run: the one that is named, or the one in the recording.
 Result<RigConfig> load(const ReplayOptions& options, const RecordedRun& recorded, std::uint64_t cycles) {
   const auto overrides = parse_overrides(options.overrides);
@@ -68,6 +85,7 @@ Result<RigConfig> load(const ReplayOptions& options, const RecordedRun& recorded
     return parse_rig(*root, recorded.rig_file);
   }();
   if (!rig) return rig;
+  if (auto s = may_run(*rig, options); !s) return tl::unexpected<Error>(s.error());
   rig->clock = ClockKind::virtual_time;
   rig->duration = rig->loop.period * static_cast<std::int64_t>(cycles);
   rig->record.file = options.record;

@@ -27,7 +27,7 @@ constexpr std::size_t kTurnBytes = std::size_t{192}
                                    << 10;  ///< of samples; a socket's buffer takes it at once
 constexpr std::size_t kVirtualTurnBytes = std::size_t{8}
                                           << 20;  ///< in virtual time one waits for the process to read
-constexpr int kSlice_ms = 50;
+constexpr int kWaitSlice_ms = 50;
 
 /// Why a connection is of no use any more.
 enum class Broken : std::uint8_t { no, closed, malformed, hangs, refused };
@@ -182,7 +182,7 @@ bool ProcessApplication::give_turn(std::uint64_t cycle, BenchTime t) noexcept {
     if (errno != EAGAIN || !virtual_time_ || monotonic_now() - given_ > settings_.answer_timeout)
       return false;
     pollfd ready{fd_, POLLOUT, 0};
-    (void)poll(&ready, 1, kSlice_ms);
+    (void)poll(&ready, 1, kWaitSlice_ms);
   }
   turns_->given();
   owed_ = true;
@@ -204,7 +204,7 @@ Broken ProcessApplication::receive(BenchTime t, bool wait) noexcept {
     if (monotonic_now() - given_ > settings_.answer_timeout) return Broken::hangs;
     if (!wait || stop_.stop_requested()) return Broken::no;
     pollfd ready{fd_, POLLIN, 0};
-    (void)poll(&ready, 1, kSlice_ms);
+    (void)poll(&ready, 1, kWaitSlice_ms);
   }
   return Broken::no;
 }
@@ -279,7 +279,10 @@ void ProcessApplication::step_wall(std::uint64_t cycle, BenchTime t) noexcept {
     turns_->begin_anew();
   }
   if (owed_)
-    if (const Broken b = receive(t, false); b != Broken::no) return lose(b);
+    if (const Broken b = receive(t, false); b != Broken::no) {
+      turns_->facts.left_out += due;
+      return lose(b);
+    }
   if (owed_ && !late_ &&
       (settings_.deadline.ns() > 0 ? monotonic_now() - given_ > settings_.deadline : due)) {
     late_ = true;
@@ -291,7 +294,9 @@ void ProcessApplication::step_wall(std::uint64_t cycle, BenchTime t) noexcept {
     ++turns_->facts.left_out;
     return;
   }
-  if (!give_turn(cycle, t)) lose(Broken::closed);
+  if (give_turn(cycle, t)) return;
+  ++turns_->facts.left_out;
+  lose(Broken::closed);
 }
 
 // ------------------------------------------------------------------ who owns the process

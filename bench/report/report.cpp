@@ -87,6 +87,33 @@ std::string judged(const json& c, const char* key) {
   return fmt::format("<td{}>{}</td>", level, n);
 }
 
+/// Of an application that is called in turns.
+std::string application_section(const json& r) {
+  const auto a = r.find("application");
+  if (a == r.end()) return "";
+  std::string s =
+      "<h2>Application</h2><div class=\"wide\"><table><tr><th "
+      "class=\"l\">program</th><th>turns</th><th>answered</th>"
+      "<th title=\"answers that were not there at their deadline\">late</th><th title=\"turns that were due "
+      "and not "
+      "given: it was still busy, or not there\">left out</th><th>restarts</th><th title=\"from turn to "
+      "answer\">answer "
+      "p50</th><th title=\"from turn to answer\">answer p99</th><th>samples shown</th><th title=\"pictures "
+      "and scans "
+      "that a newer one overtook before its turn\">overtaken</th><th title=\"it was away for too long, or "
+      "was started "
+      "again\">not shown</th></tr>";
+  const json& samples = (*a)["samples"];
+  s += fmt::format("<tr><td class=\"l\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>",
+                   str((*a)["name"]), count((*a)["turns"]), count((*a)["answered"]), count((*a)["late"]),
+                   count((*a)["left_out"]), count((*a)["restarts"]));
+  s += a->contains("answer")
+           ? fmt::format("<td>{}</td><td>{}</td>", ns((*a)["answer"]["p50_ns"]), ns((*a)["answer"]["p99_ns"]))
+           : std::string("<td>–</td><td>–</td>");
+  return s + fmt::format("<td>{}</td><td>{}</td><td>{}</td></tr></table></div>", count(samples["shown"]),
+                         count(samples["overtaken"]), count(samples["unshown"]));
+}
+
 std::string channel_table(const json& r) {
   std::string s =
       "<h2>Channels</h2><div class=\"wide\"><table><tr><th>channel</th><th class=\"l\">backend</th><th "
@@ -125,7 +152,7 @@ std::string channel_table(const json& r) {
           count(k["failed"]), count(k["dropped"]), count(k["made_safe"]));
     s += "</table></div>";
   }
-  return s;
+  return s + application_section(r);
 }
 
 std::string pair_card(const json& c) {
