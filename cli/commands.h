@@ -28,6 +28,7 @@ struct RunOptions {
   std::optional<double> duration_s;
   int workers = 0;  ///< threads for simulators; 0: what the rig says
   std::filesystem::path record, report, trace;
+  std::filesystem::path junit;        ///< what the rig expects, as JUnit's XML; empty: none
   std::filesystem::path faults_from;  ///< a recording whose live faults come again; empty: none
   bool no_emulators = false;
   bool no_control = false;
@@ -39,7 +40,7 @@ struct RunOptions {
 struct ReplayOptions {
   std::filesystem::path recording, rig;
   std::vector<std::string> overrides;
-  std::filesystem::path record, report;
+  std::filesystem::path record, report, junit;
   std::vector<std::string> fail_on;
   LiveOptions live;
   bool run_program = false;  ///< the application that the recording names may be started or loaded

@@ -79,6 +79,23 @@ std::vector<DrawnStem> stems_of(const RigConfig& rig) {
   return stems;
 }
 
+RunEnd run_end(const RunOutcome& outcome, const RunFacts& facts) {
+  RunEnd end;
+  end.loop = &outcome.loop;
+  for (const SinkFacts& s : facts.sinks) end.sinks.push_back({s.name, s.failed, s.late, s.dropped});
+  for (const ChannelFacts& c : facts.channels)
+    if (c.pair && !c.pair->alarm_text.empty()) end.alarms.push_back({c.name, c.pair->alarm_s});
+  end.application = facts.application;
+  return end;
+}
+
+Status write_junit(const std::vector<Expected>& expected, const RunParts& parts, const RunOutcome& outcome,
+                   const std::string& failure, const ExecuteOptions& options) {
+  if (options.existing == Existing::keep)
+    if (const auto kept = keep_earlier(options.junit); !kept) return tl::unexpected<Error>(kept.error());
+  return write_output(options.junit, junit_text(expected, parts.rig.name, failure, outcome.wall_s));
+}
+
 Status write_trace(const Trace& trace, const ExecuteOptions& options) {
   if (options.existing == Existing::keep)
     if (const auto kept = keep_earlier(options.trace); !kept) return tl::unexpected<Error>(kept.error());
@@ -219,12 +236,17 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   text.command = typed_command();
   text.machine = machine_name();
   text.virtual_epoch = virtual_time && !options.epoch;
-  const RunFacts facts = ended_run_facts(parts, *outcome, recorder.get(), warnings);
+  RunFacts facts = ended_run_facts(parts, *outcome, recorder.get(), warnings);
+  std::vector<Expected> expected;
+  if (parts.expectations) expected = parts.expectations->finish(run_end(*outcome, facts));
+  for (const Expected& e : expected)
+    if (!e.holds) facts.unmet.push_back(e.sentence());
   const Verdict verdict = judge(facts);
   const FindingSet failed_on = verdict.found(options.fail_on);
   nlohmann::json result = run_result(parts, *outcome, recorder.get(), text, facts, verdict);
   if (!options.fail_on.empty())
     result["verdict"].update({{"fail_on", options.fail_on.names()}, {"failed_on", failed_on.names()}});
+  if (!expected.empty()) result["expect"] = to_json(expected);
   std::string localization;
   if (recorder && recorded)
     if (const auto error = localization_of(parts)) {
@@ -267,9 +289,17 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
     write_stderr(fmt::format("live      {} stays until Ctrl-C\n", options.live->url()));
     while (!stop.stop_requested()) std::this_thread::sleep_for(std::chrono::milliseconds(50));
   }
+  for (const Expected& e : expected)
+    if (!e.holds) status = 1, fmt::print(stderr, "rigor: not as expected: {}\n", e.sentence());
   const StopReason reason = outcome->loop.reason;
   const bool aborted = reason == StopReason::overrun || reason == StopReason::failed ||
                        reason == StopReason::recording || reason == StopReason::application;
+  if (!options.junit.empty()) {
+    std::string failure = aborted ? to_string(reason) : "";
+    if (!finished) failure += (failure.empty() ? "" : "; ") + finished.error().text();
+    if (auto s = write_junit(expected, parts, *outcome, failure, options); !s)
+      status = report_error(s.error(), false);
+  }
   return aborted ? 1 : status;
 }
 

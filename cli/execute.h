@@ -27,6 +27,7 @@ struct ExecuteOptions {
   bool live_stays = false;         ///< the page stays after the run has finished, until it is asked to stop
   double pace = 0;                 ///< virtual time: seconds in a second at most; 0: no limit
   std::filesystem::path trace;     ///< for Perfetto; empty: none
+  std::filesystem::path junit;     ///< what the rig expects, as JUnit's XML; empty: none
   std::optional<BenchTime> t0;     ///< replay: the recorded one
   std::optional<EpochPair> epoch;  ///< replay: the recorded one
   std::function<bool(std::uint64_t)> ran;  ///< replay: whether the recorded loop ran cycle k

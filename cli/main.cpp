@@ -34,6 +34,10 @@ void add_fail_on(CLI::App* app, std::vector<std::string>& names) {
       ->allow_extra_args(false);
 }
 
+void add_junit(CLI::App* app, std::filesystem::path& file) {
+  app->add_option("--junit", file, "Write what the rig expects, and what came of it, as JUnit's XML");
+}
+
 void add_live(CLI::App* app, rigor::LiveOptions& live) {
   app->add_option_function<std::vector<std::string>>(
          "--live",
@@ -100,6 +104,7 @@ int command_line(int argc, char** argv) {
       "--faults-from", run.faults_from,
       "Recording of a run of this rig: faults that were injected while it went on come again");
   add_fail_on(run_app, run.fail_on);
+  add_junit(run_app, run.junit);
   add_live(run_app, run.live);
   run_app->add_flag("--no-control", run.no_control, "Without the socket that `rigor fault` talks to");
   run_app->add_flag("--force", run.force, kForceKept);
@@ -127,6 +132,7 @@ int command_line(int argc, char** argv) {
   replay_app->add_option("--record", replay.record, "Write an MCAP recording of the replay");
   replay_app->add_option("--report", replay.report, "Write an HTML report into this folder");
   add_fail_on(replay_app, replay.fail_on);
+  add_junit(replay_app, replay.junit);
   add_live(replay_app, replay.live);
   replay_app->add_flag("--live-end", replay.live.ends, "The page ends with the replay (else: with Ctrl-C)");
   replay_app->add_flag(

@@ -115,7 +115,7 @@ int replay_command(const ReplayOptions& options) {
   inputs.add("the recording that is replayed", options.recording);
   inputs.add_rig(*rig);
   const Existing existing = options.force ? Existing::replace : Existing::keep;
-  if (auto s = check_run_outputs(*rig, {}, std::move(inputs), existing, true); !s)
+  if (auto s = check_run_outputs(*rig, {{options.junit, "--junit"}}, std::move(inputs), existing, true); !s)
     return report_error(s.error(), options.json);
   auto live = open_live(options.live, *rig);
   if (!live) return report_error(live.error(), options.json);
@@ -126,6 +126,9 @@ int replay_command(const ReplayOptions& options) {
   assembly.workers = std::make_unique<WorkerPool>(1);
   RunParts& parts = assembly.parts;
   parts.rig = std::move(*rig);
+  auto expectations = Expectations::read(parts.rig);
+  if (!expectations) return report_error(expectations.error(), options.json);
+  parts.expectations = std::move(*expectations);
   auto application = make_application(parts.rig, make_registry());
   if (!application) return report_error(application.error(), options.json);
   parts.application = std::move(*application);
@@ -164,6 +167,7 @@ int replay_command(const ReplayOptions& options) {
   how.json = options.json;
   how.existing = existing;
   how.fail_on = *fail_on;
+  how.junit = options.junit;
   how.live = live->get();
   how.live_stays = !options.live.ends;
   how.pace = options.live.pace_or_default();

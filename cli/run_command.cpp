@@ -50,7 +50,9 @@ int run_command(const RunOptions& options) {
   inputs.add_rig(*rig);
   inputs.add("the recording of --faults-from", options.faults_from);
   const Existing existing = options.force ? Existing::replace : Existing::keep;
-  if (auto s = check_run_outputs(*rig, options.trace, std::move(inputs), existing); !s)
+  if (auto s = check_run_outputs(*rig, {{options.trace, "--trace"}, {options.junit, "--junit"}},
+                                 std::move(inputs), existing);
+      !s)
     return report_error(s.error(), options.json);
   std::optional<ProgressTask> start(std::in_place, "start");
   auto assembly = assemble(std::move(*rig), make_registry());
@@ -80,6 +82,7 @@ int run_command(const RunOptions& options) {
   how.existing = existing;
   how.fail_on = *fail_on;
   how.trace = options.trace;
+  how.junit = options.junit;
   how.control = !options.no_control;
   how.live = live->get();
   if (checked.clock == ClockKind::virtual_time) how.pace = options.live.pace_or_default();

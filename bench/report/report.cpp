@@ -87,6 +87,25 @@ std::string judged(const json& c, const char* key) {
   return fmt::format("<td{}>{}</td>", level, n);
 }
 
+/// What the rig expected.
+std::string expect_section(const json& r) {
+  const auto all = r.find("expect");
+  if (all == r.end()) return "";
+  std::string s =
+      "<h2>Expectations</h2><div class=\"wide\"><table><tr><th class=\"l\">of</th><th "
+      "class=\"l\">quantity</th>"
+      "<th class=\"l\">expected</th><th class=\"l\">came out</th></tr>";
+  for (const json& e : *all) {
+    const bool holds = e["holds"].get<bool>();
+    s += fmt::format(
+        "<tr><td class=\"l\">{}</td><td class=\"l\">{}</td><td class=\"l\">{}</td><td "
+        "class=\"l{}\">{}{}</td></tr>",
+        str(e["of"]), str(e["quantity"]), str(e["bounds"]), holds ? "" : " bad", holds ? "holds: " : "",
+        str(e["came_out"]));
+  }
+  return s + "</table></div>";
+}
+
 /// Of an application that is called in turns.
 std::string application_section(const json& r) {
   const auto a = r.find("application");
@@ -277,12 +296,13 @@ Status write_report(const std::filesystem::path& dir, json& result, const RunPar
   const std::string when = result["virtual_epoch"].get<bool>()
                                ? "virtual time: every virtual run begins at " + str(result["utc"])
                                : str(result["utc"]);
-  std::string page = html_page(
-      result["rig"],
-      fmt::format("{} · {:.1f} s on the {} clock · {}", when, result["duration_s"].get<double>(),
-                  str(result["clock"]), str(result["loop"]["reason"])),
-      verdict_section(result["verdict"]) + channel_table(result) + localization + faults_section(result) +
-          channel_section(result, files) + loop_section(result) + about_section(result));
+  std::string page =
+      html_page(result["rig"],
+                fmt::format("{} · {:.1f} s on the {} clock · {}", when, result["duration_s"].get<double>(),
+                            str(result["clock"]), str(result["loop"]["reason"])),
+                verdict_section(result["verdict"]) + expect_section(result) + channel_table(result) +
+                    localization + faults_section(result) + channel_section(result, files) +
+                    loop_section(result) + about_section(result));
   files.emplace_back("index.html", std::move(page));
   return write_report_files(dir, files, existing);
 }

@@ -18,23 +18,17 @@ namespace {
 using nlohmann::json;
 
 constexpr std::array<const char*, kFindingKinds> kNames{
-    "lost",   "late",    "silent",      "emulator",  "alarm",  "uncompared", "skipped",
-    "missed", "command", "application", "recording", "digest", "warning"};
+    "expect",  "lost",   "late",    "silent",      "emulator",  "alarm",  "uncompared",
+    "skipped", "missed", "command", "application", "recording", "digest", "warning"};
 
 // Where a note becomes a warning, and a warning bad; shares of what was due.
 constexpr double kLostBad = 0.05, kLateWarning = 0.01, kLateBad = 0.2, kMissedWarning = 0.01,
                  kSkippedWarning = 0.001, kSkippedBad = 0.05, kComparedWarning = 0.9;
-// The first and the last sample of a device that runs freely may fall to either side of the run's ends, and
-// its clock is not the bench's: so much less than due is no loss where its sequence has no gap.
-constexpr double kFreeRunning = 0.01;
 // A simulated channel is computed in time where it takes this share of its period.
 constexpr double kLoad = 0.8;
 
 double share(std::uint64_t n, std::uint64_t of) {
   return of > 0 ? static_cast<double>(n) / static_cast<double>(of) : 0.0;
-}
-std::uint64_t edge(std::uint64_t due) {
-  return std::max<std::uint64_t>(2, static_cast<std::uint64_t>(kFreeRunning * static_cast<double>(due)));
 }
 std::string singular(const std::string& noun) {
   return noun.ends_with('s') ? noun.substr(0, noun.size() - 1) : noun;
@@ -94,7 +88,7 @@ void explain_simulated(const RunFacts& run, const ChannelFacts& c, Duration capt
 std::optional<Finding> judge_samples(const RunFacts& run, const ChannelFacts& c) {
   const std::uint64_t due = c.due.value_or(c.delivered + c.lost);
   const std::uint64_t missing = c.missing();
-  const bool lost = c.lost > 0 || missing > edge(due);
+  const bool lost = c.lost > 0 || missing > samples_at_edges(due);
   if (!lost && c.late == 0 && !c.silent) return std::nullopt;
   Finding f;
   f.channel = c.name;
@@ -155,7 +149,8 @@ void judge_pair(const RunFacts& run, const ChannelFacts& c, std::vector<Finding>
     out.push_back(std::move(f));
   }
   const std::uint64_t due = c.due.value_or(0);
-  if (due <= edge(due) || static_cast<double>(p.compared) >= kComparedWarning * static_cast<double>(due))
+  if (due <= samples_at_edges(due) ||
+      static_cast<double>(p.compared) >= kComparedWarning * static_cast<double>(due))
     return;
   Finding f;
   f.kinds.add(FindingKind::uncompared);
@@ -282,12 +277,6 @@ double ChannelFacts::rate_hz() const {
   return static_cast<double>(delivered) / (static_cast<double>(*due) * period.seconds());
 }
 
-std::optional<std::uint64_t> samples_due(Duration elapsed, const Period& period, Duration latency) {
-  if (period.ns() <= 0) return std::nullopt;
-  if (elapsed < latency) return 0;
-  return static_cast<std::uint64_t>((elapsed - latency) / period) + 1;
-}
-
 Severity Verdict::worst() const {
   Severity s = Severity::note;
   for (const Finding& f : findings) s = std::max(s, f.severity);
@@ -305,6 +294,8 @@ Verdict judge(const RunFacts& run) {
   Verdict v;
   if (!run.emulators.empty())
     v.findings.push_back(of_run(FindingKind::emulator, Severity::bad, run.emulators));
+  for (const std::string& sentence : run.unmet)
+    v.findings.push_back(of_run(FindingKind::expect, Severity::bad, sentence));
   for (const ChannelFacts& c : run.channels) {
     if (auto f = judge_samples(run, c)) v.findings.push_back(std::move(*f));
     if (c.pair) judge_pair(run, c, v.findings);

@@ -17,6 +17,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/expect/samples_due.h"
 #include "rt-core/period.h"
 #include "rt-core/result.h"
 #include "sensor-hal/channel/application.h"
@@ -25,6 +26,7 @@ namespace rigor {
 
 /// What a finding is about; names for `--fail-on` and JSON in `finding_names`.
 enum class FindingKind : std::uint8_t {
+  expect,       ///< what the rig expects did not hold
   lost,         ///< samples that were due never became visible
   late,         ///< samples arrived after their release
   silent,       ///< a channel gives nothing (any more) when the run ends
@@ -39,7 +41,7 @@ enum class FindingKind : std::uint8_t {
   digest,       ///< the input digest is not known
   warning       ///< what a channel warned of
 };
-inline constexpr std::size_t kFindingKinds = 13;
+inline constexpr std::size_t kFindingKinds = 14;
 [[nodiscard]] const char* name_of(FindingKind kind) noexcept;
 
 enum class Severity : std::uint8_t { note, warning, bad };
@@ -115,6 +117,7 @@ struct RunFacts {
   std::string emulators;  ///< how the run's own emulators died; empty: they did not
   std::uint64_t recording_dropped = 0;
   bool digest_known = true;
+  std::vector<std::string> unmet;     ///< what the rig expects and what came instead, a sentence each
   std::vector<std::string> warnings;  ///< of channels
 };
 
@@ -126,9 +129,6 @@ struct Verdict {
   [[nodiscard]] FindingSet found(FindingSet wanted) const;
 };
 
-/// Samples of a channel whose release lies in the first `elapsed` of a run; none where period is 0.
-[[nodiscard]] std::optional<std::uint64_t> samples_due(Duration elapsed, const Period& period,
-                                                       Duration latency);
 [[nodiscard]] Verdict judge(const RunFacts& facts);
 
 /// {"state": "good" | "warning" | "bad", "text": …, "findings": [{"severity", "kinds", "channel", "text",

@@ -37,6 +37,9 @@ class Assembler {
 
   Status run() {
     if (auto s = check_channel_count(); !s) return s;
+    auto expectations = Expectations::read(rig_);
+    if (!expectations) return tl::unexpected<Error>(expectations.error());
+    out_.parts.expectations = std::move(*expectations);
     auto application = make_application(rig_, registry_);
     if (!application) return tl::unexpected<Error>(application.error());
     out_.parts.application = std::move(*application);

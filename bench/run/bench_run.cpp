@@ -73,6 +73,8 @@ Status BenchRun::arm(StopToken stop) {
     ports_.outputs[sink->entry->name] = sink->port.get();
   }
   ports_.stop = stop;
+  if (parts_.expectations)
+    if (auto s = parts_.expectations->bind(ports_); !s) return s;
   if (parts_.application) {
     // What it starts leaves the loop's CPU alone.
     const AvoidCpu rest(virtual_time ? -1 : loop_cpu(executive_.config().realtime));
@@ -136,6 +138,7 @@ std::vector<std::string> BenchRun::warnings() const {
 Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
   t0_ = t0;
   started_late_ = false;
+  if (parts_.expectations) parts_.expectations->begin(t0);
   for (auto& platform : parts_.platforms) platform->start(t0_);
   for (auto& sink : parts_.sinks)
     if (auto s = sink->sink->start(t0_); !s) return tl::unexpected<Error>(s.error());
@@ -341,7 +344,9 @@ void BenchRun::outputs(const CycleContext& cycle) noexcept {
     if (const Command* command = parts_.sinks[i]->port->take_new()) {
       if (recorder_) recorder_->record_command(i, *command);
       if (live_) live_->command(i, *command);
+      if (parts_.expectations) parts_.expectations->command(*parts_.sinks[i]->port, *command);
     }
+  if (parts_.expectations && !skip_this_cycle_) parts_.expectations->cycle(cycle.t);
   if (!recorder_) return;
   recorder_->end_cycle(cycle.index, cycle.t);
   // A run that was to be recorded is over when it cannot be.

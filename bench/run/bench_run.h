@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/expect/expectations.h"
 #include "bench/motion/bench_motion.h"
 #include "bench/run/seen_digest.h"
 #include "rt-core/executive.h"
@@ -90,6 +91,7 @@ struct RunParts {
   std::vector<std::unique_ptr<RunChannel>> channels;
   std::vector<std::unique_ptr<RunSink>> sinks;
   std::unique_ptr<Application> application;
+  std::unique_ptr<Expectations> expectations;  ///< null: the rig has none
   std::shared_ptr<FaultBench> faults;          ///< null: a replay, which shows what came of them
   const EmulatorProcess* emulators = nullptr;  ///< that this run brought up; null: none
   BenchMotion motion;

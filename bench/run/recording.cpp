@@ -162,13 +162,14 @@ Status prepare_outputs(const RigConfig& rig, Existing existing, bool replay) {
   return {};
 }
 
-Status check_run_outputs(const RigConfig& rig, const std::filesystem::path& trace, InputFiles inputs,
+Status check_run_outputs(const RigConfig& rig, const std::vector<NamedOutput>& more, InputFiles inputs,
                          Existing existing, bool replay) {
   Outputs outputs(std::move(inputs));
   if (!rig.record.file.empty())
     if (auto s = outputs.add(rig.record.file, "--record", existing); !s) return s;
-  if (!trace.empty())
-    if (auto s = outputs.add(trace, "--trace", existing); !s) return s;
+  for (const NamedOutput& o : more)
+    if (!o.file.empty())
+      if (auto s = outputs.add(o.file, o.option, existing); !s) return s;
   if (const auto dir = application_folder(rig); !dir.empty())
     if (auto s = outputs.add(dir / "result.json", "`output` of the application", existing); !s) return s;
   if (!replay)

@@ -49,9 +49,15 @@ class RecordingFile {
                                                                BenchTime t0, const EpochPair& epoch,
                                                                std::map<std::string, std::string> metadata);
 
+/// A file that an option names; empty: none.
+struct NamedOutput {
+  std::filesystem::path file;
+  const char* option;
+};
+
 /// Before the run: that recording, report, trace, logs and what the application writes can be written and are
 /// none of its inputs. Errors of Outputs::add. A replay writes no logs.
-[[nodiscard]] Status check_run_outputs(const RigConfig& rig, const std::filesystem::path& trace,
+[[nodiscard]] Status check_run_outputs(const RigConfig& rig, const std::vector<NamedOutput>& more,
                                        InputFiles inputs, Existing existing, bool replay = false);
 
 /// What devices and applications of the rig write themselves: logs of CAN buses (`log`; a replay writes

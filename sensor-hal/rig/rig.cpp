@@ -322,6 +322,7 @@ Result<RigConfig> parse_rig(ConfigNode root, const std::filesystem::path& file) 
       rig.application = read_application(app);
       rig.application_params = app;
     }
+    rig.expect = root.list_or_empty("expect");
     if (ConfigNode r = root.map_or_absent("record"); r.present()) {
       rig.record.file = r.text("file");
       rig.record.compression = r.choice_or("compression", {"none", "lz4", "zstd"}, "zstd");

@@ -147,6 +147,7 @@ struct RigConfig {
   std::vector<EmulatorEntry> emulators;
   std::string application;  ///< its name, the file of its library, or the words of its command; empty: none
   ConfigNode application_params;
+  std::vector<ConfigNode> expect;  ///< entries, which bench/expect reads
   RecordConfig record;
   std::filesystem::path report;  ///< directory; empty: none
 

@@ -1,0 +1,95 @@
+// What a rig expects of its run, judged while the loop goes round and when it has ended.
+//
+//   expect:
+//     - { of: right, rate_hz: { min: 4.9 }, missing: { max: 0 }, age_ms: { max: 260 } }      a channel
+//     - { of: turntable.position, value: { min: -45, max: 45 }, per_s: { max: 60 }, from_s: 1 }  a value of a
+//     channel
+//     - { of: table_command.target_rate, value: { max: 60 } }                                or of a sink's
+//     commands
+//     - { of: table_command, failed: { max: 0 } }                                            a sink
+//     - { of: left, alarm: false }                                                           a watched pair
+//     - { of: estimate, against: truth, position_m: { max: 0.2 }, until_s: 9 }               an estimate
+//     - { of: loop, skipped: { max: 0 }, wake_p99_us: { max: 500 } }
+//     - { of: application, late: { max: 0 } }
+//
+// Each quantity with its bounds is one expectation. `from_s` and `until_s` count from the start of the run;
+// of sinks, loop and application the whole run is judged. An expectation for which nothing came does not
+// hold.
+#pragma once
+
+#include <memory>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "rt-core/executive.h"
+#include "sensor-hal/channel/application.h"
+#include "sensor-hal/rig/rig.h"
+
+namespace rigor {
+
+/// What is known when the run has ended.
+struct RunEnd {
+  struct Sink {
+    std::string name;
+    std::uint64_t failed = 0, late = 0, dropped = 0;
+  };
+  struct Alarm {
+    std::string pair;
+    double t_s = 0;
+  };
+  const RunSummary* loop = nullptr;
+  std::vector<Sink> sinks;
+  std::vector<Alarm> alarms;
+  std::optional<ApplicationFacts> application;
+};
+
+/// How an expectation came out.
+struct Expected {
+  std::string of, quantity;  ///< "turntable.position", "value"
+  std::string bounds;        ///< "from -45 to 45"
+  bool holds = false;
+  std::uint64_t looked_at = 0;    ///< samples, commands, or 1
+  std::uint64_t outside = 0;      ///< of these
+  std::optional<double> first_s;  ///< the first that was outside, since the start of the run
+  double least = 0, most = 0;     ///< where `looked_at` is not 0
+  /// "turntable.position: expected value from -45 to 45, got 0 to 47.2; 12 of 980, first at 3.120 s".
+  [[nodiscard]] std::string sentence() const;
+  /// "got 0 to 47.2; 12 of 980, first at 3.120 s".
+  [[nodiscard]] std::string came_out() const;
+};
+
+class Expectations {
+ public:
+  /// Null where the rig expects nothing. bad_input with the place: a name that the rig does not have, a
+  /// quantity that it does not have there, bounds the wrong way round. Setup context.
+  [[nodiscard]] static Result<std::unique_ptr<Expectations>> read(const RigConfig& rig);
+  ~Expectations();
+
+  /// After channels and sinks were configured: finds values by their names. bad_input. Setup context.
+  [[nodiscard]] Status bind(const ApplicationPorts& ports);
+
+  // Loop thread; no allocation.
+  void begin(BenchTime t0) noexcept;
+  void command(const CommandPort& port, const Command& command) noexcept;
+  void cycle(BenchTime t) noexcept;  ///< when all of the cycle has happened
+
+  /// In the order of the rig. Setup context, after the last cycle.
+  [[nodiscard]] std::vector<Expected> finish(const RunEnd& end);
+
+ private:
+  struct Check;
+  Expectations() = default;
+  std::vector<std::unique_ptr<Check>> checks_;
+  BenchTime t0_;
+};
+
+/// [{"of", "quantity", "bounds", "holds", "looked_at", "outside", "first_s", "least", "most", "came_out",
+/// "text"}]
+[[nodiscard]] nlohmann::json to_json(const std::vector<Expected>& all);
+/// JUnit's XML: a test case for each, and one that the run itself ended as it was to.
+[[nodiscard]] std::string junit_text(const std::vector<Expected>& all, const std::string& rig,
+                                     const std::string& failure_of_run, double duration_s);
+
+}  // namespace rigor
