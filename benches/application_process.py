@@ -119,7 +119,7 @@ def fail(bench, instants, how, seed):
     samples = sum(a["samples"].values()) + sum(c["superseded"] for c in result["channels"])
     seen = sum(c["delivered"] for c in result["channels"])
     row(f"{how} {hit} times", result)
-    print(f"  {a['restarts']} restarts; turns: {a['turns']} given + {a['left_out']} left out of about {due} due, {a['answered']} answered; "
+    print(f"  {a['restarts']} restarts; turns: {a['turns']} given + {a['skipped']} skipped of about {due} due, {a['answered']} answered; "
           f"samples: {samples} accounted for of {seen}; {loop['misses']['total']} misses of {loop['cycles_run']} cycles")
 
 

@@ -69,14 +69,14 @@ class ProcessApplication final : public Application {
   bool give_turn(std::uint64_t cycle, BenchTime t) noexcept;
   Broken receive(BenchTime t, bool wait) noexcept;
   Broken take_answer(BenchTime t) noexcept;
-  void lose(Broken why) noexcept;
+  void disconnect(Broken why) noexcept;
   void step_virtual(std::uint64_t cycle, BenchTime t) noexcept;
   void step_wall(std::uint64_t cycle, BenchTime t) noexcept;
 
   // Whoever owns the process: in virtual time the loop's thread, else the supervisor.
-  bool bring_back() noexcept;
+  bool restart_process() noexcept;
   std::string why_broken();
-  void give_up(Error error) noexcept;
+  void set_failed(Error error) noexcept;
   void supervise();
   void hold_supervisor();
   void end_supervisor();
@@ -232,10 +232,10 @@ Broken ProcessApplication::take_answer(BenchTime t) noexcept {
 }
 
 /// Lets go of the process.
-void ProcessApplication::lose(Broken why) noexcept {
+void ProcessApplication::disconnect(Broken why) noexcept {
   fd_ = -1;
   owed_ = false;
-  turns_->let_go();
+  turns_->release_samples();
   broken_.store(why, std::memory_order_release);
 }
 
@@ -253,12 +253,12 @@ void ProcessApplication::step_virtual(std::uint64_t cycle, BenchTime t) noexcept
   for (;;) {
     Broken b = give_turn(cycle, t) ? receive(t, true) : Broken::closed;
     if (b == Broken::no) return;
-    lose(b);
+    disconnect(b);
     // The turn is given anew, to a process that has not seen what came before.
-    if (!bring_back()) return;
+    if (!restart_process()) return;
     fd_ = child_->socket();
     got_ = 0;
-    turns_->begin_anew();
+    turns_->restart();
   }
 }
 
@@ -266,22 +266,22 @@ void ProcessApplication::step_wall(std::uint64_t cycle, BenchTime t) noexcept {
   const bool due = cycle % every_ == 0;
   if (fd_ >= 0 && died_.load(std::memory_order_acquire)) {
     died_.store(false, std::memory_order_relaxed);
-    lose(Broken::closed);
+    disconnect(Broken::closed);
   }
   if (fd_ < 0) {
     charge_ = false;
     if (broken_.load(std::memory_order_acquire) == Broken::no) fd_ = offered_.exchange(-1);
     if (fd_ < 0) {
-      turns_->facts.left_out += due;
+      turns_->facts.skipped += due;
       return;
     }
     got_ = 0;
-    turns_->begin_anew();
+    turns_->restart();
   }
   if (owed_)
     if (const Broken b = receive(t, false); b != Broken::no) {
-      turns_->facts.left_out += due;
-      return lose(b);
+      turns_->facts.skipped += due;
+      return disconnect(b);
     }
   if (owed_ && !late_ &&
       (settings_.deadline.ns() > 0 ? monotonic_now() - given_ > settings_.deadline : due)) {
@@ -291,12 +291,12 @@ void ProcessApplication::step_wall(std::uint64_t cycle, BenchTime t) noexcept {
   }
   if (!due) return;
   if (owed_) {
-    ++turns_->facts.left_out;
+    ++turns_->facts.skipped;
     return;
   }
   if (give_turn(cycle, t)) return;
-  ++turns_->facts.left_out;
-  lose(Broken::closed);
+  ++turns_->facts.skipped;
+  disconnect(Broken::closed);
 }
 
 // ------------------------------------------------------------------ who owns the process
@@ -324,22 +324,22 @@ std::string ProcessApplication::why_broken() {
   return "closed its connection";
 }
 
-void ProcessApplication::give_up(Error error) noexcept {
+void ProcessApplication::set_failed(Error error) noexcept {
   error_ = std::move(error);
   failed_.store(true, std::memory_order_release);
 }
 
 /// After `lose`. False: the run cannot go on.
-bool ProcessApplication::bring_back() noexcept {
+bool ProcessApplication::restart_process() noexcept {
   const std::string why = "the application (process " + std::to_string(child_->pid()) + ") " + why_broken();
   child_->kill();
   if (!settings_.restart || stop_.stop_requested()) {
-    give_up({ErrorCode::unavailable, settings_.command.where, why});
+    set_failed({ErrorCode::unavailable, settings_.command.where, why});
     return false;
   }
   auto next = start_child();
   if (!next) {
-    give_up(
+    set_failed(
         {next.error().code, next.error().where, why + "; to start it again failed: " + next.error().message});
     return false;
   }
@@ -360,7 +360,7 @@ void ProcessApplication::supervise() {
       died_.store(told = true, std::memory_order_release);
       continue;
     }
-    if (!bring_back()) continue;
+    if (!restart_process()) continue;
     told = false;
     died_.store(false);
     offered_.store(child_->socket());
@@ -395,7 +395,7 @@ Status ProcessApplication::finish() {
   loop_over_ = true;
   const MonotonicTime until = monotonic_now() + std::min(settings_.answer_timeout, seconds(2));
   while (owed_ && monotonic_now() < until) {
-    if (receive({}, false) != Broken::no) lose(Broken::closed);
+    if (receive({}, false) != Broken::no) disconnect(Broken::closed);
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
   if (fd_ >= 0 && !owed_) {

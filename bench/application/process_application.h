@@ -12,7 +12,7 @@
 //     safe values
 //
 // In virtual time bench and process go in lock step: the loop waits for the answer to each turn, so that
-// neither commands nor recording depend on how quick the process is. By the wall clock the loop never waits:
+// neither commands nor recording depend on how quick the process is. In wall-clock time the loop never waits:
 // an answer takes effect in the cycle in which it is there, a turn that is due while an answer is owed is
 // left out.
 #pragma once

@@ -1,4 +1,4 @@
-// What an application's process is told before its first turn: the rig, its parameters, its inputs and
+// What an application's process receives before its first turn: the rig, its parameters, its inputs and
 // outputs.
 #pragma once
 

@@ -21,7 +21,7 @@ Turns::Turns(const ApplicationPorts& ports, std::size_t capacity_bytes, PlaceOf 
 void Turns::add(std::uint32_t i, const SampleLease& sample) noexcept {
   const std::uint64_t place = sample->size_bytes > 0 ? place_of_(*sample) : 0;
   if (message_.add(i, *sample, place)) return;
-  facts.unshown += forget();
+  facts.dropped += forget();
   (void)message_.add(i, *sample, place);
 }
 
@@ -36,15 +36,15 @@ void Turns::collect() noexcept {
       add(i, input.port->sample());
       continue;
     }
-    if (input.next && !input.again) ++facts.overtaken;
+    if (input.next && !input.again) ++facts.superseded;
     input.again = false;
     input.next = input.port->sample();
   }
 }
 
-void Turns::begin_anew() noexcept {
-  let_go();
-  facts.unshown += forget();
+void Turns::restart() noexcept {
+  release_samples();
+  facts.dropped += forget();
   for (std::uint32_t i = 0; i < inputs_.size(); ++i) {
     Input& input = inputs_[i];
     if (!input.port->sample()) continue;
@@ -73,22 +73,22 @@ std::span<const std::byte> Turns::make(std::uint64_t cycle, BenchTime t) noexcep
 
 void Turns::given() noexcept {
   ++facts.turns;
-  facts.shown += forget();
+  facts.delivered += forget();
 }
 
-void Turns::let_go() noexcept {
+void Turns::release_samples() noexcept {
   for (Input& input : inputs_) {
-    if (input.next && !std::exchange(input.again, false)) ++facts.unshown;
+    if (input.next && !std::exchange(input.again, false)) ++facts.dropped;
     input.next.reset();
     input.shown.reset();
   }
 }
 
 void Turns::end() noexcept {
-  const std::uint64_t before = facts.unshown;
-  let_go();
-  facts.after_last += facts.unshown - before + forget();
-  facts.unshown = before;
+  const std::uint64_t before = facts.dropped;
+  release_samples();
+  facts.after_last += facts.dropped - before + forget();
+  facts.dropped = before;
 }
 
 bool Turns::is_answer(std::span<const std::byte> body, std::uint64_t cycle) const noexcept {

@@ -23,12 +23,12 @@ class Turns {
   /// In every cycle: what became visible in it.
   void collect() noexcept;
   /// For an application that has seen nothing yet: the newest sample of each input.
-  void begin_anew() noexcept;
+  void restart() noexcept;
   /// The message of a turn; `given` follows where it was taken. Valid until then.
   [[nodiscard]] std::span<const std::byte> make(std::uint64_t cycle, BenchTime t) noexcept;
   void given() noexcept;
   /// It is not looked at any more.
-  void let_go() noexcept;
+  void release_samples() noexcept;
   /// After the last cycle: what was not shown is counted. Setup context.
   void end() noexcept;
   /// Whether the body of an answer is one to the turn of `cycle`: else nothing of it holds.

@@ -38,7 +38,7 @@ enum class Quantity : std::uint8_t {
   skipped,
   misses,  // of the loop
   late_answers,
-  left_out,
+  skipped_turns,
   restarts,
   answer_p99_ms,  // of the application
   position_m,
@@ -62,7 +62,7 @@ constexpr std::array kOfLoop{
     Named{"wake_max_us", Quantity::wake_max_us}, Named{"cycle_p99_us", Quantity::cycle_p99_us},
     Named{"skipped", Quantity::skipped},         Named{"misses", Quantity::misses}};
 constexpr std::array kOfApplication{
-    Named{"late", Quantity::late_answers}, Named{"left_out", Quantity::left_out},
+    Named{"late", Quantity::late_answers}, Named{"skipped", Quantity::skipped_turns},
     Named{"restarts", Quantity::restarts}, Named{"answer_p99_ms", Quantity::answer_p99_ms}};
 constexpr std::array kOfEstimate{Named{"position_m", Quantity::position_m},
                                  Named{"yaw_deg", Quantity::yaw_deg}};
@@ -134,8 +134,8 @@ struct Expectations::Check {
   double previous = kNaN;
   BenchTime t_previous;
   Histogram ages;
-  std::array<PlaneAt, 64> told{};  ///< that no truth lies behind yet, oldest first
-  std::size_t told_count = 0;
+  std::array<PlaneAt, 64> estimates{};  ///< that no truth lies behind yet, oldest first
+  std::size_t estimate_count = 0;
   std::optional<PlaneAt> truth;
 
   [[nodiscard]] bool in_window(Duration since_start) const {
@@ -163,7 +163,7 @@ struct Expectations::Check {
   }
   void take_sample(Duration since_start) noexcept;
   void take_truth(BenchTime t0) noexcept;
-  void take_told(const Command& c) noexcept;
+  void add_estimate(const Command& c) noexcept;
   void end(const RunEnd& run, BenchTime t0);
 };
 
@@ -351,12 +351,12 @@ void Expectations::Check::take_sample(Duration since_start) noexcept {
   }
 }
 
-void Expectations::Check::take_told(const Command& c) noexcept {
-  if (told_count == told.size()) {  // the truth is silent: the oldest is given up
-    std::move(told.begin() + 1, told.end(), told.begin());
-    --told_count;
+void Expectations::Check::add_estimate(const Command& c) noexcept {
+  if (estimate_count == estimates.size()) {  // the truth is silent: the oldest is given up
+    std::move(estimates.begin() + 1, estimates.end(), estimates.begin());
+    --estimate_count;
   }
-  told[told_count++] = {c.t_issue, c.value[*x], c.value[*y], yaw ? c.value[*yaw] : 0};
+  estimates[estimate_count++] = {c.t_issue, c.value[*x], c.value[*y], yaw ? c.value[*yaw] : 0};
 }
 
 /// Estimates that lie between two true poses are compared with what lies between these.
@@ -368,8 +368,8 @@ void Expectations::Check::take_truth(BenchTime t0) noexcept {
   const PlaneAt before = truth.value_or(now);
   truth = now;
   std::size_t done = 0;
-  for (; done < told_count && told[done].t <= now.t; ++done) {
-    const PlaneAt& e = told[done];
+  for (; done < estimate_count && estimates[done].t <= now.t; ++done) {
+    const PlaneAt& e = estimates[done];
     if (e.t < before.t || !in_window(e.t - t0)) continue;
     const double span = (now.t - before.t).seconds(),
                  share = span > 0 ? (e.t - before.t).seconds() / span : 1;
@@ -383,9 +383,9 @@ void Expectations::Check::take_truth(BenchTime t0) noexcept {
             : std::abs(std::remainder(e.yaw_rad - true_yaw, 2 * std::numbers::pi)) * 180 / std::numbers::pi;
     look(error, e.t - t0);
   }
-  std::move(told.begin() + static_cast<std::ptrdiff_t>(done),
-            told.begin() + static_cast<std::ptrdiff_t>(told_count), told.begin());
-  told_count -= done;
+  std::move(estimates.begin() + static_cast<std::ptrdiff_t>(done),
+            estimates.begin() + static_cast<std::ptrdiff_t>(estimate_count), estimates.begin());
+  estimate_count -= done;
 }
 
 void Expectations::command(const CommandPort& port, const Command& command) noexcept {
@@ -393,7 +393,7 @@ void Expectations::command(const CommandPort& port, const Command& command) noex
   for (const auto& check : checks_) {
     if (check->commands != &port) continue;
     if (check->subject == Subject::estimate)
-      check->take_told(command);
+      check->add_estimate(command);
     else if (check->in_window(since_start) && check->index < command.count)
       check->take(command.value[check->index], command.t_issue, since_start);
   }
@@ -485,8 +485,8 @@ void Expectations::Check::end(const RunEnd& run, BenchTime t0) {
     case Quantity::late_answers:
       if (run.application) judge(count(run.application->late));
       break;
-    case Quantity::left_out:
-      if (run.application) judge(count(run.application->left_out));
+    case Quantity::skipped_turns:
+      if (run.application) judge(count(run.application->skipped));
       break;
     case Quantity::restarts:
       if (run.application) judge(count(run.application->restarts));
@@ -525,7 +525,7 @@ std::vector<Expected> Expectations::finish(const RunEnd& end) {
   return out;
 }
 
-std::string Expected::came_out() const {
+std::string Expected::outcome() const {
   if (looked_at == 0) return "nothing came that could be judged";
   if (quantity == "alarm")
     return least > 0 ? fmt::format("it came{}", first_s ? fmt::format(" at {:.3f} s", *first_s) : "")
@@ -538,8 +538,8 @@ std::string Expected::came_out() const {
 }
 
 std::string Expected::sentence() const {
-  return quantity == "alarm" ? fmt::format("{}: expected an alarm {}, {}", of, bounds, came_out())
-                             : fmt::format("{}: expected {} {}, {}", of, quantity, bounds, came_out());
+  return quantity == "alarm" ? fmt::format("{}: expected an alarm {}, {}", of, bounds, outcome())
+                             : fmt::format("{}: expected {} {}, {}", of, quantity, bounds, outcome());
 }
 
 json to_json(const std::vector<Expected>& all) {
@@ -551,7 +551,7 @@ json to_json(const std::vector<Expected>& all) {
            {"holds", e.holds},
            {"looked_at", e.looked_at},
            {"outside", e.outside},
-           {"came_out", e.came_out()},
+           {"outcome", e.outcome()},
            {"text", e.sentence()}};
     j["first_s"] = e.first_s ? json(*e.first_s) : json();
     if (e.looked_at > 0) j["least"] = e.least, j["most"] = e.most;

@@ -57,7 +57,7 @@ struct Expected {
   /// "turntable.position: expected value from -45 to 45, got 0 to 47.2; 12 of 980, first at 3.120 s".
   [[nodiscard]] std::string sentence() const;
   /// "got 0 to 47.2; 12 of 980, first at 3.120 s".
-  [[nodiscard]] std::string came_out() const;
+  [[nodiscard]] std::string outcome() const;
 };
 
 class Expectations {
@@ -85,7 +85,7 @@ class Expectations {
   BenchTime t0_;
 };
 
-/// [{"of", "quantity", "bounds", "holds", "looked_at", "outside", "first_s", "least", "most", "came_out",
+/// [{"of", "quantity", "bounds", "holds", "looked_at", "outside", "first_s", "least", "most", "outcome",
 /// "text"}]
 [[nodiscard]] nlohmann::json to_json(const std::vector<Expected>& all);
 /// JUnit's XML: a test case for each, and one that the run itself ended as it was to.

@@ -101,7 +101,7 @@ std::string expect_section(const json& r) {
         "<tr><td class=\"l\">{}</td><td class=\"l\">{}</td><td class=\"l\">{}</td><td "
         "class=\"l{}\">{}{}</td></tr>",
         str(e["of"]), str(e["quantity"]), str(e["bounds"]), holds ? "" : " bad", holds ? "holds: " : "",
-        str(e["came_out"]));
+        str(e["outcome"]));
   }
   return s + "</table></div>";
 }
@@ -115,22 +115,23 @@ std::string application_section(const json& r) {
       "class=\"l\">program</th><th>turns</th><th>answered</th>"
       "<th title=\"answers that were not there at their deadline\">late</th><th title=\"turns that were due "
       "and not "
-      "given: it was still busy, or not there\">left out</th><th>restarts</th><th title=\"from turn to "
+      "given: it was still busy, or not there\">skipped</th><th>restarts</th><th title=\"from turn to "
       "answer\">answer "
-      "p50</th><th title=\"from turn to answer\">answer p99</th><th>samples shown</th><th title=\"pictures "
+      "p50</th><th title=\"from turn to answer\">answer p99</th><th>samples delivered</th><th "
+      "title=\"pictures "
       "and scans "
-      "that a newer one overtook before its turn\">overtaken</th><th title=\"it was away for too long, or "
+      "that a newer one overtook before its turn\">superseded</th><th title=\"it was away for too long, or "
       "was started "
-      "again\">not shown</th></tr>";
+      "again\">dropped</th></tr>";
   const json& samples = (*a)["samples"];
   s += fmt::format("<tr><td class=\"l\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>",
                    str((*a)["name"]), count((*a)["turns"]), count((*a)["answered"]), count((*a)["late"]),
-                   count((*a)["left_out"]), count((*a)["restarts"]));
+                   count((*a)["skipped"]), count((*a)["restarts"]));
   s += a->contains("answer")
            ? fmt::format("<td>{}</td><td>{}</td>", ns((*a)["answer"]["p50_ns"]), ns((*a)["answer"]["p99_ns"]))
            : std::string("<td>–</td><td>–</td>");
-  return s + fmt::format("<td>{}</td><td>{}</td><td>{}</td></tr></table></div>", count(samples["shown"]),
-                         count(samples["overtaken"]), count(samples["unshown"]));
+  return s + fmt::format("<td>{}</td><td>{}</td><td>{}</td></tr></table></div>", count(samples["delivered"]),
+                         count(samples["superseded"]), count(samples["dropped"]));
 }
 
 std::string channel_table(const json& r) {

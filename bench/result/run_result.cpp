@@ -125,7 +125,7 @@ json accounts_json(const RunChannel& c, const RunParts& parts) {
   const PortCounters& n = c.port.counters();
   json j{{"taken_by_loop", c.taken},
          {"before_start", c.before_start},
-         {"shown", n.fresh},
+         {"delivered", n.fresh},
          {"superseded", n.superseded},
          {"overflow", n.overflow},
          {"not_due_at_end", c.taken - c.before_start - n.fresh - n.superseded - n.overflow},
@@ -198,12 +198,12 @@ json application_json(const RigConfig& rig, const ApplicationFacts& a) {
          {"turns", a.turns},
          {"answered", a.answered},
          {"late", a.late},
-         {"left_out", a.left_out},
+         {"skipped", a.skipped},
          {"restarts", a.restarts},
          {"samples",
-          {{"shown", a.shown},
-           {"overtaken", a.overtaken},
-           {"unshown", a.unshown},
+          {{"delivered", a.delivered},
+           {"superseded", a.superseded},
+           {"dropped", a.dropped},
            {"after_last", a.after_last}}}};
   if (a.answer.count() > 0)
     j["answer"] = {{"p50_ns", a.answer.percentile(0.5).ns()},
@@ -345,9 +345,9 @@ std::string summary_text(const json& r) {
                        std::ranges::count_if(*e, [](const json& x) { return x["holds"].get<bool>(); }),
                        e->size());
   if (const auto a = r.find("application"); a != r.end()) {
-    out += fmt::format("app       {}: {} turns, {} late, {} left out, {} restarts",
+    out += fmt::format("app       {}: {} turns, {} late, {} skipped, {} restarts",
                        (*a)["name"].get<std::string>(), (*a)["turns"].get<std::uint64_t>(),
-                       (*a)["late"].get<std::uint64_t>(), (*a)["left_out"].get<std::uint64_t>(),
+                       (*a)["late"].get<std::uint64_t>(), (*a)["skipped"].get<std::uint64_t>(),
                        (*a)["restarts"].get<std::uint64_t>());
     if (a->contains("answer"))
       out +=

@@ -207,20 +207,20 @@ void judge_sink(const SinkFacts& s, std::vector<Finding>& out) {
 }
 
 void judge_application(const ApplicationFacts& a, std::vector<Finding>& out) {
-  if (a.late == 0 && a.left_out == 0 && a.restarts == 0 && a.unshown == 0) return;
+  if (a.late == 0 && a.skipped == 0 && a.restarts == 0 && a.dropped == 0) return;
   Finding f;
   f.kinds.add(FindingKind::application);
-  const std::uint64_t due = a.turns + a.left_out;
-  f.severity = a.restarts > 0 || share(a.left_out, due) >= kLateBad               ? Severity::bad
-               : a.unshown > 0 || share(a.late + a.left_out, due) >= kLateWarning ? Severity::warning
-                                                                                  : Severity::note;
+  const std::uint64_t due = a.turns + a.skipped;
+  f.severity = a.restarts > 0 || share(a.skipped, due) >= kLateBad               ? Severity::bad
+               : a.dropped > 0 || share(a.late + a.skipped, due) >= kLateWarning ? Severity::warning
+                                                                                 : Severity::note;
   std::vector<std::string> parts;
   if (a.restarts > 0) parts.push_back(fmt::format("it was started again {} times", a.restarts));
-  if (a.left_out > 0) parts.push_back(fmt::format("{} of {} turns were left out", a.left_out, due));
+  if (a.skipped > 0) parts.push_back(fmt::format("{} of {} turns were skipped", a.skipped, due));
   if (a.late > 0) parts.push_back(fmt::format("{} of {} answers were late", a.late, a.turns));
-  if (a.unshown > 0) parts.push_back(fmt::format("{} samples were not shown to it", a.unshown));
+  if (a.dropped > 0) parts.push_back(fmt::format("{} samples did not reach it", a.dropped));
   f.sentence = fmt::format("application: {}", fmt::join(parts, ", "));
-  if (a.left_out > 0 && a.answer.count() > 0)
+  if (a.skipped > 0 && a.answer.count() > 0)
     f.cure = fmt::format("give it a `rate_hz` that it keeps (99 % of its answers take up to {:.3g} ms)",
                          a.answer.percentile(0.99).seconds() * 1e3);
   out.push_back(std::move(f));

@@ -59,7 +59,7 @@ enum class Kind : std::uint32_t {
   nav_fix,
   odometry
 };
-enum class Status : std::uint32_t { never, fresh, stale, late, lost };
+enum class Status : std::uint32_t { never, fresh, held, overdue, disconnected };
 
 // What `info` of a sample holds, by its kind; a register block is a count (8 bytes) and its values.
 struct ImageInfo {

@@ -34,7 +34,7 @@ _TURN_HEAD = struct.Struct("<QqII")
 _SAMPLE_HEAD = struct.Struct("<IIQqqqqIIQQII")
 _KINDS = ("none", "image", "range_image", "point_cloud", "can_frame", "registers", "pose", "event", "imu", "nav_fix",
           "odometry")
-_STATUS = ("never", "fresh", "stale", "late", "lost")
+_STATUS = ("never", "fresh", "held", "overdue", "disconnected")
 _FIX = ("none", "fix", "sbas", "rtk_float", "rtk_fixed")
 _LARGEST = 16 << 20
 _LARGEST_ERROR = 32 << 10
@@ -142,7 +142,7 @@ def _read_info(sample, port, info):
 
 class Port:
     """A channel as the application sees it: name, kind, rate_hz, latency_ms, frame_id, width_px, height_px, names and
-    units of its values; `status` (never, fresh, stale, late, lost); `sample`, the newest (None before the first);
+    units of its values; `status` (never, fresh, held, overdue, disconnected); `sample`, the newest (None before the first);
     `samples`, those since the turn before (of pictures and clouds the newest alone); `fresh`: there are some."""
 
     def __init__(self, description):

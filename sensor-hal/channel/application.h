@@ -76,11 +76,11 @@ struct ApplicationFacts {
   std::uint64_t turns = 0;       ///< that it was given
   std::uint64_t answered = 0;    ///< of these
   std::uint64_t late = 0;        ///< answers that were not there at their deadline
-  std::uint64_t left_out = 0;    ///< turns that were due and not given: it was still busy, or not there
+  std::uint64_t skipped = 0;     ///< turns that were due and not given: it was still busy, or not there
   std::uint64_t restarts = 0;    ///< how often it was started again
-  std::uint64_t shown = 0;       ///< samples in turns; those that were shown again after a restart count once
-  std::uint64_t overtaken = 0;   ///< pictures and scans not shown, for a newer one came before its turn
-  std::uint64_t unshown = 0;     ///< samples not shown: it was away for too long, or was started again
+  std::uint64_t delivered = 0;   ///< samples in turns; those that were shown again after a restart count once
+  std::uint64_t superseded = 0;  ///< pictures and scans not shown, for a newer one came before its turn
+  std::uint64_t dropped = 0;     ///< samples not shown: it was away for too long, or was started again
   std::uint64_t after_last = 0;  ///< that became visible after the last turn
   Histogram answer;              ///< from turn to answer
 };

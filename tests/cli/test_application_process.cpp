@@ -55,8 +55,7 @@ class ApplicationProcess : public Runs {
   }
   /// Every turn that was due was given or left out, but for those whose cycle the loop itself skipped.
   static void expect_turns(const json& result, int due) {
-    const int turns =
-        result["application"]["turns"].get<int>() + result["application"]["left_out"].get<int>();
+    const int turns = result["application"]["turns"].get<int>() + result["application"]["skipped"].get<int>();
     EXPECT_LE(turns, due);
     EXPECT_GE(turns + result["loop"]["cycles_skipped"].get<int>(), due);
   }
@@ -106,9 +105,9 @@ TEST_F(ApplicationProcess, SeesEverySampleAndItsSpeedChangesNothingInVirtualTime
   ASSERT_EQ(quick.status, 0) << quick.err;
   const auto recorded = messages(dir / "run.mcap");
   const json result = json::parse(quick.out);
-  EXPECT_EQ(result["application"]["samples"]["shown"], 98) << "the last turn is at 0.98 s";
+  EXPECT_EQ(result["application"]["samples"]["delivered"], 98) << "the last turn is at 0.98 s";
   EXPECT_EQ(result["application"]["samples"]["after_last"], 2);
-  EXPECT_EQ(result["application"]["samples"]["unshown"], 0);
+  EXPECT_EQ(result["application"]["samples"]["dropped"], 0);
   EXPECT_EQ(result["sinks"][0]["accepted"], 49) << "the first turn has no sample yet";
   const Said slow = run(rig(), program("        time.sleep(0.02 if self.turns % 7 == 0 else 0)\n"));
   ASSERT_EQ(slow.status, 0) << slow.err;
@@ -283,9 +282,9 @@ TEST_F(ApplicationProcess, IsNeverWaitedForByTheWallClock) {
   const json result = json::parse(said.out);
   const json& a = result["application"];
   EXPECT_GT(a["late"], 8);
-  EXPECT_GT(a["left_out"], 8);
+  EXPECT_GT(a["skipped"], 8);
   expect_turns(result, 100);
-  EXPECT_EQ(a["samples"]["unshown"], 0);
+  EXPECT_EQ(a["samples"]["dropped"], 0);
   EXPECT_THAT(result["verdict"].dump(), HasSubstr("answers were late"));
   EXPECT_LT(result["loop"]["cycle_time"]["p99_ns"], 2'000'000);
 }

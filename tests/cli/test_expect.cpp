@@ -121,7 +121,7 @@ TEST_F(Expect, AnApplicationInTurnsIsJudgedAndOneThatIsNotGivesNothingToJudge) {
   const std::vector<std::string> process{
       "--set", "application={command: [python3, app.py], rate_hz: 50, on_exit: restart}"};
   const Said died =
-      run("  - { of: application, late: { max: 0 }, left_out: { max: 0 }, restarts: { max: 0 }, "
+      run("  - { of: application, late: { max: 0 }, skipped: { max: 0 }, restarts: { max: 0 }, "
           "answer_p99_ms: { max: 1000 } }\n",
           process);
   EXPECT_EQ(died.status, 1) << died.err;

@@ -118,7 +118,7 @@ class ProcessApplication : public ::testing::Test {
   }
   void expect_all_accounted_for() const {
     const ApplicationFacts f = *application_->facts();
-    EXPECT_EQ(f.shown + f.overtaken + f.unshown + f.after_last, pushed_);
+    EXPECT_EQ(f.delivered + f.superseded + f.dropped + f.after_last, pushed_);
     EXPECT_EQ(no_slot_, 0U) << "it holds more samples than a few";
   }
 
@@ -141,9 +141,9 @@ TEST_F(ProcessApplication, InVirtualTimeSeesEachValueAndTheNewestPictureOfATurn)
   const ApplicationFacts f = *application_->facts();
   EXPECT_EQ(f.turns, 50U);
   EXPECT_EQ(f.answered, 50U);
-  EXPECT_EQ(f.overtaken, 49U * 3 + 2) << "two of them after the last turn";
+  EXPECT_EQ(f.superseded, 49U * 3 + 2) << "two of them after the last turn";
   EXPECT_EQ(f.after_last, 19U + 1);
-  EXPECT_EQ(f.unshown, 0U);
+  EXPECT_EQ(f.dropped, 0U);
   ASSERT_EQ(told_.commands.size(), 50U);
   EXPECT_EQ(told_.commands[0].value[0], 2) << "the first value and the first picture";
   EXPECT_EQ(told_.commands[1].value[0], 2 + 21);
@@ -183,7 +183,7 @@ TEST_F(ProcessApplication, ByTheWallClockIsBroughtBackAndEverySampleIsAccountedF
   expect_all_accounted_for();
   const ApplicationFacts f = *application_->facts();
   EXPECT_EQ(f.restarts, 3U);
-  EXPECT_EQ(f.turns + f.left_out, (k + 9) / 10);
+  EXPECT_EQ(f.turns + f.skipped, (k + 9) / 10);
   EXPECT_GE(f.turns, f.answered + 3);
 }
 
