@@ -125,7 +125,7 @@ json accounts_json(const RunChannel& c, const RunParts& parts) {
   const PortCounters& n = c.port.counters();
   json j{{"taken_by_loop", c.taken},
          {"before_start", c.before_start},
-         {"delivered", n.fresh},
+         {"shown", n.fresh},
          {"superseded", n.superseded},
          {"overflow", n.overflow},
          {"not_due_at_end", c.taken - c.before_start - n.fresh - n.superseded - n.overflow},
