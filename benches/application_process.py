@@ -3,7 +3,7 @@
 
   benches/application_process.py [--rigor build/release/rigor] [--seconds 20] [--instants 200]
 
-By the wall clock, on a rig of an inertial sensor at 1 kHz, a camera at 20 Hz and a loop at 1 kHz:
+In wall-clock time, on a rig with an inertial sensor at 1 kHz, a camera at 5 Hz and a loop at 1 kHz:
   cost   no application; programs in Python and in C++, and the latter as a shared object, that are called
          in every cycle: time from turn to answer, wake-up error and cycle time of the loop
   fail   a program in Python at 50 Hz that is killed, or stopped so that it hangs, at random instants, and is started again:

@@ -11,7 +11,7 @@
 #include <optional>
 #include <set>
 
-#include "bench/analysis/pose_error.h"
+#include "bench/motion/pose_error.h"
 #include "bench/page/svg.h"
 #include "bench/run/recording.h"
 #include "rt-core/numbers.h"

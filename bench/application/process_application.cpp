@@ -159,6 +159,9 @@ Result<ChildProcess> ProcessApplication::start_child() {
   auto child = ChildProcess::start(settings_.command, settings_.start_timeout, stop_);
   if (!child) return child;
   auto setup = nlohmann::json::parse(setup_);
+  if (child->memory_fd() < 0)
+    return fail(ErrorCode::io, settings_.command.where,
+                "the application cannot be given the memory of the samples: no file descriptor is left");
   setup["memory"] = "/proc/self/fd/" + std::to_string(child->memory_fd());
   if (auto s = child->send(MessageType::setup, setup); !s) return tl::unexpected<Error>(s.error());
   auto ready = child->receive(MessageType::ready, settings_.start_timeout, stop_);
@@ -178,7 +181,8 @@ bool ProcessApplication::give_turn(std::uint64_t cycle, BenchTime t) noexcept {
     const ssize_t n = send(fd_, bytes.data() + sent, bytes.size() - sent, MSG_NOSIGNAL | MSG_DONTWAIT);
     sent += static_cast<std::size_t>(std::max<ssize_t>(n, 0));
     if (n > 0 || (n < 0 && errno == EINTR)) continue;
-    // By the wall clock the process has read all that was sent before: what does not go at once never will.
+    // In wall-clock time the socket is empty here, for the previous turn was answered: a message that does
+    // not fit shows that the process does not read.
     if (errno != EAGAIN || !virtual_time_ || monotonic_now() - given_ > settings_.answer_timeout)
       return false;
     pollfd ready{fd_, POLLOUT, 0};

@@ -50,9 +50,7 @@ void LiveEstimate::truth(const Sample& sample) {
   PlanePose p;
   p.t_ns = sample.stamp.t_capture.ns();
   if (const auto* pose = sample.as<Pose>()) {
-    const auto& [w, x, y, z] = pose->orientation_wxyz;
-    p.x_m = pose->position_m[0], p.y_m = pose->position_m[1];
-    p.yaw_rad = std::atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z));
+    p = plane_pose(p.t_ns, *pose);
   } else if (const auto* block = sample.as<RegisterBlock>()) {
     const auto value = [&](std::optional<std::size_t> i) {
       return i && *i < block->count ? block->value[*i] : kNaN;

@@ -9,7 +9,7 @@
 #include <optional>
 #include <vector>
 
-#include "bench/analysis/pose_error.h"
+#include "bench/motion/pose_error.h"
 #include "bench/run/bench_run.h"
 
 namespace rigor::live {

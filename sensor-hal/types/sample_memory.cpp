@@ -88,7 +88,9 @@ int open_for_reader() {
   const File* file = g_file.load();
   if (!file) return -1;
   const std::string path = "/proc/self/fd/" + std::to_string(file->fd);
-  return open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  // A program with capabilities of its file may not look into its own /proc/self/fd.
+  return fd >= 0 ? fd : fcntl(file->fd, F_DUPFD_CLOEXEC, 3);
 }
 
 void Free::operator()(std::byte* memory) const noexcept {

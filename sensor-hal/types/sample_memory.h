@@ -16,8 +16,8 @@ namespace rigor::sample_memory {
 /// io: the kernel gives no such file. Setup context.
 [[nodiscard]] Status share();
 
-/// A descriptor of that file, for reading only and closed on exec; the caller closes it. -1: not shared, or
-/// no descriptor is left. Setup context.
+/// A descriptor of that file, for reading only where the kernel allows it, closed on exec; the caller closes
+/// it. -1: not shared, or no descriptor is left. Setup context.
 [[nodiscard]] int open_for_reader();
 /// Gives memory back to where it came from.
 struct Free {

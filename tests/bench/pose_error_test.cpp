@@ -1,6 +1,6 @@
 // Estimates of a pose beside the truth: after a run (rigor localization) and while it goes on
 // (/rigor/estimate).
-#include "bench/analysis/pose_error.h"
+#include "bench/motion/pose_error.h"
 
 #include <gtest/gtest.h>
 

@@ -263,6 +263,7 @@ TEST_F(ApplicationProcess, LeavesWithTheRunThatIsInterrupted) {
              program("        if self.turns == 5:\n            print(os.getpid(), flush=True)\n"
                      "            time.sleep(60)\n"));
   Command command(rigor_words({"run", "rig.yaml", "--force"}), dir.path());
+  // Until the program says its process number.
   for (int i = 0; i < 1000 && command.err().find('\n') == std::string::npos; ++i)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   const auto pid = static_cast<pid_t>(std::atoi(command.err().c_str()));
@@ -273,9 +274,9 @@ TEST_F(ApplicationProcess, LeavesWithTheRunThatIsInterrupted) {
   EXPECT_NE(kill(pid, 0), 0) << "it lives on";
 }
 
-// By the wall clock.
+// In wall-clock time.
 
-TEST_F(ApplicationProcess, IsNeverWaitedForByTheWallClock) {
+TEST_F(ApplicationProcess, IsNeverWaitedForInWallClockTime) {
   const Said said = run(rig(), program("        if self.turns % 5 == 0: time.sleep(0.05)\n"),
                         {"--clock", "wall", "--duration", "2"});
   ASSERT_EQ(said.status, 0) << said.err;
@@ -291,11 +292,10 @@ TEST_F(ApplicationProcess, IsNeverWaitedForByTheWallClock) {
 
 TEST_F(ApplicationProcess, ThatIsLateLeavesTheSinksSafeWhereTheRigSaysSo) {
   const auto run_with = [&](const std::string& on_late) {
-    const Said said =
-        Command(demo({"--duration", "3", "--force", "--set", "channels.left.pair.hand_on=simulated", "--set",
-                      "application={command: [python3, " + file("app.py") +
-                          "], rate_hz: 50, on_late: " + on_late + "}"}))
-            .wait();
+    const Said said = Command(demo({"--duration", "3", "--force", "--set",
+                                    "application={command: [python3, " + file("app.py") +
+                                        "], rate_hz: 50, on_late: " + on_late + "}"}))
+                          .wait();
     EXPECT_EQ(said.status, 0) << said.err;
     return json::parse(said.out)["sinks"][0]["made_safe"].get<int>();
   };
@@ -312,7 +312,7 @@ TEST_F(ApplicationProcess, ThatIsLateLeavesTheSinksSafeWhereTheRigSaysSo) {
   EXPECT_EQ(safe, held + 1) << "once more than at the end of the run";
 }
 
-TEST_F(ApplicationProcess, ThatIsKilledByTheWallClockComesBack) {
+TEST_F(ApplicationProcess, ThatIsKilledInWallClockTimeComesBack) {
   const std::string app = program("        open('pid', 'w').write(str(os.getpid()))\n");
   write_file(dir / "rig.yaml", rig(", on_exit: restart"));
   write_file(dir / "app.py", app);
@@ -320,13 +320,14 @@ TEST_F(ApplicationProcess, ThatIsKilledByTheWallClockComesBack) {
                   dir.path());
   int killed = 0;
   std::string last;
+  // Until three processes were killed, each after some turns: a program writes its number in every turn.
   for (int i = 0; i < 600 && killed < 3; ++i) {
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
     std::error_code none;
     const std::string pid = std::filesystem::exists(dir / "pid", none) ? read_file(dir / "pid") : "";
     if (pid.empty() || pid == last) continue;
     last = pid;
-    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));  // five turns
     killed += kill(static_cast<pid_t>(std::stoi(pid)), SIGKILL) == 0;
   }
   const Said said = command.wait();

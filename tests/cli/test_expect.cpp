@@ -160,6 +160,16 @@ TEST_F(Expect, AWindowOfTimeIsJudgedAlone) {
   EXPECT_FALSE(all[5]["holds"]) << "nothing came";
 }
 
+TEST_F(Expect, AnEstimateIsNotJudgedWhileItIsSearching) {
+  const std::vector<std::string> searching{"--set", "sinks.estimate.signals=[x, y, yaw, state]", "--set",
+                                           "application.sinks.estimate.steps=[{at_s: 0, values: [50, 0, 0, "
+                                           "0]}, {at_s: 0.2, values: [-1.2, -2.6, 0, 1]}]"};
+  const Said said =
+      run("  - { of: estimate, against: truth, position_m: { max: 0.001 }, until_s: 0.5 }\n", searching);
+  EXPECT_EQ(said.status, 0) << said.err;
+  EXPECT_EQ(json::parse(said.out)["expect"][0]["looked_at"], 16) << "at 50 Hz from 0.2 to 0.5 s";
+}
+
 TEST_F(Expect, AReplayJudgesTheSame) {
   const std::string text =
       "  - { of: imu, missing: { max: 0 } }\n  - { of: truth.x_m, value: { max: -1.19 } }\n"

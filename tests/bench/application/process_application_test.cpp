@@ -159,7 +159,7 @@ TEST_F(ProcessApplication, InVirtualTimeShowsMoreThanASocketHoldsAtOnce) {
   EXPECT_EQ(told_.commands[1].value[0], 2 + 50'001);
 }
 
-TEST_F(ProcessApplication, ByTheWallClockIsBroughtBackAndEverySampleIsAccountedFor) {
+TEST_F(ProcessApplication, InWallClockTimeIsBroughtBackAndEverySampleIsAccountedFor) {
   make("wall", "rate_hz: 100, on_exit: restart, answer_timeout_s: 0.3",
        "        marks = len([f for f in os.listdir('" +
            (fs::temp_directory_path() / ("rigor_application_" + std::to_string(getpid()))).string() +
@@ -176,7 +176,8 @@ TEST_F(ProcessApplication, ByTheWallClockIsBroughtBackAndEverySampleIsAccountedF
   for (; monotonic_now() < until && (application_->facts()->restarts < 3 || k % 1000 != 0); ++k) {
     cycle(k);
     EXPECT_FALSE(application_->failed());
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    std::this_thread::sleep_for(
+        std::chrono::milliseconds(1));  // the period of the loop that the test stands for
   }
   const Status s = application_->finish();
   EXPECT_TRUE(s) << s.error().text();
@@ -187,11 +188,12 @@ TEST_F(ProcessApplication, ByTheWallClockIsBroughtBackAndEverySampleIsAccountedF
   EXPECT_GE(f.turns, f.answered + 3);
 }
 
-TEST_F(ProcessApplication, ByTheWallClockThatDiesAndIsNotWantedBackFails) {
+TEST_F(ProcessApplication, InWallClockTimeThatDiesAndIsNotWantedBackFails) {
   make("wall", "rate_hz: 100", "        if self.turns == 5: os._exit(3)\n");
   for (std::uint64_t k = 0; k < 30'000 && !application_->failed(); ++k) {
     cycle(k);
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    std::this_thread::sleep_for(
+        std::chrono::milliseconds(1));  // the period of the loop that the test stands for
   }
   ASSERT_TRUE(application_->failed());
   const Status s = application_->finish();

@@ -3,10 +3,30 @@
 
 #include <gtest/gtest.h>
 
+#include <cstddef>
 #include <cstring>
+
+#include "bench/application/plugin_application.h"
+#include "clients/cpp/rigor_client.h"
 
 namespace rigor::application {
 namespace {
+
+// The client stands alone and has its own copy of what both sides share: they have to agree.
+static_assert(rigor_client::kProtocol == kProtocolVersion);
+static_assert(sizeof(rigor_client::PluginEntry) == sizeof(PluginEntry));
+static_assert(offsetof(rigor_client::PluginEntry, protocol) == offsetof(PluginEntry, protocol));
+static_assert(offsetof(rigor_client::PluginEntry, create) == offsetof(PluginEntry, create));
+static_assert(offsetof(rigor_client::PluginEntry, start) == offsetof(PluginEntry, start));
+static_assert(offsetof(rigor_client::PluginEntry, turn) == offsetof(PluginEntry, turn));
+static_assert(offsetof(rigor_client::PluginEntry, finish) == offsetof(PluginEntry, finish));
+static_assert(offsetof(rigor_client::PluginEntry, destroy) == offsetof(PluginEntry, destroy));
+static_assert(std::is_same_v<decltype(rigor_client::PluginEntry::turn), decltype(PluginEntry::turn)>);
+static_assert(std::is_same_v<decltype(rigor_client::PluginEntry::start), decltype(PluginEntry::start)>);
+static_assert(std::is_same_v<decltype(rigor_client::PluginEntry::finish), decltype(PluginEntry::finish)>);
+static_assert(sizeof(rigor_client::Point) == sizeof(LidarPoint));
+static_assert(static_cast<int>(rigor_client::Kind::odometry) == static_cast<int>(SampleKind::odometry));
+static_assert(static_cast<int>(rigor_client::Status::disconnected) == static_cast<int>(PortStatus::lost));
 
 template <class T>
 T at(std::span<const std::byte> bytes, std::size_t offset) {

@@ -5,6 +5,8 @@
 #include <optional>
 #include <span>
 
+#include "sensor-hal/types/sample.h"
+
 namespace rigor {
 
 /// Of any clock. The yaw is NaN where it is not known.
@@ -12,6 +14,9 @@ struct PlanePose {
   std::int64_t t_ns = 0;
   double x_m = 0, y_m = 0, yaw_rad = 0;
 };
+
+/// Its projection onto the ground; the yaw is that of its x axis.
+[[nodiscard]] PlanePose plane_pose(std::int64_t t_ns, const Pose& pose);
 
 /// Between true poses that are this far from the instant on both sides there is one of that instant.
 inline constexpr std::int64_t kPoseReach_ns = 100'000'000;

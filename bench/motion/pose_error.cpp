@@ -1,4 +1,4 @@
-#include "bench/analysis/pose_error.h"
+#include "bench/motion/pose_error.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,6 +10,12 @@ namespace {
 double wrapped(double rad) { return std::remainder(rad, 2 * std::numbers::pi); }
 
 }  // namespace
+
+PlanePose plane_pose(std::int64_t t_ns, const Pose& pose) {
+  const auto& [w, x, y, z] = pose.orientation_wxyz;
+  return {t_ns, pose.position_m[0], pose.position_m[1],
+          std::atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))};
+}
 
 std::optional<PlanePose> pose_at(std::span<const PlanePose> poses, std::int64_t t_ns) {
   if (poses.empty()) return std::nullopt;

@@ -1,0 +1,82 @@
+#include "bench/expect/expected.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "bench/page/page.h"
+
+namespace rigor {
+
+using nlohmann::json;
+
+namespace {
+
+/// Text of an attribute. XML has no control characters, whose place a space takes.
+std::string xml_text(std::string text) {
+  std::ranges::replace_if(
+      text, [](unsigned char c) { return c < 0x20; }, ' ');
+  return html_text(text);
+}
+
+}  // namespace
+
+std::string Expected::outcome() const {
+  if (looked_at == 0) return "nothing came that could be judged";
+  if (quantity == "alarm")
+    return least > 0 ? fmt::format("it came{}", first_s ? fmt::format(" at {:.3f} s", *first_s) : "")
+                     : "it did not";
+  std::string s =
+      least == most ? fmt::format("got {:.6g}", least) : fmt::format("got {:.6g} to {:.6g}", least, most);
+  if (looked_at > 1 && outside > 0) s += fmt::format("; {} of {}", outside, looked_at);
+  if (first_s) s += fmt::format(", first at {:.3f} s", *first_s);
+  return s;
+}
+
+std::string Expected::sentence() const {
+  return quantity == "alarm" ? fmt::format("{}: expected an alarm {}, {}", of, bounds, outcome())
+                             : fmt::format("{}: expected {} {}, {}", of, quantity, bounds, outcome());
+}
+
+json to_json(const std::vector<Expected>& all) {
+  json out = json::array();
+  for (const Expected& e : all) {
+    json j{{"of", e.of},
+           {"quantity", e.quantity},
+           {"bounds", e.bounds},
+           {"holds", e.holds},
+           {"looked_at", e.looked_at},
+           {"outside", e.outside},
+           {"outcome", e.outcome()},
+           {"text", e.sentence()}};
+    j["first_s"] = e.first_s ? json(*e.first_s) : json();
+    if (e.looked_at > 0) j["least"] = e.least, j["most"] = e.most;
+    out.push_back(std::move(j));
+  }
+  return out;
+}
+
+std::string junit_text(const std::vector<Expected>& all, const std::string& rig,
+                       const std::string& failure_of_run, double duration_s) {
+  const auto failures =
+      std::ranges::count_if(all, [](const Expected& e) { return !e.holds; }) + !failure_of_run.empty();
+  std::string out = fmt::format(
+      "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuite name=\"{}\" tests=\"{}\" failures=\"{}\" "
+      "errors=\"0\" "
+      "skipped=\"0\" time=\"{:.3f}\">\n",
+      xml_text(rig), all.size() + 1, failures, duration_s);
+  const auto add = [&](const std::string& name, const std::string& failure, double time_s) {
+    out += fmt::format("  <testcase classname=\"{}\" name=\"{}\" time=\"{:.3f}\"", xml_text(rig),
+                       xml_text(name), time_s);
+    out += failure.empty()
+               ? "/>\n"
+               : fmt::format(">\n    <failure message=\"{}\"/>\n  </testcase>\n", xml_text(failure));
+  };
+  add("run", failure_of_run, duration_s);
+  for (const Expected& e : all)
+    add(fmt::format("{} {} {}", e.of, e.quantity, e.bounds), e.holds ? "" : e.sentence(), 0);
+  return out + "</testsuite>\n";
+}
+
+}  // namespace rigor

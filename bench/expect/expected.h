@@ -1,0 +1,34 @@
+// How the expectations of a rig came out, and the forms in which that is written.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace rigor {
+
+/// How an expectation came out.
+struct Expected {
+  std::string of, quantity;  ///< "turntable.position", "value"
+  std::string bounds;        ///< "from -45 to 45"
+  bool holds = false;
+  std::uint64_t looked_at = 0;    ///< samples, commands, or 1
+  std::uint64_t outside = 0;      ///< of these
+  std::optional<double> first_s;  ///< the first that was outside, since the start of the run
+  double least = 0, most = 0;     ///< where `looked_at` is not 0
+  /// "turntable.position: expected value from -45 to 45, got 0 to 47.2; 12 of 980, first at 3.120 s".
+  [[nodiscard]] std::string sentence() const;
+  /// "got 0 to 47.2; 12 of 980, first at 3.120 s".
+  [[nodiscard]] std::string outcome() const;
+};
+
+/// [{"of", "quantity", "bounds", "holds", "looked_at", "outside", "first_s", "least", "most", "outcome",
+/// "text"}]
+[[nodiscard]] nlohmann::json to_json(const std::vector<Expected>& all);
+/// JUnit's XML: a test case for each, and one that the run itself ended as it was to.
+[[nodiscard]] std::string junit_text(const std::vector<Expected>& all, const std::string& rig,
+                                     const std::string& failure_of_run, double duration_s);
+
+}  // namespace rigor
