@@ -3,7 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/console/terminal.h"
-#include "bench/run/backends.h"
+#include "bench/registry.h"
 #include "bench/run/machine_probe.h"
 #include "bench/sensing/simulation.h"
 #include "cli/commands.h"

@@ -9,7 +9,7 @@
 
 #include "bench/console/terminal.h"
 #include "bench/devices/device_world.h"
-#include "bench/run/backends.h"
+#include "bench/registry.h"
 #include "cli/commands.h"
 #include "cli/overrides.h"
 #include "rt-core/executive.h"
@@ -42,7 +42,8 @@ Result<RigConfig> load(const EmulateOptions& options) {
 int emulate_command(const EmulateOptions& options) {
   auto rig = load(options);
   if (!rig) return report_error(rig.error(), options.json);
-  const Registry registry = make_registry();
+  Registry registry = make_registry();
+  if (auto s = load_plugins(rig->plugins, registry); !s) return report_error(s.error(), options.json);
   StopSource stop;
   SignalStop signals(stop);
 

@@ -4,7 +4,7 @@ find_package(tl-expected REQUIRED)
 find_package(fmt REQUIRED)
 find_package(Eigen3 REQUIRED)
 find_package(nlohmann_json REQUIRED)
-set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_SOURCE_DIR}/tools/with_ccache.sh)
+set(CMAKE_CXX_COMPILER_LAUNCHER ${rigor_SOURCE_DIR}/tools/with_ccache.sh)
 
 # Both are on unless a preset says otherwise, for builds from nothing. The preset dev compiles file by file, so that a change
 # of one file compiles that file alone.
@@ -12,7 +12,7 @@ option(RIGOR_UNITY "Compile the files of a library, or of a test, several at a t
 option(RIGOR_PRECOMPILED "Precompile the headers that most files include" ON)
 
 add_library(rigor_options INTERFACE)
-target_include_directories(rigor_options INTERFACE ${CMAKE_SOURCE_DIR})
+target_include_directories(rigor_options INTERFACE ${rigor_SOURCE_DIR})
 target_compile_options(rigor_options INTERFACE -Wall -Wextra -Wshadow -Wnon-virtual-dtor -Wconversion
                                                -Wno-sign-conversion "$<$<CXX_COMPILER_ID:GNU>:-Wno-restrict;-Wno-stringop-overflow;-Wno-stringop-overread;-Wno-array-bounds;-Wno-maybe-uninitialized>"
                                                -fno-omit-frame-pointer)
@@ -52,8 +52,8 @@ set(RIGOR_COMMON_HEADERS <algorithm> <array> <atomic> <chrono> <cmath> <cstdint>
 # rigor_precompiled(NAME HEADERS... LINKS targets...): a target whose precompiled headers others reuse.
 function(rigor_precompiled NAME)
   cmake_parse_arguments(ARG "" "" "HEADERS;LINKS" ${ARGN})
-  file(WRITE ${CMAKE_BINARY_DIR}/generated/${NAME}.cpp "")
-  add_library(${NAME} OBJECT ${CMAKE_BINARY_DIR}/generated/${NAME}.cpp)
+  file(WRITE ${rigor_BINARY_DIR}/generated/${NAME}.cpp "")
+  add_library(${NAME} OBJECT ${rigor_BINARY_DIR}/generated/${NAME}.cpp)
   target_link_libraries(${NAME} PRIVATE rigor_options ${ARG_LINKS})
   target_precompile_headers(${NAME} PRIVATE ${ARG_HEADERS})
 endfunction()
@@ -68,15 +68,65 @@ if(RIGOR_PRECOMPILED)
   endif()
 endif()
 
-# rigor_library(NAME SOURCES... [APART sources...] [LINKS targets...] [PRIVATE_LINKS targets...])
-# APART: sources that have names of their own in common with others of the library.
+# rigor_library(NAME SOURCES... [APART sources...] [LINKS targets...] [PRIVATE_LINKS targets...] [PART_OF shared])
+# APART: sources that have names of their own in common with others of the library. PART_OF: its objects become part of that
+# shared library, and who links NAME links the shared library; LINKS and PRIVATE_LINKS then name what is from outside.
 function(rigor_library NAME)
-  cmake_parse_arguments(ARG "" "" "SOURCES;APART;LINKS;PRIVATE_LINKS" ${ARGN})
-  add_library(${NAME} STATIC ${ARG_SOURCES} ${ARG_APART})
-  target_link_libraries(${NAME} PUBLIC rigor_options ${ARG_LINKS} PRIVATE ${ARG_PRIVATE_LINKS})
-  set_target_properties(${NAME} PROPERTIES POSITION_INDEPENDENT_CODE ON)
+  cmake_parse_arguments(ARG "" "PART_OF" "SOURCES;APART;LINKS;PRIVATE_LINKS" ${ARGN})
+  if(ARG_PART_OF)
+    set(OBJECTS ${NAME}_objects)
+    add_library(${OBJECTS} OBJECT ${ARG_SOURCES} ${ARG_APART})
+    target_sources(${ARG_PART_OF} PRIVATE $<TARGET_OBJECTS:${OBJECTS}>)
+    target_link_libraries(${ARG_PART_OF} PUBLIC ${ARG_LINKS} PRIVATE ${ARG_PRIVATE_LINKS})
+    add_library(${NAME} INTERFACE)
+    target_link_libraries(${NAME} INTERFACE ${ARG_PART_OF})
+    target_include_directories(${OBJECTS} PRIVATE ${rigor_BINARY_DIR}/generated)
+  else()
+    set(OBJECTS ${NAME})
+    add_library(${NAME} STATIC ${ARG_SOURCES} ${ARG_APART})
+  endif()
+  target_link_libraries(${OBJECTS} PUBLIC rigor_options ${ARG_LINKS} PRIVATE ${ARG_PRIVATE_LINKS})
+  set_target_properties(${OBJECTS} PROPERTIES POSITION_INDEPENDENT_CODE ON)
   set_source_files_properties(${ARG_APART} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
-  rigor_compile_options(${NAME})
+  rigor_compile_options(${OBJECTS})
+endfunction()
+
+# rigor_shared_library(NAME FILE): build/<preset>/lib/librigor_<FILE>.so, of which other libraries are parts. It exports what is
+# in the namespace rigor and nothing else: what it holds of other libraries is its own business.
+function(rigor_shared_library NAME FILE)
+  add_library(${NAME} SHARED)
+  set_target_properties(${NAME} PROPERTIES
+    OUTPUT_NAME rigor_${FILE} VERSION ${PROJECT_VERSION} SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR}
+    LIBRARY_OUTPUT_DIRECTORY ${rigor_BINARY_DIR}/lib LINKER_LANGUAGE CXX
+    LINK_DEPENDS ${rigor_SOURCE_DIR}/cmake/exported.map)
+  # Who links it gets no flag of ours.
+  target_link_libraries(${NAME} PRIVATE rigor_options INTERFACE tl::expected Threads::Threads)
+  target_include_directories(${NAME} PUBLIC ${rigor_BINARY_DIR}/generated INTERFACE ${rigor_SOURCE_DIR})
+  set_target_properties(${NAME} PROPERTIES INSTALL_RPATH "$ORIGIN")
+  target_compile_features(${NAME} INTERFACE cxx_std_20)
+  target_link_options(${NAME} PRIVATE -Wl,--version-script=${rigor_SOURCE_DIR}/cmake/exported.map)
+  if(NOT RIGOR_SANITIZE)
+    target_link_options(${NAME} PRIVATE -Wl,--no-undefined)
+  endif()
+endfunction()
+
+# rigor_public_headers(NAME HEADERS...): the headers of a library (HAL, WORLD, BENCH) that are installed, and rigor/<name>_abi.h,
+# their digest, by which plugins are known that were built against others. The target rigor_<name>_abi makes it.
+function(rigor_public_headers NAME)
+  set_property(GLOBAL PROPERTY RIGOR_${NAME}_HEADERS "${ARGN}")
+  string(TOLOWER ${NAME} LIBRARY)
+  set(DIGEST ${rigor_BINARY_DIR}/generated/rigor/${LIBRARY}_abi.h)
+  list(TRANSFORM ARGN PREPEND ${rigor_SOURCE_DIR}/ OUTPUT_VARIABLE FILES)
+  string(REPLACE ";" "," LIST "${ARGN}")
+  add_custom_command(
+    OUTPUT ${DIGEST}.stamp
+    COMMAND ${CMAKE_COMMAND} -DOUT=${DIGEST} -DROOT=${rigor_SOURCE_DIR} -DHEADERS=${LIST} -DNAME=${NAME}
+            -P ${rigor_SOURCE_DIR}/cmake/headers_digest.cmake
+    COMMAND ${CMAKE_COMMAND} -E touch ${DIGEST}.stamp
+    BYPRODUCTS ${DIGEST}
+    DEPENDS ${FILES} ${rigor_SOURCE_DIR}/cmake/headers_digest.cmake
+    COMMENT "Digest of the public headers of librigor_${LIBRARY}" VERBATIM)
+  add_custom_target(rigor_${LIBRARY}_abi DEPENDS ${DIGEST}.stamp)
 endfunction()
 
 # rigor_compile_options(NAME): how a library is compiled: several files at a time and with precompiled headers, where the
@@ -115,9 +165,9 @@ function(rigor_test NAME)
   set_target_properties(${NAME} PROPERTIES UNITY_BUILD ${RIGOR_UNITY} UNITY_BUILD_BATCH_SIZE 6)
   set_source_files_properties(${ARG_APART} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
   target_link_libraries(${NAME} PRIVATE rigor_options ${ARG_LINKS} GTest::gtest_main GTest::gmock)
-  target_compile_definitions(${NAME} PRIVATE RIGOR_SOURCE_DIR="${CMAKE_SOURCE_DIR}"
-                                             RIGOR_BINARY_DIR="${CMAKE_BINARY_DIR}")
-  set_target_properties(${NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+  target_compile_definitions(${NAME} PRIVATE RIGOR_SOURCE_DIR="${rigor_SOURCE_DIR}"
+                                             RIGOR_BINARY_DIR="${rigor_BINARY_DIR}")
+  set_target_properties(${NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${rigor_BINARY_DIR}/tests)
   target_compile_options(${NAME} PRIVATE ${RIGOR_TEST_OPTIONS})
   if(RIGOR_PRECOMPILED)
     if(NOT TARGET rigor_test_headers)
@@ -142,7 +192,7 @@ function(rigor_test NAME)
     list(APPEND PROPS LABELS "${ARG_LABELS}")
   endif()
   if(RIGOR_SANITIZE MATCHES "thread")
-    list(APPEND PROPS ENVIRONMENT "TSAN_OPTIONS=suppressions=${CMAKE_SOURCE_DIR}/tests/tsan.supp")
+    list(APPEND PROPS ENVIRONMENT "TSAN_OPTIONS=suppressions=${rigor_SOURCE_DIR}/tests/tsan.supp")
   endif()
   if(ARG_WALL_CLOCK)
     string(JOIN ":" CASES ${ARG_WALL_CLOCK})
@@ -160,6 +210,6 @@ function(rigor_benchmark NAME)
   cmake_parse_arguments(ARG "" "" "SOURCES;LINKS" ${ARGN})
   add_executable(${NAME} ${ARG_SOURCES})
   target_link_libraries(${NAME} PRIVATE rigor_options ${ARG_LINKS})
-  set_target_properties(${NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/benches)
+  set_target_properties(${NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${rigor_BINARY_DIR}/benches)
   rigor_program_options(${NAME})
 endfunction()

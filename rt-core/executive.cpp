@@ -191,7 +191,7 @@ std::vector<string> Executive::order() const {
   return names;
 }
 
-Result<RunSummary> Executive::run(StopToken stop, BenchTime t0) {
+Status Executive::prepare_run(BenchTime t0) {
   State armed = State::armed;
   if (!state_.compare_exchange_strong(armed, State::running))
     return fail(ErrorCode::wrong_state, "", "run() comes after arm(), and one run at a time");
@@ -211,38 +211,53 @@ Result<RunSummary> Executive::run(StopToken stop, BenchTime t0) {
        {&counters_.cycle, &counters_.run, &counters_.skipped, &counters_.overruns, &counters_.misses})
     c->store(0);
   data.observer = std::make_unique<MissObserver>(config_.period, config_.miss_capacity);
+  if (config_.heartbeat) config_.heartbeat->restart(config_.clock == RunClock::virtual_time);
+  return {};
+}
 
-  const bool wall = config_.clock == RunClock::wall;
-  if (config_.heartbeat) config_.heartbeat->restart(!wall);
-  if (wall) {
-    data.observer->start(gettid());  // before this thread becomes special: the observer inherits nothing
-    realtime_.prepare_thread(config_.realtime);
-    if (const BenchTime now = bench_now(); now > t0) {
-      realtime_.restore_thread();
-      if (config_.heartbeat) config_.heartbeat->declare_stopped(StopReason::failed);
-      state_.store(State::armed, std::memory_order_release);
-      return fail(ErrorCode::bad_input, "t0",
-                  "the first cycle was to begin " + std::to_string((now - t0).ns() / 1000) +
-                      " us ago; choose a later start (setting up the thread takes some ms)");
-    }
-    loop_wall(stop, data);
-    realtime_.restore_thread();
-  } else {
-    try {
-      loop_virtual(stop, data);
-    } catch (...) {
-      if (config_.heartbeat) config_.heartbeat->declare_stopped(StopReason::failed);
-      data.observer.reset();
-      state_.store(State::armed, std::memory_order_release);
-      throw;
-    }
-  }
+RunSummary Executive::close_run() {
+  RunSummary& s = data_->summary;
   if (config_.heartbeat) config_.heartbeat->declare_stopped(s.reason);
-  s.misses = data.observer->finish();
-  data.observer.reset();
+  s.misses = data_->observer->finish();
+  data_->observer.reset();
   s.settings = realtime_.settings();
   state_.store(State::armed, std::memory_order_release);
   return s;
+}
+
+Result<RunSummary> Executive::run(StopToken stop, BenchTime t0) {
+  if (config_.clock == RunClock::virtual_time) {
+    if (auto s = begin(t0); !s) return tl::unexpected<Error>(s.error());
+    (void)advance(std::numeric_limits<std::uint64_t>::max(), stop);
+    return end();
+  }
+  if (auto s = prepare_run(t0); !s) return tl::unexpected<Error>(s.error());
+  LoopData& data = *data_;
+  data.observer->start(gettid());  // before this thread becomes special: the observer inherits nothing
+  realtime_.prepare_thread(config_.realtime);
+  if (const BenchTime now = bench_now(); now > t0) {
+    realtime_.restore_thread();
+    if (config_.heartbeat) config_.heartbeat->declare_stopped(StopReason::failed);
+    state_.store(State::armed, std::memory_order_release);
+    return fail(ErrorCode::bad_input, "t0",
+                "the first cycle was to begin " + std::to_string((now - t0).ns() / 1000) +
+                    " us ago; choose a later start (setting up the thread takes some ms)");
+  }
+  loop_wall(stop, data);
+  realtime_.restore_thread();
+  return close_run();
+}
+
+Status Executive::begin(BenchTime t0) {
+  if (config_.clock != RunClock::virtual_time)
+    return fail(ErrorCode::wrong_state, "", "cycles are run one by one in virtual time alone");
+  return prepare_run(t0);
+}
+
+RunSummary Executive::end() {
+  RunSummary& s = data_->summary;
+  if (s.reason == StopReason::none) s.reason = StopReason::requested;
+  return close_run();
 }
 
 void Executive::run_steps(const CycleContext& cycle, LoopData& data) noexcept {
@@ -415,21 +430,32 @@ void Executive::loop_wall(StopToken stop, LoopData& data) noexcept {
   s.major_faults = static_cast<std::uint64_t>(usage.major - first_usage.major);
 }
 
-void Executive::loop_virtual(StopToken stop, LoopData& data) {
+bool Executive::advance(std::uint64_t cycles, StopToken stop) {
+  if (state() != State::running) return false;
+  LoopData& data = *data_;
   RunSummary& s = data.summary;
   const std::uint64_t last =
       config_.cycles > 0 ? config_.cycles : std::numeric_limits<std::uint64_t>::max() / 2;
-  for (std::uint64_t k = 0;; ++k) {
+  for (std::uint64_t n = 0;; ++n) {
+    const std::uint64_t k = s.cycles_run;
     s.reason = failed_.load(std::memory_order_acquire);
     if (s.reason == StopReason::none) s.reason = stop.reason();
     if (s.reason == StopReason::none && k >= last) s.reason = StopReason::finished;
-    if (s.reason != StopReason::none) return;
+    if (s.reason != StopReason::none) return false;
+    if (n == cycles) return true;
     CycleContext cycle;
     cycle.index = k;
     cycle.t = s.t0 + config_.period * static_cast<std::int64_t>(k);
     cycle.t_next = s.t0 + config_.period * static_cast<std::int64_t>(k + 1);
     cycle.virtual_time = true;
-    if (config_.hooks) config_.hooks->before_cycle(cycle.t);
+    try {
+      if (config_.hooks) config_.hooks->before_cycle(cycle.t);
+    } catch (...) {
+      if (config_.heartbeat) config_.heartbeat->declare_stopped(StopReason::failed);
+      data.observer.reset();
+      state_.store(State::armed, std::memory_order_release);
+      throw;
+    }
     const std::int64_t began = monotonic_now().ns();
     {
       const RealtimeScope scope;

@@ -174,6 +174,14 @@ class Executive {
   /// the token says stop. Wall: t0 lies in the future, so that all channels can know it; virtual: any
   /// instant, usually 0. bad_input when t0 has already passed.
   Result<RunSummary> run(StopToken stop, BenchTime t0);
+  /// Virtual time, in place of `run`, for whoever looks at the state between cycles: begin (armed → running),
+  /// advance until it says that the run is over, end (running → armed). One thread. wrong_state: another run
+  /// is in progress; in wall-clock time.
+  Status begin(BenchTime t0);
+  /// Runs up to `cycles` cycles. False: the run is over, by its last cycle, `stop` or `fail_run`. What
+  /// `before_cycle` throws leaves this function, and the run is over (armed).
+  bool advance(std::uint64_t cycles, StopToken stop);
+  RunSummary end();
   /// Setup, armed → configuring; memory is unlocked, steps stay.
   Status disarm();
 
@@ -204,7 +212,8 @@ class Executive {
 
   [[nodiscard]] Status sort_steps();
   void loop_wall(StopToken stop, LoopData& data) noexcept;
-  void loop_virtual(StopToken stop, LoopData& data);
+  [[nodiscard]] Status prepare_run(BenchTime t0);
+  RunSummary close_run();
   void run_steps(const CycleContext& cycle, LoopData& data) noexcept;
   [[nodiscard]] bool in_charge() const noexcept {
     return config_.heartbeat && (!config_.hooks || config_.hooks->in_charge());

@@ -99,7 +99,7 @@ def run_case(args, mode, faults, seed, slot):
     if not result:
         return False
     case = {"mode": mode, "faults": faults, "seed": seed, "clock": result["clock"], "duration_s": result["duration_s"],
-            "load": os.getloadavg()[1], "localization": result["localization"], "recording": result["recording"],
+            "load": os.getloadavg()[1], "localization": result["analyses"]["localization"], "recording": result["recording"],
             "cycles": [result["loop"]["cycles_run"], result["loop"]["cycles_skipped"]],
             "lost": {c: share_lost(result, c) for c in ("scanner", "wheels", "camera")},
             "seen": result["seen_sha256"], "times": result["times"], "command": "rigor " + " ".join(words)}
@@ -111,7 +111,7 @@ def run_case(args, mode, faults, seed, slot):
     (args.output / f"{name}.json").write_text(json.dumps(case, indent=1))
     if not args.keep and case["whole"] and case["replayed"] == case["seen"]:
         recording.unlink()
-    print(f"{name}: {result['localization']['text']}", flush=True)
+    print(f"{name}: {case['localization']['text']}", flush=True)
     return True
 
 

@@ -307,8 +307,23 @@ class StereoDepth final : public Application {
   std::string problem_;
 };
 
+/// The result, and the pictures that are there.
+std::vector<std::filesystem::path> files_of(const ConfigNode& params) {
+  const std::filesystem::path dir = params.text("output");
+  std::vector<std::filesystem::path> files{dir / "result.json"};
+  std::error_code ec;
+  for (const auto& entry : std::filesystem::directory_iterator(dir, ec)) {
+    const std::string name = entry.path().filename().string();
+    if (name.starts_with("view-") && name.ends_with(".png")) files.push_back(dir / name);
+  }
+  std::sort(files.begin() + 1, files.end());
+  return files;
+}
+
 }  // namespace
 
-std::unique_ptr<Application> make_stereo_depth() { return std::make_unique<StereoDepth>(); }
+NamedApplication stereo_depth_application() {
+  return {"stereo-depth", [] { return std::make_unique<StereoDepth>(); }, files_of};
+}
 
 }  // namespace rigor

@@ -25,10 +25,8 @@
 // comes while two are waiting is skipped and counted.
 #pragma once
 
-#include <memory>
-
-#include "sensor-hal/channel/application.h"
+#include "sensor-hal/channel/registry.h"
 
 namespace rigor {
-[[nodiscard]] std::unique_ptr<Application> make_stereo_depth();
+[[nodiscard]] NamedApplication stereo_depth_application();
 }

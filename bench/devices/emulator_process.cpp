@@ -17,6 +17,7 @@
 #include <utility>
 
 #include "bench/console/terminal.h"
+#include "bench/files/installed_configs.h"
 #include "bench/world/world_plugins.h"
 
 namespace rigor {
@@ -37,6 +38,12 @@ void end_child(pid_t pid) {
 Result<EmulatorProcess> EmulatorProcess::start(const std::filesystem::path& rig,
                                                const std::vector<std::string>& overrides, Duration patience,
                                                StopToken stop) {
+  const std::string program = installed_program().string();
+  if (program.empty())
+    return fail(
+        ErrorCode::not_found, "emulators",
+        "expected the program `rigor`, which runs the rig's emulators, in the prefix of this library, found "
+        "none; install it, or run with the devices there already");
   int fds[2];
   if (pipe2(fds, O_CLOEXEC) != 0)
     return fail(ErrorCode::io, "emulators", std::string("pipe: ") + std::strerror(errno));
@@ -64,7 +71,7 @@ Result<EmulatorProcess> EmulatorProcess::start(const std::filesystem::path& rig,
     if (getppid() != parent) _exit(1);
     setpgid(0, 0);  // Ctrl-C is for the run; it must be able to make the devices safe before they go
     fcntl(fds[1], F_SETFD, 0);
-    execv("/proc/self/exe", argv.data());
+    execv(program.c_str(), argv.data());
     _exit(127);
   }
   close(fds[1]);

@@ -1,4 +1,4 @@
-#include "bench/expect/expected.h"
+#include "bench/expect/expected_forms.h"
 
 #include <fmt/format.h>
 

@@ -1,8 +1,7 @@
-// How the expectations of a rig came out, and the forms in which that is written.
+// How an expectation of a rig came out. Forms in which that is written: expected_forms.h.
 #pragma once
 
 #include <cstdint>
-#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -23,12 +22,5 @@ struct Expected {
   /// "got 0 to 47.2; 12 of 980, first at 3.120 s".
   [[nodiscard]] std::string outcome() const;
 };
-
-/// [{"of", "quantity", "bounds", "holds", "looked_at", "outside", "first_s", "least", "most", "outcome",
-/// "text"}]
-[[nodiscard]] nlohmann::json to_json(const std::vector<Expected>& all);
-/// JUnit's XML: a test case for each, and one that the run itself ended as it was to.
-[[nodiscard]] std::string junit_text(const std::vector<Expected>& all, const std::string& rig,
-                                     const std::string& failure_of_run, double duration_s);
 
 }  // namespace rigor

@@ -1,5 +1,7 @@
 #include "bench/files/installed_configs.h"
 
+#include <dlfcn.h>
+
 #include <algorithm>
 #include <fstream>
 
@@ -22,15 +24,39 @@ std::string first_sentence(const fs::path& file) {
   return text;
 }
 
+/// Of the program or library that this code is part of, the nearest first: PREFIX/bin, PREFIX; PREFIX/lib/…,
+/// PREFIX; SOURCE/build/PRESET, SOURCE/build, SOURCE.
+std::vector<fs::path> folders_above() {
+  std::vector<fs::path> folders;
+  Dl_info object{};
+  if (dladdr(reinterpret_cast<void*>(&first_sentence), &object) == 0 || !object.dli_fname) return folders;
+  std::error_code error;
+  // Of the program itself, the name is as it was typed.
+  fs::path file = fs::read_symlink("/proc/self/exe", error);
+  if (const fs::path library = fs::canonical(object.dli_fname, error);
+      !error && library.extension() != file.extension())
+    file = library;
+  for (int i = 0; i < 4 && file.has_relative_path(); ++i) folders.push_back(file = file.parent_path());
+  return folders;
+}
+
 }  // namespace
 
 fs::path installed_configs() {
   std::error_code error;
+  for (const fs::path& above : folders_above())
+    for (const char* folder : {"share/rigor/configs", "configs"})
+      if (fs::is_regular_file(above / folder / "demo.yaml", error)) return above / folder;
+  return {};
+}
+
+fs::path installed_program() {
+  std::error_code error;
   const fs::path program = fs::read_symlink("/proc/self/exe", error);
-  if (error) return {};
-  const fs::path prefix = program.parent_path().parent_path();  // PREFIX/bin, SOURCE/build/PRESET
-  for (const fs::path& folder : {prefix / "share/rigor/configs", prefix.parent_path() / "configs"})
-    if (fs::is_regular_file(folder / "demo.yaml", error)) return folder;
+  if (program.filename() == "rigor") return program;
+  for (const fs::path& above : folders_above())
+    for (const char* file : {"bin/rigor", "rigor"})
+      if (fs::is_regular_file(above / file, error)) return above / file;
   return {};
 }
 

@@ -17,6 +17,9 @@ namespace rigor {
 /// Empty where there is none.
 [[nodiscard]] std::filesystem::path installed_configs();
 
+/// The program `rigor`: this process's own, or the one that came with the library; empty where there is none.
+[[nodiscard]] std::filesystem::path installed_program();
+
 /// The clients for applications as processes (docs/application-protocol.md), beside them; empty where there
 /// are none.
 [[nodiscard]] std::filesystem::path installed_clients();

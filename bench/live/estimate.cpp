@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "bench/analysis/localization_analysis.h"
 #include "rt-core/numbers.h"
 
 namespace rigor::live {
@@ -21,11 +22,15 @@ std::optional<std::size_t> place_of(const List& names, std::string_view name) {
 }  // namespace
 
 std::optional<LiveEstimate> LiveEstimate::of(const RunParts& parts) {
-  const auto named = [](const char* name) {
-    return [name](const auto& c) { return c->entry->name == name; };
+  const auto analysis = std::ranges::find(parts.rig.analyses, kLocalization, &AnalysisChoice::name);
+  if (analysis == parts.rig.analyses.end()) return std::nullopt;
+  const auto question = catch_config([&] { return localization_question(analysis->params); });
+  if (!question) return std::nullopt;  // the bench has refused it before
+  const auto named = [](const std::string& name) {
+    return [&name](const auto& c) { return c->entry->name == name; };
   };
-  const auto channel = std::ranges::find_if(parts.channels, named("truth"));
-  const auto sink = std::ranges::find_if(parts.sinks, named("estimate"));
+  const auto channel = std::ranges::find_if(parts.channels, named(question->truth));
+  const auto sink = std::ranges::find_if(parts.sinks, named(question->estimate));
   if (channel == parts.channels.end() || sink == parts.sinks.end() || (*channel)->pair) return std::nullopt;
   LiveEstimate e;
   e.channel_ = static_cast<std::size_t>(channel - parts.channels.begin());

@@ -1,6 +1,5 @@
-// How far the application's estimate of its pose is from the truth, while the run goes on: what `rigor
-// localization` tells of a recording afterwards (localization_error.h), by the same channel `truth` and the
-// same sink `estimate`.
+// How far the application's estimate of its pose is from the truth, while the run goes on: what the analysis
+// `localization` of the rig finds in the recording afterwards, by the same channel and the same sink.
 #pragma once
 
 #include <cstddef>
@@ -17,7 +16,7 @@ namespace rigor::live {
 /// Setup context constructs, the server's thread calls.
 class LiveEstimate {
  public:
-  /// Empty: the run has no such channel and sink.
+  /// Empty: the rig does not ask for that analysis, or the two are of other kinds.
   [[nodiscard]] static std::optional<LiveEstimate> of(const RunParts& parts);
 
   /// Of the tap: 2·channel.

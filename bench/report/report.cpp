@@ -15,7 +15,7 @@
 #include "bench/page/svg.h"
 #include "bench/report/fault_report.h"
 #include "bench/report/pair_report.h"
-#include "bench/result/verdict.h"
+#include "bench/result/verdict_forms.h"
 #include "sim/world/store/value_codec.h"
 
 namespace rigor {
@@ -274,7 +274,7 @@ std::string about_section(const json& r) {
 }  // namespace
 
 Status write_report(const std::filesystem::path& dir, json& result, const RunParts& parts,
-                    const std::string& localization, Existing existing) {
+                    const std::string& analyses, Existing existing) {
   NamedFiles files;
   for (std::size_t i = 0; i < parts.channels.size(); ++i) {
     const RunChannel& c = *parts.channels[i];
@@ -302,7 +302,7 @@ Status write_report(const std::filesystem::path& dir, json& result, const RunPar
                 fmt::format("{} · {:.1f} s on the {} clock · {}", when, result["duration_s"].get<double>(),
                             str(result["clock"]), str(result["loop"]["reason"])),
                 verdict_section(result["verdict"]) + expect_section(result) + channel_table(result) +
-                    localization + faults_section(result) + channel_section(result, files) +
+                    analyses + faults_section(result) + channel_section(result, files) +
                     loop_section(result) + about_section(result));
   files.emplace_back("index.html", std::move(page));
   return write_report_files(dir, files, existing);

@@ -12,9 +12,8 @@
 namespace rigor {
 
 /// Writes pictures, index.html and result.json into `dir`. Adds to `result` the names of the pictures.
-/// `localization`: HTML of what an application's estimate was worth; empty: none. `existing`: what becomes of
-/// an earlier report.
+/// `analyses`: HTML of what analyses found; empty: none. `existing`: what becomes of an earlier report.
 [[nodiscard]] Status write_report(const std::filesystem::path& dir, nlohmann::json& result,
-                                  const RunParts& parts, const std::string& localization, Existing existing);
+                                  const RunParts& parts, const std::string& analyses, Existing existing);
 
 }  // namespace rigor

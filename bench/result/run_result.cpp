@@ -8,6 +8,7 @@
 #include "bench/console/terminal.h"
 #include "bench/control/fault_control.h"
 #include "bench/control/pair_snapshot.h"
+#include "bench/result/verdict_forms.h"
 #include "bench/run/run_json.h"
 #include "bench/sensing/sensors.h"
 #include "sensor-hal/channel/fault_bench.h"
@@ -365,8 +366,9 @@ std::string summary_text(const json& r) {
       line(fmt::format("{} earlier live ones", c["earlier"]["faults"].get<std::uint64_t>()), c["earlier"]);
     for (const json& f : c["faults"]) line(f["text"].get<std::string>(), f);
   }
-  if (r.contains("localization"))
-    out += fmt::format("estimate  {}\n", r["localization"]["text"].get<std::string>());
+  const json analyses = r.value("analyses", json::object());
+  for (const auto& [name, a] : analyses.items())
+    out += fmt::format("{:<9} {}\n", name, a["text"].get<std::string>());
   if (r.contains("recording"))
     out += fmt::format(
         "recording {} ({} messages, {:.1f} MB, {} dropped)\n", r["recording"]["file"].get<std::string>(),

@@ -12,7 +12,6 @@
 #pragma once
 
 #include <cstdint>
-#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -130,13 +129,5 @@ struct Verdict {
 };
 
 [[nodiscard]] Verdict judge(const RunFacts& facts);
-
-/// {"state": "good" | "warning" | "bad", "text": …, "findings": [{"severity", "kinds", "channel", "text",
-/// "cure"}]}
-[[nodiscard]] nlohmann::json verdict_json(const Verdict& verdict);
-/// Of such JSON: lines for a terminal.
-[[nodiscard]] std::string verdict_text(const nlohmann::json& verdict);
-/// Of such JSON: the box on top of a report. HTML.
-[[nodiscard]] std::string verdict_section(const nlohmann::json& verdict);
 
 }  // namespace rigor

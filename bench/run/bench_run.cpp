@@ -135,17 +135,33 @@ std::vector<std::string> BenchRun::warnings() const {
   return all;
 }
 
-Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
+Status BenchRun::start_channels(BenchTime t0) {
   t0_ = t0;
   started_late_ = false;
   if (parts_.expectations) parts_.expectations->begin(t0);
   for (auto& platform : parts_.platforms) platform->start(t0_);
   for (auto& sink : parts_.sinks)
-    if (auto s = sink->sink->start(t0_); !s) return tl::unexpected<Error>(s.error());
+    if (auto s = sink->sink->start(t0_); !s) return s;
   for (auto& channel : parts_.channels) {
-    if (auto s = channel->source->start(t0_); !s) return tl::unexpected<Error>(s.error());
+    if (auto s = channel->source->start(t0_); !s) return s;
     channel->port.configure(channel->entry->timing, t0_);
   }
+  return {};
+}
+
+RunOutcome BenchRun::outcome_of(RunSummary summary) {
+  RunOutcome outcome;
+  outcome.cpu_s = (process_cpu() - cpu_before_).seconds();
+  outcome.wall_s = (monotonic_now() - began_).seconds();
+  heartbeat_.declare_stopped(summary.reason);
+  outcome.t0 = t0_;
+  outcome.seen_sha256 = digest_->finish();
+  outcome.loop = std::move(summary);
+  return outcome;
+}
+
+Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
+  if (auto s = start_channels(t0); !s) return tl::unexpected<Error>(s.error());
   const bool wall = parts_.rig.clock == ClockKind::wall;
   const auto late = [&] {
     started_late_ = true;
@@ -154,23 +170,23 @@ Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
                 "device answers slowly (`rigor doctor`)");
   };
   if (wall && bench_now() + milliseconds(5) > t0_) return late();
+  cpu_before_ = process_cpu();
   began_ = monotonic_now();
-  const Duration cpu_before = process_cpu();
-  const auto wall_before = monotonic_now();
   auto summary = executive_.run(stop_token, t0_);
-  const Duration cpu = process_cpu() - cpu_before, took = monotonic_now() - wall_before;
   // Between here and the first cycle the loop's thread is set up, which may take its time, too.
   if (!summary && wall && executive_.counters().run.load() == 0 && bench_now() > t0_) return late();
   if (!summary) return tl::unexpected<Error>(summary.error());
-  heartbeat_.declare_stopped(summary->reason);
-  RunOutcome outcome;
-  outcome.t0 = t0_;
-  outcome.seen_sha256 = digest_->finish();
-  outcome.loop = std::move(*summary);
-  outcome.wall_s = took.seconds();
-  outcome.cpu_s = cpu.seconds();
-  return outcome;
+  return outcome_of(std::move(*summary));
 }
+
+Status BenchRun::begin(BenchTime t0) {
+  if (auto s = start_channels(t0); !s) return s;
+  cpu_before_ = process_cpu();
+  began_ = monotonic_now();
+  return executive_.begin(t0_);
+}
+
+RunOutcome BenchRun::end() { return outcome_of(executive_.end()); }
 
 Status BenchRun::stop() {
   Status first = stop_channels();

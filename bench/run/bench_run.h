@@ -15,6 +15,7 @@
 
 #include "bench/expect/expectations.h"
 #include "bench/motion/bench_motion.h"
+#include "bench/run/run_outcome.h"
 #include "bench/run/seen_digest.h"
 #include "rt-core/executive.h"
 #include "sensor-hal/channel/application.h"
@@ -102,13 +103,6 @@ struct RunParts {
   std::vector<std::shared_ptr<void>> keep;
 };
 
-struct RunOutcome {
-  RunSummary loop;
-  std::string seen_sha256;  ///< empty: entries were dropped
-  BenchTime t0;
-  double wall_s = 0, cpu_s = 0;  ///< from the first cycle to the last; of all threads of this process
-};
-
 /// The loop of a run. Setup thread constructs and calls; `run` blocks.
 class BenchRun final : private ExecutiveHooks {
  public:
@@ -131,6 +125,15 @@ class BenchRun final : private ExecutiveHooks {
   /// Starts the channels with the grid of t0 (wall: far enough in the future for all of them to start) and
   /// runs the loop until the duration is over or `stop` says so.
   [[nodiscard]] Result<RunOutcome> run(StopToken stop, BenchTime t0);
+  /// Virtual time, in place of `run`, for whoever looks at the ports between cycles: begin, advance until it
+  /// says that the run is over, end.
+  [[nodiscard]] Status begin(BenchTime t0);
+  [[nodiscard]] bool advance(std::uint64_t cycles, StopToken stop) {
+    return executive_.advance(cycles, stop);
+  }
+  [[nodiscard]] RunOutcome end();
+  /// What the application sees. Between cycles, by the thread that advances.
+  [[nodiscard]] const ApplicationPorts& ports() const { return ports_; }
   /// After a `run` that failed: because t0 came before all was started, and not a cycle was run.
   [[nodiscard]] bool started_late() const { return started_late_; }
   /// After such a run: stops the channels and arms them anew, for another `run` with a later t0. The recorder
@@ -145,6 +148,8 @@ class BenchRun final : private ExecutiveHooks {
 
  private:
   [[nodiscard]] Status arm_channels(StopToken stop);
+  [[nodiscard]] Status start_channels(BenchTime t0);
+  [[nodiscard]] RunOutcome outcome_of(RunSummary summary);
   [[nodiscard]] Status stop_channels();
   void before_cycle(BenchTime t) override;
   void cycle_begin(const CycleContext& cycle) noexcept override;
@@ -167,7 +172,8 @@ class BenchRun final : private ExecutiveHooks {
   Recorder* recorder_ = nullptr;
   live::LiveTap* live_ = nullptr;
   double pace_ = 0;
-  MonotonicTime began_;  ///< of the run, for its pace
+  MonotonicTime began_;  ///< of the run
+  Duration cpu_before_;
   Heartbeat heartbeat_;
   Executive executive_;
   std::unique_ptr<SeenDigest> digest_;

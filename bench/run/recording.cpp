@@ -128,29 +128,29 @@ std::vector<std::filesystem::path> logs_of(const RigConfig& rig) {
   return logs;
 }
 
-/// Where the application writes its result and its pictures; empty: it writes none.
-std::filesystem::path application_folder(const RigConfig& rig) {
-  if (rig.application != "stereo-depth" || !rig.application_params.has("output")) return {};
-  return rig.application_params.text("output");
-}
-
-/// The result, and pictures `view-*.png`.
-std::vector<std::string> application_files_in(const std::filesystem::path& dir) {
-  std::vector<std::string> names;
-  std::error_code ec;
-  for (const auto& entry : std::filesystem::directory_iterator(dir, ec)) {
-    const std::string name = entry.path().filename().string();
-    if (name == "result.json" || (name.starts_with("view-") && name.ends_with(".png"))) names.push_back(name);
-  }
-  std::sort(names.begin(), names.end());
-  return names;
+/// What the application writes, by its own account.
+Result<std::vector<std::filesystem::path>> files_of_application(const RigConfig& rig,
+                                                                const Registry& registry) {
+  const NamedApplication* known = registry.find_application(rig.application);
+  if (!known || !known->files) return std::vector<std::filesystem::path>{};
+  return catch_config([&] { return known->files(rig.application_params); });
 }
 
 }  // namespace
 
-Status prepare_outputs(const RigConfig& rig, Existing existing, bool replay) {
-  if (const auto dir = application_folder(rig); !dir.empty() && existing != Existing::replace)
-    if (auto s = keep_earlier_files(dir, application_files_in(dir)); !s) return s;
+Status prepare_outputs(const RigConfig& rig, const Registry& registry, Existing existing, bool replay) {
+  const auto files = files_of_application(rig, registry);
+  if (!files) return tl::unexpected<Error>(files.error());
+  if (existing != Existing::replace) {
+    std::map<std::filesystem::path, std::vector<std::string>> by_folder;
+    for (const auto& file : *files) {
+      std::error_code ec;
+      if (std::filesystem::exists(file, ec))
+        by_folder[file.parent_path()].push_back(file.filename().string());
+    }
+    for (const auto& [dir, names] : by_folder)
+      if (auto s = keep_earlier_files(dir, names); !s) return s;
+  }
   if (replay) return {};
   for (const auto& log : logs_of(rig)) {
     std::error_code ec;
@@ -162,16 +162,18 @@ Status prepare_outputs(const RigConfig& rig, Existing existing, bool replay) {
   return {};
 }
 
-Status check_run_outputs(const RigConfig& rig, const std::vector<NamedOutput>& more, InputFiles inputs,
-                         Existing existing, bool replay) {
+Status check_run_outputs(const RigConfig& rig, const Registry& registry, const std::vector<NamedOutput>& more,
+                         InputFiles inputs, Existing existing, bool replay) {
   Outputs outputs(std::move(inputs));
   if (!rig.record.file.empty())
     if (auto s = outputs.add(rig.record.file, "--record", existing); !s) return s;
   for (const NamedOutput& o : more)
     if (!o.file.empty())
       if (auto s = outputs.add(o.file, o.option, existing); !s) return s;
-  if (const auto dir = application_folder(rig); !dir.empty())
-    if (auto s = outputs.add(dir / "result.json", "`output` of the application", existing); !s) return s;
+  const auto files = files_of_application(rig, registry);
+  if (!files) return tl::unexpected<Error>(files.error());
+  if (!files->empty())
+    if (auto s = outputs.add(files->front(), "`output` of the application", existing); !s) return s;
   if (!replay)
     for (const auto& log : logs_of(rig))
       if (auto s = outputs.add(log, "`log`", existing); !s) return s;

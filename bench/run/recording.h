@@ -10,6 +10,7 @@
 #include "bench/files/output_file.h"
 #include "bench/run/bench_run.h"
 #include "rt-core/epoch.h"
+#include "sensor-hal/channel/registry.h"
 #include "sensor-hal/record/recorder.h"
 
 namespace rigor {
@@ -57,13 +58,15 @@ struct NamedOutput {
 
 /// Before the run: that recording, report, trace, logs and what the application writes can be written and are
 /// none of its inputs. Errors of Outputs::add. A replay writes no logs.
-[[nodiscard]] Status check_run_outputs(const RigConfig& rig, const std::vector<NamedOutput>& more,
-                                       InputFiles inputs, Existing existing, bool replay = false);
+[[nodiscard]] Status check_run_outputs(const RigConfig& rig, const Registry& registry,
+                                       const std::vector<NamedOutput>& more, InputFiles inputs,
+                                       Existing existing, bool replay = false);
 
 /// What devices and applications of the rig write themselves: logs of CAN buses (`log`; a replay writes
-/// none), the folder of an application (`output`). Just before they do: makes the folders, and keeps what is
+/// none), files of an application. Just before they do: makes the folders, and keeps what is
 /// there.
-[[nodiscard]] Status prepare_outputs(const RigConfig& rig, Existing existing, bool replay = false);
+[[nodiscard]] Status prepare_outputs(const RigConfig& rig, const Registry& registry, Existing existing,
+                                     bool replay = false);
 
 /// What a recording says of the run that made it.
 struct RecordedRun {

@@ -1,10 +1,13 @@
-// What rigs name: backends (`backend: aravis`) and applications (`application: { name: script, … }`). Whoever
-// makes a bench fills one registry; nothing registers itself behind anyone's back.
+// What rigs name: backends (`backend: aravis`), applications (`application: { name: script, … }`) and
+// analyses of a run (`analyses: { localization: … }`). Whoever makes a bench fills one registry; nothing
+// registers itself behind anyone's back.
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -42,10 +45,33 @@ struct Backend {
   std::function<std::vector<DoctorFinding>()> doctor;
 };
 
-/// An application that is compiled into the program.
+/// An application in this process.
 struct NamedApplication {
   std::string name;
   std::function<std::unique_ptr<Application>()> make;
+  /// The files that it writes with these keys, those of an earlier run in the same place included; an empty
+  /// function: none. May throw ConfigError.
+  std::function<std::vector<std::filesystem::path>(const ConfigNode& params)> files{};
+};
+
+/// What an analysis found.
+struct AnalysisReport {
+  std::string name;
+  std::string line;  ///< for the terminal, one line
+  std::string json;  ///< an object
+  std::string html;  ///< a section of the report; empty: none
+};
+
+/// Looks at the recording of a run that has ended.
+struct NamedAnalysis {
+  std::string name;
+  /// Setup context, before the run, whose channels and sinks are `inputs` and `outputs`: bad_input where the
+  /// rig has not what it needs. May throw ConfigError.
+  std::function<Status(const ConfigNode& params, const ApplicationPorts& ports)> check;
+  /// Setup context, after it. None: the run gave it nothing to look at.
+  std::function<Result<std::optional<AnalysisReport>>(const ConfigNode& params,
+                                                      const std::filesystem::path& recording)>
+      run;
 };
 
 class Registry {
@@ -53,6 +79,7 @@ class Registry {
   // A second one with the name replaces the first.
   void add(Backend backend);
   void add(NamedApplication application);
+  void add(NamedAnalysis analysis);
   /// nullptr when there is none.
   [[nodiscard]] const Backend* find(std::string_view name) const;
   [[nodiscard]] std::vector<std::string> names() const;
@@ -60,10 +87,14 @@ class Registry {
   /// nullptr when there is none.
   [[nodiscard]] const NamedApplication* find_application(std::string_view name) const;
   [[nodiscard]] std::vector<std::string> application_names() const;
+  /// nullptr when there is none.
+  [[nodiscard]] const NamedAnalysis* find_analysis(std::string_view name) const;
+  [[nodiscard]] std::vector<std::string> analysis_names() const;
 
  private:
   std::map<std::string, Backend, std::less<>> backends_;
   std::map<std::string, NamedApplication, std::less<>> applications_;
+  std::map<std::string, NamedAnalysis, std::less<>> analyses_;
 };
 
 }  // namespace rigor

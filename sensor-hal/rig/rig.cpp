@@ -322,7 +322,10 @@ Result<RigConfig> parse_rig(ConfigNode root, const std::filesystem::path& file) 
       rig.application = read_application(app);
       rig.application_params = app;
     }
+    rig.plugins = named_files(root, "plugins");
     rig.expect = root.list_or_empty("expect");
+    ConfigNode analyses = root.map_or_absent("analyses");
+    for (const auto& name : analyses.keys()) rig.analyses.push_back({name, analyses.map(name)});
     if (ConfigNode r = root.map_or_absent("record"); r.present()) {
       rig.record.file = r.text("file");
       rig.record.compression = r.choice_or("compression", {"none", "lz4", "zstd"}, "zstd");
@@ -343,7 +346,10 @@ Result<RigConfig> parse_rig(ConfigNode root, const std::filesystem::path& file) 
 Result<RigConfig> load_rig(const std::filesystem::path& file, const std::vector<ConfigOverride>& overrides) {
   auto root = ConfigDocument::load(file, overrides);
   if (!root) return tl::unexpected<Error>(root.error());
-  return parse_rig(*root, file);
+  auto rig = parse_rig(*root, file);
+  if (rig)
+    for (const ConfigOverride& o : overrides) rig->overrides.push_back(o.path + "=" + o.value);
+  return rig;
 }
 
 }  // namespace rigor

@@ -16,6 +16,8 @@
 //   emulators:
 //     left: { backend: aravis, … }
 //   application: { name: turntable-sweep, … }
+//   plugins: [build/libmydriver.so]
+//   analyses: { localization: { truth: truth, estimate: estimate } }
 #pragma once
 
 #include <cstdint>
@@ -132,22 +134,31 @@ struct SimulationConfig {
   std::vector<std::pair<std::string, double>> weather;
 };
 
+/// `analyses: { localization: { … } }`: what looks at the recording of the run when it has ended.
+struct AnalysisChoice {
+  std::string name;
+  ConfigNode params;
+};
+
 struct RigConfig {
   std::string name;
   std::filesystem::path file;
-  std::string text;  ///< the file as parsed, overrides included, for the recording
+  std::vector<std::string> overrides;  ///< of the file: "channels.left.rate_hz=10"
+  std::string text;                    ///< the file as parsed, overrides included, for the recording
   std::uint64_t seed = 1;
   ClockKind clock = ClockKind::wall;
   Duration duration;            ///< 0: until stopped
   bool start_emulators = true;  ///< `rigor run` brings the emulators up in a process of their own
   LoopConfig loop;
   SimulationConfig simulation;
+  std::vector<NamedFile> plugins;  ///< shared objects with drivers and applications (docs/sdk.md)
   std::vector<ChannelEntry> channels;
   std::vector<SinkEntry> sinks;
   std::vector<EmulatorEntry> emulators;
   std::string application;  ///< its name, the file of its library, or the words of its command; empty: none
   ConfigNode application_params;
   std::vector<ConfigNode> expect;  ///< entries, which bench/expect reads
+  std::vector<AnalysisChoice> analyses;
   RecordConfig record;
   std::filesystem::path report;  ///< directory; empty: none
 

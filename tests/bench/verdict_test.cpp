@@ -4,7 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "bench/result/verdict.h"
+#include "bench/result/verdict_forms.h"
 
 namespace rigor {
 namespace {

@@ -71,7 +71,7 @@ TEST(Forest, TheRobotKnowsWhereItIsWhereFewStemsAreInSightAndAReplayTellsTheSame
   const Said said = patiently(words);
   ASSERT_EQ(said.status, 0) << said.err;
   const json run = json::parse(said.out);
-  const json& error = run["localization"];
+  const json& error = run["analyses"]["localization"];
   EXPECT_GT(error["way_m"], 28.0);
   EXPECT_EQ(error["searching"], 0);
   EXPECT_LT(error["median_m"], 0.04);

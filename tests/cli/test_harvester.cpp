@@ -7,7 +7,7 @@
 #include <numbers>
 
 #include "bench/run/assembly.h"
-#include "bench/run/backends.h"
+#include "bench/registry.h"
 #include "bench/run/bench_run.h"
 #include "cli/overrides.h"
 #include "sensor-hal/channel/worker_pool.h"

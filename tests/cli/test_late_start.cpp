@@ -4,20 +4,23 @@
 #include <chrono>
 #include <thread>
 
+#include "bench/bench.h"
 #include "bench/run/recording.h"
-#include "cli/execute.h"
-#include "sensor-hal/channel/worker_pool.h"
 #include "tests/cli/command.h"
 
 namespace rigor::test {
 namespace {
 
+struct Starts {
+  int slow = 0;  ///< starts that take their time
+  int starts = 0, stops = 0;
+  BenchTime t0;
+};
+
 /// Says nothing, and is slow to start as often as it is told.
 class SlowSource final : public Source {
  public:
-  explicit SlowSource(int slow_starts) : slow_starts_(slow_starts) {}
-  int starts = 0, stops = 0;
-  BenchTime t0;
+  explicit SlowSource(std::shared_ptr<Starts> starts) : starts_(std::move(starts)) {}
   SampleLease poll(BenchTime) noexcept override { return {}; }
 
  private:
@@ -27,70 +30,65 @@ class SlowSource final : public Source {
   }
   Status do_arm(const ArmContext&) override { return {}; }
   Status do_start(BenchTime start) override {
-    t0 = start;
-    if (++starts <= slow_starts_) std::this_thread::sleep_for(std::chrono::milliseconds(1050));
+    starts_->t0 = start;
+    if (++starts_->starts <= starts_->slow) std::this_thread::sleep_for(std::chrono::milliseconds(1050));
     health_.connected = true;
     return {};
   }
   Status do_stop() override {
-    ++stops;
+    ++starts_->stops;
     return {};
   }
-  int slow_starts_;
+  std::shared_ptr<Starts> starts_;
 };
 
 struct LateStart : ::testing::Test {
   TempDir dir;
-  Assembly assembly;
-  SlowSource* source = nullptr;
+  std::shared_ptr<Starts> starts = std::make_shared<Starts>();
 
-  void make(int slow_starts) {
+  std::unique_ptr<Bench> make(int slow_starts) {
+    starts->slow = slow_starts;
     write_file(dir / "rig.yaml",
                "name: slow\nduration_s: 0.05\nclock: wall\nloop: { rate_hz: 200 }\n"
-               "channels:\n  slow: { kind: registers, backend: none, rate_hz: 100, latency_ms: 5 }\n"
+               "channels:\n  slow: { kind: registers, backend: slow, rate_hz: 100, latency_ms: 5 }\n"
                "record: { file: run.mcap }\n");
     auto rig = load_rig(dir / "rig.yaml", {});
-    ASSERT_TRUE(rig) << rig.error().text();
-    assembly.workers = std::make_unique<WorkerPool>(1);
-    assembly.parts.rig = std::move(*rig);
-    assembly.parts.rig.record.file = dir / "run.mcap";
-    auto channel = std::make_unique<RunChannel>();
-    channel->entry = &assembly.parts.rig.channels.front();
-    auto made = std::make_unique<SlowSource>(slow_starts);
-    source = made.get();
-    ChannelConfig config;
-    config.name = "slow";
-    config.kind = SampleKind::register_block;
-    config.period = milliseconds(10);
-    ASSERT_TRUE(made->configure(config));
-    channel->source = std::move(made);
-    assembly.parts.channels.push_back(std::move(channel));
+    EXPECT_TRUE(rig) << rig.error().text();
+    rig->record.file = dir / "run.mcap";
+    Registry registry;
+    Backend backend;
+    backend.name = "slow";
+    backend.make_source = [this] { return std::make_unique<SlowSource>(starts); };
+    registry.add(std::move(backend));
+    auto bench = Bench::create(std::move(*rig), registry);
+    EXPECT_TRUE(bench) << bench.error().text();
+    return bench ? std::move(*bench) : nullptr;
   }
 };
 
 TEST_F(LateStart, IsBegunAgainWithMoreTimeAndTheRecordingHasTheLaterStart) {
-  make(1);
-  ExecuteOptions options;
-  options.json = true;
-  StopSource stop;
-  ASSERT_EQ(execute(assembly, options, stop.token()), 0);
-  EXPECT_GE(source->starts, 2);
-  EXPECT_EQ(source->stops, source->starts);
+  const auto bench = make(1);
+  ASSERT_TRUE(bench && bench->prepare());
+  const auto report = bench->run();
+  ASSERT_TRUE(report) << report.error().text();
+  EXPECT_TRUE(report->passed()) << report->text;
+  EXPECT_GE(starts->starts, 2);
+  EXPECT_EQ(starts->stops, starts->starts);
   const auto recorded = read_recorded_run(dir / "run.mcap");
   ASSERT_TRUE(recorded) << recorded.error().text();
-  EXPECT_EQ(recorded->t0, source->t0);
+  EXPECT_EQ(recorded->t0, starts->t0);
   EXPECT_GE(recorded->cycles, 1u);
 }
 
 TEST_F(LateStart, IsGivenUpAtOnceWhenTheUserSaysSo) {
-  make(100);
+  const auto bench = make(100);
   StopSource stop;
   stop.request();
-  ExecuteOptions options;
-  options.json = true;
-  EXPECT_EQ(execute(assembly, options, stop.token()), 1);
-  // Before the first channel is armed.
-  EXPECT_EQ(source->starts, 0);
+  ASSERT_TRUE(bench);
+  const Status prepared = bench->prepare(stop.token());
+  ASSERT_FALSE(prepared);
+  EXPECT_EQ(prepared.error().code, ErrorCode::unavailable);
+  EXPECT_EQ(starts->starts, 0);
   EXPECT_FALSE(std::filesystem::exists(dir / "run.mcap"));
 }
 

@@ -45,8 +45,8 @@ class Modes : public ::testing::Test {
   /// Stems are found to centimetres and the map is good to 20 mm: lost, or in another frame, it would be off
   /// by decimetres and more.
   static void expect_at_home(const json& result, double way_m, double median_m, double worst_m) {
-    ASSERT_TRUE(result.contains("localization")) << result.dump().substr(0, 400);
-    const json& e = result["localization"];
+    ASSERT_TRUE(result["analyses"].contains("localization")) << result.dump().substr(0, 400);
+    const json& e = result["analyses"]["localization"];
     EXPECT_GT(e["way_m"].get<double>(), way_m);
     EXPECT_LT(e["median_m"].get<double>(), median_m) << e["text"];
     EXPECT_LT(e["worst_m"].get<double>(), worst_m) << e["text"];

@@ -7,7 +7,7 @@
 #include <thread>
 
 #include "bench/run/assembly.h"
-#include "bench/run/backends.h"
+#include "bench/registry.h"
 #include "bench/run/recording.h"
 #include "rt-core/realtime_guard.h"
 #include "sensor-hal/channel/fault_bench.h"

@@ -1,7 +1,7 @@
 // A GigE Vision camera through Aravis over loopback, fed by our emulator; and the emulator itself.
 #include "drivers/aravis/aravis_source.h"
 #include "drivers/aravis/gige_channel_emulator.h"
-#include "tests/sensor-hal/channel/conformance.h"
+#include "sensor-hal/conformance/conformance.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::conformance {

@@ -2,7 +2,7 @@
 // tests/drivers/can/kernel_can_conformance_test.cpp.
 #include "rt-core/heartbeat.h"
 #include "tests/drivers/can/can_test_tools.h"
-#include "tests/sensor-hal/channel/conformance.h"
+#include "sensor-hal/conformance/conformance.h"
 
 namespace rigor::conformance {
 namespace {

@@ -1,6 +1,6 @@
 // The stand-in for a GigE Vision camera in virtual time: model and codec in process.
 #include "drivers/aravis/gige_virtual_source.h"
-#include "tests/sensor-hal/channel/conformance.h"
+#include "sensor-hal/conformance/conformance.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::conformance {

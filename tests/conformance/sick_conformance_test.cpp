@@ -3,7 +3,7 @@
 #include "drivers/sick/sick_source.h"
 #include "drivers/sick/sick_virtual_source.h"
 #include "tests/drivers/sick/sick_test_tools.h"
-#include "tests/sensor-hal/channel/conformance.h"
+#include "sensor-hal/conformance/conformance.h"
 
 namespace rigor::conformance {
 namespace {

@@ -2,7 +2,7 @@
 // and in virtual time.
 #include "drivers/usb/usb_protocols.h"
 #include "tests/drivers/usb/usb_test_tools.h"
-#include "tests/sensor-hal/channel/conformance.h"
+#include "sensor-hal/conformance/conformance.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::conformance {

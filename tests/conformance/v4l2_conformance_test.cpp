@@ -1,7 +1,7 @@
 // The stand-in for a video device in virtual time: the emulated camera in process. The wall-clock side runs
 // where the kernel has the devices: tests/drivers/v4l2/kernel_conformance_test.cpp.
 #include "drivers/v4l2/v4l2_virtual_source.h"
-#include "tests/sensor-hal/channel/conformance.h"
+#include "sensor-hal/conformance/conformance.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::conformance {

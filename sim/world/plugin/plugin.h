@@ -25,7 +25,7 @@
 #include <vector>
 
 #include "rt-core/result.h"
-#include "rt-core/sanitizers.h"
+#include "sensor-hal/plugin/plugin_abi.h"
 #include "sim/world/graph/database.h"
 
 namespace rigor::world {
@@ -103,69 +103,20 @@ class Plugins {
 
 // ---------------------------------------------------------------- the entry of a shared object
 
-#define RIGOR_WORLD_TEXT_(x) #x
-#define RIGOR_WORLD_TEXT(x) RIGOR_WORLD_TEXT_(x)
-#if defined(RIGOR_ADDRESS_SANITIZER)
-#define RIGOR_WORLD_SANITIZER "address"
-#elif defined(RIGOR_THREAD_SANITIZER)
-#define RIGOR_WORLD_SANITIZER "thread"
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer)
-#define RIGOR_WORLD_SANITIZER "address"
-#elif __has_feature(thread_sanitizer)
-#define RIGOR_WORLD_SANITIZER "thread"
-#endif
-#endif
-#ifndef RIGOR_WORLD_SANITIZER
-#define RIGOR_WORLD_SANITIZER "none"
-#endif
-#ifdef _GLIBCXX_DEBUG
-#define RIGOR_WORLD_CONTAINERS "debug"
-#else
-#define RIGOR_WORLD_CONTAINERS "plain"
-#endif
-#ifdef __cpp_rtti
-#define RIGOR_WORLD_RTTI "on"
-#else
-#define RIGOR_WORLD_RTTI "off"
-#endif
-#ifdef __cpp_exceptions
-#define RIGOR_WORLD_EXCEPTIONS "on"
-#else
-#define RIGOR_WORLD_EXCEPTIONS "off"
-#endif
-
-/// All that the layout of what the two sides hand each other depends on, item by item.
+/// All that the layout of what the two sides hand each other depends on.
 // clang-format off
-#define RIGOR_WORLD_ABI                                                                                    \
-  "headers " RIGOR_WORLD_HEADERS_DIGEST "; compiler " __VERSION__ "; C++ " RIGOR_WORLD_TEXT(__cplusplus)   \
-  "; C++ ABI " RIGOR_WORLD_TEXT(__GXX_ABI_VERSION) "; libstdc++ " RIGOR_WORLD_TEXT(_GLIBCXX_RELEASE)       \
-  ", strings " RIGOR_WORLD_TEXT(_GLIBCXX_USE_CXX11_ABI) ", containers " RIGOR_WORLD_CONTAINERS             \
-  "; Eigen " RIGOR_WORLD_TEXT(EIGEN_WORLD_VERSION) "." RIGOR_WORLD_TEXT(EIGEN_MAJOR_VERSION) "."           \
-  RIGOR_WORLD_TEXT(EIGEN_MINOR_VERSION) ", alignment " RIGOR_WORLD_TEXT(EIGEN_MAX_STATIC_ALIGN_BYTES)      \
-  "; expected " RIGOR_WORLD_TEXT(TL_EXPECTED_VERSION_MAJOR) "." RIGOR_WORLD_TEXT(TL_EXPECTED_VERSION_MINOR) \
-  "; RTTI " RIGOR_WORLD_RTTI "; exceptions " RIGOR_WORLD_EXCEPTIONS "; sanitizer " RIGOR_WORLD_SANITIZER
+#define RIGOR_WORLD_ABI RIGOR_PLUGIN_ABI(RIGOR_WORLD_HEADERS_DIGEST)                                       \
+  "; Eigen " RIGOR_PLUGIN_TEXT(EIGEN_WORLD_VERSION) "." RIGOR_PLUGIN_TEXT(EIGEN_MAJOR_VERSION) "."          \
+  RIGOR_PLUGIN_TEXT(EIGEN_MINOR_VERSION) ", alignment " RIGOR_PLUGIN_TEXT(EIGEN_MAX_STATIC_ALIGN_BYTES)
 // clang-format on
-
-inline constexpr std::string_view kPluginMagic = "rigor world plugin";
-
-/// The constant `rigor_world_plugin` of a shared object. The two texts are of fixed length and come first,
-/// for ever, so that they can be read from a file of any version.
-struct PluginEntry {
-  char magic[32];
-  char abi[480];
-  const char* name;
-  const char* version;
-  const char* meaning;
-  Status (*define)(PluginHost&);
-};
 
 }  // namespace rigor::world
 
 /// Once in a shared object, outside namespaces. `define_function`: rigor::Status(rigor::world::PluginHost&).
 #define RIGOR_WORLD_PLUGIN(plugin_name, plugin_version, plugin_meaning, define_function)                    \
   extern "C" {                                                                                              \
-  extern __attribute__((visibility("default"))) const ::rigor::world::PluginEntry rigor_world_plugin;       \
-  const ::rigor::world::PluginEntry rigor_world_plugin = {                                                  \
+  extern __attribute__((visibility("default"))) const ::rigor::PluginEntry<::rigor::world::PluginHost>      \
+      rigor_world_plugin;                                                                                   \
+  const ::rigor::PluginEntry<::rigor::world::PluginHost> rigor_world_plugin = {                             \
       "rigor world plugin", RIGOR_WORLD_ABI, plugin_name, plugin_version, plugin_meaning, define_function}; \
   }

@@ -1,12 +1,11 @@
-#include <dlfcn.h>
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <exception>
 #include <utility>
 
+#include "sensor-hal/plugin/plugin_file.h"
 #include "sim/world/plugin/plugin.h"
-#include "sim/world/plugin/plugin_file.h"
 #include "sim/world/plugin/trial.h"
 
 namespace rigor::world {
@@ -14,7 +13,7 @@ namespace {
 
 const std::string& library_abi() {
   static const std::string abi = RIGOR_WORLD_ABI;
-  static_assert(sizeof(RIGOR_WORLD_ABI) <= sizeof(PluginEntry::abi));
+  static_assert(sizeof(RIGOR_WORLD_ABI) <= sizeof(PluginEntry<PluginHost>::abi));
   return abi;
 }
 
@@ -88,31 +87,18 @@ Status Plugins::add(const BuiltInPlugin& plugin) {
 }
 
 Status Plugins::load(const std::filesystem::path& file) {
-  const auto abi = plugin_abi_of(file);
-  if (!abi) return tl::unexpected<Error>(abi.error());
-  if (const auto difference = abi_difference(library_abi(), *abi); !difference.empty())
-    return fail(ErrorCode::bad_input, file.string(),
-                difference + "; build the plugin again, with this Rigor's headers and compiler");
-  // Absolute: without a slash dlopen would look for the name elsewhere.
-  std::error_code ec;
-  const auto path = std::filesystem::absolute(file, ec);
-  void* object = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
-  if (object == nullptr) {
-    const char* why = dlerror();
-    return fail(ErrorCode::bad_input, file.string(),
-                std::string("expected a plugin that can be loaded, got: ") +
-                    (why ? why : "an unknown error") + "; link it with Rigor::World");
-  }
-  const auto* entry = static_cast<const PluginEntry*>(dlsym(object, "rigor_world_plugin"));
-  if (entry != nullptr && library_abi() != entry->abi)
-    return fail(ErrorCode::bad_input, file.string(),
-                "expected the plugin as it lies on the disk, got an older one that this process has loaded; "
-                "start the process anew");
-  if (entry == nullptr || entry->name == nullptr || entry->version == nullptr || entry->meaning == nullptr ||
+  static const PluginKind kind{"rigor_world_plugin", "rigor world plugin", "RIGOR_WORLD_PLUGIN",
+                               "plugin of the world", "Rigor::World"};
+  const auto found = open_plugin(file, kind, library_abi());
+  if (!found) return tl::unexpected<Error>(found.error());
+  const auto* entry = static_cast<const PluginEntry<PluginHost>*>(*found);
+  if (entry->name == nullptr || entry->version == nullptr || entry->meaning == nullptr ||
       entry->define == nullptr)
     return fail(
         ErrorCode::bad_input, file.string(),
         "expected a name, a version, a meaning and a function in the entry rigor_world_plugin, got none");
+  std::error_code ec;
+  const auto path = std::filesystem::absolute(file, ec);
   return impl_->add({.name = entry->name, .version = entry->version, .meaning = entry->meaning, .file = path},
                     entry->define);
 }

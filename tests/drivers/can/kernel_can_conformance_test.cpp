@@ -3,7 +3,7 @@
 #include "drivers/can/can_sink.h"
 #include "drivers/can/can_source.h"
 #include "tests/drivers/can/kernel_can_tools.h"
-#include "tests/sensor-hal/channel/conformance.h"
+#include "sensor-hal/conformance/conformance.h"
 
 namespace rigor::conformance {
 namespace {

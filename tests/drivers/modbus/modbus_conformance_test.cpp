@@ -3,7 +3,7 @@
 #include "drivers/modbus/modbus_sink.h"
 #include "drivers/modbus/modbus_source.h"
 #include "tests/drivers/modbus/modbus_test_tools.h"
-#include "tests/sensor-hal/channel/conformance.h"
+#include "sensor-hal/conformance/conformance.h"
 
 namespace rigor::conformance {
 namespace {

@@ -2,7 +2,7 @@
 #include "drivers/v4l2/v4l2_emulator.h"
 #include "drivers/v4l2/v4l2_source.h"
 #include "tests/drivers/v4l2/kernel_test_tools.h"
-#include "tests/sensor-hal/channel/conformance.h"
+#include "sensor-hal/conformance/conformance.h"
 
 namespace rigor::conformance {
 namespace {

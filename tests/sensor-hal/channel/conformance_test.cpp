@@ -1,5 +1,5 @@
 // Simulator, pair and replay run through the suite; device backends do so in tests/conformance.
-#include "tests/sensor-hal/channel/conformance.h"
+#include "sensor-hal/conformance/conformance.h"
 
 #include "sensor-hal/channel/fault_source.h"
 #include "sensor-hal/record/recorder.h"

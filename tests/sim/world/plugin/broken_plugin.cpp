@@ -53,8 +53,8 @@ using namespace rigor::world;
 
 #if defined(BROKEN_ABI)
 extern "C" {
-extern const PluginEntry rigor_world_plugin;
-const PluginEntry rigor_world_plugin = {
+extern const PluginEntry<PluginHost> rigor_world_plugin;
+const PluginEntry<PluginHost> rigor_world_plugin = {
     "rigor world plugin", "headers 0000000000000000; compiler 4.9", "broken", "1", "", define};
 }
 #elif defined(BROKEN_ENTRY)

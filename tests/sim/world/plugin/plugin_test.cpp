@@ -7,7 +7,7 @@
 #include <cstdlib>
 #include <fstream>
 
-#include "sim/world/plugin/plugin_file.h"
+#include "sensor-hal/plugin/plugin_file.h"
 
 namespace rigor::world {
 namespace {
@@ -208,7 +208,7 @@ TEST_F(PluginTest, FilesThatAreNoPlugins) {
     }
     std::ofstream(folder / "any.so", std::ios::binary)
         .write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-    (void)plugin_abi_of(folder / "any.so");
+    (void)plugin_abi_of(folder / "any.so", {"rigor_world_plugin", "rigor world plugin", "M", "plugin", "T"});
   }
   fs::remove_all(folder);
 }

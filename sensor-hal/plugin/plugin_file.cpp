@@ -1,5 +1,6 @@
-#include "sim/world/plugin/plugin_file.h"
+#include "sensor-hal/plugin/plugin_file.h"
 
+#include <dlfcn.h>
 #include <elf.h>
 
 #include <algorithm>
@@ -9,9 +10,9 @@
 #include <optional>
 #include <vector>
 
-#include "sim/world/plugin/plugin.h"
+#include "sensor-hal/plugin/plugin_abi.h"
 
-namespace rigor::world {
+namespace rigor {
 namespace {
 
 #if defined(__x86_64__)
@@ -23,9 +24,10 @@ constexpr Elf64_Half kMachine = EM_AARCH64;
 #endif
 
 /// Where the entry's texts lie, and which lies where, is for ever.
-static_assert(offsetof(PluginEntry, magic) == 0 && offsetof(PluginEntry, abi) == 32 &&
-              offsetof(PluginEntry, name) == 512);
-constexpr std::size_t kTexts = offsetof(PluginEntry, name);
+using AnyEntry = PluginEntry<int>;
+static_assert(offsetof(AnyEntry, magic) == 0 && offsetof(AnyEntry, abi) == 32 &&
+              offsetof(AnyEntry, name) == 512);
+constexpr std::size_t kTexts = offsetof(AnyEntry, name);
 
 class ElfFile {
  public:
@@ -119,7 +121,9 @@ std::vector<std::string> items(const std::string& abi) {
 
 }  // namespace
 
-Result<std::string> plugin_abi_of(const std::filesystem::path& file) {
+Result<std::string> plugin_abi_of(const std::filesystem::path& file, const PluginKind& kind) {
+  using std::string;
+  const string entry = kind.entry, noun = kind.noun;
   const auto refuse = [&](std::string message) {
     return fail(ErrorCode::bad_input, file.string(), std::move(message));
   };
@@ -139,18 +143,44 @@ Result<std::string> plugin_abi_of(const std::filesystem::path& file) {
         "add_library(… MODULE …)");
   if (!elf.is_whole())
     return refuse("expected a shared object, got one that is cut short; copy or build it again");
-  const auto found = elf.find_object("rigor_world_plugin");
+  const auto found = elf.find_object(entry);
   if (!found)
-    return refuse(
-        "expected a plugin of the world, got a shared object without the entry rigor_world_plugin; put "
-        "RIGOR_WORLD_PLUGIN(…) into one of its sources");
+    return refuse("expected a " + noun + ", got a shared object without the entry " + entry + "; put " +
+                  kind.macro + "(…) into one of its sources");
   const auto texts = found->size >= kTexts ? elf.bytes(found->offset, kTexts) : "";
-  if (texts.size() != kTexts || std::string(texts.c_str()) != kPluginMagic)
-    return refuse(
-        "expected a plugin of the world, got an entry rigor_world_plugin of another form; use the macro "
-        "RIGOR_WORLD_PLUGIN");
-  const auto abi = texts.substr(offsetof(PluginEntry, abi));
+  if (texts.size() != kTexts || string(texts.c_str()) != kind.magic)
+    return refuse("expected a " + noun + ", got an entry " + entry + " of another form; use the macro " +
+                  kind.macro);
+  const auto abi = texts.substr(offsetof(AnyEntry, abi));
   return abi.substr(0, abi.find('\0'));
+}
+
+Result<const void*> open_plugin(const std::filesystem::path& file, const PluginKind& kind,
+                                const std::string& library_abi) {
+  const auto abi = plugin_abi_of(file, kind);
+  if (!abi) return tl::unexpected<Error>(abi.error());
+  if (const auto difference = abi_difference(library_abi, *abi); !difference.empty())
+    return fail(ErrorCode::bad_input, file.string(),
+                difference + "; build the plugin again, with this Rigor's headers and compiler");
+  // Absolute: without a slash dlopen would look for the name elsewhere.
+  std::error_code ec;
+  const auto path = std::filesystem::absolute(file, ec);
+  void* object = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
+  if (object == nullptr) {
+    const char* why = dlerror();
+    return fail(ErrorCode::bad_input, file.string(),
+                std::string("expected a plugin that can be loaded, got: ") +
+                    (why ? why : "an unknown error") + "; link it with " + kind.target);
+  }
+  const auto* entry = static_cast<const AnyEntry*>(dlsym(object, kind.entry));
+  if (entry != nullptr && library_abi != entry->abi)
+    return fail(ErrorCode::bad_input, file.string(),
+                "expected the plugin as it lies on the disk, got an older one that this process has loaded; "
+                "start the process anew");
+  if (entry == nullptr)
+    return fail(ErrorCode::bad_input, file.string(),
+                std::string("expected the entry ") + kind.entry + ", found none in what was loaded");
+  return entry;
 }
 
 std::string abi_difference(const std::string& library, const std::string& plugin) {
@@ -164,4 +194,4 @@ std::string abi_difference(const std::string& library, const std::string& plugin
   return out;
 }
 
-}  // namespace rigor::world
+}  // namespace rigor

@@ -1,4 +1,5 @@
-# cmake -DOUT=FILE -DROOT=DIR -DHEADERS=a.h,b.h -P headers_digest.cmake: writes the digest of the headers, where it changed.
+# cmake -DOUT=FILE -DROOT=DIR -DHEADERS=a.h,b.h -DNAME=WORLD -P headers_digest.cmake: writes the digest of the public headers of
+# librigor_world as RIGOR_WORLD_HEADERS_DIGEST, where it changed.
 string(REPLACE "," ";" HEADERS "${HEADERS}")
 set(ALL "")
 foreach(HEADER IN LISTS HEADERS)
@@ -7,7 +8,8 @@ foreach(HEADER IN LISTS HEADERS)
 endforeach()
 string(SHA256 DIGEST "${ALL}")
 string(SUBSTRING ${DIGEST} 0 16 DIGEST)
-set(TEXT "// Digest of the public headers of librigor_world; made by the build.\n#pragma once\n#define RIGOR_WORLD_HEADERS_DIGEST \"${DIGEST}\"\n")
+string(TOLOWER ${NAME} LIBRARY)
+set(TEXT "// Digest of the public headers of librigor_${LIBRARY}; made by the build.\n#pragma once\n#define RIGOR_${NAME}_HEADERS_DIGEST \"${DIGEST}\"\n")
 if(EXISTS ${OUT})
   file(READ ${OUT} BEFORE)
 endif()

@@ -1,0 +1,103 @@
+// The bench as a library: a rig, run from one's own program or test, with what came of it as a struct.
+//
+//   auto rig = rigor::load_rig("demo.yaml", {});
+//   auto bench = rigor::Bench::create(*rig, rigor::make_registry());
+//   (*bench)->prepare();                         // devices open, everything armed
+//   rigor::Result<rigor::RunReport> report = (*bench)->run(stop.token());
+//   report->passed(); report->facts.channels; report->text;
+//
+// In virtual time also cycle by cycle, with the ports between them:
+//
+//   bench->prepare(); bench->start();
+//   while (*bench->step(10)) look_at(bench->ports().inputs.at("left"));
+//   auto report = bench->finish();
+//
+// One thread makes, prepares and runs a bench; in wall-clock time it is the loop's thread while `run` lasts.
+// Several benches may be in one process, in virtual time also at once. Functions return errors that say
+// where, what was expected, what came and what to do; nothing is printed and no signal is handled: progress
+// and warnings go where `BenchOptions` says.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "bench/registry.h"
+#include "bench/result/run_report.h"
+#include "rt-core/epoch.h"
+#include "rt-core/stop.h"
+#include "sensor-hal/rig/rig.h"
+
+namespace rigor {
+
+namespace live {
+class Server;
+}
+struct ReplayInput;
+
+/// How a rig is run, beside what it says itself.
+struct BenchOptions {
+  bool replace = false;               ///< files of an earlier run; false: they are kept under a number
+  std::filesystem::path trace;        ///< of the loop, for ui.perfetto.dev; empty: none
+  std::filesystem::path junit;        ///< what the rig expects, as JUnit's XML; empty: none
+  std::filesystem::path faults_from;  ///< a recording of this rig whose live faults come again; empty: none
+  bool start_emulators = true;        ///< wall-clock time: those of the rig, in a process `rigor emulate`
+  bool control = false;               ///< the run answers `rigor fault` and `rigor pair`
+  double pace = 0;                    ///< virtual time: at most so many seconds in a second; 0: no limit
+  FindingSet fail_on;                 ///< findings of the verdict that fail the run
+  live::Server* live = nullptr;       ///< shows how it goes; null: nobody looks on
+  bool live_stays = false;            ///< after a run that finished, until the bench goes
+  std::function<void(const std::string&)> on_warning = {};  ///< of channels, as they come up
+};
+
+class Bench {
+ public:
+  /// Puts the rig's channels, sinks and application together; opens no device, writes no file. bad_input: the
+  /// rig, or a file to be written that cannot be or is one of its inputs. Setup context.
+  [[nodiscard]] static Result<std::unique_ptr<Bench>> create(RigConfig rig, const Registry& registry,
+                                                             BenchOptions options = {});
+  /// The same with a recording in place of devices and simulated sensors, in virtual time. A run that shows
+  /// the application something else than was recorded is not passed.
+  [[nodiscard]] static Result<std::unique_ptr<Bench>> create_replay(RigConfig rig, const Registry& registry,
+                                                                    ReplayInput input,
+                                                                    BenchOptions options = {});
+  /// Closes the devices; what was recorded is whole.
+  ~Bench();
+  Bench(const Bench&) = delete;
+  Bench& operator=(const Bench&) = delete;
+
+  /// Brings up the emulators, opens and arms all devices, takes all memory, opens the recording. Returns when
+  /// all of them are ready. unavailable: `stop` said so meanwhile.
+  [[nodiscard]] Status prepare(StopToken stop = {});
+  /// Starts, runs until the rig's duration is over or `stop` says so, closes all, and reports. Once, after
+  /// `prepare`.
+  [[nodiscard]] Result<RunReport> run(StopToken stop = {});
+
+  /// Virtual time, in place of `run`. wrong_state: not prepared, or in wall-clock time.
+  [[nodiscard]] Status start();
+  /// Runs so many cycles. False: the run is over, by its last cycle, `stop`, or a failure that the report
+  /// has. An exception of a source leaves this function.
+  [[nodiscard]] Result<bool> step(std::uint64_t cycles = 1, StopToken stop = {});
+  /// Closes all, and reports.
+  [[nodiscard]] Result<RunReport> finish();
+
+  [[nodiscard]] const RigConfig& rig() const noexcept;
+  /// The channels as an application sees them, and where commands go. Between steps, once prepared.
+  [[nodiscard]] const ApplicationPorts& ports() const noexcept;
+  /// From the next cycle on, as in a rig's `faults`: "{ kind: drop, probability: 0.2, for_s: 3 }". Any
+  /// thread, from `prepare` to the end of the run. bad_input: no such channel, sink or fault; a replay has
+  /// none.
+  [[nodiscard]] Status inject_fault(const std::string& channel, const std::string& fault);
+  /// Ends those of one channel, or of all (empty name).
+  [[nodiscard]] Status clear_faults(const std::string& channel = {});
+
+ private:
+  struct Impl;
+  explicit Bench(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace rigor

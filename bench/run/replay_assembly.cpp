@@ -1,0 +1,142 @@
+#include "bench/run/replay_assembly.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "bench/application/application_choice.h"
+#include "sensor-hal/channel/worker_pool.h"
+
+namespace rigor {
+namespace {
+
+/// Stands where a sink was: takes every command, moves nothing. The commands of a replay are in its
+/// recording.
+class NullSink final : public Sink {
+ public:
+  explicit NullSink(const ConfigNode& params) : params_(params) {}
+  bool command(const Command&) noexcept override {
+    counters_.accepted.fetch_add(1, std::memory_order_relaxed);
+    return true;
+  }
+  void watch(const Heartbeat*, Duration) override {}
+
+ private:
+  Status do_configure(const ChannelConfig&) override {
+    return catch_config([&] {
+             for (const ConfigNode& r : params_.list_or_empty("registers")) {
+               description_.names.push_back(r.text("name"));
+               description_.units.push_back(r.text_or("unit", ""));
+             }
+             // Signals of a bus, whose units stand in a DBC file that need not be here; of a platform, names.
+             for (const ConfigNode& s : params_.list_or_empty("signals")) {
+               description_.names.push_back(s.is_map() ? s.text_or("name", s.text("signal")) : s.as_text());
+               description_.units.emplace_back();
+             }
+             description_.kind = SampleKind::register_block;
+             return 0;
+           })
+        .map([](int) {});
+  }
+  Status do_arm(const ArmContext&) override { return {}; }
+  Status do_start(BenchTime) override { return {}; }
+  Status do_stop() override { return {}; }
+
+  ConfigNode params_;
+};
+
+/// A program that a recording names is not run unasked.
+Status may_run(const RigConfig& rig) {
+  const ConfigNode& application = rig.application_params;
+  for (const char* key : {"command", "library"}) {
+    if (!application.has(key)) continue;
+    Error e = application.error(key, "").error();
+    if (e.where.starts_with("--set")) return {};
+    e.message = fmt::format(
+        "the recording names a program of its own as application, which would be run from {}: {}; with "
+        "--run-program it is, with --set application=… or a RIG it is replaced",
+        application.base_dir().empty() ? "." : application.base_dir().string(), rig.application);
+    return tl::unexpected<Error>(std::move(e));
+  }
+  return {};
+}
+
+Status add_channel(RunParts& parts, const ChannelEntry& entry, const ReplayInput& input) {
+  auto channel = std::make_unique<RunChannel>();
+  channel->entry = &entry;
+  channel->replaced_by = "the recording";
+  channel->source = std::make_unique<ReplaySource>(input.recording, entry.name);
+  channel->script = input.recording->visibility(entry.name);
+  if (!channel->script)
+    return fail(ErrorCode::bad_input, input.file.string(),
+                fmt::format("expected a recording of channel `{}`, found none; it has the topics {}",
+                            entry.name, fmt::join(input.recording->topics(), ", ")));
+  ChannelConfig config;
+  config.name = entry.name;
+  config.kind = entry.kind;
+  config.period = entry.period;
+  config.latency = entry.latency;
+  if (auto s = channel->source->configure(config); !s) return s;
+  parts.channels.push_back(std::move(channel));
+  return {};
+}
+
+Status add_sink(RunParts& parts, const SinkEntry& entry) {
+  auto sink = std::make_unique<RunSink>();
+  sink->entry = &entry;
+  sink->replaced_by = "nothing";
+  sink->sink = std::make_unique<NullSink>(entry.sink.params);
+  ChannelConfig config;
+  config.name = entry.name;
+  if (auto s = sink->sink->configure(config); !s) return s;
+  parts.sinks.push_back(std::move(sink));
+  return {};
+}
+
+}  // namespace
+
+Result<ReplayInput> open_replay(const std::filesystem::path& file) {
+  auto run = read_recorded_run(file);
+  if (!run) return tl::unexpected<Error>(run.error());
+  auto recording = Recording::open(file.string());
+  if (!recording) return tl::unexpected<Error>(recording.error());
+  return ReplayInput{file, std::move(*run), std::move(*recording)};
+}
+
+Result<RigConfig> recorded_rig(const ReplayInput& input, const std::vector<ConfigOverride>& overrides,
+                               bool run_program) {
+  // Named by where it was, so that what it names by relative paths is found.
+  auto root = ConfigDocument::parse(
+      input.run.rig_text,
+      fmt::format("{} (as recorded in {})", input.run.rig_file, input.file.filename().string()), overrides);
+  if (!root) return tl::unexpected<Error>(root.error());
+  auto rig = parse_rig(*root, input.run.rig_file);
+  if (!rig) return rig;
+  if (auto s = may_run(*rig); !run_program && !s) return tl::unexpected<Error>(s.error());
+  if (!run_program) rig->plugins.clear();
+  rig->record.file.clear();
+  rig->report.clear();
+  return rig;
+}
+
+Result<std::unique_ptr<Assembly>> assemble_replay(RigConfig rig, const Registry& registry,
+                                                  const ReplayInput& input) {
+  auto assembly = std::make_unique<Assembly>();
+  assembly->workers = std::make_unique<WorkerPool>(1);
+  RunParts& parts = assembly->parts;
+  parts.rig = std::move(rig);
+  parts.rig.clock = ClockKind::virtual_time;
+  parts.rig.duration = parts.rig.loop.period * static_cast<std::int64_t>(input.cycles());
+  auto expectations = Expectations::read(parts.rig);
+  if (!expectations) return tl::unexpected<Error>(expectations.error());
+  parts.expectations = std::move(*expectations);
+  auto application = make_application(parts.rig, registry);
+  if (!application) return tl::unexpected<Error>(application.error());
+  parts.application = std::move(*application);
+  for (const ChannelEntry& entry : parts.rig.channels)
+    if (auto s = add_channel(parts, entry, input); !s) return tl::unexpected<Error>(s.error());
+  for (const SinkEntry& entry : parts.rig.sinks)
+    if (auto s = add_sink(parts, entry); !s) return tl::unexpected<Error>(s.error());
+  return assembly;
+}
+
+}  // namespace rigor
