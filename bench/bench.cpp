@@ -208,6 +208,7 @@ Status Bench::Impl::prepare(StopToken stop) {
   }
   if (!options.trace.empty()) trace.emplace();
   run.emplace(parts(), trace ? &*trace : nullptr);
+  run->want_digest(options.digest.value_or(virtual_time() || !rig().record.file.empty()));
   if (replay) run->set_cycle_filter([this](std::uint64_t cycle) { return replay->recording->ran(cycle); });
   if (!virtual_time()) guard.emplace(run->heartbeat());
   {
@@ -375,7 +376,7 @@ Result<RunReport> Bench::Impl::close(Result<RunOutcome> outcome) {
   const Status stopped = run->stop();
   Status recorded;
   if (recorder) {
-    if (outcome) recorder->add_closing_metadata({{"seen_sha256", outcome->seen_sha256}});
+    if (outcome) recorder->add_closing_metadata({{kSeenDigestKey, outcome->seen_sha256}});
     recorded = recorder->stop();
   }
   closing.reset();

@@ -46,6 +46,7 @@ struct BenchOptions {
   std::filesystem::path faults_from;  ///< a recording of this rig whose live faults come again; empty: none
   bool start_emulators = true;        ///< wall-clock time: those of the rig, in a process `rigor emulate`
   bool control = false;               ///< the run answers `rigor fault` and `rigor pair`
+  std::optional<bool> digest;         ///< of what the application sees; none: in virtual time, or recorded
   double pace = 0;                    ///< virtual time: at most so many seconds in a second; 0: no limit
   FindingSet fail_on;                 ///< findings of the verdict that fail the run
   live::Server* live = nullptr;       ///< shows how it goes; null: nobody looks on

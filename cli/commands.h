@@ -31,6 +31,7 @@ struct RunOptions {
   std::filesystem::path junit;        ///< what the rig expects, as JUnit's XML; empty: none
   std::filesystem::path faults_from;  ///< a recording whose live faults come again; empty: none
   bool no_emulators = false;
+  bool digest = false;  ///< also of a run by the clock that is not recorded
   bool no_control = false;
   bool force = false;                ///< replace what is there
   std::vector<std::string> fail_on;  ///< findings that fail the run (verdict.h)

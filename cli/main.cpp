@@ -103,6 +103,8 @@ int command_line(int argc, char** argv) {
   run_app->add_option(
       "--faults-from", run.faults_from,
       "Recording of a run of this rig: faults that were injected while it went on come again");
+  run_app->add_flag("--digest", run.digest,
+                    "Digest what the application sees, also in wall-clock time without a recording");
   add_fail_on(run_app, run.fail_on);
   add_junit(run_app, run.junit);
   add_live(run_app, run.live);

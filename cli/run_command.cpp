@@ -46,6 +46,7 @@ int run_command(const RunOptions& options) {
   how.faults_from = options.faults_from;
   how.start_emulators = !options.no_emulators;
   how.control = !options.no_control;
+  if (options.digest) how.digest = true;
   if (rig->clock == ClockKind::virtual_time) how.pace = options.live.pace_or_default();
   how.fail_on = *fail_on;
   how.live = live->get();

@@ -263,11 +263,14 @@ std::string about_section(const json& r) {
         fmt::format("<code>{}</code>: {} messages, {:.1f} MB, {} dropped", str(r["recording"]["file"]),
                     count(r["recording"]["messages"]), r["recording"]["bytes"].get<double>() * 1e-6,
                     count(r["recording"]["dropped"])));
-  const std::string seen = r["seen_sha256"];
-  row("Input digest",
-      fmt::format("<code>{}</code> (SHA-256 over every sample that the application received; a replay gives "
-                  "the same)",
-                  seen.empty() ? "not known: its computation could not keep up" : seen));
+  if (r["seen_sha256"].is_string()) {
+    const std::string seen = r["seen_sha256"];
+    row("Input digest",
+        fmt::format(
+            "<code>{}</code> (SHA-256 over every sample that the application received; a replay gives "
+            "the same)",
+            seen.empty() ? "not known: its computation could not keep up" : seen));
+  }
   return s + "</table></div>";
 }
 

@@ -225,7 +225,7 @@ RunFacts ended_run_facts(const RunParts& parts, const RunOutcome& outcome, const
   for (const auto& c : parts.channels) counts.push_back(counts_of(*c));
   RunFacts facts = run_facts(parts, loop, counts);
   if (recorder) facts.recording_dropped = recorder->statistics().dropped;
-  facts.digest_known = !outcome.seen_sha256.empty();
+  facts.digest_known = !outcome.digest_wanted || !outcome.seen_sha256.empty();
   facts.warnings = warnings;
   if (parts.application) facts.application = parts.application->facts();
   return facts;
@@ -246,7 +246,7 @@ json run_result(const RunParts& parts, const RunOutcome& outcome, const Recorder
             {"duration_s", outcome.loop.period.seconds() *
                                static_cast<double>(outcome.loop.cycles_run + outcome.loop.cycles_skipped)},
             {"loop", loop_json(parts, outcome.loop)},
-            {"seen_sha256", outcome.seen_sha256},
+            {"seen_sha256", outcome.digest_wanted ? json(outcome.seen_sha256) : json()},
             {"channels", json::array()},
             {"sinks", json::array()}});
   for (std::size_t i = 0; i < parts.channels.size(); ++i) {
@@ -374,9 +374,11 @@ std::string summary_text(const json& r) {
         "recording {} ({} messages, {:.1f} MB, {} dropped)\n", r["recording"]["file"].get<std::string>(),
         r["recording"]["messages"].get<std::uint64_t>(), r["recording"]["bytes"].get<double>() * 1e-6,
         r["recording"]["dropped"].get<std::uint64_t>());
-  const std::string seen = r["seen_sha256"];
-  out += fmt::format("digest    of all that the application saw (a replay gives the same): {}\n",
-                     seen.empty() ? "not known, its computation could not keep up" : seen);
+  if (r["seen_sha256"].is_string()) {
+    const std::string seen = r["seen_sha256"];
+    out += fmt::format("digest    of all that the application saw (a replay gives the same): {}\n",
+                       seen.empty() ? "not known, its computation could not keep up" : seen);
+  }
   return out;
 }
 

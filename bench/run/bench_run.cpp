@@ -94,7 +94,11 @@ Status BenchRun::arm(StopToken stop) {
   if (auto s = step("outputs", {"application"}, &BenchRun::outputs); !s) return s;
 
   if (auto s = arm_channels(stop); !s) return s;
-  digest_ = std::make_unique<SeenDigest>(virtual_time);
+  if (digest_wanted_) {
+    std::vector<SampleKind> kinds;
+    for (const auto& channel : parts_.channels) kinds.push_back(channel->source->describe().kind);
+    digest_ = std::make_unique<SeenDigest>(kinds, virtual_time);
+  }
   const auto cycles = static_cast<std::uint64_t>(parts_.rig.duration / parts_.rig.loop.period);
   note_every_ = std::max<std::uint64_t>(
       cycles / (RunChannel::kKept - 2),
@@ -155,7 +159,8 @@ RunOutcome BenchRun::outcome_of(RunSummary summary) {
   outcome.wall_s = (monotonic_now() - began_).seconds();
   heartbeat_.declare_stopped(summary.reason);
   outcome.t0 = t0_;
-  outcome.seen_sha256 = digest_->finish();
+  outcome.digest_wanted = digest_wanted_;
+  if (digest_) outcome.seen_sha256 = digest_->finish();
   outcome.loop = std::move(summary);
   return outcome;
 }
@@ -300,7 +305,7 @@ void BenchRun::show(RunChannel& c, std::uint32_t index, const CycleContext& cycl
   c.listed = true;
   if (!changed) return;
 
-  digest_->saw(cycle.index, cycle.t, index, status, sample);
+  if (digest_) digest_->saw(cycle.index, cycle.t, index, status, sample);
   if (status != c.last_status && !(fresh && c.last_status == PortStatus::stale) &&
       !(status == PortStatus::stale && c.last_status == PortStatus::fresh)) {
     if (c.span_count < RunChannel::kKept) c.spans[c.span_count] = {cycle.t, status};

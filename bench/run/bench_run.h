@@ -114,6 +114,8 @@ class BenchRun final : private ExecutiveHooks {
   [[nodiscard]] Status arm(StopToken stop = {});
   /// What the channels found when they were armed.
   [[nodiscard]] std::vector<std::string> warnings() const;
+  /// Before arm: whether what the application sees is digested. False at first.
+  void want_digest(bool wanted) { digest_wanted_ = wanted; }
   /// Between arm and run; null: nothing is recorded.
   void set_recorder(Recorder* recorder) { recorder_ = recorder; }
   /// Between arm and run; null: nobody looks on.
@@ -177,6 +179,7 @@ class BenchRun final : private ExecutiveHooks {
   Heartbeat heartbeat_;
   Executive executive_;
   std::unique_ptr<SeenDigest> digest_;
+  bool digest_wanted_ = false;
   std::function<bool(std::uint64_t)> ran_;
   ApplicationPorts ports_;
   BenchTime t0_;

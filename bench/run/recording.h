@@ -68,6 +68,10 @@ struct NamedOutput {
 [[nodiscard]] Status prepare_outputs(const RigConfig& rig, const Registry& registry, Existing existing,
                                      bool replay = false);
 
+/// Where a recording has the digest of what the application saw. Recordings of earlier versions have another
+/// digest under another name: nothing is compared with it.
+inline constexpr const char* kSeenDigestKey = "seen_sha256_of_messages";
+
 /// What a recording says of the run that made it.
 struct RecordedRun {
   std::string rig_text, rig_file;

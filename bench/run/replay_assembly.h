@@ -22,8 +22,8 @@ struct ReplayInput {
 [[nodiscard]] Result<ReplayInput> open_replay(const std::filesystem::path& file);
 
 /// The rig in the recording. A recording may come from anybody: one whose application is a program or a
-/// library of its own is refused (bad_input) unless `run_program` is set or an override names it; without it, its
-/// plugins are not loaded either.
+/// library of its own is refused (bad_input) unless `run_program` is set or an override names it; without it,
+/// its plugins are not loaded either.
 [[nodiscard]] Result<RigConfig> recorded_rig(const ReplayInput& input,
                                              const std::vector<ConfigOverride>& overrides, bool run_program);
 

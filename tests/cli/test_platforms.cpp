@@ -81,6 +81,7 @@ class Platforms : public ::testing::Test {
   /// Runs it in virtual time; the digest of all that was seen.
   static std::string run(Assembly& assembly) {
     BenchRun bench(assembly.parts, nullptr);
+    bench.want_digest(true);
     if (auto s = bench.arm(); !s) {
       ADD_FAILURE() << s.error().text();
       return "";

@@ -45,6 +45,7 @@ void run_under_guard(const std::string& file, ClockKind clock, Duration length,
   ASSERT_TRUE(assembly) << assembly.error().text();
   RunParts& parts = (*assembly)->parts;
   BenchRun run(parts, nullptr);
+  run.want_digest(true);
   ASSERT_TRUE(run.arm());
   const BenchTime t0 = wall ? bench_now() + seconds(1) : BenchTime{};
   auto output = RecordingFile::create(parts.rig.record.file, Existing::replace);
