@@ -134,6 +134,10 @@ struct ConvertOptions {
   bool force = false;
   bool json = false;
 };
+struct HostOptions {
+  std::string application;
+  std::vector<std::filesystem::path> plugins;
+};
 struct PlainOptions {
   bool json = false;
 };
@@ -151,6 +155,7 @@ int pair_command(const PairOptions& options);
 int convert_command(const ConvertOptions& options);
 int devices_command(const PlainOptions& options);
 int doctor_command(const PlainOptions& options);
+int host_command(const HostOptions& options);
 int rigs_command(const PlainOptions& options);
 
 }  // namespace rigor

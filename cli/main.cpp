@@ -270,6 +270,15 @@ int command_line(int argc, char** argv) {
   for (CLI::App* quick : {fault_app, pair_app}) quick->remove_option(quick->get_option("--progress"));
 
   rigor::PlainOptions devices, doctor, rigs;
+  rigor::HostOptions host;
+  auto* host_app =
+      app.add_subcommand("host", "Run an application of the loop in a process of its own; a rig starts it");
+  host_app->add_option("APPLICATION", host.application, "Name of one that comes with Rigor or with a plugin")
+      ->required();
+  host_app->add_option("--plugin", host.plugins, "A shared object with applications (docs/sdk.md)")
+      ->allow_extra_args(false);
+  host_app->footer("In a rig: application: { command: [rigor, host, forest-localization], params: { … } }");
+
   auto* rigs_app = app.add_subcommand("rigs", "List the rigs that Rigor comes with");
   rigs_app->add_flag("--json", rigs.json, "Print as JSON");
   rigs_app->footer("Example: rigor rigs");
@@ -310,6 +319,7 @@ int command_line(int argc, char** argv) {
     if (*localization_app) return rigor::localization_command(localization);
     if (calibrate.chosen()) return calibrate.run();
     if (world.chosen()) return world.run();
+    if (*host_app) return rigor::host_command(host);
     if (*rigs_app) return rigor::rigs_command(rigs);
     if (*devices_app) return rigor::devices_command(devices);
     return rigor::doctor_command(doctor);

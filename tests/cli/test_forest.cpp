@@ -97,5 +97,36 @@ TEST(Forest, TheRobotKnowsWhereItIsWhereFewStemsAreInSightAndAReplayTellsTheSame
   EXPECT_THAT(sink.err, HasSubstr("told x and y"));
 }
 
+/// The rig with its application in a process: `name` becomes a command, its keys become `params`.
+std::string hosted(const std::string& rig) {
+  const std::string begin = "\napplication:\n  name: forest-localization\n", end = "\nanalyses:";
+  const auto from = rig.find(begin), to = rig.find(end);
+  EXPECT_TRUE(from != std::string::npos && to != std::string::npos);
+  std::string keys;
+  std::istringstream lines(rig.substr(from + begin.size(), to - from - begin.size()));
+  for (std::string line; std::getline(lines, line);) keys += "  " + line + "\n";
+  return rig.substr(0, from) + "\napplication:\n  command: [" + rigor_words({}).front() +
+         ", host, forest-localization]\n  params:\n" + keys + rig.substr(to);
+}
+
+TEST(Forest, TheSameApplicationInAProcessOfItsOwnSeesAndCommandsTheSame) {
+  const TempDir dir;
+  std::filesystem::copy(config(""), dir / "configs", std::filesystem::copy_options::recursive);
+  const std::string rig = (dir / "configs/rigs/forest-discs.yaml").string();
+  write_file(dir / "configs/rigs/hosted.yaml", hosted(read_file(rig)));
+  json results[2];
+  for (int i = 0; i < 2; ++i) {
+    const Said said = patiently({"run", i == 0 ? rig : (dir / "configs/rigs/hosted.yaml").string(), "--clock",
+                                 "virtual", "--duration", "10", "--json", "--record",
+                                 (dir / "run.mcap").string(), "--force", "--set", "report="});
+    ASSERT_EQ(said.status, 0) << said.err;
+    results[i] = json::parse(said.out);
+  }
+  EXPECT_EQ(results[1]["application"]["answered"], 2000);
+  EXPECT_EQ(results[0]["seen_sha256"], results[1]["seen_sha256"]);
+  EXPECT_EQ(results[0]["analyses"], results[1]["analyses"]);
+  EXPECT_GT(results[1]["analyses"]["localization"]["way_m"], 2.0);
+}
+
 }  // namespace
 }  // namespace rigor::test
