@@ -43,9 +43,9 @@ std::string status_text(const BenchRun& run, const RunParts& parts, double t_s) 
 }
 
 /// Seconds of the run that are over, as its clock counts.
-double run_s(const BenchRun& run, const RunParts& parts, BenchTime t0) {
+double run_s(const BenchRun& run, const RunParts& parts) {
   return parts.rig.clock == ClockKind::wall
-             ? std::max(0.0, (bench_now() - t0).seconds())
+             ? std::max(0.0, (bench_now() - run.t0().value_or(BenchTime::never())).seconds())
              : static_cast<double>(run.counters().cycle.load()) * parts.rig.loop.period.seconds();
 }
 
@@ -151,7 +151,6 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
       warnings.push_back("no `rigor fault` for this run: " + opened.error().text()),
           fmt::print(stderr, "rigor: warning: {}\n", warnings.back());
   }
-  BenchTime t0;
   std::optional<RecordingFile> file;
   if (!parts.rig.record.file.empty()) {
     auto made = RecordingFile::create(parts.rig.record.file, options.existing);
@@ -160,42 +159,27 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   }
   std::unique_ptr<Recorder> recorder;
   Result<RunOutcome> outcome = fail(ErrorCode::internal, "run", "did not run");
-  // All channels are started with the grid of a t0 that lies ahead. How long that takes is known afterwards:
-  // where t0 has passed by then, they are started once more, with more time.
-  for (Duration lead = seconds(1);; lead = lead * 4) {
-    t0 = options.t0 ? *options.t0 : virtual_time ? BenchTime(0) : bench_now() + lead;
-    auto opened = [&]() -> Result<std::unique_ptr<Recorder>> {
-      if (!file) return std::unique_ptr<Recorder>{};
-      const AvoidCpu rest(virtual_time ? -1 : loop_cpu(run.executive().config().realtime));
-      return open_recording(parts, *file, t0, epoch, {{"engine", engine}});
-    }();
+  if (file) {
+    const AvoidCpu rest(virtual_time ? -1 : loop_cpu(run.executive().config().realtime));
+    auto opened = open_recording(parts, *file, epoch, {{"engine", engine}});
     if (!opened) {
       file->abandon();
       return report_error(opened.error(), options.json);
     }
-    run.set_recorder(opened->get());
-    if (view) view->attach(opened->get(), t0);
+    recorder = std::move(*opened);
+  }
+  run.set_recorder(recorder.get());
+  if (view) view->attach(recorder.get());
+  {
+    std::optional<ProgressTask> progress;
     {
-      std::optional<ProgressTask> progress;
-      {
-        const AvoidCpu rest(virtual_time ? -1 : loop_cpu(run.executive().config().realtime));
-        progress.emplace(options.ran ? "replay" : "run", parts.rig.duration.seconds(), "s");
-      }
-      progress->follow([&] { return run_s(run, parts, t0); },
-                       [&] { return status_text(run, parts, run_s(run, parts, t0)); });
-      outcome = run.run(stop, t0);
-      if (outcome && outcome->loop.reason == StopReason::finished) progress->finish();
+      const AvoidCpu rest(virtual_time ? -1 : loop_cpu(run.executive().config().realtime));
+      progress.emplace(options.ran ? "replay" : "run", parts.rig.duration.seconds(), "s");
     }
-    const bool again = !outcome && run.started_late() && lead < seconds(10) && !stop.stop_requested();
-    if (!again) {
-      recorder = std::move(*opened);
-      break;
-    }
-    if (auto s = run.arm_again(stop); !s) {
-      if (file) file->abandon();
-      return report_error(s.error(), options.json);
-    }
-    if (*opened) (void)(*opened)->stop();  // nothing is in it; the next attempt writes the file anew
+    progress->follow([&] { return run_s(run, parts); },
+                     [&] { return status_text(run, parts, run_s(run, parts)); });
+    outcome = run.run(stop, options.t0);
+    if (outcome && outcome->loop.reason == StopReason::finished) progress->finish();
   }
   const bool stays = view && options.live_stays && outcome && outcome->loop.reason == StopReason::finished;
   if (stays)
@@ -208,8 +192,8 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   std::vector<std::string> late_warnings = run.warnings();
   if (trace)
     if (const auto since_ns = trace->full_since_ns())
-      late_warnings.push_back(
-          trace_warning(options.trace, trace->dropped(), *since_ns, virtual_time ? BenchTime{} : t0));
+      late_warnings.push_back(trace_warning(options.trace, trace->dropped(), *since_ns,
+                                            virtual_time ? BenchTime{} : run.t0().value_or(BenchTime{})));
   for (std::string& w : late_warnings) {
     if (std::find(warnings.begin(), warnings.end(), w) != warnings.end()) continue;
     write_stderr(fmt::format("rigor: warning: {}\n", w));
@@ -231,7 +215,7 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
 
   RunContextText text;
   text.engine = engine;
-  text.utc = iso(epoch.to_utc(t0));
+  text.utc = iso(epoch.to_utc(outcome->t0));
   text.recording = parts.rig.record.file.string();
   text.command = typed_command();
   text.machine = machine_name();

@@ -192,6 +192,16 @@ std::vector<string> Executive::order() const {
 }
 
 Result<RunSummary> Executive::run(StopToken stop, BenchTime t0) {
+  return run(stop, [&]() -> Result<BenchTime> {
+    if (const BenchTime now = bench_now(); config_.clock == RunClock::wall && now > t0)
+      return fail(ErrorCode::bad_input, "t0",
+                  "the first cycle was to begin " + std::to_string((now - t0).ns() / 1000) +
+                      " us ago; choose a later start (setting up the thread takes some ms)");
+    return t0;
+  });
+}
+
+Result<RunSummary> Executive::run(StopToken stop, const Begin& begin) {
   State armed = State::armed;
   if (!state_.compare_exchange_strong(armed, State::running))
     return fail(ErrorCode::wrong_state, "", "run() comes after arm(), and one run at a time");
@@ -204,7 +214,6 @@ Result<RunSummary> Executive::run(StopToken stop, BenchTime t0) {
     s = RunSummary{};
     s.steps = std::move(steps);
   }
-  s.t0 = t0;
   s.period = config_.period;
   failed_.store(StopReason::none, std::memory_order_relaxed);
   for (auto* c :
@@ -214,29 +223,29 @@ Result<RunSummary> Executive::run(StopToken stop, BenchTime t0) {
 
   const bool wall = config_.clock == RunClock::wall;
   if (config_.heartbeat) config_.heartbeat->restart(!wall);
+  const auto give_up = [&] {
+    if (wall) realtime_.restore_thread();
+    if (config_.heartbeat) config_.heartbeat->declare_stopped(StopReason::failed);
+    data.observer.reset();
+    state_.store(State::armed, std::memory_order_release);
+  };
   if (wall) {
     data.observer->start(gettid());  // before this thread becomes special: the observer inherits nothing
     realtime_.prepare_thread(config_.realtime);
-    if (const BenchTime now = bench_now(); now > t0) {
-      realtime_.restore_thread();
-      if (config_.heartbeat) config_.heartbeat->declare_stopped(StopReason::failed);
-      state_.store(State::armed, std::memory_order_release);
-      return fail(ErrorCode::bad_input, "t0",
-                  "the first cycle was to begin " + std::to_string((now - t0).ns() / 1000) +
-                      " us ago; choose a later start (setting up the thread takes some ms)");
-    }
-    loop_wall(stop, data);
-    realtime_.restore_thread();
-  } else {
-    try {
-      loop_virtual(stop, data);
-    } catch (...) {
-      if (config_.heartbeat) config_.heartbeat->declare_stopped(StopReason::failed);
-      data.observer.reset();
-      state_.store(State::armed, std::memory_order_release);
-      throw;
-    }
   }
+  try {
+    const Result<BenchTime> t0 = begin();
+    if (!t0) {
+      give_up();
+      return tl::unexpected<Error>(t0.error());
+    }
+    s.t0 = *t0;
+    wall ? loop_wall(stop, data) : loop_virtual(stop, data);
+  } catch (...) {
+    give_up();
+    throw;
+  }
+  if (wall) realtime_.restore_thread();
   if (config_.heartbeat) config_.heartbeat->declare_stopped(s.reason);
   s.misses = data.observer->finish();
   data.observer.reset();

@@ -120,14 +120,6 @@ Status BenchRun::arm_channels(StopToken stop) {
   return {};
 }
 
-Status BenchRun::arm_again(StopToken stop) {
-  auto stopped = stop_channels();
-  recorder_ = nullptr;
-  if (!stopped) return stopped;
-  heartbeat_.restart(parts_.rig.clock == ClockKind::virtual_time);
-  return arm_channels(stop);
-}
-
 std::vector<std::string> BenchRun::warnings() const {
   std::vector<std::string> all;
   for (const auto& channel : parts_.channels)
@@ -135,32 +127,33 @@ std::vector<std::string> BenchRun::warnings() const {
   return all;
 }
 
-Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
+Status BenchRun::begin(BenchTime t0) {
   t0_ = t0;
-  started_late_ = false;
+  origin_.publish(t0);
   if (parts_.expectations) parts_.expectations->begin(t0);
-  for (auto& platform : parts_.platforms) platform->start(t0_);
+  if (recorder_) recorder_->begin(t0);
+  if (live_) live_->begin(t0);
+  // Platforms first: a sink tells its own the safe values of the start.
+  for (auto& platform : parts_.platforms) platform->start(t0);
   for (auto& sink : parts_.sinks)
-    if (auto s = sink->sink->start(t0_); !s) return tl::unexpected<Error>(s.error());
+    if (auto s = sink->sink->start(t0); !s) return s;
   for (auto& channel : parts_.channels) {
-    if (auto s = channel->source->start(t0_); !s) return tl::unexpected<Error>(s.error());
-    channel->port.configure(channel->entry->timing, t0_);
+    if (auto s = channel->source->start(t0); !s) return s;
+    channel->port.configure(channel->entry->timing, t0);
   }
+  began_ = parts_.rig.clock == ClockKind::wall ? MonotonicTime(t0.ns()) : monotonic_now();
+  cpu_at_begin_ = process_cpu();
+  return {};
+}
+
+Result<RunOutcome> BenchRun::run(StopToken stop_token, std::optional<BenchTime> t0) {
   const bool wall = parts_.rig.clock == ClockKind::wall;
-  const auto late = [&] {
-    started_late_ = true;
-    return fail(ErrorCode::timeout, "start",
-                "the channels took longer to start than the run allows for: this machine is too busy, or a "
-                "device answers slowly (`rigor doctor`)");
-  };
-  if (wall && bench_now() + milliseconds(5) > t0_) return late();
-  began_ = monotonic_now();
-  const Duration cpu_before = process_cpu();
-  const auto wall_before = monotonic_now();
-  auto summary = executive_.run(stop_token, t0_);
-  const Duration cpu = process_cpu() - cpu_before, took = monotonic_now() - wall_before;
-  // Between here and the first cycle the loop's thread is set up, which may take its time, too.
-  if (!summary && wall && executive_.counters().run.load() == 0 && bench_now() > t0_) return late();
+  auto summary = executive_.run(stop_token, [&]() -> Result<BenchTime> {
+    const BenchTime first = t0 ? *t0 : wall ? bench_now() + kLead : BenchTime(0);
+    if (auto s = begin(first); !s) return tl::unexpected<Error>(s.error());
+    return first;
+  });
+  const Duration cpu = process_cpu() - cpu_at_begin_, took = monotonic_now() - began_;
   if (!summary) return tl::unexpected<Error>(summary.error());
   heartbeat_.declare_stopped(summary->reason);
   RunOutcome outcome;
@@ -173,13 +166,6 @@ Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
 }
 
 Status BenchRun::stop() {
-  Status first = stop_channels();
-  if (executive_.state() == Executive::State::armed)
-    if (auto s = executive_.disarm(); !s && first) first = s;
-  return first;
-}
-
-Status BenchRun::stop_channels() {
   Status first;
   const auto keep_first = [&](Status s) {
     if (!s && first) first = s;
@@ -191,6 +177,7 @@ Status BenchRun::stop_channels() {
   for (auto& channel : parts_.channels)
     if (channel->source->state() == ChannelState::armed || channel->source->state() == ChannelState::running)
       keep_first(channel->source->stop());
+  if (executive_.state() == Executive::State::armed) keep_first(executive_.disarm());
   return first;
 }
 
