@@ -100,7 +100,6 @@ struct Bench::Impl {
   std::unique_ptr<Recorder> recorder;
   std::vector<std::string> warnings;
   EpochPair epoch;
-  BenchTime t0;
   bool prepared = false, started = false;
 
   Impl(BenchOptions o, const Registry& r) : options(std::move(o)), registry(r) {}
@@ -124,7 +123,6 @@ struct Bench::Impl {
   Status check_outputs(const RigConfig& wanted) const;
   Status check_analyses() const;
   Status prepare(StopToken stop);
-  Result<std::unique_ptr<Recorder>> open_recorder();
   Result<RunOutcome> run_in_wall_clock_time(StopToken stop);
   Status start_virtual();
   Result<RunOutcome> run_in_virtual_time(StopToken stop);
@@ -236,56 +234,33 @@ Status Bench::Impl::prepare(StopToken stop) {
     auto made = RecordingFile::create(rig().record.file, existing());
     if (!made) return tl::unexpected<Error>(made.error());
     file.emplace(std::move(*made));
+    const AvoidCpu rest = off_the_loops_cpu();
+    auto opened = open_recording(parts(), *file, epoch, {{"engine", engine()}});
+    if (!opened) return tl::unexpected<Error>(opened.error());
+    recorder = std::move(*opened);
   }
+  run->set_recorder(recorder.get());
+  if (view) view->attach(recorder.get());
   prepared = true;
   return {};
 }
 
-Result<std::unique_ptr<Recorder>> Bench::Impl::open_recorder() {
-  if (!file) return std::unique_ptr<Recorder>{};
-  const AvoidCpu rest = off_the_loops_cpu();
-  return open_recording(parts(), *file, t0, epoch, {{"engine", engine()}});
-}
-
-/// All channels are started with the grid of a t0 that lies ahead. How long that takes is known afterwards:
-/// where t0 has passed by then, they are started once more, with more time.
 Result<RunOutcome> Bench::Impl::run_in_wall_clock_time(StopToken stop) {
-  for (Duration lead = seconds(1);; lead = lead * 4) {
-    t0 = bench_now() + lead;
-    auto opened = open_recorder();
-    if (!opened) return tl::unexpected<Error>(opened.error());
-    run->set_recorder(opened->get());
-    if (view) view->attach(opened->get(), t0);
-    Result<RunOutcome> outcome = fail(ErrorCode::internal, "run", "did not run");
-    {
-      std::optional<ProgressTask> progress;
-      {
-        const AvoidCpu rest = off_the_loops_cpu();
-        progress.emplace("run", rig().duration.seconds(), "s");
-      }
-      const auto run_s = [this] { return std::max(0.0, (bench_now() - t0).seconds()); };
-      progress->follow(run_s, [&] { return status_text(*run, parts(), run_s()); });
-      outcome = run->run(stop, t0);
-      if (outcome && outcome->loop.reason == StopReason::finished) progress->finish();
-    }
-    if (outcome || !run->started_late() || lead >= seconds(10) || stop.stop_requested()) {
-      recorder = std::move(*opened);
-      return outcome;
-    }
-    if (auto s = run->arm_again(stop); !s) return tl::unexpected<Error>(s.error());
-    if (*opened) (void)(*opened)->stop();  // nothing is in it; the next attempt writes the file anew
+  std::optional<ProgressTask> progress;
+  {
+    const AvoidCpu rest = off_the_loops_cpu();
+    progress.emplace("run", rig().duration.seconds(), "s");
   }
+  const auto run_s = [this] {
+    return std::max(0.0, (bench_now() - run->t0().value_or(BenchTime::never())).seconds());
+  };
+  progress->follow(run_s, [&] { return status_text(*run, parts(), run_s()); });
+  auto outcome = run->run(stop);
+  if (outcome && outcome->loop.reason == StopReason::finished) progress->finish();
+  return outcome;
 }
 
-Status Bench::Impl::start_virtual() {
-  t0 = replay ? replay->run.t0 : BenchTime(0);
-  auto opened = open_recorder();
-  if (!opened) return tl::unexpected<Error>(opened.error());
-  recorder = std::move(*opened);
-  run->set_recorder(recorder.get());
-  if (view) view->attach(recorder.get(), t0);
-  return run->begin(t0);
-}
+Status Bench::Impl::start_virtual() { return run->begin(replay ? replay->run.t0 : BenchTime(0)); }
 
 Result<RunOutcome> Bench::Impl::run_in_virtual_time(StopToken stop) {
   if (auto s = start_virtual(); !s) return tl::unexpected<Error>(s.error());
@@ -370,7 +345,8 @@ Result<RunReport> Bench::Impl::close(Result<RunOutcome> outcome) {
   for (std::string& w : run->warnings()) warn(std::move(w));
   if (trace)
     if (const auto since_ns = trace->full_since_ns())
-      warn(trace_warning(options.trace, trace->dropped(), *since_ns, virtual_time() ? BenchTime{} : t0));
+      warn(trace_warning(options.trace, trace->dropped(), *since_ns,
+                         virtual_time() ? BenchTime{} : run->t0().value_or(BenchTime{})));
   std::optional<ProgressTask> closing(std::in_place, "close the devices and the recording");
   const Status finished = parts().application ? parts().application->finish() : Status{};
   const Status stopped = run->stop();
@@ -391,7 +367,7 @@ Result<RunReport> Bench::Impl::close(Result<RunOutcome> outcome) {
     if (!*s) report.errors.push_back(s->error());
   RunContextText text;
   text.engine = engine();
-  text.utc = iso(epoch.to_utc(t0));
+  text.utc = iso(epoch.to_utc(report.outcome.t0));
   text.recording = rig().record.file.string();
   text.command = typed_command();
   text.machine = machine_name();

@@ -110,6 +110,7 @@ int main(int argc, char** argv) {
 
   const auto cycles = static_cast<std::uint64_t>(duration_s * 1000);
   const BenchTime t0 = bench_now() + milliseconds(50);
+  recorder.begin(t0);
   Histogram cost, wake;
   std::uint64_t frames = 0, no_slot = 0, skipped = 0, samples = 0;
   std::size_t most_held = 0;

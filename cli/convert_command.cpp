@@ -95,7 +95,6 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
     RecorderOptions how;
     how.virtual_time = true;  // nothing is skipped
     how.epoch = {*first, recorded_at(options.input), {}};
-    how.t0 = *first;
     how.writer.compression = record::Compression::zstd;
     RecordedChannel channel;
     channel.name = kChannel;
@@ -106,6 +105,7 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
         Recorder::create(part.string(), how, {std::move(channel)}, {},
                          {{"converted_from", options.input.filename().string()}, {"version", RIGOR_VERSION}});
     if (!recorder) return tl::unexpected<Error>(recorder.error());
+    (*recorder)->begin(*first);
     const auto pool = make_sample_pool(4, most);
     const auto read = read_clouds(options.input, [&](const Sample& sample) {
       SampleLease lease = pool->try_acquire();

@@ -191,7 +191,7 @@ std::vector<string> Executive::order() const {
   return names;
 }
 
-Status Executive::prepare_run(BenchTime t0) {
+Status Executive::prepare_run() {
   State armed = State::armed;
   if (!state_.compare_exchange_strong(armed, State::running))
     return fail(ErrorCode::wrong_state, "", "run() comes after arm(), and one run at a time");
@@ -204,7 +204,6 @@ Status Executive::prepare_run(BenchTime t0) {
     s = RunSummary{};
     s.steps = std::move(steps);
   }
-  s.t0 = t0;
   s.period = config_.period;
   failed_.store(StopReason::none, std::memory_order_relaxed);
   for (auto* c :
@@ -225,33 +224,66 @@ RunSummary Executive::close_run() {
   return s;
 }
 
+void Executive::give_up() noexcept {
+  if (config_.heartbeat) config_.heartbeat->declare_stopped(StopReason::failed);
+  data_->observer.reset();
+  state_.store(State::armed, std::memory_order_release);
+}
+
 Result<RunSummary> Executive::run(StopToken stop, BenchTime t0) {
+  return run(stop, [&]() -> Result<BenchTime> {
+    if (const BenchTime now = bench_now(); config_.clock == RunClock::wall && now > t0)
+      return fail(ErrorCode::bad_input, "t0",
+                  "the first cycle was to begin " + std::to_string((now - t0).ns() / 1000) +
+                      " us ago; choose a later start (setting up the thread takes some ms)");
+    return t0;
+  });
+}
+
+Result<RunSummary> Executive::run(StopToken stop, const Begin& begin_run) {
   if (config_.clock == RunClock::virtual_time) {
-    if (auto s = begin(t0); !s) return tl::unexpected<Error>(s.error());
+    if (auto s = begin(begin_run); !s) return tl::unexpected<Error>(s.error());
     (void)advance(std::numeric_limits<std::uint64_t>::max(), stop);
     return end();
   }
-  if (auto s = prepare_run(t0); !s) return tl::unexpected<Error>(s.error());
+  if (auto s = prepare_run(); !s) return tl::unexpected<Error>(s.error());
   LoopData& data = *data_;
   data.observer->start(gettid());  // before this thread becomes special: the observer inherits nothing
   realtime_.prepare_thread(config_.realtime);
-  if (const BenchTime now = bench_now(); now > t0) {
+  try {
+    const Result<BenchTime> t0 = begin_run();
+    if (!t0) {
+      realtime_.restore_thread();
+      give_up();
+      return tl::unexpected<Error>(t0.error());
+    }
+    data.summary.t0 = *t0;
+  } catch (...) {
     realtime_.restore_thread();
-    if (config_.heartbeat) config_.heartbeat->declare_stopped(StopReason::failed);
-    state_.store(State::armed, std::memory_order_release);
-    return fail(ErrorCode::bad_input, "t0",
-                "the first cycle was to begin " + std::to_string((now - t0).ns() / 1000) +
-                    " us ago; choose a later start (setting up the thread takes some ms)");
+    give_up();
+    throw;
   }
   loop_wall(stop, data);
   realtime_.restore_thread();
   return close_run();
 }
 
-Status Executive::begin(BenchTime t0) {
+Status Executive::begin(const Begin& begin_run) {
   if (config_.clock != RunClock::virtual_time)
     return fail(ErrorCode::wrong_state, "", "cycles are run one by one in virtual time alone");
-  return prepare_run(t0);
+  if (auto s = prepare_run(); !s) return s;
+  try {
+    const Result<BenchTime> t0 = begin_run();
+    if (!t0) {
+      give_up();
+      return tl::unexpected<Error>(t0.error());
+    }
+    data_->summary.t0 = *t0;
+  } catch (...) {
+    give_up();
+    throw;
+  }
+  return {};
 }
 
 RunSummary Executive::end() {
@@ -451,9 +483,7 @@ bool Executive::advance(std::uint64_t cycles, StopToken stop) {
     try {
       if (config_.hooks) config_.hooks->before_cycle(cycle.t);
     } catch (...) {
-      if (config_.heartbeat) config_.heartbeat->declare_stopped(StopReason::failed);
-      data.observer.reset();
-      state_.store(State::armed, std::memory_order_release);
+      give_up();
       throw;
     }
     const std::int64_t began = monotonic_now().ns();

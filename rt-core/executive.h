@@ -4,8 +4,12 @@
 //   loop.add_step({.name = "app", .after = {"inputs"}}, [&](const CycleContext& c) noexcept { ... });
 //   loop.add_step({.name = "inputs"},                   [&](const CycleContext& c) noexcept { ... });
 //   loop.add_step({.name = "slow", .divisor = 10, .after = {"inputs"}}, ...);   // every tenth cycle
-//   loop.arm();                                        // order: inputs, app, slow; or an error that names
-//   the circle Result<RunSummary> s = loop.run(stop.token(), bench_now() + milliseconds(100));
+//   loop.arm();                  // order: inputs, app, slow; or an error that names the circle
+//   Result<RunSummary> s = loop.run(stop.token(), [&]() -> Result<BenchTime> {
+//     const BenchTime t0 = bench_now() + milliseconds(50);      // this thread is the loop's by now
+//     ... tell everybody who has to know ...
+//     return t0;
+//   });
 //
 // Cycle k belongs to the grid point t0 + k·period, however late it was woken; for a period that is no whole
 // number of nanoseconds rounded once, so that the grid does not drift (period.h).
@@ -26,6 +30,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <string>
@@ -170,14 +175,21 @@ class Executive {
   /// asks for the process-wide real-time settings. bad_input: unknown name in `after`, a circle (named), a
   /// bad period.
   Status arm();
+  /// Chooses t0 and publishes it to whoever has to know it. Called once per run, on the loop's thread.
+  using Begin = std::function<Result<BenchTime>()>;
   /// armed → running → armed. Blocks the calling thread, which becomes the loop until the cycles are done or
-  /// the token says stop. Wall: t0 lies in the future, so that all channels can know it; virtual: any
-  /// instant, usually 0. bad_input when t0 has already passed.
+  /// the token says stop. `begin` is called when the thread has its priority, CPU and memory, so that nothing
+  /// slow comes between it and the first cycle. Where t0 has passed nevertheless when the loop gets to it (a
+  /// busy machine), that is a late wake-up like any other: see on_overrun. An error of `begin` is returned;
+  /// no cycle was run, and the executive is armed again.
+  Result<RunSummary> run(StopToken stop, const Begin& begin);
+  /// The same from a given t0. Wall: it lies in the future, by more than setting up the thread takes;
+  /// virtual: any instant, usually 0. bad_input when it has passed by the time the thread is set up.
   Result<RunSummary> run(StopToken stop, BenchTime t0);
   /// Virtual time, in place of `run`, for whoever looks at the state between cycles: begin (armed → running),
   /// advance until it says that the run is over, end (running → armed). One thread. wrong_state: another run
   /// is in progress; in wall-clock time.
-  Status begin(BenchTime t0);
+  Status begin(const Begin& begin_run);
   /// Runs up to `cycles` cycles. False: the run is over, by its last cycle, `stop` or `fail_run`. What
   /// `before_cycle` throws leaves this function, and the run is over (armed).
   bool advance(std::uint64_t cycles, StopToken stop);
@@ -212,8 +224,9 @@ class Executive {
 
   [[nodiscard]] Status sort_steps();
   void loop_wall(StopToken stop, LoopData& data) noexcept;
-  [[nodiscard]] Status prepare_run(BenchTime t0);
+  [[nodiscard]] Status prepare_run();
   RunSummary close_run();
+  void give_up() noexcept;
   void run_steps(const CycleContext& cycle, LoopData& data) noexcept;
   [[nodiscard]] bool in_charge() const noexcept {
     return config_.heartbeat && (!config_.hooks || config_.hooks->in_charge());

@@ -1,6 +1,7 @@
 #include "bench/live/live_view.h"
 
 #include <cmath>
+#include <mutex>
 #include <nlohmann/json.hpp>
 
 #include "bench/live/channels.h"
@@ -78,7 +79,8 @@ struct LiveView::Impl {
       return service_answer(request, [&hub](const json& j) { return history(hub, j); });
     });
     hub.add_service({0, "rigor/control", object, object}, [this](const std::string& request) {
-      return ended ? std::string(kNoMoreCommands) : context.commands.answer(request);
+      const std::lock_guard lock(command_mutex);
+      return no_more_commands ? std::string(kNoMoreCommands) : context.commands.answer(request);
     });
     if (world) offer_world(hub);
     serve_parameters(hub, context.parts);
@@ -137,7 +139,9 @@ struct LiveView::Impl {
   std::optional<LiveEstimate> estimate;
   LivePairs pairs;
   std::optional<LiveWorld> world;
-  bool ended = false;
+  bool ended = false;  ///< server's thread
+  std::mutex command_mutex;
+  bool no_more_commands = false;  ///< guarded by command_mutex
   std::uint32_t status_id = 0, world_id = 0, estimate_id = 0, pairs_id = 0;
   std::uint64_t world_subscribed = 0;
   std::string world_key;
@@ -156,6 +160,10 @@ LiveView::LiveView(Server& server, const Context& context) : impl_(std::make_uni
 
 void LiveView::ended() {
   Impl* i = impl_.get();
+  {
+    const std::lock_guard lock(i->command_mutex);  // waits for the command that is being carried out
+    i->no_more_commands = true;
+  }
   i->server.run_there([i] {
     i->pump(i->server.hub());
     i->ended = true;
@@ -174,13 +182,12 @@ LiveView::~LiveView() {
     if (c->pair) c->pair->observe(nullptr);
 }
 
-void LiveView::attach(Recorder* recorder, BenchTime t0) {
+void LiveView::attach(Recorder* recorder) {
   auto& channels = impl_->context.parts.channels;
   for (std::size_t i = 0; i < channels.size(); ++i)
     if (PairSource* pair = channels[i]->pair)
       pair->observe(
           impl_->tap.observer(i, recorder ? recorder->observer(channels[i]->recorder_id) : nullptr));
-  impl_->tap.set_t0(t0);
 }
 
 LiveTap& LiveView::tap() { return impl_->tap; }

@@ -2,7 +2,7 @@
 //
 //   auto server = live::Server::open(…);                 before anything is touched
 //   LiveView view(*server, …);                           after the channels are armed
-//   view.attach(recorder, t0); run.set_live(&view.tap());
+//   view.attach(recorder); run.set_live(&view.tap());
 //   …                                                    the run; the destructor takes leave of the clients
 #pragma once
 
@@ -34,11 +34,11 @@ class LiveView {
   /// Setup context. All that is named outlives it.
   LiveView(Server& server, const Context& context);
   ~LiveView();
-  /// Setup, before each attempt to run: pairs tell both the recorder (may be null) and this view.
-  void attach(Recorder* recorder, BenchTime t0);
+  /// Setup, before the run: pairs tell both the recorder (may be null) and this view.
+  void attach(Recorder* recorder);
   [[nodiscard]] LiveTap& tap();
   /// Setup, after the run: clients are told that it has ended, and may look at what it left until this object
-  /// goes.
+  /// goes. No command of theirs is being carried out when this returns, and none will be.
   void ended();
 
  private:

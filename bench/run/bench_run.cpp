@@ -124,14 +124,6 @@ Status BenchRun::arm_channels(StopToken stop) {
   return {};
 }
 
-Status BenchRun::arm_again(StopToken stop) {
-  auto stopped = stop_channels();
-  recorder_ = nullptr;
-  if (!stopped) return stopped;
-  heartbeat_.restart(parts_.rig.clock == ClockKind::virtual_time);
-  return arm_channels(stop);
-}
-
 std::vector<std::string> BenchRun::warnings() const {
   std::vector<std::string> all;
   for (const auto& channel : parts_.channels)
@@ -141,21 +133,26 @@ std::vector<std::string> BenchRun::warnings() const {
 
 Status BenchRun::start_channels(BenchTime t0) {
   t0_ = t0;
-  started_late_ = false;
+  origin_.publish(t0);
   if (parts_.expectations) parts_.expectations->begin(t0);
-  for (auto& platform : parts_.platforms) platform->start(t0_);
+  if (recorder_) recorder_->begin(t0);
+  if (live_) live_->begin(t0);
+  // Platforms first: a sink tells its own the safe values of the start.
+  for (auto& platform : parts_.platforms) platform->start(t0);
   for (auto& sink : parts_.sinks)
-    if (auto s = sink->sink->start(t0_); !s) return s;
+    if (auto s = sink->sink->start(t0); !s) return s;
   for (auto& channel : parts_.channels) {
-    if (auto s = channel->source->start(t0_); !s) return s;
-    channel->port.configure(channel->entry->timing, t0_);
+    if (auto s = channel->source->start(t0); !s) return s;
+    channel->port.configure(channel->entry->timing, t0);
   }
+  began_ = parts_.rig.clock == ClockKind::wall ? MonotonicTime(t0.ns()) : monotonic_now();
+  cpu_at_begin_ = process_cpu();
   return {};
 }
 
 RunOutcome BenchRun::outcome_of(RunSummary summary) {
   RunOutcome outcome;
-  outcome.cpu_s = (process_cpu() - cpu_before_).seconds();
+  outcome.cpu_s = (process_cpu() - cpu_at_begin_).seconds();
   outcome.wall_s = (monotonic_now() - began_).seconds();
   heartbeat_.declare_stopped(summary.reason);
   outcome.t0 = t0_;
@@ -165,42 +162,27 @@ RunOutcome BenchRun::outcome_of(RunSummary summary) {
   return outcome;
 }
 
-Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
-  if (auto s = start_channels(t0); !s) return tl::unexpected<Error>(s.error());
+Result<RunOutcome> BenchRun::run(StopToken stop_token, std::optional<BenchTime> t0) {
   const bool wall = parts_.rig.clock == ClockKind::wall;
-  const auto late = [&] {
-    started_late_ = true;
-    return fail(ErrorCode::timeout, "start",
-                "the channels took longer to start than the run allows for: this machine is too busy, or a "
-                "device answers slowly (`rigor doctor`)");
-  };
-  if (wall && bench_now() + milliseconds(5) > t0_) return late();
-  cpu_before_ = process_cpu();
-  began_ = monotonic_now();
-  auto summary = executive_.run(stop_token, t0_);
-  // Between here and the first cycle the loop's thread is set up, which may take its time, too.
-  if (!summary && wall && executive_.counters().run.load() == 0 && bench_now() > t0_) return late();
+  auto summary = executive_.run(stop_token, [&]() -> Result<BenchTime> {
+    const BenchTime first = t0 ? *t0 : wall ? bench_now() + kLead : BenchTime(0);
+    if (auto s = start_channels(first); !s) return tl::unexpected<Error>(s.error());
+    return first;
+  });
   if (!summary) return tl::unexpected<Error>(summary.error());
   return outcome_of(std::move(*summary));
 }
 
 Status BenchRun::begin(BenchTime t0) {
-  if (auto s = start_channels(t0); !s) return s;
-  cpu_before_ = process_cpu();
-  began_ = monotonic_now();
-  return executive_.begin(t0_);
+  return executive_.begin([&]() -> Result<BenchTime> {
+    if (auto s = start_channels(t0); !s) return tl::unexpected<Error>(s.error());
+    return t0;
+  });
 }
 
 RunOutcome BenchRun::end() { return outcome_of(executive_.end()); }
 
 Status BenchRun::stop() {
-  Status first = stop_channels();
-  if (executive_.state() == Executive::State::armed)
-    if (auto s = executive_.disarm(); !s && first) first = s;
-  return first;
-}
-
-Status BenchRun::stop_channels() {
   Status first;
   const auto keep_first = [&](Status s) {
     if (!s && first) first = s;
@@ -212,6 +194,7 @@ Status BenchRun::stop_channels() {
   for (auto& channel : parts_.channels)
     if (channel->source->state() == ChannelState::armed || channel->source->state() == ChannelState::running)
       keep_first(channel->source->stop());
+  if (executive_.state() == Executive::State::armed) keep_first(executive_.disarm());
   return first;
 }
 

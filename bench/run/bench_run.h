@@ -10,6 +10,7 @@
 #include <array>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -124,9 +125,10 @@ class BenchRun final : private ExecutiveHooks {
   void set_pace(double pace) { pace_ = pace; }
   /// Replay: cycles for which this returns false are not run by the application, as in the recorded run.
   void set_cycle_filter(std::function<bool(std::uint64_t)> ran) { ran_ = std::move(ran); }
-  /// Starts the channels with the grid of t0 (wall: far enough in the future for all of them to start) and
-  /// runs the loop until the duration is over or `stop` says so.
-  [[nodiscard]] Result<RunOutcome> run(StopToken stop, BenchTime t0);
+  /// Sets up this thread as the loop, tells everybody when the run begins, and runs until the duration is
+  /// over or `stop` says so. Without `t0` it begins kLead after that (wall), or at 0 (virtual). A given one
+  /// is that of a replay or a test; in wall time it lies in the future.
+  [[nodiscard]] Result<RunOutcome> run(StopToken stop, std::optional<BenchTime> t0 = {});
   /// Virtual time, in place of `run`, for whoever looks at the ports between cycles: begin, advance until it
   /// says that the run is over, end.
   [[nodiscard]] Status begin(BenchTime t0);
@@ -136,11 +138,8 @@ class BenchRun final : private ExecutiveHooks {
   [[nodiscard]] RunOutcome end();
   /// What the application sees. Between cycles, by the thread that advances.
   [[nodiscard]] const ApplicationPorts& ports() const { return ports_; }
-  /// After a `run` that failed: because t0 came before all was started, and not a cycle was run.
-  [[nodiscard]] bool started_late() const { return started_late_; }
-  /// After such a run: stops the channels and arms them anew, for another `run` with a later t0. The recorder
-  /// is forgotten: its t0 was the old one.
-  [[nodiscard]] Status arm_again(StopToken stop = {});
+  /// Any thread: when the run began or begins; empty while nobody knows.
+  [[nodiscard]] std::optional<BenchTime> t0() const noexcept { return origin_.get(); }
   /// Stops every channel; the first error is returned, all are stopped.
   [[nodiscard]] Status stop();
 
@@ -149,10 +148,13 @@ class BenchRun final : private ExecutiveHooks {
   [[nodiscard]] Executive& executive() { return executive_; }
 
  private:
+  /// Between publishing t0 and t0: time for every channel's thread to see it (RunOrigin::kLook), on a busy
+  /// machine, too.
+  static constexpr Duration kLead = milliseconds(50);
+
   [[nodiscard]] Status arm_channels(StopToken stop);
   [[nodiscard]] Status start_channels(BenchTime t0);
   [[nodiscard]] RunOutcome outcome_of(RunSummary summary);
-  [[nodiscard]] Status stop_channels();
   void before_cycle(BenchTime t) override;
   void cycle_begin(const CycleContext& cycle) noexcept override;
   [[nodiscard]] bool in_charge() const noexcept override {
@@ -174,8 +176,8 @@ class BenchRun final : private ExecutiveHooks {
   Recorder* recorder_ = nullptr;
   live::LiveTap* live_ = nullptr;
   double pace_ = 0;
-  MonotonicTime began_;  ///< of the run
-  Duration cpu_before_;
+  MonotonicTime began_;    ///< of the run, for its pace
+  Duration cpu_at_begin_;  ///< of the process
   Heartbeat heartbeat_;
   Executive executive_;
   std::unique_ptr<SeenDigest> digest_;
@@ -183,7 +185,7 @@ class BenchRun final : private ExecutiveHooks {
   std::function<bool(std::uint64_t)> ran_;
   ApplicationPorts ports_;
   BenchTime t0_;
-  bool started_late_ = false;
+  RunOrigin origin_;  ///< t0_ for other threads than the loop
   std::uint64_t next_cycle_ = 0;
   bool skip_this_cycle_ = false;
   std::uint64_t next_note_ = 0, note_every_ = 100;

@@ -74,7 +74,7 @@ std::size_t lease_budget(const ChannelEntry& entry) {
 
 }  // namespace
 
-Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, const RecordingFile& file, BenchTime t0,
+Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, const RecordingFile& file,
                                                  const EpochPair& epoch,
                                                  std::map<std::string, std::string> metadata) {
   const RigConfig& rig = parts.rig;
@@ -83,7 +83,6 @@ Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, const Recordin
   options.fail_on_drop = rig.record.fail_on_drop;
   options.budget_bytes = rig.record.budget_bytes;
   options.epoch = epoch;
-  options.t0 = t0;
   // A power cut loses what the kernel had not written; once a second it is made to, on a thread of its own.
   if (!options.virtual_time) options.file.sync_period = seconds(1);
   options.loop_period = rig.loop.period;

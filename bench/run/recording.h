@@ -44,10 +44,11 @@ class RecordingFile {
 /// sensor.
 [[nodiscard]] std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry);
 
-/// Begins a recording in `file`. Channels are named to the recorder in the order of `parts.channels`.
-/// `metadata`: what is known of the run beyond its rig. Setup context, after the channels are configured.
+/// A recorder that writes to `file`, and waits for Recorder::begin. Channels are named to it in the order of
+/// `parts.channels`. `metadata`: what is known of the run beyond its rig. Setup context, after the channels
+/// are configured.
 [[nodiscard]] Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, const RecordingFile& file,
-                                                               BenchTime t0, const EpochPair& epoch,
+                                                               const EpochPair& epoch,
                                                                std::map<std::string, std::string> metadata);
 
 /// A file that an option names; empty: none.

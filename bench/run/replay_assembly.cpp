@@ -38,7 +38,6 @@ class NullSink final : public Sink {
         .map([](int) {});
   }
   Status do_arm(const ArmContext&) override { return {}; }
-  Status do_start(BenchTime) override { return {}; }
   Status do_stop() override { return {}; }
 
   ConfigNode params_;

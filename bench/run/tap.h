@@ -73,8 +73,8 @@ class LiveTap {
     observers_[channel].next = next;
     return &observers_[channel];
   }
-  /// Setup: of the run's next attempt.
-  void set_t0(BenchTime t0) noexcept {
+  /// Loop thread, before the first cycle.
+  void begin(BenchTime t0) noexcept {
     t0_ns_.store(t0.ns(), std::memory_order_relaxed);
     now_ns_.store(t0.ns(), std::memory_order_relaxed);
   }

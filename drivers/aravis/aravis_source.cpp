@@ -48,11 +48,12 @@ ClockMapOptions clock_options(const AravisSettings& s, Duration exposure, std::s
 }  // namespace
 
 struct AravisSource::Impl {
-  explicit Impl(Health& h) : health(h) { sem_init(&wake, 0, 0); }
+  Impl(Health& h, const RunOrigin& o) : health(h), origin(o) { sem_init(&wake, 0, 0); }
   ~Impl() { sem_destroy(&wake); }
 
   // Setup.
   Health& health;
+  const RunOrigin& origin;
   AravisSettings settings;
   ChannelConfig config;
   std::unique_ptr<SamplePool> pool;
@@ -75,7 +76,8 @@ struct AravisSource::Impl {
   // Frame thread.
   std::vector<SampleLease> queued;  // by slot: what the camera may write to
   std::size_t queued_count = 0;
-  FrameSequence sequence;
+  FrameSequence sequence;  ///< of the camera, from arm on
+  RunSequence in_run;
   std::uint32_t lost_pending = 0;
 
   // Shared.
@@ -90,8 +92,7 @@ struct AravisSource::Impl {
       triggers_sent{0}, triggers_missed{0};
 
   // Loop thread.
-  std::int64_t next_trigger = 0;  ///< index on the grid of t_start
-  BenchTime t_start;              ///< what was captured before is not handed on
+  std::int64_t next_trigger = 0;  ///< index on the grid of t0
 
   void begin_session();
   void end_session(bool dead);
@@ -114,7 +115,7 @@ struct AravisSource::Impl {
   }
 };
 
-AravisSource::AravisSource() : impl_(std::make_unique<Impl>(health_)) {}
+AravisSource::AravisSource() : impl_(std::make_unique<Impl>(health_, origin())) {}
 
 AravisSource::~AravisSource() { (void)do_stop(); }
 
@@ -146,8 +147,9 @@ std::vector<std::string> AravisSource::warnings() const {
 
 void AravisSource::begin_cycle(BenchTime now) noexcept {
   Impl& i = *impl_;
-  if (!i.settings.software_trigger) return;
-  const std::int64_t after = (now - i.t_start) / i.config.period + 1;
+  const auto t0 = i.origin.get();
+  if (!i.settings.software_trigger || !t0) return;
+  const std::int64_t after = (now - *t0) / i.config.period + 1;
   if (after <= i.next_trigger) return;
   // Where the loop skipped instants, only the newest is exposed: the others are past.
   const std::int64_t due = after - std::exchange(i.next_trigger, after);
@@ -209,28 +211,17 @@ Status AravisSource::do_arm(const ArmContext& context) {
   i.ring = std::make_unique<SpscRing<SampleLease>>(i.settings.buffers);
   i.clock = std::make_unique<ClockMap>(clock_options(i.settings, f.exposure, f.payload_bytes));
   i.sequence = FrameSequence(i.config.period);
+  i.in_run.reset();
   i.lost_pending = 0;
   i.triggers_wanted = i.triggers_handled = 0;
-  i.stop = false;
-  health_.connected = true;
-  return {};
-}
-
-Status AravisSource::do_start(BenchTime t0) {
-  Impl& i = *impl_;
   i.next_trigger = 0;
-  i.t_start = t0;
-  if (!i.session->alive(kAskWait)) {
-    health_.connected = false;
-    return fail(ErrorCode::unavailable, i.config.name,
-                "the camera " + i.session->facts().id + " answered at arm and does not answer now");
-  }
+  i.stop = false;
   i.begin_session();
   if (auto status = i.session->start(); !status) {
     i.end_session(true);
-    health_.connected = false;
     return status;
   }
+  health_.connected = true;
   i.control_thread = std::thread([&i] { i.run_control(); });
   return {};
 }
@@ -347,8 +338,10 @@ void AravisSource::Impl::send_trigger() {
 
 void AravisSource::Impl::read_counters() {
   const StreamCounters c = session->stream_counters();
-  raise(health.no_slot, c.underruns - seen.underruns);
-  raise(underruns, c.underruns - seen.underruns);
+  if (origin.get()) {  // frames of before the run are discarded, whether there was a slot or not
+    raise(health.no_slot, c.underruns - seen.underruns);
+    raise(underruns, c.underruns - seen.underruns);
+  }
   raise(health.retries, c.resend_requests - seen.resend_requests);
   raise(resend_requests, c.resend_requests - seen.resend_requests);
   raise(resent_packets, c.resent_packets - seen.resent_packets);
@@ -471,17 +464,18 @@ void AravisSource::Impl::hand_on(SampleLease lease, const ReceivedFrame& f, Benc
     stamp.validity |= kClockUnsure;
   }
   const FrameSequence::Step step = sequence.step(f.block_id, stamp.t_capture);
-  // A free-running camera already measures while the rest of the bench is starting: that is not of this run.
-  if (stamp.t_capture + config.period / 2 < t_start) return;
-  raise(health.lost, step.lost_before);
+  const auto place = in_run.place(origin, stamp.t_capture, config.period, step.sequence, step.lost_before);
+  if (!place) return;
+  const auto lost_before = static_cast<std::uint32_t>(place->lost);
+  raise(health.lost, lost_before);
   const bool whole = f.state == ReceivedFrame::State::complete;
   if (!whole && settings.drop_incomplete) {
     raise(health.lost);
-    lost_pending += step.lost_before + 1;
+    lost_pending += lost_before + 1;
     return;
   }
-  stamp.sequence = step.sequence;
-  stamp.lost_before = step.lost_before + lost_pending;
+  stamp.sequence = place->sequence;
+  stamp.lost_before = lost_before + lost_pending;
   stamp.t_release = stamp.t_capture + config.latency;
   stamp.t_arrival = arrival;
   if (!whole) stamp.validity |= kIncomplete;
@@ -489,7 +483,7 @@ void AravisSource::Impl::hand_on(SampleLease lease, const ReceivedFrame& f, Benc
   fill(sample, f, exposure);
   if (ring->size_approx() >= most_waiting(settings.buffers, false) || !ring->try_push(std::move(lease))) {
     raise(health.ring_full);
-    lost_pending += step.lost_before + 1;
+    lost_pending += lost_before + 1;
     return;
   }
   lost_pending = 0;

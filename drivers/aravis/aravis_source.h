@@ -10,6 +10,8 @@
 // by timestamp latches once a second (or by the quickest arrivals, where the camera cannot latch); t_capture
 // is the middle of the exposure, and sigma_capture says how well it is known.
 //
+// The camera streams from arm on. Frames of before the run are discarded; they keep the clock map fresh.
+//
 // Loss. No frame for five periods (at least 200 ms), and no answer when asked: `health().connected` falls,
 // and the camera is looked for until it is back; then it is set as before, and the sequence goes on by the
 // time that went by. A frame that is not whole after resends is marked kIncomplete, its gaps are zero; never
@@ -43,7 +45,6 @@ class AravisSource final : public Source {
  protected:
   Status do_configure(const ChannelConfig& config) override;
   Status do_arm(const ArmContext& context) override;
-  Status do_start(BenchTime t0) override;
   Status do_stop() override;
 
  private:

@@ -63,11 +63,6 @@ Status CanSink::do_arm(const ArmContext& context) {
   safe_ = true;
   link_is_up_ = true;
   health_.connected.store(true, std::memory_order_release);
-  return {};
-}
-
-Status CanSink::do_start(BenchTime) {
-  deadline_.reset();
   thread_ = std::thread([this] { run(); });
   return {};
 }
@@ -104,7 +99,8 @@ void CanSink::run() {
 }
 
 void CanSink::work() {
-  const bool unsafe_loop = heartbeat_ && heartbeat_->expired(monotonic_now(), heartbeat_deadline_);
+  const bool unsafe_loop =
+      origin().get() && heartbeat_ && heartbeat_->expired(monotonic_now(), heartbeat_deadline_);
   if (unsafe_loop && !want_safe_) counters_.made_safe.fetch_add(1, std::memory_order_relaxed);
   want_safe_ = unsafe_loop;
   if (monotonic_now() >= next_look_) look_at_link();

@@ -39,7 +39,6 @@ class CanSink final : public Sink {
  protected:
   Status do_configure(const ChannelConfig& config) override;
   Status do_arm(const ArmContext& context) override;
-  Status do_start(BenchTime t0) override;
   Status do_stop() override;
 
  private:

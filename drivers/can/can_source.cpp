@@ -81,16 +81,7 @@ Status CanSource::do_arm(const ArmContext& context) {
   index_ = 0;
   link_is_up_ = true;
   health_.connected.store(true, std::memory_order_release);
-  return {};
-}
-
-Status CanSource::do_start(BenchTime t0) {
-  stop_.reset();
-  // What came before the start is no part of the run.
-  while (socket_.receive(batch_) > 0) {
-  }
-  drops_seen_ = socket_.dropped();
-  thread_ = std::thread([this, t0] { run(t0); });
+  thread_ = std::thread([this] { run(); });
   return {};
 }
 
@@ -114,14 +105,17 @@ bool CanSource::wait(MonotonicTime until) noexcept {
   }
 }
 
-void CanSource::run(BenchTime t0) {
+void CanSource::run() {
   const Period period = config().period;
+  std::optional<BenchTime> t0;
   std::int64_t k = 0;
-  if (settings_.sampled) k = period.first_index_from(bench_now() - t0);
   while (true) {
-    auto wake = monotonic_now() + kLook;
-    const auto grid = [&] { return MonotonicTime((t0 + period * k).ns()); };  // bench time is CLOCK_MONOTONIC
-    if (settings_.sampled) wake = std::min(wake, grid());
+    if (!t0 && (t0 = origin().get()) && settings_.sampled) k = period.first_index_from(bench_now() - *t0);
+    const bool on_grid = settings_.sampled && t0;
+    auto wake = monotonic_now() + (t0 ? kLook : RunOrigin::kLook);
+    // Bench time is CLOCK_MONOTONIC.
+    const auto grid = [&] { return MonotonicTime((*t0 + period * k).ns()); };
+    if (on_grid) wake = std::min(wake, grid());
     if (!link_is_up_) wake = std::min(wake, std::max(backoff_.next(), monotonic_now()));
     if (restart_at_.ns() != 0) wake = std::min(wake, restart_at_);
     if (!wait(wake)) break;
@@ -138,7 +132,7 @@ void CanSource::run(BenchTime t0) {
       restart_at_ = restart_controller(settings_.interface) ? MonotonicTime{}
                                                             : now + std::max(settings_.restart, seconds(1));
     }
-    for (; settings_.sampled && grid() <= now; ++k) {
+    for (; on_grid && grid() <= now; ++k) {
       if (now - grid() > period || !link_is_up_)
         count_lost(1);  // too late for this instant, or nothing to be known at it
       else
@@ -167,7 +161,9 @@ void CanSource::read_all() {
 }
 
 void CanSource::take(const ReceivedFrame& r) {
-  if (log_.is_open()) {
+  const BenchTime t = epoch_.to_bench(r.t);
+  const bool in_run = origin().covers(t, {});
+  if (in_run && log_.is_open()) {
     LogEntry e;
     e.t = r.t;
     e.set_interface(settings_.interface);
@@ -176,6 +172,7 @@ void CanSource::take(const ReceivedFrame& r) {
     log_.write(e);
   }
   if (r.frame.error) {
+    if (in_run) health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
     take_error(r.frame);
     if (!settings_.errors) return;
   } else if (bus_state_.load(std::memory_order_relaxed) == BusState::bus_off) {
@@ -184,13 +181,13 @@ void CanSource::take(const ReceivedFrame& r) {
     restart_at_ = {};
     health_.connected.store(true, std::memory_order_release);
   }
-  const BenchTime t = epoch_.to_bench(r.t);
   if (!settings_.raw()) {
-    if (!table_.take(r.frame, t) || settings_.sampled) return;
+    if (!table_.take(r.frame, t) || settings_.sampled || !in_run) return;
     auto slot = take_slot();
     if (slot) table_.fill(slot.edit(), t);
     return give(std::move(slot), t);
   }
+  if (!in_run) return;
   auto slot = take_slot();
   if (slot) {
     auto& sample = slot.edit();
@@ -218,7 +215,6 @@ void CanSource::give(SampleLease&& slot, BenchTime t) {
 }
 
 void CanSource::take_error(const CanFrame& f) {
-  health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
   const BusState before = bus_state_.load(std::memory_order_relaxed), after = state_after(f, before);
   bus_state_.store(after, std::memory_order_relaxed);
   if (after == BusState::bus_off) {
@@ -265,6 +261,7 @@ void CanSource::count_drops() {
   if (now <= drops_seen_) return;
   const std::uint64_t lost = now - drops_seen_;
   drops_seen_ = now;
+  if (!origin().get()) return;
   count_lost(lost);
   if (!settings_.sampled) index_ += lost;
   log_.flush();

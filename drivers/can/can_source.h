@@ -8,6 +8,9 @@
 //   false` registers, no rate   each frame with one of the signals is a sample; the others keep their last
 //   value registers, rate_hz   the latest values at t0 + k·period; an instant without the interface is lost
 //
+// The socket is read from arm on. Frames of before the run are neither samples nor logged, but signals take
+// their values from them, and bus-off is noticed.
+//
 // Frames that the socket had no room for are counted by the kernel and are `lost` here. An interface that
 // goes down or away takes `connected` with it; it is looked for with growing pauses, from 50 ms to 2 s.
 // Bus-off is not connected either, until the controller takes part again: by the kernel's own restart-ms, or
@@ -43,12 +46,11 @@ class CanSource final : public StreamSource {
  protected:
   Status do_configure(const ChannelConfig& config) override;
   Status do_arm(const ArmContext& context) override;
-  Status do_start(BenchTime t0) override;
   Status do_stop() override;
 
  private:
   [[nodiscard]] Status open();
-  void run(BenchTime t0);
+  void run();
   [[nodiscard]] bool wait(MonotonicTime until) noexcept;
   void read_all();
   void take(const ReceivedFrame& r);

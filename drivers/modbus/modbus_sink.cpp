@@ -60,11 +60,6 @@ Status ModbusSink::do_arm(const ArmContext& context) {
                     "; check `watchdog` against its manual");
   }
   health_.connected.store(true, std::memory_order_release);
-  return {};
-}
-
-Status ModbusSink::do_start(BenchTime) {
-  deadline_.reset();
   thread_ = std::thread([this] { run(); });
   return {};
 }
@@ -103,7 +98,8 @@ void ModbusSink::run() {
 }
 
 void ModbusSink::work() {
-  const bool unsafe_loop = heartbeat_ && heartbeat_->expired(monotonic_now(), heartbeat_deadline_);
+  const bool unsafe_loop =
+      origin().get() && heartbeat_ && heartbeat_->expired(monotonic_now(), heartbeat_deadline_);
   if (unsafe_loop && !want_safe_) counters_.made_safe.fetch_add(1, std::memory_order_relaxed);
   want_safe_ = unsafe_loop;
   if (!link_.is_open()) try_again();

@@ -53,12 +53,7 @@ Status ModbusSource::do_arm(const ArmContext& context) {
   told_ = kEventBack;
   backoff_.reset();
   health_.connected.store(true, std::memory_order_release);
-  return {};
-}
-
-Status ModbusSource::do_start(BenchTime t0) {
-  deadline_.reset();
-  thread_ = std::thread([this, t0] { run(t0); });
+  thread_ = std::thread([this] { run(); });
   return {};
 }
 
@@ -88,7 +83,10 @@ std::vector<std::string> ModbusSource::warnings() const {
           trouble};
 }
 
-void ModbusSource::run(BenchTime t0) {
+void ModbusSource::run() {
+  const auto origin_known = origin().wait(deadline_);
+  if (!origin_known) return;
+  const BenchTime t0 = *origin_known;
   const Period period = config().period;
   std::int64_t k = period.first_index_from(bench_now() - t0);
   while (deadline_.wait_until(MonotonicTime((t0 + period * k).ns()))) {

@@ -39,11 +39,10 @@ class ModbusSource final : public StreamSource {
  protected:
   Status do_configure(const ChannelConfig& config) override;
   Status do_arm(const ArmContext& context) override;
-  Status do_start(BenchTime t0) override;
   Status do_stop() override;
 
  private:
-  void run(BenchTime t0);
+  void run();
   void read_once(std::uint64_t index);
   void try_again();
   void failed(LinkStatus status);

@@ -134,104 +134,102 @@ Status SickSource::do_arm(const ArmContext& context) {
   i.last_capture = {};
   i.backoff.reset();
   health_.connected.store(true, std::memory_order_release);
+  i.thread = std::thread([this] { run(); });
   return {};
 }
 
-Status SickSource::do_start(BenchTime t0) {
-  impl_->thread = std::thread([this, t0, &i = *impl_] {
-    const auto take_scan = [&](Bytes values, BenchTime arrival) {
-      if (decode_scan(values, i.scan) != ScanError::none) {
+void SickSource::run() {
+  Impl& i = *impl_;
+  const auto take_scan = [&](Bytes values, BenchTime arrival) {
+    if (decode_scan(values, i.scan) != ScanError::none) {
+      health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
+      return;  // its number is missing: the next scan counts it as lost
+    }
+    const ScanInstants t = scan_instants(i.scan, i.device_clock, i.settings.zero_index_deg);
+    (void)i.clock->add_arrival(t.transmission, arrival);
+    const Mapped m = i.clock->map(t.first_beam);
+    Stamp stamp;
+    stamp.t_capture = m.known ? m.t : arrival - config().latency;
+    stamp.validity = (m.known ? kValid : kClockUnsure) | (in_error(i.scan) ? kCorrupt : kValid);
+    // A map that is being learned may step back by its own uncertainty; samples do not.
+    if (i.last_capture.ns() != 0)
+      stamp.t_capture = std::max(stamp.t_capture, i.last_capture + nanoseconds(1));
+    i.last_capture = stamp.t_capture;
+    if (!origin().covers(stamp.t_capture, config().period)) return;  // it taught the clock
+    const auto interval = i.settings.wish.output_interval;
+    const auto step = i.sequence.step(i.scan.scan_counter, interval, stamp.t_capture, t.period * interval);
+    count_lost(step.lost);
+    stamp.sequence = step.sequence;
+    stamp.t_release = stamp.t_capture + config().latency;
+    stamp.t_arrival = arrival;
+    stamp.sigma_capture = m.sigma;
+    SampleLease slot = take_slot();
+    if (slot) {
+      Sample& s = slot.edit();
+      std::uint32_t count = 0;
+      if (!i.clouds.fill(i.scan, t.beam_step, s.memory(), count)) {
+        // No ranges, or more beams than the device had at arm.
         health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
-        return;  // its number is missing: the next scan counts it as lost
+        count_lost(1);
+        return;
       }
-      const ScanInstants t = scan_instants(i.scan, i.device_clock, i.settings.zero_index_deg);
-      (void)i.clock->add_arrival(t.transmission, arrival);
-      const Mapped m = i.clock->map(t.first_beam);
-      Stamp stamp;
-      stamp.t_capture = m.known ? m.t : arrival - config().latency;
-      stamp.validity = (m.known ? kValid : kClockUnsure) | (in_error(i.scan) ? kCorrupt : kValid);
-      // A map that is being learned may step back by its own uncertainty; samples do not.
-      if (i.last_capture.ns() != 0)
-        stamp.t_capture = std::max(stamp.t_capture, i.last_capture + nanoseconds(1));
-      i.last_capture = stamp.t_capture;
-      // Before the run begins, scans teach the clock and are no samples.
-      if (stamp.t_capture < t0) return;
-      const auto interval = i.settings.wish.output_interval;
-      const auto step = i.sequence.step(i.scan.scan_counter, interval, stamp.t_capture, t.period * interval);
-      count_lost(step.lost);
-      stamp.sequence = step.sequence;
-      stamp.t_release = stamp.t_capture + config().latency;
-      stamp.t_arrival = arrival;
-      stamp.sigma_capture = m.sigma;
-      SampleLease slot = take_slot();
-      if (slot) {
-        Sample& s = slot.edit();
-        std::uint32_t count = 0;
-        if (!i.clouds.fill(i.scan, t.beam_step, s.memory(), count)) {
-          // No ranges, or more beams than the device had at arm.
-          health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
-          count_lost(1);
-          return;
-        }
-        s.stamp = stamp;
-        s.info = PointCloudInfo{count};
-        s.size_bytes = count * sizeof(LidarPoint);
-      }
-      hand_over(std::move(slot));
-    };
-    /// False: the connection is to be given up.
-    const auto stream_once = [&](bool& cut) {
-      for (Bytes body = i.parser.next(); body.data(); body = i.parser.next()) {
-        const auto t = parse_telegram(body);
-        if (t && t->name == "LMDscandata" && t->type == "sSN") take_scan(t->values, bench_now());
-      }
-      const auto bad = i.parser.bad_checksums() + i.parser.bad_lengths();
-      health_.protocol_errors.fetch_add(bad - i.bad_frames, std::memory_order_relaxed);
-      i.bad_frames = bad;
-      const Duration silence = std::max(i.settings.timeout, config().period * 3);
-      std::size_t size = 0;
-      const auto outcome = i.stream.receive(i.parser.room(kPiece), monotonic_now() + silence, size);
-      cut = outcome == TcpStream::Outcome::cut;
-      if (outcome == TcpStream::Outcome::timeout) health_.retries.fetch_add(1, std::memory_order_relaxed);
-      if (outcome != TcpStream::Outcome::data) return false;
-      i.parser.added(size);
-      return true;
-    };
+      s.stamp = stamp;
+      s.info = PointCloudInfo{count};
+      s.size_bytes = count * sizeof(LidarPoint);
+    }
+    hand_over(std::move(slot));
+  };
+  /// False: the connection is to be given up.
+  const auto stream_once = [&](bool& cut) {
+    for (Bytes body = i.parser.next(); body.data(); body = i.parser.next()) {
+      const auto t = parse_telegram(body);
+      if (t && t->name == "LMDscandata" && t->type == "sSN") take_scan(t->values, bench_now());
+    }
+    const auto bad = i.parser.bad_checksums() + i.parser.bad_lengths();
+    health_.protocol_errors.fetch_add(bad - i.bad_frames, std::memory_order_relaxed);
+    i.bad_frames = bad;
+    const Duration silence = std::max(i.settings.timeout, config().period * 3);
+    std::size_t size = 0;
+    const auto outcome = i.stream.receive(i.parser.room(kPiece), monotonic_now() + silence, size);
+    cut = outcome == TcpStream::Outcome::cut;
+    if (outcome == TcpStream::Outcome::timeout) health_.retries.fetch_add(1, std::memory_order_relaxed);
+    if (outcome != TcpStream::Outcome::data) return false;
+    i.parser.added(size);
+    return true;
+  };
 
-    bool cut = false, first = true;
-    while (!cut) {
-      if (!i.stream.is_open()) {
-        if (!i.deadline.wait_until(i.backoff.next())) break;
-        if (!i.connect()) {
-          i.backoff.failed(monotonic_now());
-          continue;
-        }
-      }
-      i.dialog->begin_stream();
-      if (!i.converse()) {
-        i.stream.close();
+  bool cut = false, first = true;
+  while (!cut) {
+    if (!i.stream.is_open()) {
+      if (!i.deadline.wait_until(i.backoff.next())) break;
+      if (!i.connect()) {
         i.backoff.failed(monotonic_now());
-        health_.connected.store(false, std::memory_order_release);
-        first = false;
         continue;
       }
-      if (!first) {
-        health_.reconnects.fetch_add(1, std::memory_order_relaxed);
-        i.sequence.resume();
-        i.device_clock.reset();
-        i.clock->reset();
-      }
-      first = false;
-      i.backoff.reset();
-      health_.connected.store(true, std::memory_order_release);
-      while (stream_once(cut)) {
-      }
-      if (cut) break;
-      i.stream.close();
-      health_.connected.store(false, std::memory_order_release);
     }
-  });
-  return {};
+    i.dialog->begin_stream();
+    if (!i.converse()) {
+      i.stream.close();
+      i.backoff.failed(monotonic_now());
+      health_.connected.store(false, std::memory_order_release);
+      first = false;
+      continue;
+    }
+    if (!first) {
+      health_.reconnects.fetch_add(1, std::memory_order_relaxed);
+      i.sequence.resume();
+      i.device_clock.reset();
+      i.clock->reset();
+    }
+    first = false;
+    i.backoff.reset();
+    health_.connected.store(true, std::memory_order_release);
+    while (stream_once(cut)) {
+    }
+    if (cut) break;
+    i.stream.close();
+    health_.connected.store(false, std::memory_order_release);
+  }
 }
 
 Status SickSource::do_stop() {

@@ -1,6 +1,7 @@
 // A SICK LMS1xx, LMS5xx or TiM over CoLa-B on TCP as a channel of point clouds.
 //
-// `arm` connects, logs in, sets what the rig asks for and checks it; `start` starts the telegram stream.
+// `arm` connects, logs in, sets what the rig asks for and checks it, and starts the telegram stream. Scans of
+// before the run teach the clock and are discarded.
 // Scans are stamped by the device's clock, which is mapped by the instants at which telegrams arrive
 // (one-sided: none comes before it was sent). t_capture is the first beam of the output range. A device that
 // goes away is tried again with growing pauses; the scans of the time between count as lost.
@@ -24,11 +25,11 @@ class SickSource final : public StreamSource {
  protected:
   Status do_configure(const ChannelConfig& config) override;
   Status do_arm(const ArmContext& context) override;
-  Status do_start(BenchTime t0) override;
   Status do_stop() override;
 
  private:
   struct Impl;
+  void run();
   std::unique_ptr<Impl> impl_;
 };
 

@@ -43,11 +43,10 @@ BulkSettings read_bulk_settings(const ChannelConfig& config) {
 
 // ------------------------------------------------------------------ place and time
 
-void FrameKeeper::begin(BenchTime t0, const ChannelConfig& config, const BulkSettings& settings) {
+void FrameKeeper::begin(const ChannelConfig& config, const BulkSettings& settings) {
   settings_ = &settings;
   period_ = config.period;
   latency_ = config.latency;
-  t0_ = t0;
   any_ = counted_ = false;
   ClockMapOptions options;
   options.min_delay = settings.delay;
@@ -61,7 +60,7 @@ void FrameKeeper::forget_device() noexcept {
   counted_ = false;
 }
 
-std::int64_t FrameKeeper::place(const BulkReader::Frame& frame) noexcept {
+FrameKeeper::Kept FrameKeeper::place(const BulkReader::Frame& frame, const RunOrigin& origin) noexcept {
   const BulkFormat& f = settings_->format;
   Stamp stamp;
   stamp.t_arrival = BenchTime(frame.last_ns);
@@ -89,17 +88,18 @@ std::int64_t FrameKeeper::place(const BulkReader::Frame& frame) noexcept {
     }
   }
   stamp.t_release = stamp.t_capture + latency_;
+  if (!any_ && !origin.covers(stamp.t_capture, period_)) return {.in_run = false};
   std::int64_t step = 1;
   if (any_) {
-    if (stamp.t_capture <= stamp_.t_capture) return -1;
+    if (stamp.t_capture <= stamp_.t_capture) return {.in_order = false};
     if (period_.ns() > 0)
       step = std::max<std::int64_t>(
           1, std::llround(static_cast<double>((stamp.t_capture - stamp_.t_capture).ns()) /
                           static_cast<double>(period_.ns())));
   } else if (period_.ns() > 0) {
-    stamp.sequence = static_cast<std::uint64_t>(std::max<std::int64_t>(
-        0,
-        std::llround(static_cast<double>((stamp.t_capture - t0_).ns()) / static_cast<double>(period_.ns()))));
+    stamp.sequence = static_cast<std::uint64_t>(
+        std::max<std::int64_t>(0, std::llround(static_cast<double>((stamp.t_capture - *origin.get()).ns()) /
+                                               static_cast<double>(period_.ns()))));
   }
   if (f.sequence) {
     const std::uint64_t mask = mask_of(*f.sequence);
@@ -112,7 +112,7 @@ std::int64_t FrameKeeper::place(const BulkReader::Frame& frame) noexcept {
   if (any_) stamp.sequence = stamp_.sequence + static_cast<std::uint64_t>(step);
   const bool first = !std::exchange(any_, true);
   stamp_ = stamp;
-  return first ? 0 : step - 1;
+  return {.lost = first ? 0 : static_cast<std::uint64_t>(step - 1)};
 }
 
 void FrameKeeper::fill(const BulkReader::Frame& frame, Sample& sample) const noexcept {
@@ -165,11 +165,7 @@ Status BulkSource::do_arm(const ArmContext& context) {
   reader_ = std::make_unique<BulkReader>(settings_.format);
   open_stream(settings_.slots, description_.max_bytes, false);
   health_.connected.store(true, std::memory_order_release);
-  return {};
-}
-
-Status BulkSource::do_start(BenchTime t0) {
-  keeper_.begin(t0, config(), settings_);
+  keeper_.begin(config(), settings_);
   backoff_.reset();
   link_->uncut();
   thread_ = std::thread([this] { run(); });
@@ -222,17 +218,18 @@ void BulkSource::run() {
     reader_->push({buffer.data(), r.bytes}, r.arrival.ns());
     BulkReader::Frame frame;
     while (reader_->next(frame)) {
-      const std::int64_t lost = keeper_.place(frame);
-      if (lost < 0) {
+      backoff_.reset();
+      fresh = false;
+      const FrameKeeper::Kept kept = keeper_.place(frame, origin());
+      if (!kept.in_run) continue;
+      if (!kept.in_order) {
         health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
         continue;
       }
-      if (lost > 0) count_lost(static_cast<std::uint64_t>(lost));
+      if (kept.lost > 0) count_lost(kept.lost);
       SampleLease lease = take_slot();
       if (lease) keeper_.fill(frame, lease.edit());
       hand_over(std::move(lease));
-      backoff_.reset();
-      fresh = false;
     }
     const std::uint64_t now =
         reader_->refused_headers() + (reader_->skipped_bytes() != skipped && !fresh ? 1 : 0);
@@ -333,7 +330,7 @@ Status BulkVirtualSource::do_arm(const ArmContext& context) {
 }
 
 Status BulkVirtualSource::do_start(BenchTime t0) {
-  keeper_.begin(t0, config(), settings_);
+  keeper_.begin(config(), settings_);
   keeper_.trust_arrivals();
   t0_ = t0;
   index_ = 0;
@@ -360,9 +357,9 @@ void BulkVirtualSource::complete_until(BenchTime now) {
     reader_->push(bytes_, (t + settings_.delay).ns());
     BulkReader::Frame frame;
     while (reader_->next(frame)) {
-      const std::int64_t lost = keeper_.place(frame);
-      if (lost > 0) count_lost(static_cast<std::uint64_t>(lost));
-      if (lost < 0) continue;
+      const FrameKeeper::Kept kept = keeper_.place(frame, origin());
+      if (!kept.in_run || !kept.in_order) continue;
+      if (kept.lost > 0) count_lost(kept.lost);
       SampleLease lease = take_slot();
       if (lease) {
         keeper_.fill(frame, lease.edit());

@@ -34,10 +34,16 @@ struct BulkSettings {
 /// A frame's place in time and in the sequence; shared by both sources.
 class FrameKeeper {
  public:
-  void begin(BenchTime t0, const ChannelConfig& config, const BulkSettings& settings);
+  /// Before a run.
+  void begin(const ChannelConfig& config, const BulkSettings& settings);
   void forget_device() noexcept;
-  /// Frames missing before this one, or -1: out of order.
-  [[nodiscard]] std::int64_t place(const BulkReader::Frame& frame) noexcept;
+  struct Kept {
+    std::uint64_t lost = 0;  ///< frames that are missing since the one before
+    bool in_run = true;      ///< false: captured before the run; it taught the clock
+    bool in_order = true;    ///< false: not later than the one before; it is of no use
+  };
+  /// Call once a frame, before `fill`; sequences count from t0.
+  [[nodiscard]] Kept place(const BulkReader::Frame& frame, const RunOrigin& origin) noexcept;
   void fill(const BulkReader::Frame& frame, Sample& sample) const noexcept;
   [[nodiscard]] std::uint64_t missing_by(BenchTime now) noexcept;
   /// In virtual time arrivals are the truth, and the device's stamps tell no more.
@@ -46,7 +52,6 @@ class FrameKeeper {
  private:
   const BulkSettings* settings_ = nullptr;
   Duration period_, latency_;
-  BenchTime t0_;
   std::unique_ptr<ClockMap> map_;
   Stamp stamp_;
   std::uint64_t device_sequence_ = 0, device_ticks_ = 0;
@@ -63,7 +68,6 @@ class BulkSource final : public StreamSource {
  protected:
   Status do_configure(const ChannelConfig& config) override;
   Status do_arm(const ArmContext& context) override;
-  Status do_start(BenchTime t0) override;
   Status do_stop() override;
 
  private:

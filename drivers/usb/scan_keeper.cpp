@@ -12,9 +12,7 @@ constexpr double kQuantizationNs = 1e6 * 0.2886751345948129;
 
 }  // namespace
 
-void ScanKeeper::begin(BenchTime t0, Duration latency, const ScanRequest& request,
-                       const ScannerParameters& parameters) {
-  t0_ = t0;
+void ScanKeeper::begin(Duration latency, const ScanRequest& request, const ScannerParameters& parameters) {
   latency_ = latency;
   parameters_ = parameters;
   period_ = seconds_from(parameters.turn_s() * (request.interval + 1));
@@ -31,7 +29,8 @@ void ScanKeeper::reading(const ScipClient::Reading& r) noexcept {
   (void)map_.add_latch(middle(scip_clock_.unwrap(r.ms)), BenchTime(r.before_ns), BenchTime(r.after_ns));
 }
 
-ScanKeeper::Kept ScanKeeper::place(const ScipScan& scan, BenchTime arrival) noexcept {
+ScanKeeper::Kept ScanKeeper::place(const ScipScan& scan, BenchTime arrival,
+                                   const RunOrigin& origin) noexcept {
   Stamp stamp;
   const Mapped m = map_.map(middle(scip_clock_.unwrap(scan.stamp_ms)));
   if (m.known) {
@@ -47,6 +46,10 @@ ScanKeeper::Kept ScanKeeper::place(const ScipScan& scan, BenchTime arrival) noex
   stamp.t_release = stamp.t_capture + latency_;
   stamp.t_arrival = arrival;
   Kept kept;
+  if (!any_ && !origin.covers(stamp.t_capture, period_)) {
+    kept.in_run = false;
+    return kept;
+  }
   const auto steps = [&](Duration d) {
     return static_cast<std::int64_t>(
         std::llround(static_cast<double>(d.ns()) / static_cast<double>(period_.ns())));
@@ -60,7 +63,8 @@ ScanKeeper::Kept ScanKeeper::place(const ScipScan& scan, BenchTime arrival) noex
     stamp.sequence = stamp_.sequence + static_cast<std::uint64_t>(step);
     kept.lost = static_cast<std::uint64_t>(step - 1);
   } else {
-    stamp.sequence = static_cast<std::uint64_t>(std::max<std::int64_t>(0, steps(stamp.t_capture - t0_)));
+    stamp.sequence =
+        static_cast<std::uint64_t>(std::max<std::int64_t>(0, steps(stamp.t_capture - *origin.get())));
   }
   any_ = true;
   stamp_ = stamp;

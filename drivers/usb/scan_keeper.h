@@ -5,23 +5,25 @@
 #include "drivers/usb/scip_client.h"
 #include "drivers/usb/scip_points.h"
 #include "rt-core/clock_map.h"
+#include "sensor-hal/channel/run_origin.h"
 
 namespace rigor::usb {
 
 class ScanKeeper {
  public:
-  /// A run begins: sequences count from t0.
-  void begin(BenchTime t0, Duration latency, const ScanRequest& request, const ScannerParameters& parameters);
+  /// Before a run: what its scans are like.
+  void begin(Duration latency, const ScanRequest& request, const ScannerParameters& parameters);
   /// A new session: the scanner may have been switched off and on.
   void forget_clock() noexcept;
   void reading(const ScipClient::Reading& reading) noexcept;
 
   struct Kept {
     std::uint64_t lost = 0;  ///< scans that are missing since the one before
+    bool in_run = true;      ///< false: measured before the run
     bool in_order = true;    ///< false: not later than the one before; it is of no use
   };
-  /// When the scan was measured. Call once a scan, before `fill`.
-  [[nodiscard]] Kept place(const ScipScan& scan, BenchTime arrival) noexcept;
+  /// When the scan was measured; sequences count from t0. Call once a scan, before `fill`.
+  [[nodiscard]] Kept place(const ScipScan& scan, BenchTime arrival, const RunOrigin& origin) noexcept;
   /// The sample's stamp (but `lost_before`), info and bytes.
   void fill(const ScipScan& scan, Sample& sample) const noexcept;
   /// Scans that should have come by `now` and did not: for a run that ends without its scanner.
@@ -35,7 +37,6 @@ class ScanKeeper {
   ScipClock scip_clock_;
   ScannerParameters parameters_;
   Duration period_, latency_, to_first_step_;
-  BenchTime t0_;
   Stamp stamp_;
   bool any_ = false;
 };

@@ -84,11 +84,7 @@ Status ScipSource::do_arm(const ArmContext& context) {
     warnings_.push_back(config().name +
                         ": the scanner did not tell its clock (TM); scans are stamped by their arrival");
   health_.connected.store(true, std::memory_order_release);
-  return {};
-}
-
-Status ScipSource::do_start(BenchTime t0) {
-  keeper_.begin(t0, config().latency, client_->request(), client_->parameters());
+  keeper_.begin(config().latency, client_->request(), client_->parameters());
   backoff_.reset();
   link_->uncut();
   cut_ = false;
@@ -153,7 +149,9 @@ bool ScipSource::exchange(MonotonicTime until) {
 void ScipSource::take_scans() {
   std::int64_t arrival_ns = 0;
   while (client_->next_scan(scan_, arrival_ns)) {
-    const auto kept = keeper_.place(scan_, BenchTime(arrival_ns));
+    backoff_.reset();
+    const auto kept = keeper_.place(scan_, BenchTime(arrival_ns), origin());
+    if (!kept.in_run) continue;
     if (!kept.in_order) {
       health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
       continue;
@@ -162,7 +160,6 @@ void ScipSource::take_scans() {
     SampleLease lease = take_slot();
     if (lease) keeper_.fill(scan_, lease.edit());
     hand_over(std::move(lease));
-    backoff_.reset();
   }
 }
 

@@ -1,9 +1,10 @@
 // A Hokuyo scanner as a channel, over USB, a terminal or a socket. Keys: usb_settings.h.
 //
-// arm opens the device, reads what it is and its clock, and checks the settings against it. A thread of the
-// channel's own then carries the bytes; each scan's stamp (the scanner's clock at step 0) is mapped to bench
-// time by what TM and II tell of that clock. t_capture is when the first step of the detection range was
-// measured; each point's t_offset_ns follows from the rotation.
+// arm opens the device, reads what it is and its clock, checks the settings against it, and has it scan. A
+// thread of the channel's own then carries the bytes; scans of before the run are discarded. Each scan's
+// stamp (the scanner's clock at step 0) is mapped to bench time by what TM and II tell of that clock.
+// t_capture is when the first step of the detection range was measured; each point's t_offset_ns follows from
+// the rotation.
 //
 // A scanner that goes away (unplugged in the middle of a transfer, silent, refusing) takes `connected` with
 // it; it is tried again at once when the system says that it is back, and with pauses from 50 ms to 2 s.
@@ -36,7 +37,6 @@ class ScipSource final : public StreamSource {
  protected:
   Status do_configure(const ChannelConfig& config) override;
   Status do_arm(const ArmContext& context) override;
-  Status do_start(BenchTime t0) override;
   Status do_stop() override;
 
  private:

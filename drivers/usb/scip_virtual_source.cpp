@@ -105,7 +105,7 @@ Status ScipVirtualSource::do_arm(const ArmContext& context) {
 
 Status ScipVirtualSource::do_start(BenchTime t0) {
   open_session(t0);
-  keeper_.begin(t0, config().latency, client_->request(), client_->parameters());
+  keeper_.begin(config().latency, client_->request(), client_->parameters());
   // Asked for just before the turn that brings the first step to its place at t0.
   const BenchTime begin =
       t0 - seconds_from(scanner_.model.parameters.step_s() * scanner_.model.parameters.first_step);
@@ -161,7 +161,8 @@ void ScipVirtualSource::complete_until(BenchTime now) {
 void ScipVirtualSource::take_scans() {
   std::int64_t arrival_ns = 0;
   while (client_->next_scan(scan_, arrival_ns)) {
-    const auto kept = keeper_.place(scan_, BenchTime(arrival_ns));
+    const auto kept = keeper_.place(scan_, BenchTime(arrival_ns), origin());
+    if (!kept.in_run) continue;
     if (kept.lost > 0) count_lost(kept.lost);
     SampleLease lease = take_slot();
     if (lease) {

@@ -37,16 +37,15 @@ Status V4l2Source::do_arm(const ArmContext& context) {
   if (!plan) return tl::unexpected<Error>(plan.error());
   if (settings_.dmabuf) plan->notes.push_back("frames' memory: " + device_->buffers().origin());
   open_samples(std::move(*plan), false);
-  health_.connected = true;
-  return {};
-}
-
-Status V4l2Source::do_start(BenchTime) {
-  if (auto s = device_->start(settings_.queue); !s) return s;
-  deadline_.reset();
+  if (auto s = device_->start(settings_.queue); !s) {
+    device_.reset();
+    close_stream();
+    return s;
+  }
   backoff_.reset();
   stopping_ = false;
   t_heard_ = monotonic_now();
+  health_.connected = true;
   thread_ = std::thread([this] { run(); });
   return {};
 }

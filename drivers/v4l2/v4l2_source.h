@@ -2,6 +2,8 @@
 //
 //   I/O thread   waits for a frame, converts it into a slot of the pool, gives its memory back to the kernel
 //
+// The device streams from arm on; frames of before the run go back to the kernel unread.
+//
 // Times. Kernel timestamps of CLOCK_MONOTONIC are bench time; t_capture is the middle of the centre row's
 // exposure, by the event that the stamp is of (frame_instant.h).
 //
@@ -27,7 +29,6 @@ class V4l2Source final : public VideoSource {
 
  protected:
   Status do_arm(const ArmContext& context) override;
-  Status do_start(BenchTime t0) override;
   Status do_stop() override;
 
  private:

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "drivers/v4l2/control_values.h"
@@ -97,7 +98,16 @@ void VideoSource::open_samples(Plan plan, bool virtual_time) {
   description_.max_bytes = image_bytes(description_.format, description_.width_px, description_.height_px);
   converter_ = std::make_unique<FrameConverter>(plan_.format, settings_.format.format);
   count_ = CaptureCount(plan_.shutter.period);
+  in_run_.reset();
   open_stream(settings_.buffers, description_.max_bytes, virtual_time);
+}
+
+void VideoSource::give_up_until(BenchTime t) noexcept {
+  const std::uint64_t lost = count_.give_up_until(t);
+  const auto t0 = origin().get();
+  const Duration period = plan_.shutter.period;
+  if (!t0 || period.ns() <= 0 || t < *t0) return;
+  count_lost(std::min(lost, static_cast<std::uint64_t>((t - *t0) / period + 1)));
 }
 
 void VideoSource::deliver(const RawFrame& frame, BenchTime arrival) {
@@ -106,7 +116,9 @@ void VideoSource::deliver(const RawFrame& frame, BenchTime arrival) {
   const FrameInstant instant = frame_instant(frame, plan_.shutter, realtime_ahead);
   const CaptureCount::Step step = count_.step(frame.sequence, instant.t);
   if (step.late) return;
-  count_lost(step.lost);
+  const auto place = in_run_.place(origin(), instant.t, plan_.shutter.period, step.sequence, step.lost);
+  if (!place) return;
+  count_lost(place->lost);
   SampleLease slot = take_slot();
   if (!slot) return hand_over(std::move(slot));
   Sample& s = slot.edit();
@@ -117,7 +129,7 @@ void VideoSource::deliver(const RawFrame& frame, BenchTime arrival) {
   if (converted == Converted::refused) health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
   if (converted == Converted::refused || (incomplete && settings_.drop_incomplete)) return count_lost(1);
   s.stamp = {};
-  s.stamp.sequence = step.sequence;
+  s.stamp.sequence = place->sequence;
   s.stamp.t_capture = instant.t;
   s.stamp.sigma_capture = virtual_time_ && plan_.shutter.exposure_known ? Duration{} : instant.sigma;
   s.stamp.t_release = instant.t + config().latency;

@@ -31,18 +31,20 @@ class VideoSource : public StreamSource {
   Status do_configure(const ChannelConfig& config) override;
   /// Setup thread: takes the memory for samples of this plan, and describes them.
   void open_samples(Plan plan, bool virtual_time);
-  /// I/O thread. What is lost before, and what cannot be handed on, is counted. `arrival`: 0 stands for now.
+  /// I/O thread. What is lost before, and what cannot be handed on, is counted; a frame of before the run is
+  /// neither. `arrival`: 0 stands for now.
   void deliver(const RawFrame& frame, BenchTime arrival = {});
   /// I/O thread: the device is to be opened anew, and will count anew.
   void restart_count() noexcept { count_.restart(); }
   /// I/O thread: nothing came until `t`.
-  void give_up_until(BenchTime t) noexcept { count_lost(count_.give_up_until(t)); }
+  void give_up_until(BenchTime t) noexcept;
 
   Settings settings_;
   Plan plan_;
 
  private:
-  CaptureCount count_;
+  CaptureCount count_;  ///< since the device was opened
+  RunSequence in_run_;
   std::unique_ptr<FrameConverter> converter_;
   bool virtual_time_ = false;
 };

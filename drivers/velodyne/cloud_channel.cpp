@@ -16,7 +16,7 @@ Status CloudChannel::do_configure(const ChannelConfig& config) {
   return {};
 }
 
-Status CloudChannel::open_clouds(Model model, bool virtual_time) {
+Status CloudChannel::open_clouds(Model model, Feed feed) {
   Calibration calibration = factory_calibration(model);
   if (!settings_.calibration.empty()) {
     auto loaded = load_calibration(settings_.calibration, model);
@@ -26,11 +26,12 @@ Status CloudChannel::open_clouds(Model model, bool virtual_time) {
   auto decoder = PacketDecoder::create(model, calibration, settings_.rings);
   if (!decoder) return tl::unexpected<Error>(decoder.error());
   stream_ = std::make_unique<CloudStream>(std::move(*decoder), settings_.stream);
-  virtual_time_ = virtual_time;
+  feed_ = feed;
+  in_run_.reset();
   malformed_seen_ = 0;
   any_handed_ = false;
   last_release_ = {};
-  open_stream(settings_.buffers, description_.max_bytes, virtual_time);
+  open_stream(settings_.buffers, description_.max_bytes, feed == Feed::virtual_time);
   return {};
 }
 
@@ -69,7 +70,13 @@ void CloudChannel::take(Bytes datagram, BenchTime arrival) {
 }
 
 void CloudChannel::hand(const Cloud& c) noexcept {
-  if (c.lost_before > 0) count_lost(c.lost_before);
+  RunSequence::Place place{c.sequence, c.lost_before};
+  if (feed_ == Feed::live) {
+    const auto in_run = in_run_.place(origin(), c.t_capture, config().period, c.sequence, c.lost_before);
+    if (!in_run) return;
+    place = *in_run;
+  }
+  if (place.lost > 0) count_lost(place.lost);
   SampleLease slot = take_slot();
   const BenchTime release = c.t_capture + config().latency;
   last_release_ = release;
@@ -82,10 +89,10 @@ void CloudChannel::hand(const Cloud& c) noexcept {
     if (count > 0) std::memcpy(s.memory().data(), c.points.data(), s.size_bytes);
     s.info = PointCloudInfo{static_cast<std::uint32_t>(count)};
     s.stamp = {};
-    s.stamp.sequence = c.sequence;
+    s.stamp.sequence = place.sequence;
     s.stamp.t_capture = c.t_capture;
     s.stamp.t_release = release;
-    s.stamp.t_arrival = virtual_time_ ? release : bench_now();
+    s.stamp.t_arrival = feed_ == Feed::virtual_time ? release : bench_now();
     s.stamp.sigma_capture = c.sigma;
     s.stamp.validity = c.validity;
     if ((c.validity & kIncomplete) != 0) health_.incomplete.fetch_add(1, std::memory_order_relaxed);

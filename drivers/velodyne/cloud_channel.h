@@ -16,14 +16,15 @@ class CloudChannel : public StreamSource {
 
  protected:
   Status do_configure(const ChannelConfig& config) override;
+  /// Where the packets come from: a device that measures since before the run; packets of a recording, which
+  /// begins with the run; either in virtual time.
+  enum class Feed : std::uint8_t { live, recording, virtual_time };
   /// Setup: memory and decoder for this model. bad_input: the calibration.
-  [[nodiscard]] Status open_clouds(Model model, bool virtual_time);
+  [[nodiscard]] Status open_clouds(Model model, Feed feed);
   /// Producer thread: one datagram. Clouds go to the loop.
   void take(Bytes datagram, BenchTime arrival);
   /// The model by what packets say and show; a contradiction becomes a warning. unavailable: neither tells.
   [[nodiscard]] Result<Model> decide_model(std::uint8_t product, const ModelEvidence& evidence);
-
-  [[nodiscard]] bool virtual_time() const { return virtual_time_; }
 
   SourceSettings settings_;
   std::unique_ptr<CloudStream> stream_;
@@ -33,7 +34,8 @@ class CloudChannel : public StreamSource {
 
  private:
   void hand(const Cloud& cloud) noexcept;
-  bool virtual_time_ = false;
+  Feed feed_ = Feed::live;
+  RunSequence in_run_;
   std::uint64_t malformed_seen_ = 0;
   CloudStream::Hand hand_;
 };

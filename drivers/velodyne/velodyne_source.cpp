@@ -41,6 +41,7 @@ Status VelodyneSource::do_arm(const ArmContext& context) {
   warnings_.clear();
   for (auto* c : {&packets_, &packets_lost_, &kernel_drops_, &foreign_, &positions_, &clock_steps_}) *c = 0;
   if (auto s = deadline_.open(); !s) return s;
+  stop_ = false;
   if (!settings_.file.empty()) return arm_file(context.virtual_time);
   if (context.virtual_time)
     return fail(
@@ -95,8 +96,11 @@ Status VelodyneSource::arm_network() {
                    "`address` is this machine's (0.0.0.0 takes broadcasts)"));
   const auto model = decide_model(product, evidence);
   if (!model) return tl::unexpected<Error>(model.error());
-  if (auto s = open_clouds(*model, false); !s) return s;
+  if (auto s = open_clouds(*model, Feed::live); !s) return s;
+  stream_->set_epoch(read_epoch());
+  t_last_packet_ = bench_now();
   health_.connected = true;
+  thread_ = std::thread([this] { run_network(); });
   return {};
 }
 
@@ -129,27 +133,17 @@ Status VelodyneSource::arm_file(bool virtual_time) {
   const auto model = decide_model(product, evidence);
   if (!model) return tl::unexpected<Error>(model.error());
   if (auto s = open(); !s) return s;
-  if (auto s = open_clouds(*model, virtual_time); !s) return s;
+  if (auto s = open_clouds(*model, virtual_time ? Feed::virtual_time : Feed::recording); !s) return s;
   file_ended_ = false;
   health_.connected = true;
+  if (!virtual_time) thread_ = std::thread([this] { run_file(); });
   return {};
 }
 
 Status VelodyneSource::do_start(BenchTime t0) {
   t0_ = t0;
-  stop_ = false;
-  deadline_.reset();
-  stream_->set_epoch(settings_.file.empty() ? read_epoch() : EpochPair{t0, first_stamp_, Duration(0)});
-  if (settings_.file.empty()) {
-    // What came between arm and start is past.
-    const EpochPair epoch = read_epoch();
-    while (!data_.receive(epoch).empty()) {
-    }
-    t_last_packet_ = bench_now();
-    thread_ = std::thread([this] { run_network(); });
-  } else if (!virtual_time()) {
-    thread_ = std::thread([this, t0] { run_file(t0); });
-  }
+  // Of a recording; its thread waits for the origin, which is published after this.
+  if (!settings_.file.empty()) stream_->set_epoch({t0, first_stamp_, Duration(0)});
   return {};
 }
 
@@ -267,11 +261,13 @@ bool VelodyneSource::next_of_file(BenchTime t0, BenchTime& due, Bytes& payload) 
   return false;
 }
 
-void VelodyneSource::run_file(BenchTime t0) {
+void VelodyneSource::run_file() {
   pthread_setname_np(pthread_self(), "velodyne-file");
+  const auto t0 = origin().wait(deadline_);
+  if (!t0) return;
   BenchTime due;
   Bytes payload;
-  while (next_of_file(t0, due, payload)) {
+  while (next_of_file(*t0, due, payload)) {
     if (!deadline_.wait_until(MonotonicTime(due.ns()))) return;
     take(payload, due);
     publish();

@@ -3,6 +3,7 @@
 // Network: a thread takes datagrams in batches with the kernel's stamps. `arm` listens for up to 2 s: which
 // model it is, and that it is there at all. A second without a packet, and `connected` falls until the next
 // one comes (`reconnects` counts those); an interface that goes away is opened again with growing pauses.
+// Packets are read from arm on; clouds of before the run are discarded, and the packets teach the clock map.
 //
 // Recording: packets come at the distances that their stamps have, from the run's start on; in virtual time
 // exactly so, by the wall clock as well as this machine wakes. At its end `connected` falls.
@@ -44,7 +45,7 @@ class VelodyneSource final : public CloudChannel {
   Status arm_network();
   Status arm_file(bool virtual_time);
   void run_network();
-  void run_file(BenchTime t0);
+  void run_file();
   void receive_data(const EpochPair& epoch);
   void receive_position(const EpochPair& epoch);
   bool next_of_file(BenchTime t0, BenchTime& due, Bytes& payload);

@@ -34,7 +34,7 @@ Status VirtualSource::do_arm(const ArmContext& context) {
                                      std::to_string(config().latency.seconds() * 1e3))
             .error());
   warnings_.clear();
-  if (auto s = open_clouds(device_settings_.model, true); !s) return s;
+  if (auto s = open_clouds(device_settings_.model, Feed::virtual_time); !s) return s;
   if (model_of(device_settings_.product) != device_settings_.model && !settings_.model)
     (void)decide_model(device_settings_.product, ModelEvidence{});
   device_.emplace(std::move(*device));

@@ -51,6 +51,7 @@ Status Channel::configure(const ChannelConfig& config) {
 
 Status Channel::arm(const ArmContext& context) {
   if (state_ != ChannelState::configured) return refused(config_.name, "arm", state_, "configured");
+  origin_.forget();
   if (auto status = do_arm(context); !status) return status;
   state_ = ChannelState::armed;
   return {};
@@ -59,6 +60,7 @@ Status Channel::arm(const ArmContext& context) {
 Status Channel::start(BenchTime t0) {
   if (state_ != ChannelState::armed) return refused(config_.name, "start", state_, "armed");
   if (auto status = do_start(t0); !status) return status;
+  origin_.publish(t0);
   state_ = ChannelState::running;
   return {};
 }

@@ -5,10 +5,23 @@
 //
 //   created ──configure──▶ configured ──arm──▶ armed ──start──▶ running ──stop──▶ configured
 //
-//   configure  parses the channel's own keys; touches nothing outside        setup thread
-//   arm        opens the device, takes all memory, starts I/O threads idle   setup thread
-//   start      from now on samples are captured                              setup thread
-//   stop       ends capture, joins threads, closes the device                setup thread
+//   configure  parses the channel's own keys; touches nothing outside                setup thread
+//   arm        everything slow: opens the device, starts its stream and the I/O
+//              threads, takes all memory                                             setup thread
+//   start      publishes t0, the instant at which the run begins                     loop thread
+//   stop       ends capture, joins threads, closes the device                        setup thread
+//
+// An armed channel waits for t0 for as long as the other channels of the rig need to arm. Meanwhile
+//   - what a free-running device measures is read and discarded, so that nothing overflows; it may teach a
+//     clock map. A sample of the run was captured at t0 or later, or at most half a period before it
+//     (RunOrigin::covers).
+//   - what measures on the grid of t0 (pollers, triggers, recordings) waits for it.
+//   - a sink keeps its device safe and does not judge the loop's heartbeat.
+//   - a device that goes away is looked for as in a run: the run then begins with `connected` false.
+//
+// So `start` is brief: do_start creates no thread, does no I/O, takes no lock that another thread holds for
+// long, and allocates nothing large. The loop calls it on its own (SCHED_FIFO) thread a few milliseconds
+// before the first cycle. Emulators, and sources in virtual time, are not bound by that.
 //
 // Two edges more than drawn: `configure` may be called again on a configured channel, and `stop` disarms an
 // armed one (another channel of the rig failed to arm). A call that the state does not allow returns
@@ -26,6 +39,7 @@
 #include "rt-core/period.h"
 #include "rt-core/result.h"
 #include "rt-core/time.h"
+#include "sensor-hal/channel/run_origin.h"
 #include "sensor-hal/config/yaml.h"
 #include "sensor-hal/types/sample.h"
 
@@ -97,8 +111,14 @@ class Channel {
   /// by the caller.
   virtual Status do_configure(const ChannelConfig& config) = 0;
   virtual Status do_arm(const ArmContext& context) = 0;
-  virtual Status do_start(BenchTime t0) = 0;
+  /// The origin is published after it, so that what it writes is visible to the threads that wait for t0.
+  virtual Status do_start(BenchTime t0) {
+    (void)t0;
+    return {};
+  }
   virtual Status do_stop() = 0;
+  /// Unknown from arm until start.
+  [[nodiscard]] const RunOrigin& origin() const noexcept { return origin_; }
 
   ChannelDescription description_;
   Health health_;
@@ -106,6 +126,7 @@ class Channel {
  private:
   ChannelState state_ = ChannelState::created;
   ChannelConfig config_;
+  RunOrigin origin_;
 };
 
 /// Gives samples to the loop.
@@ -133,8 +154,9 @@ struct Command {
   std::array<double, 16> value{};
 };
 
-/// Takes commands from the loop. Its I/O thread watches the loop's heartbeat by itself: when the loop is
-/// stuck, gone or told to stop, the thread applies the channel's `safe:` values without being asked.
+/// Takes commands from the loop. Once started, its I/O thread watches the loop's heartbeat by itself: when
+/// the loop is stuck, gone or told to stop, the thread applies the channel's `safe:` values without being
+/// asked.
 class Sink : public Channel {
  public:
   /// Loop thread, wait-free. False when the ring to the I/O thread is full; the command is then lost and

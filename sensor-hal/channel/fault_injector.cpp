@@ -53,6 +53,8 @@ void FaultInjector::configure(const FaultSubject& subject, std::uint64_t seed, c
 Result<Fault*> FaultInjector::make_live(const ConfigNode& node) {
   auto spec = catch_config([&] { return read_fault(node, subject_, true); });
   if (!spec) return tl::unexpected<Error>(spec.error());
+  const std::lock_guard lock(live_mutex_);
+  if (ended_) return fail(ErrorCode::wrong_state, subject_.channel, "the run has ended; no fault can begin");
   std::size_t there = scheduled_.size();
   for (const auto& f : live_) there += !f->over.load(std::memory_order_acquire);
   if (there >= kMost)
@@ -104,19 +106,24 @@ Status FaultInjector::schedule_live(const ConfigNode& node, std::uint32_t index,
   return {};
 }
 
-void FaultInjector::start(BenchTime t0, Period loop_period) {
+void FaultInjector::arm() {
+  all_.reserve(2 * kMost);
+  active_.reserve(2 * kMost);
+  if (!event_pool_) event_pool_ = make_sample_pool(2 * events_.size(), 0);
+  const std::lock_guard lock(live_mutex_);
+  ended_ = false;
+}
+
+void FaultInjector::start(BenchTime t0, Period loop_period) noexcept {
   t0_ = t0;
   period_ = loop_period;
   any_cycle_ = false;
   all_.clear();
   active_.clear();
-  all_.reserve(2 * kMost);
-  active_.reserve(2 * kMost);
   for (const auto& f : scheduled_) {
     forget_run(*f);
     all_.push_back(f.get());
   }
-  if (!event_pool_) event_pool_ = make_sample_pool(2 * events_.size(), 0);
   for (auto& e : events_) e.reset();
   event_first_ = event_count_ = 0;
   event_sequence_ = 0;
@@ -124,6 +131,8 @@ void FaultInjector::start(BenchTime t0, Period loop_period) {
 }
 
 void FaultInjector::stop() noexcept {
+  const std::lock_guard lock(live_mutex_);
+  ended_ = true;
   running_ = false;
   for (const auto* list : {&scheduled_, &live_})
     for (const auto& f : *list) {

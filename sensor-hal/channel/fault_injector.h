@@ -2,6 +2,7 @@
 // draw, what they touched. FaultySource and FaultySink apply them.
 //
 //   setup     configure(subject, seed, params)   reads `faults`; FaultBench binds triggers and adds live ones
+//             arm()                              takes all memory
 //   start     start(t0, loop period)
 //   cycle     begin_cycle(now); for (Fault* f : active()) …; poll_event()
 //
@@ -16,6 +17,7 @@
 #include <atomic>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <span>
 #include <string>
 #include <vector>
@@ -83,8 +85,12 @@ class FaultInjector {
 
   /// Reads `faults` of a channel's keys. Throws ConfigError. What was there before is forgotten.
   void configure(const FaultSubject& subject, std::uint64_t seed, const ConfigNode& params);
-  void start(BenchTime t0, Period loop_period);
-  /// Gives back what faults hold. The loop has ended.
+  /// Before each run.
+  void arm();
+  /// Setup or loop thread; no allocation.
+  void start(BenchTime t0, Period loop_period) noexcept;
+  /// Gives back what faults hold; live ones are refused until the next arm. The loop has ended; the thread
+  /// that injects need not have.
   void stop() noexcept;
 
   [[nodiscard]] const FaultSubject& subject() const noexcept { return subject_; }
@@ -96,8 +102,8 @@ class FaultInjector {
   [[nodiscard]] const Earlier& earlier() const noexcept { return earlier_; }
 
   /// A live fault, to be given to `add`. Setup thread, or the one thread that injects while a run goes on.
-  /// bad_input, unavailable (there are too many). It belongs to the injector, for as long as it is not
-  /// `left`.
+  /// bad_input, unavailable (there are too many), wrong_state (the run has ended). It belongs to the
+  /// injector, for as long as it is not `left`.
   [[nodiscard]] Result<Fault*> make_live(const ConfigNode& node);
   /// A live fault of an earlier run, to come again at the same instants. Before start.
   [[nodiscard]] Status schedule_live(const ConfigNode& node, std::uint32_t index, Duration from,
@@ -123,6 +129,8 @@ class FaultInjector {
 
   FaultSubject subject_;
   std::uint64_t seed_ = 0;
+  std::mutex live_mutex_;  ///< make_live against stop; never the running loop
+  bool ended_ = false;     ///< guarded by live_mutex_
   std::vector<std::unique_ptr<Fault>> scheduled_, live_;
   Earlier earlier_;
   std::uint32_t next_index_ = 0;

@@ -20,17 +20,16 @@ Status FaultySink::do_configure(const ChannelConfig& config) {
 
 Status FaultySink::do_arm(const ArmContext& context) {
   loop_period_ = context.loop_period;
-  return inner_->arm(context);
+  if (auto s = inner_->arm(context); !s) return s;
+  faults_.arm();
+  return {};
 }
 
 Status FaultySink::do_start(BenchTime t0) {
+  if (auto s = inner_->start(t0); !s) return s;
   any_ = false;
   lost_ = 0;
   faults_.start(t0, loop_period_);
-  if (auto s = inner_->start(t0); !s) {
-    faults_.stop();
-    return s;
-  }
   return {};
 }
 

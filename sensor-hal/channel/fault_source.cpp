@@ -79,7 +79,9 @@ Status FaultySource::do_arm(const ArmContext& context) {
   loop_period_ = context.loop_period;
   if (auto s = inner_->arm(context); !s) return s;
   description_ = inner_->describe();  // a device tells its size when it is opened
+  faults_.arm();
   Status made;
+  bool used_before = false;
   {
     const std::lock_guard lock(room_mutex_);
     armed_ = true;
@@ -89,9 +91,10 @@ Status FaultySource::do_arm(const ArmContext& context) {
       if (owned_room_->pool->in_use() != 0) retired_.push_back(std::move(owned_room_));
       owned_room_.reset();
     }
+    used_before = owned_room_ != nullptr;
   }
-  // What was asked for before the channel was armed anew is still to come.
-  if (owned_room_) made = make_room(FaultKind::stuck);
+  // A fault of the run before may still be waiting to be taken up.
+  if (used_before) made = make_room(FaultKind::stuck);
   for (const auto& f : faults_.scheduled())
     if (made) made = make_room(f->spec.kind);
   if (made) return {};
@@ -133,6 +136,7 @@ Status FaultySource::make_room(FaultKind kind) {
 }
 
 Status FaultySource::do_start(BenchTime t0) {
+  if (auto s = inner_->start(t0); !s) return s;
   for (Waiting& w : waiting_) w = {};
   first_ = count_ = own_waiting_ = 0;
   ahead_.reset();
@@ -144,10 +148,6 @@ Status FaultySource::do_start(BenchTime t0) {
                   &accounts_.no_slot, &accounts_.waiting})
     n->store(0, std::memory_order_relaxed);
   faults_.start(t0, loop_period_);
-  if (auto s = inner_->start(t0); !s) {
-    faults_.stop();
-    return s;
-  }
   running_ = true;
   mirror_health();
   return {};

@@ -35,7 +35,6 @@ class NoteSink final : public Sink {
     health_.connected.store(true, std::memory_order_release);
     return {};
   }
-  Status do_start(BenchTime) override { return {}; }
   Status do_stop() override { return {}; }
 };
 

@@ -61,15 +61,16 @@ Status SimulatedSink::do_arm(const ArmContext& context) {
   loop_period_ = context.loop_period;
   ring_ = std::make_unique<SpscRing<Command>>(kRingPlaces);
   want_safe_ = false;
+  if (!virtual_time_) {
+    if (auto s = deadline_.open(); !s) return s;
+    thread_ = std::thread([this] { run(); });
+  }
   health_.connected.store(true, std::memory_order_release);
-  return virtual_time_ ? Status{} : deadline_.open();
+  return {};
 }
 
 Status SimulatedSink::do_start(BenchTime t0) {
-  make_safe(t0);
-  if (virtual_time_) return {};
-  deadline_.reset();
-  thread_ = std::thread([this] { run(); });
+  make_safe(t0);  // the model's lock is free: the thread waits for the origin
   return {};
 }
 
@@ -77,7 +78,7 @@ Status SimulatedSink::do_stop() {
   if (thread_.joinable()) {
     deadline_.cut();
     thread_.join();
-    make_safe(bench_now());
+    if (state() == ChannelState::running) make_safe(bench_now());
   }
   Command c;
   while (ring_ && ring_->try_pop(c)) counters_.dropped.fetch_add(1, std::memory_order_relaxed);
@@ -105,6 +106,7 @@ void SimulatedSink::complete_until(BenchTime now) {
 }
 
 void SimulatedSink::run() {
+  if (!origin().wait(deadline_)) return;
   while (deadline_.wait_until(monotonic_now() + kTick)) {
     const MonotonicTime now = monotonic_now();
     const bool unsafe_loop = heartbeat_ && must_be_safe(heartbeat_->check(now, heartbeat_deadline_));

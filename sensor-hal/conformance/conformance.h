@@ -11,15 +11,20 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <time.h>
 
 #include <algorithm>
 #include <cstring>
+#include <filesystem>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <string>
+#include <thread>
 #include <vector>
 
+#include "rt-core/heartbeat.h"
 #include "sensor-hal/channel/channel.h"
 #include "sensor-hal/channel/emulator.h"
 
@@ -56,6 +61,24 @@ template <class T>
 inline std::string name_of_case(const testing::TestParamInfo<SourceCase>& info) { return info.param.name; }
 inline std::ostream& operator<<(std::ostream& out, const SourceCase& c) { return out << c.name; }
 
+/// What a call did on this thread that the loop must not do: give up the processor, and create threads.
+struct CallCost {
+  long waits = std::numeric_limits<long>::max();
+  std::ptrdiff_t threads = std::numeric_limits<std::ptrdiff_t>::max();
+
+  [[nodiscard]] static CallCost now() {
+    rusage usage{};
+    getrusage(RUSAGE_THREAD, &usage);
+    const std::filesystem::directory_iterator tasks("/proc/self/task");
+    return {usage.ru_nvcsw, std::distance(begin(tasks), end(tasks))};
+  }
+  /// Keeps the lesser: a page of a test's own may be read from disk, a thread of an emulator may come or go.
+  void keep_least(const CallCost& before, const CallCost& after) {
+    waits = std::min(waits, after.waits - before.waits);
+    threads = std::min(threads, std::max<std::ptrdiff_t>(0, after.threads - before.threads));
+  }
+};
+
 class SourceConformance : public testing::TestWithParam<SourceCase> {
  protected:
   static constexpr Duration kCycle = milliseconds(1);
@@ -77,17 +100,25 @@ class SourceConformance : public testing::TestWithParam<SourceCase> {
     const auto s = source_->configure(config_);
     ASSERT_TRUE(s) << s.error().text();
   }
-  /// Arms and starts; the first cycle is the next.
-  void start() {
+  void arm() {
     ArmContext context;
     context.virtual_time = backend_->virtual_time();
     context.loop_period = kCycle;
-    auto s = source_->arm(context);
+    const auto s = source_->arm(context);
     ASSERT_TRUE(s) << s.error().text();
+  }
+  /// Starts what is armed; the first cycle is the next.
+  void begin() {
     t0_ = backend_->virtual_time() ? backend_->virtual_t0() : bench_now() + milliseconds(50);
-    s = source_->start(t0_);
+    const CallCost before = CallCost::now();
+    const auto s = source_->start(t0_);
+    start_cost_.keep_least(before, CallCost::now());
     ASSERT_TRUE(s) << s.error().text();
     cycle_ = 0;
+  }
+  void start() {
+    arm();
+    if (!HasFatalFailure()) begin();
   }
   void stop() {
     const auto s = source_->stop();
@@ -154,6 +185,7 @@ class SourceConformance : public testing::TestWithParam<SourceCase> {
   std::int64_t cycle_ = 0;
   std::uint64_t delivered_ = 0;
   std::vector<std::int64_t> poll_ns_;
+  CallCost start_cost_;
   std::vector<SampleLease> held_;
 };
 
@@ -192,6 +224,45 @@ TEST_P(SourceConformance, CanBeDisarmedWithoutHavingRun) {
   EXPECT_FALSE(source_->poll(BenchTime(0)));
   stop();
   EXPECT_EQ(source_->state(), ChannelState::configured);
+  start();
+  EXPECT_FALSE(collect(1).empty());
+  stop();
+}
+
+// Other channels may take long to arm. What a device measures meanwhile is not of the run.
+TEST_P(SourceConformance, WaitsForTheRunToBeginForAsLongAsItTakes) {
+  configure();
+  for (int round = 0; round < 3; ++round) {
+    const Health& h = source_->health();
+    const auto counted = [&] {
+      return std::vector<std::uint64_t>{h.received, h.incomplete, h.lost, h.no_slot, h.ring_full};
+    };
+    const auto before = counted();
+    arm();
+    if (!backend_->virtual_time())
+      std::this_thread::sleep_for(std::chrono::milliseconds(round == 0 ? 300 : 20));
+    EXPECT_FALSE(source_->poll(BenchTime::never())) << "handed over before the run";
+    EXPECT_EQ(counted(), before) << "received, incomplete, lost, no slot, ring full";
+    begin();
+    const auto samples = collect(few());
+    ASSERT_GE(samples.size(), static_cast<std::size_t>(few()));
+    for (const SampleLease& s : samples) {
+      const Stamp& stamp = s->stamp;
+      EXPECT_GE(stamp.t_capture, t0_ - config_.period / 2) << "of before the run";
+      // No further than the grid of t0; by one where the device is out of phase with it.
+      if (config_.period.ns() > 0) {
+        EXPECT_LE(static_cast<std::int64_t>(stamp.sequence),
+                  config_.period.nearest_index(stamp.t_capture - t0_) + 1);
+      }
+    }
+    if (config_.period.ns() <= 0) {
+      EXPECT_EQ(samples.front()->stamp.sequence, 0u);
+    }
+    stop();
+  }
+  if (backend_->virtual_time()) return;
+  EXPECT_EQ(start_cost_.waits, 0) << "start() blocks; the loop calls it on its own thread";
+  EXPECT_EQ(start_cost_.threads, 0) << "start() creates threads";
 }
 
 TEST_P(SourceConformance, RefusesUnknownKeysAndStaysAsItWas) {
@@ -324,8 +395,7 @@ TEST_P(SourceConformance, CountsWhatFindsNoSlotAndGoesOn) {
 
 TEST_P(SourceConformance, CountsWhatItGave) {
   configure();
-  const auto received_before =
-      source_->health().received.load();  // a replay reads ahead as soon as it is armed
+  const auto received_before = source_->health().received.load();
   start();
   const Health& h = source_->health();
   // At an instant when nothing is on its way the counts agree exactly. A source that counts too much or loses
@@ -366,7 +436,7 @@ GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(SourceConformance);
 class ChannelUnderTest {
  public:
   virtual ~ChannelUnderTest() = default;
-  /// Created, attached and watched, as arm needs it.
+  /// Created and attached, as arm needs it.
   [[nodiscard]] virtual std::unique_ptr<Channel> make() = 0;
   [[nodiscard]] virtual ChannelConfig config() = 0;
   [[nodiscard]] virtual ChannelConfig config_with_unknown_key() = 0;
@@ -455,5 +525,72 @@ TEST_P(LifecycleConformance, RefusesUnknownKeysAndStaysAsItWas) {
   EXPECT_TRUE(channel_->configure(backend_->config()));
 }
 GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(LifecycleConformance);
+
+/// Sinks in wall time, in addition: between arm and start nobody commands, and the device is safe.
+class SinkConformance : public LifecycleConformance {
+ protected:
+  void SetUp() override {
+    LifecycleConformance::SetUp();
+    if (IsSkipped()) return;
+    sink_ = dynamic_cast<Sink*>(channel_.get());
+    ASSERT_NE(sink_, nullptr);
+    heartbeat_.restart(false);
+    sink_->watch(&heartbeat_, milliseconds(100));
+    const auto s = sink_->configure(backend_->config());
+    ASSERT_TRUE(s) << s.error().text();
+  }
+  void arm() {
+    const auto s = sink_->arm(context_);
+    ASSERT_TRUE(s) << s.error().text();
+  }
+  /// For at most ten seconds; the loop beats meanwhile or is as it was.
+  bool eventually(bool beats, const std::function<bool()>& holds) {
+    const BenchTime until = bench_now() + seconds(10);
+    while (!holds() && bench_now() < until) {
+      if (beats) heartbeat_.beat(bench_now());
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    return holds();
+  }
+  Heartbeat heartbeat_;
+  Sink* sink_ = nullptr;
+};
+
+TEST_P(SinkConformance, JudgesTheLoopOnlyOnceTheRunHasBegun) {
+  heartbeat_.declare_stopped(StopReason::requested);  // of the run before
+  arm();
+  std::this_thread::sleep_for(std::chrono::milliseconds(300));
+  EXPECT_EQ(sink_->counters().made_safe.load(), 0u);
+  EXPECT_TRUE(sink_->health().connected.load());
+  ASSERT_TRUE(sink_->start(bench_now()));
+  EXPECT_TRUE(eventually(false, [&] { return sink_->counters().made_safe.load() == 1; }))
+      << "the loop has stopped, and nobody made the device safe";
+  ASSERT_TRUE(sink_->stop());
+}
+
+TEST_P(SinkConformance, AppliesCommandsHoweverLongItWaitedForTheRun) {
+  CallCost cost;
+  for (int round = 0; round < 3; ++round) {
+    arm();
+    std::this_thread::sleep_for(std::chrono::milliseconds(round == 0 ? 300 : 5));
+    const std::uint64_t applied = sink_->counters().applied.load();
+    const CallCost before = CallCost::now();
+    const auto s = sink_->start(bench_now() + milliseconds(20));
+    cost.keep_least(before, CallCost::now());
+    ASSERT_TRUE(s) << s.error().text();
+    heartbeat_.beat(bench_now());
+    Command c;
+    c.t_issue = bench_now() + milliseconds(20);
+    c.t_effect = c.t_issue + milliseconds(5);
+    c.count = static_cast<std::uint32_t>(sink_->describe().names.size());
+    ASSERT_TRUE(sink_->command(c));
+    EXPECT_TRUE(eventually(true, [&] { return sink_->counters().applied.load() == applied + 1; }));
+    EXPECT_EQ(sink_->counters().made_safe.load(), 0u);
+    ASSERT_TRUE(sink_->stop());
+  }
+  EXPECT_EQ(cost.waits, 0) << "start() blocks; the loop calls it on its own thread";
+  EXPECT_EQ(cost.threads, 0) << "start() creates threads";
+}
+GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(SinkConformance);
 
 }  // namespace rigor::conformance

@@ -27,7 +27,8 @@ Result<std::unique_ptr<Recorder>> Recorder::create(std::unique_ptr<record::ByteS
   impl->options = std::move(options);
   impl->channels = std::move(channels);
   impl->sinks = std::move(sinks);
-  if (auto s = impl->open(std::move(sink), metadata); !s) return tl::unexpected<Error>(s.error());
+  impl->metadata = std::move(metadata);
+  if (auto s = impl->open(std::move(sink)); !s) return tl::unexpected<Error>(s.error());
   std::unique_ptr<Recorder> recorder(new Recorder(std::move(impl)));
   Impl& i = *recorder->impl_;
   for (std::size_t c = 0; c < i.channels.size(); ++c) {
@@ -98,6 +99,13 @@ void Recorder::Impl::sample(std::uint32_t index, const SampleLease& lease) noexc
     }
     drop(s);
   }
+}
+
+void Recorder::begin(BenchTime t0) noexcept {
+  Impl::Item item;
+  item.kind = Impl::Item::Kind::begin;
+  item.t = t0;
+  (void)impl_->push(std::move(item));  // it is the first: there is a place
 }
 
 void Recorder::record(std::uint32_t channel, const SampleLease& sample) noexcept {

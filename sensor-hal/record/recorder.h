@@ -1,6 +1,7 @@
 // The recorder: everything a run saw, written off the loop.
 //
 //   loop                                            writer thread
+//   begin(t0)              ──ring──▶                writes the metadata, and which topics there are
 //   record(left, lease)       ──ring──▶             waits for the sample's release
 //   record_visibility(...)                          …
 //   end_cycle(k, t)                                 writes what was released by t, ordered by
@@ -68,13 +69,12 @@ struct RecorderOptions {
   std::size_t places = 16384;  ///< of the ring to the writer
   std::size_t budget_bytes = 256u << 20;
   EpochPair epoch = kVirtualEpoch;
-  BenchTime t0;  ///< of the first cycle; goes into the metadata with the loop's period, replay needs them
-  Period loop_period = milliseconds(1);
+  Period loop_period = milliseconds(1);  ///< goes into the metadata with t0, replay needs them
   record::WriterOptions writer;
   record::FileSinkOptions file;
 };
 
-/// One run's recording. `create` and `stop`: setup thread. record*, end_cycle: loop thread, noexcept,
+/// One run's recording. `create` and `stop`: setup thread. begin, record*, end_cycle: loop thread, noexcept,
 /// wait-free, without allocation (in virtual time they may wait). The rest: any thread.
 class Recorder {
  public:
@@ -99,6 +99,8 @@ class Recorder {
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
+  /// Once, before anything is recorded: the run begins at t0. Until then the file has only its header.
+  void begin(BenchTime t0) noexcept;
   /// A sample of a channel that is no pair, in the order of its sequence; it may come before its release.
   void record(std::uint32_t channel, const SampleLease& sample) noexcept;
   void record_side(std::uint32_t channel, PairSide side, const SampleLease& sample) noexcept;

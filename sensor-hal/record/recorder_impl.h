@@ -26,6 +26,7 @@ struct Recorder::Impl {
   struct Item {
     enum class Kind : std::uint8_t {
       none,
+      begin,
       sample,
       copy,
       visibility,
@@ -40,9 +41,9 @@ struct Recorder::Impl {
     bool has_sample = false;
     std::uint32_t channel = 0;
     std::uint64_t cycle = 0;  // visibility, skipped, end_cycle
-    BenchTime t;
-    SampleLease lease;  // sample, copy, event
-    Stamp stamp;        // visibility: of the visible sample; skipped: sequence is the count
+    BenchTime t;              // begin: t0
+    SampleLease lease;        // sample, copy, event
+    Stamp stamp;              // visibility: of the visible sample; skipped: sequence is the count
     Command command;
   };
 
@@ -105,7 +106,8 @@ struct Recorder::Impl {
 
   // Writer.
   std::thread thread;
-  std::map<std::string, std::string> closing_metadata;
+  std::map<std::string, std::string> metadata, closing_metadata;
+  std::map<std::string, std::uint16_t, std::less<>> schemas;
   std::unique_ptr<record::McapWriter> writer;
   record::CdrWriter cdr;
   std::priority_queue<Waiting> waiting;
@@ -115,7 +117,7 @@ struct Recorder::Impl {
   std::uint32_t visibility_count = 0, event_count = 0, window_count = 0;
   std::uint64_t noted_drops = 0;
   BenchTime noted_at{std::numeric_limits<std::int64_t>::min()};
-  bool any_cycle = false;
+  bool begun = false, any_cycle = false;
   BenchTime last_t;
   std::uint64_t cycles = 0;  // one more than the last that was ended
   record::msg::PortVisibility visibility;
@@ -144,9 +146,7 @@ struct Recorder::Impl {
   }
 
   // ---- setup ----
-  Status open(std::unique_ptr<record::ByteSink> sink, const std::map<std::string, std::string>& metadata);
-  Result<std::uint16_t> add_topic(const std::string& topic, std::string_view type);
-  std::map<std::string, std::uint16_t, std::less<>> schemas;
+  Status open(std::unique_ptr<record::ByteSink> sink);
 
   // ---- loop ----
   bool push(Item&& item) noexcept;
@@ -160,6 +160,8 @@ struct Recorder::Impl {
   }
 
   // ---- writer ----
+  Status write_beginning(BenchTime t0);
+  Result<std::uint16_t> add_topic(const std::string& topic, std::string_view type);
   void work();
   void take(Item&& item);
   void end_cycle(const Item& tick);

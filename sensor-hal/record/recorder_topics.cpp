@@ -1,4 +1,5 @@
-// Setup of a recording: its topics, the streams of its channels, the rings to the writer.
+// Setup of a recording: the streams of its channels, the rings to the writer; and what the writer begins the
+// file with: the run's metadata, and its topics.
 #include <set>
 
 #include "sensor-hal/channel/pair_monitor.h"
@@ -20,8 +21,7 @@ Result<std::uint16_t> Recorder::Impl::add_topic(const std::string& topic, std::s
   return writer->add_channel(c);
 }
 
-Status Recorder::Impl::open(std::unique_ptr<record::ByteSink> sink,
-                            const std::map<std::string, std::string>& metadata) {
+Status Recorder::Impl::open(std::unique_ptr<record::ByteSink> sink) {
   std::set<std::string> names;
   for (const auto& c : channels) {
     if (c.name.empty() || !names.insert(c.name).second)
@@ -31,14 +31,6 @@ Status Recorder::Impl::open(std::unique_ptr<record::ByteSink> sink,
   auto opened = record::McapWriter::open(std::move(sink), options.writer);
   if (!opened) return tl::unexpected<Error>(opened.error());
   writer = std::move(*opened);
-  record::Metadata run{"rigor", metadata};
-  run.values["t0_ns"] = std::to_string(options.t0.ns());
-  run.values["loop_period_ns"] = std::to_string(options.loop_period.ns());
-  // In recordings of a whole period it would say the same twice.
-  if (!options.loop_period.whole()) run.values["loop_rate_hz"] = rate_text(options.loop_period);
-  run.values["utc_of_bench_0_ns"] = std::to_string(to_utc.ns());
-  if (auto s = writer->add_metadata(run); !s) return s;
-
   streams.resize(channels.size() * 2);
   observers.resize(channels.size());
   sides.resize(channels.size());
@@ -57,20 +49,38 @@ Status Recorder::Impl::open(std::unique_ptr<record::ByteSink> sink,
       sc.register_units = c.description.units;
       sc.to_utc = to_utc;
       stream->encoder = std::make_unique<record::SampleEncoder>(sc);
-      for (const auto& s : stream->encoder->streams()) {
-        auto id = add_topic(s.topic, s.type);
-        if (!id) return tl::unexpected<Error>(id.error());
-        stream->ids.push_back(*id);
-      }
       if (c.camera && c.description.kind == SampleKind::image) {
         stream->camera = c.camera;
         stream->camera->header.frame_id = c.description.frame_id;
-        auto id = add_topic("/" + stream->name + "/camera_info", record::msg::CameraInfo::kType);
-        if (!id) return tl::unexpected<Error>(id.error());
-        stream->camera_id = *id;
       }
       streams[i * 2 + side] = std::move(stream);
     }
+  }
+  options.places = std::max<std::size_t>(options.places, 64);
+  copies = make_sample_pool(options.places, kCopyBytes);
+  ring.emplace(options.places);
+  return {};
+}
+
+Status Recorder::Impl::write_beginning(BenchTime t0) {
+  record::Metadata run{"rigor", metadata};
+  run.values["t0_ns"] = std::to_string(t0.ns());
+  run.values["loop_period_ns"] = std::to_string(options.loop_period.ns());
+  // In recordings of a whole period it would say the same twice.
+  if (!options.loop_period.whole()) run.values["loop_rate_hz"] = rate_text(options.loop_period);
+  run.values["utc_of_bench_0_ns"] = std::to_string(to_utc.ns());
+  if (auto s = writer->add_metadata(run); !s) return s;
+  for (const auto& stream : streams) {
+    if (!stream) continue;
+    for (const auto& s : stream->encoder->streams()) {
+      auto id = add_topic(s.topic, s.type);
+      if (!id) return tl::unexpected<Error>(id.error());
+      stream->ids.push_back(*id);
+    }
+    if (!stream->camera) continue;
+    auto id = add_topic("/" + stream->name + "/camera_info", record::msg::CameraInfo::kType);
+    if (!id) return tl::unexpected<Error>(id.error());
+    stream->camera_id = *id;
   }
   for (auto [topic, type, id] :
        {std::tuple("/rigor/visibility", record::msg::PortVisibility::kType, &visibility_id),
@@ -86,10 +96,6 @@ Status Recorder::Impl::open(std::unique_ptr<record::ByteSink> sink,
     if (!added) return tl::unexpected<Error>(added.error());
     diagnostics_id = *added;
   }
-
-  options.places = std::max<std::size_t>(options.places, 64);
-  copies = make_sample_pool(options.places, kCopyBytes);
-  ring.emplace(options.places);
   return {};
 }
 

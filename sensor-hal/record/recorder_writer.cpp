@@ -53,8 +53,15 @@ void Recorder::Impl::work() {
 }
 
 void Recorder::Impl::take(Item&& item) {
+  if (!begun && item.kind != Item::Kind::begin)
+    set_error({ErrorCode::wrong_state, "recorder",
+               "something was recorded before begin() said when the run began"});
   switch (item.kind) {
     case Item::Kind::none:
+      break;
+    case Item::Kind::begin:
+      begun = true;
+      check(write_beginning(item.t));
       break;
     case Item::Kind::sample:
     case Item::Kind::copy: {

@@ -174,7 +174,7 @@ struct ReplaySource::Reader {
   std::size_t due = 0;                       ///< of `shown`: all before are settled
   std::map<std::size_t, SampleLease> early;  ///< by place in `shown`: read, while one before may yet come
   std::size_t most_early = 0;                ///< of them: who waits takes a slot
-  Duration shift;
+  Duration shift;                            ///< known when the run begins
   Health* health = nullptr;
 
   std::thread thread;
@@ -233,7 +233,13 @@ struct ReplaySource::Reader {
     return true;
   }
 
-  void run() {
+  void run(const RunOrigin& origin, BenchTime recorded_t0) {
+    auto t0 = origin.get();
+    for (; !t0; t0 = origin.get()) {
+      if (stopping.load(std::memory_order_acquire)) return;
+      std::this_thread::sleep_for(kNap);
+    }
+    shift = *t0 - recorded_t0;
     record::MessageFilter filter;
     for (const Stream& s : streams) {
       filter.topics.insert(s.topic);
@@ -415,13 +421,8 @@ Status ReplaySource::do_arm(const ArmContext&) {
   if (const VisibilityScript* script = recording_->visibility(channel_)) reader_->follow(*script);
   reader_->most_early = slots_ / 4;
   reader_->health = &health_;
-  return {};
-}
-
-Status ReplaySource::do_start(BenchTime t0) {
-  reader_->shift = t0 - recording_->t0();
   health_.connected.store(true, std::memory_order_relaxed);
-  reader_->thread = std::thread([r = reader_.get()] { r->run(); });
+  reader_->thread = std::thread([r = reader_.get(), this] { r->run(origin(), recording_->t0()); });
   return {};
 }
 

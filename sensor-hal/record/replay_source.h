@@ -95,7 +95,6 @@ class ReplaySource final : public Source {
  private:
   Status do_configure(const ChannelConfig& config) override;
   Status do_arm(const ArmContext& context) override;
-  Status do_start(BenchTime t0) override;
   Status do_stop() override;
 
   struct Reader;

@@ -73,7 +73,7 @@ TEST_F(HarvesterRig, ItsNextScansHaveTheTrunkOnTheGround) {
   const auto armed = bench.arm();
   ASSERT_TRUE(armed) << armed.error().text();
   StopSource stop;
-  const auto outcome = bench.run(stop.token(), BenchTime(0));
+  const auto outcome = bench.run(stop.token());
   ASSERT_TRUE(outcome) << outcome.error().text();
 
   // The first marked tree, cut by now.

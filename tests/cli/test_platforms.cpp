@@ -87,7 +87,7 @@ class Platforms : public ::testing::Test {
       return "";
     }
     StopSource stop;
-    auto outcome = bench.run(stop.token(), BenchTime(0));
+    auto outcome = bench.run(stop.token());
     if (!outcome) {
       ADD_FAILURE() << outcome.error().text();
       return "";

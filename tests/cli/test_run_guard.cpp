@@ -47,10 +47,9 @@ void run_under_guard(const std::string& file, ClockKind clock, Duration length,
   BenchRun run(parts, nullptr);
   run.want_digest(true);
   ASSERT_TRUE(run.arm());
-  const BenchTime t0 = wall ? bench_now() + seconds(1) : BenchTime{};
   auto output = RecordingFile::create(parts.rig.record.file, Existing::replace);
   ASSERT_TRUE(output) << output.error().text();
-  auto recorder = open_recording(parts, *output, t0, wall ? read_epoch() : kVirtualEpoch, {});
+  auto recorder = open_recording(parts, *output, wall ? read_epoch() : kVirtualEpoch, {});
   ASSERT_TRUE(recorder) << recorder.error().text();
   run.set_recorder(recorder->get());
   const Status installed = guard::install();
@@ -58,7 +57,7 @@ void run_under_guard(const std::string& file, ClockKind clock, Duration length,
   guard::clear();
   std::thread other;
   if (meanwhile) other = std::thread([&] { meanwhile(parts); });
-  auto outcome = run.run({}, t0);
+  auto outcome = run.run({});
   if (other.joinable()) other.join();
   const guard::Report report = guard::report();
   guard::uninstall();

@@ -63,6 +63,8 @@ void device_on_host(std::string_view bytes) {
   ScipClient client({});
   client.begin(0);
   ScanKeeper keeper;
+  RunOrigin origin;
+  origin.publish(BenchTime(0));
   bool started = false;
   static Sample sample = [] {
     Sample s;
@@ -79,12 +81,15 @@ void device_on_host(std::string_view bytes) {
     if (client.phase() == ScipClient::Phase::ready && !started) {
       started = true;
       (void)client.check();
-      keeper.begin(BenchTime(0), milliseconds(10), client.request(), client.parameters());
+      keeper.begin(milliseconds(10), client.request(), client.parameters());
       client.start(ns);
     }
     while (client.next_reading(reading)) keeper.reading(reading);
     while (client.next_scan(scan, arrival))
-      if (started && keeper.place(scan, BenchTime(arrival)).in_order) keeper.fill(scan, sample);
+      if (started) {
+        const auto kept = keeper.place(scan, BenchTime(arrival), origin);
+        if (kept.in_run && kept.in_order) keeper.fill(scan, sample);
+      }
   });
 }
 

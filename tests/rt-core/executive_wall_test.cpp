@@ -126,6 +126,67 @@ TEST(ExecutiveWall, RefusesAStartThatHasPassed) {
   ASSERT_TRUE(loop.run({}, bench_now() + milliseconds(150))) << "and can be asked again";
 }
 
+TEST(ExecutiveWall, BeginIsAskedForTheStartWhenTheThreadIsSetUp) {
+  std::vector<std::int64_t> cycles;
+  cycles.reserve(10);
+  Executive loop(wall_config(10, OverrunPolicy::skip));
+  ASSERT_TRUE(
+      loop.add_step({.name = "work"}, [&](const CycleContext& c) noexcept { cycles.push_back(c.t.ns()); }));
+  ASSERT_TRUE(loop.arm());
+  int asked = 0;
+  std::size_t set_up = 0;
+  BenchTime t0;
+  const std::thread::id here = std::this_thread::get_id();
+  const auto s = loop.run({}, [&]() -> Result<BenchTime> {
+    ++asked;
+    EXPECT_EQ(std::this_thread::get_id(), here);
+    set_up = loop.settings().size();
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));  // slow, and no cycle is lost by it
+    return t0 = bench_now() + milliseconds(50);
+  });
+  ASSERT_TRUE(s) << s.error().text();
+  EXPECT_EQ(asked, 1);
+  EXPECT_GT(set_up, 0u) << "asked before the thread had asked for its priority";
+  EXPECT_EQ(set_up, s->settings.size()) << "and what comes after it is not the thread's setup";
+  EXPECT_EQ(s->t0, t0);
+  ASSERT_FALSE(cycles.empty());
+  EXPECT_EQ((BenchTime(cycles.front()) - t0).ns() % milliseconds(2).ns(), 0);
+}
+
+TEST(ExecutiveWall, AStartThatHasPassedMeanwhileCostsTheCyclesBefore) {
+  std::vector<Seen> seen;
+  seen.reserve(50);
+  Executive loop(wall_config(50, OverrunPolicy::skip));
+  ASSERT_TRUE(loop.add_step({.name = "work"}, [&](const CycleContext& c) noexcept {
+    seen.push_back({c.index, c.t.ns(), monotonic_now().ns()});
+  }));
+  ASSERT_TRUE(loop.arm());
+  const auto s = loop.run({}, []() -> Result<BenchTime> { return bench_now() - milliseconds(11); });
+  ASSERT_TRUE(s) << s.error().text();
+  EXPECT_EQ(s->reason, StopReason::finished);
+  ASSERT_FALSE(seen.empty());
+  EXPECT_GE(seen.front().index, 5u) << "the cycles of 11 ms in a grid of 2 ms are over";
+  EXPECT_GE(s->cycles_skipped, 5u);
+  EXPECT_EQ(s->cycles_run + s->cycles_skipped, 50u);
+  ASSERT_FALSE(s->misses.misses.empty());
+  EXPECT_EQ(s->misses.misses.front().skipped, seen.front().index);
+}
+
+TEST(ExecutiveWall, ABeginThatFailsRunsNoCycle) {
+  Heartbeat heartbeat;
+  ExecutiveConfig c = wall_config(5, OverrunPolicy::skip);
+  c.heartbeat = &heartbeat;
+  Executive loop(c);
+  ASSERT_TRUE(loop.arm());
+  const auto s =
+      loop.run({}, []() -> Result<BenchTime> { return fail(ErrorCode::unavailable, "left", "went away"); });
+  ASSERT_FALSE(s);
+  EXPECT_EQ(s.error().code, ErrorCode::unavailable);
+  EXPECT_EQ(heartbeat.stop_reason(), StopReason::failed);
+  EXPECT_EQ(loop.counters().run.load(), 0u);
+  EXPECT_TRUE(loop.run({}, bench_now() + milliseconds(150))) << "and can be asked again";
+}
+
 TEST(ExecutiveWall, SigintStopsALoopWithALongPeriodSoon) {
   StopSource stop;
   const SignalStop signals(stop);

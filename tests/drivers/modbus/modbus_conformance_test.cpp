@@ -89,6 +89,8 @@ INSTANTIATE_TEST_SUITE_P(Modbus, LifecycleConformance,
                                          channel_under_test<VirtualSink>("virtual_sink"),
                                          channel_under_test<TcpEmulator>("emulator")),
                          name_of_channel_case);
+INSTANTIATE_TEST_SUITE_P(Modbus, SinkConformance, testing::Values(channel_under_test<TcpSink>("tcp_sink")),
+                         name_of_channel_case);
 
 }  // namespace
 }  // namespace rigor::conformance

@@ -131,7 +131,9 @@ TEST(FrameKeeper, NoFrameWasMeasuredAfterItCame) {
   config.period = milliseconds(200);
   config.latency = milliseconds(150);
   FrameKeeper keeper;
-  keeper.begin(BenchTime(0), config, settings);
+  keeper.begin(config, settings);
+  RunOrigin origin;
+  origin.publish(BenchTime(0));
   const auto planes = tof_planes(settings.format.pixels(), 1);
   Sample sample;
   sample.reserve(bulk_sample_bytes(settings.format));
@@ -142,8 +144,9 @@ TEST(FrameKeeper, NoFrameWasMeasuredAfterItCame) {
     const std::int64_t delay_ns = k < 5 ? 300'000'000 : 100'000'000 + k * 1000;
     const std::int64_t came = k * 200'000'000 + delay_ns;
     const BulkReader::Frame frame{bytes, came, came + 1'000'000};
-    const std::int64_t lost = keeper.place(frame);
-    EXPECT_EQ(lost, k == 5 ? lost : 0) << k;
+    const FrameKeeper::Kept kept = keeper.place(frame, origin);
+    EXPECT_TRUE(kept.in_run && kept.in_order) << k;
+    EXPECT_EQ(kept.lost, k == 5 ? kept.lost : 0) << k;
     keeper.fill(frame, sample);
     EXPECT_LE(sample.stamp.t_capture.ns(), came - 5'000'000) << k;
     last = sample.stamp.t_capture;

@@ -242,7 +242,9 @@ TEST(ScanKeeper, PutsScansOnTheBenchClockWithinTheirSigma) {
   s.client.begin(0);
   s.run(300'000'000);
   ScanKeeper keeper;
-  keeper.begin(BenchTime(0), milliseconds(60), s.client.request(), s.client.parameters());
+  RunOrigin origin;
+  origin.publish(BenchTime(0));
+  keeper.begin(milliseconds(60), s.client.request(), s.client.parameters());
   const auto read = [&] {
     ScipClient::Reading reading;
     while (s.client.next_reading(reading)) keeper.reading(reading);
@@ -258,8 +260,8 @@ TEST(ScanKeeper, PutsScansOnTheBenchClockWithinTheirSigma) {
     Sample sample;
     sample.reserve(1081 * sizeof(LidarPoint));
     while (s.client.next_scan(scan, arrival)) {
-      const auto kept = keeper.place(scan, BenchTime(arrival));
-      ASSERT_TRUE(kept.in_order);
+      const auto kept = keeper.place(scan, BenchTime(arrival), origin);
+      ASSERT_TRUE(kept.in_run && kept.in_order);
       lost += kept.lost;
       keeper.fill(scan, sample);
       const std::uint64_t k = scan.range_mm[0] - 100;  // its own number

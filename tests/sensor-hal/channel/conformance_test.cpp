@@ -2,6 +2,7 @@
 #include "sensor-hal/conformance/conformance.h"
 
 #include "sensor-hal/channel/fault_source.h"
+#include "sensor-hal/channel/simulated_sink.h"
 #include "sensor-hal/record/recorder.h"
 #include "sensor-hal/record/replay_source.h"
 #include "tests/sensor-hal/channel/test_sources.h"
@@ -98,6 +99,7 @@ class Replayed : public SourceUnderTest {
     channel.description = source.describe();
     auto recorder = Recorder::create(directory_.file("run.mcap"), options, {channel}, {}, {});
     if (!recorder) return;
+    (*recorder)->begin(BenchTime(0));
     for (int k = 0; k < 1000; ++k) {
       const BenchTime now = BenchTime(0) + milliseconds(k);
       source.complete_until(now);
@@ -200,6 +202,48 @@ INSTANTIATE_TEST_SUITE_P(Hal, SourceConformance,
                                          under_test<Replayed>("replay"),
                                          under_test<ReplayedLater>("replay_shifted")),
                          name_of_case);
+
+/// Speed and turn rate of something that keeps what it was given.
+class Wheels final : public SignalModel {
+ public:
+  const std::vector<Signal>& signals() const override { return signals_; }
+  double read(std::size_t signal, BenchTime) override {
+    const std::lock_guard lock(mutex_);
+    return value_.at(signal);
+  }
+  bool write(std::size_t signal, double value, BenchTime) override {
+    const std::lock_guard lock(mutex_);
+    value_.at(signal) = value;
+    return true;
+  }
+
+ private:
+  std::vector<Signal> signals_{{"v", "m/s", true}, {"w", "rad/s", true}};
+  std::mutex mutex_;
+  std::array<double, 2> value_{};
+};
+
+class SimulatedCommands final : public ChannelUnderTest {
+ public:
+  std::unique_ptr<Channel> make() override {
+    return std::make_unique<SimulatedSink>(std::make_shared<Wheels>());
+  }
+  ChannelConfig config() override { return of("{signals: [v, w], safe: {v: 0, w: 0}}"); }
+  ChannelConfig config_with_unknown_key() override { return of("{signals: [v], no_such_key: 1}"); }
+
+ private:
+  static ChannelConfig of(const std::string& keys) {
+    ChannelConfig c = image_config(keys);
+    c.kind = SampleKind::none;
+    return c;
+  }
+};
+INSTANTIATE_TEST_SUITE_P(Hal, LifecycleConformance,
+                         testing::Values(channel_under_test<SimulatedCommands>("simulated_sink")),
+                         name_of_channel_case);
+INSTANTIATE_TEST_SUITE_P(Hal, SinkConformance,
+                         testing::Values(channel_under_test<SimulatedCommands>("simulated_sink")),
+                         name_of_channel_case);
 
 }  // namespace
 }  // namespace rigor::conformance

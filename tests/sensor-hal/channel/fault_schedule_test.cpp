@@ -1,4 +1,6 @@
 // When faults are on: by schedule, by trigger, asked for while a run goes on; and what is refused.
+#include <thread>
+
 #include "tests/sensor-hal/channel/fault_fixture.h"
 
 namespace rigor::test {
@@ -167,6 +169,40 @@ TEST(Fault, OnesThatWereClearedBeforeTheyBeganAreForgottenToo) {
   }
   EXPECT_LE(run.source.faults().live().size(), FaultInjector::kRemembered + FaultInjector::kMost);
   EXPECT_EQ(run.source.faults().earlier().begins, 0u);
+}
+
+// Whoever injects is on a thread of its own, and need not know that the run ends.
+TEST(Fault, LiveOnesAreRefusedFromTheEndOfTheRunOnWhateverThreadIsAtIt) {
+  const auto node = *ConfigDocument::parse("{kind: noise, value: b, sigma: 1, for_s: 0.001}", "fault");
+  for (int round = 0; round < 20; ++round) {
+    FaultRun run(kRegisters, "");
+    std::atomic<bool> injecting{false};
+    ErrorCode refused = ErrorCode::internal;
+    std::thread other([&] {
+      while (true) {
+        const auto index = run.bench.inject("left", node);
+        injecting = true;
+        if (index || index.error().code == ErrorCode::unavailable) continue;  // there were too many for now
+        refused = index.error().code;
+        return;
+      }
+    });
+    while (!injecting) std::this_thread::yield();
+    run.until(milliseconds(20));
+    EXPECT_TRUE(run.source.stop());
+    other.join();
+    EXPECT_EQ(refused, ErrorCode::wrong_state);
+    const auto later = run.bench.inject("left", node);
+    ASSERT_FALSE(later);
+    EXPECT_EQ(later.error().code, ErrorCode::wrong_state) << later.error().text();
+    ArmContext context;
+    context.virtual_time = true;
+    ASSERT_TRUE(run.source.arm(context));
+    ASSERT_TRUE(run.source.start(BenchTime(0)));
+    run.cycle = 0;
+    run.until(milliseconds(20));  // takes up what was asked for last in the run before
+    EXPECT_TRUE(run.bench.inject("left", node)) << "of the next run";
+  }
 }
 
 TEST(Fault, WhatDoesNotFitIsRefusedWithItsPlace) {

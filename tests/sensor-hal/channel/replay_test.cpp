@@ -100,6 +100,7 @@ struct Rig {
     auto recorder = Recorder::create(path, options, {channels[0], channels[1], channels[2]},
                                      {{"motor", {"target"}}}, {{"rig", "name: test"}, {"seed", "1"}});
     ASSERT_TRUE(recorder) << recorder.error().text();
+    (*recorder)->begin(BenchTime(0));
     if (pair) pair->observe((*recorder)->observer(0));
     auto blocks = make_sample_pool(8, 0);
 
@@ -302,6 +303,7 @@ TEST(Replay, FollowsWhatCameLateAndWhatWasSkipped) {
                                        }()}},
                                      {}, {});
     ASSERT_TRUE(recorder);
+    (*recorder)->begin(BenchTime(0));
     auto pool = make_sample_pool(8, 0);
     SampleLease visible;
     for (std::uint64_t k = 0; k < 50; ++k) {
@@ -372,6 +374,7 @@ TEST(Replay, ShowsThePairsSidesInTheOrderInWhichTheyWereSeenWhereOneWasLate) {
       channel.is_pair = true;
       auto recorder = Recorder::create(path, {}, {channel}, {}, {});
       ASSERT_TRUE(recorder);
+      (*recorder)->begin(BenchTime(0));
       auto pool = make_sample_pool(8, 0);
       SampleLease waiting;
       for (std::uint64_t k = 0; k < 50; ++k) {
@@ -506,6 +509,7 @@ TEST(Recorder, NeverStarvesTheLoopWhenTheMediumHangs) {
                                      }()}},
                                    {}, {});
   ASSERT_TRUE(recorder);
+  (*recorder)->begin(BenchTime(0));
   *blocked = true;
   auto pool = make_sample_pool(16, 640 * 480);
   auto blocks = make_sample_pool(4, 0);
@@ -542,6 +546,7 @@ TEST(Recorder, FailsTheRunForADropWhereThatIsAsked) {
   options.fail_on_drop = true;
   auto recorder = Recorder::create(std::move(medium), options, {{"cam", images_of(640, 480)}}, {}, {});
   ASSERT_TRUE(recorder);
+  (*recorder)->begin(BenchTime(0));
   *blocked = true;
   auto pool = make_sample_pool(16, 640 * 480);
   for (std::uint64_t k = 0; k < 12; ++k) (*recorder)->record(0, image(*pool, k, BenchTime(0), 640, 480));
@@ -565,6 +570,7 @@ TEST(Recorder, SaysAtOnceWhenTheDiskIsFullAndKeepsWhatIsThere) {
     setrlimit(RLIMIT_FSIZE, &limit);
     auto recorder = Recorder::create(path, {}, {{"cam", images_of(640, 480)}}, {}, {});
     if (!recorder) _exit(10);
+    (*recorder)->begin(BenchTime(0));
     auto pool = make_sample_pool(16, 640 * 480);
     for (std::uint64_t k = 0; k < 400 && !(*recorder)->failed(); ++k) {
       const BenchTime now = BenchTime(0) + milliseconds(static_cast<std::int64_t>(k));
@@ -600,6 +606,7 @@ TEST(Recorder, LosesAtMostASecondWhenItIsKilled) {
     if (!recorder) _exit(10);
     auto pool = make_sample_pool(4, 0);
     const BenchTime t0(monotonic_now().ns());
+    (*recorder)->begin(t0);
     for (std::uint64_t k = 0;; ++k) {
       const BenchTime now = t0 + milliseconds(static_cast<std::int64_t>(k));
       (*recorder)->record(0, block(*pool, k, now));
@@ -617,6 +624,19 @@ TEST(Recorder, LosesAtMostASecondWhenItIsKilled) {
   EXPECT_GE((*reader)->message_count(), 2u * 1500) << "of 2500 samples with their stamps";
 }
 #endif
+
+TEST(Recorder, RefusesWhatIsRecordedBeforeItIsToldWhenTheRunBegins) {
+  auto recorder =
+      Recorder::create(std::make_unique<record::MemorySink>(), {}, {{"cam", images_of(4, 4)}}, {}, {});
+  ASSERT_TRUE(recorder) << recorder.error().text();
+  auto pool = make_sample_pool(2, 16);
+  (*recorder)->record(0, image(*pool, 0, BenchTime(0), 4, 4));
+  (*recorder)->end_cycle(0, BenchTime(0));
+  const auto s = (*recorder)->stop();
+  ASSERT_FALSE(s);
+  EXPECT_EQ(s.error().code, ErrorCode::wrong_state);
+  EXPECT_THAT(s.error().text(), testing::HasSubstr("begin()"));
+}
 
 TEST(Recorder, RefusesTwoChannelsOfOneNameAndAnOutputThatCannotBe) {
   auto s = Recorder::create("/nonexistent/dir/x.mcap", {}, {}, {}, {});
