@@ -60,13 +60,18 @@ bool TextSource::take_line(std::string_view line, BenchTime t_capture, BenchTime
   if (n.ec != std::errc{} || n.ptr == end || *n.ptr != ' ' || number <= last_) return false;
   const auto r = std::from_chars(n.ptr + 1, end, range_m);
   if (r.ec != std::errc{} || r.ptr == end || *r.ptr != '\n' || !std::isfinite(range_m)) return false;
-  if (last_ >= 0) count_lost(static_cast<std::uint64_t>(number - last_ - 1));
+  const auto missing = static_cast<std::uint64_t>(number - last_ - 1);
   last_ = number;
+  // Before the run is known to begin, what comes is read and dropped, so that nothing old waits.
+  const auto place =
+      sequence_.place(origin_, t_capture, config().period, static_cast<std::uint64_t>(number), missing);
+  if (!place) return true;
+  if (place->lost > 0) count_lost(place->lost);
   SampleLease slot = take_slot();
   if (slot) {
     Sample& s = slot.edit();
     s.stamp = {};
-    s.stamp.sequence = static_cast<std::uint64_t>(number);
+    s.stamp.sequence = place->sequence;
     s.stamp.t_capture = t_capture;
     s.stamp.t_release = t_capture + config().latency;
     s.stamp.t_arrival = t_arrival;
@@ -97,15 +102,16 @@ Status NetworkSource::do_arm(const ArmContext& context) {
   }
   stop_ = ::eventfd(0, EFD_CLOEXEC);
   open_stream(kSlots, 0, false);
-  t0_ns_ = std::numeric_limits<std::int64_t>::max();
+  origin_.forget();
+  sequence_.reset();
   last_ = -1;
   thread_ = std::thread([this] { receive(); });
   return {};
 }
 
-/// From now on what is measured is handed on; before it was read and dropped, so that nothing old waits.
+/// Brief: the thread runs since the device was opened.
 Status NetworkSource::do_start(BenchTime t0) {
-  t0_ns_ = t0.ns();
+  origin_.publish(t0);
   return {};
 }
 
@@ -130,7 +136,6 @@ void NetworkSource::receive() {
     if (size < 0) continue;
     const BenchTime arrival = bench_now(), capture = arrival - config().latency;
     health_.connected = true;
-    if (capture.ns() < t0_ns_) continue;
     if (!take_line({line, static_cast<std::size_t>(size)}, capture, arrival)) health_.protocol_errors += 1;
   }
 }
@@ -146,7 +151,8 @@ Status VirtualSource::do_arm(const ArmContext& context) {
 }
 
 Status VirtualSource::do_start(BenchTime t0) {
-  t0_ = t0;
+  origin_.publish(t0);
+  sequence_.reset();
   next_ = 0;
   last_ = -1;
   return {};
@@ -161,7 +167,7 @@ Status VirtualSource::do_stop() {
 void VirtualSource::complete_until(BenchTime now) {
   if (state() != ChannelState::running) return;
   for (;; ++next_) {
-    const BenchTime t = t0_ + config().period * next_;
+    const BenchTime t = *origin_.get() + config().period * next_;
     if (t + config().latency > now) return;
     (void)take_line(line_of(next_, range_at(t)), t, t + config().latency);
   }

@@ -8,13 +8,13 @@
 
 #include <sys/types.h>
 
-#include <atomic>
 #include <cstdint>
 #include <string_view>
 #include <thread>
 
 #include "rt-core/deadline.h"
 #include "sensor-hal/channel/registry.h"
+#include "sensor-hal/channel/run_origin.h"
 #include "sensor-hal/channel/stream_source.h"
 
 namespace text_sensor {
@@ -30,7 +30,9 @@ class TextSource : public rigor::StreamSource {
   bool take_line(std::string_view line, rigor::BenchTime t_capture, rigor::BenchTime t_arrival);
 
   std::uint16_t port_ = 0;
-  std::int64_t last_ = -1;  ///< number of the last measurement
+  std::int64_t last_ = -1;       ///< number of the last measurement
+  rigor::RunOrigin origin_;      ///< when the run begins
+  rigor::RunSequence sequence_;  ///< the device counts since it was switched on, the run from 0
 };
 
 /// The device on the network, in wall-clock time.
@@ -45,7 +47,6 @@ class NetworkSource final : public TextSource {
   void receive();
 
   int socket_ = -1, stop_ = -1;
-  std::atomic<std::int64_t> t0_ns_{0};
   std::thread thread_;
 };
 
@@ -59,7 +60,6 @@ class VirtualSource final : public TextSource {
   rigor::Status do_start(rigor::BenchTime t0) override;
   rigor::Status do_stop() override;
 
-  rigor::BenchTime t0_;
   std::int64_t next_ = 0;
 };
 
