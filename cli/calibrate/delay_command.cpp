@@ -292,7 +292,7 @@ void add_latency(const DelayOptions& o, const SeriesFacts& first, const SeriesFa
     product.notes.push_back(
         fmt::format("{}: the device's clock is not known, and its stamps are the arrival less latency_ms "
                     "{:g}: latency_ms "
-                    "{:.1f} puts them right",
+                    "{:.1f} corrects them",
                     o.second, ms(second.latency_ns), ms(second.latency_ns) + after_ms));
 }
 
@@ -327,7 +327,7 @@ int calibrate_delay(const DelayOptions& o) {
   if (const Parameter* d = product.fit.find("delay_s");
       d != nullptr && product.fit.not_identifiable.empty()) {
     product.recipe.set.emplace_back("delay_s", exact_text(d->value));
-    add_latency(o, facts_first, facts_second, *second, *d, product);
+    if (std::abs(d->value) <= o.largest_s) add_latency(o, facts_first, facts_second, *second, *d, product);
   }
   product.more = {{"first", facts_first.what}, {"second", facts_second.what}};
   Figure over{.kind = Figure::Kind::series,

@@ -63,8 +63,8 @@ void add_warnings(const LatencyCommandOptions& o, ChannelLatency& c) {
   if (!c.by_median && f.method == LatencyBound::exponential_tail) {
     const double n = static_cast<double>(f.samples), needed = static_cast<double>(f.samples_needed);
     warn(fmt::format(
-        "{} samples of the {} that the quantile {:g} needs, which take {:.0f} s: extrapolated as "
-        "an exponential tail; without that assumption the largest bounds the quantile {:.3f}",
+        "{} of the {} samples that the quantile {:g} needs ({:.0f} s): extrapolated as an exponential tail; "
+        "the largest alone bounds the quantile {:.4f}",
         f.samples, f.samples_needed, o.fit.quantile, std::ceil(s.span_s * needed / n), f.proven_quantile));
   }
   if (!f.stationary) {

@@ -11,12 +11,6 @@
 
 namespace rigor {
 
-/// What takes the place of the stamps' own captures.
-struct LatencyTrigger {
-  std::string name;  ///< a channel, each of whose samples is one; or SINK:VALUE, each time the value leaves 0
-  std::int64_t to_capture_ns = 0;  ///< from the trigger to the capture
-};
-
 /// What one channel's samples say, over all recordings.
 struct LatencySamples {
   std::vector<calibration::LatencyPart> parts;     ///< a recording each
@@ -36,8 +30,8 @@ struct LatencySamples {
   [[nodiscard]] std::size_t count() const;
 };
 
-/// Instants of the trigger on the bench clock. bad_input: no such channel or sink; its own clock is not
-/// known.
+/// Instants of a trigger on the bench clock: of a channel each of its samples, of SINK:VALUE each time that
+/// the value leaves 0. bad_input: no such channel or sink; its own clock is not known.
 [[nodiscard]] Result<std::vector<std::int64_t>> trigger_instants(const StampedRecording& recording,
                                                                  const std::string& name,
                                                                  const StopToken& stop);

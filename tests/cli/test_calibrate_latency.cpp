@@ -5,10 +5,9 @@
 #include <functional>
 #include <random>
 
-#include "sensor-hal/channel/fault_spec.h"
 #include "sensor-hal/record/mcap_writer.h"
-#include "sensor-hal/record/recorder.h"
 #include "tests/cli/calibrate_fixture.h"
+#include "tests/cli/written_recording.h"
 
 namespace rigor::test {
 namespace {
@@ -17,98 +16,15 @@ using nlohmann::json;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-constexpr std::int64_t kMs = 1'000'000;
-
-/// A recording of register channels and one sink, as a run in wall-clock time writes it.
-class Written {
- public:
-  struct Options {
-    std::vector<std::string> channels{"scan"};
-    std::string pair{};  ///< one of them
-    std::string clock = "wall", rig = "channels: {}";
-  };
-  Written(const std::filesystem::path& file, const Options& o) : pool_(make_sample_pool(64, 0)) {
-    RecorderOptions options;
-    options.virtual_time = true;  // of the recorder: no sample is skipped
-    std::vector<RecordedChannel> channels;
-    for (const auto& name : o.channels) {
-      RecordedChannel c;
-      c.name = name, c.is_pair = name == o.pair;
-      c.description.kind = SampleKind::register_block;
-      c.description.names = {"value"}, c.description.units = {""};
-      channels.push_back(c);
-    }
-    auto recorder = Recorder::create(file.string(), options, channels, {{"motor", {"enable", "rate"}}},
-                                     {{"clock", o.clock}, {"rig_file", "my-rig.yaml"}, {"rig", o.rig}});
-    EXPECT_TRUE(recorder) << recorder.error().text();
-    recorder_ = std::move(*recorder);
-  }
-  ~Written() {
-    recorder_->end_cycle(cycle_, BenchTime(1'000'000 * kMs));
-    EXPECT_TRUE(recorder_->stop());
-  }
-  struct Of {
-    std::int64_t capture_ns = 0, arrival_ns = 0, latency_ns = 0, sigma_ns = 0;
-    std::uint32_t validity = kValid;
-    double value = 0;
-  };
-  void sample(std::uint32_t channel, const Of& s, std::optional<PairSide> side = std::nullopt) {
-    SampleLease lease = take();
-    Sample& sample = lease.edit();
-    sample.stamp = {.sequence = sequence_[channel]++,
-                    .t_capture = BenchTime(s.capture_ns),
-                    .t_release = BenchTime(s.capture_ns + s.latency_ns),
-                    .t_arrival = BenchTime(s.arrival_ns),
-                    .sigma_capture = Duration(s.sigma_ns),
-                    .validity = s.validity};
-    RegisterBlock block;
-    block.count = 1, block.value[0] = s.value;
-    sample.info = block;
-    if (side)
-      recorder_->record_side(channel, *side, lease);
-    else
-      recorder_->record(channel, lease);
-    end_cycle();
-  }
-  void command(std::int64_t issue_ns, std::int64_t effect_ns, double enable, double rate) {
-    rigor::Command c;
-    c.sequence = commands_++, c.t_issue = BenchTime(issue_ns), c.t_effect = BenchTime(effect_ns);
-    c.count = 2, c.value[0] = enable, c.value[1] = rate;
-    recorder_->record_command(0, c);
-    end_cycle();
-  }
-  void fault(std::uint32_t channel) {
-    SampleLease lease = take();
-    lease.edit().stamp = {};
-    lease.edit().info = EventInfo{.code = kEventFaultBegin};
-    recorder_->record_event(channel, lease);
-    end_cycle();
-  }
-
- private:
-  SampleLease take() {
-    SampleLease lease = pool_->try_acquire();
-    EXPECT_TRUE(lease);
-    return lease;
-  }
-  /// At one instant, which nothing is released by before the end.
-  void end_cycle() { recorder_->end_cycle(cycle_++, BenchTime(-kMs)); }
-
-  std::unique_ptr<SamplePool> pool_;
-  std::unique_ptr<Recorder> recorder_;
-  std::map<std::uint32_t, std::uint64_t> sequence_;
-  std::uint64_t cycle_ = 0, commands_ = 0;
-};
-
 class CalibrateLatency : public Calibrate {
  protected:
   /// `n` captures of channel 0, a millisecond apart, with the latencies that `draw` gives, ns. Those that are
   /// recorded.
   std::vector<std::int64_t> record(const std::string& name, std::size_t n,
                                    const std::function<double()>& draw,
-                                   Written::Of of = {.latency_ns = 2 * kMs, .sigma_ns = 10'000},
-                                   const Written::Options& options = {}) const {
-    Written file(dir / name, options);
+                                   WrittenRecording::Of of = {.latency_ns = 2 * kMs, .sigma_ns = 10'000},
+                                   const WrittenRecording::Options& options = {}) const {
+    WrittenRecording file(dir / name, options);
     std::vector<std::int64_t> latencies;
     for (std::size_t k = 0; k < n; ++k) {
       of.capture_ns = static_cast<std::int64_t>(k) * kMs;
@@ -183,7 +99,7 @@ TEST_F(CalibrateLatency, TooFewSamplesAreExtrapolatedAndItSaysHowManyAreNeeded) 
   EXPECT_EQ(c["bound"]["samples_needed"], 2995);
   EXPECT_GE(c["recommended"]["latency_ms"].get<double>(), c["max_ms"].get<double>());
   EXPECT_TRUE(c["p999_ms"].is_null());
-  EXPECT_THAT(warnings(answer), HasSubstr("of the 2995 that the quantile 0.999 needs, which take 3 s"));
+  EXPECT_THAT(warnings(answer), HasSubstr("of the 2995 samples that the quantile 0.999 needs (3 s)"));
   // A share that they do tell.
   const json less = only_channel(this->answer({"latency", "run.mcap", "--quantile", "0.9"}));
   EXPECT_EQ(less["bound"]["method"], "order statistic");
@@ -208,9 +124,9 @@ TEST_F(CalibrateLatency, StampsThatDoNotKnowTheCaptureAreRefusedWithWhatToDo) {
 
 TEST_F(CalibrateLatency, SamplesThatAreNotTheDevicesDoNotCount) {
   {
-    Written file(dir / "run.mcap", {});
+    WrittenRecording file(dir / "run.mcap", {});
     for (std::int64_t k = 0; k < 3300; ++k) {
-      Written::Of s{.capture_ns = k * kMs, .latency_ns = 5 * kMs};
+      WrittenRecording::Of s{.capture_ns = k * kMs, .latency_ns = 5 * kMs};
       s.arrival_ns = s.capture_ns + 1'230'000;
       // Of each a kind that would change everything if it counted.
       if (k < 30) s.validity = kClockUnsure, s.arrival_ns = s.capture_ns + 50 * kMs;
@@ -232,7 +148,7 @@ TEST_F(CalibrateLatency, WhatCameQuicklyJustBeforeTheEndDoesNotCount) {
   {
     // The run ends at 4000 ms. Every second sample takes 500 ms: of the last half second only the others are
     // there.
-    Written file(dir / "run.mcap", {});
+    WrittenRecording file(dir / "run.mcap", {});
     for (std::int64_t k = 0; k < 4000; ++k) {
       const std::int64_t latency = k % 2 == 0 ? kMs : 500 * kMs;
       if (k * kMs + latency < 4000 * kMs)
@@ -267,7 +183,7 @@ TEST_F(CalibrateLatency, RecordingsAndHalvesThatContradictEachOtherAreNamed) {
 
 TEST_F(CalibrateLatency, OfAPairTheDevicesLatencyGoesIntoTheRig) {
   {
-    Written file(
+    WrittenRecording file(
         dir / "run.mcap",
         {.channels = {"left", "right"},
          .pair = "left",
@@ -276,7 +192,7 @@ TEST_F(CalibrateLatency, OfAPairTheDevicesLatencyGoesIntoTheRig) {
              "  right: { backend: simulated }\n"});
     for (std::int64_t k = 0; k < 4000; ++k) {
       const auto sample = [&](std::int64_t latency_us) {
-        return Written::Of{
+        return WrittenRecording::Of{
             .capture_ns = k * kMs, .arrival_ns = k * kMs + latency_us * 1000, .latency_ns = 90 * kMs};
       };
       file.sample(0, sample(12'000), PairSide::real);
@@ -313,7 +229,7 @@ std::vector<Triggered> triggered(std::mt19937_64& random) {
 
 TEST_F(CalibrateLatency, ADeviceWithoutAClockIsMeasuredAgainstItsTrigger) {
   {
-    Written file(dir / "run.mcap", {.channels = {"scan", "sync"}});
+    WrittenRecording file(dir / "run.mcap", {.channels = {"scan", "sync"}});
     for (const Triggered& t : triggered(random_)) {
       file.sample(1, {.capture_ns = t.trigger_ns, .arrival_ns = t.trigger_ns + 5000, .latency_ns = kMs});
       // As drivers stamp it: the arrival less the rig's latency.
@@ -346,7 +262,7 @@ TEST_F(CalibrateLatency, ADeviceWithoutAClockIsMeasuredAgainstItsTrigger) {
 
 TEST_F(CalibrateLatency, ACommandOfTheBenchIsATriggerWhenItsValueLeavesZero) {
   {
-    Written file(dir / "run.mcap", {});
+    WrittenRecording file(dir / "run.mcap", {});
     for (const Triggered& t : triggered(random_)) {
       file.command(t.trigger_ns - 10 * kMs, t.trigger_ns, 1, 0);
       file.command(t.trigger_ns, t.trigger_ns + 10 * kMs, 1, 0);
@@ -370,7 +286,7 @@ TEST_F(CalibrateLatency, ACommandOfTheBenchIsATriggerWhenItsValueLeavesZero) {
 
 TEST_F(CalibrateLatency, ASourceOfSamplesOfItsOwnIsNotTriggered) {
   {
-    Written file(dir / "run.mcap", {.channels = {"scan", "sync"}});
+    WrittenRecording file(dir / "run.mcap", {.channels = {"scan", "sync"}});
     for (std::int64_t k = 0; k < 400; ++k) {
       if (k % 4 == 0)
         file.sample(1, {.capture_ns = k * 25 * kMs, .arrival_ns = k * 25 * kMs, .latency_ns = kMs});
@@ -383,7 +299,7 @@ TEST_F(CalibrateLatency, ASourceOfSamplesOfItsOwnIsNotTriggered) {
 
 TEST_F(CalibrateLatency, TriggersFasterThanTheLatencyAreWarnedOf) {
   {
-    Written file(dir / "run.mcap", {.channels = {"scan", "sync"}});
+    WrittenRecording file(dir / "run.mcap", {.channels = {"scan", "sync"}});
     for (std::int64_t k = 0; k < 400; ++k) {
       file.sample(1, {.capture_ns = k * 10 * kMs, .arrival_ns = k * 10 * kMs, .latency_ns = kMs});
       file.sample(0, {.capture_ns = k * 10 * kMs, .arrival_ns = k * 10 * kMs + 7 * kMs, .latency_ns = kMs});
@@ -407,7 +323,7 @@ TEST_F(CalibrateLatency, WrongInputIsRefused) {
   record("virtual.mcap", 100, tail(), {.latency_ns = 2 * kMs}, {.clock = "virtual"});
   expect_refused({"latency", "virtual.mcap"}, {"virtual.mcap", "wall-clock time", "--clock wall"});
   {
-    Written file(dir / "sink.mcap", {});
+    WrittenRecording file(dir / "sink.mcap", {});
     for (std::int64_t k = 0; k < 100; ++k) {
       file.sample(0, {.capture_ns = k * kMs, .arrival_ns = k * kMs + 7, .latency_ns = kMs});
       file.command(k * kMs, k * kMs + 10, 1, 2);
@@ -441,7 +357,7 @@ double swing(std::int64_t t_ns) {
 TEST_F(CalibrateLatency, TheDelayOfADeviceWithoutAClockGivesItsLatency) {
   {
     // The device takes 37 ms; the rig says 50.
-    Written file(dir / "run.mcap", {.channels = {"scan", "table"}});
+    WrittenRecording file(dir / "run.mcap", {.channels = {"scan", "table"}});
     for (std::int64_t k = 0; k < 2000; ++k)
       file.sample(1, {.capture_ns = k * 5 * kMs,
                       .arrival_ns = k * 5 * kMs + 1,
@@ -459,7 +375,7 @@ TEST_F(CalibrateLatency, TheDelayOfADeviceWithoutAClockGivesItsLatency) {
   const std::vector<std::string> words{"delay", "run.mcap", "--first", "table", "--second", "scan"};
   EXPECT_NEAR(answer(words)["parameters"]["delay_s"]["value"].get<double>(), 0.013, 1e-5);
   EXPECT_THAT(run(words).out,
-              HasSubstr("are the arrival less latency_ms 50: latency_ms 37.0 puts them right"));
+              HasSubstr("are the arrival less latency_ms 50: latency_ms 37.0 corrects them"));
   // Of one whose clock is known it says nothing.
   EXPECT_THAT(run({"delay", "run.mcap", "--first", "table", "--second", "table"}).out,
               Not(HasSubstr("latency_ms")));
@@ -468,7 +384,7 @@ TEST_F(CalibrateLatency, TheDelayOfADeviceWithoutAClockGivesItsLatency) {
 /// A command each 20 ms, held until the next one, to a device that follows 7 ms after it got it; samples of
 /// it.
 void record_effects(const std::filesystem::path& name, std::int64_t sample_ns) {
-  Written file(name, {});
+  WrittenRecording file(name, {});
   const auto commanded = [](std::int64_t t_ns) { return swing(t_ns / (20 * kMs) * (20 * kMs)); };
   for (std::int64_t k = 0; k < 500; ++k)
     file.command(k * 20 * kMs - 10 * kMs, k * 20 * kMs, 1, commanded(k * 20 * kMs));
