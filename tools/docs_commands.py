@@ -43,6 +43,7 @@ NOT_RUN = [
     (r"forest-localization", r"stem|disc-forest-way-200m|scip|gnss=\{", "needs the files of a whole run before it"),
     (r"stereo", r"stereo-forest|ideal=true", "the same rig with another world: the first runs, tests have the others"),
     (r"calibration/pair", r"calibrate (delay|twin)", "needs sixteen seconds of the demo's pictures: tests/cli/test_calibrate_pair.cpp"),
+    (r"calibration/latency", r"calibrate (delay|latency)", "needs twenty seconds of the demo: tests/cli/test_calibrate_latency.cpp"),
     (r"world-plugins", r"beehives\.so|hives\.rigor", "needs the plugin that the lines before build: tests/install builds it"),
     (r"tutorial", r"/tmp/detector", "needs the program that the line before builds: tests/cli/test_application_process.cpp runs it"),
     (r"platforms|README|forest-localization", r"harvester", "minutes of scans: tests/cli/test_harvester.cpp runs the rig"),

@@ -192,8 +192,14 @@ Result<TimeOffset> fit_time_offset(const TimeSeries& first, const TimeSeries& se
   const Parameter* delay = out.result.find("delay_s");
   if (delay != nullptr && std::abs(delay->value) > options.largest_s)
     out.result.warnings.push_back("the delay lies outside of the search; search farther");
-  // Noise of the first channel has slopes too, and would seem to tell.
-  const bool moves = movement_of(t, first.value, !held) > 4 * noise_of(first.value);
+  // Noise of the first channel has slopes too, and would seem to tell; so does what rounding leaves of a
+  // second one that stands still.
+  std::vector<double> compared;
+  for (const std::size_t k : common) compared.push_back(second.value[k]);
+  const double largest =
+      std::abs(*std::ranges::max_element(compared, {}, [](double v) { return std::abs(v); }));
+  const bool moves = movement_of(t, first.value, !held) > 4 * noise_of(first.value) &&
+                     movement_of(at, compared, false) > 1e-9 * largest;
   if (delay != nullptr && (!moves || !(delay->sigma < options.largest_s))) {
     out.result.not_identifiable.emplace_back(
         "delay_s", "the quantity does not move enough, or moves evenly: record it swinging to and fro");

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "calibration/tof/chi_squared.h"
+#include "calibration/core/chi_squared.h"
 
 namespace rigor::calibration {
 namespace {

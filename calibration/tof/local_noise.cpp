@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "calibration/tof/chi_squared.h"
+#include "calibration/core/chi_squared.h"
 
 namespace rigor::calibration {
 namespace {

@@ -6,9 +6,9 @@
 #include <cmath>
 #include <limits>
 
+#include "calibration/core/chi_squared.h"
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
-#include "calibration/tof/chi_squared.h"
 #include "rt-core/numbers.h"
 
 namespace rigor::calibration {

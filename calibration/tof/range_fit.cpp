@@ -8,9 +8,9 @@
 #include <limits>
 #include <numeric>
 
+#include "calibration/core/chi_squared.h"
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
-#include "calibration/tof/chi_squared.h"
 #include "calibration/tof/range_problem.h"
 #include "rt-core/numbers.h"
 

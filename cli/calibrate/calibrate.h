@@ -43,6 +43,7 @@ struct CalibrateSubcommand {
 [[nodiscard]] CalibrateSubcommand add_calibrate_tof(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_extrinsics(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_delay(CLI::App& calibrate);
+[[nodiscard]] CalibrateSubcommand add_calibrate_latency(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_twin(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_pair(CLI::App& calibrate);
 [[nodiscard]] CalibrateSubcommand add_calibrate_photon(CLI::App& calibrate);

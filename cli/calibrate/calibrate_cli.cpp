@@ -12,7 +12,7 @@ namespace {
 constexpr CalibrateSubcommand (*kSubcommands[])(CLI::App&) = {
     add_calibrate_camera,  add_calibrate_lidar, add_calibrate_stereo,     add_calibrate_photon,
     add_calibrate_shading, add_calibrate_tof,   add_calibrate_extrinsics, add_calibrate_delay,
-    add_calibrate_twin,    add_calibrate_pair,
+    add_calibrate_latency, add_calibrate_twin,  add_calibrate_pair,
 };
 
 }  // namespace

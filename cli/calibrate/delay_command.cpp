@@ -3,6 +3,8 @@
 #include <Eigen/Dense>
 
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <memory>
@@ -13,6 +15,7 @@
 #include "calibration/pair/board_pose.h"
 #include "calibration/pair/time_offset.h"
 #include "cli/calibrate/calibrate.h"
+#include "cli/calibrate/recorded_stamps.h"
 #include "cli/calibrate/recording_input.h"
 #include "rt-core/stop.h"
 #include "sensor-hal/models/camera_yaml.h"
@@ -79,19 +82,64 @@ Eigen::VectorXd mean_range(const Sample& s) {
   return Eigen::VectorXd::Constant(1, sum / n);
 }
 
-/// `channel` or, of registers, `channel:index`.
+/// What a series was made of.
+struct SeriesFacts {
+  std::string what;
+  std::size_t samples = 0, unsure = 0;  ///< unsure: stamped by the arrival, less the rig's latency_ms
+  std::int64_t latency_ns = 0;          ///< of the rig: capture to release; of a sink: command to effect
+  bool sink = false;
+  std::vector<std::int64_t> effect_ns{};  ///< of a sink's commands
+  std::int64_t hold_ns = 0;               ///< median, from one to the next
+};
+
+/// Commands as the device gets them: each value is held until the next one. A spline cannot follow edges; it
+/// goes through the middle of each hold, and of pieces of holds that are long, so that an edge becomes a
+/// slope whose middle is the edge.
+Result<TimeSeries> held_commands(const std::filesystem::path& file, const std::string& sink,
+                                 const std::string& value, const StopToken& stop, SeriesFacts& facts) {
+  const auto commands = read_commands(file, sink, value, stop);
+  if (!commands) return tl::unexpected<Error>(commands.error());
+  facts = {.what = "commanded " + value,
+           .samples = commands->size(),
+           .latency_ns = commands->front().effect_ns - commands->front().issue_ns,
+           .sink = true};
+  std::vector<std::int64_t> holds;
+  for (std::size_t i = 1; i < commands->size(); ++i)
+    holds.push_back((*commands)[i].effect_ns - (*commands)[i - 1].effect_ns);
+  if (holds.empty()) return TimeSeries{};  // one command: the fit says how many it needs
+  const auto middle = holds.begin() + static_cast<std::ptrdiff_t>(holds.size() / 2);
+  std::nth_element(holds.begin(), middle, holds.end());
+  facts.hold_ns = *middle;
+  for (const RecordedCommand& c : *commands) facts.effect_ns.push_back(c.effect_ns);
+  const std::int64_t longest_ns = std::clamp<std::int64_t>(facts.hold_ns, 1000, 20'000'000);
+  TimeSeries series;
+  for (std::size_t i = 0; i + 1 < commands->size(); ++i) {
+    const std::int64_t from = (*commands)[i].effect_ns, hold = (*commands)[i + 1].effect_ns - from;
+    const std::int64_t pieces = std::max<std::int64_t>(1, (hold + longest_ns - 1) / longest_ns);
+    for (std::int64_t k = 0; k < pieces && hold > 0; ++k) {
+      series.t_ns.push_back(from + hold * (2 * k + 1) / (2 * pieces));
+      series.value.push_back((*commands)[i].value);
+    }
+  }
+  return series;
+}
+
+/// `channel`; of registers `channel:index`; of commands `sink:value`.
 Result<TimeSeries> series_of(const DelayOptions& o, const std::filesystem::path& file,
-                             const std::string& name, const StopToken& stop, std::string& what,
+                             const std::string& name, const StopToken& stop, SeriesFacts& facts,
                              std::vector<std::string>& warnings) {
   const auto colon = name.rfind(':');
-  const std::string channel = name.substr(0, colon);
+  const std::string channel = name.substr(0, colon),
+                    after = colon == std::string::npos ? "0" : name.substr(colon + 1);
+  if (!channel.empty() && !after.empty() && after.find_first_not_of("-0123456789") != std::string::npos)
+    return held_commands(file, channel, after, stop, facts);
   int index = 0;
-  if (colon != std::string::npos && std::sscanf(name.c_str() + colon, ":%d", &index) != 1)
+  if (std::sscanf(after.c_str(), "%d", &index) != 1)
     return fail(ErrorCode::bad_input, name,
-                "expected CHANNEL or CHANNEL:INDEX of a register, counted from 0");
+                "expected CHANNEL, CHANNEL:INDEX of a register, counted from 0, or SINK:VALUE of commands");
   if (channel.empty())
     return fail(ErrorCode::bad_input, name.empty() ? "--first, --second" : name,
-                "expected CHANNEL or CHANNEL:INDEX of a register, counted from 0");
+                "expected CHANNEL, CHANNEL:INDEX of a register, counted from 0, or SINK:VALUE of commands");
   Track track;
   Status bad;
   const auto add = [&](const Sample& s, Eigen::VectorXd v) {
@@ -130,6 +178,8 @@ Result<TimeSeries> series_of(const DelayOptions& o, const std::filesystem::path&
   std::uint64_t taken = 0;
   const auto read = read_samples(file, channel, *kind, [&](const Sample& s) {
     reading.set(static_cast<double>(++taken));
+    facts.unsure += (s.stamp.validity & kClockUnsure) != 0;
+    facts.latency_ns = (s.stamp.t_release - s.stamp.t_capture).ns();
     switch (*kind) {
       case SampleKind::register_block: {
         const auto* block = s.as<RegisterBlock>();
@@ -188,16 +238,62 @@ Result<TimeSeries> series_of(const DelayOptions& o, const std::filesystem::path&
   if (!bad) return tl::unexpected<Error>(bad.error());
   if (!read) return tl::unexpected<Error>(read.error());
   warnings.insert(warnings.end(), read->warnings.begin(), read->warnings.end());
-  what = *kind == SampleKind::register_block ? "register " + std::to_string(index)
-         : *kind == SampleKind::pose         ? "pose along its main direction"
-         : *kind == SampleKind::point_cloud  ? "mean ranges of sectors along their main direction"
-         : *kind == SampleKind::range_image  ? "mean range"
-                                             : "turn of the board along its main direction [rad]";
+  facts.samples = read->samples;
+  facts.what = *kind == SampleKind::register_block ? "register " + std::to_string(index)
+               : *kind == SampleKind::pose         ? "pose along its main direction"
+               : *kind == SampleKind::point_cloud  ? "mean ranges of sectors along their main direction"
+               : *kind == SampleKind::range_image  ? "mean range"
+                                                   : "turn of the board along its main direction [rad]";
   if (track.value.size() < 8)
     return fail(ErrorCode::bad_input, file.string(),
                 fmt::format("expected at least 8 values of {}, got {} of {} samples", name,
                             track.value.size(), read->samples));
   return strongest(track);
+}
+
+/// The widest part of a command's hold in which no sample of the second channel was taken, hold after hold:
+/// when in it the effect came, the samples do not see.
+std::int64_t unseen_ns(const SeriesFacts& commands, const TimeSeries& second) {
+  constexpr std::size_t kBins = 40;
+  std::array<std::size_t, kBins> count{};
+  std::size_t all = 0;
+  for (const std::int64_t t : second.t_ns) {
+    const auto next = std::upper_bound(commands.effect_ns.begin(), commands.effect_ns.end(), t);
+    if (next == commands.effect_ns.begin() || t - *(next - 1) >= commands.hold_ns) continue;
+    ++count[static_cast<std::size_t>((t - *(next - 1)) * static_cast<std::int64_t>(kBins) /
+                                     commands.hold_ns)];
+    ++all;
+  }
+  std::size_t widest = 0, run = 0;
+  for (std::size_t i = 0; i < 2 * kBins; ++i) {  // twice round: a hold begins where one ends
+    run = count[i % kBins] * kBins * 10 < all ? run + 1 : 0;
+    widest = std::max(widest, std::min(run, kBins));
+  }
+  return commands.hold_ns * static_cast<std::int64_t>(widest) / static_cast<std::int64_t>(kBins);
+}
+
+/// What the delay means for the rig's latency_ms.
+void add_latency(const DelayOptions& o, const SeriesFacts& first, const SeriesFacts& second,
+                 const TimeSeries& second_series, const Parameter& delay, CalibrationProduct& product) {
+  const auto ms = [](std::int64_t ns) { return static_cast<double>(ns) / 1e6; };
+  const double after_ms = -delay.value * 1e3;
+  if (first.sink) {
+    product.notes.push_back(fmt::format(
+        "from command to effect {:.3f} ms: latency_ms {:g} of the sink, and {:.3f} that the device takes",
+        ms(first.latency_ns) + after_ms, ms(first.latency_ns), after_ms));
+    if (const double unseen_ms = ms(unseen_ns(first, second_series)); unseen_ms > 6e3 * delay.sigma)
+      product.fit.warnings.push_back(fmt::format(
+          "the samples of {} fall on the same instants after each command, {:.1f} ms apart, so that the "
+          "delay is known "
+          "to ± {:.1f} ms only: record with a rate_hz that the commands' does not divide (97 for 100)",
+          o.second, unseen_ms, unseen_ms / 2));
+  }
+  if (second.unsure * 2 > second.samples)
+    product.notes.push_back(
+        fmt::format("{}: the device's clock is not known, and its stamps are the arrival less latency_ms "
+                    "{:g}: latency_ms "
+                    "{:.1f} corrects them",
+                    o.second, ms(second.latency_ns), ms(second.latency_ns) + after_ms));
 }
 
 int calibrate_delay(const DelayOptions& o) {
@@ -210,11 +306,11 @@ int calibrate_delay(const DelayOptions& o) {
         Error{ErrorCode::bad_input, "INPUT", "expected one recording, got " + std::to_string(files->size())});
   StopSource stop;
   SignalStop signals(stop);
-  std::string what_first, what_second;
+  SeriesFacts facts_first, facts_second;
   std::vector<std::string> warnings;
-  const auto first = series_of(o, files->front(), o.first, stop.token(), what_first, warnings);
+  const auto first = series_of(o, files->front(), o.first, stop.token(), facts_first, warnings);
   if (!first) return wrong(first.error());
-  const auto second = series_of(o, files->front(), o.second, stop.token(), what_second, warnings);
+  const auto second = series_of(o, files->front(), o.second, stop.token(), facts_second, warnings);
   if (!second) return wrong(second.error());
   const auto fit =
       fit_time_offset(*first, *second, {.largest_s = o.largest_s, .same_quantity = o.same_quantity});
@@ -228,9 +324,12 @@ int calibrate_delay(const DelayOptions& o) {
   product.fit.interrupted = product.fit.interrupted || stop.token().stop_requested();
   product.recipe.kind = "delay";
   product.recipe.set = {{"first", o.first}, {"second", o.second}};
-  if (const Parameter* d = product.fit.find("delay_s"); d != nullptr && product.fit.not_identifiable.empty())
+  if (const Parameter* d = product.fit.find("delay_s");
+      d != nullptr && product.fit.not_identifiable.empty()) {
     product.recipe.set.emplace_back("delay_s", exact_text(d->value));
-  product.more = {{"first", what_first}, {"second", what_second}};
+    if (std::abs(d->value) <= o.largest_s) add_latency(o, facts_first, facts_second, *second, *d, product);
+  }
+  product.more = {{"first", facts_first.what}, {"second", facts_second.what}};
   Figure over{.kind = Figure::Kind::series,
               .title = "Residual over time",
               .caption = "Second channel less the first, shifted and scaled.",
@@ -253,7 +352,9 @@ CalibrateSubcommand add_calibrate_delay(CLI::App& calibrate) {
                      "By how much two channels' stamps are apart, from what both saw move");
   auto o = std::make_shared<DelayOptions>();
   add_common_options(app, *o, "A recording (.mcap)");
-  app.add_option("--first", o->first, "Channel, the denser one; CHANNEL:INDEX of registers").required();
+  app.add_option("--first", o->first,
+                 "Channel, the denser one; CHANNEL:INDEX of registers, SINK:VALUE of commands")
+      .required();
   app.add_option("--second", o->second, "The other channel: delay > 0 means that its stamps are early")
       .required();
   app.add_option("--target", o->target, "Cameras: the board whose turning is followed");

@@ -68,6 +68,15 @@ TEST(TimeOffset, WhatStandsStillOrMovesEvenlyCannotTell) {
   }
 }
 
+TEST(TimeOffset, ASecondChannelThatStandsStillCannotTell) {
+  auto [first, second] = seen(1);
+  for (auto& v : second.value) v = 2.068785714285692;
+  const auto fit = fit_time_offset(first, second);
+  ASSERT_TRUE(fit) << fit.error().text();
+  ASSERT_FALSE(fit->result.not_identifiable.empty());
+  EXPECT_EQ(fit->result.not_identifiable[0].first, "delay_s");
+}
+
 TEST(TimeOffset, AnEvenMotionTellsWhereBothMeasureTheSame) {
   auto [first, second] = seen(
       1, +[](double t) { return 0.2 * t; });

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "calibration/core/chi_squared.h"
 #include "calibration/core/fit_result.h"
-#include "calibration/tof/chi_squared.h"
 
 namespace rigor::calibration {
 

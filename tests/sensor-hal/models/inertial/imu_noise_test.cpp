@@ -4,8 +4,8 @@
 #include <cmath>
 #include <map>
 
+#include "calibration/core/chi_squared.h"
 #include "calibration/tof/allan.h"
-#include "calibration/tof/chi_squared.h"
 #include "sensor-hal/models/imu/imu_model.h"
 #include "tests/sensor-hal/models/inertial/statistics.h"
 

@@ -1,4 +1,4 @@
-#include "calibration/tof/chi_squared.h"
+#include "calibration/core/chi_squared.h"
 
 #include <cmath>
 #include <limits>
