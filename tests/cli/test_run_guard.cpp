@@ -1,45 +1,36 @@
-// Loops under the guard, with their channels, recorder, digest and application: the demo's and that with
-// faults by the wall clock, which do not allocate, lock, fault or block; and that of every rig in virtual
-// time, which does not allocate.
+// Loops under the guard in wall-clock time, with their channels, recorder, digest and application: the demo's
+// and that with faults do not allocate, lock, fault or block. (Every rig in virtual time: test_rigs.cpp.)
 #include <gtest/gtest.h>
 
 #include <functional>
 #include <thread>
 
-#include "bench/run/assembly.h"
 #include "bench/registry.h"
+#include "bench/run/assembly.h"
 #include "bench/run/recording.h"
 #include "rt-core/realtime_guard.h"
 #include "sensor-hal/channel/fault_bench.h"
 #include "tests/cli/command.h"
-#include "tests/cli/rigs_of_the_tree.h"
 
 namespace rigor {
 namespace {
 
-/// `length` of a rig by its clock or this one; `meanwhile` runs on a thread of its own.
-void run_under_guard(const std::string& file, ClockKind clock, Duration length,
-                     const std::function<void(RunParts&)>& meanwhile = {},
-                     const std::vector<ConfigOverride>& overrides = {}) {
+/// Two seconds of a rig; `meanwhile` runs on a thread of its own.
+void run_under_guard(const std::string& file, const std::function<void(RunParts&)>& meanwhile = {}) {
   test::TempDir dir;
-  auto rig = load_rig(test::config(file), overrides);
+  auto rig = load_rig(test::config(file), {});
   ASSERT_TRUE(rig) << rig.error().text();
-  rig->clock = clock;
-  const bool wall = clock == ClockKind::wall;
-  rig->duration = length;
+  rig->clock = ClockKind::wall;
+  rig->duration = seconds(2);
   rig->record.file = dir / "run.mcap";
   const Registry registry = make_registry();
-  std::unique_ptr<DeviceWorld> devices;
+  auto devices = DeviceWorld::open(*rig);
+  ASSERT_TRUE(devices) << devices.error().text();
   std::vector<std::unique_ptr<Emulator>> emulators;
-  if (wall) {
-    auto opened = DeviceWorld::open(*rig);
-    ASSERT_TRUE(opened) << opened.error().text();
-    devices = std::move(*opened);
-    for (const EmulatorEntry& entry : rig->emulators) {
-      auto emulator = devices->start_emulator(entry, registry, bench_now());
-      ASSERT_TRUE(emulator) << emulator.error().text();
-      emulators.push_back(std::move(*emulator));
-    }
+  for (const EmulatorEntry& entry : rig->emulators) {
+    auto emulator = (*devices)->start_emulator(entry, registry, bench_now());
+    ASSERT_TRUE(emulator) << emulator.error().text();
+    emulators.push_back(std::move(*emulator));
   }
   auto assembly = assemble(std::move(*rig), registry);
   ASSERT_TRUE(assembly) << assembly.error().text();
@@ -49,7 +40,7 @@ void run_under_guard(const std::string& file, ClockKind clock, Duration length,
   ASSERT_TRUE(run.arm());
   auto output = RecordingFile::create(parts.rig.record.file, Existing::replace);
   ASSERT_TRUE(output) << output.error().text();
-  auto recorder = open_recording(parts, *output, wall ? read_epoch() : kVirtualEpoch, {});
+  auto recorder = open_recording(parts, *output, read_epoch(), {});
   ASSERT_TRUE(recorder) << recorder.error().text();
   run.set_recorder(recorder->get());
   const Status installed = guard::install();
@@ -62,26 +53,22 @@ void run_under_guard(const std::string& file, ClockKind clock, Duration length,
   const guard::Report report = guard::report();
   guard::uninstall();
   ASSERT_TRUE(outcome) << outcome.error().text();
-  EXPECT_GT(outcome->loop.cycles_run, wall ? 500u : 0u);
+  EXPECT_GT(outcome->loop.cycles_run, 500u);
   EXPECT_EQ(report.allocations, 0u) << report.text();
-  if (wall) {  // in virtual time the loop waits for its devices and its recorder
-    EXPECT_EQ(report.locks, 0u) << report.text();
-    EXPECT_EQ(report.system_calls, 0u) << report.text();
-    bool locked = false;
-    for (const RealtimeSetting& s : outcome->loop.settings) locked |= s.name == "memory lock" && s.granted;
-    EXPECT_TRUE(!locked || report.page_faults == 0) << report.text();
-  }
+  EXPECT_EQ(report.locks, 0u) << report.text();
+  EXPECT_EQ(report.system_calls, 0u) << report.text();
+  bool locked = false;
+  for (const RealtimeSetting& s : outcome->loop.settings) locked |= s.name == "memory lock" && s.granted;
+  EXPECT_TRUE(!locked || report.page_faults == 0) << report.text();
   EXPECT_TRUE(run.stop());
   EXPECT_TRUE((*recorder)->stop());
   for (auto& e : emulators) EXPECT_TRUE(e->stop());
 }
 
-TEST(RunGuard, TheDemosLoopDoesNotAllocateLockFaultOrBlock) {
-  run_under_guard("demo.yaml", ClockKind::wall, seconds(2));
-}
+TEST(RunGuard, TheDemosLoopDoesNotAllocateLockFaultOrBlock) { run_under_guard("demo.yaml"); }
 
 TEST(RunGuard, NorDoesALoopWithFaultsScheduledAndInjected) {
-  run_under_guard("rigs/faults.yaml", ClockKind::wall, seconds(2), [](RunParts& parts) {
+  run_under_guard("rigs/faults.yaml", [](RunParts& parts) {
     const auto inject = [&](const std::string& channel, const std::string& yaml) {
       const auto node = ConfigDocument::parse(yaml, "fault");
       ASSERT_TRUE(node);
@@ -104,18 +91,6 @@ TEST(RunGuard, NorDoesALoopWithFaultsScheduledAndInjected) {
     }
   });
 }
-
-// In virtual time, in which every rig runs on every machine.
-class RunGuardOfRigs : public testing::TestWithParam<test::Rig> {};
-
-TEST_P(RunGuardOfRigs, TheLoopDoesNotAllocate) {
-  std::vector<ConfigOverride> overrides;
-  // In place of `rigor tune`, which writes beside the rig.
-  if (GetParam().path == "rigs/tuned-scan.yaml")
-    overrides.push_back(*ConfigOverride::parse("channels.scan.engine=rays"));
-  run_under_guard(GetParam().path, ClockKind::virtual_time, milliseconds(100), {}, overrides);
-}
-INSTANTIATE_TEST_SUITE_P(Tree, RunGuardOfRigs, testing::ValuesIn(test::rigs()), test::name_of);
 
 }  // namespace
 }  // namespace rigor
