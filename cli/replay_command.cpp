@@ -1,5 +1,3 @@
-#include "sensor-hal/record/replay_source.h"
-
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -14,44 +12,11 @@
 #include "cli/open_live.h"
 #include "cli/overrides.h"
 #include "sensor-hal/channel/worker_pool.h"
+#include "sensor-hal/record/replay_sink.h"
+#include "sensor-hal/record/replay_source.h"
 
 namespace rigor {
 namespace {
-
-/// Stands where a sink was: takes every command, moves nothing. The commands of a replay are in its
-/// recording.
-class NullSink final : public Sink {
- public:
-  explicit NullSink(const ConfigNode& params) : params_(params) {}
-  bool command(const Command&) noexcept override {
-    counters_.accepted.fetch_add(1, std::memory_order_relaxed);
-    return true;
-  }
-  void watch(const Heartbeat*, Duration) override {}
-
- private:
-  Status do_configure(const ChannelConfig&) override {
-    return catch_config([&] {
-             for (const ConfigNode& r : params_.list_or_empty("registers")) {
-               description_.names.push_back(r.text("name"));
-               description_.units.push_back(r.text_or("unit", ""));
-             }
-             // Signals of a bus, whose units stand in a DBC file that need not be here; of a platform, names.
-             for (const ConfigNode& s : params_.list_or_empty("signals")) {
-               description_.names.push_back(s.is_map() ? s.text_or("name", s.text("signal")) : s.as_text());
-               description_.units.emplace_back();
-             }
-             description_.kind = SampleKind::register_block;
-             return 0;
-           })
-        .map([](int) {});
-  }
-  Status do_arm(const ArmContext&) override { return {}; }
-  Status do_start(BenchTime) override { return {}; }
-  Status do_stop() override { return {}; }
-
-  ConfigNode params_;
-};
 
 /// A recording may come from anybody: a program that it names is not run unasked.
 Status may_run(const RigConfig& rig, const ReplayOptions& options) {
@@ -76,13 +41,7 @@ Result<RigConfig> load(const ReplayOptions& options, const RecordedRun& recorded
   if (!overrides) return tl::unexpected<Error>(overrides.error());
   Result<RigConfig> rig = [&]() -> Result<RigConfig> {
     if (!options.rig.empty()) return load_rig(options.rig, *overrides);
-    // Named by where it was, so that what it names by relative paths is found.
-    auto root = ConfigDocument::parse(
-        recorded.rig_text,
-        fmt::format("{} (as recorded in {})", recorded.rig_file, options.recording.filename().string()),
-        *overrides);
-    if (!root) return tl::unexpected<Error>(root.error());
-    return parse_rig(*root, recorded.rig_file);
+    return recorded_rig(recorded, options.recording, *overrides);
   }();
   if (!rig) return rig;
   if (auto s = may_run(*rig, options); !s) return tl::unexpected<Error>(s.error());
@@ -156,7 +115,7 @@ int replay_command(const ReplayOptions& options) {
     auto sink = std::make_unique<RunSink>();
     sink->entry = &entry;
     sink->replaced_by = "nothing";
-    sink->sink = std::make_unique<NullSink>(entry.sink.params);
+    sink->sink = std::make_unique<ReplaySink>(entry.sink.params);
     ChannelConfig config;
     config.name = entry.name;
     if (auto s = sink->sink->configure(config); !s) return report_error(s.error(), options.json);

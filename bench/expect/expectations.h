@@ -29,8 +29,10 @@
 
 namespace rigor {
 
-/// What is known when the run has ended.
+/// What is known when the run has ended, beside what its cycles were like.
 struct RunEnd {
+  /// A recording has no counters of sinks and application, and of the loop only what it skipped.
+  bool of_recording = false;
   struct Sink {
     std::string name;
     std::uint64_t failed = 0, late = 0, dropped = 0;
@@ -39,7 +41,8 @@ struct RunEnd {
     std::string pair;
     double t_s = 0;
   };
-  const RunSummary* loop = nullptr;
+  const RunSummary* loop = nullptr;    ///< null: of a recording
+  std::uint64_t recorded_skipped = 0;  ///< cycles that the loop skipped, as the recording says
   std::vector<Sink> sinks;
   std::vector<Alarm> alarms;
   std::optional<ApplicationFacts> application;
@@ -52,7 +55,8 @@ class Expectations {
   [[nodiscard]] static Result<std::unique_ptr<Expectations>> read(const RigConfig& rig);
   ~Expectations();
 
-  /// After channels and sinks were configured: finds values by their names. bad_input. Setup context.
+  /// After channels and sinks were configured: finds values by their names. bad_input with the place, also of
+  /// a channel or sink that is not among the ports. Setup context.
   [[nodiscard]] Status bind(const ApplicationPorts& ports);
 
   // Loop thread; no allocation.

@@ -14,6 +14,7 @@ struct Expected {
   std::string of, quantity;  ///< "turntable.position", "value"
   std::string bounds;        ///< "from -45 to 45"
   bool holds = false;
+  bool told = true;  ///< false: nobody can know from what there is (a recording): it neither holds nor not
   std::uint64_t looked_at = 0;    ///< samples, commands, or 1
   std::uint64_t outside = 0;      ///< of these
   std::optional<double> first_s;  ///< the first that was outside, since the start of the run
@@ -22,13 +23,17 @@ struct Expected {
   [[nodiscard]] std::string sentence() const;
   /// "got 0 to 47.2; 12 of 980, first at 3.120 s".
   [[nodiscard]] std::string outcome() const;
+  /// "turntable.position value from -45 to 45".
+  [[nodiscard]] std::string name() const;
+  [[nodiscard]] bool fails() const { return told && !holds; }
 };
 
-/// [{"of", "quantity", "bounds", "holds", "looked_at", "outside", "first_s", "least", "most", "outcome",
-/// "text"}]
+/// [{"of", "quantity", "bounds", "state", "holds", "looked_at", "outside", "first_s", "least", "most",
+/// "outcome", "text"}]; `state` is holds, violated or untold, `holds` is null of what is untold.
 [[nodiscard]] nlohmann::json to_json(const std::vector<Expected>& all);
-/// JUnit's XML: a test case for each, and one that the run itself ended as it was to.
+/// JUnit's XML: a test case for each, skipped where it is untold, and one that the run itself ended as it was
+/// to: `failure_of_run` is empty where it did, and null where no run is judged.
 [[nodiscard]] std::string junit_text(const std::vector<Expected>& all, const std::string& rig,
-                                     const std::string& failure_of_run, double duration_s);
+                                     const std::optional<std::string>& failure_of_run, double duration_s);
 
 }  // namespace rigor

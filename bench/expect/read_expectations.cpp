@@ -73,6 +73,20 @@ Bounds read_bounds(const ConfigNode& entry, const char* key) {
   return b;
 }
 
+std::vector<std::string> names_of(const auto& ports) {
+  std::vector<std::string> names;
+  for (const auto& [name, port] : ports) names.push_back(name);
+  return names;
+}
+
+/// " from 0.1 to 0.5 s"; empty: the whole run.
+std::string window_text(Duration from, Duration until) {
+  if (from.ns() > 0 && until.ns() > 0)
+    return fmt::format(" from {:g} to {:g} s", from.seconds(), until.seconds());
+  if (from.ns() > 0) return fmt::format(" from {:g} s", from.seconds());
+  return until.ns() > 0 ? fmt::format(" until {:g} s", until.seconds()) : "";
+}
+
 struct Found {
   Subject subject{};
   const ChannelEntry* channel = nullptr;
@@ -141,7 +155,7 @@ Result<std::unique_ptr<Expectations>> Expectations::read(const RigConfig& rig) {
         check->quantity = q.quantity;
         check->bounds = read_bounds(n, q.key);
         check->result.quantity = q.key;
-        check->result.bounds = check->bounds.text();
+        check->result.bounds = check->bounds.text() + window_text(base.from, base.until);
         const bool needs_rate = q.quantity == Quantity::missing;
         if (needs_rate && base.period.ns() <= 0)
           throw n.error(q.key, "expected a channel with a rate, got one that has none: nothing of it is due");
@@ -153,7 +167,8 @@ Result<std::unique_ptr<Expectations>> Expectations::read(const RigConfig& rig) {
         check->quantity = Quantity::alarm;
         check->wanted_alarm = n.flag("alarm");
         check->result.quantity = "alarm";
-        check->result.bounds = check->wanted_alarm ? "to come" : "not to come";
+        check->result.bounds =
+            (check->wanted_alarm ? "to come" : "not to come") + window_text(base.from, base.until);
         out->checks_.push_back(std::move(check));
       }
       n.finish();
@@ -176,6 +191,11 @@ Status Expectations::bind(const ApplicationPorts& ports) {
       Check& c = *check;
       const auto input = ports.inputs.find(c.subject == Subject::estimate ? c.against : c.name);
       const auto output = ports.outputs.find(c.name);
+      const bool needs_port = c.subject == Subject::channel || c.subject == Subject::value ||
+                              c.subject == Subject::sink || c.subject == Subject::estimate;
+      if (needs_port && !ports.inputs.contains(c.name) && output == ports.outputs.end())
+        throw c.node.error("of", fmt::format("expected a channel that was recorded ({}), got \"{}\"",
+                                             fmt::join(names_of(ports.inputs), ", "), c.name));
       const auto place = [&](const std::vector<std::string>& names, const std::string& value) {
         const auto it = std::ranges::find(names, value);
         if (it == names.end())
