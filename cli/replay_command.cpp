@@ -88,6 +88,11 @@ int replay_command(const ReplayOptions& options) {
   auto expectations = Expectations::read(parts.rig);
   if (!expectations) return report_error(expectations.error(), options.json);
   parts.expectations = std::move(*expectations);
+  if (parts.expectations) {
+    auto events = read_recorded_events(options.recording, *recorded);
+    if (!events) return report_error(events.error(), options.json);
+    parts.recorded_faults = std::move(events->faults);
+  }
   auto application = make_application(parts.rig, make_registry());
   if (!application) return report_error(application.error(), options.json);
   parts.application = std::move(*application);

@@ -46,10 +46,17 @@ Result<CheckedRecording> check_recorded_run(const std::filesystem::path& recordi
   if (!events) return tl::unexpected<Error>(events.error());
 
   expect.begin(run->t0);
+  auto fault = events->faults.begin();
+  auto made_safe = events->made_safe.begin();
   while (true) {
     const auto more = ports.next();
     if (!more) return tl::unexpected<Error>(more.error());
     if (!*more) break;
+    for (; fault != events->faults.end() && fault->t <= ports.now(); ++fault)
+      expect.fault(fault->of, fault->kind, fault->begins);
+    for (; made_safe != events->made_safe.end() && made_safe->t <= ports.now(); ++made_safe)
+      if (made_safe->sink < rig->sinks.size())
+        expect.made_safe(*ports.ports().outputs.at(rig->sinks[made_safe->sink].name), made_safe->t);
     for (const RecordedPorts::Given& g : ports.commands()) expect.command(*g.port, g.command);
     expect.cycle(ports.now());
   }

@@ -10,6 +10,7 @@
 
 #include "bench/control/pair_snapshot.h"
 #include "bench/run/recorded_events.h"
+#include "bench/run/recording.h"
 #include "bench/run/run_json.h"
 #include "sensor-hal/channel/pair_source.h"
 

@@ -9,6 +9,8 @@
 //     - { of: table_command, failed: { max: 0 } }                                            a sink
 //     - { of: left, alarm: false }                                                           a watched pair
 //     - { of: estimate, against: truth, position_m: { max: 0.2 }, until_s: 9 }               an estimate
+//     - { of: drive, safe_after_ms: { max: 200 }, when: { fault: scan } }                  a sink, when
+//     something went wrong
 //     - { of: loop, skipped: { max: 0 }, wake_p99_us: { max: 500 } }
 //     - { of: application, late: { max: 0 } }
 //
@@ -20,11 +22,13 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "bench/expect/expected.h"
 #include "rt-core/executive.h"
 #include "sensor-hal/channel/application.h"
+#include "sensor-hal/channel/fault_spec.h"
 #include "sensor-hal/rig/rig.h"
 
 namespace rigor {
@@ -59,10 +63,14 @@ class Expectations {
   /// a channel or sink that is not among the ports. Setup context.
   [[nodiscard]] Status bind(const ApplicationPorts& ports);
 
-  // Loop thread; no allocation.
+  // Loop thread; no allocation. In each cycle what happened in it, and `cycle` last.
   void begin(BenchTime t0) noexcept;
+  /// A fault of a channel or sink, of a pair's side `left.real`, is on from this cycle on, or off.
+  void fault(std::string_view of, FaultKind kind, bool begins) noexcept;
+  /// The sink has its safe values, because nobody commanded it.
+  void made_safe(const CommandPort& port, BenchTime t) noexcept;
   void command(const CommandPort& port, const Command& command) noexcept;
-  void cycle(BenchTime t) noexcept;  ///< when all of the cycle has happened
+  void cycle(BenchTime t) noexcept;
 
   /// In the order of the rig. Setup context, after the last cycle.
   [[nodiscard]] std::vector<Expected> finish(const RunEnd& end);

@@ -26,7 +26,7 @@ std::string Expected::name() const { return fmt::format("{} {} {}", of, quantity
 
 std::string Expected::outcome() const {
   if (!told) return "cannot be told from a recording";
-  if (looked_at == 0) return "nothing came that could be judged";
+  if (looked_at == 0) return nothing.empty() ? "nothing came that could be judged" : nothing;
   if (quantity == "alarm")
     return least > 0 ? fmt::format("it came{}", first_s ? fmt::format(" at {:.3f} s", *first_s) : "")
                      : "it did not";
@@ -34,6 +34,7 @@ std::string Expected::outcome() const {
       least == most ? fmt::format("got {:.6g}", least) : fmt::format("got {:.6g} to {:.6g}", least, most);
   if (looked_at > 1 && outside > 0) s += fmt::format("; {} of {}", outside, looked_at);
   if (first_s) s += fmt::format(", first at {:.3f} s", *first_s);
+  if (!detail.empty()) s += fmt::format(" ({})", detail);
   return s;
 }
 

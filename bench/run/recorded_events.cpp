@@ -2,6 +2,8 @@
 
 #include <optional>
 
+#include "bench/run/recording.h"
+#include "sensor-hal/channel/event_text.h"
 #include "sensor-hal/channel/pair_monitor.h"
 #include "sensor-hal/record/cdr.h"
 #include "sensor-hal/record/mcap_reader.h"
@@ -51,6 +53,8 @@ Result<RecordedEvents> read_recorded_events(const std::filesystem::path& file, c
         RealtimeTime(std::int64_t{m.header.stamp.sec} * 1'000'000'000 + m.header.stamp.nanosec));
     if (m.code == kEventPairAlarm) {
       events.alarms.push_back({t, m.channel});
+    } else if (m.code == kEventMadeSafe && m.value >= 0 && m.value < 1e6) {
+      events.made_safe.push_back({t, static_cast<std::size_t>(m.value)});
     } else if (is_fault(m.code)) {
       auto fault = parse_fault(m);
       if (!fault)

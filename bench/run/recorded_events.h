@@ -1,4 +1,5 @@
-// What happened in a recorded run, from `/rigor/events`: faults, and alarms of watched pairs.
+// What happened in a recorded run, from `/rigor/events`: faults, alarms of watched pairs, sinks that were
+// made safe.
 #pragma once
 
 #include <cstdint>
@@ -6,10 +7,11 @@
 #include <string>
 #include <vector>
 
-#include "bench/run/recording.h"
 #include "sensor-hal/channel/fault_spec.h"
 
 namespace rigor {
+
+struct RecordedRun;
 
 /// A fault began or ended.
 struct RecordedFault {
@@ -25,10 +27,16 @@ struct RecordedAlarm {
   BenchTime t;
   std::string pair;
 };
+/// A sink's thread wrote its safe values, for nobody commanded it.
+struct RecordedMadeSafe {
+  BenchTime t;
+  std::size_t sink = 0;  ///< its place in the rig
+};
 /// Each in the order of the recording.
 struct RecordedEvents {
   std::vector<RecordedFault> faults;
   std::vector<RecordedAlarm> alarms;
+  std::vector<RecordedMadeSafe> made_safe;
 };
 
 /// Setup context. protocol: among others an event that this version does not understand.

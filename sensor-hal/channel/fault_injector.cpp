@@ -116,9 +116,9 @@ void FaultInjector::start(BenchTime t0, Period loop_period) {
     forget_run(*f);
     all_.push_back(f.get());
   }
-  if (!event_pool_) event_pool_ = make_sample_pool(2 * events_.size(), 0);
-  for (auto& e : events_) e.reset();
-  event_first_ = event_count_ = 0;
+  if (!event_pool_) event_pool_ = make_sample_pool(2 * changes_.size(), 0);
+  for (auto& c : changes_) c = {};
+  change_first_ = change_count_ = 0;
   event_sequence_ = 0;
   running_ = true;
 }
@@ -237,10 +237,11 @@ void FaultInjector::switch_off(Fault& f, BenchTime now) noexcept {
 }
 
 void FaultInjector::tell(const Fault& f, bool begins, BenchTime now) noexcept {
-  if (event_count_ == events_.size()) return;  // its counters and spans say it all the same
-  SampleLease event = event_pool_->try_acquire();
-  if (!event) return;
-  Sample& sample = event.edit();
+  if (change_count_ == changes_.size()) return;  // its counters and spans say it all the same
+  FaultChange& change = changes_[(change_first_ + change_count_++) % changes_.size()];
+  change = {true, f.spec.kind, begins, event_pool_->try_acquire()};
+  if (!change.event) return;
+  Sample& sample = change.event.edit();
   sample.stamp = Stamp{};
   sample.stamp.sequence = event_sequence_++;
   sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = now;
@@ -264,15 +265,14 @@ void FaultInjector::tell(const Fault& f, bool begins, BenchTime now) noexcept {
   }
   text.add(": ").add(f.spec.text);
   sample.info = info;
-  events_[(event_first_ + event_count_++) % events_.size()] = std::move(event);
 }
 
-SampleLease FaultInjector::poll_event() noexcept {
-  if (event_count_ == 0) return {};
-  SampleLease event = std::move(events_[event_first_]);
-  event_first_ = (event_first_ + 1) % events_.size();
-  --event_count_;
-  return event;
+FaultChange FaultInjector::poll_change() noexcept {
+  if (change_count_ == 0) return {};
+  FaultChange change = std::move(changes_[change_first_]);
+  change_first_ = (change_first_ + 1) % changes_.size();
+  --change_count_;
+  return change;
 }
 
 // ------------------------------------------------------------------ one sample

@@ -114,6 +114,55 @@ TEST_F(Check, OfAPairThatIsSwitched) {
   EXPECT_TRUE(expect_same(json::parse(run.out), check()).empty());
 }
 
+TEST_F(Check, KnowsWhenFaultsCameAndTheCommandsWereSafe) {
+  // The sensor is silent from 0.6 s on; the robot stands when the command of 0.65 s takes effect.
+  const Said run = this->run(
+      "  - { of: drive, safe_after_ms: { max: 60 }, when: { fault: imu } }\n"
+      "  - { of: drive, safe_after_ms: { max: 50 }, when: { fault: imu, kind: drop } }\n"
+      "  - { of: drive, safe_after_ms: { max: 54 }, when: { channel: imu, is: overdue } }\n"
+      "  - { of: drive, safe_after_ms: { max: 50 }, when: { fault: truth } }\n"
+      "  - { of: drive, safe_after_ms: { max: 50 }, when: { fault: drive } }\n",
+      {"--record", "run.mcap", "--set",
+       "application.sinks.drive.steps=[{at_s: 0, values: [0, 0]}, {at_s: 0.5, values: [1, 0]}, {at_s: 0.65, "
+       "values: "
+       "[0, 0]}]",
+       "--set", "sinks.drive.faults=[{kind: bias, value: w, amount: 0.1, from_s: 0.9}]"});
+  EXPECT_EQ(run.status, 1) << run.err;
+  const json all = json::parse(run.out)["expect"];
+  EXPECT_EQ(all[0]["text"], "drive: expected safe_after_ms of at most 60 after a fault of imu, got 60");
+  EXPECT_EQ(
+      all[1]["text"],
+      "drive: expected safe_after_ms of at most 50 after drop of imu, got 60, first at 0.650 s (it began at "
+      "0.600 s; safe after 60 ms)");
+  EXPECT_TRUE(all[2]["holds"]) << all[2].dump();
+  EXPECT_THAT(all[3]["text"].get<std::string>(), HasSubstr("no such fault came: nothing was tested"));
+  EXPECT_TRUE(all[4]["holds"]) << all[4].dump();
+  EXPECT_TRUE(expect_same(json::parse(run.out), check()).empty());
+  const Said again = rigor({"replay", "run.mcap", "--json"}, dir.path());
+  EXPECT_EQ(json::parse(again.out)["expect"], all);
+}
+
+TEST_F(Check, KnowsWhenASinkWasMadeSafe) {
+  write_file(dir / "app.py",
+             "import time, rigor_client\n"
+             "class App(rigor_client.Application):\n"
+             "    def step(self, turn):\n"
+             "        if turn['imu'].status == 'overdue': time.sleep(2.5)\n"
+             "        turn.command('drive', v=0.25, w=0)\n"
+             "rigor_client.run(App())\n");
+  const Said run = this->run(
+      "  - { of: drive, safe_after_ms: { max: 1000 }, when: { fault: imu } }\n"
+      "  - { of: drive, safe_after_ms: { max: 1 }, when: { fault: imu } }\n",
+      {"--record", "run.mcap", "--clock", "wall", "--duration", "2", "--set",
+       "loop={rate_hz: 200, heartbeat_ms: 100}", "--set", "channels.imu.faults=[{kind: drop, from_s: 0.6}]",
+       "--set", "application={command: [python3, app.py], rate_hz: 50, on_late: safe}"});
+  EXPECT_EQ(run.status, 1) << run.err;
+  const json result = json::parse(run.out);
+  EXPECT_TRUE(result["expect"][0]["holds"]) << result["expect"].dump(1);
+  EXPECT_GT(result["expect"][0]["most"], 100) << "the loop has to fall silent for that";
+  EXPECT_TRUE(expect_same(result, check()).empty());
+}
+
 TEST_F(Check, ByAnotherRigsExpectations) {
   ASSERT_EQ(run("  - { of: imu, late: { max: 0 } }\n", {"--record", "run.mcap"}).status, 0);
   write_file(dir / "stricter.yaml", "expect:\n  - { of: imu, missing: { max: 0 } }\n");
