@@ -81,7 +81,7 @@ bool RunReport::ended_well() const {
 
 bool RunReport::passed() const {
   return ended_well() && errors.empty() && replay_difference.empty() && failed_on.empty() &&
-         facts.emulators.empty() && std::ranges::all_of(expected, &Expected::holds);
+         facts.emulators.empty() && std::ranges::none_of(expected, &Expected::fails);
 }
 
 struct Bench::Impl {
@@ -376,7 +376,7 @@ Result<RunReport> Bench::Impl::close(Result<RunOutcome> outcome) {
   if (parts().expectations)
     report.expected = parts().expectations->finish(run_end(report.outcome, report.facts));
   for (const Expected& e : report.expected)
-    if (!e.holds) report.facts.unmet.push_back(e.sentence());
+    if (e.fails()) report.facts.unmet.push_back(e.sentence());
   report.verdict = judge(report.facts);
   report.failed_on = report.verdict.found(options.fail_on);
   report.warnings = warnings;

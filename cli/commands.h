@@ -48,6 +48,13 @@ struct ReplayOptions {
   bool force = false;        ///< replace what is there
   bool json = false;
 };
+struct CheckOptions {
+  std::filesystem::path recording, rig;  ///< rig: whose `expect` is taken; empty: the recorded one
+  std::vector<std::string> overrides;
+  std::filesystem::path junit;
+  bool force = false;  ///< replace what is there
+  bool json = false;
+};
 struct EmulateOptions {
   std::filesystem::path rig;
   std::vector<std::string> overrides;
@@ -144,6 +151,7 @@ struct PlainOptions {
 
 int run_command(const RunOptions& options);
 int replay_command(const ReplayOptions& options);
+int check_command(const CheckOptions& options);
 int emulate_command(const EmulateOptions& options);
 int sense_command(const SenseOptions& options);
 int tune_command(const TuneOptions& options);

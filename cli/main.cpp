@@ -145,6 +145,23 @@ int command_line(int argc, char** argv) {
   add_overrides(replay_app, replay.overrides);
   replay_app->footer("Example: rigor replay demo.mcap --record again.mcap");
 
+  rigor::CheckOptions check;
+  auto* check_app = app.add_subcommand(
+      "check", "Judge a recording by what a rig expects, without running anything (docs/expect.md)");
+  check_app->add_option("RECORDING", check.recording, "MCAP file of a run")->required();
+  check_app->add_option(
+      "RIG", check.rig,
+      "Rig whose `expect` is taken in place of the recorded one's, or a file with nothing else");
+  add_junit(check_app, check.junit);
+  check_app->add_flag("--force", check.force, kForceKept);
+  check_app->add_flag("--json", check.json, "Print what came of it as JSON");
+  add_overrides(check_app, check.overrides);
+  check_app->footer(
+      "Examples: rigor check demo.mcap\n"
+      "          rigor check demo.mcap stricter.yaml --junit junit.xml\n"
+      "Exit status: 1 where something does not hold. What a recording cannot tell is said and fails "
+      "nothing.");
+
   rigor::SenseOptions sense;
   auto* sense_app = app.add_subcommand("sense", "Take one sample of a simulated channel");
   sense_app->add_option("RIG", sense.rig, "Rig file or name")->required();
@@ -303,12 +320,13 @@ int command_line(int argc, char** argv) {
     return app.exit(e) == 0 ? 0 : 2;
   }
   for (std::filesystem::path* rig :
-       {&run.rig, &emulate.rig, &replay.rig, &sense.rig, &tune.rig, &localization.map})
+       {&run.rig, &emulate.rig, &replay.rig, &check.rig, &sense.rig, &tune.rig, &localization.map})
     *rig = rigor::find_config(*rig);
   try {
     if (*run_app) return rigor::run_command(run);
     if (*emulate_app) return rigor::emulate_command(emulate);
     if (*replay_app) return rigor::replay_command(replay);
+    if (*check_app) return rigor::check_command(check);
     if (*sense_app) return rigor::sense_command(sense);
     if (*tune_app) return rigor::tune_command(tune);
     if (*fault_app) return rigor::fault_command(fault);

@@ -28,7 +28,7 @@ int print_report(const RunReport& report, bool json) {
       write_stderr(
           fmt::format("rigor: failed by --fail-on {}: {}\n", fmt::join(failed.names(), ","), f.sentence));
   for (const Expected& e : report.expected)
-    if (!e.holds) write_stderr(fmt::format("rigor: not as expected: {}\n", e.sentence()));
+    if (e.fails()) write_stderr(fmt::format("rigor: not as expected: {}\n", e.sentence()));
   return report.passed() ? 0 : 1;
 }
 

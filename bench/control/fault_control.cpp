@@ -9,12 +9,10 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/control/pair_snapshot.h"
+#include "bench/run/recorded_events.h"
 #include "bench/run/recording.h"
 #include "bench/run/run_json.h"
 #include "sensor-hal/channel/pair_source.h"
-#include "sensor-hal/record/cdr.h"
-#include "sensor-hal/record/mcap_reader.h"
-#include "sensor-hal/record/ros2_messages.h"
 
 namespace rigor {
 namespace {
@@ -144,21 +142,9 @@ void add_run_commands(ControlCommands& commands, RunParts& parts) {
 
 namespace {
 
-/// "live fault 2 of left.real begins in cycle 40: {kind: drop}"
-struct RecordedFault {
-  std::string channel, yaml;
-};
-std::optional<RecordedFault> parse_event(const std::string& text) {
-  const std::size_t of = text.find(" of "), end = text.find(' ', of + 4), brace = text.find(": {");
-  if (of == std::string::npos || end == std::string::npos || brace == std::string::npos) return {};
-  return RecordedFault{text.substr(of + 4, end - of - 4), text.substr(brace + 2)};
-}
-
 /// Draws depend on channels' names and kinds: those that were recorded are to be in this rig.
 Status check_channels(const RecordedRun& run, const std::filesystem::path& file, const RigConfig& rig) {
-  const auto root = ConfigDocument::parse(run.rig_text, file.string() + ": its rig");
-  if (!root) return tl::unexpected<Error>(root.error());
-  const auto recorded = parse_rig(*root, run.rig_file);
+  const auto recorded = recorded_rig(run, file);
   if (!recorded) return tl::unexpected<Error>(recorded.error());
   std::vector<std::string> differ;
   for (const ChannelEntry& was : recorded->channels) {
@@ -186,51 +172,30 @@ Status schedule_recorded_faults(const std::filesystem::path& file, const RigConf
   const auto run = read_recorded_run(file);
   if (!run) return tl::unexpected<Error>(run.error());
   if (auto s = check_channels(*run, file, rig); !s) return s;
-  auto reader = record::McapReader::open(file.string());
-  if (!reader) return tl::unexpected<Error>(reader.error());
-  struct Recorded {
-    RecordedFault told;
-    std::uint32_t index = 0;
+  const auto events = read_recorded_events(file, *run);
+  if (!events) return tl::unexpected<Error>(events.error());
+  struct Live {
+    std::string yaml;
     Duration from, until = Duration(std::numeric_limits<std::int64_t>::max());
   };
-  std::map<std::pair<std::string, std::uint32_t>, Recorded> found;
-  auto cursor = (*reader)->messages({.topics = {"/rigor/events"}, .order = record::MessageOrder::file});
-  record::MessageView view;
-  while (true) {
-    const auto more = cursor.next(view);
-    if (!more) return tl::unexpected<Error>(more.error());
-    if (!*more) break;
-    record::msg::Event m;
-    if (auto s = record::CdrReader::read(view.data, m); !s) return s;
-    if (m.code != kEventLiveFaultBegin && m.code != kEventLiveFaultEnd) continue;
-    auto told = parse_event(m.text);
-    if (!told || !(m.value >= 0 && m.value < 1e6))
-      return fail(ErrorCode::protocol, file.string(),
-                  "an event of a fault is not as this version writes it: " + m.text);
-    const std::int64_t utc_ns =
-        std::int64_t{m.header.stamp.sec} * 1'000'000'000 + std::int64_t{m.header.stamp.nanosec};
-    const Duration after = run->epoch.bench + (RealtimeTime(utc_ns) - run->epoch.utc) - run->t0;
-    const auto index = static_cast<std::uint32_t>(m.value);
-    Recorded& r = found[{told->channel, index}];
-    r.index = index;
-    if (m.code == kEventLiveFaultBegin) {
-      r.told = std::move(*told);
-      r.from = after;
-    } else {
-      r.until = after;
-    }
+  std::map<std::pair<std::string, std::uint32_t>, Live> found;
+  for (const RecordedFault& f : events->faults) {
+    if (!f.live) continue;
+    Live& live = found[{f.of, f.index}];
+    live.yaml = f.yaml;
+    (f.begins ? live.from : live.until) = f.t - run->t0;
   }
   if (found.empty())
     return fail(
         ErrorCode::bad_input, file.string(),
         "expected a recording of a run into which faults were injected (`rigor fault`), got one without; "
         "faults that the rig itself schedules come from the rig");
-  for (const auto& [key, r] : found) {
+  for (const auto& [key, live] : found) {
     const auto entry = faults.find(key.first);
     if (!entry) return tl::unexpected<Error>(entry.error());
-    const auto node = ConfigDocument::parse(r.told.yaml, file.string());
+    const auto node = ConfigDocument::parse(live.yaml, file.string());
     if (!node) return tl::unexpected<Error>(node.error());
-    if (auto s = (*entry)->injector->schedule_live(*node, r.index, r.from, r.until); !s) return s;
+    if (auto s = (*entry)->injector->schedule_live(*node, key.second, live.from, live.until); !s) return s;
   }
   return {};
 }

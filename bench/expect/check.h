@@ -8,10 +8,15 @@
 #include <cmath>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
 
 #include "bench/expect/expectations.h"
+#include "bench/expect/safe_state.h"
 #include "bench/motion/pose_error.h"
 #include "rt-core/numbers.h"
+#include "sensor-hal/channel/fault_spec.h"
 
 namespace rigor {
 namespace expect {
@@ -38,10 +43,11 @@ enum class Quantity : std::uint8_t {
   restarts,
   answer_p99_ms,  // of the application
   position_m,
-  yaw_deg,  // of an estimate
-  alarm     // of a pair
+  yaw_deg,        // of an estimate
+  safe_after_ms,  // of a sink, when something went wrong
+  alarm           // of a pair
 };
-enum class Subject : std::uint8_t { channel, value, sink, loop, application, estimate };
+enum class Subject : std::uint8_t { channel, value, sink, loop, application, estimate, reaction };
 
 struct Bounds {
   std::optional<double> min, max;
@@ -52,10 +58,33 @@ struct Bounds {
   }
 };
 
+/// What went wrong: a fault of a channel or sink is on, or a channel is overdue or disconnected.
+struct Wrong {
+  std::string name;  ///< of a fault also `left.real`; `left` has those of its sides, too
+  bool fault = true, disconnected_alone = false;
+  std::optional<FaultKind> kind;  ///< none: any
+  /// "after a fault of left", "when left is disconnected".
+  [[nodiscard]] std::string text() const;
+  [[nodiscard]] bool is_of(std::string_view of, FaultKind what) const noexcept {
+    return fault && (!kind || *kind == what) && of.starts_with(name) &&
+           (of.size() == name.size() || of[name.size()] == '.');
+  }
+};
+
+/// What a check has seen of its run so far. Plain data.
+struct Seen {
+  bool begun = false;
+  BenchTime t_first, t_last;
+  PortCounters first, last;
+  std::uint64_t looked_at = 0, outside = 0;
+  double least = 0, most = 0, first_s = kNaN, age_p99_ms = kNaN;
+  SafeState::Seen safe_state;
+};
+
 }  // namespace expect
 
 struct Expectations::Check {
-  Expected result;
+  Expected expected;  ///< what it is, without what came of it
   ConfigNode node;
   expect::Subject subject{};
   expect::Quantity quantity{};
@@ -73,10 +102,13 @@ struct Expectations::Check {
   Duration latency;
   std::optional<std::size_t> x, y, yaw, state;  ///< places in the estimate's command
 
+  expect::Wrong wrong;  ///< of a reaction
+  std::vector<std::pair<std::string, double>> safe_values;
+  std::optional<expect::SafeState> safe_state;  ///< bound
+
   // Of the loop.
-  bool begun = false;
-  BenchTime t_first, t_last;
-  PortCounters first, last;
+  expect::Seen seen;
+  std::uint32_t faults_on = 0;
   double previous = kNaN;
   BenchTime t_previous;
   Histogram ages;
@@ -89,17 +121,11 @@ struct Expectations::Check {
     return since_start >= from && (until.ns() == 0 || since_start <= until);
   }
   void look(double v, Duration since_start) noexcept {
-    if (result.looked_at++ == 0) result.least = result.most = v;
-    result.least = std::min(result.least, v);
-    result.most = std::max(result.most, v);
+    if (seen.looked_at++ == 0) seen.least = seen.most = v;
+    seen.least = std::min(seen.least, v);
+    seen.most = std::max(seen.most, v);
     if (bounds.hold(v)) return;
-    if (result.outside++ == 0) result.first_s = since_start.seconds();
-  }
-  /// Of a whole run or window: no instant.
-  void judge(double v) noexcept {
-    result.looked_at = 1;
-    result.least = result.most = v;
-    result.outside = !bounds.hold(v);
+    if (seen.outside++ == 0) seen.first_s = since_start.seconds();
   }
   void take(double v, BenchTime t, Duration since_start) noexcept {
     if (quantity == expect::Quantity::value) look(v, since_start);
@@ -111,7 +137,15 @@ struct Expectations::Check {
   void take_sample(Duration since_start) noexcept;
   void take_truth(BenchTime t0) noexcept;
   void add_estimate(const Command& c) noexcept;
-  void end(const RunEnd& run, BenchTime t0);
+  [[nodiscard]] bool is_wrong() const noexcept;
+  /// All that it has seen.
+  [[nodiscard]] expect::Seen so_far() const noexcept;
+  /// What comes of that. Any thread.
+  [[nodiscard]] Expected outcome(const expect::Seen& s, const RunEnd& run, BenchTime t0) const;
+
+ private:
+  void judge(Expected& e, const expect::Seen& s, const RunEnd& run, BenchTime t0) const;
+  void judge_reaction(Expected& e, const expect::Seen& s, BenchTime t0) const;
 };
 
 }  // namespace rigor

@@ -17,11 +17,16 @@ using expect::Subject;
 
 Expectations::~Expectations() = default;
 
-void Expectations::begin(BenchTime t0) noexcept { t0_ = t0; }
+void Expectations::begin(BenchTime t0) noexcept {
+  t0_ = t0;
+  for (const auto& check : checks_)
+    if (check->safe_state) check->safe_state->begin(t0), check->faults_on = 0;
+}
 
 void Expectations::Check::take_sample(Duration since_start) noexcept {
   const SampleLease& sample = port->sample();
   if (port->status() != PortStatus::fresh || !sample) return;
+  if (sample->kind() == SampleKind::none) return;  // of a recording that has its stamp alone
   if (subject == Subject::value) {
     double v = kNaN;
     if (const auto* block = sample->as<RegisterBlock>()) {
@@ -68,11 +73,34 @@ void Expectations::Check::take_truth(BenchTime t0) noexcept {
   estimate_count -= done;
 }
 
+bool Expectations::Check::is_wrong() const noexcept {
+  if (wrong.fault) return faults_on > 0;
+  const PortStatus status = port->status();
+  return status == PortStatus::lost || (!wrong.disconnected_alone && status == PortStatus::late);
+}
+
+void Expectations::fault(std::string_view of, FaultKind kind, bool begins) noexcept {
+  for (const auto& check : checks_) {
+    if (!check->safe_state || !check->wrong.is_of(of, kind)) continue;
+    if (begins)
+      ++check->faults_on;
+    else if (check->faults_on > 0)
+      --check->faults_on;
+  }
+}
+
+void Expectations::made_safe(const CommandPort& port, BenchTime t) noexcept {
+  for (const auto& check : checks_)
+    if (check->safe_state && check->commands == &port) check->safe_state->made_safe(t);
+}
+
 void Expectations::command(const CommandPort& port, const Command& command) noexcept {
   const Duration since_start = command.t_issue - t0_;
   for (const auto& check : checks_) {
     if (check->commands != &port) continue;
-    if (check->subject == Subject::estimate)
+    if (check->safe_state)
+      check->safe_state->command(command);
+    else if (check->subject == Subject::estimate)
       check->add_estimate(command);
     else if (check->in_window(since_start) && check->index < command.count)
       check->take(command.value[check->index], command.t_issue, since_start);
@@ -83,17 +111,23 @@ void Expectations::cycle(BenchTime t) noexcept {
   const Duration since_start = t - t0_;
   for (const auto& check : checks_) {
     Check& c = *check;
+    if (c.safe_state) {
+      c.seen.t_last = t;
+      c.safe_state->cycle(t, c.is_wrong(), c.in_window(since_start));
+      continue;
+    }
     if (!c.port) continue;
     if (c.subject == Subject::estimate) {
       c.take_truth(t0_);
       continue;
     }
     if (!c.in_window(since_start)) continue;
-    if (!c.begun && c.from.ns() > 0) c.first = c.port->counters(), c.t_first = t;
-    if (!c.begun && c.from.ns() == 0) c.t_first = t0_;
-    c.begun = true;
-    c.last = c.port->counters();
-    c.t_last = t;
+    expect::Seen& seen = c.seen;
+    if (!seen.begun && c.from.ns() > 0) seen.first = c.port->counters(), seen.t_first = t;
+    if (!seen.begun && c.from.ns() == 0) seen.t_first = t0_;
+    seen.begun = true;
+    seen.last = c.port->counters();
+    seen.t_last = t;
     c.take_sample(since_start);
     if (c.quantity != Quantity::age_ms && c.quantity != Quantity::age_p99_ms) continue;
     if (c.port->status() != PortStatus::fresh || !c.port->sample()) continue;
@@ -105,103 +139,9 @@ void Expectations::cycle(BenchTime t) noexcept {
   }
 }
 
-void Expectations::Check::end(const RunEnd& run, BenchTime t0) {
-  const auto us = [](Duration d) { return d.seconds() * 1e6; };
-  const auto count = [](std::uint64_t n) { return static_cast<double>(n); };
-  const std::uint64_t delivered = last.fresh + last.superseded - first.fresh - first.superseded;
-  const auto due = [&]() -> std::uint64_t {
-    const auto by = [&](BenchTime t) { return samples_due(t - t0, period, latency).value_or(0); };
-    return by(t_last) - (from.ns() > 0 ? by(t_first) : 0);
-  };
-  const auto sink = std::ranges::find(run.sinks, name, &RunEnd::Sink::name);
-  const bool has_sink = sink != run.sinks.end();
-  switch (quantity) {
-    case Quantity::rate_hz: {
-      if (!begun) break;
-      const double span_s = period.ns() > 0 ? count(due()) * period.seconds() : (t_last - t_first).seconds();
-      if (span_s > 0) judge(count(delivered) / span_s);
-      break;
-    }
-    case Quantity::missing: {
-      if (!begun) break;
-      const std::uint64_t n = due(), behind = n > delivered ? n - delivered : 0;
-      const std::uint64_t gaps = last.lost_samples - first.lost_samples;
-      judge(count(std::max(gaps, behind > samples_at_edges(n) ? behind : 0)));
-      break;
-    }
-    case Quantity::late:
-      if (begun) judge(count(last.late_samples - first.late_samples));
-      break;
-    case Quantity::age_p99_ms:
-      if (ages.count() > 0) judge(ages.percentile(0.99).seconds() * 1e3);
-      break;
-    case Quantity::failed:
-      if (has_sink) judge(count(sink->failed));
-      break;
-    case Quantity::late_commands:
-      if (has_sink) judge(count(sink->late));
-      break;
-    case Quantity::dropped:
-      if (has_sink) judge(count(sink->dropped));
-      break;
-    case Quantity::wake_p50_us:
-      judge(us(run.loop->wake_error.percentile(0.5)));
-      break;
-    case Quantity::wake_p99_us:
-      judge(us(run.loop->wake_error.percentile(0.99)));
-      break;
-    case Quantity::wake_max_us:
-      judge(us(run.loop->wake_error.max()));
-      break;
-    case Quantity::cycle_p99_us:
-      judge(us(run.loop->cycle_time.percentile(0.99)));
-      break;
-    case Quantity::skipped:
-      judge(count(run.loop->cycles_skipped));
-      break;
-    case Quantity::misses:
-      judge(count(run.loop->misses.total));
-      break;
-    case Quantity::late_answers:
-      if (run.application) judge(count(run.application->late));
-      break;
-    case Quantity::skipped_turns:
-      if (run.application) judge(count(run.application->skipped));
-      break;
-    case Quantity::restarts:
-      if (run.application) judge(count(run.application->restarts));
-      break;
-    case Quantity::answer_p99_ms:
-      if (run.application && run.application->answer.count() > 0)
-        judge(run.application->answer.percentile(0.99).seconds() * 1e3);
-      break;
-    case Quantity::alarm: {
-      const auto came = std::ranges::find_if(run.alarms, [&](const RunEnd::Alarm& a) {
-        return a.pair == name && in_window(seconds_from(a.t_s));
-      });
-      const bool is = came != run.alarms.end();
-      result.looked_at = 1;
-      result.least = result.most = is;
-      result.outside = is != wanted_alarm;
-      if (is && !wanted_alarm) result.first_s = came->t_s;
-      break;
-    }
-    case Quantity::age_ms:
-    case Quantity::value:
-    case Quantity::per_s:
-    case Quantity::position_m:
-    case Quantity::yaw_deg:
-      break;
-  }
-  result.holds = result.looked_at > 0 && result.outside == 0;
-}
-
 std::vector<Expected> Expectations::finish(const RunEnd& end) {
   std::vector<Expected> out;
-  for (const auto& check : checks_) {
-    check->end(end, t0_);
-    out.push_back(check->result);
-  }
+  for (const auto& check : checks_) out.push_back(check->outcome(check->so_far(), end, t0_));
   return out;
 }
 

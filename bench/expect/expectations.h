@@ -9,6 +9,8 @@
 //     - { of: table_command, failed: { max: 0 } }                                            a sink
 //     - { of: left, alarm: false }                                                           a watched pair
 //     - { of: estimate, against: truth, position_m: { max: 0.2 }, until_s: 9 }               an estimate
+//     - { of: drive, safe_after_ms: { max: 200 }, when: { fault: scan } }                  a sink, when
+//     something went wrong
 //     - { of: loop, skipped: { max: 0 }, wake_p99_us: { max: 500 } }
 //     - { of: application, late: { max: 0 } }
 //
@@ -20,17 +22,21 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "bench/expect/expected.h"
 #include "rt-core/executive.h"
 #include "sensor-hal/channel/application.h"
+#include "sensor-hal/channel/fault_spec.h"
 #include "sensor-hal/rig/rig.h"
 
 namespace rigor {
 
-/// What is known when the run has ended.
+/// What is known when the run has ended, beside what its cycles were like.
 struct RunEnd {
+  /// A recording has no counters of sinks and application, and of the loop only what it skipped.
+  bool of_recording = false;
   struct Sink {
     std::string name;
     std::uint64_t failed = 0, late = 0, dropped = 0;
@@ -39,7 +45,8 @@ struct RunEnd {
     std::string pair;
     double t_s = 0;
   };
-  const RunSummary* loop = nullptr;
+  const RunSummary* loop = nullptr;    ///< null: of a recording
+  std::uint64_t recorded_skipped = 0;  ///< cycles that the loop skipped, as the recording says
   std::vector<Sink> sinks;
   std::vector<Alarm> alarms;
   std::optional<ApplicationFacts> application;
@@ -52,13 +59,18 @@ class Expectations {
   [[nodiscard]] static Result<std::unique_ptr<Expectations>> read(const RigConfig& rig);
   ~Expectations();
 
-  /// After channels and sinks were configured: finds values by their names. bad_input. Setup context.
+  /// After channels and sinks were configured: finds values by their names. bad_input with the place, also of
+  /// a channel or sink that is not among the ports. Setup context.
   [[nodiscard]] Status bind(const ApplicationPorts& ports);
 
-  // Loop thread; no allocation.
+  // Loop thread; no allocation. In each cycle what happened in it, and `cycle` last.
   void begin(BenchTime t0) noexcept;
+  /// A fault of a channel or sink, of a pair's side `left.real`, is on from this cycle on, or off.
+  void fault(std::string_view of, FaultKind kind, bool begins) noexcept;
+  /// The sink has its safe values, because nobody commanded it.
+  void made_safe(const CommandPort& port, BenchTime t) noexcept;
   void command(const CommandPort& port, const Command& command) noexcept;
-  void cycle(BenchTime t) noexcept;  ///< when all of the cycle has happened
+  void cycle(BenchTime t) noexcept;
 
   /// In the order of the rig. Setup context, after the last cycle.
   [[nodiscard]] std::vector<Expected> finish(const RunEnd& end);

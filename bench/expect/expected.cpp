@@ -22,8 +22,11 @@ std::string xml_text(std::string text) {
 
 }  // namespace
 
+std::string Expected::name() const { return fmt::format("{} {} {}", of, quantity, bounds); }
+
 std::string Expected::outcome() const {
-  if (looked_at == 0) return "nothing came that could be judged";
+  if (!told) return "cannot be told from a recording";
+  if (looked_at == 0) return nothing.empty() ? "nothing came that could be judged" : nothing;
   if (quantity == "alarm")
     return least > 0 ? fmt::format("it came{}", first_s ? fmt::format(" at {:.3f} s", *first_s) : "")
                      : "it did not";
@@ -31,6 +34,7 @@ std::string Expected::outcome() const {
       least == most ? fmt::format("got {:.6g}", least) : fmt::format("got {:.6g} to {:.6g}", least, most);
   if (looked_at > 1 && outside > 0) s += fmt::format("; {} of {}", outside, looked_at);
   if (first_s) s += fmt::format(", first at {:.3f} s", *first_s);
+  if (!detail.empty()) s += fmt::format(" ({})", detail);
   return s;
 }
 
@@ -45,7 +49,10 @@ json to_json(const std::vector<Expected>& all) {
     json j{{"of", e.of},
            {"quantity", e.quantity},
            {"bounds", e.bounds},
-           {"holds", e.holds},
+           {"state", !e.told   ? "untold"
+                     : e.holds ? "holds"
+                               : "violated"},
+           {"holds", e.told ? json(e.holds) : json()},
            {"looked_at", e.looked_at},
            {"outside", e.outside},
            {"outcome", e.outcome()},
@@ -58,24 +65,25 @@ json to_json(const std::vector<Expected>& all) {
 }
 
 std::string junit_text(const std::vector<Expected>& all, const std::string& rig,
-                       const std::string& failure_of_run, double duration_s) {
+                       const std::optional<std::string>& failure_of_run, double duration_s) {
   const auto failures =
-      std::ranges::count_if(all, [](const Expected& e) { return !e.holds; }) + !failure_of_run.empty();
+      std::ranges::count_if(all, &Expected::fails) + (failure_of_run && !failure_of_run->empty());
+  const auto skipped = std::ranges::count(all, false, &Expected::told);
   std::string out = fmt::format(
       "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuite name=\"{}\" tests=\"{}\" failures=\"{}\" "
-      "errors=\"0\" "
-      "skipped=\"0\" time=\"{:.3f}\">\n",
-      xml_text(rig), all.size() + 1, failures, duration_s);
-  const auto add = [&](const std::string& name, const std::string& failure, double time_s) {
+      "errors=\"0\" skipped=\"{}\" time=\"{:.3f}\">\n",
+      xml_text(rig), all.size() + failure_of_run.has_value(), failures, skipped, duration_s);
+  const auto add = [&](const std::string& name, const char* element, const std::string& message,
+                       double time_s) {
     out += fmt::format("  <testcase classname=\"{}\" name=\"{}\" time=\"{:.3f}\"", xml_text(rig),
                        xml_text(name), time_s);
-    out += failure.empty()
+    out += message.empty()
                ? "/>\n"
-               : fmt::format(">\n    <failure message=\"{}\"/>\n  </testcase>\n", xml_text(failure));
+               : fmt::format(">\n    <{} message=\"{}\"/>\n  </testcase>\n", element, xml_text(message));
   };
-  add("run", failure_of_run, duration_s);
+  if (failure_of_run) add("run", "failure", *failure_of_run, duration_s);
   for (const Expected& e : all)
-    add(fmt::format("{} {} {}", e.of, e.quantity, e.bounds), e.holds ? "" : e.sentence(), 0);
+    add(e.name(), e.told ? "failure" : "skipped", e.told && e.holds ? "" : e.sentence(), 0);
   return out + "</testsuite>\n";
 }
 

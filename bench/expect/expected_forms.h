@@ -2,6 +2,7 @@
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -9,11 +10,12 @@
 
 namespace rigor {
 
-/// [{"of", "quantity", "bounds", "holds", "looked_at", "outside", "first_s", "least", "most", "outcome",
-/// "text"}]
+/// [{"of", "quantity", "bounds", "state", "holds", "looked_at", "outside", "first_s", "least", "most",
+/// "outcome", "text"}]; `state` is holds, violated or untold, `holds` is null of what is untold.
 [[nodiscard]] nlohmann::json to_json(const std::vector<Expected>& all);
-/// JUnit's XML: a test case for each, and one that the run itself ended as it was to.
+/// JUnit's XML: a test case for each, skipped where it is untold, and one that the run itself ended as it was
+/// to: `failure_of_run` is empty where it did, and null where no run is judged.
 [[nodiscard]] std::string junit_text(const std::vector<Expected>& all, const std::string& rig,
-                                     const std::string& failure_of_run, double duration_s);
+                                     const std::optional<std::string>& failure_of_run, double duration_s);
 
 }  // namespace rigor

@@ -96,7 +96,7 @@ std::string expect_section(const json& r) {
       "class=\"l\">quantity</th>"
       "<th class=\"l\">expected</th><th class=\"l\">came out</th></tr>";
   for (const json& e : *all) {
-    const bool holds = e["holds"].get<bool>();
+    const bool holds = e["holds"] == true;
     s += fmt::format(
         "<tr><td class=\"l\">{}</td><td class=\"l\">{}</td><td class=\"l\">{}</td><td "
         "class=\"l{}\">{}{}</td></tr>",

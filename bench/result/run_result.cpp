@@ -343,7 +343,7 @@ std::string summary_text(const json& r) {
                        s["failed"].get<std::uint64_t>());
   if (const auto e = r.find("expect"); e != r.end())
     out += fmt::format("expect    {} of {} hold\n",
-                       std::ranges::count_if(*e, [](const json& x) { return x["holds"].get<bool>(); }),
+                       std::ranges::count_if(*e, [](const json& x) { return x["holds"] == true; }),
                        e->size());
   if (const auto a = r.find("application"); a != r.end()) {
     out += fmt::format("app       {}: {} turns, {} late, {} skipped, {} restarts",

@@ -7,6 +7,7 @@
 
 #include "bench/run/tap.h"
 #include "rt-core/affinity.h"
+#include "sensor-hal/channel/event_text.h"
 #include "sensor-hal/channel/fault_bench.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/record/recorder.h"
@@ -99,6 +100,7 @@ Status BenchRun::arm(StopToken stop) {
     for (const auto& channel : parts_.channels) kinds.push_back(channel->source->describe().kind);
     digest_ = std::make_unique<SeenDigest>(kinds, virtual_time);
   }
+  event_pool_ = make_sample_pool(2 * parts_.sinks.size() + 16, 0);
   const auto cycles = static_cast<std::uint64_t>(parts_.rig.duration / parts_.rig.loop.period);
   note_every_ = std::max<std::uint64_t>(
       cycles / (RunChannel::kKept - 2),
@@ -137,10 +139,13 @@ Status BenchRun::start_channels(BenchTime t0) {
   if (parts_.expectations) parts_.expectations->begin(t0);
   if (recorder_) recorder_->begin(t0);
   if (live_) live_->begin(t0);
+  next_recorded_fault_ = 0;
   // Platforms first: a sink tells its own the safe values of the start.
   for (auto& platform : parts_.platforms) platform->start(t0);
-  for (auto& sink : parts_.sinks)
+  for (auto& sink : parts_.sinks) {
     if (auto s = sink->sink->start(t0); !s) return s;
+    sink->made_safe = sink->sink->counters().made_safe.load();
+  }
   for (auto& channel : parts_.channels) {
     if (auto s = channel->source->start(t0); !s) return s;
     channel->port.configure(channel->entry->timing, t0);
@@ -229,18 +234,46 @@ void BenchRun::cycle_begin(const CycleContext& cycle) noexcept {
 
 void BenchRun::take_up_faults(const CycleContext& cycle) noexcept {
   parts_.faults->begin_cycle(cycle.t);
-  std::uint32_t channel = FaultBench::kNoChannel;
-  while (SampleLease event = parts_.faults->poll_event(channel)) {
-    if (live_) live_->event(channel, event);
+  FaultChange change;
+  while (const FaultBench::Entry* at = parts_.faults->poll_change(change)) {
+    if (parts_.expectations) parts_.expectations->fault(at->name, change.kind, change.begins);
+    if (!change.event) continue;
+    if (live_) live_->event(at->channel, change.event);
     if (recorder_)
       recorder_->record_event(
-          channel == FaultBench::kNoChannel ? channel : parts_.channels[channel]->recorder_id, event);
+          at->channel == FaultBench::kNoChannel ? at->channel : parts_.channels[at->channel]->recorder_id,
+          change.event);
   }
+}
+
+/// A sink's thread wrote its safe values, for nobody commanded it.
+void BenchRun::take_up_made_safe(std::size_t index, const CycleContext& cycle) noexcept {
+  RunSink& sink = *parts_.sinks[index];
+  const std::uint64_t times = sink.sink->counters().made_safe.load(std::memory_order_relaxed);
+  if (times == sink.made_safe) return;
+  sink.made_safe = times;
+  if (parts_.expectations) parts_.expectations->made_safe(*sink.port, cycle.t);
+  SampleLease event = event_pool_->try_acquire();
+  if (!event) return;  // the sink's counters say it all the same
+  Sample& sample = event.edit();
+  sample.stamp = {};
+  sample.stamp.sequence = event_sequence_++;
+  sample.stamp.t_capture = sample.stamp.t_arrival = sample.stamp.t_release = cycle.t;
+  EventInfo info;
+  info.code = kEventMadeSafe;
+  info.value = static_cast<double>(index);
+  EventText(info).add(sink.entry->name).add(" has its safe values: nobody commanded it");
+  sample.info = info;
+  if (live_) live_->event(FaultBench::kNoChannel, event);
+  if (recorder_) recorder_->record_event(FaultBench::kNoChannel, event);
 }
 
 void BenchRun::inputs(const CycleContext& cycle) noexcept {
   if (skip_this_cycle_) return;
   if (parts_.faults) take_up_faults(cycle);
+  const auto& recorded = parts_.recorded_faults;
+  for (std::size_t& i = next_recorded_fault_; i < recorded.size() && recorded[i].t <= cycle.t; ++i)
+    if (parts_.expectations) parts_.expectations->fault(recorded[i].of, recorded[i].kind, recorded[i].begins);
   if (live_) take_up_notes(cycle);
   for (std::uint32_t i = 0; i < parts_.channels.size(); ++i) show(*parts_.channels[i], i, cycle);
   parts_.motion.update(cycle.t);
@@ -344,12 +377,14 @@ void BenchRun::outputs(const CycleContext& cycle) noexcept {
     note_differences(cycle);
     next_note_ = cycle.index + note_every_;
   }
-  for (std::uint32_t i = 0; i < parts_.sinks.size(); ++i)
+  for (std::uint32_t i = 0; i < parts_.sinks.size(); ++i) {
+    take_up_made_safe(i, cycle);
     if (const Command* command = parts_.sinks[i]->port->take_new()) {
       if (recorder_) recorder_->record_command(i, *command);
       if (live_) live_->command(i, *command);
       if (parts_.expectations) parts_.expectations->command(*parts_.sinks[i]->port, *command);
     }
+  }
   if (parts_.expectations && !skip_this_cycle_) parts_.expectations->cycle(cycle.t);
   if (!recorder_) return;
   recorder_->end_cycle(cycle.index, cycle.t);

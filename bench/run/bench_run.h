@@ -16,6 +16,7 @@
 
 #include "bench/expect/expectations.h"
 #include "bench/motion/bench_motion.h"
+#include "bench/run/recorded_events.h"
 #include "bench/run/run_outcome.h"
 #include "bench/run/seen_digest.h"
 #include "rt-core/executive.h"
@@ -85,6 +86,7 @@ struct RunSink {
   std::unique_ptr<Sink> sink;
   std::unique_ptr<CommandPort> port;
   std::string replaced_by;
+  std::uint64_t made_safe = 0;  ///< times, as the loop knows
 };
 
 /// What the loop works on. Filled by the assembly, then given to `BenchRun`.
@@ -95,6 +97,7 @@ struct RunParts {
   std::unique_ptr<Application> application;
   std::unique_ptr<Expectations> expectations;  ///< null: the rig has none
   std::shared_ptr<FaultBench> faults;          ///< null: a replay, which shows what came of them
+  std::vector<RecordedFault> recorded_faults;  ///< of a replay, in order of time: when they were on
   const EmulatorProcess* emulators = nullptr;  ///< that this run brought up; null: none
   BenchMotion motion;
   std::vector<std::shared_ptr<Platform>> platforms;  ///< of this process: they set out when the run starts
@@ -164,6 +167,7 @@ class BenchRun final : private ExecutiveHooks {
   void inputs(const CycleContext& cycle) noexcept;
   void take_up_faults(const CycleContext& cycle) noexcept;
   void take_up_notes(const CycleContext& cycle) noexcept;
+  void take_up_made_safe(std::size_t sink, const CycleContext& cycle) noexcept;
   void show(RunChannel& channel, std::uint32_t index, const CycleContext& cycle) noexcept;
   void capture(const CycleContext& cycle) noexcept;
   void application(const CycleContext& cycle) noexcept;
@@ -189,6 +193,9 @@ class BenchRun final : private ExecutiveHooks {
   std::uint64_t next_cycle_ = 0;
   bool skip_this_cycle_ = false;
   std::uint64_t next_note_ = 0, note_every_ = 100;
+  std::size_t next_recorded_fault_ = 0;
+  std::unique_ptr<SamplePool> event_pool_;
+  std::uint64_t event_sequence_ = 0;
 };
 
 }  // namespace rigor

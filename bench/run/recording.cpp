@@ -209,4 +209,12 @@ Result<RecordedRun> read_recorded_run(const std::filesystem::path& file) {
   return run;
 }
 
+Result<RigConfig> recorded_rig(const RecordedRun& run, const std::filesystem::path& recording,
+                               const std::vector<ConfigOverride>& overrides) {
+  auto root = ConfigDocument::parse(
+      run.rig_text, run.rig_file + " (as recorded in " + recording.filename().string() + ")", overrides);
+  if (!root) return tl::unexpected<Error>(root.error());
+  return parse_rig(*root, run.rig_file);
+}
+
 }  // namespace rigor

@@ -85,5 +85,8 @@ struct RecordedRun {
 [[nodiscard]] std::map<std::string, std::string> run_metadata(const RunParts& parts, const EpochPair& epoch);
 /// From the file's metadata; bad_input where it is not a recording of a run.
 [[nodiscard]] Result<RecordedRun> read_recorded_run(const std::filesystem::path& file);
+/// The rig of the run, by the name of its file, so that what it names by relative paths is found. bad_input.
+[[nodiscard]] Result<RigConfig> recorded_rig(const RecordedRun& run, const std::filesystem::path& recording,
+                                             const std::vector<ConfigOverride>& overrides = {});
 
 }  // namespace rigor

@@ -5,43 +5,10 @@
 
 #include "bench/application/application_choice.h"
 #include "sensor-hal/channel/worker_pool.h"
+#include "sensor-hal/record/replay_sink.h"
 
 namespace rigor {
 namespace {
-
-/// Stands where a sink was: takes every command, moves nothing. The commands of a replay are in its
-/// recording.
-class NullSink final : public Sink {
- public:
-  explicit NullSink(const ConfigNode& params) : params_(params) {}
-  bool command(const Command&) noexcept override {
-    counters_.accepted.fetch_add(1, std::memory_order_relaxed);
-    return true;
-  }
-  void watch(const Heartbeat*, Duration) override {}
-
- private:
-  Status do_configure(const ChannelConfig&) override {
-    return catch_config([&] {
-             for (const ConfigNode& r : params_.list_or_empty("registers")) {
-               description_.names.push_back(r.text("name"));
-               description_.units.push_back(r.text_or("unit", ""));
-             }
-             // Signals of a bus, whose units stand in a DBC file that need not be here; of a platform, names.
-             for (const ConfigNode& s : params_.list_or_empty("signals")) {
-               description_.names.push_back(s.is_map() ? s.text_or("name", s.text("signal")) : s.as_text());
-               description_.units.emplace_back();
-             }
-             description_.kind = SampleKind::register_block;
-             return 0;
-           })
-        .map([](int) {});
-  }
-  Status do_arm(const ArmContext&) override { return {}; }
-  Status do_stop() override { return {}; }
-
-  ConfigNode params_;
-};
 
 /// A program that a recording names is not run unasked.
 Status may_run(const RigConfig& rig) {
@@ -83,7 +50,7 @@ Status add_sink(RunParts& parts, const SinkEntry& entry) {
   auto sink = std::make_unique<RunSink>();
   sink->entry = &entry;
   sink->replaced_by = "nothing";
-  sink->sink = std::make_unique<NullSink>(entry.sink.params);
+  sink->sink = std::make_unique<ReplaySink>(entry.sink.params);
   ChannelConfig config;
   config.name = entry.name;
   if (auto s = sink->sink->configure(config); !s) return s;
@@ -103,12 +70,7 @@ Result<ReplayInput> open_replay(const std::filesystem::path& file) {
 
 Result<RigConfig> recorded_rig(const ReplayInput& input, const std::vector<ConfigOverride>& overrides,
                                bool run_program) {
-  // Named by where it was, so that what it names by relative paths is found.
-  auto root = ConfigDocument::parse(
-      input.run.rig_text,
-      fmt::format("{} (as recorded in {})", input.run.rig_file, input.file.filename().string()), overrides);
-  if (!root) return tl::unexpected<Error>(root.error());
-  auto rig = parse_rig(*root, input.run.rig_file);
+  auto rig = recorded_rig(input.run, input.file, overrides);
   if (!rig) return rig;
   if (auto s = may_run(*rig); !run_program && !s) return tl::unexpected<Error>(s.error());
   if (!run_program) rig->plugins.clear();
@@ -128,6 +90,11 @@ Result<std::unique_ptr<Assembly>> assemble_replay(RigConfig rig, const Registry&
   auto expectations = Expectations::read(parts.rig);
   if (!expectations) return tl::unexpected<Error>(expectations.error());
   parts.expectations = std::move(*expectations);
+  if (parts.expectations) {
+    auto events = read_recorded_events(input.file, input.run);
+    if (!events) return tl::unexpected<Error>(events.error());
+    parts.recorded_faults = std::move(events->faults);
+  }
   auto application = make_application(parts.rig, registry);
   if (!application) return tl::unexpected<Error>(application.error());
   parts.application = std::move(*application);

@@ -14,6 +14,9 @@ namespace rigor {
 
 /// EventInfo::code of an edit of the bench's world while a run goes on; `value` is the node.
 inline constexpr std::uint32_t kEventWorldEdit = 0x30;
+/// A sink's thread wrote its safe values while a run went on, for nobody commanded it; `value` is the sink's
+/// place in the rig.
+inline constexpr std::uint32_t kEventMadeSafe = 0x31;
 
 /// One thread; wait-free.
 class EventText {

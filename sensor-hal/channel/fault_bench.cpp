@@ -95,13 +95,12 @@ void FaultBench::begin_cycle(BenchTime now) noexcept {
   }
 }
 
-SampleLease FaultBench::poll_event(std::uint32_t& channel) noexcept {
-  for (const Entry& e : entries_)
-    if (SampleLease event = e.injector->poll_event()) {
-      channel = e.channel;
-      return event;
-    }
-  return {};
+const FaultBench::Entry* FaultBench::poll_change(FaultChange& change) noexcept {
+  for (const Entry& e : entries_) {
+    change = e.injector->poll_change();
+    if (change) return &e;
+  }
+  return nullptr;
 }
 
 }  // namespace rigor

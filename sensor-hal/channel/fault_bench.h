@@ -3,7 +3,7 @@
 //
 //   thread that injects                       loop, once a cycle, before all else
 //   inject("left", {kind: drop}) ──ring──▶    begin_cycle(now): takes up what came; each fault is on or off
-//   clear("left")                ──ring──▶    poll_event(): begins and ends, for the recorder
+//   clear("left")                ──ring──▶    poll_change(): begins and ends, for the recorder
 //
 // What is injected takes effect at the next cycle. Triggers see the ports as the cycle before left them.
 #pragma once
@@ -50,8 +50,8 @@ class FaultBench {
 
   // Loop thread; no allocation, no lock.
   void begin_cycle(BenchTime now) noexcept;
-  /// The next begin or end of a fault, and the number of the channel that it was added with.
-  [[nodiscard]] SampleLease poll_event(std::uint32_t& channel) noexcept;
+  /// The next begin or end of a fault, and where it is. Null: there is none.
+  [[nodiscard]] const Entry* poll_change(FaultChange& change) noexcept;
 
  private:
   struct Order {

@@ -109,7 +109,7 @@ Status FaultInjector::schedule_live(const ConfigNode& node, std::uint32_t index,
 void FaultInjector::arm() {
   all_.reserve(2 * kMost);
   active_.reserve(2 * kMost);
-  if (!event_pool_) event_pool_ = make_sample_pool(2 * events_.size(), 0);
+  if (!event_pool_) event_pool_ = make_sample_pool(2 * changes_.size(), 0);
   const std::lock_guard lock(live_mutex_);
   ended_ = false;
 }
@@ -124,8 +124,8 @@ void FaultInjector::start(BenchTime t0, Period loop_period) noexcept {
     forget_run(*f);
     all_.push_back(f.get());
   }
-  for (auto& e : events_) e.reset();
-  event_first_ = event_count_ = 0;
+  for (auto& c : changes_) c = {};
+  change_first_ = change_count_ = 0;
   event_sequence_ = 0;
   running_ = true;
 }
@@ -246,10 +246,11 @@ void FaultInjector::switch_off(Fault& f, BenchTime now) noexcept {
 }
 
 void FaultInjector::tell(const Fault& f, bool begins, BenchTime now) noexcept {
-  if (event_count_ == events_.size()) return;  // its counters and spans say it all the same
-  SampleLease event = event_pool_->try_acquire();
-  if (!event) return;
-  Sample& sample = event.edit();
+  if (change_count_ == changes_.size()) return;  // its counters and spans say it all the same
+  FaultChange& change = changes_[(change_first_ + change_count_++) % changes_.size()];
+  change = {true, f.spec.kind, begins, event_pool_->try_acquire()};
+  if (!change.event) return;
+  Sample& sample = change.event.edit();
   sample.stamp = Stamp{};
   sample.stamp.sequence = event_sequence_++;
   sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = now;
@@ -273,15 +274,14 @@ void FaultInjector::tell(const Fault& f, bool begins, BenchTime now) noexcept {
   }
   text.add(": ").add(f.spec.text);
   sample.info = info;
-  events_[(event_first_ + event_count_++) % events_.size()] = std::move(event);
 }
 
-SampleLease FaultInjector::poll_event() noexcept {
-  if (event_count_ == 0) return {};
-  SampleLease event = std::move(events_[event_first_]);
-  event_first_ = (event_first_ + 1) % events_.size();
-  --event_count_;
-  return event;
+FaultChange FaultInjector::poll_change() noexcept {
+  if (change_count_ == 0) return {};
+  FaultChange change = std::move(changes_[change_first_]);
+  change_first_ = (change_first_ + 1) % changes_.size();
+  --change_count_;
+  return change;
 }
 
 // ------------------------------------------------------------------ one sample

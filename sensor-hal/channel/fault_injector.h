@@ -4,7 +4,7 @@
 //   setup     configure(subject, seed, params)   reads `faults`; FaultBench binds triggers and adds live ones
 //             arm()                              takes all memory
 //   start     start(t0, loop period)
-//   cycle     begin_cycle(now); for (Fault* f : active()) …; poll_event()
+//   cycle     begin_cycle(now); for (Fault* f : active()) …; poll_change()
 //
 // Draws are keyed by (seed of the rig, name of the channel, index of the fault, sequence of the sample): they
 // do not depend on threads, nor on what other faults do. A fault is on or off for whole cycles; it acts on
@@ -73,6 +73,15 @@ struct Fault {
   std::vector<SampleLease> held;  ///< slow_consumer; its memory is taken when it is made
 };
 
+/// A fault begins or ends.
+struct FaultChange {
+  bool there = false;  ///< false: there was none
+  FaultKind kind{};
+  bool begins = false;
+  SampleLease event;  ///< for the recorder; empty where it has all that there are
+  explicit operator bool() const noexcept { return there; }
+};
+
 class FaultInjector {
  public:
   /// So many faults can be there at a time, live ones included.
@@ -117,7 +126,8 @@ class FaultInjector {
   /// Once a cycle; a second call with the same `now` does nothing.
   void begin_cycle(BenchTime now) noexcept;
   [[nodiscard]] std::span<Fault* const> active() const noexcept { return {active_.data(), active_.size()}; }
-  [[nodiscard]] SampleLease poll_event() noexcept;
+  /// The next begin or end of a fault.
+  [[nodiscard]] FaultChange poll_change() noexcept;
 
  private:
   [[nodiscard]] std::unique_ptr<Fault> make(FaultSpec spec, std::uint32_t index, bool live) const;
@@ -141,8 +151,8 @@ class FaultInjector {
   bool running_ = false, any_cycle_ = false;
   std::vector<Fault*> all_, active_;
   std::unique_ptr<SamplePool> event_pool_;
-  std::array<SampleLease, 2 * kMost> events_{};
-  std::size_t event_first_ = 0, event_count_ = 0;
+  std::array<FaultChange, 2 * kMost> changes_{};
+  std::size_t change_first_ = 0, change_count_ = 0;
   std::uint64_t event_sequence_ = 0;
 };
 

@@ -196,7 +196,8 @@ void FaultySource::complete_until(BenchTime now) {
 
 SampleLease FaultySource::poll_event() noexcept {
   if (!running_) return {};
-  if (SampleLease event = faults_.poll_event()) return event;
+  while (FaultChange change = faults_.poll_change())
+    if (change.event) return std::move(change.event);
   return inner_->poll_event();
 }
 

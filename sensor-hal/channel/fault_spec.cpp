@@ -244,6 +244,10 @@ void read_own_keys(const ConfigNode& n, const FaultSubject& subject, FaultSpec& 
 }  // namespace
 
 std::string_view fault_kind_name(FaultKind kind) { return kNames[static_cast<std::size_t>(kind)]; }
+std::optional<FaultKind> fault_kind_named(std::string_view name) {
+  const auto at = std::find(kNames.begin(), kNames.end(), name);
+  return at == kNames.end() ? std::nullopt : std::optional(static_cast<FaultKind>(at - kNames.begin()));
+}
 
 FaultSpec read_fault(const ConfigNode& node, const FaultSubject& subject, bool live) {
   FaultSpec f;

@@ -62,6 +62,7 @@ enum class FaultKind : std::uint8_t {
 };
 inline constexpr std::size_t kFaultKinds = 15;
 [[nodiscard]] std::string_view fault_kind_name(FaultKind kind);
+[[nodiscard]] std::optional<FaultKind> fault_kind_named(std::string_view name);
 
 /// EventInfo::code of the begin and the end of a fault; `value` is its index in its channel. The text of a
 /// begin ends with the fault as YAML, that of an end with what it touched.

@@ -12,6 +12,7 @@ namespace rigor {
 
 std::string_view event_kind(std::uint32_t code) noexcept {
   if (code == kEventWorldEdit) return "world_edit";
+  if (code == kEventMadeSafe) return "made_safe";
   if (code == kEventPairSwitch) return "pair_switch";
   if (code == kEventPairAlarm) return "pair_alarm";
   if (code == kEventPairWatching || code == kEventPairOrder) return "pair_watch";

@@ -2,7 +2,7 @@
 // get.
 #include <gmock/gmock.h>
 
-#include "tests/cli/runs_fixture.h"
+#include "tests/cli/expect_fixture.h"
 
 namespace rigor::test {
 namespace {
@@ -11,40 +11,6 @@ using nlohmann::json;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
-
-class Expect : public Runs {
- protected:
-  /// A robot that drives straight on from 0.5 s, its true pose, an inertial sensor that loses every sample
-  /// between 0.6 and 0.7 s, and an estimate that says that the robot stands still.
-  [[nodiscard]] std::string rig(const std::string& expect) const {
-    return "name: expecting\nduration_s: 1\nclock: virtual\nloop: { rate_hz: 1000 }\n"
-           "simulation:\n  world: " +
-           config("worlds/testbed.yaml") +
-           "\n  platforms:\n    robot: { model: skid-steer, sheet: " + config("platforms/seekurjr.yaml") +
-           ", T_world_start: { position_m: [-1.2, -2.6], yaw_deg: 0 } }\n"
-           "channels:\n"
-           "  truth: { kind: pose, backend: simulated, platform: robot, rate_hz: 100, latency_ms: 5 }\n"
-           "  imu: { kind: imu, backend: simulated, rate_hz: 100, latency_ms: 4, sensor: " +
-           config("sensors/imu-mems.yaml") +
-           ", T_world_sensor: { position_m: [2, 0, 0.5], quaternion_wxyz: [1, 0, 0, 0] },\n"
-           "         faults: [ { kind: drop, from_s: 0.6, until_s: 0.7 } ] }\n"
-           "sinks:\n"
-           "  drive: { backend: simulated, platform: robot, latency_ms: 10, signals: [v, w], safe: { v: 0, "
-           "w: 0 } }\n"
-           "  estimate: { backend: note, signals: [x, y, yaw] }\n"
-           "application:\n  name: script\n  sinks:\n"
-           "    drive: { rate_hz: 20, steps: [ { at_s: 0, values: [0, 0] }, { at_s: 0.5, values: [1, 0] } ] "
-           "}\n"
-           "    estimate: { rate_hz: 50, steps: [ { at_s: 0, values: [-1.2, -2.6, 0] } ] }\n"
-           "expect:\n" +
-           expect;
-  }
-  Said run(const std::string& expect, std::vector<std::string> more = {}) const {
-    write_file(dir / "rig.yaml", rig(expect));
-    more.insert(more.begin(), {"run", "rig.yaml", "--json"});
-    return rigor(std::move(more), dir.path());
-  }
-};
 
 TEST_F(Expect, EveryQuantityHoldsWhereItIsSoAndDoesNotWhereItIsNot) {
   struct Case {
@@ -157,6 +123,8 @@ TEST_F(Expect, AWindowOfTimeIsJudgedAlone) {
   for (int i : {0, 1, 2, 3, 4})
     EXPECT_TRUE(all[static_cast<std::size_t>(i)]["holds"]) << all[static_cast<std::size_t>(i)].dump();
   EXPECT_EQ(all[3]["looked_at"], 20);
+  EXPECT_EQ(all[0]["bounds"], "of at least 99 from 0.1 to 0.55 s");
+  EXPECT_EQ(all[4]["bounds"], "of at most -1.19 until 0.5 s");
   EXPECT_FALSE(all[5]["holds"]) << "nothing came";
 }
 

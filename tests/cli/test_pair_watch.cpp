@@ -75,6 +75,17 @@ TEST_F(PairWatchRuns, FindAndNameWhatChangesInARunAlikeOnAnyNumberOfWorkers) {
     if (bytes.empty()) bytes = now;
     EXPECT_TRUE(now == bytes) << "alarms and windows come in the same cycles";
   }
+  // A check of the recording knows of the alarms, and when they came.
+  const Said checked = rigor(
+      {"check", file("run.mcap"), "--json", "--set",
+       "expect=[{of: scan, alarm: true}, {of: scan, alarm: false}, {of: scan, alarm: false, until_s: 5}]"});
+  EXPECT_EQ(checked.status, 1) << checked.err;
+  const json expect = json::parse(checked.out)["expect"];
+  ASSERT_EQ(expect.size(), 3U);
+  EXPECT_TRUE(expect[0]["holds"]);
+  EXPECT_FALSE(expect[1]["holds"]);
+  EXPECT_NEAR(expect[1]["first_s"].get<double>(), 5.5, 0.5);
+  EXPECT_TRUE(expect[2]["holds"]) << "the device changes after 5 s";
   // What the recording says.
   std::vector<std::string> alarms;
   for (const auto& m : messages_on<record::msg::Event>(file("run.mcap"), "/rigor/events"))

@@ -202,8 +202,7 @@ class FaultRun {
       const BenchTime now = BenchTime(0) + cycle * milliseconds(1);
       bench.begin_cycle(now);
       source.complete_until(now);
-      std::uint32_t channel = 0;
-      while (SampleLease e = bench.poll_event(channel)) events.push_back(e->as<EventInfo>()->text.data());
+      for (FaultChange c; bench.poll_change(c);) events.push_back(c.event->as<EventInfo>()->text.data());
       while (SampleLease s = source.poll(now)) {
         seen.push_back({s->stamp, s->info, {s->bytes().begin(), s->bytes().end()}, now});
         port.push(std::move(s));
