@@ -470,7 +470,11 @@ Result<RunReport> Bench::finish() {
 }
 
 const RigConfig& Bench::rig() const noexcept { return impl_->rig(); }
-const ApplicationPorts& Bench::ports() const noexcept { return impl_->run->ports(); }
+const ApplicationPorts& Bench::ports() const noexcept {
+  static const ApplicationPorts none;
+  return impl_->run ? impl_->run->ports() : none;
+}
+
 Status Bench::inject_fault(const std::string& channel, const std::string& fault) {
   const auto node = ConfigDocument::parse(fault, "the fault");
   if (!node) return tl::unexpected<Error>(node.error());

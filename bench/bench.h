@@ -86,7 +86,7 @@ class Bench {
   [[nodiscard]] Result<RunReport> finish();
 
   [[nodiscard]] const RigConfig& rig() const noexcept;
-  /// The channels as an application sees them, and where commands go. Between steps, once prepared.
+  /// The channels as an application sees them, and where commands go. Between steps; empty before `prepare`.
   [[nodiscard]] const ApplicationPorts& ports() const noexcept;
   /// From the next cycle on, as in a rig's `faults`: "{ kind: drop, probability: 0.2, for_s: 3 }". Any
   /// thread, from `prepare` to the end of the run. bad_input: no such channel, sink or fault; a replay has

@@ -188,8 +188,9 @@ Result<std::vector<RecordedCommand>> read_commands(const std::filesystem::path& 
   };
   if (!sinks.contains(sink))
     return fail(ErrorCode::bad_input, file.string(),
-                "expected commands to a sink " + sink + ", found none; sinks with commands: " +
-                    joined_or_none(list(sinks)) + did_you_mean(sink, list(sinks)));
+                "expected commands to a sink " + sink + " for " + sink + ":" + value +
+                    ", found none; sinks with commands: " + joined_or_none(list(sinks)) +
+                    did_you_mean(sink, list(sinks)));
   if (!names.contains(value))
     return fail(ErrorCode::bad_input, file.string(),
                 "expected a value " + value + " of the sink " + sink + ", found none of that name; values: " +

@@ -39,6 +39,7 @@ class WrittenRecording {
                                      {{"clock", o.clock}, {"rig_file", "my-rig.yaml"}, {"rig", o.rig}});
     EXPECT_TRUE(recorder) << recorder.error().text();
     recorder_ = std::move(*recorder);
+    recorder_->begin(BenchTime(0));
   }
   ~WrittenRecording() {
     recorder_->end_cycle(cycle_, BenchTime(1'000'000 * kMs));
