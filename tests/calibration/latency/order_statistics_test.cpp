@@ -25,6 +25,7 @@ TEST(OrderStatistics, RanksAreTheOutermostThatTheBinomialAllows) {
         SCOPED_TRACE(testing::Message() << n << " " << q << " " << confidence);
         const auto upper = upper_rank(n, q, confidence);
         if (upper) {
+          ASSERT_TRUE(*upper >= 1 && *upper <= n);
           EXPECT_GE(below(n, q, *upper), confidence);
           EXPECT_LT(below(n, q, *upper - 1), confidence);
         } else {
@@ -33,6 +34,7 @@ TEST(OrderStatistics, RanksAreTheOutermostThatTheBinomialAllows) {
         // P(X_(r) ≤ x_q) = P(Bin(n, q) ≥ r)
         const auto lower = lower_rank(n, q, confidence);
         if (lower) {
+          ASSERT_TRUE(*lower >= 1 && *lower <= n);
           EXPECT_GE(1 - below(n, q, *lower), confidence - 1e-12);
           EXPECT_TRUE(*lower == n || 1 - below(n, q, *lower + 1) < confidence);
         } else {
