@@ -342,9 +342,9 @@ std::string summary_text(const json& r) {
                        s["applied"].get<std::uint64_t>(), s["late"].get<std::uint64_t>(),
                        s["failed"].get<std::uint64_t>());
   if (const auto e = r.find("expect"); e != r.end())
-    out += fmt::format("expect    {} of {} hold\n",
-                       std::ranges::count_if(*e, [](const json& x) { return x["holds"] == true; }),
-                       e->size());
+    out +=
+        fmt::format("expect    {} of {} hold\n",
+                    std::ranges::count_if(*e, [](const json& x) { return x["holds"] == true; }), e->size());
   if (const auto a = r.find("application"); a != r.end()) {
     out += fmt::format("app       {}: {} turns, {} late, {} skipped, {} restarts",
                        (*a)["name"].get<std::string>(), (*a)["turns"].get<std::uint64_t>(),

@@ -374,8 +374,7 @@ TEST_F(CalibrateLatency, TheDelayOfADeviceWithoutAClockGivesItsLatency) {
   }
   const std::vector<std::string> words{"delay", "run.mcap", "--first", "table", "--second", "scan"};
   EXPECT_NEAR(answer(words)["parameters"]["delay_s"]["value"].get<double>(), 0.013, 1e-5);
-  EXPECT_THAT(run(words).out,
-              HasSubstr("are the arrival less latency_ms 50: latency_ms 37.0 corrects them"));
+  EXPECT_THAT(run(words).out, HasSubstr("are the arrival less latency_ms 50: latency_ms 37.0 corrects them"));
   // Of one whose clock is known it says nothing.
   EXPECT_THAT(run({"delay", "run.mcap", "--first", "table", "--second", "table"}).out,
               Not(HasSubstr("latency_ms")));

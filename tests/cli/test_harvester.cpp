@@ -6,8 +6,8 @@
 #include <cstring>
 #include <numbers>
 
-#include "bench/run/assembly.h"
 #include "bench/registry.h"
+#include "bench/run/assembly.h"
 #include "bench/run/bench_run.h"
 #include "cli/overrides.h"
 #include "sensor-hal/channel/worker_pool.h"

@@ -7,8 +7,8 @@
 #include <cstring>
 #include <numbers>
 
-#include "bench/run/assembly.h"
 #include "bench/registry.h"
+#include "bench/run/assembly.h"
 #include "bench/run/bench_run.h"
 #include "sensor-hal/channel/worker_pool.h"
 #include "sim/platform/ground.h"

@@ -1,8 +1,8 @@
 // Channels and sinks of a CAN bus in virtual time. On a real interface:
 // tests/drivers/can/kernel_can_conformance_test.cpp.
 #include "rt-core/heartbeat.h"
-#include "tests/drivers/can/can_test_tools.h"
 #include "sensor-hal/conformance/conformance.h"
+#include "tests/drivers/can/can_test_tools.h"
 
 namespace rigor::conformance {
 namespace {

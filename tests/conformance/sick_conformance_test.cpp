@@ -2,8 +2,8 @@
 #include "drivers/sick/sick_emulator.h"
 #include "drivers/sick/sick_source.h"
 #include "drivers/sick/sick_virtual_source.h"
-#include "tests/drivers/sick/sick_test_tools.h"
 #include "sensor-hal/conformance/conformance.h"
+#include "tests/drivers/sick/sick_test_tools.h"
 
 namespace rigor::conformance {
 namespace {

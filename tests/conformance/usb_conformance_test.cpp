@@ -1,8 +1,8 @@
 // Scanners and bulk frames under the suite that every backend passes: over a pseudo-terminal and a socket,
 // and in virtual time.
 #include "drivers/usb/usb_protocols.h"
-#include "tests/drivers/usb/usb_test_tools.h"
 #include "sensor-hal/conformance/conformance.h"
+#include "tests/drivers/usb/usb_test_tools.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::conformance {

@@ -2,8 +2,8 @@
 #include "drivers/velodyne/velodyne_emulator.h"
 #include "drivers/velodyne/velodyne_source.h"
 #include "drivers/velodyne/velodyne_virtual_source.h"
-#include "tests/drivers/velodyne/formula_lidar.h"
 #include "sensor-hal/conformance/conformance.h"
+#include "tests/drivers/velodyne/formula_lidar.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::conformance {

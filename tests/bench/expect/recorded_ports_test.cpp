@@ -45,6 +45,7 @@ class RecordedPortsTest : public ::testing::Test {
                                   {"epoch_sigma_ns", "0"}});
     EXPECT_TRUE(made) << made.error().text();
     recorder = std::move(*made);
+    recorder->begin(BenchTime(0));
   }
   static BenchTime at(std::uint64_t ms) { return BenchTime(0) + milliseconds(static_cast<std::int64_t>(ms)); }
   SampleLease sample(std::uint64_t sequence, std::uint64_t captured_ms, double position) {

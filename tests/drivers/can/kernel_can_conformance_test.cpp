@@ -2,8 +2,8 @@
 #include "drivers/can/can_emulator.h"
 #include "drivers/can/can_sink.h"
 #include "drivers/can/can_source.h"
-#include "tests/drivers/can/kernel_can_tools.h"
 #include "sensor-hal/conformance/conformance.h"
+#include "tests/drivers/can/kernel_can_tools.h"
 
 namespace rigor::conformance {
 namespace {

@@ -2,8 +2,8 @@
 #include "drivers/modbus/modbus_backend.h"
 #include "drivers/modbus/modbus_sink.h"
 #include "drivers/modbus/modbus_source.h"
-#include "tests/drivers/modbus/modbus_test_tools.h"
 #include "sensor-hal/conformance/conformance.h"
+#include "tests/drivers/modbus/modbus_test_tools.h"
 
 namespace rigor::conformance {
 namespace {

@@ -1,8 +1,8 @@
 // The suite of channels on the kernel's devices.
 #include "drivers/v4l2/v4l2_emulator.h"
 #include "drivers/v4l2/v4l2_source.h"
-#include "tests/drivers/v4l2/kernel_test_tools.h"
 #include "sensor-hal/conformance/conformance.h"
+#include "tests/drivers/v4l2/kernel_test_tools.h"
 
 namespace rigor::conformance {
 namespace {
