@@ -79,16 +79,6 @@ std::vector<DrawnStem> stems_of(const RigConfig& rig) {
   return stems;
 }
 
-RunEnd run_end(const RunOutcome& outcome, const RunFacts& facts) {
-  RunEnd end;
-  end.loop = &outcome.loop;
-  for (const SinkFacts& s : facts.sinks) end.sinks.push_back({s.name, s.failed, s.late, s.dropped});
-  for (const ChannelFacts& c : facts.channels)
-    if (c.pair && !c.pair->alarm_text.empty()) end.alarms.push_back({c.name, c.pair->alarm_s});
-  end.application = facts.application;
-  return end;
-}
-
 Status write_junit(const std::vector<Expected>& expected, const RunParts& parts, const RunOutcome& outcome,
                    const std::string& failure, const ExecuteOptions& options) {
   if (options.existing == Existing::keep)
@@ -238,7 +228,11 @@ int execute(Assembly& assembly, const ExecuteOptions& options, StopToken stop) {
   text.virtual_epoch = virtual_time && !options.epoch;
   RunFacts facts = ended_run_facts(parts, *outcome, recorder.get(), warnings);
   std::vector<Expected> expected;
-  if (parts.expectations) expected = parts.expectations->finish(run_end(*outcome, facts));
+  if (parts.expectations) {
+    RunEnd end = run_end(facts);
+    end.loop = &outcome->loop;
+    expected = parts.expectations->finish(end);
+  }
   for (const Expected& e : expected)
     if (!e.holds) facts.unmet.push_back(e.sentence());
   const Verdict verdict = judge(facts);

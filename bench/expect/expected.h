@@ -14,7 +14,9 @@ struct Expected {
   std::string of, quantity;  ///< "turntable.position", "value"
   std::string bounds;        ///< "from -45 to 45"
   bool holds = false;
-  bool told = true;  ///< false: nobody can know from what there is (a recording): it neither holds nor not
+  bool decided = true;  ///< false: the run goes on, and it may come out either way
+  /// False: what there is (a recording) does not say it; it neither holds nor does it not.
+  bool told = true;
   std::uint64_t looked_at = 0;    ///< samples, commands, or 1
   std::uint64_t outside = 0;      ///< of these
   std::optional<double> first_s;  ///< the first that was outside, since the start of the run
@@ -27,11 +29,13 @@ struct Expected {
   [[nodiscard]] std::string outcome() const;
   /// "turntable.position value from -45 to 45".
   [[nodiscard]] std::string name() const;
-  [[nodiscard]] bool fails() const { return told && !holds; }
+  [[nodiscard]] bool fails() const { return told && decided && !holds; }
+  /// "holds", "violated", "undecided" or "untold".
+  [[nodiscard]] const char* state() const;
 };
 
 /// [{"of", "quantity", "bounds", "state", "holds", "looked_at", "outside", "first_s", "least", "most",
-/// "outcome", "text"}]; `state` is holds, violated or untold, `holds` is null of what is untold.
+/// "outcome", "text"}]; `holds` is null of what is undecided or untold.
 [[nodiscard]] nlohmann::json to_json(const std::vector<Expected>& all);
 /// JUnit's XML: a test case for each, skipped where it is untold, and one that the run itself ended as it was
 /// to: `failure_of_run` is empty where it did, and null where no run is judged.

@@ -168,6 +168,7 @@ Result<RunOutcome> BenchRun::run(StopToken stop_token, BenchTime t0) {
   if (!summary && wall && executive_.counters().run.load() == 0 && bench_now() > t0_) return late();
   if (!summary) return tl::unexpected<Error>(summary.error());
   heartbeat_.declare_stopped(summary->reason);
+  if (parts_.expectations) parts_.expectations->show();
   RunOutcome outcome;
   outcome.t0 = t0_;
   outcome.seen_sha256 = digest_->finish();

@@ -1,6 +1,6 @@
 // Loops under the guard, with their channels, recorder, digest and application: the demo's and that with
-// faults by the wall clock, which do not allocate, lock, fault or block; and that of every rig in virtual
-// time, which does not allocate.
+// faults, which judges itself while somebody looks on, by the wall clock, which do not allocate, lock, fault
+// or block; and that of every rig in virtual time, which does not allocate.
 #include <gtest/gtest.h>
 
 #include <functional>
@@ -81,7 +81,19 @@ TEST(RunGuard, TheDemosLoopDoesNotAllocateLockFaultOrBlock) {
 }
 
 TEST(RunGuard, NorDoesALoopWithFaultsScheduledAndInjected) {
-  run_under_guard("rigs/faults.yaml", ClockKind::wall, seconds(2), [](RunParts& parts) {
+  const auto expect = ConfigOverride::parse(
+      "expect=[{of: right, rate_hz: {min: 1}, missing: {max: 0}, late: {max: 0}, age_ms: {max: 1}, "
+      "age_p99_ms: "
+      "{max: 1}}, {of: turntable.position, value: {max: 0}, per_s: {max: 0}, until_s: 1}, "
+      "{of: table_command.target_rate, value: {max: 0}, per_s: {max: 0}}, {of: table_command, failed: {max: "
+      "0}}, "
+      "{of: table_command, safe_after_ms: {max: 100}, when: {fault: right}}, {of: table_command, "
+      "safe_after_ms: "
+      "{max: 100}, when: {channel: turntable, is: overdue}}, {of: left, alarm: false}, {of: loop, skipped: "
+      "{max: "
+      "0}}]");
+  ASSERT_TRUE(expect) << expect.error().text();
+  const auto meanwhile = [](RunParts& parts) {
     const auto inject = [&](const std::string& channel, const std::string& yaml) {
       const auto node = ConfigDocument::parse(yaml, "fault");
       ASSERT_TRUE(node);
@@ -101,8 +113,13 @@ TEST(RunGuard, NorDoesALoopWithFaultsScheduledAndInjected) {
       inject("table_command", "{kind: noise, value: target_rate, sigma: 2}");
       std::this_thread::sleep_for(std::chrono::milliseconds(100));
       EXPECT_TRUE(parts.faults->clear(""));
+      RunEnd known;
+      known.extent = RunEnd::Extent::so_far;
+      EXPECT_EQ(parts.expectations->so_far(known).size(), 14U);
+      parts.expectations->ask();
     }
-  });
+  };
+  run_under_guard("rigs/faults.yaml", ClockKind::wall, seconds(2), meanwhile, {*expect});
 }
 
 // In virtual time, in which every rig runs on every machine.
