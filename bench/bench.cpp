@@ -45,16 +45,6 @@ std::string iso(RealtimeTime t) {
   return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", fmt::gmtime(s), t.ns() / 1'000'000 % 1000);
 }
 
-RunEnd run_end(const RunOutcome& outcome, const RunFacts& facts) {
-  RunEnd end;
-  end.loop = &outcome.loop;
-  for (const SinkFacts& s : facts.sinks) end.sinks.push_back({s.name, s.failed, s.late, s.dropped});
-  for (const ChannelFacts& c : facts.channels)
-    if (c.pair && !c.pair->alarm_text.empty()) end.alarms.push_back({c.name, c.pair->alarm_s});
-  end.application = facts.application;
-  return end;
-}
-
 /// `t0`: of the run; in virtual time, whose trace has the instants of the computer, none.
 std::string trace_warning(const std::filesystem::path& file, std::uint64_t dropped, std::int64_t since_ns,
                           BenchTime t0) {
@@ -373,8 +363,11 @@ Result<RunReport> Bench::Impl::close(Result<RunOutcome> outcome) {
   text.machine = machine_name();
   text.virtual_epoch = virtual_time() && !replay;
   report.facts = ended_run_facts(parts(), report.outcome, recorder.get(), warnings);
-  if (parts().expectations)
-    report.expected = parts().expectations->finish(run_end(report.outcome, report.facts));
+  if (parts().expectations) {
+    RunEnd end = run_end(report.facts);
+    end.loop = &report.outcome.loop;
+    report.expected = parts().expectations->finish(end);
+  }
   for (const Expected& e : report.expected)
     if (e.fails()) report.facts.unmet.push_back(e.sentence());
   report.verdict = judge(report.facts);

@@ -62,8 +62,8 @@ Result<CheckedRecording> check_recorded_run(const std::filesystem::path& recordi
   }
 
   RunEnd end;
-  end.of_recording = true;
-  end.recorded_skipped = ports.skipped();
+  end.extent = RunEnd::Extent::recording;
+  end.skipped = ports.skipped();
   for (const RecordedAlarm& a : events->alarms) end.alarms.push_back({a.pair, (a.t - run->t0).seconds()});
   CheckedRecording out;
   out.rig = rig->name;

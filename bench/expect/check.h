@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -16,6 +18,7 @@
 #include "bench/expect/safe_state.h"
 #include "bench/motion/pose_error.h"
 #include "rt-core/numbers.h"
+#include "rt-core/published.h"
 #include "sensor-hal/channel/fault_spec.h"
 
 namespace rigor {
@@ -74,6 +77,7 @@ struct Wrong {
 /// What a check has seen of its run so far. Plain data.
 struct Seen {
   bool begun = false;
+  BenchTime t0;  ///< of the run
   BenchTime t_first, t_last;
   PortCounters first, last;
   std::uint64_t looked_at = 0, outside = 0;
@@ -139,13 +143,21 @@ struct Expectations::Check {
   void add_estimate(const Command& c) noexcept;
   [[nodiscard]] bool is_wrong() const noexcept;
   /// All that it has seen.
-  [[nodiscard]] expect::Seen so_far() const noexcept;
+  [[nodiscard]] expect::Seen account() const noexcept;
   /// What comes of that. Any thread.
-  [[nodiscard]] Expected outcome(const expect::Seen& s, const RunEnd& run, BenchTime t0) const;
+  [[nodiscard]] Expected outcome(const expect::Seen& s, const RunEnd& run) const;
 
  private:
-  void judge(Expected& e, const expect::Seen& s, const RunEnd& run, BenchTime t0) const;
-  void judge_reaction(Expected& e, const expect::Seen& s, BenchTime t0) const;
+  void judge(Expected& e, const expect::Seen& s, const RunEnd& run) const;
+  void judge_reaction(Expected& e, const expect::Seen& s, const RunEnd& run) const;
+  [[nodiscard]] std::uint64_t due(const expect::Seen& s) const;
+  [[nodiscard]] bool decided_so_far(const Expected& e, const expect::Seen& s) const;
+};
+
+/// What each check has seen, for other threads than the loop's.
+struct Expectations::Board {
+  std::vector<std::unique_ptr<Published<expect::Seen>>> seen;  ///< in the order of the checks
+  std::atomic<bool> asked{false};
 };
 
 }  // namespace rigor

@@ -15,12 +15,15 @@ namespace rigor {
 using expect::Quantity;
 using expect::Subject;
 
+Expectations::Expectations() : board_(std::make_unique<Board>()) {}
 Expectations::~Expectations() = default;
 
 void Expectations::begin(BenchTime t0) noexcept {
   t0_ = t0;
-  for (const auto& check : checks_)
+  for (const auto& check : checks_) {
+    check->seen.t0 = t0;
     if (check->safe_state) check->safe_state->begin(t0), check->faults_on = 0;
+  }
 }
 
 void Expectations::Check::take_sample(Duration since_start) noexcept {
@@ -137,11 +140,28 @@ void Expectations::cycle(BenchTime t) noexcept {
     else
       c.ages.record(age);
   }
+  if (board_->asked.load(std::memory_order_acquire)) {
+    board_->asked.store(false, std::memory_order_relaxed);
+    show();
+  }
+}
+
+void Expectations::ask() noexcept { board_->asked.store(true, std::memory_order_release); }
+
+void Expectations::show() noexcept {
+  for (std::size_t i = 0; i < checks_.size(); ++i) board_->seen[i]->store(checks_[i]->account());
+}
+
+std::vector<Expected> Expectations::so_far(const RunEnd& known) const {
+  std::vector<Expected> out;
+  for (std::size_t i = 0; i < checks_.size(); ++i)
+    out.push_back(checks_[i]->outcome(board_->seen[i]->load(), known));
+  return out;
 }
 
 std::vector<Expected> Expectations::finish(const RunEnd& end) {
   std::vector<Expected> out;
-  for (const auto& check : checks_) out.push_back(check->outcome(check->so_far(), end, t0_));
+  for (const auto& check : checks_) out.push_back(check->outcome(check->account(), end));
   return out;
 }
 

@@ -19,6 +19,7 @@
 // hold.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -33,10 +34,13 @@
 
 namespace rigor {
 
-/// What is known when the run has ended, beside what its cycles were like.
+/// What is known of a run beside what its cycles were like.
 struct RunEnd {
-  /// A recording has no counters of sinks and application, and of the loop only what it skipped.
-  bool of_recording = false;
+  enum class Extent : std::uint8_t {
+    run,        ///< all of it, when it has ended
+    recording,  ///< of sinks and application nothing, and of the loop only what it skipped
+    so_far      ///< while it goes on: `sinks`, `alarms`, and of the loop `skipped` and `misses`
+  } extent = Extent::run;
   struct Sink {
     std::string name;
     std::uint64_t failed = 0, late = 0, dropped = 0;
@@ -45,8 +49,8 @@ struct RunEnd {
     std::string pair;
     double t_s = 0;
   };
-  const RunSummary* loop = nullptr;    ///< null: of a recording
-  std::uint64_t recorded_skipped = 0;  ///< cycles that the loop skipped, as the recording says
+  const RunSummary* loop = nullptr;              ///< of a run that has ended
+  std::optional<std::uint64_t> skipped, misses;  ///< cycles; where `loop` is null
   std::vector<Sink> sinks;
   std::vector<Alarm> alarms;
   std::optional<ApplicationFacts> application;
@@ -75,10 +79,20 @@ class Expectations {
   /// In the order of the rig. Setup context, after the last cycle.
   [[nodiscard]] std::vector<Expected> finish(const RunEnd& end);
 
+  // For who looks on. Any thread but the loop's, while it goes round, and afterwards.
+  /// The loop shows at the end of its next cycle what it has seen by then. Wait-free.
+  void ask() noexcept;
+  /// What comes of what it showed last; nothing is known before. `known`: its extent is so_far.
+  [[nodiscard]] std::vector<Expected> so_far(const RunEnd& known) const;
+  /// Setup thread, after the last cycle: shows all that was seen.
+  void show() noexcept;
+
  private:
   struct Check;
-  Expectations() = default;
+  struct Board;
+  Expectations();
   std::vector<std::unique_ptr<Check>> checks_;
+  std::unique_ptr<Board> board_;
   BenchTime t0_;
 };
 

@@ -22,6 +22,11 @@ std::string xml_text(std::string text) {
 
 }  // namespace
 
+const char* Expected::state() const {
+  if (!told) return "untold";
+  return !decided ? "undecided" : holds ? "holds" : "violated";
+}
+
 std::string Expected::name() const { return fmt::format("{} {} {}", of, quantity, bounds); }
 
 std::string Expected::outcome() const {
@@ -49,10 +54,8 @@ json to_json(const std::vector<Expected>& all) {
     json j{{"of", e.of},
            {"quantity", e.quantity},
            {"bounds", e.bounds},
-           {"state", !e.told   ? "untold"
-                     : e.holds ? "holds"
-                               : "violated"},
-           {"holds", e.told ? json(e.holds) : json()},
+           {"state", e.state()},
+           {"holds", e.told && e.decided ? json(e.holds) : json()},
            {"looked_at", e.looked_at},
            {"outside", e.outside},
            {"outcome", e.outcome()},

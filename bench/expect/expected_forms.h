@@ -11,7 +11,7 @@
 namespace rigor {
 
 /// [{"of", "quantity", "bounds", "state", "holds", "looked_at", "outside", "first_s", "least", "most",
-/// "outcome", "text"}]; `state` is holds, violated or untold, `holds` is null of what is untold.
+/// "outcome", "text"}]; `holds` is null of what is undecided or untold.
 [[nodiscard]] nlohmann::json to_json(const std::vector<Expected>& all);
 /// JUnit's XML: a test case for each, skipped where it is untold, and one that the run itself ended as it was
 /// to: `failure_of_run` is empty where it did, and null where no run is judged.

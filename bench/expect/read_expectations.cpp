@@ -244,6 +244,8 @@ Result<std::unique_ptr<Expectations>> Expectations::read(const RigConfig& rig) {
                       fmt::format("expected one or more of {} beside it, got none", fmt::join(names, ", ")));
       }
     }
+    for (std::size_t i = 0; i < out->checks_.size(); ++i)
+      out->board_->seen.push_back(std::make_unique<Published<expect::Seen>>());
     if (out->checks_.empty()) out.reset();
     return out;
   });

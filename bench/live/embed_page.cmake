@@ -24,6 +24,7 @@ function(rigor_embed_page TARGET)
     "  static const rigor::live::PageFile files[] = {\n${TABLE}      {\"\", {}}};\n"
     "  return {files, sizeof files / sizeof files[0] - 1};\n}\n")
   file(CONFIGURE OUTPUT ${SOURCE} CONTENT "${CODE}" @ONLY)
-  set_source_files_properties(${SOURCE} PROPERTIES OBJECT_DEPENDS "${FILES}")
+  # By itself: what a source is made of is not looked at where it is compiled with others.
+  set_source_files_properties(${SOURCE} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON OBJECT_DEPENDS "${FILES}")
   target_sources(${TARGET} PRIVATE ${SOURCE})
 endfunction()

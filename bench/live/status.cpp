@@ -93,6 +93,7 @@ std::string LiveStatus::schema() {
                 {"channels", list},
                 {"sinks", list},
                 {"faults", list},
+                {"expect", list},
                 {"server", object}}}}
       .dump();
 }
@@ -188,11 +189,25 @@ json LiveStatus::faults() {
   return list;
 }
 
+/// As the loop showed it when it was asked, which it is every third time: less than twice a second.
+std::vector<Expected> LiveStatus::expected(const RunFacts& facts) {
+  if (!parts_.expectations) return {};
+  if (told_++ % 3 == 0) parts_.expectations->ask();
+  RunEnd known = run_end(facts);
+  known.extent = RunEnd::Extent::so_far;
+  known.skipped = facts.skipped;
+  known.misses = facts.misses;
+  return parts_.expectations->so_far(known);
+}
+
 json LiveStatus::operator()(const HubCounters& server) {
   const RigConfig& rig = parts_.rig;
   const BenchTime now = tap_.now();
   const bool begun = counters_.run.load() > 0;
-  const RunFacts facts = this->facts();
+  RunFacts facts = this->facts();
+  const std::vector<Expected> expected = this->expected(facts);
+  for (const Expected& e : expected)
+    if (e.fails()) facts.unmet.push_back(e.sentence());
   json run = identity_json(rig);
   run.update({{"pid", getpid()},
               {"replay", replay_},
@@ -213,6 +228,7 @@ json LiveStatus::operator()(const HubCounters& server) {
          {"channels", json::array()},
          {"sinks", json::array()},
          {"faults", faults()},
+         {"expect", rigor::to_json(expected)},
          {"server",
           {{"clients", server.clients.load()},
            {"frames_sent", server.frames_sent.load()},

@@ -34,6 +34,7 @@ class LiveStatus {
   [[nodiscard]] nlohmann::json channel(std::size_t i, const ChannelFacts& facts);
   [[nodiscard]] RunFacts facts() const;
   [[nodiscard]] nlohmann::json faults();
+  [[nodiscard]] std::vector<Expected> expected(const RunFacts& facts);
 
   const RunParts& parts_;
   const LoopCounters& counters_;
@@ -43,6 +44,7 @@ class LiveStatus {
   bool replay_;
   std::vector<ChannelDescription> descriptions_;
   std::vector<Rate> rates_;
+  unsigned told_ = 0;  ///< times
 };
 
 }  // namespace rigor::live

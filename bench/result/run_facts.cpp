@@ -128,4 +128,13 @@ RunFacts run_facts(const RunParts& parts, const LoopCounts& loop, const std::vec
   return run;
 }
 
+RunEnd run_end(const RunFacts& facts) {
+  RunEnd end;
+  for (const SinkFacts& s : facts.sinks) end.sinks.push_back({s.name, s.failed, s.late, s.dropped});
+  for (const ChannelFacts& c : facts.channels)
+    if (c.pair && !c.pair->alarm_text.empty()) end.alarms.push_back({c.name, c.pair->alarm_s});
+  end.application = facts.application;
+  return end;
+}
+
 }  // namespace rigor

@@ -28,4 +28,7 @@ struct LoopCounts {
 [[nodiscard]] RunFacts run_facts(const RunParts& parts, const LoopCounts& loop,
                                  const std::vector<ChannelCounts>& counts);
 
+/// Of these what expectations are judged by; the loop's own is not among it.
+[[nodiscard]] RunEnd run_end(const RunFacts& facts);
+
 }  // namespace rigor

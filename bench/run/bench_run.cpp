@@ -160,6 +160,7 @@ RunOutcome BenchRun::outcome_of(RunSummary summary) {
   outcome.cpu_s = (process_cpu() - cpu_at_begin_).seconds();
   outcome.wall_s = (monotonic_now() - began_).seconds();
   heartbeat_.declare_stopped(summary.reason);
+  if (parts_.expectations) parts_.expectations->show();
   outcome.t0 = t0_;
   outcome.digest_wanted = digest_wanted_;
   if (digest_) outcome.seen_sha256 = digest_->finish();

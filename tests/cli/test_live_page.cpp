@@ -58,6 +58,7 @@ TEST_F(LivePageModules, RememberALongRunInBoundedMemory) { expect({"page_modules
 TEST_F(LivePage, ShowsEveryKindOfChannelWithoutTrouble) { expect("shows"); }
 TEST_F(LivePage, SwitchesAPair) { expect("switches"); }
 TEST_F(LivePage, InjectsAFaultAndShowsIt) { expect("faults"); }
+TEST_F(LivePage, ShowsHowExpectationsStand) { expect("expects"); }
 TEST_F(LivePage, AnEditIsSeenInTheNextPictureAndABadOneIsRefused) { expect("edits"); }
 TEST_F(LivePage, AsksForTheToken) { expect("token"); }
 TEST_F(LivePage, ShowsAReplayAsARun) { expect("replays"); }

@@ -1,5 +1,6 @@
 // Loops under the guard in wall-clock time, with their channels, recorder, digest and application: the demo's
-// and that with faults do not allocate, lock, fault or block. (Every rig in virtual time: test_rigs.cpp.)
+// and that with faults, which judges itself while somebody looks on, do not allocate, lock, fault or block.
+// (Every rig in virtual time: test_rigs.cpp.)
 #include <gtest/gtest.h>
 
 #include <functional>
@@ -16,9 +17,10 @@ namespace rigor {
 namespace {
 
 /// Two seconds of a rig; `meanwhile` runs on a thread of its own.
-void run_under_guard(const std::string& file, const std::function<void(RunParts&)>& meanwhile = {}) {
+void run_under_guard(const std::string& file, const std::function<void(RunParts&)>& meanwhile = {},
+                     const std::vector<ConfigOverride>& overrides = {}) {
   test::TempDir dir;
-  auto rig = load_rig(test::config(file), {});
+  auto rig = load_rig(test::config(file), overrides);
   ASSERT_TRUE(rig) << rig.error().text();
   rig->clock = ClockKind::wall;
   rig->duration = seconds(2);
@@ -68,7 +70,19 @@ void run_under_guard(const std::string& file, const std::function<void(RunParts&
 TEST(RunGuard, TheDemosLoopDoesNotAllocateLockFaultOrBlock) { run_under_guard("demo.yaml"); }
 
 TEST(RunGuard, NorDoesALoopWithFaultsScheduledAndInjected) {
-  run_under_guard("rigs/faults.yaml", [](RunParts& parts) {
+  const auto expect = ConfigOverride::parse(
+      "expect=[{of: right, rate_hz: {min: 1}, missing: {max: 0}, late: {max: 0}, age_ms: {max: 1}, "
+      "age_p99_ms: "
+      "{max: 1}}, {of: turntable.position, value: {max: 0}, per_s: {max: 0}, until_s: 1}, "
+      "{of: table_command.target_rate, value: {max: 0}, per_s: {max: 0}}, {of: table_command, failed: {max: "
+      "0}}, "
+      "{of: table_command, safe_after_ms: {max: 100}, when: {fault: right}}, {of: table_command, "
+      "safe_after_ms: "
+      "{max: 100}, when: {channel: turntable, is: overdue}}, {of: left, alarm: false}, {of: loop, skipped: "
+      "{max: "
+      "0}}]");
+  ASSERT_TRUE(expect) << expect.error().text();
+  const auto meanwhile = [](RunParts& parts) {
     const auto inject = [&](const std::string& channel, const std::string& yaml) {
       const auto node = ConfigDocument::parse(yaml, "fault");
       ASSERT_TRUE(node);
@@ -88,8 +102,13 @@ TEST(RunGuard, NorDoesALoopWithFaultsScheduledAndInjected) {
       inject("table_command", "{kind: noise, value: target_rate, sigma: 2}");
       std::this_thread::sleep_for(std::chrono::milliseconds(100));
       EXPECT_TRUE(parts.faults->clear(""));
+      RunEnd known;
+      known.extent = RunEnd::Extent::so_far;
+      EXPECT_EQ(parts.expectations->so_far(known).size(), 14U);
+      parts.expectations->ask();
     }
-  });
+  };
+  run_under_guard("rigs/faults.yaml", meanwhile, {*expect});
 }
 
 }  // namespace

@@ -183,6 +183,37 @@ const cases = {
     await file.close();
   },
 
+  /// What the rig expects: not decided, holding, violated since when; and the verdict with it.
+  async expects() {
+    const run = await startRun("--set", "expect=[{of: odometry, missing: {max: 0}}, {of: imu, missing: {max: 0}}, {of: drive, safe_after_ms: {max: 300}, when: {fault: imu}}, {of: imu.force_z_mps2, value: {max: 0}, from_s: 0.5}, {of: loop, wake_p99_us: {max: 1}}]");
+    const c = await connect(run.url);
+    c.subscribe("/rigor/live");
+    const states = (live) => live.expect.map((e) => e.state).join(" ");
+    const come = (wanted) => until(wanted, async () => { const live = await c.json("/rigor/live"); return states(live) === wanted && live; });
+    let live = await come("holds holds undecided violated undecided");
+    assert.deepEqual(live.expect.map((e) => e.holds), [true, true, null, false, null]);
+    const [, , reaction, force, wake] = live.expect;
+    assert.equal(reaction.of, "drive");
+    assert.equal(reaction.bounds, "of at most 300 after a fault of imu");
+    assert.equal(reaction.outcome, "no such fault so far");
+    assert.equal(wake.outcome, "known when the run has ended");
+    assert(force.first_s > 0.5 && force.first_s < 0.6, `first at ${force.first_s}`);
+    assert.equal(live.verdict.state, "bad");
+    assert(live.verdict.findings.some((f) => f.text.includes("imu.force_z_mps2: expected value of at most 0 from 0.5 s, got 9.")), JSON.stringify(live.verdict));
+
+    // The robot turns on while the inertial unit is silent.
+    await c.good("rigor/control", { command: "fault", channel: "imu", fault: { kind: "drop", for_s: 1 } });
+    live = await come("holds violated violated violated undecided");
+    assert.match(live.expect[2].text, /^drive: expected safe_after_ms of at most 300 after a fault of imu, got \d+(\.\d+)?, first at [\d.]+ s \(it began at [\d.]+ s; not safe (yet|before it ended)\)$/);
+    run.process.kill("SIGINT");
+    await until("the server to take leave", () => c.closed);
+    live = JSON.parse(new TextDecoder().decode(c.last.get("/rigor/live").data));
+    assert.equal(live.ended, true);
+    assert.equal(states(live), "holds violated violated violated undecided");
+    assert.equal(await run.over, 1);
+    for (const e of live.expect.slice(1, 4)) assert(run.said().includes(`not as expected: ${e.of}: expected ${e.quantity}`), run.said());
+  },
+
   /// Control, map, pick, node, set; mistakes in words; the edit in the recording.
   async services() {
     const recording = join(folder, "run.mcap");

@@ -412,6 +412,37 @@ const CASES = {
     assert.deepEqual(page.trouble, []);
   },
 
+  /// Each expectation of the rig with how it stands, and their sum; a rig without shows none.
+  async expects(browser) {
+    const run = await startRun("--set", "expect=[{of: odometry.yaw_deg, value: {min: -10000}}, {of: imu, late: {max: 1000000}, age_ms: {max: 1000000}}, {of: drive, safe_after_ms: {max: 300}, when: {fault: imu}}, {of: imu.force_z_mps2, value: {max: 0}}]");
+    const page = await openPage(browser, run.url);
+    const states = (wanted) => until(page, `expectations that are ${wanted}`, (w) => [...document.querySelectorAll("#expect li")].map((li) => li.dataset.state).join(" ") === w, wanted);
+    const text = (i) => page.evaluate((k) => [...document.querySelectorAll("#expect li")[k].children].map((part) => part.textContent), i);
+    await states("violated undecided holds holds holds");
+    assert.deepEqual(await text(1), ["drive safe_after_ms of at most 300 after a fault of imu", "not decided yet", "no such fault so far"]);
+    assert.equal((await text(2))[1], "holds so far");
+    const [what, state] = await text(0);
+    assert.equal(what, "imu.force_z_mps2 value of at most 0");
+    assert.match(state, /^violated at 0\.\d{3} s$/);
+    assert.equal(await page.innerText("#expect .expect-counts"), "1 violated · 3 of 5 hold · 1 open");
+    await until(page, "the verdict to say so", () => /imu\.force_z_mps2: expected value/.test(document.getElementById("verdict").innerText));
+    await command(page, { command: "fault", channel: "imu", fault: { kind: "drop" } });
+    await states("violated violated holds holds holds");
+    assert.match((await text(0))[1], /^violated at \d+\.\d{3} s$/);
+    await page.setViewportSize({ width: 360, height: 700 });
+    const [inner, outer] = await page.evaluate(() => [document.documentElement.scrollWidth, window.innerWidth]);
+    assert.ok(inner <= outer, `the page is ${inner} px wide in a window of ${outer} px`);
+    run.process.kill("SIGINT");
+    await until(page, "words of a run that has ended", () => document.querySelector("#expect li:last-child .expect-state").textContent === "holds");
+    assert.deepEqual(page.trouble, []);
+    await run.over;
+
+    const without = await startRun();
+    const other = await openPage(browser, without.url);
+    await pictures(other, "camera", 1);
+    assert.ok(!(await other.locator("#expect").isVisible()), "a panel of nothing");
+  },
+
   /// The end of a run is told, and what it showed last stays. A run of nothing but a sink shows that, too.
   async ends(browser) {
     const run = await startRun();

@@ -2,6 +2,7 @@
 import { Channels } from "./channels.js";
 import { EstimatePanel } from "./estimate_panel.js";
 import { EventLog } from "./event_log.js";
+import { ExpectPanel } from "./expect_panel.js";
 import { FaultPanel } from "./fault_panel.js";
 import { PairPanel } from "./pair_panel.js";
 import { RunHeader, RunPanel } from "./run_panel.js";
@@ -18,6 +19,7 @@ const body = (id) => at(id).querySelector(".panel-body");
 const session = new Session();
 new RunHeader(session, at("head"));
 new Verdict(session, at("verdict"));
+new ExpectPanel(session, at("expect"));
 const channels = new Channels(session, at("channels"));
 const world = new WorldPanel(session, at("world"));
 const run = new RunPanel(session, body("loop"));

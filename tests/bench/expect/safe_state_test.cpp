@@ -78,7 +78,7 @@ class SafeStateTest : public ::testing::Test {
       expectations->cycle(at(ms));
     }
     RunEnd end;
-    end.of_recording = true;
+    end.extent = RunEnd::Extent::recording;
     return expectations->finish(end).front();
   }
   /// The robot drives until then, and again.
@@ -294,6 +294,27 @@ TEST_F(SafeStateTest, WhenAChannelIsOverdueOrDisconnected) {
   expect("  - { of: drive, safe_after_ms: { max: 100 }, when: { channel: scan, is: disconnected } }\n");
   EXPECT_THAT(run().sentence(), AllOf(HasSubstr("when scan is disconnected"),
                                       EndsWith("it never was disconnected: nothing was tested")));
+}
+
+TEST_F(SafeStateTest, WhileTheRunGoesOnItIsOpenUntilItsTimeIsOver) {
+  expect(kWithin200);
+  drives(700);
+  fault(300, "scan", FaultKind::drop, true);
+  RunEnd known;
+  known.extent = RunEnd::Extent::so_far;
+  const auto at_ms = [&](std::int64_t ms) {
+    expectations->begin(at(0));
+    (void)run(ms);
+    expectations->show();
+    return expectations->so_far(known).front();
+  };
+  EXPECT_STREQ(at_ms(250).state(), "undecided");
+  EXPECT_EQ(at_ms(250).outcome(), "no such fault so far");
+  EXPECT_STREQ(at_ms(450).state(), "undecided");
+  EXPECT_EQ(at_ms(450).outcome(), "nothing so far");
+  EXPECT_STREQ(at_ms(600).state(), "violated");
+  EXPECT_EQ(at_ms(600).outcome(), "got 299, first at 0.500 s (it began at 0.300 s; not safe yet)");
+  EXPECT_EQ(at_ms(800).outcome(), "got 410, first at 0.500 s (it began at 0.300 s; safe after 410 ms)");
 }
 
 TEST_F(SafeStateTest, WhatCannotBeJudgedIsRefused) {

@@ -29,6 +29,7 @@ class LiveServer : public ::testing::Test {
 };
 
 TEST_F(LiveServer, OffersTheTopicsOfARecording) { expect("topics"); }
+TEST_F(LiveServer, TellsHowExpectationsStand) { expect("expects"); }
 TEST_F(LiveServer, AnswersServicesAndRecordsEdits) { expect("services"); }
 TEST_F(LiveServer, RefusesOtherSitesAndLimitsClients) { expect("access"); }
 TEST_F(LiveServer, DropsMessagesForASlowClientAlone) { expect("slow"); }
