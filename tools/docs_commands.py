@@ -45,7 +45,6 @@ NOT_RUN = [
     (r"calibration/pair", r"calibrate (delay|twin)", "needs sixteen seconds of the demo's pictures: tests/cli/test_calibrate_pair.cpp"),
     (r"calibration/latency", r"calibrate (delay|latency)", "needs twenty seconds of the demo: tests/cli/test_calibrate_latency.cpp"),
     (r"world-plugins", r"beehives\.so|hives\.rigor", "needs the plugin that the lines before build: tests/install builds it"),
-    (r"sdk", r"^cp |^build/|run rig\.yaml", "the example is built first: tests/install/installed_sdk_test.cpp does that, and runs it"),
     (r"tutorial", r"/tmp/detector", "needs the program that the line before builds: tests/cli/test_application_process.cpp runs it"),
     (r"platforms|README|forest-localization", r"harvester", "minutes of scans: tests/cli/test_harvester.cpp runs the rig"),
 ]

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/control/pair_snapshot.h"
+#include "bench/expect/expected_forms.h"
 #include "bench/result/verdict_forms.h"
 #include "bench/run/run_json.h"
 #include "sensor-hal/channel/pair_source.h"

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/expect/expectations.h"
+#include "bench/expect/expected_forms.h"
 #include "sensor-hal/record/replay_sink.h"
 
 namespace rigor {
