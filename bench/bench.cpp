@@ -15,9 +15,11 @@
 #include "bench/live/live_view.h"
 #include "bench/report/report.h"
 #include "bench/report/typed_command.h"
-#include "bench/result/run_result.h"
+#include "bench/result/collect_report.h"
+#include "bench/result/run_facts.h"
 #include "bench/run/recording.h"
 #include "bench/run/replay_assembly.h"
+#include "bench/run/run_json.h"
 #include "rt-core/affinity.h"
 #include "rt-core/trace.h"
 #include "sensor-hal/config/did_you_mean.h"
@@ -31,11 +33,11 @@ std::string status_text(const BenchRun& run, const RunParts& parts, double t_s) 
   std::string line =
       fmt::format("{} cycles, {} skipped, {} misses", n.run.load(), n.skipped.load(), n.misses.load());
   for (const auto& c : parts.channels) {
-    const Health& h = c->source->health();
+    const HealthSnapshot h = c->source->health();
     // Before the run begins nothing is there that could be lost.
-    const bool gone = !h.connected.load() && t_s > 0;
-    line += fmt::format("  {} {}{}", c->entry->name, h.received.load(), gone ? " LOST" : "");
-    if (const auto lost = h.lost.load()) line += fmt::format(" (-{})", lost);
+    const bool gone = !h.connected && t_s > 0;
+    line += fmt::format("  {} {}{}", c->entry->name, h.received, gone ? " LOST" : "");
+    if (const auto lost = h.lost) line += fmt::format(" (-{})", lost);
   }
   return line;
 }
@@ -56,23 +58,6 @@ std::string trace_warning(const std::filesystem::path& file, std::uint64_t dropp
 }
 
 }  // namespace
-
-bool RunReport::ended_well() const {
-  switch (outcome.loop.reason) {
-    case StopReason::overrun:
-    case StopReason::failed:
-    case StopReason::recording:
-    case StopReason::application:
-      return false;
-    default:
-      return true;
-  }
-}
-
-bool RunReport::passed() const {
-  return ended_well() && errors.empty() && replay_difference.empty() && failed_on.empty() &&
-         facts.emulators.empty() && std::ranges::none_of(expected, &Expected::fails);
-}
 
 struct Bench::Impl {
   BenchOptions options;
@@ -120,9 +105,8 @@ struct Bench::Impl {
   void warn(std::string text);
   /// As the control socket would, whose thread may ask at the same time.
   Status ask(const nlohmann::json& request);
-  void add_judgements(const RunReport& report, nlohmann::json& result) const;
-  void analyse(RunReport& report, nlohmann::json& result) const;
-  void write_files(RunReport& report, nlohmann::json& result);
+  void analyse(RunReport& report) const;
+  void write_files(RunReport& report);
   void abandon();
 };
 
@@ -225,7 +209,7 @@ Status Bench::Impl::prepare(StopToken stop) {
     if (!made) return tl::unexpected<Error>(made.error());
     file.emplace(std::move(*made));
     const AvoidCpu rest = off_the_loops_cpu();
-    auto opened = open_recording(parts(), *file, epoch, {{"engine", engine()}});
+    auto opened = open_recording(parts(), *file, epoch, {{"renderer", engine()}});
     if (!opened) return tl::unexpected<Error>(opened.error());
     recorder = std::move(*opened);
   }
@@ -266,26 +250,17 @@ Result<RunOutcome> Bench::Impl::run_in_virtual_time(StopToken stop) {
   return outcome;
 }
 
-void Bench::Impl::add_judgements(const RunReport& report, nlohmann::json& result) const {
-  if (!options.fail_on.empty())
-    result["verdict"].update({{"fail_on", options.fail_on.names()}, {"failed_on", report.failed_on.names()}});
-  if (!report.expected.empty()) result["expect"] = to_json(report.expected);
-}
-
-void Bench::Impl::analyse(RunReport& report, nlohmann::json& result) const {
+void Bench::Impl::analyse(RunReport& report) const {
   for (const AnalysisChoice& choice : rig().analyses) {
     auto found = registry.find_analysis(choice.name)->run(choice.params, rig().record.file);
-    if (!found) {
+    if (!found)
       report.errors.push_back(found.error());
-    } else if (*found) {
-      nlohmann::json& j = result["analyses"][choice.name] = nlohmann::json::parse((*found)->json);
-      j["text"] = (*found)->line;
+    else if (*found)
       report.analyses.push_back(std::move(**found));
-    }
   }
 }
 
-void Bench::Impl::write_files(RunReport& report, nlohmann::json& result) {
+void Bench::Impl::write_files(RunReport& report) {
   const auto written = [&](const Status& s, std::filesystem::path& to, const std::filesystem::path& name) {
     if (s)
       to = name;
@@ -299,9 +274,7 @@ void Bench::Impl::write_files(RunReport& report, nlohmann::json& result) {
   };
   if (!rig().report.empty()) {
     const ProgressTask writing("write the report");
-    std::string html;
-    for (const AnalysisReport& a : report.analyses) html += a.html;
-    written(write_report(rig().report, result, parts(), html, existing()), report.page,
+    written(write_report(rig().report, report, parts(), existing()), report.page,
             rig().report / "index.html");
   }
   if (trace) {
@@ -342,7 +315,7 @@ Result<RunReport> Bench::Impl::close(Result<RunOutcome> outcome) {
   const Status stopped = run->stop();
   Status recorded;
   if (recorder) {
-    if (outcome) recorder->add_closing_metadata({{kSeenDigestKey, outcome->seen_sha256}});
+    if (outcome) recorder->add_closing_metadata({{kInputDigestKey, outcome->input_sha256}});
     recorded = recorder->stop();
   }
   closing.reset();
@@ -355,13 +328,12 @@ Result<RunReport> Bench::Impl::close(Result<RunOutcome> outcome) {
   report.outcome = std::move(*outcome);
   for (const Status* s : {static_cast<const Status*>(&recorded), &stopped, &finished})
     if (!*s) report.errors.push_back(s->error());
-  RunContextText text;
-  text.engine = engine();
-  text.utc = iso(epoch.to_utc(report.outcome.t0));
-  text.recording = rig().record.file.string();
-  text.command = typed_command();
-  text.machine = machine_name();
-  text.virtual_epoch = virtual_time() && !replay;
+  report.identity = identity_of(rig());
+  report.identity.renderer = engine();
+  report.identity.utc = iso(epoch.to_utc(report.outcome.t0));
+  report.identity.command = typed_command();
+  report.identity.machine = machine_name();
+  report.identity.virtual_epoch = virtual_time() && !replay;
   report.facts = ended_run_facts(parts(), report.outcome, recorder.get(), warnings);
   if (parts().expectations) {
     RunEnd end = run_end(report.facts);
@@ -371,22 +343,19 @@ Result<RunReport> Bench::Impl::close(Result<RunOutcome> outcome) {
   for (const Expected& e : report.expected)
     if (e.fails()) report.facts.unmet.push_back(e.sentence());
   report.verdict = judge(report.facts);
+  report.fail_on = options.fail_on;
   report.failed_on = report.verdict.found(options.fail_on);
   report.warnings = warnings;
-  if (replay && !replay->run.seen_sha256.empty() && report.outcome.loop.reason == StopReason::finished &&
-      report.outcome.seen_sha256 != replay->run.seen_sha256)
+  if (replay && !replay->run.input_sha256.empty() && report.outcome.loop.reason == StopReason::finished &&
+      report.outcome.input_sha256 != replay->run.input_sha256)
     report.replay_difference = "the application saw something else than in the recorded run (" +
-                               replay->run.seen_sha256 + "); the rig or the file was changed";
-  nlohmann::json result =
-      run_result(parts(), report.outcome, recorder.get(), text, report.facts, report.verdict);
-  add_judgements(report, result);
+                               replay->run.input_sha256 + "); the rig or the file was changed";
+  collect_parts(parts(), recorder.get(), report);
   if (recorder && recorded) {
     report.recording = rig().record.file;
-    analyse(report, result);
+    analyse(report);
   }
-  write_files(report, result);
-  report.json = result.dump();
-  report.text = summary_text(result);
+  write_files(report);
   recorder.reset();
   file.reset();
   return report;

@@ -4,7 +4,7 @@
 //   auto bench = rigor::Bench::create(*rig, rigor::make_registry());
 //   (*bench)->prepare();                         // devices open, everything armed
 //   rigor::Result<rigor::RunReport> report = (*bench)->run(stop.token());
-//   report->passed(); report->facts.channels; report->text;
+//   report->passed(); report->facts.channels; report->text();
 //
 // In virtual time also cycle by cycle, with the ports between them:
 //

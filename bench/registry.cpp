@@ -12,9 +12,22 @@
 #include "drivers/usb/usb_backend.h"
 #include "drivers/v4l2/v4l2_backend.h"
 #include "drivers/velodyne/velodyne_backend.h"
+#include "sensor-hal/channel/log_sink.h"
 #include "sensor-hal/plugin/plugin.h"
 
 namespace rigor {
+namespace {
+
+Backend log_backend() {
+  Backend b;
+  b.name = "log";
+  b.summary = "values of the application, for the recording";
+  b.make_sink = [] { return std::make_unique<LogSink>(); };
+  b.same_in_virtual_time = true;
+  return b;
+}
+
+}  // namespace
 
 Registry make_registry() {
   Registry registry;
@@ -25,6 +38,7 @@ Registry make_registry() {
   registry.add(usb_backend());
   registry.add(v4l2_backend());
   registry.add(velodyne_backend());
+  registry.add(log_backend());
   registry.add(NamedApplication{"forest-localization", make_forest_localization});
   registry.add(NamedApplication{"script", make_script});
   registry.add(stereo_depth_application());
@@ -38,6 +52,14 @@ Status load_plugins(const std::vector<NamedFile>& files, Registry& registry) {
     if (const auto loaded = load_plugin(plugin.file, registry); !loaded)
       return fail(loaded.error().code, plugin.named_by, loaded.error().text());
   return {};
+}
+
+Result<Registry> make_registry(const std::vector<std::filesystem::path>& plugins) {
+  Registry registry = make_registry();
+  std::vector<NamedFile> named;
+  for (const auto& file : plugins) named.push_back({file, "--plugin"});
+  if (auto s = load_plugins(named, registry); !s) return tl::unexpected<Error>(s.error());
+  return registry;
 }
 
 }  // namespace rigor

@@ -11,5 +11,7 @@ namespace rigor {
 /// Loads each of them (sensor-hal/plugin/plugin.h), in this order. Errors of load_plugin, with the place that
 /// names the file. Setup thread.
 [[nodiscard]] Status load_plugins(const std::vector<NamedFile>& files, Registry& registry);
+/// What comes with Rigor and what these bring, which the option `--plugin` of a command names.
+[[nodiscard]] Result<Registry> make_registry(const std::vector<std::filesystem::path>& plugins);
 
 }  // namespace rigor

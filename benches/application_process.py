@@ -31,7 +31,7 @@ channels:
   camera: {{ kind: image, backend: simulated, rate_hz: {camera_hz}, latency_ms: 400, sensor: {root}/configs/sensors/demo-camera.yaml,
             pixel_format: Mono8, exposure_us: 2500, T_world_sensor: {{ position_m: [-0.2, -3.0, 1.6], look_at_m: [0, 0, 0.4] }} }}
 sinks:
-  out: {{ backend: note, signals: [n] }}
+  out: {{ backend: log, signals: [n] }}
 {application}
 """
 APP = """\

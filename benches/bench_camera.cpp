@@ -1,6 +1,6 @@
 // What a simulated camera costs, effect by effect, and how wrong the fast picture is.
 //
-//   bench_camera [--rounds N] [--json FILE] [--place NAME] [--engine rays]
+//   bench_camera [--rounds N] [--json FILE] [--place NAME] [--renderer rays]
 //               [--part effects|knobs|stereo|together]
 //
 // 640x480 pixels, two worlds, both engines. `RMS` is that of the picture on the sensor's surface (before
@@ -134,8 +134,8 @@ class Bench {
     std::printf("%-24s %-40s %9.1f %9.1f %8s\n", question.c_str(), (engine + " " + label).c_str(),
                 t.quantile(0.5), t.cpu(), error ? std::to_string(*error).substr(0, 7).c_str() : "");
     nlohmann::json run{
-        {"world", place.name},       {"question", question},       {"engine", engine},  {"knobs", label},
-        {"p50_ms", t.quantile(0.5)}, {"p99_ms", t.quantile(0.99)}, {"cpu_ms", t.cpu()}, {"rms", nullptr}};
+        {"world", place.name},       {"question", question},       {"renderer", engine}, {"knobs", label},
+        {"p50_ms", t.quantile(0.5)}, {"p99_ms", t.quantile(0.99)}, {"cpu_ms", t.cpu()},  {"rms", nullptr}};
     if (error) run["rms"] = *error;
     out_["runs"].push_back(run);
   }
@@ -171,7 +171,7 @@ class Bench {
     const bool outdoors = std::string_view(place.name) != "indoor";
     if (outdoors && std::string_view(e.name) != "none" && e.set != all_effects) return;
     const Shot s = shoot(world, e, CameraEngine::vulkan, {}, std::min(rounds_, outdoors ? 1 : 3));
-    report(place, e.name, "vulkan", "", s.times, error(s));
+    report(place, e.name, "raster", "", s.times, error(s));
   }
   /// What the knobs of an ideal picture buy.
   void knobs(StandingWorld& world, const Place& place) {
@@ -217,7 +217,7 @@ class Bench {
         const Shot s = shoot(world, ideal, CameraEngine::vulkan, o, std::min(rounds_, 1));
         char label[64];
         std::snprintf(label, sizeof label, "%.1f px allowed%s", allowed_px, shadows ? "" : ", no shadows");
-        report(place, "knobs", "vulkan", label, s.times, rms(s.picture, reference));
+        report(place, "knobs", "raster", label, s.times, rms(s.picture, reference));
       }
   }
   struct Pair {

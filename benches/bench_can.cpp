@@ -210,12 +210,12 @@ int main(int argc, char** argv) {
   };
   print("plain", plain);
   print("rigor", ours);
-  const auto lost = source.health().lost.load();
+  const auto lost = source.health().lost;
   (void)set_up(kBus, false);
-  while (source.health().connected.load()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  while (source.health().connected) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   const BenchTime up = now();
   (void)set_up(kBus, true);
-  while (!source.health().connected.load() && now() - up < seconds(30))
+  while (!source.health().connected && now() - up < seconds(30))
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   const Duration recovery = now() - up;
   std::printf("lost %llu; back %.1f ms after the interface\n", static_cast<unsigned long long>(lost),

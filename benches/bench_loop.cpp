@@ -49,12 +49,12 @@ struct Channel {
     port.configure({milliseconds(10), milliseconds(5), milliseconds(500), LatePolicy::hold}, BenchTime(0));
   }
   void produce() noexcept {
-    if (Lease<Sample> lease = pool.try_acquire()) {
-      Stamp& s = lease.edit().stamp;
+    if (WritableSlot<Sample> slot = pool.try_acquire()) {
+      Stamp& s = slot->stamp;
       s.sequence = sequence++;
       s.t_capture = s.t_arrival = bench_now();
       s.t_release = s.t_capture + microseconds(500);
-      (void)ring.try_push(std::move(lease));
+      (void)ring.try_push(std::move(slot));
     }
   }
   void cycle(const CycleContext& c) noexcept {

@@ -1,7 +1,7 @@
 // Speed against error of simulated LiDARs and time-of-flight cameras, on three worlds, both engines, over
 // their knobs.
 //
-//   bench_range [--rounds N] [--json FILE] [--place NAME] [--sensor SHEET] [--engine rays|vulkan]
+//   bench_range [--rounds N] [--json FILE] [--place NAME] [--sensor SHEET] [--renderer rays|raster]
 //
 // The reference is the engine of rays over everything in full, with the most sub-rays (LiDAR: 61, time of
 // flight: 16 samples a pixel), without noise. Beside each time stands what the same sensor without noise
@@ -160,12 +160,12 @@ class Bench {
   void report(const Place& place, const std::string& sensor, const Knobs& k, const Times& t, double bare,
               const Errors& e) {
     std::printf("%-16s %-28s %9.2f %9.2f %7.2f %9.2f %8.3f %8.3f %8.3f %8.2f\n", sensor.c_str(),
-                ((k.vulkan ? "vulkan " : "rays ") + k.label).c_str(), t.quantile(0.5), t.cpu(),
+                ((k.vulkan ? "raster " : "rays ") + k.label).c_str(), t.quantile(0.5), t.cpu(),
                 t.cpu() / bare, 1e3 * e.range_rmse_m, 100 * e.outlier_rate, 100 * e.missed_rate,
                 100 * e.false_rate, 100 * e.remission_error);
     out_["runs"].push_back({{"world", place.name},
                             {"sensor", sensor},
-                            {"engine", k.vulkan ? "vulkan" : "rays"},
+                            {"renderer", k.vulkan ? "raster" : "rays"},
                             {"knobs", k.label},
                             {"p50_ms", t.quantile(0.5)},
                             {"p99_ms", t.quantile(0.99)},

@@ -130,18 +130,19 @@ int main(int argc, char** argv) {
     };
     if (k * 30 >= frames * 1000) {
       for (std::uint32_t i = 0; i < 2; ++i) {
-        SampleLease s = cameras[i]->try_acquire();
-        if (!s) {
+        SampleSlot slot = cameras[i]->try_acquire();
+        if (!slot) {
           ++no_slot;
           continue;
         }
-        stamp(s.edit(), frames, now);
+        stamp(*slot, frames, now);
         ImageInfo info;
         info.width_px = kWidth;
         info.height_px = kHeight;
-        s.edit().info = info;
-        s.edit().size_bytes = kBytes;
-        s.edit().memory()[frames % kBytes] = static_cast<std::byte>(frames);
+        slot->info = info;
+        slot->size_bytes = kBytes;
+        slot->memory()[frames % kBytes] = static_cast<std::byte>(frames);
+        const SampleLease s = std::move(slot);
         timed([&] {
           recorder.record(i, s);
           recorder.record_visibility(i, k, now, PortStatus::fresh, s);
@@ -151,12 +152,13 @@ int main(int argc, char** argv) {
       ++frames;
     }
     for (std::uint32_t i = 0; i < kRegisters; ++i) {
-      SampleLease s = blocks->try_acquire();
-      stamp(s.edit(), k, now);
+      SampleSlot slot = blocks->try_acquire();
+      stamp(*slot, k, now);
       RegisterBlock b;
       b.count = 8;
       for (std::size_t v = 0; v < 8; ++v) b.value[v] = static_cast<double>(k) * 0.1 + static_cast<double>(v);
-      s.edit().info = b;
+      slot->info = b;
+      const SampleLease s = std::move(slot);
       timed([&] {
         recorder.record(2 + i, s);
         recorder.record_visibility(2 + i, k, now, PortStatus::fresh, s);

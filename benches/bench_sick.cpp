@@ -276,17 +276,15 @@ int main(int argc, char** argv) {
   for (int i = 0; i < o.kills; ++i) {
     while (SampleLease lease = source.poll(now())) {
     }
-    const auto lost_before = source.health().lost.load();
+    const auto lost_before = source.health().lost;
     const auto killed = now();
     scanner->kill_it();
     usleep(300'000);
     scanner = std::make_unique<ScannerProcess>(o, port);
     const auto ready = now();
     SampleLease lease;
-    while (source.health().reconnects.load() <= static_cast<std::uint64_t>(i) ||
-           !(lease = source.poll(now()))) {
-      if (!lease && source.health().reconnects.load() <= static_cast<std::uint64_t>(i))
-        (void)source.poll(now());
+    while (source.health().reconnects <= static_cast<std::uint64_t>(i) || !(lease = source.poll(now()))) {
+      if (!lease && source.health().reconnects <= static_cast<std::uint64_t>(i)) (void)source.poll(now());
       usleep(500);
     }
     recovery.record(now() - ready);

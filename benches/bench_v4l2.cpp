@@ -149,7 +149,7 @@ bool read_by_channel(const Options& o, Figures& f, const std::atomic<double>& ot
   }
   const double cpu = cpu_us(RUSAGE_SELF) - all_before - (cpu_us(RUSAGE_THREAD) - own_before) -
                      (other_cpu_us.load() - other_before);
-  f.frames = s.health().received.load(), f.lost = s.health().lost.load();
+  f.frames = s.health().received, f.lost = s.health().lost;
   f.p50_us = quantile(latency_us, 0.5), f.p99_us = quantile(latency_us, 0.99);
   f.cpu_us_per_frame = f.frames == 0 ? 0 : cpu / static_cast<double>(f.frames);
   return check(s.stop());
@@ -179,7 +179,7 @@ bool start_camera(V4l2Emulator& e, const Options& o) {
                            "], io: write, rate_hz: " + std::to_string(o.rate_hz) + "}";
   if (!check(e.configure(config_of(o, keys))) || !check(e.arm({})) || !check(e.start(BenchTime(now_ns()))))
     return false;
-  for (int i = 0; i < 500 && e.health().received.load() == 0; ++i) usleep(10'000);
+  for (int i = 0; i < 500 && e.health().received == 0; ++i) usleep(10'000);
   return true;
 }
 
@@ -191,7 +191,7 @@ bool recover(const Options& o, std::unique_ptr<V4l2Emulator>& camera, double& ms
     return false;
   usleep(500'000);
   camera.reset();
-  for (int i = 0; i < 1000 && s.health().connected.load(); ++i) usleep(10'000);
+  for (int i = 0; i < 1000 && s.health().connected; ++i) usleep(10'000);
   while (s.poll(BenchTime(now_ns()))) {
   }
   camera = std::make_unique<V4l2Emulator>();
@@ -199,7 +199,7 @@ bool recover(const Options& o, std::unique_ptr<V4l2Emulator>& camera, double& ms
   const std::int64_t back = now_ns();
   for (int i = 0; i < 10'000 && !s.poll(BenchTime(now_ns())); ++i) usleep(1000);
   ms = static_cast<double>(now_ns() - back) * 1e-6;
-  lost = s.health().lost.load();
+  lost = s.health().lost;
   return check(s.stop());
 }
 

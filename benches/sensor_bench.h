@@ -179,8 +179,8 @@ inline nlohmann::json machine(const std::shared_ptr<render::Device>& device) {
           {"vulkan", device ? device->name() : "none"}};
 }
 
-/// `--json FILE`, `--rounds N`, `--place NAME`, `--sensor SHEET`, `--part NAME`, `--engine rays|vulkan`; all
-/// of them without it.
+/// `--json FILE`, `--rounds N`, `--place NAME`, `--sensor SHEET`, `--part NAME`, `--renderer rays|raster`;
+/// all of them without it.
 struct Options {
   std::string json, place, engine, part, sensor;
   int rounds = 20;
@@ -197,13 +197,13 @@ inline Options options(int argc, char** argv) {
       o.part = argv[i + 1];
     else if (std::string(argv[i]) == "--sensor")
       o.sensor = argv[i + 1];
-    else if (std::string(argv[i]) == "--engine")
+    else if (std::string(argv[i]) == "--renderer")
       o.engine = argv[i + 1];
     else if (std::string(argv[i]) == "--rounds" && std::atoi(argv[i + 1]) > 0)
       o.rounds = std::atoi(argv[i + 1]);
     else
       give_up(std::string(argv[i]) +
-              ": expected --json FILE, --rounds N, --place NAME, --part NAME or --engine rays|vulkan");
+              ": expected --json FILE, --rounds N, --place NAME, --part NAME or --renderer rays|raster");
   }
   return o;
 }

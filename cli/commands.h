@@ -73,7 +73,7 @@ struct SenseOptions {
   bool ideal = false;
   std::vector<std::string> only;  ///< effects
   bool difference = false;        ///< of a range image to the same without effects
-  std::string engine;             ///< "", "rays", "vulkan"
+  std::string engine;             ///< "", "rays", "raster"
   bool force = false;             ///< replace what is there
   bool json = false;
 };
@@ -114,7 +114,7 @@ struct WorldRenderOptions {
   double allowed_error_px = 1.0;
   std::vector<std::string> off;   ///< switches of the view
   bool plain = false;             ///< ground and imagery alone
-  std::string engine = "vulkan";  ///< vulkan | rays
+  std::string engine = "raster";  ///< raster | rays
   std::string device;             ///< part of the Vulkan device's name
   bool force = false;             ///< replace what is there
   bool json = false;
@@ -148,6 +148,10 @@ struct HostOptions {
 struct PlainOptions {
   bool json = false;
 };
+struct DeviceOptions {
+  bool json = false;
+  std::vector<std::filesystem::path> plugins;  ///< whose drivers are asked, too
+};
 
 int run_command(const RunOptions& options);
 int replay_command(const ReplayOptions& options);
@@ -161,8 +165,8 @@ int world_render_command(const WorldRenderOptions& options);
 int fault_command(const FaultOptions& options);
 int pair_command(const PairOptions& options);
 int convert_command(const ConvertOptions& options);
-int devices_command(const PlainOptions& options);
-int doctor_command(const PlainOptions& options);
+int devices_command(const DeviceOptions& options);
+int doctor_command(const DeviceOptions& options);
 int host_command(const HostOptions& options);
 int rigs_command(const PlainOptions& options);
 

@@ -9,7 +9,7 @@
 #include "bench/files/output_file.h"
 #include "bench/run/recording.h"
 #include "bench/sensing/sample_files.h"
-#include "cli/calibrate/recording_packets.h"
+#include "calibration/procedures/recording_packets.h"
 #include "cli/commands.h"
 #include "drivers/velodyne/pcap_file.h"
 #include "sensor-hal/record/recorder.h"
@@ -108,15 +108,14 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
     (*recorder)->begin(*first);
     const auto pool = make_sample_pool(4, most);
     const auto read = read_clouds(options.input, [&](const Sample& sample) {
-      SampleLease lease = pool->try_acquire();
-      if (!lease) return false;
-      Sample& copy = lease.edit();
+      SampleSlot slot = pool->try_acquire();
+      if (!slot) return false;
+      Sample& copy = *slot;
       copy.info = sample.info;
       copy.stamp = sample.stamp;
       copy.size_bytes = sample.bytes().size();
       std::memcpy(copy.memory().data(), sample.bytes().data(), copy.size_bytes);
-      (*recorder)->record(0, lease);
-      lease = {};
+      (*recorder)->record(0, std::move(slot));
       (*recorder)->end_cycle(out.scans++, sample.stamp.t_release);
       out.points += points_of(sample).size();
       progress->set(static_cast<double>(out.scans));

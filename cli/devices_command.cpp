@@ -8,10 +8,11 @@
 
 namespace rigor {
 
-int devices_command(const PlainOptions& options) {
-  const Registry registry = make_registry();
+int devices_command(const DeviceOptions& options) {
+  const auto registry = make_registry(options.plugins);
+  if (!registry) return report_error(registry.error(), options.json);
   nlohmann::json list = nlohmann::json::array();
-  for (const auto& [name, backend] : registry.all()) {
+  for (const auto& [name, backend] : registry->all()) {
     if (!backend.find_devices) continue;
     const auto found = backend.find_devices();
     if (!options.json) fmt::print("{} ({}): {}\n", name, backend.summary, found.empty() ? "none found" : "");

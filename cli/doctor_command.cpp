@@ -11,7 +11,9 @@
 
 namespace rigor {
 
-int doctor_command(const PlainOptions& options) {
+int doctor_command(const DeviceOptions& options) {
+  const auto registry = make_registry(options.plugins);
+  if (!registry) return report_error(registry.error(), options.json);
   struct Line {
     std::string part;
     DoctorFinding finding;
@@ -25,8 +27,7 @@ int doctor_command(const PlainOptions& options) {
                       s.name + ": " + s.text, ""}});
   for (auto& f : examine_machine(this_machine())) lines.push_back({"machine", std::move(f)});
   for (auto& f : Simulation::doctor()) lines.push_back({"simulation", std::move(f)});
-  const Registry registry = make_registry();
-  for (const auto& [name, backend] : registry.all())
+  for (const auto& [name, backend] : registry->all())
     if (backend.doctor)
       for (auto& f : backend.doctor()) lines.push_back({name, std::move(f)});
 

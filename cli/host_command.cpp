@@ -30,11 +30,11 @@ PortStatus status_of(rigor_client::Status status) {
     case rigor_client::Status::fresh:
       return PortStatus::fresh;
     case rigor_client::Status::held:
-      return PortStatus::stale;
+      return PortStatus::held;
     case rigor_client::Status::overdue:
-      return PortStatus::late;
+      return PortStatus::overdue;
     case rigor_client::Status::disconnected:
-      return PortStatus::lost;
+      return PortStatus::disconnected;
     case rigor_client::Status::never:
       break;
   }
@@ -117,9 +117,9 @@ class HostedInput {
   void show(const rigor_client::Port& now, BenchTime t) {
     std::uint64_t newest = 0;
     for (const rigor_client::Sample& s : now.samples) {
-      SampleLease slot = pool_.try_acquire();
+      SampleSlot slot = pool_.try_acquire();
       if (!slot) throw std::runtime_error(now.name + ": more samples in a turn than there is room for");
-      Sample& sample = slot.edit();
+      Sample& sample = *slot;
       sample.stamp = {};
       sample.stamp.sequence = newest = s.sequence;
       sample.stamp.t_capture = BenchTime(s.t_capture_ns);
@@ -216,13 +216,11 @@ class Host final : public rigor_client::Application {
 }  // namespace
 
 int host_command(const HostOptions& options) {
-  Registry registry = make_registry();
-  std::vector<NamedFile> plugins;
-  for (const auto& file : options.plugins) plugins.push_back({file, "--plugin"});
-  if (auto s = load_plugins(plugins, registry); !s) return report_error(s.error(), false);
-  const NamedApplication* known = registry.find_application(options.application);
+  const auto registry = make_registry(options.plugins);
+  if (!registry) return report_error(registry.error(), false);
+  const NamedApplication* known = registry->find_application(options.application);
   if (!known) {
-    const auto names = registry.application_names();
+    const auto names = registry->application_names();
     return report_error({ErrorCode::bad_input, "APPLICATION",
                          fmt::format("expected one of {}, got \"{}\"{}", fmt::join(names, ", "),
                                      options.application, did_you_mean(options.application, names))},

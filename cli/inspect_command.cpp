@@ -9,7 +9,7 @@
 #include "bench/console/progress.h"
 #include "bench/console/terminal.h"
 #include "bench/files/output_file.h"
-#include "cli/calibrate/recording_packets.h"
+#include "calibration/procedures/recording_packets.h"
 #include "cli/commands.h"
 #include "drivers/velodyne/pcap_file.h"
 #include "drivers/velodyne/pcap_report.h"
@@ -56,7 +56,7 @@ nlohmann::json to_json(const PcapReport& r) {
       {"valid_returns", r.valid_returns},
       {"points_decoded", r.points_handed_on},
       {"returns_per_laser", lasers},
-      {"range_m", {{"least", r.least_range_m}, {"greatest", r.greatest_range_m}}},
+      {"range_m", {{"minimum", r.minimum_range_m}, {"maximum", r.greatest_range_m}}},
       {"rates",
        {{"packets_per_s", r.packets_per_s},
         {"position_packets_per_s", r.position_packets_per_s},
@@ -87,7 +87,7 @@ std::string to_text(const PcapReport& r) {
   for (const auto& [mode, n] : r.return_modes) t += fmt::format("    returns {} {}\n", mode, n);
   t += fmt::format("  revolutions      {} whole, {:.2f} turns at {:.3f} Hz\n", r.revolutions, r.turns,
                    r.rotation_hz);
-  t += fmt::format("  valid returns    {} from {:.3f} to {:.3f} m\n", r.valid_returns, r.least_range_m,
+  t += fmt::format("  valid returns    {} from {:.3f} to {:.3f} m\n", r.valid_returns, r.minimum_range_m,
                    r.greatest_range_m);
   t += fmt::format("  gaps             {}, {} packets lost, longest {:.1f} ms\n", r.gaps, r.packets_lost,
                    r.longest_gap_ms);

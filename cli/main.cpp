@@ -16,6 +16,7 @@
 #include "cli/commands.h"
 #include "cli/option_checks.h"
 #include "cli/world/world_cli.h"
+#include "sensor-hal/config/renamed.h"
 
 namespace {
 
@@ -182,8 +183,8 @@ int command_line(int argc, char** argv) {
       ->add_flag("--difference", sense.difference,
                  "Range images: what the effects add to the ranges of the same device without any")
       ->excludes(ideal);
-  sense_app->add_option("--engine", sense.engine, "rays or vulkan (default: what the rig says)")
-      ->check(CLI::IsMember({"rays", "vulkan"}));
+  sense_app->add_option("--renderer", sense.engine, "rays or raster (default: what the rig says)")
+      ->check(CLI::IsMember({"rays", "raster"}));
   sense_app->add_option("--truth", sense.truth,
                         "Write node, class, range, normal and flow of every element as OpenEXR planes");
   sense_app
@@ -286,14 +287,20 @@ int command_line(int argc, char** argv) {
   add_progress(app);
   for (CLI::App* quick : {fault_app, pair_app}) quick->remove_option(quick->get_option("--progress"));
 
-  rigor::PlainOptions devices, doctor, rigs;
+  rigor::DeviceOptions devices, doctor;
+  rigor::PlainOptions rigs;
   rigor::HostOptions host;
   auto* host_app =
       app.add_subcommand("host", "Run an application of the loop in a process of its own; a rig starts it");
   host_app->add_option("APPLICATION", host.application, "Name of one that comes with Rigor or with a plugin")
       ->required();
-  host_app->add_option("--plugin", host.plugins, "A shared object with applications (docs/sdk.md)")
-      ->allow_extra_args(false);
+  const auto with_plugins = [](CLI::App* command, std::vector<std::filesystem::path>& plugins,
+                               const std::string& what) {
+    command->add_option("--plugin", plugins, what + " (docs/sdk.md; may be repeated)")
+        ->type_name("FILE.so")
+        ->allow_extra_args(false);
+  };
+  with_plugins(host_app, host.plugins, "A shared object with applications");
   host_app->footer("In a rig: application: { command: [rigor, host, forest-localization], params: { … } }");
 
   auto* rigs_app = app.add_subcommand("rigs", "List the rigs that Rigor comes with");
@@ -301,10 +308,12 @@ int command_line(int argc, char** argv) {
   rigs_app->footer("Example: rigor rigs");
   auto* devices_app = app.add_subcommand("devices", "List what is attached, per driver");
   devices_app->add_flag("--json", devices.json, "Print as JSON");
+  with_plugins(devices_app, devices.plugins, "A shared object with drivers");
   devices_app->footer("Example: rigor devices --json");
   auto* doctor_app = app.add_subcommand(
       "doctor", "Say what this machine lacks for real time or a driver, and how to mend it");
   doctor_app->add_flag("--json", doctor.json, "Print as JSON");
+  with_plugins(doctor_app, doctor.plugins, "A shared object with drivers");
   doctor_app->footer("Example: rigor doctor");
 
   try {
@@ -313,6 +322,10 @@ int command_line(int argc, char** argv) {
     const std::vector<std::string> words(argv + 1, argv + argc);
     const bool json = std::find(words.begin(), words.end(), "--json") != words.end();
     if (e.get_exit_code() != 0) {
+      for (const std::string& word : words)
+        if (const std::string_view now = rigor::renamed_option(word); !now.empty())
+          return rigor::report_error({rigor::ErrorCode::bad_input, word, "now called " + std::string(now)},
+                                     json);
       if (const std::string unknown = rigor::unknown_command(app, words); !unknown.empty())
         return rigor::report_error({rigor::ErrorCode::bad_input, "", unknown}, json);
       if (json) return rigor::report_error({rigor::ErrorCode::bad_input, "", e.what()}, true);

@@ -14,10 +14,10 @@ namespace rigor {
 namespace {
 
 /// The rig to run: the one that is named, or the one in the recording.
-Result<RigConfig> load(const ReplayOptions& options, const ReplayInput& input) {
+Result<RigConfig> load(const ReplayOptions& options, const Registry& registry, const ReplayInput& input) {
   const auto overrides = parse_overrides(options.overrides);
   if (!overrides) return tl::unexpected<Error>(overrides.error());
-  auto rig = options.rig.empty() ? recorded_rig(input, *overrides, options.run_program)
+  auto rig = options.rig.empty() ? recorded_rig(input, *overrides, registry, options.run_program)
                                  : load_rig(options.rig, *overrides);
   if (!rig) return rig;
   rig->clock = ClockKind::virtual_time;
@@ -40,7 +40,8 @@ int replay_command(const ReplayOptions& options) {
                     "to be seen again",
                     options.recording.string(), input->run.dropped));
   reading.reset();
-  auto rig = load(options, *input);
+  const Registry registry = make_registry();
+  auto rig = load(options, registry, *input);
   if (!rig) return report_error(rig.error(), options.json);
   auto live = open_live(options.live, *rig);
   if (!live) return report_error(live.error(), options.json);
@@ -52,7 +53,7 @@ int replay_command(const ReplayOptions& options) {
   how.live = live->get();
   how.live_stays = !options.live.ends;
   how.on_warning = print_warning;
-  auto bench = Bench::create_replay(std::move(*rig), make_registry(), std::move(*input), std::move(how));
+  auto bench = Bench::create_replay(std::move(*rig), registry, std::move(*input), std::move(how));
   if (!bench) return report_error(bench.error(), options.json);
   StopSource stop;
   SignalStop signals(stop);

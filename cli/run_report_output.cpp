@@ -14,9 +14,9 @@ namespace rigor {
 
 int print_report(const RunReport& report, bool json) {
   if (json) {
-    fmt::print("{}\n", report.json);
+    fmt::print("{}\n", report.json());
   } else {
-    fmt::print("{}", report.text);
+    fmt::print("{}", report.text());
     if (!report.page.empty()) fmt::print("report    {}\n", report.page.string());
     if (!report.trace.empty()) fmt::print("trace     {}\n", report.trace.string());
   }

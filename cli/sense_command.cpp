@@ -71,7 +71,7 @@ Status check_options(const SenseOptions& options, SampleKind kind) {
                 fmt::format("expected a channel of kind range_image, got {}", kind_name(kind)));
   if (is_inertial(kind))
     for (const auto& [option, given] : {std::pair{"--only", !options.only.empty()},
-                                        {"--engine", !options.engine.empty()},
+                                        {"--renderer", !options.engine.empty()},
                                         {"--truth", !options.truth.empty()}})
       if (given)
         return fail(ErrorCode::bad_input, option,
@@ -165,9 +165,10 @@ class Sensing {
     if (!options_.truth.empty()) {
       auto* sensed = dynamic_cast<SensedCamera*>(camera.get());
       if (!sensed)
-        return fail(ErrorCode::bad_input, "--truth",
-                    "expected `engine: rays` or `engine: vulkan` in the rig or as --engine: the renderer of "
-                    "small scenes knows no ground truth");
+        return fail(
+            ErrorCode::bad_input, "--truth",
+            "expected `renderer: rays` or `renderer: raster` in the rig or as --renderer: the renderer of "
+            "small scenes knows no ground truth");
       sensed->set_truth(&truth_);
     }
     ImageRequest r;
@@ -305,7 +306,7 @@ int sense_command(const SenseOptions& options) {
   if (!done) return report_error(done.error(), options.json);
   if (!*done) return report_error(done->error(), options.json);
 
-  told["engine"] = (*simulation)->engine();
+  told["renderer"] = (*simulation)->engine();
   if (options.json)
     fmt::print("{}\n", told.dump());
   else

@@ -14,8 +14,9 @@ namespace rigor {
 namespace {
 
 nlohmann::json json_of(const Trial& t, bool image) {
-  nlohmann::json j{{"choice", t.choice.text()}, {"engine", t.choice.engine}, {"p50_ms", t.p50_ms},
-                   {"max_ms", t.max_ms},        {"timed", t.timed},          {"meets", t.meets}};
+  nlohmann::json j{{"choice", t.choice.text()}, {"renderer", t.choice.engine},
+                   {"p50_ms", t.p50_ms},        {"max_ms", t.max_ms},
+                   {"timed", t.timed},          {"meets", t.meets}};
   if (image) {
     j["radiance"] = t.radiance;
   } else {
@@ -43,12 +44,12 @@ int tune_command(const TuneOptions& options) {
     if (!params) continue;
     const auto tolerance = catch_config([&] { return read_tolerance(*params, entry.kind); });
     if (!tolerance) return report_error(tolerance.error(), options.json);
-    if (*tolerance && !params->has("engine")) wanted.emplace_back(&entry, **tolerance);
+    if (*tolerance && !params->has("renderer")) wanted.emplace_back(&entry, **tolerance);
   }
   if (wanted.empty())
     return report_error(
         {ErrorCode::bad_input, options.rig.string(),
-         "expected a simulated channel with a `tolerance` and without an `engine`, found none: "
+         "expected a simulated channel with a `tolerance` and without a `renderer`, found none: "
          "there is nothing to tune"},
         options.json);
   if (rig->simulation.world.empty())

@@ -1,6 +1,7 @@
 #include "rt-core/clock_map.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace rigor {
@@ -44,7 +45,7 @@ struct ClockMap::Line {
     l.x_ref = ring[0].x;
     l.t_ref = ring[0].t;
     double w = 0, wx = 0, wy = 0;
-    for (std::size_t i = 0; i < ring.count; ++i) {
+    for (std::size_t i = 0; i < ring.size(); ++i) {
       const double wi = weight(i);
       w += wi;
       wx += wi * l.x_of(ring[i]);
@@ -53,7 +54,7 @@ struct ClockMap::Line {
     l.mean_x = wx / w;
     l.mean_y = wy / w;
     double sxx = 1 / square(prior), sxy = 0;
-    for (std::size_t i = 0; i < ring.count; ++i) {
+    for (std::size_t i = 0; i < ring.size(); ++i) {
       const double dx = l.x_of(ring[i]) - l.mean_x;
       sxx += weight(i) * dx * dx;
       sxy += weight(i) * dx * (l.y_of(ring[i]) - l.mean_y);
@@ -124,7 +125,7 @@ ClockMap::Update ClockMap::add_latch(DeviceTime x, BenchTime before, BenchTime a
   suspects_ = 0;
   late_in_a_row_ = 0;
   x_last_ = pair.x;
-  latches_.push(pair);
+  latches_.push_newest(pair);
   drop_old(latches_);
   publish_latches();
   return stepped ? Update::reset : Update::used;
@@ -154,24 +155,24 @@ ClockMap::Update ClockMap::add_arrival(DeviceTime x, BenchTime arrival) noexcept
   suspects_ = 0;
   late_in_a_row_ = 0;
   if (current_.pairs == 0 || minus(x.ns(), x_last_) > 0) x_last_ = x.ns();
-  if (latches_.count > 0) {
+  if (!latches_.empty()) {
     // Latches say more than arrivals ever can; they only grow old.
-    if (minus(x.ns(), latches_[latches_.count - 1].x) < options_.window.ns()) return Update::ignored;
+    if (minus(x.ns(), latches_.back().x) < options_.window.ns()) return Update::ignored;
     latches_.clear();
   }
 
   bool changed = stepped;
-  if (segments_.count == 0 || minus(x.ns(), segment_end_) >= 0) {
+  if (segments_.empty() || minus(x.ns(), segment_end_) >= 0) {
     const std::int64_t length =
         std::max<std::int64_t>(1, options_.window.ns() / static_cast<std::int64_t>(kPairs));
-    segments_.push(Pair{x.ns(), t, kUnknownDelay_ns, 0});
+    segments_.push_newest(Pair{x.ns(), t, kUnknownDelay_ns, 0});
     segment_end_ = plus(x.ns(), length);
     segment_count_ = 0;
     segment_min_ = excess;
     segment_sum_ = 0;
     changed = true;
   }
-  Pair& segment = segments_[segments_.count - 1];
+  Pair& segment = segments_.back();
   ++segment_count_;
   segment_sum_ += excess;
   if (excess < segment_min_) {
@@ -192,7 +193,7 @@ ClockMap::Update ClockMap::add_arrival(DeviceTime x, BenchTime arrival) noexcept
     drop_old(segments_);
     publish_arrivals();
     // Residuals within the segment are relative to the map: carry the old ones over to the new one.
-    const Pair& floor = segments_[segments_.count - 1];
+    const Pair& floor = segments_.back();
     const double moved =
         static_cast<double>(minus(floor.t, map(current_, DeviceTime(floor.x)).t.ns())) - segment_min_;
     segment_min_ += moved;
@@ -204,7 +205,7 @@ ClockMap::Update ClockMap::add_arrival(DeviceTime x, BenchTime arrival) noexcept
 
 void ClockMap::drop_old(Ring& ring) noexcept {
   // After a long silence two old pairs still hold the drift.
-  while (ring.count > 2 && minus(x_last_, ring[0].x) > options_.window.ns()) ring.pop();
+  while (ring.size() > 2 && minus(x_last_, ring[0].x) > options_.window.ns()) ring.pop_front();
 }
 
 void ClockMap::publish(const Line& line, double var_systematic, Ring& ring) noexcept {
@@ -220,8 +221,8 @@ void ClockMap::publish(const Line& line, double var_systematic, Ring& ring) noex
   s.var_systematic = var_systematic;
   s.drift_wander = options_.drift_wander;
   s.x_first = ring[0].x;
-  s.x_last = ring[ring.count - 1].x;
-  s.pairs = static_cast<std::uint32_t>(ring.count);
+  s.x_last = ring.back().x;
+  s.pairs = static_cast<std::uint32_t>(ring.size());
   current_ = s;
   state_.store(s);
 }
@@ -232,13 +233,13 @@ void ClockMap::publish_latches() noexcept {
   // A latch that happens always early in its window shifts all pairs alike: the narrowest window bounds that.
   double narrowest = latches_[0].width_ns;
   double chi2 = 0;
-  for (std::size_t i = 0; i < latches_.count; ++i) {
+  for (std::size_t i = 0; i < latches_.size(); ++i) {
     narrowest = std::min(narrowest, latches_[i].width_ns);
     chi2 += square(line.residual(latches_[i]) / latches_[i].sigma_ns);
   }
   // More scatter than the windows allow for (a counter that jumps, a drift that changes): say so in sigma.
-  if (latches_.count > 2) {
-    const double scale = std::max(1.0, chi2 / static_cast<double>(latches_.count - 2));
+  if (latches_.size() > 2) {
+    const double scale = std::max(1.0, chi2 / static_cast<double>(latches_.size() - 2));
     line.var_mean *= scale;
     line.var_slope *= scale;
   }
@@ -246,7 +247,7 @@ void ClockMap::publish_latches() noexcept {
 }
 
 void ClockMap::publish_arrivals() noexcept {
-  const std::size_t n = segments_.count;
+  const std::size_t n = segments_.size();
   std::array<bool, kPairs> out{};
   double mean_var = 0;
   for (std::size_t i = 0; i < n; ++i) mean_var += square(segments_[i].sigma_ns) / static_cast<double>(n);

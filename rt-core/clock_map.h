@@ -20,10 +20,10 @@
 // sigma, not averaged away. A step of the device clock, or its going back, throws the old pairs away.
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 
+#include "rt-core/fixed_ring.h"
 #include "rt-core/published.h"
 #include "rt-core/time.h"
 
@@ -91,17 +91,7 @@ class ClockMap {
     double sigma_ns = 0;        // of t
     double width_ns = 0;        // of the latch's window
   };
-  struct Ring {
-    std::array<Pair, kPairs> pair{};
-    std::size_t first = 0, count = 0;
-    Pair& operator[](std::size_t i) noexcept { return pair[(first + i) % kPairs]; }
-    void push(const Pair& p) noexcept {
-      if (count == kPairs) pop();
-      pair[(first + count++) % kPairs] = p;
-    }
-    void pop() noexcept { first = (first + 1) % kPairs, --count; }
-    void clear() noexcept { first = count = 0; }
-  };
+  using Ring = FixedRing<Pair, kPairs>;
   struct Line;
 
   void forget() noexcept;

@@ -103,8 +103,8 @@ void MissObserver::start(int tid) {
   stat_fd_ = open("/proc/stat", O_RDONLY | O_CLOEXEC);
   text_.resize(
       std::max<std::size_t>(4096, room_for_proc_stat(static_cast<int>(sysconf(_SC_NPROCESSORS_CONF)))));
-  samples_[0] = sample();
-  sampled_ = 1;
+  samples_.clear();
+  samples_.push_newest(sample());
   thread_ = std::thread([this] { watch(); });
   pthread_setname_np(thread_.native_handle(), "rigor-misses");
 }
@@ -141,18 +141,16 @@ MissObserver::Sample MissObserver::sample() noexcept {
 
 // Completes the misses that lie between two samples.
 void MissObserver::attribute_waiting(bool final_pass) {
-  const auto newest = [&]() -> const Sample& { return samples_[(sampled_ - 1) % samples_.size()]; };
   std::size_t kept = 0;
   for (Miss& m : waiting_) {
-    if (!final_pass && newest().t_ns < m.t_end.ns()) {
+    if (!final_pass && samples_.back().t_ns < m.t_end.ns()) {
       waiting_[kept++] = m;
       continue;
     }
-    const std::size_t oldest = sampled_ > samples_.size() ? sampled_ - samples_.size() : 0;
-    const Sample* before = &samples_[oldest % samples_.size()];
-    const Sample* after = &newest();
-    for (std::size_t i = oldest; i < sampled_; ++i) {
-      const Sample& s = samples_[i % samples_.size()];
+    const Sample* before = &samples_.front();
+    const Sample* after = &samples_.back();
+    for (std::size_t i = 0; i < samples_.size(); ++i) {
+      const Sample& s = samples_[i];
       if (s.t_ns <= m.t_cycle.ns()) before = &s;
       if (s.t_ns >= m.t_end.ns()) {
         after = &s;
@@ -169,20 +167,16 @@ void MissObserver::attribute_waiting(bool final_pass) {
 }
 
 void MissObserver::watch() {
-  const auto take = [this] {
-    samples_[sampled_ % samples_.size()] = sample();
-    ++sampled_;
-  };
   while (!end_.load(std::memory_order_acquire)) {
     timespec pause{0, static_cast<long>(kSampleEvery.ns())};
     nanosleep(&pause, nullptr);
     // First the misses, then the sample: so it is younger than all of them.
     for (Miss m; ring_.try_pop(m);) waiting_.push_back(m);
-    take();
+    samples_.push_newest(sample());
     attribute_waiting(false);
   }
   for (Miss m; ring_.try_pop(m);) waiting_.push_back(m);
-  take();
+  samples_.push_newest(sample());
   attribute_waiting(true);
 }
 

@@ -24,6 +24,7 @@
 #include <thread>
 #include <vector>
 
+#include "rt-core/fixed_ring.h"
 #include "rt-core/spsc_ring.h"
 #include "rt-core/time.h"
 
@@ -107,9 +108,8 @@ class MissObserver {
   std::atomic<std::uint64_t> total_{0}, ring_full_{0};
   MissReport report_;
   std::vector<Miss> waiting_;
-  std::array<Sample, 256> samples_{};
+  FixedRing<Sample, 256> samples_;
   std::vector<char> text_;
-  std::size_t sampled_ = 0;
   int schedstat_fd_ = -1, schedule_fd_ = -1, stat_fd_ = -1;
   std::atomic<bool> end_{false};
   std::thread thread_;

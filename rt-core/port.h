@@ -3,27 +3,29 @@
 //   capture          arrival        release
 //   ───●────────────────●──────────────●────────────── time
 //      │ measured       │ it is here   │ first cycle at or after: the loop sees it (fresh), then holds it
-//      (stale)
+//      (held)
 //
-// A sample that is here early waits; one that is not here at its release makes the port `late`, and it
+// A sample that is here early waits; one that is not here at its release makes the port `overdue`, and it
 // becomes visible in the first cycle after it came. So what the application computes depends on the latency
 // of the device that is modelled and not on how fast a computer was.
 #pragma once
 
-#include <array>
+#include <cstddef>
 #include <cstdint>
 
+#include "rt-core/fixed_ring.h"
 #include "rt-core/pool.h"
 #include "rt-core/stamp.h"
 
 namespace rigor {
 
 enum class PortStatus : std::uint8_t {
-  never,  ///< nothing was visible yet, and nothing is overdue
-  fresh,  ///< a new sample became visible in this cycle
-  stale,  ///< the sample of an earlier cycle is held, none was due
-  late,   ///< a sample was due by now and is not here; the old one is held, or dropped if the policy says so
-  lost    ///< the source is gone, or silent for longer than `lost_after`
+  never,    ///< nothing was visible yet, and nothing is overdue
+  fresh,    ///< a new sample became visible in this cycle
+  held,     ///< the sample of an earlier cycle is held, none was due
+  overdue,  ///< a sample was due by now and is not here; the old one is held, or dropped if the policy says
+            ///< so
+  disconnected  ///< the source is gone, or silent for longer than `lost_after`
 };
 
 enum class LatePolicy : std::uint8_t { hold, drop };
@@ -36,13 +38,13 @@ struct PortTiming {
 };
 
 struct PortCounters {
-  std::uint64_t fresh = 0;         ///< samples that became visible
-  std::uint64_t superseded = 0;    ///< samples that a newer one of the same cycle overtook
-  std::uint64_t late_cycles = 0;   ///< cycles with status late
-  std::uint64_t late_samples = 0;  ///< samples that arrived after their release
-  std::uint64_t lost_cycles = 0;   ///< cycles with status lost
-  std::uint64_t lost_samples = 0;  ///< gaps in the sequence, and what the source said was lost
-  std::uint64_t overflow = 0;      ///< samples dropped because more than kPending waited
+  std::uint64_t fresh = 0;                ///< samples that became visible
+  std::uint64_t superseded = 0;           ///< samples that a newer one of the same cycle overtook
+  std::uint64_t overdue_cycles = 0;       ///< cycles with status overdue
+  std::uint64_t late_samples = 0;         ///< samples that arrived after their release
+  std::uint64_t disconnected_cycles = 0;  ///< cycles with status disconnected
+  std::uint64_t lost_samples = 0;         ///< gaps in the sequence, and what the source said was lost
+  std::uint64_t overflow = 0;             ///< samples dropped because more than kPending waited
 };
 
 /// T has a member `Stamp stamp`. All calls: loop thread; noexcept, no allocation.
@@ -57,16 +59,16 @@ class Port {
   }
   /// Hand over a sample that has arrived; samples come in the order of their release.
   void push(Lease<T> sample) noexcept {
-    if (count_ == kPending) {
+    if (pending_.full()) {
       ++counters_.overflow;
       return;
     }
-    pending_[(first_ + count_++) % kPending] = std::move(sample);
+    pending_.push_back(std::move(sample));
   }
   /// Make visible what is due at `now`. Call once in each cycle, with increasing `now`.
   void advance(BenchTime now, bool source_connected) noexcept {
     bool fresh = false;
-    while (count_ > 0 && pending_[first_]->stamp.t_release <= now) {
+    while (!pending_.empty() && pending_.front()->stamp.t_release <= now) {
       if (fresh) ++counters_.superseded;
       take(now);
       fresh = true;
@@ -76,18 +78,19 @@ class Port {
       ++counters_.fresh;
       return;
     }
-    const bool silent = timing_.period.ns() > 0 && now - t_quiet_since_ > timing_.lost_after && count_ == 0;
+    const bool silent =
+        timing_.period.ns() > 0 && now - t_quiet_since_ > timing_.lost_after && pending_.empty();
     const bool overdue =
         timing_.period.ns() > 0 && seen_ && now > visible_release_ + timing_.period + timing_.tolerance;
-    if ((!source_connected && count_ == 0) || silent) {
-      status_ = PortStatus::lost;
-      ++counters_.lost_cycles;
+    if ((!source_connected && pending_.empty()) || silent) {
+      status_ = PortStatus::disconnected;
+      ++counters_.disconnected_cycles;
     } else if (overdue) {
-      status_ = PortStatus::late;
-      ++counters_.late_cycles;
+      status_ = PortStatus::overdue;
+      ++counters_.overdue_cycles;
       if (timing_.on_late == LatePolicy::drop) visible_.reset();
     } else {
-      status_ = visible_ || seen_ ? PortStatus::stale : PortStatus::never;
+      status_ = visible_ || seen_ ? PortStatus::held : PortStatus::never;
     }
   }
   /// Replay: force what a recording says was visible. `fresh` takes the pending sample with that sequence.
@@ -95,18 +98,18 @@ class Port {
   bool obey(PortStatus status, std::uint64_t sequence, BenchTime now) noexcept {
     status_ = status;
     if (status == PortStatus::fresh) {
-      while (count_ > 0 && pending_[first_]->stamp.sequence < sequence) {
+      while (!pending_.empty() && pending_.front()->stamp.sequence < sequence) {
         ++counters_.superseded;
         take(now);
       }
-      if (count_ == 0 || pending_[first_]->stamp.sequence != sequence) return false;
+      if (pending_.empty() || pending_.front()->stamp.sequence != sequence) return false;
       take(now);
       ++counters_.fresh;
-    } else if (status == PortStatus::late) {
-      ++counters_.late_cycles;
+    } else if (status == PortStatus::overdue) {
+      ++counters_.overdue_cycles;
       if (timing_.on_late == LatePolicy::drop) visible_.reset();
-    } else if (status == PortStatus::lost) {
-      ++counters_.lost_cycles;
+    } else if (status == PortStatus::disconnected) {
+      ++counters_.disconnected_cycles;
     }
     return true;
   }
@@ -121,9 +124,7 @@ class Port {
 
  private:
   void take(BenchTime now) noexcept {
-    visible_ = std::move(pending_[first_]);
-    first_ = (first_ + 1) % kPending;
-    --count_;
+    visible_ = pending_.pop_front();
     const Stamp& s = visible_->stamp;
     if (s.t_arrival > s.t_release) ++counters_.late_samples;
     const std::uint64_t gap = seen_ && s.sequence > last_sequence_ ? s.sequence - last_sequence_ - 1 : 0;
@@ -134,9 +135,7 @@ class Port {
     seen_ = true;
   }
 
-  std::array<Lease<T>, kPending> pending_{};
-  std::size_t first_ = 0;
-  std::size_t count_ = 0;
+  FixedRing<Lease<T>, kPending> pending_;
   Lease<T> visible_;
   BenchTime visible_release_;
   BenchTime t_quiet_since_;

@@ -28,6 +28,8 @@ struct Stamp {
   Duration sigma_capture{};         ///< standard uncertainty of t_capture
   std::uint32_t lost_before = 0;    ///< samples known to be lost since the one before
   std::uint32_t validity = kValid;  ///< bits of Validity
+
+  friend bool operator==(const Stamp&, const Stamp&) noexcept = default;
 };
 
 }  // namespace rigor

@@ -27,6 +27,7 @@ ALLOWED = {
     "sensor-hal": {"rt-core"},
     "drivers": {"rt-core", "sensor-hal"},
     "calibration": {"rt-core", "sensor-hal"},
+    "calibration/procedures": {"rt-core", "sensor-hal", "drivers", "calibration", "bench"},
     "apps": {"rt-core", "sensor-hal"},
     "sim/world": {"rt-core", "sensor-hal"},
     "sim/render": SIM_BASE,
@@ -226,6 +227,8 @@ def self_test():
         "bench/run/run.cpp": '#include "bench/files/file.h"\n#include "drivers/can/can.h"\n',
         "bench/files/file.h": '#include "rt-core/a.h"\n',
         "bench/run/run.h": '#include "sensor-hal/channel/c.h"\n',
+        "calibration/core/fit.h": '#include "rt-core/a.h"\n',
+        "calibration/procedures/p.cpp": '#include "bench/run/run.h"\n#include "calibration/core/fit.h"\n',
         "cli/main.cpp": '#include "drivers/can/can.h"\n#include "sim/world/w.h"\n#include <CLI/CLI.hpp>\n',
     }
     planted = [  # (rule, file, text): each must be found, in that file
@@ -238,6 +241,8 @@ def self_test():
         ("root", "sim/sensors/t.cpp", '#include "sim/world/missing.h"\n'),
         ("root", "sim/sensors/u.cpp", '#include "sky.frag.inc"\n'),
         ("direction", "bench/run/up.cpp", '#include "cli/command.h"\n'),
+        ("direction", "calibration/core/up.cpp", '#include "calibration/procedures/p.h"\n'),
+        ("direction", "bench/run/calibrated.cpp", '#include "calibration/core/fit.h"\n'),
         ("circle", "bench/files/file.cpp", '#include "bench/run/run.h"\n'),
         ("rt-core", "rt-core/log.cpp", "#include <spdlog/spdlog.h>\n"),
         ("vendor", "drivers/modbus/m.h", "#include <modbus/modbus.h>\n"),
@@ -247,6 +252,7 @@ def self_test():
         "sim/render/shade.glsl": "float shade() { return 1.0; }\n",
         "sensor-hal/record/inner.h": "#include <zstd.h>\n",
         "cli/command.h": "int command();\n",
+        "calibration/procedures/p.h": "int procedure();\n",
         "cli/wire.cpp": '#include "drivers/modbus/m.h"\n#include "sensor-hal/record/outer.h"\n',
     }
 

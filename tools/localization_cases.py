@@ -28,7 +28,7 @@ RIGS = {"simulated": ROOT / "configs/rigs/seekurjr-forest-light.yaml", "emulated
 SCANNER = "[{kind: drop, probability: 0.2}, {kind: disconnect, from_s: 20, for_s: 0.5, every_s: 30}]"
 WHEELS = "[{kind: stuck, from_s: 15, for_s: 0.5, every_s: 20}]"
 CAMERA_FAULTS = "[{kind: disconnect, from_s: 22, for_s: 0.5, every_s: 30}]"
-CAMERA = ("{kind: image, backend: simulated, rate_hz: 2, latency_ms: 100, engine: rays, exposure_us: 4000, pixel_format: Mono8, "
+CAMERA = ("{kind: image, backend: simulated, rate_hz: 2, latency_ms: 100, renderer: rays, exposure_us: 4000, pixel_format: Mono8, "
           f"sensor: {ROOT}/configs/sensors/watched-camera.yaml, parent: robot, "
           "T_parent_sensor: { position_m: [0.45, 0, 0.95], look_at_m: [5.45, 0, 0.6] }}")
 
@@ -61,7 +61,7 @@ def settings(args, rig, faults, slot):
         sides = ["pair.real.", "pair.simulated."] if "\n    pair:" in text else [""]
         changed.update({f"channels.scanner.{side}faults": SCANNER for side in sides})
         changed["channels.wheels.faults"] = WHEELS
-        changed["simulation.platforms.robot.sheet"] = ROOT / "configs/platforms/seekurjr-slippery.yaml"
+        changed["simulation.platforms.robot.model"] = ROOT / "configs/platforms/seekurjr-slippery.yaml"
         if args.camera:
             changed["channels.camera.faults"] = CAMERA_FAULTS
     return [w for key, value in changed.items() for w in ("--set", f"{key}={value}")] + [w for s in args.set for w in ("--set", s)]
@@ -102,12 +102,12 @@ def run_case(args, mode, faults, seed, slot):
             "load": os.getloadavg()[1], "localization": result["analyses"]["localization"], "recording": result["recording"],
             "cycles": [result["loop"]["cycles_run"], result["loop"]["cycles_skipped"]],
             "lost": {c: share_lost(result, c) for c in ("scanner", "wheels", "camera")},
-            "seen": result["seen_sha256"], "times": result["times"], "command": "rigor " + " ".join(words)}
+            "seen": result["input_sha256"], "times": result["times"], "command": "rigor " + " ".join(words)}
     inspected = call(args, ["inspect", str(recording)], log)
     case["whole"] = bool(inspected) and result["recording"]["dropped"] == 0 and inspected["messages"] == result["recording"]["messages"]
     # Map and way are files beside the rig: its name, and what was changed of it, belong to the replay.
     replayed = call(args, ["replay", str(recording), str(rig), "--report", "", *settings(args, rig, faults, slot)], log)
-    case["replayed"] = replayed["seen_sha256"] if replayed else "failed"
+    case["replayed"] = replayed["input_sha256"] if replayed else "failed"
     (args.output / f"{name}.json").write_text(json.dumps(case, indent=1))
     if not args.keep and case["whole"] and case["replayed"] == case["seen"]:
         recording.unlink()

@@ -77,7 +77,7 @@ def plot(path, title, points, x_name, y_name):
     taken = []
     for p in points:
         x, y = sx(p["x"]), sy(p["y"])
-        colour = COLOURS.get(p["engine"], "#374151")
+        colour = COLOURS.get(p["renderer"], "#374151")
         s.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{colour}"><title>{p["label"]}</title></circle>')
         if p not in best:
             continue
@@ -110,7 +110,7 @@ def range_part(bench, images):
             out += [f"### {sensor}, {world}", ""]
             name = f"speed-{sensor}-{world}.svg".replace(" ", "-")
             points = [
-                {"x": r["p50_ms"], "y": r["range_rmse_m"], "engine": r["engine"], "label": f'{r["engine"]} {r["knobs"]}'}
+                {"x": r["p50_ms"], "y": r["range_rmse_m"], "renderer": r["renderer"], "label": f'{r["renderer"]} {r["knobs"]}'}
                 for r in runs
             ]
             if plot(images / name, f"{sensor}, {world}", points, "time p50 [ms]", "range RMSE [m]"):
@@ -118,7 +118,7 @@ def range_part(bench, images):
             rows = []
             for r in runs:
                 rows.append([
-                    f'{r["engine"]}, {r["knobs"]}',
+                    f'{r["renderer"]}, {r["knobs"]}',
                     number(r["p50_ms"]),
                     number(r["p99_ms"]),
                     number(r.get("cpu_ms", math.nan)),
@@ -139,21 +139,21 @@ def range_part(bench, images):
 def camera_part(bench, images):
     out = []
     for world in dict.fromkeys(r["world"] for r in bench["runs"]):
-        rows = [[r["question"], f'{r["engine"]} {r["knobs"]}'.strip(), number(r["p50_ms"]), number(r["p99_ms"]),
+        rows = [[r["question"], f'{r["renderer"]} {r["knobs"]}'.strip(), number(r["p50_ms"]), number(r["p99_ms"]),
                  number(r.get("cpu_ms", math.nan)), number(r.get("rms"))] for r in bench["runs"] if r["world"] == world and r["question"] != "knobs"]
-        out += [f"### Effects, {world}", "", *table(["effect alone", "engine", "p50 ms", "p99 ms", "CPU ms", "RMS"], rows), ""]
+        out += [f"### Effects, {world}", "", *table(["effect alone", "renderer", "p50 ms", "p99 ms", "CPU ms", "RMS"], rows), ""]
     for group in dict.fromkeys((r["world"], r["question"]) for r in bench["runs"] if r["question"] == "knobs"):
         runs = [r for r in bench["runs"] if (r["world"], r["question"]) == group]
         out += [f"### {group[1].capitalize()}, {group[0]}", ""]
         name = f"speed-camera-{group[1]}-{group[0]}.svg".replace(" ", "-").replace(",", "")
         points = [
-            {"x": r["p50_ms"], "y": r["rms"], "engine": r["engine"], "label": f'{r["engine"]} {r["knobs"]}'}
+            {"x": r["p50_ms"], "y": r["rms"], "renderer": r["renderer"], "label": f'{r["renderer"]} {r["knobs"]}'}
             for r in runs if r.get("rms") is not None
         ]
         if group[1] == "knobs" and plot(images / name, f"{group[1]}, {group[0]}", points, "time p50 [ms]",
                                     "RMS of radiance, relative to the mean"):
             out += [f"![{group[1]}, {group[0]}](images/{name})", ""]
-        rows = [[f'{r["engine"]}, {r["knobs"]}', number(r["p50_ms"]), number(r["p99_ms"]),
+        rows = [[f'{r["renderer"]}, {r["knobs"]}', number(r["p50_ms"]), number(r["p99_ms"]),
                  number(r.get("cpu_ms", math.nan)), number(r.get("rms"))] for r in runs]
         out += table(["engine, knobs", "p50 ms", "p99 ms", "CPU ms", "RMS"], rows)
         out.append("")

@@ -6,15 +6,9 @@
 
 #include "apps/forest-localization/rig_ports.h"
 #include "apps/forest-localization/statistics.h"
+#include "sensor-hal/types/orientation.h"
 
 namespace rigor::forest {
-namespace {
-
-double yaw_of(const std::array<double, 4>& q) noexcept {
-  return std::atan2(2 * (q[0] * q[3] + q[1] * q[2]), 1 - 2 * (q[2] * q[2] + q[3] * q[3]));
-}
-
-}  // namespace
 
 OdometryInput::OdometryInput(const ConfigNode& n, const ApplicationPorts& ports) {
   const InputPort& in =

@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
-#include <vector>
 
+#include "rt-core/fixed_ring.h"
 #include "rt-core/time.h"
 
 namespace rigor::forest {
@@ -22,30 +22,23 @@ class Timeline {
     Sums sums{};
   };
 
-  Timeline() : entries_(kKept) {}
   /// Later than all before; others are refused.
   bool push(BenchTime t, const Sums& sums) noexcept {
-    if (count_ > 0 && t <= newest().t) return false;
-    if (count_ == kKept) {
-      begin_ = (begin_ + 1) % kKept;
-      --count_;
-    }
-    entries_[(begin_ + count_++) % kKept] = {t, sums};
+    if (!entries_.empty() && t <= newest().t) return false;
+    entries_.push_newest({t, sums});
     return true;
   }
-  void clear() noexcept { count_ = 0; }
-  [[nodiscard]] std::size_t size() const noexcept { return count_; }
-  [[nodiscard]] const Entry& operator[](std::size_t i) const noexcept {
-    return entries_[(begin_ + i) % kKept];
-  }
-  [[nodiscard]] const Entry& newest() const noexcept { return (*this)[count_ - 1]; }
-  [[nodiscard]] const Entry& oldest() const noexcept { return (*this)[0]; }
+  void clear() noexcept { entries_.clear(); }
+  [[nodiscard]] std::size_t size() const noexcept { return entries_.size(); }
+  [[nodiscard]] const Entry& operator[](std::size_t i) const noexcept { return entries_[i]; }
+  [[nodiscard]] const Entry& newest() const noexcept { return entries_.back(); }
+  [[nodiscard]] const Entry& oldest() const noexcept { return entries_.front(); }
   [[nodiscard]] bool covers(BenchTime t) const noexcept {
-    return count_ > 0 && t >= oldest().t && t <= newest().t;
+    return !entries_.empty() && t >= oldest().t && t <= newest().t;
   }
   /// Index of the first entry after `t`; size() where there is none.
   [[nodiscard]] std::size_t after(BenchTime t) const noexcept {
-    std::size_t low = 0, high = count_;
+    std::size_t low = 0, high = size();
     while (low < high) {
       const std::size_t middle = (low + high) / 2;
       if ((*this)[middle].t > t) {
@@ -60,7 +53,7 @@ class Timeline {
   [[nodiscard]] Sums at(BenchTime t) const noexcept {
     const std::size_t i = after(t);
     if (i == 0) return oldest().sums;
-    if (i == count_) return newest().sums;
+    if (i == size()) return newest().sums;
     const Entry& a = (*this)[i - 1];
     const Entry& b = (*this)[i];
     const double u = (t - a.t).seconds() / (b.t - a.t).seconds();
@@ -71,16 +64,15 @@ class Timeline {
   /// Change per second over the last two entries; 0 with fewer.
   [[nodiscard]] Sums rate() const noexcept {
     Sums out{};
-    if (count_ < 2) return out;
-    const Entry& a = (*this)[count_ - 2];
-    const Entry& b = (*this)[count_ - 1];
+    if (size() < 2) return out;
+    const Entry& a = (*this)[size() - 2];
+    const Entry& b = newest();
     for (std::size_t k = 0; k < N; ++k) out[k] = (b.sums[k] - a.sums[k]) / (b.t - a.t).seconds();
     return out;
   }
 
  private:
-  std::vector<Entry> entries_;
-  std::size_t begin_ = 0, count_ = 0;
+  FixedRing<Entry> entries_{kKept};
 };
 
 }  // namespace rigor::forest

@@ -156,10 +156,10 @@ class StereoDepth final : public Application {
     if (is.width_px == static_cast<std::uint32_t>(m.width_px) &&
         is.height_px == static_cast<std::uint32_t>(m.height_px))
       return;
-    throw n.error("sheet", "expected the sheet of a camera of " + std::to_string(in.description->width_px) +
-                               " x " + std::to_string(in.description->height_px) + " px, as the channel \"" +
-                               in.name + "\" is, got one of " + std::to_string(m.width_px) + " x " +
-                               std::to_string(m.height_px));
+    throw n.error(
+        "model", "expected the sensor model of a camera of " + std::to_string(in.description->width_px) +
+                     " x " + std::to_string(in.description->height_px) + " px, as the channel \"" + in.name +
+                     "\" is, got one of " + std::to_string(m.width_px) + " x " + std::to_string(m.height_px));
   }
 
   static Eigen::Isometry3d read_camera(const ConfigNode& n, const ApplicationPorts& ports, bool pinhole,
@@ -169,7 +169,7 @@ class StereoDepth final : public Application {
       throw n.error("channel",
                     "expected a channel of pictures in Mono8; \"" + in.name + "\" has another format");
     port = in.port;
-    const auto sheet = load_camera(n.base_dir() / n.text("sheet"));
+    const auto sheet = load_camera(n.base_dir() / n.text("model"));
     if (!sheet) throw ConfigError(sheet.error());
     model = sheet->model;
     if (pinhole) model.lens = {};
@@ -181,11 +181,11 @@ class StereoDepth final : public Application {
 
   void read_truth(const ConfigNode& n, const ApplicationPorts& ports) {
     const InputPort& in = input(n, ports, SampleKind::range_image, "range_image");
-    const auto sheet = load_tof_model(n.base_dir() / n.text("sheet"));
+    const auto sheet = load_tof_model(n.base_dir() / n.text("model"));
     if (!sheet) throw ConfigError(sheet.error());
     truth_model_ = sheet->camera();
     if (!(truth_model_.lens == OpenCvLens{}))
-      throw n.error("sheet",
+      throw n.error("model",
                     "expected a camera without distortion: true ranges are looked up between its pixels");
     expect_size(n, in, truth_model_);
     truth_ = in.port;
@@ -257,7 +257,7 @@ class StereoDepth final : public Application {
       const auto* info = job.truth->as<RangeImageInfo>();
       if (!info || info->width_px != static_cast<std::uint32_t>(truth_model_.width_px) ||
           info->height_px != static_cast<std::uint32_t>(truth_model_.height_px)) {
-        problem_ = "expected true ranges of the size that the sheet says, got another";
+        problem_ = "expected true ranges of the size that the sensor model says, got another";
         return;
       }
       const cv::Mat depth_m = true_depth(rectifier_->camera(), truth_model_,

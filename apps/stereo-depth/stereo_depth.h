@@ -1,18 +1,18 @@
-// Depth from two cameras: rectifies pairs of pictures after the cameras' sheets, matches them by semi-global
-// matching, and where a channel with true ranges is given says how wrong the result is. It knows channels by
-// name and nothing of what is behind them: simulated, real or replayed.
+// Depth from two cameras: rectifies pairs of pictures after the cameras' sensor models, matches them by
+// semi-global matching, and where a channel with true ranges is given says how wrong the result is. It knows
+// channels by name and nothing of what is behind them: simulated, real or replayed.
 //
 //   application:
 //     name: stereo-depth
 //     left:                     # kind image, Mono8
 //       channel: left
-//       sheet: ../sensors/stereo-module-left.yaml
+//       model: ../sensors/stereo-module-left.yaml
 //       T_base_sensor: { position_m: [0, 0.1, 1.2], roll_pitch_yaw_deg: [-90, 0, -90] }   # its mount
-//     right: { channel: right, sheet: …, T_base_sensor: … }
-//     pinholes: false           # true: the pictures have no distortion, whatever the sheets say
+//     right: { channel: right, model: …, T_base_sensor: … }
+//     pinholes: false           # true: the pictures have no distortion, whatever the sensor models say
 //     truth:                    # optional: range_image of a pinhole that stands where the left camera does
 //       channel: truth
-//       sheet: ../sensors/stereo-truth.yaml
+//       model: ../sensors/stereo-truth.yaml
 //     matcher: { disparities: 128, block_px: 5, uniqueness_percent: 10, left_right_px: 1,
 //                speckle_px: 100, full: false }
 //     within_ms: 1              # captures of a pair differ by no more

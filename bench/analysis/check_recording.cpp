@@ -44,6 +44,8 @@ Result<CheckedRecording> check_recorded_run(const std::filesystem::path& recordi
   if (auto s = expect.bind(ports.ports()); !s) return tl::unexpected<Error>(s.error());
   const auto events = read_recorded_events(recording, *run);
   if (!events) return tl::unexpected<Error>(events.error());
+  if (expect.need_faults())
+    if (auto s = faults_are_known(recording, *events); !s) return tl::unexpected<Error>(s.error());
 
   expect.begin(run->t0);
   auto fault = events->faults.begin();

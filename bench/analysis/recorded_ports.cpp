@@ -64,14 +64,15 @@ class Samples {
       const auto whole = decoder_.take(view);
       if (!whole) return tl::unexpected<Error>(whole.error());
       if (!*whole) continue;
-      ahead_ = pool_->try_acquire();
-      if (!ahead_) return fail(ErrorCode::internal, "recording", "more samples wait than a port holds");
-      Sample& sample = ahead_.edit();
+      SampleSlot slot = pool_->try_acquire();
+      if (!slot) return fail(ErrorCode::internal, "recording", "more samples wait than a port holds");
+      Sample& sample = *slot;
       sample.info = std::monostate{};
       sample.size_bytes = 0;
       if (decoder_.size_bytes() == 0)
         if (auto s = decoder_.fill(sample); !s) return tl::unexpected<Error>(s.error());
       sample.stamp = decoder_.stamp();
+      ahead_ = std::move(slot);
     }
     return &ahead_;
   }
@@ -101,7 +102,7 @@ struct RecordedPorts::Impl {
   struct Channel {
     const ChannelEntry* entry = nullptr;
     ChannelDescription description;
-    std::unique_ptr<SamplePool> pool;  // before what holds its slots
+    std::unique_ptr<SamplePool> pool;
     SamplePort port;
     std::array<std::optional<Samples>, 2> sides;  ///< of what is no pair the first alone
     std::size_t side = 0;                         ///< from which the last visible sample came
@@ -181,7 +182,7 @@ struct RecordedPorts::Impl {
   }
 
   Status show(Channel& c, const msg::PortEntry& entry) {
-    if (entry.status > static_cast<std::uint8_t>(PortStatus::lost))
+    if (entry.status > static_cast<std::uint8_t>(PortStatus::disconnected))
       return fail(ErrorCode::protocol, reader->name(),
                   "a port's status is unknown; the recording is of a newer version");
     c.status = static_cast<PortStatus>(entry.status);
@@ -204,9 +205,9 @@ struct RecordedPorts::Impl {
     }
     if (!found) {
       ++missing;
-      SampleLease stamp_alone = c.pool->try_acquire();
+      SampleSlot stamp_alone = c.pool->try_acquire();
       if (!stamp_alone) return fail(ErrorCode::internal, "recording", "more samples wait than a port holds");
-      Sample& sample = stamp_alone.edit();
+      Sample& sample = *stamp_alone;
       sample.info = std::monostate{};
       sample.size_bytes = 0;
       sample.stamp = {.sequence = entry.sequence,
@@ -266,7 +267,7 @@ struct RecordedPorts::Impl {
 
   Result<bool> next() {
     for (auto& c : channels)
-      if (c->status == PortStatus::fresh) c->status = PortStatus::stale;
+      if (c->status == PortStatus::fresh) c->status = PortStatus::held;
     if (auto s = take_visibility(); !s) return tl::unexpected<Error>(s.error());
     const auto message = visibility.peek();
     if (!message) return tl::unexpected<Error>(message.error());

@@ -28,10 +28,10 @@ json values_json(const FaultSubject& subject) {
 }
 
 json channel_json(const RunChannel& c) {
-  const Health& h = c.source->health();
-  json j{{"name", c.entry->name},           {"kind", kind_name(c.entry->kind)}, {"pair", c.pair != nullptr},
-         {"connected", h.connected.load()}, {"received", h.received.load()},    {"lost", h.lost.load()}};
-  if (c.pair) j["hand_on"] = name_of(c.pair->active());
+  const HealthSnapshot h = c.source->health();
+  json j{{"name", c.entry->name},    {"kind", kind_name(c.entry->kind)}, {"pair", c.pair != nullptr},
+         {"connected", h.connected}, {"received", h.received},           {"lost", h.lost}};
+  if (c.pair) j["active"] = name_of(c.pair->active());
   return j;
 }
 
@@ -39,7 +39,7 @@ Result<json> list_channels(const RunParts& parts) {
   json all{{"channels", json::array()}, {"sinks", json::array()}, {"faults_at", json::array()}};
   for (const auto& c : parts.channels) all["channels"].push_back(channel_json(*c));
   for (const auto& s : parts.sinks)
-    all["sinks"].push_back({{"name", s->entry->name}, {"accepted", s->sink->counters().accepted.load()}});
+    all["sinks"].push_back({{"name", s->entry->name}, {"accepted", s->sink->counters().accepted}});
   if (parts.faults)
     for (const FaultBench::Entry& e : parts.faults->entries())
       all["faults_at"].push_back({{"name", e.name},
@@ -49,10 +49,10 @@ Result<json> list_channels(const RunParts& parts) {
 }
 
 Result<json> switch_pair(RunParts& parts, const json& request) {
-  const std::string name = request.value("channel", ""), side = request.value("hand_on", "");
+  const std::string name = request.value("channel", ""), side = request.value("active", "");
   std::vector<std::string> pairs;
   if (side != "real" && side != "simulated")
-    return fail(ErrorCode::bad_input, "hand_on", "expected real or simulated, got \"" + side + "\"");
+    return fail(ErrorCode::bad_input, "active", "expected real or simulated, got \"" + side + "\"");
   for (const auto& c : parts.channels) {
     if (!c->pair) continue;
     pairs.push_back(c->entry->name);
@@ -70,52 +70,78 @@ Result<json> inject(FaultBench& faults, const json& request) {
   if (!request.contains("fault") || !request["fault"].is_object())
     return fail(ErrorCode::bad_input, "fault",
                 "expected an object with the keys of a fault, as rigs have them");
-  // As people write it, the kind first: events have it so.
-  std::string yaml = "{kind: " + request["fault"].value("kind", json()).dump();
-  for (const auto& [key, value] : request["fault"].items())
-    if (key != "kind") yaml += ", " + json(key).dump() + ": " + value.dump();
-  const auto node = ConfigDocument::parse(yaml + "}", "fault");
+  const auto node = fault_node(request["fault"].dump(), "fault");
   if (!node) return tl::unexpected<Error>(node.error());
   const auto index = faults.inject(request.value("channel", ""), *node);
-  if (!index) return tl::unexpected<Error>(index.error());
+  if (!index) {
+    // A place in a line that nobody wrote helps nobody; the message has the key.
+    Error e = index.error();
+    if (e.where.starts_with("fault:")) e.where = "fault";
+    return tl::unexpected<Error>(std::move(e));
+  }
   return json{{"index", *index}};
 }
 
 }  // namespace
 
-json faults_json(const FaultBench::Entry& entry, const BenchTime* t0) {
-  json list = json::array();
+ChannelFaultReport fault_report(const FaultBench::Entry& entry, const BenchTime* t0) {
+  ChannelFaultReport report;
+  report.channel = entry.name;
   for (const auto* faults : {&entry.injector->scheduled(), &entry.injector->live()})
     for (const auto& f : *faults) {
-      json j{{"index", f->index},
-             {"kind", fault_kind_name(f->spec.kind)},
-             {"text", f->spec.text},
-             {"live", f->live},
-             {"on", f->on.load()},
-             {"over", f->over.load()},
-             {"times", f->count.begins.load()},
-             {"seen", f->count.seen.load()},
-             {"dropped", f->count.dropped.load()},
-             {"changed", f->count.changed.load()},
-             {"delayed", f->count.delayed.load()}};
-      if (t0) {
-        j["spans"] = json::array();
+      FaultReport r{f->index,
+                    std::string(fault_kind_name(f->spec.kind)),
+                    f->identity->yaml,
+                    f->identity->json,
+                    f->live,
+                    f->on.load(),
+                    f->over.load(),
+                    f->count.begins.load(),
+                    f->count.seen.load(),
+                    f->count.dropped.load(),
+                    f->count.changed.load(),
+                    f->count.delayed.load(),
+                    {}};
+      if (t0)
         for (std::size_t i = 0; i < std::min(f->span_count, f->spans.size()); ++i)
-          j["spans"].push_back({(f->spans[i].from - *t0).seconds(), (f->spans[i].until - *t0).seconds()});
-      }
-      list.push_back(std::move(j));
+          r.spans.push_back({(f->spans[i].from - *t0).seconds(), (f->spans[i].until - *t0).seconds()});
+      report.faults.push_back(std::move(r));
     }
-  json j{{"channel", entry.name}, {"faults", std::move(list)}};
   if (const FaultInjector::Earlier& e = entry.injector->earlier(); e.faults > 0)
-    j["earlier"] = {{"faults", e.faults},   {"times", e.begins},    {"seen", e.seen},
-                    {"dropped", e.dropped}, {"changed", e.changed}, {"delayed", e.delayed}};
-  if (entry.source) j.update(faulty_json(*entry.source));
+    report.earlier = {e.faults, e.begins, e.seen, e.dropped, e.changed, e.delayed};
+  if (entry.source) report.source = faulty_report(*entry.source, entry.name);
+  return report;
+}
+
+json faults_json(const ChannelFaultReport& report) {
+  json list = json::array();
+  for (const FaultReport& f : report.faults) {
+    list.push_back({{"index", f.index},
+                    {"kind", f.kind},
+                    {"text", f.text},
+                    {"fault", json::parse(f.json)},
+                    {"live", f.live},
+                    {"on", f.on},
+                    {"over", f.over},
+                    {"times", f.times},
+                    {"seen", f.seen},
+                    {"dropped", f.dropped},
+                    {"changed", f.changed},
+                    {"delayed", f.delayed},
+                    {"spans", json::array()}});
+    for (const FaultReport::Span& s : f.spans) list.back()["spans"].push_back({s.from_s, s.until_s});
+  }
+  json j{{"channel", report.channel}, {"faults", std::move(list)}};
+  if (const auto& e = report.earlier)
+    j["earlier"] = {{"faults", e->faults},   {"times", e->times},     {"seen", e->seen},
+                    {"dropped", e->dropped}, {"changed", e->changed}, {"delayed", e->delayed}};
+  if (report.source) j.update(faulty_json(*report.source));
   return j;
 }
 
 void add_run_commands(ControlCommands& commands, RunParts& parts) {
   commands.add("run", [&parts](const json&) -> Result<json> {
-    json run = identity_json(parts.rig);
+    json run = identity_json(identity_of(parts.rig));
     run["pid"] = getpid();
     return run;
   });
@@ -133,7 +159,7 @@ void add_run_commands(ControlCommands& commands, RunParts& parts) {
     json all = json::array();
     for (const FaultBench::Entry& e : parts.faults->entries())
       if (!e.injector->scheduled().empty() || !e.injector->live().empty())
-        all.push_back(faults_json(e, nullptr));
+        all.push_back(faults_json(fault_report(e, nullptr)));
     return all;
   });
 }
@@ -174,15 +200,16 @@ Status schedule_recorded_faults(const std::filesystem::path& file, const RigConf
   if (auto s = check_channels(*run, file, rig); !s) return s;
   const auto events = read_recorded_events(file, *run);
   if (!events) return tl::unexpected<Error>(events.error());
+  if (auto s = faults_are_known(file, *events); !s) return s;
   struct Live {
-    std::string yaml;
+    std::string json;
     Duration from, until = Duration(std::numeric_limits<std::int64_t>::max());
   };
   std::map<std::pair<std::string, std::uint32_t>, Live> found;
   for (const RecordedFault& f : events->faults) {
     if (!f.live) continue;
     Live& live = found[{f.of, f.index}];
-    live.yaml = f.yaml;
+    live.json = f.json;
     (f.begins ? live.from : live.until) = f.t - run->t0;
   }
   if (found.empty())
@@ -193,7 +220,7 @@ Status schedule_recorded_faults(const std::filesystem::path& file, const RigConf
   for (const auto& [key, live] : found) {
     const auto entry = faults.find(key.first);
     if (!entry) return tl::unexpected<Error>(entry.error());
-    const auto node = ConfigDocument::parse(live.yaml, file.string());
+    const auto node = fault_node(live.json, file.string());
     if (!node) return tl::unexpected<Error>(node.error());
     if (auto s = (*entry)->injector->schedule_live(*node, key.second, live.from, live.until); !s) return s;
   }

@@ -10,11 +10,12 @@
 //   C
 //   {"command": "faults"}                                                    every fault, and what it did so
 //   far
-//   {"command": "switch", "channel": C, "hand_on": "real" | "simulated"}     the side of a pair
+//   {"command": "switch", "channel": C, "active": "real" | "simulated"}     the side of a pair
 #pragma once
 
 #include "bench/control/control_socket.h"
 #include "bench/run/bench_run.h"
+#include "bench/run/report_parts.h"
 #include "sensor-hal/channel/fault_bench.h"
 
 namespace rigor {
@@ -22,9 +23,11 @@ namespace rigor {
 /// `parts` outlive the commands; they are asked only while the run goes on.
 void add_run_commands(ControlCommands& commands, RunParts& parts);
 
-/// Faults of a channel or sink and what they did, as `--json` and the report have them. `t0`: of the run;
-/// with it, the stretches of time in which each was on (after the loop has ended).
-[[nodiscard]] nlohmann::json faults_json(const FaultBench::Entry& entry, const BenchTime* t0);
+/// Faults of a channel or sink and what they did. `t0`: of the run; with it, the stretches of time in which
+/// each was on (after the loop has ended).
+[[nodiscard]] ChannelFaultReport fault_report(const FaultBench::Entry& entry, const BenchTime* t0);
+/// As `--json` and the report have them.
+[[nodiscard]] nlohmann::json faults_json(const ChannelFaultReport& faults);
 
 /// Takes the live faults of a recording into a run that has not been armed: each comes and goes at the same
 /// instants after the start, with the index that it had. Setup context. not_found, protocol; bad_input: among

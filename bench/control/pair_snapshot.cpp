@@ -14,19 +14,6 @@ namespace rigor {
 namespace {
 
 using nlohmann::json;
-using pair_watch::WatchState;
-
-const char* state_name(WatchState s) {
-  switch (s) {
-    case WatchState::learning:
-      return "learning";
-    case WatchState::watching:
-      return "watching";
-    case WatchState::alarm:
-      return "alarm";
-  }
-  return "?";
-}
 
 /// JSON has no NaN: what is not known is null.
 json number(double v) { return std::isfinite(v) ? json(v) : json(); }
@@ -45,7 +32,7 @@ json window_json(const PairWindow& w, BenchTime t0) {
     levels.push_back(number(static_cast<double>(w.level[i])));
   }
   return {{"t_s", (w.t_end - t0).seconds()},
-          {"state", state_name(w.state)},
+          {"state", name_of(w.state)},
           {"pairs", w.compared},
           {"unlike", w.unlike},
           {"bias", w.difference.count > 0 ? number(w.difference.bias) : json()},
@@ -58,12 +45,12 @@ json window_json(const PairWindow& w, BenchTime t0) {
           {"level", std::move(levels)}};
 }
 
-json watch_json(const PairMonitor& monitor, bool series) {
-  const PairMonitor::Status s = monitor.status();
-  const auto& names = monitor.parameters();
-  const auto baseline = monitor.baseline();
+json watch_json(const PairWatchReport& report) {
+  const PairMonitor::Status& s = report.status;
+  const auto& names = report.parameters;
+  const auto& baseline = report.baseline;
   const pair_watch::PairWatchSnapshot& w = s.watch;
-  json j{{"state", state_name(w.state)},
+  json j{{"state", name_of(w.state)},
          {"text", s.text},
          {"windows", w.windows},
          {"learned", w.learned},
@@ -104,9 +91,9 @@ json watch_json(const PairMonitor& monitor, bool series) {
     }
     j["parameters"].push_back(std::move(p));
   }
-  if (series) {
+  if (report.windows) {
     j["series"] = json::array();
-    for (const PairWindow& window : monitor.windows()) j["series"].push_back(window_json(window, s.t0));
+    for (const PairWindow& window : *report.windows) j["series"].push_back(window_json(window, s.t0));
   }
   return j;
 }
@@ -149,41 +136,70 @@ Result<json> answer(RunParts& parts, const json& request) {
     else if (auto s = monitor->acknowledge(); !s)
       return tl::unexpected<Error>(s.error());
   }
-  return pair_json(**channel, true);
+  return pair_json(pair_report(**channel, true));
 }
 
 }  // namespace
 
-json pair_json(const RunChannel& c, bool series) {
+const char* name_of(pair_watch::WatchState s) noexcept {
+  switch (s) {
+    case pair_watch::WatchState::learning:
+      return "learning";
+    case pair_watch::WatchState::watching:
+      return "watching";
+    case pair_watch::WatchState::alarm:
+      return "alarm";
+  }
+  return "?";
+}
+
+PairReport pair_report(const RunChannel& c, bool with_windows) {
   const PairSnapshot s = c.pair->statistics();
-  json j{{"count", s.compared},
-         {"unlike", s.unlike},
-         {"skipped", s.skipped},
-         {"switches", c.pair->switches()},
-         {"active", name_of(c.pair->active())},
-         {"real_missing", s.missing_of(PairSide::real)},
-         {"simulated_missing", s.missing_of(PairSide::simulated)},
-         {"bias", s.compared > 0 ? json(s.all.bias) : json()},
-         {"sigma", s.compared > 0 ? json(s.all.sigma) : json()},
-         {"unit", unit_of(c.entry->kind)}};
+  PairReport r;
+  r.compared = s.compared;
+  r.unlike = s.unlike;
+  r.skipped = s.skipped;
+  r.switches = c.pair->switches();
+  r.active = name_of(c.pair->active());
+  r.real_missing = s.missing_of(PairSide::real);
+  r.simulated_missing = s.missing_of(PairSide::simulated);
+  r.bias = s.all.bias;
+  r.sigma = s.all.sigma;
+  r.unit = unit_of(c.entry->kind);
   const auto values = compared_values(c.entry->kind);
   if (!values.empty() && s.values == values.size()) {
-    j["values"] = json::array();
     for (std::size_t i = 0; i < values.size(); ++i)
-      j["values"].push_back({{"name", values[i].name},
-                             {"unit", values[i].unit},
-                             {"bias", s.value[i].bias},
-                             {"sigma", s.value[i].sigma}});
-  } else if (c.entry->kind == SampleKind::register_block && s.values > 0) {
+      r.values.push_back(
+          {std::string(values[i].name), std::string(values[i].unit), s.value[i].bias, s.value[i].sigma});
+  } else if (c.entry->kind == SampleKind::register_block) {
     const ChannelDescription& d = c.source->describe();
-    j["values"] = json::array();
     for (std::size_t i = 0; i < std::min<std::size_t>(s.values, d.names.size()); ++i)
-      j["values"].push_back({{"name", d.names[i]},
-                             {"unit", i < d.units.size() ? d.units[i] : ""},
-                             {"bias", s.value[i].bias},
-                             {"sigma", s.value[i].sigma}});
+      r.values.push_back(
+          {d.names[i], i < d.units.size() ? d.units[i] : "", s.value[i].bias, s.value[i].sigma});
   }
-  if (const PairMonitor* monitor = c.pair->monitor()) j["watch"] = watch_json(*monitor, series);
+  if (const PairMonitor* m = c.pair->monitor())
+    r.watch = std::make_shared<PairWatchReport>(
+        PairWatchReport{m->status(), m->parameters(), m->baseline(),
+                        with_windows ? std::optional(m->windows()) : std::nullopt});
+  return r;
+}
+
+json pair_json(const PairReport& r) {
+  json j{{"count", r.compared},
+         {"unlike", r.unlike},
+         {"skipped", r.skipped},
+         {"switches", r.switches},
+         {"active", r.active},
+         {"real_missing", r.real_missing},
+         {"simulated_missing", r.simulated_missing},
+         {"bias", r.compared > 0 ? json(r.bias) : json()},
+         {"sigma", r.compared > 0 ? json(r.sigma) : json()},
+         {"unit", r.unit}};
+  for (const ValueDifference& v : r.values)
+    j["values"].push_back({{"name", v.name}, {"unit", v.unit}, {"bias", v.bias}, {"sigma", v.sigma}});
+  for (const DifferenceAt& d : r.series)
+    j["series"].push_back({{"t_s", d.t_s}, {"bias", d.bias}, {"sigma", d.sigma}});
+  if (r.watch) j["watch"] = watch_json(*r.watch);
   return j;
 }
 
@@ -200,7 +216,7 @@ std::string pair_line(const json& p) {
 json pair_snapshot(const RunParts& parts) {
   json all = json::object();
   for (const auto& c : parts.channels)
-    if (c->pair) all[c->entry->name] = pair_json(*c, false);
+    if (c->pair) all[c->entry->name] = pair_json(pair_report(*c, false));
   return all;
 }
 

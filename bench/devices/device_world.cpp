@@ -5,7 +5,7 @@
 
 #include "bench/devices/device_sensors.h"
 #include "bench/sensing/device_signals.h"
-#include "bench/sensing/sheet_kind.h"
+#include "bench/sensing/sensor_model_kind.h"
 #include "sensor-hal/config/did_you_mean.h"
 #include "sim/platform/platform.h"
 #include "sim/platform/turntable.h"
@@ -143,7 +143,7 @@ struct DeviceWorld::Impl {
     return {};
   }
 
-  /// What the device measures: a picture, or samples, as its sheet says.
+  /// What the device measures: a picture, or samples, as its sensor model says.
   Status add_sensor(const EmulatorEntry& entry, DeviceParts& parts) {
     const ConfigNode& n = entry.emulator.params;
     if (!simulation)

@@ -81,7 +81,7 @@ struct Seen {
   BenchTime t_first, t_last;
   PortCounters first, last;
   std::uint64_t looked_at = 0, outside = 0;
-  double least = 0, most = 0, first_s = kNaN, age_p99_ms = kNaN;
+  double minimum = 0, maximum = 0, first_s = kNaN, age_p99_ms = kNaN;
   SafeState::Seen safe_state;
 };
 
@@ -125,9 +125,9 @@ struct Expectations::Check {
     return since_start >= from && (until.ns() == 0 || since_start <= until);
   }
   void look(double v, Duration since_start) noexcept {
-    if (seen.looked_at++ == 0) seen.least = seen.most = v;
-    seen.least = std::min(seen.least, v);
-    seen.most = std::max(seen.most, v);
+    if (seen.looked_at++ == 0) seen.minimum = seen.maximum = v;
+    seen.minimum = std::min(seen.minimum, v);
+    seen.maximum = std::max(seen.maximum, v);
     if (bounds.hold(v)) return;
     if (seen.outside++ == 0) seen.first_s = since_start.seconds();
   }

@@ -79,7 +79,11 @@ void Expectations::Check::take_truth(BenchTime t0) noexcept {
 bool Expectations::Check::is_wrong() const noexcept {
   if (wrong.fault) return faults_on > 0;
   const PortStatus status = port->status();
-  return status == PortStatus::lost || (!wrong.disconnected_alone && status == PortStatus::late);
+  return status == PortStatus::disconnected || (!wrong.disconnected_alone && status == PortStatus::overdue);
+}
+
+bool Expectations::need_faults() const noexcept {
+  return std::ranges::any_of(checks_, [](const auto& c) { return c->wrong.fault && !c->wrong.name.empty(); });
 }
 
 void Expectations::fault(std::string_view of, FaultKind kind, bool begins) noexcept {

@@ -67,6 +67,9 @@ class Expectations {
   /// a channel or sink that is not among the ports. Setup context.
   [[nodiscard]] Status bind(const ApplicationPorts& ports);
 
+  /// Whether any of them waits for a fault.
+  [[nodiscard]] bool need_faults() const noexcept;
+
   // Loop thread; no allocation. In each cycle what happened in it, and `cycle` last.
   void begin(BenchTime t0) noexcept;
   /// A fault of a channel or sink, of a pair's side `left.real`, is on from this cycle on, or off.

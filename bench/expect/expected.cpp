@@ -33,10 +33,10 @@ std::string Expected::outcome() const {
   if (!told) return "cannot be told from a recording";
   if (looked_at == 0) return nothing.empty() ? "nothing came that could be judged" : nothing;
   if (quantity == "alarm")
-    return least > 0 ? fmt::format("it came{}", first_s ? fmt::format(" at {:.3f} s", *first_s) : "")
-                     : "it did not";
-  std::string s =
-      least == most ? fmt::format("got {:.6g}", least) : fmt::format("got {:.6g} to {:.6g}", least, most);
+    return minimum > 0 ? fmt::format("it came{}", first_s ? fmt::format(" at {:.3f} s", *first_s) : "")
+                       : "it did not";
+  std::string s = minimum == maximum ? fmt::format("got {:.6g}", minimum)
+                                     : fmt::format("got {:.6g} to {:.6g}", minimum, maximum);
   if (looked_at > 1 && outside > 0) s += fmt::format("; {} of {}", outside, looked_at);
   if (first_s) s += fmt::format(", first at {:.3f} s", *first_s);
   if (!detail.empty()) s += fmt::format(" ({})", detail);
@@ -61,7 +61,7 @@ json to_json(const std::vector<Expected>& all) {
            {"outcome", e.outcome()},
            {"text", e.sentence()}};
     j["first_s"] = e.first_s ? json(*e.first_s) : json();
-    if (e.looked_at > 0) j["least"] = e.least, j["most"] = e.most;
+    if (e.looked_at > 0) j["minimum"] = e.minimum, j["maximum"] = e.maximum;
     out.push_back(std::move(j));
   }
   return out;

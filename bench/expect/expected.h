@@ -16,12 +16,12 @@ struct Expected {
   bool decided = true;  ///< false: the run goes on, and it may come out either way
   /// False: what there is (a recording) does not say it; it neither holds nor does it not.
   bool told = true;
-  std::uint64_t looked_at = 0;    ///< samples, commands, or 1
-  std::uint64_t outside = 0;      ///< of these
-  std::optional<double> first_s;  ///< the first that was outside, since the start of the run
-  double least = 0, most = 0;     ///< where `looked_at` is not 0
-  std::string detail;             ///< of the first that was outside, in words; may be empty
-  std::string nothing;            ///< why nothing could be judged, where more is known than that nothing came
+  std::uint64_t looked_at = 0;      ///< samples, commands, or 1
+  std::uint64_t outside = 0;        ///< of these
+  std::optional<double> first_s;    ///< the first that was outside, since the start of the run
+  double minimum = 0, maximum = 0;  ///< where `looked_at` is not 0
+  std::string detail;               ///< of the first that was outside, in words; may be empty
+  std::string nothing;  ///< why nothing could be judged, where more is known than that nothing came
   /// "turntable.position: expected value from -45 to 45, got 0 to 47.2; 12 of 980, first at 3.120 s".
   [[nodiscard]] std::string sentence() const;
   /// "got 0 to 47.2; 12 of 980, first at 3.120 s".

@@ -10,7 +10,7 @@
 
 namespace rigor {
 
-/// [{"of", "quantity", "bounds", "state", "holds", "looked_at", "outside", "first_s", "least", "most",
+/// [{"of", "quantity", "bounds", "state", "holds", "looked_at", "outside", "first_s", "minimum", "maximum",
 /// "outcome", "text"}]; `holds` is null of what is undecided or untold.
 [[nodiscard]] nlohmann::json to_json(const std::vector<Expected>& all);
 /// JUnit's XML: a test case for each, skipped where it is untold, and one that the run itself ended as it was

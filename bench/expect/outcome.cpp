@@ -94,8 +94,8 @@ Expected Expectations::Check::outcome(const Seen& s, const RunEnd& run) const {
   if (!e.told) return e;
   e.looked_at = s.looked_at;
   e.outside = s.outside;
-  e.least = s.least;
-  e.most = s.most;
+  e.minimum = s.minimum;
+  e.maximum = s.maximum;
   if (std::isfinite(s.first_s)) e.first_s = s.first_s;
   judge(e, s, run);
   if (run.extent == RunEnd::Extent::so_far) {
@@ -109,8 +109,8 @@ Expected Expectations::Check::outcome(const Seen& s, const RunEnd& run) const {
 
 bool Expectations::Check::decided_so_far(const Expected& e, const Seen& s) const {
   if (e.looked_at == 0) return false;
-  if (quantity == Quantity::alarm) return e.least > 0 || !wanted_alarm;
-  if (is_count(quantity)) return !(bounds.min && e.most < *bounds.min);
+  if (quantity == Quantity::alarm) return e.minimum > 0 || !wanted_alarm;
+  if (is_count(quantity)) return !(bounds.min && e.maximum < *bounds.min);
   // A sample more or less at the edges of the little that is there says nothing yet.
   if (quantity == Quantity::rate_hz && e.outside > 0) return due(s) > 10;
   return true;
@@ -126,7 +126,7 @@ void Expectations::Check::judge(Expected& e, const Seen& s, const RunEnd& run) c
   /// Of a whole run or window: no instant.
   const auto is = [&](double v) {
     e.looked_at = 1;
-    e.least = e.most = v;
+    e.minimum = e.maximum = v;
     e.outside = !bounds.hold(v);
   };
   const std::uint64_t delivered = s.last.fresh + s.last.superseded - s.first.fresh - s.first.superseded;
@@ -199,7 +199,7 @@ void Expectations::Check::judge(Expected& e, const Seen& s, const RunEnd& run) c
       });
       const bool there = came != run.alarms.end();
       e.looked_at = 1;
-      e.least = e.most = there;
+      e.minimum = e.maximum = there;
       e.outside = there != wanted_alarm;
       if (there && !wanted_alarm) e.first_s = came->t_s;
       break;
@@ -221,8 +221,8 @@ void Expectations::Check::judge_reaction(Expected& e, const Seen& s, const RunEn
   const Reactions r = safe_state->reactions(s.safe_state, s.t_last, !so_far);
   e.looked_at = r.judged;
   e.outside = r.failed;
-  e.least = ms(r.least);
-  e.most = ms(r.most);
+  e.minimum = ms(r.minimum);
+  e.maximum = ms(r.maximum);
   if (so_far)
     e.nothing = r.begun > 0 ? "" : wrong.fault ? "no such fault so far" : "not so far";
   else if (r.begun == 0)

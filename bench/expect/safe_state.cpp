@@ -8,8 +8,8 @@ namespace {
 Duration took(const SafeState::Seen& s) { return std::max(Duration(0), s.t_safe - s.t_began); }
 
 void count(Reactions& r, Duration d) {
-  r.least = r.judged == 0 ? d : std::min(r.least, d);
-  r.most = r.judged == 0 ? d : std::max(r.most, d);
+  r.minimum = r.judged == 0 ? d : std::min(r.minimum, d);
+  r.maximum = r.judged == 0 ? d : std::max(r.maximum, d);
   ++r.judged;
 }
 

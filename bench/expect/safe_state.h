@@ -21,9 +21,9 @@ namespace rigor::expect {
 /// What came of the stretches. Plain data.
 struct Reactions {
   std::uint64_t begun = 0;
-  std::uint64_t judged = 0;  ///< of these
-  std::uint64_t failed = 0;  ///< of these
-  Duration least, most;      ///< `took`, of those that were judged; of one that never was safe, its length
+  std::uint64_t judged = 0;   ///< of these
+  std::uint64_t failed = 0;   ///< of these
+  Duration minimum, maximum;  ///< `took`, of those that were judged; of one that never was safe, its length
   /// Of the first that failed.
   enum class How : std::uint8_t {
     none,

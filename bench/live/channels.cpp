@@ -4,6 +4,7 @@
 
 #include "bench/files/picture.h"
 #include "bench/run/recording.h"
+#include "sensor-hal/record/fault_message.h"
 #include "sensor-hal/record/recorder.h"
 
 namespace rigor::live {
@@ -98,6 +99,7 @@ void LiveChannels::add_to(Hub& hub) {
   }
   events_id_ = hub.add_channel(ros_channel("/rigor/events", record::msg::Event::kType));
   hub.keep(events_id_, MessageHistory::Keep::newest);
+  faults_id_ = hub.add_channel(ros_channel("/rigor/faults", record::msg::Fault::kType));
   commands_id_ = hub.add_channel(ros_channel("/rigor/commands", record::msg::Command::kType));
 }
 
@@ -166,6 +168,11 @@ void LiveChannels::publish_events(Hub& hub, LiveTap& tap, LiveEstimate* estimate
     m.value = e.info.value;
     m.text.assign(e.info.text.begin(), std::find(e.info.text.begin(), e.info.text.end(), '\0'));
     publish_message(hub, events_id_, e.t, m);
+  }
+  for (FaultChange change; tap.take(change);) {
+    record::msg::Fault m = fault_message(change);
+    m.header = header(change.t, "");
+    publish_message(hub, faults_id_, change.t, m);
   }
   for (LiveCommand c; tap.take(c);) {
     if (c.sink >= sink_names_.size()) continue;

@@ -60,7 +60,7 @@ class LiveChannels {
   std::vector<Stream> streams_;  // 2·channel + side
   std::vector<std::string> channel_names_, sink_names_;
   std::vector<std::vector<std::string>> value_names_;  // of the sinks
-  std::uint32_t events_id_ = 0, commands_id_ = 0;
+  std::uint32_t events_id_ = 0, faults_id_ = 0, commands_id_ = 0;
   std::uint64_t tick_ = 0;
   record::CdrWriter cdr_;
 };

@@ -11,7 +11,10 @@ function(rigor_embed_page TARGET)
     math(EXPR AFTER "${AT} + 1")
     string(SUBSTRING ${ENTRY} ${AFTER} -1 FILE)
     file(REAL_PATH ${FILE} FILE)
-    string(APPEND CODE "__asm__(\".section .rodata\\n\"\n"
+    # In the source, so that ccache, which does not see what the assembler includes, knows another file.
+    file(SHA256 ${FILE} HASH)
+    set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${FILE})
+    string(APPEND CODE "__asm__(\".section .rodata /* ${HASH} */\\n\"\n"
       "        \".global rigor_page_${N}, rigor_page_end_${N}\\n\"\n"
       "        \"rigor_page_${N}: .incbin \\\"${FILE}\\\"\\n\"\n"
       "        \"rigor_page_end_${N}: .byte 0\\n\"\n        \".previous\\n\");\n"

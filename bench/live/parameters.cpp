@@ -9,7 +9,7 @@ namespace {
 
 using nlohmann::json;
 
-std::string name_of_parameter(const RunChannel& channel) { return "/" + channel.entry->name + "/hand_on"; }
+std::string name_of_parameter(const RunChannel& channel) { return "/" + channel.entry->name + "/active"; }
 
 }  // namespace
 

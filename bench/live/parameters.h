@@ -1,4 +1,4 @@
-// The sides of pairs as parameters of the protocol (`/left/hand_on`), so that Foxglove's own panel switches
+// The sides of pairs as parameters of the protocol (`/left/active`), so that Foxglove's own panel switches
 // them.
 #pragma once
 

@@ -33,9 +33,9 @@ json bins_json(const LiveBins& bins) {
 }
 
 json side_json(const PairSource& pair, const PairSnapshot& s, PairSide side) {
-  const Health& h = pair.side(side).health();
-  return {{"connected", h.connected.load()},
-          {"received", h.received.load()},
+  const HealthSnapshot h = pair.side(side).health();
+  return {{"connected", h.connected},
+          {"received", h.received},
           {"came", s.came_of(side)},
           {"missing", s.missing_of(side)}};
 }
@@ -43,7 +43,7 @@ json side_json(const PairSource& pair, const PairSnapshot& s, PairSide side) {
 json differences_json(const RunChannel& channel) {
   const PairSource& pair = *channel.pair;
   const PairSnapshot s = pair.statistics();
-  json j{{"hand_on", name_of(pair.active())},
+  json j{{"active", name_of(pair.active())},
          {"switches", pair.switches()},
          {"compared", s.compared},
          {"unlike", s.unlike},
@@ -54,7 +54,7 @@ json differences_json(const RunChannel& channel) {
          {"real", side_json(pair, s, PairSide::real)},
          {"simulated", side_json(pair, s, PairSide::simulated)}};
   if (pair.monitor()) {
-    j["watch"] = pair_json(channel, false)["watch"];
+    j["watch"] = pair_json(pair_report(channel, false))["watch"];
     j["watch"].erase("parameters");  // the command `pair` tells of each
   }
   return j;
@@ -111,8 +111,8 @@ RunFacts LiveStatus::facts() const {
     n.delivered = of(s.fresh) + of(s.superseded);
     n.late = of(s.late_samples);
     n.lost = of(s.lost);
-    n.lost_cycles = of(s.lost_cycles);
-    n.lost_now = static_cast<PortStatus>(of(s.status)) == PortStatus::lost;
+    n.disconnected_cycles = of(s.disconnected_cycles);
+    n.lost_now = static_cast<PortStatus>(of(s.status)) == PortStatus::disconnected;
     if (of(s.fresh) > 0) n.t_last = BenchTime(of(s.t_capture_ns));
     counts.push_back(n);
   }
@@ -123,7 +123,7 @@ json LiveStatus::channel(std::size_t i, const ChannelFacts& facts) {
   const RunChannel& c = *parts_.channels[i];
   const ChannelDescription& d = descriptions_[i];
   const LiveTap::ChannelState& s = tap_.channel(i);
-  const Health& h = c.source->health();
+  const HealthSnapshot h = c.source->health();
   const std::uint64_t fresh = s.fresh.load(std::memory_order_relaxed);
   const std::int64_t now = tap_.now().ns();
   Rate& rate = rates_[i];
@@ -138,20 +138,20 @@ json LiveStatus::channel(std::size_t i, const ChannelFacts& facts) {
   json j{{"name", c.entry->name},
          {"kind", kind_name(c.entry->kind)},
          {"status", name_of(static_cast<PortStatus>(s.status.load(std::memory_order_relaxed)))},
-         {"connected", h.connected.load()},
+         {"connected", h.connected},
          {"rate_hz", rate.known ? json(rate.hz) : json()},
          {"nominal_hz", c.entry->period.ns() > 0 ? json(c.entry->period.hz()) : json()},
          {"latency_ms", c.entry->latency.seconds() * 1e3},
          {"samples", facts.delivered},
          {"due", facts.due ? json(*facts.due) : json()},
          {"silent_since_s", facts.silent ? json(facts.last_s.value_or(0)) : json()},
-         {"received", h.received.load()},
+         {"received", h.received},
          {"sequence", s.sequence.load(std::memory_order_relaxed)},
-         {"lost", std::max(s.lost.load(std::memory_order_relaxed), h.lost.load())},
+         {"lost", std::max(s.lost.load(std::memory_order_relaxed), h.lost)},
          {"late", facts.late},
-         {"dropped", h.no_slot.load() + h.ring_full.load() + s.overflow.load(std::memory_order_relaxed)},
-         {"incomplete", h.incomplete.load()},
-         {"reconnects", h.reconnects.load()},
+         {"dropped", h.no_slot + h.ring_full + s.overflow.load(std::memory_order_relaxed)},
+         {"incomplete", h.incomplete},
+         {"reconnects", h.reconnects},
          {"replaced_by", c.replaced_by},
          {"frame_id", d.frame_id}};
   const LiveBins::Read age = s.age.read();
@@ -209,7 +209,7 @@ json LiveStatus::operator()(const HubCounters& server) {
   const std::vector<Expected> expected = this->expected(facts);
   for (const Expected& e : expected)
     if (e.fails()) facts.unmet.push_back(e.sentence());
-  json run = identity_json(rig);
+  json run = identity_json(identity_of(rig));
   run.update({{"pid", getpid()},
               {"replay", replay_},
               {"application", rig.application},
@@ -239,7 +239,7 @@ json LiveStatus::operator()(const HubCounters& server) {
   for (std::size_t i = 0; i < parts_.channels.size(); ++i)
     j["channels"].push_back(channel(i, facts.channels[i]));
   for (const auto& s : parts_.sinks) {
-    json sink = commands_json(*s->sink);
+    json sink = commands_json(s->sink->counters());
     sink.update({{"name", s->entry->name},
                  {"names", s->sink->describe().names},
                  {"units", s->sink->describe().units},

@@ -9,6 +9,7 @@
 #include "bench/live/world_values.h"
 #include "sensor-hal/channel/event_text.h"
 #include "sensor-hal/models/camera_yaml.h"
+#include "sim/world/pose.h"
 #include "sim/world/semantic_types.h"
 #include "sim/world/store/value_codec.h"
 
@@ -16,14 +17,6 @@ namespace rigor::live {
 namespace {
 
 using nlohmann::json;
-
-world::Pose isometry(const Pose& pose) {
-  const auto& q = pose.orientation_wxyz;
-  world::Pose T = world::Pose::Identity();
-  T.linear() = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
-  T.translation() = Eigen::Vector3d(pose.position_m[0], pose.position_m[1], pose.position_m[2]);
-  return T;
-}
 
 Result<double> number_in(const json& request, const char* key) {
   const auto it = request.find(key);
@@ -148,7 +141,7 @@ world::Pose LiveWorld::T_world_sensor(const Sensor& sensor, const LiveTap::Motio
   const world::Pose T_parent = sensor.mount.at(at.t - tap_.t0());
   const int body = sensor.mount.body;
   if (body >= 0 && static_cast<std::uint32_t>(body) < at.motion.body_count)
-    return isometry(at.motion.body[static_cast<std::size_t>(body)].at(at.t)) * T_parent;
+    return isometry_of(at.motion.body[static_cast<std::size_t>(body)].at(at.t)) * T_parent;
   return sensor.mount.parent ? world.T_world_node(sensor.mount.parent, at.t) * T_parent : T_parent;
 }
 
@@ -169,7 +162,7 @@ json LiveWorld::moving() const {
     json parts = json::array();
     const world::NodeId root = platforms_[i].second;
     // The world is as a sensor measured it last: of its parts counts how they stand to the body.
-    const world::Pose T = isometry(pose) * world.T_world_node(root, at.t).inverse();
+    const world::Pose T = isometry_of(pose) * world.T_world_node(root, at.t).inverse();
     for (Shape& part : parts_of(world, at.t, root)) {
       part.T_world_node = T * part.T_world_node;
       parts.push_back(millimetres(ground_plan(part)));
@@ -179,7 +172,7 @@ json LiveWorld::moving() const {
                            {"x_m", pose.position_m[0]},
                            {"y_m", pose.position_m[1]},
                            {"z_m", pose.position_m[2]},
-                           {"yaw_rad", yaw_of(isometry(pose).linear().col(0))},
+                           {"yaw_rad", yaw_of(isometry_of(pose).linear().col(0))},
                            {"quaternion_wxyz", pose.orientation_wxyz},
                            {"velocity_mps", b.velocity_mps},
                            {"parts_m", std::move(parts)}});

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "sensor-hal/config/yaml.h"
+#include "sim/world/pose.h"
 #include "sim/world/semantic_types.h"
 
 namespace rigor::live {
@@ -17,9 +18,9 @@ using world::ValueKind;
 
 json vector_json(const world::Vector3& v) { return {v.x(), v.y(), v.z()}; }
 
-json pose_json(const world::Pose& pose) {
-  const Eigen::Quaterniond q(pose.linear());
-  return {{"position_m", vector_json(pose.translation())}, {"quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}}};
+json pose_json(const world::Pose& T) {
+  const Pose pose = pose_of(T);
+  return {{"position_m", pose.position_m}, {"quaternion_wxyz", pose.orientation_wxyz}};
 }
 
 struct ToJson {

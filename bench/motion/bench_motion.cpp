@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "sensor-hal/types/orientation.h"
 #include "sim/platform/platform.h"
 
 namespace rigor {
@@ -31,15 +32,6 @@ std::array<double, 3> turn_between(const Quaternion& from, const Quaternion& to,
   const double sine = std::sqrt(d[1] * d[1] + d[2] * d[2] + d[3] * d[3]);
   const double k = (sine < 1e-9 ? 2 : 2 * std::atan2(sine, d[0]) / sine) / s;
   return {k * d[1], k * d[2], k * d[3]};
-}
-
-Quaternion from_roll_pitch_yaw(const std::array<double, 3>& rpy) {
-  const auto half = [](double angle, std::size_t axis) {
-    Quaternion q{std::cos(angle / 2), 0, 0, 0};
-    q[axis] = std::sin(angle / 2);
-    return q;
-  };
-  return product(product(half(rpy[2], 3), half(rpy[1], 2)), half(rpy[0], 1));
 }
 
 }  // namespace
@@ -153,19 +145,19 @@ void BenchMotion::take_pose(Body& body) noexcept {
     constexpr double kRadPerDeg = std::numbers::pi / 180;
     r.T_world_body.position_m = {value[0], value[1], value[2]};
     r.T_world_body.orientation_wxyz =
-        from_roll_pitch_yaw({value[3] * kRadPerDeg, value[4] * kRadPerDeg, value[5] * kRadPerDeg});
+        from_roll_pitch_yaw(value[3] * kRadPerDeg, value[4] * kRadPerDeg, value[5] * kRadPerDeg);
   } else {
     return;
   }
-  if (body.size > 0 && r.t <= body.back(0).t) body.size = 0;  // a clock stepped back: begin anew
-  body.newest = body.size == 0 ? 0 : (body.newest + 1) % kHistory;
-  body.history[body.newest] = r;
-  body.size = std::min(body.size + 1, kHistory);
+  if (!body.history.empty() && r.t <= body.back(0).t)
+    body.history.clear();  // a clock stepped back: begin anew
+  body.history.push_newest(r);
 }
 
 BodyState BenchMotion::Body::at(BenchTime t) const noexcept {
   BodyState s = start;
   s.t_ref = t;
+  const std::size_t size = history.size();
   if (size == 0) return s;
   // The span of two reports that holds t, or the last one.
   std::size_t n = 1;
@@ -220,11 +212,9 @@ void BenchMotion::update(BenchTime t_cycle) noexcept {
     s.position_rad = block->value[joint.position_index] * joint.scale_rad;
     if (joint.has_rate && joint.rate_index < block->count)
       s.rate_radps = block->value[joint.rate_index] * joint.scale_rad;
-    if (joint.size > 0 && s.t_ref <= joint.history[joint.newest].t_ref)
-      joint.size = 0;  // a clock stepped back: begin anew
-    joint.newest = joint.size == 0 ? 0 : (joint.newest + 1) % kHistory;
-    joint.history[joint.newest] = s;
-    joint.size = std::min(joint.size + 1, kHistory);
+    if (!joint.history.empty() && s.t_ref <= joint.history.back().t_ref)
+      joint.history.clear();  // a clock stepped back: begin anew
+    joint.history.push_newest(s);
   }
 }
 
@@ -240,12 +230,12 @@ WorldMotion BenchMotion::motion_at(BenchTime t) const noexcept {
   }
   for (std::uint32_t i = 0; i < count_; ++i) {
     const Joint& joint = joints_[i];
-    if (joint.size == 0) continue;
+    if (joint.history.empty()) continue;
     const JointState* after = nullptr;
-    const JointState* before = &joint.history[joint.newest];
-    for (std::size_t k = 1; k < joint.size && before->t_ref > t; ++k) {
+    const JointState* before = &joint.history.back();
+    for (std::size_t k = joint.history.size() - 1; k > 0 && before->t_ref > t; --k) {
       after = before;
-      before = &joint.history[(joint.newest + kHistory - k) % kHistory];
+      before = &joint.history[k - 1];
     }
     motion.joint[i] = *before;
     if (after && before->t_ref <= t && after->t_ref > before->t_ref) {

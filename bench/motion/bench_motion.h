@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "bench/motion/platforms.h"
+#include "rt-core/fixed_ring.h"
 #include "sensor-hal/channel/application.h"
 #include "sensor-hal/channel/providers.h"
 #include "sensor-hal/rig/rig.h"
@@ -50,8 +51,7 @@ class BenchMotion final : public MotionSource {
     std::size_t position_index = 0, rate_index = 0;
     bool has_rate = false;
     double scale_rad = 1;
-    std::array<JointState, kHistory> history{};
-    std::size_t size = 0, newest = 0;
+    FixedRing<JointState, kHistory> history;
   };
   struct Report {
     BenchTime t;
@@ -62,15 +62,12 @@ class BenchMotion final : public MotionSource {
     const SamplePort* port = nullptr;
     std::array<std::size_t, 6> value_index{};  ///< x, y, z, roll, pitch, yaw; kNone: none
     BodyState start;
-    std::array<Report, kHistory> history{};
-    std::size_t size = 0, newest = 0;
+    FixedRing<Report, kHistory> history;
     std::shared_ptr<Platform> cuts;  ///< null: nobody tells what it cuts
     const SamplePort* cuts_port = nullptr;
     std::array<std::size_t, 4> cuts_index{};  ///< felled, x, y, yaw
     double cuts_known = 0;
-    [[nodiscard]] const Report& back(std::size_t n) const noexcept {
-      return history[(newest + kHistory - n) % kHistory];
-    }
+    [[nodiscard]] const Report& back(std::size_t n) const noexcept { return history[history.size() - 1 - n]; }
     [[nodiscard]] BodyState at(BenchTime t) const noexcept;
   };
   static constexpr std::size_t kNone = ~std::size_t{0};

@@ -80,8 +80,8 @@ std::shared_ptr<Platform> make_trajectory(const PlatformEntry& entry) {
 
 template <class Config>
 Config sheet_or_default(const ConfigNode& n, Result<Config> (*load)(const std::filesystem::path&)) {
-  if (!n.has("sheet")) return Config{};
-  auto sheet = load(n.base_dir() / n.text("sheet"));
+  if (!n.has("model")) return Config{};
+  auto sheet = load(n.base_dir() / n.text("model"));
   if (!sheet) throw ConfigError(sheet.error());
   return std::move(*sheet);
 }
@@ -89,7 +89,7 @@ Config sheet_or_default(const ConfigNode& n, Result<Config> (*load)(const std::f
 std::shared_ptr<Platform> make_one(const PlatformEntry& entry, std::uint64_t seed, const Ground& ground,
                                    const std::vector<Stem>& stems) {
   const ConfigNode& n = entry.node;
-  const std::string model = n.choice("model", {"skid-steer", "harvester", "trajectory"});
+  const std::string model = n.choice("kind", {"skid-steer", "harvester", "trajectory"});
   if (model == "trajectory") return make_trajectory(entry);
   const PlatformStart start = read_start(entry, seed);
   if (std::isnan(ground.height_m(start.x_m, start.y_m)))

@@ -2,14 +2,14 @@
 //
 //   platforms:
 //     robot:
-//       model: skid-steer                             # skid-steer | harvester | trajectory
-//       sheet: ../platforms/seekurjr.yaml             # its numbers; the model's own where there is none
+//       kind: skid-steer                             # skid-steer | harvester | trajectory
+//       model: ../platforms/seekurjr.yaml             # its numbers; the model's own where there is none
 //       T_world_start: { position_m: [2, 1], yaw_deg: 90 }    # x, y; it stands on the ground
 //       visible: true                                 # whether sensors see it
 //       channel: truth                                # mixed rigs: who tells the bench where it is
 //       felled: head                                  # mixed rigs: who tells the bench what it cuts
 //     cart:
-//       model: trajectory
+//       kind: trajectory
 //       poses: way.csv                                # columns t_s,x_m,y_m,z_m and a rotation (trajectory.h)
 //       recording: drive.mcap                         # or: the poses of a recording's channel, from its
 //       first poses_of: truth spline: cubic                                 # cubic | quintic

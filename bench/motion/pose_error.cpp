@@ -1,4 +1,5 @@
 #include "bench/motion/pose_error.h"
+#include "sensor-hal/types/orientation.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,9 +13,7 @@ double wrapped(double rad) { return std::remainder(rad, 2 * std::numbers::pi); }
 }  // namespace
 
 PlanePose plane_pose(std::int64_t t_ns, const Pose& pose) {
-  const auto& [w, x, y, z] = pose.orientation_wxyz;
-  return {t_ns, pose.position_m[0], pose.position_m[1],
-          std::atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))};
+  return {t_ns, pose.position_m[0], pose.position_m[1], yaw_of(pose.orientation_wxyz)};
 }
 
 std::optional<PlanePose> pose_at(std::span<const PlanePose> poses, std::int64_t t_ns) {

@@ -29,7 +29,7 @@ td.bad{color:var(--bad);font-weight:600}td.warning{color:var(--warn-ink);font-we
 main svg:not(.data){width:100%;height:auto}svg text{font-size:10.5px;fill:var(--quiet)}.axis{fill:none;stroke:var(--quiet)}.bar{fill:var(--series-1)}.bar.beyond{fill:var(--bad)}
 .mark{stroke:var(--series-2);stroke-dasharray:3 3;fill:none}.limit{stroke:var(--bad);fill:none}.grid{stroke:var(--rule)}.region{fill:var(--alarm)}
 svg.plot{touch-action:pan-y;user-select:none;-webkit-user-select:none;cursor:crosshair}svg.plot:focus-visible{outline:2px solid var(--series-1)}.cursor{stroke:var(--quiet);stroke-dasharray:2 2}.chosen{fill:var(--series-1);opacity:.2}
-.status-fresh{fill:var(--good)}.status-late{fill:var(--warn)}.status-lost{fill:var(--bad)}.status-never{fill:var(--never)}
+.status-fresh{fill:var(--good)}.status-overdue{fill:var(--warn)}.status-disconnected{fill:var(--bad)}.status-never{fill:var(--never)}
 #values{position:absolute;z-index:2;pointer-events:none;background:var(--surface);border:1px solid var(--rule);border-radius:4px;padding:3px 8px;font-size:12px;font-variant-numeric:tabular-nums;box-shadow:0 2px 6px #0004;white-space:pre}
 figure{margin:0}figure img{width:100%;display:block;border-radius:4px;background:#000}figcaption,.words{color:var(--quiet);font-size:13px;margin-top:3px}
 .pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(300px,100%),1fr));gap:12px;margin-top:10px}

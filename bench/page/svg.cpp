@@ -174,7 +174,7 @@ std::string svg_status(const nlohmann::json& spans, double duration_s) {
     const std::string status = spans[i]["status"];
     s += fmt::format(
         R"(<rect class="status-{}" x="{:.2f}" y="2" width="{:.2f}" height="14" data-span="{:.6f} {:.6f}"><title>{} from {:.3f} s</title></rect>)",
-        status == "late" || status == "lost" || status == "never" ? status : "fresh", f.px(from),
+        status == "overdue" || status == "disconnected" || status == "never" ? status : "fresh", f.px(from),
         std::max(0.5, f.px(to) - f.px(from)), from, to, status, from);
   }
   return s + "</svg></svg>";

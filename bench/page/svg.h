@@ -33,8 +33,8 @@ struct PlotFrame {
 [[nodiscard]] std::string plot_line(const std::string& name, const std::string& colour,
                                     const std::string& points);
 
-/// A histogram of nanoseconds on a logarithmic axis; `buckets` as run_result writes them: [[from, to, count],
-/// …]. Bars above `limit_ns` are red.
+/// A histogram of nanoseconds on a logarithmic axis; `buckets` as report_json writes them: [[from, to,
+/// count], …]. Bars above `limit_ns` are red.
 [[nodiscard]] std::string svg_histogram(const nlohmann::json& histogram, const std::string& label,
                                         std::optional<double> limit_ns = {});
 

@@ -39,7 +39,7 @@ std::string status_bar(const json& result, const std::string& channel, double y,
                    to = i + 1 < spans.size() ? spans[i + 1]["t_s"] : result["duration_s"];
       const std::string status = spans[i]["status"];
       const char* known =
-          status == "late" || status == "lost" || status == "never" ? status.c_str() : "fresh";
+          status == "overdue" || status == "disconnected" || status == "never" ? status.c_str() : "fresh";
       s += fmt::format(
           R"(<rect x="{:.2f}" y="{:.1f}" width="{:.2f}" height="10" class="status-{}"><title>{} from {:.3f} s</title></rect>)",
           kChartLeft_px + from * scale, y + 3, std::max(0.5, (to - from) * scale), known, status, from);
@@ -74,7 +74,7 @@ std::string timeline(const json& result) {
   for (const double t : axis_ticks(0, duration_s, 8))
     rows += chart_label(kChartLeft_px + t * scale, y + 12, "middle", fmt::format("{:g}", t));
   rows += chart_label(kChartLeft_px + kWidth / 2, y + 28, "middle",
-                      "time [s]; green: fresh and held, orange: late, red: lost");
+                      "time [s]; green: fresh and held, orange: overdue, red: disconnected");
   return fmt::format(R"(<svg viewBox="0 0 {0:.0f} {1:.0f}" style="width:100%;max-width:{0:.0f}px">{2}</svg>)",
                      kChartLeft_px + kWidth + 20, y + 34, rows);
 }

@@ -15,6 +15,7 @@
 #include "bench/page/svg.h"
 #include "bench/report/fault_report.h"
 #include "bench/report/pair_report.h"
+#include "bench/result/report_json.h"
 #include "bench/result/verdict_forms.h"
 #include "sim/world/store/value_codec.h"
 
@@ -257,14 +258,14 @@ std::string about_section(const json& r) {
   row("Command", "<code>" + str(r["command"]) + "</code>");
   row("Rig", "<code>" + str(r["file"]) + "</code>, seed " + count(r["seed"]));
   row("Machine", str(r["machine"]));
-  row("Renderer", str(r["engine"]));
+  row("Renderer", str(r["renderer"]));
   if (r.contains("recording"))
     row("Recording",
         fmt::format("<code>{}</code>: {} messages, {:.1f} MB, {} dropped", str(r["recording"]["file"]),
                     count(r["recording"]["messages"]), r["recording"]["bytes"].get<double>() * 1e-6,
                     count(r["recording"]["dropped"])));
-  if (r["seen_sha256"].is_string()) {
-    const std::string seen = r["seen_sha256"];
+  if (r["input_sha256"].is_string()) {
+    const std::string seen = r["input_sha256"];
     row("Input digest",
         fmt::format(
             "<code>{}</code> (SHA-256 over every sample that the application received; a replay gives "
@@ -276,8 +277,8 @@ std::string about_section(const json& r) {
 
 }  // namespace
 
-Status write_report(const std::filesystem::path& dir, json& result, const RunParts& parts,
-                    const std::string& analyses, Existing existing) {
+Status write_report(const std::filesystem::path& dir, RunReport& report, const RunParts& parts,
+                    Existing existing) {
   NamedFiles files;
   for (std::size_t i = 0; i < parts.channels.size(); ++i) {
     const RunChannel& c = *parts.channels[i];
@@ -287,14 +288,16 @@ Status write_report(const std::filesystem::path& dir, json& result, const RunPar
       auto picture = picture_bytes(".png", *image, sample->bytes());
       if (!picture) return tl::unexpected<Error>(picture.error());
       files.emplace_back(c.entry->name + "-" + which + ".png", std::move(*picture));
-      result["channels"][i]["pictures"].push_back(
-          {{"file", files.back().first},
-           {"caption", fmt::format("{} picture, sequence {}", which, sample->stamp.sequence)}});
+      report.channels[i].pictures.push_back(
+          {files.back().first, fmt::format("{} picture, sequence {}", which, sample->stamp.sequence)});
       return {};
     };
     if (auto s = add(c.first_image, "first"); !s) return s;
     if (auto s = add(c.port.sample(), "last"); !s) return s;
   }
+  const json result = report_json(report);
+  std::string analyses;
+  for (const AnalysisReport& a : report.analyses) analyses += a.html;
   files.emplace_back("result.json", result.dump(1));
 
   const std::string when = result["virtual_epoch"].get<bool>()

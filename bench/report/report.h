@@ -3,17 +3,16 @@
 #pragma once
 
 #include <filesystem>
-#include <nlohmann/json_fwd.hpp>
 
 #include "bench/files/output_file.h"
-#include "bench/page/page.h"
+#include "bench/result/run_report.h"
 #include "bench/run/bench_run.h"
 
 namespace rigor {
 
-/// Writes pictures, index.html and result.json into `dir`. Adds to `result` the names of the pictures.
-/// `analyses`: HTML of what analyses found; empty: none. `existing`: what becomes of an earlier report.
-[[nodiscard]] Status write_report(const std::filesystem::path& dir, nlohmann::json& result,
-                                  const RunParts& parts, const std::string& analyses, Existing existing);
+/// Writes pictures, index.html and result.json into `dir`. Adds to `report` the names of the pictures, which
+/// are the first and the last of each camera in `parts`. `existing`: what becomes of an earlier report.
+[[nodiscard]] Status write_report(const std::filesystem::path& dir, RunReport& report, const RunParts& parts,
+                                  Existing existing);
 
 }  // namespace rigor

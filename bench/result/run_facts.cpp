@@ -75,8 +75,8 @@ ChannelCounts counts_of(const RunChannel& c) {
   out.delivered = n.fresh + n.superseded;
   out.late = n.late_samples;
   out.lost = n.lost_samples;
-  out.lost_cycles = n.lost_cycles;
-  out.lost_now = c.port.status() == PortStatus::lost;
+  out.disconnected_cycles = n.disconnected_cycles;
+  out.lost_now = c.port.status() == PortStatus::disconnected;
   if (c.seen) out.t_last = c.t_last;
   if (c.arrival.count() > 0) out.arrival = c.arrival.percentile(0.99);
   return out;
@@ -105,7 +105,7 @@ RunFacts run_facts(const RunParts& parts, const LoopCounts& loop, const std::vec
     f.lost = n.lost;
     if (n.t_last) f.last_s = std::max(0.0, (*n.t_last - loop.t0).seconds());
     f.silent = n.lost_now || (f.due.value_or(0) > 2 && n.delivered == 0);
-    f.gone_s = static_cast<double>(n.lost_cycles) * rig.loop.period.seconds();
+    f.gone_s = static_cast<double>(n.disconnected_cycles) * rig.loop.period.seconds();
     f.arrival = n.arrival;
     f.by_faults = taken_by_faults(parts, f.name);
     f.emulated = emulated(parts, c);
@@ -116,9 +116,8 @@ RunFacts run_facts(const RunParts& parts, const LoopCounts& loop, const std::vec
     run.channels.push_back(std::move(f));
   }
   for (const auto& s : parts.sinks) {
-    const Sink::Counters& n = s->sink->counters();
-    run.sinks.push_back(
-        {s->entry->name, n.accepted.load(), n.late.load(), n.failed.load(), n.dropped.load()});
+    const SinkSnapshot n = s->sink->counters();
+    run.sinks.push_back({s->entry->name, n.accepted, n.late, n.failed, n.dropped});
   }
   if (parts.emulators)
     if (const auto death = parts.emulators->death())

@@ -11,7 +11,7 @@ namespace rigor {
 
 /// What the loop counted of a channel. While it goes on, somebody else has to publish that (live/tap.h).
 struct ChannelCounts {
-  std::uint64_t delivered = 0, late = 0, lost = 0, lost_cycles = 0;
+  std::uint64_t delivered = 0, late = 0, lost = 0, disconnected_cycles = 0;
   bool lost_now = false;
   std::optional<BenchTime> t_last;  ///< capture of the last visible sample
   Duration arrival;                 ///< 99th percentile; 0: not known

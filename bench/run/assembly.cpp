@@ -14,7 +14,6 @@
 #include "bench/sensing/signal_values.h"
 #include "bench/tune/engine_choices.h"
 #include "sensor-hal/channel/fault_bench.h"
-#include "sensor-hal/channel/note_sink.h"
 #include "sensor-hal/channel/pair_monitor.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/simulated_sink.h"
@@ -329,20 +328,17 @@ class Assembler {
       sink->sink = std::move(*made);
       return configure_sink(entry, std::move(sink));
     }
-    if (entry.sink.backend == "note") {
-      sink->sink = std::make_unique<NoteSink>();
-      return configure_sink(entry, std::move(sink));
-    }
     const Backend* backend = registry_.find(entry.sink.backend);
     if (!backend) return tl::unexpected<Error>(unknown_backend(entry.sink));
-    if (virtual_time() ? !backend->make_virtual_sink : !backend->make_sink)
+    const bool replaced = virtual_time() && !backend->same_in_virtual_time;
+    if (replaced ? !backend->make_virtual_sink : !backend->make_sink)
       return tl::unexpected<Error>(
           entry.node
               .error("backend",
-                     entry.sink.backend + (virtual_time() ? " cannot be replaced in virtual time as a sink"
-                                                          : " takes no commands"))
+                     entry.sink.backend +
+                         (replaced ? " cannot be replaced in virtual time as a sink" : " takes no commands"))
               .error());
-    if (virtual_time()) {
+    if (replaced) {
       ConfigNode emulator_params;
       auto parts = parts_of(entry.sink, emulator_params);
       if (!parts) return tl::unexpected<Error>(parts.error());

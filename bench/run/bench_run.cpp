@@ -98,7 +98,7 @@ Status BenchRun::arm(StopToken stop) {
   if (digest_wanted_) {
     std::vector<SampleKind> kinds;
     for (const auto& channel : parts_.channels) kinds.push_back(channel->source->describe().kind);
-    digest_ = std::make_unique<SeenDigest>(kinds, virtual_time);
+    digest_ = std::make_unique<InputDigest>(kinds, virtual_time);
   }
   event_pool_ = make_sample_pool(2 * parts_.sinks.size() + 16, 0);
   const auto cycles = static_cast<std::uint64_t>(parts_.rig.duration / parts_.rig.loop.period);
@@ -144,7 +144,7 @@ Status BenchRun::start_channels(BenchTime t0) {
   for (auto& platform : parts_.platforms) platform->start(t0);
   for (auto& sink : parts_.sinks) {
     if (auto s = sink->sink->start(t0); !s) return s;
-    sink->made_safe = sink->sink->counters().made_safe.load();
+    sink->made_safe = sink->sink->counters().made_safe;
   }
   for (auto& channel : parts_.channels) {
     if (auto s = channel->source->start(t0); !s) return s;
@@ -163,7 +163,7 @@ RunOutcome BenchRun::outcome_of(RunSummary summary) {
   if (parts_.expectations) parts_.expectations->show();
   outcome.t0 = t0_;
   outcome.digest_wanted = digest_wanted_;
-  if (digest_) outcome.seen_sha256 = digest_->finish();
+  if (digest_) outcome.input_sha256 = digest_->finish();
   outcome.loop = std::move(summary);
   return outcome;
 }
@@ -237,7 +237,9 @@ void BenchRun::take_up_faults(const CycleContext& cycle) noexcept {
   parts_.faults->begin_cycle(cycle.t);
   FaultChange change;
   while (const FaultBench::Entry* at = parts_.faults->poll_change(change)) {
-    if (parts_.expectations) parts_.expectations->fault(at->name, change.kind, change.begins);
+    if (parts_.expectations) parts_.expectations->fault(at->name, change.fault->kind, change.begins);
+    if (live_) live_->fault(change);
+    if (recorder_) recorder_->record_fault(change);
     if (!change.event) continue;
     if (live_) live_->event(at->channel, change.event);
     if (recorder_)
@@ -250,13 +252,13 @@ void BenchRun::take_up_faults(const CycleContext& cycle) noexcept {
 /// A sink's thread wrote its safe values, for nobody commanded it.
 void BenchRun::take_up_made_safe(std::size_t index, const CycleContext& cycle) noexcept {
   RunSink& sink = *parts_.sinks[index];
-  const std::uint64_t times = sink.sink->counters().made_safe.load(std::memory_order_relaxed);
+  const std::uint64_t times = sink.sink->counters().made_safe;
   if (times == sink.made_safe) return;
   sink.made_safe = times;
   if (parts_.expectations) parts_.expectations->made_safe(*sink.port, cycle.t);
-  SampleLease event = event_pool_->try_acquire();
-  if (!event) return;  // the sink's counters say it all the same
-  Sample& sample = event.edit();
+  SampleSlot slot = event_pool_->try_acquire();
+  if (!slot) return;  // the sink's counters say it all the same
+  Sample& sample = *slot;
   sample.stamp = {};
   sample.stamp.sequence = event_sequence_++;
   sample.stamp.t_capture = sample.stamp.t_arrival = sample.stamp.t_release = cycle.t;
@@ -265,6 +267,7 @@ void BenchRun::take_up_made_safe(std::size_t index, const CycleContext& cycle) n
   info.value = static_cast<double>(index);
   EventText(info).add(sink.entry->name).add(" has its safe values: nobody commanded it");
   sample.info = info;
+  const SampleLease event = std::move(slot);
   if (live_) live_->event(FaultBench::kNoChannel, event);
   if (recorder_) recorder_->record_event(FaultBench::kNoChannel, event);
 }
@@ -308,7 +311,7 @@ void BenchRun::show(RunChannel& c, std::uint32_t index, const CycleContext& cycl
     const auto visible = c.script->at(cycle.index);
     c.port.obey(visible.status, visible.sequence, cycle.t);
   } else {
-    c.port.advance(cycle.t, c.source->health().connected.load(std::memory_order_relaxed));
+    c.port.advance(cycle.t, c.source->health().connected);
   }
   if (live_) live_->port(index, c.port, cycle.t);
   const PortStatus status = c.port.status();
@@ -323,8 +326,8 @@ void BenchRun::show(RunChannel& c, std::uint32_t index, const CycleContext& cycl
   if (!changed) return;
 
   if (digest_) digest_->saw(cycle.index, cycle.t, index, status, sample);
-  if (status != c.last_status && !(fresh && c.last_status == PortStatus::stale) &&
-      !(status == PortStatus::stale && c.last_status == PortStatus::fresh)) {
+  if (status != c.last_status && !(fresh && c.last_status == PortStatus::held) &&
+      !(status == PortStatus::held && c.last_status == PortStatus::fresh)) {
     if (c.span_count < RunChannel::kKept) c.spans[c.span_count] = {cycle.t, status};
     ++c.span_count;
   }

@@ -16,9 +16,9 @@
 
 #include "bench/expect/expectations.h"
 #include "bench/motion/bench_motion.h"
+#include "bench/run/input_digest.h"
 #include "bench/run/recorded_events.h"
 #include "bench/run/run_outcome.h"
-#include "bench/run/seen_digest.h"
 #include "rt-core/executive.h"
 #include "sensor-hal/channel/application.h"
 #include "sensor-hal/rig/rig.h"
@@ -34,18 +34,6 @@ class PairSource;
 class Recorder;
 struct SensorTimes;
 class VisibilityScript;
-
-/// A hole in a channel's sequence, as the loop saw it.
-struct Gap {
-  BenchTime t;
-  std::uint64_t after_sequence = 0, missing = 0;
-};
-
-/// A stretch of cycles in which a port had one status; for the report's timeline.
-struct StatusSpan {
-  BenchTime t;
-  PortStatus status = PortStatus::never;
-};
 
 /// One channel in a run.
 struct RunChannel {
@@ -67,9 +55,6 @@ struct RunChannel {
   std::size_t gap_count = 0;
   std::array<StatusSpan, kKept> spans{};
   std::size_t span_count = 0;
-  struct DifferenceAt {
-    double t_s = 0, bias = 0, sigma = 0;
-  };
   std::array<DifferenceAt, kKept> differences{};  ///< of a pair, a few times a second
   std::size_t difference_count = 0;
   BenchTime t_first, t_last;  ///< captures of the first and last visible sample
@@ -184,7 +169,7 @@ class BenchRun final : private ExecutiveHooks {
   Duration cpu_at_begin_;  ///< of the process
   Heartbeat heartbeat_;
   Executive executive_;
-  std::unique_ptr<SeenDigest> digest_;
+  std::unique_ptr<InputDigest> digest_;
   bool digest_wanted_ = false;
   std::function<bool(std::uint64_t)> ran_;
   ApplicationPorts ports_;

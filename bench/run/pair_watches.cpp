@@ -19,7 +19,7 @@ namespace {
 using pair_watch::PairWatch;
 using pair_watch::WatchOptions;
 
-/// Below this a sheet's noise is taken for left away: a window's own scatter needs a scale.
+/// Below this a sensor model's noise is taken for left away: a window's own scatter needs a scale.
 constexpr double kLeastSigma_m = 1e-4;
 
 std::filesystem::path sheet_of(const ConfigNode& params) { return params.base_dir() / params.text("sensor"); }

@@ -1,5 +1,5 @@
 // Which watch looks at a pair of a rig: what its windows tell follows from the kind of channel and from the
-// sheet of the simulated side (docs/pair-watch.md).
+// sensor model of the simulated side (docs/pair-watch.md).
 #pragma once
 
 #include "sensor-hal/channel/channel.h"
@@ -8,8 +8,9 @@
 
 namespace rigor {
 
-/// `entry.watch` is there, from the rig or not; both sides are configured. Setup; reads the sheet. bad_input
-/// at the place in the rig: a kind that cannot be watched, too many numbers, or others than the twin's.
+/// `entry.watch` is there, from the rig or not; both sides are configured. Setup; reads the sensor model.
+/// bad_input at the place in the rig: a kind that cannot be watched, too many numbers, or others than the
+/// twin's.
 [[nodiscard]] Result<pair_watch::PairWatch> make_pair_watch(const ChannelEntry& entry,
                                                             const ChannelDescription& real,
                                                             const ChannelDescription& twin);

@@ -1,5 +1,5 @@
-// What happened in a recorded run, from `/rigor/events`: faults, alarms of watched pairs, sinks that were
-// made safe.
+// What happened in a recorded run: faults, from `/rigor/faults`; alarms of watched pairs and sinks that were
+// made safe, from `/rigor/events`.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +21,7 @@ struct RecordedFault {
   FaultKind kind{};
   bool live = false;  ///< injected while the run went on
   bool begins = false;
-  std::string yaml;  ///< "{kind: drop, probability: 0.2}"
+  std::string json;  ///< with all its keys; fault_node() reads it
 };
 struct RecordedAlarm {
   BenchTime t;
@@ -37,10 +37,14 @@ struct RecordedEvents {
   std::vector<RecordedFault> faults;
   std::vector<RecordedAlarm> alarms;
   std::vector<RecordedMadeSafe> made_safe;
+  /// Its faults are told as text alone, as earlier versions did: `faults` is empty.
+  bool faults_as_text = false;
 };
 
-/// Setup context. protocol: among others an event that this version does not understand.
+/// Setup context. protocol: among others a fault that this version does not know.
 [[nodiscard]] Result<RecordedEvents> read_recorded_events(const std::filesystem::path& file,
                                                           const RecordedRun& run);
+/// For whoever needs the faults. bad_input: they are told as text alone.
+[[nodiscard]] Status faults_are_known(const std::filesystem::path& file, const RecordedEvents& events);
 
 }  // namespace rigor

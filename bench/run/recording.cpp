@@ -200,7 +200,7 @@ Result<RecordedRun> read_recorded_run(const std::filesystem::path& file) {
           static_cast<std::uint64_t>(std::max<std::int64_t>(0, number(m.values, "cycles").value_or(0)));
       run.dropped =
           static_cast<std::uint64_t>(std::max<std::int64_t>(0, number(m.values, "dropped").value_or(0)));
-      if (m.values.contains(kSeenDigestKey)) run.seen_sha256 = m.values.at(kSeenDigestKey);
+      if (m.values.contains(kInputDigestKey)) run.input_sha256 = m.values.at(kInputDigestKey);
     }
   }
   if (!found)

@@ -71,7 +71,7 @@ struct NamedOutput {
 
 /// Where a recording has the digest of what the application saw. Recordings of earlier versions have another
 /// digest under another name: nothing is compared with it.
-inline constexpr const char* kSeenDigestKey = "seen_sha256_of_messages";
+inline constexpr const char* kInputDigestKey = "input_sha256";
 
 /// What a recording says of the run that made it.
 struct RecordedRun {
@@ -79,7 +79,7 @@ struct RecordedRun {
   BenchTime t0;
   EpochPair epoch;
   std::uint64_t cycles = 0;   ///< grid points of the run
-  std::string seen_sha256;    ///< as printed by the run, where it could be
+  std::string input_sha256;   ///< as printed by the run, where it could be
   std::uint64_t dropped = 0;  ///< samples that the recorder had to skip
 };
 [[nodiscard]] std::map<std::string, std::string> run_metadata(const RunParts& parts, const EpochPair& epoch);

@@ -11,7 +11,7 @@ namespace rigor {
 namespace {
 
 /// A program that a recording names is not run unasked.
-Status may_run(const RigConfig& rig) {
+Status may_run(const RigConfig& rig, const Registry& registry, const std::filesystem::path& recording) {
   const ConfigNode& application = rig.application_params;
   for (const char* key : {"command", "library"}) {
     if (!application.has(key)) continue;
@@ -23,7 +23,14 @@ Status may_run(const RigConfig& rig) {
         application.base_dir().empty() ? "." : application.base_dir().string(), rig.application);
     return tl::unexpected<Error>(std::move(e));
   }
-  return {};
+  if (rig.plugins.empty() || rig.application.empty() || registry.find_application(rig.application)) return {};
+  std::vector<std::string> plugins;
+  for (const NamedFile& plugin : rig.plugins) plugins.push_back(plugin.file.string());
+  return fail(
+      ErrorCode::bad_input, recording.string(),
+      fmt::format("the application {} is not one that Rigor comes with, and a replay does not load the "
+                  "plugins that a recording names ({}); with --run-program it does",
+                  rig.application, fmt::join(plugins, ", ")));
 }
 
 Status add_channel(RunParts& parts, const ChannelEntry& entry, const ReplayInput& input) {
@@ -69,11 +76,13 @@ Result<ReplayInput> open_replay(const std::filesystem::path& file) {
 }
 
 Result<RigConfig> recorded_rig(const ReplayInput& input, const std::vector<ConfigOverride>& overrides,
-                               bool run_program) {
+                               const Registry& registry, bool run_program) {
   auto rig = recorded_rig(input.run, input.file, overrides);
   if (!rig) return rig;
-  if (auto s = may_run(*rig); !run_program && !s) return tl::unexpected<Error>(s.error());
-  if (!run_program) rig->plugins.clear();
+  if (!run_program) {
+    if (auto s = may_run(*rig, registry, input.file); !s) return tl::unexpected<Error>(s.error());
+    rig->plugins.clear();
+  }
   rig->record.file.clear();
   rig->report.clear();
   return rig;
@@ -93,6 +102,8 @@ Result<std::unique_ptr<Assembly>> assemble_replay(RigConfig rig, const Registry&
   if (parts.expectations) {
     auto events = read_recorded_events(input.file, input.run);
     if (!events) return tl::unexpected<Error>(events.error());
+    if (parts.expectations->need_faults())
+      if (auto s = faults_are_known(input.file, *events); !s) return tl::unexpected<Error>(s.error());
     parts.recorded_faults = std::move(events->faults);
   }
   auto application = make_application(parts.rig, registry);

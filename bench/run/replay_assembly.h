@@ -23,9 +23,10 @@ struct ReplayInput {
 
 /// The rig in the recording. A recording may come from anybody: one whose application is a program or a
 /// library of its own is refused (bad_input) unless `run_program` is set or an override names it; without it,
-/// its plugins are not loaded either.
+/// its plugins are not loaded either, and an application that `registry` does not have is refused.
 [[nodiscard]] Result<RigConfig> recorded_rig(const ReplayInput& input,
-                                             const std::vector<ConfigOverride>& overrides, bool run_program);
+                                             const std::vector<ConfigOverride>& overrides,
+                                             const Registry& registry, bool run_program);
 
 /// As `assemble`, with sources that show what was recorded and sinks that move nothing. Virtual time, for as
 /// many cycles as the recording has. Setup context.

@@ -2,6 +2,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "bench/run/bench_run.h"
 #include "sensor-hal/channel/channel.h"
 #include "sensor-hal/channel/fault_source.h"
 #include "sensor-hal/rig/rig.h"
@@ -16,35 +17,61 @@ const char* name_of(PortStatus status) noexcept {
       return "never";
     case PortStatus::fresh:
       return "fresh";
-    case PortStatus::stale:
-      return "stale";
-    case PortStatus::late:
-      return "late";
-    case PortStatus::lost:
-      return "lost";
+    case PortStatus::held:
+      return "held";
+    case PortStatus::overdue:
+      return "overdue";
+    case PortStatus::disconnected:
+      return "disconnected";
   }
   return "?";
 }
 
-json identity_json(const RigConfig& rig) {
-  return {{"rig", rig.name},
-          {"file", rig.file.string()},
-          {"clock", rig.clock == ClockKind::wall ? "wall" : "virtual"},
-          {"seed", rig.seed},
-          {"version", RIGOR_VERSION}};
+RunIdentity identity_of(const RigConfig& rig) {
+  RunIdentity id;
+  id.rig = rig.name;
+  id.file = rig.file;
+  id.wall_clock = rig.clock == ClockKind::wall;
+  id.seed = rig.seed;
+  id.version = RIGOR_VERSION;
+  id.spin = rig.loop.spin;
+  id.application = rig.application;
+  return id;
 }
 
-json commands_json(const Sink& sink) {
-  const Sink::Counters& n = sink.counters();
-  return {{"accepted", n.accepted.load()}, {"applied", n.applied.load()}, {"late", n.late.load()},
-          {"failed", n.failed.load()},     {"dropped", n.dropped.load()}, {"made_safe", n.made_safe.load()}};
+json identity_json(const RunIdentity& run) {
+  return {{"rig", run.rig},
+          {"file", run.file.string()},
+          {"clock", run.wall_clock ? "wall" : "virtual"},
+          {"seed", run.seed},
+          {"version", run.version}};
 }
 
-json faulty_json(const FaultySource& source) {
+FaultyReport faulty_report(const FaultySource& source, const std::string& name) {
   const FaultySource::Accounts& a = source.accounts();
-  return {{"taken", a.taken.load()},     {"handed_on", a.handed_on.load()},
-          {"dropped", a.dropped.load()}, {"disconnected", a.disconnected.load()},
-          {"no_slot", a.no_slot.load()}, {"waiting", a.waiting.load()}};
+  return {name,
+          a.taken.load(),
+          a.handed_on.load(),
+          a.dropped.load(),
+          a.disconnected.load(),
+          a.no_slot.load(),
+          a.waiting.load(),
+          source.inner().health()};
+}
+
+SinkReport sink_report(const RunSink& sink) {
+  return {sink.entry->name, sink.entry->sink.backend, sink.replaced_by, sink.sink->counters()};
+}
+
+json commands_json(const SinkSnapshot& n) {
+  return {{"accepted", n.accepted}, {"applied", n.applied}, {"late", n.late},
+          {"failed", n.failed},     {"dropped", n.dropped}, {"made_safe", n.made_safe}};
+}
+
+json faulty_json(const FaultyReport& source) {
+  return {{"taken", source.taken},     {"handed_on", source.handed_on},
+          {"dropped", source.dropped}, {"disconnected", source.disconnected},
+          {"no_slot", source.no_slot}, {"waiting", source.waiting}};
 }
 
 }  // namespace rigor

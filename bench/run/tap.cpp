@@ -83,15 +83,17 @@ void LiveTap::cycle(BenchTime t, Duration late, Duration ran) noexcept {
 void LiveTap::sample(std::size_t index, const SampleLease& sample) noexcept {
   Stream& s = *streams_[index];
   if (!s.wanted.load(std::memory_order_acquire) || !sample) return;
-  SampleLease lease = sample;
+  SampleLease lease;
   if (s.copies) {
-    lease = s.copies->try_acquire();
-    if (!lease || sample->size_bytes > lease.edit().memory().size()) return;
-    Sample& copy = lease.edit();
-    copy.stamp = sample->stamp;
-    copy.info = sample->info;
-    copy.size_bytes = sample->size_bytes;
-    if (copy.size_bytes > 0) std::memcpy(copy.memory().data(), sample->bytes().data(), copy.size_bytes);
+    SampleSlot copy = s.copies->try_acquire();
+    if (!copy || sample->size_bytes > copy->memory().size()) return;
+    copy->stamp = sample->stamp;
+    copy->info = sample->info;
+    copy->size_bytes = sample->size_bytes;
+    if (copy->size_bytes > 0) std::memcpy(copy->memory().data(), sample->bytes().data(), copy->size_bytes);
+    lease = std::move(copy);
+  } else {
+    lease = sample;
   }
   s.wanted.store(false, std::memory_order_relaxed);
   (void)s.ring.try_push(std::move(lease));  // full: it holds one that nobody has looked at
@@ -100,13 +102,13 @@ void LiveTap::sample(std::size_t index, const SampleLease& sample) noexcept {
 void LiveTap::port(std::size_t index, const SamplePort& port, BenchTime now) noexcept {
   ChannelState& c = *channels_[index];
   const PortStatus status = port.status();
-  if (status == PortStatus::stale &&
+  if (status == PortStatus::held &&
       c.status.load(std::memory_order_relaxed) == static_cast<std::uint8_t>(status))
     return;
   c.status.store(static_cast<std::uint8_t>(status), std::memory_order_relaxed);
   const PortCounters& n = port.counters();
   c.late_samples.store(n.late_samples, std::memory_order_relaxed);
-  c.lost_cycles.store(n.lost_cycles, std::memory_order_relaxed);
+  c.disconnected_cycles.store(n.disconnected_cycles, std::memory_order_relaxed);
   c.superseded.store(n.superseded, std::memory_order_relaxed);
   c.lost.store(n.lost_samples, std::memory_order_relaxed);
   c.overflow.store(n.overflow + n.superseded, std::memory_order_relaxed);
@@ -123,6 +125,12 @@ void LiveTap::event(std::uint32_t channel, const SampleLease& event) noexcept {
   if (info && !events_.try_push(LiveEvent{channel, event->stamp.t_capture, *info})) bump(lost_);
 }
 
+void LiveTap::fault(const FaultChange& change) noexcept {
+  FaultChange kept = change;
+  kept.event.reset();
+  if (!faults_.try_push(std::move(kept))) bump(lost_);
+}
+
 void LiveTap::command(std::uint32_t sink, const Command& command) noexcept {
   if (!commands_.try_push(LiveCommand{sink, command})) bump(lost_);
 }
@@ -135,15 +143,15 @@ void LiveTap::motion(const WorldMotion& motion, BenchTime t) noexcept {
 SampleLease LiveTap::next_note(BenchTime now) noexcept {
   EventInfo* note = notes_.peek();
   if (!note) return {};
-  SampleLease lease = note_pool_->try_acquire();
-  if (!lease) return {};  // the recorder has them all; it comes with one of the next cycles
-  Sample& s = lease.edit();
+  SampleSlot slot = note_pool_->try_acquire();
+  if (!slot) return {};  // the recorder has them all; it comes with one of the next cycles
+  Sample& s = *slot;
   s.stamp = {};
   s.stamp.sequence = note_sequence_++;
   s.stamp.t_capture = s.stamp.t_arrival = s.stamp.t_release = now;
   s.info = *note;
   notes_.drop_front();
-  return lease;
+  return slot;
 }
 
 // ------------------------------------------------------------------ others

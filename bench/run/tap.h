@@ -24,6 +24,7 @@
 #include "rt-core/spsc_ring.h"
 #include "sensor-hal/channel/application.h"
 #include "sensor-hal/channel/channel.h"
+#include "sensor-hal/channel/fault_injector.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/providers.h"
 
@@ -85,6 +86,8 @@ class LiveTap {
   /// After the port was advanced; `fresh`: its sample became visible in this cycle.
   void port(std::size_t channel, const SamplePort& port, BenchTime now) noexcept;
   void event(std::uint32_t channel, const SampleLease& event) noexcept;
+  /// A fault begins or ends.
+  void fault(const FaultChange& change) noexcept;
   void command(std::uint32_t sink, const Command& command) noexcept;
   /// Whether `motion` is asked for.
   [[nodiscard]] bool wants_motion() const noexcept { return want_motion_.load(std::memory_order_acquire); }
@@ -97,6 +100,7 @@ class LiveTap {
   /// The newest that came since; empty: none did.
   [[nodiscard]] SampleLease take(std::size_t stream) noexcept;
   [[nodiscard]] bool take(LiveEvent& event) noexcept { return events_.try_pop(event); }
+  [[nodiscard]] bool take(FaultChange& change) noexcept { return faults_.try_pop(change); }
   [[nodiscard]] bool take(LiveCommand& command) noexcept { return commands_.try_pop(command); }
   /// Any thread.
   void want_motion() noexcept { want_motion_.store(true, std::memory_order_release); }
@@ -109,8 +113,8 @@ class LiveTap {
 
   struct ChannelState {
     std::atomic<std::uint8_t> status{0};
-    std::atomic<std::uint64_t> fresh{0}, superseded{0}, late_samples{0}, lost{0}, lost_cycles{0}, overflow{0},
-        sequence{0};
+    std::atomic<std::uint64_t> fresh{0}, superseded{0}, late_samples{0}, lost{0}, disconnected_cycles{0},
+        overflow{0}, sequence{0};
     std::atomic<std::int64_t> t_fresh_ns{0}, t_capture_ns{0};
     LiveBins age;
   };
@@ -152,6 +156,7 @@ class LiveTap {
   std::vector<std::unique_ptr<ChannelState>> channels_;
   std::vector<Observer> observers_;
   SpscRing<LiveEvent> events_{256};
+  SpscRing<FaultChange> faults_{256};
   SpscRing<LiveCommand> commands_{1024};
   SpscRing<EventInfo> notes_{32};
   std::unique_ptr<SamplePool> note_pool_;

@@ -60,7 +60,7 @@ class ChangingSampler final : public SampleProvider {
 template <class Changing, class Provider, class Make>
 Result<std::shared_ptr<Provider>> device_of(const ConfigNode& params, const Make& make) {
   auto first = make(params);
-  const auto items = params.list_or_empty("becomes");
+  const auto items = params.list_or_empty("model_schedule");
   if (!first || items.empty()) return first;
   std::vector<Stage<Provider>> stages{{Duration(), std::move(*first)}};
   for (const ConfigNode& item : items) {

@@ -2,7 +2,7 @@
 //
 //   sensor: camera.yaml
 //   T_world_sensor: { … }
-//   becomes:                           # each with all keys that it needs of the sensor's own
+//   model_schedule:                           # each with all keys that it needs of the sensor's own
 //     - { from_s: 600, sensor: camera-longer.yaml, T_world_sensor: { … } }
 //
 // Samples that are captured from_s or later after the start are measured by that one.

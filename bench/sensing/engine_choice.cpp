@@ -5,7 +5,7 @@
 namespace rigor {
 namespace {
 
-void read_effort(ConfigNode n, EngineChoice& c) {
+void read_quality(ConfigNode n, EngineChoice& c) {
   c.allowed_error_rad = n.number_or("allowed_error_rad", 0, {.min = 0, .max = 0.1});
   c.sub_rays = static_cast<int>(n.integer_or("sub_rays", 0, {.min = 1, .max = 4096}));
   c.samples_per_pixel = static_cast<int>(n.integer_or("samples_per_pixel", 0, {.min = 1, .max = 4096}));
@@ -17,7 +17,7 @@ void read_effort(ConfigNode n, EngineChoice& c) {
 
 /// What would be ignored is refused.
 void refuse_foreign(const ConfigNode& n, const EngineChoice& c, SampleKind kind) {
-  const bool vulkan = c.engine == "vulkan", image = kind == SampleKind::image;
+  const bool vulkan = c.engine == "raster", image = kind == SampleKind::image;
   const auto only = [&](const char* key, bool allowed, const char* what) {
     if (n.has(key) && !allowed)
       throw n.error(key, fmt::format("expected no such key here: it is for {}", what));
@@ -28,28 +28,28 @@ void refuse_foreign(const ConfigNode& n, const EngineChoice& c, SampleKind kind)
   only("pixel_step", image && !vulkan, "cameras by rays");
   only("pixels_per_rad", vulkan && !image, "LiDARs and time-of-flight cameras by vulkan");
   only("supersampling", vulkan && image, "cameras by vulkan");
-  only("instants", vulkan, "the engine vulkan");
+  only("instants", vulkan, "the renderer raster");
 }
 
 }  // namespace
 
 EngineChoice read_engine_choice(ConfigNode params, SampleKind kind) {
   EngineChoice c;
-  if (params.has("engine")) c.engine = params.choice("engine", {"rays", "vulkan"});
-  if (const ConfigNode effort = params.map_or_absent("effort"); effort.present()) {
+  if (params.has("renderer")) c.engine = params.choice("renderer", {"rays", "raster"});
+  if (const ConfigNode quality = params.map_or_absent("quality"); quality.present()) {
     if (c.engine.empty())
-      throw params.error("effort", "expected `engine` beside it (rays or vulkan): it says what of");
-    read_effort(effort, c);
-    refuse_foreign(effort, c, kind);
-    effort.finish();
+      throw params.error("quality", "expected `renderer` beside it (rays or raster): it says what of");
+    read_quality(quality, c);
+    refuse_foreign(quality, c, kind);
+    quality.finish();
   }
   return c;
 }
 
 EngineChoice read_locked_choice(ConfigNode n) {
   EngineChoice c;
-  c.engine = n.choice("engine", {"rays", "vulkan"});
-  read_effort(n, c);
+  c.engine = n.choice("renderer", {"rays", "raster"});
+  read_quality(n, c);
   n.finish();
   return c;
 }
@@ -69,7 +69,7 @@ std::string EngineChoice::text() const {
 }
 
 std::string EngineChoice::yaml() const {
-  std::string t = "{ engine: " + engine;
+  std::string t = "{ renderer: " + engine;
   if (allowed_error_rad > 0) t += fmt::format(", allowed_error_rad: {}", allowed_error_rad);
   if (sub_rays > 0) t += fmt::format(", sub_rays: {}", sub_rays);
   if (samples_per_pixel > 0) t += fmt::format(", samples_per_pixel: {}", samples_per_pixel);

@@ -1,8 +1,8 @@
 // By which engine a simulated sensor measures, and how much work it may make of it: what a rig writes, what
 // `rigor tune` chooses, what a lock file keeps.
 //
-//   engine: rays                     rays | vulkan
-//   effort:
+//   renderer: rays                     rays | raster
+//   quality:
 //     allowed_error_rad: 0.001       levels of detail whose error subtends less may stand for the finest; 0
 //     sub_rays: 5                    LiDAR: rays per beam; the sensor's own where it is not given
 //     samples_per_pixel: 4           time of flight (rays per pixel) and cameras by rays; the same
@@ -20,7 +20,7 @@
 namespace rigor {
 
 struct EngineChoice {
-  std::string engine;  ///< rays | vulkan; empty: nobody chose
+  std::string engine;  ///< rays | raster; empty: nobody chose
   double allowed_error_rad = 0;
   int sub_rays = 0;           ///< 0: of the sensor
   int samples_per_pixel = 0;  ///< 0: of the sensor
@@ -32,11 +32,11 @@ struct EngineChoice {
   bool operator==(const EngineChoice&) const = default;
   /// "rays, 5 sub-rays, allowed error 1 mrad".
   [[nodiscard]] std::string text() const;
-  /// As YAML in one line: `{ engine: rays, sub_rays: 5 }`.
+  /// As YAML in one line: `{ renderer: rays, sub_rays: 5 }`.
   [[nodiscard]] std::string yaml() const;
 };
 
-/// Reads `engine` and `effort` of a simulated channel; `effort` without `engine` is an error. Throws
+/// Reads `renderer` and `quality` of a simulated channel; `quality` without `renderer` is an error. Throws
 /// ConfigError.
 [[nodiscard]] EngineChoice read_engine_choice(ConfigNode params, SampleKind kind);
 /// Reads what `yaml` wrote.

@@ -5,20 +5,17 @@
 #include <cmath>
 
 #include "bench/sensing/mount.h"
-#include "bench/sensing/sheet_kind.h"
+#include "bench/sensing/sensor_model_kind.h"
 #include "sensor-hal/config/value_or_throw.h"
 #include "sensor-hal/models/gnss/gnss_yaml.h"
 #include "sensor-hal/models/imu/imu_yaml.h"
 #include "sensor-hal/models/odometry/odometry_yaml.h"
 #include "sim/sensors/inertial/inertial_simulators.h"
+#include "sim/world/pose.h"
 
 namespace rigor {
 namespace {
 
-Pose pose_of(const Eigen::Isometry3d& T) {
-  const Eigen::Quaterniond q(T.linear());
-  return {{T.translation().x(), T.translation().y(), T.translation().z()}, {q.w(), q.x(), q.y(), q.z()}};
-}
 std::array<double, 3> array(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
 /// A mount that moves by itself, as the motion of a body: its velocity turns with it about z.

@@ -9,6 +9,7 @@
 #include "sensor-hal/config/yaml.h"
 #include "sim/nature/trees/allometry.h"
 #include "sim/platform/harvester.h"
+#include "sim/world/pose.h"
 
 namespace rigor {
 namespace {
@@ -27,13 +28,6 @@ bool same(const WorldMotion& a, const WorldMotion& b) {
          std::equal(a.body.begin(), a.body.begin() + a.body_count, b.body.begin(), equal_body);
 }
 
-Eigen::Isometry3d isometry(const Pose& pose) {
-  const auto& q = pose.orientation_wxyz;
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.linear() = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
-  T.translation() = Eigen::Vector3d(pose.position_m[0], pose.position_m[1], pose.position_m[2]);
-  return T;
-}
 Eigen::Vector3d vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
 
 Status set_weather(world::Database& db, const std::vector<std::pair<std::string, double>>& weather) {
@@ -322,7 +316,7 @@ Status SensorWorld::move_platforms(world::Transaction& tx, const WorldMotion& mo
     const BodyState& b = i < motion.body_count ? motion.body[i] : c.start;
     world::Motion m;
     m.t_ref = b.t_ref;
-    m.T_parent_node = isometry(b.T_world_body);
+    m.T_parent_node = isometry_of(b.T_world_body);
     m.velocity_m_per_s = vector(b.velocity_mps);
     m.angular_velocity_rad_per_s = m.T_parent_node.linear() * vector(b.turn_rate_radps);
     if (auto s = set(c.node, m); !s) return s;
@@ -391,7 +385,7 @@ Eigen::Isometry3d SensorWorld::Moment::T_world_node(world::NodeId node, BenchTim
 }
 
 Eigen::Isometry3d SensorWorld::Moment::T_world_platform(std::size_t body, BenchTime t) const {
-  return isometry((body < motion_.body_count ? motion_.body[body] : world_.carriers_[body].start).at(t));
+  return isometry_of((body < motion_.body_count ? motion_.body[body] : world_.carriers_[body].start).at(t));
 }
 
 std::string SensorWorld::Moment::type_name(world::NodeId node) const {

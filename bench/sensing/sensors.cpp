@@ -14,7 +14,7 @@ namespace {
 /// Either engine behind one face: what has to be set anew for each capture.
 struct Engine {
   std::shared_ptr<render::RayEngine> engine;
-  std::shared_ptr<render::EmbreeEngine> rays;  ///< `engine`, where it is one
+  std::shared_ptr<render::EmbreeEngine> rays;  ///< `renderer`, where it is one
   render::EmbreeOptions rays_options;
 
   /// Levels of detail are chosen by what they are off as seen from here.
@@ -72,7 +72,7 @@ class TimedMoment {
 
 Result<Engine> make_engine(const EngineChoice& choice, SensingResources& resources) {
   Engine e;
-  if (choice.engine == "vulkan") {
+  if (choice.engine == "raster") {
     auto device = resources.device();
     if (!device) return tl::unexpected<Error>(device.error());
     render::RasterOptions options;
@@ -277,7 +277,7 @@ Result<std::shared_ptr<render::EmbreeCache>> SensingResources::cache() {
 }
 
 std::string SensingResources::text() const {
-  std::string t = device_ ? "vulkan on " + device_->name() : "";
+  std::string t = device_ ? "raster on " + device_->name() : "";
   if (cache_) t += t.empty() ? "rays" : ", rays";
   return t;
 }

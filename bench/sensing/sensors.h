@@ -24,7 +24,7 @@ class SensingResources {
   explicit SensingResources(std::string device_name) : device_name_(std::move(device_name)) {}
   [[nodiscard]] Result<std::shared_ptr<render::Device>> device();
   [[nodiscard]] Result<std::shared_ptr<render::EmbreeCache>> cache();
-  /// "vulkan on llvmpipe…", "rays", both; empty before the first sensor.
+  /// "raster on llvmpipe…", "rays", both; empty before the first sensor.
   [[nodiscard]] std::string text() const;
 
  private:

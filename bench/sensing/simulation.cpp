@@ -7,7 +7,7 @@
 #include <mutex>
 
 #include "bench/sensing/inertial.h"
-#include "bench/sensing/sheet_kind.h"
+#include "bench/sensing/sensor_model_kind.h"
 #include "bench/sensing/tolerance.h"
 #include "bench/sensing/yuv_capture.h"
 #include "sensor-hal/config/value_or_throw.h"
@@ -40,7 +40,7 @@ class TimedCamera final : public ImageProvider {
   std::shared_ptr<SensorTimes> times_;
 };
 
-/// Which device of those that a fitted sheet describes the channel is.
+/// Which device of those that a fitted sensor model describes the channel is.
 std::uint64_t draw_of(const ConfigNode& params) {
   return static_cast<std::uint64_t>(params.integer_or("calibration_draw", 0, {.min = 0}));
 }
@@ -244,7 +244,7 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
   const SensorOptions& options = *keyed;
   // The small renderer knows neither air nor platforms, and of `ideal` it leaves the lens.
   bool small = impl_->scene && impl_->platforms.empty() && impl_->config.weather.empty() &&
-               !params.has("engine") && !options.choice && options.only.empty() && !params.has("motion") &&
+               !params.has("renderer") && !options.choice && options.only.empty() && !params.has("motion") &&
                options.ideal == asked.ideal;
   if (small) {
     const auto sheet = catch_config([&] {
@@ -292,7 +292,7 @@ Result<std::shared_ptr<SensedCamera>> Simulation::sensed_camera(ConfigNode param
     const auto sheet =
         value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params)));
     SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
-    if (setup.choice.engine.empty()) setup.choice.engine = "vulkan";
+    if (setup.choice.engine.empty()) setup.choice.engine = "raster";
     CameraModel model = sheet.model;
     if (options.ideal || !options.only.empty()) model = value_or_throw(only_effects(model, options.only));
     const auto format =

@@ -19,7 +19,7 @@ namespace rigor {
 struct SensorOptions {
   bool ideal = false;                    ///< without the sensor's errors
   std::vector<std::string> only;         ///< of its effects these alone; empty: all that it has
-  std::optional<EngineChoice> choice;    ///< in place of `engine` and `effort`
+  std::optional<EngineChoice> choice;    ///< in place of `renderer` and `quality`
   std::shared_ptr<SensorTimes> times{};  ///< null: nobody asks
 };
 
@@ -31,9 +31,9 @@ class Simulation {
   ~Simulation();
 
   /// A camera over this world. Reads the keys `sensor`, `ideal`, `T_world_sensor`, `parent`, `motion`,
-  /// `engine`, `effort` and `tolerance` of `params`; the noise draws are keyed by seed and `name`. A small
-  /// scene without `engine` is drawn by the small renderer, unless the sheet has effects that this does not
-  /// know.
+  /// `renderer`, `quality` and `tolerance` of `params`; the noise draws are keyed by seed and `name`. A small
+  /// scene without `renderer` is drawn by the small renderer, unless the sensor model has effects that this
+  /// does not know.
   [[nodiscard]] Result<std::shared_ptr<ImageProvider>> camera(ConfigNode params, std::uint64_t seed,
                                                               const std::string& name,
                                                               const SensorOptions& options = {});

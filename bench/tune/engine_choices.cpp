@@ -12,7 +12,7 @@ namespace {
 /// The tolerance of a channel that names no engine.
 std::optional<Tolerance> to_be_tuned(const ChannelEntry& entry) {
   const ConfigNode* params = simulated_params(entry);
-  if (!params || params->has("engine")) return std::nullopt;
+  if (!params || params->has("renderer")) return std::nullopt;
   return read_tolerance(*params, entry.kind);
 }
 
@@ -57,7 +57,7 @@ Result<EngineChoices> choose_engines(const RigConfig& rig, Simulation& simulatio
       return tl::unexpected<Error>(
           entry.node
               .error("",
-                     fmt::format("expected, for a channel with a `tolerance` in virtual time, an `engine` "
+                     fmt::format("expected, for a channel with a `tolerance` in virtual time, a `renderer` "
                                  "or {}, found neither. Type `rigor tune {}`",
                                  lock_path(rig.file).filename().string(), rig.file.string()))
               .error());

@@ -21,7 +21,8 @@ namespace rigor {
 using EngineChoices = std::map<std::string, EngineChoice>;
 [[nodiscard]] Result<EngineChoices> choose_engines(const RigConfig& rig, Simulation& simulation);
 
-/// Of `rigor sense`, which needs no lock: `engine` (may be empty) goes before the rig's. Empty: by its keys.
+/// Of `rigor sense`, which needs no lock: `renderer` (may be empty) goes before the rig's. Empty: by its
+/// keys.
 [[nodiscard]] Result<std::optional<EngineChoice>> sense_choice(const RigConfig& rig,
                                                                const ChannelEntry& entry,
                                                                Simulation& simulation,

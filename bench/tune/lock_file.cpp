@@ -162,7 +162,7 @@ Status save_lock(const std::filesystem::path& file, const LockFile& lock) {
     return "\"" + s + "\"";
   };
   std::string text =
-      "# Written by `rigor tune`: the cheapest engine and effort that meet each channel's tolerance, as "
+      "# Written by `rigor tune`: the cheapest engine and quality that meet each channel's tolerance, as "
       "measured "
       "on\n# this machine in this world. Times are those of one sample.\nrigor_lock: 1\n";
   text += fmt::format("cpu: {}\ngpu: {}\nchannels:\n", quoted(lock.cpu), quoted(lock.gpu));

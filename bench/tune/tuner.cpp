@@ -165,7 +165,7 @@ class Tuner {
       progress_(fmt::format("{}: {} of {}, {}", entry_.name, ++at, candidates->size(), choice.text()));
       auto trial = measure(choice);
       // A machine without a Vulkan device has one engine.
-      if (!trial && choice.engine == "vulkan" && trial.error().code == ErrorCode::unavailable) continue;
+      if (!trial && choice.engine == "raster" && trial.error().code == ErrorCode::unavailable) continue;
       if (!trial) return tl::unexpected<Error>(trial.error());
       tuned.trials.push_back(*trial);
     }
@@ -209,7 +209,7 @@ class Tuner {
       for (const double error : {2e-3, 0.0})
         for (const double scale : {1.0, 2.0})
           for (const int instants : takes_time ? std::vector<int>{4, 8} : std::vector<int>{1})
-            add("vulkan", [&](EngineChoice& c) {
+            add("raster", [&](EngineChoice& c) {
               c.allowed_error_rad = error, c.supersampling = scale, c.instants = instants;
             });
       return all;
@@ -225,8 +225,8 @@ class Tuner {
       if (!model) return tl::unexpected<Error>(model.error());
       own = model->sampling.samples;
     }
-    // Fewer than the sheet's lose what it has them for, flying pixels and mixed echoes: at places, so that
-    // the root mean square hides it. Only for who says what share of the rays may be wrong.
+    // Fewer than the sensor model's lose what it has them for, flying pixels and mixed echoes: at places, so
+    // that the root mean square hides it. Only for who says what share of the rays may be wrong.
     std::vector<int> samples;
     if (tolerance_.outliers_given)
       for (const int n : lidar ? std::vector<int>{1, 5, 7, 13, 19} : std::vector<int>{1, 4, 9})
@@ -240,7 +240,7 @@ class Tuner {
         });
     for (const int n : samples)
       for (const double pixels : {250.0, 500.0, 1000.0})
-        add("vulkan", [&](EngineChoice& c) {
+        add("raster", [&](EngineChoice& c) {
           c.allowed_error_rad = 1 / pixels / 2;
           c.pixels_per_rad = pixels;
           (lidar ? c.sub_rays : c.samples_per_pixel) = n;

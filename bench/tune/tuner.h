@@ -1,4 +1,4 @@
-// Measures a simulated channel by every engine and effort that come into question, against `rays` in full
+// Measures a simulated channel by every engine and quality that come into question, against `rays` in full
 // with many samples, and takes the cheapest that is good enough.
 //
 // Errors are of the light alone: sensors measure without noise for them. Times are those of the whole sensor.

@@ -279,11 +279,11 @@ Result<CameraFit> fit_rolling_shutter(const std::vector<BoardView>& views, const
   if (line.value < -4 * line.sigma)
     fit.result.warnings.push_back(
         "line_time_s is negative: the rows were read from the last to the first (a picture that was turned "
-        "round?); the simulator reads from the first, and its sheet gets 0");
+        "round?); the simulator reads from the first, and its sensor model gets 0");
   else if (line.value < 4 * line.sigma)
     fit.result.warnings.push_back(
         "line_time_s is not told apart from 0: this looks like a global shutter; draws from the covariance "
-        "leave the sheet's value as it is");
+        "leave the sensor model's value as it is");
   return fit;
 }
 

@@ -114,9 +114,10 @@ Result<StereoFit> fit_stereo(const std::vector<StereoPair>& pairs, const StereoF
         const BoardView& v = side == 0 ? p.left : p.right;
         if (v.width_px != cameras[side].width_px || v.height_px != cameras[side].height_px)
           return fail(ErrorCode::bad_input, v.name,
-                      "expected the picture size of the sheet, " + std::to_string(cameras[side].width_px) +
-                          "x" + std::to_string(cameras[side].height_px) + ", got " +
-                          std::to_string(v.width_px) + "x" + std::to_string(v.height_px));
+                      "expected the picture size of the sensor model, " +
+                          std::to_string(cameras[side].width_px) + "x" +
+                          std::to_string(cameras[side].height_px) + ", got " + std::to_string(v.width_px) +
+                          "x" + std::to_string(v.height_px));
       }
       continue;
     }

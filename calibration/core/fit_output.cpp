@@ -27,7 +27,8 @@ Status set(YAML::Node node, const std::string& path, const YAML::Node& value) {
   const auto parts = split(path);
   for (std::size_t i = 0; i < parts.size(); ++i) {
     if (node.IsDefined() && !node.IsNull() && !node.IsMap())
-      return fail(ErrorCode::bad_input, path, "expected a map on the way in the base sheet, got a value");
+      return fail(ErrorCode::bad_input, path,
+                  "expected a map on the way in the base sensor model, got a value");
     if (i + 1 == parts.size()) {
       node[parts[i]] = value;
       return {};
@@ -203,7 +204,8 @@ Result<std::string> sheet_yaml(const SheetRecipe& recipe, const FitResult& fit,
                                const std::vector<RecordingHash>& recordings) {
   try {
     YAML::Node root = recipe.base.empty() ? YAML::Node(YAML::NodeType::Map) : YAML::Load(recipe.base);
-    if (!root.IsMap()) return fail(ErrorCode::bad_input, "--base", "expected a sheet of keys and values");
+    if (!root.IsMap())
+      return fail(ErrorCode::bad_input, "--base", "expected a sensor model of keys and values");
     for (const std::string& path : recipe.remove) remove(root, path);
     for (const auto& [path, value] : recipe.set)
       if (auto s = set(root, path, YAML::Load(value)); !s) return tl::unexpected<Error>(s.error());
@@ -212,7 +214,8 @@ Result<std::string> sheet_yaml(const SheetRecipe& recipe, const FitResult& fit,
     out << root;
     return std::string(out.c_str()) + "\n";
   } catch (const YAML::Exception& e) {
-    return fail(ErrorCode::bad_input, "--base", std::string("expected a sheet in YAML, got: ") + e.what());
+    return fail(ErrorCode::bad_input, "--base",
+                std::string("expected a sensor model in YAML, got: ") + e.what());
   }
 }
 

@@ -1,4 +1,4 @@
-// A fit as files: JSON for machines, and the sheet that a simulated channel reads.
+// A fit as files: JSON for machines, and the sensor model that a simulated channel reads.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
@@ -19,10 +19,10 @@ struct RecordingHash {
 /// `weak_directions`, `not_identifiable`, `validity`, `warnings`, `interrupted`.
 [[nodiscard]] nlohmann::json to_json(const FitResult& fit);
 
-/// How the fit becomes a sheet.
+/// How the fit becomes a sensor model.
 struct SheetRecipe {
   std::string kind;  ///< camera, lidar, tof
-  std::string base;  ///< YAML that the values go into; empty: a new sheet
+  std::string base;  ///< YAML that the values go into; empty: a new sensor model
   /// Keys to set, by path (`intrinsics.fx_px`), in order; the value is YAML (`1.5`, `[1, 2]`). Lists are set
   /// whole.
   std::vector<std::pair<std::string, std::string>> set;
@@ -36,9 +36,9 @@ struct SheetRecipe {
   std::vector<Place> places;
 };
 
-/// The sheet with its section `calibration` (sensor-hal/models/calibration_section.h). Parameters without a
-/// finite uncertainty are not in the covariance: they are listed as not identifiable. bad_input where the
-/// base is no map or a path runs through a value.
+/// The sensor model with its section `calibration` (sensor-hal/models/calibration_section.h). Parameters
+/// without a finite uncertainty are not in the covariance: they are listed as not identifiable. bad_input
+/// where the base is no map or a path runs through a value.
 [[nodiscard]] Result<std::string> sheet_yaml(const SheetRecipe& recipe, const FitResult& fit,
                                              const std::vector<RecordingHash>& recordings);
 

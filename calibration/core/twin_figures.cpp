@@ -20,13 +20,14 @@ double at(const std::vector<double>& v, double q) {
 }  // namespace
 
 Figure twin_histogram(const TwinValues& values, double step) {
-  Figure f{.kind = Figure::Kind::series,
-           .title = "Noise, recording and twin: " + values.what,
-           .caption =
-               "Share of the pixels. Points: the recording; line: the simulated sensor with the sheet's "
-               "values at the same level.",
-           .x_label = "deviation [" + values.unit + "]",
-           .y_label = "share per " + values.unit};
+  Figure f{
+      .kind = Figure::Kind::series,
+      .title = "Noise, recording and twin: " + values.what,
+      .caption =
+          "Share of the pixels. Points: the recording; line: the simulated sensor with the sensor model's "
+          "values at the same level.",
+      .x_label = "deviation [" + values.unit + "]",
+      .y_label = "share per " + values.unit};
   const auto real = sorted(values.real), twin = sorted(values.twin);
   if (real.size() < 20 || twin.size() < 20) return f;
   const double a = std::min(at(real, 0.002), at(twin, 0.002)), b = std::max(at(real, 0.998), at(twin, 0.998));

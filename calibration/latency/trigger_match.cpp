@@ -12,7 +12,7 @@ TriggerMatch match_triggers(std::span<const std::int64_t> triggers_ns,
   std::int64_t least = std::numeric_limits<std::int64_t>::max();
   for (std::size_t i = 1; i < triggers_ns.size(); ++i)
     least = std::min(least, triggers_ns[i] - triggers_ns[i - 1]);
-  match.least_interval_ns = triggers_ns.size() > 1 ? least : 0;
+  match.minimum_interval_ns = triggers_ns.size() > 1 ? least : 0;
 
   std::size_t sample = static_cast<std::size_t>(
       std::lower_bound(arrivals_ns.begin(), arrivals_ns.end(), triggers_ns.front()) - arrivals_ns.begin());

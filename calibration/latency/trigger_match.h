@@ -21,9 +21,9 @@ struct TriggerMatch {
     std::size_t trigger, sample;  ///< indices of what was given
   };
   std::vector<Pair> pairs;
-  std::size_t without_sample = 0;      ///< triggers, the last one apart, whose sample may come after the end
-  std::size_t without_trigger = 0;     ///< samples after the first trigger that are not the first since one
-  std::int64_t least_interval_ns = 0;  ///< between two triggers; 0: there are not two
+  std::size_t without_sample = 0;   ///< triggers, the last one apart, whose sample may come after the end
+  std::size_t without_trigger = 0;  ///< samples after the first trigger that are not the first since one
+  std::int64_t minimum_interval_ns = 0;  ///< between two triggers; 0: there are not two
 };
 
 /// Both increasing, in nanoseconds of one clock. Any thread; allocates.

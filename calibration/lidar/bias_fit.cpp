@@ -198,8 +198,8 @@ class Fit : BiasProblem {
             shot / range);
     }
     const BeamErrors& first = s.errors.front();
-    if (model.walk) add("walk_m", first.walk_m, shot);
-    if (model.oblique) add("oblique_m", first.oblique_m, shot);
+    if (model.walk) add("remission_bias_m", first.remission_bias_m, shot);
+    if (model.oblique) add("incidence_bias_m", first.incidence_bias_m, shot);
     if (model.scale) add("range_scale", first.scale, shot / range);
     return out;
   }

@@ -25,7 +25,8 @@ struct BiasModel {
   std::string name;
   bool offset = false;  ///< one bias for all beams
   bool beams = false;   ///< a bias for each beam
-  bool angles = false;  ///< elevation and azimuth of each beam; the azimuth of beam 0 stays the sheet's
+  bool angles =
+      false;  ///< elevation and azimuth of each beam; the azimuth of beam 0 stays the sensor model's
   bool walk = false, oblique = false;
   bool scale = false;  ///< with surveyed planes alone: planes that are found scale with the ranges
 };
@@ -42,7 +43,7 @@ struct BiasFitOptions {
   double sector_rad = 0.174532925199433;  ///< of azimuth: what is withheld together
   /// Noise of one shot at remission E; empty: one number for all, from the residuals.
   std::function<double(double)> sigma_m{};
-  /// Noise of one shot's remission at E: what `walk_m` would be too small by. Empty: none.
+  /// Noise of one shot's remission at E: what `remission_bias_m` would be too small by. Empty: none.
   std::function<double(double)> remission_sigma{};
   StopToken stop{};
   std::function<void(double, double)> progress{};
@@ -65,8 +66,8 @@ struct BiasCell {
 
 struct BiasFit {
   /// Parameters by name: `beam_bias_m[i]` (`range_bias_m` for one bias of all), `beam_elevation_rad[i]`,
-  /// `beam_azimuth_rad[i]` (both as the sheet states them), `walk_m`, `oblique_m`, `range_scale`. Residuals
-  /// are those of single returns that were used.
+  /// `beam_azimuth_rad[i]` (both as the sensor model states them), `remission_bias_m`, `incidence_bias_m`,
+  /// `range_scale`. Residuals are those of single returns that were used.
   FitResult result;
   BiasModel model;
   std::vector<BeamErrors> errors;  ///< of each beam

@@ -95,8 +95,8 @@ VectorXd BiasProblem::values_of(const Layout& l, const State& s) const {
     if (l.azimuth(b) >= 0) value[l.azimuth(b)] = be.azimuth_rad;
   }
   const BeamErrors& first = s.errors.front();
-  if (l.walk() >= 0) value[l.walk()] = first.walk_m;
-  if (l.oblique() >= 0) value[l.oblique()] = first.oblique_m;
+  if (l.walk() >= 0) value[l.walk()] = first.remission_bias_m;
+  if (l.oblique() >= 0) value[l.oblique()] = first.incidence_bias_m;
   if (l.scale() >= 0) value[l.scale()] = first.scale - 1;
   return value;
 }

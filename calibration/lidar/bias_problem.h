@@ -66,8 +66,8 @@ struct State {
       if (const int i = l.bias(b); i >= 0) e.bias_m += d[i];
       if (const int i = l.elevation(b); i >= 0) e.elevation_rad += d[i];
       if (const int i = l.azimuth(b); i >= 0) e.azimuth_rad += d[i];
-      if (l.walk() >= 0) e.walk_m += d[l.walk()];
-      if (l.oblique() >= 0) e.oblique_m += d[l.oblique()];
+      if (l.walk() >= 0) e.remission_bias_m += d[l.walk()];
+      if (l.oblique() >= 0) e.incidence_bias_m += d[l.oblique()];
       if (l.scale() >= 0) e.scale += d[l.scale()];
     }
     for (std::size_t k = 0; k < q.size(); ++k)
@@ -81,8 +81,8 @@ struct State {
     for (BeamErrors& e : errors) {
       if (!m.beams) e.bias_m = m.offset ? mean : 0;
       if (!m.angles) e.elevation_rad = e.azimuth_rad = 0;
-      if (!m.walk) e.walk_m = 0;
-      if (!m.oblique) e.oblique_m = 0;
+      if (!m.walk) e.remission_bias_m = 0;
+      if (!m.oblique) e.incidence_bias_m = 0;
       if (!m.scale) e.scale = 1;
     }
   }
@@ -218,7 +218,7 @@ class BiasProblem {
     // Noise of the remission makes its column longer and the answer smaller by as much (errors in variables):
     // what it adds to the squares is known and is taken away.
     if (l.walk() >= 0) {
-      const double walk = s.errors.front().walk_m;
+      const double walk = s.errors.front().remission_bias_m;
       blur = std::min(blur, 0.5 * normal.h(l.walk(), l.walk()));
       normal.h(l.walk(), l.walk()) -= blur;
       normal.g[l.walk()] += blur * walk;

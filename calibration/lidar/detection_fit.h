@@ -30,7 +30,7 @@ struct DetectionFit {
   double farthest_m = 0;
 };
 /// Of each return its remission E and range; `relative` noise of E and its `unit`. The limit is told at the
-/// sheet's limit_range_m, or at 10 m. Any thread.
+/// sensor model's limit_range_m, or at 10 m. Any thread.
 [[nodiscard]] DetectionFit fit_detection(const std::vector<double>& remission,
                                          const std::vector<double>& range_m, double relative, double unit,
                                          const models::LidarDetection& sheet);

@@ -116,12 +116,12 @@ void put_into(models::LidarModel& m, const FitResult& f, const std::optional<Bia
     value("remission_gain[" + std::to_string(b) + "]", m.scan.beams[b].remission_gain);
   if (!bias) return;
   const BiasModel& k = bias->model;
-  value("walk_m", m.range.walk_m);
-  value("oblique_m", m.range.oblique_m);
+  value("remission_bias_m", m.range.remission_bias_m);
+  value("incidence_bias_m", m.range.incidence_bias_m);
   value("range_scale", m.range.scale);
   // Errors in the mean that the model has not were taken as none.
-  if (!k.walk) m.range.walk_m = 0;
-  if (!k.oblique) m.range.oblique_m = 0;
+  if (!k.walk) m.range.remission_bias_m = 0;
+  if (!k.oblique) m.range.incidence_bias_m = 0;
   if (k.offset || k.beams) m.range.bias_m = 0;
   for (std::size_t b = 0; b < m.scan.beams.size(); ++b) {
     models::LidarBeam& beam = m.scan.beams[b];
@@ -151,8 +151,8 @@ Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel
                          " scans were equal to others to the last bit and left out: they tell nothing new");
   if (returns.unknown_beams > 0)
     f.warnings.push_back(
-        std::to_string(returns.unknown_beams) + " returns of beams that the sheet does not have (" +
-        std::to_string(sheet.scan.beams.size()) + " beams) were left out: is it the right sheet?");
+        std::to_string(returns.unknown_beams) + " returns of beams that the sensor model does not have (" +
+        std::to_string(sheet.scan.beams.size()) + " beams) were left out: is it the right sensor model?");
   if (returns.scans < 2)
     f.warnings.push_back(
         "one scan: the noise is that of neighbouring shots on smooth surfaces, whose unevenness is in it");

@@ -1,5 +1,5 @@
 // A LiDAR from one recording: noise, walls, biases, remission; each by its own part, here put together as one
-// result and as the sheet that a simulated channel reads.
+// result and as the sensor model that a simulated channel reads.
 #pragma once
 
 #include <optional>
@@ -19,7 +19,7 @@ struct LidarFitOptions {
 
 struct LidarFit {
   FitResult result;          ///< all parameters; residuals are those of the ranges [m]
-  models::LidarModel model;  ///< the sheet with what was fitted in it
+  models::LidarModel model;  ///< the sensor model with what was fitted in it
   std::optional<NoiseFit> noise;
   std::optional<BiasFit> bias;
   PlaneSearch planes;

@@ -1,5 +1,6 @@
 // What a LiDAR measured, without its guess of where that lies: beam, azimuth of the rotor, range, remission.
-// The pose of each beam comes from a sheet (sensor-hal/models/lidar/lidar_model.h) and is itself fitted.
+// The pose of each beam comes from a sensor model (sensor-hal/models/lidar/lidar_model.h) and is itself
+// fitted.
 #pragma once
 
 #include <cstdint>
@@ -25,7 +26,7 @@ struct LidarReturns {
   std::uint32_t scans = 0;
   std::uint32_t duplicate_scans = 0;  ///< left out: equal to an earlier one to the last bit
   std::uint64_t second_returns = 0;   ///< left out: last returns behind the strongest
-  std::uint64_t unknown_beams = 0;    ///< left out: of a ring that the sheet has no beam for
+  std::uint64_t unknown_beams = 0;    ///< left out: of a ring that the sensor model has no beam for
 };
 
 /// Scans one after the other. One thread.
@@ -42,7 +43,7 @@ class ReturnCollector {
   std::unordered_set<std::uint64_t> seen_;
 };
 
-/// Remission E of the models (1: a white matt plate) for what the device told, by the sheet's scale.
+/// Remission E of the models (1: a white matt plate) for what the device told, by the sensor model's scale.
 [[nodiscard]] double remission_from_units(const models::LidarRemission& r, double units, double range_m);
 
 }  // namespace rigor::calibration

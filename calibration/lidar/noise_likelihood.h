@@ -69,8 +69,8 @@ inline std::array<bool, 4> free_of(const Shape& s) { return {s.floor, s.scale, s
 
 class Likelihood {
  public:
-  Likelihood(const std::vector<Bin>& bins, double step_m, double least_remission)
-      : bins_(bins), step_m_(step_m), least_(least_remission) {}
+  Likelihood(const std::vector<Bin>& bins, double step_m, double minimum_remission)
+      : bins_(bins), step_m_(step_m), least_(minimum_remission) {}
 
   [[nodiscard]] double variance(const NoiseModel& m, double remission) const {
     const double s = m.sigma_m(std::max(remission, least_));

@@ -108,7 +108,7 @@ PlaneSearch find_planes(const LidarReturns& returns, const models::LidarScan& sc
   Cells cells(scan.beams.size());
   std::vector<char> free(spots.size(), 1);
   const auto least = std::max<std::size_t>(
-      20, static_cast<std::size_t>(options.least_share * static_cast<double>(spots.size())));
+      20, static_cast<std::size_t>(options.minimum_share * static_cast<double>(spots.size())));
 
   while (static_cast<int>(out.planes.size()) < options.most_planes) {
     std::vector<std::size_t> left;

@@ -27,8 +27,8 @@ struct PlaneSearch {
 
 /// How a search judges; lengths are relative to the median range, so that units do not matter.
 struct PlaneSearchOptions {
-  double tolerance = 0.04;   ///< of the median range: biases and noise, not the wall's own shape
-  double least_share = 0.1;  ///< of all returns
+  double tolerance = 0.04;     ///< of the median range: biases and noise, not the wall's own shape
+  double minimum_share = 0.1;  ///< of all returns
   int most_planes = 8;
   std::uint64_t seed = 1;
 };

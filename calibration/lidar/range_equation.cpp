@@ -26,13 +26,14 @@ PredictedRange predict_range(const models::LidarBeam& b, const BeamErrors& e, do
   p.d_walk = 1 - std::min(remission, 1.0);
   p.d_oblique = 1 - p.cos_incidence;
   p.d_scale_m = r;
-  p.range_m = r + models::LidarMath<double>::lidar_range_error_m(r, e.scale, e.bias_m, e.walk_m, remission,
-                                                                 e.oblique_m, p.cos_incidence);
+  p.range_m =
+      r + models::LidarMath<double>::lidar_range_error_m(r, e.scale, e.bias_m, e.remission_bias_m, remission,
+                                                         e.incidence_bias_m, p.cos_incidence);
   const auto d_cos = [&](const Vector3d& d_u) { return sign * q.dot(d_u) / length; };
-  p.d_elevation_m = -e.scale * r * q.dot(u_e) / across - e.oblique_m * d_cos(u_e);
-  p.d_azimuth_m = -e.scale * (q.dot(o_a) + r * q.dot(u_a)) / across - e.oblique_m * d_cos(u_a);
+  p.d_elevation_m = -e.scale * r * q.dot(u_e) / across - e.incidence_bias_m * d_cos(u_e);
+  p.d_azimuth_m = -e.scale * (q.dot(o_a) + r * q.dot(u_a)) / across - e.incidence_bias_m * d_cos(u_a);
   p.d_q_m2 = -e.scale * (o + r * u) / across -
-             e.oblique_m * (sign * u / length - p.cos_incidence * q / (length * length));
+             e.incidence_bias_m * (sign * u / length - p.cos_incidence * q / (length * length));
   return p;
 }
 

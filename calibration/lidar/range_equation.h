@@ -16,8 +16,8 @@ namespace rigor::calibration {
 /// Errors of the ranges of one beam on one plane.
 struct BeamErrors {
   double bias_m = 0, elevation_rad = 0,
-         azimuth_rad = 0;  ///< elevation and azimuth: to be added to the sheet's
-  double walk_m = 0, oblique_m = 0, scale = 1;
+         azimuth_rad = 0;  ///< elevation and azimuth: to be added to the sensor model's
+  double remission_bias_m = 0, incidence_bias_m = 0, scale = 1;
 };
 
 struct PredictedRange {
@@ -28,7 +28,7 @@ struct PredictedRange {
   Eigen::Vector3d d_q_m2{0, 0, 0};
 };
 
-/// `beam` is the sheet's; `remission` is E. Any thread.
+/// `beam` is the sensor model's; `remission` is E. Any thread.
 [[nodiscard]] PredictedRange predict_range(const models::LidarBeam& beam, const BeamErrors& errors,
                                            double azimuth_rad, double remission,
                                            const Eigen::Vector3d& q_per_m);

@@ -228,7 +228,8 @@ class RangeNoiseFit {
       retro_sigma_ = std::sqrt(without_rounding(retro_square / retro_dof, step_m_));
       retro_uncertainty_ = retro_sigma_ / std::sqrt(2 * retro_dof);
     }
-    // Where a good part lies above white, the sheet's scale is not this device's: no retro-reflectors then.
+    // Where a good part lies above white, the sensor model's scale is not this device's: no retro-reflectors
+    // then.
     if (by.empty() || retro_dof > 0.2 * (dof + retro_dof)) {
       by.clear();
       square = dof = 0;

@@ -47,7 +47,7 @@ Eigen::Vector3d plane_change(const Eigen::Isometry3d& from, const Eigen::Isometr
 Result<BoardPose> pose_of_board(const BoardView& view, const CameraModel& camera) {
   if (view.width_px != camera.width_px || view.height_px != camera.height_px)
     return fail(ErrorCode::bad_input, view.name,
-                "expected a picture of the sheet's size " + std::to_string(camera.width_px) + "x" +
+                "expected a picture of the sensor model's size " + std::to_string(camera.width_px) + "x" +
                     std::to_string(camera.height_px) + ", got " + std::to_string(view.width_px) + "x" +
                     std::to_string(view.height_px));
   BoardView ideal = view;

@@ -153,7 +153,7 @@ class Fitter {
   }
 
  private:
-  /// What is known to no use makes others worse: it stays as it is in the sheet, and is told.
+  /// What is known to no use makes others worse: it stays as it is in the sensor model, and is told.
   void hold_the_open() {
     bool again = false;
     for (std::size_t k = 0; k < columns_; ++k) {

@@ -26,7 +26,7 @@ struct CloudPairOptions : PairOptions {
   double sigma_m = 0.02;        ///< of one range, roughly
   double remission_max = 0;     ///< brighter ones are not compared (saturation); 0: all
   bool mount = true;
-  /// Of the sheet, of a return with this remission (device's unit) and range; null: sigma_m.
+  /// Of the sensor model, of a return with this remission (device's unit) and range; null: sigma_m.
   std::function<double(double remission, double range_m)> sheet_sigma_m{};
 };
 
@@ -42,9 +42,9 @@ struct CloudPairFit : PairFit {
 /// bad_input: no pairs, clouds that cannot be compared.
 [[nodiscard]] Result<CloudPairFit> fit_cloud_pair(const ForEachPair& pairs, const CloudPairOptions& options);
 
-/// By which factor the device's noise differs from the sheet's, from levels whose `level` is the sheet's
-/// variance: weighted mean of (level + difference)/level. `chi2` over their number less 1: whether one factor
-/// is enough.
+/// By which factor the device's noise differs from the sensor model's, from levels whose `level` is the
+/// sensor model's variance: weighted mean of (level + difference)/level. `chi2` over their number less 1:
+/// whether one factor is enough.
 struct NoiseFactor {
   double factor = 1, sigma = 0, chi2 = 0;  ///< of the standard deviation
   int levels = 0;

@@ -65,7 +65,8 @@ struct NoiseLevel {
 };
 
 struct PairFit {
-  /// Of the device against the twin's sheet; not_identifiable, warnings, weak directions; residuals after.
+  /// Of the device against the twin's sensor model; not_identifiable, warnings, weak directions; residuals
+  /// after.
   FitResult change;
   std::vector<double> one_step;  ///< by parameter: the first pass alone
   int passes = 0;

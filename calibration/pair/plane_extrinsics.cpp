@@ -160,9 +160,10 @@ Eigen::Matrix3d plane_covariance_of(const PlaneSighting& s) {
 }
 
 /// What the first sensor says of its planes comes from the scatter of corners. Where the planes are farther
-/// off than that (corners that are pulled aside alike, a lens that is not the sheet's) the views show by how
-/// much: the factor of their covariance with which the median view's difference from the points' own plane is
-/// what chi-squared with three degrees has in its middle, 2.366. Never below 1, and 1 where it may be chance.
+/// off than that (corners that are pulled aside alike, a lens that is not the sensor model's) the views show
+/// by how much: the factor of their covariance with which the median view's difference from the points' own
+/// plane is what chi-squared with three degrees has in its middle, 2.366. Never below 1, and 1 where it may
+/// be chance.
 double plane_variance_scale(const std::vector<PlaneSighting>& sightings,
                             const Eigen::Isometry3d& T_first_second, double sigma_point_m) {
   if (sightings.size() < 5) return 1;
@@ -432,7 +433,7 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneSighting>& s
     out.result.warnings.push_back("the first sensor's planes are " +
                                   std::to_string(out.plane_scale).substr(0, 4) +
                                   " times as uncertain as its corners say, and were taken so: its lens is "
-                                  "not quite the sheet's, or the "
+                                  "not quite the sensor model's, or the "
                                   "board is not flat");
   if (out.result.scale > 1.5)
     out.result.warnings.push_back(

@@ -46,7 +46,7 @@ void PhotonProblem::after(PhotonModel& m, LeastSquares::Outcome&) {
   if (m.two_gains)
     r.warnings.push_back(photon_text(
         "the gain changes at %.5g DN above black: %.4g DN/e below, %.4g above. The simulator's model has one "
-        "gain: the sheet gets that below",
+        "gain: the sensor model gets that below",
         m.break_dn, m.p[kGain], m.upper[0]));
   r.warnings.insert(r.warnings.end(), st_.warnings.begin(), st_.warnings.end());
   double s0 = 1e300, s1 = 0, t0 = 1e300, t1 = 0;

@@ -46,7 +46,7 @@ double PhotonResponse::inverse(double y) const {
   return x;
 }
 bool PhotonResponse::rising() const {
-  if (std::abs(c[0]) > 1 || std::abs(c[1]) > 1) return false;  // the sheet's bounds
+  if (std::abs(c[0]) > 1 || std::abs(c[1]) > 1) return false;  // the sensor model's bounds
   for (int i = 0; i <= 20; ++i)
     if (slope(full_scale_dn * i / 20 * 0.9999) < 0.05) return false;
   return true;

@@ -17,7 +17,7 @@ struct PhotonResponse {
   [[nodiscard]] double slope(double x_dn) const;
   /// x of y; the response rises, so there is one.
   [[nodiscard]] double inverse(double y_dn) const;
-  /// Rises over the whole range, within what a sheet may say.
+  /// Rises over the whole range, within what a sensor model may say.
   [[nodiscard]] bool rising() const;
 };
 

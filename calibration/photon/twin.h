@@ -1,5 +1,6 @@
 // The simulated twin of a calibrated sensor's noise: the levels of the recording, measured again by the
-// simulator's own pixel (sensor-hal/models/emva_noise.glsl.h) with the sheet's values, to be laid beside it.
+// simulator's own pixel (sensor-hal/models/emva_noise.glsl.h) with the sensor model's values, to be laid
+// beside it.
 #pragma once
 
 #include <array>
@@ -25,7 +26,7 @@ struct NoisePair {
 };
 
 /// Levels that counted in the fit. `sheet` has the fitted values; what the fit does not know is the base
-/// sheet's. The same for the same seed. Empty where there is no gain.
+/// sensor model's. The same for the same seed. Empty where there is no gain.
 [[nodiscard]] std::vector<NoisePair> noise_twins(const FrameStacks& stacks, const PhotonFit& fit,
                                                  const EmvaNoise& sheet, std::uint64_t seed);
 

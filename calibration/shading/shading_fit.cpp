@@ -180,7 +180,7 @@ Result<ShadingFit> fit_shading(const std::vector<ShadingCell>& cells, const Came
     return fail(ErrorCode::bad_input, "",
                 "expected 16 cells or more with a ray, got " +
                     std::to_string(cells.size() - problem.without()) +
-                    ": does the base sheet's picture size fit the flat field?");
+                    ": does the base sensor model's picture size fit the flat field?");
   if (problem.r_max() < 0.02)
     return fail(ErrorCode::bad_input, "",
                 "expected a picture that reaches at least 1 degree off the axis, got " +

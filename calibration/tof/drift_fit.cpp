@@ -448,17 +448,18 @@ Result<DriftFit> fit_drift(std::span<const double> range_m, double period_s, con
   const AllanPoint* limit =
       model.walk || model.correlated ? averaging_limit(out.allan, out.white_m) : nullptr;
   if (limit) out.averaging_limit = limit->averaged;
-  out.least_deviation_m = 1e300;
+  out.minimum_deviation_m = 1e300;
   for (const AllanPoint& p : out.allan)
-    if (p.deviation < out.least_deviation_m) out.least_deviation_m = p.deviation, out.least_tau_s = p.tau_s;
+    if (p.deviation < out.minimum_deviation_m)
+      out.minimum_deviation_m = p.deviation, out.minimum_tau_s = p.tau_s;
   if (out.averaging_limit > 0) {
     char text[300];
     std::snprintf(
         text, sizeof text,
         "averaging gains as 1/sqrt(N) up to about %zu readings (%.3g s); the least Allan deviation is "
         "%.3g m at %.3g s: no mean of this sensor is better than that, however many readings it has",
-        out.averaging_limit, static_cast<double>(out.averaging_limit) * period_s, out.least_deviation_m,
-        out.least_tau_s);
+        out.averaging_limit, static_cast<double>(out.averaging_limit) * period_s, out.minimum_deviation_m,
+        out.minimum_tau_s);
     r.warnings.emplace_back(text);
   }
   std::vector<double> residuals;

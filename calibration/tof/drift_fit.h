@@ -41,8 +41,8 @@ struct DriftFit {
   double step_m = 0;  ///< all values are whole multiples of it; 0: of none
   /// Beyond this many samples averaging does not gain as 1/√n; 0: to the end of the recording it does.
   std::size_t averaging_limit = 0;
-  double least_deviation_m = 0;  ///< of the Allan deviations
-  double least_tau_s = 0;
+  double minimum_deviation_m = 0;  ///< of the Allan deviations
+  double minimum_tau_s = 0;
 };
 
 /// A series at equal steps; NaN where nothing was measured. bad_input: fewer than 100 values, values that are

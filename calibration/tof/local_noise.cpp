@@ -95,10 +95,10 @@ Result<LocalNoise> spatial_noise(std::span<const TofFrame> frames, const Spatial
       }
   }
   out.windows = windows.size();
-  if (windows.size() < options.least_windows)
+  if (windows.size() < options.minimum_windows)
     return fail(ErrorCode::bad_input, "noise against amplitude",
-                (amplitudes ? "expected at least " + std::to_string(options.least_windows) + " windows of " +
-                                  std::to_string(n) + "x" + std::to_string(n) +
+                (amplitudes ? "expected at least " + std::to_string(options.minimum_windows) +
+                                  " windows of " + std::to_string(n) + "x" + std::to_string(n) +
                                   " px with ranges and amplitudes in all pixels and no edge, got " +
                                   std::to_string(windows.size())
                             : std::string("expected pictures of ranges with amplitudes, got none")));
@@ -121,7 +121,7 @@ Result<LocalNoise> spatial_noise(std::span<const TofFrame> frames, const Spatial
       inverses.push_back(w.inverse);
       squares.push_back(w.inverse_square);
     }
-    if (variances.size() < options.least_windows) continue;
+    if (variances.size() < options.minimum_windows) continue;
     NoiseBin bin;
     bin.samples = variances.size();
     // Steps and texture inside windows make a tail: the median of the windows does not see it.

@@ -22,7 +22,7 @@ struct SpatialNoiseOptions {
   /// Windows where the amplitude varies by more than this factor hold an edge and are left out.
   double max_amplitude_ratio = 2;
   int bins = 24;
-  std::size_t least_windows = 30;  ///< of a group
+  std::size_t minimum_windows = 30;  ///< of a group
 };
 
 struct NoiseSample {

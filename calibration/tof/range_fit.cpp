@@ -106,7 +106,7 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
                             const NoiseCoefficients* noise, const RangeFitOptions& options) {
   if (scenes.width_px != model.width_px || scenes.height_px != model.height_px)
     return fail(ErrorCode::bad_input, scenes.frames.front().name,
-                fmt::format("expected pictures of {}x{} px as the base sheet has them, got {}x{}",
+                fmt::format("expected pictures of {}x{} px as the base sensor model has them, got {}x{}",
                             model.width_px, model.height_px, scenes.width_px, scenes.height_px));
   RangeProblem problem(scenes, model, noise, options.distance_sigma_m, options.reject_sigmas);
   if (problem.scenes().empty())

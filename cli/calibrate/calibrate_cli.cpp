@@ -22,16 +22,18 @@ struct CalibrateCommandLine::Impl {
   std::vector<CalibrateSubcommand> subcommands;
 };
 
-void add_common_options(CommandOptions& app, CalibrateOptions& o, const char* inputs) {
-  app.add_option("INPUT", o.inputs, inputs).required();
-  app.add_option("-o,--output", o.output, "Sheet to write (YAML), which a simulated channel reads");
-  app.add_option("--base", o.base, "Sheet that the values go into; what was not fitted stays as it is there")
+void add_common_options(CommandOptions& app, CalibrationInputs& from, CalibrateOutput& output,
+                        const char* inputs) {
+  app.add_option("INPUT", from.inputs, inputs).required();
+  app.add_option("-o,--output", output.output, "Sheet to write (YAML), which a simulated channel reads");
+  app.add_option("--base", from.base,
+                 "Sheet that the values go into; what was not fitted stays as it is there")
       .config_file();
-  app.add_option("--model", o.model, "auto: the smallest that the data support; or a model by name");
-  app.add_option("--report", o.report, "Write an HTML report into this folder");
-  app.add_option("--channel", o.channel, "Channel of a recording");
-  app.add_flag("--force", o.force, "Write over a sheet that is there");
-  app.add_flag("--json", o.json, "Print the result as JSON");
+  app.add_option("--model", from.model, "auto: the smallest that the data support; or a model by name");
+  app.add_option("--report", output.report, "Write an HTML report into this folder");
+  app.add_option("--channel", from.channel, "Channel of a recording");
+  app.add_flag("--force", output.force, "Write over a sensor model that is there");
+  app.add_flag("--json", output.json, "Print the result as JSON");
 }
 
 CalibrateCommandLine::CalibrateCommandLine(CLI::App& app) : impl_(std::make_unique<Impl>()) {

@@ -1,505 +1,43 @@
-// `rigor calibrate tof`: wiggling, offsets, noise, saturation and drift of time-of-flight sensors.
-#include <fmt/format.h>
-
-#include <algorithm>
-#include <cmath>
 #include <memory>
-#include <optional>
 
-#include "bench/console/progress.h"
-#include "calibration/tof/drift_fit.h"
-#include "calibration/tof/range_fit.h"
-#include "calibration/tof/saturation.h"
-#include "calibration/tof/twin.h"
+#include "calibration/procedures/tof_calibration.h"
 #include "cli/calibrate/calibrate.h"
-#include "cli/calibrate/tof_figures.h"
-#include "cli/calibrate/tof_inputs.h"
-#include "cli/calibrate/tof_lens.h"
-#include "cli/calibrate/tof_sheet.h"
-#include "rt-core/stop.h"
-#include "sensor-hal/models/camera_model.h"
-#include "sensor-hal/models/tof/tof_yaml.h"
 
 namespace rigor {
-namespace {
-
-using namespace calibration;
-
-struct TofOptions : CalibrateOptions {
-  std::vector<std::string> raw;
-  std::vector<std::filesystem::path> board;
-  std::string target;
-  std::string distances, unit = "mm", amplitude_unit, noise = "auto";
-  double distance_sigma_m = -1, period_s = 0;
-  int window_px = 7;
-};
-
-/// Which of the models that `--model` names belongs to what.
-struct Chosen {
-  std::optional<RangeModel> range;
-  std::optional<NoiseLaw> noise;
-  std::string drift = "auto";
-};
-
-Result<Chosen> parse_models(const std::string& text) {
-  Chosen out;
-  if (text == "auto") return out;
-  for (std::size_t at = 0; at <= text.size();) {
-    const std::size_t end = std::min(text.find(',', at), text.size());
-    const std::string name = text.substr(at, end - at);
-    at = end + 1;
-    if (const auto r = parse_range_model(name)) {
-      out.range = *r;
-    } else if (const auto n = parse_noise_law(name)) {
-      out.noise = *n;
-    } else if (name == "white" || name == "random_walk" || name == "correlated" ||
-               name == "correlated+random_walk") {
-      out.drift = name;
-    } else {
-      std::string laws;
-      for (const NoiseLaw law : kNoiseLaws) laws += ", " + std::string(noise_law_name(law));
-      return fail(
-          ErrorCode::bad_input, "--model",
-          "expected auto, or names with commas between them: of the wiggling (none, harmonics1 … harmonics4, "
-          "bspline, each with +amplitude), of the noise (" +
-              laws.substr(2) +
-              "), of a series (white, random_walk, correlated, correlated+random_walk); got " + name);
-    }
-  }
-  return out;
-}
-
-void merge(FitResult& into, const FitResult& part, const std::string& what) {
-  const Eigen::Index n = static_cast<Eigen::Index>(into.parameters.size()),
-                     m = static_cast<Eigen::Index>(part.parameters.size());
-  Eigen::MatrixXd c = Eigen::MatrixXd::Zero(n + m, n + m);
-  if (n > 0) c.topLeftCorner(n, n) = into.covariance;
-  if (m > 0) c.bottomRightCorner(m, m) = part.covariance;
-  into.covariance = c;
-  into.parameters.insert(into.parameters.end(), part.parameters.begin(), part.parameters.end());
-  for (Candidate k : part.candidates) {
-    k.name = what + ": " + k.name;
-    into.candidates.push_back(std::move(k));
-  }
-  const auto append = [](auto& a, const auto& b) { a.insert(a.end(), b.begin(), b.end()); };
-  append(into.weak, part.weak);
-  append(into.warnings, part.warnings);
-  append(into.rejected, part.rejected);
-  for (const auto& span : part.validity)
-    if (std::none_of(into.validity.begin(), into.validity.end(),
-                     [&](const auto& s) { return s.name == span.name; }))
-      into.validity.push_back(span);
-  append(into.not_identifiable, part.not_identifiable);
-  if (!part.model.empty()) into.model += (into.model.empty() ? "" : ",") + part.model;
-  if (into.residuals.count == 0) into.residuals = part.residuals;
-  into.interrupted = into.interrupted || part.interrupted;
-}
-
-nlohmann::json quantile_json(const std::vector<double>& real, const std::vector<double>& twin) {
-  nlohmann::json out;
-  const auto a = quantiles_of(real), b = quantiles_of(twin);
-  for (std::size_t i = 0; i < kTwinQuantiles.size(); ++i) {
-    out["quantile"].push_back(kTwinQuantiles[i]);
-    out["recording_m"].push_back(a[i]);
-    out["twin_m"].push_back(b[i]);
-  }
-  return out;
-}
-
-void add_drift(CalibrationProduct& product, const DriftFit& fit, const std::string& where) {
-  FitResult part = fit.result;
-  part.model = "";
-  merge(product.fit, part, "over time");
-  product.fit.model += (product.fit.model.empty() ? "" : ",") + fit.result.model;
-  const std::vector<double> twin = twin_of_series(fit, fit.series.size(), 1);
-  for (Figure& f : drift_figures(fit, twin)) product.figures.push_back(std::move(f));
-  std::vector<double> real(fit.series), other(twin);
-  about_own_mean(real, fit.step_m), about_own_mean(other, fit.step_m);
-  auto& j = product.more["drift"];
-  j = {{"series", where},
-       {"readings", fit.series.size()},
-       {"period_s", fit.period_s},
-       {"step_m", fit.step_m},
-       {"averaging_limit_readings", fit.averaging_limit},
-       {"least_allan_deviation_m", fit.least_deviation_m},
-       {"least_at_s", fit.least_tau_s},
-       {"twin", quantile_json(real, other)}};
-  j["allan"] = nlohmann::json::array();
-  for (const AllanPoint& p : fit.allan)
-    j["allan"].push_back({{"tau_s", p.tau_s},
-                          {"readings", p.averaged},
-                          {"deviation_m", p.deviation},
-                          {"low_m", p.low},
-                          {"high_m", p.high},
-                          {"degrees_of_freedom", p.freedom},
-                          {"noise_exponent", p.exponent}});
-  if (fit.averaging_limit == 0)
-    product.record_next.push_back(
-        "a longer recording at rest: averaging still helps at its end, so that drift is not "
-        "seen yet");
-}
-
-/// Mean of each frame over the pixels that all frames of the scene have.
-std::vector<double> frame_means(const TofScenes& scenes, const TofScene& scene) {
-  std::vector<double> sum(scene.frames.size(), 0);
-  std::size_t count = 0;
-  for (std::size_t p = 0; p < scenes.pixels(); ++p) {
-    const bool all = std::all_of(scene.frames.begin(), scene.frames.end(),
-                                 [&](std::size_t i) { return std::isfinite(scenes.frames[i].range_m[p]); });
-    if (!all) continue;
-    ++count;
-    for (std::size_t k = 0; k < scene.frames.size(); ++k) sum[k] += scenes.frames[scene.frames[k]].range_m[p];
-  }
-  if (count == 0) return {};
-  for (double& v : sum) v /= static_cast<double>(count);
-  return sum;
-}
-
-/// Depths become ranges where the rays are known.
-void to_ranges(std::vector<TofFrame>& frames, const models::TofModel& model) {
-  const CameraModel camera = model.camera();
-  for (TofFrame& f : frames)
-    for (std::size_t p = 0; p < f.range_m.size(); ++p) {
-      const auto width = static_cast<std::size_t>(f.width_px);
-      const auto ray =
-          unproject_ray(camera, {static_cast<double>(p % width), static_cast<double>(p / width)});
-      f.range_m[p] = ray && ray->z > 0.05
-                         ? static_cast<float>(f.range_m[p] * std::hypot(ray->x, ray->y, ray->z) / ray->z)
-                         : std::numeric_limits<float>::quiet_NaN();
-    }
-}
-
-int series_command(const TofOptions& o, const Chosen& chosen,
-                   const std::vector<std::filesystem::path>& files) {
-  const auto wrong = [&](const Error& e) { return report_error(e, o.json); };
-  CalibrationProduct product;
-  product.title = "Time of flight: readings over time";
-  product.recipe.kind = "tof";
-  StopSource stop;
-  SignalStop signals(stop);
-  if (files.size() != 1)
-    return wrong(
-        {ErrorCode::bad_input, "INPUT", "expected one series of readings at a time, got several CSV files"});
-  const auto series = read_series(files[0], o.unit, o.period_s);
-  if (!series) return wrong(series.error());
-  std::optional<ProgressTask> fitting(std::in_place, fmt::format("fit {} readings", series->range_m.size()));
-  const auto fit =
-      fit_drift(series->range_m, series->period_s,
-                {.model = chosen.drift, .name = files[0].filename().string(), .stop = stop.token()});
-  fitting.reset();
-  if (!fit) return wrong(fit.error());
-  product.inputs = files;
-  add_drift(product, *fit, files[0].filename().string());
-  product.fit.residuals = fit->result.residuals;
-  for (const std::string& w : series->warnings) product.fit.warnings.push_back(w);
-  product.fit.not_identifiable.emplace_back(
-      "noise against amplitude",
-      "the series has no amplitudes; record them, on surfaces of several remissions");
-  return finish_calibration(o, std::move(product));
-}
-
-/// The model's rays become those of the lens that was found.
-void use_lens(const TofLens& lens, models::TofModel& model, CalibrationProduct& product) {
-  const CameraModel& c = lens.fit.camera;
-  model.fx_px = c.fx_px, model.fy_px = c.fy_px, model.cx_px = c.cx_px, model.cy_px = c.cy_px;
-  model.lens = c.lens;
-  merge(product.fit, lens.fit.result, "lens");
-  product.fit.residuals = lens.fit.result.residuals;
-  for (const std::string& n : lens.notes) product.fit.warnings.push_back(n);
-  for (const Figure& f : lens.figures) product.figures.push_back(f);
-  auto& j = product.more["lens"];
-  j = {{"model", lens.fit.result.model},
-       {"rms_per_corner_px", lens.fit.rms_per_corner_px},
-       {"pictures", lens.frames},
-       {"with_board", lens.boards}};
-  for (std::size_t v = 0; v < lens.view_names.size(); ++v)
-    j["views"].push_back(
-        {{"name", lens.view_names[v]},
-         {"rms_px", std::isfinite(lens.fit.view_rms_px[v]) ? nlohmann::json(lens.fit.view_rms_px[v])
-                                                           : nlohmann::json(nullptr)}});
-}
-
-int calibrate_tof(const TofOptions& o) {
-  const auto wrong = [&](const Error& e) { return report_error(e, o.json); };
-  if (auto s = check_outputs(o, o.board); !s) return wrong(s.error());
-  if (!o.output.empty() && o.base.empty())
-    return wrong(
-        {ErrorCode::bad_input, "--output",
-         "expected --base with it: a sheet of the same kind of camera, whose modulation, lens and light "
-         "are not fitted (configs/sensors has some)"});
-  const auto chosen = parse_models(o.model);
-  if (!chosen) return wrong(chosen.error());
-  std::vector<std::filesystem::path> recordings, series;
-  if (!o.inputs.empty()) {
-    const auto files = input_files(o.inputs, {".mcap", ".csv"});
-    if (!files) return wrong(files.error());
-    for (const auto& f : *files) (f.extension() == ".csv" ? series : recordings).push_back(f);
-  }
-  if (o.board.empty() != o.target.empty())
-    return wrong({ErrorCode::bad_input, "--board",
-                  "expected --board RECORDING… and --target chessboard:9x6:0.03 together"});
-  if (!o.board.empty() && o.base.empty())
-    return wrong(
-        {ErrorCode::bad_input, "--board", "expected --base with it: the sheet whose lens it replaces"});
-  if (recordings.empty() && o.raw.empty() && o.board.empty()) {
-    if (series.empty())
-      return wrong({ErrorCode::bad_input, "INPUT",
-                    "expected recordings (.mcap), a series (.csv), --raw or --board, got none"});
-    return series_command(o, *chosen, series);
-  }
-
-  std::optional<models::TofModel> base;
-  if (!o.base.empty()) {
-    auto loaded = load_tof_model(o.base);
-    if (!loaded) return wrong(loaded.error());
-    base = *loaded;
-  }
-  StopSource stop;
-  SignalStop signals(stop);
-  CalibrationProduct product;
-  product.title = "Time-of-flight calibration";
-  FitResult& fit = product.fit;
-  std::optional<TofLens> lens;
-  if (!o.board.empty()) {
-    auto made = fit_tof_lens({.recordings = o.board,
-                              .channel = o.channel,
-                              .target = o.target,
-                              .width_px = base->width_px,
-                              .height_px = base->height_px,
-                              .stop = stop.token()});
-    if (!made) return wrong(made.error());
-    lens = std::move(*made);
-    use_lens(*lens, *base, product);
-    if (recordings.empty() && o.raw.empty()) {
-      product.inputs = o.board;
-      set_tof_sheet(product.recipe, fit, {.lens = &lens->fit});
-      return finish_calibration(o, std::move(product));
-    }
-  }
-  TofInputs inputs;
-  bool depth = false;
-  std::optional<ProgressTask> progress(std::in_place, "read");
-  if (auto s = add_recordings(recordings, o.channel, o.distances, inputs); !s) return wrong(s.error());
-  for (const std::string& raw : o.raw)
-    if (auto s = add_raw(raw, inputs, depth); !s) return wrong(s.error());
-  if (base && depth) {
-    for (const TofFrame& f : inputs.frames)
-      if (f.width_px != base->width_px || f.height_px != base->height_px)
-        return wrong({ErrorCode::bad_input, f.name,
-                      fmt::format("expected pictures of {}x{} px as the base sheet has them, got {}x{}",
-                                  base->width_px, base->height_px, f.width_px, f.height_px)});
-    to_ranges(inputs.frames, *base);
-  }
-  progress.emplace("fit the noise");
-  auto scenes = sort_scenes(std::move(inputs.frames), inputs.scene_of);
-  if (!scenes) return wrong(scenes.error());
-
-  product.inputs = inputs.files;
-  product.inputs.insert(product.inputs.end(), o.board.begin(), o.board.end());
-  for (const std::string& w : inputs.warnings) fit.warnings.push_back(w);
-  for (const std::string& w : scenes->notes) fit.warnings.push_back(w);
-  product.more["quantity"] = depth && !base ? "depth" : "range";
-
-  // ---- noise against amplitude; once the wiggling is known, once more with it
-  const bool counts = o.amplitude_unit.empty() ? !o.raw.empty() : o.amplitude_unit == "counts";
-  bool repeated = false;
-  for (const TofScene& s : scenes->scenes) repeated = repeated || s.frames.size() > 1;
-  const bool temporal = o.noise == "temporal" || (o.noise == "auto" && repeated);
-  models::TofModel model = base.value_or(models::TofModel{});
-  if (!base) model.modulation.frequencies_hz = {1e5};  // where ranges wrap is not known: nowhere near
-  model.modulation.waveform = models::TofWaveform::sine;
-  model.modulation.harmonics = {};
-  const auto measure = [&] {
-    return temporal ? temporal_noise(*scenes, model)
-                    : spatial_noise(scenes->frames, {.window_px = o.window_px});
-  };
-  auto noise = measure();
-  NoiseLawOptions law_options;
-  if (chosen->noise) law_options.laws = {*chosen->noise};
-  Result<NoiseLawFit> law = fail(ErrorCode::bad_input, "", "");
-  if (noise) law = fit_noise_law(noise->bins, law_options);
-
-  // ---- planes at known distances
-  const bool placed = std::any_of(scenes->scenes.begin(), scenes->scenes.end(),
-                                  [](const TofScene& s) { return std::isfinite(s.distance_m); });
-  std::optional<RangeFit> ranges;
-  if (placed && !base)
-    return wrong(
-        {ErrorCode::bad_input, "--distances",
-         "expected --base with it: where rays go and where ranges wrap stands in the camera's sheet"});
-  if (placed) {
-    RangeFitOptions ro;
-    if (chosen->range) ro.models = {*chosen->range};
-    ro.distance_sigma_m = o.distance_sigma_m;
-    ro.stop = stop.token();
-    progress.emplace("fit the ranges", 1);
-    ro.progress = [&](double share, double) { progress->set(share); };
-    models::TofModel start = *base;
-    auto r = fit_ranges(*scenes, start, law ? &law->noise : nullptr, ro);
-    if (!r) return wrong(r.error());
-    ranges = std::move(*r);
-    progress.emplace("fit");
-    merge(fit, ranges->result, "wiggling");
-    fit.residuals = ranges->result.residuals;
-    fit.scale = ranges->result.scale;
-    product.more["distance_sigma_m"] = ranges->distance_sigma_m;
-    for (const SceneFit& s : ranges->scenes)
-      product.more["scenes"].push_back({{"name", s.name},
-                                        {"distance_m", s.distance_m},
-                                        {"error_m", s.error_m},
-                                        {"rms_m", s.rms_m},
-                                        {"samples", s.samples},
-                                        {"rejected", s.rejected},
-                                        {"wrapped", s.wrapped},
-                                        {"used", s.used}});
-    if (!ranges->model.spline && temporal && law) {
-      model.modulation.waveform = models::TofWaveform::harmonics;
-      model.modulation.harmonics = ranges->harmonics;
-      noise = measure();
-      if (noise) law = fit_noise_law(noise->bins, law_options);
-    }
-    for (Figure& f : range_figures(*ranges, scenes->width_px)) product.figures.push_back(std::move(f));
-    if (ranges->scenes.size() == 1)
-      product.record_next.push_back(
-          "the plane at eight distances or more, over an eighth of the modulation's "
-          "wavelength (1.25 m at 30 MHz) and beyond");
-  } else {
-    fit.not_identifiable.emplace_back(
-        "wiggling, range_offset_m",
-        "no distances are known; record a plane at known distances (--distances)");
-  }
-
-  if (law) {
-    merge(fit, law->result, "noise");
-    if (!ranges) fit.residuals = law->result.residuals;
-    product.more["noise"] = {
-        {"estimator", noise->estimator + (depth && !base ? "; of depth, not range" : "")},
-        {"law", noise_law_name(law->noise.law)},
-        {"residual", law->misfit},
-        {"unexplained", law->tau},
-        {"amplitude_unit", counts ? "counts" : "electrons"}};
-    if (!temporal) product.more["noise"]["window_px"] = o.window_px;
-    for (std::size_t i = 0; i < law->all.size(); ++i)
-      product.more["noise"]["laws"].push_back({{"name", noise_law_name(law->all[i].law)},
-                                               {"residual", law->misfits[i]},
-                                               {"coefficients", law->all[i].c}});
-    for (const NoiseBin& b : noise->bins)
-      product.more["noise"]["groups"].push_back(
-          {{"amplitude", b.amplitude}, {"sigma_m", std::sqrt(b.variance_m2)}, {"samples", b.samples}});
-    // What the model's pixel needs: its own law, whichever describes the recording best.
-    PixelNoise pixel;
-    FitResult physical;
-    if (base) {
-      Result<NoiseLawFit> own = law;
-      if (law->noise.law != NoiseLaw::shot_read && law->noise.law != NoiseLaw::shot_read_floor)
-        own = fit_noise_law(noise->bins,
-                            {.laws = {temporal ? NoiseLaw::shot_read : NoiseLaw::shot_read_floor}});
-      if (own && !temporal && !o.raw.empty() && own->noise.law == NoiseLaw::shot_read_floor)
-        fit.warnings.push_back(
-            "of the noise's floor 0.289 mm is the rounding of the ranges to whole millimetres");
-      if (own) physical = pixel_noise(*own, *base, counts, pixel, o.raw.empty() ? 0 : 1e-3);
-      merge(fit, physical, "pixel");
-    }
-    const std::vector<double> twin = pixel.contrast > 0 && pixel.contrast <= 1
-                                         ? twin_of_pixel(noise->samples, pixel, *base, 1)
-                                         : twin_of_law(noise->samples, law->noise, 1);
-    std::vector<double> real;
-    for (const NoiseSample& s : noise->samples) real.push_back(s.deviation_m);
-    product.more["noise"]["twin"] = quantile_json(real, twin);
-    for (Figure& f : noise_figures(*noise, *law, twin)) product.figures.push_back(std::move(f));
-  } else {
-    fit.not_identifiable.emplace_back("noise against amplitude",
-                                      noise ? law.error().message : noise.error().message);
-  }
-
-  // ---- saturation
-  if (placed && !counts) {
-    const Parameter* c = fit.find("contrast");
-    models::TofModel own = *base;
-    if (!ranges->model.spline) {
-      own.modulation.waveform = models::TofWaveform::harmonics;
-      own.modulation.harmonics = ranges->harmonics;
-    }
-    merge(fit,
-          full_well(*scenes, own, c && c->value > 0 && c->value <= 1 ? c->value : base->modulation.contrast),
-          "saturation");
-  }
-  if (std::isfinite(scenes->ceiling)) product.more["saturation_amplitude"] = scenes->ceiling;
-  product.more["saturated"] = scenes->saturated;
-  product.more["duplicates"] = scenes->duplicates;
-  product.more["without_range"] = scenes->empty;
-
-  // ---- over time: the longest scene at rest
-  const TofScene* longest = nullptr;
-  for (const TofScene& s : scenes->scenes)
-    if (!longest || s.frames.size() > longest->frames.size()) longest = &s;
-  if (longest && longest->frames.size() >= 100) {
-    const std::vector<double> means = frame_means(*scenes, *longest);
-    const double span =
-        scenes->frames[longest->frames.back()].t_s - scenes->frames[longest->frames.front()].t_s;
-    const double period =
-        o.period_s > 0 ? o.period_s : span / static_cast<double>(longest->frames.size() - 1);
-    if (!means.empty() && period > 0) {
-      const auto drift =
-          fit_drift(means, period, {.model = chosen->drift, .name = longest->name, .stop = stop.token()});
-      if (drift)
-        add_drift(product, *drift, longest->name + ", mean over the picture");
-      else
-        fit.warnings.push_back(drift.error().text());
-    }
-  } else {
-    fit.not_identifiable.emplace_back("drift",
-                                      "expected at least 100 frames of one scene at rest to tell it, got " +
-                                          std::to_string(longest ? longest->frames.size() : 0));
-  }
-  progress.reset();
-  fit.interrupted = stop.token().stop_requested();
-  const Parameter* electrons = fit.find("electrons_per_count");
-  set_tof_sheet(product.recipe, fit,
-                {.ranges = ranges ? &*ranges : nullptr,
-                 .lens = lens ? &lens->fit : nullptr,
-                 .electrons_per_amplitude = !counts     ? 1
-                                            : electrons ? electrons->value
-                                                        : std::numeric_limits<double>::quiet_NaN()});
-  return finish_calibration(o, std::move(product));
-}
-
-}  // namespace
-
 CalibrateSubcommand add_calibrate_tof(CLI::App& calibrate) {
   CommandOptions app(calibrate, "tof",
                      "Wiggling, pixels' offsets, noise, saturation and drift of time-of-flight sensors");
-  auto o = std::make_shared<TofOptions>();
+  auto command = std::make_shared<CalibrateCommand<TofCalibrationOptions>>();
   add_common_options(
-      app, *o,
+      app, command->options, command->output,
       "Recordings with range images (.mcap), each of one scene at rest; or a series of readings (.csv)");
   app.get_option("INPUT").required(false);
   app.add_option(
-      "--distances", o->distances,
+      "--distances", command->options.distances,
       "Metres along the axis to the plane that fills the picture, one for each recording with commas "
       "between; or a CSV file of lines recording,distance");
   app.add_option(
-         "--distance-sigma", o->distance_sigma_m,
+         "--distance-sigma", command->options.distance_sigma_m,
          "Standard uncertainty of one distance in metres; without it, it is estimated from the scenes")
       .not_negative();
   app.add_option(
-      "--raw", o->raw,
+      "--raw", command->options.raw,
       "depth:FILE:WIDTHxHEIGHT,amplitude:FILE: a picture, unsigned 16 bit little-endian, millimetres "
       "(range: in place of depth: for ranges along the rays)");
-  app.add_option("--board", o->board,
+  app.add_option("--board", command->options.board,
                  "Recordings of a calibration board: the lens from its amplitudes, with --target");
-  app.add_option("--target", o->target,
+  app.add_option("--target", command->options.target,
                  "The board: chessboard:9x6:0.03 (inner corners, square in metres), as of calibrate camera");
-  app.add_option("--noise", o->noise,
+  app.add_option("--noise", command->options.noise,
                  "temporal (frames of a scene at rest) or spatial (windows of a picture)")
       .one_of({"auto", "temporal", "spatial"});
-  app.add_option("--window", o->window_px, "Window of the spatial estimate in pixels, odd");
+  app.add_option("--window", command->options.window_px, "Window of the spatial estimate in pixels, odd");
   app.add_option(
-         "--amplitude-unit", o->amplitude_unit,
+         "--amplitude-unit", command->options.amplitude_unit,
          "electrons (recordings' default) or counts (that of --raw): of the device, contrast as in the base")
       .one_of({"electrons", "counts"});
-  app.add_option("--unit", o->unit, "Of a series").one_of({"mm", "m"});
-  app.add_option("--period", o->period_s, "Seconds between readings, or frames").positive();
+  app.add_option("--unit", command->options.unit, "Of a series").one_of({"mm", "m"});
+  app.add_option("--period", command->options.period_s, "Seconds between readings, or frames").positive();
   app.footer(
       "Examples: rigor calibrate tof 0.8m.mcap 1.0m.mcap 1.2m.mcap --distances 0.8,1.0,1.2 --base "
       "sr4000.yaml -o "
@@ -508,7 +46,19 @@ CalibrateSubcommand add_calibrate_tof(CLI::App& calibrate) {
       "mine.yaml\n"
       "          rigor calibrate tof --raw depth:depth.raw:640x576,amplitude:ir.raw --json\n"
       "          rigor calibrate tof readings.csv --report report");
-  return {app, [o] { return calibrate_tof(*o); }};
+  return {app, [command] {
+            const auto& o = command->options;
+            return run_calibration(o, command->output, {.inputs = o.board},
+                                   [&](const StopToken& stop) -> Result<CalibrationResult> {
+                                     if (!command->output.output.empty() && o.base.empty())
+                                       return fail(
+                                           ErrorCode::bad_input, "--output",
+                                           "expected --base with it: a sensor model of the same kind of "
+                                           "camera, whose modulation, lens and light "
+                                           "are not fitted (configs/sensors has some)");
+                                     return calibrate_tof(o, stop);
+                                   });
+          }};
 }
 
 }  // namespace rigor

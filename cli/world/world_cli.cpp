@@ -83,9 +83,9 @@ void add_render(CLI::App* app, WorldRenderOptions& o) {
          "Draw without frustum-culling, occlusion-culling, levels-of-detail, impostors, instancing, shadows")
       ->delimiter(',');
   app->add_flag("--plain", o.plain, "The ground alone, with imagery draped on it");
-  app->add_option("--engine", o.engine,
-                  "vulkan, or rays: 16 samples a pixel, each with a ray for what hides the sky")
-      ->check(CLI::IsMember({"vulkan", "rays"}));
+  app->add_option("--renderer", o.engine,
+                  "raster, or rays: 16 samples a pixel, each with a ray for what hides the sky")
+      ->check(CLI::IsMember({"raster", "rays"}));
   app->add_option("--device", o.device, "Part of the Vulkan device's name");
   app->add_flag("--force", o.force, "Write over a file that is there");
   app->add_flag("--json", o.json, "Print what was drawn as JSON");

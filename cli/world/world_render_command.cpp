@@ -165,11 +165,11 @@ Status check_engine(const WorldRenderOptions& o) {
   if (o.engine != "rays") return {};
   if (!o.device.empty())
     return fail(ErrorCode::bad_input, "--device",
-                "expected no such option beside --engine rays, which needs no device");
+                "expected no such option beside --renderer rays, which needs no device");
   for (const auto& name : o.off)
     if (name != "shadows" && name != "levels-of-detail")
       return fail(ErrorCode::bad_input, "--off",
-                  "expected shadows or levels-of-detail beside --engine rays, got \"" + name + "\"");
+                  "expected shadows or levels-of-detail beside --renderer rays, got \"" + name + "\"");
   return {};
 }
 

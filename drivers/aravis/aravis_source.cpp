@@ -48,17 +48,16 @@ ClockMapOptions clock_options(const AravisSettings& s, Duration exposure, std::s
 }  // namespace
 
 struct AravisSource::Impl {
-  Impl(Health& h, const RunOrigin& o) : health(h), origin(o) { sem_init(&wake, 0, 0); }
+  Impl(HealthCounters& h, const RunOrigin& o) : health(h), origin(o) { sem_init(&wake, 0, 0); }
   ~Impl() { sem_destroy(&wake); }
 
   // Setup.
-  Health& health;
+  HealthCounters& health;
   const RunOrigin& origin;
   AravisSettings settings;
   ChannelConfig config;
   std::unique_ptr<SamplePool> pool;
-  std::vector<std::unique_ptr<SamplePool>> retired;  ///< of earlier runs, with pictures that somebody holds
-  std::vector<std::byte*> slot_base;                 ///< of the samples
+  std::vector<std::byte*> slot_base;  ///< of the samples
   std::vector<std::byte*>
       slot_memory;  ///< where the camera's bytes go: behind the sample's, where it is made of parts
   std::size_t raw_at = 0, payload_bytes = 0;
@@ -74,7 +73,7 @@ struct AravisSource::Impl {
   BenchTime t_connected, t_last_trigger, t_last_latch, t_last_asked;
 
   // Frame thread.
-  std::vector<SampleLease> queued;  // by slot: what the camera may write to
+  std::vector<SampleSlot> queued;  // by slot: what the camera may write to
   std::size_t queued_count = 0;
   FrameSequence sequence;  ///< of the camera, from arm on
   RunSequence in_run;
@@ -102,7 +101,7 @@ struct AravisSource::Impl {
   void handle(const ReceivedFrame& f);
   void refill();
   void fill(Sample& sample, const ReceivedFrame& f, Duration exposure) const;
-  void hand_on(SampleLease lease, const ReceivedFrame& f, BenchTime arrival);
+  void hand_on(SampleSlot slot, const ReceivedFrame& f, BenchTime arrival);
   void read_counters();
   void look_at_ptp();
   void send_trigger();
@@ -196,7 +195,6 @@ Status AravisSource::do_arm(const ArmContext& context) {
   description_.width_px = f.width_px, description_.height_px = f.height_px;
   description_.max_bytes = f.picture_bytes;
 
-  if (i.pool && i.pool->in_use() != 0) i.retired.push_back(std::move(i.pool));
   i.raw_at = i.settings.parts() ? (f.picture_bytes + 63) / 64 * 64 : 0;
   i.pool = make_sample_pool(i.settings.buffers, i.raw_at + f.payload_bytes);
   i.payload_bytes = f.payload_bytes;
@@ -207,7 +205,7 @@ Status AravisSource::do_arm(const ArmContext& context) {
     i.slot_memory.push_back(s.memory().data() + i.raw_at);
   });
   i.strange.clear();
-  i.queued.assign(i.settings.buffers, {});
+  i.queued = std::vector<SampleSlot>(i.settings.buffers);
   i.ring = std::make_unique<SpscRing<SampleLease>>(i.settings.buffers);
   i.clock = std::make_unique<ClockMap>(clock_options(i.settings, f.exposure, f.payload_bytes));
   i.sequence = FrameSequence(i.config.period);
@@ -262,7 +260,7 @@ void AravisSource::Impl::end_session(bool dead) {
   frame_stop = true;
   if (frame_thread.joinable()) frame_thread.join();
   if (session) session->close_stream();
-  for (SampleLease& l : queued) l.reset();
+  for (SampleSlot& s : queued) s.reset();
   queued_count = 0;
   retire(std::move(session), dead);
 }
@@ -409,15 +407,15 @@ void AravisSource::Impl::run_frames() {
 
 void AravisSource::Impl::refill() {
   while (queued_count < at_camera()) {
-    SampleLease lease = pool->try_acquire();
-    if (!lease) return;  // Aravis counts the frames that find no buffer
-    Sample& s = lease.edit();
+    SampleSlot next = pool->try_acquire();
+    if (!next) return;  // Aravis counts the frames that find no buffer
+    Sample& s = *next;
     const auto slot = static_cast<std::size_t>(
         std::find(slot_base.begin(), slot_base.end(), s.memory().data()) - slot_base.begin());
     // What never comes must read as zero, not as the picture that was here before. Aravis does not say what
     // came.
     if (!settings.drop_incomplete) std::memset(slot_memory[slot], 0, s.memory().size() - raw_at);
-    queued[slot] = std::move(lease);
+    queued[slot] = std::move(next);
     ++queued_count;
     session->queue(slot);
   }
@@ -425,7 +423,7 @@ void AravisSource::Impl::refill() {
 
 void AravisSource::Impl::handle(const ReceivedFrame& f) {
   const BenchTime arrival = bench_now();
-  SampleLease lease = std::move(queued[f.slot]);
+  SampleSlot slot = std::move(queued[f.slot]);
   --queued_count;
   using State = ReceivedFrame::State;
   if (f.state == State::aborted) return;
@@ -438,11 +436,11 @@ void AravisSource::Impl::handle(const ReceivedFrame& f) {
   }
   if (f.state == State::complete && f.timestamp && !session->can_latch())
     (void)clock->add_arrival(*f.timestamp, arrival);
-  hand_on(std::move(lease), f, arrival);
+  hand_on(std::move(slot), f, arrival);
 }
 
-void AravisSource::Impl::hand_on(SampleLease lease, const ReceivedFrame& f, BenchTime arrival) {
-  Sample& sample = lease.edit();
+void AravisSource::Impl::hand_on(SampleSlot slot, const ReceivedFrame& f, BenchTime arrival) {
+  Sample& sample = *slot;
   const Duration exposure = f.exposure.value_or(session->facts().exposure);
   Stamp stamp;
   bool clock_known = false;
@@ -481,7 +479,7 @@ void AravisSource::Impl::hand_on(SampleLease lease, const ReceivedFrame& f, Benc
   if (!whole) stamp.validity |= kIncomplete;
   sample.stamp = stamp;
   fill(sample, f, exposure);
-  if (ring->size_approx() >= most_waiting(settings.buffers, false) || !ring->try_push(std::move(lease))) {
+  if (ring->size_approx() >= most_waiting(settings.buffers, false) || !ring->try_push(std::move(slot))) {
     raise(health.ring_full);
     lost_pending += lost_before + 1;
     return;

@@ -184,8 +184,8 @@ Result<std::unique_ptr<CameraSession>> CameraSession::open(const AravisSettings&
       if (second) {
         const double device_s = (second->device - first->device).seconds();
         const double most_s = (second->after - first->before).seconds(),
-                     least_s = (second->before - first->after).seconds();
-        session->can_latch_ = device_s > 0.9 * least_s && device_s < 1.1 * most_s;
+                     minimum_s = (second->before - first->after).seconds();
+        session->can_latch_ = device_s > 0.9 * minimum_s && device_s < 1.1 * most_s;
       }
     }
   }

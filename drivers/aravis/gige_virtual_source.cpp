@@ -29,12 +29,12 @@ ConfigError refused(const ChannelConfig& config, std::string_view key, const std
 }  // namespace
 
 struct GigeVirtualSource::Impl {
-  Impl(DeviceParts p, ConfigNode n, Health& h)
+  Impl(DeviceParts p, ConfigNode n, HealthCounters& h)
       : parts(std::move(p)), emulator_params(std::move(n)), health(h) {}
 
   DeviceParts parts;
   ConfigNode emulator_params;
-  Health& health;
+  HealthCounters& health;
   ChannelConfig config;
   AravisSettings settings;
   EmulatedCameraSettings camera;
@@ -50,7 +50,6 @@ struct GigeVirtualSource::Impl {
   std::unique_ptr<gige::GigeMemoryLink> link;
   std::unique_ptr<gige::GigeClient> client;
   std::unique_ptr<SamplePool> pool;
-  std::vector<std::unique_ptr<SamplePool>> retired;  ///< of earlier runs, with pictures that somebody holds
   gige::AssembledFrame frame;
   FrameSequence sequence;
   std::deque<SampleLease> ready;
@@ -255,7 +254,6 @@ Status GigeVirtualSource::do_arm(const ArmContext& context) {
   i.link->advance(i.device_now);
   if (auto done = catch_config([&] { return i.set_up(), true; }); !done)
     return tl::unexpected<Error>(done.error());
-  if (i.pool && i.pool->in_use() != 0) i.retired.push_back(std::move(i.pool));
   i.pool = make_sample_pool(i.settings.buffers, description_.max_bytes);
   i.sequence = FrameSequence(i.config.period);
   i.lost_pending = 0;
@@ -357,10 +355,10 @@ void GigeVirtualSource::Impl::collect() {
     if (settings.ptp) stamp.sigma_capture = ptp_offset();
     const FrameSequence::Step step = sequence.step(frame.block_id, stamp.t_capture);
     health.lost.fetch_add(step.lost_before, std::memory_order_relaxed);
-    SampleLease lease = pool->try_acquire();
+    SampleSlot slot = pool->try_acquire();
     const std::size_t payload = settings.range ? 2 * picture : picture;
-    if (!lease || (settings.chunks ? frame.data.size() < payload : frame.data.size() != payload)) {
-      (lease ? health.protocol_errors : health.no_slot).fetch_add(1, std::memory_order_relaxed);
+    if (!slot || (settings.chunks ? frame.data.size() < payload : frame.data.size() != payload)) {
+      (slot ? health.protocol_errors : health.no_slot).fetch_add(1, std::memory_order_relaxed);
       lost_pending += step.lost_before + 1;
       continue;
     }
@@ -368,13 +366,13 @@ void GigeVirtualSource::Impl::collect() {
     stamp.lost_before = step.lost_before + lost_pending;
     stamp.t_release = stamp.t_arrival = stamp.t_capture + config.latency;
     stamp.validity = frame.complete ? kValid : kIncomplete;
-    Sample& s = lease.edit();
+    Sample& s = *slot;
     s.stamp = stamp;
     if (settings.range) {
       fill_range(s, picture);
       lost_pending = 0;
       (frame.complete ? health.received : health.incomplete).fetch_add(1, std::memory_order_relaxed);
-      ready.push_back(std::move(lease));
+      ready.push_back(std::move(slot));
       continue;
     }
     s.info = ImageInfo{.format = settings.format,
@@ -388,7 +386,7 @@ void GigeVirtualSource::Impl::collect() {
     std::memcpy(s.memory().data(), frame.data.data(), s.size_bytes);
     lost_pending = 0;
     (frame.complete ? health.received : health.incomplete).fetch_add(1, std::memory_order_relaxed);
-    ready.push_back(std::move(lease));
+    ready.push_back(std::move(slot));
   }
 }
 

@@ -184,13 +184,13 @@ void CanSource::take(const ReceivedFrame& r) {
   if (!settings_.raw()) {
     if (!table_.take(r.frame, t) || settings_.sampled || !in_run) return;
     auto slot = take_slot();
-    if (slot) table_.fill(slot.edit(), t);
+    if (slot) table_.fill(*slot, t);
     return give(std::move(slot), t);
   }
   if (!in_run) return;
   auto slot = take_slot();
   if (slot) {
-    auto& sample = slot.edit();
+    auto& sample = *slot;
     sample.info = r.frame;
     sample.size_bytes = 0;
     sample.stamp.validity = r.stamped ? kValid : kClockUnsure;
@@ -198,12 +198,12 @@ void CanSource::take(const ReceivedFrame& r) {
   give(std::move(slot), t);
 }
 
-void CanSource::give(SampleLease&& slot, BenchTime t) {
+void CanSource::give(SampleSlot&& slot, BenchTime t) {
   // Two frames of one tick, or a step of CLOCK_REALTIME: the order in which they came stands.
   if (t <= last_capture_) t = last_capture_ + nanoseconds(1);
   last_capture_ = t;
   if (slot) {
-    auto& stamp = slot.edit().stamp;
+    auto& stamp = slot->stamp;
     stamp.sequence = index_;
     stamp.t_capture = t;
     stamp.t_release = t + config().latency;
@@ -270,7 +270,7 @@ void CanSource::count_drops() {
 void CanSource::sample_at(BenchTime t, std::uint64_t index) {
   auto slot = take_slot();
   if (slot) {
-    auto& sample = slot.edit();
+    auto& sample = *slot;
     table_.fill(sample, t);
     sample.stamp.sequence = index;
     sample.stamp.t_capture = t;

@@ -59,7 +59,7 @@ class CanSource final : public StreamSource {
   void try_again();
   void count_drops();
   void sample_at(BenchTime t, std::uint64_t index);
-  void give(SampleLease&& slot, BenchTime t);
+  void give(SampleSlot&& slot, BenchTime t);
 
   SourceSettings settings_;
   RawSocket socket_;

@@ -72,7 +72,7 @@ class VirtualSource final : public StreamSource, private VirtualBus::Participant
   }
   void act(BenchTime t) override {
     auto slot = take_slot();
-    if (slot) table_.fill(slot.edit(), t);
+    if (slot) table_.fill(*slot, t);
     give(std::move(slot), t);
   }
   void receive(const CanFrame& f, BenchTime t) override {
@@ -81,21 +81,21 @@ class VirtualSource final : public StreamSource, private VirtualBus::Participant
     if (!settings_.raw()) {
       if (!table_.take(f, t) || settings_.sampled) return;
       auto slot = take_slot();
-      if (slot) table_.fill(slot.edit(), t);
+      if (slot) table_.fill(*slot, t);
       return give(std::move(slot), t);
     }
     auto slot = take_slot();
     if (slot) {
-      auto& sample = slot.edit();
+      auto& sample = *slot;
       sample.info = f;
       sample.size_bytes = 0;
       sample.stamp.validity = kValid;
     }
     give(std::move(slot), t);
   }
-  void give(SampleLease&& slot, BenchTime t) {
+  void give(SampleSlot&& slot, BenchTime t) {
     if (slot) {
-      auto& stamp = slot.edit().stamp;
+      auto& stamp = slot->stamp;
       stamp.sequence = index_;
       stamp.t_capture = t;
       stamp.t_release = stamp.t_arrival = t + config().latency;

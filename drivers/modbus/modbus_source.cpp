@@ -132,9 +132,9 @@ void ModbusSource::read_once(std::uint64_t index) {
   if (status != LinkStatus::good) return failed(status);
   if (told_ != kEventBack) tell(kEventBack, 0, "the device answers again");
   health_.connected.store(true, std::memory_order_release);
-  auto lease = take_slot();
-  if (lease) {
-    auto& sample = lease.edit();
+  auto slot = take_slot();
+  if (slot) {
+    auto& sample = *slot;
     fill_sample(sample, settings_.map, raw_);
     const auto round_trip = after - before;
     sample.stamp.sequence = index;
@@ -144,7 +144,7 @@ void ModbusSource::read_once(std::uint64_t index) {
     sample.stamp.sigma_capture =
         Duration(static_cast<std::int64_t>(static_cast<double>(round_trip.ns()) * 0.2886751));
   }
-  hand_over(std::move(lease));
+  hand_over(std::move(slot));
 }
 
 void ModbusSource::failed(LinkStatus status) {
@@ -178,16 +178,16 @@ void ModbusSource::failed(LinkStatus status) {
 void ModbusSource::tell(std::uint32_t code, double value, const std::string& text) {
   if (code == told_) return;
   told_ = code;
-  auto lease = event_pool_->try_acquire();
-  if (!lease) return;
-  auto& sample = lease.edit();
+  auto slot = event_pool_->try_acquire();
+  if (!slot) return;
+  auto& sample = *slot;
   EventInfo info{.code = code, .value = value};
   std::strncpy(info.text.data(), text.c_str(), info.text.size() - 1);
   sample.info = info;
   sample.size_bytes = 0;
   sample.stamp = {};
   sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = bench_now();
-  (void)events_->try_push(std::move(lease));  // told to nobody: the counters have it all the same
+  (void)events_->try_push(std::move(slot));  // told to nobody: the counters have it all the same
 }
 
 }  // namespace rigor::modbus

@@ -181,9 +181,9 @@ class VirtualSource final : public StreamSource, private VirtualDevice::Member {
     Duration took;
     const auto status = ask(index, t, took);
     if (status == LinkStatus::good) {
-      auto lease = take_slot();
-      if (lease) {
-        auto& sample = lease.edit();
+      auto slot = take_slot();
+      if (slot) {
+        auto& sample = *slot;
         fill_sample(sample, settings_.map, raw_);
         sample.stamp.sequence = index;
         // The middle of request and answer, as on the wall clock.
@@ -192,7 +192,7 @@ class VirtualSource final : public StreamSource, private VirtualDevice::Member {
         sample.stamp.sigma_capture =
             Duration(static_cast<std::int64_t>(static_cast<double>(took.ns()) * 0.2886751));
       }
-      hand_over(std::move(lease));
+      hand_over(std::move(slot));
     } else {
       if (status == LinkStatus::exception || status == LinkStatus::protocol)
         health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);

@@ -62,12 +62,12 @@ ScannerConfig read_scanner(const ConfigNode& n, const models::LidarScan* scan) {
                                    : family == "tim"  ? Family::tim
                                                       : Family::lms1xx);
   if (scan) {
-    // Beams of a sheet lie between the columns' azimuths as its rotor turns; a clockwise one measures the
-    // same.
+    // Beams of a sensor model lie between the columns' azimuths as its rotor turns; a clockwise one measures
+    // the same.
     const double step = scan->rotation_radps * scan->column_period_s * kDegPerRad;
     if (scan->kind != models::LidarScanKind::rotor || scan->beams.size() != 1 || !(std::abs(step) > 0))
       throw n.error(n.has("sensor") ? "sensor" : "",
-                    "expected the sheet of a LiDAR that turns and has one beam, as these scanners "
+                    "expected the sensor model of a LiDAR that turns and has one beam, as these scanners "
                     "do (configs/sensors/sick-*.yaml), got another kind of LiDAR");
     const double first = scan->start_azimuth_rad * kDegPerRad;
     const double last = first + step * (scan->columns - 1);

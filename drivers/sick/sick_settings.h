@@ -1,5 +1,5 @@
 // The keys of `backend: sick`: of channels, and of the emulators that stand for scanners. Both in the
-// sensor's frame, as the sheets have it: 0° is straight ahead, anticlockwise.
+// sensor's frame, as the sensor models have it: 0° is straight ahead, anticlockwise.
 #pragma once
 
 #include <string>
@@ -24,8 +24,8 @@ struct ChannelSettings {
 /// Throws ConfigError. `needs_address`: not in virtual time.
 [[nodiscard]] ChannelSettings read_channel_settings(const ChannelConfig& config, bool needs_address);
 
-/// The scanner that an emulator's entry describes; `scan` is that of its sheet, or null: then the entry has a
-/// map `scan` of its own. Throws ConfigError.
+/// The scanner that an emulator's entry describes; `scan` is that of its sensor model, or null: then the
+/// entry has a map `scan` of its own. Throws ConfigError.
 [[nodiscard]] ScannerConfig read_scanner(const ConfigNode& params, const models::LidarScan* scan);
 
 }  // namespace rigor::sick

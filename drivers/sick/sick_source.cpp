@@ -163,9 +163,9 @@ void SickSource::run() {
     stamp.t_release = stamp.t_capture + config().latency;
     stamp.t_arrival = arrival;
     stamp.sigma_capture = m.sigma;
-    SampleLease slot = take_slot();
+    SampleSlot slot = take_slot();
     if (slot) {
-      Sample& s = slot.edit();
+      Sample& s = *slot;
       std::uint32_t count = 0;
       if (!i.clouds.fill(i.scan, t.beam_step, s.memory(), count)) {
         // No ranges, or more beams than the device had at arm.

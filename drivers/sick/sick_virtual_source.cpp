@@ -175,9 +175,9 @@ void SickVirtualSource::complete_until(BenchTime now) {
       stamp.t_release = stamp.t_arrival = stamp.t_capture + config().latency;
       stamp.sigma_capture = nanoseconds(289);  // a microsecond's rounding
       stamp.validity = in_error(i.scan) ? kCorrupt : kValid;
-      SampleLease slot = take_slot();
+      SampleSlot slot = take_slot();
       if (slot) {
-        Sample& s = slot.edit();
+        Sample& s = *slot;
         std::uint32_t count = 0;
         if (!i.clouds.fill(i.scan, instants.beam_step, s.memory(), count)) {
           health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);

@@ -34,9 +34,6 @@ class BulkEmulator final : public Emulator {
   /// Any thread: the endpoint is halted before the next frame. Gadgets only.
   void stall_once() noexcept { stall_ = true; }
 
-  /// Whose `connected` follows this one's; before arm.
-  void report_to(Health* also) noexcept { also_ = also; }
-
  protected:
   Status do_configure(const ChannelConfig& config) override;
   Status do_arm(const ArmContext& context) override;
@@ -45,10 +42,7 @@ class BulkEmulator final : public Emulator {
 
  private:
   void run();
-  void set_connected(bool is) noexcept {
-    health_.connected.store(is, std::memory_order_release);
-    if (also_) also_->connected.store(is, std::memory_order_release);
-  }
+  void set_connected(bool is) noexcept { health_.connected.store(is, std::memory_order_release); }
   bool send(std::string_view frame);
 
   DeviceParts parts_;
@@ -63,7 +57,6 @@ class BulkEmulator final : public Emulator {
   std::unique_ptr<DeviceEnd> end_;
   std::unique_ptr<FfsDevice> device_;
   std::atomic<bool> stall_{false};
-  Health* also_ = nullptr;
   Deadline deadline_;
   std::thread thread_;
   Counters counters_;

@@ -227,9 +227,9 @@ void BulkSource::run() {
         continue;
       }
       if (kept.lost > 0) count_lost(kept.lost);
-      SampleLease lease = take_slot();
-      if (lease) keeper_.fill(frame, lease.edit());
-      hand_over(std::move(lease));
+      SampleSlot slot = take_slot();
+      if (slot) keeper_.fill(frame, *slot);
+      hand_over(std::move(slot));
     }
     const std::uint64_t now =
         reader_->refused_headers() + (reader_->skipped_bytes() != skipped && !fresh ? 1 : 0);
@@ -253,7 +253,7 @@ Result<std::unique_ptr<WorldFrames>> WorldFrames::create(DeviceParts parts, Bulk
     return fail(ErrorCode::bad_input, name,
                 "expected something that gives frames of " + std::to_string(format.width_px) + "x" +
                     std::to_string(format.height_px) +
-                    " px, as `frame` says: give the emulator a sheet of a " +
+                    " px, as `frame` says: give the emulator a sensor model of a " +
                     (format.image() ? "camera" : "time-of-flight camera") + " as `sensor`; got " + got);
   };
   const auto size = [](std::uint32_t w, std::uint32_t h) {
@@ -360,12 +360,12 @@ void BulkVirtualSource::complete_until(BenchTime now) {
       const FrameKeeper::Kept kept = keeper_.place(frame, origin());
       if (!kept.in_run || !kept.in_order) continue;
       if (kept.lost > 0) count_lost(kept.lost);
-      SampleLease lease = take_slot();
-      if (lease) {
-        keeper_.fill(frame, lease.edit());
-        lease.edit().stamp.t_arrival = lease->stamp.t_release;
+      SampleSlot slot = take_slot();
+      if (slot) {
+        keeper_.fill(frame, *slot);
+        slot->stamp.t_arrival = slot->stamp.t_release;
       }
-      hand_over(std::move(lease));
+      hand_over(std::move(slot));
     }
   }
 }

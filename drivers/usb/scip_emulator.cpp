@@ -50,9 +50,9 @@ Status ScipEmulator::do_arm(const ArmContext& context) {
     return fail(ErrorCode::wrong_state, config().name,
                 "expected a wall-clock run: a wire has no virtual time");
   if (!measure_ && (!parts_.samples || parts_.samples->geometry().kind != SampleKind::point_cloud))
-    return fail(
-        ErrorCode::bad_input, config().params.place(),
-        config().name + ": expected something that scans: give this emulator a LiDAR's sheet as `sensor`");
+    return fail(ErrorCode::bad_input, config().params.place(),
+                config().name +
+                    ": expected something that scans: give this emulator a LiDAR's sensor model as `sensor`");
   if (auto s = deadline_.open(); !s) return s;
   auto end = make_end_();
   if (auto s = end->open(); !s) return fail(s.error().code, config().name, s.error().text());

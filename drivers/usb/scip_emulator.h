@@ -48,9 +48,6 @@ class ScipEmulator final : public Emulator {
   /// Measures instead of the world, for tests; before arm.
   void measure_by(ScipDevice::Measure measure) { measure_ = std::move(measure); }
 
-  /// Whose `connected` follows this one's; before arm.
-  void report_to(Health* also) noexcept { also_ = also; }
-
  protected:
   Status do_configure(const ChannelConfig& config) override;
   Status do_arm(const ArmContext& context) override;
@@ -59,17 +56,13 @@ class ScipEmulator final : public Emulator {
 
  private:
   void run();
-  void set_connected(bool is) noexcept {
-    health_.connected.store(is, std::memory_order_release);
-    if (also_) also_->connected.store(is, std::memory_order_release);
-  }
+  void set_connected(bool is) noexcept { health_.connected.store(is, std::memory_order_release); }
 
   DeviceParts parts_;
   EmulatedScannerSettings scanner_;
   ScipDevice::Measure measure_;
   std::function<std::unique_ptr<DeviceEnd>()> make_end_;
   std::unique_ptr<DeviceEnd> end_;
-  Health* also_ = nullptr;
   Deadline deadline_;
   std::thread thread_;
   Counters counters_;

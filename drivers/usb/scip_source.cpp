@@ -157,9 +157,9 @@ void ScipSource::take_scans() {
       continue;
     }
     if (kept.lost > 0) count_lost(kept.lost);
-    SampleLease lease = take_slot();
-    if (lease) keeper_.fill(scan_, lease.edit());
-    hand_over(std::move(lease));
+    SampleSlot slot = take_slot();
+    if (slot) keeper_.fill(scan_, *slot);
+    hand_over(std::move(slot));
   }
 }
 

@@ -32,7 +32,7 @@ Status ScipVirtualSource::do_configure(const ChannelConfig& config) {
     return fail(ErrorCode::bad_input, emulator_params_.place(),
                 config.name +
                     ": expected something that scans: give the emulator that stands for this scanner a "
-                    "LiDAR's sheet as `sensor`");
+                    "LiDAR's sensor model as `sensor`");
   description_.kind = SampleKind::point_cloud;
   description_.frame_id = config.name;
   description_.max_bytes = most_points(settings_.client.scan) * sizeof(LidarPoint);
@@ -164,12 +164,12 @@ void ScipVirtualSource::take_scans() {
     const auto kept = keeper_.place(scan_, BenchTime(arrival_ns), origin());
     if (!kept.in_run) continue;
     if (kept.lost > 0) count_lost(kept.lost);
-    SampleLease lease = take_slot();
-    if (lease) {
-      keeper_.fill(scan_, lease.edit());
-      lease.edit().stamp.t_arrival = lease->stamp.t_release;
+    SampleSlot slot = take_slot();
+    if (slot) {
+      keeper_.fill(scan_, *slot);
+      slot->stamp.t_arrival = slot->stamp.t_release;
     }
-    hand_over(std::move(lease));
+    hand_over(std::move(slot));
   }
   const std::uint64_t broken = client_->counters().broken;
   health_.protocol_errors.fetch_add(broken - std::exchange(broken_seen_, broken), std::memory_order_relaxed);

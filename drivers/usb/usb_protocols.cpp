@@ -7,29 +7,26 @@ namespace {
 
 std::string protocol_of(const ConfigNode& n) { return n.choice_or("protocol", {"scip", "bulk"}, "scip"); }
 
-/// Its counters are those of the source within, brought over once a cycle.
+/// The source of the protocol that its keys choose.
 class ChosenSource : public Source {
  public:
   ~ChosenSource() override {
     if (state() == ChannelState::armed || state() == ChannelState::running) (void)stop();
   }
   [[nodiscard]] SampleLease poll(BenchTime now) noexcept override {
-    SampleLease lease;
-    if (inner_) {
-      lease = inner_->poll(now);
-      copy_health();
-    }
-    return lease;
+    return inner_ ? inner_->poll(now) : SampleLease{};
   }
   void begin_cycle(BenchTime now) noexcept override {
     if (inner_) inner_->begin_cycle(now);
   }
   void complete_until(BenchTime now) override {
     if (inner_) inner_->complete_until(now);
-    copy_health();
   }
   [[nodiscard]] std::vector<std::string> warnings() const override {
     return inner_ ? inner_->warnings() : std::vector<std::string>();
+  }
+  [[nodiscard]] HealthSnapshot health() const noexcept override {
+    return inner_ ? inner_->health() : HealthSnapshot{};
   }
 
  protected:
@@ -44,27 +41,12 @@ class ChosenSource : public Source {
   Status do_arm(const ArmContext& context) override {
     auto s = inner_->arm(context);
     description_ = inner_->describe();
-    copy_health();
     return s;
   }
   Status do_start(BenchTime t0) override { return inner_->start(t0); }
-  Status do_stop() override {
-    auto s = inner_->stop();
-    copy_health();
-    return s;
-  }
+  Status do_stop() override { return inner_->stop(); }
 
  private:
-  void copy_health() noexcept {
-    if (!inner_) return;
-    const Health& from = inner_->health();
-    health_.connected.store(from.connected.load(std::memory_order_acquire), std::memory_order_release);
-    using Counter = std::atomic<std::uint64_t> Health::*;
-    for (const Counter c :
-         {&Health::received, &Health::incomplete, &Health::lost, &Health::no_slot, &Health::ring_full,
-          &Health::protocol_errors, &Health::retries, &Health::reconnects})
-      (health_.*c).store((from.*c).load(std::memory_order_relaxed), std::memory_order_relaxed);
-  }
   std::unique_ptr<Source> inner_;
 };
 
@@ -105,19 +87,17 @@ class ChosenEmulator final : public Emulator {
   }
   void attach(DeviceParts parts) override { parts_ = std::move(parts); }
   [[nodiscard]] std::string endpoint() const override { return inner_ ? inner_->endpoint() : "USB device"; }
+  [[nodiscard]] HealthSnapshot health() const noexcept override {
+    return inner_ ? inner_->health() : HealthSnapshot{};
+  }
 
  protected:
   Status do_configure(const ChannelConfig& config) override {
     std::unique_ptr<Emulator> chosen;
-    if (protocol_of(config.params) == "bulk") {
-      auto bulk = std::make_unique<BulkEmulator>();
-      bulk->report_to(&health_);
-      chosen = std::move(bulk);
-    } else {
-      auto scip = std::make_unique<ScipEmulator>();
-      scip->report_to(&health_);
-      chosen = std::move(scip);
-    }
+    if (protocol_of(config.params) == "bulk")
+      chosen = std::make_unique<BulkEmulator>();
+    else
+      chosen = std::make_unique<ScipEmulator>();
     if (auto s = chosen->configure(config); !s) return s;
     inner_ = std::move(chosen);
     description_ = inner_->describe();

@@ -96,13 +96,13 @@ std::size_t EmulatedPictures::capture(std::uint64_t index, BenchTime t_capture, 
                                       std::span<std::byte> out) {
   const WorldMotion motion = parts_.motion ? parts_.motion->motion_at(t_capture) : WorldMotion{};
   if (range_) {
-    SampleLease lease = range_->try_acquire();
+    SampleSlot slot = range_->try_acquire();
     if (!parts_.samples->capture(
-            {.index = index, .t_capture = t_capture, .t_start = t_start, .motion = motion}, lease.edit()))
+            {.index = index, .t_capture = t_capture, .t_start = t_start, .motion = motion}, *slot))
       return 0;
-    const auto* info = lease->as<RangeImageInfo>();
+    const auto* info = slot->as<RangeImageInfo>();
     if (!info || info->width_px != width_px_ || info->height_px != height_px_) return 0;
-    depth_from_range(lease->bytes(), width_px_, height_px_, settings_.lens, picture_);
+    depth_from_range(slot->bytes(), width_px_, height_px_, settings_.lens, picture_);
   } else {
     ImageRequest q;
     q.index = index;

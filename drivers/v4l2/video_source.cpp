@@ -119,9 +119,9 @@ void VideoSource::deliver(const RawFrame& frame, BenchTime arrival) {
   const auto place = in_run_.place(origin(), instant.t, plan_.shutter.period, step.sequence, step.lost);
   if (!place) return;
   count_lost(place->lost);
-  SampleLease slot = take_slot();
+  SampleSlot slot = take_slot();
   if (!slot) return hand_over(std::move(slot));
-  Sample& s = slot.edit();
+  Sample& s = *slot;
   s.size_bytes = description_.max_bytes;
   const Converted converted = converter_->convert(frame.bytes, s.memory().first(s.size_bytes));
   const bool incomplete = frame.error || converted == Converted::incomplete;

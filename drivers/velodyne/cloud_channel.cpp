@@ -77,12 +77,12 @@ void CloudChannel::hand(const Cloud& c) noexcept {
     place = *in_run;
   }
   if (place.lost > 0) count_lost(place.lost);
-  SampleLease slot = take_slot();
+  SampleSlot slot = take_slot();
   const BenchTime release = c.t_capture + config().latency;
   last_release_ = release;
   any_handed_ = true;
   if (slot) {
-    Sample& s = slot.edit();
+    Sample& s = *slot;
     const std::size_t room = s.memory().size() / sizeof(LidarPoint);
     const std::size_t count = std::min(c.points.size(), room);
     s.size_bytes = count * sizeof(LidarPoint);

@@ -60,7 +60,7 @@ class Counter {
   Counter(PcapReport& report, PacketDecoder decoder)
       : r_(report), decoder_(std::move(decoder)), facts_(decoder_.facts()) {
     r_.returns_per_laser.assign(facts_.lasers, 0);
-    r_.least_range_m = 1e9;
+    r_.minimum_range_m = 1e9;
   }
 
   void add(RealtimeTime t, const DataPacket& p) {
@@ -77,7 +77,7 @@ class Counter {
 
   void finish() {
     r_.duration_s = (t_last_ - t_first_).seconds();
-    if (r_.valid_returns == 0) r_.least_range_m = 0;
+    if (r_.valid_returns == 0) r_.minimum_range_m = 0;
     r_.turns = turned_cdeg_ / kTurn_cdeg;
     const double device_s = static_cast<double>(device_ns_) * 1e-9;
     if (device_s <= 0) return;
@@ -102,7 +102,7 @@ class Counter {
     if (raw == 0) return;
     ++r_.valid_returns;
     ++r_.returns_per_laser[channel % facts_.lasers];
-    r_.least_range_m = std::min(r_.least_range_m, raw * kRangeUnit_m);
+    r_.minimum_range_m = std::min(r_.minimum_range_m, raw * kRangeUnit_m);
     r_.greatest_range_m = std::max(r_.greatest_range_m, raw * kRangeUnit_m);
   }
   void follow_time(const DataPacket& p) {

@@ -30,7 +30,7 @@ struct PcapReport {
   std::uint64_t valid_returns = 0;               ///< a return that a dual packet tells twice counts once
   std::vector<std::uint64_t> returns_per_laser;  ///< by laser id
   std::vector<double> elevation_deg;
-  double least_range_m = 0, greatest_range_m = 0;
+  double minimum_range_m = 0, greatest_range_m = 0;
   std::uint64_t points_handed_on = 0;  ///< by the decoder; equal to valid_returns
 
   std::uint64_t revolutions = 0;  ///< whole ones, from azimuth 0 to azimuth 0

@@ -13,7 +13,7 @@ constexpr double kPi = std::numbers::pi;
 
 Status differs(const DeviceFacts& f, const std::string& what) {
   return fail(ErrorCode::bad_input, "sensor",
-              "expected a sheet of a " + std::string(f.name) + " (configs/sensors/velodyne-" +
+              "expected a sensor model of a " + std::string(f.name) + " (configs/sensors/velodyne-" +
                   std::string(f.key) + ".yaml), got one with " + what);
 }
 
@@ -66,10 +66,10 @@ Result<RotorDevice> RotorDevice::create(const RotorSettings& settings,
                                         std::shared_ptr<SampleProvider> samples) {
   const models::LidarScan* scan = samples ? samples->scan() : nullptr;
   if (!scan)
-    return fail(
-        ErrorCode::bad_input, "sensor",
-        "expected a simulated LiDAR for this device to be: give its emulator a `sensor` (a sheet such as "
-        "configs/sensors/velodyne-vlp16.yaml)");
+    return fail(ErrorCode::bad_input, "sensor",
+                "expected a simulated LiDAR for this device to be: give its emulator a `sensor` (a sensor "
+                "model such as "
+                "configs/sensors/velodyne-vlp16.yaml)");
   auto grid = models::ScanGrid::create(*scan);
   if (!grid) return tl::unexpected<Error>(grid.error());
   if (auto s = check(*scan, facts_of(settings.model)); !s) return tl::unexpected<Error>(s.error());

@@ -44,7 +44,7 @@ struct SourceSettings {
 ///   address: 127.0.0.1        # where the packets go; a broadcast address, too
 ///   port: 2368, position_port: 8308, position_rate_hz: 144.5 (0: none)
 ///   model: vlp16              # or hdl32e
-///   returns: strongest        # last, dual (the sheet's `echoes.returns` has to be the same)
+///   returns: strongest        # last, dual (the sensor model's `echoes.returns` has to be the same)
 ///   product: 0x22             # what the packets say; the model's own
 ///   pps: locked               # absent, synchronizing, error
 ///   latitude_deg, longitude_deg

@@ -1,6 +1,6 @@
 // A Velodyne in virtual time: the rotor and its packets in process (rotor_device.h), decoded as they would be
-// from the network. The rotor passes azimuth 0 at the run's start, t0, and turns at its sheet's rate; a
-// packet is there when its last laser has fired. What moves in the world is where it is when a revolution
+// from the network. The rotor passes azimuth 0 at the run's start, t0, and turns at its sensor model's rate;
+// a packet is there when its last laser has fired. What moves in the world is where it is when a revolution
 // begins.
 #pragma once
 

@@ -67,9 +67,9 @@ bool TextSource::take_line(std::string_view line, BenchTime t_capture, BenchTime
       sequence_.place(origin_, t_capture, config().period, static_cast<std::uint64_t>(number), missing);
   if (!place) return true;
   if (place->lost > 0) count_lost(place->lost);
-  SampleLease slot = take_slot();
+  SampleSlot slot = take_slot();
   if (slot) {
-    Sample& s = slot.edit();
+    Sample& s = *slot;
     s.stamp = {};
     s.stamp.sequence = place->sequence;
     s.stamp.t_capture = t_capture;
@@ -226,6 +226,10 @@ Backend backend() {
   b.make_emulator = [] { return std::make_unique<TextEmulator>(); };
   b.make_virtual_source = [](DeviceParts, ConfigNode) -> Result<std::unique_ptr<Source>> {
     return std::make_unique<VirtualSource>();
+  };
+  b.doctor = [] {
+    return std::vector<rigor::DoctorFinding>{
+        {rigor::DoctorFinding::Level::good, "text-sensor: needs a UDP port and nothing else", ""}};
   };
   return b;
 }

@@ -63,9 +63,9 @@ TEST(Detector, TurnsTheTable) {
   ASSERT_TRUE(ready) << ready.error().text();
   const auto report = (*bench)->run();
   ASSERT_TRUE(report) << report.error().text();
-  EXPECT_TRUE(report->passed()) << report->text;
+  EXPECT_TRUE(report->passed()) << report->text();
   EXPECT_EQ(report->facts.sinks.at(0).accepted, 20u);
-  std::cout << "digest " << report->outcome.seen_sha256 << '\n';
+  std::cout << "digest " << report->outcome.input_sha256 << '\n';
 }
 
 TEST(Bench, IsSteppedAndLookedAt) {

@@ -29,6 +29,31 @@ tl::unexpected<Error> refused(const std::string& channel, std::string_view call,
 
 }  // namespace
 
+HealthSnapshot HealthCounters::snapshot() const noexcept {
+  HealthSnapshot s;
+  s.connected = connected.load(std::memory_order_acquire);
+  s.received = received.load(std::memory_order_acquire);
+  s.incomplete = incomplete.load(std::memory_order_acquire);
+  s.lost = lost.load(std::memory_order_acquire);
+  s.no_slot = no_slot.load(std::memory_order_acquire);
+  s.ring_full = ring_full.load(std::memory_order_acquire);
+  s.protocol_errors = protocol_errors.load(std::memory_order_acquire);
+  s.retries = retries.load(std::memory_order_acquire);
+  s.reconnects = reconnects.load(std::memory_order_acquire);
+  return s;
+}
+
+SinkSnapshot SinkCounters::snapshot() const noexcept {
+  SinkSnapshot s;
+  s.accepted = accepted.load(std::memory_order_acquire);
+  s.applied = applied.load(std::memory_order_acquire);
+  s.late = late.load(std::memory_order_acquire);
+  s.failed = failed.load(std::memory_order_acquire);
+  s.dropped = dropped.load(std::memory_order_acquire);
+  s.made_safe = made_safe.load(std::memory_order_acquire);
+  return s;
+}
+
 Status Channel::configure(const ChannelConfig& config) {
   if (state_ != ChannelState::created && state_ != ChannelState::configured)
     return refused(config_.name, "configure", state_, "created or configured");

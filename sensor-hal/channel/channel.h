@@ -68,17 +68,28 @@ struct ChannelDescription {
   std::vector<std::string> names, units;  ///< of a register block's values, in order
 };
 
-/// Counters that only grow, and whether the source is there. Written by the backend's threads, read by any.
-struct Health {
+/// What a channel says of itself: whether its device is there, and counters that only grow. Each number is
+/// read by itself: those of one snapshot need not be of one instant.
+struct HealthSnapshot {
+  bool connected = false;
+  std::uint64_t received = 0;    ///< complete samples that came from the device or simulator
+  std::uint64_t incomplete = 0;  ///< samples marked kIncomplete
+  std::uint64_t lost = 0;        ///< samples known to be lost before they reached the ring
+  std::uint64_t no_slot = 0;     ///< dropped: every slot of the pool was held
+  std::uint64_t ring_full = 0;   ///< dropped: the loop did not take them
+  std::uint64_t protocol_errors = 0;
+  std::uint64_t retries = 0;  ///< resends, repeated requests
+  std::uint64_t reconnects = 0;
+  bool operator==(const HealthSnapshot&) const = default;
+};
+
+/// What a HealthSnapshot is taken from. Written by the backend's threads, read by any.
+struct HealthCounters {
   std::atomic<bool> connected{false};
-  std::atomic<std::uint64_t> received{0};    ///< complete samples that came from the device or simulator
-  std::atomic<std::uint64_t> incomplete{0};  ///< samples marked kIncomplete
-  std::atomic<std::uint64_t> lost{0};        ///< samples known to be lost before they reached the ring
-  std::atomic<std::uint64_t> no_slot{0};     ///< dropped: every slot of the pool was held
-  std::atomic<std::uint64_t> ring_full{0};   ///< dropped: the loop did not take them
-  std::atomic<std::uint64_t> protocol_errors{0};
-  std::atomic<std::uint64_t> retries{0};  ///< resends, repeated requests
-  std::atomic<std::uint64_t> reconnects{0};
+  std::atomic<std::uint64_t> received{0}, incomplete{0}, lost{0}, no_slot{0}, ring_full{0};
+  std::atomic<std::uint64_t> protocol_errors{0}, retries{0}, reconnects{0};
+
+  [[nodiscard]] HealthSnapshot snapshot() const noexcept;
 };
 
 /// What arm needs to know of the run.
@@ -101,7 +112,9 @@ class Channel {
   [[nodiscard]] ChannelState state() const noexcept { return state_; }
   [[nodiscard]] const ChannelConfig& config() const noexcept { return config_; }
   [[nodiscard]] const ChannelDescription& describe() const noexcept { return description_; }
-  [[nodiscard]] const Health& health() const noexcept { return health_; }
+  /// Any thread, at any time; wait-free. A channel that stands in front of another overrides it and adds its
+  /// own to what that one says.
+  [[nodiscard]] virtual HealthSnapshot health() const noexcept { return health_.snapshot(); }
   /// What `arm` found that a user should know although it is no error. Setup thread, armed or running.
   [[nodiscard]] virtual std::vector<std::string> warnings() const { return {}; }
 
@@ -121,7 +134,7 @@ class Channel {
   [[nodiscard]] const RunOrigin& origin() const noexcept { return origin_; }
 
   ChannelDescription description_;
-  Health health_;
+  HealthCounters health_;
 
  private:
   ChannelState state_ = ChannelState::created;
@@ -135,7 +148,9 @@ class Source : public Channel {
   /// Loop thread, once a cycle, before or after `poll`, increasing `now`: dispatch what is captured by the
   /// bench's own grid.
   virtual void begin_cycle(BenchTime now) noexcept { (void)now; }
-  /// Loop thread: the next sample that has arrived, in order of release; empty when there is none.
+  /// Loop thread: the next sample that has arrived, in order of release; empty when there is none. Its lease
+  /// is the only one: a stage between device and loop takes the slot back to number the sample or to change
+  /// its stamp. A pair, the last stage, does keep leases.
   [[nodiscard]] virtual SampleLease poll(BenchTime now) noexcept = 0;
   /// Loop thread: the next thing worth telling that happened to this channel (a pair was switched), as a
   /// sample of kind event; empty when there is none.
@@ -154,6 +169,19 @@ struct Command {
   std::array<double, 16> value{};
 };
 
+/// What became of a sink's commands, up to now. Each number is read by itself.
+struct SinkSnapshot {
+  std::uint64_t accepted = 0, applied = 0, late = 0, failed = 0, dropped = 0, made_safe = 0;
+  bool operator==(const SinkSnapshot&) const = default;
+};
+
+/// What a SinkSnapshot is taken from. Written by the loop and the sink's threads, read by any.
+struct SinkCounters {
+  std::atomic<std::uint64_t> accepted{0}, applied{0}, late{0}, failed{0}, dropped{0}, made_safe{0};
+
+  [[nodiscard]] SinkSnapshot snapshot() const noexcept;
+};
+
 /// Takes commands from the loop. Once started, its I/O thread watches the loop's heartbeat by itself: when
 /// the loop is stuck, gone or told to stop, the thread applies the channel's `safe:` values without being
 /// asked.
@@ -166,13 +194,11 @@ class Sink : public Channel {
   virtual void complete_until(BenchTime now) { (void)now; }
   /// Called at arm by the rig: where the loop's heartbeat is to be read.
   virtual void watch(const class Heartbeat* heartbeat, Duration deadline) = 0;
-  struct Counters {
-    std::atomic<std::uint64_t> accepted{0}, applied{0}, late{0}, failed{0}, dropped{0}, made_safe{0};
-  };
-  [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
+  /// Any thread, at any time; wait-free. Overridden as health() is.
+  [[nodiscard]] virtual SinkSnapshot counters() const noexcept { return counters_.snapshot(); }
 
  protected:
-  Counters counters_;
+  SinkCounters counters_;
 };
 
 }  // namespace rigor

@@ -31,7 +31,7 @@ Status FaultBench::bind(const std::vector<InputPort>& ports) {
     for (const auto& fault : entry.injector->scheduled()) {
       const FaultTrigger& t = fault->spec.trigger;
       if (t.when == FaultTrigger::When::always) continue;
-      const ConfigNode when = fault->spec.node.map("when");
+      const ConfigNode when = fault->node.map("when");
       const auto refuse = [&](std::string_view key, const std::string& message) {
         return tl::unexpected<Error>(when.error(key, message).error());
       };
@@ -41,7 +41,7 @@ Status FaultBench::bind(const std::vector<InputPort>& ports) {
         return refuse("channel",
                       "expected one of " + joined_or_none(names) + ", " + or_nearest(t.channel, names));
       fault->trigger_port = port->port;
-      if (t.when == FaultTrigger::When::late || t.when == FaultTrigger::When::lost) continue;
+      if (t.when == FaultTrigger::When::overdue || t.when == FaultTrigger::When::disconnected) continue;
       std::vector<std::string> values;
       if (!has_elements(port->description->kind))
         for (const FaultComponent& c : fault_components(port->description->kind, *port->description))
@@ -89,10 +89,7 @@ Status FaultBench::clear(const std::string& name) {
 
 void FaultBench::begin_cycle(BenchTime now) noexcept {
   for (Order order; orders_.try_pop(order);) order.fault ? order.to->add(order.fault) : order.to->end_live();
-  for (const Entry& e : entries_) {
-    e.injector->begin_cycle(now);
-    if (e.sink) e.sink->mirror_counters();
-  }
+  for (const Entry& e : entries_) e.injector->begin_cycle(now);
 }
 
 const FaultBench::Entry* FaultBench::poll_change(FaultChange& change) noexcept {

@@ -18,16 +18,39 @@ void forget_run(Fault& f) noexcept {
   f.held.clear();
 }
 
+/// As much of it as an event shows, not ending within a character.
+std::string_view shown(std::string_view text) noexcept {
+  constexpr std::size_t kMost = 240;
+  if (text.size() <= kMost) return text;
+  std::size_t n = kMost;
+  while (n > 0 && (static_cast<unsigned char>(text[n]) & 0xc0) == 0x80) --n;
+  return text.substr(0, n);
+}
+
 }  // namespace
 
-std::unique_ptr<Fault> FaultInjector::make(FaultSpec spec, std::uint32_t index, bool live) const {
+std::unique_ptr<Fault> FaultInjector::make(FaultReading reading, std::uint32_t index, bool live) const {
   auto f = std::make_unique<Fault>();
   // The channel's key, and from it one of each fault's own, so that no two share a draw.
   const auto channel = models::channel_key(seed_, models::channel_id_from_name(subject_.channel));
   f->key = models::channel_key((std::uint64_t{channel.word1} << 32) | channel.word0, index);
-  f->spec = std::move(spec);
+  f->spec = std::move(reading.spec);
+  f->component = reading.component;
+  f->signal = std::move(reading.signal);
+  // Of a live one it would only keep a parsed document alive.
+  if (!live) f->node = std::move(reading.node);
   f->index = index;
   f->live = live;
+  f->from = f->spec.from;
+  f->until = f->spec.until;
+  f->on_for = f->spec.on_for;
+  const bool once = f->spec.every.ns() == 0 && f->spec.trigger.when == FaultTrigger::When::always;
+  if (!live && once && f->on_for.ns() > 0) {
+    f->until = f->from + f->on_for;
+    f->on_for = {};
+  }
+  f->identity = std::make_shared<const FaultIdentity>(
+      FaultIdentity{subject_.channel, index, f->spec.kind, live, fault_json(f->spec), fault_yaml(f->spec)});
   f->spans.resize(live ? 1 : Fault::kSpans);
   f->held.reserve(f->spec.leases);
   return f;
@@ -51,8 +74,8 @@ void FaultInjector::configure(const FaultSubject& subject, std::uint64_t seed, c
 }
 
 Result<Fault*> FaultInjector::make_live(const ConfigNode& node) {
-  auto spec = catch_config([&] { return read_fault(node, subject_, true); });
-  if (!spec) return tl::unexpected<Error>(spec.error());
+  auto reading = catch_config([&] { return read_fault(node, subject_, true); });
+  if (!reading) return tl::unexpected<Error>(reading.error());
   const std::lock_guard lock(live_mutex_);
   if (ended_) return fail(ErrorCode::wrong_state, subject_.channel, "the run has ended; no fault can begin");
   std::size_t there = scheduled_.size();
@@ -61,10 +84,9 @@ Result<Fault*> FaultInjector::make_live(const ConfigNode& node) {
     return fail(ErrorCode::unavailable, subject_.channel,
                 "has " + std::to_string(there) + " faults, which is as many as it can have; clear some");
   if (make_room)
-    if (auto s = make_room(spec->kind); !s) return tl::unexpected<Error>(s.error());
+    if (auto s = make_room(reading->spec.kind); !s) return tl::unexpected<Error>(s.error());
   forget_oldest();
-  spec->node = {};  // it keeps a parsed document alive, for messages about what is scheduled
-  live_.push_back(make(std::move(*spec), next_index_++, true));
+  live_.push_back(make(std::move(*reading), next_index_++, true));
   return live_.back().get();
 }
 
@@ -73,7 +95,7 @@ void FaultInjector::forget_oldest() {
   std::size_t left = 0;
   for (const auto& f : live_) {
     if (!f->left.load(std::memory_order_acquire)) continue;
-    f->spec.signal.reset();
+    f->signal.reset();
     ++left;
   }
   std::erase_if(live_, [&](const std::unique_ptr<Fault>& f) {
@@ -91,25 +113,27 @@ void FaultInjector::forget_oldest() {
 
 Status FaultInjector::schedule_live(const ConfigNode& node, std::uint32_t index, Duration from,
                                     Duration until) {
-  auto spec = catch_config([&] { return read_fault(node, subject_, true); });
-  if (!spec) return tl::unexpected<Error>(spec.error());
+  auto reading = catch_config([&] { return read_fault(node, subject_, true); });
+  if (!reading) return tl::unexpected<Error>(reading.error());
   if (index < next_index_)
     return fail(ErrorCode::bad_input, subject_.channel,
                 "expected the recorded rig, in which the first live fault of this channel had the index " +
                     std::to_string(index) + "; this rig has " + std::to_string(next_index_) +
                     " scheduled ones");
   next_index_ = index + 1;
-  spec->from = from;
-  spec->until = until;
-  spec->on_for = {};
-  scheduled_.push_back(make(std::move(*spec), index, true));
+  auto fault = make(std::move(*reading), index, true);
+  fault->from = from;
+  fault->until = until;
+  fault->on_for = {};
+  scheduled_.push_back(std::move(fault));
   return {};
 }
 
 void FaultInjector::arm() {
-  all_.reserve(2 * kMost);
-  active_.reserve(2 * kMost);
-  if (!event_pool_) event_pool_ = make_sample_pool(2 * changes_.size(), 0);
+  // A recording may have brought more than one run takes at a time.
+  all_.reserve(scheduled_.size() + 2 * kMost);
+  active_.reserve(scheduled_.size() + 2 * kMost);
+  if (!event_pool_) event_pool_ = make_sample_pool(2 * changes_.capacity(), 0);
   const std::lock_guard lock(live_mutex_);
   ended_ = false;
 }
@@ -124,8 +148,7 @@ void FaultInjector::start(BenchTime t0, Period loop_period) noexcept {
     forget_run(*f);
     all_.push_back(f.get());
   }
-  for (auto& c : changes_) c = {};
-  change_first_ = change_count_ = 0;
+  changes_.clear();
   event_sequence_ = 0;
   running_ = true;
 }
@@ -152,29 +175,29 @@ void FaultInjector::add(Fault* live) noexcept {
     live->over = live->left = true;
     return;
   }
-  live->spec.from = Duration(-1);  // from this cycle on
+  live->from = Duration(-1);  // from this cycle on
   all_.push_back(live);
 }
 
 void FaultInjector::end_live() noexcept {
   for (Fault* f : all_)
-    if (f->live && (f->spec.from < Duration(0) || f->on.load(std::memory_order_relaxed))) {
-      f->spec.from = f->spec.until = f->spec.on_for = Duration(0);
+    if (f->live && (f->from < Duration(0) || f->on.load(std::memory_order_relaxed))) {
+      f->from = f->until = f->on_for = Duration(0);
     }
 }
 
 bool FaultInjector::wanted(Fault& f, Duration elapsed) const noexcept {
   const FaultSpec& s = f.spec;
-  if (elapsed < s.from || elapsed >= s.until) return false;
-  if (s.every.ns() > 0) return (elapsed - s.from).ns() % s.every.ns() < s.on_for.ns();
+  if (elapsed < f.from || elapsed >= f.until) return false;
+  if (s.every.ns() > 0) return (elapsed - f.from).ns() % s.every.ns() < f.on_for.ns();
   if (s.trigger.when == FaultTrigger::When::always) return true;
   bool is_true = false;
   if (f.trigger_port) switch (s.trigger.when) {
-      case FaultTrigger::When::late:
-        is_true = f.trigger_port->status() == PortStatus::late;
+      case FaultTrigger::When::overdue:
+        is_true = f.trigger_port->status() == PortStatus::overdue;
         break;
-      case FaultTrigger::When::lost:
-        is_true = f.trigger_port->status() == PortStatus::lost;
+      case FaultTrigger::When::disconnected:
+        is_true = f.trigger_port->status() == PortStatus::disconnected;
         break;
       default:
         if (const SampleLease& sample = f.trigger_port->sample()) {
@@ -183,13 +206,13 @@ bool FaultInjector::wanted(Fault& f, Duration elapsed) const noexcept {
               s.trigger.when == FaultTrigger::When::above ? v > s.trigger.threshold : v < s.trigger.threshold;
         }
     }
-  if (s.on_for.ns() == 0) return is_true;
+  if (f.on_for.ns() == 0) return is_true;
   if (is_true && !f.was_true) {
     f.triggered = true;
     f.t_triggered = t0_ + elapsed;
   }
   f.was_true = is_true;
-  return f.triggered && t0_ + elapsed < f.t_triggered + s.on_for;
+  return f.triggered && t0_ + elapsed < f.t_triggered + f.on_for;
 }
 
 void FaultInjector::begin_cycle(BenchTime now) noexcept {
@@ -200,17 +223,17 @@ void FaultInjector::begin_cycle(BenchTime now) noexcept {
   const Duration elapsed = now - t0_;
   bool changed = false;
   for (Fault* f : all_) {
-    if (f->live && f->spec.from < Duration(0)) {
-      f->spec.from = elapsed;
-      if (f->spec.on_for.ns() > 0) f->spec.until = elapsed + f->spec.on_for;
-      f->spec.on_for = {};
+    if (f->live && f->from < Duration(0)) {
+      f->from = elapsed;
+      if (f->on_for.ns() > 0) f->until = elapsed + f->on_for;
+      f->on_for = {};
     }
     const bool want = wanted(*f, elapsed);
     if (want != f->on.load(std::memory_order_relaxed)) {
       want ? switch_on(*f, now) : switch_off(*f, now);
       changed = true;
     }
-    if (f->live && !want && elapsed >= f->spec.until) {
+    if (f->live && !want && elapsed >= f->until) {
       f->over.store(true, std::memory_order_release);
       changed = true;
     }
@@ -246,11 +269,19 @@ void FaultInjector::switch_off(Fault& f, BenchTime now) noexcept {
 }
 
 void FaultInjector::tell(const Fault& f, bool begins, BenchTime now) noexcept {
-  if (change_count_ == changes_.size()) return;  // its counters and spans say it all the same
-  FaultChange& change = changes_[(change_first_ + change_count_++) % changes_.size()];
-  change = {true, f.spec.kind, begins, event_pool_->try_acquire()};
-  if (!change.event) return;
-  Sample& sample = change.event.edit();
+  if (changes_.full()) return;  // its counters and spans say it all the same
+  const auto now_at = [](const std::atomic<std::uint64_t>& n) { return n.load(std::memory_order_relaxed); };
+  FaultChange& change = changes_.push_back({f.identity,
+                                            begins,
+                                            now,
+                                            now_at(f.count.seen),
+                                            now_at(f.count.dropped),
+                                            now_at(f.count.changed),
+                                            now_at(f.count.delayed),
+                                            {}});
+  SampleSlot event = event_pool_->try_acquire();
+  if (!event) return;
+  Sample& sample = *event;
   sample.stamp = Stamp{};
   sample.stamp.sequence = event_sequence_++;
   sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = now;
@@ -264,24 +295,16 @@ void FaultInjector::tell(const Fault& f, bool begins, BenchTime now) noexcept {
   text.add(begins ? " begins in cycle " : " ends in cycle ");
   text.add(static_cast<std::uint64_t>(std::max<std::int64_t>(0, (now - t0_) / period_)));
   if (!begins) {
-    const auto tally = [&](const char* what, const std::atomic<std::uint64_t>& n) {
-      text.add(n.load(std::memory_order_relaxed)).add(what);
-    };
-    tally(" seen, ", f.count.seen);
-    tally(" dropped, ", f.count.dropped);
-    tally(" changed, ", f.count.changed);
-    tally(" delayed", f.count.delayed);
+    text.add(": ").add(change.seen).add(" seen, ").add(change.dropped).add(" dropped, ");
+    text.add(change.changed).add(" changed, ").add(change.delayed).add(" delayed");
   }
-  text.add(": ").add(f.spec.text);
+  text.add(": ").add(shown(f.identity->yaml));
   sample.info = info;
+  change.event = std::move(event);
 }
 
 FaultChange FaultInjector::poll_change() noexcept {
-  if (change_count_ == 0) return {};
-  FaultChange change = std::move(changes_[change_first_]);
-  change_first_ = (change_first_ + 1) % changes_.size();
-  --change_count_;
-  return change;
+  return changes_.empty() ? FaultChange{} : changes_.pop_front();
 }
 
 // ------------------------------------------------------------------ one sample
@@ -332,10 +355,10 @@ SampleEdit fault_edit(const Fault& f, std::uint64_t sequence, BenchTime t) noexc
   const FaultSpec& s = f.spec;
   SampleEdit e;
   e.kind = s.kind == FaultKind::drift ? FaultKind::bias : s.kind;
-  e.component = s.component;
-  e.signal = s.signal.get();
+  e.component = f.component;
+  e.signal = f.signal.get();
   e.amount = s.kind == FaultKind::drift ? s.amount * std::max(0.0, (t - f.t_on).seconds()) : s.amount;
-  e.element_share = s.element_share;
+  e.element_share = s.element_share.value_or(1);
   e.flips = s.flips;
   e.keep = s.keep;
   e.key = f.key;

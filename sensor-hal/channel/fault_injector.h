@@ -22,6 +22,7 @@
 #include <string>
 #include <vector>
 
+#include "rt-core/fixed_ring.h"
 #include "rt-core/period.h"
 #include "rt-core/port.h"
 #include "sensor-hal/channel/fault_spec.h"
@@ -34,11 +35,24 @@ inline void count(std::atomic<std::uint64_t>& n, std::uint64_t by = 1) noexcept 
   n.fetch_add(by, std::memory_order_relaxed);
 }
 
+/// Which fault it is. Made once, and kept by whoever tells of it.
+struct FaultIdentity {
+  std::string of;  ///< the channel or sink; of a pair's side `left.real`
+  std::uint32_t index = 0;
+  FaultKind kind{};
+  bool live = false;
+  std::string json, yaml;  ///< the fault with all its keys
+};
+
 /// One fault in a run.
 struct Fault {
   FaultSpec spec;
+  int component = 0;
+  std::shared_ptr<const FrameSignal> signal;
+  ConfigNode node;          ///< for messages at arm
   std::uint32_t index = 0;  ///< in its channel; live ones count on
   bool live = false;        ///< asked for while a run went on (this one, or the recorded one)
+  std::shared_ptr<const FaultIdentity> identity;
   models::PhiloxKey key;
   const Port<Sample>* trigger_port = nullptr;
   int trigger_component = 0;
@@ -56,6 +70,7 @@ struct Fault {
   std::atomic<bool> left{false};  ///< it is over, and the loop has let go of it
 
   // The loop's own.
+  Duration from, until, on_for;  ///< as the spec has them; of a live one as they came about
   struct Span {
     BenchTime from, until;
   };
@@ -70,16 +85,17 @@ struct Fault {
   SampleLease kept;  ///< stuck
   std::array<double, 16> kept_values{};
   bool has_kept_values = false;
-  std::vector<SampleLease> held;  ///< slow_consumer; its memory is taken when it is made
+  std::vector<SlotHold<Sample>> held;  ///< slow_consumer; its memory is taken when it is made
 };
 
 /// A fault begins or ends.
 struct FaultChange {
-  bool there = false;  ///< false: there was none
-  FaultKind kind{};
+  std::shared_ptr<const FaultIdentity> fault;  ///< null: there was none
   bool begins = false;
-  SampleLease event;  ///< for the recorder; empty where it has all that there are
-  explicit operator bool() const noexcept { return there; }
+  BenchTime t;
+  std::uint64_t seen = 0, dropped = 0, changed = 0, delayed = 0;  ///< so far, as Fault::Counters
+  SampleLease event;  ///< the same as text for people; empty where the recorder has all that there are
+  explicit operator bool() const noexcept { return fault != nullptr; }
 };
 
 class FaultInjector {
@@ -130,7 +146,7 @@ class FaultInjector {
   [[nodiscard]] FaultChange poll_change() noexcept;
 
  private:
-  [[nodiscard]] std::unique_ptr<Fault> make(FaultSpec spec, std::uint32_t index, bool live) const;
+  [[nodiscard]] std::unique_ptr<Fault> make(FaultReading reading, std::uint32_t index, bool live) const;
   [[nodiscard]] bool wanted(Fault& f, Duration elapsed) const noexcept;
   void forget_oldest();
   void switch_on(Fault& f, BenchTime now) noexcept;
@@ -151,8 +167,7 @@ class FaultInjector {
   bool running_ = false, any_cycle_ = false;
   std::vector<Fault*> all_, active_;
   std::unique_ptr<SamplePool> event_pool_;
-  std::array<FaultChange, 2 * kMost> changes_{};
-  std::size_t change_first_ = 0, change_count_ = 0;
+  FixedRing<FaultChange, 2 * kMost> changes_;
   std::uint64_t event_sequence_ = 0;
 };
 

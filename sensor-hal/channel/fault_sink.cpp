@@ -28,33 +28,26 @@ Status FaultySink::do_arm(const ArmContext& context) {
 Status FaultySink::do_start(BenchTime t0) {
   if (auto s = inner_->start(t0); !s) return s;
   any_ = false;
-  lost_ = 0;
+  lost_.store(0, std::memory_order_relaxed);
   faults_.start(t0, loop_period_);
   return {};
 }
 
 Status FaultySink::do_stop() {
   faults_.stop();
-  Status stopped;
   if (inner_->state() == ChannelState::armed || inner_->state() == ChannelState::running)
-    stopped = inner_->stop();
-  mirror_counters();
-  return stopped;
+    return inner_->stop();
+  return {};
 }
 
-void FaultySink::complete_until(BenchTime now) {
-  inner_->complete_until(now);
-  mirror_counters();
-}
+void FaultySink::complete_until(BenchTime now) { inner_->complete_until(now); }
 
 bool FaultySink::command(const Command& given) noexcept {
   faults_.begin_cycle(given.t_issue);
   if (faults_.active().empty()) {
     Command c = given;
     if (any_) c.t_effect = std::max(c.t_effect, last_effect_);
-    const bool taken = inner_->command(c);
-    mirror_counters();
-    return taken;
+    return inner_->command(c);
   }
   Command c = given;
   Duration delay;
@@ -93,7 +86,7 @@ bool FaultySink::command(const Command& given) noexcept {
       case FaultKind::noise:
       case FaultKind::spike: {
         if (lost || !fault_hits(*f, c.sequence)) break;
-        const auto i = static_cast<std::size_t>(f->spec.component);
+        const auto i = static_cast<std::size_t>(f->component);
         if (i < c.count) c.value[i] += edit_amount(fault_edit(*f, c.sequence, c.t_issue));
         count(f->count.changed);
         break;
@@ -107,36 +100,22 @@ bool FaultySink::command(const Command& given) noexcept {
     }
   }
   if (lost) {
-    ++lost_;
-    mirror_counters();
+    count(lost_);
     return true;
   }
   c.t_effect = c.t_effect + delay;
   if (any_) c.t_effect = std::max(c.t_effect, last_effect_);
   last_effect_ = c.t_effect;
   any_ = true;
-  const bool taken = inner_->command(c);
-  mirror_counters();
-  return taken;
+  return inner_->command(c);
 }
 
-void FaultySink::mirror_counters() noexcept {
-  const Counters& n = inner_->counters();
-  const auto take = [&](std::atomic<std::uint64_t> Counters::*counter, std::uint64_t more = 0) {
-    (counters_.*counter)
-        .store((n.*counter).load(std::memory_order_relaxed) + more, std::memory_order_relaxed);
-  };
-  take(&Counters::accepted, lost_);
-  take(&Counters::applied);
-  take(&Counters::late);
-  take(&Counters::failed);
-  take(&Counters::dropped, lost_);
-  take(&Counters::made_safe);
-  const Health& h = inner_->health();
-  health_.connected.store(h.connected.load(std::memory_order_relaxed), std::memory_order_relaxed);
-  for (auto counter :
-       {&Health::received, &Health::lost, &Health::protocol_errors, &Health::retries, &Health::reconnects})
-    (health_.*counter).store((h.*counter).load(std::memory_order_relaxed), std::memory_order_relaxed);
+SinkSnapshot FaultySink::counters() const noexcept {
+  SinkSnapshot n = inner_->counters();
+  const std::uint64_t lost = lost_.load(std::memory_order_relaxed);
+  n.accepted += lost;
+  n.dropped += lost;
+  return n;
 }
 
 }  // namespace rigor

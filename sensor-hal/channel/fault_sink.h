@@ -9,6 +9,7 @@
 // device. Its counters are the inner sink's, with what was lost here among accepted and dropped.
 #pragma once
 
+#include <atomic>
 #include <memory>
 
 #include "sensor-hal/channel/fault_injector.h"
@@ -25,12 +26,12 @@ class FaultySink final : public Sink {
   void complete_until(BenchTime now) override;
   void watch(const Heartbeat* heartbeat, Duration deadline) override { inner_->watch(heartbeat, deadline); }
   [[nodiscard]] std::vector<std::string> warnings() const override { return inner_->warnings(); }
+  [[nodiscard]] HealthSnapshot health() const noexcept override { return inner_->health(); }
+  [[nodiscard]] SinkSnapshot counters() const noexcept override;
 
   [[nodiscard]] FaultInjector& faults() noexcept { return faults_; }
   [[nodiscard]] const FaultInjector& faults() const noexcept { return faults_; }
   [[nodiscard]] const Sink& inner() const noexcept { return *inner_; }
-  /// Loop thread, or after the loop: brings the counters up to those of the inner sink.
-  void mirror_counters() noexcept;
 
  private:
   Status do_configure(const ChannelConfig& config) override;
@@ -43,7 +44,7 @@ class FaultySink final : public Sink {
   Period loop_period_ = milliseconds(1);
   BenchTime last_effect_;
   bool any_ = false;
-  std::uint64_t lost_ = 0;
+  std::atomic<std::uint64_t> lost_{0};  ///< of this run
 };
 
 }  // namespace rigor

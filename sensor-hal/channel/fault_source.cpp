@@ -46,7 +46,7 @@ void copy_sample(const Sample& content, Sample& to) noexcept {
 }  // namespace
 
 FaultySource::Room::Room(std::size_t slots, std::size_t bytes)
-    : pool(make_sample_pool(slots, bytes)), slot_bytes(bytes), jobs(slots) {}
+    : pool(make_sample_pool(slots, bytes)), slot_bytes(bytes), jobs(slots), done(slots) {}
 
 FaultySource::FaultySource(std::unique_ptr<Source> inner, WorkerPool* workers, FrameSignalFinder find_signal)
     : inner_(std::move(inner)), workers_(workers), find_signal_(std::move(find_signal)) {
@@ -87,8 +87,6 @@ Status FaultySource::do_arm(const ArmContext& context) {
     armed_ = true;
     if (owned_room_ && owned_room_->slot_bytes != description_.max_bytes) {
       room_.store(nullptr, std::memory_order_release);
-      // Somebody may still hold samples of the last run: their memory stays.
-      if (owned_room_->pool->in_use() != 0) retired_.push_back(std::move(owned_room_));
       owned_room_.reset();
     }
     used_before = owned_room_ != nullptr;
@@ -123,9 +121,9 @@ Status FaultySource::make_room(FaultKind kind) {
     room.strand = workers_->make_strand([&room] {
       Job job;
       if (!room.jobs.try_pop(job)) return;
-      Sample& to = job.to.edit();
-      copy_sample(*job.from, to);
-      for (std::size_t i = 0; i < job.edit_count; ++i) apply_edit(job.edits[i], to);
+      copy_sample(*job.from, *job.to);
+      for (std::size_t i = 0; i < job.edit_count; ++i) apply_edit(job.edits[i], *job.to);
+      (void)room.done.try_push(std::move(job.to));  // there is a place for each slot
     });
     if (!room.strand)
       return fail(ErrorCode::unavailable, faults_.subject().channel,
@@ -137,19 +135,17 @@ Status FaultySource::make_room(FaultKind kind) {
 
 Status FaultySource::do_start(BenchTime t0) {
   if (auto s = inner_->start(t0); !s) return s;
-  for (Waiting& w : waiting_) w = {};
-  first_ = count_ = own_waiting_ = 0;
+  waiting_.clear();
+  own_waiting_ = 0;
   ahead_.reset();
   last_at_ = BenchTime(std::numeric_limits<std::int64_t>::min());
   lost_before_ = 0;
-  incomplete_ = returns_ = 0;
-  gone_ = false;
+  gone_.store(false, std::memory_order_relaxed);
   for (auto* n : {&accounts_.taken, &accounts_.handed_on, &accounts_.dropped, &accounts_.disconnected,
-                  &accounts_.no_slot, &accounts_.waiting})
+                  &accounts_.no_slot, &accounts_.waiting, &incomplete_, &returns_})
     n->store(0, std::memory_order_relaxed);
   faults_.start(t0, loop_period_);
   running_ = true;
-  mirror_health();
   return {};
 }
 
@@ -162,25 +158,23 @@ Status FaultySource::do_stop() {
     if (owned_room_) {
       owned_room_->strand.reset();  // waits for the sample that is being changed
       for (Job job; owned_room_->jobs.try_pop(job);) job = Job{};
+      for (SampleLease made; owned_room_->done.try_pop(made);) made.reset();
     }
   }
   faults_.stop();
-  for (Waiting& w : waiting_) w = {};
-  first_ = count_ = own_waiting_ = 0;
+  waiting_.clear();
+  own_waiting_ = 0;
   ahead_.reset();
-  gone_ = false;
-  Status stopped;
+  gone_.store(false, std::memory_order_relaxed);
   if (inner_->state() == ChannelState::armed || inner_->state() == ChannelState::running)
-    stopped = inner_->stop();
-  mirror_health();
-  return stopped;
+    return inner_->stop();
+  return {};
 }
 
 void FaultySource::begin_cycle(BenchTime now) noexcept {
   if (!running_) return;
   faults_.begin_cycle(now);
   inner_->begin_cycle(now);
-  mirror_health();
 }
 
 bool FaultySource::request_at(std::uint64_t index, BenchTime t_capture) noexcept {
@@ -205,22 +199,18 @@ SampleLease FaultySource::poll(BenchTime now) noexcept {
   if (!running_) return {};
   take_in(now);
   SampleLease sample;
-  if (count_ > 0) {
-    Waiting& head = waiting_[first_];
+  if (!waiting_.empty()) {
+    Waiting& head = waiting_.front();
     Room* room = room_.load(std::memory_order_acquire);
     if (virtual_time_ && head.job > 0 && room) room->strand->wait_for(head.job);
-    const bool made =
-        head.job == 0 || (room && room->strand->submitted() - room->strand->backlog() >= head.job);
-    if (head.at <= now && made) {
-      sample = std::move(head.sample);
-      first_ = (first_ + 1) % kWaiting;
-      --count_;
+    if (!head.sample && room) (void)room->done.try_pop(head.sample);
+    if (head.at <= now && head.sample) {
       own_waiting_ -= head.own;
+      sample = waiting_.pop_front().sample;
       count(accounts_.handed_on);
-      accounts_.waiting.store(count_, std::memory_order_relaxed);
+      accounts_.waiting.store(waiting_.size(), std::memory_order_relaxed);
     }
   }
-  mirror_health();
   return sample;
 }
 
@@ -231,14 +221,14 @@ bool FaultySource::cycle_allows_reading(BenchTime now) noexcept {
     gone |= f->spec.kind == FaultKind::disconnect;
     unread |= f->spec.kind == FaultKind::slow_consumer && !f->spec.hold;
   }
-  returns_ += gone_ && !gone;
-  gone_ = gone;
+  if (gone_.load(std::memory_order_relaxed) && !gone) count(returns_);
+  gone_.store(gone, std::memory_order_relaxed);
   return !unread;
 }
 
 void FaultySource::take_in(BenchTime now) noexcept {
   if (!cycle_allows_reading(now)) return;
-  while (count_ < kWaiting) {  // beyond that the inner source has to keep them, and counts what it cannot
+  while (!waiting_.full()) {  // beyond that the inner source has to keep them, and counts what it cannot
     if (!ahead_) ahead_ = inner_->poll(now);
     // What happens to be there early in virtual time must not be seen early: when faults are on depends on
     // it.
@@ -300,6 +290,7 @@ void FaultySource::judge(const SampleLease& sample, Verdict& v) noexcept {
           count(f->count.changed);
         } else {
           f->kept = sample;
+          v.keeps = true;
         }
         break;
       case FaultKind::bias:
@@ -314,60 +305,44 @@ void FaultySource::judge(const SampleLease& sample, Verdict& v) noexcept {
         count(f->count.changed);
         break;
       case FaultKind::slow_consumer:
-        if (!v.lost && f->spec.hold && f->held.size() < f->held.capacity()) f->held.push_back(sample);
+        if (!v.lost && f->spec.hold && f->held.size() < f->held.capacity()) f->held.push_back(sample.hold());
         break;
     }
   }
 }
 
-SampleLease FaultySource::take_slot(Room& room) noexcept {
+SampleSlot FaultySource::take_slot(Room* room) noexcept {
+  if (!room) return {};
   // Those that are held back here leave some for the others, so that in virtual time it is not waited for in
   // vain.
-  if (virtual_time_ && own_waiting_ + kForOthers > room.pool->size()) return {};
-  return slot_wait_.acquire(*room.pool);
+  if (virtual_time_ && own_waiting_ + kForOthers > room->pool->size()) return {};
+  return slot_wait_.acquire(*room->pool);
 }
 
-/// False: there was no slot.
-bool FaultySource::change(SampleLease& sample, const Verdict& v, std::uint64_t& job) noexcept {
-  Room* room = room_.load(std::memory_order_acquire);
-  SampleLease slot = room ? take_slot(*room) : SampleLease{};
-  if (!slot) return false;
-  const SampleLease& content = v.stuck ? v.stuck->kept : sample;
-  Sample& to = slot.edit();
-  to.stamp = sample->stamp;
-  if (room->strand && content->size_bytes > kInlineBytes) {
+/// Puts into `slot`, whose stamp is made already, what the faults make of the sample, at once or by a worker:
+/// then the answer is the number of its job, and `sample` is empty until that is done.
+std::uint64_t FaultySource::change(SampleLease& sample, const Verdict& v, Room& room,
+                                   SampleSlot&& slot) noexcept {
+  SampleLease content = v.stuck ? v.stuck->kept : std::move(sample);
+  sample.reset();
+  if (room.strand && content->size_bytes > kInlineBytes) {
     Job work;
-    work.from = content;
-    work.to = slot;
+    work.from = std::move(content);
+    work.to = std::move(slot);
     work.edits = v.edits;
     work.edit_count = v.edit_count;
-    if (!room->jobs.try_push(std::move(work))) return false;  // cannot be: there is a place for each slot
-    room->strand->submit();
-    job = room->strand->submitted();
-  } else {
-    copy_sample(*content, to);
-    for (std::size_t i = 0; i < v.edit_count; ++i) apply_edit(v.edits[i], to);
+    (void)room.jobs.try_push(std::move(work));  // there is a place for each slot
+    room.strand->submit();
+    return room.strand->submitted();
   }
+  copy_sample(*content, *slot);
+  for (std::size_t i = 0; i < v.edit_count; ++i) apply_edit(v.edits[i], *slot);
   sample = std::move(slot);
-  return true;
+  return 0;
 }
 
-void FaultySource::admit(SampleLease&& sample) noexcept {
-  count(accounts_.taken);
-  Verdict v;
-  if (!faults_.active().empty()) judge(sample, v);
-  if (v.lost) return;
-
-  std::uint64_t job = 0;
-  bool own = false;
-  const bool changes = v.stuck || v.edit_count > 0;
-  // What is small and will wait does so in a slot of ours, where there is one.
-  const bool moves = !changes && (v.delayed || v.shift.ns() > 0 || count_ > 0) && sample->size_bytes == 0;
-  if (changes || moves) {
-    own = change(sample, v, job);
-    if (changes && !own) return lose(sample->stamp, accounts_.no_slot);
-  }
-  Stamp& stamp = sample.edit().stamp;
+/// The answer: not to be handed on before.
+BenchTime FaultySource::restamp(Stamp& stamp, const Verdict& v) noexcept {
   BenchTime at(std::numeric_limits<std::int64_t>::min());
   if (virtual_time_) at = stamp.t_release;
   if (v.stuck && v.stuck->spec.freeze) stamp.t_capture = v.stuck->kept->stamp.t_capture;
@@ -380,7 +355,7 @@ void FaultySource::admit(SampleLease&& sample) noexcept {
     at = std::max(at, stamp.t_release + v.delay);
     stamp.t_arrival = std::max(stamp.t_arrival, at);
   }
-  if (count_ > 0 && last_at_ > at) {
+  if (!waiting_.empty() && last_at_ > at) {
     at = last_at_;
     stamp.t_arrival = std::max(stamp.t_arrival, at);
   }
@@ -389,30 +364,61 @@ void FaultySource::admit(SampleLease&& sample) noexcept {
     lost_before_ = 0;
   }
   if (v.validity != 0) {
-    incomplete_ += (v.validity & kIncomplete) != 0 && (stamp.validity & kIncomplete) == 0;
+    if ((v.validity & kIncomplete) != 0 && (stamp.validity & kIncomplete) == 0) count(incomplete_);
     stamp.validity |= v.validity;
   }
-  last_at_ = at;
-  waiting_[(first_ + count_++) % kWaiting] = {std::move(sample), at, job, own};
-  own_waiting_ += own;
-  accounts_.waiting.store(count_, std::memory_order_relaxed);
+  return at;
 }
 
-void FaultySource::mirror_health() noexcept {
-  const Health& h = inner_->health();
-  const auto take = [&](std::atomic<std::uint64_t> Health::*counter, std::uint64_t more = 0) {
-    (health_.*counter).store((h.*counter).load(std::memory_order_relaxed) + more, std::memory_order_relaxed);
-  };
+void FaultySource::admit(SampleLease&& sample) noexcept {
+  count(accounts_.taken);
+  Verdict v;
+  if (!faults_.active().empty()) judge(sample, v);
+  if (v.lost) return;
+
+  Room* room = room_.load(std::memory_order_acquire);
+  SampleSlot slot;
+  const bool changes = v.stuck || v.edit_count > 0;
+  // What is small and will wait does so in a slot of ours, where there is one.
+  const bool moves =
+      !changes && (v.delayed || v.shift.ns() > 0 || !waiting_.empty()) && sample->size_bytes == 0;
+  if (changes || moves || v.keeps) slot = take_slot(room);
+  if (changes && !slot) return lose(sample->stamp, accounts_.no_slot);
+  if (v.keeps && !slot)  // the next one is repeated
+    for (Fault* f : faults_.active())
+      if (f->kept.same_as(sample)) f->kept.reset();
+
+  const bool own = static_cast<bool>(slot);
+  Stamp stamp = sample->stamp;
+  const BenchTime at = restamp(stamp, v);
+  std::uint64_t job = 0;
+  if (own) {
+    slot->stamp = stamp;
+    job = change(sample, v, *room, std::move(slot));
+  } else if (stamp != sample->stamp) {
+    if (SampleSlot back = sample.take_back()) {
+      back->stamp = stamp;
+      sample = std::move(back);
+    } else {                                          // the inner source keeps a lease, which it must not
+      stamp.lost_before = sample->stamp.lost_before;  // the gap in the sequence says it, too
+      if (stamp != sample->stamp) return lose(sample->stamp, accounts_.no_slot);
+    }
+  }
+  last_at_ = at;
+  waiting_.push_back({std::move(sample), at, job, own});
+  own_waiting_ += own;
+  accounts_.waiting.store(waiting_.size(), std::memory_order_relaxed);
+}
+
+HealthSnapshot FaultySource::health() const noexcept {
   const auto own = [](const std::atomic<std::uint64_t>& n) { return n.load(std::memory_order_relaxed); };
-  take(&Health::received);
-  take(&Health::incomplete, incomplete_);
-  take(&Health::lost, own(accounts_.dropped) + own(accounts_.disconnected));
-  take(&Health::no_slot, own(accounts_.no_slot));
-  take(&Health::ring_full);
-  take(&Health::protocol_errors);
-  take(&Health::retries);
-  take(&Health::reconnects, returns_);
-  health_.connected.store(h.connected.load(std::memory_order_relaxed) && !gone_, std::memory_order_relaxed);
+  HealthSnapshot h = inner_->health();
+  h.connected = h.connected && !gone_.load(std::memory_order_relaxed);
+  h.incomplete += own(incomplete_);
+  h.lost += own(accounts_.dropped) + own(accounts_.disconnected);
+  h.no_slot += own(accounts_.no_slot);
+  h.reconnects += own(returns_);
+  return h;
 }
 
 }  // namespace rigor

@@ -6,10 +6,10 @@
 //   ──▶ loop
 //
 // Whatever the order in `faults`: losses come first, then what is stuck, then changes in the order of the
-// list, then times. A sample whose values change is copied into a slot of the decorator's own; the memory for
-// that is taken at arm, or, for a fault that is asked for later, by the thread that asks. Samples of more
-// than 16 KiB are copied and changed by a worker, where there are workers: the loop hands them on when that
-// is done.
+// list, then times. A sample whose values change, and the one that a stuck channel goes on to repeat, is
+// copied into a slot of the decorator's own; the memory for that is taken at arm, or, for a fault that is
+// asked for later, by the thread that asks. Samples of more than 16 KiB are copied and changed by a worker,
+// where there are workers: the loop hands them on when that is done.
 //
 //   delay, jitter   t_release stays; t_arrival is when it was handed on. Samples do not overtake each other:
 //                   what comes behind a delayed one waits, and counts as delayed. Samples with bytes hold
@@ -33,6 +33,7 @@
 #include <mutex>
 #include <vector>
 
+#include "rt-core/fixed_ring.h"
 #include "rt-core/spsc_ring.h"
 #include "sensor-hal/channel/fault_injector.h"
 #include "sensor-hal/channel/simulated_source.h"
@@ -57,6 +58,7 @@ class FaultySource final : public FollowerSource {
   void complete_until(BenchTime now) override;
   bool request_at(std::uint64_t index, BenchTime t_capture) noexcept override;
   [[nodiscard]] std::vector<std::string> warnings() const override { return inner_->warnings(); }
+  [[nodiscard]] HealthSnapshot health() const noexcept override;
 
   [[nodiscard]] FaultInjector& faults() noexcept { return faults_; }
   [[nodiscard]] const FaultInjector& faults() const noexcept { return faults_; }
@@ -77,7 +79,8 @@ class FaultySource final : public FollowerSource {
   static constexpr std::size_t kWaiting = 256;
   static constexpr std::size_t kInlineBytes = 16 << 10;
   struct Job {
-    SampleLease from, to;
+    SampleLease from;
+    SampleSlot to;
     std::array<SampleEdit, FaultInjector::kMost> edits{};
     std::size_t edit_count = 0;
   };
@@ -87,10 +90,11 @@ class FaultySource final : public FollowerSource {
     std::unique_ptr<SamplePool> pool;
     std::size_t slot_bytes;
     SpscRing<Job> jobs;
+    SpscRing<SampleLease> done;  ///< what the strand made of the jobs, in their order
     std::unique_ptr<WorkerPool::Strand> strand;
   };
   struct Waiting {
-    SampleLease sample;
+    SampleLease sample;     ///< empty while a job makes it
     BenchTime at;           ///< not before
     std::uint64_t job = 0;  ///< of the strand, counted from 1; 0: none
     bool own = false;       ///< in a slot of the room
@@ -98,6 +102,7 @@ class FaultySource final : public FollowerSource {
   /// What the active faults make of one sample.
   struct Verdict {
     const Fault* stuck = nullptr;
+    bool keeps = false;  ///< a stuck fault kept it, to repeat it
     std::array<SampleEdit, FaultInjector::kMost> edits;
     std::size_t edit_count = 0;
     Duration delay, shift;
@@ -114,11 +119,12 @@ class FaultySource final : public FollowerSource {
   void take_in(BenchTime now) noexcept;
   [[nodiscard]] bool cycle_allows_reading(BenchTime now) noexcept;
   void admit(SampleLease&& sample) noexcept;
+  [[nodiscard]] BenchTime restamp(Stamp& stamp, const Verdict& v) noexcept;
   void judge(const SampleLease& sample, Verdict& v) noexcept;
-  [[nodiscard]] SampleLease take_slot(Room& room) noexcept;
-  [[nodiscard]] bool change(SampleLease& sample, const Verdict& v, std::uint64_t& job) noexcept;
+  [[nodiscard]] SampleSlot take_slot(Room* room) noexcept;
+  [[nodiscard]] std::uint64_t change(SampleLease& sample, const Verdict& v, Room& room,
+                                     SampleSlot&& slot) noexcept;
   void lose(const Stamp& stamp, std::atomic<std::uint64_t>& account) noexcept;
-  void mirror_health() noexcept;
 
   std::unique_ptr<Source> inner_;
   FollowerSource* follower_ = nullptr;  ///< inner_, where it is one
@@ -129,7 +135,6 @@ class FaultySource final : public FollowerSource {
   std::mutex room_mutex_;  ///< setup and the thread that injects; never the loop
   bool armed_ = false;     ///< guarded by room_mutex_
   std::unique_ptr<Room> owned_room_;
-  std::vector<std::unique_ptr<Room>> retired_;
   std::atomic<Room*> room_{nullptr};
 
   // the run
@@ -137,12 +142,12 @@ class FaultySource final : public FollowerSource {
   SlotWait slot_wait_;
   Period loop_period_ = milliseconds(1);
   SampleLease ahead_;  ///< virtual time: one whose release has not come
-  std::array<Waiting, kWaiting> waiting_{};
-  std::size_t first_ = 0, count_ = 0, own_waiting_ = 0;
+  FixedRing<Waiting, kWaiting> waiting_;
+  std::size_t own_waiting_ = 0;
   BenchTime last_at_;
   std::uint32_t lost_before_ = 0;
-  std::uint64_t incomplete_ = 0, returns_ = 0;
-  bool gone_ = false;
+  std::atomic<std::uint64_t> incomplete_{0}, returns_{0};  ///< of this run, beside what the inner one counts
+  std::atomic<bool> gone_{false};                          ///< made to be
   Accounts accounts_;
 };
 

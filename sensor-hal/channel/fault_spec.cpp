@@ -13,28 +13,6 @@ constexpr std::array<std::string_view, kFaultKinds> kNames{
     "drop",  "burst_loss", "delay",     "jitter",     "stuck",      "bias",       "drift",        "noise",
     "spike", "corrupt",    "timestamp", "clock_skew", "clock_step", "disconnect", "slow_consumer"};
 
-/// As YAML in one line; maps and scalars are all that faults are made of.
-std::string flow_text(const ConfigNode& n) {
-  std::string out;
-  for (const std::string& key : n.keys()) {
-    if (!out.empty()) out += ", ";
-    out += key + ": ";
-    if (key == "when") {
-      out += flow_text(n.map(key));
-      continue;
-    }
-    const std::string text = n.text(key);
-    if (text.empty() || text.find_first_of(",{}[]:#&*!|>'\"%@` \\\n") != std::string::npos) {
-      out += '"';
-      for (const char c : text) out += c == '"' || c == '\\' ? std::string("\\") + c : std::string(1, c);
-      out += '"';
-    } else {
-      out += text;
-    }
-  }
-  return "{" + out + "}";
-}
-
 bool fits(FaultKind kind, const FaultSubject& s) {
   switch (kind) {
     case FaultKind::corrupt:  // of what is sent as bytes, and comes without a checksum that would refuse it
@@ -62,12 +40,14 @@ bool fits(FaultKind kind, const FaultSubject& s) {
 }
 
 FaultKind read_kind(const ConfigNode& n, const FaultSubject& subject) {
-  const std::string word = n.text("kind");
   std::vector<std::string> all, fitting;
   for (std::size_t i = 0; i < kFaultKinds; ++i) {
     all.emplace_back(kNames[i]);
     if (fits(static_cast<FaultKind>(i), subject)) fitting.emplace_back(kNames[i]);
   }
+  if (!n.has("kind"))
+    throw n.error("kind", "expected one of " + joined_or_none(fitting) + ", got nothing: the key is missing");
+  const std::string word = n.text("kind");
   const auto at = std::find(all.begin(), all.end(), word);
   if (at == all.end()) {
     const std::string near = nearest(word, all);
@@ -93,18 +73,14 @@ Duration read_ms(const ConfigNode& n, std::string_view key, Range range) {
   return seconds_from(n.number(key, range) * 1e-3);
 }
 
-/// The key that a number stands under: `amount` with the value's unit.
-std::string with_unit(std::string key, const std::string& unit, const char* after = "") {
-  if (!unit.empty()) key += "_" + unit;
-  return key + after;
-}
-
 /// Which value, and returns its unit.
-std::string read_component(const ConfigNode& n, const FaultSubject& subject, FaultSpec& f) {
+std::string read_component(const ConfigNode& n, const FaultSubject& subject, FaultReading& r) {
   if (subject.kind == SampleKind::can_frame && n.has("dbc")) {
     if (!subject.find_signal)
       throw n.error("dbc", "expected `value: byte_N`; signals of DBC files are not known here");
-    f.signal = subject.find_signal(n, n.text("value"));
+    r.spec.dbc = n.text("dbc");
+    r.spec.value = n.text("value");
+    r.signal = subject.find_signal(n, r.spec.value);
     return {};
   }
   const auto components = fault_components(subject.kind, *subject.description);
@@ -116,8 +92,9 @@ std::string read_component(const ConfigNode& n, const FaultSubject& subject, Fau
       : subject.kind == SampleKind::can_frame && !n.has("value")
           ? throw n.error({}, "expected `dbc: FILE` and `value: SIGNAL`, or `value: byte_N`")
           : n.choice("value", names);
-  f.component = static_cast<int>(std::find(names.begin(), names.end(), name) - names.begin());
-  return components[static_cast<std::size_t>(f.component)].unit;
+  r.component = static_cast<int>(std::find(names.begin(), names.end(), name) - names.begin());
+  if (n.has("value")) r.spec.value = name;
+  return r.spec.unit = components[static_cast<std::size_t>(r.component)].unit;
 }
 
 void read_schedule(const ConfigNode& n, FaultSpec& f) {
@@ -136,11 +113,13 @@ void read_schedule(const ConfigNode& n, FaultSpec& f) {
   if (w.present()) {
     f.trigger.channel = w.text("channel");
     if (w.has("is")) {
-      f.trigger.when =
-          w.choice("is", {"late", "lost"}) == "late" ? FaultTrigger::When::late : FaultTrigger::When::lost;
+      f.trigger.when = w.choice("is", {"overdue", "disconnected"}) == "overdue"
+                           ? FaultTrigger::When::overdue
+                           : FaultTrigger::When::disconnected;
     } else {
       if (w.has("above") == w.has("below"))
-        throw w.error({}, "expected one of `above: NUMBER`, `below: NUMBER`, `is: late`, `is: lost`");
+        throw w.error({},
+                      "expected one of `above: NUMBER`, `below: NUMBER`, `is: overdue`, `is: disconnected`");
       f.trigger.value = w.text("value");
       f.trigger.when = w.has("above") ? FaultTrigger::When::above : FaultTrigger::When::below;
       f.trigger.threshold = w.number(w.has("above") ? "above" : "below");
@@ -149,8 +128,6 @@ void read_schedule(const ConfigNode& n, FaultSpec& f) {
     if (f.every.ns() > 0) throw n.error("every_s", "expected either `every_s` or `when`, got both");
   } else if (f.every.ns() == 0 && f.on_for.ns() > 0) {
     if (n.has("until_s")) throw n.error("for_s", "expected either `until_s` or `for_s`, got both");
-    f.until = f.from + f.on_for;
-    f.on_for = {};
   }
 }
 
@@ -168,7 +145,8 @@ void read_jitter(const ConfigNode& n, FaultSpec& f) {
   }
 }
 
-void read_own_keys(const ConfigNode& n, const FaultSubject& subject, FaultSpec& f) {
+void read_own_keys(const ConfigNode& n, const FaultSubject& subject, FaultReading& r) {
+  FaultSpec& f = r.spec;
   const auto read_probability = [&](double fallback) {
     f.probability = per_cent_or_share(n, "probability", fallback);
   };
@@ -203,13 +181,13 @@ void read_own_keys(const ConfigNode& n, const FaultSubject& subject, FaultSpec& 
     case FaultKind::drift:
     case FaultKind::noise:
     case FaultKind::spike: {
-      const std::string unit = read_component(n, subject, f);
+      const std::string unit = read_component(n, subject, r);
       if (f.kind == FaultKind::drift)
-        f.amount = n.number(with_unit("rate", unit, "_per_s"));
+        f.amount = n.number(fault_key("rate", unit, "_per_s"));
       else if (f.kind == FaultKind::noise)
-        f.amount = n.number(with_unit("sigma", unit), {.min = 0});
+        f.amount = n.number(fault_key("sigma", unit), {.min = 0});
       else
-        f.amount = n.number(with_unit("amount", unit));
+        f.amount = n.number(fault_key("amount", unit));
       if (f.kind == FaultKind::spike && has_elements(subject.kind))
         f.element_share = n.number_or("share", 0.001, {.min = 0, .max = 1});
       if (f.kind != FaultKind::drift) read_probability(f.kind == FaultKind::spike ? 0.01 : 1);
@@ -249,24 +227,19 @@ std::optional<FaultKind> fault_kind_named(std::string_view name) {
   return at == kNames.end() ? std::nullopt : std::optional(static_cast<FaultKind>(at - kNames.begin()));
 }
 
-FaultSpec read_fault(const ConfigNode& node, const FaultSubject& subject, bool live) {
-  FaultSpec f;
-  f.node = node;
-  f.kind = read_kind(node, subject);
-  read_own_keys(node, subject, f);
+FaultReading read_fault(const ConfigNode& node, const FaultSubject& subject, bool live) {
+  FaultReading r;
+  r.node = node;
+  r.spec.kind = read_kind(node, subject);
+  read_own_keys(node, subject, r);
   if (live) {
     if (node.has("for_s"))
-      f.on_for = seconds_from(node.number("for_s", {.min = 0, .max = 1e7, .exclusive_min = true}));
+      r.spec.on_for = seconds_from(node.number("for_s", {.min = 0, .max = 1e7, .exclusive_min = true}));
   } else {
-    read_schedule(node, f);
+    read_schedule(node, r.spec);
   }
   node.finish();
-  f.text = flow_text(node);
-  if (f.text.size() > kMaxFaultText)
-    throw node.error({}, "expected a fault that takes at most " + std::to_string(kMaxFaultText) +
-                             " characters in one line, which is what an event holds; got " +
-                             std::to_string(f.text.size()));
-  return f;
+  return r;
 }
 
 }  // namespace rigor

@@ -28,8 +28,8 @@
 //
 // When it is on: from `from_s` until `until_s` after the start of the run; with `every_s`, `for_s` long in
 // each such period; with `when`, while a register or pose of another channel is `above` or `below` a number,
-// or that channel `is: late` or `is: lost` (in the cycle before), and with `for_s` beside it so long from
-// each time that this becomes true. `probability` is that of each sample while it is on.
+// or that channel `is: overdue` or `is: disconnected` (in the cycle before), and with `for_s` beside it so
+// long from each time that this becomes true. `probability` is that of each sample while it is on.
 #pragma once
 
 #include <cstdint>
@@ -64,8 +64,8 @@ inline constexpr std::size_t kFaultKinds = 15;
 [[nodiscard]] std::string_view fault_kind_name(FaultKind kind);
 [[nodiscard]] std::optional<FaultKind> fault_kind_named(std::string_view name);
 
-/// EventInfo::code of the begin and the end of a fault; `value` is its index in its channel. The text of a
-/// begin ends with the fault as YAML, that of an end with what it touched.
+/// EventInfo::code of the begin and the end of a fault; `value` is its index in its channel. The text is for
+/// people, and is cut where it is too long; programs read `/rigor/faults` (see FaultChange).
 inline constexpr std::uint32_t kEventFaultBegin = 16, kEventFaultEnd = 17;
 /// The same of a fault that was asked for while the run went on.
 inline constexpr std::uint32_t kEventLiveFaultBegin = 18, kEventLiveFaultEnd = 19;
@@ -93,17 +93,17 @@ struct FaultSubject {
 };
 
 struct FaultTrigger {
-  enum class When : std::uint8_t { always, above, below, late, lost } when = When::always;
+  enum class When : std::uint8_t { always, above, below, overdue, disconnected } when = When::always;
   std::string channel, value;
   double threshold = 0;
+  bool operator==(const FaultTrigger&) const = default;
 };
 
 enum class JitterShape : std::uint8_t { uniform, exponential, normal };
 
+/// A fault as it was asked for. What is not of its kind keeps its default.
 struct FaultSpec {
   FaultKind kind = FaultKind::drop;
-  std::string text;  ///< as YAML in one line
-  ConfigNode node;   ///< for messages at arm
 
   Duration from;  ///< after the start of the run
   Duration until = Duration(std::numeric_limits<std::int64_t>::max());
@@ -116,24 +116,42 @@ struct FaultSpec {
   JitterShape shape = JitterShape::uniform;
   Duration jitter_a, jitter_b;  ///< uniform: from, to; exponential: mean; normal: mean, sigma
   bool freeze = false;          ///< stuck
-  int component = 0;            ///< see fault_values.h
-  std::shared_ptr<const FrameSignal> signal;
-  double amount = 0;         ///< bias, spike; sigma of noise; of drift per second
-  double element_share = 1;  ///< spike: of pixels, points
-  std::uint32_t flips = 0;   ///< corrupt: bits
-  double keep = 1;           ///< corrupt: share of the bytes that came
-  bool flagged = true;       ///< corrupt: the receiver noticed
+  std::string value, unit;      ///< which value, and the unit that its keys have; empty: the only one
+  std::string dbc;              ///< the file that names `value`
+  double amount = 0;            ///< bias, spike; sigma of noise; of drift per second
+  std::optional<double> element_share{};  ///< spike: of pixels, points; none for what has no elements
+  std::uint32_t flips = 0;                ///< corrupt: bits
+  double keep = 1;                        ///< corrupt: share of the bytes that came
+  bool flagged = true;                    ///< corrupt: the receiver noticed
   double ppm = 0;
   bool hold = false;  ///< slow_consumer
   std::uint32_t leases = 0;
+  bool operator==(const FaultSpec&) const = default;
 };
 
-/// The longest that FaultSpec::text may be: it has to fit into an event.
-inline constexpr std::size_t kMaxFaultText = 240;
+/// A fault that was read, with what its names stand for.
+struct FaultReading {
+  FaultSpec spec;
+  int component = 0;  ///< see fault_values.h
+  std::shared_ptr<const FrameSignal> signal;
+  ConfigNode node;  ///< for messages at arm
+};
+
+/// The key of a number in the unit of a value: `amount_m`, `rate_m_per_s`.
+[[nodiscard]] std::string fault_key(std::string key, const std::string& unit, const char* after = "");
 
 /// Reads one fault. Throws ConfigError: an unknown kind with the nearest, a kind that does not fit, keys.
 /// `live`: asked for while a run goes on: it begins at once, so that of a schedule it has only `for_s`. Setup
 /// context.
-[[nodiscard]] FaultSpec read_fault(const ConfigNode& node, const FaultSubject& subject, bool live = false);
+[[nodiscard]] FaultReading read_fault(const ConfigNode& node, const FaultSubject& subject, bool live = false);
+
+// The same the other way, the kind first and then what differs from the defaults: read_fault reads it back to
+// an equal struct. Setup context.
+/// As an object of JSON: what programs get, and what a recording holds.
+[[nodiscard]] std::string fault_json(const FaultSpec& fault);
+/// As YAML in one line, for people: "{kind: drop, probability: 0.2}".
+[[nodiscard]] std::string fault_yaml(const FaultSpec& fault);
+/// What read_fault reads, from an object of JSON. bad_input; `where` says where it came from.
+[[nodiscard]] Result<ConfigNode> fault_node(std::string_view json, const std::string& where);
 
 }  // namespace rigor

@@ -9,6 +9,7 @@
 
 #include "sensor-hal/models/one_source.h"
 #include "sensor-hal/types/geodetic.h"
+#include "sensor-hal/types/orientation.h"
 
 namespace rigor {
 namespace {
@@ -180,12 +181,6 @@ void turn(Pose& pose, std::size_t axis, double angle_rad) noexcept {
       w * d[0] - x * d[1] - y * d[2] - z * d[3], w * d[1] + x * d[0] + y * d[3] - z * d[2],
       w * d[2] - x * d[3] + y * d[0] + z * d[1], w * d[3] + x * d[2] - y * d[1] + z * d[0]};
 }
-double angle_about(const Pose& pose, std::size_t axis) noexcept {
-  const auto& [w, x, y, z] = pose.orientation_wxyz;
-  if (axis == 0) return std::atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y));
-  if (axis == 1) return std::asin(std::clamp(2 * (w * y - z * x), -1.0, 1.0));
-  return std::atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z));
-}
 
 void change_pose(Pose& pose, int component, double by) noexcept {
   const auto i = static_cast<std::size_t>(component);
@@ -196,7 +191,7 @@ void change_pose(Pose& pose, int component, double by) noexcept {
 }
 double read_pose(const Pose& pose, int component) noexcept {
   const auto i = static_cast<std::size_t>(component);
-  return i < 3 ? pose.position_m[i] : angle_about(pose, i - 3);
+  return i < 3 ? pose.position_m[i] : roll_pitch_yaw_of(pose.orientation_wxyz)[i - 3];
 }
 
 double* imu_value(ImuSample& s, int component) noexcept {
@@ -243,7 +238,7 @@ void change_odometry(Odometry& o, int component, double by) noexcept {
 }
 double read_odometry(const Odometry& o, int component) noexcept {
   const std::array<double, 10> all{
-      o.T_odom_base.position_m[0], o.T_odom_base.position_m[1], angle_about(o.T_odom_base, 2),
+      o.T_odom_base.position_m[0], o.T_odom_base.position_m[1], yaw_of(o.T_odom_base.orientation_wxyz),
       o.velocity_mps[0],           o.velocity_mps[1],           o.turn_rate_radps[2],
       o.wheel_angle_rad[0],        o.wheel_angle_rad[1],        o.wheel_rate_radps[0],
       o.wheel_rate_radps[1]};

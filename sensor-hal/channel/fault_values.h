@@ -27,7 +27,7 @@ struct FaultComponent {
   std::string name;
   std::string unit;  ///< "m", "dn", …; empty: none in keys
 };
-/// In the order of FaultSpec::component. Empty: nothing of this kind can be changed. Setup context.
+/// In the order of FaultReading::component. Empty: nothing of this kind can be changed. Setup context.
 [[nodiscard]] std::vector<FaultComponent> fault_components(SampleKind kind,
                                                            const ChannelDescription& description);
 /// Whether samples of this kind are many elements (pixels, points), each of which a spike may hit.

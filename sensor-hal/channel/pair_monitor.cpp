@@ -95,12 +95,12 @@ void PairMonitor::keep(const PairWindow& window) {
 
 void PairMonitor::note(std::uint32_t code, double value, BenchTime t, const std::string& text,
                        const PairWindow* window) {
-  SampleLease lease = pool_->try_acquire();
-  if (!lease) {
+  SampleSlot slot = pool_->try_acquire();
+  if (!slot) {
     ++untold_;
     return;
   }
-  Sample& sample = lease.edit();
+  Sample& sample = *slot;
   sample.stamp = Stamp{};
   sample.stamp.sequence = sequence_++;
   sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = t;
@@ -111,7 +111,7 @@ void PairMonitor::note(std::uint32_t code, double value, BenchTime t, const std:
   sample.info = info;
   sample.size_bytes = window ? sizeof *window : 0;
   if (window) std::memcpy(sample.memory().data(), window, sizeof *window);
-  if (!notes_->try_push(std::move(lease))) ++untold_;
+  if (!notes_->try_push(std::move(slot))) ++untold_;
 }
 
 SampleLease PairMonitor::take() noexcept {

@@ -10,20 +10,13 @@
 namespace rigor {
 
 bool PairSource::SideState::push(SampleLease&& s) noexcept {
-  if (count == kPending) return false;
-  pending[(first + count++) % kPending] = std::move(s);
+  if (pending.full()) return false;
+  pending.push_back(std::move(s));
   return true;
 }
 
-SampleLease PairSource::SideState::pop() noexcept {
-  SampleLease s = std::move(pending[first]);
-  first = (first + 1) % kPending;
-  --count;
-  return s;
-}
-
 const SampleLease* PairSource::SideState::due(BenchTime now) const noexcept {
-  return count > 0 && pending[first]->stamp.t_release <= now ? &pending[first] : nullptr;
+  return !pending.empty() && pending.front()->stamp.t_release <= now ? &pending.front() : nullptr;
 }
 
 PairSource::PairSource(std::unique_ptr<Source> real, std::unique_ptr<FollowerSource> simulated,
@@ -44,7 +37,7 @@ Status PairSource::do_configure(const ChannelConfig& config) {
   if (config.period.ns() <= 0)
     return fail(ErrorCode::bad_input, n.place(),
                 config.name + ": expected a rate: a pair compares at periodic instants");
-  const bool real_first = n.choice_or("hand_on", {"real", "simulated"}, "real") == "real";
+  const bool real_first = n.choice_or("active", {"real", "simulated"}, "real") == "real";
   const double latency_ms = config.latency.seconds() * 1e3, period_ms = config.period.seconds() * 1e3;
   const double default_ms = config.latency.ns() > 0 ? latency_ms / 2 : period_ms / 2;
   const auto overdue = seconds_from(n.number_or("overdue_ms", default_ms, {.min = 0, .max = 60e3}) * 1e-3);
@@ -82,7 +75,7 @@ Status PairSource::do_arm(const ArmContext& context) {
     (void)real_->stop();
     return s;
   }
-  if (!event_pool_) event_pool_ = make_sample_pool(events_.size() * 2, 0);
+  if (!event_pool_) event_pool_ = make_sample_pool(events_.capacity() * 2, 0);
   if (!statistics_.start(virtual_time_)) {
     (void)simulated_->stop();
     (void)real_->stop();
@@ -95,11 +88,10 @@ Status PairSource::do_start(BenchTime t0) {
   for (SideState& s : sides_) s = SideState{};
   ahead_.reset();
   after_switch_.reset();
-  for (auto& e : events_) e.reset();
-  event_first_ = event_count_ = 0;
+  events_.clear();
   event_sequence_ = 0;
   any_cycle_ = any_real_ = any_handed_ = false;
-  misplaced_ = 0;
+  misplaced_.store(0, std::memory_order_relaxed);
   anchor_index_ = next_twin_ = last_handed_ = 0;
   t0_ = t0;
   anchor_t_ = t0 + phase_;
@@ -112,7 +104,6 @@ Status PairSource::do_start(BenchTime t0) {
   if (auto s = real_->start(t0); !s) return s;
   if (auto s = simulated_->start(t0); !s) return s;  // `stop` ends the real side: it is armed or running
   running_ = true;
-  mirror_health();
   return {};
 }
 
@@ -126,7 +117,6 @@ Status PairSource::do_stop() {
   for (SideState& s : sides_) s = SideState{};
   ahead_.reset();
   after_switch_.reset();
-  health_.connected.store(false, std::memory_order_relaxed);
   return first;
 }
 
@@ -178,10 +168,11 @@ void PairSource::take_in(BenchTime now) noexcept {
 }
 
 void PairSource::take_real(SampleLease&& sample) noexcept {
-  Stamp& stamp = sample.edit().stamp;
+  const Stamp& stamp = sample->stamp;
   // A camera that runs freely was measuring while the bench was still starting: that is not of this run.
   if (stamp.t_capture + period_ / 2 < t0_) {
-    misplaced_ += any_real_;  // and a clock that was right before is wrong now
+    // and a clock that was right before is wrong now
+    misplaced_.fetch_add(any_real_, std::memory_order_relaxed);
     return;
   }
   const std::int64_t steps = period_.nearest_index(stamp.t_capture - anchor_t_);
@@ -196,8 +187,13 @@ void PairSource::take_real(SampleLease&& sample) noexcept {
   anchor_t_ = stamp.t_capture;
   any_real_ = true;
   if (next_twin_ == index) request_twin(index, stamp.t_capture);
-  stamp.sequence = index;
-  if (!state_of(PairSide::real).push(std::move(sample)))
+  SampleSlot numbered = sample.take_back();
+  if (!numbered) {  // the device's source keeps a lease, which it must not
+    misplaced_.fetch_add(1, std::memory_order_relaxed);
+    return;
+  }
+  numbered->stamp.sequence = index;
+  if (!state_of(PairSide::real).push(std::move(numbered)))
     health_.ring_full.fetch_add(1, std::memory_order_relaxed);
 }
 
@@ -219,7 +215,6 @@ void PairSource::new_cycle(BenchTime now) noexcept {
   take_in(now);
   const PairSide wanted = wanted_.load(std::memory_order_acquire);
   if (wanted != active_.load(std::memory_order_relaxed)) switch_now(wanted, now);
-  mirror_health();
   if (!virtual_time_) take_notes();
 }
 
@@ -233,13 +228,11 @@ void PairSource::take_notes() noexcept {
       if (observer_) observer_->on_window(note);
       continue;
     }
-    Sample* event = new_event(note->stamp.t_capture);
-    if (!event) continue;
     EventInfo info;
     info.code = told->code;
     info.value = told->value;
     EventText(info).add(config().name).add(": ").add(told->text.data());
-    event->info = info;
+    tell(note->stamp.t_capture, info);
   }
 }
 
@@ -251,8 +244,6 @@ void PairSource::switch_now(PairSide to, BenchTime now) noexcept {
   const SideState& side = state_of(to);
   if (side.any_due && (!any_handed_ || side.last_due_index > last_handed_)) after_switch_ = side.last_due;
 
-  Sample* event = new_event(now);
-  if (!event) return;
   EventInfo info;
   info.code = kEventPairSwitch;
   info.value = to == PairSide::real ? 0 : 1;
@@ -266,47 +257,42 @@ void PairSource::switch_now(PairSide to, BenchTime now) noexcept {
       .add(after_switch_ ? after_switch_->stamp.sequence
            : any_handed_ ? last_handed_ + 1
                          : 0);
-  event->info = info;
+  tell(now, info);
 }
 
-/// Queued, with all but its info; null where nobody takes them.
-Sample* PairSource::new_event(BenchTime now) noexcept {
-  if (event_count_ == events_.size()) return nullptr;
-  SampleLease event = event_pool_->try_acquire();
-  if (!event) return nullptr;
-  Sample& sample = event.edit();
-  sample.stamp = Stamp{};
-  sample.stamp.sequence = event_sequence_++;
-  sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = now;
-  sample.size_bytes = 0;
-  events_[(event_first_ + event_count_++) % events_.size()] = std::move(event);
-  return &sample;
+/// Queues an event. False: there is no place, because nobody takes them.
+bool PairSource::tell(BenchTime now, const EventInfo& info) noexcept {
+  if (events_.full()) return false;
+  SampleSlot event = event_pool_->try_acquire();
+  if (!event) return false;
+  event->stamp = Stamp{};
+  event->stamp.sequence = event_sequence_++;
+  event->stamp.t_capture = event->stamp.t_release = event->stamp.t_arrival = now;
+  event->info = info;
+  event->size_bytes = 0;
+  events_.push_back(std::move(event));
+  return true;
 }
 
 /// Copied: whoever holds an event must not hold up the device's own few.
 void PairSource::pass_on_events() noexcept {
-  while (event_count_ < events_.size()) {
+  while (!events_.full()) {
     const SampleLease told = real_->poll_event();
     if (!told) return;
     const auto* theirs = told->as<EventInfo>();
     if (!theirs) continue;
-    Sample* event = new_event(told->stamp.t_release);
-    if (!event) return;  // counted in the device's health all the same
     EventInfo info;
     info.code = theirs->code + kEventOfRealSide;
     info.value = theirs->value;
     EventText(info).add(real_->config().name).add(": ").add(theirs->text.data());
-    event->info = info;
+    // Where there is no place it is counted in the device's health all the same.
+    if (!tell(told->stamp.t_release, info)) return;
   }
 }
 
 SampleLease PairSource::poll_event() noexcept {
   if (running_) pass_on_events();
-  if (event_count_ == 0) return {};
-  SampleLease event = std::move(events_[event_first_]);
-  event_first_ = (event_first_ + 1) % events_.size();
-  --event_count_;
-  return event;
+  return events_.empty() ? SampleLease{} : events_.pop_front();
 }
 
 SampleLease PairSource::poll(BenchTime now) noexcept {
@@ -324,12 +310,13 @@ SampleLease PairSource::poll(BenchTime now) noexcept {
     const PairSide side = !twin || (real && (*real)->stamp.sequence <= (*twin)->stamp.sequence)
                               ? PairSide::real
                               : PairSide::simulated;
-    const SampleLease sample = state_of(side).pop();
+    const SampleLease sample = state_of(side).pending.pop_front();
     sample_due(side, sample);
     if (side != active_.load(std::memory_order_relaxed)) continue;
     if (any_handed_ &&
         (sample->stamp.sequence <= last_handed_ || sample->stamp.t_capture <= last_handed_t_)) {
-      misplaced_ += sample->stamp.sequence > last_handed_;  // a device's clock that was set back
+      // a device's clock that was set back
+      misplaced_.fetch_add(sample->stamp.sequence > last_handed_, std::memory_order_relaxed);
       continue;
     }
     return hand_on(side, sample);
@@ -364,23 +351,16 @@ SampleLease PairSource::hand_on(PairSide side, const SampleLease& sample) noexce
   return sample;
 }
 
-void PairSource::mirror_health() noexcept {
-  const Health& a = real_->health();
-  const Health& b = simulated_->health();
-  const auto sum = [&](std::atomic<std::uint64_t> Health::*counter) {
-    (health_.*counter)
-        .store((a.*counter).load(std::memory_order_relaxed) + (b.*counter).load(std::memory_order_relaxed),
-               std::memory_order_relaxed);
-  };
-  sum(&Health::lost);
-  health_.lost.fetch_add(misplaced_, std::memory_order_relaxed);
-  sum(&Health::no_slot);
-  sum(&Health::protocol_errors);
-  sum(&Health::retries);
-  sum(&Health::reconnects);
-  const Source& active = side(active_.load(std::memory_order_relaxed));
-  health_.connected.store(active.health().connected.load(std::memory_order_relaxed),
-                          std::memory_order_relaxed);
+HealthSnapshot PairSource::health() const noexcept {
+  HealthSnapshot h = health_.snapshot();  // received, incomplete and ring_full are the pair's own
+  const HealthSnapshot real = real_->health(), twin = simulated_->health();
+  h.connected = (active() == PairSide::real ? real : twin).connected;
+  h.lost = real.lost + twin.lost + misplaced_.load(std::memory_order_relaxed);
+  h.no_slot = real.no_slot + twin.no_slot;
+  h.protocol_errors = real.protocol_errors + twin.protocol_errors;
+  h.retries = real.retries + twin.retries;
+  h.reconnects = real.reconnects + twin.reconnects;
+  return h;
 }
 
 }  // namespace rigor

@@ -27,7 +27,7 @@
 // the device is told by side(PairSide::real).
 //
 // Keys:
-//   hand_on: real          real | simulated, at the start
+//   active: real          real | simulated, at the start
 //   overdue_ms:            after a predicted instant; default half the latency. Wall time.
 //   phase_us: 0            of the instants predicted before the first real sample
 //   real: {…}, simulated: {…}    the sides' own keys
@@ -37,6 +37,7 @@
 #include <atomic>
 #include <memory>
 
+#include "rt-core/fixed_ring.h"
 #include "sensor-hal/channel/channel.h"
 #include "sensor-hal/channel/pair_statistics.h"
 #include "sensor-hal/channel/simulated_source.h"
@@ -77,6 +78,7 @@ class PairSource final : public Source {
   [[nodiscard]] SampleLease poll_event() noexcept override;
   void complete_until(BenchTime now) override;
   [[nodiscard]] std::vector<std::string> warnings() const override;
+  [[nodiscard]] HealthSnapshot health() const noexcept override;
 
   /// Any thread: hand on this side from the next cycle on.
   void switch_to(PairSide side) noexcept { wanted_.store(side, std::memory_order_release); }
@@ -94,14 +96,12 @@ class PairSource final : public Source {
  private:
   static constexpr std::size_t kPending = 64;
   struct SideState {
-    std::array<SampleLease, kPending> pending{};
-    std::size_t first = 0, count = 0;
+    FixedRing<SampleLease, kPending> pending;
     SampleLease last_due;  ///< the newest whose release has come
     bool any_due = false;
     std::uint64_t last_due_index = 0;
 
     [[nodiscard]] bool push(SampleLease&& s) noexcept;
-    [[nodiscard]] SampleLease pop() noexcept;
     [[nodiscard]] const SampleLease* due(BenchTime now) const noexcept;
   };
 
@@ -120,10 +120,9 @@ class PairSource final : public Source {
   void switch_now(PairSide to, BenchTime now) noexcept;
   void sample_due(PairSide side, const SampleLease& sample) noexcept;
   [[nodiscard]] SampleLease hand_on(PairSide side, const SampleLease& sample) noexcept;
-  void mirror_health() noexcept;
   void take_notes() noexcept;
   void pass_on_events() noexcept;
-  [[nodiscard]] Sample* new_event(BenchTime now) noexcept;
+  bool tell(BenchTime now, const EventInfo& info) noexcept;
 
   std::unique_ptr<Source> real_;
   std::unique_ptr<FollowerSource> simulated_;
@@ -158,11 +157,11 @@ class PairSource final : public Source {
   BenchTime last_handed_t_;
   PairSide handed_side_ = PairSide::real;
   SampleLease after_switch_;
-  std::uint64_t misplaced_ = 0;  ///< not handed on: their time of capture was not after the last one's
+  /// Not handed on in this run: captured no later than the last one, or still held by the device's source.
+  std::atomic<std::uint64_t> misplaced_{0};
 
   std::unique_ptr<SamplePool> event_pool_;
-  std::array<SampleLease, 16> events_{};
-  std::size_t event_first_ = 0, event_count_ = 0;
+  FixedRing<SampleLease, 16> events_;
   std::uint64_t event_sequence_ = 0;
 };
 

@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "sensor-hal/types/geodetic.h"
+#include "sensor-hal/types/orientation.h"
 
 namespace rigor {
 namespace {
@@ -24,10 +25,6 @@ constexpr std::array<ComparedValue, 7> kOdometry{{{"x", "m"},
                                                   {"right wheel angle", "rad"}}};
 
 double within_half_turn(double angle_rad) noexcept { return std::remainder(angle_rad, 2 * std::numbers::pi); }
-
-double yaw_of(const std::array<double, 4>& q) noexcept {
-  return std::atan2(2 * (q[0] * q[3] + q[1] * q[2]), 1 - 2 * (q[2] * q[2] + q[3] * q[3]));
-}
 
 }  // namespace
 

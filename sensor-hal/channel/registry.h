@@ -38,6 +38,8 @@ struct Backend {
       make_virtual_source;
   std::function<Result<std::unique_ptr<Sink>>(DeviceParts parts, ConfigNode emulator_params)>
       make_virtual_sink;
+  /// It has no device that could be replaced: `make_sink` serves in virtual time, too.
+  bool same_in_virtual_time = false;
   /// Whether a source with these keys reads a recording of the device: then it serves in virtual time itself,
   /// and no emulator has to stand for it.
   std::function<bool(const ConfigNode& params)> reads_recording;

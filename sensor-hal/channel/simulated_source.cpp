@@ -48,14 +48,12 @@ Status SimulatedSource::do_arm(const ArmContext& context) {
   virtual_time_ = context.virtual_time;
   immediate_ = measurer_->immediate();
   if (!pool_ || pool_->size() != slots_ || pool_bytes_ != description_.max_bytes) {
-    // Somebody may still hold pictures of the last run: their memory stays as long as the source does.
-    if (pool_ && pool_->in_use() != 0) retired_.push_back(std::move(pool_));
     pool_ = make_sample_pool(slots_, description_.max_bytes);
     pool_bytes_ = description_.max_bytes;
   }
   requests_.emplace(slots_ + 1);
   results_.emplace(slots_ + 1);
-  releases_.assign(slots_ + 1, BenchTime());
+  releases_ = FixedRing<BenchTime>(slots_ + 1);
   most_waiting_ = description_.max_bytes > 0 ? most_waiting(slots_, virtual_time_) : slots_;
   warm_ = {};
   if (!virtual_time_)
@@ -69,7 +67,7 @@ Status SimulatedSource::do_arm(const ArmContext& context) {
 /// The first capture compiles shaders and builds what the world needs; those after it are the ones that
 /// count.
 Status SimulatedSource::warm_up() {
-  SampleLease slot = pool_->try_acquire();
+  SampleSlot slot = pool_->try_acquire();
   if (!slot) return {};  // all of them are still held since the last run: it is warm
   SampleProvider::Request request;
   const auto begin = monotonic_now();
@@ -77,7 +75,7 @@ Status SimulatedSource::warm_up() {
     const auto before = monotonic_now();
     request.t_capture = request.t_start = BenchTime(before.ns());
     if (motion_) request.motion = motion_->motion_at(request.t_capture);
-    if (auto s = measurer_->measure(request, slot.edit()); !s) return s;
+    if (auto s = measurer_->measure(request, *slot); !s) return s;
     const auto after = monotonic_now();
     if (k > 0 || after - begin > kWarmPatience) warm_ = std::max(warm_, after - before);
     if (after - begin > kWarmPatience) break;
@@ -103,7 +101,8 @@ Status SimulatedSource::do_start(BenchTime t0) {
   lost_before_ = 0;
   slot_wait_.begin(virtual_time_);
   failed_before_.store(0, std::memory_order_relaxed);
-  dispatched_ = completed_ = 0;
+  releases_.clear();
+  completed_ = 0;
   running_ = true;
   health_.connected.store(true, std::memory_order_relaxed);
   return {};
@@ -153,13 +152,16 @@ bool SimulatedSource::request_at(std::uint64_t index, BenchTime t_capture) noexc
     measure(request);
     return true;
   }
-  releases_[dispatched_ % releases_.size()] = t_capture + latency_;
   // There is a place for each slot, so this cannot fail.
   if (!requests_->try_push(std::move(request))) {
     health_.ring_full.fetch_add(1, std::memory_order_relaxed);
     return false;
   }
-  ++dispatched_;
+  if (virtual_time_) {
+    // More than there are slots only where captures failed, and then the oldest is done.
+    if (releases_.full()) ++completed_;
+    releases_.push_newest(t_capture + latency_);
+  }
   strand_->submit();
   return true;
 }
@@ -170,7 +172,7 @@ void SimulatedSource::measure_next() {
 }
 
 void SimulatedSource::measure(Request& request) {
-  Sample& sample = request.slot.edit();
+  Sample& sample = *request.slot;
   const SampleProvider::Request& r = request.what;
   const Status captured = measurer_->measure(r, sample);
   const auto end = monotonic_now();
@@ -201,7 +203,7 @@ void SimulatedSource::complete_until(BenchTime now) {
   if (!running_) return;
   // Captured since the last cycle, and due in this one: the next begin_cycle would come too late for them.
   while (on_grid_ && next_capture_ < now && next_capture_ + latency_ <= now) request_next();
-  while (completed_ < dispatched_ && releases_[completed_ % releases_.size()] <= now) ++completed_;
+  for (; !releases_.empty() && releases_.front() <= now; ++completed_) releases_.pop_front();
   strand_->wait_for(completed_);
 }
 

@@ -29,6 +29,7 @@
 #include <memory>
 #include <optional>
 
+#include "rt-core/fixed_ring.h"
 #include "rt-core/spsc_ring.h"
 #include "sensor-hal/channel/channel.h"
 #include "sensor-hal/channel/providers.h"
@@ -67,7 +68,7 @@ class SimulatedSource final : public FollowerSource {
  private:
   struct Request {
     SampleProvider::Request what;
-    SampleLease slot;
+    SampleSlot slot;
     std::uint32_t lost_before = 0;
   };
 
@@ -103,16 +104,16 @@ class SimulatedSource final : public FollowerSource {
   SlotWait slot_wait_;
   std::unique_ptr<SamplePool> pool_;
   std::size_t pool_bytes_ = 0;
-  std::vector<std::unique_ptr<SamplePool>> retired_;
   std::optional<SpscRing<Request>> requests_;
   std::optional<SpscRing<SampleLease>> results_;
   std::unique_ptr<WorkerPool::Strand> strand_;
   std::atomic<std::uint32_t> failed_before_{0};  // worker: failed captures since the last good one
   Duration warm_;
 
-  // Releases of the requests that are not known to be done: a ring on the loop's thread.
-  std::vector<BenchTime> releases_;
-  std::uint64_t dispatched_ = 0, completed_ = 0;
+  // Virtual time, on the loop's thread: releases of the requests that are not known to be done, and how many
+  // are.
+  FixedRing<BenchTime> releases_;
+  std::uint64_t completed_ = 0;
 };
 
 }  // namespace rigor

@@ -32,8 +32,8 @@ class SlotWait {
   }
 
   /// The thread that fills slots. Empty when every slot stays held.
-  [[nodiscard]] SampleLease acquire(SamplePool& pool) noexcept {
-    SampleLease slot = pool.try_acquire();
+  [[nodiscard]] SampleSlot acquire(SamplePool& pool) noexcept {
+    SampleSlot slot = pool.try_acquire();
     if (slot || !virtual_time_) return slot;
     for (int naps = 0; !slot && naps < naps_left_; ++naps) {
       const timespec nap{0, 100'000};

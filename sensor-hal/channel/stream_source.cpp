@@ -6,10 +6,7 @@
 namespace rigor {
 
 void StreamSource::open_stream(std::size_t slots, std::size_t slot_bytes, bool virtual_time) {
-  ring_.reset();  // it may hold leases of the pool
   if (!pool_ || pool_->size() != slots || slot_bytes_ != slot_bytes) {
-    std::erase_if(retired_, [](const auto& pool) { return pool->in_use() == 0; });
-    if (pool_ && pool_->in_use() != 0) retired_.push_back(std::move(pool_));
     pool_ = make_sample_pool(slots, slot_bytes);
     slot_bytes_ = slot_bytes;
   }
@@ -38,26 +35,25 @@ SampleLease StreamSource::poll(BenchTime now) noexcept {
   return lease;
 }
 
-SampleLease StreamSource::take_slot() noexcept {
+SampleSlot StreamSource::take_slot() noexcept {
   // What waits here to be polled comes free by no wait.
   if (ring_->size_approx() >= most_waiting_) return {};
   return slot_wait_.acquire(*pool_);
 }
 
-void StreamSource::hand_over(SampleLease&& lease) noexcept {
+void StreamSource::hand_over(SampleSlot&& slot) noexcept {
   health_.received.fetch_add(1, std::memory_order_relaxed);
-  if (!lease) {
+  if (!slot) {
     health_.no_slot.fetch_add(1, std::memory_order_relaxed);
     ++lost_before_;
     return;
   }
-  lease.edit().stamp.lost_before = lost_before_;
-  if (ring_->try_push(std::move(lease))) {
+  slot->stamp.lost_before = lost_before_;
+  if (ring_->try_push(std::move(slot))) {
     lost_before_ = 0;
   } else {
     health_.ring_full.fetch_add(1, std::memory_order_relaxed);
     ++lost_before_;
-    lease.reset();
   }
 }
 

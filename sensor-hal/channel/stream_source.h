@@ -2,8 +2,8 @@
 // of what is lost on the way.
 //
 //   do_arm    open_stream(slots, bytes, context.virtual_time)
-//   thread    SampleLease slot = take_slot();            // may be empty: all slots are held
-//             if (slot) { fill slot.edit(): info, memory, stamp … }
+//   thread    SampleSlot slot = take_slot();             // may be empty: all slots are held
+//             if (slot) { fill slot: info, memory, stamp … }
 //             hand_over(std::move(slot));                // empty: the sample is counted and lost
 //   do_stop   join the thread, then close_stream()
 //
@@ -11,7 +11,6 @@
 #pragma once
 
 #include <memory>
-#include <vector>
 
 #include "rt-core/spsc_ring.h"
 #include "sensor-hal/channel/channel.h"
@@ -26,24 +25,22 @@ class StreamSource : public Source {
   [[nodiscard]] SampleLease poll(BenchTime now) noexcept final;
 
  protected:
-  /// Setup thread. Takes memory for `slots` samples of `slot_bytes` each. Leases of an earlier run may still
-  /// be held: their memory stays.
+  /// Setup thread. Takes memory for `slots` samples of `slot_bytes` each.
   void open_stream(std::size_t slots, std::size_t slot_bytes, bool virtual_time);
   /// Setup thread, no producer is running: what nobody polled is given back.
   void close_stream() noexcept;
 
   /// Producer thread; wait-free, in virtual time waiting. Empty when every slot stays held.
-  [[nodiscard]] SampleLease take_slot() noexcept;
-  /// Producer thread; wait-free. Counts a sample that came, writes its `lost_before`, and gives it to the
-  /// loop. An empty lease is a sample that came and for which there was no slot.
-  void hand_over(SampleLease&& lease) noexcept;
+  [[nodiscard]] SampleSlot take_slot() noexcept;
+  /// Producer thread; wait-free. Counts a sample that came, writes its `lost_before`, and publishes it for
+  /// the loop. An empty slot is a sample that came and for which there was no slot.
+  void hand_over(SampleSlot&& slot) noexcept;
   /// Producer thread: samples that are known to have been lost before they came here.
   void count_lost(std::uint64_t samples) noexcept;
 
  private:
   std::unique_ptr<SamplePool> pool_;
   std::size_t slot_bytes_ = 0;
-  std::vector<std::unique_ptr<SamplePool>> retired_;
   std::unique_ptr<SpscRing<SampleLease>> ring_;
   std::uint32_t lost_before_ = 0;
   SlotWait slot_wait_;

@@ -31,55 +31,40 @@ Status TypedSource::do_configure(const ChannelConfig& config) {
 
 Status TypedSource::do_start(BenchTime t0) {
   values_->reset();
-  unknown_ = 0;
+  unknown_.store(0, std::memory_order_relaxed);
   return inner_->start(t0);
 }
 
 Status TypedSource::do_stop() {
-  Status stopped;
   if (inner_->state() == ChannelState::armed || inner_->state() == ChannelState::running)
-    stopped = inner_->stop();
-  mirror_health();
-  return stopped;
+    return inner_->stop();
+  return {};
 }
 
-void TypedSource::begin_cycle(BenchTime now) noexcept {
-  inner_->begin_cycle(now);
-  mirror_health();
-}
+void TypedSource::begin_cycle(BenchTime now) noexcept { inner_->begin_cycle(now); }
 
 SampleLease TypedSource::poll(BenchTime now) noexcept {
   SampleLease sample = inner_->poll(now);
-  if (sample) {
-    // The source has handed it on, and nobody else has it yet: it is written in its own slot.
-    Sample& s = sample.edit();
-    if (const auto* block = s.as<RegisterBlock>()) {
+  // Converted in its own slot, which nobody else reads yet.
+  if (SampleSlot s = sample.take_back()) {
+    if (const auto* block = s->as<RegisterBlock>()) {
       const RegisterBlock values = *block;
-      if (!values_->convert(values, s.stamp.t_capture, s) && !(s.stamp.validity & kIncomplete)) {
-        s.stamp.validity |= kIncomplete;
-        ++unknown_;
+      if (!values_->convert(values, s->stamp.t_capture, *s) && !(s->stamp.validity & kIncomplete)) {
+        s->stamp.validity |= kIncomplete;
+        unknown_.fetch_add(1, std::memory_order_relaxed);
       }
     }
+    sample = std::move(s);
+  } else {
+    sample.reset();  // shared by its source, which must not be; its sequence is missing then
   }
-  mirror_health();
   return sample;
 }
 
-void TypedSource::mirror_health() noexcept {
-  const Health& from = inner_->health();
-  const auto copy = [](const auto& a, auto& b) {
-    b.store(a.load(std::memory_order_relaxed), std::memory_order_relaxed);
-  };
-  copy(from.connected, health_.connected);
-  copy(from.received, health_.received);
-  copy(from.lost, health_.lost);
-  copy(from.no_slot, health_.no_slot);
-  copy(from.ring_full, health_.ring_full);
-  copy(from.protocol_errors, health_.protocol_errors);
-  copy(from.retries, health_.retries);
-  copy(from.reconnects, health_.reconnects);
-  health_.incomplete.store(from.incomplete.load(std::memory_order_relaxed) + unknown_,
-                           std::memory_order_relaxed);
+HealthSnapshot TypedSource::health() const noexcept {
+  HealthSnapshot h = inner_->health();
+  h.incomplete += unknown_.load(std::memory_order_relaxed);
+  return h;
 }
 
 }  // namespace rigor

@@ -14,6 +14,7 @@
 // A sample that lacks a value it needs is marked incomplete.
 #pragma once
 
+#include <atomic>
 #include <memory>
 #include <optional>
 
@@ -33,17 +34,17 @@ class TypedSource final : public Source {
   [[nodiscard]] SampleLease poll_event() noexcept override { return inner_->poll_event(); }
   void complete_until(BenchTime now) override { inner_->complete_until(now); }
   [[nodiscard]] std::vector<std::string> warnings() const override { return inner_->warnings(); }
+  [[nodiscard]] HealthSnapshot health() const noexcept override;
 
  private:
   Status do_configure(const ChannelConfig& config) override;
   Status do_arm(const ArmContext& context) override { return inner_->arm(context); }
   Status do_start(BenchTime t0) override;
   Status do_stop() override;
-  void mirror_health() noexcept;
 
   std::unique_ptr<Source> inner_;
   std::optional<TypedValues> values_;
-  std::uint64_t unknown_ = 0;  ///< samples that the source did not mark, and that lack a value
+  std::atomic<std::uint64_t> unknown_{0};  ///< samples that the source did not mark, and that lack a value
 };
 
 }  // namespace rigor

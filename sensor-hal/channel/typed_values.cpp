@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "rt-core/numbers.h"
+#include "sensor-hal/types/orientation.h"
 
 namespace rigor {
 namespace {
@@ -32,19 +33,6 @@ constexpr ValueName kOdometry[] = {{"x_m", "m"},
 
 /// How many of the values have to be there, from the first on.
 std::size_t needed(SampleKind kind) { return kind == SampleKind::pose ? 2 : kind == SampleKind::imu ? 6 : 3; }
-
-std::array<double, 4> from_roll_pitch_yaw(double roll, double pitch, double yaw) {
-  const double cr = std::cos(roll / 2), sr = std::sin(roll / 2), cp = std::cos(pitch / 2),
-               sp = std::sin(pitch / 2), cy = std::cos(yaw / 2), sy = std::sin(yaw / 2);
-  return {cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy,
-          cr * cp * sy - sr * sp * cy};
-}
-std::array<double, 3> roll_pitch_yaw_of(const std::array<double, 4>& q) {
-  const auto [w, x, y, z] = q;
-  return {std::atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-          std::asin(std::clamp(2 * (w * y - z * x), -1.0, 1.0)),
-          std::atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))};
-}
 
 }  // namespace
 
@@ -83,7 +71,7 @@ void values_of_sample(const Sample& sample, std::span<double> out) noexcept {
   } else if (const auto* o = sample.as<Odometry>(); o && out.size() == std::size(kOdometry)) {
     const double values[] = {o->T_odom_base.position_m[0],
                              o->T_odom_base.position_m[1],
-                             roll_pitch_yaw_of(o->T_odom_base.orientation_wxyz)[2] / kRadPerDeg,
+                             yaw_of(o->T_odom_base.orientation_wxyz) / kRadPerDeg,
                              o->velocity_mps[0],
                              o->turn_rate_radps[2] / kRadPerDeg,
                              o->wheel_angle_rad[0],

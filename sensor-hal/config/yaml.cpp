@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "sensor-hal/config/renamed.h"
 #include "sensor-hal/config/unit_limits.h"
 #include "sensor-hal/config/yaml_tree.h"
 
@@ -191,6 +192,9 @@ struct ConfigNode::Impl {
     if (value)
       for (const auto& e : value->entries)
         if (!asked.contains(e.key)) unread.push_back(e.key);
+    for (const std::string& old : unread)
+      if (!renamed(old, {std::string(key)}).empty())
+        return error_at(place, child_path(old), "now called " + std::string(key));
     const auto near = nearest(key, unread);
     return error_at(place, child_path(key),
                     "expected " + expected + ", got nothing: the key is missing" +
@@ -279,8 +283,11 @@ struct ConfigNode::Impl {
     const auto expected = choice_text(allowed);
     if (v.kind != Kind::scalar) throw wrong(v, p, expected);
     if (std::find(allowed.begin(), allowed.end(), v.text) != allowed.end()) return v.text;
-    const auto near = nearest(v.text, allowed);
-    throw wrong(v, p, expected, near.empty() ? "" : "; did you mean '" + near + "'?");
+    const auto now = renamed(v.text, allowed), near = nearest(v.text, allowed);
+    throw wrong(v, p, expected,
+                !now.empty()   ? "; now called " + now
+                : near.empty() ? ""
+                               : "; did you mean '" + near + "'?");
   }
   [[nodiscard]] std::vector<double> read_numbers(const Value& v, const std::string& p,
                                                  std::optional<std::size_t> count) const {
@@ -457,6 +464,8 @@ void ConfigNode::finish() const {
     std::vector<std::string> free;  // a known key that is there already is not what was meant
     for (const auto& k : impl_->known)
       if (!impl_->value->find(k)) free.push_back(k);
+    if (const auto now = renamed(e.key, {impl_->known.begin(), impl_->known.end()}); !now.empty())
+      throw impl_->error_at(e.key_place, impl_->child_path(e.key), "now called " + now);
     const auto near = nearest(e.key, free);
     std::string expected;
     if (near.empty()) {

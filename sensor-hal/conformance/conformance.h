@@ -46,6 +46,9 @@ class SourceUnderTest {
   [[nodiscard]] virtual std::size_t slots() const { return 0; }
   /// How long after start the first sample may be released, beside its latency.
   [[nodiscard]] virtual Duration settle() const { return milliseconds(0); }
+  /// False of a pair, which keeps leases of what it gave. Any other source lets a stage behind it take back
+  /// the slot (Source::poll).
+  [[nodiscard]] virtual bool gives_only_lease() const { return true; }
   /// Empty, or why this case cannot run here: the test is then reported as skipped.
   [[nodiscard]] virtual std::string unavailable() { return {}; }
 };
@@ -233,8 +236,8 @@ TEST_P(SourceConformance, CanBeDisarmedWithoutHavingRun) {
 TEST_P(SourceConformance, WaitsForTheRunToBeginForAsLongAsItTakes) {
   configure();
   for (int round = 0; round < 3; ++round) {
-    const Health& h = source_->health();
     const auto counted = [&] {
+      const HealthSnapshot h = source_->health();
       return std::vector<std::uint64_t>{h.received, h.incomplete, h.lost, h.no_slot, h.ring_full};
     };
     const auto before = counted();
@@ -305,6 +308,23 @@ TEST_P(SourceConformance, GivesWhatItDescribes) {
   stop();
 }
 
+TEST_P(SourceConformance, KeepsLeasesOfWhatItGaveOnlyIfItSaysSo) {
+  configure();
+  start();
+  int given = 0, shared = 0;
+  run(
+      time_for(few()),
+      [&](SampleLease& s, BenchTime) {
+        ++given;
+        shared += !s.take_back();
+      },
+      [&] { return given >= few(); });
+  EXPECT_GE(given, few());
+  EXPECT_EQ(shared > 0, !backend_->gives_only_lease())
+      << "the source keeps leases of " << shared << " samples of " << given;
+  stop();
+}
+
 TEST_P(SourceConformance, KeepsTheOrderOfSequenceAndTime) {
   configure();
   start();
@@ -346,7 +366,7 @@ TEST_P(SourceConformance, RunsAgainAfterStop) {
     start();
     EXPECT_GE(collect(few()).size(), static_cast<std::size_t>(few())) << "round " << round;
     stop();
-    EXPECT_FALSE(source_->health().connected.load());
+    EXPECT_FALSE(source_->health().connected);
     EXPECT_FALSE(source_->poll(t0_ + seconds(100))) << "a stopped channel gave a sample";
   }
   configure();  // and can be configured anew
@@ -367,12 +387,16 @@ TEST_P(SourceConformance, StopsWhileSamplesAreHeldAndPending) {
   // What is held stays what it was, also while the next run fills slots.
   start();
   EXPECT_FALSE(collect(1).empty());
-  for (std::size_t i = 0; i < held_.size(); ++i)
-    EXPECT_TRUE(
-        std::equal(copies[i].begin(), copies[i].end(), held_[i]->bytes().begin(), held_[i]->bytes().end()))
-        << "held sample " << i << " was written over";
-  held_.clear();
+  const auto expect_as_they_were = [&] {
+    for (std::size_t i = 0; i < held_.size(); ++i)
+      EXPECT_TRUE(
+          std::equal(copies[i].begin(), copies[i].end(), held_[i]->bytes().begin(), held_[i]->bytes().end()))
+          << "held sample " << i << " was written over";
+  };
+  expect_as_they_were();
   stop();
+  source_.reset();  // and when there is no source any more
+  expect_as_they_were();
 }
 
 TEST_P(SourceConformance, CountsWhatFindsNoSlotAndGoesOn) {
@@ -380,8 +404,10 @@ TEST_P(SourceConformance, CountsWhatFindsNoSlotAndGoesOn) {
   if (slots == 0) GTEST_SKIP() << "the size of this backend's pool is not known to the test";
   configure();
   start();
-  const Health& h = source_->health();
-  const auto counted = [&] { return h.no_slot.load() + h.lost.load() + h.ring_full.load(); };
+  const auto counted = [&] {
+    const HealthSnapshot h = source_->health();
+    return h.no_slot + h.lost + h.ring_full;
+  };
   run_periods(
       static_cast<int>(slots) + 4, [&](const SampleLease& s, BenchTime) { held_.push_back(s); },
       [&] { return held_.size() + 2 >= slots && counted() > 0; });
@@ -395,25 +421,25 @@ TEST_P(SourceConformance, CountsWhatFindsNoSlotAndGoesOn) {
 
 TEST_P(SourceConformance, CountsWhatItGave) {
   configure();
-  const auto received_before = source_->health().received.load();
+  const auto received_before = source_->health().received;
   start();
-  const Health& h = source_->health();
   // At an instant when nothing is on its way the counts agree exactly. A source that counts too much or loses
   // samples has no such instant, and what it does adds up until the time is over.
   const auto agree = [&] {
-    return delivered_ >= 8 && h.received.load() - received_before == delivered_ + h.ring_full.load();
+    const HealthSnapshot h = source_->health();
+    return delivered_ >= 8 && h.received - received_before == delivered_ + h.ring_full;
   };
   run_periods(
       8, [](const SampleLease&, BenchTime) {}, agree);
-  EXPECT_TRUE(h.connected.load());
-  const std::uint64_t received = h.received.load() - received_before;
+  const HealthSnapshot h = source_->health();
+  EXPECT_TRUE(h.connected);
+  const std::uint64_t received = h.received - received_before;
   EXPECT_GT(delivered_, 0u);
   EXPECT_GE(received, delivered_);
   // The rest is on its way: not released yet, or read ahead.
   const std::uint64_t pending_at_most =
       config_.period.ns() > 0 ? static_cast<std::uint64_t>(config_.latency / config_.period) + 3 : 16;
-  EXPECT_LE(received,
-            delivered_ + h.ring_full.load() + std::max<std::uint64_t>(pending_at_most, backend_->slots()));
+  EXPECT_LE(received, delivered_ + h.ring_full + std::max<std::uint64_t>(pending_at_most, backend_->slots()));
   stop();
 }
 
@@ -560,10 +586,10 @@ TEST_P(SinkConformance, JudgesTheLoopOnlyOnceTheRunHasBegun) {
   heartbeat_.declare_stopped(StopReason::requested);  // of the run before
   arm();
   std::this_thread::sleep_for(std::chrono::milliseconds(300));
-  EXPECT_EQ(sink_->counters().made_safe.load(), 0u);
-  EXPECT_TRUE(sink_->health().connected.load());
+  EXPECT_EQ(sink_->counters().made_safe, 0u);
+  EXPECT_TRUE(sink_->health().connected);
   ASSERT_TRUE(sink_->start(bench_now()));
-  EXPECT_TRUE(eventually(false, [&] { return sink_->counters().made_safe.load() == 1; }))
+  EXPECT_TRUE(eventually(false, [&] { return sink_->counters().made_safe == 1; }))
       << "the loop has stopped, and nobody made the device safe";
   ASSERT_TRUE(sink_->stop());
 }
@@ -573,7 +599,7 @@ TEST_P(SinkConformance, AppliesCommandsHoweverLongItWaitedForTheRun) {
   for (int round = 0; round < 3; ++round) {
     arm();
     std::this_thread::sleep_for(std::chrono::milliseconds(round == 0 ? 300 : 5));
-    const std::uint64_t applied = sink_->counters().applied.load();
+    const std::uint64_t applied = sink_->counters().applied;
     const CallCost before = CallCost::now();
     const auto s = sink_->start(bench_now() + milliseconds(20));
     cost.keep_least(before, CallCost::now());
@@ -584,8 +610,8 @@ TEST_P(SinkConformance, AppliesCommandsHoweverLongItWaitedForTheRun) {
     c.t_effect = c.t_issue + milliseconds(5);
     c.count = static_cast<std::uint32_t>(sink_->describe().names.size());
     ASSERT_TRUE(sink_->command(c));
-    EXPECT_TRUE(eventually(true, [&] { return sink_->counters().applied.load() == applied + 1; }));
-    EXPECT_EQ(sink_->counters().made_safe.load(), 0u);
+    EXPECT_TRUE(eventually(true, [&] { return sink_->counters().applied == applied + 1; }));
+    EXPECT_EQ(sink_->counters().made_safe, 0u);
     ASSERT_TRUE(sink_->stop());
   }
   EXPECT_EQ(cost.waits, 0) << "start() blocks; the loop calls it on its own thread";

@@ -118,7 +118,7 @@ Result<ConfigNode> load_sheet(const std::filesystem::path& file, std::uint64_t d
   if (section->kind.empty())
     return fail(ErrorCode::bad_input, file.string(),
                 "expected a section `calibration` with a covariance to draw a device from, found none: fit "
-                "the sheet with `rigor calibrate`");
+                "the sensor model with `rigor calibrate`");
   auto overrides = draw_parameters(*section, draw);
   if (!overrides) return tl::unexpected<Error>(overrides.error());
   return ConfigDocument::load(file, *overrides);

@@ -1,6 +1,6 @@
 // The `calibration:` section that a fitted model carries: where its values come from and how sure they are.
-// Written by `rigor calibrate`, read by the loaders of all sheets, used to draw other devices of the same
-// kind.
+// Written by `rigor calibrate`, read by the loaders of all sensor models, used to draw other devices of the
+// same kind.
 //
 //   intrinsics: { fx_px: 533.13, … }
 //   calibration:
@@ -33,8 +33,8 @@ struct CalibrationSection {
   struct Parameter {
     std::string name;
     double value = 0, sigma = 0;
-    std::string path;  ///< of the sheet's key; empty: the sheet has none for it
-    double scale = 1;  ///< sheet's value = scale · value
+    std::string path;  ///< of the sensor model's key; empty: the sensor model has none for it
+    double scale = 1;  ///< sensor model's value = scale · value
   };
   struct Recording {
     std::string file, sha256;
@@ -56,16 +56,16 @@ struct CalibrationSection {
   }
 };
 
-/// Reads and checks the section of a sheet; empty `kind` where there is none. Throws ConfigError.
+/// Reads and checks the section of a sensor model; empty `kind` where there is none. Throws ConfigError.
 [[nodiscard]] CalibrationSection read_calibration(const ConfigNode& sheet);
 
-/// A device drawn from the covariance: what to put in place of the sheet's values. The same for the same seed
-/// and section. bad_input where the covariance is none (not positive semi-definite).
+/// A device drawn from the covariance: what to put in place of the sensor model's values. The same for the
+/// same seed and section. bad_input where the covariance is none (not positive semi-definite).
 [[nodiscard]] Result<std::vector<ConfigOverride>> draw_parameters(const CalibrationSection& section,
                                                                   std::uint64_t seed);
 
-/// A sheet, or the device number `draw` of those that its covariance describes (0: the sheet itself).
-/// not_found, bad_input (also where there is nothing to draw from).
+/// A sensor model, or the device number `draw` of those that its covariance describes (0: the sensor model
+/// itself). not_found, bad_input (also where there is nothing to draw from).
 [[nodiscard]] Result<ConfigNode> load_sheet(const std::filesystem::path& file, std::uint64_t draw = 0);
 
 }  // namespace rigor

@@ -24,8 +24,8 @@ struct CameraSheet {
   double supersampling = 1.0;  ///< picture pixels per sensor pixel along one side, for the simulator
 };
 
-/// `draw`: that device of those which the sheet's covariance describes (calibration_section.h); 0: the sheet.
-/// not_found, or bad_input with file:line:column. Setup context.
+/// `draw`: that device of those which the sensor model's covariance describes (calibration_section.h); 0: the
+/// sensor model. not_found, or bad_input with file:line:column. Setup context.
 [[nodiscard]] Result<CameraSheet> load_camera(const std::filesystem::path& file, std::uint64_t draw = 0);
 [[nodiscard]] Result<CameraSheet> parse_camera(ConfigNode root);
 

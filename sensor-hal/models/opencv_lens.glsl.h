@@ -1,8 +1,8 @@
 // OpenCV's lens model, written once for shader (float), simulator (double) and calibrator (ceres::Jet).
 //
-// The subset that GLSL and C++ share: plain functions over REAL, results through OUT(REAL), no overloads, no member
-// access. Include it through sensor-hal/models/lens.h in C++; a shader defines REAL, OUT and FN itself (see
-// one_source.glsl.h). No include guard: it is included once per instantiation.
+// The subset that GLSL and C++ share: plain functions over REAL, results through OUT(REAL), no overloads, no
+// member access. Include it through sensor-hal/models/lens.h in C++; a shader defines REAL, OUT and FN itself
+// (see one_source.glsl.h). No include guard: it is included once per instantiation.
 //
 // Ideal normalised coordinates (x, y) = (X/Z, Y/Z) in the optical frame (x right, y down, z forward) map to
 // distorted ones (OpenCV documentation, "Camera Calibration and 3D Reconstruction"):
@@ -14,9 +14,9 @@
 // and pixels are u = fx xd + cx, v = fy yd + cy with pixel centres at integers.
 
 // The distorted point and the Jacobian j = d(xd, yd)/d(x, y); `den` is the denominator of L.
-FN void lens_distort_jacobian(REAL x, REAL y, REAL k1, REAL k2, REAL p1, REAL p2, REAL k3, REAL k4, REAL k5, REAL k6,
-                              OUT(REAL) xd, OUT(REAL) yd, OUT(REAL) jxx, OUT(REAL) jxy, OUT(REAL) jyx,
-                              OUT(REAL) jyy, OUT(REAL) den) {
+FN void lens_distort_jacobian(REAL x, REAL y, REAL k1, REAL k2, REAL p1, REAL p2, REAL k3, REAL k4, REAL k5,
+                              REAL k6, OUT(REAL) xd, OUT(REAL) yd, OUT(REAL) jxx, OUT(REAL) jxy,
+                              OUT(REAL) jyx, OUT(REAL) jyy, OUT(REAL) den) {
   REAL r2 = x * x + y * y;
   REAL num = REAL(1.0) + r2 * (k1 + r2 * (k2 + r2 * k3));
   den = REAL(1.0) + r2 * (k4 + r2 * (k5 + r2 * k6));
@@ -44,16 +44,16 @@ FN void lens_distort(REAL x, REAL y, REAL k1, REAL k2, REAL p1, REAL p2, REAL k3
 
 // The inverse: (x, y) with lens_distort(x, y) = (xd, yd) on the branch that holds the optical axis.
 //
-// The model folds: beyond the curve where det J = 0 it maps other rays onto the same pixels. So the target is walked
-// from the axis to (xd, yd) in steps, each mended by Newton's iteration; an iterate beyond the fold (det J <= 0, or a
-// denominator <= 0) steps back half-way to the last one before it, and no step is longer than half the way from the
-// axis so far. Where k2 or k3 turn a folded lens back there is a second sheet behind the fold, with det J > 0 again,
-// which a step may reach from the edge of the first: so the way from the axis to the result is looked at once more.
-// A walk that does not end on its target before the fold returns valid = 0, and no ray of the lens reaches that
-// pixel. `tolerance` is the residual that counts as the
-// target, in normalised units: about 1e-6 for float, 1e-13 for double.
-FN void lens_undistort(REAL xd, REAL yd, REAL k1, REAL k2, REAL p1, REAL p2, REAL k3, REAL k4, REAL k5, REAL k6,
-                       REAL tolerance, OUT(REAL) x, OUT(REAL) y, OUT(REAL) valid) {
+// The model folds: beyond the curve where det J = 0 it maps other rays onto the same pixels. So the target is
+// walked from the axis to (xd, yd) in steps, each mended by Newton's iteration; an iterate beyond the fold
+// (det J <= 0, or a denominator <= 0) steps back half-way to the last one before it, and no step is longer
+// than half the way from the axis so far. Where k2 or k3 turn a folded lens back there is a second sensor
+// model behind the fold, with det J > 0 again, which a step may reach from the edge of the first: so the way
+// from the axis to the result is looked at once more. A walk that does not end on its target before the fold
+// returns valid = 0, and no ray of the lens reaches that pixel. `tolerance` is the residual that counts as
+// the target, in normalised units: about 1e-6 for float, 1e-13 for double.
+FN void lens_undistort(REAL xd, REAL yd, REAL k1, REAL k2, REAL p1, REAL p2, REAL k3, REAL k4, REAL k5,
+                       REAL k6, REAL tolerance, OUT(REAL) x, OUT(REAL) y, OUT(REAL) valid) {
   const int steps = 8;
   x = REAL(0.0);
   y = REAL(0.0);
@@ -114,7 +114,8 @@ FN void lens_undistort(REAL xd, REAL yd, REAL k1, REAL k2, REAL p1, REAL p2, REA
   const int samples = 16;
   for (int i = 1; i < samples; ++i) {
     REAL along = REAL(float(i)) / REAL(float(samples));
-    lens_distort_jacobian(along * x, along * y, k1, k2, p1, p2, k3, k4, k5, k6, ex, ey, jxx, jxy, jyx, jyy, den);
+    lens_distort_jacobian(along * x, along * y, k1, k2, p1, p2, k3, k4, k5, k6, ex, ey, jxx, jxy, jyx, jyy,
+                          den);
     det = jxx * jyy - jxy * jyx;
     if (det <= REAL(1e-6) || den <= REAL(0.0) || jxx + jyy <= REAL(0.0)) {
       valid = REAL(0.0);

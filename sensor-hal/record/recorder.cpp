@@ -70,14 +70,14 @@ void Recorder::Impl::sample(std::uint32_t index, const SampleLease& lease) noexc
       sem_post(&wake);
       nap(50'000);
     }
-    item.lease = copies->try_acquire();
-    if (!item.lease) return drop(s);
+    SampleSlot copy = copies->try_acquire();
+    if (!copy) return drop(s);
     copies_held.fetch_add(1, std::memory_order_relaxed);
-    Sample& copy = item.lease.edit();
-    copy.stamp = lease->stamp;
-    copy.info = lease->info;
-    copy.size_bytes = size;
-    if (size > 0) std::memcpy(copy.memory().data(), lease->bytes().data(), size);
+    copy->stamp = lease->stamp;
+    copy->info = lease->info;
+    copy->size_bytes = size;
+    if (size > 0) std::memcpy(copy->memory().data(), lease->bytes().data(), size);
+    item.lease = std::move(copy);
   } else {
     // In virtual time the loop ends each cycle with nothing under way, so what is held here are samples that
     // wait for their release: a budget would make it depend on arrival.
@@ -161,6 +161,16 @@ void Recorder::record_event(std::uint32_t channel, const SampleLease& event) noe
   item.channel = channel;
   item.t = event->stamp.t_release;
   item.lease = event;
+  if (!impl_->push(std::move(item))) impl_->other_dropped.fetch_add(1, std::memory_order_relaxed);
+}
+
+void Recorder::record_fault(const FaultChange& change) noexcept {
+  if (!change) return;
+  Impl::Item item;
+  item.kind = Impl::Item::Kind::fault;
+  item.t = change.t;
+  item.change = change;
+  item.change.event.reset();
   if (!impl_->push(std::move(item))) impl_->other_dropped.fetch_add(1, std::memory_order_relaxed);
 }
 

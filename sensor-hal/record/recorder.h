@@ -23,8 +23,8 @@
 // `/rigor/visibility` says what the application saw: entries name a port, and for a pair the side that was
 // handed on ("left/real"); all ports are listed in the first cycle, then those that changed; an entry without
 // a name says that `sequence` cycles, this one the first, were skipped by the loop.
-// `/rigor/events`, `/rigor/commands`. Where a pair is watched, `/diagnostics` has a status for each of its
-// windows (pair_diagnostics.h).
+// `/rigor/events`, `/rigor/faults`, `/rigor/commands`. Where a pair is watched, `/diagnostics` has a status
+// for each of its windows (pair_diagnostics.h).
 #pragma once
 
 #include <atomic>
@@ -45,6 +45,8 @@
 #include "sensor-hal/record/ros2_messages.h"
 
 namespace rigor {
+
+struct FaultChange;
 
 struct RecordedChannel {
   std::string name;
@@ -116,6 +118,8 @@ class Recorder {
   void record_command(std::uint32_t sink, const Command& command) noexcept;
   /// A sample of kind event that concerns a channel; beyond the last one: none, the text says what.
   void record_event(std::uint32_t channel, const SampleLease& event) noexcept;
+  /// A fault began or ended; goes to /rigor/faults.
+  void record_fault(const FaultChange& change) noexcept;
   /// A window of a pair that is watched, as PairObserver::on_window gives it; goes to /diagnostics.
   void record_window(std::uint32_t channel, const SampleLease& window) noexcept;
   /// Once a cycle, last.

@@ -16,6 +16,7 @@
 
 #include "rt-core/spsc_ring.h"
 #include "rt-core/stage_time.h"
+#include "sensor-hal/channel/fault_injector.h"
 #include "sensor-hal/record/recorder.h"
 #include "sensor-hal/record/sample_codec.h"
 
@@ -33,6 +34,7 @@ struct Recorder::Impl {
       skipped,
       command,
       event,
+      fault,
       window,
       end_cycle
     } kind = Kind::none;
@@ -45,6 +47,7 @@ struct Recorder::Impl {
     SampleLease lease;        // sample, copy, event
     Stamp stamp;              // visibility: of the visible sample; skipped: sequence is the count
     Command command;
+    FaultChange change;
   };
 
   /// One stream of samples: a channel, or one side of a pair.
@@ -112,9 +115,9 @@ struct Recorder::Impl {
   record::CdrWriter cdr;
   std::priority_queue<Waiting> waiting;
   std::vector<Item> of_cycle;
-  std::uint16_t visibility_id = 0, events_id = 0, commands_id = 0, diagnostics_id = 0;
+  std::uint16_t visibility_id = 0, events_id = 0, commands_id = 0, faults_id = 0, diagnostics_id = 0;
   std::uint64_t last_log_ns = 0;
-  std::uint32_t visibility_count = 0, event_count = 0, window_count = 0;
+  std::uint32_t visibility_count = 0, event_count = 0, fault_count = 0, window_count = 0;
   std::uint64_t noted_drops = 0;
   BenchTime noted_at{std::numeric_limits<std::int64_t>::min()};
   bool begun = false, any_cycle = false;

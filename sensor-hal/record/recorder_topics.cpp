@@ -85,6 +85,7 @@ Status Recorder::Impl::write_beginning(BenchTime t0) {
   for (auto [topic, type, id] :
        {std::tuple("/rigor/visibility", record::msg::PortVisibility::kType, &visibility_id),
         std::tuple("/rigor/events", record::msg::Event::kType, &events_id),
+        std::tuple("/rigor/faults", record::msg::Fault::kType, &faults_id),
         std::tuple("/rigor/commands", record::msg::Command::kType, &commands_id)}) {
     auto added = add_topic(topic, type);
     if (!added) return tl::unexpected<Error>(added.error());

@@ -5,6 +5,7 @@
 #include "sensor-hal/channel/event_text.h"
 #include "sensor-hal/channel/fault_spec.h"
 #include "sensor-hal/channel/pair_monitor.h"
+#include "sensor-hal/record/fault_message.h"
 #include "sensor-hal/record/pair_diagnostics.h"
 #include "sensor-hal/record/recorder_impl.h"
 
@@ -76,6 +77,7 @@ void Recorder::Impl::take(Item&& item) {
     case Item::Kind::skipped:
     case Item::Kind::command:
     case Item::Kind::event:
+    case Item::Kind::fault:
     case Item::Kind::window:
       of_cycle.push_back(std::move(item));
       break;
@@ -115,6 +117,10 @@ void Recorder::Impl::end_cycle(const Item& tick) {
       const RecordedChannel& c = channels[item.channel];
       m.status.push_back(record::pair_diagnostics(c.name, c.description.kind, c.watched, window));
       write(diagnostics_id, window_count++, tick.t, m);
+    } else if (item.kind == Item::Kind::fault) {
+      record::msg::Fault m = fault_message(item.change);
+      m.header.stamp = to_time(item.change.t.ns() + to_utc.ns());
+      write(faults_id, fault_count++, tick.t, m);
     } else if (item.kind == Item::Kind::event) {
       const auto* info = item.lease->as<EventInfo>();
       if (!info) continue;

@@ -46,7 +46,7 @@ VisibilityScript::Visible VisibilityScript::at(std::uint64_t cycle) const noexce
     }
   }
   Visible v = changes_[at_].visible;
-  if (v.status == PortStatus::fresh && changes_[at_].cycle != cycle) v.status = PortStatus::stale;
+  if (v.status == PortStatus::fresh && changes_[at_].cycle != cycle) v.status = PortStatus::held;
   return v;
 }
 
@@ -84,7 +84,7 @@ Result<std::shared_ptr<const Recording>> Recording::open(const std::string& path
         r.cycles_ = std::max(r.cycles_, message.cycle + entry.sequence);
         continue;
       }
-      if (entry.status > static_cast<std::uint8_t>(PortStatus::lost))
+      if (entry.status > static_cast<std::uint8_t>(PortStatus::disconnected))
         return fail(ErrorCode::protocol, path,
                     "a port's status is unknown; the recording is of a newer version");
       const std::size_t slash = entry.channel.find('/');
@@ -175,7 +175,7 @@ struct ReplaySource::Reader {
   std::map<std::size_t, SampleLease> early;  ///< by place in `shown`: read, while one before may yet come
   std::size_t most_early = 0;                ///< of them: who waits takes a slot
   Duration shift;                            ///< known when the run begins
-  Health* health = nullptr;
+  HealthCounters* health = nullptr;
 
   std::thread thread;
   std::atomic<bool> stopping{false};
@@ -265,12 +265,12 @@ struct ReplaySource::Reader {
         }
         if (!*whole) continue;
         if (!script) {
-          SampleLease sample;
+          SampleSlot sample;
           if (!read(stream.decoder, sample) || (sample && !push(std::move(sample)))) return;
           continue;
         }
         if (const auto place = place_of(stream, stream.decoder.stamp().sequence)) {
-          SampleLease sample;
+          SampleSlot sample;
           if (!read(stream.decoder, sample)) return;
           if (sample)
             early.emplace(*place, std::move(sample));
@@ -291,7 +291,7 @@ struct ReplaySource::Reader {
   bool starved = false;
 
   /// No sample where it cannot be had. False: stopping.
-  bool read(const record::SampleDecoder& decoder, SampleLease& slot) {
+  bool read(const record::SampleDecoder& decoder, SampleSlot& slot) {
     const BenchTime release = decoder.stamp().t_release + shift;
     for (int naps = 0; !(slot = pool.try_acquire());) {
       // All slots are ahead of the loop or held by somebody.
@@ -308,7 +308,7 @@ struct ReplaySource::Reader {
         return true;
       }
     }
-    Sample& sample = slot.edit();
+    Sample& sample = *slot;
     if (!decoder.fill(sample)) {
       health->protocol_errors.fetch_add(1, std::memory_order_relaxed);
       slot.reset();
@@ -431,12 +431,6 @@ Status ReplaySource::do_stop() {
   if (reader_) {
     reader_->stopping.store(true, std::memory_order_release);
     if (reader_->thread.joinable()) reader_->thread.join();
-    // Pictures that somebody still holds keep their memory as long as the source lives.
-    for (SampleLease s; reader_->ring.try_pop(s);) s.reset();
-    if (reader_->pool.in_use() != 0) {
-      reader_->file.reset();
-      retired_.push_back(std::move(reader_));
-    }
     reader_.reset();
   }
   return {};

@@ -102,7 +102,6 @@ class ReplaySource final : public Source {
   std::string channel_;
   std::size_t slots_ = 0;
   std::unique_ptr<Reader> reader_;
-  std::vector<std::unique_ptr<Reader>> retired_;
 };
 
 }  // namespace rigor

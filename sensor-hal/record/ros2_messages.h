@@ -448,6 +448,27 @@ struct Event {
   }
 };
 
+/// A fault begins or ends.
+struct Fault {
+  Header header{};
+  std::string channel;
+  std::uint32_t index = 0;
+  std::string kind;
+  bool live = false;
+  bool begins = false;
+  std::uint64_t seen = 0;
+  std::uint64_t dropped = 0;
+  std::uint64_t changed = 0;
+  std::uint64_t delayed = 0;
+  std::string fault;
+  static constexpr std::string_view kType = "rigor_msgs/msg/Fault";
+  static constexpr auto fields() {
+    return std::tuple(&Fault::header, &Fault::channel, &Fault::index, &Fault::kind, &Fault::live,
+                      &Fault::begins, &Fault::seen, &Fault::dropped, &Fault::changed, &Fault::delayed,
+                      &Fault::fault);
+  }
+};
+
 struct Command {
   Header header{};
   std::string channel;

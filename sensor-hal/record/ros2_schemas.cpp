@@ -261,6 +261,24 @@ uint32 code
 float64 value
 string text
 )"},
+    Definition{"rigor_msgs/Fault", R"(# A fault begins or ends.
+std_msgs/Header header
+# The channel or sink; of a side of a pair left.real.
+string channel
+# In its channel, those of the rig first.
+uint32 index
+string kind
+# Injected while the run went on.
+bool live
+bool begins
+# Samples so far, while it was on: all, and of these.
+uint64 seen
+uint64 dropped
+uint64 changed
+uint64 delayed
+# The fault with all its keys, as JSON.
+string fault
+)"},
     Definition{"rigor_msgs/Command",
                R"(# A command to an actuator; takes effect at t_effect_ns on the bench clock.
 std_msgs/Header header

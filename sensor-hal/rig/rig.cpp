@@ -144,7 +144,7 @@ ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfi
   for (const ConfigNode& item : c.pair.list_or_empty("switches")) {
     PairSwitch s;
     s.after_start = seconds_from(item.number("at_s", {.min = 0, .max = 1e7}));
-    s.to_real = item.choice("hand_on", {"real", "simulated"}) == "real";
+    s.to_real = item.choice("active", {"real", "simulated"}) == "real";
     item.finish();
     if (!c.switches.empty() && s.after_start < c.switches.back().after_start)
       throw item.error("at_s", "expected the switches in the order of time");
@@ -207,7 +207,7 @@ SimulationConfig read_simulation(ConfigNode n) {
   if (ConfigNode platforms = n.map_or_absent("platforms"); platforms.present())
     for (const std::string& name : platforms.keys()) {
       ConfigNode p = platforms.map(name);
-      s.platforms.push_back({name, p.text("model"), p.text_or("channel", ""), p});
+      s.platforms.push_back({name, p.text("kind"), p.text_or("channel", ""), p});
       if (s.world.empty()) throw n.error("platforms", "expected a `world` for them, found none");
     }
   n.finish();

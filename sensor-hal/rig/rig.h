@@ -10,7 +10,7 @@
 //       kind: image
 //       rate_hz: 25
 //       latency_ms: 60
-//       pair: { hand_on: real, real: { backend: aravis, … }, simulated: { backend: simulated, … } }
+//       pair: { active: real, real: { backend: aravis, … }, simulated: { backend: simulated, … } }
 //   sinks:
 //     table: { backend: modbus, latency_ms: 10, safe: {…}, … }
 //   emulators:
@@ -57,7 +57,7 @@ struct BackendChoice {
   ConfigNode params;
 };
 
-/// `pair: { switches: [ { at_s: 5, hand_on: simulated } ] }`
+/// `pair: { switches: [ { at_s: 5, active: simulated } ] }`
 struct PairSwitch {
   Duration after_start;
   bool to_real = true;
@@ -114,7 +114,7 @@ struct JointBinding {
   double scale_rad = 1;                                  ///< radians per unit of the register
 };
 
-/// `simulation: { platforms: { robot: { model: skid-steer, sheet: …, T_world_start: {…} } } }`: what carries
+/// `simulation: { platforms: { robot: { kind: skid-steer, model: …, T_world_start: {…} } } }`: what carries
 /// sensors through the world.
 struct PlatformEntry {
   std::string name, model;

@@ -15,7 +15,7 @@
 //   nav_fix         NavFix           none
 //   odometry        Odometry         none
 //
-// Reading: any thread that holds a lease. Writing: the thread that took the slot, before it hands it on.
+// Writing: the holder of the slot, before it is published as a lease. Reading: any thread that holds a lease.
 #pragma once
 
 #include <array>
@@ -152,6 +152,7 @@ struct Sample {
   std::size_t capacity_bytes_ = 0;
 };
 
+using SampleSlot = WritableSlot<Sample>;
 using SampleLease = Lease<Sample>;
 using SamplePool = Pool<Sample>;
 

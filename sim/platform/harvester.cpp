@@ -1,4 +1,5 @@
 #include "sim/platform/harvester.h"
+#include "sim/world/pose.h"
 
 #include <algorithm>
 #include <cmath>
@@ -220,11 +221,7 @@ Eigen::Isometry3d Harvester::head_of(const PlatformMotion& m) const noexcept {
   const double stick_m = model_.c.stick_m + joint(kTelescopeJoint);
   const double out_m = model_.c.boom_m * std::cos(boom) + stick_m * std::cos(stick);
   const double up_m = model_.c.boom_m * std::sin(boom) + stick_m * std::sin(stick) - model_.c.head_m;
-  const auto& p = m.body.T_world_body.position_m;
-  const auto& q = m.body.T_world_body.orientation_wxyz;
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.linear() = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
-  T.translation() = Eigen::Vector3d(p[0], p[1], p[2]);
+  Eigen::Isometry3d T = isometry_of(m.body.T_world_body);
   const double slew = joint(kSlewJoint);
   T.translate(model_.c.foot_m + Eigen::Vector3d(out_m * std::cos(slew), out_m * std::sin(slew), up_m));
   T.rotate(Eigen::AngleAxisd(slew + joint(kRotateJoint), Eigen::Vector3d::UnitZ()));

@@ -133,7 +133,7 @@ static Status check_limits(const world::Scene& scene, const CameraModel& camera,
                     std::to_string(static_cast<std::size_t>(
                         std::sqrt(static_cast<double>(most_bytes / sizeof(std::uint32_t))))) +
                     ", which the small renderer draws on this device, got " + std::to_string(n) +
-                    "; give the channel `engine: rays`");
+                    "; give the channel `renderer: rays`");
   const std::size_t pixels =
       static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px);
   if (pixels * sizeof(gpu::vec4) > most_bytes)
@@ -141,7 +141,7 @@ static Status check_limits(const world::Scene& scene, const CameraModel& camera,
                 "expected at most " + std::to_string(most_bytes / sizeof(gpu::vec4)) +
                     " pixels, which the small renderer draws on this device, got " +
                     std::to_string(camera.width_px) + " x " + std::to_string(camera.height_px) +
-                    "; give the channel `engine: rays`, or choose a smaller picture");
+                    "; give the channel `renderer: rays`, or choose a smaller picture");
   return {};
 }
 

@@ -18,14 +18,14 @@ class BenchMotionTest : public ::testing::Test {
     port.configure({.period = milliseconds(10)}, BenchTime(0));
   }
   void report(std::int64_t t_ms, double position_deg, double rate_degps) {
-    SampleLease s = pool.try_acquire();
-    s.edit().stamp.sequence = sequence++;
-    s.edit().stamp.t_capture = s.edit().stamp.t_release = BenchTime(0) + milliseconds(t_ms);
+    SampleSlot s = pool.try_acquire();
+    s->stamp.sequence = sequence++;
+    s->stamp.t_capture = s->stamp.t_release = BenchTime(0) + milliseconds(t_ms);
     RegisterBlock block;
     block.count = 2;
     block.value[0] = position_deg;
     block.value[1] = rate_degps;
-    s.edit().info = block;
+    s->info = block;
     port.push(std::move(s));
     port.advance(BenchTime(0) + milliseconds(t_ms), true);
     motion.update(BenchTime(0) + milliseconds(t_ms));

@@ -5,6 +5,7 @@
 
 #include <thread>
 
+#include "bench/run/replay_assembly.h"
 #include "tests/cli/command.h"
 
 namespace rigor::test {
@@ -21,9 +22,9 @@ class Counting final : public Source {
   SampleLease poll(BenchTime now) noexcept override {
     if (!waiting_) return {};
     waiting_ = false;
-    SampleLease slot = pool_.try_acquire();
+    SampleSlot slot = pool_.try_acquire();
     if (!slot) return {};
-    Sample& s = slot.edit();
+    Sample& s = *slot;
     s.stamp = {};
     s.stamp.sequence = n_;
     s.stamp.t_capture = s.stamp.t_release = s.stamp.t_arrival = now;
@@ -85,10 +86,10 @@ TEST_F(BenchTest, RunsWhatItIsPreparedForOnce) {
   EXPECT_EQ(code_of((*bench)->prepare()), ErrorCode::wrong_state);
   const auto report = (*bench)->run();
   ASSERT_TRUE(report) << report.error().text();
-  EXPECT_TRUE(report->passed()) << report->text;
+  EXPECT_TRUE(report->passed()) << report->text();
   EXPECT_EQ(report->facts.channels.at(0).delivered, 100u);
   EXPECT_EQ(report->expected.at(0).looked_at, 100u);
-  EXPECT_THAT(report->json, HasSubstr(report->outcome.seen_sha256));
+  EXPECT_THAT(report->json(), HasSubstr(report->outcome.input_sha256));
   EXPECT_EQ(code_of((*bench)->run()), ErrorCode::wrong_state);
   EXPECT_EQ(code_of((*bench)->step()), ErrorCode::wrong_state);
   EXPECT_EQ(code_of((*bench)->finish()), ErrorCode::wrong_state);
@@ -120,7 +121,7 @@ TEST_F(BenchTest, IsSteppedToTheSameEndAsARunInOne) {
   ASSERT_TRUE(report) << report.error().text();
   EXPECT_EQ(report->outcome.loop.reason, StopReason::finished);
   EXPECT_EQ(report->outcome.loop.cycles_run, 100u);
-  EXPECT_EQ(report->outcome.seen_sha256, expected->outcome.seen_sha256);
+  EXPECT_EQ(report->outcome.input_sha256, expected->outcome.input_sha256);
 }
 
 TEST_F(BenchTest, ThatIsFinishedEarlyOrDroppedSaysHowFarItCame) {
@@ -160,7 +161,7 @@ TEST_F(BenchTest, SeveralAtOnceInVirtualTimeDoNotDisturbEachOther) {
     for (std::size_t i = 0; i < seen.size(); ++i)
       threads.emplace_back([&, i] {
         const auto report = benches[i]->run();
-        if (report) seen[i] = report->outcome.seen_sha256;
+        if (report) seen[i] = report->outcome.input_sha256;
       });
   }
   EXPECT_EQ(seen[0].size(), 64u);
@@ -195,6 +196,23 @@ TEST_F(BenchTest, AnalysesThatCannotBeAreRefusedAtTheirPlace) {
   bench = create("analyses: { localization: { truth: cuont } }\n");
   ASSERT_FALSE(bench);
   EXPECT_THAT(bench.error().text(), HasSubstr("did you mean"));
+}
+
+TEST(RecordedRig, WithAnApplicationOfAPluginSaysWhatAReplayNeeds) {
+  ReplayInput input;
+  input.file = "run.mcap";
+  input.run.rig_file = "rig.yaml";
+  input.run.rig_text =
+      "name: r\nduration_s: 1\nloop: { rate_hz: 100 }\nplugins: [libmine.so]\n"
+      "application: { name: mine }\nchannels: {}\n";
+  const auto refused = recorded_rig(input, {}, make_registry(), false);
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().text(),
+              HasSubstr("run.mcap: the application mine is not one that Rigor comes with"));
+  EXPECT_THAT(refused.error().text(), HasSubstr("libmine.so); with --run-program it does"));
+  const auto allowed = recorded_rig(input, {}, make_registry(), true);
+  ASSERT_TRUE(allowed) << allowed.error().text();
+  EXPECT_EQ(allowed->plugins.size(), 1u);
 }
 
 }  // namespace

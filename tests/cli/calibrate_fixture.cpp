@@ -57,7 +57,7 @@ channels:
     rate_hz: 20
     latency_ms: 100
     pair:
-      hand_on: real
+      active: real
       real: { backend: aravis, emulated_by: left, device: Rigor-left, interface: 127.0.0.1, pixel_format: Mono8, exposure_us: 2500, gain_db: 0, trigger: free_run }
       simulated:
         backend: simulated
@@ -80,7 +80,7 @@ channels:
     rate_hz: 10
     latency_ms: 110
     sensor: CONFIGS/sensors/velodyne-vlp16.yaml
-    engine: rays
+    renderer: rays
     T_world_sensor: { position_m: [0.0, -2.2, 1.3], roll_pitch_yaw_deg: [0, 0, 90] }
 sinks:
   table_command:
@@ -119,7 +119,7 @@ channels:
     rate_hz: 10
     latency_ms: 80
     sensor: CONFIGS/sensors/sr4000.yaml
-    engine: rays
+    renderer: rays
     T_world_sensor: { position_m: [-2.5, 0.5, 2], look_at_m: [-2.5, 2.5, 2] }
 )";
 

@@ -17,7 +17,7 @@ class Expect : public Runs {
     return "name: expecting\nduration_s: 1\nclock: virtual\nloop: { rate_hz: 1000 }\n"
            "simulation:\n  world: " +
            config("worlds/testbed.yaml") +
-           "\n  platforms:\n    robot: { model: skid-steer, sheet: " + config("platforms/seekurjr.yaml") +
+           "\n  platforms:\n    robot: { kind: skid-steer, model: " + config("platforms/seekurjr.yaml") +
            ", T_world_start: { position_m: [-1.2, -2.6], yaw_deg: 0 } }\n"
            "channels:\n"
            "  truth: { kind: pose, backend: simulated, platform: robot, rate_hz: 100, latency_ms: 5 }\n"
@@ -28,7 +28,7 @@ class Expect : public Runs {
            "sinks:\n"
            "  drive: { backend: simulated, platform: robot, latency_ms: 10, signals: [v, w], safe: { v: 0, "
            "w: 0 } }\n"
-           "  estimate: { backend: note, signals: [x, y, yaw] }\n"
+           "  estimate: { backend: log, signals: [x, y, yaw] }\n"
            "application:\n  name: script\n  sinks:\n"
            "    drive: { rate_hz: 20, steps: [ { at_s: 0, values: [0, 0] }, { at_s: 0.5, values: [1, 0] } ] "
            "}\n"

@@ -64,8 +64,8 @@ channels:
     rate_hz: 20
     latency_ms: 30
     sensor: camera.yaml
-    engine: rays
-    effort: { samples_per_pixel: 2 }
+    renderer: rays
+    quality: { samples_per_pixel: 2 }
     T_world_sensor: { position_m: [-3, 0, 0.5], look_at_m: [1, 0, 0] }
   tof:
     kind: range_image
@@ -73,7 +73,7 @@ channels:
     rate_hz: 20
     latency_ms: 30
     sensor: tof.yaml
-    engine: rays
+    renderer: rays
     T_world_sensor: { position_m: [-1, 0, 0], look_at_m: [4, 0, 0] }
   flat:
     kind: point_cloud
@@ -81,7 +81,7 @@ channels:
     rate_hz: 25
     latency_ms: 50
     sensor: scanner.yaml
-    engine: rays
+    renderer: rays
     T_world_sensor: { position_m: [0, 0, 0], roll_pitch_yaw_deg: [0, 0, 0] }
   round:
     kind: point_cloud
@@ -89,7 +89,7 @@ channels:
     rate_hz: 10
     latency_ms: 110
     sensor: scanner3d.yaml
-    engine: rays
+    renderer: rays
     T_world_sensor: { position_m: [0, 0, 0], quaternion_wxyz: [1, 0, 0, 0] }
 )";
 

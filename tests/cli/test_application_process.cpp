@@ -28,7 +28,7 @@ class ApplicationProcess : public Runs {
            "latency_ms: 4, sensor: " +
            config("sensors/imu-mems.yaml") +
            ", T_world_sensor: { position_m: [2, 0, 0.5], quaternion_wxyz: [1, 0, 0, 0] } }\n"
-           "sinks:\n  out: { backend: note, signals: [force, samples] }\n"
+           "sinks:\n  out: { backend: log, signals: [force, samples] }\n"
            "application: { command: [python3, app.py], rate_hz: 50" +
            keys + " }\n";
   }
@@ -90,7 +90,7 @@ TEST_F(ApplicationProcess, InPythonInCppAndAsASharedObjectDoTheSameInVirtualTime
     EXPECT_EQ(result["application"]["answered"], 30);
     EXPECT_EQ(result["sinks"][0]["accepted"], 30);
     EXPECT_GT(channel(result, "right")["fresh"], 10);
-    seen[i] = result["seen_sha256"];
+    seen[i] = result["input_sha256"];
     recorded[i] = messages(dir / "run.mcap");
     ASSERT_GT(recorded[i].size(), 200U);
   }
@@ -111,12 +111,12 @@ TEST_F(ApplicationProcess, SeesEverySampleAndItsSpeedChangesNothingInVirtualTime
   EXPECT_EQ(result["sinks"][0]["accepted"], 49) << "the first turn has no sample yet";
   const Said slow = run(rig(), program("        time.sleep(0.02 if self.turns % 7 == 0 else 0)\n"));
   ASSERT_EQ(slow.status, 0) << slow.err;
-  EXPECT_EQ(json::parse(slow.out)["seen_sha256"], result["seen_sha256"]);
+  EXPECT_EQ(json::parse(slow.out)["input_sha256"], result["input_sha256"]);
   EXPECT_TRUE(messages(dir / "run.mcap") == recorded);
   // A replay starts the program again, and it sees the same.
   const Said again = rigor({"replay", "run.mcap", "--json", "--run-program"}, dir.path());
   ASSERT_EQ(again.status, 0) << again.err;
-  EXPECT_EQ(json::parse(again.out)["seen_sha256"], result["seen_sha256"]);
+  EXPECT_EQ(json::parse(again.out)["input_sha256"], result["input_sha256"]);
 }
 
 TEST_F(ApplicationProcess, OfARecordingIsNotRunUnasked) {

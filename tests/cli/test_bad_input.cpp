@@ -174,7 +174,7 @@ TEST_F(BadInput, MoreBoxesThanTheSmallRendererDraws) {
               config("sensors/demo-camera.yaml") + " }\n",
           {"--clock", "virtual"});
   expect_refused(said, "bodies: expected at most ");
-  EXPECT_THAT(said.err, HasSubstr("got 20000; give the channel `engine: rays`"));
+  EXPECT_THAT(said.err, HasSubstr("got 20000; give the channel `renderer: rays`"));
 }
 
 TEST_F(BadInput, AWordThatIsNoCommand) {

@@ -1,4 +1,5 @@
-// `rigor calibrate …` from recordings of simulated sensors, whose truth is known: answer, sheet, report.
+// `rigor calibrate …` from recordings of simulated sensors, whose truth is known: answer, sensor model,
+// report.
 #include <cmath>
 #include <opencv2/imgcodecs.hpp>
 #include <random>
@@ -38,7 +39,7 @@ TEST_F(Calibrate, CameraFromARecording) {
 TEST_F(Calibrate, StereoFromARecording) {
   const json j =
       answer({"stereo", CalibrationRecordings::get().board(), "--channel", "left/real", "--right-channel",
-              "right", "--target", kBoard, "--left-sheet", sensor("demo-camera"), "--right-sheet",
+              "right", "--target", kBoard, "--left-model", sensor("demo-camera"), "--right-model",
               sensor("demo-camera"), "-o", "stereo.yaml", "--report", "report"});
   expect_parameters(j, {"x_m", "y_m", "z_m"});
   EXPECT_NEAR(j["baseline_m"].get<double>(), 0.4, 0.004);
@@ -48,7 +49,7 @@ TEST_F(Calibrate, StereoFromARecording) {
 
 TEST_F(Calibrate, ExtrinsicsFromARecording) {
   const json j =
-      answer({"extrinsics", CalibrationRecordings::get().board(), "--camera", "left/real", "--camera-sheet",
+      answer({"extrinsics", CalibrationRecordings::get().board(), "--camera", "left/real", "--camera-model",
               sensor("demo-camera"), "--second", "top", "--target", kBoard, "--rough", "0.2,0.22,0.02,0,-8,5",
               "--views", "8", "-o", "top.yaml", "--report", "report"});
   expect_parameters(j, {"x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad"});
@@ -61,7 +62,7 @@ TEST_F(Calibrate, ExtrinsicsFromARecording) {
 
 TEST_F(Calibrate, DelayFromARecording) {
   const json j = answer({"delay", CalibrationRecordings::get().board(), "--first", "turntable:0", "--second",
-                         "left/real", "--target", kBoard, "--camera-sheet", sensor("demo-camera"), "-o",
+                         "left/real", "--target", kBoard, "--camera-model", sensor("demo-camera"), "-o",
                          "delay.yaml", "--report", "report"});
   expect_parameters(j, {"delay_s", "gain", "offset"});
   EXPECT_NEAR(value(j, "delay_s"), 0, 0.001);

@@ -88,7 +88,7 @@ TEST_F(CalibrateBadInput, RecordingsThatAreNoneOrEmptyOrCutShort) {
     expect_refused({"twin", file, "--channel", "left"}, {file});
     expect_refused({"delay", file, "--first", "turntable:0", "--second", "top"}, {file});
     expect_refused(
-        {"extrinsics", file, "--camera-sheet", sensor("demo-camera"), "--target", kBoard, "--rough", "0,0,0"},
+        {"extrinsics", file, "--camera-model", sensor("demo-camera"), "--target", kBoard, "--rough", "0,0,0"},
         {file});
   }
   expect_refused({"stereo", "nowhere.mcap", "--right-channel", "b", "--target", kBoard}, {"nowhere.mcap"});
@@ -125,7 +125,7 @@ TEST_F(CalibrateBadInput, ChannelsThatAreNotThereListThoseThatAre) {
   expect_refused({"delay", board, "--first", "turntable:0", "--second", "right"}, {"right", "--target"});
   const std::vector<std::string> mount{"--target", kBoard, "--rough", "0.2,0.2,0"};
   const auto extrinsics = [&](std::vector<std::string> more) {
-    more.insert(more.begin(), {"extrinsics", board, "--target", kBoard, "--camera-sheet", sheet});
+    more.insert(more.begin(), {"extrinsics", board, "--target", kBoard, "--camera-model", sheet});
     return more;
   };
   expect_refused(extrinsics({"--camera", "right", "--second", "bottom", "--rough", "0,0,0"}),
@@ -150,7 +150,7 @@ TEST_F(CalibrateBadInput, SheetsThatAreNone) {
   write_file(dir / "camera.yaml", "width_px: 480\nheight_px: many\n");
   expect_refused({"lidar", board, "--channel", "top", "--base", "broken.yaml"}, {"broken.yaml:"});
   expect_refused({"extrinsics", board, "--camera", "right", "--second", "top", "--target", kBoard, "--rough",
-                  "0,0,0", "--camera-sheet", "camera.yaml"},
+                  "0,0,0", "--camera-model", "camera.yaml"},
                  {"camera.yaml:2", "expected"});
 }
 

@@ -98,7 +98,7 @@ TEST_F(CalibrateInterrupt, TwinKeepsTheSamplesItHasCompared) {
 TEST_F(CalibrateInterrupt, ExtrinsicsKeepTheBoardsTheyHaveSeen) {
   expect_best_so_far(
       "look for boards", 12,
-      {"extrinsics", CalibrationRecordings::get().board(), "--camera", "left/real", "--camera-sheet",
+      {"extrinsics", CalibrationRecordings::get().board(), "--camera", "left/real", "--camera-model",
        sensor("demo-camera"), "--second", "top", "--target", kBoard, "--rough", "0.2,0.22,0.02,0,-8,5"},
       "x_m");
 }

@@ -24,16 +24,16 @@ channels:
     rate_hz: 25
     latency_ms: 30
     pair:
-      hand_on: real
-      real: { backend: simulated, sensor: device.yaml, engine: rays, T_world_sensor: { position_m: [0, -3, 0.4], roll_pitch_yaw_deg: [0, 0, 90.5] } }
-      simulated: { backend: simulated, sensor: twin.yaml, engine: rays, T_world_sensor: { position_m: [0, -3, 0.4], look_at_m: [0, 2.5, 0.4] } }
+      active: real
+      real: { backend: simulated, sensor: device.yaml, renderer: rays, T_world_sensor: { position_m: [0, -3, 0.4], roll_pitch_yaw_deg: [0, 0, 90.5] } }
+      simulated: { backend: simulated, sensor: twin.yaml, renderer: rays, T_world_sensor: { position_m: [0, -3, 0.4], look_at_m: [0, 2.5, 0.4] } }
   single:
     kind: point_cloud
     backend: simulated
     rate_hz: 5
     latency_ms: 30
     sensor: twin.yaml
-    engine: rays
+    renderer: rays
     T_world_sensor: { position_m: [0, -3, 0.4], look_at_m: [0, 2.5, 0.4] }
 )";
 constexpr const char* kTwin = R"(
@@ -147,13 +147,13 @@ TEST_F(CalibratePair, ADeviceThatChangesWhileItIsRecordedIsRefusedAndEachPartIsF
   write_file(dir / "twin.yaml", with(with(kTwin, "BIAS", "5"), "FLOOR", "6"));
   write_file(dir / "device.yaml", with(with(kTwin, "BIAS", "5"), "FLOOR", "6"));
   write_file(dir / "changed.yaml", with(with(kTwin, "BIAS", "25"), "FLOOR", "6"));
-  record(
-      "across.mcap", "5",
-      {"--set",
-       "channels.scan.pair.real.T_world_sensor={ position_m: [0, -3, 0.4], look_at_m: [0, 2.5, 0.4] }",
-       "--set",
-       "channels.scan.pair.real.becomes=[{ from_s: 2, sensor: changed.yaml, engine: rays, T_world_sensor: { "
-       "position_m: [0, -3, 0.4], look_at_m: [0, 2.5, 0.4] } }]"});
+  record("across.mcap", "5",
+         {"--set",
+          "channels.scan.pair.real.T_world_sensor={ position_m: [0, -3, 0.4], look_at_m: [0, 2.5, 0.4] }",
+          "--set",
+          "channels.scan.pair.real.model_schedule=[{ from_s: 2, sensor: changed.yaml, renderer: rays, "
+          "T_world_sensor: { "
+          "position_m: [0, -3, 0.4], look_at_m: [0, 2.5, 0.4] } }]"});
   const std::vector<std::string> words{"calibrate", "pair", "across.mcap", "--channel", "scan"};
   const auto with_words = [&](std::vector<std::string> more) {
     std::vector<std::string> all = words;

@@ -105,7 +105,7 @@ TEST_F(Check, OfAPairThatIsSwitched) {
   const Said run =
       Command(
           fast_demo({"--duration", "1", "--set",
-                     "channels.left.pair.switches=[{at_s: 0.4, hand_on: simulated}]", "--set",
+                     "channels.left.pair.switches=[{at_s: 0.4, active: simulated}]", "--set",
                      "expect=[{of: left, missing: {max: 0}, age_ms: {max: 90}, rate_hz: {min: 24}, alarm: "
                      "false}, {of: right, missing: {max: 0}, age_ms: {max: 70}}, {of: turntable.position, "
                      "value: {max: 1}}, {of: table_command.target_rate, value: {max: 10}}]"}))
@@ -159,7 +159,7 @@ TEST_F(Check, KnowsWhenASinkWasMadeSafe) {
   EXPECT_EQ(run.status, 1) << run.err;
   const json result = json::parse(run.out);
   EXPECT_TRUE(result["expect"][0]["holds"]) << result["expect"].dump(1);
-  EXPECT_GT(result["expect"][0]["most"], 100) << "the loop has to fall silent for that";
+  EXPECT_GT(result["expect"][0]["maximum"], 100) << "the loop has to fall silent for that";
   EXPECT_TRUE(expect_same(result, check()).empty());
 }
 

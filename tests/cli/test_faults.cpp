@@ -7,13 +7,16 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <thread>
 
+#include "sensor-hal/record/ros2_messages.h"
 #include "tests/cli/command.h"
+#include "tests/cli/recorded_messages.h"
 
 namespace rigor::test {
 namespace {
@@ -74,8 +77,8 @@ TEST_F(Faults, OfARigRepeatByteForByteOnAnyNumberOfWorkersAndAreReplayed) {
              "sinks.table_command.faults.0.from_s=0", "--duration", "1.6"});
     ASSERT_FALSE(result.is_null());
     const std::string bytes = read_file(dir / "run.mcap");
-    if (first.empty()) first = bytes, seen = result["seen_sha256"];
-    EXPECT_EQ(result["seen_sha256"], seen);
+    if (first.empty()) first = bytes, seen = result["input_sha256"];
+    EXPECT_EQ(result["input_sha256"], seen);
     EXPECT_TRUE(bytes == first) << workers << " workers";
     const json right = faults_of(result, "right");
     EXPECT_GT(right["dropped"], 0);
@@ -95,7 +98,7 @@ TEST_F(Faults, OfARigRepeatByteForByteOnAnyNumberOfWorkersAndAreReplayed) {
   const Said replay = rigor({"replay", file("run.mcap"), "--json"});
   ASSERT_EQ(replay.status, 0) << replay.err;
   const json replayed = json::parse(replay.out);
-  EXPECT_EQ(replayed["seen_sha256"], seen);
+  EXPECT_EQ(replayed["input_sha256"], seen);
   EXPECT_FALSE(replayed.contains("faults"));
 }
 
@@ -180,6 +183,22 @@ TEST_F(Faults, AreInjectedWhileARunGoesOnListedClearedAndComeAgain) {
   EXPECT_FALSE(std::filesystem::exists(socket_file)) << "it goes with the run";
   const json result = json::parse(said.out), eye = faults_of(result, "eye");
   expect_accounted(eye);
+  EXPECT_EQ(eye["faults"][1]["fault"], json::parse(R"({"kind": "bias", "amount_dn": 40})"));
+  const auto told = messages_on<record::msg::Fault>(file("live.mcap"), "/rigor/faults");
+  ASSERT_EQ(told.size(), 4u) << "two begin, two end";
+  for (const std::size_t i : {0, 1}) {
+    const json& f = eye["faults"][i];
+    const auto ends = std::ranges::find_if(
+        told, [&](const record::msg::Fault& m) { return m.index == f["index"] && !m.begins; });
+    ASSERT_NE(ends, told.end());
+    EXPECT_EQ(ends->channel, "eye");
+    EXPECT_TRUE(ends->live);
+    EXPECT_EQ(ends->kind, f["kind"]);
+    EXPECT_EQ(json::parse(ends->fault), f["fault"]);
+    EXPECT_EQ(ends->seen, f["seen"]);
+    EXPECT_EQ(ends->dropped, f["dropped"]);
+    EXPECT_EQ(ends->changed, f["changed"]);
+  }
   const json span = eye["faults"][0]["spans"].at(0);
   EXPECT_GE(span[1].get<double>() - span[0].get<double>(), 0.999)
       << "its second, and cycles that a busy machine skipped";
@@ -202,6 +221,7 @@ TEST_F(Faults, AreInjectedWhileARunGoesOnListedClearedAndComeAgain) {
   for (const std::size_t i : {0, 1}) {
     EXPECT_EQ(again_eye["faults"][i]["spans"], eye["faults"][i]["spans"]) << i;
     EXPECT_EQ(again_eye["faults"][i]["text"], eye["faults"][i]["text"]);
+    EXPECT_EQ(again_eye["faults"][i]["fault"], eye["faults"][i]["fault"]);
     EXPECT_EQ(again_eye["faults"][i]["live"], true);
   }
   // And a run of that recording again is the same file.
@@ -216,7 +236,7 @@ TEST_F(Faults, AreNotTakenFromARecordingOfAnotherRigOrWithoutThem) {
   write_file(dir / "small.yaml", small_rig());
   write_file(dir / "other.yaml",
              "name: other\nclock: virtual\nduration_s: 0.1\nrecord: { file: " + file("other.mcap") +
-                 " }\nsinks:\n  lamp: { backend: note, signals: [on] }\n");
+                 " }\nsinks:\n  lamp: { backend: log, signals: [on] }\n");
   const Said made = rigor({"run", file("other.yaml"), "--json"});
   ASSERT_EQ(made.status, 0) << made.err;
   const Said other = rigor({"run", file("small.yaml"), "--clock", "virtual", "--duration", "0.1",
@@ -252,7 +272,7 @@ TEST_F(Faults, NoRunIsDisturbedByWhoeverTalksNonsenseToIt) {
   say("\n{}\nnonsense\n{\"command\": 3}\n{\"command\": \"flt\"}\n{\"command\": \"fault\", \"fault\": []}\n"
       "{\"command\": \"fault\", \"channel\": 7, \"fault\": {\"kind\": \"drop\"}}\n"
       "{\"command\": \"fault\", \"channel\": \"eye\", \"fault\": {\"kind\": {\"a\": 1}}}\n"
-      "{\"command\": \"switch\", \"channel\": \"eye\", \"hand_on\": \"real\"}\n{\"command\": \"run\"}\n");
+      "{\"command\": \"switch\", \"channel\": \"eye\", \"active\": \"real\"}\n{\"command\": \"run\"}\n");
   while (std::count(replies.begin(), replies.end(), '\n') < 10) {
     char buffer[4096];
     const ssize_t n = recv(fd, buffer, sizeof buffer, 0);

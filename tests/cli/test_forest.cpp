@@ -82,7 +82,7 @@ TEST(Forest, TheRobotKnowsWhereItIsWhereFewStemsAreInSightAndAReplayTellsTheSame
   const Said replay =
       patiently({"replay", recording, "--json", "--record", again, "--report", (dir / "replayed").string()});
   ASSERT_EQ(replay.status, 0) << replay.err;
-  EXPECT_EQ(json::parse(replay.out)["seen_sha256"], run["seen_sha256"]);
+  EXPECT_EQ(json::parse(replay.out)["input_sha256"], run["input_sha256"]);
   const Said a = rigor({"localization", recording}), b = rigor({"localization", again});
   EXPECT_EQ(a.status, 0) << a.err;
   EXPECT_EQ(a.out, b.out);
@@ -123,7 +123,7 @@ TEST(Forest, TheSameApplicationInAProcessOfItsOwnSeesAndCommandsTheSame) {
     results[i] = json::parse(said.out);
   }
   EXPECT_EQ(results[1]["application"]["answered"], 2000);
-  EXPECT_EQ(results[0]["seen_sha256"], results[1]["seen_sha256"]);
+  EXPECT_EQ(results[0]["input_sha256"], results[1]["input_sha256"]);
   EXPECT_EQ(results[0]["analyses"], results[1]["analyses"]);
   EXPECT_GT(results[1]["analyses"]["localization"]["way_m"], 2.0);
 }

@@ -12,23 +12,19 @@
 #include "cli/overrides.h"
 #include "sensor-hal/channel/worker_pool.h"
 #include "sim/platform/platform.h"
+#include "sim/world/pose.h"
 #include "sim/world/semantic_types.h"
 #include "tests/cli/command.h"
 
 namespace rigor {
 namespace {
 
-/// As the rig mounts them on the cabin, and the sheet the cabin on the machine.
+/// As the rig mounts them on the cabin, and the sensor model the cabin on the machine.
 Eigen::Isometry3d mounted(double x_m, double y_m, double z_m, double pitch_deg, double yaw_deg) {
   constexpr double kRad = std::numbers::pi / 180;
   return Eigen::Translation3d(-0.2 + x_m, y_m, 3.6 + z_m) *
          Eigen::AngleAxisd(yaw_deg * kRad, Eigen::Vector3d::UnitZ()) *
          Eigen::AngleAxisd(pitch_deg * kRad, Eigen::Vector3d::UnitY());
-}
-Eigen::Isometry3d isometry(const Pose& pose) {
-  const auto& q = pose.orientation_wxyz;
-  return Eigen::Translation3d(pose.position_m[0], pose.position_m[1], pose.position_m[2]) *
-         Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
 }
 
 class HarvesterRig : public ::testing::Test {
@@ -44,12 +40,12 @@ class HarvesterRig : public ::testing::Test {
       EXPECT_TRUE(lidar) << lidar.error().text();
       if (!lidar) break;
       auto pool = make_sample_pool(1, (*lidar)->geometry().max_bytes);
-      SampleLease slot = pool->try_acquire();
+      SampleSlot slot = pool->try_acquire();
       SampleProvider::Request request;
       request.t_capture = t;
       request.motion = assembly->parts.motion.motion_at(t);
-      EXPECT_TRUE((*lidar)->capture(request, slot.edit()));
-      const Eigen::Isometry3d T = isometry(request.motion.body[0].at(t)) * T_body_sensor;
+      EXPECT_TRUE((*lidar)->capture(request, *slot));
+      const Eigen::Isometry3d T = isometry_of(request.motion.body[0].at(t)) * T_body_sensor;
       for (std::size_t i = 0; i < slot->as<PointCloudInfo>()->count; ++i) {
         LidarPoint p;
         std::memcpy(&p, slot->bytes().data() + i * sizeof p, sizeof p);

@@ -117,7 +117,7 @@ TEST_F(Inertial, OdometryAddsUpTheWholeWay) {
 
 TEST_F(Inertial, RefusesWhatDoesNotFit) {
   rig(channel("imu", "gnss-rtk.yaml", kCircle));
-  expect_refused("expected the sheet of an inertial unit");
+  expect_refused("expected the sensor model of an inertial unit");
   rig(channel("nav_fix", "gnss-rtk.yaml", kCircle, 10), "nowhere.yaml");
   expect_refused("origin");
   rig(channel("odometry", "odometry-skid-steer.yaml", "phase_us: 0"));
@@ -138,13 +138,13 @@ TEST_F(Inertial, RunsRepeatAndAreReplayedExactly) {
                              "--record", (dir_ / name).string(), "--json"},
                             dir_.path());
     EXPECT_EQ(said.status, 0) << said.err << said.out;
-    return json::parse(said.out)["seen_sha256"];
+    return json::parse(said.out)["input_sha256"];
   };
   const json one = run("a.mcap", "1");
   EXPECT_EQ(one, run("b.mcap", "3"));
   const Said replayed = rigor({"replay", (dir_ / "a.mcap").string(), "--json"}, dir_.path());
   ASSERT_EQ(replayed.status, 0) << replayed.err;
-  EXPECT_EQ(json::parse(replayed.out)["seen_sha256"], one);
+  EXPECT_EQ(json::parse(replayed.out)["input_sha256"], one);
 }
 
 }  // namespace

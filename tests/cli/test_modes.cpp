@@ -54,7 +54,7 @@ class Modes : public ::testing::Test {
   void expect_replayed(const std::string& recording, const std::string& mode, const json& result) {
     const Said said = rigor({"replay", (dir / recording).string(), rig(mode), "--json", "--report", ""});
     ASSERT_EQ(said.status, 0) << said.err;
-    EXPECT_EQ(json::parse(said.out)["seen_sha256"], result["seen_sha256"]);
+    EXPECT_EQ(json::parse(said.out)["input_sha256"], result["input_sha256"]);
   }
   TempDir dir;
 };
@@ -87,7 +87,7 @@ TEST_F(Modes, OnCanModbusAndSickInVirtualTimeItKnowsWhereItIsAndTheRunRepeats) {
     std::vector<std::string> words{"--clock", "virtual", "--duration", "8"};
     if (mode == "-mixed") {
       words.emplace_back("--set");
-      words.emplace_back("channels.scanner.pair.switches=[{at_s: 4, hand_on: simulated}]");
+      words.emplace_back("channels.scanner.pair.switches=[{at_s: 4, active: simulated}]");
     }
     const json first = run(mode, "first.mcap", words);
     expect_at_home(first, 3.5, 0.02, 0.06);

@@ -149,9 +149,9 @@ TEST_F(Outputs, WhatAnApplicationWritesKeepsWhatWasThere) {
     write_file(dir / "out" / name, "precious");
   // Too short for a picture: the application writes its result all the same.
   const std::vector<std::string> run{
-      "run",   config("rigs/stereo.yaml"),  "--duration", "0.05",
-      "--set", "application.output=out",    "--set",      "channels.left.engine=rays",
-      "--set", "channels.right.engine=rays"};
+      "run",   config("rigs/stereo.yaml"),    "--duration", "0.05",
+      "--set", "application.output=out",      "--set",      "channels.left.renderer=rays",
+      "--set", "channels.right.renderer=rays"};
   const Said said = in_dir(run);
   ASSERT_EQ(said.status, 0) << said.err;
   EXPECT_THAT(said.err, HasSubstr("out/1/result.json"));
@@ -171,7 +171,7 @@ TEST_F(Outputs, ToolsRefuseWhatIsThereUnlessForced) {
            {"inspect", "run.mcap", "--repair", "-o", "x.mcap"},
            {"world", "export", config("worlds/turntable.yaml"), "-o", "x.yaml"},
            {"sense", config("demo.yaml"), "--channel", "right", "-o", "x.png"},
-           {"world", "render", config("worlds/turntable.yaml"), "--engine", "rays", "--width", "32",
+           {"world", "render", config("worlds/turntable.yaml"), "--renderer", "rays", "--width", "32",
             "--height", "32", "-o", "y.png"}}) {
     write_file(dir / words.back(), "precious");
     const Said refused = in_dir(words);
@@ -280,8 +280,8 @@ TEST_F(FullDisk, IsOneSentenceAndStatusOneInEveryCommand) {
            {"replay", "run.mcap", "--report", "disk/report"},
            {"sense", config("demo.yaml"), "--channel", "right", "-o", "disk/x.png"},
            {"sense", config("demo.yaml"), "--channel", "right", "-o", "disk/x.exr"},
-           {"world", "render", config("worlds/turntable.yaml"), "--engine", "rays", "-o", "disk/x.png"},
-           {"world", "render", config("worlds/turntable.yaml"), "--engine", "rays", "-o", "disk/x.exr"},
+           {"world", "render", config("worlds/turntable.yaml"), "--renderer", "rays", "-o", "disk/x.png"},
+           {"world", "render", config("worlds/turntable.yaml"), "--renderer", "rays", "-o", "disk/x.exr"},
            {"world", "import", config("worlds/hills.import.yaml"), "--set", "half_extent_m=60", "-o",
             "disk/w.rigor"}}) {
     const Said said = in_dir(words);

@@ -8,10 +8,9 @@
 #include <thread>
 #include <tuple>
 
-#include "sensor-hal/record/cdr.h"
-#include "sensor-hal/record/mcap_reader.h"
 #include "sensor-hal/record/ros2_messages.h"
 #include "tests/cli/command.h"
+#include "tests/cli/recorded_messages.h"
 
 namespace rigor::test {
 namespace {
@@ -34,21 +33,6 @@ class PairWatchRuns : public ::testing::Test {
   }
   TempDir dir;
 };
-
-template <class M>
-std::vector<M> messages_on(const std::string& recording, const std::string& topic) {
-  std::vector<M> all;
-  auto reader = record::McapReader::open(recording);
-  if (!reader) return all;
-  auto cursor = (*reader)->messages({.topics = {topic}, .order = record::MessageOrder::file});
-  record::MessageView view;
-  for (auto more = cursor.next(view); more && *more; more = cursor.next(view)) {
-    M m;
-    if (!record::CdrReader::read(view.data, m)) break;
-    all.push_back(std::move(m));
-  }
-  return all;
-}
 
 void expect_alarm(const json& watch, const std::string& parameter, double change, double tolerance) {
   ASSERT_EQ(watch["alarms"], 1) << watch.dump().substr(0, 300);
@@ -130,7 +114,7 @@ TEST_F(PairWatchRuns, NameWhatChangesInOdometryAndReceivers) {
   }
 }
 
-/// A camera's sheet with other numbers.
+/// A camera's sensor model with other numbers.
 std::string camera_sheet(int width_px, double focal, double gain) {
   const double across = width_px;
   const auto text = [](double x) { return std::to_string(x); };
@@ -153,7 +137,7 @@ TEST_F(PairWatchRuns, NameFocalLengthGainAndNoiseOfACamera) {
   const std::string worlds = config("worlds/testbed.yaml");
   const std::string mount = "T_world_sensor: { position_m: [0, -3, 1.4], look_at_m: [0, 2.5, 1.1] }";
   const auto device = [&](const std::string& sheet) {
-    return "sensor: " + sheet + ", engine: rays, " + mount;
+    return "sensor: " + sheet + ", renderer: rays, " + mount;
   };
   const auto pair = [&](const std::string& name, const std::string& sheet, const std::string& change) {
     return "  " + name + ":\n    kind: image\n    rate_hz: 4\n    latency_ms: 100\n    pair:\n" +
@@ -166,8 +150,9 @@ TEST_F(PairWatchRuns, NameFocalLengthGainAndNoiseOfACamera) {
       "name: planted\nclock: virtual\nduration_s: 6.75\nloop: { rate_hz: 20 }\n"
       "simulation: { world: " +
           worlds + ", workers: 2 }\nchannels:\n" +
-          pair("focal", "twin.yaml", "becomes: [ { from_s: 5.5, " + device("longer.yaml") + " } ]") +
-          pair("bright", "coarse.yaml", "becomes: [ { from_s: 5.5, " + device("brighter.yaml") + " } ]") +
+          pair("focal", "twin.yaml", "model_schedule: [ { from_s: 5.5, " + device("longer.yaml") + " } ]") +
+          pair("bright", "coarse.yaml",
+               "model_schedule: [ { from_s: 5.5, " + device("brighter.yaml") + " } ]") +
           pair("noisy", "coarse.yaml", "faults: [ { kind: noise, sigma_dn: 4, from_s: 5.5 } ]"));
   const Said said = rigor({"run", file("rig.yaml"), "--json"});
   ASSERT_EQ(said.status, 0) << said.err;
@@ -194,7 +179,7 @@ TEST_F(PairWatchRuns, NameTheLightThatATimeOfFlightCameraHasLost) {
   write_file(dir / "dim.yaml", dim);
   const auto device = [](const std::string& of) {
     return "sensor: " + of +
-           ", engine: rays, T_world_sensor: { position_m: [0.3, 0.9, 1.2], look_at_m: [0.9, 2.5, 0.7] }";
+           ", renderer: rays, T_world_sensor: { position_m: [0.3, 0.9, 1.2], look_at_m: [0.9, 2.5, 0.7] }";
   };
   const auto pair = [&](const std::string& name, const std::string& change) {
     return "  " + name + ":\n    kind: range_image\n    rate_hz: 5\n    latency_ms: 80\n    pair:\n" +
@@ -205,7 +190,8 @@ TEST_F(PairWatchRuns, NameTheLightThatATimeOfFlightCameraHasLost) {
   write_file(dir / "rig.yaml",
              "name: planted\nclock: virtual\nduration_s: 8.6\nloop: { rate_hz: 20 }\nsimulation: { world: " +
                  config("worlds/testbed.yaml") + ", workers: 2 }\nchannels:\n" +
-                 pair("dim", "becomes: [ { from_s: 7, " + device("dim.yaml") + " } ]") + pair("same", ""));
+                 pair("dim", "model_schedule: [ { from_s: 7, " + device("dim.yaml") + " } ]") +
+                 pair("same", ""));
   const Said said = rigor({"run", file("rig.yaml"), "--json"});
   ASSERT_EQ(said.status, 0) << said.err;
   const json result = json::parse(said.out);
@@ -219,9 +205,10 @@ TEST_F(PairWatchRuns, NameTheLightThatATimeOfFlightCameraHasLost) {
 }
 
 TEST_F(PairWatchRuns, AreQuietWhereNothingChanges) {
-  const Said said = rigor(
-      {"run", config("rigs/pair-watch.yaml"), "--json", "--set", "channels.scan.pair.real.faults=[]", "--set",
-       "channels.camera.pair.real.becomes=[]", "--set", "channels.table.pair.real.faults.2.from_s=100"});
+  const Said said =
+      rigor({"run", config("rigs/pair-watch.yaml"), "--json", "--set", "channels.scan.pair.real.faults=[]",
+             "--set", "channels.camera.pair.real.model_schedule=[]", "--set",
+             "channels.table.pair.real.faults.2.from_s=100"});
   ASSERT_EQ(said.status, 0) << said.err;
   const json result = json::parse(said.out);
   for (const char* channel : {"camera", "scan", "table"}) {

@@ -14,6 +14,7 @@
 #include "sim/platform/ground.h"
 #include "sim/platform/harvester.h"
 #include "sim/platform/platform_yaml.h"
+#include "sim/world/pose.h"
 #include "tests/cli/command.h"
 
 namespace rigor {
@@ -33,7 +34,7 @@ nodes:
 )";
 
 std::string platform(const std::string& more = "") {
-  return "  platforms:\n    robot: { model: skid-steer, sheet: " + kSource +
+  return "  platforms:\n    robot: { kind: skid-steer, model: " + kSource +
          "/configs/platforms/seekurjr.yaml, T_world_start: { position_m: [-2, 1], yaw_deg: 0 }" + more +
          " }\n";
 }
@@ -92,7 +93,7 @@ class Platforms : public ::testing::Test {
       ADD_FAILURE() << outcome.error().text();
       return "";
     }
-    return outcome->seen_sha256;
+    return outcome->input_sha256;
   }
   static const SampleLease& last(const Assembly& assembly, const std::string& channel) {
     for (const auto& c : assembly.parts.channels)
@@ -142,7 +143,8 @@ TEST_F(Platforms, AreDrivenByASinkAtTheInstantsOfItsCommands) {
 }
 
 const char* const kScanner =
-    "  scan: { kind: point_cloud, backend: simulated, rate_hz: 12.5, latency_ms: 160, sensor: SHEET, engine: "
+    "  scan: { kind: point_cloud, backend: simulated, rate_hz: 12.5, latency_ms: 160, sensor: SHEET, "
+    "renderer: "
     "rays, "
     "parent: robot, T_parent_sensor: { position_m: [0.5, 0, 0.8], roll_pitch_yaw_deg: [0, 0, 0] } }\n";
 std::string scanner() {
@@ -173,11 +175,8 @@ TEST_F(Platforms, CarrySensorsWhoseFiringsSeeThemAtTheirOwnInstants) {
   int n = 0;
   for (const LidarPoint& p : points) {
     const auto world = [&](BenchTime t) {
-      const Pose pose = robot.motion_at(t).body.T_world_body;
-      const auto& q = pose.orientation_wxyz;
       const Eigen::Vector3d at(p.x_m + 0.5, p.y_m, p.z_m + 0.8);
-      return Eigen::Vector3d(Eigen::Quaterniond(q[0], q[1], q[2], q[3]) * at +
-                             Eigen::Vector3d(pose.position_m[0], pose.position_m[1], pose.position_m[2]));
+      return Eigen::Vector3d(isometry_of(robot.motion_at(t).body.T_world_body) * at);
     };
     const Eigen::Vector3d w = world(scan->stamp.t_capture + nanoseconds(p.t_offset_ns));
     if (std::abs(w.x() - 5) > 0.3 || std::abs(w.y()) > 8) continue;
@@ -324,8 +323,8 @@ TEST_F(Platforms, ComplaintsSayWhereAndWhatToDo) {
   const auto has = [](const std::string& text, const std::string& part) {
     EXPECT_NE(text.find(part), std::string::npos) << text << "\n  lacks: " << part;
   };
-  has(error_of("  platforms: { robot: { model: skid-ster } }\n"), "skid-steer");
-  has(error_of("  platforms: { robot: { model: skid-steer, sheat: x } }\n"), "did you mean sheet");
+  has(error_of("  platforms: { robot: { kind: skid-ster } }\n"), "skid-steer");
+  has(error_of("  platforms: { robot: { kind: skid-steer, modle: x } }\n"), "did you mean model");
   has(error_of(platform() +
                "channels:\n  truth: { kind: pose, backend: simulated, platform: robt, rate_hz: 100 }\n"),
       "expected one of `simulation.platforms` (robot), got \"robt\"");
@@ -356,10 +355,10 @@ TEST_F(Platforms, ThatFellATreeChangeTheNextScanAndNotTheOneBefore) {
                 "T_world_sensor: { position_m: [%.3f, %.3f, 1.3], roll_pitch_yaw_deg: [0, 0, 90] }",
                 head.x() + 0.2, head.y() - 0.1 - 3);
   const std::string rig =
-      "  platforms:\n    harvester: { model: harvester, T_world_start: { position_m: [-12, 0] }, visible: "
+      "  platforms:\n    harvester: { kind: harvester, T_world_start: { position_m: [-12, 0] }, visible: "
       "false }\n"
       "channels:\n  scan: { kind: point_cloud, backend: simulated, rate_hz: 12.5, latency_ms: 160, sensor: " +
-      kSource + "/configs/sensors/sick-tim781s.yaml, engine: rays, " + mount +
+      kSource + "/configs/sensors/sick-tim781s.yaml, renderer: rays, " + mount +
       " }\n"
       "sinks:\n  crane: { backend: simulated, platform: harvester, latency_ms: 10, signals: [fell] }\n"
       "application: { name: script, sinks: { crane: { rate_hz: 20, steps: [ { at_s: 0, values: [0] }, { "
@@ -377,12 +376,12 @@ TEST_F(Platforms, ThatFellATreeChangeTheNextScanAndNotTheOneBefore) {
                                                "probe", ideal);
     ASSERT_TRUE(lidar) << lidar.error().text();
     auto pool = make_sample_pool(1, (*lidar)->geometry().max_bytes);
-    SampleLease slot = pool->try_acquire();
+    SampleSlot slot = pool->try_acquire();
     const auto hits_tree = [&](double t_s) {
       SampleProvider::Request request;
       request.t_capture = BenchTime(0) + seconds_from(t_s);
       request.motion = assembly->parts.motion.motion_at(request.t_capture);
-      EXPECT_TRUE((*lidar)->capture(request, slot.edit()));
+      EXPECT_TRUE((*lidar)->capture(request, *slot));
       const std::size_t count = slot->as<PointCloudInfo>()->count;
       int hits = 0;
       for (std::size_t i = 0; i < count; ++i) {
@@ -431,7 +430,7 @@ TEST_F(Platforms, ThatSomebodyElseMovesFellTreesOfTheBenchsWorldWhenTheyTellOfIt
   };
   const auto scan = [](const char* name, const char* y, const char* yaw) {
     return std::string("  ") + name +
-           ": { kind: point_cloud, backend: simulated, rate_hz: 12.5, latency_ms: 160, engine: rays, "
+           ": { kind: point_cloud, backend: simulated, rate_hz: 12.5, latency_ms: 160, renderer: rays, "
            "sensor: " +
            kSource +
            "/configs/sensors/sick-tim781s.yaml, parent: harvester.cabin, T_parent_sensor: { position_m: "
@@ -439,7 +438,7 @@ TEST_F(Platforms, ThatSomebodyElseMovesFellTreesOfTheBenchsWorldWhenTheyTellOfIt
            y + ", -1], roll_pitch_yaw_deg: [0, 14, " + yaw + "] } }\n";
   };
   const std::string rig =
-      "  platforms:\n    harvester: { model: harvester, T_world_start: { position_m: [-12, 0] }, visible: "
+      "  platforms:\n    harvester: { kind: harvester, T_world_start: { position_m: [-12, 0] }, visible: "
       "false, "
       "channel: truth, felled: head }\n"
       "channels:\n" +
@@ -473,7 +472,7 @@ TEST_F(Platforms, ThatSomebodyElseMovesFellTreesOfTheBenchsWorldWhenTheyTellOfIt
           assembly->simulation->sampler(SampleKind::point_cloud, entry.source.params, 1, "probe", ideal);
       ASSERT_TRUE(lidar) << lidar.error().text();
       auto pool = make_sample_pool(1, (*lidar)->geometry().max_bytes);
-      SampleLease slot = pool->try_acquire();
+      SampleSlot slot = pool->try_acquire();
       const Eigen::Isometry3d T_world_sensor =
           Eigen::Translation3d(-12 + HarvesterConfig{}.cabin_x_m + 1, which == 0 ? 0.85 : -0.85, 2.6) *
           Eigen::AngleAxisd((which == 0 ? 10 : -10) * std::numbers::pi / 180, Eigen::Vector3d::UnitZ()) *
@@ -485,7 +484,7 @@ TEST_F(Platforms, ThatSomebodyElseMovesFellTreesOfTheBenchsWorldWhenTheyTellOfIt
         SampleProvider::Request request;
         request.t_capture = BenchTime(0) + seconds_from(t_s);
         request.motion = assembly->parts.motion.motion_at(request.t_capture);
-        EXPECT_TRUE((*lidar)->capture(request, slot.edit()));
+        EXPECT_TRUE((*lidar)->capture(request, *slot));
         Seen all;
         const double away = std::atan2(tree.y() - T_world_sensor.translation().y(),
                                        tree.x() - T_world_sensor.translation().x());

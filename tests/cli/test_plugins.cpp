@@ -70,7 +70,7 @@ TEST_F(WorldPlugins, AreNamedByWorldsAndRigsAgainstTheirOwnFolders) {
   EXPECT_EQ(data.status, 0) << data.err;
   // A rig whose world needs the plugin: by the rig, by the command line, by both.
   scanner_rig(
-      "    engine: rays\n    T_world_sensor: { position_m: [0, 0, 0], roll_pitch_yaw_deg: [0, 0, 0] }\n");
+      "    renderer: rays\n    T_world_sensor: { position_m: [0, 0, 0], roll_pitch_yaw_deg: [0, 0, 0] }\n");
   const std::vector<std::string> run{
       "run", file("rig.yaml"), "--duration", "0.1", "--json", "--set", "simulation.world=left.yaml"};
   refused(run, {"Left"});

@@ -237,12 +237,12 @@ TEST_F(ProgressOfWorlds, ImportAndRenderIncreaseToOne) {
   const test::Said imported = import("w.rigor", {"--progress", "json"});
   ASSERT_EQ(imported.status, 0) << imported.err;
   increase_to_one(objects_of(imported.err, "import"));
-  const test::Said drawn = world({"render", "w.rigor", "-o", "w.png", "--engine", "rays", "--width", "64",
+  const test::Said drawn = world({"render", "w.rigor", "-o", "w.png", "--renderer", "rays", "--width", "64",
                                   "--height", "48", "--progress", "json"});
   ASSERT_EQ(drawn.status, 0) << drawn.err;
   increase_to_one(objects_of(drawn.err, "draw"));
   EXPECT_FALSE(objects_of(drawn.err, "collect what is in view").empty());
-  const test::Said by_vulkan = world({"render", "w.rigor", "-o", "v.png", "--engine", "vulkan", "--width",
+  const test::Said by_vulkan = world({"render", "w.rigor", "-o", "v.png", "--renderer", "raster", "--width",
                                       "64", "--height", "48", "--progress", "json"});
   ASSERT_EQ(by_vulkan.status, 0) << by_vulkan.err;
   increase_to_one(objects_of(by_vulkan.err, "draw"));

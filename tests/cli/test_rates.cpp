@@ -63,7 +63,7 @@ class Rates : public Runs {
 TEST_F(Rates, ThreeAtOnceAreWhereTheFormulaPutsThemAndRepeatByteForByte) {
   const std::string rig = rig_of("1000", {"30", "60", "29.97", "60000/1001"});
   const json first = run(rig);
-  const std::string bytes = sha256(dir / "run.mcap"), seen = first["seen_sha256"];
+  const std::string bytes = sha256(dir / "run.mcap"), seen = first["input_sha256"];
   // The last cycle is at 6.999 s: captures until 6.995 s are visible by then, and due.
   expect_formula("c0", 30, 1, 210);
   expect_formula("c1", 60, 1, 420);
@@ -75,11 +75,11 @@ TEST_F(Rates, ThreeAtOnceAreWhereTheFormulaPutsThemAndRepeatByteForByte) {
     EXPECT_EQ(c["late_samples"], 0) << c["name"];
   }
   EXPECT_EQ(channel(first, "c2")["nominal_rate_hz"], 29.97);
-  EXPECT_EQ(run(rig)["seen_sha256"], seen);
+  EXPECT_EQ(run(rig)["input_sha256"], seen);
   EXPECT_EQ(sha256(dir / "run.mcap"), bytes);
   const Said again = rigor({"replay", file("run.mcap"), "--json"}, dir.path());
   ASSERT_EQ(again.status, 0) << again.err;
-  EXPECT_EQ(json::parse(again.out)["seen_sha256"], seen);
+  EXPECT_EQ(json::parse(again.out)["input_sha256"], seen);
 }
 
 TEST_F(Rates, OfTheLoopAreAnyAndReplaysSeeTheSame) {
@@ -92,7 +92,7 @@ TEST_F(Rates, OfTheLoopAreAnyAndReplaysSeeTheSame) {
     for (const json& c : first["channels"]) EXPECT_EQ(c["due"], c["delivered"]) << loop << ": " << c["name"];
     const Said again = rigor({"replay", file("run.mcap"), "--json"}, dir.path());
     ASSERT_EQ(again.status, 0) << again.err;
-    EXPECT_EQ(json::parse(again.out)["seen_sha256"], first["seen_sha256"]) << loop;
+    EXPECT_EQ(json::parse(again.out)["input_sha256"], first["input_sha256"]) << loop;
   }
 }
 

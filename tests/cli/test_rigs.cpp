@@ -32,7 +32,7 @@ TEST_P(EveryRig, LoadsAndRunsWithoutAllocatingInItsLoopAndIsReplayed) {
   std::vector<ConfigOverride> overrides;
   // In place of `rigor tune`, which writes beside the rig.
   if (GetParam().path == "rigs/tuned-scan.yaml")
-    overrides.push_back(*ConfigOverride::parse("channels.scan.engine=rays"));
+    overrides.push_back(*ConfigOverride::parse("channels.scan.renderer=rays"));
   auto rig = load_rig(config(GetParam().path), overrides);
   ASSERT_TRUE(rig) << rig.error().text();
   rig->clock = ClockKind::virtual_time;
@@ -51,18 +51,18 @@ TEST_P(EveryRig, LoadsAndRunsWithoutAllocatingInItsLoopAndIsReplayed) {
   EXPECT_EQ(guarded.allocations, 0u) << guarded.text();
 #endif
   ASSERT_TRUE(report) << report.error().text();
-  EXPECT_TRUE(report->passed()) << report->text;
-  EXPECT_EQ(report->outcome.seen_sha256.size(), 64u);
+  EXPECT_TRUE(report->passed()) << report->text();
+  EXPECT_EQ(report->outcome.input_sha256.size(), 64u);
   EXPECT_TRUE(std::filesystem::exists(dir / "any/index.html"));
 
   auto input = open_replay(dir / "any.mcap");
   ASSERT_TRUE(input) << input.error().text();
-  auto recorded = recorded_rig(*input, {}, true);
+  auto recorded = recorded_rig(*input, {}, make_registry(), true);
   ASSERT_TRUE(recorded) << recorded.error().text();
   const auto replay = run(Bench::create_replay(std::move(*recorded), make_registry(), std::move(*input)));
   ASSERT_TRUE(replay) << replay.error().text();
   EXPECT_EQ(replay->replay_difference, "");
-  EXPECT_EQ(replay->outcome.seen_sha256, report->outcome.seen_sha256);
+  EXPECT_EQ(replay->outcome.input_sha256, report->outcome.input_sha256);
 }
 INSTANTIATE_TEST_SUITE_P(Tree, EveryRig, testing::ValuesIn(rigs()), name_of);
 

@@ -69,14 +69,14 @@ TEST_F(Runs, OnTheWallClockAreReplayedExactlyAndTwoReplaysAreEqualFiles) {
   going.signal(SIGCONT);
   const Said run = going.wait();
   ASSERT_EQ(run.status, 0) << run.err;
-  const json result = json::parse(run.out), seen = result["seen_sha256"];
+  const json result = json::parse(run.out), seen = result["input_sha256"];
   ASSERT_NE(seen, "");
   ASSERT_GT(result["loop"]["cycles_skipped"], 0);
   ASSERT_EQ(result["recording"]["dropped"], 0) << result["recording"];
   for (const char* name : {"one.mcap", "two.mcap"}) {
     const Said replay = rigor({"replay", file("run.mcap"), "--record", file(name), "--json"});
     ASSERT_EQ(replay.status, 0) << replay.err;
-    EXPECT_EQ(json::parse(replay.out)["seen_sha256"], seen);
+    EXPECT_EQ(json::parse(replay.out)["input_sha256"], seen);
   }
   EXPECT_EQ(sha256(dir / "one.mcap"), sha256(dir / "two.mcap"));
   // What it tells on the way: nothing is lost before it begins.
@@ -87,7 +87,7 @@ TEST_F(Runs, OnTheWallClockAreReplayedExactlyAndTwoReplaysAreEqualFiles) {
   // And a replay of a replay is still the same.
   const Said again = rigor({"replay", file("one.mcap"), "--json"});
   ASSERT_EQ(again.status, 0) << again.err;
-  EXPECT_EQ(json::parse(again.out)["seen_sha256"], seen);
+  EXPECT_EQ(json::parse(again.out)["input_sha256"], seen);
 }
 
 TEST_F(Runs, OnTheWallClockTakeOneChannelFromARecordingByOneLineOfTheRig) {
@@ -157,13 +157,13 @@ TEST_F(Runs, GoOnWhenTheCameraIsKilledAndSeeItReturn) {
   const Said said = run.wait();
   ASSERT_EQ(said.status, 0) << said.err;
   const json result = json::parse(read_file(dir / "report/result.json")), left = channel(result, "left");
-  EXPECT_GT(left["lost_cycles"], 300) << "the channel says lost while the camera is away";
+  EXPECT_GT(left["disconnected_cycles"], 300) << "the channel says lost while the camera is away";
   EXPECT_GE(left["health"]["reconnects"], 1);
   EXPECT_GT(left["lost_samples"], 4) << "what was missed is counted";
   // A late sample may stand between any two; that the camera is seen again after it was lost is what counts.
   bool was_lost = false, returned = false;
   for (const json& span : left["status"]) {
-    was_lost = was_lost || span["status"] == "lost";
+    was_lost = was_lost || span["status"] == "disconnected";
     returned = returned || (was_lost && span["status"] == "fresh");
   }
   EXPECT_TRUE(returned) << left["status"];

@@ -20,7 +20,7 @@ TEST_F(Runs, InVirtualTimeRepeatByteForByteOnAnyNumberOfWorkers) {
     const Said said = Command(fast_demo({"--duration", "0.8", "--workers", workers})).wait();
     ASSERT_EQ(said.status, 0) << said.err;
     const json result = json::parse(said.out);
-    const std::string seen = result["seen_sha256"];
+    const std::string seen = result["input_sha256"];
     ASSERT_FALSE(seen.empty());
     // One world, one model, two noises: no bias, and the sigma of two cameras' noise and a few edges.
     const json pair = channel(result, "left")["pair"];
@@ -41,7 +41,7 @@ TEST_F(Runs, InVirtualTimeDifferWithTheSeed) {
     const Said said =
         Command(fast_demo({"--duration", "0.3", "--set", "seed=" + std::to_string(i + 1)})).wait();
     ASSERT_EQ(said.status, 0) << said.err;
-    seen[i] = json::parse(said.out)["seen_sha256"];
+    seen[i] = json::parse(said.out)["input_sha256"];
   }
   EXPECT_NE(seen[0], seen[1]);
 }
@@ -103,14 +103,14 @@ TEST_F(Runs, SwitchAPairWithoutAGapAndRecordTheSwitch) {
       Command(
           fast_demo(
               {"--duration", "2", "--set",
-               "channels.left.pair.switches=[{at_s: 0.8, hand_on: simulated}, {at_s: 1.4, hand_on: real}]"}))
+               "channels.left.pair.switches=[{at_s: 0.8, active: simulated}, {at_s: 1.4, active: real}]"}))
           .wait();
   ASSERT_EQ(run.status, 0) << run.err;
   const json left = channel(json::parse(run.out), "left");
   EXPECT_EQ(left["pair"]["switches"], 2);
   EXPECT_EQ(left["gap_count"], 0);
   EXPECT_EQ(left["lost_samples"], 0);
-  EXPECT_EQ(left["late_cycles"], 0);
+  EXPECT_EQ(left["overdue_cycles"], 0);
   const Said inspect = rigor({"inspect", file("run.mcap"), "--json"});
   EXPECT_EQ(inspect.status, 0);
   EXPECT_THAT(inspect.out, HasSubstr("/rigor/events"));

@@ -302,21 +302,23 @@ TEST_F(Sense, RefusesWithThePlaceAndLeavesNothing) {
   refused({"--channel", "camera", "-o", "x.pcd"}, "ends in .png, .exr for a channel of kind image");
   refused({"--channel", "tof", "-o", "x.exr", "--truth", "x.png"},
           "--truth: expected a file that ends in .exr");
-  refused({"--channel", "tof", "-o", "x.exr", "--set", "channels.tof.engine=vulcan"},
-          "did you mean 'vulkan'");
+  refused({"--channel", "tof", "-o", "x.exr", "--set", "channels.tof.renderer=rastre"},
+          "did you mean 'raster'");
   refused({"--channel", "tof", "-o", "x.exr", "--set", "channels.tof.parent=turntabel",  //
            "--set", "channels.tof.T_parent_sensor={position_m: [0,0,0], quaternion_wxyz: [1,0,0,0]}"},
           "did you mean turntable?");
-  refused({"--channel", "tof", "-o", "x.exr", "--set", "channels.tof.effort={sub_rays: 3}"},
-          "channels.tof.effort.sub_rays: expected no such key here: it is for LiDARs");
-  refused(
-      {"--channel", "tof", "-o", "x.exr", "--set", "channels.tof.sensor=scanner.yaml"},
-      "channels.tof.sensor: expected the sheet of a time-of-flight camera, got scanner.yaml, the sheet of a "
-      "LiDAR");
+  refused({"--channel", "tof", "-o", "x.exr", "--set", "channels.tof.quality={sub_rays: 3}"},
+          "channels.tof.quality.sub_rays: expected no such key here: it is for LiDARs");
+  refused({"--channel", "tof", "-o", "x.exr", "--set", "channels.tof.sensor=scanner.yaml"},
+          "channels.tof.sensor: expected the sensor model of a time-of-flight camera, got scanner.yaml, the "
+          "sensor model of a "
+          "LiDAR");
   refused({"--channel", "camera", "-o", "x.exr", "--set", "channels.camera.sensor=scanner.yaml"},
-          "channels.camera.sensor: expected the sheet of a camera, got scanner.yaml, the sheet of a LiDAR");
+          "channels.camera.sensor: expected the sensor model of a camera, got scanner.yaml, the sensor model "
+          "of a LiDAR");
   refused({"--channel", "flat", "-o", "x.pcd", "--set", "channels.flat.sensor=camera.yaml"},
-          "channels.flat.sensor: expected the sheet of a LiDAR, got camera.yaml, the sheet of a camera");
+          "channels.flat.sensor: expected the sensor model of a LiDAR, got camera.yaml, the sensor model of "
+          "a camera");
   refused({"--channel", "flat", "-o", "x.pcd", "--set", "channels.flat.T_world_sensor.above_ground=true"},
           "channels.flat.T_world_sensor.position_m: expected a place on the terrain, got 0, 0");
   refused({"--channel", "flat", "-o", "x.pcd", "--set", "simulation.weather={rain_mph: 5}"},
@@ -331,7 +333,7 @@ TEST_F(Sense, RefusesWithThePlaceAndLeavesNothing) {
 // the nearest of which is here 0.3 % off.
 TEST_F(Sense, InTheRigsWeatherSeesWhatTheAirLeaves) {
   const auto remission_at_40_deg = [&](std::vector<std::string> more) {
-    std::vector<std::string> words{"--set", "channels.flat.engine=rays"};
+    std::vector<std::string> words{"--set", "channels.flat.renderer=rays"};
     words.insert(words.end(), more.begin(), more.end());
     const Pcd pcd = sense_pcd("flat", words);
     for (std::size_t i = 0; i < pcd.points(); ++i)
@@ -390,16 +392,16 @@ TEST_F(Sense, OfASmallSceneWithoutAnEngineLeavesNoEffectOfTheSheetOut) {
   const auto recorded = [&](const std::string& sheet, const std::string& engine) {
     write_file(dir / "camera.yaml", kCamera + sheet);
     std::vector<std::string> words{"run", "rig.yaml", "--json", "--duration", "0.1"};
-    if (!engine.empty()) words.insert(words.end(), {"--set", "channels.camera.engine=" + engine});
+    if (!engine.empty()) words.insert(words.end(), {"--set", "channels.camera.renderer=" + engine});
     const Said said = in_dir(words);
     EXPECT_EQ(said.status, 0) << sheet << said.err;
-    return said.status == 0 ? json::parse(said.out)["seen_sha256"].get<std::string>() : "";
+    return said.status == 0 ? json::parse(said.out)["input_sha256"].get<std::string>() : "";
   };
-  EXPECT_NE(recorded("", ""), recorded("", "vulkan")) << "lens and noise: the renderer of small scenes";
+  EXPECT_NE(recorded("", ""), recorded("", "raster")) << "lens and noise: the renderer of small scenes";
   for (const char* effect : {"projection: kannala_brandt\n", "bloom: { fraction: 0.1, radius_px: 3 }\n",
                              "processing: { gamma: 2.2 }\n", "shutter: { line_time_us: 20 }\n",
                              "noise: { hot_pixel_share: 0.05 }\n"})
-    EXPECT_EQ(recorded(effect, ""), recorded(effect, "vulkan")) << effect;
+    EXPECT_EQ(recorded(effect, ""), recorded(effect, "raster")) << effect;
 }
 
 // ------------------------------------------------------------------------------------------ runs
@@ -412,20 +414,20 @@ TEST_F(Sense, RunsRepeatByteForByteOnAnyNumberOfWorkers) {
     const json result = json::parse(said.out);
     if (first.empty()) {
       first = read_file(dir / "run.mcap");
-      seen = result["seen_sha256"];
+      seen = result["input_sha256"];
       for (const json& c : result["channels"]) {
         EXPECT_GE(c["fresh"], 3) << c["name"];
         EXPECT_EQ(c["lost_samples"], 0) << c["name"];
       }
     }
-    EXPECT_EQ(result["seen_sha256"], seen) << workers;
+    EXPECT_EQ(result["input_sha256"], seen) << workers;
     EXPECT_TRUE(read_file(dir / "run.mcap") == first) << workers << " workers";
   }
   ASSERT_FALSE(seen.empty());
   // And replay shows the same.
   const Said replay = in_dir({"replay", "run.mcap", "--record", "again.mcap", "--json"});
   ASSERT_EQ(replay.status, 0) << replay.err;
-  EXPECT_EQ(json::parse(replay.out)["seen_sha256"], seen);
+  EXPECT_EQ(json::parse(replay.out)["input_sha256"], seen);
   const Said inspect = in_dir({"inspect", "run.mcap"});
   EXPECT_EQ(inspect.status, 0);
   EXPECT_THAT(inspect.out, AllOf(HasSubstr("/flat/points"), HasSubstr("/tof/range"),
@@ -437,7 +439,7 @@ TEST_F(Sense, RunsDependOnTheSeed) {
   for (int i = 0; i < 2; ++i) {
     const Said said = in_dir({"run", "rig.yaml", "--json", "--set", "seed=" + std::to_string(i + 1)});
     ASSERT_EQ(said.status, 0) << said.err;
-    seen[i] = json::parse(said.out)["seen_sha256"];
+    seen[i] = json::parse(said.out)["input_sha256"];
   }
   EXPECT_NE(seen[0], seen[1]);
 }

@@ -50,7 +50,7 @@ TEST_F(Tune, WritesALockThatVirtualRunsAskFor) {
   const auto lock = load_lock(dir / "rig.lock.yaml");
   ASSERT_TRUE(lock && *lock);
   EXPECT_FALSE((*lock)->cpu.empty());
-  EXPECT_EQ((*lock)->channels.at("flat").choice.engine, chosen["engine"]);
+  EXPECT_EQ((*lock)->channels.at("flat").choice.engine, chosen["renderer"]);
   const Said with = in_dir({"run", "rig.yaml", "--json"});
   EXPECT_EQ(with.status, 0) << with.err;
 }
@@ -133,7 +133,7 @@ TEST_F(TuneCamera, MeasuresTheLightByBothEngines) {
             0.6 * error_of.at("rays, 1 sample per pixel, in full"))
       << "more samples, less noise";
   const std::string engines = json(error_of).dump();
-  EXPECT_THAT(engines, HasSubstr("vulkan, supersampling 1, 1 instant"));
+  EXPECT_THAT(engines, HasSubstr("raster, supersampling 1, 1 instant"));
   // And the lock is what a run in virtual time goes by.
   EXPECT_TRUE(std::filesystem::exists(dir / "rig.lock.yaml"));
   const Said run = in_dir({"run", "rig.yaml", "--json"});
@@ -175,7 +175,7 @@ TEST_F(Tune, TakesFewerRaysOnlyForAShareOfOutliersThatIsGiven) {
   scanner_rig(
       "    T_world_sensor: { position_m: [0, 0, 0], roll_pitch_yaw_deg: [0, 0, 0] }\n"
       "    tolerance: { range_m: 0.05 }\n");
-  EXPECT_EQ(fewest(), 5) << "the sheet's";
+  EXPECT_EQ(fewest(), 5) << "the sensor model's";
 }
 
 TEST_F(Tune, HasNothingToDoWithoutATolerance) {
@@ -205,7 +205,7 @@ TEST(LockFiles, ComeBackAsTheyWereWritten) {
   lock.cpu = "Some \"CPU\" @ 2 GHz: fast";
   lock.gpu = "rays";
   EngineChoice choice;
-  choice.engine = "vulkan";
+  choice.engine = "raster";
   choice.allowed_error_rad = 0.0005;
   choice.pixels_per_rad = 1000;
   choice.sub_rays = 5;

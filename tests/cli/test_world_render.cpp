@@ -136,7 +136,7 @@ TEST_F(WorldRender, BothEnginesMeasureTheSameLight) {
   for (const std::vector<std::string>& more : {std::vector<std::string>{}, {"--off", "shadows"}}) {
     const cv::Mat drawn = picture("plan.import.yaml", "vulkan.exr", from_the_road + more);
     const cv::Mat traced = picture("plan.import.yaml", "rays.exr",
-                                   from_the_road + more + std::vector<std::string>{"--engine", "rays"});
+                                   from_the_road + more + std::vector<std::string>{"--renderer", "rays"});
     ASSERT_EQ(traced.size(), drawn.size());
     EXPECT_NEAR(mean_of(traced), mean_of(drawn), 0.1 * mean_of(drawn));
     EXPECT_GT(cv::norm(traced, drawn, cv::NORM_INF), 0) << "two engines";
@@ -146,7 +146,7 @@ TEST_F(WorldRender, BothEnginesMeasureTheSameLight) {
     EXPECT_LT(cv::norm(a, b) / cv::norm(a), 0.15) << "in the same places";
   }
   EXPECT_EQ(
-      world({"render", "plan.import.yaml", "-o", "x.png", "--engine", "rays", "--off", "impostors"}).status,
+      world({"render", "plan.import.yaml", "-o", "x.png", "--renderer", "rays", "--off", "impostors"}).status,
       2);
 }
 

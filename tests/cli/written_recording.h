@@ -51,8 +51,8 @@ class WrittenRecording {
     double value = 0;
   };
   void sample(std::uint32_t channel, const Of& s, std::optional<PairSide> side = std::nullopt) {
-    SampleLease lease = take();
-    Sample& sample = lease.edit();
+    SampleSlot slot = take();
+    Sample& sample = *slot;
     sample.stamp = {.sequence = sequence_[channel]++,
                     .t_capture = BenchTime(s.capture_ns),
                     .t_release = BenchTime(s.capture_ns + s.latency_ns),
@@ -62,6 +62,7 @@ class WrittenRecording {
     RegisterBlock block;
     block.count = 1, block.value[0] = s.value;
     sample.info = block;
+    const SampleLease lease = std::move(slot);
     if (side)
       recorder_->record_side(channel, *side, lease);
     else
@@ -76,18 +77,18 @@ class WrittenRecording {
     end_cycle();
   }
   void fault(std::uint32_t channel) {
-    SampleLease lease = take();
-    lease.edit().stamp = {};
-    lease.edit().info = EventInfo{.code = kEventFaultBegin};
-    recorder_->record_event(channel, lease);
+    SampleSlot slot = take();
+    slot->stamp = {};
+    slot->info = EventInfo{.code = kEventFaultBegin};
+    recorder_->record_event(channel, std::move(slot));
     end_cycle();
   }
 
  private:
-  SampleLease take() {
-    SampleLease lease = pool_->try_acquire();
-    EXPECT_TRUE(lease);
-    return lease;
+  SampleSlot take() {
+    SampleSlot slot = pool_->try_acquire();
+    EXPECT_TRUE(slot);
+    return slot;
   }
   /// At one instant, which nothing is released by before the end.
   void end_cycle() { recorder_->end_cycle(cycle_++, BenchTime(-kMs)); }

@@ -46,6 +46,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   any_of<msg::Image, msg::CompressedImage, msg::CameraInfo, msg::PointCloud2, msg::LaserScan, msg::Imu,
          msg::NavSatFix, msg::Odometry, msg::PoseStamped, msg::TFMessage, msg::Frame, msg::DiagnosticArray,
          msg::SampleStamp, msg::ImageSettings, msg::CanFdFrame, msg::RegisterBlock, msg::PortVisibility,
-         msg::Event, msg::Command>(data[0], {reinterpret_cast<const std::byte*>(data + 1), size - 1});
+         msg::Event, msg::Command, msg::Fault>(data[0],
+                                               {reinterpret_cast<const std::byte*>(data + 1), size - 1});
   return 0;
 }

@@ -43,7 +43,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   hub.add_service({0, "echo", "{}", "{}"}, [](const std::string& request) { return request; });
   hub.serve_parameters(
       [] {
-        return nlohmann::json::array({{{"name", "/a/hand_on"}, {"value", "real"}}});
+        return nlohmann::json::array({{{"name", "/a/active"}, {"value", "real"}}});
       },
       [](const std::string&, const nlohmann::json& value) { return value.is_string(); });
   hub.advertise_new();

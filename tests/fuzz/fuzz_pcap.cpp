@@ -32,7 +32,7 @@ void check_report(const PcapReport& r) {
         std::isfinite(r.position_packets_per_s) && std::isfinite(r.longest_gap_ms) && r.longest_gap_ms >= 0);
   for (const std::string* text : {&r.first_nmea, &r.last_nmea})
     check(std::all_of(text->begin(), text->end(), [](char c) { return c >= 0x20 && c < 0x7F; }));
-  check(r.least_range_m >= 0 && r.greatest_range_m >= r.least_range_m);
+  check(r.minimum_range_m >= 0 && r.greatest_range_m >= r.minimum_range_m);
 }
 
 constexpr std::size_t kMaxPoints = 5000;

@@ -57,8 +57,8 @@ TEST_F(InstalledSdk, HasTheApplicationThatSeesTheSameInEveryForm) {
     const json result = run_demo(application);
     ASSERT_TRUE(result.is_object()) << application;
     EXPECT_EQ(result["sinks"][0]["applied"], 20) << application;
-    if (seen.empty()) seen = result["seen_sha256"];
-    EXPECT_EQ(result["seen_sha256"], seen) << application;
+    if (seen.empty()) seen = result["input_sha256"];
+    EXPECT_EQ(result["input_sha256"], seen) << application;
   }
   const std::string embedded = build("embedded");
   const Said said =
@@ -78,6 +78,9 @@ TEST_F(InstalledSdk, HasTheDriverThatPassesTheConformanceSuiteAndRunsInARig) {
     EXPECT_GE(result["channels"][0]["delivered"], 90) << clock;
     EXPECT_EQ(result["expect"][0]["holds"], true) << clock;
   }
+  const Said doctor =
+      run({prefix + "/bin/rigor", "doctor", "--plugin", example + "/build/libtext_sensor.so"});
+  EXPECT_THAT(doctor.out, HasSubstr("text-sensor: needs a UDP port"));
 }
 
 TEST_F(InstalledSdk, RefusesAPluginThatWasBuiltAgainstAnotherHal) {

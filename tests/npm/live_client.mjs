@@ -156,7 +156,7 @@ const cases = {
     assert.equal(live.run.clock, "virtual");
     assert.equal(live.server.clients, 1);
     assert.deepEqual(live.channels.map((ch) => ch.name), ["camera", "scanner", "odometry", "imu", "dark", "truth"]);
-    assert.equal(live.channels[1].pair.hand_on, "real");
+    assert.equal(live.channels[1].pair.active, "real");
     assert.deepEqual(live.channels[1].topics, { real: "/scanner/real/points", simulated: "/scanner/simulated/points" });
     assert(live.cycles > 0 && live.t_s > 0 && live.channels[2].samples > 0);
     assert.deepEqual(live.faults.map((f) => [f.channel, f.kind, f.on]), [["dark", "drop", true]]);
@@ -221,17 +221,18 @@ const cases = {
     const c = await connect(run.url);
     c.subscribe("/rigor/live");
     c.subscribe("/rigor/events");
+    c.subscribe("/rigor/faults");
     await c.json("/rigor/live");
 
     assert.equal((await c.good("rigor/control", { command: "run" })).rig, "live-page");
     await c.bad("rigor/control", { command: "flt" }, /expected one of .*fault/);
-    await c.good("rigor/control", { command: "switch", channel: "scanner", hand_on: "simulated" });
-    await until("the other side", async () => (await c.json("/rigor/live")).channels[1].pair.hand_on === "simulated");
-    c.client.setParameters([{ name: "/scanner/hand_on", value: "real" }], "a");
-    await until("the first side again", async () => (await c.json("/rigor/live")).channels[1].pair.hand_on === "real");
+    await c.good("rigor/control", { command: "switch", channel: "scanner", active: "simulated" });
+    await until("the other side", async () => (await c.json("/rigor/live")).channels[1].pair.active === "simulated");
+    c.client.setParameters([{ name: "/scanner/active", value: "real" }], "a");
+    await until("the first side again", async () => (await c.json("/rigor/live")).channels[1].pair.active === "real");
     c.client.getParameters([], "b");
     await until("parameters", () => c.parameters?.id === "b");
-    assert.deepEqual(c.parameters.parameters, [{ name: "/scanner/hand_on", value: "real" }]);
+    assert.deepEqual(c.parameters.parameters, [{ name: "/scanner/active", value: "real" }]);
 
     const map = await c.good("rigor/world/map", {});
     const box = map.objects.find((o) => o.shape === "box" && o.size_m[2] > 0);
@@ -287,6 +288,7 @@ const cases = {
     assert.match(edits[0].text, /size_m = /);
     assert(events.some((e) => e.kind === "pair_switch") && events.some((e) => e.kind === "fault_begin"));
     assert(c.counts.get("/rigor/events") >= 4); // two switches, an edit, a fault
+    assert(c.counts.get("/rigor/faults") >= 1);
   },
 
   /// Who may connect, and what happens to those who do not behave.

@@ -277,7 +277,7 @@ const CASES = {
     const handedOn = async (side) => {
       let state;
       for (let i = 0; i < 50; i++) {
-        state = (await liveState(page)).channels.find((c) => c.name === "scanner").pair.hand_on;
+        state = (await liveState(page)).channels.find((c) => c.name === "scanner").pair.active;
         if (state === side) return;
       }
       assert.equal(state, side);
@@ -308,7 +308,7 @@ const CASES = {
 
     await page.selectOption("#fault-kind", "disconnect");
     await page.click(".fault-form button.primary");
-    await status(page, "camera", "lost");
+    await status(page, "camera", "disconnected");
     await until(page, "the fault in the list", () => [...document.querySelectorAll('#faults li[data-state="on"]')].some((l) => l.textContent.includes("disconnect")));
     await logged(page, "fault begin");
     assert.ok((await liveState(page)).faults.some((f) => f.live && f.on && f.kind === "disconnect"), "the bench knows of no such fault");
@@ -386,7 +386,7 @@ const CASES = {
     assert.ok(difference(first, second) > 0, "two pictures of a noisy camera are the same");
     await until(page, "points of what was handed on", () => document.querySelector('canvas[data-topic="/scanner/points"]')?.dataset.pictures > 0);
     for (const channel of ["odometry", "imu"]) await until(page, `values of ${channel}`, (c) => document.querySelector(`[data-channel="${c}"] .numbers-view`)?.dataset.values > 5, channel);
-    for (const channel of ["camera", "scanner", "odometry", "imu"]) await until(page, `${channel} to be as it was`, (c) => ["fresh", "stale", "ended"].includes(document.querySelector(`[data-channel="${c}"]`).dataset.status), channel);
+    for (const channel of ["camera", "scanner", "odometry", "imu"]) await until(page, `${channel} to be as it was`, (c) => ["fresh", "held", "ended"].includes(document.querySelector(`[data-channel="${c}"]`).dataset.status), channel);
     await until(page, "a tile that says that nothing came", () => /no picture so far|nothing has come/i.test(document.querySelector('[data-channel="dark"]').innerText));
     const live = await liveState(page);
     assert.equal(live.run.replay, true);

@@ -22,15 +22,16 @@ TEST(Pool, GivesOutEverySlotOnceAndThenNone) {
   Pool<int> pool(3);
   std::vector<Lease<int>> held;
   for (int i = 0; i < 3; ++i) {
-    held.push_back(pool.try_acquire());
-    ASSERT_TRUE(held.back());
-    held.back().edit() = i;
+    WritableSlot<int> slot = pool.try_acquire();
+    ASSERT_TRUE(slot);
+    *slot = i;
+    held.push_back(std::move(slot));
   }
   EXPECT_FALSE(pool.try_acquire());
   EXPECT_EQ(pool.in_use(), 3u);
   for (int i = 0; i < 3; ++i) EXPECT_EQ(*held[static_cast<std::size_t>(i)], i);
   held[1].reset();
-  Lease<int> again = pool.try_acquire();
+  WritableSlot<int> again = pool.try_acquire();
   ASSERT_TRUE(again);
   EXPECT_EQ(*again, 1) << "the slot that came free";
   EXPECT_FALSE(pool.try_acquire());
@@ -49,6 +50,162 @@ TEST(Lease, TheLastCopyFreesTheSlot) {
   EXPECT_EQ(pool.in_use(), 1u);
   c = Lease<int>();
   EXPECT_EQ(pool.in_use(), 0u);
+}
+
+TEST(Pool, WithoutSlotsGivesNone) {
+  Pool<int> pool(0);
+  EXPECT_FALSE(pool.try_acquire());
+  EXPECT_EQ(pool.in_use(), 0u);
+}
+
+TEST(WritableSlot, IsFreeAgainWhenItIsNotPublished) {
+  Pool<int> pool(2);
+  WritableSlot<int> a = pool.try_acquire(), b = pool.try_acquire();
+  EXPECT_FALSE(pool.try_acquire());
+  a = std::move(b);
+  EXPECT_FALSE(b);  // NOLINT: moved from, and empty by contract
+  EXPECT_EQ(pool.in_use(), 1u);
+  a.reset();
+  EXPECT_EQ(pool.in_use(), 0u);
+}
+
+TEST(Lease, TheOnlyHolderTakesTheSlotBack) {
+  Pool<int> pool(1);
+  WritableSlot<int> slot = pool.try_acquire();
+  *slot = 1;
+  Lease<int> lease = std::move(slot);
+  EXPECT_FALSE(slot);  // NOLINT: published
+  slot = lease.take_back();
+  ASSERT_TRUE(slot);
+  EXPECT_FALSE(lease);
+  EXPECT_EQ(*slot, 1);
+  *slot = 2;
+  lease = std::move(slot);
+  EXPECT_EQ(*lease, 2);
+  EXPECT_EQ(pool.in_use(), 1u);
+  EXPECT_FALSE(Lease<int>().take_back());
+}
+
+TEST(Lease, ASecondHolderKeepsTheSlotFromBeingTakenBack) {
+  Pool<int> pool(1);
+  Lease<int> lease = pool.try_acquire();
+  Lease<int> second = lease;
+  EXPECT_FALSE(lease.take_back());
+  ASSERT_TRUE(lease) << "it is as before";
+  EXPECT_TRUE(lease.same_as(second));
+  second.reset();
+  EXPECT_TRUE(lease.take_back());
+}
+
+TEST(SlotHold, OccupiesASlotThatItsOnlyHolderMayWrite) {
+  Pool<int> pool(1);
+  Lease<int> lease = pool.try_acquire();
+  {
+    const SlotHold<int> hold = lease.hold();
+    EXPECT_TRUE(lease.take_back());
+    lease.reset();
+    EXPECT_EQ(pool.in_use(), 1u);
+    EXPECT_FALSE(pool.try_acquire()) << "it is held";
+  }
+  EXPECT_TRUE(pool.try_acquire());
+}
+
+/// Counts those that live.
+struct Counted {
+  static inline std::atomic<int> alive{0};
+  Counted() { ++alive; }
+  ~Counted() { --alive; }
+  Counted(const Counted&) = delete;
+  std::uint64_t value = 0;
+};
+
+TEST(Pool, IsKeptByItsLeasesSlotsAndHolds) {
+  Lease<Counted> lease, copy;
+  WritableSlot<Counted> slot;
+  SlotHold<Counted> hold;
+  {
+    Pool<Counted> pool(5);
+    slot = pool.try_acquire();
+    slot->value = 7;
+    lease = copy = std::move(slot);
+    slot = pool.try_acquire();
+    hold = Lease<Counted>(pool.try_acquire()).hold();
+    (void)Lease<Counted>(pool.try_acquire());
+    EXPECT_EQ(Counted::alive, 5);
+  }
+  EXPECT_EQ(Counted::alive, 5);
+  slot->value = 8;  // AddressSanitizer: the memory is still there
+  hold = {};
+  slot.reset();
+  copy.reset();
+  EXPECT_EQ(Counted::alive, 5);
+  EXPECT_EQ(lease->value, 7u);
+  slot = lease.take_back();
+  ASSERT_TRUE(slot) << "also without its pool";
+  slot.reset();
+  EXPECT_EQ(Counted::alive, 0);
+  { Pool<Counted> unused(3); }
+  EXPECT_EQ(Counted::alive, 0);
+}
+
+// One thread reads and drops its lease; the other writes as soon as it is the only holder.
+TEST(Lease, IsTakenBackAfterAllReadsOfTheOther) {
+  Pool<Counted> pool(1);
+  SpscRing<Lease<Counted>> ring(2);
+  std::atomic<std::uint64_t> wrong{0};
+  const std::uint64_t rounds = kRounds / 10;
+  std::thread reader([&] {
+    Lease<Counted> lease;
+    for (std::uint64_t i = 1; i <= rounds; lease.reset(), ++i) {
+      while (!ring.try_pop(lease)) std::this_thread::yield();
+      wrong += lease->value != i;
+    }
+  });
+  Lease<Counted> mine = pool.try_acquire();
+  for (std::uint64_t i = 1; i <= rounds; ++i) {
+    WritableSlot<Counted> slot;
+    while (!(slot = mine.take_back())) std::this_thread::yield();
+    slot->value = i;
+    mine = std::move(slot);
+    (void)ring.try_push(mine);
+  }
+  reader.join();
+  EXPECT_EQ(wrong, 0u);
+}
+
+// Two threads read and drop leases while the pool is destroyed: whoever is last frees the memory, once, after
+// all reads.
+TEST(Pool, DiesOnceWhileTwoThreadsDropItsLeases) {
+  constexpr std::size_t kSlots = 4;
+  for (int round = 0; round < kRounds / 200; ++round) {
+    auto pool = std::make_unique<Pool<Counted>>(kSlots);
+    std::vector<Lease<Counted>> first, second;
+    for (std::size_t i = 0; i < kSlots; ++i) {
+      WritableSlot<Counted> slot = pool->try_acquire();
+      slot->value = i;
+      first.emplace_back(std::move(slot));
+    }
+    second = first;
+    std::atomic<int> ready{0};
+    std::atomic<bool> wrong{false};
+    const auto drop = [&](std::vector<Lease<Counted>> leases) {
+      ++ready;
+      while (ready < 3) std::this_thread::yield();
+      for (std::size_t i = 0; i < kSlots; ++i) {
+        const Lease<Counted> copy = leases[i];
+        leases[i].reset();
+        if (copy->value != i) wrong = true;
+      }
+    };
+    std::thread a(drop, std::move(first)), b(drop, std::move(second));
+    ++ready;
+    while (ready < 3) std::this_thread::yield();
+    pool.reset();
+    a.join();
+    b.join();
+    ASSERT_FALSE(wrong);
+    ASSERT_EQ(Counted::alive, 0) << "round " << round;
+  }
 }
 
 // The producer writes plain memory in a slot, two threads read it through copies of the lease. A pool that
@@ -79,12 +236,13 @@ TEST(Pool, NobodySeesASlotBeforeItsLastReaderHasLeft) {
   std::thread a([&] { read(to_a); }), b([&] { read(to_b); });
   std::uint64_t sent = 0;
   while (sent < kRounds) {
-    Lease<Block> lease = pool.try_acquire();
-    if (!lease) {
+    WritableSlot<Block> slot = pool.try_acquire();
+    if (!slot) {
       std::this_thread::yield();
       continue;
     }
-    for (std::uint64_t& v : lease.edit().value) v = sent;
+    for (std::uint64_t& v : slot->value) v = sent;
+    Lease<Block> lease = std::move(slot);
     (void)to_a.try_push(lease);
     (void)to_b.try_push(std::move(lease));
     ++sent;

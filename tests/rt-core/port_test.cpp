@@ -18,15 +18,15 @@ class PortTest : public testing::Test {
   /// A sample measured at `capture_ms`, visible 5 ms later, that came at `arrival_ms`.
   void push(std::uint64_t sequence, std::int64_t capture_ms, std::int64_t arrival_ms,
             std::uint32_t lost = 0) {
-    Lease<Thing> lease = pool_.try_acquire();
-    ASSERT_TRUE(lease);
-    lease.edit().stamp = Stamp{};
-    lease.edit().stamp.sequence = sequence;
-    lease.edit().stamp.t_capture = at_ms(capture_ms);
-    lease.edit().stamp.t_release = at_ms(capture_ms + 5);
-    lease.edit().stamp.t_arrival = at_ms(arrival_ms);
-    lease.edit().stamp.lost_before = lost;
-    port_.push(std::move(lease));
+    WritableSlot<Thing> slot = pool_.try_acquire();
+    ASSERT_TRUE(slot);
+    slot->stamp = Stamp{};
+    slot->stamp.sequence = sequence;
+    slot->stamp.t_capture = at_ms(capture_ms);
+    slot->stamp.t_release = at_ms(capture_ms + 5);
+    slot->stamp.t_arrival = at_ms(arrival_ms);
+    slot->stamp.lost_before = lost;
+    port_.push(std::move(slot));
   }
   PortStatus advance(std::int64_t ms, bool connected = true) {
     port_.advance(at_ms(ms), connected);
@@ -50,7 +50,7 @@ TEST_F(PortTest, ASampleThatIsEarlyWaitsForItsRelease) {
   EXPECT_EQ(advance(5), PortStatus::fresh);
   EXPECT_EQ(port_.sample()->stamp.sequence, 0u);
   EXPECT_EQ(port_.age(at_ms(7)), milliseconds(7));
-  EXPECT_EQ(advance(6), PortStatus::stale);
+  EXPECT_EQ(advance(6), PortStatus::held);
   EXPECT_EQ(port_.sample()->stamp.sequence, 0u);
   EXPECT_EQ(port_.counters().late_samples, 0u);
 }
@@ -64,12 +64,12 @@ TEST_F(PortTest, TheSameSamplesGiveTheSameSequenceHoweverEarlyTheyCame) {
     std::uint64_t next = 0;
     for (std::int64_t ms = 0; ms < 60; ++ms) {
       while (static_cast<std::int64_t>(next) * 10 + early <= ms) {
-        Lease<Thing> lease = pool_.try_acquire();
-        lease.edit().stamp = Stamp{.sequence = next,
-                                   .t_capture = at_ms(static_cast<std::int64_t>(next) * 10),
-                                   .t_release = at_ms(static_cast<std::int64_t>(next) * 10 + 5),
-                                   .t_arrival = at_ms(ms)};
-        port.push(std::move(lease));
+        WritableSlot<Thing> slot = pool_.try_acquire();
+        slot->stamp = Stamp{.sequence = next,
+                            .t_capture = at_ms(static_cast<std::int64_t>(next) * 10),
+                            .t_release = at_ms(static_cast<std::int64_t>(next) * 10 + 5),
+                            .t_arrival = at_ms(ms)};
+        port.push(std::move(slot));
         ++next;
       }
       port.advance(at_ms(ms), true);
@@ -83,13 +83,13 @@ TEST_F(PortTest, TheSameSamplesGiveTheSameSequenceHoweverEarlyTheyCame) {
 TEST_F(PortTest, ASampleThatIsOverdueMakesThePortLateAndAppearsWhenItComes) {
   push(0, 0, 1);
   EXPECT_EQ(advance(5), PortStatus::fresh);
-  EXPECT_EQ(advance(16), PortStatus::stale);  // due at 15, tolerance 1
-  EXPECT_EQ(advance(17), PortStatus::late);
+  EXPECT_EQ(advance(16), PortStatus::held);  // due at 15, tolerance 1
+  EXPECT_EQ(advance(17), PortStatus::overdue);
   EXPECT_EQ(port_.sample()->stamp.sequence, 0u);  // policy hold
   push(1, 10, 18);
   EXPECT_EQ(advance(18), PortStatus::fresh);
   EXPECT_EQ(port_.sample()->stamp.sequence, 1u);
-  EXPECT_EQ(port_.counters().late_cycles, 1u);
+  EXPECT_EQ(port_.counters().overdue_cycles, 1u);
   EXPECT_EQ(port_.counters().late_samples, 1u);
   EXPECT_EQ(port_.counters().fresh, 2u);
 }
@@ -99,7 +99,7 @@ TEST_F(PortTest, DropPolicyTakesTheOldSampleAway) {
   port_.configure(timing_, at_ms(0));
   push(0, 0, 1);
   advance(5);
-  EXPECT_EQ(advance(17), PortStatus::late);
+  EXPECT_EQ(advance(17), PortStatus::overdue);
   EXPECT_FALSE(port_.sample());
   EXPECT_EQ(pool_.in_use(), 0u);
   push(1, 10, 18);
@@ -119,25 +119,25 @@ TEST_F(PortTest, OfTwoSamplesInOneCycleTheNewerIsVisibleAndTheOtherCounted) {
 TEST_F(PortTest, ASourceThatIsGoneOrSilentIsLost) {
   push(0, 0, 1);
   advance(5);
-  EXPECT_EQ(advance(8, false), PortStatus::lost);
-  EXPECT_EQ(advance(9, true), PortStatus::stale);
-  EXPECT_EQ(advance(104), PortStatus::late);
-  EXPECT_EQ(advance(106), PortStatus::lost);
-  EXPECT_EQ(port_.counters().lost_cycles, 2u);
+  EXPECT_EQ(advance(8, false), PortStatus::disconnected);
+  EXPECT_EQ(advance(9, true), PortStatus::held);
+  EXPECT_EQ(advance(104), PortStatus::overdue);
+  EXPECT_EQ(advance(106), PortStatus::disconnected);
+  EXPECT_EQ(port_.counters().disconnected_cycles, 2u);
   push(9, 90, 107);
   EXPECT_EQ(advance(107), PortStatus::fresh);
 }
 
 TEST_F(PortTest, ASourceThatNeverSpokeIsLostAfterItsTime) {
   EXPECT_EQ(advance(100), PortStatus::never);
-  EXPECT_EQ(advance(101), PortStatus::lost);
+  EXPECT_EQ(advance(101), PortStatus::disconnected);
 }
 
 TEST_F(PortTest, WhatWaitsForItsReleaseIsStillSeenWhenTheSourceIsGone) {
   push(0, 0, 1);
   EXPECT_EQ(advance(3, false), PortStatus::never);
   EXPECT_EQ(advance(5, false), PortStatus::fresh);
-  EXPECT_EQ(advance(6, false), PortStatus::lost);
+  EXPECT_EQ(advance(6, false), PortStatus::disconnected);
 }
 
 TEST_F(PortTest, AnAperiodicChannelIsNeverLate) {
@@ -145,7 +145,7 @@ TEST_F(PortTest, AnAperiodicChannelIsNeverLate) {
   port_.configure(timing_, at_ms(0));
   push(0, 0, 1);
   EXPECT_EQ(advance(5), PortStatus::fresh);
-  EXPECT_EQ(advance(5000), PortStatus::stale);
+  EXPECT_EQ(advance(5000), PortStatus::held);
 }
 
 TEST_F(PortTest, LossesAreCountedOnceFromGapsAndFromTheSource) {
@@ -173,10 +173,10 @@ TEST_F(PortTest, ReplayObeysTheRecordAgainstTheClock) {
   EXPECT_TRUE(port_.obey(PortStatus::fresh, 1, at_ms(7)));
   EXPECT_EQ(port_.sample()->stamp.sequence, 1u);
   EXPECT_EQ(port_.counters().superseded, 1u);
-  EXPECT_TRUE(port_.obey(PortStatus::late, 0, at_ms(30)));
+  EXPECT_TRUE(port_.obey(PortStatus::overdue, 0, at_ms(30)));
   EXPECT_EQ(port_.sample()->stamp.sequence, 1u);
-  EXPECT_TRUE(port_.obey(PortStatus::lost, 0, at_ms(31)));
-  EXPECT_EQ(port_.status(), PortStatus::lost);
+  EXPECT_TRUE(port_.obey(PortStatus::disconnected, 0, at_ms(31)));
+  EXPECT_EQ(port_.status(), PortStatus::disconnected);
   EXPECT_TRUE(port_.obey(PortStatus::fresh, 2, at_ms(32)));
   EXPECT_FALSE(port_.obey(PortStatus::fresh, 7, at_ms(33))) << "a sample that is not there is said";
   EXPECT_EQ(port_.counters().fresh, 2u);

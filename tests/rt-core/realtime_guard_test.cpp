@@ -68,10 +68,10 @@ TEST_F(GuardTest, ACleanLoopOf2000CyclesIsClean) {
   const guard::Report r = run(
       2000,
       [&](const CycleContext& c) noexcept {
-        if (Lease<Thing> lease = pool.try_acquire()) {
-          lease.edit().stamp.sequence = c.index;
-          lease.edit().stamp.t_release = c.t;
-          (void)ring.try_push(std::move(lease));
+        if (WritableSlot<Thing> slot = pool.try_acquire()) {
+          slot->stamp.sequence = c.index;
+          slot->stamp.t_release = c.t;
+          (void)ring.try_push(std::move(slot));
         }
         for (Lease<Thing> lease; ring.try_pop(lease);) port.push(std::move(lease));
         port.advance(c.t, true);

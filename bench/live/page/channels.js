@@ -6,7 +6,7 @@ import { isPlotted, NumbersView } from "./plot_view.js";
 import { TableView } from "./table_view.js";
 
 const KINDS = { image: "camera", range_image: "range", point_cloud: "points", registers: "registers", can_frame: "CAN", pose: "pose", imu: "inertial", nav_fix: "satellites", odometry: "odometry", event: "events" };
-const WORDS = { never: "nothing yet", fresh: "fresh", stale: "held", late: "late", lost: "lost" };
+const WORDS = { never: "nothing yet", fresh: "fresh", held: "held", overdue: "overdue", disconnected: "disconnected" };
 
 /// real | simulated: for `pair`, the name of a pair's channel.
 export function sideSwitch(session, pair, told) {
@@ -15,7 +15,7 @@ export function sideSwitch(session, pair, told) {
     button.dataset.side = side;
     button.onclick = async () => {
       try {
-        await session.control({ command: "switch", channel: pair, hand_on: side });
+        await session.control({ command: "switch", channel: pair, active: side });
         session.note("switch", `${side} side asked for`, pair);
       } catch (error) {
         told?.(error.message);
@@ -134,8 +134,8 @@ class Tile {
     if (typeof channel.silent_since_s === "number" && !ended) counts.unshift(channel.samples > 0 ? `silent since ${figure(channel.silent_since_s)} s` : "silent");
     setText(this.counts, counts.join(" · "));
     if (channel.pair) {
-      this.switch?.show(channel.pair.hand_on);
-      for (const v of this.#views ?? []) if (v.side) v.node.classList.toggle("handed-on", v.side === channel.pair.hand_on);
+      this.switch?.show(channel.pair.active);
+      for (const v of this.#views ?? []) if (v.side) v.node.classList.toggle("handed-on", v.side === channel.pair.active);
     }
     if (!this.#views) {
       this.body.replaceChildren(element("p.empty", {}, channel.status === "never" ? "Nothing has come so far" : "Its messages are not offered here"));

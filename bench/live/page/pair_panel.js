@@ -57,7 +57,7 @@ class Pair {
   }
 
   update(pair) {
-    this.switch.show(pair.hand_on);
+    this.switch.show(pair.active);
     this.#watch(pair.watch ?? this.told);
     const missing = ["real", "simulated"].filter((s) => pair[s]?.missing > 0).map((s) => `${figure(pair[s].missing)} missing ${s}`);
     const unit = this.unit ? ` ${this.unit}` : "";

@@ -7,7 +7,7 @@
 // after it lost the count of waves: larger errors, drifting faster. Outages: no fix at all. Both come as a
 // Poisson process of starts with exponential lengths. Under a canopy multipath is larger and events are more
 // frequent: `canopy` is the share of the sky that it covers, 0 to 1, and scales both linearly up to what the
-// sheet says for 1.
+// sensor model says for 1.
 #pragma once
 
 #include <array>

@@ -4,10 +4,10 @@
 //   y = b + b_T·ΔT + (1 + S + M)·x + G·f + instability + random walk + white, cut at the range, rounded
 //
 // S scale errors on the diagonal, M misalignment beside it, G what acceleration does to the rate (gyroscope
-// alone). Fixed errors are those of the sheet plus draws of the sheet's sigmas: each name of a channel and
-// each seed is another device of the kind. Slow noise as in allan_terms.h; white noise has the density N up
-// to the bandwidth, where there is one below half the rate, and falls off beyond it as behind a filter of
-// first order.
+// alone). Fixed errors are those of the sensor model plus draws of the sensor model's sigmas: each name of a
+// channel and each seed is another device of the kind. Slow noise as in allan_terms.h; white noise has the
+// density N up to the bandwidth, where there is one below half the rate, and falls off beyond it as behind a
+// filter of first order.
 #pragma once
 
 #include <array>

@@ -53,13 +53,14 @@ FN REAL lidar_least_remission(REAL range_m, REAL minimum_remission, REAL limit_r
   return least;
 }
 
-// By how much a device errs in the mean at a range: its scale, its bias, `walk_m` for an echo without light
-// against a white plate's (a brighter one counts as white), `oblique_m` for a surface that is seen along
-// itself against one that is seen square on.
-FN REAL lidar_range_error_m(REAL range_m, REAL scale, REAL bias_m, REAL walk_m, REAL remission,
-                            REAL oblique_m, REAL cos_incidence) {
+// By how much a device errs in the mean at a range: its scale, its bias, `remission_bias_m` for an echo
+// without light against a white plate's (a brighter one counts as white), `incidence_bias_m` for a surface
+// that is seen along itself against one that is seen square on.
+FN REAL lidar_range_error_m(REAL range_m, REAL scale, REAL bias_m, REAL remission_bias_m, REAL remission,
+                            REAL incidence_bias_m, REAL cos_incidence) {
   REAL dark = remission < REAL(1.0) ? REAL(1.0) - remission : REAL(0.0);
-  return (scale - REAL(1.0)) * range_m + bias_m + walk_m * dark + oblique_m * (REAL(1.0) - cos_incidence);
+  return (scale - REAL(1.0)) * range_m + bias_m + remission_bias_m * dark +
+         incidence_bias_m * (REAL(1.0) - cos_incidence);
 }
 
 // Standard deviation of range, four parameters: sigma^2 = floor^2 + (scale (offset + q)^-exponent)^2, where q

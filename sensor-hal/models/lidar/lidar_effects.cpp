@@ -15,7 +15,7 @@ constexpr Switch kSwitches[] = {
     {"range_noise", [](LidarModel& m) { m.noise = {}; }},
     {"beam_bias",
      [](LidarModel& m) {
-       m.range.bias_m = m.range.walk_m = m.range.oblique_m = 0;
+       m.range.bias_m = m.range.remission_bias_m = m.range.incidence_bias_m = 0;
        m.range.scale = 1;
        for (LidarBeam& beam : m.scan.beams) beam.range_bias_m = 0;
      }},

@@ -93,12 +93,12 @@ struct LidarDetection {
 /// lidar.glsl.h: lidar_range_error_m.
 struct LidarRange {
   double min_m = 0, max_m = 100;
-  double step_m = 0;     ///< of the device's number; 0: not rounded
-  double bias_m = 0;     ///< of all beams
-  double scale = 1;      ///< measured over true
-  double walk_m = 0;     ///< of an echo without light against a white plate's
-  double oblique_m = 0;  ///< of a surface seen along itself against one seen square on
-  double housing_m = 0;  ///< what is nearer is the sensor's own housing and is not met
+  double step_m = 0;            ///< of the device's number; 0: not rounded
+  double bias_m = 0;            ///< of all beams
+  double scale = 1;             ///< measured over true
+  double remission_bias_m = 0;  ///< of an echo without light against a white plate's
+  double incidence_bias_m = 0;  ///< of a surface seen along itself against one seen square on
+  double housing_m = 0;         ///< what is nearer is the sensor's own housing and is not met
 };
 
 /// lidar.glsl.h: lidar_range_sigma_m.

@@ -155,8 +155,8 @@ void read_numbers(ConfigNode root, LidarModel& m) {
   m.range.step_m = r.number_or("step_mm", 0, {.min = 0, .max = 1e4}) * 1e-3;
   m.range.bias_m = r.number_or("bias_mm", 0, {.min = -1e5, .max = 1e5}) * 1e-3;
   m.range.scale = r.number_or("scale", 1, {.min = 0.1, .max = 10});
-  m.range.walk_m = r.number_or("walk_mm", 0, {.min = -1e5, .max = 1e5}) * 1e-3;
-  m.range.oblique_m = r.number_or("oblique_mm", 0, {.min = -1e5, .max = 1e5}) * 1e-3;
+  m.range.remission_bias_m = r.number_or("remission_bias_mm", 0, {.min = -1e5, .max = 1e5}) * 1e-3;
+  m.range.incidence_bias_m = r.number_or("incidence_bias_mm", 0, {.min = -1e5, .max = 1e5}) * 1e-3;
   m.range.housing_m = r.number_or("housing_m", 0, {.min = 0, .max = 100});
   r.finish();
 

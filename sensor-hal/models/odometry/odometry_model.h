@@ -5,8 +5,8 @@
 //   rate    = (angle(t) − angle(t − period))/period
 //   forward = (r_l·rate_l + r_r·rate_r)/2,  turn = (r_r·rate_r − r_l·rate_l)/track
 //
-// with r and track as believed: those of the sheet times 1 + error. Slip is no matter of the sensor: the
-// wheels turn, the vehicle does not follow. With skid steering `track_m` is the effective one, which is
+// with r and track as believed: those of the sensor model times 1 + error. Slip is no matter of the sensor:
+// the wheels turn, the vehicle does not follow. With skid steering `track_m` is the effective one, which is
 // wider than the vehicle.
 #pragma once
 

@@ -65,7 +65,7 @@ struct TofPixel {
   double gain_sigma = 0;            ///< fixed pattern: relative, of the pixels' gains
 };
 
-/// Errors of the range that calibration finds and no pixel explains. A sheet's `range_error`.
+/// Errors of the range that calibration finds and no pixel explains. A sensor model's `range_error`.
 struct TofRangeError {
   double offset_m = 0;             ///< of all pixels
   double amplitude_error_m_e = 0;  ///< k of k/A, A = E C / 2 as it was measured

@@ -26,8 +26,8 @@
 
 namespace rigor {
 
-/// `draw`: that device of those which the sheet's covariance describes (calibration_section.h); 0: the sheet.
-/// not_found, or bad_input with file:line:column. Setup context.
+/// `draw`: that device of those which the sensor model's covariance describes (calibration_section.h); 0: the
+/// sensor model. not_found, or bad_input with file:line:column. Setup context.
 [[nodiscard]] Result<models::TofModel> load_tof_model(const std::filesystem::path& file,
                                                       std::uint64_t draw = 0);
 [[nodiscard]] Result<models::TofModel> parse_tof_model(ConfigNode root);

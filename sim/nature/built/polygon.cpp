@@ -326,7 +326,7 @@ Ring bridged(const Polygon& polygon) {
     }
     // The bridge goes to that edge's farther end, unless a corner stands in between.
     const Vector2d hit(best_x, m.y()), p = ring[best];
-    double least = std::numeric_limits<double>::infinity(), least_range = least;
+    double least = std::numeric_limits<double>::infinity(), minimum_range = least;
     std::size_t chosen = best;
     for (std::size_t i = 0; i < ring.size(); ++i) {
       const Vector2d& q = ring[i];
@@ -337,9 +337,9 @@ Ring bridged(const Polygon& polygon) {
       if (cross(q - before, after - q) > 0) continue;
       const double slope = std::abs(q.y() - m.y()) / std::max(q.x() - m.x(), 1e-12);
       const double range = (q - m).norm();
-      if (slope < least || (slope == least && range < least_range)) {
+      if (slope < least || (slope == least && range < minimum_range)) {
         least = slope;
-        least_range = range;
+        minimum_range = range;
         chosen = i;
       }
     }

@@ -7,7 +7,8 @@
 namespace rigor::nature {
 namespace {
 
-/// The ground may stand this much above a sheet of water and still count as its bed: error of elevation data.
+/// The ground may stand this much above a sensor model of water and still count as its bed: error of
+/// elevation data.
 constexpr double kBedAbove_m = 0.5;
 /// Where the heights of water cells differ by more than this, the water is no lake.
 constexpr double kLakeRange_m = 1.5;

@@ -69,7 +69,7 @@ struct EngineStatistics {
 class RayEngine {
  public:
   virtual ~RayEngine() = default;
-  /// "rays" or "vulkan".
+  /// "rays" or "raster".
   [[nodiscard]] virtual std::string_view name() const = 0;
   /// Each ray starts where it says; else all of a query start at the query's origin.
   [[nodiscard]] virtual bool own_origins() const { return true; }

@@ -57,7 +57,7 @@ struct LightStatistics {
 
 class LightTracer {
  public:
-  /// Measures in what `engine` has prepared.
+  /// Measures in what `renderer` has prepared.
   explicit LightTracer(std::shared_ptr<EmbreeEngine> engine);
   ~LightTracer();
   /// samples[i] belongs to rays[i]. Same query, same samples, on any number of threads. A ray that is not

@@ -34,7 +34,7 @@ class RasterEngine final : public RayEngine {
   ~RasterEngine() override;
   void set_options(const RasterOptions& options);
 
-  [[nodiscard]] std::string_view name() const override { return "vulkan"; }
+  [[nodiscard]] std::string_view name() const override { return "raster"; }
   [[nodiscard]] bool own_origins() const override { return false; }
   [[nodiscard]] Status prepare(std::shared_ptr<const ContentWindow> window) override;
   [[nodiscard]] Status cast(const RayQuery& query, std::span<Hit> hits) override;

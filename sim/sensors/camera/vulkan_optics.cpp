@@ -74,7 +74,7 @@ class VulkanOptics final : public CameraOpticsPicture {
         views_(std::move(views)),
         lenses_(std::move(lenses)),
         border_px_(border_px) {}
-  [[nodiscard]] std::string_view engine() const override { return "vulkan"; }
+  [[nodiscard]] std::string_view engine() const override { return "raster"; }
   [[nodiscard]] Status form(const OpticsRequest& request, const render::SensorView& view, OpticsPicture& out,
                             GroundTruth* truth) override;
 
@@ -317,7 +317,7 @@ Status VulkanOptics::form(const OpticsRequest& request, const render::SensorView
 Result<std::unique_ptr<CameraOpticsPicture>> make_vulkan_optics(
     const CameraModel& camera, const OpticsOptions& options, std::shared_ptr<render::ViewRenderer> renderer) {
   if (auto s = camera.validate(); !s) return tl::unexpected(s.error());
-  if (!renderer) return fail(ErrorCode::unavailable, "vulkan", "expected a renderer, got none");
+  if (!renderer) return fail(ErrorCode::unavailable, "raster", "expected a renderer, got none");
   if (!(options.supersampling >= 0.25 && options.supersampling <= 4))
     return fail(ErrorCode::bad_input, "supersampling",
                 "expected 0.25 to 4, got " + std::to_string(options.supersampling));

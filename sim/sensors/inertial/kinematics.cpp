@@ -1,4 +1,5 @@
 #include "sim/sensors/inertial/kinematics.h"
+#include "sim/world/pose.h"
 
 #include <GeographicLib/Constants.hpp>
 #include <GeographicLib/NormalGravity.hpp>
@@ -13,16 +14,15 @@ Eigen::Vector3d vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2
 }  // namespace
 
 SensorKinematics carried_by(const BodyState& body, BenchTime t, const Eigen::Isometry3d& T_body_sensor) {
-  const Pose pose = body.at(t);
-  const auto& q = pose.orientation_wxyz;
-  const Eigen::Matrix3d R = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+  const Eigen::Isometry3d T_world_body = isometry_of(body.at(t));
+  const Eigen::Matrix3d R = T_world_body.linear();
   const double s = (t - body.t_ref).seconds();
   const Eigen::Vector3d alpha = vector(body.turn_acceleration_radps2);
   const Eigen::Vector3d omega = vector(body.turn_rate_radps) + alpha * s;
   const Eigen::Vector3d r = T_body_sensor.translation();
   SensorKinematics k;
   k.T_world_sensor.linear() = R * T_body_sensor.linear();
-  k.T_world_sensor.translation() = vector(pose.position_m) + R * r;
+  k.T_world_sensor.translation() = T_world_body.translation() + R * r;
   k.velocity_mps = vector(body.velocity_mps) + vector(body.acceleration_mps2) * s + R * omega.cross(r);
   k.acceleration_mps2 = vector(body.acceleration_mps2) + R * (alpha.cross(r) + omega.cross(omega.cross(r)));
   k.rate_radps = T_body_sensor.linear().transpose() * omega;

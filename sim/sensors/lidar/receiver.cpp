@@ -151,8 +151,9 @@ void LidarSimulator::Impl::receive(std::uint32_t column, std::uint32_t slot_inde
           units *= 1 + m.remission.noise * Draws::normal_quantile(Draws::unit_from_bits(words[1]));
       }
       range += LidarMath::lidar_range_error_m(static_cast<double>(e.range_m), m.range.scale,
-                                              static_cast<double>(slot.bias_m), m.range.walk_m, remission,
-                                              m.range.oblique_m, static_cast<double>(e.cos_incidence));
+                                              static_cast<double>(slot.bias_m), m.range.remission_bias_m,
+                                              remission, m.range.incidence_bias_m,
+                                              static_cast<double>(e.cos_incidence));
       if (m.range.step_m > 0) range = LidarMath::lidar_quantise(range, m.range.step_m);
       units = std::max(0.0, units);
       if (m.remission.step > 0) units = LidarMath::lidar_quantise(units, m.remission.step);

@@ -50,9 +50,9 @@ struct FakeChannel {
   }
   template <class T>
   void push(BenchTime t, const T& info, std::span<const LidarPoint> points = {}) {
-    SampleLease lease = pool->try_acquire();
-    if (!lease) return;
-    Sample& s = lease.edit();
+    SampleSlot slot = pool->try_acquire();
+    if (!slot) return;
+    Sample& s = *slot;
     s.stamp = {};
     s.stamp.sequence = sequence++;
     s.stamp.t_capture = t;
@@ -60,7 +60,7 @@ struct FakeChannel {
     s.info = info;
     s.size_bytes = std::min(points.size_bytes(), s.memory().size());
     if (s.size_bytes > 0) std::memcpy(s.memory().data(), points.data(), s.size_bytes);
-    port.push(std::move(lease));
+    port.push(std::move(slot));
   }
   ChannelDescription description;
   SamplePort port;

@@ -10,6 +10,7 @@
 
 #include "apps/forest-localization/level_scan.h"
 #include "sim/platform/harvester.h"
+#include "sim/world/pose.h"
 #include "tests/apps/forest-localization/closed_loop.h"
 
 namespace rigor::forest {
@@ -281,12 +282,7 @@ class HarvesterLoop {
 
  private:
   [[nodiscard]] Eigen::Isometry3d base(BenchTime t) const {
-    const Pose p = machine_->motion_at(t).body.T_world_body;
-    const auto& q = p.orientation_wxyz;
-    Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-    T.linear() = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
-    T.translation() = Eigen::Vector3d(p.position_m[0], p.position_m[1], p.position_m[2]);
-    return T * Eigen::Translation3d(-2, 0, 0);
+    return isometry_of(machine_->motion_at(t).body.T_world_body) * Eigen::Translation3d(-2, 0, 0);
   }
   void tell(FakeChannel& channel, BenchTime t) {
     RegisterBlock block;

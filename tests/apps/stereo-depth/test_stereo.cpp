@@ -1,5 +1,5 @@
 // The geometry that disparities stand on, the search, and the judge: on surfaces whose pictures are worked
-// out here, ray by ray, through the lenses of the stereo module's sheets.
+// out here, ray by ray, through the lenses of the stereo module's sensor models.
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -11,6 +11,7 @@
 #include "apps/stereo-depth/evaluation.h"
 #include "apps/stereo-depth/matcher.h"
 #include "apps/stereo-depth/rectifier.h"
+#include "sim/world/pose.h"
 
 namespace rigor::stereo {
 namespace {
@@ -36,14 +37,6 @@ Pose mounted(double roll_deg, double pitch_deg, double yaw_deg) {
                                turn(pitch_deg, Eigen::Vector3d::UnitY()) *
                                turn(roll_deg, Eigen::Vector3d::UnitX());
   return {{0.2, 0.003, -0.002}, {q.w(), q.x(), q.y(), q.z()}};
-}
-
-Eigen::Isometry3d isometry(const Pose& p) {
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  const auto& q = p.orientation_wxyz;
-  T.linear() = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
-  T.translation() = Eigen::Vector3d(p.position_m[0], p.position_m[1], p.position_m[2]);
-  return T;
 }
 
 /// A plane in the left camera's frame, m · X = 1, with a pattern of sums of waves down to 6 px.
@@ -115,7 +108,7 @@ TEST(StereoRectifier, PutsAPointOnOneRowAtTheDisparityOfItsDepth) {
   const Pose pose = mounted(1.2, 2, -1.5);
   const Rectifier r = rectifier(pose);
   const RectifiedCamera& c = r.camera();
-  const Eigen::Isometry3d T_right_left = isometry(pose).inverse();
+  const Eigen::Isometry3d T_right_left = isometry_of(pose).inverse();
   EXPECT_NEAR(c.baseline_m, std::hypot(0.2, std::hypot(0.003, 0.002)), 1e-12);
   // Two pictures whose brightness is the place itself: remap then reads the maps out.
   const auto coordinate = [](const CameraModel& m, bool row) {
@@ -196,7 +189,7 @@ TEST(StereoMatcher, APlaneAtAKnownDistanceThroughBothLenses) {
   for (const Eigen::Vector3d& m : {Eigen::Vector3d(0, 0, 1 / 2.5), Eigen::Vector3d(0.08, -0.05, 1 / 1.9)}) {
     const Plane plane{m};
     const RectifiedPair pair = r.rectify(picture(left_camera(), Eigen::Isometry3d::Identity(), plane),
-                                         picture(right_camera(), isometry(pose), plane));
+                                         picture(right_camera(), isometry_of(pose), plane));
     Matcher matcher({.disparities = 64});
     const cv::Mat disparity = matcher.match(pair.left, pair.right);
     const auto range = ranges(pinhole, plane);

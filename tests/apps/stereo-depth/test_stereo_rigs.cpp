@@ -106,7 +106,7 @@ TEST_F(StereoRigs, WhatDoesNotFitIsRefused) {
   EXPECT_THAT(refused("application.left.channel=lefd"),
               HasSubstr("expected the name of a channel (left, right, truth)"));
   EXPECT_THAT(refused("application.right.channel=truth"), HasSubstr("kind image"));
-  EXPECT_THAT(refused("application.left.sheet=../sensors/demo-camera.yaml"), HasSubstr("752 x 480"));
+  EXPECT_THAT(refused("application.left.model=../sensors/demo-camera.yaml"), HasSubstr("752 x 480"));
   EXPECT_THAT(refused("application.right.T_base_sensor.position_m=[0, 0.3, 1.2]"), HasSubstr("to the right"));
   EXPECT_THAT(refused("application.matcher.disparities=100"), HasSubstr("multiple of 16"));
   EXPECT_THAT(refused("channels.left.pixel_format=RGB8"), HasSubstr("Mono8"));

@@ -87,12 +87,12 @@ class ProcessApplication : public ::testing::Test {
     ASSERT_TRUE(s) << s.error().text();
   }
   void push(SamplePort& port, decltype(Sample::info) info, std::uint64_t sequence, BenchTime t) {
-    auto lease = pool_->try_acquire();
-    if (!lease) {
+    auto slot = pool_->try_acquire();
+    if (!slot) {
       ++no_slot_;
       return;
     }
-    Sample& s = lease.edit();
+    Sample& s = *slot;
     s.stamp = {};
     s.stamp.sequence = sequence;
     s.stamp.t_capture = s.stamp.t_release = s.stamp.t_arrival = t;
@@ -101,7 +101,7 @@ class ProcessApplication : public ::testing::Test {
       s.size_bytes = 4000;
       std::fill_n(s.memory().data(), 4000, static_cast<std::byte>(sequence));
     }
-    port.push(std::move(lease));
+    port.push(std::move(slot));
     ++pushed_;
   }
   /// A value in each cycle, a picture in every fifth.
@@ -127,7 +127,7 @@ class ProcessApplication : public ::testing::Test {
   Told told_;
   CommandPort out_{"told", told_, Duration(0)};
   ChannelDescription values_, picture_;
-  std::unique_ptr<SamplePool> pool_;  // outlives the leases of the ports and of the application
+  std::unique_ptr<SamplePool> pool_;
   SamplePort value_port_, picture_port_;
   std::unique_ptr<Application> application_;
   std::uint64_t pushed_ = 0, no_slot_ = 0;

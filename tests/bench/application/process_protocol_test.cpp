@@ -26,7 +26,8 @@ static_assert(std::is_same_v<decltype(rigor_client::PluginEntry::start), decltyp
 static_assert(std::is_same_v<decltype(rigor_client::PluginEntry::finish), decltype(PluginEntry::finish)>);
 static_assert(sizeof(rigor_client::Point) == sizeof(LidarPoint));
 static_assert(static_cast<int>(rigor_client::Kind::odometry) == static_cast<int>(SampleKind::odometry));
-static_assert(static_cast<int>(rigor_client::Status::disconnected) == static_cast<int>(PortStatus::lost));
+static_assert(static_cast<int>(rigor_client::Status::disconnected) ==
+              static_cast<int>(PortStatus::disconnected));
 
 template <class T>
 T at(std::span<const std::byte> bytes, std::size_t offset) {
@@ -53,7 +54,7 @@ TEST(TurnMessage, HasItsNumbersWhereTheDocumentSays) {
   TurnMessage turn(3, 4096);
   turn.set_status(0, PortStatus::never);
   turn.set_status(1, PortStatus::fresh);
-  turn.set_status(2, PortStatus::lost);
+  turn.set_status(2, PortStatus::disconnected);
   RegisterBlock block;
   block.count = 2;
   block.value = {1.5, -2.5};

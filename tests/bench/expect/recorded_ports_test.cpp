@@ -18,7 +18,7 @@ constexpr const char* kRig =
     "channels:\n"
     "  table: { kind: registers, backend: replay, file: none.mcap, rate_hz: 500, latency_ms: 1 }\n"
     "sinks:\n"
-    "  drive: { backend: note, signals: [v] }\n"
+    "  drive: { backend: log, signals: [v] }\n"
     "expect:\n"
     "  - { of: table, age_ms: { max: 2 }, missing: { max: 0 } }\n"
     "  - { of: table.position, value: { max: 9 } }\n"
@@ -49,8 +49,8 @@ class RecordedPortsTest : public ::testing::Test {
   }
   static BenchTime at(std::uint64_t ms) { return BenchTime(0) + milliseconds(static_cast<std::int64_t>(ms)); }
   SampleLease sample(std::uint64_t sequence, std::uint64_t captured_ms, double position) {
-    SampleLease lease = pool->try_acquire();
-    Sample& s = lease.edit();
+    SampleSlot slot = pool->try_acquire();
+    Sample& s = *slot;
     s.stamp = {.sequence = sequence,
                .t_capture = at(captured_ms),
                .t_release = at(captured_ms + 1),
@@ -59,7 +59,7 @@ class RecordedPortsTest : public ::testing::Test {
     block.count = 1;
     block.value[0] = position;
     s.info = block;
-    return lease;
+    return slot;
   }
   void show(std::uint64_t cycle, PortStatus status, const SampleLease& visible) {
     recorder->record_visibility(0, cycle, at(cycle), status, visible);
@@ -97,7 +97,7 @@ TEST_F(RecordedPortsTest, ShowWhatTheLoopSawCycleByCycle) {
   show(6, PortStatus::fresh, dropped);  // visible, and not in the file
   command(6, 2);
   end(6);
-  show(7, PortStatus::late, dropped);
+  show(7, PortStatus::overdue, dropped);
   end(7);
   end(8);
   recorder->record(0, last);
@@ -127,10 +127,10 @@ TEST_F(RecordedPortsTest, ShowWhatTheLoopSawCycleByCycle) {
     shown.push_back({ports.now().ns() / 1'000'000, port.status(),
                      port.sample() ? port.sample()->stamp.sequence : 99, ports.commands().size()});
   }
-  const std::vector<Shown> expected{{0, PortStatus::never, 99, 0}, {1, PortStatus::fresh, 0, 1},
-                                    {2, PortStatus::stale, 0, 0},  {3, PortStatus::fresh, 2, 0},
-                                    {6, PortStatus::fresh, 3, 1},  {7, PortStatus::late, 3, 0},
-                                    {8, PortStatus::late, 3, 0},   {9, PortStatus::fresh, 4, 0}};
+  const std::vector<Shown> expected{{0, PortStatus::never, 99, 0},  {1, PortStatus::fresh, 0, 1},
+                                    {2, PortStatus::held, 0, 0},    {3, PortStatus::fresh, 2, 0},
+                                    {6, PortStatus::fresh, 3, 1},   {7, PortStatus::overdue, 3, 0},
+                                    {8, PortStatus::overdue, 3, 0}, {9, PortStatus::fresh, 4, 0}};
   ASSERT_EQ(shown.size(), expected.size());
   for (std::size_t i = 0; i < shown.size(); ++i) {
     EXPECT_EQ(shown[i].ms, expected[i].ms) << i;
@@ -150,7 +150,7 @@ TEST_F(RecordedPortsTest, ShowWhatTheLoopSawCycleByCycle) {
   for (const Expected& e : checked->expected) EXPECT_TRUE(e.holds) << e.sentence();
   EXPECT_EQ(checked->expected[1].looked_at, 4U) << "ages, that of the sample that is not there among them";
   EXPECT_EQ(checked->expected[2].looked_at, 3U) << "its value is not known";
-  EXPECT_EQ(checked->expected[2].most, 5) << "nor taken from the sample before";
+  EXPECT_EQ(checked->expected[2].maximum, 5) << "nor taken from the sample before";
   EXPECT_EQ(checked->expected[3].looked_at, 2U);
   EXPECT_EQ(checked->missing_samples, 1U);
   EXPECT_FALSE(checked->cut_short);

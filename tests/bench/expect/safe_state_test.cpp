@@ -27,7 +27,7 @@ class SafeStateTest : public ::testing::Test {
         "  drive: { backend: modbus, latency_ms: " +
             latency_ms +
             ", signals: [v, w, lamp], safe: { v: 0, w: 0 } }\n"
-            "  other: { backend: note, signals: [x] }\n"
+            "  other: { backend: log, signals: [x] }\n"
             "expect:\n" +
             more,
         "rig.yaml");
@@ -109,7 +109,7 @@ TEST_F(SafeStateTest, InTimeIsTheTimeUntilTheCommandTakesEffect) {
   const Expected e = run();
   EXPECT_TRUE(e.holds) << e.sentence();
   EXPECT_EQ(e.looked_at, 1U);
-  EXPECT_DOUBLE_EQ(e.most, 100) << "90 ms, and the latency of the sink";
+  EXPECT_DOUBLE_EQ(e.maximum, 100) << "90 ms, and the latency of the sink";
   EXPECT_EQ(e.sentence(), "drive: expected safe_after_ms of at most 200 after a fault of scan, got 100");
 }
 
@@ -119,7 +119,7 @@ TEST_F(SafeStateTest, TheLatencyOfTheSinkMayBeWhatIsTooLong) {
   fault(300, "scan", FaultKind::drop, true);
   const Expected e = run();
   EXPECT_FALSE(e.holds);
-  EXPECT_DOUBLE_EQ(e.most, 205);
+  EXPECT_DOUBLE_EQ(e.maximum, 205);
   EXPECT_EQ(e.first_s, 0.5);
 }
 
@@ -143,7 +143,7 @@ TEST_F(SafeStateTest, NeverHasTheLengthOfTheFault) {
   command(950, 0);  // for another reason
   const Expected e = run();
   EXPECT_FALSE(e.holds);
-  EXPECT_DOUBLE_EQ(e.most, 600);
+  EXPECT_DOUBLE_EQ(e.maximum, 600);
   EXPECT_THAT(e.sentence(), EndsWith("first at 0.500 s (it began at 0.300 s; not safe before it ended)"));
 }
 
@@ -154,7 +154,7 @@ TEST_F(SafeStateTest, OfARunThatEndsMeanwhile) {
   EXPECT_EQ(run(499).looked_at, 0U) << "its time was not over yet";
   const Expected e = run();
   EXPECT_FALSE(e.holds);
-  EXPECT_DOUBLE_EQ(e.most, 699);
+  EXPECT_DOUBLE_EQ(e.maximum, 699);
 }
 
 TEST_F(SafeStateTest, LeftAgainWhileTheFaultIsOnDoesNotHold) {
@@ -175,7 +175,7 @@ TEST_F(SafeStateTest, WhatIsLeftAndTakenAgainInTimeCountsFromTheLastTime) {
   fault(300, "scan", FaultKind::drop, true);
   const Expected e = run();
   EXPECT_TRUE(e.holds) << e.sentence();
-  EXPECT_DOUBLE_EQ(e.most, 110);
+  EXPECT_DOUBLE_EQ(e.maximum, 110);
 }
 
 TEST_F(SafeStateTest, ASafeCommandHasEveryValueOfSafeAndNoOther) {
@@ -184,7 +184,7 @@ TEST_F(SafeStateTest, ASafeCommandHasEveryValueOfSafeAndNoOther) {
   command(320, 0, 1);
   command(380, 0, 0, 7);  // the lamp is not among them
   fault(300, "scan", FaultKind::drop, true);
-  EXPECT_DOUBLE_EQ(run().most, 90);
+  EXPECT_DOUBLE_EQ(run().maximum, 90);
 }
 
 TEST_F(SafeStateTest, IsSafeBeforeTheFirstCommandAndWhereItWasSafeAlready) {
@@ -192,7 +192,7 @@ TEST_F(SafeStateTest, IsSafeBeforeTheFirstCommandAndWhereItWasSafeAlready) {
   fault(300, "scan", FaultKind::drop, true);
   const Expected e = run();
   EXPECT_TRUE(e.holds);
-  EXPECT_DOUBLE_EQ(e.most, 0);
+  EXPECT_DOUBLE_EQ(e.maximum, 0);
 }
 
 TEST_F(SafeStateTest, ThatNobodyCommandsCountsToo) {
@@ -202,7 +202,7 @@ TEST_F(SafeStateTest, ThatNobodyCommandsCountsToo) {
   made_safe(420);
   const Expected e = run();
   EXPECT_TRUE(e.holds) << e.sentence();
-  EXPECT_DOUBLE_EQ(e.most, 120);
+  EXPECT_DOUBLE_EQ(e.maximum, 120);
 }
 
 TEST_F(SafeStateTest, NoFaultIsNoTest) {
@@ -243,8 +243,8 @@ TEST_F(SafeStateTest, EachFaultIsJudgedAndThoseThatOverlapAsOne) {
   const Expected e = run();
   EXPECT_EQ(e.looked_at, 2U);
   EXPECT_EQ(e.outside, 1U);
-  EXPECT_DOUBLE_EQ(e.least, 30);
-  EXPECT_DOUBLE_EQ(e.most, 399);
+  EXPECT_DOUBLE_EQ(e.minimum, 30);
+  EXPECT_DOUBLE_EQ(e.maximum, 399);
   EXPECT_EQ(e.first_s, 0.8);
 }
 
@@ -265,7 +265,7 @@ TEST_F(SafeStateTest, AKindASideAndAWindowAreTakenAlone) {
   const Expected e = run();
   EXPECT_TRUE(e.holds) << e.sentence();
   EXPECT_EQ(e.looked_at, 1U);
-  EXPECT_DOUBLE_EQ(e.most, 60);
+  EXPECT_DOUBLE_EQ(e.maximum, 60);
   EXPECT_EQ(e.bounds, "of at most 100 after disconnect of left.real from 0.2 to 0.6 s");
 }
 
@@ -273,7 +273,7 @@ TEST_F(SafeStateTest, OfAPairEitherSidesFaults) {
   expect("  - { of: drive, safe_after_ms: { max: 100 }, when: { fault: left } }\n");
   drives(330);
   fault(300, "left.real", FaultKind::drop, true);
-  EXPECT_DOUBLE_EQ(run().most, 40);
+  EXPECT_DOUBLE_EQ(run().maximum, 40);
 }
 
 TEST_F(SafeStateTest, WhenAChannelIsOverdueOrDisconnected) {
@@ -283,11 +283,11 @@ TEST_F(SafeStateTest, WhenAChannelIsOverdueOrDisconnected) {
     expect("  - { of: drive, safe_after_ms: { max: 100 }, when: { channel: scan, is: " + std::string(is) +
            " } }\n");
     drives(350);
-    status(300, PortStatus::late);
-    status(330, PortStatus::lost);
+    status(300, PortStatus::overdue);
+    status(330, PortStatus::disconnected);
     const Expected e = run();
     EXPECT_TRUE(e.holds) << e.sentence();
-    EXPECT_DOUBLE_EQ(e.most, expected_ms) << is;
+    EXPECT_DOUBLE_EQ(e.maximum, expected_ms) << is;
   }
   todo.clear();
   port = {};
@@ -334,7 +334,8 @@ TEST_F(SafeStateTest, WhatCannotBeJudgedIsRefused) {
   refused("{ of: other, safe_after_ms: { max: 1 }, when: { fault: scan } }", "`safe:` values");
   refused("{ of: drive, safe_after_ms: { max: 1 }, when: { fault: scam } }", "did you mean scan?");
   refused("{ of: drive, safe_after_ms: { max: 1 }, when: { fault: scan, kind: dropp } }", "drop");
-  refused("{ of: drive, safe_after_ms: { max: 1 }, when: { channel: scan, is: lost } }", "overdue");
+  refused("{ of: drive, safe_after_ms: { max: 1 }, when: { channel: scan, is: lost } }",
+          "overdue, disconnected, got lost; now called disconnected");
   refused("{ of: drive, safe_after_ms: { max: 1 }, when: { channel: left.real, is: overdue } }", "left.real");
   refused("{ of: drive, safe_after_ms: { max: 1 }, when: { fault: scan, is: overdue } }", "is");
 }

@@ -22,7 +22,7 @@ class SoFarTest : public ::testing::Test {
         "  left: { kind: imu, pair: { real: { backend: can }, simulated: { backend: simulated } }, rate_hz: "
         "100 }\n"
         "sinks:\n"
-        "  drive: { backend: note, signals: [v] }\n"
+        "  drive: { backend: log, signals: [v] }\n"
         "expect:\n" +
             entries,
         "rig.yaml");
@@ -55,8 +55,8 @@ class SoFarTest : public ::testing::Test {
   void run(std::int64_t until_ms, bool silent_channel = false) {
     for (; ms < until_ms; ++ms) {
       if (ms % 10 == 0 && !silent_channel) {
-        SampleLease lease = pool->try_acquire();
-        Sample& s = lease.edit();
+        SampleSlot slot = pool->try_acquire();
+        Sample& s = *slot;
         s.stamp = {.sequence = static_cast<std::uint64_t>(ms / 10),
                    .t_capture = at(ms),
                    .t_release = at(ms + 1),
@@ -65,7 +65,7 @@ class SoFarTest : public ::testing::Test {
         block.count = 1;
         block.value[0] = static_cast<double>(ms / 10);
         s.info = block;
-        port.push(std::move(lease));
+        port.push(std::move(slot));
       }
       port.advance(at(ms), true);
       expectations->cycle(at(ms));

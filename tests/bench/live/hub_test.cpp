@@ -287,23 +287,23 @@ TEST_F(LiveHub, ServesParameters) {
   std::string side = "real";
   hub.serve_parameters(
       [&] {
-        return json::array({{{"name", "/left/hand_on"}, {"value", side}}});
+        return json::array({{{"name", "/left/active"}, {"value", side}}});
       },
       [&](const std::string& name, const json& value) {
-        if (name != "/left/hand_on" || !value.is_string()) return false;
+        if (name != "/left/active" || !value.is_string()) return false;
         side = value;
         return true;
       });
   FakeLink a;
   hub.opened(a);
   hub.text(a,
-           R"({"op":"setParameters","id":"7","parameters":[{"name":"/left/hand_on","value":"simulated"}]})");
+           R"({"op":"setParameters","id":"7","parameters":[{"name":"/left/active","value":"simulated"}]})");
   EXPECT_EQ(side, "simulated");
   EXPECT_EQ(a.last("parameterValues")["id"], "7");
   EXPECT_EQ(a.last("parameterValues")["parameters"][0]["value"], "simulated");
   EXPECT_TRUE(a.last("status").is_null());
-  hub.text(a, R"({"op":"setParameters","parameters":[{"name":"/right/hand_on","value":"real"}]})");
-  EXPECT_THAT(a.last("status")["message"].get<std::string>(), HasSubstr("/right/hand_on"));
+  hub.text(a, R"({"op":"setParameters","parameters":[{"name":"/right/active","value":"real"}]})");
+  EXPECT_THAT(a.last("status")["message"].get<std::string>(), HasSubstr("/right/active"));
 }
 
 }  // namespace

@@ -21,11 +21,11 @@ namespace rigor::live {
 namespace {
 
 SampleLease sample_of(SamplePool& pool, std::uint64_t sequence) {
-  SampleLease s = pool.try_acquire();
-  s.edit().stamp.sequence = sequence;
-  s.edit().info = PointCloudInfo{};
-  s.edit().size_bytes = 4;
-  std::memcpy(s.edit().memory().data(), "abcd", 4);
+  SampleSlot s = pool.try_acquire();
+  s->stamp.sequence = sequence;
+  s->info = PointCloudInfo{};
+  s->size_bytes = 4;
+  std::memcpy(s->memory().data(), "abcd", 4);
   return s;
 }
 

@@ -1,5 +1,5 @@
 // `rigor calibrate camera` and `stereo` as a user runs them: pictures of boards of every kind, colours,
-// moving boards, pairs; and the sheets, read back by the simulator's loader.
+// moving boards, pairs; and the sensor models, read back by the simulator's loader.
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -22,7 +22,7 @@ using rigor::test::rigor;
 using rigor::test::Said;
 using rigor::test::TempDir;
 
-/// A pinhole camera before a printed sheet: the sheet warped by the plane's homography.
+/// A pinhole camera before a printed sensor model: the sensor model warped by the plane's homography.
 struct Pinhole {
   int width = 480, height = 360;
   double f = 430, cx = 243.5, cy = 176;
@@ -258,7 +258,7 @@ TEST(CalibrateStereoCommand, WritesASheetForEachCameraThatTheSimulatorReads) {
     const auto drawn = load_camera(file, 7);
     ASSERT_TRUE(drawn) << drawn.error().text();
     EXPECT_NE(drawn->model.fx_px, sheet->model.fx_px);
-    // Used: a ray through the sheet falls where the camera saw it.
+    // Used: a ray through the sensor model falls where the camera saw it.
     for (const auto& [x, y] : {std::pair{0.0, 0.0}, {0.2, 0.1}, {-0.3, -0.2}}) {
       const auto seen = project_ray(cameras[side], {x, y, 1}), again = project_ray(sheet->model, {x, y, 1});
       ASSERT_TRUE(seen && again);

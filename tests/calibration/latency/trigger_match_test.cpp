@@ -18,7 +18,7 @@ TEST(TriggerMatch, ASampleBelongsToTheTriggerBeforeIt) {
   EXPECT_EQ(m.pairs[2].sample, 3u);
   EXPECT_EQ(m.without_sample, 1u);
   EXPECT_EQ(m.without_trigger, 0u);
-  EXPECT_EQ(m.least_interval_ns, 100);
+  EXPECT_EQ(m.minimum_interval_ns, 100);
 }
 
 TEST(TriggerMatch, SamplesThatNoTriggerCausedAreCounted) {
@@ -36,7 +36,7 @@ TEST(TriggerMatch, TheLastTriggersSampleMayComeAfterTheEnd) {
 TEST(TriggerMatch, OfNothingIsNothing) {
   EXPECT_TRUE(match_triggers({}, Times{1}).pairs.empty());
   EXPECT_TRUE(match_triggers(Times{1}, {}).pairs.empty());
-  EXPECT_EQ(match_triggers(Times{1}, Times{2}).least_interval_ns, 0);
+  EXPECT_EQ(match_triggers(Times{1}, Times{2}).minimum_interval_ns, 0);
 }
 
 }  // namespace

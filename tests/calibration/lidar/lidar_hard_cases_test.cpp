@@ -209,8 +209,8 @@ TEST(RangeEquation, DerivativesAreThoseOfTheRange) {
     EXPECT_NEAR(probe(e.bias_m, 1e-4), 1, 1e-7);
     EXPECT_NEAR(probe(e.elevation_rad, 1e-5), p.d_elevation_m, 1e-6 * (1 + std::abs(p.d_elevation_m)));
     EXPECT_NEAR(probe(e.azimuth_rad, 1e-5), p.d_azimuth_m, 1e-6 * (1 + std::abs(p.d_azimuth_m)));
-    EXPECT_NEAR(probe(e.walk_m, 1e-4), p.d_walk, 1e-7);
-    EXPECT_NEAR(probe(e.oblique_m, 1e-4), p.d_oblique, 1e-7);
+    EXPECT_NEAR(probe(e.remission_bias_m, 1e-4), p.d_walk, 1e-7);
+    EXPECT_NEAR(probe(e.incidence_bias_m, 1e-4), p.d_oblique, 1e-7);
     EXPECT_NEAR(probe(e.scale, 1e-4), p.d_scale_m, 1e-6);
     for (int k = 0; k < 3; ++k)
       EXPECT_NEAR(probe(q[k], 1e-6), p.d_q_m2[k], 2e-5 * (1 + std::abs(p.d_q_m2[k])));

@@ -6,7 +6,7 @@
 #include <iostream>
 
 #include "calibration/lidar/lidar_fit.h"
-#include "cli/calibrate/recording_input.h"
+#include "calibration/procedures/recording_input.h"
 #include "sensor-hal/models/lidar/lidar_yaml.h"
 
 namespace rigor::calibration {

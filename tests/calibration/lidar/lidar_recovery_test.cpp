@@ -81,7 +81,8 @@ TEST(LidarRecovery, BiasesNoiseAndGainsComeBackAsSurelyAsIsSaid) {
         gain_truth.emplace_back(at("remission_gain", b),
                                 t.model.scan.beams[b].remission_gain / std::exp(mean_log));
     }
-    // Remission is told through gains: a sheet without them would see it blurred. Noise has its own test.
+    // Remission is told through gains: a sensor model without them would see it blurred. Noise has its own
+    // test.
     const LidarReturns returns = measure(t, 6, seed);
     models::LidarModel sheet = sixteen_beams(3);
     const auto fit = fit_lidar(returns, sheet, {.model = "beams", .noise_model = "offset"});
@@ -110,8 +111,8 @@ TEST(LidarRecovery, AnglesAndWalkComeBackAsSurelyAsIsSaid) {
     t.model = sixteen_beams(2);
     t.walls.push_back({Eigen::Vector3d(0.02, 0.01, -1).normalized(), 1.1, 0.6});
     t.walls.push_back({Eigen::Vector3d(0.01, -0.03, 1).normalized(), 1.4, 0.7});
-    t.model.range.walk_m = 0.02;
-    std::vector<std::pair<std::string, double>> truth{{"walk_m", t.model.range.walk_m}};
+    t.model.range.remission_bias_m = 0.02;
+    std::vector<std::pair<std::string, double>> truth{{"remission_bias_m", t.model.range.remission_bias_m}};
     for (std::size_t b = 0; b < 16; ++b) {
       auto& beam = t.model.scan.beams[b];
       beam.range_bias_m = 0.02 * draw(random);
@@ -127,7 +128,7 @@ TEST(LidarRecovery, AnglesAndWalkComeBackAsSurelyAsIsSaid) {
     for (const BiasModel& m : bias_models(16, false, false))
       if (m.name == "beams+angles+walk") o.models = {m};
     ASSERT_EQ(o.models.size(), 1u);
-    const auto planes = find_planes(returns, sheet.scan, {.least_share = 0.04});
+    const auto planes = find_planes(returns, sheet.scan, {.minimum_share = 0.04});
     const auto noise = fit_range_noise(returns, sheet, {.model = "offset"});
     ASSERT_TRUE(noise) << noise.error().text();
     o.sigma_m = [m = noise->model](double e) { return std::hypot(m.sigma_m(e), 0.002 / std::sqrt(12)); };
@@ -151,7 +152,7 @@ TEST(LidarRecovery, ScaleAndIncidenceComeBackFromSurveyedWalls) {
     Truth t;
     t.model = sixteen_beams(4);
     t.model.range.scale = 1.004;
-    t.model.range.oblique_m = 0.03;
+    t.model.range.incidence_bias_m = 0.03;
     std::vector<LidarPlane> walls;
     for (const auto& w : t.walls) {
       LidarPlane p;
@@ -163,12 +164,12 @@ TEST(LidarRecovery, ScaleAndIncidenceComeBackFromSurveyedWalls) {
                                {.model = "beams+oblique+scale", .noise_model = "offset", .surveyed = walls});
     ASSERT_TRUE(fit) << fit.error().text();
     std::vector<std::pair<std::string, double>> truth{{"range_scale", t.model.range.scale},
-                                                      {"oblique_m", t.model.range.oblique_m}};
+                                                      {"incidence_bias_m", t.model.range.incidence_bias_m}};
     for (std::size_t b = 0; b < 16; ++b) truth.emplace_back(at("beam_bias_m", b), 0);
     judge.add(fit->result, truth);
     // What was fitted is what a simulator plays.
     EXPECT_EQ(fit->model.range.scale, fit->result.find("range_scale")->value);
-    EXPECT_EQ(fit->model.range.oblique_m, fit->result.find("oblique_m")->value);
+    EXPECT_EQ(fit->model.range.incidence_bias_m, fit->result.find("incidence_bias_m")->value);
   }
   judge.expect("scale, incidence and biases");
 }

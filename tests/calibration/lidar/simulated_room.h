@@ -49,8 +49,8 @@ struct Truth {
   double from_rad = -M_PI, to_rad = M_PI;
 };
 
-/// `scans` scans. `stated`: the sheet that the azimuths and elevations of the returns are told by is the
-/// caller's affair: returns hold beam and rotor alone.
+/// `scans` scans. `stated`: the sensor model that the azimuths and elevations of the returns are told by is
+/// the caller's affair: returns hold beam and rotor alone.
 inline LidarReturns measure(const Truth& t, int scans, std::uint64_t seed) {
   using Math = models::LidarMath<double>;
   using Draws = models::NoiseMath<double>;
@@ -82,7 +82,7 @@ inline LidarReturns measure(const Truth& t, int scans, std::uint64_t seed) {
         double measured =
             range +
             Math::lidar_range_error_m(range, m.range.scale, m.scan.beams[b].range_bias_m + m.range.bias_m,
-                                      m.range.walk_m, e, m.range.oblique_m, cosine) +
+                                      m.range.remission_bias_m, e, m.range.incidence_bias_m, cosine) +
             normal(words[0]) * Math::lidar_range_sigma_m(e, m.noise.floor_m, m.noise.scale_m, m.noise.offset,
                                                          m.noise.exponent);
         if (Draws::unit_from_bits(words[2]) < t.outliers)

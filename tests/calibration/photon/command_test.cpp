@@ -1,5 +1,5 @@
-// `rigor calibrate photon` and `shading` as a user calls them: recordings of a simulated camera in, a sheet
-// out that the simulator takes; and what is said of inputs that are none.
+// `rigor calibrate photon` and `shading` as a user calls them: recordings of a simulated camera in, a sensor
+// model out that the simulator takes; and what is said of inputs that are none.
 #include <gmock/gmock.h>
 
 #include <nlohmann/json.hpp>
@@ -40,8 +40,8 @@ clock: virtual
 duration_s: 0.25
 simulation: { world: day.yaml }
 channels:
-  camera: { kind: image, backend: simulated, rate_hz: 20, latency_ms: 40, sensor: camera.yaml, engine: rays,
-            effort: { samples_per_pixel: 1 }, pixel_format: Mono12,
+  camera: { kind: image, backend: simulated, rate_hz: 20, latency_ms: 40, sensor: camera.yaml, renderer: rays,
+            quality: { samples_per_pixel: 1 }, pixel_format: Mono12,
             T_world_sensor: { position_m: [0, 0, 1], look_at_m: [0, 1, 2] } }
 )";
 

@@ -397,8 +397,8 @@ TEST(PhotonFit, NoiseThatRepeatsFromLevelToLevelIsSaid) {
   }
 }
 
-/// What the sheet says is simulated at each level: it must look like the recording, and not like another
-/// sensor's.
+/// What the sensor model says is simulated at each level: it must look like the recording, and not like
+/// another sensor's.
 TEST(PhotonFit, TheTwinIsAsNoisyAsTheSensorAndAWrongOneIsNot) {
   CameraModel m = noisy_camera(128, 96);
   m.noise.response_c2 = -0.05;

@@ -185,7 +185,7 @@ TEST(Drift, OfARealVl53l0xStopsTheGainOfAveraging) {
   EXPECT_NEAR(fit->white_m, 2.08e-3, 0.05e-3);
   EXPECT_GT(fit->averaging_limit, 5u);
   EXPECT_LE(fit->averaging_limit, 200u);
-  EXPECT_GT(fit->least_deviation_m, 0.1e-3);
+  EXPECT_GT(fit->minimum_deviation_m, 0.1e-3);
   ASSERT_FALSE(fit->result.warnings.empty());
   EXPECT_NE(fit->result.warnings[0].find("1/sqrt(N) up to about"), std::string::npos);
   // Of the last τ the white noise alone would say a tenth.

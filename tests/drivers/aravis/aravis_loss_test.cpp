@@ -174,7 +174,7 @@ TEST(AravisLoss, TwoPercentOfPacketsLostCostLessThanOnePercentOfFrames) {
   AravisSource source;
   const LossFigures f = run_lossy(0.02, "", seconds(10), source);
   std::printf("%zu whole, %zu marked, %zu torn, lost %llu; relay lost %llu of %llu packets; %llu resent\n",
-              f.whole, f.marked, f.torn, static_cast<unsigned long long>(source.health().lost.load()),
+              f.whole, f.marked, f.torn, static_cast<unsigned long long>(source.health().lost),
               static_cast<unsigned long long>(f.relay_lost),
               static_cast<unsigned long long>(f.relay_lost + f.relay_passed),
               static_cast<unsigned long long>(source.counters().resent_packets));

@@ -54,7 +54,7 @@ TEST(AravisTrigger, EachPulseOnTheLineIsASample) {
   }
   EXPECT_EQ(camera->health().line_edges, 10u);
   EXPECT_EQ(camera->health().line_missed, 0u);
-  EXPECT_TRUE(source.health().connected.load()) << "a camera that is not triggered owes no frame";
+  EXPECT_TRUE(source.health().connected) << "a camera that is not triggered owes no frame";
   ASSERT_TRUE(source.stop());
 }
 
@@ -85,7 +85,7 @@ TEST(AravisTrigger, ChunksFollowTheCameraWhereTheRigDoesNot) {
     EXPECT_EQ(s.image.exposure, microseconds(3000));
     EXPECT_EQ(s.image.gain_db, 2);
   }
-  EXPECT_EQ(source.health().protocol_errors.load(), 0u);
+  EXPECT_EQ(source.health().protocol_errors, 0u);
   ASSERT_TRUE(source.stop());
 }
 

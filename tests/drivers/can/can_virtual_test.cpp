@@ -156,8 +156,8 @@ TEST_F(CanVirtual, CommandsReachTheModelAtTheirInstantAndUnsafeValuesAreRefused)
   c.t_effect = ms(50);
   ASSERT_TRUE(sink->command(c));
   auto samples = run(*ear, ms(0), ms(70));
-  EXPECT_EQ(sink->counters().applied.load(), 1u);
-  EXPECT_EQ(sink->counters().failed.load(), 1u);
+  EXPECT_EQ(sink->counters().applied, 1u);
+  EXPECT_EQ(sink->counters().failed, 1u);
   std::vector<std::pair<std::int64_t, std::uint32_t>> seen;
   for (const auto& s : samples) seen.emplace_back(s->stamp.t_capture.ns() / 1'000'000, s->as<CanFrame>()->id);
   // At 0 the node's three messages win against Command and Cyclic. Command once safe and once commanded;
@@ -199,8 +199,8 @@ TEST_F(CanVirtual, WhatTheLoopWantedLastDoesNotCountAfterItsEnd) {
   ASSERT_TRUE(sink->command(c));
   heartbeat.declare_stopped(StopReason::requested);
   sink->complete_until(ms(10));
-  EXPECT_EQ(sink->counters().applied.load(), 0u);
-  EXPECT_EQ(sink->counters().dropped.load(), 1u);
+  EXPECT_EQ(sink->counters().applied, 0u);
+  EXPECT_EQ(sink->counters().dropped, 1u);
   for (const auto& w : model->writes()) EXPECT_EQ(w.value, 0);
 }
 

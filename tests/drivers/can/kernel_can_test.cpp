@@ -109,7 +109,7 @@ TEST_F(KernelCan, FiltersAreTheKernels) {
   std::vector<int> got;
   for (const auto& s : samples) got.push_back(s->as<CanFrame>()->data[0]);
   EXPECT_EQ(got, (std::vector<int>{1, 3, 5, 6}));
-  EXPECT_EQ(source.health().received.load(), 4u) << "the kernel let others through";
+  EXPECT_EQ(source.health().received, 4u) << "the kernel let others through";
   ASSERT_TRUE(source.stop());
 }
 
@@ -153,19 +153,19 @@ TEST_F(KernelCan, WhatIsSentIsReceivedOrReportedLost) {
       gaps += s->stamp.sequence - next;
       next = s->stamp.sequence + 1;
     }
-    return got + source.health().lost.load() >= kFrames;
+    return got + source.health().lost >= kFrames;
   };
   EXPECT_TRUE(wait_for(take, 120));
   feeder.join();
   (void)take();
-  const auto& h = source.health();
+  const HealthSnapshot h = source.health();
   EXPECT_EQ(sent.load(), kFrames);
-  EXPECT_EQ(h.received.load() + h.lost.load(), sent.load());
-  EXPECT_EQ(got + h.no_slot.load() + h.ring_full.load() + h.lost.load(), sent.load());
+  EXPECT_EQ(h.received + h.lost, sent.load());
+  EXPECT_EQ(got + h.no_slot + h.ring_full + h.lost, sent.load());
   const auto n = [](std::uint64_t value) { return static_cast<unsigned long long>(value); };
   std::printf("%llu CAN frames sent (%.0f/s), %llu received, %llu reported lost\n", n(sent.load()),
-              static_cast<double>(sent.load()) / (static_cast<double>(took_ns.load()) * 1e-9),
-              n(h.received.load()), n(h.lost.load()));
+              static_cast<double>(sent.load()) / (static_cast<double>(took_ns.load()) * 1e-9), n(h.received),
+              n(h.lost));
   ASSERT_TRUE(source.stop());
 }
 
@@ -188,12 +188,13 @@ TEST_F(KernelCan, ASocketThatOverflowsIsCountedToTheFrame) {
   start(source, raw("receive_buffer_kib: 4, slots: 65536"));
   constexpr std::uint64_t kFrames = 20000;
   for (std::uint64_t i = 0; i < kFrames; ++i) ASSERT_EQ(out.send(frame(0x100, {1})), 0);
-  const auto& h = source.health();
-  EXPECT_TRUE(wait_for([&] { return h.received.load() + h.lost.load() >= kFrames; }));
-  EXPECT_EQ(h.received.load() + h.lost.load(), kFrames);
+  const auto counted = [&] { return source.health().received + source.health().lost; };
+  EXPECT_TRUE(wait_for([&] { return counted() >= kFrames; }));
+  EXPECT_EQ(counted(), kFrames);
   std::printf("%llu CAN frames sent into a buffer of 4 KiB, %llu received, %llu reported lost\n",
-              static_cast<unsigned long long>(kFrames), static_cast<unsigned long long>(h.received.load()),
-              static_cast<unsigned long long>(h.lost.load()));
+              static_cast<unsigned long long>(kFrames),
+              static_cast<unsigned long long>(source.health().received),
+              static_cast<unsigned long long>(source.health().lost));
   ASSERT_TRUE(source.stop());
 }
 
@@ -207,29 +208,29 @@ TEST_F(KernelCan, AnInterfaceThatGoesDownComesBack) {
   };
   send(100);
   ASSERT_TRUE(set_up(bus, false));
-  EXPECT_TRUE(wait_for([&] { return !source.health().connected.load(); }));
+  EXPECT_TRUE(wait_for([&] { return !source.health().connected; }));
   send(50);  // refused: the bus is not there
   EXPECT_EQ(sent, 100u);
   ASSERT_TRUE(set_up(bus, true));
-  EXPECT_TRUE(wait_for([&] { return source.health().connected.load(); }));
-  EXPECT_EQ(source.health().reconnects.load(), 1u);
+  EXPECT_TRUE(wait_for([&] { return source.health().connected; }));
+  EXPECT_EQ(source.health().reconnects, 1u);
   (void)out.pending_error();  // the sender was told, too
   send(100);
-  const auto& h = source.health();
-  EXPECT_TRUE(wait_for([&] { return h.received.load() + h.lost.load() >= sent; }));
-  EXPECT_EQ(h.received.load() + h.lost.load(), sent);
+  const auto counted = [&] { return source.health().received + source.health().lost; };
+  EXPECT_TRUE(wait_for([&] { return counted() >= sent; }));
+  EXPECT_EQ(counted(), sent);
   // And taken away altogether, as an adapter that is unplugged.
   out.close();
   ear.close();
   ASSERT_TRUE(remove_interface(bus));
-  EXPECT_TRUE(wait_for([&] { return !h.connected.load(); }));
+  EXPECT_TRUE(wait_for([&] { return !source.health().connected; }));
   ASSERT_TRUE(create_vcan(bus));
-  EXPECT_TRUE(wait_for([&] { return h.connected.load(); }));
-  EXPECT_EQ(h.reconnects.load(), 2u);
+  EXPECT_TRUE(wait_for([&] { return source.health().connected; }));
+  EXPECT_EQ(source.health().reconnects, 2u);
   out = sender();
   send(10);
-  EXPECT_TRUE(wait_for([&] { return h.received.load() + h.lost.load() >= sent; }));
-  EXPECT_EQ(h.received.load() + h.lost.load(), sent);
+  EXPECT_TRUE(wait_for([&] { return counted() >= sent; }));
+  EXPECT_EQ(counted(), sent);
   ASSERT_TRUE(source.stop());
 }
 
@@ -248,11 +249,11 @@ TEST_F(KernelCan, SampledSignalsCountTheInstantsWithoutTheInterface) {
     return value == 42;
   }));
   ASSERT_TRUE(set_up(bus, false));
-  EXPECT_TRUE(wait_for([&] { return !source.health().connected.load(); }));
-  const auto lost = source.health().lost.load();
-  EXPECT_TRUE(wait_for([&] { return source.health().lost.load() >= lost + 10; }));
+  EXPECT_TRUE(wait_for([&] { return !source.health().connected; }));
+  const auto lost = source.health().lost;
+  EXPECT_TRUE(wait_for([&] { return source.health().lost >= lost + 10; }));
   ASSERT_TRUE(set_up(bus, true));
-  EXPECT_TRUE(wait_for([&] { return source.health().connected.load(); }));
+  EXPECT_TRUE(wait_for([&] { return source.health().connected; }));
   std::uint64_t before = 0;
   EXPECT_TRUE(wait_for([&] {
     while (auto s = source.poll(bench_now()))
@@ -275,20 +276,20 @@ TEST_F(KernelCan, ErrorFramesAreSamplesAndHealth) {
   EXPECT_TRUE(samples[0]->as<CanFrame>()->error);
   EXPECT_EQ(samples[0]->as<CanFrame>()->id, 0x40u);
   EXPECT_EQ(source.bus_state(), BusState::bus_off);
-  EXPECT_FALSE(source.health().connected.load());
-  EXPECT_EQ(source.health().protocol_errors.load(), 1u);
+  EXPECT_FALSE(source.health().connected);
+  EXPECT_EQ(source.health().protocol_errors, 1u);
   // The restart is asked for; vcan has no controller, so it is refused, and asked for again.
-  EXPECT_TRUE(wait_for([&] { return source.health().retries.load() >= 1; }));
+  EXPECT_TRUE(wait_for([&] { return source.health().retries >= 1; }));
   e.id = 0x100;  // CAN_ERR_RESTARTED
   ASSERT_EQ(out.send(e), 0);
-  EXPECT_TRUE(wait_for([&] { return source.health().connected.load(); }));
+  EXPECT_TRUE(wait_for([&] { return source.health().connected; }));
   EXPECT_EQ(source.bus_state(), BusState::error_active);
-  EXPECT_EQ(source.health().reconnects.load(), 1u);
+  EXPECT_EQ(source.health().reconnects, 1u);
   e.id = 0x4;        // CAN_ERR_CRTL
   e.data[1] = 0x20;  // CAN_ERR_CRTL_TX_PASSIVE
   ASSERT_EQ(out.send(e), 0);
   EXPECT_TRUE(wait_for([&] { return source.bus_state() == BusState::error_passive; }));
-  EXPECT_TRUE(source.health().connected.load());
+  EXPECT_TRUE(source.health().connected);
   ASSERT_TRUE(source.stop());
 }
 
@@ -375,29 +376,29 @@ TEST_F(KernelCanSink, CommandsLeaveAndASilentLoopMakesTheDeviceSafe) {
   }));
   EXPECT_TRUE(hears([](const CanFrame& f) { return f.id == 0x201 && f.data[0] == 0xf4 && f.data[1] == 1; }))
       << "and goes on cyclically";
-  EXPECT_EQ(sink.counters().applied.load(), 1u);
+  EXPECT_EQ(sink.counters().applied, 1u);
   ASSERT_TRUE(sink.command(command(1, 9999, 500)));
-  EXPECT_TRUE(wait_for([&] { return sink.counters().failed.load() == 1; }));
+  EXPECT_TRUE(wait_for([&] { return sink.counters().failed == 1; }));
   // No beat for five seconds.
   EXPECT_TRUE(hears([](const CanFrame& f) { return f.id == 0x200 && f.data[0] == 0; }));
   EXPECT_TRUE(hears([](const CanFrame& f) { return f.id == 0x201 && f.data[0] == 7 && f.data[1] == 0; }));
-  EXPECT_EQ(sink.counters().made_safe.load(), 1u);
+  EXPECT_EQ(sink.counters().made_safe, 1u);
   ASSERT_TRUE(sink.stop());
-  EXPECT_FALSE(sink.health().connected.load());
+  EXPECT_FALSE(sink.health().connected);
 }
 
 TEST_F(KernelCanSink, AnInterfaceThatWasAwayIsToldTheLastCommand) {
   CanSink sink;
   arm(sink, seconds(600));
   ASSERT_TRUE(sink.command(command(1, 5, 300)));
-  EXPECT_TRUE(wait_for([&] { return sink.counters().applied.load() == 1; }));
+  EXPECT_TRUE(wait_for([&] { return sink.counters().applied == 1; }));
   ASSERT_TRUE(set_up(bus, false));
-  EXPECT_TRUE(wait_for([&] { return !sink.health().connected.load(); }));
+  EXPECT_TRUE(wait_for([&] { return !sink.health().connected; }));
   ASSERT_TRUE(sink.command(command(1, 6, 301)));
-  EXPECT_TRUE(wait_for([&] { return sink.counters().failed.load() == 1; }));
+  EXPECT_TRUE(wait_for([&] { return sink.counters().failed == 1; }));
   ASSERT_TRUE(set_up(bus, true));
-  EXPECT_TRUE(wait_for([&] { return sink.health().connected.load(); }));
-  EXPECT_GE(sink.health().reconnects.load(), 1u);
+  EXPECT_TRUE(wait_for([&] { return sink.health().connected; }));
+  EXPECT_GE(sink.health().reconnects, 1u);
   ear.close();
   ASSERT_TRUE(ear.open(bus, {}));
   EXPECT_TRUE(hears([](const CanFrame& f) { return f.id == 0x201 && f.data[0] == 301 - 256; }));
@@ -431,13 +432,11 @@ TEST_F(KernelCan, AnEmulatedNodeSendsAndObeys) {
   EXPECT_EQ(model->writes()[1].value, 5);
   // Down: what could not be sent is counted, and it goes on afterwards.
   ASSERT_TRUE(set_up(bus, false));
-  EXPECT_TRUE(
-      wait_for([&] { return emulator.health().lost.load() > 0 && !emulator.health().connected.load(); }));
+  EXPECT_TRUE(wait_for([&] { return emulator.health().lost > 0 && !emulator.health().connected; }));
   ASSERT_TRUE(set_up(bus, true));
-  EXPECT_TRUE(
-      wait_for([&] { return emulator.health().connected.load() && source.health().connected.load(); }));
-  const auto received = source.health().received.load();
-  EXPECT_TRUE(wait_for([&] { return source.health().received.load() > received + 5; }));
+  EXPECT_TRUE(wait_for([&] { return emulator.health().connected && source.health().connected; }));
+  const auto received = source.health().received;
+  EXPECT_TRUE(wait_for([&] { return source.health().received > received + 5; }));
   EXPECT_TRUE(source.stop());
   EXPECT_TRUE(emulator.stop());
   EXPECT_GT(emulator.counters().sent, 20u);
@@ -469,7 +468,7 @@ TEST_F(KernelCan, CandumpWritesWhatWeWriteByteForByte) {
   ASSERT_EQ(out.send(error), 0);
   ASSERT_EQ(out.send(frame(0x7fe, {0xee})), 0);
   sent += 2;
-  ASSERT_TRUE(wait_for([&] { return source.health().received.load() >= sent; }));
+  ASSERT_TRUE(wait_for([&] { return source.health().received >= sent; }));
   ASSERT_TRUE(wait_for([&] { return test::read_file(theirs).find("7FE#EE") != std::string::npos; }));
   candump.stop();
   ASSERT_TRUE(source.stop());

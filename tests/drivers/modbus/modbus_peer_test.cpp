@@ -125,9 +125,9 @@ TEST(ModbusPeer, TsharkFindsNothingMalformedInOurTraffic) {
     ASSERT_TRUE(source.configure(c));
     ASSERT_TRUE(source.arm({}));
     ASSERT_TRUE(source.start(bench_now()));
-    EXPECT_TRUE(eventually(seconds(20), [&] { return source.health().received.load() >= 20; }));
+    EXPECT_TRUE(eventually(seconds(20), [&] { return source.health().received >= 20; }));
     device->set_faults({.exception_every = 3});
-    EXPECT_TRUE(eventually(seconds(20), [&] { return source.health().protocol_errors.load() >= 5; }));
+    EXPECT_TRUE(eventually(seconds(20), [&] { return source.health().protocol_errors >= 5; }));
     device->set_faults({});
     Link link;
     ASSERT_TRUE(link.open({.port = device.port(), .serial = {}}));

@@ -127,12 +127,12 @@ TEST(ModbusPolling, FieldsOfARegisterAreReadAndWrittenByThemselves) {
   command.count = 3;
   command.value = {1, 3, 20};
   ASSERT_TRUE(sink.command(command));
-  EXPECT_TRUE(eventually(seconds(20), [&] { return sink.counters().applied.load() == 1; }));
+  EXPECT_TRUE(eventually(seconds(20), [&] { return sink.counters().applied == 1; }));
   EXPECT_EQ(bank->holding(7), 0xA5B5);
   EXPECT_EQ(bank->holding(8), 0x3C34);
   command.value[1] = 8;  // three bits hold 7 at most
   ASSERT_TRUE(sink.command(command));
-  EXPECT_TRUE(eventually(seconds(20), [&] { return sink.counters().failed.load() == 1; }));
+  EXPECT_TRUE(eventually(seconds(20), [&] { return sink.counters().failed == 1; }));
   EXPECT_EQ(bank->holding(7), 0xA5B5);
 
   EXPECT_NE(refusal("registers: [{ name: a, table: coils, address: 0, bit: 3 }]").find("one bit each"),
@@ -165,7 +165,7 @@ TEST(ModbusPolling, ExceptionsAreCountedByCodeAndTold) {
   EXPECT_TRUE(eventually(seconds(20), [&] { return count(4) >= 3; }));
   device->set_faults({.exception_every = 1, .exception_code = 6});
   EXPECT_TRUE(eventually(seconds(20), [&] { return count(6) >= 3; }));
-  EXPECT_GE(source.health().retries.load(), 1u) << "a busy device is asked again";
+  EXPECT_GE(source.health().retries, 1u) << "a busy device is asked again";
   device->set_faults({});
   std::vector<EventInfo> events;
   EXPECT_TRUE(eventually(seconds(20), [&] {
@@ -257,9 +257,9 @@ std::string virtual_log(const std::string& emulator_keys, const std::string& sou
              "us +" + std::to_string(x->stamp.lost_before) + " " +
              std::to_string(x->as<RegisterBlock>()->value[0]) + "\n";
   }
-  const auto& h = source.health();
-  log += "lost " + std::to_string(h.lost.load()) + " refused " + std::to_string(h.protocol_errors.load()) +
-         " retries " + std::to_string(h.retries.load()) + "\n";
+  const HealthSnapshot h = source.health();
+  log += "lost " + std::to_string(h.lost) + " refused " + std::to_string(h.protocol_errors) + " retries " +
+         std::to_string(h.retries) + "\n";
   return log;
 }
 

@@ -67,7 +67,7 @@ TEST_F(ModbusSinkTest, WritesEachCommandAtItsInstant) {
     ASSERT_TRUE(sink_.command(c));
     (void)beating(milliseconds(5), [] { return false; });
   }
-  ASSERT_TRUE(beating(seconds(10), [&] { return sink_.counters().applied.load() == 20; }));
+  ASSERT_TRUE(beating(seconds(10), [&] { return sink_.counters().applied == 20; }));
   std::vector<Bank::Write> rates;
   for (const auto& w : bank_->writes())
     if (w.address == 4) rates.push_back(w);
@@ -92,11 +92,11 @@ TEST_F(ModbusSinkTest, MakesTheDeviceSafeWhenTheLoopHangs) {
   ASSERT_TRUE(eventually(seconds(10), [&] { return bank_->holding(0) == 0; }));
   const auto took = bank_->writes().back().t - silent_since;
   EXPECT_GT(took, milliseconds(95)) << "safe before the deadline";
-  EXPECT_EQ(sink_.counters().made_safe.load(), 1u);
+  EXPECT_EQ(sink_.counters().made_safe, 1u);
   (void)eventually(milliseconds(200), [] { return false; });
   EXPECT_EQ(bank_->holding(0), 0);
   EXPECT_EQ(bank_->holding(5), 0);
-  EXPECT_EQ(sink_.counters().dropped.load(), 1u);
+  EXPECT_EQ(sink_.counters().dropped, 1u);
   // The loop comes back: new commands count again.
   heartbeat_.beat(bench_now());
   (void)beating(milliseconds(20), [] { return false; });
@@ -140,7 +140,7 @@ TEST_F(ModbusSinkTest, KeepsTryingToMakeADeviceSafeThatIsAway) {
   device.reset();
   heartbeat_.declare_stopped(StopReason::signal);
   (void)eventually(milliseconds(300), [] { return false; });
-  EXPECT_FALSE(sink_.health().connected.load());
+  EXPECT_FALSE(sink_.health().connected);
   EXPECT_EQ(bank_->holding(0), 1);
   device = std::make_unique<Device>(bank_, port);
   EXPECT_TRUE(eventually(seconds(4), [&] { return bank_->holding(0) == 0; }));
@@ -155,7 +155,7 @@ TEST_F(ModbusSinkTest, WritesTheLastCommandAgainAfterAReconnect) {
   device.reset();
   bank_->set(RegisterTable::holding_registers, 0, {0, 0, 0, 0, 0, 0});  // it was switched off and on
   ASSERT_TRUE(sink_.command(make(1, 31)));
-  ASSERT_TRUE(beating(seconds(10), [&] { return !sink_.health().connected.load(); }));
+  ASSERT_TRUE(beating(seconds(10), [&] { return !sink_.health().connected; }));
   device = std::make_unique<Device>(bank_, port);
   EXPECT_TRUE(beating(seconds(4), [&] { return bank_->holding(5) == 31000; }));
   EXPECT_EQ(bank_->holding(0), 1);
@@ -169,28 +169,28 @@ TEST_F(ModbusSinkTest, RefusesWholeCommandsThatDoNotFit) {
   auto wrong_count = make(1, 1);
   wrong_count.count = 1;
   ASSERT_TRUE(sink_.command(wrong_count));
-  ASSERT_TRUE(beating(seconds(10), [&] { return sink_.counters().failed.load() == 3; }));
+  ASSERT_TRUE(beating(seconds(10), [&] { return sink_.counters().failed == 3; }));
   EXPECT_EQ(bank_->holding(0), 0);
-  EXPECT_EQ(sink_.counters().applied.load(), 0u);
+  EXPECT_EQ(sink_.counters().applied, 0u);
 }
 
 TEST_F(ModbusSinkTest, CountsCommandsThatCameTooLate) {
   Device device(bank_);
   start(config(device.port()));
   ASSERT_TRUE(sink_.command(make(1, 5, milliseconds(-50))));
-  ASSERT_TRUE(beating(seconds(10), [&] { return sink_.counters().applied.load() == 1; }));
-  EXPECT_EQ(sink_.counters().late.load(), 1u);
+  ASSERT_TRUE(beating(seconds(10), [&] { return sink_.counters().applied == 1; }));
+  EXPECT_EQ(sink_.counters().late, 1u);
 }
 
 TEST_F(ModbusSinkTest, ReadsBackWhatItWroteWhereAsked) {
   Device device(bank_);
   start(config(device.port(), "verify: true\n"));
   ASSERT_TRUE(sink_.command(make(1, 5)));
-  ASSERT_TRUE(beating(seconds(10), [&] { return sink_.counters().applied.load() == 1; }));
+  ASSERT_TRUE(beating(seconds(10), [&] { return sink_.counters().applied == 1; }));
   bank_->on_read(
       [](BenchTime, Bank::Tables& t) { t[3][4] = 77; });  // a device that does not keep what it was told
   ASSERT_TRUE(sink_.command(make(1, 6)));
-  ASSERT_TRUE(beating(seconds(10), [&] { return sink_.counters().failed.load() == 1; }));
+  ASSERT_TRUE(beating(seconds(10), [&] { return sink_.counters().failed == 1; }));
 }
 
 TEST_F(ModbusSinkTest, FullRingIsSaidToTheLoop) {
@@ -199,8 +199,8 @@ TEST_F(ModbusSinkTest, FullRingIsSaidToTheLoop) {
   int taken = 0;
   for (int i = 0; i < 2000; ++i) taken += sink_.command(make(1, 1, seconds(100)));
   EXPECT_LT(taken, 2000);
-  EXPECT_EQ(sink_.counters().accepted.load(), static_cast<std::uint64_t>(taken));
-  EXPECT_EQ(sink_.counters().dropped.load(), static_cast<std::uint64_t>(2000 - taken));
+  EXPECT_EQ(sink_.counters().accepted, static_cast<std::uint64_t>(taken));
+  EXPECT_EQ(sink_.counters().dropped, static_cast<std::uint64_t>(2000 - taken));
 }
 
 TEST_F(ModbusSinkTest, NeedsASafeState) {

@@ -104,10 +104,10 @@ TEST_F(ModbusSourceTest, HundredHertzForThreeSecondsWithoutALoss) {
   reference.join();
   ASSERT_GE(stamps.size(), 2u);
   const auto spanned = stamps.back().sequence - stamps.front().sequence + 1;
-  EXPECT_LE(spanned - stamps.size(), source_.health().lost.load()) << "samples vanished without a count";
+  EXPECT_LE(spanned - stamps.size(), source_.health().lost) << "samples vanished without a count";
   if (worst_ns > 3'000'000)
     GTEST_SKIP() << "this machine held up a thread that only slept for " << worst_ns / 1'000'000
-                 << " ms; lost " << source_.health().lost.load();
+                 << " ms; lost " << source_.health().lost;
   ASSERT_GE(stamps.size(), 299u);
   std::vector<double> late_ms;
   for (std::size_t i = 0; i < stamps.size(); ++i) {
@@ -120,7 +120,7 @@ TEST_F(ModbusSourceTest, HundredHertzForThreeSecondsWithoutALoss) {
   std::sort(late_ms.begin(), late_ms.end());
   EXPECT_GT(late_ms.front(), 0);
   EXPECT_LT(late_ms[late_ms.size() / 2], 2) << "the grid was not kept";
-  EXPECT_EQ(source_.health().lost.load(), 0u);
+  EXPECT_EQ(source_.health().lost, 0u);
   std::printf("  capture after its grid instant: p50 %.3f ms, p99 %.3f ms, max %.3f ms\n",
               late_ms[late_ms.size() / 2], late_ms[late_ms.size() * 99 / 100], late_ms.back());
 }
@@ -139,7 +139,7 @@ TEST_F(ModbusSourceTest, ExceptionsAreLossesOnALivingConnection) {
   Device device(bank_);
   start(config(device.port()));
   device->set_faults({.exception_every = 6});
-  EXPECT_TRUE(eventually(seconds(20), [&] { return source_.health().protocol_errors.load() >= 3; }));
+  EXPECT_TRUE(eventually(seconds(20), [&] { return source_.health().protocol_errors >= 3; }));
   device->set_faults({});
   (void)collect(milliseconds(100));
   std::vector<SampleLease> samples;
@@ -147,10 +147,10 @@ TEST_F(ModbusSourceTest, ExceptionsAreLossesOnALivingConnection) {
     for (auto& s : collect(milliseconds(20))) samples.push_back(std::move(s));
     return samples.size() >= 3;
   }));
-  EXPECT_GE(source_.health().lost.load(), source_.health().protocol_errors.load());
-  EXPECT_EQ(source_.health().reconnects.load(), 0u);
+  EXPECT_GE(source_.health().lost, source_.health().protocol_errors);
+  EXPECT_EQ(source_.health().reconnects, 0u);
   ASSERT_FALSE(samples.empty());
-  EXPECT_TRUE(source_.health().connected.load());
+  EXPECT_TRUE(source_.health().connected);
 }
 
 TEST_F(ModbusSourceTest, SilenceCostsTheSamplesItLastedAndNoMore) {
@@ -158,10 +158,10 @@ TEST_F(ModbusSourceTest, SilenceCostsTheSamplesItLastedAndNoMore) {
   start(config(device.port(), "timeout_ms: 35\n"));
   (void)collect(milliseconds(100));
   device->set_faults({.silent_every = 1});
-  EXPECT_TRUE(eventually(seconds(20), [&] { return source_.health().retries.load() >= 1; }));
+  EXPECT_TRUE(eventually(seconds(20), [&] { return source_.health().retries >= 1; }));
   (void)collect(Duration(1));
   device->set_faults({});
-  EXPECT_TRUE(eventually(seconds(20), [&] { return source_.health().connected.load(); }));
+  EXPECT_TRUE(eventually(seconds(20), [&] { return source_.health().connected; }));
   const auto samples = collect(milliseconds(300));
   ASSERT_GE(samples.size(), 10u);
   // What is missing in the sequence is what was counted: nothing vanished unseen.
@@ -172,7 +172,7 @@ TEST_F(ModbusSourceTest, SilenceCostsTheSamplesItLastedAndNoMore) {
     lost_before += samples[i]->stamp.lost_before;
   }
   EXPECT_EQ(missing, lost_before);
-  EXPECT_GE(source_.health().lost.load(), 3u);
+  EXPECT_GE(source_.health().lost, 3u);
   // Still on the grid.
   const auto& last = samples.back()->stamp;
   const auto off = last.t_capture - (t0_ + milliseconds(10) * static_cast<std::int64_t>(last.sequence));
@@ -185,17 +185,17 @@ TEST_F(ModbusSourceTest, ReturnsWhenTheDeviceDoes) {
   start(config(port));
   ASSERT_FALSE(collect(milliseconds(100)).empty());
   device.reset();
-  EXPECT_TRUE(eventually(seconds(20), [&] { return !source_.health().connected.load(); }));
+  EXPECT_TRUE(eventually(seconds(20), [&] { return !source_.health().connected; }));
   (void)collect(milliseconds(300));
   EXPECT_TRUE(collect(milliseconds(100)).empty());
-  EXPECT_GE(source_.health().lost.load(), 30u);
+  EXPECT_GE(source_.health().lost, 30u);
   device = std::make_unique<Device>(bank_, port);
-  EXPECT_TRUE(eventually(seconds(20), [&] { return source_.health().connected.load(); }));
+  EXPECT_TRUE(eventually(seconds(20), [&] { return source_.health().connected; }));
   const auto samples = collect(milliseconds(200));
   ASSERT_GE(samples.size(), 5u);
   EXPECT_GE(samples[0]->stamp.lost_before, 30u);
   EXPECT_EQ(samples.back()->stamp.lost_before, 0u);
-  EXPECT_EQ(source_.health().reconnects.load(), 1u);
+  EXPECT_EQ(source_.health().reconnects, 1u);
 }
 
 TEST_F(ModbusSourceTest, StopDoesNotWaitForTheNextInstant) {

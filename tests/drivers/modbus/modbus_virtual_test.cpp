@@ -95,7 +95,7 @@ TEST(ModbusVirtual, ReadsAtTheInstantOfTheCapture) {
   const auto log = rig.run(milliseconds(100), [](BenchTime) {});
   EXPECT_NE(log.find("60 0 #5 t=50000000 now=50.000000"), std::string::npos) << log;
   EXPECT_EQ(std::count(log.begin(), log.end(), '\n'), 10 + 19) << log;
-  EXPECT_EQ(rig.sources[0]->health().lost.load(), 0u);
+  EXPECT_EQ(rig.sources[0]->health().lost, 0u);
 }
 
 TEST(ModbusVirtual, WritesAtTheInstantOfTheEffect) {

@@ -148,7 +148,7 @@ TEST_F(Bench, AKilledDeviceIsFoundAgainAndItsScansAreCounted) {
   std::this_thread::sleep_for(std::chrono::milliseconds(200));
   start_emulator(samples_of, "{port: " + std::to_string(port) + "}");
   ASSERT_TRUE(collect(10));
-  const Health& h = source.health();
+  const HealthSnapshot h = source.health();
   EXPECT_TRUE(h.connected);
   EXPECT_EQ(h.reconnects, 1u);
   const Stamp& first = samples[before];

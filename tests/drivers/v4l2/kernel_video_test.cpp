@@ -218,19 +218,19 @@ TEST_F(Vivid, SurvivesBeingUnplugged) {
   ASSERT_TRUE(status) << status.error().text();
   ASSERT_EQ(take(s, 5).stamps.size(), 5u);
   ASSERT_TRUE(write_file("/sys/bus/platform/drivers/vivid/unbind", "vivid.0"));
-  EXPECT_TRUE(wait_for([&] { return !s.health().connected.load(); }));
+  EXPECT_TRUE(wait_for([&] { return !s.health().connected; }));
   (void)take(s, 1000, false, milliseconds(1500));
-  EXPECT_FALSE(s.health().connected.load());
+  EXPECT_FALSE(s.health().connected);
   ASSERT_TRUE(write_file("/sys/bus/platform/drivers/vivid/bind", "vivid.0"));
-  EXPECT_TRUE(wait_for([&] { return s.health().connected.load(); }));
+  EXPECT_TRUE(wait_for([&] { return s.health().connected; }));
   const Seen back = take(s, 5);
   ASSERT_EQ(back.stamps.size(), 5u);
-  EXPECT_EQ(s.health().reconnects.load(), 1u);
-  EXPECT_GE(s.health().lost.load(), 10u) << "a second and a half at 10 Hz and more";
+  EXPECT_EQ(s.health().reconnects, 1u);
+  EXPECT_GE(s.health().lost, 10u) << "a second and a half at 10 Hz and more";
   EXPECT_GE(back.stamps.front().lost_before, 10u);
   for (std::size_t i = 1; i < back.stamps.size(); ++i)
     EXPECT_EQ(back.stamps[i].sequence - back.stamps[i - 1].sequence, 1u + back.stamps[i].lost_before);
-  EXPECT_EQ(back.stamps.back().sequence + 1, s.health().received.load() + s.health().lost.load());
+  EXPECT_EQ(back.stamps.back().sequence + 1, s.health().received + s.health().lost);
   EXPECT_TRUE(s.stop());
 }
 
@@ -290,7 +290,7 @@ TEST_F(Loopback, CarriesEachFormatToOurReaderBitForBit) {
     V4l2Emulator camera;
     auto status = emulate(camera, std::string("rate_hz: 10, formats: [") + c.camera + "]");
     ASSERT_TRUE(status) << c.camera << ": " << status.error().text();
-    ASSERT_TRUE(wait_for([&] { return camera.health().received.load() > 0; }));
+    ASSERT_TRUE(wait_for([&] { return camera.health().received > 0; }));
     V4l2Source s;
     status = start(s, reader(std::string("exposure_us: 2000, pixel_format: ") + c.samples +
                                  ", device_format: " + c.camera,
@@ -320,7 +320,7 @@ TEST_F(Loopback, RefusesToWriteIntoFramesThatAreTooSmall) {
   V4l2Emulator camera;
   const auto status = emulate(camera, "rate_hz: 10, formats: [Y10]");
   if (status) {  // a module that counts right
-    EXPECT_TRUE(wait_for([&] { return camera.health().received.load() > 0; }));
+    EXPECT_TRUE(wait_for([&] { return camera.health().received > 0; }));
     return;
   }
   EXPECT_THAT(status.error().text(), HasSubstr("6144 bytes in a frame of Y10"));
@@ -331,7 +331,7 @@ TEST_F(Loopback, CarriesMotionJpeg) {
   V4l2Emulator camera;
   auto status = emulate(camera, "rate_hz: 10, formats: [MJPG], jpeg_quality: 95");
   ASSERT_TRUE(status) << status.error().text();
-  ASSERT_TRUE(wait_for([&] { return camera.health().received.load() > 0; }));
+  ASSERT_TRUE(wait_for([&] { return camera.health().received > 0; }));
   V4l2Source s;
   status = start(s, reader("pixel_format: RGB8, device_format: MJPG", 10));
   ASSERT_TRUE(status) << status.error().text();
@@ -347,7 +347,7 @@ TEST_F(Loopback, AccountsForWhatTheEmulatorSent) {
   // By write, this module counts the frames that were written.
   auto status = emulate(camera, "rate_hz: 30, formats: [GREY], io: write");
   ASSERT_TRUE(status) << status.error().text();
-  ASSERT_TRUE(wait_for([&] { return camera.health().received.load() > 0; }));
+  ASSERT_TRUE(wait_for([&] { return camera.health().received > 0; }));
   V4l2Source s;
   status = start(s, reader("pixel_format: Mono8, device_format: GREY, buffers: 16", 30));
   ASSERT_TRUE(status) << status.error().text();
@@ -364,7 +364,7 @@ TEST_F(Loopback, AccountsForWhatTheEmulatorSent) {
   }
   // Pictures of the grid in that time: delivered, lost on the way, or never sent, which the emulator counted.
   const std::uint64_t on_grid = *last - *first + 1;
-  const std::uint64_t never_sent = camera.health().lost.load();
+  const std::uint64_t never_sent = camera.health().lost;
   EXPECT_LE(300 + lost, on_grid);
   EXPECT_GE(300 + lost + never_sent, on_grid);
   std::printf(
@@ -381,7 +381,7 @@ TEST_F(Loopback, ServesOtherPeoplesClients) {
   V4l2Emulator camera;
   auto status = emulate(camera, "rate_hz: 10, formats: [YUYV]");
   ASSERT_TRUE(status) << status.error().text();
-  ASSERT_TRUE(wait_for([&] { return camera.health().received.load() > 0; }));
+  ASSERT_TRUE(wait_for([&] { return camera.health().received > 0; }));
   rigor::test::TemporaryDirectory folder;
   const std::string file = folder.file("frames.yuyv");
   // The first frames that a reader gets are the oldest in the module's memory, which the writer fills next.
@@ -406,19 +406,19 @@ TEST_F(Loopback, ServesOtherPeoplesClients) {
 TEST_F(Loopback, ReaderComesBackWhenTheWriterDoes) {
   auto camera = std::make_unique<V4l2Emulator>();
   ASSERT_TRUE(emulate(*camera, "rate_hz: 10, formats: [GREY]"));
-  ASSERT_TRUE(wait_for([&] { return camera->health().received.load() > 0; }));
+  ASSERT_TRUE(wait_for([&] { return camera->health().received > 0; }));
   V4l2Source s;
   const auto status = start(s, reader("pixel_format: Mono8, device_format: GREY, silence_ms: 700", 10));
   ASSERT_TRUE(status) << status.error().text();
   ASSERT_EQ(take(s, 3).stamps.size(), 3u);
   camera.reset();
-  EXPECT_TRUE(wait_for([&] { return !s.health().connected.load(); }));
+  EXPECT_TRUE(wait_for([&] { return !s.health().connected; }));
   camera = std::make_unique<V4l2Emulator>();
   ASSERT_TRUE(emulate(*camera, "rate_hz: 10, formats: [GREY]"));
   (void)take(s, 1000, false, milliseconds(500));
   EXPECT_EQ(take(s, 3).stamps.size(), 3u);
-  EXPECT_TRUE(s.health().connected.load());
-  EXPECT_GE(s.health().lost.load(), 5u);
+  EXPECT_TRUE(s.health().connected);
+  EXPECT_GE(s.health().lost, 5u);
   EXPECT_TRUE(s.stop());
 }
 
@@ -490,14 +490,13 @@ TEST_F(UsbCamera, NegotiatesAndStartsItsStream) {
       start(s, config("{device: " + host_node() + ", pixel_format: YUV422_8, width_px: 64, height_px: 48}",
                       milliseconds(100), milliseconds(500)));
   ASSERT_TRUE(status) << status.error().text();
-  EXPECT_TRUE(wait_for([&] { return camera.health().connected.load(); })) << "the stream was not switched on";
+  EXPECT_TRUE(wait_for([&] { return camera.health().connected; })) << "the stream was not switched on";
   const Seen seen = take(s, 5, true, seconds(5));
   std::printf("%zu frames came through the USB camera, %llu were handed to the gadget\n",
-              seen.pictures.size(), static_cast<unsigned long long>(camera.health().received.load()));
+              seen.pictures.size(), static_cast<unsigned long long>(camera.health().received));
   for (const auto& p : seen.pictures) EXPECT_EQ(p.size(), image_bytes(PixelFormat::yuv422_8, 64, 48));
   EXPECT_TRUE(s.stop());
-  EXPECT_TRUE(wait_for([&] { return !camera.health().connected.load(); }))
-      << "the stream was not switched off";
+  EXPECT_TRUE(wait_for([&] { return !camera.health().connected; })) << "the stream was not switched off";
   EXPECT_TRUE(camera.stop());
 }
 
@@ -604,19 +603,19 @@ TEST_F(UvcVideo, SurvivesBeingUnplugged) {
   ASSERT_TRUE(status) << status.error().text();
   ASSERT_EQ(take(s, 5).stamps.size(), 5u);
   camera.unplug();
-  EXPECT_TRUE(wait_for([&] { return !s.health().connected.load(); }));
+  EXPECT_TRUE(wait_for([&] { return !s.health().connected; }));
   (void)take(s, 1000, false, milliseconds(1500));
-  EXPECT_FALSE(s.health().connected.load());
+  EXPECT_FALSE(s.health().connected);
   const MonotonicTime plugged = monotonic_now();
   ASSERT_EQ(camera.plug(), "");
   const Seen back = take(s, 5, true);
   ASSERT_EQ(back.stamps.size(), 5u);
   std::printf("USB camera: back after %.0f ms, %llu captures reported lost\n",
               static_cast<double>((back.stamps.front().t_arrival - BenchTime(plugged.ns())).ns()) * 1e-6,
-              static_cast<unsigned long long>(s.health().lost.load()));
-  EXPECT_EQ(s.health().reconnects.load(), 1u);
-  EXPECT_GE(s.health().lost.load(), 10u) << "a second and a half at 10 Hz and more";
-  EXPECT_EQ(back.stamps.back().sequence + 1, s.health().received.load() + s.health().lost.load());
+              static_cast<unsigned long long>(s.health().lost));
+  EXPECT_EQ(s.health().reconnects, 1u);
+  EXPECT_GE(s.health().lost, 10u) << "a second and a half at 10 Hz and more";
+  EXPECT_EQ(back.stamps.back().sequence + 1, s.health().received + s.health().lost);
   EXPECT_TRUE(s.stop());
 }
 

@@ -74,7 +74,7 @@ TEST_F(VelodyneRecording, IsReportedReturnForReturn) {
   EXPECT_GT(hand.returns, 200'000u);
   ASSERT_EQ(r->returns_per_laser.size(), 16u);
   for (std::size_t i = 0; i < 16; ++i) EXPECT_EQ(r->returns_per_laser[i], hand.per_laser[i]) << "laser " << i;
-  EXPECT_NEAR(r->least_range_m, hand.least * 0.002, 1e-9);
+  EXPECT_NEAR(r->minimum_range_m, hand.least * 0.002, 1e-9);
   EXPECT_NEAR(r->greatest_range_m, hand.greatest * 0.002, 1e-9);
   // Its factory bytes say HDL-32E; its time says what it is.
   EXPECT_EQ(r->product_byte, 0x21);

@@ -67,6 +67,7 @@ class Paired : public SourceUnderTest {
   }
   // Of the real side; the pair itself keeps the newest sample of each side.
   std::size_t slots() const override { return 8; }
+  bool gives_only_lease() const override { return false; }
 
  private:
   test::TurningJoint joint_;
@@ -79,7 +80,7 @@ class PairedWall : public Paired {
 class PairedSimulated final : public Paired {
  public:
   ChannelConfig config() override {
-    return image_config("{hand_on: simulated, real: {slots: 8}, simulated: {slots: 8}}");
+    return image_config("{active: simulated, real: {slots: 8}, simulated: {slots: 8}}");
   }
 };
 
@@ -175,13 +176,14 @@ class PairedFaulty final : public SourceUnderTest {
   }
   ChannelConfig config() override {
     return image_config(
-        "{hand_on: simulated, real: {slots: 12, faults: [{kind: drop, probability: 0.1}]}, "
+        "{active: simulated, real: {slots: 12, faults: [{kind: drop, probability: 0.1}]}, "
         "simulated: {slots: 12, faults: [{kind: noise, sigma_dn: 2}]}}");
   }
   ChannelConfig config_with_unknown_key() override {
     return image_config("{real: {no_such_key: 1}, simulated: {slots: 8}}");
   }
   std::size_t slots() const override { return 32; }
+  bool gives_only_lease() const override { return false; }
 
  private:
   test::TurningJoint joint_;

@@ -28,8 +28,8 @@ class FormulaStream final : public StreamSource {
 
   void complete_until(BenchTime now) override {
     for (; running_ && next_ + config().latency <= now; next_ = next_ + config().period) {
-      SampleLease slot = take_slot();
-      if (slot) fill(slot.edit());
+      SampleSlot slot = take_slot();
+      if (slot) fill(*slot);
       ++index_;
       hand_over(std::move(slot));
     }
@@ -207,7 +207,7 @@ class FaultRun {
         seen.push_back({s->stamp, s->info, {s->bytes().begin(), s->bytes().end()}, now});
         port.push(std::move(s));
       }
-      port.advance(now, source.health().connected.load());
+      port.advance(now, source.health().connected);
       statuses.push_back(port.status());
       source.begin_cycle(now);
     }

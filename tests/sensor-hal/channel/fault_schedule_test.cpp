@@ -50,14 +50,14 @@ TEST(Fault, IsTriggeredByAnotherChannel) {
     EXPECT_EQ(std::get<RegisterBlock>(s.info).value[1], s.stamp.sequence > 31 ? 101 : 100)
         << s.stamp.sequence;
 
-  TwoChannels gone("{kind: drop, when: {channel: table, is: lost}}",
+  TwoChannels gone("{kind: drop, when: {channel: table, is: disconnected}}",
                    "{kind: disconnect, from_s: 1, until_s: 2}");
   ASSERT_TRUE(gone.status) << gone.status.error().text();
   gone.until(seconds(3));
   // Lost until the sample after the return, which comes in the cycle of the 101st.
   EXPECT_EQ(gone.left.source.accounts().dropped, 101u);
 
-  TwoChannels late("{kind: drop, for_s: 0.5, when: {channel: table, is: late}}",
+  TwoChannels late("{kind: drop, for_s: 0.5, when: {channel: table, is: overdue}}",
                    "{kind: delay, delay_ms: 5, from_s: 1, until_s: 1.02}");
   ASSERT_TRUE(late.status) << late.status.error().text();
   late.until(seconds(3));

@@ -14,6 +14,7 @@ class NotedSink final : public Sink {
     return true;
   }
   void watch(const Heartbeat*, Duration) override {}
+  void apply(std::uint64_t n) { counters_.applied += n, health_.connected = true; }
   std::vector<Command> given;
 
  protected:
@@ -29,7 +30,7 @@ class NotedSink final : public Sink {
 };
 
 /// 1000 commands, one each 10 ms, rate counting up.
-std::vector<Command> commanded(const std::string& faults, Sink::Counters* counters = nullptr) {
+std::vector<Command> commanded(const std::string& faults, SinkSnapshot* counters = nullptr) {
   auto noted = std::make_unique<NotedSink>();
   NotedSink& inner = *noted;
   FaultySink sink(std::move(noted));
@@ -47,16 +48,28 @@ std::vector<Command> commanded(const std::string& faults, Sink::Counters* counte
     c.value[1] = k;
     EXPECT_TRUE(sink.command(c));
   }
-  if (counters) {
-    counters->accepted = sink.counters().accepted.load();
-    counters->dropped = sink.counters().dropped.load();
-  }
+  if (counters) *counters = sink.counters();
   EXPECT_TRUE(sink.stop());
   return inner.given;
 }
 
+TEST(Fault, ASinksCountersAreThoseOfTheOneBehindNowAndWhatWasLostBeforeIt) {
+  auto noted = std::make_unique<NotedSink>();
+  NotedSink& inner = *noted;
+  FaultySink sink(std::move(noted));
+  ASSERT_TRUE(sink.configure(fault_config(kRegisters, "{kind: disconnect}")));
+  ASSERT_TRUE(sink.arm({}));
+  ASSERT_TRUE(sink.start(BenchTime(0)));
+  EXPECT_TRUE(sink.command({}));
+  EXPECT_EQ(sink.counters(), (SinkSnapshot{.accepted = 1, .dropped = 1}));
+  inner.apply(3);
+  EXPECT_EQ(sink.counters(), (SinkSnapshot{.accepted = 1, .applied = 3, .dropped = 1}));
+  EXPECT_TRUE(sink.health().connected);
+  EXPECT_TRUE(sink.stop());
+}
+
 TEST(Fault, CommandsAreLostDelayedChangedAndStuck) {
-  Sink::Counters n;
+  SinkSnapshot n;
   EXPECT_NEAR(static_cast<double>(commanded("{kind: drop, probability: 0.2}", &n).size()), 800, 5 * 12.7);
   EXPECT_EQ(n.accepted, 1000u);
   EXPECT_NEAR(static_cast<double>(n.dropped), 200, 5 * 12.7);

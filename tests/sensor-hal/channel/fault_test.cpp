@@ -76,9 +76,9 @@ TEST(Fault, DelayMakesThePortLateAndKeepsTheOrder) {
       EXPECT_EQ(behind, on ? milliseconds(25) : Duration(0)) << s.stamp.sequence;
     }
   }
-  EXPECT_TRUE(run.showed(PortStatus::late, milliseconds(1005), milliseconds(1100)));
-  EXPECT_FALSE(run.showed(PortStatus::late, milliseconds(0), seconds(1)));
-  EXPECT_FALSE(run.showed(PortStatus::late, milliseconds(2100), seconds(3)));
+  EXPECT_TRUE(run.showed(PortStatus::overdue, milliseconds(1005), milliseconds(1100)));
+  EXPECT_FALSE(run.showed(PortStatus::overdue, milliseconds(0), seconds(1)));
+  EXPECT_FALSE(run.showed(PortStatus::overdue, milliseconds(2100), seconds(3)));
   EXPECT_GE(run.fault(0).count.delayed, 99u);
   EXPECT_GE(run.port.counters().late_samples, 99u);
 }
@@ -175,13 +175,13 @@ TEST(Fault, DisconnectIsSeenAsLostAndCountedAndTheDeviceComesBack) {
   ASSERT_TRUE(run.status) << run.status.error().text();
   run.until(milliseconds(1200));
   EXPECT_FALSE(run.source.health().connected);
-  EXPECT_EQ(run.port.status(), PortStatus::lost);
+  EXPECT_EQ(run.port.status(), PortStatus::disconnected);
   EXPECT_EQ(run.source.health().reconnects, 0u);
   run.until(seconds(3));
   EXPECT_TRUE(run.source.health().connected);
   EXPECT_EQ(run.source.health().reconnects, 1u);
-  EXPECT_FALSE(run.showed(PortStatus::lost, milliseconds(100), milliseconds(999)));
-  EXPECT_FALSE(run.showed(PortStatus::lost, milliseconds(1600), seconds(3)));
+  EXPECT_FALSE(run.showed(PortStatus::disconnected, milliseconds(100), milliseconds(999)));
+  EXPECT_FALSE(run.showed(PortStatus::disconnected, milliseconds(1600), seconds(3)));
   EXPECT_EQ(run.source.accounts().disconnected, 50u);
   EXPECT_EQ(run.source.health().lost, 50u);
   EXPECT_EQ(run.port.counters().lost_samples, 50u);
@@ -196,10 +196,11 @@ TEST(Fault, ASlowConsumerShowsInTheSourcesOwnCounters) {
     FaultRun run(kRegisters, std::string("{kind: slow_consumer, mode: ") + mode + ", from_s: 1, until_s: 2}");
     ASSERT_TRUE(run.status) << run.status.error().text();
     run.until(milliseconds(1900));
-    const Health& inner = run.source.inner().health();
+    HealthSnapshot inner = run.source.inner().health();
     const std::uint64_t backed_up = inner.no_slot + inner.ring_full;
     EXPECT_GT(backed_up, 50u) << mode;
     run.until(seconds(4));
+    inner = run.source.inner().health();
     EXPECT_EQ(run.seen.back().stamp.sequence, 399u) << mode;
     EXPECT_EQ(inner.received, run.source.accounts().taken + inner.no_slot + inner.ring_full) << mode;
     EXPECT_EQ(run.port.counters().lost_samples, inner.no_slot + inner.ring_full) << mode;
@@ -234,6 +235,43 @@ TEST(Fault, DrawsDifferByFaultChannelAndSeedAndRepeat) {
   EXPECT_NE(first, dropped(one, 7, "right"));
   // A second fault in front takes the index 0, and the draws of it.
   EXPECT_NE(first, dropped("{kind: delay, delay_ms: 1, from_s: 100}, " + one, 7, "left"));
+}
+
+/// Keeps a lease of what it gave, which a source must not.
+class KeepsTheNewest final : public Source {
+ public:
+  SampleLease poll(BenchTime now) noexcept override {
+    SampleLease sample = inner_.poll(now);
+    if (sample) newest_ = sample;
+    return sample;
+  }
+  void complete_until(BenchTime now) override { inner_.complete_until(now); }
+
+ protected:
+  Status do_configure(const ChannelConfig& config) override {
+    if (auto s = inner_.configure(config); !s) return s;
+    description_ = inner_.describe();
+    return {};
+  }
+  Status do_arm(const ArmContext& context) override { return inner_.arm(context); }
+  Status do_start(BenchTime t0) override { return inner_.start(t0); }
+  Status do_stop() override { return inner_.stop(); }
+
+ private:
+  FormulaStream inner_;
+  SampleLease newest_;
+};
+
+TEST(Fault, CountsSamplesThatCannotBeStampedBecauseTheirSourceSharesThem) {
+  FaultRun run(SampleKind::image, "{kind: timestamp, offset_ms: 1, from_s: 0.5, until_s: 1}", nullptr,
+               std::make_unique<KeepsTheNewest>());
+  ASSERT_TRUE(run.status) << run.status.error().text();
+  run.until(seconds(2));
+  EXPECT_EQ(run.source.accounts().no_slot, 50u);
+  run.expect_accounted();
+  ASSERT_EQ(run.seen.size(), 150u);
+  EXPECT_EQ(run.seen[49].stamp.sequence, 49u);
+  EXPECT_EQ(run.seen[50].stamp.sequence, 100u);
 }
 
 }  // namespace

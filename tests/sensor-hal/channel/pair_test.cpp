@@ -9,6 +9,7 @@
 #include <numbers>
 #include <set>
 
+#include "sensor-hal/channel/fault_source.h"
 #include "sensor-hal/channel/pair_values.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
@@ -31,9 +32,9 @@ class ScriptedDevice final : public Source {
     if (shots.empty() || shots.front().t_arrival > now) return {};
     const Shot shot = shots.front();
     shots.pop_front();
-    SampleLease s = pool_->try_acquire();
+    SampleSlot s = pool_->try_acquire();
     if (!s) return {};
-    Sample& sample = s.edit();
+    Sample& sample = *s;
     sample.stamp = Stamp{};
     sample.stamp.sequence = 1000 + count_++;  // a device's own count: the pair must not use it
     sample.stamp.t_capture = shot.t_capture;
@@ -62,12 +63,12 @@ class ScriptedDevice final : public Source {
   std::deque<Told> told;
   SampleLease poll_event() noexcept override {
     if (told.empty()) return {};
-    SampleLease s = event_pool_->try_acquire();
+    SampleSlot s = event_pool_->try_acquire();
     if (!s) return {};
     EventInfo info{.code = told.front().code, .value = told.front().value};
     std::strncpy(info.text.data(), told.front().text.c_str(), info.text.size() - 1);
-    s.edit().info = info;
-    s.edit().stamp.t_release = told.front().t;
+    s->info = info;
+    s->stamp.t_release = told.front().t;
     told.pop_front();
     return s;
   }
@@ -118,6 +119,10 @@ class PairTest : public testing::Test {
   void make(const std::string& params = "", bool virtual_time = true, Period period = milliseconds(10)) {
     auto device = std::make_unique<ScriptedDevice>();
     device_ = device.get();
+    make(std::move(device), params, virtual_time, period);
+  }
+  void make(std::unique_ptr<Source> device, const std::string& params, bool virtual_time = true,
+            Period period = milliseconds(10)) {
     auto images = std::make_shared<FormulaImagesOfInstant>();
     pair_ = std::make_unique<PairSource>(
         std::move(device), std::make_unique<SimulatedSource>(images, nullptr, workers_), workers_);
@@ -181,6 +186,28 @@ class PairTest : public testing::Test {
   std::vector<PairSide> sides_;
   std::vector<SampleLease> events_;
 };
+
+// What a fault keeps of the real side is not what the pair numbers.
+TEST_F(PairTest, NumbersWhatAFaultOfTheRealSideKeeps) {
+  for (const char* fault :
+       {"{kind: stuck, from_s: 0.025}", "{kind: slow_consumer, mode: hold, leases: 3, from_s: 0.025}"}) {
+    SCOPED_TRACE(fault);
+    auto device = std::make_unique<ScriptedDevice>();
+    device_ = device.get();
+    auto faulty = std::make_unique<FaultySource>(std::move(device));
+    const FaultySource& real = *faulty;
+    make(std::move(faulty), std::string("real: {faults: [") + fault + "]}");
+    for (int k = 0; k < 8; ++k) shot(k * 10'000);
+    run(0, 92);
+    EXPECT_EQ(real.accounts().taken, 8u);
+    EXPECT_EQ(real.accounts().handed_on, 8u);
+    EXPECT_EQ(handed_.size(), 8u);
+    expect_gapless();
+    EXPECT_EQ(pair_->health().lost, 0u);
+    EXPECT_TRUE(pair_->stop());
+    handed_.clear();
+  }
+}
 
 TEST_F(PairTest, MeasuresBothSidesAtTheSameInstants) {
   make("phase_us: 1700");
@@ -260,7 +287,7 @@ TEST_F(PairTest, HandsOnWhatTheRealSideMissesOnlyWhenAskedTo) {
   pair_->switch_to(PairSide::simulated);
   run(140, 141);
   ASSERT_EQ(handed_.back().sequence, 12u);
-  EXPECT_TRUE(pair_->health().connected.load()) << "the active side is there";
+  EXPECT_TRUE(pair_->health().connected) << "the active side is there";
   run(141, 200);
   for (std::size_t i = 10; i < handed_.size(); ++i) EXPECT_EQ(handed_[i].sequence, i + 1);
   EXPECT_EQ(handed_.back().sequence, 18u);
@@ -275,11 +302,11 @@ TEST_F(PairTest, HandsOnWhatTheRealSideMissesOnlyWhenAskedTo) {
   // Back to a device that is gone: the port will say lost.
   pair_->switch_to(PairSide::real);
   run(200, 202);
-  EXPECT_FALSE(pair_->health().connected.load());
+  EXPECT_FALSE(pair_->health().connected);
 }
 
 TEST_F(PairTest, ComesBackWithTheDeviceAtTheRightCount) {
-  make("hand_on: simulated");
+  make("active: simulated");
   for (int k : {0, 1, 2, 30, 31, 32}) shot(k * 10'000 + 1'300 + (k >= 30 ? 2'100 : 0));
   run(0, 345);
   EXPECT_EQ(handed_.size(), 33u);
@@ -304,7 +331,7 @@ TEST_F(PairTest, PredictsTheInstantsOfAnyRateToTheNanosecond) {
 }
 
 TEST_F(PairTest, TellsWhatTheDeviceTellsAndCountsWhatItCounts) {
-  make("hand_on: simulated");
+  make("active: simulated");
   const auto name = std::string(image_config("").name) + ".real";
   // A code that is the pair's own for a switch must not be taken for one; and more than are kept at once.
   device_->told = {{kEventPairSwitch, 7, "the device refuses", BenchTime(100)},
@@ -321,11 +348,11 @@ TEST_F(PairTest, TellsWhatTheDeviceTellsAndCountsWhatItCounts) {
   EXPECT_EQ(events_[0]->stamp.t_release, BenchTime(100));
   EXPECT_EQ(events_[1]->as<EventInfo>()->code, 257 + kEventOfRealSide);
   EXPECT_EQ(events_[1]->stamp.sequence, events_[0]->stamp.sequence + 1);
-  EXPECT_EQ(pair_->health().lost.load(), 5u);
-  EXPECT_EQ(pair_->health().reconnects.load(), 1u);
-  EXPECT_EQ(pair_->health().retries.load(), 2u);
-  EXPECT_TRUE(pair_->health().connected.load()) << "the twin is handed on";
-  EXPECT_FALSE(pair_->side(PairSide::real).health().connected.load());
+  EXPECT_EQ(pair_->health().lost, 5u);
+  EXPECT_EQ(pair_->health().reconnects, 1u);
+  EXPECT_EQ(pair_->health().retries, 2u);
+  EXPECT_TRUE(pair_->health().connected) << "the twin is handed on";
+  EXPECT_FALSE(pair_->side(PairSide::real).health().connected);
   EXPECT_THAT(pair_->warnings(), testing::Contains(name + ": runs on its spare battery"));
 
   // Who keeps events (the recorder) does not keep the device's own from being told: it has two.
@@ -337,7 +364,7 @@ TEST_F(PairTest, TellsWhatTheDeviceTellsAndCountsWhatItCounts) {
   run(4, 6);
   ASSERT_EQ(events_.size(), 13u);
   EXPECT_EQ(events_[12]->as<EventInfo>()->code, kEventPairSwitch);
-  EXPECT_FALSE(pair_->health().connected.load()) << "now the device's own counts";
+  EXPECT_FALSE(pair_->health().connected) << "now the device's own counts";
 }
 
 TEST_F(PairTest, NeverRepeatsASampleThatComesLate) {
@@ -360,7 +387,7 @@ TEST_F(PairTest, NeverRepeatsASampleThatComesLate) {
 
 TEST_F(PairTest, KeepsPaceInWallTimeWhenTheDeviceIsOverdue) {
   t0_ = bench_now();
-  make("{hand_on: simulated, overdue_ms: 5}", false);
+  make("{active: simulated, overdue_ms: 5}", false);
   for (int k : {0, 1, 2, 3, 9, 10}) shot(k * 10'000 + 1'000);
   for (int k = 0; k < 160; ++k) {
     const BenchTime now = t0_ + milliseconds(k);
@@ -383,7 +410,7 @@ TEST_F(PairTest, TellsWhenASideIsRefused) {
   auto s = pair.configure(image_config("simulated: {exposre_us: 3}"));
   ASSERT_FALSE(s);
   EXPECT_THAT(s.error().text(), testing::HasSubstr("exposre_us"));
-  EXPECT_FALSE(pair.configure(image_config("hand_on: left")));
+  EXPECT_FALSE(pair.configure(image_config("active: left")));
   EXPECT_FALSE(pair.configure(image_config("", Duration(0)))) << "a pair without a rate";
 }
 
@@ -393,7 +420,7 @@ TEST(PairStatistics, KnowsBiasAndSigmaOfEveryFormat) {
   for (const PixelFormat format : kPixelFormats) {
     constexpr std::uint32_t kWidth = 31, kHeight = 9;  // odd: rows of mono12p begin within a byte
     auto pool = make_sample_pool(2, image_bytes(PixelFormat::rgb8, kWidth, kHeight) + 8);
-    SampleLease a = pool->try_acquire(), b = pool->try_acquire();
+    SampleSlot a = pool->try_acquire(), b = pool->try_acquire();
     const std::size_t elements = kWidth * kHeight * (format == PixelFormat::rgb8 ? 3 : 1);
     double sum = 0, squares = 0;
     const auto put = [&](Sample& s, std::size_t i, unsigned v) {
@@ -414,8 +441,8 @@ TEST(PairStatistics, KnowsBiasAndSigmaOfEveryFormat) {
     for (std::size_t i = 0; i < elements; ++i) {
       const unsigned x = static_cast<unsigned>(i * 7919 % (top + 1)),
                      y = static_cast<unsigned>(i * 104729 % (top + 1));
-      put(a.edit(), i, x);
-      put(b.edit(), i, y);
+      put(*a, i, x);
+      put(*b, i, y);
       const double d = static_cast<double>(x) - static_cast<double>(y);
       sum += d;
       squares += d * d;
@@ -424,7 +451,7 @@ TEST(PairStatistics, KnowsBiasAndSigmaOfEveryFormat) {
     info.format = format;
     info.width_px = kWidth;
     info.height_px = kHeight;
-    for (auto* s : {&a.edit(), &b.edit()}) {
+    for (auto* s : {&*a, &*b}) {
       s->info = info;
       s->size_bytes = image_bytes(format, kWidth, kHeight);
     }
@@ -435,20 +462,20 @@ TEST(PairStatistics, KnowsBiasAndSigmaOfEveryFormat) {
     // Sums are exact, the quotients are not: a few ulp of the largest term, (2¹⁶)² · n.
     EXPECT_NEAR(d->bias, sum / n, 1e-9) << pfnc_name(format);
     EXPECT_NEAR(d->sigma, std::sqrt(squares / n - sum / n * sum / n), 1e-6) << pfnc_name(format);
-    b.edit().stamp.validity = kIncomplete;
+    b->stamp.validity = kIncomplete;
     EXPECT_FALSE(difference_of_images(*a, *b));
-    b.edit().stamp.validity = kValid;
+    b->stamp.validity = kValid;
     info.width_px = kWidth - 1;
-    b.edit().info = info;
+    b->info = info;
     EXPECT_FALSE(difference_of_images(*a, *b));
   }
 }
 
 TEST(PairStatistics, ComparesRangesWhereBothHaveAReturn) {
   auto pool = make_sample_pool(2, 4 * 2 * sizeof(float));
-  SampleLease a = pool->try_acquire(), b = pool->try_acquire();
-  const auto put = [](SampleLease& lease, std::array<float, 4> ranges) {
-    Sample& s = lease.edit();
+  SampleSlot a = pool->try_acquire(), b = pool->try_acquire();
+  const auto put = [](SampleSlot& slot, std::array<float, 4> ranges) {
+    Sample& s = *slot;
     s.info = RangeImageInfo{4, 1};
     s.size_bytes = 2 * sizeof ranges;
     std::memset(s.memory().data(), 0, s.size_bytes);
@@ -461,15 +488,15 @@ TEST(PairStatistics, ComparesRangesWhereBothHaveAReturn) {
   EXPECT_EQ(d->count, 2u);
   EXPECT_DOUBLE_EQ(d->bias, -0.375);  // −0.5 and −0.25
   EXPECT_DOUBLE_EQ(d->sigma, 0.125);
-  b.edit().info = RangeImageInfo{2, 2};
+  b->info = RangeImageInfo{2, 2};
   EXPECT_FALSE(difference_of_ranges(*a, *b)) << "pictures of other sizes";
 }
 
 TEST(PairStatistics, ComparesThePointsOfOneFiring) {
   auto pool = make_sample_pool(2, 8 * sizeof(LidarPoint));
-  SampleLease a = pool->try_acquire(), b = pool->try_acquire();
-  const auto put = [](SampleLease& lease, const std::vector<LidarPoint>& points) {
-    Sample& s = lease.edit();
+  SampleSlot a = pool->try_acquire(), b = pool->try_acquire();
+  const auto put = [](SampleSlot& slot, const std::vector<LidarPoint>& points) {
+    Sample& s = *slot;
     s.info = PointCloudInfo{static_cast<std::uint32_t>(points.size())};
     s.size_bytes = points.size() * sizeof(LidarPoint);
     std::memcpy(s.memory().data(), points.data(), s.size_bytes);
@@ -543,16 +570,16 @@ TEST(PairValues, CompareInertialUnitsAndOdometryNumberByNumber) {
 TEST(PairStatistics, LooksAtEveryNthRowOfLargePictures) {
   constexpr std::uint32_t kWidth = 1280, kHeight = 1024;
   auto pool = make_sample_pool(2, kWidth * kHeight);
-  SampleLease a = pool->try_acquire(), b = pool->try_acquire();
+  SampleSlot a = pool->try_acquire(), b = pool->try_acquire();
   ImageInfo info;
   info.width_px = kWidth;
   info.height_px = kHeight;
-  for (auto* s : {&a.edit(), &b.edit()}) {
+  for (auto* s : {&*a, &*b}) {
     s->info = info;
     s->size_bytes = kWidth * kHeight;
     std::fill(s->memory().begin(), s->memory().end(), std::byte{10});
   }
-  std::fill(b.edit().memory().begin(), b.edit().memory().end(), std::byte{8});
+  std::fill(b->memory().begin(), b->memory().end(), std::byte{8});
   const auto d = difference_of_images(*a, *b);
   ASSERT_TRUE(d);
   EXPECT_EQ(d->bias, 2);
@@ -568,7 +595,7 @@ TEST(PairStatistics, JudgesEachRegisterByItself) {
   double sum = 0, squares = 0;
   constexpr int kPairs = 200;
   for (int i = 0; i < kPairs; ++i) {
-    SampleLease a = pool->try_acquire(), b = pool->try_acquire();
+    SampleSlot a = pool->try_acquire(), b = pool->try_acquire();
     ASSERT_TRUE(a && b) << "leases are kept";
     RegisterBlock x, y;
     x.count = y.count = 2;
@@ -579,11 +606,9 @@ TEST(PairStatistics, JudgesEachRegisterByItself) {
     y.value[1] = 1;
     sum += d;
     squares += d * d;
-    a.edit().info = x;
-    b.edit().info = y;
-    statistics.compare(a, b);
-    a.reset();
-    b.reset();
+    a->info = x;
+    b->info = y;
+    statistics.compare(std::move(a), std::move(b));
     statistics.drain();
   }
   const PairSnapshot s = statistics.snapshot();

@@ -22,10 +22,10 @@ using test::FormulaImages;
 using test::image_config;
 
 /// Gives register blocks that are released as they are taken; every 1 ms.
-SampleLease block(SamplePool& pool, std::uint64_t k, BenchTime t) {
-  SampleLease s = pool.try_acquire();
+SampleSlot block(SamplePool& pool, std::uint64_t k, BenchTime t) {
+  SampleSlot s = pool.try_acquire();
   if (!s) return s;
-  Sample& sample = s.edit();
+  Sample& sample = *s;
   sample.stamp = Stamp{};
   sample.stamp.sequence = k;
   sample.stamp.t_capture = t - milliseconds(1);
@@ -244,7 +244,7 @@ TEST(Recorder, PutsEverythingWhereToolsLookForIt) {
   EXPECT_EQ(script->at(103).status, PortStatus::fresh);
   EXPECT_TRUE(script->at(103).simulated) << "the side that was handed on is not recorded";
   EXPECT_EQ(script->at(103).sequence, 9u);
-  EXPECT_EQ(script->at(104).status, PortStatus::stale);
+  EXPECT_EQ(script->at(104).status, PortStatus::held);
   EXPECT_EQ(script->at(5).status, PortStatus::never);
 }
 
@@ -310,15 +310,17 @@ TEST(Replay, FollowsWhatCameLateAndWhatWasSkipped) {
       if (k >= 30 && k < 33) continue;
       const BenchTime now = BenchTime(0) + milliseconds(static_cast<std::int64_t>(k));
       if (k == 33) (*recorder)->record_skipped(30, 3, now);
-      PortStatus status = k == 20 ? PortStatus::late : PortStatus::stale;
+      PortStatus status = k == 20 ? PortStatus::overdue : PortStatus::held;
       if (k == 10 || k == 24 || k == 40) {
         const std::uint64_t n = k == 10 ? 0 : k == 24 ? 1 : 2;
-        visible = block(*pool, n, BenchTime(0) + milliseconds(static_cast<std::int64_t>(n) * 10 + 10));
-        visible.edit().stamp.t_arrival = now;
+        SampleSlot late =
+            block(*pool, n, BenchTime(0) + milliseconds(static_cast<std::int64_t>(n) * 10 + 10));
+        late->stamp.t_arrival = now;
+        visible = std::move(late);
         (*recorder)->record(0, visible);
         status = PortStatus::fresh;
       }
-      if (status != PortStatus::stale) (*recorder)->record_visibility(0, k, now, status, visible);
+      if (status != PortStatus::held) (*recorder)->record_visibility(0, k, now, status, visible);
       (*recorder)->end_cycle(k, now);
     }
     visible.reset();
@@ -345,7 +347,7 @@ TEST(Replay, FollowsWhatCameLateAndWhatWasSkipped) {
     port.obey(v.status, v.sequence, now);
     if (port.status() == PortStatus::fresh) fresh[k] = port.sample()->stamp.sequence;
     if (k == 20) {
-      EXPECT_EQ(port.status(), PortStatus::late);
+      EXPECT_EQ(port.status(), PortStatus::overdue);
     }
     if (k == 23) {
       EXPECT_EQ(port.sample()->stamp.sequence, 0u) << "sample 1 was not seen yet";
@@ -479,16 +481,16 @@ ChannelDescription images_of(std::uint32_t w, std::uint32_t h) {
 }
 
 SampleLease image(SamplePool& pool, std::uint64_t k, BenchTime t, std::uint32_t w, std::uint32_t h) {
-  SampleLease s = pool.try_acquire();
+  SampleSlot s = pool.try_acquire();
   if (!s) return s;
-  s.edit().stamp = Stamp{};
-  s.edit().stamp.sequence = k;
-  s.edit().stamp.t_capture = s.edit().stamp.t_release = s.edit().stamp.t_arrival = t;
+  s->stamp = Stamp{};
+  s->stamp.sequence = k;
+  s->stamp.t_capture = s->stamp.t_release = s->stamp.t_arrival = t;
   ImageInfo info;
   info.width_px = w;
   info.height_px = h;
-  s.edit().info = info;
-  s.edit().size_bytes = std::size_t{w} * h;
+  s->info = info;
+  s->size_bytes = std::size_t{w} * h;
   return s;
 }
 

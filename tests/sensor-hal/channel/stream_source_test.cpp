@@ -17,13 +17,14 @@ class Streamed final : public StreamSource {
   void come(std::int64_t release_ns) {
     auto slot = take_slot();
     if (slot) {
-      slot.edit().stamp.sequence = next_;
-      slot.edit().stamp.t_release = BenchTime(release_ns);
+      slot->stamp.sequence = next_;
+      slot->stamp.t_release = BenchTime(release_ns);
     }
     ++next_;
     hand_over(std::move(slot));
   }
   using StreamSource::count_lost;
+  void resize(std::size_t slots) { slots_ = slots; }
 
  protected:
   Status do_configure(const ChannelConfig&) override { return {}; }
@@ -70,7 +71,7 @@ TEST(StreamSource, InVirtualTimeASlotThatAnotherThreadHoldsIsWaitedFor) {
   });
   source.come(3);
   holder.join();
-  EXPECT_EQ(source.health().no_slot.load(), 0u);
+  EXPECT_EQ(source.health().no_slot, 0u);
   const auto third = source.poll(BenchTime(9));
   ASSERT_TRUE(third);
   EXPECT_EQ(third->stamp.sequence, 2u);
@@ -82,8 +83,8 @@ TEST(StreamSource, WithAllSlotsHeldASampleIsCountedAndTheNextOneTellsOfIt) {
   source.come(1);
   source.come(2);
   source.come(3);  // no slot
-  EXPECT_EQ(source.health().received.load(), 3u);
-  EXPECT_EQ(source.health().no_slot.load(), 1u);
+  EXPECT_EQ(source.health().received, 3u);
+  EXPECT_EQ(source.health().no_slot, 1u);
   EXPECT_EQ(source.poll(BenchTime(9))->stamp.sequence, 0u);
   EXPECT_EQ(source.poll(BenchTime(9))->stamp.sequence, 1u);
   source.count_lost(5);
@@ -91,7 +92,7 @@ TEST(StreamSource, WithAllSlotsHeldASampleIsCountedAndTheNextOneTellsOfIt) {
   const auto told = source.poll(BenchTime(9));
   ASSERT_TRUE(told);
   EXPECT_EQ(told->stamp.lost_before, 6u);
-  EXPECT_EQ(source.health().lost.load(), 5u);
+  EXPECT_EQ(source.health().lost, 5u);
 }
 
 TEST(StreamSource, ThatIsNotPolledKeepsNoMoreThanARecorderTakesAtOnce) {
@@ -101,7 +102,7 @@ TEST(StreamSource, ThatIsNotPolledKeepsNoMoreThanARecorderTakesAtOnce) {
     for (int i = 1; i <= 16; ++i) source.come(i);
     const std::size_t most =
         virtual_time ? 16 : 16 - kSlotsForTheLoop;  // nothing is left out in virtual time
-    EXPECT_EQ(source.health().no_slot.load(), 16 - most);
+    EXPECT_EQ(source.health().no_slot, 16 - most);
     std::vector<SampleLease> held;
     while (auto lease = source.poll(BenchTime(16))) held.push_back(std::move(lease));
     EXPECT_EQ(held.size(), most);
@@ -126,6 +127,29 @@ TEST(StreamSource, LeasesOfAnEarlierRunOutliveTheNextArm) {
   const auto fresh = source.poll(BenchTime(9));
   ASSERT_TRUE(fresh) << "what the last run left unpolled holds no slot";
   EXPECT_EQ(fresh->stamp.sequence, 2u);
+}
+
+TEST(StreamSource, LeasesKeepTheirMemoryWhenTheNextRunHasOtherSlots) {
+  SampleLease first, second;
+  {
+    Streamed source(2);
+    bring_up(source, false);
+    source.come(1);
+    first = source.poll(BenchTime(9));
+    ASSERT_TRUE(source.stop());
+    source.resize(3);
+    bring_up(source, false);
+    source.come(2);
+    second = source.poll(BenchTime(9));
+    EXPECT_EQ(first->stamp.sequence, 0u);
+    ASSERT_TRUE(source.stop());
+  }
+  EXPECT_EQ(first->stamp.sequence, 0u);
+  EXPECT_EQ(second->stamp.sequence, 1u);
+  SampleSlot slot = first.take_back();
+  ASSERT_TRUE(slot);
+  EXPECT_EQ(slot->memory().size(), 16u);
+  slot->memory()[15] = std::byte{1};
 }
 
 TEST(Backoff, PausesDoubleFromFiftyMillisecondsToTwoSecondsAndStartAnew) {

@@ -247,5 +247,35 @@ TEST(Nearest, FindsTyposEndingsAndSwaps) {
   EXPECT_EQ(nearest(std::string(100000, 'x'), {std::string(100000, 'y'), "z"}).size(), 0u);
 }
 
+TEST(ConfigValues, OfEarlierVersionsAreRefusedWithTheNewName) {
+  struct Row {
+    const char *old, *now;
+  };
+  for (const auto& [old, now] :
+       {Row{"hand_on", "active"}, Row{"engine", "renderer"}, Row{"effort", "quality"},
+        Row{"becomes", "model_schedule"}, Row{"sheet", "model"}, Row{"walk_mm", "remission_bias_mm"},
+        Row{"oblique_mm", "incidence_bias_mm"}}) {
+    const std::string text = std::string(old) + ": x\n";
+    const std::string told = "rig.yaml:1:1: " + std::string(old) + ": now called " + now;
+    const auto optional = parsed(text);
+    (void)optional.text_or(now, "");
+    EXPECT_EQ(complaint([&] { optional.finish(); }), told);
+    const auto required = parsed(text);
+    EXPECT_EQ(complaint([&] { (void)required.text(now); }), told);
+  }
+  for (const auto& [old, now] :
+       {Row{"vulkan", "raster"}, Row{"note", "log"}, Row{"late", "overdue"}, Row{"lost", "disconnected"}}) {
+    const auto n = parsed("key: " + std::string(old) + "\n");
+    EXPECT_EQ(complaint([&] {
+                (void)n.choice("key", {now, "other"});
+              }),
+              "rig.yaml:1:6: key: expected one of " + std::string(now) + ", other, got " + old +
+                  "; now called " + now);
+  }
+  const auto foreign = parsed("engine: x\n");
+  EXPECT_EQ(complaint([&] { foreign.finish(); }), "rig.yaml:1:1: engine: unknown key; expected no keys here")
+      << "where the new name would be as unknown";
+}
+
 }  // namespace
 }  // namespace rigor

@@ -1,4 +1,4 @@
-// A fitted sheet: its section is checked, and devices are drawn from its covariance.
+// A fitted sensor model: its section is checked, and devices are drawn from its covariance.
 #include "sensor-hal/models/calibration_section.h"
 
 #include <gmock/gmock.h>
@@ -89,7 +89,7 @@ TEST(CalibrationSection, DrawnDevicesHaveTheCovarianceOfTheFit) {
     ASSERT_EQ(drawn->size(), 3u);
     const double x = std::stod((*drawn)[0].value) - 500, y = std::stod((*drawn)[1].value) - 500;
     sum_x += x, sum_xx += x * x, sum_xy += x * y;
-    EXPECT_EQ(std::stod((*drawn)[2].value), 320) << "no variance, and in the sheet's unit";
+    EXPECT_EQ(std::stod((*drawn)[2].value), 320) << "no variance, and in the sensor model's unit";
   }
   // Standard errors: mean 2/√n, variance 4·√(2/n), covariance √((16 + 3.2²)/n).
   EXPECT_NEAR(sum_x / n, 0, 3.3 * 2 / std::sqrt(n));

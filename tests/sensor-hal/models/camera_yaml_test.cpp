@@ -1,5 +1,5 @@
-// Camera sheets: every key reaches its field, every mistake names its place, and the sheets that come along
-// load.
+// Camera sensor models: every key reaches its field, every mistake names its place, and the sensor models
+// that come along load.
 #include "sensor-hal/models/camera_yaml.h"
 
 #include <gtest/gtest.h>

@@ -46,7 +46,7 @@ TEST(Rig, ReadsBothSidesOfAPairAndItsSwitches) {
       "    pair:\n"
       "      real: { backend: aravis, emulated_by: cam }\n"
       "      simulated: { backend: simulated }\n"
-      "      switches: [ { at_s: 1.5, hand_on: simulated }, { at_s: 2, hand_on: real } ]\n");
+      "      switches: [ { at_s: 1.5, active: simulated }, { at_s: 2, active: real } ]\n");
   ASSERT_TRUE(rig) << rig.error().text();
   const ChannelEntry& c = rig->channels[0];
   EXPECT_TRUE(c.is_pair);

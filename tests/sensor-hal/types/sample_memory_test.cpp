@@ -32,10 +32,10 @@ TEST(SampleMemory, LiesOnTheHeapUntilItIsShared) {
 TEST(SampleMemory, IsReadByWhoeverMapsItAndWrittenByNobodyElse) {
   ASSERT_TRUE(sample_memory::share());
   const auto pool = make_sample_pool(3, 5000);
-  auto lease = pool->try_acquire();
-  std::memset(lease.edit().memory().data(), 0x5a, 5000);
-  lease.edit().size_bytes = 5000;
-  const std::int64_t offset = lease->shared_offset();
+  auto slot = pool->try_acquire();
+  std::memset(slot->memory().data(), 0x5a, 5000);
+  slot->size_bytes = 5000;
+  const std::int64_t offset = slot->shared_offset();
   ASSERT_GE(offset, 0);
   EXPECT_EQ(offset % 4096, 0);
   const int fd = sample_memory::open_for_reader();
@@ -43,8 +43,8 @@ TEST(SampleMemory, IsReadByWhoeverMapsItAndWrittenByNobodyElse) {
   const std::size_t size = static_cast<std::size_t>(offset) + 8192;
   auto* map = static_cast<const std::byte*>(mmap(nullptr, size, PROT_READ, MAP_SHARED, fd, 0));
   ASSERT_NE(map, MAP_FAILED);
-  EXPECT_EQ(std::memcmp(map + offset, lease->bytes().data(), 5000), 0);
-  lease.edit().memory()[17] = std::byte{1};
+  EXPECT_EQ(std::memcmp(map + offset, slot->bytes().data(), 5000), 0);
+  slot->memory()[17] = std::byte{1};
   EXPECT_EQ(map[offset + 17], std::byte{1}) << "it is not a copy";
   EXPECT_EQ(mmap(nullptr, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0), MAP_FAILED);
   EXPECT_EQ(errno, EACCES);

@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "sim/platform/platform_yaml.h"
+#include "sim/world/pose.h"
 
 namespace rigor {
 namespace {
@@ -35,12 +36,8 @@ TEST(Harvester, DrivesACircleOfItsSteeringAngle) {
   tell(machine, "steer_to", 20, at(0));
   const double radius = c.wheelbase_m / std::tan(20 * kDeg);  // of the rear axle's middle
   const auto centre = [&](double t) {
-    const BodyState b = machine.motion_at(at(t)).body;
-    const auto& p = b.T_world_body.position_m;
-    const auto& q = b.T_world_body.orientation_wxyz;
-    return Eigen::Vector3d(Eigen::Vector3d(p[0], p[1], p[2]) +
-                           Eigen::Quaterniond(q[0], q[1], q[2], q[3]) *
-                               Eigen::Vector3d(-c.wheelbase_m / 2, radius, 0));
+    return Eigen::Vector3d(isometry_of(machine.motion_at(at(t)).body.T_world_body) *
+                           Eigen::Vector3d(-c.wheelbase_m / 2, radius, 0));
   };
   EXPECT_NEAR(machine.motion_at(at(20)).body.turn_rate_radps[2], 1.5 / radius, 1e-9);
   for (const double t : {9.0, 17.0, 60.0}) EXPECT_LT((centre(t) - centre(8)).norm(), 1e-4) << t;
@@ -86,10 +83,7 @@ TEST(Harvester, PartsMeetTheHeadsPose) {
     const PlatformMotion m = machine.motion_at(at(t));
     const auto parts = machine.parts();
     std::vector<Eigen::Isometry3d> pose;
-    const auto& p = m.body.T_world_body.position_m;
-    const auto& q = m.body.T_world_body.orientation_wxyz;
-    const Eigen::Isometry3d body =
-        Eigen::Translation3d(p[0], p[1], p[2]) * Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
+    const Eigen::Isometry3d body = isometry_of(m.body.T_world_body);
     bool found = false;
     for (const PlatformPart& part : parts) {
       Eigen::Isometry3d T =

@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "sim/platform/platform_yaml.h"
+#include "sim/world/pose.h"
 
 namespace rigor {
 namespace {
@@ -61,10 +62,7 @@ Eigen::Vector3d position(const BodyState& b) {
   const auto& p = b.T_world_body.position_m;
   return {p[0], p[1], p[2]};
 }
-Eigen::Matrix3d rotation(const Pose& pose) {
-  const auto& q = pose.orientation_wxyz;
-  return Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
-}
+Eigen::Matrix3d rotation(const Pose& pose) { return isometry_of(pose).linear(); }
 
 TEST(SkidSteer, DrivesStraightAsItsRampAndTimeConstantSay) {
   SkidSteer robot(ideal(), {.x_m = 1, .y_m = 2, .yaw_rad = kPi / 3}, Ground(0.5));

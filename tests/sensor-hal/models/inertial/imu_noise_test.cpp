@@ -1,4 +1,4 @@
-// What comes out of a simulated unit at rest, by its Allan deviation, against the sheet's N, B and K.
+// What comes out of a simulated unit at rest, by its Allan deviation, against the sensor model's N, B and K.
 #include <gtest/gtest.h>
 
 #include <cmath>

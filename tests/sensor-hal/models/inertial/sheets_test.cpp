@@ -1,4 +1,4 @@
-// The sheets that come along.
+// The sensor models that come along.
 #include <gtest/gtest.h>
 
 #include <cmath>

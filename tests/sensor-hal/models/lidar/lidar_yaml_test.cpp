@@ -86,12 +86,12 @@ TEST(LidarYaml, OneNumberStandsForAllBeams) {
 TEST(LidarYaml, ErrorsInTheMeanAreOfTheRange) {
   const auto m = read(
       "scan: { rotation_hz: 10, step_deg: 1 }\n"
-      "range: { max_m: 10, bias_mm: -3, scale: 1.002, walk_mm: 20, oblique_mm: -7 }\n");
+      "range: { max_m: 10, bias_mm: -3, scale: 1.002, remission_bias_mm: 20, incidence_bias_mm: -7 }\n");
   ASSERT_TRUE(m) << m.error().text();
   EXPECT_DOUBLE_EQ(m->range.bias_m, -0.003);
   EXPECT_DOUBLE_EQ(m->range.scale, 1.002);
-  EXPECT_DOUBLE_EQ(m->range.walk_m, 0.02);
-  EXPECT_DOUBLE_EQ(m->range.oblique_m, -0.007);
+  EXPECT_DOUBLE_EQ(m->range.remission_bias_m, 0.02);
+  EXPECT_DOUBLE_EQ(m->range.incidence_bias_m, -0.007);
 }
 
 TEST(LidarYaml, DefaultsAreAPerfectSensor) {
@@ -104,8 +104,8 @@ TEST(LidarYaml, DefaultsAreAPerfectSensor) {
   EXPECT_EQ(m->noise.scale_m, 0);
   EXPECT_EQ(m->range.step_m, 0);
   EXPECT_EQ(m->range.scale, 1);
-  EXPECT_EQ(m->range.walk_m, 0);
-  EXPECT_EQ(m->range.oblique_m, 0);
+  EXPECT_EQ(m->range.remission_bias_m, 0);
+  EXPECT_EQ(m->range.incidence_bias_m, 0);
   EXPECT_EQ(m->remission.maximum, 0);
   EXPECT_EQ(m->detection.minimum_remission, 0);
   EXPECT_EQ(m->retro.crosstalk, 0);

@@ -166,8 +166,8 @@ int main(int argc, char** argv) {
     return T;
   };
   double scale = 0;
-  std::printf("%-14s %-7s %9s %9s %9s %9s %9s\n", "effect", "engine", "wall ms", "cpu ms", "collect", "rms %",
-              "p95 %");
+  std::printf("%-14s %-7s %9s %9s %9s %9s %9s\n", "effect", "renderer", "wall ms", "cpu ms", "collect",
+              "rms %", "p95 %");
   for (const Effect& e : kEffects) {
     if (!only.empty() && ("," + only + ",").find(std::string(",") + e.name + ",") == std::string::npos)
       continue;

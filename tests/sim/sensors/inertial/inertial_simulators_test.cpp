@@ -1,4 +1,5 @@
 #include "sim/sensors/inertial/inertial_simulators.h"
+#include "sim/world/pose.h"
 
 #include <gtest/gtest.h>
 
@@ -16,10 +17,6 @@ const Duration kPeriod = milliseconds(5);
 
 InertialSpec ideal() { return {"imu", 1, kPeriod, true}; }
 
-Pose pose_of(const Isometry3d& T) {
-  const Eigen::Quaterniond q(T.linear());
-  return {{T.translation().x(), T.translation().y(), T.translation().z()}, {q.w(), q.x(), q.y(), q.z()}};
-}
 std::array<double, 3> array(const Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 Vector3d vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
 

@@ -105,8 +105,8 @@ TEST(LidarBias, IsTheBeamsAndTheDevices) {
 TEST(LidarBias, GrowsWithRangeDarknessAndIncidence) {
   LidarModel m = staring();
   m.range.scale = 1.004;
-  m.range.walk_m = 0.03;
-  m.range.oblique_m = 0.05;
+  m.range.remission_bias_m = 0.03;
+  m.range.incidence_bias_m = 0.05;
   AnalyticWorld world;
   for (const double deg : {0.0, 60.0}) {
     const double c = std::cos(deg * kDegree);

@@ -1,0 +1,62 @@
+#include "calibration/procedures/input_files.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <openssl/evp.h>
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <fstream>
+#include <memory>
+
+namespace rigor {
+
+std::string sha256_of(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  if (!in) return {};
+  const std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context(EVP_MD_CTX_new(), &EVP_MD_CTX_free);
+  if (!context || EVP_DigestInit_ex(context.get(), EVP_sha256(), nullptr) != 1) return {};
+  std::vector<char> block(1 << 16);
+  while (in.read(block.data(), static_cast<std::streamsize>(block.size())) || in.gcount() > 0)
+    EVP_DigestUpdate(context.get(), block.data(), static_cast<std::size_t>(in.gcount()));
+  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
+  unsigned size = 0;
+  EVP_DigestFinal_ex(context.get(), digest.data(), &size);
+  std::string out;
+  for (unsigned i = 0; i < size; ++i) out += fmt::format("{:02x}", digest[i]);
+  return out;
+}
+
+Result<std::vector<std::filesystem::path>> input_files(const std::vector<std::filesystem::path>& inputs,
+                                                       const std::vector<std::string>& extensions) {
+  if (inputs.empty()) return fail(ErrorCode::bad_input, "INPUT", "expected a file or a folder, got none");
+  std::vector<std::filesystem::path> files;
+  std::error_code ec;
+  for (const auto& input : inputs) {
+    if (!std::filesystem::is_directory(input, ec)) {
+      if (!std::filesystem::exists(input, ec))
+        return fail(ErrorCode::not_found, input.string(),
+                    "expected a file or a folder, got nothing of that name");
+      files.push_back(input);
+      continue;
+    }
+    std::vector<std::filesystem::path> found;
+    for (const auto& entry : std::filesystem::directory_iterator(input, ec)) {
+      std::string extension = entry.path().extension().string();
+      std::transform(extension.begin(), extension.end(), extension.begin(),
+                     [](unsigned char c) { return std::tolower(c); });
+      if (std::find(extensions.begin(), extensions.end(), extension) != extensions.end())
+        found.push_back(entry.path());
+    }
+    if (found.empty())
+      return fail(
+          ErrorCode::not_found, input.string(),
+          fmt::format("expected files ending in {} in this folder, found none", fmt::join(extensions, ", ")));
+    std::sort(found.begin(), found.end());
+    files.insert(files.end(), found.begin(), found.end());
+  }
+  return files;
+}
+
+}  // namespace rigor

@@ -1,0 +1,26 @@
+// Recordings of what a LiDAR sent, as samples: packets of a Velodyne (pcap, pcapng) and telegrams of a SICK
+// scanner (JSON as Wireshark and SICK's own converter write it, one `tcp.payload` in hex for each segment).
+#pragma once
+
+#include <filesystem>
+
+#include "calibration/procedures/recording_input.h"
+
+namespace rigor {
+
+/// By the file's name: .pcap, .pcapng, .cap.
+[[nodiscard]] bool is_velodyne_recording(const std::filesystem::path& file);
+/// Point clouds, one for each revolution (the first and the last as far as they were recorded), points by
+/// laser id; the model by the timing of its packets, and a product byte that says otherwise is a warning. The
+/// positions are those of the manual: no specimen's corrections. not_found, bad_input (no packets of a
+/// Velodyne in it).
+[[nodiscard]] Result<RecordingInput> read_velodyne_recording(const std::filesystem::path& file,
+                                                             const TakeSample& take);
+
+/// By the file's name: .json.
+[[nodiscard]] bool is_sick_recording(const std::filesystem::path& file);
+/// Point clouds, one for each scan; remission is the RSSI as sent. not_found, bad_input (no scans in it).
+[[nodiscard]] Result<RecordingInput> read_sick_recording(const std::filesystem::path& file,
+                                                         const TakeSample& take);
+
+}  // namespace rigor
