@@ -5,7 +5,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <map>
 #include <nlohmann/json.hpp>
 
 #include "bench/control/pair_snapshot.h"
@@ -200,29 +199,19 @@ Status schedule_recorded_faults(const std::filesystem::path& file, const RigConf
   if (auto s = check_channels(*run, file, rig); !s) return s;
   const auto events = read_recorded_events(file, *run);
   if (!events) return tl::unexpected<Error>(events.error());
-  if (auto s = faults_are_known(file, *events); !s) return s;
-  struct Live {
-    std::string json;
-    Duration from, until = Duration(std::numeric_limits<std::int64_t>::max());
-  };
-  std::map<std::pair<std::string, std::uint32_t>, Live> found;
-  for (const RecordedFault& f : events->faults) {
-    if (!f.live) continue;
-    Live& live = found[{f.of, f.index}];
-    live.json = f.json;
-    (f.begins ? live.from : live.until) = f.t - run->t0;
-  }
-  if (found.empty())
+  const auto found = recorded_live_faults(file, *run, *events);
+  if (!found) return tl::unexpected<Error>(found.error());
+  if (found->empty())
     return fail(
         ErrorCode::bad_input, file.string(),
         "expected a recording of a run into which faults were injected (`rigor fault`), got one without; "
         "faults that the rig itself schedules come from the rig");
-  for (const auto& [key, live] : found) {
-    const auto entry = faults.find(key.first);
+  for (const RecordedLiveFault& live : *found) {
+    const auto entry = faults.find(live.of);
     if (!entry) return tl::unexpected<Error>(entry.error());
     const auto node = fault_node(live.json, file.string());
     if (!node) return tl::unexpected<Error>(node.error());
-    if (auto s = (*entry)->injector->schedule_live(*node, key.second, live.from, live.until); !s) return s;
+    if (auto s = (*entry)->injector->schedule_live(*node, live.index, live.from, live.until); !s) return s;
   }
   return {};
 }

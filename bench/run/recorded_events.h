@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -41,9 +42,22 @@ struct RecordedEvents {
   bool faults_as_text = false;
 };
 
-/// Setup context. protocol: among others a fault that this version does not know.
+/// A fault that was injected while the run went on, from its begin to its end.
+struct RecordedLiveFault {
+  std::string of;  ///< as RecordedFault::of
+  std::uint32_t index = 0;
+  std::string json;                                                           ///< as RecordedFault::json
+  Duration from, until = Duration(std::numeric_limits<std::int64_t>::max());  ///< after the start of the run
+};
+
+/// Setup context. protocol: a message that cannot be read, and a fault that this version does not know.
 [[nodiscard]] Result<RecordedEvents> read_recorded_events(const std::filesystem::path& file,
                                                           const RecordedRun& run);
+/// Ordered by channel or sink and index. Setup context. bad_input: they are told as text alone, and a fault
+/// that ends without having begun, whose begin the recording lost.
+[[nodiscard]] Result<std::vector<RecordedLiveFault>> recorded_live_faults(const std::filesystem::path& file,
+                                                                          const RecordedRun& run,
+                                                                          const RecordedEvents& events);
 /// For whoever needs the faults. bad_input: they are told as text alone.
 [[nodiscard]] Status faults_are_known(const std::filesystem::path& file, const RecordedEvents& events);
 
