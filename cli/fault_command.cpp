@@ -6,6 +6,7 @@
 #include "bench/console/terminal.h"
 #include "bench/control/control_socket.h"
 #include "cli/commands.h"
+#include "sensor-hal/config/json_text.h"
 
 namespace rigor {
 namespace {
@@ -14,7 +15,7 @@ using nlohmann::json;
 
 /// Numbers and flags as such, everything else as text.
 json value_of(const std::string& text) {
-  const json value = json::parse(text, nullptr, false);
+  const json value = parse_json(text).value_or(json());
   return value.is_number() || value.is_boolean() ? value : json(text);
 }
 

@@ -19,6 +19,7 @@
 #include <utility>
 
 #include "bench/files/installed_configs.h"
+#include "sensor-hal/config/json_text.h"
 #include "sensor-hal/types/sample_memory.h"
 
 namespace rigor::application {
@@ -311,14 +312,15 @@ Result<json> ChildProcess::receive(MessageType type, Duration patience, StopToke
     pollfd wait{socket_, POLLIN, 0};
     (void)poll(&wait, 1, kSlice_ms);
   }
-  const json text = json::parse(bytes.begin() + sizeof header, bytes.end(), nullptr, false);
+  auto text = parse_json(std::string_view(bytes).substr(sizeof header), where_);
   if (header.type == MessageType::failed)
-    return fail(ErrorCode::unavailable, where_, "the application says: " + sentence_of(text));
-  if (header.type != type || text.is_discarded())
+    return fail(ErrorCode::unavailable, where_,
+                "the application says: " + sentence_of(text.value_or(json())));
+  if (header.type != type)
     return fail(ErrorCode::protocol, where_,
-                fmt::format("expected message {} with JSON from the application, got message {}{}",
-                            static_cast<std::uint32_t>(type), static_cast<std::uint32_t>(header.type),
-                            text.is_discarded() ? " that is no JSON" : ""));
+                fmt::format("expected message {} with JSON from the application, got message {}",
+                            static_cast<std::uint32_t>(type), static_cast<std::uint32_t>(header.type)));
+  if (!text) return fail(ErrorCode::protocol, where_, "the application's message: " + text.error().message);
   return text;
 }
 

@@ -9,6 +9,7 @@
 
 #include "bench/application/setup_message.h"
 #include "bench/application/turns.h"
+#include "sensor-hal/config/json_text.h"
 
 namespace rigor {
 namespace application {
@@ -45,7 +46,7 @@ class PluginApplication final : public Application {
                                   .dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
     if (entry_->start(self_, setup.data(), setup.size(), answer_.data(), answer_.size(), &answered_) != 0)
       return fail(ErrorCode::unavailable, where_, "the application says: " + text());
-    const nlohmann::json ready = nlohmann::json::parse(text(), nullptr, false);
+    const auto ready = parse_json(text()).value_or(nlohmann::json());  // it need not say anything
     const auto rate = rate_of_turns(rate_hz, ready, loop_period, where_);
     if (!rate) return tl::unexpected<Error>(rate.error());
     every_ = cycles_of_turn(*rate, loop_period);

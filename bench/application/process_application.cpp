@@ -17,6 +17,7 @@
 #include "bench/application/child_process.h"
 #include "bench/application/setup_message.h"
 #include "bench/application/turns.h"
+#include "sensor-hal/config/json_text.h"
 #include "sensor-hal/types/sample_memory.h"
 
 namespace rigor {
@@ -311,7 +312,7 @@ std::string ProcessApplication::why_broken() {
       MessageHeader header;
       std::memcpy(&header, answer_.data(), sizeof header);
       const char* text = reinterpret_cast<const char*>(answer_.data()) + sizeof header;
-      return "says: " + sentence_of(nlohmann::json::parse(text, text + header.size_bytes, nullptr, false));
+      return "says: " + sentence_of(parse_json({text, header.size_bytes}).value_or(nlohmann::json()));
     }
     case Broken::malformed:
       return "gave an answer that the protocol does not know (another cycle, an output that does not exist, "

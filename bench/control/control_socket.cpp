@@ -19,6 +19,7 @@
 #include <thread>
 
 #include "bench/console/terminal.h"
+#include "sensor-hal/config/json_text.h"
 #include "sensor-hal/config/yaml.h"
 
 namespace rigor {
@@ -152,14 +153,15 @@ Result<json> ControlCommands::result_of(const json& request) {
 }
 
 std::string ControlCommands::answer(std::string_view line) {
-  const json request = json::parse(line, nullptr, false);
+  const auto parsed = parse_json(line);
+  const json request = parsed ? *parsed : json();
   const std::lock_guard lock(mutex_);
   std::string id;
   if (request.is_object() && request.contains("id") && request["id"].is_string()) id = request["id"];
   if (!id.empty())
     for (const auto& [known, said] : answered_)
       if (known == id) return said;
-  const auto result = result_of(request);
+  const auto result = parsed ? result_of(request) : parsed;
   const json reply =
       result
           ? json{{"ok", true}, {"result", *result}}
@@ -322,8 +324,9 @@ Asked ask_once(const std::filesystem::path& path, const std::string& line, Durat
     char buffer[4096];
     const ssize_t n = recv(fd, buffer, sizeof buffer, 0);
     if (n < 0 && errno == EINTR) continue;
-    good = n > 0;
+    good = n > 0 && asked.reply.size() < kMaxJsonBytes;
     if (good) asked.reply.append(buffer, static_cast<std::size_t>(n));
+    if (!good && n > 0) asked.why = "its answer does not end";
     if (n == 0) asked.why = "it closed the connection";
     if (n < 0) asked.why = errno == EAGAIN ? too_late() : std::strerror(errno);
   }
@@ -372,9 +375,11 @@ Result<json> ask_bench(const std::string& name_or_pid, const json& request, Pati
         fmt::format("the run does not answer, asked {} times: {}; whether it did what it was asked is "
                     "not known (`rigor fault RUN --list` tells of faults)",
                     patience.times, asked.why));
-  const json answer = json::parse(asked.reply, nullptr, false);
+  const auto parsed = parse_json(asked.reply, where);
+  if (!parsed) return tl::unexpected<Error>(parsed.error());
+  const json& answer = *parsed;
   if (!answer.is_object())
-    return fail(ErrorCode::io, where, "the run does not answer: its answer is no JSON");
+    return fail(ErrorCode::io, where, "the run does not answer: its answer is no object of JSON");
   if (answer.value("ok", false)) return answer.value("result", json::object());
   const json error = answer.value("error", json::object());
   return fail(code_of(error.value("code", "")), "", error.value("message", "it refused"));

@@ -18,6 +18,7 @@
 #include <set>
 
 #include "bench/console/terminal.h"
+#include "sensor-hal/config/json_text.h"
 #include "sensor-hal/rig/rig.h"
 
 namespace rigor {
@@ -114,7 +115,7 @@ std::vector<std::string> report_files_in(const fs::path& dir) {
       text.append(block.data(), n);
     std::fclose(file);
   }
-  const auto result = nlohmann::json::parse(text, nullptr, false);
+  const nlohmann::json result = parse_json(text).value_or(nlohmann::json());
   if (!result.is_object() || !result.contains("channels") || !result["channels"].is_array()) return names;
   for (const auto& channel : result["channels"]) {
     if (!channel.is_object() || !channel.contains("pictures") || !channel["pictures"].is_array()) continue;

@@ -5,6 +5,8 @@
 #include <nlohmann/json.hpp>
 #include <type_traits>
 
+#include "sensor-hal/config/json_text.h"
+
 namespace rigor::live {
 namespace {
 
@@ -132,7 +134,9 @@ std::string text_of(const json& j) { return j.dump(-1, ' ', false, json::error_h
 }  // namespace
 
 Result<ClientMessage> parse_text(std::string_view text) {
-  const json message = json::parse(text, nullptr, false);
+  const auto parsed = parse_json(text, {}, kMaxMessageBytes);
+  if (!parsed) return wrong("", parsed.error().message);
+  const json& message = *parsed;
   if (!message.is_object()) return wrong("", "expected an object of JSON, got " + cited(text));
   const auto it = message.find("op");
   if (it == message.end() || !it->is_string()) return wrong("", "expected an object with an `op`");

@@ -59,6 +59,8 @@ struct NotOffered {
 using ClientMessage =
     std::variant<Subscribe, Unsubscribe, GetParameters, SetParameters, ServiceCall, NotOffered>;
 
+/// Of a message of a client.
+inline constexpr std::size_t kMaxMessageBytes = 256u << 10;
 /// Entries of one message at most.
 inline constexpr std::size_t kMaxEntries = 4096;
 

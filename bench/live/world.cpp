@@ -8,6 +8,7 @@
 #include "bench/files/picture.h"
 #include "bench/live/world_values.h"
 #include "sensor-hal/channel/event_text.h"
+#include "sensor-hal/config/json_text.h"
 #include "sensor-hal/models/camera_yaml.h"
 #include "sim/world/pose.h"
 #include "sim/world/semantic_types.h"
@@ -426,10 +427,11 @@ Result<json> LiveWorld::set(const json& request) {
 std::string service_answer(const std::string& request,
                            const std::function<Result<json>(const json&)>& answer) {
   const auto answered = [&]() -> Result<json> {
-    const json j = json::parse(request, nullptr, false);
-    if (!j.is_object()) return fail(ErrorCode::bad_input, "", "expected an object");
+    const auto j = parse_json(request);
+    if (!j) return tl::unexpected<Error>(j.error());
+    if (!j->is_object()) return fail(ErrorCode::bad_input, "", "expected an object");
     try {
-      return answer(j);
+      return answer(*j);
     } catch (const json::exception& e) {  // a key of another type than expected
       return fail(ErrorCode::bad_input, "", std::string("the request is not as expected: ") + e.what());
     } catch (const std::exception& e) {

@@ -13,6 +13,7 @@
 #include "calibration/procedures/photon_input.h"
 #include "calibration/shading/shading_fit.h"
 #include "calibration/shading/shading_twin.h"
+#include "sensor-hal/config/json_text.h"
 #include "sensor-hal/models/camera_yaml.h"
 
 namespace rigor {
@@ -46,8 +47,12 @@ Result<ShadingInput> read_table(const std::filesystem::path& file, const CameraM
   std::vector<double> gains;
   int columns = 0;
   if (file.extension() == ".json") {
-    const auto json = nlohmann::json::parse(in, nullptr, false);
-    const auto* table = json.is_discarded() ? nullptr : find_table(json);
+    std::string text(kMaxJsonBytes + 1, '\0');
+    in.read(text.data(), static_cast<std::streamsize>(text.size()));
+    text.resize(static_cast<std::size_t>(in.gcount()));
+    const auto json = parse_json(text, file.string());
+    if (!json) return tl::unexpected<Error>(json.error());
+    const auto* table = find_table(*json);
     if (!table)
       return fail(ErrorCode::bad_input, file.string(),
                   "expected JSON with a `luminance_lut` (a camera tuning file of libcamera), found none");

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "sensor-hal/channel/fault_spec.h"
+#include "sensor-hal/config/json_text.h"
 
 namespace rigor {
 namespace {
@@ -142,11 +143,12 @@ std::string fault_json(const FaultSpec& fault) { return text_of(entries(fault), 
 std::string fault_yaml(const FaultSpec& fault) { return text_of(entries(fault), true); }
 
 Result<ConfigNode> fault_node(std::string_view json, const std::string& where) {
-  const auto object = nlohmann::json::parse(json, nullptr, false);
-  if (!object.is_object())
+  const auto object = parse_json(json, where);
+  if (!object) return fail(ErrorCode::bad_input, where, "fault: " + object.error().message);
+  if (!object->is_object())
     return fail(ErrorCode::bad_input, where,
                 "fault: expected an object of JSON with the keys of a fault, as rigs have them, got " +
-                    std::string(object.is_discarded() ? "no JSON" : object.type_name()));
+                    std::string(object->type_name()));
   // JSON is YAML: the reader of rigs reads it.
   return ConfigDocument::parse(json, where);
 }

@@ -122,6 +122,7 @@ class Builder final : public YAML::EventHandler {
                     "expected an alias of a finished value, got one inside the value itself"};
     if (!open_.empty() && expects_key()) throw Refused{lines_.place(mark), "expected a key, got an alias"};
     count(found->second->weight, lines_.place(mark));
+    check_depth(open_.size() + found->second->depth, lines_.place(mark));
     attach(found->second, lines_.place(mark));
   }
   void OnScalar(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
@@ -185,6 +186,11 @@ class Builder final : public YAML::EventHandler {
           place, "expected at most " + std::to_string(kMaxValues) +
                      " values with every alias written out, got more; use fewer aliases or split the file"};
   }
+  static void check_depth(std::size_t depth, Place place) {
+    if (depth > kMaxDepth)
+      throw Refused{place, "expected maps and lists nested at most " + std::to_string(kMaxDepth) +
+                               " levels deep with every alias written out, got more; flatten them"};
+  }
   void take_key(const Value& key) {
     auto& map = open_.back();
     if (!key.quoted && key.text == "<<")
@@ -211,6 +217,7 @@ class Builder final : public YAML::EventHandler {
     }
     auto& top = open_.back();
     top.value->weight += v->weight;
+    top.value->depth = std::max(top.value->depth, v->depth + 1);
     if (top.value->kind == Value::Kind::list) {
       top.value->items.push_back(std::move(v));
     } else if (top.has_key) {
@@ -227,6 +234,8 @@ class Builder final : public YAML::EventHandler {
       throw Refused{v->place,
                     std::string("expected a key, got a ") + (kind == Value::Kind::map ? "map" : "list")};
     count(1, v->place);
+    check_depth(open_.size() + 1, v->place);
+    v->depth = 1;
     open_.push_back({std::move(v), anchor, false, {}});
   }
   void close() {
@@ -498,7 +507,12 @@ Result<ValuePtr> apply_override(const ValuePtr& root, const ConfigOverride& over
   }
   auto leaf = override_value(override, where);
   if (!leaf) return leaf;
-  return set_at(root, split_path(override.path), 0, *leaf, where);
+  const std::vector<std::string> path = split_path(override.path);
+  if (path.size() + (*leaf)->depth > kMaxDepth)
+    return fail(ErrorCode::bad_input, "--set",
+                "expected a path and a value that nest at most " + std::to_string(kMaxDepth) +
+                    " levels deep together, got " + std::to_string(path.size() + (*leaf)->depth));
+  return set_at(root, path, 0, *leaf, where);
 }
 
 std::string describe(const Value& v) {

@@ -40,6 +40,7 @@ struct Value {
   std::vector<Entry> entries;   ///< of a map, in the order of the file
   std::vector<ValuePtr> items;  ///< of a list
   std::uint64_t weight = 1;     ///< values in it with every alias written out
+  std::size_t depth = 0;        ///< maps and lists within each other, with itself, when it was read
 
   [[nodiscard]] const Entry* find(std::string_view key) const noexcept {
     for (const auto& e : entries)
@@ -50,6 +51,9 @@ struct Value {
 
 inline constexpr std::size_t kMaxFileBytes = std::size_t{16} << 20;
 inline constexpr std::uint64_t kMaxValues = 1'000'000;  ///< with aliases written out
+/// Maps and lists within each other, with aliases written out. Whoever reads, writes or frees a tree recurses
+/// once for each; the parser's own limit of 500 knows nothing of aliases, by which 500 levels become 30 000.
+inline constexpr std::size_t kMaxDepth = 64;
 
 /// The root map of a YAML text. bad_input with `name:line:column` for whatever is not one well-formed
 /// document.

@@ -49,6 +49,16 @@ TEST(ControlCommands, ARequestThatComesAgainIsDoneOnce) {
   EXPECT_NE(commands.answer(R"({"command": "count", "id": "a"})"), first);
 }
 
+TEST(ControlCommands, ARequestThatNestsTooDeeplyIsRefusedBeforeAnyHandlerSeesIt) {
+  ControlCommands commands;
+  commands.add("echo", [](const json& request) -> Result<json> { return request; });
+  const std::size_t levels = 500'000;
+  const std::string answer = commands.answer(R"({"command": "echo", "id": "a", "fault": )" +
+                                             std::string(levels, '[') + std::string(levels, ']') + "}");
+  EXPECT_EQ(json::parse(answer)["error"]["code"], "bad_input");
+  EXPECT_THAT(answer, HasSubstr("nested at most 64 levels"));
+}
+
 class ControlSockets : public ::testing::Test {
  protected:
   void SetUp() override { setenv("XDG_RUNTIME_DIR", dir.path().c_str(), 1); }

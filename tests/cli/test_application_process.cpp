@@ -240,7 +240,10 @@ TEST_F(ApplicationProcess, ThatDoesNotSpeakTheProtocolIsNamed) {
   fails("import sys; sys.exit(7)\n", HasSubstr("ended before it connected to RIGOR_SOCKET: exit status 7"));
   fails("import time; time.sleep(60)\n", HasSubstr("did not connect to RIGOR_SOCKET within 2 s"));
   fails(connect + "send(1, b'{\"protocol\": 99}'); time.sleep(60)\n", HasSubstr("expected protocol 1"));
-  fails(connect + "send(1, b'nonsense'); time.sleep(60)\n", HasSubstr("that is no JSON"));
+  fails(connect + "send(1, b'nonsense'); time.sleep(60)\n", HasSubstr("expected JSON, got \"nonsense\""));
+  // The deepest text that a message may hold: it fails the start, and not the bench.
+  fails(connect + "send(1, b'{\"protocol\": ' + b'[' * 400000 + b']' * 400000 + b'}'); time.sleep(60)\n",
+        HasSubstr("nested at most 64 levels"));
   fails(connect + "s.sendall(struct.pack('<II', 1 << 31, 1)); time.sleep(60)\n",
         HasSubstr("message of at most"));
   fails(connect +

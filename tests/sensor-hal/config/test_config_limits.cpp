@@ -1,4 +1,9 @@
 // Numbers that are finite, and still none that a rig, a sensor or a world has.
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+#include "sensor-hal/config/json_text.h"
 #include "sensor-hal/config/sample_size.h"
 #include "sensor-hal/config/unit_limits.h"
 #include "tests/sensor-hal/config/config_test.h"
@@ -49,6 +54,55 @@ TEST(ConfigLimits, PicturesAndBuffersAreRefusedBySize) {
             }).find("rig.yaml:3:8: slots: expected buffers that fit in this machine's memory"),
             std::string::npos);
   EXPECT_EQ(complaint([&] { check_buffer_memory(n, "slots", 4, 1 << 20); }), "(accepted)");
+}
+
+TEST(ConfigLimits, NestingIsBounded) {
+  const auto nested = [](std::size_t n) { return "a: " + std::string(n, '[') + std::string(n, ']'); };
+  EXPECT_EQ(refusal(nested(63)), "(accepted)");
+  EXPECT_EQ(refusal(nested(64)),
+            "rig.yaml:1:67: expected maps and lists nested at most 64 levels deep with every alias written "
+            "out, got "
+            "more; flatten them");
+  EXPECT_NE(refusal(nested(400'000)).find("rig.yaml:1:67: expected maps and lists nested"),
+            std::string::npos);
+}
+
+/// Each alias stands in a list of 60 levels and becomes the anchor of the next: 60 · 64 levels in few lines.
+TEST(ConfigLimits, NestingByAliasesIsBounded) {
+  std::string yaml = "a0: &a0 [1]\n";
+  for (int i = 1; i <= 64; ++i)
+    yaml += fmt::format("a{0}: &a{0} {1}*a{2}{3}\n", i, std::string(60, '['), i - 1, std::string(60, ']'));
+  EXPECT_NE(refusal(yaml).find("rig.yaml:3:69: expected maps and lists nested at most 64 levels"),
+            std::string::npos)
+      << refusal(yaml);
+}
+
+TEST(ConfigLimits, NestingByOverridesIsBounded) {
+  const auto with = [](const std::string& set) { return refusal("a: 1", {*ConfigOverride::parse(set)}); };
+  std::string path = "b";
+  for (int i = 1; i < 64; ++i) path += ".b";
+  EXPECT_EQ(with(path + "=1"), "(accepted)");
+  EXPECT_NE(with(path + "=[1]").find("nest at most 64 levels deep together, got 65"), std::string::npos);
+  for (int i = 0; i < 200'000; ++i) path += ".b";
+  EXPECT_NE(with(path + "=1").find("nest at most 64 levels"), std::string::npos);
+}
+
+TEST(JsonText, RefusesWhatNestsTooDeeplyIsTooLongOrIsNone) {
+  const auto said = [](const std::string& text, std::size_t most = kMaxJsonBytes) {
+    const auto value = parse_json(text, "request", most);
+    return value ? value->dump() : value.error().text();
+  };
+  const auto nested = [](std::size_t n) { return std::string(n, '[') + std::string(n, ']'); };
+  EXPECT_EQ(said(nested(64)), nested(64));
+  EXPECT_EQ(said(nested(65)), "request: expected JSON nested at most 64 levels deep, got more; flatten it");
+  EXPECT_EQ(said(nested(1'000'000)), said(nested(65)));
+  EXPECT_EQ(said(std::string(1'000'000, '{')), said(nested(65)));
+  // Brackets within text are text, also behind an escaped quote.
+  const std::string text = "[\"\\\"" + std::string(100, '[') + "\\\\\",1]";
+  EXPECT_EQ(said(text), text);
+  EXPECT_EQ(said("[1, 2]", 5), "request: expected at most 5 bytes of JSON, got 6");
+  EXPECT_EQ(said("no\x1b[2J json"), "request: expected JSON, got \"no?[2J json\"");
+  EXPECT_EQ(said(""), "request: expected JSON, got nothing");
 }
 
 }  // namespace
