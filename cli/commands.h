@@ -13,7 +13,8 @@ namespace rigor {
 struct LiveOptions {
   bool on = false;
   std::string endpoint;  ///< [ADDRESS:]PORT; empty: 127.0.0.1:8765
-  std::string token;     ///< empty: RIGOR_LIVE_TOKEN, or none
+  std::string token;     ///< empty: RIGOR_LIVE_TOKEN, or one that is made and printed
+  bool open = false;     ///< no token is asked for
   std::filesystem::path page;
   bool ends = false;  ///< replays: the page ends with the replay, in place of staying until Ctrl-C
   /// Virtual time: at most so many seconds of it in a second; 0: as fast as it goes. None: as a clock where

@@ -50,7 +50,9 @@ void add_live(CLI::App* app, rigor::LiveOptions& live) {
       ->type_name("[ADDRESS:]PORT")
       ->expected(0, 1)
       ->trigger_on_parse();
-  app->add_option("--live-token", live.token, "Who connects must say this (or RIGOR_LIVE_TOKEN)");
+  app->add_option("--live-token", live.token,
+                  "Who connects must say this (or RIGOR_LIVE_TOKEN; default: one that is made and printed)");
+  app->add_flag("--live-open", live.open, "Any user of this machine may connect, without a token");
   app->add_option("--live-page", live.page, "Folder with other files for the page")
       ->check(CLI::ExistingDirectory);
   app->add_option(

@@ -18,17 +18,26 @@ Result<std::unique_ptr<live::Server>> open_live(const LiveOptions& options, cons
                   "expected a run in virtual time, got one on the wall clock, which has its own pace");
   if (!options.on) {
     if (!options.token.empty()) return refuse("--live-token", "expected --live with it");
+    if (options.open) return refuse("--live-open", "expected --live with it");
     if (!options.page.empty()) return refuse("--live-page", "expected --live with it");
     if (options.ends) return refuse("--live-end", "expected --live with it");
     return std::unique_ptr<live::Server>();
   }
+  if (options.open && !options.token.empty())
+    return refuse("--live-open", "expected --live-open or --live-token, got both");
   live::ServerOptions server;
   auto endpoint = live::parse_endpoint(options.endpoint);
   if (!endpoint) return tl::unexpected<Error>(endpoint.error());
   server.endpoint = *endpoint;
   server.token = options.token;
-  if (const char* token = std::getenv("RIGOR_LIVE_TOKEN"); token && server.token.empty())
+  if (const char* token = std::getenv("RIGOR_LIVE_TOKEN"); token && server.token.empty() && !options.open)
     server.token = token;
+  if (server.token.empty() && !options.open) {
+    auto made = live::make_token();
+    if (!made) return tl::unexpected<Error>(made.error());
+    server.token = *made;
+    server.token_in_url = true;  // nobody else knows it
+  }
   server.page_dir = options.page;
   RealtimeConfig loop;
   loop.cpu = rig.loop.cpu < 0 ? RealtimeConfig::kAutoCpu : rig.loop.cpu;

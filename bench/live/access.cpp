@@ -1,8 +1,12 @@
 #include "bench/live/access.h"
 
 #include <arpa/inet.h>
+#include <sys/random.h>
 
+#include <array>
+#include <cerrno>
 #include <charconv>
+#include <cstring>
 #include <optional>
 
 namespace rigor::live {
@@ -121,13 +125,27 @@ Result<Endpoint> parse_endpoint(std::string_view text) {
   return e;
 }
 
+Result<std::string> make_token() {
+  std::array<unsigned char, 16> random{};
+  if (getrandom(random.data(), random.size(), 0) != static_cast<ssize_t>(random.size()))
+    return fail(ErrorCode::unavailable, "--live",
+                std::string("expected random numbers for a token, got: ") + std::strerror(errno) +
+                    "; give one with --live-token");
+  constexpr char kDigits[] = "0123456789abcdef";
+  std::string token;
+  for (const unsigned char byte : random) {
+    token += kDigits[byte >> 4];
+    token += kDigits[byte & 15];
+  }
+  return token;
+}
+
 Status check_token(const Endpoint& endpoint, std::string_view token) {
   if (token.empty() && !endpoint.loopback())
-    return fail(
-        ErrorCode::bad_input, "--live",
-        "expected --live-token T (or RIGOR_LIVE_TOKEN) for an address that is not loopback, got none: "
-        "whoever reaches " +
-            endpoint.address + " could command the bench");
+    return fail(ErrorCode::bad_input, "--live",
+                "expected a token for an address that is not loopback, got none: whoever reaches " +
+                    endpoint.address +
+                    " could command the bench; leave --live-open out, or give --live-token T");
   if (!token.empty() && token.size() < kLeastToken)
     return fail(ErrorCode::bad_input, "--live-token",
                 "expected at least " + std::to_string(kLeastToken) + " characters, got " +

@@ -21,6 +21,8 @@ struct Endpoint {
 };
 /// `[ADDRESS:]PORT`, ADDRESS numeric (IPv6 in brackets) or `localhost`; empty: the default. bad_input.
 [[nodiscard]] Result<Endpoint> parse_endpoint(std::string_view text);
+/// 128 bits of the kernel's random numbers in hexadecimal. unavailable: it has none. Any thread.
+[[nodiscard]] Result<std::string> make_token();
 /// bad_input where the address is not loopback and the token is empty, or shorter than 8 characters.
 [[nodiscard]] Status check_token(const Endpoint& endpoint, std::string_view token);
 

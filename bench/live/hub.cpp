@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "sensor-hal/config/json_text.h"
+
 namespace rigor::live {
 namespace {
 
@@ -130,6 +132,7 @@ void Hub::closed(Link& link) {
   Client* client = client_of(&link);
   if (!client) return;
   for (const auto& [channel, subscription] : client->subscription_of) --subscribers_[channel - 1];
+  client->here->store(false, std::memory_order_relaxed);
   clients_.erase(&link);
   counters_.clients.store(static_cast<std::uint32_t>(clients_.size()), std::memory_order_relaxed);
 }
@@ -202,7 +205,8 @@ void Hub::on(Client& client, const SetParameters& message) {
   std::vector<std::string> names;
   for (const SetParameters::Entry& e : message.entries) {
     names.push_back(e.name);
-    if (!set_parameter_ || !set_parameter_(e.name, json::parse(e.value, nullptr, false)))
+    const auto value = parse_json(e.value);
+    if (!set_parameter_ || !value || !set_parameter_(e.name, *value))
       complain(client, e.name + ": there is no such parameter, or it cannot have this value");
   }
   on(client, GetParameters{names, message.id});
@@ -215,19 +219,25 @@ void Hub::on(Client& client, const ServiceCall& m) {
   if (m.service == 0 || m.service > advertised_services_) return refuse("there is no such service");
   if (m.encoding != "json")
     return refuse("expected the encoding json, got \"" + m.encoding.substr(0, 40) + "\"");
-  if (!json::accept(m.request)) return refuse("expected a request in JSON");
+  if (const auto request = parse_json(m.request, "request", kMaxMessageBytes); !request)
+    return refuse(request.error().text());
   if (client.calls >= kCalls)
     return refuse("expected at most " + std::to_string(kCalls) + " calls at a time; wait for their answers");
+  if (calls_ >= kAllCalls) return refuse("this server is busy with calls of other clients; ask again");
   ++client.calls;
+  ++calls_;
   auto answer = std::make_shared<std::string>();
-  run_elsewhere_([service = services_[m.service - 1].answer, request = m.request,
-                  answer] { *answer = service(request); },
-                 [this, link = client.link, serial = client.serial, id = m.service, call = m.call, answer] {
-                   Client* c = client_of(link);
-                   if (!c || c->serial != serial) return;
-                   --c->calls;
-                   say(*c, service_response(id, call, "json", *answer), nullptr);
-                 });
+  run_elsewhere_(
+      [service = services_[m.service - 1].answer, request = m.request, answer, here = client.here] {
+        if (here->load(std::memory_order_relaxed)) *answer = service(request);
+      },
+      [this, link = client.link, serial = client.serial, id = m.service, call = m.call, answer] {
+        --calls_;
+        Client* c = client_of(link);
+        if (!c || c->serial != serial) return;
+        --c->calls;
+        say(*c, service_response(id, call, "json", *answer), nullptr);
+      });
 }
 
 void Hub::on(Client& client, const NotOffered& m) {

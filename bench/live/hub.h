@@ -44,7 +44,8 @@ class Hub {
   static constexpr std::size_t kBacklog = 2u << 20, kMaxBacklog = 64u << 20;
   /// A message up to this size goes out beside a picture that fills the backlog.
   static constexpr std::size_t kSmall = 64u << 10;
-  static constexpr std::size_t kCalls = 16;  ///< of one client at a time
+  static constexpr std::size_t kCalls = 16;     ///< of one client at a time
+  static constexpr std::size_t kAllCalls = 48;  ///< of all, those included whose client has gone
 
   /// A service's answer; called on whatever thread `run_service` brings it to. It throws nothing.
   using Service = std::function<std::string(const std::string& request)>;
@@ -92,6 +93,8 @@ class Hub {
     std::map<std::uint32_t, std::uint32_t> channel_of;  // by subscription
     std::map<std::uint32_t, std::uint32_t> subscription_of;  // by channel
     std::size_t calls = 0;
+    /// Until it goes: what it asked for and was not begun is not done any more.
+    std::shared_ptr<std::atomic<bool>> here = std::make_shared<std::atomic<bool>>(true);
     bool told_of_drops = false, leaving = false;
   };
   struct Offered {
@@ -123,6 +126,7 @@ class Hub {
   MessageHistory history_;
   std::map<const Link*, Client> clients_;
   std::uint64_t next_serial_ = 1;
+  std::size_t calls_ = 0;
   HubCounters counters_;
 };
 

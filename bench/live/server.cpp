@@ -255,7 +255,7 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
     ws_.set_option(websocket::stream_base::decorator([protocol](websocket::response_type& r) {
       r.set(http::field::sec_websocket_protocol, beast::string_view(protocol.data(), protocol.size()));
     }));
-    ws_.read_message_max(Server::kMaxMessage);
+    ws_.read_message_max(kMaxMessageBytes);
     ws_.auto_fragment(false);
     ws_.async_accept(request, [self = shared_from_this()](error_code error) {
       if (error) return;
@@ -310,7 +310,7 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
 
   Site& site_;
   websocket::stream<beast::tcp_stream> ws_;  // its next layer speaks HTTP until the upgrade
-  beast::flat_buffer buffer_{Server::kMaxMessage + Server::kMaxHeader};
+  beast::flat_buffer buffer_{kMaxMessageBytes + Server::kMaxHeader};
   std::optional<http::request_parser<http::empty_body>> parser_;
   http::response<http::string_body> response_;
   std::deque<Outgoing> queue_;
@@ -409,6 +409,7 @@ Result<std::unique_ptr<Server>> Server::open(const ServerOptions& options, const
   const std::string host =
       endpoint.address().is_v6() ? "[" + options.endpoint.address + "]" : options.endpoint.address;
   impl->address = "http://" + host + ":" + std::to_string(acceptor.local_endpoint().port()) + "/";
+  if (options.token_in_url) impl->address += "?token=" + options.token;
   impl->elsewhere = std::make_unique<Elsewhere>();
   impl->elsewhere->push(be_nicer);
   impl->accept();

@@ -24,6 +24,7 @@ namespace rigor::live {
 struct ServerOptions {
   Endpoint endpoint;
   std::string token;               ///< empty: none is asked for
+  bool token_in_url = false;       ///< url() brings the token
   std::filesystem::path page_dir;  ///< empty: the files in the program
 };
 
@@ -31,7 +32,6 @@ class Server {
  public:
   static constexpr std::size_t kMaxClients = 8;  ///< WebSockets
   static constexpr std::size_t kMaxConnections = 48;
-  static constexpr std::size_t kMaxMessage = 256u << 10;  ///< of a client
   static constexpr std::size_t kMaxHeader = 8u << 10;
 
   /// Listens, and answers from now on, on threads that may run where the caller may and are nicer than it.

@@ -125,6 +125,9 @@ const cases = {
   async topics() {
     const recording = join(folder, "run.mcap");
     const run = await startRun("--record", recording);
+    // Nobody gave a token: one was made, and who does not have it is refused.
+    assert.match(run.url, /\?token=[0-9a-f]{32}$/);
+    assert.equal(await upgrade(run.url), 401);
     const c = await connect(run.url, { protocol: "foxglove.sdk.v1" });
     assert.equal(c.socket.protocol, "foxglove.sdk.v1");
     assert.deepEqual(c.info.capabilities, ["time", "services", "parameters"]);
@@ -293,7 +296,7 @@ const cases = {
 
   /// Who may connect, and what happens to those who do not behave.
   async access() {
-    const run = await startRun();
+    const run = await startRun("--live-open");
     const c = await connect(run.url);
     c.subscribe("/rigor/live");
     const u = new URL(run.url);

@@ -46,7 +46,7 @@ function tell() {
       : client.state === "lost" || (client.state === "connecting" && session.live)
       ? "The connection to the run is lost. Trying again…"
       : tokenRefused
-        ? "This run asks for a token, the one that was given to --live-token."
+        ? "This run asks for a token: the address that the command printed ends in it, or --live-token gave it."
         : client.state === "refused"
           ? "No run answers here. Trying again…"
           : "";

@@ -96,6 +96,10 @@ TEST(LiveAccess, AsksForATokenBeyondLoopback) {
   EXPECT_FALSE(check_token({"0.0.0.0", 1}, ""));
   EXPECT_FALSE(check_token({"0.0.0.0", 1}, "short"));
   EXPECT_TRUE(check_token({"0.0.0.0", 1}, "long-enough"));
+  const auto one = make_token(), other = make_token();
+  ASSERT_TRUE(one && other);
+  EXPECT_EQ(one->size(), 32u);
+  EXPECT_NE(*one, *other);
 }
 
 TEST(LiveAccess, KnowsTheToken) {
@@ -155,12 +159,17 @@ class LiveHub : public ::testing::Test {
  protected:
   LiveHub()
       : hub("bench", "1", [this](auto work, auto done) {
-          work();
-          later.push_back(done);
+          later.push_back([work, done] {
+            work();
+            done();
+          });
         }) {
     images = hub.add_channel({0, "/left/image", "cdr", "sensor_msgs/msg/Image", "ros2msg", "uint8 x"});
     live = hub.add_channel({0, "/rigor/live", "json", "rigor.Live", "jsonschema", "{}"});
-    hub.add_service({0, "echo", "{}", "{}"}, [](const std::string& request) { return "<" + request + ">"; });
+    hub.add_service({0, "echo", "{}", "{}"}, [this](const std::string& request) {
+      ++served;
+      return "<" + request + ">";
+    });
     hub.advertise_new();
   }
   void subscribe(Link& link, std::uint32_t id, std::uint32_t channel) {
@@ -169,6 +178,7 @@ class LiveHub : public ::testing::Test {
   }
   static Bytes message(std::size_t n) { return std::make_shared<const std::string>(n, 'x'); }
   std::vector<std::function<void()>> later;
+  int served = 0;
   Hub hub;
   std::uint32_t images = 0, live = 0;
 };
@@ -213,9 +223,27 @@ TEST_F(LiveHub, ComplainsOfIdsThatAreNotThere) {
   hub.text(a, R"({"op":"unsubscribe","subscriptionIds":[9]})");
   EXPECT_THAT(complaint(), HasSubstr("no subscription 9"));
   hub.text(a, "no json");
+  EXPECT_THAT(complaint(), HasSubstr("expected JSON, got \"no json\""));
+  hub.text(a, "[]");
   EXPECT_THAT(complaint(), HasSubstr("expected an object of JSON"));
   EXPECT_FALSE(a.closed);
   EXPECT_FALSE(hub.wanted(live));
+}
+
+/// 125 000 levels in a message of 250 KB, which is allowed, overflowed the stack of whoever wrote the value
+/// out again.
+TEST_F(LiveHub, RefusesDeepNestingInEveryKindOfMessage) {
+  FakeLink a;
+  hub.opened(a);
+  const std::size_t levels = 125'000;
+  const std::string deep = std::string(levels, '[') + std::string(levels, ']');
+  hub.text(a, R"({"op":"setParameters","parameters":[{"name":"/left/active","value":)" + deep + "}]}");
+  EXPECT_THAT(a.last("status")["message"].get<std::string>(), HasSubstr("nested at most 64 levels"));
+  hub.binary(a, bytes_of(call(1, 6, "json", deep)));
+  EXPECT_THAT(a.last("serviceCallFailure")["message"].get<std::string>(),
+              HasSubstr("nested at most 64 levels"));
+  EXPECT_TRUE(later.empty());  // nothing was asked of the service
+  EXPECT_FALSE(a.closed);
 }
 
 TEST_F(LiveHub, DropsForWhoIsSlowAlone) {
@@ -270,6 +298,29 @@ TEST_F(LiveHub, LimitsCallsAndForgetsThoseOfClientsThatLeft) {
   hub.opened(a);  // another client at the same address
   for (std::size_t i = 1; i < later.size(); ++i) later[i]();
   EXPECT_EQ(a.binaries.size(), before);
+}
+
+/// Whoever connects, asks for all that one client may and goes again would fill the queue without end.
+TEST_F(LiveHub, LimitsCallsOfAllAndDoesNotDoThoseOfClientsThatLeft) {
+  FakeLink a;
+  for (std::uint32_t i = 0; i < 2 * Hub::kAllCalls; ++i) {
+    hub.opened(a);
+    hub.binary(a, bytes_of(call(1, i, "json", "{}")));
+    hub.closed(a);
+  }
+  EXPECT_EQ(later.size(), Hub::kAllCalls);
+  FakeLink b;
+  hub.opened(b);
+  hub.binary(b, bytes_of(call(1, 7, "json", "{}")));
+  EXPECT_THAT(b.last("serviceCallFailure")["message"].get<std::string>(), HasSubstr("busy"));
+  for (const auto& task : later) task();
+  EXPECT_EQ(served, 0);
+  later.clear();
+  hub.binary(b, bytes_of(call(1, 8, "json", "{}")));
+  ASSERT_EQ(later.size(), 1u);
+  later[0]();
+  EXPECT_EQ(served, 1);
+  EXPECT_EQ(b.binaries.size(), 1u);
 }
 
 TEST_F(LiveHub, LetsGoOfWhoReadsNoAnswers) {

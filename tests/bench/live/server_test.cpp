@@ -44,7 +44,9 @@ TEST(LiveOptions, AreRefusedBeforeAnythingIsTouched) {
     EXPECT_THAT(said.err, ::testing::HasSubstr(words));
   };
   refused({"--live", "nonsense"}, "--live: expected [ADDRESS:]PORT");
-  refused({"--live", "0.0.0.0:0"}, "expected --live-token");
+  refused({"--live", "0.0.0.0:0", "--live-open"}, "leave --live-open out");
+  refused({"--live", "0", "--live-open", "--live-token", "open-sesame"}, "got both");
+  refused({"--live-open"}, "expected --live with it");
   refused({"--live", "0.0.0.0:0", "--live-token", "short"}, "at least 8 characters");
   refused({"--live-token", "open-sesame"}, "expected --live with it");
 }
