@@ -37,8 +37,8 @@ struct Client {
   Server::Framing framing;
   bool owned;  ///< the descriptor is closed with the client
   Server::Line line;
-  bool heard = false;  ///< a request came
-  MonotonicTime last_heard;
+  bool heard = false;        ///< a request came
+  MonotonicTime last_heard;  ///< the last whole request, or the connection: bytes alone do not count
 
   // tcp
   std::array<std::uint8_t, 4 * kMaxTcpFrame> data{};
@@ -155,9 +155,11 @@ bool Server::Loop::serve_tcp(Client& c, MonotonicTime& wake_at) {
     // The sockets of virtual time know no delay: what it does to the stamps is the channel's to say.
     if (delay.ns() > 0 && !options.silence_closes && monotonic_now() - c.frame_since < delay) {
       sooner(wake_at, c.frame_since + delay);
+      c.last_heard = std::max(c.last_heard, c.frame_since);
       break;
     }
     c.heard = true;
+    c.last_heard = monotonic_now();
     keep = answer_tcp(c, frame, kLengthEnd + length);
     at += kLengthEnd + length;
     c.frame_since = monotonic_now();
@@ -176,6 +178,7 @@ bool Server::Loop::answer_rtu(Client& c) {
     return true;
   }
   c.heard = true;
+  c.last_heard = monotonic_now();
   const auto request = frame.subspan(1);
   if (unit == 0) {
     // For all units of the line: nobody answers, and nobody is asked anything.
@@ -248,13 +251,13 @@ bool Server::Loop::receive(Client& c) {
                      : ::read(c.descriptor, lump.data(), lump.size());
   if (n == 0) return false;
   if (n < 0) return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR;
-  c.last_heard = monotonic_now();
+  const auto now = monotonic_now();
   if (!tcp) {
-    if (!c.framer.add({lump.data(), static_cast<std::size_t>(n)}, c.last_heard))
+    if (!c.framer.add({lump.data(), static_cast<std::size_t>(n)}, now))
       counters.malformed.fetch_add(1, std::memory_order_relaxed);
     return true;
   }
-  if (c.size == 0) c.frame_since = c.last_heard;
+  if (c.size == 0) c.frame_since = now;
   c.size += static_cast<std::size_t>(n);
   return true;
 }

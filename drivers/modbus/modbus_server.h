@@ -27,8 +27,9 @@ class Server {
  public:
   enum class Framing : std::uint8_t { tcp, rtu };
   struct Options {
-    unsigned max_clients = 8;           ///< one more is turned away at once
-    Duration idle_limit = seconds(60);  ///< a client that says nothing for so long is dropped; 0: never
+    unsigned max_clients = 8;  ///< one more is turned away at once
+    /// A client without a whole request for so long is dropped, whatever bytes it sends; 0: never.
+    Duration idle_limit = seconds(60);
     /// Who answers. On TCP none: whatever unit is asked; else exception 11 for any but it, 0 and 255. On a
     /// line none is unit 1.
     std::optional<std::uint8_t> unit;

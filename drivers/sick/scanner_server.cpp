@@ -197,11 +197,12 @@ void ScannerServer::Impl::receive(Client& c) {
   if (n == 0 || (n < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) c.dead = true;
   if (n <= 0) return;
   c.parser.added(static_cast<std::size_t>(n));
-  c.heard = monotonic_now();
+  const auto now = monotonic_now();
   const auto bad_before = device.counters().malformed;
   for (Bytes body = c.parser.next(); body.data(); body = c.parser.next()) {
     counters.requests.fetch_add(1, std::memory_order_relaxed);
-    device.answer(c.session, body, device_now(c.heard), c.out);
+    c.heard = now;  // bytes that never become a request do not keep a place
+    device.answer(c.session, body, device_now(now), c.out);
     // Who asks and does not read is no client.
     if (c.pending() > 2 * options.max_pending) c.dead = true;
   }

@@ -22,7 +22,7 @@ class ScannerServer {
  public:
   struct Options {
     unsigned max_clients = 8;              ///< one more is turned away at once
-    Duration idle_limit = seconds(60);     ///< for a client that neither asks nor has a stream; 0: never
+    Duration idle_limit = seconds(60);     ///< for a client without a whole request or a stream; 0: never
     Duration stall_limit = seconds(10);    ///< for one whose socket takes nothing more
     std::size_t max_request = 4096;        ///< bytes of a telegram
     std::size_t max_garbage = 64 * 1024;   ///< bytes that are no telegram

@@ -31,6 +31,7 @@ Status ScipEmulator::do_configure(const ChannelConfig& config) {
                  port = static_cast<std::uint16_t>(n.integer_or("port", 10940, {.min = 0, .max = 65535}))] {
       return make_tcp_end(address, port);
     };
+    idle_limit_ = seconds_from(n.number_or("idle_limit_s", 60, {.min = 0, .max = 1e6}));
   } else {
     GadgetSettings g;
     g.name = "rigor." + config.name;
@@ -92,6 +93,8 @@ void ScipEmulator::run() {
     counters_.commands.store(c.commands, std::memory_order_relaxed);
   };
   bool had_host = false;
+  std::uint64_t asked = 0;  // commands when something was last asked for
+  MonotonicTime last_asked;
   char buffer[4096];
   while (true) {
     const int fd = end_->fd();
@@ -106,6 +109,7 @@ void ScipEmulator::run() {
     }
     if (!had_host) {
       had_host = true;
+      last_asked = monotonic_now();
       counters_.hosts.fetch_add(1, std::memory_order_relaxed);
       set_connected(true);
     }
@@ -123,6 +127,13 @@ void ScipEmulator::run() {
       break;
     }
     publish();
+    const auto& c = device.counters();
+    if (device.measuring() || c.commands + c.refused != asked) {
+      asked = c.commands + c.refused;
+      last_asked = monotonic_now();
+    }
+    // There is one place: whoever never comes to the end of a command does not keep it.
+    if (idle_limit_.ns() > 0 && monotonic_now() - last_asked >= idle_limit_) gone = true;
     // The next scan, or a look at whether the host is still there.
     const DeviceTime next = std::min(device.next_event(), device_now() + milliseconds(100));
     const std::int64_t wait = std::clamp<std::int64_t>((next - device_now()).ns(), 0, milliseconds(100).ns());

@@ -1,7 +1,9 @@
 // A simulated scanner that leaves the bench as a real one.
 //
 //   as: pty       a pseudo-terminal; `link: /tmp/scanner` gives it a name that stays
-//   as: tcp       a socket: address (127.0.0.1), port (10940; 0 takes a free one); one client at a time
+//   as: tcp       a socket: address (127.0.0.1), port (10940; 0 takes a free one); one client at a time,
+//   which is
+//                 dropped when it neither measures nor gives a whole command for idle_limit_s (60; 0: never)
 //   as: gadget    a USB device (CDC-ACM) of this machine, through its device controller or dummy_hcd:
 //                 vendor 0x15d1, product 0x0000, udc (the first that is free); usb_gadget.h
 //
@@ -62,6 +64,7 @@ class ScipEmulator final : public Emulator {
   EmulatedScannerSettings scanner_;
   ScipDevice::Measure measure_;
   std::function<std::unique_ptr<DeviceEnd>()> make_end_;
+  Duration idle_limit_;  ///< of a socket's client without a whole command or a measurement; 0: none
   std::unique_ptr<DeviceEnd> end_;
   Deadline deadline_;
   std::thread thread_;

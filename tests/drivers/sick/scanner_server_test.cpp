@@ -135,6 +135,19 @@ TEST_F(Server, DropsWhoReadsNothingOrSaysNothingForLong) {
   EXPECT_EQ(server->counters().clients, 0u);
 }
 
+/// One byte at a time, for far longer than the limit, keeps no place.
+TEST_F(Server, DropsWhoseRequestDoesNotComeToItsEnd) {
+  start({.idle_limit = milliseconds(50)});
+  PlainClient trickle(server->port());
+  ASSERT_TRUE(trickle.send(Buffer{2, 2, 2, 2, 0, 0, 4, 0}));
+  int sent = 0;
+  for (; sent < 1000 && server->counters().dropped == 0; ++sent) {
+    (void)trickle.send(Buffer{'s'});
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  EXPECT_LT(sent, 1000) << "five seconds of single bytes kept the place";
+}
+
 TEST_F(Server, OversizeAndGarbageCostTheirOwnConnection) {
   start();
   PlainClient good(server->port()), oversize(server->port()), garbage(server->port()), flood(server->port());

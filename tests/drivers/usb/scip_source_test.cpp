@@ -242,6 +242,24 @@ TEST(ScipEmulator, SurvivesHostileHosts) {
   EXPECT_GE(n, 3u);
 }
 
+/// There is one place: a client that never comes to the end of a command lets the next one wait for good.
+TEST(ScipEmulator, AClientWithoutAWholeCommandGivesItsPlaceToTheNext) {
+  RunningEmulator e("{as: tcp, port: 0, model: utm-30lx, idle_limit_s: 0.1}");
+  ASSERT_EQ(e.problem, "");
+  const auto port =
+      static_cast<std::uint16_t>(std::stoi(e.emulator.where().substr(e.emulator.where().find(':') + 1)));
+  auto trickle = make_tcp_link("127.0.0.1", port);
+  ASSERT_TRUE(trickle->open());
+  std::atomic<bool> stop{false};
+  std::thread trickling([&] {
+    while (!stop.load() && trickle->send("x")) usleep(5000);
+  });
+  Started s("{transport: tcp, address: 127.0.0.1, port: " + std::to_string(port) + "}");
+  EXPECT_EQ(s.problem, "");
+  stop = true;
+  trickling.join();
+}
+
 TEST(ScipVirtual, MeasuresOnTheBenchsGridAndRepeats) {
   std::vector<std::vector<std::byte>> runs;
   for (int run = 0; run < 2; ++run) {
