@@ -8,6 +8,8 @@
 
 #include <arv.h>
 
+#include "drivers/aravis/payload_size.h"
+
 namespace rigor {
 
 std::string GLibError::text() const { return error_ == nullptr ? std::string() : error_->message; }
@@ -399,7 +401,7 @@ CameraFacts read_back(ArvCamera* camera, const AravisSettings& s, const ChannelC
   gint x = 0, y = 0, width = 0, height = 0;
   arv_camera_get_region(camera, &x, &y, &width, &height, e.out());
   if (e) broken(config, e, "reading the region back");
-  if (width <= 0 || height <= 0 || x < 0 || y < 0)
+  if (width < 0 || height < 0 || x < 0 || y < 0)
     throw ConfigError(
         {ErrorCode::protocol, config.name,
          fmt::format("the camera says that its region is {}x{} at {},{}", width, height, x, y)});
@@ -412,22 +414,10 @@ CameraFacts read_back(ArvCamera* camera, const AravisSettings& s, const ChannelC
   if (!e && std::isfinite(gain)) f.gain_db = gain;
   f.payload_bytes = arv_camera_get_payload(camera, e.out());
   if (e) broken(config, e, "reading the payload size");
-  const std::size_t expected = image_bytes(s.format, f.width_px, f.height_px);
-  f.picture_bytes = s.range ? std::size_t{f.width_px} * f.height_px * 2 * sizeof(float) : expected;
+  check_payload({f.width_px, f.height_px, f.payload_bytes, multipart}, s, config);
+  f.picture_bytes = s.range ? std::size_t{f.width_px} * f.height_px * 2 * sizeof(float)
+                            : image_bytes(s.format, f.width_px, f.height_px);
   f.chunks = s.chunks;
-  if (multipart) {
-    // How much of it is which part, the leaders of frames say.
-    if (f.payload_bytes < expected)
-      throw ConfigError(
-          {ErrorCode::protocol, config.name,
-           fmt::format("expected at least {} bytes for a part of {}x{} {}, the camera says {}", expected,
-                       f.width_px, f.height_px, pfnc_name(s.format), f.payload_bytes)});
-  } else if (s.chunks ? f.payload_bytes < expected : f.payload_bytes != expected)
-    throw ConfigError(
-        {ErrorCode::protocol, config.name,
-         fmt::format("expected {} bytes for each picture of {}x{} {}, the camera says {}; padded "
-                     "rows are not supported: switch them off on the camera",
-                     expected, f.width_px, f.height_px, pfnc_name(s.format), f.payload_bytes)});
   if (arv_camera_is_gv_device(camera) != FALSE) {
     f.packet_size = arv_camera_gv_get_packet_size(camera, e.out());
     if (e) broken(config, e, "reading the packet size");
