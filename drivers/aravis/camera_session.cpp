@@ -15,6 +15,7 @@
 #include <thread>
 
 #include "drivers/aravis/gige_registers.h"
+#include "rt-core/device_text.h"
 
 #include <arv.h>
 
@@ -46,7 +47,7 @@ std::vector<SeenCamera> see_usb_cameras() {
   std::vector<SeenCamera> all;
   ArvInterface* usb = usb_interface();
   arv_interface_update_device_list(usb);
-  const auto text = [](const char* t) { return std::string(t == nullptr ? "" : t); };
+  const auto text = [](const char* t) { return device_text(t == nullptr ? "" : t); };
   for (unsigned i = 0; i < arv_interface_get_n_devices(usb); ++i)
     all.push_back({text(arv_interface_get_device_id(usb, i)),
                    text(arv_interface_get_device_vendor(usb, i)) + " " +

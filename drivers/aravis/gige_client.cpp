@@ -4,7 +4,7 @@
 #include <charconv>
 #include <cstdio>
 
-#include "drivers/aravis/device_text.h"
+#include "rt-core/device_text.h"
 
 namespace rigor::gige {
 namespace {

@@ -6,7 +6,7 @@
 #include <locale>
 #include <sstream>
 
-#include "drivers/aravis/device_text.h"
+#include "rt-core/device_text.h"
 
 namespace rigor::gige {
 namespace {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstring>
 
-#include "drivers/aravis/device_text.h"
+#include "rt-core/device_text.h"
 
 namespace rigor::gige {
 namespace {

@@ -4,6 +4,7 @@
 #include <cstdio>
 
 #include "drivers/sick/wire.h"
+#include "rt-core/device_text.h"
 
 namespace rigor::sick {
 namespace {
@@ -249,8 +250,8 @@ Status ClientDialog::take(const Telegram& t) {
                    ", got a refusal; check `password_hash`");
     }
     case Step::identity:
-      facts_.name = r.text(r.u16());
-      facts_.firmware = r.text(r.u16());
+      facts_.name = device_text(r.text(r.u16()));
+      facts_.firmware = device_text(r.text(r.u16()));
       if (!r.good()) return short_answer();
       while (!facts_.firmware.empty() && facts_.firmware.back() == ' ') facts_.firmware.pop_back();
       return {};

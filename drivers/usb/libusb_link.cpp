@@ -9,6 +9,8 @@
 #include <cstring>
 #include <deque>
 
+#include "rt-core/device_text.h"
+
 namespace rigor::usb {
 namespace {
 
@@ -31,7 +33,7 @@ std::string string_of(libusb_device_handle* handle, std::uint8_t index) {
   unsigned char text[256];
   if (index == 0) return {};
   const int n = libusb_get_string_descriptor_ascii(handle, index, text, sizeof text);
-  return n > 0 ? std::string(reinterpret_cast<char*>(text), static_cast<std::size_t>(n)) : std::string();
+  return n > 0 ? device_text({reinterpret_cast<char*>(text), static_cast<std::size_t>(n)}) : std::string();
 }
 
 std::string ids_of(const UsbAddress& a) {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <limits>
 
+#include "rt-core/device_text.h"
+
 namespace rigor::usb {
 namespace {
 
@@ -238,7 +240,7 @@ void ScipClient::handle(const ScipReply& reply, std::int64_t now_ns) {
       return;
     }
     if (status == "98") return;  // it goes on after a check of its laser
-    return fail("expected " + wanted.line() + " to be carried out, got status " + std::string(status) +
+    return fail("expected " + wanted.line() + " to be carried out, got status " + device_text(status) +
                 (status == "0E" ? ": the scanner does not know that command" : ""));
   }
   ++counters_.broken;

@@ -4,6 +4,8 @@
 #include <charconv>
 #include <cstdio>
 
+#include "rt-core/device_text.h"
+
 namespace rigor::usb {
 namespace {
 
@@ -387,7 +389,7 @@ std::optional<ScannerParameters> decode_parameters(const ScipReply& reply) {
   unsigned seen = 0;
   for (const auto& [name, value] : decode_fields(reply)) {
     if (name == "MODL") {
-      p.model = value;
+      p.model = device_text(value);
       continue;
     }
     struct Field {
@@ -416,11 +418,11 @@ std::optional<ScannerIdentity> decode_identity(const ScipReply& reply) {
   if (reply.status() != "00") return std::nullopt;
   ScannerIdentity id;
   for (const auto& [name, value] : decode_fields(reply)) {
-    if (name == "VEND") id.vendor = value;
-    if (name == "PROD") id.product = value;
-    if (name == "FIRM") id.firmware = value;
-    if (name == "PROT") id.protocol = value;
-    if (name == "SERI") id.serial = value;
+    if (name == "VEND") id.vendor = device_text(value);
+    if (name == "PROD") id.product = device_text(value);
+    if (name == "FIRM") id.firmware = device_text(value);
+    if (name == "PROT") id.protocol = device_text(value);
+    if (name == "SERI") id.serial = device_text(value);
   }
   if (id.serial.empty() && id.product.empty()) return std::nullopt;
   return id;

@@ -17,6 +17,7 @@
 #include <utility>
 
 #include "drivers/v4l2/system_error.h"
+#include "rt-core/device_text.h"
 
 namespace rigor::v4l2 {
 namespace {
@@ -27,7 +28,7 @@ constexpr std::size_t kPage = 4096;
 
 std::string text_of(const __u8* s, std::size_t size) {
   const auto* c = reinterpret_cast<const char*>(s);
-  return {c, strnlen(c, size)};
+  return device_text({c, strnlen(c, size)});
 }
 
 template <class T>

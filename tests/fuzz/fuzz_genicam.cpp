@@ -6,9 +6,9 @@
 #include <cstdlib>
 #include <string>
 
-#include "drivers/aravis/device_text.h"
 #include "drivers/aravis/gige_client.h"
 #include "drivers/aravis/gige_discovery.h"
+#include "rt-core/device_text.h"
 
 using namespace rigor;
 using namespace rigor::gige;

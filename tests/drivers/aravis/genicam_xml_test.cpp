@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "drivers/aravis/device_text.h"
+#include "rt-core/device_text.h"
 
 namespace rigor::gige {
 namespace {

@@ -140,6 +140,26 @@ TEST(ScipCodec, ReaderFindsItsPlaceAgainAfterGarbageHalfLinesAndOversize) {
   EXPECT_GT(reader.dropped(), 10u);
 }
 
+/// What a scanner says of itself goes to terminals and into reports.
+TEST(ScipCodec, IdentityHasNoControlCharacters) {
+  std::string bytes;
+  encode_status("VV", "00", bytes);
+  bytes.pop_back();  // fields follow
+  encode_field("VEND", "Hokuyo\x1b[2J", bytes);
+  encode_field("PROD", "URG\x07", bytes);
+  encode_field("SERI", "H\xff\x7f", bytes);
+  bytes += '\n';
+  ScipReplyReader reader;
+  reader.push(bytes, 0);
+  ScipReply reply;
+  ASSERT_TRUE(reader.next(reply));
+  const auto id = decode_identity(reply);
+  ASSERT_TRUE(id);
+  EXPECT_EQ(id->vendor, "Hokuyo?[2J");
+  EXPECT_EQ(id->product, "URG?");
+  EXPECT_EQ(id->serial, "H??");
+}
+
 TEST(ScipCodec, CommandsAreCheckedAsTheSpecificationSays) {
   const auto status = [](std::string_view line) { return std::string(parse_scip_command(line).status); };
   EXPECT_EQ(status("MD0044072501000"), "00");

@@ -1,8 +1,8 @@
-#include "drivers/aravis/device_text.h"
+#include "rt-core/device_text.h"
 
 #include <cstdint>
 
-namespace rigor::gige {
+namespace rigor {
 namespace {
 
 /// Bytes of the printable character at the start of `s`; 0: none.
@@ -43,4 +43,4 @@ std::string device_text(std::string_view bytes) {
   return out;
 }
 
-}  // namespace rigor::gige
+}  // namespace rigor
