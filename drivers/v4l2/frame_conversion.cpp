@@ -57,6 +57,8 @@ void packed_to_rgb(U8 p, U8, U8, std::uint8_t* q, std::size_t width) {
     put(q, yuv::rgb(p[Luma], p[kChroma], p[kChroma + 2]));
     put(q + 3, yuv::rgb(p[Luma + 2], p[kChroma], p[kChroma + 2]));
   }
+  // The row of an odd width ends within a pair: its V is that of the pair before.
+  if (width % 2 != 0) put(q, yuv::rgb(p[Luma], p[kChroma], width > 1 ? p[kChroma - 2] : 128));
 }
 template <int Step>
 void planar_to_rgb(U8 p, U8 u, U8 v, std::uint8_t* q, std::size_t width) {
@@ -134,11 +136,12 @@ Converted FrameConverter::convert(Bytes frame, std::span<std::byte> out) {
   const Plane first{frame, stride, row_bytes};
   const Bytes rest = frame.size() > stride * height ? frame.subspan(stride * height) : Bytes{};
   const bool semiplanar = format_.code == kNv12, planar = format_.code == kYu12;
-  // V4L2: chroma rows of NV12 are as long as luma's, those of YU12 half of that.
-  const Plane u{rest, planar ? stride / 2 : stride, planar ? width / 2 : width};
-  const Plane v{
-      planar && rest.size() > stride / 2 * (height / 2) ? rest.subspan(stride / 2 * (height / 2)) : Bytes{},
-      stride / 2, width / 2};
+  // V4L2: chroma rows of NV12 are as long as luma's, those of YU12 half of that; of odd sizes the larger
+  // half.
+  const std::size_t chroma_width = (width + 1) / 2, chroma_height = (height + 1) / 2;
+  const std::size_t half_stride = (stride + 1) / 2, plane = half_stride * chroma_height;
+  const Plane u{rest, planar ? half_stride : stride, planar ? chroma_width : 2 * chroma_width};
+  const Plane v{planar && rest.size() > plane ? rest.subspan(plane) : Bytes{}, half_stride, chroma_width};
   const RowFunction by_row = row_function(format_.code, to_);
   const std::size_t out_row = to_ == PixelFormat::yuv420_sp ? width : image_bytes(to_, width, 1);
   const bool chroma_used = to_ == PixelFormat::rgb8 && (semiplanar || planar);

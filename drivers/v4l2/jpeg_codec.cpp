@@ -14,9 +14,6 @@
 namespace rigor::v4l2 {
 namespace {
 
-// A JPEG's scans are bounded: a baseline frame has at most one for each component.
-constexpr int kMostScans = 4;
-
 /// libjpeg leaves a call that fails by this; nothing with a destructor lives between setjmp and there.
 struct Errors {
   jpeg_error_mgr base{};
@@ -68,7 +65,10 @@ JpegCodec::Decoded JpegCodec::decode(std::span<const std::byte> frame, PixelForm
   const bool colour = format == PixelFormat::rgb8;
   if (head.verdict == MjpegFrame::Verdict::broken || head.progressive || head.bits != 8 ||
       head.width_px != width_px || head.height_px != height_px || (!colour && format != PixelFormat::mono8) ||
-      (head.components != 1 && head.components != 3) || out.size() < image_bytes(format, width_px, height_px))
+      (head.components != 1 && head.components != 3) ||
+      // A baseline frame has at most one for each component. libjpeg decodes all that there are before the
+      // first row.
+      head.scans > head.components || out.size() < image_bytes(format, width_px, height_px))
     return Decoded::refused;
   jpeg_decompress_struct& c = impl_->in;
   impl_->decode_errors.base.num_warnings = 0;
@@ -88,7 +88,7 @@ JpegCodec::Decoded JpegCodec::decode(std::span<const std::byte> frame, PixelForm
   c.dct_method = JDCT_ISLOW;
   jpeg_start_decompress(&c);
   const std::size_t row_bytes = std::size_t{width_px} * (colour ? 3 : 1);
-  while (c.output_scanline < c.output_height && c.input_scan_number <= kMostScans) {
+  while (c.output_scanline < c.output_height) {
     auto* row = reinterpret_cast<JSAMPROW>(out.data() + c.output_scanline * row_bytes);
     if (jpeg_read_scanlines(&c, &row, 1) != 1) break;
     some = true;

@@ -25,8 +25,8 @@ class JpegCodec {
     damaged,  ///< pixels are there, not all of them right; what never came is zero
     refused   ///< no picture of this size, or none at all; `out` is zero
   };
-  /// `out`: mono8 or rgb8 of width x height. Progressive frames are refused: cameras send none, and they may
-  /// cost without bound.
+  /// `out`: mono8 or rgb8 of width x height. Progressive frames and frames of more scans than components
+  /// are refused before they are decoded: cameras send none, and they may cost without bound.
   [[nodiscard]] Decoded decode(std::span<const std::byte> frame, PixelFormat format, std::uint32_t width_px,
                                std::uint32_t height_px, std::span<std::byte> out) noexcept;
   /// From mono8 or rgb8; 4:2:2 as UVC cameras do. Valid until the next call; empty where it failed.

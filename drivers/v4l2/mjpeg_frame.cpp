@@ -52,6 +52,7 @@ MjpegFrame read_mjpeg(std::span<const std::byte> bytes) noexcept {
     if (marker == 0xDA) {
       if (f.width_px == 0) return f;
       scan = true;
+      ++f.scans;
     }
     i = end;
   }

@@ -18,6 +18,7 @@ struct MjpegFrame {
   std::uint32_t width_px = 0, height_px = 0;
   std::uint8_t components = 0, bits = 0;
   bool progressive = false;
+  std::size_t scans = 0;
   bool own_huffman_tables = false;  ///< else those of annex K.3, as UVC cameras leave them out
   std::size_t size_bytes = 0;       ///< to the end of image; drivers pad behind it
 };

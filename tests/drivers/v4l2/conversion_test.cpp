@@ -90,6 +90,34 @@ TEST(Conversion, FindsThePlanesOf420) {
   for (std::size_t k = 0; k < 3; ++k) EXPECT_EQ(std::to_integer<int>(rgb[21 + k]), expected[k]);
 }
 
+/// Devices crop to odd sizes, too. The frame and the target are exactly as long as they must be: a byte
+/// beyond is seen by the address sanitizer, and a byte that was not written is still 0x55.
+TEST(Conversion, WritesTheLastColumnAndRowOfOddSizes) {
+  const auto pixel = [](const Pixels& p, std::size_t i) {
+    return std::array<int, 3>{std::to_integer<int>(p[3 * i]), std::to_integer<int>(p[3 * i + 1]),
+                              std::to_integer<int>(p[3 * i + 2])};
+  };
+  const auto rgb = [](int y, int u, int v) {
+    const auto c = yuv::rgb(y, u, v);
+    return std::array<int, 3>{c[0], c[1], c[2]};
+  };
+  const auto yuyv = converted(kYuyv, 3, 1, 6, PixelFormat::rgb8, bytes({81, 90, 82, 240, 145, 54}));
+  EXPECT_EQ(pixel(yuyv, 1), rgb(82, 90, 240));
+  EXPECT_EQ(pixel(yuyv, 2), rgb(145, 54, 240));  // its own U; the V of the pair before
+  const auto uyvy = converted(kUyvy, 3, 1, 6, PixelFormat::rgb8, bytes({90, 81, 240, 82, 54, 145}));
+  EXPECT_EQ(uyvy, yuyv);
+  EXPECT_EQ(pixel(converted(kYuyv, 1, 1, 2, PixelFormat::rgb8, bytes({81, 90})), 0), rgb(81, 90, 128));
+  // 3x3, stride 4: chroma of 2x2.
+  const Pixels luma = bytes({81, 82, 83, 0, 84, 85, 86, 0, 87, 88, 89, 0});
+  Pixels nv12 = luma, yu12 = luma;
+  for (const std::byte b : bytes({100, 110, 101, 111, 102, 112, 103, 113})) nv12.push_back(b);
+  for (const std::byte b : bytes({100, 101, 102, 103, 110, 111, 112, 113})) yu12.push_back(b);
+  const auto semiplanar = converted(kNv12, 3, 3, 4, PixelFormat::rgb8, nv12);
+  EXPECT_EQ(semiplanar, converted(kYu12, 3, 3, 4, PixelFormat::rgb8, yu12));
+  EXPECT_EQ(pixel(semiplanar, 2), rgb(83, 101, 111));
+  EXPECT_EQ(pixel(semiplanar, 8), rgb(89, 103, 113));
+}
+
 TEST(Conversion, StretchesLumaToGrey) {
   EXPECT_EQ(converted(kYuyv, 2, 1, 4, PixelFormat::mono8, bytes({16, 1, 235, 2})), bytes({0, 255}));
   EXPECT_EQ(converted(kUyvy, 2, 1, 4, PixelFormat::mono8, bytes({1, 16, 2, 235})), bytes({0, 255}));
@@ -213,6 +241,25 @@ TEST(Mjpeg, OfAnotherSizeOrCutShortIsNotTakenForWhole) {
     EXPECT_EQ(c.convert(cut, out), Converted::incomplete);
     EXPECT_EQ(c.convert(frame, out), Converted::good);
   }
+}
+
+/// One for each component at most: libjpeg decodes all scans of a frame before its first row is there.
+TEST(Mjpeg, OfMoreScansThanComponentsIsRefusedBeforeItIsDecoded) {
+  const Pixels frame = jpeg(smooth(48, 32), 48, 32);
+  std::size_t scan = 0;
+  for (std::size_t i = 2; std::to_integer<int>(frame[i + 1]) != 0xDA; scan = i)
+    i += 2 + static_cast<std::size_t>(std::to_integer<int>(frame[i + 2]) << 8 |
+                                      std::to_integer<int>(frame[i + 3]));
+  Pixels many(frame.begin(), frame.end() - 2);
+  for (int k = 0; k < 3; ++k)
+    many.insert(many.end(), frame.begin() + static_cast<long>(scan), frame.end() - 2);
+  many.insert(many.end(), frame.end() - 2, frame.end());
+  EXPECT_EQ(read_mjpeg(frame).scans, 1u);
+  ASSERT_EQ(read_mjpeg(many).scans, 4u);
+  JpegCodec codec;
+  Pixels out(image_bytes(PixelFormat::rgb8, 48, 32));
+  EXPECT_EQ(codec.decode(many, PixelFormat::rgb8, 48, 32, out), JpegCodec::Decoded::refused);
+  EXPECT_EQ(codec.decode(frame, PixelFormat::rgb8, 48, 32, out), JpegCodec::Decoded::good);
 }
 
 TEST(Mjpeg, GrowsItsMemoryForLargerFrames) {
