@@ -62,6 +62,10 @@ bool CloudMaker::fill(const ScanData& scan, Duration beam_step, std::span<std::b
   if (!dist[0]) return false;
   const ScanChannel& first = *dist[0];
   const std::size_t beams = first.values.size();
+  constexpr std::int64_t kMostOffset_ns = std::numeric_limits<std::int32_t>::max();
+  if (beam_step.ns() < 0 ||
+      (beams > 1 && beam_step.ns() > kMostOffset_ns / static_cast<std::int64_t>(beams - 1)))
+    return false;
   if (cosine_.size() < beams || start_deg_e4_ != first.start_deg_e4 || step_deg_e4_ != first.step_deg_e4) {
     start_deg_e4_ = first.start_deg_e4, step_deg_e4_ = first.step_deg_e4;
     cosine_.resize(beams), sine_.resize(beams);
@@ -78,15 +82,17 @@ bool CloudMaker::fill(const ScanData& scan, Duration beam_step, std::span<std::b
       const auto raw = dist[e]->values[i];
       if (raw < kFirstRange) continue;
       const float range_m = (static_cast<float>(raw) * dist[e]->scale + dist[e]->offset) * 1e-3F;
-      if (!(range_m > 0)) continue;
+      if (!(range_m > 0) || !std::isfinite(range_m)) continue;
       if (count == room) return false;
-      const bool lit = rssi[e] && i < rssi[e]->values.size();
+      const bool there = rssi[e] && i < rssi[e]->values.size();
+      const float remission =
+          there ? static_cast<float>(rssi[e]->values[i]) * rssi[e]->scale + rssi[e]->offset : 0;
+      const bool lit = there && std::isfinite(remission);
       const LidarPoint p{
           .x_m = range_m * cosine_[i],
           .y_m = range_m * sine_[i],
           .z_m = 0,
-          .remission = lit ? static_cast<float>(rssi[e]->values[i]) * rssi[e]->scale + rssi[e]->offset
-                           : std::numeric_limits<float>::quiet_NaN(),
+          .remission = lit ? remission : std::numeric_limits<float>::quiet_NaN(),
           .t_offset_ns = static_cast<std::int32_t>(beam_step.ns() * static_cast<std::int64_t>(i)),
           .ring = 0,
           .return_index = static_cast<std::uint8_t>(e),

@@ -60,8 +60,10 @@ struct ScanInstants {
 class CloudMaker {
  public:
   /// Points in the order of firing, echoes of a beam from the first on; no measurement, no point. The
-  /// return_index is the echo's: 0 for DIST1. Remission is the RSSI as sent, NaN where none came. False: more
-  /// points than `points` has room for, or no DIST1.
+  /// return_index is the echo's: 0 for DIST1. Remission is the RSSI as sent, NaN where none came, or none
+  /// that is a number. Scale and offset come from the device, too: a range that is not finite is no point.
+  /// False: more points than `points` has room for, no DIST1, or beams further apart than 2^31 ns, which a
+  /// point cannot say.
   [[nodiscard]] bool fill(const ScanData& scan, Duration beam_step, std::span<std::byte> memory,
                           std::uint32_t& count);
 

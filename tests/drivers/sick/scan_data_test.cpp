@@ -282,6 +282,22 @@ TEST(Scan, PointsComeBackFromTheWire) {
     EXPECT_EQ(got[i].remission, points[i].remission);
     EXPECT_EQ(got[i].return_index, points[i].return_index);
   }
+  // Scale and offset are the device's: what they make of the values need not be a number.
+  auto hostile = back;
+  hostile.channels16[0].offset = std::numeric_limits<float>::infinity();  // DIST1
+  hostile.channels16[1].scale = std::numeric_limits<float>::max();        // DIST2
+  hostile.channels16[7].scale = std::numeric_limits<float>::infinity();   // RSSI3
+  ASSERT_TRUE(maker_back.fill(hostile, microseconds(61), memory, count));
+  EXPECT_GT(count, 0u);
+  for (std::size_t i = 0; i < count; ++i) {
+    EXPECT_TRUE(std::isfinite(got[i].x_m) && std::isfinite(got[i].y_m));
+    EXPECT_FALSE(std::isinf(got[i].remission));
+    EXPECT_GE(got[i].return_index, 2);
+  }
+  // 811 beams of 2.7 ms begin 2.19 s after each other, which 2^31 ns are not.
+  EXPECT_TRUE(maker_back.fill(back, microseconds(2651), memory, count));
+  EXPECT_EQ(got[count - 1].t_offset_ns, 2'651'000 * static_cast<std::int64_t>(count > 0 ? 809 : 0));
+  EXPECT_FALSE(maker_back.fill(back, microseconds(2700), memory, count));
   EXPECT_FALSE(
       maker_back.fill(back, microseconds(61), std::span(memory).first(100 * sizeof(LidarPoint)), count));
 }
