@@ -146,6 +146,10 @@ BulkFormat read_bulk_format(const ConfigNode& n) {
     const ConfigNode l = n.map("length");
     f.length = read_field(l, f.header_bytes);
     f.length_counts_frame = l.choice_or("counts", {"payload", "frame"}, "payload") == "frame";
+    // All that is waited for after a corrupt length is lost with it.
+    f.most_bytes = static_cast<std::size_t>(l.integer_or(
+        "max_bytes", static_cast<std::int64_t>(std::min(2 * end + 64 * 1024, BulkFormat::kMostBytes)),
+        {.min = static_cast<double>(end), .max = BulkFormat::kMostBytes}));
     l.finish();
     if (n.has("size_bytes")) throw n.error("size_bytes", "expected `length` or `size_bytes`, got both");
   } else {
@@ -222,7 +226,7 @@ bool BulkReader::next(Frame& frame) {
     if (format_.length) {
       const std::uint64_t told = *bulk_field(format_, *format_.length, rest);
       const std::uint64_t whole = format_.length_counts_frame ? told : told + format_.header_bytes;
-      if (told > BulkFormat::kMostBytes || whole < format_.frame_bytes || whole > BulkFormat::kMostBytes) {
+      if (told > format_.most_bytes || whole < format_.frame_bytes || whole > format_.most_bytes) {
         ++refused_;
         ++skipped_;
         drop(1);

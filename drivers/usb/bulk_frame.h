@@ -8,7 +8,10 @@
 //     width_px: 176
 //     height_px: 144
 //     size_bytes: 101400         of a whole frame; or, where it varies,
-//     length: { at: 8, type: u32, counts: payload }    or frame; default: what header and planes take
+//     length: { at: 8, type: u32, counts: payload }    or frame; default: what header and planes take.
+//                                max_bytes: 202824     of a frame; a larger one is a corrupt length (default:
+//                                twice
+//                                                      what header and planes take, and 64 KiB more)
 //     sequence: { at: 12, type: u32 }                  counts frames
 //     stamp: { at: 16, type: u64, tick_ns: 1000 }      the device's clock at the capture
 //     planes:
@@ -53,6 +56,7 @@ struct BulkFormat {
   bool big_endian = false;
   std::uint32_t width_px = 0, height_px = 0;
   std::size_t frame_bytes = 0;  ///< without a length field; with one: the least that a frame has
+  std::size_t most_bytes = 0;   ///< with a length field: what a frame has at most
   std::optional<BulkField> length, sequence, stamp;
   bool length_counts_frame = false;
   std::int64_t tick_ns = 1;

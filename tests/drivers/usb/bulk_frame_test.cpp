@@ -41,6 +41,35 @@ std::vector<std::byte> tof_planes(std::size_t pixels, unsigned seed) {
   return bytes;
 }
 
+/// Frames of 1176 bytes: after a length of 60 MiB they were lost for 60 MiB.
+TEST(BulkReader, ACorruptLengthCostsLittleMoreThanItsOwnFrame) {
+  const BulkFormat f = format_of(kTof);
+  std::string good, stream;
+  encode_bulk(f, tof_planes(f.pixels(), 1), 1, 0, good);
+  std::string corrupt = good;
+  const std::uint32_t length = 60 << 20;
+  std::memcpy(corrupt.data() + 16, &length, sizeof length);
+  stream = corrupt;
+  for (int i = 0; i < 3; ++i) stream += good;
+  BulkReader reader(f);
+  reader.push(stream, 1);
+  BulkReader::Frame frame;
+  int found = 0;
+  while (reader.next(frame)) ++found;
+  EXPECT_EQ(found, 3);
+  EXPECT_EQ(reader.refused_headers(), 1u);
+}
+
+TEST(BulkFormat, SaysWhatAFrameHasAtMost) {
+  EXPECT_EQ(format_of(kTof).most_bytes, 2 * 1176u + 65536);
+  const auto with = [](const std::string& most) {
+    return "{magic: 5247, header_bytes: 6, width_px: 4, height_px: 3, length: {at: 2, max_bytes: " + most +
+           "}, planes: [{name: range}]}";
+  };
+  EXPECT_EQ(format_of(with("100")).most_bytes, 100u);
+  EXPECT_THAT(refusal(with("29")), testing::HasSubstr("max_bytes: expected a whole number from 30 to"));
+}
+
 TEST(BulkFrame, PlanesComeBackAsTheyWere) {
   for (const char* order : {"little", "big"}) {
     BulkFormat f = format_of(kTof);
