@@ -4,7 +4,6 @@
 #include <cerrno>
 #include <cstring>
 #include <fstream>
-#include <iterator>
 
 #include "drivers/can/can_bits.h"
 
@@ -232,31 +231,42 @@ std::string format_log_line(const LogEntry& entry) {
   return std::string(line, format_log_line(entry, line));
 }
 
-Result<std::vector<LogEntry>> parse_log(std::string_view text, std::string_view name) {
-  std::vector<LogEntry> out;
-  for (std::size_t number = 1; !text.empty(); ++number) {
-    const std::size_t end = std::min(text.find('\n'), text.size());
-    auto line = text.substr(0, end);
-    text.remove_prefix(std::min(end + 1, text.size()));
-    while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.remove_suffix(1);
-    if (line.empty() || line.front() == '#') continue;
-    auto entry = parse_log_line(line, name, number);
-    if (!entry) return tl::unexpected<Error>(entry.error());
-    out.push_back(*entry);
-  }
-  return out;
+Result<LogReader> LogReader::open(const std::filesystem::path& file) {
+  errno = 0;
+  auto in = std::make_unique<std::ifstream>(file, std::ios::binary);
+  std::error_code error;
+  if (!*in || std::filesystem::is_directory(file, error))
+    return fail(
+        ErrorCode::not_found, file.string(),
+        std::string("expected a candump log, got none: ") + std::strerror(errno != 0 ? errno : EISDIR));
+  return LogReader(std::move(in), file.filename().string());
 }
 
-Result<std::vector<LogEntry>> load_log(const std::filesystem::path& file) {
-  std::error_code error;
-  const auto size = std::filesystem::file_size(file, error);
-  if (error)
-    return fail(ErrorCode::not_found, file.string(), "expected a candump log, got none: " + error.message());
-  if (size > (std::uintmax_t{1} << 30))
-    return fail(ErrorCode::bad_input, file.string(), "expected a candump log of at most 1 GiB; split it");
-  std::ifstream in(file, std::ios::binary);
-  const std::string text(std::istreambuf_iterator<char>(in), {});
-  return parse_log(text, file.filename().string());
+Result<std::optional<LogEntry>> LogReader::next() {
+  while (true) {
+    in_->getline(line_.data(), static_cast<std::streamsize>(line_.size()));
+    auto n = static_cast<std::size_t>(in_->gcount());
+    if (in_->bad()) return fail(ErrorCode::io, name_, "the log cannot be read to its end");
+    if (n == 0) return std::optional<LogEntry>();
+    ++number_;
+    if (in_->fail() && !in_->eof())
+      return fail(
+          ErrorCode::bad_input, name_ + ":" + std::to_string(number_) + ":1",
+          "expected a line of less than " + std::to_string(kMostLineBytes) + " characters, got a longer one");
+    if (!in_->eof()) --n;  // its end was taken, too
+    std::string_view line(line_.data(), n);
+    while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.remove_suffix(1);
+    if (line.empty() || line.front() == '#') continue;
+    auto entry = parse_log_line(line, name_, number_);
+    if (!entry) return tl::unexpected<Error>(entry.error());
+    return std::optional<LogEntry>(*entry);
+  }
+}
+
+void LogReader::rewind() {
+  in_->clear();
+  in_->seekg(0);
+  number_ = 0;
 }
 
 Status LogWriter::open(const std::filesystem::path& file) {

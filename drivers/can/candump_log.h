@@ -16,10 +16,12 @@
 #include <array>
 #include <cstdio>
 #include <filesystem>
+#include <istream>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
-#include <vector>
+#include <utility>
 
 #include "rt-core/result.h"
 #include "rt-core/time.h"
@@ -49,9 +51,29 @@ struct LogEntry {
 inline constexpr std::size_t kLogLineBytes = 208;
 std::size_t format_log_line(const LogEntry& entry, char* out) noexcept;
 
-/// All frames of a log; empty lines and those that begin with `#` are passed over. At most 1 GiB.
-[[nodiscard]] Result<std::vector<LogEntry>> load_log(const std::filesystem::path& file);
-[[nodiscard]] Result<std::vector<LogEntry>> parse_log(std::string_view text, std::string_view name);
+/// The frames of a log, one after the other, in memory that does not grow with it; empty lines and those that
+/// begin with
+/// `#` are passed over. One thread.
+class LogReader {
+ public:
+  static constexpr std::size_t kMostLineBytes = 4096;
+  /// `name` for messages.
+  LogReader(std::unique_ptr<std::istream> in, std::string name)
+      : in_(std::move(in)), name_(std::move(name)) {}
+  /// not_found.
+  [[nodiscard]] static Result<LogReader> open(const std::filesystem::path& file);
+  /// The next frame, or none at the end. bad_input with `name:line:column`, also for a line beyond
+  /// kMostLineBytes; io. Allocates for errors alone.
+  [[nodiscard]] Result<std::optional<LogEntry>> next();
+  /// From the first line again.
+  void rewind();
+
+ private:
+  std::unique_ptr<std::istream> in_;
+  std::string name_;
+  std::array<char, kMostLineBytes> line_{};
+  std::size_t number_ = 0;
+};
 
 /// Appends to a file, buffered. One thread.
 class LogWriter {

@@ -32,14 +32,37 @@ Result<std::unique_ptr<EmulatedNode>> EmulatedNode::make(const NodeSettings& set
                                                          std::shared_ptr<SignalModel> model) {
   std::unique_ptr<EmulatedNode> node(new EmulatedNode(settings, std::move(model)));
   if (auto s = node->bind(); !s) return tl::unexpected<Error>(s.error());
-  if (!settings.replay.empty()) {
-    auto log = load_log(settings.replay);
-    if (!log) return tl::unexpected<Error>(log.error());
-    std::stable_sort(log->begin(), log->end(),
-                     [](const LogEntry& a, const LogEntry& b) { return a.t < b.t; });
-    node->log_ = std::move(*log);
-  }
+  if (!settings.replay.empty())
+    if (auto s = node->open_log(); !s) return tl::unexpected<Error>(s.error());
   return node;
+}
+
+Status EmulatedNode::open_log() {
+  auto log = LogReader::open(settings_.replay);
+  if (!log) return tl::unexpected<Error>(log.error());
+  log_.emplace(std::move(*log));
+  bool any = false;
+  while (true) {
+    const auto entry = log_->next();
+    if (!entry) return tl::unexpected<Error>(entry.error());
+    if (!*entry) return {};
+    const RealtimeTime t = (*entry)->t;
+    if (!any) log_first_ = t;
+    any = true;
+    if (t + seconds(1) < log_first_ + log_length_)
+      return fail(ErrorCode::bad_input, settings_.replay.string(),
+                  "expected lines in the order of time, got one that goes back by more than a second: " +
+                      format_log_line(**entry) + "; sort the file");
+    log_length_ = std::max(log_length_, t - log_first_);
+  }
+}
+
+/// What cannot be read any more, for the file is another by now, ends the log.
+void EmulatedNode::next_of_log() {
+  auto entry = log_->next();
+  if (!entry) ++counters_.failed;
+  log_next_ = entry ? *entry : std::nullopt;
+  if (log_next_) log_due_ = std::max(log_due_, log_start_ + (log_next_->t - log_first_));
 }
 
 int EmulatedNode::model_index(const std::string& signal) const {
@@ -108,14 +131,16 @@ void EmulatedNode::start(BenchTime t0) {
     s.turn = 0;
     s.frame = blank_frame(*s.message);
   }
-  log_at_ = 0;
-  log_start_ = t0;
+  if (!log_) return;
+  log_->rewind();
+  log_start_ = log_due_ = t0;
+  next_of_log();
 }
 
 BenchTime EmulatedNode::next_event() const noexcept {
   BenchTime t = BenchTime::never();
   for (const auto& s : sent_) t = std::min(t, s.next);
-  if (log_at_ < log_.size()) t = std::min(t, log_start_ + (log_[log_at_].t - log_.front().t));
+  if (log_next_) t = std::min(t, log_due_);
   return t;
 }
 
@@ -164,12 +189,14 @@ void EmulatedNode::act(BenchTime now, const std::function<bool(const CanFrame&)>
       s.next = s.next + period * missed;
     }
   }
-  while (log_at_ < log_.size() && log_start_ + (log_[log_at_].t - log_.front().t) <= now) {
-    ++(send(log_[log_at_].frame) ? counters_.sent : counters_.failed);
-    if (++log_at_ < log_.size() || !settings_.repeat) continue;
+  while (log_next_ && log_due_ <= now) {
+    ++(send(log_next_->frame) ? counters_.sent : counters_.failed);
+    next_of_log();
+    if (log_next_ || !settings_.repeat) continue;
     // Again from the start, one millisecond behind the end: a log of one instant is not to spin.
-    log_start_ = log_start_ + (log_.back().t - log_.front().t) + milliseconds(1);
-    log_at_ = 0;
+    log_->rewind();
+    log_start_ = log_due_ = log_start_ + log_length_ + milliseconds(1);
+    next_of_log();
   }
 }
 

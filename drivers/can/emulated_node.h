@@ -6,13 +6,16 @@
 // takes its values in turn. A message whose value the device does not know (NaN), or that its signal cannot
 // hold, is not sent: it is counted. Received messages are written to the commanded signals of the model.
 //
-// In place of messages, or beside them, a candump log is sent in its own time.
+// In place of messages, or beside them, a candump log is sent in its own time. It is read from its file as it
+// is sent: a log of an hour on a busy bus need not fit in memory. Lines that are a little out of order, as
+// logs of several interfaces have them, are sent with the latest before them.
 //
 // One thread; `act` does not allocate.
 #pragma once
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "drivers/can/can_settings.h"
@@ -31,7 +34,8 @@ class EmulatedNode {
     std::uint64_t received = 0;  ///< frames with a commanded signal
     std::uint64_t refused = 0;   ///< values that the model did not take
   };
-  /// bad_input where model and messages do not fit together.
+  /// bad_input where model and messages do not fit together, and for a log with a line that is none, or that
+  /// goes back by more than a second. Reads all of the log.
   [[nodiscard]] static Result<std::unique_ptr<EmulatedNode>> make(const NodeSettings& settings,
                                                                   std::shared_ptr<SignalModel> model);
   void start(BenchTime t0);
@@ -72,9 +76,13 @@ class EmulatedNode {
   std::shared_ptr<SignalModel> model_;
   std::vector<Sent> sent_;
   std::vector<Received> received_;
-  std::vector<LogEntry> log_;
-  std::size_t log_at_ = 0;
-  BenchTime log_start_;
+  [[nodiscard]] Status open_log();
+  void next_of_log();
+  std::optional<LogReader> log_;
+  std::optional<LogEntry> log_next_;
+  RealtimeTime log_first_;
+  Duration log_length_;
+  BenchTime log_start_, log_due_;  ///< of its first frame, of log_next_
   Counters counters_;
 };
 

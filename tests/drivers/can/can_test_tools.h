@@ -13,9 +13,24 @@
 #include <vector>
 
 #include "drivers/can/can_virtual.h"
+#include "drivers/can/candump_log.h"
 #include "sensor-hal/channel/providers.h"
 
 namespace rigor::can::test {
+
+/// All frames of a log; a line that is none fails the test.
+inline std::vector<LogEntry> entries_of(const std::filesystem::path& file) {
+  std::vector<LogEntry> all;
+  auto log = LogReader::open(file);
+  EXPECT_TRUE(log) << log.error().text();
+  while (log) {
+    const auto entry = log->next();
+    EXPECT_TRUE(entry) << entry.error().text();
+    if (!entry || !*entry) break;
+    all.push_back(**entry);
+  }
+  return all;
+}
 
 /// Signals of a node whose counter tells how often it was read; remembers what it was told.
 class CountingModel final : public SignalModel {

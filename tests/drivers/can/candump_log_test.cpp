@@ -7,6 +7,8 @@
 
 #include <filesystem>
 #include <fstream>
+#include <memory>
+#include <sstream>
 
 namespace rigor::can {
 namespace {
@@ -95,19 +97,45 @@ TEST(CandumpLog, FilesAreReadAndWritten) {
       "(1436509052.249713) vcan0 044#2A366C2BBA\n(1436509052.449847) vcan0 "
       "0F6#7ADFE07BD2\n(1436509052.650004) vcan0 "
       "213##311223344\n";
-  const auto log = parse_log("# a comment\n\n" + text, "a.log");
-  ASSERT_TRUE(log);
-  ASSERT_EQ(log->size(), 3u);
+  LogReader log(std::make_unique<std::istringstream>("# a comment\n\n" + text), "a.log");
   LogWriter out;
   ASSERT_TRUE(out.open(file));
-  for (const auto& e : *log) out.write(e);
+  for (int round = 0; round < 2; ++round) {
+    int frames = 0;
+    for (auto e = log.next();; e = log.next(), ++frames) {
+      ASSERT_TRUE(e) << e.error().text();
+      if (!*e) break;
+      if (round == 0) out.write(**e);
+    }
+    EXPECT_EQ(frames, 3);
+    log.rewind();
+  }
   ASSERT_TRUE(out.close());
   std::ifstream in(file);
   EXPECT_EQ(std::string(std::istreambuf_iterator<char>(in), {}), text);
-  EXPECT_TRUE(load_log(file));
+  EXPECT_TRUE(LogReader::open(file));
   std::filesystem::remove(file);
-  EXPECT_FALSE(load_log(file));
+  EXPECT_FALSE(LogReader::open(file));
+  EXPECT_FALSE(LogReader::open(std::filesystem::temp_directory_path()));
   EXPECT_FALSE(LogWriter().open("/nowhere/at/all.log"));
+}
+
+TEST(CandumpLog, ReadsLineByLineAndSaysWhereItIsNone) {
+  const auto error = [](const std::string& text) {
+    LogReader log(std::make_unique<std::istringstream>(text), "a.log");
+    while (true) {
+      const auto e = log.next();
+      if (!e) return e.error().text();
+      if (!*e) return std::string("(good)");
+    }
+  };
+  const std::string line = "(1.000000) vcan0 044#2A";
+  EXPECT_EQ(error(line), "(good)");  // without a line end
+  EXPECT_EQ(error(line + "\r\n\n#" + std::string(4000, 'x') + "\n" + line + "\n"), "(good)");
+  EXPECT_THAT(error(line + "\n" + line + "X"), HasSubstr("a.log:2:24: expected pairs of digits"));
+  EXPECT_THAT(error(line + "\n" + std::string(100'000, '(')),
+              HasSubstr("a.log:2:1: expected a line of less than 4096"));
+  EXPECT_THAT(error(line + std::string("\0", 1) + line), HasSubstr("a.log:1:24: expected"));
 }
 
 TEST(CandumpLog, AFullDiskIsToldAtTheEnd) {
