@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # fuzz_one.sh SECONDS RESULTS HARNESS: runs one harness of build/asan-ubsan on its corpus in tests/fuzz/corpus/NAME, prints the
-# end of its log, and leaves RESULTS/fuzz-NAME.ok when it found nothing. New inputs are kept in build/fuzz-corpus.
+# end of its log, and leaves RESULTS/fuzz-NAME.ok when it found nothing. New inputs are kept in build/fuzz-corpus. Inputs are as
+# long as tests/fuzz/max_len.txt says.
 set -euo pipefail
 
 seconds=$1 results=$2 harness=$3
@@ -11,8 +12,10 @@ mkdir -p "$found" build/fuzz-artifacts
 folders=("$found")
 seeds=tests/fuzz/corpus/$name
 [[ ! -d $seeds ]] || folders+=("$seeds")
+longest=$(awk -v name="$name" '$1 == name { print $2 }' tests/fuzz/max_len.txt)
+[[ $longest =~ ^[0-9]+$ ]] || { echo "$name: expected the length of its longest input in tests/fuzz/max_len.txt, found none" && exit 1; }
 
-if "build/asan-ubsan/$harness" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
+if "build/asan-ubsan/$harness" -max_total_time="$seconds" -max_len="$longest" -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
   -artifact_prefix="build/fuzz-artifacts/$name-" "${folders[@]}" >"$log" 2>&1; then
   runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
   [[ ${runs:-0} -gt 0 ]] || { echo "$name: no input was run, see $log" && exit 1; }

@@ -1,5 +1,7 @@
 // A client's bytes on the Modbus server of an emulated device. Input: the stream as it comes, cut into writes
 // of up to 32 bytes.
+#include <netinet/in.h>
+#include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -37,25 +39,41 @@ class Registers final : public RegisterModel {
 
 }  // namespace
 
+/// One server for all inputs, each of which is another client of it: a thread for each would take ten times
+/// as long as what it does.
+std::uint16_t port_of_server() {
+  static Server server(std::make_shared<Registers>(), [] { return BenchTime(0); },
+                       {.max_clients = 64, .idle_limit = Duration(0)});
+  static const bool good = server.listen("127.0.0.1", 0) && server.start();
+  if (!good) std::abort();
+  return server.port();
+}
+
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  int ends[2];
-  if (::socketpair(AF_UNIX, SOCK_STREAM, 0, ends) != 0) std::abort();
-  Server server(std::make_shared<Registers>(), [] { return BenchTime(0); }, {.idle_limit = Duration(0)});
-  server.adopt(ends[0]);
-  if (!server.start()) std::abort();
+  const std::uint16_t port = port_of_server();
+  const int client = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  sockaddr_in server{};
+  server.sin_family = AF_INET;
+  server.sin_port = htons(port);
+  server.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  if (::connect(client, reinterpret_cast<sockaddr*>(&server), sizeof server) != 0) std::abort();
+  // No port is left in TIME_WAIT.
+  const linger none{1, 0};
+  const int on = 1;
+  ::setsockopt(client, SOL_SOCKET, SO_LINGER, &none, sizeof none);
+  ::setsockopt(client, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
   for (std::size_t at = 0; at < size; at += 32)
-    if (::send(ends[1], data + at, std::min<std::size_t>(32, size - at), MSG_NOSIGNAL) < 0) break;
-  ::shutdown(ends[1], SHUT_WR);
+    if (::send(client, data + at, std::min<std::size_t>(32, size - at), MSG_NOSIGNAL) < 0) break;
+  ::shutdown(client, SHUT_WR);
   // Answers, then the end: the server must close on its own when the stream is over.
   std::uint8_t answers[512];
   while (true) {
-    pollfd p{ends[1], POLLIN, 0};
+    pollfd p{client, POLLIN, 0};
     const int ready = ::poll(&p, 1, 5000);
     if (ready < 0 && errno == EINTR) continue;  // libFuzzer's own timer
     if (ready <= 0) std::abort();
-    if (::recv(ends[1], answers, sizeof answers, 0) <= 0) break;
+    if (::recv(client, answers, sizeof answers, 0) <= 0) break;
   }
-  server.stop();
-  ::close(ends[1]);
+  ::close(client);
   return 0;
 }
