@@ -5,6 +5,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <atomic>
 #include <ctime>
 #include <nlohmann/json.hpp>
 
@@ -23,6 +24,7 @@
 #include "rt-core/affinity.h"
 #include "rt-core/trace.h"
 #include "sensor-hal/config/did_you_mean.h"
+#include "sensor-hal/plugin/plugin.h"
 
 namespace rigor {
 namespace {
@@ -75,7 +77,8 @@ struct Bench::Impl {
   std::unique_ptr<Recorder> recorder;
   std::vector<std::string> warnings;
   EpochPair epoch;
-  bool prepared = false, started = false;
+  std::atomic<bool> prepared{false};  ///< faults may be injected: other threads read it
+  bool started = false;
 
   Impl(BenchOptions o, const Registry& r) : options(std::move(o)), registry(r) {}
   ~Impl() {
@@ -105,6 +108,7 @@ struct Bench::Impl {
   void warn(std::string text);
   /// As the control socket would, whose thread may ask at the same time.
   Status ask(const nlohmann::json& request);
+  Error broke_off(const std::exception& e);
   void analyse(RunReport& report) const;
   void write_files(RunReport& report);
   void abandon();
@@ -120,9 +124,20 @@ Status Bench::Impl::ask(const nlohmann::json& request) {
   if (!prepared)
     return fail(ErrorCode::wrong_state, rig().name,
                 "faults are injected between prepare() and the end of the run");
-  const auto answer = nlohmann::json::parse(commands.answer(request.dump()));
-  if (answer["ok"]) return {};
-  return fail(ErrorCode::bad_input, request.value("channel", "faults"), answer["error"]["message"]);
+  if (!parts().faults)
+    return fail(ErrorCode::wrong_state, rig().name, "a replay has the faults of its recording alone");
+  const auto result = commands.ask(request);
+  return result ? Status{} : tl::unexpected<Error>(result.error());
+}
+
+/// A source threw: the devices are closed, and what there is of the recording stays.
+Error Bench::Impl::broke_off(const std::exception& e) {
+  prepared = started = false;
+  if (recorder) (void)recorder->stop();
+  recorder.reset();
+  file.reset();
+  abandon();
+  return {ErrorCode::internal, rig().name, std::string("the run broke off: ") + e.what()};
 }
 
 /// Nothing came of the run: its devices are closed, and an earlier recording has its name back.
@@ -296,7 +311,7 @@ void Bench::Impl::write_files(RunReport& report) {
 }
 
 Result<RunReport> Bench::Impl::close(Result<RunOutcome> outcome) {
-  started = prepared = false;
+  prepared = started = false;
   const bool stays = view && options.live_stays && outcome && outcome->loop.reason == StopReason::finished;
   if (stays)
     view->ended();
@@ -392,6 +407,17 @@ Result<std::unique_ptr<Bench>> Bench::create_replay(RigConfig rig, const Registr
   return std::unique_ptr<Bench>(new Bench(std::move(impl)));
 }
 
+Result<std::unique_ptr<Bench>> Bench::create_replay(const std::filesystem::path& recording,
+                                                    const Registry& registry, BenchOptions options,
+                                                    const std::vector<ConfigOverride>& overrides) {
+  auto input = open_replay(recording);
+  if (!input) return tl::unexpected<Error>(input.error());
+  auto rig = recorded_rig(*input, overrides, registry, false);
+  if (!rig) return tl::unexpected<Error>(rig.error());
+  rig->clock = ClockKind::virtual_time;
+  return create_replay(std::move(*rig), registry, std::move(*input), std::move(options));
+}
+
 Status Bench::prepare(StopToken stop) {
   if (impl_->run) return fail(ErrorCode::wrong_state, rig().name, "prepare() comes once");
   auto s = impl_->prepare(stop);
@@ -403,8 +429,12 @@ Result<RunReport> Bench::run(StopToken stop) {
   if (!impl_->prepared || impl_->started)
     return fail(ErrorCode::wrong_state, rig().name, "run() comes once, after prepare()");
   impl_->started = true;
-  return impl_->close(impl_->virtual_time() ? impl_->run_in_virtual_time(stop)
-                                            : impl_->run_in_wall_clock_time(stop));
+  try {
+    return impl_->close(impl_->virtual_time() ? impl_->run_in_virtual_time(stop)
+                                              : impl_->run_in_wall_clock_time(stop));
+  } catch (const std::exception& e) {
+    return tl::unexpected<Error>(impl_->broke_off(e));
+  }
 }
 
 Status Bench::start() {
@@ -423,7 +453,11 @@ Status Bench::start() {
 
 Result<bool> Bench::step(std::uint64_t cycles, StopToken stop) {
   if (!impl_->started) return fail(ErrorCode::wrong_state, rig().name, "step() comes after start()");
-  return impl_->run->advance(cycles, stop);
+  try {
+    return impl_->run->advance(cycles, stop);
+  } catch (const std::exception& e) {
+    return tl::unexpected<Error>(impl_->broke_off(e));
+  }
 }
 
 Result<RunReport> Bench::finish() {
@@ -437,6 +471,10 @@ const ApplicationPorts& Bench::ports() const noexcept {
   return impl_->run ? impl_->run->ports() : none;
 }
 
+Status Bench::inject_fault(const std::string& channel, const FaultSpec& fault) {
+  return impl_->ask(
+      {{"command", "fault"}, {"channel", channel}, {"fault", nlohmann::json::parse(fault_json(fault))}});
+}
 Status Bench::inject_fault(const std::string& channel, const std::string& fault) {
   const auto node = ConfigDocument::parse(fault, "the fault");
   if (!node) return tl::unexpected<Error>(node.error());
@@ -448,6 +486,28 @@ Status Bench::clear_faults(const std::string& channel) {
   nlohmann::json request{{"command", "clear"}};
   if (!channel.empty()) request["channel"] = channel;
   return impl_->ask(request);
+}
+
+Status Bench::command(const std::string& sink, std::span<const double> values) {
+  if (!impl_->started)
+    return fail(ErrorCode::wrong_state, rig().name, "command() comes between steps, after start()");
+  const auto& outputs = ports().outputs;
+  const auto found = outputs.find(sink);
+  if (found == outputs.end()) {
+    std::vector<std::string> names;
+    for (const auto& [name, port] : outputs) names.push_back(name);
+    return fail(ErrorCode::bad_input, sink,
+                fmt::format("expected a sink of this rig ({}), got \"{}\"{}", fmt::join(names, ", "), sink,
+                            did_you_mean(sink, names)));
+  }
+  const auto& names = found->second->describe().names;
+  if (values.size() != names.size())
+    return fail(
+        ErrorCode::bad_input, sink,
+        fmt::format("expected {} values ({}), got {}", names.size(), fmt::join(names, ", "), values.size()));
+  if (!found->second->send(impl_->run->next_cycle_time(), values))
+    return fail(ErrorCode::unavailable, sink, "the sink's queue is full: step the bench between commands");
+  return {};
 }
 
 }  // namespace rigor

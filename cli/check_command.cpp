@@ -15,13 +15,13 @@ namespace rigor {
 namespace {
 
 struct Counts {
-  std::ptrdiff_t hold = 0, fail = 0, untold = 0;
+  std::ptrdiff_t hold = 0, fail = 0, unknown = 0;
 };
 Counts count(const std::vector<Expected>& all) {
   Counts n;
   n.fail = std::ranges::count_if(all, &Expected::fails);
-  n.untold = std::ranges::count(all, false, &Expected::told);
-  n.hold = static_cast<std::ptrdiff_t>(all.size()) - n.fail - n.untold;
+  n.unknown = std::ranges::count(all, false, &Expected::known);
+  n.hold = static_cast<std::ptrdiff_t>(all.size()) - n.fail - n.unknown;
   return n;
 }
 
@@ -35,23 +35,23 @@ nlohmann::json to_json(const CheckedRecording& checked, const std::filesystem::p
           {"missing_samples", checked.missing_samples},
           {"hold", n.hold},
           {"violated", n.fail},
-          {"untold", n.untold},
+          {"unknown", n.unknown},
           {"expect", rigor::to_json(checked.expected)}};
 }
 
-/// "expect    2 of 4 hold, 1 cannot be told from a recording (demo, 2.000 s)", and a line for each.
+/// "expect    2 of 4 hold, 1 cannot be determined from a recording (demo, 2.000 s)", and a line for each.
 std::string to_text(const CheckedRecording& checked) {
   const Counts n = count(checked.expected);
   std::string out =
       fmt::format("expect    {} of {} hold{} ({}, {:.3f} s)\n", n.hold, checked.expected.size(),
-                  n.untold > 0 ? fmt::format(", {} cannot be told from a recording", n.untold) : "",
+                  n.unknown > 0 ? fmt::format(", {} cannot be determined from a recording", n.unknown) : "",
                   checked.rig, checked.duration_s);
   for (const Expected& e : checked.expected)
     out += fmt::format("{:<15} {}: {}\n",
-                       !e.told   ? "cannot be told"
+                       !e.known  ? "unknown"
                        : e.holds ? "holds"
                                  : "does not hold",
-                       e.name(), e.told ? e.outcome() : "not in a recording");
+                       e.name(), e.known ? e.outcome() : "not in a recording");
   return out;
 }
 

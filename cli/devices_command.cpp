@@ -3,7 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/console/terminal.h"
-#include "bench/registry.h"
+#include "builtin/registry.h"
 #include "cli/commands.h"
 
 namespace rigor {

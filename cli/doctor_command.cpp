@@ -3,9 +3,9 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/console/terminal.h"
-#include "bench/registry.h"
 #include "bench/run/machine_probe.h"
 #include "bench/sensing/simulation.h"
+#include "builtin/registry.h"
 #include "cli/commands.h"
 #include "rt-core/realtime_setup.h"
 

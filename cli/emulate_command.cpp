@@ -9,11 +9,12 @@
 
 #include "bench/console/terminal.h"
 #include "bench/devices/device_world.h"
-#include "bench/registry.h"
+#include "builtin/registry.h"
 #include "cli/commands.h"
 #include "cli/overrides.h"
 #include "rt-core/executive.h"
 #include "sensor-hal/config/did_you_mean.h"
+#include "sensor-hal/plugin/plugin.h"
 
 namespace rigor {
 namespace {

@@ -8,7 +8,7 @@
 #include <deque>
 
 #include "bench/console/terminal.h"
-#include "bench/registry.h"
+#include "builtin/registry.h"
 #include "cli/commands.h"
 #include "clients/cpp/rigor_client.h"
 #include "sensor-hal/config/did_you_mean.h"

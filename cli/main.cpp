@@ -83,6 +83,7 @@ constexpr const char* kForce = "Write over a file that is there";
 constexpr const char* kForceKept = "Write over what is there, in place of keeping it under a number";
 
 int command_line(int argc, char** argv) {
+  rigor::set_progress_format(rigor::ProgressFormat::line);
   CLI::App app{"Rigor: a hardware-in-the-loop real-time test bench of real and simulated sensors."};
   app.require_subcommand(1);
   app.set_version_flag("--version", RIGOR_VERSION);
@@ -272,7 +273,7 @@ int command_line(int argc, char** argv) {
   localization_app->add_option("--truth", localization.truth,
                                "Channel of kind pose, or registers with x_m, y_m, yaw_deg (truth)");
   localization_app->add_option("--estimate", localization.estimate,
-                               "Sink that was told x, y, yaw (estimate)");
+                               "Sink that receives x, y, yaw (estimate)");
   localization_app->add_option("--after", localization.after_s, "Seconds from which on it counts (1)")
       ->check(rigor::number_within({.min = 0, .max = rigor::kLongestRun_s}));
   localization_app->add_option("--map", localization.map, "Stems to draw: x_m,y_m,diameter_m");

@@ -15,7 +15,7 @@ Result<std::unique_ptr<live::Server>> open_live(const LiveOptions& options, cons
   };
   if (options.pace.value_or(0) > 0 && rig.clock == ClockKind::wall)
     return refuse("--pace",
-                  "expected a run in virtual time, got one on the wall clock, which has its own pace");
+                  "expected a run in virtual time, got one in wall-clock time, which has its own pace");
   if (!options.on) {
     if (!options.token.empty()) return refuse("--live-token", "expected --live with it");
     if (options.open) return refuse("--live-open", "expected --live with it");

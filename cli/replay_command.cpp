@@ -5,6 +5,7 @@
 #include "bench/console/terminal.h"
 #include "bench/live/server.h"
 #include "bench/run/replay_assembly.h"
+#include "builtin/registry.h"
 #include "cli/commands.h"
 #include "cli/open_live.h"
 #include "cli/overrides.h"

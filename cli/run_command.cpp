@@ -4,6 +4,7 @@
 #include "bench/console/progress.h"
 #include "bench/console/terminal.h"
 #include "bench/live/server.h"
+#include "builtin/registry.h"
 #include "cli/commands.h"
 #include "cli/open_live.h"
 #include "cli/overrides.h"

@@ -41,7 +41,7 @@ Result<std::unique_ptr<Target>> find_target(const SenseOptions& options) {
   target->rig = std::move(*rig);
   std::vector<std::string> names;
   for (const ChannelEntry& c : target->rig.channels) {
-    const BackendChoice& choice = c.is_pair ? c.twin : c.source;
+    const BackendChoice& choice = c.is_pair ? c.simulated : c.source;
     if (choice.backend != "simulated") continue;
     names.push_back(c.name);
     if (c.name != options.channel) continue;

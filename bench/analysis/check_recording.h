@@ -2,7 +2,7 @@
 //
 // Samples, statuses by cycle, commands, alarms and skipped cycles are in a recording, and are judged as in
 // the run. What its sinks, its application and the computer's clock counted is not: such an expectation is
-// untold (Expected::told).
+// unknown (Expected::known).
 #pragma once
 
 #include <cstdint>

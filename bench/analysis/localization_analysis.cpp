@@ -5,7 +5,6 @@
 
 #include <nlohmann/json.hpp>
 
-#include "apps/forest-localization/stem_map.h"
 #include "sensor-hal/config/did_you_mean.h"
 
 namespace rigor {
@@ -29,20 +28,19 @@ Status check(const ConfigNode& params, const ApplicationPorts& ports) {
   return {};
 }
 
-Result<std::vector<DrawnStem>> stems_of(const ConfigNode& params) {
-  std::vector<DrawnStem> stems;
-  if (!params.has("map")) return stems;
-  const auto map = forest::StemMap::load(params.base_dir() / params.text("map"));
-  if (!map) return tl::unexpected<Error>(params.error("map", map.error().text()).error());
-  for (const forest::Stem& s : map->stems()) stems.push_back({s.x_m, s.y_m, s.radius_m});
+Result<std::vector<DrawnStem>> stems_of(const ConfigNode& params, const StemReader& read) {
+  if (!params.has("map")) return std::vector<DrawnStem>{};
+  auto stems = read(params.base_dir() / params.text("map"));
+  if (!stems) return tl::unexpected<Error>(params.error("map", stems.error().text()).error());
   return stems;
 }
 
 Result<std::optional<AnalysisReport>> analyse(const ConfigNode& params,
-                                              const std::filesystem::path& recording) {
+                                              const std::filesystem::path& recording,
+                                              const StemReader& read) {
   const auto error = localization_error(recording, localization_question(params));
-  if (!error) return std::optional<AnalysisReport>();  // none was told
-  const auto stems = stems_of(params);
+  if (!error) return std::optional<AnalysisReport>();  // there was no estimate
+  const auto stems = stems_of(params, read);
   if (!stems) return tl::unexpected<Error>(stems.error());
   AnalysisReport report;
   report.name = kLocalization;
@@ -56,14 +54,19 @@ Result<std::optional<AnalysisReport>> analyse(const ConfigNode& params,
 
 LocalizationQuestion localization_question(const ConfigNode& params) {
   LocalizationQuestion q;
-  q.truth = params.text_or("truth", q.truth);
-  q.estimate = params.text_or("estimate", q.estimate);
+  q.truth = params.text("truth");
+  q.estimate = params.text("estimate");
   q.after_s = params.number_or("after_s", q.after_s, {.min = 0, .max = 1e7});
   if (params.has("map")) (void)params.text("map");
   params.finish();
   return q;
 }
 
-NamedAnalysis localization_analysis() { return {kLocalization, check, analyse}; }
+NamedAnalysis localization_analysis(StemReader read_stems) {
+  return {kLocalization, check,
+          [read = std::move(read_stems)](const ConfigNode& params, const std::filesystem::path& recording) {
+            return analyse(params, recording, read);
+          }};
+}
 
 }  // namespace rigor

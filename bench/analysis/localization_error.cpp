@@ -125,8 +125,8 @@ Result<std::vector<EstimatedPose>> told_poses(record::McapReader& reader, const 
   if (!s) return tl::unexpected<Error>(s.error());
   if (told.empty())
     return fail(ErrorCode::bad_input, reader.name(),
-                fmt::format("expected a sink \"{}\" that was told x and y, found none; sinks that were told "
-                            "something are {}",
+                fmt::format("expected a sink \"{}\" that receives x and y, found none; the sinks that "
+                            "received commands are {}",
                             sink, sinks.empty() ? "none" : fmt::format("{}", fmt::join(sinks, ", "))));
   return told;
 }
@@ -221,7 +221,7 @@ std::string to_text(const LocalizationError& e) {
                      e.p95_yaw_rad * kDegPerRad);
   if (std::isfinite(e.squared_over_variance))
     s += fmt::format("; squared over stated variance {:.2f}", e.squared_over_variance);
-  if (e.searching > 0) s += fmt::format("; {} told while searching", e.searching);
+  if (e.searching > 0) s += fmt::format("; {} sent while searching", e.searching);
   if (e.no_truth > 0) s += fmt::format("; {} without a true pose", e.no_truth);
   return s;
 }
@@ -323,13 +323,13 @@ std::string localization_section(const LocalizationError& e, const std::vector<D
     tile(fmt::format("{:.2f}", e.squared_over_variance), "squared error over stated variance");
   tile(fmt::format("{:.1f} m", e.way_m), "of true path");
   tile(fmt::format("{}", e.at.size()), "estimates");
-  if (e.searching > 0) tile(fmt::format("{}", e.searching), "told while searching, left out");
+  if (e.searching > 0) tile(fmt::format("{}", e.searching), "sent while searching, left out");
   s += "</div><div class=\"cards\" style=\"margin-top:14px\"><div class=\"card\"><h3>The true path, coloured "
        "by the "
        "distance of the estimate</h3>" +
        map_svg(e, stems) + "</div><div class=\"card\">";
   SvgSeries distance{"distance", "var(--series-1)", {}, {}},
-      sigma{"sigma as told", "var(--series-5)", {}, {}};
+      sigma{"claimed sigma", "var(--series-5)", {}, {}};
   SvgSeries along{"forward", "var(--series-1)", {}, {}}, across{"left", "var(--series-3)", {}, {}},
       yaw{"yaw", "var(--series-4)", {}, {}};
   for (const auto* a : thinned(e)) {

@@ -1,8 +1,8 @@
 // How far an application's estimate of its pose was from the truth, by the recording of a run.
 //
 // The truth is a channel of kind pose, or of kind registers with x_m, y_m and yaw_deg; the estimate is a sink
-// that is told x [m], y [m] and, where there are any, yaw [rad], sigma_x, sigma_y [m] and state (0:
-// searching). What is told in a cycle is meant for the instant of that cycle.
+// that receives x [m], y [m] and, where there are any, yaw [rad], sigma_x, sigma_y [m] and state (0:
+// searching). A command of a cycle is the estimate at the instant of that cycle.
 #pragma once
 
 #include <filesystem>
@@ -15,9 +15,9 @@
 namespace rigor {
 
 struct LocalizationQuestion {
-  std::string truth = "truth";        ///< channel
-  std::string estimate = "estimate";  ///< sink
-  double after_s = 1;                 ///< from the start of the run: what is told before does not count
+  std::string truth;     ///< channel
+  std::string estimate;  ///< sink
+  double after_s = 1;    ///< from the start of the run: earlier estimates do not count
 };
 
 struct LocalizationError {
@@ -25,17 +25,17 @@ struct LocalizationError {
     double t_s = 0;                    ///< since the start of the run
     double x_m = 0, y_m = 0;           ///< the truth
     double along_m = 0, across_m = 0;  ///< estimate less truth, forward and to the left by the true yaw
-    double yaw_rad = 0;                ///< NaN: not told
-    double sigma_m = 0;                ///< √((σx² + σy²)/2) as told; NaN: not told
+    double yaw_rad = 0;                ///< NaN: not given
+    double sigma_m = 0;                ///< √((σx² + σy²)/2) as claimed; NaN: not given
     [[nodiscard]] double distance_m() const;
   };
   std::vector<At> at;         ///< in order of time
   double way_m = 0;           ///< of the true path between the first and the last of them
-  std::size_t searching = 0;  ///< told while the application said that it does not know
-  std::size_t no_truth = 0;   ///< told at instants more than 0.1 s from every true pose
+  std::size_t searching = 0;  ///< sent while the application said that it does not know its pose
+  std::size_t no_truth = 0;   ///< sent at instants more than 0.1 s from every true pose
   double median_m = 0, p95_m = 0, worst_m = 0;
-  double median_yaw_rad = 0, p95_yaw_rad = 0;  ///< of its amount; NaN: not told
-  double squared_over_variance = 0;  ///< mean of distance² over 2σ²: 1 where σ is right; NaN: not told
+  double median_yaw_rad = 0, p95_yaw_rad = 0;  ///< of its amount; NaN: not given
+  double squared_over_variance = 0;  ///< mean of distance² over 2σ²: 1 where σ is right; NaN: not given
 };
 
 /// not_found, protocol; bad_input where the recording has no such channel or sink, with the names it has.

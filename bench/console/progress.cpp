@@ -174,7 +174,7 @@ struct ProgressTask::State {
 
 namespace {
 
-ProgressFormat g_format = ProgressFormat::line;
+ProgressFormat g_format = ProgressFormat::none;
 
 std::size_t terminal_columns() {
   winsize size{};

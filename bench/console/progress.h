@@ -24,7 +24,7 @@
 namespace rigor {
 
 enum class ProgressFormat : std::uint8_t { line, json, none };
-/// `--progress`. Before the first task.
+/// `--progress`. Before the first task; none until then.
 void set_progress_format(ProgressFormat format);
 
 /// One piece of work. Made and ended on one thread; `set` and `note` may be called by any other. The

@@ -152,6 +152,11 @@ Result<json> ControlCommands::result_of(const json& request) {
   }
 }
 
+Result<json> ControlCommands::ask(const json& request) {
+  const std::lock_guard lock(mutex_);
+  return result_of(request);
+}
+
 std::string ControlCommands::answer(std::string_view line) {
   const auto parsed = parse_json(line);
   const json request = parsed ? *parsed : json();

@@ -41,6 +41,8 @@ class ControlCommands {
   ~ControlCommands();
 
   void add(const std::string& name, Handler handler);
+  /// The answer to one request. Any thread, one at a time, as `answer`.
+  [[nodiscard]] Result<nlohmann::json> ask(const nlohmann::json& request);
   /// One line of JSON in, one out, without its end.
   [[nodiscard]] std::string answer(std::string_view line);
 

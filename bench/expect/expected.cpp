@@ -23,14 +23,14 @@ std::string xml_text(std::string text) {
 }  // namespace
 
 const char* Expected::state() const {
-  if (!told) return "untold";
+  if (!known) return "unknown";
   return !decided ? "undecided" : holds ? "holds" : "violated";
 }
 
 std::string Expected::name() const { return fmt::format("{} {} {}", of, quantity, bounds); }
 
 std::string Expected::outcome() const {
-  if (!told) return "cannot be told from a recording";
+  if (!known) return "cannot be determined from a recording";
   if (looked_at == 0) return nothing.empty() ? "nothing came that could be judged" : nothing;
   if (quantity == "alarm")
     return minimum > 0 ? fmt::format("it came{}", first_s ? fmt::format(" at {:.3f} s", *first_s) : "")
@@ -55,7 +55,7 @@ json to_json(const std::vector<Expected>& all) {
            {"quantity", e.quantity},
            {"bounds", e.bounds},
            {"state", e.state()},
-           {"holds", e.told && e.decided ? json(e.holds) : json()},
+           {"holds", e.known && e.decided ? json(e.holds) : json()},
            {"looked_at", e.looked_at},
            {"outside", e.outside},
            {"outcome", e.outcome()},
@@ -71,7 +71,7 @@ std::string junit_text(const std::vector<Expected>& all, const std::string& rig,
                        const std::optional<std::string>& failure_of_run, double duration_s) {
   const auto failures =
       std::ranges::count_if(all, &Expected::fails) + (failure_of_run && !failure_of_run->empty());
-  const auto skipped = std::ranges::count(all, false, &Expected::told);
+  const auto skipped = std::ranges::count(all, false, &Expected::known);
   std::string out = fmt::format(
       "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuite name=\"{}\" tests=\"{}\" failures=\"{}\" "
       "errors=\"0\" skipped=\"{}\" time=\"{:.3f}\">\n",
@@ -86,7 +86,7 @@ std::string junit_text(const std::vector<Expected>& all, const std::string& rig,
   };
   if (failure_of_run) add("run", "failure", *failure_of_run, duration_s);
   for (const Expected& e : all)
-    add(e.name(), e.told ? "failure" : "skipped", e.told && e.holds ? "" : e.sentence(), 0);
+    add(e.name(), e.known ? "failure" : "skipped", e.known && e.holds ? "" : e.sentence(), 0);
   return out + "</testsuite>\n";
 }
 

@@ -14,8 +14,8 @@ struct Expected {
   std::string bounds;        ///< "from -45 to 45"
   bool holds = false;
   bool decided = true;  ///< false: the run goes on, and it may come out either way
-  /// False: what there is (a recording) does not say it; it neither holds nor does it not.
-  bool told = true;
+  /// False: a recording does not contain it, so that it can neither hold nor be violated.
+  bool known = true;
   std::uint64_t looked_at = 0;      ///< samples, commands, or 1
   std::uint64_t outside = 0;        ///< of these
   std::optional<double> first_s;    ///< the first that was outside, since the start of the run
@@ -28,8 +28,8 @@ struct Expected {
   [[nodiscard]] std::string outcome() const;
   /// "turntable.position value from -45 to 45".
   [[nodiscard]] std::string name() const;
-  [[nodiscard]] bool fails() const { return told && decided && !holds; }
-  /// "holds", "violated", "undecided" or "untold".
+  [[nodiscard]] bool fails() const { return known && decided && !holds; }
+  /// "holds", "violated", "undecided" or "unknown".
   [[nodiscard]] const char* state() const;
 };
 

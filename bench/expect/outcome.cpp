@@ -90,8 +90,8 @@ Seen Expectations::Check::account() const noexcept {
 
 Expected Expectations::Check::outcome(const Seen& s, const RunEnd& run) const {
   Expected e = expected;
-  e.told = run.extent != RunEnd::Extent::recording || in_recordings(quantity);
-  if (!e.told) return e;
+  e.known = run.extent != RunEnd::Extent::recording || in_recordings(quantity);
+  if (!e.known) return e;
   e.looked_at = s.looked_at;
   e.outside = s.outside;
   e.minimum = s.minimum;

@@ -117,7 +117,7 @@ LiveWorld::LiveWorld(Simulation& simulation, const RunParts& parts, LiveTap& tap
     for (const std::string& joint : p.model->joint_names()) joints_.push_back(p.name + "." + joint);
   for (const auto& c : parts.channels) {
     const ChannelEntry& entry = *c->entry;
-    const BackendChoice& choice = entry.is_pair ? entry.twin : entry.source;
+    const BackendChoice& choice = entry.is_pair ? entry.simulated : entry.source;
     const bool lidar = entry.kind == SampleKind::point_cloud;
     if (choice.backend != "simulated" ||
         (!lidar && entry.kind != SampleKind::image && entry.kind != SampleKind::range_image))

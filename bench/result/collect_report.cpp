@@ -18,8 +18,8 @@ ChannelReport channel_report(const RunChannel& c, const FaultBench* faults) {
   ChannelReport r;
   r.name = c.entry->name;
   r.kind = c.entry->kind;
-  r.backend =
-      c.entry->is_pair ? c.entry->source.backend + " | " + c.entry->twin.backend : c.entry->source.backend;
+  r.backend = c.entry->is_pair ? c.entry->source.backend + " | " + c.entry->simulated.backend
+                               : c.entry->source.backend;
   r.replaced_by = c.replaced_by;
   r.period = c.entry->period;
   r.latency = c.entry->latency;

@@ -41,9 +41,9 @@ json loop_json(const RunReport& r) {
             {"cycle_time", histogram_json(s.cycle_time)}};
   for (const StepTiming& step : s.steps)
     loop["steps"].push_back({{"name", step.name}, {"ran", histogram_json(step.ran)}});
-  for (const RealtimeSetting& r : s.settings)
+  for (const RealtimeSetting& x : s.settings)
     loop["settings"].push_back(
-        {{"name", r.name}, {"wanted", r.wanted}, {"granted", r.granted}, {"text", r.text}});
+        {{"name", x.name}, {"wanted", x.wanted}, {"granted", x.granted}, {"text", x.text}});
   json causes = json::object();
   for (std::size_t i = 0; i < kMissCauses; ++i)
     causes[to_string(static_cast<MissCause>(i))] = s.misses.by_cause[i];

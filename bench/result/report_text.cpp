@@ -101,7 +101,7 @@ std::string RunReport::text() const {
                        s.commands.accepted, s.commands.applied, s.commands.late, s.commands.failed);
   if (!expected.empty())
     out += fmt::format("expect    {} of {} hold\n",
-                       std::ranges::count_if(expected, [](const Expected& e) { return e.told && e.holds; }),
+                       std::ranges::count_if(expected, [](const Expected& e) { return e.known && e.holds; }),
                        expected.size());
   if (facts.application) out += application_line(identity.application, *facts.application);
   for (const ChannelFaultReport& f : faults) out += fault_lines(f);

@@ -7,32 +7,24 @@
 
 #include "bench/application/application_choice.h"
 #include "bench/console/progress.h"
-#include "bench/run/fault_signals.h"
 #include "bench/run/pair_watches.h"
-#include "bench/sensing/changing_device.h"
-#include "bench/sensing/inertial.h"
-#include "bench/sensing/signal_values.h"
-#include "bench/tune/engine_choices.h"
+#include "bench/run/simulated_backend.h"
 #include "sensor-hal/channel/fault_bench.h"
 #include "sensor-hal/channel/pair_monitor.h"
 #include "sensor-hal/channel/pair_source.h"
-#include "sensor-hal/channel/simulated_sink.h"
 #include "sensor-hal/channel/simulated_source.h"
 #include "sensor-hal/channel/typed_source.h"
 #include "sensor-hal/channel/worker_pool.h"
 #include "sensor-hal/config/did_you_mean.h"
-#include "sensor-hal/record/replay_source.h"
 #include "sim/platform/platform.h"
 
 namespace rigor {
 namespace {
 
-constexpr const char* kSimulated = "simulated";
-constexpr const char* kReplay = "replay";
-
 class Assembler {
  public:
-  Assembler(Assembly& out, const Registry& registry) : out_(out), rig_(out.parts.rig), registry_(registry) {}
+  Assembler(Assembly& out, Registry registry)
+      : out_(out), rig_(out.parts.rig), registry_(std::move(registry)) {}
 
   Status run() {
     if (auto s = check_channel_count(); !s) return s;
@@ -42,16 +34,19 @@ class Assembler {
     auto application = make_application(rig_, registry_);
     if (!application) return tl::unexpected<Error>(application.error());
     out_.parts.application = std::move(*application);
+    EngineChoices renderers;
     if (!rig_.simulation.world.empty()) {
       auto simulation = Simulation::open(rig_.simulation);
       if (!simulation) return tl::unexpected<Error>(simulation.error());
       out_.simulation = std::move(*simulation);
       out_.parts.motion.set_joint_count(out_.simulation->joint_count());
-      auto engines = choose_engines(rig_, *out_.simulation);
-      if (!engines) return tl::unexpected<Error>(engines.error());
-      engines_ = std::move(*engines);
+      auto chosen = choose_engines(rig_, *out_.simulation);
+      if (!chosen) return tl::unexpected<Error>(chosen.error());
+      renderers = std::move(*chosen);
     }
     out_.workers = std::make_unique<WorkerPool>(static_cast<std::size_t>(rig_.simulation.workers));
+    registry_.add(
+        simulated_backend({&out_.parts, out_.simulation.get(), out_.workers.get(), std::move(renderers)}));
     if (virtual_time()) {
       auto devices = DeviceWorld::open(rig_);
       if (!devices) return tl::unexpected<Error>(devices.error());
@@ -88,7 +83,7 @@ class Assembler {
   Status check_channel_count() const {
     std::size_t strands = 0;
     for (const ChannelEntry& entry : rig_.channels) {
-      strands += entry.is_pair ? 2 : entry.source.backend == kSimulated ? 1 : 0;
+      strands += entry.is_pair ? 2 : entry.source.backend == kSimulatedBackend ? 1 : 0;
       if (strands <= WorkerPool::kMaxStrands) continue;
       return tl::unexpected<Error>(
           entry.node
@@ -103,9 +98,7 @@ class Assembler {
 
   /// The error for a backend that does not exist, at its place.
   Error unknown_backend(const BackendChoice& choice) const {
-    std::vector<std::string> names = registry_.names();
-    names.emplace_back(kSimulated);
-    names.emplace_back(kReplay);
+    const std::vector<std::string> names = registry_.names();
     return choice.params
         .error("backend", fmt::format("expected one of {}, got \"{}\"{}", fmt::join(names, ", "),
                                       choice.backend, did_you_mean(choice.backend, names)))
@@ -127,108 +120,58 @@ class Assembler {
     return out_.devices->parts(emulator->name);
   }
 
-  Result<std::unique_ptr<SimulatedSource>> make_simulated(const ChannelEntry& entry,
-                                                          const BackendChoice& choice,
-                                                          const std::string& name) {
-    if (!out_.simulation)
-      return tl::unexpected<Error>(
-          choice.params
-              .error("backend", "expected `simulation.world` in the rig for a simulated channel, found none")
-              .error());
-    if (auto s = knows_platform(choice); !s) return tl::unexpected<Error>(s.error());
-    if (entry.kind == SampleKind::pose) {
-      auto body = out_.simulation->platform(choice.params.text("platform"));
-      if (!body) return tl::unexpected<Error>(choice.params.error("platform", body.error().message).error());
-      return std::make_unique<SimulatedSource>(make_pose_provider(*body, choice.params.text("platform")),
-                                               &out_.parts.motion, *out_.workers);
-    }
-    SensorOptions options;
-    options.times = std::make_shared<SensorTimes>();
-    out_.parts.sensor_times.emplace_back(name, options.times);
-    if (const auto it = engines_.find(entry.name); it != engines_.end()) options.choice = it->second;
-    if (entry.kind == SampleKind::point_cloud || entry.kind == SampleKind::range_image) {
-      auto sampler = changing_sampler(
-          choice.params, [&](const ConfigNode& params) -> Result<std::shared_ptr<SampleProvider>> {
-            auto made = out_.simulation->sampler(entry.kind, params, rig_.seed, name, options);
-            if (!made) return tl::unexpected<Error>(made.error());
-            return std::shared_ptr<SampleProvider>(std::move(*made));
-          });
-      if (!sampler) return tl::unexpected<Error>(sampler.error());
-      return std::make_unique<SimulatedSource>(std::move(*sampler), &out_.parts.motion, *out_.workers);
-    }
-    if (is_inertial(entry.kind)) {
-      auto provider =
-          out_.simulation->inertial(entry.kind, choice.params, rig_.seed, name, entry.period, options);
-      if (!provider) return tl::unexpected<Error>(provider.error());
-      return std::make_unique<SimulatedSource>(std::move(*provider), &out_.parts.motion, *out_.workers);
-    }
-    if (entry.kind == SampleKind::register_block)
-      return std::make_unique<SimulatedSource>(
-          make_signal_values(choice.params,
-                             [this](const ConfigNode& n, std::string_view key) {
-                               auto index = out_.simulation->joint(n.text(key));
-                               if (!index) throw n.error(key, index.error().message);
-                               return *index;
-                             }),
-          &out_.parts.motion, *out_.workers);
-    if (entry.kind != SampleKind::image)
-      return tl::unexpected<Error>(
-          entry.node
-              .error("kind",
-                     fmt::format("expected image, range_image, point_cloud, registers, pose, imu, nav_fix or "
-                                 "odometry, which simulators make, got {}",
-                                 kind_name(entry.kind)))
-              .error());
-    auto camera = changing_camera(choice.params, [&](const ConfigNode& params) {
-      return out_.simulation->camera(params, rig_.seed, name, options);
-    });
-    if (!camera) return tl::unexpected<Error>(camera.error());
-    return std::make_unique<SimulatedSource>(std::move(*camera), &out_.parts.motion, *out_.workers);
+  [[nodiscard]] Result<const Backend*> backend_of(const BackendChoice& choice) const {
+    if (const Backend* backend = registry_.find(choice.backend)) return backend;
+    return tl::unexpected<Error>(unknown_backend(choice));
   }
 
-  /// Of kinds that devices tell by registers or signals: behind what says what these mean.
-  Result<std::unique_ptr<Source>> make_source(const ChannelEntry& entry, const std::string& name,
-                                              std::string& replaced_by) {
-    auto source = make_plain_source(entry, name, replaced_by);
-    const std::string& backend = entry.source.backend;
-    const bool device = backend != kSimulated && backend != kReplay;
-    if (!source || !device || values_of_kind(entry.kind).empty()) return source;
+  Result<std::unique_ptr<Source>> make_source(const ChannelEntry& entry, std::string& replaced_by) {
+    const auto backend = backend_of(entry.source);
+    if (!backend) return tl::unexpected<Error>(backend.error());
+    auto source = make_plain_source(**backend, entry.source, replaced_by);
+    if (!source || (*backend)->gives_typed_samples || values_of_kind(entry.kind).empty()) return source;
     return std::unique_ptr<Source>(std::make_unique<TypedSource>(std::move(*source)));
   }
 
-  Result<std::unique_ptr<Source>> make_plain_source(const ChannelEntry& entry, const std::string& name,
+  /// Of the device itself, or of what stands for it in virtual time.
+  Result<std::unique_ptr<Source>> make_plain_source(const Backend& backend, const BackendChoice& choice,
                                                     std::string& replaced_by) {
-    const BackendChoice& choice = entry.source;
-    if (choice.backend == kSimulated) {
-      auto source = make_simulated(entry, choice, name);
-      if (!source) return tl::unexpected<Error>(source.error());
-      return std::unique_ptr<Source>(std::move(*source));
-    }
-    if (choice.backend == kReplay) {
-      // A relative path is an input of the rig, looked up from its folder.
-      auto recording = Recording::open((choice.params.base_dir() / choice.params.text("file")).string());
-      if (!recording) return tl::unexpected<Error>(recording.error());
-      return std::make_unique<ReplaySource>(*recording, choice.params.text_or("channel", name));
-    }
-    const Backend* backend = registry_.find(choice.backend);
-    if (!backend) return tl::unexpected<Error>(unknown_backend(choice));
-    const bool recording = backend->reads_recording && backend->reads_recording(choice.params);
-    if (!virtual_time() || recording) {
-      if (!backend->make_source)
-        return tl::unexpected<Error>(
-            choice.params.error("backend", choice.backend + " gives no samples").error());
-      return backend->make_source();
-    }
-    if (!backend->make_virtual_source)
+    const bool itself = !virtual_time() || backend.same_in_virtual_time ||
+                        (backend.reads_recording && backend.reads_recording(choice.params));
+    if (itself ? !backend.make_source : !backend.make_virtual_source)
       return tl::unexpected<Error>(
           choice.params
-              .error("backend", choice.backend + " cannot be replaced in virtual time; run with --clock wall")
+              .error("backend", choice.backend + (itself ? " gives no samples"
+                                                         : " cannot be replaced in virtual time; run with "
+                                                           "--clock wall"))
               .error());
+    if (itself) return backend.make_source();
     ConfigNode emulator_params;
     auto parts = parts_of(choice, emulator_params);
     if (!parts) return tl::unexpected<Error>(parts.error());
     replaced_by = "the " + choice.backend + " emulator \"" + choice.emulated_by + "\" in process";
-    return backend->make_virtual_source(std::move(*parts), emulator_params);
+    return backend.make_virtual_source(std::move(*parts), emulator_params);
+  }
+
+  /// The simulated side of a pair measures at the instants of the real one.
+  Result<std::unique_ptr<FollowerSource>> make_follower(const BackendChoice& choice) {
+    const auto backend = backend_of(choice);
+    if (!backend) return tl::unexpected<Error>(backend.error());
+    if (const bool serves = !virtual_time() || (*backend)->same_in_virtual_time;
+        serves && (*backend)->make_source) {
+      std::unique_ptr<Source> source = (*backend)->make_source();
+      if (auto* follower = dynamic_cast<FollowerSource*>(source.get())) {
+        (void)source.release();
+        return std::unique_ptr<FollowerSource>(follower);
+      }
+    }
+    return tl::unexpected<Error>(
+        choice.params
+            .error("backend",
+                   "expected `simulated`, or another backend that measures at given instants, for the "
+                   "simulated side of a pair, got \"" +
+                       choice.backend + "\"")
+            .error());
   }
 
   ChannelConfig channel_config(const ChannelEntry& entry, const std::string& name, ConfigNode params) const {
@@ -242,11 +185,18 @@ class Assembler {
     return c;
   }
 
+  /// The signals in frames of a bus that faults name: there is one description of them, whatever gives the
+  /// frames.
+  [[nodiscard]] FrameSignalFinder find_signal() const {
+    for (const auto& [name, backend] : registry_.all())
+      if (backend.find_signal) return backend.find_signal;
+    return {};
+  }
+
   /// Any source can be given faults, in the rig or while the run goes on.
   template <class S>
   std::unique_ptr<FaultySource> with_faults(std::unique_ptr<S> source) {
-    auto faulty =
-        std::make_unique<FaultySource>(std::move(source), out_.fault_workers.get(), find_dbc_signal);
+    auto faulty = std::make_unique<FaultySource>(std::move(source), out_.fault_workers.get(), find_signal());
     faulty_.push_back(faulty.get());
     return faulty;
   }
@@ -255,7 +205,7 @@ class Assembler {
     auto channel = std::make_unique<RunChannel>();
     channel->entry = &entry;
     if (!entry.is_pair) {
-      auto source = make_source(entry, entry.name, channel->replaced_by);
+      auto source = make_source(entry, channel->replaced_by);
       if (!source) return tl::unexpected<Error>(source.error());
       channel->source = with_faults(std::move(*source));
       if (auto s = channel->source->configure(channel_config(entry, entry.name, entry.source.params)); !s)
@@ -277,19 +227,12 @@ class Assembler {
   }
 
   Status add_pair(const ChannelEntry& entry, RunChannel& channel) {
-    if (entry.twin.backend != kSimulated)
-      return tl::unexpected<Error>(
-          entry.twin.params
-              .error("backend",
-                     "expected `simulated` for the twin of a pair, got \"" + entry.twin.backend + "\"")
-              .error());
-    auto real = make_source(entry, entry.name + ".real", channel.replaced_by);
+    auto real = make_source(entry, channel.replaced_by);
     if (!real) return tl::unexpected<Error>(real.error());
-    auto twin = make_simulated(entry, entry.twin, entry.name + ".simulated");
-    if (!twin) return tl::unexpected<Error>(twin.error());
+    auto simulated = make_follower(entry.simulated);
+    if (!simulated) return tl::unexpected<Error>(simulated.error());
     auto pair = std::make_unique<PairSource>(with_faults(std::move(*real)),
-                                             with_faults(std::unique_ptr<FollowerSource>(std::move(*twin))),
-                                             *out_.workers);
+                                             with_faults(std::move(*simulated)), *out_.workers);
     channel.pair = pair.get();
     channel.source = std::move(pair);
     if (auto s = channel.source->configure(channel_config(entry, entry.name, entry.pair)); !s) return s;
@@ -301,35 +244,12 @@ class Assembler {
     return {};
   }
 
-  /// A sink whose device is a platform of this process.
-  Result<std::unique_ptr<Sink>> make_simulated_sink(const SinkEntry& entry) {
-    const ConfigNode& n = entry.sink.params;
-    if (!out_.simulation)
-      return tl::unexpected<Error>(
-          n.error("backend", "expected `simulation.world` in the rig for a simulated device, found none")
-              .error());
-    auto body = out_.simulation->platform(n.text("platform"));
-    if (!body) return tl::unexpected<Error>(n.error("platform", body.error().message).error());
-    if (!moves_here(*body))
-      return tl::unexpected<Error>(
-          n.error("platform",
-                  "expected a platform that the bench moves, got one that an emulator or a channel "
-                  "moves; command that device")
-              .error());
-    return std::make_unique<SimulatedSink>(out_.simulation->platforms()[*body].model);
-  }
-
   Status add_sink(const SinkEntry& entry) {
     auto sink = std::make_unique<RunSink>();
     sink->entry = &entry;
-    if (entry.sink.backend == kSimulated) {
-      auto made = make_simulated_sink(entry);
-      if (!made) return tl::unexpected<Error>(made.error());
-      sink->sink = std::move(*made);
-      return configure_sink(entry, std::move(sink));
-    }
-    const Backend* backend = registry_.find(entry.sink.backend);
-    if (!backend) return tl::unexpected<Error>(unknown_backend(entry.sink));
+    const auto found = backend_of(entry.sink);
+    if (!found) return tl::unexpected<Error>(found.error());
+    const Backend* backend = *found;
     const bool replaced = virtual_time() && !backend->same_in_virtual_time;
     if (replaced ? !backend->make_virtual_sink : !backend->make_sink)
       return tl::unexpected<Error>(
@@ -350,10 +270,6 @@ class Assembler {
     } else {
       sink->sink = backend->make_sink();
     }
-    return configure_sink(entry, std::move(sink));
-  }
-
-  Status configure_sink(const SinkEntry& entry, std::unique_ptr<RunSink> sink) {
     auto faulty = std::make_unique<FaultySink>(std::move(sink->sink));
     FaultySink& faults = *faulty;
     sink->sink = std::move(faulty);
@@ -368,45 +284,17 @@ class Assembler {
     return {};
   }
 
-  /// Whether the bench computes this platform: no emulator does, and no channel tells.
-  [[nodiscard]] bool moves_here(std::size_t body) const {
-    const PlatformEntry& entry = rig_.simulation.platforms[body];
-    return entry.channel.empty() && !emulated(entry.name);
-  }
-  [[nodiscard]] bool emulated(const std::string& platform) const {
-    return std::any_of(rig_.emulators.begin(), rig_.emulators.end(), [&](const EmulatorEntry& e) {
-      return e.emulator.params.has("platform") && e.emulator.params.text("platform") == platform;
-    });
-  }
-
   /// Platforms that are computed in this process move the bench's world, or that of its devices.
   void carry() {
     if (out_.simulation)
       for (std::size_t i = 0; i < out_.simulation->platforms().size(); ++i) {
         const WorldPlatform& p = out_.simulation->platforms()[i];
-        if (!moves_here(i)) continue;
+        if (!moves_here(rig_, i)) continue;
         out_.parts.motion.carry(i, p);
         out_.parts.platforms.push_back(p.model);
       }
     if (out_.devices)
       for (auto& p : out_.devices->platforms()) out_.parts.platforms.push_back(std::move(p));
-  }
-
-  /// A simulated channel on a platform whose way nobody tells the bench would stand still.
-  Status knows_platform(const BackendChoice& choice) const {
-    const ConfigNode& n = choice.params;
-    const char* const key = n.has("platform") ? "platform" : "parent";
-    if (!n.has(key)) return {};
-    const std::string word = n.text(key), name = word.substr(0, word.find('.'));
-    for (const PlatformEntry& entry : rig_.simulation.platforms)
-      if (entry.name == name && entry.channel.empty() && emulated(name))
-        return tl::unexpected<Error>(
-            n.error(key,
-                    fmt::format("expected `channel` in simulation.platforms.{}: an emulator moves it in the "
-                                "devices' world, and the bench knows of that what a channel tells",
-                                name))
-                .error());
-    return {};
   }
 
   /// Platforms that channels tell of.
@@ -415,7 +303,7 @@ class Assembler {
       const PlatformEntry& entry = rig_.simulation.platforms[i];
       const BodyState start = out_.simulation->platforms()[i].model->motion_at(BenchTime()).body;
       if (entry.channel.empty()) {
-        if (moves_here(i)) {
+        if (moves_here(rig_, i)) {
           if (auto s = knows_its_fellings(entry); !s) return s;
           continue;
         }
@@ -475,8 +363,7 @@ class Assembler {
 
   Assembly& out_;
   const RigConfig& rig_;
-  const Registry& registry_;
-  EngineChoices engines_;
+  Registry registry_;                  ///< and the backend `simulated`, over the rig's own world
   std::vector<FaultySource*> faulty_;  ///< of the channel that is being added
 };
 

@@ -124,6 +124,10 @@ class BenchRun final : private ExecutiveHooks {
     return executive_.advance(cycles, stop);
   }
   [[nodiscard]] RunOutcome end();
+  /// Between cycles: the instant of the next one.
+  [[nodiscard]] BenchTime next_cycle_time() const noexcept {
+    return t0_ + parts_.rig.loop.period * static_cast<std::int64_t>(counters().cycle.load());
+  }
   /// What the application sees. Between cycles, by the thread that advances.
   [[nodiscard]] const ApplicationPorts& ports() const { return ports_; }
   /// Any thread: when the run began or begins; empty while nobody knows.

@@ -105,11 +105,11 @@ Result<PairWatch> make_pair_watch(const ChannelEntry& entry, const ChannelDescri
     };
     switch (entry.kind) {
       case SampleKind::image:
-        return at_keys(of_images(entry.twin.params, twin, watch));
+        return at_keys(of_images(entry.simulated.params, twin, watch));
       case SampleKind::point_cloud:
-        return at_keys(of_clouds(entry.twin.params, watch));
+        return at_keys(of_clouds(entry.simulated.params, watch));
       case SampleKind::range_image:
-        return at_keys(of_range_images(entry.twin.params, twin, watch));
+        return at_keys(of_range_images(entry.simulated.params, twin, watch));
       case SampleKind::register_block:
         return at_keys(of_registers(keys, real, twin, watch));
       case SampleKind::imu:

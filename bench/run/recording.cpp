@@ -25,7 +25,7 @@ std::optional<std::int64_t> number(const std::map<std::string, std::string>& m, 
 }  // namespace
 
 std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry) {
-  const ConfigNode& params = entry.is_pair ? entry.twin.params : entry.source.params;
+  const ConfigNode& params = entry.is_pair ? entry.simulated.params : entry.source.params;
   if (entry.kind != SampleKind::image || !params.has("sensor")) return std::nullopt;
   const auto sheet = load_camera(params.base_dir() / params.text("sensor"));
   if (!sheet) return std::nullopt;  // the assembly has refused it before
@@ -68,7 +68,7 @@ std::size_t lease_budget(const ChannelEntry& entry) {
     return n.integer_or(n.has("buffers") ? "buffers" : "slots", kUsual, {.min = 1, .max = 65536});
   };
   std::int64_t slots = slots_of(entry.source.params);
-  if (entry.is_pair) slots = std::min(slots, slots_of(entry.twin.params));
+  if (entry.is_pair) slots = std::min(slots, slots_of(entry.simulated.params));
   return static_cast<std::size_t>(std::max(slots, kUsual) - kForTheLoop);
 }
 
@@ -117,14 +117,19 @@ Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, const Recordin
 
 namespace {
 
-std::vector<std::filesystem::path> logs_of(const RigConfig& rig) {
-  std::vector<std::filesystem::path> logs;
-  const auto look = [&](const BackendChoice& choice) {
-    if (choice.backend == "can" && choice.params.has("log")) logs.emplace_back(choice.params.text("log"));
-  };
-  for (const ChannelEntry& c : rig.channels) look(c.source);
-  for (const EmulatorEntry& e : rig.emulators) look(e.emulator);
-  return logs;
+/// What sources and emulators write, by their backends' own account.
+Result<std::vector<std::filesystem::path>> files_of_devices(const RigConfig& rig, const Registry& registry) {
+  return catch_config([&] {
+    std::vector<std::filesystem::path> files;
+    const auto look = [&](const BackendChoice& choice) {
+      const Backend* backend = registry.find(choice.backend);
+      if (!backend || !backend->files) return;
+      for (auto& file : backend->files(choice.params)) files.push_back(std::move(file));
+    };
+    for (const ChannelEntry& c : rig.channels) look(c.source);
+    for (const EmulatorEntry& e : rig.emulators) look(e.emulator);
+    return files;
+  });
 }
 
 /// What the application writes, by its own account.
@@ -151,7 +156,9 @@ Status prepare_outputs(const RigConfig& rig, const Registry& registry, Existing 
       if (auto s = keep_earlier_files(dir, names); !s) return s;
   }
   if (replay) return {};
-  for (const auto& log : logs_of(rig)) {
+  const auto logs = files_of_devices(rig, registry);
+  if (!logs) return tl::unexpected<Error>(logs.error());
+  for (const auto& log : *logs) {
     std::error_code ec;
     if (log.has_parent_path()) std::filesystem::create_directories(log.parent_path(), ec);
     if (ec) return tl::unexpected<Error>(output_error(log, ec.value()));
@@ -173,9 +180,12 @@ Status check_run_outputs(const RigConfig& rig, const Registry& registry, const s
   if (!files) return tl::unexpected<Error>(files.error());
   if (!files->empty())
     if (auto s = outputs.add(files->front(), "`output` of the application", existing); !s) return s;
-  if (!replay)
-    for (const auto& log : logs_of(rig))
+  if (!replay) {
+    const auto logs = files_of_devices(rig, registry);
+    if (!logs) return tl::unexpected<Error>(logs.error());
+    for (const auto& log : *logs)
       if (auto s = outputs.add(log, "`log`", existing); !s) return s;
+  }
   return rig.report.empty() ? Status{} : outputs.add_report(rig.report);
 }
 

@@ -63,9 +63,8 @@ struct NamedOutput {
                                        const std::vector<NamedOutput>& more, InputFiles inputs,
                                        Existing existing, bool replay = false);
 
-/// What devices and applications of the rig write themselves: logs of CAN buses (`log`; a replay writes
-/// none), files of an application. Just before they do: makes the folders, and keeps what is
-/// there.
+/// What devices and applications of the rig write themselves, as the registry says: logs of buses (a replay
+/// writes none), files of an application. Just before they do: makes the folders, and keeps what is there.
 [[nodiscard]] Status prepare_outputs(const RigConfig& rig, const Registry& registry, Existing existing,
                                      bool replay = false);
 

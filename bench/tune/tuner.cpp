@@ -363,7 +363,7 @@ RangeError difference_of(std::span<const float> reference_m, std::span<const flo
 }
 
 const ConfigNode* simulated_params(const ChannelEntry& entry) {
-  const BackendChoice& choice = entry.is_pair ? entry.twin : entry.source;
+  const BackendChoice& choice = entry.is_pair ? entry.simulated : entry.source;
   return choice.backend == "simulated" ? &choice.params : nullptr;
 }
 

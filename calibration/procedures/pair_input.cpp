@@ -82,7 +82,7 @@ Result<RecordedPair> find_recorded_pair(const std::filesystem::path& recording,
         fmt::format("expected a pair of cameras, LiDARs, time-of-flight cameras, registers or inertial "
                     "units, channel {} is of kind {}",
                     entry->name, kind_name(entry->kind)));
-  const ConfigNode& params = entry->twin.params;
+  const ConfigNode& params = entry->simulated.params;
   if (params.has("sensor")) out.sheet = params.base_dir() / params.text("sensor");
   if (const auto draw = params.has("calibration_draw") ? params.text("calibration_draw") : "0"; draw != "0")
     return fail(ErrorCode::bad_input, params.place(),

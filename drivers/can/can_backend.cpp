@@ -8,6 +8,7 @@
 #include "drivers/can/can_sink.h"
 #include "drivers/can/can_source.h"
 #include "drivers/can/can_virtual.h"
+#include "drivers/can/fault_signals.h"
 
 namespace rigor {
 namespace {
@@ -92,6 +93,12 @@ Backend can_backend() {
                                 const ConfigNode& params) -> Result<std::unique_ptr<Sink>> {
     return buses->node(parts, params).map([](auto node) { return can::make_virtual_sink(std::move(node)); });
   };
+  b.files = [](const ConfigNode& params) {
+    std::vector<std::filesystem::path> logs;
+    if (params.has("log")) logs.emplace_back(params.text("log"));
+    return logs;
+  };
+  b.find_signal = find_dbc_signal;
   b.find_devices = find_devices;
   b.doctor = doctor;
   return b;

@@ -1,8 +1,10 @@
 // The demo with a detector in this process: as an application of its own, and cycle by cycle.
 #include <bench/bench.h>
+#include <builtin/registry.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <iostream>
 
@@ -16,7 +18,7 @@ rigor::Result<rigor::RigConfig> demo(const std::vector<std::string>& settings) {
   if (rig) {
     rig->clock = rigor::ClockKind::virtual_time;
     rig->duration = rigor::milliseconds(400);
-    rig->record.file.clear();
+    rig->record.file = "embedded.mcap";
     rig->report.clear();
   }
   return rig;
@@ -57,7 +59,8 @@ TEST(Detector, TurnsTheTable) {
   auto rig = demo({"application={name: detector}",
                    "expect=[{of: table_command.target_rate, value: {min: -40, max: 40}}]"});
   ASSERT_TRUE(rig) << rig.error().text();
-  auto bench = rigor::Bench::create(std::move(*rig), registry);
+  // The recording replaces that of an earlier run.
+  auto bench = rigor::Bench::create(std::move(*rig), registry, {.replace = true});
   ASSERT_TRUE(bench) << bench.error().text();
   const rigor::Status ready = (*bench)->prepare();
   ASSERT_TRUE(ready) << ready.error().text();
@@ -72,21 +75,19 @@ TEST(Bench, IsSteppedAndLookedAt) {
   auto rig = demo({});
   ASSERT_TRUE(rig) << rig.error().text();
   rig->application.clear();  // the commands come from here
+  rig->record.file.clear();
   auto bench = rigor::Bench::create(std::move(*rig), rigor::make_registry());
   ASSERT_TRUE(bench) << bench.error().text();
   ASSERT_TRUE((*bench)->prepare());
   ASSERT_TRUE((*bench)->start());
-  const rigor::Status injected = (*bench)->inject_fault("right", "{ kind: drop }");
+  const rigor::Status injected = (*bench)->inject_fault("right", {.kind = rigor::FaultKind::drop});
   EXPECT_TRUE(injected) << injected.error().text();
   const rigor::SamplePort& table = *(*bench)->ports().inputs.at("turntable").port;
   const rigor::SamplePort& camera = *(*bench)->ports().inputs.at("right").port;
   double position_deg = 0;
   for (auto more = (*bench)->step(10); more && *more; more = (*bench)->step(10)) {
     if (table.sample()) position_deg = table.sample()->as<rigor::RegisterBlock>()->value[0];
-    (*bench)
-        ->ports()
-        .outputs.at("table_command")
-        ->send(table.sample() ? table.sample()->stamp.t_release : rigor::BenchTime(), std::array{1.0, 20.0});
+    ASSERT_TRUE((*bench)->command("table_command", std::array{1.0, 20.0}));
     EXPECT_FALSE(camera.sample()) << "every picture is dropped";
   }
   EXPECT_GT(position_deg, 1) << "the table was told to turn";

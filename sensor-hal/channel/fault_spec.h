@@ -105,20 +105,20 @@ enum class JitterShape : std::uint8_t { uniform, exponential, normal };
 struct FaultSpec {
   FaultKind kind = FaultKind::drop;
 
-  Duration from;  ///< after the start of the run
+  Duration from{};  ///< after the start of the run
   Duration until = Duration(std::numeric_limits<std::int64_t>::max());
-  Duration every, on_for;  ///< 0: without
-  FaultTrigger trigger;
+  Duration every{}, on_for{};  ///< 0: without
+  FaultTrigger trigger{};
   double probability = 1;
 
   double share = 0, mean_burst = 1;  ///< burst_loss
-  Duration delay;                    ///< delay; the offset of timestamp, the step of clock_step
+  Duration delay{};                  ///< delay; the offset of timestamp, the step of clock_step
   JitterShape shape = JitterShape::uniform;
-  Duration jitter_a, jitter_b;  ///< uniform: from, to; exponential: mean; normal: mean, sigma
-  bool freeze = false;          ///< stuck
-  std::string value, unit;      ///< which value, and the unit that its keys have; empty: the only one
-  std::string dbc;              ///< the file that names `value`
-  double amount = 0;            ///< bias, spike; sigma of noise; of drift per second
+  Duration jitter_a{}, jitter_b{};  ///< uniform: from, to; exponential: mean; normal: mean, sigma
+  bool freeze = false;              ///< stuck
+  std::string value{}, unit{};      ///< which value, and the unit that its keys have; empty: the only one
+  std::string dbc{};                ///< the file that names `value`
+  double amount = 0;                ///< bias, spike; sigma of noise; of drift per second
   std::optional<double> element_share{};  ///< spike: of pixels, points; none for what has no elements
   std::uint32_t flips = 0;                ///< corrupt: bits
   double keep = 1;                        ///< corrupt: share of the bytes that came

@@ -5,7 +5,7 @@
 //   signals: [x, y, yaw]      names of the values, 1 to 16
 #pragma once
 
-#include "sensor-hal/channel/channel.h"
+#include "sensor-hal/channel/registry.h"
 
 namespace rigor {
 
@@ -37,5 +37,14 @@ class LogSink final : public Sink {
   }
   Status do_stop() override { return {}; }
 };
+
+[[nodiscard]] inline Backend log_backend() {
+  Backend b;
+  b.name = "log";
+  b.summary = "values of the application, for the recording";
+  b.make_sink = [] { return std::make_unique<LogSink>(); };
+  b.same_in_virtual_time = true;
+  return b;
+}
 
 }  // namespace rigor

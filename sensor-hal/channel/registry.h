@@ -13,6 +13,7 @@
 
 #include "sensor-hal/channel/application.h"
 #include "sensor-hal/channel/emulator.h"
+#include "sensor-hal/channel/fault_spec.h"
 
 namespace rigor {
 
@@ -38,11 +39,20 @@ struct Backend {
       make_virtual_source;
   std::function<Result<std::unique_ptr<Sink>>(DeviceParts parts, ConfigNode emulator_params)>
       make_virtual_sink;
-  /// It has no device that could be replaced: `make_sink` serves in virtual time, too.
+  /// There is no device to replace: `make_source` and `make_sink` serve in virtual time, too.
   bool same_in_virtual_time = false;
   /// Whether a source with these keys reads a recording of the device: then it serves in virtual time itself,
   /// and no emulator has to stand for it.
   std::function<bool(const ConfigNode& params)> reads_recording;
+  /// Its sources give samples of kind pose, imu, nav_fix and odometry themselves. False: they give registers
+  /// or signals of a bus, which the bench converts (sensor-hal/channel/typed_source.h).
+  bool gives_typed_samples = false;
+  /// The files that a source or an emulator with these keys writes; an empty function: none. May throw
+  /// ConfigError.
+  std::function<std::vector<std::filesystem::path>(const ConfigNode& params)> files;
+  /// The signals in the frames of its bus, which faults of a channel of kind can_frame name; an empty
+  /// function: it has no frames.
+  FrameSignalFinder find_signal;
   std::function<std::vector<FoundDevice>()> find_devices;
   std::function<std::vector<DoctorFinding>()> doctor;
 };

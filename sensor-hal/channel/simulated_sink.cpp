@@ -17,6 +17,11 @@ SimulatedSink::~SimulatedSink() {
 
 Status SimulatedSink::do_configure(const ChannelConfig& config) {
   const ConfigNode& n = config.params;
+  if (find_) {
+    auto found = find_(config);
+    if (!found) return tl::unexpected<Error>(found.error());
+    model_ = std::move(*found);
+  }
   if (!model_) return fail(ErrorCode::internal, config.name, "a simulated sink was made without a device");
   signals_.clear();
   safe_.clear();

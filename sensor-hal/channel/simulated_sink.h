@@ -11,6 +11,7 @@
 //   safe: { v: 0, w: 0 }   what it is told at start, when the loop falls silent, and at stop; optional
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <thread>
 #include <vector>
@@ -23,8 +24,13 @@
 
 namespace rigor {
 
+/// The device, found by a sink's keys. bad_input; may throw ConfigError.
+using DeviceFinder = std::function<Result<std::shared_ptr<SignalModel>>(const ChannelConfig& config)>;
+
 class SimulatedSink final : public Sink {
  public:
+  /// Looks its device up when it is configured.
+  explicit SimulatedSink(DeviceFinder find) : find_(std::move(find)) {}
   explicit SimulatedSink(std::shared_ptr<SignalModel> model) : model_(std::move(model)) {}
   ~SimulatedSink() override;
 
@@ -44,6 +50,7 @@ class SimulatedSink final : public Sink {
   void apply(const Command& command);
   void make_safe(BenchTime t);
 
+  DeviceFinder find_;  ///< empty: `model_` is there from the beginning
   std::shared_ptr<SignalModel> model_;
   std::vector<std::size_t> signals_;                  ///< of the model, in the order of a command's values
   std::vector<std::pair<std::size_t, double>> safe_;  ///< signal of the model, value

@@ -19,10 +19,18 @@ SimulatedSource::SimulatedSource(std::shared_ptr<SampleProvider> provider, const
                                  WorkerPool& workers)
     : measurer_(make_measurer(std::move(provider))), motion_(motion), workers_(workers) {}
 
+SimulatedSource::SimulatedSource(ProviderMaker make, const MotionSource* motion, WorkerPool& workers)
+    : make_(std::move(make)), motion_(motion), workers_(workers) {}
+
 SimulatedSource::~SimulatedSource() { (void)do_stop(); }
 
 Status SimulatedSource::do_configure(const ChannelConfig& config) {
   const ConfigNode& n = config.params;
+  if (make_) {
+    auto made = make_(config);
+    if (!made) return tl::unexpected<Error>(made.error());
+    measurer_ = std::visit([](auto& provider) { return make_measurer(std::move(provider)); }, *made);
+  }
   if (!measurer_)
     return fail(ErrorCode::internal, config.name,
                 "a simulated channel was made without something that measures");

@@ -26,27 +26,25 @@
 
 #include <array>
 #include <atomic>
+#include <functional>
 #include <memory>
 #include <optional>
+#include <variant>
 
 #include "rt-core/fixed_ring.h"
 #include "rt-core/spsc_ring.h"
-#include "sensor-hal/channel/channel.h"
+#include "sensor-hal/channel/follower_source.h"
 #include "sensor-hal/channel/providers.h"
 #include "sensor-hal/channel/slot_wait.h"
 #include "sensor-hal/channel/worker_pool.h"
 
 namespace rigor {
 
-/// A source that measures when it is told to: the simulated side of a pair.
-class FollowerSource : public Source {
- public:
-  /// Loop thread, running: measure at `t_capture`; the sample gets `index` as its sequence. Both only grow.
-  /// Wait-free. False: skipped and counted (no slot, or the worker is behind).
-  virtual bool request_at(std::uint64_t index, BenchTime t_capture) noexcept = 0;
-};
-
 class Measurer;
+
+/// What measures, made of a channel's keys. bad_input, unavailable; may throw ConfigError.
+using AnyProvider = std::variant<std::shared_ptr<ImageProvider>, std::shared_ptr<SampleProvider>>;
+using ProviderMaker = std::function<Result<AnyProvider>(const ChannelConfig& config)>;
 
 class SimulatedSource final : public FollowerSource {
  public:
@@ -54,6 +52,8 @@ class SimulatedSource final : public FollowerSource {
   /// thread at a time; it is not shared with another source.
   SimulatedSource(std::shared_ptr<ImageProvider> provider, const MotionSource* motion, WorkerPool& workers);
   SimulatedSource(std::shared_ptr<SampleProvider> provider, const MotionSource* motion, WorkerPool& workers);
+  /// Makes its provider when it is configured.
+  SimulatedSource(ProviderMaker make, const MotionSource* motion, WorkerPool& workers);
   ~SimulatedSource() override;
 
   void begin_cycle(BenchTime now) noexcept override;
@@ -81,6 +81,7 @@ class SimulatedSource final : public FollowerSource {
   void measure(Request& request);
   Status warm_up();
 
+  ProviderMaker make_;  ///< empty: `measurer_` is there from the beginning
   std::unique_ptr<Measurer> measurer_;
   const MotionSource* motion_;
   WorkerPool& workers_;
@@ -98,7 +99,7 @@ class SimulatedSource final : public FollowerSource {
   bool running_ = false;
   BenchTime t_start_;
   BenchTime next_capture_;
-  bool on_grid_ = false;  ///< asked by begin_cycle, where a twin is asked by its pair
+  bool on_grid_ = false;  ///< asked by begin_cycle, where the simulated side of a pair is asked by that
   std::uint64_t next_index_ = 0;
   std::uint32_t lost_before_ = 0;
   SlotWait slot_wait_;

@@ -32,4 +32,11 @@ Result<LoadedPlugin> load_plugin(const std::filesystem::path& file, Registry& re
   return LoadedPlugin{entry->name, entry->version, entry->meaning};
 }
 
+Status load_plugins(const std::vector<NamedFile>& files, Registry& registry) {
+  for (const NamedFile& plugin : files)
+    if (const auto loaded = load_plugin(plugin.file, registry); !loaded)
+      return fail(loaded.error().code, plugin.named_by, loaded.error().text());
+  return {};
+}
+
 }  // namespace rigor

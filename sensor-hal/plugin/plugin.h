@@ -21,6 +21,7 @@
 #include <string>
 
 #include "sensor-hal/channel/registry.h"
+#include "sensor-hal/config/named_file.h"
 #include "sensor-hal/plugin/plugin_abi.h"
 
 namespace rigor {
@@ -33,6 +34,8 @@ struct LoadedPlugin {
 /// bad_input: no shared object, no plugin, one that was built against something else (nothing of it has run
 /// then), or what the plugin itself complains of. Setup thread.
 [[nodiscard]] Result<LoadedPlugin> load_plugin(const std::filesystem::path& file, Registry& registry);
+/// Each of them, in this order. Errors of load_plugin, at the place that names the file.
+[[nodiscard]] Status load_plugins(const std::vector<NamedFile>& files, Registry& registry);
 
 }  // namespace rigor
 

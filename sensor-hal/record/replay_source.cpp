@@ -334,11 +334,18 @@ struct ReplaySource::Reader {
 };
 
 ReplaySource::ReplaySource(std::shared_ptr<const Recording> recording, std::string channel)
-    : recording_(std::move(recording)), channel_(std::move(channel)) {}
+    : from_keys_(false), recording_(std::move(recording)), channel_(std::move(channel)) {}
 
+ReplaySource::ReplaySource() = default;
 ReplaySource::~ReplaySource() { (void)do_stop(); }
 
 Status ReplaySource::do_configure(const ChannelConfig& config) {
+  if (from_keys_) {
+    auto opened = Recording::open((config.params.base_dir() / config.params.text("file")).string());
+    if (!opened) return tl::unexpected<Error>(opened.error());
+    recording_ = std::move(*opened);
+    channel_ = config.params.text_or("channel", config.name);
+  }
   if (channel_.empty()) channel_ = config.name;
   slots_ = static_cast<std::size_t>(config.params.integer_or("slots", 32, {.min = 2, .max = 4096}));
   const std::string_view kind_topic = record::topic_of(config.kind);
@@ -451,6 +458,16 @@ void ReplaySource::complete_until(BenchTime now) {
   std::unique_lock lock(reader_->mutex);
   reader_->awaited = now;
   reader_->progress.wait(lock, [&] { return reader_->ended || reader_->complete >= now; });
+}
+
+Backend replay_backend() {
+  Backend b;
+  b.name = "replay";
+  b.summary = "a channel of an earlier recording";
+  b.make_source = [] { return std::make_unique<ReplaySource>(); };
+  b.same_in_virtual_time = true;
+  b.gives_typed_samples = true;
+  return b;
 }
 
 }  // namespace rigor

@@ -23,6 +23,7 @@
 #include "rt-core/port.h"
 #include "rt-core/spsc_ring.h"
 #include "sensor-hal/channel/channel.h"
+#include "sensor-hal/channel/registry.h"
 
 namespace rigor {
 
@@ -82,9 +83,12 @@ class Recording {
   std::uint64_t cycles_ = 0;
 };
 
-/// Keys: `slots: 32` samples read ahead and in use.
+/// Keys: `slots: 32` samples read ahead and in use; of one that is made without a recording also
+/// `file: run.mcap`, from the rig's folder, and `channel: left`, its name there (the channel's own).
 class ReplaySource final : public Source {
  public:
+  /// Opens the file that its keys name when it is configured.
+  ReplaySource();
   /// `channel`: the name in the recording; empty: that of the configuration.
   explicit ReplaySource(std::shared_ptr<const Recording> recording, std::string channel = {});
   ~ReplaySource() override;
@@ -98,10 +102,14 @@ class ReplaySource final : public Source {
   Status do_stop() override;
 
   struct Reader;
+  bool from_keys_ = true;
   std::shared_ptr<const Recording> recording_;
   std::string channel_;
   std::size_t slots_ = 0;
   std::unique_ptr<Reader> reader_;
 };
+
+/// `backend: replay`: a channel of an earlier run in place of a device. Serves in virtual time itself.
+[[nodiscard]] Backend replay_backend();
 
 }  // namespace rigor

@@ -152,7 +152,7 @@ ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfi
   }
   c.watch = read_pair_watch(c.pair, c.period);
   c.source = read_backend(c.pair.map("real"), name);
-  c.twin = read_backend(c.pair.map("simulated"), name);
+  c.simulated = read_backend(c.pair.map("simulated"), name);
   n.finish();
   return c;
 }

@@ -82,7 +82,7 @@ struct ChannelEntry {
   std::vector<PairSwitch> switches;      ///< in order of time
   std::optional<PairWatchConfig> watch;  ///< of a pair: whether it is looked at for changes
   BackendChoice source;                  ///< the channel itself, or the real side of a pair
-  BackendChoice twin;                    ///< the simulated side of a pair
+  BackendChoice simulated;               ///< the simulated side of a pair
   ConfigNode pair;                       ///< keys of the pair itself
   ConfigNode node;
 };
@@ -168,7 +168,7 @@ struct RigConfig {
 /// Reads and checks a rig file. Relative paths of inputs are meant against the file's directory, of outputs
 /// against the working directory. bad_input with place, or not_found. Setup context.
 [[nodiscard]] Result<RigConfig> load_rig(const std::filesystem::path& file,
-                                         const std::vector<ConfigOverride>& overrides);
+                                         const std::vector<ConfigOverride>& overrides = {});
 [[nodiscard]] Result<RigConfig> parse_rig(ConfigNode root, const std::filesystem::path& file);
 
 [[nodiscard]] std::string_view kind_name(SampleKind kind);

@@ -6,7 +6,10 @@
 #include <thread>
 
 #include "bench/run/replay_assembly.h"
+#include "builtin/registry.h"
+#include "sensor-hal/channel/follower_source.h"
 #include "tests/cli/command.h"
+#include "tests/cli/recorded_messages.h"
 
 namespace rigor::test {
 namespace {
@@ -16,7 +19,9 @@ using ::testing::HasSubstr;
 /// Four values a second of a formula, by the rig's own clock.
 class Counting final : public Source {
  public:
+  explicit Counting(std::uint64_t breaks_after) : breaks_after_(breaks_after) {}
   void complete_until(BenchTime now) override {
+    if (n_ >= breaks_after_) throw std::runtime_error("the counter broke");
     for (; t_next_ <= now; t_next_ = t_next_ + milliseconds(10)) waiting_ = true;
   }
   SampleLease poll(BenchTime now) noexcept override {
@@ -53,7 +58,39 @@ class Counting final : public Source {
   SamplePool pool_{16};
   BenchTime t_next_;
   bool waiting_ = false;
-  std::uint64_t n_ = 0;
+  std::uint64_t n_ = 0, breaks_after_;
+};
+
+/// A simulator of one's own: its value is the index that it is asked for.
+class Following final : public FollowerSource {
+ public:
+  bool request_at(std::uint64_t index, BenchTime t_capture) noexcept override {
+    SampleSlot slot = pool_.try_acquire();
+    if (!slot) return false;
+    slot->stamp = {};
+    slot->stamp.sequence = index;
+    slot->stamp.t_capture = t_capture;
+    slot->stamp.t_release = slot->stamp.t_arrival = t_capture + config().latency;
+    RegisterBlock block;
+    block.count = 1;
+    block.value[0] = static_cast<double>(index);
+    slot->info = block;
+    measured_ = std::move(slot);
+    return true;
+  }
+  SampleLease poll(BenchTime) noexcept override { return std::exchange(measured_, {}); }
+
+ private:
+  Status do_configure(const ChannelConfig&) override {
+    description_.kind = SampleKind::register_block;
+    description_.names = {"n"};
+    description_.units = {""};
+    return {};
+  }
+  Status do_arm(const ArmContext&) override { return {}; }
+  Status do_stop() override { return {}; }
+  SamplePool pool_{64};
+  SampleLease measured_;
 };
 
 struct BenchTest : ::testing::Test {
@@ -70,11 +107,17 @@ struct BenchTest : ::testing::Test {
     Registry registry = make_registry();
     Backend backend;
     backend.name = "counting";
-    backend.reads_recording = [](const ConfigNode&) { return true; };  // serves in virtual time itself
-    backend.make_source = [] { return std::make_unique<Counting>(); };
+    backend.same_in_virtual_time = true;
+    backend.make_source = [this] { return std::make_unique<Counting>(breaks_after); };
     registry.add(std::move(backend));
+    Backend simulator;
+    simulator.name = "following";
+    simulator.same_in_virtual_time = true;
+    simulator.make_source = [] { return std::make_unique<Following>(); };
+    registry.add(std::move(simulator));
     return Bench::create(std::move(*rig), registry, std::move(options));
   }
+  std::uint64_t breaks_after = 1000;  ///< samples: then the source throws
   static ErrorCode code_of(const auto& result) { return result ? ErrorCode::internal : result.error().code; }
 };
 
@@ -176,9 +219,11 @@ TEST_F(BenchTest, FaultsAreInjectedBetweenSteps) {
   ASSERT_TRUE((*bench)->prepare() && (*bench)->start() && (*bench)->step(10));
   const Status unknown = (*bench)->inject_fault("cuont", "{ kind: drop }");
   ASSERT_FALSE(unknown);
+  EXPECT_EQ(unknown.error().code, ErrorCode::bad_input);
   EXPECT_THAT(unknown.error().text(), HasSubstr("count"));
   EXPECT_FALSE((*bench)->inject_fault("count", "{ kind: no_such_kind }"));
-  const Status injected = (*bench)->inject_fault("count", "{ kind: bias, value: n, amount: 1000 }");
+  const FaultSpec bias{.kind = FaultKind::bias, .value = "n", .amount = 1000};
+  const Status injected = (*bench)->inject_fault("count", bias);
   ASSERT_TRUE(injected) << injected.error().text();
   ASSERT_TRUE((*bench)->step(2));
   const SamplePort& port = *(*bench)->ports().inputs.at("count").port;
@@ -186,6 +231,137 @@ TEST_F(BenchTest, FaultsAreInjectedBetweenSteps) {
   ASSERT_TRUE((*bench)->clear_faults());
   ASSERT_TRUE((*bench)->step(2));
   EXPECT_LT(port.sample()->as<RegisterBlock>()->value[0], 1000);
+  // A fault of a schedule is none that begins at once, and a value of another channel is not this one's.
+  EXPECT_EQ(code_of((*bench)->inject_fault("count", {.kind = FaultKind::drop, .from = seconds(1)})),
+            ErrorCode::bad_input);
+  EXPECT_EQ(
+      code_of((*bench)->inject_fault("count", {.kind = FaultKind::bias, .value = "position", .amount = 1})),
+      ErrorCode::bad_input);
+  for (int i = 0; i < 40; ++i)
+    if (const Status s = (*bench)->inject_fault("count", bias); !s) {
+      EXPECT_EQ(s.error().code, ErrorCode::unavailable) << s.error().text();
+      ASSERT_GT(i, 10);
+      break;
+    } else {
+      ASSERT_LT(i, 30) << "as many as one likes";
+    }
+  ASSERT_TRUE((*bench)->finish());
+  EXPECT_EQ(code_of((*bench)->inject_fault("count", bias)), ErrorCode::wrong_state);
+}
+
+TEST_F(BenchTest, FaultsAreInjectedByAnotherThreadUpToTheEndOfTheRun) {
+  const auto bench = create();
+  ASSERT_TRUE(bench && (*bench)->prepare());
+  std::atomic<bool> begun{false};
+  std::jthread injects([&, b = bench->get()] {
+    for (Status s; s || s.error().code != ErrorCode::wrong_state; begun = true)
+      s = b->inject_fault("count", {.kind = FaultKind::drop, .on_for = milliseconds(10)});
+  });
+  while (!begun) std::this_thread::yield();
+  const auto report = (*bench)->run();
+  ASSERT_TRUE(report) << report.error().text();
+  EXPECT_EQ(report->outcome.loop.cycles_run, 100u);
+  ASSERT_FALSE(report->faults.empty());
+}
+
+TEST_F(BenchTest, CommandsBetweenStepsAreThoseOfTheNextCycle) {
+  const std::string file = (dir / "run.mcap").string();
+  const auto bench = create("record: { file: " + file +
+                            " }\nsinks: { said: { backend: log, signals: [n], latency_ms: 20 } }\n");
+  ASSERT_TRUE(bench) << bench.error().text();
+  EXPECT_EQ(code_of((*bench)->command("said", std::array{1.0})), ErrorCode::wrong_state);
+  ASSERT_TRUE((*bench)->prepare() && (*bench)->start() && (*bench)->step(10));
+  EXPECT_TRUE((*bench)->command("said", std::array{1.0}));
+  EXPECT_EQ(code_of((*bench)->command("siad", std::array{1.0})), ErrorCode::bad_input);
+  EXPECT_EQ(code_of((*bench)->command("said", std::array{1.0, 2.0})), ErrorCode::bad_input);
+  ASSERT_TRUE((*bench)->step(10));
+  const auto report = (*bench)->finish();
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->facts.sinks.at(0).accepted, 1u);
+  const auto commands = messages_on<record::msg::Command>(file, "/rigor/commands");
+  ASSERT_EQ(commands.size(), 1u);
+  EXPECT_EQ(commands[0].t_effect_ns % 1'000'000'000, 120'000'000) << "cycle 10 and the latency";
+}
+
+TEST_F(BenchTest, OfASourceThatThrowsTheRunBreaksOffAndItsRecordingStays) {
+  const std::string file = (dir / "run.mcap").string();
+  for (const bool stepped : {false, true}) {
+    breaks_after = 30;
+    std::filesystem::remove(file);
+    const auto bench = create("record: { file: " + file + " }\n");
+    ASSERT_TRUE(bench && (*bench)->prepare());
+    ErrorCode code = ErrorCode::internal;
+    std::string said;
+    if (stepped) {
+      ASSERT_TRUE((*bench)->start() && (*bench)->step(10));
+      const auto more = (*bench)->step(50);
+      ASSERT_FALSE(more);
+      code = more.error().code, said = more.error().text();
+      EXPECT_EQ(code_of((*bench)->finish()), ErrorCode::wrong_state);
+    } else {
+      const auto report = (*bench)->run();
+      ASSERT_FALSE(report);
+      code = report.error().code, said = report.error().text();
+    }
+    EXPECT_EQ(code, ErrorCode::internal);
+    EXPECT_THAT(said, HasSubstr("the counter broke"));
+    EXPECT_EQ(messages_on<record::msg::RegisterBlock>(file, "/count/registers").size(), 30u);
+  }
+}
+
+/// Counts what it sees.
+class Watching final : public Application {
+ public:
+  explicit Watching(int& fresh) : fresh_(fresh) {}
+  Status configure(ConfigNode, const ApplicationPorts& ports, Period) override {
+    port_ = ports.inputs.at("count").port;
+    return {};
+  }
+  void step(std::uint64_t, BenchTime) noexcept override { fresh_ += port_->status() == PortStatus::fresh; }
+
+ private:
+  const SamplePort* port_ = nullptr;
+  int& fresh_;
+};
+
+TEST_F(BenchTest, ARecordingIsReplayedToAnApplicationOfOnesOwn) {
+  const std::string file = (dir / "run.mcap").string();
+  {
+    const auto bench = create("record: { file: " + file + " }\n");
+    ASSERT_TRUE(bench && (*bench)->prepare() && (*bench)->run());
+  }
+  int fresh = 0;
+  Registry registry = make_registry();
+  registry.add(NamedApplication{"watching", [&] { return std::make_unique<Watching>(fresh); }});
+  const auto replay =
+      Bench::create_replay(file, registry, {}, {*ConfigOverride::parse("application={name: watching}")});
+  ASSERT_TRUE(replay) << replay.error().text();
+  ASSERT_TRUE((*replay)->prepare());
+  EXPECT_EQ(code_of((*replay)->inject_fault("count", {.kind = FaultKind::drop})), ErrorCode::wrong_state);
+  const auto report = (*replay)->run();
+  ASSERT_TRUE(report) << report.error().text();
+  EXPECT_TRUE(report->passed()) << report->text();
+  EXPECT_EQ(fresh, 100);
+  EXPECT_EQ(code_of(Bench::create_replay(dir / "none.mcap", registry)), ErrorCode::not_found);
+}
+
+TEST_F(BenchTest, OfAPairTheSimulatedSideMeasuresWhenItIsAsked) {
+  const std::string pair =
+      "  two:\n    kind: registers\n    rate_hz: 100\n    latency_ms: 20\n"
+      "    pair: { real: { backend: counting }, simulated: { backend: ";
+  const auto refused = create(pair + "counting } }\n");
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().text(), HasSubstr("rig.yaml:10:"));
+  EXPECT_THAT(refused.error().text(), HasSubstr("another backend that measures at given instants"));
+
+  const auto bench = create(pair + "following } }\n");
+  ASSERT_TRUE(bench) << bench.error().text();
+  ASSERT_TRUE((*bench)->prepare());
+  const auto report = (*bench)->run();
+  ASSERT_TRUE(report) << report.error().text();
+  ASSERT_TRUE(report->channels.at(1).pair);
+  EXPECT_GT(report->channels.at(1).pair->compared, 90u) << report->text();
+  EXPECT_EQ(report->channels.at(1).pair->bias, 0);
 }
 
 TEST_F(BenchTest, AnalysesThatCannotBeAreRefusedAtTheirPlace) {
@@ -193,7 +369,7 @@ TEST_F(BenchTest, AnalysesThatCannotBeAreRefusedAtTheirPlace) {
   ASSERT_FALSE(bench);
   EXPECT_THAT(bench.error().text(), HasSubstr("rig.yaml:7:"));
   EXPECT_THAT(bench.error().text(), HasSubstr("localization"));
-  bench = create("analyses: { localization: { truth: cuont } }\n");
+  bench = create("analyses: { localization: { truth: cuont, estimate: said } }\n");
   ASSERT_FALSE(bench);
   EXPECT_THAT(bench.error().text(), HasSubstr("did you mean"));
 }

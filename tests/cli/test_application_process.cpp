@@ -6,7 +6,7 @@
 #include <cstdlib>
 #include <thread>
 
-#include "sensor-hal/record/mcap_reader.h"
+#include "tests/cli/recorded_messages.h"
 #include "tests/cli/runs_fixture.h"
 
 namespace rigor::test {
@@ -59,19 +59,6 @@ class ApplicationProcess : public Runs {
     EXPECT_LE(turns, due);
     EXPECT_GE(turns + result["loop"]["cycles_skipped"].get<int>(), due);
   }
-  /// Of every message but the rig's own text and the result: topic, times and bytes.
-  [[nodiscard]] std::vector<std::string> messages(const std::filesystem::path& file) const {
-    std::vector<std::string> all;
-    const auto reader = record::McapReader::open(file);
-    EXPECT_TRUE(reader) << (reader ? "" : reader.error().text());
-    if (!reader) return all;
-    auto cursor = (*reader)->messages({.order = record::MessageOrder::file});
-    record::MessageView m;
-    for (auto more = cursor.next(m); more && *more; more = cursor.next(m))
-      all.push_back(m.channel->topic + ' ' + std::to_string(m.log_time_ns) + ' ' +
-                    std::string(reinterpret_cast<const char*>(m.data.data()), m.data.size()));
-    return all;
-  }
 };
 
 TEST_F(ApplicationProcess, InPythonInCppAndAsASharedObjectDoTheSameInVirtualTime) {
@@ -91,7 +78,7 @@ TEST_F(ApplicationProcess, InPythonInCppAndAsASharedObjectDoTheSameInVirtualTime
     EXPECT_EQ(result["sinks"][0]["accepted"], 30);
     EXPECT_GT(channel(result, "right")["fresh"], 10);
     seen[i] = result["input_sha256"];
-    recorded[i] = messages(dir / "run.mcap");
+    recorded[i] = all_messages(dir / "run.mcap");
     ASSERT_GT(recorded[i].size(), 200U);
   }
   for (int i = 1; i < 4; ++i) {
@@ -103,7 +90,7 @@ TEST_F(ApplicationProcess, InPythonInCppAndAsASharedObjectDoTheSameInVirtualTime
 TEST_F(ApplicationProcess, SeesEverySampleAndItsSpeedChangesNothingInVirtualTime) {
   const Said quick = run(rig(), program());
   ASSERT_EQ(quick.status, 0) << quick.err;
-  const auto recorded = messages(dir / "run.mcap");
+  const auto recorded = all_messages(dir / "run.mcap");
   const json result = json::parse(quick.out);
   EXPECT_EQ(result["application"]["samples"]["delivered"], 98) << "the last turn is at 0.98 s";
   EXPECT_EQ(result["application"]["samples"]["after_last"], 2);
@@ -112,7 +99,7 @@ TEST_F(ApplicationProcess, SeesEverySampleAndItsSpeedChangesNothingInVirtualTime
   const Said slow = run(rig(), program("        time.sleep(0.02 if self.turns % 7 == 0 else 0)\n"));
   ASSERT_EQ(slow.status, 0) << slow.err;
   EXPECT_EQ(json::parse(slow.out)["input_sha256"], result["input_sha256"]);
-  EXPECT_TRUE(messages(dir / "run.mcap") == recorded);
+  EXPECT_TRUE(all_messages(dir / "run.mcap") == recorded);
   // A replay starts the program again, and it sees the same.
   const Said again = rigor({"replay", "run.mcap", "--json", "--run-program"}, dir.path());
   ASSERT_EQ(again.status, 0) << again.err;
@@ -159,7 +146,7 @@ TEST_F(ApplicationProcess, ThatRaisesEndsTheRunWithItsReason) {
   EXPECT_EQ(said.status, 1);
   EXPECT_THAT(said.err, AllOf(HasSubstr("rig.yaml:10:"), HasSubstr("says: ValueError: no way out")));
   EXPECT_THAT(said.out, HasSubstr("aborted: the application cannot go on"));
-  EXPECT_FALSE(messages(dir / "run.mcap").empty()) << "what was recorded until then is whole";
+  EXPECT_FALSE(all_messages(dir / "run.mcap").empty()) << "what was recorded until then is whole";
 }
 
 TEST_F(ApplicationProcess, ThatEndsEndsTheRunOrIsStartedAgainAsTheRigSays) {

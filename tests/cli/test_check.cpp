@@ -23,21 +23,21 @@ class Check : public Expect {
   /// Expects that a check of run.mcap says the same as `run` did of all that a recording tells, and returns
   /// what it does not tell.
   static std::set<std::string> expect_same(const json& run, const Said& checked) {
-    std::set<std::string> untold;
+    std::set<std::string> unknown;
     const json all = json::parse(checked.out)["expect"];
     EXPECT_EQ(all.size(), run["expect"].size());
     bool fails = false;
     for (std::size_t i = 0; i < std::min(all.size(), run["expect"].size()); ++i) {
       fails = fails || all[i]["state"] == "violated";
-      if (all[i]["state"] == "untold") {
+      if (all[i]["state"] == "unknown") {
         EXPECT_TRUE(all[i]["holds"].is_null());
-        untold.insert(all[i]["of"].get<std::string>() + " " + all[i]["quantity"].get<std::string>());
+        unknown.insert(all[i]["of"].get<std::string>() + " " + all[i]["quantity"].get<std::string>());
       } else {
         EXPECT_EQ(all[i], run["expect"][i]);
       }
     }
     EXPECT_EQ(checked.status, fails ? 1 : 0) << checked.err;
-    return untold;
+    return unknown;
   }
 };
 
@@ -59,8 +59,8 @@ constexpr const char* kOfEach =
 TEST_F(Check, SaysOfARecordingWhatTheRunSaid) {
   const Said run = this->run(kOfEach, {"--record", "run.mcap"});
   EXPECT_EQ(run.status, 1) << run.err;
-  const std::set<std::string> untold = expect_same(json::parse(run.out), check());
-  EXPECT_EQ(untold,
+  const std::set<std::string> unknown = expect_same(json::parse(run.out), check());
+  EXPECT_EQ(unknown,
             (std::set<std::string>{"loop misses", "loop wake_p50_us", "loop wake_p99_us", "loop wake_max_us",
                                    "loop cycle_p99_us", "drive failed", "drive late", "drive dropped"}));
 
@@ -68,15 +68,15 @@ TEST_F(Check, SaysOfARecordingWhatTheRunSaid) {
   EXPECT_EQ(said.status, 1);
   EXPECT_THAT(
       said.out,
-      AllOf(HasSubstr(" hold, 8 cannot be told from a recording (expecting, 1.000 s)\n"),
+      AllOf(HasSubstr(" hold, 8 cannot be determined from a recording (expecting, 1.000 s)\n"),
             HasSubstr(
                 "\ndoes not hold   drive.v value of at most 0.5: got 0 to 1; 10 of 20, first at 0.500 s\n"),
             HasSubstr("\nholds           truth missing of at most 0: got 0\n"),
-            HasSubstr("\ncannot be told  loop misses of at most 0: not in a recording\n")));
+            HasSubstr("\nunknown         loop misses of at most 0: not in a recording\n")));
   EXPECT_THAT(
       read_file(dir / "junit.xml"),
       AllOf(HasSubstr("<testsuite name=\"expecting\" tests=\"24\" failures=\"7\" errors=\"0\" skipped=\"8\""),
-            HasSubstr("<skipped message=\"loop: expected misses of at most 0, cannot be told"),
+            HasSubstr("<skipped message=\"loop: expected misses of at most 0, cannot be determined"),
             HasSubstr("<failure message=\"drive.v: expected value of at most 0.5, got 0 to 1;"),
             Not(HasSubstr("name=\"run\""))));
   EXPECT_EQ(check({"--junit", "run.mcap"}).status, 2) << "an input is never written over";

@@ -6,9 +6,9 @@
 #include <cstring>
 #include <numbers>
 
-#include "bench/registry.h"
 #include "bench/run/assembly.h"
 #include "bench/run/bench_run.h"
+#include "builtin/registry.h"
 #include "cli/overrides.h"
 #include "sensor-hal/channel/worker_pool.h"
 #include "sim/platform/platform.h"

@@ -7,9 +7,9 @@
 #include <cstring>
 #include <numbers>
 
-#include "bench/registry.h"
 #include "bench/run/assembly.h"
 #include "bench/run/bench_run.h"
+#include "builtin/registry.h"
 #include "sensor-hal/channel/worker_pool.h"
 #include "sim/platform/ground.h"
 #include "sim/platform/harvester.h"

@@ -9,6 +9,7 @@
 
 #include "bench/bench.h"
 #include "bench/run/replay_assembly.h"
+#include "builtin/registry.h"
 #include "tests/cli/command.h"
 #include "tests/cli/rigs_of_the_tree.h"
 #ifdef RIGOR_WITH_GUARD

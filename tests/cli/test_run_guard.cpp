@@ -6,9 +6,9 @@
 #include <functional>
 #include <thread>
 
-#include "bench/registry.h"
 #include "bench/run/assembly.h"
 #include "bench/run/recording.h"
+#include "builtin/registry.h"
 #include "rt-core/realtime_guard.h"
 #include "sensor-hal/channel/fault_bench.h"
 #include "tests/cli/command.h"

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "tests/cli/command.h"
+#include "tests/cli/recorded_messages.h"
 
 namespace rigor::test {
 namespace {
@@ -51,6 +52,7 @@ TEST_F(InstalledSdk, HasTheApplicationThatSeesTheSameInEveryForm) {
   EXPECT_TRUE(fs::exists(prefix + "/include/rigor_client.h"));
   const std::string example = build("application");
   std::string seen;
+  std::vector<std::string> recorded;
   for (const std::string& application :
        {"command: [python3, " + example + "/detector.py]", "command: [" + example + "/build/detector]",
         "library: " + example + "/build/libdetector.so"}) {
@@ -59,11 +61,16 @@ TEST_F(InstalledSdk, HasTheApplicationThatSeesTheSameInEveryForm) {
     EXPECT_EQ(result["sinks"][0]["applied"], 20) << application;
     if (seen.empty()) seen = result["input_sha256"];
     EXPECT_EQ(result["input_sha256"], seen) << application;
+    const auto messages = all_messages(dir / "run.mcap");
+    if (recorded.empty()) recorded = messages;
+    EXPECT_GT(messages.size(), 100U);
+    EXPECT_TRUE(messages == recorded) << application;
   }
   const std::string embedded = build("embedded");
   const Said said =
       run({"env", "RIGOR_CONFIGS=" + prefix + "/share/rigor/configs", embedded + "/build/embedded_test"});
   EXPECT_THAT(said.out, HasSubstr("digest " + seen));
+  EXPECT_TRUE(all_messages(dir / "embedded.mcap") == recorded) << "byte for byte, as the other forms";
 }
 
 TEST_F(InstalledSdk, HasTheDriverThatPassesTheConformanceSuiteAndRunsInARig) {

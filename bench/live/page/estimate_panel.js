@@ -18,7 +18,7 @@ export class EstimatePanel {
     this.place.add("distance", t_s, distance_m * 1e3);
     this.place.add("ahead", t_s, along_m * 1e3);
     this.place.add("left", t_s, across_m * 1e3);
-    if (sigma_m !== null) this.place.add("3 sigma as told", t_s, 3e3 * sigma_m, { dashed: true });
+    if (sigma_m !== null) this.place.add("claimed 3 sigma", t_s, 3e3 * sigma_m, { dashed: true });
     if (yaw_rad !== null) {
       this.turn.node.hidden = false;
       this.turn.add("yaw", t_s, (yaw_rad * 180) / Math.PI);

@@ -22,13 +22,13 @@ class NoSignal final : public FrameSignal {
   bool write(CanFrame&, double) const noexcept override { return false; }
 };
 
-struct Case {
+struct CodecCase {
   SampleKind kind;
   std::string yaml;
 };
 /// Every key of every kind.
-const std::vector<Case>& all_faults() {
-  static const std::vector<Case> all{
+const std::vector<CodecCase>& all_faults() {
+  static const std::vector<CodecCase> all{
       {kRegisters, "{kind: drop, probability: 0.2, from_s: 10, until_s: 12.000000001}"},
       {kRegisters, "{kind: drop, every_s: 5, for_s: 0.1, from_s: 0.3}"},
       {kRegisters, "{kind: drop, for_s: 0.7, from_s: 1}"},
@@ -91,7 +91,7 @@ class Reader {
 
 TEST(FaultCodec, EveryKindWithEveryKeyComesBackFromJsonAndYaml) {
   std::set<FaultKind> kinds;
-  for (const Case& c : all_faults()) {
+  for (const CodecCase& c : all_faults()) {
     SCOPED_TRACE(c.yaml);
     Reader reader(c.kind);
     const auto node = ConfigDocument::parse(c.yaml, "rig.yaml");

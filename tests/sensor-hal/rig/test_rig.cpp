@@ -51,7 +51,7 @@ TEST(Rig, ReadsBothSidesOfAPairAndItsSwitches) {
   const ChannelEntry& c = rig->channels[0];
   EXPECT_TRUE(c.is_pair);
   EXPECT_EQ(c.source.emulated_by, "cam");
-  EXPECT_EQ(c.twin.backend, "simulated");
+  EXPECT_EQ(c.simulated.backend, "simulated");
   ASSERT_EQ(c.switches.size(), 2u);
   EXPECT_EQ(c.switches[0].after_start, milliseconds(1500));
   EXPECT_FALSE(c.switches[0].to_real);

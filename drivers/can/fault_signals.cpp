@@ -1,4 +1,4 @@
-#include "bench/run/fault_signals.h"
+#include "drivers/can/fault_signals.h"
 
 #include <algorithm>
 #include <cmath>

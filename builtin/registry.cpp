@@ -1,6 +1,7 @@
-#include "bench/registry.h"
+#include "builtin/registry.h"
 
 #include "apps/forest-localization/forest_localization.h"
+#include "apps/forest-localization/stem_map.h"
 #include "apps/script/script.h"
 #include "apps/stereo-depth/stereo_depth.h"
 #include "apps/turntable-sweep/turntable_sweep.h"
@@ -14,17 +15,18 @@
 #include "drivers/velodyne/velodyne_backend.h"
 #include "sensor-hal/channel/log_sink.h"
 #include "sensor-hal/plugin/plugin.h"
+#include "sensor-hal/record/replay_source.h"
 
 namespace rigor {
 namespace {
 
-Backend log_backend() {
-  Backend b;
-  b.name = "log";
-  b.summary = "values of the application, for the recording";
-  b.make_sink = [] { return std::make_unique<LogSink>(); };
-  b.same_in_virtual_time = true;
-  return b;
+/// The table of stems that forest-localization reads.
+Result<std::vector<DrawnStem>> read_stems(const std::filesystem::path& file) {
+  const auto map = forest::StemMap::load(file);
+  if (!map) return tl::unexpected<Error>(map.error());
+  std::vector<DrawnStem> stems;
+  for (const forest::Stem& s : map->stems()) stems.push_back({s.x_m, s.y_m, s.radius_m});
+  return stems;
 }
 
 }  // namespace
@@ -39,19 +41,13 @@ Registry make_registry() {
   registry.add(v4l2_backend());
   registry.add(velodyne_backend());
   registry.add(log_backend());
+  registry.add(replay_backend());
   registry.add(NamedApplication{"forest-localization", make_forest_localization});
   registry.add(NamedApplication{"script", make_script});
   registry.add(stereo_depth_application());
   registry.add(NamedApplication{"turntable-sweep", make_turntable_sweep});
-  registry.add(localization_analysis());
+  registry.add(localization_analysis(read_stems));
   return registry;
-}
-
-Status load_plugins(const std::vector<NamedFile>& files, Registry& registry) {
-  for (const NamedFile& plugin : files)
-    if (const auto loaded = load_plugin(plugin.file, registry); !loaded)
-      return fail(loaded.error().code, plugin.named_by, loaded.error().text());
-  return {};
 }
 
 Result<Registry> make_registry(const std::vector<std::filesystem::path>& plugins) {

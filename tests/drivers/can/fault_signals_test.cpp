@@ -4,19 +4,19 @@
 
 #include <cmath>
 
-#include "bench/run/fault_signals.h"
 #include "drivers/can/dbc.h"
+#include "drivers/can/fault_signals.h"
 #include "drivers/can/signal_codec.h"
-#include "tests/cli/command.h"
 
 namespace rigor::test {
 namespace {
 
 using ::testing::HasSubstr;
 
+const std::string kDbc = RIGOR_SOURCE_DIR "/configs/buses/seekurjr.dbc";
+
 std::shared_ptr<const FrameSignal> find(const std::string& name, std::string* refused = nullptr) {
-  const auto node =
-      ConfigDocument::parse("{dbc: " + config("buses/seekurjr.dbc") + ", value: " + name + "}", "rig.yaml");
+  const auto node = ConfigDocument::parse("{dbc: " + kDbc + ", value: " + name + "}", "rig.yaml");
   EXPECT_TRUE(node);
   try {
     return find_dbc_signal(*node, name);
@@ -27,7 +27,7 @@ std::shared_ptr<const FrameSignal> find(const std::string& name, std::string* re
 }
 
 TEST(FaultSignals, ChangeOneSignalOfItsFrameAndNothingElse) {
-  const auto dbc = can::load_dbc(config("buses/seekurjr.dbc"));
+  const auto dbc = can::load_dbc(kDbc);
   ASSERT_TRUE(dbc);
   const can::Message* rates = dbc->message("WheelRates");
   ASSERT_NE(rates, nullptr);
