@@ -86,6 +86,11 @@ struct Bench::Impl {
   [[nodiscard]] RunParts& parts() { return assembly->parts; }
   [[nodiscard]] const RigConfig& rig() const { return assembly->parts.rig; }
   [[nodiscard]] bool virtual_time() const { return rig().clock == ClockKind::virtual_time; }
+  /// Between steps.
+  [[nodiscard]] BenchTime next_cycle_time() const {
+    return run->t0().value_or(BenchTime{}) +
+           rig().loop.period * static_cast<std::int64_t>(run->counters().cycle.load());
+  }
   [[nodiscard]] Existing existing() const { return options.replace ? Existing::replace : Existing::keep; }
   [[nodiscard]] std::string engine() const {
     return assembly->simulation ? assembly->simulation->engine() : "";
@@ -449,5 +454,49 @@ Status Bench::clear_faults(const std::string& channel) {
   if (!channel.empty()) request["channel"] = channel;
   return impl_->ask(request);
 }
+
+Status Bench::switch_pair(const std::string& channel, const std::string& active) {
+  return impl_->ask({{"command", "switch"}, {"channel", channel}, {"active", active}});
+}
+
+Status Bench::command(const std::string& sink, std::span<const double> values) {
+  if (!impl_->started)
+    return fail(ErrorCode::wrong_state, rig().name, "command() comes between steps, after start()");
+  const auto& outputs = ports().outputs;
+  const auto found = outputs.find(sink);
+  if (found == outputs.end()) {
+    std::vector<std::string> names;
+    for (const auto& [name, port] : outputs) names.push_back(name);
+    return fail(ErrorCode::bad_input, sink,
+                fmt::format("expected a sink of this rig ({}), got \"{}\"{}", fmt::join(names, ", "), sink,
+                            did_you_mean(sink, names)));
+  }
+  const auto& names = found->second->describe().names;
+  if (values.size() != names.size())
+    return fail(
+        ErrorCode::bad_input, sink,
+        fmt::format("expected {} values ({}), got {}", names.size(), fmt::join(names, ", "), values.size()));
+  if (!found->second->send(impl_->next_cycle_time(), values))
+    return fail(ErrorCode::unavailable, sink, "the sink's queue is full: step the bench between commands");
+  return {};
+}
+
+std::vector<Expected> Bench::expected() const {
+  if (!impl_->started || !impl_->parts().expectations) return {};
+  Expectations& expectations = *impl_->parts().expectations;
+  expectations.show();
+  std::vector<ChannelCounts> counts;
+  for (const auto& c : impl_->parts().channels) counts.push_back(counts_of(*c));
+  const LoopCounters& n = impl_->run->counters();
+  const LoopCounts loop{impl_->run->t0().value_or(BenchTime{}), impl_->next_cycle_time(), n.run.load(),
+                        n.skipped.load(), n.misses.load()};
+  RunEnd known = run_end(run_facts(impl_->parts(), loop, counts));
+  known.extent = RunEnd::Extent::so_far;
+  known.skipped = loop.skipped;
+  known.misses = loop.misses;
+  return expectations.so_far(known);
+}
+
+std::uint64_t Bench::cycle() const noexcept { return impl_->run ? impl_->run->counters().cycle.load() : 0; }
 
 }  // namespace rigor
