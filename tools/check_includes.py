@@ -38,6 +38,7 @@ ALLOWED = {
     "bench": SIM_BASE | {"sim/render", "sim/sensors", "sim/platform", "sim/nature", "sim/gis", "drivers", "apps"},
     "clients": set(),
     "cli": EVERYTHING,
+    "python": EVERYTHING,
     "tests": EVERYTHING,
     "benches": EVERYTHING,
 }
