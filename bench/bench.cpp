@@ -488,6 +488,10 @@ Status Bench::clear_faults(const std::string& channel) {
   return impl_->ask(request);
 }
 
+Status Bench::switch_pair(const std::string& channel, const std::string& active) {
+  return impl_->ask({{"command", "switch"}, {"channel", channel}, {"active", active}});
+}
+
 Status Bench::command(const std::string& sink, std::span<const double> values) {
   if (!impl_->started)
     return fail(ErrorCode::wrong_state, rig().name, "command() comes between steps, after start()");
@@ -509,5 +513,23 @@ Status Bench::command(const std::string& sink, std::span<const double> values) {
     return fail(ErrorCode::unavailable, sink, "the sink's queue is full: step the bench between commands");
   return {};
 }
+
+std::vector<Expected> Bench::expected() const {
+  if (!impl_->started || !impl_->parts().expectations) return {};
+  Expectations& expectations = *impl_->parts().expectations;
+  expectations.show();
+  std::vector<ChannelCounts> counts;
+  for (const auto& c : impl_->parts().channels) counts.push_back(counts_of(*c));
+  const LoopCounters& n = impl_->run->counters();
+  const LoopCounts loop{impl_->run->t0().value_or(BenchTime{}), impl_->run->next_cycle_time(), n.run.load(),
+                        n.skipped.load(), n.misses.load()};
+  RunEnd known = run_end(run_facts(impl_->parts(), loop, counts));
+  known.extent = RunEnd::Extent::so_far;
+  known.skipped = loop.skipped;
+  known.misses = loop.misses;
+  return expectations.so_far(known);
+}
+
+std::uint64_t Bench::cycle() const noexcept { return impl_->run ? impl_->run->counters().cycle.load() : 0; }
 
 }  // namespace rigor

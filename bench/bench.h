@@ -112,10 +112,17 @@ class Bench {
   [[nodiscard]] Status inject_fault(const std::string& channel, const std::string& fault);
   /// Ends the live faults of one channel, or of all (empty name). As inject_fault.
   [[nodiscard]] Status clear_faults(const std::string& channel = {});
+  /// The side of a pair that the application is given from the next cycle on: "real" or "simulated". As
+  /// inject_fault.
+  [[nodiscard]] Status switch_pair(const std::string& channel, const std::string& active);
   /// Between steps: a command as an application would give it in the next cycle, one value for each of the
   /// sink's names in their order. wrong_state; bad_input: no such sink, more or fewer values; unavailable:
   /// the sink's queue is full.
   [[nodiscard]] Status command(const std::string& sink, std::span<const double> values);
+  /// Between steps: what the rig expects, and what the cycles so far say of it.
+  [[nodiscard]] std::vector<Expected> expected() const;
+  /// Cycles of the loop that were run or skipped so far. Any thread.
+  [[nodiscard]] std::uint64_t cycle() const noexcept;
 
  private:
   struct Impl;

@@ -39,6 +39,7 @@ ALLOWED = {
     "builtin": {"rt-core", "sensor-hal", "drivers", "apps", "bench"},
     "clients": set(),
     "cli": EVERYTHING,
+    "python": EVERYTHING,
     "tests": EVERYTHING,
     "benches": EVERYTHING,
 }

@@ -32,7 +32,7 @@ lane_about() {
 lane_parts() {
   case $1 in
     format | includes | skips) echo check ;;
-    release) echo run test live ;;
+    release) echo run test live python ;;
     kernel) echo run test kernel ;;
     asan-ubsan | tsan | fuzz) echo run test clang ;;
     docs) echo run check ;;

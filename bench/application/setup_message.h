@@ -2,7 +2,8 @@
 // outputs.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
+#include <string>
 
 #include "sensor-hal/channel/application.h"
 #include "sensor-hal/rig/rig.h"

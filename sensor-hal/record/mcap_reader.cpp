@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 
+#include "sensor-hal/record/chunk_records.h"
 #include "sensor-hal/record/crc32.h"
 #include "sensor-hal/record/mcap_parse.h"
 
@@ -452,29 +453,9 @@ Status McapReader::load(Segment& segment, ByteBuffer& data, std::vector<Entry>& 
   }
   auto record = read_record(segment.offset, segment.length);
   if (!record) return tl::unexpected(record.error());
-  FieldReader in(*record);
-  const auto op = static_cast<Opcode>(in.get<std::uint8_t>());
-  const auto length = in.get<std::uint64_t>();
-  const auto header = parse_chunk_header(in);
-  if (op != Opcode::chunk || length != segment.length - kRecordHeaderBytes || !header ||
-      header->stored != in.left())
-    return tl::unexpected(
-        damage(segment.offset, "expected a chunk of " + std::to_string(segment.length) + " bytes"));
-  if (header->compression != segment.compression || header->uncompressed != segment.uncompressed ||
-      header->start_ns != segment.start_ns || header->end_ns != segment.end_ns)
-    return tl::unexpected(damage(segment.offset, "the chunk and its index disagree"));
-  const Bytes stored = in.take(in.left());
-  if (header->uncompressed > options_.max_loaded_bytes)
-    return tl::unexpected(damage(segment.offset, "a chunk of " + std::to_string(header->uncompressed) +
-                                                     " bytes is more than may be held in memory"));
-  if (!plausible_size(header->compression, stored, header->uncompressed))
-    return tl::unexpected(damage(segment.offset, "the chunk cannot have the size that it states, " +
-                                                     std::to_string(header->uncompressed) + " bytes"));
-  data.resize(static_cast<std::size_t>(header->uncompressed));
-  if (Status status = decompress(header->compression, stored, {data.data(), data.size()}); !status)
-    return tl::unexpected(damage(segment.offset, status.error().message));
-  if (header->crc != 0 && crc32(data.bytes()) != header->crc)
-    return tl::unexpected(damage(segment.offset, "the checksum of this chunk does not match its content"));
+  auto records = chunk_records(segment, *record, data, name(), {.max_bytes = options_.max_loaded_bytes});
+  if (!records) return tl::unexpected(records.error());
+  if (segment.compression.empty()) data.append(*records);
   if (Status status = list_messages(segment, data.bytes(), entries); !status)
     return tl::unexpected(damage(segment.offset, status.error().message));
   return {};

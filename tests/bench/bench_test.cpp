@@ -364,6 +364,49 @@ TEST_F(BenchTest, OfAPairTheSimulatedSideMeasuresWhenItIsAsked) {
   EXPECT_EQ(report->channels.at(1).pair->bias, 0);
 }
 
+TEST_F(BenchTest, SinksAreCommandedBetweenSteps) {
+  const auto bench =
+      create("sinks: { told: { backend: log, signals: [a, b] } }\nrecord: { file: told.mcap }\n");
+  ASSERT_TRUE(bench) << bench.error().text();
+  const std::array<double, 2> values{3, 4};
+  EXPECT_EQ(code_of((*bench)->command("told", values)), ErrorCode::wrong_state);
+  ASSERT_TRUE((*bench)->prepare() && (*bench)->start() && (*bench)->step(10));
+  EXPECT_EQ((*bench)->cycle(), 10u);
+  const Status unknown = (*bench)->command("tlod", values);
+  ASSERT_FALSE(unknown);
+  EXPECT_THAT(unknown.error().text(), HasSubstr("did you mean 'told'"));
+  const Status few = (*bench)->command("told", std::span(values).first(1));
+  ASSERT_FALSE(few);
+  EXPECT_THAT(few.error().text(), HasSubstr("expected 2 values (a, b), got 1"));
+  ASSERT_TRUE((*bench)->command("told", values));
+  ASSERT_TRUE((*bench)->step(2));
+  const auto report = (*bench)->finish();
+  ASSERT_TRUE(report) << report.error().text();
+  EXPECT_EQ(report->facts.sinks.at(0).accepted, 1u);
+  std::filesystem::remove("told.mcap");
+}
+
+TEST_F(BenchTest, ExpectationsAreToldBetweenSteps) {
+  const auto bench = create("expect: [{ of: count.n, value: { max: 49 } }]\n");
+  ASSERT_TRUE(bench) << bench.error().text();
+  EXPECT_TRUE((*bench)->expected().empty()) << "not started";
+  ASSERT_TRUE((*bench)->prepare() && (*bench)->start() && (*bench)->step(40));
+  ASSERT_EQ((*bench)->expected().size(), 1u);
+  EXPECT_FALSE((*bench)->expected()[0].decided);
+  EXPECT_EQ((*bench)->expected()[0].looked_at, 40u);
+  ASSERT_TRUE((*bench)->step(20));
+  EXPECT_TRUE((*bench)->expected()[0].fails());
+  EXPECT_NEAR((*bench)->expected()[0].first_s.value_or(0), 0.5, 1e-9);
+}
+
+TEST_F(BenchTest, OnlyPairsAreSwitched) {
+  const auto bench = create();
+  ASSERT_TRUE(bench && (*bench)->prepare() && (*bench)->start() && (*bench)->step(1));
+  const Status refused = (*bench)->switch_pair("count", "real");
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().text(), HasSubstr("expected a pair of this rig"));
+}
+
 TEST_F(BenchTest, AnalysesThatCannotBeAreRefusedAtTheirPlace) {
   auto bench = create("analyses: { localisation: {} }\n");
   ASSERT_FALSE(bench);
