@@ -28,8 +28,8 @@ using dataset::Written;
 struct Words {
   std::filesystem::path source, poses, along, output;
   std::vector<std::string> overrides, vary;
-  std::string channels, samples, within, height, yaw, pitch, roll, lateral, seed, clearance, split, layers, only, jobs,
-      min_area;
+  std::string channels, samples, within, height, yaw, pitch, roll, lateral, seed, clearance, split, layers,
+      only, jobs, min_area;
   std::string renderer, arrays;
   bool draw_devices = false, truth = false, no_truth = false, json = false;
 };
@@ -158,7 +158,9 @@ Result<DatasetOptions> read_options(const Words& w) {
       continue;
     }
     // In place of what the file says of this key.
-    std::erase_if(o.vary, [&](const auto& known) { return known.key == key && known.written.where != v->written.where; });
+    std::erase_if(o.vary, [&](const auto& known) {
+      return known.key == key && known.written.where != v->written.where;
+    });
     o.vary.push_back(std::move(*v));
   }
   if (!w.split.empty()) reading.take(dataset::parse_split({w.split, "--split"}), o.split);
@@ -174,11 +176,14 @@ Result<DatasetFolderOptions> read_folder(const Words& w, bool truth) {
   f.exr = w.arrays == "exr";
   if (!w.layers.empty()) {
     if (!truth) return fail(ErrorCode::bad_input, "--layers", "expected it with truth, got --no-truth");
-    f.layers = w.layers == "all" ? dataset_layers() : w.layers == "none" ? std::vector<std::string>{} : listed(w.layers);
+    f.layers = w.layers == "all"    ? dataset_layers()
+               : w.layers == "none" ? std::vector<std::string>{}
+                                    : listed(w.layers);
     for (const std::string& layer : f.layers)
       if (std::find(dataset_layers().begin(), dataset_layers().end(), layer) == dataset_layers().end())
         return fail(ErrorCode::bad_input, "--layers",
-                    fmt::format("expected all, none, or some of {}, got \"{}\"", fmt::join(dataset_layers(), ", "), layer));
+                    fmt::format("expected all, none, or some of {}, got \"{}\"",
+                                fmt::join(dataset_layers(), ", "), layer));
   }
   Reading reading;
   std::uint64_t area = f.min_area_px;
@@ -194,7 +199,8 @@ Result<FillOptions> read_work(const Words& w, std::uint64_t size) {
     const auto dots = word.find("..");
     auto first = whole_number(word.substr(0, dots), "--only", 0, size - 1);
     if (!first) return tl::unexpected<Error>(first.error());
-    auto last = dots == std::string::npos ? first : whole_number(word.substr(dots + 2), "--only", *first, size - 1);
+    auto last =
+        dots == std::string::npos ? first : whole_number(word.substr(dots + 2), "--only", *first, size - 1);
     if (!last) return tl::unexpected<Error>(last.error());
     o.only.emplace_back(*first, *last);
   }
@@ -241,9 +247,12 @@ void print(const Words& w, const Dataset& dataset, const Filled& filled) {
     fmt::print("\n");
   }
   if (filled.made > 0)
-    fmt::print("{:.1f} s, {:.0f} samples a minute; measuring {:.0f} %, writing {:.0f} %, looking for poses {:.0f} %\n",
-               filled.whole_s, 60 * static_cast<double>(filled.made) / filled.whole_s,
-               share(filled.times.capture_s + filled.times.world_s), share(filled.write_s), share(filled.times.pose_s));
+    fmt::print(
+        "{:.1f} s, {:.0f} samples a minute; measuring {:.0f} %, writing {:.0f} %, looking for poses {:.0f} "
+        "%\n",
+        filled.whole_s, 60 * static_cast<double>(filled.made) / filled.whole_s,
+        share(filled.times.capture_s + filled.times.world_s), share(filled.write_s),
+        share(filled.times.pose_s));
 }
 
 int make(const Words& w) {
@@ -268,7 +277,8 @@ int make(const Words& w) {
 
 struct DatasetCommandLine::Impl {
   explicit Impl(CLI::App& app)
-      : command(app, "dataset", "Make labelled data with ground truth: pictures, clouds, range images; boxes and masks") {}
+      : command(app, "dataset",
+                "Make labelled data with ground truth: pictures, clouds, range images; boxes and masks") {}
   CommandOptions command;
   Words words;
 };
@@ -276,37 +286,54 @@ struct DatasetCommandLine::Impl {
 DatasetCommandLine::DatasetCommandLine(CLI::App& app) : impl_(std::make_unique<Impl>(app)) {
   CommandOptions& c = impl_->command;
   Words& w = impl_->words;
-  c.add_option("RIG", w.source, "Rig file or name, or a file that describes a dataset (key `rig`)").required().config_file();
-  c.add_option("-o,--output", w.output, "Folder; one that was made with the same options is continued").required();
-  c.add_option("--channels", w.channels, "Channels, with commas between them (default: all simulated ones that look)");
-  c.add_option("--poses", w.poses, "List of poses, CSV: x_m,y_m and z_m or height_m, yaw_deg, pitch_deg, roll_deg or qw,qx,qy,qz");
+  c.add_option("RIG", w.source, "Rig file or name, or a file that describes a dataset (key `rig`)")
+      .required()
+      .config_file();
+  c.add_option("-o,--output", w.output, "Folder; one that was made with the same options is continued")
+      .required();
+  c.add_option("--channels", w.channels,
+               "Channels, with commas between them (default: all simulated ones that look)");
+  c.add_option(
+      "--poses", w.poses,
+      "List of poses, CSV: x_m,y_m and z_m or height_m, yaw_deg, pitch_deg, roll_deg or qw,qx,qy,qz");
   c.add_option("--within", w.within, "Draw poses in a rectangle: X0,Y0,X1,Y1 in metres");
   c.add_option("--along", w.along, "Draw poses along a path, CSV: x_m,y_m");
   c.add_option("--sample", w.samples, "How many samples (default: one for each listed pose)");
-  c.add_option("--height", w.height, "Of drawn poses above the ground, metres: 1.2 or 1..2 (default: as the rig)");
-  c.add_option("--yaw", w.yaw, "Degrees; along a path, added to its direction (default: 0..360; along a path 0)");
+  c.add_option("--height", w.height,
+               "Of drawn poses above the ground, metres: 1.2 or 1..2 (default: as the rig)");
+  c.add_option("--yaw", w.yaw,
+               "Degrees; along a path, added to its direction (default: 0..360; along a path 0)");
   c.add_option("--pitch", w.pitch, "Degrees, downwards (default 0)");
   c.add_option("--roll", w.roll, "Degrees (default 0)");
   c.add_option("--lateral", w.lateral, "Metres to the left of a path (default 0)");
-  c.add_option("--clearance", w.clearance, "Reject poses with anything nearer than this, metres; 0: none (default 0.5)");
-  c.add_option("--vary", w.vary,
-               "KEY=VALUES that differ between samples: simulation.weather=clear,fog, Type.attribute=50..500, "
-               "joint.NAME=0..360, channels.NAME.exposure_us=… (may be repeated)")
+  c.add_option("--clearance", w.clearance,
+               "Reject poses with anything nearer than this, metres; 0: none (default 0.5)");
+  c.add_option(
+       "--vary", w.vary,
+       "KEY=VALUES that differ between samples: simulation.weather=clear,fog, Type.attribute=50..500, "
+       "joint.NAME=0..360, channels.NAME.exposure_us=… (may be repeated)")
       .one_each();
-  c.add_flag("--draw-devices", w.draw_devices, "Each sample by another device of those that the sensor models' covariances allow");
+  c.add_flag("--draw-devices", w.draw_devices,
+             "Each sample by another device of those that the sensor models' covariances allow");
   c.add_option("--seed", w.seed, "Of all draws (default 1)");
   const auto truth = c.add_flag("--truth", w.truth, "Boxes, masks and layers of truth (the default)");
   c.add_flag("--no-truth", w.no_truth, "Without truth").excludes(truth);
-  c.add_option("--layers", w.layers, "Layers of truth: all, none, or some of depth,instance,class,true_range,normal,flow (default: the first three)");
-  c.add_option("--arrays", w.arrays, "npy or exr: files of depths and other numbers (default npy)").one_of({"npy", "exr"});
+  c.add_option("--layers", w.layers,
+               "Layers of truth: all, none, or some of depth,instance,class,true_range,normal,flow (default: "
+               "the first three)");
+  c.add_option("--arrays", w.arrays, "npy or exr: files of depths and other numbers (default npy)")
+      .one_of({"npy", "exr"});
   c.add_option("--min-area", w.min_area, "Visible pixels of a box (default 16)");
-  c.add_option("--renderer", w.renderer, "rays or raster (default: what the rig says, else rays)").one_of({"rays", "raster"});
+  c.add_option("--renderer", w.renderer, "rays or raster (default: what the rig says, else rays)")
+      .one_of({"rays", "raster"});
   c.add_option("--split", w.split, "Weights of train, val, test (default 80,10,10)");
   c.add_option("--only", w.only, "Make these samples now: 7 or 0..49, with commas between them");
   c.add_option("--jobs", w.jobs, "Threads that measure (default: all of the machine)");
-  c.add_option("--set", w.overrides, "Replace one value of the rig: path.to.key=value (may be repeated)").one_each();
+  c.add_option("--set", w.overrides, "Replace one value of the rig: path.to.key=value (may be repeated)")
+      .one_each();
   c.add_flag("--json", w.json, "Print what was made as JSON");
-  c.footer("Example: rigor dataset demo --channels right --within=-3,-4,3,-2 --yaw 60..120 --sample 100 -o data");
+  c.footer(
+      "Example: rigor dataset demo --channels right --within=-3,-4,3,-2 --yaw 60..120 --sample 100 -o data");
 }
 
 DatasetCommandLine::~DatasetCommandLine() = default;

@@ -14,7 +14,8 @@ namespace {
 /// A level frame at the sensor's place that looks its way.
 Eigen::Isometry3d level_frame(const Eigen::Isometry3d& T_world_sensor, SampleKind kind) {
   const bool optical = kind != SampleKind::point_cloud;
-  Eigen::Vector3d forward = T_world_sensor.linear() * (optical ? Eigen::Vector3d::UnitZ() : Eigen::Vector3d::UnitX());
+  Eigen::Vector3d forward =
+      T_world_sensor.linear() * (optical ? Eigen::Vector3d::UnitZ() : Eigen::Vector3d::UnitX());
   if (forward.head<2>().norm() < 1e-6)  // straight up or down: where the upper edge of the picture looks
     forward = T_world_sensor.linear() * (optical ? Eigen::Vector3d(0, -1, 0) : Eigen::Vector3d::UnitY());
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
@@ -25,7 +26,8 @@ Eigen::Isometry3d level_frame(const Eigen::Isometry3d& T_world_sensor, SampleKin
 }
 
 /// Wheels of any vehicle that is about a metre long, for its tilt on a slope.
-constexpr std::array<std::array<double, 2>, 4> kWheels_m{{{0.4, 0.3}, {0.4, -0.3}, {-0.4, 0.3}, {-0.4, -0.3}}};
+constexpr std::array<std::array<double, 2>, 4> kWheels_m{
+    {{0.4, 0.3}, {0.4, -0.3}, {-0.4, 0.3}, {-0.4, -0.3}}};
 
 }  // namespace
 
@@ -46,19 +48,21 @@ Result<Carrier> Carrier::of(const std::vector<MountedChannel>& channels, Simulat
       if (platform.empty())
         return tl::unexpected<Error>(
             channel.params
-                .error("parent", fmt::format("expected a platform, or T_world_sensor in place of it, got {}, a node of "
-                                             "the world that the poses of a dataset do not move; leave this channel "
-                                             "away with `channels`",
-                                             parent))
+                .error("parent",
+                       fmt::format("expected a platform, or T_world_sensor in place of it, got {}, a node of "
+                                   "the world that the poses of a dataset do not move; leave this channel "
+                                   "away with `channels`",
+                                   parent))
                 .error());
     }
     if (!first && platform != c.platform_)
       return tl::unexpected<Error>(
           channel.params
-              .error("", fmt::format("expected channels that one carrier has, got {} on {} and {} on {}; choose with "
-                                     "`channels`",
-                                     channels.front().name, c.platform_.empty() ? "none" : c.platform_, channel.name,
-                                     platform.empty() ? "none" : platform))
+              .error("", fmt::format(
+                             "expected channels that one carrier has, got {} on {} and {} on {}; choose with "
+                             "`channels`",
+                             channels.front().name, c.platform_.empty() ? "none" : c.platform_, channel.name,
+                             platform.empty() ? "none" : platform))
               .error());
     c.platform_ = platform;
     first = false;

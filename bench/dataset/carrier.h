@@ -1,5 +1,5 @@
-// What a pose of a dataset places: a platform with the sensors that ride on it, or sensors that stand in the world,
-// fixed to each other.
+// What a pose of a dataset places: a platform with the sensors that ride on it, or sensors that stand in the
+// world, fixed to each other.
 #pragma once
 
 #include <string>
@@ -18,9 +18,10 @@ struct MountedChannel {
 
 class Carrier {
  public:
-  /// bad_input with place: channels on two platforms, or on a platform and in the world, or on a node of the world,
-  /// which no pose can move.
-  [[nodiscard]] static Result<Carrier> of(const std::vector<MountedChannel>& channels, Simulation& simulation);
+  /// bad_input with place: channels on two platforms, or on a platform and in the world, or on a node of the
+  /// world, which no pose can move.
+  [[nodiscard]] static Result<Carrier> of(const std::vector<MountedChannel>& channels,
+                                          Simulation& simulation);
 
   /// Of the platform; empty where it is none.
   [[nodiscard]] const std::string& platform() const { return platform_; }
@@ -37,7 +38,8 @@ class Carrier {
  private:
   std::string platform_;
   std::size_t body_ = 0;
-  std::shared_ptr<Eigen::Isometry3d> T_world_carrier_;  ///< of sensors without a platform; their mounts read it
+  std::shared_ptr<Eigen::Isometry3d>
+      T_world_carrier_;  ///< of sensors without a platform; their mounts read it
   Eigen::Isometry3d T_world_rig_ = Eigen::Isometry3d::Identity();
   double height_m_ = 0;  ///< of the rig's, above the ground
   std::vector<Mount> mounts_;

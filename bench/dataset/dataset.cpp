@@ -26,9 +26,7 @@ using dataset::Variation;
 class Seconds {
  public:
   explicit Seconds(double& sum) : sum_(sum), begin_(std::chrono::steady_clock::now()) {}
-  ~Seconds() {
-    sum_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count();
-  }
+  ~Seconds() { sum_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count(); }
   Seconds(const Seconds&) = delete;
   Seconds& operator=(const Seconds&) = delete;
 
@@ -61,7 +59,8 @@ Result<std::vector<const ChannelEntry*>> find_channels(const RigConfig& rig,
                   fmt::format("expected simulated channels that look ({}), got \"{}\"",
                               fmt::join(names, ", "), name));
     if (std::count(wanted.begin(), wanted.end(), name) > 1)
-      return fail(ErrorCode::bad_input, "channels", fmt::format("expected each channel once, got \"{}\" again", name));
+      return fail(ErrorCode::bad_input, "channels",
+                  fmt::format("expected each channel once, got \"{}\" again", name));
     for (const ChannelEntry& c : rig.channels)
       if (c.name == name) out.push_back(&c);
   }
@@ -90,7 +89,8 @@ struct Dataset::Impl {
   Status open();
   Status read_variations();
   Result<std::string> value_in_world(const Variation& v, const std::string& attribute) const;
-  Status set_conditions(const std::vector<std::pair<std::string, std::string>>& conditions, WorldMotion& motion);
+  Status set_conditions(const std::vector<std::pair<std::string, std::string>>& conditions,
+                        WorldMotion& motion);
   Result<bool> place(DatasetSample& sample, WorldMotion& motion);
   Result<std::optional<DatasetRejection>> judge(const Eigen::Isometry3d& T_world_carrier, bool on_ground,
                                                 const WorldMotion& motion);
@@ -132,7 +132,8 @@ Result<std::string> Dataset::Impl::value_in_world(const Variation& v, const std:
   if (const auto* number = std::get_if<std::int64_t>(&value)) return fmt::format("{}", *number);
   if (const auto* flag = std::get_if<bool>(&value)) return std::string(*flag ? "true" : "false");
   if (const auto* text = std::get_if<std::string>(&value)) return *text;
-  return wrong(fmt::format("expected an attribute that is a number, a flag or a word, {} is of another kind", name));
+  return wrong(
+      fmt::format("expected an attribute that is a number, a flag or a word, {} is of another kind", name));
 }
 
 Status Dataset::Impl::read_variations() {
@@ -294,8 +295,8 @@ Result<std::optional<DatasetRejection>> Dataset::Impl::judge(const Eigen::Isomet
     if (o.range_m == 0)
       return std::optional(
           DatasetRejection{p, "inside " + o.type, fmt::format("{} {}", o.type, o.node.value)});
-    return std::optional(DatasetRejection{
-        p, "near " + o.type, fmt::format("{} {} at {:.2f} m", o.type, o.node.value, o.range_m)});
+    return std::optional(DatasetRejection{p, "near " + o.type,
+                                          fmt::format("{} {} at {:.2f} m", o.type, o.node.value, o.range_m)});
   }
   return std::optional<DatasetRejection>{};
 }
@@ -344,7 +345,8 @@ void Dataset::seek(std::uint64_t index) { impl_->next = index; }
 Result<DatasetSample> Dataset::sample(std::uint64_t index) {
   Impl& d = *impl_;
   if (index >= d.size)
-    return fail(ErrorCode::bad_input, "sample", fmt::format("expected one of 0 to {}, got {}", d.size - 1, index));
+    return fail(ErrorCode::bad_input, "sample",
+                fmt::format("expected one of 0 to {}, got {}", d.size - 1, index));
   DatasetSample sample;
   sample.index = index;
   const double u = dataset::draw(d.options.seed, Draw::split, index, 0)[0];
@@ -368,15 +370,16 @@ Result<DatasetSample> Dataset::sample(std::uint64_t index) {
     dataset::Device& device = *d.devices[i];
     std::uint64_t draw = 0;
     if (d.channels[i].drawn)
-      draw = 1 + static_cast<std::uint64_t>(
-                     dataset::draw(d.options.seed, Draw::device, index,
-                                   models::channel_id_from_name(d.channels[i].name))[0] *
-                     2147483648.0);
+      draw =
+          1 + static_cast<std::uint64_t>(dataset::draw(d.options.seed, Draw::device, index,
+                                                       models::channel_id_from_name(d.channels[i].name))[0] *
+                                         2147483648.0);
     dataset::Exposure exposure;
     for (std::size_t k = 0; k < d.options.vary.size(); ++k) {
       const Variation& v = d.options.vary[k];
       if (v.of != Variation::Of::channel || v.name != d.channels[i].name) continue;
-      (v.attribute == "gain_db" ? exposure.gain_db : exposure.exposure_us) = std::stod(sample.conditions[k].second);
+      (v.attribute == "gain_db" ? exposure.gain_db : exposure.exposure_us) =
+          std::stod(sample.conditions[k].second);
     }
     {
       const Seconds time(d.times.world_s);
@@ -419,8 +422,12 @@ nlohmann::json Dataset::manifest() const {
   nlohmann::json channels = nlohmann::json::array();
   for (const Channel& c : impl_->channels)
     channels.push_back({{"name", c.name}, {"kind", kind_name(c.kind)}, {"drawn", c.drawn}});
-  return {{"format", "rigor dataset"}, {"format_version", 1},          {"rigor_version", RIGOR_VERSION},
-          {"options", impl_->options.json()}, {"samples", impl_->size}, {"inputs", inputs},
+  return {{"format", "rigor dataset"},
+          {"format_version", 1},
+          {"rigor_version", RIGOR_VERSION},
+          {"options", impl_->options.json()},
+          {"samples", impl_->size},
+          {"inputs", inputs},
           {"channels", channels}};
 }
 

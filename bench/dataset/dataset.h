@@ -5,14 +5,14 @@
 //   while (auto sample = (*dataset)->next())           // Result<std::optional<DatasetSample>>
 //     for (const DatasetView& view : (*sample)->views) train(view.pixels, view.labels);
 //
-// Sample k is a function of the options, the files that the rig names, and k: it is the same whatever was made
-// before it, by whichever process and on any number of threads. Poses that lie off the terrain, below it, or within
-// `clearance_m` of anything are rejected: of a distribution the next draw is taken, of a list the sample is left
-// out.
+// Sample k is a function of the options, the files that the rig names, and k: it is the same whatever was
+// made before it, by whichever process and on any number of threads. Poses that lie off the terrain, below
+// it, or within `clearance_m` of anything are rejected: of a distribution the next draw is taken, of a list
+// the sample is left out.
 //
 // What a pose places is the *carrier*: the platform that all channels ride on; or, of channels with a
-// T_world_sensor, a level frame at the first one's place that looks its way (so that what the rig tilts down stays
-// tilted down), with the others fixed to it. The capture has index k, at the start of the bench's time.
+// T_world_sensor, a level frame at the first one's place that looks its way (so that what the rig tilts down
+// stays tilted down), with the others fixed to it. The capture has index k, at the start of the bench's time.
 #pragma once
 
 #include <memory>
@@ -37,13 +37,13 @@ struct DatasetView {
   SampleKind kind = SampleKind::none;  ///< image, range_image, point_cloud
   std::uint64_t device = 0;            ///< calibration_draw
   Eigen::Isometry3d T_world_sensor = Eigen::Isometry3d::Identity();
-  std::optional<CameraModel> lens;  ///< of images and range images
+  std::optional<CameraModel> lens;      ///< of images and range images
   std::uint32_t width = 0, height = 0;  ///< points: count, 1
 
-  ImageInfo image;                       ///< images
-  std::vector<std::byte> pixels;         ///< images
+  ImageInfo image;                        ///< images
+  std::vector<std::byte> pixels;          ///< images
   std::vector<float> range_m, amplitude;  ///< range images, as measured; NaN: no return
-  std::vector<LidarPoint> points;        ///< point clouds
+  std::vector<LidarPoint> points;         ///< point clouds
 
   // Truth, where it was asked for; else empty.
   GroundTruth truth;           ///< nodes, ranges, normals, flow
@@ -63,7 +63,7 @@ struct DatasetSample {
   Eigen::Isometry3d T_world_carrier = Eigen::Isometry3d::Identity();
   std::vector<std::pair<std::string, std::string>> conditions;  ///< of `vary`; empty value: not in force
   std::vector<DatasetRejection> rejected;                       ///< poses that were tried before
-  std::vector<DatasetView> views;                               ///< by channel; empty: all poses were rejected
+  std::vector<DatasetView> views;  ///< by channel; empty: all poses were rejected
 };
 
 /// Where the time went.
@@ -76,8 +76,8 @@ struct DatasetTimes {
 
 class Dataset {
  public:
-  /// Opens the rig and its world, and checks everything but what only a sample can show. Setup thread. bad_input,
-  /// not_found with place; unavailable.
+  /// Opens the rig and its world, and checks everything but what only a sample can show. Setup thread.
+  /// bad_input, not_found with place; unavailable.
   [[nodiscard]] static Result<std::unique_ptr<Dataset>> create(const DatasetOptions& options);
   ~Dataset();
 
@@ -90,13 +90,14 @@ class Dataset {
     bool drawn = false;  ///< each sample by another device
   };
   [[nodiscard]] const std::vector<Channel>& channels() const;
-  /// All that makes the samples what they are: options, version, digests of the rig and of the files that it names.
+  /// All that makes the samples what they are: options, version, digests of the rig and of the files that it
+  /// names.
   [[nodiscard]] nlohmann::json manifest() const;
   /// Files that are read, for checks of outputs.
   [[nodiscard]] const RigConfig& rig() const;
 
-  /// Blocks for as long as pictures take; one thread at a time, always the same. Errors: bad_input (a value that the
-  /// world refuses), unavailable (an engine).
+  /// Blocks for as long as pictures take; one thread at a time, always the same. Errors: bad_input (a value
+  /// that the world refuses), unavailable (an engine).
   [[nodiscard]] Result<DatasetSample> sample(std::uint64_t index);
   /// The next one that is not left out; empty behind the last.
   [[nodiscard]] Result<std::optional<DatasetSample>> next();

@@ -14,7 +14,8 @@ namespace rigor::dataset {
 Result<std::unique_ptr<Device>> Device::create(const Setup& setup) {
   if (setup.params.has("model_schedule"))
     return tl::unexpected<Error>(
-        setup.params.error("model_schedule", "expected a device that stays the same, got one that changes with time")
+        setup.params
+            .error("model_schedule", "expected a device that stays the same, got one that changes with time")
             .error());
   std::unique_ptr<Device> device(new Device(setup));
   if (auto s = device->make(0); !s) return tl::unexpected<Error>(s.error());
@@ -22,7 +23,8 @@ Result<std::unique_ptr<Device>> Device::create(const Setup& setup) {
 }
 
 Status Device::can_be_drawn() const {
-  const auto sheet = catch_config([&] { return load_sheet(setup_.params.base_dir() / setup_.params.text("sensor"), 1); });
+  const auto sheet =
+      catch_config([&] { return load_sheet(setup_.params.base_dir() / setup_.params.text("sensor"), 1); });
   if (!sheet) return tl::unexpected<Error>(sheet.error());
   if (!*sheet) return tl::unexpected<Error>(sheet->error());
   return {};
@@ -42,7 +44,8 @@ Status Device::make(std::uint64_t draw) {
     how.choice->engine = "rays";
   }
   // Another device has another pattern of noise, too.
-  const std::string name = draw == 0 ? setup_.entry.name : fmt::format("{}.device{}", setup_.entry.name, draw);
+  const std::string name =
+      draw == 0 ? setup_.entry.name : fmt::format("{}.device{}", setup_.entry.name, draw);
   if (setup_.entry.kind == SampleKind::image) {
     auto made = setup_.simulation.sensed_camera(setup_.params, setup_.seed, name, how);
     if (!made) return tl::unexpected<Error>(made.error());
@@ -67,7 +70,8 @@ Status Device::make(std::uint64_t draw) {
   return {};
 }
 
-Status Device::capture(std::uint64_t index, const WorldMotion& motion, const Exposure& exposure, DatasetView& view) {
+Status Device::capture(std::uint64_t index, const WorldMotion& motion, const Exposure& exposure,
+                       DatasetView& view) {
   view.channel = setup_.entry.name;
   view.kind = setup_.entry.kind;
   view.device = draw_;
@@ -83,9 +87,8 @@ Status Device::capture(std::uint64_t index, const WorldMotion& motion, const Exp
     r.width_px = view.width = geometry.width_px;
     r.height_px = view.height = geometry.height_px;
     const auto read = catch_config([&] {
-      r.exposure = seconds_from(
-          1e-6 * exposure.exposure_us.value_or(
-                     setup_.params.number_or("exposure_us", geometry.exposure.seconds() * 1e6, {.min = 1})));
+      r.exposure = seconds_from(1e-6 * exposure.exposure_us.value_or(setup_.params.number_or(
+                                           "exposure_us", geometry.exposure.seconds() * 1e6, {.min = 1})));
       r.gain_db = exposure.gain_db.value_or(setup_.params.number_or("gain_db", 0));
       return true;
     });

@@ -32,7 +32,8 @@ class Device {
   [[nodiscard]] static Result<std::unique_ptr<Device>> create(const Setup& setup);
   /// bad_input: the sensor model says nothing about how sure its numbers are.
   [[nodiscard]] Status can_be_drawn() const;
-  /// From now on device number `draw` of those that the sensor model describes, with noise of its own; 0: the model.
+  /// From now on device number `draw` of those that the sensor model describes, with noise of its own; 0: the
+  /// model.
   [[nodiscard]] Status become(std::uint64_t draw);
   /// Fills all of a view but its pose, depths and labels.
   [[nodiscard]] Status capture(std::uint64_t index, const WorldMotion& motion, const Exposure& exposure,

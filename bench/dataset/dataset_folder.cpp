@@ -66,7 +66,8 @@ json lens_json(const CameraModel& m) {
          {"fy_px", m.fy_px},       {"cx_px", m.cx_px},         {"cy_px", m.cy_px}};
   if (m.projection == Projection::opencv) {
     j["projection"] = "opencv";
-    j["distortion"] = {m.lens.k1, m.lens.k2, m.lens.p1, m.lens.p2, m.lens.k3, m.lens.k4, m.lens.k5, m.lens.k6};
+    j["distortion"] = {m.lens.k1, m.lens.k2, m.lens.p1, m.lens.p2,
+                       m.lens.k3, m.lens.k4, m.lens.k5, m.lens.k6};
   } else {
     j["projection"] = "kannala_brandt";
     j["distortion"] = {m.fisheye.k1, m.fisheye.k2, m.fisheye.k3, m.fisheye.k4};
@@ -115,7 +116,9 @@ struct DatasetFolder::Impl {
   json manifest;
 
   [[nodiscard]] std::string number(std::uint64_t index) const { return fmt::format("{:06}", index); }
-  [[nodiscard]] fs::path sample_file(std::uint64_t index) const { return dir / "samples" / (number(index) + ".json"); }
+  [[nodiscard]] fs::path sample_file(std::uint64_t index) const {
+    return dir / "samples" / (number(index) + ".json");
+  }
   Status take();
   Status check_manifest();
   void remove_parts() const;
@@ -150,19 +153,23 @@ Status DatasetFolder::Impl::check_manifest() {
   if (fs::exists(file, ec)) {
     const json there = json::parse(read_whole(file), nullptr, false);
     if (there.is_discarded() || !there.is_object())
-      return fail(ErrorCode::bad_input, file.string(),
-                  "expected what an earlier `rigor dataset` wrote, got something else; give another folder with -o");
+      return fail(
+          ErrorCode::bad_input, file.string(),
+          "expected what an earlier `rigor dataset` wrote, got something else; give another folder with -o");
     const std::string d = difference(there, manifest, "");
     if (!d.empty())
-      return fail(ErrorCode::bad_input, file.string(),
-                  "expected a folder of the same dataset, to be continued; " + d + "; give another folder with -o");
+      return fail(
+          ErrorCode::bad_input, file.string(),
+          "expected a folder of the same dataset, to be continued; " + d + "; give another folder with -o");
     return {};
   }
   for (const auto& entry : fs::directory_iterator(dir, ec)) {
     const std::string name = entry.path().filename().string();
     if (!name.starts_with(".dataset."))
-      return fail(ErrorCode::bad_input, dir.string(),
-                  fmt::format("expected an empty folder or a dataset, got one with {} in it; give another with -o", name));
+      return fail(
+          ErrorCode::bad_input, dir.string(),
+          fmt::format("expected an empty folder or a dataset, got one with {} in it; give another with -o",
+                      name));
   }
   return write_output(file, manifest.dump(2) + "\n");
 }
@@ -181,7 +188,8 @@ void DatasetFolder::Impl::remove_parts() const {
 
 Result<std::unique_ptr<DatasetFolder>> DatasetFolder::open(const fs::path& dir, const Dataset& dataset,
                                                            const DatasetFolderOptions& options) {
-  std::unique_ptr<DatasetFolder> folder(new DatasetFolder(std::unique_ptr<Impl>(new Impl{dir, dataset, options, -1, {}})));
+  std::unique_ptr<DatasetFolder> folder(
+      new DatasetFolder(std::unique_ptr<Impl>(new Impl{dir, dataset, options, -1, {}})));
   Impl& f = *folder->impl_;
   f.manifest = dataset.manifest();
   std::vector<std::string> layers;  // in one order, whatever was written
@@ -190,9 +198,8 @@ Result<std::unique_ptr<DatasetFolder>> DatasetFolder::open(const fs::path& dir, 
         std::find(options.layers.begin(), options.layers.end(), layer) != options.layers.end())
       layers.push_back(layer);
   f.options.layers = layers;
-  f.manifest["folder"] = {{"layers", layers},
-                          {"arrays", options.exr ? "exr" : "npy"},
-                          {"min_area_px", options.min_area_px}};
+  f.manifest["folder"] = {
+      {"layers", layers}, {"arrays", options.exr ? "exr" : "npy"}, {"min_area_px", options.min_area_px}};
   if (auto s = f.take(); !s) return tl::unexpected<Error>(s.error());
   if (auto s = f.check_manifest(); !s) return tl::unexpected<Error>(s.error());
   f.remove_parts();
@@ -241,17 +248,22 @@ Status DatasetFolder::Impl::write_layers(const std::string& name, const DatasetV
     if (auto s = numbers("normal", view.truth.normal, 3, {"normal.X", "normal.Y", "normal.Z"}); !s) return s;
   if (wanted("flow") && view.truth.flow_px.size() == 2 * w * h)
     if (auto s = numbers("flow", view.truth.flow_px, 2, {"flow.X", "flow.Y"}); !s) return s;
-  const auto text = [](const std::vector<std::uint8_t>& bytes) { return std::string(bytes.begin(), bytes.end()); };
+  const auto text = [](const std::vector<std::uint8_t>& bytes) {
+    return std::string(bytes.begin(), bytes.end());
+  };
   if (wanted("instance"))
-    if (auto s = put("instance", ".png", text(png16_of(view.labels.instance, static_cast<int>(w), static_cast<int>(h))));
+    if (auto s = put("instance", ".png",
+                     text(png16_of(view.labels.instance, static_cast<int>(w), static_cast<int>(h))));
         !s)
       return s;
   if (wanted("class"))
-    return put("class", ".png", text(png_of(view.labels.category, static_cast<int>(w), static_cast<int>(h), 1)));
+    return put("class", ".png",
+               text(png_of(view.labels.category, static_cast<int>(w), static_cast<int>(h), 1)));
   return {};
 }
 
-Status DatasetFolder::Impl::write_view(const DatasetSample& sample, const DatasetView& view, json& described) {
+Status DatasetFolder::Impl::write_view(const DatasetSample& sample, const DatasetView& view,
+                                       json& described) {
   const std::string name = number(sample.index);
   json files = json::object();
   described = {{"kind", kind_name(view.kind)}, {"T_world_sensor", pose_json(view.T_world_sensor)}};
@@ -274,10 +286,11 @@ Status DatasetFolder::Impl::write_view(const DatasetSample& sample, const Datase
     }
     if (auto s = write_layers(name, view, files); !s) return s;
     json instances = json::array();
-    const auto runs = coco::runs_of(view.labels.instance, view.width, view.height, view.labels.instances.size());
+    const auto runs =
+        coco::runs_of(view.labels.instance, view.width, view.height, view.labels.instances.size());
     for (const DatasetInstance& i : view.labels.instances) {
-      json j{{"id", i.id},       {"node", i.node},       {"category_id", i.category},
-             {"bbox", i.box_px}, {"area", i.area_px},    {"cut_off", i.cut_off}};
+      json j{{"id", i.id},       {"node", i.node},    {"category_id", i.category},
+             {"bbox", i.box_px}, {"area", i.area_px}, {"cut_off", i.cut_off}};
       if (!i.name.empty()) j["name"] = i.name;
       if (std::isfinite(i.median_depth_m)) j["depth_m"] = i.median_depth_m;
       if (i.area_px >= options.min_area_px) j["counts"] = coco::compress(runs[i.id - 1]);
@@ -299,7 +312,8 @@ Status DatasetFolder::write(const DatasetSample& sample) {
     rejected.push_back({{"position_m", {r.position_m.x(), r.position_m.y(), r.position_m.z()}},
                         {"reason", r.reason},
                         {"detail", r.detail}});
-  json j{{"sample", sample.index}, {"split", sample.split}, {"conditions", conditions}, {"rejected", rejected}};
+  json j{
+      {"sample", sample.index}, {"split", sample.split}, {"conditions", conditions}, {"rejected", rejected}};
   json channels = json::object();
   for (const DatasetView& view : sample.views)
     if (auto s = f.write_view(sample, view, channels[view.channel]); !s) return s;

@@ -13,8 +13,8 @@ namespace dataset {
 namespace {
 
 Result<std::vector<double>> numbers(const Written& written, std::size_t count, const char* what) {
-  const auto wrong = fail(ErrorCode::bad_input, written.where,
-                          fmt::format("expected {}, got \"{}\"", what, written.text));
+  const auto wrong =
+      fail(ErrorCode::bad_input, written.where, fmt::format("expected {}, got \"{}\"", what, written.text));
   std::vector<double> out;
   for (std::size_t at = 0; at <= written.text.size();) {
     const std::size_t end = std::min(written.text.find(',', at), written.text.size());
@@ -89,7 +89,8 @@ PoseChoice read_poses(const ConfigNode& n) {
     p.kind = PoseChoice::Kind::within;
     const auto v = n.numbers("within", 4);
     if (v[0] > v[2] || v[1] > v[3])
-      throw n.error("within", "expected [x0, y0, x1, y1] with x0 up to x1 and y0 up to y1, got another order");
+      throw n.error("within",
+                    "expected [x0, y0, x1, y1] with x0 up to x1 and y0 up to y1, got another order");
     p.within = {v[0], v[1], v[2], v[3]};
   } else {
     const char* key = n.has("file") ? "file" : "along";

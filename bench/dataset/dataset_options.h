@@ -37,9 +37,10 @@ struct DatasetOptions {
   dataset::PoseChoice poses;
   double clearance_m = 0.5;  ///< 0 to ClearanceProbe::kReach_m; 0: poses are not looked at
   std::vector<dataset::Variation> vary;
-  bool draw_devices = false;  ///< each sample by another device of those that the models' covariances describe
+  bool draw_devices =
+      false;  ///< each sample by another device of those that the models' covariances describe
   bool truth = true;
-  std::string renderer;                    ///< "rays", "raster"; empty: what the rig says, else rays
+  std::string renderer;                     ///< "rays", "raster"; empty: what the rig says, else rays
   std::array<double, 3> split{80, 10, 10};  ///< weights of train, val, test
 
   static constexpr std::uint64_t kMostSamples = 10'000'000;

@@ -28,7 +28,8 @@ Result<json> read_sample(const fs::path& file) {
                      j["channels"].is_object() && j.contains("rejected");
   if (!whole)
     return fail(ErrorCode::bad_input, file.string(),
-                "expected a sample of a dataset, got something else; remove the file, and start again: it is made anew");
+                "expected a sample of a dataset, got something else; remove the file, and start again: it is "
+                "made anew");
   return j;
 }
 
@@ -52,7 +53,8 @@ class TextFile {
     if (error_ == 0 && std::fwrite(text.data(), 1, text.size(), file_) != text.size()) error_ = errno;
   }
   Status close() {
-    if (file_ && error_ == 0 && (std::fflush(file_) != 0 || ::fdatasync(::fileno(file_)) != 0)) error_ = errno;
+    if (file_ && error_ == 0 && (std::fflush(file_) != 0 || ::fdatasync(::fileno(file_)) != 0))
+      error_ = errno;
     if (file_ && std::fclose(std::exchange(file_, nullptr)) != 0 && error_ == 0) error_ = errno;
     if (error_ != 0) return tl::unexpected<Error>(output_error(path_, error_));
     return {};
@@ -104,9 +106,9 @@ CocoImage coco_of(const json& sample, const json& view, std::uint32_t min_area_p
   return out;
 }
 
-Result<std::uint64_t> write_annotations(const fs::path& file, const std::string& channel, const std::string& split,
-                                        const std::vector<Known>& samples, const json& categories,
-                                        std::uint32_t min_area_px) {
+Result<std::uint64_t> write_annotations(const fs::path& file, const std::string& channel,
+                                        const std::string& split, const std::vector<Known>& samples,
+                                        const json& categories, std::uint32_t min_area_px) {
   std::uint64_t count = 0;
   auto written = write_output(file, [&](const fs::path& part) -> Status {
     TextFile out(part);
@@ -172,8 +174,9 @@ Result<DatasetFolder::Summary> summarize(const fs::path& dir, const json& manife
     for (const Dataset::Channel& channel : dataset.channels()) {
       if (channel.kind == SampleKind::point_cloud) continue;
       for (const char* split : kSplits) {
-        const auto count = write_annotations(dir / "annotations" / fmt::format("{}_{}.json", channel.name, split),
-                                             channel.name, split, samples, categories, min_area_px);
+        const auto count =
+            write_annotations(dir / "annotations" / fmt::format("{}_{}.json", channel.name, split),
+                              channel.name, split, samples, categories, min_area_px);
         if (!count) return tl::unexpected<Error>(count.error());
         summary.annotations += *count;
       }

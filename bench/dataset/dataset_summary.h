@@ -1,5 +1,5 @@
-// What a folder of a dataset has beside its samples: annotations as COCO has them, splits, README. Internal to
-// bench/dataset.
+// What a folder of a dataset has beside its samples: annotations as COCO has them, splits, README. Internal
+// to bench/dataset.
 #pragma once
 
 #include <filesystem>

@@ -12,8 +12,8 @@ namespace rigor {
 namespace {
 
 /// Types whose nodes have no surface.
-constexpr std::string_view kUnseen[] = {"Object",     "Place",         "Frame",       "Hinge",
-                                        "Material",   "LandCover",     "Imagery",     "Atmosphere",
+constexpr std::string_view kUnseen[] = {"Object",      "Place",         "Frame",   "Hinge",
+                                        "Material",    "LandCover",     "Imagery", "Atmosphere",
                                         "StudioLight", "WeatherSeries", "Lamp"};
 constexpr std::string_view kStuff[] = {"Terrain", "GroundPlane", "GroundVegetation", "Road", "Water"};
 
@@ -62,7 +62,8 @@ DatasetLabels label(const GroundTruth& truth, std::span<const float> depth_m,
     if (!category) continue;
     out.category[i] = static_cast<std::uint8_t>(category->id);
     if (!category->thing) continue;
-    const auto x = static_cast<std::uint32_t>(i % truth.width), y = static_cast<std::uint32_t>(i / truth.width);
+    const auto x = static_cast<std::uint32_t>(i % truth.width),
+               y = static_cast<std::uint32_t>(i / truth.width);
     auto [it, fresh] = things.try_emplace(truth.node[i]);
     Thing& t = it->second;
     if (fresh) {

@@ -12,8 +12,8 @@
 
 namespace rigor {
 
-/// A class of a dataset: a type of the world's nodes that can be seen. Ids are from 1 in the order of names, and
-/// the same for all datasets of one world.
+/// A class of a dataset: a type of the world's nodes that can be seen. Ids are from 1 in the order of names,
+/// and the same for all datasets of one world.
 struct DatasetCategory {
   int id = 0;
   std::string name, base;  ///< of the type, and of the one that it derives from

@@ -16,9 +16,8 @@ namespace {
 constexpr double kFarthest_m = 1e8, kDegrees = 360000;
 
 const std::vector<std::string>& pose_columns() {
-  static const std::vector<std::string> kColumns{"x_m",       "y_m",      "z_m", "height_m", "yaw_deg",
-                                                 "pitch_deg", "roll_deg", "qw",  "qx",       "qy",
-                                                 "qz"};
+  static const std::vector<std::string> kColumns{"x_m",      "y_m", "z_m", "height_m", "yaw_deg", "pitch_deg",
+                                                 "roll_deg", "qw",  "qx",  "qy",       "qz"};
   return kColumns;
 }
 
@@ -143,7 +142,8 @@ Result<PoseSource> PoseSource::create(const PoseChoice& choice) {
 }
 
 WantedPose PoseSource::at(std::uint64_t seed, std::uint64_t index, std::uint32_t attempt) const {
-  const auto a = draw(seed, Draw::pose, index, 2 * attempt), b = draw(seed, Draw::pose, index, 2 * attempt + 1);
+  const auto a = draw(seed, Draw::pose, index, 2 * attempt),
+             b = draw(seed, Draw::pose, index, 2 * attempt + 1);
   if (!list_.empty()) {
     WantedPose pose = list_[index % list_.size()];
     if (!pose.z_m && !pose.height_m && choice_.height_m) pose.height_m = choice_.height_m->at(a[2]);
@@ -159,9 +159,9 @@ WantedPose PoseSource::at(std::uint64_t seed, std::uint64_t index, std::uint32_t
     return pose;
   }
   const double s = length_m_.back() * a[0];
-  const auto next = static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(
-      std::upper_bound(length_m_.begin(), length_m_.end(), s) - length_m_.begin(), 1,
-      static_cast<std::ptrdiff_t>(path_.size()) - 1));
+  const auto next = static_cast<std::size_t>(
+      std::clamp<std::ptrdiff_t>(std::upper_bound(length_m_.begin(), length_m_.end(), s) - length_m_.begin(),
+                                 1, static_cast<std::ptrdiff_t>(path_.size()) - 1));
   const Eigen::Vector2d along = (path_[next] - path_[next - 1]).normalized();
   const Eigen::Vector2d p = path_[next - 1] + (s - length_m_[next - 1]) * along +
                             choice_.lateral_m.at(a[1]) * Eigen::Vector2d(-along.y(), along.x());

@@ -1,11 +1,13 @@
 // Where the samples of a dataset are taken: a list of poses, or a distribution that poses are drawn from.
 //
-//   file      poses.csv: x_m,y_m and z_m (world) or height_m (above the ground); yaw_deg, pitch_deg, roll_deg, or
+//   file      poses.csv: x_m,y_m and z_m (world) or height_m (above the ground); yaw_deg, pitch_deg,
+//   roll_deg, or
 //             qw,qx,qy,qz; what is left away has the value of the options
 //   within    evenly in a rectangle of the world
 //   along     evenly along a path (x_m,y_m), facing along it
 //
-// A pose is that of the carrier: x forward, y left, z up, R = Rz(yaw) Ry(pitch) Rx(roll); positive pitch looks down.
+// A pose is that of the carrier: x forward, y left, z up, R = Rz(yaw) Ry(pitch) Rx(roll); positive pitch
+// looks down.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -20,12 +22,12 @@ namespace rigor::dataset {
 
 struct PoseChoice {
   enum class Kind : std::uint8_t { rig, list, within, along };
-  Kind kind = Kind::rig;                 ///< rig: where the rig has its sensors, for each sample
-  std::filesystem::path file;            ///< list, along
-  std::string where;                     ///< what named the file, for messages
-  std::array<double, 4> within{};        ///< x0 y0 x1 y1, m
-  std::optional<Interval> height_m;      ///< above the ground; empty: as the rig has its sensors
-  std::optional<Interval> yaw_deg;       ///< along: added to the path's; empty: within all round, else 0
+  Kind kind = Kind::rig;             ///< rig: where the rig has its sensors, for each sample
+  std::filesystem::path file;        ///< list, along
+  std::string where;                 ///< what named the file, for messages
+  std::array<double, 4> within{};    ///< x0 y0 x1 y1, m
+  std::optional<Interval> height_m;  ///< above the ground; empty: as the rig has its sensors
+  std::optional<Interval> yaw_deg;   ///< along: added to the path's; empty: within all round, else 0
   Interval pitch_deg, roll_deg;
   Interval lateral_m;  ///< along: to the left of the path
 };
@@ -44,8 +46,8 @@ class PoseSource {
   [[nodiscard]] static Result<PoseSource> create(const PoseChoice& choice);
   /// Of a list; 0 elsewhere.
   [[nodiscard]] std::size_t listed() const { return list_.size(); }
-  /// Of sample `index`: pose number index, and over again from the first, of a list; else the draw number `attempt`.
-  /// Not for Kind::rig.
+  /// Of sample `index`: pose number index, and over again from the first, of a list; else the draw number
+  /// `attempt`. Not for Kind::rig.
   [[nodiscard]] WantedPose at(std::uint64_t seed, std::uint64_t index, std::uint32_t attempt) const;
 
  private:

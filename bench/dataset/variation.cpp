@@ -59,10 +59,10 @@ Result<Values> Values::parse(const Written& written) {
   if (text.find("..") != std::string_view::npos || v.logarithmic_) {
     const auto ends = range_of(text);
     if (!ends || ends->from > ends->to || (v.logarithmic_ && ends->from <= 0))
-      return fail(ErrorCode::bad_input, written.where,
-                  fmt::format("expected two numbers, the smaller one first{}, such as {}50..500, got \"{}\"",
-                              v.logarithmic_ ? " and above 0" : "", v.logarithmic_ ? "log:" : "",
-                              written.text));
+      return fail(
+          ErrorCode::bad_input, written.where,
+          fmt::format("expected two numbers, the smaller one first{}, such as {}50..500, got \"{}\"",
+                      v.logarithmic_ ? " and above 0" : "", v.logarithmic_ ? "log:" : "", written.text));
     v.from_ = ends->from;
     v.to_ = ends->to;
     return v;
@@ -70,9 +70,10 @@ Result<Values> Values::parse(const Written& written) {
   v.words_ = split_words(written.text);
   for (const std::string& word : v.words_)
     if (word.empty())
-      return fail(ErrorCode::bad_input, written.where,
-                  fmt::format("expected values with commas between them, or a range such as 50..500, got \"{}\"",
-                              written.text));
+      return fail(
+          ErrorCode::bad_input, written.where,
+          fmt::format("expected values with commas between them, or a range such as 50..500, got \"{}\"",
+                      written.text));
   return v;
 }
 
@@ -124,9 +125,7 @@ Result<Variation> Variation::parse(const std::string& key, const Written& writte
   auto values = Values::parse(written);
   if (!values) return tl::unexpected<Error>(values.error());
   v.values = std::move(*values);
-  const auto wrong = [&](const std::string& what) {
-    return fail(ErrorCode::bad_input, written.where, what);
-  };
+  const auto wrong = [&](const std::string& what) { return fail(ErrorCode::bad_input, written.where, what); };
   const auto all_numbers = [&]() -> Status {
     for (const std::string& word : v.values.words())
       if (!number(word))
@@ -156,14 +155,16 @@ Result<Variation> Variation::parse(const std::string& key, const Written& writte
     v.name = rest.substr(0, last);
     v.attribute = last == std::string::npos ? "" : rest.substr(last + 1);
     if (v.attribute != "exposure_us" && v.attribute != "gain_db")
-      return wrong(fmt::format("expected channels.NAME.exposure_us or channels.NAME.gain_db, got \"{}\"", key));
+      return wrong(
+          fmt::format("expected channels.NAME.exposure_us or channels.NAME.gain_db, got \"{}\"", key));
     if (auto s = all_numbers(); !s) return tl::unexpected<Error>(s.error());
     return v;
   }
   if (rest.empty() || first.front() < 'A' || first.front() > 'Z')
-    return wrong(fmt::format("expected simulation.weather, Type.attribute, joint.NAME or channels.NAME.exposure_us "
-                             "or .gain_db, got \"{}\"",
-                             key));
+    return wrong(
+        fmt::format("expected simulation.weather, Type.attribute, joint.NAME or channels.NAME.exposure_us "
+                    "or .gain_db, got \"{}\"",
+                    key));
   return v;
 }
 
@@ -171,8 +172,8 @@ std::array<double, 4> draw(std::uint64_t seed, Draw what, std::uint64_t index, s
   // A key of its own for each kind of draw.
   static constexpr std::string_view kNames[] = {"dataset.pose", "dataset.value", "dataset.device",
                                                 "dataset.split"};
-  const auto key = models::channel_key(
-      seed, models::channel_id_from_name(kNames[static_cast<std::size_t>(what)]));
+  const auto key =
+      models::channel_key(seed, models::channel_id_from_name(kNames[static_cast<std::size_t>(what)]));
   const auto words = models::philox(
       {element, 0, static_cast<std::uint32_t>(index), static_cast<std::uint32_t>(index >> 32)}, key);
   std::array<double, 4> u{};

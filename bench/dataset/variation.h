@@ -62,15 +62,15 @@ struct Variation {
   [[nodiscard]] static Result<Variation> parse(const std::string& key, const Written& written);
 };
 
-/// Attributes of the Atmosphere that a preset sets, the same ones for each; empty for `world`. `preset` is one of
-/// kWeatherPresets.
+/// Attributes of the Atmosphere that a preset sets, the same ones for each; empty for `world`. `preset` is
+/// one of kWeatherPresets.
 [[nodiscard]] std::vector<std::pair<std::string, std::string>> weather_preset(const std::string& preset);
 [[nodiscard]] const std::vector<std::string>& weather_presets();
 
-/// Key and value of each variation, in their order, in sample `index`. A variation of an attribute that presets
-/// of the weather set is in force only where the sample's preset has another value than `clear`: of
-/// `simulation.weather=clear,fog` and `Atmosphere.fog_visibility_m=50..500` the latter says how thick the fog is
-/// in samples with fog; elsewhere its value is empty.
+/// Key and value of each variation, in their order, in sample `index`. A variation of an attribute that
+/// presets of the weather set is in force only where the sample's preset has another value than `clear`: of
+/// `simulation.weather=clear,fog` and `Atmosphere.fog_visibility_m=50..500` the latter says how thick the fog
+/// is in samples with fog; elsewhere its value is empty.
 [[nodiscard]] std::vector<std::pair<std::string, std::string>> draw_conditions(
     const std::vector<Variation>& variations, std::uint64_t seed, std::uint64_t index);
 

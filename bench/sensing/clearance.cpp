@@ -57,7 +57,8 @@ Result<std::optional<ClearanceProbe::Obstacle>> ClearanceProbe::nearest(const Wo
     if (fresh) {
       const std::string type = moment.type_name(node);
       const std::string& name = world.get_or_default(node, object.name);
-      it->second = type != "Terrain" && type != "GroundPlane" && type != "GroundVegetation" && type != "Road" && type != "Water" && !type.empty() &&
+      it->second = type != "Terrain" && type != "GroundPlane" && type != "GroundVegetation" &&
+                   type != "Road" && type != "Water" && !type.empty() &&
                    (carrier.empty() || !name.starts_with(std::string(carrier) + "."));
     }
     return it->second;

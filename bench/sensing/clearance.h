@@ -1,12 +1,12 @@
-// How near things stand to a point of the world: whether a sensor that is put there would be inside a trunk or
-// against a wall.
+// How near things stand to a point of the world: whether a sensor that is put there would be inside a trunk
+// or against a wall.
 //
 //   auto probe = simulation.clearance_probe();
 //   auto near = (*probe)->nearest(motion, p_world, 0.5, "robot");   // empty: nothing within half a metre
 //
-// Rays go out of the point all round, and come in from a sphere around it, because from inside a hull one sees
-// out. The ground and what grows on it (Terrain, GroundPlane, GroundVegetation, Road, Water) do not count, nor does a
-// platform that carries the sensor.
+// Rays go out of the point all round, and come in from a sphere around it, because from inside a hull one
+// sees out. The ground and what grows on it (Terrain, GroundPlane, GroundVegetation, Road, Water) do not
+// count, nor does a platform that carries the sensor.
 #pragma once
 
 #include <memory>

@@ -19,7 +19,8 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 TEST(CocoRle, IsWhatPycocotoolsWrites) {
-  // pycocotools.mask.encode of a 3 x 4 picture whose middle column's lower two pixels are set: runs 4 2 6, "426".
+  // pycocotools.mask.encode of a 3 x 4 picture whose middle column's lower two pixels are set: runs 4 2 6,
+  // "426".
   const std::vector<std::uint16_t> ids{0, 0, 0, 0,  //
                                        0, 1, 0, 0,  //
                                        0, 1, 0, 0};
@@ -84,7 +85,8 @@ TEST(DatasetConditions, DependOnSeedKeyAndIndexAlone) {
 }
 
 TEST(DatasetConditions, RefineAPresetOnlyWhereItHasThatWeather) {
-  const auto v = variations({{"simulation.weather", "clear,fog"}, {"Atmosphere.fog_visibility_m", "50..500"}});
+  const auto v =
+      variations({{"simulation.weather", "clear,fog"}, {"Atmosphere.fog_visibility_m", "50..500"}});
   int fog = 0;
   for (std::uint64_t k = 0; k < 50; ++k) {
     const auto c = draw_conditions(v, 1, k);
@@ -117,7 +119,8 @@ TEST(Npy, HasItsDataAtAMultipleOf64Bytes) {
   const std::size_t length = static_cast<unsigned char>(file[8]) + 256U * static_cast<unsigned char>(file[9]);
   EXPECT_EQ((10 + length) % 64, 0u);
   EXPECT_EQ(file.size(), 10 + length + 12);
-  EXPECT_THAT(file.substr(10, length), HasSubstr("{'descr': '<f4', 'fortran_order': False, 'shape': (3,), }"));
+  EXPECT_THAT(file.substr(10, length),
+              HasSubstr("{'descr': '<f4', 'fortran_order': False, 'shape': (3,), }"));
   EXPECT_EQ(file[10 + length - 1], '\n');
   EXPECT_EQ(std::memcmp(file.data() + 10 + length, values.data(), 12), 0);
 }

@@ -1,6 +1,6 @@
 // `rigor dataset`: from a rig to a folder, as a user and as a program that reads it sees it.
-#include <gmock/gmock.h>
 #include <fcntl.h>
+#include <gmock/gmock.h>
 #include <signal.h>
 #include <sys/file.h>
 #include <unistd.h>
@@ -55,7 +55,8 @@ std::vector<bool> mask_of(const json& segmentation) {
 /// Numbers of a file of NumPy whose elements are float32.
 std::vector<float> floats_of(const fs::path& file) {
   const std::string bytes = read_file(file);
-  const std::size_t header = 10 + static_cast<unsigned char>(bytes[8]) + 256U * static_cast<unsigned char>(bytes[9]);
+  const std::size_t header =
+      10 + static_cast<unsigned char>(bytes[8]) + 256U * static_cast<unsigned char>(bytes[9]);
   EXPECT_THAT(bytes.substr(0, header), HasSubstr("'<f4'"));
   std::vector<float> values((bytes.size() - header) / sizeof(float));
   std::memcpy(values.data(), bytes.data() + header, values.size() * sizeof(float));
@@ -93,7 +94,8 @@ class DatasetCommand : public SensingBench {
   json annotations(const std::string& folder, const std::string& channel) {
     json all = json::array();
     for (const char* split : {"train", "val", "test"}) {
-      const json coco = json::parse(read_file(dir / (folder + "/annotations/" + channel + "_" + split + ".json")));
+      const json coco =
+          json::parse(read_file(dir / (folder + "/annotations/" + channel + "_" + split + ".json")));
       all.insert(all.end(), coco["annotations"].begin(), coco["annotations"].end());
     }
     return all;
@@ -104,9 +106,11 @@ TEST_F(DatasetCommand, HasBoxesMasksAndDepthsThatFitWhatIsThere) {
   const Said said = make({"--channels", "camera,tof", "--sample", "1", "-o", "out"});
   ASSERT_EQ(said.status, 0) << said.err;
   const json boxes = annotations("out", "camera");
-  const auto block = std::find_if(boxes.begin(), boxes.end(), [](const json& b) { return b.value("name", "") == "block"; });
+  const auto block =
+      std::find_if(boxes.begin(), boxes.end(), [](const json& b) { return b.value("name", "") == "block"; });
   ASSERT_NE(block, boxes.end()) << boxes.dump();
-  // A cube of 0.4 m, 4.03 m away, in the middle of a picture of 60 pixels a radian: its near face is 6.6 pixels wide.
+  // A cube of 0.4 m, 4.03 m away, in the middle of a picture of 60 pixels a radian: its near face is 6.6
+  // pixels wide.
   const json& box = (*block)["bbox"];
   EXPECT_NEAR(box[0].get<double>() + box[2].get<double>() / 2, 32, 1);
   EXPECT_NEAR(box[1].get<double>() + box[3].get<double>() / 2, 24, 1.5);
@@ -135,16 +139,19 @@ TEST_F(DatasetCommand, HasBoxesMasksAndDepthsThatFitWhatIsThere) {
   EXPECT_FALSE(annotations("out", "tof").empty());
   for (const float d : floats_of(dir / "out/tof/depth/000000.npy"))
     if (d > 4.5F) EXPECT_NEAR(d, 5, 0.001) << "the wall, 5 m in front of the time-of-flight camera";
-  EXPECT_THAT(read_file(dir / "out/README.md"), AllOf(HasSubstr("camera/depth/*.npy"), HasSubstr("| 1 | Body | yes |")));
+  EXPECT_THAT(read_file(dir / "out/README.md"),
+              AllOf(HasSubstr("camera/depth/*.npy"), HasSubstr("| 1 | Body | yes |")));
   EXPECT_THAT(said.out, HasSubstr("out: 1 of 1 samples"));
 }
 
 TEST_F(DatasetCommand, LabelsPointsToo) {
   ASSERT_EQ(make({"--channels", "round", "--sample", "1", "-o", "out"}).status, 0);
   const std::string bytes = read_file(dir / "out/round/points/000000.npy");
-  const std::size_t header = 10 + static_cast<unsigned char>(bytes[8]) + 256U * static_cast<unsigned char>(bytes[9]);
+  const std::size_t header =
+      10 + static_cast<unsigned char>(bytes[8]) + 256U * static_cast<unsigned char>(bytes[9]);
   EXPECT_THAT(bytes.substr(0, header),
-              AllOf(HasSubstr("('x', '<f4')"), HasSubstr("('class', '|u1'), ('node', '<u8'), ('true_range', '<f4')")));
+              AllOf(HasSubstr("('x', '<f4')"),
+                    HasSubstr("('class', '|u1'), ('node', '<u8'), ('true_range', '<f4')")));
   constexpr std::size_t kPoint = 4 * 4 + 4 + 2 + 1 + 1 + 8 + 4;
   ASSERT_EQ((bytes.size() - header) % kPoint, 0u);
   std::size_t points = 0;
@@ -159,9 +166,17 @@ TEST_F(DatasetCommand, LabelsPointsToo) {
   EXPECT_GT(points, 100u);
 }
 
-const std::vector<std::string> kDrawn{"--channels", "camera",  "--within=-2,-1,0,1", "--height", "0.3..1",
-                                      "--yaw",      "-30..30", "--vary",             "joint.turntable=0..360",
-                                      "--vary",     "simulation.weather=clear,fog"};
+const std::vector<std::string> kDrawn{"--channels",
+                                      "camera",
+                                      "--within=-2,-1,0,1",
+                                      "--height",
+                                      "0.3..1",
+                                      "--yaw",
+                                      "-30..30",
+                                      "--vary",
+                                      "joint.turntable=0..360",
+                                      "--vary",
+                                      "simulation.weather=clear,fog"};
 std::vector<std::string> drawn(std::vector<std::string> more) {
   std::vector<std::string> words = kDrawn;
   words.insert(words.end(), more.begin(), more.end());
@@ -175,7 +190,9 @@ TEST_F(DatasetCommand, ASampleIsTheSameWhateverElseIsMade) {
   for (const auto& [name, bytes] : files_below(dir / "some"))
     if (name.find("000003") != std::string::npos) {
       EXPECT_EQ(bytes, read_file(dir / ("all/" + name))) << name;
-      EXPECT_NE(bytes, read_file(dir / ("all/" + std::string(name).replace(name.find("000003"), 6, "000002")))) << name;
+      EXPECT_NE(bytes,
+                read_file(dir / ("all/" + std::string(name).replace(name.find("000003"), 6, "000002"))))
+          << name;
     }
   EXPECT_FALSE(fs::exists(dir / "some/samples/000002.json"));
   ASSERT_EQ(make(drawn({"--sample", "5", "-o", "some"})).status, 0);
@@ -234,7 +251,8 @@ TEST_F(DatasetCommand, LeavesOutPosesInsideOfThingsAndSaysWhy) {
              "x_m,y_m,z_m,yaw_deg\n-1,0,0.5,0\n4.1,0,0.5,0\n0,2,0.5,0\n3.8,1,0.5,180\n0,0,-1,0\n");
   const Said said = make({"--channels", "camera", "--poses", "poses.csv", "-o", "out"});
   ASSERT_EQ(said.status, 0) << said.err;
-  EXPECT_THAT(said.out, AllOf(HasSubstr("out: 2 of 5 samples"), HasSubstr("3 left out"), HasSubstr("1 below the ground")));
+  EXPECT_THAT(said.out, AllOf(HasSubstr("out: 2 of 5 samples"), HasSubstr("3 left out"),
+                              HasSubstr("1 below the ground")));
   for (const char* gone : {"000001", "000003", "000004"}) {
     EXPECT_TRUE(sample("out", gone)["channels"].empty()) << gone;
     EXPECT_FALSE(fs::exists(dir / ("out/camera/image/" + std::string(gone) + ".png")));
@@ -265,7 +283,8 @@ calibration:
   std::set<std::uint64_t> devices;
   for (const char* number : {"000000", "000001", "000002"}) {
     devices.insert(sample("out", number)["channels"]["flat"]["device"].get<std::uint64_t>());
-    EXPECT_FALSE(sample("out", number)["channels"]["round"].contains("device")) << "its model has no covariance";
+    EXPECT_FALSE(sample("out", number)["channels"]["round"].contains("device"))
+        << "its model has no covariance";
   }
   EXPECT_EQ(devices.size(), 3u);
   const Said said = make({"--channels", "round", "--sample", "1", "--draw-devices", "-o", "none"});
@@ -275,7 +294,8 @@ calibration:
 
 TEST_F(DatasetCommand, IsDescribedByAFileWhoseMistakesHaveAPlace) {
   write_file(dir / "data.yaml",
-             "rig: rig.yaml\nchannels: [flat]\nsamples: 2\nseed: 7\nposes: { within: [-1, -1, 1, 1], height_m: 0.5..1 }\n"
+             "rig: rig.yaml\nchannels: [flat]\nsamples: 2\nseed: 7\nposes: { within: [-1, -1, 1, 1], "
+             "height_m: 0.5..1 }\n"
              "vary:\n  joint.turntable: [0, 90]\n");
   const Said said = in_dir({"dataset", "data.yaml", "-o", "out", "--sample", "1"});
   ASSERT_EQ(said.status, 0) << said.err;
@@ -287,9 +307,12 @@ TEST_F(DatasetCommand, IsDescribedByAFileWhoseMistakesHaveAPlace) {
     EXPECT_THAT(bad.err, HasSubstr(message)) << text;
     EXPECT_FALSE(fs::exists(dir / "bad")) << text;
   };
-  wrong("rig: rig.yaml\nsamples: 1\nsmaples: 2\n", "bad.yaml:3:1: smaples: unknown key; did you mean samples?");
-  wrong("rig: rig.yaml\nsamples: 1\nposes: { within: [0, 0, 1, 1], height_m: 2..1 }\n", "bad.yaml:3:41: poses.height_m: expected");
-  wrong("rig: rig.yaml\nsamples: 1\nvary:\n  joint.turntabel: 0..1\n", "bad.yaml:4:20: vary.joint.turntabel: expected a hinged node");
+  wrong("rig: rig.yaml\nsamples: 1\nsmaples: 2\n",
+        "bad.yaml:3:1: smaples: unknown key; did you mean samples?");
+  wrong("rig: rig.yaml\nsamples: 1\nposes: { within: [0, 0, 1, 1], height_m: 2..1 }\n",
+        "bad.yaml:3:41: poses.height_m: expected");
+  wrong("rig: rig.yaml\nsamples: 1\nvary:\n  joint.turntabel: 0..1\n",
+        "bad.yaml:4:20: vary.joint.turntabel: expected a hinged node");
   wrong("rig: rig.yaml\nsamples: 1\nvary: { Body.colour: 1 }\n", "expected an attribute of Body");
   wrong("rig: rig.yaml\nsamples: 1\nposes: { file: no.csv }\n", "no.csv");
 }
@@ -328,7 +351,8 @@ TEST_F(DatasetCommand, RefusesBadInputBeforeItTouchesAnything) {
 TEST_F(DatasetCommand, SaysWhenTheDiskIsFullAndGoesOnLater) {
   // No file over 8 KiB: the depths of a picture take 12.
   std::string command = "trap '' XFSZ; ulimit -f 8; exec";
-  std::vector<std::string> words = rigor_words({"dataset", "rig.yaml", "--channels", "camera", "--sample", "2", "-o", "out"});
+  std::vector<std::string> words =
+      rigor_words({"dataset", "rig.yaml", "--channels", "camera", "--sample", "2", "-o", "out"});
   for (const std::string& word : words) command += " '" + word + "'";
   const Said said = Command({"bash", "-c", command}, dir.path()).wait();
   EXPECT_EQ(said.status, 1);
