@@ -416,9 +416,12 @@ nlohmann::json Dataset::manifest() const {
   InputFiles files;
   files.add_rig(impl_->rig);
   if (!impl_->options.poses.file.empty()) files.add("poses", impl_->options.poses.file);
-  const std::filesystem::path base = impl_->rig.file.parent_path();
+  const auto whole = [](const std::filesystem::path& file) {
+    return std::filesystem::absolute(file).lexically_normal();
+  };
+  const std::filesystem::path base = whole(impl_->rig.file).parent_path();
   for (const std::string& name : files.names())
-    inputs[std::filesystem::path(name).lexically_proximate(base).generic_string()] = sha256_of(name);
+    inputs[whole(name).lexically_proximate(base).generic_string()] = sha256_of(name);
   nlohmann::json channels = nlohmann::json::array();
   for (const Channel& c : impl_->channels)
     channels.push_back({{"name", c.name}, {"kind", kind_name(c.kind)}, {"drawn", c.drawn}});

@@ -285,18 +285,20 @@ Status DatasetFolder::Impl::write_view(const DatasetSample& sample, const Datase
       if (auto s = write_output(dir / file, *png); !s) return s;
     }
     if (auto s = write_layers(name, view, files); !s) return s;
-    json instances = json::array();
-    const auto runs =
-        coco::runs_of(view.labels.instance, view.width, view.height, view.labels.instances.size());
-    for (const DatasetInstance& i : view.labels.instances) {
-      json j{{"id", i.id},       {"node", i.node},    {"category_id", i.category},
-             {"bbox", i.box_px}, {"area", i.area_px}, {"cut_off", i.cut_off}};
-      if (!i.name.empty()) j["name"] = i.name;
-      if (std::isfinite(i.median_depth_m)) j["depth_m"] = i.median_depth_m;
-      if (i.area_px >= options.min_area_px) j["counts"] = coco::compress(runs[i.id - 1]);
-      instances.push_back(std::move(j));
+    if (dataset.options().truth) {
+      json instances = json::array();
+      const auto runs =
+          coco::runs_of(view.labels.instance, view.width, view.height, view.labels.instances.size());
+      for (const DatasetInstance& i : view.labels.instances) {
+        json j{{"id", i.id},       {"node", i.node},    {"category_id", i.category},
+               {"bbox", i.box_px}, {"area", i.area_px}, {"cut_off", i.cut_off}};
+        if (!i.name.empty()) j["name"] = i.name;
+        if (std::isfinite(i.median_depth_m)) j["depth_m"] = i.median_depth_m;
+        if (i.area_px >= options.min_area_px) j["counts"] = coco::compress(runs[i.id - 1]);
+        instances.push_back(std::move(j));
+      }
+      described["instances"] = std::move(instances);
     }
-    if (dataset.options().truth) described["instances"] = std::move(instances);
   }
   described["files"] = std::move(files);
   return {};

@@ -52,13 +52,15 @@ class Writer {
     if (error_) return tl::unexpected<Error>(*error_);
     return {};
   }
-  [[nodiscard]] double spent_s() const { return spent_s_; }  ///< after finish()
+  [[nodiscard]] double spent_s() const { return spent_s_; }         ///< after finish()
+  [[nodiscard]] std::uint64_t written() const { return written_; }  ///< after finish()
 
  private:
   Status write(const DatasetSample& sample) {
     const auto begin = Clock::now();
     auto written = folder_.write(sample);
     spent_s_ += seconds_since(begin);
+    if (written) ++written_;
     return written;
   }
   void run() {
@@ -77,6 +79,7 @@ class Writer {
 
   DatasetFolder& folder_;
   double spent_s_ = 0;
+  std::uint64_t written_ = 0;
   std::mutex mutex_;
   std::condition_variable changed_;
   std::optional<DatasetSample> waiting_;  ///< until it is written
@@ -109,25 +112,20 @@ Result<Filled> fill_dataset(Dataset& dataset, DatasetFolder& folder, const FillO
     limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(options.threads));
   Writer writer(folder, options.threads != 1);
   ProgressTask progress("dataset", static_cast<double>(wanted.size()), "samples");
-  const auto with_count = [&](Error e) {
+  const auto stopped = [&](Error e) {
+    (void)writer.finish();
     e.message += fmt::format("; {} samples are whole, and the same command goes on from there",
-                             filled.there + filled.made);
+                             filled.there + writer.written());
     return tl::unexpected<Error>(std::move(e));
   };
   for (const std::uint64_t index : wanted) {
     auto sample = dataset.sample(index);
-    if (!sample) {
-      (void)writer.finish();
-      return with_count(sample.error());
-    }
-    if (auto s = writer.put(std::move(*sample)); !s) return with_count(s.error());
+    if (!sample) return stopped(sample.error());
+    if (auto s = writer.put(std::move(*sample)); !s) return stopped(s.error());
     ++filled.made;
     progress.set(static_cast<double>(filled.made));
   }
-  if (auto s = writer.finish(); !s) {
-    --filled.made;
-    return with_count(s.error());
-  }
+  if (auto s = writer.finish(); !s) return stopped(s.error());
   progress.finish();
   auto summary = folder.finish();
   if (!summary) return tl::unexpected<Error>(summary.error());

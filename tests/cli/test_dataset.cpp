@@ -232,6 +232,7 @@ TEST_F(DatasetCommand, RefusesAFolderThatIsNotItsOwn) {
   write_file(dir / "scanner.yaml", std::string(kScanner) + "echoes: { separation_m: 0.3 }\n");
   refused({"--sample", "1"}, "inputs.scanner.yaml is");
   expect_same(before, files_below(dir / "out"));
+  fs::create_directory(dir / "full");
   write_file(dir / "full/letter.txt", "mine");
   EXPECT_THAT(make({"--channels", "flat", "--sample", "1", "-o", "full"}).err, HasSubstr("letter.txt"));
 }
@@ -310,7 +311,7 @@ TEST_F(DatasetCommand, IsDescribedByAFileWhoseMistakesHaveAPlace) {
   wrong("rig: rig.yaml\nsamples: 1\nsmaples: 2\n",
         "bad.yaml:3:1: smaples: unknown key; did you mean samples?");
   wrong("rig: rig.yaml\nsamples: 1\nposes: { within: [0, 0, 1, 1], height_m: 2..1 }\n",
-        "bad.yaml:3:41: poses.height_m: expected");
+        "bad.yaml:3:42: poses.height_m: expected");
   wrong("rig: rig.yaml\nsamples: 1\nvary:\n  joint.turntabel: 0..1\n",
         "bad.yaml:4:20: vary.joint.turntabel: expected a hinged node");
   wrong("rig: rig.yaml\nsamples: 1\nvary: { Body.colour: 1 }\n", "expected an attribute of Body");
