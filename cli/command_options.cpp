@@ -85,6 +85,10 @@ CommandOption CommandOption::one_of(const std::vector<std::string>& names) const
   option_->check(CLI::IsMember(names));
   return *this;
 }
+CommandOption CommandOption::one_each() const {
+  option_->allow_extra_args(false);
+  return *this;
+}
 CommandOption CommandOption::excludes(const CommandOption& other) const {
   option_->excludes(other.option_);
   return *this;

@@ -25,6 +25,8 @@ class CommandOption {
   CommandOption config_file() const;
   CommandOption one_of(const std::vector<std::string>& names) const;
   CommandOption excludes(const CommandOption& other) const;
+  /// Of several values: one for each time that it is given, so that arguments may follow.
+  CommandOption one_each() const;
 
  private:
   friend class CommandOptions;

@@ -14,6 +14,7 @@
 #include "bench/files/installed_configs.h"
 #include "cli/calibrate/calibrate_cli.h"
 #include "cli/commands.h"
+#include "cli/dataset_cli.h"
 #include "cli/option_checks.h"
 #include "cli/world/world_cli.h"
 #include "sensor-hal/config/renamed.h"
@@ -284,8 +285,9 @@ int command_line(int argc, char** argv) {
 
   rigor::CalibrateCommandLine calibrate(app);
   rigor::WorldCommandLine world(app);
+  const rigor::DatasetCommandLine dataset(app);
 
-  for (CLI::App* opens_a_world : {run_app, emulate_app, sense_app, tune_app})
+  for (CLI::App* opens_a_world : {run_app, emulate_app, sense_app, tune_app, app.get_subcommand("dataset")})
     rigor::add_plugins(opens_a_world);
   add_progress(app);
   for (CLI::App* quick : {fault_app, pair_app}) quick->remove_option(quick->get_option("--progress"));
@@ -353,6 +355,7 @@ int command_line(int argc, char** argv) {
     if (*localization_app) return rigor::localization_command(localization);
     if (calibrate.chosen()) return calibrate.run();
     if (world.chosen()) return world.run();
+    if (dataset.chosen()) return dataset.run();
     if (*host_app) return rigor::host_command(host);
     if (*rigs_app) return rigor::rigs_command(rigs);
     if (*devices_app) return rigor::devices_command(devices);

@@ -38,6 +38,7 @@ NOT_RUN = [
     (r"faults", r"--faults-from live\.mcap", "needs a recording with faults of the reader: tests/cli/test_faults.cpp makes one"),
     (r"worlds", r"world render .*(--bands|--time|--set|radiance\.exr)",
      "the same picture in another light: the plain one runs, tests/cli/test_world_render.cpp has the options"),
+    (r"datasets", r"stereo-forest", "minutes of a forest's pictures: tests/cli/test_dataset.cpp makes samples of a small world"),
     (r"pair-watch", r"pair-watch-cameras", "an hour and a half of bench time"),
     (r"pair-watch", r"scan --(acknowledge|learn-again)", "needs an alarm of a minute's baseline: tests/cli/test_pair_watch.cpp has one"),
     (r"forest-localization", r"stem|disc-forest-way-200m|scip|gnss=\{", "needs the files of a whole run before it"),

@@ -141,6 +141,12 @@ void InputFiles::add(const std::string& what, const fs::path& file) {
   files_.push_back({what, file.string(), info.st_dev, info.st_ino});
 }
 
+std::vector<std::string> InputFiles::names() const {
+  std::set<std::string> names;
+  for (const File& file : files_) names.insert(fs::path(file.name).lexically_normal().string());
+  return {names.begin(), names.end()};
+}
+
 void InputFiles::add_rig(const RigConfig& rig) {
   add("the rig", rig.file);
   add("the rig's world", rig.simulation.world);

@@ -30,6 +30,8 @@ class InputFiles {
   void add(const std::string& what, const std::filesystem::path& file);
   /// The rig, and the files that it and those files name.
   void add_rig(const RigConfig& rig);
+  /// Each once, sorted.
+  [[nodiscard]] std::vector<std::string> names() const;
 
  private:
   friend class Outputs;

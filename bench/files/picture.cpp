@@ -77,6 +77,17 @@ tl::unexpected<Error> too_few(const std::string& where) {
   return fail(ErrorCode::internal, where, "a picture with fewer bytes than its size says");
 }
 
+/// Empty: it cannot be written.
+std::vector<std::uint8_t> encoded_png(const cv::Mat& picture) {
+  std::vector<std::uint8_t> file;
+  try {
+    if (!cv::imencode(".png", picture, file)) file.clear();
+  } catch (const cv::Exception&) {
+    file.clear();
+  }
+  return file;
+}
+
 }  // namespace
 
 Result<std::vector<std::uint8_t>> grey_picture(const ImageInfo& info, std::span<const std::byte> bytes) {
@@ -114,13 +125,11 @@ std::vector<std::uint8_t> png_of(std::span<const std::uint8_t> pixels, int width
   const cv::Mat given(height_px, width_px, CV_8UC(channels), const_cast<std::uint8_t*>(pixels.data()));
   cv::Mat out = given;
   if (channels == 3) cv::cvtColor(given, out, cv::COLOR_RGB2BGR);
-  std::vector<std::uint8_t> file;
-  try {
-    if (!cv::imencode(".png", out, file)) file.clear();
-  } catch (const cv::Exception&) {
-    file.clear();
-  }
-  return file;
+  return encoded_png(out);
+}
+
+std::vector<std::uint8_t> png16_of(std::span<const std::uint16_t> values, int width_px, int height_px) {
+  return encoded_png(cv::Mat(height_px, width_px, CV_16UC1, const_cast<std::uint16_t*>(values.data())));
 }
 
 Result<std::vector<double>> pixel_values(const ImageInfo& info, std::span<const std::byte> bytes) {

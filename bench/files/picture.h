@@ -27,5 +27,8 @@ namespace rigor {
 /// Grey or RGB pixels, row by row, as a PNG file. Empty: it cannot be written.
 [[nodiscard]] std::vector<std::uint8_t> png_of(std::span<const std::uint8_t> pixels, int width_px,
                                                int height_px, int channels);
+/// The same of 16-bit numbers.
+[[nodiscard]] std::vector<std::uint8_t> png16_of(std::span<const std::uint16_t> values, int width_px,
+                                                 int height_px);
 
 }  // namespace rigor

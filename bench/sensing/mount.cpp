@@ -111,6 +111,7 @@ Eigen::Isometry3d Mount::at(Duration since_start) const {
 render::PoseFunction Mount::T_world_sensor(const SensorWorld::Moment& world, BenchTime t_start) const {
   return [mount = *this, &world, t_start](BenchTime t) {
     const Eigen::Isometry3d T_parent = mount.at(t - t_start);
+    if (mount.T_world_carrier) return *mount.T_world_carrier * T_parent;
     if (mount.body >= 0) return world.T_world_platform(static_cast<std::size_t>(mount.body), t) * T_parent;
     return mount.parent ? world.T_world_node(mount.parent, t) * T_parent : T_parent;
   };

@@ -15,6 +15,7 @@
 #pragma once
 
 #include <functional>
+#include <memory>
 
 #include "bench/sensing/sensor_world.h"
 #include "sensor-hal/config/yaml.h"
@@ -27,6 +28,9 @@ struct Mount {
   Eigen::Isometry3d T_parent_sensor = Eigen::Isometry3d::Identity();
   Eigen::Vector3d velocity_m_per_s = Eigen::Vector3d::Zero();
   double yaw_rate_radps = 0;
+  /// In place of a parent: what carries the sensor, read with each capture by the thread that captures.
+  /// Whoever owns it moves it between captures.
+  std::shared_ptr<const Eigen::Isometry3d> T_world_carrier{};
 
   [[nodiscard]] bool moves() const { return yaw_rate_radps != 0 || !velocity_m_per_s.isZero(0); }
   /// Pose in the parent's frame, `since_start` after the start.

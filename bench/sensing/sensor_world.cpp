@@ -30,14 +30,17 @@ bool same(const WorldMotion& a, const WorldMotion& b) {
 
 Eigen::Vector3d vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
 
+Status make_atmosphere(world::Database& db) {
+  const world::types::Atmosphere atmosphere(db.schema());
+  if (!db.snapshot().nodes(atmosphere.type).empty()) return {};
+  auto tx = db.begin("an atmosphere");
+  if (auto node = tx.create(atmosphere.type); !node) return tl::unexpected<Error>(node.error());
+  return tx.commit();
+}
+
 Status set_weather(world::Database& db, const std::vector<std::pair<std::string, double>>& weather) {
   if (weather.empty()) return {};
-  const world::types::Atmosphere atmosphere(db.schema());
-  if (db.snapshot().nodes(atmosphere.type).empty()) {
-    auto tx = db.begin("an atmosphere");
-    if (auto node = tx.create(atmosphere.type); !node) return tl::unexpected<Error>(node.error());
-    if (auto s = tx.commit(); !s) return s;
-  }
+  if (auto s = make_atmosphere(db); !s) return s;
   for (const auto& [attribute, value] : weather)
     if (auto s = set_attribute(db, fmt::format("Atmosphere.{}={:.17g}", attribute, value)); !s) return s;
   return {};
@@ -164,6 +167,17 @@ Status SensorWorld::edit(world::NodeId node, const std::string& attribute, world
   if (auto s = accept(snapshot()); !s) {
     if (auto back = opened_.db->undo(); !back) return back;
     return s;
+  }
+  ++changes_;
+  return {};
+}
+
+Status SensorWorld::assign(const std::vector<std::string>& assignments) {
+  const std::lock_guard lock(mutex_);
+  for (const std::string& assignment : assignments) {
+    if (assignment.starts_with("Atmosphere."))
+      if (auto s = make_atmosphere(*opened_.db); !s) return s;
+    if (auto s = set_attribute(*opened_.db, assignment); !s) return s;
   }
   ++changes_;
   return {};

@@ -60,6 +60,10 @@ class SensorWorld {
   /// it, too: it is then taken back. Any thread; waits for who measures.
   [[nodiscard]] Status edit(world::NodeId node, const std::string& attribute, world::Value value,
                             const std::function<Status(const world::Snapshot&)>& accept);
+  /// Sets attributes of all nodes of a type, `Type.attribute=value` each; an Atmosphere is made where the
+  /// world has none. Those that went before one that is refused stay set. Any thread; waits for who measures.
+  /// Errors: those of set_attribute (bench/world/world_assembly.h).
+  [[nodiscard]] Status assign(const std::vector<std::string>& assignments);
   /// Counts edits, and trees that were cut or stand again. Any thread.
   [[nodiscard]] std::uint64_t changes() const { return changes_.load(std::memory_order_relaxed); }
   /// Names and nodes of the platforms, in the order of their bodies.

@@ -184,6 +184,7 @@ class SensedTof final : public TruthfulSampler {
     sample.size_bytes = 2 * plane;
     return {};
   }
+  [[nodiscard]] std::optional<CameraModel> lens() const override { return tof_->spec().model.camera(); }
   [[nodiscard]] std::vector<std::array<float, 3>> directions() const override {
     const CameraModel camera = tof_->spec().model.camera();
     std::vector<std::array<float, 3>> rays;
@@ -230,6 +231,7 @@ class SensedCameraOfWorld final : public SensedCamera {
   }
   void set_truth(GroundTruth* truth) override { truth_ = truth; }
   [[nodiscard]] const OpticsPicture& light() const override { return camera_->picture(); }
+  [[nodiscard]] const CameraModel& model() const override { return camera_->spec().model; }
 
  private:
   [[nodiscard]] Status measure(const ImageRequest& request, std::span<std::byte> pixels) {

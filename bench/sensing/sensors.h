@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -56,6 +57,8 @@ class TruthfulSampler : public SampleProvider {
   void set_truth(GroundTruth* truth) { truth_ = truth; }
   /// Of a range image: each pixel's ray in the sensor's frame, unit length, NaN where the lens has none.
   [[nodiscard]] virtual std::vector<std::array<float, 3>> directions() const { return {}; }
+  /// Of a range image: its lens; empty for point clouds.
+  [[nodiscard]] virtual std::optional<CameraModel> lens() const { return std::nullopt; }
 
  protected:
   GroundTruth* truth_ = nullptr;
@@ -76,6 +79,7 @@ class SensedCamera : public ImageProvider {
   virtual void set_truth(GroundTruth* truth) = 0;
   /// The light on the sensor of the last capture.
   [[nodiscard]] virtual const OpticsPicture& light() const = 0;
+  [[nodiscard]] virtual const CameraModel& model() const = 0;
 };
 [[nodiscard]] Result<std::shared_ptr<SensedCamera>> make_camera(const SensorSetup& setup,
                                                                 const CameraModel& model, PixelFormat format,

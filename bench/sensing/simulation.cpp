@@ -41,8 +41,9 @@ class TimedCamera final : public ImageProvider {
 };
 
 /// Which device of those that a fitted sensor model describes the channel is.
-std::uint64_t draw_of(const ConfigNode& params) {
-  return static_cast<std::uint64_t>(params.integer_or("calibration_draw", 0, {.min = 0}));
+std::uint64_t draw_of(const ConfigNode& params, const SensorOptions& options) {
+  const auto draw = static_cast<std::uint64_t>(params.integer_or("calibration_draw", 0, {.min = 0}));
+  return options.draw.value_or(draw);
 }
 
 /// Hinged nodes of the scene, in its order: joint i of WorldMotion is node nodes[i].
@@ -188,6 +189,7 @@ SensorSetup read_setup(const ConfigNode& params, SampleKind kind, const SensorWo
   setup.choice = read_engine_choice(params, kind);
   (void)read_tolerance(params, kind);
   if (options.choice) setup.choice = *options.choice;
+  if (options.mount) setup.mount = *options.mount;
   return setup;
 }
 
@@ -248,7 +250,7 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
                options.ideal == asked.ideal;
   if (small) {
     const auto sheet = catch_config([&] {
-      return value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params)));
+      return value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params, options)));
     });
     if (!sheet) return tl::unexpected<Error>(sheet.error());
     small = small_renderer_knows(sheet->model);
@@ -260,7 +262,7 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
   }
   auto made = catch_config([&]() -> Result<std::shared_ptr<ImageProvider>> {
     const auto sheet =
-        value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params)));
+        value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params, options)));
     const SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
     auto device = impl_->resources.device();
     if (!device) return tl::unexpected<Error>(device.error());
@@ -290,7 +292,7 @@ Result<std::shared_ptr<SensedCamera>> Simulation::sensed_camera(ConfigNode param
     expect_sheet(params, SampleKind::image);
     const SensorOptions options = with_keys(asked, params);
     const auto sheet =
-        value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params)));
+        value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params, options)));
     SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
     if (setup.choice.engine.empty()) setup.choice.engine = "raster";
     CameraModel model = sheet.model;
@@ -317,11 +319,11 @@ Result<std::shared_ptr<TruthfulSampler>> Simulation::sampler(SampleKind kind, Co
     SensorSetup setup = read_setup(params, kind, *impl_->world, name, seed, options);
     if (setup.choice.engine.empty()) setup.choice.engine = "rays";
     if (kind == SampleKind::point_cloud) {
-      auto model = value_or_throw(load_lidar_model(file, draw_of(params)));
+      auto model = value_or_throw(load_lidar_model(file, draw_of(params, options)));
       if (!options.only.empty()) model = value_or_throw(models::only_effects(model, options.only));
       return make_lidar(setup, model, *impl_->world, impl_->resources);
     }
-    auto model = value_or_throw(load_tof_model(file, draw_of(params)));
+    auto model = value_or_throw(load_tof_model(file, draw_of(params, options)));
     if (!options.only.empty()) model = value_or_throw(models::only_effects(model, options.only));
     return make_tof(setup, model, *impl_->world, impl_->resources);
   });
@@ -394,6 +396,21 @@ Status Simulation::edit(world::NodeId node, const std::string& attribute, world:
                               impl_->scene->store(std::make_shared<const world::Scene>(std::move(*scene)));
                               return {};
                             });
+}
+
+Status Simulation::assign(const std::vector<std::string>& assignments) {
+  return impl_->world->assign(assignments);
+}
+
+Eigen::Isometry3d Simulation::T_world_sensor(const Mount& mount, const WorldMotion& motion) {
+  const SensorWorld::Moment moment(*impl_->world, motion);
+  return mount.T_world_sensor(moment, BenchTime())(BenchTime());
+}
+
+Result<std::unique_ptr<ClearanceProbe>> Simulation::clearance_probe() {
+  auto cache = impl_->resources.cache();
+  if (!cache) return tl::unexpected<Error>(cache.error());
+  return ClearanceProbe::create(*impl_->world, *cache);
 }
 
 std::string Simulation::engine() const { return impl_->resources.text(); }

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/sensing/clearance.h"
 #include "bench/sensing/engine_choice.h"
 #include "bench/sensing/sensors.h"
 #include "sensor-hal/channel/providers.h"
@@ -21,6 +22,8 @@ struct SensorOptions {
   std::vector<std::string> only;         ///< of its effects these alone; empty: all that it has
   std::optional<EngineChoice> choice;    ///< in place of `renderer` and `quality`
   std::shared_ptr<SensorTimes> times{};  ///< null: nobody asks
+  std::optional<Mount> mount{};          ///< in place of what the keys say of its pose
+  std::optional<std::uint64_t> draw{};   ///< in place of `calibration_draw`
 };
 
 class Simulation {
@@ -68,6 +71,12 @@ class Simulation {
   [[nodiscard]] const SensorWorld& world() const;
   /// SensorWorld::edit; what the small renderer draws follows. Any thread.
   [[nodiscard]] Status edit(world::NodeId node, const std::string& attribute, world::Value value);
+  /// SensorWorld::assign. The small renderer does not follow.
+  [[nodiscard]] Status assign(const std::vector<std::string>& assignments);
+  /// Where a mount is at the start, with the world as a motion has it.
+  [[nodiscard]] Eigen::Isometry3d T_world_sensor(const Mount& mount, const WorldMotion& motion);
+  /// What says how near things stand to a point. Setup thread; this outlives it.
+  [[nodiscard]] Result<std::unique_ptr<ClearanceProbe>> clearance_probe();
 
   /// `rigor doctor`: Vulkan devices and what they are.
   [[nodiscard]] static std::vector<DoctorFinding> doctor();

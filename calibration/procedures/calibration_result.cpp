@@ -4,8 +4,8 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "bench/files/file_digest.h"
 #include "bench/files/output_file.h"
-#include "calibration/procedures/input_files.h"
 
 namespace rigor {
 namespace {

@@ -13,7 +13,5 @@ namespace rigor {
 /// of names. bad_input: no inputs; not_found.
 [[nodiscard]] Result<std::vector<std::filesystem::path>> input_files(
     const std::vector<std::filesystem::path>& inputs, const std::vector<std::string>& extensions);
-/// Hex of a file's SHA-256; empty where it cannot be read.
-[[nodiscard]] std::string sha256_of(const std::filesystem::path& file);
 
 }  // namespace rigor

@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "calibration/procedures/input_files.h"
+#include "bench/files/file_digest.h"
 
 namespace rigor {
 namespace {
