@@ -45,9 +45,7 @@ def stages(result):
     rows = []
     for s in t["sensors"]:
         n = s["captures"]
-        rows.append((f"{s['channel']}: world", s["world_s"], None, n))
-        rows.append((f"{s['channel']}: light", s["light_s"], None, n))
-        rows.append((f"{s['channel']}: model", s["model_s"], None, n))
+        rows += [(f"{s['channel']}: {stage}", s[f"{stage}_s"], None, n) for stage in ("world", "collect", "prepare", "light", "model")]
     cycles = result["loop"]["cycles_run"]
     rows += [(f"loop: {name}", s, None, cycles) for name, s in t["loop_s"].items()]
     if "recorder_cpu_s" in t:

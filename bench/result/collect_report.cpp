@@ -52,6 +52,7 @@ std::vector<SensorTimeReport> sensor_times(const RunParts& parts) {
   for (const auto& [name, times] : parts.sensor_times)
     if (const StageTime& whole = times->whole; whole.count.load() > 0)
       all.push_back({name, whole.count.load(), seconds_of(whole.wall_ns), seconds_of(times->world.wall_ns),
+                     seconds_of(times->collect.wall_ns), seconds_of(times->prepare.wall_ns),
                      seconds_of(times->light.wall_ns), seconds_of(whole.cpu_ns),
                      static_cast<double>(whole.longest_ns.load()) * 1e-6});
   return all;

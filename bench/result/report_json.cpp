@@ -140,14 +140,17 @@ json times_json(const RunReport& r) {
   for (const StepTiming& step : r.outcome.loop.steps)
     j["loop_s"][step.name] = step.ran.mean_ns() * static_cast<double>(step.ran.count()) * 1e-9;
   for (const SensorTimeReport& t : r.sensor_times)
-    j["sensors"].push_back({{"channel", t.channel},
-                            {"captures", t.captures},
-                            {"wall_s", t.wall_s},
-                            {"world_s", t.world_s},
-                            {"light_s", t.light_s},
-                            {"model_s", std::max(0.0, t.wall_s - t.world_s - t.light_s)},
-                            {"cpu_s", t.cpu_s},
-                            {"longest_ms", t.longest_ms}});
+    j["sensors"].push_back(
+        {{"channel", t.channel},
+         {"captures", t.captures},
+         {"wall_s", t.wall_s},
+         {"world_s", t.world_s},
+         {"collect_s", t.collect_s},
+         {"prepare_s", t.prepare_s},
+         {"light_s", t.light_s},
+         {"model_s", std::max(0.0, t.wall_s - t.world_s - t.collect_s - t.prepare_s - t.light_s)},
+         {"cpu_s", t.cpu_s},
+         {"longest_ms", t.longest_ms}});
   if (r.recorded) j["recorder_cpu_s"] = r.recorded->cpu_s;
   return j;
 }

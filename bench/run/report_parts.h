@@ -126,7 +126,7 @@ struct SinkReport {
 struct SensorTimeReport {
   std::string channel;
   std::uint64_t captures = 0;
-  double wall_s = 0, world_s = 0, light_s = 0, cpu_s = 0, longest_ms = 0;
+  double wall_s = 0, world_s = 0, collect_s = 0, prepare_s = 0, light_s = 0, cpu_s = 0, longest_ms = 0;
 };
 
 struct RecordingReport {

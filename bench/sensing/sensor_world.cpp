@@ -379,7 +379,8 @@ void SensorWorld::move(const WorldMotion& motion) {
   motion_ = motion;
 }
 
-SensorWorld::Moment::Moment(SensorWorld& world, const WorldMotion& motion) : world_(world), motion_(motion) {
+SensorWorld::Moment::Moment(SensorWorld& world, const WorldMotion& motion, StageTime* collecting)
+    : world_(world), motion_(motion), collecting_(collecting) {
   const std::lock_guard lock(world_.mutex_);
   world_.move(motion_);
   snapshot_ = world_.snapshot();
@@ -388,6 +389,7 @@ SensorWorld::Moment::Moment(SensorWorld& world, const WorldMotion& motion) : wor
 std::shared_ptr<const render::ContentWindow> SensorWorld::Moment::collect(const render::ContentQuery& query,
                                                                           BenchTime begin, BenchTime end,
                                                                           int instants) {
+  const StageTime::Scope scope(collecting_);
   const std::lock_guard lock(world_.mutex_);
   world_.make_picture();
   world_.move(motion_);  // another sensor may have moved it since

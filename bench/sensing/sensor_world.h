@@ -17,6 +17,7 @@
 
 #include "bench/motion/platforms.h"
 #include "bench/world/world_assembly.h"
+#include "rt-core/stage_time.h"
 #include "sensor-hal/channel/providers.h"
 #include "sim/platform/ground.h"
 #include "sim/platform/platform.h"
@@ -75,7 +76,8 @@ class SensorWorld {
   /// world outlives it.
   class Moment final : public render::ContentSource {
    public:
-    Moment(SensorWorld& world, const WorldMotion& motion);
+    /// `collecting`: counts the time of collect(); may be null.
+    Moment(SensorWorld& world, const WorldMotion& motion, StageTime* collecting = nullptr);
     [[nodiscard]] std::shared_ptr<const render::ContentWindow> collect(const render::ContentQuery& query,
                                                                        BenchTime begin, BenchTime end,
                                                                        int instants) override;
@@ -87,6 +89,7 @@ class SensorWorld {
    private:
     SensorWorld& world_;
     WorldMotion motion_;
+    StageTime* collecting_;
     world::Snapshot snapshot_;
   };
 

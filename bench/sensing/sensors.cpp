@@ -20,7 +20,10 @@ struct Engine {
   /// Levels of detail are chosen by what they are off as seen from here.
   void look_from(const Eigen::Vector3d& eye) {
     if (!rays || rays_options.allowed_error_rad == 0) return;
-    rays_options.eye = eye;
+    render::ContentQuery query;
+    query.look_from_cell_of(eye);
+    rays_options.eye = query.eye;
+    rays_options.eye_reach_m = query.eye_reach_m;
     rays->set_options(rays_options);
   }
 };
@@ -33,7 +36,7 @@ class TimedEngine final : public render::RayEngine {
   [[nodiscard]] std::string_view name() const override { return engine_->name(); }
   [[nodiscard]] bool own_origins() const override { return engine_->own_origins(); }
   [[nodiscard]] Status prepare(std::shared_ptr<const render::ContentWindow> window) override {
-    const StageTime::Scope scope(&times_->light);
+    const StageTime::Scope scope(&times_->prepare);
     return engine_->prepare(std::move(window));
   }
   [[nodiscard]] Status cast(const render::RayQuery& query, std::span<render::Hit> hits) override {
@@ -60,7 +63,8 @@ std::shared_ptr<render::RayEngine> timed(const Engine& engine, const std::shared
 class TimedMoment {
  public:
   TimedMoment(SensorWorld& world, const WorldMotion& motion, SensorTimes* times)
-      : scope_(std::in_place, times ? &times->world : nullptr), moment_(world, motion) {
+      : scope_(std::in_place, times ? &times->world : nullptr),
+        moment_(world, motion, times ? &times->collect : nullptr) {
     scope_.reset();
   }
   [[nodiscard]] SensorWorld::Moment& operator*() { return moment_; }
@@ -246,9 +250,15 @@ class SensedCameraOfWorld final : public SensedCamera {
     c.region = {static_cast<int>(request.offset_x_px), static_cast<int>(request.offset_y_px),
                 static_cast<int>(request.width_px), static_cast<int>(request.height_px)};
     CaptureTimes spent;
+    const std::int64_t collected_ns = times_ ? times_->collect.wall_ns.load() : 0;
     const Status captured = camera_->capture(c, {moment, mount_.T_world_sensor(moment, request.t_start)},
                                              pixels, truth_, times_ ? &spent : nullptr);
-    if (times_) times_->light.add(seconds_from(spent.optics_ms * 1e-3), Duration(0));
+    if (times_) {
+      const Duration prepare = seconds_from(spent.prepare_ms * 1e-3);
+      const Duration collect(times_->collect.wall_ns.load() - collected_ns);
+      times_->prepare.add(prepare, Duration(0));
+      times_->light.add(seconds_from(spent.optics_ms * 1e-3) - prepare - collect, Duration(0));
+    }
     return captured;
   }
 
@@ -275,6 +285,15 @@ Result<std::shared_ptr<render::EmbreeCache>> SensingResources::cache() {
   if (cache_) return cache_;
   auto made = render::EmbreeCache::create();
   if (made) cache_ = *made;
+  return made;
+}
+
+Result<std::shared_ptr<SharedLight>> SensingResources::light() {
+  if (light_) return light_;
+  auto meshes = cache();
+  if (!meshes) return tl::unexpected<Error>(meshes.error());
+  auto made = SharedLight::create(*meshes);
+  if (made) light_ = *made;
   return made;
 }
 
@@ -339,6 +358,10 @@ Result<std::shared_ptr<SensedCamera>> make_camera(const SensorSetup& setup, cons
     auto device = resources.device();
     if (!device) return tl::unexpected<Error>(device.error());
     engines.device = *device;
+  } else {
+    auto light = resources.light();
+    if (!light) return tl::unexpected<Error>(light.error());
+    engines.light = *light;
   }
   auto camera = SimulatedCamera::create(spec, engines);
   if (!camera) return tl::unexpected<Error>(camera.error());

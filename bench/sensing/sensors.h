@@ -25,6 +25,8 @@ class SensingResources {
   explicit SensingResources(std::string device_name) : device_name_(std::move(device_name)) {}
   [[nodiscard]] Result<std::shared_ptr<render::Device>> device();
   [[nodiscard]] Result<std::shared_ptr<render::EmbreeCache>> cache();
+  /// Of all cameras that trace rays.
+  [[nodiscard]] Result<std::shared_ptr<SharedLight>> light();
   /// "raster on llvmpipe…", "rays", both; empty before the first sensor.
   [[nodiscard]] std::string text() const;
 
@@ -32,13 +34,16 @@ class SensingResources {
   std::string device_name_;
   std::shared_ptr<render::Device> device_;
   std::shared_ptr<render::EmbreeCache> cache_;
+  std::shared_ptr<SharedLight> light_;
 };
 
 /// Where the time of a simulated sensor goes.
 struct SensorTimes {
-  StageTime whole;  ///< a capture
-  StageTime world;  ///< of it: waiting for the world, and bringing it to the instant
-  StageTime light;  ///< of it: the engine: preparing what is new, drawing, casting rays
+  StageTime whole;    ///< a capture
+  StageTime world;    ///< of it: waiting for the world, and bringing it to the instant
+  StageTime collect;  ///< of it: asking the world for its content, and waiting for that
+  StageTime prepare;  ///< of it: taking over what is new in the content
+  StageTime light;    ///< of it: the engine: drawing, casting rays; where `prepare` is not known, that too
 };
 
 /// All that makes one sensor, whatever its kind.

@@ -25,7 +25,8 @@ constexpr int kFewestBlocks_log2 = 2, kMostBlocks_log2 = 6;
 constexpr int kLevelsApart = kFewestBlocks_log2;
 /// With no error allowed, every height is drawn, and between heights the bilinear surface to this error.
 constexpr double kFullError_m = 0.005, kFullError_rad = 2e-5, kFullTexel_rad = 1e-3;
-constexpr std::size_t kTilesKept = 1024;
+/// Tiles that are kept for all who ask, a quarter of a megabyte each, about; those of the last answer always.
+constexpr std::size_t kTilesKept = 4096;
 
 struct Key {
   NodeId grid;
@@ -83,6 +84,7 @@ class Provider final : public TerrainProvider {
   explicit Provider(const TerrainOptions& options) : options_(options) {}
 
   std::string_view name() const override { return "terrain"; }
+  std::uint64_t version() const override { return version_; }
   std::vector<std::string> warnings() const override { return warnings_; }
 
   double height_at(double x, double y) const override { return ground_->height_at(x, y); }
@@ -92,6 +94,7 @@ class Provider final : public TerrainProvider {
   }
 
   void rebuild(const world::Snapshot& world) override {
+    version_ = render::next_serial();
     warnings_.clear();
     ground_ = std::make_shared<const Ground>(world, warnings_);
     trees_.clear();
@@ -106,6 +109,7 @@ class Provider final : public TerrainProvider {
   void apply(const world::ChangeSet& set) override {
     const GroundChanges c = ground_changes(set);
     if (!c.terrain && !c.land_cover && !c.imagery && !c.water) return;
+    version_ = render::next_serial();
     warnings_.clear();
     const auto before = ground_;
     const bool waters_stand = !c.land_cover && !c.water && !touches_water(*before, c.terrain_rects);
@@ -142,7 +146,7 @@ class Provider final : public TerrainProvider {
       if (tile.batch) frame.batches.push_back(tile.batch);
     }
     collect_waters(query, frame);
-    forget_oldest(wanted.size());
+    forget_oldest();
   }
 
  private:
@@ -198,10 +202,10 @@ class Provider final : public TerrainProvider {
   /// The size of blocks with which a node may be drawn, or nothing where it must be split.
   std::optional<int> blocks_for(const HeightTree& tree, const TreeNode& n, const ContentQuery& query) {
     const Info& i = info(tree, n);
-    const double d = box(tree, n, i).exteriorDistance(query.eye);
+    const double d = query.distance_m(box(tree, n, i));
     const bool finest = n.m <= finest_level(tree);
     const double texel = texel_m(tree, n.m) / kTexelsPerError;
-    if (query.allowed_error_rad > 0) {
+    if (query.allowed_error_rad > 0 && d >= query.full_within_m) {
       if (finest || std::max(i.error_m, texel) <= query.allowed_error_rad * d) return i.s;
       return std::nullopt;
     }
@@ -334,17 +338,16 @@ class Provider final : public TerrainProvider {
     batch.serial = render::next_serial();
   }
 
-  void forget_oldest(std::size_t in_use) {
-    const std::size_t most = std::max(kTilesKept, 2 * in_use);
-    if (tiles_.size() <= most) return;
+  void forget_oldest() {
+    if (infos_.size() > 64 * kTilesKept) infos_.clear();
+    if (tiles_.size() <= kTilesKept) return;
     std::vector<std::pair<std::uint64_t, Key>> old;
     for (const auto& [k, t] : tiles_) {
       if (t.used != now_) old.emplace_back(t.used, k);
     }
     std::sort(old.begin(), old.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
-    const std::size_t drop = std::min(tiles_.size() - most / 2, old.size());
+    const std::size_t drop = std::min(tiles_.size() - kTilesKept * 3 / 4, old.size());
     for (std::size_t i = 0; i < drop; ++i) tiles_.erase(old[i].second);
-    if (infos_.size() > 64 * most) infos_.clear();
   }
 
   // -------------------------------------------------------------- changes
@@ -446,7 +449,7 @@ class Provider final : public TerrainProvider {
   std::unordered_map<Key, Info, KeyHash> infos_;
   std::map<WaterKey, std::shared_ptr<const Batch>> waters_;
   std::vector<std::string> warnings_;
-  std::uint64_t now_ = 0;
+  std::uint64_t now_ = 0, version_ = render::next_serial();
 };
 
 }  // namespace

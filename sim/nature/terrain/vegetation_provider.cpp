@@ -20,7 +20,8 @@ constexpr double kSpacingPerError = 6;
 constexpr double kLeastHeightPerError = 1.0;
 /// More plants than these are never given for one query; the nearest are.
 constexpr double kMostPlants = 2e6;
-constexpr std::size_t kPlantsKept = 1'500'000;
+/// Plants that are kept for all who ask, 64 bytes each; those of the last answer always.
+constexpr std::size_t kPlantsKept = 4'000'000;
 
 struct CellHash {
   std::size_t operator()(const PlantCell& c) const noexcept {
@@ -39,6 +40,7 @@ class Provider final : public render::ContentProvider {
   explicit Provider(std::shared_ptr<const render::GroundHeights> heights) : heights_(std::move(heights)) {}
 
   std::string_view name() const override { return "ground vegetation"; }
+  std::uint64_t version() const override { return version_; }
   std::vector<std::string> warnings() const override {
     auto all = warnings_;
     if (!cap_warning_.empty()) all.push_back(cap_warning_);
@@ -46,6 +48,7 @@ class Provider final : public render::ContentProvider {
   }
 
   void rebuild(const world::Snapshot& world) override {
+    version_ = render::next_serial();
     warnings_.clear();
     cap_warning_.clear();
     cells_.clear();
@@ -63,6 +66,7 @@ class Provider final : public render::ContentProvider {
       return;
     }
     if (!c.terrain && !c.land_cover && !c.water && !c.roads) return;
+    version_ = render::next_serial();
     std::vector<std::string> ignored;  // the terrain's provider tells of the grids
     read_ground(set.after, c.terrain || c.land_cover || c.water ? nullptr : ground_.get());
     std::vector<Rect> touched;
@@ -103,16 +107,14 @@ class Provider final : public render::ContentProvider {
       wanted.resize(i);
     }
     build_missing(wanted);
-    std::size_t in_use = 0;
     for (const auto& w : wanted) {
       Cell& cell = cells_.at(w.cell);
       cell.used = now_;
-      in_use += cell.plants;
       for (const auto& batch : cell.batches) {
         if (batch) frame.batches.push_back(batch);
       }
     }
-    forget_oldest(in_use);
+    forget_oldest();
   }
 
  private:
@@ -176,7 +178,9 @@ class Provider final : public render::ContentProvider {
     const double allowed = query.allowed_error_rad;
     double far = query.far_m;
     if (allowed > 0) {
-      far = std::min(far, layer.height_m * (1 + layer.height_spread) / (kLeastHeightPerError * allowed));
+      far = std::min(far,
+                     std::max(layer.height_m * (1 + layer.height_spread) / (kLeastHeightPerError * allowed),
+                              query.full_within_m));
     }
     Rect reach;  // of the covers, around the eye
     for (const auto& g : ground_->ground.covers) {
@@ -185,8 +189,9 @@ class Provider final : public render::ContentProvider {
       reach.add(r.x1, r.y1);
     }
     if (reach.empty()) return;
-    reach = {std::max(reach.x0, query.eye.x() - far), std::max(reach.y0, query.eye.y() - far),
-             std::min(reach.x1, query.eye.x() + far), std::min(reach.y1, query.eye.y() + far)};
+    const double around = far + query.eye_reach_m;
+    reach = {std::max(reach.x0, query.eye.x() - around), std::max(reach.y0, query.eye.y() - around),
+             std::min(reach.x1, query.eye.x() + around), std::min(reach.y1, query.eye.y() + around)};
     if (reach.empty()) return;
     const double size = std::ldexp(layer.cell_m, kMostThinned);
     const auto cell = [&](double v) { return static_cast<std::int64_t>(std::floor(v / size)); };
@@ -205,10 +210,10 @@ class Provider final : public render::ContentProvider {
     const double reach = 2 * layer.height_m;  // of a plant beyond its cell
     const Eigen::AlignedBox3d box(Eigen::Vector3d(r.x0 - reach, r.y0 - reach, i.low),
                                   Eigen::Vector3d(r.x1 + reach, r.y1 + reach, i.high));
-    const double way = box.exteriorDistance(query.eye);
+    const double way = query.distance_m(box);
     const bool shadows = layer.prototypes[0]->casts_shadow;
     if (way > far || !(shadows ? query.may_matter(box) : query.may_see(box))) return;
-    const double allowed = query.allowed_error_rad;
+    const double allowed = way < query.full_within_m ? 0 : query.allowed_error_rad;
     // How far this distance lets plants be thinned; cells are as large as the thinning allows.
     int thinned = 0;
     while (allowed > 0 && thinned < kMostThinned &&
@@ -260,17 +265,16 @@ class Provider final : public render::ContentProvider {
     }
   }
 
-  void forget_oldest(std::size_t in_use) {
-    const std::size_t most = std::max(kPlantsKept, in_use + in_use / 2);
+  void forget_oldest() {
     if (infos_.size() > 1'000'000) infos_.clear();
-    if (kept_ <= most && cells_.size() < 200'000) return;
+    if (kept_ <= kPlantsKept && cells_.size() < 200'000) return;
     std::vector<std::pair<std::uint64_t, PlantCell>> old;
     for (const auto& [k, c] : cells_) {
       if (c.used != now_) old.emplace_back(c.used, k);
     }
     std::sort(old.begin(), old.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
     for (const auto& [used, k] : old) {
-      if (kept_ <= most / 2 && cells_.size() < 100'000) break;
+      if (kept_ <= kPlantsKept * 3 / 4 && cells_.size() < 100'000) break;
       const auto it = cells_.find(k);
       kept_ -= it->second.plants;
       cells_.erase(it);
@@ -285,7 +289,7 @@ class Provider final : public render::ContentProvider {
   std::vector<std::string> warnings_;
   std::string cap_warning_;
   std::size_t kept_ = 0;
-  std::uint64_t now_ = 0;
+  std::uint64_t now_ = 0, version_ = render::next_serial();
 };
 
 }  // namespace

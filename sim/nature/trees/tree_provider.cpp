@@ -111,6 +111,7 @@ class TreeProvider final : public render::ContentProvider {
   explicit TreeProvider(std::shared_ptr<const render::GroundHeights> ground) : ground_(std::move(ground)) {}
 
   std::string_view name() const override { return "trees"; }
+  std::uint64_t version() const override { return version_; }
   void rebuild(const world::Snapshot& world) override;
   void apply(const world::ChangeSet& changes) override;
   void collect(const render::ContentQuery& query, render::ContentFrame& frame) override;
@@ -129,6 +130,7 @@ class TreeProvider final : public render::ContentProvider {
   std::optional<world::TypeId> terrain_;
   std::map<TileKey, Tile> tiles_;
   std::unordered_map<NodeId, Planted> planted_;  // looked up alone; what is walked through is sorted
+  std::uint64_t version_ = render::next_serial();
 };
 
 bool TreeProvider::resolve(const world::Schema& schema) {
@@ -228,6 +230,7 @@ void TreeProvider::remake(const Touched& touched) {
 }
 
 void TreeProvider::rebuild(const world::Snapshot& world) {
+  version_ = render::next_serial();
   tiles_.clear();
   planted_.clear();
   types_.reset();
@@ -266,6 +269,7 @@ void TreeProvider::apply(const world::ChangeSet& changes) {
     for (const auto& [node, p] : planted_)
       if (ground_moved(p)) again.insert(node);
   if (again.empty()) return;
+  version_ = render::next_serial();
   Touched touched;
   for (const NodeId node : again) {
     fell(node, &touched);

@@ -112,6 +112,7 @@ struct Batch {
   std::vector<NodeId> nodes{};  ///< what each instance is in the world; empty: `node` for all
   NodeId node{};
   Eigen::AlignedBox3d bounds{};  ///< of all instances with their meshes, world frame
+  bool moves = false;            ///< in motion at the instant that was asked for
 };
 
 /// Radiance of the upper half of the sky, without the sun's disc. Texel (i, j): azimuth (i + ½)·360°/width

@@ -23,16 +23,27 @@ namespace rigor::render {
 /// more.
 struct ContentQuery {
   Eigen::Vector3d eye = Eigen::Vector3d::Zero();
+  /// The answer holds for every eye within this distance of `eye`.
+  double eye_reach_m = 0;
   /// Half spaces n·x + d ≥ 0 with n of unit length; inside all of them is what is seen. Empty: all round.
   std::vector<Eigen::Hyperplane<double, 3>> frustum{};
   /// An error that subtends less than this at the eye does not matter. 0: everything in full (no detail is
   /// left out, no impostors).
   double allowed_error_rad = 1e-3;
+  double full_within_m = 0;  ///< as near as this everything is given in full, whatever error is allowed
   double far_m = std::numeric_limits<double>::infinity();  ///< nothing beyond matters
   BenchTime t{};  ///< instant whose poses, weather and sun are wanted
   /// Way from the eye within which what stands outside the frustum may throw shadows into it.
   double shadow_reach_m = 0;
 
+  /// Asks for what any eye in the same cell of the world needs (cubes of kEyeCell_m): the query, and so the
+  /// content, stays the same while a moving sensor is within the cell. An eye that is not finite is taken as
+  /// it is.
+  void look_from_cell_of(const Eigen::Vector3d& eye_world);
+  static constexpr double kEyeCell_m = 2;
+
+  /// Distance of a box from the nearest eye that the answer must hold for; 0 where that is inside.
+  [[nodiscard]] double distance_m(const Eigen::AlignedBox3d& box) const;
   /// False where a box lies wholly outside the frustum or beyond far_m, so that nothing of it can be seen.
   [[nodiscard]] bool may_see(const Eigen::AlignedBox3d& box) const;
   /// As above, with what may throw shadows: boxes within shadow_reach_m of the eye.
@@ -62,6 +73,9 @@ class ContentProvider {
   /// Adds its part to the frame. The same world, query and time give the same content, whatever was asked
   /// before.
   virtual void collect(const ContentQuery& query, ContentFrame& frame) = 0;
+  /// Of a provider that adds batches alone, whatever `query.t` is: a number that changes with what it shows,
+  /// so that an answer can be kept. 0: each query must be asked.
+  [[nodiscard]] virtual std::uint64_t version() const { return 0; }
   [[nodiscard]] virtual std::vector<std::string> warnings() const { return {}; }
 };
 

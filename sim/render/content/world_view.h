@@ -5,6 +5,7 @@
 //   ContentFrame frame = view.collect(query);
 #pragma once
 
+#include <list>
 #include <memory>
 #include <string>
 #include <vector>
@@ -22,13 +23,24 @@ class WorldView {
   WorldView(const WorldView&) = delete;
   WorldView& operator=(const WorldView&) = delete;
 
-  /// World thread.
+  /// World thread. Keeps the answers of providers that have a version: the queries that it was asked last
+  /// cost nothing but what moves.
   [[nodiscard]] ContentFrame collect(const ContentQuery& query);
   /// What could not be shown, provider by provider.
   [[nodiscard]] std::vector<std::string> warnings() const;
 
  private:
-  std::vector<std::shared_ptr<ContentProvider>> providers_;
+  /// What a provider with a version answered.
+  struct Answer {
+    ContentQuery query;
+    std::uint64_t version = 0;
+    std::vector<std::shared_ptr<const Batch>> batches;
+  };
+  struct Part {
+    std::shared_ptr<ContentProvider> provider;
+    std::list<Answer> answers;  ///< the one that was asked for last comes first
+  };
+  std::vector<Part> parts_;
   world::Subscription subscription_;
 };
 

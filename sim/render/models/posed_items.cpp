@@ -6,6 +6,10 @@
 #include "sim/world/semantic_types.h"
 
 namespace rigor::render {
+namespace {
+/// No turntable goes round in whole turns in this.
+constexpr Duration kWhile = milliseconds(7);
+}  // namespace
 
 std::vector<NodeId> PosedItems::made_with(NodeId material) const {
   std::vector<NodeId> out;
@@ -26,8 +30,11 @@ void PosedItems::collect(const world::Snapshot& world, const ContentQuery& query
     if (!item.prototype) continue;
     const Eigen::Isometry3d T_world_node = world.T_world_node(node, query.t);
     if (!T_world_node.matrix().allFinite()) continue;
-    if (!item.last || T_world_node.matrix() != item.T_world_last.matrix()) {
+    // Motions are even: what is elsewhere a while later is in motion now.
+    const bool moves = world.T_world_node(node, query.t + kWhile).matrix() != T_world_node.matrix();
+    if (!item.last || item.last->moves != moves || T_world_node.matrix() != item.T_world_last.matrix()) {
       auto batch = std::make_shared<Batch>();
+      batch->moves = moves;
       batch->prototype = item.prototype;
       batch->origin = T_world_node.translation();
       batch->node = node;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <list>
 #include <new>
 #include <unordered_map>
 #include <unordered_set>
@@ -20,6 +21,7 @@ namespace {
 
 constexpr double kCell_m = 256;
 constexpr std::size_t kCells = 2;  ///< scenes that are kept: a sensor at a cell's edge goes to and fro
+constexpr std::size_t kContentsKept = 4;
 
 Eigen::Vector3d cell_of(const Eigen::Vector3d& p) {
   return {std::round(p.x() / kCell_m) * kCell_m, std::round(p.y() / kCell_m) * kCell_m,
@@ -35,19 +37,6 @@ std::size_t level_for(const Prototype& p, double scale, double distance_m, doubl
   return best;
 }
 
-/// What stands there is the same, object by object: no more than light, lamps or air may differ.
-bool same_standing(const ContentWindow& a, const ContentWindow& b) {
-  if (a.frames.size() != b.frames.size()) return false;
-  for (std::size_t i = 0; i < a.frames.size(); ++i) {
-    if (a.frames[i] == b.frames[i]) continue;
-    const ContentFrame &p = *a.frames[i], &q = *b.frames[i];
-    if (p.batches != q.batches || p.surface.wetness != q.surface.wetness ||
-        p.surface.snow_depth_m != q.surface.snow_depth_m)
-      return false;
-  }
-  return true;
-}
-
 struct Engine final : EmbreeEngine::Impl {
   Engine(std::shared_ptr<MeshCache> c, const EmbreeOptions& o) : cache(std::move(c)) { set(o); }
 
@@ -57,57 +46,28 @@ struct Engine final : EmbreeEngine::Impl {
     options = o;
   }
 
-  /// Which level of which batch's instances; the first pass names meshes, the second finds their structures.
-  [[nodiscard]] Result<WantedContent> want(const std::shared_ptr<const ContentWindow>& w) {
-    WantedContent out;
-    out.window = w;
-    out.batches = match_frames(*w);
+  /// Levels, structures and batches of what is wanted; what `before` has of it already is taken from there.
+  [[nodiscard]] Status make(std::vector<WantedBatch>& batches, const std::vector<WantedBatch>& before,
+                            EngineStatistics& made_now) {
+    std::unordered_map<std::uint64_t, const WantedBatch*> known;
+    for (const WantedBatch& b : before) known.emplace(b.frames.front()->serial, &b);
+    tbb::parallel_for(std::size_t{0}, batches.size(), [&](std::size_t i) {
+      WantedBatch& batch = batches[i];
+      if (const auto it = known.find(batch.frames.front()->serial);
+          it != known.end() && it->second->frames == batch.frames)
+        batch = *it->second;
+      else
+        choose_levels(batch);
+    });
     std::vector<std::shared_ptr<const Mesh>> needed;
     std::unordered_set<std::uint64_t> seen;
-    const auto need = [&](const std::shared_ptr<const Mesh>& m) {
-      if (m && seen.insert(m->serial).second) needed.push_back(m);
-    };
-    const bool coarse = options.allowed_error_rad > 0 && options.eye.allFinite();
-    // What was wanted last time under the same options has its levels already.
-    std::unordered_map<std::uint64_t, const WantedBatch*> before;
-    if (same_choice())
-      for (const WantedBatch& b : wanted.batches) before.emplace(b.frames.front()->serial, &b);
-    chosen = options;
-    tbb::parallel_for(std::size_t{0}, out.batches.size(), [&](std::size_t i) {
-      WantedBatch& batch = out.batches[i];
-      if (const auto it = before.find(batch.frames.front()->serial);
-          it != before.end() && it->second->frames == batch.frames) {
-        batch = *it->second;
-        return;
-      }
-      const Batch& b = *batch.frames.front();
-      const auto& all = b.prototype->levels;
-      if (all.size() < 2 || !coarse) {
-        batch.choice = {all.empty() ? nullptr : all.front().mesh.get()};
-        return;
-      }
-      const PrototypeSphere s = cache->sphere(*b.prototype);
-      const Eigen::Vector3d origin = b.origin - options.eye;
-      bool one = true;
-      batch.choice.reserve(b.instances.size());
-      for (const Instance& n : b.instances) {
-        const Eigen::Quaterniond q(n.rotation[3], n.rotation[0], n.rotation[1], n.rotation[2]);
-        const Eigen::Vector3d scale(n.scale[0], n.scale[1], n.scale[2]);
-        const Eigen::Vector3d c = origin + Eigen::Vector3d(n.position[0], n.position[1], n.position[2]) +
-                                  q.normalized() * scale.cwiseProduct(s.centre);
-        const double largest = scale.cwiseAbs().maxCoeff();
-        const std::size_t l =
-            level_for(*b.prototype, largest, c.norm() - s.radius_m * largest, options.allowed_error_rad);
-        batch.choice.push_back(all[l].mesh.get());
-        one = one && batch.choice.back() == batch.choice.front();
-      }
-      if (one) batch.choice.resize(1);
-    });
-    for (const WantedBatch& batch : out.batches)
+    for (const WantedBatch& batch : batches)
       for (const LevelOfDetail& l : batch.frames.front()->prototype->levels)
         if (l.mesh && !seen.contains(l.mesh->serial) &&
-            std::find(batch.choice.begin(), batch.choice.end(), l.mesh.get()) != batch.choice.end())
-          need(l.mesh);
+            std::find(batch.choice.begin(), batch.choice.end(), l.mesh.get()) != batch.choice.end()) {
+          seen.insert(l.mesh->serial);
+          needed.push_back(l.mesh);
+        }
     std::vector<std::shared_ptr<const RayMesh>> made(needed.size());
     std::vector<std::uint8_t> built(needed.size());
     std::vector<std::string> wrong(needed.size());
@@ -120,16 +80,18 @@ struct Engine final : EmbreeEngine::Impl {
         wrong[i] = m.error().text();
       built[i] = fresh ? 1 : 0;
     });
+    made_now = {};
     std::unordered_map<std::uint64_t, std::shared_ptr<const RayMesh>> by_serial;
     for (std::size_t i = 0; i < needed.size(); ++i) {
       if (!made[i]) return fail(ErrorCode::unavailable, "rays", wrong[i]);
       by_serial.emplace(needed[i]->serial, made[i]);
-      statistics.triangles += made[i]->triangles;
-      statistics.left_out += made[i]->left_out;
-      statistics.rebuilt += built[i];
+      made_now.triangles += made[i]->triangles;
+      made_now.left_out += made[i]->left_out;
+      made_now.rebuilt += built[i];
     }
-    tbb::parallel_for(std::size_t{0}, out.batches.size(), [&](std::size_t i) {
-      WantedBatch& batch = out.batches[i];
+    made_now.prototypes = by_serial.size();
+    tbb::parallel_for(std::size_t{0}, batches.size(), [&](std::size_t i) {
+      WantedBatch& batch = batches[i];
       if (batch.made) return;
       for (const LevelOfDetail& l : batch.frames.front()->prototype->levels)
         if (l.mesh)
@@ -137,19 +99,45 @@ struct Engine final : EmbreeEngine::Impl {
             batch.meshes.push_back(it->second);
       batch.made = cache->get(batch);
     });
-    for (const WantedBatch& batch : out.batches) {
-      statistics.left_out += batch.made->left_out;
-      statistics.instances += batch.made->present;
+    for (const WantedBatch& batch : batches) {
+      made_now.left_out += batch.made->left_out;
+      made_now.instances += batch.made->present;
     }
-    statistics.prototypes = by_serial.size();
-    return out;
+    return {};
   }
 
+  void choose_levels(WantedBatch& batch) const {
+    const Batch& b = *batch.frames.front();
+    const auto& all = b.prototype->levels;
+    if (all.size() < 2 || !coarse(options)) {
+      batch.choice = {all.empty() ? nullptr : all.front().mesh.get()};
+      return;
+    }
+    const PrototypeSphere s = cache->sphere(*b.prototype);
+    const Eigen::Vector3d origin = b.origin - options.eye;
+    bool one = true;
+    batch.choice.reserve(b.instances.size());
+    for (const Instance& n : b.instances) {
+      const Eigen::Quaterniond q(n.rotation[3], n.rotation[0], n.rotation[1], n.rotation[2]);
+      const Eigen::Vector3d scale(n.scale[0], n.scale[1], n.scale[2]);
+      const Eigen::Vector3d c = origin + Eigen::Vector3d(n.position[0], n.position[1], n.position[2]) +
+                                q.normalized() * scale.cwiseProduct(s.centre);
+      const double largest = scale.cwiseAbs().maxCoeff();
+      const std::size_t l =
+          level_for(*b.prototype, largest, c.norm() - options.eye_reach_m - s.radius_m * largest,
+                    options.allowed_error_rad);
+      batch.choice.push_back(all[l].mesh.get());
+      one = one && batch.choice.back() == batch.choice.front();
+    }
+    if (one) batch.choice.resize(1);
+  }
+
+  static bool coarse(const EmbreeOptions& o) { return o.allowed_error_rad > 0 && o.eye.allFinite(); }
   /// The options choose the levels that were chosen last.
   [[nodiscard]] bool same_choice() const {
-    const auto coarse = [](const EmbreeOptions& o) { return o.allowed_error_rad > 0 && o.eye.allFinite(); };
     if (!coarse(options) && !coarse(chosen)) return true;
-    return options.allowed_error_rad == chosen.allowed_error_rad && options.eye == chosen.eye;
+    return options.allowed_error_rad == chosen.allowed_error_rad && options.eye == chosen.eye &&
+           options.eye_reach_m == chosen.eye_reach_m;
   }
 
   [[nodiscard]] Status prepare(std::shared_ptr<const ContentWindow> w) {
@@ -158,54 +146,65 @@ struct Engine final : EmbreeEngine::Impl {
       return fail(ErrorCode::bad_input, "rays", "expected a window with at least one frame");
     for (const auto& f : w->frames)
       if (!f) return fail(ErrorCode::bad_input, "rays", "expected frames, got a null one");
-    if (wanted.window && same_choice() && same_standing(*wanted.window, *w)) {
-      // Nothing to place. Batches are held by the new window as by the old one.
-      wanted.window = std::move(w);
-      statistics.rebuilt = 0;
-      statistics.prepare_ms = ms_since(start);
-      return {};
-    }
-    statistics = {.cast_ms = statistics.cast_ms};
     Status done{};
     try {
-      tasks->execute([&] {
-        auto next = want(w);
-        if (!next) {
-          done = tl::unexpected(next.error());
-          return;
-        }
-        // What was placed points into the meshes that were: they go after the scenes have changed.
-        const WantedContent last = std::exchange(wanted, std::move(*next));
-        ++version;
-        if (scenes.empty()) {
-          const Eigen::Vector3d eye = options.eye.allFinite() ? options.eye : Eigen::Vector3d::Zero();
-          scenes.push_back({std::make_unique<PlacedScene>(cache, cell_of(eye)), 0});
-        }
-        // The one that was asked last; another only when it is asked again.
-        scenes.resize(1);
-        done = bring_up(scenes.front());
-      });
+      tasks->execute([&] { done = take_over(std::move(w)); });
     } catch (const std::bad_alloc&) {
       done = fail(ErrorCode::unavailable, "rays", "out of memory");
     }
     if (!done) {
       scenes.clear();
       wanted = {};
+      standing.clear();
       return done;
     }
+    statistics.instances = still_made.instances + moving_made.instances;
+    statistics.prototypes = still_made.prototypes + moving_made.prototypes;
+    statistics.triangles = still_made.triangles + moving_made.triangles;
+    statistics.rebuilt = still_made.rebuilt + moving_made.rebuilt;
+    statistics.left_out = still_made.left_out + moving_made.left_out;
     statistics.prepare_ms = ms_since(start);
     return {};
   }
 
-  struct Cell {
-    std::unique_ptr<PlacedScene> scene;
-    std::uint64_t version = 0;
-  };
-  [[nodiscard]] Status bring_up(Cell& c) {
-    if (c.version == version) return {};
-    auto s = c.scene->place(wanted);
-    if (s) c.version = version;
-    return s;
+  [[nodiscard]] Status take_over(std::shared_ptr<const ContentWindow> w) {
+    SplitWindow next = split(*w);
+    const bool stands = wanted.window && same_choice() && next.still == standing;
+    still_made.rebuilt = moving_made.rebuilt = 0;
+    if (stands && next.moving.empty() && wanted.moving.empty()) {
+      // Batches are held by the new window as by the old one.
+      wanted.window = std::move(w);
+      return scenes.front()->place(wanted);
+    }
+    // What was placed points into the meshes that were: they go after the scenes have changed.
+    const std::vector<WantedBatch> moved = std::exchange(wanted.moving, std::move(next.moving));
+    static const std::vector<WantedBatch> none;
+    const bool same = same_choice();
+    if (!stands) {
+      std::vector<WantedBatch> still(next.still.size());
+      for (std::size_t i = 0; i < still.size(); ++i) still[i].frames = {next.still[i]};
+      chosen = options;
+      if (auto s = make(still, same ? wanted.still : none, still_made); !s) return s;
+      // Who goes to and fro between two places finds its structures again.
+      std::vector<std::shared_ptr<const RayBatch>> past;
+      past.reserve(wanted.still.size());
+      for (WantedBatch& b : wanted.still) past.push_back(std::move(b.made));
+      kept.push_front(std::move(past));
+      if (kept.size() > kContentsKept) kept.pop_back();
+      wanted.still = std::move(still);
+      standing = std::move(next.still);
+      wanted.still_version = ++versions;
+    }
+    if (auto s = make(wanted.moving, same ? moved : none, moving_made); !s) return s;
+    wanted.moving_version = ++versions;
+    wanted.window = std::move(w);
+    if (scenes.empty()) {
+      const Eigen::Vector3d eye = options.eye.allFinite() ? options.eye : Eigen::Vector3d::Zero();
+      scenes.push_back(std::make_unique<PlacedScene>(cache, cell_of(eye)));
+    }
+    // The one that was asked last; another only when it is asked again.
+    scenes.resize(1);
+    return scenes.front()->place(wanted);
   }
 
   [[nodiscard]] Result<const RayScene*> scene_at(const Eigen::Vector3d& p) override {
@@ -213,15 +212,16 @@ struct Engine final : EmbreeEngine::Impl {
     if (!p.allFinite()) return fail(ErrorCode::bad_input, "rays", "expected an origin that is finite");
     const Eigen::Vector3d cell = cell_of(p);
     for (std::size_t i = 0; i < scenes.size(); ++i)
-      if (scenes[i].scene->origin() == cell) {
+      if (scenes[i]->origin() == cell) {
         std::swap(scenes[0], scenes[i]);
-        return scenes[0].scene.get();
+        if (auto s = scenes[0]->place(wanted); !s) return tl::unexpected(s.error());  // the weather alone
+        return scenes[0].get();
       }
     if (scenes.size() == kCells) scenes.pop_back();
     Status done{};
     try {
-      scenes.insert(scenes.begin(), Cell{std::make_unique<PlacedScene>(cache, cell), 0});
-      tasks->execute([&] { done = bring_up(scenes.front()); });
+      scenes.insert(scenes.begin(), std::make_unique<PlacedScene>(cache, cell));
+      tasks->execute([&] { done = scenes.front()->place(wanted); });
     } catch (const std::bad_alloc&) {
       done = fail(ErrorCode::unavailable, "rays", "out of memory");
     }
@@ -229,18 +229,21 @@ struct Engine final : EmbreeEngine::Impl {
       scenes.erase(scenes.begin());
       return tl::unexpected(done.error());
     }
-    return scenes[0].scene.get();
+    return scenes[0].get();
   }
-  [[nodiscard]] const ContentWindow* window() const noexcept override { return wanted.window.get(); }
+  [[nodiscard]] const WantedContent& content() const noexcept override { return wanted; }
   [[nodiscard]] tbb::task_arena& arena() noexcept override { return *tasks; }
 
   std::shared_ptr<MeshCache> cache;
   EmbreeOptions options, chosen;  ///< chosen: under which the levels of `wanted` were
   std::unique_ptr<tbb::task_arena> tasks;
   WantedContent wanted;
-  std::uint64_t version = 0;
-  std::vector<Cell> scenes;  ///< the one that was asked last comes first; before `wanted` they go
-  EngineStatistics statistics;
+  std::vector<const Batch*> standing;  ///< those of wanted.still
+  std::list<std::vector<std::shared_ptr<const RayBatch>>> kept;
+  std::uint64_t versions = 0;
+  std::vector<std::unique_ptr<PlacedScene>>
+      scenes;  ///< the one that was asked last comes first; before `wanted` they go
+  EngineStatistics statistics, still_made, moving_made;
 };
 
 Engine& of(EmbreeEngine::Impl& impl) { return static_cast<Engine&>(impl); }
@@ -364,6 +367,6 @@ Status EmbreeEngine::occluded(const RayQuery& query, std::span<std::uint8_t> occ
 }
 
 EngineStatistics EmbreeEngine::statistics() const { return of(*impl_).statistics; }
-const ContentWindow* EmbreeEngine::window() const noexcept { return impl_->window(); }
+const ContentWindow* EmbreeEngine::window() const noexcept { return impl_->content().window.get(); }
 
 }  // namespace rigor::render

@@ -21,7 +21,8 @@ struct EmbreeOptions {
   /// finest.
   double allowed_error_rad = 0;
   Eigen::Vector3d eye = Eigen::Vector3d::Zero();
-  int threads = 0;  ///< 0: all that the machine has
+  double eye_reach_m = 0;  ///< … and at every place within this of `eye`
+  int threads = 0;         ///< 0: all that the machine has
 };
 
 /// Acceleration structures of prototypes by serial, shared by the engines of a process. Any thread.

@@ -3,8 +3,7 @@
 
 #include <tbb/task_arena.h>
 
-#include "sim/render/rays/embree_engine.h"
-#include "sim/render/rays/embree_scene.h"
+#include "sim/render/rays/embree_placement.h"
 
 namespace rigor::render {
 
@@ -14,8 +13,8 @@ struct EmbreeEngine::Impl {
   /// prepare. Builds where the cell is a new one. Errors: bad_input (nothing prepared, a place that is not
   /// finite), unavailable (memory).
   [[nodiscard]] virtual Result<const RayScene*> scene_at(const Eigen::Vector3d& p_world) = 0;
-  /// Null before the first prepare.
-  [[nodiscard]] virtual const ContentWindow* window() const noexcept = 0;
+  /// What was prepared; its window is null before the first prepare.
+  [[nodiscard]] virtual const WantedContent& content() const noexcept = 0;
   /// With the threads that the options allow.
   [[nodiscard]] virtual tbb::task_arena& arena() noexcept = 0;
 };

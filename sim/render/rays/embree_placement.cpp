@@ -84,51 +84,86 @@ bool same_thing(const Batch& a, const Batch& b) {
          a.instances.size() == b.instances.size();
 }
 
-}  // namespace
-
-std::vector<WantedBatch> match_frames(const ContentWindow& window) {
-  const auto& frames = window.frames;
-  const auto& first = frames.front()->batches;
+/// What is the same object in all frames once, what moves with all its frames. All can be placed.
+std::vector<WantedBatch> match_frames(const std::vector<std::vector<const Batch*>>& frames) {
+  const auto& first = frames.front();
   std::vector<WantedBatch> out;
   out.reserve(first.size());
   // Frames whose batches stand in the same order need no search.
   std::vector<std::vector<std::uint8_t>> taken(frames.size());
   std::vector<std::size_t> cursor(frames.size(), 0);
-  for (std::size_t k = 1; k < frames.size(); ++k) taken[k].resize(frames[k]->batches.size());
+  for (std::size_t k = 1; k < frames.size(); ++k) taken[k].resize(frames[k].size());
   for (std::size_t i = 0; i < first.size(); ++i) {
-    const Batch* const b = first[i].get();
-    if (!placeable(b)) continue;
+    const Batch* const b = first[i];
     WantedBatch w;
     w.frames.push_back(b);
-    bool moves = false, lost = false;
-    for (std::size_t k = 1; k < frames.size() && !lost; ++k) {
-      const auto& other = frames[k]->batches;
+    bool moves = false;
+    for (std::size_t k = 1; k < frames.size(); ++k) {
+      const auto& other = frames[k];
       const Batch* found = nullptr;
       // In the same place, or the next one that is the same thing.
-      if (i < other.size() && other.size() == first.size() && other[i] != nullptr &&
-          (other[i].get() == b || same_thing(*b, *other[i]))) {
-        found = other[i].get();
+      if (other.size() == first.size() && (other[i] == b || same_thing(*b, *other[i]))) {
+        found = other[i];
       } else {
         for (std::size_t j = cursor[k]; j < other.size() && found == nullptr; ++j)
-          if (taken[k][j] == 0 && other[j] != nullptr && other[j].get() == b) {
+          if (taken[k][j] == 0 && other[j] == b) {
             found = b;
             taken[k][j] = 1;
           }
         for (std::size_t j = 0; j < other.size() && found == nullptr; ++j)
-          if (taken[k][j] == 0 && placeable(other[j].get()) && same_thing(*b, *other[j])) {
-            found = other[j].get();
+          if (taken[k][j] == 0 && same_thing(*b, *other[j])) {
+            found = other[j];
             taken[k][j] = 1;
           }
       }
-      if (found == nullptr || !placeable(found)) {
-        lost = true;
+      if (found == nullptr) {
+        moves = false;
         break;
       }
       moves = moves || found != b;
       w.frames.push_back(found);
     }
-    if (!moves || lost) w.frames.resize(1);
+    if (!moves) w.frames.resize(1);
     out.push_back(std::move(w));
+  }
+  return out;
+}
+
+}  // namespace
+
+SplitWindow split(const ContentWindow& window) {
+  const std::size_t n = window.frames.size();
+  SplitWindow out;
+  std::vector<std::vector<const Batch*>> frames(n);  // of what moves, or of all
+  bool alike = true;
+  for (std::size_t k = 0; k < n; ++k) {
+    std::size_t still = 0;
+    for (const auto& b : window.frames[k]->batches) {
+      if (!placeable(b.get())) continue;
+      if (b->moves)
+        frames[k].push_back(b.get());
+      else if (k == 0)
+        out.still.push_back(b.get());
+      else
+        alike = alike && still < out.still.size() && out.still[still++] == b.get();
+    }
+    alike = alike && (k == 0 || still == out.still.size());
+  }
+  if (alike) {
+    out.moving = match_frames(frames);
+    return out;
+  }
+  out.still.clear();
+  for (std::size_t k = 0; k < n; ++k) {
+    frames[k].clear();
+    for (const auto& b : window.frames[k]->batches)
+      if (placeable(b.get())) frames[k].push_back(b.get());
+  }
+  for (WantedBatch& w : match_frames(frames)) {
+    if (w.frames.size() == 1 && !w.frames.front()->moves)
+      out.still.push_back(w.frames.front());
+    else
+      out.moving.push_back(std::move(w));
   }
   return out;
 }
@@ -232,7 +267,7 @@ void PlacedScene::intersect(const RTCIntersectFunctionNArguments* a) {
   }
   const std::uint32_t base = context.base;
   const unsigned outer = context.embree.instID[0];
-  context.base = p.base;
+  context.base = base + p.base;
   context.embree.instID[0] = RTC_INVALID_GEOMETRY_ID;
   rtcIntersect8(a->valid, p.batch->scene, a->context, &rays);
   context.base = base;
@@ -274,18 +309,22 @@ void PlacedScene::occluded(const RTCOccludedFunctionNArguments* a) {
 PlacedScene::PlacedScene(std::shared_ptr<MeshCache> cache, const Eigen::Vector3d& origin)
     : cache_(std::move(cache)) {
   origin_ = origin;
-  handle_ = rtcNewScene(cache_->device());
-  rtcSetSceneFlags(handle_, RTC_SCENE_FLAG_ROBUST);
+  for (Level* const l : {&still_, &moving_}) {
+    l->handle = rtcNewScene(cache_->device());
+    rtcSetSceneFlags(l->handle, RTC_SCENE_FLAG_ROBUST);
+  }
 }
 
 PlacedScene::~PlacedScene() {
-  rtcReleaseScene(handle_);
-  for (const auto& p : batches_)
-    for (RTCGeometry g : p->geometries)
-      if (g != nullptr) rtcReleaseGeometry(g);
+  for (Level* const l : {&still_, &moving_}) {
+    rtcReleaseScene(l->handle);
+    for (const auto& p : l->batches)
+      for (RTCGeometry g : p->geometries)
+        if (g != nullptr) rtcReleaseGeometry(g);
+  }
 }
 
-void PlacedScene::attach(Placed& p) {
+void PlacedScene::attach(Level& level, Placed& p) {
   const RayBatch& b = *p.batch;
   if (p.geometries.empty() && b.scene != nullptr) {
     RTCGeometry g = rtcNewGeometry(cache_->device(), RTC_GEOMETRY_TYPE_USER);
@@ -304,12 +343,12 @@ void PlacedScene::attach(Placed& p) {
         p.geometries[n] = instance_geometry(cache_->device(), b, n, p.offset);
   }
   for (std::uint32_t n = 0; n < p.geometries.size(); ++n)
-    if (p.geometries[n] != nullptr) rtcAttachGeometryByID(handle_, p.geometries[n], p.first + n);
+    if (p.geometries[n] != nullptr) rtcAttachGeometryByID(level.handle, p.geometries[n], p.first + n);
 }
 
-void PlacedScene::detach(Placed& p) {
+void PlacedScene::detach(Level& level, Placed& p) {
   for (std::uint32_t n = 0; n < p.geometries.size(); ++n)
-    if (p.geometries[n] != nullptr) rtcDetachGeometry(handle_, p.first + n);
+    if (p.geometries[n] != nullptr) rtcDetachGeometry(level.handle, p.first + n);
 }
 
 Status PlacedScene::place(const WantedContent& wanted) {
@@ -319,20 +358,26 @@ Status PlacedScene::place(const WantedContent& wanted) {
       std::isfinite(frame.surface.snow_depth_m) ? std::max(frame.surface.snow_depth_m, 0.0F) : 0;
   for (int k = 0; k < 3; ++k)
     weather_.cell[k] = static_cast<float>(origin_[k] - std::floor(origin_[k] / 1024) * 1024);
+  if (still_version_ == wanted.still_version && moving_version_ == wanted.moving_version) return {};
+  if (still_version_ != wanted.still_version) place(still_, wanted.still);
+  if (moving_version_ != wanted.moving_version) place(moving_, wanted.moving);
+  moving_.first = still_.end();
+  if (const std::string c = cache_->complaint(); !c.empty()) return fail(ErrorCode::unavailable, "embree", c);
+  still_version_ = wanted.still_version;
+  moving_version_ = wanted.moving_version;
+  return {};
+}
 
+void PlacedScene::place(Level& level, const std::vector<WantedBatch>& wanted) {
   // Where every batch has room in its old place, what stays is not touched; else all are numbered anew in
   // the order of the content. Their order is the same either way, and so is what Embree makes of it.
   const auto ids = [](const RayBatch& b) {
     return b.scene != nullptr ? 1U : static_cast<std::uint32_t>(b.instances.size());
   };
-  bool in_place = batches_.size() == wanted.batches.size();
-  bool same = in_place;
-  for (std::size_t i = 0; i < batches_.size() && in_place; ++i) {
-    const RayBatch* const b = wanted.batches[i].made.get();
-    same = same && batches_[i]->batch.get() == b;
-    in_place = ids(*b) <= batches_[i]->room;
-  }
-  if (same && in_place && !batches_.empty()) return {};
+  auto& batches = level.batches;
+  bool in_place = batches.size() == wanted.size();
+  for (std::size_t i = 0; i < batches.size() && in_place; ++i)
+    in_place = ids(*wanted[i].made) <= batches[i]->room;
   std::vector<std::unique_ptr<Placed>> gone;
   const auto placed = [&](const std::shared_ptr<const RayBatch>& b) {
     auto p = std::make_unique<Placed>();
@@ -342,30 +387,30 @@ Status PlacedScene::place(const WantedContent& wanted) {
     return p;
   };
   if (in_place) {
-    for (std::size_t i = 0; i < batches_.size(); ++i) {
-      auto& slot = batches_[i];
-      if (slot->batch == wanted.batches[i].made) continue;
-      detach(*slot);
-      auto p = placed(wanted.batches[i].made);
+    for (std::size_t i = 0; i < batches.size(); ++i) {
+      auto& slot = batches[i];
+      if (slot->batch == wanted[i].made) continue;
+      detach(level, *slot);
+      auto p = placed(wanted[i].made);
       p->first = slot->first;
       p->room = slot->room;
-      attach(*p);
+      attach(level, *p);
       std::swap(slot, p);
       gone.push_back(std::move(p));
     }
   } else {
     std::unordered_map<const RayBatch*, std::unique_ptr<Placed>> old;
-    for (auto& p : batches_) {
-      detach(*p);
+    for (auto& p : batches) {
+      detach(level, *p);
       const RayBatch* const key = p->batch.get();
       if (auto& slot = old[key]; !slot)
         slot = std::move(p);
       else
         gone.push_back(std::move(p));
     }
-    batches_.clear();
+    batches.clear();
     std::uint32_t next = 0;
-    for (const WantedBatch& w : wanted.batches) {
+    for (const WantedBatch& w : wanted) {
       const auto it = old.find(w.made.get());
       std::unique_ptr<Placed> p;
       if (it != old.end() && it->second)
@@ -375,30 +420,29 @@ Status PlacedScene::place(const WantedContent& wanted) {
       p->first = next;
       p->room = ids(*w.made);
       next += p->room;
-      attach(*p);
-      batches_.push_back(std::move(p));
+      attach(level, *p);
+      batches.push_back(std::move(p));
     }
     for (auto& [key, p] : old)
       if (p) gone.push_back(std::move(p));
   }
-  top_ = batches_.empty() ? 0 : batches_.back()->first + batches_.back()->room;
-  of_top_.assign(top_, nullptr);
-  of_block_.clear();
-  for (const auto& p : batches_) {
+  level.top = batches.empty() ? 0 : batches.back()->first + batches.back()->room;
+  level.of_top.assign(level.top, nullptr);
+  level.of_block.clear();
+  for (const auto& p : batches) {
     if (p->batch->scene == nullptr) {
       p->base = p->first;
-      std::fill_n(of_top_.begin() + p->first, p->batch->instances.size(), p.get());
+      std::fill_n(level.of_top.begin() + p->first, p->batch->instances.size(), p.get());
       continue;
     }
-    p->base = top_ + static_cast<std::uint32_t>(of_block_.size()) * kBlock;
-    of_block_.resize(of_block_.size() + (p->batch->instances.size() + kBlock - 1) / kBlock, p.get());
+    p->base = level.top + static_cast<std::uint32_t>(level.of_block.size()) * kBlock;
+    level.of_block.resize(level.of_block.size() + (p->batch->instances.size() + kBlock - 1) / kBlock,
+                          p.get());
   }
-  rtcCommitScene(handle_);
+  rtcCommitScene(level.handle);
   for (const auto& p : gone)
     for (RTCGeometry g : p->geometries)
       if (g != nullptr) rtcReleaseGeometry(g);
-  if (const std::string c = cache_->complaint(); !c.empty()) return fail(ErrorCode::unavailable, "embree", c);
-  return {};
 }
 
 }  // namespace rigor::render

@@ -15,14 +15,20 @@ struct WantedBatch {
   std::shared_ptr<const RayBatch> made;
 };
 
-/// What is to be placed, in the order of the content, whatever the cell.
+/// What is to be placed, in the order of the content, whatever the cell. A version changes whenever its
+/// batches may be others.
 struct WantedContent {
   std::shared_ptr<const ContentWindow> window;
-  std::vector<WantedBatch> batches;
+  std::vector<WantedBatch> still, moving;
+  std::uint64_t still_version = 0, moving_version = 0;
 };
 
-/// Batches of a window: what is the same object in all frames once, what moves with all its frames.
-[[nodiscard]] std::vector<WantedBatch> match_frames(const ContentWindow& window);
+/// Batches of a window: those that stand still, and what moves, with all its frames.
+struct SplitWindow {
+  std::vector<const Batch*> still;
+  std::vector<WantedBatch> moving;
+};
+[[nodiscard]] SplitWindow split(const ContentWindow& window);
 
 /// Never null. Of what has a structure of its own that too. Any thread.
 [[nodiscard]] std::shared_ptr<const RayBatch> make_batch(RTCDevice device, const WantedBatch& wanted);
@@ -32,7 +38,8 @@ class PlacedScene final : public RayScene {
  public:
   PlacedScene(std::shared_ptr<MeshCache> cache, const Eigen::Vector3d& origin);
   ~PlacedScene() override;
-  /// Errors: unavailable.
+  /// Costs what changed since it was called last, in what stands still, and all that moves. Errors:
+  /// unavailable.
   [[nodiscard]] Status place(const WantedContent& wanted);
 
  private:
@@ -40,10 +47,12 @@ class PlacedScene final : public RayScene {
   static void bounds(const RTCBoundsFunctionArguments* a);
   static void intersect(const RTCIntersectFunctionNArguments* a);
   static void occluded(const RTCOccludedFunctionNArguments* a);
-  void attach(Placed& p);
-  void detach(Placed& p);
+  void attach(Level& level, Placed& p);
+  static void detach(Level& level, Placed& p);
+  void place(Level& level, const std::vector<WantedBatch>& batches);
 
   std::shared_ptr<MeshCache> cache_;
+  std::uint64_t still_version_ = 0, moving_version_ = 0;
 };
 
 }  // namespace rigor::render

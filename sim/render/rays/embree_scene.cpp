@@ -119,6 +119,21 @@ Meeting Shots::meeting(unsigned i) const noexcept {
   return m;
 }
 
+void RayScene::shoot(const int* valid, RTCRayHit8& p, SceneContext& context) const noexcept {
+  rtcIntersect8(valid, still_.handle, &context.embree, &p);
+  if (moving_.batches.empty()) return;
+  alignas(32) unsigned before[8];
+  std::memcpy(before, p.hit.instID[0], sizeof before);
+  std::fill_n(p.hit.instID[0], 8, RTC_INVALID_GEOMETRY_ID);
+  context.base = moving_.first;
+  rtcIntersect8(valid, moving_.handle, &context.embree, &p);
+  context.base = 0;
+  for (int k = 0; k < 8; ++k) {
+    unsigned& id = p.hit.instID[0][k];
+    id = id == RTC_INVALID_GEOMETRY_ID ? before[k] : moving_.first + id;
+  }
+}
+
 void RayScene::meet(Shots& shots, unsigned n, bool coherent) const noexcept {
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
@@ -130,7 +145,7 @@ void RayScene::meet(Shots& shots, unsigned n, bool coherent) const noexcept {
     float far_m[8];
     std::memcpy(far_m, p.ray.tfar, sizeof far_m);
     context.embree.flags = flags(coherent && narrow(p.ray, valid));
-    rtcIntersect8(valid, handle_, &context.embree, &p);
+    shoot(valid, p, context);
     // What was met from behind and has one side is not there: shot once more, past all such faces. Rare
     // enough (a sensor inside a hull) that the first shot need not ask at every face.
     bool again = false;
@@ -161,7 +176,7 @@ void RayScene::meet(Shots& shots, unsigned n, bool coherent) const noexcept {
     }
     if (!again) continue;
     context.embree.filter = SceneFilters::leave_out_backs;
-    rtcIntersect8(valid, handle_, &context.embree, &p);
+    shoot(valid, p, context);
     context.embree.filter = nullptr;
   }
 }
@@ -177,8 +192,16 @@ void RayScene::hide(Shots& shots, unsigned n, bool coherent, std::uint8_t* hidde
     std::memset(hidden + first, 0, count);
     if (!lanes(r, first, n, valid)) continue;
     context.embree.flags = flags(coherent && narrow(r, valid));
-    rtcOccluded8(valid, handle_, &context.embree, &r);
-    for (unsigned k = 0; k < count; ++k) hidden[first + k] = valid[k] != 0 && r.tfar[k] < 0 ? 1 : 0;
+    const auto hide_by = [&](const Level& level) {
+      rtcOccluded8(valid, level.handle, &context.embree, &r);
+      for (unsigned k = 0; k < count; ++k)
+        if (valid[k] != 0 && r.tfar[k] < 0) {
+          hidden[first + k] = 1;
+          valid[k] = 0;
+        }
+    };
+    hide_by(still_);
+    if (!moving_.batches.empty()) hide_by(moving_);
   }
 }
 

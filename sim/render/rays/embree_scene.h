@@ -137,7 +137,8 @@ class RayScene;
 struct SceneContext {
   RTCIntersectContext embree;
   const RayScene* scene = nullptr;
-  std::uint32_t base = 0;  ///< inside a batch with a structure of its own: where its numbers begin
+  std::uint32_t base =
+      0;  ///< where the numbers of the level, or of the batch with a structure of its own, begin
 };
 
 /// The content of a window round a cell of the world.
@@ -149,7 +150,6 @@ class RayScene {
 
   /// Middle of the cell, world frame.
   [[nodiscard]] const Eigen::Vector3d& origin() const noexcept { return origin_; }
-  [[nodiscard]] RTCScene handle() const noexcept { return handle_; }
   /// Of Meeting::instance.
   [[nodiscard]] const RayInstance& instance(std::uint32_t id) const noexcept {
     const Owner o = owner(id);
@@ -182,30 +182,41 @@ class RayScene {
     std::shared_ptr<const RayBatch> batch;
     Eigen::Vector3d offset = Eigen::Vector3d::Zero();  ///< of its origin from the cell
     float shift[3]{};                                  ///< the same
-    /// Where the numbers of its instances begin: below top_ as Embree has them, above that those of batches
-    /// with a structure of their own, from a multiple of kBlock on.
+    /// Where the numbers of its instances begin in its level: below Level::top as Embree has them, above that
+    /// those of batches with a structure of their own, from a multiple of kBlock on.
     std::uint32_t base = 0;
     std::uint32_t first = 0, room = 0;    ///< of Embree's geometries in the scene
     std::vector<RTCGeometry> geometries;  ///< null: left out
   };
   static constexpr std::uint32_t kBlock = 64;
+  /// What stands still and what moves are scenes of their own, so that what moves costs no more than itself.
+  struct Level {
+    RTCScene handle = nullptr;
+    std::uint32_t first = 0;  ///< of its instances among those of both levels
+    std::uint32_t top = 0;
+    std::vector<std::unique_ptr<Placed>> batches;  ///< in the order of the content
+    std::vector<const Placed*> of_top, of_block;
+    [[nodiscard]] std::uint32_t end() const noexcept {
+      return first + top + static_cast<std::uint32_t>(of_block.size()) * kBlock;
+    }
+  };
   struct Owner {
     const Placed* batch;
     std::uint32_t index;
   };
   [[nodiscard]] Owner owner(std::uint32_t id) const noexcept {
-    const Placed& p = *(id < top_ ? of_top_[id] : of_block_[(id - top_) / kBlock]);
+    const Level& l = id < moving_.first ? still_ : moving_;
+    id -= l.first;
+    const Placed& p = *(id < l.top ? l.of_top[id] : l.of_block[(id - l.top) / kBlock]);
     return {&p, id - p.base};
   }
+  void shoot(const int* valid, RTCRayHit8& packet, SceneContext& context) const noexcept;
   [[nodiscard]] static Placement placement(const Owner& o, float time) noexcept;
   friend struct SceneFilters;
 
   RayScene() = default;
   Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();
-  RTCScene handle_ = nullptr;
-  std::uint32_t top_ = 0;
-  std::vector<std::unique_ptr<Placed>> batches_;  ///< in the order of the content
-  std::vector<const Placed*> of_top_, of_block_;
+  Level still_, moving_;
   RayWeather weather_;
 };
 

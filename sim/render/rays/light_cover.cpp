@@ -5,7 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <unordered_set>
+#include <unordered_map>
 
 namespace rigor::render::light {
 namespace {
@@ -47,10 +47,37 @@ SkyCover::Area SkyCover::area_of(const Eigen::AlignedBox3d& box) {
           texel(box.max().y()) + 2};
 }
 
-void SkyCover::update(const RayScene& scene, const ContentFrame& frame, const Eigen::Vector3d& eye,
+SkyCover::Casters SkyCover::casters_of(const std::vector<WantedBatch>& batches) {
+  std::unordered_map<const Prototype*, bool> leaves;
+  Casters all;
+  for (const WantedBatch& w : batches) {
+    const Batch& b = *w.frames.front();
+    if (!b.prototype->casts_shadow) continue;
+    const auto [known, fresh] = leaves.try_emplace(b.prototype.get());
+    if (fresh) known->second = has_leaves(*b.prototype);
+    all.push_back({w.made, b.bounds, known->second});
+  }
+  std::sort(all.begin(), all.end(), [](const Caster& a, const Caster& b) { return a.batch < b.batch; });
+  return all;
+}
+
+void SkyCover::exchange(Casters& casters, Casters now, std::vector<Area>& stale) {
+  const auto differing = [&](const Casters& a, const Casters& b) {
+    for (const Caster& c : a)
+      if (!std::binary_search(b.begin(), b.end(), c,
+                              [](const Caster& p, const Caster& q) { return p.batch < q.batch; }))
+        stale.push_back(area_of(c.bounds));
+  };
+  differing(now, casters);
+  differing(casters, now);
+  casters = std::move(now);
+}
+
+void SkyCover::update(const RayScene& scene, const WantedContent& content, const Eigen::Vector3d& eye,
                       tbb::task_arena& arena) {
   const auto first = [](double v) {
-    return static_cast<std::int64_t>(std::floor(v / kTexel_m)) - kCoverSide / 2;
+    constexpr double kCell = ContentQuery::kEyeCell_m;
+    return static_cast<std::int64_t>(std::floor(v / kCell) * (kCell / kTexel_m)) - kCoverSide / 2;
   };
   const std::int64_t x0 = first(eye.x()), y0 = first(eye.y());
   const Area map{x0, y0, x0 + kCoverSide, y0 + kCoverSide};
@@ -59,54 +86,38 @@ void SkyCover::update(const RayScene& scene, const ContentFrame& frame, const Ei
   origin_z_ = static_cast<float>(scene.origin().z());
 
   // Several times a picture nothing has changed.
-  if (filled_ && x0 == x0_ && y0 == y0_ && frame.batches == batches_) return;
-  batches_ = frame.batches;
-
-  std::vector<Caster> now;
-  for (const auto& b : frame.batches)
-    if (b && b->prototype && b->prototype->casts_shadow && !b->instances.empty())
-      now.push_back({b->serial, b});
-  std::sort(now.begin(), now.end(), [](const Caster& a, const Caster& b) { return a.serial < b.serial; });
-
+  if (filled_ && scene.origin() != origin_) filled_ = false;
+  if (filled_ && x0 == x0_ && y0 == y0_ && content.still_version == still_version_ &&
+      content.moving_version == moving_version_)
+    return;
+  origin_ = scene.origin();
   std::vector<Area> stale;
-  const bool same = now == casters_;
+  if (content.still_version != still_version_) exchange(still_, casters_of(content.still), stale);
+  if (content.moving_version != moving_version_) exchange(moving_, casters_of(content.moving), stale);
+  if (content.still_version != still_version_ || content.moving_version != moving_version_) {
+    const auto has_leaves = [](const Caster& c) { return c.leaves; };
+    leaves_ = std::any_of(still_.begin(), still_.end(), has_leaves) ||
+              std::any_of(moving_.begin(), moving_.end(), has_leaves);
+  }
+  still_version_ = content.still_version;
+  moving_version_ = content.moving_version;
   if (!filled_) {
     top_m_.assign(std::size_t{kCoverSide} * kCoverSide, kNothing_m);
-    stale.push_back(map);
-  } else {
-    if (x0 != x0_ || y0 != y0_) {
-      // What came into the map on either side.
-      const std::int64_t dx = std::clamp<std::int64_t>(x0 - x0_, -kCoverSide, kCoverSide);
-      const std::int64_t dy = std::clamp<std::int64_t>(y0 - y0_, -kCoverSide, kCoverSide);
-      if (dx != 0)
-        stale.push_back(dx > 0 ? Area{map.x1 - dx, map.y0, map.x1, map.y1}
-                               : Area{map.x0, map.y0, map.x0 - dx, map.y1});
-      if (dy != 0)
-        stale.push_back(dy > 0 ? Area{map.x0, map.y1 - dy, map.x1, map.y1}
-                               : Area{map.x0, map.y0, map.x1, map.y0 - dy});
-    }
-    if (!same) {
-      const auto differing = [&](const std::vector<Caster>& a, const std::vector<Caster>& b) {
-        for (const Caster& c : a)
-          if (!std::binary_search(b.begin(), b.end(), c,
-                                  [](const Caster& p, const Caster& q) { return p.serial < q.serial; }))
-            stale.push_back(area_of(c.batch->bounds));
-      };
-      differing(now, casters_);
-      differing(casters_, now);
-    }
+    stale = {map};
+  } else if (x0 != x0_ || y0 != y0_) {
+    // What came into the map on either side.
+    const std::int64_t dx = std::clamp<std::int64_t>(x0 - x0_, -kCoverSide, kCoverSide);
+    const std::int64_t dy = std::clamp<std::int64_t>(y0 - y0_, -kCoverSide, kCoverSide);
+    if (dx != 0)
+      stale.push_back(dx > 0 ? Area{map.x1 - dx, map.y0, map.x1, map.y1}
+                             : Area{map.x0, map.y0, map.x0 - dx, map.y1});
+    if (dy != 0)
+      stale.push_back(dy > 0 ? Area{map.x0, map.y1 - dy, map.x1, map.y1}
+                             : Area{map.x0, map.y0, map.x1, map.y0 - dy});
   }
   x0_ = x0;
   y0_ = y0;
   filled_ = true;
-  if (!same) {
-    casters_ = std::move(now);
-    leaves_ = false;
-    std::unordered_set<const Prototype*> known;
-    for (const Caster& c : casters_)
-      if (!leaves_ && known.insert(c.batch->prototype.get()).second)
-        leaves_ = has_leaves(*c.batch->prototype);
-  }
   bool shot = false;
   for (const Area& a : stale) {
     const Area part{std::max(a.x0, map.x0), std::max(a.y0, map.y0), std::min(a.x1, map.x1),

@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <unordered_set>
-
-#include "sim/render/engine/content_window.h"
 
 namespace rigor::render::light {
 namespace {
 
-/// Windows for which what is unseen is kept.
+/// Contents that stand still for which what is unseen is kept.
 constexpr std::uint64_t kRoundsKept = 16;
 
 float linear_from_srgb(float v) { return v <= 0.04045F ? v / 12.92F : std::pow((v + 0.055F) / 1.055F, 2.4F); }
@@ -94,7 +93,15 @@ std::array<Bands4, 3> colour_to_band(const std::array<int, 4>& bands, bool mean_
 
 }  // namespace
 
-MipMap::MipMap(const Texture& t, bool weigh) : decode_(decoder(t.srgb)), repeat_(t.repeat) {
+MipMap::MipMap(std::shared_ptr<const Texture> texture, bool weigh)
+    : texture_(std::move(texture)),
+      weigh_(weigh),
+      decode_(decoder(texture_->srgb)),
+      size_lod_(0.5F * std::log2(static_cast<float>(texture_->width) * static_cast<float>(texture_->height))),
+      repeat_(texture_->repeat) {}
+
+void MipMap::make() const {
+  const Texture& t = *texture_;
   Picture now;
   now.width = t.width;
   now.height = t.height;
@@ -112,15 +119,21 @@ MipMap::MipMap(const Texture& t, bool weigh) : decode_(decoder(t.srgb)), repeat_
     texels_.resize(l.first + std::size_t{l.tiles_across} * ((l.height + 3) / 4) * 16);
     for (std::uint32_t y = 0; y < l.height; ++y)
       for (std::uint32_t x = 0; x < l.width; ++x) {
-        const Bands4 p = now.texels[std::size_t{y} * l.width + x];
-        texels_[l.first + (std::size_t{y / 4} * l.tiles_across + x / 4) * 16 + (y % 4) * 4 + x % 4] =
-            byte(p[0], true) | byte(p[1], true) << 8U | byte(p[2], true) << 16U | byte(p[3], false) << 24U;
+        const std::size_t from = std::size_t{y} * l.width + x;
+        std::uint32_t& to =
+            texels_[l.first + (std::size_t{y / 4} * l.tiles_across + x / 4) * 16 + (y % 4) * 4 + x % 4];
+        if (l.first == 0) {
+          std::memcpy(&to, &t.rgba[4 * from], 4);
+          continue;
+        }
+        const Bands4 p = now.texels[from];
+        to = byte(p[0], true) | byte(p[1], true) << 8U | byte(p[2], true) << 16U | byte(p[3], false) << 24U;
       }
     levels_.push_back(l);
     if (now.width == 1 && now.height == 1) break;
-    now = half(now, weigh);
+    now = half(now, weigh_);
   }
-  size_lod_ = 0.5F * std::log2(static_cast<float>(t.width) * static_cast<float>(t.height));
+  made_.store(true, std::memory_order_release);
 }
 
 Bands4 MipMap::texel(const Level& l, std::uint32_t x, std::uint32_t y) const noexcept {
@@ -131,6 +144,7 @@ Bands4 MipMap::texel(const Level& l, std::uint32_t x, std::uint32_t y) const noe
 }
 
 Bands4 MipMap::at(float u, float v, float lod) const noexcept {
+  if (!made_.load(std::memory_order_acquire)) std::call_once(making_, [this] { make(); });
   const int last = static_cast<int>(levels_.size()) - 1;
   const Level& l = levels_[static_cast<std::size_t>(std::clamp(static_cast<int>(lod + 0.5F), 0, last))];
   const float w = static_cast<float>(l.width), h = static_cast<float>(l.height);
@@ -206,7 +220,7 @@ LightSurfaces::LightSurfaces() {
 const MipMap* LightSurfaces::map(const std::shared_ptr<const Texture>& t, bool weigh) {
   if (!has_pixels(t)) return nullptr;
   KeptMap& kept = maps_[2 * t->serial + (weigh ? 1 : 0)];
-  if (!kept.map) kept.map = std::make_unique<MipMap>(*t, weigh);
+  if (!kept.map) kept.map = std::make_unique<MipMap>(t, weigh);
   kept.last_seen = round_;
   return kept.map.get();
 }
@@ -242,6 +256,7 @@ void LightSurfaces::add(const std::shared_ptr<const Surface>& s) {
     kept.surface = s;
     kept.made = std::make_unique<LightSurface>();
     fill(*s, *kept.made);
+    grown_ = true;
   }
   if (kept.last_seen == round_) return;
   kept.last_seen = round_;
@@ -251,26 +266,40 @@ void LightSurfaces::add(const std::shared_ptr<const Surface>& s) {
     if (has_pixels(*t)) maps_.at(2 * (*t)->serial + (weigh ? 1 : 0)).last_seen = round_;
 }
 
-void LightSurfaces::update(const ContentWindow& window, const std::array<int, 4>& bands) {
-  ++round_;
+void LightSurfaces::add(const std::vector<WantedBatch>& batches) {
+  std::unordered_set<const Prototype*> seen;
+  for (const WantedBatch& batch : batches) {
+    const Prototype* const prototype = batch.frames.front()->prototype.get();
+    if (!seen.insert(prototype).second) continue;
+    for (const LevelOfDetail& level : prototype->levels)
+      if (level.mesh)
+        for (const MeshPart& part : level.mesh->parts)
+          if (part.surface) add(part.surface);
+  }
+}
+
+void LightSurfaces::update(const WantedContent& content, const std::array<int, 4>& bands) {
   if (bands != bands_) {
     bands_ = bands;
     for (auto& [serial, kept] : surfaces_) fill(*kept.surface, *kept.made);
     fill(*grey_, grey_made_);
   }
-  std::unordered_set<const Prototype*> seen;
-  for (const auto& frame : window.frames)
-    for (const auto& batch : frame->batches) {
-      if (!batch || !batch->prototype || !seen.insert(batch->prototype.get()).second) continue;
-      for (const LevelOfDetail& level : batch->prototype->levels)
-        if (level.mesh)
-          for (const MeshPart& part : level.mesh->parts)
-            if (part.surface) add(part.surface);
-    }
-  const auto old = [this](const auto& e) { return e.second.last_seen + kRoundsKept < round_; };
-  std::erase_if(surfaces_, old);
-  std::erase_if(maps_, old);
-  index();
+  if (content.still_version == still_version_ && content.moving_version == moving_version_) return;
+  const bool another = content.still_version != still_version_;
+  still_version_ = content.still_version;
+  moving_version_ = content.moving_version;
+  if (another) {
+    ++round_;
+    add(content.still);
+  }
+  add(content.moving);
+  if (another) {
+    const auto old = [this](const auto& e) { return e.second.last_seen + kRoundsKept < round_; };
+    grown_ = std::erase_if(surfaces_, old) > 0 || grown_;
+    std::erase_if(maps_, old);
+  }
+  if (grown_) index();
+  grown_ = false;
 }
 
 void LightSurfaces::index() {

@@ -3,22 +3,25 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <unordered_map>
 #include <vector>
 
 #include "sim/render/content/content.h"
-#include "sim/render/engine/content_window.h"
+#include "sim/render/rays/embree_placement.h"
 #include "sim/render/rays/light_shading.h"
 
 namespace rigor::render::light {
 
 /// A texture and its halves, each the mean of four texels of the one before; colours in linear light,
-/// weighted by coverage where it counts.
+/// weighted by coverage where it counts. They are made when one is first looked at: most tiles of the ground
+/// never are. Any thread.
 class MipMap {
  public:
-  MipMap(const Texture& texture, bool weigh_by_coverage);
+  MipMap(std::shared_ptr<const Texture> texture, bool weigh_by_coverage);
   /// Red, green, blue in linear light and coverage, bilinear in one level. `lod`: log2 of texels of the
   /// finest level that one sample stands for. Any u, v.
   [[nodiscard]] Bands4 at(float u, float v, float lod) const noexcept;
@@ -31,9 +34,14 @@ class MipMap {
     std::size_t first = 0;
   };
   [[nodiscard]] Bands4 texel(const Level& l, std::uint32_t x, std::uint32_t y) const noexcept;
-  std::vector<Level> levels_;
-  std::vector<std::uint32_t> texels_;  ///< red in the lowest byte; tiles of 4 x 4, a cache line each
-  const float* decode_ = nullptr;      ///< of a byte of colour
+  void make() const;
+  std::shared_ptr<const Texture> texture_;
+  bool weigh_;
+  mutable std::once_flag making_;
+  mutable std::atomic<bool> made_{false};
+  mutable std::vector<Level> levels_;
+  mutable std::vector<std::uint32_t> texels_;  ///< red in the lowest byte; tiles of 4 x 4, a cache line each
+  const float* decode_ = nullptr;              ///< of a byte of colour
   float size_lod_ = 0;
   bool repeat_ = true;
 };
@@ -62,8 +70,8 @@ struct LightSurface {
 class LightSurfaces {
  public:
   LightSurfaces();
-  /// Takes over what is new in a window; forgets what has not been in the last ones.
-  void update(const ContentWindow& window, const std::array<int, 4>& bands);
+  /// Takes over what is new in a content; forgets what has not been in the last ones.
+  void update(const WantedContent& content, const std::array<int, 4>& bands);
   /// Of a surface of the window; a matt grey for any other.
   [[nodiscard]] const LightSurface& of(const Surface* s) const noexcept;
 
@@ -77,12 +85,15 @@ class LightSurfaces {
     std::unique_ptr<MipMap> map;
     std::uint64_t last_seen = 0;
   };
+  void add(const std::vector<WantedBatch>& batches);
   void add(const std::shared_ptr<const Surface>& s);
   void fill(const Surface& s, LightSurface& out);
   [[nodiscard]] const MipMap* map(const std::shared_ptr<const Texture>& t, bool weigh);
   void index();
 
-  std::uint64_t round_ = 0;
+  std::uint64_t round_ = 0;  ///< counts contents that stand still
+  std::uint64_t still_version_ = 0, moving_version_ = 0;
+  bool grown_ = false;
   std::array<int, 4> bands_{-1, -1, -1, -1};
   std::unordered_map<std::uint64_t, Kept> surfaces_;                   ///< by serial
   std::unordered_map<std::uint64_t, KeptMap> maps_;                    ///< by serial and weighing

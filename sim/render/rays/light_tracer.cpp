@@ -29,8 +29,6 @@ struct LightTracer::Impl {
   std::list<Sky> skies;  ///< the last ones that were asked for
   light::LightSurfaces surfaces;
   light::SkyCover cover;
-  std::vector<std::shared_ptr<const ContentFrame>> known;  ///< frames that `surfaces` is of
-  std::array<int, 4> known_bands{-1, -1, -1, -1};
   LightStatistics statistics;
 };
 
@@ -76,19 +74,15 @@ Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samp
   auto found = engine->impl().scene_at(q.origin);
   if (!found) return tl::unexpected(found.error());
   const RayScene& scene = **found;
-  const ContentWindow& window = *engine->impl().window();
-  if (window.frames != known || q.bands != known_bands) {
-    surfaces.update(window, q.bands);
-    known = window.frames;
-    known_bands = q.bands;
-  }
-  const ContentFrame& frame = window.first();
+  const WantedContent& content = engine->impl().content();
+  surfaces.update(content, q.bands);
+  const ContentFrame& frame = content.window->first();
   const light::LightFrame lit =
       light::light_frame(frame, scene.origin(), q.bands, tables(frame.light.sky, q.bands));
   light::ChunkInput in{scene, surfaces, lit, q, Eigen::Vector3d(q.origin - scene.origin())};
   const auto covering = std::chrono::steady_clock::now();
   if (q.sky_cover && q.shadows && q.sky_rays == 0 && !q.rays.empty()) {
-    cover.update(scene, frame, q.origin, engine->impl().arena());
+    cover.update(scene, content, q.origin, engine->impl().arena());
     if (cover.any()) {
       in.cover = &cover;
       in.instead = cover.instead(lit, q.bands);

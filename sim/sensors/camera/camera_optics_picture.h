@@ -9,6 +9,7 @@
 
 #include <Eigen/Geometry>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <vector>
 
@@ -55,6 +56,18 @@ struct OpticsRequest {
   } region{};  ///< width 0: the whole sensor. rays: only this is traced; vulkan: whole views, read here
 };
 
+/// An engine of rays and the light in its content, for any number of cameras on any threads: they take turns.
+/// What a camera sees does not depend on their order.
+struct SharedLight {
+  /// Errors: unavailable.
+  [[nodiscard]] static Result<std::shared_ptr<SharedLight>> create(
+      std::shared_ptr<render::EmbreeCache> cache);
+  explicit SharedLight(std::shared_ptr<render::EmbreeEngine> e) : engine(std::move(e)), tracer(engine) {}
+  std::shared_ptr<render::EmbreeEngine> engine;
+  render::LightTracer tracer;
+  std::mutex turn;
+};
+
 class CameraOpticsPicture {
  public:
   virtual ~CameraOpticsPicture() = default;
@@ -62,6 +75,8 @@ class CameraOpticsPicture {
   /// Blocks; one thread at a time. Errors: bad_input, unavailable.
   [[nodiscard]] virtual Status form(const OpticsRequest& request, const render::SensorView& view,
                                     OpticsPicture& out, GroundTruth* truth = nullptr) = 0;
+  /// Of the last form(): wall time in which the engine took over what is new in the content; 0: not known.
+  [[nodiscard]] virtual double prepare_ms() const { return 0; }
 };
 
 /// Errors: bad_input (a model that is not valid).
@@ -72,8 +87,8 @@ class CameraOpticsPicture {
     const CameraModel& camera, const OpticsOptions& options, std::shared_ptr<render::ViewRenderer> renderer);
 [[nodiscard]] Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(
     const CameraModel& camera, const OpticsOptions& options, std::shared_ptr<render::EmbreeCache> cache);
-/// With an engine that others measure with too, one after the other, on the same thread.
+/// With an engine that others measure with too: what one camera has prepared is there for the next one.
 [[nodiscard]] Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(
-    const CameraModel& camera, const OpticsOptions& options, std::shared_ptr<render::EmbreeEngine> engine);
+    const CameraModel& camera, const OpticsOptions& options, std::shared_ptr<SharedLight> light);
 
 }  // namespace rigor

@@ -53,6 +53,9 @@ class PoseTable {
 
 constexpr int kWidestBorder_px = 64;
 
+/// In steps of a quarter of an octave, down: cameras that are about alike ask for the same content.
+double stepped(double allowed_rad) { return std::exp2(std::floor(4 * std::log2(allowed_rad)) / 4); }
+
 /// The lens over a sensor whose pixels are `step` times as wide: pixel (i, j) lies in the middle of `step` x
 /// `step` of the camera's, from (step · i, step · j) on.
 CameraModel coarse(CameraModel camera, int step) {
@@ -81,9 +84,8 @@ int border_of(const CameraModel& camera, int step) {
 
 class RaysOptics final : public CameraOpticsPicture {
  public:
-  RaysOptics(const CameraModel& camera, const OpticsOptions& options,
-             std::shared_ptr<render::EmbreeEngine> engine)
-      : camera_(camera), traced_(camera), options_(options), engine_(std::move(engine)), tracer_(engine_) {
+  RaysOptics(const CameraModel& camera, const OpticsOptions& options, std::shared_ptr<SharedLight> light)
+      : camera_(camera), traced_(camera), options_(options), light_of_(std::move(light)) {
     const bool in_focus_alike = !camera.chromatic.longitudinal() || !camera.depth_of_field.active();
     const bool traced =
         options.trace_colours.value_or(options.samples_per_pixel >= OpticsOptions::kColoursTraced);
@@ -109,6 +111,7 @@ class RaysOptics final : public CameraOpticsPicture {
   [[nodiscard]] std::string_view engine() const override { return "rays"; }
   [[nodiscard]] Status form(const OpticsRequest& request, const render::SensorView& view, OpticsPicture& out,
                             GroundTruth* truth) override;
+  [[nodiscard]] double prepare_ms() const override { return prepare_ms_; }
 
  private:
   struct Strip {
@@ -151,8 +154,8 @@ class RaysOptics final : public CameraOpticsPicture {
   int step_ = 1, border_ = 0;
   OpticsPicture reference_;
   OpticsOptions options_;
-  std::shared_ptr<render::EmbreeEngine> engine_;
-  render::LightTracer tracer_;
+  std::shared_ptr<SharedLight> light_of_;
+  double prepare_ms_ = 0;
   std::vector<LensGrid> lenses_;  ///< one, or one for each of red, green, blue
   std::vector<ThinLens> apertures_;
   std::unique_ptr<LensGrid> truth_lens_;
@@ -222,7 +225,7 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
   const auto index = shot.request.measure.index;
   query.seed = shot.request.seed ^ (index * 0x9E3779B97F4A7C15ULL) ^
                (static_cast<std::uint64_t>(strip.first_row) << 40U) ^ (std::uint64_t{channel} << 60U);
-  if (auto s = tracer_.trace(query, light_); !s) return s;
+  if (auto s = light_of_->tracer.trace(query, light_); !s) return s;
   const bool split = lenses_.size() > 1;
   const float share = 1.0F / static_cast<float>(n);
   tbb::parallel_for(first, last, [&](int v) {
@@ -329,13 +332,16 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
   const Eigen::Vector3d origin = motion->middle();
   // All round: what stands behind throws shadows, hides the sky and is seen in mirrors.
   render::ContentQuery query;
-  query.eye = origin;
-  query.allowed_error_rad = options_.allowed_error_px / std::max(camera_.fx_px, camera_.fy_px);
+  query.look_from_cell_of(origin);
+  query.allowed_error_rad = stepped(options_.allowed_error_px / std::max(camera_.fx_px, camera_.fy_px));
   const auto window = view.world.collect(query, timing.begin(), timing.end(),
                                          timing.one_instant() ? 1 : std::max(options_.instants, 2));
-  engine_->set_options({.allowed_error_rad = query.allowed_error_rad, .eye = origin});
-  if (engine_->window() != window.get())
-    if (auto s = engine_->prepare(window); !s) return s;
+  const std::lock_guard turn(light_of_->turn);
+  render::EmbreeEngine& engine = *light_of_->engine;
+  engine.set_options(
+      {.allowed_error_rad = query.allowed_error_rad, .eye = query.eye, .eye_reach_m = query.eye_reach_m});
+  if (auto s = engine.prepare(window); !s) return s;
+  prepare_ms_ = engine.statistics().prepare_ms;
 
   const OpticsRequest::Region traced = moves_ ? looked_at(*region) : *region;
   const PoseTable poses(*motion, origin);
@@ -365,28 +371,34 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
     if (!truth_lens_) truth_lens_ = std::make_unique<LensGrid>(camera_, kReferenceChannel);
     lens = truth_lens_.get();
   }
-  return measure_truth({camera_, *lens, *region, timing, *motion}, *engine_, *window, view, *truth);
+  return measure_truth({camera_, *lens, *region, timing, *motion}, engine, *window, view, *truth);
 }
 
 }  // namespace
 
 Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(const CameraModel& camera,
                                                               const OpticsOptions& options,
-                                                              std::shared_ptr<render::EmbreeEngine> engine) {
+                                                              std::shared_ptr<SharedLight> light) {
   if (auto s = camera.validate(); !s) return tl::unexpected(s.error());
-  if (!engine) return fail(ErrorCode::unavailable, "rays", "expected an engine, got none");
+  if (!light) return fail(ErrorCode::unavailable, "rays", "expected an engine, got none");
   if (options.samples_per_pixel < 1 || options.samples_per_pixel > 65536)
     return fail(ErrorCode::bad_input, "samples_per_pixel",
                 "expected 1 to 65536, got " + std::to_string(options.samples_per_pixel));
   if (options.pixel_step < 1 || options.pixel_step > 8)
     return fail(ErrorCode::bad_input, "pixel_step",
                 "expected 1 to 8, got " + std::to_string(options.pixel_step));
-  return std::make_unique<RaysOptics>(camera, options, std::move(engine));
+  return std::make_unique<RaysOptics>(camera, options, std::move(light));
 }
 
 Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(const CameraModel& camera,
                                                               const OpticsOptions& options,
                                                               std::shared_ptr<render::EmbreeCache> cache) {
+  auto light = SharedLight::create(std::move(cache));
+  if (!light) return tl::unexpected(light.error());
+  return make_rays_optics(camera, options, std::move(*light));
+}
+
+Result<std::shared_ptr<SharedLight>> SharedLight::create(std::shared_ptr<render::EmbreeCache> cache) {
   if (!cache) {
     auto made = render::EmbreeCache::create();
     if (!made) return tl::unexpected(made.error());
@@ -394,7 +406,7 @@ Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(const CameraModel&
   }
   auto engine = render::EmbreeEngine::create(std::move(cache));
   if (!engine) return tl::unexpected(engine.error());
-  return make_rays_optics(camera, options, *engine);
+  return std::make_shared<SharedLight>(std::move(*engine));
 }
 
 }  // namespace rigor

@@ -22,7 +22,7 @@ tl::unexpected<Error> named(const std::string& name, Error e) {
 /// Engines that several cameras measure with.
 struct SharedEngines {
   std::shared_ptr<render::ViewRenderer> renderer;
-  std::shared_ptr<render::EmbreeEngine> rays;
+  std::shared_ptr<SharedLight> light;
 };
 
 Result<SharedEngines> engines_for(CameraEngine which, const CameraEngines& given) {
@@ -39,22 +39,18 @@ Result<SharedEngines> engines_for(CameraEngine which, const CameraEngines& given
     out.renderer = std::move(*renderer);
     return out;
   }
-  auto cache = given.cache;
-  if (!cache) {
-    auto made = render::EmbreeCache::create();
-    if (!made) return tl::unexpected(made.error());
-    cache = *made;
-  }
-  auto engine = render::EmbreeEngine::create(cache);
-  if (!engine) return tl::unexpected(engine.error());
-  out.rays = *engine;
+  out.light = given.light;
+  if (out.light) return out;
+  auto light = SharedLight::create(given.cache);
+  if (!light) return tl::unexpected(light.error());
+  out.light = std::move(*light);
   return out;
 }
 
 Result<std::unique_ptr<SimulatedCamera>> camera_with(const SimulatedCameraSpec& spec,
                                                      const SharedEngines& engines) {
   auto optics = engines.renderer ? make_vulkan_optics(spec.model, spec.optics, engines.renderer)
-                                 : make_rays_optics(spec.model, spec.optics, engines.rays);
+                                 : make_rays_optics(spec.model, spec.optics, engines.light);
   if (!optics) return named(spec.name, optics.error());
   return SimulatedCamera::create(spec, std::move(*optics));
 }
@@ -144,7 +140,7 @@ Status SimulatedCamera::capture(const CameraCapture& request, const render::Sens
                                   .format = request.format.value_or(spec_.format),
                                   .region = request.region};
   if (auto s = sensor_->expose(sensor, picture_, pixels); !s) return named(spec_.name, s.error());
-  if (times != nullptr) *times = {ms_between(t0, t1), ms_between(t1, Clock::now())};
+  if (times != nullptr) *times = {ms_between(t0, t1), ms_between(t1, Clock::now()), optics_->prepare_ms()};
   return {};
 }
 

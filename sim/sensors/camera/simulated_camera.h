@@ -37,6 +37,7 @@ struct SimulatedCameraSpec {
 struct CameraEngines {
   std::shared_ptr<render::Device> device{};      ///< vulkan
   std::shared_ptr<render::EmbreeCache> cache{};  ///< rays, and ground truth of both
+  std::shared_ptr<SharedLight> light{};          ///< rays, shared with other cameras; in place of `cache`
 };
 
 struct CameraCapture {
@@ -50,6 +51,7 @@ struct CameraCapture {
 /// Wall time of the stages of one capture.
 struct CaptureTimes {
   double optics_ms = 0, sensor_ms = 0;
+  double prepare_ms = 0;  ///< of the optics: taking over what is new in the content
 };
 
 class SimulatedCamera {

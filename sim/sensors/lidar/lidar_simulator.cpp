@@ -240,11 +240,12 @@ Status LidarSimulator::Impl::capture(const MeasureRequest& request, const render
     return fail(ErrorCode::bad_input, spec.name,
                 "expected a finite pose of the sensor, at " + std::to_string(request.t_capture.ns()) + " ns");
   const double far_m = m.range.max_m + track.reach_m();
-  const auto window = view.world.collect({.eye = track.origin(),
-                                          .allowed_error_rad = spec.allowed_error_rad,
-                                          .far_m = far_m,
-                                          .t = request.t_capture},
-                                         request.t_capture, request.t_capture + duration,
+  render::ContentQuery query;
+  query.look_from_cell_of(track.origin());
+  query.allowed_error_rad = spec.allowed_error_rad;
+  query.far_m = far_m;
+  query.t = request.t_capture;
+  const auto window = view.world.collect(query, request.t_capture, request.t_capture + duration,
                                          duration.ns() > 0 ? m.scan.instants : 1);
   if (auto ok = engine->prepare(window); !ok) return ok;
 

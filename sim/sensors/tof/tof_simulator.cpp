@@ -36,6 +36,14 @@ ExposedTaps taps_of(const models::TofModulation& m, int exposure) {
   return {.first_frequency = e / 4, .one = true, .tap = e % 4};
 }
 
+/// Farther than this a white matt surface sends back less than a quarter of the least amplitude that a pixel
+/// may have: what lies there is asked for no finer than samples see it. Infinity where no amplitude is too
+/// small.
+double lit_within_m(const models::TofModel& model) {
+  const double least_e = 2 * model.limits.min_amplitude_e / model.modulation.contrast;
+  return std::sqrt(4 * model.active_electrons(1, 1) / least_e);
+}
+
 }  // namespace
 
 struct TofSimulator::Impl {
@@ -59,6 +67,7 @@ struct TofSimulator::Impl {
   std::vector<tof::SampleLight> lights;  ///< of each
   tof::PixelArray pixels;
   std::vector<float> scratch;
+  double lit_m = lit_within_m(spec.model);
 };
 
 TofSimulator::TofSimulator(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -89,8 +98,12 @@ Status TofSimulator::capture(const MeasureRequest& request, const render::Sensor
   };
   const Eigen::Isometry3d T_world_sensor = view.T_world_sensor(request.t_capture);
   render::ContentQuery query;
-  query.eye = T_world_sensor.translation();
+  query.look_from_cell_of(T_world_sensor.translation());
   query.allowed_error_rad = my.spec.allowed_error_rad;
+  if (query.allowed_error_rad <= 0) {
+    query.allowed_error_rad = 1 / (std::max(model.fx_px, model.fy_px) * my.rays.side);
+    query.full_within_m = my.lit_m;
+  }
   query.t = request.t_capture;
   // Between four instants, motion is even.
   const auto window =

@@ -160,6 +160,62 @@ TEST(GroundVegetation, SamePlantsWhateverWasAskedBefore) {
   EXPECT_EQ(serials(first), serials(collect(*a.plants, query)));
 }
 
+TEST(GroundVegetation, EyesInOneCellGetOneAnswerThatIsFineEnoughForEachOfThem) {
+  Meadow m;
+  m.w.add_terrain({161, 161, -80, 80, 1}, hills);
+  m.w.add_cover({33, 33, -80, 80, 5}, "grass", [](double, double) { return 0; });
+  m.w.add_vegetation("grass", "grass", 20, 0.25);
+  m.start();
+  ContentQuery query;
+  query.allowed_error_rad = 2e-3;
+  std::set<std::set<std::uint64_t>> answers;
+  for (const auto& [x, y] : {std::pair{4.1, 6.1}, {5.9, 7.9}, {4.5, 7.5}}) {
+    query.look_from_cell_of({x, y, 9.5});
+    ContentFrame frame;
+    m.terrain->collect(query, frame);
+    m.plants->collect(query, frame);
+    answers.insert(serials(frame));
+    // The same eye alone asks for no more plants, nor for finer ground, anywhere.
+    ContentQuery alone;
+    alone.allowed_error_rad = query.allowed_error_rad;
+    alone.eye = {x, y, 9.5};
+    const auto few = collect(*m.plants, alone), ground = collect(*m.terrain, alone);
+    EXPECT_LE(placed(few).size(), placed(frame).size());
+    const auto finest = [](const ContentFrame& f, double px, double py) {
+      double error = 1e9;
+      for (const auto& b : f.batches)
+        if (b->prototype->name == "ground" && b->bounds.min().x() <= px && px <= b->bounds.max().x() &&
+            b->bounds.min().y() <= py && py <= b->bounds.max().y())
+          error = std::min(error, static_cast<double>(b->prototype->levels[0].error_m));
+      return error;
+    };
+    for (double px = -70.3; px < 75; px += 7)
+      for (double py = -70.3; py < 75; py += 7)
+        EXPECT_LE(finest(frame, px, py), std::max(finest(ground, px, py), 0.02)) << px << " " << py;
+  }
+  EXPECT_EQ(answers.size(), 1U);
+  query.look_from_cell_of({6.1, 7.9, 9.5});
+  EXPECT_FALSE(answers.contains(serials(collect(*m.plants, query))));
+}
+
+TEST(GroundVegetation, InFullWithinADistanceAndThinnedBeyond) {
+  Meadow m;
+  m.w.add_terrain({161, 161, -80, 80, 1}, flat);
+  m.w.add_cover({33, 33, -80, 80, 5}, "grass", [](double, double) { return 0; });
+  m.w.add_vegetation("grass", "grass", 20, 0.25);
+  m.start();
+  ContentQuery query = look_from(0, 0, 13);
+  query.allowed_error_rad = 0;
+  const auto full = placed(collect(*m.plants, query));
+  query.allowed_error_rad = 5e-3;
+  const auto thin = placed(collect(*m.plants, query));
+  query.full_within_m = 30;
+  const auto both = placed(collect(*m.plants, query));
+  EXPECT_EQ(count_in(both, -20, -20, 20, 20), count_in(full, -20, -20, 20, 20));
+  EXPECT_LT(count_in(thin, -20, -20, 20, 20), count_in(full, -20, -20, 20, 20));
+  EXPECT_LT(count_in(both, 60, -80, 80, 80), count_in(full, 60, -80, 80, 80));
+}
+
 TEST(GroundVegetation, ThinnedPlantsAreSomeOfThoseInFull) {
   Meadow m;
   m.w.add_terrain({101, 101, -50, 50, 1}, flat);

@@ -1,6 +1,7 @@
 // Changes, motion, levels of detail, threads, and content that is wrong.
 #include <cstring>
 #include <limits>
+#include <set>
 
 #include "sensor-hal/models/philox.h"
 #include "tests/sim/render/rays/rays_fixture.h"
@@ -169,6 +170,46 @@ TEST_F(RaysTest, WhatMovesIsMetWhereItIsAtTheRaysInstant) {
   }
 }
 
+TEST_F(RaysTest, WhatIsInMotionIsMetAsIfItStoodAndLeavesTheRestAlone) {
+  const SyntheticForest f = make_forest(120, 60, 12);
+  auto p = prototype_of(box_mesh({0.3F, 0.4F, 0.5F}, surface_of(0.5F)));
+  const auto with_things = [&](bool moves, double x) {
+    auto batches = batches_of(f);
+    auto few = batch_of(p, {at(2, 1, 1), at(2, -1, 2)}, 7001, {x, 0, 0});
+    std::vector<Instance> crowd;  // with a structure of its own
+    for (int i = 0; i < 200; ++i)
+      crowd.push_back(at(0.9F * static_cast<float>(i % 20) - 9, 0.9F * static_cast<float>(i / 20) - 9, 4));
+    auto many = batch_of(p, crowd, 7002, {x, 0, 0});
+    few->moves = many->moves = moves;
+    batches.insert(batches.begin() + 1, {few, many});
+    return batches;
+  };
+  const auto rays = all_round(6000, {0, 0, 2});
+  const auto hidden_by = [&](EmbreeEngine& engine) {
+    std::vector<std::uint8_t> hidden(rays.size());
+    EXPECT_TRUE(engine.occluded({.rays = rays}, hidden));
+    return hidden;
+  };
+  std::set<std::uint64_t> nodes;
+  for (const double x : {0.0, 0.4, 5.0}) {
+    show(with_things(true, x));
+    EXPECT_EQ(engine_->statistics().rebuilt, x == 0 ? 5U : 0U);
+    EXPECT_EQ(engine_->statistics().instances, 121U + 202U);
+    const auto hits = cast(rays);
+    for (const Hit& h : hits) nodes.insert(h.node.value);
+    auto standing = make();
+    ASSERT_TRUE(standing->prepare(window_of(with_things(false, x))));
+    EXPECT_TRUE(equal_bytes(numbers(hits), numbers(cast(*standing, rays)))) << x;
+    EXPECT_EQ(hidden_by(*engine_), hidden_by(*standing)) << x;
+  }
+  EXPECT_TRUE(nodes.contains(7001) && nodes.contains(7002) && nodes.size() > 20);
+  // What moved is gone.
+  show(batches_of(f));
+  auto fresh = make();
+  ASSERT_TRUE(fresh->prepare(window_of(batches_of(f))));
+  EXPECT_TRUE(equal_bytes(numbers(cast(rays)), numbers(cast(*fresh, rays))));
+}
+
 TEST_F(RaysTest, WhatTurnsIsMetAtTheAngleInBetween) {
   auto p = prototype_of(box_mesh({2, 2, 0.5F}, surface_of(0.5F)));
   std::vector<ContentFrame> frames(2);
@@ -327,6 +368,10 @@ TEST_F(RaysTest, ACoarserLevelStandsWhereItsErrorIsAllowed) {
   show({batch_of(p, {at(0, 15, 0), at(0, -40, 0)}, 1)});
   EXPECT_FLOAT_EQ(shoot({0, 0, 0}, {0, 1, 0}).reflectance, 0.2F);
   EXPECT_FLOAT_EQ(shoot({0, 0, 0}, {0, -1, 0}).reflectance, 0.8F);
+  // As near as the nearest eye within reach may come.
+  engine_->set_options({.allowed_error_rad = 0.005, .eye = {0, 0, 0}, .eye_reach_m = 20});
+  show({batch_of(p, {at(0, 15, 0), at(0, -40, 0)}, 1)});
+  EXPECT_FLOAT_EQ(shoot({0, 0, 0}, {0, -1, 0}).reflectance, 0.2F);
   engine_->set_options({});
   show({batch_of(p, {at(0, 15, 0), at(0, -40, 0)}, 1)});
   EXPECT_FLOAT_EQ(shoot({0, 0, 0}, {0, -1, 0}).reflectance, 0.2F);

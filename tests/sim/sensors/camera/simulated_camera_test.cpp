@@ -236,6 +236,37 @@ TEST_P(CameraOptics, ACaptureDependsOnItsRequestAlone) {
   EXPECT_FALSE((*camera)->capture(a, view, std::span(again).first(10)));
 }
 
+TEST_P(CameraOptics, CamerasThatShareTheirEngineSeeWhatTheySeeAlone) {
+  if (!rays()) return;  // rays alone
+  scenery(world_);
+  auto light = SharedLight::create(nullptr);
+  ASSERT_TRUE(light);
+  const CameraCapture request{.measure = {.index = 4}, .exposure = milliseconds(4)};
+  std::vector<std::unique_ptr<SimulatedCamera>> sharing;
+  std::vector<std::vector<std::byte>> alone;
+  std::vector<render::PoseFunction> poses;
+  for (int i = 0; i < 3; ++i) {
+    // The third one stands in another cell and takes coarser levels.
+    poses.push_back([i](BenchTime t) {
+      Eigen::Isometry3d T = drift(t);
+      T.translation() += Eigen::Vector3d(i == 2 ? -2.5 : 0.2 * i, 0, 0);
+      return T;
+    });
+    auto spec = spec_of(CameraEngine::rays, i == 0 ? "left" : "right");
+    if (i == 2) spec.optics.allowed_error_px = 4;
+    auto camera = SimulatedCamera::create(spec), shares = SimulatedCamera::create(spec, {.light = *light});
+    ASSERT_TRUE(camera && shares);
+    alone.emplace_back(64UL * 48);
+    ASSERT_TRUE((*camera)->capture(request, {world_, poses.back()}, alone.back()));
+    sharing.push_back(std::move(*shares));
+  }
+  std::vector<std::byte> pixels(64UL * 48);
+  for (const std::size_t i : {2, 0, 1, 2, 1, 0}) {
+    ASSERT_TRUE(sharing[i]->capture(request, {world_, poses[i]}, pixels));
+    EXPECT_EQ(pixels, alone[i]) << i;
+  }
+}
+
 TEST_P(CameraOptics, APairIsTwoCamerasThatLookOnce) {
   scenery(world_);
   const auto left_spec = spec_of(GetParam(), "left"), right_spec = spec_of(GetParam(), "right");
