@@ -52,7 +52,8 @@ set(RIGOR_COMMON_HEADERS <algorithm> <array> <atomic> <chrono> <cmath> <cstdint>
 # rigor_precompiled(NAME HEADERS... LINKS targets...): a target whose precompiled headers others reuse.
 function(rigor_precompiled NAME)
   cmake_parse_arguments(ARG "" "" "HEADERS;LINKS" ${ARGN})
-  file(WRITE ${rigor_BINARY_DIR}/generated/${NAME}.cpp "")
+  # Written where it is not there yet: a newer one has everything compiled again, after each change of a CMakeLists.txt.
+  file(CONFIGURE OUTPUT ${rigor_BINARY_DIR}/generated/${NAME}.cpp CONTENT "")
   add_library(${NAME} OBJECT ${rigor_BINARY_DIR}/generated/${NAME}.cpp)
   target_link_libraries(${NAME} PRIVATE rigor_options ${ARG_LINKS})
   target_precompile_headers(${NAME} PRIVATE ${ARG_HEADERS})

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Runs the tests of a build folder by ctest, once; a failed test fails.
+"""Runs the tests of a build folder by ctest, once; a failed test fails. Cases of one binary share a process
+(tools/test_batches.py).
 
     run_tests.py BUILD_DIR RESULTS LANE [CTEST-OPTION...]
 
@@ -8,20 +9,22 @@ So those that are labelled `wall-clock` or `kernel`, because they judge how fast
 are run again where they fail, alone, at most twice. No other test is, and where more than three such tests failed, the
 run fails whatever they do afterwards.
 
-Writes RESULTS/LANE.xml (JUnit: each test once, as it ended), LANE.log (all that ctest said) and LANE.again (the tests
-that were run again, one a line, and how that ended). Exit status 1 where the run fails.
+Writes RESULTS/LANE.xml (JUnit: each test once, as it ended), LANE.log (all that ctest said), LANE.batches (what each
+process printed) and LANE.again (the tests that were run again, one a line, and how that ended). Exit status 1 where the
+run fails.
 
     run_tests.py --self-test
 """
-import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
+import test_batches
 from check_skips import cases
 
 LABELS = {"wall-clock", "kernel"}
@@ -48,16 +51,9 @@ def failed_in(junit):
     return [name for name, state, _ in cases(junit) if state == "failed"] if junit.is_file() else []
 
 
-def may_run_again(build, options):
+def may_run_again(tests):
     """Names of the tests with one of LABELS."""
-    listing = subprocess.run(["ctest", "--test-dir", str(build), "--show-only=json-v1", *options],
-                             capture_output=True, text=True, check=True)
-    names = set()
-    for test in json.loads(listing.stdout)["tests"]:
-        labels = next((p["value"] for p in test.get("properties", []) if p["name"] == "LABELS"), [])
-        if LABELS & set(labels):
-            names.add(test["name"])
-    return names
+    return {test["name"] for test in tests if LABELS & set(test_batches.properties(test).get("LABELS", []))}
 
 
 def exactly(name):
@@ -94,15 +90,30 @@ def again(build, junit, log, name):
         other.unlink(missing_ok=True)
 
 
+def tell_failures(junit, batches):
+    """Prints what the failed cases of batches said, as ctest does of a test."""
+    in_batches = {test["name"] for batch in batches for test in batch.cases}
+    for name, state, output in cases(junit):
+        if state == "failed" and name in in_batches:
+            print(f"    Test: {name} ...***Failed\n{output}", flush=True)
+
+
 def run(build, results, lane, options):
     junit, account = results / f"{lane}.xml", []
+    folder = results / f"{lane}.batches"
+    shutil.rmtree(folder, ignore_errors=True)
+    tests = test_batches.listing(build, options)
+    batches = test_batches.write_project(tests, folder)
     with open(results / f"{lane}.log", "w", encoding="utf-8") as log:
-        status = ctest(build, junit, log, ["--parallel", str(os.cpu_count() + 1), *options])
+        status = ctest(folder, junit, log, ["--parallel", str(os.cpu_count() + 1)])
+        if junit.is_file():
+            test_batches.take_apart(junit, batches)
+            tell_failures(junit, batches)
         failed = failed_in(junit)
         if status != 0 and not failed:
             print(f"ctest ended with status {status}, and no test failed", flush=True)
             return 1
-        labelled = may_run_again(build, options) if failed else set()
+        labelled = may_run_again(tests)
         candidates = [name for name in failed if name in labelled]
         too_many = len(candidates) > MOST_AGAIN
         for name in candidates:
@@ -122,17 +133,49 @@ def run(build, results, lane, options):
 
 # ------------------------------------------------------------------ self-test
 
+# Speaks as a GoogleTest binary: the cases of its filter, and what each does is told by the end of its name.
+BINARY = """#!/bin/sh
+status=0
+n=$(cat "$0.processes" 2>/dev/null || echo 0)
+echo $((n + 1)) >"$0.processes"
+for case in $(echo "${1#--gtest_filter=}" | tr : ' '); do
+  n=$(cat "$0.$case" 2>/dev/null || echo 0)
+  echo $((n + 1)) >"$0.$case"
+  echo "[ RUN      ] $case"
+  how='       OK '
+  case $case in
+    *.Fails) how='  FAILED  ' status=1 ;;
+    *.FailsOnce) [ $n -ge 1 ] || how='  FAILED  ' status=1 ;;
+    *.Skips) printf 'a.cpp:1: Skipped\\nno device here\\n\\n'; how='  SKIPPED ' ;;
+    *.Dies) exit 3 ;;
+  esac
+  echo "[$how] $case (7 ms)"
+  case $case in *.Leaks) status=9 ;; esac
+done
+exit $status
+"""
+
+
 def planted(folder, tests):
-    """A ctest project of shell commands: (name, label, how many times it fails before it passes)."""
+    """A ctest project: (name, label, how many times a shell command fails before it passes), or None for that: a case of
+    a GoogleTest binary."""
     lines = []
+    binary = folder / "binary"
+    binary.write_text(BINARY, encoding="utf-8")
+    binary.chmod(0o755)
+    counts = {"processes": folder / "binary.processes"}
     for name, label, failures in tests:
-        count = folder / f"{abs(hash(name))}.count"
+        count = counts[name] = folder / (f"binary.{name}" if failures is None else f"{abs(hash(name))}.count")
+        if failures is None:
+            lines.append(f"add_test([==[{name}]==] {binary} [==[--gtest_filter={name}]==] --gtest_also_run_disabled_tests)")
+            lines.append(f"set_tests_properties([==[{name}]==] PROPERTIES TIMEOUT 60 LABELS [==[{label}]==])")
+            continue
         script = f"n=$(cat '{count}' 2>/dev/null || echo 0); echo $((n + 1)) >'{count}'; [ $n -ge {failures} ]"
         lines.append(f"add_test([==[{name}]==] sh -c [==[{script}]==])")
         if label:
             lines.append(f"set_tests_properties([==[{name}]==] PROPERTIES LABELS {label})")
     (folder / "CTestTestfile.cmake").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return {name: folder / f"{abs(hash(name))}.count" for name, _, _ in tests}
+    return counts
 
 
 # Names of cases with parameters go on as gtest prints these.
@@ -160,6 +203,19 @@ def self_test():
         ("four labelled", [passes] + [(f"Wall.{i}", "wall-clock", 1) for i in range(4)], 1, {"Wall.3": 1},
          [f"Wall.{i}" for i in range(4)], [f"Wall.{i}: not run again" for i in range(4)]),
         ("no test", [], 1, {}, [], []),
+        ("cases share a process", [("S.A", "", None), ("S.B", "", None), ("S.Skips", "", None), passes], 0,
+         {"S.A": 1, "S.B": 1, "S.Skips": 1, "processes": 1}, [], []),
+        ("a case fails", [("S.A", "", None), ("S.Fails", "", None), ("S.B", "", None)], 1, {"S.Fails": 1, "S.B": 1},
+         ["S.Fails"], []),
+        ("a labelled case fails once", [("S.A", "wall-clock", None), ("S.FailsOnce", "wall-clock", None), passes], 0,
+         {"S.A": 1, "S.FailsOnce": 2, "processes": 2}, [], ["S.FailsOnce: passed at attempt 2"]),
+        ("a case ends the process", [("S.A", "", None), ("S.Dies", "", None), ("S.B", "", None)], 1, {"S.A": 1, "S.Dies": 1},
+         ["S.B", "S.Dies"], []),
+        ("the process fails after its cases", [("S.A", "", None), ("S.Leaks", "", None)], 1, {"S.A": 1}, ["S.Leaks"], []),
+        ("other labels, other processes", [("S.A", "wall-clock", None), ("S.Dies", "one-thread", None)], 1,
+         {"S.A": 1}, ["S.Dies"], []),
+        ("a suite that is larger than a batch", [(f"S.N{i}", "", None) for i in range(test_batches.MOST_CASES + 5)], 0,
+         {"S.N0": 1, "S.N44": 1}, [], []),
     ]
     wrong = 0
     for what, tests, status, attempts, failed, account in trials:
@@ -176,10 +232,11 @@ def self_test():
                 "attempts": {name: int(counts[name].read_text()) for name in attempts},
                 "results": len(list(cases(file))) if tests else 0,
                 "failed": sorted(failed_in(file)),
+                "skipped": [case[0] for case in cases(file) if case[1] == "skipped"] if tests else [],
                 "account": sorted(accounts.read_text().splitlines()) if accounts.is_file() else [],
             }
             expected = {"status": status, "attempts": attempts, "results": len(tests), "failed": failed,
-                        "account": account}
+                        "skipped": [test[0] for test in tests if test[0].endswith(".Skips")], "account": account}
             for key, value in expected.items():
                 if found[key] != value:
                     wrong += 1
