@@ -126,7 +126,7 @@ int inspect_pcap_command(const InspectOptions& options) {
 Result<record::RecordingReport> inspect_all(const std::string& file) {
   auto report = record::inspect(file);
   if (!report || !report->health.good()) return report;
-  auto scanned = record::McapReader::open(file, {.scan = true, .skip_damaged = true});
+  auto scanned = record::McapReader::open(file, {.scan = true, .skip_damaged = true, .any_schema = true});
   if (!scanned) return tl::unexpected<Error>(scanned.error());
   const record::Health& found = (*scanned)->health();
   if (found.good()) return report;

@@ -12,6 +12,7 @@
 #include "bench/console/progress.h"
 #include "bench/console/terminal.h"
 #include "bench/files/installed_configs.h"
+#include "bench/version.h"
 #include "cli/calibrate/calibrate_cli.h"
 #include "cli/commands.h"
 #include "cli/dataset_cli.h"
@@ -87,7 +88,7 @@ int command_line(int argc, char** argv) {
   rigor::set_progress_format(rigor::ProgressFormat::line);
   CLI::App app{"Rigor: a hardware-in-the-loop real-time test bench of real and simulated sensors."};
   app.require_subcommand(1);
-  app.set_version_flag("--version", RIGOR_VERSION);
+  app.set_version_flag("--version", rigor::version_text);
   app.footer("Every command has --help with an example. Exit status: 0 good, 1 ran and failed, 2 bad input.");
 
   rigor::RunOptions run;

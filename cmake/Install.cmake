@@ -1,6 +1,10 @@
 # cmake --install build/release --prefix DIR: the command, the rigs and worlds that it comes with, and what programs and plugins
-# are built against.
-include(GNUInstallDirs)
+# are built against. Components (--component NAME: that alone), of which Packages.cmake makes Debian packages:
+#   command    the program, its configurations, the client for applications in Python, manual pages, completion
+#   machine    udev rules and kernel limits
+#   libraries  librigor_hal, librigor_world, librigor_bench
+#   sdk        headers, package file of CMake, conformance suite, examples; needs libraries
+set(CMAKE_INSTALL_DEFAULT_COMPONENT_NAME command)
 
 if(TARGET rigor)
   set_target_properties(rigor PROPERTIES INSTALL_RPATH "$ORIGIN/../${CMAKE_INSTALL_LIBDIR}")
@@ -11,7 +15,17 @@ install(DIRECTORY ${rigor_SOURCE_DIR}/configs/ DESTINATION ${CMAKE_INSTALL_DATAD
         PATTERN "*.lock.yaml" EXCLUDE)
 # The clients for applications as processes: Python's is found by a rig's program by itself, C++'s is one header.
 install(FILES ${rigor_SOURCE_DIR}/clients/python/rigor_client.py DESTINATION ${CMAKE_INSTALL_DATADIR}/rigor/clients/python)
-install(FILES ${rigor_SOURCE_DIR}/clients/cpp/rigor_client.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+install(FILES ${rigor_SOURCE_DIR}/clients/cpp/rigor_client.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT sdk)
+install(FILES ${rigor_SOURCE_DIR}/tools/install/completions/rigor DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions)
+if(TARGET rigor)
+  # Written from --help by help2man, which packages need (./dev package) and other builds do not.
+  add_custom_command(OUTPUT ${rigor_BINARY_DIR}/manual/rigor.1
+                     COMMAND ${rigor_SOURCE_DIR}/tools/make_manual.sh $<TARGET_FILE:rigor> ${rigor_BINARY_DIR}/manual
+                     DEPENDS rigor ${rigor_SOURCE_DIR}/tools/make_manual.sh ${rigor_SOURCE_DIR}/CHANGELOG.md
+                     COMMENT "Manual pages" VERBATIM)
+  add_custom_target(rigor_manual DEPENDS ${rigor_BINARY_DIR}/manual/rigor.1)
+  install(DIRECTORY ${rigor_BINARY_DIR}/manual/ DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 OPTIONAL FILES_MATCHING PATTERN "*.1")
+endif()
 # Who may open devices, and limits of the kernel: DATADIR/rigor/udev and DATADIR/rigor/sysctl, from where an administrator
 # takes them (rigor doctor says how). With the prefix /usr, which is the distribution's, they go where the system looks.
 # `--component machine` installs them alone.
@@ -26,9 +40,9 @@ install(CODE "
   endif()" COMPONENT machine)
 
 # What programs, plugins and tests of others are built against: libraries, public headers, the package file of CMake, the
-# conformance suite and the examples (--component sdk: that alone). find_package(Rigor COMPONENTS Hal World Bench).
+# conformance suite and the examples. find_package(Rigor COMPONENTS Hal World Bench).
 function(rigor_install_library TARGET NAME)
-  install(TARGETS ${TARGET} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT sdk NAMELINK_COMPONENT sdk)
+  install(TARGETS ${TARGET} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT libraries NAMELINK_COMPONENT sdk)
   get_property(HEADERS GLOBAL PROPERTY RIGOR_${NAME}_HEADERS)
   foreach(HEADER IN LISTS HEADERS)
     cmake_path(GET HEADER PARENT_PATH FOLDER)
@@ -45,7 +59,14 @@ if(TARGET rigor_bench_library)
 endif()
 install(FILES ${rigor_SOURCE_DIR}/sensor-hal/conformance/conformance.h
         DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/rigor/sensor-hal/conformance COMPONENT sdk)
-install(DIRECTORY ${rigor_SOURCE_DIR}/examples DESTINATION ${CMAKE_INSTALL_DATADIR}/rigor COMPONENT sdk)
+# Examples come with what they need: those in Python with the command and with the Python module.
+install(DIRECTORY ${rigor_SOURCE_DIR}/examples DESTINATION ${CMAKE_INSTALL_DATADIR}/rigor COMPONENT sdk
+        PATTERN "python" EXCLUDE PATTERN "*.py" EXCLUDE PATTERN "__pycache__" EXCLUDE)
+install(FILES ${rigor_SOURCE_DIR}/examples/application/detector.py DESTINATION ${CMAKE_INSTALL_DATADIR}/rigor/examples/application)
+if(TARGET rigor_python)
+  install(DIRECTORY ${rigor_SOURCE_DIR}/examples/python DESTINATION ${CMAKE_INSTALL_DATADIR}/rigor/examples COMPONENT python OPTIONAL
+          PATTERN "__pycache__" EXCLUDE)
+endif()
 include(CMakePackageConfigHelpers)
 set(INCLUDE_DIR ${CMAKE_INSTALL_INCLUDEDIR}/rigor)
 set(LIBRARY_DIR ${CMAKE_INSTALL_LIBDIR})

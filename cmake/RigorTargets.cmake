@@ -6,6 +6,12 @@ find_package(Eigen3 REQUIRED)
 find_package(nlohmann_json REQUIRED)
 set(CMAKE_CXX_COMPILER_LAUNCHER ${rigor_SOURCE_DIR}/tools/with_ccache.sh)
 
+if(PROJECT_IS_TOP_LEVEL AND NOT DEFINED CMAKE_INSTALL_LIBDIR AND CMAKE_LIBRARY_ARCHITECTURE AND EXISTS /etc/debian_version)
+  # Debian's folder below any prefix, so that packages come from the same build.
+  set(CMAKE_INSTALL_LIBDIR lib/${CMAKE_LIBRARY_ARCHITECTURE} CACHE PATH "Object code libraries")
+endif()
+include(GNUInstallDirs)
+
 # Both are on unless a preset says otherwise, for builds from nothing. The preset dev compiles file by file, so that a change
 # of one file compiles that file alone.
 option(RIGOR_UNITY "Compile the files of a library, or of a test, several at a time" ON)
@@ -92,6 +98,10 @@ function(rigor_library NAME)
   rigor_compile_options(${OBJECTS})
 endfunction()
 
+# Functions of other libraries are looked up when the program starts and the tables of them are read-only from then on: no loop is the
+# first to call one, and nothing that is written out of bounds redirects a call.
+set(RIGOR_BOUND_AT_START -Wl,-z,relro,-z,now)
+
 # rigor_shared_library(NAME FILE): build/<preset>/lib/librigor_<FILE>.so, of which other libraries are parts. It exports what is
 # in the namespace rigor and nothing else: what it holds of other libraries is its own business.
 function(rigor_shared_library NAME FILE)
@@ -105,7 +115,7 @@ function(rigor_shared_library NAME FILE)
   target_include_directories(${NAME} PUBLIC ${rigor_BINARY_DIR}/generated INTERFACE ${rigor_SOURCE_DIR})
   set_target_properties(${NAME} PROPERTIES INSTALL_RPATH "$ORIGIN")
   target_compile_features(${NAME} INTERFACE cxx_std_20)
-  target_link_options(${NAME} PRIVATE -Wl,--version-script=${rigor_SOURCE_DIR}/cmake/exported.map)
+  target_link_options(${NAME} PRIVATE -Wl,--version-script=${rigor_SOURCE_DIR}/cmake/exported.map ${RIGOR_BOUND_AT_START})
   if(NOT RIGOR_SANITIZE)
     target_link_options(${NAME} PRIVATE -Wl,--no-undefined)
   endif()

@@ -20,6 +20,7 @@ from pathlib import Path
 NOT_RUN = [
     (r"", r"^\./dev |^cmake |^npm |^tools/|^node ", "builds or tests the tree itself: other lanes do"),
     (r"", r"^sudo ", "changes the machine"),
+    (r"packages", r"^docker ", "needs Docker: tools/try_packages.sh tries what the image is made of"),
     (r"", r"^sqlite3 ", "another program, which need not be installed"),
     (r"", r"…", "an example with parts left out"),
     (r"", r"seekurjr-forest|seekurjr-forest-light|stand/seekurjr",

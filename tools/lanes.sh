@@ -102,6 +102,7 @@ check_includes() {
   python3 tools/check_includes.py --self-test
   python3 tools/check_includes.py
   python3 tools/run_tests.py --self-test
+  python3 tools/check_packages.py --self-test
 }
 
 # Tests labelled `kernel` are the kernel lane's.

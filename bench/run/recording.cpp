@@ -7,11 +7,10 @@
 #include "sensor-hal/channel/slot_wait.h"
 #include "sensor-hal/models/camera_yaml.h"
 #include "sensor-hal/record/mcap_reader.h"
+#include "sensor-hal/record/recording_schema.h"
 
 namespace rigor {
 namespace {
-
-constexpr const char* kVersionKey = "rigor_run";
 
 std::optional<std::int64_t> number(const std::map<std::string, std::string>& m, const std::string& key) {
   const auto it = m.find(key);
@@ -44,7 +43,7 @@ std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry) {
 std::map<std::string, std::string> run_metadata(const RunParts& parts, const EpochPair& epoch) {
   const RigConfig& rig = parts.rig;
   std::map<std::string, std::string> m;
-  m[kVersionKey] = "1";
+  m[record::kRecordingSchemaKey] = std::to_string(record::kRecordingSchema);
   m["rig"] = rig.text;
   m["rig_file"] = rig.file.string();
   m["seed"] = std::to_string(rig.seed);
@@ -195,7 +194,7 @@ Result<RecordedRun> read_recorded_run(const std::filesystem::path& file) {
   RecordedRun run;
   bool found = false;
   for (const record::Metadata& m : (*reader)->readable_metadata()) {
-    if (m.values.contains(kVersionKey)) {
+    if (m.values.contains(record::kRecordingSchemaKey)) {
       const auto t0 = number(m.values, "t0_ns"), bench = number(m.values, "epoch_bench_ns"),
                  utc = number(m.values, "epoch_utc_ns"), sigma = number(m.values, "epoch_sigma_ns");
       if (!t0 || !bench || !utc || !sigma || !m.values.contains("rig")) break;

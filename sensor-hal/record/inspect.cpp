@@ -127,7 +127,7 @@ Result<RecordingReport> inspect(const std::string& path, bool scan) {
 }
 
 Result<RecordingReport> inspect(std::unique_ptr<ByteSource> source, bool scan) {
-  auto opened = McapReader::open(std::move(source), {.scan = scan, .skip_damaged = true});
+  auto opened = McapReader::open(std::move(source), {.scan = scan, .skip_damaged = true, .any_schema = true});
   if (!opened) return tl::unexpected(opened.error());
   McapReader& reader = **opened;
   RecordingReport report;
@@ -136,6 +136,7 @@ Result<RecordingReport> inspect(std::unique_ptr<ByteSource> source, bool scan) {
   report.library = reader.library();
   report.file_bytes = reader.file_bytes();
   report.metadata = reader.readable_metadata();
+  report.writer = writer_of(report.metadata);
   report.attachments = reader.attachment_count();
   std::set<std::string> compressions;
   for (const Segment& segment : reader.segments()) {
@@ -225,6 +226,8 @@ nlohmann::json to_json(const RecordingReport& report) {
   return {{"path", report.path},
           {"profile", report.profile},
           {"library", report.library},
+          {"schema", report.writer.schema},
+          {"version", report.writer.version},
           {"file_bytes", report.file_bytes},
           {"messages", report.messages},
           {"first_ns", std::to_string(report.first_ns)},
@@ -264,7 +267,15 @@ std::string to_text(const RecordingReport& report) {
   if (report.chunk_bytes_stored < report.chunk_bytes && report.chunk_bytes_stored > 0)
     print(" (%.2f : 1)",
           static_cast<double>(report.chunk_bytes) / static_cast<double>(report.chunk_bytes_stored));
-  print(", profile %s, written by %s\n", report.profile.c_str(), report.library.c_str());
+  print(", profile %s, written by %s", report.profile.c_str(), report.library.c_str());
+  if (!report.writer.version.empty()) out += " " + report.writer.version;
+  if (!report.writer.schema.empty()) out += ", schema " + report.writer.schema;
+  out += "\n";
+  if (!report.writer.readable())
+    print(
+        "  ! this version of Rigor reads schema %d: what follows may be misread, and other commands refuse "
+        "it\n",
+        kRecordingSchema);
   for (const std::string& note : report.health.notes) out += "  ! " + note + "\n";
   if (report.health.truncated) out += "  ! `rigor inspect --repair` makes a complete file of it\n";
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "sensor-hal/record/mcap_reader.h"
+#include "sensor-hal/record/recording_schema.h"
 
 namespace rigor::record {
 
@@ -44,6 +45,7 @@ struct RecordingReport {
   std::string path;
   std::string profile;
   std::string library;
+  RecordingWriter writer;
   std::uint64_t file_bytes = 0;
   std::uint64_t messages = 0;
   std::uint64_t first_ns = 0;

@@ -6,6 +6,7 @@
 #include "sensor-hal/record/chunk_records.h"
 #include "sensor-hal/record/crc32.h"
 #include "sensor-hal/record/mcap_parse.h"
+#include "sensor-hal/record/recording_schema.h"
 
 namespace rigor::record {
 
@@ -33,23 +34,29 @@ Result<std::unique_ptr<McapReader>> McapReader::open(std::unique_ptr<ByteSource>
                                                      ReaderOptions options) {
   std::unique_ptr<McapReader> reader(new McapReader(std::move(source), options));
   if (Status status = reader->read_header(); !status) return tl::unexpected(status.error());
+  bool indexed = false;
   if (!options.scan) {
-    Result<bool> indexed = reader->open_by_index();
-    if (indexed && *indexed) return reader;
-    if (!indexed) {
-      if (indexed.error().code != ErrorCode::protocol) return tl::unexpected(indexed.error());
-      reader->note(indexed.error().message);
+    const Result<bool> by_index = reader->open_by_index();
+    if (!by_index) {
+      if (by_index.error().code != ErrorCode::protocol) return tl::unexpected(by_index.error());
+      reader->note(by_index.error().message);
     }
+    indexed = by_index && *by_index;
+  }
+  if (!indexed) {
     reader->schemas_.clear();
     reader->channels_.clear();
     reader->counts_.clear();
     reader->segments_.clear();
     reader->metadata_refs_.clear();
     reader->attachment_refs_.clear();
+    reader->scanning_ = true;
+    if (Status status = reader->scan(); !status) return tl::unexpected(status.error());
+    reader->scanning_ = false;
   }
-  reader->scanning_ = true;
-  if (Status status = reader->scan(); !status) return tl::unexpected(status.error());
-  reader->scanning_ = false;
+  if (!options.any_schema)
+    if (Status status = check_schema(reader->name(), reader->readable_metadata()); !status)
+      return tl::unexpected(status.error());
   return reader;
 }
 

@@ -30,6 +30,7 @@ struct ReaderOptions {
   bool scan = false;  ///< do not use the index; this also checks the checksum over the whole file
   bool skip_damaged =
       false;  ///< pass over chunks whose content is damaged instead of stopping there with an error
+  bool any_schema = false;   ///< open a recording, too, that this program may misread (recording_schema.h)
   bool salvage_tail = true;  ///< whole messages of a last chunk that was cut, though no checksum covers them
   std::uint64_t max_loaded_bytes = std::uint64_t{1} << 30;
 };
@@ -121,7 +122,7 @@ class MessageCursor {
 
 class McapReader {
  public:
-  /// Errors: not_found, bad_input where this is no MCAP file at all, io, protocol.
+  /// Errors: not_found, bad_input where this is no MCAP file at all or of a newer schema, io, protocol.
   [[nodiscard]] static Result<std::unique_ptr<McapReader>> open(const std::string& path,
                                                                 ReaderOptions options = {});
   [[nodiscard]] static Result<std::unique_ptr<McapReader>> open(std::unique_ptr<ByteSource> source,

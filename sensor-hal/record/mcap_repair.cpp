@@ -28,6 +28,7 @@ Result<RepairReport> repair(std::unique_ptr<ByteSource> input, std::unique_ptr<B
   report.input_bytes = input->size();
   auto opened = McapReader::open(std::move(input), {.scan = true,
                                                     .skip_damaged = true,
+                                                    .any_schema = true,
                                                     .salvage_tail = options.salvage_tail,
                                                     .max_loaded_bytes = options.max_loaded_bytes});
   if (!opened) return tl::unexpected(opened.error());

@@ -20,7 +20,9 @@ class InstalledPlugin : public ::testing::Test {
     folder_ = fs::temp_directory_path() / ("rigor_installed_" + std::to_string(::getpid()));
     fs::create_directories(folder_);
     const auto prefix = (folder_ / "prefix").string(), build = (folder_ / "build").string();
-    run("cmake --install '" RIGOR_BINARY_DIR "' --component sdk --prefix '" + prefix + "'");
+    for (const char* component : {"libraries", "sdk"})
+      run("cmake --install '" RIGOR_BINARY_DIR "' --component " + std::string(component) + " --prefix '" +
+          prefix + "'");
     run("cmake -S '" RIGOR_SOURCE_DIR "/examples/world-plugin' -B '" + build +
         "' -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER='" RIGOR_CXX_COMPILER "' -DCMAKE_PREFIX_PATH='" +
         prefix + "'");
