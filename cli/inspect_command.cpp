@@ -42,6 +42,7 @@ nlohmann::json to_json(const PcapReport& r) {
       {"position_packets", r.position_packets},
       {"other_frames", r.other_frames},
       {"malformed", {{"count", r.malformed}, {"by_fault", r.faults}}},
+      {"azimuth_360_packets", r.full_turns},
       {"sources", r.sources},
       {"duration_s", r.duration_s},
       {"model",
@@ -97,6 +98,7 @@ std::string to_text(const PcapReport& r) {
   if (r.malformed + r.other_frames > 0)
     t += fmt::format("  malformed        {}; other frames {}\n", r.malformed, r.other_frames);
   for (const auto& [fault, n] : r.faults) t += fmt::format("    {} {}\n", fault, n);
+  if (r.full_turns > 0) t += fmt::format("  azimuth 36000    {} packets, read as 0 degrees\n", r.full_turns);
   t += "  laser  elevation   returns\n";
   for (std::size_t i = 0; i < r.returns_per_laser.size(); ++i)
     t += fmt::format("  {:>5}  {:>7.2f}°  {:>8}\n", i, r.elevation_deg[i], r.returns_per_laser[i]);

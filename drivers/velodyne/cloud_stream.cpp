@@ -89,6 +89,7 @@ void CloudStream::take(Bytes datagram, BenchTime arrival, const Hand& hand) {
     return;
   }
   ++counters_.packets;
+  counters_.full_turns += packet->says_full_turn();
   evidence_.add(*packet);
   product_ = packet->product(), mode_ = static_cast<std::uint8_t>(packet->mode());
   const std::int64_t packet_ns = decoder_.facts().packet_ns(packet->dual());

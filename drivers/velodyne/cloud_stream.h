@@ -50,6 +50,7 @@ class CloudStream {
  public:
   struct Counters {
     std::uint64_t packets = 0, malformed = 0, packets_lost = 0, clock_steps = 0, points_dropped = 0;
+    std::uint64_t full_turns = 0;  ///< good packets with an azimuth of 36000, which is 0
     PacketFault last_fault = PacketFault::none;
   };
   using Hand = std::function<void(const Cloud&)>;

@@ -67,6 +67,7 @@ class Counter {
     if (r_.data_packets++ == 0) t_first_ = t;
     t_last_ = t;
     r_.product_byte = p.product();
+    r_.full_turns += p.says_full_turn();
     ++r_.return_modes[std::string(name_of(p.mode()))];
     count_returns(p);
     follow_time(p);

@@ -19,13 +19,8 @@ VelodyneSource::~VelodyneSource() {
 
 VelodyneSource::Counters VelodyneSource::counters() const noexcept {
   const auto get = [](const auto& a) { return a.load(std::memory_order_relaxed); };
-  return {get(packets_),
-          get(packets_lost_),
-          get(kernel_drops_),
-          get(foreign_),
-          get(positions_),
-          get(clock_steps_),
-          static_cast<PpsStatus>(get(pps_))};
+  return {get(packets_),   get(packets_lost_), get(kernel_drops_), get(foreign_),
+          get(positions_), get(clock_steps_),  get(full_turns_),   static_cast<PpsStatus>(get(pps_))};
 }
 
 Status VelodyneSource::do_configure(const ChannelConfig& config) {
@@ -39,7 +34,9 @@ Status VelodyneSource::do_configure(const ChannelConfig& config) {
 
 Status VelodyneSource::do_arm(const ArmContext& context) {
   warnings_.clear();
-  for (auto* c : {&packets_, &packets_lost_, &kernel_drops_, &foreign_, &positions_, &clock_steps_}) *c = 0;
+  for (auto* c :
+       {&packets_, &packets_lost_, &kernel_drops_, &foreign_, &positions_, &clock_steps_, &full_turns_})
+    *c = 0;
   if (auto s = deadline_.open(); !s) return s;
   stop_ = false;
   if (!settings_.file.empty()) return arm_file(context.virtual_time);
@@ -164,6 +161,7 @@ void VelodyneSource::publish() {
   packets_.store(c.packets, std::memory_order_relaxed);
   packets_lost_.store(c.packets_lost, std::memory_order_relaxed);
   clock_steps_.store(c.clock_steps, std::memory_order_relaxed);
+  full_turns_.store(c.full_turns, std::memory_order_relaxed);
   kernel_drops_.store(data_.dropped(), std::memory_order_relaxed);
 }
 

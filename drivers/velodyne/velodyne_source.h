@@ -30,7 +30,7 @@ class VelodyneSource final : public CloudChannel {
   /// Beside health(). Any thread.
   struct Counters {
     std::uint64_t packets = 0, packets_lost = 0, kernel_drops = 0, foreign = 0, position_packets = 0,
-                  clock_steps = 0;
+                  clock_steps = 0, full_turns = 0;
     PpsStatus pps = PpsStatus::absent;  ///< of the last position packet
   };
   [[nodiscard]] Counters counters() const noexcept;
@@ -62,7 +62,7 @@ class VelodyneSource final : public CloudChannel {
   std::atomic<bool> stop_{false};
   BenchTime t_last_packet_;
   std::atomic<std::uint64_t> packets_{0}, packets_lost_{0}, kernel_drops_{0}, foreign_{0}, positions_{0},
-      clock_steps_{0};
+      clock_steps_{0}, full_turns_{0};
   std::atomic<std::uint8_t> pps_{0};
 };
 

@@ -62,6 +62,27 @@ TEST(VelodynePacket, SaysWhatIsWrongWithOne) {
   EXPECT_EQ(fault, PacketFault::size);
 }
 
+TEST(VelodynePacket, AnAzimuthOf36000IsZeroAndWhatIsAboveIsRefused) {
+  const DataPacketWriter w = example();
+  const auto with_azimuth = [&](std::uint16_t cdeg, PacketFault& fault) {
+    static std::vector<std::uint8_t> b;
+    b.assign(w.bytes().begin(), w.bytes().end());
+    b[2] = static_cast<std::uint8_t>(cdeg), b[3] = static_cast<std::uint8_t>(cdeg >> 8);
+    return DataPacket::parse(b, fault);
+  };
+  PacketFault fault{};
+  const auto full = with_azimuth(36'000, fault);
+  ASSERT_TRUE(full) << text_of(fault);
+  EXPECT_EQ(full->azimuth_cdeg(0), 0u);
+  EXPECT_TRUE(full->says_full_turn());
+  const auto last = with_azimuth(35'999, fault);
+  ASSERT_TRUE(last);
+  EXPECT_EQ(last->azimuth_cdeg(0), 35'999u);
+  EXPECT_FALSE(last->says_full_turn());
+  EXPECT_FALSE(with_azimuth(36'001, fault));
+  EXPECT_EQ(fault, PacketFault::azimuth);
+}
+
 TEST(VelodynePacket, CountsRangeInTwoMillimetres) {
   EXPECT_EQ(range_raw_of(1.0), 500);
   EXPECT_EQ(range_raw_of(1.0009), 500);
