@@ -11,7 +11,7 @@
 #include "bench/sensing/sample_files.h"
 #include "calibration/procedures/recording_packets.h"
 #include "cli/commands.h"
-#include "drivers/velodyne/pcap_file.h"
+#include "drivers/network/pcap_file.h"
 #include "sensor-hal/record/recorder.h"
 
 namespace rigor {
@@ -30,7 +30,7 @@ std::span<const LidarPoint> points_of(const Sample& sample) {
 }
 
 Result<RecordingInput> read_clouds(const std::filesystem::path& file, const TakeSample& take) {
-  if (velodyne::is_pcap(file)) return read_velodyne_recording(file, take);
+  if (network::is_pcap(file)) return read_velodyne_recording(file, take);
   if (is_sick_recording(file)) return read_sick_recording(file, take);
   std::error_code none;
   if (!std::filesystem::is_regular_file(file, none))
@@ -42,8 +42,8 @@ Result<RecordingInput> read_clouds(const std::filesystem::path& file, const Take
 
 /// When it was recorded: the device's own clock counts from the hour, or from when it was switched on.
 RealtimeTime recorded_at(const std::filesystem::path& file) {
-  if (!velodyne::is_pcap(file)) return kVirtualEpoch.utc;
-  auto reader = velodyne::PcapReader::open(file);
+  if (!network::is_pcap(file)) return kVirtualEpoch.utc;
+  auto reader = network::PcapReader::open(file);
   if (!reader) return kVirtualEpoch.utc;
   while (true) {
     const auto record = reader->next();

@@ -11,7 +11,7 @@
 #include "bench/files/output_file.h"
 #include "calibration/procedures/recording_packets.h"
 #include "cli/commands.h"
-#include "drivers/velodyne/pcap_file.h"
+#include "drivers/network/pcap_file.h"
 #include "drivers/velodyne/pcap_report.h"
 #include "sensor-hal/record/inspect.h"
 #include "sensor-hal/record/mcap_repair.h"
@@ -221,7 +221,7 @@ int inspect_sick_command(const InspectOptions& options) {
 
 int inspect_command(const InspectOptions& options) {
   const std::string file = options.file.string();
-  if (velodyne::is_pcap(options.file)) return inspect_pcap_command(options);
+  if (network::is_pcap(options.file)) return inspect_pcap_command(options);
   if (is_sick_recording(options.file)) return inspect_sick_command(options);
   if (!options.repair) {
     std::optional<ProgressTask> reading(std::in_place, read_task(options));

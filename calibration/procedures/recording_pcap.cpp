@@ -2,13 +2,14 @@
 #include <optional>
 
 #include "calibration/procedures/recording_packets.h"
+#include "drivers/network/pcap_file.h"
 #include "drivers/velodyne/packet_decoder.h"
-#include "drivers/velodyne/pcap_file.h"
 
 namespace rigor {
 namespace {
 
 using namespace velodyne;
+using network::PcapReader;
 
 struct Verdict {
   Model model;

@@ -110,8 +110,8 @@ TEST(CloudStream, GoesOnOverTheHour) {
 TEST(CloudStream, GpsTimeIsThatOfTheHour) {
   // UTC 500 s past some hour is bench time 1 s.
   const std::int64_t utc = 3'600'000'000'000LL * 480'000 + 500'000'000'000LL;
-  auto stream = make({.time = TimeSource::gps});
-  stream.set_epoch({BenchTime(1'000'000'000), RealtimeTime(utc), Duration(100)});
+  auto stream = make({.time = TimeSource::utc});
+  stream.clock().set_epoch({BenchTime(1'000'000'000), RealtimeTime(utc), Duration(100)});
   const auto got = run(stream, {.start_us = 500'000'000}, 754);
   ASSERT_FALSE(got.empty());
   for (const Got& g : got) {
