@@ -9,6 +9,7 @@
 #include "drivers/aravis/aravis_backend.h"
 #include "drivers/can/can_backend.h"
 #include "drivers/modbus/modbus_backend.h"
+#include "drivers/ouster/ouster_backend.h"
 #include "drivers/sick/sick_backend.h"
 #include "drivers/usb/usb_backend.h"
 #include "drivers/v4l2/v4l2_backend.h"
@@ -36,6 +37,7 @@ Registry make_registry() {
   registry.add(aravis_backend());
   registry.add(can_backend());
   registry.add(modbus_backend());
+  registry.add(ouster_backend());
   registry.add(sick_backend());
   registry.add(usb_backend());
   registry.add(v4l2_backend());

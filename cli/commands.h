@@ -86,6 +86,7 @@ struct TuneOptions {
 };
 struct InspectOptions {
   std::filesystem::path file;
+  std::filesystem::path metadata;  ///< of an Ouster
   bool repair = false;
   std::filesystem::path output;  ///< of the repair
   bool force = false;            ///< replace what is there
@@ -137,7 +138,8 @@ struct PairOptions {
 };
 struct ConvertOptions {
   std::filesystem::path input, output;
-  int scan = 0;  ///< of a .pcd
+  std::filesystem::path metadata;  ///< of an Ouster
+  int scan = 0;                    ///< of a .pcd
   bool scan_given = false;
   bool force = false;
   bool json = false;

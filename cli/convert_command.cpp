@@ -11,7 +11,7 @@
 #include "bench/sensing/sample_files.h"
 #include "calibration/procedures/recording_packets.h"
 #include "cli/commands.h"
-#include "drivers/velodyne/pcap_file.h"
+#include "drivers/network/pcap_file.h"
 #include "sensor-hal/record/recorder.h"
 
 namespace rigor {
@@ -29,21 +29,27 @@ std::span<const LidarPoint> points_of(const Sample& sample) {
           sample.bytes().size() / sizeof(LidarPoint)};
 }
 
-Result<RecordingInput> read_clouds(const std::filesystem::path& file, const TakeSample& take) {
-  if (velodyne::is_pcap(file)) return read_velodyne_recording(file, take);
+Result<RecordingInput> read_clouds(const ConvertOptions& options, const TakeSample& take) {
+  const std::filesystem::path& file = options.input;
+  if (network::is_pcap(file)) {
+    const auto metadata = options.metadata.empty() ? ouster_metadata_beside(file) : options.metadata;
+    return metadata.empty() ? read_velodyne_recording(file, take)
+                            : read_ouster_recording(file, metadata, take);
+  }
   if (is_sick_recording(file)) return read_sick_recording(file, take);
   std::error_code none;
   if (!std::filesystem::is_regular_file(file, none))
     return fail(ErrorCode::not_found, file.string(), "expected a recording, found no such file");
   return fail(ErrorCode::bad_input, file.string(),
-              "expected packets of a Velodyne (pcap, pcapng) or telegrams of a SICK scanner (.json), got "
+              "expected packets of a Velodyne or an Ouster (pcap, pcapng) or telegrams of a SICK scanner "
+              "(.json), got "
               "another file");
 }
 
 /// When it was recorded: the device's own clock counts from the hour, or from when it was switched on.
 RealtimeTime recorded_at(const std::filesystem::path& file) {
-  if (!velodyne::is_pcap(file)) return kVirtualEpoch.utc;
-  auto reader = velodyne::PcapReader::open(file);
+  if (!network::is_pcap(file)) return kVirtualEpoch.utc;
+  auto reader = network::PcapReader::open(file);
   if (!reader) return kVirtualEpoch.utc;
   while (true) {
     const auto record = reader->next();
@@ -56,7 +62,7 @@ Result<Converted> to_pcd(const ConvertOptions& options) {
   Converted out;
   ProgressTask progress("read " + options.input.filename().string(), 0, "scans");
   Status written = fail(ErrorCode::bad_input, "--scan", "");
-  const auto read = read_clouds(options.input, [&](const Sample& sample) {
+  const auto read = read_clouds(options, [&](const Sample& sample) {
     progress.set(static_cast<double>(out.scans));
     if (out.scans++ != static_cast<std::uint64_t>(options.scan)) return true;
     const auto points = points_of(sample);
@@ -83,7 +89,7 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
   std::optional<ProgressTask> progress(std::in_place, "read " + options.input.filename().string(), 0,
                                        "scans");
   std::uint64_t scans = 0;
-  const auto counted = read_clouds(options.input, [&](const Sample& sample) {
+  const auto counted = read_clouds(options, [&](const Sample& sample) {
     if (!first) first = sample.stamp.t_capture;
     most = std::max(most, sample.bytes().size());
     progress->set(static_cast<double>(++scans));
@@ -107,7 +113,7 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
     if (!recorder) return tl::unexpected<Error>(recorder.error());
     (*recorder)->begin(*first);
     const auto pool = make_sample_pool(4, most);
-    const auto read = read_clouds(options.input, [&](const Sample& sample) {
+    const auto read = read_clouds(options, [&](const Sample& sample) {
       SampleSlot slot = pool->try_acquire();
       if (!slot) return false;
       Sample& copy = *slot;

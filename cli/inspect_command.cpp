@@ -11,7 +11,8 @@
 #include "bench/files/output_file.h"
 #include "calibration/procedures/recording_packets.h"
 #include "cli/commands.h"
-#include "drivers/velodyne/pcap_file.h"
+#include "cli/inspect_ouster.h"
+#include "drivers/network/pcap_file.h"
 #include "drivers/velodyne/pcap_report.h"
 #include "sensor-hal/record/inspect.h"
 #include "sensor-hal/record/mcap_repair.h"
@@ -42,6 +43,7 @@ nlohmann::json to_json(const PcapReport& r) {
       {"position_packets", r.position_packets},
       {"other_frames", r.other_frames},
       {"malformed", {{"count", r.malformed}, {"by_fault", r.faults}}},
+      {"azimuth_360_packets", r.full_turns},
       {"sources", r.sources},
       {"duration_s", r.duration_s},
       {"model",
@@ -73,8 +75,10 @@ nlohmann::json to_json(const PcapReport& r) {
 std::string to_text(const PcapReport& r) {
   std::string t = fmt::format("{}: {} frames, {:.3f} s\n", r.file, r.frames, r.duration_s);
   if (r.data_packets == 0)
-    return t + fmt::format("  no data packets of a Velodyne; {} malformed, {} other frames\n", r.malformed,
-                           r.other_frames);
+    return t + fmt::format(
+                   "  no data packets of a Velodyne; {} malformed, {} other frames. A recording of an "
+                   "Ouster needs its metadata: --metadata FILE.json\n",
+                   r.malformed, r.other_frames);
   t += fmt::format("  model            {}", r.model_known ? velodyne::facts_of(r.model).name : "not known");
   if (mismatch(r))
     t += fmt::format(
@@ -97,6 +101,7 @@ std::string to_text(const PcapReport& r) {
   if (r.malformed + r.other_frames > 0)
     t += fmt::format("  malformed        {}; other frames {}\n", r.malformed, r.other_frames);
   for (const auto& [fault, n] : r.faults) t += fmt::format("    {} {}\n", fault, n);
+  if (r.full_turns > 0) t += fmt::format("  azimuth 36000    {} packets, read as 0 degrees\n", r.full_turns);
   t += "  laser  elevation   returns\n";
   for (std::size_t i = 0; i < r.returns_per_laser.size(); ++i)
     t += fmt::format("  {:>5}  {:>7.2f}°  {:>8}\n", i, r.elevation_deg[i], r.returns_per_laser[i]);
@@ -111,6 +116,8 @@ int inspect_pcap_command(const InspectOptions& options) {
     return report_error({ErrorCode::bad_input, options.file.string(),
                          "expected a recording of Rigor (MCAP), got a pcap: there is nothing to repair"},
                         options.json);
+  const auto metadata = options.metadata.empty() ? ouster_metadata_beside(options.file) : options.metadata;
+  if (!metadata.empty()) return inspect_ouster_command(options, metadata);
   std::optional<ProgressTask> reading(std::in_place, read_task(options));
   auto report = velodyne::inspect_pcap(options.file);
   reading.reset();
@@ -219,7 +226,11 @@ int inspect_sick_command(const InspectOptions& options) {
 
 int inspect_command(const InspectOptions& options) {
   const std::string file = options.file.string();
-  if (velodyne::is_pcap(options.file)) return inspect_pcap_command(options);
+  if (network::is_pcap(options.file)) return inspect_pcap_command(options);
+  if (!options.metadata.empty())
+    return report_error({ErrorCode::bad_input, "--metadata",
+                         "expected none but with packets of an Ouster (pcap), got it with another file"},
+                        options.json);
   if (is_sick_recording(options.file)) return inspect_sick_command(options);
   if (!options.repair) {
     std::optional<ProgressTask> reading(std::in_place, read_task(options));

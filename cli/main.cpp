@@ -243,8 +243,10 @@ int command_line(int argc, char** argv) {
   auto* inspect_app = app.add_subcommand("inspect", "Say what is in a recording");
   inspect_app
       ->add_option("FILE", inspect.file,
-                   "MCAP file; packets of a Velodyne (pcap); telegrams of a SICK scanner (JSON)")
+                   "MCAP file; packets of a Velodyne or an Ouster (pcap); telegrams of a SICK scanner (JSON)")
       ->required();
+  inspect_app->add_option("--metadata", inspect.metadata,
+                          "What an Ouster says of itself, JSON (default: FILE.json beside FILE.pcap)");
   inspect_app->add_flag("--repair", inspect.repair, "Make an indexed file of one that was cut short");
   inspect_app->add_option("-o,--output", inspect.output,
                           "Where the repaired file goes (default: FILE.repaired.mcap)");
@@ -256,11 +258,14 @@ int command_line(int argc, char** argv) {
   auto* convert_app =
       app.add_subcommand("convert", "Make points of what a LiDAR sent: packets or telegrams, without a rig");
   convert_app
-      ->add_option("INPUT", convert.input,
-                   "Packets of a Velodyne (pcap, pcapng), or telegrams of a SICK scanner in JSON")
+      ->add_option(
+          "INPUT", convert.input,
+          "Packets of a Velodyne or an Ouster (pcap, pcapng), or telegrams of a SICK scanner in JSON")
       ->required();
   convert_app->add_option("-o,--output", convert.output, "out.mcap (all scans), or out.pcd (one of them)")
       ->required();
+  convert_app->add_option("--metadata", convert.metadata,
+                          "What an Ouster says of itself, JSON (default: INPUT.json beside INPUT.pcap)");
   auto* convert_scan =
       convert_app->add_option("--scan", convert.scan, "Which one a .pcd gets, from 0 (default: 0)")
           ->check(rigor::number_within({.min = 0, .max = 1e9}));

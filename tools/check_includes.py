@@ -25,9 +25,11 @@ SIM_BASE = {"rt-core", "sensor-hal", "sim/world"}
 ALLOWED = {
     "rt-core": set(),
     "sensor-hal": {"rt-core"},
-    "drivers": {"rt-core", "sensor-hal"},
+    "drivers": {"rt-core", "sensor-hal", "drivers/lidar", "drivers/network"},
+    "drivers/lidar": {"rt-core", "sensor-hal"},
+    "drivers/network": {"rt-core", "sensor-hal"},
     "calibration": {"rt-core", "sensor-hal"},
-    "calibration/procedures": {"rt-core", "sensor-hal", "drivers", "calibration", "bench"},
+    "calibration/procedures": {"rt-core", "sensor-hal", "drivers", "drivers/network", "calibration", "bench"},
     "apps": {"rt-core", "sensor-hal"},
     "sim/world": {"rt-core", "sensor-hal"},
     "sim/render": SIM_BASE,
@@ -78,6 +80,8 @@ def component_of(path):
 
 
 def family(component):
+    if component in ALLOWED:
+        return component
     first = component.split("/")[0]
     return first if first in ONE_EACH else component
 
@@ -221,7 +225,8 @@ def self_test():
         "rt-core/a.h": "#include <atomic>\n#include <sys/mman.h>\n#include <tl/expected.hpp>\n",
         "sensor-hal/channel/c.h": '#include "rt-core/a.h"\n',
         "drivers/can/can.h": '#include "sensor-hal/channel/c.h"\n#include "drivers/can/raw.h"\n',
-        "drivers/can/raw.h": '#include "rt-core/a.h"\n',
+        "drivers/can/raw.h": '#include "rt-core/a.h"\n#include "drivers/network/udp.h"\n',
+        "drivers/network/udp.h": '#include "rt-core/a.h"\n',
         "drivers/can/raw.cpp": '#include <libusb.h>\n',
         "sim/world/w.h": '#include "sensor-hal/channel/c.h"\n',
         "sim/render/r.cpp": '#include "sim/world/w.h"\n#include <vulkan/vulkan.h>\n#include "sky.frag.inc"\n',
@@ -239,6 +244,8 @@ def self_test():
         ("direction", "drivers/usb/u.cpp", '#include "drivers/can/raw.h"\n'),
         ("direction", "sensor-hal/models/m.glsl.h", '#include "sim/world/w.h"\n'),
         ("direction", "sim/world/up.frag", '#include "sim/render/shade.glsl"\n'),
+        ("direction", "drivers/network/n.cpp", '#include "drivers/can/raw.h"\n'),
+        ("direction", "sensor-hal/channel/d.cpp", '#include "drivers/network/udp.h"\n'),
         ("direction", "apps/demo/d.cpp", '  #  include "drivers/can/can.h"\n'),
         ("root", "sim/sensors/s.cpp", '#include "../world/w.h"\n'),
         ("root", "sim/sensors/t.cpp", '#include "sim/world/missing.h"\n'),

@@ -121,7 +121,10 @@ Result<RecordingInput> read_samples(const std::filesystem::path& file, const std
     if (kind != SampleKind::point_cloud)
       return fail(ErrorCode::bad_input, file.string(),
                   "expected an MCAP recording, got one of LiDAR packets");
-    return is_sick_recording(file) ? read_sick_recording(file, take) : read_velodyne_recording(file, take);
+    if (is_sick_recording(file)) return read_sick_recording(file, take);
+    if (const auto metadata = ouster_metadata_beside(file); !metadata.empty())
+      return read_ouster_recording(file, metadata, take);
+    return read_velodyne_recording(file, take);
   }
   const KindOfTopic* wanted = kind_of(kind);
   if (wanted == nullptr)

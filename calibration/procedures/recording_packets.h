@@ -1,5 +1,6 @@
-// Recordings of what a LiDAR sent, as samples: packets of a Velodyne (pcap, pcapng) and telegrams of a SICK
-// scanner (JSON as Wireshark and SICK's own converter write it, one `tcp.payload` in hex for each segment).
+// Recordings of what a LiDAR sent, as samples: packets of a Velodyne or an Ouster (pcap, pcapng) and
+// telegrams of a SICK scanner (JSON as Wireshark and SICK's own converter write it, one `tcp.payload` in hex
+// for each segment).
 #pragma once
 
 #include <filesystem>
@@ -16,6 +17,14 @@ namespace rigor {
 /// Velodyne in it).
 [[nodiscard]] Result<RecordingInput> read_velodyne_recording(const std::filesystem::path& file,
                                                              const TakeSample& take);
+
+/// The metadata of an Ouster beside a recording: F.json of F.pcap, where it is that. Empty: there are none.
+[[nodiscard]] std::filesystem::path ouster_metadata_beside(const std::filesystem::path& file);
+/// Point clouds, one for each frame that was recorded from its beginning; points by row. not_found, bad_input
+/// (no packets of a sensor with this metadata in it).
+[[nodiscard]] Result<RecordingInput> read_ouster_recording(const std::filesystem::path& file,
+                                                           const std::filesystem::path& metadata,
+                                                           const TakeSample& take);
 
 /// By the file's name: .json.
 [[nodiscard]] bool is_sick_recording(const std::filesystem::path& file);

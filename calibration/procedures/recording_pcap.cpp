@@ -2,13 +2,15 @@
 #include <optional>
 
 #include "calibration/procedures/recording_packets.h"
+#include "drivers/network/pcap_file.h"
+#include "drivers/ouster/frame_stream.h"
 #include "drivers/velodyne/packet_decoder.h"
-#include "drivers/velodyne/pcap_file.h"
 
 namespace rigor {
 namespace {
 
 using namespace velodyne;
+using network::PcapReader;
 
 struct Verdict {
   Model model;
@@ -129,6 +131,62 @@ Result<RecordingInput> read_velodyne_recording(const std::filesystem::path& file
                               " packets were damaged and passed over");
   if (result.samples == 0)
     return fail(ErrorCode::bad_input, file.string(), "expected returns in the packets, found none");
+  return result;
+}
+
+std::filesystem::path ouster_metadata_beside(const std::filesystem::path& file) {
+  auto beside = file;
+  beside.replace_extension(".json");
+  return beside != file && ouster::load_metadata(beside) ? beside : std::filesystem::path();
+}
+
+Result<RecordingInput> read_ouster_recording(const std::filesystem::path& file,
+                                             const std::filesystem::path& metadata, const TakeSample& take) {
+  auto m = ouster::load_metadata(metadata);
+  if (!m) return tl::unexpected<Error>(m.error());
+  auto reader = PcapReader::open(file);
+  if (!reader) return tl::unexpected<Error>(reader.error());
+  ouster::FrameStream stream(*m, {.time = packet_lidar::TimeSource::fixed});
+  RecordingInput result;
+  result.topic = m->product_line;
+  Sample sample;
+  sample.reserve(ouster::FrameStream::max_points(*m) * sizeof(LidarPoint));
+  bool enough = false;
+  const packet_lidar::HandCloud hand = [&](const packet_lidar::Cloud& c) {
+    if (enough) return;
+    sample.size_bytes = c.points.size() * sizeof(LidarPoint);
+    if (!c.points.empty()) std::memcpy(sample.memory().data(), c.points.data(), sample.size_bytes);
+    sample.info = PointCloudInfo{static_cast<std::uint32_t>(c.points.size())};
+    sample.stamp = {};
+    sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = c.t_capture;
+    sample.stamp.validity = c.validity;
+    sample.stamp.sequence = result.samples++;
+    enough = !take(sample);
+  };
+  while (!enough) {
+    auto record = reader->next();
+    if (!record) {
+      result.warnings.push_back(record.error().text());
+      break;
+    }
+    if (!*record) break;
+    if ((*record)->udp && (*record)->udp->payload.size() == stream.layout().packet_bytes)
+      stream.take((*record)->udp->payload, BenchTime(0), hand);
+  }
+  if (!enough) stream.finish(hand);
+  const auto& c = stream.counters();
+  if (c.malformed > 0)
+    result.warnings.push_back(file.string() + ": " + std::to_string(c.malformed) +
+                              " packets were damaged and passed over");
+  if (c.other_initialization > 0)
+    result.warnings.push_back(
+        file.string() + ": " + std::to_string(c.other_initialization) +
+        " packets are of a sensor that was configured anew since its metadata were taken");
+  if (result.samples == 0)
+    return fail(ErrorCode::bad_input, file.string(),
+                "expected lidar packets of an " + m->product_line + " (UDP, " +
+                    std::to_string(stream.layout().packet_bytes) + " bytes by " + metadata.string() +
+                    "), and a frame from its beginning, found none");
   return result;
 }
 

@@ -3,15 +3,17 @@
 #include <algorithm>
 #include <thread>
 
+#include "drivers/network/tcp_stream.h"
 #include "drivers/sick/scan_receiver.h"
 #include "drivers/sick/sick_settings.h"
-#include "drivers/sick/tcp_stream.h"
 #include "rt-core/clock_map.h"
 #include "rt-core/deadline.h"
 #include "sensor-hal/channel/backoff.h"
 
 namespace rigor::sick {
 namespace {
+
+using network::TcpStream;
 
 constexpr std::size_t kPiece = 32 * 1024;
 
@@ -20,7 +22,7 @@ constexpr std::size_t kPiece = 32 * 1024;
 struct SickSource::Impl {
   ChannelSettings settings;
   Deadline deadline;
-  TcpStream stream;
+  network::TcpStream stream;
   FrameParser parser;
   std::optional<ClientDialog> dialog;
   DeviceFacts armed;  ///< what the pool's slots were made for
@@ -95,7 +97,11 @@ Status SickSource::Impl::connect() {
   if (auto s = stream.connect(settings.address, settings.port, monotonic_now() + settings.timeout,
                               deadline.cut_fd());
       !s)
-    return s;
+    return fail(
+        s.error().code, s.error().where,
+        s.error().message +
+            "; check that the scanner is on and that `address` and `port` (2112 or 2111) are its own, "
+            "or start an emulated one with `rigor emulate`");
   if (auto s = converse(); !s) {
     stream.close();
     return s;

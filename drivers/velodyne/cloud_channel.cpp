@@ -1,8 +1,5 @@
 #include "drivers/velodyne/cloud_channel.h"
 
-#include <algorithm>
-#include <cstring>
-
 #include "drivers/velodyne/calibration_file.h"
 
 namespace rigor::velodyne {
@@ -12,11 +9,10 @@ Status CloudChannel::do_configure(const ChannelConfig& config) {
   description_.kind = SampleKind::point_cloud;
   description_.frame_id = settings_.frame_id;
   description_.max_bytes = settings_.stream.max_points * sizeof(LidarPoint);
-  hand_ = [this](const Cloud& c) { hand(c); };
   return {};
 }
 
-Status CloudChannel::open_clouds(Model model, Feed feed) {
+Status CloudChannel::open_model(Model model, Feed feed) {
   Calibration calibration = factory_calibration(model);
   if (!settings_.calibration.empty()) {
     auto loaded = load_calibration(settings_.calibration, model);
@@ -26,12 +22,7 @@ Status CloudChannel::open_clouds(Model model, Feed feed) {
   auto decoder = PacketDecoder::create(model, calibration, settings_.rings);
   if (!decoder) return tl::unexpected<Error>(decoder.error());
   stream_ = std::make_unique<CloudStream>(std::move(*decoder), settings_.stream);
-  feed_ = feed;
-  in_run_.reset();
-  malformed_seen_ = 0;
-  any_handed_ = false;
-  last_release_ = {};
-  open_stream(settings_.buffers, description_.max_bytes, feed == Feed::virtual_time);
+  open_clouds(settings_.buffers, settings_.stream.max_points, feed);
   return {};
 }
 
@@ -62,42 +53,8 @@ Result<Model> CloudChannel::decide_model(std::uint8_t product, const ModelEviden
 }
 
 void CloudChannel::take(Bytes datagram, BenchTime arrival) {
-  stream_->take(datagram, arrival, hand_);
-  const std::uint64_t malformed = stream_->counters().malformed;
-  if (malformed == malformed_seen_) return;
-  health_.protocol_errors.fetch_add(malformed - malformed_seen_, std::memory_order_relaxed);
-  malformed_seen_ = malformed;
-}
-
-void CloudChannel::hand(const Cloud& c) noexcept {
-  RunSequence::Place place{c.sequence, c.lost_before};
-  if (feed_ == Feed::live) {
-    const auto in_run = in_run_.place(origin(), c.t_capture, config().period, c.sequence, c.lost_before);
-    if (!in_run) return;
-    place = *in_run;
-  }
-  if (place.lost > 0) count_lost(place.lost);
-  SampleSlot slot = take_slot();
-  const BenchTime release = c.t_capture + config().latency;
-  last_release_ = release;
-  any_handed_ = true;
-  if (slot) {
-    Sample& s = *slot;
-    const std::size_t room = s.memory().size() / sizeof(LidarPoint);
-    const std::size_t count = std::min(c.points.size(), room);
-    s.size_bytes = count * sizeof(LidarPoint);
-    if (count > 0) std::memcpy(s.memory().data(), c.points.data(), s.size_bytes);
-    s.info = PointCloudInfo{static_cast<std::uint32_t>(count)};
-    s.stamp = {};
-    s.stamp.sequence = place.sequence;
-    s.stamp.t_capture = c.t_capture;
-    s.stamp.t_release = release;
-    s.stamp.t_arrival = feed_ == Feed::virtual_time ? release : bench_now();
-    s.stamp.sigma_capture = c.sigma;
-    s.stamp.validity = c.validity;
-    if ((c.validity & kIncomplete) != 0) health_.incomplete.fetch_add(1, std::memory_order_relaxed);
-  }
-  hand_over(std::move(slot));
+  stream_->take(datagram, arrival, hand());
+  count_malformed(stream_->counters().malformed);
 }
 
 }  // namespace rigor::velodyne

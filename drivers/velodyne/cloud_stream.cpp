@@ -8,14 +8,10 @@ namespace {
 
 constexpr std::int64_t kHour_ns = 3'600'000'000'000;
 
-ClockMapOptions clock_options(const DeviceFacts& f) {
-  ClockMapOptions o;
-  o.resolution = microseconds(1);
+PacketClock::Options clock_options(const DeviceFacts& f, TimeSource source) {
   // The packet goes out when its last laser has fired; less it cannot be. Dual packets take half as long, and
   // their excess is in sigma.
-  o.min_delay = Duration(f.packet_ns(false));
-  o.min_delay_sigma = microseconds(50);
-  return o;
+  return {source, microseconds(1), Duration(f.packet_ns(false))};
 }
 
 }  // namespace
@@ -23,7 +19,7 @@ ClockMapOptions clock_options(const DeviceFacts& f) {
 CloudStream::CloudStream(PacketDecoder decoder, const CloudStreamOptions& options)
     : decoder_(std::move(decoder)),
       options_(options),
-      clock_(clock_options(decoder_.facts())),
+      clock_(clock_options(decoder_.facts(), options.time)),
       revolution_(options.revolution) {
   points_.reserve(options_.max_points);
 }
@@ -41,46 +37,19 @@ void CloudStream::reset() {
   revolution_ = options_.revolution;
 }
 
-CloudStream::Placed CloudStream::place(DeviceTime t) const {
-  switch (options_.time) {
-    case TimeSource::fixed:
-      return {BenchTime(t.ns() + fixed_offset_.ns()), Duration(289), true};  // 1 µs / √12
-    case TimeSource::gps:
-      return {epoch_.to_bench(RealtimeTime(t.ns() + gps_hour_ns_)), microseconds(1) + epoch_.sigma, true};
-    case TimeSource::arrival:
-      return {BenchTime(t.ns() + arrival_offset_ns_), microseconds(100), true};
-    case TimeSource::device:
-      break;
-  }
-  const Mapped m = clock_.map(t);
-  return {m.t, m.sigma, m.known};
-}
-
 /// Ties the device's time to the bench's by one more packet.
-void CloudStream::observe(DeviceTime t, std::uint32_t us, BenchTime arrival, std::int64_t packet_ns) {
-  switch (options_.time) {
-    case TimeSource::device: {
-      // min_delay stands for a packet of single returns.
-      const Duration fill(packet_ns - decoder_.facts().packet_ns(false));
-      if (clock_.add_arrival(t, arrival - fill) == ClockMap::Update::reset) ++counters_.clock_steps;
-      break;
-    }
-    case TimeSource::gps: {
-      // The hour in which this packet is nearest to its arrival.
-      const std::int64_t utc = epoch_.to_utc(arrival).ns() - packet_ns, in_hour = std::int64_t{us} * 1000;
-      const std::int64_t hour = ((utc - in_hour) + kHour_ns / 2) / kHour_ns;
-      gps_hour_ns_ = hour * kHour_ns - (t.ns() - in_hour);
-      break;
-    }
-    case TimeSource::arrival:
-      arrival_offset_ns_ = arrival.ns() - packet_ns - t.ns();
-      break;
-    case TimeSource::fixed:
-      break;
+void CloudStream::observe(DeviceTime t, std::uint32_t us, BenchTime arrival, Duration filled) {
+  if (clock_.source() == TimeSource::utc) {
+    // The hour in which this packet is nearest to its arrival.
+    const std::int64_t utc = (clock_.epoch().to_utc(arrival) - filled).ns(),
+                       in_hour = std::int64_t{us} * 1000;
+    const std::int64_t hour = ((utc - in_hour) + kHour_ns / 2) / kHour_ns;
+    clock_.set_utc_offset(Duration(hour * kHour_ns - (t.ns() - in_hour)));
   }
+  if (!clock_.observe(t, filled, arrival)) ++counters_.clock_steps;
 }
 
-void CloudStream::take(Bytes datagram, BenchTime arrival, const Hand& hand) {
+void CloudStream::take(Bytes datagram, BenchTime arrival, const HandCloud& hand) {
   PacketFault fault{};
   const auto packet = DataPacket::parse(datagram, fault);
   if (!packet) {
@@ -89,6 +58,7 @@ void CloudStream::take(Bytes datagram, BenchTime arrival, const Hand& hand) {
     return;
   }
   ++counters_.packets;
+  counters_.full_turns += packet->says_full_turn();
   evidence_.add(*packet);
   product_ = packet->product(), mode_ = static_cast<std::uint8_t>(packet->mode());
   const std::int64_t packet_ns = decoder_.facts().packet_ns(packet->dual());
@@ -123,7 +93,7 @@ void CloudStream::take(Bytes datagram, BenchTime arrival, const Hand& hand) {
   }
   any_packet_ = true;
   t_last_packet_ = t;
-  observe(t, packet->timestamp_us(), arrival, packet_ns);
+  observe(t, packet->timestamp_us(), arrival, Duration(packet_ns));
   decoder_.decode(*packet, decoded_);
 
   if (options_.unit == CloudUnit::packet) {
@@ -187,11 +157,11 @@ void CloudStream::add(const DecodedPacket::Sequence& s, DeviceTime t_packet) {
   }
 }
 
-void CloudStream::finish(const Hand& hand) {
+void CloudStream::finish(const HandCloud& hand) {
   open_ = false;
   const std::uint32_t lost = std::exchange(lost_inside_, 0);
   if (!whole_) return;
-  const Placed at = place(t_begin_);
+  const PacketClock::Placed at = clock_.place(t_begin_);
   Cloud c;
   c.points = points_;
   c.t_capture = at.t;

@@ -8,24 +8,23 @@
 // own time: they are counted, the cloud in which they are missing is marked incomplete, and revolutions that
 // were lost altogether count as lost samples and leave a gap in the sequence.
 //
-// The device's time is µs since the hour, and leads to bench time by one of
-//   device   the quickest arrivals tie the device's clock down (ClockMap); good to some tens of µs
-//   gps      it counts UTC (PPS and NMEA are connected): the hour is that of this machine's CLOCK_REALTIME
-//   arrival  the arrival of each packet, less the time that it took to fill it
-//   fixed    a constant is added (virtual time)
+// The device's time is µs since the hour. PacketClock leads from there to bench time; for its `utc` (PPS and
+// NMEA are connected) the hour is that of this machine's CLOCK_REALTIME.
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <vector>
 
+#include "drivers/lidar/cloud.h"
+#include "drivers/lidar/packet_clock.h"
 #include "drivers/velodyne/packet_decoder.h"
-#include "rt-core/clock_map.h"
-#include "rt-core/epoch.h"
 
 namespace rigor::velodyne {
 
-enum class TimeSource : std::uint8_t { device, gps, arrival, fixed };
+using packet_lidar::Cloud;
+using packet_lidar::HandCloud;
+using packet_lidar::PacketClock;
+using packet_lidar::TimeSource;
 enum class CloudUnit : std::uint8_t { revolution, packet };
 
 struct CloudStreamOptions {
@@ -36,31 +35,19 @@ struct CloudStreamOptions {
   std::size_t max_points = 0;               ///< of one cloud; what is beyond is dropped and marked
 };
 
-struct Cloud {
-  std::span<const LidarPoint> points;  ///< until the next packet
-  BenchTime t_capture;
-  Duration sigma;
-  std::uint64_t sequence = 0;      ///< a gap is a loss
-  std::uint64_t lost_before = 0;   ///< clouds
-  std::uint32_t packets_lost = 0;  ///< within
-  std::uint32_t validity = 0;
-};
-
 class CloudStream {
  public:
   struct Counters {
     std::uint64_t packets = 0, malformed = 0, packets_lost = 0, clock_steps = 0, points_dropped = 0;
+    std::uint64_t full_turns = 0;  ///< good packets with an azimuth of 36000, which is 0
     PacketFault last_fault = PacketFault::none;
   };
-  using Hand = std::function<void(const Cloud&)>;
 
   CloudStream(PacketDecoder decoder, const CloudStreamOptions& options);
 
   /// I/O thread. `arrival`: when its last byte was here. No allocation after the first revolution.
-  void take(Bytes datagram, BenchTime arrival, const Hand& hand);
-  /// For `gps`: how UTC and bench time hang together now. For `fixed`: what leads from device to bench time.
-  void set_epoch(const EpochPair& epoch) { epoch_ = epoch; }
-  void set_fixed_offset(Duration bench_minus_device) { fixed_offset_ = bench_minus_device; }
+  void take(Bytes datagram, BenchTime arrival, const HandCloud& hand);
+  [[nodiscard]] PacketClock& clock() { return clock_; }
   /// As new: what was being collected is dropped, the clock is forgotten.
   void reset();
 
@@ -72,26 +59,17 @@ class CloudStream {
   [[nodiscard]] std::uint8_t return_mode() const { return mode_; }
 
  private:
-  struct Placed {
-    BenchTime t;
-    Duration sigma;
-    bool known;
-  };
-  [[nodiscard]] Placed place(DeviceTime t) const;
-  void observe(DeviceTime t, std::uint32_t us, BenchTime arrival, std::int64_t packet_ns);
+  void observe(DeviceTime t, std::uint32_t us, BenchTime arrival, Duration filled);
   void begin(DeviceTime t, bool whole);
-  void finish(const Hand& hand);
+  void finish(const HandCloud& hand);
   void add(const DecodedPacket::Sequence& s, DeviceTime t_packet);
 
   PacketDecoder decoder_;
   CloudStreamOptions options_;
   DecodedPacket decoded_;
   HourClock hour_;
-  ClockMap clock_;
+  PacketClock clock_;
   ModelEvidence evidence_;
-  EpochPair epoch_{};
-  Duration fixed_offset_{};
-  std::int64_t gps_hour_ns_ = 0, arrival_offset_ns_ = 0;
   Counters counters_;
   std::uint8_t product_ = 0, mode_ = 0;
 

@@ -6,11 +6,14 @@
 #include <functional>
 #include <numbers>
 
+#include "drivers/network/pcap_file.h"
 #include "drivers/velodyne/packet_decoder.h"
-#include "drivers/velodyne/pcap_file.h"
 
 namespace rigor::velodyne {
 namespace {
+
+using network::PcapReader;
+using network::UdpDatagram;
 
 /// How a datagram came, and what it is.
 enum class Sort : std::uint8_t { data, position, broken, other };
@@ -30,10 +33,8 @@ Sort sort_of(const UdpDatagram& udp, std::optional<DataPacket>& data, std::optio
 }
 
 std::string address_of(const UdpDatagram& udp) {
-  const std::uint32_t a = udp.source_ipv4;
-  if (a == 0) return "IPv6:" + std::to_string(udp.source_port);
-  return std::to_string(a >> 24) + "." + std::to_string(a >> 16 & 255) + "." + std::to_string(a >> 8 & 255) +
-         "." + std::to_string(a & 255) + ":" + std::to_string(udp.source_port);
+  return (udp.source_ipv4 == 0 ? "IPv6" : network::text_of_ipv4(udp.source_ipv4)) + ":" +
+         std::to_string(udp.source_port);
 }
 
 /// A recording is read twice.
@@ -67,6 +68,7 @@ class Counter {
     if (r_.data_packets++ == 0) t_first_ = t;
     t_last_ = t;
     r_.product_byte = p.product();
+    r_.full_turns += p.says_full_turn();
     ++r_.return_modes[std::string(name_of(p.mode()))];
     count_returns(p);
     follow_time(p);

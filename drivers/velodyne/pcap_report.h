@@ -18,6 +18,7 @@ struct PcapReport {
   std::uint64_t data_packets = 0, position_packets = 0, other_frames = 0;
   std::uint64_t malformed = 0;                   ///< on the data or position port and no packet
   std::map<std::string, std::uint64_t> faults;   ///< of those, by what is wrong
+  std::uint64_t full_turns = 0;                  ///< good data packets with an azimuth of 36000, which is 0
   std::map<std::string, std::uint64_t> sources;  ///< data packets by "address:port"
   double duration_s = 0;                         ///< by the recording's stamps, first to last data packet
 

@@ -106,26 +106,10 @@ Revolution RotorDevice::make_revolution() const { return {0, false, empty_}; }
 
 Status RotorDevice::measure(std::uint64_t index, BenchTime t_begin, const WorldMotion& motion,
                             Revolution& out) {
-  out.index = index;
-  out.seen = false;
-  SampleProvider::Request request;
-  request.index = index;
-  request.t_capture = t_begin;
-  request.t_start = t_begin;
-  request.motion = motion;
   // The rotor turns clockwise.
   double beyond = azimuth_deg(first_sequence(index));
   if (beyond > 180) beyond -= 360;
-  request.turn_rad = -beyond * kPi / 180;
-  if (auto s = samples_->capture(request, sample_); !s) return s;
-  const auto* cloud = sample_.as<PointCloudInfo>();
-  if (!cloud || sample_.size_bytes != cloud->count * sizeof(LidarPoint))
-    return fail(ErrorCode::internal, "sensor", "expected a point cloud");
-  static_assert(alignof(LidarPoint) <= alignof(std::max_align_t));
-  out.grid.fill({reinterpret_cast<const LidarPoint*>(sample_.bytes().data()), cloud->count},
-                request.turn_rad);
-  out.seen = true;
-  return {};
+  return packet_lidar::measure_scan(*samples_, index, t_begin, motion, -beyond * kPi / 180, sample_, out);
 }
 
 void RotorDevice::compose(std::uint64_t packet, const std::function<const Revolution*(std::uint64_t)>& of,

@@ -15,9 +15,9 @@
 #include <functional>
 #include <memory>
 
+#include "drivers/lidar/scan_ahead.h"
 #include "drivers/velodyne/velodyne_device.h"
 #include "sensor-hal/channel/emulator.h"
-#include "sensor-hal/models/lidar/scan_grid.h"
 
 namespace rigor::velodyne {
 
@@ -29,12 +29,7 @@ struct RotorSettings {
   std::uint32_t start_us = 0;                 ///< the device's time since the hour at its start
 };
 
-/// What one revolution saw.
-struct Revolution {
-  std::uint64_t index = 0;
-  bool seen = false;  ///< false: it could not be measured
-  models::ScanGrid grid;
-};
+using Revolution = packet_lidar::Scan;
 
 class RotorDevice {
  public:
@@ -42,6 +37,8 @@ class RotorDevice {
   [[nodiscard]] static Result<RotorDevice> create(const RotorSettings& settings,
                                                   std::shared_ptr<SampleProvider> samples);
 
+  /// The device's time since the hour at its start.
+  void set_start_us(std::uint32_t start_us) { settings_.start_us = start_us; }
   [[nodiscard]] std::int64_t packet_ns() const { return facts_->packet_ns(settings_.dual); }
   [[nodiscard]] double rotation_hz() const { return rotation_hz_; }
   [[nodiscard]] Duration revolution_time() const { return seconds_from(1 / rotation_hz_); }

@@ -20,7 +20,7 @@ constexpr std::int64_t kWantedSocketBuffer = 2 << 20;
 /// Who sends to this machine, heard for a while: these devices announce themselves in no other way.
 std::vector<FoundDevice> listen_for_devices() {
   std::vector<FoundDevice> found;
-  UdpReceiver socket;
+  network::UdpReceiver socket;
   if (!socket.open("0.0.0.0", kDataPort, 1 << 20)) return found;
   struct Heard {
     ModelEvidence evidence;
@@ -44,8 +44,7 @@ std::vector<FoundDevice> listen_for_devices() {
   }
   for (const auto& [ip, h] : senders) {
     const auto model = h.evidence.model() ? h.evidence.model() : model_of(h.product);
-    const std::string address = std::to_string(ip >> 24) + "." + std::to_string(ip >> 16 & 255) + "." +
-                                std::to_string(ip >> 8 & 255) + "." + std::to_string(ip & 255);
+    const std::string address = network::text_of_ipv4(ip);
     found.push_back(
         {"velodyne", address, model ? std::string(facts_of(*model).name) : "of no known model", address});
   }

@@ -9,14 +9,11 @@
 // sent; its packets count as lost. `connected`: nobody said that nobody listens (ICMP).
 #pragma once
 
-#include <atomic>
-#include <condition_variable>
-#include <mutex>
 #include <optional>
 #include <thread>
-#include <vector>
 
-#include "drivers/velodyne/pcap_file.h"
+#include "drivers/lidar/scan_ahead.h"
+#include "drivers/network/udp_sender.h"
 #include "drivers/velodyne/rotor_device.h"
 #include "drivers/velodyne/velodyne_settings.h"
 #include "rt-core/deadline.h"
@@ -36,11 +33,7 @@ class VelodyneEmulator final : public Emulator {
   Status do_stop() override;
 
  private:
-  static constexpr std::uint64_t kAhead = 2;  ///< revolutions that are measured before they are sent
-  static constexpr std::size_t kKept = 16;  ///< more, so that a slow measurement may be of one further ahead
-  /// The first revolution that can be measured in time.
-  [[nodiscard]] std::uint64_t next_revolution() const;
-  void measure_ahead();
+  [[nodiscard]] RotorSettings rotor_settings() const;
   void send_packets();
   void send(Bytes bytes, std::uint16_t port);
   void send_position(BenchTime t);
@@ -48,22 +41,12 @@ class VelodyneEmulator final : public Emulator {
   DeviceParts parts_;
   EmulatorSettings settings_;
   std::optional<RotorDevice> device_;
-  std::optional<PcapWriter> pcap_;
-  int socket_ = -1;
-  std::uint32_t local_ipv4_ = 0, destination_ipv4_ = 0;
-  std::uint16_t local_port_ = 0;
+  std::optional<packet_lidar::ScanAhead> scans_;
+  network::UdpSender sender_;
   BenchTime t_start_;
   EpochPair epoch_{};
   Deadline sending_;
-
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  std::vector<Revolution> revolutions_;  ///< k at k % kKept
-  std::uint64_t measured_ = 0;           ///< revolutions below this one are done or given up
-  std::uint64_t sending_revolution_ = 0;
-  Duration measuring_time_;  ///< what one revolution takes
-  bool stop_ = false;
-  std::thread measuring_thread_, sending_thread_;
+  std::thread sending_thread_;
 };
 
 }  // namespace rigor::velodyne

@@ -85,7 +85,7 @@ std::string_view text_of(PacketFault fault) {
     case PacketFault::block_flag:
       return "a block without its flag FF EE";
     case PacketFault::azimuth:
-      return "an azimuth of 360 degrees or more";
+      return "an azimuth above 360 degrees";
     case PacketFault::timestamp:
       return "a time beyond the hour";
     case PacketFault::return_mode:
@@ -115,7 +115,7 @@ std::optional<DataPacket> DataPacket::parse(Bytes bytes, PacketFault& fault) noe
     fault = PacketFault::block_flag;
     if (bytes[b * kBlockBytes] != 0xFF || bytes[b * kBlockBytes + 1] != 0xEE) return {};
     fault = PacketFault::azimuth;
-    if (load16(bytes, b * kBlockBytes + 2) >= kTurn_cdeg) return {};
+    if (load16(bytes, b * kBlockBytes + 2) > kTurn_cdeg) return {};
   }
   fault = PacketFault::timestamp;
   // A device that is waiting for its PPS pulse runs on for some seconds past the hour.
@@ -127,7 +127,12 @@ std::optional<DataPacket> DataPacket::parse(Bytes bytes, PacketFault& fault) noe
 }
 
 std::uint32_t DataPacket::azimuth_cdeg(std::size_t block) const noexcept {
-  return load16(bytes_, block * kBlockBytes + 2);
+  return load16(bytes_, block * kBlockBytes + 2) % kTurn_cdeg;
+}
+bool DataPacket::says_full_turn() const noexcept {
+  for (std::size_t b = 0; b < kBlocks; ++b)
+    if (load16(bytes_, b * kBlockBytes + 2) == kTurn_cdeg) return true;
+  return false;
 }
 DataPacket::Return DataPacket::at(std::size_t block, std::size_t channel) const noexcept {
   const std::size_t at = block * kBlockBytes + 4 + channel * 3;

@@ -55,7 +55,10 @@ class DataPacket {
   /// Empty where anything is out of its bounds; `fault` then says what.
   [[nodiscard]] static std::optional<DataPacket> parse(Bytes bytes, PacketFault& fault) noexcept;
 
+  /// 0 … 35999.
   [[nodiscard]] std::uint32_t azimuth_cdeg(std::size_t block) const noexcept;
+  /// Whether a block says 36000 in place of 0, as devices do now and then.
+  [[nodiscard]] bool says_full_turn() const noexcept;
   [[nodiscard]] Return at(std::size_t block, std::size_t channel) const noexcept;
   [[nodiscard]] std::uint32_t timestamp_us() const noexcept;
   [[nodiscard]] ReturnMode mode() const noexcept { return static_cast<ReturnMode>(bytes_[1204]); }

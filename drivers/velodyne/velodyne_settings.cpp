@@ -52,7 +52,7 @@ SourceSettings read_source_settings(const ChannelConfig& config) {
       static_cast<std::uint32_t>(std::lround(n.number_or("cut_deg", 0, {.min = 0, .max = 359.99}) * 100) %
                                  static_cast<long>(kTurn_cdeg));
   const std::string time = n.choice_or("time", {"device", "gps", "arrival"}, "device");
-  s.stream.time = time == "gps"       ? TimeSource::gps
+  s.stream.time = time == "gps"       ? TimeSource::utc
                   : time == "arrival" ? TimeSource::arrival
                                       : TimeSource::device;
   if (s.stream.unit == CloudUnit::revolution && config.period.ns() > 0) s.stream.revolution = config.period;

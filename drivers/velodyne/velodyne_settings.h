@@ -10,7 +10,7 @@
 //   unit: revolution          # a sample for each; or packet
 //   cut_deg: 0                # where a revolution begins, clockwise from the connector's opposite side
 //   rings: laser              # LidarPoint::ring counts lasers in firing order; or elevation, from the lowest
-//   time: device              # or gps, arrival: cloud_stream.h
+//   time: device              # or gps, arrival: packet_clock.h
 //   socket_buffer_bytes: 2097152
 //   buffers: 8                # samples that the channel can hold, those in the application's hands included
 //

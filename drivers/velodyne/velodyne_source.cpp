@@ -4,12 +4,10 @@
 #include <poll.h>
 #include <pthread.h>
 
-#include <cerrno>
-
 namespace rigor::velodyne {
 namespace {
 
-constexpr Duration kListen = seconds(2), kSilence = seconds(1), kEpochEvery = seconds(1);
+constexpr Duration kListen = seconds(2), kSilence = seconds(1);
 
 }  // namespace
 
@@ -19,13 +17,8 @@ VelodyneSource::~VelodyneSource() {
 
 VelodyneSource::Counters VelodyneSource::counters() const noexcept {
   const auto get = [](const auto& a) { return a.load(std::memory_order_relaxed); };
-  return {get(packets_),
-          get(packets_lost_),
-          get(kernel_drops_),
-          get(foreign_),
-          get(positions_),
-          get(clock_steps_),
-          static_cast<PpsStatus>(get(pps_))};
+  return {get(packets_),   get(packets_lost_), get(kernel_drops_), get(foreign_),
+          get(positions_), get(clock_steps_),  get(full_turns_),   static_cast<PpsStatus>(get(pps_))};
 }
 
 Status VelodyneSource::do_configure(const ChannelConfig& config) {
@@ -39,9 +32,11 @@ Status VelodyneSource::do_configure(const ChannelConfig& config) {
 
 Status VelodyneSource::do_arm(const ArmContext& context) {
   warnings_.clear();
-  for (auto* c : {&packets_, &packets_lost_, &kernel_drops_, &foreign_, &positions_, &clock_steps_}) *c = 0;
+  for (auto* c :
+       {&packets_, &packets_lost_, &kernel_drops_, &foreign_, &positions_, &clock_steps_, &full_turns_})
+    *c = 0;
   if (auto s = deadline_.open(); !s) return s;
-  stop_ = false;
+  deadline_.reset();
   if (!settings_.file.empty()) return arm_file(context.virtual_time);
   if (context.virtual_time)
     return fail(
@@ -96,8 +91,8 @@ Status VelodyneSource::arm_network() {
                    "`address` is this machine's (0.0.0.0 takes broadcasts)"));
   const auto model = decide_model(product, evidence);
   if (!model) return tl::unexpected<Error>(model.error());
-  if (auto s = open_clouds(*model, Feed::live); !s) return s;
-  stream_->set_epoch(read_epoch());
+  if (auto s = open_model(*model, Feed::live); !s) return s;
+  stream_->clock().set_epoch(read_epoch());
   t_last_packet_ = bench_now();
   health_.connected = true;
   thread_ = std::thread([this] { run_network(); });
@@ -105,23 +100,19 @@ Status VelodyneSource::arm_network() {
 }
 
 Status VelodyneSource::arm_file(bool virtual_time) {
-  const auto open = [&]() -> Status {
-    auto reader = PcapReader::open(settings_.file);
-    if (!reader) return tl::unexpected<Error>(reader.error());
-    reader_.emplace(std::move(*reader));
-    return {};
-  };
-  if (auto s = open(); !s) return s;
+  const auto wanted = [](const network::UdpDatagram& d) { return d.payload.size() == kDataBytes; };
+  auto reader = network::PcapReader::open(settings_.file);
+  if (!reader) return tl::unexpected<Error>(reader.error());
   ModelEvidence evidence;
   std::uint8_t product = 0;
   std::uint64_t packets = 0;
   while (packets < 1000) {
-    auto record = reader_->next();
+    auto record = reader->next();
     if (!record || !*record) break;
     PacketFault fault{};
     if (!(*record)->udp) continue;
     if (const auto packet = DataPacket::parse((*record)->udp->payload, fault)) {
-      if (packets++ == 0) first_stamp_ = (*record)->t;
+      ++packets;
       evidence.add(*packet);
       product = packet->product();
     }
@@ -132,9 +123,10 @@ Status VelodyneSource::arm_file(bool virtual_time) {
                     ": expected packets of a Velodyne, found none; `rigor inspect` says what is in it");
   const auto model = decide_model(product, evidence);
   if (!model) return tl::unexpected<Error>(model.error());
-  if (auto s = open(); !s) return s;
-  if (auto s = open_clouds(*model, virtual_time ? Feed::virtual_time : Feed::recording); !s) return s;
-  file_ended_ = false;
+  auto feed = network::PcapFeed::open(settings_.file, wanted);
+  if (!feed) return tl::unexpected<Error>(feed.error());
+  feed_.emplace(std::move(*feed));
+  if (auto s = open_model(*model, virtual_time ? Feed::virtual_time : Feed::recording); !s) return s;
   health_.connected = true;
   if (!virtual_time) thread_ = std::thread([this] { run_file(); });
   return {};
@@ -143,17 +135,16 @@ Status VelodyneSource::arm_file(bool virtual_time) {
 Status VelodyneSource::do_start(BenchTime t0) {
   t0_ = t0;
   // Of a recording; its thread waits for the origin, which is published after this.
-  if (!settings_.file.empty()) stream_->set_epoch({t0, first_stamp_, Duration(0)});
+  if (feed_) stream_->clock().set_epoch({t0, feed_->first_stamp(), Duration(0)});
   return {};
 }
 
 Status VelodyneSource::do_stop() {
-  stop_ = true;
   deadline_.cut();
   if (thread_.joinable()) thread_.join();
   data_.close();
   position_.close();
-  reader_.reset();
+  feed_.reset();
   close_stream();
   health_.connected = false;
   return {};
@@ -164,33 +155,30 @@ void VelodyneSource::publish() {
   packets_.store(c.packets, std::memory_order_relaxed);
   packets_lost_.store(c.packets_lost, std::memory_order_relaxed);
   clock_steps_.store(c.clock_steps, std::memory_order_relaxed);
+  full_turns_.store(c.full_turns, std::memory_order_relaxed);
   kernel_drops_.store(data_.dropped(), std::memory_order_relaxed);
 }
 
-void VelodyneSource::receive_data(const EpochPair& epoch) {
-  while (true) {
-    const auto batch = data_.receive(epoch);
-    for (const auto& d : batch) {
-      if (from_ipv4_ != 0 && d.source_ipv4 != from_ipv4_) {
-        foreign_.fetch_add(1, std::memory_order_relaxed);
-        continue;
-      }
-      const std::uint64_t before = stream_->counters().packets;
-      take(d.bytes, d.arrival);
-      if (stream_->counters().packets == before) continue;
-      t_last_packet_ = d.arrival;
-      if (!health_.connected.load(std::memory_order_relaxed)) {
-        health_.connected.store(true, std::memory_order_release);
-        health_.reconnects.fetch_add(1, std::memory_order_relaxed);
-      }
+void VelodyneSource::receive_data(std::span<const network::UdpReceiver::Datagram> batch) {
+  for (const auto& d : batch) {
+    if (from_ipv4_ != 0 && d.source_ipv4 != from_ipv4_) {
+      foreign_.fetch_add(1, std::memory_order_relaxed);
+      continue;
     }
-    publish();
-    if (batch.size() < UdpReceiver::kBatch || stop_.load(std::memory_order_relaxed)) return;
+    const std::uint64_t before = stream_->counters().packets;
+    take(d.bytes, d.arrival);
+    if (stream_->counters().packets == before) continue;
+    t_last_packet_ = d.arrival;
+    if (!health_.connected.load(std::memory_order_relaxed)) {
+      health_.connected.store(true, std::memory_order_release);
+      health_.reconnects.fetch_add(1, std::memory_order_relaxed);
+    }
   }
+  publish();
 }
 
-void VelodyneSource::receive_position(const EpochPair& epoch) {
-  for (const auto& d : position_.receive(epoch)) {
+void VelodyneSource::receive_position(std::span<const network::UdpReceiver::Datagram> batch) {
+  for (const auto& d : batch) {
     if (from_ipv4_ != 0 && d.source_ipv4 != from_ipv4_) continue;
     const auto p = parse_position(d.bytes);
     if (!p) {
@@ -204,88 +192,46 @@ void VelodyneSource::receive_position(const EpochPair& epoch) {
 
 void VelodyneSource::run_network() {
   pthread_setname_np(pthread_self(), "velodyne");
-  EpochPair epoch = read_epoch();
-  BenchTime t_epoch = bench_now();
-  Backoff backoff;
-  while (!stop_.load(std::memory_order_acquire)) {
-    if (data_.fd() < 0) {
-      const MonotonicTime now = monotonic_now();
-      if (backoff.due(now)) {
-        if (data_.open(settings_.address, settings_.port, settings_.socket_buffer_bytes))
-          backoff.reset();
-        else
-          backoff.failed(now);
-      }
-      if (data_.fd() < 0) {
-        if (!deadline_.wait_until(monotonic_now() + milliseconds(20))) return;
-        continue;
-      }
-    }
-    pollfd p[3] = {{data_.fd(), POLLIN, 0}, {deadline_.cut_fd(), POLLIN, 0}, {position_.fd(), POLLIN, 0}};
-    (void)::poll(p, 3, 100);  // a descriptor below 0 is passed over
-    if (stop_.load(std::memory_order_acquire)) return;
-    const BenchTime now = bench_now();
-    if (now - t_epoch > kEpochEvery) {
-      epoch = read_epoch();
-      stream_->set_epoch(epoch);
-      t_epoch = now;
-    }
-    if ((p[0].revents & (POLLERR | POLLNVAL)) != 0) {
-      int error = 0;
-      socklen_t length = sizeof error;
-      (void)getsockopt(data_.fd(), SOL_SOCKET, SO_ERROR, &error, &length);
-      if (error != 0) data_.close();
-    } else if ((p[0].revents & POLLIN) != 0) {
-      receive_data(epoch);
-    }
-    if ((p[2].revents & POLLIN) != 0) receive_position(epoch);
-    if (bench_now() - t_last_packet_ > kSilence) health_.connected.store(false, std::memory_order_release);
-  }
-}
-
-/// The next datagram of the recording and when it is due.
-bool VelodyneSource::next_of_file(BenchTime t0, BenchTime& due, Bytes& payload) {
-  while (!file_ended_) {
-    auto record = reader_->next();
-    if (!record || !*record) {
-      if (!record) health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
-      file_ended_ = true;
-      break;
-    }
-    const auto& udp = (*record)->udp;
-    if (!udp || udp->payload.size() != kDataBytes) continue;
-    due = t0 + ((*record)->t - first_stamp_);
-    payload = udp->payload;
-    return true;
-  }
-  return false;
+  std::vector<network::UdpPort> ports{{&data_, settings_.address, settings_.port,
+                                       settings_.socket_buffer_bytes, network::kMtu,
+                                       [this](auto batch) { receive_data(batch); }}};
+  // A position port that could not be had at arm was warned of, and is left alone.
+  if (position_.fd() >= 0)
+    ports.push_back({&position_, settings_.address, settings_.position_port, 65536, network::kMtu,
+                     [this](auto batch) { receive_position(batch); }});
+  network::serve_ports(
+      ports, deadline_, [this](const EpochPair& epoch) { stream_->clock().set_epoch(epoch); },
+      [this] {
+        if (bench_now() - t_last_packet_ > kSilence)
+          health_.connected.store(false, std::memory_order_release);
+      });
 }
 
 void VelodyneSource::run_file() {
   pthread_setname_np(pthread_self(), "velodyne-file");
   const auto t0 = origin().wait(deadline_);
   if (!t0) return;
-  BenchTime due;
-  Bytes payload;
-  while (next_of_file(*t0, due, payload)) {
-    if (!deadline_.wait_until(MonotonicTime(due.ns()))) return;
-    take(payload, due);
+  while (const auto item = feed_->next(*t0)) {
+    if (!deadline_.wait_until(MonotonicTime(item->due.ns()))) return;
+    take(item->datagram.payload, item->due);
     publish();
   }
+  end_of_file();
+}
+
+void VelodyneSource::end_of_file() {
+  if (feed_->broken()) health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
   health_.connected.store(false, std::memory_order_release);
 }
 
 void VelodyneSource::complete_until(BenchTime now) {
-  if (settings_.file.empty() || !reader_) return;
+  if (!feed_) return;
   // On until a cloud is there that is not released yet: what is released later was captured later.
-  while (!file_ended_ && (!any_handed_ || last_release_ <= now)) {
-    BenchTime due;
-    Bytes payload;
-    if (!next_of_file(t0_, due, payload)) {
-      health_.connected.store(false, std::memory_order_release);
-      break;
-    }
-    take(payload, due);
+  while (!feed_->ended() && !handed_beyond(now)) {
+    if (const auto item = feed_->next(t0_))
+      take(item->datagram.payload, item->due);
+    else
+      end_of_file();
   }
   publish();
 }

@@ -14,11 +14,10 @@
 #include <optional>
 #include <thread>
 
+#include "drivers/network/pcap_feed.h"
+#include "drivers/network/udp_ports.h"
 #include "drivers/velodyne/cloud_channel.h"
-#include "drivers/velodyne/pcap_file.h"
-#include "drivers/velodyne/udp_receiver.h"
 #include "rt-core/deadline.h"
-#include "sensor-hal/channel/backoff.h"
 
 namespace rigor::velodyne {
 
@@ -30,7 +29,7 @@ class VelodyneSource final : public CloudChannel {
   /// Beside health(). Any thread.
   struct Counters {
     std::uint64_t packets = 0, packets_lost = 0, kernel_drops = 0, foreign = 0, position_packets = 0,
-                  clock_steps = 0;
+                  clock_steps = 0, full_turns = 0;
     PpsStatus pps = PpsStatus::absent;  ///< of the last position packet
   };
   [[nodiscard]] Counters counters() const noexcept;
@@ -46,23 +45,20 @@ class VelodyneSource final : public CloudChannel {
   Status arm_file(bool virtual_time);
   void run_network();
   void run_file();
-  void receive_data(const EpochPair& epoch);
-  void receive_position(const EpochPair& epoch);
-  bool next_of_file(BenchTime t0, BenchTime& due, Bytes& payload);
+  void receive_data(std::span<const network::UdpReceiver::Datagram> batch);
+  void receive_position(std::span<const network::UdpReceiver::Datagram> batch);
+  void end_of_file();
   void publish();
 
   std::uint32_t from_ipv4_ = 0;
-  UdpReceiver data_, position_;
-  std::optional<PcapReader> reader_;
-  RealtimeTime first_stamp_;
-  bool file_ended_ = false;
+  network::UdpReceiver data_, position_;
+  std::optional<network::PcapFeed> feed_;
   BenchTime t0_;
   Deadline deadline_;
   std::thread thread_;
-  std::atomic<bool> stop_{false};
   BenchTime t_last_packet_;
   std::atomic<std::uint64_t> packets_{0}, packets_lost_{0}, kernel_drops_{0}, foreign_{0}, positions_{0},
-      clock_steps_{0};
+      clock_steps_{0}, full_turns_{0};
   std::atomic<std::uint8_t> pps_{0};
 };
 

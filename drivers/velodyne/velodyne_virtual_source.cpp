@@ -34,7 +34,7 @@ Status VirtualSource::do_arm(const ArmContext& context) {
                                      std::to_string(config().latency.seconds() * 1e3))
             .error());
   warnings_.clear();
-  if (auto s = open_clouds(device_settings_.model, Feed::virtual_time); !s) return s;
+  if (auto s = open_model(device_settings_.model, Feed::virtual_time); !s) return s;
   if (model_of(device_settings_.product) != device_settings_.model && !settings_.model)
     (void)decide_model(device_settings_.product, ModelEvidence{});
   device_.emplace(std::move(*device));
@@ -46,7 +46,7 @@ Status VirtualSource::do_arm(const ArmContext& context) {
 
 Status VirtualSource::do_start(BenchTime t0) {
   t0_ = t0;
-  stream_->set_fixed_offset(t0 - BenchTime(0));
+  stream_->clock().set_fixed_offset(t0 - BenchTime(0));
   next_packet_ = measured_ = 0;
   running_ = true;
   return {};

@@ -7,12 +7,13 @@
 #include <cstdlib>
 #include <optional>
 
+#include "drivers/network/pcap_file.h"
 #include "drivers/velodyne/cloud_stream.h"
-#include "drivers/velodyne/pcap_file.h"
 #include "drivers/velodyne/pcap_report.h"
 
 using namespace rigor;
 using namespace rigor::velodyne;
+using rigor::network::PcapReader;
 
 namespace {
 

@@ -6,11 +6,12 @@
 #include <memory>
 #include <string_view>
 
+#include "drivers/network/udp_frame.h"
 #include "drivers/velodyne/cloud_stream.h"
-#include "drivers/velodyne/udp_frame.h"
 
 using namespace rigor;
 using namespace rigor::velodyne;
+using namespace rigor::network;
 
 namespace {
 
@@ -32,7 +33,7 @@ CloudStream& fresh_stream(std::uint8_t how) {
     const Options o(how);
     s = std::make_unique<CloudStream>(PacketDecoder::create(o.model, factory_calibration(o.model)).value(),
                                       o.stream);
-    s->set_epoch({BenchTime(0), RealtimeTime(1'700'000'000'000'000'000), Duration(1)});
+    s->clock().set_epoch({BenchTime(0), RealtimeTime(1'700'000'000'000'000'000), Duration(1)});
   }
   s->reset();
   return *s;

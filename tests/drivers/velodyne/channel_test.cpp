@@ -158,7 +158,7 @@ TEST(VelodyneEmulator, SendsEvenPacketsAndPositionsAndWritesThem) {
   rigor::test::TemporaryDirectory dir;
   const std::string file = dir.file("sent.pcap");
   Device device;
-  UdpReceiver data, position;
+  network::UdpReceiver data, position;
   ASSERT_TRUE(data.open("127.0.0.1", device.port[0], 1 << 20));
   ASSERT_TRUE(position.open("127.0.0.1", device.port[1], 1 << 16));
   auto s = device.start(", latitude_deg: 48.2, pcap: " + file);

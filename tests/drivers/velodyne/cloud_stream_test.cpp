@@ -57,6 +57,26 @@ TEST(CloudStream, CutsRevolutionsAndLosesNoReturn) {
   EXPECT_NEAR(got[3].last_offset_ns, 99'960'000, 60'000);
 }
 
+TEST(CloudStream, APacketThatSays36000LosesNoReturnAndIsCounted) {
+  auto stream = make();
+  std::vector<Got> got;
+  const test::Rotor rotor;
+  for (std::uint64_t k = 0; k < 160; ++k) {
+    const auto w = rotor.packet(k, [](std::uint32_t) { return DataPacket::Return{1000, 1}; });
+    std::vector<std::uint8_t> bytes(w.bytes().begin(), w.bytes().end());
+    // Azimuth 0 of the first block, as some devices write it.
+    if (k == 0) bytes[2] = 36'000 & 0xFF, bytes[3] = 36'000 >> 8;
+    stream.take(bytes, BenchTime(static_cast<std::int64_t>(k + 1) * 1'327'104), [&](const Cloud& c) {
+      got.push_back({c.points.size(), c.t_capture, 0, 0, 0, c.validity, 0});
+    });
+  }
+  ASSERT_EQ(got.size(), 2u);
+  EXPECT_GE(got[0].points, 1808u * 16) << "the revolution that begins with that packet";
+  EXPECT_EQ(got[0].validity, 0u);
+  EXPECT_EQ(stream.counters().full_turns, 1u);
+  EXPECT_EQ(stream.counters().malformed, 0u);
+}
+
 TEST(CloudStream, BeginsWithAWholeRevolution) {
   auto stream = make();
   const auto got = run(stream, {.azimuth_deg = 1}, 160);
@@ -90,8 +110,8 @@ TEST(CloudStream, GoesOnOverTheHour) {
 TEST(CloudStream, GpsTimeIsThatOfTheHour) {
   // UTC 500 s past some hour is bench time 1 s.
   const std::int64_t utc = 3'600'000'000'000LL * 480'000 + 500'000'000'000LL;
-  auto stream = make({.time = TimeSource::gps});
-  stream.set_epoch({BenchTime(1'000'000'000), RealtimeTime(utc), Duration(100)});
+  auto stream = make({.time = TimeSource::utc});
+  stream.clock().set_epoch({BenchTime(1'000'000'000), RealtimeTime(utc), Duration(100)});
   const auto got = run(stream, {.start_us = 500'000'000}, 754);
   ASSERT_FALSE(got.empty());
   for (const Got& g : got) {

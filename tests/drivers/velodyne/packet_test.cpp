@@ -6,8 +6,6 @@
 #include <algorithm>
 #include <vector>
 
-#include "drivers/velodyne/udp_frame.h"
-
 namespace rigor::velodyne {
 namespace {
 
@@ -60,6 +58,27 @@ TEST(VelodynePacket, SaysWhatIsWrongWithOne) {
   PacketFault fault{};
   EXPECT_FALSE(DataPacket::parse(w.bytes().subspan(1), fault));
   EXPECT_EQ(fault, PacketFault::size);
+}
+
+TEST(VelodynePacket, AnAzimuthOf36000IsZeroAndWhatIsAboveIsRefused) {
+  const DataPacketWriter w = example();
+  const auto with_azimuth = [&](std::uint16_t cdeg, PacketFault& fault) {
+    static std::vector<std::uint8_t> b;
+    b.assign(w.bytes().begin(), w.bytes().end());
+    b[2] = static_cast<std::uint8_t>(cdeg), b[3] = static_cast<std::uint8_t>(cdeg >> 8);
+    return DataPacket::parse(b, fault);
+  };
+  PacketFault fault{};
+  const auto full = with_azimuth(36'000, fault);
+  ASSERT_TRUE(full) << text_of(fault);
+  EXPECT_EQ(full->azimuth_cdeg(0), 0u);
+  EXPECT_TRUE(full->says_full_turn());
+  const auto last = with_azimuth(35'999, fault);
+  ASSERT_TRUE(last);
+  EXPECT_EQ(last->azimuth_cdeg(0), 35'999u);
+  EXPECT_FALSE(last->says_full_turn());
+  EXPECT_FALSE(with_azimuth(36'001, fault));
+  EXPECT_EQ(fault, PacketFault::azimuth);
 }
 
 TEST(VelodynePacket, CountsRangeInTwoMillimetres) {
@@ -127,35 +146,6 @@ TEST(VelodynePacket, TheHourGoesOnWhereTheDeviceStartsAnew) {
   // One that was overtaken comes from the hour before.
   EXPECT_EQ((clock.unwrap(3'599'999'999) - a).ns(), 999'000);
   EXPECT_EQ((clock.unwrap(1327) - a).ns(), 2'327'000);
-}
-
-TEST(UdpFrame, IsFoundInWhatWasCaptured) {
-  const std::vector<std::uint8_t> payload{1, 2, 3, 4, 5};
-  const UdpDatagram sent{0xC0A801C9, 0xFFFFFFFF, 2368, 2369, payload};
-  const auto frame = ethernet_frame(sent);
-  const auto check = [&](int link, std::vector<std::uint8_t> f) {
-    const auto got = udp_of_frame(link, f);
-    ASSERT_TRUE(got) << "link type " << link;
-    EXPECT_EQ(got->source_ipv4, sent.source_ipv4);
-    EXPECT_EQ(got->destination_port, 2369);
-    EXPECT_TRUE(std::equal(payload.begin(), payload.end(), got->payload.begin(), got->payload.end()));
-    // Cut short anywhere, it is none.
-    for (std::size_t n = 0; n < f.size(); ++n)
-      EXPECT_FALSE(udp_of_frame(link, std::span(f).first(n)))
-          << "link type " << link << ", " << n << " bytes";
-  };
-  check(kLinkEthernet, frame);
-  auto tagged = frame;
-  tagged.insert(tagged.begin() + 12, {0x81, 0x00, 0x00, 0x05});
-  check(kLinkEthernet, tagged);
-  check(kLinkRaw, {frame.begin() + 14, frame.end()});
-  std::vector<std::uint8_t> cooked(16, 0);
-  cooked[14] = 0x08;
-  cooked.insert(cooked.end(), frame.begin() + 14, frame.end());
-  check(kLinkSll, cooked);
-  auto fragment = frame;
-  fragment[20] |= 0x20;
-  EXPECT_FALSE(udp_of_frame(kLinkEthernet, fragment));
 }
 
 }  // namespace

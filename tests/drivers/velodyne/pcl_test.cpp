@@ -9,8 +9,8 @@
 #include <mutex>
 #include <thread>
 
+#include "drivers/network/pcap_file.h"
 #include "drivers/velodyne/packet_decoder.h"
-#include "drivers/velodyne/pcap_file.h"
 #include "drivers/velodyne/velodyne_emulator.h"
 #include "tests/drivers/velodyne/formula_lidar.h"
 #include "tests/sensor-hal/channel/test_sources.h"
@@ -39,7 +39,7 @@ std::vector<LidarPoint> decoded(const std::string& file) {
   Calibration c = factory_calibration(Model::vlp16);
   for (LaserCalibration& l : c.lasers) l.vertical_offset_m = 0;
   const auto decoder = PacketDecoder::create(Model::vlp16, c);
-  auto reader = PcapReader::open(file);
+  auto reader = network::PcapReader::open(file);
   std::vector<LidarPoint> points;
   auto out = std::make_unique<DecodedPacket>();
   while (reader) {

@@ -1,11 +1,11 @@
-#include "drivers/velodyne/pcap_file.h"
+#include "drivers/network/pcap_file.h"
 #include "tests/drivers/velodyne/formula_lidar.h"
 #include "tests/drivers/velodyne/made_packets.h"
 
 namespace rigor::velodyne::test {
 
 void record_rotor(const std::string& file, double rotation_hz, std::uint64_t packets) {
-  auto writer = PcapWriter::create(file);
+  auto writer = network::PcapWriter::create(file);
   if (!writer) return;
   const Rotor rotor{.rotation_hz = rotation_hz};
   for (std::uint64_t k = 0; k < packets; ++k) {

@@ -7,13 +7,15 @@
 #include <iterator>
 #include <vector>
 
+#include "drivers/network/pcap_file.h"
 #include "drivers/velodyne/cloud_stream.h"
-#include "drivers/velodyne/pcap_file.h"
 #include "drivers/velodyne/pcap_report.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::velodyne {
 namespace {
+
+using network::PcapReader;
 
 const char* const kRecording = RIGOR_SOURCE_DIR "/../shared/data/velodyne_vlp16/vlp16_stationary_room.pcap";
 
@@ -128,87 +130,6 @@ TEST_F(VelodyneRecording, ThatBreaksOffIsToldUpToThere) {
   ASSERT_TRUE(r->ended_by);
   EXPECT_NE(r->ended_by->text().find("packet 3 at byte " + std::to_string(third)), std::string::npos)
       << r->ended_by->text();
-}
-
-TEST(PcapFile, SaysWhatItDoesNotUnderstand) {
-  rigor::test::TemporaryDirectory dir;
-  std::ofstream(dir.file("text.pcap")) << "this is no recording at all, but a text";
-  const auto text = inspect_pcap(dir.file("text.pcap"));
-  ASSERT_FALSE(text);
-  EXPECT_EQ(text.error().code, ErrorCode::bad_input);
-  EXPECT_FALSE(is_pcap(dir.file("text.pcap")));
-  EXPECT_EQ(inspect_pcap(dir.file("none.pcap")).error().code, ErrorCode::not_found);
-}
-
-TEST(PcapFile, WhatIsWrittenIsRead) {
-  rigor::test::TemporaryDirectory dir;
-  const std::vector<std::uint8_t> payload{1, 2, 3};
-  {
-    auto writer = PcapWriter::create(dir.file("a.pcap"));
-    ASSERT_TRUE(writer) << writer.error().text();
-    writer->write(RealtimeTime(1'700'000'000'123'456'789), {0x7F000001, 0x7F000002, 5, 6, payload});
-    ASSERT_TRUE(writer->flush());
-  }
-  EXPECT_TRUE(is_pcap(dir.file("a.pcap")));
-  auto reader = PcapReader::open(dir.file("a.pcap"));
-  ASSERT_TRUE(reader);
-  auto record = reader->next();
-  ASSERT_TRUE(record && *record && (*record)->udp);
-  EXPECT_EQ((*record)->t.ns(), 1'700'000'000'123'456'789);
-  EXPECT_EQ((*record)->udp->destination_ipv4, 0x7F000002u);
-  EXPECT_EQ((*record)->udp->payload.size(), 3u);
-  record = reader->next();
-  ASSERT_TRUE(record);
-  EXPECT_FALSE(*record);
-  EXPECT_FALSE(PcapWriter::create("/nonexistent/a.pcap"));
-}
-
-void put(std::vector<std::uint8_t>& out, std::uint64_t v, int bytes) {
-  for (int i = 0; i < bytes; ++i) out.push_back(static_cast<std::uint8_t>(v >> 8 * i));
-}
-
-TEST(PcapFile, RawIpIsRead) {
-  const std::vector<std::uint8_t> payload{1, 2, 3};
-  const auto frame = ethernet_frame({1, 2, 5, 6, payload});
-  std::vector<std::uint8_t> file;
-  put(file, 0xA1B2C3D4, 4), put(file, 2, 2), put(file, 4, 2), put(file, 0, 8), put(file, 65535, 4);
-  put(file, 101, 4);  // LINKTYPE_RAW; libpcap calls it DLT_RAW, which is another number
-  put(file, 1'700'000'000, 4), put(file, 5, 4), put(file, frame.size() - 14, 4),
-      put(file, frame.size() - 14, 4);
-  file.insert(file.end(), frame.begin() + 14, frame.end());
-  const auto report = inspect_pcap(file, "raw.pcap");
-  ASSERT_TRUE(report) << report.error().text();
-  EXPECT_EQ(report->frames, 1u);
-  std::FILE* stream = fmemopen(file.data(), file.size(), "r");
-  ASSERT_TRUE(stream);
-  auto reader = PcapReader::open(stream, "raw.pcap");
-  ASSERT_TRUE(reader);
-  const auto record = reader->next();
-  ASSERT_TRUE(record && *record && (*record)->udp);
-  EXPECT_EQ((*record)->udp->destination_port, 6);
-}
-
-// pcapng has 64 bits for a stamp: more than nanoseconds since 1970 have in 64.
-TEST(PcapFile, AStampThatIsNoTimeIsDamage) {
-  std::vector<std::uint8_t> file;
-  const auto block = [&](std::uint32_t type, const std::vector<std::uint8_t>& body) {
-    put(file, type, 4), put(file, body.size() + 12, 4);
-    file.insert(file.end(), body.begin(), body.end());
-    put(file, body.size() + 12, 4);
-  };
-  std::vector<std::uint8_t> section, interface, packet;
-  put(section, 0x1A2B3C4D, 4), put(section, 1, 2), put(section, 0, 2), put(section, ~0ULL, 8);
-  put(interface, 1, 2), put(interface, 0, 2), put(interface, 65535, 4);
-  put(interface, 9, 2), put(interface, 1, 2), put(interface, 0, 4), put(interface, 0, 4);  // whole seconds
-  put(packet, 0, 4), put(packet, 0x70000000, 4), put(packet, 1, 4), put(packet, 4, 4), put(packet, 4, 4);
-  put(packet, 0, 4);
-  block(0x0A0D0D0A, section), block(1, interface), block(6, packet);
-  const auto report = inspect_pcap(file, "late.pcapng");
-  ASSERT_TRUE(report) << report.error().text();
-  EXPECT_EQ(report->frames, 0u);
-  ASSERT_TRUE(report->ended_by);
-  EXPECT_EQ(report->ended_by->code, ErrorCode::protocol);
-  EXPECT_NE(report->ended_by->message.find("a stamp between"), std::string::npos) << report->ended_by->text();
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "drivers/velodyne/pcap_file.h"
+#include "drivers/network/pcap_file.h"
 
 #include <pcap/pcap.h>
 
@@ -6,7 +6,7 @@
 #include <cstring>
 #include <fstream>
 
-namespace rigor::velodyne {
+namespace rigor::network {
 namespace {
 
 struct Close {
@@ -44,7 +44,7 @@ bool is_pcap(const std::filesystem::path& file) {
 struct PcapReader::Impl {
   std::string name;
   std::unique_ptr<pcap_t, Close> file;
-  int link = 0;
+  std::optional<UdpReassembler> datagrams;
   std::uint64_t frames = 0;
 };
 
@@ -75,13 +75,14 @@ Result<PcapReader> PcapReader::open(std::FILE* taken, std::string name) {
     return fail(ErrorCode::bad_input, impl->name,
                 std::string("expected a recording (pcap or pcapng), got something else: ") + why);
   (void)stream.release();  // closed with the reader
-  impl->link = link_type_of(impl->file.get());
-  if (!knows_link_type(impl->link)) {
+  const int link_type = link_type_of(impl->file.get());
+  if (!knows_link_type(link_type)) {
     const char* link = pcap_datalink_val_to_name(pcap_datalink(impl->file.get()));
     return fail(ErrorCode::bad_input, impl->name,
                 std::string("expected frames of Ethernet, Linux cooked (SLL) or raw IP, got link type ") +
-                    (link ? link : std::to_string(impl->link).c_str()));
+                    (link ? link : std::to_string(link_type).c_str()));
   }
+  impl->datagrams.emplace(link_type);
   return PcapReader(std::move(impl));
 }
 
@@ -108,16 +109,18 @@ Result<std::optional<PcapReader::Record>> PcapReader::next() {
   ++impl_->frames;
   Record record;
   record.t = *t;
-  record.udp = udp_of_frame(impl_->link, {data, header->caplen});
+  record.udp = impl_->datagrams->take({data, header->caplen}, *t);
   return std::optional<Record>(record);
 }
 
 std::uint64_t PcapReader::frames() const { return impl_->frames; }
+const UdpReassembler::Counters& PcapReader::fragments() const { return impl_->datagrams->counters(); }
 
 struct PcapWriter::Impl {
   std::string name;
   std::unique_ptr<pcap_t, Close> format;
   std::unique_ptr<pcap_dumper_t, Close> file;
+  std::uint16_t identification = 0;
 };
 
 PcapWriter::PcapWriter(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -138,12 +141,13 @@ Result<PcapWriter> PcapWriter::create(const std::filesystem::path& file) {
 }
 
 void PcapWriter::write(RealtimeTime t, const UdpDatagram& datagram) {
-  const std::vector<std::uint8_t> frame = ethernet_frame(datagram);
   pcap_pkthdr header{};
   header.ts.tv_sec = static_cast<decltype(header.ts.tv_sec)>(t.ns() / 1'000'000'000);
   header.ts.tv_usec = static_cast<decltype(header.ts.tv_usec)>(t.ns() % 1'000'000'000);
-  header.caplen = header.len = static_cast<bpf_u_int32>(frame.size());
-  pcap_dump(reinterpret_cast<u_char*>(impl_->file.get()), &header, frame.data());
+  for (const auto& frame : ethernet_frames(datagram, impl_->identification++)) {
+    header.caplen = header.len = static_cast<bpf_u_int32>(frame.size());
+    pcap_dump(reinterpret_cast<u_char*>(impl_->file.get()), &header, frame.data());
+  }
 }
 
 Status PcapWriter::flush() {
@@ -153,4 +157,4 @@ Status PcapWriter::flush() {
   return {};
 }
 
-}  // namespace rigor::velodyne
+}  // namespace rigor::network

@@ -8,11 +8,13 @@
 #include <cstdint>
 #include <span>
 #include <string>
+#include <vector>
 
+#include "drivers/network/udp_frame.h"
 #include "rt-core/epoch.h"
 #include "rt-core/result.h"
 
-namespace rigor::velodyne {
+namespace rigor::network {
 
 /// One thread.
 class UdpReceiver {
@@ -22,7 +24,7 @@ class UdpReceiver {
     BenchTime arrival;
     std::uint32_t source_ipv4;  ///< host order
   };
-  static constexpr std::size_t kBatch = 32, kMaxBytes = 1500;
+  static constexpr std::size_t kBatch = 32;
 
   UdpReceiver();
   ~UdpReceiver();
@@ -30,7 +32,9 @@ class UdpReceiver {
   UdpReceiver& operator=(const UdpReceiver&) = delete;
 
   /// unavailable: the port is taken, or the address is not this machine's. Port 0: any. Setup.
-  [[nodiscard]] Status open(const std::string& address, std::uint16_t port, std::int64_t buffer_bytes);
+  /// `max_bytes`: of one datagram; a longer one is handed on one byte longer than that.
+  [[nodiscard]] Status open(const std::string& address, std::uint16_t port, std::int64_t buffer_bytes,
+                            std::size_t max_bytes = kMtu);
   void close();
   [[nodiscard]] int fd() const { return fd_; }
   [[nodiscard]] std::uint16_t port() const { return port_; }
@@ -48,7 +52,8 @@ class UdpReceiver {
   std::int64_t buffer_bytes_ = 0;
   std::uint32_t dropped_last_ = 0;
   std::uint64_t dropped_ = 0;
-  std::array<std::array<std::uint8_t, kMaxBytes>, kBatch> data_{};
+  std::size_t max_bytes_ = 0;
+  std::vector<std::uint8_t> data_;  ///< kBatch times max_bytes_
   std::array<std::array<std::uint8_t, 128>, kBatch> control_{};
   std::array<sockaddr_in, kBatch> from_{};
   std::array<iovec, kBatch> vector_{};
@@ -56,4 +61,4 @@ class UdpReceiver {
   std::array<Datagram, kBatch> got_{};
 };
 
-}  // namespace rigor::velodyne
+}  // namespace rigor::network

@@ -8,7 +8,7 @@
 #include "rt-core/result.h"
 #include "rt-core/time.h"
 
-namespace rigor::sick {
+namespace rigor::network {
 
 class TcpStream {
  public:
@@ -17,7 +17,8 @@ class TcpStream {
   TcpStream(const TcpStream&) = delete;
   TcpStream& operator=(const TcpStream&) = delete;
 
-  /// `cut_fd`: readable when everything is to end (Deadline::cut_fd).
+  /// not_found: nobody listens there, or not until `limit`. `cut_fd`: readable when everything is to end
+  /// (Deadline::cut_fd).
   [[nodiscard]] Status connect(const std::string& address, std::uint16_t port, MonotonicTime limit,
                                int cut_fd);
   [[nodiscard]] bool is_open() const { return socket_ >= 0; }
@@ -34,4 +35,4 @@ class TcpStream {
   int socket_ = -1, cut_ = -1;
 };
 
-}  // namespace rigor::sick
+}  // namespace rigor::network

@@ -8,11 +8,11 @@
 #include <optional>
 #include <string>
 
-#include "drivers/velodyne/udp_frame.h"
+#include "drivers/network/udp_frame.h"
 #include "rt-core/result.h"
 #include "rt-core/time.h"
 
-namespace rigor::velodyne {
+namespace rigor::network {
 
 /// Whether a file begins like a pcap or pcapng.
 [[nodiscard]] bool is_pcap(const std::filesystem::path& file);
@@ -21,7 +21,8 @@ class PcapReader {
  public:
   struct Record {
     RealtimeTime t;
-    std::optional<UdpDatagram> udp;  ///< empty: another frame. Valid until the next record
+    /// Empty: another frame, or a fragment that completes no datagram. Valid until the next record.
+    std::optional<UdpDatagram> udp;
   };
   /// not_found; bad_input: no recording, or one of a link type that is not understood.
   [[nodiscard]] static Result<PcapReader> open(const std::filesystem::path& file);
@@ -36,6 +37,8 @@ class PcapReader {
   [[nodiscard]] Result<std::optional<Record>> next();
   /// Frames read so far.
   [[nodiscard]] std::uint64_t frames() const;
+  /// What of them were fragments.
+  [[nodiscard]] const UdpReassembler::Counters& fragments() const;
 
  private:
   struct Impl;
@@ -51,6 +54,7 @@ class PcapWriter {
   PcapWriter& operator=(PcapWriter&&) noexcept;
   ~PcapWriter();  ///< flushes and closes
 
+  /// A datagram that is longer than an Ethernet frame leaves in fragments, as on the wire.
   void write(RealtimeTime t, const UdpDatagram& datagram);
   /// io or disk_full: something could not be written.
   [[nodiscard]] Status flush();
@@ -61,4 +65,4 @@ class PcapWriter {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace rigor::velodyne
+}  // namespace rigor::network

@@ -1,4 +1,4 @@
-#include "drivers/sick/tcp_stream.h"
+#include "drivers/network/tcp_stream.h"
 
 #include <netdb.h>
 #include <netinet/in.h>
@@ -12,7 +12,7 @@
 #include <cstring>
 #include <memory>
 
-namespace rigor::sick {
+namespace rigor::network {
 
 TcpStream::Outcome TcpStream::wait(short events, MonotonicTime limit) const {
   pollfd fds[2] = {{socket_, events, 0}, {cut_, POLLIN, 0}};
@@ -66,11 +66,7 @@ Status TcpStream::connect(const std::string& address, std::uint16_t port, Monoto
     why = std::strerror(error);
     close();
   }
-  return fail(
-      ErrorCode::not_found, where,
-      "expected a SICK scanner, got: " + why +
-          "; check that it is on and that `address` and `port` (2112 or 2111) are its own, or start an "
-          "emulated one with `rigor emulate`");
+  return fail(ErrorCode::not_found, where, "expected a device that listens here, got: " + why);
 }
 
 void TcpStream::close() {
@@ -105,4 +101,4 @@ bool TcpStream::send(std::span<const std::uint8_t> bytes, MonotonicTime limit) {
   return true;
 }
 
-}  // namespace rigor::sick
+}  // namespace rigor::network

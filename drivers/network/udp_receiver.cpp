@@ -1,4 +1,4 @@
-#include "drivers/velodyne/udp_receiver.h"
+#include "drivers/network/udp_receiver.h"
 
 #include <arpa/inet.h>
 #include <unistd.h>
@@ -7,7 +7,7 @@
 #include <cerrno>
 #include <cstring>
 
-namespace rigor::velodyne {
+namespace rigor::network {
 
 UdpReceiver::UdpReceiver() = default;
 UdpReceiver::~UdpReceiver() { close(); }
@@ -17,8 +17,12 @@ void UdpReceiver::close() {
   fd_ = -1;
 }
 
-Status UdpReceiver::open(const std::string& address, std::uint16_t port, std::int64_t buffer_bytes) {
+Status UdpReceiver::open(const std::string& address, std::uint16_t port, std::int64_t buffer_bytes,
+                         std::size_t max_bytes) {
   close();
+  // One more, so that what is cut is longer than what fits.
+  max_bytes_ = max_bytes + 1;
+  data_.resize(kBatch * max_bytes_);
   const std::string where = address + ":" + std::to_string(port);
   fd_ = socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
   if (fd_ < 0)
@@ -48,7 +52,7 @@ Status UdpReceiver::open(const std::string& address, std::uint16_t port, std::in
   if (getsockname(fd_, reinterpret_cast<sockaddr*>(&local), &length) == 0) port_ = ntohs(local.sin_port);
   dropped_last_ = 0;
   for (std::size_t i = 0; i < kBatch; ++i) {
-    vector_[i] = {data_[i].data(), kMaxBytes};
+    vector_[i] = {data_.data() + i * max_bytes_, max_bytes_};
     header_[i] = {};
     header_[i].msg_hdr.msg_iov = &vector_[i];
     header_[i].msg_hdr.msg_iovlen = 1;
@@ -85,13 +89,11 @@ std::span<const UdpReceiver::Datagram> UdpReceiver::receive(const EpochPair& epo
         dropped_last_ = all;
       }
     }
-    if ((h.msg_flags & MSG_TRUNC) != 0)
-      header_[i].msg_len = kMaxBytes;  // longer than any packet: refused by its size
-    got_[count++] = {{data_[static_cast<std::size_t>(i)].data(), header_[i].msg_len},
+    got_[count++] = {{data_.data() + static_cast<std::size_t>(i) * max_bytes_, header_[i].msg_len},
                      arrival,
                      ntohl(from_[static_cast<std::size_t>(i)].sin_addr.s_addr)};
   }
   return {got_.data(), count};
 }
 
-}  // namespace rigor::velodyne
+}  // namespace rigor::network

@@ -1,0 +1,55 @@
+#include "drivers/lidar/cloud_source.h"
+
+#include <algorithm>
+#include <cstring>
+
+namespace rigor::packet_lidar {
+
+void CloudSource::open_clouds(std::size_t buffers, std::size_t max_points, Feed feed) {
+  description_.max_bytes = max_points * sizeof(LidarPoint);
+  feed_ = feed;
+  in_run_.reset();
+  malformed_seen_ = 0;
+  any_handed_ = false;
+  last_release_ = {};
+  open_stream(buffers, description_.max_bytes, feed == Feed::virtual_time);
+}
+
+void CloudSource::count_malformed(std::uint64_t malformed) noexcept {
+  if (malformed == malformed_seen_) return;
+  health_.protocol_errors.fetch_add(malformed - malformed_seen_, std::memory_order_relaxed);
+  malformed_seen_ = malformed;
+}
+
+void CloudSource::hand_cloud(const Cloud& c) noexcept {
+  RunSequence::Place place{c.sequence, c.lost_before};
+  if (feed_ == Feed::live) {
+    const auto in_run = in_run_.place(origin(), c.t_capture, config().period, c.sequence, c.lost_before);
+    if (!in_run) return;
+    place = *in_run;
+  }
+  if (place.lost > 0) count_lost(place.lost);
+  SampleSlot slot = take_slot();
+  const BenchTime release = c.t_capture + config().latency;
+  last_release_ = release;
+  any_handed_ = true;
+  if (slot) {
+    Sample& s = *slot;
+    const std::size_t room = s.memory().size() / sizeof(LidarPoint);
+    const std::size_t count = std::min(c.points.size(), room);
+    s.size_bytes = count * sizeof(LidarPoint);
+    if (count > 0) std::memcpy(s.memory().data(), c.points.data(), s.size_bytes);
+    s.info = PointCloudInfo{static_cast<std::uint32_t>(count)};
+    s.stamp = {};
+    s.stamp.sequence = place.sequence;
+    s.stamp.t_capture = c.t_capture;
+    s.stamp.t_release = release;
+    s.stamp.t_arrival = feed_ == Feed::virtual_time ? release : bench_now();
+    s.stamp.sigma_capture = c.sigma;
+    s.stamp.validity = c.validity;
+    if ((c.validity & kIncomplete) != 0) health_.incomplete.fetch_add(1, std::memory_order_relaxed);
+  }
+  hand_over(std::move(slot));
+}
+
+}  // namespace rigor::packet_lidar

@@ -1,0 +1,89 @@
+#include "drivers/ouster/ouster_virtual_source.h"
+
+namespace rigor::ouster {
+
+Status VirtualSource::do_configure(const ChannelConfig& config) {
+  if (config.kind != SampleKind::point_cloud)
+    throw config.params.error(
+        "kind", "expected point_cloud: in virtual time the emulated sensor gives its points alone");
+  settings_ = read_source_settings(config);
+  settings_.stream.time = packet_lidar::TimeSource::fixed;
+  device_settings_ = read_emulator_settings(emulator_params_);
+  description_.kind = SampleKind::point_cloud;
+  description_.frame_id = settings_.frame_id;
+  return {};
+}
+
+Status VirtualSource::do_arm(const ArmContext& context) {
+  const std::string& name = config().name;
+  if (!context.virtual_time)
+    return fail(ErrorCode::wrong_state, name, "this stand-in runs in virtual time only");
+  auto device = SensorDevice::create(parts_.samples);
+  if (!device) return fail(device.error().code, name, device.error().text());
+  device_.emplace(std::move(*device));
+  auto control = SensorControl::create(
+      *device_, {device_settings_.product, device_settings_.serial, device_settings_.firmware, Duration(0)},
+      device_settings_.config, MonotonicTime(0));
+  if (!control) return fail(control.error().code, name, control.error().text());
+  if (control->active().standby)
+    return fail(ErrorCode::bad_input, name, "expected a sensor that measures, got operating_mode STANDBY");
+  const Metadata& m = control->active().metadata;
+  const Duration least = device_->filled(0, m.slots() - 1, m);
+  if (config().latency < least)
+    return tl::unexpected<Error>(
+        config()
+            .params
+            .error("latency_ms", "expected at least " + std::to_string(least.seconds() * 1e3) +
+                                     ": earlier the last packet cannot be there; got " +
+                                     std::to_string(config().latency.seconds() * 1e3))
+            .error());
+  stream_.emplace(m, settings_.stream);
+  packet_.emplace(layout_of(m));
+  scan_.emplace(device_->make_scan());
+  open_clouds(settings_.buffers, FrameStream::max_points(m), Feed::virtual_time);
+  health_.connected = true;
+  return {};
+}
+
+Status VirtualSource::do_start(BenchTime t0) {
+  t0_ = t0;
+  stream_->clock().set_fixed_offset(t0 - BenchTime(0));
+  frame_ = 0;
+  slot_ = 0;
+  measured_ = false;
+  running_ = true;
+  return {};
+}
+
+Status VirtualSource::do_stop() {
+  running_ = false;
+  close_stream();
+  health_.connected = false;
+  return {};
+}
+
+void VirtualSource::complete_until(BenchTime now) {
+  if (!running_) return;
+  const Metadata& m = stream_->metadata();
+  while (true) {
+    const BenchTime there = t0_ + device_->filled(frame_, slot_, m);
+    if (there > now) return;
+    if (!measured_) {
+      const BenchTime begin = t0_ + device_->begin(frame_);
+      const WorldMotion motion = parts_.motion ? parts_.motion->motion_at(begin) : WorldMotion{};
+      if (!device_->measure(frame_, begin, motion, *scan_))
+        health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
+      measured_ = true;
+    }
+    device_->compose(frame_, slot_, &*scan_, m, 0, *packet_);
+    stream_->take(packet_->bytes(), there, hand());
+    count_malformed(stream_->counters().malformed);
+    if (++slot_ == m.slots()) {
+      slot_ = 0;
+      ++frame_;
+      measured_ = false;
+    }
+  }
+}
+
+}  // namespace rigor::ouster

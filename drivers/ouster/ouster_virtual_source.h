@@ -1,0 +1,42 @@
+// An Ouster in virtual time: the sensor and its packets in process (sensor_device.h), decoded as they would
+// be from the network. Its first frame begins at the run's start, t0; a packet is there when its last column
+// has fired. What moves in the world is where it is when a frame begins.
+#pragma once
+
+#include <optional>
+
+#include "drivers/lidar/cloud_source.h"
+#include "drivers/ouster/ouster_settings.h"
+#include "drivers/ouster/sensor_control.h"
+
+namespace rigor::ouster {
+
+class VirtualSource final : public packet_lidar::CloudSource {
+ public:
+  /// `emulator_params`: the entry that stands for the device in the rig.
+  VirtualSource(DeviceParts parts, ConfigNode emulator_params)
+      : parts_(std::move(parts)), emulator_params_(std::move(emulator_params)) {}
+  void complete_until(BenchTime now) override;
+
+ protected:
+  Status do_configure(const ChannelConfig& config) override;
+  Status do_arm(const ArmContext& context) override;
+  Status do_start(BenchTime t0) override;
+  Status do_stop() override;
+
+ private:
+  DeviceParts parts_;
+  ConfigNode emulator_params_;
+  SourceSettings settings_;
+  EmulatorSettings device_settings_;
+  std::optional<SensorDevice> device_;
+  std::optional<FrameStream> stream_;
+  std::optional<LidarPacketWriter> packet_;
+  std::optional<packet_lidar::Scan> scan_;
+  std::uint64_t frame_ = 0;
+  std::uint32_t slot_ = 0;
+  BenchTime t0_;
+  bool running_ = false, measured_ = false;
+};
+
+}  // namespace rigor::ouster

@@ -1,0 +1,342 @@
+// The emulated sensor and its readers: in virtual time, from a recording, over loopback with its HTTP,
+// configured anew while it runs, and gone for a while.
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <iterator>
+#include <thread>
+
+#include "drivers/network/http.h"
+#include "drivers/ouster/ouster_emulator.h"
+#include "drivers/ouster/ouster_source.h"
+#include "drivers/ouster/ouster_virtual_source.h"
+#include "tests/drivers/network/free_ports.h"
+#include "tests/drivers/ouster/made_sensor.h"
+#include "tests/sensor-hal/channel/test_sources.h"
+
+namespace rigor::ouster {
+namespace {
+
+using test::FormulaLidar;
+using test::kBeams;
+
+ChannelConfig config_of(const std::string& params, SampleKind kind = SampleKind::point_cloud) {
+  const Duration period = kind == SampleKind::imu ? milliseconds(10) : milliseconds(100);
+  ChannelConfig c =
+      rigor::test::image_config(params, period, milliseconds(kind == SampleKind::imu ? 10 : 120), "top");
+  c.kind = kind;
+  return c;
+}
+DeviceParts parts_of(LidarMode mode = {512, 10}, bool dual = false) {
+  DeviceParts parts;
+  parts.samples = std::make_shared<FormulaLidar>(mode, dual);
+  return parts;
+}
+std::vector<LidarPoint> points_of(const SampleLease& s) {
+  std::vector<LidarPoint> p(s->size_bytes / sizeof(LidarPoint));
+  std::memcpy(p.data(), s->bytes().data(), s->size_bytes);
+  return p;
+}
+std::vector<SampleLease> run_virtual(Source& source, const ChannelConfig& config, Duration time) {
+  auto s = source.configure(config);
+  EXPECT_TRUE(s) << s.error().text();
+  ArmContext context;
+  context.virtual_time = true;
+  s = source.arm(context);
+  EXPECT_TRUE(s) << s.error().text();
+  EXPECT_TRUE(source.start(BenchTime(0)));
+  std::vector<SampleLease> got;
+  for (BenchTime now(0); now <= BenchTime(0) + time; now = now + milliseconds(1)) {
+    source.complete_until(now);
+    while (SampleLease l = source.poll(now)) got.push_back(std::move(l));
+  }
+  return got;
+}
+
+class EveryProfile : public testing::TestWithParam<Profile> {};
+
+TEST_P(EveryProfile, InVirtualTimeGivesWhatTheSimulatorMeasured) {
+  const bool dual = GetParam() == Profile::dual;
+  VirtualSource source(
+      parts_of({512, 10}, dual),
+      config_of("{config: {udp_profile_lidar: " + std::string(name_of(GetParam())) + "}}").params);
+  const auto got = run_virtual(source, config_of("{buffers: 8}"), milliseconds(330));
+  ASSERT_EQ(got.size(), 3u);
+  const FormulaLidar lidar({512, 10}, dual);
+  // The packet counts millimetres, the low-data profile eight of them.
+  const double step_m = GetParam() == Profile::low_data ? 0.0045 : 0.0005;
+  for (std::size_t i = 0; i < got.size(); ++i) {
+    const Stamp& stamp = got[i]->stamp;
+    EXPECT_EQ(stamp.sequence, i);
+    EXPECT_EQ(stamp.validity, 0u);
+    EXPECT_EQ(stamp.t_capture.ns(), static_cast<std::int64_t>(i) * 100'000'000);
+    std::size_t second = 0;
+    const auto points = points_of(got[i]);
+    for (const LidarPoint& p : points) {
+      const auto column =
+          static_cast<std::uint32_t>(std::lround(static_cast<double>(p.t_offset_ns) * 512 / 1e8));
+      const auto aim = models::rotor_aim(lidar.scan()->beams[p.ring], lidar.scan()->azimuth_rad(column));
+      const double range = FormulaLidar::range_m(column, p.ring) + 2 * p.return_index;
+      const float got_xyz[3] = {p.x_m, p.y_m, p.z_m};
+      for (std::size_t k = 0; k < 3; ++k)
+        ASSERT_NEAR(got_xyz[k], aim.origin_m[k] + range * aim.direction[k], step_m + 1e-5)
+            << "column " << column << " row " << p.ring;
+      ASSERT_EQ(p.remission, static_cast<float>(p.ring * 5 + p.return_index));
+      second += p.return_index;
+    }
+    EXPECT_EQ(points.size() - second, (512u - 8) * kBeams);
+    EXPECT_EQ(second, dual ? (512u - 8) * kBeams / 2 : 0u);
+  }
+}
+INSTANTIATE_TEST_SUITE_P(Ouster, EveryProfile, testing::ValuesIn(kProfiles),
+                         [](const auto& which) { return std::string(name_of(which.param)); });
+
+TEST(OusterVirtual, HasTheWindowAndTheColumnsOfItsConfiguration) {
+  VirtualSource source(parts_of({1024, 10}),
+                       config_of("{config: {lidar_mode: 512x10, azimuth_window: [270000, 90000]}}").params);
+  const auto got = run_virtual(source, config_of("{}"), milliseconds(260));
+  ASSERT_EQ(got.size(), 2u);
+  const auto points = points_of(got[1]);
+  ASSERT_GT(points.size(), 0u);
+  for (const LidarPoint& p : points) ASSERT_GT(p.x_m, -0.5F) << "what lies behind";
+  EXPECT_EQ(got[1]->stamp.validity, 0u);
+  EXPECT_EQ((got[1]->stamp.t_capture - got[0]->stamp.t_capture).ns(), 100'000'000);
+}
+
+TEST(OusterVirtual, RefusesALatencyThatCannotBe) {
+  VirtualSource source(parts_of(), config_of("{}").params);
+  auto config = config_of("{}");
+  config.latency = milliseconds(90);
+  ASSERT_TRUE(source.configure(config));
+  ArmContext context;
+  context.virtual_time = true;
+  const auto s = source.arm(context);
+  ASSERT_FALSE(s);
+  EXPECT_NE(s.error().text().find("latency_ms"), std::string::npos) << s.error().text();
+}
+
+/// A recording of frames with one packet missing, in fragments as on the wire, and its metadata.
+void record(const rigor::test::TemporaryDirectory& dir, std::uint64_t frames) {
+  auto device = SensorDevice::create(std::make_shared<FormulaLidar>());
+  ASSERT_TRUE(device);
+  auto control = SensorControl::create(*device, {}, "{}", MonotonicTime(0));
+  ASSERT_TRUE(control);
+  const auto reply = control->http("GET", "/api/v1/sensor/metadata", "", "", MonotonicTime(1));
+  std::ofstream(dir.file("a.json")) << reply.body;
+  const Metadata& m = control->active().metadata;
+  auto writer = network::PcapWriter::create(dir.file("a.pcap"));
+  ASSERT_TRUE(writer);
+  LidarPacketWriter packet(layout_of(m));
+  auto scan = device->make_scan();
+  for (std::uint64_t f = 0; f < frames; ++f) {
+    ASSERT_TRUE(device->measure(f, BenchTime(0), {}, scan));
+    for (std::uint32_t slot = 0; slot < m.slots(); ++slot) {
+      if (f == 1 && slot == 3) continue;
+      device->compose(f, slot, &scan, m, 0, packet);
+      writer->write(RealtimeTime(1'700'000'000'000'000'000 + device->filled(f, slot, m).ns()),
+                    {0x7F000001, 0x7F000001, kLidarPort, kLidarPort, packet.bytes()});
+    }
+  }
+}
+
+TEST(OusterRecording, IsReadFromItsFragmentsInVirtualTime) {
+  rigor::test::TemporaryDirectory dir;
+  record(dir, 3);
+  OusterSource source;
+  const auto got = run_virtual(
+      source, config_of("{file: " + dir.file("a.pcap") + ", metadata: " + dir.file("a.json") + "}"),
+      milliseconds(600));
+  ASSERT_EQ(got.size(), 3u);
+  EXPECT_EQ(got[0]->size_bytes / sizeof(LidarPoint), (512u - 8) * kBeams);
+  EXPECT_EQ(got[1]->stamp.validity & kIncomplete, kIncomplete);
+  EXPECT_EQ(got[2]->stamp.sequence, 2u);
+  EXPECT_EQ(source.counters().packets_lost, 1u);
+  EXPECT_EQ(source.counters().columns_lost, 16u);
+  EXPECT_FALSE(source.health().connected) << "it has ended";
+}
+
+TEST(OusterRecording, NeedsMetadataOfItsOwnSensor) {
+  rigor::test::TemporaryDirectory dir;
+  record(dir, 1);
+  OusterSource source;
+  const auto alone = source.configure(config_of("{file: " + dir.file("a.pcap") + "}"));
+  ASSERT_FALSE(alone);
+  EXPECT_NE(alone.error().text().find("metadata"), std::string::npos);
+  std::ifstream in(dir.file("a.json"));
+  std::string text{std::istreambuf_iterator<char>(in), {}};
+  text.replace(text.find("RNG19_RFL8_SIG16_NIR16", text.find("lidar_data_format")), 22, "RNG15_RFL8_NIR8");
+  std::ofstream(dir.file("b.json")) << text;
+  ASSERT_TRUE(source.configure(
+      config_of("{file: " + dir.file("a.pcap") + ", metadata: " + dir.file("b.json") + "}")));
+  const auto s = source.arm({});
+  ASSERT_FALSE(s);
+  EXPECT_NE(s.error().text().find("packets of 2304 bytes"), std::string::npos) << s.error().text();
+}
+
+/// An emulator that serves now.
+struct Device {
+  std::array<std::uint16_t, 2> port = network::test::free_ports();
+  std::unique_ptr<OusterEmulator> emulator = std::make_unique<OusterEmulator>();
+  std::uint16_t http = 0;  ///< 0: any
+
+  Status start(const std::string& config = "", const std::string& more = "") {
+    emulator->attach(parts_of());
+    if (auto s = emulator->configure(config_of("{tcp_port: 0, http_port: " + std::to_string(http) +
+                                               ", config: {udp_port_lidar: " + std::to_string(port[0]) +
+                                               ", udp_port_imu: " + std::to_string(port[1]) + config + "}" +
+                                               more + "}"));
+        !s)
+      return s;
+    if (auto s = emulator->arm({}); !s) return s;
+    http = emulator->http_port();
+    return emulator->start(bench_now());
+  }
+  [[nodiscard]] std::string host() const { return "host: 127.0.0.1, http_port: " + std::to_string(http); }
+  network::HttpReply ask(const std::string& method, const std::string& target,
+                         const std::string& body = "") const {
+    auto r =
+        network::http_request("127.0.0.1", http, {method, target, body}, monotonic_now() + seconds(10), -1);
+    EXPECT_TRUE(r) << r.error().text();
+    return r ? *r : network::HttpReply{0, ""};
+  }
+};
+
+/// Polls until `done`, or half a minute has passed.
+template <class Done>
+bool poll_until(OusterSource& source, std::vector<SampleLease>& got, Done&& done) {
+  for (const MonotonicTime end = monotonic_now() + seconds(30); !done() && monotonic_now() < end;) {
+    while (SampleLease s = source.poll(bench_now())) got.push_back(std::move(s));
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
+  return done();
+}
+
+TEST(OusterEmulator, ServesMetadataPointsAndItsImu) {
+  Device device;
+  auto s = device.start("", ", start_up_ms: 150");
+  ASSERT_TRUE(s) << s.error().text();
+  EXPECT_EQ(device.ask("GET", "/api/v1/sensor/metadata/sensor_info").status, 200);
+  EXPECT_EQ(device.ask("GET", "/nothing").status, 404);
+  OusterSource points, imu;
+  ASSERT_TRUE(points.configure(config_of("{buffers: 32, " + device.host() + "}")));
+  ASSERT_TRUE(imu.configure(config_of("{buffers: 64, " + device.host() + "}", SampleKind::imu)));
+  s = points.arm({});  // waits until it is RUNNING
+  ASSERT_TRUE(s) << s.error().text();
+  s = imu.arm({});
+  ASSERT_TRUE(s) << s.error().text();
+  const BenchTime t0 = bench_now();
+  ASSERT_TRUE(points.start(t0));
+  ASSERT_TRUE(imu.start(t0));
+  std::vector<SampleLease> clouds, readings;
+  ASSERT_TRUE(poll_until(points, clouds, [&] { return clouds.size() >= 3; }));
+  ASSERT_TRUE(poll_until(imu, readings, [&] { return readings.size() >= 5; }));
+  for (std::size_t i = 0; i < clouds.size(); ++i) {
+    if ((clouds[i]->stamp.validity & kIncomplete) == 0) {
+      EXPECT_EQ(clouds[i]->size_bytes / sizeof(LidarPoint), (512u - 8) * kBeams);
+    }
+    if (i > 0) {
+      EXPECT_EQ(clouds[i]->stamp.sequence, clouds[i - 1]->stamp.sequence + 1 + clouds[i]->stamp.lost_before);
+    }
+    EXPECT_LE(clouds[i]->stamp.t_capture.ns(), monotonic_now().ns());
+  }
+  EXPECT_NEAR(readings[0]->as<ImuSample>()->specific_force_mps2[2], 9.80665, 1e-6);
+  EXPECT_EQ(points.counters().foreign, 0u);
+  ASSERT_TRUE(points.stop());
+  ASSERT_TRUE(imu.stop());
+  ASSERT_TRUE(device.emulator->stop());
+}
+
+TEST(OusterSource, ConfiguresTheSensorAndFollowsWhenAnotherClientDoes) {
+  Device device;
+  // Sends elsewhere, and not at all.
+  auto s = device.start(", udp_dest: 127.0.0.77, operating_mode: STANDBY");
+  ASSERT_TRUE(s) << s.error().text();
+  OusterSource source;
+  ASSERT_TRUE(source.configure(config_of("{buffers: 32, " + device.host() + "}")));
+  s = source.arm({});
+  ASSERT_FALSE(s);
+  EXPECT_NE(s.error().text().find("STANDBY"), std::string::npos) << s.error().text();
+  ASSERT_TRUE(source.configure(config_of(
+      "{buffers: 32, configure: {udp_dest: auto, operating_mode: NORMAL}, " + device.host() + "}")));
+  s = source.arm({});
+  ASSERT_TRUE(s) << s.error().text();
+  ASSERT_TRUE(source.start(bench_now()));
+  std::vector<SampleLease> got;
+  ASSERT_TRUE(poll_until(source, got, [&] { return got.size() >= 2; }));
+  EXPECT_EQ(device.ask("POST", "/api/v1/sensor/config", R"({"azimuth_window": [270000, 90000]})").status,
+            200);
+  const auto windowed = [&] {
+    return !got.empty() && got.back()->size_bytes / sizeof(LidarPoint) == (256u - 4) * kBeams;
+  };
+  ASSERT_TRUE(poll_until(source, got, windowed));
+  EXPECT_EQ(source.counters().reinitialized, 1u);
+  for (std::size_t i = 1; i < got.size(); ++i)
+    EXPECT_EQ(got[i]->stamp.sequence, got[i - 1]->stamp.sequence + 1 + got[i]->stamp.lost_before);
+  // A parameter that the sensor does not take is an error of the rig.
+  OusterSource wrong;
+  ASSERT_TRUE(wrong.configure(config_of("{configure: {lidar_mode: 4096x5}, " + device.host() + "}")));
+  const auto refused = wrong.arm({});
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::bad_input);
+  EXPECT_NE(refused.error().text().find("lidar_mode"), std::string::npos) << refused.error().text();
+  ASSERT_TRUE(source.stop());
+}
+
+TEST(OusterSource, SurvivesASensorThatGoesAndComes) {
+  Device device;
+  ASSERT_TRUE(device.start());
+  OusterSource source;
+  ASSERT_TRUE(source.configure(config_of("{buffers: 64, " + device.host() + "}")));
+  const auto s = source.arm({});
+  ASSERT_TRUE(s) << s.error().text();
+  ASSERT_TRUE(source.start(bench_now()));
+  std::vector<SampleLease> got;
+  ASSERT_TRUE(poll_until(source, got, [&] { return got.size() >= 2; }));
+  ASSERT_TRUE(device.emulator->stop());
+  ASSERT_TRUE(poll_until(source, got, [&] { return !source.health().connected; }));
+  const std::size_t before = got.size();
+  ASSERT_TRUE(device.start());
+  ASSERT_TRUE(poll_until(source, got, [&] { return got.size() >= before + 2; }));
+  EXPECT_TRUE(source.health().connected);
+  EXPECT_GE(source.health().reconnects, 1u);
+  for (std::size_t i = 1; i < got.size(); ++i) {
+    EXPECT_EQ(got[i]->stamp.sequence, got[i - 1]->stamp.sequence + 1 + got[i]->stamp.lost_before);
+    EXPECT_GT(got[i]->stamp.t_capture, got[i - 1]->stamp.t_capture);
+  }
+  EXPECT_GE(got[before]->stamp.lost_before, 1u);
+  ASSERT_TRUE(source.stop());
+}
+
+TEST(OusterSource, SaysWhenNobodyIsThere) {
+  const auto port = network::test::free_ports();
+  OusterSource source;
+  ASSERT_TRUE(source.configure(
+      config_of("{host: 127.0.0.1, tcp_port: 0, http_port: " + std::to_string(port[0]) + "}")));
+  const auto s = source.arm({});
+  ASSERT_FALSE(s);
+  EXPECT_EQ(s.error().code, ErrorCode::not_found);
+  ASSERT_TRUE(source.configure(config_of("{}")));
+  const auto nothing = source.arm({});
+  ASSERT_FALSE(nothing);
+  EXPECT_NE(nothing.error().text().find("`host`"), std::string::npos);
+  EXPECT_EQ(source.state(), ChannelState::configured);
+}
+
+TEST(OusterEmulator, AnswersTheOlderCommandsOfTcp) {
+  Device device;
+  const auto tcp = network::test::free_ports()[0];
+  device.emulator->attach(parts_of());
+  ASSERT_TRUE(device.emulator->configure(
+      config_of("{http_port: 0, tcp_port: " + std::to_string(tcp) + ", config: {operating_mode: STANDBY}}")));
+  ASSERT_TRUE(device.emulator->arm({}));
+  ASSERT_TRUE(device.emulator->start(bench_now()));
+  // Nobody at the port of HTTP: the metadata come by the older way.
+  const auto closed = network::test::free_ports()[0];
+  const auto m = fetch_metadata({"127.0.0.1", closed, tcp, -1}, monotonic_now() + seconds(10));
+  ASSERT_TRUE(m) << m.error().text();
+  EXPECT_EQ(m->status, "STANDBY");
+  EXPECT_EQ(m->pixels_per_column, kBeams);
+}
+
+}  // namespace
+}  // namespace rigor::ouster

@@ -1,0 +1,147 @@
+// What an emulated sensor answers, and what its client asks: without a socket here, over loopback in
+// channel_test.cpp.
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "drivers/ouster/sensor_control.h"
+#include "tests/drivers/ouster/made_sensor.h"
+
+namespace rigor::ouster {
+namespace {
+
+using nlohmann::json;
+using test::FormulaLidar;
+
+class OusterControl : public testing::Test {
+ protected:
+  void SetUp() override {
+    auto device = SensorDevice::create(std::make_shared<FormulaLidar>(LidarMode{1024, 10}));
+    ASSERT_TRUE(device) << device.error().text();
+    device_.emplace(std::move(*device));
+    auto control = SensorControl::create(*device_, {"OS-1-32", "992000000001", "v3.1.0", seconds(5)},
+                                         R"({"udp_dest": "10.0.0.9"})", now_);
+    ASSERT_TRUE(control) << control.error().text();
+    control_.emplace(std::move(*control));
+  }
+  json get(const std::string& target, int status = 200) {
+    const auto r = control_->http("GET", target, "", "10.0.0.7", now_);
+    EXPECT_EQ(r.status, status) << target << ": " << r.body;
+    return json::parse(r.body);
+  }
+  MonotonicTime now_{1'000'000'000};
+  std::optional<SensorDevice> device_;
+  std::optional<SensorControl> control_;
+};
+
+TEST_F(OusterControl, ItsMetadataAreThoseOfTheSimulatedSensor) {
+  const auto m = parse_metadata(get("/api/v1/sensor/metadata").dump(), "emulated");
+  ASSERT_TRUE(m) << m.error().text();
+  EXPECT_EQ(m->status, "INITIALIZING");
+  EXPECT_EQ(m->mode, (LidarMode{1024, 10}));
+  EXPECT_EQ(m->profile, Profile::single);
+  EXPECT_EQ(m->pixels_per_column, test::kBeams);
+  for (std::size_t row = 0; row < test::kBeams; ++row) {
+    EXPECT_NEAR(m->beam_altitude_deg[row], test::altitude_deg(row), 1e-9);
+    EXPECT_NEAR(m->beam_azimuth_deg[row], test::azimuth_deg(row), 1e-9);
+  }
+  EXPECT_NEAR(m->beam_origin_m, test::kOrigin_m, 1e-9);
+  EXPECT_NEAR(m->T_sensor_lidar[0], -1, 1e-12);
+  EXPECT_NEAR(m->T_sensor_lidar[11], test::kHeight_m, 1e-9);
+  now_ = now_ + seconds(6);
+  EXPECT_EQ(get("/api/v1/sensor/metadata/sensor_info")["status"], "RUNNING");
+  EXPECT_EQ(get("/api/v1/system/firmware")["fw"], "ousteros-image-prod-aries-v3.1.0+emulated");
+}
+
+TEST_F(OusterControl, AParameterIsStagedUntilTheSensorStartsAnew) {
+  now_ = now_ + seconds(6);
+  const auto before = control_->active();
+  EXPECT_EQ(get("/api/v1/sensor/cmd/set_config_param?args=udp_dest+10.0.0.8"), "set_config_param");
+  EXPECT_EQ(get("/api/v1/sensor/cmd/"
+                "set_config_param?args=.+%7B%22azimuth_window%22%3A%5B270000%2C90000%5D%2C%22lidar_mode%22%"
+                "3A%22512x10%22%7D"),
+            "set_config_param");
+  EXPECT_EQ(get("/api/v1/sensor/cmd/get_config_param?args=staged")["udp_dest"], "10.0.0.8");
+  EXPECT_EQ(get("/api/v1/sensor/cmd/get_config_param?args=active")["udp_dest"], "10.0.0.9");
+  EXPECT_EQ(control_->active().generation, before.generation);
+  get("/api/v1/sensor/cmd/reinitialize");
+  const auto& after = control_->active();
+  EXPECT_EQ(after.udp_dest, "10.0.0.8");
+  EXPECT_EQ(after.metadata.mode, (LidarMode{512, 10}));
+  EXPECT_EQ(after.metadata.window, (ColumnWindow{128, 383})) << "the half that looks forward";
+  EXPECT_NE(after.metadata.initialization_id, before.metadata.initialization_id);
+  EXPECT_EQ(get("/api/v1/sensor/metadata/sensor_info")["status"], "INITIALIZING");
+  get("/api/v1/sensor/cmd/set_udp_dest_auto");
+  EXPECT_EQ(get("/api/v1/sensor/cmd/get_config_param?args=staged+udp_dest"), "10.0.0.7");
+}
+
+TEST_F(OusterControl, RefusesWhatItCannotDoAndKeepsWhatItHad) {
+  const auto wrong = [&](const std::string& args, const std::string& part) {
+    const std::string text = get("/api/v1/sensor/cmd/set_config_param?args=" + args, 400)["error"];
+    EXPECT_NE(text.find(part), std::string::npos) << text;
+  };
+  wrong("udp_dest+nowhere", "udp_dest: expected an IPv4 address");
+  wrong("lidar_mode+2048x10", "1024x10");
+  wrong("lidar_mode+1024x20", "1024x10");
+  wrong("udp_port_lidar+70000", "from 0");
+  wrong("no_such+1", "unknown");
+  wrong(".+%7B%22udp_dest%22%3A%2210.0.0.8%22%2C%22operating_mode%22%3A%22FAST%22%7D", "NORMAL STANDBY");
+  EXPECT_EQ(get("/api/v1/sensor/cmd/get_config_param?args=staged")["udp_dest"], "10.0.0.9")
+      << "all or nothing";
+  get("/api/v1/nonsense", 404);
+  EXPECT_EQ(control_->http("PUT", "/api/v1/sensor/config", "{}", "10.0.0.7", now_).status, 405);
+  EXPECT_EQ(control_->http("POST", "/api/v1/sensor/config", "{", "10.0.0.7", now_).status, 400);
+  const auto bad = SensorControl::create(*device_, {}, R"({"udp_dest": 5})", now_);
+  ASSERT_FALSE(bad);
+  EXPECT_EQ(bad.error().code, ErrorCode::bad_input);
+}
+
+TEST_F(OusterControl, SpeaksTheOlderCommandsToo) {
+  EXPECT_EQ(json::parse(control_->tcp("get_sensor_info ", "10.0.0.7", now_))["prod_line"], "OS-1-32");
+  EXPECT_EQ(control_->tcp("set_config_param udp_port_lidar 7600 ", "10.0.0.7", now_), "set_config_param");
+  EXPECT_EQ(control_->tcp("reinitialize", "10.0.0.7", now_), "reinitialize");
+  EXPECT_EQ(control_->active().metadata.lidar_port, 7600);
+  EXPECT_EQ(json::parse(control_->tcp("get_config_param active", "10.0.0.7", now_))["udp_port_lidar"], 7600);
+  EXPECT_EQ(control_->tcp("dance", "10.0.0.7", now_), "error: unknown command dance");
+  EXPECT_EQ(control_->tcp("set_config_param udp_port_lidar many", "10.0.0.7", now_).substr(0, 6), "error:");
+}
+
+TEST_F(OusterControl, StandbyIsAStateOfItsOwn) {
+  const auto r =
+      control_->http("POST", "/api/v1/sensor/config", R"({"operating_mode": "STANDBY"})", "10.0.0.7", now_);
+  EXPECT_EQ(r.status, 200) << r.body;
+  EXPECT_TRUE(control_->active().standby);
+  now_ = now_ + seconds(6);
+  EXPECT_EQ(get("/api/v1/sensor/metadata/sensor_info")["status"], "STANDBY");
+  EXPECT_EQ(get("/api/v1/sensor/config")["operating_mode"], "STANDBY");
+}
+
+TEST(OusterDevice, RefusesASensorModelOfAnotherScanner) {
+  class Other final : public SampleProvider {
+   public:
+    explicit Other(models::LidarScan s) : scan_(std::move(s)) {}
+    Geometry geometry() const override { return {SampleKind::point_cloud, 0, 0, 1 << 20, "lidar"}; }
+    const models::LidarScan* scan() const override { return &scan_; }
+    Status capture(const Request&, Sample&) override { return {}; }
+    models::LidarScan scan_;
+  };
+  const auto message = [](const std::function<void(models::LidarScan&)>& change) {
+    models::LidarScan s = *FormulaLidar().scan();
+    change(s);
+    const auto device = SensorDevice::create(std::make_shared<Other>(s));
+    return device ? std::string() : device.error().text();
+  };
+  EXPECT_EQ(message([](models::LidarScan&) {}), "");
+  EXPECT_NE(message([](models::LidarScan& s) { s.beams.pop_back(); }).find("31 beams"), std::string::npos);
+  EXPECT_NE(message([](models::LidarScan& s) { s.columns = 1000; }).find("1000 columns"), std::string::npos);
+  EXPECT_NE(message([](models::LidarScan& s) { s.rotation_radps *= -1; }).find("clockwise"),
+            std::string::npos);
+  EXPECT_NE(message([](models::LidarScan& s) { s.beams[4].horizontal_offset_m = 0.01; }).find("beam 4"),
+            std::string::npos);
+  EXPECT_FALSE(SensorDevice::create(nullptr));
+}
+
+}  // namespace
+}  // namespace rigor::ouster

@@ -1,0 +1,235 @@
+#include "drivers/ouster/frame_stream.h"
+
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <numbers>
+#include <vector>
+
+#include "drivers/ouster/imu_stream.h"
+#include "tests/drivers/ouster/made_sensor.h"
+
+namespace rigor::ouster {
+namespace {
+
+using test::made_metadata;
+
+constexpr std::uint32_t kSlots = 32;  // of 512 columns
+constexpr std::int64_t kFrame_ns = 100'000'000;
+
+struct Got {
+  std::size_t points;
+  BenchTime t;
+  std::uint64_t sequence, lost_before;
+  std::uint32_t packets_lost, validity;
+};
+
+/// A stream in virtual time's clock, and packets that reach it.
+struct Bench {
+  explicit Bench(Metadata metadata, FrameStreamOptions options = {.time = packet_lidar::TimeSource::fixed})
+      : m(std::move(metadata)), stream(m, options), writer(layout_of(m)) {}
+
+  LidarPacketWriter& packet(std::uint64_t frame, std::uint32_t slot) {
+    writer.set_header(static_cast<std::uint16_t>(frame), m.initialization_id, 1);
+    for (std::uint32_t i = 0; i < 16; ++i) {
+      const std::uint32_t id = slot * 16 + i;
+      writer.set_column(
+          i, static_cast<std::uint64_t>(static_cast<std::int64_t>(frame) * kFrame_ns + id * kFrame_ns / 512),
+          static_cast<std::uint16_t>(id), m.window.has(id));
+      for (std::uint32_t row = 0; row < test::kBeams; ++row) writer.set_pixel(i, row, {5000, 1, 2, 0});
+    }
+    return writer;
+  }
+  void take(Bytes bytes) {
+    stream.take(bytes, BenchTime(0), [this](const packet_lidar::Cloud& c) {
+      got.push_back({c.points.size(), c.t_capture, c.sequence, c.lost_before, c.packets_lost, c.validity});
+    });
+  }
+  void send(std::uint64_t frame, std::uint32_t slot) { take(packet(frame, slot).bytes()); }
+  void frame(std::uint64_t frame, const std::function<bool(std::uint32_t)>& lost = {}) {
+    for (std::uint32_t slot = 0; slot < kSlots; ++slot)
+      if (!lost || !lost(slot)) send(frame, slot);
+  }
+
+  Metadata m;
+  FrameStream stream;
+  LidarPacketWriter writer;
+  std::vector<Got> got;
+};
+
+TEST(OusterFrames, AreHandedOnWithTheirLastPacket) {
+  Bench b(made_metadata());
+  for (std::uint64_t f = 65'534; f < 65'539; ++f) {  // frame ids start again at 0
+    b.frame(f, [](std::uint32_t slot) { return slot == 31; });
+    EXPECT_EQ(b.got.size(), f - 65'534);
+    b.send(f, 31);
+    EXPECT_EQ(b.got.size(), f - 65'533);
+  }
+  for (std::size_t i = 0; i < b.got.size(); ++i) {
+    EXPECT_EQ(b.got[i].points, 512u * 32);
+    EXPECT_EQ(b.got[i].sequence, i);
+    EXPECT_EQ(b.got[i].validity, 0u);
+    EXPECT_EQ(b.got[i].t.ns(), static_cast<std::int64_t>(65'534 + i) * kFrame_ns);
+  }
+  EXPECT_EQ(b.stream.counters().frames_lost, 0u);
+}
+
+TEST(OusterFrames, CountLostPacketsByFrameAndColumn) {
+  Bench b(made_metadata());
+  b.frame(1);
+  b.frame(2, [](std::uint32_t slot) { return slot == 0 || slot == 7 || slot == 31; });
+  b.frame(3);
+  ASSERT_EQ(b.got.size(), 3u);
+  EXPECT_EQ(b.got[1].packets_lost, 3u);
+  EXPECT_EQ(b.got[1].validity, kIncomplete);
+  EXPECT_EQ(b.got[1].points, 29u * 16 * 32);
+  EXPECT_EQ(b.got[1].t.ns(), 2 * kFrame_ns) << "the first column's, although it is lost";
+  EXPECT_EQ(b.got[2].validity, 0u);
+  EXPECT_EQ(b.stream.counters().packets_lost, 3u);
+  EXPECT_EQ(b.stream.counters().columns_lost, 48u);
+  // Whole frames.
+  b.frame(6);
+  ASSERT_EQ(b.got.size(), 4u);
+  EXPECT_EQ(b.got[3].sequence, 5u);
+  EXPECT_EQ(b.got[3].lost_before, 2u);
+  EXPECT_EQ(b.stream.counters().frames_lost, 2u);
+}
+
+TEST(OusterFrames, AColumnThatIsNotGoodIsMissing) {
+  Bench b(made_metadata());
+  for (std::uint32_t slot = 0; slot < kSlots; ++slot) {
+    auto& w = b.packet(1, slot);
+    if (slot == 4) w.set_column(2, 0, 0, false);
+    b.take(w.bytes());
+  }
+  ASSERT_EQ(b.got.size(), 1u);
+  EXPECT_EQ(b.got[0].points, 511u * 32);
+  EXPECT_EQ(b.got[0].validity, kIncomplete);
+  EXPECT_EQ(b.stream.counters().columns_lost, 1u);
+  EXPECT_EQ(b.stream.counters().packets_lost, 0u);
+}
+
+TEST(OusterFrames, BeginWithAWholeOne) {
+  Bench b(made_metadata());
+  b.frame(1, [](std::uint32_t slot) { return slot < 10; });
+  b.frame(2, [](std::uint32_t slot) { return slot < 2; });
+  b.frame(3);
+  ASSERT_EQ(b.got.size(), 2u) << "frame 1 was not seen from its beginning";
+  EXPECT_EQ(b.got[0].sequence, 0u);
+  EXPECT_EQ(b.got[0].packets_lost, 2u);
+  EXPECT_EQ(b.got[1].sequence, 1u);
+}
+
+TEST(OusterFrames, LeaveAloneWhatComesLateOrTwice) {
+  Bench b(made_metadata());
+  b.frame(1, [](std::uint32_t slot) { return slot == 9; });
+  b.send(2, 0);
+  b.send(1, 9);  // overtaken
+  b.send(2, 0);  // repeated
+  b.frame(2, [](std::uint32_t slot) { return slot == 0; });
+  b.send(2, 5);  // after the frame was whole
+  ASSERT_EQ(b.got.size(), 2u);
+  EXPECT_EQ(b.got[0].packets_lost, 1u);
+  EXPECT_EQ(b.got[1].points, 512u * 32);
+  EXPECT_EQ(b.stream.counters().packets_late, 3u);
+}
+
+TEST(OusterFrames, HaveTheColumnsOfTheAzimuthWindow) {
+  Metadata m = made_metadata();
+  m.window = {500, 19};  // over the end of the turn: slots 31, 0 and 1, the first two of which in part
+  Bench b(m);
+  for (std::uint64_t f = 0; f < 3; ++f)
+    for (const std::uint32_t slot : {0, 1, 31}) b.send(f, slot);
+  ASSERT_EQ(b.got.size(), 3u);
+  for (const Got& g : b.got) {
+    EXPECT_EQ(g.points, 32u * 32);
+    EXPECT_EQ(g.validity, 0u);
+    EXPECT_EQ(g.packets_lost, 0u);
+  }
+  EXPECT_EQ(FrameStream::max_points(m), 32u * 32);
+}
+
+TEST(OusterFrames, GoOnAfterTheSensorStartedAnew) {
+  Bench b(made_metadata());
+  b.frame(1000), b.frame(1001);
+  b.frame(0), b.frame(1);
+  ASSERT_EQ(b.got.size(), 4u);
+  EXPECT_EQ(b.stream.counters().restarts, 1u);
+  EXPECT_EQ(b.got[2].sequence, 3u);
+  EXPECT_EQ(b.got[2].lost_before, 1u) << "what was not sent meanwhile is not known: at least one";
+  EXPECT_EQ(b.got[3].sequence, 4u);
+}
+
+TEST(OusterFrames, TakeUpOtherMetadataWhereTheirFramesFit) {
+  Metadata m = made_metadata();
+  m.initialization_id = 5;
+  Bench b(m, {.time = packet_lidar::TimeSource::fixed, .this_initialization_only = true});
+  b.frame(7);
+  b.m.initialization_id = 6;
+  b.frame(0);
+  EXPECT_EQ(b.got.size(), 1u) << "packets of a sensor that was configured anew";
+  EXPECT_EQ(b.stream.counters().other_initialization, 32u);
+  Metadata larger = made_metadata(Profile::single, {1024, 10});
+  EXPECT_FALSE(b.stream.adopt(larger));
+  m.initialization_id = 6;
+  m.window = {0, 255};
+  ASSERT_TRUE(b.stream.adopt(m));
+  b.m.window = m.window;
+  b.frame(1);
+  ASSERT_EQ(b.got.size(), 2u);
+  EXPECT_EQ(b.got[1].points, 256u * 32);
+  EXPECT_GT(b.got[1].sequence, b.got[0].sequence + 1);
+}
+
+TEST(OusterFrames, DualReturnsAreTwoPoints) {
+  Bench b(made_metadata(Profile::dual));
+  std::vector<LidarPoint> points;
+  for (std::uint32_t slot = 0; slot < kSlots; ++slot) {
+    auto& w = b.packet(1, slot);
+    for (std::uint32_t i = 0; i < 16; ++i) w.set_pixel(i, 3, {7000, 1, 9, 0}, 1);
+    b.stream.take(w.bytes(), BenchTime(0),
+                  [&](const packet_lidar::Cloud& c) { points.assign(c.points.begin(), c.points.end()); });
+  }
+  ASSERT_EQ(points.size(), 512u * 33);
+  EXPECT_EQ(points[3].return_index, 0);
+  EXPECT_EQ(points[4].return_index, 1);
+  EXPECT_EQ(points[4].ring, 3);
+  EXPECT_EQ(points[4].remission, 9);
+}
+
+TEST(OusterFrames, UtcOfTheSensorLeadsToBenchTime) {
+  FrameStreamOptions o;
+  o.time = packet_lidar::TimeSource::utc;
+  o.utc_offset = seconds(-37);
+  Bench b(made_metadata(), o);
+  // The sensor counts TAI; bench time 5 s is UTC 100 s.
+  b.stream.clock().set_epoch({BenchTime(5'000'000'000), RealtimeTime(100'000'000'000), Duration(0)});
+  b.frame(1370);  // at TAI 137 s
+  ASSERT_EQ(b.got.size(), 1u);
+  EXPECT_EQ(b.got[0].t.ns(), 5'000'000'000);
+}
+
+TEST(OusterImu, IsInUnitsOfTheBenchAndCountsItsGaps) {
+  ImuStream stream({packet_lidar::TimeSource::fixed, Duration(0), milliseconds(10)});
+  const auto at = [&](std::uint64_t ms) {
+    ImuPacket p;
+    p.accelerometer_ns = ms * 1'000'000;
+    p.acceleration_g = {0, 0, 1};
+    p.turn_rate_dps = {180, 0, 0};
+    return stream.take(compose_imu(p), BenchTime(0));
+  };
+  const auto first = at(1000);
+  ASSERT_TRUE(first);
+  EXPECT_EQ(first->t_capture.ns(), 1'000'000'000);
+  EXPECT_DOUBLE_EQ(first->imu.specific_force_mps2[2], 9.80665);
+  EXPECT_NEAR(first->imu.angular_rate_radps[0], std::numbers::pi, 1e-6);
+  const auto second = at(1010), fifth = at(1040);
+  ASSERT_TRUE(second && fifth);
+  EXPECT_EQ(second->lost_before, 0u);
+  EXPECT_EQ(fifth->lost_before, 2u);
+  EXPECT_EQ(fifth->sequence, 4u);
+  EXPECT_FALSE(at(1040)) << "repeated";
+}
+
+}  // namespace
+}  // namespace rigor::ouster
