@@ -301,7 +301,9 @@ json LiveWorld::ground_picture(const std::array<double, 4>& area, int size_px,
 Result<json> LiveWorld::map(const json& request) const {
   auto area = area_in(request);
   if (!area) return tl::unexpected<Error>(area.error());
-  const int size_px = std::clamp(request.value("ground_px", 256), 16, kMostGround_px);
+  // As a double first: what does not fit an int is not to be made one.
+  const int size_px = static_cast<int>(
+      std::clamp(request.value("ground_px", 256.0), 16.0, static_cast<double>(kMostGround_px)));
   const world::Snapshot world = simulation_.world().snapshot();
   const Ground ground = simulation_.world().ground();
   const GroundHeight height = [&](double x, double y) { return ground.height_m(x, y); };

@@ -12,6 +12,7 @@ namespace rigor::can {
 namespace {
 
 using test::config_of;
+using test::entries_of;
 using test::node_of;
 using testing::HasSubstr;
 
