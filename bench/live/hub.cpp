@@ -92,7 +92,7 @@ void Hub::publish(std::uint32_t channel, std::uint64_t time_ns, const Bytes& mes
     if (it == client.subscription_of.end() || client.leaving) continue;
     const std::size_t backlog = client.link->backlog_bytes(), size = message->size();
     const std::size_t room = size <= kSmall ? 2 * kBacklog : kBacklog;
-    if (backlog > 0 && backlog + size > room) {
+    if ((backlog > 0 && backlog + size > room) || (size > kNumbers && client.link->behind())) {
       counters_.frames_dropped.fetch_add(1, std::memory_order_relaxed);
       if (!client.told_of_drops)
         say(client,

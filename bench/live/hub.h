@@ -1,8 +1,10 @@
 // Channels, services and who listens to them: the protocol's state for all clients, without sockets.
 //
 // A message is encoded once and shared by all who subscribe. What a client has not yet read counts as its
-// backlog; a message that would make it longer than kBacklog is dropped for that client, and counted. Answers
-// to its own requests are never dropped: a client that lets more than kMaxBacklog of those lie is let go.
+// backlog; a message that would make it longer than kBacklog is dropped for that client, and counted. So is
+// one of more than kNumbers while the client is behind, as what it asks for would be answered behind all
+// that. Answers to its own requests are never dropped: a client that lets more than kMaxBacklog of those lie
+// is let go.
 //
 // All calls: the server's thread, but for counters().
 #pragma once
@@ -19,17 +21,21 @@
 
 #include "bench/live/message_history.h"
 #include "bench/live/protocol.h"
+#include "rt-core/time.h"
 
 namespace rigor::live {
 
 /// The way to one client.
 class Link {
  public:
+  static constexpr Duration kBehind = milliseconds(250);
   virtual ~Link() = default;
   virtual void send_text(std::string text) = 0;
   virtual void send_binary(std::string head, Bytes body) = 0;  ///< body may be null
   /// What was given to it and has not been handed to the kernel.
   [[nodiscard]] virtual std::size_t backlog_bytes() const = 0;
+  /// The client has not taken in what was handed to the kernel kBehind ago.
+  [[nodiscard]] virtual bool behind() const = 0;
   /// The client is told why and let go; no call follows but Hub::closed.
   virtual void close(const std::string& why) = 0;
 };
@@ -44,6 +50,8 @@ class Hub {
   static constexpr std::size_t kBacklog = 2u << 20, kMaxBacklog = 64u << 20;
   /// A message up to this size goes out beside a picture that fills the backlog.
   static constexpr std::size_t kSmall = 64u << 10;
+  /// Events, and numbers of plots, which shall have no gaps, go out to a client that is behind.
+  static constexpr std::size_t kNumbers = 4u << 10;
   static constexpr std::size_t kCalls = 16;     ///< of one client at a time
   static constexpr std::size_t kAllCalls = 48;  ///< of all, those included whose client has gone
 

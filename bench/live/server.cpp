@@ -33,6 +33,7 @@ using beast::error_code;
 
 constexpr std::string_view kProtocols[] = {"foxglove.websocket.v1", "foxglove.sdk.v1"};
 constexpr auto kPatience = std::chrono::seconds(10), kSilence = std::chrono::seconds(60);
+constexpr std::string_view kAsked = "read";
 /// In the kernel: little, so that a client that does not read is known by its backlog here.
 constexpr int kSendBuffer = 256 << 10;
 
@@ -156,6 +157,7 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
     enqueue({false, std::move(head), std::move(body)});
   }
   [[nodiscard]] std::size_t backlog_bytes() const override { return backlog_; }
+  [[nodiscard]] bool behind() const override { return asked_ && monotonic_now() - asked_at_ > kBehind; }
   void close(const std::string&) override { beast::get_lowest_layer(ws_).close(); }
   void say_goodbye() {
     closing_ = true;
@@ -261,6 +263,7 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
       if (error) return;
       self->buffer_.consume(self->buffer_.size());
       self->site_.open.insert(self.get());
+      self->hear_pongs();
       self->site_.hub->opened(*self);
       self->read_message();
     });
@@ -293,8 +296,24 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
       self->backlog_ -= self->queue_.front().size();
       self->queue_.pop_front();
       if (error) return self->gone();
+      self->ask_whether_it_reads();
       if (!self->queue_.empty()) return self->write_next();
       if (self->closing_) self->end_socket();
+    });
+  }
+  // Much lies between this socket and whoever reads: buffers of two kernels, of a browser's processes. A ping
+  // is answered when all that was sent before it has been taken in, so one is always on its way while
+  // something is sent.
+  void ask_whether_it_reads() {
+    if (asked_ || closing_) return;
+    asked_ = true;
+    asked_at_ = monotonic_now();
+    ws_.async_ping({kAsked.data(), kAsked.size()},
+                   [self = shared_from_this()](error_code) { /* a write or a read will say so, too */ });
+  }
+  void hear_pongs() {
+    ws_.control_callback([this](websocket::frame_type kind, beast::string_view payload) {
+      if (kind == websocket::frame_type::pong && view(payload) == kAsked) asked_ = false;
     });
   }
   void end_socket() {
@@ -316,6 +335,8 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
   std::deque<Outgoing> queue_;
   std::size_t backlog_ = 0;
   bool is_socket_ = false, gone_ = false, closing_ = false;
+  bool asked_ = false;  ///< a ping was sent and is not answered
+  MonotonicTime asked_at_;
 };
 
 void be_nicer() { (void)setpriority(PRIO_PROCESS, static_cast<id_t>(syscall(SYS_gettid)), 5); }

@@ -254,7 +254,7 @@ TEST_F(ApplicationProcess, LeavesWithTheRunThatIsInterrupted) {
                      "            time.sleep(60)\n"));
   Command command(rigor_words({"run", "rig.yaml", "--force"}), dir.path());
   // Until the program says its process number.
-  for (int i = 0; i < 1000 && command.err().find('\n') == std::string::npos; ++i)
+  for (int i = 0; i < 6000 && command.err().find('\n') == std::string::npos; ++i)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   const auto pid = static_cast<pid_t>(std::atoi(command.err().c_str()));
   ASSERT_GT(pid, 1) << command.err();

@@ -1,11 +1,13 @@
 // The live view's page: its readers against the reference's, and the page in a browser. There each test is a
 // case of tests/npm/live_page.mjs, which runs `rigor run --live` on a rig of its own, opens the page in
-// headless Chromium and does what a user does.
+// headless Chromium and does what a user does. The cases that run in one process share the browser.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
 #include <filesystem>
+#include <memory>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "tests/cli/command.h"
@@ -33,14 +35,33 @@ class LivePageModules : public ::testing::Test {
 
 class LivePage : public LivePageModules {
  protected:
+  static void SetUpTestSuite() {
+    const auto& suite = *::testing::UnitTest::GetInstance()->current_test_suite();
+    std::vector<std::string> words{"node", kSource + "/tests/npm/live_page.mjs", rigor_words({}).front(),
+                                   kSource + "/tests/cli/live-page.yaml"};
+    for (int i = 0; i < suite.total_test_count(); ++i)
+      if (suite.GetTestInfo(i)->should_run()) words.emplace_back(suite.GetTestInfo(i)->name());
+    cases = std::make_unique<Command>(words);
+  }
+  static void TearDownTestSuite() { cases.reset(); }
   void SetUp() override {
     LivePageModules::SetUp();
-    if (!std::filesystem::exists("/usr/bin/chromium")) GTEST_SKIP() << "chromium is not installed";
+    if (!std::filesystem::exists("/usr/bin/chromium-headless-shell") &&
+        !std::filesystem::exists("/usr/bin/chromium"))
+      GTEST_SKIP() << "chromium-headless-shell is not installed";
   }
-  static void expect(const std::string& name) {
-    LivePageModules::expect(
-        {"live_page.mjs", name, rigor_words({}).front(), kSource + "/tests/cli/live-page.yaml"});
+  /// Waits for the end of the case with this test's name.
+  static void expect_passed() {
+    const std::string name = ::testing::UnitTest::GetInstance()->current_test_info()->name();
+    const auto ended = [&] {
+      const std::string said = cases->out();
+      return said.find("passed " + name + "\n") != std::string::npos ||
+             said.find("failed " + name + "\n") != std::string::npos;
+    };
+    while (cases->running() && !ended()) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    EXPECT_NE(cases->out().find("passed " + name + "\n"), std::string::npos) << cases->err();
   }
+  static inline std::unique_ptr<Command> cases;
 };
 
 TEST_F(LivePageModules, ReadMessagesAsTheReferenceDoes) {
@@ -55,14 +76,14 @@ TEST_F(LivePageModules, ShowPixelsOfEveryFormat) { expect({"page_modules.mjs", "
 
 TEST_F(LivePageModules, RememberALongRunInBoundedMemory) { expect({"page_modules.mjs", "history"}); }
 
-TEST_F(LivePage, ShowsEveryKindOfChannelWithoutTrouble) { expect("shows"); }
-TEST_F(LivePage, SwitchesAPair) { expect("switches"); }
-TEST_F(LivePage, InjectsAFaultAndShowsIt) { expect("faults"); }
-TEST_F(LivePage, ShowsHowExpectationsStand) { expect("expects"); }
-TEST_F(LivePage, AnEditIsSeenInTheNextPictureAndABadOneIsRefused) { expect("edits"); }
-TEST_F(LivePage, AsksForTheToken) { expect("token"); }
-TEST_F(LivePage, ShowsAReplayAsARun) { expect("replays"); }
-TEST_F(LivePage, SaysThatTheRunHasEnded) { expect("ends"); }
+TEST_F(LivePage, ShowsEveryKindOfChannelWithoutTrouble) { expect_passed(); }
+TEST_F(LivePage, SwitchesAPair) { expect_passed(); }
+TEST_F(LivePage, InjectsAFaultAndShowsIt) { expect_passed(); }
+TEST_F(LivePage, ShowsHowExpectationsStand) { expect_passed(); }
+TEST_F(LivePage, AnEditIsSeenInTheNextPictureAndABadOneIsRefused) { expect_passed(); }
+TEST_F(LivePage, AsksForTheToken) { expect_passed(); }
+TEST_F(LivePage, ShowsAReplayAsARun) { expect_passed(); }
+TEST_F(LivePage, SaysThatTheRunHasEnded) { expect_passed(); }
 
 }  // namespace
 }  // namespace rigor::test

@@ -216,7 +216,7 @@ TEST_F(Outputs, ARunThatDoesNotComeToItsFirstCycleLeavesWhatWasThere) {
 TEST_F(Outputs, ARecordingThatAnotherRunWritesIsRefused) {
   Command first(rigor_words({"run", (dir / "rig.yaml").string(), "--duration", "30", "--live", "0", "--pace",
                              "1", "--record", (dir / "run.mcap").string()}));
-  for (int t = 0; t < 10000 && !fs::exists(dir / "run.mcap"); t += 10)
+  for (int t = 0; t < 60000 && first.running() && !fs::exists(dir / "run.mcap"); t += 10)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   ASSERT_TRUE(first.running()) << first.err();
   for (const char* force : {"--json", "--force"}) {

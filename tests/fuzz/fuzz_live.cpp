@@ -15,6 +15,7 @@ class NoLink final : public rigor::live::Link {
   void send_text(std::string) override {}
   void send_binary(std::string, rigor::live::Bytes) override {}
   [[nodiscard]] std::size_t backlog_bytes() const override { return 0; }
+  [[nodiscard]] bool behind() const override { return false; }
   void close(const std::string&) override {}
 };
 

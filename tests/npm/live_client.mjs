@@ -350,18 +350,18 @@ const cases = {
     c.subscribe("/rigor/live");
     const slow = await connect(run.url);
     slow.socket._socket.pause();
-    // What is subscribed of one channel once comes once: so this one asks for maps, which are never dropped, and for all.
     for (const topic of slow.channels.keys()) slow.subscribe(topic);
     const live = await until("messages dropped", async () => {
       const l = await c.json("/rigor/live");
       return l.server.frames_dropped > 0 && l;
     });
+    // Soon, and not when buffers are full: what it asks for then is not answered behind megabytes.
+    assert.ok(live.server.bytes_sent < 1_500_000, `${live.server.bytes_sent} bytes were sent before one was dropped`);
     assert.equal(live.skipped, 0);
     assert.equal(live.server.events_lost, 0);
     assert.equal(live.channels.reduce((n, ch) => n + ch.dropped, 0), 0);
     const before = live.cycles;
     await until("the loop to go on", async () => (await c.json("/rigor/live")).cycles > before);
-    assert.equal(c.status.length, 0); // this one was not told of drops
     slow.socket._socket.resume();
     await until("what was dropped to be told", () => slow.status.some((s) => s.level === 1 && /does not read as fast/.test(s.message)));
   },

@@ -143,6 +143,7 @@ class FakeLink final : public Link {
     binaries.push_back(head + (body ? *body : std::string()));
   }
   [[nodiscard]] std::size_t backlog_bytes() const override { return backlog; }
+  [[nodiscard]] bool behind() const override { return is_behind; }
   void close(const std::string&) override { closed = true; }
   json last(const std::string& op) const {
     for (auto it = texts.rbegin(); it != texts.rend(); ++it)
@@ -152,7 +153,7 @@ class FakeLink final : public Link {
   std::vector<json> texts;
   std::vector<std::string> binaries;
   std::size_t backlog = 0;
-  bool closed = false;
+  bool closed = false, is_behind = false;
 };
 
 class LiveHub : public ::testing::Test {
@@ -264,6 +265,25 @@ TEST_F(LiveHub, DropsForWhoIsSlowAlone) {
   slow.backlog = 0;  // it has caught up: even what is larger than the backlog goes out
   hub.publish(images, 1, message(Hub::kBacklog + 1));
   EXPECT_EQ(slow.binaries.size(), 2u);
+}
+
+TEST_F(LiveHub, SendsNumbersAndAnswersAloneToWhoIsBehind) {
+  FakeLink slow;
+  hub.opened(slow);
+  subscribe(slow, 1, images);
+  slow.is_behind = true;
+  hub.publish(images, 1, message(Hub::kNumbers + 1));
+  EXPECT_TRUE(slow.binaries.empty());
+  EXPECT_EQ(hub.counters().frames_dropped.load(), 1u);
+  EXPECT_THAT(slow.last("status")["message"].get<std::string>(), HasSubstr("does not read as fast"));
+  hub.publish(images, 1, message(Hub::kNumbers));
+  EXPECT_EQ(slow.binaries.size(), 1u);
+  hub.binary(slow, bytes_of(call(1, 5, "json", "[1]")));
+  later.at(0)();
+  EXPECT_EQ(slow.binaries.size(), 2u);
+  slow.is_behind = false;
+  hub.publish(images, 1, message(Hub::kNumbers + 1));
+  EXPECT_EQ(slow.binaries.size(), 3u);
 }
 
 TEST_F(LiveHub, AnswersCalls) {

@@ -244,7 +244,7 @@ class Servers : public ::testing::Test {
       ::_exit(1);
     }
     ::setpgid(server_, server_);
-    for (int i = 0; i < 200; ++i) {
+    for (int i = 0; i < 1200; ++i) {
       if (const int s = connected(port); s >= 0) {
         ::close(s);
         return;
