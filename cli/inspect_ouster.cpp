@@ -11,9 +11,7 @@
 namespace rigor {
 namespace {
 
-using ouster::PcapReport;
-
-nlohmann::json to_json(const PcapReport& r) {
+nlohmann::json to_json(const ouster::PcapReport& r) {
   const ouster::Metadata& m = r.metadata;
   nlohmann::json j{{"file", r.file},
                    {"format", "pcap"},
@@ -58,7 +56,7 @@ nlohmann::json to_json(const PcapReport& r) {
   return j;
 }
 
-std::string to_text(const PcapReport& r) {
+std::string to_text(const ouster::PcapReport& r) {
   const ouster::Metadata& m = r.metadata;
   std::string t = fmt::format("{}: {} frames captured, {:.3f} s\n", r.file, r.captured, r.duration_s);
   t += fmt::format("  sensor           {} {}, firmware {}: {} beams, {}, {}\n", m.product_line, m.serial,
