@@ -251,13 +251,13 @@ bool Server::Loop::receive(Client& c) {
                      : ::read(c.descriptor, lump.data(), lump.size());
   if (n == 0) return false;
   if (n < 0) return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR;
-  const auto now = monotonic_now();
+  const auto arrived = monotonic_now();
   if (!tcp) {
-    if (!c.framer.add({lump.data(), static_cast<std::size_t>(n)}, now))
+    if (!c.framer.add({lump.data(), static_cast<std::size_t>(n)}, arrived))
       counters.malformed.fetch_add(1, std::memory_order_relaxed);
     return true;
   }
-  if (c.size == 0) c.frame_since = now;
+  if (c.size == 0) c.frame_since = arrived;
   c.size += static_cast<std::size_t>(n);
   return true;
 }

@@ -113,7 +113,7 @@ TEST_F(CanVirtual, ALogIsSentInTheOrderOfItsLinesAndAgainFromTheStart) {
   std::ofstream(folder.file("log")) << "(1.000000) a 101#\n(1.020000) a 102#\n(1.019000) b 103#\n";
   const auto n = node("replay: " + folder.file("log") + ", repeat: true");
   const auto s = source(n, config_of(SampleKind::can_frame, "{interface: vcan0}"));
-  const auto samples = run(*s, ms(0), ms(45));
+  const auto samples = run(*s, ms(0), ms(42));  // when the third round begins
   ASSERT_EQ(samples.size(), 6u);
   for (std::size_t i = 0; i < 6; ++i) EXPECT_EQ(samples[i]->as<CanFrame>()->id, 0x101 + i % 3) << i;
   const auto began = [&](std::size_t i) {

@@ -132,7 +132,7 @@ TEST(CandumpLog, ReadsLineByLineAndSaysWhereItIsNone) {
   const std::string line = "(1.000000) vcan0 044#2A";
   EXPECT_EQ(error(line), "(good)");  // without a line end
   EXPECT_EQ(error(line + "\r\n\n#" + std::string(4000, 'x') + "\n" + line + "\n"), "(good)");
-  EXPECT_THAT(error(line + "\n" + line + "X"), HasSubstr("a.log:2:24: expected pairs of digits"));
+  EXPECT_THAT(error(line + "\n" + line + "X"), HasSubstr("a.log:2:24: expected the end of the frame"));
   EXPECT_THAT(error(line + "\n" + std::string(100'000, '(')),
               HasSubstr("a.log:2:1: expected a line of less than 4096"));
   EXPECT_THAT(error(line + std::string("\0", 1) + line), HasSubstr("a.log:1:24: expected"));
