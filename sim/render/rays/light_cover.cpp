@@ -1,10 +1,8 @@
 #include "sim/render/rays/light_cover.h"
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
+#include <thread>
 #include <unordered_map>
 
 namespace rigor::render::light {
@@ -21,8 +19,21 @@ constexpr float kLeafDepth = 2.0F, kWallShare = 0.1F;
 constexpr float kAbove_m = 1500;
 constexpr float kNothing_m = -1e6F;
 
+/// Squares of texels that are shot together.
+constexpr std::int64_t kBlockSide = 8;
+constexpr std::size_t kBlocks = kCoverSide / kBlockSide;
+static_assert(static_cast<std::int64_t>(ContentQuery::kEyeCell_m / kTexel_m) % kBlockSide == 0,
+              "the map begins with a block");
+
 std::size_t place(std::int64_t x, std::int64_t y) {
   return static_cast<std::size_t>((y & (kCoverSide - 1)) * kCoverSide + (x & (kCoverSide - 1)));
+}
+
+std::size_t block(std::int64_t x, std::int64_t y) {
+  const auto at = [](std::int64_t v) {
+    return static_cast<std::size_t>((v & (kCoverSide - 1)) / kBlockSide);
+  };
+  return at(y) * kBlocks + at(x);
 }
 
 bool has_leaves(const Prototype& p) {
@@ -73,8 +84,7 @@ void SkyCover::exchange(Casters& casters, Casters now, std::vector<Area>& stale)
   casters = std::move(now);
 }
 
-void SkyCover::update(const RayScene& scene, const WantedContent& content, const Eigen::Vector3d& eye,
-                      tbb::task_arena& arena) {
+void SkyCover::update(const RayScene& scene, const WantedContent& content, const Eigen::Vector3d& eye) {
   const auto first = [](double v) {
     constexpr double kCell = ContentQuery::kEyeCell_m;
     return static_cast<std::int64_t>(std::floor(v / kCell) * (kCell / kTexel_m)) - kCoverSide / 2;
@@ -85,6 +95,7 @@ void SkyCover::update(const RayScene& scene, const WantedContent& content, const
   to_texel_y_ = static_cast<float>(scene.origin().y() / kTexel_m - static_cast<double>(y0));
   origin_z_ = static_cast<float>(scene.origin().z());
 
+  scene_ = &scene;
   // Several times a picture nothing has changed.
   if (filled_ && scene.origin() != origin_) filled_ = false;
   if (filled_ && x0 == x0_ && y0 == y0_ && content.still_version == still_version_ &&
@@ -92,17 +103,24 @@ void SkyCover::update(const RayScene& scene, const WantedContent& content, const
     return;
   origin_ = scene.origin();
   std::vector<Area> stale;
-  if (content.still_version != still_version_) exchange(still_, casters_of(content.still), stale);
-  if (content.moving_version != moving_version_) exchange(moving_, casters_of(content.moving), stale);
   if (content.still_version != still_version_ || content.moving_version != moving_version_) {
-    const auto has_leaves = [](const Caster& c) { return c.leaves; };
-    leaves_ = std::any_of(still_.begin(), still_.end(), has_leaves) ||
-              std::any_of(moving_.begin(), moving_.end(), has_leaves);
+    if (content.still_version != still_version_) exchange(still_, casters_of(content.still), stale);
+    if (content.moving_version != moving_version_) exchange(moving_, casters_of(content.moving), stale);
+    still_version_ = content.still_version;
+    moving_version_ = content.moving_version;
+    leaves_ = rises_ = false;
+    Eigen::AlignedBox3d bounds;
+    for (const Casters* const casters : {&still_, &moving_})
+      for (const Caster& c : *casters) {
+        leaves_ = leaves_ || c.leaves;
+        rises_ = rises_ || c.bounds.isEmpty();  // not known
+        bounds.extend(c.bounds);
+      }
+    rises_ = rises_ || (!bounds.isEmpty() && !(bounds.sizes().z() <= kRise_m));
   }
-  still_version_ = content.still_version;
-  moving_version_ = content.moving_version;
   if (!filled_) {
-    top_m_.assign(std::size_t{kCoverSide} * kCoverSide, kNothing_m);
+    top_m_.resize(std::size_t{kCoverSide} * kCoverSide);
+    if (!blocks_) blocks_ = std::make_unique<std::atomic<State>[]>(kBlocks * kBlocks);
     stale = {map};
   } else if (x0 != x0_ || y0 != y0_) {
     // What came into the map on either side.
@@ -118,63 +136,48 @@ void SkyCover::update(const RayScene& scene, const WantedContent& content, const
   x0_ = x0;
   y0_ = y0;
   filled_ = true;
-  bool shot = false;
-  for (const Area& a : stale) {
-    const Area part{std::max(a.x0, map.x0), std::max(a.y0, map.y0), std::min(a.x1, map.x1),
-                    std::min(a.y1, map.y1)};
-    if (part.x1 <= part.x0 || part.y1 <= part.y0) continue;
-    shoot(scene, part, arena);
-    shot = true;
-    if (part.x1 - part.x0 == kCoverSide && part.y1 - part.y0 == kCoverSide) break;  // all of it
-  }
-  if (!shot) return;
-  float low = std::numeric_limits<float>::infinity(), high = -low;
-  for (const float t : top_m_)
-    if (t > kNothing_m) {
-      low = std::min(low, t);
-      high = std::max(high, t);
-    }
-  rises_ = high - low > kRise_m;
+  for (const Area& a : stale)
+    for (std::int64_t y = std::max(a.y0, map.y0) & ~(kBlockSide - 1); y < std::min(a.y1, map.y1);
+         y += kBlockSide)
+      for (std::int64_t x = std::max(a.x0, map.x0) & ~(kBlockSide - 1); x < std::min(a.x1, map.x1);
+           x += kBlockSide)
+        blocks_[block(x, y)].store(State::stale, std::memory_order_relaxed);
 }
 
-void SkyCover::shoot(const RayScene& scene, const Area& area, tbb::task_arena& arena) {
+void SkyCover::shoot(std::int64_t x, std::int64_t y) const noexcept {
+  std::atomic<State>& state = blocks_[block(x, y)];
+  State was = State::stale;
+  if (!state.compare_exchange_strong(was, State::busy)) {
+    while (state.load(std::memory_order_acquire) != State::known) std::this_thread::yield();
+    return;
+  }
+  x &= ~(kBlockSide - 1);
+  y &= ~(kBlockSide - 1);
+  constexpr unsigned kTexels = kBlockSide * kBlockSide;
   // Packets of four by two texels.
-  const std::int64_t strips = (area.y1 - area.y0 + 1) / 2;
-  arena.execute([&] {
-    tbb::parallel_for(tbb::blocked_range<std::int64_t>(0, strips), [&](const auto& range) {
-      auto shots = std::make_unique<Shots>();
-      const float down[3] = {0, 0, -1};
-      for (std::int64_t s = range.begin(); s != range.end(); ++s)
-        for (std::int64_t x = area.x0; x < area.x1; x += kShots / 2) {
-          const auto at = [&](unsigned i, std::int64_t& tx, std::int64_t& ty) {
-            tx = x + i / 8 * 4 + i % 4;
-            ty = area.y0 + 2 * s + i % 8 / 4;
-            return tx < area.x1 && ty < area.y1;
-          };
-          std::int64_t tx = 0, ty = 0;
-          for (unsigned i = 0; i < kShots; ++i) {
-            if (!at(i, tx, ty)) {
-              shots->skip(i);
-              continue;
-            }
-            const float from[3] = {
-                static_cast<float>((static_cast<double>(tx) + 0.5) * kTexel_m - scene.origin().x()),
-                static_cast<float>((static_cast<double>(ty) + 0.5) * kTexel_m - scene.origin().y()),
-                kAbove_m};
-            shots->set(i, from, down, 0, std::numeric_limits<float>::infinity(), 0, kShadowMask);
-          }
-          scene.meet(*shots, kShots, true);
-          for (unsigned i = 0; i < kShots; ++i) {
-            if (!at(i, tx, ty)) continue;
-            const Meeting m = shots->meeting(i);
-            top_m_[place(tx, ty)] =
-                m.nothing()
-                    ? kNothing_m
-                    : static_cast<float>(scene.origin().z() + static_cast<double>(kAbove_m - m.range_m));
-          }
-        }
-    });
-  });
+  const auto tx = [&](unsigned i) { return x + i / 8 % 2 * 4 + i % 4; };
+  const auto ty = [&](unsigned i) { return y + i / 16 * 2 + i % 8 / 4; };
+  Shots shots;
+  const float down[3] = {0, 0, -1};
+  for (unsigned i = 0; i < kTexels; ++i) {
+    const float from[3] = {static_cast<float>((static_cast<double>(tx(i)) + 0.5) * kTexel_m - origin_.x()),
+                           static_cast<float>((static_cast<double>(ty(i)) + 0.5) * kTexel_m - origin_.y()),
+                           kAbove_m};
+    shots.set(i, from, down, 0, std::numeric_limits<float>::infinity(), 0, kShadowMask);
+  }
+  scene_->meet(shots, kTexels, true);
+  for (unsigned i = 0; i < kTexels; ++i) {
+    const Meeting m = shots.meeting(i);
+    top_m_[place(tx(i), ty(i))] =
+        m.nothing() ? kNothing_m
+                    : static_cast<float>(origin_.z() + static_cast<double>(kAbove_m - m.range_m));
+  }
+  state.store(State::known, std::memory_order_release);
+}
+
+float SkyCover::top_m(std::int64_t x, std::int64_t y) const noexcept {
+  if (blocks_[block(x, y)].load(std::memory_order_acquire) != State::known) shoot(x, y);
+  return top_m_[place(x, y)];
 }
 
 float SkyCover::seen(Vec3 p, Vec3 n, bool sided) const noexcept {
@@ -196,7 +199,7 @@ float SkyCover::seen(Vec3 p, Vec3 n, bool sided) const noexcept {
     for (const float r : kRadii) {
       const int i = std::clamp(static_cast<int>(u + x * r * kPerM), 0, kCoverSide - 1);
       const int j = std::clamp(static_cast<int>(v + y * r * kPerM), 0, kCoverSide - 1);
-      horizon = std::max(horizon, (top_m_[place(x0_ + i, y0_ + j)] - z) / r);
+      horizon = std::max(horizon, (top_m(x0_ + i, y0_ + j) - z) / r);
     }
     open += 1.0F / (1.0F + horizon * horizon);
     most += 1.0F / (1.0F + own * own);

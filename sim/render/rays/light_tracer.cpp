@@ -82,7 +82,7 @@ Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samp
   light::ChunkInput in{scene, surfaces, lit, q, Eigen::Vector3d(q.origin - scene.origin())};
   const auto covering = std::chrono::steady_clock::now();
   if (q.sky_cover && q.shadows && q.sky_rays == 0 && !q.rays.empty()) {
-    cover.update(scene, content, q.origin, engine->impl().arena());
+    cover.update(scene, content, q.origin);
     if (cover.any()) {
       in.cover = &cover;
       in.instead = cover.instead(lit, q.bands);

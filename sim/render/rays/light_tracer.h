@@ -37,8 +37,8 @@ struct LightQuery {
   bool soft_sun = false;  ///< shadow rays to a point of the sun's disc by seed and index; off: to its centre
   /// Angle between neighbouring rays: maps are taken as coarse as that sees them. 0: their finest texels.
   float spread_rad = 0;
-  /// Without sky rays, and with shadows: guess what hides the sky. The map for it costs a million rays when a
-  /// place is seen for the first time, and then what changes.
+  /// Without sky rays, and with shadows: guess what hides the sky. The map for it costs sixteen rays a square
+  /// metre where a place is seen for the first time, and then what changes.
   bool sky_cover = true;
 };
 
