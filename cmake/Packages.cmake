@@ -61,7 +61,7 @@ This package has headers, the package file of CMake, the conformance suite of
 drivers, and examples: plugins with drivers, applications and types of the
 world, and rigs in one's own programs and tests.")
 set(CPACK_DEBIAN_SDK_PACKAGE_DEPENDS
-    "librigor${RIGOR_SOVERSION} ${SAME}, libexpected-dev, libreaderwriterqueue-dev, libeigen3-dev")
+    "librigor${RIGOR_SOVERSION} ${SAME}, libexpected-dev, libreaderwriterqueue-dev, libeigen3-dev, nlohmann-json3-dev")
 set(CPACK_DEBIAN_SDK_PACKAGE_RECOMMENDS "cmake, g++, rigor")
 set(CPACK_DEBIAN_SDK_PACKAGE_SUGGESTS "libgtest-dev, libgmock-dev")
 set(CPACK_DEBIAN_SDK_PACKAGE_SHLIBDEPS OFF)  # it has no programs

@@ -71,7 +71,7 @@ def check_command(words, known_help):
         missing = [o for o in options if o.split("=")[0] not in usage]
         return f"./dev help does not name {missing[0]}" if missing else None
     command = (str(RIGOR), words[1]) if len(words) > 1 and not words[1].startswith("-") else (str(RIGOR),)
-    if len(words) > 2 and re.search(rf"^  {re.escape(words[2])}\s", known_help(command) or "", re.MULTILINE):
+    if len(words) > 2 and not words[2].startswith("-") and re.search(rf"^  {re.escape(words[2])}\s", known_help(command) or "", re.MULTILINE):
         command = (*command, words[2])  # rigor world import …
     usage = known_help(command)
     if usage is None:
