@@ -348,7 +348,7 @@ class Rig:
 
     def expected(self) -> list[dict]:
         """What the rig expects and what the cycles so far say of it: of, quantity, bounds, state (holds, violated, undecided,
-        untold), sentence, looked_at, outside, first_s, minimum, maximum."""
+        unknown), sentence, looked_at, outside, first_s, minimum, maximum."""
         return self._open().expected()
 
     @property
