@@ -8,6 +8,7 @@
 #include <chrono>
 #include <condition_variable>
 #include <exception>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <thread>
@@ -19,60 +20,102 @@ namespace rigor::python {
 
 namespace py = pybind11;
 
+/// A thread that does one piece of work after the other. It must live as long as the processes that its work
+/// starts: the kernel ends them with the thread that started them.
+class Worker {
+ public:
+  Worker() : thread_([this] { serve(); }) {}
+  ~Worker() {
+    {
+      const std::scoped_lock lock(mutex_);
+      ending_ = true;
+    }
+    changed_.notify_all();
+    thread_.join();
+  }
+  Worker(const Worker&) = delete;
+  Worker& operator=(const Worker&) = delete;
+
+  /// `work` throws nothing.
+  void begin(std::function<void()> work) {
+    {
+      const std::scoped_lock lock(mutex_);
+      work_ = std::move(work);
+      busy_ = true;
+    }
+    changed_.notify_all();
+  }
+  [[nodiscard]] bool ended_within(std::chrono::milliseconds time) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait_for(lock, time, [this] { return !busy_; });
+  }
+
+ private:
+  void serve() {
+    // Signals are for the threads of Python. Processes inherit the mask, and are ended by SIGTERM.
+    sigset_t blocked;
+    sigfillset(&blocked);
+    sigdelset(&blocked, SIGTERM);
+    pthread_sigmask(SIG_BLOCK, &blocked, nullptr);
+    std::unique_lock lock(mutex_);
+    while (true) {
+      changed_.wait(lock, [this] { return work_ || ending_; });
+      if (!work_) return;
+      const std::function<void()> work = std::exchange(work_, nullptr);
+      lock.unlock();
+      work();
+      lock.lock();
+      busy_ = false;
+      changed_.notify_all();
+    }
+  }
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::function<void()> work_;
+  bool busy_ = false, ending_ = false;
+  std::thread thread_;  // after what it uses
+};
+
 /// `work(StopToken)` gives a value. `look` is called with the GIL a few times a second while it goes on. What
 /// either of them throws, or a handler of a signal raises, asks the work to stop, and is thrown when it has.
 template <class Work, class Look>
-[[nodiscard]] auto interruptible(Work&& work, Look&& look) -> decltype(work(StopToken{})) {
+[[nodiscard]] auto interruptible(Worker& worker, Work&& work, Look&& look) -> decltype(work(StopToken{})) {
   StopSource stop;
   std::optional<decltype(work(StopToken{}))> result;
   std::exception_ptr thrown;
-  std::mutex mutex;
-  std::condition_variable ended;
-  bool over = false;
   std::exception_ptr raised;
   {
     const py::gil_scoped_release without_gil;
-    std::thread thread([&] {
-      // Signals are for the threads of Python.
-      sigset_t all;
-      sigfillset(&all);
-      pthread_sigmask(SIG_BLOCK, &all, nullptr);
+    worker.begin([&] {
       try {
         result.emplace(work(stop.token()));
       } catch (...) {
         thrown = std::current_exception();
       }
-      const std::scoped_lock lock(mutex);
-      over = true;
-      ended.notify_one();
     });
-    std::unique_lock lock(mutex);
-    while (!ended.wait_for(lock, std::chrono::milliseconds(100), [&] { return over; })) {
+    while (!worker.ended_within(std::chrono::milliseconds(100))) {
       if (raised) continue;
-      lock.unlock();
-      {
-        const py::gil_scoped_acquire gil;
-        try {
-          if (PyErr_CheckSignals() != 0) throw py::error_already_set();
-          look();
-        } catch (...) {
-          raised = std::current_exception();
-          stop.request(StopReason::signal);
-        }
+      const py::gil_scoped_acquire gil;
+      try {
+        if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+        look();
+      } catch (...) {
+        raised = std::current_exception();
+        stop.request(StopReason::signal);
       }
-      lock.lock();
     }
-    lock.unlock();
-    thread.join();
   }
   if (raised) std::rethrow_exception(raised);
   if (thrown) std::rethrow_exception(thrown);
   return std::move(*result);
 }
 
+/// Work that starts no processes.
 template <class Work>
 [[nodiscard]] auto interruptible(Work&& work) {
-  return interruptible(std::forward<Work>(work), [] {});
+  Worker worker;
+  return interruptible(worker, std::forward<Work>(work), [] {});
 }
 
 }  // namespace rigor::python

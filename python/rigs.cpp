@@ -3,6 +3,7 @@
 #include <pybind11/stl/filesystem.h>
 
 #include <algorithm>
+#include <memory>
 #include <nlohmann/json.hpp>
 
 #include "bench/application/setup_message.h"
@@ -77,7 +78,9 @@ class Rig {
   Rig& operator=(const Rig&) = delete;
 
   void prepare() {
-    const Status prepared = interruptible([this](StopToken stop) { return bench_->prepare(stop); });
+    if (!worker_) worker_ = std::make_unique<Worker>();
+    const Status prepared = interruptible(
+        *worker_, [this](StopToken stop) { return bench_->prepare(stop); }, [] {});
     if (!prepared) rethrow_application();
     check(prepared);
     inputs_.clear();
@@ -118,10 +121,12 @@ class Rig {
   /// In wall-clock time; `progress(cycle)` a few times a second.
   Report run(const py::object& progress) {
     require_open();
-    Result<RunReport> report = interruptible([this](StopToken stop) { return bench_->run(stop); },
-                                             [&] {
-                                               if (!progress.is_none()) progress(bench_->cycle());
-                                             });
+    if (!worker_) worker_ = std::make_unique<Worker>();
+    Result<RunReport> report = interruptible(
+        *worker_, [this](StopToken stop) { return bench_->run(stop); },
+        [&] {
+          if (!progress.is_none()) progress(bench_->cycle());
+        });
     rethrow_application();
     return report_of(value_of(std::move(report)));
   }
@@ -141,6 +146,7 @@ class Rig {
       const py::gil_scoped_release without_gil;
       bench_.reset();
       live_.reset();
+      worker_.reset();
     }
   }
 
@@ -223,6 +229,7 @@ class Rig {
   std::shared_ptr<RigConfig> told_;
   std::shared_ptr<ApplicationCalls> calls_;
   std::unique_ptr<live::Server> live_;
+  std::unique_ptr<Worker> worker_;  // the bench's processes end with it
   std::unique_ptr<Bench> bench_;
   std::vector<const InputPort*> inputs_;
   StopSource stop_;

@@ -6,15 +6,15 @@
 The model is that which simulated LiDARs measure with: sigma^2 = floor^2 + (scale (offset + q)^-exponent)^2 (docs/sensors.md).
 `rigor.calibrate.lidar` does more: beams, biases, detection, with their covariance.
 """
-import sys
+import argparse
 
 import numpy
 import rigor
 
 
-def record(file):
+def record(file, duration_s):
     """A turning LiDAR that sees the same walls again and again."""
-    with rigor.Rig("measuring-light", clock="virtual", duration_s=1.6, record=file, report=False, replace=True,
+    with rigor.Rig("measuring-light", clock="virtual", duration_s=duration_s, record=file, report=False, replace=True,
                    set={"channels.left.rate_hz": 0.5, "channels.right.rate_hz": 0.5, "channels.tof.rate_hz": 0.5,
                         "channels.scan.rate_hz": 0.5}) as rig:
         rig.run()
@@ -50,10 +50,14 @@ def fit(q, sigma, start=(0.002, 0.005, 0.2)):
 
 
 def main():
-    file, name = (sys.argv[1:3] if len(sys.argv) > 2 else ("lidar.mcap", "top"))
-    if len(sys.argv) <= 2:
-        record(file)
-    remission, sigma = scatter(rigor.open(file)[name])
+    options = argparse.ArgumentParser()
+    options.add_argument("file", nargs="?")
+    options.add_argument("channel", nargs="?", default="top")
+    options.add_argument("--duration", type=float, default=1.6)
+    options = options.parse_args()
+    if options.file is None:
+        record("lidar.mcap", options.duration)
+    remission, sigma = scatter(rigor.open(options.file or "lidar.mcap")[options.channel])
     edges = numpy.quantile(remission, numpy.linspace(0, 1, 9))
     band = numpy.clip(numpy.searchsorted(edges, remission) - 1, 0, 7)
     # Mean variances, not mean deviations: of few scans these are too small.

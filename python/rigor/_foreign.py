@@ -227,6 +227,12 @@ def _generic(channel) -> numpy.ndarray:
     return _table(list(zip(paths, channel._main.columns(paths, channel._index))), len(channel))
 
 
+def _reshaped(rows: numpy.ndarray, shape: numpy.ndarray) -> numpy.ndarray:
+    """Bytes of pictures (n, bytes), parts of longer rows, as pictures like `shape`: (n, *shape). Without a copy."""
+    view = numpy.lib.stride_tricks.as_strided
+    return view(rows[:, :shape.itemsize].view(shape.dtype), (len(rows), *shape.shape), (rows.strides[0], *shape.strides))
+
+
 def stack_pictures(topic, index: range) -> numpy.ndarray:
     """(n, height, width[, values]) of sensor_msgs/Image messages; one copy."""
     first = topic[index[0]]
@@ -238,8 +244,7 @@ def stack_pictures(topic, index: range) -> numpy.ndarray:
         if all((s == s[0]).all() for s in size):
             data, = topic.columns(["data"], index)
         if data is not None and data.ndim == 2:
-            data = data[:, :shape.nbytes]
-            return numpy.ndarray((len(data), *shape.shape), shape.dtype, data, 0, (data.strides[0], *shape.strides))
+            return _reshaped(data, shape)
     out = numpy.empty((len(index), *shape.shape), shape.dtype)
     for k, i in enumerate(index):
         picture = pixels(topic[i])

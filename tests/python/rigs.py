@@ -54,7 +54,7 @@ emulators:
   turntable: {{ backend: modbus, address: 127.0.0.1, port: 5020, model: turntable, joint: turntable }}
 expect:
   - {{ of: turntable.position, value: {{ min: -1, max: 45 }} }}
-record: {{ file: table.mcap, compression: none }}
+record: {{ file: table.mcap, compression: none, chunk_kib: 64, budget_mib: 4 }}
 """
 
 

@@ -14,10 +14,10 @@ class Examples(InFolder):
         return done.stdout
 
     def test_detector(self):
-        self.assertIn("commands, target rate from", self.example("detector.py", "--duration", "0.4"))
+        self.assertIn("commands, target rate from", self.example("detector.py", "--duration", "0.2"))
 
     def test_lidar_noise_finds_the_model_that_made_the_recording(self):
-        said = self.example("lidar_noise.py").splitlines()
+        said = self.example("lidar_noise.py", "--duration", "0.8").splitlines()
         rows = [[float(v) for v in line.split()] for line in said[1:9]]
         for _, measured, model in rows:
             self.assertLess(abs(measured / model - 1), 0.25)

@@ -43,7 +43,7 @@ class Worlds(unittest.TestCase):
         self.assertEqual(tree["dbh_m"], 0.5)
 
     def test_names_are_offered(self):
-        with self.assertRaisesRegex(rigor.BadInput, "did you mean 'Tree'"):
+        with self.assertRaisesRegex(rigor.BadInput, "did you mean Tree"):
             self.world.query(type="Tre")
         with self.assertRaisesRegex(rigor.BadInput, "attribute of Tree"):
             self.world.query(type="Tree")["dbh"]
