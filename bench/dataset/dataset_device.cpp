@@ -88,7 +88,8 @@ Status Device::capture(std::uint64_t index, const WorldMotion& motion, const Exp
     r.height_px = view.height = geometry.height_px;
     const auto read = catch_config([&] {
       r.exposure = seconds_from(1e-6 * exposure.exposure_us.value_or(setup_.params.number_or(
-                                           "exposure_us", geometry.exposure.seconds() * 1e6, {.min = 1})));
+                                           "exposure_us", geometry.exposure.seconds() * 1e6,
+                                           {.min = 0, .max = 60e6, .exclusive_min = true})));
       r.gain_db = exposure.gain_db.value_or(setup_.params.number_or("gain_db", 0));
       return true;
     });

@@ -1,10 +1,11 @@
 // A dataset as a folder, which grows sample by sample and can be continued:
 //
-//   dataset.json               what the samples are made of: options, version, digests of inputs
-//   README.md                  what is what
-//   samples/000007.json        pose, conditions, files, lens, boxes of a sample; written last: it is whole
-//   then left/image/000007.png      a folder for each channel and layer annotations/left.json      COCO, at
-//   the end; also left.train.json and so on splits/train.txt           numbers of samples, at the end
+//   dataset.json                 what the samples are made of: options, version, digests of inputs
+//   left/image/000007.png        a folder for each channel and layer
+//   samples/000007.json          pose, conditions, files, lens, boxes; written behind the layers: it is whole
+//   annotations/left_train.json  COCO, at the end; also val, test
+//   splits/train.txt             numbers of samples, at the end
+//   README.md                    what is what, at the end
 //
 // Every file is written under another name and renamed when it is whole. No file holds a date or a duration:
 // the same options give the same bytes, however often the work was broken off.

@@ -158,6 +158,15 @@ Result<Variation> Variation::parse(const std::string& key, const Written& writte
       return wrong(
           fmt::format("expected channels.NAME.exposure_us or channels.NAME.gain_db, got \"{}\"", key));
     if (auto s = all_numbers(); !s) return tl::unexpected<Error>(s.error());
+    // What a channel takes in a rig.
+    const bool exposure = v.attribute == "exposure_us";
+    const double least = exposure ? 1 : -40, most = exposure ? 60e6 : 80;
+    std::vector<std::string> ends = v.values.words();
+    if (ends.empty()) ends = {v.values.at(0), v.values.at(1)};
+    for (const std::string& end : ends)
+      if (const double value = *number(end); value < least || value > most)
+        return wrong(
+            fmt::format("expected {:.8g} to {:.8g} {}, got {}", least, most, exposure ? "µs" : "dB", end));
     return v;
   }
   if (rest.empty() || first.front() < 'A' || first.front() > 'Z')

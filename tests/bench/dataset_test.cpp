@@ -105,6 +105,9 @@ TEST(DatasetVariation, RefusesKeysAndValuesThatDoNotFit) {
                                                         {"joint.a", "left,right"},
                                                         {"channels.left.sensor", "1"},
                                                         {"channels.left", "1"},
+                                                        {"channels.left.exposure_us", "0..100"},
+                                                        {"channels.left.exposure_us", "100..1e9"},
+                                                        {"channels.left.gain_db", "0,90"},
                                                         {"atmosphere.wetness", "0..1"}}) {
     const auto v = Variation::parse(key, {values, "--vary " + key});
     ASSERT_FALSE(v) << key;

@@ -138,7 +138,9 @@ TEST_F(DatasetCommand, HasBoxesMasksAndDepthsThatFitWhatIsThere) {
   EXPECT_EQ(lens["fx_px"], 40);
   EXPECT_FALSE(annotations("out", "tof").empty());
   for (const float d : floats_of(dir / "out/tof/depth/000000.npy"))
-    if (d > 4.5F) EXPECT_NEAR(d, 5, 0.001) << "the wall, 5 m in front of the time-of-flight camera";
+    if (d > 4.5F) {
+      EXPECT_NEAR(d, 5, 0.001) << "the wall, 5 m in front of the time-of-flight camera";
+    }
   EXPECT_THAT(read_file(dir / "out/README.md"),
               AllOf(HasSubstr("camera/depth/*.npy"), HasSubstr("| 1 | Body | yes |")));
   EXPECT_THAT(said.out, HasSubstr("out: 1 of 1 samples"));
@@ -154,14 +156,20 @@ TEST_F(DatasetCommand, LabelsPointsToo) {
                     HasSubstr("('class', '|u1'), ('node', '<u8'), ('true_range', '<f4')")));
   constexpr std::size_t kPoint = 4 * 4 + 4 + 2 + 1 + 1 + 8 + 4;
   ASSERT_EQ((bytes.size() - header) % kPoint, 0u);
-  std::size_t points = 0;
+  std::size_t points = 0, past = 0;
   for (std::size_t at = header; at < bytes.size(); at += kPoint, ++points) {
     float x, y, z, range;
     std::memcpy(&x, &bytes[at], 4), std::memcpy(&y, &bytes[at + 4], 4), std::memcpy(&z, &bytes[at + 8], 4);
     std::memcpy(&range, &bytes[at + kPoint - 4], 4);
     EXPECT_EQ(bytes[at + 23], 1) << "a Body";
+    // Of the beam's middle, which may pass an edge that another part of the beam meets.
+    if (std::isinf(range)) {
+      ++past;
+      continue;
+    }
     EXPECT_NEAR(std::sqrt(x * x + y * y + z * z), range, 0.1);
   }
+  EXPECT_LT(past, points / 20);
   EXPECT_EQ(sample("out", "000000")["channels"]["round"]["points"], points);
   EXPECT_GT(points, 100u);
 }
@@ -308,8 +316,7 @@ TEST_F(DatasetCommand, IsDescribedByAFileWhoseMistakesHaveAPlace) {
     EXPECT_THAT(bad.err, HasSubstr(message)) << text;
     EXPECT_FALSE(fs::exists(dir / "bad")) << text;
   };
-  wrong("rig: rig.yaml\nsamples: 1\nsmaples: 2\n",
-        "bad.yaml:3:1: smaples: unknown key; did you mean samples?");
+  wrong("rig: rig.yaml\nseed: 1\nsmaples: 2\n", "bad.yaml:3:1: smaples: unknown key; did you mean samples?");
   wrong("rig: rig.yaml\nsamples: 1\nposes: { within: [0, 0, 1, 1], height_m: 2..1 }\n",
         "bad.yaml:3:42: poses.height_m: expected");
   wrong("rig: rig.yaml\nsamples: 1\nvary:\n  joint.turntabel: 0..1\n",
