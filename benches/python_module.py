@@ -64,10 +64,10 @@ def steps(quick):
     """The forest rig without a recording: C++ by the command's own report of its loop, Python by a clock round the steps."""
     file, duration = CONFIGS / "rigs/forest-discs.yaml", 5 if quick else 30
     found = {}
-    _, said = command("run", file, "--clock", "virtual", "--duration", duration, "--set", "record={}", "--report", "r", "--force",
+    _, said = command("run", file, "--clock", "virtual", "--duration", duration, "--set", "record.file=", "--report", "r", "--force",
                       "--set", "analyses={}", "--json")
     cycles = duration * 200
-    found["cpp"] = json.loads(said)["wall_s"] / cycles * 1e6
+    found["cpp"] = json.loads(said)["times"]["wall_s"] / cycles * 1e6
     for label, n, look in (("python, step(1)", 1, False), ("python, step(1), every fresh sample read", 1, True),
                            ("python, step(10)", 10, False), ("python, step(200)", 200, False)):
         seconds, _ = stepped(file, duration, n, False, look)
@@ -92,30 +92,30 @@ def steps(quick):
 
 
 def memory(quick):
-    """Resident memory over rigs that are opened, stepped and closed; slope with its 95 % interval from the second half on."""
+    """Resident memory over rigs that are opened, stepped and closed; slope with its 95 % interval after the first quarter."""
     def resident_kib():
         return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * resource.getpagesize() // 1024
     n = 60 if quick else 1000
-    sizes = []
-    for _ in range(n):
+    sizes = numpy.zeros(n, int)  # a list would grow, too
+    for k in range(n):
         with rigor.Rig(CONFIGS / "rigs/can.yaml", clock="virtual", duration_s=0.05, record=False, report=False) as rig:
             while rig.step(10):
                 rig["turntable"].sample if "turntable" in rig.ports() else None
-        sizes.append(resident_kib())
-    half = numpy.array(sizes[n // 4:], float)
+        sizes[k] = resident_kib()
+    half = sizes[n // 4:].astype(float)
     x = numpy.arange(len(half)) - (len(half) - 1) / 2
     slope = (x @ half) / (x @ x)
     residual = half - half.mean() - slope * x
     sigma = numpy.sqrt((residual @ residual) / (len(half) - 2) / (x @ x))
     print(f"{n} rigs: {sizes[0]} KiB after the first, {sizes[n // 4]} after a quarter, {sizes[-1]} after the last; "
           f"slope {slope:.3f} +- {1.96 * sigma:.3f} KiB a rig")
-    return {"rigs": n, "first_kib": sizes[0], "quarter_kib": sizes[n // 4], "last_kib": sizes[-1], "slope_kib": slope,
+    return {"rigs": n, "first_kib": int(sizes[0]), "quarter_kib": int(sizes[n // 4]), "last_kib": int(sizes[-1]), "slope_kib": slope,
             "interval_kib": 1.96 * sigma}
 
 
 def reading(quick):
     """A recording with pictures: opened, and each picture summed, beside the same bytes from a plain file."""
-    pictures = 100 if quick else 3000
+    pictures = 100 if quick else 6000
     large = {"channels.right.rate_hz": 100, "channels.left.rate_hz": 0.5, "channels.right.ideal": True,
              "channels.right.latency_ms": 100, "record.compression": "none"}
     # A second of pictures of the demo's camera, then their messages as often as it takes.

@@ -32,7 +32,7 @@ class Node:
 
     @property
     def T_world_node(self) -> numpy.ndarray:
-        """4 x 4, metres."""
+        """4 x 4, metres; z NaN: on the terrain, without a height of its own."""
         return self._world._world.T_world_node(self.id)
 
     def __repr__(self) -> str:
@@ -82,7 +82,8 @@ class World:
         """Nodes of a type and its subtypes.
 
         within=(x, y, radius) or (x, y, z, radius): no further from there, nearest first; without z the distance is level.
-        box=((x, y, z), (x, y, z)): in it. nearest=(x, y, z) and count: so many. Without any: all.
+        box=((x, y, z), (x, y, z)): in it. nearest=(x, y, z) and count: so many. Without any: all. What stands on the terrain without
+        a height of its own (z NaN, as trees of an import) is found by the level distance alone.
         """
         if sum(q is not None for q in (within, box, nearest)) > 1:
             raise BadInput("query", "expected one of within, box and nearest")
@@ -101,8 +102,8 @@ class World:
         return Nodes(self, w.nodes(type))
 
     def _level(self, type: str, x: float, y: float, radius: float) -> Nodes:
-        low, high = numpy.array([x - radius, y - radius, -1e6]), numpy.array([x + radius, y + radius, 1e6])
-        ids = self._world.in_box(type, low, high)
+        # Not by the index: what stands on the terrain without a height of its own lies in no box.
+        ids = self._world.nodes(type)
         places = numpy.array([self._world.T_world_node(int(i))[:2, 3] for i in ids]).reshape(-1, 2)
         distance = numpy.hypot(places[:, 0] - x, places[:, 1] - y)
         keep = distance <= radius

@@ -26,6 +26,14 @@ class Worlds(unittest.TestCase):
         self.assertEqual(len(self.world.query(type="Tree", box=((-5, -5, -9), (5, 5, 9)))),
                          int(((numpy.abs(places[:, 0]) <= 5) & (numpy.abs(places[:, 1]) <= 5)).sum()))
 
+    def test_trees_on_a_terrain_are_found_by_their_level_distance(self):
+        trees = rigor.World(CONFIGS / "worlds/forest.import.yaml").query(type="Tree")
+        places = trees["position"]
+        self.assertTrue(numpy.isnan(places[:, 2]).any())
+        near = trees._world.query(type="Tree", within=(0, 0, 20))
+        self.assertEqual(len(near), int((numpy.hypot(places[:, 0], places[:, 1]) <= 20).sum()))
+        self.assertGreater(len(near), 10)
+
     def test_nodes_have_values_and_places(self):
         tree = self.world.query(type="Tree")[0]
         self.assertEqual(tree.type, "Tree")
