@@ -10,7 +10,7 @@ from rigs import InFolder
 class Installed(InFolder):
     def test_it_is_imported_from_its_prefix(self):
         prefix = self.folder / "prefix"
-        for component in ("python", "sdk"):
+        for component in ("python", "libraries"):
             subprocess.run(["cmake", "--install", os.environ["RIGOR_BINARY_DIR"], "--prefix", prefix, "--component", component],
                            check=True, capture_output=True)
         site = prefix / "lib/python3/dist-packages"
