@@ -98,7 +98,10 @@ TEST(OusterVirtual, HasTheWindowAndTheColumnsOfItsConfiguration) {
   ASSERT_EQ(got.size(), 2u);
   const auto points = points_of(got[1]);
   ASSERT_GT(points.size(), 0u);
-  for (const LidarPoint& p : points) ASSERT_GT(p.x_m, -0.5F) << "what lies behind";
+  // Beams look up to 4.2 degrees beside their column, and the outermost columns are half a column outside.
+  const double most_behind = std::sin((4.2 + 360.0 / 512) * M_PI / 180);
+  for (const LidarPoint& p : points)
+    ASSERT_GT(p.x_m, -most_behind * std::hypot(p.x_m, p.y_m) - 0.05) << "what lies behind";
   EXPECT_EQ(got[1]->stamp.validity, 0u);
   EXPECT_EQ((got[1]->stamp.t_capture - got[0]->stamp.t_capture).ns(), 100'000'000);
 }
@@ -303,7 +306,10 @@ TEST(OusterSource, SurvivesASensorThatGoesAndComes) {
     EXPECT_EQ(got[i]->stamp.sequence, got[i - 1]->stamp.sequence + 1 + got[i]->stamp.lost_before);
     EXPECT_GT(got[i]->stamp.t_capture, got[i - 1]->stamp.t_capture);
   }
-  EXPECT_GE(got[before]->stamp.lost_before, 1u);
+  // A last frame may have been on its way when the sensor went.
+  std::uint64_t lost = 0;
+  for (std::size_t i = before; i < got.size(); ++i) lost += got[i]->stamp.lost_before;
+  EXPECT_GE(lost, 1u);
   ASSERT_TRUE(source.stop());
 }
 
