@@ -11,6 +11,7 @@
 
 #include "drivers/network/http.h"
 #include "drivers/network/udp_frame.h"
+#include "drivers/ouster/frame_stream.h"
 #include "drivers/ouster/imu_stream.h"
 #include "drivers/ouster/sensor_control.h"
 #include "tests/drivers/ouster/made_sensor.h"

@@ -98,6 +98,7 @@ const liveState = (page) =>
     () =>
       new Promise((resolve, reject) => {
         const url = new URL("/", location.href);
+        url.search = location.search;
         url.protocol = "ws:";
         const socket = new WebSocket(url.href, ["foxglove.websocket.v1"]);
         socket.binaryType = "arraybuffer";

@@ -87,7 +87,7 @@ TEST_F(Server, TurnsAwayOneClientTooMany) {
 // One client reads nothing, the other everything: the second misses no scan, the first misses many and later
 // sees by the counter how many.
 TEST_F(Server, ASlowClientMissesScansAndHoldsUpNobody) {
-  start({.stall_limit = seconds(60), .max_pending = 8 * 1024, .send_buffer = 4096}, 200);
+  start({.stall_limit = seconds(60), .max_pending = 8 * 1024, .send_buffer = 4096}, 50);
   PlainClient slow(server->port(), 2048), quick(server->port());
   subscribe(slow);
   subscribe(quick);
