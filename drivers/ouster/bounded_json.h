@@ -23,10 +23,11 @@ namespace rigor::ouster {
   }
   try {
     return nlohmann::json::parse(text);
-  } catch (const nlohmann::json::parse_error& e) {
+  } catch (const nlohmann::json::exception& e) {  // no JSON, or a number that no double holds
     const std::string_view what = e.what();
-    const std::size_t at = what.find("parse error");
-    if (why) *why = "a " + std::string(at == std::string_view::npos ? what : what.substr(at));
+    const std::size_t kind_ends = what.find("] ");
+    if (why)
+      *why = "a " + std::string(kind_ends == std::string_view::npos ? what : what.substr(kind_ends + 2));
     return nlohmann::json(nlohmann::json::value_t::discarded);
   }
 }
