@@ -33,7 +33,8 @@ class Counting final : public Source {
     Sample& s = *slot;
     s.stamp = {};
     s.stamp.sequence = n_;
-    s.stamp.t_capture = s.stamp.t_release = s.stamp.t_arrival = now;
+    s.stamp.t_capture = s.stamp.t_arrival = now;
+    s.stamp.t_release = now + config().latency;
     RegisterBlock block;
     block.count = 1;
     block.value[0] = static_cast<double>(n_++);
@@ -355,7 +356,7 @@ TEST_F(BenchTest, ARecordingIsReplayedToAnApplicationOfOnesOwn) {
 
 TEST_F(BenchTest, OfAPairTheSimulatedSideMeasuresWhenItIsAsked) {
   const std::string pair =
-      "  two:\n    kind: registers\n    rate_hz: 100\n    latency_ms: 20\n"
+      "  two:\n    kind: registers\n    rate_hz: 100\n    latency_ms: 0\n"
       "    pair: { real: { backend: counting }, simulated: { backend: ";
   const auto refused = create(pair + "counting } }\n");
   ASSERT_FALSE(refused);

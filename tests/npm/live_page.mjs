@@ -121,7 +121,7 @@ const command = (page, request) =>
   page.evaluate(
     (asked) =>
       new Promise((resolve, reject) => {
-        const socket = new WebSocket(`ws://${location.host}`, ["foxglove.websocket.v1"]);
+        const socket = new WebSocket(`ws://${location.host}/${location.search}`, ["foxglove.websocket.v1"]);
         socket.binaryType = "arraybuffer";
         socket.onerror = () => reject(new Error("no connection"));
         socket.onmessage = ({ data }) => {
