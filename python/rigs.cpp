@@ -47,7 +47,7 @@ class Rig {
     RigConfig rig = value_of(given.load(file));
     Registry registry = make_registry();
     if (!application.is_none()) {
-      // The rig that the application is told of; the bench has a copy.
+      // The rig as the application's setup message describes it; the bench has its own copy.
       told_ = std::make_shared<RigConfig>(rig);
       calls_ = std::make_shared<ApplicationCalls>(application);
       registry.add(NamedApplication{rig.application, [told = told_, calls = calls_] {
