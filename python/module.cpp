@@ -20,6 +20,7 @@ PYBIND11_MODULE(_rigor, m) {
   rigor::python::add_recordings(m);
   rigor::python::add_rigs(m);
   rigor::python::add_sensing(m);
+  rigor::python::add_datasets(m);
   rigor::python::add_worlds(m);
   rigor::python::add_calibration(m);
   rigor::python::add_models(m);

@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "bench/capture/sensor_probe.h"
+#include "python/arrays.h"
 #include "python/errors.h"
 #include "python/module.h"
 #include "python/rig_options.h"
@@ -12,35 +13,6 @@
 
 namespace rigor::python {
 namespace {
-
-/// An array over a vector that it keeps; null where it is empty.
-template <class T>
-py::object array_of(std::vector<T> values, std::vector<py::ssize_t> shape) {
-  if (values.empty()) return py::none();
-  auto* owned = new std::vector<T>(std::move(values));
-  const py::capsule base(owned, [](void* p) { delete static_cast<std::vector<T>*>(p); });
-  return py::array_t<T>(std::move(shape), owned->data(), base);
-}
-
-py::object truth_of(GroundTruth truth, bool points) {
-  if (truth.node.empty() && truth.width == 0) return py::none();
-  const auto n = static_cast<py::ssize_t>(truth.width) * truth.height;
-  const auto shape = [&](py::ssize_t each) {
-    std::vector<py::ssize_t> s = points ? std::vector<py::ssize_t>{n}
-                                        : std::vector<py::ssize_t>{static_cast<py::ssize_t>(truth.height),
-                                                                   static_cast<py::ssize_t>(truth.width)};
-    if (each > 1) s.push_back(each);
-    return s;
-  };
-  py::dict d;
-  d["node"] = array_of(std::move(truth.node), shape(1));
-  d["class_index"] = array_of(std::move(truth.class_index), shape(1));
-  d["class_names"] = truth.class_names;
-  d["range_m"] = array_of(std::move(truth.range_m), shape(1));
-  d["normal"] = array_of(std::move(truth.normal), shape(3));
-  d["flow_px_per_s"] = array_of(std::move(truth.flow_px), shape(2));
-  return std::move(d);
-}
 
 class Probe {
  public:

@@ -44,9 +44,15 @@ configure_preset() {
   BUILD_SECONDS=$((BUILD_SECONDS + SECONDS - started))
 }
 
+# What ccache was asked for, and what of that it had; nothing where it is not installed.
+ccache_counts() {
+  ! command -v ccache >/dev/null ||
+    ccache --print-stats 2>/dev/null | awk '/^(direct|preprocessed)_cache_hit/ { h += $2 } /^cache_miss/ { m += $2 } END { print h + m, h + 0 }'
+}
+
 # build_preset PRESET [TARGET...]
 build_preset() {
-  local preset=$1 started log
+  local preset=$1 started log asked_before=0 had_before=0 asked had
   shift
   configure_preset "$preset"
   started=$SECONDS log=$(log_file build "$preset")
@@ -54,9 +60,12 @@ build_preset() {
   local -a targets=()
   [[ $# -eq 0 ]] || targets=(--target "$@")
   : >"$log"
+  read -r asked_before had_before < <(ccache_counts) || true
   NINJA_STATUS='[%f/%t %e] ' cmake --build "build/$preset" --parallel "$(build_jobs)" "${targets[@]}" 2>&1 |
     ninja_progress "$log" building || die "building build/$preset failed. Log: $log"
   BUILD_SECONDS=$((BUILD_SECONDS + SECONDS - started))
+  read -r asked had < <(ccache_counts) || return 0
+  [[ $asked -eq $asked_before ]] || say "of $((asked - asked_before)) files, ccache had $((had - had_before))"
 }
 
 # log_file KIND NAME: where a step's output goes.

@@ -3,8 +3,24 @@
 # that ./dev test, which installs ccache, does not compile again what ./dev run compiled. The settings let checkouts in
 # different folders share results, allow for precompiled headers, and take from the compiler which files were included
 # in place of preprocessing each file twice.
-if command -v ccache >/dev/null; then
-  CCACHE_BASEDIR=$(cd "$(dirname "$0")/.." && pwd) CCACHE_NOHASHDIR=1 CCACHE_DEPEND=1 CCACHE_SLOPPINESS=pch_defines,time_macros \
-    exec ccache "$@"
-fi
-exec "$@"
+command -v ccache >/dev/null || exec "$@"
+
+output= dependencies= previous=
+for word; do
+  case $previous in
+    -o) output=$word ;;
+    -MF) dependencies=$word ;;
+  esac
+  previous=$word
+done
+case $output in
+  *.gch | *.pch)
+    # Precompiled headers hold the path that they were made at, and are made afresh in each folder. What they were made of is
+    # the same everywhere: ccache knows them by the digest of that, which lies beside them.
+    "$@" || exit
+    sed -e 's/\\$//' -e '1s/^[^:]*://' "$dependencies" | tr ' ' '\n' | grep . | sort -u | xargs cat | sha256sum >"$output.sum"
+    exit
+    ;;
+esac
+CCACHE_BASEDIR=$(cd "$(dirname "$0")/.." && pwd) CCACHE_NOHASHDIR=1 CCACHE_DEPEND=1 CCACHE_PCH_EXTSUM=1 \
+  CCACHE_SLOPPINESS=pch_defines,time_macros exec ccache "$@"

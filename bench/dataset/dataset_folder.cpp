@@ -2,7 +2,6 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <sys/file.h>
 #include <unistd.h>
 
@@ -13,10 +12,9 @@
 #include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
-#include <set>
 #include <utility>
 
-#include "bench/dataset/coco_rle.h"
+#include "bench/dataset/dataset_json.h"
 #include "bench/dataset/dataset_summary.h"
 #include "bench/dataset/npy.h"
 #include "bench/files/output_file.h"
@@ -34,45 +32,6 @@ constexpr const char* kManifest = "dataset.json";
 std::string read_whole(const fs::path& file) {
   std::ifstream in(file, std::ios::binary);
   return {std::istreambuf_iterator<char>(in), {}};
-}
-
-/// Where two JSON values differ first, in words; empty where they are the same.
-std::string difference(const json& there, const json& here, const std::string& path) {
-  if (there == here) return "";
-  const auto named = [&](const std::string& key) { return path.empty() ? key : path + "." + key; };
-  if (there.is_object() && here.is_object()) {
-    std::set<std::string> keys;
-    for (const auto& [key, value] : there.items()) keys.insert(key);
-    for (const auto& [key, value] : here.items()) keys.insert(key);
-    for (const std::string& key : keys) {
-      if (!there.contains(key) || !here.contains(key))
-        return fmt::format("{} is {} there", named(key), there.contains(key) ? "only" : "not");
-      if (auto d = difference(there[key], here[key], named(key)); !d.empty()) return d;
-    }
-  }
-  constexpr std::size_t kShown = 80;
-  return fmt::format("{} is {} there, and {} here", path, there.dump().substr(0, kShown),
-                     here.dump().substr(0, kShown));
-}
-
-json pose_json(const Eigen::Isometry3d& T) {
-  const Eigen::Quaterniond q(T.linear());
-  return {{"position_m", {T.translation().x(), T.translation().y(), T.translation().z()}},
-          {"quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}}};
-}
-
-json lens_json(const CameraModel& m) {
-  json j{{"width_px", m.width_px}, {"height_px", m.height_px}, {"fx_px", m.fx_px},
-         {"fy_px", m.fy_px},       {"cx_px", m.cx_px},         {"cy_px", m.cy_px}};
-  if (m.projection == Projection::opencv) {
-    j["projection"] = "opencv";
-    j["distortion"] = {m.lens.k1, m.lens.k2, m.lens.p1, m.lens.p2,
-                       m.lens.k3, m.lens.k4, m.lens.k5, m.lens.k6};
-  } else {
-    j["projection"] = "kannala_brandt";
-    j["distortion"] = {m.fisheye.k1, m.fisheye.k2, m.fisheye.k3, m.fisheye.k4};
-  }
-  return j;
 }
 
 /// Fields of a point as NumPy names them, packed. Labels stand there where there is truth.
@@ -103,15 +62,10 @@ std::string points_npy(const DatasetView& view) {
 
 }  // namespace
 
-const std::vector<std::string>& dataset_layers() {
-  static const std::vector<std::string> kLayers{"depth", "instance", "class", "true_range", "normal", "flow"};
-  return kLayers;
-}
-
 struct DatasetFolder::Impl {
   fs::path dir;
   const Dataset& dataset;
-  DatasetFolderOptions options;
+  DatasetOutputOptions options;
   int lock = -1;
   json manifest;
 
@@ -156,7 +110,7 @@ Status DatasetFolder::Impl::check_manifest() {
       return fail(
           ErrorCode::bad_input, file.string(),
           "expected what an earlier `rigor dataset` wrote, got something else; give another folder with -o");
-    const std::string d = difference(there, manifest, "");
+    const std::string d = dataset::difference(there, manifest);
     if (!d.empty())
       return fail(
           ErrorCode::bad_input, file.string(),
@@ -187,19 +141,16 @@ void DatasetFolder::Impl::remove_parts() const {
 }
 
 Result<std::unique_ptr<DatasetFolder>> DatasetFolder::open(const fs::path& dir, const Dataset& dataset,
-                                                           const DatasetFolderOptions& options) {
+                                                           const DatasetOutputOptions& given) {
+  auto options = checked_output_options(given, dataset);
+  if (!options) return tl::unexpected<Error>(options.error());
   std::unique_ptr<DatasetFolder> folder(
-      new DatasetFolder(std::unique_ptr<Impl>(new Impl{dir, dataset, options, -1, {}})));
+      new DatasetFolder(std::unique_ptr<Impl>(new Impl{dir, dataset, std::move(*options), -1, {}})));
   Impl& f = *folder->impl_;
   f.manifest = dataset.manifest();
-  std::vector<std::string> layers;  // in one order, whatever was written
-  for (const std::string& layer : dataset_layers())
-    if (dataset.options().truth &&
-        std::find(options.layers.begin(), options.layers.end(), layer) != options.layers.end())
-      layers.push_back(layer);
-  f.options.layers = layers;
-  f.manifest["folder"] = {
-      {"layers", layers}, {"arrays", options.exr ? "exr" : "npy"}, {"min_area_px", options.min_area_px}};
+  f.manifest["folder"] = {{"layers", f.options.layers},
+                          {"arrays", f.options.exr ? "exr" : "npy"},
+                          {"min_area_px", f.options.min_area_px}};
   if (auto s = f.take(); !s) return tl::unexpected<Error>(s.error());
   if (auto s = f.check_manifest(); !s) return tl::unexpected<Error>(s.error());
   f.remove_parts();
@@ -266,13 +217,10 @@ Status DatasetFolder::Impl::write_view(const DatasetSample& sample, const Datase
                                        json& described) {
   const std::string name = number(sample.index);
   json files = json::object();
-  described = {{"kind", kind_name(view.kind)}, {"T_world_sensor", pose_json(view.T_world_sensor)}};
-  if (view.device != 0) described["device"] = view.device;
-  if (view.lens) described["intrinsics"] = lens_json(*view.lens);
+  described = dataset::described(view, dataset.options().truth, options.min_area_px);
   if (view.kind == SampleKind::point_cloud) {
     const fs::path file = fs::path(view.channel) / "points" / (name + ".npy");
     files["points"] = file.generic_string();
-    described["points"] = view.points.size();
     if (auto s = write_output(dir / file, points_npy(view)); !s) return s;
   } else {
     if (view.kind == SampleKind::image) {
@@ -280,25 +228,9 @@ Status DatasetFolder::Impl::write_view(const DatasetSample& sample, const Datase
       if (!png) return tl::unexpected<Error>(png.error());
       const fs::path file = fs::path(view.channel) / "image" / (name + ".png");
       files["image"] = file.generic_string();
-      described["exposure_us"] = view.image.exposure.seconds() * 1e6;
-      described["gain_db"] = view.image.gain_db;
       if (auto s = write_output(dir / file, *png); !s) return s;
     }
     if (auto s = write_layers(name, view, files); !s) return s;
-    if (dataset.options().truth) {
-      json instances = json::array();
-      const auto runs =
-          coco::runs_of(view.labels.instance, view.width, view.height, view.labels.instances.size());
-      for (const DatasetInstance& i : view.labels.instances) {
-        json j{{"id", i.id},       {"node", i.node},    {"category_id", i.category},
-               {"bbox", i.box_px}, {"area", i.area_px}, {"cut_off", i.cut_off}};
-        if (!i.name.empty()) j["name"] = i.name;
-        if (std::isfinite(i.median_depth_m)) j["depth_m"] = i.median_depth_m;
-        if (i.area_px >= options.min_area_px) j["counts"] = coco::compress(runs[i.id - 1]);
-        instances.push_back(std::move(j));
-      }
-      described["instances"] = std::move(instances);
-    }
   }
   described["files"] = std::move(files);
   return {};
@@ -306,25 +238,15 @@ Status DatasetFolder::Impl::write_view(const DatasetSample& sample, const Datase
 
 Status DatasetFolder::write(const DatasetSample& sample) {
   Impl& f = *impl_;
-  json conditions = json::object();
-  for (const auto& [key, value] : sample.conditions)
-    if (!value.empty()) conditions[key] = value;
-  json rejected = json::array();
-  for (const DatasetRejection& r : sample.rejected)
-    rejected.push_back({{"position_m", {r.position_m.x(), r.position_m.y(), r.position_m.z()}},
-                        {"reason", r.reason},
-                        {"detail", r.detail}});
-  json j{
-      {"sample", sample.index}, {"split", sample.split}, {"conditions", conditions}, {"rejected", rejected}};
+  json j = dataset::described(sample);
   json channels = json::object();
   for (const DatasetView& view : sample.views)
     if (auto s = f.write_view(sample, view, channels[view.channel]); !s) return s;
-  if (!sample.views.empty()) j["T_world_carrier"] = pose_json(sample.T_world_carrier);
   j["channels"] = std::move(channels);
   return write_output(f.sample_file(sample.index), j.dump() + "\n");
 }
 
-Result<DatasetFolder::Summary> DatasetFolder::finish() {
+Result<DatasetSummary> DatasetFolder::finish() {
   return dataset::summarize(impl_->dir, impl_->manifest, impl_->dataset, impl_->options.min_area_px);
 }
 

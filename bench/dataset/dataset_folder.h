@@ -16,19 +16,11 @@
 #include <string>
 #include <vector>
 
-#include "bench/dataset/dataset.h"
+#include "bench/dataset/dataset_output.h"
 
 namespace rigor {
 
-struct DatasetFolderOptions {
-  /// Truth beside boxes, of images and range images: depth, instance, class, true_range, normal, flow.
-  std::vector<std::string> layers{"depth", "instance", "class"};
-  bool exr = false;                ///< layers of numbers as OpenEXR in place of NPY
-  std::uint32_t min_area_px = 16;  ///< annotations with fewer visible pixels are left away
-};
-[[nodiscard]] const std::vector<std::string>& dataset_layers();
-
-class DatasetFolder {
+class DatasetFolder final : public DatasetOutput {
  public:
   /// Makes the folder, or takes one that was made with the same manifest, and holds it until it is destroyed.
   /// What an earlier process left unfinished is removed. Errors: bad_input (made with other options, with
@@ -36,24 +28,16 @@ class DatasetFolder {
   /// outlives this.
   [[nodiscard]] static Result<std::unique_ptr<DatasetFolder>> open(const std::filesystem::path& dir,
                                                                    const Dataset& dataset,
-                                                                   const DatasetFolderOptions& options);
-  ~DatasetFolder();
+                                                                   const DatasetOutputOptions& options);
+  ~DatasetFolder() override;
   DatasetFolder(const DatasetFolder&) = delete;
   DatasetFolder& operator=(const DatasetFolder&) = delete;
 
-  /// Whether a sample is whole, one that was left out included. Any thread but while it writes.
-  [[nodiscard]] bool has(std::uint64_t index) const;
-  /// One thread, which may be another than the dataset's. disk_full, not_writable, io.
-  [[nodiscard]] Status write(const DatasetSample& sample);
+  [[nodiscard]] bool has(std::uint64_t index) const override;
+  [[nodiscard]] Status write(const DatasetSample& sample) override;
 
-  struct Summary {
-    std::uint64_t samples = 0;                                    ///< with views
-    std::uint64_t left_out = 0;                                   ///< whose poses were all rejected
-    std::uint64_t annotations = 0;                                ///< boxes
-    std::vector<std::pair<std::string, std::uint64_t>> rejected;  ///< poses, by reason
-  };
   /// Annotations, splits and README of all samples that are whole.
-  [[nodiscard]] Result<Summary> finish();
+  [[nodiscard]] Result<DatasetSummary> finish() override;
 
  private:
   struct Impl;

@@ -56,7 +56,7 @@ std::string channel_rows(const Dataset::Channel& c, const json& manifest, bool t
 
 }  // namespace
 
-std::string readme(const json& manifest, const Dataset& dataset, const DatasetFolder::Summary& summary) {
+std::string readme(const json& manifest, const Dataset& dataset, const DatasetSummary& summary) {
   const bool truth = dataset.options().truth;
   std::string out = fmt::format(
       "# Dataset from {}\n\nMade by `rigor dataset`, version {}, seed {}. {} samples of {}; `dataset.json` "

@@ -137,9 +137,9 @@ Result<std::uint64_t> write_annotations(const fs::path& file, const std::string&
 
 }  // namespace
 
-Result<DatasetFolder::Summary> summarize(const fs::path& dir, const json& manifest, const Dataset& dataset,
-                                         std::uint32_t min_area_px) {
-  DatasetFolder::Summary summary;
+Result<DatasetSummary> summarize(const fs::path& dir, const json& manifest, const Dataset& dataset,
+                                 std::uint32_t min_area_px) {
+  DatasetSummary summary;
   std::vector<fs::path> files;
   std::error_code ec;
   for (const auto& entry : fs::directory_iterator(dir / "samples", ec))

@@ -23,7 +23,7 @@ double seconds_since(Clock::time_point begin) {
 /// Writes one sample while the next one is measured. With `beside` false on the caller's thread.
 class Writer {
  public:
-  Writer(DatasetFolder& folder, bool beside) : folder_(folder) {
+  Writer(DatasetOutput& output, bool beside) : output_(output) {
     if (beside) thread_ = std::thread([this] { run(); });
   }
   ~Writer() { (void)finish(); }
@@ -58,7 +58,7 @@ class Writer {
  private:
   Status write(const DatasetSample& sample) {
     const auto begin = Clock::now();
-    auto written = folder_.write(sample);
+    auto written = output_.write(sample);
     spent_s_ += seconds_since(begin);
     if (written) ++written_;
     return written;
@@ -77,7 +77,7 @@ class Writer {
     }
   }
 
-  DatasetFolder& folder_;
+  DatasetOutput& output_;
   double spent_s_ = 0;
   std::uint64_t written_ = 0;
   std::mutex mutex_;
@@ -90,13 +90,13 @@ class Writer {
 
 }  // namespace
 
-Result<Filled> fill_dataset(Dataset& dataset, DatasetFolder& folder, const FillOptions& options) {
+Result<Filled> fill_dataset(Dataset& dataset, DatasetOutput& output, const FillOptions& options) {
   const auto begin = Clock::now();
   Filled filled;
   std::vector<std::uint64_t> wanted;
   const auto want = [&](std::uint64_t first, std::uint64_t last) {
     for (std::uint64_t i = first; i <= last && i < dataset.size(); ++i) {
-      if (folder.has(i))
+      if (output.has(i))
         ++filled.there;
       else
         wanted.push_back(i);
@@ -110,7 +110,7 @@ Result<Filled> fill_dataset(Dataset& dataset, DatasetFolder& folder, const FillO
   std::optional<tbb::global_control> limit;
   if (options.threads > 0)
     limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(options.threads));
-  Writer writer(folder, options.threads != 1);
+  Writer writer(output, options.threads != 1);
   ProgressTask progress("dataset", static_cast<double>(wanted.size()), "samples");
   const auto stopped = [&](Error e) {
     (void)writer.finish();
@@ -119,6 +119,8 @@ Result<Filled> fill_dataset(Dataset& dataset, DatasetFolder& folder, const FillO
     return tl::unexpected<Error>(std::move(e));
   };
   for (const std::uint64_t index : wanted) {
+    filled.stopped = options.stop.stop_requested();
+    if (filled.stopped) break;
     auto sample = dataset.sample(index);
     if (!sample) return stopped(sample.error());
     if (auto s = writer.put(std::move(*sample)); !s) return stopped(s.error());
@@ -127,7 +129,7 @@ Result<Filled> fill_dataset(Dataset& dataset, DatasetFolder& folder, const FillO
   }
   if (auto s = writer.finish(); !s) return stopped(s.error());
   progress.finish();
-  auto summary = folder.finish();
+  auto summary = output.finish();
   if (!summary) return tl::unexpected<Error>(summary.error());
   filled.summary = std::move(*summary);
   filled.write_s = writer.spent_s();

@@ -301,7 +301,7 @@ Status SensorWorld::cut(world::Transaction& tx, const Felling& felling) {
   const Eigen::Vector3d from(begin.x(), begin.y(), ground_m(begin.x(), begin.y()) + thick_m / 2);
   const Eigen::Vector3d to(end.x(), end.y(), ground_m(end.x(), end.y()) + thick_m / 2);
   pose = world::Pose::Identity();
-  pose.linear() = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), to - from).toRotationMatrix();
+  pose.linear() = rotation_between(Eigen::Vector3d::UnitZ(), to - from).toRotationMatrix();
   pose.translation() = (from + to) / 2;
   return tx.set(trunk_of(felling.node), body.pose, pose);
 }

@@ -7,6 +7,7 @@
     with rigor.Rig("demo", clock="virtual") as rig:                               a rig, step by step or in one
         while rig.step(10): ...
     fit = rigor.calibrate.camera("pictures/", target="chessboard:9x6:0.025")      models from recordings
+    for sample in rigor.dataset("demo", within=(-3, -4, 3, -2), samples=100): ...  labelled pictures, clouds, range images
     trees = rigor.World("forest.import.yaml").query(type="Tree", within=(0, 0, 20))
     rigor.models                                                                  error models, with derivatives
     rigor.Env                                                                     a rig to learn with
@@ -15,6 +16,7 @@ Arrays are NumPy's; units stand in the names; docs/python.md is the guide.
 """
 from . import calibrate, models
 from ._application import Application
+from ._dataset import Dataset, DatasetSample, View, dataset
 from ._env import Env
 from ._errors import (BadInput, DiskFull, Error, IoError, NotFound, NotWritable, ProtocolError, Timeout, Unavailable,
                       WrongState)
@@ -25,6 +27,6 @@ from ._samples import POINT, Sample
 from ._sense import Sensor, Truth, sense
 from ._world import Node, Nodes, World
 
-__all__ = ["Application", "BadInput", "Channel", "DiskFull", "Env", "Error", "IoError", "Node", "Nodes", "NotFound",
+__all__ = ["Application", "BadInput", "Channel", "Dataset", "DatasetSample", "DiskFull", "Env", "Error", "IoError", "Node", "Nodes", "NotFound",
            "NotWritable", "POINT", "Pair", "Port", "ProtocolError", "Recording", "Report", "Rig", "Sample", "Sensor", "Timeout",
-           "Topic", "Truth", "Unavailable", "World", "WrongState", "calibrate", "models", "open", "rigs", "sense"]
+           "Topic", "Truth", "Unavailable", "View", "World", "WrongState", "calibrate", "dataset", "models", "open", "rigs", "sense"]

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <cmath>
 
 #include "sensor-hal/types/sample.h"
 
@@ -17,6 +18,21 @@ namespace rigor {
 [[nodiscard]] inline Pose pose_of(const Eigen::Isometry3d& T) {
   const Eigen::Quaterniond q(T.linear());
   return {{T.translation().x(), T.translation().y(), T.translation().z()}, {q.w(), q.x(), q.y(), q.z()}};
+}
+/// The smallest rotation that turns direction `from` into direction `to`; neither may be zero. For opposite
+/// directions, about some axis across. Eigen's FromTwoVectors finds that axis by a singular value
+/// decomposition, which costs seconds of compiling wherever it is called.
+[[nodiscard]] inline Eigen::Quaterniond rotation_between(const Eigen::Vector3d& from,
+                                                         const Eigen::Vector3d& to) {
+  const Eigen::Vector3d a = from.normalized(), b = to.normalized();
+  const double c = b.dot(a);
+  if (c < -1 + 1e-12) {
+    const Eigen::Vector3d across = a.unitOrthogonal();
+    return {0, across.x(), across.y(), across.z()};
+  }
+  const double s = std::sqrt((1 + c) * 2), inverse = 1 / s;
+  const Eigen::Vector3d axis = a.cross(b);
+  return {s * 0.5, axis.x() * inverse, axis.y() * inverse, axis.z() * inverse};
 }
 
 }  // namespace rigor

@@ -7,6 +7,7 @@
 #include <fstream>
 
 #include "bench/run/machine_probe.h"
+#include "tests/paths.h"
 
 namespace rigor {
 namespace {
@@ -88,7 +89,7 @@ TEST_F(MachineProbe, SmallSocketBuffersAreMendedBySysctl) {
 }
 
 TEST_F(MachineProbe, TheInstalledSnippetGrantsWhatItAsksFor) {
-  std::ifstream in(fs::path(RIGOR_SOURCE_DIR) / "tools/install/sysctl/60-rigor-sysctl.conf");
+  std::ifstream in(fs::path(rigor::test::source_dir()) / "tools/install/sysctl/60-rigor-sysctl.conf");
   ASSERT_TRUE(in);
   long rmem = 0, wmem = 0;
   for (std::string line; std::getline(in, line);) {

@@ -1,4 +1,5 @@
 #include "tests/cli/command.h"
+#include "tests/paths.h"
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -80,7 +81,7 @@ Said Command::wait(std::chrono::seconds patience) {
 }
 
 std::vector<std::string> rigor_words(std::vector<std::string> words) {
-  words.insert(words.begin(), RIGOR_BINARY_DIR "/rigor");
+  words.insert(words.begin(), rigor::test::build_dir() + "/rigor");
   return words;
 }
 Said rigor(std::vector<std::string> words, const std::filesystem::path& work_dir) {
@@ -101,6 +102,6 @@ std::string read_file(const std::filesystem::path& file) {
   out << std::ifstream(file, std::ios::binary).rdbuf();
   return out.str();
 }
-std::string config(const std::string& name) { return std::string(RIGOR_SOURCE_DIR "/configs/") + name; }
+std::string config(const std::string& name) { return (rigor::test::source_dir() + "/configs/") + name; }
 
 }  // namespace rigor::test

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "tests/cli/command.h"
+#include "tests/paths.h"
 
 namespace rigor::test {
 
@@ -21,7 +22,7 @@ inline std::ostream& operator<<(std::ostream& out, const Rig& rig) { return out 
 
 /// Files below configs/ that are rigs: those with channels.
 inline std::vector<Rig> rigs() {
-  const std::filesystem::path folder = RIGOR_SOURCE_DIR "/configs";
+  const std::filesystem::path folder = rigor::test::source_dir() + "/configs";
   std::vector<Rig> found;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
     if (!entry.is_regular_file() || entry.path().extension() != ".yaml") continue;

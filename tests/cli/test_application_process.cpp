@@ -8,6 +8,7 @@
 
 #include "tests/cli/recorded_messages.h"
 #include "tests/cli/runs_fixture.h"
+#include "tests/paths.h"
 
 namespace rigor::test {
 namespace {
@@ -16,7 +17,7 @@ using nlohmann::json;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-constexpr const char* kDetectorPy = RIGOR_SOURCE_DIR "/examples/application/detector.py";
+const std::string kDetectorPy = rigor::test::source_dir() + "/examples/application/detector.py";
 
 class ApplicationProcess : public Runs {
  protected:

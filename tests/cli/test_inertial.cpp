@@ -6,13 +6,14 @@
 #include <nlohmann/json.hpp>
 
 #include "tests/cli/command.h"
+#include "tests/paths.h"
 
 namespace rigor::test {
 namespace {
 
 using nlohmann::json;
 
-const std::string kSheets = std::string(RIGOR_SOURCE_DIR) + "/configs/sensors/";
+const std::string kSheets = rigor::test::source_dir() + "/configs/sensors/";
 /// A circle of 2 m about the origin at 0.4 rad/s, x of the sensor along it.
 const char* const kCircle =
     "T_world_sensor: { position_m: [2, 0, 0.5], roll_pitch_yaw_deg: [0, 0, 90] }, "
@@ -132,7 +133,7 @@ TEST_F(Inertial, RefusesWhatDoesNotFit) {
 }
 
 TEST_F(Inertial, RunsRepeatAndAreReplayedExactly) {
-  const std::string rig_file = std::string(RIGOR_SOURCE_DIR) + "/configs/rigs/inertial.yaml";
+  const std::string rig_file = rigor::test::source_dir() + "/configs/rigs/inertial.yaml";
   const auto run = [&](const std::string& name, const std::string& workers) {
     const Said said = rigor({"run", rig_file, "--duration", "3", "--set", "simulation.workers=" + workers,
                              "--record", (dir_ / name).string(), "--json"},

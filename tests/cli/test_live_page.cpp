@@ -11,11 +11,12 @@
 #include <vector>
 
 #include "tests/cli/command.h"
+#include "tests/paths.h"
 
 namespace rigor::test {
 namespace {
 
-const std::string kSource = RIGOR_SOURCE_DIR;
+const std::string kSource = rigor::test::source_dir();
 
 class LivePageModules : public ::testing::Test {
  protected:

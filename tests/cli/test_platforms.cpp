@@ -16,11 +16,12 @@
 #include "sim/platform/platform_yaml.h"
 #include "sim/world/pose.h"
 #include "tests/cli/command.h"
+#include "tests/paths.h"
 
 namespace rigor {
 namespace {
 
-const std::string kSource = RIGOR_SOURCE_DIR;
+const std::string kSource = rigor::test::source_dir();
 
 /// A room with a wall at x = 5, and a tree.
 const char* const kWorld = R"(

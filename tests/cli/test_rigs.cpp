@@ -14,6 +14,7 @@
 #include "tests/cli/rigs_of_the_tree.h"
 #ifdef RIGOR_WITH_GUARD
 #include "rt-core/realtime_guard.h"
+#include "tests/paths.h"
 #endif
 
 namespace rigor::test {
@@ -72,7 +73,7 @@ INSTANTIATE_TEST_SUITE_P(Tree, EveryRig, testing::ValuesIn(rigs()), name_of);
 TEST(Rigs, OfTheRigFolderAndTheDemoAreAllTried) {
   std::set<std::string> tried, there{"demo.yaml"};
   for (const Rig& rig : rigs()) tried.insert(rig.path);
-  for (const auto& entry : std::filesystem::directory_iterator(RIGOR_SOURCE_DIR "/configs/rigs"))
+  for (const auto& entry : std::filesystem::directory_iterator(rigor::test::source_dir() + "/configs/rigs"))
     if (entry.path().extension() == ".yaml") there.insert("rigs/" + entry.path().filename().string());
   EXPECT_EQ(tried, there);
 }

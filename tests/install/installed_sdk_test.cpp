@@ -8,6 +8,7 @@
 
 #include "tests/cli/command.h"
 #include "tests/cli/recorded_messages.h"
+#include "tests/paths.h"
 
 namespace rigor::test {
 namespace {
@@ -20,7 +21,7 @@ class InstalledSdk : public ::testing::Test {
  protected:
   void SetUp() override {
     prefix = (dir / "prefix").string();
-    (void)run({"cmake", "--install", RIGOR_BINARY_DIR, "--prefix", prefix});
+    (void)run({"cmake", "--install", rigor::test::build_dir(), "--prefix", prefix});
   }
   Said run(std::vector<std::string> words) const {
     Said said = Command(std::move(words), dir.path()).wait();
@@ -103,31 +104,39 @@ TEST_F(InstalledSdk, RefusesAPluginThatWasBuiltAgainstAnotherHal) {
 }
 
 /// A program of somebody else that has this tree within its own.
-TEST(Subdirectory, GivesItsTargetsAndNoFlagOfItsOwn) {
+class Subdirectory : public ::testing::TestWithParam<std::tuple<const char*, const char*, const char*>> {};
+
+TEST_P(Subdirectory, GivesItsTargetsAndNoFlagOfItsOwn) {
+  const auto& [core_only, target, header] = GetParam();
   const TempDir dir;
   write_file(
       dir / "CMakeLists.txt",
-      "cmake_minimum_required(VERSION 3.25)\nproject(mine CXX)\nset(CMAKE_EXPORT_COMPILE_COMMANDS ON)\n"
-      "set(RIGOR_CORE_ONLY ON)\nadd_subdirectory(" RIGOR_SOURCE_DIR
-      " rigor EXCLUDE_FROM_ALL)\n"
-      "add_library(mine MODULE mine.cpp)\ntarget_link_libraries(mine PRIVATE Rigor::Hal)\n");
-  write_file(dir / "mine.cpp", "#include <sensor-hal/channel/registry.h>\n");
+      std::string("cmake_minimum_required(VERSION 3.25)\nproject(mine "
+                  "CXX)\nset(CMAKE_EXPORT_COMPILE_COMMANDS ON)\n") +
+          "set(RIGOR_CORE_ONLY " + core_only + ")\nadd_subdirectory(" + rigor::test::source_dir() +
+          " rigor EXCLUDE_FROM_ALL)\nadd_library(mine MODULE mine.cpp)\ntarget_link_libraries(mine PRIVATE " +
+          target + ")\n");
+  write_file(dir / "mine.cpp", std::string("#include <") + header + ">\n");
   const Said said = Command({"cmake", "-S", dir.path().string(), "-B", (dir / "build").string(),
                              "-DCMAKE_CXX_COMPILER=" RIGOR_CXX_COMPILER},
                             dir.path())
                         .wait();
   ASSERT_EQ(said.status, 0) << said.out << said.err;
   std::ifstream in(dir / "build/compile_commands.json");
-  for (const json& c : json::parse(in)) {
-    if (c["file"].get<std::string>().ends_with("/mine.cpp")) {
-      const std::string command = c["command"];
-      EXPECT_THAT(command, HasSubstr("-I" RIGOR_SOURCE_DIR));
-      for (const char* flag : {"-Wconversion", "-Wshadow", "-ffp-contract", "ggc-min"})
-        EXPECT_THAT(command, ::testing::Not(HasSubstr(flag)));
-    }
-  }
+  std::string command;
+  for (const json& c : json::parse(in))
+    if (c["file"].get<std::string>().ends_with("/mine.cpp")) command = c["command"];
+  EXPECT_THAT(command, HasSubstr("-I" + rigor::test::source_dir()));
+  for (const char* flag : {"-Wconversion", "-Wshadow", "-ffp-contract", "ggc-min"})
+    EXPECT_THAT(command, ::testing::Not(HasSubstr(flag)));
   EXPECT_FALSE(fs::exists(dir / "build/rigor/tests")) << "its tests are its own";
+  const Said compiled = Command({"sh", "-c", command + " -fsyntax-only"}, dir / "build").wait();
+  EXPECT_EQ(compiled.status, 0) << compiled.err;
 }
+
+INSTANTIATE_TEST_SUITE_P(OfTheCoreAndOfAll, Subdirectory,
+                         ::testing::Values(std::tuple{"ON", "Rigor::Hal", "sensor-hal/channel/registry.h"},
+                                           std::tuple{"OFF", "Rigor::Bench", "bench/bench.h"}));
 
 }  // namespace
 }  // namespace rigor::test

@@ -25,6 +25,10 @@ class Examples(InFolder):
     def test_harvester(self):
         self.assertIn("best:", self.example("harvester_slew.py", "--duration", "1", "--ramps", "8", "32"))
 
+    def test_labelled_pictures(self):
+        said = self.example("labelled_pictures.py", "--samples", "2")
+        self.assertRegex(said, r"^2 pictures \(480, 752\), [1-9]")
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -2,6 +2,8 @@
 
 #include <numbers>
 
+#include "sim/world/pose.h"
+
 namespace rigor::nature {
 namespace {
 
@@ -158,9 +160,9 @@ std::array<std::shared_ptr<render::Batch>, 2> plant_cell(const PlantGround& g, c
         plant.scale[0] = plant.scale[1] = static_cast<float>(std::sqrt(tall) * wide);
         const double heading = 2 * std::numbers::pi * unit_from_word(place[2]);
         // What lies follows the ground; what grows stands up.
-        const Eigen::Quaterniond lie =
-            l.plant == Plant::litter ? Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), normal)
-                                     : Eigen::Quaterniond::Identity();
+        const Eigen::Quaterniond lie = l.plant == Plant::litter
+                                           ? rotation_between(Eigen::Vector3d::UnitZ(), normal)
+                                           : Eigen::Quaterniond::Identity();
         const Eigen::Quaterniond q = lie * Eigen::AngleAxisd(heading, Eigen::Vector3d::UnitZ());
         plant.rotation[0] = static_cast<float>(q.x());
         plant.rotation[1] = static_cast<float>(q.y());

@@ -7,11 +7,12 @@
 #include <string>
 
 #include "tests/cli/command.h"
+#include "tests/paths.h"
 
 namespace rigor::test {
 namespace {
 
-const std::string kSource = RIGOR_SOURCE_DIR;
+const std::string kSource = rigor::test::source_dir();
 
 class LiveServer : public ::testing::Test {
  protected:

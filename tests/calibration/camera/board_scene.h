@@ -11,6 +11,7 @@
 #include "calibration/camera/board.h"
 #include "calibration/camera/camera_fit.h"
 #include "sensor-hal/models/camera_model.h"
+#include "sim/world/pose.h"
 
 namespace rigor::calibration::test {
 
@@ -57,7 +58,7 @@ inline Eigen::Isometry3d random_pose(const CameraModel& camera, const Scene& s, 
   if (!ray) return t;
   const Eigen::Vector3d direction(ray->x, ray->y, ray->z);
   // Facing the camera from where it is, then tilted.
-  const Eigen::Quaterniond facing = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), direction);
+  const Eigen::Quaterniond facing = rotation_between(Eigen::Vector3d::UnitZ(), direction);
   t.linear() = (facing * Eigen::AngleAxisd(tilt, Eigen::Vector3d(std::cos(about), std::sin(about), 0)) *
                 Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ()))
                    .toRotationMatrix();

@@ -8,6 +8,7 @@
 #include "calibration/lidar/lidar_fit.h"
 #include "calibration/procedures/recording_input.h"
 #include "sensor-hal/models/lidar/lidar_yaml.h"
+#include "tests/paths.h"
 
 namespace rigor::calibration {
 namespace {
@@ -20,13 +21,15 @@ struct Recording {
   std::vector<std::string> warnings;
 };
 
-fs::path file_of(const std::string& name) { return fs::path(RIGOR_SOURCE_DIR) / "../shared/data" / name; }
+fs::path file_of(const std::string& name) {
+  return fs::path(rigor::test::source_dir()) / "../shared/data" / name;
+}
 #define NEED_RECORDING(name) \
   if (!fs::exists(file_of(name))) GTEST_SKIP() << "test data: " << (name) << " is not here"
 
 Recording read(const std::string& sheet, const std::string& name) {
   Recording r;
-  auto model = load_lidar_model(fs::path(RIGOR_SOURCE_DIR) / "configs/sensors" / sheet);
+  auto model = load_lidar_model(fs::path(rigor::test::source_dir()) / "configs/sensors" / sheet);
   EXPECT_TRUE(model) << model.error().text();
   r.sheet = *model;
   ReturnCollector collector(model->scan);

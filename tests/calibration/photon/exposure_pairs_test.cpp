@@ -6,6 +6,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "tests/calibration/photon/photon_fixture.h"
+#include "tests/paths.h"
 
 namespace rigor::calibration {
 namespace {
@@ -50,7 +51,7 @@ TEST(ExposurePairs, SingleFramesOfAStillSceneGiveTheGain) {
 }
 
 TEST(ExposurePairs, RealFlea3GivesAGainAndNoNoiseOfClippedBlacks) {
-  const fs::path folder = fs::path(RIGOR_SOURCE_DIR) / "../shared/data/exposure_series";
+  const fs::path folder = fs::path(rigor::test::source_dir()) / "../shared/data/exposure_series";
   if (!fs::exists(folder)) GTEST_SKIP() << "test data: " << folder << " is not here";
   FrameStacks stacks;
   for (const auto& entry : fs::directory_iterator(folder)) {

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "sensor-hal/models/camera_yaml.h"
+#include "tests/paths.h"
 #include "tests/sim/sensors/camera/sensor_stage_fixture.h"
 
 namespace rigor::calibration {
@@ -99,7 +100,8 @@ TEST(ShadingFit, TakesNoMoreTermsThanTheLensHas) {
 }
 
 TEST(ShadingFit, RealImx219WithinTwoPercentAndTheFourthPowerIsNeeded) {
-  const fs::path file = fs::path(RIGOR_SOURCE_DIR) / "../shared/data/lens_shading_imx219/imx219.json";
+  const fs::path file =
+      fs::path(rigor::test::source_dir()) / "../shared/data/lens_shading_imx219/imx219.json";
   if (!fs::exists(file)) GTEST_SKIP() << "test data: " << file << " is not here";
   std::ifstream in(file);
   const auto json = nlohmann::json::parse(in);
@@ -107,7 +109,8 @@ TEST(ShadingFit, RealImx219WithinTwoPercentAndTheFourthPowerIsNeeded) {
   for (const auto& a : json["algorithms"])
     if (a.contains("rpi.alsc")) gains = a["rpi.alsc"]["luminance_lut"].get<std::vector<double>>();
   ASSERT_EQ(gains.size(), 192u);
-  const auto sheet = load_camera(fs::path(RIGOR_SOURCE_DIR) / "configs/sensors/rolling-shutter-phone.yaml");
+  const auto sheet =
+      load_camera(fs::path(rigor::test::source_dir()) / "configs/sensors/rolling-shutter-phone.yaml");
   ASSERT_TRUE(sheet);
   const auto cells = gain_table_cells(gains, 16, sheet->model.width_px, sheet->model.height_px);
   ASSERT_TRUE(cells);

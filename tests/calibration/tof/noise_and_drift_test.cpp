@@ -9,13 +9,16 @@
 #include "calibration/tof/twin.h"
 #include "tests/calibration/tof/coverage.h"
 #include "tests/calibration/tof/synthetic_tof.h"
+#include "tests/paths.h"
 
 namespace rigor::calibration {
 namespace {
 
 namespace fs = std::filesystem;
 
-fs::path recording(const std::string& name) { return fs::path(RIGOR_SOURCE_DIR) / "../shared/data" / name; }
+fs::path recording(const std::string& name) {
+  return fs::path(rigor::test::source_dir()) / "../shared/data" / name;
+}
 
 #define NEED_RECORDING(path) \
   if (!fs::exists(path)) GTEST_SKIP() << "test data: " << path << " is not here"

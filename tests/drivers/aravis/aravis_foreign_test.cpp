@@ -7,6 +7,7 @@
 #include "drivers/aravis/gige_discovery.h"
 #include "tests/drivers/aravis/aravis_test_tools.h"
 #include "tests/drivers/aravis/camera_process.h"
+#include "tests/paths.h"
 
 namespace rigor {
 namespace {
@@ -20,8 +21,8 @@ class ForeignCamera : public ::testing::Test {
   void SetUp() override {
     if (gige::ask_gige_camera("127.0.0.1", milliseconds(100)))
       GTEST_SKIP() << "another camera serves on 127.0.0.1, the one address that Aravis' fake camera can have";
-    process = std::make_unique<testing::CameraProcess>(
-        std::string(RIGOR_BINARY_DIR) + "/tests/foreign_camera", "127.0.0.1", "FOREIGN", "0", "0");
+    process = std::make_unique<testing::CameraProcess>(rigor::test::build_dir() + "/tests/foreign_camera",
+                                                       "127.0.0.1", "FOREIGN", "0", "0");
   }
   std::unique_ptr<testing::CameraProcess> process;
 };

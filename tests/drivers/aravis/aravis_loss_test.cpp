@@ -7,6 +7,7 @@
 #include "drivers/aravis/aravis_source.h"
 #include "tests/drivers/aravis/aravis_test_tools.h"
 #include "tests/drivers/aravis/camera_process.h"
+#include "tests/paths.h"
 
 namespace rigor {
 namespace {
@@ -16,7 +17,7 @@ using testing::CameraProcess;
 using testing::make_config;
 using testing::run_for;
 
-const std::string kProgram = std::string(RIGOR_BINARY_DIR) + "/tests/stamped_camera";
+const std::string kProgram = rigor::test::build_dir() + "/tests/stamped_camera";
 constexpr const char* kAddress = "127.0.0.55";
 
 /// Polls until the channel says so, at most `patience`.

@@ -1,5 +1,6 @@
 // DBC files: what is read, what is refused and where, and what is passed over.
 #include "drivers/can/dbc.h"
+#include "tests/paths.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -210,7 +211,7 @@ TEST(Dbc, AFileThatIsNotThereIsNamed) {
 TEST(Dbc, TheFilesThatComeAlongAreRead) {
   int files = 0;
   for (const auto& entry :
-       std::filesystem::directory_iterator(std::string(RIGOR_SOURCE_DIR) + "/configs/buses")) {
+       std::filesystem::directory_iterator(rigor::test::source_dir() + "/configs/buses")) {
     if (entry.path().extension() != ".dbc") continue;
     const auto dbc = load_dbc(entry.path());
     EXPECT_TRUE(dbc) << (dbc ? "" : dbc.error().text());

@@ -7,13 +7,14 @@
 #include "drivers/can/dbc.h"
 #include "drivers/can/fault_signals.h"
 #include "drivers/can/signal_codec.h"
+#include "tests/paths.h"
 
 namespace rigor::test {
 namespace {
 
 using ::testing::HasSubstr;
 
-const std::string kDbc = RIGOR_SOURCE_DIR "/configs/buses/seekurjr.dbc";
+const std::string kDbc = rigor::test::source_dir() + "/configs/buses/seekurjr.dbc";
 
 std::shared_ptr<const FrameSignal> find(const std::string& name, std::string* refused = nullptr) {
   const auto node = ConfigDocument::parse("{dbc: " + kDbc + ", value: " + name + "}", "rig.yaml");

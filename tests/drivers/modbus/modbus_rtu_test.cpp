@@ -13,6 +13,7 @@
 #include "drivers/modbus/modbus_sink.h"
 #include "drivers/modbus/modbus_source.h"
 #include "tests/drivers/modbus/modbus_test_tools.h"
+#include "tests/paths.h"
 
 namespace rigor::modbus {
 namespace {
@@ -310,7 +311,7 @@ TEST(ModbusRtu, SaysWhatIsWrongWithAPort) {
   e.attach(parts_of(std::make_shared<Bank>()));
   ChannelConfig c;
   c.name = "meter";
-  c.params = yaml("transport: rtu\npty: " + std::string(RIGOR_SOURCE_DIR) + "/README.md\n");
+  c.params = yaml("transport: rtu\npty: " + rigor::test::source_dir() + "/README.md\n");
   ASSERT_TRUE(e.configure(c));
   EXPECT_NE(e.arm({}).error().text().find("give another `pty`"), std::string::npos);
 }

@@ -17,13 +17,15 @@
 #include "drivers/network/pcap_feed.h"
 #include "drivers/ouster/beam_table.h"
 #include "drivers/ouster/frame_stream.h"
+#include "tests/paths.h"
 
 namespace rigor::ouster {
 namespace {
 
 std::filesystem::path folder() {
   const char* data = std::getenv("RIGOR_TEST_DATA");
-  return (data ? std::filesystem::path(data) : std::filesystem::path(RIGOR_SOURCE_DIR "/../shared/data")) /
+  return (data ? std::filesystem::path(data)
+               : std::filesystem::path(rigor::test::source_dir() + "/../shared/data")) /
          "ouster_os";
 }
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "drivers/sick/telegram.h"
+#include "tests/paths.h"
 
 namespace rigor::sick::test {
 
@@ -48,7 +49,7 @@ inline constexpr Recording kTim781{
     "20210125-tim781s-scandata.json", 140, 811, true, -45, 225, 15, 0x0119fd06};
 
 inline std::filesystem::path recording_path(const Recording& r) {
-  return std::filesystem::path(RIGOR_SOURCE_DIR "/../shared/data/sick_lidar") / r.file;
+  return std::filesystem::path(rigor::test::source_dir() + "/../shared/data/sick_lidar") / r.file;
 }
 
 }  // namespace rigor::sick::test

@@ -9,6 +9,7 @@
 
 #include "drivers/sick/scan_data.h"
 #include "tests/drivers/sick/sick_test_tools.h"
+#include "tests/paths.h"
 
 namespace rigor::sick {
 namespace {
@@ -192,8 +193,8 @@ TEST_F(Server, AnIndependentReaderUnderstandsItsScans) {
                       static_cast<float>(b % 256), 0, 0, 0, 0});
   }
   start();
-  const std::string command = "python3 " RIGOR_SOURCE_DIR "/tests/drivers/sick/independent_reader.py " +
-                              std::to_string(server->port());
+  const std::string command = "python3 " + rigor::test::source_dir() +
+                              "/tests/drivers/sick/independent_reader.py " + std::to_string(server->port());
   std::FILE* pipe = ::popen(command.c_str(), "r");
   ASSERT_NE(pipe, nullptr);
   std::string out;

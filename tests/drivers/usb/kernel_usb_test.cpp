@@ -12,6 +12,7 @@
 #include "drivers/usb/libusb_link.h"
 #include "drivers/usb/usb_backend.h"
 #include "tests/drivers/usb/usb_test_tools.h"
+#include "tests/paths.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::usb {
@@ -172,10 +173,10 @@ TEST_F(KernelUsb, AnotherReaderOverTheKernelsTerminal) {
   };
   ASSERT_TRUE(within(seconds(20), [&] { return fs::exists(tty()); })) << "no /dev/ttyACM";
   usleep(500000);
-  EXPECT_EQ(
-      std::system(
-          ("python3 -I -S " RIGOR_SOURCE_DIR "/tests/drivers/usb/scip_reader.py " + tty() + " 3").c_str()),
-      0);
+  EXPECT_EQ(std::system(("python3 -I -S " + rigor::test::source_dir() + "/tests/drivers/usb/scip_reader.py " +
+                         tty() + " 3")
+                            .c_str()),
+            0);
   // And our own source over it.
   ScipSource source(any_link);
   ASSERT_TRUE(source.configure(

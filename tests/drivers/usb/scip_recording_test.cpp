@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "drivers/usb/scan_keeper.h"
+#include "tests/paths.h"
 
 namespace rigor::usb {
 namespace {
@@ -13,7 +14,8 @@ namespace {
 std::vector<std::vector<std::uint32_t>> recorded() {
   std::vector<std::vector<std::uint32_t>> scans;
   std::filesystem::path file;
-  for (auto dir = std::filesystem::path(RIGOR_SOURCE_DIR); dir.has_relative_path(); dir = dir.parent_path())
+  for (auto dir = std::filesystem::path(rigor::test::source_dir()); dir.has_relative_path();
+       dir = dir.parent_path())
     if (std::filesystem::exists(dir / "shared/data/hokuyo_urg04lx/exp1.dat"))
       file = dir / "shared/data/hokuyo_urg04lx/exp1.dat";
   std::ifstream in(file);

@@ -14,6 +14,7 @@
 #include <thread>
 
 #include "tests/drivers/usb/usb_test_tools.h"
+#include "tests/paths.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::usb {
@@ -213,8 +214,8 @@ TEST(ScipEmulator, AnIndependentReaderGetsScans) {
   if (std::system("command -v python3 >/dev/null") != 0) GTEST_SKIP() << "python3 is not installed";
   RunningEmulator e("{as: pty, model: urg-04lx}", urg_04lx());
   ASSERT_EQ(e.problem, "");
-  const std::string command =
-      "python3 " RIGOR_SOURCE_DIR "/tests/drivers/usb/scip_reader.py " + e.emulator.where() + " 3";
+  const std::string command = "python3 " + rigor::test::source_dir() + "/tests/drivers/usb/scip_reader.py " +
+                              e.emulator.where() + " 3";
   EXPECT_EQ(std::system(command.c_str()), 0) << command;
 }
 

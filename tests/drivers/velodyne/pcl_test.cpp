@@ -13,6 +13,7 @@
 #include "drivers/velodyne/packet_decoder.h"
 #include "drivers/velodyne/velodyne_emulator.h"
 #include "tests/drivers/velodyne/formula_lidar.h"
+#include "tests/paths.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::velodyne {
@@ -76,7 +77,8 @@ void expect_same(const std::vector<pcl::PointXYZI>& theirs, const std::vector<Li
 }
 
 TEST(PclGrabber, HasTheReturnsOfTheRecordingThatWeHave) {
-  const std::string file = RIGOR_SOURCE_DIR "/../shared/data/velodyne_vlp16/vlp16_stationary_room.pcap";
+  const std::string file =
+      rigor::test::source_dir() + "/../shared/data/velodyne_vlp16/vlp16_stationary_room.pcap";
   if (!std::filesystem::exists(file)) GTEST_SKIP() << "test data: no " << file;
   const auto ours = decoded(file);
   Collected theirs;

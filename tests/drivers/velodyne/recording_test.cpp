@@ -10,6 +10,7 @@
 #include "drivers/network/pcap_file.h"
 #include "drivers/velodyne/cloud_stream.h"
 #include "drivers/velodyne/pcap_report.h"
+#include "tests/paths.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::velodyne {
@@ -17,7 +18,8 @@ namespace {
 
 using network::PcapReader;
 
-const char* const kRecording = RIGOR_SOURCE_DIR "/../shared/data/velodyne_vlp16/vlp16_stationary_room.pcap";
+const std::string kRecording =
+    rigor::test::source_dir() + "/../shared/data/velodyne_vlp16/vlp16_stationary_room.pcap";
 
 std::vector<std::uint8_t> bytes_of(const std::string& file) {
   std::ifstream in(file, std::ios::binary);

@@ -1,6 +1,7 @@
 // Camera sensor models: every key reaches its field, every mistake names its place, and the sensor models
 // that come along load.
 #include "sensor-hal/models/camera_yaml.h"
+#include "tests/paths.h"
 
 #include <gtest/gtest.h>
 
@@ -88,7 +89,7 @@ TEST(CameraSheet, ThoseThatComeAlongLoad) {
   const std::set<std::string> cameras{"demo-camera", "industrial-global-shutter", "rolling-shutter-phone",
                                       "fisheye-190", "stereo-module-left",        "stereo-module-right"};
   for (const std::string& name : cameras) {
-    const auto sheet = load_camera(std::string(RIGOR_SOURCE_DIR "/configs/sensors/") + name + ".yaml");
+    const auto sheet = load_camera((rigor::test::source_dir() + "/configs/sensors/") + name + ".yaml");
     ASSERT_TRUE(sheet) << sheet.error().text();
     const CameraModel& m = sheet->model;
     // The middle of the picture is in it, and so is at least one corner's light or the fisheye's circle.
@@ -102,8 +103,8 @@ TEST(CameraSheet, ThoseThatComeAlongLoad) {
 }
 
 TEST(CameraSheet, TheModuleIsAPairOfOneKind) {
-  const auto left = load_camera(RIGOR_SOURCE_DIR "/configs/sensors/stereo-module-left.yaml");
-  const auto right = load_camera(RIGOR_SOURCE_DIR "/configs/sensors/stereo-module-right.yaml");
+  const auto left = load_camera(rigor::test::source_dir() + "/configs/sensors/stereo-module-left.yaml");
+  const auto right = load_camera(rigor::test::source_dir() + "/configs/sensors/stereo-module-right.yaml");
   ASSERT_TRUE(left && right);
   EXPECT_EQ(left->model.width_px, right->model.width_px);
   EXPECT_EQ(left->model.noise.adc_bits, right->model.noise.adc_bits);

@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "tests/paths.h"
 #include "tests/sensor-hal/record/sample_fixture.h"
 
 namespace rigor::record {
@@ -18,7 +19,7 @@ namespace {
 using namespace test;
 using nlohmann::json;
 
-const std::string kFolder = std::string(RIGOR_SOURCE_DIR) + "/tests/npm";
+const std::string kFolder = rigor::test::source_dir() + "/tests/npm";
 
 std::string sha256(Bytes bytes) {
   unsigned char digest[SHA256_DIGEST_LENGTH];

@@ -1,4 +1,5 @@
 #include "tests/sim/gis/gis_test_support.h"
+#include "tests/paths.h"
 
 #include <ogr_spatialref.h>
 
@@ -91,7 +92,7 @@ TerrainView terrain_of(const world::Snapshot& world) {
 }
 
 std::string shared_data(const std::string& name) {
-  const fs::path p = fs::path(RIGOR_SOURCE_DIR) / ".." / "shared" / "data" / name;
+  const fs::path p = fs::path(rigor::test::source_dir()) / ".." / "shared" / "data" / name;
   return fs::exists(p) ? p.lexically_normal().string() : "";
 }
 

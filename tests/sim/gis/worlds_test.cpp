@@ -3,13 +3,14 @@
 #include <fstream>
 
 #include "sim/world/store/world_file.h"
+#include "tests/paths.h"
 #include "tests/sim/gis/gis_test_support.h"
 
 namespace rigor::gis::test {
 namespace {
 
 namespace fs = std::filesystem;
-const std::string kWorlds = RIGOR_SOURCE_DIR "/configs/worlds/";
+const std::string kWorlds = rigor::test::source_dir() + "/configs/worlds/";
 
 std::string bytes_of(const fs::path& file) {
   std::ifstream in(file, std::ios::binary);
@@ -31,7 +32,8 @@ Imported imported(const std::string& name, const std::vector<std::string>& sets 
 
 TEST(Worlds, InputsAreWhatTheScriptMakes) {
   const Folder f;
-  const std::string command = "python3 " RIGOR_SOURCE_DIR "/tools/make_world_inputs.py " + (f / "data");
+  const std::string command =
+      "python3 " + rigor::test::source_dir() + "/tools/make_world_inputs.py " + (f / "data");
   ASSERT_EQ(std::system(command.c_str()), 0);
   std::size_t files = 0;
   for (const auto& e : fs::directory_iterator(f.path() / "data")) {

@@ -8,6 +8,7 @@
 
 #include "sim/platform/platform_yaml.h"
 #include "sim/world/pose.h"
+#include "tests/paths.h"
 
 namespace rigor {
 namespace {
@@ -188,7 +189,7 @@ TEST(Harvester, SaysOfEachInstantTheSameAfterwards) {
 }
 
 TEST(Harvester, SheetIsRead) {
-  const auto sheet = load_harvester(std::string(RIGOR_SOURCE_DIR) + "/configs/platforms/harvester.yaml");
+  const auto sheet = load_harvester(rigor::test::source_dir() + "/configs/platforms/harvester.yaml");
   ASSERT_TRUE(sheet) << sheet.error().text();
   EXPECT_NEAR(sheet->axis[C::kSlew].max, 110 * kDeg, 1e-12);
   EXPECT_EQ(sheet->axis[C::kTelescope].max, 2.4);

@@ -8,6 +8,7 @@
 
 #include "sim/platform/platform_yaml.h"
 #include "sim/world/pose.h"
+#include "tests/paths.h"
 
 namespace rigor {
 namespace {
@@ -323,7 +324,7 @@ TEST(SkidSteer, IsKnownByItsRegisters) {
 }
 
 TEST(SkidSteer, SheetIsRead) {
-  const auto sheet = load_skid_steer(std::string(RIGOR_SOURCE_DIR) + "/configs/platforms/seekurjr.yaml");
+  const auto sheet = load_skid_steer(rigor::test::source_dir() + "/configs/platforms/seekurjr.yaml");
   ASSERT_TRUE(sheet) << sheet.error().text();
   EXPECT_EQ(sheet->length_m, 1.2);
   EXPECT_NEAR(sheet->max_turn_radps, 80 * kPi / 180, 1e-12);

@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "sim/world/world_yaml.h"
+#include "tests/paths.h"
 #include "tests/sim/render/render_fixture.h"
 
 namespace rigor {
@@ -53,7 +54,7 @@ double corner_rms_px(CameraSimulator& camera, const world::WorldSnapshot& w, Ben
 }
 
 TEST_F(Camera, ShowsTheChessboardWhereGeometryPutsIt) {
-  const auto scene = world::load_world(RIGOR_SOURCE_DIR "/configs/worlds/turntable.yaml");
+  const auto scene = world::load_world(rigor::test::source_dir() + "/configs/worlds/turntable.yaml");
   ASSERT_TRUE(scene) << scene.error().text();
   for (const double supersampling : {1.0, 2.0})
     for (const bool noise : {false, true}) {
@@ -96,7 +97,7 @@ TEST_F(Camera, GreyLevelIsLinearInExposureUpToSaturation) {
 }
 
 TEST_F(Camera, ARegionIsACropOfTheWholePicture) {
-  const auto scene = world::load_world(RIGOR_SOURCE_DIR "/configs/worlds/turntable.yaml");
+  const auto scene = world::load_world(rigor::test::source_dir() + "/configs/worlds/turntable.yaml");
   ASSERT_TRUE(scene);
   for (const bool noise : {false, true}) {
     CameraSpec c = demo_camera();

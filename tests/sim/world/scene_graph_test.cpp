@@ -9,6 +9,7 @@
 
 #include "sim/world/semantic_types.h"
 #include "sim/world/world_yaml.h"
+#include "tests/paths.h"
 
 namespace rigor::world {
 namespace {
@@ -69,7 +70,7 @@ void expect_same(const Scene& a, const Scene& b) {
 }
 
 Scene turntable() {
-  auto scene = load_world(RIGOR_SOURCE_DIR "/configs/worlds/turntable.yaml");
+  auto scene = load_world(rigor::test::source_dir() + "/configs/worlds/turntable.yaml");
   EXPECT_TRUE(scene) << scene.error().text();
   return *scene;
 }

@@ -6,13 +6,15 @@
 #include "sensor-hal/config/yaml.h"
 #include "sim/world/semantic_types.h"
 #include "sim/world/store/world_file.h"
+#include "tests/paths.h"
 
 namespace rigor::world {
 namespace {
 
 TEST(WorldYaml, LoadsEveryWorldThatIsShipped) {
   int loaded = 0;
-  for (const auto& entry : std::filesystem::directory_iterator(RIGOR_SOURCE_DIR "/configs/worlds")) {
+  for (const auto& entry :
+       std::filesystem::directory_iterator(rigor::test::source_dir() + "/configs/worlds")) {
     const std::string name = entry.path().filename().string();
     if (!name.ends_with(".yaml") || name.ends_with(".import.yaml")) continue;  // plans: tests/sim/gis
     const auto document = ConfigDocument::load(entry.path());
@@ -33,7 +35,7 @@ TEST(WorldYaml, LoadsEveryWorldThatIsShipped) {
 }
 
 TEST(WorldYaml, TheTurntableCarriesAChessboard) {
-  const auto scene = load_world(RIGOR_SOURCE_DIR "/configs/worlds/turntable.yaml");
+  const auto scene = load_world(rigor::test::source_dir() + "/configs/worlds/turntable.yaml");
   ASSERT_TRUE(scene) << scene.error().text();
   const auto board = find_body(*scene, "chessboard");
   const auto table = find_node(*scene, "turntable");

@@ -6,11 +6,12 @@
 #include "sensor-hal/models/gnss/gnss_yaml.h"
 #include "sensor-hal/models/imu/imu_yaml.h"
 #include "sensor-hal/models/odometry/odometry_yaml.h"
+#include "tests/paths.h"
 
 namespace rigor {
 namespace {
 
-const std::filesystem::path kSheets = std::filesystem::path(RIGOR_SOURCE_DIR) / "configs/sensors";
+const std::filesystem::path kSheets = std::filesystem::path(rigor::test::source_dir()) / "configs/sensors";
 
 TEST(Sheets, OfAnInertialUnit) {
   const auto m = load_imu_model(kSheets / "imu-mems.yaml");

@@ -8,6 +8,7 @@
 #include "sensor-hal/models/lidar/lidar_math.h"
 #include "sensor-hal/models/lidar/lidar_model.h"
 #include "sensor-hal/models/lidar/lidar_yaml.h"
+#include "tests/paths.h"
 
 namespace rigor::models {
 namespace {
@@ -92,7 +93,7 @@ TEST(LidarNoise, PredictsAWithheldBandOfAVlp16) {
 }
 
 TEST(LidarNoise, OfTheVlp16sFileIsTheFitToAllBands) {
-  const auto m = load_lidar_model(RIGOR_SOURCE_DIR "/configs/sensors/velodyne-vlp16.yaml");
+  const auto m = load_lidar_model(rigor::test::source_dir() + "/configs/sensors/velodyne-vlp16.yaml");
   ASSERT_TRUE(m) << m.error().text();
   const Fit f = fit(kVlp16);
   EXPECT_NEAR(m->noise.scale_m, 1e-3 / f.a, 0.01 * 1e-3 / f.a);

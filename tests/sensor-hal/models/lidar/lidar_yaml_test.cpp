@@ -1,5 +1,6 @@
 // LiDAR models as files: those that come along, and complaints with their place.
 #include "sensor-hal/models/lidar/lidar_yaml.h"
+#include "tests/paths.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -21,7 +22,7 @@ Result<LidarModel> read(const std::string& text) {
   return parse_lidar_model(*root);
 }
 LidarModel config(const std::string& name) {
-  auto m = load_lidar_model(RIGOR_SOURCE_DIR "/configs/sensors/" + name + ".yaml");
+  auto m = load_lidar_model(rigor::test::source_dir() + "/configs/sensors/" + name + ".yaml");
   EXPECT_TRUE(m) << m.error().text();
   return m ? *m : LidarModel{};
 }

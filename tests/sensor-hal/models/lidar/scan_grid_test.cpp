@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "sensor-hal/models/lidar/lidar_yaml.h"
+#include "tests/paths.h"
 
 namespace rigor::models {
 namespace {
@@ -27,7 +28,7 @@ LidarPoint point_of(const LidarScan& scan, std::uint32_t column, std::uint16_t b
 }
 
 LidarScan vlp16() {
-  auto model = load_lidar_model(RIGOR_SOURCE_DIR "/configs/sensors/velodyne-vlp16.yaml");
+  auto model = load_lidar_model(rigor::test::source_dir() + "/configs/sensors/velodyne-vlp16.yaml");
   return model.value().scan;
 }
 

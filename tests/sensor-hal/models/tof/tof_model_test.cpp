@@ -7,6 +7,7 @@
 
 #include "sensor-hal/models/tof/tof_math.h"
 #include "sensor-hal/models/tof/tof_yaml.h"
+#include "tests/paths.h"
 
 namespace rigor::models {
 namespace {
@@ -200,7 +201,8 @@ TEST(TofYaml, ComplainsWithLineAndColumn) {
 }
 
 TEST(TofYaml, TheSensorsOfTheHouseLoad) {
-  const std::filesystem::path sensors = std::filesystem::path(RIGOR_SOURCE_DIR) / "configs" / "sensors";
+  const std::filesystem::path sensors =
+      std::filesystem::path(rigor::test::source_dir()) / "configs" / "sensors";
   const auto sr4000 = load_tof_model(sensors / "sr4000.yaml");
   ASSERT_TRUE(sr4000) << sr4000.error().text();
   EXPECT_NEAR(sr4000->unambiguous_range_m(), 5.00, 0.005);
@@ -217,8 +219,8 @@ TEST(TofYaml, TheSensorsOfTheHouseLoad) {
 }
 
 TEST(AzureKinect, NoiseFollowsTheMeasuredLawOfAmplitude) {
-  const auto m =
-      load_tof_model(std::filesystem::path(RIGOR_SOURCE_DIR) / "configs/sensors/azure-kinect-nfov.yaml");
+  const auto m = load_tof_model(std::filesystem::path(rigor::test::source_dir()) /
+                                "configs/sensors/azure-kinect-nfov.yaml");
   ASSERT_TRUE(m) << m.error().text();
   const double step = m->pixel.full_well_e / (std::ldexp(1.0, m->pixel.adc_bits) - 1);
   const double floor_e = std::sqrt(m->pixel.read_noise_e * m->pixel.read_noise_e + step * step / 12);

@@ -1,4 +1,5 @@
 #include "sim/nature/trees/allometry.h"
+#include "tests/paths.h"
 
 #include <gtest/gtest.h>
 
@@ -12,7 +13,7 @@ namespace rigor::nature {
 namespace {
 
 TEST(Allometry, KnowsEveryCodeOfTheMappedStands) {
-  const std::filesystem::path file = RIGOR_SOURCE_DIR "/../shared/data/forest_stands/trees.csv";
+  const std::filesystem::path file = rigor::test::source_dir() + "/../shared/data/forest_stands/trees.csv";
   if (!std::filesystem::exists(file)) GTEST_SKIP() << "no test data: " << file;
   std::ifstream in(file);
   std::string line;

@@ -1,5 +1,6 @@
 // The materials that come with Rigor, and those that somebody writes.
 #include "sim/render/content/surface_library.h"
+#include "tests/paths.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -50,7 +51,7 @@ TEST(SurfaceLibrary, ComesWithEveryMaterialThatItsHeaderNames) {
 }
 
 TEST(SurfaceLibrary, BuiltinIsWhatTheFilesSay) {
-  const auto files = SurfaceLibrary::load(RIGOR_SOURCE_DIR "/configs/materials");
+  const auto files = SurfaceLibrary::load(rigor::test::source_dir() + "/configs/materials");
   ASSERT_TRUE(files) << files.error().text();
   const auto& builtin = SurfaceLibrary::builtin();
   ASSERT_EQ(files->names(), builtin.names());

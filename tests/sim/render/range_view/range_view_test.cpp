@@ -1,5 +1,6 @@
 #include <numeric>
 
+#include "sim/world/pose.h"
 #include "tests/sim/render/range_view/range_fixture.h"
 
 namespace rigor::test {
@@ -32,7 +33,7 @@ TEST_F(RangeView, PlanesStandAtTheirRange) {
   for (int k = 0; k < 3; ++k) {
     const Eigen::Vector3d n = normals[k].normalized();
     show({turned(one(plane_mesh(400, SurfaceOf::grey(0.5F)), 9, -distances[k] * n),
-                 Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), n))});
+                 rotation_between(Eigen::Vector3d::UnitZ(), n))});
     const auto rays = pinhole_rays(look({0, 0, 0}, {0, 1, 0}).linear(), 176, 144, 250);
     const auto hits = cast(rays);
     std::size_t met = 0;

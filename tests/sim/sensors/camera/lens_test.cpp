@@ -1,6 +1,7 @@
 // Where light falls: projection, colours, focus.
 #include <cmath>
 
+#include "sim/world/pose.h"
 #include "tests/sim/sensors/camera/plate_world.h"
 
 namespace rigor::test {
@@ -26,7 +27,7 @@ TEST_P(CameraOptics, ASmallBodyAppearsWhereTheModelProjectsIt) {
       // Turned towards the camera, four pixels wide.
       const Eigen::Vector3d d(ray->x, ray->z, -ray->y);
       Eigen::Isometry3d T = at_place(3 * d);
-      T.linear() = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitY(), d).toRotationMatrix();
+      T.linear() = rotation_between(Eigen::Vector3d::UnitY(), d).toRotationMatrix();
       world_ = {};
       const auto half = static_cast<float>(3 * 2 / m.fx_px);
       world_.add({{half, 1e-3F, half}, [T](double) { return T; }});

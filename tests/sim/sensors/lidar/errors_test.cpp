@@ -23,7 +23,7 @@ TEST(LidarNoise, HasTheSigmaOfItsFormulaAtEveryRemission) {
   for (const float rho : {0.02F, 0.1F, 0.3F, 0.9F}) {
     const auto s = scan(m, wall(20, {.reflectance = grey(rho)}), world);
     ASSERT_EQ(s.points.size(), kShots);
-    const Moments got = moments(s.points, range_of);
+    const PointMoments got = moments(s.points, range_of);
     const double sigma = Math::lidar_range_sigma_m(static_cast<double>(rho), 0.002, 0.00633, 0.172, 1);
     // Sigma of a sigma: 1/sqrt(2 (n − 1)).
     EXPECT_NEAR(got.sigma, sigma, 4 * sigma / std::sqrt(2.0 * kShots)) << rho;
@@ -56,7 +56,7 @@ TEST(LidarNoise, OfRemissionIsRelative) {
   LidarModel m = staring(kShots);
   m.remission = {.scale = 100, .noise = 0.05};
   const auto s = scan(m, wall(20), world);
-  const Moments got = moments(s.points, [](const LidarPoint& p) { return static_cast<double>(p.remission); });
+  const PointMoments got = moments(s.points, [](const LidarPoint& p) { return static_cast<double>(p.remission); });
   EXPECT_NEAR(got.mean, 50, 4 * 2.5 / std::sqrt(1.0 * kShots));
   EXPECT_NEAR(got.sigma, 2.5, 4 * 2.5 / std::sqrt(2.0 * kShots));
   EXPECT_NEAR(moments(s.points, range_of).sigma, 0, 1e-9);

@@ -10,6 +10,7 @@
 
 #include "sensor-hal/models/lidar/lidar_yaml.h"
 #include "sim/sensors/lidar/lidar_simulator.h"
+#include "tests/paths.h"
 #include "tests/sim/sensors/analytic_engine.h"
 
 namespace rigor::test {
@@ -33,7 +34,7 @@ inline constexpr double kDegree = std::numbers::pi / 180;
   return m;
 }
 [[nodiscard]] inline models::LidarModel config(const std::string& name) {
-  auto m = load_lidar_model(RIGOR_SOURCE_DIR "/configs/sensors/" + name + ".yaml");
+  auto m = load_lidar_model(rigor::test::source_dir() + "/configs/sensors/" + name + ".yaml");
   EXPECT_TRUE(m) << m.error().text();
   return m ? *m : models::LidarModel{};
 }
@@ -88,11 +89,11 @@ struct ScanOptions {
   return engine;
 }
 
-struct Moments {
+struct PointMoments {
   double mean = 0, sigma = 0;
 };
 template <class F>
-[[nodiscard]] Moments moments(const std::vector<LidarPoint>& points, const F& value) {
+[[nodiscard]] PointMoments moments(const std::vector<LidarPoint>& points, const F& value) {
   double sum = 0, square = 0;
   for (const LidarPoint& p : points) sum += value(p);
   const auto n = static_cast<double>(points.size());

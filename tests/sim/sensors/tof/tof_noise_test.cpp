@@ -5,6 +5,7 @@
 #include <filesystem>
 
 #include "sensor-hal/models/tof/tof_yaml.h"
+#include "tests/paths.h"
 #include "tests/sim/sensors/tof/tof_fixture.h"
 
 namespace rigor::test {
@@ -324,7 +325,8 @@ TEST(TofSimulator, TwoEnginesHaveTheSameNoise) {
 }
 
 TEST(Sr4000, HasFourMillimetresOnAWhiteWallAt130) {
-  const auto model = load_tof_model(std::filesystem::path(RIGOR_SOURCE_DIR) / "configs/sensors/sr4000.yaml");
+  const auto model =
+      load_tof_model(std::filesystem::path(rigor::test::source_dir()) / "configs/sensors/sr4000.yaml");
   ASSERT_TRUE(model) << model.error().text();
   TofBench b;
   b.wall(1.30, 0.9F);

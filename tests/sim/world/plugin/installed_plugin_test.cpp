@@ -8,6 +8,7 @@
 
 #include "sim/world/plugin/plugin.h"
 #include "sim/world/store/world_file.h"
+#include "tests/paths.h"
 
 namespace rigor::world {
 namespace {
@@ -21,9 +22,9 @@ class InstalledPlugin : public ::testing::Test {
     fs::create_directories(folder_);
     const auto prefix = (folder_ / "prefix").string(), build = (folder_ / "build").string();
     for (const char* component : {"libraries", "sdk"})
-      run("cmake --install '" RIGOR_BINARY_DIR "' --component " + std::string(component) + " --prefix '" +
-          prefix + "'");
-    run("cmake -S '" RIGOR_SOURCE_DIR "/examples/world-plugin' -B '" + build +
+      run("cmake --install '" + rigor::test::build_dir() + "' --component " + std::string(component) +
+          " --prefix '" + prefix + "'");
+    run("cmake -S '" + rigor::test::source_dir() + "/examples/world-plugin' -B '" + build +
         "' -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_COMPILER='" RIGOR_CXX_COMPILER "' -DCMAKE_PREFIX_PATH='" +
         prefix + "'");
     run("cmake --build '" + build + "'");
@@ -61,7 +62,8 @@ void InstalledPlugin::imports_and_keeps_its_rules() {
   ASSERT_TRUE(loaded) << loaded.error().text();
   ASSERT_EQ(plugins.list().size(), 1U);
   EXPECT_EQ(plugins.list().front().name, "beehives");
-  const auto imported = plugins.import_file(RIGOR_SOURCE_DIR "/examples/world-plugin/beehives.csv");
+  const auto imported =
+      plugins.import_file(rigor::test::source_dir() + "/examples/world-plugin/beehives.csv");
   ASSERT_TRUE(imported) << imported.error().text();
   const auto& s = db->schema();
   const auto type = s.require_type("Beehive");
