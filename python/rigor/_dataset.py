@@ -79,13 +79,17 @@ class DatasetSample(Mapping):
         return f"<sample {self.index} ({self.split}): {', '.join(self._views) or 'left out'}>"
 
 
+def _number(value) -> str:
+    return repr(float(value)).removesuffix(".0")
+
+
 def _interval(value) -> str:
     """A number, (from, to), or text as the command takes it."""
     if value is None or isinstance(value, str):
         return value or ""
     if isinstance(value, Sequence):
-        return "..".join(repr(float(v)) for v in value)
-    return repr(float(value))
+        return "..".join(map(_number, value))
+    return _number(value)
 
 
 def _values(value) -> str:
@@ -187,7 +191,7 @@ def dataset(rig, *, channels: Sequence[str] = (), poses=None, within: Sequence[f
     """
     texts = {
         "source": os.fspath(rig), "poses": "", "along": "" if along is None else os.fspath(along),
-        "within": "" if within is None else ",".join(repr(float(v)) for v in within), "set": set_texts(set),
+        "within": "" if within is None else ",".join(map(_number, within)), "set": set_texts(set),
         "vary": [f"{key}={_values(value)}" for key, value in (vary or {}).items()],
         "channels": channels if isinstance(channels, str) else ",".join(channels), "sample": "" if samples is None else str(int(samples)), "seed": "" if seed is None else str(int(seed)),
         "height": _interval(height), "yaw": _interval(yaw), "pitch": _interval(pitch), "roll": _interval(roll),
