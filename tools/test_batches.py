@@ -3,7 +3,7 @@
 ctest knows each case as a test of its own and would start the binary once for each: three thousand starts of programs
 that load up to 185 shared libraries, and as many graphics devices and browsers, which the cases of one process share.
 So a run has a ctest project of its own, in which the cases of a binary that ctest treats alike (same timeout, labels,
-locks) are one test, at most MOST_CASES of them. What such a process prints is taken apart again: the results are those
+locks) are one test, at most MOST_CASES of them. Those that do not judge the wall clock run at a lower priority. What such a process prints is taken apart again: the results are those
 of the cases, by the names that ctest has for them.
 """
 import json
@@ -114,11 +114,18 @@ def entry(name, command, have):
     return "\n".join(lines) + "\n"
 
 
+def yielding(test):
+    """What has a test leave the processors to those whose verdict depends on how promptly they run."""
+    have = properties(test)
+    labels = have.get("LABELS", [])
+    return [] if have.get("RUN_SERIAL") or "wall-clock" in labels or "kernel" in labels else ["nice", "-n", "10"]
+
+
 def write_project(tests, folder):
     """Writes the ctest project of a run into `folder`, which is made; its batches."""
     folder.mkdir(parents=True, exist_ok=True)
     batches, alone = batches_of(tests, folder.resolve())
-    text = "".join(entry(test["name"], test["command"], properties(test)) for test in alone)
+    text = "".join(entry(test["name"], yielding(test) + test["command"], properties(test)) for test in alone)
     for batch in batches:
         have, first = properties(batch.cases[0]), batch.cases[0]["command"]
         # Whether a case was skipped is said by its own lines, and not by those of its batch.
@@ -128,8 +135,8 @@ def write_project(tests, folder):
         have["COST"] = have.get("COST", 0) + len(batch.cases)
         words = [w for w in first[1:] if not w.startswith(FILTER)]
         cases = FILTER + ":".join(filter_of(case) for case in batch.cases)
-        text += entry(batch.name, ["sh", "-c", 'out=$0; exec "$@" >"$out" 2>&1', str(batch.output), first[0], cases,
-                                   *words], have)
+        text += entry(batch.name, [*yielding(batch.cases[0]), "sh", "-c", 'out=$0; exec "$@" >"$out" 2>&1', str(batch.output),
+                                   first[0], cases, *words], have)
     (folder / "CTestTestfile.cmake").write_text(text, encoding="utf-8")
     return batches
 

@@ -5,7 +5,7 @@
 # in place of preprocessing each file twice.
 command -v ccache >/dev/null || exec "$@"
 
-output= dependencies= previous=
+output='' dependencies='' previous=''
 for word; do
   case $previous in
     -o) output=$word ;;
@@ -18,7 +18,8 @@ case $output in
     # Precompiled headers hold the path that they were made at, and are made afresh in each folder. What they were made of is
     # the same everywhere: ccache knows them by the digest of that, which lies beside them.
     "$@" || exit
-    sed -e 's/\\$//' -e '1s/^[^:]*://' "$dependencies" | tr ' ' '\n' | grep . | sort -u | xargs cat | sha256sum >"$output.sum"
+    sed -e 's/\\$//' -e '1s/^[^:]*://' "$dependencies" | tr ' ' '\n' | grep . | sort -u | xargs sha256sum | cut -d ' ' -f 1 |
+      sort | sha256sum >"$output.sum"
     exit
     ;;
 esac
