@@ -231,10 +231,13 @@ set(RIGOR_TEST_OPTIONS $<$<CONFIG:Release>:-O1>)
 # WALL_CLOCK: those cases (patterns of --gtest_filter) whose verdict depends on how promptly this machine runs threads and passes
 # on packets; tools/run_tests.py runs them again where they fail. IN_TURN: these cases, or all where none are named, run one after
 # the other over all binaries that name the same thing (`gige`: the one port of GigE Vision; `loop`: a wall-clock run with all its
-# threads), with other tests beside them. ALONE: they measure microseconds, and nothing runs beside them. APART: as for
-# rigor_library.
+# threads), with other tests beside them. ALONE: they measure microseconds, and nothing runs beside them. ONE_THREAD: what
+# they call starts no thread, and the thread sanitizer, which has nothing to see, is built without them. APART: as for rigor_library.
 function(rigor_test NAME)
-  cmake_parse_arguments(ARG "ALONE" "TIMEOUT;IN_TURN" "SOURCES;APART;LINKS;LABELS;WALL_CLOCK" ${ARGN})
+  cmake_parse_arguments(ARG "ALONE;ONE_THREAD" "TIMEOUT;IN_TURN" "SOURCES;APART;LINKS;LABELS;WALL_CLOCK" ${ARGN})
+  if(ARG_ONE_THREAD AND RIGOR_SANITIZE MATCHES "thread")
+    return()
+  endif()
   find_package(GTest REQUIRED)
   include(GoogleTest)
   add_executable(${NAME} ${ARG_SOURCES} ${ARG_APART})

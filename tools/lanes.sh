@@ -123,8 +123,7 @@ lane_asan-ubsan() {
 lane_tsan() {
   with_symbolizer
   export TSAN_OPTIONS=suppressions=$PWD/tests/tsan.supp:second_deadlock_stack=1
-  # Tests labelled `one-thread` are long and have nothing for this sanitizer to see.
-  ctest_lane tsan tsan --label-exclude '^(kernel|one-thread)$'
+  ctest_lane tsan tsan --label-exclude '^kernel$'
 }
 
 lane_fuzz() {

@@ -32,7 +32,9 @@ namespace rigor {
   }
   const double s = std::sqrt((1 + c) * 2), inverse = 1 / s;
   const Eigen::Vector3d axis = a.cross(b);
-  return {s * 0.5, axis.x() * inverse, axis.y() * inverse, axis.z() * inverse};
+  const Eigen::Quaterniond q(s * 0.5, axis.x() * inverse, axis.y() * inverse, axis.z() * inverse);
+  // Nearly opposite directions cancel in 1 + c, and the length with it.
+  return c < -0.99 ? q.normalized() : q;
 }
 
 }  // namespace rigor

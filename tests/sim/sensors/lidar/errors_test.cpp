@@ -56,7 +56,8 @@ TEST(LidarNoise, OfRemissionIsRelative) {
   LidarModel m = staring(kShots);
   m.remission = {.scale = 100, .noise = 0.05};
   const auto s = scan(m, wall(20), world);
-  const PointMoments got = moments(s.points, [](const LidarPoint& p) { return static_cast<double>(p.remission); });
+  const PointMoments got =
+      moments(s.points, [](const LidarPoint& p) { return static_cast<double>(p.remission); });
   EXPECT_NEAR(got.mean, 50, 4 * 2.5 / std::sqrt(1.0 * kShots));
   EXPECT_NEAR(got.sigma, 2.5, 4 * 2.5 / std::sqrt(2.0 * kShots));
   EXPECT_NEAR(moments(s.points, range_of).sigma, 0, 1e-9);
