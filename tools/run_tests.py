@@ -198,10 +198,10 @@ def self_test():
         ("another label, fails once", [passes, ("Race.Once", "one-thread", 1)], 1, {"Race.Once": 1}, ["Race.Once"], []),
         ("both kinds", [("Race.Once", "", 1), ("Wall.Once", "wall-clock", 1)], 1, {"Race.Once": 1, "Wall.Once": 2},
          ["Race.Once"], ["Wall.Once: passed at attempt 2"]),
-        ("as many labelled as are run again", [passes] + [(f"Wall.{i}", "wall-clock", 1) for i in range(MOST_AGAIN)], 0, {"Wall.2": 2}, [],
-         [f"Wall.{i}: passed at attempt 2" for i in range(MOST_AGAIN)]),
-        ("one labelled more", [passes] + [(f"Wall.{i}", "wall-clock", 1) for i in range(MOST_AGAIN + 1)], 1, {"Wall.3": 1},
-         [f"Wall.{i}" for i in range(MOST_AGAIN + 1)], [f"Wall.{i}: not run again" for i in range(MOST_AGAIN + 1)]),
+        ("as many labelled as are run again", [passes] + [(f"Wall.{i:02}", "wall-clock", 1) for i in range(MOST_AGAIN)], 0, {"Wall.02": 2}, [],
+         [f"Wall.{i:02}: passed at attempt 2" for i in range(MOST_AGAIN)]),
+        ("one labelled more", [passes] + [(f"Wall.{i:02}", "wall-clock", 1) for i in range(MOST_AGAIN + 1)], 1, {"Wall.03": 1},
+         [f"Wall.{i:02}" for i in range(MOST_AGAIN + 1)], [f"Wall.{i:02}: not run again" for i in range(MOST_AGAIN + 1)]),
         ("no test", [], 1, {}, [], []),
         ("cases share a process", [("S.A", "", None), ("S.B", "", None), ("S.Skips", "", None), passes], 0,
          {"S.A": 1, "S.B": 1, "S.Skips": 1, "processes": 1}, [], []),
@@ -236,7 +236,7 @@ def self_test():
                 "account": sorted(accounts.read_text().splitlines()) if accounts.is_file() else [],
             }
             expected = {"status": status, "attempts": attempts, "results": len(tests), "failed": failed,
-                        "skipped": [test[0] for test in tests if test[0].endswith(".Skips")], "account": account}
+                        "skipped": [test[0] for test in tests if test[0].endswith(".Skips")], "account": sorted(account)}
             for key, value in expected.items():
                 if found[key] != value:
                     wrong += 1
