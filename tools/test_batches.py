@@ -3,8 +3,8 @@
 ctest knows each case as a test of its own and would start the binary once for each: three thousand starts of programs
 that load up to 185 shared libraries, and as many graphics devices and browsers, which the cases of one process share.
 So a run has a ctest project of its own, in which the cases of a binary that ctest treats alike (same timeout, labels,
-locks) are one test, at most MOST_CASES of them. Those that do not judge the wall clock run at a lower priority. What such a process prints is taken apart again: the results are those
-of the cases, by the names that ctest has for them.
+locks) are one test, at most MOST_CASES of them. Those that do not judge the wall clock run at a lower priority. What such
+a process prints is taken apart again: the results are those of the cases, by the names that ctest has for them.
 """
 import json
 import re

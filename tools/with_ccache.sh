@@ -18,9 +18,11 @@ case $output in
     # Precompiled headers hold the path that they were made at, and are made afresh in each folder. What they were made of is
     # the same everywhere: ccache knows them by the digest of that, which lies beside them.
     "$@" || exit
-    sed -e 's/\\$//' -e '1s/^[^:]*://' "$dependencies" | tr ' ' '\n' | grep . | sort -u | xargs sha256sum | cut -d ' ' -f 1 |
-      sort | sha256sum >"$output.sum"
-    exit
+    # Without that file, ccache takes the precompiled header itself.
+    rm -f "$output.sum"
+    sums=$(sed -e 's/\\$//' -e '1s/^[^:]*://' "$dependencies" | tr ' ' '\n' | grep . | sort -u | xargs sha256sum) &&
+      echo "$sums" | cut -d ' ' -f 1 | sort | sha256sum >"$output.sum"
+    exit 0
     ;;
 esac
 CCACHE_BASEDIR=$(cd "$(dirname "$0")/.." && pwd) CCACHE_NOHASHDIR=1 CCACHE_DEPEND=1 CCACHE_PCH_EXTSUM=1 \

@@ -22,10 +22,7 @@ namespace rigor {
 
 class DatasetFolder final : public DatasetOutput {
  public:
-  /// Makes the folder, or takes one that was made with the same manifest, and holds it until it is destroyed.
-  /// What an earlier process left unfinished is removed. Errors: bad_input (made with other options, with
-  /// what differs; other things are in it; another process holds it), not_writable, disk_full. The dataset
-  /// outlives this.
+  /// As DatasetOutput::open.
   [[nodiscard]] static Result<std::unique_ptr<DatasetFolder>> open(const std::filesystem::path& dir,
                                                                    const Dataset& dataset,
                                                                    const DatasetOutputOptions& options);

@@ -11,9 +11,11 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <utility>
 
 #include "bench/dataset/dataset_json.h"
 #include "bench/files/output_file.h"
+#include "bench/sensing/camera_info.h"
 #include "sensor-hal/record/mcap_reader.h"
 #include "sensor-hal/record/mcap_writer.h"
 #include "sensor-hal/record/sample_codec.h"
@@ -43,24 +45,6 @@ std::vector<msg::PointField> label_fields() {
   return {{"x", 0, kFloat32, 1},           {"y", 4, kFloat32, 1},     {"z", 8, kFloat32, 1},
           {"true_range", 12, kFloat32, 1}, {"class", 16, kUint32, 1}, {"node_low", 20, kUint32, 1},
           {"node_high", 24, kUint32, 1}};
-}
-
-msg::CameraInfo camera_info(const msg::Header& header, const CameraModel& m) {
-  msg::CameraInfo info;
-  info.header = header;
-  info.width = static_cast<std::uint32_t>(m.width_px);
-  info.height = static_cast<std::uint32_t>(m.height_px);
-  if (m.projection == Projection::kannala_brandt) {
-    info.distortion_model = "equidistant";
-    info.d = {m.fisheye.k1, m.fisheye.k2, m.fisheye.k3, m.fisheye.k4};
-  } else {
-    info.distortion_model = "rational_polynomial";
-    info.d = {m.lens.k1, m.lens.k2, m.lens.p1, m.lens.p2, m.lens.k3, m.lens.k4, m.lens.k5, m.lens.k6};
-  }
-  info.k = {m.fx_px, 0, m.cx_px, 0, m.fy_px, m.cy_px, 0, 0, 1};
-  info.r = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-  info.p = {m.fx_px, 0, m.cx_px, 0, 0, m.fy_px, m.cy_px, 0, 0, 0, 1, 0};
-  return info;
 }
 
 msg::TransformStamped transform(const msg::Header& header, const DatasetView& view) {
@@ -117,7 +101,7 @@ DatasetRecording::~DatasetRecording() {
   Impl& f = *impl_;
   if (f.writer)
     (void)f.writer->close();  // whole chunks; the error, if there is one, was told by write()
-  else if (f.lock >= 0 && !f.finished)
+  else if (std::error_code ec; f.lock >= 0 && !f.finished && fs::file_size(f.part, ec) == 0)
     ::unlink(f.part.c_str());
   if (f.lock >= 0) ::close(f.lock);
 }
@@ -147,10 +131,10 @@ Status DatasetRecording::Impl::take() {
   const auto hold = [&]() -> Status {
     lock = ::open(part.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
     if (lock < 0) return tl::unexpected<Error>(output_error(part, errno));
-    if (::flock(lock, LOCK_EX | LOCK_NB) != 0)
-      return fail(ErrorCode::bad_input, file.string(),
-                  "another process is writing this dataset; wait for it, or give another file with -o");
-    return {};
+    if (::flock(lock, LOCK_EX | LOCK_NB) == 0) return {};
+    ::close(std::exchange(lock, -1));  // the part is the other process's
+    return fail(ErrorCode::bad_input, file.string(),
+                "another process is writing this dataset; wait for it, or give another file with -o");
   };
   if (auto s = hold(); !s) return s;
   if (fs::file_size(part, ec) == 0) return {};
@@ -163,22 +147,30 @@ Status DatasetRecording::Impl::take() {
   return hold();
 }
 
+/// The file, or what a process left that was ended, whichever has more samples: until all of the file is
+/// copied, that is the file.
 Status DatasetRecording::Impl::find_source() {
   std::error_code ec;
-  if (fs::exists(old, ec)) {
-    auto read = read_source(old, true);
-    if (read || read.error().code == ErrorCode::bad_input) return read;
-    fs::remove(old, ec);  // ended before its first chunk
-    whole.clear();
-    summary = {};
-    source.clear();
-  }
-  return fs::exists(file, ec) ? read_source(file, false) : Status{};
+  if (fs::exists(file, ec))
+    if (auto s = read_source(file, false); !s) return s;
+  if (!fs::exists(old, ec)) return {};
+  const fs::path before = std::exchange(source, {});
+  const std::set<std::uint64_t> whole_before = std::exchange(whole, {});
+  const DatasetSummary summary_before = std::exchange(summary, {});
+  const Status read = read_source(old, true);
+  if (read && whole.size() > whole_before.size()) return {};
+  if (!read && read.error().code != ErrorCode::not_found) return read;
+  fs::remove(old, ec);
+  source = before;
+  whole = whole_before;
+  summary = summary_before;
+  return {};
 }
 
 /// `own`: it may be cut short, as the process that wrote it ended.
 Status DatasetRecording::Impl::read_source(const fs::path& from, bool own) {
   auto reader = record::McapReader::open(from.string(), {.skip_damaged = own});
+  if (!reader && own) return fail(ErrorCode::not_found, from.string(), "ended before its first record");
   if (!reader) return tl::unexpected<Error>(reader.error());
   json there;
   for (const record::Metadata& m : (*reader)->readable_metadata())
@@ -191,8 +183,9 @@ Status DatasetRecording::Impl::read_source(const fs::path& from, bool own) {
         "expected what an earlier `rigor dataset` wrote, got another recording; give another file with -o");
   }
   if (const std::string d = dataset::difference(there, manifest); !d.empty())
-    return fail(ErrorCode::bad_input, file.string(),
-                "expected a file of the same dataset, to be continued; " + d + "; give another file with -o");
+    return fail(ErrorCode::bad_input, from.string(),
+                "expected a file of the same dataset, to be continued; " + d + "; give another file with -o" +
+                    (own ? ", or delete this one" : ""));
   auto cursor = (*reader)->messages({.topics = {kSamplesTopic}});
   record::MessageView m;
   while (true) {
@@ -379,10 +372,11 @@ Status DatasetRecording::write(const DatasetSample& sample) {
     if (auto s = f.put("/tf", sample.index, tf); !s) return s;
   for (const DatasetView& view : sample.views) {
     const msg::Header header{stamp, view.channel};
-    if (view.lens)
-      if (auto s = f.put("/" + view.channel + "/camera_info", sample.index, camera_info(header, *view.lens));
-          !s)
-        return s;
+    if (view.lens) {
+      msg::CameraInfo info = camera_info(*view.lens);
+      info.header = header;
+      if (auto s = f.put("/" + view.channel + "/camera_info", sample.index, info); !s) return s;
+    }
     if (auto s = f.put_measurement(view, sample.index); !s) return s;
     if (auto s = f.put_truth(view, sample.index, header); !s) return s;
   }

@@ -119,8 +119,7 @@ Result<Filled> fill_dataset(Dataset& dataset, DatasetOutput& output, const FillO
     return tl::unexpected<Error>(std::move(e));
   };
   for (const std::uint64_t index : wanted) {
-    filled.stopped = options.stop.stop_requested();
-    if (filled.stopped) break;
+    if (options.stop.stop_requested()) break;
     auto sample = dataset.sample(index);
     if (!sample) return stopped(sample.error());
     if (auto s = writer.put(std::move(*sample)); !s) return stopped(s.error());

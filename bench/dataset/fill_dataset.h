@@ -20,7 +20,6 @@ struct FillOptions {
 struct Filled {
   DatasetSummary summary;             ///< of all that the output has
   std::uint64_t made = 0, there = 0;  ///< now, and before
-  bool stopped = false;               ///< by the token, with samples left to make
   double whole_s = 0, write_s = 0;    ///< wall time; the writer's share may overlap with measuring
   DatasetTimes times;
 };

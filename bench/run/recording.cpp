@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <charconv>
 
+#include "bench/sensing/camera_info.h"
 #include "sensor-hal/channel/pair_monitor.h"
 #include "sensor-hal/channel/slot_wait.h"
 #include "sensor-hal/models/camera_yaml.h"
@@ -28,16 +29,7 @@ std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry) {
   if (entry.kind != SampleKind::image || !params.has("sensor")) return std::nullopt;
   const auto sheet = load_camera(params.base_dir() / params.text("sensor"));
   if (!sheet) return std::nullopt;  // the assembly has refused it before
-  const CameraModel& m = sheet->model;
-  record::msg::CameraInfo info;
-  info.width = static_cast<std::uint32_t>(m.width_px);
-  info.height = static_cast<std::uint32_t>(m.height_px);
-  info.distortion_model = "rational_polynomial";
-  info.d = {m.lens.k1, m.lens.k2, m.lens.p1, m.lens.p2, m.lens.k3, m.lens.k4, m.lens.k5, m.lens.k6};
-  info.k = {m.fx_px, 0, m.cx_px, 0, m.fy_px, m.cy_px, 0, 0, 1};
-  info.r = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-  info.p = {m.fx_px, 0, m.cx_px, 0, 0, m.fy_px, m.cy_px, 0, 0, 0, 1, 0};
-  return info;
+  return camera_info(sheet->model);
 }
 
 std::map<std::string, std::string> run_metadata(const RunParts& parts, const EpochPair& epoch) {

@@ -112,6 +112,17 @@ TEST_F(DatasetRecordingCommand, GoesOnAfterAKillAsIfNothingHadHappened) {
   EXPECT_FALSE(fs::exists(dir / ".killed.mcap.part.old"));
 }
 
+TEST_F(DatasetRecordingCommand, LosesNoSampleOfTheFileWhenItIsKilledWhileItCopiesThem) {
+  ASSERT_EQ(make({"--sample", "4", "--only", "0..1", "-o", "data.mcap"}).status, 0);
+  // What a process leaves that is killed before its first sample is copied: the start of a recording.
+  write_file(dir / ".data.mcap.part", read_file(dir / "data.mcap").substr(0, 60));
+  const Said said = make({"--sample", "4", "--only", "2..3", "-o", "data.mcap", "--json"});
+  ASSERT_EQ(said.status, 0) << said.err;
+  EXPECT_EQ(json::parse(said.out)["samples"], 4);
+  EXPECT_EQ(messages("data.mcap")["/samples"].size(), 4u);
+  EXPECT_FALSE(fs::exists(dir / ".data.mcap.part.old"));
+}
+
 TEST_F(DatasetRecordingCommand, RefusesAFileThatIsNotItsOwn) {
   ASSERT_EQ(make({"--sample", "1", "-o", "data.mcap"}).status, 0);
   const std::string before = read_file(dir / "data.mcap");
@@ -132,6 +143,7 @@ TEST_F(DatasetRecordingCommand, HasItsFileForItselfAlone) {
   const int held = ::open((dir / ".data.mcap.part").c_str(), O_RDWR | O_CREAT, 0666);
   ASSERT_EQ(::flock(held, LOCK_EX | LOCK_NB), 0);
   const Said said = make({"--sample", "1", "-o", "data.mcap"});
+  EXPECT_TRUE(fs::exists(dir / ".data.mcap.part")) << "it is the other process's";
   ::close(held);
   EXPECT_EQ(said.status, 2);
   EXPECT_THAT(said.err, HasSubstr("another process is writing this dataset"));
