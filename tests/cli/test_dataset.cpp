@@ -156,20 +156,16 @@ TEST_F(DatasetCommand, LabelsPointsToo) {
                     HasSubstr("('class', '|u1'), ('node', '<u8'), ('true_range', '<f4')")));
   constexpr std::size_t kPoint = 4 * 4 + 4 + 2 + 1 + 1 + 8 + 4;
   ASSERT_EQ((bytes.size() - header) % kPoint, 0u);
-  std::size_t points = 0, past = 0;
+  std::size_t points = 0;
   for (std::size_t at = header; at < bytes.size(); at += kPoint, ++points) {
     float x, y, z, range;
     std::memcpy(&x, &bytes[at], 4), std::memcpy(&y, &bytes[at + 4], 4), std::memcpy(&z, &bytes[at + 8], 4);
     std::memcpy(&range, &bytes[at + kPoint - 4], 4);
     EXPECT_EQ(bytes[at + 23], 1) << "a Body";
-    // Of the beam's middle, which may pass an edge that another part of the beam meets.
-    if (std::isinf(range)) {
-      ++past;
-      continue;
-    }
+    // Of the beam's middle, which meets a wall here wherever the beam does: also beside the plane of an axis,
+    // where Embree loses rays that it walks together with one in that plane.
     EXPECT_NEAR(std::sqrt(x * x + y * y + z * z), range, 0.1);
   }
-  EXPECT_LT(past, points / 20);
   EXPECT_EQ(sample("out", "000000")["channels"]["round"]["points"], points);
   EXPECT_GT(points, 100u);
 }

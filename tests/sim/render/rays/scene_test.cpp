@@ -53,24 +53,6 @@ TEST_F(RaysTest, HitsAreTheSameOnAnyNumberOfThreads) {
   }
 }
 
-TEST_F(RaysTest, NeighboursOfARayInAPlaneOfTheAxesHitWhatTheyHitAlone) {
-  show(batches_of(make_forest(120, 60, 12)));
-  for (int step = 0; step < 400; ++step) {
-    // Along x, -x, y and -y, a few at a height of their own.
-    const double tilt = 0.002 * (step / 4 - 50);
-    std::vector<Ray> rays;
-    for (int k = -3; k <= 4; ++k) {
-      const double aside = k < 1 ? 0 : 0.002 * k;
-      const Vector3d d = step % 4 < 2 ? Vector3d(step % 4 == 0 ? 1 : -1, aside, tilt)
-                                      : Vector3d(aside, step % 4 == 2 ? 1 : -1, tilt);
-      rays.push_back(ray_of({0, 0, 2}, d + 0.001 * k * Vector3d::UnitZ()));
-    }
-    const auto together = cast(rays);
-    for (std::size_t k = 0; k < rays.size(); ++k)
-      EXPECT_EQ(together[k].range_m, cast({rays[k]})[0].range_m) << "step " << step << ", ray " << k;
-  }
-}
-
 TEST_F(RaysTest, AFelledTreeRebuildsNoMeshAndChangesWhatAFreshEngineSees) {
   const SyntheticForest f = make_forest(120, 60, 12);
   auto batches = batches_of(f);
