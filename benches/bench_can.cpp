@@ -52,8 +52,8 @@ void plain_reader(std::atomic<bool>& stop, Reader& out) {
   sockaddr_can a{};
   a.can_family = AF_CAN;
   a.can_ifindex = static_cast<int>(::if_nametoindex(kBus));
-  const timeval patience{0, 100000};
-  ::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+  const timeval timeout{0, 100000};
+  ::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
   if (::bind(fd, reinterpret_cast<sockaddr*>(&a), sizeof a) != 0) return;
   const auto before = cpu_ns(CLOCK_THREAD_CPUTIME_ID);
   can_frame f{};

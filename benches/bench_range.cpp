@@ -1,7 +1,7 @@
 // Speed against error of simulated LiDARs and time-of-flight cameras, on three worlds, both engines, over
 // their knobs.
 //
-//   bench_range [--rounds N] [--json FILE] [--place NAME] [--sensor SHEET] [--renderer rays|raster]
+//   bench_range [--rounds N] [--json FILE] [--place NAME] [--sensor MODEL] [--renderer rays|raster]
 //
 // The reference is the engine of rays over everything in full, with the most sub-rays (LiDAR: 61, time of
 // flight: 16 samples a pixel), without noise. Beside each time stands what the same sensor without noise
@@ -73,20 +73,20 @@ double bare_time(render::EmbreeEngine& engine, const Eigen::Vector3d& eye,
   std::vector<float> range(directions.size());
   const auto cast = [&](int) {
     engine.impl().arena().execute([&] {
-      const std::size_t chunks = (directions.size() + render::kShots - 1) / render::kShots;
+      const std::size_t chunks = (directions.size() + render::kPacketRays - 1) / render::kPacketRays;
       tbb::parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
-        render::Shots shots;
-        const std::size_t first = c * render::kShots;
+        render::RayPackets rays;
+        const std::size_t first = c * render::kPacketRays;
         const auto n =
-            static_cast<unsigned>(std::min<std::size_t>(render::kShots, directions.size() - first));
+            static_cast<unsigned>(std::min<std::size_t>(render::kPacketRays, directions.size() - first));
         for (unsigned i = 0; i < (n + 7) / 8 * 8; ++i)
           if (i < n)
-            shots.set(i, origin.data(), directions[first + i].data(), 0.001F,
-                      std::numeric_limits<float>::infinity(), 0);
+            rays.set(i, origin.data(), directions[first + i].data(), 0.001F,
+                     std::numeric_limits<float>::infinity(), 0);
           else
-            shots.skip(i);
-        scene->meet(shots, n, true);
-        for (unsigned i = 0; i < n; ++i) range[first + i] = shots.meeting(i).range_m;
+            rays.skip(i);
+        scene->intersect(rays, n, true);
+        for (unsigned i = 0; i < n; ++i) range[first + i] = rays.intersection(i).range_m;
       });
     });
   };

@@ -179,7 +179,7 @@ inline nlohmann::json machine(const std::shared_ptr<render::Device>& device) {
           {"vulkan", device ? device->name() : "none"}};
 }
 
-/// `--json FILE`, `--rounds N`, `--place NAME`, `--sensor SHEET`, `--part NAME`, `--renderer rays|raster`;
+/// `--json FILE`, `--rounds N`, `--place NAME`, `--sensor MODEL`, `--part NAME`, `--renderer rays|raster`;
 /// all of them without it.
 struct Options {
   std::string json, place, engine, part, sensor;

@@ -81,24 +81,24 @@ Result<RigConfig> load(const SenseOptions& options) {
 class SampleFile {
  public:
   SampleFile(const SenseOptions& options, const Capture& capture, nlohmann::json& told)
-      : options_(options), capture_(capture), told_(told) {}
+      : options_(options), capture_(capture), answer_(told) {}
 
   Status write() {
     const Sample& sample = capture_.sample;
     if (const auto* info = sample.as<ImageInfo>()) return image(*info);
     if (const auto* cloud = sample.as<PointCloudInfo>()) return points(*cloud);
     if (const auto* info = sample.as<RangeImageInfo>()) return ranges(*info);
-    told_["sample"] = sample_json(sample);
-    said_ = told_["sample"].dump();
-    return write_output(options_.output, told_["sample"].dump(2) + "\n");
+    answer_["sample"] = sample_json(sample);
+    said_ = answer_["sample"].dump();
+    return write_output(options_.output, answer_["sample"].dump(2) + "\n");
   }
   [[nodiscard]] const std::string& said() const { return said_; }
 
  private:
   Status image(const ImageInfo& info) {
-    told_["width_px"] = info.width_px;
-    told_["height_px"] = info.height_px;
-    told_["format"] = pfnc_name(info.format);
+    answer_["width_px"] = info.width_px;
+    answer_["height_px"] = info.height_px;
+    answer_["format"] = pfnc_name(info.format);
     said_ = fmt::format("{}x{} {}", info.width_px, info.height_px, pfnc_name(info.format));
     const auto picture = picture_bytes(options_.output.extension().string(), info, capture_.sample.bytes());
     if (!picture) return tl::unexpected<Error>(picture.error());
@@ -113,10 +113,10 @@ class SampleFile {
     Status written = options_.output.extension() == ".pcd"
                          ? write_points_pcd(options_.output, points)
                          : write_points_png(options_.output, points, scale_m);
-    told_["points"] = points.size();
+    answer_["points"] = points.size();
     said_ = fmt::format("{} points", points.size());
     if (scale_m > 0) {
-      told_["full_scale_m"] = scale_m;
+      answer_["full_scale_m"] = scale_m;
       said_ += fmt::format(", {:g} m from the middle to the edge", scale_m);
     }
     return written;
@@ -139,12 +139,12 @@ class SampleFile {
                                         : write_range_png(options_.output, picture, scale_m);
     const auto returns = std::count_if(picture.range_m.begin(), picture.range_m.end(),
                                        [](float r) { return std::isfinite(r); });
-    told_["width_px"] = info.width_px;
-    told_["height_px"] = info.height_px;
-    told_["returns"] = returns;
+    answer_["width_px"] = info.width_px;
+    answer_["height_px"] = info.height_px;
+    answer_["returns"] = returns;
     said_ = fmt::format("{}x{}, {} returns", info.width_px, info.height_px, returns);
     if (scale_m > 0) {
-      told_["full_scale_m"] = scale_m;
+      answer_["full_scale_m"] = scale_m;
       said_ += fmt::format(", colours over {:g} to {:g} m", options_.difference ? -scale_m : 0, scale_m);
     }
     return written;
@@ -173,7 +173,7 @@ class SampleFile {
 
   const SenseOptions& options_;
   const Capture& capture_;
-  nlohmann::json& told_;
+  nlohmann::json& answer_;
   std::string said_;
 };
 

@@ -83,7 +83,7 @@ void read_own(Keywords& k, CameraCalibrationOptions& o) {
 }
 void read_own(Keywords& k, StereoCalibrationOptions& o) {
   k("right", o.right), k("right_channel", o.right_channel), k("target", o.target), k("size", o.size);
-  k("left_model", o.left_sheet), k("right_model", o.right_sheet), k("within_ms", o.within_ms);
+  k("left_model", o.left_model_file), k("right_model", o.right_model_file), k("within_ms", o.within_ms);
   k("looked_for_folder", o.looked_for_folder);
 }
 void read_own(Keywords& k, LidarCalibrationOptions& o) {
@@ -103,12 +103,13 @@ void read_own(Keywords& k, ShadingCalibrationOptions& o) {
   k("dark", o.input.dark), k("black_dn", o.black_dn), k("mosaic", o.mosaic);
 }
 void read_own(Keywords& k, ExtrinsicsCalibrationOptions& o) {
-  k("camera", o.camera), k("second", o.second), k("camera_model", o.camera_sheet);
-  k("second_model", o.second_sheet), k("target", o.target), k("rough", o.rough), k("margin_m", o.margin_m);
+  k("camera", o.camera), k("second", o.second), k("camera_model", o.camera_model_file);
+  k("second_model", o.second_model_file), k("target", o.target), k("rough", o.rough),
+      k("margin_m", o.margin_m);
   k("sigma_m", o.sigma_m), k("still_m", o.still_m), k("views", o.views);
 }
 void read_own(Keywords& k, DelayCalibrationOptions& o) {
-  k("first", o.first), k("second", o.second), k("target", o.target), k("camera_model", o.camera_sheet);
+  k("first", o.first), k("second", o.second), k("target", o.target), k("camera_model", o.camera_model_file);
   k("largest_s", o.largest_s), k("same_quantity", o.same_quantity);
 }
 void read_own(Keywords& k, PairCalibrationOptions& o) { k("from_s", o.from_s), k("until_s", o.until_s); }

@@ -46,7 +46,7 @@ void add_function(py::module_& m, py::dict& about, const char* name, std::vector
         f(x, y);
         for (int i = 0; i < M; ++i) values[i * n + k] = y[i];
       }
-      return std::move(out);
+      return out;
     }
     py::array_t<double> by(std::vector<py::ssize_t>{M, N, n});
     double* slopes = by.mutable_data();
@@ -182,8 +182,8 @@ void add_tof(py::module_& m, py::dict& about) {
 #undef MODEL
 
 py::dict camera_values(const std::string& file, std::uint64_t draw) {
-  const CameraSheet sheet = value_of(load_camera(file, draw));
-  const CameraModel& c = sheet.model;
+  const CameraSensorModel sensor_model = value_of(load_camera(file, draw));
+  const CameraModel& c = sensor_model.model;
   py::dict d;
   d["width_px"] = c.width_px, d["height_px"] = c.height_px;
   d["fx_px"] = c.fx_px, d["fy_px"] = c.fy_px, d["cx_px"] = c.cx_px, d["cy_px"] = c.cy_px;
@@ -193,7 +193,7 @@ py::dict camera_values(const std::string& file, std::uint64_t draw) {
                       : std::vector<double>{c.lens.k1, c.lens.k2, c.lens.p1, c.lens.p2,
                                             c.lens.k3, c.lens.k4, c.lens.k5, c.lens.k6};
   d["theta_max_rad"] = fisheye ? fisheye_theta_max_rad(c.fisheye) : 0.0;
-  d["exposure_s"] = sheet.exposure_s;
+  d["exposure_s"] = sensor_model.exposure_s;
   d["gain_dn_per_e"] = c.system_gain_dn_per_e();
   d["black_dn"] = c.noise.black_level_dn;
   d["full_well_e"] = c.noise.full_well_e;

@@ -21,7 +21,7 @@ py::array held_bytes(const record::HeldMessage& message) {
   py::array_t<std::uint8_t> array(static_cast<py::ssize_t>(message.data.size()),
                                   reinterpret_cast<const std::uint8_t*>(message.data.data()), base);
   array.attr("setflags")(py::arg("write") = false);
-  return std::move(array);
+  return array;
 }
 
 class Recording {

@@ -48,9 +48,9 @@ class Rig {
     Registry registry = make_registry();
     if (!application.is_none()) {
       // The rig as the application's setup message describes it; the bench has its own copy.
-      told_ = std::make_shared<RigConfig>(rig);
+      rig_config_ = std::make_shared<RigConfig>(rig);
       calls_ = std::make_shared<ApplicationCalls>(application);
-      registry.add(NamedApplication{rig.application, [told = told_, calls = calls_] {
+      registry.add(NamedApplication{rig.application, [told = rig_config_, calls = calls_] {
                                       return make_turn_application(*told, python_handler(calls));
                                     }});
     }
@@ -226,7 +226,7 @@ class Rig {
   [[nodiscard]] static std::string setup_text(const RigConfig& rig, const ApplicationPorts& ports);
 
   std::vector<std::string> warnings_;
-  std::shared_ptr<RigConfig> told_;
+  std::shared_ptr<RigConfig> rig_config_;
   std::shared_ptr<ApplicationCalls> calls_;
   std::unique_ptr<live::Server> live_;
   std::unique_ptr<Worker> worker_;  // the bench's processes end with it

@@ -169,7 +169,7 @@ class World {
     const bool plain = alike && (*kind == world::ValueKind::flag || *kind == world::ValueKind::integer ||
                                  *kind == world::ValueKind::number || *kind == world::ValueKind::vector3 ||
                                  *kind == world::ValueKind::pose);
-    if (!plain) return std::move(list);
+    if (!plain) return list;
     return py::module_::import("numpy").attr("array")(list);
   }
   void set(std::uint64_t node, const std::string& name, const py::object& object) {

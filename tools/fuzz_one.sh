@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # fuzz_one.sh SECONDS RESULTS HARNESS: runs one harness of build/asan-ubsan on its corpus in tests/fuzz/corpus/NAME, prints the
-# end of its log, and leaves RESULTS/fuzz-NAME.ok when it found nothing. New inputs are kept in build/fuzz-corpus. Inputs are as
+# end of its log, and leaves RESULTS/fuzz-NAME.ok when it found nothing, else a line in RESULTS/fuzz.failed. New inputs are kept in build/fuzz-corpus. Inputs are as
 # long as tests/fuzz/max_len.txt says.
 set -euo pipefail
 
@@ -15,7 +15,10 @@ seeds=tests/fuzz/corpus/$name
 longest=$(awk -v name="$name" '$1 == name { print $2 }' tests/fuzz/max_len.txt)
 [[ $longest =~ ^[0-9]+$ ]] || { echo "$name: expected the length of its longest input in tests/fuzz/max_len.txt, found none" && exit 1; }
 
-if "build/asan-ubsan/$harness" -max_total_time="$seconds" -max_len="$longest" -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
+# With vm.mmap_rnd_bits above 28 the address sanitizer of clang 16 aborts at random.
+runner=()
+! setarch -R true 2>/dev/null || runner=(setarch -R)
+if "${runner[@]}" "build/asan-ubsan/$harness" -max_total_time="$seconds" -max_len="$longest" -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
   -artifact_prefix="build/fuzz-artifacts/$name-" "${folders[@]}" >"$log" 2>&1; then
   runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
   [[ ${runs:-0} -gt 0 ]] || { echo "$name: no input was run, see $log" && exit 1; }
@@ -24,5 +27,8 @@ if "build/asan-ubsan/$harness" -max_total_time="$seconds" -max_len="$longest" -t
 else
   echo "$name: FAILED, see $log"
   tail -n 60 "$log"
+  # A line of the summary: the error, and the first place in the harness or in Rigor.
+  echo "$name: $(grep -m 1 -oE 'ERROR: .*|runtime error: .*' "$log" || echo 'no message'), $(
+    grep -m 1 -oE "$PWD/[^ ]+:[0-9]+" "$log" | sed "s#^$PWD/##" || echo 'no place')" >>"$results/fuzz.failed"
   exit 1
 fi

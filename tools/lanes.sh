@@ -246,6 +246,10 @@ summarise() {
   for lane in "${BESIDE[@]}"; do
     [[ ! -f $RESULTS/$lane.beside ]] || echo "  built beside other lanes: $lane, $(minutes "$(<"$RESULTS/$lane.beside")")"
   done
+  # Which tests failed, and by what; nothing where none did.
+  find "$RESULTS" -name '*.failed' -size +0 | sort | while read -r lane; do
+    sed "s/^/  failed in $(basename "$lane" .failed): /" "$lane"
+  done
   # Which tests were run again; nothing where none was.
   find "$RESULTS" -name '*.again' -size +0 | sort | while read -r lane; do
     sed "s/^/  run again in $(basename "$lane" .again): /" "$lane"

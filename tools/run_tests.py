@@ -10,8 +10,8 @@ are run again where they fail, alone, at most twice. No other test is, and where
 run fails whatever they do afterwards.
 
 Writes RESULTS/LANE.xml (JUnit: each test once, as it ended), LANE.log (all that ctest said), LANE.batches (what each
-process printed) and LANE.again (the tests that were run again, one a line, and how that ended). Exit status 1 where the
-run fails.
+process printed), LANE.again (the tests that were run again, one a line, and how that ended) and LANE.failed (the tests that
+failed in the end, one a line, and by what). Exit status 1 where the run fails.
 
     run_tests.py --self-test
 """
@@ -98,6 +98,16 @@ def tell_failures(junit, batches):
             print(f"    Test: {name} ...***Failed\n{output}", flush=True)
 
 
+# What says in one line why a test failed: GoogleTest's place, a sanitizer's or Python's error, or how its process ended.
+REASON = re.compile(r"^(\S+:\d+: Failure\n.*(?:\n.*)?|.*(?:ERROR: |runtime error: |WARNING: ThreadSanitizer).*|\w*(?:Error|Exception): .*|"
+                    r"The process ended here: .*|Not run: .*|All cases passed, and then .*)$", re.MULTILINE)
+
+
+def reason_of(output):
+    found = REASON.search(output)
+    return " ".join((found.group() if found else output.strip().rpartition("\n")[2] or "it said nothing").split())[:300]
+
+
 def run(build, results, lane, options):
     junit, account = results / f"{lane}.xml", []
     folder = results / f"{lane}.batches"
@@ -119,6 +129,8 @@ def run(build, results, lane, options):
         for name in candidates:
             account.append(f"{name}: " + ("not run again" if too_many else again(build, junit, log, name)))
     (results / f"{lane}.again").write_text("".join(line + "\n" for line in account), encoding="utf-8")
+    ended_badly = [(name, reason_of(output)) for name, state, output in cases(junit) if state == "failed"] if junit.is_file() else []
+    (results / f"{lane}.failed").write_text("".join(f"{name}: {why}\n" for name, why in ended_badly), encoding="utf-8")
     at_once = [name for name in failed if name not in labelled]
     if at_once:
         print(f"failed, and not run again, for they judge neither the wall clock nor a kernel: {len(at_once)}")
@@ -241,10 +253,23 @@ def self_test():
                 if found[key] != value:
                     wrong += 1
                     print(f"self-test: {what}: {key}: expected {value}, found {found[key]}\n{said.stdout}{said.stderr}")
+            file = results / "lane.failed"
+            told = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+            if sorted(line.split(": ")[0] for line in told) != failed:
+                wrong += 1
+                print(f"self-test: {what}: lane.failed: expected {failed}, found {told}")
             for name in [line.split(":")[0] for line in account] + failed:
                 if f"  {name}" not in said.stdout:
                     wrong += 1
                     print(f"self-test: {what}: the last lines do not name {name}\n{said.stdout}")
+    for output, why in [("[ RUN      ] S.A\n/a/b.cpp:7: Failure\nExpected: 1\n  Actual: 2\n[  FAILED  ] S.A (1 ms)\n",
+                         "/a/b.cpp:7: Failure Expected: 1 Actual: 2"),
+                        ("==7==ERROR: AddressSanitizer: heap-use-after-free on 0x1\n    #0 f\n",
+                         "==7==ERROR: AddressSanitizer: heap-use-after-free on 0x1"),
+                        ("Traceback:\n  x\nValueError: no", "ValueError: no"), ("", "it said nothing")]:
+        if reason_of(output) != why:
+            wrong += 1
+            print(f"self-test: reason: expected {why!r}, found {reason_of(output)!r}")
     print(f"self-test: {len(trials)} trials, {wrong} wrong")
     return 1 if wrong else 0
 

@@ -55,10 +55,10 @@ void CranePorts::find(const ConfigNode& n, const ApplicationPorts& ports) {
     const auto& names = it->second.description->names;
     for (std::size_t i = 0; i < kTold; ++i)
       if (const auto at = std::find(names.begin(), names.end(), kToldNames[i]); at != names.end())
-        told_[i] = {it->second.port, static_cast<std::size_t>(at - names.begin())};
+        sources_[i] = {it->second.port, static_cast<std::size_t>(at - names.begin())};
   }
   for (std::size_t i = 0; i < kTold; ++i)
-    if (!told_[i].port)
+    if (!sources_[i].port)
       throw n.error("channels", std::string("expected a value ") + kToldNames[i] + " in one of them");
   std::array<bool, kCommanded> found{};
   for (const ConfigNode& item : n.list("sinks")) {
@@ -90,10 +90,10 @@ void CranePorts::listen() noexcept {
   const std::array<double*, kTold> to{&now_.angles.slew_rad, &now_.angles.boom_rad, &now_.angles.stick_rad,
                                       &now_.angles.telescope_m, &now_.felled};
   for (std::size_t i = 0; i < kTold; ++i) {
-    const SamplePort& port = *told_[i].port;
+    const SamplePort& port = *sources_[i].port;
     const auto* block = port.sample() ? port.sample()->as<RegisterBlock>() : nullptr;
-    if (!block || told_[i].index >= block->count) continue;
-    const double value = block->value[told_[i].index];
+    if (!block || sources_[i].index >= block->count) continue;
+    const double value = block->value[sources_[i].index];
     if (!std::isfinite(value)) continue;
     *to[i] = i < 3 ? value * kRadPerDeg : value;
     known_ |= 1u << i;

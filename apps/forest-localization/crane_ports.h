@@ -61,7 +61,7 @@ class CranePorts {
 
   CraneWork work_;
   double best_slew_rad_ = 0, hide_m_ = 0;
-  std::array<Value, kTold> told_{};
+  std::array<Value, kTold> sources_{};
   std::vector<Output> outputs_;
   CraneTold now_;
   unsigned known_ = 0;  ///< a bit for each value that was told

@@ -64,34 +64,35 @@ void OdometryInput::add(const Odometry& o, BenchTime t) noexcept {
   const std::array<double, 3> now{o.T_odom_base.position_m[0], o.T_odom_base.position_m[1],
                                   yaw_of(o.T_odom_base.orientation_wxyz)};
   if (seen_) {
-    const double dx = now[0] - told_[0], dy = now[1] - told_[1], turn = wrapped_rad(now[2] - told_[2]);
+    const double dx = now[0] - previous_[0], dy = now[1] - previous_[1],
+                 turn = wrapped_rad(now[2] - previous_[2]);
     // The chord of a circle; its length is signed by the heading in its middle.
-    const double heading = told_[2] + turn / 2;
+    const double heading = previous_[2] + turn / 2;
     const double along = dx * std::cos(heading) + dy * std::sin(heading);
     const double half = turn / 2;
     const double way = along * (std::abs(half) < 1e-4 ? 1 : half / std::sin(half));
     const double dt_s = std::max((t - t_).seconds(), 1e-3);
     if (std::abs(way) < 0.5 + 5 * dt_s) way_m_ += way, turn_rad_ += turn;  // else it began anew
   }
-  told_ = now;
+  previous_ = now;
 }
 
 void OdometryInput::add_sides(double left_rad, double right_rad) noexcept {
   if (seen_) {
-    way_m_ += wheel_radius_m_ * (left_rad - told_[0] + right_rad - told_[1]) / 2;
-    turn_rad_ += wheel_radius_m_ * (right_rad - told_[1] - left_rad + told_[0]) / track_m_;
+    way_m_ += wheel_radius_m_ * (left_rad - previous_[0] + right_rad - previous_[1]) / 2;
+    turn_rad_ += wheel_radius_m_ * (right_rad - previous_[1] - left_rad + previous_[0]) / track_m_;
   }
-  told_ = {left_rad, right_rad, 0};
+  previous_ = {left_rad, right_rad, 0};
 }
 
 void OdometryInput::add_steered(double wheel_rad, double steer_rad) noexcept {
   if (seen_) {
     // A curve of the angle that the front wheels had on the way between two reports.
-    const double way = wheel_radius_m_ * (wheel_rad - told_[0]);
+    const double way = wheel_radius_m_ * (wheel_rad - previous_[0]);
     way_m_ += way;
-    turn_rad_ += way * std::tan((told_[1] + steer_rad) / 2) / wheelbase_m_;
+    turn_rad_ += way * std::tan((previous_[1] + steer_rad) / 2) / wheelbase_m_;
   }
-  told_ = {wheel_rad, steer_rad, 0};
+  previous_ = {wheel_rad, steer_rad, 0};
 }
 
 }  // namespace rigor::forest

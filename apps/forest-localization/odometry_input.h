@@ -31,8 +31,9 @@ class OdometryInput {
   const SamplePort* port_ = nullptr;
   std::array<std::size_t, 2> register_{};
   double wheel_radius_m_ = 0, track_m_ = 1, wheelbase_m_ = 1;
-  bool steered_ = false;          ///< by an angle of the front wheels
-  std::array<double, 3> told_{};  ///< x, y, yaw; or the angles of the wheels; or of a wheel and of steering
+  bool steered_ = false;  ///< by an angle of the front wheels
+  std::array<double, 3>
+      previous_{};  ///< x, y, yaw; or the angles of the wheels; or of a wheel and of steering
   double way_m_ = 0, turn_rad_ = 0;
   BenchTime t_;
   bool seen_ = false;

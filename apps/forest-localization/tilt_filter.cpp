@@ -71,12 +71,12 @@ void TiltFilter::imu(BenchTime t, const std::array<double, 3>& f, const std::arr
   const double variance = config_.gravity_noise_rad2_s / std::clamp(dt_s, 1e-3, 0.1);
   roll_.update(roll, variance);
   pitch_.update(pitch, variance);
-  (void)told_.push(t, {roll_.angle_rad, pitch_.angle_rad});
+  (void)angles_.push(t, {roll_.angle_rad, pitch_.angle_rad});
 }
 
 Tilt TiltFilter::at(BenchTime t) const noexcept {
-  if (told_.size() == 0) return {};
-  const auto sums = told_.at(t);
+  if (angles_.size() == 0) return {};
+  const auto sums = angles_.at(t);
   return {sums[0], sums[1]};
 }
 

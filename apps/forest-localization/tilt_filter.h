@@ -54,7 +54,7 @@ class TiltFilter {
   Axis roll_, pitch_;
   bool begun_ = false;
   BenchTime t_imu_;
-  Timeline<2> told_;  ///< roll, pitch
+  Timeline<2> angles_;  ///< roll, pitch
   Timeline<1> way_;
   double speed_mps_ = 0, acceleration_mps2_ = 0;
   BenchTime t_speed_;

@@ -169,9 +169,9 @@ class StereoDepth final : public Application {
       throw n.error("channel",
                     "expected a channel of pictures in Mono8; \"" + in.name + "\" has another format");
     port = in.port;
-    const auto sheet = load_camera(n.base_dir() / n.text("model"));
-    if (!sheet) throw ConfigError(sheet.error());
-    model = sheet->model;
+    const auto sensor_model = load_camera(n.base_dir() / n.text("model"));
+    if (!sensor_model) throw ConfigError(sensor_model.error());
+    model = sensor_model->model;
     if (pinhole) model.lens = {};
     expect_size(n, in, model);
     const Eigen::Isometry3d T = mount_of(n.map("T_base_sensor"));
@@ -181,9 +181,9 @@ class StereoDepth final : public Application {
 
   void read_truth(const ConfigNode& n, const ApplicationPorts& ports) {
     const InputPort& in = input(n, ports, SampleKind::range_image, "range_image");
-    const auto sheet = load_tof_model(n.base_dir() / n.text("model"));
-    if (!sheet) throw ConfigError(sheet.error());
-    truth_model_ = sheet->camera();
+    const auto sensor_model = load_tof_model(n.base_dir() / n.text("model"));
+    if (!sensor_model) throw ConfigError(sensor_model.error());
+    truth_model_ = sensor_model->camera();
     if (!(truth_model_.lens == OpenCvLens{}))
       throw n.error("model",
                     "expected a camera without distortion: true ranges are looked up between its pixels");

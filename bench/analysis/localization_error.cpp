@@ -105,8 +105,8 @@ Result<std::vector<PlanePose>> true_poses(record::McapReader& reader, const std:
   return poses;
 }
 
-Result<std::vector<EstimatedPose>> told_poses(record::McapReader& reader, const std::string& sink) {
-  std::vector<EstimatedPose> told;
+Result<std::vector<EstimatedPose>> estimated_poses(record::McapReader& reader, const std::string& sink) {
+  std::vector<EstimatedPose> estimated;
   std::set<std::string> sinks;
   auto s = each(reader, "/rigor/commands", [&](const MessageView& view) -> Status {
     msg::Command m;
@@ -116,19 +116,19 @@ Result<std::vector<EstimatedPose>> told_poses(record::McapReader& reader, const 
     const auto x = named(m.names, m.values, "x"), y = named(m.names, m.values, "y");
     const auto other = [&](const char* name) { return named(m.names, m.values, name).value_or(kNaN); };
     if (x && y)
-      told.push_back({{ns_of(m.header.stamp), *x, *y, other("yaw")},
-                      other("sigma_x"),
-                      other("sigma_y"),
-                      other("state")});
+      estimated.push_back({{ns_of(m.header.stamp), *x, *y, other("yaw")},
+                           other("sigma_x"),
+                           other("sigma_y"),
+                           other("state")});
     return {};
   });
   if (!s) return tl::unexpected<Error>(s.error());
-  if (told.empty())
+  if (estimated.empty())
     return fail(ErrorCode::bad_input, reader.name(),
                 fmt::format("expected a sink \"{}\" that receives x and y, found none; the sinks that "
                             "received commands are {}",
                             sink, sinks.empty() ? "none" : fmt::format("{}", fmt::join(sinks, ", "))));
-  return told;
+  return estimated;
 }
 
 /// By nearest rank; 0 ≤ share ≤ 1. Not empty.
@@ -151,15 +151,15 @@ Result<LocalizationError> localization_error(const std::filesystem::path& record
   if (!reader) return tl::unexpected<Error>(reader.error());
   const auto poses = true_poses(**reader, question.truth);
   if (!poses) return tl::unexpected<Error>(poses.error());
-  const auto told = told_poses(**reader, question.estimate);
-  if (!told) return tl::unexpected<Error>(told.error());
+  const auto estimated = estimated_poses(**reader, question.estimate);
+  if (!estimated) return tl::unexpected<Error>(estimated.error());
 
   const std::int64_t start_ns = run->epoch.to_utc(run->t0).ns();
   LocalizationError out;
   double squared = 0;
   std::size_t with_sigma = 0;
   std::vector<double> distances, turns;
-  for (const EstimatedPose& e : *told) {
+  for (const EstimatedPose& e : *estimated) {
     const double t_s = static_cast<double>(e.pose.t_ns - start_ns) * 1e-9;
     if (t_s < question.after_s) continue;
     if (e.state == 0) {

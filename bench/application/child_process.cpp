@@ -28,7 +28,7 @@ namespace {
 using nlohmann::json;
 
 /// What a process that is asked to end may take for it.
-constexpr Duration kPatience = seconds(2);
+constexpr Duration kTimeout = seconds(2);
 constexpr int kSlice_ms = 50;  ///< how soon Ctrl-C and the end of the process are seen while one waits
 
 std::string how_it_ended(int status) {
@@ -157,7 +157,7 @@ void ChildProcess::end() noexcept {
   if (memory_fd_ >= 0) close(std::exchange(memory_fd_, -1));
   if (pid_ <= 0 || death()) return;
   ::kill(-pid_, SIGTERM);
-  if (!wait_for_death(kPatience)) kill();
+  if (!wait_for_death(kTimeout)) kill();
 }
 
 void ChildProcess::kill() {
@@ -178,8 +178,8 @@ std::optional<std::string> ChildProcess::death() {
   return death_;
 }
 
-std::optional<std::string> ChildProcess::wait_for_death(Duration patience) {
-  const MonotonicTime until = monotonic_now() + patience;
+std::optional<std::string> ChildProcess::wait_for_death(Duration timeout) {
+  const MonotonicTime until = monotonic_now() + timeout;
   while (!death() && monotonic_now() < until) std::this_thread::sleep_for(std::chrono::milliseconds(2));
   return death_;
 }
@@ -189,7 +189,7 @@ std::string sentence_of(const json& failed) {
   return it != failed.end() && it->is_string() ? it->get<std::string>() : "nothing of what went wrong";
 }
 
-Result<ChildProcess> ChildProcess::start(const Command& command, Duration patience, StopToken stop) {
+Result<ChildProcess> ChildProcess::start(const Command& command, Duration timeout, StopToken stop) {
   auto listener = Listener::open();
   if (!listener) return tl::unexpected<Error>(listener.error());
   ChildProcess child;
@@ -230,7 +230,7 @@ Result<ChildProcess> ChildProcess::start(const Command& command, Duration patien
                 "expected a program that can be run in " + directory + ", got \"" + words[0] +
                     "\": " + std::strerror(exec_error));
 
-  const MonotonicTime until = monotonic_now() + patience;
+  const MonotonicTime until = monotonic_now() + timeout;
   pollfd wait{listener->fd(), POLLIN, 0};
   while (poll(&wait, 1, kSlice_ms) <= 0) {
     if (stop.stop_requested())
@@ -242,7 +242,7 @@ Result<ChildProcess> ChildProcess::start(const Command& command, Duration patien
     if (monotonic_now() > until)
       return fail(ErrorCode::timeout, command.where,
                   words[0] + " did not connect to RIGOR_SOCKET within " +
-                      std::to_string(patience.ns() / 1'000'000'000) + " s; see `start_timeout_s`");
+                      std::to_string(timeout.ns() / 1'000'000'000) + " s; see `start_timeout_s`");
   }
   child.socket_ = accept4(listener->fd(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK);
   if (child.socket_ < 0)
@@ -250,7 +250,7 @@ Result<ChildProcess> ChildProcess::start(const Command& command, Duration patien
   const int room = 1 << 20;
   setsockopt(child.socket_, SOL_SOCKET, SO_SNDBUF, &room, sizeof room);
 
-  const auto hello = child.receive(MessageType::hello, patience, stop);
+  const auto hello = child.receive(MessageType::hello, timeout, stop);
   if (!hello) return tl::unexpected<Error>(hello.error());
   const json version = hello->is_object() ? hello->value("protocol", json()) : json();
   if (version != kProtocolVersion)
@@ -288,8 +288,8 @@ Status ChildProcess::send(MessageType type, const json& text) {
   return {};
 }
 
-Result<json> ChildProcess::receive(MessageType type, Duration patience, StopToken stop) {
-  const MonotonicTime until = monotonic_now() + patience;
+Result<json> ChildProcess::receive(MessageType type, Duration timeout, StopToken stop) {
+  const MonotonicTime until = monotonic_now() + timeout;
   std::string bytes(sizeof(MessageHeader), '\0');
   MessageHeader header;
   for (std::size_t got = 0;;) {

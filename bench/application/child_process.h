@@ -28,18 +28,18 @@ class ChildProcess {
   };
 
   /// Starts the program with RIGOR_SOCKET in its environment, and waits until it has said hello. unavailable:
-  /// it cannot be run, or ended before; timeout: it did not connect within `patience`, or `stop` said so.
-  [[nodiscard]] static Result<ChildProcess> start(const Command& command, Duration patience, StopToken stop);
+  /// it cannot be run, or ended before; timeout: it did not connect within `timeout`, or `stop` said so.
+  [[nodiscard]] static Result<ChildProcess> start(const Command& command, Duration timeout, StopToken stop);
   ChildProcess(ChildProcess&& o) noexcept;
   ChildProcess& operator=(ChildProcess&& o) noexcept;
-  /// SIGTERM, and SIGKILL after `kPatience`.
+  /// SIGTERM, and SIGKILL after `kTimeout`.
   ~ChildProcess();
 
   /// Text of a message, in setup: with the time that it may take.
   [[nodiscard]] Status send(MessageType type, const nlohmann::json& text);
   /// The next message, which has to be `type`, as JSON. What the process says instead, that it ended, or that
   /// its time is over, is the error.
-  [[nodiscard]] Result<nlohmann::json> receive(MessageType type, Duration patience, StopToken stop);
+  [[nodiscard]] Result<nlohmann::json> receive(MessageType type, Duration timeout, StopToken stop);
 
   /// The connection; non-blocking. -1: closed.
   [[nodiscard]] int socket() const noexcept { return socket_; }
@@ -49,7 +49,7 @@ class ChildProcess {
   /// How it ended ("exit status 1", "signal 9, Killed"); nothing while it lives.
   [[nodiscard]] std::optional<std::string> death();
   /// Waits so long for its end by itself.
-  [[nodiscard]] std::optional<std::string> wait_for_death(Duration patience);
+  [[nodiscard]] std::optional<std::string> wait_for_death(Duration timeout);
   /// At once.
   void kill();
 

@@ -92,19 +92,19 @@ bool address_of(const std::filesystem::path& path, sockaddr_un& address) {
   return true;
 }
 
-void set_patience(int fd, Duration d) {
-  const timeval patience{static_cast<time_t>(d.ns() / 1'000'000'000),
-                         static_cast<suseconds_t>(d.ns() % 1'000'000'000 / 1000)};
-  (void)setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
-  (void)setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+void set_timeout(int fd, Duration d) {
+  const timeval timeout{static_cast<time_t>(d.ns() / 1'000'000'000),
+                        static_cast<suseconds_t>(d.ns() % 1'000'000'000 / 1000)};
+  (void)setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &timeout, sizeof timeout);
+  (void)setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
 }
 
-int connect_to(const std::filesystem::path& path, Duration patience) {
+int connect_to(const std::filesystem::path& path, Duration timeout) {
   sockaddr_un address{};
   if (!address_of(path, address)) return -1;
   const int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
   if (fd < 0) return -1;
-  set_patience(fd, patience);  // of connecting, too: the run may have many who wait
+  set_timeout(fd, timeout);  // of connecting, too: the run may have many who wait
   if (connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) return fd;
   const int error = errno;
   close(fd);
@@ -241,7 +241,7 @@ void ControlSocket::serve() {
     if ((wait[1].revents & POLLIN) == 0) continue;
     const int fd = accept4(listener_, nullptr, nullptr, SOCK_CLOEXEC);
     if (fd < 0) continue;
-    set_patience(fd, seconds(2));  // whoever does not read his answers is let go
+    set_timeout(fd, seconds(2));  // whoever does not read his answers is let go
     if (clients.size() < kMaxClients)
       clients.push_back({fd, {}});
     else
@@ -315,9 +315,9 @@ struct Asked {
   bool gone = false;  ///< there is nobody to ask again
 };
 
-Asked ask_once(const std::filesystem::path& path, const std::string& line, Duration patience) {
-  const auto too_late = [&] { return fmt::format("no answer within {:g} s", patience.seconds()); };
-  const int fd = connect_to(path, patience);
+Asked ask_once(const std::filesystem::path& path, const std::string& line, Duration timeout) {
+  const auto too_late = [&] { return fmt::format("no answer within {:g} s", timeout.seconds()); };
+  const int fd = connect_to(path, timeout);
   if (fd < 0) {
     const bool busy = errno == EAGAIN || errno == EINTR;
     return {"", busy ? too_late() : std::strerror(errno), !busy};
@@ -342,7 +342,7 @@ Asked ask_once(const std::filesystem::path& path, const std::string& line, Durat
 
 }  // namespace
 
-Result<json> ask_bench(const std::string& name_or_pid, const json& request, Patience patience) {
+Result<json> ask_bench(const std::string& name_or_pid, const json& request, RetryPolicy retry) {
   const auto folder = control_folder();
   std::error_code none;
   if (std::filesystem::exists(folder, none))
@@ -365,10 +365,10 @@ Result<json> ask_bench(const std::string& name_or_pid, const json& request, Pati
   const std::string line = with_id.dump() + "\n";
   const std::string where = fits.front()->socket.string();
   Asked asked;
-  for (int i = 1; i <= patience.times; ++i) {
-    asked = ask_once(fits.front()->socket, line, patience.each);
+  for (int i = 1; i <= retry.times; ++i) {
+    asked = ask_once(fits.front()->socket, line, retry.each);
     if (!asked.reply.empty() || asked.gone) break;
-    if (i < patience.times) {
+    if (i < retry.times) {
       write_stderr(fmt::format("rigor: {}: {}; asking again\n", where, asked.why));
       std::this_thread::sleep_for(std::chrono::milliseconds(100));
     }
@@ -379,7 +379,7 @@ Result<json> ask_bench(const std::string& name_or_pid, const json& request, Pati
         ErrorCode::timeout, where,
         fmt::format("the run does not answer, asked {} times: {}; whether it did what it was asked is "
                     "not known (`rigor fault RUN --list` tells of faults)",
-                    patience.times, asked.why));
+                    retry.times, asked.why));
   const auto parsed = parse_json(asked.reply, where);
   if (!parsed) return tl::unexpected<Error>(parsed.error());
   const json& answer = *parsed;

@@ -87,13 +87,13 @@ struct RunningBench {
 /// Of this user, on this machine. Sockets that nobody answers on any more are removed.
 [[nodiscard]] std::vector<RunningBench> running_benches();
 /// How long a run is waited for. Asking again is safe: see `id` above.
-struct Patience {
+struct RetryPolicy {
   Duration each = seconds(10);
   int times = 3;
 };
 /// `name_or_pid`: not_found where no run, or more than one, has that name. The answer's `result`, or its
 /// error. timeout: nobody knows whether it was done; an earlier attempt that was in vain is told on stderr.
 [[nodiscard]] Result<nlohmann::json> ask_bench(const std::string& name_or_pid, const nlohmann::json& request,
-                                               Patience patience = {});
+                                               RetryPolicy retry = {});
 
 }  // namespace rigor

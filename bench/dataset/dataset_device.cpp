@@ -23,10 +23,10 @@ Result<std::unique_ptr<Device>> Device::create(const Setup& setup) {
 }
 
 Status Device::can_be_drawn() const {
-  const auto sheet =
-      catch_config([&] { return load_sheet(setup_.params.base_dir() / setup_.params.text("sensor"), 1); });
-  if (!sheet) return tl::unexpected<Error>(sheet.error());
-  if (!*sheet) return tl::unexpected<Error>(sheet->error());
+  const auto sensor_model = catch_config(
+      [&] { return load_sensor_model(setup_.params.base_dir() / setup_.params.text("sensor"), 1); });
+  if (!sensor_model) return tl::unexpected<Error>(sensor_model.error());
+  if (!*sensor_model) return tl::unexpected<Error>(sensor_model->error());
   return {};
 }
 

@@ -156,9 +156,9 @@ struct DeviceWorld::Impl {
                   "expected no `motion` of an emulated device: it runs beside the bench and knows "
                   "no start of a run")
               .error());
-    const auto kind = catch_config([&] { return kind_of_sheet(n); });
+    const auto kind = catch_config([&] { return kind_of_sensor_model(n); });
     if (!kind) return tl::unexpected<Error>(kind.error());
-    // The device's own noise: its draws are keyed apart from those of its twin.
+    // The device's own noise: its draws are keyed apart from those of its simulated side.
     const std::string name = entry.name + ".device";
     if (*kind == SampleKind::image) {
       auto camera = simulation->camera(n, copy.seed, name);

@@ -36,7 +36,7 @@ void end_child(pid_t pid) {
 }  // namespace
 
 Result<EmulatorProcess> EmulatorProcess::start(const std::filesystem::path& rig,
-                                               const std::vector<std::string>& overrides, Duration patience,
+                                               const std::vector<std::string>& overrides, Duration timeout,
                                                StopToken stop) {
   const std::string program = installed_program().string();
   if (program.empty())
@@ -84,7 +84,7 @@ Result<EmulatorProcess> EmulatorProcess::start(const std::filesystem::path& rig,
     ready = poll(&wait, 1, 200);
     if (ready < 0 && errno == EINTR) ready = 0;
     const auto waited = std::chrono::steady_clock::now() - began;
-    if (waited > std::chrono::nanoseconds(patience.ns())) break;
+    if (waited > std::chrono::nanoseconds(timeout.ns())) break;
   }
   const ssize_t got = ready > 0 ? read(fds[0], &byte, 1) : -1;
   close(fds[0]);
@@ -95,7 +95,7 @@ Result<EmulatorProcess> EmulatorProcess::start(const std::filesystem::path& rig,
     if (stop.stop_requested())
       return fail(ErrorCode::unavailable, "emulators", "interrupted while they were coming up");
     return fail(ErrorCode::timeout, "emulators",
-                "the rig's emulators did not come up in " + std::to_string(patience.ns() / 1'000'000'000) +
+                "the rig's emulators did not come up in " + std::to_string(timeout.ns() / 1'000'000'000) +
                     " s; `rigor emulate` alone shows what they wait for");
   }
   waitpid(pid, &status, 0);

@@ -22,7 +22,7 @@ class EmulatorProcess {
   /// `stop` says so.
   [[nodiscard]] static Result<EmulatorProcess> start(const std::filesystem::path& rig,
                                                      const std::vector<std::string>& overrides,
-                                                     Duration patience, StopToken stop);
+                                                     Duration timeout, StopToken stop);
   EmulatorProcess(EmulatorProcess&& o) noexcept;
   EmulatorProcess& operator=(EmulatorProcess&& o) noexcept;
   /// Asks it to end (SIGTERM), and ends it (SIGKILL) after three seconds. It dies with this process too.

@@ -80,14 +80,14 @@ void LiveEstimate::told(std::uint32_t sink, const Command& command) {
   Told t{{command.t_issue.ns(), value(to_x_), value(to_y_), value(to_yaw_)},
          std::sqrt((sx * sx + sy * sy) / 2)};
   if (!std::isfinite(t.pose.x_m + t.pose.y_m)) return;
-  if (told_.size() == kMostTold) told_.pop_front();
-  told_.push_back(t);
+  if (estimates_.size() == kMostTold) estimates_.pop_front();
+  estimates_.push_back(t);
 }
 
 std::optional<LiveEstimate::At> LiveEstimate::next() {
-  while (!told_.empty() && !truth_.empty() && truth_.back().t_ns >= told_.front().pose.t_ns) {
-    const Told told = told_.front();
-    told_.pop_front();
+  while (!estimates_.empty() && !truth_.empty() && truth_.back().t_ns >= estimates_.front().pose.t_ns) {
+    const Told told = estimates_.front();
+    estimates_.pop_front();
     const auto p = pose_at(truth_, told.pose.t_ns);
     if (!p) continue;
     const PlanePoseError error = pose_error(told.pose, *p);

@@ -44,7 +44,7 @@ class LiveEstimate {
   std::optional<std::size_t> x_, y_, yaw_deg_;                                  // of the truth's registers
   std::optional<std::size_t> to_x_, to_y_, to_yaw_, to_sx_, to_sy_, to_state_;  // of the sink's values
   std::vector<PlanePose> truth_;
-  std::deque<Told> told_;
+  std::deque<Told> estimates_;
 };
 
 }  // namespace rigor::live

@@ -16,8 +16,10 @@ std::string bytes_text(std::span<const std::byte> bytes) {
 
 }  // namespace
 
-Hub::Hub(std::string name, std::string session_id, RunElsewhere run_elsewhere)
-    : name_(std::move(name)), session_id_(std::move(session_id)), run_elsewhere_(std::move(run_elsewhere)) {}
+Hub::Hub(std::string name, std::string session_id, RunInBackground run_in_background)
+    : name_(std::move(name)),
+      session_id_(std::move(session_id)),
+      run_in_background_(std::move(run_in_background)) {}
 
 // ------------------------------------------------------------------ what there is
 
@@ -94,13 +96,13 @@ void Hub::publish(std::uint32_t channel, std::uint64_t time_ns, const Bytes& mes
     const std::size_t room = size <= kSmall ? 2 * kBacklog : kBacklog;
     if ((backlog > 0 && backlog + size > room) || (size > kNumbers && client.link->behind())) {
       counters_.frames_dropped.fetch_add(1, std::memory_order_relaxed);
-      if (!client.told_of_drops)
+      if (!client.reported_drops)
         say(client,
             status_message(StatusLevel::warning,
                            "this client does not read as fast as it subscribed; messages are dropped, "
                            "of " +
                                channels_[channel - 1].topic + " the first"));
-      client.told_of_drops = true;
+      client.reported_drops = true;
       continue;
     }
     counters_.frames_sent.fetch_add(1, std::memory_order_relaxed);
@@ -227,7 +229,7 @@ void Hub::on(Client& client, const ServiceCall& m) {
   ++client.calls;
   ++calls_;
   auto answer = std::make_shared<std::string>();
-  run_elsewhere_(
+  run_in_background_(
       [service = services_[m.service - 1].answer, request = m.request, answer, here = client.here] {
         if (here->load(std::memory_order_relaxed)) *answer = service(request);
       },

@@ -58,9 +58,9 @@ class Hub {
   /// A service's answer; called on whatever thread `run_service` brings it to. It throws nothing.
   using Service = std::function<std::string(const std::string& request)>;
   /// Runs `work` somewhere else, then `done` on the server's thread.
-  using RunElsewhere = std::function<void(std::function<void()> work, std::function<void()> done)>;
+  using RunInBackground = std::function<void(std::function<void()> work, std::function<void()> done)>;
 
-  Hub(std::string name, std::string session_id, RunElsewhere run_elsewhere);
+  Hub(std::string name, std::string session_id, RunInBackground run_in_background);
 
   /// The channel's id. Clients that are there already are told of it by `advertise_new`.
   std::uint32_t add_channel(ChannelInfo channel);
@@ -103,7 +103,7 @@ class Hub {
     std::size_t calls = 0;
     /// Until it goes: what it asked for and was not begun is not done any more.
     std::shared_ptr<std::atomic<bool>> here = std::make_shared<std::atomic<bool>>(true);
-    bool told_of_drops = false, leaving = false;
+    bool reported_drops = false, leaving = false;
   };
   struct Offered {
     ServiceInfo info;
@@ -123,7 +123,7 @@ class Hub {
   [[nodiscard]] bool overfull(Client& client);
 
   std::string name_, session_id_;
-  RunElsewhere run_elsewhere_;
+  RunInBackground run_in_background_;
   std::vector<ChannelInfo> channels_;  // id − 1 is the place
   std::vector<std::uint32_t> subscribers_;
   std::vector<std::uint64_t> subscribed_;

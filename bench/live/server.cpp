@@ -32,7 +32,7 @@ using tcp = asio::ip::tcp;
 using beast::error_code;
 
 constexpr std::string_view kProtocols[] = {"foxglove.websocket.v1", "foxglove.sdk.v1"};
-constexpr auto kPatience = std::chrono::seconds(10), kSilence = std::chrono::seconds(60);
+constexpr auto kWriteTimeout = std::chrono::seconds(10), kIdleTimeout = std::chrono::seconds(60);
 constexpr std::string_view kAsked = "read";
 /// In the kernel: little, so that a client that does not read is known by its backlog here.
 constexpr int kSendBuffer = 256 << 10;
@@ -79,10 +79,10 @@ std::string path_of(std::string_view target) {
 }
 
 /// Tasks that take their time, one after the other.
-class Elsewhere {
+class SerialExecutor {
  public:
-  Elsewhere() : thread_([this] { work(); }) {}
-  ~Elsewhere() {
+  SerialExecutor() : thread_([this] { work(); }) {}
+  ~SerialExecutor() {
     {
       const std::lock_guard lock(mutex_);
       end_ = true;
@@ -144,7 +144,7 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
     parser_.emplace();
     parser_->header_limit(Server::kMaxHeader);
     parser_->body_limit(0);
-    beast::get_lowest_layer(ws_).expires_after(kPatience);
+    beast::get_lowest_layer(ws_).expires_after(kWriteTimeout);
     http::async_read(ws_.next_layer(), buffer_, *parser_,
                      [self = shared_from_this()](error_code error, std::size_t) {
                        if (!error) self->answer();
@@ -225,7 +225,7 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
     response_.body() = std::move(content);
     response_.prepare_payload();
     if (request.method() == http::verb::head) response_.body().clear();  // its length has been said
-    beast::get_lowest_layer(ws_).expires_after(kPatience);
+    beast::get_lowest_layer(ws_).expires_after(kWriteTimeout);
     http::async_write(ws_.next_layer(), response_,
                       [self = shared_from_this()](error_code error, std::size_t) {
                         if (error) return;
@@ -253,7 +253,7 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
     ++site_.sockets;
     is_socket_ = true;
     beast::get_lowest_layer(ws_).expires_never();
-    ws_.set_option(websocket::stream_base::timeout{kPatience, kSilence, true});
+    ws_.set_option(websocket::stream_base::timeout{kWriteTimeout, kIdleTimeout, true});
     ws_.set_option(websocket::stream_base::decorator([protocol](websocket::response_type& r) {
       r.set(http::field::sec_websocket_protocol, beast::string_view(protocol.data(), protocol.size()));
     }));
@@ -351,7 +351,7 @@ struct Server::Impl {
   };
   explicit Impl(const std::string& name)
       : hub(name, std::to_string(realtime_now().ns()), [this](auto task, auto done) {
-          elsewhere->push([this, task = std::move(task), done = std::move(done)] {
+          executor->push([this, task = std::move(task), done = std::move(done)] {
             task();
             asio::post(context, done);
           });
@@ -376,7 +376,7 @@ struct Server::Impl {
     if (!thread.joinable()) return;
     context.stop();
     thread.join();
-    elsewhere.reset();  // what it is at comes to its end, and is told nobody
+    executor.reset();  // what it is at comes to its end, and is told nobody
   }
   void repeat(const std::shared_ptr<Repeated>& r) {
     r->timer.expires_after(std::chrono::nanoseconds(r->period.ns()));
@@ -397,7 +397,7 @@ struct Server::Impl {
   Site site;
   bool ended = false;  ///< nothing is repeated any more
   std::string address;
-  std::unique_ptr<Elsewhere> elsewhere;
+  std::unique_ptr<SerialExecutor> executor;
   Hub hub;
   asio::io_context context{1};
   asio::executor_work_guard<asio::io_context::executor_type> work{context.get_executor()};
@@ -431,8 +431,8 @@ Result<std::unique_ptr<Server>> Server::open(const ServerOptions& options, const
       endpoint.address().is_v6() ? "[" + options.endpoint.address + "]" : options.endpoint.address;
   impl->address = "http://" + host + ":" + std::to_string(acceptor.local_endpoint().port()) + "/";
   if (options.token_in_url) impl->address += "?token=" + options.token;
-  impl->elsewhere = std::make_unique<Elsewhere>();
-  impl->elsewhere->push(be_nicer);
+  impl->executor = std::make_unique<SerialExecutor>();
+  impl->executor->push(be_nicer);
   impl->accept();
   impl->thread = std::thread([i = impl.get()] {
     be_nicer();
@@ -446,14 +446,14 @@ Server::~Server() { impl_->stop(); }
 void Server::end(std::function<void()> last) {
   constexpr auto kGoodbye = std::chrono::milliseconds(500);
   std::promise<void> gone;
-  asio::steady_timer patience(impl_->context);
+  asio::steady_timer timer(impl_->context);
   post([&] {
     last();
     impl_->ended = true;
     impl_->acceptor.close();
     for (Connection* c : std::set(impl_->site.open)) c->say_goodbye();
     // Until the last one has answered, or for as long as one may wait for it.
-    impl_->look_for_end(patience, std::chrono::steady_clock::now() + kGoodbye, gone);
+    impl_->look_for_end(timer, std::chrono::steady_clock::now() + kGoodbye, gone);
   });
   gone.get_future().wait();
   impl_->stop();

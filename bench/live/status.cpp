@@ -193,7 +193,7 @@ json LiveStatus::faults() {
 /// As the loop showed it when it was asked, which it is every third time: less than twice a second.
 std::vector<Expected> LiveStatus::expected(const RunFacts& facts) {
   if (!parts_.expectations) return {};
-  if (told_++ % 3 == 0) parts_.expectations->ask();
+  if (published_++ % 3 == 0) parts_.expectations->ask();
   RunEnd known = run_end(facts);
   known.extent = RunEnd::Extent::so_far;
   known.skipped = facts.skipped;

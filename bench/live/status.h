@@ -44,7 +44,7 @@ class LiveStatus {
   bool replay_;
   std::vector<ChannelDescription> descriptions_;
   std::vector<Rate> rates_;
-  unsigned told_ = 0;  ///< times
+  unsigned published_ = 0;  ///< times
 };
 
 }  // namespace rigor::live

@@ -131,8 +131,8 @@ LiveWorld::LiveWorld(Simulation& simulation, const RunParts& parts, LiveTap& tap
     if (!mount) continue;  // the assembly has refused it before
     s.mount = *mount;
     if (entry.kind == SampleKind::image)
-      if (const auto sheet = load_camera(choice.params.base_dir() / choice.params.text("sensor")))
-        s.camera = sheet->model;
+      if (const auto sensor_model = load_camera(choice.params.base_dir() / choice.params.text("sensor")))
+        s.camera = sensor_model->model;
     sensors_.push_back(std::move(s));
   }
 }

@@ -126,8 +126,8 @@ void BenchMotion::take_felling(Body& body, BenchTime t_cycle) noexcept {
   const bool more = value[0] > body.cuts_known;
   body.cuts_known = value[0];
   if (more)
-    (void)body.cuts->told_felling(value[1], value[2], value[3] * std::numbers::pi / 180,
-                                  t_cycle + nanoseconds(1));
+    (void)body.cuts->apply_felling(value[1], value[2], value[3] * std::numbers::pi / 180,
+                                   t_cycle + nanoseconds(1));
 }
 
 void BenchMotion::take_pose(Body& body) noexcept {

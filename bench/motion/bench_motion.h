@@ -15,9 +15,9 @@
 namespace rigor {
 
 /// Keeps the last reports of each joint's position and of each body's pose. Between two reports it
-/// interpolates, so that a twin which is rendered after the fact sees them where they were; past the newest
-/// it extrapolates. Platforms of this process are asked themselves. All calls: loop thread (simulated sources
-/// read it when they dispatch a capture), no allocation.
+/// interpolates, so that a simulated side which is rendered after the fact sees them where they were; past
+/// the newest it extrapolates. Platforms of this process are asked themselves. All calls: loop thread
+/// (simulated sources read it when they dispatch a capture), no allocation.
 class BenchMotion final : public MotionSource {
  public:
   /// Setup: binds joint `index` of the world to a channel's values.

@@ -79,11 +79,11 @@ std::shared_ptr<Platform> make_trajectory(const PlatformEntry& entry) {
 }
 
 template <class Config>
-Config sheet_or_default(const ConfigNode& n, Result<Config> (*load)(const std::filesystem::path&)) {
+Config model_or_default(const ConfigNode& n, Result<Config> (*load)(const std::filesystem::path&)) {
   if (!n.has("model")) return Config{};
-  auto sheet = load(n.base_dir() / n.text("model"));
-  if (!sheet) throw ConfigError(sheet.error());
-  return std::move(*sheet);
+  auto platform_model = load(n.base_dir() / n.text("model"));
+  if (!platform_model) throw ConfigError(platform_model.error());
+  return std::move(*platform_model);
 }
 
 std::shared_ptr<Platform> make_one(const PlatformEntry& entry, std::uint64_t seed, const Ground& ground,
@@ -99,8 +99,8 @@ std::shared_ptr<Platform> make_one(const PlatformEntry& entry, std::uint64_t see
                     "info` says how far it reaches",
                     start.x_m, start.y_m));
   if (model == "harvester")
-    return std::make_shared<Harvester>(sheet_or_default(n, load_harvester), start, ground, stems);
-  return std::make_shared<SkidSteer>(sheet_or_default(n, load_skid_steer), start, ground);
+    return std::make_shared<Harvester>(model_or_default(n, load_harvester), start, ground, stems);
+  return std::make_shared<SkidSteer>(model_or_default(n, load_skid_steer), start, ground);
 }
 
 class PoseProvider final : public SampleProvider {

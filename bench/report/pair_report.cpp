@@ -122,9 +122,9 @@ std::string parameter_table(const json& parameters) {
 
 std::string pair_watch_card(const std::string& channel, const json& w, const std::string& unit) {
   const std::string state = w["state"];
-  std::string s =
-      fmt::format("<div class=\"card\" style=\"grid-column:1/-1\"><h3>{}: is the twin still right?</h3><p>",
-                  html_text(channel));
+  std::string s = fmt::format(
+      "<div class=\"card\" style=\"grid-column:1/-1\"><h3>{}: does the simulation still match?</h3><p>",
+      html_text(channel));
   if (w["alarms"].get<std::uint64_t>() > 0)
     s += fmt::format("<b style=\"color:var(--bad)\">{} at {:.1f} s: {}.</b> ",
                      state == "alarm" ? "Alarm" : "Alarm (acknowledged)",

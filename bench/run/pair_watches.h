@@ -10,9 +10,9 @@ namespace rigor {
 
 /// `entry.watch` is there, from the rig or not; both sides are configured. Setup; reads the sensor model.
 /// bad_input at the place in the rig: a kind that cannot be watched, too many numbers, or others than the
-/// twin's.
+/// simulated side's.
 [[nodiscard]] Result<pair_watch::PairWatch> make_pair_watch(const ChannelEntry& entry,
                                                             const ChannelDescription& real,
-                                                            const ChannelDescription& twin);
+                                                            const ChannelDescription& simulated);
 
 }  // namespace rigor

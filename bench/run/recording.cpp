@@ -27,9 +27,9 @@ std::optional<std::int64_t> number(const std::map<std::string, std::string>& m, 
 std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry) {
   const ConfigNode& params = entry.is_pair ? entry.simulated.params : entry.source.params;
   if (entry.kind != SampleKind::image || !params.has("sensor")) return std::nullopt;
-  const auto sheet = load_camera(params.base_dir() / params.text("sensor"));
-  if (!sheet) return std::nullopt;  // the assembly has refused it before
-  return camera_info(sheet->model);
+  const auto sensor_model = load_camera(params.base_dir() / params.text("sensor"));
+  if (!sensor_model) return std::nullopt;  // the assembly has refused it before
+  return camera_info(sensor_model->model);
 }
 
 std::map<std::string, std::string> run_metadata(const RunParts& parts, const EpochPair& epoch) {

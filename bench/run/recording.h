@@ -40,8 +40,8 @@ class RecordingFile {
   bool device_ = false;  ///< /dev/null and its like
 };
 
-/// The lens of a simulated channel (of a pair: of its twin), as ROS has it; empty where the rig names no
-/// sensor.
+/// The lens of a simulated channel (of a pair: of its simulated side), as ROS has it; empty where the rig
+/// names no sensor.
 [[nodiscard]] std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry);
 
 /// A recorder that writes to `file`, and waits for Recorder::begin. Channels are named to it in the order of

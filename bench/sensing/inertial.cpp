@@ -113,7 +113,7 @@ bool is_inertial(SampleKind kind) {
 Result<std::shared_ptr<SampleProvider>> make_inertial(SampleKind kind, const ConfigNode& params,
                                                       const InertialSetup& setup, SensorWorld& world) {
   auto made = catch_config([&]() -> std::shared_ptr<SampleProvider> {
-    expect_sheet(params, kind);
+    expect_sensor_model(params, kind);
     const std::filesystem::path file = params.base_dir() / params.text("sensor");
     InertialSpec spec{setup.name, setup.seed, setup.period, setup.ideal};
     if (kind == SampleKind::odometry) {

@@ -19,18 +19,18 @@ Names names_of(SampleKind kind) {
 
 }  // namespace
 
-SampleKind kind_of_sheet(const ConfigNode& params) {
-  const auto sheet = ConfigDocument::load(params.base_dir() / params.text("sensor"));
-  if (!sheet) throw ConfigError(sheet.error());
-  if (sheet->has("accelerometer")) return SampleKind::imu;
-  if (sheet->has("wheel_radius_m")) return SampleKind::odometry;
-  if (sheet->has("status")) return SampleKind::nav_fix;
-  if (sheet->has("scan")) return SampleKind::point_cloud;
-  return sheet->has("modulation") ? SampleKind::range_image : SampleKind::image;
+SampleKind kind_of_sensor_model(const ConfigNode& params) {
+  const auto sensor_model = ConfigDocument::load(params.base_dir() / params.text("sensor"));
+  if (!sensor_model) throw ConfigError(sensor_model.error());
+  if (sensor_model->has("accelerometer")) return SampleKind::imu;
+  if (sensor_model->has("wheel_radius_m")) return SampleKind::odometry;
+  if (sensor_model->has("status")) return SampleKind::nav_fix;
+  if (sensor_model->has("scan")) return SampleKind::point_cloud;
+  return sensor_model->has("modulation") ? SampleKind::range_image : SampleKind::image;
 }
 
-void expect_sheet(const ConfigNode& params, SampleKind kind) {
-  const SampleKind found = kind_of_sheet(params);
+void expect_sensor_model(const ConfigNode& params, SampleKind kind) {
+  const SampleKind found = kind_of_sensor_model(params);
   if (found == kind) return;
   const Names wanted = names_of(kind), got = names_of(found);
   throw params.error(

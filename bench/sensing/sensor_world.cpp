@@ -237,9 +237,9 @@ Status make_body(world::Transaction& tx, const world::Schema& schema, world::Nod
 }
 }  // namespace
 
-/// Brings the world to the trees that stand at the motion's instant. A request for an earlier one, of a twin
-/// that measures after the fact or of a slower thread, finds them standing again: what a sensor sees depends
-/// on its request alone.
+/// Brings the world to the trees that stand at the motion's instant. A request for an earlier one, of a
+/// simulated side that measures after the fact or of a slower thread, finds them standing again: what a
+/// sensor sees depends on its request alone.
 Status SensorWorld::fell(world::Transaction& tx, const WorldMotion& motion) {
   std::vector<Felling> wanted;
   for (std::size_t i = 0; i < carriers_.size() && i < motion.body_count; ++i)

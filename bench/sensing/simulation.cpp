@@ -171,7 +171,7 @@ bool small_renderer_knows(const CameraModel& m) {
 }
 
 template <class Model>
-struct Sheet {
+struct SensorModelWriter {
   Model model;
   SensorSetup setup;
 };
@@ -239,7 +239,7 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
                                                           const std::string& name,
                                                           const SensorOptions& asked) {
   const auto keyed = catch_config([&] {
-    expect_sheet(params, SampleKind::image);
+    expect_sensor_model(params, SampleKind::image);
     return with_keys(asked, params);
   });
   if (!keyed) return tl::unexpected<Error>(keyed.error());
@@ -249,11 +249,11 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
                !params.has("renderer") && !options.choice && options.only.empty() && !params.has("motion") &&
                options.ideal == asked.ideal;
   if (small) {
-    const auto sheet = catch_config([&] {
+    const auto sensor_model = catch_config([&] {
       return value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params, options)));
     });
-    if (!sheet) return tl::unexpected<Error>(sheet.error());
-    small = small_renderer_knows(sheet->model);
+    if (!sensor_model) return tl::unexpected<Error>(sensor_model.error());
+    small = small_renderer_knows(sensor_model->model);
   }
   if (!small) {
     auto made = sensed_camera(std::move(params), seed, name, options);
@@ -261,22 +261,22 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
     return std::shared_ptr<ImageProvider>(std::move(*made));
   }
   auto made = catch_config([&]() -> Result<std::shared_ptr<ImageProvider>> {
-    const auto sheet =
+    const auto sensor_model =
         value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params, options)));
     const SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
     auto device = impl_->resources.device();
     if (!device) return tl::unexpected<Error>(device.error());
     CameraSpec spec;
     spec.name = name;
-    spec.model = sheet.model;
+    spec.model = sensor_model.model;
     spec.format = pixel_format_from(params.text_or("pixel_format", "Mono8")).value_or(PixelFormat::mono8);
-    spec.supersampling = sheet.supersampling;
+    spec.supersampling = sensor_model.supersampling;
     spec.noise = !options.ideal;
     spec.seed = seed;
     if (setup.mount.parent) spec.parent_node = params.text("parent");
     spec.T_parent_sensor = setup.mount.T_parent_sensor;
     auto provider =
-        std::make_shared<SceneCamera>(spec, seconds_from(sheet.exposure_s), *device, impl_->scene);
+        std::make_shared<SceneCamera>(spec, seconds_from(sensor_model.exposure_s), *device, impl_->scene);
     if (auto s = provider->prepare(spec.format); !s) return tl::unexpected<Error>(s.error());
     if (!options.times) return std::shared_ptr<ImageProvider>(std::move(provider));
     return std::shared_ptr<ImageProvider>(std::make_shared<TimedCamera>(std::move(provider), options.times));
@@ -289,18 +289,18 @@ Result<std::shared_ptr<SensedCamera>> Simulation::sensed_camera(ConfigNode param
                                                                 const std::string& name,
                                                                 const SensorOptions& asked) {
   auto made = catch_config([&] {
-    expect_sheet(params, SampleKind::image);
+    expect_sensor_model(params, SampleKind::image);
     const SensorOptions options = with_keys(asked, params);
-    const auto sheet =
+    const auto sensor_model =
         value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params, options)));
     SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
     if (setup.choice.engine.empty()) setup.choice.engine = "raster";
-    CameraModel model = sheet.model;
+    CameraModel model = sensor_model.model;
     if (options.ideal || !options.only.empty()) model = value_or_throw(only_effects(model, options.only));
     const auto format =
         pixel_format_from(params.text_or("pixel_format", "Mono8")).value_or(PixelFormat::mono8);
-    return make_camera(setup, model, format, seconds_from(sheet.exposure_s), sheet.supersampling,
-                       *impl_->world, impl_->resources);
+    return make_camera(setup, model, format, seconds_from(sensor_model.exposure_s),
+                       sensor_model.supersampling, *impl_->world, impl_->resources);
   });
   if (!made) return tl::unexpected<Error>(made.error());
   return *made;
@@ -313,7 +313,7 @@ Result<std::shared_ptr<TruthfulSampler>> Simulation::sampler(SampleKind kind, Co
     return tl::unexpected<Error>(
         params.error("", "expected a channel of kind point_cloud or range_image, got another one").error());
   auto made = catch_config([&]() -> Result<std::shared_ptr<TruthfulSampler>> {
-    expect_sheet(params, kind);
+    expect_sensor_model(params, kind);
     const SensorOptions options = with_keys(asked, params);
     const std::filesystem::path file = params.base_dir() / params.text("sensor");
     SensorSetup setup = read_setup(params, kind, *impl_->world, name, seed, options);

@@ -198,13 +198,13 @@ class Tuner {
       all.push_back(c);
     };
     if (entry_.kind == SampleKind::image) {
-      const auto sheet = load_camera(*file);
-      if (!sheet) return tl::unexpected<Error>(sheet.error());
+      const auto sensor_model = load_camera(*file);
+      if (!sensor_model) return tl::unexpected<Error>(sensor_model.error());
       for (const double error : {2e-3, 0.0})
         for (const int samples : {1, 4, 16})
           add("rays", [&](EngineChoice& c) { c.allowed_error_rad = error, c.samples_per_pixel = samples; });
       // One view has neither blur nor rows that expose later than others; without either, more are the same.
-      const Shutter& shutter = sheet->model.shutter;
+      const Shutter& shutter = sensor_model->model.shutter;
       const bool takes_time = shutter.motion_blur || shutter.line_time_s > 0;
       for (const double error : {2e-3, 0.0})
         for (const double scale : {1.0, 2.0})

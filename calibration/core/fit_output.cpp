@@ -59,7 +59,7 @@ void remove(YAML::Node node, const std::string& path) {
 
 YAML::Node number(double v) { return YAML::Node(exact_text(v)); }
 
-YAML::Node section_of(const SheetRecipe& recipe, const FitResult& fit,
+YAML::Node section_of(const SensorModelRecipe& recipe, const FitResult& fit,
                       const std::vector<RecordingHash>& recordings) {
   YAML::Node s;
   s["version"] = 1;
@@ -200,8 +200,8 @@ json to_json(const FitResult& fit) {
   return out;
 }
 
-Result<std::string> sheet_yaml(const SheetRecipe& recipe, const FitResult& fit,
-                               const std::vector<RecordingHash>& recordings) {
+Result<std::string> sensor_model_yaml(const SensorModelRecipe& recipe, const FitResult& fit,
+                                      const std::vector<RecordingHash>& recordings) {
   try {
     YAML::Node root = recipe.base.empty() ? YAML::Node(YAML::NodeType::Map) : YAML::Load(recipe.base);
     if (!root.IsMap())

@@ -20,7 +20,7 @@ struct RecordingHash {
 [[nodiscard]] nlohmann::json to_json(const FitResult& fit);
 
 /// How the fit becomes a sensor model.
-struct SheetRecipe {
+struct SensorModelRecipe {
   std::string kind;  ///< camera, lidar, tof
   std::string base;  ///< YAML that the values go into; empty: a new sensor model
   /// Keys to set, by path (`intrinsics.fx_px`), in order; the value is YAML (`1.5`, `[1, 2]`). Lists are set
@@ -39,8 +39,8 @@ struct SheetRecipe {
 /// The sensor model with its section `calibration` (sensor-hal/models/calibration_section.h). Parameters
 /// without a finite uncertainty are not in the covariance: they are listed as not identifiable. bad_input
 /// where the base is no map or a path runs through a value.
-[[nodiscard]] Result<std::string> sheet_yaml(const SheetRecipe& recipe, const FitResult& fit,
-                                             const std::vector<RecordingHash>& recordings);
+[[nodiscard]] Result<std::string> sensor_model_yaml(const SensorModelRecipe& recipe, const FitResult& fit,
+                                                    const std::vector<RecordingHash>& recordings);
 
 /// A number that reads back as the same double.
 [[nodiscard]] std::string exact_text(double value);

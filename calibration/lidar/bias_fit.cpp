@@ -188,12 +188,12 @@ class Fit : BiasProblem {
     if (model.angles) {
       for (int b = 0; b < static_cast<int>(beams_); ++b)
         add(name_of("beam_elevation_rad", b),
-            sheet_.scan.beams[static_cast<std::size_t>(b)].elevation_rad +
+            sensor_model_.scan.beams[static_cast<std::size_t>(b)].elevation_rad +
                 s.errors[static_cast<std::size_t>(b)].elevation_rad,
             shot / range);
       for (int b = 1; b < static_cast<int>(beams_); ++b)
         add(name_of("beam_azimuth_rad", b),
-            sheet_.scan.beams[static_cast<std::size_t>(b)].azimuth_rad +
+            sensor_model_.scan.beams[static_cast<std::size_t>(b)].azimuth_rad +
                 s.errors[static_cast<std::size_t>(b)].azimuth_rad,
             shot / range);
     }
@@ -447,14 +447,14 @@ std::vector<BiasModel> bias_models(std::size_t beams, bool flat, bool surveyed) 
   return m;
 }
 
-Result<BiasFit> fit_biases(const LidarReturns& returns, const models::LidarModel& sheet,
+Result<BiasFit> fit_biases(const LidarReturns& returns, const models::LidarModel& sensor_model,
                            const PlaneSearch& planes, const BiasFitOptions& options) {
   if (planes.planes.empty())
     return fail(ErrorCode::bad_input, "",
                 "expected at least one wall among " + std::to_string(returns.all.size()) +
                     " returns, found none: a plane that holds 10 % of them to within " +
                     std::to_string(planes.tolerance_m) + " m was looked for");
-  return Fit(returns, sheet, planes, options).run();
+  return Fit(returns, sensor_model, planes, options).run();
 }
 
 }  // namespace rigor::calibration

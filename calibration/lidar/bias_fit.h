@@ -83,7 +83,7 @@ struct BiasFit {
 };
 
 /// bad_input: too few returns on planes.
-[[nodiscard]] Result<BiasFit> fit_biases(const LidarReturns& returns, const models::LidarModel& sheet,
+[[nodiscard]] Result<BiasFit> fit_biases(const LidarReturns& returns, const models::LidarModel& sensor_model,
                                          const PlaneSearch& planes, const BiasFitOptions& options);
 
 }  // namespace rigor::calibration

@@ -44,20 +44,20 @@ double median(std::vector<double>& v) {
   return *at;
 }
 
-BiasProblem::BiasProblem(const LidarReturns& returns, const models::LidarModel& sheet,
+BiasProblem::BiasProblem(const LidarReturns& returns, const models::LidarModel& sensor_model,
                          const PlaneSearch& planes, const BiasFitOptions& options)
     : returns_(returns.all),
-      sheet_(sheet),
+      sensor_model_(sensor_model),
       found_(planes),
       label_(planes.label),
       o_(options),
-      flat_(scans_one_plane(sheet.scan)),
-      beams_(sheet.scan.beams.size()) {
+      flat_(scans_one_plane(sensor_model.scan)),
+      beams_(sensor_model.scan.beams.size()) {
   state_.errors.resize(beams_);
   for (const LidarPlane& p : planes.planes) state_.q.push_back(p.q_per_m);
   remission_.reserve(returns_.size());
   for (const LidarReturn& r : returns_) {
-    const double e = remission_from_units(sheet.remission, r.remission, r.range_m);
+    const double e = remission_from_units(sensor_model.remission, r.remission, r.range_m);
     remission_.push_back(static_cast<float>(std::isfinite(e) ? e : 1));
   }
 }
@@ -181,7 +181,7 @@ void BiasProblem::leave_edges_out() {
     if (label_[i] < 0) continue;
     const LidarReturn& r = returns_[i];
     const BeamErrors& e = state_.errors[r.beam];
-    models::LidarBeam beam = sheet_.scan.beams[r.beam];
+    models::LidarBeam beam = sensor_model_.scan.beams[r.beam];
     beam.elevation_rad += e.elevation_rad, beam.azimuth_rad += e.azimuth_rad;
     Eigen::Vector3d u, o;
     beam_of(beam, static_cast<double>(r.azimuth_rad), u, o);

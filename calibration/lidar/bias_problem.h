@@ -131,13 +131,13 @@ struct Normal {
 
 class BiasProblem {
  public:
-  BiasProblem(const LidarReturns& returns, const models::LidarModel& sheet, const PlaneSearch& planes,
+  BiasProblem(const LidarReturns& returns, const models::LidarModel& sensor_model, const PlaneSearch& planes,
               const BiasFitOptions& options);
 
  protected:
   [[nodiscard]] PredictedRange predict(const State& s, std::uint16_t beam, int plane, double azimuth,
                                        double remission) const {
-    return predict_range(sheet_.scan.beams[beam], s.errors[beam], azimuth, remission,
+    return predict_range(sensor_model_.scan.beams[beam], s.errors[beam], azimuth, remission,
                          s.q[static_cast<std::size_t>(plane)]);
   }
   [[nodiscard]] Layout layout(const BiasModel& m) const {
@@ -238,7 +238,7 @@ class BiasProblem {
   [[nodiscard]] double neighbours(const State& s) const;
 
   const std::vector<LidarReturn>& returns_;
-  const models::LidarModel& sheet_;
+  const models::LidarModel& sensor_model_;
   const PlaneSearch& found_;
   std::vector<std::int8_t> label_;  ///< of each return: wall, or −1
   const BiasFitOptions& o_;

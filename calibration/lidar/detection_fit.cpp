@@ -162,14 +162,14 @@ class Sides {
 }  // namespace
 
 DetectionFit fit_detection(const std::vector<double>& remission, const std::vector<double>& range_m,
-                           double relative, double unit, const models::LidarDetection& sheet) {
+                           double relative, double unit, const models::LidarDetection& sensor_model) {
   DetectionFit out;
-  out.limit_range_m = sheet.limit_range_m > 0 ? sheet.limit_range_m : 10;
+  out.limit_range_m = sensor_model.limit_range_m > 0 ? sensor_model.limit_range_m : 10;
   if (remission.empty()) return out;
   std::vector<double> sorted = range_m;
   std::sort(sorted.begin(), sorted.end());
   out.farthest_m = sorted.back();
-  const Sides sides(remission, range_m, relative, unit, out.limit_range_m, sheet.overlap_m);
+  const Sides sides(remission, range_m, relative, unit, out.limit_range_m, sensor_model.overlap_m);
   const auto gain = [](const std::optional<DetectionEdge>& e) { return e && e->sharp ? e->gain : 0.0; };
   // One of them alone, or both with the range where one takes over from the other.
   const auto all_floor = sides.floor(2 * out.farthest_m), all_limit = sides.limit(0);

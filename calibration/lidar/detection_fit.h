@@ -33,6 +33,6 @@ struct DetectionFit {
 /// sensor model's limit_range_m, or at 10 m. Any thread.
 [[nodiscard]] DetectionFit fit_detection(const std::vector<double>& remission,
                                          const std::vector<double>& range_m, double relative, double unit,
-                                         const models::LidarDetection& sheet);
+                                         const models::LidarDetection& sensor_model);
 
 }  // namespace rigor::calibration

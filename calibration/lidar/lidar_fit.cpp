@@ -135,31 +135,32 @@ void put_into(models::LidarModel& m, const FitResult& f, const std::optional<Bia
 
 }  // namespace
 
-Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel& sheet,
+Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel& sensor_model,
                            const LidarFitOptions& options) {
   if (returns.all.empty())
     return fail(ErrorCode::bad_input, "", "expected returns, got a recording without any");
-  if (sheet.scan.kind != models::LidarScanKind::rotor)
+  if (sensor_model.scan.kind != models::LidarScanKind::rotor)
     return fail(ErrorCode::bad_input, "--base",
                 "expected a LiDAR whose beams turn about one axis (scan.kind rotor), got a rosette");
   LidarFit out;
-  out.model = sheet;
+  out.model = sensor_model;
   FitResult& f = out.result;
   f.covariance = Eigen::MatrixXd::Zero(0, 0);
   if (returns.duplicate_scans > 0)
     f.warnings.push_back(std::to_string(returns.duplicate_scans) +
                          " scans were equal to others to the last bit and left out: they tell nothing new");
   if (returns.unknown_beams > 0)
-    f.warnings.push_back(
-        std::to_string(returns.unknown_beams) + " returns of beams that the sensor model does not have (" +
-        std::to_string(sheet.scan.beams.size()) + " beams) were left out: is it the right sensor model?");
+    f.warnings.push_back(std::to_string(returns.unknown_beams) +
+                         " returns of beams that the sensor model does not have (" +
+                         std::to_string(sensor_model.scan.beams.size()) +
+                         " beams) were left out: is it the right sensor model?");
   if (returns.scans < 2)
     f.warnings.push_back(
         "one scan: the noise is that of neighbouring shots on smooth surfaces, whose unevenness is in it");
 
   NoiseFitOptions noise_options;
   noise_options.model = options.noise_model;
-  auto noise = fit_range_noise(returns, sheet, noise_options);
+  auto noise = fit_range_noise(returns, sensor_model, noise_options);
   if (noise)
     out.noise = std::move(*noise);
   else if (noise.error().where == "--noise-model")
@@ -168,13 +169,14 @@ Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel
     f.not_identifiable.emplace_back("noise", noise.error().message);
   if (options.progress) options.progress(0.2, out.noise ? out.noise->sigma_m : 0);
 
-  out.planes = options.surveyed.empty() ? find_planes(returns, sheet.scan, options.search) : PlaneSearch{};
+  out.planes =
+      options.surveyed.empty() ? find_planes(returns, sensor_model.scan, options.search) : PlaneSearch{};
   if (!options.surveyed.empty()) {
     std::vector<float> ranges;
     for (const LidarReturn& r : returns.all) ranges.push_back(r.range_m);
     std::nth_element(ranges.begin(), ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2),
                      ranges.end());
-    out.planes = assign_planes(returns, sheet.scan, options.surveyed,
+    out.planes = assign_planes(returns, sensor_model.scan, options.surveyed,
                                options.search.tolerance * static_cast<double>(ranges[ranges.size() / 2]));
   }
   if (options.progress) options.progress(0.3, 0);
@@ -185,20 +187,20 @@ Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel
   if (options.progress)
     bias_options.progress = [&](double share, double rms) { options.progress(0.3 + 0.7 * share, rms); };
   if (out.noise)
-    bias_options.sigma_m = [m = out.noise->model, step = sheet.range.step_m](double e) {
+    bias_options.sigma_m = [m = out.noise->model, step = sensor_model.range.step_m](double e) {
       const double s = m.sigma_m(e);
       return std::sqrt(s * s + step * step / 12);
     };
   if (out.noise)
-    if (const auto v = remission_noise(*out.noise, sheet))
-      bias_options.remission_sigma = [relative = v->relative,
-                                      unit = sheet.remission.step / sheet.remission.scale](double e) {
+    if (const auto v = remission_noise(*out.noise, sensor_model))
+      bias_options.remission_sigma = [relative = v->relative, unit = sensor_model.remission.step /
+                                                                     sensor_model.remission.scale](double e) {
         return std::sqrt(relative * relative * e * e + unit * unit / 12);
       };
   if (options.model != "auto") {
     std::string names;
-    for (const BiasModel& m :
-         bias_models(sheet.scan.beams.size(), scans_one_plane(sheet.scan), bias_options.surveyed)) {
+    for (const BiasModel& m : bias_models(sensor_model.scan.beams.size(), scans_one_plane(sensor_model.scan),
+                                          bias_options.surveyed)) {
       if (m.name == options.model) bias_options.models = {m};
       names += (names.empty() ? "" : ", ") + m.name;
     }
@@ -207,7 +209,7 @@ Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel
                   "expected auto or one of " + names + ", got " + options.model);
   }
   double limit_range_m = 0;
-  auto bias = fit_biases(returns, sheet, out.planes, bias_options);
+  auto bias = fit_biases(returns, sensor_model, out.planes, bias_options);
   if (bias) {
     out.bias = std::move(*bias);
     append(f, out.bias->result);
@@ -215,13 +217,13 @@ Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel
     f.residuals = out.bias->result.residuals;
     f.scale = out.bias->result.scale;
     const RemissionFit remission =
-        fit_remission(returns, sheet, out.planes, *out.bias, out.noise ? &*out.noise : nullptr);
+        fit_remission(returns, sensor_model, out.planes, *out.bias, out.noise ? &*out.noise : nullptr);
     if (out.noise) append(f, out.noise->result);
     append(f, remission.result);
     limit_range_m = remission.limit_range_m;
   } else {
     if (!out.noise) return tl::unexpected<Error>(bias.error());
-    f.not_identifiable.emplace_back(sheet.scan.beams.size() > 1 ? "beam_bias_m" : "range_bias_m",
+    f.not_identifiable.emplace_back(sensor_model.scan.beams.size() > 1 ? "beam_bias_m" : "range_bias_m",
                                     bias.error().message);
     append(f, out.noise->result);
     f.model = "noise only";

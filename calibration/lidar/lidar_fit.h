@@ -32,7 +32,7 @@ struct LidarFit {
 };
 
 /// bad_input: neither walls nor repeated shots; an unknown model. One thread; 1 M returns within seconds.
-[[nodiscard]] Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel& sheet,
+[[nodiscard]] Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel& sensor_model,
                                          const LidarFitOptions& options = {});
 
 }  // namespace rigor::calibration

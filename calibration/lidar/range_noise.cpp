@@ -31,8 +31,9 @@ double chi_square_quantile(double dof, double z) {
 
 class RangeNoiseFit {
  public:
-  RangeNoiseFit(const LidarReturns& returns, const models::LidarModel& sheet, const NoiseFitOptions& options)
-      : r_(returns), sheet_(sheet), o_(options), step_m_(sheet.range.step_m) {}
+  RangeNoiseFit(const LidarReturns& returns, const models::LidarModel& sensor_model,
+                const NoiseFitOptions& options)
+      : r_(returns), sensor_model_(sensor_model), o_(options), step_m_(sensor_model.range.step_m) {}
 
   Result<NoiseFit> run() {
     group();
@@ -63,7 +64,8 @@ class RangeNoiseFit {
 
   void group() {
     // As narrow as a column of the scan where there are scans enough, else as wide as a dozen shots need.
-    const double column = std::max(1e-4, std::abs(sheet_.scan.rotation_radps) * sheet_.scan.column_period_s);
+    const double column =
+        std::max(1e-4, std::abs(sensor_model_.scan.rotation_radps) * sensor_model_.scan.column_period_s);
     // Beyond a few degrees a parabola is not what a wall looks like.
     constexpr double kWidest = 2.5 * std::numbers::pi / 180;
     width_ = column * std::clamp(std::floor(kWidest / column), 1.0, std::ceil(12.0 / std::max(1u, r_.scans)));
@@ -74,7 +76,8 @@ class RangeNoiseFit {
       const LidarReturn& x = r_.all[i];
       // Columns lie at whole multiples: cells are centred on them.
       const auto cell = static_cast<std::uint64_t>(
-          std::floor((static_cast<double>(x.azimuth_rad) - sheet_.scan.start_azimuth_rad) / width_ + 0.5) +
+          std::floor((static_cast<double>(x.azimuth_rad) - sensor_model_.scan.start_azimuth_rad) / width_ +
+                     0.5) +
           (1 << 24));
       key[i] = static_cast<std::uint64_t>(x.beam) << 32 | cell;
     }
@@ -168,7 +171,7 @@ class RangeNoiseFit {
     }
     g.cell.units = units / used, g.cell.range_m = range / used;
     g.cell.units_variance = std::max(0.0, units_square - units * units / used) / (used - 1);
-    g.cell.remission = remission_from_units(sheet_.remission, g.cell.units, g.cell.range_m);
+    g.cell.remission = remission_from_units(sensor_model_.remission, g.cell.units, g.cell.range_m);
     if (!keep) return;
     for (std::size_t i = 0; i < n; ++i)
       if (in[i]) out_.shot_residual_m[order_[g.begin + i]] = static_cast<float>(e[i]);
@@ -264,8 +267,8 @@ class RangeNoiseFit {
     dof_ = dof;
     bands_ = static_cast<int>(bands);
     // Half a unit of what the device tells is the least that can be told from none.
-    const double unit = sheet_.remission.step > 0 ? sheet_.remission.step : 0;
-    least_ = std::max(1e-6, 0.5 * unit / sheet_.remission.scale);
+    const double unit = sensor_model_.remission.step > 0 ? sensor_model_.remission.step : 0;
+    least_ = std::max(1e-6, 0.5 * unit / sensor_model_.remission.scale);
   }
 
   Status compare() {
@@ -483,7 +486,7 @@ class RangeNoiseFit {
   }
 
   const LidarReturns& r_;
-  const models::LidarModel& sheet_;
+  const models::LidarModel& sensor_model_;
   const NoiseFitOptions& o_;
   double step_m_, width_ = 0, least_ = 0, dof_ = 0;
   int bands_ = 0;
@@ -503,9 +506,9 @@ double NoiseModel::sigma_m(double remission) const {
                                                         exponent);
 }
 
-Result<NoiseFit> fit_range_noise(const LidarReturns& returns, const models::LidarModel& sheet,
+Result<NoiseFit> fit_range_noise(const LidarReturns& returns, const models::LidarModel& sensor_model,
                                  const NoiseFitOptions& options) {
-  return RangeNoiseFit(returns, sheet, options).run();
+  return RangeNoiseFit(returns, sensor_model, options).run();
 }
 
 }  // namespace rigor::calibration

@@ -65,7 +65,8 @@ struct NoiseFitOptions {
 };
 
 /// bad_input: no cells with shots to compare (one scan of few shots, or nothing that held still).
-[[nodiscard]] Result<NoiseFit> fit_range_noise(const LidarReturns& returns, const models::LidarModel& sheet,
+[[nodiscard]] Result<NoiseFit> fit_range_noise(const LidarReturns& returns,
+                                               const models::LidarModel& sensor_model,
                                                const NoiseFitOptions& options = {});
 
 }  // namespace rigor::calibration

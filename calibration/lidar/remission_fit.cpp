@@ -57,20 +57,20 @@ void add(FitResult& f, const Parameter& p, double variance) {
   f.covariance(n, n) = variance;
 }
 
-void fit_gains(const LidarReturns& returns, const models::LidarModel& sheet, const PlaneSearch& search,
+void fit_gains(const LidarReturns& returns, const models::LidarModel& sensor_model, const PlaneSearch& search,
                const BiasFit& bias, double noise, FitResult& f) {
   struct Sum {
     double n = 0, units = 0, cosine = 0;
   };
   std::map<std::tuple<int, int, int>, Sum> sums;
-  const double top = sheet.remission.maximum;
+  const double top = sensor_model.remission.maximum;
   for (std::size_t i = 0; i < returns.all.size(); ++i) {
     if (!bias.used[i]) continue;
     const LidarReturn& r = returns.all[i];
     if (!std::isfinite(r.remission) || (top > 0 && static_cast<double>(r.remission) >= top)) continue;
     const auto k = static_cast<std::size_t>(search.label[i]);
-    const PredictedRange p = predict_range(sheet.scan.beams[r.beam], bias.errors[r.beam], r.azimuth_rad, 1,
-                                           bias.planes[k].q_per_m);
+    const PredictedRange p = predict_range(sensor_model.scan.beams[r.beam], bias.errors[r.beam],
+                                           r.azimuth_rad, 1, bias.planes[k].q_per_m);
     Sum& s = sums[{search.label[i], r.beam,
                    static_cast<int>(std::floor(r.azimuth_rad * 180 / std::numbers::pi_v<float>))}];
     ++s.n;
@@ -78,8 +78,8 @@ void fit_gains(const LidarReturns& returns, const models::LidarModel& sheet, con
     s.cosine += p.cos_incidence;
   }
   std::vector<Cell> cells;
-  const double step = std::max(sheet.remission.step, 0.0);
-  std::vector<bool> seen(sheet.scan.beams.size(), false);
+  const double step = std::max(sensor_model.remission.step, 0.0);
+  std::vector<bool> seen(sensor_model.scan.beams.size(), false);
   for (const auto& [key, s] : sums) {
     const double mean = s.units / s.n;
     // The logarithm of a rounded small number is no measurement.
@@ -180,8 +180,8 @@ void fit_gains(const LidarReturns& returns, const models::LidarModel& sheet, con
 
 }  // namespace
 
-std::optional<RemissionNoise> remission_noise(const NoiseFit& noise, const models::LidarModel& sheet) {
-  const double step = std::max(0.0, sheet.remission.step), top = sheet.remission.maximum;
+std::optional<RemissionNoise> remission_noise(const NoiseFit& noise, const models::LidarModel& sensor_model) {
+  const double step = std::max(0.0, sensor_model.remission.step), top = sensor_model.remission.maximum;
   double sum = 0, weight = 0, square = 0;
   for (const NoiseCell& c : noise.cells) {
     if (!c.used || c.dof < 3 || !(c.units > 10 * step) || !(c.units > 0) || c.remission > 1) continue;
@@ -197,7 +197,7 @@ std::optional<RemissionNoise> remission_noise(const NoiseFit& noise, const model
   return n;
 }
 
-RemissionFit fit_remission(const LidarReturns& returns, const models::LidarModel& sheet,
+RemissionFit fit_remission(const LidarReturns& returns, const models::LidarModel& sensor_model,
                            const PlaneSearch& search, const BiasFit& bias, const NoiseFit* noise) {
   RemissionFit out;
   FitResult& f = out.result;
@@ -209,10 +209,10 @@ RemissionFit fit_remission(const LidarReturns& returns, const models::LidarModel
     f.not_identifiable.emplace_back("remission", "the device tells no remission");
     return out;
   }
-  const double step = std::max(0.0, sheet.remission.step);
+  const double step = std::max(0.0, sensor_model.remission.step);
   double relative = 0.05;
   if (noise) {
-    if (const auto v = remission_noise(*noise, sheet)) {
+    if (const auto v = remission_noise(*noise, sensor_model)) {
       relative = v->relative;
       add(f, {"remission_noise", relative, v->sigma, relative, false, relative == 0}, v->sigma * v->sigma);
     } else {
@@ -220,16 +220,16 @@ RemissionFit fit_remission(const LidarReturns& returns, const models::LidarModel
                                       "too few shots with a remission between ten steps and saturation");
     }
   }
-  if (!bias.planes.empty()) fit_gains(returns, sheet, search, bias, relative, f);
+  if (!bias.planes.empty()) fit_gains(returns, sensor_model, search, bias, relative, f);
 
   std::vector<double> e, range;
-  const double unit = step / std::max(1e-300, sheet.remission.scale);
+  const double unit = step / std::max(1e-300, sensor_model.remission.scale);
   for (const LidarReturn& r : returns.all)
     if (std::isfinite(r.remission)) {
-      e.push_back(remission_from_units(sheet.remission, r.remission, r.range_m));
+      e.push_back(remission_from_units(sensor_model.remission, r.remission, r.range_m));
       range.push_back(r.range_m);
     }
-  const DetectionFit d = fit_detection(e, range, relative, unit, sheet.detection);
+  const DetectionFit d = fit_detection(e, range, relative, unit, sensor_model.detection);
   char text[240];
   if (d.floor) {
     add(f, {"minimum_remission", d.floor->at, d.floor->sigma, 0.3 * d.floor->at, false, false},

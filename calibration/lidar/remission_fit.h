@@ -21,7 +21,7 @@ struct RemissionFit {
   double limit_range_m = 0;  ///< where `limit_remission` is just seen
 };
 
-[[nodiscard]] RemissionFit fit_remission(const LidarReturns& returns, const models::LidarModel& sheet,
+[[nodiscard]] RemissionFit fit_remission(const LidarReturns& returns, const models::LidarModel& sensor_model,
                                          const PlaneSearch& search, const BiasFit& bias,
                                          const NoiseFit* noise);
 
@@ -30,6 +30,6 @@ struct RemissionNoise {
   double relative = 0, sigma = 0;
 };
 [[nodiscard]] std::optional<RemissionNoise> remission_noise(const NoiseFit& noise,
-                                                            const models::LidarModel& sheet);
+                                                            const models::LidarModel& sensor_model);
 
 }  // namespace rigor::calibration

@@ -12,7 +12,8 @@ namespace rigor::calibration {
 
 struct BoardPose {
   Eigen::Isometry3d T_camera_board = Eigen::Isometry3d::Identity();
-  /// Of the board's own rotation vector's x and y [rad] and shift along its z [m]: what PlaneSighting takes.
+  /// Of the board's own rotation vector's x and y [rad] and shift along its z [m]: what PlaneObservation
+  /// takes.
   Eigen::Matrix3d plane_covariance = Eigen::Matrix3d::Zero();
   double rms_px = 0;  ///< per coordinate
   int points = 0;     ///< that were used

@@ -49,7 +49,7 @@ void take_returns(const Sample& s, std::uint32_t rings, std::vector<Return>& out
   std::sort(out.begin(), out.end());
 }
 
-/// The twin's pieces of surface by direction.
+/// The simulated side's pieces of surface by direction.
 class Pieces {
  public:
   void take(std::span<const Row> rows, std::uint32_t rings) {
@@ -193,7 +193,7 @@ class Fitter {
       }
       state_ += step;
       const Vector3d turn = step.segment<3>(kTurn);
-      // About the device's own axes; moves are in the twin's.
+      // About the device's own axes; moves are in the simulated side's.
       t_ += R_ * Vector3d(step.segment<3>(kMove));
       if (turn.norm() > 0) R_ = R_ * Eigen::AngleAxisd(turn.norm(), turn.normalized()).toRotationMatrix();
     }
@@ -205,11 +205,11 @@ class Fitter {
     fit_.pairs = fit_.unlike = 0, fit_.after = {};
     both_ = lost_ = gained_ = 0;
     noise_ = NoiseByLevel(kNoiseLevels);
-    if (!twin_change_) {
+    if (!simulated_change_) {
       pair_watch::CloudChangeOptions o;
       o.points = o.rows = options_.points;
       o.rings = options_.rings, o.sigma_m = options_.sigma_m;
-      for (auto* change : {&twin_change_, &real_change_}) {
+      for (auto* change : {&simulated_change_, &real_change_}) {
         auto made = CloudChange::make(o);
         if (!made) return tl::unexpected<Error>(made.error());
         *change = std::make_unique<CloudChange>(std::move(*made));
@@ -223,7 +223,7 @@ class Fitter {
     }
     fit_rows_->clear();
     auto said = pairs_([&](const Sample& real, const Sample& simulated) {
-      if (!twin_change_->add(real, simulated) || !real_change_->add(simulated, real)) {
+      if (!simulated_change_->add(real, simulated) || !real_change_->add(simulated, real)) {
         ++fit_.unlike;
         return;
       }
@@ -233,7 +233,7 @@ class Fitter {
       take_returns(simulated, options_.rings, simulated_);
       take_remission_and_noise();
       pair_watch::Estimate nobody;
-      twin_change_->finish(nobody), real_change_->finish(nobody);
+      simulated_change_->finish(nobody), real_change_->finish(nobody);
       if (fit_.pairs % stretch == 0) fit_rows_->end_stretch();
     });
     if (!said) return said;
@@ -254,11 +254,11 @@ class Fitter {
   };
 
   void take_rows() {
-    const auto twin = twin_change_->rows(), real = real_change_->rows();
-    pieces_.take(twin, options_.rings);
+    const auto simulated_rows = simulated_change_->rows(), real_rows = real_change_->rows();
+    pieces_.take(simulated_rows, options_.rings);
     equations_.clear();
     const bool moved = !R_.isIdentity(0) || !t_.isZero(0);
-    for (const Row& fired : real) {
+    for (const Row& fired : real_rows) {
       const Vector3d d = vector(fired.direction), n_real = vector(fired.normal);
       const double measured = fired.range;
       const Row* piece = nullptr;
@@ -278,8 +278,8 @@ class Fitter {
           range = n.dot(p - t_) / across;
         }
       } else {
-        const auto same = std::lower_bound(twin.begin(), twin.end(), fired, fired_before);
-        if (same != twin.end() && same->ring == fired.ring && same->t_ns == fired.t_ns)
+        const auto same = std::lower_bound(simulated_rows.begin(), simulated_rows.end(), fired, fired_before);
+        if (same != simulated_rows.end() && same->ring == fired.ring && same->t_ns == fired.t_ns)
           piece = &*same, range = piece->range;
       }
       if (!piece || !(range > 0) || std::abs(range - piece->range) > 0.1 * piece->range + 1) continue;
@@ -339,17 +339,17 @@ class Fitter {
       if (!r) continue;
       const Return& s = simulated_[i];
       if (s.remission > 0 && (top <= 0 || (s.remission < 0.95 * top && r->remission < 0.95 * top))) {
-        // A ratio of sums: noise of the twin's own remission does not make it smaller.
+        // A ratio of sums: noise of the simulated side's own remission does not make it smaller.
         scratch_.assign(columns_, 0), instrument_.assign(columns_, 0);
         scratch_[kRemission] = s.remission, instrument_[kRemission] = 1;
         fit_rows_->add(place(s.ring, 2 * std::numbers::pi * (double(i) / double(n) - 0.5)), instrument_,
                        scratch_, r->remission - (1 + state_[kRemission]) * s.remission, 1e-6);
       }
     }
-    // Three in a row, and the next three: no return counts twice. Where the twin has an edge near by, the
-    // device may have it here.
+    // Three in a row, and the next three: no return counts twice. Where the simulated side has an edge near
+    // by, the device may have it here.
     const auto sigma_of = [&](const Return& r) {
-      return options_.sheet_sigma_m ? options_.sheet_sigma_m(r.remission, r.range) : options_.sigma_m;
+      return options_.model_sigma_m ? options_.model_sigma_m(r.remission, r.range) : options_.sigma_m;
     };
     const auto smooth = [&](std::size_t i) {
       const Return &a = simulated_[i - 1], &b = simulated_[i], &c = simulated_[i + 1];
@@ -380,7 +380,7 @@ class Fitter {
 
   void finish() {
     fit_.bias_m = state_[kBias], fit_.scale = state_[kScale];
-    fit_.R_twin_real = R_, fit_.t_twin_real_m = t_;
+    fit_.R_simulated_real = R_, fit_.t_simulated_real_m = t_;
     if (beams_ > 0 && !held_[kBeams])
       for (std::size_t k = 0; k < beams_; ++k) fit_.beam_m.push_back(state_[Eigen::Index(kBeams + k)]);
     if (const double all = both_ + lost_ + gained_; all > 0)
@@ -409,7 +409,7 @@ class Fitter {
   Vector3d t_ = Vector3d::Zero();
   CloudPairFit fit_;
   ClusteredFit::Solution solution_;
-  std::unique_ptr<CloudChange> twin_change_, real_change_;
+  std::unique_ptr<CloudChange> simulated_change_, real_change_;
   std::unique_ptr<ClusteredFit> fit_rows_;
   Pieces pieces_;
   std::vector<Equation> equations_;

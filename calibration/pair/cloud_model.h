@@ -1,8 +1,8 @@
-// A LiDAR pair: what has to change in the twin's ranges, beams and mount, so that it measures what the device
-// does.
+// A LiDAR pair: what has to change in the simulated side's ranges, beams and mount, so that it measures what
+// the device does.
 //
-// The twin's points are pieces of surface: point and normal. A firing of the device, mounted with T_twin_real
-// = (R, t), meets the piece that lies in its direction at
+// The simulated side's points are pieces of surface: point and normal. A firing of the device, mounted with
+// T_simulated_real = (R, t), meets the piece that lies in its direction at
 //
 //   ρ′ = n·(p − t)/(n·R d),   and measures   (1 + s) ρ′ + b + b_beam
 //
@@ -27,16 +27,16 @@ struct CloudPairOptions : PairOptions {
   double remission_max = 0;     ///< brighter ones are not compared (saturation); 0: all
   bool mount = true;
   /// Of the sensor model, of a return with this remission (device's unit) and range; null: sigma_m.
-  std::function<double(double remission, double range_m)> sheet_sigma_m{};
+  std::function<double(double remission, double range_m)> model_sigma_m{};
 };
 
 struct CloudPairFit : PairFit {
-  double bias_m = 0, scale = 0;  ///< of the device over the twin: (1 + scale) ρ + bias
-  Eigen::Matrix3d R_twin_real = Eigen::Matrix3d::Identity();
-  Eigen::Vector3d t_twin_real_m = Eigen::Vector3d::Zero();
+  double bias_m = 0, scale = 0;  ///< of the device over the simulated side: (1 + scale) ρ + bias
+  Eigen::Matrix3d R_simulated_real = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d t_simulated_real_m = Eigen::Vector3d::Zero();
   std::vector<double> beam_m;  ///< of groups of rings, sum 0; empty: nothing to be said of single beams
   std::vector<std::uint32_t> beam_of_ring;
-  double lost = 0, gained = 0;  ///< shares of firings that the twin alone, the device alone answers
+  double lost = 0, gained = 0;  ///< shares of firings that the simulated side alone, the device alone answers
 };
 
 /// bad_input: no pairs, clouds that cannot be compared.

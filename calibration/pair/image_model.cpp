@@ -105,10 +105,11 @@ struct State {
   double gain = 1, offset = 0;
 };
 
-/// Where each pixel of the device lies in the twin's picture, and the light it gets there.
+/// Where each pixel of the device lies in the simulated side's picture, and the light it gets there.
 class Carrier {
  public:
-  Carrier(const CameraModel& twin, const State& state, const ImageInfo& shape, double black, double highest)
+  Carrier(const CameraModel& simulated, const State& state, const ImageInfo& shape, double black,
+          double highest)
       : state_(state), shape_(shape), black_(black), highest_(highest) {
     across_ = shape.width_px / kLattice + 2, down_ = shape.height_px / kLattice + 2;
     for (std::size_t j = 0; j < down_; ++j)
@@ -119,9 +120,9 @@ class Carrier {
         if (const auto real = unproject_ray(state.camera, p)) {
           const Eigen::Vector3d d = state.R * Eigen::Vector3d(real->x, real->y, real->z);
           const OpticalRay ray{d.x(), d.y(), d.z()};
-          if (const auto q = project_ray(twin, ray)) {
+          if (const auto q = project_ray(simulated, ray)) {
             node.u = q->u_px - p.u_px, node.v = q->v_px - p.v_px;
-            node.light = fall_off(state.camera.vignetting, *real) / fall_off(twin.vignetting, ray);
+            node.light = fall_off(state.camera.vignetting, *real) / fall_off(simulated.vignetting, ray);
             node.seen = true;
           }
         }
@@ -129,7 +130,7 @@ class Carrier {
       }
   }
 
-  /// Of pixel (x, y): the place in the twin's picture, in its pixels; false: it is not in it.
+  /// Of pixel (x, y): the place in the simulated side's picture, in its pixels; false: it is not in it.
   bool place(std::size_t x, std::size_t y, double& u, double& v, double& light) const {
     const std::size_t i = x / kLattice, j = y / kLattice;
     const double s = double(x % kLattice) / kLattice, t = double(y % kLattice) / kLattice;
@@ -229,9 +230,9 @@ std::vector<Extra> extra_flows(const CameraModel& c, const ImageInfo& shape, con
 
 class Fitter {
  public:
-  Fitter(const ForEachPair& pairs, const CameraModel& twin, const ImagePairOptions& options)
-      : pairs_(pairs), twin_(twin), options_(options) {
-    state_.camera = twin;
+  Fitter(const ForEachPair& pairs, const CameraModel& simulated, const ImagePairOptions& options)
+      : pairs_(pairs), simulated_camera_(simulated), options_(options) {
+    state_.camera = simulated;
     held_.assign(kColumns, false);
     for (std::size_t k = 0; k < 3; ++k) held_[kTurn + k] = !options.mount;
     held_[kCx] = held_[kCy] = !options.principal_point;
@@ -241,13 +242,13 @@ class Fitter {
 
   Result<ImagePairFit> run() {
     if (auto s = solve(); !s) return tl::unexpected<Error>(s.error());
-    if (!fit_.change.interrupted && twin_.projection == Projection::opencv) {
+    if (!fit_.change.interrupted && simulated_camera_.projection == Projection::opencv) {
       // The fall-off of the light is asked about last: where it has not changed it costs certainty of the
       // gain.
       held_[kA2] = false;
       const State before = state_;
       if (auto s = solve(); !s) return tl::unexpected<Error>(s.error());
-      const double change = state_.camera.vignetting.a2 - twin_.vignetting.a2;
+      const double change = state_.camera.vignetting.a2 - simulated_camera_.vignetting.a2;
       if (!solution_.determined[kA2] || !(std::abs(change) > 4 * std::sqrt(solution_.covariance(kA2, kA2)))) {
         held_[kA2] = true, state_ = before;
         if (auto s = solve(); !s) return tl::unexpected<Error>(s.error());
@@ -351,10 +352,13 @@ class Fitter {
                                     {.cells = options_.cells, .tiles_across = 6, .tiles_down = 4});
     if (!change) return tl::unexpected<Error>(change.error());
     change_ = std::make_unique<ImageChange>(std::move(*change));
-    fit_.format_scale = std::ldexp(1.0, significant_bits(simulated_.shape.format) - twin_.noise.adc_bits);
-    black_ = twin_.processing.subtract_black ? 0 : twin_.noise.black_level_dn * fit_.format_scale;
+    fit_.format_scale =
+        std::ldexp(1.0, significant_bits(simulated_.shape.format) - simulated_camera_.noise.adc_bits);
+    black_ = simulated_camera_.processing.subtract_black
+                 ? 0
+                 : simulated_camera_.noise.black_level_dn * fit_.format_scale;
     highest_ = std::ldexp(1.0, significant_bits(simulated_.shape.format)) - 1;
-    carrier_ = std::make_unique<Carrier>(twin_, state_, simulated_.shape, black_, highest_);
+    carrier_ = std::make_unique<Carrier>(simulated_camera_, state_, simulated_.shape, black_, highest_);
     extra_ = extra_flows(state_.camera, simulated_.shape, *change_);
     places_across_ = (change_->cells_across() + kPlaceCells - 1) / kPlaceCells;
     const std::size_t places_down = (change_->cells_down() + kPlaceCells - 1) / kPlaceCells;
@@ -431,14 +435,14 @@ class Fitter {
   }
 
   void finish() {
-    fit_.camera = state_.camera, fit_.R_twin_real = state_.R;
+    fit_.camera = state_.camera, fit_.R_simulated_real = state_.R;
     fit_.gain = state_.gain, fit_.offset_dn = state_.offset;
     fit_.noise = noise_.levels();
     fit_.change.residuals.unit = "DN";
     fit_.change.model = std::string("gain, focal length") + (options_.mount ? ", mount" : "") +
                         (options_.principal_point ? ", principal point" : "") +
                         (options_.distortion ? ", k1" : "") + (held_[kA2] ? "" : ", vignetting");
-    const double reach = std::max(1.0, 0.5 * twin_.width_px);
+    const double reach = std::max(1.0, 0.5 * simulated_camera_.width_px);
     const std::vector<Parameter> names{
         {.name = "gain", .resolution = 0.1},
         {.name = "offset_dn", .resolution = 20},
@@ -455,10 +459,11 @@ class Fitter {
     const Eigen::Vector3d turn = turned.angle() * turned.axis();
     const CameraModel& c = state_.camera;
     Eigen::VectorXd value(kColumns);
-    value << state_.gain - 1, state_.offset, c.fx_px / twin_.fx_px - 1, turn.x(), turn.y(), turn.z(),
-        c.cx_px - twin_.cx_px, c.cy_px - twin_.cy_px,
-        c.projection == Projection::opencv ? c.lens.k1 - twin_.lens.k1 : c.fisheye.k1 - twin_.fisheye.k1,
-        c.vignetting.a2 - twin_.vignetting.a2;
+    value << state_.gain - 1, state_.offset, c.fx_px / simulated_camera_.fx_px - 1, turn.x(), turn.y(),
+        turn.z(), c.cx_px - simulated_camera_.cx_px, c.cy_px - simulated_camera_.cy_px,
+        c.projection == Projection::opencv ? c.lens.k1 - simulated_camera_.lens.k1
+                                           : c.fisheye.k1 - simulated_camera_.fisheye.k1,
+        c.vignetting.a2 - simulated_camera_.vignetting.a2;
     // Steps are in units of the state that they were taken at.
     Eigen::VectorXd unit = Eigen::VectorXd::Ones(kColumns);
     unit[kGain] = state_.gain, unit[kFocal] = 1 + value[kFocal];
@@ -478,7 +483,7 @@ class Fitter {
   }
 
   const ForEachPair& pairs_;
-  CameraModel twin_;
+  CameraModel simulated_camera_;
   ImagePairOptions options_;
   State state_;
   std::vector<bool> held_;
@@ -498,20 +503,20 @@ class Fitter {
 
 }  // namespace
 
-Result<ImagePairFit> fit_image_pair(const ForEachPair& pairs, const CameraModel& twin,
+Result<ImagePairFit> fit_image_pair(const ForEachPair& pairs, const CameraModel& simulated,
                                     const ImagePairOptions& options) {
-  return Fitter(pairs, twin, options).run();
+  return Fitter(pairs, simulated, options).run();
 }
 
-ImageNoiseFit fit_image_noise(const ImagePairFit& fit, const CameraModel& twin, double gain_sigma) {
+ImageNoiseFit fit_image_noise(const ImagePairFit& fit, const CameraModel& simulated, double gain_sigma) {
   ImageNoiseFit out;
   out.levels = static_cast<int>(fit.noise.size());
   if (out.levels < 2) {
     out.levels = 0;
     return out;
   }
-  const double k = twin.system_gain_dn_per_e() * fit.format_scale, g = fit.gain;
-  const EmvaNoise& n = twin.noise;
+  const double k = simulated.system_gain_dn_per_e() * fit.format_scale, g = fit.gain;
+  const EmvaNoise& n = simulated.noise;
   const auto solve = [&](bool electronics, double& read, double& sigma) {
     // y = known + coefficient · read²
     const double coefficient = k * k * (electronics ? g * g : 1);
@@ -519,9 +524,9 @@ ImageNoiseFit fit_image_noise(const ImagePairFit& fit, const CameraModel& twin, 
     std::vector<double> left, of;
     for (const NoiseLevel& l : fit.noise) {
       const double s = l.level, pattern = n.prnu * s, shot = n.shot_noise ? k * s : 0;
-      const double sheet = k * k * (n.read_noise_e * n.read_noise_e + n.dsnu_e * n.dsnu_e) + shot +
-                           pattern * pattern + 1.0 / 12;
-      const double y = g * g * sheet + l.difference;
+      const double modelled = k * k * (n.read_noise_e * n.read_noise_e + n.dsnu_e * n.dsnu_e) + shot +
+                              pattern * pattern + 1.0 / 12;
+      const double y = g * g * modelled + l.difference;
       const double known =
           1.0 / 12 +
           (electronics ? g * g * (shot + pattern * pattern) : g * shot + g * g * pattern * pattern) +

@@ -1,6 +1,8 @@
-// A camera pair: what has to change in the twin's camera, so that its pictures are those of the device.
+// A camera pair: what has to change in the simulated side's camera, so that its pictures are those of the
+// device.
 //
-// Of a pixel p of the device's camera C′, mounted with T_twin_real = R (a rotation), the twin's picture S is
+// Of a pixel p of the device's camera C′, mounted with T_simulated_real = R (a rotation), the simulated
+// side's picture S is
 //
 //   S′(p) = black + g (S(q) − black) V′/V + o,   q = project_C(R unproject_C′(p))
 //
@@ -10,7 +12,7 @@
 // principal point and a turn of the mount are all but the same: one of them is solved for.
 //
 // Noise: squares of what Immerkær's operator leaves of both pictures, each on its own, at places where the
-// twin is smooth; real less g² times simulated, so that texture cancels.
+// simulated side is smooth; real less g² times simulated, so that texture cancels.
 #pragma once
 
 #include <Eigen/Core>
@@ -32,7 +34,7 @@ struct ImagePairOptions : PairOptions {
 
 struct ImagePairFit : PairFit {
   CameraModel camera;  ///< geometry and vignetting of the proposal; noise is the caller's to solve
-  Eigen::Matrix3d R_twin_real = Eigen::Matrix3d::Identity();
+  Eigen::Matrix3d R_simulated_real = Eigen::Matrix3d::Identity();
   double gain = 1, offset_dn = 0;  ///< DN of the pictures' format
   double format_scale = 1;         ///< DN of the format for one of the converter
   struct Tile {
@@ -43,7 +45,7 @@ struct ImagePairFit : PairFit {
 };
 
 /// bad_input: no pairs, pictures that cannot be compared.
-[[nodiscard]] Result<ImagePairFit> fit_image_pair(const ForEachPair& pairs, const CameraModel& twin,
+[[nodiscard]] Result<ImagePairFit> fit_image_pair(const ForEachPair& pairs, const CameraModel& simulated,
                                                   const ImagePairOptions& options);
 
 /// Where the light of a changed brightness was gained or lost: in the sensor's electronics, or before them.
@@ -57,7 +59,7 @@ struct ImageNoiseFit {
   int levels = 0;
 };
 /// Of a linear camera. nullopt-like: `levels` 0 where there are less than two.
-[[nodiscard]] ImageNoiseFit fit_image_noise(const ImagePairFit& fit, const CameraModel& twin,
+[[nodiscard]] ImageNoiseFit fit_image_noise(const ImagePairFit& fit, const CameraModel& simulated,
                                             double gain_sigma);
 
 }  // namespace rigor::calibration

@@ -1,4 +1,4 @@
-// What has to change in a twin's model so that it describes its device, from a recording of both.
+// What has to change in a simulated side's model so that it describes its device, from a recording of both.
 //
 //   before   r = real − simulated                       of the recorded samples
 //   pass     the simulated samples are carried over to the model found so far (pictures resampled through
@@ -9,7 +9,7 @@
 // good part of what is seen in them; `one_step` keeps it for comparison.
 //
 // What carrying over cannot do is shown by running the rig again with the proposal: what is hidden to the
-// twin's old place stays hidden, and a scene's parallax with it.
+// simulated side's old place stays hidden, and a scene's parallax with it.
 #pragma once
 
 #include <cstdint>
@@ -65,8 +65,8 @@ struct NoiseLevel {
 };
 
 struct PairFit {
-  /// Of the device against the twin's sensor model; not_identifiable, warnings, weak directions; residuals
-  /// after.
+  /// Of the device against the simulated side's sensor model; not_identifiable, warnings, weak directions;
+  /// residuals after.
   FitResult change;
   std::vector<double> one_step;  ///< by parameter: the first pass alone
   int passes = 0;

@@ -100,9 +100,9 @@ FlatPoints robustly_flat(const std::vector<Eigen::Vector3d>& points) {
 }
 
 /// Normal of the board towards the first sensor.
-Eigen::Vector3d board_normal(const Eigen::Isometry3d& T_first_board) {
-  const Eigen::Vector3d n = T_first_board.linear().col(2);
-  return n.dot(T_first_board.translation()) > 0 ? Eigen::Vector3d(-n) : n;
+Eigen::Vector3d board_normal(const Eigen::Isometry3d& T_camera_board) {
+  const Eigen::Vector3d n = T_camera_board.linear().col(2);
+  return n.dot(T_camera_board.translation()) > 0 ? Eigen::Vector3d(-n) : n;
 }
 
 /// A point of the second sensor over the corrected plane.
@@ -153,7 +153,7 @@ Eigen::Isometry3d pose_of(const std::array<double, 3>& t, const std::array<doubl
 }
 
 /// Of the plane at the instant of the points: the picture's, and what the rate adds up to until then.
-Eigen::Matrix3d plane_covariance_of(const PlaneSighting& s) {
+Eigen::Matrix3d plane_covariance_of(const PlaneObservation& s) {
   double t = 0;
   for (const double x : s.t_s) t += x / static_cast<double>(s.t_s.size());
   return s.plane_covariance + t * t * s.plane_rate_covariance;
@@ -164,20 +164,20 @@ Eigen::Matrix3d plane_covariance_of(const PlaneSighting& s) {
 /// by how much: the factor of their covariance with which the median view's difference from the points' own
 /// plane is what chi-squared with three degrees has in its middle, 2.366. Never below 1, and 1 where it may
 /// be chance.
-double plane_variance_scale(const std::vector<PlaneSighting>& sightings,
-                            const Eigen::Isometry3d& T_first_second, double sigma_point_m) {
-  if (sightings.size() < 5) return 1;
+double plane_variance_scale(const std::vector<PlaneObservation>& observations,
+                            const Eigen::Isometry3d& T_camera_sensor, double sigma_point_m) {
+  if (observations.size() < 5) return 1;
   struct Difference {
     Eigen::Vector3d d;
     Eigen::Matrix3d points;
     Eigen::Matrix3d plane;
   };
   std::vector<Difference> views;
-  for (const PlaneSighting& s : sightings) {
+  for (const PlaneObservation& s : observations) {
     Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
     Eigen::Vector3d right = Eigen::Vector3d::Zero();
     for (const std::size_t i : most_flat(s.points_m)) {
-      const Eigen::Vector3d q = T_board_first_at(s, i) * (T_first_second * s.points_m[i]);
+      const Eigen::Vector3d q = T_board_camera_at(s, i) * (T_camera_sensor * s.points_m[i]);
       const Eigen::Vector3d row(q.y(), -q.x(), 1);  // z = a y - b x + c
       normal += row * row.transpose();
       right += row * q.z();
@@ -205,10 +205,10 @@ double plane_variance_scale(const std::vector<PlaneSighting>& sightings,
   return std::sqrt(low * high);
 }
 
-Status check(const std::vector<PlaneSighting>& sightings) {
-  if (sightings.empty())
+Status check(const std::vector<PlaneObservation>& observations) {
+  if (observations.empty())
     return fail(ErrorCode::bad_input, "pair", "expected views of a board by both sensors, got none");
-  for (const auto& s : sightings) {
+  for (const auto& s : observations) {
     if (s.points_m.size() < 3)
       return fail(ErrorCode::bad_input, s.name,
                   "expected at least 3 points on the board, got " + std::to_string(s.points_m.size()));
@@ -216,7 +216,7 @@ Status check(const std::vector<PlaneSighting>& sightings) {
       return fail(ErrorCode::bad_input, s.name,
                   "expected an instant for each of " + std::to_string(s.points_m.size()) + " points, got " +
                       std::to_string(s.t_s.size()));
-    bool finite = s.T_first_board.matrix().allFinite() && s.plane_covariance.allFinite() &&
+    bool finite = s.T_camera_board.matrix().allFinite() && s.plane_covariance.allFinite() &&
                   s.rate.allFinite() && s.plane_rate_covariance.allFinite();
     for (const double t : s.t_s) finite = finite && std::isfinite(t);
     for (const auto& p : s.points_m) finite = finite && p.allFinite();
@@ -235,14 +235,14 @@ Eigen::Isometry3d moved(const Eigen::Matrix<double, 6, 1>& by) {
 
 }  // namespace
 
-Eigen::Isometry3d T_board_first_at(const PlaneSighting& s, std::size_t i) {
-  const Eigen::Isometry3d T = s.T_first_board.inverse();
+Eigen::Isometry3d T_board_camera_at(const PlaneObservation& s, std::size_t i) {
+  const Eigen::Isometry3d T = s.T_camera_board.inverse();
   return s.t_s.empty() ? T : moved(s.t_s[i] * s.rate).inverse() * T;
 }
 
-void set_rate(PlaneSighting& s, double t_s, const std::vector<BoardAt>& poses,
+void set_rate(PlaneObservation& s, double t_s, const std::vector<BoardAt>& poses,
               const Eigen::Vector3d& middle_m) {
-  const Eigen::Isometry3d T = s.T_first_board.inverse();
+  const Eigen::Isometry3d T = s.T_camera_board.inverse();
   const Eigen::Isometry3d half = Eigen::Translation3d(middle_m) *
                                  Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitZ()) *
                                  Eigen::Translation3d(-middle_m);
@@ -253,7 +253,7 @@ void set_rate(PlaneSighting& s, double t_s, const std::vector<BoardAt>& poses,
   double t_mean = 0;
   for (const BoardAt& p : poses) {
     Vector6 best = Vector6::Constant(INFINITY);
-    for (const auto& from : {p.T_first_board, Eigen::Isometry3d(p.T_first_board * half)}) {
+    for (const auto& from : {p.T_camera_board, Eigen::Isometry3d(p.T_camera_board * half)}) {
       const Eigen::Isometry3d d = T * from;
       const Eigen::AngleAxisd turn(d.linear());
       Vector6 v;
@@ -286,12 +286,12 @@ void set_rate(PlaneSighting& s, double t_s, const std::vector<BoardAt>& poses,
   if (poses.size() > 2) s.plane_rate_covariance *= std::max(1.0, chi2 / (3 * (n - 2)));
 }
 
-Eigen::Isometry3d extrinsics_from_normals(const std::vector<PlaneSighting>& sightings) {
+Eigen::Isometry3d extrinsics_from_normals(const std::vector<PlaneObservation>& observations) {
   Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
   std::vector<FlatPoints> planes;
-  for (const auto& s : sightings) {
+  for (const auto& s : observations) {
     planes.push_back(robustly_flat(s.points_m));
-    correlation += board_normal(s.T_first_board) * planes.back().normal.transpose();
+    correlation += board_normal(s.T_camera_board) * planes.back().normal.transpose();
   }
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(correlation, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Eigen::Matrix3d fix = Eigen::Matrix3d::Identity();
@@ -299,13 +299,13 @@ Eigen::Isometry3d extrinsics_from_normals(const std::vector<PlaneSighting>& sigh
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
   T.linear() = svd.matrixU() * fix * svd.matrixV().transpose();
   // n · (R c + t) = d for each board.
-  Eigen::MatrixXd a(static_cast<Eigen::Index>(sightings.size()), 3);
+  Eigen::MatrixXd a(static_cast<Eigen::Index>(observations.size()), 3);
   Eigen::VectorXd b(a.rows());
-  for (std::size_t i = 0; i < sightings.size(); ++i) {
-    const Eigen::Vector3d n = board_normal(sightings[i].T_first_board);
+  for (std::size_t i = 0; i < observations.size(); ++i) {
+    const Eigen::Vector3d n = board_normal(observations[i].T_camera_board);
     a.row(static_cast<Eigen::Index>(i)) = n.transpose();
     b[static_cast<Eigen::Index>(i)] =
-        n.dot(sightings[i].T_first_board.translation()) - n.dot(T.linear() * planes[i].centre);
+        n.dot(observations[i].T_camera_board.translation()) - n.dot(T.linear() * planes[i].centre);
   }
   Eigen::JacobiSVD<Eigen::MatrixXd> linear(a, Eigen::ComputeThinU | Eigen::ComputeThinV);
   linear.setThreshold(1e-3);
@@ -314,11 +314,11 @@ Eigen::Isometry3d extrinsics_from_normals(const std::vector<PlaneSighting>& sigh
 }
 
 std::vector<std::size_t> points_on_board(const std::vector<Eigen::Vector3d>& cloud_m,
-                                         const Eigen::Isometry3d& T_first_board,
-                                         const Eigen::Isometry3d& T_first_second,
+                                         const Eigen::Isometry3d& T_camera_board,
+                                         const Eigen::Isometry3d& T_camera_sensor,
                                          const Eigen::Vector2d& size_m, double margin_m,
                                          double outline_margin_m, std::size_t least) {
-  const Eigen::Isometry3d T_board_second = T_first_board.inverse() * T_first_second;
+  const Eigen::Isometry3d T_board_second = T_camera_board.inverse() * T_camera_sensor;
   std::vector<Eigen::Vector3d> near;
   std::vector<std::size_t> index;
   for (std::size_t i = 0; i < cloud_m.size(); ++i) {
@@ -337,15 +337,15 @@ std::vector<std::size_t> points_on_board(const std::vector<Eigen::Vector3d>& clo
   return on;
 }
 
-Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneSighting>& sightings,
+Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneObservation>& observations,
                                              const PlaneExtrinsicsOptions& options) {
-  if (auto s = check(sightings); !s) return tl::unexpected<Error>(s.error());
+  if (auto s = check(observations); !s) return tl::unexpected<Error>(s.error());
   PlaneExtrinsics out;
   out.sigma_point_m = options.sigma_point_m;
   if (!(out.sigma_point_m > 0)) {
     // Pooled over views: how far points lie from the plane that is theirs alone.
     double sum = 0, freedom = 0;
-    for (const auto& s : sightings) {
+    for (const auto& s : observations) {
       if (s.points_m.size() < 4) continue;
       const double n = static_cast<double>(s.points_m.size()) - 3;
       sum += std::pow(robustly_flat(s.points_m).rms_m, 2) * n;
@@ -356,12 +356,12 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneSighting>& s
                   "three points a view say nothing of the noise; give its standard deviation (--sigma)");
     out.sigma_point_m = std::max(std::sqrt(sum / freedom), 1e-6);
   }
-  const Eigen::Isometry3d start = options.start ? *options.start : extrinsics_from_normals(sightings);
+  const Eigen::Isometry3d start = options.start ? *options.start : extrinsics_from_normals(observations);
   const Eigen::AngleAxisd turn(start.linear());
   std::array<double, 3> t{start.translation().x(), start.translation().y(), start.translation().z()};
   std::array<double, 3> r{turn.axis().x() * turn.angle(), turn.axis().y() * turn.angle(),
                           turn.axis().z() * turn.angle()};
-  std::vector<std::array<double, 3>> planes(sightings.size(), {0, 0, 0});
+  std::vector<std::array<double, 3>> planes(observations.size(), {0, 0, 0});
 
   std::vector<std::pair<std::size_t, std::size_t>> where;  // of an observation: view, point (or none: prior)
   constexpr std::size_t kPrior = ~std::size_t{0};
@@ -372,16 +372,17 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneSighting>& s
     fit.add_block(r.data(), {{"rx_rad", 0.087}, {"ry_rad", 0.087}, {"rz_rad", 0.087}});
     std::uint32_t id = 0;
     where.clear();
-    for (std::size_t v = 0; v < sightings.size(); ++v) {
+    for (std::size_t v = 0; v < observations.size(); ++v) {
       fit.add_nuisance(planes[v].data(), 3);
       fit.add(new ceres::AutoDiffCostFunction<PlanePrior, 3, 3>(
-                  new PlanePrior{root_information(plane_covariance_of(sightings[v]) * plane_scale)}),
+                  new PlanePrior{root_information(plane_covariance_of(observations[v]) * plane_scale)}),
               {planes[v].data()}, id++);
       where.emplace_back(v, kPrior);
-      for (std::size_t p = 0; p < sightings[v].points_m.size(); ++p) {
-        fit.add(new ceres::AutoDiffCostFunction<PointOnPlane, 1, 3, 3, 3>(new PointOnPlane{
-                    T_board_first_at(sightings[v], p), sightings[v].points_m[p], 1 / out.sigma_point_m}),
-                {t.data(), r.data(), planes[v].data()}, id++);
+      for (std::size_t p = 0; p < observations[v].points_m.size(); ++p) {
+        fit.add(
+            new ceres::AutoDiffCostFunction<PointOnPlane, 1, 3, 3, 3>(new PointOnPlane{
+                T_board_camera_at(observations[v], p), observations[v].points_m[p], 1 / out.sigma_point_m}),
+            {t.data(), r.data(), planes[v].data()}, id++);
         where.emplace_back(v, p);
       }
     }
@@ -395,7 +396,7 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneSighting>& s
   double plane_scale = 1;
   auto solved = solve(plane_scale);
   for (int round = 0; round < 3 && solved && !options.stop.stop_requested(); ++round) {
-    const double next = plane_variance_scale(sightings, pose_of(t, r), out.sigma_point_m);
+    const double next = plane_variance_scale(observations, pose_of(t, r), out.sigma_point_m);
     if (std::abs(next - plane_scale) <= 0.1 * plane_scale) break;
     plane_scale = next;
     solved = solve(plane_scale);
@@ -407,15 +408,15 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneSighting>& s
   for (std::size_t i = 0; i < out.result.rejected.size() && i < solved->rejected_ids.size(); ++i) {
     const auto [v, p] = where[solved->rejected_ids[i]];
     out.result.rejected[i].what =
-        sightings[v].name + (p == kPrior ? std::string(" board") : " point " + std::to_string(p));
+        observations[v].name + (p == kPrior ? std::string(" board") : " point " + std::to_string(p));
   }
-  out.T_first_second = pose_of(t, r);
+  out.T_camera_sensor = pose_of(t, r);
   double nearest = INFINITY, farthest = 0;
-  for (const auto& s : sightings) {
+  for (const auto& s : observations) {
     double sum = 0, square = 0;
     for (std::size_t i = 0; i < s.points_m.size(); ++i) {
       const Eigen::Vector3d& p = s.points_m[i];
-      const double z = (T_board_first_at(s, i) * (out.T_first_second * p)).z();
+      const double z = (T_board_camera_at(s, i) * (out.T_camera_sensor * p)).z();
       sum += z, square += z * z;
       nearest = std::min(nearest, p.norm()), farthest = std::max(farthest, p.norm());
     }

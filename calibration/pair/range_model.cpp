@@ -182,13 +182,13 @@ Result<RangePairFit> fit_range_pair(const ForEachPair& pairs, const RangePairOpt
 
 RangeNoiseFit fit_range_noise(const RangePairFit& fit, double contrast) {
   RangeNoiseFit out;
-  std::vector<double> x, twin, device, sigma;
+  std::vector<double> x, of_simulated, of_device, sigma;
   const double g = fit.amplitude_gain;
   for (const NoiseLevel& l : fit.noise) {
     // σ² A² = κ (2A/C + B) + P A², P the variance of a pattern of offsets.
     const double a2 = l.level * l.level;
     x.push_back(2 * l.level / contrast);
-    twin.push_back(l.simulated * a2), device.push_back(l.real * a2 * g * g);
+    of_simulated.push_back(l.simulated * a2), of_device.push_back(l.real * a2 * g * g);
     sigma.push_back(l.sigma * a2);
   }
   out.levels = int(x.size());
@@ -199,7 +199,7 @@ RangeNoiseFit fit_range_noise(const RangePairFit& fit, double contrast) {
   for (Eigen::Index i = 0; i < n; ++i) {
     const double s = sigma[std::size_t(i)], light = x[std::size_t(i)];
     design.row(i) << 1 / s, light / s, light * light / s;
-    y[i] = twin[std::size_t(i)] / s;
+    y[i] = of_simulated[std::size_t(i)] / s;
   }
   const Eigen::Matrix3d inverse = (design.transpose() * design).inverse();
   const Eigen::Vector3d law = inverse * design.transpose() * y;
@@ -207,17 +207,17 @@ RangeNoiseFit fit_range_noise(const RangePairFit& fit, double contrast) {
   if (!(kappa > 3 * std::sqrt(var_kappa))) return out;
   out.kappa = kappa, out.background = law[0] / kappa;
   const auto expected = [&](std::size_t i) {
-    return twin[i] + kappa * (g - 1) * x[i] + law[2] * (g * g - 1) * x[i] * x[i];
+    return of_simulated[i] + kappa * (g - 1) * x[i] + law[2] * (g * g - 1) * x[i] * x[i];
   };
-  // κ is the twin's own: the device differs by what it adds.
+  // κ is the simulated side's own: the device differs by what it adds.
   double weights = 0, sum = 0;
   for (std::size_t i = 0; i < x.size(); ++i) {
     const double w = 1 / (sigma[i] * sigma[i]);
-    weights += w, sum += w * (device[i] - expected(i));
+    weights += w, sum += w * (of_device[i] - expected(i));
   }
   const double mean = sum / weights;
   for (std::size_t i = 0; i < x.size(); ++i)
-    out.chi2 += std::pow((device[i] - expected(i) - mean) / sigma[i], 2);
+    out.chi2 += std::pow((of_device[i] - expected(i) - mean) / sigma[i], 2);
   // Of κ's own error: what it scales, and what the light that was gained takes off.
   double light = 0;
   for (std::size_t i = 0; i < x.size(); ++i) light += (g - 1) * x[i] / (sigma[i] * sigma[i]) / weights;

@@ -1,4 +1,4 @@
-// How far a simulated twin is from its real channel: bias, spread, and the noise of each from sample to
+// How far a simulated side is from its real channel: bias, spread, and the noise of each from sample to
 // sample.
 //
 // Noise is judged without knowing the truth: of an element (pixel, beam) that sees the same in two

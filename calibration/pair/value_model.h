@@ -2,8 +2,8 @@
 //
 //   y(t) = (1 + s) x(t − d) + b + noise
 //
-// Each pass carries the twin's x over (cubic interpolation at t − d) and takes the mean of the windows'
-// estimates of pair_watch's ValueChange; their scatter is the covariance.
+// Each pass carries the simulated side's x over (cubic interpolation at t − d) and takes the mean of the
+// windows' estimates of pair_watch's ValueChange; their scatter is the covariance.
 #pragma once
 
 #include <string>
@@ -20,7 +20,7 @@ struct ValueSeries {
 
 struct ValueFit {
   std::string name, unit;
-  double bias = 0, scale = 0, delay_s = 0;                    ///< of the device over the twin
+  double bias = 0, scale = 0, delay_s = 0;                    ///< of the device over the simulated side
   double bias_sigma = 0, scale_sigma = 0, delay_sigma_s = 0;  ///< infinite: not determined
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();       ///< of bias, scale, delay; as far as determined
   double noise_real = 0, noise_simulated = 0;                 ///< standard deviations by second differences

@@ -68,18 +68,18 @@ void deviations(std::vector<double>& v) {
 
 }  // namespace
 
-std::vector<NoisePair> noise_twins(const FrameStacks& stacks, const PhotonFit& fit, const EmvaNoise& sheet,
-                                   std::uint64_t seed) {
+std::vector<NoisePair> noise_twins(const FrameStacks& stacks, const PhotonFit& fit,
+                                   const EmvaNoise& sensor_model, std::uint64_t seed) {
   std::vector<NoisePair> out;
   const auto& st = fit.statistics;
-  if (!(sheet.system_gain_dn_per_e > 0) || !fit.result.find("system_gain_dn_per_e")) return out;
-  const Pixel pixel(sheet, seed);
+  if (!(sensor_model.system_gain_dn_per_e > 0) || !fit.result.find("system_gain_dn_per_e")) return out;
+  const Pixel pixel(sensor_model, seed);
   const double step = st.step;
   const auto width = static_cast<std::size_t>(stacks.width_px());
   PhotonResponse response;
   response.terms = 2;
-  response.full_scale_dn = std::ldexp(1.0, sheet.adc_bits) - 1 - sheet.black_level_dn;
-  response.c = {sheet.response_c2, sheet.response_c3};
+  response.full_scale_dn = std::ldexp(1.0, sensor_model.adc_bits) - 1 - sensor_model.black_level_dn;
+  response.c = {sensor_model.response_c2, sensor_model.response_c3};
   if (!fit.pairs.empty()) {
     FrameStacks twin;
     for (const PhotonLevel& l : stacks.levels()) {
@@ -91,9 +91,9 @@ std::vector<NoisePair> noise_twins(const FrameStacks& stacks, const PhotonFit& f
         for (const PhotonLevel& other : stacks.levels()) {
           const double dn = static_cast<double>(other.sum[i]) / other.count() / step;
           if (!other.settings.light || dn < 1 || dn >= st.max_dn) continue;
-          sum += std::max(0.0, dn - sheet.black_level_dn), time += other.settings.exposure_s;
+          sum += std::max(0.0, dn - sensor_model.black_level_dn), time += other.settings.exposure_s;
         }
-        const double light = time > 0 ? sum / time / sheet.system_gain_dn_per_e : 0;
+        const double light = time > 0 ? sum / time / sensor_model.system_gain_dn_per_e : 0;
         const double brightest = static_cast<double>(l.sum[i]) / step >= st.max_dn && time == 0 ? 1e9 : 0;
         frame[i] = static_cast<std::uint16_t>(
             pixel.dn(std::max(brightest, light * l.settings.exposure_s),
@@ -148,7 +148,7 @@ std::vector<NoisePair> noise_twins(const FrameStacks& stacks, const PhotonFit& f
       const double last = l.last[pixels[i]];
       p.real_dn.push_back(scale * (last - (l.sum[pixels[i]] - last) / (l.count() - 1.0)) / step);
     }
-    const double electrons = response.inverse(std::max(0.0, p.signal_dn)) / sheet.system_gain_dn_per_e;
+    const double electrons = response.inverse(std::max(0.0, p.signal_dn)) / sensor_model.system_gain_dn_per_e;
     const double twin_scale = std::sqrt((frames - 1.0) / frames);
     for (std::uint32_t i = 0; i < kPixels; ++i) {
       double sum = 0, last = 0;

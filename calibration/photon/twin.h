@@ -25,9 +25,9 @@ struct NoisePair {
   std::array<double, kNoiseQuantiles.size()> real_quantiles_dn{}, twin_quantiles_dn{};
 };
 
-/// Levels that counted in the fit. `sheet` has the fitted values; what the fit does not know is the base
-/// sensor model's. The same for the same seed. Empty where there is no gain.
+/// Levels that counted in the fit. `sensor_model` has the fitted values; what the fit does not know is the
+/// base sensor model's. The same for the same seed. Empty where there is no gain.
 [[nodiscard]] std::vector<NoisePair> noise_twins(const FrameStacks& stacks, const PhotonFit& fit,
-                                                 const EmvaNoise& sheet, std::uint64_t seed);
+                                                 const EmvaNoise& sensor_model, std::uint64_t seed);
 
 }  // namespace rigor::calibration

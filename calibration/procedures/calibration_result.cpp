@@ -10,11 +10,11 @@
 namespace rigor {
 namespace {
 
-Result<std::string> yaml_of(calibration::SheetRecipe recipe, const calibration::FitResult& fit,
+Result<std::string> yaml_of(calibration::SensorModelRecipe recipe, const calibration::FitResult& fit,
                             const std::vector<std::filesystem::path>& inputs) {
   std::vector<calibration::RecordingHash> hashes;
   for (const auto& file : inputs) hashes.push_back({file.filename().string(), sha256_of(file)});
-  return calibration::sheet_yaml(recipe, fit, hashes);
+  return calibration::sensor_model_yaml(recipe, fit, hashes);
 }
 
 }  // namespace
@@ -37,7 +37,7 @@ std::string CalibrationDetails::text() const {
 }
 
 Result<std::string> sensor_model_yaml(const CalibrationResult& result) {
-  calibration::SheetRecipe recipe = result.recipe;
+  calibration::SensorModelRecipe recipe = result.recipe;
   if (!result.base.empty()) {
     std::ifstream in(result.base);
     if (!in)

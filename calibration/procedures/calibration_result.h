@@ -57,14 +57,15 @@ class CalibrationDetails {
 struct SensorModelPart {
   std::string name;  ///< `left`
   calibration::FitResult fit;
-  calibration::SheetRecipe recipe;
+  calibration::SensorModelRecipe recipe;
 };
 
 struct CalibrationResult {
-  std::string title;                ///< of the report
-  calibration::FitResult fit;       ///< parameters with units in their names, covariance, residuals, warnings
-  calibration::SheetRecipe recipe;  ///< how the fit becomes a sensor model; its `base` is read from `base`
-  std::filesystem::path base;       ///< sensor model that the values go into; empty: a new one
+  std::string title;           ///< of the report
+  calibration::FitResult fit;  ///< parameters with units in their names, covariance, residuals, warnings
+  calibration::SensorModelRecipe
+      recipe;                          ///< how the fit becomes a sensor model; its `base` is read from `base`
+  std::filesystem::path base;          ///< sensor model that the values go into; empty: a new one
   std::vector<SensorModelPart> parts;  ///< empty where `fit` is of one sensor
   std::vector<calibration::Figure> figures;
   std::vector<std::filesystem::path> inputs;  ///< files whose hashes go into the sensor model

@@ -17,8 +17,8 @@ namespace {
 
 using namespace calibration;
 
-SheetRecipe recipe_of(const CameraFit& fit) {
-  SheetRecipe r;
+SensorModelRecipe recipe_of(const CameraFit& fit) {
+  SensorModelRecipe r;
   r.kind = "camera";
   const CameraModel& m = fit.camera;
   const auto put = [&](const std::string& path, double value) {

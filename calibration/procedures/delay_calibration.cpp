@@ -155,15 +155,15 @@ Result<TimeSeries> series_of(const DelayCalibrationOptions& o, const std::filesy
   std::optional<Board> board;
   std::optional<CameraModel> camera;
   if (*kind == SampleKind::image) {
-    if (o.target.empty() || o.camera_sheet.empty())
+    if (o.target.empty() || o.camera_model_file.empty())
       return fail(ErrorCode::bad_input, channel,
                   "is a camera: expected --target and --camera-model with it, whose board's pose is then "
                   "followed");
     const auto parsed = parse_board(o.target);
     if (!parsed) return tl::unexpected<Error>(parsed.error());
-    const auto sheet = load_camera(o.camera_sheet);
-    if (!sheet) return tl::unexpected<Error>(sheet.error());
-    board = *parsed, camera = sheet->model;
+    const auto sensor_model = load_camera(o.camera_model_file);
+    if (!sensor_model) return tl::unexpected<Error>(sensor_model.error());
+    board = *parsed, camera = sensor_model->model;
   }
   Eigen::Isometry3d first = Eigen::Isometry3d::Identity(), before = first;
   ProgressTask reading("read " + channel, 0, "samples");

@@ -8,10 +8,10 @@ namespace rigor {
 struct DelayCalibrationOptions : CalibrationInputs {
   /// Channels; `CHANNEL:INDEX` of registers, `SINK:VALUE` of commands. The first is the denser one.
   std::string first, second;
-  std::string target;                  ///< of a camera: the board whose turning is followed
-  std::filesystem::path camera_sheet;  ///< of a camera: its sensor model
-  double largest_s = 0.5;              ///< how far to search
-  bool same_quantity = false;          ///< both measure the same in one unit
+  std::string target;                       ///< of a camera: the board whose turning is followed
+  std::filesystem::path camera_model_file;  ///< of a camera: its sensor model
+  double largest_s = 0.5;                   ///< how far to search
+  bool same_quantity = false;               ///< both measure the same in one unit
 };
 
 /// `inputs`: one recording (.mcap). `delay_s` > 0: the stamps of the second are early. `notes` say what that

@@ -120,7 +120,7 @@ Result<std::vector<Seen>> boards_of(const ExtrinsicsCalibrationOptions& o, const
 Result<std::vector<Cloud>> clouds_of(const ExtrinsicsCalibrationOptions& o, const std::filesystem::path& file,
                                      std::vector<std::string>& warnings) {
   std::vector<Cloud> clouds;
-  if (o.second_sheet.empty()) {
+  if (o.second_model_file.empty()) {
     const auto read = read_samples(file, o.second, SampleKind::point_cloud, [&](const Sample& sample) {
       Cloud c{sample.stamp.t_capture, {}};
       const auto bytes = sample.bytes();
@@ -139,7 +139,7 @@ Result<std::vector<Cloud>> clouds_of(const ExtrinsicsCalibrationOptions& o, cons
     warnings.insert(warnings.end(), read->warnings.begin(), read->warnings.end());
     return clouds;
   }
-  const auto model = load_tof_model(o.second_sheet);
+  const auto model = load_tof_model(o.second_model_file);
   if (!model) return tl::unexpected<Error>(model.error());
   CameraModel lens;
   lens.width_px = static_cast<decltype(lens.width_px)>(model->width_px);
@@ -158,7 +158,7 @@ Result<std::vector<Cloud>> clouds_of(const ExtrinsicsCalibrationOptions& o, cons
     const auto* info = sample.as<RangeImageInfo>();
     if (info->width_px != static_cast<std::uint32_t>(lens.width_px) ||
         info->height_px != static_cast<std::uint32_t>(lens.height_px)) {
-      bad = fail(ErrorCode::bad_input, o.second_sheet.string(),
+      bad = fail(ErrorCode::bad_input, o.second_model_file.string(),
                  fmt::format("expected the recording's size {}x{}, got {}x{}", info->width_px,
                              info->height_px, lens.width_px, lens.height_px));
       return false;
@@ -181,13 +181,13 @@ Result<std::vector<Cloud>> clouds_of(const ExtrinsicsCalibrationOptions& o, cons
 
 /// What is on the board of the scan whose points of it lie nearest in time to the picture; none: too few in
 /// any of the three nearest scans, or these are more than half a second away.
-std::optional<PlaneSighting> sighting_of(const Seen& seen, const std::vector<Seen>& all,
-                                         const std::vector<Cloud>& clouds, const Board& board,
-                                         const Eigen::Isometry3d& T_first_second, double margin_m,
-                                         double outline_margin_m) {
-  PlaneSighting s;
+std::optional<PlaneObservation> observation_of(const Seen& seen, const std::vector<Seen>& all,
+                                               const std::vector<Cloud>& clouds, const Board& board,
+                                               const Eigen::Isometry3d& T_camera_sensor, double margin_m,
+                                               double outline_margin_m) {
+  PlaneObservation s;
   s.name = seen.view.name;
-  s.T_first_board = seen.pose.T_camera_board;
+  s.T_camera_board = seen.pose.T_camera_board;
   s.plane_covariance = seen.pose.plane_covariance;
   const auto seconds = [&](BenchTime t) { return 1e-9 * static_cast<double>((t - seen.t).ns()); };
   std::vector<BoardAt> around;
@@ -210,7 +210,7 @@ std::optional<PlaneSighting> sighting_of(const Seen& seen, const std::vector<See
   for (std::size_t k = 0; k < few; ++k) {
     const Cloud& c = *nearest[k];
     const auto on =
-        points_on_board(c.points_m, seen.pose.T_camera_board * corner, T_first_second,
+        points_on_board(c.points_m, seen.pose.T_camera_board * corner, T_camera_sensor,
                         {(board.columns + 1) * board.spacing_m, (board.rows + 1) * board.spacing_m}, margin_m,
                         outline_margin_m);
     if (on.empty()) continue;
@@ -231,10 +231,11 @@ std::optional<PlaneSighting> sighting_of(const Seen& seen, const std::vector<See
 }
 
 /// Boards whose middle stood still from the picture before or to the next; evenly `views` of them.
-std::vector<PlaneSighting> sightings_of(const ExtrinsicsCalibrationOptions& o, const std::vector<Seen>& seen,
-                                        const std::vector<Cloud>& clouds, const Board& board,
-                                        const Eigen::Isometry3d& T_first_second, double margin_m,
-                                        double outline_margin_m, std::vector<std::string>& warnings) {
+std::vector<PlaneObservation> observations_of(const ExtrinsicsCalibrationOptions& o,
+                                              const std::vector<Seen>& seen, const std::vector<Cloud>& clouds,
+                                              const Board& board, const Eigen::Isometry3d& T_camera_sensor,
+                                              double margin_m, double outline_margin_m,
+                                              std::vector<std::string>& warnings) {
   std::vector<std::size_t> still;
   int moving = 0;
   for (std::size_t i = 0; i < seen.size(); ++i) {
@@ -253,14 +254,14 @@ std::vector<PlaneSighting> sightings_of(const ExtrinsicsCalibrationOptions& o, c
         fmt::format("{} pictures were left out in which the board moved by more than {} mm; show it still, "
                     "for two pictures at least",
                     moving, o.still_m * 1000));
-  std::vector<PlaneSighting> out;
+  std::vector<PlaneObservation> out;
   std::size_t without = 0;
   const std::size_t take = std::min<std::size_t>(still.size(), static_cast<std::size_t>(o.views));
   for (std::size_t k = 0; k < take; ++k) {
     const Seen& s = seen[still[take > 1 ? k * (still.size() - 1) / (take - 1) : 0]];
-    auto sighting = sighting_of(s, seen, clouds, board, T_first_second, margin_m, outline_margin_m);
-    if (sighting)
-      out.push_back(std::move(*sighting));
+    auto observation = observation_of(s, seen, clouds, board, T_camera_sensor, margin_m, outline_margin_m);
+    if (observation)
+      out.push_back(std::move(*observation));
     else
       ++without;
   }
@@ -275,10 +276,10 @@ std::vector<PlaneSighting> sightings_of(const ExtrinsicsCalibrationOptions& o, c
 Result<CalibrationResult> calibrate_extrinsics(const ExtrinsicsCalibrationOptions& o, const StopToken& stop) {
   const auto board = parse_board(o.target);
   if (!board) return tl::unexpected<Error>(board.error());
-  const auto rough = parse_rough(o.rough, !o.second_sheet.empty());
+  const auto rough = parse_rough(o.rough, !o.second_model_file.empty());
   if (!rough) return tl::unexpected<Error>(rough.error());
-  const auto sheet = load_camera(o.camera_sheet);
-  if (!sheet) return tl::unexpected<Error>(sheet.error());
+  const auto sensor_model = load_camera(o.camera_model_file);
+  if (!sensor_model) return tl::unexpected<Error>(sensor_model.error());
   const auto files = input_files(o.inputs, {".mcap"});
   if (!files) return tl::unexpected<Error>(files.error());
 
@@ -293,7 +294,7 @@ Result<CalibrationResult> calibrate_extrinsics(const ExtrinsicsCalibrationOption
   std::vector<std::string> warnings;
   for (const auto& file : *files) {
     if (!recorded.empty() && stop.stop_requested()) break;
-    auto seen = boards_of(o, file, *board, sheet->model, stop, warnings);
+    auto seen = boards_of(o, file, *board, sensor_model->model, stop, warnings);
     if (!seen) return tl::unexpected<Error>(seen.error());
     auto clouds = clouds_of(o, file, warnings);
     if (!clouds) return tl::unexpected<Error>(clouds.error());
@@ -303,46 +304,47 @@ Result<CalibrationResult> calibrate_extrinsics(const ExtrinsicsCalibrationOption
   options.sigma_point_m = o.sigma_m;
   options.start = *rough;
   options.stop = stop;
-  std::vector<PlaneSighting> sightings;
+  std::vector<PlaneObservation> observations;
   Result<PlaneExtrinsics> fit = fail(ErrorCode::internal, "extrinsics", "");
   // First with all that may be on the board by the rough mount; that may hold the floor before it and the
   // wall behind it, in one line with the board. Then, with a mount that is nearly right, only what is well
   // inside.
   for (const bool again : {false, true}) {
     std::vector<std::string> said;
-    sightings.clear();
+    observations.clear();
     for (const Recorded& r : recorded) {
-      auto more = again ? sightings_of(o, r.seen, r.clouds, *board, fit->T_first_second, 0.5 * o.margin_m,
-                                       -0.4 * board->spacing_m, said)
-                        : sightings_of(o, r.seen, r.clouds, *board, *rough, o.margin_m, o.margin_m, said);
-      sightings.insert(sightings.end(), std::make_move_iterator(more.begin()),
-                       std::make_move_iterator(more.end()));
+      auto more = again ? observations_of(o, r.seen, r.clouds, *board, fit->T_camera_sensor, 0.5 * o.margin_m,
+                                          -0.4 * board->spacing_m, said)
+                        : observations_of(o, r.seen, r.clouds, *board, *rough, o.margin_m, o.margin_m, said);
+      observations.insert(observations.end(), std::make_move_iterator(more.begin()),
+                          std::make_move_iterator(more.end()));
     }
-    if (sightings.empty())
+    if (observations.empty())
       return fail(
           ErrorCode::bad_input, files->front().string(),
           fmt::format("expected points of the second sensor on the board within {} m of where --rough "
                       "puts them, found none; check --rough, or give another --margin",
                       o.margin_m));
-    fit = fit_plane_extrinsics(sightings, options);
+    fit = fit_plane_extrinsics(observations, options);
     if (!fit) return tl::unexpected<Error>(fit.error());
-    options.start = fit->T_first_second;
+    options.start = fit->T_camera_sensor;
     if (again) warnings.insert(warnings.end(), said.begin(), said.end());
   }
   result.fit = std::move(fit->result);
   result.fit.warnings.insert(result.fit.warnings.end(), warnings.begin(), warnings.end());
   result.fit.interrupted = result.fit.interrupted || stop.stop_requested();
-  const Eigen::Vector3d t = fit->T_first_second.translation();
-  const Eigen::Quaterniond q(fit->T_first_second.linear());
+  const Eigen::Vector3d t = fit->T_camera_sensor.translation();
+  const Eigen::Quaterniond q(fit->T_camera_sensor.linear());
+  const std::string sensor = o.second_model_file.empty() ? "lidar" : "tof", T = "T_camera_" + sensor;
   result.recipe.kind = "extrinsics";
   result.recipe.set = {
-      {"first", o.camera.empty() ? "camera" : o.camera},
-      {"second", o.second.empty() ? "second" : o.second},
-      {"T_first_second.position_m",
+      {"camera", o.camera.empty() ? "camera" : o.camera},
+      {sensor, o.second.empty() ? sensor : o.second},
+      {T + ".position_m",
        fmt::format("[{}, {}, {}]", exact_text(t.x()), exact_text(t.y()), exact_text(t.z()))},
-      {"T_first_second.quaternion_wxyz", fmt::format("[{}, {}, {}, {}]", exact_text(q.w()), exact_text(q.x()),
-                                                     exact_text(q.y()), exact_text(q.z()))}};
-  result.details.json() = {{"views", sightings.size()},
+      {T + ".quaternion_wxyz", fmt::format("[{}, {}, {}, {}]", exact_text(q.w()), exact_text(q.x()),
+                                           exact_text(q.y()), exact_text(q.z()))}};
+  result.details.json() = {{"views", observations.size()},
                            {"sigma_point_m", fit->sigma_point_m},
                            {"plane_scale", fit->plane_scale},
                            {"position_m", {t.x(), t.y(), t.z()}},
@@ -356,12 +358,12 @@ Result<CalibrationResult> calibrate_extrinsics(const ExtrinsicsCalibrationOption
       .x_label = "view",
       .y_label = "m"};
   Series mean{"mean", {}, {}, false}, rms{"RMS", {}, {}, false}, all;
-  for (std::size_t v = 0; v < sightings.size(); ++v) {
+  for (std::size_t v = 0; v < observations.size(); ++v) {
     mean.x.push_back(static_cast<double>(v)), mean.y.push_back(fit->view_mean_m[v]);
     rms.x.push_back(static_cast<double>(v)), rms.y.push_back(fit->view_rms_m[v]);
-    for (std::size_t i = 0; i < sightings[v].points_m.size(); ++i)
+    for (std::size_t i = 0; i < observations[v].points_m.size(); ++i)
       all.y.push_back(
-          (T_board_first_at(sightings[v], i) * (fit->T_first_second * sightings[v].points_m[i])).z());
+          (T_board_camera_at(observations[v], i) * (fit->T_camera_sensor * observations[v].points_m[i])).z());
   }
   views.series = {mean, rms};
   result.figures.push_back(views);

@@ -6,10 +6,11 @@
 namespace rigor {
 
 struct ExtrinsicsCalibrationOptions : CalibrationInputs {
-  std::string camera, second;          ///< channels; empty: the only one of its kind
-  std::filesystem::path camera_sheet;  ///< sensor model of the camera
-  std::filesystem::path second_sheet;  ///< that of a time-of-flight camera; empty: the second one is a LiDAR
-  std::string target;                  ///< as in CameraCalibrationOptions
+  std::string camera, second;               ///< channels; empty: the only one of its kind
+  std::filesystem::path camera_model_file;  ///< sensor model of the camera
+  std::filesystem::path
+      second_model_file;  ///< that of a time-of-flight camera; empty: the second one is a LiDAR
+  std::string target;     ///< as in CameraCalibrationOptions
   /// `x,y,z[,roll,pitch,yaw]`, metres and degrees: the second sensor in the camera's optical frame (x right,
   /// y down, z forward), turned against looking the same way.
   std::string rough;

@@ -80,8 +80,8 @@ std::string list_of(const models::LidarModel& m, const Get& get) {
   return s + "]";
 }
 
-SheetRecipe recipe_of(const LidarFit& fit) {
-  SheetRecipe r;
+SensorModelRecipe recipe_of(const LidarFit& fit) {
+  SensorModelRecipe r;
   r.kind = "lidar";
   constexpr double kDegrees = 180 / std::numbers::pi;
   const models::LidarModel& m = fit.model;
@@ -331,8 +331,8 @@ Result<CalibrationResult> calibrate_lidar(const LidarCalibrationOptions& options
     return fail(ErrorCode::bad_input, "--base",
                 "expected the sensor model of this LiDAR's model (its beams and their angles), as in "
                 "configs/sensors/velodyne-vlp16.yaml, got none");
-  const auto sheet = load_lidar_model(options.base);
-  if (!sheet) return tl::unexpected<Error>(sheet.error());
+  const auto sensor_model = load_lidar_model(options.base);
+  if (!sensor_model) return tl::unexpected<Error>(sensor_model.error());
   LidarFitOptions fit_options;
   fit_options.model = options.model;
   fit_options.noise_model = options.noise_model;
@@ -342,14 +342,14 @@ Result<CalibrationResult> calibrate_lidar(const LidarCalibrationOptions& options
     if (!walls) return tl::unexpected<Error>(walls.error());
     fit_options.surveyed = *walls;
   }
-  auto input = read_returns(options, sheet->scan, stop);
+  auto input = read_returns(options, sensor_model->scan, stop);
   if (!input) return tl::unexpected<Error>(input.error());
   ProgressTask fitting("fit", 1);
   fit_options.progress = [&](double share, double rms) {
     fitting.set(share);
     fitting.note(fmt::format("RMS {:.2f} mm", 1e3 * rms));
   };
-  auto fit = fit_lidar(input->returns, *sheet, fit_options);
+  auto fit = fit_lidar(input->returns, *sensor_model, fit_options);
   if (fit) fitting.finish();
   if (!fit) {
     Error e = fit.error();

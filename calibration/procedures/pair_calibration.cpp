@@ -96,8 +96,8 @@ Status enough(const RecordedPair& pair, std::uint64_t pairs, std::uint64_t unlik
                   alone > 0 ? fmt::format("; {} have no partner of their instant", alone) : ""));
 }
 
-Status need_sheet(const RecordedPair& pair) {
-  if (!pair.sheet.empty()) return {};
+Status need_sensor_model(const RecordedPair& pair) {
+  if (!pair.sensor_model.empty()) return {};
   return fail(
       ErrorCode::bad_input, pair.rig_file,
       "expected `sensor` (the sensor model) of the simulated side of " + pair.channel + ", found none");
@@ -114,16 +114,16 @@ Options common_of(const StopToken& stop, ProgressTask& task) {
 Result<Solved> solve_camera(const RecordedPair& pair, const PairCalibrationOptions& o,
                             const ForEachPair& pairs, const std::uint64_t& alone, const StopToken& stop,
                             ProgressTask& task) {
-  const auto sheet = load_camera(pair.sheet);
-  if (!sheet) return tl::unexpected<Error>(sheet.error());
+  const auto sensor_model = load_camera(pair.sensor_model);
+  if (!sensor_model) return tl::unexpected<Error>(sensor_model.error());
   auto options = common_of<ImagePairOptions>(stop, task);
   options.principal_point = o.model == "principal-point" || o.model == "lens";
   options.mount = o.model != "principal-point";
   options.distortion = o.model == "lens";
-  const auto fit = fit_image_pair(pairs, sheet->model, options);
+  const auto fit = fit_image_pair(pairs, sensor_model->model, options);
   if (!fit) return tl::unexpected<Error>(fit.error());
   if (auto s = enough(pair, fit->pairs, fit->unlike, alone); !s) return tl::unexpected<Error>(s.error());
-  auto proposal = propose_camera(pair, *fit, sheet->model);
+  auto proposal = propose_camera(pair, *fit, sensor_model->model);
   if (!proposal) return tl::unexpected<Error>(proposal.error());
   Solved solved{.proposal = std::move(*proposal)};
   take_over(solved, *fit);
@@ -134,18 +134,18 @@ Result<Solved> solve_camera(const RecordedPair& pair, const PairCalibrationOptio
 Result<Solved> solve_lidar(const RecordedPair& pair, const PairCalibrationOptions& o,
                            const ForEachPair& pairs, const std::uint64_t& alone, const StopToken& stop,
                            ProgressTask& task) {
-  const auto model = load_lidar_model(pair.sheet);
+  const auto model = load_lidar_model(pair.sensor_model);
   if (!model) return tl::unexpected<Error>(model.error());
   auto options = common_of<CloudPairOptions>(stop, task);
   options.mount = o.model != "ranges";
   options.rings = std::uint32_t(model->scan.beams.size());
   options.points = std::clamp<std::size_t>(model->firings(), 64, 400000);
   options.remission_max = model->remission.maximum;
-  options.sheet_sigma_m = [&](double remission, double range_m) {
-    return sheet_sigma_m(*model, remission, range_m);
+  options.model_sigma_m = [&](double remission, double range_m) {
+    return model_sigma_m(*model, remission, range_m);
   };
   options.sigma_m =
-      std::max(1e-3, sheet_sigma_m(*model, 0.5 * model->remission.scale, 0.3 * model->range.max_m));
+      std::max(1e-3, model_sigma_m(*model, 0.5 * model->remission.scale, 0.3 * model->range.max_m));
   const auto fit = fit_cloud_pair(pairs, options);
   if (!fit) return tl::unexpected<Error>(fit.error());
   if (auto s = enough(pair, fit->pairs, fit->unlike, alone); !s) return tl::unexpected<Error>(s.error());
@@ -255,16 +255,16 @@ Result<CalibrationResult> calibrate_pair(const PairCalibrationOptions& o, const 
     return fail(
         ErrorCode::bad_input, "--model",
         fmt::format("expected one of {} for this kind of channel, got {}", fmt::join(models, ", "), o.model));
-  const bool has_sheet = pair->kind != SampleKind::register_block;
-  if (has_sheet)
-    if (auto s = need_sheet(*pair); !s) return tl::unexpected<Error>(s.error());
+  const bool has_model = pair->kind != SampleKind::register_block;
+  if (has_model)
+    if (auto s = need_sensor_model(*pair); !s) return tl::unexpected<Error>(s.error());
   RecordedPair twin = *pair;
   if (!(o.from_s < o.until_s))
     return fail(ErrorCode::bad_input, "--from, --until",
                 fmt::format("expected --from before --until, got {:g} and {:g}", o.from_s, o.until_s));
   twin.from_s = o.from_s, twin.until_s = o.until_s;
   if (!o.base.empty())
-    twin.sheet = o.base;  // the sensor model that the twin had, where the rig's has changed since
+    twin.sensor_model = o.base;  // the sensor model that the twin had, where the rig's has changed since
 
   std::optional<ProgressTask> searching(std::in_place, "look for changes of the device");
   std::uint64_t alone = 0;
@@ -335,7 +335,7 @@ Result<CalibrationResult> calibrate_pair(const PairCalibrationOptions& o, const 
     details["mean_before"] = solved->mean_before;
     details["mean_after"] = solved->mean_after;
   }
-  result.base = has_sheet ? twin.sheet : o.base;
+  result.base = has_model ? twin.sensor_model : o.base;
   return result;
 }
 

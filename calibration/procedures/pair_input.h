@@ -19,8 +19,8 @@ struct RecordedPair {
   std::filesystem::path recording;
   std::string channel;
   SampleKind kind = SampleKind::none;
-  std::filesystem::path sheet;  ///< of the twin; empty: its channel has none
-  std::string rig_file;         ///< that was read, or of which the recording holds a copy
+  std::filesystem::path sensor_model;  ///< of the twin; empty: its channel has none
+  std::string rig_file;                ///< that was read, or of which the recording holds a copy
   std::vector<std::string> register_names, register_units;
   /// Where the twin sits in the rig: the key (`T_world_sensor`, `T_parent_sensor`), empty where there is
   /// none.

@@ -204,7 +204,7 @@ Result<PairProposal> propose_camera(const RecordedPair& pair, const ImagePairFit
       p.add("gain", fit.gain, {{"gain"}});
     }
   }
-  p.mount(pair, fit.R_twin_real, Eigen::Vector3d::Zero());
+  p.mount(pair, fit.R_simulated_real, Eigen::Vector3d::Zero());
   for (const auto& tile : fit.tiles)
     if (std::abs(tile.change) > 0.01 && std::abs(tile.change) > 6 * tile.sigma)
       p.warn(fmt::format(
@@ -222,7 +222,7 @@ Result<PairProposal> propose_camera(const RecordedPair& pair, const ImagePairFit
   return p;
 }
 
-double sheet_sigma_m(const models::LidarModel& m, double remission, double range_m) {
+double model_sigma_m(const models::LidarModel& m, double remission, double range_m) {
   double e = m.remission.scale > 0 ? remission / m.remission.scale : remission;
   if (m.remission.range_exponent != 0 && m.remission.reference_range_m > 0)
     e *= std::pow(range_m / m.remission.reference_range_m, m.remission.range_exponent);
@@ -240,7 +240,7 @@ double sheet_sigma_m(const models::LidarModel& m, double remission, double range
 }
 
 Result<PairProposal> propose_lidar(const RecordedPair& pair, const CloudPairFit& fit) {
-  const auto model = load_lidar_model(pair.sheet);
+  const auto model = load_lidar_model(pair.sensor_model);
   if (!model) return tl::unexpected<Error>(model.error());
   PairProposal p(fit.change);
   const models::LidarRange& r = model->range;
@@ -290,13 +290,13 @@ Result<PairProposal> propose_lidar(const RecordedPair& pair, const CloudPairFit&
                       "levels); `rigor calibrate lidar` fits the law itself",
                       noise.chi2, noise.levels));
   }
-  p.mount(pair, fit.R_twin_real, fit.t_twin_real_m);
+  p.mount(pair, fit.R_simulated_real, fit.t_simulated_real_m);
   p.more["lost"] = fit.lost, p.more["gained"] = fit.gained;
   return p;
 }
 
 Result<PairProposal> propose_tof(const RecordedPair& pair, const RangePairFit& fit) {
-  const auto model = load_tof_model(pair.sheet);
+  const auto model = load_tof_model(pair.sensor_model);
   if (!model) return tl::unexpected<Error>(model.error());
   PairProposal p(fit.change);
   p.add("range_offset_m", model->range_error.offset_m + fit.offset_m, {{"range_offset_m"}},
@@ -355,7 +355,7 @@ Result<PairProposal> propose_values(const RecordedPair& pair, const std::vector<
     at += n;
   }
   PairProposal p(change);
-  if (pair.kind != SampleKind::imu || pair.sheet.empty()) {
+  if (pair.kind != SampleKind::imu || pair.sensor_model.empty()) {
     for (const Parameter& c : change.parameters) p.add(c.name, c.value, {{c.name}});
     for (const ValueFit& f : fits)
       if (f.noise_ratio > 0 && std::isfinite(f.noise_ratio)) {
@@ -367,7 +367,7 @@ Result<PairProposal> propose_values(const RecordedPair& pair, const std::vector<
       }
     return p;
   }
-  const auto model = load_imu_model(pair.sheet);
+  const auto model = load_imu_model(pair.sensor_model);
   if (!model) return tl::unexpected<Error>(model.error());
   constexpr double kG = 9.80665, kDegree = std::numbers::pi / 180;
   double delay_weights = 0, delay_sum = 0;
@@ -404,10 +404,10 @@ Result<PairProposal> propose_values(const RecordedPair& pair, const std::vector<
     p.set(section + ".scale_percent", "[" + scales + "]");
     if (t.white != std::array<double, 3>{}) {
       // Under the key that the sensor model has, in its unit.
-      auto sheet = ConfigDocument::load(pair.sheet);
-      if (!sheet) return tl::unexpected<Error>(sheet.error());
+      auto sensor_model = ConfigDocument::load(pair.sensor_model);
+      if (!sensor_model) return tl::unexpected<Error>(sensor_model.error());
       const auto list = catch_config([&] {
-        const ConfigNode n = sheet->map(section);
+        const ConfigNode n = sensor_model->map(section);
         for (const char* key : {"noise_density_ug_per_sqrt_hz", "velocity_random_walk_m_per_s_per_sqrt_h",
                                 "noise_density_deg_per_s_per_sqrt_hz", "angle_random_walk_deg_per_sqrt_h"})
           if (n.has(key)) return std::pair{std::string(key), n.numbers_or(key, {})};

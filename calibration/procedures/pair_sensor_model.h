@@ -46,18 +46,18 @@ class PairProposal {
   }
 
   /// The mount of the device in the twin's parent frame, in words, in the answer, and as `--set`.
-  void mount(const RecordedPair& pair, const Eigen::Matrix3d& R_twin_real,
-             const Eigen::Vector3d& t_twin_real_m);
+  void mount(const RecordedPair& pair, const Eigen::Matrix3d& R_simulated_real,
+             const Eigen::Vector3d& t_simulated_real_m);
 
   [[nodiscard]] calibration::FitResult result() const;
-  [[nodiscard]] const calibration::SheetRecipe& recipe() const { return recipe_; }
+  [[nodiscard]] const calibration::SensorModelRecipe& recipe() const { return recipe_; }
   [[nodiscard]] const std::vector<std::string>& notes() const { return notes_; }
   nlohmann::json more;
 
  private:
   calibration::FitResult change_, out_;
   std::vector<Eigen::VectorXd> rows_;
-  calibration::SheetRecipe recipe_;
+  calibration::SensorModelRecipe recipe_;
   std::vector<std::string> notes_;
 };
 
@@ -73,6 +73,6 @@ class PairProposal {
                                                   const std::vector<calibration::ValueFit>& fits);
 
 /// Standard deviation that a LiDAR's sensor model gives a return.
-[[nodiscard]] double sheet_sigma_m(const models::LidarModel& model, double remission, double range_m);
+[[nodiscard]] double model_sigma_m(const models::LidarModel& model, double remission, double range_m);
 
 }  // namespace rigor

@@ -47,9 +47,9 @@ EmvaNoise noise_of(const PhotonFit& fit, const EmvaNoise* base) {
   return n;
 }
 
-Result<SheetRecipe> recipe_of(const PhotonCalibrationOptions& options, const FrameStacks& stacks,
-                              PhotonFit& fit) {
-  SheetRecipe r;
+Result<SensorModelRecipe> recipe_of(const PhotonCalibrationOptions& options, const FrameStacks& stacks,
+                                    PhotonFit& fit) {
+  SensorModelRecipe r;
   r.kind = "camera";
   if (!options.sensor_model) return r;
   const auto base = load_camera(options.base);
@@ -152,7 +152,7 @@ Result<CalibrationResult> calibrate_photon(const PhotonCalibrationOptions& optio
   result.fit = fit->result;
   std::optional<EmvaNoise> base;
   if (!options.base.empty())
-    if (const auto sheet = load_camera(options.base)) base = sheet->model.noise;
+    if (const auto sensor_model = load_camera(options.base)) base = sensor_model->model.noise;
   const std::vector<NoisePair> twins = noise_twins(stacks, *fit, noise_of(*fit, base ? &*base : nullptr), 1);
   result.figures = photon_figures(stacks, *fit, twins);
   nlohmann::json& more = result.details.json();

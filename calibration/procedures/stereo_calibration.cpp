@@ -39,14 +39,14 @@ Result<std::vector<StereoPair>> pairs_of(const BoardViews& left, const BoardView
                   pairs.size(), left.seen.size(), right.seen.size()));
 }
 
-Result<std::optional<CameraModel>> held(const std::filesystem::path& sheet) {
-  if (sheet.empty()) return std::optional<CameraModel>{};
-  auto model = load_camera(sheet);
+Result<std::optional<CameraModel>> held(const std::filesystem::path& sensor_model) {
+  if (sensor_model.empty()) return std::optional<CameraModel>{};
+  auto model = load_camera(sensor_model);
   if (!model) return tl::unexpected<Error>(model.error());
   return std::optional<CameraModel>{model->model};
 }
 
-void put_camera(SheetRecipe& r, const std::string& side, const CameraModel& m) {
+void put_camera(SensorModelRecipe& r, const std::string& side, const CameraModel& m) {
   const auto put = [&](const std::string& path, double v) {
     r.set.emplace_back(side + "." + path, exact_text(v));
   };
@@ -72,8 +72,8 @@ void put_camera(SheetRecipe& r, const std::string& side, const CameraModel& m) {
     put(std::string("lens.") + name, v);
 }
 
-SheetRecipe recipe_of(const StereoFit& fit) {
-  SheetRecipe r;
+SensorModelRecipe recipe_of(const StereoFit& fit) {
+  SensorModelRecipe r;
   r.kind = "stereo";
   r.remove = {"left", "right", "T_left_right"};
   const auto list = [](std::initializer_list<double> values) {
@@ -128,7 +128,7 @@ SensorModelPart part_of(const StereoFit& fit, const std::string& side) {
   const bool left = side == "left";
   const CameraModel& m = left ? fit.left : fit.right;
   SensorModelPart part{side, side_result(fit.result, side, left ? fit.left_model : fit.right_model), {}};
-  SheetRecipe rig;
+  SensorModelRecipe rig;
   put_camera(rig, side, m);
   part.recipe.kind = "camera";
   for (auto& [path, value] : rig.set) part.recipe.set.emplace_back(path.substr(side.size() + 1), value);
@@ -185,7 +185,7 @@ Result<CalibrationResult> calibrate_stereo(const StereoCalibrationOptions& o, co
     if (!model) return tl::unexpected<Error>(model.error());
     options.left_model = options.right_model = *model;
   }
-  const auto left_held = held(o.left_sheet), right_held = held(o.right_sheet);
+  const auto left_held = held(o.left_model_file), right_held = held(o.right_model_file);
   if (!left_held) return tl::unexpected<Error>(left_held.error());
   if (!right_held) return tl::unexpected<Error>(right_held.error());
   options.left = *left_held, options.right = *right_held;
@@ -229,8 +229,8 @@ Result<CalibrationResult> calibrate_stereo(const StereoCalibrationOptions& o, co
   details["T_left_right"] = {{"position_m", {t.x(), t.y(), t.z()}},
                              {"quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}}};
   // A camera whose intrinsics were held has a sensor model already.
-  if (o.left_sheet.empty()) result.parts.push_back(part_of(*fit, "left"));
-  if (o.right_sheet.empty()) result.parts.push_back(part_of(*fit, "right"));
+  if (o.left_model_file.empty()) result.parts.push_back(part_of(*fit, "left"));
+  if (o.right_model_file.empty()) result.parts.push_back(part_of(*fit, "right"));
   result.base = o.base;
   return result;
 }

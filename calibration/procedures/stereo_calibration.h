@@ -13,7 +13,7 @@ struct StereoCalibrationOptions : CalibrationInputs {
   std::string target;  ///< as in CameraCalibrationOptions
   std::string size;    ///< WIDTHxHEIGHT of the pictures that a list of corners is about
   /// Sensor models whose intrinsics are held; empty: they are fitted.
-  std::filesystem::path left_sheet, right_sheet;
+  std::filesystem::path left_model_file, right_model_file;
   double within_ms = 1;  ///< views of recordings that belong together are no further apart
   /// Folder that gets looked_for.png where no picture has a board; empty: nothing is written.
   std::filesystem::path looked_for_folder;

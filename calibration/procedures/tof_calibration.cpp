@@ -255,7 +255,7 @@ Result<CalibrationResult> calibrate_tof(const TofCalibrationOptions& o, const St
     use_lens(*lens, *base, result);
     if (recordings.empty() && o.raw.empty()) {
       result.inputs = o.board;
-      set_tof_sheet(result.recipe, fit, {.lens = &lens->fit});
+      set_tof_model(result.recipe, fit, {.lens = &lens->fit});
       result.base = o.base;
       return result;
     }
@@ -439,7 +439,7 @@ Result<CalibrationResult> calibrate_tof(const TofCalibrationOptions& o, const St
   progress.reset();
   fit.interrupted = stop.stop_requested();
   const Parameter* electrons = fit.find("electrons_per_count");
-  set_tof_sheet(result.recipe, fit,
+  set_tof_model(result.recipe, fit,
                 {.ranges = ranges ? &*ranges : nullptr,
                  .lens = lens ? &lens->fit : nullptr,
                  .electrons_per_amplitude = !counts     ? 1

@@ -9,8 +9,8 @@ namespace {
 
 using namespace calibration;
 
-struct Sheet {
-  SheetRecipe& recipe;
+struct SensorModelWriter {
+  SensorModelRecipe& recipe;
   const FitResult& fit;
 
   const Parameter* known(const std::string& name) const {
@@ -68,18 +68,18 @@ struct Sheet {
 
 }  // namespace
 
-void set_tof_sheet(SheetRecipe& recipe, const FitResult& fit, const TofSheetParts& parts) {
+void set_tof_model(SensorModelRecipe& recipe, const FitResult& fit, const TofModelParts& parts) {
   recipe.kind = "tof";
-  const Sheet sheet{recipe, fit};
-  if (parts.lens) sheet.lens(*parts.lens);
-  if (parts.ranges) sheet.ranges(*parts.ranges, parts.electrons_per_amplitude);
+  const SensorModelWriter sensor_model{recipe, fit};
+  if (parts.lens) sensor_model.lens(*parts.lens);
+  if (parts.ranges) sensor_model.ranges(*parts.ranges, parts.electrons_per_amplitude);
   if (fit.find("pixel_offset_sigma_m"))
-    sheet.place("pixel_offset_sigma_m", "pixel.range_offset_sigma_mm", 1e3);
+    sensor_model.place("pixel_offset_sigma_m", "pixel.range_offset_sigma_mm", 1e3);
   else
-    sheet.place("pixel_floor_m", "pixel.range_offset_sigma_mm", 1e3);
-  sheet.place("contrast", "modulation.contrast", 1);
-  sheet.place("read_noise_e", "pixel.read_noise_e", 1);
-  sheet.place("full_well_e", "pixel.full_well_e", 1);
+    sensor_model.place("pixel_floor_m", "pixel.range_offset_sigma_mm", 1e3);
+  sensor_model.place("contrast", "modulation.contrast", 1);
+  sensor_model.place("read_noise_e", "pixel.read_noise_e", 1);
+  sensor_model.place("full_well_e", "pixel.full_well_e", 1);
 }
 
 }  // namespace rigor

@@ -25,9 +25,10 @@ struct CalibrateCommandLine::Impl {
 void add_common_options(CommandOptions& app, CalibrationInputs& from, CalibrateOutput& output,
                         const char* inputs) {
   app.add_option("INPUT", from.inputs, inputs).required();
-  app.add_option("-o,--output", output.output, "Sheet to write (YAML), which a simulated channel reads");
+  app.add_option("-o,--output", output.output,
+                 "Sensor model to write (YAML), which a simulated channel reads");
   app.add_option("--base", from.base,
-                 "Sheet that the values go into; what was not fitted stays as it is there")
+                 "Sensor model that the values go into; what was not fitted stays as it is there")
       .config_file();
   app.add_option("--model", from.model, "auto: the smallest that the data support; or a model by name");
   app.add_option("--report", output.report, "Write an HTML report into this folder");

@@ -16,7 +16,7 @@ CalibrateSubcommand add_calibrate_delay(CLI::App& calibrate) {
                  "The other channel: delay > 0 means that its stamps are early")
       .required();
   app.add_option("--target", command->options.target, "Cameras: the board whose turning is followed");
-  app.add_option("--camera-model", command->options.camera_sheet, "Cameras: the sensor model");
+  app.add_option("--camera-model", command->options.camera_model_file, "Cameras: the sensor model");
   app.add_option("--largest", command->options.largest_s, "How far to search, s").positive();
   app.add_flag("--same", command->options.same_quantity,
                "Both measure the same in one unit (an even motion tells then, too)");
@@ -25,7 +25,7 @@ CalibrateSubcommand add_calibrate_delay(CLI::App& calibrate) {
       "--camera-model left.yaml");
   return {app, [command] {
             const auto& o = command->options;
-            return run_calibration(o, command->output, {.inputs = {o.camera_sheet}},
+            return run_calibration(o, command->output, {.inputs = {o.camera_model_file}},
                                    [&](const StopToken& stop) { return calibrate_delay(o, stop); });
           }};
 }

@@ -11,12 +11,12 @@ CalibrateSubcommand add_calibrate_extrinsics(CLI::App& calibrate) {
   auto command = std::make_shared<CalibrateCommand<ExtrinsicsCalibrationOptions>>();
   add_common_options(app, command->options, command->output, "Recordings (.mcap)");
   app.add_option("--camera", command->options.camera, "Channel of the camera");
-  app.add_option("--camera-model", command->options.camera_sheet,
+  app.add_option("--camera-model", command->options.camera_model_file,
                  "Its sensor model, as `rigor calibrate camera` wrote it")
       .required();
   app.add_option("--second", command->options.second, "Channel of the LiDAR or the time-of-flight camera");
-  app.add_option("--second-model", command->options.second_sheet,
-                 "Sheet of a time-of-flight camera; none: a LiDAR");
+  app.add_option("--second-model", command->options.second_model_file,
+                 "Sensor model of a time-of-flight camera; none: a LiDAR");
   app.add_option("--target", command->options.target, "Board, as in chessboard:9x6:0.025").required();
   app.add_option(
          "--rough", command->options.rough,
@@ -36,7 +36,7 @@ CalibrateSubcommand add_calibrate_extrinsics(CLI::App& calibrate) {
       "--target chessboard:9x6:0.1 --rough 0.2,-0.1,0 -o top-in-left.yaml");
   return {app, [command] {
             const auto& o = command->options;
-            return run_calibration(o, command->output, {.inputs = {o.camera_sheet, o.second_sheet}},
+            return run_calibration(o, command->output, {.inputs = {o.camera_model_file, o.second_model_file}},
                                    [&](const StopToken& stop) { return calibrate_extrinsics(o, stop); });
           }};
 }

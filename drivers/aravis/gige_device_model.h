@@ -67,8 +67,8 @@ struct GigeCameraConfig {
   double gain_db = 0, min_gain_db = 0, max_gain_db = 24;
 
   Duration readout = milliseconds(1);  ///< from the end of exposure to the first packet
-  /// Exposures start at multiples of the frame period on the emulator's clock, so that a twin on the same
-  /// clock exposes at the same instants. Otherwise they are counted from AcquisitionStart.
+  /// Exposures start at multiples of the frame period on the emulator's clock, so that a simulated side on
+  /// the same clock exposes at the same instants. Otherwise they are counted from AcquisitionStart.
   bool align_to_clock = false;
 
   std::uint32_t packet_size = 1400, min_packet_size = 576, max_packet_size = 9000;

@@ -3,7 +3,7 @@
 // camera through its registers, and gives what comes back through the stream protocol; without socket, thread
 // or clock.
 //
-// Instants. Free run: the middle of the k-th exposure is t0 + k·period, so that a simulated twin measures at
+// Instants. Free run: the middle of the k-th exposure is t0 + k·period, so that a simulated side measures at
 // the same instants. Software trigger: the exposure begins there, as on a camera that the loop triggers. A
 // picture is taken when bench time has reached the middle of its exposure, so that what moves is where it is
 // then. t_arrival is t_release: how fast a computer is plays no part.

@@ -115,8 +115,8 @@ Status ask(Request& request, const std::string& where, const std::string& what, 
     int fd;
     ~Closer() { ::close(fd); }
   } closer{fd};
-  const timeval patience{2, 0};
-  (void)::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+  const timeval timeout{2, 0};
+  (void)::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
   const auto bytes = request.bytes();
   if (::send(fd, bytes.data(), bytes.size(), 0) < 0)
     return tl::unexpected<Error>(io_error(where, errno, what));

@@ -296,9 +296,9 @@ Status IsoTpSocket::send(std::span<const std::uint8_t> message) {
       isotp_error(interface_, n < 0 ? errno : EIO, "the ISO-TP message was not taken"));
 }
 
-Result<std::vector<std::uint8_t>> IsoTpSocket::receive(Duration patience) {
+Result<std::vector<std::uint8_t>> IsoTpSocket::receive(Duration timeout) {
   pollfd wait{handle_.fd(), POLLIN, 0};
-  const int ready = ::poll(&wait, 1, static_cast<int>(patience.ns() / 1'000'000));
+  const int ready = ::poll(&wait, 1, static_cast<int>(timeout.ns() / 1'000'000));
   if (ready == 0) return fail(ErrorCode::timeout, interface_, "no ISO-TP message came");
   std::vector<std::uint8_t> out(1u << 16);
   const auto n = ::recv(handle_.fd(), out.data(), out.size(), MSG_DONTWAIT);
@@ -308,9 +308,9 @@ Result<std::vector<std::uint8_t>> IsoTpSocket::receive(Duration patience) {
 }
 
 Result<std::vector<std::uint8_t>> IsoTpSocket::request(std::span<const std::uint8_t> message,
-                                                       Duration patience) {
+                                                       Duration timeout) {
   if (auto s = send(message); !s) return tl::unexpected<Error>(s.error());
-  return receive(patience);
+  return receive(timeout);
 }
 
 }  // namespace rigor::can

@@ -114,10 +114,10 @@ class IsoTpSocket {
   /// Returns when the other side has taken all of it. timeout, protocol, io.
   [[nodiscard]] Status send(std::span<const std::uint8_t> message);
   /// The next message. timeout; protocol when the other side broke off.
-  [[nodiscard]] Result<std::vector<std::uint8_t>> receive(Duration patience);
+  [[nodiscard]] Result<std::vector<std::uint8_t>> receive(Duration timeout);
   /// Both: a request and the answer to it.
   [[nodiscard]] Result<std::vector<std::uint8_t>> request(std::span<const std::uint8_t> message,
-                                                          Duration patience);
+                                                          Duration timeout);
 
  private:
   Handle handle_;

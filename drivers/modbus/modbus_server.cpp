@@ -29,9 +29,9 @@ std::uint16_t be16(const std::uint8_t* p) { return static_cast<std::uint16_t>(p[
 /// One connection or line: bytes that came, and the answer that waits for its instant.
 struct Client {
   Client(int fd, Server::Framing f, bool owns, const Server::Line& l)
-      : descriptor(fd), framing(f), owned(owns), line(l), framer(l.times.gap, patience(l)) {}
+      : descriptor(fd), framing(f), owned(owns), line(l), framer(l.times.gap, timeout(l)) {}
   /// How long half a frame is waited for: a pseudo-terminal's other end may be held up by its machine.
-  static Duration patience(const Server::Line& l) { return std::max(l.times.gap * 20, milliseconds(50)); }
+  static Duration timeout(const Server::Line& l) { return std::max(l.times.gap * 20, milliseconds(50)); }
 
   int descriptor = -1;
   Server::Framing framing;

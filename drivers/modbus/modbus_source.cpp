@@ -50,7 +50,7 @@ Status ModbusSource::do_arm(const ArmContext& context) {
   open_stream(pool_slots(config()), 0, false);
   events_ = std::make_unique<SpscRing<SampleLease>>(kEvents);
   if (!event_pool_) event_pool_ = make_sample_pool(2 * kEvents, 0);
-  told_ = kEventBack;
+  last_event_ = kEventBack;
   backoff_.reset();
   health_.connected.store(true, std::memory_order_release);
   thread_ = std::thread([this] { run(); });
@@ -130,7 +130,7 @@ void ModbusSource::read_once(std::uint64_t index) {
   const auto after = monotonic_now();
   count_link();
   if (status != LinkStatus::good) return failed(status);
-  if (told_ != kEventBack) tell(kEventBack, 0, "the device answers again");
+  if (last_event_ != kEventBack) tell(kEventBack, 0, "the device answers again");
   health_.connected.store(true, std::memory_order_release);
   auto slot = take_slot();
   if (slot) {
@@ -176,8 +176,8 @@ void ModbusSource::failed(LinkStatus status) {
 }
 
 void ModbusSource::tell(std::uint32_t code, double value, const std::string& text) {
-  if (code == told_) return;
-  told_ = code;
+  if (code == last_event_) return;
+  last_event_ = code;
   auto slot = event_pool_->try_acquire();
   if (!slot) return;
   auto& sample = *slot;

@@ -59,7 +59,7 @@ class ModbusSource final : public StreamSource {
   std::uint64_t reconnects_ = 0;
   std::unique_ptr<SamplePool> event_pool_;
   std::unique_ptr<SpscRing<SampleLease>> events_;
-  std::uint32_t told_ = kEventBack;
+  std::uint32_t last_event_ = kEventBack;
 };
 
 }  // namespace rigor::modbus

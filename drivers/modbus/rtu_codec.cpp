@@ -85,7 +85,7 @@ RtuFramer::Found RtuFramer::next(MonotonicTime now, std::span<const std::uint8_t
     return Found::frame;
   }
   const bool hopeless = size_ > kMaxRtuFrame || (gap_.ns() == 0 && asked != 0 && size_ >= asked);
-  if (!hopeless && now < heard_ + patience_) return due_ = heard_ + patience_, Found::nothing;
+  if (!hopeless && now < heard_ + timeout_) return due_ = heard_ + timeout_, Found::nothing;
   size_ = 0;
   due_ = MonotonicTime::never();
   return Found::garbage;

@@ -38,9 +38,9 @@ class RtuFramer {
     frame,
     garbage  ///< bytes that were no frame are gone
   };
-  /// `gap`: silence that ends a frame. Incomplete bytes are dropped after `patience` of silence. A gap of 0
+  /// `gap`: silence that ends a frame. Incomplete bytes are dropped after `timeout` of silence. A gap of 0
   /// takes each frame as soon as its length is there (a line in memory, where nothing is ever torn).
-  explicit RtuFramer(Duration gap, Duration patience) noexcept : gap_(gap), patience_(patience) {}
+  explicit RtuFramer(Duration gap, Duration timeout) noexcept : gap_(gap), timeout_(timeout) {}
 
   /// False where there is no room for them: the line is not making sense; everything is dropped.
   bool add(std::span<const std::uint8_t> bytes, MonotonicTime now) noexcept;
@@ -55,7 +55,7 @@ class RtuFramer {
   void consume(std::size_t n) noexcept;
   [[nodiscard]] bool whole(std::size_t size) const noexcept;
 
-  Duration gap_, patience_;
+  Duration gap_, timeout_;
   std::array<std::uint8_t, 4 * kMaxRtuFrame> data_{};
   std::size_t size_ = 0, taken_ = 0;
   MonotonicTime since_, heard_, due_ = MonotonicTime::never();

@@ -2,7 +2,7 @@
 // process, byte for byte, in place of the device; without socket, thread or clock. Keys as ScipSource; those
 // of the transport are read and have no effect.
 //
-// The mirror passes the first step of the detection range at t0 + k·period, so that a simulated twin measures
+// The mirror passes the first step of the detection range at t0 + k·period, so that a simulated side measures
 // at the same instants. Stamps are what the protocol makes of that: whole milliseconds of the scanner's
 // clock, mapped by TM and II, with the sigma that this leaves.
 #pragma once

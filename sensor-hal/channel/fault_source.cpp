@@ -45,7 +45,7 @@ void copy_sample(const Sample& content, Sample& to) noexcept {
 
 }  // namespace
 
-FaultySource::Room::Room(std::size_t slots, std::size_t bytes)
+FaultySource::EditBuffers::EditBuffers(std::size_t slots, std::size_t bytes)
     : pool(make_sample_pool(slots, bytes)), slot_bytes(bytes), jobs(slots), done(slots) {}
 
 FaultySource::FaultySource(std::unique_ptr<Source> inner, WorkerPool* workers, FrameSignalFinder find_signal)
@@ -61,7 +61,7 @@ FaultySource::FaultySource(std::unique_ptr<FollowerSource> inner, WorkerPool* wo
 
 FaultySource::~FaultySource() {
   if (state() == ChannelState::armed || state() == ChannelState::running) (void)do_stop();
-  if (owned_room_) owned_room_->strand.reset();
+  if (owned_buffers_) owned_buffers_->strand.reset();
 }
 
 Status FaultySource::do_configure(const ChannelConfig& config) {
@@ -85,11 +85,11 @@ Status FaultySource::do_arm(const ArmContext& context) {
   {
     const std::lock_guard lock(room_mutex_);
     armed_ = true;
-    if (owned_room_ && owned_room_->slot_bytes != description_.max_bytes) {
-      room_.store(nullptr, std::memory_order_release);
-      owned_room_.reset();
+    if (owned_buffers_ && owned_buffers_->slot_bytes != description_.max_bytes) {
+      buffers_.store(nullptr, std::memory_order_release);
+      owned_buffers_.reset();
     }
-    used_before = owned_room_ != nullptr;
+    used_before = owned_buffers_ != nullptr;
   }
   // A fault of the run before may still be waiting to be taken up.
   if (used_before) made = make_room(FaultKind::stuck);
@@ -106,30 +106,30 @@ Status FaultySource::make_room(FaultKind kind) {
   const bool elements = has_elements(faults_.subject().kind);
   if (!needs_room(kind, elements)) return {};
   const std::lock_guard lock(room_mutex_);
-  if (!armed_ || room_.load(std::memory_order_relaxed)) return {};
-  if (!owned_room_) {
+  if (!armed_ || buffers_.load(std::memory_order_relaxed)) return {};
+  if (!owned_buffers_) {
     // Pictures: as many as are in use at a time. Small ones: as many as may wait, and some.
     constexpr std::size_t kBudgetBytes = 64 << 20;
     const std::size_t bytes = description_.max_bytes;
     const std::size_t slots =
         elements ? std::clamp<std::size_t>(kBudgetBytes / std::max<std::size_t>(bytes, 1), 20, 32)
                  : kWaiting + 64;
-    owned_room_ = std::make_unique<Room>(slots, bytes);
+    owned_buffers_ = std::make_unique<EditBuffers>(slots, bytes);
   }
-  Room& room = *owned_room_;
-  if (workers_ && elements && !room.strand) {
-    room.strand = workers_->make_strand([&room] {
+  EditBuffers& buffers = *owned_buffers_;
+  if (workers_ && elements && !buffers.strand) {
+    buffers.strand = workers_->make_strand([&buffers] {
       Job job;
-      if (!room.jobs.try_pop(job)) return;
+      if (!buffers.jobs.try_pop(job)) return;
       copy_sample(*job.from, *job.to);
       for (std::size_t i = 0; i < job.edit_count; ++i) apply_edit(job.edits[i], *job.to);
-      (void)room.done.try_push(std::move(job.to));  // there is a place for each slot
+      (void)buffers.done.try_push(std::move(job.to));  // there is a place for each slot
     });
-    if (!room.strand)
+    if (!buffers.strand)
       return fail(ErrorCode::unavailable, faults_.subject().channel,
                   "more channels with faults than the worker pool takes");
   }
-  room_.store(&room, std::memory_order_release);
+  buffers_.store(&buffers, std::memory_order_release);
   return {};
 }
 
@@ -154,11 +154,11 @@ Status FaultySource::do_stop() {
   {
     const std::lock_guard lock(room_mutex_);
     armed_ = false;
-    room_.store(nullptr, std::memory_order_release);
-    if (owned_room_) {
-      owned_room_->strand.reset();  // waits for the sample that is being changed
-      for (Job job; owned_room_->jobs.try_pop(job);) job = Job{};
-      for (SampleLease made; owned_room_->done.try_pop(made);) made.reset();
+    buffers_.store(nullptr, std::memory_order_release);
+    if (owned_buffers_) {
+      owned_buffers_->strand.reset();  // waits for the sample that is being changed
+      for (Job job; owned_buffers_->jobs.try_pop(job);) job = Job{};
+      for (SampleLease made; owned_buffers_->done.try_pop(made);) made.reset();
     }
   }
   faults_.stop();
@@ -185,7 +185,8 @@ void FaultySource::complete_until(BenchTime now) {
   if (!running_) return;
   inner_->complete_until(now);
   take_in(now);
-  if (Room* room = room_.load(std::memory_order_acquire); room && room->strand) room->strand->wait_idle();
+  if (EditBuffers* buffers = buffers_.load(std::memory_order_acquire); buffers && buffers->strand)
+    buffers->strand->wait_idle();
 }
 
 SampleLease FaultySource::poll_event() noexcept {
@@ -201,9 +202,9 @@ SampleLease FaultySource::poll(BenchTime now) noexcept {
   SampleLease sample;
   if (!waiting_.empty()) {
     Waiting& head = waiting_.front();
-    Room* room = room_.load(std::memory_order_acquire);
-    if (virtual_time_ && head.job > 0 && room) room->strand->wait_for(head.job);
-    if (!head.sample && room) (void)room->done.try_pop(head.sample);
+    EditBuffers* buffers = buffers_.load(std::memory_order_acquire);
+    if (virtual_time_ && head.job > 0 && buffers) buffers->strand->wait_for(head.job);
+    if (!head.sample && buffers) (void)buffers->done.try_pop(head.sample);
     if (head.at <= now && head.sample) {
       own_waiting_ -= head.own;
       sample = waiting_.pop_front().sample;
@@ -311,29 +312,29 @@ void FaultySource::judge(const SampleLease& sample, Verdict& v) noexcept {
   }
 }
 
-SampleSlot FaultySource::take_slot(Room* room) noexcept {
-  if (!room) return {};
+SampleSlot FaultySource::take_slot(EditBuffers* buffers) noexcept {
+  if (!buffers) return {};
   // Those that are held back here leave some for the others, so that in virtual time it is not waited for in
   // vain.
-  if (virtual_time_ && own_waiting_ + kForOthers > room->pool->size()) return {};
-  return slot_wait_.acquire(*room->pool);
+  if (virtual_time_ && own_waiting_ + kForOthers > buffers->pool->size()) return {};
+  return slot_wait_.acquire(*buffers->pool);
 }
 
 /// Puts into `slot`, whose stamp is made already, what the faults make of the sample, at once or by a worker:
 /// then the answer is the number of its job, and `sample` is empty until that is done.
-std::uint64_t FaultySource::change(SampleLease& sample, const Verdict& v, Room& room,
+std::uint64_t FaultySource::change(SampleLease& sample, const Verdict& v, EditBuffers& buffers,
                                    SampleSlot&& slot) noexcept {
   SampleLease content = v.stuck ? v.stuck->kept : std::move(sample);
   sample.reset();
-  if (room.strand && content->size_bytes > kInlineBytes) {
+  if (buffers.strand && content->size_bytes > kInlineBytes) {
     Job work;
     work.from = std::move(content);
     work.to = std::move(slot);
     work.edits = v.edits;
     work.edit_count = v.edit_count;
-    (void)room.jobs.try_push(std::move(work));  // there is a place for each slot
-    room.strand->submit();
-    return room.strand->submitted();
+    (void)buffers.jobs.try_push(std::move(work));  // there is a place for each slot
+    buffers.strand->submit();
+    return buffers.strand->submitted();
   }
   copy_sample(*content, *slot);
   for (std::size_t i = 0; i < v.edit_count; ++i) apply_edit(v.edits[i], *slot);
@@ -376,13 +377,13 @@ void FaultySource::admit(SampleLease&& sample) noexcept {
   if (!faults_.active().empty()) judge(sample, v);
   if (v.lost) return;
 
-  Room* room = room_.load(std::memory_order_acquire);
+  EditBuffers* buffers = buffers_.load(std::memory_order_acquire);
   SampleSlot slot;
   const bool changes = v.stuck || v.edit_count > 0;
   // What is small and will wait does so in a slot of ours, where there is one.
   const bool moves =
       !changes && (v.delayed || v.shift.ns() > 0 || !waiting_.empty()) && sample->size_bytes == 0;
-  if (changes || moves || v.keeps) slot = take_slot(room);
+  if (changes || moves || v.keeps) slot = take_slot(buffers);
   if (changes && !slot) return lose(sample->stamp, accounts_.no_slot);
   if (v.keeps && !slot)  // the next one is repeated
     for (Fault* f : faults_.active())
@@ -394,7 +395,7 @@ void FaultySource::admit(SampleLease&& sample) noexcept {
   std::uint64_t job = 0;
   if (own) {
     slot->stamp = stamp;
-    job = change(sample, v, *room, std::move(slot));
+    job = change(sample, v, *buffers, std::move(slot));
   } else if (stamp != sample->stamp) {
     if (SampleSlot back = sample.take_back()) {
       back->stamp = stamp;

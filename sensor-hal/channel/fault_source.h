@@ -47,7 +47,7 @@ class FaultySource final : public FollowerSource {
   /// state created.
   explicit FaultySource(std::unique_ptr<Source> inner, WorkerPool* workers = nullptr,
                         FrameSignalFinder find_signal = {});
-  /// The same, of a source that measures when it is told to (a twin): so does this one.
+  /// The same, of a source that measures when it is told to (a simulated side): so does this one.
   FaultySource(std::unique_ptr<FollowerSource> inner, WorkerPool* workers, FrameSignalFinder find_signal);
   ~FaultySource() override;
 
@@ -85,8 +85,8 @@ class FaultySource final : public FollowerSource {
     std::size_t edit_count = 0;
   };
   /// Where samples are changed. The strand goes first: its job uses the others.
-  struct Room {
-    Room(std::size_t slots, std::size_t bytes);
+  struct EditBuffers {
+    EditBuffers(std::size_t slots, std::size_t bytes);
     std::unique_ptr<SamplePool> pool;
     std::size_t slot_bytes;
     SpscRing<Job> jobs;
@@ -121,8 +121,8 @@ class FaultySource final : public FollowerSource {
   void admit(SampleLease&& sample) noexcept;
   [[nodiscard]] BenchTime restamp(Stamp& stamp, const Verdict& v) noexcept;
   void judge(const SampleLease& sample, Verdict& v) noexcept;
-  [[nodiscard]] SampleSlot take_slot(Room* room) noexcept;
-  [[nodiscard]] std::uint64_t change(SampleLease& sample, const Verdict& v, Room& room,
+  [[nodiscard]] SampleSlot take_slot(EditBuffers* buffers) noexcept;
+  [[nodiscard]] std::uint64_t change(SampleLease& sample, const Verdict& v, EditBuffers& buffers,
                                      SampleSlot&& slot) noexcept;
   void lose(const Stamp& stamp, std::atomic<std::uint64_t>& account) noexcept;
 
@@ -134,8 +134,8 @@ class FaultySource final : public FollowerSource {
 
   std::mutex room_mutex_;  ///< setup and the thread that injects; never the loop
   bool armed_ = false;     ///< guarded by room_mutex_
-  std::unique_ptr<Room> owned_room_;
-  std::atomic<Room*> room_{nullptr};
+  std::unique_ptr<EditBuffers> owned_buffers_;
+  std::atomic<EditBuffers*> buffers_{nullptr};
 
   // the run
   bool virtual_time_ = false, running_ = false;

@@ -32,7 +32,7 @@ void PairMonitor::start(BenchTime t0) {
   newest_ = {};
   stride_ = 1;
   text_.clear();
-  untold_ = sequence_ = compared_ = unlike_ = 0;
+  unreported_ = sequence_ = compared_ = unlike_ = 0;
   count_ = mean_ = m2_ = 0;
   for (SampleLease old; notes_->try_pop(old);) old.reset();
 }
@@ -97,7 +97,7 @@ void PairMonitor::note(std::uint32_t code, double value, BenchTime t, const std:
                        const PairWindow* window) {
   SampleSlot slot = pool_->try_acquire();
   if (!slot) {
-    ++untold_;
+    ++unreported_;
     return;
   }
   Sample& sample = *slot;
@@ -111,7 +111,7 @@ void PairMonitor::note(std::uint32_t code, double value, BenchTime t, const std:
   sample.info = info;
   sample.size_bytes = window ? sizeof *window : 0;
   if (window) std::memcpy(sample.memory().data(), window, sizeof *window);
-  if (!notes_->try_push(std::move(slot))) ++untold_;
+  if (!notes_->try_push(std::move(slot))) ++unreported_;
 }
 
 SampleLease PairMonitor::take() noexcept {
@@ -122,7 +122,7 @@ SampleLease PairMonitor::take() noexcept {
 
 PairMonitor::Status PairMonitor::status() const {
   const std::lock_guard lock(mutex_);
-  return {watch_.snapshot(), text_, t0_, untold_};
+  return {watch_.snapshot(), text_, t0_, unreported_};
 }
 
 std::vector<PairWindow> PairMonitor::windows() const {

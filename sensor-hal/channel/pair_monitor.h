@@ -21,8 +21,8 @@
 namespace rigor {
 
 // EventInfo::code of notes. `value`: of an alarm the estimated change, in the parameter's unit.
-inline constexpr std::uint32_t kEventPairWindow = 0x20;    ///< for the recorder alone: carries a PairWindow
-inline constexpr std::uint32_t kEventPairAlarm = 0x21;     ///< the twin no longer describes the device
+inline constexpr std::uint32_t kEventPairWindow = 0x20;  ///< for the recorder alone: carries a PairWindow
+inline constexpr std::uint32_t kEventPairAlarm = 0x21;  ///< the simulated side no longer describes the device
 inline constexpr std::uint32_t kEventPairWatching = 0x22;  ///< the baseline is complete
 inline constexpr std::uint32_t kEventPairOrder = 0x23;     ///< acknowledged, or learning again
 
@@ -87,7 +87,7 @@ class PairMonitor {
   PairWindow newest_;
   std::uint64_t stride_ = 1;
   std::string text_;
-  std::uint64_t untold_ = 0, sequence_ = 0;
+  std::uint64_t unreported_ = 0, sequence_ = 0;
   std::uint64_t compared_ = 0, unlike_ = 0;  ///< before the window that is open
   // Of the window that is open: sums of differences.
   double count_ = 0, mean_ = 0, m2_ = 0;

@@ -57,14 +57,14 @@ Status PairSource::do_configure(const ChannelConfig& config) {
   phase_ = phase;
   initial_ = real_first ? PairSide::real : PairSide::simulated;
   description_ = real_->describe();
-  const ChannelDescription& twin = simulated_->describe();
-  description_.max_bytes = std::max(description_.max_bytes, twin.max_bytes);
+  const ChannelDescription& simulated = simulated_->describe();
+  description_.max_bytes = std::max(description_.max_bytes, simulated.max_bytes);
   if (description_.width_px == 0) {  // the device tells its size when it is opened
-    description_.width_px = twin.width_px;
-    description_.height_px = twin.height_px;
-    description_.format = twin.format;
+    description_.width_px = simulated.width_px;
+    description_.height_px = simulated.height_px;
+    description_.format = simulated.format;
   }
-  if (description_.frame_id.empty()) description_.frame_id = twin.frame_id;
+  if (description_.frame_id.empty()) description_.frame_id = simulated.frame_id;
   return {};
 }
 
@@ -92,10 +92,10 @@ Status PairSource::do_start(BenchTime t0) {
   event_sequence_ = 0;
   any_cycle_ = any_real_ = any_handed_ = false;
   misplaced_.store(0, std::memory_order_relaxed);
-  anchor_index_ = next_twin_ = last_handed_ = 0;
+  anchor_index_ = next_simulated_ = last_handed_ = 0;
   t0_ = t0;
   anchor_t_ = t0 + phase_;
-  last_twin_t_ = last_handed_t_ = BenchTime(std::numeric_limits<std::int64_t>::min());
+  last_simulated_t_ = last_handed_t_ = BenchTime(std::numeric_limits<std::int64_t>::min());
   wanted_ = initial_;
   active_ = initial_;
   handed_side_ = initial_;
@@ -131,9 +131,9 @@ BenchTime PairSource::predicted(std::uint64_t index) const noexcept {
   // the nanosecond.
   const auto on_grid = [this](std::uint64_t k) { return period_ * static_cast<std::int64_t>(k); };
   const BenchTime t = anchor_t_ + (on_grid(index) - on_grid(anchor_index_));
-  return std::max(t, last_twin_t_ == BenchTime(std::numeric_limits<std::int64_t>::min())
+  return std::max(t, last_simulated_t_ == BenchTime(std::numeric_limits<std::int64_t>::min())
                          ? t
-                         : last_twin_t_ + Duration(1));
+                         : last_simulated_t_ + Duration(1));
 }
 
 void PairSource::begin_cycle(BenchTime now) noexcept {
@@ -156,8 +156,8 @@ void PairSource::take_in(BenchTime now) noexcept {
   while (true) {
     if (!ahead_) ahead_ = real_->poll(now);
     if (!ahead_) break;
-    // In virtual time a sample that happens to be there early must not be seen early: the twin's request
-    // would depend on it.
+    // In virtual time a sample that happens to be there early must not be seen early: the simulated side's
+    // request would depend on it.
     if (virtual_time_ && ahead_->stamp.t_release > now) break;
     take_real(std::move(ahead_));
     ahead_.reset();
@@ -179,14 +179,14 @@ void PairSource::take_real(SampleLease&& sample) noexcept {
   const std::uint64_t index =
       any_real_ ? anchor_index_ + static_cast<std::uint64_t>(std::max<std::int64_t>(1, steps))
                 : static_cast<std::uint64_t>(std::max<std::int64_t>(0, steps));
-  // Instants that nobody asked the twin for, because the real side ran ahead of its prediction.
+  // Instants that nobody asked the simulated side for, because the real side ran ahead of its prediction.
   constexpr std::uint64_t kCatchUp = 8;
-  if (index > next_twin_ + kCatchUp) next_twin_ = index - kCatchUp;
-  while (next_twin_ < index) request_twin(next_twin_, predicted(next_twin_));
+  if (index > next_simulated_ + kCatchUp) next_simulated_ = index - kCatchUp;
+  while (next_simulated_ < index) request_simulated(next_simulated_, predicted(next_simulated_));
   anchor_index_ = index;
   anchor_t_ = stamp.t_capture;
   any_real_ = true;
-  if (next_twin_ == index) request_twin(index, stamp.t_capture);
+  if (next_simulated_ == index) request_simulated(index, stamp.t_capture);
   SampleSlot numbered = sample.take_back();
   if (!numbered) {  // the device's source keeps a lease, which it must not
     misplaced_.fetch_add(1, std::memory_order_relaxed);
@@ -197,16 +197,16 @@ void PairSource::take_real(SampleLease&& sample) noexcept {
     health_.ring_full.fetch_add(1, std::memory_order_relaxed);
 }
 
-void PairSource::request_twin(std::uint64_t index, BenchTime t_capture) noexcept {
+void PairSource::request_simulated(std::uint64_t index, BenchTime t_capture) noexcept {
   (void)simulated_->request_at(index,
                                t_capture);  // a refusal is in its health counters, and a gap in its sequence
-  last_twin_t_ = t_capture;
-  next_twin_ = index + 1;
+  last_simulated_t_ = t_capture;
+  next_simulated_ = index + 1;
 }
 
 void PairSource::request_overdue(BenchTime now, Duration margin) noexcept {
-  for (BenchTime t = predicted(next_twin_); t + margin <= now; t = predicted(next_twin_))
-    request_twin(next_twin_, t);
+  for (BenchTime t = predicted(next_simulated_); t + margin <= now; t = predicted(next_simulated_))
+    request_simulated(next_simulated_, t);
 }
 
 void PairSource::new_cycle(BenchTime now) noexcept {
@@ -305,9 +305,9 @@ SampleLease PairSource::poll(BenchTime now) noexcept {
   }
   while (true) {
     const SampleLease* real = state_of(PairSide::real).due(now);
-    const SampleLease* twin = state_of(PairSide::simulated).due(now);
-    if (!real && !twin) return {};
-    const PairSide side = !twin || (real && (*real)->stamp.sequence <= (*twin)->stamp.sequence)
+    const SampleLease* simulated = state_of(PairSide::simulated).due(now);
+    if (!real && !simulated) return {};
+    const PairSide side = !simulated || (real && (*real)->stamp.sequence <= (*simulated)->stamp.sequence)
                               ? PairSide::real
                               : PairSide::simulated;
     const SampleLease sample = state_of(side).pending.pop_front();
@@ -353,13 +353,13 @@ SampleLease PairSource::hand_on(PairSide side, const SampleLease& sample) noexce
 
 HealthSnapshot PairSource::health() const noexcept {
   HealthSnapshot h = health_.snapshot();  // received, incomplete and ring_full are the pair's own
-  const HealthSnapshot real = real_->health(), twin = simulated_->health();
-  h.connected = (active() == PairSide::real ? real : twin).connected;
-  h.lost = real.lost + twin.lost + misplaced_.load(std::memory_order_relaxed);
-  h.no_slot = real.no_slot + twin.no_slot;
-  h.protocol_errors = real.protocol_errors + twin.protocol_errors;
-  h.retries = real.retries + twin.retries;
-  h.reconnects = real.reconnects + twin.reconnects;
+  const HealthSnapshot real = real_->health(), simulated = simulated_->health();
+  h.connected = (active() == PairSide::real ? real : simulated).connected;
+  h.lost = real.lost + simulated.lost + misplaced_.load(std::memory_order_relaxed);
+  h.no_slot = real.no_slot + simulated.no_slot;
+  h.protocol_errors = real.protocol_errors + simulated.protocol_errors;
+  h.retries = real.retries + simulated.retries;
+  h.reconnects = real.reconnects + simulated.reconnects;
   return h;
 }
 

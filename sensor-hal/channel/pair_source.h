@@ -1,15 +1,15 @@
-// A pair: a real device and its simulated twin, measuring at the same instants. Either is handed on; the
+// A pair: a real device and its simulated side, measuring at the same instants. Either is handed on; the
 // other runs along.
 //
 //   real        ●k ──────arrives             ●k+1 ── lost ──         ●k+2 ──
-//   twin                 renders for          asked for the instant   …
+//   simulated            renders for          asked for the instant   …
 //                        t_capture of k       that is overdue
 //   handed on            at t_capture + latency, from the side that is active then
 //
-// The twin renders for the real sample's own instant, so both have the same times and the same sequence, and
-// a switch leaves no gap in either. The configured latency must therefore cover the real sample's way to the
-// bench and the rendering after it. When the real side is overdue the twin is asked for the predicted
-// instant, so that the simulated side never starves.
+// The simulated side renders for the real sample's own instant, so both have the same times and the same
+// sequence, and a switch leaves no gap in either. The configured latency must therefore cover the real
+// sample's way to the bench and the rendering after it. When the real side is overdue the simulated side is
+// asked for the predicted instant, so that the simulated side never starves.
 //
 // Sequence k counts the instants of the pair: the first real sample gets round((t − t0 − phase)/period), each
 // later one at least one more, by its distance from the one before; so a device clock that drifts does not
@@ -17,8 +17,8 @@
 //
 // A sample is handed on, and shown to the observer, at its release, not before: that is where a switch can
 // still take effect for it. A real sample that is missing is not replaced by the simulated one behind
-// anyone's back: the port says `late`. In virtual time the real side's samples count as arrived at their
-// release, and the twin renders then.
+// anyone's back: the port says `overdue`. In virtual time the real side's samples count as arrived at their
+// release, and the simulated side renders then.
 //
 // What the real side tells (it is gone, it is back, it refuses) is told by the pair, whichever side is handed
 // on: the event's code plus kEventOfRealSide, its text begins with the side's name. Losses, retries and
@@ -67,8 +67,8 @@ class PairSource final : public Source {
 
   /// Setup; null: nobody. Must outlive the run.
   void observe(PairObserver* observer) noexcept { observer_ = observer; }
-  /// Setup, before arm: look for changes of the device against its twin (docs/pair-watch.md). Alarms are
-  /// events.
+  /// Setup, before arm: look for changes of the device against its simulated side (docs/pair-watch.md).
+  /// Alarms are events.
   void watch(std::unique_ptr<PairMonitor> monitor);
   /// Null: nobody watches.
   [[nodiscard]] PairMonitor* monitor() const noexcept { return monitor_.get(); }
@@ -114,7 +114,7 @@ class PairSource final : public Source {
   [[nodiscard]] BenchTime predicted(std::uint64_t index) const noexcept;
   void take_in(BenchTime now) noexcept;
   void take_real(SampleLease&& sample) noexcept;
-  void request_twin(std::uint64_t index, BenchTime t_capture) noexcept;
+  void request_simulated(std::uint64_t index, BenchTime t_capture) noexcept;
   void request_overdue(BenchTime now, Duration margin) noexcept;
   void new_cycle(BenchTime now) noexcept;
   void switch_now(PairSide to, BenchTime now) noexcept;
@@ -150,8 +150,8 @@ class PairSource final : public Source {
   std::uint64_t anchor_index_ = 0;
   BenchTime anchor_t_;
   bool any_real_ = false;
-  std::uint64_t next_twin_ = 0;
-  BenchTime last_twin_t_;
+  std::uint64_t next_simulated_ = 0;
+  BenchTime last_simulated_t_;
   bool any_handed_ = false;
   std::uint64_t last_handed_ = 0;
   BenchTime last_handed_t_;

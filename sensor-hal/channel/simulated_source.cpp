@@ -9,7 +9,7 @@
 namespace rigor {
 namespace {
 constexpr int kWarmCaptures = 5;
-constexpr Duration kWarmPatience = seconds(2);
+constexpr Duration kWarmTimeout = seconds(2);
 }  // namespace
 
 SimulatedSource::SimulatedSource(std::shared_ptr<ImageProvider> provider, const MotionSource* motion,
@@ -85,8 +85,8 @@ Status SimulatedSource::warm_up() {
     if (motion_) request.motion = motion_->motion_at(request.t_capture);
     if (auto s = measurer_->measure(request, *slot); !s) return s;
     const auto after = monotonic_now();
-    if (k > 0 || after - begin > kWarmPatience) warm_ = std::max(warm_, after - before);
-    if (after - begin > kWarmPatience) break;
+    if (k > 0 || after - begin > kWarmTimeout) warm_ = std::max(warm_, after - before);
+    if (after - begin > kWarmTimeout) break;
   }
   return {};
 }

@@ -18,10 +18,10 @@ std::string exact(double v) {
 
 }  // namespace
 
-CalibrationSection read_calibration(const ConfigNode& sheet) {
+CalibrationSection read_calibration(const ConfigNode& sensor_model) {
   CalibrationSection s;
-  if (!sheet.has("calibration")) return s;
-  const ConfigNode n = sheet.map("calibration");
+  if (!sensor_model.has("calibration")) return s;
+  const ConfigNode n = sensor_model.map("calibration");
   (void)n.integer("version", {.min = 1, .max = 1});
   s.kind = n.text("kind");
   s.model = n.text("model");
@@ -110,7 +110,7 @@ Result<std::vector<ConfigOverride>> draw_parameters(const CalibrationSection& se
   return out;
 }
 
-Result<ConfigNode> load_sheet(const std::filesystem::path& file, std::uint64_t draw) {
+Result<ConfigNode> load_sensor_model(const std::filesystem::path& file, std::uint64_t draw) {
   auto root = ConfigDocument::load(file);
   if (!root || draw == 0) return root;
   auto section = catch_config([&] { return read_calibration(*root); });

@@ -57,7 +57,7 @@ struct CalibrationSection {
 };
 
 /// Reads and checks the section of a sensor model; empty `kind` where there is none. Throws ConfigError.
-[[nodiscard]] CalibrationSection read_calibration(const ConfigNode& sheet);
+[[nodiscard]] CalibrationSection read_calibration(const ConfigNode& sensor_model);
 
 /// A device drawn from the covariance: what to put in place of the sensor model's values. The same for the
 /// same seed and section. bad_input where the covariance is none (not positive semi-definite).
@@ -66,6 +66,6 @@ struct CalibrationSection {
 
 /// A sensor model, or the device number `draw` of those that its covariance describes (0: the sensor model
 /// itself). not_found, bad_input (also where there is nothing to draw from).
-[[nodiscard]] Result<ConfigNode> load_sheet(const std::filesystem::path& file, std::uint64_t draw = 0);
+[[nodiscard]] Result<ConfigNode> load_sensor_model(const std::filesystem::path& file, std::uint64_t draw = 0);
 
 }  // namespace rigor

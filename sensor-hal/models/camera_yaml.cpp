@@ -129,9 +129,9 @@ CameraModel read_model(ConfigNode n) {
 
 }  // namespace
 
-Result<CameraSheet> parse_camera(ConfigNode root) {
-  auto sheet = catch_config([&] {
-    CameraSheet s;
+Result<CameraSensorModel> parse_camera(ConfigNode root) {
+  auto sensor_model = catch_config([&] {
+    CameraSensorModel s;
     s.model = read_model(root);
     s.exposure_s = root.number_or("exposure_us", s.exposure_s * 1e6, {.min = 1, .max = 1e8}) * 1e-6;
     s.supersampling = root.number_or("supersampling", s.supersampling, {.min = 1, .max = 4});
@@ -139,17 +139,17 @@ Result<CameraSheet> parse_camera(ConfigNode root) {
     root.finish();
     return s;
   });
-  if (!sheet) return sheet;
-  if (auto valid = sheet->model.validate(); !valid) {
+  if (!sensor_model) return sensor_model;
+  if (auto valid = sensor_model->model.validate(); !valid) {
     Error e = valid.error();
     e.where = root.place() + (e.where.empty() ? "" : ": " + e.where);
     return tl::unexpected<Error>(std::move(e));
   }
-  return sheet;
+  return sensor_model;
 }
 
-Result<CameraSheet> load_camera(const std::filesystem::path& file, std::uint64_t draw) {
-  auto root = load_sheet(file, draw);
+Result<CameraSensorModel> load_camera(const std::filesystem::path& file, std::uint64_t draw) {
+  auto root = load_sensor_model(file, draw);
   if (!root) return tl::unexpected<Error>(root.error());
   return parse_camera(*root);
 }

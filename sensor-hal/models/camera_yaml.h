@@ -18,7 +18,7 @@
 
 namespace rigor {
 
-struct CameraSheet {
+struct CameraSensorModel {
   CameraModel model;
   double exposure_s = 0.005;   ///< default of the device
   double supersampling = 1.0;  ///< picture pixels per sensor pixel along one side, for the simulator
@@ -26,7 +26,8 @@ struct CameraSheet {
 
 /// `draw`: that device of those which the sensor model's covariance describes (calibration_section.h); 0: the
 /// sensor model. not_found, or bad_input with file:line:column. Setup context.
-[[nodiscard]] Result<CameraSheet> load_camera(const std::filesystem::path& file, std::uint64_t draw = 0);
-[[nodiscard]] Result<CameraSheet> parse_camera(ConfigNode root);
+[[nodiscard]] Result<CameraSensorModel> load_camera(const std::filesystem::path& file,
+                                                    std::uint64_t draw = 0);
+[[nodiscard]] Result<CameraSensorModel> parse_camera(ConfigNode root);
 
 }  // namespace rigor

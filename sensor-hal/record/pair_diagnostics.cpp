@@ -24,7 +24,7 @@ msg::DiagnosticStatus pair_diagnostics(const std::string& channel, SampleKind ki
   d.level = w.state == WatchState::alarm ? 2 : w.state == WatchState::learning ? 1 : 0;
   d.name = channel + " pair";
   d.hardware_id = channel;
-  d.message = w.state == WatchState::alarm      ? "the twin no longer describes the device"
+  d.message = w.state == WatchState::alarm      ? "the simulation no longer describes the device"
               : w.state == WatchState::learning ? "learning: " + std::to_string(w.learned) + " of " +
                                                       std::to_string(w.baseline) + " windows"
                                                 : "as in the baseline";

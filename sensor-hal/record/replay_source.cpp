@@ -287,7 +287,7 @@ struct ReplaySource::Reader {
   static constexpr auto kNap = std::chrono::microseconds(200);
   // Others than the loop (the recorder, a digest) let go of their slots some time, on a busy machine late.
   // Once they did not, it is the loop itself that holds them, and no wait is worth much.
-  static constexpr std::chrono::milliseconds kPatience{1500}, kPatienceOnceStarved{200};
+  static constexpr std::chrono::milliseconds kTimeout{1500}, kTimeoutOnceStarved{200};
   bool starved = false;
 
   /// No sample where it cannot be had. False: stopping.
@@ -302,7 +302,7 @@ struct ReplaySource::Reader {
       // The loop itself waits for this sample, so it is not the one who could let go of a slot; other threads
       // may.
       const std::lock_guard lock(mutex);
-      if (awaited >= release && ++naps * kNap > (starved ? kPatienceOnceStarved : kPatience)) {
+      if (awaited >= release && ++naps * kNap > (starved ? kTimeoutOnceStarved : kTimeout)) {
         starved = true;
         health->no_slot.fetch_add(1, std::memory_order_relaxed);
         return true;

@@ -243,7 +243,7 @@ void Harvester::fell(BenchTime t) {
     last_cut_.what = Cut::found_none;
 }
 
-bool Harvester::told_felling(double x_m, double y_m, double yaw_rad, BenchTime t) noexcept {
+bool Harvester::apply_felling(double x_m, double y_m, double yaw_rad, BenchTime t) noexcept {
   constexpr double kInfinite = std::numeric_limits<double>::infinity(), kRounding_m = 0.02;
   return log_.cut({x_m, y_m, -kInfinite, kInfinite, model_.c.reach_m + kRounding_m}, yaw_rad, t);
 }

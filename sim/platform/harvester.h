@@ -76,7 +76,7 @@ class Harvester final : public SignalPlatform {
   [[nodiscard]] const std::vector<std::string>& joint_names() const override;
   [[nodiscard]] std::vector<PlatformPart> parts() const override;
   [[nodiscard]] std::span<const Felling> fellings() const noexcept override { return log_.fellings(); }
-  bool told_felling(double x_m, double y_m, double yaw_rad, BenchTime t) noexcept override;
+  bool apply_felling(double x_m, double y_m, double yaw_rad, BenchTime t) noexcept override;
   /// The middle of the grip, z along the machine's.
   [[nodiscard]] Eigen::Isometry3d T_world_head(BenchTime t) const noexcept;
 

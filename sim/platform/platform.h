@@ -62,7 +62,7 @@ class Platform : public SignalModel, public RegisterModel {
   /// Of a platform that somebody else moves and that stands for it here: it is told to have cut what stands
   /// at a place, from `t` on. False: nothing stands there, or it does not cut. One thread at a time; no
   /// allocation.
-  virtual bool told_felling(double /*x_m*/, double /*y_m*/, double /*yaw_rad*/, BenchTime /*t*/) noexcept {
+  virtual bool apply_felling(double /*x_m*/, double /*y_m*/, double /*yaw_rad*/, BenchTime /*t*/) noexcept {
     return false;
   }
 };

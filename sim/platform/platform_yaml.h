@@ -1,4 +1,4 @@
-// Sheets of platforms in YAML, as configs/platforms has them. Every key may be left out.
+// Platform models in YAML, as configs/platforms has them. Every key may be left out.
 #pragma once
 
 #include <filesystem>
@@ -10,7 +10,7 @@
 namespace rigor {
 
 /// Setup context. not_found; bad_input with place.
-[[nodiscard]] Result<SkidSteerConfig> load_skid_steer(const std::filesystem::path& sheet);
-[[nodiscard]] Result<HarvesterConfig> load_harvester(const std::filesystem::path& sheet);
+[[nodiscard]] Result<SkidSteerConfig> load_skid_steer(const std::filesystem::path& platform_model);
+[[nodiscard]] Result<HarvesterConfig> load_harvester(const std::filesystem::path& platform_model);
 
 }  // namespace rigor

@@ -26,7 +26,7 @@ class SignalRegisters {
                   std::span<const double> step)
       : model_(model) {
     for (std::size_t i = 0; i < signals.size(); ++i)
-      (signals[i].commanded ? commanded_ : told_).push_back({i, step[i]});
+      (signals[i].commanded ? commanded_ : reported_).push_back({i, step[i]});
   }
 
   [[nodiscard]] bool read(RegisterTable table, std::uint16_t address, std::span<std::uint16_t> out,
@@ -66,7 +66,7 @@ class SignalRegisters {
   };
   [[nodiscard]] const std::vector<Entry>* of(RegisterTable table) const {
     if (table == RegisterTable::holding_registers) return &commanded_;
-    return table == RegisterTable::input_registers ? &told_ : nullptr;
+    return table == RegisterTable::input_registers ? &reported_ : nullptr;
   }
   [[nodiscard]] std::uint32_t bits_of(const Entry& e, BenchTime t) const {
     const double counts = std::round(model_.read(e.signal, t) / e.step);
@@ -76,7 +76,7 @@ class SignalRegisters {
   }
 
   SignalModel& model_;
-  std::vector<Entry> commanded_, told_;
+  std::vector<Entry> commanded_, reported_;
 };
 
 }  // namespace rigor

@@ -66,12 +66,12 @@ bool Command::running() const {
 std::string Command::out() const { return read_file(out_file_); }
 std::string Command::err() const { return read_file(err_file_); }
 
-Said Command::wait(std::chrono::seconds patience) {
-  const auto end = std::chrono::steady_clock::now() + patience;
+Said Command::wait(std::chrono::seconds timeout) {
+  const auto end = std::chrono::steady_clock::now() + timeout;
   while (running() && std::chrono::steady_clock::now() < end)
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   if (running()) {
-    ADD_FAILURE() << "killed after " << patience.count() << " s; it had said: " << err();
+    ADD_FAILURE() << "killed after " << timeout.count() << " s; it had said: " << err();
     kill(pid_, SIGKILL);
   }
   int status = 0;

@@ -24,8 +24,8 @@ class Command {
   Command& operator=(const Command&) = delete;
 
   void signal(int number) const;
-  /// Waits for its end; kills it after `patience`.
-  Said wait(std::chrono::seconds patience = std::chrono::seconds(100));
+  /// Waits for its end; kills it after `timeout`.
+  Said wait(std::chrono::seconds timeout = std::chrono::seconds(100));
   [[nodiscard]] bool running() const;
   /// What it said so far.
   [[nodiscard]] std::string out() const;

@@ -28,10 +28,10 @@ TEST_F(Calibrate, CameraFromARecording) {
   EXPECT_LT(j["rms_per_corner_px"].get<double>(), 0.2);
   EXPECT_GE(j["models"].size(), 2u);
   expect_report("report", "Camera calibration");
-  const auto sheet = load_camera(dir / "left.yaml");
-  ASSERT_TRUE(sheet) << sheet.error().text();
-  EXPECT_DOUBLE_EQ(sheet->model.fx_px, value(j, "fx_px"));
-  EXPECT_EQ(sheet->model.width_px, 480);
+  const auto sensor_model = load_camera(dir / "left.yaml");
+  ASSERT_TRUE(sensor_model) << sensor_model.error().text();
+  EXPECT_DOUBLE_EQ(sensor_model->model.fx_px, value(j, "fx_px"));
+  EXPECT_EQ(sensor_model->model.width_px, 480);
   EXPECT_THAT(read_file(dir / "left.yaml"), HasSubstr("board.mcap"));
   EXPECT_FALSE(std::filesystem::exists(dir / "left.yaml.part"));
 }
@@ -86,9 +86,9 @@ TEST_F(Calibrate, LidarFromARecording) {
   ASSERT_FALSE(j["parameters"].empty());
   EXPECT_GE(j["models"].size(), 2u);
   expect_report("report", "LiDAR calibration");
-  const auto sheet = load_lidar_model(dir / "top.yaml");
-  ASSERT_TRUE(sheet) << sheet.error().text();
-  EXPECT_EQ(sheet->scan.beams.size(), 16u);
+  const auto sensor_model = load_lidar_model(dir / "top.yaml");
+  ASSERT_TRUE(sensor_model) << sensor_model.error().text();
+  EXPECT_EQ(sensor_model->scan.beams.size(), 16u);
 }
 
 TEST_F(Calibrate, TofFromARecording) {
@@ -97,8 +97,8 @@ TEST_F(Calibrate, TofFromARecording) {
   expect_parameters(j, {"contrast"});
   EXPECT_GE(j["noise"]["laws"].size(), 2u);
   expect_report("report", "Time-of-flight calibration");
-  const auto sheet = load_tof_model(dir / "tof.yaml");
-  ASSERT_TRUE(sheet) << sheet.error().text();
+  const auto sensor_model = load_tof_model(dir / "tof.yaml");
+  ASSERT_TRUE(sensor_model) << sensor_model.error().text();
 }
 
 /// Pictures of an even light by EMVA's equations: gain 0.05 DN/e, 6 e read noise, black at 32 DN, 12 bits.
@@ -127,8 +127,8 @@ TEST_F(Calibrate, PhotonFromPictures) {
                          "camera.yaml", "--report", "report"});
   ASSERT_FALSE(j["parameters"].empty());
   expect_report("report", "Photon transfer");
-  const auto sheet = load_camera(dir / "camera.yaml");
-  ASSERT_TRUE(sheet) << sheet.error().text();
+  const auto sensor_model = load_camera(dir / "camera.yaml");
+  ASSERT_TRUE(sensor_model) << sensor_model.error().text();
 }
 
 TEST_F(Calibrate, ShadingFromPictures) {
@@ -149,8 +149,8 @@ TEST_F(Calibrate, ShadingFromPictures) {
                          "camera.yaml", "--report", "report"});
   ASSERT_FALSE(j["parameters"].empty());
   EXPECT_GE(j["models"].size(), 2u);
-  const auto sheet = load_camera(dir / "camera.yaml");
-  ASSERT_TRUE(sheet) << sheet.error().text();
+  const auto sensor_model = load_camera(dir / "camera.yaml");
+  ASSERT_TRUE(sensor_model) << sensor_model.error().text();
 }
 
 TEST_F(Calibrate, HelpHasAnExampleForEachAndNothingIsWrittenOver) {

@@ -106,7 +106,7 @@ TEST_F(CalibrateBadInput, ARecordingThatIsCutInTheMiddleIsReadAsFarAsItGoes) {
 
 TEST_F(CalibrateBadInput, ChannelsThatAreNotThereListThoseThatAre) {
   const std::string board = CalibrationRecordings::get().board(), wall = CalibrationRecordings::get().wall();
-  const std::string sheet = sensor("demo-camera");
+  const std::string sensor_model = sensor("demo-camera");
   expect_refused({"camera", board, "--channel", "middle", "--target", kBoard},
                  {"middle", "left/real", "right"});
   expect_refused({"camera", board, "--target", kBoard}, {"--channel", "left/real", "right"});
@@ -125,7 +125,7 @@ TEST_F(CalibrateBadInput, ChannelsThatAreNotThereListThoseThatAre) {
   expect_refused({"delay", board, "--first", "turntable:0", "--second", "right"}, {"right", "--target"});
   const std::vector<std::string> mount{"--target", kBoard, "--rough", "0.2,0.2,0"};
   const auto extrinsics = [&](std::vector<std::string> more) {
-    more.insert(more.begin(), {"extrinsics", board, "--target", kBoard, "--camera-model", sheet});
+    more.insert(more.begin(), {"extrinsics", board, "--target", kBoard, "--camera-model", sensor_model});
     return more;
   };
   expect_refused(extrinsics({"--camera", "right", "--second", "bottom", "--rough", "0,0,0"}),
@@ -144,7 +144,7 @@ TEST_F(CalibrateBadInput, OutputsThatCannotBeWritten) {
                  {"nowhere.yaml"});
 }
 
-TEST_F(CalibrateBadInput, SheetsThatAreNone) {
+TEST_F(CalibrateBadInput, SensorModelsThatAreNone) {
   const std::string board = CalibrationRecordings::get().board();
   write_file(dir / "broken.yaml", "width_px: [");
   write_file(dir / "camera.yaml", "width_px: 480\nheight_px: many\n");

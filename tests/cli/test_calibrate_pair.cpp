@@ -1,5 +1,5 @@
-// `rigor calibrate pair` as a user drives it: a device that has changed, the proposal, and the twin that has
-// it.
+// `rigor calibrate pair` as a user drives it: a device that has changed, the proposal, and the simulated side
+// that has it.
 #include <cmath>
 #include <map>
 
@@ -36,7 +36,7 @@ channels:
     renderer: rays
     T_world_sensor: { position_m: [0, -3, 0.4], look_at_m: [0, 2.5, 0.4] }
 )";
-constexpr const char* kTwin = R"(
+constexpr const char* kSimulated = R"(
 wavelength_nm: 905
 scan: { rotation_hz: 50, start_deg: -135, end_deg: 135, step_deg: 0.5 }
 range: { min_m: 0.5, max_m: 20, step_mm: 1, bias_mm: BIAS }
@@ -53,9 +53,9 @@ class CalibratePair : public Calibrate {
  protected:
   void SetUp() override {
     write_file(dir / "rig.yaml", with(kRig, "TESTBED", config("worlds/testbed.yaml")));
-    write_file(dir / "twin.yaml", with(with(kTwin, "BIAS", "5"), "FLOOR", "6"));
+    write_file(dir / "twin.yaml", with(with(kSimulated, "BIAS", "5"), "FLOOR", "6"));
     // 20 mm more, and noise doubled but for a part of it.
-    write_file(dir / "device.yaml", with(with(kTwin, "BIAS", "25"), "FLOOR", "12"));
+    write_file(dir / "device.yaml", with(with(kSimulated, "BIAS", "25"), "FLOOR", "12"));
   }
   /// What the run says of itself.
   json record(const std::string& name, const std::string& duration_s,
@@ -83,9 +83,10 @@ TEST_F(CalibratePair, AProposalClosesTheLoop) {
   EXPECT_NEAR(change(j, "noise_factor"), 1.95, 0.12);
   EXPECT_TRUE(j["mount"]["changed"].get<bool>());
   EXPECT_EQ(j["mount"]["key"], "channels.scan.pair.simulated.T_world_sensor");
-  const auto sheet = load_lidar_model(dir / "proposed.yaml");
-  ASSERT_TRUE(sheet) << sheet.error().text();
-  EXPECT_DOUBLE_EQ(sheet->range.bias_m * 1e3, j["parameters"]["range_bias_m"]["value"].get<double>() * 1e3);
+  const auto sensor_model = load_lidar_model(dir / "proposed.yaml");
+  ASSERT_TRUE(sensor_model) << sensor_model.error().text();
+  EXPECT_DOUBLE_EQ(sensor_model->range.bias_m * 1e3,
+                   j["parameters"]["range_bias_m"]["value"].get<double>() * 1e3);
   EXPECT_THAT(read_file(dir / "proposed.yaml"), HasSubstr("before.mcap"));
 
   const std::string mount =
@@ -144,9 +145,9 @@ TEST_F(CalibratePair, WrongInputIsRefused) {
 
 // 20 mm that come after two of five seconds: neither 0, nor 20, nor something between is proposed unasked.
 TEST_F(CalibratePair, ADeviceThatChangesWhileItIsRecordedIsRefusedAndEachPartIsFitted) {
-  write_file(dir / "twin.yaml", with(with(kTwin, "BIAS", "5"), "FLOOR", "6"));
-  write_file(dir / "device.yaml", with(with(kTwin, "BIAS", "5"), "FLOOR", "6"));
-  write_file(dir / "changed.yaml", with(with(kTwin, "BIAS", "25"), "FLOOR", "6"));
+  write_file(dir / "twin.yaml", with(with(kSimulated, "BIAS", "5"), "FLOOR", "6"));
+  write_file(dir / "device.yaml", with(with(kSimulated, "BIAS", "5"), "FLOOR", "6"));
+  write_file(dir / "changed.yaml", with(with(kSimulated, "BIAS", "25"), "FLOOR", "6"));
   record("across.mcap", "5",
          {"--set",
           "channels.scan.pair.real.T_world_sensor={ position_m: [0, -3, 0.4], look_at_m: [0, 2.5, 0.4] }",

@@ -77,34 +77,35 @@ class CalibrationLibrary : public Calibrate {
 
 TEST_F(CalibrationLibrary, GivesWhatTheCommandGives) {
   const std::string board = CalibrationRecordings::get().board(), wall = CalibrationRecordings::get().wall();
-  const std::string sheet = sensor("demo-camera");
+  const std::string sensor_model = sensor("demo-camera");
   expect_same({"camera", board, "--channel", "left/real", "--target", kBoard}, [&] {
     auto o = of<CameraCalibrationOptions>(board, "left/real");
     o.target = kBoard;
     return calibrate_camera(o);
   });
   expect_same({"stereo", board, "--channel", "left/real", "--right-channel", "right", "--target", kBoard,
-               "--left-model", sheet},
+               "--left-model", sensor_model},
               [&] {
                 auto o = of<StereoCalibrationOptions>(board, "left/real");
-                o.right_channel = "right", o.target = kBoard, o.left_sheet = sheet;
+                o.right_channel = "right", o.target = kBoard, o.left_model_file = sensor_model;
                 return calibrate_stereo(o);
               });
   expect_same(
-      {"extrinsics", board, "--camera", "left/real", "--camera-model", sheet, "--second", "top", "--target",
-       kBoard, "--rough", "0.2,0.22,0.02,0,-8,5", "--views", "8"},
+      {"extrinsics", board, "--camera", "left/real", "--camera-model", sensor_model, "--second", "top",
+       "--target", kBoard, "--rough", "0.2,0.22,0.02,0,-8,5", "--views", "8"},
       [&] {
         auto o = of<ExtrinsicsCalibrationOptions>(board);
-        o.camera = "left/real", o.camera_sheet = sheet, o.second = "top", o.target = kBoard;
+        o.camera = "left/real", o.camera_model_file = sensor_model, o.second = "top", o.target = kBoard;
         o.rough = "0.2,0.22,0.02,0,-8,5", o.views = 8;
         return calibrate_extrinsics(o);
       },
       false);
   expect_same({"delay", board, "--first", "turntable:0", "--second", "left/real", "--target", kBoard,
-               "--camera-model", sheet},
+               "--camera-model", sensor_model},
               [&] {
                 auto o = of<DelayCalibrationOptions>(board);
-                o.first = "turntable:0", o.second = "left/real", o.target = kBoard, o.camera_sheet = sheet;
+                o.first = "turntable:0", o.second = "left/real", o.target = kBoard,
+                o.camera_model_file = sensor_model;
                 return calibrate_delay(o);
               });
   expect_same({"twin", board, "--channel", "left"},

@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::json;
 
-const std::string kSheets = rigor::test::source_dir() + "/configs/sensors/";
+const std::string kSensorModels = rigor::test::source_dir() + "/configs/sensors/";
 /// A circle of 2 m about the origin at 0.4 rad/s, x of the sensor along it.
 const char* const kCircle =
     "T_world_sensor: { position_m: [2, 0, 0.5], roll_pitch_yaw_deg: [0, 0, 90] }, "
@@ -37,11 +37,11 @@ class Inertial : public ::testing::Test {
                "simulation: { world: " +
                    world + ", workers: 1 }\nchannels:\n" + channels);
   }
-  static std::string channel(const std::string& kind, const std::string& sheet, const std::string& more,
-                             int rate_hz = 100) {
+  static std::string channel(const std::string& kind, const std::string& sensor_model,
+                             const std::string& more, int rate_hz = 100) {
     return "  it: { kind: " + kind +
            ", backend: simulated, latency_ms: 5, rate_hz: " + std::to_string(rate_hz) +
-           ", sensor: " + kSheets + sheet + ", " + more + " }\n";
+           ", sensor: " + kSensorModels + sensor_model + ", " + more + " }\n";
   }
   Said sense(const std::vector<std::string>& more = {}, const std::string& output = "out.json") {
     std::vector<std::string> words{"sense", (dir_ / "rig.yaml").string(), "--channel", "it",

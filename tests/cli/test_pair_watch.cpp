@@ -87,7 +87,7 @@ TEST_F(PairWatchRuns, FindAndNameWhatChangesInARunAlikeOnAnyNumberOfWorkers) {
   EXPECT_EQ(learning, 19u) << "the twentieth window ends the baseline";
   EXPECT_GE(alarmed, 2u);
   const std::string page = read_file(file("report/index.html"));
-  EXPECT_THAT(page, HasSubstr("scan: is the twin still right?"));
+  EXPECT_THAT(page, HasSubstr("scan: does the simulation still match?"));
   EXPECT_THAT(page, HasSubstr("range bias has changed by"));
 }
 
@@ -115,7 +115,7 @@ TEST_F(PairWatchRuns, NameWhatChangesInOdometryAndReceivers) {
 }
 
 /// A camera's sensor model with other numbers.
-std::string camera_sheet(int width_px, double focal, double gain) {
+std::string camera_model_file(int width_px, double focal, double gain) {
   const double across = width_px;
   const auto text = [](double x) { return std::to_string(x); };
   return "width_px: " + std::to_string(width_px) + "\nheight_px: " + std::to_string(width_px * 3 / 4) +
@@ -129,21 +129,21 @@ std::string camera_sheet(int width_px, double focal, double gain) {
 }
 
 TEST_F(PairWatchRuns, NameFocalLengthGainAndNoiseOfACamera) {
-  write_file(dir / "twin.yaml", camera_sheet(192, 1, 1));
-  write_file(dir / "longer.yaml", camera_sheet(192, 1.01, 1));
+  write_file(dir / "twin.yaml", camera_model_file(192, 1, 1));
+  write_file(dir / "longer.yaml", camera_model_file(192, 1.01, 1));
   // Light and noise do not ask for that many pixels.
-  write_file(dir / "coarse.yaml", camera_sheet(96, 1, 1));
-  write_file(dir / "brighter.yaml", camera_sheet(96, 1, 1.1));
+  write_file(dir / "coarse.yaml", camera_model_file(96, 1, 1));
+  write_file(dir / "brighter.yaml", camera_model_file(96, 1, 1.1));
   const std::string worlds = config("worlds/testbed.yaml");
   const std::string mount = "T_world_sensor: { position_m: [0, -3, 1.4], look_at_m: [0, 2.5, 1.1] }";
-  const auto device = [&](const std::string& sheet) {
-    return "sensor: " + sheet + ", renderer: rays, " + mount;
+  const auto device = [&](const std::string& sensor_model) {
+    return "sensor: " + sensor_model + ", renderer: rays, " + mount;
   };
-  const auto pair = [&](const std::string& name, const std::string& sheet, const std::string& change) {
+  const auto pair = [&](const std::string& name, const std::string& sensor_model, const std::string& change) {
     return "  " + name + ":\n    kind: image\n    rate_hz: 4\n    latency_ms: 100\n    pair:\n" +
            "      watch: { window_s: 0.25, baseline_windows: 20, false_alarms_per_h: 0.01 }\n" +
-           "      real: { backend: simulated, " + device(sheet) + ", " + change + " }\n" +
-           "      simulated: { backend: simulated, " + device(sheet) + " }\n";
+           "      real: { backend: simulated, " + device(sensor_model) + ", " + change + " }\n" +
+           "      simulated: { backend: simulated, " + device(sensor_model) + " }\n";
   };
   write_file(
       dir / "rig.yaml",
@@ -173,8 +173,8 @@ TEST_F(PairWatchRuns, NameFocalLengthGainAndNoiseOfACamera) {
 }
 
 TEST_F(PairWatchRuns, NameTheLightThatATimeOfFlightCameraHasLost) {
-  const std::string sheet = config("sensors/watched-tof.yaml");
-  std::string dim = read_file(sheet);
+  const std::string sensor_model = config("sensors/watched-tof.yaml");
+  std::string dim = read_file(sensor_model);
   dim.replace(dim.find("0.375"), 5, "0.3375");  // 10 % less light
   write_file(dir / "dim.yaml", dim);
   const auto device = [](const std::string& of) {
@@ -184,8 +184,8 @@ TEST_F(PairWatchRuns, NameTheLightThatATimeOfFlightCameraHasLost) {
   const auto pair = [&](const std::string& name, const std::string& change) {
     return "  " + name + ":\n    kind: range_image\n    rate_hz: 5\n    latency_ms: 80\n    pair:\n" +
            "      watch: { window_s: 0.2, baseline_windows: 32, false_alarms_per_h: 0.01 }\n" +
-           "      real: { backend: simulated, " + device(sheet) + (change.empty() ? "" : ", ") + change +
-           " }\n      simulated: { backend: simulated, " + device(sheet) + " }\n";
+           "      real: { backend: simulated, " + device(sensor_model) + (change.empty() ? "" : ", ") +
+           change + " }\n      simulated: { backend: simulated, " + device(sensor_model) + " }\n";
   };
   write_file(dir / "rig.yaml",
              "name: planted\nclock: virtual\nduration_s: 8.6\nloop: { rate_hz: 20 }\nsimulation: { world: " +

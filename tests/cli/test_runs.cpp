@@ -18,8 +18,8 @@ using ::testing::HasSubstr;
 
 void sleep_ms(int ms) { std::this_thread::sleep_for(std::chrono::milliseconds(ms)); }
 /// Until a line with `text` was printed.
-bool wait_for(const Command& command, const std::string& text, int patience_ms = 20000) {
-  for (int t = 0; t < patience_ms && command.running(); t += 20) {
+bool wait_for(const Command& command, const std::string& text, int timeout_ms = 20000) {
+  for (int t = 0; t < timeout_ms && command.running(); t += 20) {
     if ((command.out() + command.err()).find(text) != std::string::npos) return true;
     sleep_ms(20);
   }
@@ -50,8 +50,8 @@ Progress progress(const Command& run) {
   p.left_lost = std::string_view(after).starts_with(" LOST");
   return p;
 }
-bool wait_until(const Command& run, const std::function<bool(const Progress&)>& so, int patience_ms = 30000) {
-  for (int t = 0; t < patience_ms && run.running(); t += 20, sleep_ms(20))
+bool wait_until(const Command& run, const std::function<bool(const Progress&)>& so, int timeout_ms = 30000) {
+  for (int t = 0; t < timeout_ms && run.running(); t += 20, sleep_ms(20))
     if (so(progress(run))) return true;
   return false;
 }

@@ -351,7 +351,7 @@ TEST_F(Sense, InTheRigsWeatherSeesWhatTheAirLeaves) {
   EXPECT_LT(rain, clear);
 }
 
-TEST_F(Sense, OfAFittedSheetTakesTheDeviceThatIsAskedFor) {
+TEST_F(Sense, OfAFittedSensorModelTakesTheDeviceThatIsAskedFor) {
   rig(kChannels);
   write_file(dir / "scanner.yaml", std::string(kScanner) + R"(
 calibration:
@@ -367,11 +367,11 @@ calibration:
     return range_at(
         sense_pcd("flat", {"--only", "beam_bias", "--set", "channels.flat.calibration_draw=" + draw}), 0);
   };
-  const double sheet = range("0"), first = range("1"), second = range("2");
-  EXPECT_NEAR(sheet, 0.8, 0.002) << "the block on the turntable";
-  EXPECT_GT(std::abs(first - sheet), 0.001);
+  const double sensor_model = range("0"), first = range("1"), second = range("2");
+  EXPECT_NEAR(sensor_model, 0.8, 0.002) << "the block on the turntable";
+  EXPECT_GT(std::abs(first - sensor_model), 0.001);
   EXPECT_GT(std::abs(second - first), 0.001);
-  EXPECT_LT(std::abs(first - sheet), 0.5) << "five standard deviations";
+  EXPECT_LT(std::abs(first - sensor_model), 0.5) << "five standard deviations";
   EXPECT_EQ(range("1"), first);
 }
 
@@ -385,16 +385,16 @@ TEST_F(Sense, TakesWorldsOfNodesToo) {
   EXPECT_NEAR(range_at(read_pcd(dir / "x.pcd"), 0), 5, 0.2) << "the hall's wall, by any of the four beams";
 }
 
-TEST_F(Sense, OfASmallSceneWithoutAnEngineLeavesNoEffectOfTheSheetOut) {
+TEST_F(Sense, OfASmallSceneWithoutAnEngineLeavesNoEffectOfTheSensorModelOut) {
   rig("channels:\n  camera:\n    kind: image\n    backend: simulated\n    rate_hz: 20\n    latency_ms: 30\n  "
       "  sensor: "
       "camera.yaml\n    T_world_sensor: { position_m: [-3, 0, 0.5], look_at_m: [1, 0, 0] }\n");
-  const auto recorded = [&](const std::string& sheet, const std::string& engine) {
-    write_file(dir / "camera.yaml", kCamera + sheet);
+  const auto recorded = [&](const std::string& sensor_model, const std::string& engine) {
+    write_file(dir / "camera.yaml", kCamera + sensor_model);
     std::vector<std::string> words{"run", "rig.yaml", "--json", "--duration", "0.1"};
     if (!engine.empty()) words.insert(words.end(), {"--set", "channels.camera.renderer=" + engine});
     const Said said = in_dir(words);
-    EXPECT_EQ(said.status, 0) << sheet << said.err;
+    EXPECT_EQ(said.status, 0) << sensor_model << said.err;
     return said.status == 0 ? json::parse(said.out)["input_sha256"].get<std::string>() : "";
   };
   EXPECT_NE(recorded("", ""), recorded("", "raster")) << "lens and noise: the renderer of small scenes";

@@ -49,6 +49,19 @@ std::uint16_t port_of_server() {
   return server.port();
 }
 
+/// libFuzzer's timer interrupts connect() now and then; the connection is then made in the background.
+bool connected(int client, const sockaddr_in& server) {
+  if (::connect(client, reinterpret_cast<const sockaddr*>(&server), sizeof server) == 0) return true;
+  if (errno != EINTR) return false;
+  pollfd made{client, POLLOUT, 0};
+  int ready = 0;
+  while ((ready = ::poll(&made, 1, 5000)) < 0 && errno == EINTR) {
+  }
+  int error = 0;
+  socklen_t size = sizeof error;
+  return ready > 0 && ::getsockopt(client, SOL_SOCKET, SO_ERROR, &error, &size) == 0 && error == 0;
+}
+
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::uint16_t port = port_of_server();
   const int client = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
@@ -56,14 +69,18 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   server.sin_family = AF_INET;
   server.sin_port = htons(port);
   server.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  if (::connect(client, reinterpret_cast<sockaddr*>(&server), sizeof server) != 0) std::abort();
+  if (!connected(client, server)) std::abort();
   // No port is left in TIME_WAIT.
   const linger none{1, 0};
   const int on = 1;
   ::setsockopt(client, SOL_SOCKET, SO_LINGER, &none, sizeof none);
   ::setsockopt(client, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-  for (std::size_t at = 0; at < size; at += 32)
-    if (::send(client, data + at, std::min<std::size_t>(32, size - at), MSG_NOSIGNAL) < 0) break;
+  for (std::size_t at = 0; at < size;) {
+    const auto sent = ::send(client, data + at, std::min<std::size_t>(32, size - at), MSG_NOSIGNAL);
+    if (sent < 0 && errno == EINTR) continue;
+    if (sent < 0) break;
+    at += static_cast<std::size_t>(sent);
+  }
   ::shutdown(client, SHUT_WR);
   // Answers, then the end: the server must close on its own when the stream is over.
   std::uint8_t answers[512];

@@ -3,8 +3,8 @@
 //   windows    0 … N−1: learn            N …: watch                          alarm      acknowledge
 //   δ̂_k        mean μ, covariance S ──▶  z = (δ̂ − μ)/s ──▶ CUSUM of each ──▶ latched ──▶ watch again
 //
-// A twin is never perfect: what the first N windows show is taken for its normal state, and alarms are for
-// changes against that. Run them when the twin is known to be good.
+// A simulated side is never perfect: what the first N windows show is taken for its normal state, and alarms
+// are for changes against that. Run them when the simulated side is known to be good.
 //
 // False alarms: the stated rate (of all parameters together) is shared equally by the parameters and turned
 // into a mean run length of each two-sided CUSUM (cusum.h). μ and s come from N windows only and windows may

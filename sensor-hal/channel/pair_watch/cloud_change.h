@@ -1,11 +1,11 @@
-// What has changed between a LiDAR and its twin, from point clouds of the same instants.
+// What has changed between a LiDAR and its simulated side, from point clouds of the same instants.
 //
 // Points of one firing (the same offset, ring and return) are compared along their ray. Of the simulated
 // point at range ρ in direction d, on a surface with normal n, the residual real − simulated of the range is
 //
 //   range bias         1                        m
 //   range scale        ρ                        relative
-//   mount x, y, z      −ρ (d × n)/(d·n)         rad, of the real sensor in the twin's frame
+//   mount x, y, z      −ρ (d × n)/(d·n)         rad, of the real sensor in the simulated side's frame
 //   mount move x, y, z −n/(d·n)                 m, likewise
 //   beam k             1 for its rings          m, apart from the range bias; sum 0
 //   remission          simulated remission      relative, in a fit of its own
@@ -16,9 +16,9 @@
 // people).
 //
 // Noise is what second differences along a ring leave of the residuals: its variance over sigma_m², as excess
-// of the real side if the twin's noise is sigma_m; over all, and by remission in three equal parts of
-// remission_max against that. `lost` is the share of firings that the simulated side alone answers, `gained`
-// that which the real side alone answers, of those that either answers. First returns only.
+// of the real side if the simulated side's noise is sigma_m; over all, and by remission in three equal parts
+// of remission_max against that. `lost` is the share of firings that the simulated side alone answers,
+// `gained` that which the real side alone answers, of those that either answers. First returns only.
 #pragma once
 
 #include <array>

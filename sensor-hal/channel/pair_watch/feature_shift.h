@@ -1,6 +1,6 @@
-// How far the device shows features from where the twin shows them, once the change that a window found
-// (gain, focal length, mount …) is taken off: what is left is the lens, parallax, a world that is not the
-// twin's.
+// How far the device shows features from where the simulated side shows them, once the change that a window
+// found (gain, focal length, mount …) is taken off: what is left is the lens, parallax, a world that is not
+// the simulated side's.
 //
 // Lucas and Kanade's step in each field of the picture, with what is left of the residuals:
 //

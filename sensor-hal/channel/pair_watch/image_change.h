@@ -1,4 +1,4 @@
-// What has changed between a camera and its twin, from pictures of the same instants.
+// What has changed between a camera and its simulated side, from pictures of the same instants.
 //
 // Pictures are averaged into a grid of cells (sums of whole numbers, hence exact). The residual of a cell,
 // real − simulated, is regressed on
@@ -14,13 +14,15 @@
 // look alike: the first stands for both. So do, in scenes far away, a turn and a move across the line of
 // sight.
 //
-// Where a thing near the camera shifts by parallax that the twin's world does not have, its residuals stand
-// out: weights fall with the gradient (misfit_px), and Huber's weights (c = 1.345) limit what is left.
+// Where a thing near the camera shifts by parallax that the simulated side's world does not have, its
+// residuals stand out: weights fall with the gradient (misfit_px), and Huber's weights (c = 1.345) limit what
+// is left.
 //
 // Noise is what the 3×3 operator [1 −2 1; −2 4 −2; 1 −2 1] leaves of the difference of both pictures
-// (Immerkær, CVIU 64, 1996), at places where the twin's picture is smooth: variance over that of the camera's
-// model, as excess of the real side if the twin's noise is that of the model. Over all (`noise`), and by
-// brightness against that (`noise dark`, `middle`, `bright`: below 1/8, 3/8, all of the range above black).
+// (Immerkær, CVIU 64, 1996), at places where the simulated side's picture is smooth: variance over that of
+// the camera's model, as excess of the real side if the simulated side's noise is that of the model. Over all
+// (`noise`), and by brightness against that (`noise dark`, `middle`, `bright`: below 1/8, 3/8, all of the
+// range above black).
 //
 // Not looked at: cells with a saturated or black pixel, gamma and other processing (their effect on the noise
 // is in the baseline), colour: of RGB the green, of YUV the luma, of mosaics the cell's mean.

@@ -1,11 +1,11 @@
 // Samples that are a few numbers of a kind: what of them is watched.
 //
 //   imu        specific force [m/s²], angular rate [rad/s], by axis
-//   nav_fix    east, north, up [m] of the twin's first fix, along its ellipsoid
+//   nav_fix    east, north, up [m] of the simulated side's first fix, along its ellipsoid
 //   odometry   forward velocity [m/s], turn rate [rad/s], rates of the left and right wheel [rad/s]
 //
-// The pose of odometry adds up what its wheels do not know: its difference to a twin's wanders without
-// bounds, and a watch of it would say nothing but that.
+// The pose of odometry adds up what its wheels do not know: its difference to a simulated side's wanders
+// without bounds, and a watch of it would say nothing but that.
 #pragma once
 
 #include <span>

@@ -1,4 +1,5 @@
-// A pair under watch: its samples in, and an alarm when the device is no longer what its twin describes.
+// A pair under watch: its samples in, and an alarm when the device is no longer what its simulated side
+// describes.
 //
 //   PairWatch watch = PairWatch::of_images(camera, shape, {}, {.window_s = 10}).value();
 //   watch.add(real, simulated);                  // of one instant, in the order of capture

@@ -1,6 +1,8 @@
-// What has changed between a time-of-flight camera and its twin, from range images of the same instants.
+// What has changed between a time-of-flight camera and its simulated side, from range images of the same
+// instants.
 //
-// Residual real − simulated of the range of a pixel where both have a return and the twin sees no edge:
+// Residual real − simulated of the range of a pixel where both have a return and the simulated side sees no
+// edge:
 //
 //   offset               1                    m
 //   range scale          range                relative
@@ -13,11 +15,10 @@
 // where the noise is that of the light. Pixels weigh by it; far walls would drown the rest else.
 //
 // The parameter noise is what second differences along a row leave of the residuals: its variance over
-// sigma², as excess of the real side if the twin's noise is sigma; over all, and by amplitude (thirds)
-// against that.
-// `flying`: the share of pixels that lie between two neighbours of a row that are an edge apart, and off
-// both; real less simulated. `lost`: pixels that the simulated side alone returns, `gained`: the real side
-// alone, as shares of those that either returns.
+// sigma², as excess of the real side if the simulated side's noise is sigma; over all, and by amplitude
+// (thirds) against that. `flying`: the share of pixels that lie between two neighbours of a row that are an
+// edge apart, and off both; real less simulated. `lost`: pixels that the simulated side alone returns,
+// `gained`: the real side alone, as shares of those that either returns.
 #pragma once
 
 #include <cstddef>

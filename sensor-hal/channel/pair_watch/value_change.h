@@ -1,11 +1,11 @@
 // What has changed between a channel of numbers (registers, decoded CAN signals, inertial units) and its
-// twin; each number on its own. Of real y and simulated x at the same instants:
+// simulated side; each number on its own. Of real y and simulated x at the same instants:
 //
 //   y − x = bias + scale · x − delay · dx/dt + noise
 //
 //   bias    in the number's unit, at x = 0 where scale is told, else at the window's mean
 //   scale   relative; not of places, whose zero is nowhere
-//   delay   s; positive: the real side shows what was, later than the twin
+//   delay   s; positive: the real side shows what was, later than the simulated side
 //   noise   logarithm of the variance that second differences leave of y − x (both sides'); of numbers that
 //           are exact there is none
 //

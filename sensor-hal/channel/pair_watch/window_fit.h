@@ -20,7 +20,7 @@ namespace rigor::pair_watch {
 
 inline constexpr std::size_t kMaxParameters = 40;
 
-/// Of the real device against its twin: the change that is watched for.
+/// Of the real device against its simulated side: the change that is watched for.
 struct Parameter {
   std::string name, unit;
   double least = 0;  ///< the smallest change that is worth an alarm, in `unit`; 0: whatever shows

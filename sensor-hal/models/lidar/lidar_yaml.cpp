@@ -225,7 +225,7 @@ Result<LidarModel> parse_lidar_model(ConfigNode root) {
 }
 
 Result<LidarModel> load_lidar_model(const std::filesystem::path& file, std::uint64_t draw) {
-  auto root = load_sheet(file, draw);
+  auto root = load_sensor_model(file, draw);
   if (!root) return tl::unexpected<Error>(root.error());
   return parse_lidar_model(*root);
 }

@@ -174,7 +174,7 @@ Result<TofModel> parse_tof_model(ConfigNode root) {
 }
 
 Result<TofModel> load_tof_model(const std::filesystem::path& file, std::uint64_t draw) {
-  auto root = load_sheet(file, draw);
+  auto root = load_sensor_model(file, draw);
   if (!root) return tl::unexpected<Error>(root.error());
   return parse_tof_model(*root);
 }

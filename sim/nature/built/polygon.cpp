@@ -25,8 +25,8 @@ double distance_to_segment(const Vector2d& p, const Vector2d& a, const Vector2d&
 }
 
 // Where two segments come within `gap` of each other.
-std::optional<Vector2d> meeting(const Vector2d& a, const Vector2d& b, const Vector2d& c, const Vector2d& d,
-                                double gap) {
+std::optional<Vector2d> intersection(const Vector2d& a, const Vector2d& b, const Vector2d& c,
+                                     const Vector2d& d, double gap) {
   const auto apart = [gap](double a0, double a1, double b0, double b1) {
     return std::max(a0, a1) + gap < std::min(b0, b1) || std::max(b0, b1) + gap < std::min(a0, a1);
   };
@@ -44,25 +44,26 @@ std::optional<Vector2d> meeting(const Vector2d& a, const Vector2d& b, const Vect
   return std::nullopt;
 }
 
-struct Meeting {
+struct SelfIntersection {
   std::size_t i, j;
   Vector2d at;
 };
 // Of two edges of a ring that are not neighbours.
-std::optional<Meeting> self_meeting(std::span<const Vector2d> r, double gap) {
+std::optional<SelfIntersection> self_intersection(std::span<const Vector2d> r, double gap) {
   const std::size_t n = r.size();
   for (std::size_t i = 0; i < n; ++i)
     for (std::size_t j = i + 2; j < n; ++j) {
       if (i == 0 && j + 1 == n) continue;
-      if (const auto at = meeting(r[i], r[i + 1], r[j], r[(j + 1) % n], gap)) return Meeting{i, j, *at};
+      if (const auto at = intersection(r[i], r[i + 1], r[j], r[(j + 1) % n], gap))
+        return SelfIntersection{i, j, *at};
     }
   return std::nullopt;
 }
 
-bool rings_meet(std::span<const Vector2d> a, std::span<const Vector2d> b, double gap) {
+bool rings_intersect(std::span<const Vector2d> a, std::span<const Vector2d> b, double gap) {
   for (std::size_t i = 0; i < a.size(); ++i)
     for (std::size_t j = 0; j < b.size(); ++j)
-      if (meeting(a[i], a[(i + 1) % a.size()], b[j], b[(j + 1) % b.size()], gap)) return true;
+      if (intersection(a[i], a[(i + 1) % a.size()], b[j], b[(j + 1) % b.size()], gap)) return true;
   return false;
 }
 
@@ -90,7 +91,7 @@ Ring cleaned(Ring r) {
 // Cuts off loops at the places where a ring meets itself, as long as they are small beside the rest.
 Result<Ring> unlooped(Ring r, std::string_view what, std::vector<std::string>& mended) {
   for (int cut = 0; cut < 32; ++cut) {
-    const auto m = self_meeting(r, kSame_m);
+    const auto m = self_intersection(r, kSame_m);
     if (!m) return r;
     Ring one{m->at}, other{m->at};
     for (std::size_t k = m->i + 1; k <= m->j; ++k) one.push_back(r[k]);
@@ -110,7 +111,7 @@ Result<Ring> unlooped(Ring r, std::string_view what, std::vector<std::string>& m
     r = std::move(other);
     if (r.size() < 3) break;
   }
-  if (r.size() >= 3 && !self_meeting(r, kSame_m)) return r;
+  if (r.size() >= 3 && !self_intersection(r, kSame_m)) return r;
   return fail(ErrorCode::bad_input, kWhere, fmt::format("{} crosses itself; expected a simple ring", what));
 }
 
@@ -136,7 +137,7 @@ Result<Ring> ring_from(std::span<const double> xy, const Vector2d& origin, std::
   r = cleaned(std::move(r));
   if (r.size() < 3 || std::abs(signed_area(r)) < kLeastArea_m2) {
     // A ring whose loops cancel each other has no area either, but is another fault.
-    const bool crosses = r.size() > 3 && self_meeting(r, kSame_m).has_value();
+    const bool crosses = r.size() > 3 && self_intersection(r, kSame_m).has_value();
     return fail(ErrorCode::bad_input, kWhere,
                 crosses ? fmt::format("{} crosses itself; expected a simple ring: draw it as two", what)
                         : fmt::format("{} encloses no area", what));
@@ -190,9 +191,9 @@ bool contains(const Polygon& polygon, const Vector2d& p) {
 bool is_simple(const Polygon& polygon, double gap_m) {
   const auto rings = polygon.rings();
   for (std::size_t a = 0; a < rings.size(); ++a) {
-    if (self_meeting(rings[a], gap_m)) return false;
+    if (self_intersection(rings[a], gap_m)) return false;
     for (std::size_t b = a + 1; b < rings.size(); ++b)
-      if (rings_meet(rings[a], rings[b], gap_m)) return false;
+      if (rings_intersect(rings[a], rings[b], gap_m)) return false;
   }
   return true;
 }
@@ -231,9 +232,9 @@ Result<Polygon> polygon_from(std::span<const double> footprint, std::span<const 
     if (signed_area(hole) > 0) std::reverse(hole.begin(), hole.end());
     // A hole that touches is drawn in by a hand's breadth; one that crosses or lies elsewhere is none.
     const auto fits = [&](const Ring& h, double gap) {
-      if (!contains(polygon.outer, h.front()) || rings_meet(polygon.outer, h, gap)) return false;
+      if (!contains(polygon.outer, h.front()) || rings_intersect(polygon.outer, h, gap)) return false;
       return std::none_of(polygon.holes.begin(), polygon.holes.end(), [&](const Ring& o) {
-        return rings_meet(o, h, gap) || contains(o, h.front()) || contains(h, o.front());
+        return rings_intersect(o, h, gap) || contains(o, h.front()) || contains(h, o.front());
       });
     };
     constexpr double kGap_m = 0.01, kInset_m = 0.1;

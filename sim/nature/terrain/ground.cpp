@@ -197,7 +197,7 @@ const WaterBody* Ground::body_at(double x, double y) const {
   return nullptr;
 }
 
-bool Ground::under_sheet(double x, double y, double z) const {
+bool Ground::under_model(double x, double y, double z) const {
   const auto counts = [&](const WaterBody& b) { return !b.follows && z <= b.level_m + kBedAbove_m; };
   if (const auto* body = body_at(x, y); body && counts(*body)) return true;
   for (std::size_t i = outlined_from_; i < waters.size(); ++i) {
@@ -208,7 +208,7 @@ bool Ground::under_sheet(double x, double y, double z) const {
 }
 
 bool Ground::under_water(double x, double y, double z) const {
-  if (under_sheet(x, y, z)) return true;
+  if (under_model(x, y, z)) return true;
   const auto* body = body_at(x, y);
   return body && body->follows;
 }

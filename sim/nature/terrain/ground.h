@@ -80,7 +80,7 @@ class Ground {
   /// The cover that counts at a point.
   [[nodiscard]] std::uint8_t cover_at(double x, double y) const;
   /// True where a point of the ground at height z lies under a flat sensor model of water.
-  [[nodiscard]] bool under_sheet(double x, double y, double z) const;
+  [[nodiscard]] bool under_model(double x, double y, double z) const;
   /// True where the ground is the surface of a river, borders between covers counted.
   [[nodiscard]] bool is_river(double x, double y) const;
   /// True where a river's cells come near a rectangle.

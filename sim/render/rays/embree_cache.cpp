@@ -26,7 +26,7 @@ void leave_out_holes(const RTCFilterFunctionNArguments* a) {
     if (a->valid[i] != -1) continue;
     const float u = RTCHitN_u(a->hit, n, i), v = RTCHitN_v(a->hit, n, i), w = 1 - u - v;
     const float* t = &part.uv[6 * static_cast<std::size_t>(RTCHitN_primID(a->hit, n, i))];
-    if (part.surface->hole_at(w * t[0] + u * t[2] + v * t[4], w * t[1] + u * t[3] + v * t[5]))
+    if (part.surface->transparent_at(w * t[0] + u * t[2] + v * t[4], w * t[1] + u * t[3] + v * t[5]))
       a->valid[i] = 0;
   }
 }

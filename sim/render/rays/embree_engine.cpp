@@ -249,18 +249,18 @@ struct Engine final : EmbreeEngine::Impl {
 Engine& of(EmbreeEngine::Impl& impl) { return static_cast<Engine&>(impl); }
 
 /// Rays of a chunk, shot; coherent where neighbours go much the same way.
-void load(Shots& shots, const RayQuery& q, std::size_t begin, unsigned n, const Eigen::Vector3d& start) {
+void load(RayPackets& rays, const RayQuery& q, std::size_t begin, unsigned n, const Eigen::Vector3d& start) {
   for (unsigned i = 0; i < n; ++i) {
     const Ray& r = q.rays[begin + i];
     const float o[3] = {static_cast<float>(start.x() + static_cast<double>(r.origin[0])),
                         static_cast<float>(start.y() + static_cast<double>(r.origin[1])),
                         static_cast<float>(start.z() + static_cast<double>(r.origin[2]))};
-    shots.set(i, o, r.direction, q.near_m, r.far_m, r.time);
+    rays.set(i, o, r.direction, q.near_m, r.far_m, r.time);
   }
 }
 
 void shade(const RayScene& scene, const RayQuery& q, const Ray& ray, const Eigen::Vector3d& start,
-           const Meeting& met, Hit& hit) {
+           const Intersection& met, Hit& hit) {
   hit = Hit{};
   if (met.nothing()) return;
   const double o[3] = {start.x() + static_cast<double>(ray.origin[0]),
@@ -321,7 +321,7 @@ Status EmbreeEngine::prepare(std::shared_ptr<const ContentWindow> window) {
 
 namespace {
 
-/// work(scene, start, shots, begin, n): n rays from `begin` on are loaded. Any number of threads at once.
+/// work(scene, start, rays, begin, n): n rays from `begin` on are loaded. Any number of threads at once.
 template <class Work>
 Status in_chunks(Engine& e, const RayQuery& query, std::size_t answers, Work&& work) {
   const auto began = std::chrono::steady_clock::now();
@@ -330,16 +330,17 @@ Status in_chunks(Engine& e, const RayQuery& query, std::size_t answers, Work&& w
   if (!scene) return tl::unexpected(scene.error());
   const RayScene& s = **scene;
   const Eigen::Vector3d start = query.origin - s.origin();
-  const std::size_t chunks = (query.rays.size() + kShots - 1) / kShots;
+  const std::size_t chunks = (query.rays.size() + kPacketRays - 1) / kPacketRays;
   e.arena().execute([&] {
     tbb::parallel_for(
         tbb::blocked_range<std::size_t>(0, chunks, 1), [&](const tbb::blocked_range<std::size_t>& range) {
-          Shots shots;
+          RayPackets rays;
           for (std::size_t c = range.begin(); c != range.end(); ++c) {
-            const std::size_t begin = c * kShots;
-            const auto n = static_cast<unsigned>(std::min<std::size_t>(kShots, query.rays.size() - begin));
-            load(shots, query, begin, n, start);
-            work(s, start, shots, begin, n);
+            const std::size_t begin = c * kPacketRays;
+            const auto n =
+                static_cast<unsigned>(std::min<std::size_t>(kPacketRays, query.rays.size() - begin));
+            load(rays, query, begin, n, start);
+            work(s, start, rays, begin, n);
           }
         });
   });
@@ -352,18 +353,18 @@ Status in_chunks(Engine& e, const RayQuery& query, std::size_t answers, Work&& w
 Status EmbreeEngine::cast(const RayQuery& query, std::span<Hit> hits) {
   return in_chunks(
       of(*impl_), query, hits.size(),
-      [&](const RayScene& s, const Eigen::Vector3d& start, Shots& shots, std::size_t begin, unsigned n) {
-        s.meet(shots, n, true);
-        s.fetch(shots, n);
+      [&](const RayScene& s, const Eigen::Vector3d& start, RayPackets& rays, std::size_t begin, unsigned n) {
+        s.intersect(rays, n, true);
+        s.fetch(rays, n);
         for (unsigned i = 0; i < n; ++i)
-          shade(s, query, query.rays[begin + i], start, shots.meeting(i), hits[begin + i]);
+          shade(s, query, query.rays[begin + i], start, rays.intersection(i), hits[begin + i]);
       });
 }
 
 Status EmbreeEngine::occluded(const RayQuery& query, std::span<std::uint8_t> occluded) {
   return in_chunks(of(*impl_), query, occluded.size(),
-                   [&](const RayScene& s, const Eigen::Vector3d&, Shots& shots, std::size_t begin,
-                       unsigned n) { s.hide(shots, n, true, &occluded[begin]); });
+                   [&](const RayScene& s, const Eigen::Vector3d&, RayPackets& rays, std::size_t begin,
+                       unsigned n) { s.occluded(rays, n, true, &occluded[begin]); });
 }
 
 EngineStatistics EmbreeEngine::statistics() const { return of(*impl_).statistics; }

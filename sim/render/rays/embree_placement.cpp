@@ -247,7 +247,7 @@ void PlacedScene::bounds(const RTCBoundsFunctionArguments* a) {
   wider(b.lower_z, b.upper_z, p.shift[2], o.lower_z, o.upper_z);
 }
 
-// Rays come in eights, as they are shot (Shots): Embree hands on the packet with the lanes that matter.
+// Rays come in eights, as they are shot (RayPackets): Embree hands on the packet with the lanes that matter.
 void PlacedScene::intersect(const RTCIntersectFunctionNArguments* a) {
   if (a->N != 8) return;
   const auto& p = *static_cast<const Placed*>(a->geometryUserPtr);

@@ -68,8 +68,8 @@ struct SceneFilters {
   }
 };
 
-void Shots::set(unsigned i, const float o[3], const float d[3], float near_m, float far_m, float time,
-                unsigned mask) noexcept {
+void RayPackets::set(unsigned i, const float o[3], const float d[3], float near_m, float far_m, float time,
+                     unsigned mask) noexcept {
   RTCRayHit8& p = packets[i / 8];
   const unsigned k = i % 8;
   // A sum is finite only where all of it is.
@@ -95,7 +95,7 @@ void Shots::set(unsigned i, const float o[3], const float d[3], float near_m, fl
   p.hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;
 }
 
-void Shots::skip(unsigned i) noexcept {
+void RayPackets::skip(unsigned i) noexcept {
   RTCRayHit8& p = packets[i / 8];
   const unsigned k = i % 8;
   p.ray.org_x[k] = p.ray.org_y[k] = p.ray.org_z[k] = 0;
@@ -108,10 +108,10 @@ void Shots::skip(unsigned i) noexcept {
   p.hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;
 }
 
-Meeting Shots::meeting(unsigned i) const noexcept {
+Intersection RayPackets::intersection(unsigned i) const noexcept {
   const RTCRayHit8& p = packets[i / 8];
   const unsigned k = i % 8;
-  Meeting m;
+  Intersection m;
   if (p.hit.geomID[k] == RTC_INVALID_GEOMETRY_ID) return m;
   m.range_m = p.ray.tfar[k];
   m.u = p.hit.u[k];
@@ -137,13 +137,13 @@ void RayScene::shoot(const int* valid, RTCRayHit8& p, SceneContext& context) con
   }
 }
 
-void RayScene::meet(Shots& shots, unsigned n, bool coherent) const noexcept {
+void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent) const noexcept {
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
   context.scene = this;
   alignas(32) int valid[8];
   for (unsigned first = 0; first < n; first += 8) {
-    RTCRayHit8& p = shots.packets[first / 8];
+    RTCRayHit8& p = rays.packets[first / 8];
     if (!lanes(p.ray, first, n, valid)) continue;
     float far_m[8];
     std::memcpy(far_m, p.ray.tfar, sizeof far_m);
@@ -184,13 +184,13 @@ void RayScene::meet(Shots& shots, unsigned n, bool coherent) const noexcept {
   }
 }
 
-void RayScene::hide(Shots& shots, unsigned n, bool coherent, std::uint8_t* hidden) const noexcept {
+void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden) const noexcept {
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
   context.scene = this;
   alignas(32) int valid[8];
   for (unsigned first = 0; first < n; first += 8) {
-    RTCRay8& r = shots.packets[first / 8].ray;
+    RTCRay8& r = rays.packets[first / 8].ray;
     const unsigned count = std::min(8U, n - first);
     std::memset(hidden + first, 0, count);
     if (!lanes(r, first, n, valid)) continue;
@@ -227,11 +227,11 @@ RayScene::Placement RayScene::placement(const Owner& o, float time) noexcept {
           offset + a.position + f * (b.position - a.position)};
 }
 
-void RayScene::fetch(const Shots& shots, unsigned n) const noexcept {
-  const RayInstance* instances[kShots];
-  const std::uint32_t* corners[kShots];
+void RayScene::fetch(const RayPackets& rays, unsigned n) const noexcept {
+  const RayInstance* instances[kPacketRays];
+  const std::uint32_t* corners[kPacketRays];
   for (unsigned i = 0; i < n; ++i) {
-    const RTCRayHit8& p = shots.packets[i / 8];
+    const RTCRayHit8& p = rays.packets[i / 8];
     const std::uint32_t id = p.hit.instID[0][i % 8];
     instances[i] = id == RTC_INVALID_GEOMETRY_ID ? nullptr : &instance(id);
     if (instances[i] == nullptr) continue;
@@ -240,7 +240,7 @@ void RayScene::fetch(const Shots& shots, unsigned n) const noexcept {
   }
   for (unsigned i = 0; i < n; ++i) {
     if (instances[i] == nullptr) continue;
-    const RTCRayHit8& p = shots.packets[i / 8];
+    const RTCRayHit8& p = rays.packets[i / 8];
     const RayMesh& mesh = *instances[i]->mesh;
     corners[i] = mesh.mesh->indices.data() + mesh.parts[p.hit.geomID[i % 8]].first_index +
                  3 * static_cast<std::size_t>(p.hit.primID[i % 8]);
@@ -258,7 +258,7 @@ void RayScene::fetch(const Shots& shots, unsigned n) const noexcept {
 }
 
 SurfacePoint RayScene::point(const double origin[3], const float direction[3], float time,
-                             const Meeting& met) const noexcept {
+                             const Intersection& met) const noexcept {
   using Eigen::Vector3d;
   using Eigen::Vector3f;
   const Owner owned = owner(met.instance);
@@ -334,7 +334,7 @@ SurfacePoint RayScene::point(const double origin[3], const float direction[3], f
     }
   }
   for (int k = 0; k < 3; ++k) {
-    p.flat_normal[k] = static_cast<float>(flat[k]);
+    p.shading_normal[k] = static_cast<float>(flat[k]);
     p.normal[k] = static_cast<float>(normal[k]);
     p.triangle_normal[k] = static_cast<float>(plane[k]);
     p.place[k] = static_cast<float>(o[k] + p.range_m * d[k]);

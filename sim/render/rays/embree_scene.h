@@ -4,11 +4,11 @@
 //
 //   auto& impl = engine.impl();
 //   auto scene = impl.scene_at(query.origin);             // Result<const RayScene*>; serial
-//   impl.arena().execute([&] { tbb::parallel_for(…        // chunks of at most kShots rays
-//     Shots shots;
-//     shots.set(i, origin, direction, near, far, time);   // origin relative to scene.origin()
-//     scene.meet(shots, n, coherent);                     // first meetings
-//     Meeting m = shots.meeting(i);
+//   impl.arena().execute([&] { tbb::parallel_for(…        // chunks of at most kPacketRays rays
+//     RayPackets rays;
+//     rays.set(i, origin, direction, near, far, time);   // origin relative to scene.origin()
+//     scene.intersect(rays, n, coherent);                 // first intersections
+//     Intersection m = rays.intersection(i);
 //     SurfacePoint p = scene.point(origin, direction, time, m);
 //     PointOptics o = optics_at(*p.surface, p.uv, p.tint, p.normal, p.place, scene.weather(), bands, …);
 //
@@ -52,8 +52,8 @@ struct RayMesh {
   bool one_sided = false;  ///< some part shows one side alone
 };
 
-/// The first thing that a ray meets.
-struct Meeting {
+/// The first thing that a ray intersects.
+struct Intersection {
   float range_m = std::numeric_limits<float>::infinity();  ///< Embree's
   float u = 0, v = 0;                                      ///< barycentric: (1 - u - v) a + u b + v c
   std::uint32_t instance = RTC_INVALID_GEOMETRY_ID;        ///< RayScene::instance() knows it
@@ -62,15 +62,15 @@ struct Meeting {
 };
 
 /// Rays to be shot together: set them all, shoot, read.
-constexpr unsigned kShots = 256;
-struct alignas(64) Shots {
-  std::array<RTCRayHit8, kShots / 8> packets;
-  /// A ray that is not finite meets nothing.
+constexpr unsigned kPacketRays = 256;
+struct alignas(64) RayPackets {
+  std::array<RTCRayHit8, kPacketRays / 8> packets;
+  /// A ray that is not finite intersects nothing.
   void set(unsigned i, const float origin[3], const float direction[3], float near_m, float far_m, float time,
            unsigned mask = kSeenMask) noexcept;
-  /// A place without a ray: meets nothing.
+  /// A place without a ray: intersects nothing.
   void skip(unsigned i) noexcept;
-  [[nodiscard]] Meeting meeting(unsigned i) const noexcept;
+  [[nodiscard]] Intersection intersection(unsigned i) const noexcept;
 };
 
 constexpr std::uint32_t kStill = 0x7FFFFFFF;
@@ -117,13 +117,13 @@ struct RayBatch {
   bool casts_shadow = true;
 };
 
-/// What lies where a ray meets a surface. World axes. The normals are those that the Vulkan engine's shader
-/// has: outward, and of a two-sided surface met from behind turned round; bent ones may look away from the
-/// ray.
+/// What lies where a ray intersects a surface. World axes. The normals are those that the Vulkan engine's
+/// shader has: outward, and of a two-sided surface met from behind turned round; bent ones may look away from
+/// the ray.
 struct SurfacePoint {
   double range_m = 0;          ///< along the ray, worked out in double
   float normal[3]{};           ///< with the normal map, unit length
-  float flat_normal[3]{};      ///< of the vertices, unit length
+  float shading_normal[3]{};   ///< of the vertices, unit length
   float triangle_normal[3]{};  ///< of the triangle's plane, unit length, on the side that was met
   float uv[2]{};
   float place[3]{};  ///< relative to the scene's cell
@@ -150,7 +150,7 @@ class RayScene {
 
   /// Middle of the cell, world frame.
   [[nodiscard]] const Eigen::Vector3d& origin() const noexcept { return origin_; }
-  /// Of Meeting::instance.
+  /// Of Intersection::instance.
   [[nodiscard]] const RayInstance& instance(std::uint32_t id) const noexcept {
     const Owner o = owner(id);
     return o.batch->batch->instances[o.index];
@@ -159,15 +159,15 @@ class RayScene {
 
   /// Shoots the first n. Back faces of what is one-sided are not there, as in the Vulkan engine; holes are
   /// holes. `coherent`: neighbours may go much the same way (a matter of speed alone).
-  void meet(Shots& shots, unsigned n, bool coherent) const noexcept;
+  void intersect(RayPackets& rays, unsigned n, bool coherent) const noexcept;
   /// hidden[i] = 1 where anything stands between near and far: a face hides from both its sides, holes do
   /// not.
-  void hide(Shots& shots, unsigned n, bool coherent, std::uint8_t* hidden) const noexcept;
+  void occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden) const noexcept;
   /// Has what point() will read on its way from memory.
-  void fetch(const Shots& shots, unsigned n) const noexcept;
+  void fetch(const RayPackets& rays, unsigned n) const noexcept;
   /// What was met. `origin` relative to origin().
   [[nodiscard]] SurfacePoint point(const double origin[3], const float direction[3], float time,
-                                   const Meeting& m) const noexcept;
+                                   const Intersection& m) const noexcept;
 
   /// From the world's axes to a mesh's: p_mesh = inverse · (p - position).
   struct Placement {

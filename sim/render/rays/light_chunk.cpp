@@ -21,10 +21,10 @@ constexpr float kRoulette = 0.3F;
 float unit_draw(std::uint32_t word) { return (static_cast<float>(word >> 8U) + 0.5F) * (1.0F / 16777216.0F); }
 
 /// Off a surface by more than places and intersections are rounded, to the side where `towards` leads.
-Vec3 off_surface(Vec3 place, Vec3 face, Vec3 towards) {
+Vec3 off_surface(Vec3 place, Vec3 geometric_normal, Vec3 towards) {
   const float rounding =
       2e-4F + 3e-6F * std::max(std::abs(place.x), std::max(std::abs(place.y), std::abs(place.z)));
-  return place + face * std::copysign(rounding, dot(face, towards));
+  return place + geometric_normal * std::copysign(rounding, dot(geometric_normal, towards));
 }
 
 /// About a normal with density cos / pi.
@@ -47,13 +47,13 @@ std::array<float, 4> Chunk::draws(std::size_t index, unsigned purpose, unsigned 
   return {unit_draw(w[0]), unit_draw(w[1]), unit_draw(w[2]), unit_draw(w[3])};
 }
 
-void Chunk::look_up_moving(Vec3 o, Vec3 d, const Meeting& m, Point& p, Bands4& tint,
-                           const LightSurface*& surface, float uv[2]) const {
+void Chunk::fetch_moving_surface(Vec3 o, Vec3 d, const Intersection& m, Point& p, Bands4& tint,
+                                 const LightSurface*& surface, float uv[2]) const {
   const double origin[3] = {static_cast<double>(o.x), static_cast<double>(o.y), static_cast<double>(o.z)};
   const float direction[3] = {d.x, d.y, d.z};
   const SurfacePoint at = in_.scene.point(origin, direction, p.time, m);
-  p.face = from(at.triangle_normal);
-  p.flat_normal = from(at.flat_normal);
+  p.geometric_normal = from(at.triangle_normal);
+  p.shading_normal = from(at.shading_normal);
   p.normal = from(at.normal);
   tint = tint_[0] * at.tint[0] + tint_[1] * at.tint[1] + tint_[2] * at.tint[2];
   surface = &in_.surfaces.of(at.surface->surface.get());
@@ -61,7 +61,8 @@ void Chunk::look_up_moving(Vec3 o, Vec3 d, const Meeting& m, Point& p, Bands4& t
   uv[1] = at.uv[1];
 }
 
-void Chunk::look_up(Vec3 origin, Vec3 d, float time, const Meeting& m, float spread_rad, Point& p) const {
+void Chunk::fetch_surface(Vec3 origin, Vec3 d, float time, const Intersection& m, float spread_rad,
+                          Point& p) const {
   const RayInstance& instance = in_.scene.instance(m.instance);
   p.range_m = m.range_m;
   p.place = origin + d * m.range_m;
@@ -72,7 +73,7 @@ void Chunk::look_up(Vec3 origin, Vec3 d, float time, const Meeting& m, float spr
   Bands4 tint;
   float uv[2], lod = kFinest;
   if (instance.motion != kStill) {
-    look_up_moving(origin, d, m, p, tint, surface, uv);
+    fetch_moving_surface(origin, d, m, p, tint, surface, uv);
   } else {
     const RayMesh& mesh = *instance.mesh;
     const RayPart& part = mesh.parts[m.part];
@@ -95,12 +96,12 @@ void Chunk::look_up(Vec3 origin, Vec3 d, float time, const Meeting& m, float spr
     };
     const Vec3 pa = from(a.position), e1 = from(b.position) - pa, e2 = from(c.position) - pa;
     const Vec3 plane = to_world(cross(e1, e2));
-    p.face = unit(plane, p.view);
+    p.geometric_normal = unit(plane, p.view);
     const bool behind = (dot(plane, d) > 0) != (instance.mirrored != 0);
-    if (dot(p.face, d) > 0) p.face = -p.face;
+    if (dot(p.geometric_normal, d) > 0) p.geometric_normal = -p.geometric_normal;
     const Vec3 bent = to_world(from(a.normal) * w + from(b.normal) * u + from(c.normal) * v);
-    p.flat_normal = unit(behind ? -bent : bent, p.face);
-    p.normal = p.flat_normal;
+    p.shading_normal = unit(behind ? -bent : bent, p.geometric_normal);
+    p.normal = p.shading_normal;
     if (surface->any_map) {
       const float du1 = b.uv[0] - a.uv[0], du2 = c.uv[0] - a.uv[0], dv1 = b.uv[1] - a.uv[1],
                   dv2 = c.uv[1] - a.uv[1];
@@ -110,7 +111,8 @@ void Chunk::look_up(Vec3 origin, Vec3 d, float time, const Meeting& m, float spr
       if (spread_rad > 0) {
         // Texture's area over the triangle's in the world, and how wide the ray is across it.
         const float per_m2 = std::abs(du1 * dv2 - du2 * dv1) * shrinks / std::max(length(plane), 1e-20F);
-        const float wide_m = spread_rad * m.range_m / std::max(std::abs(dot(p.face, d)), kGrazing);
+        const float wide_m =
+            spread_rad * m.range_m / std::max(std::abs(dot(p.geometric_normal, d)), kGrazing);
         lod = 0.5F * std::log2(std::max(per_m2 * wide_m * wide_m, 1e-20F));
       }
       if (surface->normal != nullptr) {
@@ -118,7 +120,7 @@ void Chunk::look_up(Vec3 origin, Vec3 d, float time, const Meeting& m, float spr
         const Vec3 in_mesh = unit(cross(e1, e2), {0, 0, 1});
         const Vec3 u1 = cross(e2, in_mesh), u2 = cross(in_mesh, e1);
         const Vec3 right = to_world(u1 * du1 + u2 * du2), down = to_world(u1 * dv1 + u2 * dv2);
-        p.normal = surface->bumped(uv[0], uv[1], lod, right, down, p.flat_normal);
+        p.normal = surface->normal_mapped(uv[0], uv[1], lod, right, down, p.shading_normal);
       }
     }
   }
@@ -126,7 +128,7 @@ void Chunk::look_up(Vec3 origin, Vec3 d, float time, const Meeting& m, float spr
   weather(in_.frame, p.place, p.normal, p.patch);
 }
 
-void Chunk::first_meetings(std::size_t first, std::span<LightSample> samples) {
+void Chunk::first_intersections(std::size_t first, std::span<LightSample> samples) {
   const LightQuery& q = in_.query;
   const auto base = Vec3{static_cast<float>(in_.origin.x()), static_cast<float>(in_.origin.y()),
                          static_cast<float>(in_.origin.z())};
@@ -135,9 +137,9 @@ void Chunk::first_meetings(std::size_t first, std::span<LightSample> samples) {
     const Ray& r = q.rays[first + i];
     const Vec3 o = base + light::from(r.origin);
     const float origin[3] = {o.x, o.y, o.z};
-    shots_.set(i, origin, r.direction, q.near_m, r.far_m, r.time);
+    rays_.set(i, origin, r.direction, q.near_m, r.far_m, r.time);
   }
-  in_.scene.meet(shots_, n, true);
+  in_.scene.intersect(rays_, n, true);
   n_ = 0;
   for (unsigned i = 0; i < n; ++i) {
     const Ray& r = q.rays[first + i];
@@ -145,7 +147,7 @@ void Chunk::first_meetings(std::size_t first, std::span<LightSample> samples) {
     s = {};
     const Vec3 o = base + light::from(r.origin), d = light::from(r.direction);
     if (!finite(o) || !finite(d) || !(std::abs(dot(d, d) - 1.0F) < 0.03F)) continue;
-    const Meeting m = shots_.meeting(i);
+    const Intersection m = rays_.intersection(i);
     if (m.nothing()) {
       const float way = std::min(r.far_m, 1e7F);
       const Bands4 l =
@@ -154,7 +156,7 @@ void Chunk::first_meetings(std::size_t first, std::span<LightSample> samples) {
       continue;
     }
     Point& p = points_[n_++];
-    look_up(o, d, r.time, m, q.spread_rad, p);
+    fetch_surface(o, d, r.time, m, q.spread_rad, p);
     p.ray = i;
     p.light = Bands4{};
     s.range_m = p.range_m;
@@ -170,7 +172,7 @@ unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned dra
   unsigned n = 0;
   for (unsigned i = 0; i < points.size(); ++i) {
     Point& p = points[i];
-    if (!may_see_sun(in_.frame, p.patch, p.normal, p.flat_normal)) continue;
+    if (!may_see_sun(in_.frame, p.patch, p.normal, p.shading_normal)) continue;
     if (!in_.query.shadows) {
       p.light += from_sun(in_.frame, p.patch, p.view, p.normal);
       continue;
@@ -183,14 +185,14 @@ unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned dra
       const float r = in_.frame.sun_radius_rad * std::sqrt(u[0]), angle = 2 * kPi * u[1];
       to = unit(to + a * (r * std::cos(angle)) + b * (r * std::sin(angle)), to);
     }
-    const Vec3 o = off_surface(p.place, p.face, to);
+    const Vec3 o = off_surface(p.place, p.geometric_normal, to);
     const float origin[3] = {o.x, o.y, o.z}, direction[3] = {to.x, to.y, to.z};
-    shots_.set(n, origin, direction, 0, std::numeric_limits<float>::infinity(), p.time, kShadowMask);
+    rays_.set(n, origin, direction, 0, std::numeric_limits<float>::infinity(), p.time, kShadowMask);
     who[n++] = i;
   }
   if (n == 0) return 0;
   std::array<std::uint8_t, 2 * kChunk> hidden;
-  in_.scene.hide(shots_, n, true, hidden.data());
+  in_.scene.occluded(rays_, n, true, hidden.data());
   for (unsigned i = 0; i < n; ++i) {
     Point& p = points[who[i]];
     if (hidden[i] == 0) p.light += from_sun(in_.frame, p.patch, p.view, p.normal);
@@ -213,15 +215,15 @@ void Chunk::add_lamps() {
         continue;
       }
       const float far_m = length(to);
-      const Vec3 o = off_surface(p.place, p.face, to), d = unit(lamp.place - o, p.normal);
+      const Vec3 o = off_surface(p.place, p.geometric_normal, to), d = unit(lamp.place - o, p.normal);
       const float origin[3] = {o.x, o.y, o.z}, direction[3] = {d.x, d.y, d.z};
-      shots_.set(n, origin, direction, 0, far_m * (1 - 1e-5F), p.time, kShadowMask);
+      rays_.set(n, origin, direction, 0, far_m * (1 - 1e-5F), p.time, kShadowMask);
       who[n] = i;
       adds[n++] = l;
     }
     if (n == 0) continue;
     std::array<std::uint8_t, kChunk> hidden;
-    in_.scene.hide(shots_, n, true, hidden.data());
+    in_.scene.occluded(rays_, n, true, hidden.data());
     shadow_rays += n;
     for (unsigned i = 0; i < n; ++i)
       if (hidden[i] == 0) points_[who[i]].light += adds[i];
@@ -233,7 +235,7 @@ void Chunk::add_open_sky() {
     Point& p = points_[i];
     Bands4 open = all_bands(1), scattered{};
     if (in_.cover != nullptr) {
-      const float seen = in_.cover->seen(p.place, p.flat_normal, !p.patch.translucent);
+      const float seen = in_.cover->seen(p.place, p.shading_normal, !p.patch.translucent);
       open = mix(in_.instead.share, open, seen);
       scattered = in_.instead.irradiance * (1.0F - seen);
     }
@@ -245,7 +247,7 @@ void Chunk::add_open_sky() {
 }
 
 bool Chunk::scatter(const Point& p, std::size_t index, unsigned k, unsigned segment, Path& out) const {
-  const Patch& s = p.patch;
+  const MaterialSample& s = p.patch;
   const Bands4 front = s.glossy ? s.reflectance * (1.0F - s.metallic) : s.reflectance;
   const Bands4 back = s.translucent ? s.transmittance : Bands4{};
   const float forward = mean(front), through = mean(back);
@@ -264,10 +266,10 @@ bool Chunk::scatter(const Point& p, std::size_t index, unsigned k, unsigned segm
   }
   const Vec3 n = passes ? -p.normal : p.normal;
   out.direction = cosine_direction(n, u[0], u[1]);
-  out.place = off_surface(p.place, p.face, out.direction);
+  out.place = off_surface(p.place, p.geometric_normal, out.direction);
   out.time = p.time;
   // Bumps tilt the half space: what they would send through the surface comes from nowhere.
-  return dot(out.direction, p.face) * (passes ? -1.0F : 1.0F) > 0;
+  return dot(out.direction, p.geometric_normal) * (passes ? -1.0F : 1.0F) > 0;
 }
 
 void Chunk::begin_paths(std::size_t first, unsigned k) {
@@ -283,10 +285,10 @@ void Chunk::begin_paths(std::size_t first, unsigned k) {
     if (k > 0) continue;
     const Mirror m = mirror(p.patch, p.view, p.normal);
     if (!m.any()) continue;
-    if (m.sharp > 0 && dot(m.direction, p.face) > 0) {
+    if (m.sharp > 0 && dot(m.direction, p.geometric_normal) > 0) {
       way.share = m.share * m.sharp;
       way.direction = unit(m.direction, p.normal);
-      way.place = off_surface(p.place, p.face, way.direction);
+      way.place = off_surface(p.place, p.geometric_normal, way.direction);
       way.time = p.time;
       way.mirrored = true;
       path_[paths_++] = way;
@@ -302,18 +304,18 @@ void Chunk::follow_paths(std::size_t first, unsigned k) {
       const Path& w = path_[i];
       const float origin[3] = {w.place.x, w.place.y, w.place.z},
                   direction[3] = {w.direction.x, w.direction.y, w.direction.z};
-      shots_.set(i, origin, direction, 0, std::numeric_limits<float>::infinity(), w.time, kShadowMask);
+      rays_.set(i, origin, direction, 0, std::numeric_limits<float>::infinity(), w.time, kShadowMask);
     }
     sky_rays += paths_;
     const bool last = segment == bounces;
     if (last)
-      in_.scene.hide(shots_, paths_, false, hidden.data());
+      in_.scene.occluded(rays_, paths_, false, hidden.data());
     else
-      in_.scene.meet(shots_, paths_, false);
+      in_.scene.intersect(rays_, paths_, false);
     unsigned left = 0;
     for (unsigned i = 0; i < paths_; ++i) {
       Path w = path_[i];
-      const Meeting m = last ? Meeting{} : shots_.meeting(i);
+      const Intersection m = last ? Intersection{} : rays_.intersection(i);
       if (last ? hidden[i] == 0 : m.nothing()) {
         points_[w.point].light += w.share * in_.frame.surroundings(w.direction);
         if (segment == 0 && !w.mirrored) open_[w.point] += 1;
@@ -321,7 +323,7 @@ void Chunk::follow_paths(std::size_t first, unsigned k) {
       }
       if (last) continue;
       Point& p = met_[left];
-      look_up(w.place, w.direction, w.time, m, kSkyRaySpread_rad, p);
+      fetch_surface(w.place, w.direction, w.time, m, kSkyRaySpread_rad, p);
       p.ray = points_[w.point].ray;
       // What is sent on is diffuse: mirrors on the way would need many more rays.
       p.patch.glossy = p.patch.glossy && p.patch.metallic > 0;
@@ -359,7 +361,7 @@ void Chunk::add_sky(std::size_t first) {
 }
 
 void Chunk::trace(std::size_t first, std::span<LightSample> samples) {
-  first_meetings(first, samples);
+  first_intersections(first, samples);
   if (n_ == 0) return;
   shadow_rays += add_sun(std::span(points_.data(), n_), first, 0);
   if (in_.query.sky_rays > 0)

@@ -1,4 +1,4 @@
-// A few rays of a light query, from the first meeting to the light that comes back. Internal to
+// A few rays of a light query, from the first intersection to the light that comes back. Internal to
 // sim/render/rays.
 #pragma once
 
@@ -38,11 +38,12 @@ class Chunk {
  private:
   /// A point that is lit. Places relative to the scene's cell.
   struct Point {
-    Vec3 place, view, normal, flat_normal, face;  ///< face: of the triangle, towards the ray's origin
+    Vec3 place, view, normal, shading_normal,
+        geometric_normal;  ///< face: of the triangle, towards the ray's origin
     float range_m = 0, time = 0;
     unsigned ray = 0;  ///< of the chunk
     NodeId node{};
-    Patch patch;
+    MaterialSample patch;
     Bands4 light{};
   };
   /// A ray that looks for light to send on to a point.
@@ -54,11 +55,12 @@ class Chunk {
     bool mirrored = false;  ///< not one of those that ask what hides the sky
   };
 
-  void first_meetings(std::size_t first, std::span<LightSample> samples);
+  void first_intersections(std::size_t first, std::span<LightSample> samples);
   /// All of a point but its ray and light. `spread_rad`: angle that the ray stands for.
-  void look_up(Vec3 origin, Vec3 direction, float time, const Meeting& m, float spread_rad, Point& p) const;
-  void look_up_moving(Vec3 origin, Vec3 direction, const Meeting& m, Point& p, Bands4& tint,
-                      const LightSurface*& surface, float uv[2]) const;
+  void fetch_surface(Vec3 origin, Vec3 direction, float time, const Intersection& m, float spread_rad,
+                     Point& p) const;
+  void fetch_moving_surface(Vec3 origin, Vec3 direction, const Intersection& m, Point& p, Bands4& tint,
+                            const LightSurface*& surface, float uv[2]) const;
   /// Sunlight on points. How many rays were shot. `draw`: tells apart draws for one ray.
   unsigned add_sun(std::span<Point> points, std::size_t first, unsigned draw);
   void add_lamps();
@@ -80,7 +82,7 @@ class Chunk {
   unsigned paths_ = 0;
   std::array<Path, 2 * kChunk> path_;
   std::array<Point, 2 * kChunk> met_;
-  Shots shots_;
+  RayPackets rays_;
 };
 
 }  // namespace rigor::render::light

@@ -157,17 +157,17 @@ void SkyCover::shoot(std::int64_t x, std::int64_t y) const noexcept {
   // Packets of four by two texels.
   const auto tx = [&](unsigned i) { return x + i / 8 % 2 * 4 + i % 4; };
   const auto ty = [&](unsigned i) { return y + i / 16 * 2 + i % 8 / 4; };
-  Shots shots;
+  RayPackets rays;
   const float down[3] = {0, 0, -1};
   for (unsigned i = 0; i < kTexels; ++i) {
     const float from[3] = {static_cast<float>((static_cast<double>(tx(i)) + 0.5) * kTexel_m - origin_.x()),
                            static_cast<float>((static_cast<double>(ty(i)) + 0.5) * kTexel_m - origin_.y()),
                            kAbove_m};
-    shots.set(i, from, down, 0, std::numeric_limits<float>::infinity(), 0, kShadowMask);
+    rays.set(i, from, down, 0, std::numeric_limits<float>::infinity(), 0, kShadowMask);
   }
-  scene_->meet(shots, kTexels, true);
+  scene_->intersect(rays, kTexels, true);
   for (unsigned i = 0; i < kTexels; ++i) {
-    const Meeting m = shots.meeting(i);
+    const Intersection m = rays.intersection(i);
     top_m_[place(tx(i), ty(i))] =
         m.nothing() ? kNothing_m
                     : static_cast<float>(origin_.z() + static_cast<double>(kAbove_m - m.range_m));

@@ -67,11 +67,11 @@ Bands4 highlight(Vec3 n, Vec3 view, Vec3 light, float roughness, Bands4 f0) noex
   return fresnel * (alpha * alpha / (kPi * f * f) / (4.0F * lh * lh));
 }
 
-Bands4 at_right_angles(const Patch& s) noexcept {
+Bands4 at_right_angles(const MaterialSample& s) noexcept {
   return s.water ? all_bands(0.02F) : mix(all_bands(0.04F), s.reflectance, s.metallic);
 }
 
-Bands4 diffuse(const Patch& s) noexcept {
+Bands4 diffuse(const MaterialSample& s) noexcept {
   return s.glossy ? s.reflectance * (1.0F - s.metallic) : s.reflectance;
 }
 
@@ -174,7 +174,7 @@ Bands4 LightFrame::through_air(Bands4 radiance, float a_z, float b_z, float way_
   return radiance * t + source / max(depth, all_bands(1e-30F)) * (1.0F - t);
 }
 
-void weather(const LightFrame& frame, Vec3 place, Vec3 n, Patch& s) noexcept {
+void weather(const LightFrame& frame, Vec3 place, Vec3 n, MaterialSample& s) noexcept {
   if (frame.wetness > 0) {
     const float wet = frame.wetness;
     s.reflectance *= 1.0F - 0.55F * wet * s.porosity;
@@ -197,13 +197,13 @@ void weather(const LightFrame& frame, Vec3 place, Vec3 n, Patch& s) noexcept {
   }
 }
 
-bool may_see_sun(const LightFrame& frame, const Patch& s, Vec3 n, Vec3 n_flat) noexcept {
+bool may_see_sun(const LightFrame& frame, const MaterialSample& s, Vec3 n, Vec3 n_flat) noexcept {
   if (!frame.sun) return false;
   const float c = dot(n, frame.to_sun);
   return c * dot(n_flat, frame.to_sun) > 0 && (s.translucent || c > 0);
 }
 
-Bands4 from_sun(const LightFrame& frame, const Patch& s, Vec3 view, Vec3 n) noexcept {
+Bands4 from_sun(const LightFrame& frame, const MaterialSample& s, Vec3 view, Vec3 n) noexcept {
   const float c = dot(n, frame.to_sun);
   if (c <= 0) return s.translucent ? s.transmittance * frame.sun_irradiance * (-c / kPi) : Bands4{};
   Bands4 light = diffuse(s) / kPi;
@@ -211,7 +211,7 @@ Bands4 from_sun(const LightFrame& frame, const Patch& s, Vec3 view, Vec3 n) noex
   return light * frame.sun_irradiance * c;
 }
 
-Bands4 from_lamp(const Lamp& lamp, Vec3 to, const Patch& s, Vec3 view, Vec3 n) noexcept {
+Bands4 from_lamp(const Lamp& lamp, Vec3 to, const MaterialSample& s, Vec3 view, Vec3 n) noexcept {
   const float d2 = std::max(dot(to, to), 1e-4F);
   const Vec3 l = to * (1.0F / std::sqrt(d2));
   const Bands4 e = lamp.intensity / d2;
@@ -229,13 +229,13 @@ Bands4 from_lamp(const Lamp& lamp, Vec3 to, const Patch& s, Vec3 view, Vec3 n) n
   return light * e * c;
 }
 
-Bands4 from_sky(const Patch& s, Bands4 irradiance, Bands4 irradiance_behind) noexcept {
+Bands4 from_sky(const MaterialSample& s, Bands4 irradiance, Bands4 irradiance_behind) noexcept {
   Bands4 light = diffuse(s) * irradiance;
   if (s.translucent) light += s.transmittance * irradiance_behind;
   return light / kPi;
 }
 
-Mirror mirror(const Patch& s, Vec3 view, Vec3 n) noexcept {
+Mirror mirror(const MaterialSample& s, Vec3 view, Vec3 n) noexcept {
   Mirror m;
   if (!s.glossy && !s.water) return m;
   const float c = dot(n, view);

@@ -56,25 +56,27 @@ struct LightFrame {
                                      const std::array<int, 4>& bands, std::shared_ptr<const SkyTables> sky);
 
 /// A surface at a point: maps and tint are in it.
-struct Patch {
+struct MaterialSample {
   Bands4 reflectance{}, transmittance{};
   float roughness = 1, metallic = 0, porosity = 0.5F, retro_reflection = 0;
   bool translucent = false, glossy = false, water = false, takes_snow = false;
 };
 
 /// Wet and snowed upon, at a place with this normal.
-void weather(const LightFrame& frame, Vec3 place, Vec3 normal, Patch& s) noexcept;
+void weather(const LightFrame& frame, Vec3 place, Vec3 normal, MaterialSample& s) noexcept;
 
 /// False where no sun can come to a point from, whatever stands between: a face turned away from it is dark
 /// whatever its bumps say; a leaf may be lit through.
-[[nodiscard]] bool may_see_sun(const LightFrame& frame, const Patch& s, Vec3 n, Vec3 n_flat) noexcept;
+[[nodiscard]] bool may_see_sun(const LightFrame& frame, const MaterialSample& s, Vec3 n,
+                               Vec3 n_flat) noexcept;
 
 /// Light of the sun that leaves towards `view` (unit length) where all of it is seen.
-[[nodiscard]] Bands4 from_sun(const LightFrame& frame, const Patch& s, Vec3 view, Vec3 n) noexcept;
+[[nodiscard]] Bands4 from_sun(const LightFrame& frame, const MaterialSample& s, Vec3 view, Vec3 n) noexcept;
 /// As above, of a lamp at a way `to` from the point.
-[[nodiscard]] Bands4 from_lamp(const Lamp& lamp, Vec3 to, const Patch& s, Vec3 view, Vec3 n) noexcept;
+[[nodiscard]] Bands4 from_lamp(const Lamp& lamp, Vec3 to, const MaterialSample& s, Vec3 view,
+                               Vec3 n) noexcept;
 /// What is diffusely scattered of the irradiances of both sides.
-[[nodiscard]] Bands4 from_sky(const Patch& s, Bands4 irradiance, Bands4 irradiance_behind) noexcept;
+[[nodiscard]] Bands4 from_sky(const MaterialSample& s, Bands4 irradiance, Bands4 irradiance_behind) noexcept;
 
 /// The mirror image of the surroundings: Fresnel's share of it, and how sharp it is.
 struct Mirror {
@@ -83,7 +85,7 @@ struct Mirror {
   float sharp = 0;  ///< 0: the mean over the side of the mirrored direction … 1: what lies in it
   [[nodiscard]] bool any() const noexcept { return largest(share) > 0; }
 };
-[[nodiscard]] Mirror mirror(const Patch& s, Vec3 view, Vec3 n) noexcept;
+[[nodiscard]] Mirror mirror(const MaterialSample& s, Vec3 view, Vec3 n) noexcept;
 /// What the mirror shows of surroundings that nothing hides.
 [[nodiscard]] Bands4 mirrored_sky(const LightFrame& frame, const Mirror& m) noexcept;
 

@@ -172,8 +172,8 @@ Bands4 MipMap::at(float u, float v, float lod) const noexcept {
              mix(texel(l, left, low), texel(l, right, low), fx), fy);
 }
 
-Patch LightSurface::patch(float u, float v, float lod, Bands4 tint) const noexcept {
-  Patch s;
+MaterialSample LightSurface::patch(float u, float v, float lod, Bands4 tint) const noexcept {
+  MaterialSample s;
   Bands4 factor = tint;
   if (colour != nullptr || near_infrared != nullptr) {
     const Bands4 c = colour != nullptr ? colour->at(u, v, lod + colour->size_lod()) : all_bands(1);
@@ -198,7 +198,8 @@ Patch LightSurface::patch(float u, float v, float lod, Bands4 tint) const noexce
   return s;
 }
 
-Vec3 LightSurface::bumped(float u, float v, float lod, Vec3 right, Vec3 down, Vec3 flat) const noexcept {
+Vec3 LightSurface::normal_mapped(float u, float v, float lod, Vec3 right, Vec3 down,
+                                 Vec3 flat) const noexcept {
   const float longest = std::max(dot(right, right), dot(down, down));
   if (!(longest > 0) || !std::isfinite(longest)) return flat;
   const Bands4 m = normal->at(u, v, lod + normal->size_lod()) * 2.0F - 1.0F;

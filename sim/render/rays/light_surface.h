@@ -56,10 +56,11 @@ struct LightSurface {
 
   /// At a place of its texture. `lod`: log2 of the part of the whole map's side that a ray stands for.
   /// `tint`: by band.
-  [[nodiscard]] Patch patch(float u, float v, float lod, Bands4 tint) const noexcept;
+  [[nodiscard]] MaterialSample patch(float u, float v, float lod, Bands4 tint) const noexcept;
   /// The normal map's direction about a normal. `right`, `down`: gradients of u and v on the surface, times
   /// any one number above 0.
-  [[nodiscard]] Vec3 bumped(float u, float v, float lod, Vec3 right, Vec3 down, Vec3 flat) const noexcept;
+  [[nodiscard]] Vec3 normal_mapped(float u, float v, float lod, Vec3 right, Vec3 down,
+                                   Vec3 flat) const noexcept;
 };
 
 /// How red, green and blue of a tint multiply the bands: visible ones each by its own, near infrared by their

@@ -163,7 +163,7 @@ RaySurface::RaySurface(std::shared_ptr<const Surface> wanted) : surface(std::mov
     }
 }
 
-bool RaySurface::hole_at(float u, float v) const noexcept {
+bool RaySurface::transparent_at(float u, float v) const noexcept {
   std::uint32_t x0 = 0, x1 = 0, y0 = 0, y1 = 0;
   float fx = 0, fy = 0;
   axis(u, colour->width, colour->repeat, x0, x1, fx);

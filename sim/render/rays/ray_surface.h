@@ -30,7 +30,7 @@ struct RaySurface {
   bool translucent = false;
 
   /// Coverage at a place of the texture is below the cutoff. Bilinear; repeated or clamped as the map says.
-  [[nodiscard]] bool hole_at(float u, float v) const noexcept;
+  [[nodiscard]] bool transparent_at(float u, float v) const noexcept;
 };
 
 /// Weather on surfaces, and where the pattern of snow stands.

@@ -110,13 +110,14 @@ std::vector<Bucket> cull_casters(const ViewCamera& camera, const ShadowCascade& 
       // What a shadow can tell apart: two texels, as wide as its edge is filtered; or the blur that the sun's
       // disc makes of an edge so far above.
       const double above_m = -cascade.z.dot(c - cascade.centre) - s.radius - cascade.half_side_m;
-      const double told_apart_m = o.allowed_error_px > 0 ? std::max(2 * cascade.texel_m * o.allowed_error_px,
-                                                                    kSunDiameter_rad * above_m)
-                                                         : 0.0;
+      const double distinguishable_m =
+          o.allowed_error_px > 0
+              ? std::max(2 * cascade.texel_m * o.allowed_error_px, kSunDiameter_rad * above_m)
+              : 0.0;
       std::size_t level = 0;
       if (o.levels)
         for (std::size_t l = 1; l < p.levels.size(); ++l)
-          if (p.prototype->levels[l].error_m * scale <= told_apart_m) level = l;
+          if (p.prototype->levels[l].error_m * scale <= distinguishable_m) level = l;
       if (!drawable(p.levels[level])) continue;
       sorter.at(p, level, nullptr).instances.push_back({b, i, 0});
     }

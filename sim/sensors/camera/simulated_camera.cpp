@@ -59,8 +59,8 @@ Result<std::unique_ptr<SimulatedCamera>> camera_with(const SimulatedCameraSpec& 
 /// covers the same time.
 class SharedLook final : public render::ContentSource {
  public:
-  SharedLook(render::ContentSource& world, Eigen::Isometry3d T_first_second, bool same_lens)
-      : world_(world), T_first_second_(std::move(T_first_second)), same_lens_(same_lens) {}
+  SharedLook(render::ContentSource& world, Eigen::Isometry3d T_left_right, bool same_lens)
+      : world_(world), T_left_right_(std::move(T_left_right)), same_lens_(same_lens) {}
 
   std::shared_ptr<const render::ContentWindow> collect(const render::ContentQuery& query, BenchTime begin,
                                                        BenchTime end, int instants) override {
@@ -79,15 +79,15 @@ class SharedLook final : public render::ContentSource {
  private:
   /// Of two cameras that look the same way each half space is moved out to hold both; else all round.
   [[nodiscard]] render::ContentQuery wider(render::ContentQuery q) const {
-    if (!same_lens_ || !T_first_second_.linear().isIdentity(1e-9)) q.frustum.clear();
+    if (!same_lens_ || !T_left_right_.linear().isIdentity(1e-9)) q.frustum.clear();
     // The baseline in world axes is not known here, its length is: enough, and exact enough.
-    const double baseline = T_first_second_.translation().norm();
+    const double baseline = T_left_right_.translation().norm();
     for (auto& plane : q.frustum) plane.offset() += baseline;
     q.shadow_reach_m += q.shadow_reach_m > 0 ? baseline : 0.0;
     return q;
   }
   render::ContentSource& world_;
-  Eigen::Isometry3d T_first_second_;
+  Eigen::Isometry3d T_left_right_;
   bool same_lens_;
   std::shared_ptr<const render::ContentWindow> window_;
   BenchTime begin_, end_;

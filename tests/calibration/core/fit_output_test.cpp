@@ -32,22 +32,22 @@ FitResult small_fit() {
   return fit;
 }
 
-TEST(FitOutput, ASheetReadsBackToTheLastDigitWithItsCovariance) {
-  SheetRecipe recipe;
+TEST(FitOutput, ASensorModelReadsBackToTheLastDigitWithItsCovariance) {
+  SensorModelRecipe recipe;
   recipe.kind = "camera";
   recipe.base = "width_px: 640\nheight_px: 480\nintrinsics: { fx_px: 1, cy_px: 7 }\nlens: { k1: 0.5 }\n";
   recipe.set = {{"intrinsics.fx_px", exact_text(533.1234567890123)}, {"intrinsics.cx_px", "320.5"}};
   recipe.remove = {"lens"};
   recipe.places = {{"fx_px", "intrinsics.fx_px", 1}, {"cx_px", "intrinsics.cx_px", 1}};
-  const auto text = sheet_yaml(recipe, small_fit(), {{"left01.jpg", "abc"}});
+  const auto text = sensor_model_yaml(recipe, small_fit(), {{"left01.jpg", "abc"}});
   ASSERT_TRUE(text) << text.error().text();
   const auto root = ConfigDocument::parse(*text, "fitted.yaml");
   ASSERT_TRUE(root) << root.error().text();
-  const auto sheet = parse_camera(*root);
-  ASSERT_TRUE(sheet) << sheet.error().text() << "\n" << *text;
-  EXPECT_EQ(sheet->model.fx_px, 533.1234567890123);
-  EXPECT_EQ(sheet->model.cy_px, 7) << "what was not fitted stays";
-  EXPECT_EQ(sheet->model.lens.k1, 0) << "what was removed is gone";
+  const auto sensor_model = parse_camera(*root);
+  ASSERT_TRUE(sensor_model) << sensor_model.error().text() << "\n" << *text;
+  EXPECT_EQ(sensor_model->model.fx_px, 533.1234567890123);
+  EXPECT_EQ(sensor_model->model.cy_px, 7) << "what was not fitted stays";
+  EXPECT_EQ(sensor_model->model.lens.k1, 0) << "what was removed is gone";
   const CalibrationSection s = read_calibration(*root);
   ASSERT_EQ(s.parameters.size(), 2u);
   EXPECT_EQ(s.covariance_of(0, 1), 0.01);
@@ -68,13 +68,13 @@ TEST(FitOutput, JsonHasNoNumberForWhatTheDataDoNotSay) {
   EXPECT_TRUE(j["not_identifiable"].contains("read_noise_e"));
 }
 
-TEST(FitOutput, ABaseThatIsNoSheetIsRefused) {
-  SheetRecipe recipe;
+TEST(FitOutput, ABaseThatIsNoSensorModelIsRefused) {
+  SensorModelRecipe recipe;
   recipe.base = "[1, 2]";
-  EXPECT_FALSE(sheet_yaml(recipe, small_fit(), {}));
+  EXPECT_FALSE(sensor_model_yaml(recipe, small_fit(), {}));
   recipe.base = "intrinsics: 5\n";
   recipe.set = {{"intrinsics.fx_px", "1"}};
-  const auto through = sheet_yaml(recipe, small_fit(), {});
+  const auto through = sensor_model_yaml(recipe, small_fit(), {});
   ASSERT_FALSE(through);
   EXPECT_THAT(through.error().text(), testing::HasSubstr("intrinsics.fx_px"));
 }

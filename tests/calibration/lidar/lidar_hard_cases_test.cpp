@@ -67,9 +67,9 @@ TEST(LidarHardCases, UnitsDoNotMatter) {
   for (const double unit : {1024.0 * 1024, 1 / (1024.0 * 1024)}) {
     LidarReturns other = metres;
     for (auto& r : other.all) r.range_m = static_cast<float>(static_cast<double>(r.range_m) * unit);
-    models::LidarModel sheet = sixteen_beams();
-    sheet.range.step_m *= unit;
-    const auto b = fit_lidar(other, sheet, {.model = "beams", .noise_model = "offset"});
+    models::LidarModel sensor_model = sixteen_beams();
+    sensor_model.range.step_m *= unit;
+    const auto b = fit_lidar(other, sensor_model, {.model = "beams", .noise_model = "offset"});
     ASSERT_TRUE(b) << b.error().text();
     for (const char* name : {"beam_bias_m[0]", "beam_bias_m[9]", "noise_scale_m"}) {
       EXPECT_NEAR(b->result.find(name)->value / unit, a->result.find(name)->value,
@@ -122,7 +122,7 @@ TEST(LidarHardCases, NoWallIsSaidAndNoBiasIsTold) {
   std::uniform_real_distribution<double> anywhere(1, 30);
   LidarReturns returns;
   returns.scans = 10;
-  models::LidarModel sheet = sixteen_beams(4);
+  models::LidarModel sensor_model = sixteen_beams(4);
   for (std::uint16_t b = 0; b < 16; ++b)
     for (int c = 0; c < 90; ++c) {
       const double range = anywhere(random);
@@ -130,7 +130,7 @@ TEST(LidarHardCases, NoWallIsSaidAndNoBiasIsTold) {
         returns.all.push_back({static_cast<float>(range + 0.004 * (static_cast<double>(random() % 5) - 2)),
                                40, static_cast<float>(std::remainder(c * 4 * M_PI / 180, 2 * M_PI)), b, s});
     }
-  const auto fit = fit_lidar(returns, sheet);
+  const auto fit = fit_lidar(returns, sensor_model);
   ASSERT_TRUE(fit) << fit.error().text();
   EXPECT_FALSE(fit->bias);
   EXPECT_EQ(fit->result.find("beam_bias_m[0]"), nullptr);
@@ -141,7 +141,7 @@ TEST(LidarHardCases, NoWallIsSaidAndNoBiasIsTold) {
   // Nothing to compare and nothing flat: refused.
   returns.scans = 1;
   std::erase_if(returns.all, [](const LidarReturn& r) { return r.scan > 0 || r.beam > 2; });
-  EXPECT_FALSE(fit_lidar(returns, sheet));
+  EXPECT_FALSE(fit_lidar(returns, sensor_model));
 }
 
 TEST(LidarHardCases, FarWallsAreFoundAsNearOnesAre) {

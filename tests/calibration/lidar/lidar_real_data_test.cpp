@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 
 struct Recording {
   LidarReturns returns;
-  models::LidarModel sheet;
+  models::LidarModel sensor_model;
   std::vector<std::string> warnings;
 };
 
@@ -27,11 +27,11 @@ fs::path file_of(const std::string& name) {
 #define NEED_RECORDING(name) \
   if (!fs::exists(file_of(name))) GTEST_SKIP() << "test data: " << (name) << " is not here"
 
-Recording read(const std::string& sheet, const std::string& name) {
+Recording read(const std::string& sensor_model, const std::string& name) {
   Recording r;
-  auto model = load_lidar_model(fs::path(rigor::test::source_dir()) / "configs/sensors" / sheet);
+  auto model = load_lidar_model(fs::path(rigor::test::source_dir()) / "configs/sensors" / sensor_model);
   EXPECT_TRUE(model) << model.error().text();
-  r.sheet = *model;
+  r.sensor_model = *model;
   ReturnCollector collector(model->scan);
   auto in = read_samples(file_of(name), "", SampleKind::point_cloud, [&](const Sample& s) {
     std::vector<LidarPoint> points(s.as<PointCloudInfo>()->count);
@@ -50,7 +50,7 @@ TEST(LidarRealData, BiasesOfAVlp16HalveWhatIsLeftOnSectorsThatWereWithheld) {
   const Recording r = read("velodyne-vlp16.yaml", "velodyne_vlp16/vlp16_stationary_room.pcap");
   ASSERT_EQ(r.warnings.size(), 1u);
   EXPECT_NE(r.warnings[0].find("0x21 says HDL-32E"), std::string::npos) << r.warnings[0];
-  const auto fit = fit_lidar(r.returns, r.sheet);
+  const auto fit = fit_lidar(r.returns, r.sensor_model);
   ASSERT_TRUE(fit) << fit.error().text();
   ASSERT_TRUE(fit->bias && fit->noise);
   std::cout << fit->result.model << ": withheld " << fit->bias->held_out_rms_m << " m against "
@@ -68,7 +68,7 @@ TEST(LidarRealData, NoiseOfAnLms511IsOneNumber) {
   NEED_RECORDING("sick_lidar/20210301_lms511.json");
   const Recording r = read("sick-lms511.yaml", "sick_lidar/20210301_lms511.json");
   EXPECT_EQ(r.returns.scans, 136u);
-  const auto fit = fit_range_noise(r.returns, r.sheet);
+  const auto fit = fit_range_noise(r.returns, r.sensor_model);
   ASSERT_TRUE(fit) << fit.error().text();
   std::cout << "sigma " << fit->sigma_m << ", by rounded values " << fit->rounded_sigma_m << "\n";
   EXPECT_NEAR(fit->sigma_m, 0.0036, 0.0003);
@@ -80,11 +80,12 @@ TEST(LidarRealData, NoiseOfAnLms511IsOneNumber) {
 
 /// Bright walls of a small room: what no surface there has is not what the device cannot see.
 TEST(LidarRealData, NoThresholdIsToldWhereTheRoomHasNoDarkSurfaces) {
-  for (const auto& [sheet, name] : {std::pair{"sick-lms511.yaml", "sick_lidar/20210301_lms511.json"},
-                                    {"sick-tim781s.yaml", "sick_lidar/20210125-tim781s-scandata.json"}}) {
+  for (const auto& [sensor_model, name] :
+       {std::pair{"sick-lms511.yaml", "sick_lidar/20210301_lms511.json"},
+        {"sick-tim781s.yaml", "sick_lidar/20210125-tim781s-scandata.json"}}) {
     NEED_RECORDING(name);
-    const Recording r = read(sheet, name);
-    const auto fit = fit_lidar(r.returns, r.sheet, {.noise_model = "constant"});
+    const Recording r = read(sensor_model, name);
+    const auto fit = fit_lidar(r.returns, r.sensor_model, {.noise_model = "constant"});
     ASSERT_TRUE(fit) << fit.error().text();
     for (const char* p : {"minimum_remission", "limit_remission"})
       EXPECT_EQ(fit->result.find(p), nullptr) << name << ": " << p << " " << fit->result.find(p)->value;
@@ -95,7 +96,7 @@ TEST(LidarRealData, NoiseOfATim781s) {
   NEED_RECORDING("sick_lidar/20210125-tim781s-scandata.json");
   const Recording r = read("sick-tim781s.yaml", "sick_lidar/20210125-tim781s-scandata.json");
   EXPECT_EQ(r.returns.scans, 140u);
-  const auto fit = fit_range_noise(r.returns, r.sheet);
+  const auto fit = fit_range_noise(r.returns, r.sensor_model);
   ASSERT_TRUE(fit) << fit.error().text();
   std::cout << "sigma " << fit->sigma_m << ", by rounded values " << fit->rounded_sigma_m << "\n";
   EXPECT_NEAR(fit->sigma_m, 0.0116, 0.0008);

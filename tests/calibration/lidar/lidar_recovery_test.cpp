@@ -84,15 +84,15 @@ TEST(LidarRecovery, BiasesNoiseAndGainsComeBackAsSurelyAsIsSaid) {
     // Remission is told through gains: a sensor model without them would see it blurred. Noise has its own
     // test.
     const LidarReturns returns = measure(t, 6, seed);
-    models::LidarModel sheet = sixteen_beams(3);
-    const auto fit = fit_lidar(returns, sheet, {.model = "beams", .noise_model = "offset"});
+    models::LidarModel sensor_model = sixteen_beams(3);
+    const auto fit = fit_lidar(returns, sensor_model, {.model = "beams", .noise_model = "offset"});
     ASSERT_TRUE(fit) << fit.error().text();
     biases.add(fit->result, bias_truth);
     if (fit->result.index_of("remission_gain[0]") >= 0) gains.add(fit->result, gain_truth);
 
     Truth plain;
-    plain.model = sheet;
-    const auto n = fit_range_noise(measure(plain, 12, seed), sheet, {.model = "offset"});
+    plain.model = sensor_model;
+    const auto n = fit_range_noise(measure(plain, 12, seed), sensor_model, {.model = "offset"});
     ASSERT_TRUE(n) << n.error().text();
     noise.add(n->result, {{"noise_scale_m", 0.0063}, {"noise_offset", 0.17}});
   }
@@ -123,17 +123,17 @@ TEST(LidarRecovery, AnglesAndWalkComeBackAsSurelyAsIsSaid) {
       if (b > 0) truth.emplace_back(at("beam_azimuth_rad", b), beam.azimuth_rad);
     }
     const LidarReturns returns = measure(t, 4, seed);
-    const models::LidarModel sheet = sixteen_beams(2);
+    const models::LidarModel sensor_model = sixteen_beams(2);
     BiasFitOptions o;
     for (const BiasModel& m : bias_models(16, false, false))
       if (m.name == "beams+angles+walk") o.models = {m};
     ASSERT_EQ(o.models.size(), 1u);
-    const auto planes = find_planes(returns, sheet.scan, {.minimum_share = 0.04});
-    const auto noise = fit_range_noise(returns, sheet, {.model = "offset"});
+    const auto planes = find_planes(returns, sensor_model.scan, {.minimum_share = 0.04});
+    const auto noise = fit_range_noise(returns, sensor_model, {.model = "offset"});
     ASSERT_TRUE(noise) << noise.error().text();
     o.sigma_m = [m = noise->model](double e) { return std::hypot(m.sigma_m(e), 0.002 / std::sqrt(12)); };
     o.remission_sigma = [](double e) { return std::hypot(0.02 * e, 0.01 / std::sqrt(12)); };
-    const auto fit = fit_biases(returns, sheet, planes, o);
+    const auto fit = fit_biases(returns, sensor_model, planes, o);
     ASSERT_TRUE(fit) << fit.error().text();
     if (seed == 0) {
       for (const auto& p : fit->planes) std::cout << p.name << " " << p.returns << "\n";

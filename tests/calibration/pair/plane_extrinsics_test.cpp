@@ -32,22 +32,23 @@ struct World {
 };
 
 /// Boards of 0.8 x 0.6 m at 2 to 5 m, tilted by `tilt` in directions that go around (`turns` of them).
-std::vector<PlaneSighting> seen(std::uint32_t seed, const World& w, double tilt = 0.5, int directions = 7) {
+std::vector<PlaneObservation> seen(std::uint32_t seed, const World& w, double tilt = 0.5,
+                                   int directions = 7) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> unit(0, 1);
-  std::vector<PlaneSighting> views;
+  std::vector<PlaneObservation> views;
   for (int v = 0; v < w.views; ++v) {
     const double phi = 2 * M_PI * (v % directions) / directions;
     const Eigen::Isometry3d board = pose({unit(random) - 0.5, 0.6 * unit(random) - 0.3, 2 + 3 * unit(random)},
                                          tilt * Eigen::Vector3d(std::cos(phi), std::sin(phi), 0));
-    PlaneSighting s;
+    PlaneObservation s;
     s.name = "view " + std::to_string(v);
     // What the camera says of the plane is off by its own error.
     s.plane_covariance = Eigen::Vector3d(std::pow(w.plane_angle_sigma, 2), std::pow(w.plane_angle_sigma, 2),
                                          std::pow(w.plane_distance_sigma, 2))
                              .asDiagonal();
-    s.T_first_board =
+    s.T_camera_board =
         board * pose({0, 0, w.plane_distance_sigma * normal(random)},
                      {w.plane_angle_sigma * normal(random), w.plane_angle_sigma * normal(random), 0});
     for (int i = 0; i < w.rays; ++i) {
@@ -99,7 +100,7 @@ TEST(PlaneExtrinsics, OverAHundredSeedsTheTruthIsWhereTheCovarianceSays) {
 
 /// Boards that turn and drift while a scanner takes 0.1 s to measure them; pictures at 25 Hz, now and then
 /// with the pattern seen the other way up.
-std::vector<PlaneSighting> seen_moving(std::uint32_t seed) {
+std::vector<PlaneObservation> seen_moving(std::uint32_t seed) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> unit(0, 1);
@@ -108,7 +109,7 @@ std::vector<PlaneSighting> seen_moving(std::uint32_t seed) {
   const Eigen::Isometry3d half = Eigen::Translation3d(middle) *
                                  Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitZ()) *
                                  Eigen::Translation3d(-middle);
-  std::vector<PlaneSighting> views;
+  std::vector<PlaneObservation> views;
   for (int v = 0; v < 20; ++v) {
     const double phi = 2 * M_PI * (v % 7) / 7;
     const Eigen::Isometry3d board = pose({unit(random) - 0.5, 0.6 * unit(random) - 0.3, 2 + 3 * unit(random)},
@@ -127,11 +128,11 @@ std::vector<PlaneSighting> seen_moving(std::uint32_t seed) {
     };
     std::vector<BoardAt> pictures;
     for (int k = -3; k <= 3; ++k) pictures.push_back(picture(0.04 * k));
-    PlaneSighting s;
+    PlaneObservation s;
     s.name = "view " + std::to_string(v);
-    s.T_first_board = pictures[3].T_first_board;
+    s.T_camera_board = pictures[3].T_camera_board;
     s.plane_covariance = pictures[3].plane_covariance;
-    if (v % 3 == 0) pictures[1].T_first_board = pictures[1].T_first_board * half;
+    if (v % 3 == 0) pictures[1].T_camera_board = pictures[1].T_camera_board * half;
     set_rate(s, 0, pictures, middle);
     const double begin = 0.08 * unit(random);
     for (int i = 0; i < 60; ++i) {
@@ -178,21 +179,21 @@ TEST(PlaneExtrinsics, BoardsThatMoveWhileTheyAreScannedAreTakenWhereTheyWere) {
 }
 
 TEST(PlaneExtrinsics, ARateIsWhatThePosesSayAndNothingOfOnePose) {
-  PlaneSighting s;
-  s.T_first_board = pose({0, 0, 2}, {0.2, 0, 0});
+  PlaneObservation s;
+  s.T_camera_board = pose({0, 0, 2}, {0.2, 0, 0});
   const Eigen::Matrix3d sure = 1e-8 * Eigen::Matrix3d::Identity();
-  set_rate(s, 5, {{5, s.T_first_board, sure}}, {0.4, 0.3, 0});
+  set_rate(s, 5, {{5, s.T_camera_board, sure}}, {0.4, 0.3, 0});
   EXPECT_EQ(s.rate.norm(), 0);
   std::vector<BoardAt> poses;
   for (int k = -2; k <= 2; ++k)
-    poses.push_back({5 + 0.1 * k, s.T_first_board * pose({0, 0, 0.01 * k}, {0, 0.02 * k, 0}), sure});
+    poses.push_back({5 + 0.1 * k, s.T_camera_board * pose({0, 0, 0.01 * k}, {0, 0.02 * k, 0}), sure});
   set_rate(s, 5, poses, {0.4, 0.3, 0});
   EXPECT_NEAR(s.rate[1], 0.2, 1e-9);
   EXPECT_NEAR(s.rate[5], 0.1, 1e-6);
   // Slope of five: sigma^2 / sum of (t - mean)^2 = 1e-8 / 0.1.
   EXPECT_NEAR(s.plane_rate_covariance(0, 0), 1e-7, 1e-9);
   // A motion that is no straight line is said to be less sure.
-  poses[0].T_first_board = poses[0].T_first_board * pose({0, 0, 0.01}, {0, 0, 0});
+  poses[0].T_camera_board = poses[0].T_camera_board * pose({0, 0, 0.01}, {0, 0, 0});
   set_rate(s, 5, poses, {0.4, 0.3, 0});
   EXPECT_GT(s.plane_rate_covariance(2, 2), 1e-5);
 }

@@ -72,7 +72,7 @@ class CalibratePhoton : public ::testing::Test {
   TempDir dir;
 };
 
-TEST_F(CalibratePhoton, RecordingsOfASimulatedCameraGiveItsSheetBack) {
+TEST_F(CalibratePhoton, RecordingsOfASimulatedCameraGiveItsSensorModelBack) {
   std::vector<std::string> words{"calibrate", "photon"};
   for (const int us : {200, 400, 600, 800, 1000, 1150, 2500, 4000})
     words.push_back(record("flat_" + std::to_string(us) + "us.mcap", us, "day.yaml", "camera.yaml"));

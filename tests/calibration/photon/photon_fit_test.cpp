@@ -407,10 +407,10 @@ TEST(PhotonFit, TheTwinIsAsNoisyAsTheSensorAndAWrongOneIsNot) {
   take(stacks, bench, {});
   const auto fit = fit_photon(stacks, {});
   ASSERT_TRUE(fit) << fit.error().text();
-  EmvaNoise sheet = m.noise;
+  EmvaNoise sensor_model = m.noise;
   for (const bool wrong : {false, true}) {
-    if (wrong) sheet.read_noise_e *= 1.5;
-    const auto twins = noise_twins(stacks, *fit, sheet, 3);
+    if (wrong) sensor_model.read_noise_e *= 1.5;
+    const auto twins = noise_twins(stacks, *fit, sensor_model, 3);
     ASSERT_GE(twins.size(), 10u);
     for (const NoisePair& t : twins) {
       // Both are samples of 8192 and more: a percent of a standard deviation each.

@@ -109,12 +109,12 @@ TEST(ShadingFit, RealImx219WithinTwoPercentAndTheFourthPowerIsNeeded) {
   for (const auto& a : json["algorithms"])
     if (a.contains("rpi.alsc")) gains = a["rpi.alsc"]["luminance_lut"].get<std::vector<double>>();
   ASSERT_EQ(gains.size(), 192u);
-  const auto sheet =
+  const auto sensor_model =
       load_camera(fs::path(rigor::test::source_dir()) / "configs/sensors/rolling-shutter-phone.yaml");
-  ASSERT_TRUE(sheet);
-  const auto cells = gain_table_cells(gains, 16, sheet->model.width_px, sheet->model.height_px);
+  ASSERT_TRUE(sensor_model);
+  const auto cells = gain_table_cells(gains, 16, sensor_model->model.width_px, sensor_model->model.height_px);
   ASSERT_TRUE(cells);
-  const auto fit = fit_shading(*cells, sheet->model, {});
+  const auto fit = fit_shading(*cells, sensor_model->model, {});
   ASSERT_TRUE(fit) << fit.error().text();
   std::cout << words(fit->result) << "RMS " << fit->rms << " relative " << fit->rms_relative << "\n";
   EXPECT_LT(fit->rms, 0.02);

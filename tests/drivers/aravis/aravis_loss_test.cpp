@@ -20,9 +20,9 @@ using testing::run_for;
 const std::string kProgram = rigor::test::build_dir() + "/tests/stamped_camera";
 constexpr const char* kAddress = "127.0.0.55";
 
-/// Polls until the channel says so, at most `patience`.
-bool wait_connected(const AravisSource& s, bool wanted, Duration patience) {
-  const BenchTime end = testing::now() + patience;
+/// Polls until the channel says so, at most `timeout`.
+bool wait_connected(const AravisSource& s, bool wanted, Duration timeout) {
+  const BenchTime end = testing::now() + timeout;
   while (testing::now() < end) {
     if (s.health().connected == wanted) return true;
     usleep(2000);

@@ -11,7 +11,7 @@ namespace rigor::modbus {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
-constexpr Duration kGap = microseconds(1750), kPatience = milliseconds(50);
+constexpr Duration kGap = microseconds(1750), kTimeout = milliseconds(50);
 constexpr MonotonicTime kT{1'000'000'000};
 
 Bytes sealed(Bytes frame) {
@@ -34,7 +34,7 @@ TEST(LineTimes, AreThoseOfTheSpecification) {
 }
 
 TEST(RtuFramer, AFrameEndsWithTheSilenceBehindIt) {
-  RtuFramer f(kGap, kPatience);
+  RtuFramer f(kGap, kTimeout);
   std::span<const std::uint8_t> frame;
   ASSERT_TRUE(f.add(kRead, kT));
   EXPECT_EQ(f.next(kT + microseconds(1000), frame), RtuFramer::Found::nothing);
@@ -46,7 +46,7 @@ TEST(RtuFramer, AFrameEndsWithTheSilenceBehindIt) {
 }
 
 TEST(RtuFramer, ATornFrameIsWaitedFor) {
-  RtuFramer f(kGap, kPatience);
+  RtuFramer f(kGap, kTimeout);
   std::span<const std::uint8_t> frame;
   ASSERT_TRUE(f.add(std::span(kWrite).first(5), kT));
   EXPECT_EQ(f.next(kT + milliseconds(10), frame), RtuFramer::Found::nothing);
@@ -59,7 +59,7 @@ TEST(RtuFramer, ATornFrameIsWaitedFor) {
 }
 
 TEST(RtuFramer, TwoRequestsInOneLumpArePartedByTheirLengths) {
-  RtuFramer f(kGap, kPatience);
+  RtuFramer f(kGap, kTimeout);
   std::span<const std::uint8_t> frame;
   Bytes both = kWrite;
   both.insert(both.end(), kRead.begin(), kRead.end());
@@ -71,7 +71,7 @@ TEST(RtuFramer, TwoRequestsInOneLumpArePartedByTheirLengths) {
 }
 
 TEST(RtuFramer, AnswersOfOtherUnitsAreFramesByTheSilenceAlone) {
-  RtuFramer f(kGap, kPatience);
+  RtuFramer f(kGap, kTimeout);
   std::span<const std::uint8_t> frame;
   ASSERT_TRUE(f.add(sealed({7, 3, 4, 0, 1, 0, 2}), kT));
   ASSERT_EQ(f.next(kT + kGap, frame), RtuFramer::Found::frame);
@@ -80,12 +80,12 @@ TEST(RtuFramer, AnswersOfOtherUnitsAreFramesByTheSilenceAlone) {
 }
 
 TEST(RtuFramer, NoiseIsDroppedAndTheNextFrameIsRead) {
-  RtuFramer f(kGap, kPatience);
+  RtuFramer f(kGap, kTimeout);
   std::span<const std::uint8_t> frame;
   Bytes broken = kRead;
   broken[3] = static_cast<std::uint8_t>(broken[3] ^ 0x40);
   ASSERT_TRUE(f.add(broken, kT));
-  EXPECT_EQ(f.next(kT + kPatience, frame), RtuFramer::Found::garbage);
+  EXPECT_EQ(f.next(kT + kTimeout, frame), RtuFramer::Found::garbage);
   ASSERT_TRUE(f.add(kRead, kT + milliseconds(60)));
   EXPECT_EQ(f.next(kT + milliseconds(62), frame), RtuFramer::Found::frame);
   // A line that never falls silent and never makes sense is bounded.
@@ -97,7 +97,7 @@ TEST(RtuFramer, NoiseIsDroppedAndTheNextFrameIsRead) {
 }
 
 TEST(RtuFramer, WithoutAGapAFrameIsThereWithItsLastByte) {
-  RtuFramer f(Duration(0), kPatience);
+  RtuFramer f(Duration(0), kTimeout);
   std::span<const std::uint8_t> frame;
   for (const auto b : std::span(kWrite).first(kWrite.size() - 1)) {
     ASSERT_TRUE(f.add({&b, 1}, kT));

@@ -413,7 +413,7 @@ TEST(VirtualScanner, RefusesALatencyInWhichNoScanCanBeMade) {
   EXPECT_THAT(s.error().text(), testing::HasSubstr("expected at least 15.5"));
 }
 
-TEST(VirtualScanner, NeedsTheSheetOfALidarWithOneBeam) {
+TEST(VirtualScanner, NeedsTheSensorModelOfALidarWithOneBeam) {
   SickVirtualSource none(DeviceParts{}, config_of("{}").params);
   EXPECT_THAT(none.configure(config_of("{}")).error().text(), testing::HasSubstr("`sensor`"));
 }

@@ -121,7 +121,7 @@ TEST(VelodyneVirtual, RunsRepeatByteForByte) {
   }
 }
 
-TEST(VelodyneVirtual, RefusesASheetOfAnotherScannerAndALatencyThatCannotBe) {
+TEST(VelodyneVirtual, RefusesASensorModelOfAnotherScannerAndALatencyThatCannotBe) {
   ArmContext context;
   context.virtual_time = true;
   VirtualSource other(parts_of(Model::hdl32e, 10), config_of("{model: vlp16}").params);

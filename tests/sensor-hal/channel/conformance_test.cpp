@@ -168,11 +168,11 @@ class PairedFaulty final : public SourceUnderTest {
  public:
   std::unique_ptr<Source> make() override {
     auto real = std::make_unique<SimulatedSource>(std::make_shared<FormulaImages>(), &joint_, workers_);
-    std::unique_ptr<FollowerSource> twin =
+    std::unique_ptr<FollowerSource> simulated =
         std::make_unique<SimulatedSource>(std::make_shared<FormulaImages>(64, 48, 3), &joint_, workers_);
     return std::make_unique<PairSource>(
         std::make_unique<FaultySource>(std::unique_ptr<Source>(std::move(real)), &workers_),
-        std::make_unique<FaultySource>(std::move(twin), &workers_, FrameSignalFinder{}), workers_);
+        std::make_unique<FaultySource>(std::move(simulated), &workers_, FrameSignalFinder{}), workers_);
   }
   ChannelConfig config() override {
     return image_config(

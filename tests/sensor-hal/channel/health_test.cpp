@@ -75,9 +75,9 @@ TEST(Health, OfADecoratorIsThatOfTheSourceBehindItNow) {
 
 TEST(Health, OfAPairIsOfBothSidesAndOfTheOneThatIsHandedOn) {
   WorkerPool workers(1);
-  auto real = std::make_unique<Counting>(), twin = std::make_unique<Counting>();
-  Counting &device = *real, &simulator = *twin;
-  PairSource pair(std::move(real), std::move(twin), workers);
+  auto real = std::make_unique<Counting>(), simulated = std::make_unique<Counting>();
+  Counting &device = *real, &simulator = *simulated;
+  PairSource pair(std::move(real), std::move(simulated), workers);
   ChannelConfig config = fault_config(kRegisters, "");
   config.params = *ConfigDocument::parse("{active: simulated, real: {}, simulated: {}}", "rig.yaml");
   const auto configured = pair.configure(config);
@@ -92,7 +92,7 @@ TEST(Health, OfAPairIsOfBothSidesAndOfTheOneThatIsHandedOn) {
     h.received = h.incomplete = h.ring_full = 0;  // the pair has handed nothing on
     return h;
   };
-  EXPECT_EQ(pair.health(), expected(11, true)) << "the twin is there";
+  EXPECT_EQ(pair.health(), expected(11, true)) << "the simulated side is there";
   pair.switch_to(PairSide::real);
   EXPECT_FALSE(pair.poll(BenchTime(0)));
   EXPECT_EQ(pair.health(), expected(11, false)) << "the device is away";

@@ -112,8 +112,8 @@ class Log final : public PairObserver {
   std::vector<BenchTime> order;
 };
 
-/// 10 ms period, 12 ms latency, 3 ms from capture to arrival. The twin's picture is the real one's plus 3, if
-/// it is rendered for the same instant.
+/// 10 ms period, 12 ms latency, 3 ms from capture to arrival. The simulated side's picture is the real one's
+/// plus 3, if it is rendered for the same instant.
 class PairTest : public testing::Test {
  protected:
   void make(const std::string& params = "", bool virtual_time = true, Period period = milliseconds(10)) {
@@ -282,7 +282,8 @@ TEST_F(PairTest, HandsOnWhatTheRealSideMissesOnlyWhenAskedTo) {
   std::vector<std::uint64_t> sequences;
   for (const auto& s : handed_) sequences.push_back(s.sequence);
   EXPECT_THAT(sequences, testing::ElementsAre(0, 1, 2, 3, 4, 6, 7, 8, 9, 10, 11));
-  // Sample 12 was due at 133.3 ms; the twin has it. A switch hands it on at once, and goes on from there.
+  // Sample 12 was due at 133.3 ms; the simulated side has it. A switch hands it on at once, and goes on from
+  // there.
   device_->set_connected(false);
   pair_->switch_to(PairSide::simulated);
   run(140, 141);
@@ -292,10 +293,10 @@ TEST_F(PairTest, HandsOnWhatTheRealSideMissesOnlyWhenAskedTo) {
   for (std::size_t i = 10; i < handed_.size(); ++i) EXPECT_EQ(handed_[i].sequence, i + 1);
   EXPECT_EQ(handed_.back().sequence, 18u);
   EXPECT_EQ(handed_.back().t_capture, t0_ + microseconds(181'300));
-  // The twin left nothing out.
-  std::set<std::uint64_t> twin;
-  for (const auto& s : log_.seen[1]) twin.insert(s.sequence);
-  EXPECT_EQ(twin.size(), 19u);
+  // The simulated side left nothing out.
+  std::set<std::uint64_t> simulated;
+  for (const auto& s : log_.seen[1]) simulated.insert(s.sequence);
+  EXPECT_EQ(simulated.size(), 19u);
   const PairSnapshot s = pair_->statistics();
   EXPECT_EQ(s.missing_of(PairSide::real), 8u);  // 5, and 12 to 18
   EXPECT_EQ(s.missing_of(PairSide::simulated), 0u);
@@ -322,11 +323,11 @@ TEST_F(PairTest, PredictsTheInstantsOfAnyRateToTheNanosecond) {
   for (int k = 0; k < 90; ++k)
     if (k % 7 < 3) device_->shots.push_back({t0_ + period * k, t0_ + period * k + milliseconds(3)});
   run(0, 3020);
-  const std::vector<Stamp>& twin = log_.seen[1];
-  ASSERT_GE(twin.size(), 90u);
-  for (std::size_t i = 0; i < twin.size(); ++i) {
-    EXPECT_EQ(twin[i].sequence, i);
-    EXPECT_EQ(twin[i].t_capture, t0_ + period * static_cast<std::int64_t>(i)) << "at " << i;
+  const std::vector<Stamp>& simulated = log_.seen[1];
+  ASSERT_GE(simulated.size(), 90u);
+  for (std::size_t i = 0; i < simulated.size(); ++i) {
+    EXPECT_EQ(simulated[i].sequence, i);
+    EXPECT_EQ(simulated[i].t_capture, t0_ + period * static_cast<std::int64_t>(i)) << "at " << i;
   }
 }
 
@@ -351,7 +352,7 @@ TEST_F(PairTest, TellsWhatTheDeviceTellsAndCountsWhatItCounts) {
   EXPECT_EQ(pair_->health().lost, 5u);
   EXPECT_EQ(pair_->health().reconnects, 1u);
   EXPECT_EQ(pair_->health().retries, 2u);
-  EXPECT_TRUE(pair_->health().connected) << "the twin is handed on";
+  EXPECT_TRUE(pair_->health().connected) << "the simulated side is handed on";
   EXPECT_FALSE(pair_->side(PairSide::real).health().connected);
   EXPECT_THAT(pair_->warnings(), testing::Contains(name + ": runs on its spare battery"));
 
@@ -378,7 +379,7 @@ TEST_F(PairTest, NeverRepeatsASampleThatComesLate) {
   ASSERT_EQ(handed_.size(), 2u);
   pair_->switch_to(PairSide::simulated);
   run(38, 40);
-  ASSERT_EQ(handed_.size(), 3u);  // the twin's 2
+  ASSERT_EQ(handed_.size(), 3u);  // the simulated side's 2
   pair_->switch_to(PairSide::real);
   run(40, 70);
   expect_gapless();

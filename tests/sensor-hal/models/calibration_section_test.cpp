@@ -14,7 +14,7 @@
 namespace rigor {
 namespace {
 
-constexpr const char* kSheet = R"(
+constexpr const char* kSensorModel = R"(
 width_px: 640
 height_px: 480
 intrinsics: { fx_px: 500, fy_px: 500, cx_px: 320, cy_px: 240 }
@@ -33,28 +33,28 @@ calibration:
 )";
 
 std::string changed(const std::string& from, const std::string& to) {
-  std::string s = kSheet;
+  std::string s = kSensorModel;
   const auto at = s.find(from);
   EXPECT_NE(at, std::string::npos);
   return s.replace(at, from.size(), to);
 }
 
-Result<CameraSheet> parsed(const std::string& text) {
-  auto root = ConfigDocument::parse(text, "sheet.yaml");
+Result<CameraSensorModel> parsed(const std::string& text) {
+  auto root = ConfigDocument::parse(text, "model.yaml");
   EXPECT_TRUE(root);
   return parse_camera(*root);
 }
 
-TEST(CalibrationSection, AFittedSheetLoadsAsItStands) {
-  const auto sheet = parsed(kSheet);
-  ASSERT_TRUE(sheet) << sheet.error().text();
-  EXPECT_EQ(sheet->model.fx_px, 500);
+TEST(CalibrationSection, AFittedSensorModelLoadsAsItStands) {
+  const auto sensor_model = parsed(kSensorModel);
+  ASSERT_TRUE(sensor_model) << sensor_model.error().text();
+  EXPECT_EQ(sensor_model->model.fx_px, 500);
 }
 
 TEST(CalibrationSection, WhatIsWrongInItIsSaidWithItsPlace) {
   const auto few = parsed(changed("[4, 3.2, 4, 0, 0, 0]", "[4, 3.2, 4]"));
   ASSERT_FALSE(few);
-  EXPECT_THAT(few.error().text(), testing::HasSubstr("sheet.yaml:13"));
+  EXPECT_THAT(few.error().text(), testing::HasSubstr("model.yaml:13"));
   EXPECT_THAT(few.error().text(), testing::HasSubstr("6 numbers"));
   const auto negative = parsed(changed("[4, 3.2,", "[-4, 3.2,"));
   ASSERT_FALSE(negative);
@@ -78,7 +78,7 @@ class OnDisk : public testing::Test {
 };
 
 TEST(CalibrationSection, DrawnDevicesHaveTheCovarianceOfTheFit) {
-  const auto root = ConfigDocument::parse(kSheet, "sheet.yaml");
+  const auto root = ConfigDocument::parse(kSensorModel, "model.yaml");
   ASSERT_TRUE(root);
   const CalibrationSection section = read_calibration(*root);
   double sum_x = 0, sum_xx = 0, sum_xy = 0;
@@ -98,7 +98,7 @@ TEST(CalibrationSection, DrawnDevicesHaveTheCovarianceOfTheFit) {
 }
 
 TEST_F(OnDisk, TheSameNumberIsTheSameDevice) {
-  const auto file = write(kSheet);
+  const auto file = write(kSensorModel);
   EXPECT_EQ(load_camera(file, 7)->model.fx_px, load_camera(file, 7)->model.fx_px);
   EXPECT_NE(load_camera(file, 7)->model.fx_px, load_camera(file, 8)->model.fx_px);
   EXPECT_EQ(load_camera(file)->model.fx_px, 500);

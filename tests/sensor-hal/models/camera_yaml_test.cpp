@@ -12,7 +12,7 @@
 namespace rigor {
 namespace {
 
-Result<CameraSheet> parse(const std::string& text) {
+Result<CameraSensorModel> parse(const std::string& text) {
   auto root = ConfigDocument::parse(text, "camera.yaml");
   if (!root) return tl::unexpected<Error>(root.error());
   return parse_camera(*root);
@@ -20,8 +20,8 @@ Result<CameraSheet> parse(const std::string& text) {
 
 constexpr const char* kBase = "width_px: 640\nheight_px: 480\nintrinsics: { fx_px: 500 }\n";
 
-TEST(CameraSheet, EveryEffectHasItsKeys) {
-  const auto sheet = parse(std::string(kBase) + R"(
+TEST(CameraSensorModel, EveryEffectHasItsKeys) {
+  const auto sensor_model = parse(std::string(kBase) + R"(
 projection: kannala_brandt
 fisheye: { k1: 0.01, k2: 0.02, k3: 0.03, k4: 0.04 }
 chromatic: { magnification: [1.001, 1, 0.999], focus_shift_mm: [10, 0, -10] }
@@ -31,8 +31,8 @@ bloom: { fraction: 0.02, radius_px: 3, exponent: 1.2, veiling_glare: 0.01 }
 processing: { median_filter: true, white_balance: [1.8, 1, 1.5], demosaic: true, gamma: 2.2, subtract_black: true }
 noise: { temperature_c: 40, dark_reference_c: 20, dark_doubling_k: 6, hot_pixel_share: 0.001, hot_pixel_dark_e_per_s: 800, response_c2: -0.04, response_c3: 0.01 }
 )");
-  ASSERT_TRUE(sheet) << sheet.error().text();
-  const CameraModel& m = sheet->model;
+  ASSERT_TRUE(sensor_model) << sensor_model.error().text();
+  const CameraModel& m = sensor_model->model;
   EXPECT_EQ(m.projection, Projection::kannala_brandt);
   EXPECT_EQ(m.fisheye, (KannalaBrandtLens{0.01, 0.02, 0.03, 0.04}));
   EXPECT_EQ(m.chromatic.magnification, (std::array<double, 3>{1.001, 1, 0.999}));
@@ -60,7 +60,7 @@ noise: { temperature_c: 40, dark_reference_c: 20, dark_doubling_k: 6, hot_pixel_
   EXPECT_EQ(m.noise.response_c3, 0.01);
 }
 
-TEST(CameraSheet, NamesThePlaceOfEveryMistake) {
+TEST(CameraSensorModel, NamesThePlaceOfEveryMistake) {
   struct Case {
     const char* line;
     const char* named;
@@ -77,24 +77,25 @@ TEST(CameraSheet, NamesThePlaceOfEveryMistake) {
         Case{"noise: { hot_pixel_share: 2 }", "hot_pixel_share"},
         Case{"noise: { dark_doubling_k: 0 }", "dark_doubling_k"},
         Case{"noise: { response_c2: -0.6 }", "response that rises"}}) {
-    const auto sheet = parse(std::string(kBase) + c.line);
-    ASSERT_FALSE(sheet) << c.line;
-    EXPECT_EQ(sheet.error().code, ErrorCode::bad_input);
-    EXPECT_NE(sheet.error().text().find("camera.yaml"), std::string::npos) << sheet.error().text();
-    EXPECT_NE(sheet.error().text().find(c.named), std::string::npos) << sheet.error().text();
+    const auto sensor_model = parse(std::string(kBase) + c.line);
+    ASSERT_FALSE(sensor_model) << c.line;
+    EXPECT_EQ(sensor_model.error().code, ErrorCode::bad_input);
+    EXPECT_NE(sensor_model.error().text().find("camera.yaml"), std::string::npos)
+        << sensor_model.error().text();
+    EXPECT_NE(sensor_model.error().text().find(c.named), std::string::npos) << sensor_model.error().text();
   }
 }
 
-TEST(CameraSheet, ThoseThatComeAlongLoad) {
+TEST(CameraSensorModel, ThoseThatComeAlongLoad) {
   const std::set<std::string> cameras{"demo-camera", "industrial-global-shutter", "rolling-shutter-phone",
                                       "fisheye-190", "stereo-module-left",        "stereo-module-right"};
   for (const std::string& name : cameras) {
-    const auto sheet = load_camera((rigor::test::source_dir() + "/configs/sensors/") + name + ".yaml");
-    ASSERT_TRUE(sheet) << sheet.error().text();
-    const CameraModel& m = sheet->model;
+    const auto sensor_model = load_camera((rigor::test::source_dir() + "/configs/sensors/") + name + ".yaml");
+    ASSERT_TRUE(sensor_model) << sensor_model.error().text();
+    const CameraModel& m = sensor_model->model;
     // The middle of the picture is in it, and so is at least one corner's light or the fisheye's circle.
     EXPECT_TRUE(unproject_ray(m, {m.cx_px, m.cy_px})) << name;
-    EXPECT_GT(sheet->exposure_s, 0) << name;
+    EXPECT_GT(sensor_model->exposure_s, 0) << name;
     for (const double u : {0.0, 0.5, 1.0}) {
       const bool reached = unproject_ray(m, {u * (m.width_px - 1), m.cy_px}).has_value();
       EXPECT_TRUE(reached) << name << " at " << u;
@@ -102,7 +103,7 @@ TEST(CameraSheet, ThoseThatComeAlongLoad) {
   }
 }
 
-TEST(CameraSheet, TheModuleIsAPairOfOneKind) {
+TEST(CameraSensorModel, TheModuleIsAPairOfOneKind) {
   const auto left = load_camera(rigor::test::source_dir() + "/configs/sensors/stereo-module-left.yaml");
   const auto right = load_camera(rigor::test::source_dir() + "/configs/sensors/stereo-module-right.yaml");
   ASSERT_TRUE(left && right);

@@ -40,7 +40,7 @@ TEST(OpenCvLens, KnowsWhereTheModelFolds) {
 
 // k2 > 0 turns a folded lens back: behind the fold there is a second sensor model on which the formula
 // reaches every pixel, and an iteration that jumps there answers with a ray that the lens does not take.
-TEST(OpenCvLens, APixelBeyondTheFoldIsNotGivenToTheSheetBehindIt) {
+TEST(OpenCvLens, APixelBeyondTheFoldIsNotGivenToTheSensorModelBehindIt) {
   for (const OpenCvLens& lens : {OpenCvLens{.k1 = -0.38, .k2 = 0.015}, OpenCvLens{.k1 = -0.38, .k2 = 0.05},
                                  OpenCvLens{.k1 = -0.38, .k2 = 0.02, .p1 = 1e-3, .p2 = -2e-3, .k3 = 1e-3},
                                  OpenCvLens{.k1 = -0.6, .k2 = 0.12}}) {

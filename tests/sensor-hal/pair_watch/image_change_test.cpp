@@ -13,7 +13,7 @@ using testing::camera_of;
 using testing::Random;
 using testing::Vector;
 
-/// What the real camera differs by from its twin.
+/// What the real camera differs by from its simulated side.
 struct Change {
   double focal = 0, gain = 0, offset_dn = 0, noise = 1, dirt = 0, k1 = 0;
   Vector turn_rad{};
@@ -51,7 +51,7 @@ std::vector<float> picture(const Scene& scene, CameraModel c, const Change& chan
 
 class Pair {
  public:
-  Pair(const CameraModel& camera, const Change& twin_is_off, const Change& change, std::size_t scenes,
+  Pair(const CameraModel& camera, const Change& simulated_is_off, const Change& change, std::size_t scenes,
        std::uint64_t seed, ImageChangeOptions options = {})
       : camera_(camera), random_(seed), change_(change), changes_(make(camera, options)) {
     real_.reserve(bytes()), simulated_.reserve(bytes());
@@ -62,16 +62,16 @@ class Pair {
       info.height_px = static_cast<std::uint32_t>(camera.height_px);
       s->info = info;
     }
-    Change both = twin_is_off;
+    Change both = simulated_is_off;
     both.focal += change.focal, both.gain += change.gain, both.offset_dn += change.offset_dn;
     both.dirt += change.dirt, both.k1 += change.k1;
     for (std::size_t k = 0; k < 3; ++k) both.turn_rad[k] += change.turn_rad[k];
     Change nothing;
-    nothing.near_thing = twin_is_off.near_thing;
+    nothing.near_thing = simulated_is_off.near_thing;
     for (std::size_t i = 0; i < scenes; ++i) {
       const Scene scene(seed * 100 + i);
-      twin_.push_back(picture(scene, camera, nothing));
-      before_.push_back(picture(scene, camera, twin_is_off));
+      simulated_views_.push_back(picture(scene, camera, nothing));
+      before_.push_back(picture(scene, camera, simulated_is_off));
       after_.push_back(picture(scene, camera, both));
     }
   }
@@ -83,9 +83,9 @@ class Pair {
     return ImageChange::make(camera, info, options).value();
   }
   Estimate window(bool changed) {
-    const std::size_t i = random_.bits() % twin_.size();
+    const std::size_t i = random_.bits() % simulated_views_.size();
     expose(real_, changed ? after_[i] : before_[i], changed ? change_.noise : 1);
-    expose(simulated_, twin_[i], 1);
+    expose(simulated_, simulated_views_[i], 1);
     EXPECT_TRUE(changes_.add(real_, simulated_));
     Estimate e;
     changes_.finish(e);
@@ -119,10 +119,10 @@ class Pair {
   ImageChange changes_;
   Sample real_, simulated_;
   std::vector<std::uint16_t> pixels_;
-  std::vector<std::vector<float>> twin_, before_, after_;
+  std::vector<std::vector<float>> simulated_views_, before_, after_;
 };
 
-/// A twin that is not perfect.
+/// A simulated side that is not perfect.
 Change imperfect() {
   Change c;
   c.focal = 0.001, c.gain = 0.02, c.offset_dn = 3, c.turn_rad[1] = 5e-4;

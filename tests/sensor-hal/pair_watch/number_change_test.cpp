@@ -30,9 +30,9 @@ class RangePair {
     RangeChange c = changed ? change_ : RangeChange{};
     c.offset_m += 0.003, c.flying += 0.1;
     expose(real_, scene, c);
-    RangeChange twin;
-    twin.flying = 0.1;
-    expose(simulated_, scene, twin);
+    RangeChange simulated;
+    simulated.flying = 0.1;
+    expose(simulated_, scene, simulated);
     EXPECT_TRUE(changes_.add(real_, simulated_));
     Estimate e;
     changes_.finish(e);
@@ -221,9 +221,9 @@ class NumberPair {
       const std::array<double, 3> real{
           speed * (1 + of(0).scale) + of(0).bias + 0.02 * of(0).noise * random_.quick_normal(),
           steps(24.1 + of(1).bias + 0.02 * of(1).noise * random_.quick_normal()), 1 + of(2).bias};
-      const std::array<double, 3> twin{twin_speed + 0.02 * random_.quick_normal(),
-                                       steps(24 + 0.02 * random_.quick_normal()), 1};
-      EXPECT_TRUE(changes_->add(t_s_, real, twin));
+      const std::array<double, 3> simulated{twin_speed + 0.02 * random_.quick_normal(),
+                                            steps(24 + 0.02 * random_.quick_normal()), 1};
+      EXPECT_TRUE(changes_->add(t_s_, real, simulated));
     }
     Estimate e;
     changes_->finish(e);
@@ -264,7 +264,7 @@ INSTANTIATE_TEST_SUITE_P(Planted, ValueChanges,
                          ::testing::Values(PlantedNumber{"speed bias", 0, {.bias = 0.02}, 0.02},
                                            PlantedNumber{"speed scale", 0, {.scale = 0.01}, 0.01},
                                            PlantedNumber{"speed delay", 0, {.delay_s = 0.005}, 0.005},
-                                           // Real 4 and twin 1 after 1 and 1.
+                                           // Real 4 and simulated side 1 after 1 and 1.
                                            PlantedNumber{"speed noise", 0, {.noise = 2}, std::log(2.5)},
                                            PlantedNumber{"voltage bias", 1, {.bias = 0.01}, 0.01},
                                            PlantedNumber{"voltage noise", 1, {.noise = 2}, std::log(2.5)},

@@ -102,16 +102,16 @@ TEST(PairWatch, InertialUnitsAreWatchedByAxis) {
   PairWatch watch = PairWatch::of_numbers(SampleKind::imu, options()).value();
   Random random(3);
   for (int i = 0; i < 12000; ++i) {
-    Sample real, twin;
-    real.stamp.t_capture = twin.stamp.t_capture = BenchTime{} + milliseconds(10 * i);
+    Sample real, simulated;
+    real.stamp.t_capture = simulated.stamp.t_capture = BenchTime{} + milliseconds(10 * i);
     ImuSample a, b;
     for (std::size_t k = 0; k < 3; ++k) {
       a.specific_force_mps2[k] = 0.05 * random.normal(), b.specific_force_mps2[k] = 0.05 * random.normal();
       a.angular_rate_radps[k] = 1e-3 * random.normal(), b.angular_rate_radps[k] = 1e-3 * random.normal();
     }
     if (i > 8000) a.angular_rate_radps[2] += 1e-3;
-    real.info = a, twin.info = b;
-    watch.add(real, twin);
+    real.info = a, simulated.info = b;
+    watch.add(real, simulated);
   }
   ASSERT_EQ(watch.snapshot().state, WatchState::alarm);
   EXPECT_EQ(watch.parameters()[watch.snapshot().alarm.parameter].name, "angular rate z bias");
@@ -134,11 +134,11 @@ TEST(PairWatch, ReceiversAreWatchedByEastNorthAndUp) {
   };
   for (int i = 0; i < 2000 && watch.snapshot().state != WatchState::alarm; ++i) {
     const double a = 0.1 * i, x = 20 * std::cos(a), y = 20 * std::sin(a);
-    Sample real, twin;
-    real.stamp.t_capture = twin.stamp.t_capture = BenchTime{} + seconds(i);
-    real.info = fix(x, y, i >= 1000 ? 0.5 : 0), twin.info = fix(x, y, 0);
+    Sample real, simulated;
+    real.stamp.t_capture = simulated.stamp.t_capture = BenchTime{} + seconds(i);
+    real.info = fix(x, y, i >= 1000 ? 0.5 : 0), simulated.info = fix(x, y, 0);
     if (i % 100 == 50) real.info = NavFix{};  // no fix
-    watch.add(real, twin);
+    watch.add(real, simulated);
   }
   const PairWatchSnapshot s = watch.snapshot();
   ASSERT_EQ(s.state, WatchState::alarm);
@@ -165,12 +165,12 @@ TEST(PairWatch, OdometryIsWatchedByItsVelocities) {
                             (v + 0.3 * turn) / 0.2 + 0.01 * random.normal()};
       return o;
     };
-    Sample real, twin;
-    real.stamp.t_capture = twin.stamp.t_capture = BenchTime{} + milliseconds(50 * i);
+    Sample real, simulated;
+    real.stamp.t_capture = simulated.stamp.t_capture = BenchTime{} + milliseconds(50 * i);
     Odometry o = side(t >= 100 ? 1.03 : 1);
     o.T_odom_base.position_m[0] = x_m += 0.01 * random.normal();  // wanders; nobody minds
-    real.info = o, twin.info = side(1);
-    watch.add(real, twin);
+    real.info = o, simulated.info = side(1);
+    watch.add(real, simulated);
   }
   const PairWatchSnapshot s = watch.snapshot();
   ASSERT_EQ(s.state, WatchState::alarm);

@@ -116,7 +116,8 @@ struct ScanShape {
   double step_rad = 0.5 * kDegree, first_rad = -135 * kDegree;
 };
 
-/// What a scanner has against its twin; `beam_m` is of ring 3. The mount is told in the twin's frame.
+/// What a scanner has against its simulated side; `beam_m` is of ring 3. The mount is told in the simulated
+/// side's frame.
 struct ScanChange {
   double bias_m = 0, scale = 0, noise = 1, lost = 0, beam_m = 0, remission = 0;
   Vector turn_rad{}, move_m{};

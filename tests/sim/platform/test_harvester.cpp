@@ -188,12 +188,12 @@ TEST(Harvester, SaysOfEachInstantTheSameAfterwards) {
     EXPECT_EQ(machine.T_world_head(at(0.0131 * k)).matrix(), seen[static_cast<std::size_t>(k)]) << k;
 }
 
-TEST(Harvester, SheetIsRead) {
-  const auto sheet = load_harvester(rigor::test::source_dir() + "/configs/platforms/harvester.yaml");
-  ASSERT_TRUE(sheet) << sheet.error().text();
-  EXPECT_NEAR(sheet->axis[C::kSlew].max, 110 * kDeg, 1e-12);
-  EXPECT_EQ(sheet->axis[C::kTelescope].max, 2.4);
-  EXPECT_EQ(sheet->cabin_x_m, -0.2);
+TEST(Harvester, SensorModelIsRead) {
+  const auto platform_model = load_harvester(rigor::test::source_dir() + "/configs/platforms/harvester.yaml");
+  ASSERT_TRUE(platform_model) << platform_model.error().text();
+  EXPECT_NEAR(platform_model->axis[C::kSlew].max, 110 * kDeg, 1e-12);
+  EXPECT_EQ(platform_model->axis[C::kTelescope].max, 2.4);
+  EXPECT_EQ(platform_model->cabin_x_m, -0.2);
 }
 
 }  // namespace

@@ -323,12 +323,12 @@ TEST(SkidSteer, IsKnownByItsRegisters) {
   EXPECT_FALSE(robot.write(RegisterTable::holding_registers, 9, half, at(1)));
 }
 
-TEST(SkidSteer, SheetIsRead) {
-  const auto sheet = load_skid_steer(rigor::test::source_dir() + "/configs/platforms/seekurjr.yaml");
-  ASSERT_TRUE(sheet) << sheet.error().text();
-  EXPECT_EQ(sheet->length_m, 1.2);
-  EXPECT_NEAR(sheet->max_turn_radps, 80 * kPi / 180, 1e-12);
-  EXPECT_EQ(sheet->time_constant_s, 0.08);
+TEST(SkidSteer, SensorModelIsRead) {
+  const auto platform_model = load_skid_steer(rigor::test::source_dir() + "/configs/platforms/seekurjr.yaml");
+  ASSERT_TRUE(platform_model) << platform_model.error().text();
+  EXPECT_EQ(platform_model->length_m, 1.2);
+  EXPECT_NEAR(platform_model->max_turn_radps, 80 * kPi / 180, 1e-12);
+  EXPECT_EQ(platform_model->time_constant_s, 0.08);
 }
 
 }  // namespace

@@ -105,35 +105,35 @@ class AnalyticEngine final : public render::RayEngine {
     Look look;
     std::shared_ptr<const render::Surface> surface;
   };
-  struct Meeting {
+  struct Intersection {
     double range_m = std::numeric_limits<double>::infinity();
     Eigen::Vector3d normal{0, 0, 1};
   };
 
-  static void keep(Meeting& best, double range_m, const Eigen::Vector3d& normal, double near_m,
+  static void keep(Intersection& best, double range_m, const Eigen::Vector3d& normal, double near_m,
                    double far_m) {
     if (range_m >= near_m && range_m <= far_m && range_m < best.range_m) best = {range_m, normal};
   }
-  static Meeting meet(const Plane& s, const Eigen::Vector3d& o, const Eigen::Vector3d& d, double near_m,
-                      double far_m) {
-    Meeting m;
+  static Intersection intersect(const Plane& s, const Eigen::Vector3d& o, const Eigen::Vector3d& d,
+                                double near_m, double far_m) {
+    Intersection m;
     const Eigen::Vector3d n = s.normal.normalized();
     const double across = d.dot(n);
     if (across != 0) keep(m, (s.point - o).dot(n) / across, n, near_m, far_m);
     return m;
   }
-  static Meeting meet(const Rectangle& s, const Eigen::Vector3d& o, const Eigen::Vector3d& d, double near_m,
-                      double far_m) {
-    Meeting m = meet(Plane{s.centre, s.half_u.cross(s.half_v)}, o, d, near_m, far_m);
+  static Intersection intersect(const Rectangle& s, const Eigen::Vector3d& o, const Eigen::Vector3d& d,
+                                double near_m, double far_m) {
+    Intersection m = intersect(Plane{s.centre, s.half_u.cross(s.half_v)}, o, d, near_m, far_m);
     const Eigen::Vector3d p = o + d * m.range_m - s.centre;
     if (!(std::abs(p.dot(s.half_u)) <= s.half_u.squaredNorm() &&
           std::abs(p.dot(s.half_v)) <= s.half_v.squaredNorm()))
       return {};
     return m;
   }
-  static Meeting meet(const Sphere& s, const Eigen::Vector3d& o, const Eigen::Vector3d& d, double near_m,
-                      double far_m) {
-    Meeting m;
+  static Intersection intersect(const Sphere& s, const Eigen::Vector3d& o, const Eigen::Vector3d& d,
+                                double near_m, double far_m) {
+    Intersection m;
     const Eigen::Vector3d c = o - s.centre;
     const double b = c.dot(d);
     // Distance of the line from the centre by the part of c across d: no cancellation far from the sphere.
@@ -143,9 +143,9 @@ class AnalyticEngine final : public render::RayEngine {
       keep(m, t, (c + d * t) / s.radius_m, near_m, far_m);
     return m;
   }
-  static Meeting meet(const Box& s, const Eigen::Vector3d& o, const Eigen::Vector3d& d, double near_m,
-                      double far_m) {
-    Meeting m;
+  static Intersection intersect(const Box& s, const Eigen::Vector3d& o, const Eigen::Vector3d& d,
+                                double near_m, double far_m) {
+    Intersection m;
     const Eigen::Vector3d oo = s.rotation.conjugate() * (o - s.centre), dd = s.rotation.conjugate() * d;
     for (int axis = 0; axis < 3; ++axis)
       for (const double side : {-1.0, 1.0}) {
@@ -166,16 +166,16 @@ class AnalyticEngine final : public render::RayEngine {
     if (!d.allFinite() || !o.allFinite() || !std::isfinite(ray.time)) return hit;
     const double t_s = static_cast<double>(window_->begin.ns()) * 1e-9 +
                        static_cast<double>(ray.time) * (window_->end - window_->begin).seconds();
-    Meeting best;
+    Intersection best;
     const Thing* met = nullptr;
     Eigen::Vector3d shift = Eigen::Vector3d::Zero();
     for (const Thing& thing : things_) {
       const Eigen::Vector3d moved =
           thing.look.velocity_m_per_s * (t_s - static_cast<double>(thing.look.t_ref.ns()) * 1e-9);
-      const Meeting m = std::visit(
+      const Intersection m = std::visit(
           [&](const auto& shape) {
-            return meet(shape, o - moved, d, static_cast<double>(query.near_m),
-                        static_cast<double>(ray.far_m));
+            return intersect(shape, o - moved, d, static_cast<double>(query.near_m),
+                             static_cast<double>(ray.far_m));
           },
           thing.shape);
       if (m.range_m < best.range_m) best = m, met = &thing, shift = moved;

@@ -1,7 +1,7 @@
 #include "sim/render/shaders/view/bindings.glsl"
 #include "sim/render/shaders/view/light.glsl"
 #include "sim/render/shaders/view/noise.glsl"
-#include "sim/render/shaders/view/patch.glsl"
+#include "sim/render/shaders/view/material.glsl"
 #include "sim/render/shaders/view/surface_light.glsl"
 layout(constant_id = 13) const bool kMultisampled = false;
 layout(set = 1, binding = 0) uniform SurfaceBlock { SurfaceData surface; };
@@ -42,7 +42,7 @@ void main() {
   colour *= colour;
   infrared.rgb *= infrared.rgb;
   vec4 factor = frame.tint_to_band[0] * tint.r + frame.tint_to_band[1] * tint.g + frame.tint_to_band[2] * tint.b;
-  Patch s;
+  MaterialSample s;
   s.reflectance = surface.colour_to_band[0] * colour.r + surface.colour_to_band[1] * colour.g +
                   surface.colour_to_band[2] * colour.b + surface.near_infrared_to_band[0] * infrared.r +
                   surface.near_infrared_to_band[1] * infrared.g + surface.near_infrared_to_band[2] * infrared.b;

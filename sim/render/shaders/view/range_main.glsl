@@ -4,7 +4,7 @@
 #include "sim/render/shaders/view/bindings.glsl"
 #include "sim/render/shaders/view/noise.glsl"
 #include "sim/render/shaders/view/octahedron.glsl"
-#include "sim/render/shaders/view/surface_patch.glsl"
+#include "sim/render/shaders/view/material_sample.glsl"
 layout(push_constant) uniform Push { uvec4 part; };  // number of the surface
 // All bits of floats but the first two words and the fourth's halves.
 layout(location = 0) out uvec4 what;      // identity, surface, reflectance, halves: transmittance, metallic
@@ -17,9 +17,9 @@ void main() {
 #ifdef ALPHA
   if (colour.a < surface.gloss.z) discard;
 #endif
-  vec3 normal = flat_normal();
-  if (kNormalMap) normal = bumped(normal);
-  Patch s = weathered(surface_patch(colour), p, normal);
+  vec3 normal = shading_normal();
+  if (kNormalMap) normal = normal_mapped(normal);
+  MaterialSample s = weathered(material_sample(colour), p, normal);
   vec3 plane = cross(dFdx(p), dFdy(p));
   float area = dot(plane, plane);
   plane = area > 0.0 ? plane * inversesqrt(area) : normal;

@@ -8,7 +8,7 @@ layout(constant_id = 12) const bool kGlossy = false;
 layout(constant_id = 16) const bool kSkyCover = false;
 
 // `cover_at`: where it is asked what hides the sky, p or a place near it.
-vec4 leaving(Patch s, vec3 p, vec3 n, vec3 n_flat, vec3 cover_at) {
+vec4 leaving(MaterialSample s, vec3 p, vec3 n, vec3 n_flat, vec3 cover_at) {
   vec3 view = -normalize(p);
   s = weathered(s, p, n);
   float cos_sun = dot(n, frame.sun.xyz);

@@ -1,7 +1,7 @@
 #include "sim/render/shaders/view/bindings.glsl"
 #include "sim/render/shaders/view/light.glsl"
 #include "sim/render/shaders/view/noise.glsl"
-#include "sim/render/shaders/view/surface_patch.glsl"
+#include "sim/render/shaders/view/material_sample.glsl"
 #include "sim/render/shaders/view/surface_light.glsl"
 #ifdef ALPHA
 #include "sim/render/shaders/view/holes.glsl"
@@ -19,10 +19,10 @@ void main() {
 #ifdef ALPHA
   cut_holes(colour.a, surface.gloss.z, seed);
 #endif
-  Patch s = surface_patch(colour);
-  vec3 smooth_normal = flat_normal();
+  MaterialSample s = material_sample(colour);
+  vec3 smooth_normal = shading_normal();
   vec3 normal = smooth_normal;
-  if (kNormalMap) normal = bumped(smooth_normal);
+  if (kNormalMap) normal = normal_mapped(smooth_normal);
   radiance = leaving(s, p, normal, smooth_normal, p);
   node = identity;
 #ifdef NORMALS

@@ -20,7 +20,7 @@ using testing::HasSubstr;
 constexpr int kSeeds = 100;
 PhiloxKey key_of(int seed) { return channel_key(static_cast<std::uint64_t>(seed), 1); }
 
-TEST(GnssModel, ErrorsAreCorrelatedOverTheTimeThatTheSheetSays) {
+TEST(GnssModel, ErrorsAreCorrelatedOverTheTimeThatTheSensorModelSays) {
   GnssModel m;
   m.best.drift_horizontal_m = m.best.drift_vertical_m = 2;
   m.best.drift_time_s = 40;

@@ -37,7 +37,7 @@ TEST(ImuModel, IsTransparentWithoutErrors) {
   EXPECT_TRUE(std::isnan(s.temperature_c));
 }
 
-TEST(ImuModel, MixesAxesAsTheSheetSays) {
+TEST(ImuModel, MixesAxesAsTheSensorModelSays) {
   ImuTriad t;
   t.bias = {1, 2, 3};
   t.bias_per_k = {0.1, 0, 0};
@@ -85,7 +85,7 @@ TEST(ImuModel, GivesTheSameBytesForTheSameIndex) {
   EXPECT_NE(x.angular_rate_radps, c.measure(123, 0, {1, 2, 3}, {4, 5, 6}).angular_rate_radps);
 }
 
-TEST(ImuModel, DrawsDevicesWithTheSheetsSigmas) {
+TEST(ImuModel, DrawsDevicesWithTheModelsSigmas) {
   ImuModel m;
   m.accelerometer.bias = {5, 0, 0};
   m.accelerometer.bias_sigma = 0.5;

@@ -12,10 +12,10 @@ namespace {
 
 template <std::size_t N, class F>
 void expect_derivatives(const std::array<double, N>& at, const F& f) {
-  using Jet = ceres::Jet<double, static_cast<int>(N)>;
-  std::array<Jet, N> jets;
-  for (std::size_t i = 0; i < N; ++i) jets[i] = Jet(at[i], static_cast<int>(i));
-  const Jet value = f(jets);
+  using Dual = ceres::Jet<double, static_cast<int>(N)>;
+  std::array<Dual, N> jets;
+  for (std::size_t i = 0; i < N; ++i) jets[i] = Dual(at[i], static_cast<int>(i));
+  const Dual value = f(jets);
   EXPECT_NEAR(value.a, f(at), 1e-14 * (1 + std::abs(value.a)));
   for (std::size_t i = 0; i < N; ++i) {
     const double h = 1e-5 * std::max(std::abs(at[i]), 0.1);

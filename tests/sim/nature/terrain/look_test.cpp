@@ -172,7 +172,7 @@ TEST(Water, LevelIsThatOfTheLowestShoreWhereNoneIsGiven) {
   EXPECT_EQ(terrain->warnings().size(), 2U);
 }
 
-TEST(Water, CellsOfAFlatLakeAreASheetThoseOfARiverTheGroundItself) {
+TEST(Water, CellsOfAFlatLakeAreASensorModelThoseOfARiverTheGroundItself) {
   for (const bool river : {false, true}) {
     GroundWorld w;
     w.add_terrain({97, 97, 0, 96, 1},

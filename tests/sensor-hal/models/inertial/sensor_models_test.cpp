@@ -11,10 +11,11 @@
 namespace rigor {
 namespace {
 
-const std::filesystem::path kSheets = std::filesystem::path(rigor::test::source_dir()) / "configs/sensors";
+const std::filesystem::path kSensorModels =
+    std::filesystem::path(rigor::test::source_dir()) / "configs/sensors";
 
-TEST(Sheets, OfAnInertialUnit) {
-  const auto m = load_imu_model(kSheets / "imu-mems.yaml");
+TEST(SensorModels, OfAnInertialUnit) {
+  const auto m = load_imu_model(kSensorModels / "imu-mems.yaml");
   ASSERT_TRUE(m) << m.error().text();
   EXPECT_TRUE(models::check(*m));
   // 0.014 (°/s)/√Hz, over positive frequencies.
@@ -23,9 +24,9 @@ TEST(Sheets, OfAnInertialUnit) {
   EXPECT_NEAR(m->gyroscope.resolution * 32768, m->gyroscope.range, 1e-6);
 }
 
-TEST(Sheets, OfReceiversAddUpToTheirStatedAccuracy) {
-  const auto single = load_gnss_model(kSheets / "gnss-single.yaml"),
-             rtk = load_gnss_model(kSheets / "gnss-rtk.yaml");
+TEST(SensorModels, OfReceiversAddUpToTheirStatedAccuracy) {
+  const auto single = load_gnss_model(kSensorModels / "gnss-single.yaml"),
+             rtk = load_gnss_model(kSensorModels / "gnss-rtk.yaml");
   ASSERT_TRUE(single) << single.error().text();
   ASSERT_TRUE(rtk) << rtk.error().text();
   const auto sigma = [](const models::GnssModel& m) {
@@ -39,8 +40,8 @@ TEST(Sheets, OfReceiversAddUpToTheirStatedAccuracy) {
   EXPECT_EQ(rtk->status, FixStatus::rtk_fixed);
 }
 
-TEST(Sheets, OfOdometry) {
-  const auto m = load_odometry_model(kSheets / "odometry-skid-steer.yaml");
+TEST(SensorModels, OfOdometry) {
+  const auto m = load_odometry_model(kSensorModels / "odometry-skid-steer.yaml");
   ASSERT_TRUE(m) << m.error().text();
   EXPECT_TRUE(models::check(*m));
 }

@@ -1,5 +1,5 @@
 // What a mesh's fragment gets from its vertices and its maps. TEXEL: how a map is asked at a texture coordinate.
-#include "sim/render/shaders/view/patch.glsl"
+#include "sim/render/shaders/view/material.glsl"
 #ifndef TEXEL
 #define TEXEL(map) texture(map, uv)
 #endif
@@ -22,7 +22,7 @@ layout(location = 5) flat in uint seed;
 
 // The normal map's direction in a frame made of how place and texture coordinate change over the picture
 // (Mikkelsen 2010): x along growing u, y against growing v (towards the map's top).
-vec3 bumped(vec3 normal) {
+vec3 normal_mapped(vec3 normal) {
   vec3 m = TEXEL(normal_map).xyz * 2.0 - 1.0;
   vec3 px = dFdx(p);
   vec3 py = dFdy(p);
@@ -40,8 +40,8 @@ vec3 bumped(vec3 normal) {
 }
 
 // Before the weather.
-Patch surface_patch(vec4 colour) {
-  Patch s;
+MaterialSample material_sample(vec4 colour) {
+  MaterialSample s;
   vec4 factor = vec4(1.0);
   if (kColourMap || kNearInfraredMap)
     factor = surface.colour_to_band[0] * colour.r + surface.colour_to_band[1] * colour.g +
@@ -63,7 +63,7 @@ Patch surface_patch(vec4 colour) {
 }
 
 // Of the side that is seen, without the map.
-vec3 flat_normal() {
+vec3 shading_normal() {
   vec3 m = normalize(n);
   return kTwoSided && !gl_FrontFacing ? -m : m;
 }

@@ -2,7 +2,7 @@
 layout(constant_id = 9) const bool kSnow = false;
 layout(constant_id = 10) const bool kWet = false;
 
-struct Patch {
+struct MaterialSample {
   vec4 reflectance;
   vec4 transmittance;
   float roughness;
@@ -11,7 +11,7 @@ struct Patch {
   float takes_snow;
 };
 
-Patch weathered(Patch s, vec3 p, vec3 n) {
+MaterialSample weathered(MaterialSample s, vec3 p, vec3 n) {
   if (kWet) {
     float wet = frame.weather.x;
     s.reflectance *= 1.0 - 0.55 * wet * s.porosity;

@@ -1,0 +1,238 @@
+#!/usr/bin/env python3
+"""Errors of quick pictures against a path-traced reference (bench_light): table, JSON and pictures side by side.
+
+    build/release/benches/bench_light --out refs --reference 4          # once: minutes to an hour
+    build/release/benches/bench_light --out quick --json quick/times.json
+    python3 benches/light_error.py refs quick [--pictures DIR] [--json FILE]
+
+Radiance is relative to the reference's mean, the four bands together unless a column names one:
+
+  bias      mean of quick less reference, by band
+  rms       root mean square of the difference, per pixel; rms 8x8: of the means of blocks of 8x8 pixels
+  flip      mean FLIP error of the tone-mapped colours, at 67 pixels a degree (Andersson et al., Proc. ACM CGIT 3(2), 2020)
+  flicker   RMS of (change of quick) less (change of reference) between the eye and the eye turned by a quarter of a pixel
+
+The reference's own error is the standard error of the mean over its passes, and stands in the first row of a place. It is
+not subtracted from the others.
+"""
+import argparse
+import json
+import struct
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+BANDS = ["red", "green", "blue", "850 nm"]
+PIXELS_PER_DEGREE = 67.0
+
+
+def reference_of(folder, place, turned=""):
+    """(mean, standard error of each value) of the passes."""
+    files = sorted(folder.glob(f"{place}-reference-*{turned}.npy"))
+    files = [f for f in files if f.stem.endswith("-turned") == bool(turned)]
+    if len(files) < 2:
+        sys.exit(f"light_error: {folder} has {len(files)} passes of {place}{turned}, expected at least 2: bench_light --reference 4")
+    passes = np.stack([np.load(f).astype(float) for f in files])
+    return passes.mean(axis=0), passes.std(axis=0, ddof=1) / np.sqrt(len(files))
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def blocks(picture, side=8):
+    h, w, c = picture.shape
+    return picture[:h // side * side, :w // side * side].reshape(h // side, side, w // side, side, c).mean(axis=(1, 3))
+
+
+# ------------------------------------------------------------------ FLIP (the names follow the paper)
+
+def tone_mapped(picture, white):
+    """Linear colours, 0 to 1."""
+    return np.clip(picture[..., :3] / white, 0, 1)
+
+
+def to_ycxcz(rgb):
+    xyz = rgb @ np.array([[0.4124564, 0.2126729, 0.0193339], [0.3575761, 0.7151522, 0.1191920], [0.1804375, 0.0721750, 0.9503041]])
+    xyz = xyz / np.array([0.950428545, 1.0, 1.088900371])
+    return np.stack([116 * xyz[..., 1] - 16, 500 * (xyz[..., 0] - xyz[..., 1]), 200 * (xyz[..., 1] - xyz[..., 2])], -1)
+
+
+def from_ycxcz(v):
+    y = (v[..., 0] + 16) / 116
+    xyz = np.stack([y + v[..., 1] / 500, y, y - v[..., 2] / 200], -1) * np.array([0.950428545, 1.0, 1.088900371])
+    return xyz @ np.linalg.inv(np.array([[0.4124564, 0.2126729, 0.0193339], [0.3575761, 0.7151522, 0.1191920],
+                                         [0.1804375, 0.0721750, 0.9503041]]))
+
+
+def to_hunt_lab(rgb):
+    xyz = rgb @ np.array([[0.4124564, 0.2126729, 0.0193339], [0.3575761, 0.7151522, 0.1191920], [0.1804375, 0.0721750, 0.9503041]])
+    xyz = xyz / np.array([0.950428545, 1.0, 1.088900371])
+    d = 6 / 29
+    f = np.where(xyz > d ** 3, np.cbrt(xyz), xyz / (3 * d * d) + 4 / 29)
+    lightness = 116 * f[..., 1] - 16
+    return np.stack([lightness, 0.01 * lightness * 500 * (f[..., 0] - f[..., 1]), 0.01 * lightness * 200 * (f[..., 1] - f[..., 2])], -1)
+
+
+def filtered(plane, kernel):
+    """Correlation with the borders repeated."""
+    ry, rx = kernel.shape[0] // 2, kernel.shape[1] // 2
+    padded, out = np.pad(plane, ((ry, ry), (rx, rx)), mode="edge"), np.zeros_like(plane)
+    for y in range(kernel.shape[0]):
+        for x in range(kernel.shape[1]):
+            if kernel[y, x] != 0:
+                out += kernel[y, x] * padded[y:y + plane.shape[0], x:x + plane.shape[1]]
+    return out
+
+
+def contrast_kernels():
+    """Of the achromatic, red-green and blue-yellow channels: sums of Gaussians of the contrast sensitivity."""
+    parts = [[(1.0, 0.0047), (0.0, 1e-5)], [(1.0, 0.0053), (0.0, 1e-5)], [(34.1, 0.04), (13.5, 0.025)]]
+    radius = int(np.ceil(3 * np.sqrt(0.04 / (2 * np.pi ** 2)) * PIXELS_PER_DEGREE))
+    y, x = np.mgrid[-radius:radius + 1, -radius:radius + 1] / PIXELS_PER_DEGREE
+    kernels = []
+    for gaussians in parts:
+        k = sum(a * np.sqrt(np.pi / b) * np.exp(-np.pi ** 2 * (x * x + y * y) / b) for a, b in gaussians)
+        kernels.append(k / k.sum())
+    return kernels
+
+
+def features(lightness):
+    """Magnitudes of edges and of points."""
+    sd = 0.5 * 0.082 * PIXELS_PER_DEGREE
+    radius = int(np.ceil(3 * sd))
+    y, x = np.mgrid[-radius:radius + 1, -radius:radius + 1].astype(float)
+    g = np.exp(-(x * x + y * y) / (2 * sd * sd))
+    magnitudes = []
+    for kernel in (-x * g, (x * x / (sd * sd) - 1) * g):
+        kernel = np.where(kernel < 0, kernel / -kernel[kernel < 0].sum(), kernel / max(kernel[kernel > 0].sum(), 1e-30))
+        magnitudes.append(np.hypot(filtered(lightness, kernel), filtered(lightness, kernel.T)))
+    return magnitudes
+
+
+def hyab(a, b):
+    d = a - b
+    return np.abs(d[..., 0]) + np.hypot(d[..., 1], d[..., 2])
+
+
+def flip(reference, test):
+    """FLIP's error of each pixel; colours linear, 0 to 1."""
+    q_c, p_c, p_t, q_f = 0.7, 0.4, 0.95, 0.5
+    kernels, perceived, opponent = contrast_kernels(), [], []
+    for rgb in (reference, test):
+        ycc = to_ycxcz(rgb)
+        opponent.append(ycc)
+        smooth = np.stack([filtered(ycc[..., c], kernels[c]) for c in range(3)], -1)
+        perceived.append(to_hunt_lab(np.clip(from_ycxcz(smooth), 0, 1)))
+    green, blue = (to_hunt_lab(np.array(c, float)) for c in ((0, 1, 0), (0, 0, 1)))
+    most = hyab(green, blue) ** q_c
+    colour = hyab(*perceived) ** q_c
+    cut = p_c * most
+    colour = np.where(colour < cut, colour * p_t / cut, p_t + (colour - cut) / (most - cut) * (1 - p_t))
+    (edge_a, point_a), (edge_b, point_b) = (features((v[..., 0] + 16) / 116) for v in opponent)
+    feature = np.clip(np.maximum(np.abs(edge_a - edge_b), np.abs(point_a - point_b)) / np.sqrt(2), 0, 1) ** q_f
+    return colour ** (1 - feature)
+
+
+# ------------------------------------------------------------------ table and pictures
+
+def errors_of(quick, reference, turned=None, reference_turned=None):
+    mean = reference.mean()
+    # Nearly all of the reference is below white.
+    white = float(np.quantile(reference[..., :3], 0.98))
+    out = {"bias": {band: float((quick[..., b] - reference[..., b]).mean() / reference[..., b].mean()) for b, band in enumerate(BANDS)},
+           "rms": rms(quick - reference) / mean, "rms_8x8": rms(blocks(quick) - blocks(reference)) / mean,
+           "flip": float(flip(tone_mapped(reference, white), tone_mapped(quick, white)).mean())}
+    if turned is not None:
+        out["flicker"] = rms((turned - quick) - (reference_turned - reference)) / mean
+    return out
+
+
+def png(file, rgb):
+    """8-bit colours of linear ones from 0 to 1."""
+    v = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * np.power(np.maximum(rgb, 1e-9), 1 / 2.4) - 0.055)
+    v = (255 * np.clip(v, 0, 1) + 0.5).astype(np.uint8)
+    h, w, _ = v.shape
+    rows = b"".join(b"\0" + v[y].tobytes() for y in range(h))
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    file.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", w, h, 8, 2, 0, 0, 0)) +
+                     chunk(b"IDAT", zlib.compress(rows, 9)) + chunk(b"IEND", b""))
+
+
+def side_by_side(file, reference, quick):
+    """Reference, quick picture, and the difference about grey, four times as large."""
+    white = float(np.quantile(reference[..., :3], 0.98))
+    gap = np.ones((reference.shape[0], 4, 3))
+    difference = np.clip(0.214 + 0.5 * (quick - reference)[..., :3] / white, 0, 1)
+    row = np.concatenate([tone_mapped(reference, white), gap, tone_mapped(quick, white), gap, difference], axis=1)
+    png(file, row.repeat(3, axis=0).repeat(3, axis=1))
+
+
+def self_test():
+    rng = np.random.default_rng(1)
+    a = rng.uniform(0.2, 0.8, (48, 64, 4))
+    e = errors_of(a, a, a, a)
+    same = e["rms"] == e["rms_8x8"] == e["flicker"] == 0 and e["flip"] < 1e-6
+    e = errors_of(1.1 * a, a)
+    biased = all(abs(b - 0.1) < 1e-9 for b in e["bias"].values()) and e["flip"] > 0.01
+    e = errors_of(a + rng.normal(0, 0.1, a.shape), a)
+    noisy = abs(e["rms"] * a.mean() - 0.1) < 0.005 and abs(e["rms_8x8"] * a.mean() - 0.1 / 8) < 0.004
+    # Black against white is the largest error there is: about 1 away from the borders.
+    black, white = np.zeros((64, 64, 3)), np.ones((64, 64, 3))
+    largest = flip(black, white).mean()
+    whole = 0.9 < largest <= 1.0 + 1e-9
+    print(f"self-test: same {same}, biased {biased}, noisy {noisy}, black against white {largest:.3f}")
+    return 0 if same and biased and noisy and whole else 1
+
+
+def main():
+    if sys.argv[1:] == ["--self-test"]:
+        return self_test()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("references", type=Path)
+    parser.add_argument("quick", type=Path)
+    parser.add_argument("--pictures", type=Path)
+    parser.add_argument("--json", type=Path)
+    o = parser.parse_args()
+    times = {}
+    if (o.quick / "times.json").is_file():
+        times = {(r["place"], r["name"]): r for r in json.loads((o.quick / "times.json").read_text()).get("runs", [])}
+    out = []
+    for place in ("indoor", "forest"):
+        if not list(o.references.glob(f"{place}-reference-*.npy")):
+            continue
+        (reference, error), (reference_turned, error_turned) = (reference_of(o.references, place, t) for t in ("", "-turned"))
+        mean = reference.mean()
+        print(f"\n{place}: mean radiance {mean:.3f} W/(m2 sr)")
+        print(f"  {'':18} {'cpu ms':>8} " + " ".join(f"{'bias ' + b:>12}" for b in BANDS) + f" {'rms':>8} {'rms 8x8':>8} {'flip':>7} {'flicker':>8}")
+        own = {"place": place, "name": "reference", "rms": rms(error) / mean, "rms_8x8": rms(error) / mean / 8,
+               "flicker": float(np.hypot(rms(error), rms(error_turned)) / mean)}
+        out.append(own)
+        print(f"  {'reference itself':18} {'':8} " + " " * (13 * len(BANDS) - 1) + f" {own['rms']:8.4f} {own['rms_8x8']:8.4f} {'':7} {own['flicker']:8.4f}")
+        for file in sorted(o.quick.glob(f"{place}-*.npy")):
+            if file.stem.endswith("-turned") or "-reference-" in file.stem:
+                continue
+            name = file.stem.removeprefix(place + "-")
+            quick = np.load(file).astype(float)
+            turned = np.load(file.with_name(file.stem + "-turned.npy")).astype(float)
+            e = errors_of(quick, reference, turned, reference_turned)
+            cpu = times.get((place, name), {}).get("cpu_ms")
+            out.append({"place": place, "name": name, "cpu_ms": cpu, **e})
+            print(f"  {name:18} {cpu if cpu is None else round(cpu):>8} " + " ".join(f"{e['bias'][b]:>+12.1%}" for b in BANDS) +
+                  f" {e['rms']:8.4f} {e['rms_8x8']:8.4f} {e['flip']:7.4f} {e['flicker']:8.4f}")
+            if o.pictures:
+                o.pictures.mkdir(parents=True, exist_ok=True)
+                side_by_side(o.pictures / f"{place}-{name}.png", reference, quick)
+    if not out:
+        sys.exit(f"light_error: {o.references} has no reference: bench_light --out {o.references} --reference 4")
+    if o.json:
+        o.json.write_text(json.dumps(out, indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
