@@ -95,8 +95,7 @@ class Bench {
       optics.pixel_step = step;
       quick(world, place, name, need(make_rays_optics(camera(), optics, cache_)), o_.rounds);
     }
-    if (device_)
-      quick(world, place, "raster", need(make_vulkan_optics(camera(), {}, device_)), std::min(o_.rounds, 1));
+    if (device_) quick(world, place, "raster", need(make_vulkan_optics(camera(), {}, device_)), 1);
   }
 
  private:
@@ -148,11 +147,10 @@ class Bench {
              const std::unique_ptr<CameraOpticsPicture>& optics, int rounds) {
     OpticsPicture picture;
     OpticsRequest request;
-    request.region = kWindow;
     for (const double shift_px : {0.0, kShift_px}) {
       const Eigen::Isometry3d T = turned(world.T_world_optical(), shift_px);
       const render::SensorView view{world, [T](BenchTime) { return T; }};
-      request.region = kWindow;
+      request.region = kWindow, request.measure.index = shift_px > 0 ? 1 : 0;
       need(optics->form(request, view, picture));
       write_picture(o_.out / file(place, name, shift_px), picture.radiance);
       if (shift_px > 0) continue;
@@ -180,6 +178,8 @@ int main(int argc, char** argv) {
   const LightOptions o = light_options(argc, argv);
   std::setvbuf(stdout, nullptr, _IOLBF, 0);
   Bench bench(o);
+  if (!o.place.empty() && o.place != kPlaces[0].name && o.place != kPlaces[1].name)
+    give_up("--place: expected indoor or forest, got " + o.place);
   for (const Place* p : {&kPlaces[0], &kPlaces[1]})
     if (o.place.empty() || o.place == p->name) bench.place(*p);
   write(o.json, bench.out());

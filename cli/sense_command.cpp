@@ -77,11 +77,11 @@ Result<RigConfig> load(const SenseOptions& options) {
   return load_rig(options.rig, *overrides);
 }
 
-/// What a sample is written as. `told` gets what is worth telling of it; `said` is the same in words.
+/// What a sample is written as. `answer` gets what is worth saying of it; `said` is the same in words.
 class SampleFile {
  public:
-  SampleFile(const SenseOptions& options, const Capture& capture, nlohmann::json& told)
-      : options_(options), capture_(capture), answer_(told) {}
+  SampleFile(const SenseOptions& options, const Capture& capture, nlohmann::json& answer)
+      : options_(options), capture_(capture), answer_(answer) {}
 
   Status write() {
     const Sample& sample = capture_.sample;
@@ -196,21 +196,21 @@ int sense_command(const SenseOptions& options) {
   if (!probe) return refuse(probe.error());
   const auto capture = (*probe)->capture(options.at_s);
   if (!capture) return refuse(capture.error());
-  nlohmann::json told{
+  nlohmann::json answer{
       {"file", options.output.string()}, {"channel", options.channel}, {"kind", kind_name(*kind)}};
-  SampleFile file(options, *capture, told);
+  SampleFile file(options, *capture, answer);
   if (auto s = file.write(); !s) return refuse(s.error());
   const double t_capture_s = static_cast<double>(capture->sample.stamp.t_capture.ns()) * 1e-9;
-  told["t_capture_s"] = t_capture_s;
-  told["index"] = capture->index;
+  answer["t_capture_s"] = t_capture_s;
+  answer["index"] = capture->index;
   if (!options.truth.empty()) {
-    told["truth"] = options.truth.string();
+    answer["truth"] = options.truth.string();
     if (auto s = write_truth(options.truth, capture->truth); !s) return refuse(s.error());
   }
   const std::string renderer = (*probe)->renderer();
-  told["renderer"] = renderer;
+  answer["renderer"] = renderer;
   if (options.json)
-    fmt::print("{}\n", told.dump());
+    fmt::print("{}\n", answer.dump());
   else
     fmt::print("{}: {}, capture {} at {:.3f} s{}{}\n", options.output.string(), file.said(), capture->index,
                t_capture_s, renderer.empty() ? "" : ", ", renderer);

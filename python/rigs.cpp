@@ -50,8 +50,8 @@ class Rig {
       // The rig as the application's setup message describes it; the bench has its own copy.
       rig_config_ = std::make_shared<RigConfig>(rig);
       calls_ = std::make_shared<ApplicationCalls>(application);
-      registry.add(NamedApplication{rig.application, [told = rig_config_, calls = calls_] {
-                                      return make_turn_application(*told, python_handler(calls));
+      registry.add(NamedApplication{rig.application, [config = rig_config_, calls = calls_] {
+                                      return make_turn_application(*config, python_handler(calls));
                                     }});
     }
     BenchOptions how = value_of(given.bench_options());

@@ -13,7 +13,10 @@ folders=("$found")
 seeds=tests/fuzz/corpus/$name
 [[ ! -d $seeds ]] || folders+=("$seeds")
 longest=$(awk -v name="$name" '$1 == name { print $2 }' tests/fuzz/max_len.txt)
-[[ $longest =~ ^[0-9]+$ ]] || { echo "$name: expected the length of its longest input in tests/fuzz/max_len.txt, found none" && exit 1; }
+[[ $longest =~ ^[0-9]+$ ]] || {
+  echo "$name: expected the length of its longest input in tests/fuzz/max_len.txt, found none" | tee -a "$results/fuzz.failed"
+  exit 1
+}
 
 # With vm.mmap_rnd_bits above 28 the address sanitizer of clang 16 aborts at random.
 runner=()
@@ -21,14 +24,17 @@ runner=()
 if "${runner[@]}" "build/asan-ubsan/$harness" -max_total_time="$seconds" -max_len="$longest" -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
   -artifact_prefix="build/fuzz-artifacts/$name-" "${folders[@]}" >"$log" 2>&1; then
   runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
-  [[ ${runs:-0} -gt 0 ]] || { echo "$name: no input was run, see $log" && exit 1; }
+  [[ ${runs:-0} -gt 0 ]] || {
+    echo "$name: no input was run, see $log" | tee -a "$results/fuzz.failed"
+    exit 1
+  }
   echo "$name: $runs inputs, nothing found"
   touch "$results/fuzz-$name.ok"
 else
   echo "$name: FAILED, see $log"
   tail -n 60 "$log"
   # A line of the summary: the error, and the first place in the harness or in Rigor.
-  echo "$name: $(grep -m 1 -oE 'ERROR: .*|runtime error: .*' "$log" || echo 'no message'), $(
-    grep -m 1 -oE "$PWD/[^ ]+:[0-9]+" "$log" | sed "s#^$PWD/##" || echo 'no place')" >>"$results/fuzz.failed"
+  echo "$name: $(grep -a -m 1 -oE 'ERROR: .*|runtime error: .*' "$log" || echo 'no message'), $(
+    grep -a -m 1 -oE "$PWD/[^ ]+:[0-9]+" "$log" | sed "s#^$PWD/##" || echo 'no place')" >>"$results/fuzz.failed"
   exit 1
 fi

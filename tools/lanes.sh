@@ -102,6 +102,7 @@ check_includes() {
   python3 tools/check_includes.py --self-test
   python3 tools/check_includes.py
   python3 tools/run_tests.py --self-test
+  /usr/bin/python3 benches/light_error.py --self-test
   python3 tools/check_packages.py --self-test
 }
 
@@ -131,7 +132,7 @@ lane_fuzz() {
   local -a harnesses
   mapfile -t harnesses < <(list_harnesses)
   local status=0 harness
-  rm -f "$RESULTS"/fuzz-*.ok
+  rm -f "$RESULTS"/fuzz-*.ok "$RESULTS/fuzz.failed"
   printf '%s\0' "${harnesses[@]}" | xargs -0 -n 1 -P 2 bash tools/fuzz_one.sh "$FUZZ_SECONDS" "$RESULTS" || status=1
   local passed=0
   for harness in "${harnesses[@]}"; do

@@ -28,7 +28,7 @@ namespace {
 using nlohmann::json;
 
 /// What a process that is asked to end may take for it.
-constexpr Duration kTimeout = seconds(2);
+constexpr Duration kEndTimeout = seconds(2);
 constexpr int kSlice_ms = 50;  ///< how soon Ctrl-C and the end of the process are seen while one waits
 
 std::string how_it_ended(int status) {
@@ -157,7 +157,7 @@ void ChildProcess::end() noexcept {
   if (memory_fd_ >= 0) close(std::exchange(memory_fd_, -1));
   if (pid_ <= 0 || death()) return;
   ::kill(-pid_, SIGTERM);
-  if (!wait_for_death(kTimeout)) kill();
+  if (!wait_for_death(kEndTimeout)) kill();
 }
 
 void ChildProcess::kill() {

@@ -32,7 +32,7 @@ class ChildProcess {
   [[nodiscard]] static Result<ChildProcess> start(const Command& command, Duration timeout, StopToken stop);
   ChildProcess(ChildProcess&& o) noexcept;
   ChildProcess& operator=(ChildProcess&& o) noexcept;
-  /// SIGTERM, and SIGKILL after `kTimeout`.
+  /// SIGTERM, and SIGKILL after `kEndTimeout`.
   ~ChildProcess();
 
   /// Text of a message, in setup: with the time that it may take.

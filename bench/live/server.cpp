@@ -32,7 +32,7 @@ using tcp = asio::ip::tcp;
 using beast::error_code;
 
 constexpr std::string_view kProtocols[] = {"foxglove.websocket.v1", "foxglove.sdk.v1"};
-constexpr auto kWriteTimeout = std::chrono::seconds(10), kIdleTimeout = std::chrono::seconds(60);
+constexpr auto kRequestTimeout = std::chrono::seconds(10), kIdleTimeout = std::chrono::seconds(60);
 constexpr std::string_view kAsked = "read";
 /// In the kernel: little, so that a client that does not read is known by its backlog here.
 constexpr int kSendBuffer = 256 << 10;
@@ -144,7 +144,7 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
     parser_.emplace();
     parser_->header_limit(Server::kMaxHeader);
     parser_->body_limit(0);
-    beast::get_lowest_layer(ws_).expires_after(kWriteTimeout);
+    beast::get_lowest_layer(ws_).expires_after(kRequestTimeout);
     http::async_read(ws_.next_layer(), buffer_, *parser_,
                      [self = shared_from_this()](error_code error, std::size_t) {
                        if (!error) self->answer();
@@ -225,7 +225,7 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
     response_.body() = std::move(content);
     response_.prepare_payload();
     if (request.method() == http::verb::head) response_.body().clear();  // its length has been said
-    beast::get_lowest_layer(ws_).expires_after(kWriteTimeout);
+    beast::get_lowest_layer(ws_).expires_after(kRequestTimeout);
     http::async_write(ws_.next_layer(), response_,
                       [self = shared_from_this()](error_code error, std::size_t) {
                         if (error) return;
@@ -253,7 +253,7 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
     ++site_.sockets;
     is_socket_ = true;
     beast::get_lowest_layer(ws_).expires_never();
-    ws_.set_option(websocket::stream_base::timeout{kWriteTimeout, kIdleTimeout, true});
+    ws_.set_option(websocket::stream_base::timeout{kRequestTimeout, kIdleTimeout, true});
     ws_.set_option(websocket::stream_base::decorator([protocol](websocket::response_type& r) {
       r.set(http::field::sec_websocket_protocol, beast::string_view(protocol.data(), protocol.size()));
     }));

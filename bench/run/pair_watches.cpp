@@ -22,7 +22,7 @@ using pair_watch::WatchOptions;
 /// Below this a sensor model's noise is taken for left away: a window's own scatter needs a scale.
 constexpr double kLeastSigma_m = 1e-4;
 
-std::filesystem::path sensor_model_of(const ConfigNode& params) {
+std::filesystem::path sensor_model_file_of(const ConfigNode& params) {
   return params.base_dir() / params.text("sensor");
 }
 std::uint64_t draw_of(const ConfigNode& params) {
@@ -31,7 +31,7 @@ std::uint64_t draw_of(const ConfigNode& params) {
 
 Result<PairWatch> of_images(const ConfigNode& params, const ChannelDescription& simulated,
                             const WatchOptions& watch) {
-  const auto sensor_model = value_or_throw(load_camera(sensor_model_of(params), draw_of(params)));
+  const auto sensor_model = value_or_throw(load_camera(sensor_model_file_of(params), draw_of(params)));
   ImageInfo shape;
   shape.format = simulated.format;
   shape.width_px = simulated.width_px, shape.height_px = simulated.height_px;
@@ -43,7 +43,7 @@ Result<PairWatch> of_images(const ConfigNode& params, const ChannelDescription& 
 }
 
 Result<PairWatch> of_clouds(const ConfigNode& params, const WatchOptions& watch) {
-  const auto model = value_or_throw(load_lidar_model(sensor_model_of(params), draw_of(params)));
+  const auto model = value_or_throw(load_lidar_model(sensor_model_file_of(params), draw_of(params)));
   const models::LidarNoise& n = model.noise;
   pair_watch::CloudChangeOptions o;
   o.rings = static_cast<std::uint32_t>(std::max<std::size_t>(1, model.scan.beams.size()));
@@ -59,7 +59,7 @@ Result<PairWatch> of_clouds(const ConfigNode& params, const WatchOptions& watch)
 /// C/2 (Lange and Seitz, IEEE J. Quantum Electronics 37, 2001, eq. 18): σ_φ² = (E/2 + r²) / (2 A²).
 Result<PairWatch> of_range_images(const ConfigNode& params, const ChannelDescription& simulated,
                                   const WatchOptions& watch) {
-  const auto model = value_or_throw(load_tof_model(sensor_model_of(params), draw_of(params)));
+  const auto model = value_or_throw(load_tof_model(sensor_model_file_of(params), draw_of(params)));
   const double range_m = std::min(2.0, model.unambiguous_range_m() / 2);
   const double e = std::min(model.pixel.full_well_e, model.active_electrons(range_m, 0.5));
   const double amplitude = e * model.modulation.contrast / 2;

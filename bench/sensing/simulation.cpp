@@ -170,12 +170,6 @@ bool small_renderer_knows(const CameraModel& m) {
          !m.bloom.active() && m.noise.hot_pixel_share == 0 && !processing;
 }
 
-template <class Model>
-struct SensorModelWriter {
-  Model model;
-  SensorSetup setup;
-};
-
 /// The keys that all simulated sensors share. Throws ConfigError.
 SensorSetup read_setup(const ConfigNode& params, SampleKind kind, const SensorWorld& world,
                        const std::string& name, std::uint64_t seed, const SensorOptions& options) {

@@ -99,13 +99,13 @@ FlatPoints robustly_flat(const std::vector<Eigen::Vector3d>& points) {
   return flat(on.size() >= 3 ? picked(points, on) : points);
 }
 
-/// Normal of the board towards the first sensor.
+/// Normal of the board towards the camera.
 Eigen::Vector3d board_normal(const Eigen::Isometry3d& T_camera_board) {
   const Eigen::Vector3d n = T_camera_board.linear().col(2);
   return n.dot(T_camera_board.translation()) > 0 ? Eigen::Vector3d(-n) : n;
 }
 
-/// A point of the second sensor over the corrected plane.
+/// A point of the sensor over the corrected plane.
 struct PointOnPlane {
   Eigen::Isometry3d T_board_first;
   Eigen::Vector3d point;
@@ -159,7 +159,7 @@ Eigen::Matrix3d plane_covariance_of(const PlaneObservation& s) {
   return s.plane_covariance + t * t * s.plane_rate_covariance;
 }
 
-/// What the first sensor says of its planes comes from the scatter of corners. Where the planes are farther
+/// What the camera says of its planes comes from the scatter of corners. Where the planes are farther
 /// off than that (corners that are pulled aside alike, a lens that is not the sensor model's) the views show
 /// by how much: the factor of their covariance with which the median view's difference from the points' own
 /// plane is what chi-squared with three degrees has in its middle, 2.366. Never below 1, and 1 where it may
@@ -318,13 +318,13 @@ std::vector<std::size_t> points_on_board(const std::vector<Eigen::Vector3d>& clo
                                          const Eigen::Isometry3d& T_camera_sensor,
                                          const Eigen::Vector2d& size_m, double margin_m,
                                          double outline_margin_m, std::size_t least) {
-  const Eigen::Isometry3d T_board_second = T_camera_board.inverse() * T_camera_sensor;
+  const Eigen::Isometry3d T_board_sensor = T_camera_board.inverse() * T_camera_sensor;
   std::vector<Eigen::Vector3d> near;
   std::vector<std::size_t> index;
   for (std::size_t i = 0; i < cloud_m.size(); ++i) {
     const Eigen::Vector3d& p = cloud_m[i];
     if (!p.allFinite()) continue;
-    const Eigen::Vector3d q = T_board_second * p;
+    const Eigen::Vector3d q = T_board_sensor * p;
     const double o = outline_margin_m;
     if (std::abs(q.z()) <= margin_m && q.x() >= -o && q.y() >= -o && q.x() <= size_m.x() + o &&
         q.y() <= size_m.y() + o)
@@ -431,15 +431,14 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneObservation>
           "turn the board: its normals in the views must point in three directions that do not lie in one "
           "plane, as tilted left, right and up, each by 20 degrees and more";
   if (out.plane_scale > 1.5)
-    out.result.warnings.push_back("the first sensor's planes are " +
-                                  std::to_string(out.plane_scale).substr(0, 4) +
+    out.result.warnings.push_back("the camera's planes are " + std::to_string(out.plane_scale).substr(0, 4) +
                                   " times as uncertain as its corners say, and were taken so: its lens is "
                                   "not quite the sensor model's, or the "
                                   "board is not flat");
   if (out.result.scale > 1.5)
-    out.result.warnings.push_back(
-        "the points lie " + std::to_string(out.result.scale).substr(0, 4) +
-        " times as far from the planes as their noise says: the second sensor has a bias, a lens, or moved");
+    out.result.warnings.push_back("the points lie " + std::to_string(out.result.scale).substr(0, 4) +
+                                  " times as far from the planes as their noise says: the LiDAR or "
+                                  "time-of-flight camera has a bias, a lens, or moved");
   return out;
 }
 

@@ -1,15 +1,15 @@
-// Where one sensor sits relative to another, from boards that both saw: the first (a camera) knows the
-// board's plane, the second (LiDAR, time-of-flight camera) has points on it.
+// Where one sensor sits relative to another, from boards that both saw: the camera knows the
+// board's plane, the sensor (LiDAR, time-of-flight camera) has points on it.
 //
-// Residual of a point p of the second sensor on view v, in standard deviations:
+// Residual of a point p of the sensor on view v, in standard deviations:
 //
-//   (n_v · (R p + t) − d_v) / sigma_p,        n_v · x = d_v the board's plane in the first sensor's frame
+//   (n_v · (R p + t) − d_v) / sigma_p,        n_v · x = d_v the board's plane in the camera's frame
 //
 // The planes themselves are uncertain: each is solved for (two tilts and a distance) and tied to what the
-// first sensor said of it by its covariance. Source of the constraint: Zhang & Pless, IROS 2004.
+// camera said of it by its covariance. Source of the constraint: Zhang & Pless, IROS 2004.
 //
 // A scanner measures while the board moves: a point is compared with the board where it was at the point's
-// own instant, by the rate with which the first sensor saw it move.
+// own instant, by the rate with which the camera saw it move.
 //
 // One plane leaves three directions free, two that meet leave one (along their common line), and all planes
 // with normals in one plane leave one: they are named, with the view that would help.
@@ -33,13 +33,13 @@ struct PlaneObservation {
   Eigen::Isometry3d T_camera_board = Eigen::Isometry3d::Identity();  ///< its plane is z = 0
   /// Of T_camera_board's plane: rotations about its own x and y [rad], shift along its z [m].
   Eigen::Matrix3d plane_covariance = Eigen::Matrix3d::Zero();
-  std::vector<Eigen::Vector3d> points_m;  ///< of the board, in the second sensor's frame
-  std::vector<double> t_s;  ///< of each point, after the first sensor's picture; empty: all at it
+  std::vector<Eigen::Vector3d> points_m;  ///< of the board, in the sensor's frame
+  std::vector<double> t_s;                ///< of each point, after the camera's picture; empty: all at it
   /// How the board moves in its own frame: rotation vector [rad/s], then shift [m/s].
   Eigen::Matrix<double, 6, 1> rate = Eigen::Matrix<double, 6, 1>::Zero();
   Eigen::Matrix3d plane_rate_covariance = Eigen::Matrix3d::Zero();  ///< as plane_covariance, per second
 };
-/// From the first sensor's frame to the board where it was when point i was measured.
+/// From the camera's frame to the board where it was when point i was measured.
 [[nodiscard]] Eigen::Isometry3d T_board_camera_at(const PlaneObservation& observation, std::size_t i);
 
 /// A board's pose at an instant, and how sure its plane is.
@@ -65,10 +65,10 @@ struct PlaneExtrinsicsOptions {
 struct PlaneExtrinsics {
   FitResult result;  ///< x_m, y_m, z_m, and the rotation vector rx_rad, ry_rad, rz_rad
   Eigen::Isometry3d T_camera_sensor = Eigen::Isometry3d::Identity();
-  double sigma_point_m = 0;  ///< that was used
-  double plane_scale = 1;    ///< the planes were taken as so many times as uncertain as the first sensor says
-  std::vector<double> view_rms_m;   ///< distance of a view's points from its plane
-  std::vector<double> view_mean_m;  ///< signed; a bias of the second sensor shows here
+  double sigma_point_m = 0;        ///< that was used
+  double plane_scale = 1;          ///< the planes were taken as so many times as uncertain as the camera says
+  std::vector<double> view_rms_m;  ///< distance of a view's points from its plane
+  std::vector<double> view_mean_m;  ///< signed; a bias of the sensor shows here
 };
 
 /// bad_input: no view, a view with fewer than three points or points that are not finite. Any thread.
@@ -79,7 +79,7 @@ struct PlaneExtrinsics {
 /// squares; what the planes leave free is taken as zero. Exposed for tests.
 [[nodiscard]] Eigen::Isometry3d extrinsics_from_normals(const std::vector<PlaneObservation>& observations);
 
-/// Which points are on the board: of `cloud_m` (second sensor's frame) those that lie over the board's
+/// Which points are on the board: of `cloud_m` (the sensor's frame) those that lie over the board's
 /// outline (board frame: 0 … width, 0 … height, grown by `outline_margin_m`, shrunk where that is negative)
 /// and within `margin_m` of its plane as a rough T_camera_sensor has it, and then within 4 robust standard
 /// deviations of the plane that most of them make; their indices, increasing. Empty where fewer than `least`

@@ -38,7 +38,8 @@ Figure residual_figure(const ResidualSample& before, const ResidualSample& after
   Figure f{.kind = Figure::Kind::series,
            .title = "Residuals before and after",
            .caption =
-               "Real less simulated, sorted. Before: of the recorded twin; after: of the twin carried over "
+               "Real less simulated, sorted. Before: of the recorded simulation; after: of the simulation "
+               "carried over "
                "to the proposal. What stays is noise of both, and what the model cannot express.",
            .x_label = "share of the numbers",
            .y_label = unit};
@@ -96,8 +97,8 @@ Status enough(const RecordedPair& pair, std::uint64_t pairs, std::uint64_t unlik
                   alone > 0 ? fmt::format("; {} have no partner of their instant", alone) : ""));
 }
 
-Status need_sensor_model(const RecordedPair& pair) {
-  if (!pair.sensor_model.empty()) return {};
+Status need_sensor_model_file(const RecordedPair& pair) {
+  if (!pair.sensor_model_file.empty()) return {};
   return fail(
       ErrorCode::bad_input, pair.rig_file,
       "expected `sensor` (the sensor model) of the simulated side of " + pair.channel + ", found none");
@@ -114,7 +115,7 @@ Options common_of(const StopToken& stop, ProgressTask& task) {
 Result<Solved> solve_camera(const RecordedPair& pair, const PairCalibrationOptions& o,
                             const ForEachPair& pairs, const std::uint64_t& alone, const StopToken& stop,
                             ProgressTask& task) {
-  const auto sensor_model = load_camera(pair.sensor_model);
+  const auto sensor_model = load_camera(pair.sensor_model_file);
   if (!sensor_model) return tl::unexpected<Error>(sensor_model.error());
   auto options = common_of<ImagePairOptions>(stop, task);
   options.principal_point = o.model == "principal-point" || o.model == "lens";
@@ -134,7 +135,7 @@ Result<Solved> solve_camera(const RecordedPair& pair, const PairCalibrationOptio
 Result<Solved> solve_lidar(const RecordedPair& pair, const PairCalibrationOptions& o,
                            const ForEachPair& pairs, const std::uint64_t& alone, const StopToken& stop,
                            ProgressTask& task) {
-  const auto model = load_lidar_model(pair.sensor_model);
+  const auto model = load_lidar_model(pair.sensor_model_file);
   if (!model) return tl::unexpected<Error>(model.error());
   auto options = common_of<CloudPairOptions>(stop, task);
   options.mount = o.model != "ranges";
@@ -257,24 +258,25 @@ Result<CalibrationResult> calibrate_pair(const PairCalibrationOptions& o, const 
         fmt::format("expected one of {} for this kind of channel, got {}", fmt::join(models, ", "), o.model));
   const bool has_model = pair->kind != SampleKind::register_block;
   if (has_model)
-    if (auto s = need_sensor_model(*pair); !s) return tl::unexpected<Error>(s.error());
-  RecordedPair twin = *pair;
+    if (auto s = need_sensor_model_file(*pair); !s) return tl::unexpected<Error>(s.error());
+  RecordedPair recorded = *pair;
   if (!(o.from_s < o.until_s))
     return fail(ErrorCode::bad_input, "--from, --until",
                 fmt::format("expected --from before --until, got {:g} and {:g}", o.from_s, o.until_s));
-  twin.from_s = o.from_s, twin.until_s = o.until_s;
+  recorded.from_s = o.from_s, recorded.until_s = o.until_s;
   if (!o.base.empty())
-    twin.sensor_model = o.base;  // the sensor model that the twin had, where the rig's has changed since
+    recorded.sensor_model_file =
+        o.base;  // the sensor model that the simulated side had, where the rig's has changed since
 
   std::optional<ProgressTask> searching(std::in_place, "look for changes of the device");
   std::uint64_t alone = 0;
-  const ForEachPair pairs = [&](const TakePair& take) { return read_pairs(twin, take, alone); };
-  const auto search = find_change(twin, pairs, stop);
+  const ForEachPair pairs = [&](const TakePair& take) { return read_pairs(recorded, take, alone); };
+  const auto search = find_change(recorded, pairs, stop);
   searching.reset();
   if (!search) return tl::unexpected<Error>(search.error());
   if (search->change && !std::isfinite(o.from_s) && !std::isfinite(o.until_s)) {
     const RecordedChange& c = *search->change;
-    return fail(ErrorCode::bad_input, twin.recording.string(),
+    return fail(ErrorCode::bad_input, recorded.recording.string(),
                 fmt::format("expected a device that stays as it is, found a change: {}; a model of all of it "
                             "would be that of neither device. Give --until {:.2f} for the device before, "
                             "--from {:.2f} for the device after",
@@ -283,15 +285,15 @@ Result<CalibrationResult> calibrate_pair(const PairCalibrationOptions& o, const 
   std::optional<ProgressTask> fitting(std::in_place, "fit");
   ProgressTask& task = *fitting;
   auto solved = [&]() -> Result<Solved> {
-    switch (twin.kind) {
+    switch (recorded.kind) {
       case SampleKind::image:
-        return solve_camera(twin, o, pairs, alone, stop, task);
+        return solve_camera(recorded, o, pairs, alone, stop, task);
       case SampleKind::point_cloud:
-        return solve_lidar(twin, o, pairs, alone, stop, task);
+        return solve_lidar(recorded, o, pairs, alone, stop, task);
       case SampleKind::range_image:
-        return solve_tof(twin, o, pairs, alone, stop, task);
+        return solve_tof(recorded, o, pairs, alone, stop, task);
       default:
-        return solve_values(twin, pairs, alone);
+        return solve_values(recorded, pairs, alone);
     }
   }();
   fitting.reset();
@@ -300,7 +302,7 @@ Result<CalibrationResult> calibrate_pair(const PairCalibrationOptions& o, const 
   CalibrationResult result;
   result.title = "Model of a pair";
   nlohmann::json& details = result.details.json();
-  result.inputs = {twin.recording};
+  result.inputs = {recorded.recording};
   result.fit = solved->proposal.result();
   if (search->change)
     result.fit.warnings.push_back(
@@ -315,18 +317,18 @@ Result<CalibrationResult> calibrate_pair(const PairCalibrationOptions& o, const 
   if (!solved->converged && !result.fit.interrupted)
     result.fit.warnings.push_back(fmt::format(
         "after {} passes the steps are not small against their uncertainty: the change is large, or "
-        "the twin's world is not what the device sees",
+        "the simulated world is not what the device sees",
         solved->passes));
   result.recipe = solved->proposal.recipe();
-  result.recipe.kind = twin.kind == SampleKind::image         ? "camera"
-                       : twin.kind == SampleKind::point_cloud ? "lidar"
-                       : twin.kind == SampleKind::range_image ? "tof"
-                       : twin.kind == SampleKind::imu         ? "imu"
-                                                              : "registers";
+  result.recipe.kind = recorded.kind == SampleKind::image         ? "camera"
+                       : recorded.kind == SampleKind::point_cloud ? "lidar"
+                       : recorded.kind == SampleKind::range_image ? "tof"
+                       : recorded.kind == SampleKind::imu         ? "imu"
+                                                                  : "registers";
   result.figures = std::move(solved->figures);
   for (const std::string& note : solved->proposal.notes()) result.notes.push_back(note);
   details = std::move(solved->proposal.more);
-  details["channel"] = twin.channel;
+  details["channel"] = recorded.channel;
   details["pairs"] = solved->pairs;
   details["passes"] = solved->passes;
   for (const auto& [name, value] : solved->one_step) details["one_step"][name] = value;
@@ -335,7 +337,7 @@ Result<CalibrationResult> calibrate_pair(const PairCalibrationOptions& o, const 
     details["mean_before"] = solved->mean_before;
     details["mean_after"] = solved->mean_after;
   }
-  result.base = has_model ? twin.sensor_model : o.base;
+  result.base = has_model ? recorded.sensor_model_file : o.base;
   return result;
 }
 

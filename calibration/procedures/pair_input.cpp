@@ -83,10 +83,10 @@ Result<RecordedPair> find_recorded_pair(const std::filesystem::path& recording,
                     "units, channel {} is of kind {}",
                     entry->name, kind_name(entry->kind)));
   const ConfigNode& params = entry->simulated.params;
-  if (params.has("sensor")) out.sensor_model = params.base_dir() / params.text("sensor");
+  if (params.has("sensor")) out.sensor_model_file = params.base_dir() / params.text("sensor");
   if (const auto draw = params.has("calibration_draw") ? params.text("calibration_draw") : "0"; draw != "0")
     return fail(ErrorCode::bad_input, params.place(),
-                "expected a twin of the sensor model itself, got calibration_draw: " + draw +
+                "expected a simulated side of the sensor model itself, got calibration_draw: " + draw +
                     "; the proposal changes the sensor model, not one device drawn from it");
   for (const char* key : {"T_world_sensor", "T_parent_sensor"}) {
     if (!params.has(key)) continue;

@@ -1,5 +1,5 @@
 // A recorded pair as the input of `rigor calibrate pair`: both sides' samples of the same instants, and what
-// the rig says of the twin.
+// the rig says of the simulated side.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -19,11 +19,11 @@ struct RecordedPair {
   std::filesystem::path recording;
   std::string channel;
   SampleKind kind = SampleKind::none;
-  std::filesystem::path sensor_model;  ///< of the twin; empty: its channel has none
-  std::string rig_file;                ///< that was read, or of which the recording holds a copy
+  std::filesystem::path sensor_model_file;  ///< of the simulated side; empty: its channel has none
+  std::string rig_file;                     ///< that was read, or of which the recording holds a copy
   std::vector<std::string> register_names, register_units;
-  /// Where the twin sits in the rig: the key (`T_world_sensor`, `T_parent_sensor`), empty where there is
-  /// none.
+  /// Where the simulated side sits in the rig: the key (`T_world_sensor`, `T_parent_sensor`), empty where
+  /// there is none.
   std::string mount_key;
   Eigen::Isometry3d T_parent_sensor = Eigen::Isometry3d::Identity();
   ChannelEntry entry;  ///< of the rig

@@ -130,18 +130,18 @@ FitResult PairProposal::result() const {
 }
 
 Result<PairProposal> propose_camera(const RecordedPair& pair, const ImagePairFit& fit,
-                                    const CameraModel& twin) {
+                                    const CameraModel& simulated) {
   PairProposal p(fit.change);
   const CameraModel& c = fit.camera;
   const bool fisheye = c.projection == Projection::kannala_brandt;
-  p.add("fx_px", c.fx_px, {{"focal_length", twin.fx_px}}, "intrinsics.fx_px");
-  p.add("fy_px", c.fy_px, {{"focal_length", twin.fy_px}}, "intrinsics.fy_px");
+  p.add("fx_px", c.fx_px, {{"focal_length", simulated.fx_px}}, "intrinsics.fx_px");
+  p.add("fy_px", c.fy_px, {{"focal_length", simulated.fy_px}}, "intrinsics.fy_px");
   p.add("cx_px", c.cx_px, {{"cx_px"}}, "intrinsics.cx_px");
   p.add("cy_px", c.cy_px, {{"cy_px"}}, "intrinsics.cy_px");
   p.add("k1", fisheye ? c.fisheye.k1 : c.lens.k1, {{"k1"}}, fisheye ? "fisheye.k1" : "lens.k1");
   p.add("a2", c.vignetting.a2, {{"a2"}}, "vignetting.a2");
-  const EmvaNoise& n = twin.noise;
-  const ImageProcessing& processing = twin.processing;
+  const EmvaNoise& n = simulated.noise;
+  const ImageProcessing& processing = simulated.processing;
   const bool raw = processing.gamma == 1 && !processing.median_filter && !processing.demosaic;
   if (!raw || !n.linear()) {
     p.leave_open("noise",
@@ -163,8 +163,8 @@ Result<PairProposal> propose_camera(const RecordedPair& pair, const ImagePairFit
                    "the camera takes its black level off by itself: its sensor model has no key for another");
     }
     const Parameter* gain = p.change("gain");
-    const ImageNoiseFit noise = fit_image_noise(fit, twin, gain ? gain->sigma : 1);
-    const double k = twin.system_gain_dn_per_e();
+    const ImageNoiseFit noise = fit_image_noise(fit, simulated, gain ? gain->sigma : 1);
+    const double k = simulated.system_gain_dn_per_e();
     if (noise.levels < 2) {
       p.leave_open("noise",
                    "too few places of the pictures are smooth; record surfaces without texture, bright "
@@ -185,12 +185,12 @@ Result<PairProposal> propose_camera(const RecordedPair& pair, const ImagePairFit
       p.more["gain"] = {{"chi2_electronics", noise.chi2_electronics}, {"chi2_light", noise.chi2_light}};
       if (noise.gain == ImageNoiseFit::Gain::electronics)
         p.add("system_gain_dn_per_e", k * fit.gain, {{"gain", k}}, "noise.system_gain_dn_per_e");
-      else if (twin.optics.transmission * fit.gain <= 1)
-        p.add("transmission", twin.optics.transmission * fit.gain, {{"gain", twin.optics.transmission}},
-              "optics.transmission");
+      else if (simulated.optics.transmission * fit.gain <= 1)
+        p.add("transmission", simulated.optics.transmission * fit.gain,
+              {{"gain", simulated.optics.transmission}}, "optics.transmission");
       else
-        p.add("f_number", twin.optics.f_number / std::sqrt(fit.gain),
-              {{"gain", -0.5 * twin.optics.f_number / std::pow(fit.gain, 1.5)}}, "optics.f_number");
+        p.add("f_number", simulated.optics.f_number / std::sqrt(fit.gain),
+              {{"gain", -0.5 * simulated.optics.f_number / std::pow(fit.gain, 1.5)}}, "optics.f_number");
       p.say(fmt::format(
           "Brightness has changed by {:+.2f} %: by its noise this is {} (chi-squared {:.1f} against "
           "{:.1f} the other way{}).",
@@ -240,7 +240,7 @@ double model_sigma_m(const models::LidarModel& m, double remission, double range
 }
 
 Result<PairProposal> propose_lidar(const RecordedPair& pair, const CloudPairFit& fit) {
-  const auto model = load_lidar_model(pair.sensor_model);
+  const auto model = load_lidar_model(pair.sensor_model_file);
   if (!model) return tl::unexpected<Error>(model.error());
   PairProposal p(fit.change);
   const models::LidarRange& r = model->range;
@@ -296,7 +296,7 @@ Result<PairProposal> propose_lidar(const RecordedPair& pair, const CloudPairFit&
 }
 
 Result<PairProposal> propose_tof(const RecordedPair& pair, const RangePairFit& fit) {
-  const auto model = load_tof_model(pair.sensor_model);
+  const auto model = load_tof_model(pair.sensor_model_file);
   if (!model) return tl::unexpected<Error>(model.error());
   PairProposal p(fit.change);
   p.add("range_offset_m", model->range_error.offset_m + fit.offset_m, {{"range_offset_m"}},
@@ -355,19 +355,19 @@ Result<PairProposal> propose_values(const RecordedPair& pair, const std::vector<
     at += n;
   }
   PairProposal p(change);
-  if (pair.kind != SampleKind::imu || pair.sensor_model.empty()) {
+  if (pair.kind != SampleKind::imu || pair.sensor_model_file.empty()) {
     for (const Parameter& c : change.parameters) p.add(c.name, c.value, {{c.name}});
     for (const ValueFit& f : fits)
       if (f.noise_ratio > 0 && std::isfinite(f.noise_ratio)) {
         p.estimate(f.name + " noise_ratio", f.noise_ratio, f.noise_ratio_sigma);
         p.add(f.name + " noise_ratio", f.noise_ratio, {{f.name + " noise_ratio"}});
       } else if (f.noise_real > 0) {
-        p.say(fmt::format("{}: the device has noise of {:.3g} {}, the twin none.", f.name, f.noise_real,
-                          f.unit));
+        p.say(fmt::format("{}: the device has noise of {:.3g} {}, the simulated side none.", f.name,
+                          f.noise_real, f.unit));
       }
     return p;
   }
-  const auto model = load_imu_model(pair.sensor_model);
+  const auto model = load_imu_model(pair.sensor_model_file);
   if (!model) return tl::unexpected<Error>(model.error());
   constexpr double kG = 9.80665, kDegree = std::numbers::pi / 180;
   double delay_weights = 0, delay_sum = 0;
@@ -404,7 +404,7 @@ Result<PairProposal> propose_values(const RecordedPair& pair, const std::vector<
     p.set(section + ".scale_percent", "[" + scales + "]");
     if (t.white != std::array<double, 3>{}) {
       // Under the key that the sensor model has, in its unit.
-      auto sensor_model = ConfigDocument::load(pair.sensor_model);
+      auto sensor_model = ConfigDocument::load(pair.sensor_model_file);
       if (!sensor_model) return tl::unexpected<Error>(sensor_model.error());
       const auto list = catch_config([&] {
         const ConfigNode n = sensor_model->map(section);

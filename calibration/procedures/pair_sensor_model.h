@@ -1,4 +1,4 @@
-// What the solved changes of a pair make of the twin's sensor model, and of its mount in the rig.
+// What the solved changes of a pair make of the simulated side's sensor model, and of its mount in the rig.
 #pragma once
 
 #include <Eigen/Core>
@@ -45,7 +45,7 @@ class PairProposal {
     change_.not_identifiable.emplace_back(std::move(name), std::move(why));
   }
 
-  /// The mount of the device in the twin's parent frame, in words, in the answer, and as `--set`.
+  /// The mount of the device in the simulated side's parent frame, in words, in the answer, and as `--set`.
   void mount(const RecordedPair& pair, const Eigen::Matrix3d& R_simulated_real,
              const Eigen::Vector3d& t_simulated_real_m);
 
@@ -63,7 +63,7 @@ class PairProposal {
 
 [[nodiscard]] Result<PairProposal> propose_camera(const RecordedPair& pair,
                                                   const calibration::ImagePairFit& fit,
-                                                  const CameraModel& twin);
+                                                  const CameraModel& simulated);
 [[nodiscard]] Result<PairProposal> propose_lidar(const RecordedPair& pair,
                                                  const calibration::CloudPairFit& fit);
 [[nodiscard]] Result<PairProposal> propose_tof(const RecordedPair& pair,

@@ -70,16 +70,16 @@ struct SensorModelWriter {
 
 void set_tof_model(SensorModelRecipe& recipe, const FitResult& fit, const TofModelParts& parts) {
   recipe.kind = "tof";
-  const SensorModelWriter sensor_model{recipe, fit};
-  if (parts.lens) sensor_model.lens(*parts.lens);
-  if (parts.ranges) sensor_model.ranges(*parts.ranges, parts.electrons_per_amplitude);
+  const SensorModelWriter writer{recipe, fit};
+  if (parts.lens) writer.lens(*parts.lens);
+  if (parts.ranges) writer.ranges(*parts.ranges, parts.electrons_per_amplitude);
   if (fit.find("pixel_offset_sigma_m"))
-    sensor_model.place("pixel_offset_sigma_m", "pixel.range_offset_sigma_mm", 1e3);
+    writer.place("pixel_offset_sigma_m", "pixel.range_offset_sigma_mm", 1e3);
   else
-    sensor_model.place("pixel_floor_m", "pixel.range_offset_sigma_mm", 1e3);
-  sensor_model.place("contrast", "modulation.contrast", 1);
-  sensor_model.place("read_noise_e", "pixel.read_noise_e", 1);
-  sensor_model.place("full_well_e", "pixel.full_well_e", 1);
+    writer.place("pixel_floor_m", "pixel.range_offset_sigma_mm", 1e3);
+  writer.place("contrast", "modulation.contrast", 1);
+  writer.place("read_noise_e", "pixel.read_noise_e", 1);
+  writer.place("full_well_e", "pixel.full_well_e", 1);
 }
 
 }  // namespace rigor

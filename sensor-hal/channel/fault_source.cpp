@@ -50,7 +50,7 @@ FaultySource::EditBuffers::EditBuffers(std::size_t slots, std::size_t bytes)
 
 FaultySource::FaultySource(std::unique_ptr<Source> inner, WorkerPool* workers, FrameSignalFinder find_signal)
     : inner_(std::move(inner)), workers_(workers), find_signal_(std::move(find_signal)) {
-  faults_.make_room = [this](FaultKind kind) { return make_room(kind); };
+  faults_.make_room = [this](FaultKind kind) { return make_buffers(kind); };
 }
 FaultySource::FaultySource(std::unique_ptr<FollowerSource> inner, WorkerPool* workers,
                            FrameSignalFinder find_signal)
@@ -83,7 +83,7 @@ Status FaultySource::do_arm(const ArmContext& context) {
   Status made;
   bool used_before = false;
   {
-    const std::lock_guard lock(room_mutex_);
+    const std::lock_guard lock(buffers_mutex_);
     armed_ = true;
     if (owned_buffers_ && owned_buffers_->slot_bytes != description_.max_bytes) {
       buffers_.store(nullptr, std::memory_order_release);
@@ -92,20 +92,20 @@ Status FaultySource::do_arm(const ArmContext& context) {
     used_before = owned_buffers_ != nullptr;
   }
   // A fault of the run before may still be waiting to be taken up.
-  if (used_before) made = make_room(FaultKind::stuck);
+  if (used_before) made = make_buffers(FaultKind::stuck);
   for (const auto& f : faults_.scheduled())
-    if (made) made = make_room(f->spec.kind);
+    if (made) made = make_buffers(f->spec.kind);
   if (made) return {};
-  const std::lock_guard lock(room_mutex_);
+  const std::lock_guard lock(buffers_mutex_);
   armed_ = false;
   (void)inner_->stop();
   return made;
 }
 
-Status FaultySource::make_room(FaultKind kind) {
+Status FaultySource::make_buffers(FaultKind kind) {
   const bool elements = has_elements(faults_.subject().kind);
   if (!needs_room(kind, elements)) return {};
-  const std::lock_guard lock(room_mutex_);
+  const std::lock_guard lock(buffers_mutex_);
   if (!armed_ || buffers_.load(std::memory_order_relaxed)) return {};
   if (!owned_buffers_) {
     // Pictures: as many as are in use at a time. Small ones: as many as may wait, and some.
@@ -152,7 +152,7 @@ Status FaultySource::do_start(BenchTime t0) {
 Status FaultySource::do_stop() {
   running_ = false;
   {
-    const std::lock_guard lock(room_mutex_);
+    const std::lock_guard lock(buffers_mutex_);
     armed_ = false;
     buffers_.store(nullptr, std::memory_order_release);
     if (owned_buffers_) {

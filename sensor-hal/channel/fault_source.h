@@ -115,7 +115,7 @@ class FaultySource final : public FollowerSource {
   Status do_start(BenchTime t0) override;
   Status do_stop() override;
 
-  Status make_room(FaultKind kind);
+  Status make_buffers(FaultKind kind);
   void take_in(BenchTime now) noexcept;
   [[nodiscard]] bool cycle_allows_reading(BenchTime now) noexcept;
   void admit(SampleLease&& sample) noexcept;
@@ -132,8 +132,8 @@ class FaultySource final : public FollowerSource {
   FrameSignalFinder find_signal_;
   FaultInjector faults_;
 
-  std::mutex room_mutex_;  ///< setup and the thread that injects; never the loop
-  bool armed_ = false;     ///< guarded by room_mutex_
+  std::mutex buffers_mutex_;  ///< setup and the thread that injects; never the loop
+  bool armed_ = false;        ///< guarded by buffers_mutex_
   std::unique_ptr<EditBuffers> owned_buffers_;
   std::atomic<EditBuffers*> buffers_{nullptr};
 

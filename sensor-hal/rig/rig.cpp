@@ -67,8 +67,8 @@ bool turns_by_itself(ConfigNode n, SampleKind kind) {
   return kind == SampleKind::point_cloud && from_outside(n);
 }
 
-/// Nodes of a bus tell of these by signals, when they do.
-bool follows_signals(ConfigNode n, SampleKind kind) {
+/// Nodes of a bus report these by signals, when they do.
+bool comes_by_signals(ConfigNode n, SampleKind kind) {
   return (kind == SampleKind::pose || kind == SampleKind::imu || kind == SampleKind::nav_fix ||
           kind == SampleKind::odometry) &&
          from_outside(n);
@@ -119,7 +119,7 @@ ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfi
   c.name = name;
   c.node = n;
   c.kind = read_kind(n);
-  if (n.has("rate_hz") || !(may_lack_a_rate(c.kind) || follows_signals(n, c.kind)))
+  if (n.has("rate_hz") || !(may_lack_a_rate(c.kind) || comes_by_signals(n, c.kind)))
     c.period = read_channel_rate(n, c.kind, loop);
   c.latency = read_ms(n, "latency_ms", 0);
   c.record = n.flag_or("record", true);

@@ -137,14 +137,14 @@ HarvesterConfig read_harvester(ConfigNode root) {
 
 }  // namespace
 
-Result<HarvesterConfig> load_harvester(const std::filesystem::path& platform_model) {
-  auto root = ConfigDocument::load(platform_model);
+Result<HarvesterConfig> load_harvester(const std::filesystem::path& file) {
+  auto root = ConfigDocument::load(file);
   if (!root) return tl::unexpected<Error>(root.error());
   return catch_config([&] { return read_harvester(*root); });
 }
 
-Result<SkidSteerConfig> load_skid_steer(const std::filesystem::path& platform_model) {
-  auto root = ConfigDocument::load(platform_model);
+Result<SkidSteerConfig> load_skid_steer(const std::filesystem::path& file) {
+  auto root = ConfigDocument::load(file);
   if (!root) return tl::unexpected<Error>(root.error());
   return catch_config([&] { return read_skid_steer(*root); });
 }

@@ -10,7 +10,7 @@
 namespace rigor {
 
 /// Setup context. not_found; bad_input with place.
-[[nodiscard]] Result<SkidSteerConfig> load_skid_steer(const std::filesystem::path& platform_model);
-[[nodiscard]] Result<HarvesterConfig> load_harvester(const std::filesystem::path& platform_model);
+[[nodiscard]] Result<SkidSteerConfig> load_skid_steer(const std::filesystem::path& file);
+[[nodiscard]] Result<HarvesterConfig> load_harvester(const std::filesystem::path& file);
 
 }  // namespace rigor

@@ -19,7 +19,7 @@
 namespace rigor {
 namespace {
 
-/// As the rig mounts them on the cabin, and the sensor model the cabin on the machine.
+/// As the rig mounts them on the cabin, and the platform model the cabin on the machine.
 Eigen::Isometry3d mounted(double x_m, double y_m, double z_m, double pitch_deg, double yaw_deg) {
   constexpr double kRad = std::numbers::pi / 180;
   return Eigen::Translation3d(-0.2 + x_m, y_m, 3.6 + z_m) *

@@ -107,8 +107,9 @@ class Platforms : public ::testing::Test {
 
 /// The model alone, told what the script tells, at the instants at which the sink's latency has it.
 SkidSteer alone() {
-  const auto sensor_model = load_skid_steer(kSource + "/configs/platforms/seekurjr.yaml");
-  return SkidSteer(*sensor_model, {.x_m = -2, .y_m = 1, .yaw_rad = 0, .seed = 5, .name = "robot"}, Ground());
+  const auto platform_model = load_skid_steer(kSource + "/configs/platforms/seekurjr.yaml");
+  return SkidSteer(*platform_model, {.x_m = -2, .y_m = 1, .yaw_rad = 0, .seed = 5, .name = "robot"},
+                   Ground());
 }
 void drive(SkidSteer& robot, Duration latency, Duration until) {
   robot.start(BenchTime(0));

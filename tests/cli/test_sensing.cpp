@@ -367,11 +367,11 @@ calibration:
     return range_at(
         sense_pcd("flat", {"--only", "beam_bias", "--set", "channels.flat.calibration_draw=" + draw}), 0);
   };
-  const double sensor_model = range("0"), first = range("1"), second = range("2");
-  EXPECT_NEAR(sensor_model, 0.8, 0.002) << "the block on the turntable";
-  EXPECT_GT(std::abs(first - sensor_model), 0.001);
+  const double as_stated = range("0"), first = range("1"), second = range("2");
+  EXPECT_NEAR(as_stated, 0.8, 0.002) << "the block on the turntable";
+  EXPECT_GT(std::abs(first - as_stated), 0.001);
   EXPECT_GT(std::abs(second - first), 0.001);
-  EXPECT_LT(std::abs(first - sensor_model), 0.5) << "five standard deviations";
+  EXPECT_LT(std::abs(first - as_stated), 0.5) << "five standard deviations";
   EXPECT_EQ(range("1"), first);
 }
 
@@ -389,12 +389,12 @@ TEST_F(Sense, OfASmallSceneWithoutAnEngineLeavesNoEffectOfTheSensorModelOut) {
   rig("channels:\n  camera:\n    kind: image\n    backend: simulated\n    rate_hz: 20\n    latency_ms: 30\n  "
       "  sensor: "
       "camera.yaml\n    T_world_sensor: { position_m: [-3, 0, 0.5], look_at_m: [1, 0, 0] }\n");
-  const auto recorded = [&](const std::string& sensor_model, const std::string& engine) {
-    write_file(dir / "camera.yaml", kCamera + sensor_model);
+  const auto recorded = [&](const std::string& keys, const std::string& engine) {
+    write_file(dir / "camera.yaml", kCamera + keys);
     std::vector<std::string> words{"run", "rig.yaml", "--json", "--duration", "0.1"};
     if (!engine.empty()) words.insert(words.end(), {"--set", "channels.camera.renderer=" + engine});
     const Said said = in_dir(words);
-    EXPECT_EQ(said.status, 0) << sensor_model << said.err;
+    EXPECT_EQ(said.status, 0) << keys << said.err;
     return said.status == 0 ? json::parse(said.out)["input_sha256"].get<std::string>() : "";
   };
   EXPECT_NE(recorded("", ""), recorded("", "raster")) << "lens and noise: the renderer of small scenes";

@@ -1,4 +1,4 @@
-// Pairs: how far the device and its twin are apart, over time, and what the watch makes of it: learning, watching, an alarm
+// Pairs: how far the device and its simulated side are apart, over time, and what the watch makes of it: learning, watching, an alarm
 // with the parameter that explains it, and how far each parameter's sum is on the way to its threshold.
 import { element, figure, setText } from "./dom.js";
 import { sideSwitch } from "./channels.js";

@@ -39,7 +39,7 @@ struct CloudChangeOptions {
   std::size_t points = 100000;  ///< at most, in a cloud; what comes after is not looked at
   std::size_t rows = 8192;      ///< the regression takes every n-th point, so that these are enough
   std::uint32_t rings = 1;      ///< ring indices are below this
-  double sigma_m = 0.02;        ///< of one range, by the sensor's sensor model
+  double sigma_m = 0.02;        ///< of one range, by the sensor model
   double remission_max = 1;     ///< in the device's own unit
   double edge_m = 0.3;  ///< neighbours farther apart than this in range, per metre across, are an edge
 };

@@ -33,7 +33,7 @@
 namespace rigor::pair_watch {
 
 struct RangeImageChangeOptions {
-  double sigma_m = 0.02;      ///< of one range at half of amplitude_max, by the sensor's sensor model
+  double sigma_m = 0.02;      ///< of one range at half of amplitude_max, by the sensor model
   double amplitude_max = 1;   ///< in the device's own unit
   double noise_exponent = 0;  ///< 0: the same at any amplitude
   double edge_m = 0.2;        ///< neighbours farther apart than this are an edge

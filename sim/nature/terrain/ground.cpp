@@ -7,7 +7,7 @@
 namespace rigor::nature {
 namespace {
 
-/// The ground may stand this much above a sensor model of water and still count as its bed: error of
+/// The ground may stand this much above a sheet of water and still count as its bed: error of
 /// elevation data.
 constexpr double kBedAbove_m = 0.5;
 /// Where the heights of water cells differ by more than this, the water is no lake.
@@ -197,7 +197,7 @@ const WaterBody* Ground::body_at(double x, double y) const {
   return nullptr;
 }
 
-bool Ground::under_model(double x, double y, double z) const {
+bool Ground::under_sheet(double x, double y, double z) const {
   const auto counts = [&](const WaterBody& b) { return !b.follows && z <= b.level_m + kBedAbove_m; };
   if (const auto* body = body_at(x, y); body && counts(*body)) return true;
   for (std::size_t i = outlined_from_; i < waters.size(); ++i) {
@@ -208,7 +208,7 @@ bool Ground::under_model(double x, double y, double z) const {
 }
 
 bool Ground::under_water(double x, double y, double z) const {
-  if (under_model(x, y, z)) return true;
+  if (under_sheet(x, y, z)) return true;
   const auto* body = body_at(x, y);
   return body && body->follows;
 }

@@ -34,12 +34,12 @@ struct CoverMix {
 /// Borders between covers wander by this noise, a stream for each cover.
 [[nodiscard]] FractalNoise border_noise(std::uint8_t cover, double spacing_m);
 
-/// A sensor model of water: a Water node's outline, or cells of a land cover that hang together.
+/// A sheet of water: a Water node's outline, or cells of a land cover that hang together.
 struct WaterBody {
   NodeId node;
   Rect bounds;
   double level_m = 0;  ///< of a flat one
-  /// A river: too steep to be flat. The ground itself is its surface, and it has no sensor model.
+  /// A river: too steep to be flat. The ground itself is its surface, and it has no sheet.
   bool follows = false;
   world::Numbers outline;  ///< of a Water node
   std::size_t grid = 0;    ///< else: cells of land cover grid…
@@ -79,8 +79,8 @@ class Ground {
   }
   /// The cover that counts at a point.
   [[nodiscard]] std::uint8_t cover_at(double x, double y) const;
-  /// True where a point of the ground at height z lies under a flat sensor model of water.
-  [[nodiscard]] bool under_model(double x, double y, double z) const;
+  /// True where a point of the ground at height z lies under a flat sheet of water.
+  [[nodiscard]] bool under_sheet(double x, double y, double z) const;
   /// True where the ground is the surface of a river, borders between covers counted.
   [[nodiscard]] bool is_river(double x, double y) const;
   /// True where a river's cells come near a rectangle.

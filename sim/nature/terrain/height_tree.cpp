@@ -112,7 +112,7 @@ Share HeightTree::find_drawn_quad(int c, int r) const {
   bool bed = !ground_->waters.empty();
   for (int k = 0; k < 4 && bed; ++k) {
     const int cc = c + (k & 1), rr = r + (k >> 1);
-    bed = ground_->under_model(g.frame.x(cc), g.frame.y(rr), g.at(cc, rr));
+    bed = ground_->under_sheet(g.frame.x(cc), g.frame.y(rr), g.at(cc, rr));
   }
   if (bed) return Share::none;
   return finer == Share::part ? Share::part : Share::all;

@@ -27,7 +27,7 @@ struct TileMesh {
 [[nodiscard]] std::shared_ptr<render::Surface> tile_surface(const HeightTree& tree, const TreeNode& node,
                                                             bool plain_imagery);
 
-/// The flat sensor model of a body of water, relative to `origin`; null where it has no area or is a river.
+/// The flat sheet of a body of water, relative to `origin`; null where it has no area or is a river.
 /// Cells of land cover reach one cell beyond their own, under the shore.
 [[nodiscard]] std::shared_ptr<render::Mesh> water_mesh(const Ground& ground, const WaterBody& body,
                                                        const Eigen::Vector3d& origin);

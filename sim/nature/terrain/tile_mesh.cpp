@@ -229,7 +229,7 @@ std::shared_ptr<render::Mesh> water_mesh(const Ground& ground, const WaterBody& 
     for (std::size_t i = 0; i + 1 < xy.size(); i += 2) add(xy[i], xy[i + 1]);
     mesh->indices = triangulate(xy);
   } else {
-    // Rows of cells, each with the cells around: the sensor model ends under the shore, not at a cell's edge.
+    // Rows of cells, each with the cells around: the sheet ends under the shore, not at a cell's edge.
     const auto& f = ground.covers[body.grid].frame;
     std::map<int, std::vector<std::pair<int, int>>> runs;  // row → [first, last] columns, ascending
     for (const int cell : body.cells) {

@@ -6,7 +6,7 @@
 //   auto scene = impl.scene_at(query.origin);             // Result<const RayScene*>; serial
 //   impl.arena().execute([&] { tbb::parallel_for(…        // chunks of at most kPacketRays rays
 //     RayPackets rays;
-//     rays.set(i, origin, direction, near, far, time);   // origin relative to scene.origin()
+//     rays.set(i, origin, direction, near, far, time);    // origin relative to scene.origin()
 //     scene.intersect(rays, n, coherent);                 // first intersections
 //     Intersection m = rays.intersection(i);
 //     SurfacePoint p = scene.point(origin, direction, time, m);

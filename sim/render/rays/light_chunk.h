@@ -38,8 +38,8 @@ class Chunk {
  private:
   /// A point that is lit. Places relative to the scene's cell.
   struct Point {
-    Vec3 place, view, normal, shading_normal,
-        geometric_normal;  ///< face: of the triangle, towards the ray's origin
+    Vec3 place, view, normal, shading_normal;
+    Vec3 geometric_normal;  ///< of the triangle, towards the ray's origin
     float range_m = 0, time = 0;
     unsigned ray = 0;  ///< of the chunk
     NodeId node{};

@@ -12,7 +12,7 @@ constexpr int kSide = 32;
 /// The sky is gathered into this many patches before it is integrated.
 constexpr int kPatchColumns = 48, kPatchRows = 12;
 
-/// Arc tangent of y / x in the right quadrant, within 2e-6 rad (Hastings 1955, sensor model 13, on 0 to 1).
+/// Arc tangent of y / x in the right quadrant, within 2e-6 rad (Hastings 1955, sheet 13, on 0 to 1).
 float angle_of(float y, float x) noexcept {
   const float ax = std::abs(x), ay = std::abs(y), most = std::max(ax, ay);
   if (!(most > 0)) return 0;

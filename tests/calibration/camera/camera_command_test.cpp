@@ -22,7 +22,7 @@ using rigor::test::rigor;
 using rigor::test::Said;
 using rigor::test::TempDir;
 
-/// A pinhole camera before a printed sensor model: the sensor model warped by the plane's homography.
+/// A pinhole camera before a printed sheet: the sheet warped by the plane's homography.
 struct Pinhole {
   int width = 480, height = 360;
   double f = 430, cx = 243.5, cy = 176;
@@ -120,7 +120,7 @@ TEST(CalibrateCameraCommand, FindsCirclesAndCharucoBoards) {
   }
 }
 
-TEST(CalibrateCameraCommand, MagnificationOfColoursGoesIntoASheetThatTheSimulatorReads) {
+TEST(CalibrateCameraCommand, MagnificationOfColoursGoesIntoASensorModelThatTheSimulatorReads) {
   const Pinhole camera;
   const TempDir folder, grey;
   const Board board{BoardKind::chessboard, 8, 5, 0.03};
@@ -174,7 +174,7 @@ void write_corners(const std::filesystem::path& file, const std::vector<BoardVie
   }
 }
 
-TEST(CalibrateCameraCommand, LineTimeGoesIntoTheShutterOfTheSheet) {
+TEST(CalibrateCameraCommand, LineTimeGoesIntoTheShutterOfTheSensorModel) {
   const TempDir folder;
   CameraModel truth = true_camera(LensModel::opencv2);
   truth.shutter.line_time_s = 30e-6;
@@ -212,7 +212,7 @@ TEST(CalibrateCameraCommand, LineTimeGoesIntoTheShutterOfTheSheet) {
   EXPECT_TRUE(without["not_identifiable"].contains("line_time_s"));
 }
 
-TEST(CalibrateStereoCommand, WritesASheetForEachCameraThatTheSimulatorReads) {
+TEST(CalibrateStereoCommand, WritesASensorModelForEachCameraThatTheSimulatorReads) {
   const TempDir folder;
   CameraModel cameras[2] = {true_camera(LensModel::opencv4), true_camera(LensModel::opencv4)};
   cameras[1].fx_px = 541, cameras[1].fy_px = 540, cameras[1].lens.k1 = -0.3;
@@ -253,20 +253,21 @@ TEST(CalibrateStereoCommand, WritesASheetForEachCameraThatTheSimulatorReads) {
   EXPECT_NEAR(answer["baseline_m"].get<double>(), T_left_right.translation().norm(), 1e-3);
   for (int side = 0; side < 2; ++side) {
     const auto file = folder / (side == 0 ? "rig.left.yaml" : "rig.right.yaml");
-    const auto sheet = load_camera(file);
-    ASSERT_TRUE(sheet) << sheet.error().text();
+    const auto sensor_model = load_camera(file);
+    ASSERT_TRUE(sensor_model) << sensor_model.error().text();
     const auto drawn = load_camera(file, 7);
     ASSERT_TRUE(drawn) << drawn.error().text();
-    EXPECT_NE(drawn->model.fx_px, sheet->model.fx_px);
+    EXPECT_NE(drawn->model.fx_px, sensor_model->model.fx_px);
     // Used: a ray through the sensor model falls where the camera saw it.
     for (const auto& [x, y] : {std::pair{0.0, 0.0}, {0.2, 0.1}, {-0.3, -0.2}}) {
-      const auto seen = project_ray(cameras[side], {x, y, 1}), again = project_ray(sheet->model, {x, y, 1});
+      const auto seen = project_ray(cameras[side], {x, y, 1}),
+                 again = project_ray(sensor_model->model, {x, y, 1});
       ASSERT_TRUE(seen && again);
       EXPECT_NEAR(again->u_px, seen->u_px, 3.0);
       EXPECT_NEAR(again->v_px, seen->v_px, 3.0);
     }
     const std::string prefix = side == 0 ? "left." : "right.";
-    EXPECT_EQ(answer["parameters"][prefix + "fx_px"]["value"].get<double>(), sheet->model.fx_px);
+    EXPECT_EQ(answer["parameters"][prefix + "fx_px"]["value"].get<double>(), sensor_model->model.fx_px);
   }
   EXPECT_EQ(rigor(words).status, 2) << "what is there is not written over";
 }

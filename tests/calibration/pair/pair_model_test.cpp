@@ -68,10 +68,10 @@ CameraChange all_of_a_camera() {
 }
 
 TEST(ImagePair, AllChangesAtOnceComeBackAndOneStepAloneDoesNot) {
-  const CameraModel twin = small_camera();
+  const CameraModel simulated = small_camera();
   const CameraChange change = all_of_a_camera();
-  const Pairs pairs = camera_pairs(twin, change, 16, 1);
-  const auto fit = fit_image_pair(pairs.each(), twin, {});
+  const Pairs pairs = camera_pairs(simulated, change, 16, 1);
+  const auto fit = fit_image_pair(pairs.each(), simulated, {});
   ASSERT_TRUE(fit) << fit.error().text();
   EXPECT_TRUE(fit->converged);
   expect_within(fit->change, "focal_length", change.focal);
@@ -91,7 +91,7 @@ TEST(ImagePair, AllChangesAtOnceComeBackAndOneStepAloneDoesNot) {
 }
 
 TEST(ImagePair, UncertaintiesHoldOverSeeds) {
-  const CameraModel twin = small_camera();
+  const CameraModel simulated = small_camera();
   const CameraChange change = all_of_a_camera();
   Consistency c({{"focal_length", change.focal},
                  {"gain", change.electronics},
@@ -100,8 +100,8 @@ TEST(ImagePair, UncertaintiesHoldOverSeeds) {
                  {"mount_y_rad", change.turn_rad[1]},
                  {"mount_z_rad", change.turn_rad[2]}});
   for (std::uint64_t seed = 0; seed < 16; ++seed) {
-    const Pairs pairs = camera_pairs(twin, change, 8, 100 + seed);
-    const auto fit = fit_image_pair(pairs.each(), twin, {});
+    const Pairs pairs = camera_pairs(simulated, change, 8, 100 + seed);
+    const auto fit = fit_image_pair(pairs.each(), simulated, {});
     ASSERT_TRUE(fit) << fit.error().text();
     c.add(fit->change);
   }
@@ -109,38 +109,38 @@ TEST(ImagePair, UncertaintiesHoldOverSeeds) {
 }
 
 TEST(ImagePair, NoiseSaysWhetherLightOrElectronicsHaveChanged) {
-  const CameraModel twin = small_camera();
+  const CameraModel simulated = small_camera();
   CameraChange light, electronics;
   light.light = electronics.electronics = 0.1;
   using Gain = ImageNoiseFit::Gain;
   for (const auto& [change, expected] : {std::pair{light, Gain::light}, {electronics, Gain::electronics}}) {
-    const Pairs pairs = camera_pairs(twin, change, 40, 7);
-    const auto fit = fit_image_pair(pairs.each(), twin, {});
+    const Pairs pairs = camera_pairs(simulated, change, 40, 7);
+    const auto fit = fit_image_pair(pairs.each(), simulated, {});
     ASSERT_TRUE(fit) << fit.error().text();
-    const auto noise = fit_image_noise(*fit, twin, fit->change.find("gain")->sigma);
+    const auto noise = fit_image_noise(*fit, simulated, fit->change.find("gain")->sigma);
     EXPECT_EQ(noise.gain, expected) << noise.chi2_light << " " << noise.chi2_electronics;
     EXPECT_NEAR(noise.read_noise_e, 12, 4 * noise.sigma_e);
   }
 }
 
 TEST(ImagePair, DoubledReadNoiseIsFoundAtAChangedMount) {
-  const CameraModel twin = small_camera();
+  const CameraModel simulated = small_camera();
   CameraChange change;
   change.read_noise = 2, change.turn_rad = {0, 0.5 * kDegree, 0};
-  const Pairs pairs = camera_pairs(twin, change, 16, 3);
-  const auto fit = fit_image_pair(pairs.each(), twin, {});
+  const Pairs pairs = camera_pairs(simulated, change, 16, 3);
+  const auto fit = fit_image_pair(pairs.each(), simulated, {});
   ASSERT_TRUE(fit) << fit.error().text();
-  const auto noise = fit_image_noise(*fit, twin, fit->change.find("gain")->sigma);
+  const auto noise = fit_image_noise(*fit, simulated, fit->change.find("gain")->sigma);
   EXPECT_NEAR(noise.read_noise_e, 24, 4 * noise.sigma_e);
   EXPECT_LT(noise.sigma_e, 2);
 }
 
 TEST(ImagePair, VignettingIsSolvedForWhereItHasChangedAndDirtIsNamed) {
-  const CameraModel twin = small_camera();
+  const CameraModel simulated = small_camera();
   CameraChange change;
   change.a2 = -0.15, change.dirt = 0.05;
-  const Pairs pairs = camera_pairs(twin, change, 10, 4);
-  const auto fit = fit_image_pair(pairs.each(), twin, {});
+  const Pairs pairs = camera_pairs(simulated, change, 10, 4);
+  const auto fit = fit_image_pair(pairs.each(), simulated, {});
   ASSERT_TRUE(fit) << fit.error().text();
   const Parameter* a2 = fit->change.find("a2");
   ASSERT_NE(a2, nullptr);
@@ -150,13 +150,13 @@ TEST(ImagePair, VignettingIsSolvedForWhereItHasChangedAndDirtIsNamed) {
 }
 
 TEST(ImagePair, APrincipalPointThatHasMovedIsSolvedForWhereTheMountStays) {
-  const CameraModel twin = small_camera();
+  const CameraModel simulated = small_camera();
   CameraChange change;
   change.cx_px = 1.5;
-  const Pairs pairs = camera_pairs(twin, change, 8, 5);
+  const Pairs pairs = camera_pairs(simulated, change, 8, 5);
   ImagePairOptions options;
   options.mount = false, options.principal_point = true;
-  const auto fit = fit_image_pair(pairs.each(), twin, options);
+  const auto fit = fit_image_pair(pairs.each(), simulated, options);
   ASSERT_TRUE(fit) << fit.error().text();
   expect_within(fit->change, "cx_px", 1.5);
   expect_within(fit->change, "cy_px", 0);
@@ -164,21 +164,22 @@ TEST(ImagePair, APrincipalPointThatHasMovedIsSolvedForWhereTheMountStays) {
 }
 
 TEST(ImagePair, AWhiteWallLeavesGeometryOpen) {
-  CameraModel twin = small_camera();
+  CameraModel simulated = small_camera();
   Pairs pairs;
   Random random(1);
   for (int i = 0; i < 10; ++i)
     for (auto* side : {&pairs.real, &pairs.simulated}) {
-      std::vector<std::uint16_t> pixels(std::size_t(twin.width_px) * std::size_t(twin.height_px), 1500);
+      std::vector<std::uint16_t> pixels(std::size_t(simulated.width_px) * std::size_t(simulated.height_px),
+                                        1500);
       Sample s;
       ImageInfo info;
       info.format = PixelFormat::mono12;
-      info.width_px = std::uint32_t(twin.width_px), info.height_px = std::uint32_t(twin.height_px);
+      info.width_px = std::uint32_t(simulated.width_px), info.height_px = std::uint32_t(simulated.height_px);
       s.info = info;
       put(s, pixels);
       side->push_back(std::move(s));
     }
-  const auto fit = fit_image_pair(pairs.each(), twin, {});
+  const auto fit = fit_image_pair(pairs.each(), simulated, {});
   ASSERT_TRUE(fit) << fit.error().text();
   EXPECT_EQ(fit->change.find("focal_length"), nullptr);
   EXPECT_FALSE(fit->change.not_identifiable.empty());

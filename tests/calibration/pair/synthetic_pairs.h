@@ -1,5 +1,5 @@
-// Pairs of a device and its twin for tests: both measured in a scene that is known, the device with a changed
-// model. Noise is drawn anew for each sample and side.
+// Pairs of a device and its simulated side for tests: both measured in a scene that is known, the device with
+// a changed model. Noise is drawn anew for each sample and side.
 #pragma once
 
 #include <array>
@@ -54,10 +54,10 @@ struct CameraChange {
 };
 
 /// Light by direction: smooth waves, each scene its own.
-inline Pairs camera_pairs(const CameraModel& twin, const CameraChange& change, std::size_t count,
+inline Pairs camera_pairs(const CameraModel& simulated, const CameraChange& change, std::size_t count,
                           std::uint64_t seed, std::size_t scenes = 4) {
   Random random(seed);
-  CameraModel real = twin;
+  CameraModel real = simulated;
   real.fx_px *= 1 + change.focal, real.fy_px *= 1 + change.focal, real.cx_px += change.cx_px;
   const auto picture = [&](const Waves& waves, const CameraModel& c, const Vector& turn, double a2) {
     std::vector<float> out;
@@ -69,18 +69,18 @@ inline Pairs camera_pairs(const CameraModel& twin, const CameraChange& change, s
       }
     return out;
   };
-  std::vector<std::vector<float>> ideal_real, ideal_twin;
+  std::vector<std::vector<float>> ideal_real, ideal_simulated;
   for (std::size_t i = 0; i < scenes; ++i) {
     const Waves waves(random, 50);
-    ideal_twin.push_back(picture(waves, twin, {}, 0));
+    ideal_simulated.push_back(picture(waves, simulated, {}, 0));
     ideal_real.push_back(picture(waves, real, change.turn_rad, change.a2));
   }
-  const double k = twin.noise.system_gain_dn_per_e, black = twin.noise.black_level_dn;
+  const double k = simulated.noise.system_gain_dn_per_e, black = simulated.noise.black_level_dn;
   const auto expose = [&](const std::vector<float>& light, double more_light, double gain, double read,
                           double offset, double dirt) {
     std::vector<std::uint16_t> pixels;
     for (std::size_t i = 0; i < light.size(); ++i) {
-      const std::size_t x = i % std::size_t(twin.width_px), y = i / std::size_t(twin.width_px);
+      const std::size_t x = i % std::size_t(simulated.width_px), y = i / std::size_t(simulated.width_px);
       const double part = x < 20 && y < 24 ? 1 - dirt : 1;
       const double electrons = std::max(0.0, double(light[i]) / k * more_light * part);
       const double measured = electrons + std::sqrt(electrons + read * read) * random.quick_normal();
@@ -90,17 +90,17 @@ inline Pairs camera_pairs(const CameraModel& twin, const CameraChange& change, s
     Sample s;
     ImageInfo info;
     info.format = PixelFormat::mono12;
-    info.width_px = std::uint32_t(twin.width_px), info.height_px = std::uint32_t(twin.height_px);
+    info.width_px = std::uint32_t(simulated.width_px), info.height_px = std::uint32_t(simulated.height_px);
     s.info = info;
     put(s, pixels);
     return s;
   };
   Pairs pairs;
-  const double read = twin.noise.read_noise_e;
+  const double read = simulated.noise.read_noise_e;
   for (std::size_t i = 0; i < count; ++i) {
     pairs.real.push_back(expose(ideal_real[i % scenes], 1 + change.light, 1 + change.electronics,
                                 read * change.read_noise, change.offset_dn, change.dirt));
-    pairs.simulated.push_back(expose(ideal_twin[i % scenes], 1, 1, read, 0, 0));
+    pairs.simulated.push_back(expose(ideal_simulated[i % scenes], 1, 1, read, 0, 0));
   }
   return pairs;
 }

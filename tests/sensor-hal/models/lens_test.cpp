@@ -38,9 +38,9 @@ TEST(OpenCvLens, KnowsWhereTheModelFolds) {
   EXPECT_FALSE(unproject(camera, {camera.cx_px + camera.fx_px * (reach + 1e-3), camera.cy_px}));
 }
 
-// k2 > 0 turns a folded lens back: behind the fold there is a second sensor model on which the formula
+// k2 > 0 turns a folded lens back: behind the fold there is a second sheet on which the formula
 // reaches every pixel, and an iteration that jumps there answers with a ray that the lens does not take.
-TEST(OpenCvLens, APixelBeyondTheFoldIsNotGivenToTheSensorModelBehindIt) {
+TEST(OpenCvLens, APixelBeyondTheFoldIsNotGivenToTheSheetBehindIt) {
   for (const OpenCvLens& lens : {OpenCvLens{.k1 = -0.38, .k2 = 0.015}, OpenCvLens{.k1 = -0.38, .k2 = 0.05},
                                  OpenCvLens{.k1 = -0.38, .k2 = 0.02, .p1 = 1e-3, .p2 = -2e-3, .k3 = 1e-3},
                                  OpenCvLens{.k1 = -0.6, .k2 = 0.12}}) {
@@ -48,7 +48,7 @@ TEST(OpenCvLens, APixelBeyondTheFoldIsNotGivenToTheSensorModelBehindIt) {
     using F = models::LensMath<float>;
     const auto f = [](double v) { return static_cast<float>(v); };
     for (const double angle : {0.0, 0.7, 1.9, 3.3, 5.0}) {
-      // How far the first sensor model reaches: the formula's first maximum along a ray from the axis.
+      // How far the first sheet reaches: the formula's first maximum along a ray from the axis.
       double reach = 0, x_fold = 0;
       for (double r = 0.01; r < 3; r += 1e-4) {
         double xd = 0, yd = 0;

@@ -216,12 +216,12 @@ class NumberPair {
       const auto of = [&](std::size_t k) { return k == changed_ ? c : none; };
       const double speed_at = t_s_ - of(0).delay_s;
       const double speed = 2 + std::sin(0.9 * speed_at) + 0.5 * std::sin(3.1 * speed_at);
-      const double twin_speed = 2 + std::sin(0.9 * t_s_) + 0.5 * std::sin(3.1 * t_s_);
+      const double simulated_speed = 2 + std::sin(0.9 * t_s_) + 0.5 * std::sin(3.1 * t_s_);
       const auto steps = [](double x) { return 0.01 * std::round(x / 0.01); };
       const std::array<double, 3> real{
           speed * (1 + of(0).scale) + of(0).bias + 0.02 * of(0).noise * random_.quick_normal(),
           steps(24.1 + of(1).bias + 0.02 * of(1).noise * random_.quick_normal()), 1 + of(2).bias};
-      const std::array<double, 3> simulated{twin_speed + 0.02 * random_.quick_normal(),
+      const std::array<double, 3> simulated{simulated_speed + 0.02 * random_.quick_normal(),
                                             steps(24 + 0.02 * random_.quick_normal()), 1};
       EXPECT_TRUE(changes_->add(t_s_, real, simulated));
     }
@@ -264,7 +264,7 @@ INSTANTIATE_TEST_SUITE_P(Planted, ValueChanges,
                          ::testing::Values(PlantedNumber{"speed bias", 0, {.bias = 0.02}, 0.02},
                                            PlantedNumber{"speed scale", 0, {.scale = 0.01}, 0.01},
                                            PlantedNumber{"speed delay", 0, {.delay_s = 0.005}, 0.005},
-                                           // Real 4 and simulated side 1 after 1 and 1.
+                                           // Real 4 and simulated 1, after 1 and 1.
                                            PlantedNumber{"speed noise", 0, {.noise = 2}, std::log(2.5)},
                                            PlantedNumber{"voltage bias", 1, {.bias = 0.01}, 0.01},
                                            PlantedNumber{"voltage noise", 1, {.noise = 2}, std::log(2.5)},

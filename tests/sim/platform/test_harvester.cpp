@@ -188,7 +188,7 @@ TEST(Harvester, SaysOfEachInstantTheSameAfterwards) {
     EXPECT_EQ(machine.T_world_head(at(0.0131 * k)).matrix(), seen[static_cast<std::size_t>(k)]) << k;
 }
 
-TEST(Harvester, SensorModelIsRead) {
+TEST(Harvester, PlatformModelIsRead) {
   const auto platform_model = load_harvester(rigor::test::source_dir() + "/configs/platforms/harvester.yaml");
   ASSERT_TRUE(platform_model) << platform_model.error().text();
   EXPECT_NEAR(platform_model->axis[C::kSlew].max, 110 * kDeg, 1e-12);

@@ -323,7 +323,7 @@ TEST(SkidSteer, IsKnownByItsRegisters) {
   EXPECT_FALSE(robot.write(RegisterTable::holding_registers, 9, half, at(1)));
 }
 
-TEST(SkidSteer, SensorModelIsRead) {
+TEST(SkidSteer, PlatformModelIsRead) {
   const auto platform_model = load_skid_steer(rigor::test::source_dir() + "/configs/platforms/seekurjr.yaml");
   ASSERT_TRUE(platform_model) << platform_model.error().text();
   EXPECT_EQ(platform_model->length_m, 1.2);

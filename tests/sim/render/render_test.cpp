@@ -111,15 +111,15 @@ TEST_F(Rendering, SameRequestSameBytesFromAnyThreadAndOtherNoiseInAnotherCapture
   c.model.lens = barrel();
   c.T_parent_sensor = look_at({3, -4, 2}, {0, 0, 0.3});
   auto camera = make(c, busy_scene(plain_scene()));
-  auto simulated = make(c, busy_scene(plain_scene()));
-  ASSERT_TRUE(camera && simulated);
+  auto same = make(c, busy_scene(plain_scene()));
+  ASSERT_TRUE(camera && same);
   const auto first = shoot(*camera, {.capture_index = 1});
   const auto second = shoot(*camera, {.capture_index = 2});
   EXPECT_NE(first, second);
   EXPECT_EQ(shoot(*camera, {.capture_index = 1}), first) << "whatever was drawn in between";
   std::vector<std::byte> a, b;
   std::thread t1([&] { a = shoot(*camera, {.capture_index = 1}); });
-  std::thread t2([&] { b = shoot(*simulated, {.capture_index = 1}); });
+  std::thread t2([&] { b = shoot(*same, {.capture_index = 1}); });
   t1.join();
   t2.join();
   EXPECT_EQ(a, first);

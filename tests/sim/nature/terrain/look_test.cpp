@@ -172,7 +172,7 @@ TEST(Water, LevelIsThatOfTheLowestShoreWhereNoneIsGiven) {
   EXPECT_EQ(terrain->warnings().size(), 2U);
 }
 
-TEST(Water, CellsOfAFlatLakeAreASensorModelThoseOfARiverTheGroundItself) {
+TEST(Water, CellsOfAFlatLakeAreASheetThoseOfARiverTheGroundItself) {
   for (const bool river : {false, true}) {
     GroundWorld w;
     w.add_terrain({97, 97, 0, 96, 1},

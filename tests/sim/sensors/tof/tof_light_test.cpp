@@ -94,7 +94,7 @@ TEST(FlyingPixels, BilinearSamplesAreSharedBetweenNeighbours) {
                 1e-4);
 }
 
-/// A row of pixels before a wall at kFar_m, a near sensor model whose right edge goes by at `speed_px` pixels
+/// A row of pixels before a wall at kFar_m, a near sheet whose right edge goes by at `speed_px` pixels
 /// a tap.
 struct MovingEdge {
   TofModel m = perfect(41, 1, 2000);
@@ -112,7 +112,7 @@ struct MovingEdge {
                    .t_ref = b.t});
     b.world.moves = true;
   }
-  /// Does the pixel see the sensor model in exposure m?
+  /// Does the pixel see the sheet in exposure m?
   [[nodiscard]] bool near_at(int u, int exposure, double px_per_tap) const {
     const double edge = m.cx_px + px_per_tap * (exposure - (m.exposures() - 1) / 2.0);
     return u < edge;
@@ -142,7 +142,7 @@ TEST(MotionArtefacts, OfAMovingEdgeAreThoseOfTapsThatSeeDifferentThings) {
     EXPECT_EQ(mixed, 9) << speed;  // three steps between four taps, 3.1 pixels each
   }
   // The sign: pixel 20, the middle, has its first two taps from the far wall (187 degrees) and the others
-  // from the brighter sensor model (101 degrees) where the edge comes: D0 < D2 and D1 < D3 by the means too,
+  // from the brighter sheet (101 degrees) where the edge comes: D0 < D2 and D1 < D3 by the means too,
   // which draws the phase towards 135 degrees. Where it goes, the means draw to -45 degrees: nearer than
   // both.
   MovingEdge coming(3.1), going(-3.1);
