@@ -47,6 +47,7 @@ NOT_RUN = [
     (r"calibration/pair", r"calibrate (delay|twin)", "needs sixteen seconds of the demo's pictures: tests/cli/test_calibrate_pair.cpp"),
     (r"calibration/latency|README", r"calibrate (delay|latency)", "needs twenty seconds of the demo: tests/cli/test_calibrate_latency.cpp"),
     (r"python", r"^PYTHONPATH=|^/usr/bin/python3 ", "needs the Python module: tests/python runs the examples and what the guide shows"),
+    (r"light-error", r"bench_light|light_error", "minutes of path tracing, by programs of the tree"),
     (r"world-plugins", r"beehives\.so|hives\.rigor", "needs the plugin that the lines before build: tests/install builds it"),
     (r"tutorial", r"/tmp/detector", "needs the program that the line before builds: tests/cli/test_application_process.cpp runs it"),
     (r"platforms|README|forest-localization", r"harvester", "minutes of scans: tests/cli/test_harvester.cpp runs the rig"),

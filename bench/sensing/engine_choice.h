@@ -7,7 +7,8 @@
 //     sub_rays: 5                    LiDAR: rays per beam; the sensor's own where it is not given
 //     samples_per_pixel: 4           time of flight (rays per pixel) and cameras by rays; the same
 //     pixel_step: 2                  cameras by rays: one ray (times samples) for 2 x 2 pixels; 1
-//     pixels_per_rad: 800            vulkan, LiDAR and time of flight: resolution of the views
+//     sky_rays: 1                    cameras by rays: rays per sample that ask which sky is hidden; 0: a
+//     guess pixels_per_rad: 800            vulkan, LiDAR and time of flight: resolution of the views
 //     supersampling: 1               vulkan, cameras: view pixels per sensor pixel along a side
 //     instants: 2                    vulkan: views while something moves
 #pragma once
@@ -25,6 +26,7 @@ struct EngineChoice {
   int sub_rays = 0;           ///< 0: of the sensor
   int samples_per_pixel = 0;  ///< 0: of the sensor
   int pixel_step = 0;         ///< 0: every pixel
+  int sky_rays = 0;           ///< 0: what hides the sky is guessed
   double pixels_per_rad = 0;  ///< 0: the engine's default
   double supersampling = 0;   ///< 0: of the sensor
   int instants = 0;           ///< 0: the engine's default

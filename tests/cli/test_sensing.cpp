@@ -309,6 +309,8 @@ TEST_F(Sense, RefusesWithThePlaceAndLeavesNothing) {
           "did you mean turntable?");
   refused({"--channel", "tof", "-o", "x.exr", "--set", "channels.tof.quality={sub_rays: 3}"},
           "channels.tof.quality.sub_rays: expected no such key here: it is for LiDARs");
+  refused({"--channel", "tof", "-o", "x.exr", "--set", "channels.tof.quality={sky_rays: 1}"},
+          "channels.tof.quality.sky_rays: expected no such key here: it is for cameras by rays");
   refused({"--channel", "tof", "-o", "x.exr", "--set", "channels.tof.sensor=scanner.yaml"},
           "channels.tof.sensor: expected the sensor model of a time-of-flight camera, got scanner.yaml, the "
           "sensor model of a "
@@ -402,6 +404,20 @@ TEST_F(Sense, OfASmallSceneWithoutAnEngineLeavesNoEffectOfTheSensorModelOut) {
                              "processing: { gamma: 2.2 }\n", "shutter: { line_time_us: 20 }\n",
                              "noise: { hot_pixel_share: 0.05 }\n"})
     EXPECT_EQ(recorded(effect, ""), recorded(effect, "raster")) << effect;
+}
+
+TEST_F(Sense, SkyRaysOfARigAskWhichSkyIsHidden) {
+  rig("channels:\n  camera:\n    kind: image\n    backend: simulated\n    rate_hz: 20\n    latency_ms: 30\n"
+      "    sensor: camera.yaml\n    renderer: rays\n"
+      "    T_world_sensor: { position_m: [-3, 0, 0.5], look_at_m: [1, 0, 0] }\n");
+  const auto digest = [&](const std::string& quality) {
+    const Said said = in_dir({"run", "rig.yaml", "--json", "--duration", "0.1", "--set",
+                              "channels.camera.quality={" + quality + "}"});
+    EXPECT_EQ(said.status, 0) << said.err;
+    return said.status == 0 ? json::parse(said.out)["input_sha256"].get<std::string>() : "";
+  };
+  EXPECT_EQ(digest("samples_per_pixel: 1"), digest("samples_per_pixel: 1, sky_rays: 0"));
+  EXPECT_NE(digest("samples_per_pixel: 1"), digest("samples_per_pixel: 1, sky_rays: 1"));
 }
 
 // ------------------------------------------------------------------------------------------ runs
