@@ -179,7 +179,8 @@ void PairSource::take_real(SampleLease&& sample) noexcept {
   const std::uint64_t index =
       any_real_ ? anchor_index_ + static_cast<std::uint64_t>(std::max<std::int64_t>(1, steps))
                 : static_cast<std::uint64_t>(std::max<std::int64_t>(0, steps));
-  // Instants that nobody asked the simulated side for, because the real side ran ahead of its prediction.
+  // Instants that were not yet requested of the simulated side, because the real side ran ahead of its
+  // prediction.
   constexpr std::uint64_t kCatchUp = 8;
   if (index > next_simulated_ + kCatchUp) next_simulated_ = index - kCatchUp;
   while (next_simulated_ < index) request_simulated(next_simulated_, predicted(next_simulated_));
