@@ -86,6 +86,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--run", action="store_true", help="run the commands, too")
     parser.add_argument("--only", default="", help="run those of documents whose name contains this")
+    parser.add_argument("--again", type=Path, help="a file for the commands that were run again, a line each")
     options = parser.parse_args()
     cache = {}
 
@@ -112,8 +113,11 @@ def main():
                 if "://" not in target and not (document.parent / target).exists():
                     errors.append(f"{name}:{number}: the link leads nowhere: {target}")
     if options.run:
-        errors += docs_commands.run_all(ROOT, {d: c for d, c in by_document.items() if options.only in d},
-                                        whole=not options.only)
+        failed, again = docs_commands.run_all(ROOT, {d: c for d, c in by_document.items() if options.only in d},
+                                              whole=not options.only)
+        errors += failed
+        if options.again:
+            options.again.write_text("".join(line + "\n" for line in again), encoding="utf-8")
     print(*errors, sep="\n", end="\n" if errors else "")
     print(f"docs: {len(documents)} documents, {commands} command lines, {len(errors)} errors")
     if not commands:

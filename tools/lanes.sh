@@ -41,12 +41,23 @@ lane_parts() {
 
 count() { echo "$2 $3 $4" >"$RESULTS/$1.count"; }
 
-# check_lane NAME COMMAND...: a lane that is one check.
+# check_lane NAME COMMAND...: a lane that is one check. The last lines of what a failed one printed go into the summary.
 check_lane() {
-  local lane=$1
+  local lane=$1 status
   shift
   count "$lane" 0 1 0
-  "$@"
+  rm -f "$RESULTS/$lane.failed"
+  set +e
+  (
+    set -e
+    "$@"
+  ) 2>&1 | tee "$RESULTS/$lane.log"
+  status=${PIPESTATUS[0]}
+  set -e
+  [[ $status -eq 0 ]] || {
+    tail -n 8 "$RESULTS/$lane.log" >"$RESULTS/$lane.failed"
+    return "$status"
+  }
   count "$lane" 1 0 0
 }
 
@@ -142,7 +153,7 @@ lane_fuzz() {
   return "$status"
 }
 
-lane_docs() { check_lane docs python3 tools/check_docs.py --run; }
+lane_docs() { check_lane docs python3 tools/check_docs.py --run --again "$RESULTS/docs.again"; }
 
 lane_skips() {
   local -a results
