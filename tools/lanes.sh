@@ -35,7 +35,7 @@ lane_parts() {
     release) echo run test live python ;;
     kernel) echo run test kernel ;;
     asan-ubsan | tsan | fuzz) echo run test clang ;;
-    docs) echo run check ;;
+    docs) echo run test check ;;
   esac
 }
 
