@@ -26,7 +26,7 @@ struct EngineChoice {
   int sub_rays = 0;           ///< 0: of the sensor
   int samples_per_pixel = 0;  ///< 0: of the sensor
   int pixel_step = 0;         ///< 0: every pixel
-  int sky_rays = 0;           ///< 0: what hides the sky is guessed
+  int sky_rays = 0;           ///< 0: light is gathered at some of the points
   double pixels_per_rad = 0;  ///< 0: the engine's default
   double supersampling = 0;   ///< 0: of the sensor
   int instants = 0;           ///< 0: the engine's default

@@ -6,7 +6,9 @@ namespace rigor::render::light {
 namespace {
 
 /// Second word of the draws' counters: nobody else's effect.
-constexpr std::uint32_t kSkyDraws = 0x4C490001U, kSunDraws = 0x4C490002U;
+constexpr std::uint32_t kSkyDraws = 0x4C490001U, kSunDraws = 0x4C490002U, kGatherDraws = 0x4C490003U;
+/// Reflections that a gathering path follows: in the shade of leaves, 850 nm needs three.
+constexpr unsigned kGatherBounces = 3;
 /// What a lamp adds is not asked for shadows where it is less than this share of the light that is there.
 constexpr float kLampMatters = 1e-3F;
 /// Angle that a sky ray stands for when it looks up a colour.
@@ -233,16 +235,18 @@ void Chunk::add_lamps() {
 void Chunk::add_open_sky() {
   for (unsigned i = 0; i < n_; ++i) {
     Point& p = points_[i];
-    Bands4 open = all_bands(1), scattered{};
-    if (in_.cover != nullptr) {
-      const float seen = in_.cover->seen(p.place, p.shading_normal, !p.patch.translucent);
-      open = mix(in_.instead.share, open, seen);
-      scattered = in_.instead.irradiance * (1.0F - seen);
-    }
-    const Bands4 behind = p.patch.translucent ? in_.frame.irradiance(-p.normal) * open + scattered : Bands4{};
-    p.light += from_sky(p.patch, in_.frame.irradiance(p.normal) * open + scattered, behind);
-    if (const Mirror m = mirror(p.patch, p.view, p.normal); m.any())
-      p.light += open * m.share * mirrored_sky(in_.frame, m);
+    const auto irradiance = [&](Vec3 n) {
+      return in_.gathered != nullptr ? in_.gathered->irradiance(in_.frame, p.place, n, p.range_m)
+                                     : in_.frame.irradiance(n);
+    };
+    p.light +=
+        from_sky(p.patch, irradiance(p.normal), p.patch.translucent ? irradiance(-p.normal) : Bands4{});
+    const Mirror m = mirror(p.patch, p.view, p.normal);
+    if (!m.any()) continue;
+    Bands4 open = all_bands(1);
+    if (in_.gathered != nullptr)
+      open = min(irradiance(m.direction) / max(in_.frame.irradiance(m.direction), all_bands(1e-20F)), open);
+    p.light += open * m.share * mirrored_sky(in_.frame, m);
   }
 }
 
@@ -296,9 +300,8 @@ void Chunk::begin_paths(std::size_t first, unsigned k) {
   }
 }
 
-void Chunk::follow_paths(std::size_t first, unsigned k) {
+void Chunk::follow_paths(std::size_t first, unsigned k, unsigned bounces) {
   std::array<std::uint8_t, 2 * kChunk> hidden;
-  const auto bounces = static_cast<unsigned>(in_.query.bounces);
   for (unsigned segment = 0; segment <= bounces && paths_ > 0; ++segment) {
     for (unsigned i = 0; i < paths_; ++i) {
       const Path& w = path_[i];
@@ -350,13 +353,50 @@ void Chunk::add_sky(std::size_t first) {
   std::fill_n(asked_.begin(), n_, 0.0F);
   for (unsigned k = 0; k < rays; ++k) {
     begin_paths(first, k);
-    follow_paths(first, k);
+    follow_paths(first, k, static_cast<unsigned>(in_.query.bounces));
   }
   for (unsigned i = 0; i < n_; ++i) {
     Point& p = points_[i];
     if (const Mirror m = mirror(p.patch, p.view, p.normal); m.any() && m.sharp < 1)
       p.light +=
           m.share * in_.frame.irradiance(m.direction) * ((1.0F - m.sharp) / kPi * open_[i] / asked_[i]);
+  }
+}
+
+void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vector<GatheredPath>& out) {
+  std::array<LightSample, kChunk> samples;
+  first_intersections(first, std::span(samples.data(), rays));
+  std::array<std::size_t, kChunk> at;  // of the point's path in `out`
+  for (unsigned k = 0; k < 2 * paths && n_ > 0; ++k) {
+    const bool behind = k % 2 == 1;
+    paths_ = 0;
+    for (unsigned i = 0; i < n_; ++i) {
+      Point& p = points_[i];
+      p.light = Bands4{};
+      open_[i] = 0;
+      at[i] = out.size();
+      if (behind && !p.patch.translucent) continue;
+      const float side = behind ? -1.0F : 1.0F;
+      const auto u = draws(first + p.ray, kGatherDraws, k, 0);
+      Path way;
+      way.direction = cosine_direction(p.normal * side, u[0], u[1]);
+      // Bumps tilt the half space: what they would send through the surface goes to its other side.
+      if (const float out_of = side * dot(way.direction, p.geometric_normal); !(out_of > 0))
+        way.direction = way.direction - p.geometric_normal * (2 * side * out_of);
+      way.place = off_surface(p.place, p.geometric_normal, way.direction);
+      way.share = all_bands(1);
+      way.point = i;
+      way.time = p.time;
+      path_[paths_++] = way;
+      out.push_back(
+          {p.place, p.normal * side, p.range_m, Bands4{}, in_.frame.surroundings(way.direction), false});
+    }
+    follow_paths(first, k, kGatherBounces);
+    for (unsigned i = 0; i < n_; ++i) {
+      if (behind && !points_[i].patch.translucent) continue;
+      out[at[i]].radiance = points_[i].light;
+      out[at[i]].free = open_[i] > 0;
+    }
   }
 }
 

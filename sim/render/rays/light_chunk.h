@@ -7,7 +7,7 @@
 
 #include "sensor-hal/models/philox.h"
 #include "sim/render/rays/embree_scene.h"
-#include "sim/render/rays/light_cover.h"
+#include "sim/render/rays/light_gather.h"
 #include "sim/render/rays/light_shading.h"
 #include "sim/render/rays/light_surface.h"
 #include "sim/render/rays/light_tracer.h"
@@ -22,9 +22,8 @@ struct ChunkInput {
   const LightSurfaces& surfaces;
   const LightFrame& frame;
   const LightQuery& query;
-  Eigen::Vector3d origin;           ///< of the query, relative to the scene's cell
-  const SkyCover* cover = nullptr;  ///< null: the sky is open
-  SkyCover::Instead instead{};
+  Eigen::Vector3d origin;                   ///< of the query, relative to the scene's cell
+  const GatheredLight* gathered = nullptr;  ///< null: the sky is open
 };
 
 /// Belongs to one thread.
@@ -33,6 +32,9 @@ class Chunk {
   explicit Chunk(const ChunkInput& in);
   /// Rays from `first` on, at most kChunk.
   void trace(std::size_t first, std::span<LightSample> samples);
+  /// Light about the points of the rays from `first` on, at most kChunk of `rays`: `paths` for each side that
+  /// is lit.
+  void gather(std::size_t first, std::size_t rays, unsigned paths, std::vector<GatheredPath>& out);
   std::size_t shadow_rays = 0, sky_rays = 0;
 
  private:
@@ -67,7 +69,7 @@ class Chunk {
   void add_open_sky();
   void add_sky(std::size_t first);
   void begin_paths(std::size_t first, unsigned k);
-  void follow_paths(std::size_t first, unsigned k);
+  void follow_paths(std::size_t first, unsigned k, unsigned bounces);
   /// The way on from a point that scatters diffusely. False where all is absorbed.
   bool scatter(const Point& p, std::size_t index, unsigned k, unsigned segment, Path& out) const;
   [[nodiscard]] std::array<float, 4> draws(std::size_t index, unsigned purpose, unsigned k,

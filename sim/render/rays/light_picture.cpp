@@ -29,6 +29,31 @@ Status check(const LightPictureRequest& q) {
   return {};
 }
 
+/// Through a place on the picture's plane, in pixels.
+Ray ray_through(const LightPictureRequest& q, double u, double v) {
+  const Pinhole& p = q.pinhole;
+  const Eigen::Vector3d d = q.T_world_camera.linear() *
+                            Eigen::Vector3d((u - p.cx_px) / p.fx_px, (v - p.cy_px) / p.fy_px, 1).normalized();
+  Ray ray;
+  for (int c = 0; c < 3; ++c) ray.direction[c] = static_cast<float>(d[c]);
+  ray.time = q.time;
+  return ray;
+}
+
+Status gather(LightTracer& tracer, const LightPictureRequest& request, LightQuery q) {
+  std::vector<Ray> rays;
+  const Pinhole& p = request.pinhole;
+  for (int row = 0; row * kGatherHeight_px < p.height_px; ++row)
+    for (int column = 0; column * kGatherWidth_px < p.width_px; ++column) {
+      const GatheringPixel at = gathering_pixel(column, row, request.seed);
+      rays.push_back(ray_through(request, std::min(at.u, p.width_px - 1), std::min(at.v, p.height_px - 1)));
+    }
+  q.rays = rays;
+  q.seed = request.seed;
+  q.spread_rad = static_cast<float>(1.0 / std::max(p.fx_px, p.fy_px));
+  return tracer.gather(q);
+}
+
 }  // namespace
 
 Status trace_picture(LightTracer& tracer, const LightPictureRequest& request, ViewPicture& out) {
@@ -57,6 +82,11 @@ Status trace_picture(LightTracer& tracer, const LightPictureRequest& request, Vi
   q.bounces = request.bounces;
   q.soft_sun = request.soft_sun;
   q.spread_rad = static_cast<float>(1.0 / (std::max(p.fx_px, p.fy_px) * a_side));
+  q.near_m = static_cast<float>(p.near_m);
+  if (request.gather && q.shadows && q.sky_rays == 0) {
+    if (auto s = gather(tracer, request, q); !s) return s;
+    q.gathered = true;
+  }
   const int rows_at_once =
       std::max(kTile_px, static_cast<int>(1'000'000 / (each * static_cast<std::size_t>(p.width_px))) /
                              kTile_px * kTile_px);
@@ -75,19 +105,13 @@ Status trace_picture(LightTracer& tracer, const LightPictureRequest& request, Vi
           for (int j = 0; j < a_side; ++j)
             for (int i = 0; i < a_side; ++i) {
               const double u = x + (i + 0.5) / a_side - 0.5, v = y + (j + 0.5) / a_side - 0.5;
-              const Eigen::Vector3d d =
-                  r * Eigen::Vector3d((u - p.cx_px) / p.fx_px, (v - p.cy_px) / p.fy_px, 1).normalized();
-              Ray ray;
-              for (int c = 0; c < 3; ++c) ray.direction[c] = static_cast<float>(d[c]);
-              ray.time = request.time;
-              rays.push_back(ray);
+              rays.push_back(ray_through(request, u, v));
             }
         }
     samples.resize(rays.size());
     q.rays = rays;
     // Another part of the picture, other draws.
     q.seed = request.seed + 0x9E3779B97F4A7C15ULL * static_cast<std::uint64_t>(top);
-    q.near_m = static_cast<float>(p.near_m);
     if (auto s = tracer.trace(q, samples); !s) return s;
     for (std::size_t k = 0; k < pixel_of.size(); ++k) {
       const std::size_t pixel = pixel_of[k];

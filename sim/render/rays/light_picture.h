@@ -16,6 +16,8 @@ struct LightPictureRequest {
   int samples_a_side = 1;
   bool shadows = true;
   int sky_rays = 0, bounces = 1;
+  /// Without sky rays, and with shadows: light of the surroundings is gathered. Off: the open sky.
+  bool gather = true;
   bool soft_sun = false;
   std::uint64_t seed = 0;
   float time = 0;  ///< of the window: 0 its begin … 1 its end

@@ -24,17 +24,35 @@ struct LightTracer::Impl {
   Status trace(const LightQuery& q, std::span<LightSample> samples);
   std::shared_ptr<const light::SkyTables> tables(const std::shared_ptr<const SkyMap>& map,
                                                  const std::array<int, 4>& bands);
+  /// What a query is answered from; brings the surfaces up to date.
+  struct Input {
+    const RayScene* scene;
+    light::LightFrame frame;
+    Eigen::Vector3d origin;  ///< of the query, relative to the scene's cell
+  };
+  Result<Input> input(const LightQuery& q);
+  Status gather(const LightQuery& q);
 
   std::shared_ptr<EmbreeEngine> engine;
   std::list<Sky> skies;  ///< the last ones that were asked for
   light::LightSurfaces surfaces;
-  light::SkyCover cover;
+  light::GatheredLight gathered{1};
   LightStatistics statistics;
 };
 
 namespace {
 
 constexpr std::size_t kSkiesKept = 4;
+
+/// Paths of a gathering point on each side that is lit; where there are few points, so many that all have
+/// kLeastPaths.
+constexpr std::size_t kPathsOfAPoint = 2, kMostPathsOfAPoint = 64, kLeastPaths = 1024;
+/// Side of a cell in which gathered light is shared: so many pixels.
+constexpr float kCell_px = 48;
+/// Angle between neighbouring pixels where the query does not say.
+constexpr float kSpread_rad = 1e-3F;
+/// Second word of the draw of a gathering point: nobody else's effect.
+constexpr std::uint32_t kGatherPoints = 0x4C490004U;
 
 Status check(const LightQuery& q, std::size_t samples) {
   const auto bad = [](const char* where, const std::string& message) {
@@ -68,28 +86,25 @@ std::shared_ptr<const light::SkyTables> LightTracer::Impl::tables(const std::sha
   return skies.front().tables;
 }
 
-Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samples) {
-  if (auto s = check(q, samples.size()); !s) return s;
-  const auto begun = std::chrono::steady_clock::now();
+Result<LightTracer::Impl::Input> LightTracer::Impl::input(const LightQuery& q) {
   auto found = engine->impl().scene_at(q.origin);
   if (!found) return tl::unexpected(found.error());
   const RayScene& scene = **found;
   const WantedContent& content = engine->impl().content();
   surfaces.update(content, q.bands);
   const ContentFrame& frame = content.window->first();
-  const light::LightFrame lit =
-      light::light_frame(frame, scene.origin(), q.bands, tables(frame.light.sky, q.bands));
-  light::ChunkInput in{scene, surfaces, lit, q, Eigen::Vector3d(q.origin - scene.origin())};
-  const auto covering = std::chrono::steady_clock::now();
-  if (q.sky_cover && q.shadows && q.sky_rays == 0 && !q.rays.empty()) {
-    cover.update(scene, content, q.origin);
-    if (cover.any()) {
-      in.cover = &cover;
-      in.instead = cover.instead(lit, q.bands);
-    }
-  }
-  const double cover_ms = ms_since(covering);
+  return Input{&scene, light::light_frame(frame, scene.origin(), q.bands, tables(frame.light.sky, q.bands)),
+               Eigen::Vector3d(q.origin - scene.origin())};
+}
+
+Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samples) {
+  if (auto s = check(q, samples.size()); !s) return s;
+  const auto begun = std::chrono::steady_clock::now();
+  auto lit = input(q);
+  if (!lit) return tl::unexpected(lit.error());
+  light::ChunkInput in{*lit->scene, surfaces, lit->frame, q, lit->origin};
   std::atomic<std::size_t> shadow_rays{0}, sky_rays{0};
+  if (q.gathered && q.shadows && q.sky_rays == 0) in.gathered = &gathered;
   const std::size_t chunks = (q.rays.size() + light::kChunk - 1) / light::kChunk;
   engine->impl().arena().execute([&] {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, chunks, 4), [&](const auto& range) {
@@ -102,14 +117,47 @@ Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samp
       sky_rays += chunk.sky_rays;
     });
   });
-  statistics = {q.rays.size(), shadow_rays, sky_rays, ms_since(begun), cover_ms};
+  statistics = {q.rays.size(), shadow_rays, sky_rays, ms_since(begun), statistics.gather_ms};
   return {};
+}
+
+Status LightTracer::Impl::gather(const LightQuery& q) {
+  if (auto s = check(q, q.rays.size()); !s) return s;
+  const auto begun = std::chrono::steady_clock::now();
+  gathered = light::GatheredLight(kCell_px * (q.spread_rad > 0 ? q.spread_rad : kSpread_rad));
+  const std::size_t points = q.rays.size(), chunks = (points + light::kChunk - 1) / light::kChunk;
+  if (points == 0) return {};
+  auto lit = input(q);
+  if (!lit) return tl::unexpected(lit.error());
+  const light::ChunkInput in{*lit->scene, surfaces, lit->frame, q, lit->origin};
+  const auto paths = static_cast<unsigned>(
+      std::clamp<std::size_t>(kLeastPaths / points, kPathsOfAPoint, kMostPathsOfAPoint));
+  std::vector<std::vector<light::GatheredPath>> found(chunks);
+  engine->impl().arena().execute([&] {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, chunks, 4), [&](const auto& range) {
+      light::Chunk chunk(in);
+      for (std::size_t c = range.begin(); c != range.end(); ++c)
+        chunk.gather(c * light::kChunk, std::min(light::kChunk, points - c * light::kChunk), paths, found[c]);
+    });
+  });
+  for (const auto& f : found) gathered.add(f);
+  statistics.gather_ms = ms_since(begun);
+  return {};
+}
+
+GatheringPixel gathering_pixel(int block_column, int block_row, std::uint64_t seed) noexcept {
+  const auto w = models::philox(
+      {static_cast<std::uint32_t>(block_column), static_cast<std::uint32_t>(block_row), kGatherPoints, 0},
+      {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32U)});
+  return {block_column * kGatherWidth_px + static_cast<int>(w[0] % kGatherWidth_px),
+          block_row * kGatherHeight_px + static_cast<int>(w[1] % kGatherHeight_px)};
 }
 
 LightTracer::LightTracer(std::shared_ptr<EmbreeEngine> engine)
     : impl_(std::make_unique<Impl>(std::move(engine))) {}
 LightTracer::~LightTracer() = default;
 
+Status LightTracer::gather(const LightQuery& query) { return impl_->gather(query); }
 Status LightTracer::trace(const LightQuery& query, std::span<LightSample> samples) {
   return impl_->trace(query, samples);
 }

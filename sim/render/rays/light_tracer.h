@@ -9,9 +9,11 @@
 // - A shadow ray is stopped by whatever casts shadows, leaves included, and passes their holes. Light that
 //   leaves let through goes on as diffuse light: it is seen on the leaf that is lit from behind, and
 //   elsewhere through `sky_rays` with `bounces`.
-// - Without sky rays all of the sky and of the ground lights a surface, whatever stands around it, and
-// mirrors
-//   show the sky alone. The view engine estimates instead what hides the sky, from a map of heights.
+// - Without sky rays, what the surroundings send is gathered at one in sixteen points and shared with those
+// near
+//   them, so that shade has no detail finer than about thirty pixels; mirrors show the sky alone, as bright
+//   as that says. Without `gather`, all of the sky and of the ground lights a surface, whatever stands around
+//   it.
 // - Lamps throw shadows (in the view engine they do not) and light directly: their light is not followed
 //   through reflections. Retro-reflectors send the light of lamps back within half a degree.
 // - Drops and flakes dim and veil; single ones are not seen. Plants stand still in the wind.
@@ -30,16 +32,15 @@ struct LightQuery {
   float near_m = 0.001F;
   std::span<const Ray> rays;
   bool shadows = true;
-  int sky_rays = 0;        ///< rays per sample that ask which sky is hidden; 0: a guess, or the open sky
+  int sky_rays = 0;        ///< rays per sample that ask which sky is hidden; 0: see `gather`
   std::uint64_t seed = 0;  ///< keys their directions, with the ray's index
   /// Reflections that a sky ray follows: light of sun and sky from what hides the sky. 0: that is black.
   int bounces = 1;
   bool soft_sun = false;  ///< shadow rays to a point of the sun's disc by seed and index; off: to its centre
   /// Angle between neighbouring rays: maps are taken as coarse as that sees them. 0: their finest texels.
   float spread_rad = 0;
-  /// Without sky rays, and with shadows: guess what hides the sky. The map for it costs sixteen rays a square
-  /// metre where a place is seen for the first time, and then what changes.
-  bool sky_cover = true;
+  /// Without sky rays, and with shadows: surfaces have the light that the last gather() found near them.
+  bool gathered = false;
 };
 
 struct LightSample {
@@ -51,15 +52,28 @@ struct LightSample {
 
 struct LightStatistics {
   std::size_t rays = 0, shadow_rays = 0,
-              sky_rays = 0;           ///< shot by the last call; sky: with their shadow rays
-  double trace_ms = 0, cover_ms = 0;  ///< all of it; of which the map of what hides the sky
+              sky_rays = 0;            ///< shot by the last call; sky: with their shadow rays
+  double trace_ms = 0, gather_ms = 0;  ///< of the last trace() and gather()
 };
+
+/// Pixels of which one gathers light for all of them.
+constexpr int kGatherWidth_px = 8, kGatherHeight_px = 4;
+/// Which one of a block's, by its row and column of the picture.
+struct GatheringPixel {
+  int u = 0, v = 0;
+};
+[[nodiscard]] GatheringPixel gathering_pixel(int block_column, int block_row, std::uint64_t seed) noexcept;
 
 class LightTracer {
  public:
   /// Measures in what `renderer` has prepared.
   explicit LightTracer(std::shared_ptr<EmbreeEngine> engine);
   ~LightTracer();
+  /// Gathers the light of sky and surroundings that comes to the points which the rays meet, for queries with
+  /// `gathered`. A few thousand rays over a picture will do: each shares with those that `spread_rad`, the
+  /// angle between neighbouring pixels, puts within about fifty of it. Same query, same light, on any number
+  /// of threads. Errors: bad_input.
+  [[nodiscard]] Status gather(const LightQuery& query);
   /// samples[i] belongs to rays[i]. Same query, same samples, on any number of threads. A ray that is not
   /// finite brings nothing. One thread at a time, engine included. Errors: bad_input.
   [[nodiscard]] Status trace(const LightQuery& query, std::span<LightSample> samples);

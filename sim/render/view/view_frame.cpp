@@ -154,22 +154,16 @@ FrameNumbers frame_numbers(const ContentFrame& frame, const ViewRequest& request
 }
 
 // Leaves let exp(-depth sqrt(1 - scattered)) of diffuse light through (Goudriaan 1977): a seventh of the
-// visible, greener than the sky, and half of the near infrared. For sunlight, less what comes through
-// unscattered, exp(-depth): that part is sun, and the shadow map has it.
-void set_zenith(const ShadowCascade& zenith, int side_px, bool leaves, const ContentFrame& frame,
-                const view_gpu::Bands& bands, view_gpu::ViewFrame& u) {
+// visible, greener than the sky, and half of the near infrared. Sunlight that leaves scatter down is left
+// out: what the same formula gives for it is 18 times too bright in the shade of a stand
+// (docs/light-error.md).
+void set_zenith(const ShadowCascade& zenith, int side_px, bool leaves, const view_gpu::Bands& bands,
+                view_gpu::ViewFrame& u) {
   u.cascades[view_gpu::kZenith] = zenith.data(side_px);
-  Spectrum covered{}, scattered{};
-  const float sun = std::max(u.sun.z, 0.0F);
-  const auto irradiance_of = [](float e) { return std::isfinite(e) && e > 0 ? e : 0.0F; };
-  for (std::size_t b = 0; b < covered.size(); ++b) {
+  Spectrum covered{};
+  for (std::size_t b = 0; b < covered.size(); ++b)
     covered[b] = leaves ? std::exp(-kLeafDepth * std::sqrt(1 - kLeafScatters[b])) : kWallShare;
-    if (leaves)
-      scattered[b] =
-          (covered[b] - std::exp(-kLeafDepth)) * sun * irradiance_of(frame.light.sun_irradiance[b]);
-  }
   u.covered = pick(covered, bands);
-  u.scattered = pick(scattered, bands);
 }
 
 void set_cascades(std::span<const ShadowCascade> cascades, int side_px, view_gpu::ViewFrame& u) {

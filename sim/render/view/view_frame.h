@@ -22,8 +22,8 @@ struct FrameNumbers {
 [[nodiscard]] FrameNumbers frame_numbers(const ContentFrame& frame, const ViewRequest& request,
                                          const ViewCamera& camera, const SkyLight& sky, float sky_scale);
 void set_cascades(std::span<const ShadowCascade> cascades, int side_px, view_gpu::ViewFrame& uniforms);
-/// What hides the sky, and the light that takes its place: where leaves are among it, theirs.
-void set_zenith(const ShadowCascade& zenith, int side_px, bool leaves, const ContentFrame& frame,
-                const view_gpu::Bands& bands, view_gpu::ViewFrame& uniforms);
+/// What hides the sky, and the share of it that leaves or walls let through or throw about.
+void set_zenith(const ShadowCascade& zenith, int side_px, bool leaves, const view_gpu::Bands& bands,
+                view_gpu::ViewFrame& uniforms);
 
 }  // namespace rigor::render

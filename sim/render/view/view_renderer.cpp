@@ -148,7 +148,7 @@ struct ViewRenderer::Impl : DrawContext {
 
  private:
   Status make_shadows(const ViewCamera& camera, const CullOptions& options, FrameNumbers& numbers,
-                      const ContentFrame& frame, const ViewRequest& request);
+                      const ViewRequest& request);
   FrameFeatures features_of(const ContentFrame& frame, const ViewRequest& request,
                             const FrameNumbers& n) const;
   /// Draws a part of the picture; `first`, `second`: before and after what is hidden is dropped;
@@ -191,8 +191,7 @@ FrameFeatures ViewRenderer::Impl::features_of(const ContentFrame& frame, const V
 }
 
 Status ViewRenderer::Impl::make_shadows(const ViewCamera& camera, const CullOptions& options,
-                                        FrameNumbers& numbers, const ContentFrame& frame,
-                                        const ViewRequest& request) {
+                                        FrameNumbers& numbers, const ViewRequest& request) {
   Eigen::AlignedBox3d box;
   bool any = false, leaves = false;
   double low_m = 1e300, high_m = -1e300;
@@ -207,12 +206,12 @@ Status ViewRenderer::Impl::make_shadows(const ViewCamera& camera, const CullOpti
   if (!any) return {};
   const Eigen::AlignedBox3d relative(Eigen::Vector3d(box.min() - camera.eye),
                                      Eigen::Vector3d(box.max() - camera.eye));
-  covered = high_m - low_m > kCoverRise_m;
+  covered = request.switches.sky_cover && high_m - low_m > kCoverRise_m;
   if (covered) {
     const ZenithSettings settings;
     const ShadowCascade zenith = zenith_map(camera, relative, settings);
     if (auto s = resources.set_zenith_side(settings.side_px); !s) return s;
-    set_zenith(zenith, settings.side_px, leaves, frame, request.bands, numbers.uniforms);
+    set_zenith(zenith, settings.side_px, leaves, request.bands, numbers.uniforms);
     cover = cull_casters(camera, zenith, batches, options, zenith.texel_m);
   }
   if (!numbers.sun) return {};
@@ -353,7 +352,7 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   covered = false;
   cover.clear();
   if (request.switches.shadows)
-    if (auto ok = make_shadows(camera, options, numbers, frame, request); !ok) return ok;
+    if (auto ok = make_shadows(camera, options, numbers, request); !ok) return ok;
   FrameFeatures features = features_of(frame, request, numbers);
   // With four samples most leaves show in one of them, and would be drawn twice for nothing.
   if (request.samples == 1 && has_holes(all)) features.all |= kFeatureAfterDepth;

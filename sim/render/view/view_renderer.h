@@ -35,6 +35,7 @@ struct ViewSwitches {
   bool frustum_culling = true, occlusion_culling = true, levels_of_detail = true, impostors = true,
        instancing = true;
   bool shadows = true;
+  bool sky_cover = true;  ///< with shadows: guess what hides the sky
 };
 
 struct ViewRequest {

@@ -28,7 +28,7 @@ constexpr std::size_t kMaxHazes = MAX_HAZES, kMaxLamps = MAX_LAMPS, kSunCascades
 #undef MAX_LAMPS
 #undef MAX_CASCADES
 
-static_assert(sizeof(ViewFrame) == 16 * 30 + 48 * 4 + 32 * 128 + 64 * 5);
+static_assert(sizeof(ViewFrame) == 16 * 29 + 48 * 4 + 32 * 128 + 64 * 5);
 static_assert(sizeof(SurfaceData) == 160 && sizeof(InstanceData) == 64);
 static_assert(sizeof(DrawEntry) == 32 && sizeof(DrawnInstance) == 80);
 static_assert(sizeof(RayData) == 32 && sizeof(HitData) == 48);

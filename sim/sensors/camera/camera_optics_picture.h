@@ -36,7 +36,7 @@ struct OpticsOptions {
   int instants = 4;               ///< vulkan: views during the exposure (and readout), where anything moves
   double allowed_error_px = 1.0;  ///< levels of detail
   bool shadows = true;
-  int sky_rays = 0;  ///< rays: see LightQuery; 0: what hides the sky is guessed, as by the vulkan engine
+  int sky_rays = 0;  ///< rays: see LightQuery; 0: light is gathered at some of the points
   /// rays: lateral chromatic aberration by rays of its own for each colour, at three times the cost; off: by
   /// moving the planes of one picture, bilinearly, which blurs red and blue by up to half a pixel. Unset:
   /// from kColoursTraced samples per pixel on. Where the colours differ in focus they are always traced.

@@ -136,6 +136,9 @@ class RaysOptics final : public CameraOpticsPicture {
     LensSamples samples;
   };
   Status trace(const Strip& strip, std::size_t channel, const Shot& shot, OpticsPicture& out);
+  /// Light about what the whole sensor sees, whatever region is asked for.
+  Status gather(const Shot& shot);
+  [[nodiscard]] render::LightQuery light_query(const Shot& shot) const;
   /// Of the picture that was traced, where a colour's place within `region` lies.
   [[nodiscard]] OpticsRequest::Region looked_at(const OpticsRequest::Region& region) const;
   void move_colours(const OpticsPicture& reference, const OpticsRequest::Region& traced,
@@ -216,15 +219,10 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
       }
     }
   });
-  render::LightQuery query;
-  query.origin = shot.origin;
+  render::LightQuery query = light_query(shot);
   query.rays = rays_;
-  query.shadows = options_.shadows;
-  query.sky_rays = options_.sky_rays;
-  query.spread_rad = static_cast<float>(1 / (std::max(traced_.fx_px, traced_.fy_px) * std::sqrt(n)));
-  const auto index = shot.request.measure.index;
-  query.seed = shot.request.seed ^ (index * 0x9E3779B97F4A7C15ULL) ^
-               (static_cast<std::uint64_t>(strip.first_row) << 40U) ^ (std::uint64_t{channel} << 60U);
+  query.spread_rad /= std::sqrt(static_cast<float>(n));
+  query.seed ^= (static_cast<std::uint64_t>(strip.first_row) << 40U) ^ (std::uint64_t{channel} << 60U);
   if (auto s = light_of_->tracer.trace(query, light_); !s) return s;
   const bool split = lenses_.size() > 1;
   const float share = 1.0F / static_cast<float>(n);
@@ -247,6 +245,44 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
     }
   });
   return {};
+}
+
+render::LightQuery RaysOptics::light_query(const Shot& shot) const {
+  render::LightQuery query;
+  query.origin = shot.origin;
+  query.shadows = options_.shadows;
+  query.sky_rays = options_.sky_rays;
+  query.gathered = options_.shadows && options_.sky_rays == 0;
+  query.spread_rad = static_cast<float>(1 / std::max(traced_.fx_px, traced_.fy_px));
+  query.seed = shot.request.seed ^ (shot.request.measure.index * 0x9E3779B97F4A7C15ULL);
+  return query;
+}
+
+Status RaysOptics::gather(const Shot& shot) {
+  render::LightQuery query = light_query(shot);
+  const LensGrid& lens = lenses_.front();
+  rays_.clear();
+  for (int row = 0; row * render::kGatherHeight_px < height_px(); ++row)
+    for (int column = 0; column * render::kGatherWidth_px < width_px(); ++column) {
+      const render::GatheringPixel at = render::gathering_pixel(column, row, query.seed);
+      if (at.u >= width_px() || at.v >= height_px()) continue;
+      const LensGrid::Pixel& pixel = lens.at(at.u - border_, at.v - border_);
+      if (!pixel.lit()) continue;
+      Eigen::Matrix3f turn;
+      Eigen::Vector3f from;
+      Ray ray;
+      ray.time = static_cast<float>(shot.timing.middle_of(row_of(at.v)));
+      shot.poses.at(ray.time, turn, from);
+      const Eigen::Vector3f direction = (turn * pixel.ray).normalized();
+      for (int k = 0; k < 3; ++k) {
+        ray.origin[k] = from[k];
+        ray.direction[k] = direction[k];
+      }
+      ray.far_m = std::numeric_limits<float>::infinity();
+      rays_.push_back(ray);
+    }
+  query.rays = rays_;
+  return light_of_->tracer.gather(query);
 }
 
 OpticsRequest::Region RaysOptics::looked_at(const OpticsRequest::Region& region) const {
@@ -355,6 +391,8 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
     p->radiance.assign(4 * static_cast<std::size_t>(of.width_px) * static_cast<std::size_t>(of.height_px),
                        0.0F);
   }
+  if (light_query(shot).gathered)
+    if (auto s = gather(shot); !s) return s;
   const int across = (width_px() + kBlockWidth - 1) / kBlockWidth;
   const int rows = std::clamp(
       kRaysAtOnce / (across * kBlockWidth * shot.samples.per_pixel()) / kBlockHeight * kBlockHeight,

@@ -24,15 +24,10 @@ vec4 leaving(MaterialSample s, vec3 p, vec3 n, vec3 n_flat, vec3 cover_at) {
   // Where things hide a share of the sky, what they let through and throw about takes its place; the ground below is
   // as dark as its surroundings are.
   vec4 open = vec4(1.0);
-  vec4 scattered = vec4(0.0);
-  if (kSkyCover) {
-    float seen = sky_seen(cover_at, n_flat, !kTranslucent);
-    open = mix(frame.covered, vec4(1.0), seen);
-    scattered = frame.scattered * (1.0 - seen);
-  }
-  vec4 light = diffuse / kPi * (sun * max(cos_sun, 0.0) + sky_irradiance(n) * open + scattered);
+  if (kSkyCover) open = mix(frame.covered, vec4(1.0), sky_seen(cover_at, n_flat, !kTranslucent));
+  vec4 light = diffuse / kPi * (sun * max(cos_sun, 0.0) + sky_irradiance(n) * open);
   if (kTranslucent)
-    light += s.transmittance / kPi * (sun * max(-cos_sun, 0.0) + sky_irradiance(-n) * open + scattered);
+    light += s.transmittance / kPi * (sun * max(-cos_sun, 0.0) + sky_irradiance(-n) * open);
   if (kGlossy || kWater) {
     vec4 f0 = kWater ? vec4(0.02) : mix(vec4(0.04), s.reflectance, s.metallic);
     if (cos_sun > 0.0) light += highlight(n, view, frame.sun.xyz, s.roughness, f0) * sun * cos_sun;

@@ -43,7 +43,6 @@ struct ViewFrame {
   vec4 wind;        // sway of 1 m at 10 m/s becomes this many metres; w: unused
   vec4 gust;        // phases of slow and fast sway [rad], unused
   vec4 covered;     // what comes through and off leaves and walls, as a share of the sky they hide
-  vec4 scattered;   // irradiance by sunlight that leaves have scattered, where they hide the sky
   uvec4 counts;     // hazes, lamps, cascades, unused
   HazeData hazes[MAX_HAZES];
   LampData lamps[MAX_LAMPS];

@@ -122,9 +122,7 @@ TEST_F(LightSurfaceTest, ALeafIsLitFromBehind) {
   EXPECT_NEAR(light({0, 0, -10}, {0, 0, 1}).radiance[0], 0.3 / kPi * e, 1e-6);
   // Of two leaves, the upper one's shadow lies on the lower one: the sun does not come through as sun.
   frame_.batches.push_back(one(plane_mesh(5, s, 1), 2));
-  query_.sky_cover = false;  // which guesses what leaves scatter
   EXPECT_EQ(light({0, 0, -10}, {0, 0, 1}).radiance[0], 0);
-  query_.sky_cover = true;
   // By an even sky: what both sides get.
   frame_.batches.resize(1);
   frame_.light.sun_irradiance = {};
