@@ -139,6 +139,7 @@ ChildProcess::ChildProcess(ChildProcess&& o) noexcept
       socket_(std::exchange(o.socket_, -1)),
       memory_fd_(std::exchange(o.memory_fd_, -1)),
       where_(std::move(o.where_)),
+      who_(std::move(o.who_)),
       death_(std::move(o.death_)) {}
 ChildProcess& ChildProcess::operator=(ChildProcess&& o) noexcept {
   if (this == &o) return *this;
@@ -147,6 +148,7 @@ ChildProcess& ChildProcess::operator=(ChildProcess&& o) noexcept {
   socket_ = std::exchange(o.socket_, -1);
   memory_fd_ = std::exchange(o.memory_fd_, -1);
   where_ = std::move(o.where_);
+  who_ = std::move(o.who_);
   death_ = std::move(o.death_);
   return *this;
 }
@@ -194,7 +196,8 @@ Result<ChildProcess> ChildProcess::start(const Command& command, Duration timeou
   if (!listener) return tl::unexpected<Error>(listener.error());
   ChildProcess child;
   child.where_ = command.where;
-  child.memory_fd_ = sample_memory::open_for_reader();
+  child.who_ = command.who;
+  if (command.reads_samples) child.memory_fd_ = sample_memory::open_for_reader();
   std::vector<std::string> words = command.words, variables = environment(listener->path());
   const std::vector<char*> argv = pointers(words), envp = pointers(variables);
   const std::string directory = command.directory.empty() ? "." : command.directory.string();
@@ -234,7 +237,8 @@ Result<ChildProcess> ChildProcess::start(const Command& command, Duration timeou
   pollfd wait{listener->fd(), POLLIN, 0};
   while (poll(&wait, 1, kSlice_ms) <= 0) {
     if (stop.stop_requested())
-      return fail(ErrorCode::unavailable, command.where, "interrupted while the application was starting");
+      return fail(ErrorCode::unavailable, command.where,
+                  "interrupted while " + command.who + " was starting");
     if (const auto how = child.death())
       return fail(
           ErrorCode::unavailable, command.where,
@@ -280,8 +284,8 @@ Status ChildProcess::send(MessageType type, const json& text) {
       continue;
     }
     if (n < 0 && errno != EAGAIN && errno != EINTR)
-      return tl::unexpected<Error>(gone(ErrorCode::unavailable, "the application has closed its connection"));
-    if (monotonic_now() > until) return fail(ErrorCode::timeout, where_, "the application reads nothing");
+      return tl::unexpected<Error>(gone(ErrorCode::unavailable, who_ + " has closed its connection"));
+    if (monotonic_now() > until) return fail(ErrorCode::timeout, where_, who_ + " reads nothing");
     pollfd wait{socket_, POLLOUT, 0};
     (void)poll(&wait, 1, kSlice_ms);
   }
@@ -295,7 +299,7 @@ Result<json> ChildProcess::receive(MessageType type, Duration timeout, StopToken
   for (std::size_t got = 0;;) {
     const ssize_t n = recv(socket_, bytes.data() + got, bytes.size() - got, 0);
     if (n == 0 || (n < 0 && errno != EAGAIN && errno != EINTR))
-      return tl::unexpected<Error>(gone(ErrorCode::unavailable, "the application has closed its connection"));
+      return tl::unexpected<Error>(gone(ErrorCode::unavailable, who_ + " has closed its connection"));
     if (n > 0) got += static_cast<std::size_t>(n);
     if (got == sizeof header && bytes.size() == sizeof header) {
       std::memcpy(&header, bytes.data(), sizeof header);
@@ -308,19 +312,18 @@ Result<json> ChildProcess::receive(MessageType type, Duration timeout, StopToken
     if (got >= sizeof header && got == bytes.size()) break;
     if (n > 0) continue;
     if (stop.stop_requested()) return fail(ErrorCode::unavailable, where_, "interrupted");
-    if (monotonic_now() > until) return fail(ErrorCode::timeout, where_, "the application does not answer");
+    if (monotonic_now() > until) return fail(ErrorCode::timeout, where_, who_ + " does not answer");
     pollfd wait{socket_, POLLIN, 0};
     (void)poll(&wait, 1, kSlice_ms);
   }
   auto text = parse_json(std::string_view(bytes).substr(sizeof header), where_);
   if (header.type == MessageType::failed)
-    return fail(ErrorCode::unavailable, where_,
-                "the application says: " + sentence_of(text.value_or(json())));
+    return fail(ErrorCode::unavailable, where_, who_ + " says: " + sentence_of(text.value_or(json())));
   if (header.type != type)
     return fail(ErrorCode::protocol, where_,
-                fmt::format("expected message {} with JSON from the application, got message {}",
-                            static_cast<std::uint32_t>(type), static_cast<std::uint32_t>(header.type)));
-  if (!text) return fail(ErrorCode::protocol, where_, "the application's message: " + text.error().message);
+                fmt::format("expected message {} with JSON from {}, got message {}",
+                            static_cast<std::uint32_t>(type), who_, static_cast<std::uint32_t>(header.type)));
+  if (!text) return fail(ErrorCode::protocol, where_, "the message of " + who_ + ": " + text.error().message);
   return text;
 }
 

@@ -25,6 +25,8 @@ class ChildProcess {
     std::vector<std::string> words;   ///< program and arguments; a program without `/` is looked up in PATH
     std::filesystem::path directory;  ///< where it runs
     std::string where;                ///< for errors: place of `command` in the rig
+    std::string who = "the application";  ///< for errors
+    bool reads_samples = true;            ///< it gets the memory in which samples lie
   };
 
   /// Starts the program with RIGOR_SOCKET in its environment, and waits until it has said hello. unavailable:
@@ -60,7 +62,7 @@ class ChildProcess {
 
   pid_t pid_ = -1;
   int socket_ = -1, memory_fd_ = -1;
-  std::string where_;
+  std::string where_, who_;
   std::optional<std::string> death_;
 };
 
