@@ -11,8 +11,7 @@
 
 #include "bench/dataset/carrier.h"
 #include "bench/dataset/dataset_device.h"
-#include "bench/files/file_digest.h"
-#include "bench/files/output_file.h"
+#include "bench/files/manifest.h"
 #include "sensor-hal/models/philox.h"
 #include "sensor-hal/rig/rig.h"
 #include "sim/platform/ground.h"
@@ -152,7 +151,7 @@ Status Dataset::Impl::read_variations() {
         return fail(ErrorCode::bad_input, v.written.where, "expected each key once, got " + v.key + " again");
     switch (v.of) {
       case Variation::Of::weather:
-        for (const auto& [attribute, value] : dataset::weather_preset("clear"))
+        for (const auto& [attribute, value] : dataset::weather_texts("clear"))
           if (auto s = add(v, "Atmosphere." + attribute); !s) return s;
         break;
       case Variation::Of::attribute: {
@@ -253,7 +252,7 @@ Status Dataset::Impl::set_conditions(const std::vector<std::pair<std::string, st
   };
   for (std::size_t i = 0; i < conditions.size(); ++i)
     if (options.vary[i].of == Variation::Of::weather)
-      for (const auto& [attribute, value] : dataset::weather_preset(conditions[i].second))
+      for (const auto& [attribute, value] : dataset::weather_texts(conditions[i].second))
         set("Atmosphere." + attribute, value);
   for (std::size_t i = 0; i < conditions.size(); ++i) {
     const Variation& v = options.vary[i];
@@ -412,16 +411,10 @@ Result<std::optional<DatasetSample>> Dataset::next() {
 }
 
 nlohmann::json Dataset::manifest() const {
-  nlohmann::json inputs = nlohmann::json::object();
   InputFiles files;
   files.add_rig(impl_->rig);
   if (!impl_->options.poses.file.empty()) files.add("poses", impl_->options.poses.file);
-  const auto whole = [](const std::filesystem::path& file) {
-    return std::filesystem::absolute(file).lexically_normal();
-  };
-  const std::filesystem::path base = whole(impl_->rig.file).parent_path();
-  for (const std::string& name : files.names())
-    inputs[whole(name).lexically_proximate(base).generic_string()] = sha256_of(name);
+  const nlohmann::json inputs = input_digests(files, impl_->rig.file);
   nlohmann::json channels = nlohmann::json::array();
   for (const Channel& c : impl_->channels)
     channels.push_back({{"name", c.name}, {"kind", kind_name(c.kind)}, {"drawn", c.drawn}});

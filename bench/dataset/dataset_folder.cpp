@@ -17,6 +17,7 @@
 #include "bench/dataset/dataset_json.h"
 #include "bench/dataset/dataset_summary.h"
 #include "bench/dataset/npy.h"
+#include "bench/files/manifest.h"
 #include "bench/files/output_file.h"
 #include "bench/files/picture.h"
 #include "bench/files/picture_file.h"
@@ -110,7 +111,7 @@ Status DatasetFolder::Impl::check_manifest() {
       return fail(
           ErrorCode::bad_input, file.string(),
           "expected what an earlier `rigor dataset` wrote, got something else; give another folder with -o");
-    const std::string d = dataset::difference(there, manifest);
+    const std::string d = manifest_difference(there, manifest);
     if (!d.empty())
       return fail(
           ErrorCode::bad_input, file.string(),

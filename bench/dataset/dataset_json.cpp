@@ -4,7 +4,6 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <set>
 
 #include "bench/dataset/coco_rle.h"
 #include "sensor-hal/rig/rig.h"
@@ -13,24 +12,6 @@ namespace rigor::dataset {
 namespace {
 
 using nlohmann::json;
-
-std::string difference_below(const json& there, const json& here, const std::string& path) {
-  if (there == here) return "";
-  const auto named = [&](const std::string& key) { return path.empty() ? key : path + "." + key; };
-  if (there.is_object() && here.is_object()) {
-    std::set<std::string> keys;
-    for (const auto& [key, value] : there.items()) keys.insert(key);
-    for (const auto& [key, value] : here.items()) keys.insert(key);
-    for (const std::string& key : keys) {
-      if (!there.contains(key) || !here.contains(key))
-        return fmt::format("{} is {} there", named(key), there.contains(key) ? "only" : "not");
-      if (auto d = difference_below(there[key], here[key], named(key)); !d.empty()) return d;
-    }
-  }
-  constexpr std::size_t kShown = 80;
-  return fmt::format("{} is {} there, and {} here", path, there.dump().substr(0, kShown),
-                     here.dump().substr(0, kShown));
-}
 
 json pose_json(const Eigen::Isometry3d& T) {
   const Eigen::Quaterniond q(T.linear());
@@ -99,7 +80,5 @@ json described(const DatasetView& view, bool truth, std::uint32_t min_area_px) {
   if (truth) j["instances"] = instances_json(view, min_area_px);
   return j;
 }
-
-std::string difference(const json& there, const json& here) { return difference_below(there, here, ""); }
 
 }  // namespace rigor::dataset

@@ -14,7 +14,4 @@ namespace rigor::dataset {
 /// run-length code of those with `min_area_px` visible pixels or more.
 [[nodiscard]] nlohmann::json described(const DatasetView& view, bool truth, std::uint32_t min_area_px);
 
-/// Where two manifests differ first, in words; empty where they are the same.
-[[nodiscard]] std::string difference(const nlohmann::json& there, const nlohmann::json& here);
-
 }  // namespace rigor::dataset

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "bench/dataset/dataset_json.h"
+#include "bench/files/manifest.h"
 #include "bench/files/output_file.h"
 #include "bench/sensing/camera_info.h"
 #include "sensor-hal/record/mcap_reader.h"
@@ -182,7 +183,7 @@ Status DatasetRecording::Impl::read_source(const fs::path& from, bool own) {
         ErrorCode::bad_input, file.string(),
         "expected what an earlier `rigor dataset` wrote, got another recording; give another file with -o");
   }
-  if (const std::string d = dataset::difference(there, manifest); !d.empty())
+  if (const std::string d = manifest_difference(there, manifest); !d.empty())
     return fail(ErrorCode::bad_input, from.string(),
                 "expected a file of the same dataset, to be continued; " + d + "; give another file with -o" +
                     (own ? ", or delete this one" : ""));

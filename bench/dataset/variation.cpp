@@ -23,14 +23,19 @@ std::optional<double> number(std::string_view text) {
 }
 
 std::vector<std::string> split_words(const std::string& text) {
-  std::vector<std::string> words;
-  for (std::size_t at = 0; at <= text.size();) {
-    const std::size_t end = std::min(text.find(',', at), text.size());
-    std::string word = text.substr(at, end - at);
+  std::vector<std::string> words(1);
+  int depth = 0;
+  for (const char c : text) {
+    if (c == '[' || c == '{') ++depth;
+    if (c == ']' || c == '}') --depth;
+    if (c == ',' && depth <= 0)
+      words.emplace_back();
+    else
+      words.back() += c;
+  }
+  for (std::string& word : words) {
     while (!word.empty() && word.front() == ' ') word.erase(0, 1);
     while (!word.empty() && word.back() == ' ') word.pop_back();
-    words.push_back(std::move(word));
-    at = end + 1;
   }
   return words;
 }
@@ -47,6 +52,15 @@ std::optional<Ends> range_of(std::string_view text) {
   return Ends{*from, *to};
 }
 
+/// Two dots that are no part of a path such as ../sensors/a.yaml.
+bool has_range_dots(std::string_view text) {
+  for (auto at = text.find(".."); at != std::string_view::npos; at = text.find("..", at + 1)) {
+    const bool before = at > 0 && text[at - 1] == '/', behind = at + 2 < text.size() && text[at + 2] == '/';
+    if (!before && !behind) return true;
+  }
+  return false;
+}
+
 constexpr std::string_view kLog = "log:";
 
 }  // namespace
@@ -56,8 +70,9 @@ Result<Values> Values::parse(const Written& written) {
   std::string_view text = written.text;
   v.logarithmic_ = text.starts_with(kLog);
   if (v.logarithmic_) text.remove_prefix(kLog.size());
-  if (text.find("..") != std::string_view::npos || v.logarithmic_) {
-    const auto ends = range_of(text);
+  if (has_range_dots(text) || v.logarithmic_) {
+    const auto colon = text.rfind(':');
+    const auto ends = range_of(text.substr(0, colon));
     if (!ends || ends->from > ends->to || (v.logarithmic_ && ends->from <= 0))
       return fail(
           ErrorCode::bad_input, written.where,
@@ -65,6 +80,15 @@ Result<Values> Values::parse(const Written& written) {
                       v.logarithmic_ ? " and above 0" : "", v.logarithmic_ ? "log:" : "", written.text));
     v.from_ = ends->from;
     v.to_ = ends->to;
+    if (colon == std::string_view::npos) return v;
+    const auto steps = number(text.substr(colon + 1));
+    if (!steps || *steps < 2 || *steps > static_cast<double>(kMostSteps) || *steps != std::floor(*steps))
+      return fail(ErrorCode::bad_input, written.where,
+                  fmt::format("expected how many numbers behind the colon, 2 to {}, such as 50..500:10, got "
+                              "\"{}\"",
+                              kMostSteps, written.text));
+    for (double i = 0; i < *steps; ++i)
+      v.words_.push_back(fmt::format("{:.10g}", v.number_at(i / (*steps - 1))));
     return v;
   }
   v.words_ = split_words(written.text);
@@ -77,13 +101,16 @@ Result<Values> Values::parse(const Written& written) {
   return v;
 }
 
+double Values::number_at(double u) const {
+  return logarithmic_ ? from_ * std::pow(to_ / from_, u) : from_ + (to_ - from_) * u;
+}
+
 std::string Values::at(double u) const {
   if (!words_.empty()) {
     const auto i = static_cast<std::size_t>(u * static_cast<double>(words_.size()));
     return words_[std::min(i, words_.size() - 1)];
   }
-  const double value = logarithmic_ ? from_ * std::pow(to_ / from_, u) : from_ + (to_ - from_) * u;
-  return fmt::format("{:.6g}", value);
+  return fmt::format("{:.6g}", number_at(u));
 }
 
 Result<Interval> Interval::parse(const Written& written, double min, double max) {
@@ -101,21 +128,11 @@ std::string Interval::text() const {
   return from == to ? fmt::format("{}", from) : fmt::format("{}..{}", from, to);
 }
 
-const std::vector<std::string>& weather_presets() {
-  static const std::vector<std::string> kPresets{"world", "clear", "overcast", "fog", "rain", "snow"};
-  return kPresets;
-}
-
-std::vector<std::pair<std::string, std::string>> weather_preset(const std::string& preset) {
-  if (preset == "world") return {};
-  std::map<std::string, std::string> a{{"cloud_cover", "0"},   {"fog_visibility_m", "inf"},
-                                       {"rain_mm_per_h", "0"}, {"snow_mm_per_h", "0"},
-                                       {"snow_depth_m", "0"},  {"wetness", "0"}};
-  if (preset != "clear") a["cloud_cover"] = "1";
-  if (preset == "fog") a["fog_visibility_m"] = "80";
-  if (preset == "rain") a["rain_mm_per_h"] = "8", a["wetness"] = "1";
-  if (preset == "snow") a["snow_mm_per_h"] = "1", a["snow_depth_m"] = "0.1";
-  return {a.begin(), a.end()};
+std::vector<std::pair<std::string, std::string>> weather_texts(const std::string& preset) {
+  std::vector<std::pair<std::string, std::string>> texts;
+  for (const auto& [attribute, value] : weather_preset(preset))
+    texts.emplace_back(attribute, fmt::format("{:g}", value));
+  return texts;
 }
 
 Result<Variation> Variation::parse(const std::string& key, const Written& written) {
@@ -198,10 +215,10 @@ std::vector<std::pair<std::string, std::string>> draw_conditions(const std::vect
     out.emplace_back(v.key,
                      v.values.at(draw(seed, Draw::value, index, models::channel_id_from_name(v.key))[0]));
     if (v.of == Variation::Of::weather)
-      for (const auto& [attribute, value] : weather_preset(out.back().second)) preset[attribute] = value;
+      for (const auto& [attribute, value] : weather_texts(out.back().second)) preset[attribute] = value;
   }
   if (preset.empty()) return out;
-  for (const auto& [attribute, clear] : weather_preset("clear"))
+  for (const auto& [attribute, clear] : weather_texts("clear"))
     if (preset[attribute] == clear)
       for (auto& [key, value] : out)
         if (key == "Atmosphere." + attribute) value.clear();

@@ -5,6 +5,7 @@
 //   Atmosphere.fog_visibility_m   log:50..500   evenly in its logarithm
 //   joint.turntable      0..360              a joint of the world, degrees
 //   channels.left.exposure_us   2000,4000    of a camera; also gain_db
+//   channels.left.exposure_us   1000..8000:8   eight numbers from 1000 to 8000, in equal steps
 //
 // Draws are by counter: the value of sample k depends on the seed, the key and k alone. So other keys, and
 // subsets of samples, change nothing.
@@ -17,6 +18,7 @@
 #include <vector>
 
 #include "rt-core/result.h"
+#include "sensor-hal/rig/weather.h"
 
 namespace rigor::dataset {
 
@@ -25,18 +27,22 @@ struct Written {
   std::string text, where;
 };
 
-/// Words, or numbers between two.
+/// Words, or numbers between two. Numbers in steps ("1000..8000:8") are words.
 class Values {
  public:
-  /// bad_input.
+  /// bad_input. Commas within brackets do not separate words, and "../" is no range.
   [[nodiscard]] static Result<Values> parse(const Written& written);
   /// `u`, from 0 to 1, chooses.
   [[nodiscard]] std::string at(double u) const;
   [[nodiscard]] const std::vector<std::string>& words() const { return words_; }  ///< empty: a range
   [[nodiscard]] double from() const { return from_; }
   [[nodiscard]] double to() const { return to_; }
+  [[nodiscard]] bool logarithmic() const { return logarithmic_; }  ///< a range, with or without steps
+
+  static constexpr std::uint64_t kMostSteps = 1'000'000;
 
  private:
+  [[nodiscard]] double number_at(double u) const;
   std::vector<std::string> words_;
   double from_ = 0, to_ = 0;
   bool logarithmic_ = false;
@@ -62,10 +68,8 @@ struct Variation {
   [[nodiscard]] static Result<Variation> parse(const std::string& key, const Written& written);
 };
 
-/// Attributes of the Atmosphere that a preset sets, the same ones for each; empty for `world`. `preset` is
-/// one of kWeatherPresets.
-[[nodiscard]] std::vector<std::pair<std::string, std::string>> weather_preset(const std::string& preset);
-[[nodiscard]] const std::vector<std::string>& weather_presets();
+/// weather_preset() with its values as text.
+[[nodiscard]] std::vector<std::pair<std::string, std::string>> weather_texts(const std::string& preset);
 
 /// Key and value of each variation, in their order, in sample `index`. A variation of an attribute that
 /// presets of the weather set is in force only where the sample's preset has another value than `clear`: of
