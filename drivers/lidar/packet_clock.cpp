@@ -7,7 +7,7 @@ ClockMapOptions clock_options(const PacketClock::Options& o) {
   ClockMapOptions c;
   c.resolution = o.resolution;
   c.min_delay = o.fill;
-  c.min_delay_sigma = microseconds(50);
+  c.min_delay_sigma = o.delay_sigma;
   return c;
 }
 

@@ -19,6 +19,7 @@ class PacketClock {
     TimeSource source = TimeSource::device;
     Duration resolution = nanoseconds(1);  ///< of the device's counter
     Duration fill;  ///< of a usual packet: it leaves when its last laser has fired, not earlier
+    Duration delay_sigma = microseconds(50);  ///< of what it takes beyond that
   };
   struct Placed {
     BenchTime t;
@@ -39,6 +40,9 @@ class PacketClock {
   /// A packet whose first firing was at `t`, which took `fill` to be filled, was here at `arrival`. False:
   /// the device's clock stepped, and what was learned of it is forgotten. No allocation.
   bool observe(DeviceTime t, Duration fill, BenchTime arrival);
+  /// For `device`: its clock was `t` at some instant in [before, after] (a time pulse). While there are such
+  /// latches, arrivals tell nothing.
+  void latch(DeviceTime t, BenchTime before, BenchTime after) { (void)clock_.add_latch(t, before, after); }
   [[nodiscard]] Placed place(DeviceTime t) const;
   void reset() { clock_.reset(); }
 

@@ -1,10 +1,8 @@
 #include "drivers/modbus/modbus_backend.h"
 
 #include <modbus/modbus.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <filesystem>
 #include <fstream>
 #include <map>
 
@@ -42,26 +40,6 @@ class VirtualDevices {
   std::map<std::pair<const RegisterModel*, std::string>, std::weak_ptr<VirtualDevice>> devices_;
 };
 
-/// Ports that a serial line may be plugged into: those of USB adapters, and those of the board that are
-/// there.
-std::vector<FoundDevice> serial_ports() {
-  std::vector<FoundDevice> found;
-  std::error_code none;
-  for (const auto& entry : std::filesystem::directory_iterator("/sys/class/tty", none)) {
-    const auto name = entry.path().filename().string();
-    const auto device = entry.path() / "device";
-    if (!std::filesystem::exists(device / "driver", none)) continue;
-    const auto driver = std::filesystem::canonical(device / "driver", none).filename().string();
-    // The kernel keeps entries of the PC's ports that nothing is behind; those have type 0.
-    std::string type;
-    std::ifstream(entry.path() / "type") >> type;
-    if (type == "0") continue;
-    found.push_back({"modbus", name, "serial port (" + driver + "), for transport: rtu", "/dev/" + name});
-  }
-  std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
-  return found;
-}
-
 std::vector<DoctorFinding> doctor() {
   using Level = DoctorFinding::Level;
   std::vector<DoctorFinding> out;
@@ -77,12 +55,6 @@ std::vector<DoctorFinding> doctor() {
                    "port 502, Modbus' own, is for programs with CAP_NET_BIND_SERVICE; only emulators need it",
                    "give the emulator a `port` of " + std::to_string(first_free) +
                        " or more, or: sudo sysctl net.ipv4.ip_unprivileged_port_start=502"});
-  for (const auto& port : serial_ports()) {
-    if (::access(port.address.c_str(), R_OK | W_OK) == 0) continue;
-    out.push_back({Level::missing, port.address + " is not for this user",
-                   "sudo usermod -aG dialout $USER, and log in anew"});
-    break;
-  }
   return out;
 }
 
@@ -109,8 +81,8 @@ Backend modbus_backend() {
     });
   };
   // Modbus has no discovery, and knocking at every address of a network or a line is not what a bench may do
-  // unasked: only the ports are listed.
-  b.find_devices = serial_ports;
+  // unasked. Serial ports are listed by drivers/serial.
+  b.find_devices = [] { return std::vector<FoundDevice>{}; };
   b.doctor = doctor;
   return b;
 }

@@ -18,7 +18,7 @@ ServerFaults parse_faults(const ConfigNode& n) {
 }
 
 void parse_line(const ConfigNode& n, EmulatorSettings& s) {
-  s.serial = SerialSettings::parse(n);
+  s.serial = parse_line_settings(n);
   const bool pty = n.has("pty"), device = n.has("device");
   if (pty == device)
     throw n.error(pty ? "device" : "pty",
@@ -89,16 +89,16 @@ Status ModbusEmulator::do_configure(const ChannelConfig& config) {
 
 Status ModbusEmulator::open_line() {
   if (settings_.pty.empty()) {
-    auto port = open_serial(*settings_.serial);
+    auto port = serial::open_serial(*settings_.serial, serial::Sharing::exclusive);
     if (!port) return fail(port.error().code, config().name, port.error().text());
     line_ = std::move(*port);
-    server_->serve_line(line_.get(), {settings_.serial->times(), false});
+    server_->serve_line(line_.get(), {times_of(*settings_.serial), false});
     return {};
   }
-  auto pty = PseudoTerminal::open(settings_.pty);
+  auto pty = serial::PseudoTerminal::open(settings_.pty);
   if (!pty) return fail(pty.error().code, config().name, pty.error().text());
   pty_.emplace(std::move(*pty));
-  server_->serve_line(pty_->line(), {settings_.serial->times(), true});
+  server_->serve_line(pty_->line(), {times_of(*settings_.serial), true});
   return {};
 }
 

@@ -14,8 +14,8 @@
 #include <memory>
 #include <optional>
 
+#include "drivers/modbus/modbus_link.h"
 #include "drivers/modbus/modbus_server.h"
-#include "drivers/modbus/serial_line.h"
 #include "sensor-hal/channel/emulator.h"
 
 namespace rigor::modbus {
@@ -61,8 +61,8 @@ class ModbusEmulator final : public Emulator {
 
   DeviceParts parts_;
   EmulatorSettings settings_;
-  std::optional<PseudoTerminal> pty_;
-  Descriptor line_;
+  std::optional<serial::PseudoTerminal> pty_;
+  serial::Descriptor line_;
   std::unique_ptr<Server> server_;
 };
 

@@ -27,7 +27,7 @@ void set_timeouts(modbus_t* m, Duration timeout) {
 Endpoint Endpoint::parse(const ConfigNode& n, unsigned default_retries) {
   Endpoint e;
   if (n.choice_or("transport", {"tcp", "rtu"}, "tcp") == "rtu") {
-    e.serial = SerialSettings::parse(n);
+    e.serial = parse_line_settings(n);
     e.serial->device = n.text("device");
     if (e.serial->device.empty()) throw n.error("device", "expected a serial port, got \"\"");
     e.unit = static_cast<std::uint8_t>(n.integer_or("unit", 1, {.min = 1, .max = 247}));
@@ -87,8 +87,8 @@ Status Link::open(const Endpoint& endpoint) {
   std::unique_ptr<_modbus, Free> m;
   if (endpoint.serial) {
     const auto& s = *endpoint.serial;
-    gap_ = s.times().gap;
-    const char parity = is_pseudo_terminal(s.device) ? 'N' : s.parity;
+    gap_ = times_of(s).gap;
+    const char parity = serial::is_pseudo_terminal(s.device) ? 'N' : s.parity;
     m.reset(modbus_new_rtu(s.device.c_str(), static_cast<int>(s.baud), parity, static_cast<int>(s.data_bits),
                            static_cast<int>(s.stop_bits)));
   } else {
@@ -104,21 +104,25 @@ Status Link::open(const Endpoint& endpoint) {
                 "expected a unit from 0 to 247 or 255, got " + std::to_string(endpoint.unit));
   // libmodbus opens a port whatever it is and says nothing of what it lacks.
   if (endpoint.serial)
-    if (auto port = open_serial(*endpoint.serial); !port) return tl::unexpected<Error>(port.error());
+    if (auto port = serial::open_serial(*endpoint.serial); !port) return tl::unexpected<Error>(port.error());
   errno = 0;
   if (modbus_connect(m.get()) != 0) {
     const int e = errno;
     const std::string why = e != 0 ? modbus_strerror(e) : "no such host";
     if (endpoint.serial)
       return fail(ErrorCode::unavailable, endpoint.text(),
-                  "cannot open the serial port: " + why + serial_cure(e));
+                  "cannot open the serial port: " + why + serial::serial_cure(e));
     return fail(
         ErrorCode::not_found, endpoint.text(),
         "expected a Modbus TCP device, got: " + why +
             "; check that it is on and that `address` and `port` are its own, or start an emulated one with "
             "`rigor emulate`");
   }
-  if (endpoint.serial) line_ = SharedLine::of(endpoint.serial->device);
+  if (endpoint.serial) {
+    if (auto set = serial::set_rs485(modbus_get_socket(m.get()), *endpoint.serial); !set)
+      return tl::unexpected<Error>(set.error());
+    line_ = SharedLine::of(endpoint.serial->device);
+  }
   context_ = std::move(m);
   return {};
 }

@@ -16,13 +16,25 @@
 
 #include "drivers/modbus/pdu.h"
 #include "drivers/modbus/register_map.h"
-#include "drivers/modbus/serial_line.h"
+#include "drivers/modbus/rtu_codec.h"
+#include "drivers/serial/serial_line.h"
 #include "rt-core/result.h"
 #include "rt-core/time.h"
 
 struct _modbus;
 
 namespace rigor::modbus {
+
+using serial::SerialSettings;
+
+/// Reads a line's settings; the defaults are those of the specification: 19200, even, 8, and as many stop
+/// bits as make 11 bits a character. Throws ConfigError.
+[[nodiscard]] inline SerialSettings parse_line_settings(const ConfigNode& n) {
+  return SerialSettings::parse(n, {19200, 'E', true, 8});
+}
+[[nodiscard]] inline LineTimes times_of(const SerialSettings& s) noexcept {
+  return LineTimes::of(s.baud, s.bits_per_character());
+}
 
 /// Where a device is, and how patient one is with it.
 struct Endpoint {

@@ -1,20 +1,16 @@
-// Where the bytes of an emulated device leave: a pseudo-terminal, a socket, a gadget's serial port.
+// The serial port of a USB gadget as the end of an emulated device, beside those of drivers/serial.
 #pragma once
 
-#include <sys/types.h>
-
-#include "drivers/usb/scip_emulator.h"
+#include "drivers/serial/device_end.h"
 #include "drivers/usb/usb_gadget.h"
 
 namespace rigor::usb {
 
-/// `link`: a symbolic link of that name is made (one that is there is replaced, anything else is refused).
-[[nodiscard]] std::unique_ptr<DeviceEnd> make_pty_end(std::string link);
-/// Serves one client; others wait in the queue of the socket, as at the scanner.
-[[nodiscard]] std::unique_ptr<DeviceEnd> make_tcp_end(std::string address, std::uint16_t port);
-[[nodiscard]] std::unique_ptr<DeviceEnd> make_gadget_end(GadgetSettings settings);
+using serial::DeviceEnd;
+using serial::make_pty_end;
+using serial::make_tcp_end;
+using serial::put_bytes;
 
-/// As write(2), without the signal of a socket whose other end has closed.
-[[nodiscard]] ssize_t put_bytes(int fd, const char* bytes, std::size_t count) noexcept;
+[[nodiscard]] std::unique_ptr<DeviceEnd> make_gadget_end(GadgetSettings settings);
 
 }  // namespace rigor::usb

@@ -16,24 +16,11 @@
 #include <mutex>
 #include <thread>
 
+#include "drivers/usb/device_ends.h"
 #include "drivers/usb/emulated_scanner.h"
 #include "rt-core/deadline.h"
 
 namespace rigor::usb {
-
-/// What the bytes of an emulated scanner go through.
-class DeviceEnd {
- public:
-  virtual ~DeviceEnd() = default;
-  [[nodiscard]] virtual Status open() = 0;
-  /// The descriptor to read and write, not blocking; -1 while no host is there.
-  [[nodiscard]] virtual int fd() = 0;
-  /// Reading or writing failed, or the stream ended.
-  virtual void lost() = 0;
-  /// Called when there is no host: wait at most this long for one. `cut` is readable when it is to return.
-  virtual void await(int cut, Duration at_most) = 0;
-  [[nodiscard]] virtual std::string endpoint() const = 0;
-};
 
 class ScipEmulator final : public Emulator {
  public:

@@ -80,9 +80,11 @@ std::size_t most_points(const ScanSettings& scan) {
 std::unique_ptr<ByteLink> make_plain_link(const LinkSettings& s) {
   switch (s.transport) {
     case Transport::tty:
-      return make_tty_link(s.device, s.baud);
+      return serial::make_serial_link(s.serial_line());
     case Transport::tcp:
-      return make_tcp_link(s.address, s.port);
+      return serial::make_tcp_link(
+          s.address, s.port, "a scanner",
+          "; is it on, is this its address (Hokuyo's own is 192.168.0.10:10940), is it in the same network?");
     case Transport::usb:
       break;
   }

@@ -21,11 +21,13 @@
 #include <functional>
 #include <optional>
 
-#include "drivers/usb/byte_link.h"
+#include "drivers/serial/byte_link.h"
 #include "drivers/usb/scip_client.h"
 #include "sensor-hal/channel/channel.h"
 
 namespace rigor::usb {
+
+using serial::ByteLink;
 
 enum class Transport : std::uint8_t { usb, tty, tcp };
 
@@ -44,6 +46,13 @@ struct LinkSettings {
   unsigned baud = 115200;
   std::string address;
   std::uint16_t port = 10940;
+
+  [[nodiscard]] serial::SerialSettings serial_line() const {
+    serial::SerialSettings s;
+    s.device = device;
+    s.baud = baud;
+    return s;
+  }
 };
 
 struct ScipSettings {

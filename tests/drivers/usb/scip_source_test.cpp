@@ -150,7 +150,7 @@ TEST(ScipSource, GarbageBetweenScansCostsNoMoreThanItHits) {
   ASSERT_EQ(e.problem, "");
   const auto port =
       static_cast<std::uint16_t>(std::stoi(e.emulator.where().substr(e.emulator.where().find(':') + 1)));
-  auto wire = make_tcp_link("127.0.0.1", port);
+  auto wire = serial::make_tcp_link("127.0.0.1", port);
   ASSERT_TRUE(wire->open());
   const int master = ::posix_openpt(O_RDWR | O_NOCTTY);
   ASSERT_GE(master, 0);
@@ -225,7 +225,7 @@ TEST(ScipEmulator, SurvivesHostileHosts) {
   const auto port =
       static_cast<std::uint16_t>(std::stoi(e.emulator.where().substr(e.emulator.where().find(':') + 1)));
   {
-    auto greedy = make_tcp_link("127.0.0.1", port);  // asks for everything and reads nothing
+    auto greedy = serial::make_tcp_link("127.0.0.1", port);  // asks for everything and reads nothing
     ASSERT_TRUE(greedy->open());
     ASSERT_TRUE(greedy->send("ME0000108000000\n"));
     std::string noise(100000, 'x');
@@ -249,7 +249,7 @@ TEST(ScipEmulator, AClientWithoutAWholeCommandGivesItsPlaceToTheNext) {
   ASSERT_EQ(e.problem, "");
   const auto port =
       static_cast<std::uint16_t>(std::stoi(e.emulator.where().substr(e.emulator.where().find(':') + 1)));
-  auto trickle = make_tcp_link("127.0.0.1", port);
+  auto trickle = serial::make_tcp_link("127.0.0.1", port);
   ASSERT_TRUE(trickle->open());
   std::atomic<bool> stop{false};
   std::thread trickling([&] {

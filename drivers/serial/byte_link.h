@@ -1,15 +1,17 @@
 // A stream of bytes to a device, whatever carries it: USB, a terminal, a socket.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
 #include <string_view>
 
+#include "drivers/serial/serial_line.h"
 #include "rt-core/result.h"
 #include "rt-core/time.h"
 
-namespace rigor::usb {
+namespace rigor::serial {
 
 /// One I/O thread at a time (setup before it starts and after it has ended); `cut` from any other.
 class ByteLink {
@@ -40,11 +42,20 @@ class ByteLink {
   virtual void uncut() noexcept = 0;
   [[nodiscard]] virtual std::string name() const = 0;  ///< for messages: "/dev/ttyACM0"
   [[nodiscard]] virtual Counters counters() const { return {}; }
+  /// Of a serial line: another speed from now on. False: not open, or refused. Others: nothing to do.
+  [[nodiscard]] virtual bool set_baud(unsigned baud) {
+    (void)baud;
+    return is_open();
+  }
 };
 
-/// A terminal: a CDC-ACM device under its kernel driver, a serial line, or a pseudo-terminal.
-[[nodiscard]] std::unique_ptr<ByteLink> make_tty_link(std::string device, unsigned baud);
-/// Scanners with a network plug: UTM-30LX-EW and its like, port 10940.
-[[nodiscard]] std::unique_ptr<ByteLink> make_tcp_link(std::string address, std::uint16_t port);
+/// A terminal: a serial line, a CDC-ACM device under its kernel driver, or a pseudo-terminal. For this
+/// program alone while it is open.
+[[nodiscard]] std::unique_ptr<ByteLink> make_serial_link(SerialSettings settings);
+/// A device with a network plug, or a server of serial ports. `device` is what a message expects there: "a
+/// scanner"; `advice` what it says besides.
+[[nodiscard]] std::unique_ptr<ByteLink> make_tcp_link(std::string address, std::uint16_t port,
+                                                      std::string device = "a device",
+                                                      std::string advice = {});
 
-}  // namespace rigor::usb
+}  // namespace rigor::serial
