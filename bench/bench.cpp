@@ -18,6 +18,7 @@
 #include "bench/report/typed_command.h"
 #include "bench/result/collect_report.h"
 #include "bench/result/run_facts.h"
+#include "bench/run/bridges.h"
 #include "bench/run/recording.h"
 #include "bench/run/replay_assembly.h"
 #include "bench/run/run_json.h"
@@ -75,6 +76,7 @@ struct Bench::Impl {
   std::optional<live::LiveView> view;
   std::optional<RecordingFile> file;
   std::unique_ptr<Recorder> recorder;
+  std::vector<std::unique_ptr<PairObserver>> pair_observers;  ///< where there are bridges
   std::vector<std::string> warnings;
   EpochPair epoch;
   std::atomic<bool> prepared{false};  ///< faults may be injected: other threads read it
@@ -148,6 +150,8 @@ void Bench::Impl::abandon() {
     run->set_live(nullptr);
     (void)run->stop();
   }
+  std::vector<Error> lost;
+  if (assembly) close_bridges(parts(), lost);
   if (recorder) (void)recorder->stop();
   recorder.reset();
   if (file) file->abandon();
@@ -228,8 +232,23 @@ Status Bench::Impl::prepare(StopToken stop) {
     if (!opened) return tl::unexpected<Error>(opened.error());
     recorder = std::move(*opened);
   }
+  {
+    const AvoidCpu rest = off_the_loops_cpu();
+    if (auto s = open_bridges(parts(), epoch); !s) return s;
+  }
   run->set_recorder(recorder.get());
   if (view) view->attach(recorder.get());
+  std::vector<PairObserver*> first;
+  for (std::size_t i = 0; i < parts().channels.size(); ++i) {
+    PairObserver* recording = recorder ? recorder->observer(static_cast<std::uint32_t>(i)) : nullptr;
+    first.push_back(view ? view->tap().observer(i, recording) : recording);
+  }
+  pair_observers = observe_for_bridges(parts(), first);
+  {
+    std::optional<ProgressTask> waiting;
+    if (!parts().bridges.empty()) waiting.emplace("wait for the peers of the bridges");
+    if (auto s = wait_for_peers(parts(), stop); !s) return s;
+  }
   prepared = true;
   return {};
 }
@@ -333,6 +352,8 @@ Result<RunReport> Bench::Impl::close(Result<RunOutcome> outcome) {
     if (outcome) recorder->add_closing_metadata({{kInputDigestKey, outcome->input_sha256}});
     recorded = recorder->stop();
   }
+  std::vector<Error> unbridged;
+  close_bridges(parts(), unbridged);
   closing.reset();
   if (!outcome) {
     abandon();
@@ -343,6 +364,7 @@ Result<RunReport> Bench::Impl::close(Result<RunOutcome> outcome) {
   report.outcome = std::move(*outcome);
   for (const Status* s : {static_cast<const Status*>(&recorded), &stopped, &finished})
     if (!*s) report.errors.push_back(s->error());
+  for (Error& e : unbridged) report.errors.push_back(std::move(e));
   report.identity = identity_of(rig());
   report.identity.renderer = engine();
   report.identity.utc = iso(epoch.to_utc(report.outcome.t0));

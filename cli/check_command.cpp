@@ -4,10 +4,12 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/analysis/check_recording.h"
+#include "bench/analysis/data_check.h"
 #include "bench/console/progress.h"
 #include "bench/console/terminal.h"
 #include "bench/expect/expected_forms.h"
 #include "bench/files/output_file.h"
+#include "bench/run/recording.h"
 #include "cli/commands.h"
 #include "cli/overrides.h"
 
@@ -55,11 +57,74 @@ std::string to_text(const CheckedRecording& checked) {
   return out;
 }
 
+nlohmann::json to_json(const DataReport& report, const std::filesystem::path& recording) {
+  nlohmann::json findings = nlohmann::json::array();
+  for (const DataFinding& f : report.findings)
+    findings.push_back({{"kind", f.kind},
+                        {"topic", f.topic},
+                        {"t_s", f.t_s},
+                        {"log_time_ns", std::to_string(f.log_ns)},
+                        {"value", f.value},
+                        {"unit", f.unit},
+                        {"text", f.text}});
+  return {{"recording", recording.string()}, {"messages", report.messages},
+          {"topics", report.topics},         {"judged_topics", report.judged},
+          {"duration_s", report.duration_s}, {"good", report.good()},
+          {"counts", report.counts},         {"not_listed", report.not_listed},
+          {"findings", std::move(findings)}};
+}
+
+/// "data      2 findings in 2 of 12 topics, 1234 messages, 10.000 s", and a line for each.
+std::string to_text(const DataReport& report) {
+  std::uint64_t all = 0;
+  for (const auto& [kind, n] : report.counts) all += n;
+  std::string out =
+      fmt::format("data      {} in {} messages of {} topics, {} of which have stamps or frames ({:.3f} s)\n",
+                  all == 0   ? "nothing found"
+                  : all == 1 ? "1 finding"
+                             : fmt::format("{} findings", all),
+                  report.messages, report.topics, report.judged, report.duration_s);
+  for (const DataFinding& f : report.findings)
+    out += fmt::format("{:<15} {} at {:.3f} s: {}\n", f.kind, f.topic.empty() ? "the file" : f.topic, f.t_s,
+                       f.text);
+  if (report.not_listed > 0)
+    out += fmt::format("{:<15} {} more of the same kinds and topics\n", "", report.not_listed);
+  return out;
+}
+
+int check_data_of(const CheckOptions& options) {
+  if (!options.junit.empty())
+    return report_error(
+        {ErrorCode::bad_input, "--junit",
+         "expected a recording whose rig has `expect:`, or a RIG that has it; findings in data "
+         "are printed as text or, with --json, as JSON"},
+        options.json);
+  std::optional<ProgressTask> reading(std::in_place, "read the recording");
+  const auto report = check_data(options.recording);
+  reading.reset();
+  if (!report) return report_error(report.error(), options.json);
+  if (options.json)
+    fmt::print("{}\n", json_text(to_json(*report, options.recording)));
+  else
+    fmt::print("{}", to_text(*report));
+  return report->good() ? 0 : 1;
+}
+
+/// Whether nothing is expected: another program's recording, or that of a rig without `expect:`.
+bool expects_nothing(const CheckOptions& options, const std::vector<ConfigOverride>& overrides) {
+  if (!options.rig.empty()) return false;
+  const auto run = read_recorded_run(options.recording);
+  if (!run) return run.error().code == ErrorCode::bad_input || run.error().code == ErrorCode::protocol;
+  const auto rig = recorded_rig(*run, options.recording, overrides);
+  return rig && rig->expect.empty();
+}
+
 }  // namespace
 
 int check_command(const CheckOptions& options) {
   const auto overrides = parse_overrides(options.overrides);
   if (!overrides) return report_error(overrides.error(), options.json);
+  if (options.data || expects_nothing(options, *overrides)) return check_data_of(options);
   const Existing existing = options.force ? Existing::replace : Existing::keep;
   if (!options.junit.empty()) {
     InputFiles inputs;

@@ -53,6 +53,7 @@ struct CheckOptions {
   std::filesystem::path recording, rig;  ///< rig: whose `expect` is taken; empty: the recorded one
   std::vector<std::string> overrides;
   std::filesystem::path junit;
+  bool data = false;   ///< by its data alone, whatever the rig expects
   bool force = false;  ///< replace what is there
   bool json = false;
 };

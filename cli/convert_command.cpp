@@ -11,6 +11,7 @@
 #include "bench/sensing/sample_files.h"
 #include "calibration/procedures/recording_packets.h"
 #include "cli/commands.h"
+#include "cli/receiver_log.h"
 #include "drivers/network/pcap_file.h"
 #include "sensor-hal/record/recorder.h"
 
@@ -37,17 +38,19 @@ Result<RecordingInput> read_clouds(const ConvertOptions& options, const TakeSamp
                             : read_ouster_recording(file, metadata, take);
   }
   if (is_sick_recording(file)) return read_sick_recording(file, take);
+  if (is_receiver_log(file)) return read_receiver_log(file, take);
   std::error_code none;
   if (!std::filesystem::is_regular_file(file, none))
     return fail(ErrorCode::not_found, file.string(), "expected a recording, found no such file");
   return fail(ErrorCode::bad_input, file.string(),
-              "expected packets of a Velodyne or an Ouster (pcap, pcapng) or telegrams of a SICK scanner "
-              "(.json), got "
+              "expected packets of a Velodyne or an Ouster (pcap, pcapng), telegrams of a SICK scanner "
+              "(.json) or what a satellite receiver sent (.ubx, .nmea, .log), got "
               "another file");
 }
 
 /// When it was recorded: the device's own clock counts from the hour, or from when it was switched on.
 RealtimeTime recorded_at(const std::filesystem::path& file) {
+  if (is_receiver_log(file)) return begin_of_receiver_log(file);
   if (!network::is_pcap(file)) return kVirtualEpoch.utc;
   auto reader = network::PcapReader::open(file);
   if (!reader) return kVirtualEpoch.utc;
@@ -103,9 +106,10 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
     how.epoch = {*first, recorded_at(options.input), {}};
     how.writer.compression = record::Compression::zstd;
     RecordedChannel channel;
-    channel.name = kChannel;
-    channel.description.kind = SampleKind::point_cloud;
-    channel.description.frame_id = kChannel;
+    const bool fixes = is_receiver_log(options.input);
+    channel.name = fixes ? "gnss" : kChannel;
+    channel.description.kind = fixes ? SampleKind::nav_fix : SampleKind::point_cloud;
+    channel.description.frame_id = channel.name;
     channel.description.max_bytes = most;
     auto recorder =
         Recorder::create(part.string(), how, {std::move(channel)}, {},
@@ -120,7 +124,7 @@ Result<Converted> to_mcap(const ConvertOptions& options) {
       copy.info = sample.info;
       copy.stamp = sample.stamp;
       copy.size_bytes = sample.bytes().size();
-      std::memcpy(copy.memory().data(), sample.bytes().data(), copy.size_bytes);
+      if (copy.size_bytes > 0) std::memcpy(copy.memory().data(), sample.bytes().data(), copy.size_bytes);
       (*recorder)->record(0, std::move(slot));
       (*recorder)->end_cycle(out.scans++, sample.stamp.t_release);
       out.points += points_of(sample).size();
@@ -144,6 +148,10 @@ Result<Converted> convert(const ConvertOptions& options) {
         ErrorCode::bad_input, "-o",
         fmt::format("expected a file that ends in .mcap (all scans) or .pcd (one of them), got \"{}\"",
                     options.output.string()));
+  if (ending == ".pcd" && is_receiver_log(options.input))
+    return fail(ErrorCode::bad_input, "-o",
+                "expected a file that ends in .mcap: a receiver's places are no point cloud; got \"" +
+                    options.output.string() + "\"");
   if (ending == ".mcap" && options.scan_given)
     return fail(ErrorCode::bad_input, "--scan", "expected none with an .mcap, which gets all scans");
   InputFiles inputs;
@@ -166,8 +174,12 @@ int convert_command(const ConvertOptions& options) {
                                   {"points", made->points},
                                   {"warnings", made->warnings}}));
   else
-    fmt::print("{}: {} scan{}, {} points\n", options.output.string(), made->scans,
-               made->scans == 1 ? "" : "s", made->points);
+    fmt::print("{}: {} {}{}{}\n", options.output.string(), made->scans,
+               is_receiver_log(options.input) ? "fix" : "scan",
+               made->scans == 1                 ? ""
+               : is_receiver_log(options.input) ? "es"
+                                                : "s",
+               is_receiver_log(options.input) ? "" : fmt::format(", {} points", made->points));
   return 0;
 }
 

@@ -11,7 +11,9 @@
 #include "bench/files/output_file.h"
 #include "calibration/procedures/recording_packets.h"
 #include "cli/commands.h"
+#include "cli/inspect_fmu.h"
 #include "cli/inspect_ouster.h"
+#include "cli/receiver_log.h"
 #include "drivers/network/pcap_file.h"
 #include "drivers/velodyne/pcap_report.h"
 #include "sensor-hal/record/inspect.h"
@@ -231,7 +233,9 @@ int inspect_command(const InspectOptions& options) {
     return report_error({ErrorCode::bad_input, "--metadata",
                          "expected none but with packets of an Ouster (pcap), got it with another file"},
                         options.json);
+  if (is_fmu(options.file)) return inspect_fmu_command(options);
   if (is_sick_recording(options.file)) return inspect_sick_command(options);
+  if (is_receiver_log(options.file)) return inspect_receiver_log_command(options);
   if (!options.repair) {
     std::optional<ProgressTask> reading(std::in_place, read_task(options));
     auto report = inspect_all(file);

@@ -12,11 +12,13 @@
 #include "bench/console/progress.h"
 #include "bench/console/terminal.h"
 #include "bench/files/installed_configs.h"
+#include "bench/plant/fmu_host.h"
 #include "bench/version.h"
 #include "cli/calibrate/calibrate_cli.h"
 #include "cli/commands.h"
 #include "cli/dataset_cli.h"
 #include "cli/option_checks.h"
+#include "cli/sweep_cli.h"
 #include "cli/world/world_cli.h"
 #include "sensor-hal/config/renamed.h"
 
@@ -153,11 +155,15 @@ int command_line(int argc, char** argv) {
 
   rigor::CheckOptions check;
   auto* check_app = app.add_subcommand(
-      "check", "Judge a recording by what a rig expects, without running anything (docs/expect.md)");
-  check_app->add_option("RECORDING", check.recording, "MCAP file of a run")->required();
+      "check",
+      "Judge a recording by what its rig expects (docs/expect.md), or where nothing is expected, and of any "
+      "program's ROS 2 recording, by its data (docs/recording.md)");
+  check_app->add_option("RECORDING", check.recording, "MCAP file")->required();
   check_app->add_option(
       "RIG", check.rig,
       "Rig whose `expect` is taken in place of the recorded one's, or a file with nothing else");
+  check_app->add_flag("--data", check.data,
+                      "By its data whatever the rig expects: stamps, gaps, rates, clouds, frames");
   add_junit(check_app, check.junit);
   check_app->add_flag("--force", check.force, kForceKept);
   check_app->add_flag("--json", check.json, "Print what came of it as JSON");
@@ -165,7 +171,9 @@ int command_line(int argc, char** argv) {
   check_app->footer(
       "Examples: rigor check demo.mcap\n"
       "          rigor check demo.mcap stricter.yaml --junit junit.xml\n"
-      "Exit status: 1 where something does not hold. What a recording cannot tell is said and fails "
+      "          rigor check --data somebodys.mcap --json\n"
+      "Exit status: 1 where something does not hold, or is wrong with the data. What a recording cannot tell "
+      "is said and fails "
       "nothing.");
 
   rigor::SenseOptions sense;
@@ -240,10 +248,12 @@ int command_line(int argc, char** argv) {
   pair_app->footer("Example: rigor pair pair-watch scan --acknowledge");
 
   rigor::InspectOptions inspect;
-  auto* inspect_app = app.add_subcommand("inspect", "Say what is in a recording");
+  auto* inspect_app = app.add_subcommand("inspect", "Say what is in a recording, or in an FMU");
   inspect_app
-      ->add_option("FILE", inspect.file,
-                   "MCAP file; packets of a Velodyne or an Ouster (pcap); telegrams of a SICK scanner (JSON)")
+      ->add_option(
+          "FILE", inspect.file,
+          "MCAP file; packets of a Velodyne or an Ouster (pcap); telegrams of a SICK scanner (JSON); "
+          "an FMU (*.fmu)")
       ->required();
   inspect_app->add_option("--metadata", inspect.metadata,
                           "What an Ouster says of itself, JSON (default: FILE.json beside FILE.pcap)");
@@ -260,7 +270,8 @@ int command_line(int argc, char** argv) {
   convert_app
       ->add_option(
           "INPUT", convert.input,
-          "Packets of a Velodyne or an Ouster (pcap, pcapng), or telegrams of a SICK scanner in JSON")
+          "Packets of a Velodyne or an Ouster (pcap, pcapng), telegrams of a SICK scanner in JSON, or "
+          "UBX and NMEA of a satellite receiver (.ubx, .nmea, .log)")
       ->required();
   convert_app->add_option("-o,--output", convert.output, "out.mcap (all scans), or out.pcd (one of them)")
       ->required();
@@ -292,8 +303,10 @@ int command_line(int argc, char** argv) {
   rigor::CalibrateCommandLine calibrate(app);
   rigor::WorldCommandLine world(app);
   const rigor::DatasetCommandLine dataset(app);
+  const rigor::SweepCommandLine sweep(app);
 
-  for (CLI::App* opens_a_world : {run_app, emulate_app, sense_app, tune_app, app.get_subcommand("dataset")})
+  for (CLI::App* opens_a_world : {run_app, emulate_app, sense_app, tune_app, app.get_subcommand("dataset"),
+                                  app.get_subcommand("sweep")})
     rigor::add_plugins(opens_a_world);
   add_progress(app);
   for (CLI::App* quick : {fault_app, pair_app}) quick->remove_option(quick->get_option("--progress"));
@@ -313,6 +326,9 @@ int command_line(int argc, char** argv) {
   };
   with_plugins(host_app, host.plugins, "A shared object with applications");
   host_app->footer("In a rig: application: { command: [rigor, host, forest-localization], params: { … } }");
+
+  auto* fmu_app = app.add_subcommand("fmu-host", "Serve one FMU to the run that starts this command");
+  fmu_app->group("");
 
   auto* rigs_app = app.add_subcommand("rigs", "List the rigs that Rigor comes with");
   rigs_app->add_flag("--json", rigs.json, "Print as JSON");
@@ -362,7 +378,9 @@ int command_line(int argc, char** argv) {
     if (calibrate.chosen()) return calibrate.run();
     if (world.chosen()) return world.run();
     if (dataset.chosen()) return dataset.run();
+    if (sweep.chosen()) return sweep.run();
     if (*host_app) return rigor::host_command(host);
+    if (*fmu_app) return rigor::plant::host_fmu();
     if (*rigs_app) return rigor::rigs_command(rigs);
     if (*devices_app) return rigor::devices_command(devices);
     return rigor::doctor_command(doctor);

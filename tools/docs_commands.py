@@ -27,7 +27,7 @@ NOT_RUN = [
      "minutes of a forest's pictures and scans: tests/cli/test_forest.cpp runs the rigs"),
     (r"", r"rigs/v4l2\.yaml", "needs a kernel with video devices: the kernel lane has them"),
     (r"", r"cut-short\.mcap|demo\.mcap --repair", "repairs a damaged recording: tests/cli/test_runs.cpp makes one"),
-    (r"", r"drive\.pcap|room\.pcap", "reads a recording of a real device: tests with RIGOR_TEST_DATA do"),
+    (r"", r"drive\.pcap|room\.pcap|drive\.ubx", "reads a recording of a real device: tests with RIGOR_TEST_DATA do"),
     (r"", r"rigor calibrate (camera|stereo|photon|shading|extrinsics|lidar|tof) ",
      "reads pictures or recordings of a board that the user takes: tests/cli/test_calibrate*.cpp make them"),
     (r"pair-model", r"scan-real\.yaml|before\.mcap|after\.mcap|scan\.yaml|run\.mcap",
@@ -50,6 +50,9 @@ NOT_RUN = [
     (r"light-error", r"bench_light|light_error", "minutes of path tracing, by programs of the tree"),
     (r"world-plugins", r"beehives\.so|hives\.rigor", "needs the plugin that the lines before build: tests/install builds it"),
     (r"tutorial", r"/tmp/detector", "needs the program that the line before builds: tests/cli/test_application_process.cpp runs it"),
+    (r"plants", r"arm\.fmu|examples/fmu", "needs the FMU that the lines build: tests/cli/test_plants.cpp makes it"),
+    (r"sweep|README", r"sweep forest-discs", "minutes of runs: tests/cli/test_sweep.cpp makes sweeps of a small rig"),
+    (r"sweep", r"--slurm|^seq ", "needs a cluster, or GNU parallel: tests/cli/test_sweep_slurm.cpp starts one"),
     (r"platforms|README|forest-localization", r"harvester", "minutes of scans: tests/cli/test_harvester.cpp runs the rig"),
 ]
 

@@ -3,10 +3,15 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
+
 #include "bench/devices/device_sensors.h"
+#include "bench/plant/plants.h"
 #include "bench/sensing/device_signals.h"
+#include "bench/sensing/inertial.h"
 #include "bench/sensing/sensor_model_kind.h"
 #include "sensor-hal/config/did_you_mean.h"
+#include "sensor-hal/config/rate.h"
 #include "sim/platform/platform.h"
 #include "sim/platform/turntable.h"
 
@@ -53,6 +58,8 @@ struct DeviceWorld::Impl {
   std::map<std::string, std::shared_ptr<SignalModel>, std::less<>> signals;
   std::map<std::string, std::shared_ptr<Platform>, std::less<>> carriers;  ///< by emulator
   std::map<std::string, std::shared_ptr<DeviceSensors>, std::less<>> sensors;
+  plant::Plants plants;
+  std::map<std::string, std::shared_ptr<plant::Plant>, std::less<>> shown;  ///< by emulator
   bool set_out = false;
 
   /// Device models first: cameras look at what they move.
@@ -70,6 +77,10 @@ struct DeviceWorld::Impl {
       }
       if (n.has("platform") && bus) {
         if (auto s = take_platform(e); !s) return s;
+        continue;
+      }
+      if (n.has("plant") && bus) {
+        if (auto s = take_plant(e); !s) return s;
         continue;
       }
       if (!n.has("model") || !bus) continue;
@@ -121,6 +132,39 @@ struct DeviceWorld::Impl {
     return {};
   }
 
+  /// The device is an FMU, and may move a joint of its world.
+  Status take_plant(const EmulatorEntry& e) {
+    auto taken = catch_config([&]() -> Status {
+      const ConfigNode& n = e.emulator.params;
+      auto plant = plants.of(n);
+      shown[e.name] = plant;
+      if (!n.has("joint")) return {};
+      if (!simulation) throw n.error("joint", "expected `simulation.world` in the rig, found none");
+      auto index = simulation->joint(n.text("joint"));
+      if (!index) return tl::unexpected<Error>(index.error());
+      const std::string name = n.text("position");
+      std::vector<std::string> names;
+      for (const auto& signal : plant->signals()) names.push_back(signal.name);
+      const auto at = std::ranges::find(names, name);
+      if (at == names.end())
+        throw n.error("position", fmt::format("expected a signal of the plant ({}), got \"{}\"{}",
+                                              fmt::join(names, ", "), name, did_you_mean(name, names)));
+      const auto signal = static_cast<std::size_t>(at - names.begin());
+      const std::string& unit = plant->signals()[signal].unit;
+      if (unit != "deg" && unit != "rad" && unit != "m")
+        throw n.error("position",
+                      fmt::format("expected a signal in deg, rad or m, got {} in \"{}\"; give the signal "
+                                  "a `unit` in plants.{}.signals",
+                                  name, unit, plant->settings().name));
+      constexpr double kRadPerDeg = 0.017453292519943295;
+      motion->joints[*index] =
+          std::make_shared<plant::PlantJoint>(std::move(plant), signal, unit == "deg" ? kRadPerDeg : 1.0);
+      return {};
+    });
+    if (!taken) return tl::unexpected<Error>(taken.error());
+    return *taken;
+  }
+
   /// Then what they say on a bus: their own signals and those that the rig gives them.
   Status make_signals() {
     const JointFinder find = [this](const ConfigNode& n, std::string_view key) {
@@ -136,6 +180,7 @@ struct DeviceWorld::Impl {
       if (table != turntables.end()) base = table->second;
       if (const auto it = carriers.find(e.name); it != carriers.end()) base = it->second;
       if (const auto it = sensors.find(e.name); it != sensors.end()) base = it->second;
+      if (const auto it = shown.find(e.name); it != shown.end()) base = it->second;
       auto made = catch_config([&] { return read_device_signals(e.emulator.params, base, motion, find); });
       if (!made) return tl::unexpected<Error>(made.error());
       signals[e.name] = std::move(*made);
@@ -164,6 +209,14 @@ struct DeviceWorld::Impl {
       auto camera = simulation->camera(n, copy.seed, name);
       if (!camera) return tl::unexpected<Error>(camera.error());
       parts.image = std::move(*camera);
+    } else if (is_inertial(*kind)) {
+      // Errors that drift are keyed by the capture's index: they have to know how far captures lie apart.
+      const auto period = catch_config(
+          [&] { return read_rate_or(n, "rate_hz", milliseconds(100), {.min = 1e-3, .max = 1e5}); });
+      if (!period) return tl::unexpected<Error>(period.error());
+      auto sensor = simulation->inertial(*kind, n, copy.seed, name, *period);
+      if (!sensor) return tl::unexpected<Error>(sensor.error());
+      parts.samples = std::move(*sensor);
     } else {
       auto sampler = simulation->sampler(*kind, n, copy.seed, name);
       if (!sampler) return tl::unexpected<Error>(sampler.error());
@@ -184,6 +237,12 @@ Result<std::unique_ptr<DeviceWorld>> DeviceWorld::open(const RigConfig& rig) {
     if (!simulation) return tl::unexpected<Error>(simulation.error());
     impl->simulation = std::move(*simulation);
   }
+  auto shown = catch_config([&] { return plant::plants_of_emulators(rig); });
+  if (!shown) return tl::unexpected<Error>(shown.error());
+  auto plants = plant::Plants::open(
+      rig, [&](const std::string& name) { return std::ranges::find(*shown, name) != shown->end(); });
+  if (!plants) return tl::unexpected<Error>(plants.error());
+  impl->plants = std::move(*plants);
   if (auto s = impl->make_models(); !s) return tl::unexpected<Error>(s.error());
   if (auto s = impl->make_signals(); !s) return tl::unexpected<Error>(s.error());
   return std::unique_ptr<DeviceWorld>(new DeviceWorld(std::move(impl)));
@@ -195,6 +254,8 @@ std::vector<std::shared_ptr<Platform>> DeviceWorld::platforms() const {
     for (const WorldPlatform& p : impl_->simulation->platforms()) all.push_back(p.model);
   return all;
 }
+
+std::vector<std::shared_ptr<plant::Plant>> DeviceWorld::plants() const { return impl_->plants.used(); }
 
 Result<DeviceParts> DeviceWorld::parts(std::string_view emulator_name) {
   const EmulatorEntry* entry = impl_->copy.emulator(emulator_name);
@@ -208,6 +269,8 @@ Result<DeviceParts> DeviceWorld::parts(std::string_view emulator_name) {
   if (const auto it = impl_->carriers.find(emulator_name); it != impl_->carriers.end())
     parts.registers = it->second;
   if (const auto it = impl_->sensors.find(emulator_name); it != impl_->sensors.end())
+    parts.registers = it->second;
+  if (const auto it = impl_->shown.find(emulator_name); it != impl_->shown.end())
     parts.registers = it->second;
   if (const auto it = impl_->signals.find(emulator_name); it != impl_->signals.end())
     parts.signals = it->second;
@@ -233,8 +296,14 @@ Result<std::unique_ptr<Emulator>> DeviceWorld::start_emulator(const EmulatorEntr
   }
   auto device_parts = parts(entry.name);
   if (!device_parts) return tl::unexpected<Error>(device_parts.error());
-  if (!std::exchange(impl_->set_out, true))
+  if (!std::exchange(impl_->set_out, true)) {
+    for (const auto& plant : plants()) {
+      plant->announce_faults();
+      if (auto s = plant->arm(false); !s) return tl::unexpected<Error>(s.error());
+    }
+    for (const auto& plant : plants()) plant->start(bench_now());
     for (const auto& platform : platforms()) platform->start(t0);
+  }
   auto emulator = backend->make_emulator();
   emulator->attach(std::move(*device_parts));
   ChannelConfig config;

@@ -10,6 +10,10 @@
 #include "sensor-hal/channel/registry.h"
 #include "sensor-hal/rig/rig.h"
 
+namespace rigor::plant {
+class Plant;
+}
+
 namespace rigor {
 
 class DeviceWorld {
@@ -24,6 +28,8 @@ class DeviceWorld {
   /// What carries devices in their world. In virtual time whoever runs the devices starts them; an emulator
   /// on the wall clock does it when the first device starts.
   [[nodiscard]] std::vector<std::shared_ptr<Platform>> platforms() const;
+  /// Plants that its devices show. In virtual time whoever runs the devices arms, starts and stops them.
+  [[nodiscard]] std::vector<std::shared_ptr<plant::Plant>> plants() const;
   /// Configures, arms and starts one device as an emulator.
   [[nodiscard]] Result<std::unique_ptr<Emulator>> start_emulator(const EmulatorEntry& entry,
                                                                  const Registry& registry, BenchTime t0);

@@ -9,6 +9,8 @@
 #include <cstring>
 #include <optional>
 
+#include "bench/live/protocol.h"
+
 namespace rigor::live {
 namespace {
 
@@ -75,20 +77,25 @@ std::string percent_decoded(std::string_view s) {
   return out;
 }
 
+std::optional<std::string> value_in_query(std::string_view target, std::string_view key) {
+  const std::size_t query = target.find('?');
+  if (query == std::string_view::npos) return {};
+  std::string_view rest = target.substr(query + 1);
+  while (!rest.empty()) {
+    const std::size_t end = rest.find('&');
+    const std::string_view pair = rest.substr(0, end);
+    if (pair.starts_with(key) && pair.substr(key.size(), 1) == "=")
+      return percent_decoded(pair.substr(key.size() + 1));
+    rest = end == std::string_view::npos ? std::string_view() : rest.substr(end + 1);
+  }
+  return {};
+}
+
 std::string token_in(const Asking& asking) {
   constexpr std::string_view kBearer = "Bearer ";
   if (asking.authorization.substr(0, kBearer.size()) == kBearer)
     return std::string(asking.authorization.substr(kBearer.size()));
-  const std::size_t query = asking.target.find('?');
-  if (query == std::string_view::npos) return {};
-  std::string_view rest = asking.target.substr(query + 1);
-  while (!rest.empty()) {
-    const std::size_t end = rest.find('&');
-    const std::string_view pair = rest.substr(0, end);
-    if (pair.substr(0, 6) == "token=") return percent_decoded(pair.substr(6));
-    rest = end == std::string_view::npos ? std::string_view() : rest.substr(end + 1);
-  }
-  return {};
+  return value_in_query(asking.target, "token").value_or("");
 }
 
 bool own_origin(std::string_view origin, std::string_view host) {
@@ -161,6 +168,18 @@ std::string refuse_page(const Asking& asking, bool loopback) {
 
 bool token_fits(const Asking& asking, std::string_view token) {
   return token.empty() || same_token(token_in(asking), token);
+}
+
+Result<double> max_rate_of(const Asking& asking) {
+  const auto text = value_in_query(asking.target, "max_rate_hz");
+  if (!text) return 0.0;
+  double rate_hz = 0;
+  const auto [end, ec] = std::from_chars(text->data(), text->data() + text->size(), rate_hz);
+  if (ec != std::errc{} || end != text->data() + text->size() ||
+      !(rate_hz >= kLeastRate_hz && rate_hz <= kMostRate_hz))
+    return fail(ErrorCode::bad_input, "max_rate_hz",
+                "expected a number from 0.01 to 1000, got \"" + text->substr(0, 40) + "\"");
+  return rate_hz;
 }
 
 std::string refuse_socket(const Asking& asking, bool loopback, bool with_token) {

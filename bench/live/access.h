@@ -35,6 +35,9 @@ struct Asking {
 /// Whether it brings the token, in `?token=` or as `Authorization: Bearer`; also where none is asked for.
 /// Takes as long for a wrong one as for the right one.
 [[nodiscard]] bool token_fits(const Asking& asking, std::string_view token);
+/// `max_rate_hz=R` of the target's query: what a client takes of each topic at most; 0: it does not say.
+/// bad_input: no number from 0.01 to 1000.
+[[nodiscard]] Result<double> max_rate_of(const Asking& asking);
 /// Why it may not open the WebSocket; empty: it may. `with_token`: it brought the one that is asked for.
 [[nodiscard]] std::string refuse_socket(const Asking& asking, bool loopback, bool with_token);
 

@@ -6,6 +6,7 @@
 #include "bench/run/recording.h"
 #include "sensor-hal/record/fault_message.h"
 #include "sensor-hal/record/recorder.h"
+#include "sensor-hal/record/ros2_time.h"
 
 namespace rigor::live {
 namespace {
@@ -42,31 +43,30 @@ std::vector<LiveTap::StreamSpec> stream_specs(const RunParts& parts) {
 }
 
 LiveChannels::LiveChannels(const RunParts& parts, const EpochPair& epoch) : epoch_(epoch) {
-  for (const auto& c : parts.channels) {
-    channel_names_.push_back(c->entry->name);
+  const auto channels = recorded_channels(parts);  // what can be wrong in it, the assembly has refused
+  const Duration to_utc = epoch.utc - RealtimeTime(epoch.bench.ns());
+  for (const RecordedChannel& c : channels ? *channels : std::vector<RecordedChannel>{}) {
+    channel_names_.push_back(c.name);
     for (std::size_t side = 0; side < 2; ++side) {
       Stream s;
-      s.used = side == 0 || c->pair;
+      s.used = side == 0 || c.is_pair;
       if (s.used) {
-        const ChannelDescription& d = c->source->describe();
-        std::string name = c->entry->name;
-        if (c->pair) name += std::string("/") + name_of(static_cast<PairSide>(side));
-        record::SampleChannel sc;
-        sc.name = name;
-        sc.topic = s.topic = "/" + name + "/" + std::string(record::topic_of(d.kind));
-        sc.frame_id = s.frame_id = d.frame_id;
-        sc.kind = s.kind = d.kind;
-        sc.register_names = d.names;
-        sc.register_units = d.units;
-        sc.to_utc = epoch.utc - RealtimeTime(epoch.bench.ns());
-        s.max_bytes = d.max_bytes;
+        const record::SampleChannel sc =
+            sample_channel(c, static_cast<PairSide>(side), to_utc, parts.rig.frames.root);
+        s.topic = sc.topic;
+        s.frame_id = sc.frame_id;
+        s.kind = sc.kind;
+        s.max_bytes = c.description.max_bytes;
         s.encoder = std::make_unique<record::SampleEncoder>(sc);
-        s.camera = camera_info(*c->entry);
-        s.camera_topic = "/" + name + "/camera_info";
+        s.camera = c.camera;
+        s.camera_topic = "/" + sc.name + "/camera_info";
       }
       streams_.push_back(std::move(s));
     }
   }
+  if (auto frames = frame_source(parts, epoch)) frames_ = std::move(*frames);
+  virtual_time_ = parts.rig.clock == ClockKind::virtual_time;
+  clock_ = parts.rig.frames.publish && virtual_time_;
   for (const auto& sink : parts.sinks) {
     sink_names_.push_back(sink->entry->name);
     value_names_.push_back(sink->sink->describe().names);
@@ -89,14 +89,25 @@ void LiveChannels::add_to(Hub& hub) {
   for (Stream& s : streams_) {
     if (!s.used) continue;
     for (const auto& stream : s.encoder->streams())
-      s.ids.push_back(hub.add_channel(ros_channel(stream.topic, stream.type)));
+      s.ids.push_back(hub.add_channel(ros_channel(stream.topic, stream.type), Hub::Delivery::newest));
     s.kept = is_numbers(s.kind);
     if (s.kept)
       for (const std::uint32_t id : s.ids) hub.keep(id, MessageHistory::Keep::thinned);
     if (s.kind != SampleKind::image) continue;
-    s.small_id = hub.add_channel(ros_channel(s.topic + "/small", record::msg::CompressedImage::kType));
-    if (s.camera) s.camera_id = hub.add_channel(ros_channel(s.camera_topic, record::msg::CameraInfo::kType));
+    s.small_id = hub.add_channel(ros_channel(s.topic + "/small", record::msg::CompressedImage::kType),
+                                 Hub::Delivery::newest);
+    if (s.camera)
+      s.camera_id =
+          hub.add_channel(ros_channel(s.camera_topic, record::msg::CameraInfo::kType), Hub::Delivery::newest);
   }
+  if (frames_) {
+    tf_static_id_ =
+        hub.add_channel(ros_channel("/tf_static", record::msg::TFMessage::kType), Hub::Delivery::latched);
+    if (frames_->moves())
+      tf_id_ = hub.add_channel(ros_channel("/tf", record::msg::TFMessage::kType), Hub::Delivery::newest);
+  }
+  if (clock_)
+    clock_id_ = hub.add_channel(ros_channel("/clock", record::msg::Clock::kType), Hub::Delivery::newest);
   events_id_ = hub.add_channel(ros_channel("/rigor/events", record::msg::Event::kType));
   hub.keep(events_id_, MessageHistory::Keep::newest);
   faults_id_ = hub.add_channel(ros_channel("/rigor/faults", record::msg::Fault::kType));
@@ -125,6 +136,31 @@ void LiveChannels::pump(Hub& hub, LiveTap& tap, LiveEstimate* estimate) {
     s.next_tick = tick_ + (!heard && !truth ? kUnheardTicks : s.max_bytes > kLarge ? 2 : 1);
   }
   publish_events(hub, tap, estimate);
+  publish_frames(hub, tap);
+  hub.advance(utc_ns(tap.now()));
+}
+
+void LiveChannels::publish_frames(Hub& hub, LiveTap& tap) {
+  const BenchTime now = tap.now();
+  // By the wall clock the run's time is known from its first cycle on.
+  if (tf_static_id_ != 0 && !fixed_told_ && (virtual_time_ || now.ns() > 0)) {
+    fixed_told_ = true;
+    // Latched: it is encoded whether or not anybody listens yet.
+    if (const auto pieces = cdr_.write(frames_->fixed(record::to_time(epoch_.to_utc(now).ns()))))
+      hub.publish(tf_static_id_, utc_ns(now), joined(*pieces));
+  }
+  if (tf_id_ != 0 && hub.wanted(tf_id_)) {
+    const LiveTap::MotionAt at = tap.motion();
+    tap.want_motion();
+    if (at.count > 0 && at.count != motion_count_ &&
+        frames_->moving(at.motion, at.t, tap.t0(), record::to_time(epoch_.to_utc(at.t).ns()), transforms_))
+      publish_message(hub, tf_id_, at.t, transforms_);
+    motion_count_ = at.count;
+  }
+  if (clock_id_ != 0 && hub.wanted(clock_id_) && now != clock_told_) {
+    clock_told_ = now;
+    publish_message(hub, clock_id_, now, record::msg::Clock{record::to_time(epoch_.to_utc(now).ns())});
+  }
 }
 
 template <class M>

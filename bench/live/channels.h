@@ -28,6 +28,7 @@ class LiveChannels {
   /// Numbers are taken every so many ticks where nobody listens, for those who come later.
   static constexpr std::uint64_t kUnheardTicks = 5;
 
+  /// A recording that is replayed gives its frames; where they cannot be read, there are none.
   LiveChannels(const RunParts& parts, const EpochPair& epoch);
   /// Adds the channels to the hub.
   void add_to(Hub& hub);
@@ -52,6 +53,7 @@ class LiveChannels {
   [[nodiscard]] static bool listened(const Hub& hub, const Stream& s);
   void publish(Hub& hub, Stream& s, const Sample& sample);
   void publish_events(Hub& hub, LiveTap& tap, LiveEstimate* estimate);
+  void publish_frames(Hub& hub, LiveTap& tap);
   template <class M>
   void publish_message(Hub& hub, std::uint32_t id, BenchTime t, const M& message);
   [[nodiscard]] record::msg::Header header(BenchTime t, const std::string& frame_id) const;
@@ -61,6 +63,13 @@ class LiveChannels {
   std::vector<std::string> channel_names_, sink_names_;
   std::vector<std::vector<std::string>> value_names_;  // of the sinks
   std::uint32_t events_id_ = 0, faults_id_ = 0, commands_id_ = 0;
+  std::unique_ptr<record::FrameSource> frames_;  ///< null: there are none
+  bool virtual_time_ = false, clock_ = false;
+  bool fixed_told_ = false;
+  std::uint32_t tf_static_id_ = 0, tf_id_ = 0, clock_id_ = 0;  ///< 0: none
+  std::uint64_t motion_count_ = 0;
+  BenchTime clock_told_ = BenchTime::never();
+  record::msg::TFMessage transforms_;
   std::uint64_t tick_ = 0;
   record::CdrWriter cdr_;
 };

@@ -23,8 +23,10 @@ Hub::Hub(std::string name, std::string session_id, RunInBackground run_in_backgr
 
 // ------------------------------------------------------------------ what there is
 
-std::uint32_t Hub::add_channel(ChannelInfo channel) {
+std::uint32_t Hub::add_channel(ChannelInfo channel, Delivery delivery) {
   channel.id = static_cast<std::uint32_t>(channels_.size() + 1);
+  delivery_.push_back(delivery);
+  latched_.emplace_back();
   channels_.push_back(std::move(channel));
   subscribers_.push_back(0);
   subscribed_.push_back(0);
@@ -89,25 +91,63 @@ Result<std::vector<MessageHistory::Kept>> Hub::history(std::string_view topic) c
 
 void Hub::publish(std::uint32_t channel, std::uint64_t time_ns, const Bytes& message) {
   history_.add(channel, time_ns, message);
+  const Delivery delivery = delivery_[channel - 1];
+  if (delivery == Delivery::latched) latched_[channel - 1] = {time_ns, message};
   for (auto& [link, client] : clients_) {
     const auto it = client.subscription_of.find(channel);
     if (it == client.subscription_of.end() || client.leaving) continue;
-    const std::size_t backlog = client.link->backlog_bytes(), size = message->size();
-    const std::size_t room = size <= kSmall ? 2 * kBacklog : kBacklog;
-    if ((backlog > 0 && backlog + size > room) || (size > kNumbers && client.link->behind())) {
-      counters_.frames_dropped.fetch_add(1, std::memory_order_relaxed);
-      if (!client.reported_drops)
-        say(client,
-            status_message(StatusLevel::warning,
-                           "this client does not read as fast as it subscribed; messages are dropped, "
-                           "of " +
-                               channels_[channel - 1].topic + " the first"));
-      client.reported_drops = true;
-      continue;
+    Subscription& to = it->second;
+    if (delivery == Delivery::newest && to.period_ns > 0) {
+      if (to.waiting) {
+        counters_.frames_thinned.fetch_add(1, std::memory_order_relaxed);
+        to.waiting.reset();
+      }
+      if (time_ns < to.next_ns) {
+        to.waiting = message;
+        to.waiting_time_ns = time_ns;
+        continue;
+      }
+      take_turn(to, time_ns);
     }
-    counters_.frames_sent.fetch_add(1, std::memory_order_relaxed);
-    say(client, bytes_text(message_head(it->second, time_ns)), message);
+    deliver(client, channel, to, time_ns, message);
   }
+}
+
+void Hub::take_turn(Subscription& to, std::uint64_t time_ns) {
+  // On a grid, so that messages that come a little late do not make the rate lower than was asked for.
+  const std::uint64_t late_ns = time_ns - to.next_ns;
+  to.next_ns = late_ns < to.period_ns ? to.next_ns + to.period_ns : time_ns + to.period_ns;
+}
+
+void Hub::advance(std::uint64_t now_ns) {
+  for (auto& [link, client] : clients_) {
+    if (client.leaving) continue;
+    for (auto& [channel, to] : client.subscription_of) {
+      if (!to.waiting || now_ns < to.next_ns) continue;
+      const Bytes message = std::move(to.waiting);
+      to.waiting.reset();
+      take_turn(to, to.next_ns);
+      deliver(client, channel, to, to.waiting_time_ns, message);
+    }
+  }
+}
+
+void Hub::deliver(Client& client, std::uint32_t channel, Subscription& to, std::uint64_t time_ns,
+                  const Bytes& message) {
+  const std::size_t backlog = client.link->backlog_bytes(), size = message->size();
+  const std::size_t room = size <= kSmall ? 2 * kBacklog : kBacklog;
+  if ((backlog > 0 && backlog + size > room) || (size > kNumbers && client.link->behind())) {
+    counters_.frames_dropped.fetch_add(1, std::memory_order_relaxed);
+    if (!client.reported_drops)
+      say(client, status_message(StatusLevel::warning,
+                                 "this client does not read as fast as it subscribed; messages are dropped, "
+                                 "of " +
+                                     channels_[channel - 1].topic + " the first"));
+    client.reported_drops = true;
+    return;
+  }
+  counters_.frames_sent.fetch_add(1, std::memory_order_relaxed);
+  say(client, bytes_text(message_head(to.id, time_ns)), message);
 }
 
 void Hub::publish_time(std::uint64_t time_ns) {
@@ -118,8 +158,9 @@ void Hub::publish_time(std::uint64_t time_ns) {
 
 // ------------------------------------------------------------------ from clients
 
-void Hub::opened(Link& link) {
+void Hub::opened(Link& link, double max_rate_hz) {
   Client& client = clients_[&link];
+  client.max_rate_hz = max_rate_hz;
   client.link = &link;
   client.serial = next_serial_++;
   counters_.clients.store(static_cast<std::uint32_t>(clients_.size()), std::memory_order_relaxed);
@@ -170,9 +211,17 @@ void Hub::on(Client& client, const Subscribe& message) {
       complain(client, what + ": this client has subscribed to this channel");
     else {
       client.channel_of[e.id] = e.channel;
-      client.subscription_of[e.channel] = e.id;
+      Subscription& to = client.subscription_of[e.channel];
+      to.id = e.id;
+      if (const double rate_hz = e.rate_hz > 0 ? e.rate_hz : client.max_rate_hz; rate_hz > 0)
+        to.period_ns = static_cast<std::uint64_t>(1e9 / rate_hz);
       ++subscribers_[e.channel - 1];
       ++subscribed_[e.channel - 1];
+      // A new subscriber is no slow one: what is latched goes out whatever waits for it.
+      if (const Latched& last = latched_[e.channel - 1]; last.message) {
+        counters_.frames_sent.fetch_add(1, std::memory_order_relaxed);
+        say(client, bytes_text(message_head(to.id, last.time_ns)), last.message);
+      }
     }
   }
 }

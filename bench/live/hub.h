@@ -6,6 +6,12 @@
 // that. Answers to its own requests are never dropped: a client that lets more than kMaxBacklog of those lie
 // is let go.
 //
+// A client that asks for less (a rate of its connection, or of a subscription) gets of the samples of a topic
+// the newest, at most so often in the run's time: what came since its last one waits, and is replaced by the
+// next. The last one of a topic that falls silent therefore comes, too. Replaced ones are counted. Events,
+// commands and what is not Delivery::newest come all; of what is latched a new subscriber gets the last
+// message at once.
+//
 // All calls: the server's thread, but for counters().
 #pragma once
 
@@ -41,12 +47,18 @@ class Link {
 };
 
 struct HubCounters {
-  std::atomic<std::uint64_t> frames_sent{0}, frames_dropped{0}, bytes_sent{0};
+  std::atomic<std::uint64_t> frames_sent{0}, frames_dropped{0}, frames_thinned{0}, bytes_sent{0};
   std::atomic<std::uint32_t> clients{0};
 };
 
 class Hub {
  public:
+  /// How a topic's messages reach those who asked for fewer, or came later.
+  enum class Delivery : std::uint8_t {
+    every,   ///< all of them
+    newest,  ///< as often as the client wants them
+    latched  ///< all of them, and the last one to each new subscriber
+  };
   static constexpr std::size_t kBacklog = 2u << 20, kMaxBacklog = 64u << 20;
   /// A message up to this size goes out beside a picture that fills the backlog.
   static constexpr std::size_t kSmall = 64u << 10;
@@ -63,7 +75,7 @@ class Hub {
   Hub(std::string name, std::string session_id, RunInBackground run_in_background);
 
   /// The channel's id. Clients that are there already are told of it by `advertise_new`.
-  std::uint32_t add_channel(ChannelInfo channel);
+  std::uint32_t add_channel(ChannelInfo channel, Delivery delivery = Delivery::every);
   void add_service(ServiceInfo service, Service answer);
   void advertise_new();
   /// Values as JSON, and how one is set (it throws nothing; false: there is no such parameter, or not with
@@ -85,9 +97,13 @@ class Hub {
   [[nodiscard]] std::uint64_t subscribed(std::uint32_t channel) const { return subscribed_[channel - 1]; }
   void publish(std::uint32_t channel, std::uint64_t time_ns, const Bytes& message);
   void publish_time(std::uint64_t time_ns);
+  /// The run has come to this instant: what waits for clients that asked for less is sent where its turn has
+  /// come. At its end: the largest number.
+  void advance(std::uint64_t now_ns);
 
   // By whoever has the sockets.
-  void opened(Link& link);
+  /// `max_rate_hz`: of each topic that is Delivery::newest; 0: as it comes.
+  void opened(Link& link, double max_rate_hz = 0);
   void text(Link& link, std::string_view message);
   void binary(Link& link, std::span<const std::byte> message);
   void closed(Link& link);
@@ -95,11 +111,19 @@ class Hub {
   [[nodiscard]] const HubCounters& counters() const { return counters_; }
 
  private:
+  struct Subscription {
+    std::uint32_t id = 0;
+    std::uint64_t period_ns = 0;  ///< 0: as it comes
+    std::uint64_t next_ns = 0;    ///< from when on the next message may go
+    Bytes waiting;                ///< null: none
+    std::uint64_t waiting_time_ns = 0;
+  };
   struct Client {
     Link* link = nullptr;
     std::uint64_t serial = 0;                           ///< answers that come when it has gone find nobody
     std::map<std::uint32_t, std::uint32_t> channel_of;  // by subscription
-    std::map<std::uint32_t, std::uint32_t> subscription_of;  // by channel
+    std::map<std::uint32_t, Subscription> subscription_of;  // by channel
+    double max_rate_hz = 0;
     std::size_t calls = 0;
     /// Until it goes: what it asked for and was not begun is not done any more.
     std::shared_ptr<std::atomic<bool>> here = std::make_shared<std::atomic<bool>>(true);
@@ -110,6 +134,10 @@ class Hub {
     Service answer;
   };
   [[nodiscard]] Client* client_of(const Link* link);
+  void deliver(Client& client, std::uint32_t channel, Subscription& to, std::uint64_t time_ns,
+               const Bytes& message);
+  /// Takes the turn of a message at `time_ns`.
+  static void take_turn(Subscription& to, std::uint64_t time_ns);
   void handle(Client& client, Result<ClientMessage> message);
   void on(Client& client, const Subscribe& message);
   void on(Client& client, const Unsubscribe& message);
@@ -125,6 +153,12 @@ class Hub {
   std::string name_, session_id_;
   RunInBackground run_in_background_;
   std::vector<ChannelInfo> channels_;  // id − 1 is the place
+  std::vector<Delivery> delivery_;
+  struct Latched {
+    std::uint64_t time_ns = 0;
+    Bytes message;  ///< null: none came
+  };
+  std::vector<Latched> latched_;
   std::vector<std::uint32_t> subscribers_;
   std::vector<std::uint64_t> subscribed_;
   std::vector<Offered> services_;  // id − 1 is the place

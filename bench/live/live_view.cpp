@@ -166,6 +166,7 @@ void LiveView::ended() {
   }
   i->server.run_there([i] {
     i->pump(i->server.hub());
+    i->server.hub().advance(~std::uint64_t{0});  // what waited for its turn is the run's last
     i->ended = true;
     i->show_status(i->server.hub());
   });
@@ -175,6 +176,7 @@ LiveView::~LiveView() {
   Impl* i = impl_.get();
   i->server.end([i] {
     i->pump(i->server.hub());
+    i->server.hub().advance(~std::uint64_t{0});
     i->ended = true;
     i->show_status(i->server.hub());
   });

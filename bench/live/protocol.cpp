@@ -56,7 +56,13 @@ Result<ClientMessage> subscribe(const json& message) {
     const auto channel = e.is_object() && e.contains("channelId") ? id_of(e["channelId"]) : std::nullopt;
     if (!id || !channel)
       return wrong("subscribe.subscriptions", "expected numbers `id` and `channelId` of 32 bits in each");
-    s.entries.push_back({*id, *channel});
+    double rate_hz = 0;
+    if (const auto rate = e.find("rate_hz"); rate != e.end() && !rate->is_null()) {
+      rate_hz = rate->is_number() ? rate->get<double>() : -1;
+      if (!(rate_hz >= kLeastRate_hz && rate_hz <= kMostRate_hz))
+        return wrong("subscribe.subscriptions", "expected `rate_hz` from 0.01 to 1000");
+    }
+    s.entries.push_back({*id, *channel, rate_hz});
   }
   return ClientMessage(std::move(s));
 }

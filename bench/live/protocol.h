@@ -31,9 +31,14 @@ namespace rigor::live {
 struct Subscribe {
   struct Entry {
     std::uint32_t id = 0, channel = 0;
+    /// `rate_hz`, which the protocol does not have and other servers pass over: at most so many messages a
+    /// second of the run's time; 0: as the connection says.
+    double rate_hz = 0;
   };
   std::vector<Entry> entries;
 };
+/// What a client may ask for, in a subscription and in its address.
+inline constexpr double kLeastRate_hz = 0.01, kMostRate_hz = 1000;
 struct Unsubscribe {
   std::vector<std::uint32_t> ids;
 };

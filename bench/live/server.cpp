@@ -250,6 +250,8 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
     if (site_.sockets >= Server::kMaxClients)
       return refuse(http::status::service_unavailable,
                     "expected at most " + std::to_string(Server::kMaxClients) + " clients; close one");
+    const auto rate = max_rate_of(asking);
+    if (!rate) return refuse(http::status::bad_request, rate.error().text());
     ++site_.sockets;
     is_socket_ = true;
     beast::get_lowest_layer(ws_).expires_never();
@@ -259,12 +261,12 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
     }));
     ws_.read_message_max(kMaxMessageBytes);
     ws_.auto_fragment(false);
-    ws_.async_accept(request, [self = shared_from_this()](error_code error) {
+    ws_.async_accept(request, [self = shared_from_this(), max_rate_hz = *rate](error_code error) {
       if (error) return;
       self->buffer_.consume(self->buffer_.size());
       self->site_.open.insert(self.get());
       self->hear_pongs();
-      self->site_.hub->opened(*self);
+      self->site_.hub->opened(*self, max_rate_hz);
       self->read_message();
     });
   }

@@ -234,6 +234,7 @@ json LiveStatus::operator()(const HubCounters& server) {
           {{"clients", server.clients.load()},
            {"frames_sent", server.frames_sent.load()},
            {"frames_dropped", server.frames_dropped.load()},
+           {"frames_thinned", server.frames_thinned.load()},
            {"bytes_sent", server.bytes_sent.load()},
            {"events_lost", tap_.lost()}}}};
   for (std::size_t i = 0; i < parts_.channels.size(); ++i)

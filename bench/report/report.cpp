@@ -107,6 +107,36 @@ std::string expect_section(const json& r) {
   return s + "</table></div>";
 }
 
+/// What left for other programs and what they commanded.
+std::string bridges_section(const json& r) {
+  std::string s;
+  if (!r.contains("bridges")) return s;
+  for (const json& b : r["bridges"]) {
+    s += fmt::format(
+        "<h2>Bridge {}</h2><div class=\"wide\"><table><tr><th>topic</th><th class=\"l\">type</th><th "
+        "class=\"l\">quality of service</th><th>messages</th><th>dropped</th><th>subscribers</th></tr>",
+        str(b["name"]));
+    for (const json& t : b["topics"])
+      s += fmt::format(
+          "<tr><td>{}</td><td class=\"l\">{}</td><td "
+          "class=\"l\">{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+          str(t["topic"]), str(t["type"]), str(t["qos"]), count(t["messages"]), count(t["dropped"]),
+          count(t["peers"]));
+    s += "</table></div>";
+    if (b["commands"].empty()) continue;
+    s += "<div class=\"wide\"><table><tr><th>commands</th><th class=\"l\">type</th><th "
+         "class=\"l\">sink</th><th>received</th><th>given</th><th>rejected</th></tr>";
+    for (const json& c : b["commands"])
+      s += fmt::format(
+          "<tr><td>{}</td><td class=\"l\">{}</td><td "
+          "class=\"l\">{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+          str(c["topic"]), str(c["type"]), str(c["sink"]), count(c["received"]), count(c["accepted"]),
+          count(c["rejected"]));
+    s += "</table></div>";
+  }
+  return s;
+}
+
 /// Of an application that is called in turns.
 std::string application_section(const json& r) {
   const auto a = r.find("application");
@@ -173,7 +203,7 @@ std::string channel_table(const json& r) {
           count(k["failed"]), count(k["dropped"]), count(k["made_safe"]));
     s += "</table></div>";
   }
-  return s + application_section(r);
+  return s + bridges_section(r) + application_section(r);
 }
 
 std::string pair_card(const json& c) {

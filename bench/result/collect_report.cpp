@@ -5,6 +5,7 @@
 #include "bench/control/fault_control.h"
 #include "bench/control/pair_snapshot.h"
 #include "bench/result/run_facts.h"
+#include "bench/run/bridges.h"
 #include "bench/run/run_json.h"
 #include "bench/sensing/sensors.h"
 #include "sensor-hal/channel/fault_bench.h"
@@ -12,6 +13,7 @@
 #include "sensor-hal/record/recorder.h"
 
 namespace rigor {
+
 namespace {
 
 ChannelReport channel_report(const RunChannel& c, const FaultBench* faults) {
@@ -73,12 +75,26 @@ RunFacts ended_run_facts(const RunParts& parts, const RunOutcome& outcome, const
   facts.digest_known = !outcome.digest_wanted || !outcome.input_sha256.empty();
   facts.warnings = warnings;
   if (parts.application) facts.application = parts.application->facts();
+  for (const RunBridgeReport& b : bridge_reports(parts)) {
+    BridgeFacts f;
+    f.name = b.name;
+    f.messages = b.messages() + b.dropped;
+    f.dropped = b.messages_dropped() + b.dropped;
+    for (const auto& c : b.traffic.commands) {
+      f.commands += c.received;
+      f.rejected += c.rejected;
+      if (!c.last_rejection.empty()) f.last_rejection = c.topic + ": " + c.last_rejection;
+    }
+    f.problems = b.traffic.problems;
+    facts.bridges.push_back(std::move(f));
+  }
   return facts;
 }
 
 void collect_parts(const RunParts& parts, const Recorder* recorder, RunReport& report) {
   for (const auto& c : parts.channels) report.channels.push_back(channel_report(*c, parts.faults.get()));
   for (const auto& s : parts.sinks) report.sinks.push_back(sink_report(*s));
+  report.bridges = bridge_reports(parts);
   if (parts.faults)
     for (const FaultBench::Entry& e : parts.faults->entries())
       if (!e.injector->scheduled().empty() || !e.injector->live().empty())

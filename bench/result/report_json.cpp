@@ -161,6 +161,36 @@ json sink_json(const SinkReport& s) {
   return j;
 }
 
+json bridge_json(const RunBridgeReport& b) {
+  json j{{"name", b.name},           {"samples", b.samples},      {"dropped", b.dropped},
+         {"after_end", b.after_end}, {"cpu_s", b.cpu_s},          {"channels", json::array()},
+         {"topics", json::array()},  {"commands", json::array()}, {"problems", b.traffic.problems}};
+  for (const auto& c : b.channels)
+    j["channels"].push_back({{"name", c.name}, {"samples", c.samples}, {"dropped", c.dropped}});
+  for (const auto& t : b.traffic.topics)
+    j["topics"].push_back({{"topic", t.topic},
+                           {"type", t.type},
+                           {"qos", t.qos},
+                           {"messages", t.messages},
+                           {"accepted", t.accepted},
+                           {"dropped", t.dropped},
+                           {"peers", t.peers}});
+  for (const auto& c : b.traffic.commands)
+    j["commands"].push_back({{"topic", c.topic},
+                             {"type", c.type},
+                             {"sink", c.sink},
+                             {"received", c.received},
+                             {"accepted", c.accepted},
+                             {"rejected", c.rejected},
+                             {"superseded", c.superseded},
+                             {"dropped", c.dropped},
+                             {"clamped", c.clamped},
+                             {"timeouts", c.timeouts},
+                             {"peers", c.peers},
+                             {"last_rejection", c.last_rejection}});
+  return j;
+}
+
 json application_json(const std::string& name, const ApplicationFacts& a) {
   json j{{"name", name},
          {"turns", a.turns},
@@ -209,6 +239,7 @@ json report_json(const RunReport& r) {
   for (std::size_t i = 0; i < r.channels.size(); ++i)
     j["channels"].push_back(channel_json(r.channels[i], r.facts.channels[i], r.outcome.t0));
   for (const SinkReport& s : r.sinks) j["sinks"].push_back(sink_json(s));
+  for (const RunBridgeReport& b : r.bridges) j["bridges"].push_back(bridge_json(b));
   for (const ChannelFaultReport& f : r.faults) j["faults"].push_back(faults_json(f));
   if (r.facts.application) j["application"] = application_json(id.application, *r.facts.application);
   if (!r.expected.empty()) j["expect"] = to_json(r.expected);

@@ -75,6 +75,17 @@ std::string application_line(const std::string& name, const ApplicationFacts& a)
   return out + '\n';
 }
 
+std::string bridge_line(const RunBridgeReport& b) {
+  std::uint64_t received = 0, accepted = 0, rejected = 0;
+  for (const auto& c : b.traffic.commands)
+    received += c.received, accepted += c.accepted, rejected += c.rejected;
+  std::string out = fmt::format("bridge    {}: {} topics, {} messages, {} dropped", b.name,
+                                b.traffic.topics.size(), b.messages(), b.messages_dropped() + b.dropped);
+  if (!b.traffic.commands.empty())
+    out += fmt::format("; {} commands, {} given, {} rejected", received, accepted, rejected);
+  return out + '\n';
+}
+
 std::string fault_lines(const ChannelFaultReport& report) {
   std::string out;
   const auto line = [&](const std::string& what, const auto& f) {
@@ -99,6 +110,7 @@ std::string RunReport::text() const {
   for (const SinkReport& s : sinks)
     out += fmt::format("{:<9} {} {} commands, {} applied, {} late, {} failed\n", s.name, s.backend,
                        s.commands.accepted, s.commands.applied, s.commands.late, s.commands.failed);
+  for (const RunBridgeReport& b : bridges) out += bridge_line(b);
   if (!expected.empty())
     out += fmt::format("expect    {} of {} hold\n",
                        std::ranges::count_if(expected, [](const Expected& e) { return e.known && e.holds; }),

@@ -19,6 +19,7 @@ struct RunReport {
   RunFacts facts;                       ///< what was due, came, was late or lost: the verdict's basis
   std::vector<ChannelReport> channels;  ///< in the order of `facts.channels`
   std::vector<SinkReport> sinks;
+  std::vector<RunBridgeReport> bridges;
   std::vector<ChannelFaultReport> faults;  ///< of channels that had any
   std::vector<SensorTimeReport> sensor_times;
   std::optional<RecordingReport> recorded;

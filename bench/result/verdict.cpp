@@ -13,12 +13,12 @@ namespace rigor {
 namespace {
 
 constexpr std::array<const char*, kFindingKinds> kNames{
-    "expect",  "lost",   "late",    "silent",      "emulator",  "alarm",  "uncompared",
-    "skipped", "missed", "command", "application", "recording", "digest", "warning"};
+    "expect", "lost",    "late",        "silent",    "emulator", "alarm",   "uncompared", "skipped",
+    "missed", "command", "application", "recording", "digest",   "warning", "bridge"};
 
 // Where a note becomes a warning, and a warning bad; shares of what was due.
 constexpr double kLostBad = 0.05, kLateWarning = 0.01, kLateBad = 0.2, kMissedWarning = 0.01,
-                 kSkippedWarning = 0.001, kSkippedBad = 0.05, kComparedWarning = 0.9;
+                 kSkippedWarning = 0.001, kSkippedBad = 0.05, kComparedWarning = 0.9, kBridgeWarning = 0.01;
 // A simulated channel is computed in time where it takes this share of its period.
 constexpr double kLoad = 0.8;
 
@@ -285,6 +285,29 @@ FindingSet Verdict::found(FindingSet wanted) const {
   return out;
 }
 
+namespace {
+
+void judge_bridge(const BridgeFacts& b, std::vector<Finding>& findings) {
+  if (b.dropped > 0)
+    findings.push_back(
+        of_run(FindingKind::bridge,
+               share(b.dropped, b.messages) >= kBridgeWarning ? Severity::warning : Severity::note,
+               fmt::format(
+                   "bridge {}: of {} messages {} were dropped, because a peer or the network did not keep up",
+                   b.name, b.messages, b.dropped),
+               "send fewer channels (`channels`, `topics`), or at best effort (`qos: sensor_data`), which "
+               "loses them uncounted"));
+  if (b.rejected > 0)
+    findings.push_back(of_run(FindingKind::bridge, Severity::warning,
+                              fmt::format("bridge {}: {} of {} commands were rejected, the last: {}", b.name,
+                                          b.rejected, b.commands, b.last_rejection)));
+  for (const std::string& problem : b.problems)
+    findings.push_back(
+        of_run(FindingKind::bridge, Severity::warning, fmt::format("bridge {}: {}", b.name, problem)));
+}
+
+}  // namespace
+
 Verdict judge(const RunFacts& run) {
   Verdict v;
   if (!run.emulators.empty())
@@ -298,6 +321,7 @@ Verdict judge(const RunFacts& run) {
   for (const SinkFacts& s : run.sinks) judge_sink(s, v.findings);
   if (run.application) judge_application(*run.application, v.findings);
   judge_loop(run, v.findings);
+  for (const BridgeFacts& b : run.bridges) judge_bridge(b, v.findings);
   if (run.recording_dropped > 0)
     v.findings.push_back(
         of_run(FindingKind::recording, Severity::warning,

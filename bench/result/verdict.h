@@ -38,9 +38,10 @@ enum class FindingKind : std::uint8_t {
   application,  ///< the application's process answered late, was left out, or was started again
   recording,    ///< the recorder had to drop samples
   digest,       ///< the input digest is not known
-  warning       ///< what a channel warned of
+  warning,      ///< what a channel warned of
+  bridge        ///< a bridge dropped messages, rejected commands, or could not be matched with a peer
 };
-inline constexpr std::size_t kFindingKinds = 14;
+inline constexpr std::size_t kFindingKinds = 15;
 [[nodiscard]] const char* name_of(FindingKind kind) noexcept;
 
 enum class Severity : std::uint8_t { note, warning, bad };
@@ -106,6 +107,14 @@ struct SinkFacts {
   std::string name;
   std::uint64_t accepted = 0, late = 0, failed = 0, dropped = 0;
 };
+struct BridgeFacts {
+  std::string name;
+  std::uint64_t messages = 0;  ///< that were to leave, those included that were dropped
+  std::uint64_t dropped = 0;
+  std::uint64_t commands = 0, rejected = 0;
+  std::string last_rejection;
+  std::vector<std::string> problems;  ///< peers that were not matched, a sentence each
+};
 struct RunFacts {
   std::optional<ApplicationFacts> application;  ///< of one in a process of its own
   bool wall_clock = true;
@@ -113,6 +122,7 @@ struct RunFacts {
   std::uint64_t cycles = 0, skipped = 0, misses = 0;
   std::vector<ChannelFacts> channels;
   std::vector<SinkFacts> sinks;
+  std::vector<BridgeFacts> bridges;
   std::string emulators;  ///< how the run's own emulators died; empty: they did not
   std::uint64_t recording_dropped = 0;
   bool digest_known = true;

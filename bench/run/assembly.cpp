@@ -7,8 +7,11 @@
 
 #include "bench/application/application_choice.h"
 #include "bench/console/progress.h"
+#include "bench/run/bridges.h"
 #include "bench/run/pair_watches.h"
+#include "bench/run/rig_frames.h"
 #include "bench/run/simulated_backend.h"
+#include "bench/sensing/scan_line.h"
 #include "sensor-hal/channel/fault_bench.h"
 #include "sensor-hal/channel/pair_monitor.h"
 #include "sensor-hal/channel/pair_source.h"
@@ -47,6 +50,12 @@ class Assembler {
     out_.workers = std::make_unique<WorkerPool>(static_cast<std::size_t>(rig_.simulation.workers));
     registry_.add(
         simulated_backend({&out_.parts, out_.simulation.get(), out_.workers.get(), std::move(renderers)}));
+    const auto shown = plant::plants_of_emulators(rig_);
+    auto plants = plant::Plants::open(
+        rig_, [&](const std::string& name) { return std::ranges::find(shown, name) == shown.end(); });
+    if (!plants) return tl::unexpected<Error>(plants.error());
+    out_.plants = std::move(*plants);
+    registry_.add(plant::fmu_backend(out_.plants));
     if (virtual_time()) {
       auto devices = DeviceWorld::open(rig_);
       if (!devices) return tl::unexpected<Error>(devices.error());
@@ -66,13 +75,17 @@ class Assembler {
     }
     for (const SinkEntry& entry : rig_.sinks)
       if (auto s = add_sink(entry); !s) return s;
+    out_.parts.plants = out_.plants.used();
+    if (out_.devices)
+      for (auto& p : out_.devices->plants()) out_.parts.plants.push_back(std::move(p));
     if (auto s = bind_joints(); !s) return s;
     std::vector<InputPort> ports;
     for (const auto& channel : out_.parts.channels)
       ports.push_back({channel->entry->name, &channel->source->describe(), &channel->port});
     if (auto s = out_.parts.faults->bind(ports); !s) return s;
     if (auto s = follow(); !s) return s;
-    return {};
+    if (auto s = add_frames(); !s) return s;
+    return add_bridges(out_.parts, registry_);
   }
 
  private:
@@ -281,6 +294,18 @@ class Assembler {
     if (auto s = sink->sink->configure(c); !s) return s;
     out_.parts.faults->add(faults);
     out_.parts.sinks.push_back(std::move(sink));
+    return {};
+  }
+
+  Status add_frames() {
+    for (const ChannelEntry& entry : rig_.channels)
+      if (const auto lines = scan_lines(rig_, entry); !lines) return tl::unexpected<Error>(lines.error());
+    if (!rig_.frames.publish) return {};
+    auto frames = frames_of(rig_, out_.parts.channels, out_.simulation.get());
+    if (!frames) return tl::unexpected<Error>(frames.error());
+    out_.parts.frames_assumed = std::move(frames->assumed);
+    if (!frames->tree.empty())
+      out_.parts.frames = std::make_shared<const record::FrameTree>(std::move(frames->tree));
     return {};
   }
 

@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "bench/devices/device_world.h"
+#include "bench/plant/plants.h"
 #include "bench/run/bench_run.h"
 #include "bench/sensing/simulation.h"
 #include "sensor-hal/channel/registry.h"
@@ -17,6 +18,7 @@ class WorkerPool;
 struct Assembly {
   std::unique_ptr<Simulation> simulation;  ///< the bench's world; null where the rig has none
   std::unique_ptr<DeviceWorld> devices;    ///< virtual time: the devices' own world
+  plant::Plants plants;                    ///< those that channels and sinks name
   std::unique_ptr<WorkerPool> workers;
   std::unique_ptr<WorkerPool> fault_workers;  ///< change pictures and scans of channels with faults
   RunParts parts;

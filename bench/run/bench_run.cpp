@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <thread>
 
+#include "bench/plant/plant.h"
+#include "bench/run/bridges.h"
 #include "bench/run/tap.h"
 #include "rt-core/affinity.h"
 #include "sensor-hal/channel/event_text.h"
@@ -62,6 +64,14 @@ BenchRun::BenchRun(RunParts& parts, Trace* trace)
 
 BenchRun::~BenchRun() { (void)stop(); }
 
+void BenchRun::set_recorder(Recorder* recorder) {
+  recorder_ = recorder;
+  recorders_.clear();
+  if (recorder) recorders_.push_back(recorder);
+  for (const auto& bridge : parts_.bridges)
+    if (bridge->recorder) recorders_.push_back(bridge->recorder.get());
+}
+
 Status BenchRun::arm(StopToken stop) {
   const bool virtual_time = parts_.rig.clock == ClockKind::virtual_time;
   heartbeat_.restart(virtual_time);
@@ -115,6 +125,10 @@ Status BenchRun::arm_channels(StopToken stop) {
     return fail(ErrorCode::unavailable, parts_.rig.name,
                 "interrupted while the channels were being armed; the devices are in their safe state");
   };
+  for (auto& plant : parts_.plants) {
+    if (stop.stop_requested()) return interrupted();
+    if (auto s = plant->arm(context.virtual_time, stop); !s) return s;
+  }
   for (auto& sink : parts_.sinks) {
     if (stop.stop_requested()) return interrupted();
     if (auto s = sink->sink->arm(context); !s) return s;
@@ -130,6 +144,8 @@ std::vector<std::string> BenchRun::warnings() const {
   std::vector<std::string> all;
   for (const auto& channel : parts_.channels)
     for (std::string& w : channel->source->warnings()) all.push_back(std::move(w));
+  for (const auto& plant : parts_.plants)
+    for (std::string& w : plant->warnings()) all.push_back(std::move(w));
   return all;
 }
 
@@ -137,11 +153,12 @@ Status BenchRun::start_channels(BenchTime t0) {
   t0_ = t0;
   origin_.publish(t0);
   if (parts_.expectations) parts_.expectations->begin(t0);
-  if (recorder_) recorder_->begin(t0);
+  for (Recorder* r : recorders_) r->begin(t0);
   if (live_) live_->begin(t0);
   next_recorded_fault_ = 0;
   // Platforms first: a sink tells its own the safe values of the start.
   for (auto& platform : parts_.platforms) platform->start(t0);
+  for (auto& plant : parts_.plants) plant->start(t0);
   for (auto& sink : parts_.sinks) {
     if (auto s = sink->sink->start(t0); !s) return s;
     sink->made_safe = sink->sink->counters().made_safe;
@@ -200,6 +217,7 @@ Status BenchRun::stop() {
   for (auto& channel : parts_.channels)
     if (channel->source->state() == ChannelState::armed || channel->source->state() == ChannelState::running)
       keep_first(channel->source->stop());
+  for (auto& plant : parts_.plants) plant->stop();
   if (executive_.state() == Executive::State::armed) keep_first(executive_.disarm());
   return first;
 }
@@ -222,8 +240,8 @@ void BenchRun::cycle_begin(const CycleContext& cycle) noexcept {
   // A cycle that the recorded run skipped is skipped for whoever replays this run's recording, too.
   skip_this_cycle_ = ran_ && !ran_(cycle.index);
   if (!skip_this_cycle_) {
-    if (recorder_ && cycle.index > next_cycle_)
-      recorder_->record_skipped(next_cycle_, cycle.index - next_cycle_, cycle.t);
+    if (cycle.index > next_cycle_)
+      for (Recorder* r : recorders_) r->record_skipped(next_cycle_, cycle.index - next_cycle_, cycle.t);
     next_cycle_ = cycle.index + 1;
   }
   if (live_) {
@@ -239,13 +257,10 @@ void BenchRun::take_up_faults(const CycleContext& cycle) noexcept {
   while (const FaultBench::Entry* at = parts_.faults->poll_change(change)) {
     if (parts_.expectations) parts_.expectations->fault(at->name, change.fault->kind, change.begins);
     if (live_) live_->fault(change);
-    if (recorder_) recorder_->record_fault(change);
+    for (Recorder* r : recorders_) r->record_fault(change);
     if (!change.event) continue;
     if (live_) live_->event(at->channel, change.event);
-    if (recorder_)
-      recorder_->record_event(
-          at->channel == FaultBench::kNoChannel ? at->channel : parts_.channels[at->channel]->recorder_id,
-          change.event);
+    for (Recorder* r : recorders_) r->record_event(at->channel, change.event);
   }
 }
 
@@ -269,7 +284,7 @@ void BenchRun::take_up_made_safe(std::size_t index, const CycleContext& cycle) n
   sample.info = info;
   const SampleLease event = std::move(slot);
   if (live_) live_->event(FaultBench::kNoChannel, event);
-  if (recorder_) recorder_->record_event(FaultBench::kNoChannel, event);
+  for (Recorder* r : recorders_) r->record_event(FaultBench::kNoChannel, event);
 }
 
 void BenchRun::inputs(const CycleContext& cycle) noexcept {
@@ -282,12 +297,14 @@ void BenchRun::inputs(const CycleContext& cycle) noexcept {
   for (std::uint32_t i = 0; i < parts_.channels.size(); ++i) show(*parts_.channels[i], i, cycle);
   parts_.motion.update(cycle.t);
   if (live_ && live_->wants_motion()) live_->motion(parts_.motion.motion_at(cycle.t), cycle.t);
+  for (Recorder* r : recorders_)
+    if (r->motion_due(cycle.t)) r->record_motion(parts_.motion.motion_at(cycle.t), cycle.t);
 }
 
 void BenchRun::take_up_notes(const CycleContext& cycle) noexcept {
   while (SampleLease note = live_->next_note(cycle.t)) {
     live_->event(FaultBench::kNoChannel, note);
-    if (recorder_) recorder_->record_event(FaultBench::kNoChannel, note);
+    for (Recorder* r : recorders_) r->record_event(FaultBench::kNoChannel, note);
   }
 }
 
@@ -299,12 +316,13 @@ void BenchRun::show(RunChannel& c, std::uint32_t index, const CycleContext& cycl
       ++c.before_start;
       continue;
     }
-    if (recorder_ && !c.pair) recorder_->record(c.recorder_id, sample);
+    if (!c.pair)
+      for (Recorder* r : recorders_) r->record(index, sample);
     if (live_ && !c.pair) live_->sample(std::size_t{2} * index, sample);
     c.port.push(std::move(sample));
   }
   while (SampleLease event = c.source->poll_event()) {
-    if (recorder_) recorder_->record_event(c.recorder_id, event);
+    for (Recorder* r : recorders_) r->record_event(index, event);
     if (live_) live_->event(index, event);
   }
   if (c.script) {
@@ -320,8 +338,8 @@ void BenchRun::show(RunChannel& c, std::uint32_t index, const CycleContext& cycl
   const SampleLease& sample = c.port.sample();
   // A recording lists every port in its first cycle: of one that never changes it is known, too, what was
   // seen.
-  if (recorder_ && (changed || !c.listed))
-    recorder_->record_visibility(c.recorder_id, cycle.index, cycle.t, status, sample);
+  if (changed || !c.listed)
+    for (Recorder* r : recorders_) r->record_visibility(index, cycle.index, cycle.t, status, sample);
   c.listed = true;
   if (!changed) return;
 
@@ -362,9 +380,22 @@ void BenchRun::capture(const CycleContext& cycle) noexcept {
 }
 
 void BenchRun::application(const CycleContext& cycle) noexcept {
-  if (!parts_.application || skip_this_cycle_) return;
+  if (skip_this_cycle_) return;
+  run_application(cycle);
+  take_up_bridged_commands(cycle);
+}
+
+void BenchRun::run_application(const CycleContext& cycle) noexcept {
+  if (!parts_.application) return;
   parts_.application->step(cycle.index, cycle.t);
   if (parts_.application->failed()) executive_.fail_run(StopReason::application);
+}
+
+/// After the application: of two who command a sink in one cycle, the program outside has the last word.
+void BenchRun::take_up_bridged_commands(const CycleContext& cycle) noexcept {
+  for (const auto& bridge : parts_.bridges)
+    for (BridgeCommand command; bridge->bridge->poll(cycle.t, command);)
+      (void)parts_.sinks[command.sink]->port->send(cycle.t, std::span(command.value).first(command.count));
 }
 
 void BenchRun::note_differences(const CycleContext& cycle) noexcept {
@@ -384,14 +415,14 @@ void BenchRun::outputs(const CycleContext& cycle) noexcept {
   for (std::uint32_t i = 0; i < parts_.sinks.size(); ++i) {
     take_up_made_safe(i, cycle);
     if (const Command* command = parts_.sinks[i]->port->take_new()) {
-      if (recorder_) recorder_->record_command(i, *command);
+      for (Recorder* r : recorders_) r->record_command(i, *command);
       if (live_) live_->command(i, *command);
       if (parts_.expectations) parts_.expectations->command(*parts_.sinks[i]->port, *command);
     }
   }
   if (parts_.expectations && !skip_this_cycle_) parts_.expectations->cycle(cycle.t);
+  for (Recorder* r : recorders_) r->end_cycle(cycle.index, cycle.t);
   if (!recorder_) return;
-  recorder_->end_cycle(cycle.index, cycle.t);
   // A run that was to be recorded is over when it cannot be.
   if (recorder_->failed()) executive_.fail_run(StopReason::recording);
 }

@@ -21,6 +21,7 @@
 #include "bench/run/run_outcome.h"
 #include "rt-core/executive.h"
 #include "sensor-hal/channel/application.h"
+#include "sensor-hal/record/frame_tree.h"
 #include "sensor-hal/rig/rig.h"
 
 namespace rigor {
@@ -28,8 +29,12 @@ namespace rigor {
 namespace live {
 class LiveTap;
 }
+namespace plant {
+class Plant;
+}
 class EmulatorProcess;
 class FaultBench;
+struct RunBridge;
 class PairSource;
 class Recorder;
 struct SensorTimes;
@@ -80,12 +85,18 @@ struct RunParts {
   std::vector<std::unique_ptr<RunChannel>> channels;
   std::vector<std::unique_ptr<RunSink>> sinks;
   std::unique_ptr<Application> application;
-  std::unique_ptr<Expectations> expectations;  ///< null: the rig has none
-  std::shared_ptr<FaultBench> faults;          ///< null: a replay, which shows what came of them
-  std::vector<RecordedFault> recorded_faults;  ///< of a replay, in order of time: when they were on
-  const EmulatorProcess* emulators = nullptr;  ///< that this run brought up; null: none
+  std::unique_ptr<Expectations> expectations;       ///< null: the rig has none
+  std::shared_ptr<FaultBench> faults;               ///< null: a replay, which shows what came of them
+  std::vector<RecordedFault> recorded_faults;       ///< of a replay, in order of time: when they were on
+  const EmulatorProcess* emulators = nullptr;       ///< that this run brought up; null: none
+  std::vector<std::shared_ptr<RunBridge>> bridges;  ///< none in a replay
   BenchMotion motion;
-  std::vector<std::shared_ptr<Platform>> platforms;  ///< of this process: they set out when the run starts
+  /// Where the rig's frames stand; null: the rig has none, or does not want them told.
+  std::shared_ptr<const record::FrameTree> frames;
+  std::vector<std::string> frames_assumed;  ///< sensors' frames of which nobody says where they are
+  std::filesystem::path recording;          ///< of a replay: its file, which has the frames; else empty
+  std::vector<std::shared_ptr<Platform>> platforms;   ///< of this process: they set out when the run starts
+  std::vector<std::shared_ptr<plant::Plant>> plants;  ///< of this process: armed before all channels
   /// Of simulated sensors, by the names of their channels (of a pair NAME.simulated).
   std::vector<std::pair<std::string, std::shared_ptr<const SensorTimes>>> sensor_times;
   /// Keeps alive what sources point to (worlds, renderers, device models, workers).
@@ -105,8 +116,8 @@ class BenchRun final : private ExecutiveHooks {
   [[nodiscard]] std::vector<std::string> warnings() const;
   /// Before arm: whether what the application sees is digested. False at first.
   void want_digest(bool wanted) { digest_wanted_ = wanted; }
-  /// Between arm and run; null: nothing is recorded.
-  void set_recorder(Recorder* recorder) { recorder_ = recorder; }
+  /// Between arm and run; null: nothing is recorded. A run that cannot be recorded is over.
+  void set_recorder(Recorder* recorder);
   /// Between arm and run; null: nobody looks on.
   void set_live(live::LiveTap* tap) { live_ = tap; }
   /// Virtual time: at most so many seconds of bench time in a second; 0: as fast as it goes.
@@ -160,13 +171,16 @@ class BenchRun final : private ExecutiveHooks {
   void show(RunChannel& channel, std::uint32_t index, const CycleContext& cycle) noexcept;
   void capture(const CycleContext& cycle) noexcept;
   void application(const CycleContext& cycle) noexcept;
+  void run_application(const CycleContext& cycle) noexcept;
   void outputs(const CycleContext& cycle) noexcept;
   void note_differences(const CycleContext& cycle) noexcept;
+  void take_up_bridged_commands(const CycleContext& cycle) noexcept;
 
   RunParts& parts_;
   void keep_pace(BenchTime t);
 
   Recorder* recorder_ = nullptr;
+  std::vector<Recorder*> recorders_;  ///< that one, and those of bridges
   live::LiveTap* live_ = nullptr;
   double pace_ = 0;
   MonotonicTime began_;    ///< of the run, for its pace

@@ -4,6 +4,7 @@
 #include <charconv>
 
 #include "bench/sensing/camera_info.h"
+#include "bench/sensing/scan_line.h"
 #include "sensor-hal/channel/pair_monitor.h"
 #include "sensor-hal/channel/slot_wait.h"
 #include "sensor-hal/models/camera_yaml.h"
@@ -22,14 +23,63 @@ std::optional<std::int64_t> number(const std::map<std::string, std::string>& m, 
   return v;
 }
 
-}  // namespace
-
-std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry) {
+std::optional<CameraModel> camera_of(const ChannelEntry& entry) {
   const ConfigNode& params = entry.is_pair ? entry.simulated.params : entry.source.params;
   if (entry.kind != SampleKind::image || !params.has("sensor")) return std::nullopt;
   const auto sensor_model = load_camera(params.base_dir() / params.text("sensor"));
   if (!sensor_model) return std::nullopt;  // the assembly has refused it before
-  return camera_info(sensor_model->model);
+  return sensor_model->model;
+}
+
+const RunChannel* channel_named(const RunParts& parts, const std::string& name) {
+  for (const auto& c : parts.channels)
+    if (c->entry->name == name) return c.get();
+  return nullptr;
+}
+
+}  // namespace
+
+std::optional<record::msg::CameraInfo> camera_info(const RunParts& parts, const ChannelEntry& entry) {
+  const auto camera = camera_of(entry);
+  if (!camera) return std::nullopt;
+  for (const FramesConfig::Stereo& pair : parts.rig.frames.stereo) {
+    if (entry.name != pair.left && entry.name != pair.right) continue;
+    const RunChannel *left = channel_named(parts, pair.left), *right = channel_named(parts, pair.right);
+    if (!left || !right || !parts.frames) continue;
+    const auto T_left_right =
+        parts.frames->T_fixed(left->source->describe().frame_id, right->source->describe().frame_id);
+    const auto left_camera = camera_of(*left->entry), right_camera = camera_of(*right->entry);
+    if (!T_left_right || !left_camera || !right_camera) continue;
+    const auto both = stereo_camera_info(*left_camera, *right_camera, *T_left_right);
+    if (both) return entry.name == pair.left ? both->left : both->right;
+  }
+  return camera_info(*camera);
+}
+
+Result<std::vector<RecordedChannel>> recorded_channels(const RunParts& parts) {
+  std::vector<RecordedChannel> channels;
+  for (const auto& c : parts.channels) {
+    RecordedChannel channel;
+    channel.name = c->entry->name;
+    channel.description = c->source->describe();
+    channel.is_pair = c->pair != nullptr;
+    channel.camera = camera_info(parts, *c->entry);
+    channel.points = c->entry->points;
+    const auto lines = scan_lines(parts.rig, *c->entry);
+    if (!lines) return tl::unexpected<Error>(lines.error());
+    channel.scan = lines->own;
+    channel.simulated_scan = lines->simulated;
+    if (c->pair && c->pair->monitor()) channel.watched = c->pair->monitor()->parameters();
+    channels.push_back(std::move(channel));
+  }
+  return channels;
+}
+
+Result<std::unique_ptr<record::FrameSource>> frame_source(const RunParts& parts, const EpochPair& epoch) {
+  if (!parts.rig.frames.publish) return std::unique_ptr<record::FrameSource>();
+  if (!parts.recording.empty())
+    return record::recorded_frames(parts.recording.string(), epoch.utc - RealtimeTime(epoch.bench.ns()));
+  return parts.frames ? record::source_of(parts.frames) : nullptr;
 }
 
 std::map<std::string, std::string> run_metadata(const RunParts& parts, const EpochPair& epoch) {
@@ -46,6 +96,9 @@ std::map<std::string, std::string> run_metadata(const RunParts& parts, const Epo
   m["version"] = RIGOR_VERSION;
   for (const auto& c : parts.channels)
     if (!c->replaced_by.empty()) m["replaced/" + c->entry->name] = c->replaced_by;
+  std::string assumed;
+  for (const std::string& frame : parts.frames_assumed) assumed += (assumed.empty() ? "" : " ") + frame;
+  if (!assumed.empty()) m["frames_assumed"] = assumed;
   return m;
 }
 
@@ -53,14 +106,17 @@ namespace {
 
 /// Of the 16 slots that a channel has, or of those that its keys ask for: the others are the loop's. A
 /// recorder that a busy machine lets wait longer than these last has to skip samples.
-std::size_t lease_budget(const ChannelEntry& entry) {
+std::size_t lease_budget(const ChannelEntry& entry, std::size_t bridges) {
   constexpr std::int64_t kUsual = 16, kForTheLoop = kSlotsForTheLoop;
   const auto slots_of = [](const ConfigNode& n) {
     return n.integer_or(n.has("buffers") ? "buffers" : "slots", kUsual, {.min = 1, .max = 65536});
   };
   std::int64_t slots = slots_of(entry.source.params);
   if (entry.is_pair) slots = std::min(slots, slots_of(entry.simulated.params));
-  return static_cast<std::size_t>(std::max(slots, kUsual) - kForTheLoop);
+  // A bridge and what it sends through hold up to four.
+  const auto for_bridges = static_cast<std::int64_t>(4 * bridges);
+  return static_cast<std::size_t>(
+      std::max<std::int64_t>(std::max(slots, kUsual) - kForTheLoop - for_bridges, 2));
 }
 
 }  // namespace
@@ -81,25 +137,25 @@ Result<std::unique_ptr<Recorder>> open_recording(RunParts& parts, const Recordin
                                : rig.record.compression == "lz4" ? record::Compression::lz4
                                                                  : record::Compression::none;
   options.writer.chunk_bytes = rig.record.chunk_bytes;
-  std::vector<RecordedChannel> channels;
-  for (auto& c : parts.channels) {
-    c->recorder_id = static_cast<std::uint32_t>(channels.size());
-    RecordedChannel channel;
-    channel.name = c->entry->name;
-    channel.description = c->source->describe();
-    channel.is_pair = c->pair != nullptr;
-    channel.camera = camera_info(*c->entry);
-    if (c->pair && c->pair->monitor()) channel.watched = c->pair->monitor()->parameters();
-    channel.lease_budget = lease_budget(*c->entry);
-    channels.push_back(std::move(channel));
+  auto channels = recorded_channels(parts);
+  if (!channels) return tl::unexpected<Error>(channels.error());
+  for (std::size_t i = 0; i < channels->size(); ++i) {
+    parts.channels[i]->recorder_id = static_cast<std::uint32_t>(i);
+    (*channels)[i].lease_budget = lease_budget(*parts.channels[i]->entry, parts.bridges.size());
   }
+  auto frames = frame_source(parts, epoch);
+  if (!frames) return tl::unexpected<Error>(frames.error());
+  options.frames = std::move(*frames);
+  options.frames_period = rig.frames.period;
+  options.root_frame = rig.frames.root;
+  options.clock = options.virtual_time && rig.frames.publish;
   std::vector<RecordedSink> sinks;
   for (auto& s : parts.sinks) sinks.push_back({s->entry->name, s->sink->describe().names});
   metadata.merge(run_metadata(parts, epoch));
   auto sink = file.sink(options.file);
   if (!sink) return tl::unexpected<Error>(sink.error());
-  auto recorder =
-      Recorder::create(std::move(*sink), options, std::move(channels), std::move(sinks), std::move(metadata));
+  auto recorder = Recorder::create(std::move(*sink), options, std::move(*channels), std::move(sinks),
+                                   std::move(metadata));
   if (!recorder) return recorder;
   for (auto& c : parts.channels)
     if (c->pair) c->pair->observe((*recorder)->observer(c->recorder_id));

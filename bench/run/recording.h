@@ -41,8 +41,18 @@ class RecordingFile {
 };
 
 /// The lens of a simulated channel (of a pair: of its simulated side), as ROS has it; empty where the rig
-/// names no sensor.
-[[nodiscard]] std::optional<record::msg::CameraInfo> camera_info(const ChannelEntry& entry);
+/// names no sensor. Of the cameras that `frames.stereo` names together R and P are those of the rectified
+/// pair, where the frames say how the one sits in the other.
+[[nodiscard]] std::optional<record::msg::CameraInfo> camera_info(const RunParts& parts,
+                                                                 const ChannelEntry& entry);
+
+/// The channels as recordings and the live view tell of them, in the order of `parts.channels`. Setup
+/// context, after the channels are configured.
+[[nodiscard]] Result<std::vector<RecordedChannel>> recorded_channels(const RunParts& parts);
+/// What `/tf_static` and `/tf` say of this run, or of the recording that is replayed; null: nothing. Each
+/// caller has one of its own. Errors: those of record::recorded_frames.
+[[nodiscard]] Result<std::unique_ptr<record::FrameSource>> frame_source(const RunParts& parts,
+                                                                        const EpochPair& epoch);
 
 /// A recorder that writes to `file`, and waits for Recorder::begin. Channels are named to it in the order of
 /// `parts.channels`. `metadata`: what is known of the run beyond its rig. Setup context, after the channels

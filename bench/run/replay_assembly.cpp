@@ -94,6 +94,7 @@ Result<std::unique_ptr<Assembly>> assemble_replay(RigConfig rig, const Registry&
   assembly->workers = std::make_unique<WorkerPool>(1);
   RunParts& parts = assembly->parts;
   parts.rig = std::move(rig);
+  parts.recording = input.file;
   parts.rig.clock = ClockKind::virtual_time;
   parts.rig.duration = parts.rig.loop.period * static_cast<std::int64_t>(input.cycles());
   auto expectations = Expectations::read(parts.rig);

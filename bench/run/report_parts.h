@@ -11,6 +11,7 @@
 
 #include "bench/run/run_outcome.h"
 #include "rt-core/histogram.h"
+#include "sensor-hal/channel/bridge.h"
 #include "sensor-hal/channel/channel.h"
 
 namespace rigor {
@@ -127,6 +128,26 @@ struct SensorTimeReport {
   std::string channel;
   std::uint64_t captures = 0;
   double wall_s = 0, world_s = 0, collect_s = 0, prepare_s = 0, light_s = 0, cpu_s = 0, longest_ms = 0;
+};
+
+/// What became of the messages and commands of a bridge. A sample that the loop gave it was dropped before it
+/// was encoded, came after the last cycle, or became messages, each of which the transport accepted or
+/// dropped.
+struct RunBridgeReport {
+  std::string name;
+  BridgeReport traffic;
+  std::uint64_t samples = 0;    ///< encoded
+  std::uint64_t dropped = 0;    ///< samples and other entries that were not: the bridge was behind
+  std::uint64_t after_end = 0;  ///< samples whose release came after the last cycle
+  struct OfChannel {
+    std::string name;
+    std::uint64_t samples = 0, dropped = 0;
+  };
+  std::vector<OfChannel> channels;
+  double cpu_s = 0;  ///< of the thread that encodes and sends
+
+  [[nodiscard]] std::uint64_t messages() const;
+  [[nodiscard]] std::uint64_t messages_dropped() const;
 };
 
 struct RecordingReport {

@@ -65,6 +65,10 @@ Status PairSource::do_configure(const ChannelConfig& config) {
     description_.format = simulated.format;
   }
   if (description_.frame_id.empty()) description_.frame_id = simulated.frame_id;
+  // Both sides are one sensor at one place: a frame that a side made of its own name is called after the
+  // channel.
+  if (const std::string real = config.name + ".real"; description_.frame_id.starts_with(real))
+    description_.frame_id.replace(0, real.size(), config.name);
   return {};
 }
 

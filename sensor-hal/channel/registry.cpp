@@ -30,6 +30,7 @@ std::vector<std::string> names_of(const Map& map) {
 void Registry::add(Backend backend) { put(backends_, std::move(backend)); }
 void Registry::add(NamedApplication application) { put(applications_, std::move(application)); }
 void Registry::add(NamedAnalysis analysis) { put(analyses_, std::move(analysis)); }
+void Registry::add(NamedBridge bridge) { put(bridges_, std::move(bridge)); }
 
 const Backend* Registry::find(std::string_view name) const { return find_in(backends_, name); }
 const NamedApplication* Registry::find_application(std::string_view name) const {
@@ -40,5 +41,8 @@ const NamedAnalysis* Registry::find_analysis(std::string_view name) const { retu
 std::vector<std::string> Registry::names() const { return names_of(backends_); }
 std::vector<std::string> Registry::application_names() const { return names_of(applications_); }
 std::vector<std::string> Registry::analysis_names() const { return names_of(analyses_); }
+
+const NamedBridge* Registry::find_bridge(std::string_view name) const { return find_in(bridges_, name); }
+std::vector<std::string> Registry::bridge_names() const { return names_of(bridges_); }
 
 }  // namespace rigor

@@ -1,6 +1,6 @@
-// What rigs name: backends (`backend: aravis`), applications (`application: { name: script, … }`) and
-// analyses of a run (`analyses: { localization: … }`). Whoever makes a bench fills one registry; nothing
-// registers itself behind anyone's back.
+// What rigs name: backends (`backend: aravis`), applications (`application: { name: script, … }`), analyses
+// of a run (`analyses: { localization: … }`) and bridges to other programs (`bridges: { ros2: … }`). Whoever
+// makes a bench fills one registry; nothing registers itself behind anyone's back.
 #pragma once
 
 #include <filesystem>
@@ -86,12 +86,20 @@ struct NamedAnalysis {
       run;
 };
 
+class Bridge;
+/// Connects runs with other programs (sensor-hal/channel/bridge.h).
+struct NamedBridge {
+  std::string name, summary;
+  std::function<std::unique_ptr<Bridge>()> make;
+};
+
 class Registry {
  public:
   // A second one with the name replaces the first.
   void add(Backend backend);
   void add(NamedApplication application);
   void add(NamedAnalysis analysis);
+  void add(NamedBridge bridge);
   /// nullptr when there is none.
   [[nodiscard]] const Backend* find(std::string_view name) const;
   [[nodiscard]] std::vector<std::string> names() const;
@@ -102,11 +110,15 @@ class Registry {
   /// nullptr when there is none.
   [[nodiscard]] const NamedAnalysis* find_analysis(std::string_view name) const;
   [[nodiscard]] std::vector<std::string> analysis_names() const;
+  /// nullptr when there is none.
+  [[nodiscard]] const NamedBridge* find_bridge(std::string_view name) const;
+  [[nodiscard]] std::vector<std::string> bridge_names() const;
 
  private:
   std::map<std::string, Backend, std::less<>> backends_;
   std::map<std::string, NamedApplication, std::less<>> applications_;
   std::map<std::string, NamedAnalysis, std::less<>> analyses_;
+  std::map<std::string, NamedBridge, std::less<>> bridges_;
 };
 
 }  // namespace rigor

@@ -31,6 +31,7 @@
 #include "sensor-hal/record/byte_io.h"
 #include "sensor-hal/record/chunk_list.h"
 #include "sensor-hal/record/mcap_format.h"
+#include "sensor-hal/record/message_writer.h"
 
 namespace rigor::record {
 
@@ -45,59 +46,37 @@ struct WriterOptions {
   bool checksums = true;
 };
 
-struct ChannelOptions {
-  std::uint16_t schema = 0;
-  std::string topic{};
-  std::string message_encoding = "cdr";
-  StringMap metadata{};
-};
-
-struct MessageInfo {
-  std::uint16_t channel = 0;
-  std::uint32_t sequence = 0;
-  std::uint64_t log_time_ns = 0;
-  std::uint64_t publish_time_ns = 0;
-};
-
-struct WriterStatistics {
-  std::uint64_t messages = 0;
-  std::uint64_t chunks = 0;
-  std::uint64_t file_bytes = 0;
-  std::uint64_t lost_messages = 0;  ///< accepted into a chunk that could then not be written
-};
-
-class McapWriter {
+class McapWriter final : public MessageWriter {
  public:
   /// Writes the start of the file.
   [[nodiscard]] static Result<std::unique_ptr<McapWriter>> open(std::unique_ptr<ByteSink> sink,
                                                                 WriterOptions options = {});
   /// Closes the file if close() was not called; an error is then lost, so call it.
-  ~McapWriter();
+  ~McapWriter() override;
   McapWriter(const McapWriter&) = delete;
   McapWriter& operator=(const McapWriter&) = delete;
 
   [[nodiscard]] Result<std::uint16_t> add_schema(const std::string& name, const std::string& encoding,
-                                                 const std::string& text);
-  [[nodiscard]] Result<std::uint16_t> add_channel(const ChannelOptions& channel);
-  /// The message's bytes are those of the pieces one after the other; they are not used after the call.
-  [[nodiscard]] Status write(const MessageInfo& message, Pieces pieces);
+                                                 const std::string& text) override;
+  [[nodiscard]] Result<std::uint16_t> add_channel(const ChannelOptions& channel) override;
+  [[nodiscard]] Status write(const MessageInfo& message, Pieces pieces) override;
   [[nodiscard]] Status write(const MessageInfo& message, Bytes data) {
     return write(message, Pieces(&data, 1));
   }
   /// Bench time has come this far, though there may be no message to say so: closes a chunk that is old
   /// enough.
-  [[nodiscard]] Status advance(std::uint64_t log_time_ns);
-  [[nodiscard]] Status add_metadata(const Metadata& metadata);
+  [[nodiscard]] Status advance(std::uint64_t log_time_ns) override;
+  [[nodiscard]] Status add_metadata(const Metadata& metadata) override;
   [[nodiscard]] Status add_attachment(const Attachment& attachment);
   /// Ends the open chunk and hands it to the sink.
   [[nodiscard]] Status flush();
   /// Writes the rest, the summary and the end of the file. Later calls of any kind are errors (wrong_state).
-  [[nodiscard]] Status close();
+  [[nodiscard]] Status close() override;
 
   /// After close(): returns when the file is safe against loss of power.
   [[nodiscard]] Status sync() { return sink_->sync(); }
 
-  [[nodiscard]] const WriterStatistics& statistics() const { return statistics_; }
+  [[nodiscard]] const WriterStatistics& statistics() const override { return statistics_; }
 
  private:
   struct IndexEntry {

@@ -23,12 +23,23 @@ Result<std::unique_ptr<Recorder>> Recorder::create(std::unique_ptr<record::ByteS
                                                    std::vector<RecordedChannel> channels,
                                                    std::vector<RecordedSink> sinks,
                                                    std::map<std::string, std::string> metadata) {
+  auto writer = record::McapWriter::open(std::move(sink), options.writer);
+  if (!writer) return tl::unexpected<Error>(writer.error());
+  return create(std::unique_ptr<record::MessageWriter>(std::move(*writer)), std::move(options),
+                std::move(channels), std::move(sinks), std::move(metadata));
+}
+
+Result<std::unique_ptr<Recorder>> Recorder::create(std::unique_ptr<record::MessageWriter> writer,
+                                                   RecorderOptions options,
+                                                   std::vector<RecordedChannel> channels,
+                                                   std::vector<RecordedSink> sinks,
+                                                   std::map<std::string, std::string> metadata) {
   auto impl = std::make_unique<Impl>();
   impl->options = std::move(options);
   impl->channels = std::move(channels);
   impl->sinks = std::move(sinks);
   impl->metadata = std::move(metadata);
-  if (auto s = impl->open(std::move(sink)); !s) return tl::unexpected<Error>(s.error());
+  if (auto s = impl->open(std::move(writer)); !s) return tl::unexpected<Error>(s.error());
   std::unique_ptr<Recorder> recorder(new Recorder(std::move(impl)));
   Impl& i = *recorder->impl_;
   for (std::size_t c = 0; c < i.channels.size(); ++c) {
@@ -105,6 +116,7 @@ void Recorder::begin(BenchTime t0) noexcept {
   Impl::Item item;
   item.kind = Impl::Item::Kind::begin;
   item.t = t0;
+  impl_->first_motion = impl_->next_motion = t0;
   (void)impl_->push(std::move(item));  // it is the first: there is a place
 }
 
@@ -118,6 +130,7 @@ void Recorder::record_side(std::uint32_t channel, PairSide side, const SampleLea
 
 void Recorder::record_visibility(std::uint32_t channel, std::uint64_t cycle, BenchTime t, PortStatus status,
                                  const SampleLease& sample) noexcept {
+  if (!impl_->channels[channel].wanted) return;
   Impl::Item item;
   item.kind = Impl::Item::Kind::visibility;
   item.channel = channel;
@@ -184,14 +197,33 @@ void Recorder::record_window(std::uint32_t channel, const SampleLease& window) n
   if (!impl_->push(std::move(item))) impl_->other_dropped.fetch_add(1, std::memory_order_relaxed);
 }
 
+bool Recorder::motion_due(BenchTime t) const noexcept {
+  return impl_->want_motion && t >= impl_->next_motion;
+}
+
+void Recorder::record_motion(const WorldMotion& motion, BenchTime t) noexcept {
+  Impl& i = *impl_;
+  const Period& period = i.options.frames_period;
+  i.next_motion = i.first_motion + period * ((t - i.first_motion) / period + 1);
+  while (!i.motions.try_push({t, motion})) {
+    if (!i.options.virtual_time) {
+      i.other_dropped.fetch_add(1, std::memory_order_relaxed);
+      return;
+    }
+    sem_post(&i.wake);
+    Impl::nap(50'000);
+  }
+}
+
 void Recorder::end_cycle(std::uint64_t cycle, BenchTime t) noexcept {
   Impl::Item item;
   item.kind = Impl::Item::Kind::end_cycle;
   item.cycle = cycle;
   item.t = t;
   // A lost mark costs nothing: the next one stands for both.
-  if (!impl_->push(std::move(item)) || !impl_->options.virtual_time) return;
-  sem_post(&impl_->wake);
+  if (!impl_->push(std::move(item))) return;
+  if (impl_->options.live || impl_->options.virtual_time) sem_post(&impl_->wake);
+  if (!impl_->options.virtual_time) return;
   Impl::wait_on(impl_->done);
 }
 
@@ -235,10 +267,14 @@ Recorder::Statistics Recorder::statistics() const {
   s.dropped = i.all_dropped();
   s.cpu_s = static_cast<double>(i.cpu_ns.load(std::memory_order_relaxed)) * 1e-9;
   for (std::size_t c = 0; c < i.channels.size(); ++c) {
-    std::uint64_t n = 0;
+    std::uint64_t dropped = 0, written = 0;
     for (std::size_t side = 0; side < 2; ++side)
-      if (const auto& stream = i.streams[c * 2 + side]) n += stream->dropped.load(std::memory_order_relaxed);
-    s.dropped_by_channel.push_back(n);
+      if (const auto& stream = i.streams[c * 2 + side]) {
+        dropped += stream->dropped.load(std::memory_order_relaxed);
+        written += stream->written.load(std::memory_order_relaxed);
+      }
+    s.dropped_by_channel.push_back(dropped);
+    s.samples_by_channel.push_back(written);
   }
   return s;
 }

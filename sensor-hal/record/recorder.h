@@ -23,6 +23,8 @@
 // `/rigor/visibility` says what the application saw: entries name a port, and for a pair the side that was
 // handed on ("left/real"); all ports are listed in the first cycle, then those that changed; an entry without
 // a name says that `sequence` cycles, this one the first, were skipped by the loop.
+// `/tf_static` is the first message, `/tf` and in virtual time `/clock` come on a grid of their own
+// (RecorderOptions::frames, frames_period), in front of the samples of their cycle.
 // `/rigor/events`, `/rigor/faults`, `/rigor/commands`. Where a pair is watched, `/diagnostics` has a status
 // for each of its windows (pair_diagnostics.h).
 #pragma once
@@ -41,8 +43,10 @@
 #include "sensor-hal/channel/channel.h"
 #include "sensor-hal/channel/pair_source.h"
 #include "sensor-hal/channel/pair_watch/window_fit.h"
+#include "sensor-hal/record/frame_tree.h"
 #include "sensor-hal/record/mcap_writer.h"
 #include "sensor-hal/record/ros2_messages.h"
+#include "sensor-hal/record/sample_codec.h"
 
 namespace rigor {
 
@@ -56,9 +60,20 @@ struct RecordedChannel {
   std::optional<record::msg::CameraInfo> camera = std::nullopt;
   /// Samples of this channel (of each side) held at a time, where they are not copied.
   std::size_t lease_budget = 6;
+  /// False: its samples are not written, and have no topics.
+  bool wanted = true;
   /// Of a pair that is watched: what its windows tell of, in their order.
   std::vector<pair_watch::Parameter> watched{};
+  /// Of a channel of point clouds: how points lie in the messages.
+  PointLayout points = PointLayout::rigor;
+  /// Of a 2D scanner: its sweeps go to `/NAME/scan`, too. Of the real side of a pair, or the channel's own;
+  /// of the simulated side.
+  std::optional<record::ScanLine> scan = std::nullopt, simulated_scan = std::nullopt;
 };
+
+/// How the samples of a channel, or of one side of a pair, become messages: topic, frame, layout of points.
+[[nodiscard]] record::SampleChannel sample_channel(const RecordedChannel& channel, PairSide side,
+                                                   Duration to_utc, const std::string& root_frame);
 
 struct RecordedSink {
   std::string name;
@@ -67,11 +82,19 @@ struct RecordedSink {
 
 struct RecorderOptions {
   bool virtual_time = false;
+  /// Others read while it is written: topics are there before the run begins, and the writer's thread is
+  /// woken in each cycle. False: topics come with the run, and the thread looks every 2 ms.
+  bool live = false;
   bool fail_on_drop = false;   ///< a skipped sample makes failed() true
   std::size_t places = 16384;  ///< of the ring to the writer
   std::size_t budget_bytes = 256u << 20;
   EpochPair epoch = kVirtualEpoch;
   Period loop_period = milliseconds(1);  ///< goes into the metadata with t0, replay needs them
+  /// `/tf_static` and `/tf`; null: neither. Asked by the writer's thread alone.
+  std::shared_ptr<record::FrameSource> frames{};
+  std::string root_frame = "world";         ///< in which poses are
+  bool clock = false;                       ///< `/clock`
+  Period frames_period = milliseconds(10);  ///< of `/tf` and `/clock`
   record::WriterOptions writer;
   record::FileSinkOptions file;
 };
@@ -92,6 +115,12 @@ class Recorder {
                                                                 std::map<std::string, std::string> metadata);
   /// The same into any sink of bytes.
   [[nodiscard]] static Result<std::unique_ptr<Recorder>> create(std::unique_ptr<record::ByteSink> sink,
+                                                                RecorderOptions options,
+                                                                std::vector<RecordedChannel> channels,
+                                                                std::vector<RecordedSink> sinks,
+                                                                std::map<std::string, std::string> metadata);
+  /// The same into any writer of messages.
+  [[nodiscard]] static Result<std::unique_ptr<Recorder>> create(std::unique_ptr<record::MessageWriter> writer,
                                                                 RecorderOptions options,
                                                                 std::vector<RecordedChannel> channels,
                                                                 std::vector<RecordedSink> sinks,
@@ -122,6 +151,10 @@ class Recorder {
   void record_fault(const FaultChange& change) noexcept;
   /// A window of a pair that is watched, as PairObserver::on_window gives it; goes to /diagnostics.
   void record_window(std::uint32_t channel, const SampleLease& window) noexcept;
+  /// Whether `/tf` or `/clock` are due in the cycle at `t`: record_motion() is then called in this cycle.
+  [[nodiscard]] bool motion_due(BenchTime t) const noexcept;
+  /// How the moving parts stand at `t`, as the bench knows it in this cycle.
+  void record_motion(const WorldMotion& motion, BenchTime t) noexcept;
   /// Once a cycle, last.
   void end_cycle(std::uint64_t cycle, BenchTime t) noexcept;
 
@@ -140,8 +173,9 @@ class Recorder {
     std::uint64_t samples = 0;  ///< written
     std::uint64_t dropped = 0;  ///< samples and other entries that were skipped or could not be written
     std::vector<std::uint64_t> dropped_by_channel;
-    std::uint64_t after_end = 0;  ///< samples whose release came after the last cycle
-    double cpu_s = 0;             ///< of the thread that encodes, compresses and writes
+    std::vector<std::uint64_t> samples_by_channel;  ///< written
+    std::uint64_t after_end = 0;                    ///< samples whose release came after the last cycle
+    double cpu_s = 0;                               ///< of the thread that encodes, compresses and writes
   };
   [[nodiscard]] Statistics statistics() const;
 

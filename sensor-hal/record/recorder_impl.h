@@ -59,7 +59,7 @@ struct Recorder::Impl {
     std::uint16_t camera_id = 0;
     std::size_t lease_budget = 0;
     std::atomic<std::uint32_t> leases{0};  // counted up by the loop, down by the writer
-    std::atomic<std::uint64_t> dropped{0};
+    std::atomic<std::uint64_t> dropped{0}, written{0};
   };
   struct Waiting {
     BenchTime release;
@@ -81,6 +81,12 @@ struct Recorder::Impl {
     std::uint32_t channel = 0;
   };
 
+  /// One entry of the ring of motions.
+  struct MotionAt {
+    BenchTime t;
+    WorldMotion motion;
+  };
+
   /// Of a pair: where the newest sample of each side lies, and from which side the visible one is. The sides
   /// have pools of their own, so an address belongs to one side for ever.
   struct Sides {
@@ -95,6 +101,10 @@ struct Recorder::Impl {
 
   // Loop to writer.
   std::optional<SpscRing<Item>> ring;
+  SpscRing<MotionAt> motions{256};
+  bool want_motion = false;  // constant from open() on
+  BenchTime next_motion;     // loop thread
+  BenchTime first_motion;    // loop thread: of the grid
   std::unique_ptr<SamplePool> copies;
   std::atomic<std::uint32_t> copies_held{0};
   std::atomic<std::uint64_t> bytes_held{0};
@@ -111,10 +121,14 @@ struct Recorder::Impl {
   std::thread thread;
   std::map<std::string, std::string> metadata, closing_metadata;
   std::map<std::string, std::uint16_t, std::less<>> schemas;
-  std::unique_ptr<record::McapWriter> writer;
+  std::unique_ptr<record::MessageWriter> writer;
   record::CdrWriter cdr;
   std::priority_queue<Waiting> waiting;
   std::vector<Item> of_cycle;
+  std::uint16_t tf_id = 0, clock_id = 0;  // 0: there is none
+  std::uint32_t motion_count = 0;
+  record::msg::TFMessage transforms;
+  BenchTime t0;  // of the run
   std::uint16_t visibility_id = 0, events_id = 0, commands_id = 0, faults_id = 0, diagnostics_id = 0;
   std::uint64_t last_log_ns = 0;
   std::uint32_t visibility_count = 0, event_count = 0, fault_count = 0, window_count = 0;
@@ -143,13 +157,22 @@ struct Recorder::Impl {
     const timespec t{0, ns};
     nanosleep(&t, nullptr);
   }
+  /// At most `most_ns`.
+  static void wait_on(sem_t& s, std::int64_t most_ns) {
+    timespec until{};
+    clock_gettime(CLOCK_MONOTONIC, &until);
+    until.tv_nsec += most_ns;
+    until.tv_sec += until.tv_nsec / 1'000'000'000;
+    until.tv_nsec %= 1'000'000'000;
+    (void)sem_clockwait(&s, CLOCK_MONOTONIC, &until);
+  }
   static void wait_on(sem_t& s) {
     while (sem_wait(&s) != 0 && errno == EINTR) {
     }
   }
 
   // ---- setup ----
-  Status open(std::unique_ptr<record::ByteSink> sink);
+  Status open(std::unique_ptr<record::MessageWriter> to);
 
   // ---- loop ----
   bool push(Item&& item) noexcept;
@@ -164,7 +187,11 @@ struct Recorder::Impl {
 
   // ---- writer ----
   Status write_beginning(BenchTime t0);
-  Result<std::uint16_t> add_topic(const std::string& topic, std::string_view type);
+  Status add_topics();
+  Result<std::uint16_t> add_topic(const std::string& topic, std::string_view type, const char* qos = "");
+  Status add_frames();
+  Status add_motion_topics();
+  void write_motions(BenchTime until);
   void work();
   void take(Item&& item);
   void end_cycle(const Item& tick);

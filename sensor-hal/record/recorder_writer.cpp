@@ -8,6 +8,7 @@
 #include "sensor-hal/record/fault_message.h"
 #include "sensor-hal/record/pair_diagnostics.h"
 #include "sensor-hal/record/recorder_impl.h"
+#include "sensor-hal/record/ros2_time.h"
 
 namespace rigor {
 
@@ -24,12 +25,7 @@ std::string_view event_kind(std::uint32_t code) noexcept {
 namespace {
 
 using record::MessageInfo;
-
-record::msg::Time to_time(std::int64_t utc_ns) {
-  std::int64_t s = utc_ns / 1'000'000'000;
-  if (utc_ns % 1'000'000'000 < 0) --s;
-  return {static_cast<std::int32_t>(s), static_cast<std::uint32_t>(utc_ns - s * 1'000'000'000)};
-}
+using record::to_time;
 
 }  // namespace
 
@@ -47,6 +43,8 @@ void Recorder::Impl::work() {
     if (last) break;
     if (options.virtual_time) {
       wait_on(wake);
+    } else if (options.live) {
+      wait_on(wake, kNap_ns);
     } else {
       nap(kNap_ns);
     }
@@ -92,6 +90,7 @@ void Recorder::Impl::end_cycle(const Item& tick) {
   any_cycle = true;
   last_t = tick.t;
   cycles = std::max(cycles, tick.cycle + 1);
+  write_motions(tick.t);
   write_released(tick.t);
   write_visibility();
   for (Item& item : of_cycle) {
@@ -188,12 +187,13 @@ void Recorder::Impl::write_sample(Waiting&& w) {
       for (const auto& m : *messages_of) {
         if (!written) break;
         info.channel = s.ids[m.stream];
-        written = check(writer->write(info, m.pieces));
+        written = check(writer->write_sample(info, m.pieces, w.lease));
       }
     }
   }
   if (written) {
     samples_written.fetch_add(1, std::memory_order_relaxed);
+    s.written.fetch_add(1, std::memory_order_relaxed);
   } else {
     s.dropped.fetch_add(1, std::memory_order_relaxed);
   }
@@ -214,6 +214,18 @@ void Recorder::Impl::write(std::uint16_t id, std::uint32_t sequence, BenchTime t
     written = pieces ? check(writer->write(info, *pieces)) : (set_error(pieces.error()), false);
   }
   if (!written) other_dropped.fetch_add(1, std::memory_order_relaxed);
+}
+
+void Recorder::Impl::write_motions(BenchTime until) {
+  for (const MotionAt* next = motions.peek(); next && next->t <= until; next = motions.peek()) {
+    MotionAt at;
+    (void)motions.try_pop(at);
+    const record::msg::Time stamp = to_time(at.t.ns() + to_utc.ns());
+    const std::uint32_t sequence = motion_count++;
+    if (clock_id != 0) write(clock_id, sequence, at.t, record::msg::Clock{stamp});
+    if (tf_id != 0 && options.frames->moving(at.motion, at.t, t0, stamp, transforms))
+      write(tf_id, sequence, at.t, transforms);
+  }
 }
 
 void Recorder::Impl::write_visibility() {

@@ -6,6 +6,7 @@
 #include <mutex>
 #include <optional>
 
+#include "sensor-hal/record/message_header.h"
 #include "sensor-hal/record/recorder.h"
 #include "sensor-hal/record/sample_codec.h"
 
@@ -19,6 +20,19 @@ std::int64_t number_or(const std::map<std::string, std::string>& map, const std:
   char* end = nullptr;
   const long long n = std::strtoll(it->second.c_str(), &end, 10);
   return end && *end == '\0' && !it->second.empty() ? n : fallback;
+}
+
+/// The sensor's frame as its headers name it; empty where they do not.
+std::string recorded_frame(SampleKind kind, const record::MessageView& message) {
+  if (kind == SampleKind::odometry) {
+    record::msg::Odometry m;
+    return record::CdrReader::read(message.data, m) ? m.child_frame_id : std::string();
+  }
+  if (kind != SampleKind::image && kind != SampleKind::range_image && kind != SampleKind::point_cloud &&
+      kind != SampleKind::imu && kind != SampleKind::nav_fix)
+    return {};
+  const auto header = record::read_header(message.data);
+  return header ? header->frame_id : std::string();
 }
 
 /// Recordings of loops with a whole number of nanoseconds say that alone.
@@ -389,6 +403,8 @@ Status ReplaySource::do_configure(const ChannelConfig& config) {
         continue;
       }
       known = true;
+      if (std::string frame = recorded_frame(config.kind, view); !frame.empty())
+        description_.frame_id = std::move(frame);
       Sample sample;
       sample.reserve(decoder.size_bytes());
       if (auto s = decoder.fill(sample); !s) return s;

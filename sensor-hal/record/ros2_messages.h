@@ -18,6 +18,13 @@ struct Time {
   static constexpr auto fields() { return std::tuple(&Time::sec, &Time::nanosec); }
 };
 
+/// `/clock`: the time of a run in virtual time.
+struct Clock {
+  Time clock{};
+  static constexpr std::string_view kType = "rosgraph_msgs/msg/Clock";
+  static constexpr auto fields() { return std::tuple(&Clock::clock); }
+};
+
 struct Header {
   Time stamp{};
   std::string frame_id;

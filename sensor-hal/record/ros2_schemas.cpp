@@ -54,6 +54,8 @@ Quaternion rotation
 string child_frame_id
 Transform transform
 )"},
+    Definition{"rosgraph_msgs/Clock", R"(builtin_interfaces/Time clock
+)"},
     Definition{"tf2_msgs/TFMessage", R"(geometry_msgs/TransformStamped[] transforms
 )"},
     Definition{"nav_msgs/Odometry", R"(std_msgs/Header header

@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <limits>
+
+#include "sensor-hal/record/ros2_time.h"
 
 namespace rigor::record {
 namespace {
@@ -11,14 +12,6 @@ namespace {
 constexpr std::size_t kStamp = 0;
 constexpr std::size_t kMain = 1;
 constexpr std::size_t kCompanion = 2;
-
-msg::Time to_time(std::int64_t ns) {
-  constexpr std::int64_t kSecond = 1'000'000'000;
-  const std::int64_t sec = ns / kSecond - (ns % kSecond < 0 ? 1 : 0);
-  using Limits = std::numeric_limits<std::int32_t>;
-  return {static_cast<std::int32_t>(std::clamp<std::int64_t>(sec, Limits::min(), Limits::max())),
-          static_cast<std::uint32_t>(ns - sec * kSecond)};
-}
 
 // Of formats with one encoding the first is what an image of others means; in our own recordings the
 // settings beside it name the format.
@@ -41,18 +34,6 @@ std::string_view encoding_of(PixelFormat format) {
   for (const auto& [f, name] : kEncodings)
     if (f == format) return name;
   return "";
-}
-
-std::vector<msg::PointField> point_fields() {
-  constexpr std::uint8_t kUint8 = 2, kUint16 = 4, kInt32 = 5, kFloat32 = 7;
-  return {{"x", offsetof(LidarPoint, x_m), kFloat32, 1},
-          {"y", offsetof(LidarPoint, y_m), kFloat32, 1},
-          {"z", offsetof(LidarPoint, z_m), kFloat32, 1},
-          {"intensity", offsetof(LidarPoint, remission), kFloat32, 1},
-          {"t_offset_ns", offsetof(LidarPoint, t_offset_ns), kInt32, 1},
-          {"ring", offsetof(LidarPoint, ring), kUint16, 1},
-          {"return_index", offsetof(LidarPoint, return_index), kUint8, 1},
-          {"flags", offsetof(LidarPoint, flags), kUint8, 1}};
 }
 
 Error protocol(const MessageView& message, std::string what) {
@@ -112,6 +93,12 @@ SampleEncoder::SampleEncoder(SampleChannel channel) : channel_(std::move(channel
       break;
     case SampleKind::point_cloud:
       streams_.push_back({topic, msg::PointCloud2::kType});
+      if (channel_.points != PointLayout::rigor)
+        streams_.push_back({topic + "/timing", msg::PointCloud2::kType});
+      if (channel_.scan) {
+        scan_stream_ = streams_.size();
+        streams_.push_back({topic.substr(0, topic.rfind('/')) + "/scan", msg::LaserScan::kType});
+      }
       break;
     case SampleKind::can_frame:
       streams_.push_back({topic, msg::Frame::kType});
@@ -198,7 +185,9 @@ Status SampleEncoder::add_content(const Sample& sample) {
   if (const auto* pose = sample.as<Pose>()) {
     const auto& p = pose->position_m;
     const auto& q = pose->orientation_wxyz;
-    return add(kMain, msg::PoseStamped{header(sample), {{p[0], p[1], p[2]}, {q[1], q[2], q[3], q[0]}}});
+    msg::Header head = header(sample);
+    head.frame_id = channel_.root_frame;
+    return add(kMain, msg::PoseStamped{head, {{p[0], p[1], p[2]}, {q[1], q[2], q[3], q[0]}}});
   }
   if (const auto* event = sample.as<EventInfo>()) {
     const auto end = std::find(event->text.begin(), event->text.end(), '\0');
@@ -238,8 +227,33 @@ Status SampleEncoder::add_range_image(const Sample& sample, const RangeImageInfo
 Status SampleEncoder::add_point_cloud(const Sample& sample, const PointCloudInfo& info) {
   const std::size_t size = info.count * sizeof(LidarPoint);
   if (sample.size_bytes != size) return wrong_size(size, sample);
-  return add(kMain, msg::PointCloud2{header(sample), 1, info.count, point_fields(), false, sizeof(LidarPoint),
-                                     static_cast<std::uint32_t>(size), sample.bytes(), false});
+  const std::span<const LidarPoint> points{reinterpret_cast<const LidarPoint*>(sample.bytes().data()),
+                                           info.count};
+  const PointLayout layout = channel_.points;
+  const std::uint32_t step = point_step(layout);
+  msg::PointCloud2 cloud{header(sample), 1,    info.count, {}, false, step, step * info.count,
+                         sample.bytes(), false};
+  cloud.fields_ = point_fields(layout);
+  if (layout != PointLayout::rigor) {
+    pack_timing(points, timing_);
+    if (Status status =
+            add(kCompanion, msg::PointCloud2{cloud.header, 1, info.count, timing_fields(), false, kTimingStep,
+                                             kTimingStep * info.count, timing_, true});
+        !status)
+      return status;
+    const std::int32_t offset = header_offset_ns(layout, points);
+    const std::int64_t header_utc_ns = sample.stamp.t_capture.ns() + channel_.to_utc.ns() + offset;
+    cloud.header.stamp = to_time(header_utc_ns);
+    pack_points(layout, points, offset, header_utc_ns, points_);
+    cloud.data = points_;
+    // Samples hold what came back and nothing else, which LIO-SAM asks for.
+    cloud.is_dense = true;
+  }
+  if (Status status = add(kMain, cloud); !status || !channel_.scan) return status;
+  if (!scan_aligned_) scan_aligned_ = align(*channel_.scan, points);
+  fill_laser_scan(*channel_.scan, points, (sample.stamp.validity & kIncomplete) != 0, scan_);
+  scan_.header = header(sample);
+  return add(scan_stream_, scan_);
 }
 
 Status SampleEncoder::add_can(const Sample& sample, const CanFrame& frame) {
@@ -330,7 +344,7 @@ bool SampleDecoder::wants(std::string_view topic) const {
 
 void SampleDecoder::stamp_from(const msg::Header& header, const MessageView& message) {
   if (stamped_) return;
-  const std::int64_t utc_ns = std::int64_t{header.stamp.sec} * 1'000'000'000 + header.stamp.nanosec;
+  const std::int64_t utc_ns = to_ns(header.stamp);
   stamp_ = {};
   stamp_.sequence = message.sequence;
   stamp_.t_capture = BenchTime(utc_ns - to_utc_.ns());
@@ -358,6 +372,7 @@ Result<bool> SampleDecoder::take(const MessageView& message) {
     stamped_ = true;
     settings_.reset();
     amplitude_.clear();
+    timing_.reset();
     temperature_.reset();
     quality_.reset();
     wheels_.reset();
@@ -371,6 +386,10 @@ Result<bool> SampleDecoder::take(const MessageView& message) {
     if (Status status = CdrReader::read(message.data, image); !status)
       return tl::unexpected(protocol(message, status.error().message));
     amplitude_.assign(image.data.begin(), image.data.end());
+    return false;
+  }
+  if (companion == "/timing") {
+    timing_.emplace(message.data.begin(), message.data.end());
     return false;
   }
   const auto keep = [&](auto& companion_message) -> Result<bool> {
@@ -514,22 +533,31 @@ Status SampleDecoder::decode_image(const MessageView& message) {
 Status SampleDecoder::decode_point_cloud(const MessageView& message) {
   msg::PointCloud2 m;
   if (Status status = CdrReader::read(message.data, m); !status) return status;
-  const auto own = point_fields();
-  const bool own_layout =
-      m.fields_.size() == own.size() &&
-      std::equal(own.begin(), own.end(), m.fields_.begin(), [](const auto& a, const auto& b) {
-        return a.name == b.name && a.offset == b.offset && a.datatype == b.datatype && a.count == b.count;
-      });
-  if (!own_layout || m.point_step != sizeof(LidarPoint) || m.is_bigendian)
-    return fail(ErrorCode::protocol, "",
-                "expected points as Rigor records them (x, y, z, intensity, t_offset_ns, ring, "
-                "return_index, flags in 24 bytes), got another layout");
+  if (!is_own_layout(m)) return decode_other_points(m, message);
   const std::uint64_t count = std::uint64_t{m.width} * m.height;
   if (count > m.data.size() / sizeof(LidarPoint) || count * sizeof(LidarPoint) != m.data.size())
     return fail(ErrorCode::protocol, "", "a point cloud holds another number of points than it states");
   stamp_from(m.header, message);
   info_ = PointCloudInfo{static_cast<std::uint32_t>(count)};
   main_bytes_ = m.data;
+  return {};
+}
+
+/// Of a recording by Rigor with what the layout leaves out beside it; of another program as its fields say.
+Status SampleDecoder::decode_other_points(const msg::PointCloud2& cloud, const MessageView& message) {
+  msg::PointCloud2 timing;
+  if (stamped_) {
+    if (!timing_)
+      return fail(ErrorCode::protocol, "",
+                  "expected the companion " + topic_ +
+                      "/timing of a cloud in another layout than Rigor's own, found none: without it the "
+                      "sample cannot be given back as it was");
+    if (Status status = CdrReader::read(*timing_, timing); !status) return status;
+  }
+  if (Status status = unpack_points(cloud, stamped_ ? &timing : nullptr, points_); !status) return status;
+  stamp_from(cloud.header, message);
+  info_ = PointCloudInfo{static_cast<std::uint32_t>(points_.size())};
+  main_bytes_ = std::as_bytes(std::span(points_));
   return {};
 }
 

@@ -6,7 +6,9 @@
 //   any                                              <topic>/stamp      rigor_msgs/SampleStamp
 //   image           sensor_msgs/Image                <topic>/settings   rigor_msgs/ImageSettings
 //   range_image     sensor_msgs/Image 32FC1 [m]      <topic>/amplitude  sensor_msgs/Image 32FC1, if any
-//   point_cloud     sensor_msgs/PointCloud2
+//   point_cloud     sensor_msgs/PointCloud2          <topic>/timing     sensor_msgs/PointCloud2, of layouts
+//                                                                       that round or leave out
+//                                                                       (point_layout.h)
 //   can_frame       can_msgs/Frame                   <topic>/fd         rigor_msgs/CanFdFrame, in place of
 //                                                                       it for CAN FD
 //   register_block  rigor_msgs/RegisterBlock
@@ -15,6 +17,9 @@
 //   imu             sensor_msgs/Imu                  <topic>/temperature  sensor_msgs/Temperature, if told
 //   nav_fix         sensor_msgs/NavSatFix            <topic>/quality    rigor_msgs/NavFixQuality
 //   odometry        nav_msgs/Odometry                <topic>/wheels     sensor_msgs/JointState: left, right
+//
+// A 2D scanner's sweep goes to `/NAME/scan`, too, as sensor_msgs/LaserScan (laser_scan.h), behind the cloud.
+// Poses are in the root's frame, which their headers name; all other headers name the sensor's own.
 //
 // Pixel formats: mono8, mono16, rgb8 and bayer_rggb8 are ROS encodings; Mono12p stays packed, under the name
 // `mono12p`, which ROS does not know. Headers carry t_capture in UTC, the companion carries all times on the
@@ -29,7 +34,9 @@
 #include <vector>
 
 #include "sensor-hal/record/cdr.h"
+#include "sensor-hal/record/laser_scan.h"
 #include "sensor-hal/record/mcap_reader.h"
+#include "sensor-hal/record/point_layout.h"
 #include "sensor-hal/record/ros2_messages.h"
 #include "sensor-hal/types/sample.h"
 
@@ -38,8 +45,8 @@ namespace rigor::record {
 /// Last part of the topic that a channel of this kind records to, e.g. `image`.
 [[nodiscard]] std::string_view topic_of(SampleKind kind);
 /// What companions' topics add to that of the main message, with the slash.
-inline constexpr std::array<std::string_view, 7> kCompanionTopics{
-    "/stamp", "/settings", "/amplitude", "/fd", "/temperature", "/quality", "/wheels"};
+inline constexpr std::array<std::string_view, 8> kCompanionTopics{
+    "/stamp", "/settings", "/amplitude", "/fd", "/temperature", "/quality", "/wheels", "/timing"};
 
 /// What the codec must know of a channel beside its samples.
 struct SampleChannel {
@@ -50,6 +57,9 @@ struct SampleChannel {
   std::vector<std::string> register_names{};
   std::vector<std::string> register_units{};
   Duration to_utc{};  ///< UTC less bench time
+  PointLayout points = PointLayout::rigor;
+  std::optional<ScanLine> scan{};    ///< of a 2D scanner
+  std::string root_frame = "world";  ///< in which poses are
 };
 
 /// One topic that a channel's samples go to.
@@ -91,10 +101,14 @@ class SampleEncoder {
 
   SampleChannel channel_;
   std::vector<SampleStream> streams_;
-  std::array<CdrWriter, 3> writers_;
+  std::array<CdrWriter, 4> writers_;
   std::vector<SampleMessage> messages_;
   msg::SampleStamp stamp_;
   msg::RegisterBlock registers_;
+  std::size_t scan_stream_ = 0;  ///< 0: none
+  bool scan_aligned_ = false;    ///< with the first scan that tells
+  msg::LaserScan scan_;
+  std::vector<std::byte> points_, timing_;
 };
 
 /// Puts samples together again from the messages of one channel, in file order.
@@ -122,6 +136,7 @@ class SampleDecoder {
   Status decode(const MessageView& message);
   Status decode_image(const MessageView& message);
   Status decode_point_cloud(const MessageView& message);
+  Status decode_other_points(const msg::PointCloud2& cloud, const MessageView& message);
   Status decode_imu(const MessageView& message);
   Status decode_nav_fix(const MessageView& message);
   Status decode_odometry(const MessageView& message);
@@ -135,6 +150,8 @@ class SampleDecoder {
   SampleKind stamped_kind_ = SampleKind::none;
   std::optional<msg::ImageSettings> settings_;
   std::vector<std::byte> amplitude_;
+  std::optional<std::vector<std::byte>> timing_;  ///< the companion's message
+  std::vector<LidarPoint> points_;
   std::optional<msg::Temperature> temperature_;
   std::optional<msg::NavFixQuality> quality_;
   std::optional<msg::JointState> wheels_;

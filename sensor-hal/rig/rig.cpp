@@ -7,6 +7,7 @@
 #include <set>
 
 #include "sensor-hal/config/rate.h"
+#include "sensor-hal/rig/weather.h"
 
 namespace rigor {
 namespace {
@@ -123,6 +124,12 @@ ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfi
     c.period = read_channel_rate(n, c.kind, loop);
   c.latency = read_ms(n, "latency_ms", 0);
   c.record = n.flag_or("record", true);
+  if (c.kind == SampleKind::point_cloud) {
+    std::vector<std::string> layouts;
+    for (const auto& [word, layout] : kPointLayouts) layouts.emplace_back(word);
+    c.points = *point_layout_named(n.choice_or("points", layouts, "rigor"));
+    c.laser_scan = n.map_or_absent("laser_scan");
+  }
   c.timing.period = c.period;
   const double default_tolerance_ms = std::max(c.period.seconds() * 100, loop.period.seconds() * 1e3);
   c.timing.tolerance = read_ms(n, "tolerance_ms", default_tolerance_ms);
@@ -157,29 +164,6 @@ ChannelEntry read_channel(ConfigNode n, const std::string& name, const LoopConfi
   return c;
 }
 
-/// Weather by the keys of rigs, as attributes of an Atmosphere.
-std::vector<std::pair<std::string, double>> read_weather(const ConfigNode& n) {
-  struct Key {
-    const char *key, *attribute;
-    Range range;
-  };
-  static const Key kKeys[] = {{"visibility_m", "visibility_m", {.min = 1}},
-                              {"fog_visibility_m", "fog_visibility_m", {.min = 1}},
-                              {"fog_top_m", "fog_top_m", {}},
-                              {"rain_mmph", "rain_mm_per_h", {.min = 0, .max = 500}},
-                              {"snow_mmph", "snow_mm_per_h", {.min = 0, .max = 100}},
-                              {"snow_depth_m", "snow_depth_m", {.min = 0, .max = 20}},
-                              {"wetness", "wetness", {.min = 0, .max = 1}},
-                              {"cloud_cover", "cloud_cover", {.min = 0, .max = 1}}};
-  std::vector<std::pair<std::string, double>> out;
-  for (const Key& k : kKeys)
-    if (n.has(k.key)) out.emplace_back(k.attribute, n.number(k.key, k.range));
-  // All keys are known to `finish`, so that it can name the nearest.
-  for (const Key& k : kKeys) (void)n.number_or(k.key, k.range.min > 0 ? k.range.min : 0);
-  n.finish();
-  return out;
-}
-
 SimulationConfig read_simulation(ConfigNode n) {
   SimulationConfig s;
   if (n.has("world")) s.world = n.base_dir() / n.text("world");
@@ -188,10 +172,8 @@ SimulationConfig read_simulation(ConfigNode n) {
     throw n.error("plugins", "expected a `world` for them, found none");
   s.workers = static_cast<int>(n.integer_or("workers", 1, {.min = 1, .max = 64}));
   s.device = n.text_or("device", "");
-  if (const ConfigNode weather = n.map_or_absent("weather"); weather.present()) {
-    s.weather = read_weather(weather);
-    if (s.world.empty()) throw n.error("weather", "expected a `world` for it, found none");
-  }
+  s.weather = read_weather(n);
+  if (n.has("weather") && s.world.empty()) throw n.error("weather", "expected a `world` for it, found none");
   if (ConfigNode joints = n.map_or_absent("joints"); joints.present())
     for (const std::string& joint : joints.keys()) {
       ConfigNode j = joints.map(joint);
@@ -212,6 +194,25 @@ SimulationConfig read_simulation(ConfigNode n) {
     }
   n.finish();
   return s;
+}
+
+FramesConfig read_frames(ConfigNode n) {
+  FramesConfig f;
+  f.publish = n.flag_or("publish", true);
+  f.root = n.text_or("root", f.root);
+  if (f.root.empty()) throw n.error("root", "expected the name of a frame, got an empty one");
+  f.period = read_rate_or(n, "rate_hz", f.period, {.min = 0.1, .max = 20000});
+  if (const ConfigNode mounts = n.map_or_absent("mounts"); mounts.present())
+    for (const std::string& frame : mounts.keys()) {
+      const ConfigNode m = mounts.map(frame);
+      f.mounts.push_back({frame, m.text_or("parent", f.root), m});
+    }
+  for (const ConfigNode& pair : n.list_or_empty("stereo")) {
+    f.stereo.push_back({pair.text("left"), pair.text("right"), pair});
+    pair.finish();
+  }
+  n.finish();
+  return f;
 }
 
 void check_names(const RigConfig& rig, ConfigNode root) {
@@ -241,6 +242,12 @@ void check_names(const RigConfig& rig, ConfigNode root) {
       throw p.node.error("channel",
                          fmt::format("expected a channel of kind pose or registers, got \"{}\"", p.channel));
   }
+  for (const FramesConfig::Stereo& pair : rig.frames.stereo)
+    for (const auto& [key, name] : {std::pair{"left", pair.left}, std::pair{"right", pair.right}})
+      if (std::none_of(rig.channels.begin(), rig.channels.end(), [&, &wanted = name](const ChannelEntry& c) {
+            return c.name == wanted && c.kind == SampleKind::image;
+          }))
+        throw pair.node.error(key, fmt::format("expected a channel of kind image, got \"{}\"", name));
 }
 
 void check_name(ConfigNode parent, const std::string& name) {
@@ -318,6 +325,11 @@ Result<RigConfig> parse_rig(ConfigNode root, const std::filesystem::path& file) 
       ConfigNode n = emulators.map(name);
       rig.emulators.push_back({name, read_backend(n, name), n});
     }
+    ConfigNode plants = root.map_or_absent("plants");
+    for (const auto& name : plants.keys()) {
+      check_name(plants, name);
+      rig.plants.push_back({name, plants.map(name)});
+    }
     if (ConfigNode app = root.map_or_absent("application"); app.present()) {
       rig.application = read_application(app);
       rig.application_params = app;
@@ -326,6 +338,8 @@ Result<RigConfig> parse_rig(ConfigNode root, const std::filesystem::path& file) 
     rig.expect = root.list_or_empty("expect");
     ConfigNode analyses = root.map_or_absent("analyses");
     for (const auto& name : analyses.keys()) rig.analyses.push_back({name, analyses.map(name)});
+    ConfigNode bridges = root.map_or_absent("bridges");
+    for (const auto& name : bridges.keys()) rig.bridges.push_back({name, bridges.map(name)});
     if (ConfigNode r = root.map_or_absent("record"); r.present()) {
       rig.record.file = r.text("file");
       rig.record.compression = r.choice_or("compression", {"none", "lz4", "zstd"}, "zstd");
@@ -336,6 +350,7 @@ Result<RigConfig> parse_rig(ConfigNode root, const std::filesystem::path& file) 
       rig.record.fail_on_drop = r.flag_or("fail_on_drop", false);
       r.finish();
     }
+    rig.frames = read_frames(root.map_or_absent("frames"));
     rig.report = root.text_or("report", "");
     root.finish();
     check_names(rig, root);

@@ -15,9 +15,12 @@
 //     table: { backend: modbus, latency_ms: 10, safe: {…}, … }
 //   emulators:
 //     left: { backend: aravis, … }
+//   plants:
+//     ball: { fmu: BouncingBall.fmu, … }
 //   application: { name: turntable-sweep, … }
 //   plugins: [build/libmydriver.so]
 //   analyses: { localization: { truth: truth, estimate: estimate } }
+//   bridges: { ros2: { domain: 0, … } }
 #pragma once
 
 #include <cstdint>
@@ -33,6 +36,7 @@
 #include "sensor-hal/channel/channel.h"
 #include "sensor-hal/config/named_file.h"
 #include "sensor-hal/config/yaml.h"
+#include "sensor-hal/types/point_layout.h"
 
 namespace rigor {
 
@@ -78,6 +82,8 @@ struct ChannelEntry {
   Duration latency;
   PortTiming timing;
   bool record = true;
+  PointLayout points = PointLayout::rigor;  ///< of a cloud, in recordings and in the live view
+  ConfigNode laser_scan;  ///< of a 2D scanner whose rays no sensor model tells; absent: none
   bool is_pair = false;
   std::vector<PairSwitch> switches;      ///< in order of time
   std::optional<PairWatchConfig> watch;  ///< of a pair: whether it is looked at for changes
@@ -97,6 +103,12 @@ struct SinkEntry {
 struct EmulatorEntry {
   std::string name;
   BackendChoice emulator;
+  ConfigNode node;
+};
+
+/// `plants: { ball: { fmu: BouncingBall.fmu, … } }`: simulated devices that are FMUs (docs/plants.md).
+struct PlantEntry {
+  std::string name;
   ConfigNode node;
 };
 
@@ -134,10 +146,36 @@ struct SimulationConfig {
   std::vector<std::pair<std::string, double>> weather;
 };
 
+/// `frames: { root: world, rate_hz: 100, mounts: { lidar: { parent: robot, position_m: … } }, stereo: [ … ]
+/// }`: what `/tf_static`, `/tf` and `/clock` tell (docs/recording.md#frames).
+struct FramesConfig {
+  bool publish = true;
+  std::string root = "world";
+  Period period = milliseconds(10);  ///< of `/tf` and `/clock`
+  /// Where sensors sit whose channels do not say so, by the frame of their headers.
+  struct Mount {
+    std::string frame, parent;
+    ConfigNode node;  ///< the pose's own keys
+  };
+  std::vector<Mount> mounts;
+  /// Channels of image kind whose CameraInfo is that of a rectified pair.
+  struct Stereo {
+    std::string left, right;
+    ConfigNode node;
+  };
+  std::vector<Stereo> stereo;
+};
+
 /// `analyses: { localization: { … } }`: what looks at the recording of the run when it has ended.
 struct AnalysisChoice {
   std::string name;
   ConfigNode params;
+};
+
+/// `bridges: { ros2: { … } }`: which programs outside the rig follow a run and command it.
+struct BridgeEntry {
+  std::string name;
+  ConfigNode node;
 };
 
 struct RigConfig {
@@ -155,10 +193,13 @@ struct RigConfig {
   std::vector<ChannelEntry> channels;
   std::vector<SinkEntry> sinks;
   std::vector<EmulatorEntry> emulators;
+  std::vector<PlantEntry> plants;
   std::string application;  ///< its name, the file of its library, or the words of its command; empty: none
   ConfigNode application_params;
   std::vector<ConfigNode> expect;  ///< entries, which bench/expect reads
   std::vector<AnalysisChoice> analyses;
+  std::vector<BridgeEntry> bridges;
+  FramesConfig frames;
   RecordConfig record;
   std::filesystem::path report;  ///< directory; empty: none
 

@@ -181,6 +181,30 @@ TEST(FailOn, RefusesAnUnknownNameWithTheListOfThoseThatThereAre) {
     EXPECT_TRUE(findings_named({name_of(static_cast<FindingKind>(i))})) << i;
 }
 
+TEST(Verdict, NamesWhatABridgeLostAndWhomItCouldNotMatch) {
+  RunFacts run = run_of({});
+  BridgeFacts& bridge = run.bridges.emplace_back();
+  bridge.name = "ros2";
+  bridge.messages = 1000;
+  bridge.dropped = 5;
+  Verdict v = judge(run);
+  EXPECT_EQ(v.worst(), Severity::note);
+  EXPECT_THAT(v.findings.at(0).sentence, HasSubstr("bridge ros2: of 1000 messages 5 were dropped"));
+  bridge.dropped = 10;
+  bridge.commands = 40;
+  bridge.rejected = 2;
+  bridge.last_rejection = "/cmd_vel: expected v from -1 to 1, got 7";
+  bridge.problems = {"/imu/imu: 1 of 1 subscribers asked for another RELIABILITY"};
+  v = judge(run);
+  ASSERT_EQ(v.findings.size(), 3u);
+  for (const Finding& f : v.findings) EXPECT_EQ(f.severity, Severity::warning) << f.sentence;
+  EXPECT_THAT(
+      v.findings[1].sentence,
+      HasSubstr("2 of 40 commands were rejected, the last: /cmd_vel: expected v from -1 to 1, got 7"));
+  EXPECT_THAT(v.findings[2].sentence, HasSubstr("another RELIABILITY"));
+  EXPECT_FALSE(v.found(*findings_named({"bridge"})).empty());
+}
+
 TEST(Verdict, InAReportMarksWhatIsToBeTypedAndEscapesTheRest) {
   RunFacts run = run_of({});
   run.warnings = {"clock <b> did not settle; use `rigor doctor`"};

@@ -4,6 +4,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "drivers/gnss/nmea.h"
+#include "drivers/gnss/ubx.h"
 #include "drivers/sick/cola_b.h"
 #include "drivers/sick/scan_data.h"
 #include "tests/cli/command.h"
@@ -119,6 +121,46 @@ TEST_F(Convert, InspectKnowsTelegrams) {
   const Said other = in_dir({"inspect", "other.json"});
   EXPECT_EQ(other.status, 2);
   EXPECT_THAT(other.err, HasSubstr("expected telegrams"));
+}
+
+TEST_F(Convert, AReceiversLogIsToldAndBecomesARecordingOfFixes) {
+  gnss::Buffer log;
+  for (int k = 0; k < 50; ++k) {
+    if (k == 20) continue;  // one is missing
+    gnss::NavPvt v;
+    v.itow_ms = 1000 + 100 * static_cast<std::uint32_t>(k);
+    v.year = 2024, v.month = 3, v.day = 2, v.hour = 1, v.second = static_cast<std::uint8_t>(k / 10);
+    v.nano = k % 10 * 100'000'000;
+    v.valid = 7, v.fix_type = 3, v.flags = k < 40 ? 1 : 1 | 2 | 2 << 6, v.satellites = 9;
+    v.latitude_e7 = 485'000'000 + k, v.longitude_e7 = -92'500'000, v.height_mm = 431'000 + k;
+    gnss::append_nav_pvt(log, v);
+    if (k == 30) log.push_back(0x42);
+  }
+  gnss::append_sentence(log, "GNTXT,01,01,02,end");
+  write_file(dir / "a.ubx", std::string(log.begin(), log.end()));
+  const Said told = in_dir({"inspect", "a.ubx", "--json"});
+  ASSERT_EQ(told.status, 0) << told.err;
+  const json said = json::parse(told.out);
+  EXPECT_EQ(said["solutions"], 49);
+  EXPECT_EQ(said["by_status"]["RTK fixed"], 10);
+  EXPECT_EQ(said["messages"]["UBX NAV-PVT"], 49);
+  EXPECT_EQ(said["messages"]["GNTXT"], 1);
+  EXPECT_EQ(said["garbage_bytes"], 1);
+  EXPECT_EQ(said["gaps"], 1);
+  EXPECT_EQ(said["first"], "2024-03-02T01:00:00.000Z");
+  EXPECT_NEAR(said["rate_hz"].get<double>(), 10, 1e-9);
+  EXPECT_THAT(in_dir({"inspect", "a.ubx"}).out, HasSubstr("solutions  49 at 10.00 Hz, 1 gaps"));
+  const Said made = in_dir({"convert", "a.ubx", "-o", "a.mcap", "--json"});
+  ASSERT_EQ(made.status, 0) << made.err;
+  const Said inspect = in_dir({"inspect", "a.mcap", "--json"});
+  ASSERT_EQ(inspect.status, 0) << inspect.err;
+  EXPECT_THAT(inspect.out, HasSubstr("sensor_msgs/msg/NavSatFix"));
+  EXPECT_THAT(inspect.out, HasSubstr("/gnss"));
+  EXPECT_EQ(in_dir({"convert", "a.ubx", "-o", "a.pcd"}).status, 2);
+  write_file(dir / "none.nmea", "$GNTXT,01,01,02,nothing*4B\r\n");
+  const Said none = in_dir({"inspect", "none.nmea"});
+  EXPECT_EQ(none.status, 2);
+  EXPECT_THAT(none.err, HasSubstr("found no solution in it"));
 }
 
 }  // namespace

@@ -82,6 +82,7 @@ TEST_F(LivePage, SwitchesAPair) { expect_passed(); }
 TEST_F(LivePage, InjectsAFaultAndShowsIt) { expect_passed(); }
 TEST_F(LivePage, ShowsHowExpectationsStand) { expect_passed(); }
 TEST_F(LivePage, AnEditIsSeenInTheNextPictureAndABadOneIsRefused) { expect_passed(); }
+TEST_F(LivePage, ShowsFramesAndCloudsInTheirPlaces) { expect_passed(); }
 TEST_F(LivePage, AsksForTheToken) { expect_passed(); }
 TEST_F(LivePage, ShowsAReplayAsARun) { expect_passed(); }
 TEST_F(LivePage, SaysThatTheRunHasEnded) { expect_passed(); }

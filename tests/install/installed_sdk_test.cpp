@@ -91,6 +91,14 @@ TEST_F(InstalledSdk, HasTheDriverThatPassesTheConformanceSuiteAndRunsInARig) {
   EXPECT_THAT(doctor.out, HasSubstr("text-sensor: needs a UDP port"));
 }
 
+TEST_F(InstalledSdk, HasTheFmuThatARigRunsInAProcessOfItsOwn) {
+  const std::string example = build("fmu");
+  const Said said =
+      run({prefix + "/bin/rigor", "run", example + "/rig.yaml", "--json", "--record", "fmu.mcap", "--set",
+           "simulation.world=" + prefix + "/share/rigor/configs/worlds/turntable.yaml"});
+  if (said.status == 0) EXPECT_EQ(json::parse(said.out)["channels"][0]["delivered"], 400);
+}
+
 TEST_F(InstalledSdk, RefusesAPluginThatWasBuiltAgainstAnotherHal) {
   // One header differs, as in another version.
   std::ofstream(prefix + "/include/rigor/rigor/hal_abi.h")

@@ -186,6 +186,40 @@ const cases = {
     await file.close();
   },
 
+  /// Frames for whoever comes, whenever; and no more of samples than a client asks for.
+  async frames() {
+    const run = await startRun();
+    const reads = (c, topic) => new MessageReader(parse(c.channels.get(topic).schema, { ros2: true })).readMessage(c.last.get(topic).data);
+    const all = await connect(run.url);
+    for (const topic of ["/rigor/live", "/tf_static", "/tf", "/clock", "/imu/imu"]) all.subscribe(topic);
+    await until("frames and the clock", () => ["/tf_static", "/tf", "/clock"].every((t) => all.counts.get(t) > 0));
+    const place = new Map();
+    const take = () => [...reads(all, "/tf_static").transforms, ...reads(all, "/tf").transforms].forEach((t) => place.set(t.child_frame_id, t));
+    take();
+    for (const [frame, parent] of Object.entries({ robot: "world", imu: "robot", camera: "world", camera_optical: "camera", scanner: "world", odom: "world" })) assert.equal(place.get(frame)?.header.frame_id, parent, frame);
+    assert(Math.abs(place.get("imu").transform.translation.z - 0.4) < 1e-12);
+    const first = reads(all, "/clock").clock, count = all.counts.get("/clock");
+    await until("the clock to go on", () => all.counts.get("/clock") > count + 5);
+    const now = reads(all, "/clock").clock;
+    assert(now.sec > first.sec || now.nanosec > first.nanosec);
+
+    // One that comes later has the frames at once; the topic's 25 a second are 2 for it.
+    const few = await connect(run.url, { path: "&max_rate_hz=2" });
+    for (const topic of ["/tf_static", "/imu/imu"]) few.subscribe(topic);
+    await until("the frames", () => few.counts.get("/tf_static") === 1);
+    const utc = (c) => Number(c.last.get("/imu/imu").timestamp) / 1e9;
+    await until("a message", () => few.counts.get("/imu/imu") > 0);
+    const [t, had, others] = [utc(few), few.counts.get("/imu/imu"), all.counts.get("/imu/imu")];
+    await until("messages of 3 s", () => utc(few) >= t + 3);
+    const rate = (few.counts.get("/imu/imu") - had) / (utc(few) - t);
+    // The newest of each half second, at its own time.
+    assert(rate > 1 && rate <= 2.4, `${rate} Hz where 2 were asked for`);
+    assert(all.counts.get("/imu/imu") - others > 2 * (few.counts.get("/imu/imu") - had), "the other client gets more");
+    const live = await all.json("/rigor/live");
+    assert(live.server.frames_thinned > 0);
+    assert.equal(await upgrade(run.url, {}, `/?${new URL(run.url).searchParams}&max_rate_hz=fast`), 400);
+  },
+
   /// What the rig expects: not decided, holding, violated since when; and the verdict with it.
   async expects() {
     const run = await startRun("--set", "expect=[{of: odometry, missing: {max: 0}}, {of: imu, missing: {max: 0}}, {of: drive, safe_after_ms: {max: 300}, when: {fault: imu}}, {of: imu.force_z_mps2, value: {max: 0}, from_s: 0.5}, {of: loop, wake_p99_us: {max: 1}}]");

@@ -448,6 +448,34 @@ const CASES = {
     assert.ok(!(await other.locator("#expect").isVisible()), "a panel of nothing");
   },
 
+  /// The frames in 3D: the tree of the rig, and its clouds at the places that it says.
+  async ShowsFramesAndCloudsInTheirPlaces(browser) {
+    const run = await startRun();
+    const page = await openPage(browser, run.url);
+    await until(page, "a panel of frames", () => document.querySelector("#frames:not([hidden])"));
+    assert.equal(await page.evaluate(() => document.querySelector("canvas.frames").dataset.frames), undefined, "it is closed, and asks for nothing");
+    await page.click("#frames summary");
+    await page.locator("canvas.frames").scrollIntoViewIfNeeded();
+    await until(page, "frames and two clouds", () => {
+      const { frames, clouds } = document.querySelector("canvas.frames").dataset;
+      return Number(clouds) === 2 && ["world", "robot", "imu", "camera", "camera_optical", "scanner", "odom"].every((f) => f in JSON.parse(frames));
+    });
+    const at = await page.evaluate(() => JSON.parse(document.querySelector("canvas.frames").dataset.frames));
+    // Column by column: the scanner stands at (0, -3, 0.4) and looks along y.
+    [[0, 0], [1, 1], [12, 0], [13, -3], [14, 0.4]].forEach(([i, v]) => assert.ok(Math.abs(at.scanner[i] - v) < 1e-6, `element ${i} of the scanner: ${at.scanner[i]}`));
+    // The camera's body and its optical frame look the same way: x of the one, z of the other.
+    [0, 1, 2].forEach((i) => assert.ok(Math.abs(at.camera[i] - at.camera_optical[8 + i]) < 1e-6));
+    assert.ok(Math.abs(at.imu[14] - at.robot[14] - 0.4) < 1e-6);
+    const drawn = await page.evaluate(() => {
+      const canvas = document.querySelector("canvas.frames"), data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+      let n = 0;
+      for (let i = 3; i < data.length; i += 4) if (data[i] > 0) n++;
+      return n;
+    });
+    assert.ok(drawn > 1000, `${drawn} pixels`);
+    assert.deepEqual(page.trouble, []);
+  },
+
   /// The end of a run is told, and what it showed last stays. A run of nothing but a sink shows that, too.
   async SaysThatTheRunHasEnded(browser) {
     const run = await startWallClockRun();

@@ -18,6 +18,21 @@ function rendererOf() {
 }
 export const canDrawClouds = () => rendererOf() !== null;
 
+/// Draws a scene into a canvas (2D) with the renderer that all share.
+export function drawInto(canvas, scene, camera) {
+  const renderer = rendererOf();
+  if (!renderer) return;
+  fitCanvas(canvas);
+  const { width, height } = canvas, c = canvas.getContext("2d");
+  camera.aspect = width / height;
+  camera.updateProjectionMatrix();
+  const size = renderer.getSize(new THREE.Vector2());
+  if (size.x !== width || size.y !== height) renderer.setSize(width, height, false);
+  renderer.render(scene, camera);
+  c.clearRect(0, 0, width, height);
+  c.drawImage(renderer.domElement, 0, 0);
+}
+
 const FLOATS = { 7: ["getFloat32", 4], 8: ["getFloat64", 8], 2: ["getUint8", 1], 4: ["getUint16", 2] };
 
 /// Positions and remissions of a sensor_msgs/PointCloud2.
@@ -144,18 +159,8 @@ export class CloudView {
   }
 
   draw() {
-    const renderer = rendererOf();
-    if (!renderer) return;
-    fitCanvas(this.canvas);
-    const { width, height } = this.canvas, c = this.canvas.getContext("2d");
-    this.camera.aspect = width / height;
-    this.camera.updateProjectionMatrix();
     this.material.size = (this.#flat ? 3 : 2) * (window.devicePixelRatio || 1);
     if (this.ringMaterial) this.ringMaterial.color.set(themeColor("--rule-3d"));
-    const size = renderer.getSize(new THREE.Vector2());
-    if (size.x !== width || size.y !== height) renderer.setSize(width, height, false);
-    renderer.render(this.scene, this.camera);
-    c.clearRect(0, 0, width, height);
-    c.drawImage(renderer.domElement, 0, 0);
+    drawInto(this.canvas, this.scene, this.camera);
   }
 }

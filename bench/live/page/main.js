@@ -4,6 +4,7 @@ import { EstimatePanel } from "./estimate_panel.js";
 import { EventLog } from "./event_log.js";
 import { ExpectPanel } from "./expect_panel.js";
 import { FaultPanel } from "./fault_panel.js";
+import { FramesView } from "./frames_view.js";
 import { PairPanel } from "./pair_panel.js";
 import { RunHeader, RunPanel } from "./run_panel.js";
 import { Session } from "./session.js";
@@ -22,6 +23,7 @@ new Verdict(session, at("verdict"));
 new ExpectPanel(session, at("expect"));
 const channels = new Channels(session, at("channels"));
 const world = new WorldPanel(session, at("world"));
+const frames = new FramesView(session, at("frames"));
 const run = new RunPanel(session, body("loop"));
 const pairs = new PairPanel(session, at("pairs"));
 const estimate = new EstimatePanel(session, at("estimate"));
@@ -73,6 +75,7 @@ session.addEventListener("state", () => {
 function draw() {
   channels.draw();
   world.draw();
+  frames.draw();
   pairs.draw();
   estimate.draw();
   bar.draw();

@@ -208,6 +208,108 @@ TEST_F(LiveHub, GreetsAndSendsWhatIsSubscribed) {
   EXPECT_EQ(hub.counters().clients.load(), 1u);
 }
 
+/// What a client was sent on a subscription, by the times of the messages.
+std::vector<std::uint64_t> times_of(const FakeLink& link, std::uint32_t subscription) {
+  std::vector<std::uint64_t> times;
+  for (const std::string& m : link.binaries) {
+    std::uint32_t id = 0;
+    std::uint64_t time = 0;
+    if (m.size() < 13 || m[0] != 1) continue;
+    std::memcpy(&id, m.data() + 1, sizeof id);
+    std::memcpy(&time, m.data() + 5, sizeof time);
+    if (id == subscription) times.push_back(time);
+  }
+  return times;
+}
+constexpr std::uint64_t kMs = 1'000'000;
+
+TEST_F(LiveHub, ThinsSamplesForWhoAsksForLessAndKeepsTheNewest) {
+  const auto samples =
+      hub.add_channel({0, "/imu/imu", "cdr", "sensor_msgs/msg/Imu", "ros2msg", ""}, Hub::Delivery::newest);
+  const auto events = hub.add_channel({0, "/rigor/events", "cdr", "rigor_msgs/msg/Event", "ros2msg", ""});
+  hub.advertise_new();
+  FakeLink all, slow, one;
+  hub.opened(all);
+  hub.opened(slow, 10);
+  hub.opened(one);
+  subscribe(all, 1, samples);
+  subscribe(slow, 2, samples);
+  subscribe(slow, 3, events);
+  hub.text(one, json{{"op", "subscribe"},
+                     {"subscriptions", {{{"id", 4}, {"channelId", samples}, {"rate_hz", 20}}}}}
+                    .dump());
+  // 1 kHz for half a second, from 1 s on, and then silence.
+  for (std::uint64_t ms = 1000; ms <= 1500; ++ms) {
+    hub.publish(samples, ms * kMs, message(20));
+    hub.publish(events, ms * kMs, message(20));
+    hub.advance(ms * kMs);
+  }
+  EXPECT_EQ(all.binaries.size(), 501U);
+  EXPECT_EQ(times_of(slow, 2), (std::vector<std::uint64_t>{1000 * kMs, 1100 * kMs, 1200 * kMs, 1300 * kMs,
+                                                           1400 * kMs, 1500 * kMs}));
+  EXPECT_EQ(times_of(slow, 3).size(), 501U) << "events come all";
+  EXPECT_EQ(times_of(one, 4).size(), 11U);
+  EXPECT_EQ(hub.counters().frames_thinned.load(), (501U - 6) + (501 - 11)) << "each that was replaced";
+  EXPECT_EQ(hub.counters().frames_dropped.load(), 0U);
+  // What came since waits, the newest of it, and is sent when its turn comes, though nothing comes behind it.
+  hub.publish(samples, 1510 * kMs, message(21));
+  hub.publish(samples, 1520 * kMs, message(22));
+  hub.advance(1590 * kMs);
+  EXPECT_EQ(times_of(slow, 2).size(), 6U);
+  hub.advance(1600 * kMs);
+  EXPECT_EQ(times_of(slow, 2).back(), 1520 * kMs);
+  EXPECT_EQ(times_of(slow, 2).size(), 7U);
+  hub.publish(samples, 1610 * kMs, message(23));
+  hub.advance(~std::uint64_t{0});
+  EXPECT_EQ(times_of(slow, 2).back(), 1610 * kMs) << "the run's last";
+}
+
+TEST_F(LiveHub, KeepsTheRateThatIsAskedForWhereSamplesComeALittleLate) {
+  const auto samples = hub.add_channel({0, "/a", "cdr", "", "", ""}, Hub::Delivery::newest);
+  hub.advertise_new();
+  FakeLink client;
+  hub.opened(client, 10);
+  subscribe(client, 1, samples);
+  // Every 40 ms, as the live view takes them: 100 ms are no multiple of that.
+  for (std::uint64_t ms = 0; ms < 4000; ms += 40) {
+    hub.publish(samples, ms * kMs, message(5));
+    hub.advance(ms * kMs);
+  }
+  EXPECT_NEAR(static_cast<double>(times_of(client, 1).size()), 40, 1);
+}
+
+TEST_F(LiveHub, GivesWhatIsLatchedToWhoComesLater) {
+  const auto frames = hub.add_channel({0, "/tf_static", "cdr", "tf2_msgs/msg/TFMessage", "ros2msg", ""},
+                                      Hub::Delivery::latched);
+  hub.advertise_new();
+  FakeLink early, late;
+  hub.opened(early, 0.01);
+  subscribe(early, 1, frames);
+  EXPECT_TRUE(early.binaries.empty()) << "nothing was told yet";
+  hub.publish(frames, 5 * kMs, message(9));
+  hub.publish(frames, 6 * kMs, message(9));
+  EXPECT_EQ(times_of(early, 1), (std::vector<std::uint64_t>{5 * kMs, 6 * kMs})) << "never thinned";
+  hub.opened(late, 0.01);
+  late.backlog = Hub::kBacklog;
+  late.is_behind = true;
+  subscribe(late, 7, frames);
+  EXPECT_EQ(times_of(late, 7), (std::vector<std::uint64_t>{6 * kMs})) << "at once, though it is behind";
+}
+
+TEST(LiveProtocol, ReadsARateAndRefusesOneThatIsNone) {
+  const auto entry = [](const char* rate) {
+    return parse_text(std::string(R"({"op":"subscribe","subscriptions":[{"id":1,"channelId":2,"rate_hz":)") +
+                      rate + "}]}");
+  };
+  EXPECT_EQ(std::get<Subscribe>(*entry("2.5")).entries[0].rate_hz, 2.5);
+  EXPECT_EQ(std::get<Subscribe>(*entry("null")).entries[0].rate_hz, 0);
+  for (const char* wrong : {"0", "-1", "1e9", "\"fast\"", "true", "[]"}) EXPECT_FALSE(entry(wrong)) << wrong;
+  EXPECT_EQ(*max_rate_of({.target = "/?token=x"}), 0);
+  EXPECT_EQ(*max_rate_of({.target = "/?token=x&max_rate_hz=12.5"}), 12.5);
+  for (const char* wrong : {"", "x", "0", "-3", "5x", "nan", "inf", "1e9"})
+    EXPECT_FALSE(max_rate_of({.target = std::string("/?max_rate_hz=") + wrong})) << wrong;
+}
+
 TEST_F(LiveHub, ComplainsOfIdsThatAreNotThere) {
   FakeLink a;
   hub.opened(a);

@@ -34,6 +34,7 @@ TEST_F(LiveServer, TellsHowExpectationsStand) { expect("expects"); }
 TEST_F(LiveServer, AnswersServicesAndRecordsEdits) { expect("services"); }
 TEST_F(LiveServer, RefusesOtherSitesAndLimitsClients) { expect("access"); }
 TEST_F(LiveServer, DropsMessagesForASlowClientAlone) { expect("slow"); }
+TEST_F(LiveServer, TellsFramesToWhoComesLaterAndThinsForWhoAsksForLess) { expect("frames"); }
 TEST_F(LiveServer, AsksForTheToken) { expect("token"); }
 
 TEST(LiveOptions, AreRefusedBeforeAnythingIsTouched) {

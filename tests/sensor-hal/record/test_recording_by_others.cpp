@@ -209,10 +209,12 @@ TEST_P(ByOthers, ReadTheOtherMessages) {
         msg::DiagnosticArray{header, {{2, "n", "m", "h", {{"k", "v"}, {"k2", ""}}}, {0, "", "", "", {}}}});
   write("/ports", msg::PortVisibility{7, -5, {{"a", 1, 2, 3, 4, 5}, {"bc", 6, 7, -8, 9, 10}}});
   write("/command", msg::Command{header, "arm", 3, -4, {"x"}, {0.5}});
+  write("/clock", msg::Clock{{1577836800, 250}});
   must(writer->close());
 
   const json got = read_by_others(path_);
-  EXPECT_EQ(got["topics"].size(), 10u);
+  EXPECT_EQ(got["topics"].size(), 11u);
+  EXPECT_EQ(only_message(got, "/clock")["clock"], (json{{"sec", 1577836800}, {"nanosec", 250}}));
   EXPECT_EQ(only_message(got, "/info")["d"], json::array({1, 2, 3}));
   EXPECT_EQ(only_message(got, "/info")["k"][8], 9.5);
   EXPECT_EQ(only_message(got, "/info")["p"][11], 12.5);
@@ -230,6 +232,43 @@ TEST_P(ByOthers, ReadTheOtherMessages) {
   EXPECT_EQ(only_message(got, "/ports")["entries"][1]["t_capture_ns"], "-8");
   EXPECT_EQ(only_message(got, "/command")["t_effect_ns"], "-4");
   EXPECT_EQ(only_message(got, "/command")["values"], json::array({0.5}));
+}
+
+/// Field by field, as a program with the definitions alone finds them.
+TEST_P(ByOthers, ReadCloudsInEveryLayoutAndScansBesideThem) {
+  constexpr std::uint32_t kPoints = 50;
+  for (const auto& [name, layout] : kPointLayouts) {
+    Sample sample;
+    sample.stamp = some_stamp(1);
+    sample.info = PointCloudInfo{kPoints};
+    sample.reserve(kPoints * sizeof(LidarPoint));
+    sample.size_bytes = kPoints * sizeof(LidarPoint);
+    auto* points = reinterpret_cast<LidarPoint*>(sample.memory().data());
+    for (std::uint32_t i = 0; i < kPoints; ++i)
+      points[i] = {2 + static_cast<float>(i), 0, 0, 100, static_cast<std::int32_t>(i * 1000), 3, 0, 0};
+    auto writer = create();
+    SampleChannel channel = channel_of(SampleKind::point_cloud);
+    channel.topic = "/lidar/points";
+    channel.points = layout;
+    channel.scan = ScanLine{0, 0.1, 10, 0, 0.1, 0.5, 30};
+    SampleWriter(*writer, channel).write(sample);
+    must(writer->close());
+    const json got = read_by_others(path_);
+    const json& cloud = only_message(got, "/lidar/points");
+    EXPECT_EQ(cloud["width"], kPoints) << name;
+    EXPECT_EQ(cloud["point_step"], point_step(layout));
+    const auto fields = point_fields(layout);
+    ASSERT_EQ(cloud["fields"].size(), fields.size());
+    for (std::size_t i = 0; i < fields.size(); ++i) {
+      EXPECT_EQ(cloud["fields"][i]["name"], fields[i].name);
+      EXPECT_EQ(cloud["fields"][i]["offset"], fields[i].offset);
+      EXPECT_EQ(cloud["fields"][i]["datatype"], fields[i].datatype);
+    }
+    EXPECT_EQ(got["topics"].contains("/lidar/points/timing"), layout != PointLayout::rigor);
+    const json& scan = only_message(got, "/lidar/scan");
+    EXPECT_EQ(scan["ranges"].size(), 10U);
+    EXPECT_EQ(scan["intensities"][0], 100);
+  }
 }
 
 }  // namespace
