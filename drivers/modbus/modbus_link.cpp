@@ -102,9 +102,16 @@ Status Link::open(const Endpoint& endpoint) {
   if (modbus_set_slave(m.get(), endpoint.unit) != 0)
     return fail(ErrorCode::bad_input, endpoint.text(),
                 "expected a unit from 0 to 247 or 255, got " + std::to_string(endpoint.unit));
-  // libmodbus opens a port whatever it is and says nothing of what it lacks.
-  if (endpoint.serial)
+  // Opening a port throws away what is in its buffers: not while another conversation on the line waits for
+  // its answer.
+  std::shared_ptr<SharedLine> line;
+  std::unique_lock<std::mutex> turn;
+  if (endpoint.serial) {
+    line = SharedLine::of(endpoint.serial->device);
+    turn = std::unique_lock(line->turn);
+    // libmodbus opens a port whatever it is and says nothing of what it lacks.
     if (auto port = serial::open_serial(*endpoint.serial); !port) return tl::unexpected<Error>(port.error());
+  }
   errno = 0;
   if (modbus_connect(m.get()) != 0) {
     const int e = errno;
@@ -121,7 +128,7 @@ Status Link::open(const Endpoint& endpoint) {
   if (endpoint.serial) {
     if (auto set = serial::set_rs485(modbus_get_socket(m.get()), *endpoint.serial); !set)
       return tl::unexpected<Error>(set.error());
-    line_ = SharedLine::of(endpoint.serial->device);
+    line_ = std::move(line);
   }
   context_ = std::move(m);
   return {};

@@ -45,11 +45,10 @@ Status gather(LightTracer& tracer, const LightPictureRequest& request, LightQuer
   const Pinhole& p = request.pinhole;
   for (int row = 0; row * kGatherHeight_px < p.height_px; ++row)
     for (int column = 0; column * kGatherWidth_px < p.width_px; ++column) {
-      const GatheringPixel at = gathering_pixel(column, row, request.seed);
+      const GatheringPixel at = gathering_pixel(column, row);
       rays.push_back(ray_through(request, std::min(at.u, p.width_px - 1), std::min(at.v, p.height_px - 1)));
     }
   q.rays = rays;
-  q.seed = request.seed;
   q.spread_rad = static_cast<float>(1.0 / std::max(p.fx_px, p.fy_px));
   return tracer.gather(q);
 }

@@ -129,7 +129,9 @@ Status LightTracer::Impl::gather(const LightQuery& q) {
   if (points == 0) return {};
   auto lit = input(q);
   if (!lit) return tl::unexpected(lit.error());
-  const light::ChunkInput in{*lit->scene, surfaces, lit->frame, q, lit->origin};
+  LightQuery unseeded = q;
+  unseeded.seed = 0;
+  const light::ChunkInput in{*lit->scene, surfaces, lit->frame, unseeded, lit->origin};
   const auto paths = static_cast<unsigned>(
       std::clamp<std::size_t>(kLeastPaths / points, kPathsOfAPoint, kMostPathsOfAPoint));
   std::vector<std::vector<light::GatheredPath>> found(chunks);
@@ -145,10 +147,10 @@ Status LightTracer::Impl::gather(const LightQuery& q) {
   return {};
 }
 
-GatheringPixel gathering_pixel(int block_column, int block_row, std::uint64_t seed) noexcept {
+GatheringPixel gathering_pixel(int block_column, int block_row) noexcept {
   const auto w = models::philox(
       {static_cast<std::uint32_t>(block_column), static_cast<std::uint32_t>(block_row), kGatherPoints, 0},
-      {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32U)});
+      {});
   return {block_column * kGatherWidth_px + static_cast<int>(w[0] % kGatherWidth_px),
           block_row * kGatherHeight_px + static_cast<int>(w[1] % kGatherHeight_px)};
 }

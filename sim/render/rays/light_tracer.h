@@ -62,7 +62,7 @@ constexpr int kGatherWidth_px = 8, kGatherHeight_px = 4;
 struct GatheringPixel {
   int u = 0, v = 0;
 };
-[[nodiscard]] GatheringPixel gathering_pixel(int block_column, int block_row, std::uint64_t seed) noexcept;
+[[nodiscard]] GatheringPixel gathering_pixel(int block_column, int block_row) noexcept;
 
 class LightTracer {
  public:
@@ -71,8 +71,9 @@ class LightTracer {
   ~LightTracer();
   /// Gathers the light of sky and surroundings that comes to the points which the rays meet, for queries with
   /// `gathered`. A few thousand rays over a picture will do: each shares with those that `spread_rad`, the
-  /// angle between neighbouring pixels, puts within about fifty of it. Same query, same light, on any number
-  /// of threads. Errors: bad_input.
+  /// angle between neighbouring pixels, puts within about fifty of it. What is gathered is part of the scene:
+  /// it does not depend on the query's seed, and cameras that see the same have the same error. Same rays,
+  /// same light, on any number of threads. Errors: bad_input.
   [[nodiscard]] Status gather(const LightQuery& query);
   /// samples[i] belongs to rays[i]. Same query, same samples, on any number of threads. A ray that is not
   /// finite brings nothing. One thread at a time, engine included. Errors: bad_input.

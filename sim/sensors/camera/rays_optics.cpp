@@ -264,7 +264,7 @@ Status RaysOptics::gather(const Shot& shot) {
   rays_.clear();
   for (int row = 0; row * render::kGatherHeight_px < height_px(); ++row)
     for (int column = 0; column * render::kGatherWidth_px < width_px(); ++column) {
-      const render::GatheringPixel at = render::gathering_pixel(column, row, query.seed);
+      const render::GatheringPixel at = render::gathering_pixel(column, row);
       if (at.u >= width_px() || at.v >= height_px()) continue;
       const LensGrid::Pixel& pixel = lens.at(at.u - border_, at.v - border_);
       if (!pixel.lit()) continue;
