@@ -1,5 +1,6 @@
 #pragma once
 
+#include <filesystem>
 #include <string>
 
 namespace rigor::test {
@@ -10,5 +11,9 @@ const std::string& source_dir();
 
 /// The folder that CMake builds in, absolute.
 const std::string& build_dir();
+
+/// A folder or file of the test data: below RIGOR_TEST_DATA, else below ../shared/data of the sources. It may
+/// not exist.
+std::filesystem::path test_data(const std::string& name);
 
 }  // namespace rigor::test

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 #include <pugixml.hpp>
+#include <unordered_set>
 
 namespace rigor::fmu {
 namespace {
@@ -217,24 +218,30 @@ CoSimulation read_co_simulation(pugi::xml_node n) {
 }
 
 void read_variables(pugi::xml_node list, const TypeUnits& units, ModelDescription& d) {
+  std::unordered_set<std::string> names;
+  const auto add = [&](pugi::xml_node n, Variable v) {
+    if (!names.insert(v.name).second)
+      throw Refused{n, "expected a name for each variable, got \"" + v.name + "\" twice"};
+    d.variables.push_back(std::move(v));
+  };
   for (const pugi::xml_node n : list.children()) {
     if (n.type() != pugi::node_element) continue;
     if (d.variables.size() >= kMaxVariables)
       throw Refused{n, "expected at most " + std::to_string(kMaxVariables) + " variables, got more"};
     if (d.version == FmiVersion::v2) {
-      if (std::string_view(n.name()) == "ScalarVariable") d.variables.push_back(read_variable2(n, units));
+      if (std::string_view(n.name()) == "ScalarVariable") add(n, read_variable2(n, units));
       continue;
     }
     const auto type = value_of<VariableType>(kTypeNames, n.name());
     if (!type) throw Refused{n, std::string("unknown type of a variable: <") + n.name() + ">"};
-    d.variables.push_back(read_variable3(n, *type, units));
-    const Variable base = d.variables.back();
+    const Variable base = read_variable3(n, *type, units);
+    add(n, base);
     for (const pugi::xml_node alias : n.children("Alias")) {
       if (d.variables.size() >= kMaxVariables) break;
       Variable a = base;
       a.name = required(alias, "name");
       a.description = text_of(alias, "description");
-      d.variables.push_back(std::move(a));
+      add(alias, std::move(a));
     }
   }
 }

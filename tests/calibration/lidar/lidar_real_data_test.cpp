@@ -21,9 +21,7 @@ struct Recording {
   std::vector<std::string> warnings;
 };
 
-fs::path file_of(const std::string& name) {
-  return fs::path(rigor::test::source_dir()) / "../shared/data" / name;
-}
+fs::path file_of(const std::string& name) { return rigor::test::test_data(name); }
 #define NEED_RECORDING(name) \
   if (!fs::exists(file_of(name))) GTEST_SKIP() << "test data: " << (name) << " is not here"
 

@@ -51,7 +51,7 @@ TEST(ExposurePairs, SingleFramesOfAStillSceneGiveTheGain) {
 }
 
 TEST(ExposurePairs, RealFlea3GivesAGainAndNoNoiseOfClippedBlacks) {
-  const fs::path folder = fs::path(rigor::test::source_dir()) / "../shared/data/exposure_series";
+  const fs::path folder = rigor::test::test_data("exposure_series");
   if (!fs::exists(folder)) GTEST_SKIP() << "test data: " << folder << " is not here";
   FrameStacks stacks;
   for (const auto& entry : fs::directory_iterator(folder)) {

@@ -100,8 +100,7 @@ TEST(ShadingFit, TakesNoMoreTermsThanTheLensHas) {
 }
 
 TEST(ShadingFit, RealImx219WithinTwoPercentAndTheFourthPowerIsNeeded) {
-  const fs::path file =
-      fs::path(rigor::test::source_dir()) / "../shared/data/lens_shading_imx219/imx219.json";
+  const fs::path file = rigor::test::test_data("lens_shading_imx219/imx219.json");
   if (!fs::exists(file)) GTEST_SKIP() << "test data: " << file << " is not here";
   std::ifstream in(file);
   const auto json = nlohmann::json::parse(in);

@@ -16,9 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-fs::path recording(const std::string& name) {
-  return fs::path(rigor::test::source_dir()) / "../shared/data" / name;
-}
+fs::path recording(const std::string& name) { return rigor::test::test_data(name); }
 
 #define NEED_RECORDING(path) \
   if (!fs::exists(path)) GTEST_SKIP() << "test data: " << path << " is not here"

@@ -12,14 +12,12 @@
 #include <vector>
 
 #include "drivers/gnss/epoch_assembler.h"
+#include "tests/paths.h"
 
 namespace rigor::gnss::test {
 
 /// Folder of u-blox logs and gpsd's expectations; it may not exist.
-inline std::filesystem::path logs() {
-  const char* data = std::getenv("RIGOR_TEST_DATA");
-  return std::filesystem::path(data ? data : "no-test-data") / "gnss_ublox";
-}
+inline std::filesystem::path logs() { return rigor::test::test_data("gnss_ublox"); }
 #define RIGOR_NEEDS_GNSS_LOGS()                              \
   if (!std::filesystem::exists(::rigor::gnss::test::logs())) \
   GTEST_SKIP() << "the test data gnss_ublox are not there (RIGOR_TEST_DATA)"

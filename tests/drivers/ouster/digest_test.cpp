@@ -22,12 +22,7 @@
 namespace rigor::ouster {
 namespace {
 
-std::filesystem::path folder() {
-  const char* data = std::getenv("RIGOR_TEST_DATA");
-  return (data ? std::filesystem::path(data)
-               : std::filesystem::path(rigor::test::source_dir() + "/../shared/data")) /
-         "ouster_os";
-}
+std::filesystem::path folder() { return rigor::test::test_data("ouster_os"); }
 
 class Md5 {
  public:

@@ -49,7 +49,7 @@ inline constexpr Recording kTim781{
     "20210125-tim781s-scandata.json", 140, 811, true, -45, 225, 15, 0x0119fd06};
 
 inline std::filesystem::path recording_path(const Recording& r) {
-  return std::filesystem::path(rigor::test::source_dir() + "/../shared/data/sick_lidar") / r.file;
+  return rigor::test::test_data("sick_lidar") / r.file;
 }
 
 }  // namespace rigor::sick::test

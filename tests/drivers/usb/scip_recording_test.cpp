@@ -13,12 +13,7 @@ namespace {
 
 std::vector<std::vector<std::uint32_t>> recorded() {
   std::vector<std::vector<std::uint32_t>> scans;
-  std::filesystem::path file;
-  for (auto dir = std::filesystem::path(rigor::test::source_dir()); dir.has_relative_path();
-       dir = dir.parent_path())
-    if (std::filesystem::exists(dir / "shared/data/hokuyo_urg04lx/exp1.dat"))
-      file = dir / "shared/data/hokuyo_urg04lx/exp1.dat";
-  std::ifstream in(file);
+  std::ifstream in(rigor::test::test_data("hokuyo_urg04lx/exp1.dat"));
   for (std::string line; std::getline(in, line);) {
     std::istringstream fields(line);
     std::string skipped;

@@ -77,8 +77,7 @@ void expect_same(const std::vector<pcl::PointXYZI>& theirs, const std::vector<Li
 }
 
 TEST(PclGrabber, HasTheReturnsOfTheRecordingThatWeHave) {
-  const std::string file =
-      rigor::test::source_dir() + "/../shared/data/velodyne_vlp16/vlp16_stationary_room.pcap";
+  const std::string file = rigor::test::test_data("velodyne_vlp16/vlp16_stationary_room.pcap").string();
   if (!std::filesystem::exists(file)) GTEST_SKIP() << "test data: no " << file;
   const auto ours = decoded(file);
   Collected theirs;

@@ -18,8 +18,7 @@ namespace {
 
 using network::PcapReader;
 
-const std::string kRecording =
-    rigor::test::source_dir() + "/../shared/data/velodyne_vlp16/vlp16_stationary_room.pcap";
+const std::string kRecording = rigor::test::test_data("velodyne_vlp16/vlp16_stationary_room.pcap").string();
 
 std::vector<std::uint8_t> bytes_of(const std::string& file) {
   std::ifstream in(file, std::ios::binary);

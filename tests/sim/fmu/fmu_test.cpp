@@ -209,6 +209,9 @@ TEST(ModelDescription, SaysTheLineOfWhatItRefuses) {
   EXPECT_THAT(refusal_of(description3("<ModelVariables><Float64 name=\"x\" valueReference=\"1\">"
                                       "<Dimension valueReference=\"9\"/></Float64></ModelVariables>")),
               HasSubstr("value reference 9"));
+  EXPECT_THAT(refusal_of(description3("<ModelVariables>\n<Float64 name=\"x\" valueReference=\"1\"/>\n"
+                                      "<Int32 name=\"x\" valueReference=\"2\"/></ModelVariables>")),
+              HasSubstr("modelDescription.xml:5: expected a name for each variable, got \"x\" twice"));
 }
 
 TEST(Units, AreConvertedByTheirBaseUnits) {

@@ -53,9 +53,7 @@ void write_zip(const fs::path& file, const std::map<std::string, std::string>& e
 }
 
 std::optional<fs::path> reference_fmus() {
-  const char* const data = std::getenv("RIGOR_TEST_DATA");
-  if (!data) return std::nullopt;
-  fs::path folder = fs::path(data) / "reference_fmus";
+  fs::path folder = test_data("reference_fmus");
   if (!fs::exists(folder / "include")) return std::nullopt;
   return folder;
 }

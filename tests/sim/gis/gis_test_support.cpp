@@ -92,8 +92,8 @@ TerrainView terrain_of(const world::Snapshot& world) {
 }
 
 std::string shared_data(const std::string& name) {
-  const fs::path p = fs::path(rigor::test::source_dir()) / ".." / "shared" / "data" / name;
-  return fs::exists(p) ? p.lexically_normal().string() : "";
+  const fs::path p = rigor::test::test_data(name);
+  return fs::exists(p) ? p.string() : "";
 }
 
 }  // namespace rigor::gis::test

@@ -80,7 +80,7 @@ struct TerrainView {
 };
 [[nodiscard]] TerrainView terrain_of(const world::Snapshot& world);
 
-/// ../shared/data/NAME where it is present, else empty.
+/// The test data NAME where they are present, else empty.
 [[nodiscard]] std::string shared_data(const std::string& name);
 
 }  // namespace rigor::gis::test

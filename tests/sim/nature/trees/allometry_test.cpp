@@ -13,7 +13,7 @@ namespace rigor::nature {
 namespace {
 
 TEST(Allometry, KnowsEveryCodeOfTheMappedStands) {
-  const std::filesystem::path file = rigor::test::source_dir() + "/../shared/data/forest_stands/trees.csv";
+  const std::filesystem::path file = rigor::test::test_data("forest_stands/trees.csv");
   if (!std::filesystem::exists(file)) GTEST_SKIP() << "no test data: " << file;
   std::ifstream in(file);
   std::string line;
