@@ -79,7 +79,7 @@ while scans < 10:
     assert (comment, time) == (0, 1) and year == 1970 and micro < 1000000
     (event,) = struct.unpack_from(">H", body, at)
     assert event == 0 and at + 2 == len(body), "bytes are left"
-    assert 0 < (sent - started) % 2**32 < 40000
+    assert 0 < (sent - started) % 2**32 < 500000  # microseconds: a turn takes 20 ms, a busy machine more
     scale, offset, start, step, ranges = wide["DIST1"]
     assert (scale, offset, start, step) == (1.0, 0.0, -450000, 5000)
     beams = len(ranges)
