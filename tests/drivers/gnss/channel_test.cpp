@@ -50,7 +50,7 @@ std::vector<Taken> run_virtual(
   if (s) s = source.start(BenchTime(0));
   EXPECT_EQ(error_of(s), "no error");
   std::vector<Taken> taken;
-  for (int k = 0; s && k < cycles; ++k) {
+  for (std::int64_t k = 0; s && k < cycles; ++k) {
     source.complete_until(BenchTime(k * 1'000'000));
     take(source, BenchTime(k * 1'000'000), taken);
   }
@@ -323,7 +323,7 @@ std::vector<Taken> run_recording(const std::string& file, SampleKind kind, Perio
   if (s) s = source.start(BenchTime(0));
   EXPECT_EQ(error_of(s), "no error");
   std::vector<Taken> taken;
-  for (int k = 0; s && k < cycles; ++k) {
+  for (std::int64_t k = 0; s && k < cycles; ++k) {
     source.complete_until(BenchTime(k * 1'000'000));
     take(source, BenchTime(k * 1'000'000), taken);
   }
