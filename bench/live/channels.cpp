@@ -142,7 +142,7 @@ void LiveChannels::pump(Hub& hub, LiveTap& tap, LiveEstimate* estimate) {
 
 void LiveChannels::publish_frames(Hub& hub, LiveTap& tap) {
   const BenchTime now = tap.now();
-  // By the wall clock the run's time is known from its first cycle on.
+  // In a wall-clock run, bench time is known from the first cycle on.
   if (tf_static_id_ != 0 && !fixed_told_ && (virtual_time_ || now.ns() > 0)) {
     fixed_told_ = true;
     // Latched: it is encoded whether or not anybody listens yet.

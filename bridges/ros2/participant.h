@@ -146,7 +146,8 @@ class Participant : public std::enable_shared_from_this<Participant> {
                                                       const Qos& qos);
   [[nodiscard]] Result<std::unique_ptr<Reader>> read(const std::string& topic, const MessageType& type,
                                                      const Qos& qos);
-  /// What peers told of topics of ours since the last call. One thread at a time.
+  /// Types that peers announced for topics of ours since the last call, where they differ from ours. One
+  /// thread at a time.
   [[nodiscard]] std::vector<OtherType> other_types();
 
  private:

@@ -109,7 +109,7 @@ Status Link::open(const Endpoint& endpoint) {
   if (endpoint.serial) {
     line = SharedLine::of(endpoint.serial->device);
     turn = std::unique_lock(line->turn);
-    // libmodbus opens a port whatever it is and says nothing of what it lacks.
+    // libmodbus opens any file as a port and does not report why one cannot be used.
     if (auto port = serial::open_serial(*endpoint.serial); !port) return tl::unexpected<Error>(port.error());
   }
   errno = 0;

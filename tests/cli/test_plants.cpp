@@ -149,7 +149,7 @@ TEST_F(PlantRuns, AnFmuThatFailsMakesItsChannelDisconnectedAndTheRunGoesOn) {
   EXPECT_THAT(events[0].text, HasSubstr("the valve is stuck"));
 }
 
-/// By the wall clock an FMU that hangs for seconds is no trouble of the loop's.
+/// In a wall-clock run, an FMU that hangs for seconds does not delay the loop.
 TEST_F(PlantRuns, AnFmuThatHangsDoesNotHoldTheLoopUp) {
   write_file(dir / "rig.yaml",
              "name: hanging\nduration_s: 2\nclock: wall\nloop: { rate_hz: 200, fifo_priority: 0, "

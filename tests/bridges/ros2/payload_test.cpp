@@ -133,7 +133,7 @@ TEST(Participant, ExchangesMessagesWithWhoeverHasTheSameTopicAndType) {
   dds_qset_history(qos, DDS_HISTORY_KEEP_ALL, 0);
   const dds_entity_t reader = dds_create_reader(theirs, topic, qos, nullptr);
   ASSERT_GT(reader, 0);
-  while ((*writer)->peers() == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  ASSERT_TRUE(test::holds_soon([&] { return (*writer)->peers() > 0; })) << "no reader was found";
 
   for (unsigned i = 0; i < 100; ++i) {
     std::array<std::byte, 12> bytes{std::byte{0}, std::byte{1}};

@@ -53,7 +53,7 @@ struct SourceTest : ::testing::Test {
     ASSERT_TRUE(s) << s.error().text();
     s = source->start(bench_now() - seconds(1));
     ASSERT_TRUE(s) << s.error().text();
-    while (writer->peers() == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    ASSERT_TRUE(test::holds_soon([&] { return writer->peers() > 0; })) << "the source was not found";
   }
   static msg::Header header_of(BenchTime t) {
     const std::int64_t ns = read_epoch().to_utc(t).ns();
