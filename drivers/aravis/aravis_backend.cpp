@@ -94,10 +94,12 @@ void check_mtu(std::vector<DoctorFinding>& all) {
 DoctorFinding check_usbip() {
   std::error_code error;
   if (std::filesystem::exists("/sys/devices/platform/vhci_hcd.0", error))
-    return {DoctorFinding::Level::good, "vhci_hcd is loaded: emulated USB3 Vision cameras can be attached", ""};
-  return {DoctorFinding::Level::note,
-          "vhci_hcd is not loaded: this machine cannot attach an emulated USB3 Vision camera (as: usb3vision)",
-          "sudo modprobe vhci-hcd    (then: sudo usbip attach -r 127.0.0.1 -b 1-1)"};
+    return {DoctorFinding::Level::good, "vhci_hcd is loaded: emulated USB3 Vision cameras can be attached",
+            ""};
+  return {
+      DoctorFinding::Level::note,
+      "vhci_hcd is not loaded: this machine cannot attach an emulated USB3 Vision camera (as: usb3vision)",
+      "sudo modprobe vhci-hcd    (then: sudo usbip attach -r 127.0.0.1 -b 1-1)"};
 }
 
 std::vector<DoctorFinding> examine() {

@@ -24,15 +24,16 @@ class ExposureSchedule {
   enum class Trigger : std::uint8_t { free_run, software, line };
   struct Settings {
     Trigger trigger = Trigger::free_run;
-    Period period;                ///< of free running
-    Duration delay;               ///< from a trigger to the exposure
+    Period period;   ///< of free running
+    Duration delay;  ///< from a trigger to the exposure
     bool falling_edge = false;
     bool operator==(const Settings& o) const {
       return trigger == o.trigger && period.same_as(o.period) && delay == o.delay &&
              falling_edge == o.falling_edge;
     }
   };
-  /// What is wired to the line: it rises at phase + k·period and falls half a period later. Period 0: nothing.
+  /// What is wired to the line: it rises at phase + k·period and falls half a period later. Period 0:
+  /// nothing.
   struct Line {
     Period period;
     Duration phase;

@@ -32,8 +32,9 @@ std::vector<std::uint8_t> manifest_of(const std::string& xml) {
 Result<Camera> Camera::create(const CameraOptions& options) {
   const auto bad = [](const char* what) { return fail(ErrorCode::bad_input, "usb3vision camera", what); };
   if (options.camera.range.present)
-    return bad("expected the sensor of a camera that gives pictures: a 3D camera sends several parts, and Aravis "
-               "takes the first alone over USB; leave `as` out");
+    return bad(
+        "expected the sensor of a camera that gives pictures: a 3D camera sends several parts, and Aravis "
+        "takes the first alone over USB; leave `as` out");
   if (options.camera.ptp.present) return bad("expected no `ptp`: USB has no PTP clock; leave this key out");
   if (options.response_ms < 1 || options.response_ms > 60'000 || options.start_delay.ns() < 0 ||
       options.start_delay > seconds(60))
@@ -102,9 +103,10 @@ void Camera::handle(Bytes command, DeviceTime now, std::vector<TimedAck>& acks) 
   if (!q.ack_wanted) return;
   if (due - now > milliseconds(options_.response_ms)) {
     const auto wait_ms = (due - now).ns() / 1'000'000 + options_.response_ms;
-    acks.push_back({now, encode_ack({Status::success, static_cast<std::uint16_t>(Command::pending_ack),
-                                     q.request_id,
-                                     reserved_and(static_cast<std::uint16_t>(std::min<std::int64_t>(wait_ms, 0xFFFF)))})});
+    acks.push_back(
+        {now,
+         encode_ack({Status::success, static_cast<std::uint16_t>(Command::pending_ack), q.request_id,
+                     reserved_and(static_cast<std::uint16_t>(std::min<std::int64_t>(wait_ms, 0xFFFF)))})});
   }
   acks.push_back({due, encode_ack(ack)});
 }
@@ -119,7 +121,7 @@ Period Camera::period() const {
 void Camera::set_schedule(DeviceTime now) {
   using Trigger = ExposureSchedule::Trigger;
   ExposureSchedule::Settings s;
-  s.trigger = state_.trigger_mode == 0                                ? Trigger::free_run
+  s.trigger = state_.trigger_mode == 0                               ? Trigger::free_run
               : state_.trigger_source == reg::kTriggerSourceSoftware ? Trigger::software
                                                                      : Trigger::line;
   s.period = period();
@@ -146,7 +148,8 @@ void Camera::stop_acquisition() {
 
 void Camera::raise_event(std::uint16_t id, DeviceTime t) {
   if ((state_.event_control & reg::kEventEnable) == 0 || events_.size() >= kMostEvents) return;
-  events_.push_back(encode_event({id, next_event_++, static_cast<std::uint64_t>(std::max<std::int64_t>(0, t.ns()))}));
+  events_.push_back(
+      encode_event({id, next_event_++, static_cast<std::uint64_t>(std::max<std::int64_t>(0, t.ns()))}));
 }
 
 std::vector<std::vector<std::uint8_t>> Camera::take_events() { return std::exchange(events_, {}); }
@@ -200,7 +203,8 @@ std::optional<Frame> Camera::finish_frame(FrameJob&& job, bool filled) {
     if (n > 0) f.transfers.push_back({at, n});
     at += n;
   };
-  for (std::uint32_t i = 0; i < state_.transfer_count && state_.transfer_size > 0 && at < payload->size(); ++i)
+  for (std::uint32_t i = 0; i < state_.transfer_count && state_.transfer_size > 0 && at < payload->size();
+       ++i)
     transfer(state_.transfer_size);
   transfer(state_.final_transfer1);
   transfer(state_.final_transfer2);

@@ -1,6 +1,6 @@
-// A USB3 Vision camera without a bus: registers, control protocol, exposures, and the transfers of each frame.
-// It is handed commands and an instant, and hands acknowledges back; it starts no thread, opens no socket and
-// reads no clock.
+// A USB3 Vision camera without a bus: registers, control protocol, exposures, and the transfers of each
+// frame. It is handed commands and an instant, and hands acknowledges back; it starts no thread, opens no
+// socket and reads no clock.
 //
 //   camera.handle(command, now, acks);                  // what came on the control endpoint
 //   if (camera.next_exposure() <= now) {
@@ -30,8 +30,9 @@ namespace rigor::u3v {
 
 struct CameraOptions {
   gige::GigeCameraConfig camera;
-  /// How long a host is to wait for an answer. Aravis waits as long for each transfer of the stream, and loses
-  /// what comes at the instant at which it gives up: longer than the longest pause between two frames is best.
+  /// How long a host is to wait for an answer. Aravis waits as long for each transfer of the stream, and
+  /// loses what comes at the instant at which it gives up: longer than the longest pause between two frames
+  /// is best.
   std::uint32_t response_ms = 1000;
   /// What AcquisitionStart takes; above the response time the host is told by PENDING_ACK.
   Duration start_delay;
@@ -54,8 +55,8 @@ struct CameraState {
   std::uint32_t stream_info = reg::kAlignmentLog2 << 24, stream_control = 0;
   std::uint64_t required_payload = 0;
   std::uint32_t required_leader = kLeaderBytes, required_trailer = kTrailerBytes;
-  std::uint32_t max_leader = 0, transfer_size = 0, transfer_count = 0, final_transfer1 = 0, final_transfer2 = 0,
-                max_trailer = 0;
+  std::uint32_t max_leader = 0, transfer_size = 0, transfer_count = 0, final_transfer1 = 0,
+                final_transfer2 = 0, max_trailer = 0;
   std::uint32_t event_control = 0, max_event = kHeaderBytes + kEventBytes;
   // Features.
   std::uint32_t sensor_width = 0, sensor_height = 0, width = 0, height = 0, offset_x = 0, offset_y = 0;
@@ -101,7 +102,8 @@ struct Frame {
 
 struct CameraCounters {
   std::uint64_t commands = 0, malformed = 0, refused = 0;
-  std::uint64_t frames = 0, pictures_missing = 0, truncated = 0;  ///< truncated: the host's transfers are too small
+  std::uint64_t frames = 0, pictures_missing = 0,
+                truncated = 0;  ///< truncated: the host's transfers are too small
 };
 
 class Camera {

@@ -120,8 +120,10 @@ struct Block {
   reg::Address begin, end;
 };
 constexpr std::array kBlocks = {
-    Block{0, reg::kImplementationEndianness + 4}, Block{reg::kSbrm, reg::kCurrentSpeed + 4},
-    Block{reg::kSirm, reg::kSirmEnd},             Block{reg::kEirm, reg::kEirmEnd},
+    Block{0, reg::kImplementationEndianness + 4},
+    Block{reg::kSbrm, reg::kCurrentSpeed + 4},
+    Block{reg::kSirm, reg::kSirmEnd},
+    Block{reg::kEirm, reg::kEirmEnd},
     Block{reg::kFeatures, reg::kFeaturesEnd},
 };
 
@@ -212,7 +214,8 @@ Status Camera::set(std::uint64_t address, Bytes value, DeviceTime now) {
     return Status::success;
   }
   if (const auto* wide = std::get_if<std::uint64_t CameraState::*>(&r.slot)) {
-    state_.**wide = load_le<std::uint64_t>(value, 0);  // configurations without a bit that means something here
+    state_.** wide =
+        load_le<std::uint64_t>(value, 0);  // configurations without a bit that means something here
     return Status::success;
   }
   if (std::holds_alternative<double CameraState::*>(r.slot))

@@ -17,9 +17,9 @@ U3vChannelEmulator::~U3vChannelEmulator() { (void)do_stop(); }
 
 std::string U3vChannelEmulator::endpoint() const {
   const std::uint16_t port = camera_ ? camera_->port() : settings_.port;
-  return "USB3 Vision camera " + settings_.vendor + "-" + settings_.serial + " on USB/IP at " + settings_.address +
-         ":" + std::to_string(port) + " (sudo usbip --tcp-port " + std::to_string(port) + " attach -r " +
-         settings_.address + " -b " + settings_.bus_id + ")";
+  return "USB3 Vision camera " + settings_.vendor + "-" + settings_.serial + " on USB/IP at " +
+         settings_.address + ":" + std::to_string(port) + " (sudo usbip --tcp-port " + std::to_string(port) +
+         " attach -r " + settings_.address + " -b " + settings_.bus_id + ")";
 }
 
 Status U3vChannelEmulator::do_configure(const ChannelConfig& config) {
@@ -34,8 +34,9 @@ Status U3vChannelEmulator::do_arm(const ArmContext& context) {
     return fail(ErrorCode::bad_input, name_, "an emulator on a bus runs by the wall clock only");
   const auto sensor = sensor_of(parts_);
   if (!sensor)
-    return fail(ErrorCode::bad_input, name_,
-                "expected something that makes pictures: give this emulator the `sensor` of a camera in the rig");
+    return fail(
+        ErrorCode::bad_input, name_,
+        "expected something that makes pictures: give this emulator the `sensor` of a camera in the rig");
   const ImageProvider::Geometry& g = sensor->geometry;
   options_.camera.camera = camera_config(settings_, *sensor);
   options_.camera.start_delay = settings_.start_delay;

@@ -88,8 +88,10 @@ std::vector<std::uint8_t> encode_ack(const Ack& ack) {
 std::optional<Ack> decode_ack(Bytes b) {
   if (!begins_with(b, kControlMagic, kHeaderBytes)) return std::nullopt;
   if (b.size() != kHeaderBytes + load_le<std::uint16_t>(b, 8)) return std::nullopt;
-  return Ack{static_cast<Status>(load_le<std::uint16_t>(b, 4)), load_le<std::uint16_t>(b, 6),
-             load_le<std::uint16_t>(b, 10), {b.begin() + kHeaderBytes, b.end()}};
+  return Ack{static_cast<Status>(load_le<std::uint16_t>(b, 4)),
+             load_le<std::uint16_t>(b, 6),
+             load_le<std::uint16_t>(b, 10),
+             {b.begin() + kHeaderBytes, b.end()}};
 }
 
 std::vector<std::uint8_t> reserved_and(std::uint16_t value) {
@@ -109,8 +111,7 @@ std::vector<std::uint8_t> encode_event(const Event& e) {
 
 std::optional<Event> decode_event(Bytes b) {
   if (!begins_with(b, kEventMagic, kHeaderBytes + kEventBytes)) return std::nullopt;
-  return Event{load_le<std::uint16_t>(b, 14), load_le<std::uint16_t>(b, 10),
-               load_le<std::uint64_t>(b, 16)};
+  return Event{load_le<std::uint16_t>(b, 14), load_le<std::uint16_t>(b, 10), load_le<std::uint64_t>(b, 16)};
 }
 
 std::vector<std::uint8_t> encode_leader(const Leader& l) {
@@ -147,8 +148,7 @@ std::vector<std::uint8_t> encode_trailer(const Trailer& t) {
 std::optional<Trailer> decode_trailer(Bytes b) {
   if (!begins_with(b, kTrailerMagic, kTrailerBytes)) return std::nullopt;
   return Trailer{load_le<std::uint64_t>(b, 8), load_le<std::uint64_t>(b, 20),
-                 static_cast<Status>(load_le<std::uint16_t>(b, 16)),
-                 load_le<std::uint32_t>(b, 28)};
+                 static_cast<Status>(load_le<std::uint16_t>(b, 16)), load_le<std::uint32_t>(b, 28)};
 }
 
 }  // namespace rigor::u3v

@@ -4,7 +4,8 @@
 //   command      "U3VC" flags:16 command:16 length:16 request:16, then the command's own data
 //   acknowledge  "U3VC" status:16 command:16 length:16 request:16, then its data
 //   event        "U3VE" flags:16 0x0C00:16 length:16 request:16, 0:16 event:16 timestamp:64
-//   leader       "U3VL" 0:16 size:16 block:64 0:16 type:16 timestamp:64 format:32 width:32 height:32 x:32 y:32
+//   leader       "U3VL" 0:16 size:16 block:64 0:16 type:16 timestamp:64 format:32 width:32 height:32 x:32
+//   y:32
 //                padding:16 0:16
 //   trailer      "U3VT" 0:16 size:16 block:64 status:16 0:16 valid:64 height:32
 //

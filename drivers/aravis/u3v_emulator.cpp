@@ -28,7 +28,9 @@ std::chrono::steady_clock::time_point as_steady(DeviceTime t) {
 /// What a host may make the server keep: a transfer on its way in, and all that it has asked for on its way
 /// out.
 network::TcpServer::Limits server_limits() {
-  return {.clients = 8, .request = usbip::kMaxOutBytes + 4096, .pending = std::size_t{64} << 20,
+  return {.clients = 8,
+          .request = usbip::kMaxOutBytes + 4096,
+          .pending = std::size_t{64} << 20,
           .idle = seconds(1'000'000'000)};
 }
 

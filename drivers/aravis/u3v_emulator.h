@@ -3,7 +3,8 @@
 //
 //   server thread   lists the camera, hands it to the first host that imports it, carries its transfers
 //   frame thread    wakes at the start of each exposure and asks FillFrame for the picture
-//   send thread     hands frames to the stream's endpoint when a link of the bus's rate would have carried them
+//   send thread     hands frames to the stream's endpoint when a link of the bus's rate would have carried
+//   them
 //
 //   sudo modprobe vhci-hcd
 //   sudo usbip attach -r 127.0.0.1 -b 1-1

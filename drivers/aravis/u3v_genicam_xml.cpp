@@ -58,8 +58,8 @@ class Description {
     add("</StringReg>");
   }
   /// `limits`: the nodes of its range.
-  void integer(const std::string& name, reg::Address address, const char* access, const std::string& limits = "",
-               std::size_t bytes = 4) {
+  void integer(const std::string& name, reg::Address address, const char* access,
+               const std::string& limits = "", std::size_t bytes = 4) {
     begin("Integer", name);
     leaf("pValue", name + "Reg");
     text_ += limits;
@@ -149,7 +149,8 @@ class Description {
     leaf("pPort", "Device");
     leaf("Cachable", "NoCache");
   }
-  void int_register(const std::string& name, reg::Address address, const char* access, std::size_t bytes = 4) {
+  void int_register(const std::string& name, reg::Address address, const char* access,
+                    std::size_t bytes = 4) {
     add("<IntReg Name=\"" + name + "Reg\">");
     place(address, bytes, access);
     leaf("Sign", "Unsigned");

@@ -1,6 +1,6 @@
-// The register map of the emulated USB3 Vision camera: bootstrap registers as GenCP 1.2 (ABRM) and USB3 Vision
-// 1.0.1 (SBRM, SIRM, EIRM) place them, its features behind them, the manifest and the GenICam description.
-// All registers are little-endian.
+// The register map of the emulated USB3 Vision camera: bootstrap registers as GenCP 1.2 (ABRM) and USB3
+// Vision 1.0.1 (SBRM, SIRM, EIRM) place them, its features behind them, the manifest and the GenICam
+// description. All registers are little-endian.
 #pragma once
 
 #include <cstddef>
@@ -51,7 +51,8 @@ inline constexpr Address kCurrentSpeed = kSbrm + 0x40;
 
 // Streaming interface.
 inline constexpr Address kSirm = 0x00020000;
-inline constexpr Address kStreamInfo = kSirm + 0x00;  // bits 24 … 31: alignment of transfers as a power of two
+inline constexpr Address kStreamInfo =
+    kSirm + 0x00;  // bits 24 … 31: alignment of transfers as a power of two
 inline constexpr Address kStreamControl = kSirm + 0x04;
 inline constexpr Address kRequiredPayload = kSirm + 0x08;
 inline constexpr Address kRequiredLeader = kSirm + 0x10;

@@ -43,12 +43,12 @@ void add_interface(Descriptor& d, std::uint8_t number, std::uint8_t endpoints, s
 }
 
 Descriptor configuration_descriptor() {
-  Descriptor d{9, 2, 0, 0, 3, 1, 0, 0x80, 112};                          // bus powered, 896 mA
-  add(d, {8, 11, 0, 3, kMiscellaneous, kU3vSubclass, 0, 0});             // three interfaces are one function
+  Descriptor d{9, 2, 0, 0, 3, 1, 0, 0x80, 112};               // bus powered, 896 mA
+  add(d, {8, 11, 0, 3, kMiscellaneous, kU3vSubclass, 0, 0});  // three interfaces are one function
   add_interface(d, 0, 2, kControlProtocol);
   // Device info (USB3 Vision, table 3-6): GenCP 1.2, USB3 Vision 1.1; strings; SuperSpeed and high speed.
-  add(d, {20, 0x24, 0x01, 2, 0, 1, 0, 1, 0, 1, 0, kGuid, kVendor, kModel, kFamily, kVersion, kInfo, kSerial,
-          kUserName, 0x0C});
+  add(d, {20, 0x24,  0x01,    2,      0,       1,        0,     1,       0,         1,
+          0,  kGuid, kVendor, kModel, kFamily, kVersion, kInfo, kSerial, kUserName, 0x0C});
   add_endpoint(d, kControlOut, 0);
   add_endpoint(d, kControlIn, 0);
   add_interface(d, 1, 1, kEventProtocol);

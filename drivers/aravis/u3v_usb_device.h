@@ -4,8 +4,8 @@
 //   0x82         events
 //   0x83         stream: for each frame its leader, the transfers of its payload, and its trailer
 //
-// The stream's endpoint holds a few frames that the host has not taken; a frame that finds no room is dropped,
-// and its number is missing. One caller at a time.
+// The stream's endpoint holds a few frames that the host has not taken; a frame that finds no room is
+// dropped, and its number is missing. One caller at a time.
 #pragma once
 
 #include <deque>
@@ -22,7 +22,7 @@ inline constexpr std::uint16_t kVendorId = 0x1209, kProductId = 0x000A;
 struct UsbDeviceCounters {
   std::uint64_t frames_sent = 0;     ///< the host has taken the trailer
   std::uint64_t frames_dropped = 0;  ///< no room: the host did not take the ones before
-  std::uint64_t frames_cut = 0;      ///< stream switched off, endpoint reset or unplugged before the trailer left
+  std::uint64_t frames_cut = 0;  ///< stream switched off, endpoint reset or unplugged before the trailer left
   std::uint64_t bytes_sent = 0;
   std::uint64_t attached = 0;
 };

@@ -18,10 +18,10 @@ namespace rigor::network {
 class TcpServer {
  public:
   struct Client {
-    std::string address;  ///< "127.0.0.1"
-    std::string in;       ///< what has come and was not consumed
-    std::string out;      ///< what is to be sent
-    bool close = false;   ///< once `out` is sent
+    std::string address;          ///< "127.0.0.1"
+    std::string in;               ///< what has come and was not consumed
+    std::string out;              ///< what is to be sent
+    bool close = false;           ///< once `out` is sent
     std::shared_ptr<void> state;  ///< of whoever serves; let go with the connection
   };
   /// Server thread: there is more in `in`, or wake() was called; consumes what is whole and answers in `out`.

@@ -133,11 +133,12 @@ void append_header(std::string& out, const Header& h) {
   }
 }
 
-Setup decode_setup(const std::array<std::uint8_t, 8>& b) {
-  return {b[0], b[1], load_le<std::uint16_t>(b, 2), load_le<std::uint16_t>(b, 4), load_le<std::uint16_t>(b, 6)};
+SetupPacket decode_setup(const std::array<std::uint8_t, 8>& b) {
+  return {b[0], b[1], load_le<std::uint16_t>(b, 2), load_le<std::uint16_t>(b, 4),
+          load_le<std::uint16_t>(b, 6)};
 }
 
-std::array<std::uint8_t, 8> encode_setup(const Setup& s) {
+std::array<std::uint8_t, 8> encode_setup(const SetupPacket& s) {
   std::array<std::uint8_t, 8> b{s.request_type, s.request};
   store_le(b, 2, s.value);
   store_le(b, 4, s.index);

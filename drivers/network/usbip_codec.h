@@ -2,11 +2,10 @@
 // same connection (https://docs.kernel.org/usb/usbip_protocol.html). All numbers are big-endian.
 //
 //   host → server                                server → host
-//   version:16 0x8005 status:32                  version:16 0x0005 status:32 count:32, for each: device, interfaces
-//   version:16 0x8003 status:32 bus_id[32]       version:16 0x0003 status:32, then the device where status is 0
-//   and from then on
-//   CMD_SUBMIT   48 bytes, the data of an OUT    RET_SUBMIT   48 bytes, the data of an IN
-//   CMD_UNLINK   48 bytes                        RET_UNLINK   48 bytes
+//   version:16 0x8005 status:32                  version:16 0x0005 status:32 count:32, for each: device,
+//   interfaces version:16 0x8003 status:32 bus_id[32]       version:16 0x0003 status:32, then the device
+//   where status is 0 and from then on CMD_SUBMIT   48 bytes, the data of an OUT    RET_SUBMIT   48 bytes,
+//   the data of an IN CMD_UNLINK   48 bytes                        RET_UNLINK   48 bytes
 //
 // Headers are decoded by themselves; what follows one is as long as the header says, which its reader bounds.
 // No sockets; any thread.
@@ -65,7 +64,7 @@ void append_bus_id(std::string& out, const std::string& bus_id);
 enum class Command : std::uint32_t { submit = 1, unlink = 2, submitted = 3, unlinked = 4 };
 
 /// The eight bytes of a control transfer's setup stage (USB 2.0, 9.3).
-struct Setup {
+struct SetupPacket {
   std::uint8_t request_type = 0, request = 0;
   std::uint16_t value = 0, index = 0, length = 0;
 };
@@ -76,17 +75,17 @@ struct Header {
   std::uint32_t sequence = 0, device_id = 0;
   bool in = false;
   std::uint32_t endpoint = 0;
-  std::uint32_t length = 0;        ///< of a transfer's buffer; of a return: the bytes that went over
-  std::uint32_t packets = 0;       ///< of an isochronous transfer
-  std::int32_t status = 0;         ///< of a return: 0 or a negative errno
-  std::uint32_t unlink = 0;        ///< CMD_UNLINK: the sequence number of the transfer that is given up
+  std::uint32_t length = 0;   ///< of a transfer's buffer; of a return: the bytes that went over
+  std::uint32_t packets = 0;  ///< of an isochronous transfer
+  std::int32_t status = 0;    ///< of a return: 0 or a negative errno
+  std::uint32_t unlink = 0;   ///< CMD_UNLINK: the sequence number of the transfer that is given up
   std::array<std::uint8_t, 8> setup{};
 };
 /// Precondition: kHeaderBytes. Empty for an unknown command.
 [[nodiscard]] std::optional<Header> decode_header(Bytes bytes);
 /// The 48 bytes; data follows separately.
 void append_header(std::string& out, const Header& header);
-[[nodiscard]] Setup decode_setup(const std::array<std::uint8_t, 8>& bytes);
-[[nodiscard]] std::array<std::uint8_t, 8> encode_setup(const Setup& setup);
+[[nodiscard]] SetupPacket decode_setup(const std::array<std::uint8_t, 8>& bytes);
+[[nodiscard]] std::array<std::uint8_t, 8> encode_setup(const SetupPacket& setup);
 
 }  // namespace rigor::usbip

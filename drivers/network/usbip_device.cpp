@@ -50,7 +50,7 @@ std::size_t Device::waiting_messages(std::uint8_t endpoint) const {
   return at == queues_.end() ? 0 : at->second.size();
 }
 
-bool Device::get_descriptor(const Setup& s, std::string& answer) const {
+bool Device::get_descriptor(const SetupPacket& s, std::string& answer) const {
   const auto copy = [&](const std::vector<std::uint8_t>& d) {
     answer.append(d.begin(), d.end());
     return !d.empty();
@@ -82,11 +82,12 @@ void Device::reset_endpoint(std::uint8_t endpoint, bool halt) {
   on_reset(endpoint);
 }
 
-bool Device::control(const Setup& s, Bytes, std::string& answer) {
+bool Device::control(const SetupPacket& s, Bytes, std::string& answer) {
   if ((s.request_type & kTypeMask) != 0) return false;  // of a class or a vendor
   const std::uint8_t recipient = s.request_type & kRecipientMask;
   const auto endpoint = static_cast<std::uint8_t>(s.index);
-  if (recipient == kToEndpoint && s.request != kSetIsochDelay && (endpoint & 0x0F) != 0 && !has_endpoint(endpoint))
+  if (recipient == kToEndpoint && s.request != kSetIsochDelay && (endpoint & 0x0F) != 0 &&
+      !has_endpoint(endpoint))
     return false;
   if (recipient == kToInterface && (s.index & 0xFF) >= descriptors_.exported.interfaces.size()) return false;
   if ((s.request_type & kIn) != 0) {

@@ -48,7 +48,7 @@ class Device {
   void attach();
   void detach();
   /// False: stall. `answer`: the data of an IN request, which the caller cuts to what the host asked for.
-  [[nodiscard]] bool control(const Setup& setup, Bytes data, std::string& answer);
+  [[nodiscard]] bool control(const SetupPacket& setup, Bytes data, std::string& answer);
   /// An OUT transfer on another endpoint. False: stall.
   [[nodiscard]] bool write(std::uint8_t endpoint, Bytes data);
   enum class Read : std::uint8_t { data, wait, stall };
@@ -59,7 +59,8 @@ class Device {
   explicit Device(Descriptors descriptors);
   void set_plugged(bool is) { plugged_ = is; }
   /// `bytes` of a message from `at` on, as a message of its own. `tag` comes back in on_sent.
-  void send(std::uint8_t endpoint, Message message, std::size_t at, std::size_t bytes, std::uint64_t tag = 0) {
+  void send(std::uint8_t endpoint, Message message, std::size_t at, std::size_t bytes,
+            std::uint64_t tag = 0) {
     queues_[endpoint].push_back({std::move(message), at, at + bytes, tag});
   }
   void drop_messages(std::uint8_t endpoint) { queues_[endpoint].clear(); }
@@ -79,7 +80,7 @@ class Device {
     std::size_t at = 0, end = 0;
     std::uint64_t tag = 0;
   };
-  [[nodiscard]] bool get_descriptor(const Setup& setup, std::string& answer) const;
+  [[nodiscard]] bool get_descriptor(const SetupPacket& setup, std::string& answer) const;
   [[nodiscard]] bool has_endpoint(std::uint8_t endpoint) const { return halted_.count(endpoint) != 0; }
   void reset_endpoint(std::uint8_t endpoint, bool halt);
 

@@ -61,7 +61,8 @@ Session::Taken Session::take_operation(Bytes in, std::size_t& used, std::string&
   if (in.size() < kOperationBytes + kBusIdBytes) return Taken::more;
   used = kOperationBytes + kBusIdBytes;
   const ExportedDevice& d = device_->descriptors().exported;
-  const bool known = decode_bus_id(in.subspan(kOperationBytes, kBusIdBytes)) == d.bus_id && device_->plugged();
+  const bool known =
+      decode_bus_id(in.subspan(kOperationBytes, kBusIdBytes)) == d.bus_id && device_->plugged();
   const std::uint32_t status = !known ? kNoDevice : device_->imported() ? kUnavailable : kOk;
   append_operation(out, {kVersion, kImportReply, status});
   if (status != kOk) return Taken::close;
@@ -102,7 +103,7 @@ Session::Taken Session::submit(const Header& h, Bytes in, std::size_t& used, std
 }
 
 void Session::control(const Header& h, Bytes data, std::string& out) {
-  const Setup setup = decode_setup(h.setup);
+  const SetupPacket setup = decode_setup(h.setup);
   std::string answer;
   const bool done = ((setup.request_type & 0x80) != 0) == h.in && device_->control(setup, data, answer);
   if (!done) {
