@@ -13,7 +13,7 @@ constexpr std::uint8_t kControlProtocol = 0, kEventProtocol = 1, kStreamProtocol
 constexpr std::uint16_t kUsb3 = 0x0300, kPacketBytes = 1024;
 constexpr std::size_t kMostFrames = 4;
 /// A host sends one command at a time; one that reads no answers is stalled, and gets no more events.
-constexpr std::size_t kMostAcks = 64, kMostEvents = 64;
+constexpr std::size_t kMostAnswers = 64, kMostEventMessages = 64;
 /// Messages of a frame carry a tag: its trailer its payload's bytes, what comes before it none.
 constexpr std::uint64_t kTrailerTag = std::uint64_t{1} << 63;
 
@@ -111,7 +111,7 @@ void UsbDevice::cut_frames() {
 }
 
 bool UsbDevice::on_write(std::uint8_t endpoint, usbip::Bytes data) {
-  if (endpoint != kControlOut || acks_.size() + waiting_messages(kControlIn) >= kMostAcks) return false;
+  if (endpoint != kControlOut || acks_.size() + waiting_messages(kControlIn) >= kMostAnswers) return false;
   const bool was_streaming = camera_.streaming();
   std::vector<TimedAck> acks;
   camera_.handle(data, now_, acks);
@@ -133,7 +133,7 @@ void UsbDevice::advance(DeviceTime now) {
     send(kControlIn, m, 0, m->size());
   }
   for (auto& e : camera_.take_events()) {
-    if (waiting_messages(kEventIn) >= kMostEvents) break;
+    if (waiting_messages(kEventIn) >= kMostEventMessages) break;
     const Message m = shared(std::move(e));
     send(kEventIn, m, 0, m->size());
   }
