@@ -14,6 +14,8 @@
 #include <cstring>
 #include <span>
 
+#include "rt-core/file_descriptor.h"
+
 namespace rigor::can {
 namespace {
 
@@ -109,20 +111,16 @@ Error io_error(const std::string& where, int error, const std::string& what) {
 /// Sends a request and gives every answer but the acknowledgement to `see`.
 template <class See>
 Status ask(Request& request, const std::string& where, const std::string& what, See&& see) {
-  const int fd = ::socket(AF_NETLINK, SOCK_RAW | SOCK_CLOEXEC, NETLINK_ROUTE);
-  if (fd < 0) return tl::unexpected<Error>(io_error(where, errno, what));
-  struct Closer {
-    int fd;
-    ~Closer() { ::close(fd); }
-  } closer{fd};
+  const FileDescriptor fd(::socket(AF_NETLINK, SOCK_RAW | SOCK_CLOEXEC, NETLINK_ROUTE));
+  if (!fd) return tl::unexpected<Error>(io_error(where, errno, what));
   const timeval timeout{2, 0};
-  (void)::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
+  (void)::setsockopt(fd.get(), SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
   const auto bytes = request.bytes();
-  if (::send(fd, bytes.data(), bytes.size(), 0) < 0)
+  if (::send(fd.get(), bytes.data(), bytes.size(), 0) < 0)
     return tl::unexpected<Error>(io_error(where, errno, what));
   std::vector<std::uint8_t> buffer(1u << 16);
   while (true) {
-    const ssize_t n = ::recv(fd, buffer.data(), buffer.size(), 0);
+    const ssize_t n = ::recv(fd.get(), buffer.data(), buffer.size(), 0);
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) return tl::unexpected<Error>(io_error(where, n < 0 ? errno : EIO, what));
     std::span<const std::uint8_t> left(buffer.data(), static_cast<std::size_t>(n));
@@ -153,21 +151,13 @@ int index_or_none(const std::string& name) { return static_cast<int>(::if_nameto
 }  // namespace
 
 std::string can_missing() {
-  const int fd = ::socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC, CAN_RAW);
-  if (fd >= 0) {
-    ::close(fd);
-    return {};
-  }
-  return std::strerror(errno);
+  const FileDescriptor socket(::socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC, CAN_RAW));
+  return socket ? std::string() : std::strerror(errno);
 }
 
 std::string protocol_missing(int type, int protocol) {
-  const int fd = ::socket(PF_CAN, type | SOCK_CLOEXEC, protocol);
-  if (fd >= 0) {
-    ::close(fd);
-    return {};
-  }
-  return std::strerror(errno);
+  const FileDescriptor socket(::socket(PF_CAN, type | SOCK_CLOEXEC, protocol));
+  return socket ? std::string() : std::strerror(errno);
 }
 
 Result<std::vector<Interface>> list_interfaces() {

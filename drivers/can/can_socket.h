@@ -17,27 +17,12 @@
 #include <vector>
 
 #include "drivers/can/can_bits.h"
+#include "rt-core/file_descriptor.h"
 #include "rt-core/result.h"
 #include "rt-core/time.h"
 #include "sensor-hal/types/sample.h"
 
 namespace rigor::can {
-
-/// A file descriptor that is closed with its owner.
-class Handle {
- public:
-  Handle() = default;
-  explicit Handle(int fd) : fd_(fd) {}
-  Handle(Handle&& o) noexcept;
-  Handle& operator=(Handle&& o) noexcept;
-  ~Handle();
-  void reset() noexcept;
-  [[nodiscard]] int fd() const noexcept { return fd_; }
-  [[nodiscard]] bool is_open() const noexcept { return fd_ >= 0; }
-
- private:
-  int fd_ = -1;
-};
 
 struct ReceivedFrame {
   CanFrame frame;
@@ -59,9 +44,9 @@ class RawSocket {
 
   /// not_found (no such interface, with the command that makes one), unavailable (no PF_CAN), io.
   [[nodiscard]] Status open(const std::string& interface, const RawOptions& options);
-  void close() noexcept { handle_.reset(); }
-  [[nodiscard]] bool is_open() const noexcept { return handle_.is_open(); }
-  [[nodiscard]] int fd() const noexcept { return handle_.fd(); }
+  void close() noexcept { socket_.reset(); }
+  [[nodiscard]] bool is_open() const noexcept { return socket_.is_open(); }
+  [[nodiscard]] int fd() const noexcept { return socket_.get(); }
   /// Frames that are there, without waiting: their count, 0 when there is none, or -errno (ENETDOWN: the
   /// interface was set down; ENODEV: it is gone).
   [[nodiscard]] int receive(std::span<ReceivedFrame> out) noexcept;
@@ -73,15 +58,15 @@ class RawSocket {
   [[nodiscard]] std::uint64_t dropped() const noexcept;
 
  private:
-  Handle handle_;
+  FileDescriptor socket_;
 };
 
 /// Cyclic sending by the kernel; each identifier has one task. Tasks end with the socket.
 class BroadcastManager {
  public:
   [[nodiscard]] Status open(const std::string& interface);
-  void close() noexcept { handle_.reset(); }
-  [[nodiscard]] bool is_open() const noexcept { return handle_.is_open(); }
+  void close() noexcept { socket_.reset(); }
+  [[nodiscard]] bool is_open() const noexcept { return socket_.is_open(); }
   /// Begins to send `frame` every `period`, at once and then on; or gives the task that exists a new period.
   [[nodiscard]] int start(const CanFrame& frame, Duration period) noexcept;
   /// New content of a task; its rhythm stays. `announce`: it also leaves at once.
@@ -93,7 +78,7 @@ class BroadcastManager {
  private:
   [[nodiscard]] int write(std::uint32_t opcode, std::uint32_t flags, Duration period,
                           const CanFrame& frame) noexcept;
-  Handle handle_;
+  FileDescriptor socket_;
 };
 
 /// ISO 15765-2 by the kernel: write a message, read a message. See isotp_codec.h for virtual time.
@@ -109,8 +94,8 @@ class IsoTpSocket {
   };
   /// unavailable with `sudo modprobe can-isotp`, not_found, io.
   [[nodiscard]] Status open(const std::string& interface, const Options& options);
-  void close() noexcept { handle_.reset(); }
-  [[nodiscard]] int fd() const noexcept { return handle_.fd(); }
+  void close() noexcept { socket_.reset(); }
+  [[nodiscard]] int fd() const noexcept { return socket_.get(); }
   /// Returns when the other side has taken all of it. timeout, protocol, io.
   [[nodiscard]] Status send(std::span<const std::uint8_t> message);
   /// The next message. timeout; protocol when the other side broke off.
@@ -120,7 +105,7 @@ class IsoTpSocket {
                                                           Duration timeout);
 
  private:
-  Handle handle_;
+  FileDescriptor socket_;
   std::string interface_;
 };
 

@@ -3,7 +3,6 @@
 #include <arpa/inet.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include <cerrno>
 #include <cstring>
@@ -17,13 +16,13 @@ Status UdpSender::open(const std::string& address, std::uint16_t port) {
   to.sin_port = htons(port);
   if (inet_pton(AF_INET, address.c_str(), &to.sin_addr) != 1)
     return fail(ErrorCode::bad_input, address, "expected an IPv4 address like 192.168.1.10");
-  socket_ = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  socket_.reset(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
   const int on = 1;
-  if (socket_ < 0 || setsockopt(socket_, SOL_SOCKET, SO_BROADCAST, &on, sizeof on) != 0)
+  if (!socket_ || setsockopt(socket_.get(), SOL_SOCKET, SO_BROADCAST, &on, sizeof on) != 0)
     return fail(ErrorCode::io, address, std::string("expected a UDP socket: ") + std::strerror(errno));
   destination_ipv4_ = ntohl(to.sin_addr.s_addr);
   // Connected: which address of ours leads there, and what nobody takes is answered.
-  if (connect(socket_, reinterpret_cast<const sockaddr*>(&to), sizeof to) != 0) {
+  if (connect(socket_.get(), reinterpret_cast<const sockaddr*>(&to), sizeof to) != 0) {
     const int why = errno;
     close();
     return fail(
@@ -32,7 +31,7 @@ Status UdpSender::open(const std::string& address, std::uint16_t port) {
   }
   sockaddr_in local{};
   socklen_t length = sizeof local;
-  if (getsockname(socket_, reinterpret_cast<sockaddr*>(&local), &length) == 0)
+  if (getsockname(socket_.get(), reinterpret_cast<sockaddr*>(&local), &length) == 0)
     local_ipv4_ = ntohl(local.sin_addr.s_addr);
   return {};
 }
@@ -51,18 +50,14 @@ Status UdpSender::finish_recording() {
   return written;
 }
 
-void UdpSender::close() {
-  if (socket_ >= 0) ::close(socket_);
-  socket_ = -1;
-}
-
 UdpSender::Outcome UdpSender::send(std::span<const std::uint8_t> bytes, std::uint16_t port, RealtimeTime t) {
   sockaddr_in to{};
   to.sin_family = AF_INET;
   to.sin_port = htons(port);
   to.sin_addr.s_addr = htonl(destination_ipv4_);
   const auto once = [&] {
-    return sendto(socket_, bytes.data(), bytes.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
+    return sendto(socket_.get(), bytes.data(), bytes.size(), 0, reinterpret_cast<const sockaddr*>(&to),
+                  sizeof to);
   };
   Outcome outcome = Outcome::sent;
   if (once() < 0) {

@@ -140,7 +140,7 @@ Status V4l2Emulator::do_stop() {
   output_.stop();
   output_ = {};
   output_open_ = false;
-  gadget_fd_ = {};
+  gadget_fd_.reset();
   gadget_ = {};
   pipe_.reset();
   streaming_ = false;
