@@ -4,12 +4,17 @@
 
 #include <linux/can.h>
 #include <linux/can/netlink.h>
+#include <linux/ethtool.h>
 #include <linux/if_arp.h>
 #include <linux/if_link.h>
+#include <linux/net_tstamp.h>
 #include <linux/rtnetlink.h>
+#include <linux/sockios.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <span>
@@ -146,6 +151,24 @@ Status change(Request& request, const std::string& name, const std::string& what
   return ask(request, name, what, [](auto, auto) {});
 }
 
+/// Whether the driver gives hardware stamps, and they are switched on. CAN drivers have them always on; one
+/// that has a switch (SIOCGHWTSTAMP) is left as it is set up.
+bool stamps_by_hardware(const std::string& name) {
+  const FileDescriptor socket(::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  if (!socket || name.size() >= IFNAMSIZ) return false;
+  ethtool_ts_info info{};
+  info.cmd = ETHTOOL_GET_TS_INFO;
+  ifreq r{};
+  std::copy(name.begin(), name.end(), r.ifr_name);
+  r.ifr_data = reinterpret_cast<char*>(&info);
+  constexpr std::uint32_t kNeeded = SOF_TIMESTAMPING_RX_HARDWARE | SOF_TIMESTAMPING_RAW_HARDWARE;
+  if (::ioctl(socket.get(), SIOCETHTOOL, &r) != 0 || (info.so_timestamping & kNeeded) != kNeeded)
+    return false;
+  hwtstamp_config set_up{};
+  r.ifr_data = reinterpret_cast<char*>(&set_up);
+  return ::ioctl(socket.get(), SIOCGHWTSTAMP, &r) != 0 || set_up.rx_filter != HWTSTAMP_FILTER_NONE;
+}
+
 int index_or_none(const std::string& name) { return static_cast<int>(::if_nametoindex(name.c_str())); }
 
 }  // namespace
@@ -182,6 +205,7 @@ Result<std::vector<Interface>> list_interfaces() {
                         });
                         if (i.kind == "can") read_can(i, data);
                       });
+                      i.hardware_stamps = stamps_by_hardware(i.name);
                       out.push_back(std::move(i));
                     });
   if (!status) return tl::unexpected<Error>(status.error());

@@ -5,6 +5,8 @@
 #include <linux/can/error.h>
 #include <linux/can/isotp.h>
 #include <linux/can/raw.h>
+#include <linux/errqueue.h>
+#include <linux/net_tstamp.h>
 #include <linux/sock_diag.h>
 #include <net/if.h>
 #include <poll.h>
@@ -112,7 +114,11 @@ Status RawSocket::open(const std::string& interface, const RawOptions& o) {
   if (o.fd && !set(SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on))
     return cannot(interface, "ask for CAN FD frames; without `fd: true` classic frames are received");
   if (o.receive) {
-    if (!set(SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on)) return cannot(interface, "ask for receive times");
+    // Alone: SO_TIMESTAMPNS would put the instant of reading in the place of a stamp that is missing.
+    const int stamps = SOF_TIMESTAMPING_RX_SOFTWARE | SOF_TIMESTAMPING_SOFTWARE |
+                       SOF_TIMESTAMPING_RX_HARDWARE | SOF_TIMESTAMPING_RAW_HARDWARE;
+    if (!set(SOL_SOCKET, SO_TIMESTAMPING, &stamps, sizeof stamps))
+      return cannot(interface, "ask for receive times");
     (void)set(SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof on);
     // Beyond rmem_max takes CAP_NET_ADMIN; without it the system's limit holds.
     if (o.receive_buffer_bytes > 0 &&
@@ -132,7 +138,7 @@ int RawSocket::receive(std::span<ReceivedFrame> out) noexcept {
   canfd_frame frames[kBatch];
   iovec parts[kBatch];
   mmsghdr messages[kBatch];
-  alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(timespec)) + CMSG_SPACE(sizeof(std::uint32_t))>
+  alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(scm_timestamping)) + CMSG_SPACE(sizeof(std::uint32_t))>
       control[kBatch];
   const auto count = static_cast<unsigned>(std::min(out.size(), kBatch));
   for (unsigned i = 0; i < count; ++i) {
@@ -145,20 +151,16 @@ int RawSocket::receive(std::span<ReceivedFrame> out) noexcept {
   }
   const int n = ::recvmmsg(socket_.get(), messages, count, MSG_DONTWAIT, nullptr);
   if (n < 0) return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR ? 0 : -errno;
+  const BenchTime read(monotonic_now().ns());
   int good = 0;
   for (int i = 0; i < n; ++i) {
     if (messages[i].msg_len != CAN_MTU && messages[i].msg_len != CANFD_MTU) continue;
     auto& r = out[static_cast<std::size_t>(good++)];
     from_kernel(frames[i], messages[i].msg_len == CANFD_MTU, r);
-    r.stamped = false;
-    for (cmsghdr* c = CMSG_FIRSTHDR(&messages[i].msg_hdr); c; c = CMSG_NXTHDR(&messages[i].msg_hdr, c)) {
-      if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_TIMESTAMPNS) continue;
-      timespec t{};
-      std::memcpy(&t, CMSG_DATA(c), sizeof t);
-      r.t = RealtimeTime(t.tv_sec * 1'000'000'000 + t.tv_nsec);
-      r.stamped = true;
-    }
-    if (!r.stamped) r.t = realtime_now();
+    r.own = (messages[i].msg_hdr.msg_flags & MSG_DONTROUTE) != 0;
+    r.stamps = stamps_of(messages[i].msg_hdr);
+    r.read = read;
+    r.t = r.stamps.kernel.value_or(realtime_now());
   }
   return good;
 }

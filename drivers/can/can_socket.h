@@ -1,9 +1,10 @@
 // Sockets of the kernel's CAN protocols (linux/can/raw.h, linux/can/bcm.h, linux/can/isotp.h;
 // Documentation/networking/can.rst).
 //
-// Raw: frames with the kernel's receive time (SO_TIMESTAMPNS, CLOCK_REALTIME) and its own count of frames
-// that the socket had no room for. Broadcast manager: cyclic sending that goes on in the kernel between two
-// commands. ISO-TP: messages.
+// Raw: frames with the stamps of the kernel and of the interface (SO_TIMESTAMPING), and the kernel's own
+// count of frames that the socket had no room for. A frame that this host sent comes back when it has left:
+// its stamps are those of its transmission. Broadcast manager: cyclic sending that goes on in the kernel
+// between two commands. ISO-TP: messages.
 //
 // A call returns 0 or a negative errno where it is made by I/O threads; opening returns a Status with what to
 // do. One thread at a time.
@@ -17,6 +18,7 @@
 #include <vector>
 
 #include "drivers/can/can_bits.h"
+#include "drivers/can/frame_clock.h"
 #include "rt-core/file_descriptor.h"
 #include "rt-core/result.h"
 #include "rt-core/time.h"
@@ -26,9 +28,11 @@ namespace rigor::can {
 
 struct ReceivedFrame {
   CanFrame frame;
-  RealtimeTime t;             ///< the kernel's receive time; of its absence the instant of reading
+  FrameStamps stamps;
+  BenchTime read;             ///< when it was read (CLOCK_MONOTONIC)
+  RealtimeTime t;             ///< for logs: the kernel's stamp, or else the instant of reading
   std::uint8_t fd_flags = 0;  ///< as the kernel gave them
-  bool stamped = false;
+  bool own = false;           ///< a program of this host sent it
 };
 
 struct RawOptions {
