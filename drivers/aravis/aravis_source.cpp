@@ -129,15 +129,16 @@ std::vector<std::string> AravisSource::warnings() const {
   std::vector<std::string> all;
   const std::lock_guard lock(i.ptp_mutex);
   if (!i.strange.empty()) all.push_back(i.config.name + ": frames that could not be used: " + i.strange);
-  if (!i.settings.ptp) return all;
+  if (!i.settings.ptp || i.ptp_status == "Slave") return all;
   if (i.ptp_status.empty()) {
     all.push_back(i.config.name + ": the camera's PTP clock was not asked yet; it is once a second");
     return all;
   }
-  all.push_back(fmt::format("{}: the camera's PTP clock is {}, {:g} µs from its master{}", i.config.name,
-                            i.ptp_status,
-                            static_cast<double>(i.ptp_offset_ns.load(std::memory_order_relaxed)) * 1e-3,
-                            i.ptp_status == "Slave" ? "" : "; is there a master (ptp4l) on its network?"));
+  all.push_back(fmt::format(
+      "{}: the camera's PTP clock is {}, {:g} µs from its master; is there a master (ptp4l) on its "
+      "network?",
+      i.config.name, i.ptp_status,
+      static_cast<double>(i.ptp_offset_ns.load(std::memory_order_relaxed)) * 1e-3));
   return all;
 }
 
@@ -181,13 +182,8 @@ Status AravisSource::do_configure(const ChannelConfig& config) {
   return {};
 }
 
-Status AravisSource::do_arm(const ArmContext& context) {
+Status AravisSource::do_arm(const ArmContext&) {
   Impl& i = *impl_;
-  if (context.virtual_time)
-    return fail(
-        ErrorCode::bad_input, i.config.name,
-        "a camera on the network knows no virtual time: give the rig an emulator for it (`emulated_by`), "
-        "whose model then stands in, or run with --clock wall");
   auto session = CameraSession::open(i.settings, i.config, [] { return false; });
   if (!session) return tl::unexpected<Error>(session.error());
   i.session = std::move(*session);

@@ -41,9 +41,6 @@ void CanSink::watch(const Heartbeat* heartbeat, Duration deadline) {
 }
 
 Status CanSink::do_arm(const ArmContext& context) {
-  if (context.virtual_time)
-    return fail(ErrorCode::wrong_state, config().name,
-                "expected a wall-clock run, got virtual time: name the node's emulator with `emulated_by`");
   if (auto s = deadline_.open(); !s) return s;
   if (auto s = bcm_.open(settings_.interface); !s)
     return fail(s.error().code, config().name, s.error().text());
