@@ -14,6 +14,8 @@ constexpr Duration kInterruptSigma = microseconds(100);
 constexpr Duration kReaderSigma = microseconds(289);
 /// A stamp that is further from the reader's clock is of a CLOCK_REALTIME that was set meanwhile.
 constexpr Duration kBelieved = seconds(2);
+/// An interrupt that comes later than this is less likely than a clock that stepped.
+constexpr Duration kInterruptLimit = milliseconds(50);
 /// No frame ended after it was stamped or read, but for what two readings of clocks differ by.
 constexpr Duration kAhead = milliseconds(1);
 
@@ -78,9 +80,11 @@ FrameClock::Placed FrameClock::best_of(const FrameStamps& s, const EpochPair& ep
     if (t <= read + kAhead && read - t <= kBelieved) kernel = t;
   }
   if (wanted_ == StampKind::hardware && s.hardware) {
-    const bool fits = !kernel || hardware_.add_arrival(*s.hardware, *kernel) != ClockMap::Update::suspected;
+    if (kernel) (void)hardware_.add_arrival(*s.hardware, *kernel);
     const Mapped m = hardware_.map(*s.hardware);
-    if (fits && m.known && m.t <= kernel.value_or(read) + kAhead) return {m.t, m.sigma, StampKind::hardware};
+    const BenchTime latest = kernel.value_or(read) + kAhead;
+    if (m.known && m.t <= latest && latest - m.t <= (kernel ? kInterruptLimit : kBelieved))
+      return {m.t, m.sigma, StampKind::hardware};
   }
   if (wanted_ != StampKind::arrival && kernel) return {*kernel, epoch.sigma, StampKind::kernel};
   return {read, kReaderSigma, StampKind::arrival};

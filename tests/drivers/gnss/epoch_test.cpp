@@ -295,8 +295,8 @@ std::vector<ReceiverStream::Place> places_on_a_line_held_up(double from_s, Durat
 
 TEST(Epochs, ALineThatWasHeldUpTeachesTheClockNothing) {
   for (const double from_s : {0.0, 0.51, 1.5, 2.05, 4.0, 7.77, 12.0})
-    for (const Duration held :
-         {milliseconds(130), milliseconds(245), milliseconds(940), milliseconds(2330)}) {
+    for (const Duration held : {milliseconds(45), milliseconds(80), milliseconds(130), milliseconds(245),
+                                milliseconds(940), milliseconds(2330)}) {
       const auto places = places_on_a_line_held_up(from_s, held);
       ASSERT_EQ(places.size(), 200U);
       for (std::size_t k = 1; k < places.size(); ++k) {
@@ -312,6 +312,29 @@ TEST(Epochs, ALineThatWasHeldUpTeachesTheClockNothing) {
             << k << ", held from " << from_s << " s for " << held.ns();
       }
     }
+}
+
+TEST(Epochs, AMessageThatComesInPiecesIsOfItsFirstByte) {
+  std::vector<BenchTime> arrivals;
+  ReceiverStream stream(
+      {},
+      {.solution = [&](const Solution&, const ReceiverStream::Place& p) { arrivals.push_back(p.arrival); },
+       .sky = {},
+       .pulse = {},
+       .raw = {},
+       .message = {}});
+  Buffer first, second;
+  append_nav_pvt(first, pvt_at(302'400'000));
+  append_nav_pvt(second, pvt_at(302'500'000));
+  const auto take = [&](Bytes b, std::int64_t ms) { stream.take(b, BenchTime(ms * 1'000'000)); };
+  take(Bytes(first).first(3), 100);
+  take(Bytes(first).subspan(3, 40), 120);
+  Buffer tail(first.begin() + 43, first.end());
+  tail.insert(tail.end(), second.begin(), second.begin() + 10);
+  take(tail, 140);
+  take(Bytes(second).subspan(10), 160);
+  stream.finish();
+  EXPECT_EQ(arrivals, (std::vector{BenchTime(100'000'000), BenchTime(140'000'000)}));
 }
 
 TEST(Epochs, APulseTiesStampsDownFromMillisecondsToMicroseconds) {

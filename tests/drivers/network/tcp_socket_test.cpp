@@ -51,6 +51,9 @@ TEST(TcpSocket, ConnectsByNameAndByBothKindsOfAddress) {
   ASSERT_TRUE(l) << l.error().text();
   EXPECT_TRUE(connect_tcp("localhost", l->port, in(seconds(5))))
       << "of the addresses of the name, the one that is served";
+  auto four = listen_tcp("127.0.0.1", 0, "a device");
+  ASSERT_TRUE(four);
+  EXPECT_TRUE(connect_tcp("localhost", four->port, in(seconds(5)))) << "also where another comes first";
 }
 
 TEST(TcpSocket, SaysWhoWasExpectedWhereNobodyListens) {
