@@ -123,12 +123,12 @@ Result<std::vector<std::uint8_t>> GigeClient::read_memory(std::uint32_t address,
 Result<double> GigeClient::read_double(std::uint32_t address) {
   auto bytes = read_memory(address, 8);
   if (!bytes) return tl::unexpected<Error>(bytes.error());
-  return load_be_double(*bytes, 0);
+  return load_be<double>(*bytes, 0);
 }
 
 Status GigeClient::write_double(std::uint32_t address, double value) {
   std::array<std::uint8_t, 8> bytes{};
-  store_be_double(bytes, 0, value);
+  store_be(bytes, 0, value);
   return dropped(transact(encode_write_memory_cmd(next_id(), address, bytes), GvcpCommand::write_memory_ack));
 }
 

@@ -465,7 +465,7 @@ GvStatus GigeDeviceModel::write_memory(const WriteMemoryCmd& c, Endpoint from, D
   if (c.data.size() == 8 && is_double(c.address)) {
     if (!is_owner(from)) return GvStatus::access_denied;
     if (read_only(c.address)) return GvStatus::write_protect;
-    return write_double(c.address, load_be_double(c.data, 0), now, answer);
+    return write_double(c.address, load_be<double>(c.data, 0), now, answer);
   }
   const std::uint64_t end = std::uint64_t{c.address} + c.data.size();
   if (end > 0xFFFFFFFF) return GvStatus::invalid_address;

@@ -347,9 +347,9 @@ void GigeVirtualSource::Impl::collect() {
     const std::size_t picture = image_bytes(settings.format, region.width_px, region.height_px);
     if (settings.chunks && frame.complete) {
       if (const auto c = gige::find_chunk(frame.data, gige::reg::kChunkExposureTime); c.size() == 8)
-        exposed = seconds_from(gige::load_be_double(c, 0) * 1e-6);
+        exposed = seconds_from(load_be<double>(c, 0) * 1e-6);
       if (const auto c = gige::find_chunk(frame.data, gige::reg::kChunkGain); c.size() == 8)
-        gain = gige::load_be_double(c, 0);
+        gain = load_be<double>(c, 0);
     }
     stamp.t_capture = t_start + exposed / 2;
     if (settings.ptp) stamp.sigma_capture = ptp_offset();

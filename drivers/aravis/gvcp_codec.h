@@ -17,9 +17,12 @@
 #include <variant>
 #include <vector>
 
-#include "drivers/aravis/big_endian.h"
+#include "rt-core/byte_order.h"
 
 namespace rigor::gige {
+
+using Bytes = std::span<const std::uint8_t>;
+using MutableBytes = std::span<std::uint8_t>;
 
 inline constexpr std::uint16_t kGvcpPort = 3956;
 inline constexpr std::size_t kGvcpHeaderSize = 8;

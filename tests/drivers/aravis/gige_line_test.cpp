@@ -108,8 +108,8 @@ TEST(GigeChunks, StandBehindThePicture) {
     EXPECT_EQ(f.leader.payload_type, kImagePayload | kChunkFlag);
     EXPECT_EQ(find_chunk(f.data, reg::kChunkImage).size(), plain);
     EXPECT_EQ(load_be<std::uint64_t>(find_chunk(f.data, reg::kChunkTimestamp), 0), f.leader.timestamp_ticks);
-    EXPECT_EQ(load_be_double(find_chunk(f.data, reg::kChunkExposureTime), 0), 5000);
-    EXPECT_EQ(load_be_double(find_chunk(f.data, reg::kChunkGain), 0), 6);
+    EXPECT_EQ(load_be<double>(find_chunk(f.data, reg::kChunkExposureTime), 0), 5000);
+    EXPECT_EQ(load_be<double>(find_chunk(f.data, reg::kChunkGain), 0), 6);
     EXPECT_EQ(load_be<std::uint64_t>(find_chunk(f.data, reg::kChunkFrameId), 0), i);
     EXPECT_TRUE(find_chunk(f.data, 77).empty());
   }
