@@ -184,11 +184,11 @@ void GigeEmulator::Impl::drain(int fd) {
 }
 
 void GigeEmulator::Impl::answer(int fd, Endpoint from, Bytes datagram) {
-  // On a broadcast address nothing but discovery is for us.
-  if (fd != control.get() &&
-      (datagram.size() != kGvcpHeaderSize ||
-       load_be<std::uint16_t>(datagram, 2) != static_cast<std::uint16_t>(GvcpCommand::discovery_cmd))) {
-    return;
+  // On a broadcast address nothing but discovery and actions is for us.
+  if (fd != control.get()) {
+    if (datagram.size() < kGvcpHeaderSize) return;
+    const auto command = static_cast<GvcpCommand>(load_be<std::uint16_t>(datagram, 2));
+    if (command != GvcpCommand::discovery_cmd && command != GvcpCommand::action_cmd) return;
   }
   GvcpAnswer a;
   {
@@ -498,6 +498,8 @@ GigeEmulatorHealth GigeEmulator::health() const {
   h.resends_dropped = impl_->resends_dropped;
   h.line_edges = c.line_edges;
   h.line_missed = c.line_missed;
+  h.actions = c.actions, h.actions_late = c.actions_late;
+  h.actions_refused = c.actions_refused, h.actions_missed = c.actions_missed;
   h.gvcp_requests = c.gvcp_requests;
   h.malformed = c.malformed;
   h.refused = c.refused;

@@ -103,9 +103,12 @@ DecodeStatus decode_body(GvcpRequest& out, Bytes p) noexcept {
     case GvcpCommand::packet_resend_cmd:
       return decode_resend(p, out.flags, out.body.emplace<PacketResendCmd>());
     case GvcpCommand::action_cmd: {
-      if (p.size() != 12 && p.size() != 20) return DecodeStatus::bad_payload;
-      out.body =
-          ActionCmd{load_be<std::uint32_t>(p, 0), load_be<std::uint32_t>(p, 4), load_be<std::uint32_t>(p, 8)};
+      const bool scheduled = (out.flags & gvcp_flag::kScheduled) != 0;
+      if (p.size() != 20 && (p.size() != 12 || scheduled)) return DecodeStatus::bad_payload;
+      ActionCmd c{
+          load_be<std::uint32_t>(p, 0), load_be<std::uint32_t>(p, 4), load_be<std::uint32_t>(p, 8), {}};
+      if (scheduled) c.time_ticks = load_be<std::uint64_t>(p, 12);
+      out.body = c;
       return DecodeStatus::ok;
     }
     default:
@@ -160,6 +163,12 @@ const char* to_string(GvStatus s) {
       return "packet unavailable";
     case GvStatus::invalid_header:
       return "invalid header";
+    case GvStatus::no_reference_time:
+      return "no reference time: the device's clock follows no PTP master";
+    case GvStatus::overflow:
+      return "overflow: the device's queue is full";
+    case GvStatus::action_late:
+      return "action late";
     case GvStatus::error:
       return "error";
   }
@@ -278,10 +287,12 @@ Datagram encode_packet_resend_cmd(std::uint16_t id, const PacketResendCmd& c) {
 }
 
 Datagram encode_action_cmd(std::uint16_t id, const ActionCmd& c) {
-  auto d = command(GvcpCommand::action_cmd, id, gvcp_flag::kAckRequired, 12);
+  const auto flags = gvcp_flag::kAckRequired | (c.time_ticks ? gvcp_flag::kScheduled : 0);
+  auto d = command(GvcpCommand::action_cmd, id, static_cast<std::uint8_t>(flags), c.time_ticks ? 20 : 12);
   store_be(d, 8, c.device_key);
   store_be(d, 12, c.group_key);
   store_be(d, 16, c.group_mask);
+  if (c.time_ticks) store_be(d, 20, *c.time_ticks);
   return d;
 }
 
