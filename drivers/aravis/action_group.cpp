@@ -79,6 +79,8 @@ Status ActionSender::aim(const std::string& address) {
       connect(socket_.get(), reinterpret_cast<const sockaddr*>(&to), sizeof to) != 0)
     return fail(ErrorCode::io, address,
                 std::string("cannot open a socket for action commands: ") + std::strerror(errno));
+  const int on = 1;
+  (void)setsockopt(socket_.get(), SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on);
   return {};
 }
 
@@ -86,7 +88,7 @@ void ActionSender::send(const gige::ActionCmd& command, DeviceTime t) {
   const std::scoped_lock lock(mutex_);
   id_ = id_ == 0xFFFF ? std::uint16_t{1} : static_cast<std::uint16_t>(id_ + 1);
   const auto datagram = gige::encode_action_cmd(id_, command);
-  sent_[id_ % sent_.size()] = {id_, monotonic_now(), t, false, false};
+  sent_[id_ % sent_.size()] = {id_, realtime_now(), t, false, false};
   ++statistics_.sent;
   // What does not arrive is not answered.
   (void)!::send(socket_.get(), datagram.data(), datagram.size(), MSG_NOSIGNAL);
@@ -124,9 +126,22 @@ ActionSender::Due ActionSender::send_due(BenchTime now, const Schedule& s, Actio
 
 void ActionSender::receive() {
   std::array<std::uint8_t, 1024> buffer;
+  std::array<char, 256> control;
   while (true) {
-    const ssize_t n = recv(socket_.get(), buffer.data(), buffer.size(), 0);
+    iovec data{buffer.data(), buffer.size()};
+    msghdr m{};
+    m.msg_iov = &data, m.msg_iovlen = 1;
+    m.msg_control = control.data(), m.msg_controllen = control.size();
+    const ssize_t n = recvmsg(socket_.get(), &m, 0);
     if (n < 0) return;
+    // The kernel knows when an answer came; it may have waited here.
+    RealtimeTime arrival = realtime_now();
+    for (cmsghdr* c = CMSG_FIRSTHDR(&m); c != nullptr; c = CMSG_NXTHDR(&m, c)) {
+      timespec t{};
+      if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_TIMESTAMPNS) continue;
+      std::memcpy(&t, CMSG_DATA(c), sizeof t);
+      arrival = RealtimeTime(t.tv_sec * 1'000'000'000 + t.tv_nsec);
+    }
     gige::GvcpAck ack;
     if (gige::decode_gvcp_ack({buffer.data(), static_cast<std::size_t>(n)}, ack) != gige::DecodeStatus::ok ||
         ack.command != static_cast<std::uint16_t>(gige::GvcpCommand::action_ack))
@@ -134,7 +149,7 @@ void ActionSender::receive() {
     const std::scoped_lock lock(mutex_);
     Sent& s = sent_[ack.ack_id % sent_.size()];
     if (s.id != ack.ack_id || std::exchange(s.answered, true)) continue;
-    const Duration answer = monotonic_now() - s.at;
+    const Duration answer = arrival - s.at;
     answer_sum_ = answer_sum_ + answer;
     statistics_.answer_max = std::max(statistics_.answer_max, answer);
     if (ack.status == gige::GvStatus::success) {

@@ -104,7 +104,7 @@ class ActionSender {
  private:
   struct Sent {
     std::uint16_t id = 0;
-    MonotonicTime at;
+    RealtimeTime at;
     DeviceTime t;
     bool answered = true, seen = true;
   };

@@ -233,6 +233,7 @@ Status AravisSource::do_stop() {
   i.stop = true;
   sem_post(&i.wake);
   if (i.control_thread.joinable()) i.control_thread.join();
+  i.actions.receive();
   if (i.session) i.end_session(!i.session->alive(kAskWait));
   close_stream();
   i.group.reset();

@@ -22,6 +22,7 @@ bool in_block(reg::Address a) {
 Register& RegisterTable::add(reg::Address address, Kind kind, const char* name, const char* tooltip) {
   Register& r = add(address, kind == Kind::real ? std::uint16_t{8} : std::uint16_t{4});
   r.features.push_back({.kind = kind, .category = category_, .name = name, .tooltip = tooltip});
+  if (kind == Kind::command || kind == Kind::text) r.beginner();
   return r;
 }
 

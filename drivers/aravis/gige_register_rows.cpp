@@ -271,6 +271,7 @@ RegisterTable GigeDeviceModel::registers(const GigeCameraConfig& c) {
         "Off: what version 2.0 has a status code for is a plain error")
       .bits(13, 13)
       .also(K::choice, "ActionUnconditionalMode", "On: action commands count although no client has control")
+      .in("ActionControl")
       .bits(28, 28)
       .choices(kOffOn)
       .shows([](const M& m) {

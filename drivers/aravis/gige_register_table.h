@@ -84,6 +84,7 @@ class Register {
   [[nodiscard]] bool is_real() const { return !features.empty() && features[0].kind == Kind::real; }
 
   // What makes a row. The features' part means the newest one.
+  Register& in(const char* category) { return features.back().category = category, *this; }
   Register& unit(const char* u) { return features.back().unit = u, *this; }
   Register& beginner() { return features.back().visibility = "Beginner", *this; }
   Register& within(double min, double max, std::uint32_t step = 1) {
