@@ -12,12 +12,13 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <set>
 
 #include "drivers/aravis/aravis_source.h"
+#include "drivers/aravis/camera_emulator.h"
 #include "drivers/aravis/camera_session.h"
-#include "drivers/aravis/gige_channel_emulator.h"
 #include "drivers/aravis/gige_virtual_source.h"
 #include "rt-core/file_descriptor.h"
 
@@ -89,8 +90,20 @@ void check_mtu(std::vector<DoctorFinding>& all) {
   freeifaddrs(list);
 }
 
+/// The kernel's end of USB/IP, which plugs in a camera that is emulated `as: usb3vision`.
+DoctorFinding check_usbip() {
+  std::error_code error;
+  if (std::filesystem::exists("/sys/devices/platform/vhci_hcd.0", error))
+    return {DoctorFinding::Level::good, "vhci_hcd is loaded: emulated USB3 Vision cameras can be attached",
+            ""};
+  return {
+      DoctorFinding::Level::note,
+      "vhci_hcd is not loaded: this machine cannot attach an emulated USB3 Vision camera (as: usb3vision)",
+      "sudo modprobe vhci-hcd    (then: sudo usbip attach -r 127.0.0.1 -b 1-1)"};
+}
+
 std::vector<DoctorFinding> examine() {
-  std::vector<DoctorFinding> all{check_socket_buffer(), check_packet_sockets()};
+  std::vector<DoctorFinding> all{check_socket_buffer(), check_packet_sockets(), check_usbip()};
   check_mtu(all);
   return all;
 }
@@ -102,7 +115,7 @@ Backend aravis_backend() {
   b.name = "aravis";
   b.summary = "GenICam cameras (GigE Vision, USB3 Vision) through Aravis";
   b.make_source = [] { return std::make_unique<AravisSource>(); };
-  b.make_emulator = [] { return std::make_unique<GigeChannelEmulator>(); };
+  b.make_emulator = [] { return make_camera_emulator(); };
   b.make_virtual_source = [](DeviceParts parts, ConfigNode params) -> Result<std::unique_ptr<Source>> {
     return std::make_unique<GigeVirtualSource>(std::move(parts), std::move(params));
   };

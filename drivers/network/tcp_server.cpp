@@ -26,14 +26,20 @@ Result<std::uint16_t> TcpServer::listen(const std::string& address, std::uint16_
 Status TcpServer::start() {
   wake_.reset(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
   if (!wake_) return fail(ErrorCode::io, "", std::string("expected an eventfd: ") + std::strerror(errno));
+  ending_ = false;
   thread_ = std::thread([this] { run(); });
   return {};
 }
 
+void TcpServer::wake() {
+  const std::uint64_t one = 1;
+  [[maybe_unused]] const auto n = ::write(wake_.get(), &one, sizeof one);
+}
+
 void TcpServer::stop() {
   if (thread_.joinable()) {
-    const std::uint64_t one = 1;
-    [[maybe_unused]] const auto n = ::write(wake_.get(), &one, sizeof one);
+    ending_ = true;
+    wake();
     thread_.join();
   }
   connections_.clear();
@@ -47,7 +53,7 @@ void TcpServer::accept(const Port& port) {
   const auto here = std::count_if(connections_.begin(), connections_.end(),
                                   [&](const Connection& c) { return c.port == &port; });
   if (static_cast<std::size_t>(here) >= port.limits.clients) return;
-  connections_.push_back({std::move(client.socket), &port, {client.address, {}, {}, false}, monotonic_now()});
+  connections_.push_back({std::move(client.socket), &port, {client.address, {}, {}, false, {}}, monotonic_now()});
 }
 
 void TcpServer::send(Connection& c) {
@@ -77,6 +83,10 @@ void TcpServer::receive(Connection& c) {
   if (n <= 0 || c.client.close) return;
   c.moved = monotonic_now();
   c.client.in.append(piece, static_cast<std::size_t>(n));
+  serve(c);
+}
+
+void TcpServer::serve(Connection& c) {
   c.port->serve(c.client);
   if (c.client.in.size() > c.port->limits.request || c.client.out.size() > c.port->limits.pending)
     c.dead = true;
@@ -92,7 +102,13 @@ void TcpServer::run() {
     for (const Connection& c : connections_)
       fds.push_back({c.socket.get(), static_cast<short>(POLLIN | (c.client.out.empty() ? 0 : POLLOUT)), 0});
     if (::poll(fds.data(), fds.size(), 500) < 0 && errno != EINTR) return;
-    if (fds[0].revents != 0) return;
+    if (fds[0].revents != 0) {
+      if (ending_) return;
+      std::uint64_t times = 0;
+      [[maybe_unused]] const auto n = ::read(wake_.get(), &times, sizeof times);
+      for (Connection& c : connections_)
+        if (!c.client.close) serve(c);
+    }
     const MonotonicTime now = monotonic_now();
     std::size_t k = 1 + ports_.size();
     for (Connection& c : connections_) {  // new ones come behind those that were polled
