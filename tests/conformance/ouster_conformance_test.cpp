@@ -40,6 +40,14 @@ class Virtual : public SourceUnderTest {
   std::size_t slots() const override { return 8; }
 };
 
+class VirtualImage final : public Virtual {
+ public:
+  ChannelConfig config() override { return config_of("{buffers: 8}", SampleKind::image); }
+  ChannelConfig config_with_unknown_key() override {
+    return config_of("{remission: signal}", SampleKind::image);
+  }
+};
+
 /// An emulator at ports of its own.
 class Loopback : public SourceUnderTest {
  public:
@@ -117,6 +125,7 @@ class VirtualRecording : public SourceUnderTest {
 
 INSTANTIATE_TEST_SUITE_P(Ouster, SourceConformance,
                          testing::Values(under_test<Virtual>("virtual_time"),
+                                         under_test<VirtualImage>("image_in_virtual_time"),
                                          under_test<Loopback>("loopback"), under_test<Imu>("imu_loopback"),
                                          under_test<VirtualRecording>("recording_in_virtual_time")),
                          name_of_case);
