@@ -12,7 +12,7 @@
 #include "drivers/ouster/ouster_virtual_source.h"
 #include "rt-core/byte_order.h"
 #include "tests/drivers/network/free_ports.h"
-#include "tests/drivers/ouster/made_sensor.h"
+#include "tests/drivers/ouster/record_sensor.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::ouster {
@@ -197,28 +197,10 @@ TEST(OusterVirtual, RefusesALatencyThatCannotBe) {
   EXPECT_NE(s.error().text().find("latency_ms"), std::string::npos) << s.error().text();
 }
 
-/// A recording of frames with one packet missing, in fragments as on the wire, and its metadata.
+/// A recording of frames with one packet missing.
 void record(const rigor::test::TemporaryDirectory& dir, std::uint64_t frames) {
-  auto device = SensorDevice::create(std::make_shared<FormulaLidar>());
-  ASSERT_TRUE(device);
-  auto control = SensorControl::create(*device, {}, "{}", MonotonicTime(0));
-  ASSERT_TRUE(control);
-  const auto reply = control->http("GET", "/api/v1/sensor/metadata", "", "", MonotonicTime(1));
-  std::ofstream(dir.file("a.json")) << reply.body;
-  const Metadata& m = control->active().metadata;
-  auto writer = network::PcapWriter::create(dir.file("a.pcap"));
-  ASSERT_TRUE(writer);
-  LidarPacketWriter packet(layout_of(m));
-  auto scan = device->make_scan();
-  for (std::uint64_t f = 0; f < frames; ++f) {
-    ASSERT_TRUE(device->measure(f, BenchTime(0), {}, scan));
-    for (std::uint32_t slot = 0; slot < m.slots(); ++slot) {
-      if (f == 1 && slot == 3) continue;
-      device->compose(f, slot, &scan, m, 0, packet);
-      writer->write(RealtimeTime(1'700'000'000'000'000'000 + device->filled(f, slot, m).ns()),
-                    {0x7F000001, 0x7F000001, kLidarPort, kLidarPort, packet.bytes()});
-    }
-  }
+  const auto lost = [](std::uint64_t frame, std::uint32_t slot) { return frame == 1 && slot == 3; };
+  ASSERT_TRUE(test::record_sensor(dir.file("a.pcap"), dir.file("a.json"), {frames, {512, 10}, lost}));
 }
 
 TEST(OusterRecording, IsReadFromItsFragmentsInVirtualTime) {
