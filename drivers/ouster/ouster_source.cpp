@@ -123,6 +123,8 @@ Status OusterSource::arm_network() {
   sensor_ipv4_ = ipv4_of(settings_.host);
   if (auto s = open_frames(m, Feed::live); !s) return s;
   t_last_packet_ = bench_now();
+  health_.connected = true;
+  const std::uint64_t errors = health_.protocol_errors;
   const std::uint16_t number = port_of(m);
   auto port = SensorPort::join(settings_.address, number, settings_.socket_buffer_bytes, this);
   if (!port) return fail(port.error().code, config().name, port.error().text());
@@ -131,13 +133,10 @@ Status OusterSource::arm_network() {
     warnings_.push_back("the kernel grants " + std::to_string(port_->buffer_bytes() / 1024) + " KiB of the " +
                         std::to_string(settings_.socket_buffer_bytes / 1024) +
                         " KiB asked for: `rigor doctor` says how to have more");
-  if (auto s = await_packets(is_imu() ? kImuBytes : layout_of(m).packet_bytes, number); !s) return s;
-  health_.connected = true;
-  return {};
+  return await_packets(is_imu() ? kImuBytes : layout_of(m).packet_bytes, number, errors);
 }
 
-Status OusterSource::await_packets(std::size_t expected_bytes, std::uint16_t port) {
-  const std::uint64_t errors = health_.protocol_errors;
+Status OusterSource::await_packets(std::size_t expected_bytes, std::uint16_t port, std::uint64_t errors) {
   for (const MonotonicTime limit = monotonic_now() + kListen; packets_ == 0 && monotonic_now() < limit;)
     if (!deadline_.wait_until(std::min(limit, monotonic_now() + milliseconds(1)))) break;
   if (packets_ > 0) return {};
@@ -153,6 +152,7 @@ Status OusterSource::await_packets(std::size_t expected_bytes, std::uint16_t por
 }
 
 void OusterSource::leave_port() {
+  health_.connected = false;
   if (!port_) return;
   deadline_.cut();  // a request to the sensor that is under way
   port_->leave(this);

@@ -49,8 +49,8 @@ class OusterSource final : public packet_lidar::CloudSource, private PortClient 
 
  private:
   Status arm_network();
-  /// Waits until packets of the sensor come.
-  Status await_packets(std::size_t expected_bytes, std::uint16_t port);
+  /// Waits until packets of the sensor come. `errors`: protocol errors before.
+  Status await_packets(std::size_t expected_bytes, std::uint16_t port, std::uint64_t errors);
   void leave_port();
   Status arm_file(bool virtual_time);
   /// Memory and decoder for a sensor like this.
