@@ -88,6 +88,8 @@ TEST_F(OusterControl, RefusesWhatItCannotDoAndKeepsWhatItHad) {
   wrong("udp_port_lidar+70000", "from 0");
   wrong("no_such+1", "unknown");
   wrong(".+%7B%22udp_dest%22%3A%2210.0.0.8%22%2C%22operating_mode%22%3A%22FAST%22%7D", "NORMAL STANDBY");
+  // The first of these two could be had.
+  wrong(".+%7B%22udp_dest%22%3A%2210.0.0.8%22%2C%22udp_port_imu%22%3A-1%7D", "udp_port_imu");
   EXPECT_EQ(get("/api/v1/sensor/cmd/get_config_param?args=staged")["udp_dest"], "10.0.0.9")
       << "all or nothing";
   get("/api/v1/nonsense", 404);
