@@ -73,6 +73,7 @@ Status OusterSource::do_arm(const ArmContext& context) {
 
 Status OusterSource::open_frames(const Metadata& m, Feed feed) {
   how_ = feed;
+  initialization_id_ = m.initialization_id;
   const Duration utc_offset = settings_.utc_offset.value_or(
       m.timestamp_mode == "TIME_FROM_PTP_1588" && feed == Feed::live ? seconds(-37) : Duration(0));
   if (is_imu()) {
@@ -122,7 +123,7 @@ Status OusterSource::arm_network() {
   }
   sensor_ipv4_ = ipv4_of(settings_.host);
   if (auto s = open_frames(m, Feed::live); !s) return s;
-  t_last_packet_ = bench_now();
+  t_last_packet_ = t_last_datagram_ = bench_now();
   health_.connected = true;
   const std::uint64_t errors = health_.protocol_errors;
   const std::uint16_t number = port_of(m);
@@ -264,6 +265,7 @@ void OusterSource::on_epoch(const EpochPair& epoch) {
 
 void OusterSource::on_packets(std::span<const network::UdpReceiver::Datagram> batch) {
   for (const auto& d : batch) {
+    t_last_datagram_ = d.arrival;
     if (sensor_ipv4_ != 0 && d.source_ipv4 != sensor_ipv4_) {
       foreign_.fetch_add(1, std::memory_order_relaxed);
       continue;
@@ -273,6 +275,7 @@ void OusterSource::on_packets(std::span<const network::UdpReceiver::Datagram> ba
     if (good_packets() == before) continue;
     t_last_packet_ = d.arrival;
     if (!health_.connected.load(std::memory_order_relaxed)) {
+      fetch_.reset();
       health_.connected.store(true, std::memory_order_release);
       health_.reconnects.fetch_add(1, std::memory_order_relaxed);
     }
@@ -283,26 +286,30 @@ void OusterSource::on_packets(std::span<const network::UdpReceiver::Datagram> ba
 /// Whether the sensor is there, and still the one that it was.
 void OusterSource::on_turn(SensorPort& port) {
   kernel_drops_.store(port.dropped(), std::memory_order_relaxed);
-  if (bench_now() - t_last_packet_ > kSilence) health_.connected.store(false, std::memory_order_release);
-  if (!frames_ || settings_.host.empty()) return;
-  const FrameStream::Counters& c = frames_->counters();
-  if (c.other_initialization == other_seen_ && c.malformed == malformed_seen_) return;
-  if (!fetch_.due(monotonic_now())) return;
+  const BenchTime now = bench_now();
+  if (now - t_last_packet_ > kSilence) health_.connected.store(false, std::memory_order_release);
+  if (settings_.host.empty()) return;
+  const FrameStream::Counters c = frames_ ? frames_->counters() : FrameStream::Counters{};
+  const bool anew = c.other_initialization != other_seen_ || c.malformed != malformed_seen_;
+  // It may send to another port. A request holds up this thread: not while packets of others come here.
+  const bool silent = now - t_last_datagram_ > kSilence;
+  if ((!anew && !silent) || !fetch_.due(monotonic_now())) return;
   auto m = fetch_metadata(sensor(), monotonic_now() + kFetch);
   if (!m || m->status != "RUNNING") {
     fetch_.failed(monotonic_now());
     return;
   }
   other_seen_ = c.other_initialization, malformed_seen_ = c.malformed;
-  if (m->initialization_id == frames_->metadata().initialization_id) {
-    fetch_.failed(monotonic_now());  // packets of something else: no reason to ask at each
+  if (m->initialization_id == initialization_id_) {
+    fetch_.failed(monotonic_now());  // packets of something else, or none: no reason to ask all the time
     return;
   }
-  if (!frames_->adopt(*m)) {
+  if (frames_ && !frames_->adopt(*m)) {
     health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
     fetch_.failed(monotonic_now());
     return;
   }
+  initialization_id_ = m->initialization_id;
   fetch_.reset();
   reinitialized_.fetch_add(1, std::memory_order_relaxed);
   port.move_to(port_of(*m));

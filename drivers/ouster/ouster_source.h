@@ -5,8 +5,8 @@
 // metadata, and listens for up to 2 s for its packets. Channels at one port share it and the thread that
 // takes its datagrams, in batches with the kernel's stamps (sensor_port.h). A second without a packet, and
 // `connected` falls until the next one comes (`reconnects` counts those). A sensor that was configured anew
-// meanwhile has other metadata: they are fetched again; where its frames no longer fit into the channel's
-// samples, the channel stays disconnected.
+// meanwhile has other metadata: they are fetched again, also where nothing comes any more, as it may send to
+// another port. Where its frames no longer fit into the channel's samples, the channel stays disconnected.
 //
 // Recording: packets come at the distances that their stamps have, from the run's start on; in virtual time
 // exactly so. At its end `connected` falls.
@@ -78,7 +78,8 @@ class OusterSource final : public packet_lidar::CloudSource, private PortClient 
   std::shared_ptr<SensorPort> port_;
   std::optional<network::PcapFeed> feed_;
   Feed how_ = Feed::live;
-  BenchTime t0_, t_last_packet_;
+  BenchTime t0_, t_last_packet_, t_last_datagram_;  ///< datagram: of anyone
+  std::uint32_t initialization_id_ = 0;
   BenchTime last_imu_release_;
   Deadline deadline_;
   Backoff fetch_;
