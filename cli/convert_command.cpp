@@ -33,6 +33,7 @@ std::span<const LidarPoint> points_of(const Sample& sample) {
 Result<RecordingInput> read_clouds(const ConvertOptions& options, const TakeSample& take) {
   const std::filesystem::path& file = options.input;
   if (network::is_pcap(file)) {
+    if (options.metadata.empty() && is_livox_recording(file)) return read_livox_recording(file, take);
     const auto metadata = options.metadata.empty() ? ouster_metadata_beside(file) : options.metadata;
     return metadata.empty() ? read_velodyne_recording(file, take)
                             : read_ouster_recording(file, metadata, take);
@@ -42,10 +43,11 @@ Result<RecordingInput> read_clouds(const ConvertOptions& options, const TakeSamp
   std::error_code none;
   if (!std::filesystem::is_regular_file(file, none))
     return fail(ErrorCode::not_found, file.string(), "expected a recording, found no such file");
-  return fail(ErrorCode::bad_input, file.string(),
-              "expected packets of a Velodyne or an Ouster (pcap, pcapng), telegrams of a SICK scanner "
-              "(.json) or what a satellite receiver sent (.ubx, .nmea, .log), got "
-              "another file");
+  return fail(
+      ErrorCode::bad_input, file.string(),
+      "expected packets of a Velodyne, a Livox or an Ouster (pcap, pcapng), telegrams of a SICK scanner "
+      "(.json) or what a satellite receiver sent (.ubx, .nmea, .log), got "
+      "another file");
 }
 
 /// When it was recorded: the device's own clock counts from the hour, or from when it was switched on.
