@@ -21,8 +21,10 @@ class UdpSender {
     nobody,  ///< nobody has the port open there, by what came back of an earlier one (ICMP)
     failed
   };
-  /// bad_input: no IPv4 address. unavailable: no way there. Also to change the address. Setup.
-  [[nodiscard]] Status open(const std::string& address, std::uint16_t port);
+  /// bad_input: no IPv4 address. unavailable: no way there, or the port that it is to send from is taken.
+  /// Also to change the address. Setup. `from_address`, `from_port`: where it sends from; empty, 0: any.
+  [[nodiscard]] Status open(const std::string& address, std::uint16_t port,
+                            const std::string& from_address = {}, std::uint16_t from_port = 0);
   /// not_writable. What is sent from now on is written as well. Setup.
   [[nodiscard]] Status record(const std::filesystem::path& file);
   /// Writes what was recorded. io, disk_full. Setup.
@@ -36,6 +38,7 @@ class UdpSender {
  private:
   FileDescriptor socket_;
   std::uint32_t local_ipv4_ = 0, destination_ipv4_ = 0;
+  std::uint16_t from_port_ = 0;
   std::optional<PcapWriter> pcap_;
 };
 
