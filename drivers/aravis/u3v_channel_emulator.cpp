@@ -29,7 +29,7 @@ Status U3vChannelEmulator::do_configure(const ChannelConfig& config) {
   return {};
 }
 
-Status U3vChannelEmulator::do_arm(const ArmContext& context) {
+Status U3vChannelEmulator::do_arm(const ArmContext&) {
   const auto sensor = sensor_of(parts_);
   if (!sensor)
     return fail(
