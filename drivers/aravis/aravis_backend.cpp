@@ -20,6 +20,7 @@
 #include "drivers/aravis/camera_emulator.h"
 #include "drivers/aravis/camera_session.h"
 #include "drivers/aravis/gige_virtual_source.h"
+#include "rt-core/file_descriptor.h"
 
 namespace rigor {
 namespace {
@@ -69,15 +70,15 @@ DoctorFinding check_packet_sockets() {
 void check_mtu(std::vector<DoctorFinding>& all) {
   ifaddrs* list = nullptr;
   if (getifaddrs(&list) != 0) return;
-  const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  const FileDescriptor fd(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
   std::set<std::string> seen;
-  for (const ifaddrs* i = list; i != nullptr && fd >= 0; i = i->ifa_next) {
+  for (const ifaddrs* i = list; i != nullptr && fd; i = i->ifa_next) {
     if (i->ifa_addr == nullptr || i->ifa_addr->sa_family != AF_INET || (i->ifa_flags & IFF_UP) == 0 ||
         (i->ifa_flags & IFF_LOOPBACK) != 0 || !seen.insert(i->ifa_name).second)
       continue;
     ifreq request{};
     std::strncpy(request.ifr_name, i->ifa_name, IFNAMSIZ - 1);
-    if (ioctl(fd, SIOCGIFMTU, &request) != 0 || request.ifr_mtu >= 8000) continue;
+    if (ioctl(fd.get(), SIOCGIFMTU, &request) != 0 || request.ifr_mtu >= 8000) continue;
     all.push_back(
         {DoctorFinding::Level::note,
          fmt::format("{} takes packets of {} bytes; a GigE Vision camera on it needs {} times the packets of "
@@ -86,7 +87,6 @@ void check_mtu(std::vector<DoctorFinding>& all) {
          fmt::format("where a camera hangs on it and switch and card can: sudo ip link set {} mtu 9000",
                      i->ifa_name)});
   }
-  if (fd >= 0) close(fd);
   freeifaddrs(list);
 }
 

@@ -10,6 +10,7 @@
 #include <string>
 #include <thread>
 
+#include "rt-core/file_descriptor.h"
 #include "rt-core/result.h"
 #include "rt-core/time.h"
 
@@ -38,8 +39,7 @@ class TcpServer {
   TcpServer(const TcpServer&) = delete;
   TcpServer& operator=(const TcpServer&) = delete;
 
-  /// Setup, before start. unavailable: the port is taken, or the address is not this machine's; bad_input: no
-  /// IPv4 address. Port 0: any; gives the one that it is.
+  /// Setup, before start; errors as of listen_tcp. Port 0: any; gives the one that it is.
   [[nodiscard]] Result<std::uint16_t> listen(const std::string& address, std::uint16_t port,
                                              const Limits& limits, Serve serve);
   [[nodiscard]] Status start();
@@ -50,12 +50,12 @@ class TcpServer {
 
  private:
   struct Port {
-    int socket;
+    FileDescriptor socket;
     Limits limits;
     Serve serve;
   };
   struct Connection {
-    int socket;
+    FileDescriptor socket;
     const Port* port;
     Client client;
     MonotonicTime moved;
@@ -69,7 +69,7 @@ class TcpServer {
 
   std::list<Port> ports_;
   std::list<Connection> connections_;
-  int wake_ = -1;
+  FileDescriptor wake_;
   std::atomic<bool> ending_{false};
   std::thread thread_;
 };
