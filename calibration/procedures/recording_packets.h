@@ -4,8 +4,10 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 
 #include "calibration/procedures/recording_input.h"
+#include "drivers/ouster/frame_image.h"
 
 namespace rigor {
 
@@ -28,10 +30,11 @@ namespace rigor {
 /// The metadata of an Ouster beside a recording: F.json of F.pcap, where it is that. Empty: there are none.
 [[nodiscard]] std::filesystem::path ouster_metadata_beside(const std::filesystem::path& file);
 /// Point clouds, one for each frame that was recorded from its beginning; points by row. not_found, bad_input
-/// (no packets of a sensor with this metadata in it).
-[[nodiscard]] Result<RecordingInput> read_ouster_recording(const std::filesystem::path& file,
-                                                           const std::filesystem::path& metadata,
-                                                           const TakeSample& take);
+/// (no packets of a sensor with this metadata in it). With `image` images or range images in place of points;
+/// bad_input: the packets do not have its field.
+[[nodiscard]] Result<RecordingInput> read_ouster_recording(
+    const std::filesystem::path& file, const std::filesystem::path& metadata, const TakeSample& take,
+    const std::optional<ouster::ImageOptions>& image = {});
 
 /// By the file's name: .json.
 [[nodiscard]] bool is_sick_recording(const std::filesystem::path& file);

@@ -262,6 +262,12 @@ Result<LatchPair> CameraSession::latch() {
   return p;
 }
 
+std::uint64_t CameraSession::ticks(DeviceTime t) const {
+  const auto ns = static_cast<std::uint64_t>(std::max<std::int64_t>(t.ns(), 0));
+  const std::uint64_t whole = ns / 1'000'000'000, rest = ns % 1'000'000'000;
+  return whole * tick_frequency_ + rest * tick_frequency_ / 1'000'000'000;
+}
+
 Result<PtpState> CameraSession::ptp() {
   struct Names {
     const char *enable, *latch, *status, *offset;

@@ -64,10 +64,8 @@ LidarControl::Active LivoxEmulator::active() {
   return control_->active(monotonic_now());
 }
 
-Status LivoxEmulator::do_arm(const ArmContext& context) {
+Status LivoxEmulator::do_arm(const ArmContext&) {
   const std::string& name = config().name;
-  if (context.virtual_time)
-    return fail(ErrorCode::bad_input, name, "an emulator on the network runs by the wall clock only");
   auto device = Mid360Device::create(parts_.samples);
   if (!device) return fail(device.error().code, name, device.error().text());
   device_.emplace(std::move(*device));

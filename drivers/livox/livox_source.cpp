@@ -37,11 +37,6 @@ Status LivoxSource::do_arm(const ArmContext& context) {
   if (auto s = deadline_.open(); !s) return s;
   deadline_.reset();
   if (!settings_.file.empty()) return arm_file(context.virtual_time);
-  if (context.virtual_time)
-    return fail(
-        ErrorCode::wrong_state, config().name,
-        "a Livox on the network knows no virtual time: give the rig an emulator for it (`emulated_by`), "
-        "or run with --clock wall");
   auto s = arm_network();
   if (!s) {
     receiver_.close();
