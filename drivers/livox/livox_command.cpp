@@ -11,7 +11,7 @@ namespace {
 constexpr std::uint8_t kStart = 0xAA;
 constexpr std::size_t kSearchBytes = 24;
 
-std::uint32_t data_checksum(Bytes data) { return data.empty() ? 0 : record::crc32(std::as_bytes(data)); }
+std::uint32_t data_checksum(Bytes data) { return record::crc32(std::as_bytes(data)); }
 
 void append(std::vector<std::uint8_t>& to, Bytes bytes) { to.insert(to.end(), bytes.begin(), bytes.end()); }
 

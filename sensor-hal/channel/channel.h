@@ -117,6 +117,9 @@ class Channel {
   [[nodiscard]] virtual HealthSnapshot health() const noexcept { return health_.snapshot(); }
   /// What `arm` found that a user should know although it is no error. Setup thread, armed or running.
   [[nodiscard]] virtual std::vector<std::string> warnings() const { return {}; }
+  /// What a run on the wall clock will lose by what `arm` measured, and what to set against it. It is said
+  /// before the run and is no finding of it: what is lost is counted then. Setup thread, armed.
+  [[nodiscard]] virtual std::vector<std::string> forecasts() const { return {}; }
 
  protected:
   Channel() = default;

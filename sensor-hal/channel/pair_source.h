@@ -40,7 +40,7 @@
 #include "rt-core/fixed_ring.h"
 #include "sensor-hal/channel/channel.h"
 #include "sensor-hal/channel/pair_statistics.h"
-#include "sensor-hal/channel/pair_switch.h"
+#include "sensor-hal/channel/side_switch.h"
 #include "sensor-hal/channel/simulated_source.h"
 
 namespace rigor {
@@ -79,6 +79,7 @@ class PairSource final : public Source {
   [[nodiscard]] SampleLease poll_event() noexcept override;
   void complete_until(BenchTime now) override;
   [[nodiscard]] std::vector<std::string> warnings() const override;
+  [[nodiscard]] std::vector<std::string> forecasts() const override { return simulated_->forecasts(); }
   [[nodiscard]] HealthSnapshot health() const noexcept override;
 
   /// Any thread: hand on this side from the next cycle on.
@@ -139,7 +140,7 @@ class PairSource final : public Source {
   // the run
   bool virtual_time_ = false;
   bool running_ = false;
-  PairSwitch<> switch_;
+  SideSwitch<> switch_;
   std::array<SideState, 2> sides_;
   SampleLease ahead_;  ///< virtual time: a real sample whose release has not come
   BenchTime cycle_;

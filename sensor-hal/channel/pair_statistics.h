@@ -21,7 +21,7 @@
 
 #include "rt-core/published.h"
 #include "rt-core/spsc_ring.h"
-#include "sensor-hal/channel/pair_switch.h"
+#include "sensor-hal/channel/side_switch.h"
 #include "sensor-hal/channel/worker_pool.h"
 #include "sensor-hal/types/sample.h"
 

@@ -55,7 +55,7 @@ class weak_atomic {
 
 #include "rt-core/pool.h"
 #include "rt-core/published.h"
-#include "sensor-hal/channel/pair_switch.h"
+#include "sensor-hal/channel/side_switch.h"
 
 namespace rigor::test {
 namespace {
@@ -279,10 +279,10 @@ TEST(LockFree, PoolNeedsEachOfItsOrders) {
 }
 
 /// What was prepared before a switch is there in the cycle that carries it out.
-TEST(LockFree, PairSwitchNeedsEachOfItsOrders) {
+TEST(LockFree, SideSwitchNeedsEachOfItsOrders) {
   const Scenario scenario = [](Model& m) {
     struct State {
-      PairSwitch<ModelAtomic> pair;
+      SideSwitch<ModelAtomic> pair;
       ModelData prepared;
     };
     const auto s = std::make_shared<State>();

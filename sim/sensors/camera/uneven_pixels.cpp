@@ -7,9 +7,9 @@
 namespace rigor {
 namespace {
 
-constexpr int kBlockWidth = 4, kBlockHeight = 2;
+constexpr int kUnevenBlockWidth = 4, kUnevenBlockHeight = 2;
 
-struct Span {
+struct RadianceSpan {
   float least = std::numeric_limits<float>::infinity(), most = -std::numeric_limits<float>::infinity();
   void add(float v) {
     if (!std::isfinite(v)) return;
@@ -24,7 +24,7 @@ std::vector<PixelPlace> uneven_pixels(const OpticsPicture& picture, const Optics
                                       const std::array<float, 4>& mean, float contrast,
                                       const std::function<bool(int u, int v)>& lit) {
   const auto uneven = [&](int u, int v) {
-    std::array<Span, 4> spans;
+    std::array<RadianceSpan, 4> spans;
     for (int y = std::max(v - 1, 0); y <= std::min(v + 1, picture.height_px - 1); ++y)
       for (int x = std::max(u - 1, 0); x <= std::min(u + 1, picture.width_px - 1); ++x) {
         if (!lit(x, y)) continue;
@@ -40,10 +40,10 @@ std::vector<PixelPlace> uneven_pixels(const OpticsPicture& picture, const Optics
   std::vector<PixelPlace> out;
   const int end_u = std::min(inner.x_px + inner.width_px, picture.width_px),
             end_v = std::min(inner.y_px + inner.height_px, picture.height_px);
-  for (int v0 = inner.y_px; v0 < end_v; v0 += kBlockHeight)
-    for (int u0 = inner.x_px; u0 < end_u; u0 += kBlockWidth)
-      for (int v = v0; v < std::min(v0 + kBlockHeight, end_v); ++v)
-        for (int u = u0; u < std::min(u0 + kBlockWidth, end_u); ++u)
+  for (int v0 = inner.y_px; v0 < end_v; v0 += kUnevenBlockHeight)
+    for (int u0 = inner.x_px; u0 < end_u; u0 += kUnevenBlockWidth)
+      for (int v = v0; v < std::min(v0 + kUnevenBlockHeight, end_v); ++v)
+        for (int u = u0; u < std::min(u0 + kUnevenBlockWidth, end_u); ++u)
           if (lit(u, v) && uneven(u, v)) out.push_back({u, v});
   return out;
 }

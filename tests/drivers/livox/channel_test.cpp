@@ -2,6 +2,8 @@
 // told anew while it runs, and gone for a while.
 #include <gtest/gtest.h>
 
+#include <cstdio>
+#include <cstdlib>
 #include <fstream>
 #include <thread>
 
@@ -13,6 +15,7 @@
 #include "rt-core/byte_order.h"
 #include "tests/drivers/livox/made_livox.h"
 #include "tests/drivers/network/free_ports.h"
+#include "tests/paths.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::livox {
@@ -271,6 +274,33 @@ TEST(LivoxEmulator, IsFoundByItsSearchAndAnswersInquiries) {
   EXPECT_EQ(refused.error().code, ErrorCode::bad_input);
   EXPECT_NE(refused.error().text().find("refuses 0x0000: the value is out of range"), std::string::npos)
       << refused.error().text();
+}
+
+TEST(LivoxEmulator, IsADeviceToAHostThatKnowsTheDocumentAlone) {
+  if (std::system("python3 -c pass > /dev/null 2>&1") != 0) GTEST_SKIP() << "python3 is not installed";
+  LivoxEmulator emulator;
+  emulator.attach(made_parts());
+  const auto search = network::test::free_ports()[0];
+  ASSERT_TRUE(
+      emulator.configure(config_of("{lidar_ports: false, command_port: 0, point_port: 0, imu_port: 0, "
+                                   "state_port: 0, mode: idle, search_port: " +
+                                   std::to_string(search) + "}")));
+  ASSERT_TRUE(emulator.arm({}));
+  ASSERT_TRUE(emulator.start(bench_now()));
+  const std::string line = "python3 " + rigor::test::source_dir() +
+                           "/tests/drivers/livox/mid360_host.py 127.0.0.1 " +
+                           std::to_string(emulator.command_port()) + " " + std::to_string(search) + " 300";
+  std::string said;
+  FILE* host = popen(line.c_str(), "r");
+  ASSERT_NE(host, nullptr);
+  char buffer[4096];
+  while (const std::size_t n = std::fread(buffer, 1, sizeof buffer, host)) said.append(buffer, n);
+  ASSERT_EQ(pclose(host), 0) << said;
+  EXPECT_NE(said.find("\"serial\": \"47MDL00010101\""), std::string::npos) << said;
+  EXPECT_NE(said.find("\"counts_go_with_stamps\": true"), std::string::npos) << said;
+  EXPECT_EQ(said.find("false"), std::string::npos) << said;
+  EXPECT_NE(said.find("\"shortest_step_ns\": 480000"), std::string::npos) << said;
+  EXPECT_NE(said.find("\"returns\": 27900"), std::string::npos) << "of 28800 firings, " << said;
 }
 
 TEST(LivoxEmulator, PushesItsStateAndRebootsWhenAsked) {

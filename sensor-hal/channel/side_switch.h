@@ -19,7 +19,7 @@ enum class PairSide : std::uint8_t { real, simulated };
 /// prepared for the switch is there when it happens. Who only reads the side gets no order with it.
 /// `Atomic` is std::atomic; tests put their model of memory in its place (tests/rt-core/lock_free_test.cpp).
 template <template <class> class Atomic = std::atomic>
-class PairSwitch {
+class SideSwitch {
  public:
   /// Setup.
   void start(PairSide side) noexcept {
