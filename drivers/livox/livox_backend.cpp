@@ -1,5 +1,6 @@
 #include "drivers/livox/livox_backend.h"
 
+#include <algorithm>
 #include <fstream>
 #include <memory>
 
