@@ -326,6 +326,7 @@ StreamCounters CameraSession::stream_counters() const {
   guint64 completed = 0, failures = 0, underruns = 0;
   arv_stream_get_statistics(stream_, &completed, &failures, &underruns);
   c.underruns = underruns;
+  if (address_.empty()) return c;  // USB carries every packet, or says that it does not: there are no resends
   c.resent_packets = arv_stream_get_info_uint64_by_name(stream_, "n_resent_packets");
   c.resend_requests = arv_stream_get_info_uint64_by_name(stream_, "n_resend_requests");
   return c;

@@ -47,9 +47,9 @@ bool within(Duration limit, F&& is) {
   return true;
 }
 
-bool seen_by_aravis(const std::string& id) {
+bool seen_by_aravis(const std::string& serial) {
   for (const FoundDevice& d : aravis_backend().find_devices())
-    if (d.id == id) return true;
+    if (d.description.find("serial " + serial + ", USB3 Vision") != std::string::npos) return true;
   return false;
 }
 
@@ -69,6 +69,7 @@ class KernelU3v : public ::testing::Test {
     o.port = 0;
     auto& c = o.camera.camera;
     c.serial = "U3V1";
+    c.model = "Emulated USB3 camera";
     c.sensor_width_px = 160, c.sensor_height_px = 120;
     c.formats = {gige::PixelFormat::mono8, gige::PixelFormat::mono16};
     c.frame_rate_hz = c.min_frame_rate_hz = 5;
@@ -83,7 +84,7 @@ class KernelU3v : public ::testing::Test {
   }
   void attach() {
     const std::string said = usbip("attach -r 127.0.0.1 -b 1-1");
-    ASSERT_TRUE(within(seconds(20), [] { return seen_by_aravis("Rigor-U3V1"); })) << said;
+    ASSERT_TRUE(within(seconds(20), [] { return seen_by_aravis("U3V1"); })) << said;
   }
   std::unique_ptr<u3v::Emulator> camera;
 };
@@ -91,7 +92,6 @@ class KernelU3v : public ::testing::Test {
 TEST_F(KernelU3v, OtherPeoplesProgramsFindItAndReadItsFeatures) {
   EXPECT_THAT(usbip("list -r 127.0.0.1"), HasSubstr("1209:000a"));
   attach();
-  EXPECT_GE(camera->health().commands, 0U);
   if (!installed("arv-tool-0.8")) GTEST_SKIP() << "arv-tool-0.8 is not installed";
   EXPECT_THAT(output_of("arv-tool-0.8 -n Rigor-U3V1 control ExposureTime=3000 ExposureTime PixelFormat "
                         "DeviceSerialNumber"),

@@ -18,7 +18,11 @@ using testing::make_config;
 class GreyPictures final : public ImageProvider {
  public:
   [[nodiscard]] Geometry geometry() const override {
-    return {.width_px = 128, .height_px = 96, .format = PixelFormat::mono8, .exposure = milliseconds(3)};
+    return {.width_px = 128,
+            .height_px = 96,
+            .format = PixelFormat::mono8,
+            .exposure = milliseconds(3),
+            .frame_id = "f"};
   }
   [[nodiscard]] Status capture(const ImageRequest& r, std::span<std::byte> pixels) override {
     std::fill(pixels.begin(), pixels.end(), static_cast<std::byte>(r.exposure.ns() / 1'000'000));
