@@ -44,6 +44,7 @@ std::optional<ouster::ImageOptions> image_of(const ConvertOptions& options) {
 Result<RecordingInput> read_scans(const ConvertOptions& options, const TakeSample& take) {
   const std::filesystem::path& file = options.input;
   if (network::is_pcap(file)) {
+    if (options.metadata.empty() && is_livox_recording(file)) return read_livox_recording(file, take);
     const auto metadata = options.metadata.empty() ? ouster_metadata_beside(file) : options.metadata;
     if (!metadata.empty()) return read_ouster_recording(file, metadata, take, image_of(options));
     if (options.image.empty()) return read_velodyne_recording(file, take);
@@ -59,10 +60,11 @@ Result<RecordingInput> read_scans(const ConvertOptions& options, const TakeSampl
   std::error_code none;
   if (!std::filesystem::is_regular_file(file, none))
     return fail(ErrorCode::not_found, file.string(), "expected a recording, found no such file");
-  return fail(ErrorCode::bad_input, file.string(),
-              "expected packets of a Velodyne or an Ouster (pcap, pcapng), telegrams of a SICK scanner "
-              "(.json) or what a satellite receiver sent (.ubx, .nmea, .log), got "
-              "another file");
+  return fail(
+      ErrorCode::bad_input, file.string(),
+      "expected packets of a Velodyne, a Livox or an Ouster (pcap, pcapng), telegrams of a SICK scanner "
+      "(.json) or what a satellite receiver sent (.ubx, .nmea, .log), got "
+      "another file");
 }
 
 /// When it was recorded: the device's own clock counts from the hour, or from when it was switched on.

@@ -250,10 +250,10 @@ int command_line(int argc, char** argv) {
   rigor::InspectOptions inspect;
   auto* inspect_app = app.add_subcommand("inspect", "Say what is in a recording, or in an FMU");
   inspect_app
-      ->add_option(
-          "FILE", inspect.file,
-          "MCAP file; packets of a Velodyne or an Ouster (pcap); telegrams of a SICK scanner (JSON); "
-          "an FMU (*.fmu)")
+      ->add_option("FILE", inspect.file,
+                   "MCAP file; packets of a Velodyne, a Livox or an Ouster (pcap); telegrams of a SICK "
+                   "scanner (JSON); "
+                   "an FMU (*.fmu)")
       ->required();
   inspect_app->add_option("--metadata", inspect.metadata,
                           "What an Ouster says of itself, JSON (default: FILE.json beside FILE.pcap)");
@@ -268,10 +268,10 @@ int command_line(int argc, char** argv) {
   auto* convert_app = app.add_subcommand(
       "convert", "Make points, or images, of what a LiDAR sent: packets or telegrams, without a rig");
   convert_app
-      ->add_option(
-          "INPUT", convert.input,
-          "Packets of a Velodyne or an Ouster (pcap, pcapng), telegrams of a SICK scanner in JSON, or "
-          "UBX and NMEA of a satellite receiver (.ubx, .nmea, .log)")
+      ->add_option("INPUT", convert.input,
+                   "Packets of a Velodyne, a Livox or an Ouster (pcap, pcapng), telegrams of a SICK scanner "
+                   "in JSON, or "
+                   "UBX and NMEA of a satellite receiver (.ubx, .nmea, .log)")
       ->required();
   convert_app
       ->add_option("-o,--output", convert.output,

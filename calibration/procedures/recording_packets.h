@@ -1,4 +1,4 @@
-// Recordings of what a LiDAR sent, as samples: packets of a Velodyne or an Ouster (pcap, pcapng) and
+// Recordings of what a LiDAR sent, as samples: packets of a Velodyne, a Livox or an Ouster (pcap, pcapng) and
 // telegrams of a SICK scanner (JSON as Wireshark and SICK's own converter write it, one `tcp.payload` in hex
 // for each segment).
 #pragma once
@@ -19,6 +19,13 @@ namespace rigor {
 /// Velodyne in it).
 [[nodiscard]] Result<RecordingInput> read_velodyne_recording(const std::filesystem::path& file,
                                                              const TakeSample& take);
+
+/// Whether a pcap or pcapng has packets of a Livox Mid-360 among its first.
+[[nodiscard]] bool is_livox_recording(const std::filesystem::path& file);
+/// Point clouds, one for each 100 ms of the device's time that was recorded from its beginning; points by
+/// line. not_found, bad_input (no packets of its points in it).
+[[nodiscard]] Result<RecordingInput> read_livox_recording(const std::filesystem::path& file,
+                                                          const TakeSample& take);
 
 /// The metadata of an Ouster beside a recording: F.json of F.pcap, where it is that. Empty: there are none.
 [[nodiscard]] std::filesystem::path ouster_metadata_beside(const std::filesystem::path& file);

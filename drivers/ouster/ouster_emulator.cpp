@@ -60,10 +60,8 @@ Status OusterEmulator::listen() {
   return {};
 }
 
-Status OusterEmulator::do_arm(const ArmContext& context) {
+Status OusterEmulator::do_arm(const ArmContext&) {
   const std::string& name = config().name;
-  if (context.virtual_time)
-    return fail(ErrorCode::bad_input, name, "an emulator on the network runs by the wall clock only");
   auto device = SensorDevice::create(parts_.samples);
   if (!device) return fail(device.error().code, name, device.error().text());
   device_.emplace(std::move(*device));
