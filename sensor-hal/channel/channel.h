@@ -127,6 +127,9 @@ class Channel {
   /// by the caller.
   virtual Status do_configure(const ChannelConfig& config) = 0;
   virtual Status do_arm(const ArmContext& context) = 0;
+  /// Configured: whether what is behind it (sockets, ports, devices) has no virtual time. `arm` then refuses
+  /// a run in virtual time.
+  [[nodiscard]] virtual bool requires_wall_clock() const noexcept { return false; }
   /// The origin is published after it, so that what it writes is visible to the threads that wait for t0.
   virtual Status do_start(BenchTime t0) {
     (void)t0;

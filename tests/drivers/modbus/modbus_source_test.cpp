@@ -225,7 +225,8 @@ TEST_F(ModbusSourceTest, SaysWhatIsWrongAtArm) {
   EXPECT_EQ(s.error().exit_status(), 2);
   EXPECT_EQ(s.error().text(),
             "table: 127.0.0.1:" + std::to_string(nobody) +
-                ": expected a Modbus TCP device, got: Connection refused; check that it is on and "
+                ": expected a Modbus TCP device that listens here, got: Connection refused; check that it is "
+                "on and "
                 "that `address` and `port` are its own, or start an emulated one with `rigor "
                 "emulate`");
   EXPECT_EQ(source_.state(), ChannelState::configured);
