@@ -75,10 +75,10 @@ struct Header {
   std::uint32_t sequence = 0, device_id = 0;
   bool in = false;
   std::uint32_t endpoint = 0;
-  std::uint32_t length = 0;  ///< of a transfer's buffer; of a return: the bytes that went over
-  std::uint32_t start_frame = 0, packets = 0;  ///< of an isochronous transfer
-  std::int32_t status = 0;                     ///< of a return: 0 or a negative errno
-  std::uint32_t unlink = 0;  ///< CMD_UNLINK: the sequence number of the transfer that is given up
+  std::uint32_t length = 0;   ///< of a transfer's buffer; of a return: the bytes that went over
+  std::uint32_t packets = 0;  ///< of an isochronous transfer
+  std::int32_t status = 0;    ///< of a return: 0 or a negative errno
+  std::uint32_t unlink = 0;   ///< CMD_UNLINK: the sequence number of the transfer that is given up
   std::array<std::uint8_t, 8> setup{};
 };
 /// Precondition: kHeaderBytes. Empty for an unknown command.

@@ -9,25 +9,30 @@
 #include <cstring>
 #include <fstream>
 #include <sstream>
-#include <string_view>
 
-#include "drivers/network/usbip_codec.h"
 #include "drivers/v4l2/uvc_gadget.h"
-#include "rt-core/byte_order.h"
 #include "rt-core/time.h"
 #include "tests/drivers/v4l2/v4l2_test_tools.h"
 
 namespace rigor::v4l2::test {
 namespace {
 
-constexpr std::uint32_t kDeviceId = 0x00010002;
-/// Offset, length, actual length and status of an isochronous packet.
-constexpr std::size_t kPacket = 16;
+constexpr std::uint32_t kSubmit = 1, kUnlink = 2, kSubmitted = 3, kUnlinked = 4;
+constexpr std::uint32_t kDeviceId = 0x00010002, kHighSpeed = 3;
+constexpr std::size_t kHeader = 48, kPacket = 16;
 
 void put16(std::vector<std::uint8_t>& to, std::uint32_t v) {
   to.push_back(static_cast<std::uint8_t>(v)), to.push_back(static_cast<std::uint8_t>(v >> 8));
 }
 void put32(std::vector<std::uint8_t>& to, std::uint32_t v) { put16(to, v & 0xFFFF), put16(to, v >> 16); }
+/// USB/IP is big-endian.
+void put_be(std::vector<std::uint8_t>& to, std::uint32_t v) {
+  for (int shift = 24; shift >= 0; shift -= 8) to.push_back(static_cast<std::uint8_t>(v >> shift));
+}
+std::uint32_t be(std::span<const std::uint8_t> from, std::size_t at) {
+  return std::uint32_t{from[at]} << 24 | std::uint32_t{from[at + 1]} << 16 |
+         std::uint32_t{from[at + 2]} << 8 | from[at + 3];
+}
 void add(std::vector<std::uint8_t>& to, const std::vector<std::uint8_t>& more) {
   to.insert(to.end(), more.begin(), more.end());
 }
@@ -78,11 +83,11 @@ std::vector<std::uint8_t> text_descriptor(const std::string& text) {
   return d;
 }
 
-bool send_all(int fd, std::string_view bytes) {
+bool send_all(int fd, std::span<const std::uint8_t> bytes) {
   while (!bytes.empty()) {
     const ssize_t n = ::send(fd, bytes.data(), bytes.size(), MSG_NOSIGNAL);
     if (n <= 0) return false;
-    bytes.remove_prefix(static_cast<std::size_t>(n));
+    bytes = bytes.subspan(static_cast<std::size_t>(n));
   }
   return true;
 }
@@ -103,8 +108,7 @@ std::string attach_to_host(int fd) {
     found = words >> hub >> port >> state && hub == "hs" && state == "004";
   }
   std::ofstream attach(host + "attach");
-  attach << std::stoul(port) << " " << fd << " " << kDeviceId << " "
-         << static_cast<std::uint32_t>(usbip::Speed::high) << std::flush;
+  attach << std::stoul(port) << " " << fd << " " << kDeviceId << " " << kHighSpeed << std::flush;
   return attach ? std::string() : "vhci_hcd refuses the camera: " + std::string(std::strerror(errno));
 }
 
@@ -169,33 +173,32 @@ void UsbipCamera::next_picture() {
 }
 
 bool UsbipCamera::serve_one() {
-  std::vector<std::uint8_t> bytes, data, packets;
-  if (!receive_all(fd_, bytes, usbip::kHeaderBytes)) return false;
-  const auto h = usbip::decode_header(bytes);
-  if (!h) return false;
-  if (h->command == usbip::Command::unlink) {
+  std::vector<std::uint8_t> h, data, packets;
+  if (!receive_all(fd_, h, kHeader)) return false;
+  const std::uint32_t command = be(h, 0), seqnum = be(h, 4);
+  if (command == kUnlink) {
+    const std::uint32_t which = be(h, 20);
     const auto it =
-        std::find_if(waiting_.begin(), waiting_.end(), [&](const auto& t) { return t.seqnum == h->unlink; });
-    usbip::Header r;
-    r.command = usbip::Command::unlinked;
-    r.sequence = h->sequence;
-    r.status = it == waiting_.end() ? 0 : -ECONNRESET;
+        std::find_if(waiting_.begin(), waiting_.end(), [&](const auto& t) { return t.seqnum == which; });
+    std::vector<std::uint8_t> answer;
+    for (const std::uint32_t v : {kUnlinked, seqnum, 0U, 0U, 0U}) put_be(answer, v);
+    put_be(answer, it == waiting_.end() ? 0 : static_cast<std::uint32_t>(-ECONNRESET));
+    answer.resize(kHeader);
     if (it != waiting_.end()) waiting_.erase(it);
-    std::string answer;
-    usbip::append_header(answer, r);
     return send_all(fd_, answer);
   }
-  if (h->command != usbip::Command::submit) return false;
-  if (!h->in && !receive_all(fd_, data, h->length)) return false;
-  if (h->endpoint == 0) return control(h->sequence, h->in, h->setup, data);
-  if (h->endpoint != 1 || h->packets > 256) return reply(h->sequence, -EPIPE, {});
-  if (!receive_all(fd_, packets, h->packets * kPacket)) return false;
+  if (command != kSubmit) return false;
+  const bool in = be(h, 12) == 1;
+  const std::uint32_t endpoint = be(h, 16), length = be(h, 24);
+  if (!in && !receive_all(fd_, data, length)) return false;
+  if (endpoint == 0) return control(seqnum, in, std::span(h).subspan(40, 8), data);
+  const std::uint32_t count = be(h, 32);
+  if (endpoint != 1 || count > 256) return reply(seqnum, -EPIPE, {});
+  if (!receive_all(fd_, packets, count * kPacket)) return false;
   Transfer t;
-  t.seqnum = h->sequence, t.start_frame = h->start_frame;
-  for (std::uint32_t i = 0; i < h->packets; ++i) {
-    t.offset.push_back(load_be<std::uint32_t>(packets, i * kPacket));
-    t.length.push_back(load_be<std::uint32_t>(packets, i * kPacket + 4));
-  }
+  t.seqnum = seqnum, t.start_frame = be(h, 28);
+  for (std::uint32_t i = 0; i < count; ++i)
+    t.offset.push_back(be(packets, i * kPacket)), t.length.push_back(be(packets, i * kPacket + 4));
   waiting_.push_back(std::move(t));
   return true;
 }
@@ -203,7 +206,7 @@ bool UsbipCamera::serve_one() {
 /// As much of the picture as one transfer takes; its packets after the picture's end stay empty.
 bool UsbipCamera::fill(const Transfer& t) {
   constexpr std::size_t kPayloadHeader = 2;
-  std::string data, descriptors;
+  std::vector<std::uint8_t> data, descriptors;
   for (std::size_t i = 0; i < t.length.size(); ++i) {
     std::size_t sent = 0;
     if (sending_) {
@@ -212,30 +215,34 @@ bool UsbipCamera::fill(const Transfer& t) {
       const std::uint32_t every = damage_every_;
       const bool damaged = last && every != 0 && sent_ % every == every - 1;
       // End of header; end of frame; the bit that changes with each frame.
-      data += static_cast<char>(kPayloadHeader);
-      data += static_cast<char>(0x80 | (last ? 0x02 : 0) | (sent_ & 1));
+      data.push_back(kPayloadHeader);
+      data.push_back(static_cast<std::uint8_t>(0x80 | (last ? 0x02 : 0) | (sent_ & 1)));
       sent = kPayloadHeader + (damaged ? 0 : n);
-      if (!damaged) data.append(reinterpret_cast<const char*>(picture_.data()) + done_, n);
+      const auto* from = reinterpret_cast<const std::uint8_t*>(picture_.data()) + done_;
+      if (!damaged) data.insert(data.end(), from, from + n);
       done_ += n;
       if (last) sending_ = false, ++sent_;
     }
     for (const std::uint32_t v : {t.offset[i], t.length[i], static_cast<std::uint32_t>(sent), 0U})
-      append_be(descriptors, v);
+      put_be(descriptors, v);
   }
-  usbip::Header r;
-  r.command = usbip::Command::submitted;
-  r.sequence = t.seqnum, r.start_frame = t.start_frame;
-  r.length = static_cast<std::uint32_t>(data.size());
-  r.packets = static_cast<std::uint32_t>(t.length.size());
-  std::string answer;
-  usbip::append_header(answer, r);
-  return send_all(fd_, answer + data + descriptors);
+  std::vector<std::uint8_t> answer;
+  for (const std::uint32_t v : {kSubmitted, t.seqnum, 0U, 0U, 0U, 0U, static_cast<std::uint32_t>(data.size()),
+                                t.start_frame, static_cast<std::uint32_t>(t.length.size()), 0U})
+    put_be(answer, v);
+  answer.resize(kHeader);
+  add(answer, data);
+  add(answer, descriptors);
+  return send_all(fd_, answer);
 }
 
-bool UsbipCamera::control(std::uint32_t seqnum, bool in, const std::array<std::uint8_t, 8>& setup,
+bool UsbipCamera::control(std::uint32_t seqnum, bool in, std::span<const std::uint8_t> setup,
                           std::span<const std::uint8_t> data) {
-  const usbip::SetupPacket p = usbip::decode_setup(setup);
-  const uvc::SetupPacket s{p.request_type, p.request, p.value, p.index, p.length};
+  uvc::SetupPacket s;
+  s.request_type = setup[0], s.request = setup[1];
+  s.value = static_cast<std::uint16_t>(setup[2] | setup[3] << 8);
+  s.index = static_cast<std::uint16_t>(setup[4] | setup[5] << 8);
+  s.length = static_cast<std::uint16_t>(setup[6] | setup[7] << 8);
   bool stall = false;
   std::vector<std::uint8_t> bytes;
   if ((s.request_type & 0x60) == 0) {
@@ -290,13 +297,12 @@ std::vector<std::uint8_t> UsbipCamera::standard(const uvc::SetupPacket& s, bool&
 
 bool UsbipCamera::reply(std::uint32_t seqnum, std::int32_t status, std::span<const std::uint8_t> data,
                         std::uint32_t out_bytes) {
-  usbip::Header r;
-  r.command = usbip::Command::submitted;
-  r.sequence = seqnum, r.status = status;
-  r.length = out_bytes + static_cast<std::uint32_t>(data.size());
-  std::string answer;
-  usbip::append_header(answer, r);
-  answer.append(data.begin(), data.end());
+  std::vector<std::uint8_t> answer;
+  for (const std::uint32_t v : {kSubmitted, seqnum, 0U, 0U, 0U, static_cast<std::uint32_t>(status),
+                                out_bytes + static_cast<std::uint32_t>(data.size()), 0U, 0U, 0U})
+    put_be(answer, v);
+  answer.resize(kHeader);
+  answer.insert(answer.end(), data.begin(), data.end());
   return send_all(fd_, answer);
 }
 

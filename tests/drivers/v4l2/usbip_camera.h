@@ -4,7 +4,6 @@
 // UVC 1.1, chapter 3; payload headers: 2.4.3.3.
 #pragma once
 
-#include <array>
 #include <atomic>
 #include <cstdint>
 #include <deque>
@@ -49,7 +48,7 @@ class UsbipCamera {
   };
   void run();
   [[nodiscard]] bool serve_one();
-  [[nodiscard]] bool control(std::uint32_t seqnum, bool in, const std::array<std::uint8_t, 8>& setup,
+  [[nodiscard]] bool control(std::uint32_t seqnum, bool in, std::span<const std::uint8_t> setup,
                              std::span<const std::uint8_t> data);
   [[nodiscard]] std::vector<std::uint8_t> standard(const uvc::SetupPacket& s, bool& stall);
   [[nodiscard]] bool reply(std::uint32_t seqnum, std::int32_t status, std::span<const std::uint8_t> data,
