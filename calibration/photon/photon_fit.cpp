@@ -334,14 +334,11 @@ Status PhotonProblem::fit() {
         chi2 = 2 * outcome->cost;
       }
     }
-    const double s2 = std::max(1.0, chi2 / std::max(1.0, dof));
-    outcome->fit.covariance *= s2;
-    for (Parameter& p : outcome->fit.parameters) p.sigma *= std::sqrt(s2);
-    if (s2 > 1.5)
+    if (outcome->enlarged * outcome->enlarged > 1.5)
       st_.warnings.push_back(photon_text(
           "the levels scatter %.3g times as much as the noise of their frames explains (light that "
           "changes, a response that bends, a drifting black level): uncertainties are that much larger",
-          std::sqrt(s2)));
+          outcome->enlarged));
   }
   if (response_.terms > 0) add_response(m, *outcome);
   out_.result = outcome->fit;
