@@ -144,7 +144,7 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
     if (models.size() > 1 && folds > 1 && count >= 3 && !options.stop.stop_requested()) {
       // A pattern of pixels tells the same as all of them.
       const std::size_t stride = std::max<std::size_t>(1, scenes.pixels() / 3000);
-      std::vector<double> squares;
+      std::vector<double> squares(count, kNaN);
       for (std::size_t f = 0; f < folds; ++f) {
         std::vector<bool> take(count, true);
         for (std::size_t k = f; k < count; k += folds) take[k] = false;
@@ -152,18 +152,9 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
         RangeState part = s;
         problem.solve(models[m], part, 3, stride, &take);
         for (std::size_t k = f; k < count; k += folds)
-          if (const double e = problem.withheld_error_m(models[m], part, k, stride); std::isfinite(e))
-            squares.push_back(e * e);
+          squares[k] = std::pow(problem.withheld_error_m(models[m], part, k, stride), 2);
       }
-      const auto n = static_cast<double>(squares.size());
-      if (n >= 2) {
-        const double mean = std::accumulate(squares.begin(), squares.end(), 0.0) / n;
-        double spread = 0;
-        for (const double q : squares) spread += (q - mean) * (q - mean);
-        c.cross_validation = std::sqrt(mean);
-        c.cross_validation_sigma =
-            std::sqrt(spread / (n - 1) / n) / (2 * std::max(c.cross_validation, 1e-300));
-      }
+      set_cross_validation(c, std::move(squares));
     }
     candidates.push_back(c);
     states.push_back(std::move(s));
