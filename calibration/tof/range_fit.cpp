@@ -177,6 +177,16 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
   r.parameters = info.parameters;
   r.weak = weak_directions(r.parameters, info.matrix);
   r.covariance = covariance_from(r.parameters, info.matrix);
+  out.curve = problem.curve(out.model, state, r.covariance);
+  // 3 and 5 both turn the phase with four times itself, by a5 − a3 to first order; 7 and 9 with eight times.
+  // Of a model that was asked for the second is 0; where the data chose, it is not known to be.
+  const bool alone = !out.model.spline && (out.model.harmonics == 1 || out.model.harmonics == 3);
+  if (alone && models.size() > 1) {
+    r.covariance = problem.with_next_harmonic(out.model, state, r.covariance);
+    for (std::size_t i = 0; i < r.parameters.size(); ++i)
+      r.parameters[i].sigma =
+          std::sqrt(r.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)));
+  }
   out.distance_sigma_m = state.distance_sigma_m;
   out.distance_sigma_estimated = problem.estimates_distance_sigma() && state.distance_freedom > 0;
   if (out.distance_sigma_estimated) {
@@ -184,6 +194,7 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
     const double widen = student_widening(std::max(1.0, state.distance_freedom));
     r.covariance *= widen * widen;
     for (Parameter& p : r.parameters) p.sigma *= widen;
+    for (RangeFit::CurvePoint& p : out.curve) p.sigma_m *= widen;
   }
   advise(r, count);
   out.offset_m = r.parameters.front().value;
@@ -242,7 +253,6 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
   for (const NoiseSample& s : out.samples)
     if (s.amplitude > 0) dim = std::min(dim, s.amplitude), bright = std::max(bright, s.amplitude);
   if (bright > 0) r.validity.push_back({"amplitude", dim, bright});
-  out.curve = problem.curve(out.model, state, r.covariance);
   if (out.wrapped > 0)
     r.warnings.push_back(
         fmt::format("{} ranges had wrapped at the unambiguous range of {:.4g} m and were put back",
@@ -265,12 +275,14 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
                       "are too few to tell: {:.2g} m was assumed",
                       count, out.distance_sigma_m));
   }
-  // 3 and 5 both turn the phase with four times itself, by a5 − a3 to first order; 7 and 9 with eight times.
-  if (out.model.harmonics == 1 || out.model.harmonics == 3)
+  if (alone)
     r.warnings.push_back(
         fmt::format("harmonic_{0} stands for {0} and {1} together: to first order both make the same "
-                    "error of the range, and the data do not ask for more",
-                    out.model.harmonics * 2 + 1, out.model.harmonics * 2 + 3));
+                    "error of the range, and the data do not ask for more{2}",
+                    out.model.harmonics * 2 + 1, out.model.harmonics * 2 + 3,
+                    models.size() > 1 ? "; its sigma is that of an unknown second, the curve of the error is "
+                                        "known better"
+                                      : ""));
   tell(1);
   return out;
 }
