@@ -207,6 +207,8 @@ Status Bench::Impl::prepare(StopToken stop) {
     if (auto s = run->arm(stop); !s) return s;
   }
   for (std::string& w : run->warnings()) warn(std::move(w));
+  for (const std::string& f : run->forecasts())
+    if (options.on_warning) options.on_warning(f);
   epoch = replay ? replay->run.epoch : virtual_time() ? kVirtualEpoch : read_epoch();
   if (!replay || options.live) add_run_commands(commands, parts());
   if (options.live)

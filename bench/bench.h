@@ -57,7 +57,7 @@ struct BenchOptions {
   FindingSet fail_on{};                 ///< findings of the verdict that fail the run
   live::Server* live = nullptr;         ///< shows how it goes; null: nobody looks on
   bool live_stays = false;              ///< after a run that finished, until the bench goes
-  std::function<void(const std::string&)> on_warning = {};  ///< of channels, as they come up
+  std::function<void(const std::string&)> on_warning = {};  ///< of channels, as they come up; and forecasts
 };
 
 class Bench {

@@ -83,16 +83,21 @@ class Bench {
       for (const double shift_px : {0.0, kShift_px}) reference(world, place, shift_px);
       return;
     }
-    for (const auto& [name, samples, sky_rays, step] : {std::tuple{"rays-1", 1, 0, 1},
-                                                        {"rays-4", 4, 0, 1},
-                                                        {"rays-16", 16, 0, 1},
-                                                        {"rays-1-sky-1", 1, 1, 1},
-                                                        {"rays-4-sky-1", 4, 1, 1},
-                                                        {"rays-1-every-2nd", 1, 0, 2}}) {
+    for (const auto& [name, samples, sky_rays, step, more] : {std::tuple{"rays-1", 1, 0, 1, 0},
+                                                              {"rays-1-uneven-4", 1, 0, 1, 4},
+                                                              {"rays-1-uneven-16", 1, 0, 1, 16},
+                                                              {"rays-4", 4, 0, 1, 0},
+                                                              {"rays-4-uneven-16", 4, 0, 1, 16},
+                                                              {"rays-16", 16, 0, 1, 0},
+                                                              {"rays-1-sky-1", 1, 1, 1, 0},
+                                                              {"rays-4-sky-1", 4, 1, 1, 0},
+                                                              {"rays-1-every-2nd", 1, 0, 2, 0},
+                                                              {"rays-1-every-2nd-uneven-4", 1, 0, 2, 4}}) {
       OpticsOptions optics;
       optics.samples_per_pixel = samples;
       optics.sky_rays = sky_rays;
       optics.pixel_step = step;
+      optics.uneven_samples = more;
       quick(world, place, name, need(make_rays_optics(camera(), optics, cache_)), o_.rounds);
     }
     if (device_) quick(world, place, "raster", need(make_vulkan_optics(camera(), {}, device_)), 1);

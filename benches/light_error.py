@@ -3,7 +3,8 @@
 
     build/release/benches/bench_light --out refs --reference 4          # once: minutes to an hour
     build/release/benches/bench_light --out quick --json quick/times.json
-    python3 benches/light_error.py refs quick [--pictures DIR] [--json FILE]
+    python3 benches/light_error.py refs --store benches/light_references # once: their means, as small files
+    python3 benches/light_error.py benches/light_references quick [--pictures DIR] [--json FILE]
 
 Radiance is relative to the reference's mean, the four bands together unless a column names one:
 
@@ -29,13 +30,34 @@ PIXELS_PER_DEGREE = 67.0
 
 
 def reference_of(folder, place, turned=""):
-    """(mean, standard error of each value) of the passes."""
+    """(mean, RMS of the standard errors of the values, passes) of the passes of bench_light."""
     files = sorted(folder.glob(f"{place}-reference-*{turned}.npy"))
     files = [f for f in files if f.stem.endswith("-turned") == bool(turned)]
     if len(files) < 2:
         sys.exit(f"light_error: {folder} has {len(files)} passes of {place}{turned}, expected at least 2: bench_light --reference 4")
     passes = np.stack([np.load(f).astype(float) for f in files])
-    return passes.mean(axis=0), passes.std(axis=0, ddof=1) / np.sqrt(len(files))
+    return passes.mean(axis=0), rms(passes.std(axis=0, ddof=1) / np.sqrt(len(files))), len(files)
+
+
+def stored(folder, place):
+    """{"": (mean, standard error), "-turned": the same} of a place: from a stored file, or else from the passes of bench_light.
+    Half precision is finer than the error of any reference."""
+    file = folder / f"{place}.npz"
+    if file.is_file():
+        with np.load(file) as z:
+            return {t: (z[f"mean{t}"].astype(float), float(z[f"error{t}"])) for t in ("", "-turned")}
+    return {t: reference_of(folder, place, t)[:2] for t in ("", "-turned")}
+
+
+def store(folder, place, target):
+    target.mkdir(parents=True, exist_ok=True)
+    content = {}
+    for turned in ("", "-turned"):
+        mean, error, passes = reference_of(folder, place, turned)
+        content |= {f"mean{turned}": mean.astype(np.float16), f"error{turned}": error, f"passes{turned}": passes}
+    file = target / f"{place}.npz"
+    np.savez_compressed(file, **content)
+    print(f"{file}: {file.stat().st_size / 1024:.0f} KiB, error {content['error'] / content['mean'].astype(float).mean():.4f} of the mean")
 
 
 def rms(values):
@@ -194,23 +216,32 @@ def main():
         return self_test()
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("references", type=Path)
-    parser.add_argument("quick", type=Path)
+    parser.add_argument("quick", type=Path, nargs="?")
+    parser.add_argument("--store", type=Path, metavar="DIR")
     parser.add_argument("--pictures", type=Path)
     parser.add_argument("--json", type=Path)
     o = parser.parse_args()
+    places = [p for p in ("indoor", "forest") if list(o.references.glob(f"{p}-reference-*.npy")) or (o.references / f"{p}.npz").is_file()]
+    if not places:
+        sys.exit(f"light_error: {o.references} has no reference: bench_light --out {o.references} --reference 4")
+    if o.store:
+        for place in places:
+            store(o.references, place, o.store)
+        return 0
+    if not o.quick:
+        sys.exit("light_error: expected a folder of quick pictures (bench_light --out DIR), or --store DIR")
     times = {}
     if (o.quick / "times.json").is_file():
         times = {(r["place"], r["name"]): r for r in json.loads((o.quick / "times.json").read_text()).get("runs", [])}
     out = []
-    for place in ("indoor", "forest"):
-        if not list(o.references.glob(f"{place}-reference-*.npy")):
-            continue
-        (reference, error), (reference_turned, error_turned) = (reference_of(o.references, place, t) for t in ("", "-turned"))
+    for place in places:
+        known = stored(o.references, place)
+        (reference, error), (reference_turned, error_turned) = known[""], known["-turned"]
         mean = reference.mean()
         print(f"\n{place}: mean radiance {mean:.3f} W/(m2 sr)")
         print(f"  {'':18} {'cpu ms':>8} " + " ".join(f"{'bias ' + b:>12}" for b in BANDS) + f" {'rms':>8} {'rms 8x8':>8} {'flip':>7} {'flicker':>8}")
-        own = {"place": place, "name": "reference", "rms": rms(error) / mean, "rms_8x8": rms(error) / mean / 8,
-               "flicker": float(np.hypot(rms(error), rms(error_turned)) / mean)}
+        own = {"place": place, "name": "reference", "rms": error / mean, "rms_8x8": error / mean / 8,
+               "flicker": float(np.hypot(error, error_turned) / mean)}
         out.append(own)
         print(f"  {'reference itself':18} {'':8} " + " " * (13 * len(BANDS) - 1) + f" {own['rms']:8.4f} {own['rms_8x8']:8.4f} {'':7} {own['flicker']:8.4f}")
         for file in sorted(o.quick.glob(f"{place}-*.npy")):
@@ -227,8 +258,6 @@ def main():
             if o.pictures:
                 o.pictures.mkdir(parents=True, exist_ok=True)
                 side_by_side(o.pictures / f"{place}-{name}.png", reference, quick)
-    if not out:
-        sys.exit(f"light_error: {o.references} has no reference: bench_light --out {o.references} --reference 4")
     if o.json:
         o.json.write_text(json.dumps(out, indent=1) + "\n")
     return 0

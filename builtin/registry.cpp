@@ -10,6 +10,7 @@
 #include "drivers/aravis/aravis_backend.h"
 #include "drivers/can/can_backend.h"
 #include "drivers/gnss/gnss_backend.h"
+#include "drivers/livox/livox_backend.h"
 #include "drivers/modbus/modbus_backend.h"
 #include "drivers/ouster/ouster_backend.h"
 #include "drivers/serial/serial_ports.h"
@@ -40,6 +41,7 @@ Registry make_registry() {
   registry.add(aravis_backend());
   registry.add(can_backend());
   registry.add(gnss_backend());
+  registry.add(livox_backend());
   registry.add(modbus_backend());
   registry.add(ouster_backend());
   registry.add(serial_backend());

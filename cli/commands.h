@@ -140,7 +140,8 @@ struct PairOptions {
 struct ConvertOptions {
   std::filesystem::path input, output;
   std::filesystem::path metadata;  ///< of an Ouster
-  int scan = 0;                    ///< of a .pcd
+  std::string image;               ///< of an Ouster: a field as images; empty: points
+  int scan = 0;                    ///< of a .pcd or .png
   bool scan_given = false;
   bool force = false;
   bool json = false;

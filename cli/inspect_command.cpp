@@ -12,6 +12,7 @@
 #include "calibration/procedures/recording_packets.h"
 #include "cli/commands.h"
 #include "cli/inspect_fmu.h"
+#include "cli/inspect_livox.h"
 #include "cli/inspect_ouster.h"
 #include "cli/receiver_log.h"
 #include "drivers/network/pcap_file.h"
@@ -118,6 +119,7 @@ int inspect_pcap_command(const InspectOptions& options) {
     return report_error({ErrorCode::bad_input, options.file.string(),
                          "expected a recording of Rigor (MCAP), got a pcap: there is nothing to repair"},
                         options.json);
+  if (options.metadata.empty() && is_livox_recording(options.file)) return inspect_livox_command(options);
   const auto metadata = options.metadata.empty() ? ouster_metadata_beside(options.file) : options.metadata;
   if (!metadata.empty()) return inspect_ouster_command(options, metadata);
   std::optional<ProgressTask> reading(std::in_place, read_task(options));

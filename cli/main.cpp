@@ -250,10 +250,10 @@ int command_line(int argc, char** argv) {
   rigor::InspectOptions inspect;
   auto* inspect_app = app.add_subcommand("inspect", "Say what is in a recording, or in an FMU");
   inspect_app
-      ->add_option(
-          "FILE", inspect.file,
-          "MCAP file; packets of a Velodyne or an Ouster (pcap); telegrams of a SICK scanner (JSON); "
-          "an FMU (*.fmu)")
+      ->add_option("FILE", inspect.file,
+                   "MCAP file; packets of a Velodyne, a Livox or an Ouster (pcap); telegrams of a SICK "
+                   "scanner (JSON); "
+                   "an FMU (*.fmu)")
       ->required();
   inspect_app->add_option("--metadata", inspect.metadata,
                           "What an Ouster says of itself, JSON (default: FILE.json beside FILE.pcap)");
@@ -265,20 +265,24 @@ int command_line(int argc, char** argv) {
   inspect_app->footer("Example: rigor inspect demo.mcap --repair -o demo-whole.mcap");
 
   rigor::ConvertOptions convert;
-  auto* convert_app =
-      app.add_subcommand("convert", "Make points of what a LiDAR sent: packets or telegrams, without a rig");
+  auto* convert_app = app.add_subcommand(
+      "convert", "Make points, or images, of what a LiDAR sent: packets or telegrams, without a rig");
   convert_app
-      ->add_option(
-          "INPUT", convert.input,
-          "Packets of a Velodyne or an Ouster (pcap, pcapng), telegrams of a SICK scanner in JSON, or "
-          "UBX and NMEA of a satellite receiver (.ubx, .nmea, .log)")
+      ->add_option("INPUT", convert.input,
+                   "Packets of a Velodyne, a Livox or an Ouster (pcap, pcapng), telegrams of a SICK scanner "
+                   "in JSON, or "
+                   "UBX and NMEA of a satellite receiver (.ubx, .nmea, .log)")
       ->required();
-  convert_app->add_option("-o,--output", convert.output, "out.mcap (all scans), or out.pcd (one of them)")
+  convert_app
+      ->add_option("-o,--output", convert.output,
+                   "out.mcap (all scans), or one of them: out.pcd, with --image out.png")
       ->required();
   convert_app->add_option("--metadata", convert.metadata,
                           "What an Ouster says of itself, JSON (default: INPUT.json beside INPUT.pcap)");
+  convert_app->add_option("--image", convert.image, "Of an Ouster: this field as images in place of points")
+      ->check(CLI::IsMember({"signal", "near_infrared", "reflectivity", "range"}));
   auto* convert_scan =
-      convert_app->add_option("--scan", convert.scan, "Which one a .pcd gets, from 0 (default: 0)")
+      convert_app->add_option("--scan", convert.scan, "Which one a .pcd or .png gets, from 0 (default: 0)")
           ->check(rigor::number_within({.min = 0, .max = 1e9}));
   convert_app->add_flag("--force", convert.force, "Write over a file that is there");
   convert_app->add_flag("--json", convert.json, "Print what was written as JSON");

@@ -165,7 +165,7 @@ ClockMap::Update ClockMap::add_arrival(DeviceTime x, BenchTime arrival) noexcept
   if (segments_.empty() || minus(x.ns(), segment_end_) >= 0) {
     const std::int64_t length =
         std::max<std::int64_t>(1, options_.window.ns() / static_cast<std::int64_t>(kPairs));
-    segments_.push_newest(Pair{x.ns(), t, kUnknownDelay_ns, 0});
+    segments_.push_newest(Pair{x.ns(), t, kUnknownDelay_ns, 0, 0});
     segment_end_ = plus(x.ns(), length);
     segment_count_ = 0;
     segment_min_ = excess;
@@ -173,7 +173,7 @@ ClockMap::Update ClockMap::add_arrival(DeviceTime x, BenchTime arrival) noexcept
     changed = true;
   }
   Pair& segment = segments_.back();
-  ++segment_count_;
+  segment.count = ++segment_count_;
   segment_sum_ += excess;
   if (excess < segment_min_) {
     segment_min_ = excess;
@@ -249,25 +249,43 @@ void ClockMap::publish_latches() noexcept {
 void ClockMap::publish_arrivals() noexcept {
   const std::size_t n = segments_.size();
   std::array<bool, kPairs> out{};
-  double mean_var = 0;
-  for (std::size_t i = 0; i < n; ++i) mean_var += square(segments_[i].sigma_ns) / static_cast<double>(n);
-  double sigma = std::sqrt(mean_var);
+  std::array<double, kPairs> width{};  // of a segment's scatter, in sigmas: the fewer arrivals, the wider
+  double mean_count = 0;
+  for (std::size_t i = 0; i < n; ++i) mean_count += segments_[i].count / static_cast<double>(n);
+  double measured_var = 0;
+  std::size_t measured = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    width[i] = std::max(1.0, mean_count / segments_[i].count);
+    if (segments_[i].count < 2) continue;
+    measured_var += square(segments_[i].sigma_ns / width[i]);
+    ++measured;
+  }
+  // One arrival tells nothing of the scatter: what is guessed of it widens sigma, and shifts nothing.
+  bool guessed = measured == 0;
+  double sigma = guessed ? kUnknownDelay_ns : std::sqrt(measured_var / static_cast<double>(measured));
+  // A young segment whose quickest arrival is far later than the map can be wrong by: its quick ones are to
+  // come. (Of many segments the residuals tell which are late.)
+  if (n > 1 && !guessed) {
+    const Mapped floor = map(current_, DeviceTime(segments_.back().x));
+    out[n - 1] = segment_min_ > 4 * (static_cast<double>(floor.sigma.ns()) + sigma * width[n - 1]);
+  }
   Line line;
+  const auto weight = [&](std::size_t i) { return (out[i] ? 1e-12 : 1.0) / square(sigma * width[i]); };
   for (int round = 0; round < 4; ++round) {
-    line = Line::fit(segments_, options_.drift_prior,
-                     [&](std::size_t i) { return (out[i] ? 1e-12 : 1.0) / square(sigma); });
+    line = Line::fit(segments_, options_.drift_prior, weight);
     if (n < 5) break;
     // Scatter from the quick side only: a segment without any quick sample lies far above, never far below.
     double sum = 0;
     std::size_t below = 0;
     for (std::size_t i = 0; i < n; ++i) {
-      const double r = line.residual(segments_[i]);
+      const double r = line.residual(segments_[i]) / width[i];
       if (r <= 0) sum += square(r), ++below;
     }
     sigma = std::max(1.0, kQuickSide * std::sqrt(sum / static_cast<double>(std::max<std::size_t>(below, 1))));
+    guessed = false;
     bool changed = false;
     for (std::size_t i = 0; i < n; ++i) {
-      const bool far = line.residual(segments_[i]) > 4 * sigma;
+      const bool far = line.residual(segments_[i]) > 4 * sigma * width[i];
       changed |= far != out[i];
       out[i] = far;
     }
@@ -275,7 +293,7 @@ void ClockMap::publish_arrivals() noexcept {
   }
   // Floors of segments lie above the true floor by about their scatter (exactly so for an exponential tail);
   // that the tail may be another is the systematic part.
-  line.mean_y -= sigma;
+  if (!guessed) line.mean_y -= sigma;
   publish(line, square(sigma) + square(static_cast<double>(options_.min_delay_sigma.ns())), segments_);
 }
 

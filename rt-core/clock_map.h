@@ -90,6 +90,7 @@ class ClockMap {
     std::int64_t x = 0, t = 0;  // ns
     double sigma_ns = 0;        // of t
     double width_ns = 0;        // of the latch's window
+    std::uint32_t count = 1;    // arrivals of the segment
   };
   using Ring = FixedRing<Pair, kPairs>;
   struct Line;

@@ -1,10 +1,9 @@
 // Preallocated slots: written by one owner, then read through leases that share them.
 //
-//   WritableSlot<T> slot = pool.try_acquire();     unique and move-only: its holder alone reads and writes
-//   slot->stamp = …;
-//   Lease<T> lease = std::move(slot);              published: read-only, shared by copying
-//   Lease<T> other = lease;                        loop, application, recorder
-//   if (WritableSlot<T> again = lease.take_back()) the sole holder may write once more, before it shares it
+//   WritableSlot<T, Atomic> slot = pool.try_acquire();     unique and move-only: its holder alone reads and
+//   writes slot->stamp = …; Lease<T> lease = std::move(slot);              published: read-only, shared by
+//   copying Lease<T> other = lease;                        loop, application, recorder if (WritableSlot<T,
+//   Atomic> again = lease.take_back()) the sole holder may write once more, before it shares it
 //
 // Nobody copies an image, nobody frees memory: when the last lease of a slot is dropped, the slot is free
 // again. The count of a slot's users is the whole bookkeeping: there is no free list, so no ABA problem and
@@ -16,6 +15,8 @@
 // A pool may be destroyed before its leases. The slots then stay until the last of them is let go of, and the
 // thread that does that frees their memory. So destroy a pool in setup context, and with leases outstanding
 // only where the last of them will not be dropped by a loop that is running: that loop would free memory.
+//
+// `Atomic` is std::atomic; tests put their model of memory in its place (tests/rt-core/lock_free_test.cpp).
 //
 // Memory order. Each user of a slot leaves with release. Three others then need to see all of its accesses,
 // and each acquires: who takes the slot again (try_acquire), who becomes its writer again (take_back), and
@@ -30,15 +31,15 @@
 
 namespace rigor {
 
-template <class T>
+template <class T, template <class> class Atomic = std::atomic>
 class Pool;
-template <class T>
+template <class T, template <class> class Atomic = std::atomic>
 class Lease;
 
 namespace pool_detail {
 
 /// The slots of one pool. Deletes itself once the pool and every user of a slot are gone.
-template <class T>
+template <class T, template <class> class Atomic>
 class Storage {
  public:
   // The users of a slot, in one word: leases (a writable slot counts as one), holds, and a bit that is set
@@ -46,7 +47,7 @@ class Storage {
   static constexpr std::uint32_t kLease = 1, kAllLeases = (1u << 20) - 1, kHold = 1u << 20,
                                  kPoolGone = 1u << 31;
   struct Slot {
-    std::atomic<std::uint32_t> users{0};
+    Atomic<std::uint32_t> users{0};
     Storage* storage = nullptr;
     T value{};
   };
@@ -68,7 +69,7 @@ class Storage {
   }
 
  private:
-  std::atomic<std::size_t> remaining_;  // touched only once the pool is gone
+  Atomic<std::size_t> remaining_;  // touched only once the pool is gone
 
  public:
   std::unique_ptr<Slot[]> slots;
@@ -78,7 +79,7 @@ class Storage {
 
 /// The only access to one slot of a Pool, to write to it. One thread at a time. Move and destroy: wait-free,
 /// no allocation. Moved into a Lease it is published; destroyed before that, the slot is free again.
-template <class T>
+template <class T, template <class> class Atomic = std::atomic>
 class WritableSlot {
  public:
   WritableSlot() noexcept = default;
@@ -100,15 +101,15 @@ class WritableSlot {
   [[nodiscard]] const T* operator->() const noexcept { return &slot_->value; }
 
  private:
-  friend class Pool<T>;
-  friend class Lease<T>;
-  using Storage = pool_detail::Storage<T>;
+  friend class Pool<T, Atomic>;
+  friend class Lease<T, Atomic>;
+  using Storage = pool_detail::Storage<T, Atomic>;
   explicit WritableSlot(typename Storage::Slot* slot) noexcept : slot_(slot) {}
   typename Storage::Slot* slot_ = nullptr;
 };
 
 /// Keeps a slot from being taken again, and gives no access to what is in it. Any thread, wait-free.
-template <class T>
+template <class T, template <class> class Atomic = std::atomic>
 class SlotHold {
  public:
   SlotHold() noexcept = default;
@@ -123,19 +124,19 @@ class SlotHold {
   }
 
  private:
-  friend class Lease<T>;
-  using Storage = pool_detail::Storage<T>;
+  friend class Lease<T, Atomic>;
+  using Storage = pool_detail::Storage<T, Atomic>;
   explicit SlotHold(typename Storage::Slot* slot) noexcept : slot_(slot) {}
   typename Storage::Slot* slot_ = nullptr;
 };
 
 /// Shared reading of one slot of a Pool. Copy, move and destroy: any thread, wait-free, no allocation.
-template <class T>
+template <class T, template <class> class Atomic>
 class Lease {
  public:
   Lease() noexcept = default;
   /// Publishes what was written.
-  Lease(WritableSlot<T>&& slot) noexcept : slot_(std::exchange(slot.slot_, nullptr)) {}
+  Lease(WritableSlot<T, Atomic>&& slot) noexcept : slot_(std::exchange(slot.slot_, nullptr)) {}
   Lease(const Lease& o) noexcept : slot_(o.slot_) {
     if (slot_) Storage::enter(*slot_, Storage::kLease);
   }
@@ -156,25 +157,25 @@ class Lease {
 
   /// For the only holder, to write again; this lease is empty then. With another lease of the same slot the
   /// answer is empty and this lease as before. A count of one cannot grow meanwhile: only a holder copies.
-  [[nodiscard]] WritableSlot<T> take_back() noexcept {
+  [[nodiscard]] WritableSlot<T, Atomic> take_back() noexcept {
     if (!slot_ || (slot_->users.load(std::memory_order_acquire) & Storage::kAllLeases) != Storage::kLease)
       return {};
-    return WritableSlot<T>(std::exchange(slot_, nullptr));
+    return WritableSlot<T, Atomic>(std::exchange(slot_, nullptr));
   }
   /// Of a lease that is not empty. A hold does not count as a holder in `take_back`. At most 1023 of a slot.
-  [[nodiscard]] SlotHold<T> hold() const noexcept {
+  [[nodiscard]] SlotHold<T, Atomic> hold() const noexcept {
     Storage::enter(*slot_, Storage::kHold);
-    return SlotHold<T>(slot_);
+    return SlotHold<T, Atomic>(slot_);
   }
 
  private:
-  using Storage = pool_detail::Storage<T>;
+  using Storage = pool_detail::Storage<T, Atomic>;
   typename Storage::Slot* slot_ = nullptr;
 };
 
 /// A fixed number of slots. Construction and destruction: setup context. `try_acquire`: one producer thread
 /// at a time, wait-free (bounded by the number of slots), no allocation.
-template <class T>
+template <class T, template <class> class Atomic>
 class Pool {
  public:
   explicit Pool(std::size_t slots) : size_(slots), storage_(new Storage(slots)) {}
@@ -183,18 +184,18 @@ class Pool {
   ~Pool() {
     std::size_t unused = 1;  // the pool itself
     for (std::size_t i = 0; i < size_; ++i)
-      unused += storage_->slots[i].users.fetch_or(Storage::kPoolGone, std::memory_order_acq_rel) == 0;
-    storage_->forget(unused);
+      unused += storage_->slots[i].users.fetch_or(Storage::kPoolGone, std::memory_order_acquire) == 0;
+    storage_->forget(unused);  // releases what this thread did
   }
 
   /// Empty when every slot is in use.
-  [[nodiscard]] WritableSlot<T> try_acquire() noexcept {
+  [[nodiscard]] WritableSlot<T, Atomic> try_acquire() noexcept {
     for (std::size_t i = 0; i < size_; ++i) {
       auto& slot = storage_->slots[next_];
       next_ = next_ + 1 == size_ ? 0 : next_ + 1;
       if (slot.users.load(std::memory_order_acquire) == 0) {
         slot.users.store(Storage::kLease, std::memory_order_relaxed);
-        return WritableSlot<T>(&slot);
+        return WritableSlot<T, Atomic>(&slot);
       }
     }
     return {};
@@ -214,7 +215,7 @@ class Pool {
   }
 
  private:
-  using Storage = pool_detail::Storage<T>;
+  using Storage = pool_detail::Storage<T, Atomic>;
   std::size_t size_;
   std::size_t next_ = 0;
   Storage* storage_;

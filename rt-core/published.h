@@ -3,7 +3,8 @@
 // A plain seqlock has a trap on a real-time machine: a FIFO thread that reads while the writer is preempted
 // in the middle of its write, on the same CPU, spins for ever. Here the writer fills a slot that nobody is
 // pointed to and then points to it; a reader repeats only if the writer published kSlots − 1 times during the
-// read.
+// read. A reader that is overtaken so may get the value that is just about to be published, and in its next
+// read once more the one before.
 //
 // Memory order: words are stored with release and loaded with acquire, so a reader that sees a word of a
 // newer write also sees, on its second look, the odd sequence number that came before it.
@@ -17,7 +18,8 @@
 
 namespace rigor {
 
-template <class T>
+/// `Atomic` is std::atomic; tests put their model of memory in its place (tests/rt-core/lock_free_test.cpp).
+template <class T, template <class> class Atomic = std::atomic>
 class Published {
   static_assert(std::is_trivially_copyable_v<T>,
                 "a torn copy is made and thrown away: T may not own anything");
@@ -55,11 +57,11 @@ class Published {
   static constexpr std::uint32_t kSlots = 4;
   static constexpr std::size_t kWords = (sizeof(T) + 7) / 8;
   struct Slot {
-    std::atomic<std::uint64_t> sequence{0};
-    std::array<std::atomic<std::uint64_t>, kWords> words{};
+    Atomic<std::uint64_t> sequence{0};
+    std::array<Atomic<std::uint64_t>, kWords> words{};
   };
   std::array<Slot, kSlots> slots_{};
-  std::atomic<std::uint32_t> current_{0};
+  Atomic<std::uint32_t> current_{0};
 };
 
 }  // namespace rigor

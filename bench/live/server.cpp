@@ -127,16 +127,17 @@ struct Site {
   std::string token;
   std::filesystem::path page_dir;
   bool loopback = true;
-  std::size_t connections = 0, sockets = 0;
+  std::size_t sockets = 0;
+  std::set<Connection*> all;
   std::set<Connection*> open;  ///< WebSockets
 };
 
 /// One connection: requests for files until it asks for a WebSocket or goes.
 class Connection final : public Link, public std::enable_shared_from_this<Connection> {
  public:
-  Connection(tcp::socket socket, Site& site) : site_(site), ws_(std::move(socket)) { ++site_.connections; }
+  Connection(tcp::socket socket, Site& site) : site_(site), ws_(std::move(socket)) { site_.all.insert(this); }
   ~Connection() override {
-    --site_.connections;
+    site_.all.erase(this);
     if (is_socket_) --site_.sockets;
   }
 
@@ -158,11 +159,12 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
   }
   [[nodiscard]] std::size_t backlog_bytes() const override { return backlog_; }
   [[nodiscard]] bool behind() const override { return asked_ && monotonic_now() - asked_at_ > kBehind; }
-  void close(const std::string&) override { beast::get_lowest_layer(ws_).close(); }
+  void close(const std::string&) override { cut_off(); }
   void say_goodbye() {
     closing_ = true;
     if (queue_.empty()) end_socket();
   }
+  void cut_off() { beast::get_lowest_layer(ws_).close(); }
 
  private:
   struct Outgoing {
@@ -275,16 +277,20 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
     ws_.async_read(buffer_, [self = shared_from_this()](error_code error, std::size_t) {
       if (error) return self->gone();
       const auto data = self->buffer_.cdata();
-      if (self->ws_.got_text())
-        self->site_.hub->text(*self, {static_cast<const char*>(data.data()), data.size()});
-      else
-        self->site_.hub->binary(*self, {static_cast<const std::byte*>(data.data()), data.size()});
+      // After the goodbye nothing is done any more, and nothing may follow it.
+      if (!self->closing_) {
+        if (self->ws_.got_text())
+          self->site_.hub->text(*self, {static_cast<const char*>(data.data()), data.size()});
+        else
+          self->site_.hub->binary(*self, {static_cast<const std::byte*>(data.data()), data.size()});
+      }
       self->buffer_.consume(self->buffer_.size());
       self->read_message();
     });
   }
 
   void enqueue(Outgoing message) {
+    if (closing_) return;
     backlog_ += message.size();
     queue_.push_back(std::move(message));
     if (queue_.size() == 1) write_next();
@@ -326,7 +332,7 @@ class Connection final : public Link, public std::enable_shared_from_this<Connec
     if (std::exchange(gone_, true)) return;
     site_.open.erase(this);
     site_.hub->closed(*this);
-    beast::get_lowest_layer(ws_).close();
+    cut_off();
   }
 
   Site& site_;
@@ -362,7 +368,7 @@ struct Server::Impl {
   void accept() {
     acceptor.async_accept([this](error_code error, tcp::socket socket) {
       if (error == asio::error::operation_aborted || ended) return;
-      if (!error && site.connections < kMaxConnections) {
+      if (!error && site.all.size() < kMaxConnections) {
         socket.set_option(tcp::no_delay(true), error);
         socket.set_option(asio::socket_base::send_buffer_size(kSendBuffer), error);
         std::make_shared<Connection>(std::move(socket), site)->read_request();
@@ -391,7 +397,11 @@ struct Server::Impl {
 
   void look_for_end(asio::steady_timer& timer, std::chrono::steady_clock::time_point until,
                     std::promise<void>& gone) {
-    if (site.open.empty() || std::chrono::steady_clock::now() >= until) return gone.set_value();
+    if (site.open.empty() || std::chrono::steady_clock::now() >= until) {
+      // Nothing runs from here on that would close them: who has not answered would wait for ever.
+      for (Connection* c : site.all) c->cut_off();
+      return gone.set_value();
+    }
     timer.expires_after(std::chrono::milliseconds(10));
     timer.async_wait([this, &timer, until, &gone](error_code) { look_for_end(timer, until, gone); });
   }
@@ -446,7 +456,6 @@ Result<std::unique_ptr<Server>> Server::open(const ServerOptions& options, const
 Server::~Server() { impl_->stop(); }
 
 void Server::end(std::function<void()> last) {
-  constexpr auto kGoodbye = std::chrono::milliseconds(500);
   std::promise<void> gone;
   asio::steady_timer timer(impl_->context);
   post([&] {
@@ -455,7 +464,8 @@ void Server::end(std::function<void()> last) {
     impl_->acceptor.close();
     for (Connection* c : std::set(impl_->site.open)) c->say_goodbye();
     // Until the last one has answered, or for as long as one may wait for it.
-    impl_->look_for_end(timer, std::chrono::steady_clock::now() + kGoodbye, gone);
+    impl_->look_for_end(timer, std::chrono::steady_clock::now() + std::chrono::nanoseconds(kGoodbye.ns()),
+                        gone);
   });
   gone.get_future().wait();
   impl_->stop();

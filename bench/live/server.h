@@ -33,14 +33,16 @@ class Server {
   static constexpr std::size_t kMaxClients = 8;  ///< WebSockets
   static constexpr std::size_t kMaxConnections = 48;
   static constexpr std::size_t kMaxHeader = 8u << 10;
+  static constexpr Duration kGoodbye = milliseconds(500);
 
   /// Listens, and answers from now on, on threads that may run where the caller may and are nicer than it.
   /// bad_input: the address is not this machine's, the port is taken or may not be used.
   [[nodiscard]] static Result<std::unique_ptr<Server>> open(const ServerOptions& options,
                                                             const std::string& name);
   ~Server();
-  /// Any thread but the server's: runs `last` there, takes leave of the clients (code 1001, `run has ended`)
-  /// and ends both threads. Nothing that was given to this object is called any more; only url() may be.
+  /// Any thread but the server's: runs `last` there, takes leave of the clients (code 1001, `run has ended`),
+  /// gives them kGoodbye to answer, closes all connections and ends both threads. What clients ask for after
+  /// the goodbye is dropped. Nothing that was given to this object is called any more; only url() may be.
   void end(std::function<void()> last);
 
   [[nodiscard]] std::string url() const;  ///< with the port that it got

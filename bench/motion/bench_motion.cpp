@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "bench/motion/rate_fit.h"
 #include "sensor-hal/types/orientation.h"
 #include "sim/platform/platform.h"
 
@@ -168,26 +169,30 @@ BodyState BenchMotion::Body::at(BenchTime t) const noexcept {
   }
   const Report &from = back(n), &to = back(n - 1);
   const double span_s = (to.t - from.t).seconds();
-  const auto velocity = [&](std::size_t later, std::size_t axis) {
-    return (back(later).T_world_body.position_m[axis] - back(later + 1).T_world_body.position_m[axis]) /
-           (back(later).t - back(later + 1).t).seconds();
-  };
   BodyState b;
   b.t_ref = from.t;
   b.T_world_body = from.T_world_body;
   b.turn_rate_radps =
       turn_between(from.T_world_body.orientation_wxyz, to.T_world_body.orientation_wxyz, span_s);
   for (std::size_t i = 0; i < 3; ++i) {
-    const double mean = velocity(n - 1, i);
+    const double mean = velocity_mps(n - 1, i);
     // Acceleration by the spans around, and the velocity with which it leads from report to report.
     double a = 0;
     if (n >= 2)
-      a = (velocity(n - 2, i) - mean) / (0.5 * (back(n - 2).t - from.t).seconds());
+      a = (velocity_mps(n - 2, i) - mean) / (0.5 * (back(n - 2).t - from.t).seconds());
     else if (n + 1 < size)
-      a = (mean - velocity(n, i)) / (0.5 * (to.t - back(n + 1).t).seconds());
-    if (t > to.t) a = 0;
+      a = (mean - velocity_mps(n, i)) / (0.5 * (to.t - back(n + 1).t).seconds());
+    if (t > to.t) a = acceleration_mps2(i);
     b.acceleration_mps2[i] = a;
     b.velocity_mps[i] = mean - 0.5 * a * span_s;
+  }
+  if (t > to.t + kFitSpan && b.acceleration_mps2 != std::array<double, 3>{}) {
+    const BenchTime ends = to.t + kFitSpan;
+    const double since_s = (ends - b.t_ref).seconds();
+    b.T_world_body = b.at(ends);
+    for (std::size_t i = 0; i < 3; ++i) b.velocity_mps[i] += b.acceleration_mps2[i] * since_s;
+    b.acceleration_mps2 = {};
+    b.t_ref = ends;
   }
   if (t > to.t + kGoesOn) {  // silent for long: it stays where it was left
     b.T_world_body = b.at(to.t + kGoesOn);
@@ -195,6 +200,54 @@ BodyState BenchMotion::Body::at(BenchTime t) const noexcept {
     b.t_ref = t;
   }
   return b;
+}
+
+/// The mean velocity between report `later` and the one before, counted back from the newest.
+double BenchMotion::Body::velocity_mps(std::size_t later, std::size_t axis) const noexcept {
+  return (back(later).T_world_body.position_m[axis] - back(later + 1).T_world_body.position_m[axis]) /
+         (back(later).t - back(later + 1).t).seconds();
+}
+
+double BenchMotion::Body::acceleration_mps2(std::size_t axis) const noexcept {
+  return estimated_acceleration(history.size() - 1, [&](std::size_t k) {
+    return RateAt{back(k + 1).t + (back(k).t - back(k + 1).t) / 2, velocity_mps(k, axis)};
+  });
+}
+
+double BenchMotion::Joint::acceleration_radps2(std::size_t newest) const noexcept {
+  if (!has_rate) return 0;
+  return estimated_acceleration(newest + 1, [&](std::size_t k) {
+    return RateAt{history[newest - k].t_ref, history[newest - k].rate_radps};
+  });
+}
+
+JointState BenchMotion::Joint::at(BenchTime t) const noexcept {
+  const std::size_t newest = history.size() - 1;
+  std::size_t before = newest;
+  while (before > 0 && history[before].t_ref > t) --before;
+  JointState s = history[before];
+  if (s.t_ref > t) return s;
+  if (before == newest) {
+    s.acceleration_radps2 = acceleration_radps2(newest);
+    if (const BenchTime ends = s.t_ref + kFitSpan; s.acceleration_radps2 != 0 && t > ends)
+      s = {ends, s.at(ends), s.rate_at(ends), 0};
+    return s;
+  }
+  const JointState& after = history[before + 1];
+  const double span_s = (after.t_ref - s.t_ref).seconds();
+  // Rotary joints may wrap between two reports: take the short way round.
+  constexpr double kTurn = 6.283185307179586;
+  double step = after.position_rad - s.position_rad;
+  while (step > kTurn / 2) step -= kTurn;
+  while (step < -kTurn / 2) step += kTurn;
+  if (after.t_ref - s.t_ref <= kFitSpan) {
+    std::size_t last = before + 1;
+    while (last < newest && history[last + 1].t_ref <= t + kFitSpan * 2 / 3) ++last;
+    s.acceleration_radps2 = acceleration_radps2(last);
+  }
+  // Through both reports.
+  s.rate_radps = step / span_s - 0.5 * s.acceleration_radps2 * span_s;
+  return s;
 }
 
 void BenchMotion::update(BenchTime t_cycle) noexcept {
@@ -228,25 +281,8 @@ WorldMotion BenchMotion::motion_at(BenchTime t) const noexcept {
     else
       motion.body[i] = bodies_[i].at(t);
   }
-  for (std::uint32_t i = 0; i < count_; ++i) {
-    const Joint& joint = joints_[i];
-    if (joint.history.empty()) continue;
-    const JointState* after = nullptr;
-    const JointState* before = &joint.history.back();
-    for (std::size_t k = joint.history.size() - 1; k > 0 && before->t_ref > t; --k) {
-      after = before;
-      before = &joint.history[k - 1];
-    }
-    motion.joint[i] = *before;
-    if (after && before->t_ref <= t && after->t_ref > before->t_ref) {
-      // Rotary joints may wrap between two reports: take the short way round.
-      constexpr double kTurn = 6.283185307179586;
-      double step = after->position_rad - before->position_rad;
-      while (step > kTurn / 2) step -= kTurn;
-      while (step < -kTurn / 2) step += kTurn;
-      motion.joint[i].rate_radps = step / (after->t_ref - before->t_ref).seconds();
-    }
-  }
+  for (std::uint32_t i = 0; i < count_; ++i)
+    if (!joints_[i].history.empty()) motion.joint[i] = joints_[i].at(t);
   return motion;
 }
 

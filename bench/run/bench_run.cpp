@@ -149,6 +149,13 @@ std::vector<std::string> BenchRun::warnings() const {
   return all;
 }
 
+std::vector<std::string> BenchRun::forecasts() const {
+  std::vector<std::string> all;
+  for (const auto& channel : parts_.channels)
+    for (std::string& f : channel->source->forecasts()) all.push_back(std::move(f));
+  return all;
+}
+
 Status BenchRun::start_channels(BenchTime t0) {
   t0_ = t0;
   origin_.publish(t0);

@@ -114,6 +114,8 @@ class BenchRun final : private ExecutiveHooks {
   [[nodiscard]] Status arm(StopToken stop = {});
   /// What the channels found when they were armed.
   [[nodiscard]] std::vector<std::string> warnings() const;
+  /// Of the channels (Channel::forecasts).
+  [[nodiscard]] std::vector<std::string> forecasts() const;
   /// Before arm: whether what the application sees is digested. False at first.
   void want_digest(bool wanted) { digest_wanted_ = wanted; }
   /// Between arm and run; null: nothing is recorded. A run that cannot be recorded is over.

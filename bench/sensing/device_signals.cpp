@@ -74,7 +74,7 @@ class Joint final : public Law {
   double read(BenchTime t) override {
     const WorldMotion m = motion_->motion_at(t);
     if (index_ >= m.count) return kNaN;
-    return (rate_ ? m.joint[index_].rate_radps : m.joint[index_].at(t)) * scale_;
+    return (rate_ ? m.joint[index_].rate_at(t) : m.joint[index_].at(t)) * scale_;
   }
 
  private:

@@ -16,12 +16,14 @@ namespace {
 
 bool same(const WorldMotion& a, const WorldMotion& b) {
   const auto equal = [](const JointState& x, const JointState& y) {
-    return x.t_ref == y.t_ref && x.position_rad == y.position_rad && x.rate_radps == y.rate_radps;
+    return x.t_ref == y.t_ref && x.position_rad == y.position_rad && x.rate_radps == y.rate_radps &&
+           x.acceleration_radps2 == y.acceleration_radps2;
   };
   const auto equal_body = [](const BodyState& x, const BodyState& y) {
     return x.t_ref == y.t_ref && x.T_world_body.position_m == y.T_world_body.position_m &&
            x.T_world_body.orientation_wxyz == y.T_world_body.orientation_wxyz &&
-           x.velocity_mps == y.velocity_mps && x.turn_rate_radps == y.turn_rate_radps;
+           x.velocity_mps == y.velocity_mps && x.acceleration_mps2 == y.acceleration_mps2 &&
+           x.turn_rate_radps == y.turn_rate_radps;
   };
   return a.count == b.count && a.body_count == b.body_count &&
          std::equal(a.joint.begin(), a.joint.begin() + a.count, b.joint.begin(), equal) &&
@@ -332,6 +334,7 @@ Status SensorWorld::move_platforms(world::Transaction& tx, const WorldMotion& mo
     m.t_ref = b.t_ref;
     m.T_parent_node = isometry_of(b.T_world_body);
     m.velocity_m_per_s = vector(b.velocity_mps);
+    m.acceleration_m_per_s2 = vector(b.acceleration_mps2);
     m.angular_velocity_rad_per_s = m.T_parent_node.linear() * vector(b.turn_rate_radps);
     if (auto s = set(c.node, m); !s) return s;
     for (const Part& part : c.parts) {
@@ -342,9 +345,11 @@ Status SensorWorld::move_platforms(world::Transaction& tx, const WorldMotion& mo
       if (part.slides) {
         m.T_parent_node = part.T_parent_part * Eigen::Translation3d(part.axis * j.position_rad);
         m.velocity_m_per_s = axis * j.rate_radps;
+        m.acceleration_m_per_s2 = axis * j.acceleration_radps2;
       } else {
         m.T_parent_node = part.T_parent_part * Eigen::AngleAxisd(j.position_rad, part.axis);
         m.angular_velocity_rad_per_s = axis * j.rate_radps;
+        m.angular_acceleration_rad_per_s2 = axis * j.acceleration_radps2;
       }
       if (auto s = set(part.node, m); !s) return s;
     }
@@ -369,6 +374,7 @@ void SensorWorld::move(const WorldMotion& motion) {
     m.t_ref = state.t_ref;
     m.T_parent_node = rest * Eigen::AngleAxisd(state.position_rad, axis);
     m.angular_velocity_rad_per_s = rest.linear() * axis * state.rate_radps;
+    m.angular_acceleration_rad_per_s2 = rest.linear() * axis * state.acceleration_radps2;
     // A node of this type has these attributes, so that neither write can be refused.
     (void)tx.set(joints_[i], hinge.motion, m);
     (void)tx.set(joints_[i], hinge.moves, true);

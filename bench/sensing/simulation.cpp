@@ -124,7 +124,7 @@ class SceneCamera final : public ImageProvider {
     if (!camera) return tl::unexpected<Error>(camera.error());
     for (std::size_t i = 0; i < joints_.size(); ++i) {
       const JointState j = i < request.motion.count ? request.motion.joint[i] : JointState{};
-      snapshot_.joints[joints_[i]] = {j.t_ref, j.position_rad, j.rate_radps};
+      snapshot_.joints[joints_[i]] = {j.t_ref, j.position_rad, j.rate_radps, j.acceleration_radps2};
     }
     CaptureRequest r;
     r.capture_index = request.index;

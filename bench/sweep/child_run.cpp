@@ -15,6 +15,8 @@
 #include <cstring>
 #include <utility>
 
+#include "rt-core/file_descriptor.h"
+
 namespace rigor::sweep {
 namespace {
 
@@ -24,38 +26,19 @@ Error system_error(const char* call) {
   return {ErrorCode::io, "sweep", fmt::format("{}: {}", call, std::strerror(errno))};
 }
 
-/// A descriptor that is closed at its end.
-class Descriptor {
- public:
-  explicit Descriptor(int fd = -1) : fd_(fd) {}
-  ~Descriptor() { reset(); }
-  Descriptor(Descriptor&& o) noexcept : fd_(std::exchange(o.fd_, -1)) {}
-  Descriptor& operator=(Descriptor&& o) noexcept {
-    std::swap(fd_, o.fd_);
-    return *this;
-  }
-  void reset() {
-    if (fd_ >= 0) ::close(std::exchange(fd_, -1));
-  }
-  [[nodiscard]] int get() const { return fd_; }
-
- private:
-  int fd_;
-};
-
 struct Pipe {
-  Descriptor read, write;
+  FileDescriptor read, write;
 };
 Result<Pipe> make_pipe() {
   std::array<int, 2> fds{};
   if (::pipe2(fds.data(), O_CLOEXEC) != 0) return tl::unexpected<Error>(system_error("pipe"));
-  Pipe pipe{Descriptor(fds[0]), Descriptor(fds[1])};
+  Pipe pipe{FileDescriptor(fds[0]), FileDescriptor(fds[1])};
   ::fcntl(fds[0], F_SETFL, O_NONBLOCK);
   return pipe;
 }
 
 /// Takes what is there; closes the descriptor at its end.
-void drain(Descriptor& from, std::string& to, std::size_t most, bool last) {
+void drain(FileDescriptor& from, std::string& to, std::size_t most, bool last) {
   std::array<char, 65536> block{};
   while (from.get() >= 0) {
     const ssize_t n = ::read(from.get(), block.data(), block.size());
@@ -95,7 +78,7 @@ Result<ChildEnd> run_child(const Child& child, StopToken stop) {
   auto out = make_pipe(), err = make_pipe();
   if (!out) return tl::unexpected<Error>(out.error());
   if (!err) return tl::unexpected<Error>(err.error());
-  const Descriptor in(::open("/dev/null", O_RDONLY | O_CLOEXEC));
+  const FileDescriptor in(::open("/dev/null", O_RDONLY | O_CLOEXEC));
   std::vector<std::string> words = child.words;
   std::vector<char*> argv;
   for (std::string& w : words) argv.push_back(w.data());
@@ -110,7 +93,7 @@ Result<ChildEnd> run_child(const Child& child, StopToken stop) {
            parent);
   out->write.reset();
   err->write.reset();
-  const Descriptor process(static_cast<int>(::syscall(SYS_pidfd_open, pid, 0)));
+  const FileDescriptor process(static_cast<int>(::syscall(SYS_pidfd_open, pid, 0)));
 
   ChildEnd end;
   const auto take = [&] {

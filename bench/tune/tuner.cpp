@@ -200,9 +200,9 @@ class Tuner {
     if (entry_.kind == SampleKind::image) {
       const auto sensor_model = load_camera(*file);
       if (!sensor_model) return tl::unexpected<Error>(sensor_model.error());
-      for (const double error : {2e-3, 0.0})
-        for (const int samples : {1, 4, 16})
-          add("rays", [&](EngineChoice& c) { c.allowed_error_rad = error, c.samples_per_pixel = samples; });
+      // Meshes are in full, whatever error is allowed.
+      for (const auto& [samples, more] : {std::pair{1, 0}, {1, 4}, {1, 16}, {4, 0}, {4, 16}, {16, 0}})
+        add("rays", [&](EngineChoice& c) { c.samples_per_pixel = samples, c.uneven_samples = more; });
       // One view has neither blur nor rows that expose later than others; without either, more are the same.
       const Shutter& shutter = sensor_model->model.shutter;
       const bool takes_time = shutter.motion_blur || shutter.line_time_s > 0;

@@ -140,8 +140,9 @@ Result<LidarFit> fit_lidar(const LidarReturns& returns, const models::LidarModel
   if (returns.all.empty())
     return fail(ErrorCode::bad_input, "", "expected returns, got a recording without any");
   if (sensor_model.scan.kind != models::LidarScanKind::rotor)
-    return fail(ErrorCode::bad_input, "--base",
-                "expected a LiDAR whose beams turn about one axis (scan.kind rotor), got a rosette");
+    return fail(
+        ErrorCode::bad_input, "--base",
+        "expected a LiDAR whose beams turn about one axis (scan.kind rotor), got a rosette or a pattern");
   LidarFit out;
   out.model = sensor_model;
   FitResult& f = out.result;

@@ -122,6 +122,7 @@ Result<RecordingInput> read_samples(const std::filesystem::path& file, const std
       return fail(ErrorCode::bad_input, file.string(),
                   "expected an MCAP recording, got one of LiDAR packets");
     if (is_sick_recording(file)) return read_sick_recording(file, take);
+    if (is_livox_recording(file)) return read_livox_recording(file, take);
     if (const auto metadata = ouster_metadata_beside(file); !metadata.empty())
       return read_ouster_recording(file, metadata, take);
     return read_velodyne_recording(file, take);

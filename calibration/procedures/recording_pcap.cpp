@@ -141,22 +141,32 @@ std::filesystem::path ouster_metadata_beside(const std::filesystem::path& file) 
 }
 
 Result<RecordingInput> read_ouster_recording(const std::filesystem::path& file,
-                                             const std::filesystem::path& metadata, const TakeSample& take) {
+                                             const std::filesystem::path& metadata, const TakeSample& take,
+                                             const std::optional<ouster::ImageOptions>& image) {
   auto m = ouster::load_metadata(metadata);
   if (!m) return tl::unexpected<Error>(m.error());
+  if (image)
+    if (auto s = ouster::check_field(m->profile, image->field); !s) return tl::unexpected<Error>(s.error());
   auto reader = PcapReader::open(file);
   if (!reader) return tl::unexpected<Error>(reader.error());
-  ouster::FrameStream stream(*m, {.time = packet_lidar::TimeSource::fixed});
+  ouster::FrameStream stream(*m, {.time = packet_lidar::TimeSource::fixed, .image = image});
   RecordingInput result;
   result.topic = m->product_line;
   Sample sample;
-  sample.reserve(ouster::FrameStream::max_points(*m) * sizeof(LidarPoint));
+  sample.reserve(stream.image() ? stream.image()->bytes().size()
+                                : ouster::FrameStream::max_points(*m) * sizeof(LidarPoint));
   bool enough = false;
   const packet_lidar::HandCloud hand = [&](const packet_lidar::Cloud& c) {
     if (enough) return;
-    sample.size_bytes = c.points.size() * sizeof(LidarPoint);
-    if (!c.points.empty()) std::memcpy(sample.memory().data(), c.points.data(), sample.size_bytes);
-    sample.info = PointCloudInfo{static_cast<std::uint32_t>(c.points.size())};
+    if (stream.image()) {
+      sample.size_bytes = c.pixels.size();
+      std::memcpy(sample.memory().data(), c.pixels.data(), sample.size_bytes);
+      sample.info = stream.image()->info();
+    } else {
+      sample.size_bytes = c.points.size() * sizeof(LidarPoint);
+      if (!c.points.empty()) std::memcpy(sample.memory().data(), c.points.data(), sample.size_bytes);
+      sample.info = PointCloudInfo{static_cast<std::uint32_t>(c.points.size())};
+    }
     sample.stamp = {};
     sample.stamp.t_capture = sample.stamp.t_release = sample.stamp.t_arrival = c.t_capture;
     sample.stamp.validity = c.validity;

@@ -12,13 +12,15 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <set>
 
 #include "drivers/aravis/aravis_source.h"
+#include "drivers/aravis/camera_emulator.h"
 #include "drivers/aravis/camera_session.h"
-#include "drivers/aravis/gige_channel_emulator.h"
 #include "drivers/aravis/gige_virtual_source.h"
+#include "rt-core/file_descriptor.h"
 
 namespace rigor {
 namespace {
@@ -68,15 +70,15 @@ DoctorFinding check_packet_sockets() {
 void check_mtu(std::vector<DoctorFinding>& all) {
   ifaddrs* list = nullptr;
   if (getifaddrs(&list) != 0) return;
-  const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  const FileDescriptor fd(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
   std::set<std::string> seen;
-  for (const ifaddrs* i = list; i != nullptr && fd >= 0; i = i->ifa_next) {
+  for (const ifaddrs* i = list; i != nullptr && fd; i = i->ifa_next) {
     if (i->ifa_addr == nullptr || i->ifa_addr->sa_family != AF_INET || (i->ifa_flags & IFF_UP) == 0 ||
         (i->ifa_flags & IFF_LOOPBACK) != 0 || !seen.insert(i->ifa_name).second)
       continue;
     ifreq request{};
     std::strncpy(request.ifr_name, i->ifa_name, IFNAMSIZ - 1);
-    if (ioctl(fd, SIOCGIFMTU, &request) != 0 || request.ifr_mtu >= 8000) continue;
+    if (ioctl(fd.get(), SIOCGIFMTU, &request) != 0 || request.ifr_mtu >= 8000) continue;
     all.push_back(
         {DoctorFinding::Level::note,
          fmt::format("{} takes packets of {} bytes; a GigE Vision camera on it needs {} times the packets of "
@@ -85,12 +87,23 @@ void check_mtu(std::vector<DoctorFinding>& all) {
          fmt::format("where a camera hangs on it and switch and card can: sudo ip link set {} mtu 9000",
                      i->ifa_name)});
   }
-  if (fd >= 0) close(fd);
   freeifaddrs(list);
 }
 
+/// The kernel's end of USB/IP, which plugs in a camera that is emulated `as: usb3vision`.
+DoctorFinding check_usbip() {
+  std::error_code error;
+  if (std::filesystem::exists("/sys/devices/platform/vhci_hcd.0", error))
+    return {DoctorFinding::Level::good, "vhci_hcd is loaded: emulated USB3 Vision cameras can be attached",
+            ""};
+  return {
+      DoctorFinding::Level::note,
+      "vhci_hcd is not loaded: this machine cannot attach an emulated USB3 Vision camera (as: usb3vision)",
+      "sudo modprobe vhci-hcd    (then: sudo usbip attach -r 127.0.0.1 -b 1-1)"};
+}
+
 std::vector<DoctorFinding> examine() {
-  std::vector<DoctorFinding> all{check_socket_buffer(), check_packet_sockets()};
+  std::vector<DoctorFinding> all{check_socket_buffer(), check_packet_sockets(), check_usbip()};
   check_mtu(all);
   return all;
 }
@@ -102,7 +115,7 @@ Backend aravis_backend() {
   b.name = "aravis";
   b.summary = "GenICam cameras (GigE Vision, USB3 Vision) through Aravis";
   b.make_source = [] { return std::make_unique<AravisSource>(); };
-  b.make_emulator = [] { return std::make_unique<GigeChannelEmulator>(); };
+  b.make_emulator = [] { return make_camera_emulator(); };
   b.make_virtual_source = [](DeviceParts parts, ConfigNode params) -> Result<std::unique_ptr<Source>> {
     return std::make_unique<GigeVirtualSource>(std::move(parts), std::move(params));
   };

@@ -4,10 +4,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include <arv.h>
 
+#include "drivers/aravis/gige_registers.h"
 #include "drivers/aravis/payload_size.h"
 
 namespace rigor {
@@ -120,7 +123,7 @@ void set_region(ArvCamera* camera, const AravisSettings& s, const ChannelConfig&
 }
 
 void check_period(Duration exposure, const AravisSettings& s, const ChannelConfig& config) {
-  if (s.software_trigger || config.period.ns() <= 0 || exposure <= config.period) return;
+  if (s.triggered_by_bench() || config.period.ns() <= 0 || exposure <= config.period) return;
   throw refused(config, "exposure_us",
                 fmt::format("expected an exposure within the channel's period of {:g} µs, got {:g}{}",
                             config.period.seconds() * 1e6, exposure.seconds() * 1e6,
@@ -163,21 +166,31 @@ void set_gain(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& c
   if (e) broken(config, e, fmt::format("setting the gain to {:g} dB", *s.gain_db));
 }
 
-/// Each exposure waits for an edge on one of the camera's lines.
-void set_line_trigger(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+/// Each exposure waits for the first of the camera's trigger sources that `wanted` takes; its name.
+template <class F>
+std::string set_trigger_source(ArvCamera* camera, const ChannelConfig& config, std::string_view key,
+                               const std::string& expected, F&& wanted) {
   GLibError e;
   unsigned n = 0;
   const char** names = arv_camera_dup_available_trigger_sources(camera, &n, e.out());
   if (e) broken(config, e, "asking for the trigger sources");
-  const bool offered =
-      std::any_of(names, names + n, [&](const char* name) { return s.trigger_line == name; });
+  const auto* at = std::find_if(names, names + n, wanted);
+  const std::string source = at == names + n ? "" : *at;
   const std::string all = join(names, n);
   g_free(names);
-  if (!offered)
-    throw refused(config, "trigger_line",
-                  fmt::format("expected a source that the camera offers ({}), got {}", all, s.trigger_line));
-  arv_camera_set_trigger(camera, s.trigger_line.c_str(), e.out());
-  if (e) broken(config, e, "setting the trigger to " + s.trigger_line);
+  if (source.empty())
+    throw refused(config, key,
+                  fmt::format("expected a source that the camera offers ({}), got {}", all, expected));
+  arv_camera_set_trigger(camera, source.c_str(), e.out());
+  if (e) broken(config, e, "setting the trigger to " + source);
+  return source;
+}
+
+/// Each exposure waits for an edge on one of the camera's lines.
+void set_line_trigger(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  GLibError e;
+  (void)set_trigger_source(camera, config, "trigger_line", s.trigger_line,
+                           [&](const char* name) { return s.trigger_line == name; });
   const char* edge = s.falling_edge ? "FallingEdge" : "RisingEdge";
   if (s.falling_edge || arv_camera_is_feature_available(camera, "TriggerActivation", nullptr) != FALSE) {
     arv_camera_set_string(camera, "TriggerActivation", edge, e.out());
@@ -193,6 +206,39 @@ void set_line_trigger(ArvCamera* camera, const AravisSettings& s, const ChannelC
                           : "TriggerDelayAbs";
   arv_camera_set_float(camera, delay, s.trigger_delay_us, e.out());
   if (e) throw refused(config, "trigger_delay_us", "the camera does not take this delay: " + e.text());
+}
+
+/// Each exposure waits for an action command with these keys.
+void set_action_trigger(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config) {
+  GLibError e;
+  if (arv_camera_is_gv_device(camera) == FALSE)
+    throw refused(config, "trigger", "expected a GigE Vision camera, as action commands are for these alone");
+  guint32 capability = 0;
+  arv_device_read_register(arv_camera_get_device(camera), gige::reg::kGvcpCapability, &capability, e.out());
+  if (e) broken(config, e, "reading the camera's capabilities");
+  if ((capability & gige::reg::kScheduledAction) == 0)
+    throw refused(
+        config, "trigger",
+        "expected a camera that obeys scheduled action commands, which this one says it does not; use "
+        "software or hardware");
+  const std::string source = set_trigger_source(camera, config, "trigger", "action", [](const char* name) {
+    return std::string_view(name).starts_with("Action");
+  });
+  // Signals are numbered as the sources' names are. A camera with one signal need not have a selector.
+  if (const auto digit = source.find_first_of("0123456789"); digit != std::string::npos)
+    arv_camera_set_integer(camera, "ActionSelector", source[digit] - '0', nullptr);
+  // Status codes of version 2.0: that a command came too late, or that the clock has no master.
+  arv_camera_set_string(camera, "GevGVCPExtendedStatusCodesSelector", "Version2_0", nullptr);
+  arv_camera_set_boolean(camera, "GevGVCPExtendedStatusCodes", TRUE, nullptr);
+  const std::pair<const char*, std::uint32_t> keys[] = {{"ActionDeviceKey", s.action->device_key},
+                                                        {"ActionGroupKey", s.action->group_key},
+                                                        {"ActionGroupMask", s.action->group_mask}};
+  for (const auto& [name, value] : keys) {
+    arv_camera_set_integer(camera, name, value, e.out());
+    if (e)
+      throw refused(config, "action",
+                    fmt::format("the camera does not take {} {}: {}", name, value, e.text()));
+  }
 }
 
 /// What the camera can say with each picture, as far as it is of use here.
@@ -338,6 +384,7 @@ void set_trigger(ArvCamera* camera, const AravisSettings& s, const ChannelConfig
   arv_camera_set_acquisition_mode(camera, ARV_ACQUISITION_MODE_CONTINUOUS, e.out());
   if (e) broken(config, e, "setting continuous acquisition");
   if (s.hardware_trigger) return set_line_trigger(camera, s, config);
+  if (s.action) return set_action_trigger(camera, s, config);
   if (!s.software_trigger) {
     arv_camera_clear_triggers(camera, e.out());
     if (e) broken(config, e, "switching the triggers off");
@@ -351,7 +398,7 @@ void set_trigger(ArvCamera* camera, const AravisSettings& s, const ChannelConfig
 
 /// The rate of a free-running camera is the channel's.
 void set_frame_rate(ArvCamera* camera, const AravisSettings& s, const ChannelConfig& config, bool check) {
-  if (s.software_trigger || s.hardware_trigger || config.period.ns() <= 0) return;
+  if (s.triggered_by_bench() || s.hardware_trigger || config.period.ns() <= 0) return;
   if (arv_camera_is_frame_rate_available(camera, nullptr) == FALSE) return;
   GLibError e;
   const double rate_hz = config.period.hz();

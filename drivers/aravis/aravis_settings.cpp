@@ -23,6 +23,21 @@ AravisSettings::Region read_region(const ConfigNode& n) {
   return r;
 }
 
+AravisSettings::Action read_action(const ConfigNode& n) {
+  AravisSettings::Action a;
+  const auto key = [&n](std::string_view name, std::int64_t least) {
+    return static_cast<std::uint32_t>(
+        n.integer_or(name, 1, {.min = static_cast<double>(least), .max = 4294967295.0}));
+  };
+  a.device_key = key("device_key", 0);
+  a.group_key = key("group_key", 0);
+  a.group_mask = key("group_mask", 1);
+  a.lead = read_ms(n, "lead_ms", 20, {.min = 1, .max = 1000});
+  a.settle = seconds_from(n.number_or("settle_s", 30, {.min = 0, .max = 3600}));
+  n.finish();
+  return a;
+}
+
 }  // namespace
 
 std::string default_frame_id(const std::string& channel_name) {
@@ -63,7 +78,7 @@ AravisSettings read_aravis_settings(const ChannelConfig& config) {
   if (n.has("exposure_us"))
     s.exposure_us = n.number("exposure_us", {.min = 0, .max = 1e9, .exclusive_min = true});
   if (n.has("gain_db")) s.gain_db = n.number("gain_db", {.min = -100, .max = 1000});
-  const auto trigger = n.choice_or("trigger", {"free_run", "software", "hardware"}, "free_run");
+  const auto trigger = n.choice_or("trigger", {"free_run", "software", "hardware", "action"}, "free_run");
   s.software_trigger = trigger == "software";
   s.hardware_trigger = trigger == "hardware";
   if (s.hardware_trigger) {
@@ -74,9 +89,13 @@ AravisSettings read_aravis_settings(const ChannelConfig& config) {
   s.chunks = n.choice_or("chunks", {"off", "on"}, "off") == "on";
   if (s.chunks && s.parts())
     throw n.error("chunks", "expected off: chunks of multi-part frames are not read");
-  s.ptp = n.choice_or("ptp", {"off", "on"}, "off") == "on";
-  if (s.software_trigger && config.period.ns() <= 0)
-    throw n.error("trigger", "expected a channel with a rate: software triggers follow the bench's grid");
+  if (trigger == "action") s.action = read_action(n.map_or_absent("action"));
+  s.ptp = n.choice_or("ptp", {"off", "on"}, s.action ? "on" : "off") == "on";
+  if (s.action && !s.ptp)
+    throw n.error("ptp", "expected on, as the time of an action command is one of the PTP clock, got off");
+  if (s.triggered_by_bench() && config.period.ns() <= 0)
+    throw n.error("trigger",
+                  "expected a channel with a rate: " + trigger + " triggers follow the bench's grid");
   const std::string packet_size = n.text_or("packet_size", "auto");
   if (packet_size != "auto")
     s.packet_size = static_cast<std::uint32_t>(n.integer("packet_size", {.min = 576, .max = 65507}));

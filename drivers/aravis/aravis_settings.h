@@ -8,7 +8,8 @@
 //   RGB8 region: { x_px: 0, y_px: 0, width_px: 640, height_px: 480 } exposure_us: 4000 gain_db: 0 trigger:
 //   free_run           # software: one exposure for each period of the bench's grid; hardware: by a line
 //   trigger_line: Line1         # of a hardware trigger; with trigger_edge (rising, falling),
-//   trigger_delay_us chunks: off                 # on: timestamp, exposure and gain come with each picture
+//   trigger_delay_us action: { device_key: 1, group_key: 1, group_mask: 1, lead_ms: 20, settle_s: 30 }   # of
+//   trigger: action chunks: off                 # on: timestamp, exposure and gain come with each picture
 //   ptp: off                    # on: the camera's clock follows a PTP master
 //   part: Intensity             # of multi-part frames: component of the SFNC, or number of the part from 0
 //   range_scale_mm, range_offset_mm   # of kind range_image, where the camera does not say them
@@ -47,6 +48,14 @@ struct AravisSettings {
   std::string trigger_line = "Line1";  ///< the camera's name for it
   bool falling_edge = false;
   double trigger_delay_us = 0;
+  /// Scheduled action commands (GigE Vision 2.0): all cameras of a group begin to expose at one instant of
+  /// the PTP clock that they follow.
+  struct Action {
+    std::uint32_t device_key = 1, group_key = 1, group_mask = 1;
+    Duration lead;    ///< from the command to the exposure
+    Duration settle;  ///< arm waits so long for the camera's clock to follow its master
+  };
+  std::optional<Action> action;
   /// A range image of a 3D camera (kind range_image), or one picture of its multi-part frames.
   bool range = false;
   std::string part;  ///< SFNC component (Intensity, Range, Confidence, …) or number of the part; empty: none
@@ -68,6 +77,8 @@ struct AravisSettings {
   int realtime_priority = 0;              ///< SCHED_FIFO of the receiving thread; 0: ordinary scheduling
   Duration reconnect_after;               ///< first pause between attempts; it doubles up to 0.25 s
 
+  /// Each exposure is asked for by the bench.
+  [[nodiscard]] bool triggered_by_bench() const { return software_trigger || action.has_value(); }
   /// Frames are asked for as multi-part ones.
   [[nodiscard]] bool parts() const { return range || !part.empty(); }
   /// How a person would name the camera: the selector as written.

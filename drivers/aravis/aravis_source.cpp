@@ -17,8 +17,6 @@
 #include "drivers/aravis/camera_session.h"
 #include "drivers/aravis/frame_sequence.h"
 #include "rt-core/clock_map.h"
-#include "rt-core/spsc_ring.h"
-#include "sensor-hal/channel/slot_wait.h"
 
 namespace rigor {
 namespace {
@@ -29,7 +27,9 @@ constexpr int kLatchTries = 4;
 constexpr Duration kAskWait = milliseconds(300);
 constexpr Duration kAskEvery = seconds(1);
 constexpr Duration kMaxReconnectPause = milliseconds(250);  // a question is one datagram
-constexpr Duration kFrozenAfter = seconds(2);  // a camera that answers and sends nothing is opened anew
+constexpr Duration kPtpEvery = milliseconds(100);
+constexpr Duration kSameClock = milliseconds(1);  // of cameras that follow one PTP master
+constexpr Duration kFrozenAfter = seconds(2);     // a camera that answers and sends nothing is opened anew
 
 void raise(std::atomic<std::uint64_t>& counter, std::uint64_t by = 1) {
   counter.fetch_add(by, std::memory_order_relaxed);
@@ -48,20 +48,19 @@ ClockMapOptions clock_options(const AravisSettings& s, Duration exposure, std::s
 }  // namespace
 
 struct AravisSource::Impl {
-  Impl(HealthCounters& h, const RunOrigin& o) : health(h), origin(o) { sem_init(&wake, 0, 0); }
+  explicit Impl(AravisSource& s) : self(s), health(s.health_), origin(s.origin()) { sem_init(&wake, 0, 0); }
   ~Impl() { sem_destroy(&wake); }
 
   // Setup.
+  AravisSource& self;
   HealthCounters& health;
   const RunOrigin& origin;
   AravisSettings settings;
   ChannelConfig config;
-  std::unique_ptr<SamplePool> pool;
   std::vector<std::byte*> slot_base;  ///< of the samples
   std::vector<std::byte*>
       slot_memory;  ///< where the camera's bytes go: behind the sample's, where it is made of parts
   std::size_t raw_at = 0, payload_bytes = 0;
-  std::unique_ptr<SpscRing<SampleLease>> ring;
 
   // Control thread, while it runs; setup thread otherwise.
   std::unique_ptr<CameraSession> session;
@@ -70,14 +69,17 @@ struct AravisSource::Impl {
   sem_t wake{};
   StreamCounters seen;
   std::uint64_t triggers_handled = 0;
-  BenchTime t_connected, t_last_trigger, t_last_latch, t_last_asked;
+  BenchTime t_connected, t_last_latch, t_last_asked;
+  BenchTime t_last_trigger, t_owed;  ///< newest exposure that was asked for, and since when one is owed
+  std::shared_ptr<ActionGroup> group;
+  bool follows_master = false;  ///< as of the last latch
+  ActionSender actions;
 
   // Frame thread.
   std::vector<SampleSlot> queued;  // by slot: what the camera may write to
   std::size_t queued_count = 0;
   FrameSequence sequence;  ///< of the camera, from arm on
   RunSequence in_run;
-  std::uint32_t lost_pending = 0;
 
   // Shared.
   std::unique_ptr<ClockMap> clock;
@@ -105,6 +107,10 @@ struct AravisSource::Impl {
   void read_counters();
   void look_at_ptp();
   void send_trigger();
+  /// Commands for exposures that are due soon; until when the next one has time.
+  Duration send_actions(BenchTime now);
+  [[nodiscard]] Status join_group();
+  void owe_from(BenchTime now, BenchTime t_exposure);
   [[nodiscard]] bool lost_camera(BenchTime now);
   [[nodiscard]] Duration silence_allowed() const;
   void reconnect();
@@ -114,30 +120,34 @@ struct AravisSource::Impl {
   }
 };
 
-AravisSource::AravisSource() : impl_(std::make_unique<Impl>(health_, origin())) {}
+AravisSource::AravisSource() : impl_(std::make_unique<Impl>(*this)) {}
 
 AravisSource::~AravisSource() { (void)do_stop(); }
 
-AravisSource::Counters AravisSource::counters() const noexcept {
+AravisSource::Counters AravisSource::counters() const {
   const auto get = [](const std::atomic<std::uint64_t>& a) { return a.load(std::memory_order_relaxed); };
   return {get(impl_->resent_packets), get(impl_->resend_requests), get(impl_->underruns),
-          get(impl_->latches),        get(impl_->triggers_sent),   get(impl_->triggers_missed)};
+          get(impl_->latches),        get(impl_->triggers_sent),   get(impl_->triggers_missed),
+          impl_->actions.statistics()};
 }
 
 std::vector<std::string> AravisSource::warnings() const {
   const Impl& i = *impl_;
   std::vector<std::string> all;
+  if (const std::string told = i.actions.statistics().text(); !told.empty())
+    all.push_back(i.config.name + ": " + told);
   const std::lock_guard lock(i.ptp_mutex);
   if (!i.strange.empty()) all.push_back(i.config.name + ": frames that could not be used: " + i.strange);
-  if (!i.settings.ptp) return all;
+  if (!i.settings.ptp || i.ptp_status == "Slave") return all;
   if (i.ptp_status.empty()) {
     all.push_back(i.config.name + ": the camera's PTP clock was not asked yet; it is once a second");
     return all;
   }
-  all.push_back(fmt::format("{}: the camera's PTP clock is {}, {:g} µs from its master{}", i.config.name,
-                            i.ptp_status,
-                            static_cast<double>(i.ptp_offset_ns.load(std::memory_order_relaxed)) * 1e-3,
-                            i.ptp_status == "Slave" ? "" : "; is there a master (ptp4l) on its network?"));
+  all.push_back(fmt::format(
+      "{}: the camera's PTP clock is {}, {:g} µs from its master; is there a master (ptp4l) on its "
+      "network?",
+      i.config.name, i.ptp_status,
+      static_cast<double>(i.ptp_offset_ns.load(std::memory_order_relaxed)) * 1e-3));
   return all;
 }
 
@@ -154,12 +164,6 @@ void AravisSource::begin_cycle(BenchTime now) noexcept {
   const std::int64_t due = after - std::exchange(i.next_trigger, after);
   i.triggers_wanted.fetch_add(static_cast<std::uint64_t>(due), std::memory_order_release);
   sem_post(&i.wake);
-}
-
-SampleLease AravisSource::poll(BenchTime) noexcept {
-  SampleLease lease;
-  if (impl_->ring) (void)impl_->ring->try_pop(lease);
-  return lease;
 }
 
 // --- Setup thread
@@ -181,13 +185,8 @@ Status AravisSource::do_configure(const ChannelConfig& config) {
   return {};
 }
 
-Status AravisSource::do_arm(const ArmContext& context) {
+Status AravisSource::do_arm(const ArmContext&) {
   Impl& i = *impl_;
-  if (context.virtual_time)
-    return fail(
-        ErrorCode::bad_input, i.config.name,
-        "a camera on the network knows no virtual time: give the rig an emulator for it (`emulated_by`), "
-        "whose model then stands in, or run with --clock wall");
   auto session = CameraSession::open(i.settings, i.config, [] { return false; });
   if (!session) return tl::unexpected<Error>(session.error());
   i.session = std::move(*session);
@@ -196,26 +195,27 @@ Status AravisSource::do_arm(const ArmContext& context) {
   description_.max_bytes = f.picture_bytes;
 
   i.raw_at = i.settings.parts() ? (f.picture_bytes + 63) / 64 * 64 : 0;
-  i.pool = make_sample_pool(i.settings.buffers, i.raw_at + f.payload_bytes);
+  open_stream(i.settings.buffers, i.raw_at + f.payload_bytes, false);
   i.payload_bytes = f.payload_bytes;
   i.slot_base.clear();
   i.slot_memory.clear();
-  i.pool->for_each([&](Sample& s) {
+  for_each_slot([&](Sample& s) {
     i.slot_base.push_back(s.memory().data());
     i.slot_memory.push_back(s.memory().data() + i.raw_at);
   });
   i.strange.clear();
   i.queued = std::vector<SampleSlot>(i.settings.buffers);
-  i.ring = std::make_unique<SpscRing<SampleLease>>(i.settings.buffers);
   i.clock = std::make_unique<ClockMap>(clock_options(i.settings, f.exposure, f.payload_bytes));
   i.sequence = FrameSequence(i.config.period);
   i.in_run.reset();
-  i.lost_pending = 0;
+  i.actions.restart();
   i.triggers_wanted = i.triggers_handled = 0;
   i.next_trigger = 0;
   i.stop = false;
   i.begin_session();
-  if (auto status = i.session->start(); !status) {
+  Status status = i.settings.action ? i.join_group() : Status();
+  if (status) status = i.session->start();
+  if (!status) {
     i.end_session(true);
     return status;
   }
@@ -229,9 +229,10 @@ Status AravisSource::do_stop() {
   i.stop = true;
   sem_post(&i.wake);
   if (i.control_thread.joinable()) i.control_thread.join();
+  i.actions.receive();
   if (i.session) i.end_session(!i.session->alive(kAskWait));
-  SampleLease lease;
-  while (i.ring && i.ring->try_pop(lease)) lease.reset();
+  close_stream();
+  i.group.reset();
   health_.connected = false;
   return {};
 }
@@ -278,6 +279,8 @@ void AravisSource::Impl::latch_now() {
   (void)clock->add_latch(best->device, best->before, best->after);
   raise(latches);
   if (settings.ptp) look_at_ptp();
+  // A camera that came back has a clock of its own until it follows the master again.
+  if (group && follows_master) group->add_latch(this, best->device, best->before, best->after);
 }
 
 /// How far the camera is from its master: a clock that is being pulled is no better than that.
@@ -287,17 +290,54 @@ void AravisSource::Impl::look_at_ptp() {
   // What the camera says may be anything; -2^63 has no magnitude.
   constexpr std::int64_t kMost_ns = std::int64_t{1} << 62;
   ptp_offset_ns.store(std::abs(std::clamp(p->offset.ns(), -kMost_ns, kMost_ns)), std::memory_order_relaxed);
+  follows_master = p->status == "Slave" || p->status == "Master";
   const std::lock_guard lock(ptp_mutex);
   ptp_status = p->status;
 }
 
+/// Action commands need a clock that follows a master, which takes a camera some seconds, and the same master
+/// for all cameras of a group.
+Status AravisSource::Impl::join_group() {
+  if (!session->can_latch())
+    return fail(ErrorCode::unavailable, config.name,
+                "expected a camera whose timestamp can be latched, as `trigger: action` needs its clock");
+  const MonotonicTime end = monotonic_now() + settings.action->settle;
+  while (true) {
+    const auto p = session->ptp();
+    if (!p) return tl::unexpected<Error>(p.error());
+    if (p->status == "Slave" || p->status == "Master") break;
+    if (monotonic_now() > end)
+      return fail(
+          ErrorCode::timeout, config.name,
+          fmt::format("expected a PTP clock that is Slave or Master, got {} for {:g} s (`settle_s` of "
+                      "`action`); is there a master (ptp4l) on the camera's network?",
+                      p->status, settings.action->settle.seconds()));
+    pause(kPtpEvery);
+  }
+  // A clock that was pulled to its master stepped: the pairs of before are of another clock.
+  clock->reset();
+  group = ActionGroup::join(settings.action->device_key, settings.action->group_key);
+  const auto pair = session->latch();
+  if (!pair) return tl::unexpected<Error>(pair.error());
+  if (const Duration d = group->distance(pair->device, pair->before, pair->after); d > kSameClock)
+    return fail(
+        ErrorCode::unavailable, config.name,
+        fmt::format("expected a clock that agrees with those of the other cameras of this action group, got "
+                    "one that is {:g} s away: do they follow the same PTP master?",
+                    d.seconds()));
+  for (int n = 0; n < kFirstLatches; ++n) latch_now();
+  return actions.aim(session->address());
+}
+
 void AravisSource::Impl::run_control() {
   pthread_setname_np(pthread_self(), "camera-control");
+  Duration next = milliseconds(50);
   while (!stop.load(std::memory_order_acquire)) {
-    pause(milliseconds(50));
+    pause(std::min(next, milliseconds(50)));
     if (stop.load(std::memory_order_acquire)) break;
     if (triggers_wanted.load(std::memory_order_acquire) != triggers_handled) send_trigger();
     const BenchTime now = bench_now();
+    if (settings.action) next = send_actions(now);
     if (lost_camera(now)) {
       health.connected = false;
       end_session(true);
@@ -322,12 +362,35 @@ void AravisSource::Impl::pause(Duration d) {
   (void)sem_clockwait(&wake, CLOCK_MONOTONIC, &ts);
 }
 
+/// Silence counts from the first exposure that was asked for and not seen.
+void AravisSource::Impl::owe_from(BenchTime now, BenchTime t_exposure) {
+  const BenchTime last_frame(t_last_frame_ns.load(std::memory_order_relaxed));
+  if (t_last_trigger <= std::max(t_connected, last_frame)) t_owed = now;
+  t_last_trigger = t_exposure;
+}
+
+Duration AravisSource::Impl::send_actions(BenchTime now) {
+  const auto t0 = origin.get();
+  if (!t0) return RunOrigin::kLook;
+  const AravisSettings::Action& a = *settings.action;
+  const auto due = actions.send_due(now,
+                                    {*t0,
+                                     config.period,
+                                     a.lead,
+                                     {a.device_key, a.group_key, a.group_mask, {}},
+                                     [this](DeviceTime t) { return session->ticks(t); }},
+                                    *group);
+  if (due.asked) owe_from(now, *due.asked);
+  return due.wait;
+}
+
 void AravisSource::Impl::send_trigger() {
   const std::uint64_t wanted = triggers_wanted.load(std::memory_order_acquire);
   const std::uint64_t missed = wanted - triggers_handled - 1;
   triggers_handled = wanted;
   raise(triggers_missed, missed);
-  t_last_trigger = bench_now();
+  const BenchTime now = bench_now();
+  owe_from(now, now);
   if (session->trigger())
     raise(triggers_sent);
   else
@@ -356,14 +419,15 @@ bool AravisSource::Impl::lost_camera(BenchTime now) {
   const BenchTime last_sign = std::max(t_connected, last_frame);
   // A camera without a rate, or one that the loop does not trigger, owes no frame; it only has to be there.
   if (config.period.ns() <= 0 || settings.hardware_trigger ||
-      (settings.software_trigger && t_last_trigger <= last_sign)) {
+      (settings.triggered_by_bench() && t_last_trigger <= last_sign)) {
     if (now - std::max(last_sign, t_last_asked) <= kAskEvery) return false;
     t_last_asked = now;
     return !session->alive(kAskWait) || !session->in_control();
   }
-  if (now - last_sign <= silence_allowed()) return false;
+  const Duration silence = now - (settings.triggered_by_bench() ? std::max(last_sign, t_owed) : last_sign);
+  if (silence <= silence_allowed()) return false;
   if (!session->alive(kAskWait) || !session->in_control()) return true;
-  return now - last_sign > std::max(kFrozenAfter, silence_allowed() * 2);
+  return silence > std::max(kFrozenAfter, silence_allowed() * 2);
 }
 
 void AravisSource::Impl::reconnect() {
@@ -382,6 +446,7 @@ void AravisSource::Impl::reconnect() {
           raise(health.reconnects);
           health.connected = true;
           triggers_handled = triggers_wanted.load(std::memory_order_acquire);
+          if (settings.action) (void)actions.aim(session->address());
           return;
         }
         end_session(true);
@@ -407,7 +472,7 @@ void AravisSource::Impl::run_frames() {
 
 void AravisSource::Impl::refill() {
   while (queued_count < at_camera()) {
-    SampleSlot next = pool->try_acquire();
+    SampleSlot next = self.lend_slot();
     if (!next) return;  // Aravis counts the frames that find no buffer
     Sample& s = *next;
     const auto slot = static_cast<std::size_t>(
@@ -464,28 +529,18 @@ void AravisSource::Impl::hand_on(SampleSlot slot, const ReceivedFrame& f, BenchT
   const FrameSequence::Step step = sequence.step(f.block_id, stamp.t_capture);
   const auto place = in_run.place(origin, stamp.t_capture, config.period, step.sequence, step.lost_before);
   if (!place) return;
-  const auto lost_before = static_cast<std::uint32_t>(place->lost);
-  raise(health.lost, lost_before);
+  if (f.timestamp && settings.action) actions.exposed(*f.timestamp);
+  self.count_lost(place->lost);
   const bool whole = f.state == ReceivedFrame::State::complete;
-  if (!whole && settings.drop_incomplete) {
-    raise(health.lost);
-    lost_pending += lost_before + 1;
-    return;
-  }
+  if (!whole && settings.drop_incomplete) return self.count_lost(1);
+  if (!whole) raise(health.incomplete);
   stamp.sequence = place->sequence;
-  stamp.lost_before = lost_before + lost_pending;
   stamp.t_release = stamp.t_capture + config.latency;
   stamp.t_arrival = arrival;
   if (!whole) stamp.validity |= kIncomplete;
   sample.stamp = stamp;
   fill(sample, f, exposure);
-  if (ring->size_approx() >= most_waiting(settings.buffers, false) || !ring->try_push(std::move(slot))) {
-    raise(health.ring_full);
-    lost_pending += lost_before + 1;
-    return;
-  }
-  lost_pending = 0;
-  raise(whole ? health.received : health.incomplete);
+  self.hand_over(std::move(slot));
 }
 
 /// What the sample is, and its bytes where they are not the camera's own.

@@ -4,7 +4,8 @@
 //   frame thread       what is complete gets its stamp and goes to the loop; the next free slot goes to the
 //   camera.
 //                      No pixel is copied.
-//   control thread     software triggers, timestamp latches, loss of the camera and its return
+//   control thread     software triggers, action commands, timestamp latches, loss of the camera and its
+//   return
 //
 // Times. A camera stamps the start of an exposure with its own clock. That clock is tied to the bench clock
 // by timestamp latches once a second (or by the quickest arrivals, where the camera cannot latch); t_capture
@@ -22,28 +23,30 @@
 
 #include <memory>
 
-#include "sensor-hal/channel/channel.h"
+#include "drivers/aravis/action_group.h"
+#include "sensor-hal/channel/stream_source.h"
 
 namespace rigor {
 
-class AravisSource final : public Source {
+class AravisSource final : public StreamSource {
  public:
   AravisSource();
   ~AravisSource() override;
 
   void begin_cycle(BenchTime now) noexcept override;
   [[nodiscard]] std::vector<std::string> warnings() const override;
-  [[nodiscard]] SampleLease poll(BenchTime now) noexcept override;
 
   /// What the receiver did, beside health(). Any thread.
   struct Counters {
     std::uint64_t resent_packets = 0, resend_requests = 0, underruns = 0;
     std::uint64_t latches = 0, triggers_sent = 0, triggers_missed = 0;
+    ActionStatistics actions;  ///< of `trigger: action`
   };
-  [[nodiscard]] Counters counters() const noexcept;
+  [[nodiscard]] Counters counters() const;
 
  protected:
   Status do_configure(const ChannelConfig& config) override;
+  [[nodiscard]] bool requires_wall_clock() const noexcept override { return true; }
   Status do_arm(const ArmContext& context) override;
   Status do_stop() override;
 

@@ -262,6 +262,12 @@ Result<LatchPair> CameraSession::latch() {
   return p;
 }
 
+std::uint64_t CameraSession::ticks(DeviceTime t) const {
+  const auto ns = static_cast<std::uint64_t>(std::max<std::int64_t>(t.ns(), 0));
+  const std::uint64_t whole = ns / 1'000'000'000, rest = ns % 1'000'000'000;
+  return whole * tick_frequency_ + rest * tick_frequency_ / 1'000'000'000;
+}
+
 Result<PtpState> CameraSession::ptp() {
   struct Names {
     const char *enable, *latch, *status, *offset;
@@ -320,6 +326,7 @@ StreamCounters CameraSession::stream_counters() const {
   guint64 completed = 0, failures = 0, underruns = 0;
   arv_stream_get_statistics(stream_, &completed, &failures, &underruns);
   c.underruns = underruns;
+  if (address_.empty()) return c;  // USB carries every packet, or says that it does not: there are no resends
   c.resent_packets = arv_stream_get_info_uint64_by_name(stream_, "n_resent_packets");
   c.resend_requests = arv_stream_get_info_uint64_by_name(stream_, "n_resend_requests");
   return c;

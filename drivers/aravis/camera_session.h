@@ -81,6 +81,10 @@ class CameraSession {
   /// GigE cameras with a timestamp counter that can be latched.
   [[nodiscard]] bool can_latch() const { return can_latch_; }
   [[nodiscard]] Result<LatchPair> latch();
+  /// What the camera's counter shows at `t` of its clock.
+  [[nodiscard]] std::uint64_t ticks(DeviceTime t) const;
+  /// Of a GigE camera.
+  [[nodiscard]] const std::string& address() const { return address_; }
   /// Of a camera whose settings say `ptp`.
   [[nodiscard]] Result<PtpState> ptp();
   [[nodiscard]] Status start();

@@ -51,8 +51,15 @@ EmulatedCameraSettings read_emulated_camera(const ConfigNode& n, const std::stri
   if (!gige::parse_ipv4(s.address))
     throw n.error("address",
                   "expected an IPv4 address of this machine like 127.0.0.1, got \"" + s.address + "\"");
+  s.usb3vision = n.choice_or("as", {"gige", "usb3vision"}, "gige") == "usb3vision";
+  if (s.usb3vision) {
+    s.port = static_cast<std::uint16_t>(n.integer_or("port", 3240, {.min = 0, .max = 65535}));
+    s.bus_id = n.text_or("bus_id", "1-1");
+    s.start_delay = seconds_from(n.number_or("start_ms", 0, {.min = 0, .max = 60'000}) * 1e-3);
+    s.response = milliseconds(n.integer_or("response_ms", 1000, {.min = 1, .max = 60'000}));
+  }
   s.vendor = n.text_or("vendor", "Rigor");
-  s.model = n.text_or("camera_model", "Emulated GigE camera");
+  s.model = n.text_or("camera_model", s.usb3vision ? "Emulated USB3 camera" : "Emulated GigE camera");
   s.serial = n.text_or("serial", name);
   s.user_name = n.text_or("user_name", "");
   s.rate_hz =
@@ -73,7 +80,8 @@ EmulatedCameraSettings read_emulated_camera(const ConfigNode& n, const std::stri
   }
   s.range_scale_mm = n.number_or("range_scale_mm", 0.25, {.min = 1e-6, .max = 1000});
   s.amplitude_scale = n.number_or("amplitude_scale", 1, {.min = 1e-9, .max = 1e9});
-  s.link_bits_per_s = n.number_or("link_mbit_per_s", 1000, {.min = 1, .max = 100'000}) * 1e6;
+  s.link_bits_per_s =
+      n.number_or("link_mbit_per_s", s.usb3vision ? 3200 : 1000, {.min = 1, .max = 100'000}) * 1e6;
   return s;
 }
 

@@ -11,6 +11,9 @@
 //       rate_hz: 25
 //       trigger_line: { rate_hz: 25, phase_us: 500 }   # what is wired to Line1: pulses on the bench's clock
 //       ptp: { settle_s: 2, offset_ns: 200 }           # has a clock that follows a PTP master
+//       as: gige                 # or usb3vision: a USB device that a host imports by USB/IP from `address`,
+//       port: 3240               # `port`, as `bus_id`; `start_ms` is what AcquisitionStart takes, and
+//       bus_id: 1-1              # `response_ms` how long a host is to wait for an answer
 //       range_scale_mm: 0.25     # of a 3D camera, whose `sensor` is a time-of-flight camera's: mm for a
 //       count amplitude_scale: 1
 #pragma once
@@ -33,6 +36,10 @@ struct EmulatedCameraSettings {
   Duration line_phase;
   gige::GigeCameraConfig::Ptp ptp;
   double range_scale_mm = 0.25, amplitude_scale = 1;  ///< of a count of a 3D camera
+  bool usb3vision = false;
+  std::uint16_t port = 3240;  ///< of USB/IP; 0: any
+  std::string bus_id = "1-1";
+  Duration start_delay, response = seconds(1);
 };
 
 /// Throws ConfigError. `name`: of the entry, the default serial number.

@@ -51,7 +51,7 @@ void GigeDeviceModel::stop_acquisition() {
 }
 
 GvStatus GigeDeviceModel::software_trigger(DeviceTime now) {
-  if (!acquiring_ || trigger_mode_ == 0 || on_line()) {
+  if (!acquiring_ || trigger_mode_ == 0 || trigger_source_ != reg::kTriggerSourceSoftware) {
     ++counters_.triggers_refused;
     return GvStatus::access_denied;
   }
@@ -104,15 +104,56 @@ void GigeDeviceModel::pulse_line(DeviceTime rise, DeviceTime fall) {
   triggers_.push_back(start);
 }
 
-/// Edges that came while the sensor was busy.
+/// Edges and actions that came while the sensor was busy.
 void GigeDeviceModel::miss_edges() {
-  while (!triggers_.empty() && triggers_.front() < sensor_free_)
-    triggers_.pop_front(), ++counters_.line_missed;
+  for (; !triggers_.empty() && triggers_.front() < sensor_free_; triggers_.pop_front())
+    ++(on_action() ? counters_.actions_missed : counters_.line_missed);
   if (next_wired_ == DeviceTime::never()) return;
   const DeviceTime free = sensor_free_ - trigger_delay();
   if (free <= next_wired_) return;
   counters_.line_missed += static_cast<std::uint64_t>(wired_index(free) - wired_index(next_wired_));
   next_wired_ = wired_edge(free);
+}
+
+// Actions. Like a pulse on a wire, one is taken when its time has come, or missed.
+
+std::optional<GvStatus> GigeDeviceModel::act(const ActionCmd& c, DeviceTime now) {
+  const bool listens = privilege_ != 0 || (gvcp_configuration_ & reg::kUnconditionalAction) != 0;
+  if (!listens || c.device_key != action_device_key_ || c.group_key != action_group_key_ ||
+      (c.group_mask & action_group_mask_) == 0)
+    return std::nullopt;
+  ++counters_.actions;
+  if (!c.time_ticks) {
+    assert_action(now);
+    return GvStatus::success;
+  }
+  const auto refuse = [this](GvStatus why) { return ++counters_.actions_refused, why; };
+  // A time means something on a clock that others share.
+  if (ptp_status(now) != reg::kPtpSlave) return refuse(GvStatus::no_reference_time);
+  if (*c.time_ticks <= ticks(now)) {
+    ++counters_.actions_late;
+    assert_action(now);
+    return GvStatus::action_late;
+  }
+  constexpr Duration kFarthest = seconds(10LL * 365 * 86400);
+  if (*c.time_ticks - ticks(now) > static_cast<std::uint64_t>(kFarthest.ns()))
+    return refuse(GvStatus::invalid_parameter);
+  if (actions_.size() >= kActionQueue) return refuse(GvStatus::overflow);
+  const DeviceTime t = timestamp_zero_ + nanoseconds(static_cast<std::int64_t>(*c.time_ticks));
+  actions_.insert(std::upper_bound(actions_.begin(), actions_.end(), t), t);
+  return GvStatus::success;
+}
+
+void GigeDeviceModel::run_actions(DeviceTime now) {
+  for (; !actions_.empty() && actions_.front() <= now; actions_.pop_front()) assert_action(actions_.front());
+}
+
+void GigeDeviceModel::assert_action(DeviceTime t) {
+  if (!acquiring_ || !on_action()) return;
+  if (t + trigger_delay() < sensor_free_ || triggers_.size() >= config_.trigger_queue)
+    ++counters_.actions_missed;
+  else
+    triggers_.push_back(t + trigger_delay());
 }
 
 // IEEE 1588: a servo that has settled keeps the clock within the offset, this way and that.
@@ -159,31 +200,23 @@ std::size_t GigeDeviceModel::chunk_bytes() const {
 
 void GigeDeviceModel::append_chunks(const FrameRequest& r, std::vector<std::uint8_t>& data) const {
   if (chunk_mode_ == 0 || multipart_) return;
-  const auto trailer = [&](std::uint32_t id, std::size_t length) {
-    const std::size_t at = data.size();
-    data.resize(at + reg::kChunkTrailer);
-    store_be(MutableBytes(data), at, id);
-    store_be(MutableBytes(data), at + 4, static_cast<std::uint32_t>(length));
-  };
-  const auto value = [&](std::uint32_t id, std::uint64_t bits) {
-    if (((chunks_ >> id) & 1) == 0) return;
-    const std::size_t at = data.size();
-    data.resize(at + reg::kChunkValue);
-    store_be(MutableBytes(data), at, bits);
-    trailer(id, reg::kChunkValue);
-  };
-  trailer(reg::kChunkImage, data.size());
-  value(reg::kChunkTimestamp, r.timestamp_ticks);
-  value(reg::kChunkExposureTime, std::bit_cast<std::uint64_t>(static_cast<double>(r.exposure.ns()) / 1e3));
-  value(reg::kChunkGain, std::bit_cast<std::uint64_t>(r.gain_db));
-  value(reg::kChunkFrameId, r.index);
+  for (const Chunk& chunk : chunk_table()) {
+    std::size_t length = data.size();
+    if (chunk.id != reg::kChunkImage) {
+      if (((chunks_ >> chunk.id) & 1) == 0) continue;
+      append_be(data, chunk.value(r));
+      length = reg::kChunkValue;
+    }
+    append_be(data, chunk.id);
+    append_be(data, static_cast<std::uint32_t>(length));
+  }
 }
 
 DeviceTime GigeDeviceModel::next_exposure() const {
   if (!acquiring_) return DeviceTime::never();
   if (trigger_mode_ == 0) return next_free_run_;
-  const DeviceTime asked =
-      triggers_.empty() ? DeviceTime::never() : std::max(triggers_.front(), sensor_free_);
+  DeviceTime asked = triggers_.empty() ? DeviceTime::never() : std::max(triggers_.front(), sensor_free_);
+  if (on_action() && !actions_.empty()) asked = std::min(asked, actions_.front() + trigger_delay());
   return next_wired_ == DeviceTime::never() ? asked : std::min(asked, next_wired_ + trigger_delay());
 }
 
@@ -196,6 +229,7 @@ std::shared_ptr<GvspBlock> GigeDeviceModel::new_block() {
 }
 
 bool GigeDeviceModel::begin_frame(DeviceTime now, FrameJob& job) {
+  run_actions(now);
   DeviceTime start = next_exposure();
   if (start > now) return false;
   if (trigger_mode_ == 0) {
@@ -227,7 +261,7 @@ bool GigeDeviceModel::begin_frame(DeviceTime now, FrameJob& job) {
   }
   const Duration exposure = seconds_from(exposure_us_ * 1e-6);
   sensor_free_ = start + exposure;
-  if (on_line()) miss_edges();
+  if (on_line() || on_action()) miss_edges();
   job.request = {index_++, start,   ticks(start),  exposure,         gain_db_,
                  region_,  format_, sends_range(), sends_amplitude()};
   job.t_send = start + exposure + config_.readout;

@@ -45,7 +45,7 @@ std::uint16_t GigeClient::next_id() {
   return id_;
 }
 
-Result<GvcpAck> GigeClient::transact(const Datagram& command, GvcpCommand expected_ack) {
+Result<GvcpAck> GigeClient::ask(const Datagram& command, GvcpCommand expected_ack) {
   if (command.empty()) return fail(ErrorCode::internal, kWhere, "a command does not fit a datagram");
   for (int i = 0; i < options_.attempts; ++i) {
     transport_->send_control(command);
@@ -55,13 +55,17 @@ Result<GvcpAck> GigeClient::transact(const Datagram& command, GvcpCommand expect
           ack.command != static_cast<std::uint16_t>(expected_ack)) {
         continue;  // an old answer, or none of ours
       }
-      if (ack.status != GvStatus::success) {
-        return fail(ErrorCode::protocol, kWhere, std::string("the camera refused: ") + to_string(ack.status));
-      }
       return ack;
     }
   }
   return fail(ErrorCode::timeout, kWhere, "the camera did not answer; is it on?");
+}
+
+Result<GvcpAck> GigeClient::transact(const Datagram& command, GvcpCommand expected_ack) {
+  auto ack = ask(command, expected_ack);
+  if (ack && ack->status != GvStatus::success)
+    return fail(ErrorCode::protocol, kWhere, std::string("the camera refused: ") + to_string(ack->status));
+  return ack;
 }
 
 Result<DiscoveryAck> GigeClient::discover() {
@@ -123,12 +127,12 @@ Result<std::vector<std::uint8_t>> GigeClient::read_memory(std::uint32_t address,
 Result<double> GigeClient::read_double(std::uint32_t address) {
   auto bytes = read_memory(address, 8);
   if (!bytes) return tl::unexpected<Error>(bytes.error());
-  return load_be_double(*bytes, 0);
+  return load_be<double>(*bytes, 0);
 }
 
 Status GigeClient::write_double(std::uint32_t address, double value) {
   std::array<std::uint8_t, 8> bytes{};
-  store_be_double(bytes, 0, value);
+  store_be(bytes, 0, value);
   return dropped(transact(encode_write_memory_cmd(next_id(), address, bytes), GvcpCommand::write_memory_ack));
 }
 
@@ -212,6 +216,12 @@ Status GigeClient::start() {
 
 Status GigeClient::stop() { return write(reg::kAcquisitionStop, 1); }
 Status GigeClient::trigger() { return write(reg::kTriggerSoftware, 1); }
+
+Result<GvStatus> GigeClient::action(const ActionCmd& command) {
+  auto ack = ask(encode_action_cmd(next_id(), command), GvcpCommand::action_ack);
+  if (!ack) return tl::unexpected<Error>(ack.error());
+  return ack->status;
+}
 
 Status GigeClient::heartbeat() {
   auto privilege = read(reg::kControlPrivilege);

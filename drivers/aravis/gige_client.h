@@ -77,6 +77,8 @@ class GigeClient {
   [[nodiscard]] Status start();
   [[nodiscard]] Status stop();
   [[nodiscard]] Status trigger();
+  /// Sends an action command; what the camera answers, `timeout` where the command is not for it.
+  [[nodiscard]] Result<GvStatus> action(const ActionCmd& command);
   /// Keeps control: call more often than the heartbeat timeout. wrong_state where control is lost.
   [[nodiscard]] Status heartbeat();
 
@@ -86,6 +88,9 @@ class GigeClient {
   [[nodiscard]] GvspAssemblerCounters counters() const;
 
  private:
+  /// The acknowledge, whatever its status.
+  [[nodiscard]] Result<GvcpAck> ask(const Datagram& command, GvcpCommand expected_ack);
+  /// One that says success.
   [[nodiscard]] Result<GvcpAck> transact(const Datagram& command, GvcpCommand expected_ack);
   [[nodiscard]] std::uint16_t next_id();
 

@@ -13,8 +13,10 @@ namespace {
 
 constexpr std::uint64_t kTickFrequency = 1'000'000'000;
 // Capabilities: register concatenation, WRITEMEM, packet resend, user name, serial number, controller's
-// socket readable.
-constexpr std::uint32_t kCapability = 0x1 | 0x2 | 0x4 | 0x08000000 | 0x40000000 | 0x80000000;
+// socket readable, action commands.
+constexpr std::uint32_t kCapability = 0x1 | 0x2 | 0x4 | 0x08000000 | 0x40000000 | 0x80000000 |
+                                      reg::kActionCapability | reg::kUnconditionalCapability |
+                                      reg::kExtendedStatus;
 
 Status check(const GigeCameraConfig& c) {
   const auto bad = [](std::string what) {
@@ -38,9 +40,12 @@ Status check(const GigeCameraConfig& c) {
   }
   if (c.width_step_px == 0 || c.height_step_px == 0 || c.offset_step_px == 0 ||
       c.sensor_width_px % c.width_step_px != 0 || c.sensor_height_px % c.height_step_px != 0 ||
+      c.min_width_px % c.width_step_px != 0 || c.min_height_px % c.height_step_px != 0 ||
       c.min_width_px > c.sensor_width_px || c.min_height_px > c.sensor_height_px || c.min_width_px == 0 ||
       c.min_height_px == 0) {
-    return bad("region: the sensor size must be a multiple of the steps, and the least region must fit it");
+    return bad(
+        "region: the sensor size and the least region must be multiples of the steps, and the least region "
+        "must fit the sensor");
   }
   const auto range = [](double lo, double v, double hi) {
     return std::isfinite(lo) && std::isfinite(hi) && lo <= v && v <= hi;
@@ -96,7 +101,8 @@ GigeDeviceModel::GigeDeviceModel(const GigeCameraConfig& config) : config_(confi
   if (std::all_of(config_.mac.begin() + 1, config_.mac.end(), [](auto b) { return b == 0; })) {
     store_be(MutableBytes(config_.mac), 2, config_.ip);
   }
-  xml_ = make_genicam_xml(config_);
+  registers_ = registers(config_);
+  xml_ = make_genicam_xml(config_, registers_);
   region_ = {0, 0, config_.sensor_width_px, config_.sensor_height_px};
   format_ = config_.formats.front();
   frame_rate_hz_ = config_.frame_rate_hz;
@@ -136,7 +142,10 @@ void GigeDeviceModel::build_bootstrap() {
   const MutableBytes b(bootstrap_);
   store_be(b, reg::kInterfaceCount, std::uint32_t{1});
   store_be(b, reg::kStreamChannelCount, std::uint32_t{1});
-  store_be(b, reg::kGvcpCapability, kCapability);
+  store_be(b, reg::kActionSignalCount, std::uint32_t{1});
+  // Times of actions are those of a PTP clock.
+  store_be(b, reg::kGvcpCapability,
+           kCapability | (config_.ptp.present ? reg::kIeee1588 | reg::kScheduledAction : 0));
   store_be(b, reg::kTickFrequencyHigh, static_cast<std::uint32_t>(kTickFrequency >> 32));
   store_be(b, reg::kTickFrequencyLow, static_cast<std::uint32_t>(kTickFrequency));
 }
@@ -168,17 +177,22 @@ GvcpAnswer GigeDeviceModel::handle_gvcp(Endpoint from, Bytes datagram, DeviceTim
     resend(std::get<PacketResendCmd>(q.body), from, answer);
     return answer;
   }
-  if (last_ack_.from == from &&
-      std::equal(datagram.begin(), datagram.end(), last_ack_.request.begin(), last_ack_.request.end())) {
-    if (q.ack_required()) answer.ack = last_ack_.ack;
+  run_actions(now);
+  // Reads may be repeated; writes and actions must not.
+  const bool action = std::holds_alternative<ActionCmd>(q.body);
+  const bool write =
+      std::holds_alternative<WriteRegisterCmd>(q.body) || std::holds_alternative<WriteMemoryCmd>(q.body);
+  LastAck& last = action ? last_action_ : last_ack_;
+  if ((action || write) && last.from == from &&
+      std::equal(datagram.begin(), datagram.end(), last.request.begin(), last.request.end())) {
+    if (q.ack_required()) answer.ack = last.ack;
     return answer;
   }
   dispatch(q, from, now, answer);
-  // Reads may be repeated; writes must not.
-  if (std::holds_alternative<WriteRegisterCmd>(q.body) || std::holds_alternative<WriteMemoryCmd>(q.body)) {
-    last_ack_.from = from;
-    last_ack_.request.assign(datagram.begin(), datagram.end());
-    last_ack_.ack = answer.ack;
+  if (action || write) {
+    last.from = from;
+    last.request.assign(datagram.begin(), datagram.end());
+    last.ack = answer.ack;
   }
   if (!q.ack_required()) answer.ack.clear();
   return answer;
@@ -219,17 +233,27 @@ void GigeDeviceModel::dispatch(const GvcpRequest& q, Endpoint from, DeviceTime n
     std::uint16_t done = 0;
     auto s = GvStatus::success;
     for (const auto& one : w->writes.view()) {
-      s = write_u32(one.address, one.value, from, now, answer);
+      std::array<std::uint8_t, 4> value{};
+      store_be(value, 0, one.value);
+      s = write_registers(one.address, value, from, now, answer);
       if (s != GvStatus::success) break;
       ++done;
     }
     if (s != GvStatus::success) ++counters_.refused;
     answer.ack = encode_write_ack(s, GvcpCommand::write_register_ack, q.request_id, done);
   } else if (const auto* wm = std::get_if<WriteMemoryCmd>(&q.body)) {
-    const auto s = write_memory(*wm, from, now, answer);
+    const auto s = write_registers(wm->address, wm->data, from, now, answer);
     if (s != GvStatus::success) ++counters_.refused;
     const auto done = s == GvStatus::success ? static_cast<std::uint16_t>(wm->data.size()) : std::uint16_t{0};
     answer.ack = encode_write_ack(s, GvcpCommand::write_memory_ack, q.request_id, done);
+  } else if (const auto* a = std::get_if<ActionCmd>(&q.body)) {
+    if (const auto s = act(*a, now)) {
+      // Codes that version 2.0 added are for clients that know them.
+      const bool plain = *s > GvStatus::invalid_header && (gvcp_configuration_ & reg::kExtendedStatus) == 0;
+      answer.ack = encode_ack(plain ? GvStatus::error : *s,
+                              static_cast<std::uint16_t>(GvcpCommand::action_ack), q.request_id, {});
+      answer.schedule_changed = true;
+    }
   } else {
     refuse(GvStatus::not_implemented);
   }
@@ -274,6 +298,7 @@ void GigeDeviceModel::release_control() {
   stop_acquisition();
   open_stream(0);
   tl_params_locked_ = 0;
+  actions_.clear();
 }
 
 }  // namespace rigor::gige

@@ -29,7 +29,7 @@
 #include <string>
 #include <vector>
 
-#include "drivers/aravis/gige_registers.h"
+#include "drivers/aravis/gige_register_table.h"
 #include "drivers/aravis/gvcp_codec.h"
 #include "drivers/aravis/gvsp_codec.h"
 #include "rt-core/period.h"
@@ -161,6 +161,10 @@ struct GigeModelCounters {
   std::uint64_t triggers = 0, triggers_refused = 0;
   std::uint64_t line_edges = 0;   ///< that opened an exposure
   std::uint64_t line_missed = 0;  ///< the sensor was busy
+  std::uint64_t actions = 0;  ///< action commands for this camera, those that could not be obeyed included
+  std::uint64_t actions_late = 0;     ///< scheduled for the past: executed at once
+  std::uint64_t actions_refused = 0;  ///< no PTP time, or the queue was full
+  std::uint64_t actions_missed = 0;   ///< executed while the sensor was busy
   std::uint64_t resend_requests = 0, resend_packets = 0, resend_unavailable = 0;
   std::uint64_t control_taken = 0, heartbeat_expired = 0;
 };
@@ -198,30 +202,36 @@ class GigeDeviceModel {
   [[nodiscard]] const GigeCameraConfig& config() const { return config_; }
   [[nodiscard]] const std::string& genicam_xml() const { return xml_; }
   [[nodiscard]] DiscoveryAck identity() const;
+  /// The registers that a camera of this configuration has.
+  [[nodiscard]] static RegisterTable registers(const GigeCameraConfig& config);
 
  private:
   explicit GigeDeviceModel(const GigeCameraConfig& config);
   [[nodiscard]] GvStatus read_u32(std::uint32_t address, Endpoint from, std::uint32_t& value) const;
-  [[nodiscard]] GvStatus write_u32(std::uint32_t address, std::uint32_t value, Endpoint from, DeviceTime now,
-                                   GvcpAnswer& answer);
-  [[nodiscard]] GvStatus write_bootstrap(std::uint32_t address, std::uint32_t value, DeviceTime now,
+  [[nodiscard]] GvStatus write_registers(std::uint32_t address, Bytes data, Endpoint from, DeviceTime now,
                                          GvcpAnswer& answer);
-  [[nodiscard]] GvStatus write_feature(std::uint32_t address, std::uint32_t value, DeviceTime now,
-                                       GvcpAnswer& answer);
-  [[nodiscard]] GvStatus write_double(std::uint32_t address, double value, DeviceTime now,
-                                      GvcpAnswer& answer);
-  [[nodiscard]] GvStatus write_memory(const WriteMemoryCmd& c, Endpoint from, DeviceTime now,
-                                      GvcpAnswer& answer);
-  [[nodiscard]] GvStatus write_privilege(std::uint32_t value, Endpoint from, DeviceTime now,
-                                         GvcpAnswer& answer);
-  [[nodiscard]] GvStatus write_region(std::uint32_t address, std::uint32_t value);
-  [[nodiscard]] GvStatus write_packet_size(std::uint32_t value, GvcpAnswer& answer);
+  [[nodiscard]] GvStatus write_number(const Register& r, std::uint64_t bits, const Change& change);
+  [[nodiscard]] bool within_bounds(const Register& r, std::uint64_t& bits) const;
+  static GvStatus write_privilege(GigeDeviceModel& m, std::uint64_t value, const Change& change);
+  static GvStatus write_packet_size(GigeDeviceModel& m, std::uint64_t value, const Change& change);
+  static void add_range_rows(RegisterTable& table);
+  static void add_ptp_rows(RegisterTable& table);
+  void set_trigger(std::uint32_t& part, std::uint64_t value, DeviceTime now);
+  void enable_ptp(bool on, DeviceTime now);
+  /// Empty: the command is not for this camera, which says nothing to it.
+  [[nodiscard]] std::optional<GvStatus> act(const ActionCmd& command, DeviceTime now);
+  /// Scheduled actions whose time has come.
+  void run_actions(DeviceTime now);
+  void assert_action(DeviceTime t);
   [[nodiscard]] GvStatus software_trigger(DeviceTime now);
   [[nodiscard]] bool is_owner(Endpoint from) const { return privilege_ != 0 && from == owner_; }
   [[nodiscard]] bool params_locked() const { return acquiring_ || tl_params_locked_ != 0; }
   [[nodiscard]] Period period() const;
   [[nodiscard]] bool on_line() const {
     return trigger_mode_ != 0 && trigger_source_ == reg::kTriggerSourceLine1;
+  }
+  [[nodiscard]] bool on_action() const {
+    return trigger_mode_ != 0 && trigger_source_ == reg::kTriggerSourceAction0;
   }
   [[nodiscard]] Duration trigger_delay() const { return seconds_from(trigger_delay_us_ * 1e-6); }
   /// The first edge of the wired pulses that counts, at or after `t`.
@@ -253,9 +263,13 @@ class GigeDeviceModel {
   void stop_acquisition();
   void release_control();
   void open_stream(std::uint16_t port);
+  void restart_blocks();
   void build_bootstrap();
 
+  static constexpr std::size_t kActionQueue = 16;
+
   GigeCameraConfig config_;
+  RegisterTable registers_;
   std::string xml_;
   std::array<std::uint8_t, reg::kBootstrapEnd> bootstrap_{};
 
@@ -267,7 +281,7 @@ class GigeDeviceModel {
   struct LastAck {
     Endpoint from;
     Datagram request, ack;
-  } last_ack_;  // a client that lost our acknowledge asks again; it must not trigger twice
+  } last_ack_, last_action_;  // a client that lost our acknowledge asks again; it must not trigger twice
 
   // Clock.
   DeviceTime timestamp_zero_;
@@ -290,6 +304,11 @@ class GigeDeviceModel {
   std::uint32_t chunks_ = 1u << reg::kChunkImage;  ///< bit by id
   bool multipart_ = false;
   std::uint32_t component_selector_ = kRange, components_ = 1u << kRange | 1u << kIntensity;  ///< bit by id
+
+  // Action commands.
+  std::uint32_t gvcp_configuration_ = 0, action_device_key_ = 0, action_group_key_ = 0,
+                action_group_mask_ = 0;
+  std::deque<DeviceTime> actions_;  ///< scheduled, in the order of their times
 
   // IEEE 1588.
   bool ptp_enabled_ = false;

@@ -1,6 +1,6 @@
-// Registers of the emulated camera: what they read, and what a write changes.
+// Access to the registers of the emulated camera by the rules of its table, and what the larger writes do.
 #include <algorithm>
-#include <bit>
+#include <numeric>
 #include <utility>
 
 #include "drivers/aravis/gige_device_model.h"
@@ -8,289 +8,155 @@
 namespace rigor::gige {
 namespace {
 
-constexpr double kMaxTriggerDelayUs = 1e6;
-constexpr std::uint32_t kMinHeartbeatMs = 500;
-constexpr std::uint32_t kMaxHeartbeatMs = 3'600'000;
-constexpr std::uint32_t kMaxPacketDelayTicks = 10'000'000;
-constexpr std::size_t kUserNameSize = 16;
+/// Of the bootstrap block: what is reserved between its registers reads as 0.
+constexpr std::pair<reg::Address, reg::Address> kBlocks[] = {
+    {0, 0xF8}, {reg::kFirstUrl, 0x670}, {0x900, 0x980}, {0xA00, 0xA18}, {0xD00, 0xD28}};
 
-constexpr bool in(std::uint32_t a, std::uint32_t from, std::uint32_t end) { return a >= from && a < end; }
-
-/// Registers that exist in bootstrap space; what is reserved between them reads as 0.
-constexpr bool bootstrap_exists(std::uint32_t a) {
-  return in(a, 0, 0xF8) || in(a, reg::kFirstUrl, 0x670) || in(a, 0x900, 0x960) || in(a, 0xA00, 0xA18) ||
-         in(a, 0xD00, 0xD28);
-}
-
-bool is_double(std::uint32_t a) {
-  return a == reg::kFrameRate || a == reg::kResultingFrameRate || a == reg::kExposureTime ||
-         a == reg::kGain || a == reg::kTriggerDelay || a == reg::kScan3dScale || a == reg::kScan3dOffset ||
-         a == reg::kScan3dInvalidValue;
-}
-
-bool read_only(std::uint32_t a) {
-  if (a < reg::kBootstrapEnd) {
-    return !in(a, reg::kUserName, reg::kUserName + kUserNameSize) && a != reg::kHeartbeatTimeout &&
-           a != reg::kTimestampControl && a != reg::kControlPrivilege && a != reg::kStreamPort &&
-           a != reg::kStreamPacketSize && a != reg::kStreamPacketDelay && a != reg::kStreamDestination &&
-           a != reg::kStreamConfiguration;
-  }
-  return a == reg::kWidthMax || a == reg::kHeightMax || a == reg::kPayloadSize ||
-         a == reg::kResultingFrameRate || a == reg::kResultingFrameRate + 4 || a == reg::kAcquisitionActive ||
-         in(a, reg::kScan3dScale, reg::kFeatureEnd) || a == reg::kLineStatus || a == reg::kPtpStatus ||
-         a == reg::kPtpOffsetHigh || a == reg::kPtpOffsetLow;
+bool in_block(reg::Address a) {
+  return std::any_of(std::begin(kBlocks), std::end(kBlocks),
+                     [a](const auto& b) { return a >= b.first && a < b.second; });
 }
 
 }  // namespace
 
-GvStatus GigeDeviceModel::read_u32(std::uint32_t address, Endpoint from, std::uint32_t& value) const {
+Register& RegisterTable::add(reg::Address address, Kind kind, const char* name, const char* tooltip) {
+  Register& r = add(address, kind == Kind::real ? std::uint16_t{8} : std::uint16_t{4});
+  r.features.push_back({.kind = kind, .category = category_, .name = name, .tooltip = tooltip});
+  if (kind == Kind::command || kind == Kind::text) r.beginner();
+  return r;
+}
+
+Register& RegisterTable::add(reg::Address address, std::uint16_t size) {
+  Register& r = rows_.emplace_back();
+  r.address = address, r.size = size;
+  return r;
+}
+
+Register& RegisterTable::fixed(Kind kind, const char* name, const char* tooltip, const char* value) {
+  Register& r = add(0, kind, name, tooltip);
+  r.size = 0;
+  r.features.back().fixed = value;
+  return r;
+}
+
+void RegisterTable::sort() {
+  by_address_.resize(rows_.size());
+  std::iota(by_address_.begin(), by_address_.end(), std::uint16_t{0});
+  std::erase_if(by_address_, [this](std::uint16_t i) { return rows_[i].size == 0; });
+  std::sort(by_address_.begin(), by_address_.end(),
+            [this](std::uint16_t a, std::uint16_t b) { return rows_[a].address < rows_[b].address; });
+}
+
+const Register* RegisterTable::find(reg::Address address) const {
+  const auto after =
+      std::upper_bound(by_address_.begin(), by_address_.end(), address,
+                       [this](reg::Address a, std::uint16_t i) { return a < rows_[i].address; });
+  if (after == by_address_.begin()) return nullptr;
+  const Register& r = rows_[*(after - 1)];
+  return address - r.address < r.size ? &r : nullptr;
+}
+
+GvStatus GigeDeviceModel::read_u32(reg::Address address, Endpoint from, std::uint32_t& value) const {
+  const Register* r = registers_.find(address);
   const bool exclusive = (privilege_ & reg::kPrivilegeExclusive) != 0;
-  if (exclusive && !is_owner(from) && address != reg::kControlPrivilege) return GvStatus::access_denied;
-  value = 0;
-  const auto half_double = [address](double v) {
-    const auto bits = std::bit_cast<std::uint64_t>(v);
-    return static_cast<std::uint32_t>((address & 4) != 0 ? bits : bits >> 32);
-  };
-  switch (address) {
-    case reg::kHeartbeatTimeout:
-      value = heartbeat_timeout_ms_;
-      return GvStatus::success;
-    case reg::kTimestampControl:
-      return GvStatus::success;
-    case reg::kTimestampHigh:
-      value = static_cast<std::uint32_t>(latched_ticks_ >> 32);
-      return GvStatus::success;
-    case reg::kTimestampLow:
-      value = static_cast<std::uint32_t>(latched_ticks_);
-      return GvStatus::success;
-    case reg::kControlPrivilege:
-      value = privilege_;
-      return GvStatus::success;
-    case reg::kPrimaryPort:
-      value = owner_.port;
-      return GvStatus::success;
-    case reg::kPrimaryIp:
-      value = owner_.ip;
-      return GvStatus::success;
-    case reg::kStreamPort:
-      value = stream_port_;
-      return GvStatus::success;
-    case reg::kStreamPacketSize:
-      value = packet_size_ | (do_not_fragment_ ? reg::kDoNotFragment : 0);
-      return GvStatus::success;
-    case reg::kStreamPacketDelay:
-      value = packet_delay_ticks_;
-      return GvStatus::success;
-    case reg::kStreamDestination:
-      value = stream_ip_;
-      return GvStatus::success;
-    case reg::kStreamSourcePort:
-      value = stream_source_port_;
-      return GvStatus::success;
-    case reg::kWidthMax:
-      value = config_.sensor_width_px;
-      return GvStatus::success;
-    case reg::kHeightMax:
-      value = config_.sensor_height_px;
-      return GvStatus::success;
-    case reg::kWidth:
-      value = region_.width_px;
-      return GvStatus::success;
-    case reg::kHeight:
-      value = region_.height_px;
-      return GvStatus::success;
-    case reg::kOffsetX:
-      value = region_.x_px;
-      return GvStatus::success;
-    case reg::kOffsetY:
-      value = region_.y_px;
-      return GvStatus::success;
-    case reg::kPixelFormat:
-      value = static_cast<std::uint32_t>(format_);
-      return GvStatus::success;
-    case reg::kPayloadSize:
-      value = static_cast<std::uint32_t>(frame_bytes() + chunk_bytes());
-      return GvStatus::success;
-    case reg::kAcquisitionMode:
-      value = mode_;
-      return GvStatus::success;
-    case reg::kAcquisitionFrameCount:
-      value = frame_count_;
-      return GvStatus::success;
-    case reg::kAcquisitionStart:
-    case reg::kAcquisitionStop:
-    case reg::kAcquisitionAbort:
-    case reg::kTriggerSoftware:
-      return GvStatus::success;  // a command that reads 0 is done
-    case reg::kFrameRateEnable:
-      value = frame_rate_enable_;
-      return GvStatus::success;
-    case reg::kFrameRate:
-    case reg::kFrameRate + 4:
-      value = half_double(frame_rate_hz_);
-      return GvStatus::success;
-    case reg::kResultingFrameRate:
-    case reg::kResultingFrameRate + 4:
-      value = half_double(period().hz());
-      return GvStatus::success;
-    case reg::kAcquisitionActive:
-      value = acquiring_ ? 1 : 0;
-      return GvStatus::success;
-    case reg::kTlParamsLocked:
-      value = params_locked() ? 1 : 0;
-      return GvStatus::success;
-    case reg::kExposureTime:
-    case reg::kExposureTime + 4:
-      value = half_double(exposure_us_);
-      return GvStatus::success;
-    case reg::kGain:
-    case reg::kGain + 4:
-      value = half_double(gain_db_);
-      return GvStatus::success;
-    case reg::kTriggerMode:
-      value = trigger_mode_;
-      return GvStatus::success;
-    case reg::kTriggerSource:
-      value = trigger_source_;
-      return GvStatus::success;
-    case reg::kTriggerActivation:
-      value = trigger_activation_;
-      return GvStatus::success;
-    case reg::kTriggerDelay:
-    case reg::kTriggerDelay + 4:
-      value = half_double(trigger_delay_us_);
-      return GvStatus::success;
-    case reg::kLineStatus:
-      value = line_high(now_) ? 1 : 0;
-      return GvStatus::success;
-    case reg::kChunkModeActive:
-      value = chunk_mode_;
-      return GvStatus::success;
-    case reg::kChunkSelector:
-      value = chunk_selector_;
-      return GvStatus::success;
-    case reg::kChunkEnable:
-      value = (chunks_ >> chunk_selector_) & 1;
-      return GvStatus::success;
-    case reg::kStreamCapability:
-      value = config_.range.present ? reg::kMultipart : 0;
-      return GvStatus::success;
-    case reg::kStreamConfiguration:
-      value = multipart_ ? reg::kMultipart : 0;
-      return GvStatus::success;
-    case reg::kComponentSelector:
-    case reg::kComponentEnable:
-    case reg::kScan3dScale:
-    case reg::kScan3dScale + 4:
-    case reg::kScan3dOffset:
-    case reg::kScan3dOffset + 4:
-    case reg::kScan3dInvalidValue:
-    case reg::kScan3dInvalidValue + 4:
-      if (!config_.range.present) return GvStatus::invalid_address;
-      value = address == reg::kComponentSelector ? component_selector_
-              : address == reg::kComponentEnable ? (components_ >> component_selector_) & 1
-              : address - reg::kScan3dScale < 8  ? half_double(config_.range.scale_mm)
-                                                 : 0u;
-      return GvStatus::success;
-    case reg::kPtpEnable:
-    case reg::kPtpStatus:
-    case reg::kPtpOffsetHigh:
-    case reg::kPtpOffsetLow:
-    case reg::kPtpLatch:
-      if (!config_.ptp.present) return GvStatus::invalid_address;
-      value = address == reg::kPtpEnable   ? (ptp_enabled_ ? 1u : 0u)
-              : address == reg::kPtpStatus ? ptp_status(now_)
-              : address == reg::kPtpOffsetHigh
-                  ? static_cast<std::uint32_t>(static_cast<std::uint64_t>(latched_ptp_offset_ns_) >> 32)
-              : address == reg::kPtpOffsetLow ? static_cast<std::uint32_t>(latched_ptp_offset_ns_)
-                                              : 0u;
-      return GvStatus::success;
-    default:
-      if (!bootstrap_exists(address)) return GvStatus::invalid_address;
-      value = load_be<std::uint32_t>(bootstrap_, address);
-      return GvStatus::success;
+  if (exclusive && !is_owner(from) && !(r != nullptr && r->anyone)) return GvStatus::access_denied;
+  if (r == nullptr && !in_block(address)) return GvStatus::invalid_address;
+  if (r != nullptr && r->is_number()) {
+    const std::uint64_t bits = r->access == Access::write_only ? 0 : r->read(*this);
+    value = static_cast<std::uint32_t>(r->size == 8 && address == r->address ? bits >> 32 : bits);
+  } else {
+    value = load_be<std::uint32_t>(bootstrap_, address);
   }
+  return GvStatus::success;
 }
 
-GvStatus GigeDeviceModel::write_u32(std::uint32_t address, std::uint32_t value, Endpoint from, DeviceTime now,
-                                    GvcpAnswer& answer) {
-  std::uint32_t ignored = 0;
-  if (read_u32(address, from, ignored) == GvStatus::invalid_address) return GvStatus::invalid_address;
-  if (address == reg::kControlPrivilege) return write_privilege(value, from, now, answer);
-  if (!is_owner(from)) return GvStatus::access_denied;
-  if (read_only(address)) return GvStatus::write_protect;
-  if (is_double(address) || is_double(address - 4))
-    return GvStatus::invalid_parameter;  // half a number is none
-  return address < reg::kBootstrapEnd ? write_bootstrap(address, value, now, answer)
-                                      : write_feature(address, value, now, answer);
-}
-
-GvStatus GigeDeviceModel::write_privilege(std::uint32_t value, Endpoint from, DeviceTime now,
+GvStatus GigeDeviceModel::write_registers(reg::Address address, Bytes data, Endpoint from, DeviceTime now,
                                           GvcpAnswer& answer) {
-  if (privilege_ != 0 && !is_owner(from)) return GvStatus::access_denied;
-  const std::uint32_t wanted = value & (reg::kPrivilegeControl | reg::kPrivilegeExclusive);
-  answer.schedule_changed = true;
+  // Everything is checked before anything is written, except where a value itself is refused.
+  for (std::size_t at = 0; at < data.size(); at += 4) {
+    const std::uint64_t a = std::uint64_t{address} + at;
+    const Register* r = a > 0xFFFFFFFF ? nullptr : registers_.find(static_cast<reg::Address>(a));
+    const bool description = a >= reg::kXml && a < reg::kXml + xml_.size();
+    if (r == nullptr && !description && (a > 0xFFFFFFFF || !in_block(static_cast<reg::Address>(a))))
+      return GvStatus::invalid_address;
+    if (!is_owner(from) && !(r != nullptr && r->anyone)) return GvStatus::access_denied;
+    if (r == nullptr || r->access == Access::read_only) return GvStatus::write_protect;
+    // Half a number is none.
+    if (r->is_number() && r->size == 8 && (a == r->address ? data.size() - at < 8 : at < 4))
+      return GvStatus::invalid_parameter;
+  }
+  for (std::size_t at = 0; at < data.size();) {
+    const auto a = static_cast<reg::Address>(address + at);
+    const Register& r = *registers_.find(a);
+    if (!r.is_number()) {
+      store_be(bootstrap_, a, load_be<std::uint32_t>(data, at));
+      at += 4;
+      continue;
+    }
+    const std::uint64_t bits =
+        r.size == 8 ? load_be<std::uint64_t>(data, at) : std::uint64_t{load_be<std::uint32_t>(data, at)};
+    at += r.size;
+    if (const auto s = write_number(r, bits, {from, now, answer}); s != GvStatus::success) return s;
+  }
+  return GvStatus::success;
+}
+
+GvStatus GigeDeviceModel::write_number(const Register& r, std::uint64_t bits, const Change& change) {
+  if (r.locked && params_locked()) return GvStatus::access_denied;
+  if (!within_bounds(r, bits)) return GvStatus::invalid_parameter;
+  change.answer.schedule_changed = true;
+  const Period before = period();
+  const auto s = r.write(*this, bits, change);
+  if (acquiring_ && index_ > 0 && !period().same_as(before)) {
+    // The frame in progress keeps its place and is exposed to its end; the next one comes a new period behind
+    // it.
+    run_freely_from(
+        on_grid(std::max(std::max(next_free_run_ - before + period(), sensor_free_), change.now)));
+  }
+  return s;
+}
+
+/// By the row's limits and choices. What is clamped is changed to the nearest value that is within.
+bool GigeDeviceModel::within_bounds(const Register& r, std::uint64_t& bits) const {
+  if (r.is_real()) {
+    const double v = std::bit_cast<double>(bits);
+    return !r.bounds || (v >= r.bounds->min && v <= r.bounds->max);
+  }
+  const Feature* f = r.features.empty() || r.features[0].lsb >= 0 ? nullptr : &r.features[0];
+  if (f != nullptr && f->kind == Feature::Kind::flag) return bits <= 1;
+  if (f != nullptr && f->kind == Feature::Kind::choice && !r.anyone)
+    return std::any_of(f->choices.begin(), f->choices.end(),
+                       [&](const Choice& c) { return c.value == bits; });
+  if (!r.bounds) return true;
+  const auto min = static_cast<std::uint64_t>(r.bounds->min);
+  auto max = static_cast<std::uint64_t>(r.bounds->max);
+  if (r.whole != 0) max = registers_.find(r.whole)->read(*this) - registers_.find(r.used)->read(*this);
+  if (r.clamped) bits = std::clamp(bits, min, max);
+  return bits >= min && bits <= max && (bits - min) % r.bounds->step == 0;
+}
+
+GvStatus GigeDeviceModel::write_privilege(GigeDeviceModel& m, std::uint64_t value, const Change& change) {
+  if (m.privilege_ != 0 && !m.is_owner(change.from)) return GvStatus::access_denied;
+  const auto wanted = static_cast<std::uint32_t>(value) & (reg::kPrivilegeControl | reg::kPrivilegeExclusive);
   if (wanted == 0) {
-    release_control();
+    m.release_control();
     return GvStatus::success;
   }
-  if (privilege_ == 0) ++counters_.control_taken;
-  privilege_ = wanted;
-  owner_ = from;
-  last_heartbeat_ = now;
+  if (m.privilege_ == 0) ++m.counters_.control_taken;
+  m.privilege_ = wanted;
+  m.owner_ = change.from;
+  m.last_heartbeat_ = change.now;
   return GvStatus::success;
 }
 
-GvStatus GigeDeviceModel::write_packet_size(std::uint32_t value, GvcpAnswer& answer) {
-  if (params_locked()) return GvStatus::access_denied;
+GvStatus GigeDeviceModel::write_packet_size(GigeDeviceModel& m, std::uint64_t value, const Change& change) {
   // A size that we cannot do becomes the nearest that we can; the client reads back which.
-  packet_size_ = std::clamp(value & 0xFFFC, config_.min_packet_size, config_.max_packet_size);
-  do_not_fragment_ = (value & reg::kDoNotFragment) != 0;
-  if ((value & reg::kFireTestPacket) != 0 && stream_port_ != 0) {
-    answer.test_packet = TestPacket{stream_destination(), packet_size_, do_not_fragment_};
-  }
+  m.packet_size_ = std::clamp(static_cast<std::uint32_t>(value & 0xFFFC), m.config_.min_packet_size,
+                              m.config_.max_packet_size);
+  m.do_not_fragment_ = (value & reg::kDoNotFragment) != 0;
+  if ((value & reg::kFireTestPacket) != 0 && m.stream_port_ != 0)
+    change.answer.test_packet = TestPacket{m.stream_destination(), m.packet_size_, m.do_not_fragment_};
   return GvStatus::success;
-}
-
-GvStatus GigeDeviceModel::write_bootstrap(std::uint32_t address, std::uint32_t value, DeviceTime now,
-                                          GvcpAnswer& answer) {
-  switch (address) {
-    case reg::kHeartbeatTimeout:
-      heartbeat_timeout_ms_ = std::clamp(value, kMinHeartbeatMs, kMaxHeartbeatMs);
-      return GvStatus::success;
-    case reg::kTimestampControl:
-      if ((value & reg::kTimestampLatch) != 0) latched_ticks_ = ticks(now);
-      if ((value & reg::kTimestampReset) != 0) timestamp_zero_ = now;
-      return GvStatus::success;
-    case reg::kStreamPort:
-      if ((value >> 28) != 0) return GvStatus::invalid_parameter;  // there is one interface, number 0
-      open_stream(static_cast<std::uint16_t>(value));
-      return GvStatus::success;
-    case reg::kStreamPacketSize:
-      return write_packet_size(value, answer);
-    case reg::kStreamPacketDelay:
-      if (value > kMaxPacketDelayTicks) return GvStatus::invalid_parameter;
-      packet_delay_ticks_ = value;
-      return GvStatus::success;
-    case reg::kStreamConfiguration: {
-      if (params_locked()) return GvStatus::access_denied;
-      const bool wanted = (value & reg::kMultipart) != 0;
-      if (wanted && !config_.range.present) return GvStatus::invalid_parameter;
-      if (wanted != multipart_) next_block_id_ = 1, retained_.clear(), ++epoch_;
-      multipart_ = wanted;
-      return GvStatus::success;
-    }
-    case reg::kStreamDestination:
-      if (acquiring_) return GvStatus::access_denied;
-      stream_ip_ = value;
-      return GvStatus::success;
-    default:
-      if (in(address, reg::kUserName, reg::kUserName + kUserNameSize)) {
-        store_be(MutableBytes(bootstrap_), address, value);
-        return GvStatus::success;
-      }
-      return GvStatus::write_protect;
-  }
 }
 
 void GigeDeviceModel::open_stream(std::uint16_t port) {
@@ -299,191 +165,24 @@ void GigeDeviceModel::open_stream(std::uint16_t port) {
   // A receiver counts blocks from the opening of its stream; an old block must not answer for a new one. They
   // are not counted from AcquisitionStart: a receiver that stays open would take the second acquisition for
   // late packets.
+  restart_blocks();
+}
+
+void GigeDeviceModel::restart_blocks() {
   next_block_id_ = 1;
   retained_.clear();
   ++epoch_;
 }
 
-GvStatus GigeDeviceModel::write_region(std::uint32_t address, std::uint32_t value) {
-  if (params_locked()) return GvStatus::access_denied;
-  Region r = region_;
-  std::uint32_t step = config_.offset_step_px;
-  std::uint32_t least = 0;
-  switch (address) {
-    case reg::kWidth:
-      r.width_px = value, step = config_.width_step_px, least = config_.min_width_px;
-      break;
-    case reg::kHeight:
-      r.height_px = value, step = config_.height_step_px, least = config_.min_height_px;
-      break;
-    case reg::kOffsetX:
-      r.x_px = value;
-      break;
-    default:
-      r.y_px = value;
-      break;
-  }
-  const auto fits = [](std::uint64_t offset, std::uint64_t size, std::uint64_t whole) {
-    return offset + size <= whole;
-  };
-  if (value < least || value % step != 0 || !fits(r.x_px, r.width_px, config_.sensor_width_px) ||
-      !fits(r.y_px, r.height_px, config_.sensor_height_px)) {
-    return GvStatus::invalid_parameter;
-  }
-  region_ = r;
-  return GvStatus::success;
+void GigeDeviceModel::set_trigger(std::uint32_t& part, std::uint64_t value, DeviceTime now) {
+  if (part != value) triggers_.clear();
+  part = static_cast<std::uint32_t>(value);
+  rewire(now);
 }
 
-GvStatus GigeDeviceModel::write_feature(std::uint32_t address, std::uint32_t value, DeviceTime now,
-                                        GvcpAnswer& answer) {
-  answer.schedule_changed = true;
-  switch (address) {
-    case reg::kWidth:
-    case reg::kHeight:
-    case reg::kOffsetX:
-    case reg::kOffsetY:
-      return write_region(address, value);
-    case reg::kPixelFormat: {
-      if (params_locked()) return GvStatus::access_denied;
-      const auto f = static_cast<PixelFormat>(value);
-      if (std::find(config_.formats.begin(), config_.formats.end(), f) == config_.formats.end()) {
-        return GvStatus::invalid_parameter;
-      }
-      format_ = f;
-      return GvStatus::success;
-    }
-    case reg::kAcquisitionMode:
-      if (params_locked()) return GvStatus::access_denied;
-      if (value > reg::kModeMultiFrame) return GvStatus::invalid_parameter;
-      mode_ = value;
-      return GvStatus::success;
-    case reg::kAcquisitionFrameCount:
-      if (params_locked()) return GvStatus::access_denied;
-      if (value < 1 || value > 65535) return GvStatus::invalid_parameter;
-      frame_count_ = value;
-      return GvStatus::success;
-    case reg::kAcquisitionStart:
-      if (!acquiring_ && value != 0) start_acquisition(now);
-      return GvStatus::success;
-    case reg::kAcquisitionStop:
-    case reg::kAcquisitionAbort:
-      if (value != 0) stop_acquisition();
-      return GvStatus::success;
-    case reg::kFrameRateEnable:
-      if (value > 1) return GvStatus::invalid_parameter;
-      frame_rate_enable_ = value;
-      return GvStatus::success;
-    case reg::kTlParamsLocked:
-      if (value > 1) return GvStatus::invalid_parameter;
-      tl_params_locked_ = value;
-      return GvStatus::success;
-    case reg::kTriggerMode:
-      if (value > 1) return GvStatus::invalid_parameter;
-      if (trigger_mode_ != value) triggers_.clear();
-      trigger_mode_ = value;
-      rewire(now);
-      if (value == 0) run_freely_from(on_grid(std::max(next_free_run_, std::max(now, sensor_free_))));
-      return GvStatus::success;
-    case reg::kTriggerSource:
-      if (value > reg::kTriggerSourceLine1) return GvStatus::invalid_parameter;
-      if (trigger_source_ != value) triggers_.clear();
-      trigger_source_ = value;
-      rewire(now);
-      return GvStatus::success;
-    case reg::kTriggerActivation:
-      if (value > reg::kFallingEdge) return GvStatus::invalid_parameter;
-      trigger_activation_ = value;
-      rewire(now);
-      return GvStatus::success;
-    case reg::kChunkModeActive:
-      if (params_locked()) return GvStatus::access_denied;
-      if (value > 1) return GvStatus::invalid_parameter;
-      chunk_mode_ = value;
-      return GvStatus::success;
-    case reg::kChunkSelector:
-      if (value < reg::kChunkImage || value > reg::kChunkLast) return GvStatus::invalid_parameter;
-      chunk_selector_ = value;
-      return GvStatus::success;
-    case reg::kChunkEnable:
-      if (params_locked()) return GvStatus::access_denied;
-      if (value > 1) return GvStatus::invalid_parameter;
-      // The picture is always there; clients that switch every chunk off first do not mean it.
-      if (chunk_selector_ == reg::kChunkImage) return GvStatus::success;
-      chunks_ = (chunks_ & ~(1u << chunk_selector_)) | value << chunk_selector_;
-      return GvStatus::success;
-    case reg::kComponentSelector:
-      if (value != kRange && value != kIntensity) return GvStatus::invalid_parameter;
-      component_selector_ = value;
-      return GvStatus::success;
-    case reg::kComponentEnable: {
-      if (params_locked()) return GvStatus::access_denied;
-      const std::uint32_t with = (components_ & ~(1u << component_selector_)) | value << component_selector_;
-      if (value > 1 || with == 0) return GvStatus::invalid_parameter;  // a frame of nothing is none
-      components_ = with;
-      return GvStatus::success;
-    }
-    case reg::kPtpEnable:
-      if (value > 1) return GvStatus::invalid_parameter;
-      if (value != 0 && !ptp_enabled_) ptp_since_ = now;
-      ptp_enabled_ = value != 0;
-      return GvStatus::success;
-    case reg::kPtpLatch:
-      if (value != 0) latched_ptp_offset_ns_ = ptp_offset_ns(now);
-      return GvStatus::success;
-    case reg::kTriggerSoftware:
-      return value == 0 ? GvStatus::success : software_trigger(now);
-    default:
-      return GvStatus::write_protect;
-  }
-}
-
-GvStatus GigeDeviceModel::write_double(std::uint32_t address, double value, DeviceTime now,
-                                       GvcpAnswer& answer) {
-  const auto set = [value](double lo, double hi, double& target) {
-    if (!(value >= lo && value <= hi)) return GvStatus::invalid_parameter;
-    target = value;
-    return GvStatus::success;
-  };
-  answer.schedule_changed = true;
-  const Period before = period();
-  GvStatus s = GvStatus::write_protect;
-  if (address == reg::kFrameRate)
-    s = set(config_.min_frame_rate_hz, config_.max_frame_rate_hz, frame_rate_hz_);
-  if (address == reg::kExposureTime) s = set(config_.min_exposure_us, config_.max_exposure_us, exposure_us_);
-  if (address == reg::kGain) s = set(config_.min_gain_db, config_.max_gain_db, gain_db_);
-  if (address == reg::kTriggerDelay) s = set(0, kMaxTriggerDelayUs, trigger_delay_us_);
-  if (acquiring_ && index_ > 0 && !period().same_as(before)) {
-    // The frame in progress keeps its place and is exposed to its end; the next one comes a new period behind
-    // it.
-    run_freely_from(on_grid(std::max(std::max(next_free_run_ - before + period(), sensor_free_), now)));
-  }
-  return s;
-}
-
-GvStatus GigeDeviceModel::write_memory(const WriteMemoryCmd& c, Endpoint from, DeviceTime now,
-                                       GvcpAnswer& answer) {
-  if (c.data.size() == 8 && is_double(c.address)) {
-    if (!is_owner(from)) return GvStatus::access_denied;
-    if (read_only(c.address)) return GvStatus::write_protect;
-    return write_double(c.address, load_be_double(c.data, 0), now, answer);
-  }
-  const std::uint64_t end = std::uint64_t{c.address} + c.data.size();
-  if (end > 0xFFFFFFFF) return GvStatus::invalid_address;
-  // Everything is checked before anything is written, except where a value itself is refused.
-  for (std::uint32_t i = 0; i < c.data.size(); i += 4) {
-    std::uint32_t ignored = 0;
-    if (c.address + i >= reg::kXml && c.address + i < reg::kXml + xml_.size()) {
-      return is_owner(from) ? GvStatus::write_protect : GvStatus::access_denied;
-    }
-    if (read_u32(c.address + i, from, ignored) == GvStatus::invalid_address) return GvStatus::invalid_address;
-    if (!is_owner(from)) return GvStatus::access_denied;
-    if (read_only(c.address + i)) return GvStatus::write_protect;
-  }
-  for (std::uint32_t i = 0; i < c.data.size(); i += 4) {
-    const auto s = write_u32(c.address + i, load_be<std::uint32_t>(c.data, i), from, now, answer);
-    if (s != GvStatus::success) return s;
-  }
-  return GvStatus::success;
+void GigeDeviceModel::enable_ptp(bool on, DeviceTime now) {
+  if (on && !ptp_enabled_) ptp_since_ = now;
+  ptp_enabled_ = on;
 }
 
 }  // namespace rigor::gige

@@ -12,24 +12,16 @@
 #include <cstdio>
 #include <cstring>
 
+#include "rt-core/file_descriptor.h"
+
 namespace rigor::gige {
 namespace {
 
 constexpr std::uint16_t kRequestId = 0x5249;
 
-class Socket {
- public:
-  Socket() : fd_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)) {}
-  ~Socket() {
-    if (fd_ >= 0) close(fd_);
-  }
-  Socket(Socket&& o) noexcept : fd_(std::exchange(o.fd_, -1)) {}
-  Socket& operator=(Socket&&) = delete;
-  [[nodiscard]] int fd() const { return fd_; }
-
- private:
-  int fd_;
-};
+FileDescriptor udp_socket() {
+  return FileDescriptor(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+}
 
 struct LocalInterface {
   std::string name, address;
@@ -70,20 +62,20 @@ sockaddr_in endpoint(in_addr ip, std::uint16_t port) {
   return a;
 }
 
-void send_discovery(const Socket& s, in_addr to, bool broadcast) {
+void send_discovery(const FileDescriptor& s, in_addr to, bool broadcast) {
   const Datagram d = encode_discovery_cmd(kRequestId, broadcast);
   const sockaddr_in a = endpoint(to, kGvcpPort);
   // A lost or refused datagram shows as a camera that does not answer.
-  (void)!sendto(s.fd(), d.data(), d.size(), MSG_NOSIGNAL, reinterpret_cast<const sockaddr*>(&a), sizeof(a));
+  (void)!sendto(s.get(), d.data(), d.size(), MSG_NOSIGNAL, reinterpret_cast<const sockaddr*>(&a), sizeof(a));
 }
 
 /// The next answer that waits on the socket.
-std::optional<FoundCamera> receive_answer(const Socket& s, bool& more) {
+std::optional<FoundCamera> receive_answer(const FileDescriptor& s, bool& more) {
   std::array<std::uint8_t, 1024> buffer;
   sockaddr_in from{};
   socklen_t length = sizeof(from);
   const ssize_t n =
-      recvfrom(s.fd(), buffer.data(), buffer.size(), 0, reinterpret_cast<sockaddr*>(&from), &length);
+      recvfrom(s.get(), buffer.data(), buffer.size(), 0, reinterpret_cast<sockaddr*>(&from), &length);
   more = n >= 0;
   if (n <= 0) return std::nullopt;
   GvcpAck ack;
@@ -99,12 +91,12 @@ std::optional<FoundCamera> receive_answer(const Socket& s, bool& more) {
 
 /// The local address from which the kernel would reach `to`.
 std::string local_address_towards(in_addr to) {
-  Socket s;
+  const FileDescriptor s = udp_socket();
   const sockaddr_in a = endpoint(to, kGvcpPort);
   sockaddr_in local{};
   socklen_t length = sizeof(local);
-  if (s.fd() < 0 || connect(s.fd(), reinterpret_cast<const sockaddr*>(&a), sizeof(a)) != 0 ||
-      getsockname(s.fd(), reinterpret_cast<sockaddr*>(&local), &length) != 0)
+  if (s.get() < 0 || connect(s.get(), reinterpret_cast<const sockaddr*>(&a), sizeof(a)) != 0 ||
+      getsockname(s.get(), reinterpret_cast<sockaddr*>(&local), &length) != 0)
     return {};
   return text_of(local.sin_addr);
 }
@@ -141,17 +133,17 @@ Result<std::vector<FoundCamera>> find_gige_cameras(const DiscoveryOptions& optio
                 "expected an interface of this machine that is up, got \"" + options.interface +
                     "\"; there are " + (names.empty() ? "none" : names));
 
-  std::vector<Socket> sockets;
+  std::vector<FileDescriptor> sockets;
   std::vector<pollfd> polls;
   for (const LocalInterface& l : interfaces) {
-    Socket s;
+    FileDescriptor s = udp_socket();
     const int on = 1;
     const sockaddr_in local = endpoint(l.ip, 0);
-    if (s.fd() >= 0) {
-      (void)setsockopt(s.fd(), SOL_SOCKET, SO_BROADCAST, &on, sizeof(on));
-      (void)!bind(s.fd(), reinterpret_cast<const sockaddr*>(&local), sizeof(local));
+    if (s.get() >= 0) {
+      (void)setsockopt(s.get(), SOL_SOCKET, SO_BROADCAST, &on, sizeof(on));
+      (void)!bind(s.get(), reinterpret_cast<const sockaddr*>(&local), sizeof(local));
     }
-    polls.push_back({s.fd(), POLLIN, 0});
+    polls.push_back({s.get(), POLLIN, 0});
     sockets.push_back(std::move(s));
   }
   in_addr everyone{};
@@ -199,14 +191,14 @@ Result<std::vector<FoundCamera>> find_gige_cameras(const DiscoveryOptions& optio
 std::optional<FoundCamera> ask_gige_camera(const std::string& address, Duration wait) {
   in_addr to{};
   if (inet_pton(AF_INET, address.c_str(), &to) != 1) return std::nullopt;
-  Socket s;
-  if (s.fd() < 0) return std::nullopt;
+  const FileDescriptor s = udp_socket();
+  if (s.get() < 0) return std::nullopt;
   send_discovery(s, to, false);
   const MonotonicTime end = monotonic_now() + wait;
   for (;;) {
     const Duration left = end - monotonic_now();
     if (left.ns() <= 0) return std::nullopt;
-    pollfd p{s.fd(), POLLIN, 0};
+    pollfd p{s.get(), POLLIN, 0};
     if (poll(&p, 1, static_cast<int>(left.ns() / 1'000'000 + 1)) <= 0) continue;
     bool more = true;
     while (more) {

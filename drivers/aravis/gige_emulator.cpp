@@ -21,6 +21,8 @@
 #include <utility>
 #include <vector>
 
+#include "rt-core/file_descriptor.h"
+
 namespace rigor::gige {
 namespace {
 
@@ -32,27 +34,6 @@ constexpr int kEthernetOverhead = 38;  // preamble, header, CRC, gap around an I
 constexpr int kHeartbeatCheckMs = 50;
 constexpr Duration kCatchUp = microseconds(1000);
 
-class Fd {
- public:
-  Fd() = default;
-  explicit Fd(int fd) : fd_(fd) {}
-  Fd(Fd&& o) noexcept : fd_(std::exchange(o.fd_, -1)) {}
-  Fd& operator=(Fd&& o) noexcept {
-    std::swap(fd_, o.fd_);
-    return *this;
-  }
-  Fd(const Fd&) = delete;
-  Fd& operator=(const Fd&) = delete;
-  ~Fd() {
-    if (fd_ >= 0) close(fd_);
-  }
-  [[nodiscard]] int get() const { return fd_; }
-  explicit operator bool() const { return fd_ >= 0; }
-
- private:
-  int fd_ = -1;
-};
-
 sockaddr_in to_sockaddr(Endpoint e) {
   sockaddr_in a{};
   a.sin_family = AF_INET;
@@ -63,8 +44,8 @@ sockaddr_in to_sockaddr(Endpoint e) {
 
 Endpoint from_sockaddr(const sockaddr_in& a) { return {ntohl(a.sin_addr.s_addr), ntohs(a.sin_port)}; }
 
-Result<Fd> udp_socket(Endpoint at, bool share) {
-  Fd fd(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+Result<FileDescriptor> udp_socket(Endpoint at, bool share) {
+  FileDescriptor fd(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
   const std::string where = ipv4_text(at.ip) + ":" + std::to_string(at.port);
   if (!fd)
     return fail(ErrorCode::io, where, std::string("cannot make a UDP socket: ") + std::strerror(errno));
@@ -124,8 +105,8 @@ struct GigeEmulator::Impl {
   double link_bits_per_s = 1e9;
   std::uint16_t port = 0;
 
-  Fd control, stream, stop_event;
-  std::vector<Fd> discovery;
+  FileDescriptor control, stream, stop_event;
+  std::vector<FileDescriptor> discovery;
 
   // `mutex` guards the model, the queues and, so that a block is let go under it, every shared_ptr to a
   // block.
@@ -203,11 +184,11 @@ void GigeEmulator::Impl::drain(int fd) {
 }
 
 void GigeEmulator::Impl::answer(int fd, Endpoint from, Bytes datagram) {
-  // On a broadcast address nothing but discovery is for us.
-  if (fd != control.get() &&
-      (datagram.size() != kGvcpHeaderSize ||
-       load_be<std::uint16_t>(datagram, 2) != static_cast<std::uint16_t>(GvcpCommand::discovery_cmd))) {
-    return;
+  // On a broadcast address nothing but discovery and actions is for us.
+  if (fd != control.get()) {
+    if (datagram.size() < kGvcpHeaderSize) return;
+    const auto command = static_cast<GvcpCommand>(load_be<std::uint16_t>(datagram, 2));
+    if (command != GvcpCommand::discovery_cmd && command != GvcpCommand::action_cmd) return;
   }
   GvcpAnswer a;
   {
@@ -446,7 +427,7 @@ Result<std::unique_ptr<GigeEmulator>> GigeEmulator::start(const GigeEmulatorOpti
   if (!stream) return tl::unexpected<Error>(stream.error());
   impl->stream = std::move(*stream);
   setsockopt(impl->stream.get(), SOL_SOCKET, SO_SNDBUF, &kSendBuffer, sizeof kSendBuffer);
-  const auto bound_port = [](const Fd& fd) {
+  const auto bound_port = [](const FileDescriptor& fd) {
     sockaddr_in a{};
     socklen_t size = sizeof a;
     getsockname(fd.get(), reinterpret_cast<sockaddr*>(&a), &size);
@@ -462,7 +443,7 @@ Result<std::unique_ptr<GigeEmulator>> GigeEmulator::start(const GigeEmulatorOpti
       if (auto fd = udp_socket({*at, options.port}, true)) impl->discovery.push_back(std::move(*fd));
     }
   }
-  impl->stop_event = Fd(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
+  impl->stop_event = FileDescriptor(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
   if (!impl->stop_event) return fail(ErrorCode::io, options.address, "cannot make an eventfd");
 
   std::unique_ptr<GigeEmulator> self(new GigeEmulator);
@@ -517,6 +498,8 @@ GigeEmulatorHealth GigeEmulator::health() const {
   h.resends_dropped = impl_->resends_dropped;
   h.line_edges = c.line_edges;
   h.line_missed = c.line_missed;
+  h.actions = c.actions, h.actions_late = c.actions_late;
+  h.actions_refused = c.actions_refused, h.actions_missed = c.actions_missed;
   h.gvcp_requests = c.gvcp_requests;
   h.malformed = c.malformed;
   h.refused = c.refused;

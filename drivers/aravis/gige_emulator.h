@@ -1,8 +1,8 @@
 // A simulated channel as a GigE Vision camera on the network: UDP sockets and threads around GigeDeviceModel.
 //
-//   control thread   answers GVCP on <address>:3956, and discovery that was broadcast on its interface
-//   frame thread     wakes at the start of each exposure and asks FillFrame for the picture; the time until
-//   the
+//   control thread   answers GVCP on <address>:3956, and discovery and actions that were broadcast on its
+//   interface frame thread     wakes at the start of each exposure and asks FillFrame for the picture; the
+//   time until the
 //                    packets are due is exposure time + readout
 //   send thread      sends blocks at the pace of the link that is modelled, and resends in between
 //
@@ -38,6 +38,8 @@ struct GigeEmulatorHealth {
   std::uint64_t blocks_dropped = 0;     ///< the link could not keep up with the frame rate
   std::uint64_t resend_requests = 0, packets_resent = 0, resends_unavailable = 0, resends_dropped = 0;
   std::uint64_t line_edges = 0, line_missed = 0;  ///< taken, and while the sensor was busy
+  std::uint64_t actions = 0, actions_late = 0, actions_refused = 0,
+                actions_missed = 0;  ///< GigeModelCounters
   std::uint64_t gvcp_requests = 0, malformed = 0, refused = 0, heartbeat_expired = 0;
   bool controlled = false, acquiring = false;
 };

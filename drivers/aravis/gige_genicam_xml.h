@@ -1,5 +1,5 @@
-// The GenICam description (GenApi schema 1.1, SFNC names) of the emulated camera: what a client reads first,
-// and what tells it which register is which feature.
+// The GenICam description of the emulated camera (GenApi schema 1.1, SFNC names), generated from its table of
+// registers.
 #pragma once
 
 #include <string>
@@ -8,8 +8,7 @@
 
 namespace rigor::gige {
 
-/// The XML for this camera's ranges and formats. Its length is a multiple of 4, as READMEM needs. Setup
-/// context.
-[[nodiscard]] std::string make_genicam_xml(const GigeCameraConfig& config);
+/// A document that GenApi and Aravis accept, padded to a multiple of four bytes. Allocates; setup context.
+[[nodiscard]] std::string make_genicam_xml(const GigeCameraConfig& config, const RegisterTable& registers);
 
 }  // namespace rigor::gige

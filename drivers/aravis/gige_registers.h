@@ -30,6 +30,8 @@ inline constexpr Address kSecondUrl = 0x0400;
 inline constexpr Address kInterfaceCount = 0x0600;
 inline constexpr Address kMessageChannelCount = 0x0900;
 inline constexpr Address kStreamChannelCount = 0x0904;
+inline constexpr Address kActionSignalCount = 0x0908;
+inline constexpr Address kActionDeviceKey = 0x090C;
 inline constexpr Address kGvcpCapability = 0x0934;
 inline constexpr Address kHeartbeatTimeout = 0x0938;
 inline constexpr Address kTickFrequencyHigh = 0x093C;
@@ -37,6 +39,9 @@ inline constexpr Address kTickFrequencyLow = 0x0940;
 inline constexpr Address kTimestampControl = 0x0944;
 inline constexpr Address kTimestampHigh = 0x0948;
 inline constexpr Address kTimestampLow = 0x094C;
+inline constexpr Address kGvcpConfiguration = 0x0954;
+inline constexpr Address kIeee1588Status = 0x096C;
+inline constexpr Address kActionQueueSize = 0x0970;
 inline constexpr Address kControlPrivilege = 0x0A00;
 inline constexpr Address kPrimaryPort = 0x0A04;
 inline constexpr Address kPrimaryIp = 0x0A14;
@@ -48,9 +53,17 @@ inline constexpr Address kStreamSourcePort = 0x0D1C;
 inline constexpr Address kStreamCapability = 0x0D20;
 inline constexpr Address kStreamConfiguration = 0x0D24;
 inline constexpr Address kBootstrapEnd = 0x0E00;
+inline constexpr Address kActionGroupKey = 0x9800;  // of signal 0
+inline constexpr Address kActionGroupMask = 0x9804;
 
 inline constexpr std::uint32_t kPrivilegeExclusive = 0x1;
 inline constexpr std::uint32_t kPrivilegeControl = 0x2;
+// Of GVCP capability and configuration.
+inline constexpr std::uint32_t kIeee1588 = 0x80000;
+inline constexpr std::uint32_t kExtendedStatus = 0x40000;   // codes of version 2.0
+inline constexpr std::uint32_t kScheduledAction = 0x20000;  // of the capability alone
+inline constexpr std::uint32_t kUnconditionalCapability = 0x100000, kActionCapability = 0x40;
+inline constexpr std::uint32_t kUnconditionalAction = 0x8;  // of the configuration alone
 inline constexpr std::uint32_t kTimestampReset = 0x1;
 inline constexpr std::uint32_t kTimestampLatch = 0x2;
 inline constexpr std::uint32_t kFireTestPacket = 0x80000000;
@@ -107,7 +120,7 @@ inline constexpr Address kXml = 0x00100000;
 
 // Values of the enumerated features.
 inline constexpr std::uint32_t kModeContinuous = 0, kModeSingleFrame = 1, kModeMultiFrame = 2;
-inline constexpr std::uint32_t kTriggerSourceSoftware = 0, kTriggerSourceLine1 = 1;
+inline constexpr std::uint32_t kTriggerSourceSoftware = 0, kTriggerSourceLine1 = 1, kTriggerSourceAction0 = 2;
 inline constexpr std::uint32_t kRisingEdge = 0, kFallingEdge = 1;
 
 // Chunks, by the ids that they carry behind the picture. Each is its data, then its id and its length,
@@ -118,7 +131,10 @@ inline constexpr std::uint32_t kChunkTimestamp = 2;     // u64, ticks
 inline constexpr std::uint32_t kChunkExposureTime = 3;  // double, µs
 inline constexpr std::uint32_t kChunkGain = 4;          // double, dB
 inline constexpr std::uint32_t kChunkFrameId = 5;       // u64, exposures since AcquisitionStart
-inline constexpr std::uint32_t kChunkLast = 5;
+inline constexpr std::uint32_t kChunkOffsetX = 6, kChunkOffsetY = 7, kChunkWidth = 8,
+                               kChunkHeight = 9;        // u64, px
+inline constexpr std::uint32_t kChunkPixelFormat = 10;  // u64, PFNC
+inline constexpr std::uint32_t kChunkLast = 10;
 inline constexpr std::size_t kChunkTrailer = 8, kChunkValue = 8;
 
 // IEEE 1588, states of a port as PtpStatus of the SFNC names them.

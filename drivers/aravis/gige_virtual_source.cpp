@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <deque>
 #include <optional>
 
 #include "drivers/aravis/aravis_settings.h"
@@ -29,9 +28,10 @@ ConfigError refused(const ChannelConfig& config, std::string_view key, const std
 }  // namespace
 
 struct GigeVirtualSource::Impl {
-  Impl(DeviceParts p, ConfigNode n, HealthCounters& h)
-      : parts(std::move(p)), emulator_params(std::move(n)), health(h) {}
+  Impl(GigeVirtualSource& s, DeviceParts p, ConfigNode n)
+      : self(s), parts(std::move(p)), emulator_params(std::move(n)), health(s.health_) {}
 
+  GigeVirtualSource& self;
   DeviceParts parts;
   ConfigNode emulator_params;
   HealthCounters& health;
@@ -49,14 +49,11 @@ struct GigeVirtualSource::Impl {
   std::unique_ptr<gige::GigeDeviceModel> model;
   std::unique_ptr<gige::GigeMemoryLink> link;
   std::unique_ptr<gige::GigeClient> client;
-  std::unique_ptr<SamplePool> pool;
   gige::AssembledFrame frame;
   FrameSequence sequence;
-  std::deque<SampleLease> ready;
   BenchTime first_exposure, next_exposure;  // start of the first, and of the next one that is not begun
   std::int64_t next_index = 0;
   DeviceTime device_now;
-  std::uint32_t lost_pending = 0;
   bool running = false;
 
   void advance(DeviceTime t);
@@ -67,14 +64,17 @@ struct GigeVirtualSource::Impl {
   void set_up_parts();
   void fill_range(Sample& sample, std::size_t picture) const;
   void set_up_chunks();
-  void complete_line(BenchTime now);
+  void set_up_action();
+  /// Exposures that begin when the camera says so, not by the bench's grid.
+  void complete_camera(BenchTime now);
+  void complete_actions(BenchTime now);
   void require(const Status& status, std::string_view key, const std::string& what) const;
   [[nodiscard]] std::uint32_t read(gige::reg::Address address, const std::string& what) const;
   [[nodiscard]] double read_double(gige::reg::Address address, const std::string& what) const;
 };
 
 GigeVirtualSource::GigeVirtualSource(DeviceParts parts, ConfigNode emulator_params)
-    : impl_(std::make_unique<Impl>(std::move(parts), std::move(emulator_params), health_)) {}
+    : impl_(std::make_unique<Impl>(*this, std::move(parts), std::move(emulator_params))) {}
 GigeVirtualSource::~GigeVirtualSource() = default;
 
 Status GigeVirtualSource::do_configure(const ChannelConfig& config) {
@@ -155,9 +155,10 @@ void GigeVirtualSource::Impl::set_up() {
           fmt::format("expected {:g} … {:g} Hz, as the camera offers, got {:g}", c.min_frame_rate_hz,
                       c.max_frame_rate_hz, config.period.hz()));
   require(client->set_acquisition(gige::AcquisitionMode::continuous), {}, "setting continuous acquisition");
-  require(client->set_software_trigger(settings.software_trigger || settings.hardware_trigger), "trigger",
+  require(client->set_software_trigger(settings.triggered_by_bench() || settings.hardware_trigger), "trigger",
           "setting the trigger");
   if (settings.hardware_trigger) set_up_line();
+  if (settings.action) set_up_action();
   if (settings.chunks) set_up_chunks();
   if (settings.ptp)
     require(client->write(gige::reg::kPtpEnable, 1), "ptp",
@@ -225,6 +226,27 @@ void GigeVirtualSource::Impl::set_up_line() {
           "setting the trigger's delay");
 }
 
+void GigeVirtualSource::Impl::set_up_action() {
+  if (!camera.ptp.present)
+    throw refused(
+        config, "trigger",
+        "expected a camera with a PTP clock, whose time action commands have: give the emulator `ptp`");
+  if (camera.ptp.settle + settings.action->lead >= kDeviceAhead)
+    throw refused(
+        config, "trigger",
+        fmt::format("expected an emulator whose PTP clock settles within the {:g} s that it ran before the "
+                    "bench, got {:g} s",
+                    kDeviceAhead.seconds(), camera.ptp.settle.seconds()));
+  const gige::RegisterWrite steps[] = {
+      {gige::reg::kTriggerSource, gige::reg::kTriggerSourceAction0},
+      {gige::reg::kGvcpConfiguration, gige::reg::kExtendedStatus | gige::reg::kIeee1588},
+      {gige::reg::kActionDeviceKey, settings.action->device_key},
+      {gige::reg::kActionGroupKey, settings.action->group_key},
+      {gige::reg::kActionGroupMask, settings.action->group_mask}};
+  for (const auto& s : steps)
+    require(client->write(s.address, s.value), "action", "setting the action trigger");
+}
+
 void GigeVirtualSource::Impl::set_up_chunks() {
   require(client->write(gige::reg::kChunkModeActive, 1), "chunks", "switching chunk data on");
   for (const auto id : {gige::reg::kChunkTimestamp, gige::reg::kChunkExposureTime, gige::reg::kChunkGain}) {
@@ -254,18 +276,20 @@ Status GigeVirtualSource::do_arm(const ArmContext& context) {
   i.link->advance(i.device_now);
   if (auto done = catch_config([&] { return i.set_up(), true; }); !done)
     return tl::unexpected<Error>(done.error());
-  i.pool = make_sample_pool(i.settings.buffers, description_.max_bytes);
+  open_stream(i.settings.buffers, description_.max_bytes, true);
   i.sequence = FrameSequence(i.config.period);
-  i.lost_pending = 0;
   health_.connected = true;
   return {};
 }
 
 Status GigeVirtualSource::do_start(BenchTime t0) {
   Impl& i = *impl_;
-  i.first_exposure = i.next_exposure = i.settings.software_trigger ? t0 : t0 - i.exposure / 2;
+  const bool begins_there = i.settings.triggered_by_bench();
+  i.first_exposure = i.next_exposure = begins_there ? t0 : t0 - i.exposure / 2;
   i.next_index = 0;
-  if (!i.settings.software_trigger) i.advance(device_time(i.next_exposure));
+  if (!begins_there) i.advance(device_time(i.next_exposure));
+  // Before its first exposure a camera has time to hear of it.
+  if (i.settings.action) i.advance(device_time(t0 - i.settings.action->lead));
   if (auto status = i.client->start(); !status)
     return fail(status.error().code, i.config.name, status.error().text());
   i.running = true;
@@ -275,7 +299,7 @@ Status GigeVirtualSource::do_start(BenchTime t0) {
 Status GigeVirtualSource::do_stop() {
   Impl& i = *impl_;
   i.running = false;
-  i.ready.clear();
+  close_stream();
   i.client.reset();
   i.link.reset();
   i.model.reset();
@@ -283,23 +307,14 @@ Status GigeVirtualSource::do_stop() {
   return {};
 }
 
-SampleLease GigeVirtualSource::poll(BenchTime now) noexcept {
-  auto& ready = impl_->ready;
-  if (ready.empty() || ready.front()->stamp.t_release > now) return {};
-  SampleLease lease = std::move(ready.front());
-  ready.pop_front();
-  return lease;
-}
-
 void GigeVirtualSource::complete_until(BenchTime now) {
   Impl& i = *impl_;
   if (!i.running) return;
-  if (i.settings.hardware_trigger) return i.complete_line(now);
+  if (i.settings.hardware_trigger) return i.complete_camera(now);
+  if (i.settings.action) return i.complete_actions(now);
   while (i.next_exposure + i.exposure / 2 <= now) {
     i.advance(device_time(i.next_exposure));
-    if (i.settings.software_trigger && !i.client->trigger()) {
-      i.health.lost.fetch_add(1, std::memory_order_relaxed);
-    }
+    if (i.settings.software_trigger && !i.client->trigger()) count_lost(1);
     // The exposure opens here, so that the picture is asked for now; and its packets are due before the next
     // one.
     i.advance(device_time(i.next_exposure) + nanoseconds(1));
@@ -311,8 +326,20 @@ void GigeVirtualSource::complete_until(BenchTime now) {
   i.advance(std::min(device_time(now), before_next));
 }
 
-/// Exposures begin when the line says so, not by the bench's grid.
-void GigeVirtualSource::Impl::complete_line(BenchTime now) {
+/// Each command is sent its lead before its exposure, on time whatever the loop's period is.
+void GigeVirtualSource::Impl::complete_actions(BenchTime now) {
+  const AravisSettings::Action& a = *settings.action;
+  for (BenchTime t_send = next_exposure - a.lead; t_send <= now; t_send = next_exposure - a.lead) {
+    complete_camera(t_send);
+    const auto ticks = static_cast<std::uint64_t>(device_time(next_exposure).ns());
+    const auto status = client->action({a.device_key, a.group_key, a.group_mask, ticks});
+    if (!status || *status != gige::GvStatus::success) self.count_lost(1);
+    next_exposure = first_exposure + config.period * ++next_index;
+  }
+  complete_camera(now);
+}
+
+void GigeVirtualSource::Impl::complete_camera(BenchTime now) {
   while (true) {
     const DeviceTime next = model->next_exposure();
     if (next == DeviceTime::never() || bench_time(next) + exposure / 2 > now) break;
@@ -347,46 +374,45 @@ void GigeVirtualSource::Impl::collect() {
     const std::size_t picture = image_bytes(settings.format, region.width_px, region.height_px);
     if (settings.chunks && frame.complete) {
       if (const auto c = gige::find_chunk(frame.data, gige::reg::kChunkExposureTime); c.size() == 8)
-        exposed = seconds_from(gige::load_be_double(c, 0) * 1e-6);
+        exposed = seconds_from(load_be<double>(c, 0) * 1e-6);
       if (const auto c = gige::find_chunk(frame.data, gige::reg::kChunkGain); c.size() == 8)
-        gain = gige::load_be_double(c, 0);
+        gain = load_be<double>(c, 0);
     }
     stamp.t_capture = t_start + exposed / 2;
     if (settings.ptp) stamp.sigma_capture = ptp_offset();
     const FrameSequence::Step step = sequence.step(frame.block_id, stamp.t_capture);
-    health.lost.fetch_add(step.lost_before, std::memory_order_relaxed);
-    SampleSlot slot = pool->try_acquire();
+    self.count_lost(step.lost_before);
+    SampleSlot slot = self.take_slot();
+    if (!slot) {
+      self.hand_over(std::move(slot));
+      continue;
+    }
     const std::size_t payload = settings.range ? 2 * picture : picture;
-    if (!slot || (settings.chunks ? frame.data.size() < payload : frame.data.size() != payload)) {
-      (slot ? health.protocol_errors : health.no_slot).fetch_add(1, std::memory_order_relaxed);
-      lost_pending += step.lost_before + 1;
+    if (settings.chunks ? frame.data.size() < payload : frame.data.size() != payload) {
+      health.protocol_errors.fetch_add(1, std::memory_order_relaxed);
+      self.count_lost(1);
       continue;
     }
     stamp.sequence = step.sequence;
-    stamp.lost_before = step.lost_before + lost_pending;
     stamp.t_release = stamp.t_arrival = stamp.t_capture + config.latency;
     stamp.validity = frame.complete ? kValid : kIncomplete;
     Sample& s = *slot;
     s.stamp = stamp;
+    if (!frame.complete) health.incomplete.fetch_add(1, std::memory_order_relaxed);
     if (settings.range) {
       fill_range(s, picture);
-      lost_pending = 0;
-      (frame.complete ? health.received : health.incomplete).fetch_add(1, std::memory_order_relaxed);
-      ready.push_back(std::move(slot));
-      continue;
+    } else {
+      s.info = ImageInfo{.format = settings.format,
+                         .width_px = region.width_px,
+                         .height_px = region.height_px,
+                         .offset_x_px = region.x_px,
+                         .offset_y_px = region.y_px,
+                         .exposure = exposed,
+                         .gain_db = gain};
+      s.size_bytes = picture;
+      std::memcpy(s.memory().data(), frame.data.data(), s.size_bytes);
     }
-    s.info = ImageInfo{.format = settings.format,
-                       .width_px = region.width_px,
-                       .height_px = region.height_px,
-                       .offset_x_px = region.x_px,
-                       .offset_y_px = region.y_px,
-                       .exposure = exposed,
-                       .gain_db = gain};
-    s.size_bytes = picture;
-    std::memcpy(s.memory().data(), frame.data.data(), s.size_bytes);
-    lost_pending = 0;
-    (frame.complete ? health.received : health.incomplete).fetch_add(1, std::memory_order_relaxed);
-    ready.push_back(std::move(slot));
+    self.hand_over(std::move(slot));
   }
 }
 

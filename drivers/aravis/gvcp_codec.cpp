@@ -10,11 +10,6 @@ namespace {
 
 constexpr std::uint8_t kCommandKey = 0x42;
 
-template <class U>
-U rd(Bytes b, std::size_t at) {
-  return load_be<U>(b, at);
-}
-
 std::string fixed_string(Bytes b, std::size_t at, std::size_t size) {
   const auto field = b.subspan(at, size);
   const auto end = std::find(field.begin(), field.end(), std::uint8_t{0});
@@ -41,7 +36,7 @@ DecodeStatus decode_read_register(Bytes p, ReadRegisterCmd& c) noexcept {
   if (p.empty() || p.size() % 4 != 0 || p.size() > kGvcpMaxPayload) return DecodeStatus::bad_payload;
   c.addresses.count = p.size() / 4;
   for (std::size_t i = 0; i < c.addresses.count; ++i) {
-    c.addresses.items[i] = rd<std::uint32_t>(p, 4 * i);
+    c.addresses.items[i] = load_be<std::uint32_t>(p, 4 * i);
     if (c.addresses.items[i] % 4 != 0) return DecodeStatus::bad_alignment;
   }
   return DecodeStatus::ok;
@@ -51,7 +46,7 @@ DecodeStatus decode_write_register(Bytes p, WriteRegisterCmd& c) noexcept {
   if (p.empty() || p.size() % 8 != 0 || p.size() > kGvcpMaxPayload) return DecodeStatus::bad_payload;
   c.writes.count = p.size() / 8;
   for (std::size_t i = 0; i < c.writes.count; ++i) {
-    c.writes.items[i] = {rd<std::uint32_t>(p, 8 * i), rd<std::uint32_t>(p, 8 * i + 4)};
+    c.writes.items[i] = {load_be<std::uint32_t>(p, 8 * i), load_be<std::uint32_t>(p, 8 * i + 4)};
     if (c.writes.items[i].address % 4 != 0) return DecodeStatus::bad_alignment;
   }
   return DecodeStatus::ok;
@@ -60,15 +55,15 @@ DecodeStatus decode_write_register(Bytes p, WriteRegisterCmd& c) noexcept {
 DecodeStatus decode_resend(Bytes p, std::uint8_t flags, PacketResendCmd& c) noexcept {
   c.extended_ids = (flags & gvcp_flag::kExtendedIds) != 0;
   if (p.size() != (c.extended_ids ? 20U : 12U)) return DecodeStatus::bad_payload;
-  c.stream_channel = rd<std::uint16_t>(p, 0);
+  c.stream_channel = load_be<std::uint16_t>(p, 0);
   if (c.extended_ids) {
-    c.first_packet = rd<std::uint32_t>(p, 4);
-    c.last_packet = rd<std::uint32_t>(p, 8);
-    c.block_id = rd<std::uint64_t>(p, 12);
+    c.first_packet = load_be<std::uint32_t>(p, 4);
+    c.last_packet = load_be<std::uint32_t>(p, 8);
+    c.block_id = load_be<std::uint64_t>(p, 12);
   } else {
-    c.block_id = rd<std::uint16_t>(p, 2);
-    c.first_packet = rd<std::uint32_t>(p, 4) & 0xFFFFFF;
-    c.last_packet = rd<std::uint32_t>(p, 8) & 0xFFFFFF;
+    c.block_id = load_be<std::uint16_t>(p, 2);
+    c.first_packet = load_be<std::uint32_t>(p, 4) & 0xFFFFFF;
+    c.last_packet = load_be<std::uint32_t>(p, 8) & 0xFFFFFF;
   }
   return c.first_packet <= c.last_packet ? DecodeStatus::ok : DecodeStatus::bad_payload;
 }
@@ -82,9 +77,9 @@ DecodeStatus decode_body(GvcpRequest& out, Bytes p) noexcept {
       if (p.size() != 56) return DecodeStatus::bad_payload;
       ForceIpCmd c;
       std::copy_n(p.begin() + 2, 6, c.mac.begin());
-      c.ip = rd<std::uint32_t>(p, 20);
-      c.mask = rd<std::uint32_t>(p, 36);
-      c.gateway = rd<std::uint32_t>(p, 52);
+      c.ip = load_be<std::uint32_t>(p, 20);
+      c.mask = load_be<std::uint32_t>(p, 36);
+      c.gateway = load_be<std::uint32_t>(p, 52);
       out.body = c;
       return DecodeStatus::ok;
     }
@@ -94,22 +89,26 @@ DecodeStatus decode_body(GvcpRequest& out, Bytes p) noexcept {
       return decode_write_register(p, out.body.emplace<WriteRegisterCmd>());
     case GvcpCommand::read_memory_cmd: {
       if (p.size() != 8) return DecodeStatus::bad_payload;
-      const ReadMemoryCmd c{rd<std::uint32_t>(p, 0), rd<std::uint16_t>(p, 6)};
+      const ReadMemoryCmd c{load_be<std::uint32_t>(p, 0), load_be<std::uint16_t>(p, 6)};
       out.body = c;
       if (c.count == 0 || c.count > kGvcpMaxReadMemory) return DecodeStatus::bad_payload;
       return c.address % 4 == 0 && c.count % 4 == 0 ? DecodeStatus::ok : DecodeStatus::bad_alignment;
     }
     case GvcpCommand::write_memory_cmd: {
       if (p.size() <= 4 || p.size() > kGvcpMaxPayload) return DecodeStatus::bad_payload;
-      const WriteMemoryCmd c{rd<std::uint32_t>(p, 0), p.subspan(4)};
+      const WriteMemoryCmd c{load_be<std::uint32_t>(p, 0), p.subspan(4)};
       out.body = c;
       return c.address % 4 == 0 && c.data.size() % 4 == 0 ? DecodeStatus::ok : DecodeStatus::bad_alignment;
     }
     case GvcpCommand::packet_resend_cmd:
       return decode_resend(p, out.flags, out.body.emplace<PacketResendCmd>());
     case GvcpCommand::action_cmd: {
-      if (p.size() != 12 && p.size() != 20) return DecodeStatus::bad_payload;
-      out.body = ActionCmd{rd<std::uint32_t>(p, 0), rd<std::uint32_t>(p, 4), rd<std::uint32_t>(p, 8)};
+      const bool scheduled = (out.flags & gvcp_flag::kScheduled) != 0;
+      if (p.size() != 20 && (p.size() != 12 || scheduled)) return DecodeStatus::bad_payload;
+      ActionCmd c{
+          load_be<std::uint32_t>(p, 0), load_be<std::uint32_t>(p, 4), load_be<std::uint32_t>(p, 8), {}};
+      if (scheduled) c.time_ticks = load_be<std::uint64_t>(p, 12);
+      out.body = c;
       return DecodeStatus::ok;
     }
     default:
@@ -120,15 +119,15 @@ DecodeStatus decode_body(GvcpRequest& out, Bytes p) noexcept {
 
 DiscoveryAck discovery_from(Bytes p) {
   DiscoveryAck d;
-  d.version_major = rd<std::uint16_t>(p, 0);
-  d.version_minor = rd<std::uint16_t>(p, 2);
-  d.device_mode = rd<std::uint32_t>(p, 4);
+  d.version_major = load_be<std::uint16_t>(p, 0);
+  d.version_minor = load_be<std::uint16_t>(p, 2);
+  d.device_mode = load_be<std::uint32_t>(p, 4);
   std::copy_n(p.begin() + 10, 6, d.mac.begin());
-  d.supported_ip_configuration = rd<std::uint32_t>(p, 16);
-  d.current_ip_configuration = rd<std::uint32_t>(p, 20);
-  d.ip = rd<std::uint32_t>(p, 36);
-  d.mask = rd<std::uint32_t>(p, 52);
-  d.gateway = rd<std::uint32_t>(p, 68);
+  d.supported_ip_configuration = load_be<std::uint32_t>(p, 16);
+  d.current_ip_configuration = load_be<std::uint32_t>(p, 20);
+  d.ip = load_be<std::uint32_t>(p, 36);
+  d.mask = load_be<std::uint32_t>(p, 52);
+  d.gateway = load_be<std::uint32_t>(p, 68);
   d.manufacturer = fixed_string(p, 72, 32);
   d.model = fixed_string(p, 104, 32);
   d.version = fixed_string(p, 136, 32);
@@ -164,6 +163,12 @@ const char* to_string(GvStatus s) {
       return "packet unavailable";
     case GvStatus::invalid_header:
       return "invalid header";
+    case GvStatus::no_reference_time:
+      return "no reference time: the device's clock follows no PTP master";
+    case GvStatus::overflow:
+      return "overflow: the device's queue is full";
+    case GvStatus::action_late:
+      return "action late";
     case GvStatus::error:
       return "error";
   }
@@ -173,10 +178,10 @@ const char* to_string(GvStatus s) {
 DecodeStatus decode_gvcp_request(Bytes datagram, GvcpRequest& out) noexcept {
   if (datagram.size() < kGvcpHeaderSize || datagram[0] != kCommandKey) return DecodeStatus::not_gvcp;
   out.flags = datagram[1];
-  out.command = rd<std::uint16_t>(datagram, 2);
-  out.request_id = rd<std::uint16_t>(datagram, 6);
+  out.command = load_be<std::uint16_t>(datagram, 2);
+  out.request_id = load_be<std::uint16_t>(datagram, 6);
   out.body = UnknownCmd{};
-  if (out.request_id == 0 || kGvcpHeaderSize + rd<std::uint16_t>(datagram, 4) != datagram.size()) {
+  if (out.request_id == 0 || kGvcpHeaderSize + load_be<std::uint16_t>(datagram, 4) != datagram.size()) {
     return DecodeStatus::not_gvcp;
   }
   return decode_body(out, datagram.subspan(kGvcpHeaderSize));
@@ -184,12 +189,12 @@ DecodeStatus decode_gvcp_request(Bytes datagram, GvcpRequest& out) noexcept {
 
 DecodeStatus decode_gvcp_ack(Bytes datagram, GvcpAck& out) {
   if (datagram.size() < kGvcpHeaderSize || datagram[0] == kCommandKey ||
-      kGvcpHeaderSize + rd<std::uint16_t>(datagram, 4) != datagram.size()) {
+      kGvcpHeaderSize + load_be<std::uint16_t>(datagram, 4) != datagram.size()) {
     return DecodeStatus::not_gvcp;
   }
-  out.status = static_cast<GvStatus>(rd<std::uint16_t>(datagram, 0));
-  out.command = rd<std::uint16_t>(datagram, 2);
-  out.ack_id = rd<std::uint16_t>(datagram, 6);
+  out.status = static_cast<GvStatus>(load_be<std::uint16_t>(datagram, 0));
+  out.command = load_be<std::uint16_t>(datagram, 2);
+  out.ack_id = load_be<std::uint16_t>(datagram, 6);
   out.body = EmptyAck{};
   const Bytes p = datagram.subspan(kGvcpHeaderSize);
   if (p.empty()) {
@@ -206,24 +211,24 @@ DecodeStatus decode_gvcp_ack(Bytes datagram, GvcpAck& out) {
       if (p.size() % 4 != 0 || p.size() > kGvcpMaxPayload) return DecodeStatus::bad_payload;
       auto& a = out.body.emplace<ReadRegisterAck>();
       a.values.count = p.size() / 4;
-      for (std::size_t i = 0; i < a.values.count; ++i) a.values.items[i] = rd<std::uint32_t>(p, 4 * i);
+      for (std::size_t i = 0; i < a.values.count; ++i) a.values.items[i] = load_be<std::uint32_t>(p, 4 * i);
       return DecodeStatus::ok;
     }
     case GvcpCommand::write_register_ack:
       if (p.size() != 4) return DecodeStatus::bad_payload;
-      out.body = WriteRegisterAck{rd<std::uint16_t>(p, 2)};
+      out.body = WriteRegisterAck{load_be<std::uint16_t>(p, 2)};
       return DecodeStatus::ok;
     case GvcpCommand::read_memory_ack:
       if (p.size() <= 4 || p.size() > kGvcpMaxPayload) return DecodeStatus::bad_payload;
-      out.body = ReadMemoryAck{rd<std::uint32_t>(p, 0), p.subspan(4)};
+      out.body = ReadMemoryAck{load_be<std::uint32_t>(p, 0), p.subspan(4)};
       return DecodeStatus::ok;
     case GvcpCommand::write_memory_ack:
       if (p.size() != 4) return DecodeStatus::bad_payload;
-      out.body = WriteMemoryAck{rd<std::uint16_t>(p, 2)};
+      out.body = WriteMemoryAck{load_be<std::uint16_t>(p, 2)};
       return DecodeStatus::ok;
     case GvcpCommand::pending_ack:
       if (p.size() != 4) return DecodeStatus::bad_payload;
-      out.body = PendingAck{rd<std::uint16_t>(p, 2)};
+      out.body = PendingAck{load_be<std::uint16_t>(p, 2)};
       return DecodeStatus::ok;
     default:
       return DecodeStatus::ok;
@@ -282,10 +287,12 @@ Datagram encode_packet_resend_cmd(std::uint16_t id, const PacketResendCmd& c) {
 }
 
 Datagram encode_action_cmd(std::uint16_t id, const ActionCmd& c) {
-  auto d = command(GvcpCommand::action_cmd, id, gvcp_flag::kAckRequired, 12);
+  const auto flags = gvcp_flag::kAckRequired | (c.time_ticks ? gvcp_flag::kScheduled : 0);
+  auto d = command(GvcpCommand::action_cmd, id, static_cast<std::uint8_t>(flags), c.time_ticks ? 20 : 12);
   store_be(d, 8, c.device_key);
   store_be(d, 12, c.group_key);
   store_be(d, 16, c.group_mask);
+  if (c.time_ticks) store_be(d, 20, *c.time_ticks);
   return d;
 }
 

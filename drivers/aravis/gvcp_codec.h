@@ -12,14 +12,18 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <variant>
 #include <vector>
 
-#include "drivers/aravis/big_endian.h"
+#include "rt-core/byte_order.h"
 
 namespace rigor::gige {
+
+using Bytes = std::span<const std::uint8_t>;
+using MutableBytes = std::span<std::uint8_t>;
 
 inline constexpr std::uint16_t kGvcpPort = 3956;
 inline constexpr std::size_t kGvcpHeaderSize = 8;
@@ -60,6 +64,9 @@ enum class GvStatus : std::uint16_t {
   local_problem = 0x8008,
   packet_unavailable = 0x800C,
   invalid_header = 0x800E,
+  no_reference_time = 0x8013,  ///< this and the next two of GigE Vision 2.0
+  overflow = 0x8015,
+  action_late = 0x8016,
   error = 0x8FFF
 };
 [[nodiscard]] const char* to_string(GvStatus s);
@@ -68,6 +75,7 @@ namespace gvcp_flag {
 inline constexpr std::uint8_t kAckRequired = 0x01;
 inline constexpr std::uint8_t kBroadcastAck = 0x10;  ///< discovery only
 inline constexpr std::uint8_t kExtendedIds = 0x10;   ///< packet resend only (GigE Vision 2.0)
+inline constexpr std::uint8_t kScheduled = 0x80;     ///< action only (GigE Vision 2.0)
 }  // namespace gvcp_flag
 
 /// At most `N` values without the heap.
@@ -108,6 +116,7 @@ struct PacketResendCmd {
 };
 struct ActionCmd {
   std::uint32_t device_key = 0, group_key = 0, group_mask = 0;
+  std::optional<std::uint64_t> time_ticks;  ///< of the device's timestamp; empty: at once
 };
 struct UnknownCmd {};
 

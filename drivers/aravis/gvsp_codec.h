@@ -23,7 +23,6 @@
 #include <span>
 #include <vector>
 
-#include "drivers/aravis/big_endian.h"
 #include "drivers/aravis/gvcp_codec.h"
 
 namespace rigor::gige {

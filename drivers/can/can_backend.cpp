@@ -30,7 +30,7 @@ std::vector<FoundDevice> find_devices() {
     d.id = i.name;
     d.address = i.name;
     d.description = (i.kind.empty() ? "CAN" : i.kind) + std::string(i.up ? ", up" : ", down") + rates(i) +
-                    (i.fd ? ", FD" : "");
+                    (i.fd ? ", FD" : "") + (i.hardware_stamps ? ", hardware stamps" : "");
     if (i.state != can::BusState::unknown) d.description += std::string(", ") + can::state_name(i.state);
     out.push_back(std::move(d));
   }
@@ -65,6 +65,10 @@ std::vector<DoctorFinding> doctor() {
     if (i.state == can::BusState::bus_off)
       out.push_back({Level::missing, i.name + " is bus-off: check wiring, termination and bit rate",
                      "sudo ip link set " + i.name + " type can restart"});
+    if (i.up && i.hardware_stamps)
+      out.push_back({Level::good, i.name + " stamps frames by its own clock", ""});
+    else if (i.up)
+      out.push_back({Level::good, i.name + " has no hardware stamps: frames are stamped by the kernel", ""});
     if (i.up && i.kind == "can" && i.restart_ms == 0)
       out.push_back({Level::note, i.name + " stays off after bus-off, until it is restarted by hand",
                      "sudo ip link set " + i.name + " down && sudo ip link set " + i.name +

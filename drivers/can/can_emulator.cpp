@@ -43,10 +43,7 @@ Status CanEmulator::open() {
   return socket_.open(settings_.interface, o);
 }
 
-Status CanEmulator::do_arm(const ArmContext& context) {
-  if (context.virtual_time)
-    return fail(ErrorCode::wrong_state, config().name,
-                "expected a wall-clock run: sockets have no virtual time");
+Status CanEmulator::do_arm(const ArmContext&) {
   auto node = EmulatedNode::make(settings_, parts_.signals);
   if (!node)
     return fail(node.error().code, config().params.place(), config().name + ": " + node.error().text());

@@ -4,15 +4,22 @@
 
 #include <linux/can.h>
 #include <linux/can/netlink.h>
+#include <linux/ethtool.h>
 #include <linux/if_arp.h>
 #include <linux/if_link.h>
+#include <linux/net_tstamp.h>
 #include <linux/rtnetlink.h>
+#include <linux/sockios.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <span>
+
+#include "rt-core/file_descriptor.h"
 
 namespace rigor::can {
 namespace {
@@ -109,20 +116,16 @@ Error io_error(const std::string& where, int error, const std::string& what) {
 /// Sends a request and gives every answer but the acknowledgement to `see`.
 template <class See>
 Status ask(Request& request, const std::string& where, const std::string& what, See&& see) {
-  const int fd = ::socket(AF_NETLINK, SOCK_RAW | SOCK_CLOEXEC, NETLINK_ROUTE);
-  if (fd < 0) return tl::unexpected<Error>(io_error(where, errno, what));
-  struct Closer {
-    int fd;
-    ~Closer() { ::close(fd); }
-  } closer{fd};
+  const FileDescriptor fd(::socket(AF_NETLINK, SOCK_RAW | SOCK_CLOEXEC, NETLINK_ROUTE));
+  if (!fd) return tl::unexpected<Error>(io_error(where, errno, what));
   const timeval timeout{2, 0};
-  (void)::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
+  (void)::setsockopt(fd.get(), SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
   const auto bytes = request.bytes();
-  if (::send(fd, bytes.data(), bytes.size(), 0) < 0)
+  if (::send(fd.get(), bytes.data(), bytes.size(), 0) < 0)
     return tl::unexpected<Error>(io_error(where, errno, what));
   std::vector<std::uint8_t> buffer(1u << 16);
   while (true) {
-    const ssize_t n = ::recv(fd, buffer.data(), buffer.size(), 0);
+    const ssize_t n = ::recv(fd.get(), buffer.data(), buffer.size(), 0);
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) return tl::unexpected<Error>(io_error(where, n < 0 ? errno : EIO, what));
     std::span<const std::uint8_t> left(buffer.data(), static_cast<std::size_t>(n));
@@ -148,26 +151,36 @@ Status change(Request& request, const std::string& name, const std::string& what
   return ask(request, name, what, [](auto, auto) {});
 }
 
+/// Whether the driver gives hardware stamps, and they are switched on. CAN drivers have them always on; one
+/// that has a switch (SIOCGHWTSTAMP) is left as it is set up.
+bool stamps_by_hardware(const std::string& name) {
+  const FileDescriptor socket(::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  if (!socket || name.size() >= IFNAMSIZ) return false;
+  ethtool_ts_info info{};
+  info.cmd = ETHTOOL_GET_TS_INFO;
+  ifreq r{};
+  std::copy(name.begin(), name.end(), r.ifr_name);
+  r.ifr_data = reinterpret_cast<char*>(&info);
+  constexpr std::uint32_t kNeeded = SOF_TIMESTAMPING_RX_HARDWARE | SOF_TIMESTAMPING_RAW_HARDWARE;
+  if (::ioctl(socket.get(), SIOCETHTOOL, &r) != 0 || (info.so_timestamping & kNeeded) != kNeeded)
+    return false;
+  hwtstamp_config set_up{};
+  r.ifr_data = reinterpret_cast<char*>(&set_up);
+  return ::ioctl(socket.get(), SIOCGHWTSTAMP, &r) != 0 || set_up.rx_filter != HWTSTAMP_FILTER_NONE;
+}
+
 int index_or_none(const std::string& name) { return static_cast<int>(::if_nametoindex(name.c_str())); }
 
 }  // namespace
 
 std::string can_missing() {
-  const int fd = ::socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC, CAN_RAW);
-  if (fd >= 0) {
-    ::close(fd);
-    return {};
-  }
-  return std::strerror(errno);
+  const FileDescriptor socket(::socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC, CAN_RAW));
+  return socket ? std::string() : std::strerror(errno);
 }
 
 std::string protocol_missing(int type, int protocol) {
-  const int fd = ::socket(PF_CAN, type | SOCK_CLOEXEC, protocol);
-  if (fd >= 0) {
-    ::close(fd);
-    return {};
-  }
-  return std::strerror(errno);
+  const FileDescriptor socket(::socket(PF_CAN, type | SOCK_CLOEXEC, protocol));
+  return socket ? std::string() : std::strerror(errno);
 }
 
 Result<std::vector<Interface>> list_interfaces() {
@@ -192,6 +205,7 @@ Result<std::vector<Interface>> list_interfaces() {
                         });
                         if (i.kind == "can") read_can(i, data);
                       });
+                      i.hardware_stamps = stamps_by_hardware(i.name);
                       out.push_back(std::move(i));
                     });
   if (!status) return tl::unexpected<Error>(status.error());

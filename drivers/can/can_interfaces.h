@@ -20,6 +20,7 @@ struct Interface {
   std::uint32_t bitrate = 0, data_bitrate = 0;  ///< 0: not known (virtual ones have none)
   std::uint32_t restart_ms = 0;                 ///< the kernel's own restart after bus-off; 0: by hand
   BusState state = BusState::unknown;
+  bool hardware_stamps = false;  ///< it stamps the frames that it receives by its own clock (`ethtool -T`)
 };
 
 /// All interfaces whose link layer is CAN. unavailable, io.

@@ -121,6 +121,12 @@ SourceSettings SourceSettings::parse(const ChannelConfig& config, ChannelDescrip
   s.slots = static_cast<std::size_t>(
       n.integer_or("slots", 512 + static_cast<std::int64_t>(waiting), {.min = 4, .max = 65536}));
   if (n.has("log")) s.log = n.text("log");
+  if (n.has("time")) {
+    const std::string time = n.choice_or("time", {"hardware", "kernel", "arrival"}, "kernel");
+    s.time = time == "hardware"  ? StampKind::hardware
+             : time == "arrival" ? StampKind::arrival
+                                 : StampKind::kernel;
+  }
   if (config.kind != SampleKind::register_block && config.kind != SampleKind::can_frame)
     throw n.error("kind", "expected can_frame (raw frames) or registers (signals of a DBC file)");
   if (config.kind == SampleKind::can_frame) {

@@ -21,6 +21,7 @@
 
 #include "drivers/can/can_bits.h"
 #include "drivers/can/dbc.h"
+#include "drivers/can/frame_clock.h"
 #include "sensor-hal/channel/channel.h"
 
 namespace rigor::can {
@@ -46,6 +47,7 @@ struct SourceSettings {
   std::vector<NamedSignal> signals;
   std::vector<Duration> timeouts;  ///< of each signal; 0: a value never grows too old
   bool sampled = false;            ///< signals: at the channel's rate; else on arrival
+  std::optional<StampKind> time;   ///< none: by the interface where it can, else by the kernel
 
   [[nodiscard]] bool raw() const noexcept { return !dbc; }
   [[nodiscard]] static SourceSettings parse(const ChannelConfig& config, ChannelDescription& description);

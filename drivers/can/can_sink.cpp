@@ -14,6 +14,15 @@ constexpr std::size_t kRingPlaces = 256;
 /// on the loop's side would cost more than this costs here.
 constexpr Duration kTick = microseconds(500);
 constexpr Duration kLookAtBus = milliseconds(20);
+/// A frame that no other node acknowledges is repeated by the controller for ever.
+constexpr Duration kOnBusLimit = seconds(1);
+/// A stamp of the kernel and a reading of the bench's clock differ by as much.
+constexpr Duration kStampTolerance = microseconds(200);
+
+bool same(const CanFrame& a, const CanFrame& b) {
+  return a.id == b.id && a.extended == b.extended && a.length == b.length &&
+         std::equal(a.data.begin(), a.data.begin() + a.length, b.data.begin());
+}
 
 }  // namespace
 
@@ -32,15 +41,10 @@ void CanSink::watch(const Heartbeat* heartbeat, Duration deadline) {
 }
 
 Status CanSink::do_arm(const ArmContext& context) {
-  if (context.virtual_time)
-    return fail(ErrorCode::wrong_state, config().name,
-                "expected a wall-clock run, got virtual time: name the node's emulator with `emulated_by`");
   if (auto s = deadline_.open(); !s) return s;
   if (auto s = bcm_.open(settings_.interface); !s)
     return fail(s.error().code, config().name, s.error().text());
-  const RawOptions none{.filters = {}, .receive = false};
-  if (auto s = watcher_.open(settings_.interface, none); !s)
-    return fail(s.error().code, config().name, s.error().text());
+  if (auto s = open_watcher(); !s) return fail(s.error().code, config().name, s.error().text());
   ring_ = std::make_unique<SpscRing<Command>>(kRingPlaces);
   frames_ = CommandFrames(settings_);
   frames_.make_safe();
@@ -49,6 +53,11 @@ Status CanSink::do_arm(const ArmContext& context) {
   next_look_ = {};
   want_safe_ = false;
   const auto info = find_interface(settings_.interface);
+  clock_.want(info && info->hardware_stamps ? StampKind::hardware : StampKind::kernel);
+  batch_.resize(RawSocket::kBatch);
+  awaited_.reset();
+  slowest_ns_ = 0;
+  not_seen_ = 0;
   const int error = info && !info->up ? -ENETDOWN : start_all();
   if (error != 0) {
     bcm_.close();
@@ -73,6 +82,7 @@ Status CanSink::do_stop() {
   drop_all();
   // One try: a bus that is gone now cannot be told anything from here.
   if (!safe_ && bcm_.is_open()) make_safe();
+  if (watcher_.is_open()) take_transmissions();
   bcm_.close();
   watcher_.close();
   health_.connected.store(false, std::memory_order_release);
@@ -118,16 +128,72 @@ void CanSink::work() {
 }
 
 void CanSink::apply(const Command& c) {
-  if (monotonic_now().ns() - c.t_effect.ns() > std::max(loop_period_, kTick * 2).ns())
-    counters_.late.fetch_add(1, std::memory_order_relaxed);
+  const bool late = monotonic_now().ns() - c.t_effect.ns() > std::max(loop_period_, kTick * 2).ns();
+  if (late) counters_.late.fetch_add(1, std::memory_order_relaxed);
   if (!frames_.apply(c)) {
     counters_.failed.fetch_add(1, std::memory_order_relaxed);
     return;
   }
   safe_ = false;
+  expect_on_bus(c, late);
   const int error = link_is_up_ ? send_all() : -ENETDOWN;
   (error == 0 ? counters_.applied : counters_.failed).fetch_add(1, std::memory_order_relaxed);
-  if (error != 0) failed(error);
+  if (error != 0) {
+    awaited_.reset();
+    failed(error);
+  }
+}
+
+void CanSink::expect_on_bus(const Command& c, bool late) {
+  take_transmissions();
+  for (std::size_t i = 0; i < settings_.messages.size(); ++i)
+    if (settings_.announce || settings_.messages[i].period.ns() == 0) {
+      awaited_ = Awaited{frames_.frames()[i], c.t_effect, bench_now(), late};
+      return;
+    }
+}
+
+void CanSink::take_transmissions() {
+  const EpochPair epoch = read_epoch();
+  int n = 0;
+  // Bounded: what others send under the same identifiers comes here as well.
+  for (int rounds = 0; rounds < 16 && (n = watcher_.receive(batch_)) > 0; ++rounds)
+    for (int i = 0; i < n; ++i) {
+      const ReceivedFrame& r = batch_[static_cast<std::size_t>(i)];
+      if (!r.own || r.frame.error) continue;
+      const auto placed = clock_.place(r.stamps, epoch, r.read);
+      if (!awaited_ || !same(r.frame, awaited_->frame) || placed.t + kStampTolerance < awaited_->t_sent)
+        continue;
+      const Duration took = placed.t - awaited_->t_effect;
+      if (took.ns() > slowest_ns_.load(std::memory_order_relaxed))
+        slowest_ns_.store(took.ns(), std::memory_order_relaxed);
+      if (!awaited_->late && took > std::max(loop_period_, kTick * 2))
+        counters_.late.fetch_add(1, std::memory_order_relaxed);
+      awaited_.reset();
+    }
+  if (n < 0) failed(n);
+  if (awaited_ && bench_now() - awaited_->t_sent > kOnBusLimit) {
+    not_seen_.fetch_add(1, std::memory_order_relaxed);
+    awaited_.reset();
+  }
+}
+
+std::vector<std::string> CanSink::warnings() const {
+  const std::uint64_t n = not_seen_.load(std::memory_order_relaxed);
+  if (n == 0) return {};
+  return {config().name + ": " + std::to_string(n) + (n == 1 ? " command" : " commands") + " did not leave " +
+          settings_.interface +
+          " within a second: is another node there to acknowledge frames, at this bit "
+          "rate?"};
+}
+
+Status CanSink::open_watcher() {
+  RawOptions o;
+  for (const CommandMessage& m : settings_.messages)
+    o.filters.push_back({m.start.id, m.start.extended ? kExtendedMask : kStandardMask, m.start.extended});
+  o.fd = std::any_of(settings_.messages.begin(), settings_.messages.end(),
+                     [](const CommandMessage& m) { return m.start.fd; });
+  return watcher_.open(settings_.interface, o);
 }
 
 int CanSink::start_all() noexcept {
@@ -185,6 +251,7 @@ void CanSink::look_at_link() {
     // The kernel sends without us; that it cannot is told to the sockets alone.
     if (const int error = bcm_.pending_error(); error != 0) failed(error);
     if (const int error = watcher_.pending_error(); error != 0) failed(error);
+    take_transmissions();
     return;
   }
   if (!backoff_.due(monotonic_now())) return;
@@ -192,8 +259,9 @@ void CanSink::look_at_link() {
   if (!info || !info->up) return backoff_.failed(monotonic_now());
   bcm_.close();
   watcher_.close();
-  const RawOptions none{.filters = {}, .receive = false};
-  if (!bcm_.open(settings_.interface) || !watcher_.open(settings_.interface, none) || start_all() != 0)
+  clock_.reset();
+  awaited_.reset();
+  if (!bcm_.open(settings_.interface) || !open_watcher() || start_all() != 0)
     return backoff_.failed(monotonic_now());
   backoff_.reset();
   link_is_up_ = true;

@@ -10,12 +10,19 @@
 //   - from arm on, so that the device is in a known state before the loop starts,
 //   - when the loop is silent for longer than the deadline, or says that it stopped,
 //   - at stop, once more; then cyclic sending ends.
+// The frames come back when they have left the interface, with the stamp of their transmission. A command is
+// late when its frame left more than a cycle after its instant; one whose frame did not leave within a second
+// is told at the end of the run. (The error queue of SO_TIMESTAMPING has stamps of frames that a program
+// wrote itself; those of the broadcast manager come back in this way alone.)
+//
 // What was commanded before the loop fell silent is then thrown away. When the interface went down or away,
 // the thread opens it again when it is back and sends what the device is to have by then. When this program
 // dies, the kernel ends the sending with its socket: a device on a bus has to watch for that itself.
 #pragma once
 
+#include <atomic>
 #include <memory>
+#include <optional>
 #include <thread>
 #include <vector>
 
@@ -35,9 +42,17 @@ class CanSink final : public Sink {
   ~CanSink() override;
   [[nodiscard]] bool command(const Command& command) noexcept override;
   void watch(const Heartbeat* heartbeat, Duration deadline) override;
+  [[nodiscard]] std::vector<std::string> warnings() const override;
+  /// Any thread: how many frames of this sink's messages left, by the kind of their stamp.
+  [[nodiscard]] const FrameClock& transmissions() const noexcept { return clock_; }
+  /// Any thread: the longest time from a command's instant until its frame had left; 0: none left.
+  [[nodiscard]] Duration slowest_command() const noexcept {
+    return Duration(slowest_ns_.load(std::memory_order_relaxed));
+  }
 
  protected:
   Status do_configure(const ChannelConfig& config) override;
+  [[nodiscard]] bool requires_wall_clock() const noexcept override { return true; }
   Status do_arm(const ArmContext& context) override;
   Status do_stop() override;
 
@@ -51,11 +66,25 @@ class CanSink final : public Sink {
   void make_safe();
   void drop_all();
   void look_at_link();
+  [[nodiscard]] Status open_watcher();
+  void expect_on_bus(const Command& command, bool late);
+  void take_transmissions();
 
   SinkSettings settings_;
   CommandFrames frames_;
   BroadcastManager bcm_;
-  RawSocket watcher_;  // of the interface's state
+  RawSocket watcher_;  // of the interface's state, and of the frames that left
+  FrameClock clock_;
+  /// The frame of the last command that is to leave at once.
+  struct Awaited {
+    CanFrame frame;
+    BenchTime t_effect, t_sent;
+    bool late = false;  ///< it is counted already
+  };
+  std::optional<Awaited> awaited_;
+  std::vector<ReceivedFrame> batch_;
+  std::atomic<std::int64_t> slowest_ns_{0};
+  std::atomic<std::uint64_t> not_seen_{0};
   Deadline deadline_;
   std::unique_ptr<SpscRing<Command>> ring_;
   const Heartbeat* heartbeat_ = nullptr;

@@ -5,6 +5,8 @@
 #include <linux/can/error.h>
 #include <linux/can/isotp.h>
 #include <linux/can/raw.h>
+#include <linux/errqueue.h>
+#include <linux/net_tstamp.h>
 #include <linux/sock_diag.h>
 #include <net/if.h>
 #include <poll.h>
@@ -82,24 +84,14 @@ Status cannot(const std::string& interface, const char* what) {
 
 }  // namespace
 
-Handle::Handle(Handle&& o) noexcept : fd_(std::exchange(o.fd_, -1)) {}
-Handle& Handle::operator=(Handle&& o) noexcept {
-  std::swap(fd_, o.fd_);
-  return *this;
-}
-Handle::~Handle() { reset(); }
-void Handle::reset() noexcept {
-  if (const int fd = std::exchange(fd_, -1); fd >= 0) ::close(fd);
-}
-
 Status RawSocket::open(const std::string& interface, const RawOptions& o) {
-  Handle h(::socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW));
+  FileDescriptor h(::socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW));
   if (!h.is_open()) return no_can(interface, errno, "can-raw");
   const auto index = index_of(interface);
   if (!index) return tl::unexpected<Error>(index.error());
   const int on = 1;
   const auto set = [&](int level, int name, const void* value, std::size_t size) {
-    return ::setsockopt(h.fd(), level, name, value, static_cast<socklen_t>(size)) == 0;
+    return ::setsockopt(h.get(), level, name, value, static_cast<socklen_t>(size)) == 0;
   };
   if (!o.receive) {
     if (!set(SOL_CAN_RAW, CAN_RAW_FILTER, nullptr, 0)) return cannot(interface, "set the receive filters");
@@ -122,7 +114,11 @@ Status RawSocket::open(const std::string& interface, const RawOptions& o) {
   if (o.fd && !set(SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on))
     return cannot(interface, "ask for CAN FD frames; without `fd: true` classic frames are received");
   if (o.receive) {
-    if (!set(SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on)) return cannot(interface, "ask for receive times");
+    // Alone: SO_TIMESTAMPNS would put the instant of reading in the place of a stamp that is missing.
+    const int stamps = SOF_TIMESTAMPING_RX_SOFTWARE | SOF_TIMESTAMPING_SOFTWARE |
+                       SOF_TIMESTAMPING_RX_HARDWARE | SOF_TIMESTAMPING_RAW_HARDWARE;
+    if (!set(SOL_SOCKET, SO_TIMESTAMPING, &stamps, sizeof stamps))
+      return cannot(interface, "ask for receive times");
     (void)set(SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof on);
     // Beyond rmem_max takes CAP_NET_ADMIN; without it the system's limit holds.
     if (o.receive_buffer_bytes > 0 &&
@@ -132,9 +128,9 @@ Status RawSocket::open(const std::string& interface, const RawOptions& o) {
   sockaddr_can address{};
   address.can_family = AF_CAN;
   address.can_ifindex = *index;
-  if (::bind(h.fd(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
+  if (::bind(h.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
     return cannot(interface, "bind to the interface (is it a CAN interface?)");
-  handle_ = std::move(h);
+  socket_ = std::move(h);
   return {};
 }
 
@@ -142,7 +138,7 @@ int RawSocket::receive(std::span<ReceivedFrame> out) noexcept {
   canfd_frame frames[kBatch];
   iovec parts[kBatch];
   mmsghdr messages[kBatch];
-  alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(timespec)) + CMSG_SPACE(sizeof(std::uint32_t))>
+  alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(scm_timestamping)) + CMSG_SPACE(sizeof(std::uint32_t))>
       control[kBatch];
   const auto count = static_cast<unsigned>(std::min(out.size(), kBatch));
   for (unsigned i = 0; i < count; ++i) {
@@ -153,22 +149,18 @@ int RawSocket::receive(std::span<ReceivedFrame> out) noexcept {
     messages[i].msg_hdr.msg_control = control[i].data();
     messages[i].msg_hdr.msg_controllen = control[i].size();
   }
-  const int n = ::recvmmsg(handle_.fd(), messages, count, MSG_DONTWAIT, nullptr);
+  const int n = ::recvmmsg(socket_.get(), messages, count, MSG_DONTWAIT, nullptr);
   if (n < 0) return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR ? 0 : -errno;
+  const BenchTime read(monotonic_now().ns());
   int good = 0;
   for (int i = 0; i < n; ++i) {
     if (messages[i].msg_len != CAN_MTU && messages[i].msg_len != CANFD_MTU) continue;
     auto& r = out[static_cast<std::size_t>(good++)];
     from_kernel(frames[i], messages[i].msg_len == CANFD_MTU, r);
-    r.stamped = false;
-    for (cmsghdr* c = CMSG_FIRSTHDR(&messages[i].msg_hdr); c; c = CMSG_NXTHDR(&messages[i].msg_hdr, c)) {
-      if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_TIMESTAMPNS) continue;
-      timespec t{};
-      std::memcpy(&t, CMSG_DATA(c), sizeof t);
-      r.t = RealtimeTime(t.tv_sec * 1'000'000'000 + t.tv_nsec);
-      r.stamped = true;
-    }
-    if (!r.stamped) r.t = realtime_now();
+    r.own = (messages[i].msg_hdr.msg_flags & MSG_DONTROUTE) != 0;
+    r.stamps = stamps_of(messages[i].msg_hdr);
+    r.read = read;
+    r.t = r.stamps.kernel.value_or(realtime_now());
   }
   return good;
 }
@@ -176,32 +168,32 @@ int RawSocket::receive(std::span<ReceivedFrame> out) noexcept {
 int RawSocket::send(const CanFrame& frame) noexcept {
   canfd_frame out;
   const std::size_t size = to_kernel(frame, out);
-  if (::write(handle_.fd(), &out, size) == static_cast<ssize_t>(size)) return 0;
+  if (::write(socket_.get(), &out, size) == static_cast<ssize_t>(size)) return 0;
   return -errno;
 }
 
-int RawSocket::pending_error() noexcept { return error_of(handle_.fd()); }
+int RawSocket::pending_error() noexcept { return error_of(socket_.get()); }
 
 std::uint64_t RawSocket::dropped() const noexcept {
   std::uint32_t info[SK_MEMINFO_VARS] = {};
   socklen_t size = sizeof info;
-  if (::getsockopt(handle_.fd(), SOL_SOCKET, SO_MEMINFO, info, &size) != 0) return 0;
+  if (::getsockopt(socket_.get(), SOL_SOCKET, SO_MEMINFO, info, &size) != 0) return 0;
   return size > SK_MEMINFO_DROPS * sizeof(std::uint32_t) ? info[SK_MEMINFO_DROPS] : 0;
 }
 
 // ------------------------------------------------------------------ broadcast manager
 
 Status BroadcastManager::open(const std::string& interface) {
-  Handle h(::socket(PF_CAN, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_BCM));
+  FileDescriptor h(::socket(PF_CAN, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_BCM));
   if (!h.is_open()) return no_can(interface, errno, "can-bcm");
   const auto index = index_of(interface);
   if (!index) return tl::unexpected<Error>(index.error());
   sockaddr_can address{};
   address.can_family = AF_CAN;
   address.can_ifindex = *index;
-  if (::connect(h.fd(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
+  if (::connect(h.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
     return cannot(interface, "connect the broadcast manager");
-  handle_ = std::move(h);
+  socket_ = std::move(h);
   return {};
 }
 
@@ -220,7 +212,7 @@ int BroadcastManager::write(std::uint32_t opcode, std::uint32_t flags, Duration 
   message.msg_iov = parts;
   message.msg_iovlen = 2;
   const auto all = static_cast<ssize_t>(parts[0].iov_len + parts[1].iov_len);
-  if (::sendmsg(handle_.fd(), &message, 0) == all) return 0;
+  if (::sendmsg(socket_.get(), &message, 0) == all) return 0;
   return -errno;
 }
 
@@ -233,12 +225,12 @@ int BroadcastManager::update(const CanFrame& frame, bool announce) noexcept {
 }
 int BroadcastManager::send_once(const CanFrame& frame) noexcept { return write(TX_SEND, 0, {}, frame); }
 
-int BroadcastManager::pending_error() noexcept { return error_of(handle_.fd()); }
+int BroadcastManager::pending_error() noexcept { return error_of(socket_.get()); }
 
 // ------------------------------------------------------------------ ISO-TP
 
 Status IsoTpSocket::open(const std::string& interface, const Options& o) {
-  Handle h(::socket(PF_CAN, SOCK_DGRAM | SOCK_CLOEXEC, CAN_ISOTP));
+  FileDescriptor h(::socket(PF_CAN, SOCK_DGRAM | SOCK_CLOEXEC, CAN_ISOTP));
   if (!h.is_open()) return no_can(interface, errno, "can-isotp");
   const auto index = index_of(interface);
   if (!index) return tl::unexpected<Error>(index.error());
@@ -260,7 +252,7 @@ Status IsoTpSocket::open(const std::string& interface, const Options& o) {
   link.tx_dl = o.fd ? CANFD_MAX_DLEN : CAN_MAX_DLEN;
   link.tx_flags = o.fd ? CANFD_BRS : 0;
   const auto set = [&](int name, const void* value, std::size_t size) {
-    return ::setsockopt(h.fd(), SOL_CAN_ISOTP, name, value, static_cast<socklen_t>(size)) == 0;
+    return ::setsockopt(h.get(), SOL_CAN_ISOTP, name, value, static_cast<socklen_t>(size)) == 0;
   };
   if (!set(CAN_ISOTP_OPTS, &options, sizeof options) || !set(CAN_ISOTP_RECV_FC, &flow, sizeof flow) ||
       !set(CAN_ISOTP_LL_OPTS, &link, sizeof link))
@@ -271,9 +263,9 @@ Status IsoTpSocket::open(const std::string& interface, const Options& o) {
   address.can_ifindex = *index;
   address.can_addr.tp.tx_id = id(o.tx_id);
   address.can_addr.tp.rx_id = id(o.rx_id);
-  if (::bind(h.fd(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
+  if (::bind(h.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
     return cannot(interface, "bind ISO-TP to the interface");
-  handle_ = std::move(h);
+  socket_ = std::move(h);
   interface_ = interface;
   return {};
 }
@@ -290,18 +282,18 @@ Error isotp_error(const std::string& interface, int error, const char* what) {
 }  // namespace
 
 Status IsoTpSocket::send(std::span<const std::uint8_t> message) {
-  const auto n = ::write(handle_.fd(), message.data(), message.size());
+  const auto n = ::write(socket_.get(), message.data(), message.size());
   if (n == static_cast<ssize_t>(message.size())) return {};
   return tl::unexpected<Error>(
       isotp_error(interface_, n < 0 ? errno : EIO, "the ISO-TP message was not taken"));
 }
 
 Result<std::vector<std::uint8_t>> IsoTpSocket::receive(Duration timeout) {
-  pollfd wait{handle_.fd(), POLLIN, 0};
+  pollfd wait{socket_.get(), POLLIN, 0};
   const int ready = ::poll(&wait, 1, static_cast<int>(timeout.ns() / 1'000'000));
   if (ready == 0) return fail(ErrorCode::timeout, interface_, "no ISO-TP message came");
   std::vector<std::uint8_t> out(1u << 16);
-  const auto n = ::recv(handle_.fd(), out.data(), out.size(), MSG_DONTWAIT);
+  const auto n = ::recv(socket_.get(), out.data(), out.size(), MSG_DONTWAIT);
   if (n < 0) return tl::unexpected<Error>(isotp_error(interface_, errno, "the ISO-TP message broke off"));
   out.resize(static_cast<std::size_t>(n));
   return out;

@@ -1,9 +1,10 @@
 // Sockets of the kernel's CAN protocols (linux/can/raw.h, linux/can/bcm.h, linux/can/isotp.h;
 // Documentation/networking/can.rst).
 //
-// Raw: frames with the kernel's receive time (SO_TIMESTAMPNS, CLOCK_REALTIME) and its own count of frames
-// that the socket had no room for. Broadcast manager: cyclic sending that goes on in the kernel between two
-// commands. ISO-TP: messages.
+// Raw: frames with the stamps of the kernel and of the interface (SO_TIMESTAMPING), and the kernel's own
+// count of frames that the socket had no room for. A frame that this host sent comes back when it has left:
+// its stamps are those of its transmission. Broadcast manager: cyclic sending that goes on in the kernel
+// between two commands. ISO-TP: messages.
 //
 // A call returns 0 or a negative errno where it is made by I/O threads; opening returns a Status with what to
 // do. One thread at a time.
@@ -17,33 +18,21 @@
 #include <vector>
 
 #include "drivers/can/can_bits.h"
+#include "drivers/can/frame_clock.h"
+#include "rt-core/file_descriptor.h"
 #include "rt-core/result.h"
 #include "rt-core/time.h"
 #include "sensor-hal/types/sample.h"
 
 namespace rigor::can {
 
-/// A file descriptor that is closed with its owner.
-class Handle {
- public:
-  Handle() = default;
-  explicit Handle(int fd) : fd_(fd) {}
-  Handle(Handle&& o) noexcept;
-  Handle& operator=(Handle&& o) noexcept;
-  ~Handle();
-  void reset() noexcept;
-  [[nodiscard]] int fd() const noexcept { return fd_; }
-  [[nodiscard]] bool is_open() const noexcept { return fd_ >= 0; }
-
- private:
-  int fd_ = -1;
-};
-
 struct ReceivedFrame {
   CanFrame frame;
-  RealtimeTime t;             ///< the kernel's receive time; of its absence the instant of reading
+  FrameStamps stamps;
+  BenchTime read;             ///< when it was read (CLOCK_MONOTONIC)
+  RealtimeTime t;             ///< for logs: the kernel's stamp, or else the instant of reading
   std::uint8_t fd_flags = 0;  ///< as the kernel gave them
-  bool stamped = false;
+  bool own = false;           ///< a program of this host sent it
 };
 
 struct RawOptions {
@@ -59,9 +48,9 @@ class RawSocket {
 
   /// not_found (no such interface, with the command that makes one), unavailable (no PF_CAN), io.
   [[nodiscard]] Status open(const std::string& interface, const RawOptions& options);
-  void close() noexcept { handle_.reset(); }
-  [[nodiscard]] bool is_open() const noexcept { return handle_.is_open(); }
-  [[nodiscard]] int fd() const noexcept { return handle_.fd(); }
+  void close() noexcept { socket_.reset(); }
+  [[nodiscard]] bool is_open() const noexcept { return socket_.is_open(); }
+  [[nodiscard]] int fd() const noexcept { return socket_.get(); }
   /// Frames that are there, without waiting: their count, 0 when there is none, or -errno (ENETDOWN: the
   /// interface was set down; ENODEV: it is gone).
   [[nodiscard]] int receive(std::span<ReceivedFrame> out) noexcept;
@@ -73,15 +62,15 @@ class RawSocket {
   [[nodiscard]] std::uint64_t dropped() const noexcept;
 
  private:
-  Handle handle_;
+  FileDescriptor socket_;
 };
 
 /// Cyclic sending by the kernel; each identifier has one task. Tasks end with the socket.
 class BroadcastManager {
  public:
   [[nodiscard]] Status open(const std::string& interface);
-  void close() noexcept { handle_.reset(); }
-  [[nodiscard]] bool is_open() const noexcept { return handle_.is_open(); }
+  void close() noexcept { socket_.reset(); }
+  [[nodiscard]] bool is_open() const noexcept { return socket_.is_open(); }
   /// Begins to send `frame` every `period`, at once and then on; or gives the task that exists a new period.
   [[nodiscard]] int start(const CanFrame& frame, Duration period) noexcept;
   /// New content of a task; its rhythm stays. `announce`: it also leaves at once.
@@ -93,7 +82,7 @@ class BroadcastManager {
  private:
   [[nodiscard]] int write(std::uint32_t opcode, std::uint32_t flags, Duration period,
                           const CanFrame& frame) noexcept;
-  Handle handle_;
+  FileDescriptor socket_;
 };
 
 /// ISO 15765-2 by the kernel: write a message, read a message. See isotp_codec.h for virtual time.
@@ -109,8 +98,8 @@ class IsoTpSocket {
   };
   /// unavailable with `sudo modprobe can-isotp`, not_found, io.
   [[nodiscard]] Status open(const std::string& interface, const Options& options);
-  void close() noexcept { handle_.reset(); }
-  [[nodiscard]] int fd() const noexcept { return handle_.fd(); }
+  void close() noexcept { socket_.reset(); }
+  [[nodiscard]] int fd() const noexcept { return socket_.get(); }
   /// Returns when the other side has taken all of it. timeout, protocol, io.
   [[nodiscard]] Status send(std::span<const std::uint8_t> message);
   /// The next message. timeout; protocol when the other side broke off.
@@ -120,7 +109,7 @@ class IsoTpSocket {
                                                           Duration timeout);
 
  private:
-  Handle handle_;
+  FileDescriptor socket_;
   std::string interface_;
 };
 

@@ -43,13 +43,11 @@ Status CanSource::open() {
   return socket_.open(settings_.interface, o);
 }
 
-Status CanSource::do_arm(const ArmContext& context) {
-  if (context.virtual_time)
-    return fail(ErrorCode::wrong_state, config().name,
-                "expected a wall-clock run, got virtual time: name the node's emulator with `emulated_by`");
+Status CanSource::do_arm(const ArmContext&) {
   if (auto s = stop_.open(); !s) return s;
   if (auto s = open(); !s) return fail(s.error().code, config().name, s.error().text());
   warnings_.clear();
+  clock_.want(settings_.time.value_or(StampKind::kernel));
   if (!is_up(socket_, settings_.interface)) {
     socket_.close();
     const auto info = find_interface(settings_.interface);
@@ -61,6 +59,11 @@ Status CanSource::do_arm(const ArmContext& context) {
   }
   if (const auto info = find_interface(settings_.interface)) {
     bus_state_.store(info->state, std::memory_order_relaxed);
+    if (!settings_.time && info->hardware_stamps) clock_.want(StampKind::hardware);
+    if (clock_.wanted() == StampKind::hardware && !info->hardware_stamps)
+      warnings_.push_back(settings_.interface + " has no hardware stamps (ethtool -T " + settings_.interface +
+                          "): its frames have the kernel's, and their samples are marked as of an unsure "
+                          "clock; `time: kernel` wants no others");
     if (settings_.fd && !info->fd)
       warnings_.push_back(settings_.interface + " takes no CAN FD frames as it is set up: sudo ip link set " +
                           settings_.interface +
@@ -92,6 +95,17 @@ Status CanSource::do_stop() {
   close_stream();
   health_.connected.store(false, std::memory_order_release);
   return log_.close();
+}
+
+std::vector<std::string> CanSource::warnings() const {
+  std::vector<std::string> all = warnings_;
+  std::uint64_t other = 0;
+  for (const StampKind k : {StampKind::kernel, StampKind::arrival})
+    if (k > clock_.wanted()) other += clock_.count(k);
+  if (const std::uint64_t total = other + clock_.count(clock_.wanted()); other > 0)
+    all.push_back(config().name + ": " + std::to_string(other) + " of " + std::to_string(total) +
+                  " frames of " + settings_.interface + " had no " + stamp_name(clock_.wanted()) + " stamp");
+  return all;
 }
 
 bool CanSource::wait(MonotonicTime until) noexcept {
@@ -161,7 +175,8 @@ void CanSource::read_all() {
 }
 
 void CanSource::take(const ReceivedFrame& r) {
-  const BenchTime t = epoch_.to_bench(r.t);
+  const FrameClock::Placed placed = clock_.place(r.stamps, epoch_, r.read);
+  const BenchTime t = placed.t;
   const bool in_run = origin().covers(t, {});
   if (in_run && log_.is_open()) {
     LogEntry e;
@@ -185,7 +200,7 @@ void CanSource::take(const ReceivedFrame& r) {
     if (!table_.take(r.frame, t) || settings_.sampled || !in_run) return;
     auto slot = take_slot();
     if (slot) table_.fill(*slot, t);
-    return give(std::move(slot), t);
+    return give(std::move(slot), placed);
   }
   if (!in_run) return;
   auto slot = take_slot();
@@ -193,12 +208,13 @@ void CanSource::take(const ReceivedFrame& r) {
     auto& sample = *slot;
     sample.info = r.frame;
     sample.size_bytes = 0;
-    sample.stamp.validity = r.stamped ? kValid : kClockUnsure;
+    sample.stamp.validity = kValid;
   }
-  give(std::move(slot), t);
+  give(std::move(slot), placed);
 }
 
-void CanSource::give(SampleSlot&& slot, BenchTime t) {
+void CanSource::give(SampleSlot&& slot, const FrameClock::Placed& placed) {
+  BenchTime t = placed.t;
   // Two frames of one tick, or a step of CLOCK_REALTIME: the order in which they came stands.
   if (t <= last_capture_) t = last_capture_ + nanoseconds(1);
   last_capture_ = t;
@@ -208,7 +224,8 @@ void CanSource::give(SampleSlot&& slot, BenchTime t) {
     stamp.t_capture = t;
     stamp.t_release = t + config().latency;
     stamp.t_arrival = bench_now();
-    stamp.sigma_capture = epoch_.sigma;
+    stamp.sigma_capture = placed.sigma;
+    if (placed.kind > clock_.wanted()) stamp.validity |= kClockUnsure;
   }
   ++index_;
   hand_over(std::move(slot));
@@ -249,6 +266,7 @@ void CanSource::try_again() {
   backoff_.reset();
   link_is_up_ = true;
   table_.clear();
+  clock_.reset();
   restart_at_ = {};
   bus_state_.store(BusState::unknown, std::memory_order_relaxed);
   health_.reconnects.fetch_add(1, std::memory_order_relaxed);

@@ -1,8 +1,9 @@
 // A CAN interface as a channel: raw frames, or signals of a DBC file.
 //
-// A thread of its own reads the socket. Capture is the kernel's receive time (CLOCK_REALTIME, tied to the
-// bench clock anew every 100 ms), which is the interrupt after the frame's end; stamps of one channel
-// increase, by 1 ns where the kernel's do not.
+// A thread of its own reads the socket. Capture is the interface's own stamp where it has one, else the
+// kernel's (CLOCK_REALTIME, tied to the bench clock anew every 100 ms), which is the interrupt after the
+// frame's end; `time` chooses (frame_clock.h). A sample whose frame lacked the stamp of this channel is
+// marked kClockUnsure. Stamps of one channel increase, by 1 ns where the stamps of its frames do not.
 //
 //   can_frame            each frame that passes the filters is a sample; error frames, too, unless `errors:
 //   false` registers, no rate   each frame with one of the signals is a sample; the others keep their last
@@ -39,12 +40,15 @@ namespace rigor::can {
 class CanSource final : public StreamSource {
  public:
   ~CanSource() override;
-  [[nodiscard]] std::vector<std::string> warnings() const override { return warnings_; }
+  [[nodiscard]] std::vector<std::string> warnings() const override;
+  /// Any thread: how many frames had which stamp.
+  [[nodiscard]] const FrameClock& frame_clock() const noexcept { return clock_; }
   /// Any thread: the controller's state as error frames told it.
   [[nodiscard]] BusState bus_state() const noexcept { return bus_state_.load(std::memory_order_relaxed); }
 
  protected:
   Status do_configure(const ChannelConfig& config) override;
+  [[nodiscard]] bool requires_wall_clock() const noexcept override { return true; }
   Status do_arm(const ArmContext& context) override;
   Status do_stop() override;
 
@@ -59,7 +63,7 @@ class CanSource final : public StreamSource {
   void try_again();
   void count_drops();
   void sample_at(BenchTime t, std::uint64_t index);
-  void give(SampleSlot&& slot, BenchTime t);
+  void give(SampleSlot&& slot, const FrameClock::Placed& placed);
 
   SourceSettings settings_;
   RawSocket socket_;
@@ -70,6 +74,7 @@ class CanSource final : public StreamSource {
   std::vector<ReceivedFrame> batch_;
   std::vector<std::string> warnings_;
   std::atomic<BusState> bus_state_{BusState::unknown};
+  FrameClock clock_;
   EpochPair epoch_;
   MonotonicTime epoch_until_, restart_at_, next_look_;
   BenchTime last_capture_;

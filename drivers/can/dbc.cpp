@@ -156,6 +156,7 @@ class Parser {
     lex_.take();
     const Id i = id();
     Message m;
+    places_.clear();
     m.extended = (i.number & 0x80000000u) != 0;
     m.id = static_cast<std::uint32_t>(i.number & kExtendedMask);
     const DbcToken at_name = lex_.peek();
@@ -178,6 +179,7 @@ class Parser {
     check_multiplexors(m);
     by_id_[i.number] = dbc_.messages.size();
     by_name_[m.name] = dbc_.messages.size();
+    signal_places_.push_back(places_);
     dbc_.messages.push_back(std::move(m));
   }
 
@@ -230,6 +232,7 @@ class Parser {
     check_place(m, s, at_start);
     if (m.signals.size() >= kMostSignals) lex_.fail_at(at, "at most 4096 signals in a message", "one more");
     m.signals.push_back(std::move(s));
+    places_.push_back(at);
   }
 
   void multiplexing(Signal& s) {
@@ -384,6 +387,8 @@ class Parser {
     m->signals[static_cast<std::size_t>(index)].multiplexor = true;
     s->multiplexed_by = index;
     s->shown = std::move(shown);
+    signal_places_[static_cast<std::size_t>(m - dbc_.messages.data())]
+                  [static_cast<std::size_t>(s - m->signals.data())] = at;
   }
 
   void attribute_definition() {
@@ -454,24 +459,24 @@ class Parser {
   }
 
   void finish() {
-    DbcToken end = lex_.peek();
     for (std::size_t i = 0; i < dbc_.messages.size(); ++i) {
       Message& m = dbc_.messages[i];
       const double cycle_ms = of(i, "GenMsgCycleTime");
       if (cycle_ms > 0 && cycle_ms < 1e9) m.cycle = seconds_from(cycle_ms * 1e-3);
       frame_format(m, of(i, "VFrameFormat"));
       m.bit_rate_switch = m.fd && of(i, "CANFD_BRS") != 0;
-      for (auto& s : m.signals) {
+      for (std::size_t k = 0; k < m.signals.size(); ++k) {
+        Signal& s = m.signals[k];
         if (const auto it = attributes_.find("GenSigStartValue");
             it != attributes_.end() && !started_.contains(&s))
           s.start_raw = it->second.fallback;
         if (s.multiplexed_by == -2)
           lex_.fail_at(
-              end,
+              signal_places_[i][k],
               "a line SG_MUL_VAL_ or one multiplexor for the multiplexed signal " + s.name + " of " + m.name,
               "none, or several multiplexors");
       }
-      check_loops(m, end);
+      check_chains(m, signal_places_[i]);
     }
   }
 
@@ -485,14 +490,25 @@ class Parser {
       m.fd |= index == 14 || index == 15;  // StandardCAN_FD, ExtendedCAN_FD in Vector's list
   }
 
-  /// A multiplexor that selects itself over others would never be known.
-  void check_loops(const Message& m, const DbcToken& end) const {
-    for (const auto& s : m.signals) {
+  /// A multiplexor that selects itself, over others or not, would never be known; a chain that is too long
+  /// would not be encoded.
+  void check_chains(const Message& m, const std::vector<DbcToken>& places) const {
+    const auto above = [&](int i) { return m.signals[static_cast<std::size_t>(i)].multiplexed_by; };
+    for (std::size_t k = 0; k < m.signals.size(); ++k) {
       std::size_t steps = 0;
-      for (int i = s.multiplexed_by; i >= 0; i = m.signals[static_cast<std::size_t>(i)].multiplexed_by)
-        if (++steps > m.signals.size())
-          lex_.fail_at(end, "multiplexors of " + m.name + " that do not select each other in a circle",
-                       s.name);
+      int i = m.signals[k].multiplexed_by;
+      for (; i >= 0 && steps <= kMostMultiplexors; i = above(i)) ++steps;
+      if (steps <= kMostMultiplexors) continue;
+      for (; i >= 0 && steps <= m.signals.size(); i = above(i)) ++steps;
+      if (i >= 0)
+        lex_.fail_at(
+            places[k],
+            "multiplexors of " + m.name + " that do not select each other in a circle, nor themselves",
+            m.signals[k].name);
+      lex_.fail_at(
+          places[k],
+          "at most " + std::to_string(kMostMultiplexors) + " multiplexors above a signal of " + m.name,
+          std::to_string(steps) + " above " + m.signals[k].name);
     }
   }
 
@@ -504,6 +520,8 @@ class Parser {
   std::map<std::string, Attribute> attributes_;
   std::map<std::size_t, std::map<std::string, double>> of_message_;
   std::unordered_map<const Signal*, bool> started_;
+  std::vector<DbcToken> places_;                      ///< of the signals of the message that is read
+  std::vector<std::vector<DbcToken>> signal_places_;  ///< by message and signal: what said how it is selected
 };
 
 }  // namespace

@@ -31,6 +31,9 @@
 
 namespace rigor::can {
 
+/// Multiplexors that may select one another down to a signal. A file with more is refused.
+inline constexpr std::size_t kMostMultiplexors = 8;
+
 enum class BitOrder : std::uint8_t { intel, motorola };
 enum class RawType : std::uint8_t { integer, float32, float64 };
 

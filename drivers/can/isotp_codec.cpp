@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "drivers/can/can_bits.h"
+#include "rt-core/byte_order.h"
 
 namespace rigor::can {
 namespace {
@@ -77,17 +78,15 @@ std::optional<CanFrame> IsoTpSender::next(BenchTime now) {
     phase_ = Phase::await_flow;
     deadline_ = now + options_.timeout;
     if (n <= 4095) {
+      std::array<std::uint8_t, 2> head{};
+      store_be(head, 0, static_cast<std::uint16_t>(0x1000 | n));
       sent_ = frame_bytes(options_) - 2;
-      return make_frame(options_,
-                        std::array{static_cast<std::uint8_t>(0x10 | n >> 8), static_cast<std::uint8_t>(n)},
-                        all.first(sent_));
+      return make_frame(options_, head, all.first(sent_));
     }
     sent_ = frame_bytes(options_) - 6;
-    return make_frame(options_,
-                      std::array<std::uint8_t, 6>{
-                          0x10, 0, static_cast<std::uint8_t>(n >> 24), static_cast<std::uint8_t>(n >> 16),
-                          static_cast<std::uint8_t>(n >> 8), static_cast<std::uint8_t>(n)},
-                      all.first(sent_));
+    std::array<std::uint8_t, 6> head{0x10, 0};
+    store_be(head, 2, static_cast<std::uint32_t>(n));
+    return make_frame(options_, head, all.first(sent_));
   }
   const std::size_t part = std::min(all.size() - sent_, frame_bytes(options_) - 1);
   const auto frame =
@@ -176,11 +175,10 @@ std::optional<CanFrame> IsoTpReceiver::receive(const CanFrame& f, BenchTime now)
         return {};
       }
       std::size_t head = 2;
-      length_ = std::size_t{data[0] & 0xfu} << 8 | data[1];
+      length_ = load_be<std::uint16_t>(data) & 0xfffu;
       if (length_ == 0) {
         head = 6;
-        length_ =
-            std::size_t{data[2]} << 24 | std::size_t{data[3]} << 16 | std::size_t{data[4]} << 8 | data[5];
+        length_ = load_be<std::uint32_t>(data, 2);
       }
       if (length_ <= data.size() - head) {  // it would have fitted into a single frame
         state_ = IsoTpState::wrong_frame;

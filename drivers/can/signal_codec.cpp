@@ -140,11 +140,11 @@ EncodeStatus encode(const Message& m, std::span<const double> values, CanFrame& 
   const std::span<std::uint8_t> data(out.data.data(), out.length);
   // Multiplexors first, from the outermost inwards, since they say what is shown; a chain has few of them.
   const std::size_t count = std::min(values.size(), m.signals.size());
-  for (int depth = 0; depth < 8; ++depth) {
+  for (std::size_t depth = 0; depth <= kMostMultiplexors; ++depth) {
     bool deeper = false;
     for (std::size_t i = 0; i < count; ++i) {
       const Signal& s = m.signals[i];
-      int level = 0;
+      std::size_t level = 0;
       for (int by = s.multiplexed_by; by >= 0; by = m.signals[static_cast<std::size_t>(by)].multiplexed_by)
         ++level;
       if (level > depth) deeper = true;

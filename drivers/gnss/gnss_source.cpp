@@ -28,11 +28,6 @@ Status GnssSource::do_arm(const ArmContext& context) {
   counters_ = {};
   was_connected_ = false;
   if (!settings_.file.empty()) return arm_file(context.virtual_time);
-  if (context.virtual_time)
-    return fail(
-        ErrorCode::wrong_state, config().name,
-        "a receiver on a line knows no virtual time: give the rig an emulator for it (`emulated_by`), or "
-        "run with --clock wall");
   open_samples(settings_.buffers, Feed::live);
   auto joined = Receiver::join(settings_.receiver, this, config().name);
   if (!joined) return tl::unexpected<Error>(joined.error());

@@ -30,6 +30,7 @@ class GnssSource final : public ReceiverSource, private ReceiverClient {
 
  protected:
   Status do_configure(const ChannelConfig& config) override;
+  [[nodiscard]] bool requires_wall_clock() const noexcept override { return settings_.file.empty(); }
   Status do_arm(const ArmContext& context) override;
   Status do_start(BenchTime t0) override;
   Status do_stop() override;

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "rt-core/byte_order.h"
+
 namespace rigor::gnss {
 namespace {
 
@@ -61,7 +63,7 @@ MessageStream::Found MessageStream::look_ubx(Bytes at, Message& out) noexcept {
   if (at.size() < 2) return Found::incomplete;
   if (at[1] != kUbx2) return Found::nothing;
   if (at.size() < 6) return Found::incomplete;
-  const std::size_t size = get<std::uint16_t>(at, 4);
+  const std::size_t size = load_le<std::uint16_t>(at, 4);
   if (size > kMaxUbxPayload) {
     ++counters_.bad_lengths;
     return Found::nothing;

@@ -45,6 +45,8 @@ class MessageStream {
   /// The end of a recording: an incomplete frame may hide whole messages behind its start. True: call next().
   [[nodiscard]] bool finish() noexcept;
   void reset() noexcept;
+  /// Bytes that are no whole message yet, once `next` gave none.
+  [[nodiscard]] std::size_t pending() const noexcept { return data_.size() - begin_; }
   [[nodiscard]] const Counters& counters() const { return counters_; }
 
  private:

@@ -12,8 +12,8 @@
 #include <string>
 #include <string_view>
 
+#include "drivers/gnss/bytes.h"
 #include "drivers/gnss/solution.h"
-#include "drivers/gnss/wire.h"
 
 namespace rigor::gnss {
 

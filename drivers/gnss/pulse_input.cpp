@@ -11,7 +11,7 @@
 namespace rigor::gnss {
 
 Status PulseInput::open(const std::string& device) {
-  fd_ = serial::Descriptor(::open(device.c_str(), O_RDWR | O_CLOEXEC));
+  fd_.reset(::open(device.c_str(), O_RDWR | O_CLOEXEC));
   if (!fd_) {
     const int e = errno;
     return fail(

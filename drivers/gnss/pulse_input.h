@@ -7,6 +7,7 @@
 
 #include "drivers/serial/serial_line.h"
 #include "rt-core/epoch.h"
+#include "rt-core/file_descriptor.h"
 
 namespace rigor::gnss {
 
@@ -23,7 +24,7 @@ class PulseInput {
   [[nodiscard]] std::optional<Edge> next(Duration at_most);
 
  private:
-  serial::Descriptor fd_;
+  FileDescriptor fd_;
   std::uint32_t last_ = 0;
   bool any_ = false;
 };

@@ -27,11 +27,13 @@ void ReceiverStream::drain(BenchTime arrival) {
   now_ = arrival;
   while (const auto m = messages_.next()) {
     if (handler_.message) handler_.message(*m);
-    epochs_.take(*m, arrival);
+    epochs_.take(*m, begun_);
+    begun_ = arrival;  // what is behind it came with this piece
   }
 }
 
 void ReceiverStream::take(Bytes bytes, BenchTime arrival) {
+  if (messages_.pending() == 0) begun_ = arrival;
   messages_.add(bytes);
   drain(arrival);
 }
@@ -48,6 +50,7 @@ void ReceiverStream::reconnected() {
   epochs_.reset();
   clock_.reset();
   announced_.reset();
+  before_.reset();
   any_ = false;
 }
 
@@ -61,6 +64,17 @@ void ReceiverStream::take_edge(BenchTime before, BenchTime after) {
   announced_.reset();
 }
 
+/// Whether this arrival says something of the receiver's clock: neither it nor the one before was held up.
+bool ReceiverStream::in_step(DeviceTime t, BenchTime arrival) {
+  const auto before = std::exchange(before_, std::pair(t, arrival));
+  if (!before) return false;
+  const Duration by_receiver = t - before->first, by_bench = arrival - before->second;
+  const Duration off = by_bench - by_receiver;
+  // What messages usually scatter by; at high rates less than what would hide a held one.
+  const Duration most = std::min(options_.output_delay_sigma * 3, by_receiver / 2);
+  return off <= most && -off <= most;
+}
+
 void ReceiverStream::place_solution(Solution s, BenchTime arrival) {
   if (options_.repair_rollover && s.utc)
     if (const auto utc = repaired_rollover(*s.utc, realtime_now())) {
@@ -70,7 +84,8 @@ void ReceiverStream::place_solution(Solution s, BenchTime arrival) {
   const bool by_date = options_.time == TimeSource::utc;
   const DeviceTime t = by_date ? DeviceTime(s.utc ? s.utc->ns() : 0) : s.t_device;
   const bool placed = !by_date || s.utc.has_value();
-  if (placed && !clock_.observe(t, options_.output_delay, arrival)) ++counters_.clock_steps;
+  const bool learns = options_.time != TimeSource::device || in_step(t, arrival);
+  if (placed && learns && !clock_.observe(t, options_.output_delay, arrival)) ++counters_.clock_steps;
   Place p;
   p.arrival = arrival;
   if (std::exchange(any_, true)) {

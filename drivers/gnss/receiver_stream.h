@@ -7,10 +7,15 @@
 //   utc      the receiver's date and this machine's CLOCK_REALTIME (NTP, PTP, or this receiver by gpsd)
 //   arrival  the arrival of its first message less `output_delay`
 //   fixed    a constant is added to the receiver's time (recordings, virtual time)
+// A line that was held up lets its messages go at once. Whoever reads them learns nothing of the receiver's
+// clock: an arrival counts that came as long after the one before as the receiver's own time went on.
+//
 // Edges of the time pulse, where the bench sees them, tie `device` down to microseconds (`take_edge`).
 #pragma once
 
 #include <functional>
+#include <optional>
+#include <utility>
 
 #include "drivers/gnss/epoch_assembler.h"
 #include "drivers/lidar/packet_clock.h"
@@ -72,6 +77,7 @@ class ReceiverStream {
 
  private:
   void drain(BenchTime arrival);
+  [[nodiscard]] bool in_step(DeviceTime t, BenchTime arrival);
   void place_solution(Solution s, BenchTime arrival);
   void place_sky(const Sky& sky);
 
@@ -88,6 +94,9 @@ class ReceiverStream {
   std::uint64_t sequence_ = 0, sky_sequence_ = 0;
   std::optional<TimePulse> announced_;
   BenchTime announced_at_, now_;
+  BenchTime begun_;  ///< when the first byte came of what is no whole message yet
+  /// The solution before, for `in_step`.
+  std::optional<std::pair<DeviceTime, BenchTime>> before_;
 };
 
 }  // namespace rigor::gnss

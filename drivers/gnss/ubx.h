@@ -12,7 +12,7 @@
 #include <string>
 #include <utility>
 
-#include "drivers/gnss/wire.h"
+#include "drivers/gnss/bytes.h"
 
 namespace rigor::gnss {
 

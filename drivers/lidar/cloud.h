@@ -11,7 +11,9 @@
 namespace rigor::packet_lidar {
 
 struct Cloud {
-  std::span<const LidarPoint> points;  ///< until the next packet
+  // Until the next packet:
+  std::span<const LidarPoint> points;
+  std::span<const std::uint8_t> pixels;  ///< of a channel of images, in place of points
   BenchTime t_capture;
   Duration sigma;
   std::uint64_t sequence = 0;      ///< a gap is a loss

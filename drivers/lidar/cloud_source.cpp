@@ -6,7 +6,24 @@
 namespace rigor::packet_lidar {
 
 void CloudSource::open_clouds(std::size_t buffers, std::size_t max_points, Feed feed) {
-  description_.max_bytes = max_points * sizeof(LidarPoint);
+  image_ = {};
+  open(buffers, max_points * sizeof(LidarPoint), feed);
+}
+
+void CloudSource::open_images(std::size_t buffers, const decltype(Sample::info)& info, std::size_t bytes,
+                              Feed feed) {
+  image_ = info;
+  if (const auto* image = std::get_if<ImageInfo>(&info)) {
+    description_.width_px = image->width_px, description_.height_px = image->height_px;
+    description_.format = image->format;
+  } else if (const auto* range = std::get_if<RangeImageInfo>(&info)) {
+    description_.width_px = range->width_px, description_.height_px = range->height_px;
+  }
+  open(buffers, bytes, feed);
+}
+
+void CloudSource::open(std::size_t buffers, std::size_t bytes, Feed feed) {
+  description_.max_bytes = bytes;
   feed_ = feed;
   in_run_.reset();
   malformed_seen_ = 0;
@@ -35,11 +52,17 @@ void CloudSource::hand_cloud(const Cloud& c) noexcept {
   any_handed_ = true;
   if (slot) {
     Sample& s = *slot;
-    const std::size_t room = s.memory().size() / sizeof(LidarPoint);
-    const std::size_t count = std::min(c.points.size(), room);
-    s.size_bytes = count * sizeof(LidarPoint);
-    if (count > 0) std::memcpy(s.memory().data(), c.points.data(), s.size_bytes);
-    s.info = PointCloudInfo{static_cast<std::uint32_t>(count)};
+    if (std::holds_alternative<std::monostate>(image_)) {
+      const std::size_t room = s.memory().size() / sizeof(LidarPoint);
+      const std::size_t count = std::min(c.points.size(), room);
+      s.size_bytes = count * sizeof(LidarPoint);
+      if (count > 0) std::memcpy(s.memory().data(), c.points.data(), s.size_bytes);
+      s.info = PointCloudInfo{static_cast<std::uint32_t>(count)};
+    } else {
+      s.size_bytes = std::min(c.pixels.size(), s.memory().size());
+      if (s.size_bytes > 0) std::memcpy(s.memory().data(), c.pixels.data(), s.size_bytes);
+      s.info = image_;
+    }
     s.stamp = {};
     s.stamp.sequence = place.sequence;
     s.stamp.t_capture = c.t_capture;

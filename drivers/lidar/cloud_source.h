@@ -1,4 +1,4 @@
-// What sources of packet LiDARs share: clouds of a stream become samples of a channel.
+// What sources of packet LiDARs share: clouds of a stream, or its images, become samples of a channel.
 //
 //   do_arm    open_clouds(buffers, max_points, Feed::live)
 //   thread    stream.take(datagram, arrival, hand())          // calls hand_cloud for each cloud
@@ -17,6 +17,8 @@ class CloudSource : public StreamSource {
   enum class Feed : std::uint8_t { live, recording, virtual_time };
   /// Setup: memory for clouds of up to `max_points`.
   void open_clouds(std::size_t buffers, std::size_t max_points, Feed feed);
+  /// Setup: memory for images of `bytes` each; `info`: what each of them is (ImageInfo, RangeImageInfo).
+  void open_images(std::size_t buffers, const decltype(Sample::info)& info, std::size_t bytes, Feed feed);
   /// Producer thread.
   [[nodiscard]] const HandCloud& hand() const { return hand_; }
   /// Producer thread: how many datagrams were no packets so far; new ones are protocol errors.
@@ -25,10 +27,12 @@ class CloudSource : public StreamSource {
   [[nodiscard]] bool handed_beyond(BenchTime now) const { return any_handed_ && last_release_ > now; }
 
  private:
+  void open(std::size_t buffers, std::size_t bytes, Feed feed);
   void hand_cloud(const Cloud& cloud) noexcept;
 
   HandCloud hand_ = [this](const Cloud& c) { hand_cloud(c); };
   Feed feed_ = Feed::live;
+  decltype(Sample::info) image_;  ///< of a channel of images
   RunSequence in_run_;
   std::uint64_t malformed_seen_ = 0;
   BenchTime last_release_{};

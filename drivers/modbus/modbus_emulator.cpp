@@ -102,10 +102,7 @@ Status ModbusEmulator::open_line() {
   return {};
 }
 
-Status ModbusEmulator::do_arm(const ArmContext& context) {
-  if (context.virtual_time)
-    return fail(ErrorCode::wrong_state, config().name,
-                "expected a wall-clock run: sockets and serial ports have no virtual time");
+Status ModbusEmulator::do_arm(const ArmContext&) {
   const auto model = parts_.registers ? parts_.registers : settings_.registers;
   if (!model)
     return fail(

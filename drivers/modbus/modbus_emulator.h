@@ -62,7 +62,7 @@ class ModbusEmulator final : public Emulator {
   DeviceParts parts_;
   EmulatorSettings settings_;
   std::optional<serial::PseudoTerminal> pty_;
-  serial::Descriptor line_;
+  FileDescriptor line_;
   std::unique_ptr<Server> server_;
 };
 

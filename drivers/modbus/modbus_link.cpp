@@ -12,6 +12,8 @@
 #include <filesystem>
 #include <map>
 
+#include "drivers/network/tcp_socket.h"
+
 namespace rigor::modbus {
 namespace {
 
@@ -21,6 +23,9 @@ void set_timeouts(modbus_t* m, Duration timeout) {
   // Between two bytes of an answer; the whole answer is a single segment as a rule.
   modbus_set_byte_timeout(m, us / 1'000'000, us % 1'000'000);
 }
+
+/// The address is never used: the context is given its socket.
+modbus_t* socket_context() { return modbus_new_tcp("127.0.0.1", 502); }
 
 }  // namespace
 
@@ -44,8 +49,7 @@ Endpoint Endpoint::parse(const ConfigNode& n, unsigned default_retries) {
 
 std::string Endpoint::text() const {
   if (serial) return serial->text() + " unit " + std::to_string(unit);
-  const bool six = address.find(':') != std::string::npos;
-  return (six ? "[" + address + "]" : address) + ":" + std::to_string(port);
+  return network::endpoint_text(address, port);
 }
 
 std::string LinkCounters::trouble() const {
@@ -85,6 +89,7 @@ Status Link::open(const Endpoint& endpoint) {
   endpoint_ = endpoint;
   line_.reset();
   std::unique_ptr<_modbus, Free> m;
+  FileDescriptor connection;
   if (endpoint.serial) {
     const auto& s = *endpoint.serial;
     gap_ = times_of(s).gap;
@@ -92,12 +97,18 @@ Status Link::open(const Endpoint& endpoint) {
     m.reset(modbus_new_rtu(s.device.c_str(), static_cast<int>(s.baud), parity, static_cast<int>(s.data_bits),
                            static_cast<int>(s.stop_bits)));
   } else {
-    m.reset(modbus_new_tcp_pi(endpoint.address.c_str(), std::to_string(endpoint.port).c_str()));
+    auto made = network::connect_tcp(endpoint.address, endpoint.port, monotonic_now() + endpoint.timeout, -1,
+                                     "a Modbus TCP device");
+    if (!made)
+      return fail(made.error().code, made.error().where,
+                  made.error().message +
+                      "; check that it is on and that `address` and `port` are its own, or start an emulated "
+                      "one with `rigor emulate`");
+    connection = std::move(*made);
+    m.reset(socket_context());
   }
   if (!m)
-    return fail(ErrorCode::bad_input, endpoint.text(),
-                endpoint.serial ? "expected a serial port that libmodbus takes"
-                                : "expected a host name or address that libmodbus takes");
+    return fail(ErrorCode::bad_input, endpoint.text(), "expected a device that libmodbus takes, got none");
   set_timeouts(m.get(), endpoint.timeout);
   if (modbus_set_slave(m.get(), endpoint.unit) != 0)
     return fail(ErrorCode::bad_input, endpoint.text(),
@@ -112,19 +123,12 @@ Status Link::open(const Endpoint& endpoint) {
     // libmodbus opens any file as a port and does not report why one cannot be used.
     if (auto port = serial::open_serial(*endpoint.serial); !port) return tl::unexpected<Error>(port.error());
   }
-  errno = 0;
-  if (modbus_connect(m.get()) != 0) {
+  if (endpoint.serial && modbus_connect(m.get()) != 0) {
     const int e = errno;
-    const std::string why = e != 0 ? modbus_strerror(e) : "no such host";
-    if (endpoint.serial)
-      return fail(ErrorCode::unavailable, endpoint.text(),
-                  "cannot open the serial port: " + why + serial::serial_cure(e));
-    return fail(
-        ErrorCode::not_found, endpoint.text(),
-        "expected a Modbus TCP device, got: " + why +
-            "; check that it is on and that `address` and `port` are its own, or start an emulated one with "
-            "`rigor emulate`");
+    return fail(ErrorCode::unavailable, endpoint.text(),
+                std::string("cannot open the serial port: ") + modbus_strerror(e) + serial::serial_cure(e));
   }
+  if (connection) modbus_set_socket(m.get(), connection.release());
   if (endpoint.serial) {
     if (auto set = serial::set_rs485(modbus_get_socket(m.get()), *endpoint.serial); !set)
       return tl::unexpected<Error>(set.error());
@@ -138,8 +142,7 @@ void Link::adopt(int socket, Duration timeout, bool rtu, int unit) {
   close();
   endpoint_.reset();
   line_.reset();  // nothing to wait for: a line in memory has no silences
-  // The address is never used: the context is given its socket.
-  context_.reset(rtu ? modbus_new_rtu("/dev/null", 19200, 'E', 8, 1) : modbus_new_tcp("127.0.0.1", 502));
+  context_.reset(rtu ? modbus_new_rtu("/dev/null", 19200, 'E', 8, 1) : socket_context());
   set_timeouts(context_.get(), timeout);
   modbus_set_slave(context_.get(), unit);
   modbus_set_socket(context_.get(), socket);

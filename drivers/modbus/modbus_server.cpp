@@ -1,8 +1,5 @@
 #include "drivers/modbus/modbus_server.h"
 
-#include <netdb.h>
-#include <netinet/in.h>
-#include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/eventfd.h>
 #include <sys/socket.h>
@@ -16,6 +13,9 @@
 #include <vector>
 
 #include "drivers/modbus/pdu.h"
+#include "drivers/network/tcp_socket.h"
+#include "rt-core/byte_order.h"
+#include "rt-core/file_descriptor.h"
 
 namespace rigor::modbus {
 namespace {
@@ -24,18 +24,21 @@ namespace {
 constexpr std::size_t kLengthEnd = 6, kHeader = 7;
 constexpr std::size_t kMaxTcpFrame = kHeader + kMaxPdu;
 
-std::uint16_t be16(const std::uint8_t* p) { return static_cast<std::uint16_t>(p[0] << 8 | p[1]); }
-
 /// One connection or line: bytes that came, and the answer that waits for its instant.
 struct Client {
-  Client(int fd, Server::Framing f, bool owns, const Server::Line& l)
-      : descriptor(fd), framing(f), owned(owns), line(l), framer(l.times.gap, timeout(l)) {}
+  /// A connection, closed with the client.
+  Client(FileDescriptor connection, Server::Framing f) : Client(connection.get(), f, Server::Line{}) {
+    own = std::move(connection);
+  }
+  /// A line, which is the caller's.
+  Client(int fd, Server::Framing f, const Server::Line& l)
+      : descriptor(fd), framing(f), line(l), last_heard(monotonic_now()), framer(l.times.gap, timeout(l)) {}
   /// How long half a frame is waited for: a pseudo-terminal's other end may be held up by its machine.
   static Duration timeout(const Server::Line& l) { return std::max(l.times.gap * 20, milliseconds(50)); }
 
+  FileDescriptor own;
   int descriptor = -1;
   Server::Framing framing;
-  bool owned;  ///< the descriptor is closed with the client
   Server::Line line;
   bool heard = false;        ///< a request came
   MonotonicTime last_heard;  ///< the last whole request, or the connection: bytes alone do not count
@@ -82,20 +85,16 @@ struct Server::Loop {
   Options options;
   Counters& counters;
   FaultBox& faults;
-  int listener = -1, wake = -1;
+  FileDescriptor listener, wake;
   std::atomic<bool> stopping{false};
   std::function<void(unsigned)> tell;
   std::deque<Client> clients;
 };
 
 void Server::Loop::close_all() {
-  for (auto& client : clients)
-    if (client.owned) ::close(client.descriptor);
   clients.clear();
-  for (int* fd : {&listener, &wake}) {
-    if (*fd >= 0) ::close(*fd);
-    *fd = -1;
-  }
+  listener.reset();
+  wake.reset();
 }
 
 Server::Loop::Outcome Server::Loop::carry_out(std::span<const std::uint8_t> request, Exception refusal,
@@ -132,8 +131,7 @@ bool Server::Loop::answer_tcp(Client& c, const std::uint8_t* frame, std::size_t 
   }
   std::array<std::uint8_t, kMaxTcpFrame> out{};
   std::copy_n(frame, kHeader, out.begin());  // transaction, protocol and unit are those of the request
-  out[4] = static_cast<std::uint8_t>((answer.size + 1) >> 8);
-  out[5] = static_cast<std::uint8_t>(answer.size + 1);
+  store_be(out, 4, static_cast<std::uint16_t>(answer.size + 1));
   std::copy_n(answer.bytes.begin(), answer.size, out.begin() + kHeader);
   const auto n = ::send(c.descriptor, out.data(), kHeader + answer.size, MSG_NOSIGNAL | MSG_DONTWAIT);
   return n == static_cast<ssize_t>(kHeader + answer.size);  // a client that does not take its answers goes
@@ -145,8 +143,8 @@ bool Server::Loop::serve_tcp(Client& c, MonotonicTime& wake_at) {
   bool keep = true;
   while (keep && c.size - at >= kLengthEnd) {
     const auto* frame = c.data.data() + at;
-    const std::size_t length = be16(frame + 4);
-    if (be16(frame + 2) != 0 || length < 2 || kLengthEnd + length > kMaxTcpFrame) {
+    const std::size_t length = load_be<std::uint16_t>(c.data, at + 4);
+    if (load_be<std::uint16_t>(c.data, at + 2) != 0 || length < 2 || kLengthEnd + length > kMaxTcpFrame) {
       counters.malformed.fetch_add(1, std::memory_order_relaxed);
       return false;
     }
@@ -263,18 +261,13 @@ bool Server::Loop::receive(Client& c) {
 }
 
 void Server::Loop::accept_one() {
-  const int s = ::accept4(listener, nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK);
-  if (s < 0) return;
+  FileDescriptor socket = network::accept_tcp(listener).socket;
+  if (!socket) return;
   if (clients.size() >= options.max_clients) {
     counters.turned_away.fetch_add(1, std::memory_order_relaxed);
-    ::close(s);
     return;
   }
-  const int on = 1;
-  ::setsockopt(s, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-  ::setsockopt(s, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
-  clients.emplace_back(s, Framing::tcp, true, Line{});
-  clients.back().last_heard = monotonic_now();
+  clients.emplace_back(std::move(socket), Framing::tcp);
   count_clients();
 }
 
@@ -289,8 +282,8 @@ void Server::Loop::run() {
   auto wake_at = MonotonicTime::never();
   while (!stopping.load(std::memory_order_acquire)) {
     fds.clear();
-    fds.push_back({wake, POLLIN, 0});
-    fds.push_back({listener, POLLIN, 0});  // a negative one is ignored
+    fds.push_back({wake.get(), POLLIN, 0});
+    fds.push_back({listener.get(), POLLIN, 0});  // a negative one is ignored
     for (const auto& c : clients) {
       // A full buffer is read no further until its requests are answered.
       const bool room = c.framing == Framing::tcp ? c.size < c.data.size() : c.request_size == 0;
@@ -316,7 +309,7 @@ void Server::Loop::run() {
         c.heard = false;
       }
       if (keep) continue;
-      if (c.owned) ::close(c.descriptor);
+      c.own.reset();
       c.descriptor = -1;
       counters.dropped.fetch_add(1, std::memory_order_relaxed);
     }
@@ -334,39 +327,10 @@ Server::Server(std::shared_ptr<RegisterModel> model, std::function<BenchTime()> 
 Server::~Server() { stop(); }
 
 Status Server::listen(const std::string& address, std::uint16_t port) {
-  const std::string where = address + ":" + std::to_string(port);
-  addrinfo hints{};
-  hints.ai_family = AF_UNSPEC;
-  hints.ai_socktype = SOCK_STREAM;
-  hints.ai_flags = AI_PASSIVE | AI_NUMERICSERV;
-  addrinfo* found = nullptr;
-  if (const int rc = ::getaddrinfo(address.c_str(), std::to_string(port).c_str(), &hints, &found); rc != 0)
-    return fail(ErrorCode::not_found, where,
-                std::string("expected an address of this machine, got: ") + gai_strerror(rc));
-  const std::unique_ptr<addrinfo, decltype(&::freeaddrinfo)> owned(found, &::freeaddrinfo);
-  const int s = ::socket(found->ai_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-  if (s < 0) return fail(ErrorCode::io, where, std::string("cannot open a socket: ") + std::strerror(errno));
-  const int on = 1;
-  ::setsockopt(s, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
-  if (::bind(s, found->ai_addr, found->ai_addrlen) != 0 || ::listen(s, 16) != 0) {
-    const int e = errno;
-    ::close(s);
-    if (e == EADDRNOTAVAIL)
-      return fail(ErrorCode::not_found, where,
-                  "expected an address of this machine, got one that it does not have");
-    std::string cure;
-    if (e == EADDRINUSE) cure = "; another program has the port: stop it or give another `port`";
-    if (e == EACCES) cure = "; ports below 1024 need CAP_NET_BIND_SERVICE: give a `port` of 1024 or more";
-    return fail(ErrorCode::unavailable, where,
-                std::string("cannot serve Modbus here: ") + std::strerror(e) + cure);
-  }
-  sockaddr_storage bound{};
-  socklen_t size = sizeof bound;
-  ::getsockname(s, reinterpret_cast<sockaddr*>(&bound), &size);
-  port_ = ntohs(bound.ss_family == AF_INET6 ? reinterpret_cast<const sockaddr_in6&>(bound).sin6_port
-                                            : reinterpret_cast<const sockaddr_in&>(bound).sin_port);
-  if (loop_->listener >= 0) ::close(loop_->listener);
-  loop_->listener = s;
+  auto made = network::listen_tcp(address, port, "Modbus");
+  if (!made) return tl::unexpected<Error>(made.error());
+  loop_->listener = std::move(made->socket);
+  port_ = made->port;
   return {};
 }
 
@@ -375,20 +339,18 @@ void Server::on_clients(std::function<void(unsigned)> tell) { loop_->tell = std:
 void Server::adopt(int socket, Framing framing) {
   // Nothing is ever torn in memory: a frame is there with its last byte, whatever the line's silence would
   // be.
-  loop_->clients.emplace_back(socket, framing, true, Line{});
-  loop_->clients.back().last_heard = monotonic_now();
+  loop_->clients.emplace_back(FileDescriptor(socket), framing);
   if (framing == Framing::tcp) counters_.clients.fetch_add(1, std::memory_order_acq_rel);
 }
 
 void Server::serve_line(int descriptor, const Line& line) {
-  loop_->clients.emplace_back(descriptor, Framing::rtu, false, line);
-  loop_->clients.back().last_heard = monotonic_now();
+  loop_->clients.emplace_back(descriptor, Framing::rtu, line);
 }
 
 Status Server::start() {
   auto& l = *loop_;
-  l.wake = ::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-  if (l.wake < 0)
+  l.wake.reset(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
+  if (!l.wake)
     return fail(ErrorCode::io, "", std::string("cannot start a Modbus server: ") + std::strerror(errno));
   l.faults.begin(l.now());
   l.stopping.store(false, std::memory_order_release);
@@ -400,7 +362,7 @@ void Server::stop() {
   if (!thread_.joinable()) return;
   loop_->stopping.store(true, std::memory_order_release);
   const std::uint64_t one = 1;
-  [[maybe_unused]] const auto n = ::write(loop_->wake, &one, sizeof one);
+  [[maybe_unused]] const auto n = ::write(loop_->wake.get(), &one, sizeof one);
   thread_.join();
   loop_->close_all();
   counters_.clients.store(0, std::memory_order_release);

@@ -29,9 +29,6 @@ void ModbusSink::watch(const Heartbeat* heartbeat, Duration deadline) {
 }
 
 Status ModbusSink::do_arm(const ArmContext& context) {
-  if (context.virtual_time)
-    return fail(ErrorCode::wrong_state, config().name,
-                "expected a wall-clock run, got virtual time: name the device's emulator with `emulated_by`");
   if (auto s = deadline_.open(); !s) return s;
   if (auto s = link_.open(settings_.endpoint); !s)
     return fail(s.error().code, config().name, s.error().text());

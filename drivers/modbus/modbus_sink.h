@@ -37,6 +37,7 @@ class ModbusSink final : public Sink {
 
  protected:
   Status do_configure(const ChannelConfig& config) override;
+  [[nodiscard]] bool requires_wall_clock() const noexcept override { return true; }
   Status do_arm(const ArmContext& context) override;
   Status do_stop() override;
 

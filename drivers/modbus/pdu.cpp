@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <optional>
 
+#include "rt-core/byte_order.h"
+
 namespace rigor::modbus {
 namespace {
 
@@ -11,12 +13,6 @@ constexpr std::uint8_t kReadCoils = 1, kReadDiscreteInputs = 2, kReadHolding = 3
 constexpr std::uint8_t kWriteCoil = 5, kWriteRegister = 6, kWriteCoils = 15, kWriteRegisters = 16;
 constexpr std::uint8_t kMaskWrite = 22, kReadWrite = 23;
 constexpr std::uint16_t kMaxReadWriteRead = 125, kMaxReadWriteWrite = 121;
-
-std::uint16_t be16(const std::uint8_t* p) { return static_cast<std::uint16_t>(p[0] << 8 | p[1]); }
-void put16(std::uint8_t* p, std::uint16_t v) {
-  p[0] = static_cast<std::uint8_t>(v >> 8);
-  p[1] = static_cast<std::uint8_t>(v);
-}
 
 /// What a request asks of the model, checked against the length that really came.
 struct Order {
@@ -37,8 +33,8 @@ bool count_fits(std::uint16_t address, std::uint16_t count, unsigned max, Except
 bool parse_read(std::span<const std::uint8_t> pdu, RegisterTable table, unsigned max, Order& o) {
   if (pdu.size() != 5) return false;
   o.read_table = table;
-  o.read_address = be16(&pdu[1]);
-  o.read_count = be16(&pdu[3]);
+  o.read_address = load_be<std::uint16_t>(pdu, 1);
+  o.read_count = load_be<std::uint16_t>(pdu, 3);
   (void)count_fits(o.read_address, o.read_count, max, o.refusal);
   return true;
 }
@@ -47,9 +43,9 @@ bool parse_write_one(std::span<const std::uint8_t> pdu, Order& o) {
   if (pdu.size() != 5) return false;
   const bool coil = pdu[0] == kWriteCoil;
   o.write_table = coil ? RegisterTable::coils : RegisterTable::holding_registers;
-  o.write_address = be16(&pdu[1]);
+  o.write_address = load_be<std::uint16_t>(pdu, 1);
   o.write_count = 1;
-  o.values[0] = be16(&pdu[3]);
+  o.values[0] = load_be<std::uint16_t>(pdu, 3);
   if (coil && o.values[0] != 0 && o.values[0] != 0xFF00) o.refusal = Exception::illegal_value;
   if (coil) o.values[0] = o.values[0] != 0;
   return true;
@@ -59,14 +55,15 @@ bool parse_write_many(std::span<const std::uint8_t> pdu, Order& o) {
   if (pdu.size() < 6) return false;
   const bool coils = pdu[0] == kWriteCoils;
   o.write_table = coils ? RegisterTable::coils : RegisterTable::holding_registers;
-  o.write_address = be16(&pdu[1]);
-  o.write_count = be16(&pdu[3]);
+  o.write_address = load_be<std::uint16_t>(pdu, 1);
+  o.write_count = load_be<std::uint16_t>(pdu, 3);
   if (!count_fits(o.write_address, o.write_count, coils ? kMaxWriteBits : kMaxWriteRegisters, o.refusal))
     return true;
   const std::size_t bytes = coils ? (o.write_count + 7u) / 8u : o.write_count * std::size_t{2};
   if (pdu[5] != bytes || pdu.size() != 6 + bytes) return false;
   for (std::size_t i = 0; i < o.write_count; ++i)
-    o.values[i] = coils ? static_cast<std::uint16_t>((pdu[6 + i / 8] >> (i % 8)) & 1) : be16(&pdu[6 + 2 * i]);
+    o.values[i] = coils ? static_cast<std::uint16_t>((pdu[6 + i / 8] >> (i % 8)) & 1)
+                        : load_be<std::uint16_t>(pdu, 6 + 2 * i);
   return true;
 }
 
@@ -74,26 +71,26 @@ bool parse_mask_write(std::span<const std::uint8_t> pdu, Order& o) {
   if (pdu.size() != 7) return false;
   o.mask = true;
   o.write_table = RegisterTable::holding_registers;
-  o.write_address = be16(&pdu[1]);
+  o.write_address = load_be<std::uint16_t>(pdu, 1);
   o.write_count = 1;
-  o.and_mask = be16(&pdu[3]);
-  o.or_mask = be16(&pdu[5]);
+  o.and_mask = load_be<std::uint16_t>(pdu, 3);
+  o.or_mask = load_be<std::uint16_t>(pdu, 5);
   return true;
 }
 
 bool parse_read_write(std::span<const std::uint8_t> pdu, Order& o) {
   if (pdu.size() < 10) return false;
   o.read_table = o.write_table = RegisterTable::holding_registers;
-  o.read_address = be16(&pdu[1]);
-  o.read_count = be16(&pdu[3]);
-  o.write_address = be16(&pdu[5]);
-  o.write_count = be16(&pdu[7]);
+  o.read_address = load_be<std::uint16_t>(pdu, 1);
+  o.read_count = load_be<std::uint16_t>(pdu, 3);
+  o.write_address = load_be<std::uint16_t>(pdu, 5);
+  o.write_count = load_be<std::uint16_t>(pdu, 7);
   if (!count_fits(o.read_address, o.read_count, kMaxReadWriteRead, o.refusal) ||
       !count_fits(o.write_address, o.write_count, kMaxReadWriteWrite, o.refusal))
     return true;
   const std::size_t bytes = o.write_count * std::size_t{2};
   if (pdu[9] != bytes || pdu.size() != 10 + bytes) return false;
-  for (std::size_t i = 0; i < o.write_count; ++i) o.values[i] = be16(&pdu[10 + 2 * i]);
+  for (std::size_t i = 0; i < o.write_count; ++i) o.values[i] = load_be<std::uint16_t>(pdu, 10 + 2 * i);
   return true;
 }
 
@@ -160,7 +157,7 @@ void word_answer(std::span<const std::uint8_t> request, const Order& o, const Va
     for (std::size_t i = 0; i < o.read_count; ++i)
       if (out[i] != 0) p[2 + i / 8] = static_cast<std::uint8_t>(p[2 + i / 8] | 1u << (i % 8));
   } else {
-    for (std::size_t i = 0; i < o.read_count; ++i) put16(p + 2 + 2 * i, out[i]);
+    for (std::size_t i = 0; i < o.read_count; ++i) store_be(answer.bytes, 2 + 2 * i, out[i]);
   }
 }
 

@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "drivers/modbus/pdu.h"
+#include "rt-core/byte_order.h"
 
 namespace rigor::modbus {
 namespace {
@@ -34,8 +35,7 @@ LineTimes LineTimes::of(unsigned baud, unsigned bits_per_character) noexcept {
 
 std::size_t seal_frame(std::span<std::uint8_t> frame, std::size_t size) noexcept {
   const auto crc = crc16(frame.first(size));
-  frame[size] = static_cast<std::uint8_t>(crc);
-  frame[size + 1] = static_cast<std::uint8_t>(crc >> 8);
+  store_le(frame, size, crc);
   return size + 2;
 }
 
@@ -64,8 +64,7 @@ void RtuFramer::consume(std::size_t n) noexcept {
 
 bool RtuFramer::whole(std::size_t size) const noexcept {
   return size >= 4 && size <= size_ && size <= kMaxRtuFrame &&
-         crc16({data_.data(), size - 2}) ==
-             static_cast<std::uint16_t>(data_[size - 2] | data_[size - 1] << 8);
+         crc16({data_.data(), size - 2}) == load_le<std::uint16_t>(data_, size - 2);
 }
 
 RtuFramer::Found RtuFramer::next(MonotonicTime now, std::span<const std::uint8_t>& frame) noexcept {

@@ -34,4 +34,24 @@ std::optional<PcapFeed::Item> PcapFeed::next(BenchTime t0) {
   return {};
 }
 
+bool PcapFeed::play(const RunOrigin& origin, Deadline& deadline, const Take& take) {
+  const auto t0 = origin.wait(deadline);
+  if (!t0) return false;
+  while (const auto item = next(*t0)) {
+    if (!deadline.wait_until(MonotonicTime(item->due.ns()))) return false;
+    take(item->datagram.payload, item->due);
+  }
+  return true;
+}
+
+bool PcapFeed::play_while(const std::function<bool()>& more, BenchTime t0, const Take& take) {
+  if (ended_) return false;
+  while (more()) {
+    const auto item = next(t0);
+    if (!item) return true;
+    take(item->datagram.payload, item->due);
+  }
+  return false;
+}
+
 }  // namespace rigor::network

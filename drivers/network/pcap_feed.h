@@ -7,6 +7,8 @@
 #include <optional>
 
 #include "drivers/network/pcap_file.h"
+#include "rt-core/deadline.h"
+#include "sensor-hal/channel/run_origin.h"
 
 namespace rigor::network {
 
@@ -23,6 +25,12 @@ class PcapFeed {
 
   /// The next datagram that is wanted. Empty: the end; `broken()` says whether it is that of the file.
   [[nodiscard]] std::optional<Item> next(BenchTime t0);
+  using Take = std::function<void(std::span<const std::uint8_t> datagram, BenchTime due)>;
+  /// The thread of a source, by the wall clock: waits for the run's start and gives each datagram when it is
+  /// due. True: that was the recording; false: `deadline` was cut.
+  [[nodiscard]] bool play(const RunOrigin& origin, Deadline& deadline, const Take& take);
+  /// Virtual time: gives datagrams as long as `more` wants some. True: that was the recording.
+  [[nodiscard]] bool play_while(const std::function<bool()>& more, BenchTime t0, const Take& take);
   [[nodiscard]] bool ended() const { return ended_; }
   [[nodiscard]] bool broken() const { return broken_; }
   [[nodiscard]] RealtimeTime first_stamp() const { return first_; }

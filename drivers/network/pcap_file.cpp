@@ -6,6 +6,8 @@
 #include <cstring>
 #include <fstream>
 
+#include "rt-core/byte_order.h"
+
 namespace rigor::network {
 namespace {
 
@@ -34,8 +36,7 @@ bool is_pcap(const std::filesystem::path& file) {
   std::uint8_t b[4] = {};
   std::ifstream in(file, std::ios::binary);
   if (!in.read(reinterpret_cast<char*>(b), sizeof b)) return false;
-  const auto big = static_cast<std::uint32_t>(b[0]) << 24 | static_cast<std::uint32_t>(b[1]) << 16 |
-                   static_cast<std::uint32_t>(b[2]) << 8 | b[3];
+  const auto big = load_be<std::uint32_t>(b);
   // µs and ns, in both byte orders; pcapng's section header.
   return big == 0xA1B2C3D4U || big == 0xD4C3B2A1U || big == 0xA1B23C4DU || big == 0x4D3CB2A1U ||
          big == 0x0A0D0D0AU;

@@ -1,8 +1,5 @@
 #include "drivers/network/tcp_server.h"
 
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <netinet/tcp.h>
 #include <poll.h>
 #include <pthread.h>
 #include <sys/eventfd.h>
@@ -14,81 +11,57 @@
 #include <cstring>
 #include <vector>
 
+#include "drivers/network/tcp_socket.h"
+
 namespace rigor::network {
 
 Result<std::uint16_t> TcpServer::listen(const std::string& address, std::uint16_t port, const Limits& limits,
                                         Serve serve) {
-  const std::string where = address + ":" + std::to_string(port);
-  sockaddr_in local{};
-  local.sin_family = AF_INET;
-  local.sin_port = htons(port);
-  if (inet_pton(AF_INET, address.c_str(), &local.sin_addr) != 1)
-    return fail(ErrorCode::bad_input, where, "expected an IPv4 address of this machine, or 0.0.0.0");
-  const int s = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-  if (s < 0) return fail(ErrorCode::io, where, std::string("expected a TCP socket: ") + std::strerror(errno));
-  const int on = 1;
-  (void)setsockopt(s, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
-  if (bind(s, reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0 || ::listen(s, 16) != 0) {
-    const int why = errno;
-    ::close(s);
-    return fail(
-        ErrorCode::unavailable, where,
-        std::string("expected to serve clients here: ") + std::strerror(why) +
-            (why == EADDRINUSE ? "; another program has this port: stop it or give another"
-             : why == EACCES   ? "; ports below 1024 need CAP_NET_BIND_SERVICE: give one of 1024 or more"
-                               : "; `ip addr` lists this machine's addresses"));
-  }
-  socklen_t length = sizeof local;
-  (void)getsockname(s, reinterpret_cast<sockaddr*>(&local), &length);
-  ports_.push_back({s, limits, std::move(serve)});
-  return ntohs(local.sin_port);
+  auto made = listen_tcp(address, port, "clients");
+  if (!made) return tl::unexpected<Error>(made.error());
+  ports_.push_back({std::move(made->socket), limits, std::move(serve)});
+  return made->port;
 }
 
 Status TcpServer::start() {
-  wake_ = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-  if (wake_ < 0) return fail(ErrorCode::io, "", std::string("expected an eventfd: ") + std::strerror(errno));
+  wake_.reset(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
+  if (!wake_) return fail(ErrorCode::io, "", std::string("expected an eventfd: ") + std::strerror(errno));
+  ending_ = false;
   thread_ = std::thread([this] { run(); });
   return {};
 }
 
+void TcpServer::wake() {
+  const std::uint64_t one = 1;
+  [[maybe_unused]] const auto n = ::write(wake_.get(), &one, sizeof one);
+}
+
 void TcpServer::stop() {
   if (thread_.joinable()) {
-    const std::uint64_t one = 1;
-    [[maybe_unused]] const auto n = ::write(wake_, &one, sizeof one);
+    ending_ = true;
+    wake();
     thread_.join();
   }
-  for (const Connection& c : connections_) ::close(c.socket);
-  for (const Port& p : ports_) ::close(p.socket);
-  if (wake_ >= 0) ::close(wake_);
   connections_.clear();
   ports_.clear();
-  wake_ = -1;
+  wake_.reset();
 }
 
 void TcpServer::accept(const Port& port) {
-  sockaddr_in from{};
-  socklen_t length = sizeof from;
-  const int s =
-      accept4(port.socket, reinterpret_cast<sockaddr*>(&from), &length, SOCK_CLOEXEC | SOCK_NONBLOCK);
-  if (s < 0) return;
+  TcpClient client = accept_tcp(port.socket);
+  if (!client.socket) return;
   const auto here = std::count_if(connections_.begin(), connections_.end(),
                                   [&](const Connection& c) { return c.port == &port; });
-  if (static_cast<std::size_t>(here) >= port.limits.clients) {
-    ::close(s);
-    return;
-  }
-  const int on = 1;
-  (void)setsockopt(s, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-  char text[INET_ADDRSTRLEN] = {};
-  (void)inet_ntop(AF_INET, &from.sin_addr, text, sizeof text);
-  connections_.push_back({s, &port, {text, {}, {}, false}, monotonic_now()});
+  if (static_cast<std::size_t>(here) >= port.limits.clients) return;
+  connections_.push_back({std::move(client.socket), &port, {client.address, {}, {}, false, {}}, monotonic_now()});
 }
 
 void TcpServer::send(Connection& c) {
   std::string& out = c.client.out;
   std::size_t sent = 0;
   while (sent < out.size()) {
-    const ssize_t n = ::send(c.socket, out.data() + sent, out.size() - sent, MSG_DONTWAIT | MSG_NOSIGNAL);
+    const ssize_t n =
+        ::send(c.socket.get(), out.data() + sent, out.size() - sent, MSG_DONTWAIT | MSG_NOSIGNAL);
     if (n > 0) {
       sent += static_cast<std::size_t>(n);
       c.moved = monotonic_now();
@@ -105,11 +78,15 @@ void TcpServer::send(Connection& c) {
 
 void TcpServer::receive(Connection& c) {
   char piece[4096];
-  const ssize_t n = recv(c.socket, piece, sizeof piece, MSG_DONTWAIT);
+  const ssize_t n = recv(c.socket.get(), piece, sizeof piece, MSG_DONTWAIT);
   if (n == 0 || (n < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) c.dead = true;
   if (n <= 0 || c.client.close) return;
   c.moved = monotonic_now();
   c.client.in.append(piece, static_cast<std::size_t>(n));
+  serve(c);
+}
+
+void TcpServer::serve(Connection& c) {
   c.port->serve(c.client);
   if (c.client.in.size() > c.port->limits.request || c.client.out.size() > c.port->limits.pending)
     c.dead = true;
@@ -120,12 +97,18 @@ void TcpServer::run() {
   pthread_setname_np(pthread_self(), "tcp-server");
   std::vector<pollfd> fds;
   while (true) {
-    fds.assign(1, {wake_, POLLIN, 0});
-    for (const Port& p : ports_) fds.push_back({p.socket, POLLIN, 0});
+    fds.assign(1, {wake_.get(), POLLIN, 0});
+    for (const Port& p : ports_) fds.push_back({p.socket.get(), POLLIN, 0});
     for (const Connection& c : connections_)
-      fds.push_back({c.socket, static_cast<short>(POLLIN | (c.client.out.empty() ? 0 : POLLOUT)), 0});
+      fds.push_back({c.socket.get(), static_cast<short>(POLLIN | (c.client.out.empty() ? 0 : POLLOUT)), 0});
     if (::poll(fds.data(), fds.size(), 500) < 0 && errno != EINTR) return;
-    if (fds[0].revents != 0) return;
+    if (fds[0].revents != 0) {
+      if (ending_) return;
+      std::uint64_t times = 0;
+      [[maybe_unused]] const auto n = ::read(wake_.get(), &times, sizeof times);
+      for (Connection& c : connections_)
+        if (!c.client.close) serve(c);
+    }
     const MonotonicTime now = monotonic_now();
     std::size_t k = 1 + ports_.size();
     for (Connection& c : connections_) {  // new ones come behind those that were polled
@@ -135,10 +118,7 @@ void TcpServer::run() {
       if ((events & POLLOUT) != 0 && !c.dead) send(c);
       if (now - c.moved > c.port->limits.idle) c.dead = true;
     }
-    connections_.remove_if([](const Connection& c) {
-      if (c.dead) ::close(c.socket);
-      return c.dead;
-    });
+    connections_.remove_if([](const Connection& c) { return c.dead; });
     std::size_t p = 1;
     for (const Port& port : ports_)
       if ((fds[p++].revents & POLLIN) != 0) accept(port);

@@ -2,12 +2,15 @@
 // send is bounded in size and time; who asks for more than it reads is dropped.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <list>
+#include <memory>
 #include <string>
 #include <thread>
 
+#include "rt-core/file_descriptor.h"
 #include "rt-core/result.h"
 #include "rt-core/time.h"
 
@@ -16,12 +19,13 @@ namespace rigor::network {
 class TcpServer {
  public:
   struct Client {
-    std::string address;  ///< "127.0.0.1"
-    std::string in;       ///< what has come and was not consumed
-    std::string out;      ///< what is to be sent
-    bool close = false;   ///< once `out` is sent
+    std::string address;          ///< "127.0.0.1"
+    std::string in;               ///< what has come and was not consumed
+    std::string out;              ///< what is to be sent
+    bool close = false;           ///< once `out` is sent
+    std::shared_ptr<void> state;  ///< of whoever serves; let go with the connection
   };
-  /// Server thread: there is more in `in`; consumes what is whole and answers in `out`.
+  /// Server thread: there is more in `in`, or wake() was called; consumes what is whole and answers in `out`.
   using Serve = std::function<void(Client&)>;
   struct Limits {
     std::size_t clients = 8;        ///< of one port; more are turned away
@@ -35,22 +39,23 @@ class TcpServer {
   TcpServer(const TcpServer&) = delete;
   TcpServer& operator=(const TcpServer&) = delete;
 
-  /// Setup, before start. unavailable: the port is taken, or the address is not this machine's; bad_input: no
-  /// IPv4 address. Port 0: any; gives the one that it is.
+  /// Setup, before start; errors as of listen_tcp. Port 0: any; gives the one that it is.
   [[nodiscard]] Result<std::uint16_t> listen(const std::string& address, std::uint16_t port,
                                              const Limits& limits, Serve serve);
   [[nodiscard]] Status start();
+  /// Any thread: every client is served once more, soon; for what is sent without being asked for.
+  void wake();
   /// Ends the thread, drops clients and ports.
   void stop();
 
  private:
   struct Port {
-    int socket;
+    FileDescriptor socket;
     Limits limits;
     Serve serve;
   };
   struct Connection {
-    int socket;
+    FileDescriptor socket;
     const Port* port;
     Client client;
     MonotonicTime moved;
@@ -60,10 +65,12 @@ class TcpServer {
   void accept(const Port& port);
   void receive(Connection& c);
   static void send(Connection& c);
+  static void serve(Connection& c);
 
   std::list<Port> ports_;
   std::list<Connection> connections_;
-  int wake_ = -1;
+  FileDescriptor wake_;
+  std::atomic<bool> ending_{false};
   std::thread thread_;
 };
 

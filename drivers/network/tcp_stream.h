@@ -5,6 +5,7 @@
 #include <span>
 #include <string>
 
+#include "rt-core/file_descriptor.h"
 #include "rt-core/result.h"
 #include "rt-core/time.h"
 
@@ -12,17 +13,12 @@ namespace rigor::network {
 
 class TcpStream {
  public:
-  TcpStream() = default;
-  ~TcpStream() { close(); }
-  TcpStream(const TcpStream&) = delete;
-  TcpStream& operator=(const TcpStream&) = delete;
-
   /// not_found: nobody listens there, or not until `limit`. `cut_fd`: readable when everything is to end
-  /// (Deadline::cut_fd).
+  /// (Deadline::cut_fd). `device` is expected there, for messages.
   [[nodiscard]] Status connect(const std::string& address, std::uint16_t port, MonotonicTime limit,
-                               int cut_fd);
-  [[nodiscard]] bool is_open() const { return socket_ >= 0; }
-  void close();
+                               int cut_fd, const std::string& device = "a device");
+  [[nodiscard]] bool is_open() const { return socket_.is_open(); }
+  void close() { socket_.reset(); }
 
   enum class Outcome : std::uint8_t { data, timeout, closed, cut };
   /// Waits for at least one byte.
@@ -32,7 +28,8 @@ class TcpStream {
 
  private:
   [[nodiscard]] Outcome wait(short events, MonotonicTime limit) const;
-  int socket_ = -1, cut_ = -1;
+  FileDescriptor socket_;
+  int cut_ = -1;
 };
 
 }  // namespace rigor::network

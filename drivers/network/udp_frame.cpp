@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "rt-core/byte_order.h"
+
 namespace rigor::network {
 namespace {
 
@@ -11,15 +13,12 @@ constexpr std::uint32_t kIpv4 = 0x0800, kIpv6 = 0x86DD, kUdp = 17, kFragmentHead
 constexpr std::uint32_t kMaxDatagram = 65535;
 constexpr Duration kFragmentLifetime = seconds(2);
 
-std::uint32_t be16(Frame f, std::size_t at) { return static_cast<std::uint32_t>(f[at] << 8 | f[at + 1]); }
-std::uint32_t be32(Frame f, std::size_t at) { return be16(f, at) << 16 | be16(f, at + 2); }
-
 std::optional<UdpDatagram> udp_of(Frame udp, UdpDatagram d) {
   if (udp.size() < 8) return {};
-  const std::size_t length = be16(udp, 4);
+  const std::size_t length = load_be<std::uint16_t>(udp, 4);
   if (length < 8 || length > udp.size()) return {};
-  d.source_port = static_cast<std::uint16_t>(be16(udp, 0));
-  d.destination_port = static_cast<std::uint16_t>(be16(udp, 2));
+  d.source_port = load_be<std::uint16_t>(udp, 0);
+  d.destination_port = load_be<std::uint16_t>(udp, 2);
   d.payload = udp.subspan(8, length - 8);
   return d;
 }
@@ -40,12 +39,12 @@ std::optional<IpPacket> ip_of(Frame ip) {
   IpPacket p;
   if (ip[0] >> 4 == 4) {
     if (ip.size() < 20) return {};
-    const std::size_t header = std::size_t{ip[0] & 0x0FU} * 4, total = be16(ip, 2);
+    const std::size_t header = std::size_t{ip[0] & 0x0FU} * 4, total = load_be<std::uint16_t>(ip, 2);
     if (header < 20 || total < header || ip.size() < header || ip[9] != kUdp) return {};
     p.source = ip.subspan(12, 4), p.destination = ip.subspan(16, 4);
-    p.source_ipv4 = be32(ip, 12), p.destination_ipv4 = be32(ip, 16);
-    p.identification = be16(ip, 4);
-    p.offset = (be16(ip, 6) & 0x1FFF) * 8;
+    p.source_ipv4 = load_be<std::uint32_t>(ip, 12), p.destination_ipv4 = load_be<std::uint32_t>(ip, 16);
+    p.identification = load_be<std::uint16_t>(ip, 4);
+    p.offset = (load_be<std::uint16_t>(ip, 6) & 0x1FFF) * 8;
     p.more = (ip[6] & 0x20) != 0;
     // VeloView writes one length into all its headers; that of the datagram itself is checked.
     p.payload = ip.subspan(header, std::min(total, ip.size()) - header);
@@ -55,15 +54,15 @@ std::optional<IpPacket> ip_of(Frame ip) {
   }
   if (ip[0] >> 4 == 6) {
     if (ip.size() < 40) return {};
-    const std::size_t length = be16(ip, 4);
+    const std::size_t length = load_be<std::uint16_t>(ip, 4);
     if (length > ip.size() - 40) return {};
     p.source = ip.subspan(8, 16), p.destination = ip.subspan(24, 16);
     p.payload = ip.subspan(40, length);
     if (ip[6] == kUdp) return p;
     if (ip[6] != kFragmentHeader || length < 8 || p.payload[0] != kUdp) return {};
-    const std::uint32_t place = be16(p.payload, 2);
+    const std::uint32_t place = load_be<std::uint16_t>(p.payload, 2);
     p.offset = place & 0xFFF8, p.more = (place & 1) != 0;
-    p.identification = be32(p.payload, 4);
+    p.identification = load_be<std::uint32_t>(p.payload, 4);
     p.payload = p.payload.subspan(8);
     return p;
   }
@@ -79,14 +78,14 @@ std::optional<IpPacket> ip_of_frame(int link_type, Frame frame) {
       return ip_of(frame);
     case kLinkSll: {
       if (frame.size() < 16) return {};
-      const std::uint32_t type = be16(frame, 14);
+      const std::uint32_t type = load_be<std::uint16_t>(frame, 14);
       return type == kIpv4 || type == kIpv6 ? ip_of(frame.subspan(16)) : std::nullopt;
     }
     case kLinkEthernet: {
       std::size_t at = 12;
       for (int tags = 0; tags < 3; ++tags, at += 4) {
         if (frame.size() < at + 2) return {};
-        const std::uint32_t type = be16(frame, at);
+        const std::uint32_t type = load_be<std::uint16_t>(frame, at);
         if (type == kIpv4 || type == kIpv6) return ip_of(frame.subspan(at + 2));
         if (type != 0x8100 && type != 0x88A8) return {};
       }
@@ -101,20 +100,14 @@ std::optional<UdpDatagram> udp_of(Frame udp, const IpPacket& ip) {
   return udp_of(udp, UdpDatagram{ip.source_ipv4, ip.destination_ipv4, 0, 0, {}});
 }
 
-void put16(std::vector<std::uint8_t>& out, std::uint32_t v) {
-  out.push_back(static_cast<std::uint8_t>(v >> 8));
-  out.push_back(static_cast<std::uint8_t>(v));
-}
-void put32(std::vector<std::uint8_t>& out, std::uint32_t v) { put16(out, v >> 16), put16(out, v & 0xFFFF); }
-
 /// RFC 1071.
-std::uint32_t folded(std::uint64_t sum) {
+std::uint16_t folded(std::uint64_t sum) {
   while (sum > 0xFFFF) sum = (sum & 0xFFFF) + (sum >> 16);
-  return static_cast<std::uint32_t>(~sum & 0xFFFF);
+  return static_cast<std::uint16_t>(~sum);
 }
 std::uint64_t sum_of(Frame f) {
   std::uint64_t sum = 0;
-  for (std::size_t i = 0; i + 1 < f.size(); i += 2) sum += be16(f, i);
+  for (std::size_t i = 0; i + 1 < f.size(); i += 2) sum += load_be<std::uint16_t>(f, i);
   if (f.size() % 2 != 0) sum += static_cast<std::uint64_t>(f.back()) << 8;
   return sum;
 }
@@ -192,15 +185,16 @@ std::optional<UdpDatagram> UdpReassembler::take(Frame frame, RealtimeTime t) {
 std::vector<std::vector<std::uint8_t>> ethernet_frames(const UdpDatagram& d, std::uint16_t identification) {
   // The datagram with its header, and then the frames that carry it.
   std::vector<std::uint8_t> pseudo;
-  put32(pseudo, d.source_ipv4), put32(pseudo, d.destination_ipv4);
+  append_be(pseudo, d.source_ipv4), append_be(pseudo, d.destination_ipv4);
   const auto udp_length = static_cast<std::uint32_t>(8 + d.payload.size());
   std::vector<std::uint8_t> udp;
   udp.reserve(udp_length);
-  put16(udp, d.source_port), put16(udp, d.destination_port), put16(udp, udp_length), put16(udp, 0);
+  append_be(udp, d.source_port), append_be(udp, d.destination_port);
+  append_be(udp, static_cast<std::uint16_t>(udp_length)), append_be<std::uint16_t>(udp, 0);
   udp.insert(udp.end(), d.payload.begin(), d.payload.end());
-  std::uint32_t sum = folded(sum_of(pseudo) + kUdp + udp_length + sum_of(udp));
+  std::uint16_t sum = folded(sum_of(pseudo) + kUdp + udp_length + sum_of(udp));
   if (sum == 0) sum = 0xFFFF;
-  udp[6] = static_cast<std::uint8_t>(sum >> 8), udp[7] = static_cast<std::uint8_t>(sum);
+  store_be(udp, 6, sum);
 
   constexpr std::size_t kRoom = (kMtu - 20) / 8 * 8;
   std::vector<std::vector<std::uint8_t>> frames;
@@ -212,18 +206,16 @@ std::vector<std::vector<std::uint8_t>> ethernet_frames(const UdpDatagram& d, std
     out.insert(out.end(), 6, 0xFF);  // to all
     // A locally administered address.
     for (const int b : {0x02, 0x00, 0x00, 0x00, 0x00, 0x01}) out.push_back(static_cast<std::uint8_t>(b));
-    put16(out, kIpv4);
+    append_be<std::uint16_t>(out, kIpv4);
     const std::size_t ip = out.size();
-    put16(out, 0x4500);
-    put16(out, static_cast<std::uint32_t>(20 + n));
-    put16(out, identification);
-    put16(out, whole ? 0x4000U : (more ? 0x2000U : 0U) | static_cast<std::uint32_t>(at / 8));
-    put16(out, 0x4000 | kUdp);
-    put16(out, 0);
-    put32(out, d.source_ipv4), put32(out, d.destination_ipv4);
-    const std::uint32_t header_sum = folded(sum_of(Frame(out).subspan(ip, 20)));
-    out[ip + 10] = static_cast<std::uint8_t>(header_sum >> 8);
-    out[ip + 11] = static_cast<std::uint8_t>(header_sum);
+    append_be<std::uint16_t>(out, 0x4500);
+    append_be(out, static_cast<std::uint16_t>(20 + n));
+    append_be(out, identification);
+    append_be(out, static_cast<std::uint16_t>(whole ? 0x4000 : (more ? 0x2000 : 0) | at / 8));
+    append_be<std::uint16_t>(out, 0x4000 | kUdp);
+    append_be<std::uint16_t>(out, 0);
+    append_be(out, d.source_ipv4), append_be(out, d.destination_ipv4);
+    store_be(out, ip + 10, folded(sum_of(Frame(out).subspan(ip, 20))));
     out.insert(out.end(), udp.begin() + static_cast<std::ptrdiff_t>(at),
                udp.begin() + static_cast<std::ptrdiff_t>(at + n));
   }

@@ -1,21 +1,12 @@
 #include "drivers/network/udp_receiver.h"
 
 #include <arpa/inet.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
 
 namespace rigor::network {
-
-UdpReceiver::UdpReceiver() = default;
-UdpReceiver::~UdpReceiver() { close(); }
-
-void UdpReceiver::close() {
-  if (fd_ >= 0) ::close(fd_);
-  fd_ = -1;
-}
 
 Status UdpReceiver::open(const std::string& address, std::uint16_t port, std::int64_t buffer_bytes,
                          std::size_t max_bytes) {
@@ -24,23 +15,22 @@ Status UdpReceiver::open(const std::string& address, std::uint16_t port, std::in
   max_bytes_ = max_bytes + 1;
   data_.resize(kBatch * max_bytes_);
   const std::string where = address + ":" + std::to_string(port);
-  fd_ = socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-  if (fd_ < 0)
-    return fail(ErrorCode::io, where, std::string("expected a UDP socket: ") + std::strerror(errno));
+  fd_.reset(socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
+  if (!fd_) return fail(ErrorCode::io, where, std::string("expected a UDP socket: ") + std::strerror(errno));
   const int on = 1, bytes = static_cast<int>(buffer_bytes);
-  (void)setsockopt(fd_, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on);
-  (void)setsockopt(fd_, SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof on);
-  if (setsockopt(fd_, SOL_SOCKET, SO_RCVBUFFORCE, &bytes, sizeof bytes) != 0)
-    (void)setsockopt(fd_, SOL_SOCKET, SO_RCVBUF, &bytes, sizeof bytes);
+  (void)setsockopt(fd_.get(), SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on);
+  (void)setsockopt(fd_.get(), SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof on);
+  if (setsockopt(fd_.get(), SOL_SOCKET, SO_RCVBUFFORCE, &bytes, sizeof bytes) != 0)
+    (void)setsockopt(fd_.get(), SOL_SOCKET, SO_RCVBUF, &bytes, sizeof bytes);
   int granted = 0;
   socklen_t length = sizeof granted;
-  if (getsockopt(fd_, SOL_SOCKET, SO_RCVBUF, &granted, &length) == 0) buffer_bytes_ = granted / 2;
+  if (getsockopt(fd_.get(), SOL_SOCKET, SO_RCVBUF, &granted, &length) == 0) buffer_bytes_ = granted / 2;
   sockaddr_in local{};
   local.sin_family = AF_INET;
   local.sin_port = htons(port);
   if (inet_pton(AF_INET, address.c_str(), &local.sin_addr) != 1)
     return fail(ErrorCode::bad_input, where, "expected an IPv4 address of this machine, or 0.0.0.0");
-  if (bind(fd_, reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0) {
+  if (bind(fd_.get(), reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0) {
     const int why = errno;
     close();
     return fail(ErrorCode::unavailable, where,
@@ -49,7 +39,8 @@ Status UdpReceiver::open(const std::string& address, std::uint16_t port, std::in
                                        : "; `ip addr` lists this machine's addresses"));
   }
   length = sizeof local;
-  if (getsockname(fd_, reinterpret_cast<sockaddr*>(&local), &length) == 0) port_ = ntohs(local.sin_port);
+  if (getsockname(fd_.get(), reinterpret_cast<sockaddr*>(&local), &length) == 0)
+    port_ = ntohs(local.sin_port);
   dropped_last_ = 0;
   for (std::size_t i = 0; i < kBatch; ++i) {
     vector_[i] = {data_.data() + i * max_bytes_, max_bytes_};
@@ -67,7 +58,7 @@ std::span<const UdpReceiver::Datagram> UdpReceiver::receive(const EpochPair& epo
     h.msg_hdr.msg_namelen = sizeof(sockaddr_in);
     h.msg_hdr.msg_controllen = control_[0].size();
   }
-  const int n = recvmmsg(fd_, header_.data(), kBatch, MSG_DONTWAIT, nullptr);
+  const int n = recvmmsg(fd_.get(), header_.data(), kBatch, MSG_DONTWAIT, nullptr);
   if (n <= 0) return {};
   const BenchTime now(monotonic_now().ns());
   std::size_t count = 0;

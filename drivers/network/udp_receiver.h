@@ -12,6 +12,7 @@
 
 #include "drivers/network/udp_frame.h"
 #include "rt-core/epoch.h"
+#include "rt-core/file_descriptor.h"
 #include "rt-core/result.h"
 
 namespace rigor::network {
@@ -26,8 +27,7 @@ class UdpReceiver {
   };
   static constexpr std::size_t kBatch = 32;
 
-  UdpReceiver();
-  ~UdpReceiver();
+  UdpReceiver() = default;
   UdpReceiver(const UdpReceiver&) = delete;
   UdpReceiver& operator=(const UdpReceiver&) = delete;
 
@@ -35,8 +35,8 @@ class UdpReceiver {
   /// `max_bytes`: of one datagram; a longer one is handed on one byte longer than that.
   [[nodiscard]] Status open(const std::string& address, std::uint16_t port, std::int64_t buffer_bytes,
                             std::size_t max_bytes = kMtu);
-  void close();
-  [[nodiscard]] int fd() const { return fd_; }
+  void close() { fd_.reset(); }
+  [[nodiscard]] int fd() const { return fd_.get(); }
   [[nodiscard]] std::uint16_t port() const { return port_; }
   /// Bytes that the kernel grants; less than asked for where net.core.rmem_max is lower.
   [[nodiscard]] std::int64_t buffer_bytes() const { return buffer_bytes_; }
@@ -47,7 +47,7 @@ class UdpReceiver {
   [[nodiscard]] std::uint64_t dropped() const { return dropped_; }
 
  private:
-  int fd_ = -1;
+  FileDescriptor fd_;
   std::uint16_t port_ = 0;
   std::int64_t buffer_bytes_ = 0;
   std::uint32_t dropped_last_ = 0;

@@ -26,7 +26,10 @@ FrameStream::FrameStream(const Metadata& metadata, const FrameStreamOptions& opt
               seconds_from(metadata.column_period_s() * metadata.columns_per_packet)}),
       column_period_(seconds_from(metadata.column_period_s())) {
   clock_.set_utc_offset(options.utc_offset);
-  points_.reserve(max_points(metadata));
+  if (options.image)
+    image_.emplace(metadata, *options.image);
+  else
+    points_.reserve(max_points(metadata));
   expect();
 }
 
@@ -41,7 +44,14 @@ void FrameStream::expect() {
 }
 
 bool FrameStream::adopt(const Metadata& metadata) {
-  if (max_points(metadata) > points_.capacity()) return false;
+  if (image_) {
+    if (metadata.mode.columns != image_->width_px() || metadata.pixels_per_column != image_->height_px() ||
+        !check_field(metadata.profile, image_->options().field))
+      return false;
+    image_.emplace(metadata, *options_.image);
+  } else if (max_points(metadata) > points_.capacity()) {
+    return false;
+  }
   metadata_ = metadata;
   layout_ = layout_of(metadata);
   beams_ = BeamTable(metadata);
@@ -91,6 +101,7 @@ void FrameStream::begin(std::uint16_t frame_id, std::uint32_t slot) {
   seen_slots_ = columns_ = 0;
   timed_ = false;
   points_.clear();
+  if (image_) image_->clear();
 }
 
 void FrameStream::close(const HandCloud& hand) {
@@ -111,6 +122,7 @@ void FrameStream::close(const HandCloud& hand) {
   const PacketClock::Placed at = clock_.place(t_begin_);
   Cloud c;
   c.points = points_;
+  if (image_) c.pixels = image_->bytes();
   c.t_capture = at.t;
   c.sigma = at.sigma;
   c.sequence = sequence_;
@@ -177,7 +189,6 @@ void FrameStream::take(Bytes datagram, BenchTime arrival, const HandCloud& hand)
 void FrameStream::add(const LidarPacket& packet, std::uint32_t slot) {
   seen_[slot] = 1;
   seen_slots_ += expected_[slot] > 0;
-  const std::uint32_t returns = layout_.dual() ? 2 : 1;
   for (std::uint32_t i = 0; i < layout_.columns; ++i) {
     const auto column = packet.column(i);
     if (!column.good()) continue;
@@ -192,21 +203,30 @@ void FrameStream::add(const LidarPacket& packet, std::uint32_t slot) {
           metadata_.window.first <= metadata_.window.last ? metadata_.window.first : 0;
       t_begin_ = t - seconds_from(metadata_.column_period_s() * (m - first));
     }
-    const auto offset = (t - t_begin_).ns();
-    const auto t_offset = static_cast<std::int32_t>(std::clamp<std::int64_t>(
-        offset, std::numeric_limits<std::int32_t>::min(), std::numeric_limits<std::int32_t>::max()));
-    for (std::uint32_t row = 0; row < layout_.pixels; ++row)
-      for (std::uint32_t index = 0; index < returns; ++index) {
-        const Pixel pixel = column.pixel(row, index);
-        if (pixel.range_mm == 0 || points_.size() == points_.capacity()) continue;
-        const BeamTable::Point p = beams_.at(m, row, pixel.range_mm * 1e-3);
-        const std::uint16_t remission = options_.remission == Remission::reflectivity ? pixel.reflectivity
-                                        : options_.remission == Remission::signal     ? pixel.signal
-                                                                                  : column.near_infrared(row);
-        points_.push_back({p.x_m, p.y_m, p.z_m, static_cast<float>(remission), t_offset,
-                           static_cast<std::uint16_t>(row), static_cast<std::uint8_t>(index), 0});
-      }
+    if (image_) {
+      for (std::uint32_t row = 0; row < layout_.pixels; ++row)
+        image_->set(m, row, column.pixel(row), column.near_infrared(row));
+      continue;
+    }
+    add_points(column, static_cast<std::int32_t>(std::clamp<std::int64_t>(
+                           (t - t_begin_).ns(), std::numeric_limits<std::int32_t>::min(),
+                           std::numeric_limits<std::int32_t>::max())));
   }
+}
+
+void FrameStream::add_points(const LidarPacket::Column& column, std::int32_t t_offset_ns) {
+  const std::uint32_t m = column.measurement_id(), returns = layout_.dual() ? 2 : 1;
+  for (std::uint32_t row = 0; row < layout_.pixels; ++row)
+    for (std::uint32_t index = 0; index < returns; ++index) {
+      const Pixel pixel = column.pixel(row, index);
+      if (pixel.range_mm == 0 || points_.size() == points_.capacity()) continue;
+      const BeamTable::Point p = beams_.at(m, row, pixel.range_mm * 1e-3);
+      const std::uint16_t remission = options_.remission == Field::reflectivity ? pixel.reflectivity
+                                      : options_.remission == Field::signal     ? pixel.signal
+                                                                                : column.near_infrared(row);
+      points_.push_back({p.x_m, p.y_m, p.z_m, static_cast<float>(remission), t_offset_ns,
+                         static_cast<std::uint16_t>(row), static_cast<std::uint8_t>(index), 0});
+    }
 }
 
 }  // namespace rigor::ouster

@@ -1,4 +1,5 @@
-// From lidar packets in the order of their arrival to point clouds with their place on the bench clock. What
+// From lidar packets in the order of their arrival to point clouds, or to images (frame_image.h), with their
+// place on the bench clock. What
 // the source on the network, a recording and the stand-in in virtual time share; no socket, no thread.
 //
 //   datagram → checked → its frame, by frame id → a cloud, once all columns of the azimuth window are there
@@ -11,25 +12,22 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "drivers/lidar/cloud.h"
 #include "drivers/lidar/packet_clock.h"
 #include "drivers/ouster/beam_table.h"
+#include "drivers/ouster/frame_image.h"
 #include "drivers/ouster/lidar_packet.h"
 
 namespace rigor::ouster {
 
-enum class Remission : std::uint8_t {
-  reflectivity,
-  signal,
-  near_infrared
-};  ///< what LidarPoint has of a pixel
-
 struct FrameStreamOptions {
   packet_lidar::TimeSource time = packet_lidar::TimeSource::device;
   Duration utc_offset{};  ///< for TimeSource::utc: UTC less the device's time (PTP counts TAI: −37 s)
-  Remission remission = Remission::reflectivity;
+  Field remission = Field::reflectivity;  ///< what LidarPoint has of a pixel; not the range
+  std::optional<ImageOptions> image{};    ///< images in place of points
   /// Packets of another initialization than the metadata's are left alone: their metadata has to be fetched.
   bool this_initialization_only = false;
 };
@@ -53,7 +51,7 @@ class FrameStream {
   /// I/O thread. `arrival`: when its last byte was here. No allocation.
   void take(Bytes datagram, BenchTime arrival, const packet_lidar::HandCloud& hand);
   /// The sensor was configured anew: its next packets are by this metadata. False, and nothing happens, where
-  /// its frames are larger than those of the first metadata. Allocates.
+  /// its frames are larger than those of the first metadata, or make no such image. Allocates.
   [[nodiscard]] bool adopt(const Metadata& metadata);
   /// The end of the packets: hands on what is at hand if it is whole.
   void finish(const packet_lidar::HandCloud& hand);
@@ -64,6 +62,8 @@ class FrameStream {
   [[nodiscard]] const Counters& counters() const { return counters_; }
   [[nodiscard]] const Metadata& metadata() const { return metadata_; }
   [[nodiscard]] const PacketLayout& layout() const { return layout_; }
+  /// Of a stream of images; nullptr: points.
+  [[nodiscard]] const FrameImage* image() const { return image_ ? &*image_ : nullptr; }
   /// Of one cloud: a point for each pixel (and return) of the window.
   [[nodiscard]] static std::size_t max_points(const Metadata& metadata);
 
@@ -72,6 +72,7 @@ class FrameStream {
   void begin(std::uint16_t frame_id, std::uint32_t first_slot);
   void close(const packet_lidar::HandCloud& hand);
   void add(const LidarPacket& packet, std::uint32_t slot);
+  void add_points(const LidarPacket::Column& column, std::int32_t t_offset_ns);
 
   Metadata metadata_;
   PacketLayout layout_;
@@ -91,6 +92,7 @@ class FrameStream {
   bool timed_ = false;
   DeviceTime t_begin_;
   std::vector<LidarPoint> points_;
+  std::optional<FrameImage> image_;
   // The sequence of clouds.
   bool started_ = false, any_begun_ = false;  ///< a frame was seen; from its beginning
   bool renewed_ = false;  ///< other metadata, or the sensor started anew: frames are counted from there

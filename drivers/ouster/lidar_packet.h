@@ -81,9 +81,12 @@ class LidarPacket {
 
    private:
     friend class LidarPacket;
-    Column(const PacketLayout& layout, const std::uint8_t* at) : layout_(&layout), at_(at) {}
+    Column(const PacketLayout& layout, Bytes bytes) : layout_(&layout), bytes_(bytes) {}
+    [[nodiscard]] std::size_t pixel_at(std::uint32_t row) const {
+      return layout_->column_header_bytes + row * layout_->pixel_bytes;
+    }
     const PacketLayout* layout_;
-    const std::uint8_t* at_;
+    Bytes bytes_;
   };
 
   /// Empty where anything is out of its bounds; `fault` then says what: another size, another type of packet,
@@ -115,7 +118,10 @@ class LidarPacketWriter {
   [[nodiscard]] Bytes bytes() const { return bytes_; }
 
  private:
-  [[nodiscard]] std::uint8_t* pixel_at(std::uint32_t i, std::uint32_t row);
+  [[nodiscard]] std::size_t column_at(std::uint32_t i) const {
+    return layout_.header_bytes + i * layout_.column_bytes;
+  }
+  [[nodiscard]] std::span<std::uint8_t> pixel(std::uint32_t i, std::uint32_t row);
   PacketLayout layout_;
   std::uint16_t frame_id_ = 0;
   std::vector<std::uint8_t> bytes_;

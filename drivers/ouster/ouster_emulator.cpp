@@ -3,7 +3,6 @@
 #include <pthread.h>
 
 #include <algorithm>
-#include <cmath>
 
 namespace rigor::ouster {
 namespace {
@@ -12,7 +11,6 @@ namespace {
 constexpr Duration kLatest = milliseconds(100);
 /// How often a sensor that does not send looks whether it is to.
 constexpr Duration kIdle = milliseconds(20);
-constexpr std::int64_t kTaiLessUtc_ns = 37'000'000'000, kSecond_ns = 1'000'000'000;
 
 void raise(std::atomic<std::uint64_t>& counter) { counter.fetch_add(1, std::memory_order_relaxed); }
 
@@ -62,10 +60,8 @@ Status OusterEmulator::listen() {
   return {};
 }
 
-Status OusterEmulator::do_arm(const ArmContext& context) {
+Status OusterEmulator::do_arm(const ArmContext&) {
   const std::string& name = config().name;
-  if (context.virtual_time)
-    return fail(ErrorCode::bad_input, name, "an emulator on the network runs by the wall clock only");
   auto device = SensorDevice::create(parts_.samples);
   if (!device) return fail(device.error().code, name, device.error().text());
   device_.emplace(std::move(*device));
@@ -119,22 +115,10 @@ Status OusterEmulator::do_stop() {
 }
 
 void OusterEmulator::set_out(const SensorControl::Active& a, BenchTime earliest) {
-  t_start_ = earliest + scans_->measuring_time() * 2 + milliseconds(5);
-  if (a.phase_lock) {
-    // Column 0 is `offset` of the turn before the lock angle: the encoder counts down from a full turn.
-    const double turn = std::fmod(360 - a.phase_lock_deg, 360) / 360;
-    const std::int64_t frame = device_->frame_time().ns();
-    const std::int64_t lead = static_cast<std::int64_t>(turn * static_cast<double>(frame));
-    const std::int64_t utc = epoch_.to_utc(t_start_).ns() + lead;
-    // Frames divide the second, so that one that meets it meets all.
-    const std::int64_t beyond = utc % kSecond_ns % frame;
-    t_start_ = t_start_ + Duration(beyond == 0 ? 0 : frame - beyond);
-  }
-  const std::int64_t utc = epoch_.to_utc(t_start_).ns();
-  start_ns_ =
-      static_cast<std::uint64_t>(a.timestamp_mode == "TIME_FROM_PTP_1588"        ? utc + kTaiLessUtc_ns
-                                 : a.timestamp_mode == "TIME_FROM_SYNC_PULSE_IN" ? utc
-                                                                                 : (t_start_ - t_on_).ns());
+  const RealtimeTime first = a.time.first_frame(
+      epoch_.to_utc(earliest + scans_->measuring_time() * 2 + milliseconds(5)), device_->frame_time());
+  t_start_ = epoch_.to_bench(first);
+  start_ns_ = a.time.count_at(first, epoch_.to_utc(t_on_));
 }
 
 void OusterEmulator::run() {

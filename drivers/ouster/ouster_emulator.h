@@ -5,9 +5,8 @@
 //   measuring thread  frames, ahead of those that are due (ScanAhead)
 //   sending thread    each packet when its last column has fired, absolute; IMU packets between them
 //
-// The sensor's time is by its timestamp_mode: ns since it was switched on; UTC (sync pulse); TAI, which is
-// UTC and 37 s (PTP). With phase lock the encoder passes its angle at each full second of UTC. `connected`:
-// nobody said that nobody listens (ICMP).
+// Its time and its phase are those of sensor_time.h, by this machine's UTC. `connected`: nobody said that
+// nobody listens (ICMP).
 #pragma once
 
 #include <mutex>

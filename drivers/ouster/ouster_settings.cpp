@@ -21,10 +21,12 @@ std::uint16_t port_or(const ConfigNode& n, std::string_view key, std::uint16_t f
 SourceSettings read_source_settings(const ChannelConfig& config) {
   const ConfigNode& n = config.params;
   SourceSettings s;
-  if (config.kind != SampleKind::point_cloud && config.kind != SampleKind::imu)
+  const SampleKind kind = config.kind;
+  if (kind != SampleKind::point_cloud && kind != SampleKind::image && kind != SampleKind::range_image &&
+      kind != SampleKind::imu)
     throw n.error("kind",
-                  "expected point_cloud or imu: what this driver takes from the sensor; got another kind");
-  const bool points = config.kind == SampleKind::point_cloud;
+                  "expected point_cloud, image, range_image or imu: what this driver takes from the sensor; "
+                  "got another kind");
   if (n.has("metadata")) s.metadata = n.base_dir() / n.text("metadata");
   if (n.has("file")) {
     s.file = n.base_dir() / n.text("file");
@@ -50,12 +52,20 @@ SourceSettings read_source_settings(const ChannelConfig& config) {
   s.lidar_port = port_or(n, "lidar_port", 0);
   s.imu_port = port_or(n, "imu_port", 0);
   s.frame_id = n.text_or("frame_id", config.name.substr(0, config.name.find('.')));
-  const std::string remission =
-      points ? n.choice_or("remission", {"reflectivity", "signal", "near_infrared"}, "reflectivity")
-             : "reflectivity";
-  s.stream.remission = remission == "signal"          ? Remission::signal
-                       : remission == "near_infrared" ? Remission::near_infrared
-                                                      : Remission::reflectivity;
+  const auto field = [&](const char* key, const char* fallback) {
+    return *field_named(n.choice_or(key, {"reflectivity", "signal", "near_infrared"}, fallback));
+  };
+  if (kind == SampleKind::point_cloud) s.stream.remission = field("remission", "reflectivity");
+  if (kind == SampleKind::range_image) s.stream.image = ImageOptions{.field = Field::range};
+  if (kind == SampleKind::image) {
+    ImageOptions image{.field = field("field", "signal")};
+    const bool eight = image.field == Field::reflectivity;
+    image.format =
+        *pixel_format_from(n.choice_or("pixel_format", {"Mono8", "Mono16"}, eight ? "Mono8" : "Mono16"));
+    if (image.format == PixelFormat::mono8)
+      image.full_scale = n.number_or("full_scale", eight ? 255 : 2000, {.min = 1, .max = 65535});
+    s.stream.image = image;
+  }
   const std::string time = n.choice_or("time", {"device", "utc", "arrival"}, "device");
   s.stream.time = time == "utc"       ? packet_lidar::TimeSource::utc
                   : time == "arrival" ? packet_lidar::TimeSource::arrival

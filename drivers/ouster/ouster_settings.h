@@ -1,18 +1,26 @@
 // What a rig says of an Ouster, as plain values.
 //
 //   backend: ouster
-//   kind: point_cloud             # or imu: the sensor's inertial measurement unit
+//   kind: point_cloud             # image: one of the sensor's fields; range_image: range and signal; imu:
+//   its
+//                                 # inertial measurement unit
 //   host: 192.168.1.201           # the sensor: metadata comes from it, and packets of others are passed over
 //   http_port: 80
 //   tcp_port: 7501                # where HTTP has no metadata (firmware before 2.1); 0: not asked
-//   configure: { udp_dest: auto, lidar_mode: 1024x10 }   # made active at arm where the sensor has other
-//   values ready_s: 60                   # how long the sensor may take to be RUNNING metadata: os1.json # in
-//   place of the sensor's own, against the rig's folder address: 0.0.0.0              # local address that
-//   takes the packets lidar_port, imu_port          # those of the metadata; else 7502, 7503 remission:
-//   reflectivity       # or signal, near_infrared time: device                  # or utc (PTP, sync pulse),
-//   arrival: packet_clock.h utc_offset_s: -37             # UTC less the sensor's time; −37 with PTP, which
-//   counts TAI, else 0 socket_buffer_bytes: 4194304 buffers: 8                    # samples that the channel
-//   can hold, those in the application's hands included
+//   configure: { udp_dest: auto, lidar_mode: 1024x10 }   # made active at arm where the sensor has others
+//   ready_s: 60                   # how long the sensor may take to be RUNNING
+//   metadata: os1.json            # in place of the sensor's own, against the rig's folder
+//   address: 0.0.0.0              # local address that takes the packets
+//   lidar_port, imu_port          # those of the metadata; else 7502, 7503
+//   remission: reflectivity       # of points; or signal, near_infrared
+//   field: signal                 # of an image; or near_infrared, reflectivity
+//   pixel_format: Mono16          # or Mono8, which is the default of reflectivity
+//   full_scale: 2000              # of Mono8: the number that becomes 255; 255 of reflectivity
+//   time: device                  # or utc (PTP, sync pulse), arrival: packet_clock.h
+//   utc_offset_s: -37             # UTC less the sensor's time; -37 with PTP, which counts TAI, else 0
+//   socket_buffer_bytes: 4194304
+//   buffers: 8                    # samples that the channel can hold, those in the application's hands
+//   included
 //
 //   file: drive.pcap              # instead of the network's keys: a recording, against the rig's folder
 //   metadata: drive.json          # needed with it

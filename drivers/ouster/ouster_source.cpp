@@ -2,7 +2,6 @@
 
 #include <netdb.h>
 #include <netinet/in.h>
-#include <poll.h>
 #include <pthread.h>
 
 #include <cstring>
@@ -57,24 +56,19 @@ Status OusterSource::do_arm(const ArmContext& context) {
   for (auto* c : {&packets_, &packets_lost_, &columns_lost_, &frames_lost_, &packets_late_, &clock_steps_,
                   &kernel_drops_, &foreign_, &reinitialized_})
     *c = 0;
-  misfit_ = false;
   other_seen_ = malformed_seen_ = 0;
   fetch_.reset();
   if (auto s = deadline_.open(); !s) return s;
   deadline_.reset();
   if (!settings_.file.empty()) return arm_file(context.virtual_time);
-  if (context.virtual_time)
-    return fail(
-        ErrorCode::wrong_state, config().name,
-        "an Ouster on the network knows no virtual time: give the rig an emulator for it (`emulated_by`), or "
-        "run with --clock wall");
   auto s = arm_network();
-  if (!s) receiver_.close();
+  if (!s) leave_port();
   return s;
 }
 
-void OusterSource::open_frames(const Metadata& m, Feed feed) {
+Status OusterSource::open_frames(const Metadata& m, Feed feed) {
   how_ = feed;
+  initialization_id_ = m.initialization_id;
   const Duration utc_offset = settings_.utc_offset.value_or(
       m.timestamp_mode == "TIME_FROM_PTP_1588" && feed == Feed::live ? seconds(-37) : Duration(0));
   if (is_imu()) {
@@ -86,13 +80,20 @@ void OusterSource::open_frames(const Metadata& m, Feed feed) {
     imu_in_run_.reset();
     last_imu_release_ = {};
     open_stream(settings_.buffers, 0, feed == Feed::virtual_time);
-    return;
+    return {};
   }
   FrameStreamOptions o = settings_.stream;
+  if (o.image)
+    if (auto s = check_field(m.profile, o.image->field); !s)
+      return tl::unexpected<Error>(config().params.error("field", s.error().message).error());
   o.utc_offset = utc_offset;
   o.this_initialization_only = !settings_.host.empty();
   frames_.emplace(m, o);
-  open_clouds(settings_.buffers, FrameStream::max_points(m), feed);
+  if (const FrameImage* image = frames_->image())
+    open_images(settings_.buffers, image->info(), image->bytes().size(), feed);
+  else
+    open_clouds(settings_.buffers, FrameStream::max_points(m), feed);
+  return {};
 }
 
 Status OusterSource::arm_network() {
@@ -116,44 +117,42 @@ Status OusterSource::arm_network() {
         "do not say where beams point");
   }
   sensor_ipv4_ = ipv4_of(settings_.host);
-  const PacketLayout layout = layout_of(m);
-  const std::size_t expected = is_imu() ? kImuBytes : layout.packet_bytes;
-  const std::uint16_t port = port_of(m);
-  if (auto s = receiver_.open(settings_.address, port, settings_.socket_buffer_bytes, expected); !s)
-    return fail(s.error().code, config().name, s.error().text());
-  if (!is_imu() && receiver_.buffer_bytes() < settings_.socket_buffer_bytes)
-    warnings_.push_back("the kernel grants " + std::to_string(receiver_.buffer_bytes() / 1024) +
-                        " KiB of the " + std::to_string(settings_.socket_buffer_bytes / 1024) +
-                        " KiB asked for: `rigor doctor` says how to have more");
-  const auto is_packet = [&](Bytes bytes) {
-    PacketFault fault{};
-    return is_imu() ? parse_imu(bytes).has_value() : LidarPacket::parse(bytes, layout, fault).has_value();
-  };
-  std::uint64_t good = 0, other = 0, foreign = 0;
-  for (const BenchTime until = bench_now() + kListen; good == 0 && bench_now() < until;) {
-    pollfd p{receiver_.fd(), POLLIN, 0};
-    (void)::poll(&p, 1, 50);
-    for (const auto& d : receiver_.receive(read_epoch())) {
-      if (sensor_ipv4_ != 0 && d.source_ipv4 != sensor_ipv4_)
-        ++foreign;
-      else
-        ++(is_packet(d.bytes) ? good : other);
-    }
-  }
-  if (good == 0)
-    return fail(
-        ErrorCode::unavailable, config().name,
-        "expected packets of " + std::to_string(expected) + " bytes at " + settings_.address + ":" +
-            std::to_string(port) + ", got " +
-            (other > 0 ? std::to_string(other) + " of something else: do the metadata belong to this sensor?"
-             : foreign > 0 ? std::to_string(foreign) + " of another sender than " + settings_.host
-                           : "none in 2 s; the sensor sends to its `udp_dest`: `configure: { udp_dest: auto "
-                             "}` makes that this machine"));
-  open_frames(m, Feed::live);
-  t_last_packet_ = bench_now();
+  if (auto s = open_frames(m, Feed::live); !s) return s;
+  t_last_packet_ = t_last_datagram_ = bench_now();
   health_.connected = true;
-  thread_ = std::thread([this] { run_network(); });
-  return {};
+  const std::uint64_t errors = health_.protocol_errors;
+  const std::uint16_t number = port_of(m);
+  auto port = SensorPort::join(settings_.address, number, settings_.socket_buffer_bytes, this);
+  if (!port) return fail(port.error().code, config().name, port.error().text());
+  port_ = std::move(*port);
+  if (!is_imu() && port_->buffer_bytes() < settings_.socket_buffer_bytes)
+    warnings_.push_back("the kernel grants " + std::to_string(port_->buffer_bytes() / 1024) + " KiB of the " +
+                        std::to_string(settings_.socket_buffer_bytes / 1024) +
+                        " KiB asked for: `rigor doctor` says how to have more");
+  return await_packets(is_imu() ? kImuBytes : layout_of(m).packet_bytes, number, errors);
+}
+
+Status OusterSource::await_packets(std::size_t expected_bytes, std::uint16_t port, std::uint64_t errors) {
+  for (const MonotonicTime limit = monotonic_now() + kListen; packets_ == 0 && monotonic_now() < limit;)
+    if (!deadline_.wait_until(std::min(limit, monotonic_now() + milliseconds(1)))) break;
+  if (packets_ > 0) return {};
+  const std::uint64_t other = health_.protocol_errors - errors, foreign = foreign_;
+  return fail(
+      ErrorCode::unavailable, config().name,
+      "expected packets of " + std::to_string(expected_bytes) + " bytes at " + settings_.address + ":" +
+          std::to_string(port) + ", got " +
+          (other > 0 ? std::to_string(other) + " of something else: do the metadata belong to this sensor?"
+           : foreign > 0 ? std::to_string(foreign) + " of another sender than " + settings_.host
+                         : "none in 2 s; the sensor sends to its `udp_dest`: `configure: { udp_dest: auto "
+                           "}` makes that this machine"));
+}
+
+void OusterSource::leave_port() {
+  health_.connected = false;
+  if (!port_) return;
+  deadline_.cut();  // a request to the sensor that is under way
+  port_->leave(this);
+  port_.reset();
 }
 
 Status OusterSource::arm_file(bool virtual_time) {
@@ -168,7 +167,7 @@ Status OusterSource::arm_file(bool virtual_time) {
     return fail(feed.error().code, config().name,
                 feed.error().text() + " (packets of " + std::to_string(size) + " bytes, by the metadata)");
   feed_.emplace(std::move(*feed));
-  open_frames(*m, virtual_time ? Feed::virtual_time : Feed::recording);
+  if (auto s = open_frames(*m, virtual_time ? Feed::virtual_time : Feed::recording); !s) return s;
   health_.connected = true;
   if (!virtual_time) thread_ = std::thread([this] { run_file(); });
   return {};
@@ -187,8 +186,8 @@ Status OusterSource::do_start(BenchTime t0) {
 
 Status OusterSource::do_stop() {
   deadline_.cut();
+  leave_port();
   if (thread_.joinable()) thread_.join();
-  receiver_.close();
   feed_.reset();
   close_stream();
   health_.connected = false;
@@ -214,7 +213,6 @@ void OusterSource::publish() {
     packets_lost_.store(c.packets_lost, std::memory_order_relaxed);
     clock_steps_.store(c.clock_steps, std::memory_order_relaxed);
   }
-  kernel_drops_.store(receiver_.dropped(), std::memory_order_relaxed);
 }
 
 void OusterSource::take(Bytes datagram, BenchTime arrival) {
@@ -255,8 +253,14 @@ void OusterSource::take_imu(Bytes datagram, BenchTime arrival) {
   hand_over(std::move(slot));
 }
 
-void OusterSource::receive(std::span<const network::UdpReceiver::Datagram> batch) {
+void OusterSource::on_epoch(const EpochPair& epoch) {
+  if (frames_) frames_->clock().set_epoch(epoch);
+  if (imu_) imu_->clock().set_epoch(epoch);
+}
+
+void OusterSource::on_packets(std::span<const network::UdpReceiver::Datagram> batch) {
   for (const auto& d : batch) {
+    t_last_datagram_ = d.arrival;
     if (sensor_ipv4_ != 0 && d.source_ipv4 != sensor_ipv4_) {
       foreign_.fetch_add(1, std::memory_order_relaxed);
       continue;
@@ -266,6 +270,7 @@ void OusterSource::receive(std::span<const network::UdpReceiver::Datagram> batch
     if (good_packets() == before) continue;
     t_last_packet_ = d.arrival;
     if (!health_.connected.load(std::memory_order_relaxed)) {
+      fetch_.reset();
       health_.connected.store(true, std::memory_order_release);
       health_.reconnects.fetch_add(1, std::memory_order_relaxed);
     }
@@ -274,65 +279,44 @@ void OusterSource::receive(std::span<const network::UdpReceiver::Datagram> batch
 }
 
 /// Whether the sensor is there, and still the one that it was.
-void OusterSource::look_after() {
-  if (bench_now() - t_last_packet_ > kSilence) health_.connected.store(false, std::memory_order_release);
-  if (!frames_ || settings_.host.empty()) return;
-  const FrameStream::Counters& c = frames_->counters();
-  if (c.other_initialization == other_seen_ && c.malformed == malformed_seen_) return;
-  if (!fetch_.due(monotonic_now())) return;
+void OusterSource::on_turn(SensorPort& port) {
+  kernel_drops_.store(port.dropped(), std::memory_order_relaxed);
+  const BenchTime now = bench_now();
+  if (now - t_last_packet_ > kSilence) health_.connected.store(false, std::memory_order_release);
+  if (settings_.host.empty()) return;
+  const FrameStream::Counters c = frames_ ? frames_->counters() : FrameStream::Counters{};
+  const bool anew = c.other_initialization != other_seen_ || c.malformed != malformed_seen_;
+  // It may send to another port. A request holds up this thread: not while packets of others come here.
+  const bool silent = now - t_last_datagram_ > kSilence;
+  if ((!anew && !silent) || !fetch_.due(monotonic_now())) return;
   auto m = fetch_metadata(sensor(), monotonic_now() + kFetch);
   if (!m || m->status != "RUNNING") {
     fetch_.failed(monotonic_now());
     return;
   }
   other_seen_ = c.other_initialization, malformed_seen_ = c.malformed;
-  if (m->initialization_id == frames_->metadata().initialization_id) {
-    fetch_.failed(monotonic_now());  // packets of something else: no reason to ask at each
+  if (m->initialization_id == initialization_id_) {
+    fetch_.failed(monotonic_now());  // packets of something else, or none: no reason to ask all the time
     return;
   }
-  misfit_ = !frames_->adopt(*m);
-  if (misfit_) {
+  if (frames_ && !frames_->adopt(*m)) {
     health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
     fetch_.failed(monotonic_now());
     return;
   }
+  initialization_id_ = m->initialization_id;
   fetch_.reset();
   reinitialized_.fetch_add(1, std::memory_order_relaxed);
-  // Packets may have another length now.
-  if (auto s = receiver_.open(settings_.address, port_of(*m), settings_.socket_buffer_bytes,
-                              frames_->layout().packet_bytes);
-      !s)
-    receiver_.close();
-}
-
-void OusterSource::run_network() {
-  pthread_setname_np(pthread_self(), is_imu() ? "ouster-imu" : "ouster");
-  std::vector<network::UdpPort> ports{
-      {&receiver_, settings_.address, receiver_.port(), settings_.socket_buffer_bytes,
-       is_imu() ? kImuBytes : frames_->layout().packet_bytes, [this](auto batch) { receive(batch); }}};
-  network::serve_ports(
-      ports, deadline_,
-      [this](const EpochPair& epoch) {
-        if (frames_) frames_->clock().set_epoch(epoch);
-        if (imu_) imu_->clock().set_epoch(epoch);
-      },
-      [this, &ports] {
-        look_after();
-        if (frames_) ports[0].max_bytes = frames_->layout().packet_bytes;
-        if (receiver_.fd() >= 0) ports[0].port = receiver_.port();
-      });
+  port.move_to(port_of(*m));
 }
 
 void OusterSource::run_file() {
   pthread_setname_np(pthread_self(), "ouster-file");
-  const auto t0 = origin().wait(deadline_);
-  if (!t0) return;
-  while (const auto item = feed_->next(*t0)) {
-    if (!deadline_.wait_until(MonotonicTime(item->due.ns()))) return;
-    take(item->datagram.payload, item->due);
+  const auto take_one = [this](Bytes datagram, BenchTime due) {
+    take(datagram, due);
     publish();
-  }
-  end_of_file();
+  };
+  if (feed_->play(origin(), deadline_, take_one)) end_of_file();
 }
 
 void OusterSource::end_of_file() {
@@ -345,12 +329,8 @@ void OusterSource::end_of_file() {
 void OusterSource::complete_until(BenchTime now) {
   if (!feed_) return;
   // On until a sample is there that is not released yet: what is released later was captured later.
-  while (!feed_->ended() && !(is_imu() ? last_imu_release_ > now : handed_beyond(now))) {
-    if (const auto item = feed_->next(t0_))
-      take(item->datagram.payload, item->due);
-    else
-      end_of_file();
-  }
+  const auto more = [&] { return is_imu() ? last_imu_release_ <= now : !handed_beyond(now); };
+  if (feed_->play_while(more, t0_, [this](Bytes d, BenchTime t) { take(d, t); })) end_of_file();
   publish();
 }
 

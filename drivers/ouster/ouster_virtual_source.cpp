@@ -1,15 +1,18 @@
 #include "drivers/ouster/ouster_virtual_source.h"
 
+#include "rt-core/epoch.h"
+
 namespace rigor::ouster {
 
 Status VirtualSource::do_configure(const ChannelConfig& config) {
-  if (config.kind != SampleKind::point_cloud)
-    throw config.params.error(
-        "kind", "expected point_cloud: in virtual time the emulated sensor gives its points alone");
   settings_ = read_source_settings(config);
+  if (config.kind == SampleKind::imu)
+    throw config.params.error("kind",
+                              "expected point_cloud, image or range_image: in virtual time the emulated "
+                              "sensor has no inertial unit");
   settings_.stream.time = packet_lidar::TimeSource::fixed;
   device_settings_ = read_emulator_settings(emulator_params_);
-  description_.kind = SampleKind::point_cloud;
+  description_.kind = config.kind;
   description_.frame_id = settings_.frame_id;
   return {};
 }
@@ -37,17 +40,27 @@ Status VirtualSource::do_arm(const ArmContext& context) {
                                      ": earlier the last packet cannot be there; got " +
                                      std::to_string(config().latency.seconds() * 1e3))
             .error());
+  if (settings_.stream.image)
+    if (auto s = check_field(m.profile, settings_.stream.image->field); !s)
+      return tl::unexpected<Error>(config().params.error("field", s.error().message).error());
+  time_ = control->active().time;
   stream_.emplace(m, settings_.stream);
   packet_.emplace(layout_of(m));
   scan_.emplace(device_->make_scan());
-  open_clouds(settings_.buffers, FrameStream::max_points(m), Feed::virtual_time);
+  if (const FrameImage* image = stream_->image())
+    open_images(settings_.buffers, image->info(), image->bytes().size(), Feed::virtual_time);
+  else
+    open_clouds(settings_.buffers, FrameStream::max_points(m), Feed::virtual_time);
   health_.connected = true;
   return {};
 }
 
 Status VirtualSource::do_start(BenchTime t0) {
-  t0_ = t0;
-  stream_->clock().set_fixed_offset(t0 - BenchTime(0));
+  const RealtimeTime on = kVirtualEpoch.to_utc(t0);
+  const RealtimeTime first = time_.first_frame(on, device_->frame_time());
+  t_first_ = kVirtualEpoch.to_bench(first);
+  start_ns_ = time_.count_at(first, on);
+  stream_->clock().set_fixed_offset(Duration(t_first_.ns() - static_cast<std::int64_t>(start_ns_)));
   frame_ = 0;
   slot_ = 0;
   measured_ = false;
@@ -66,16 +79,16 @@ void VirtualSource::complete_until(BenchTime now) {
   if (!running_) return;
   const Metadata& m = stream_->metadata();
   while (true) {
-    const BenchTime there = t0_ + device_->filled(frame_, slot_, m);
+    const BenchTime there = t_first_ + device_->filled(frame_, slot_, m);
     if (there > now) return;
     if (!measured_) {
-      const BenchTime begin = t0_ + device_->begin(frame_);
+      const BenchTime begin = t_first_ + device_->begin(frame_);
       const WorldMotion motion = parts_.motion ? parts_.motion->motion_at(begin) : WorldMotion{};
       if (!device_->measure(frame_, begin, motion, *scan_))
         health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
       measured_ = true;
     }
-    device_->compose(frame_, slot_, &*scan_, m, 0, *packet_);
+    device_->compose(frame_, slot_, &*scan_, m, start_ns_, *packet_);
     stream_->take(packet_->bytes(), there, hand());
     count_malformed(stream_->counters().malformed);
     if (++slot_ == m.slots()) {

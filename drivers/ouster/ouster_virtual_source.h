@@ -1,6 +1,7 @@
 // An Ouster in virtual time: the sensor and its packets in process (sensor_device.h), decoded as they would
-// be from the network. Its first frame begins at the run's start, t0; a packet is there when its last column
-// has fired. What moves in the world is where it is when a frame begins.
+// be from the network. It is switched on at the run's start, and its first frame begins then, or with phase
+// lock as soon as the phase says. A packet is there when its last column has fired. What moves in the world
+// is where it is when a frame begins.
 #pragma once
 
 #include <optional>
@@ -35,7 +36,9 @@ class VirtualSource final : public packet_lidar::CloudSource {
   std::optional<packet_lidar::Scan> scan_;
   std::uint64_t frame_ = 0;
   std::uint32_t slot_ = 0;
-  BenchTime t0_;
+  SensorTime time_;
+  BenchTime t_first_;           ///< of frame 0
+  std::uint64_t start_ns_ = 0;  ///< the sensor's time there
   bool running_ = false, measured_ = false;
 };
 

@@ -127,6 +127,23 @@ std::optional<json> checked(const Parameter& p, json v, const SensorDevice& devi
   return {};
 }
 
+/// Empty, or what parameters, each of which may be as it is, are not together.
+std::string conflict_in(const json& c, const SensorDevice& device) {
+  if (c["phase_lock_enable"] == true && c["timestamp_mode"] == "TIME_FROM_INTERNAL_OSC")
+    return "phase_lock_enable: expected timestamp_mode TIME_FROM_PTP_1588 or TIME_FROM_SYNC_PULSE_IN with "
+           "it: "
+           "the sensor's own oscillator knows no full second; got TIME_FROM_INTERNAL_OSC";
+  const std::string io = c["multipurpose_io_mode"];
+  if (io.rfind("OUTPUT_", 0) != 0) return {};
+  const double width_ms = c["sync_pulse_out_pulse_width"];
+  double period_ms = 1e3 / c["sync_pulse_out_frequency"].get<double>();
+  if (io == "OUTPUT_FROM_ENCODER_ANGLE")
+    period_ms = c["sync_pulse_out_angle"].get<double>() / 360 * 1e3 / device.scan_mode().rate_hz;
+  if (width_ms < period_ms) return {};
+  return "sync_pulse_out_pulse_width: expected pulses that end before the next one begins, got pulses of " +
+         bound(width_ms) + " ms every " + bound(period_ms) + " ms";
+}
+
 std::string decoded(std::string_view t) {
   const auto digit = [](char c) {
     return c >= '0' && c <= '9'   ? c - '0'
@@ -174,8 +191,9 @@ struct SensorControl::Impl {
   std::uint32_t initialization_id = 0x520000;
   Active active;
 
+  /// Empty, or what is wrong; then nothing has changed.
   [[nodiscard]] std::string set(const std::string& key, const json& value);
-  void activate(MonotonicTime now);
+  [[nodiscard]] std::string activate(MonotonicTime now);
   [[nodiscard]] std::string status(MonotonicTime now) const {
     return now < active.ready ? "INITIALIZING" : active.standby ? "STANDBY" : "RUNNING";
   }
@@ -186,7 +204,6 @@ struct SensorControl::Impl {
                                             std::string_view client, MonotonicTime now, std::string& error);
 };
 
-/// Empty, or what is wrong.
 std::string SensorControl::Impl::set(const std::string& key, const json& value) {
   if (key == ".") {
     const json all = value.is_string() ? parse_bounded(value.get<std::string>()) : value;
@@ -210,7 +227,8 @@ std::string SensorControl::Impl::set(const std::string& key, const json& value) 
   return key + ": expected a parameter of the sensor's configuration, got an unknown one";
 }
 
-void SensorControl::Impl::activate(MonotonicTime now) {
+std::string SensorControl::Impl::activate(MonotonicTime now) {
+  if (std::string wrong = conflict_in(staged, *device); !wrong.empty()) return wrong;
   current = staged;
   const auto mode = mode_named(current["lidar_mode"].get<std::string>()).value_or(device->scan_mode());
   DeviceMode m{profile_named(current["udp_profile_lidar"].get<std::string>()).value_or(Profile::single), mode,
@@ -219,16 +237,23 @@ void SensorControl::Impl::activate(MonotonicTime now) {
   active.metadata.product_line = identity.product_line;
   active.metadata.serial = identity.serial;
   active.metadata.firmware = identity.firmware;
-  active.metadata.timestamp_mode = active.timestamp_mode = current["timestamp_mode"].get<std::string>();
+  active.metadata.timestamp_mode = current["timestamp_mode"].get<std::string>();
   active.metadata.lidar_port = current["udp_port_lidar"].get<std::uint16_t>();
   active.metadata.imu_port = current["udp_port_imu"].get<std::uint16_t>();
   active.metadata.initialization_id = ++initialization_id & 0xFFFFFF;
   active.udp_dest = current["udp_dest"].get<std::string>();
   active.standby = current["operating_mode"] == "STANDBY";
-  active.phase_lock = current["phase_lock_enable"].get<bool>();
-  active.phase_lock_deg = current["phase_lock_offset"].get<double>() * 1e-3;
+  using Mode = SensorTime::Mode;
+  active.time.mode = active.metadata.timestamp_mode == "TIME_FROM_PTP_1588"        ? Mode::ptp
+                     : active.metadata.timestamp_mode == "TIME_FROM_SYNC_PULSE_IN" ? Mode::sync_pulse
+                                                                                   : Mode::internal;
+  active.time.nmea = current["multipurpose_io_mode"] == "INPUT_NMEA_UART";
+  active.time.nmea_leap = seconds(current["nmea_leap_seconds"].get<std::int64_t>());
+  active.time.phase_lock = current["phase_lock_enable"].get<bool>();
+  active.time.phase_lock_deg = current["phase_lock_offset"].get<double>() * 1e-3;
   ++active.generation;
   active.ready = now + identity.start_up;
+  return {};
 }
 
 json SensorControl::Impl::group(std::string_view name, MonotonicTime now) const {
@@ -300,7 +325,7 @@ std::optional<json> SensorControl::Impl::command(const std::string& name, const 
     return json::object();
   }
   if (name == "reinitialize") {
-    activate(now);
+    error = activate(now);
     return json::object();
   }
   if (name == "save_config_params" || name == "write_config_txt") return json::object();
@@ -326,7 +351,8 @@ Result<SensorControl> SensorControl::create(const SensorDevice& device, Identity
   if (given.is_discarded()) return fail(ErrorCode::bad_input, "config", "expected a map of parameters");
   if (const std::string wrong = impl->set(".", given); !wrong.empty())
     return fail(ErrorCode::bad_input, "config", wrong);
-  impl->activate(now);
+  if (const std::string wrong = impl->activate(now); !wrong.empty())
+    return fail(ErrorCode::bad_input, "config", wrong);
   return SensorControl(std::move(impl));
 }
 
@@ -344,9 +370,12 @@ SensorControl::Reply SensorControl::http(std::string_view method, std::string_vi
   if (path == kConfig && method == "POST") {
     const json given = parse_bounded(body);
     if (!given.is_object()) return refuse(400, "expected a map of parameters");
-    if (const std::string wrong = impl_->set(".", given); !wrong.empty()) return refuse(400, wrong);
-    impl_->activate(now);
-    return {200, "{}"};
+    const json before = impl_->staged;
+    std::string wrong = impl_->set(".", given);
+    if (wrong.empty()) wrong = impl_->activate(now);
+    if (wrong.empty()) return {200, "{}"};
+    impl_->staged = before;
+    return refuse(400, wrong);
   }
   if (!get) return refuse(405, "expected GET, or POST of /api/v1/sensor/config");
   if (path == kConfig) return {200, impl_->current.dump()};

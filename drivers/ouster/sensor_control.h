@@ -8,6 +8,10 @@
 //   GET  /api/v1/system/firmware
 //   TCP  one command a line: "get_config_param active", "set_config_param udp_dest 10.0.0.1", …
 //
+// What the parameters are together is judged when they are to become active: phase lock needs a time from
+// outside, and pulses on the multipurpose IO end before the next one begins. A configuration that is refused
+// leaves the active one as it is.
+//
 // States: INITIALIZING after start and `reinitialize`, for the start-up time; then RUNNING, or STANDBY where
 // operating_mode says so. Sources: Ouster's Firmware User Manual (3.1, "HTTP API Reference", "TCP API
 // Guide"), ouster-sdk (sensor_http_imp.cpp, sensor_tcp_imp.cpp).
@@ -20,6 +24,7 @@
 #include <string_view>
 
 #include "drivers/ouster/sensor_device.h"
+#include "drivers/ouster/sensor_time.h"
 
 namespace rigor::ouster {
 
@@ -37,9 +42,8 @@ class SensorControl {
   struct Active {
     Metadata metadata;
     std::string udp_dest;
-    std::string timestamp_mode;
-    bool standby = false, phase_lock = false;
-    double phase_lock_deg = 0;
+    SensorTime time;
+    bool standby = false;
     std::uint64_t generation = 0;  ///< grows with each reinitialization
     MonotonicTime ready;           ///< when it has started up
   };

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cerrno>
 
+#include "drivers/network/tcp_socket.h"
 #include "drivers/network/tcp_stream.h"
 #include "rt-core/deadline.h"
 
@@ -41,11 +42,11 @@ class SerialLink final : public CutLink {
   explicit SerialLink(SerialSettings settings) : settings_(std::move(settings)) {}
   ~SerialLink() override { SerialLink::close(); }
   [[nodiscard]] std::string name() const override { return settings_.device; }
-  [[nodiscard]] bool is_open() const noexcept override { return static_cast<bool>(fd_); }
+  [[nodiscard]] bool is_open() const noexcept override { return fd_.is_open(); }
   void close() noexcept override {
     // The mark stays with the terminal for as long as anybody has it open.
     if (fd_) (void)::ioctl(fd_.get(), TIOCNXCL);
-    fd_ = Descriptor();
+    fd_.reset();
   }
   [[nodiscard]] Status open() override {
     close();
@@ -104,26 +105,23 @@ class SerialLink final : public CutLink {
 
  private:
   SerialSettings settings_;
-  Descriptor fd_;
+  FileDescriptor fd_;
 };
 
 class TcpLink final : public CutLink {
  public:
   TcpLink(std::string address, std::uint16_t port, std::string device, std::string advice)
       : address_(std::move(address)), port_(port), device_(std::move(device)), advice_(std::move(advice)) {}
-  [[nodiscard]] std::string name() const override {
-    const bool six = address_.find(':') != std::string::npos;
-    return (six ? "[" + address_ + "]" : address_) + ":" + std::to_string(port_);
-  }
+  [[nodiscard]] std::string name() const override { return network::endpoint_text(address_, port_); }
   [[nodiscard]] bool is_open() const noexcept override { return stream_.is_open(); }
   void close() noexcept override { stream_.close(); }
   [[nodiscard]] Status open() override {
     close();
     if (auto s = ready(); !s) return s;
-    auto s = stream_.connect(address_, port_, monotonic_now() + kConnectLimit, deadline_.cut_fd());
+    auto s = stream_.connect(address_, port_, monotonic_now() + kConnectLimit, deadline_.cut_fd(), device_);
     if (s) return s;
     return fail(s.error().code == ErrorCode::not_found ? ErrorCode::unavailable : s.error().code, name(),
-                "expected " + device_ + " there, cannot connect: " + s.error().message + advice_);
+                s.error().message + advice_);
   }
   [[nodiscard]] bool send(std::string_view bytes) override {
     return stream_.send({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()},

@@ -123,18 +123,6 @@ std::string SerialSettings::text() const {
          std::to_string(stop_bits) + (rs485 ? ", RS-485" : "") + ")";
 }
 
-Descriptor& Descriptor::operator=(Descriptor&& o) noexcept {
-  if (this != &o) {
-    if (fd_ >= 0) ::close(fd_);
-    fd_ = o.release();
-  }
-  return *this;
-}
-Descriptor::~Descriptor() {
-  if (fd_ >= 0) ::close(fd_);
-}
-int Descriptor::release() noexcept { return std::exchange(fd_, -1); }
-
 std::string serial_cure(int error) {
   if (error == EACCES || error == EPERM)
     return "; serial ports are for the group dialout: sudo usermod -aG dialout $USER, and log in anew";
@@ -179,8 +167,8 @@ Status set_rs485(int fd, const SerialSettings& s) {
                   "; its driver knows none (most USB adapters switch by themselves): leave `rs485` away");
 }
 
-Result<Descriptor> open_serial(const SerialSettings& s, Sharing sharing) {
-  Descriptor fd(::open(s.device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+Result<FileDescriptor> open_serial(const SerialSettings& s, Sharing sharing) {
+  FileDescriptor fd(::open(s.device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
   SerialSettings line = s;
   if (is_pseudo_terminal(s.device)) line.parity = 'N', line.data_bits = 8;
   const bool locked = fd && (sharing == Sharing::shared || ::flock(fd.get(), LOCK_EX | LOCK_NB) == 0);
@@ -206,18 +194,18 @@ Result<PseudoTerminal> PseudoTerminal::open(const std::string& link, FarEnd far)
     return fail(ErrorCode::unavailable, link.empty() ? "pseudo-terminal" : link,
                 std::string(what) + ": " + std::strerror(errno));
   };
-  p.near_ = Descriptor(::posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC | O_NONBLOCK));
+  p.near_.reset(::posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC | O_NONBLOCK));
   std::array<char, 128> name{};
   if (!p.near_ || ::grantpt(p.near_.get()) != 0 || ::unlockpt(p.near_.get()) != 0 ||
       ::ptsname_r(p.near_.get(), name.data(), name.size()) != 0)
     return broken("cannot open a pseudo-terminal");
   p.name_ = p.path_ = name.data();
   // Raw from the start. A near end whose far end was never opened does not hang up either.
-  p.far_ = Descriptor(::open(name.data(), O_RDWR | O_NOCTTY | O_CLOEXEC));
+  p.far_.reset(::open(name.data(), O_RDWR | O_NOCTTY | O_CLOEXEC));
   SerialSettings line;
   line.baud = 38400;  // what Linux gives it
   if (!p.far_ || !make_raw(p.far_.get(), line)) return broken("cannot set up a pseudo-terminal");
-  if (far == FarEnd::released) p.far_ = Descriptor();
+  if (far == FarEnd::released) p.far_.reset();
   if (link.empty()) return p;
   struct stat there {};
   if (::lstat(link.c_str(), &there) == 0) {

@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 
+#include "rt-core/file_descriptor.h"
 #include "rt-core/result.h"
 #include "rt-core/time.h"
 #include "sensor-hal/config/yaml.h"
@@ -52,22 +53,6 @@ struct SerialSettings {
 [[nodiscard]] bool is_standard_baud(unsigned baud) noexcept;
 [[nodiscard]] std::string standard_bauds();
 
-/// A file descriptor that closes itself.
-class Descriptor {
- public:
-  Descriptor() = default;
-  explicit Descriptor(int fd) noexcept : fd_(fd) {}
-  Descriptor(Descriptor&& o) noexcept : fd_(o.release()) {}
-  Descriptor& operator=(Descriptor&& o) noexcept;
-  ~Descriptor();
-  [[nodiscard]] int get() const noexcept { return fd_; }
-  [[nodiscard]] int release() noexcept;
-  explicit operator bool() const noexcept { return fd_ >= 0; }
-
- private:
-  int fd_ = -1;
-};
-
 /// Whether others may open the port while it is open here.
 enum class Sharing : std::uint8_t { shared, exclusive };
 
@@ -75,8 +60,8 @@ enum class Sharing : std::uint8_t { shared, exclusive };
 /// to do: not_found (no such port), unavailable (no right, in use, no serial port, no RS-485). An exclusive
 /// port is marked for the kernel (TIOCEXCL) and locked against other programs that lock (flock). Setup or I/O
 /// thread.
-[[nodiscard]] Result<Descriptor> open_serial(const SerialSettings& settings,
-                                             Sharing sharing = Sharing::shared);
+[[nodiscard]] Result<FileDescriptor> open_serial(const SerialSettings& settings,
+                                                 Sharing sharing = Sharing::shared);
 /// Sets another speed on an open port. False: the driver refuses it.
 [[nodiscard]] bool set_baud(int fd, unsigned baud) noexcept;
 /// Bits a second that an open terminal is set to; 0 where it is none. Of the near end of a pseudo-terminal:
@@ -113,7 +98,7 @@ class PseudoTerminal {
 
  private:
   PseudoTerminal() = default;
-  Descriptor near_, far_;
+  FileDescriptor near_, far_;
   std::string path_, name_;
   bool linked_ = false;
 };

@@ -4,6 +4,7 @@
 #include <cstdio>
 
 #include "drivers/sick/wire.h"
+#include "rt-core/byte_order.h"
 #include "rt-core/device_text.h"
 
 namespace rigor::sick {
@@ -134,10 +135,9 @@ std::vector<std::uint8_t> ClientDialog::data_config() const {
   const bool wide = wish_.rssi == Rssi::bits16 || (wish_.rssi == Rssi::device && tim);
   const std::uint8_t echoes = wish_.echoes == EchoFilter::all ? 0x1F : 0x01;
   Buffer v;
-  for (const unsigned b :
-       {unsigned{echoes}, 0u, unsigned{wish_.rssi != Rssi::off}, unsigned{wide}, 0u, 0u, 0u, 0u, 0u, 0u, 1u})
-    put_u8(v, b);
-  put_u16(v, wish_.output_interval);
+  v.insert(v.end(),
+           {echoes, 0, std::uint8_t{wish_.rssi != Rssi::off}, std::uint8_t{wide}, 0, 0, 0, 0, 0, 0, 1});
+  append_be<std::uint16_t>(v, wish_.output_interval);
   return v;
 }
 
@@ -145,30 +145,31 @@ void ClientDialog::values(Buffer& v) const {
   switch (step_) {
     case Step::login:
     case Step::login_other:
-      put_u8(v, wish_.level);
-      put_u32(v, wish_.password_hash.value_or(step_ == Step::login ? kClientHash : kSafetyClientHash));
+      append_be<std::uint8_t>(v, wish_.level);
+      append_be<std::uint32_t>(
+          v, wish_.password_hash.value_or(step_ == Step::login ? kClientHash : kSafetyClientHash));
       break;
     case Step::dialect:
     case Step::subscribe:
-      put_u8(v, 1);
+      append_be<std::uint8_t>(v, 1);
       break;
     case Step::set_scan:
-      put_u32(v, static_cast<std::uint32_t>(
-                     std::lround(wish_.scan_frequency_hz.value_or(facts_.scan_frequency_hz) * 100)));
-      put_u16(v, 1);
-      put_u32(v, wish_.resolution_deg ? static_cast<std::uint32_t>(e4(*wish_.resolution_deg))
-                                      : facts_.step_deg_e4);
-      put_i32(v, facts_.start_deg_e4);
-      put_i32(v, facts_.stop_deg_e4);
+      append_be(v, static_cast<std::uint32_t>(
+                       std::lround(wish_.scan_frequency_hz.value_or(facts_.scan_frequency_hz) * 100)));
+      append_be<std::uint16_t>(v, 1);
+      append_be<std::uint32_t>(v, wish_.resolution_deg ? static_cast<std::uint32_t>(e4(*wish_.resolution_deg))
+                                                       : facts_.step_deg_e4);
+      append_be<std::int32_t>(v, facts_.start_deg_e4);
+      append_be<std::int32_t>(v, facts_.stop_deg_e4);
       break;
     case Step::write_range:
-      put_u16(v, 1);
-      put_u32(v, facts_.step_deg_e4);
-      put_i32(v, wish_.start_deg ? e4(*wish_.start_deg) : facts_.start_deg_e4);
-      put_i32(v, wish_.stop_deg ? e4(*wish_.stop_deg) : facts_.stop_deg_e4);
+      append_be<std::uint16_t>(v, 1);
+      append_be<std::uint32_t>(v, facts_.step_deg_e4);
+      append_be<std::int32_t>(v, wish_.start_deg ? e4(*wish_.start_deg) : facts_.start_deg_e4);
+      append_be<std::int32_t>(v, wish_.stop_deg ? e4(*wish_.stop_deg) : facts_.stop_deg_e4);
       break;
     case Step::echo_filter:
-      put_u8(v, static_cast<unsigned>(*wish_.echoes));
+      append_be(v, static_cast<std::uint8_t>(*wish_.echoes));
       break;
     case Step::write_data: {
       const auto config = data_config();

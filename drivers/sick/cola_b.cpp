@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstring>
 
+#include "rt-core/byte_order.h"
+
 namespace rigor::sick {
 namespace {
 
@@ -84,8 +86,7 @@ Bytes FrameParser::next() {
       continue;
     }
     if (frame.size() < kHeader) return {};
-    const std::size_t size = std::size_t{frame[4]} << 24 | std::size_t{frame[5]} << 16 |
-                             std::size_t{frame[6]} << 8 | std::size_t{frame[7]};
+    const std::size_t size = load_be<std::uint32_t>(frame, 4);
     if (size == 0 || size > max_body_) {
       ++bad_lengths_;
       ++skipped_;

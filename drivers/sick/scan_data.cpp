@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "drivers/sick/wire.h"
+#include "rt-core/byte_order.h"
 
 namespace rigor::sick {
 namespace {
@@ -28,8 +29,7 @@ bool read_channels(WireReader& r, std::vector<ScanChannel>& channels, std::size_
     if (width == 1) {
       std::copy(raw.begin(), raw.end(), c.values.begin());
     } else {
-      for (std::size_t i = 0; i < values; ++i)
-        c.values[i] = static_cast<std::uint16_t>(raw[2 * i] << 8 | raw[2 * i + 1]);
+      for (std::size_t i = 0; i < values; ++i) c.values[i] = load_be<std::uint16_t>(raw, 2 * i);
     }
   }
   return true;
@@ -53,24 +53,25 @@ bool read_text(WireReader& r, std::optional<std::string>& out, ScanError& error)
 }
 
 void write_channels(const std::vector<ScanChannel>& channels, std::size_t width, Buffer& out) {
-  put_u16(out, static_cast<unsigned>(channels.size()));
+  append_be(out, static_cast<std::uint16_t>(channels.size()));
   for (const auto& c : channels) {
-    put_text(out, c.text());
-    put_f32(out, c.scale);
-    put_f32(out, c.offset);
-    put_i32(out, c.start_deg_e4);
-    put_u16(out, c.step_deg_e4);
-    put_u16(out, static_cast<unsigned>(c.values.size()));
-    for (const auto v : c.values) width == 1 ? put_u8(out, v) : put_u16(out, v);
+    append_text(out, c.text());
+    append_be<float>(out, c.scale);
+    append_be<float>(out, c.offset);
+    append_be<std::int32_t>(out, c.start_deg_e4);
+    append_be<std::uint16_t>(out, c.step_deg_e4);
+    append_be(out, static_cast<std::uint16_t>(c.values.size()));
+    for (const auto v : c.values)
+      width == 1 ? append_be(out, static_cast<std::uint8_t>(v)) : append_be(out, v);
   }
 }
 
 void write_text(const std::optional<std::string>& text, Buffer& out) {
-  put_u16(out, text.has_value());
+  append_be<std::uint16_t>(out, text.has_value());
   if (!text) return;
   const auto shown = std::string_view(*text).substr(0, 255);
-  put_u8(out, static_cast<unsigned>(shown.size()));
-  put_text(out, shown);
+  append_be(out, static_cast<std::uint8_t>(shown.size()));
+  append_text(out, shown);
 }
 
 }  // namespace
@@ -151,43 +152,44 @@ ScanError decode_scan(Bytes values, ScanData& s) {
 }
 
 void encode_scan(const ScanData& s, Buffer& out) {
-  put_u16(out, s.version);
-  put_u16(out, s.device_number);
-  put_u32(out, s.serial_number);
-  for (const auto b : s.device_status) put_u8(out, b);
-  put_u16(out, s.telegram_counter);
-  put_u16(out, s.scan_counter);
-  put_u32(out, s.time_since_startup_us);
-  put_u32(out, s.time_of_transmission_us);
-  for (const auto b : s.inputs) put_u8(out, b);
-  for (const auto b : s.outputs) put_u8(out, b);
-  put_u16(out, static_cast<std::uint16_t>(s.layer_angle));
-  put_u32(out, s.scan_frequency_hz_e2);
-  put_u32(out, s.measurement_frequency_100hz);
-  put_u16(out, static_cast<unsigned>(s.encoders.size()));
-  for (const auto& e : s.encoders) put_u32(out, e.position), put_u16(out, e.speed);
+  append_be<std::uint16_t>(out, s.version);
+  append_be<std::uint16_t>(out, s.device_number);
+  append_be<std::uint32_t>(out, s.serial_number);
+  for (const auto b : s.device_status) append_be<std::uint8_t>(out, b);
+  append_be<std::uint16_t>(out, s.telegram_counter);
+  append_be<std::uint16_t>(out, s.scan_counter);
+  append_be<std::uint32_t>(out, s.time_since_startup_us);
+  append_be<std::uint32_t>(out, s.time_of_transmission_us);
+  for (const auto b : s.inputs) append_be<std::uint8_t>(out, b);
+  for (const auto b : s.outputs) append_be<std::uint8_t>(out, b);
+  append_be<std::uint16_t>(out, static_cast<std::uint16_t>(s.layer_angle));
+  append_be<std::uint32_t>(out, s.scan_frequency_hz_e2);
+  append_be<std::uint32_t>(out, s.measurement_frequency_100hz);
+  append_be(out, static_cast<std::uint16_t>(s.encoders.size()));
+  for (const auto& e : s.encoders)
+    append_be<std::uint32_t>(out, e.position), append_be<std::uint16_t>(out, e.speed);
   write_channels(s.channels16, 2, out);
   write_channels(s.channels8, 1, out);
-  put_u16(out, s.position.has_value());
+  append_be<std::uint16_t>(out, s.position.has_value());
   if (s.position) {
-    for (const auto v : s.position->xyz_rotation) put_f32(out, v);
-    put_u8(out, s.position->rotation_type);
+    for (const auto v : s.position->xyz_rotation) append_be<float>(out, v);
+    append_be<std::uint8_t>(out, s.position->rotation_type);
   }
   write_text(s.name, out);
   write_text(s.comment, out);
-  put_u16(out, s.time.has_value());
+  append_be<std::uint16_t>(out, s.time.has_value());
   if (s.time) {
-    put_u16(out, s.time->year);
+    append_be<std::uint16_t>(out, s.time->year);
     for (const auto part : {s.time->month, s.time->day, s.time->hour, s.time->minute, s.time->second})
-      put_u8(out, part);
-    put_u32(out, s.time->microsecond);
+      append_be<std::uint8_t>(out, part);
+    append_be<std::uint32_t>(out, s.time->microsecond);
   }
-  put_u16(out, s.event.has_value());
+  append_be<std::uint16_t>(out, s.event.has_value());
   if (s.event) {
-    put_text(out, {s.event->type.data(), s.event->type.size()});
-    put_u32(out, s.event->encoder_position);
-    put_u32(out, s.event->time_us);
-    put_i32(out, s.event->angle);
+    append_text(out, {s.event->type.data(), s.event->type.size()});
+    append_be<std::uint32_t>(out, s.event->encoder_position);
+    append_be<std::uint32_t>(out, s.event->time_us);
+    append_be<std::int32_t>(out, s.event->angle);
   }
 }
 

@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include "drivers/sick/wire.h"
+#include "rt-core/byte_order.h"
 
 namespace rigor::sick {
 namespace {
@@ -145,50 +146,50 @@ void ScannerDevice::answer(Session& session, Bytes body, DeviceTime now, Buffer&
 
 SopasError ScannerDevice::read(std::string_view name, DeviceTime now, Buffer& v) {
   if (name == "DeviceIdent") {
-    put_string(v, config_.name);
-    put_string(v, config_.firmware);
+    append_string(v, config_.name);
+    append_string(v, config_.firmware);
   } else if (name == "FirmwareVersion") {
-    put_string(v, config_.firmware);
+    append_string(v, config_.firmware);
   } else if (name == "LocationName") {
-    put_string(v, config_.location);
+    append_string(v, config_.location);
   } else if (name == "SerialNumber") {
     char text[16];
-    put_string(
+    append_string(
         v, {text, static_cast<std::size_t>(std::snprintf(text, sizeof text, "%08u", config_.serial_number))});
   } else if (name == "SCdevicestate") {
-    put_u8(v, measuring_ ? 1 : 0);
+    append_be<std::uint8_t>(v, measuring_ ? 1 : 0);
   } else if (name == "ODoprh") {  // operating hours, in tenths
-    put_u32(v, static_cast<std::uint32_t>(now.ns() / 360'000'000'000));
+    append_be(v, static_cast<std::uint32_t>(now.ns() / 360'000'000'000));
   } else if (name == "ODpwrc") {  // how often it was switched on
-    put_u32(v, 1);
+    append_be<std::uint32_t>(v, 1);
   } else if (name == "LCMstate") {  // contamination of the window: none
-    put_u8(v, 0);
+    append_be<std::uint8_t>(v, 0);
   } else if (name == "STlms") {
     // Status (7: ready, measuring), temperature in range, time and date as text, three LEDs.
     const ScanTime d = date_of(now);
     char text[40];
-    put_u16(v, measuring_ ? 7 : 1);
-    put_u8(v, 0);
-    put_string(v, {text, static_cast<std::size_t>(std::snprintf(text, sizeof text, "%02u:%02u:%02u", d.hour,
-                                                                d.minute, d.second))});
-    put_string(v, {text, static_cast<std::size_t>(
-                             std::snprintf(text, sizeof text, "%02u.%02u.%04u", d.day, d.month, d.year))});
-    for (int led = 0; led < 3; ++led) put_u8(v, 0);
+    append_be<std::uint16_t>(v, measuring_ ? 7 : 1);
+    append_be<std::uint8_t>(v, 0);
+    append_string(v, {text, static_cast<std::size_t>(std::snprintf(text, sizeof text, "%02u:%02u:%02u",
+                                                                   d.hour, d.minute, d.second))});
+    append_string(v, {text, static_cast<std::size_t>(
+                                std::snprintf(text, sizeof text, "%02u.%02u.%04u", d.day, d.month, d.year))});
+    for (int led = 0; led < 3; ++led) append_be<std::uint8_t>(v, 0);
   } else if (name == "LMPscancfg") {
     put_scan_config(v);
   } else if (name == "LMPoutputRange") {
-    put_u16(v, 1);
-    put_u32(v, step_deg_e4_);
-    put_i32(v, range_.start_deg_e4);
-    put_i32(v, range_.stop_deg_e4);
+    append_be<std::uint16_t>(v, 1);
+    append_be<std::uint32_t>(v, step_deg_e4_);
+    append_be<std::int32_t>(v, range_.start_deg_e4);
+    append_be<std::int32_t>(v, range_.stop_deg_e4);
   } else if (name == "FREchoFilter") {
-    put_u8(v, static_cast<unsigned>(filter_));
+    append_be(v, static_cast<std::uint8_t>(filter_));
   } else if (name == "LMDscandatacfg") {
     for (const auto b :
          {data_.echo_mask, data_.channels_high, data_.rssi, data_.wide_rssi, data_.unit, data_.encoder[0],
           data_.encoder[1], data_.position, data_.name, data_.comment, data_.time})
-      put_u8(v, b);
-    put_u16(v, data_.interval);
+      append_be<std::uint8_t>(v, b);
+    append_be<std::uint16_t>(v, data_.interval);
   } else if (name == "LIDinputstate") {
     v.assign(12, 0);  // as a TiM781S answers with nothing at its inputs
     v[6] = 1;
@@ -202,11 +203,11 @@ SopasError ScannerDevice::read(std::string_view name, DeviceTime now, Buffer& v)
 }
 
 void ScannerDevice::put_scan_config(Buffer& out) const {
-  put_u32(out, static_cast<std::uint32_t>(std::lround(config_.scan_frequency_hz * 100)));
-  put_u16(out, 1);  // sectors
-  put_u32(out, step_deg_e4_);
-  put_i32(out, deg_e4(config_.pattern.start_deg));
-  put_i32(out, deg_e4(config_.pattern.stop_deg()));
+  append_be<std::uint32_t>(out, static_cast<std::uint32_t>(std::lround(config_.scan_frequency_hz * 100)));
+  append_be<std::uint16_t>(out, 1);  // sectors
+  append_be<std::uint32_t>(out, step_deg_e4_);
+  append_be<std::int32_t>(out, deg_e4(config_.pattern.start_deg));
+  append_be<std::int32_t>(out, deg_e4(config_.pattern.stop_deg()));
 }
 
 SopasError ScannerDevice::write(const Session& session, std::string_view name, Bytes values) {
@@ -292,7 +293,7 @@ SopasError ScannerDevice::set_scan_config(Bytes values, Buffer& answer) {
   const double wanted = step_deg(step);
   const double parts = wanted / config_.pattern.step_deg;
   const bool multiple = parts > 0.999 && std::abs(parts - std::round(parts)) < 2e-3 * parts;
-  unsigned status = 0;
+  std::uint8_t status = 0;
   if (sectors != 1) {
     status = 5;
   } else if (!same_frequency) {
@@ -305,7 +306,7 @@ SopasError ScannerDevice::set_scan_config(Bytes values, Buffer& answer) {
     if (plan().pattern.beams == 0)
       range_ = {deg_e4(config_.pattern.start_deg), deg_e4(config_.pattern.stop_deg())};
   }
-  put_u8(answer, status);
+  append_be(answer, status);
   put_scan_config(answer);
   return SopasError::ok;
 }
@@ -321,18 +322,18 @@ SopasError ScannerDevice::method(Session& session, std::string_view name, Bytes 
                        (level == 3 && (hash == 0xF4724744 || hash == 0x6FD62C05)) ||
                        (level == 4 && hash == 0x81BE23AA);
     if (right) session.level = level;
-    put_u8(answer, right);
+    append_be<std::uint8_t>(answer, right);
     return SopasError::ok;
   }
   if (name == "Run") {
     session.level = 0;
-    put_u8(answer, 1);
+    append_be<std::uint8_t>(answer, 1);
     return SopasError::ok;
   }
   if (name == "LMCstartmeas" || name == "LMCstopmeas") {
     if (session.level < kWriters) return SopasError::method_access_denied;
     measuring_ = name == "LMCstartmeas";
-    put_u8(answer, 0);
+    append_be<std::uint8_t>(answer, 0);
     return SopasError::ok;
   }
   if (name == "mLMPsetscancfg") {
@@ -341,7 +342,7 @@ SopasError ScannerDevice::method(Session& session, std::string_view name, Bytes 
   }
   if (name == "mEEwriteall" || name == "LSPsetdatetime") {
     if (session.level < kWriters) return SopasError::method_access_denied;
-    put_u8(answer, 1);
+    append_be<std::uint8_t>(answer, 1);
     return SopasError::ok;
   }
   return SopasError::unknown_method;
@@ -356,7 +357,7 @@ SopasError ScannerDevice::subscribe(Session& session, std::string_view name, Byt
   if (name != "LMDscandata" && name != "LFErec" && name != "LIDoutputstate" && name != "LIDinputstate")
     return SopasError::unknown_event;
   if (name == "LMDscandata") session.scans = on == 1;
-  put_u8(answer, on);
+  append_be<std::uint8_t>(answer, on);
   return SopasError::ok;
 }
 
@@ -387,7 +388,7 @@ void ScannerDevice::set_scan(std::span<const LidarPoint> points, std::uint64_t s
 
 void ScannerDevice::append_scan(Buffer& out) const {
   const auto begin = begin_frame(out);
-  put_text(out, "sSN LMDscandata ");
+  append_text(out, "sSN LMDscandata ");
   encode_scan(scan_, out);
   end_frame(out, begin);
 }

@@ -1,6 +1,5 @@
 #include "drivers/sick/scanner_server.h"
 
-#include <netdb.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
@@ -15,7 +14,9 @@
 #include <mutex>
 #include <thread>
 
+#include "drivers/network/tcp_socket.h"
 #include "rt-core/deadline.h"
+#include "rt-core/file_descriptor.h"
 
 namespace rigor::sick {
 namespace {
@@ -27,8 +28,8 @@ constexpr Duration kDeviceAhead = seconds(10);
 
 struct ScannerServer::Impl {
   struct Client {
-    explicit Client(int s, std::size_t max_request) : socket(s), parser(max_request) {}
-    int socket;
+    Client(FileDescriptor s, std::size_t max_request) : socket(std::move(s)), parser(max_request) {}
+    FileDescriptor socket;
     FrameParser parser;
     Session session;
     Buffer out;
@@ -49,7 +50,7 @@ struct ScannerServer::Impl {
   std::mutex mutex;
   std::list<Client> clients;
   Buffer frame;
-  int listener = -1, wake = -1;
+  FileDescriptor listener, wake;
   std::uint16_t port = 0;
   MonotonicTime switched_on;
   std::atomic<bool> stopping{false};
@@ -71,12 +72,7 @@ struct ScannerServer::Impl {
 ScannerServer::ScannerServer(ScannerConfig config, Measure measure, Options options)
     : impl_(std::make_unique<Impl>(std::move(config), std::move(measure), options)) {}
 
-ScannerServer::~ScannerServer() {
-  stop();
-  for (auto& c : impl_->clients) ::close(c.socket);
-  if (impl_->listener >= 0) ::close(impl_->listener);
-  if (impl_->wake >= 0) ::close(impl_->wake);
-}
+ScannerServer::~ScannerServer() { stop(); }
 
 std::uint16_t ScannerServer::port() const noexcept { return impl_->port; }
 const ScannerServer::Counters& ScannerServer::counters() const noexcept { return impl_->counters; }
@@ -84,54 +80,25 @@ MonotonicTime ScannerServer::switched_on() const noexcept { return impl_->switch
 void ScannerServer::on_clients(std::function<void(unsigned)> tell) { impl_->tell = std::move(tell); }
 
 Status ScannerServer::listen(const std::string& address, std::uint16_t port) {
-  const std::string where = address + ":" + std::to_string(port);
-  addrinfo hints{};
-  hints.ai_family = AF_UNSPEC;
-  hints.ai_socktype = SOCK_STREAM;
-  hints.ai_flags = AI_PASSIVE | AI_NUMERICSERV;
-  addrinfo* found = nullptr;
-  if (const int rc = ::getaddrinfo(address.c_str(), std::to_string(port).c_str(), &hints, &found); rc != 0)
-    return fail(ErrorCode::not_found, where,
-                std::string("expected an address of this machine, got: ") + gai_strerror(rc));
-  const std::unique_ptr<addrinfo, decltype(&::freeaddrinfo)> owned(found, &::freeaddrinfo);
-  const int s = ::socket(found->ai_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-  if (s < 0) return fail(ErrorCode::io, where, std::string("cannot open a socket: ") + std::strerror(errno));
-  const int on = 1;
-  ::setsockopt(s, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
-  if (impl_->options.send_buffer > 0)
-    ::setsockopt(s, SOL_SOCKET, SO_SNDBUF, &impl_->options.send_buffer, sizeof impl_->options.send_buffer);
-  if (::bind(s, found->ai_addr, found->ai_addrlen) != 0 || ::listen(s, 16) != 0) {
-    const int e = errno;
-    ::close(s);
-    if (e == EADDRNOTAVAIL)
-      return fail(ErrorCode::not_found, where,
-                  "expected an address of this machine, got one that it does not have");
-    std::string cure;
-    if (e == EADDRINUSE) cure = "; another program has the port: stop it or give another `port`";
-    if (e == EACCES) cure = "; ports below 1024 need CAP_NET_BIND_SERVICE: give a `port` of 1024 or more";
-    return fail(ErrorCode::unavailable, where,
-                std::string("cannot serve a scanner here: ") + std::strerror(e) + cure);
-  }
-  sockaddr_storage bound{};
-  socklen_t size = sizeof bound;
-  ::getsockname(s, reinterpret_cast<sockaddr*>(&bound), &size);
-  impl_->port = ntohs(bound.ss_family == AF_INET6 ? reinterpret_cast<const sockaddr_in6&>(bound).sin6_port
-                                                  : reinterpret_cast<const sockaddr_in&>(bound).sin_port);
-  if (impl_->listener >= 0) ::close(impl_->listener);
-  impl_->listener = s;
+  auto made = network::listen_tcp(address, port, "a scanner");
+  if (!made) return tl::unexpected<Error>(made.error());
+  // Clients inherit it.
+  if (const int bytes = impl_->options.send_buffer; bytes > 0)
+    ::setsockopt(made->socket.get(), SOL_SOCKET, SO_SNDBUF, &bytes, sizeof bytes);
+  impl_->listener = std::move(made->socket);
+  impl_->port = made->port;
   return {};
 }
 
 void ScannerServer::adopt(int socket) {
-  auto& c = impl_->clients.emplace_back(socket, impl_->options.max_request);
+  auto& c = impl_->clients.emplace_back(FileDescriptor(socket), impl_->options.max_request);
   c.heard = c.moved = monotonic_now();
 }
 
 Status ScannerServer::start() {
   Impl& i = *impl_;
-  if (i.wake < 0) i.wake = ::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-  if (i.wake < 0)
-    return fail(ErrorCode::io, "", std::string("cannot start a scanner: ") + std::strerror(errno));
+  if (!i.wake) i.wake.reset(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
+  if (!i.wake) return fail(ErrorCode::io, "", std::string("cannot start a scanner: ") + std::strerror(errno));
   if (auto s = i.deadline.open(); !s) return s;
   i.stopping = false;
   i.switched_on = monotonic_now();
@@ -146,7 +113,7 @@ void ScannerServer::stop() {
   i.stopping = true;
   i.deadline.cut();
   const std::uint64_t one = 1;
-  [[maybe_unused]] const auto n = ::write(i.wake, &one, sizeof one);
+  [[maybe_unused]] const auto n = ::write(i.wake.get(), &one, sizeof one);
   i.serving.join();
   if (i.measuring.joinable()) i.measuring.join();
 }
@@ -157,25 +124,21 @@ void ScannerServer::Impl::count_clients() {
 }
 
 void ScannerServer::Impl::accept_one() {
-  const int s = ::accept4(listener, nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK);
-  if (s < 0) return;
+  FileDescriptor socket = network::accept_tcp(listener).socket;
+  if (!socket) return;
   if (clients.size() >= options.max_clients) {
     counters.turned_away.fetch_add(1, std::memory_order_relaxed);
-    ::close(s);
     return;
   }
-  const int on = 1;
   const auto gone_ms = static_cast<unsigned>(options.stall_limit.ns() / 1'000'000);
-  ::setsockopt(s, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-  ::setsockopt(s, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
-  ::setsockopt(s, IPPROTO_TCP, TCP_USER_TIMEOUT, &gone_ms, sizeof gone_ms);
-  auto& c = clients.emplace_back(s, options.max_request);
+  ::setsockopt(socket.get(), IPPROTO_TCP, TCP_USER_TIMEOUT, &gone_ms, sizeof gone_ms);
+  auto& c = clients.emplace_back(std::move(socket), options.max_request);
   c.heard = c.moved = monotonic_now();
 }
 
 void ScannerServer::Impl::flush(Client& c) {
   while (c.pending() > 0 && !c.dead) {
-    const auto n = ::send(c.socket, c.out.data() + c.sent, c.pending(), MSG_DONTWAIT | MSG_NOSIGNAL);
+    const auto n = ::send(c.socket.get(), c.out.data() + c.sent, c.pending(), MSG_DONTWAIT | MSG_NOSIGNAL);
     if (n > 0) {
       c.sent += static_cast<std::size_t>(n);
       c.moved = monotonic_now();
@@ -193,7 +156,7 @@ void ScannerServer::Impl::flush(Client& c) {
 }
 
 void ScannerServer::Impl::receive(Client& c) {
-  const auto n = ::recv(c.socket, c.parser.room(4096).data(), 4096, MSG_DONTWAIT);
+  const auto n = ::recv(c.socket.get(), c.parser.room(4096).data(), 4096, MSG_DONTWAIT);
   if (n == 0 || (n < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) c.dead = true;
   if (n <= 0) return;
   c.parser.added(static_cast<std::size_t>(n));
@@ -217,12 +180,12 @@ void ScannerServer::Impl::serve() {
   while (!stopping.load(std::memory_order_acquire)) {
     fds.clear();
     served.clear();
-    fds.push_back({wake, POLLIN, 0});
-    fds.push_back({listener, POLLIN, 0});
+    fds.push_back({wake.get(), POLLIN, 0});
+    fds.push_back({listener.get(), POLLIN, 0});
     {
       const std::lock_guard lock(mutex);
       for (auto& c : clients) {
-        fds.push_back({c.socket, static_cast<short>(POLLIN | (c.pending() > 0 ? POLLOUT : 0)), 0});
+        fds.push_back({c.socket.get(), static_cast<short>(POLLIN | (c.pending() > 0 ? POLLOUT : 0)), 0});
         served.push_back(&c);  // only this thread takes clients out
       }
     }
@@ -230,7 +193,7 @@ void ScannerServer::Impl::serve() {
     if (::poll(fds.data(), fds.size(), 500) < 0 && errno != EINTR) return;
     if ((fds[0].revents & POLLIN) != 0) {
       std::uint64_t n = 0;
-      [[maybe_unused]] const auto got = ::read(wake, &n, sizeof n);
+      [[maybe_unused]] const auto got = ::read(wake.get(), &n, sizeof n);
     }
     const std::lock_guard lock(mutex);
     const auto now = monotonic_now();
@@ -244,12 +207,8 @@ void ScannerServer::Impl::serve() {
       if (!c.session.scans && options.idle_limit.ns() > 0 && now - c.heard > options.idle_limit)
         c.dead = true;
     }
-    counters.dropped.fetch_add(static_cast<std::uint64_t>(std::erase_if(clients,
-                                                                        [](const Client& c) {
-                                                                          if (c.dead) ::close(c.socket);
-                                                                          return c.dead;
-                                                                        })),
-                               std::memory_order_relaxed);
+    const auto dropped = std::erase_if(clients, [](const Client& c) { return c.dead; });
+    counters.dropped.fetch_add(dropped, std::memory_order_relaxed);
     if ((fds[1].revents & POLLIN) != 0) accept_one();
     count_clients();
   }
@@ -269,7 +228,7 @@ void ScannerServer::Impl::send_scan() {
     flush(c);
     if (c.pending() > 0) {  // the serving thread waits for room
       const std::uint64_t one = 1;
-      [[maybe_unused]] const auto n = ::write(wake, &one, sizeof one);
+      [[maybe_unused]] const auto n = ::write(wake.get(), &one, sizeof one);
     }
   }
 }

@@ -3,6 +3,7 @@
 #include <array>
 
 #include "drivers/sick/wire.h"
+#include "rt-core/byte_order.h"
 
 namespace rigor::sick {
 
@@ -65,26 +66,26 @@ std::optional<Telegram> parse_telegram(Bytes body) {
 
 void append_telegram(Buffer& out, std::string_view type, std::string_view name, Bytes values) {
   const auto begin = begin_frame(out);
-  put_text(out, type);
-  put_text(out, " ");
-  put_text(out, name);
+  append_text(out, type);
+  append_text(out, " ");
+  append_text(out, name);
   // Answers end with a space where they have no values, requests do not: so the recordings have it.
   const bool request = type == "sRN" || type == "sMN" || type == "sWN" || type == "sEN";
-  if (!values.empty() || !request) put_text(out, " ");
+  if (!values.empty() || !request) append_text(out, " ");
   out.insert(out.end(), values.begin(), values.end());
   end_frame(out, begin);
 }
 
 void append_error(Buffer& out, SopasError error) {
   const auto begin = begin_frame(out);
-  put_text(out, "sFA");
-  put_u16(out, static_cast<unsigned>(error));
+  append_text(out, "sFA");
+  append_be(out, static_cast<std::uint16_t>(error));
   end_frame(out, begin);
 }
 
-void put_string(Buffer& out, std::string_view text) {
-  put_u16(out, static_cast<unsigned>(text.size()));
-  put_text(out, text);
+void append_string(Buffer& out, std::string_view text) {
+  append_be(out, static_cast<std::uint16_t>(text.size()));
+  append_text(out, text);
 }
 
 }  // namespace rigor::sick

@@ -50,6 +50,6 @@ void append_telegram(Buffer& out, std::string_view type, std::string_view name, 
 void append_error(Buffer& out, SopasError error);
 
 /// A string with its length in two bytes, as FirmwareVersion, DeviceIdent and LocationName have them.
-void put_string(Buffer& out, std::string_view text);
+void append_string(Buffer& out, std::string_view text);
 
 }  // namespace rigor::sick

@@ -48,10 +48,7 @@ Status BulkEmulator::do_configure(const ChannelConfig& config) {
   return {};
 }
 
-Status BulkEmulator::do_arm(const ArmContext& context) {
-  if (context.virtual_time)
-    return fail(ErrorCode::wrong_state, config().name,
-                "expected a wall-clock run: a wire has no virtual time");
+Status BulkEmulator::do_arm(const ArmContext&) {
   auto world = WorldFrames::create(parts_, format_, config().name);
   if (!world) return tl::unexpected<Error>(world.error());
   if (auto s = deadline_.open(); !s) return s;

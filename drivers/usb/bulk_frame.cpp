@@ -6,6 +6,8 @@
 #include <cstring>
 #include <limits>
 
+#include "rt-core/byte_order.h"
+
 namespace rigor::usb {
 namespace {
 
@@ -16,19 +18,26 @@ RawType read_type(const ConfigNode& n, const std::vector<std::string>& allowed, 
   return static_cast<RawType>(std::find(kTypes.begin(), kTypes.end(), name) - kTypes.begin());
 }
 
-std::uint64_t raw_at(const char* p, std::size_t bytes, bool big) {
-  std::uint64_t v = 0;
-  for (std::size_t i = 0; i < bytes; ++i) {
-    const auto b = static_cast<std::uint64_t>(static_cast<unsigned char>(p[big ? i : bytes - 1 - i]));
-    v = v << 8 | b;
-  }
-  return v;
+/// A value of 1, 2, 4 or 8 bytes in the order that the format names.
+template <class T>
+std::uint64_t load_as(std::string_view frame, std::size_t at, bool big) {
+  return big ? load_be<T>(frame, at) : load_le<T>(frame, at);
 }
-void put_raw(char* p, std::size_t bytes, bool big, std::uint64_t v) {
-  for (std::size_t i = 0; i < bytes; ++i) {
-    p[big ? bytes - 1 - i : i] = static_cast<char>(v & 0xff);
-    v >>= 8;
-  }
+template <class T>
+void store_as(std::span<char> frame, std::size_t at, bool big, std::uint64_t v) {
+  big ? store_be(frame, at, static_cast<T>(v)) : store_le(frame, at, static_cast<T>(v));
+}
+std::uint64_t raw_at(std::string_view frame, std::size_t at, std::size_t bytes, bool big) {
+  return bytes == 1   ? load_as<std::uint8_t>(frame, at, big)
+         : bytes == 2 ? load_as<std::uint16_t>(frame, at, big)
+         : bytes == 4 ? load_as<std::uint32_t>(frame, at, big)
+                      : load_as<std::uint64_t>(frame, at, big);
+}
+void put_raw(std::span<char> frame, std::size_t at, std::size_t bytes, bool big, std::uint64_t v) {
+  bytes == 1   ? store_as<std::uint8_t>(frame, at, big, v)
+  : bytes == 2 ? store_as<std::uint16_t>(frame, at, big, v)
+  : bytes == 4 ? store_as<std::uint32_t>(frame, at, big, v)
+               : store_as<std::uint64_t>(frame, at, big, v);
 }
 
 double value_of(std::uint64_t raw, RawType type) {
@@ -249,7 +258,7 @@ std::optional<std::uint64_t> bulk_field(const BulkFormat& format, const BulkFiel
                                         std::string_view frame) {
   const std::size_t bytes = raw_bytes(field.type);
   if (field.at > frame.size() || frame.size() - field.at < bytes) return std::nullopt;
-  return raw_at(frame.data() + field.at, bytes, format.big_endian);
+  return raw_at(frame, field.at, bytes, format.big_endian);
 }
 
 std::size_t bulk_sample_bytes(const BulkFormat& format) {
@@ -263,16 +272,16 @@ bool decode_bulk(const BulkFormat& format, std::string_view frame, std::span<std
   for (const BulkPlane& plane : format.planes) {
     const std::size_t bytes = raw_bytes(plane.type), count = format.pixels();
     if (plane.at > frame.size() || frame.size() - plane.at < bytes * count) return false;
-    const char* p = frame.data() + plane.at;
+    std::size_t p = plane.at;
     if (format.image()) {
       for (std::size_t i = 0; i < count; ++i, p += bytes) {
-        const auto v = static_cast<std::uint16_t>(raw_at(p, bytes, format.big_endian));
+        const auto v = static_cast<std::uint16_t>(raw_at(frame, p, bytes, format.big_endian));
         std::memcpy(out.data() + i * bytes, &v, bytes);  // little-endian, as samples are
       }
       return true;
     }
     for (std::size_t i = 0; i < count; ++i, p += bytes) {
-      const double raw = value_of(raw_at(p, bytes, format.big_endian), plane.type);
+      const double raw = value_of(raw_at(frame, p, bytes, format.big_endian), plane.type);
       auto v = static_cast<float>(raw * plane.scale + plane.offset);
       if (plane.name == "range") {
         for (const double bad : plane.invalid)
@@ -290,10 +299,10 @@ void encode_bulk(const BulkFormat& format, std::span<const std::byte> sample, st
                  std::int64_t stamp_ns, std::string& out) {
   const std::size_t start = out.size();
   out.resize(start + format.size(), '\0');
-  char* frame = out.data() + start;
-  std::memcpy(frame, format.magic.data(), format.magic.size());
+  const std::span<char> frame = std::span(out).subspan(start);
+  std::memcpy(frame.data(), format.magic.data(), format.magic.size());
   const auto put = [&](const std::optional<BulkField>& field, std::uint64_t value) {
-    if (field) put_raw(frame + field->at, raw_bytes(field->type), format.big_endian, value);
+    if (field) put_raw(frame, field->at, raw_bytes(field->type), format.big_endian, value);
   };
   put(format.length, format.length_counts_frame ? format.size() : format.size() - format.header_bytes);
   put(format.sequence, sequence);
@@ -301,13 +310,13 @@ void encode_bulk(const BulkFormat& format, std::span<const std::byte> sample, st
   std::size_t read = 0;
   for (const BulkPlane& plane : format.planes) {
     const std::size_t bytes = raw_bytes(plane.type);
-    char* p = frame + plane.at;
+    std::size_t p = plane.at;
     for (std::size_t i = 0; i < format.pixels(); ++i, p += bytes) {
       if (format.image()) {
         std::uint16_t v = 0;
         if (read + bytes <= sample.size()) std::memcpy(&v, sample.data() + read, bytes);
         read += bytes;
-        put_raw(p, bytes, format.big_endian, v);
+        put_raw(frame, p, bytes, format.big_endian, v);
         continue;
       }
       float v = std::numeric_limits<float>::quiet_NaN();
@@ -315,7 +324,7 @@ void encode_bulk(const BulkFormat& format, std::span<const std::byte> sample, st
       read += sizeof v;
       double raw = (static_cast<double>(v) - plane.offset) / plane.scale;
       if (std::isnan(v) && !plane.invalid.empty()) raw = plane.invalid.front();
-      put_raw(p, bytes, format.big_endian, raw_of(raw, plane.type));
+      put_raw(frame, p, bytes, format.big_endian, raw_of(raw, plane.type));
     }
   }
 }

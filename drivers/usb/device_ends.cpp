@@ -6,6 +6,8 @@
 
 #include <cstdio>
 
+#include "rt-core/file_descriptor.h"
+
 namespace rigor::usb {
 namespace {
 
@@ -13,7 +15,7 @@ class GadgetEnd final : public DeviceEnd {
  public:
   explicit GadgetEnd(GadgetSettings settings) : settings_(std::move(settings)) {}
   ~GadgetEnd() override {
-    GadgetEnd::lost();
+    fd_.reset();
     gadget_.remove();
   }
   [[nodiscard]] Status open() override {
@@ -24,19 +26,16 @@ class GadgetEnd final : public DeviceEnd {
     device_ = "/dev/ttyGS" + std::to_string(*port);
     return {};
   }
-  [[nodiscard]] int fd() override { return fd_; }
-  void lost() override {
-    if (fd_ >= 0) ::close(fd_);
-    fd_ = -1;
-  }
+  [[nodiscard]] int fd() override { return fd_.get(); }
+  void lost() override { fd_.reset(); }
   void await(int cut, Duration) override {
-    fd_ = ::open(device_.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
-    if (fd_ < 0) return serial::pause_until_cut(cut, milliseconds(20));
+    fd_.reset(::open(device_.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+    if (!fd_) return serial::pause_until_cut(cut, milliseconds(20));
     termios t{};
-    ::tcgetattr(fd_, &t);
+    ::tcgetattr(fd_.get(), &t);
     ::cfmakeraw(&t);
     t.c_cflag |= CLOCAL;
-    ::tcsetattr(fd_, TCSANOW, &t);
+    ::tcsetattr(fd_.get(), TCSANOW, &t);
   }
   [[nodiscard]] std::string endpoint() const override {
     char ids[16];
@@ -48,7 +47,7 @@ class GadgetEnd final : public DeviceEnd {
   GadgetSettings settings_;
   UsbGadget gadget_;
   std::string device_;
-  int fd_ = -1;
+  FileDescriptor fd_;
 };
 
 }  // namespace

@@ -14,16 +14,10 @@
 #include <cstring>
 #include <filesystem>
 
+#include "rt-core/byte_order.h"
+
 namespace rigor::usb {
 namespace {
-
-void put32(std::string& s, std::uint32_t v) {
-  for (int i = 0; i < 4; ++i) s += static_cast<char>(v >> (8 * i) & 0xff);
-}
-void put16(std::string& s, std::uint16_t v) {
-  s += static_cast<char>(v & 0xff);
-  s += static_cast<char>(v >> 8);
-}
 
 /// Interface and endpoint at one speed.
 void put_function(std::string& s, std::uint16_t packet_bytes) {
@@ -32,31 +26,31 @@ void put_function(std::string& s, std::uint16_t packet_bytes) {
     s += static_cast<char>(v);
   for (const unsigned v : {7u, unsigned{USB_DT_ENDPOINT}, 0x81u, unsigned{USB_ENDPOINT_XFER_BULK}})
     s += static_cast<char>(v);
-  put16(s, packet_bytes);
+  append_le(s, packet_bytes);
   s += '\0';
 }
 
 std::string descriptors() {
   std::string body;
-  put32(body, 2);  // descriptors at full speed
-  put32(body, 2);  // and at high speed
+  append_le<std::uint32_t>(body, 2);  // descriptors at full speed
+  append_le<std::uint32_t>(body, 2);  // and at high speed
   put_function(body, 64);
   put_function(body, 512);
   std::string s;
-  put32(s, FUNCTIONFS_DESCRIPTORS_MAGIC_V2);
-  put32(s, static_cast<std::uint32_t>(12 + body.size()));
-  put32(s, FUNCTIONFS_HAS_FS_DESC | FUNCTIONFS_HAS_HS_DESC);
+  append_le<std::uint32_t>(s, FUNCTIONFS_DESCRIPTORS_MAGIC_V2);
+  append_le(s, static_cast<std::uint32_t>(12 + body.size()));
+  append_le<std::uint32_t>(s, FUNCTIONFS_HAS_FS_DESC | FUNCTIONFS_HAS_HS_DESC);
   return s + body;
 }
 
 std::string strings() {
   constexpr std::string_view kName = "frames";
   std::string s;
-  put32(s, FUNCTIONFS_STRINGS_MAGIC);
-  put32(s, static_cast<std::uint32_t>(16 + 2 + kName.size() + 1));
-  put32(s, 1);  // strings
-  put32(s, 1);  // languages
-  put16(s, 0x0409);
+  append_le<std::uint32_t>(s, FUNCTIONFS_STRINGS_MAGIC);
+  append_le(s, static_cast<std::uint32_t>(16 + 2 + kName.size() + 1));
+  append_le<std::uint32_t>(s, 1);  // strings
+  append_le<std::uint32_t>(s, 1);  // languages
+  append_le<std::uint16_t>(s, 0x0409);
   s += kName;
   s += '\0';
   return s;
@@ -81,15 +75,15 @@ Status FfsDevice::open(GadgetSettings settings) {
   if (::mount(name.c_str(), mount_.c_str(), "functionfs", 0, nullptr) != 0)
     return failed("cannot mount functionfs (sudo modprobe usb_f_fs)");
   mounted_ = true;
-  control_ = ::open((mount_ + "/ep0").c_str(), O_RDWR | O_CLOEXEC);
-  if (control_ < 0) return failed("cannot open the device's control endpoint");
+  control_.reset(::open((mount_ + "/ep0").c_str(), O_RDWR | O_CLOEXEC));
+  if (!control_) return failed("cannot open the device's control endpoint");
   const std::string d = descriptors(), s = strings();
-  if (::write(control_, d.data(), d.size()) != static_cast<ssize_t>(d.size()) ||
-      ::write(control_, s.data(), s.size()) != static_cast<ssize_t>(s.size()))
+  if (::write(control_.get(), d.data(), d.size()) != static_cast<ssize_t>(d.size()) ||
+      ::write(control_.get(), s.data(), s.size()) != static_cast<ssize_t>(s.size()))
     return failed("the kernel does not take the device's descriptors");
-  in_ = ::open((mount_ + "/ep1").c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK);
-  stop_ = ::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-  if (in_ < 0 || stop_ < 0) return failed("cannot open the device's endpoint");
+  in_.reset(::open((mount_ + "/ep1").c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK));
+  stop_.reset(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
+  if (!in_ || !stop_) return failed("cannot open the device's endpoint");
   thread_ = std::thread([this] { watch(); });
   if (auto plugged = gadget_.bind(); !plugged) {
     close();
@@ -102,13 +96,12 @@ void FfsDevice::close() noexcept {
   gadget_.unbind();
   if (thread_.joinable()) {
     const std::uint64_t one = 1;
-    (void)!::write(stop_, &one, sizeof one);
+    (void)!::write(stop_.get(), &one, sizeof one);
     thread_.join();
   }
-  for (int* fd : {&in_, &control_, &stop_}) {
-    if (*fd >= 0) ::close(*fd);
-    *fd = -1;
-  }
+  in_.reset();
+  control_.reset();
+  stop_.reset();
   enabled_ = false;
   if (mounted_) ::umount2(mount_.c_str(), MNT_DETACH);
   mounted_ = false;
@@ -119,12 +112,12 @@ void FfsDevice::close() noexcept {
 
 void FfsDevice::watch() {
   while (true) {
-    pollfd p[2] = {{control_, POLLIN, 0}, {stop_, POLLIN, 0}};
+    pollfd p[2] = {{control_.get(), POLLIN, 0}, {stop_.get(), POLLIN, 0}};
     if (::poll(p, 2, -1) < 0 && errno != EINTR) return;
     if (p[1].revents != 0) return;
     if (p[0].revents == 0) continue;
     std::array<usb_functionfs_event, 4> events{};
-    const ssize_t n = ::read(control_, events.data(), sizeof events);
+    const ssize_t n = ::read(control_.get(), events.data(), sizeof events);
     if (n < 0 && errno != EINTR && errno != EAGAIN && errno != EIDRM) return;
     for (ssize_t i = 0; i < n / static_cast<ssize_t>(sizeof events[0]); ++i) {
       const usb_functionfs_event& e = events[static_cast<std::size_t>(i)];
@@ -139,9 +132,9 @@ void FfsDevice::watch() {
         case FUNCTIONFS_SETUP:
           // No requests of our own: a transfer in the wrong direction refuses it.
           if ((e.u.setup.bRequestType & USB_DIR_IN) != 0)
-            (void)!::read(control_, nullptr, 0);
+            (void)!::read(control_.get(), nullptr, 0);
           else
-            (void)!::write(control_, nullptr, 0);
+            (void)!::write(control_.get(), nullptr, 0);
           break;
         default:
           break;
@@ -153,7 +146,7 @@ void FfsDevice::watch() {
 bool FfsDevice::write(std::string_view bytes) {
   while (!bytes.empty()) {
     // Pieces of a size that the kernel can copy at once.
-    const ssize_t n = ::write(in_, bytes.data(), std::min<std::size_t>(bytes.size(), 64 * 1024));
+    const ssize_t n = ::write(in_.get(), bytes.data(), std::min<std::size_t>(bytes.size(), 64 * 1024));
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) return false;
     bytes.remove_prefix(static_cast<std::size_t>(n));
@@ -164,7 +157,7 @@ bool FfsDevice::write(std::string_view bytes) {
 bool FfsDevice::stall() {
   // I/O against the direction of an endpoint halts it, and says so by EBADMSG.
   char byte = 0;
-  return ::read(in_, &byte, 1) < 0 && errno == EBADMSG;
+  return ::read(in_.get(), &byte, 1) < 0 && errno == EBADMSG;
 }
 
 }  // namespace rigor::usb

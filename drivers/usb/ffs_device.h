@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "drivers/usb/usb_gadget.h"
+#include "rt-core/file_descriptor.h"
 
 namespace rigor::usb {
 
@@ -37,7 +38,7 @@ class FfsDevice {
   UsbGadget gadget_;
   std::string mount_;
   bool mounted_ = false;
-  int control_ = -1, in_ = -1, stop_ = -1;
+  FileDescriptor control_, in_, stop_;
   std::atomic<bool> enabled_{false};
   std::thread thread_;
 };

@@ -46,10 +46,7 @@ Status ScipEmulator::do_configure(const ChannelConfig& config) {
   return {};
 }
 
-Status ScipEmulator::do_arm(const ArmContext& context) {
-  if (context.virtual_time)
-    return fail(ErrorCode::wrong_state, config().name,
-                "expected a wall-clock run: a wire has no virtual time");
+Status ScipEmulator::do_arm(const ArmContext&) {
   if (!measure_ && (!parts_.samples || parts_.samples->geometry().kind != SampleKind::point_cloud))
     return fail(ErrorCode::bad_input, config().params.place(),
                 config().name +

@@ -46,10 +46,7 @@ Status ScipSource::check_scanner() const {
   return check_rate(config(), p, settings_.client.scan.skip);
 }
 
-Status ScipSource::do_arm(const ArmContext& context) {
-  if (context.virtual_time)
-    return fail(ErrorCode::wrong_state, config().name,
-                "expected a wall-clock run, got virtual time: name the device's emulator with `emulated_by`");
+Status ScipSource::do_arm(const ArmContext&) {
   link_ = links_(settings_.link);
   if (!link_)
     return fail(ErrorCode::unavailable, config().name, "this build has no libusb; use `transport: tty`");

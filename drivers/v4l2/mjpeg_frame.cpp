@@ -1,11 +1,12 @@
 #include "drivers/v4l2/mjpeg_frame.h"
 
+#include "rt-core/byte_order.h"
+
 namespace rigor::v4l2 {
 
 MjpegFrame read_mjpeg(std::span<const std::byte> bytes) noexcept {
   MjpegFrame f;
   const auto at = [&](std::size_t i) { return std::to_integer<std::uint8_t>(bytes[i]); };
-  const auto word = [&](std::size_t i) { return static_cast<std::uint32_t>(at(i) << 8 | at(i + 1)); };
   if (bytes.size() < 4 || at(0) != 0xFF || at(1) != 0xD8) return f;
   std::size_t i = 2;
   bool scan = false;
@@ -34,7 +35,7 @@ MjpegFrame read_mjpeg(std::span<const std::byte> bytes) noexcept {
     }
     if (marker == 0xD8) return f;
     if (i + 4 > bytes.size()) break;
-    const std::size_t length = word(i + 2);
+    const std::size_t length = load_be<std::uint16_t>(bytes, i + 2);
     if (length < 2) return f;
     const std::size_t body = i + 4, end = i + 2 + length;
     if (end > bytes.size()) break;
@@ -43,7 +44,8 @@ MjpegFrame read_mjpeg(std::span<const std::byte> bytes) noexcept {
     if (frame_header) {
       if (length < 8 || f.width_px != 0) return f;
       f.bits = at(body);
-      f.height_px = word(body + 1), f.width_px = word(body + 3);
+      f.height_px = load_be<std::uint16_t>(bytes, body + 1),
+      f.width_px = load_be<std::uint16_t>(bytes, body + 3);
       f.components = at(body + 5);
       f.progressive = marker != 0xC0 && marker != 0xC1;
       if (f.width_px == 0 || f.height_px == 0 || f.components == 0) return f;

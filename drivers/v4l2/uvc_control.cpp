@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstring>
 
+#include "rt-core/byte_order.h"
+
 namespace rigor::v4l2::uvc {
 namespace {
 
@@ -14,15 +16,6 @@ constexpr std::uint8_t kNoError = 0x00, kNotReady = 0x01, kOutOfRange = 0x04, kI
                        kInvalidControl = 0x06, kInvalidRequest = 0x07;
 constexpr std::uint8_t kDirectionIn = 0x80, kTypeMask = 0x60, kTypeClass = 0x20, kRecipientMask = 0x1F,
                        kRecipientInterface = 0x01;
-
-void put16(std::uint8_t* p, std::uint32_t v) {
-  p[0] = static_cast<std::uint8_t>(v), p[1] = static_cast<std::uint8_t>(v >> 8);
-}
-void put32(std::uint8_t* p, std::uint32_t v) { put16(p, v), put16(p + 2, v >> 16); }
-std::uint32_t get32(const std::uint8_t* p) {
-  return static_cast<std::uint32_t>(p[0]) | static_cast<std::uint32_t>(p[1]) << 8 |
-         static_cast<std::uint32_t>(p[2]) << 16 | static_cast<std::uint32_t>(p[3]) << 24;
-}
 
 Answer data_of(std::span<const std::uint8_t> bytes, std::uint32_t wanted) {
   Answer a;
@@ -38,13 +31,13 @@ Answer byte_of(std::uint8_t value, std::uint32_t wanted) { return data_of(std::s
 
 std::array<std::uint8_t, kControlBytes11> encode(const StreamControl& c) noexcept {
   std::array<std::uint8_t, kControlBytes11> b{};
-  put16(&b[0], c.hint);
+  store_le(b, 0, c.hint);
   b[2] = c.format_index, b[3] = c.frame_index;
-  put32(&b[4], c.interval);
-  put32(&b[18], c.max_frame_bytes);
-  put32(&b[22], c.max_payload_bytes);
-  put32(&b[26], 48'000'000);  // dwClockFrequency
-  b[30] = 3;                  // bmFramingInfo: frame id and end of frame are in the payload headers
+  store_le(b, 4, c.interval);
+  store_le(b, 18, c.max_frame_bytes);
+  store_le(b, 22, c.max_payload_bytes);
+  store_le(b, 26, 48'000'000U);  // dwClockFrequency
+  b[30] = 3;                     // bmFramingInfo: frame id and end of frame are in the payload headers
   b[31] = 1, b[32] = 1, b[33] = 1;
   return b;
 }
@@ -52,11 +45,11 @@ std::array<std::uint8_t, kControlBytes11> encode(const StreamControl& c) noexcep
 std::optional<StreamControl> decode(std::span<const std::uint8_t> b) noexcept {
   if (b.size() < kControlBytes10) return std::nullopt;
   StreamControl c;
-  c.hint = static_cast<std::uint16_t>(b[0] | b[1] << 8);
+  c.hint = load_le<std::uint16_t>(b);
   c.format_index = b[2], c.frame_index = b[3];
-  c.interval = get32(&b[4]);
-  c.max_frame_bytes = get32(&b[18]);
-  c.max_payload_bytes = get32(&b[22]);
+  c.interval = load_le<std::uint32_t>(b, 4);
+  c.max_frame_bytes = load_le<std::uint32_t>(b, 18);
+  c.max_payload_bytes = load_le<std::uint32_t>(b, 22);
   return c;
 }
 

@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "drivers/v4l2/device_table.h"
+#include "rt-core/file_descriptor.h"
 
 namespace rigor::v4l2 {
 namespace {
@@ -31,10 +32,9 @@ class Tree {
   }
   void write(const std::string& path, std::string_view value) {
     if (!status_) return;
-    const int fd = open((root_ / path).c_str(), O_WRONLY | O_CLOEXEC);
-    if (fd < 0 || ::write(fd, value.data(), value.size()) != static_cast<ssize_t>(value.size()))
+    const FileDescriptor fd(open((root_ / path).c_str(), O_WRONLY | O_CLOEXEC));
+    if (!fd || ::write(fd.get(), value.data(), value.size()) != static_cast<ssize_t>(value.size()))
       note(path, std::strerror(errno));
-    if (fd >= 0) close(fd);
   }
   void write(const std::string& path, std::uint64_t value) { write(path, std::to_string(value)); }
   void link(const std::string& target, const std::string& path) {
@@ -113,9 +113,8 @@ std::vector<std::string> free_controllers() {
 void remove_gadget(const fs::path& root) noexcept {
   std::error_code ignored;
   if (!fs::exists(root, ignored)) return;
-  if (const int fd = open((root / "UDC").c_str(), O_WRONLY | O_CLOEXEC); fd >= 0) {
-    [[maybe_unused]] const auto n = ::write(fd, "\n", 1);
-    close(fd);
+  if (const FileDescriptor fd(open((root / "UDC").c_str(), O_WRONLY | O_CLOEXEC)); fd) {
+    [[maybe_unused]] const auto n = ::write(fd.get(), "\n", 1);
   }
   // Links first: a class refers to a header, a header to formats, a configuration to the function.
   take_down(root / "configs");

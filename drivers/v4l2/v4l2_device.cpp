@@ -32,7 +32,7 @@ bool is_integer64(int fd, std::uint32_t id) {
 
 }  // namespace
 
-V4l2Device::V4l2Device(Fd fd, std::string path, BufferMemory memory)
+V4l2Device::V4l2Device(FileDescriptor fd, std::string path, BufferMemory memory)
     : fd_(std::move(fd)), path_(std::move(path)), memory_(memory) {}
 V4l2Device::~V4l2Device() { stop(); }
 

@@ -29,9 +29,9 @@ class V4l2Device final : public CaptureDevice {
   [[nodiscard]] const std::string& path() const noexcept { return path_; }
 
  private:
-  V4l2Device(Fd fd, std::string path, BufferMemory memory);
+  V4l2Device(FileDescriptor fd, std::string path, BufferMemory memory);
   [[nodiscard]] int queue(std::uint32_t index) noexcept;
-  Fd fd_;
+  FileDescriptor fd_;
   std::string path_;
   BufferMemory memory_;
   NodeBuffers buffers_;

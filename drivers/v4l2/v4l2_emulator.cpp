@@ -67,10 +67,7 @@ Result<VideoOutput> V4l2Emulator::open_output() {
   return output;
 }
 
-Status V4l2Emulator::do_arm(const ArmContext& context) {
-  if (context.virtual_time)
-    return fail(ErrorCode::wrong_state, config().name,
-                "an emulator in the kernel runs by the wall clock only");
+Status V4l2Emulator::do_arm(const ArmContext&) {
   if (auto s = deadline_.open(); !s) return s;
   auto pictures = EmulatedPictures::create(settings_, parts_, config().name);
   if (!pictures) return tl::unexpected<Error>(pictures.error());
@@ -140,7 +137,7 @@ Status V4l2Emulator::do_stop() {
   output_.stop();
   output_ = {};
   output_open_ = false;
-  gadget_fd_ = {};
+  gadget_fd_.reset();
   gadget_ = {};
   pipe_.reset();
   streaming_ = false;

@@ -75,7 +75,7 @@ class V4l2Emulator final : public Emulator {
   std::thread thread_;
   // usb
   UvcGadget gadget_;
-  Fd gadget_fd_;
+  FileDescriptor gadget_fd_;
   std::optional<uvc::ControlPipe> pipe_;
   bool streaming_ = false;
 };

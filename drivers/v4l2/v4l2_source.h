@@ -28,6 +28,7 @@ class V4l2Source final : public VideoSource {
   ~V4l2Source() override;
 
  protected:
+  [[nodiscard]] bool requires_wall_clock() const noexcept override { return true; }
   Status do_arm(const ArmContext& context) override;
   Status do_stop() override;
 

@@ -132,19 +132,19 @@ void read_controls(int fd, DeviceTable& table) {
 }
 
 /// A dma-buf of at least `size` bytes that no device made; `from` says what made it.
-Fd make_dmabuf(std::size_t size, std::string& from) {
+FileDescriptor make_dmabuf(std::size_t size, std::string& from) {
   static constexpr const char* kHeap = "/dev/dma_heap/system";
-  if (const Fd heap(open(kHeap, O_RDWR | O_CLOEXEC)); heap.is_open()) {
+  if (const FileDescriptor heap(open(kHeap, O_RDWR | O_CLOEXEC)); heap.is_open()) {
     auto a = zeroed<dma_heap_allocation_data>();
     a.len = size, a.fd_flags = O_RDWR | O_CLOEXEC;
     if (call(heap.get(), DMA_HEAP_IOCTL_ALLOC, &a) == 0) {
       from = kHeap;
-      return Fd(static_cast<int>(a.fd));
+      return FileDescriptor(static_cast<int>(a.fd));
     }
   }
-  const Fd maker(open("/dev/udmabuf", O_RDWR | O_CLOEXEC));
+  const FileDescriptor maker(open("/dev/udmabuf", O_RDWR | O_CLOEXEC));
   if (!maker.is_open()) return {};
-  const Fd memory(memfd_create("rigor-v4l2", MFD_CLOEXEC | MFD_ALLOW_SEALING));
+  const FileDescriptor memory(memfd_create("rigor-v4l2", MFD_CLOEXEC | MFD_ALLOW_SEALING));
   // udmabuf wants memory that cannot shrink under it.
   if (!memory.is_open() || ftruncate(memory.get(), static_cast<off_t>(size)) != 0 ||
       fcntl(memory.get(), F_ADD_SEALS, F_SEAL_SHRINK) != 0)
@@ -156,7 +156,7 @@ Fd make_dmabuf(std::size_t size, std::string& from) {
   const int fd = ioctl(maker.get(), UDMABUF_CREATE, &c);
   if (fd < 0) return {};
   from = "/dev/udmabuf";
-  return Fd(fd);
+  return FileDescriptor(fd);
 }
 
 int request(int fd, bool output, std::uint32_t memory, std::uint32_t& count) {
@@ -177,19 +177,8 @@ int call(int fd, unsigned long request, void* argument) noexcept {
   return status < 0 ? -errno : 0;
 }
 
-Fd::Fd(Fd&& o) noexcept : fd_(std::exchange(o.fd_, -1)) {}
-Fd& Fd::operator=(Fd&& o) noexcept {
-  std::swap(fd_, o.fd_);
-  return *this;
-}
-Fd::~Fd() { reset(); }
-void Fd::reset() noexcept {
-  if (fd_ >= 0) close(fd_);
-  fd_ = -1;
-}
-
-Result<Fd> open_node(const std::string& path) {
-  Fd fd(open(path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
+Result<FileDescriptor> open_node(const std::string& path) {
+  FileDescriptor fd(open(path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
   if (fd.is_open()) return fd;
   const int error = errno;
   if (error == ENOENT || error == ENODEV || error == ENXIO)
@@ -344,7 +333,7 @@ Result<NodeBuffers> NodeBuffers::create(int fd, const std::string& path, bool ou
         return fail(ErrorCode::unavailable, path,
                     std::string("expected a device that imports or exports dma-bufs, got VIDIOC_EXPBUF: ") +
                         std::strerror(-e) + "; use `memory: mmap`");
-      b.dmabuf = Fd(x.fd);
+      b.dmabuf = FileDescriptor(x.fd);
       all.origin_ = "dmabuf exported by the device";
     }
     if (!map(b, b.dmabuf.is_open() ? b.dmabuf.get() : fd,

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "drivers/v4l2/capture_device.h"
+#include "rt-core/file_descriptor.h"
 
 struct v4l2_buffer;
 
@@ -14,25 +15,9 @@ namespace rigor::v4l2 {
 /// ioctl that is repeated when a signal interrupts it. The result is 0, or the negative errno.
 [[nodiscard]] int call(int fd, unsigned long request, void* argument) noexcept;
 
-/// A file descriptor that closes itself.
-class Fd {
- public:
-  Fd() = default;
-  explicit Fd(int fd) noexcept : fd_(fd) {}
-  Fd(Fd&& o) noexcept;
-  Fd& operator=(Fd&& o) noexcept;
-  ~Fd();
-  [[nodiscard]] int get() const noexcept { return fd_; }
-  [[nodiscard]] bool is_open() const noexcept { return fd_ >= 0; }
-  void reset() noexcept;
-
- private:
-  int fd_ = -1;
-};
-
 /// Opens a node for reading and writing, without blocking. not_found, or unavailable with what to do about
 /// rights.
-[[nodiscard]] Result<Fd> open_node(const std::string& path);
+[[nodiscard]] Result<FileDescriptor> open_node(const std::string& path);
 /// What the node says of itself; `enumerate`: with formats and controls (slower).
 [[nodiscard]] Result<DeviceTable> read_table(int fd, const std::string& path, bool output,
                                              bool enumerate = true);
@@ -71,7 +56,7 @@ class NodeBuffers {
   struct Buffer {
     std::byte* at = nullptr;
     std::size_t size = 0;
-    Fd dmabuf;
+    FileDescriptor dmabuf;
   };
   void clear() noexcept;
   std::vector<Buffer> buffers_;

@@ -31,7 +31,7 @@ class VideoOutput {
   [[nodiscard]] int fd() const noexcept { return fd_; }
 
  private:
-  Fd own_;
+  FileDescriptor own_;
   int fd_ = -1;
   std::string path_;
   ActualFormat format_;

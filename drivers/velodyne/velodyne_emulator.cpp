@@ -44,10 +44,8 @@ RotorSettings VelodyneEmulator::rotor_settings() const {
   return rotor;
 }
 
-Status VelodyneEmulator::do_arm(const ArmContext& context) {
+Status VelodyneEmulator::do_arm(const ArmContext&) {
   const std::string& name = config().name;
-  if (context.virtual_time)
-    return fail(ErrorCode::bad_input, name, "an emulator on the network runs by the wall clock only");
   if (auto device = RotorDevice::create(rotor_settings(), parts_.samples); !device)
     return fail(device.error().code, name, device.error().text());
   if (auto s = sending_.open(); !s) return s;

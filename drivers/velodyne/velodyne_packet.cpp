@@ -6,26 +6,13 @@
 #include <cstdio>
 #include <cstring>
 
+#include "rt-core/byte_order.h"
+
 namespace rigor::velodyne {
 namespace {
 
 constexpr std::size_t kBlockBytes = 100;
 constexpr std::size_t kPositionTime = 198, kPositionPps = 202, kPositionNmea = 206, kMaxNmea = 128;
-
-std::uint32_t load16(Bytes b, std::size_t at) {
-  return static_cast<std::uint32_t>(b[at]) | static_cast<std::uint32_t>(b[at + 1]) << 8;
-}
-std::uint32_t load32(Bytes b, std::size_t at) { return load16(b, at) | load16(b, at + 2) << 16; }
-template <class B>
-void store16(B& b, std::size_t at, std::uint32_t v) {
-  b[at] = static_cast<std::uint8_t>(v);
-  b[at + 1] = static_cast<std::uint8_t>(v >> 8);
-}
-template <class B>
-void store32(B& b, std::size_t at, std::uint32_t v) {
-  store16(b, at, v & 0xFFFF);
-  store16(b, at + 2, v >> 16);
-}
 
 std::uint8_t checksum_of(std::string_view body) {
   std::uint8_t sum = 0;
@@ -115,11 +102,11 @@ std::optional<DataPacket> DataPacket::parse(Bytes bytes, PacketFault& fault) noe
     fault = PacketFault::block_flag;
     if (bytes[b * kBlockBytes] != 0xFF || bytes[b * kBlockBytes + 1] != 0xEE) return {};
     fault = PacketFault::azimuth;
-    if (load16(bytes, b * kBlockBytes + 2) > kTurn_cdeg) return {};
+    if (load_le<std::uint16_t>(bytes, b * kBlockBytes + 2) > kTurn_cdeg) return {};
   }
   fault = PacketFault::timestamp;
   // A device that is waiting for its PPS pulse runs on for some seconds past the hour.
-  if (load32(bytes, 1200) >= kHour_us + 10'000'000U) return {};
+  if (load_le<std::uint32_t>(bytes, 1200) >= kHour_us + 10'000'000U) return {};
   fault = PacketFault::return_mode;
   if (bytes[1204] < 0x37 || bytes[1204] > 0x39) return {};
   fault = PacketFault::none;
@@ -127,18 +114,18 @@ std::optional<DataPacket> DataPacket::parse(Bytes bytes, PacketFault& fault) noe
 }
 
 std::uint32_t DataPacket::azimuth_cdeg(std::size_t block) const noexcept {
-  return load16(bytes_, block * kBlockBytes + 2) % kTurn_cdeg;
+  return load_le<std::uint16_t>(bytes_, block * kBlockBytes + 2) % kTurn_cdeg;
 }
 bool DataPacket::says_full_turn() const noexcept {
   for (std::size_t b = 0; b < kBlocks; ++b)
-    if (load16(bytes_, b * kBlockBytes + 2) == kTurn_cdeg) return true;
+    if (load_le<std::uint16_t>(bytes_, b * kBlockBytes + 2) == kTurn_cdeg) return true;
   return false;
 }
 DataPacket::Return DataPacket::at(std::size_t block, std::size_t channel) const noexcept {
   const std::size_t at = block * kBlockBytes + 4 + channel * 3;
-  return {static_cast<std::uint16_t>(load16(bytes_, at)), bytes_[at + 2]};
+  return {load_le<std::uint16_t>(bytes_, at), bytes_[at + 2]};
 }
-std::uint32_t DataPacket::timestamp_us() const noexcept { return load32(bytes_, 1200); }
+std::uint32_t DataPacket::timestamp_us() const noexcept { return load_le<std::uint32_t>(bytes_, 1200); }
 
 DataPacketWriter::DataPacketWriter() {
   for (std::size_t b = 0; b < kBlocks; ++b) {
@@ -147,15 +134,15 @@ DataPacketWriter::DataPacketWriter() {
   }
 }
 void DataPacketWriter::set_azimuth(std::size_t block, std::uint32_t azimuth_cdeg) {
-  store16(bytes_, block * kBlockBytes + 2, azimuth_cdeg % kTurn_cdeg);
+  store_le(bytes_, block * kBlockBytes + 2, static_cast<std::uint16_t>(azimuth_cdeg % kTurn_cdeg));
 }
 void DataPacketWriter::set(std::size_t block, std::size_t channel, DataPacket::Return r) {
   const std::size_t at = block * kBlockBytes + 4 + channel * 3;
-  store16(bytes_, at, r.range_raw);
+  store_le(bytes_, at, r.range_raw);
   bytes_[at + 2] = r.intensity;
 }
 void DataPacketWriter::finish(std::uint32_t timestamp_us, ReturnMode mode, std::uint8_t product) {
-  store32(bytes_, 1200, timestamp_us);
+  store_le(bytes_, 1200, timestamp_us);
   bytes_[1204] = static_cast<std::uint8_t>(mode);
   bytes_[1205] = product;
 }
@@ -228,7 +215,7 @@ std::string compose_rmc(const NmeaRmc& m) {
 std::optional<PositionPacket> parse_position(Bytes bytes) noexcept {
   if (bytes.size() != kPositionBytes) return {};
   PositionPacket p;
-  p.timestamp_us = load32(bytes, kPositionTime);
+  p.timestamp_us = load_le<std::uint32_t>(bytes, kPositionTime);
   if (p.timestamp_us >= kHour_us + 10'000'000U || bytes[kPositionPps] > 3) return {};
   p.pps = static_cast<PpsStatus>(bytes[kPositionPps]);
   const char* text = reinterpret_cast<const char*>(bytes.data()) + kPositionNmea;
@@ -243,7 +230,7 @@ std::optional<PositionPacket> parse_position(Bytes bytes) noexcept {
 
 std::array<std::uint8_t, kPositionBytes> compose_position(const PositionPacket& p) {
   std::array<std::uint8_t, kPositionBytes> bytes{};
-  store32(bytes, kPositionTime, p.timestamp_us);
+  store_le(bytes, kPositionTime, p.timestamp_us);
   bytes[kPositionPps] = static_cast<std::uint8_t>(p.pps);
   const std::size_t n = std::min(p.nmea.size(), kMaxNmea - 2);
   std::memcpy(bytes.data() + kPositionNmea, p.nmea.data(), n);

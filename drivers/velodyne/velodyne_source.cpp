@@ -38,11 +38,6 @@ Status VelodyneSource::do_arm(const ArmContext& context) {
   if (auto s = deadline_.open(); !s) return s;
   deadline_.reset();
   if (!settings_.file.empty()) return arm_file(context.virtual_time);
-  if (context.virtual_time)
-    return fail(
-        ErrorCode::wrong_state, config().name,
-        "a Velodyne on the network knows no virtual time: give the rig an emulator for it (`emulated_by`), "
-        "or run with --clock wall");
   auto s = arm_network();
   if (!s) data_.close(), position_.close();
   return s;
@@ -209,14 +204,11 @@ void VelodyneSource::run_network() {
 
 void VelodyneSource::run_file() {
   pthread_setname_np(pthread_self(), "velodyne-file");
-  const auto t0 = origin().wait(deadline_);
-  if (!t0) return;
-  while (const auto item = feed_->next(*t0)) {
-    if (!deadline_.wait_until(MonotonicTime(item->due.ns()))) return;
-    take(item->datagram.payload, item->due);
+  const auto take_one = [this](Bytes datagram, BenchTime due) {
+    take(datagram, due);
     publish();
-  }
-  end_of_file();
+  };
+  if (feed_->play(origin(), deadline_, take_one)) end_of_file();
 }
 
 void VelodyneSource::end_of_file() {
@@ -227,12 +219,9 @@ void VelodyneSource::end_of_file() {
 void VelodyneSource::complete_until(BenchTime now) {
   if (!feed_) return;
   // On until a cloud is there that is not released yet: what is released later was captured later.
-  while (!feed_->ended() && !handed_beyond(now)) {
-    if (const auto item = feed_->next(t0_))
-      take(item->datagram.payload, item->due);
-    else
-      end_of_file();
-  }
+  if (feed_->play_while([&] { return !handed_beyond(now); }, t0_,
+                        [this](Bytes d, BenchTime t) { take(d, t); }))
+    end_of_file();
   publish();
 }
 

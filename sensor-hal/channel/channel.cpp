@@ -76,6 +76,11 @@ Status Channel::configure(const ChannelConfig& config) {
 
 Status Channel::arm(const ArmContext& context) {
   if (state_ != ChannelState::configured) return refused(config_.name, "arm", state_, "configured");
+  if (context.virtual_time && requires_wall_clock())
+    return fail(
+        ErrorCode::bad_input, config_.name,
+        "expected a wall-clock run (--clock wall): sockets and ports have no virtual time; in virtual "
+        "time a channel's device is replaced by the emulator that `emulated_by` names");
   origin_.forget();
   if (auto status = do_arm(context); !status) return status;
   state_ = ChannelState::armed;

@@ -117,6 +117,9 @@ class Channel {
   [[nodiscard]] virtual HealthSnapshot health() const noexcept { return health_.snapshot(); }
   /// What `arm` found that a user should know although it is no error. Setup thread, armed or running.
   [[nodiscard]] virtual std::vector<std::string> warnings() const { return {}; }
+  /// What a run on the wall clock will lose by what `arm` measured, and what to set against it. It is said
+  /// before the run and is no finding of it: what is lost is counted then. Setup thread, armed.
+  [[nodiscard]] virtual std::vector<std::string> forecasts() const { return {}; }
 
  protected:
   Channel() = default;
@@ -124,6 +127,9 @@ class Channel {
   /// by the caller.
   virtual Status do_configure(const ChannelConfig& config) = 0;
   virtual Status do_arm(const ArmContext& context) = 0;
+  /// Configured: whether what is behind it (sockets, ports, devices) has no virtual time. `arm` then refuses
+  /// a run in virtual time.
+  [[nodiscard]] virtual bool requires_wall_clock() const noexcept { return false; }
   /// The origin is published after it, so that what it writes is visible to the threads that wait for t0.
   virtual Status do_start(BenchTime t0) {
     (void)t0;

@@ -25,6 +25,9 @@ class Emulator : public Channel {
   virtual void attach(DeviceParts parts) = 0;  ///< before arm
   /// For people and clients: "GigE Vision camera Rigor-left at 127.0.0.1".
   [[nodiscard]] virtual std::string endpoint() const = 0;
+
+ protected:
+  [[nodiscard]] bool requires_wall_clock() const noexcept override { return true; }
 };
 
 }  // namespace rigor

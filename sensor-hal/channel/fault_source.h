@@ -58,6 +58,7 @@ class FaultySource final : public FollowerSource {
   void complete_until(BenchTime now) override;
   bool request_at(std::uint64_t index, BenchTime t_capture) noexcept override;
   [[nodiscard]] std::vector<std::string> warnings() const override { return inner_->warnings(); }
+  [[nodiscard]] std::vector<std::string> forecasts() const override { return inner_->forecasts(); }
   [[nodiscard]] HealthSnapshot health() const noexcept override;
 
   [[nodiscard]] FaultInjector& faults() noexcept { return faults_; }

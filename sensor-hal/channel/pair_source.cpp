@@ -100,10 +100,8 @@ Status PairSource::do_start(BenchTime t0) {
   t0_ = t0;
   anchor_t_ = t0 + phase_;
   last_simulated_t_ = last_handed_t_ = BenchTime(std::numeric_limits<std::int64_t>::min());
-  wanted_ = initial_;
-  active_ = initial_;
+  switch_.start(initial_);
   handed_side_ = initial_;
-  switches_ = 0;
   if (monitor_) monitor_->start(t0);
   if (auto s = real_->start(t0); !s) return s;
   if (auto s = simulated_->start(t0); !s) return s;  // `stop` ends the real side: it is armed or running
@@ -218,8 +216,7 @@ void PairSource::new_cycle(BenchTime now) noexcept {
   cycle_ = now;
   any_cycle_ = true;
   take_in(now);
-  const PairSide wanted = wanted_.load(std::memory_order_acquire);
-  if (wanted != active_.load(std::memory_order_relaxed)) switch_now(wanted, now);
+  if (switch_.advance()) tell_switch(active(), now);
   if (!virtual_time_) take_notes();
 }
 
@@ -241,9 +238,7 @@ void PairSource::take_notes() noexcept {
   }
 }
 
-void PairSource::switch_now(PairSide to, BenchTime now) noexcept {
-  active_.store(to, std::memory_order_relaxed);
-  switches_.fetch_add(1, std::memory_order_relaxed);
+void PairSource::tell_switch(PairSide to, BenchTime now) noexcept {
   // What the other side had not handed on by now: the newest of this side is there already, so it goes out at
   // once.
   const SideState& side = state_of(to);
@@ -306,7 +301,7 @@ SampleLease PairSource::poll(BenchTime now) noexcept {
   if (after_switch_) {
     const SampleLease sample = std::move(after_switch_);
     after_switch_.reset();
-    return hand_on(active_.load(std::memory_order_relaxed), sample);
+    return hand_on(active(), sample);
   }
   while (true) {
     const SampleLease* real = state_of(PairSide::real).due(now);
@@ -317,7 +312,7 @@ SampleLease PairSource::poll(BenchTime now) noexcept {
                               : PairSide::simulated;
     const SampleLease sample = state_of(side).pending.pop_front();
     sample_due(side, sample);
-    if (side != active_.load(std::memory_order_relaxed)) continue;
+    if (side != active()) continue;
     if (any_handed_ &&
         (sample->stamp.sequence <= last_handed_ || sample->stamp.t_capture <= last_handed_t_)) {
       // a device's clock that was set back

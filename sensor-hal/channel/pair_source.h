@@ -40,6 +40,7 @@
 #include "rt-core/fixed_ring.h"
 #include "sensor-hal/channel/channel.h"
 #include "sensor-hal/channel/pair_statistics.h"
+#include "sensor-hal/channel/side_switch.h"
 #include "sensor-hal/channel/simulated_source.h"
 
 namespace rigor {
@@ -78,17 +79,18 @@ class PairSource final : public Source {
   [[nodiscard]] SampleLease poll_event() noexcept override;
   void complete_until(BenchTime now) override;
   [[nodiscard]] std::vector<std::string> warnings() const override;
+  [[nodiscard]] std::vector<std::string> forecasts() const override { return simulated_->forecasts(); }
   [[nodiscard]] HealthSnapshot health() const noexcept override;
 
   /// Any thread: hand on this side from the next cycle on.
-  void switch_to(PairSide side) noexcept { wanted_.store(side, std::memory_order_release); }
+  void switch_to(PairSide side) noexcept { switch_.want(side); }
   /// Any thread: the side that is handed on now.
-  [[nodiscard]] PairSide active() const noexcept { return active_.load(std::memory_order_relaxed); }
+  [[nodiscard]] PairSide active() const noexcept { return switch_.active(); }
   /// Loop thread: the side that the sample handed on last came from.
   [[nodiscard]] PairSide handed_side() const noexcept { return handed_side_; }
   /// Any thread.
   [[nodiscard]] PairSnapshot statistics() const noexcept { return statistics_.snapshot(); }
-  [[nodiscard]] std::uint64_t switches() const noexcept { return switches_.load(std::memory_order_relaxed); }
+  [[nodiscard]] std::uint64_t switches() const noexcept { return switch_.count(); }
   [[nodiscard]] const Source& side(PairSide s) const noexcept {
     return s == PairSide::real ? *real_ : static_cast<const Source&>(*simulated_);
   }
@@ -117,7 +119,7 @@ class PairSource final : public Source {
   void request_simulated(std::uint64_t index, BenchTime t_capture) noexcept;
   void request_overdue(BenchTime now, Duration margin) noexcept;
   void new_cycle(BenchTime now) noexcept;
-  void switch_now(PairSide to, BenchTime now) noexcept;
+  void tell_switch(PairSide to, BenchTime now) noexcept;
   void sample_due(PairSide side, const SampleLease& sample) noexcept;
   [[nodiscard]] SampleLease hand_on(PairSide side, const SampleLease& sample) noexcept;
   void take_notes() noexcept;
@@ -138,9 +140,7 @@ class PairSource final : public Source {
   // the run
   bool virtual_time_ = false;
   bool running_ = false;
-  std::atomic<PairSide> wanted_{PairSide::real};
-  std::atomic<PairSide> active_{PairSide::real};
-  std::atomic<std::uint64_t> switches_{0};
+  SideSwitch<> switch_;
   std::array<SideState, 2> sides_;
   SampleLease ahead_;  ///< virtual time: a real sample whose release has not come
   BenchTime cycle_;

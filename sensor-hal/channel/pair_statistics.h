@@ -21,18 +21,11 @@
 
 #include "rt-core/published.h"
 #include "rt-core/spsc_ring.h"
+#include "sensor-hal/channel/side_switch.h"
 #include "sensor-hal/channel/worker_pool.h"
 #include "sensor-hal/types/sample.h"
 
 namespace rigor {
-
-enum class PairSide : std::uint8_t { real, simulated };
-[[nodiscard]] constexpr PairSide other(PairSide s) noexcept {
-  return s == PairSide::real ? PairSide::simulated : PairSide::real;
-}
-[[nodiscard]] constexpr const char* name_of(PairSide s) noexcept {
-  return s == PairSide::real ? "real" : "simulated";
-}
 
 /// Mean and spread of differences; sigma is the population's.
 struct Difference {

@@ -21,15 +21,20 @@ namespace models {
 struct LidarScan;
 }
 
-/// How the moving parts of a world stand around an instant: q(t) = q_ref + rate·(t − t_ref). Small, copied by
-/// value into a capture request, so that a capture depends on nothing else. Joints in the order of the world
-/// file.
+/// How the moving parts of a world stand around an instant: uniform acceleration from t_ref on. Small, copied
+/// by value into a capture request, so that a capture depends on nothing else. Joints in the order of the
+/// world file.
 struct JointState {
   BenchTime t_ref;
   double position_rad = 0;
   double rate_radps = 0;
+  double acceleration_radps2 = 0;
   [[nodiscard]] double at(BenchTime t) const noexcept {
-    return position_rad + rate_radps * (t - t_ref).seconds();
+    const double s = (t - t_ref).seconds();
+    return position_rad + s * (rate_radps + 0.5 * s * acceleration_radps2);
+  }
+  [[nodiscard]] double rate_at(BenchTime t) const noexcept {
+    return rate_radps + acceleration_radps2 * (t - t_ref).seconds();
   }
 };
 /// How a body that carries sensors (a vehicle's chassis) moves around an instant: uniform acceleration of its

@@ -1,6 +1,7 @@
 #include "sensor-hal/channel/simulated_source.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 #include "sensor-hal/channel/measurer.h"
@@ -10,6 +11,13 @@ namespace rigor {
 namespace {
 constexpr int kWarmCaptures = 5;
 constexpr Duration kWarmTimeout = seconds(2);
+
+/// The greatest of 1, 2 and 5 times a power of ten that leaves a fifth of each period free.
+double keepable_rate_hz(Duration capture) {
+  const double rate_hz = 0.8 / capture.seconds(), decade = std::pow(10, std::floor(std::log10(rate_hz)));
+  const double digits = rate_hz / decade;
+  return (digits >= 5 ? 5 : digits >= 2 ? 2 : 1) * decade;
+}
 }  // namespace
 
 SimulatedSource::SimulatedSource(std::shared_ptr<ImageProvider> provider, const MotionSource* motion,
@@ -63,7 +71,7 @@ Status SimulatedSource::do_arm(const ArmContext& context) {
   results_.emplace(slots_ + 1);
   releases_ = FixedRing<BenchTime>(slots_ + 1);
   most_waiting_ = description_.max_bytes > 0 ? most_waiting(slots_, virtual_time_) : slots_;
-  warm_ = {};
+  warm_ = warm_mean_ = {};
   if (!virtual_time_)
     if (auto s = warm_up(); !s) return s;
   strand_ = workers_.make_strand([this] { measure_next(); });
@@ -79,6 +87,7 @@ Status SimulatedSource::warm_up() {
   if (!slot) return {};  // all of them are still held since the last run: it is warm
   SampleProvider::Request request;
   const auto begin = monotonic_now();
+  Duration sum;
   for (int k = 0; k <= kWarmCaptures; ++k) {
     const auto before = monotonic_now();
     request.t_capture = request.t_start = BenchTime(before.ns());
@@ -86,6 +95,7 @@ Status SimulatedSource::warm_up() {
     if (auto s = measurer_->measure(request, *slot); !s) return s;
     const auto after = monotonic_now();
     if (k > 0 || after - begin > kWarmTimeout) warm_ = std::max(warm_, after - before);
+    if (k > 0) warm_mean_ = (sum = sum + (after - before)) / k;
     if (after - begin > kWarmTimeout) break;
   }
   return {};
@@ -99,6 +109,24 @@ std::vector<std::string> SimulatedSource::warnings() const {
                 "samples will be late",
                 warm_.seconds() * 1e3, latency_.seconds() * 1e3);
   return {config().name + text};
+}
+
+std::vector<std::string> SimulatedSource::forecasts() const {
+  char text[250];
+  if (period_.ns() <= 0 || warm_mean_.ns() <= period_.ns()) return {};
+  std::string channel = config().name;
+  if (const std::string side = ".simulated"; channel.ends_with(side))
+    channel.resize(channel.size() - side.size());
+  const char* const what = description_.kind == SampleKind::image         ? "picture"
+                           : description_.kind == SampleKind::point_cloud ? "scan"
+                                                                          : "sample";
+  std::snprintf(text, sizeof text,
+                ": a %s takes %.3g ms of its %.3g ms period on this machine; samples will be lost; a rate "
+                "that it can keep is ",
+                what, warm_mean_.seconds() * 1e3, period_.seconds() * 1e3);
+  std::string warning = channel + text;
+  std::snprintf(text, sizeof text, ".rate_hz=%g", keepable_rate_hz(warm_mean_));
+  return {warning + "channels." + channel + text};
 }
 
 Status SimulatedSource::do_start(BenchTime t0) {

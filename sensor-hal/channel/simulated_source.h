@@ -10,8 +10,9 @@
 // a run are the same on any number of threads. Whether a slot is free is decided on the loop's thread too,
 // for the same reason.
 //
-// In wall time `arm` takes a few samples to warm up and to know how long one takes; where that is longer than
-// the channel's latency, `warnings` says so.
+// In wall time `arm` takes a few samples to warm up and to know how long one takes, while nothing else is
+// measured. Where the mean is longer than the period, `forecasts` names a rate that this machine can keep;
+// where the longest is longer than the channel's latency, `warnings` says so.
 //
 // Keys (all optional):
 //   phase_us: 0          offset of the grid
@@ -61,6 +62,7 @@ class SimulatedSource final : public FollowerSource {
   void complete_until(BenchTime now) override;
   bool request_at(std::uint64_t index, BenchTime t_capture) noexcept override;
   [[nodiscard]] std::vector<std::string> warnings() const override;
+  [[nodiscard]] std::vector<std::string> forecasts() const override;
 
   /// Setup thread, armed in wall time: the longest of the captures that warmed up.
   [[nodiscard]] Duration warm_capture() const noexcept { return warm_; }
@@ -109,7 +111,7 @@ class SimulatedSource final : public FollowerSource {
   std::optional<SpscRing<SampleLease>> results_;
   std::unique_ptr<WorkerPool::Strand> strand_;
   std::atomic<std::uint32_t> failed_before_{0};  // worker: failed captures since the last good one
-  Duration warm_;
+  Duration warm_, warm_mean_;                    ///< the mean without the first one
 
   // Virtual time, on the loop's thread: releases of the requests that are not known to be done, and how many
   // are.

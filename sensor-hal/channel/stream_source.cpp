@@ -49,7 +49,7 @@ void StreamSource::hand_over(SampleSlot&& slot) noexcept {
     return;
   }
   slot->stamp.lost_before = lost_before_;
-  if (ring_->try_push(std::move(slot))) {
+  if (ring_->size_approx() < most_waiting_ && ring_->try_push(std::move(slot))) {
     lost_before_ = 0;
   } else {
     health_.ring_full.fetch_add(1, std::memory_order_relaxed);

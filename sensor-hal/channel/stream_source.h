@@ -7,6 +7,9 @@
 //             hand_over(std::move(slot));                // empty: the sample is counted and lost
 //   do_stop   join the thread, then close_stream()
 //
+// A device that writes to memory by itself is lent slots before their samples come: lend_slot() in place of
+// take_slot(), and for_each_slot() once to make the memory known to it.
+//
 // In virtual time the loop's own thread is the producer, in complete_until.
 #pragma once
 
@@ -32,8 +35,16 @@ class StreamSource : public Source {
 
   /// Producer thread; wait-free, in virtual time waiting. Empty when every slot stays held.
   [[nodiscard]] SampleSlot take_slot() noexcept;
+  /// Setup thread, after open_stream(): `f(Sample&)` for each slot, always in the same order.
+  template <class F>
+  void for_each_slot(F&& f) {
+    pool_->for_each(std::forward<F>(f));
+  }
+  /// Producer thread; wait-free. A slot whose sample has not come yet; empty when all are held.
+  [[nodiscard]] SampleSlot lend_slot() noexcept { return pool_->try_acquire(); }
   /// Producer thread; wait-free. Counts a sample that came, writes its `lost_before`, and publishes it for
-  /// the loop. An empty slot is a sample that came and for which there was no slot.
+  /// the loop. An empty slot is a sample that came and for which there was no slot. A sample is dropped where
+  /// as many as may wait are waiting for the loop.
   void hand_over(SampleSlot&& slot) noexcept;
   /// Producer thread: samples that are known to have been lost before they came here.
   void count_lost(std::uint64_t samples) noexcept;

@@ -34,6 +34,7 @@ class TypedSource final : public Source {
   [[nodiscard]] SampleLease poll_event() noexcept override { return inner_->poll_event(); }
   void complete_until(BenchTime now) override { inner_->complete_until(now); }
   [[nodiscard]] std::vector<std::string> warnings() const override { return inner_->warnings(); }
+  [[nodiscard]] std::vector<std::string> forecasts() const override { return inner_->forecasts(); }
   [[nodiscard]] HealthSnapshot health() const noexcept override;
 
  private:

@@ -46,13 +46,16 @@ struct Node {
   std::optional<Hinge> hinge{};
 };
 
-/// angle(t) = angle_rad + rate_rad_per_s (t - t_ref). A node without a hinge ignores it.
+/// angle(t) = angle_rad + rate_rad_per_s (t - t_ref) + acceleration_rad_per_s2 (t - t_ref)²/2. A node without
+/// a hinge ignores it.
 struct JointMotion {
   BenchTime t_ref;
   double angle_rad = 0.0;
   double rate_rad_per_s = 0.0;
+  double acceleration_rad_per_s2 = 0.0;
   [[nodiscard]] double angle_at(BenchTime t) const noexcept {
-    return angle_rad + rate_rad_per_s * (t - t_ref).seconds();
+    const double s = (t - t_ref).seconds();
+    return angle_rad + s * (rate_rad_per_s + 0.5 * s * acceleration_rad_per_s2);
   }
 };
 

@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "drivers/gnss/nmea.h"
@@ -9,6 +10,7 @@
 #include "drivers/sick/cola_b.h"
 #include "drivers/sick/scan_data.h"
 #include "tests/cli/command.h"
+#include "tests/drivers/ouster/record_sensor.h"
 #include "tests/drivers/velodyne/formula_lidar.h"
 
 namespace rigor::test {
@@ -93,6 +95,40 @@ TEST_F(Convert, OneScanBecomesAPcd) {
   EXPECT_THAT(none.err,
               HasSubstr("--scan: expected a number from 0 to 5, as the recording has 6 scans, got 6"));
   EXPECT_FALSE(std::filesystem::exists(dir / "t.pcd"));
+}
+
+TEST_F(Convert, FramesOfAnOusterBecomeImages) {
+  ASSERT_TRUE(
+      ouster::test::record_sensor((dir / "a.pcap").string(), (dir / "a.json").string(), {3, {512, 10}, {}}));
+  for (const std::string field : {"signal", "reflectivity", "near_infrared", "range"}) {
+    const Said picture = in_dir({"convert", "a.pcap", "--image", field, "-o", field + ".png", "--json"});
+    ASSERT_EQ(picture.status, 0) << picture.err;
+    const std::string png = read_file(dir / (field + ".png"));
+    ASSERT_GT(png.size(), 24u);
+    EXPECT_EQ(png.substr(1, 3), "PNG");
+    EXPECT_EQ(static_cast<std::uint8_t>(png[18]) * 256 + static_cast<std::uint8_t>(png[19]), 512) << "wide";
+    EXPECT_EQ(static_cast<std::uint8_t>(png[23]), ouster::test::kBeams) << "high";
+    const Said all = in_dir({"convert", "a.pcap", "--image", field, "-o", field + ".mcap"});
+    ASSERT_EQ(all.status, 0) << all.err;
+    EXPECT_EQ(all.out, field + ".mcap: 3 scans\n");
+    const json report = json::parse(in_dir({"inspect", field + ".mcap", "--json"}).out);
+    std::uint64_t images = 0;
+    for (const json& topic : report["topics"])
+      if (topic["type"] == "sensor_msgs/msg/Image")
+        images = std::max(images, topic["messages"].get<std::uint64_t>());
+    EXPECT_EQ(images, 3u) << report["topics"];
+  }
+  // Rows of the formula's sensor have greys of five times their number; one in a hundred is brighter.
+  const json white =
+      json::parse(in_dir({"convert", "a.pcap", "--image", "reflectivity", "-o", "b.png", "--json"}).out);
+  EXPECT_EQ(white["full_scale"], 155);
+  EXPECT_EQ(in_dir({"convert", "a.pcap", "--image", "signal", "-o", "a.pcd"}).status, 2);
+  EXPECT_EQ(in_dir({"convert", "a.pcap", "-o", "c.png"}).status, 2);
+  EXPECT_NE(in_dir({"convert", "a.pcap", "--image", "infrared", "-o", "c.png"}).status, 0);
+  std::filesystem::remove(dir / "a.json");
+  const Said alone = in_dir({"convert", "a.pcap", "--image", "signal", "-o", "c.png"});
+  EXPECT_EQ(alone.status, 2);
+  EXPECT_THAT(alone.err, HasSubstr("--metadata"));
 }
 
 TEST_F(Convert, WhatIsNoSuchRecordingIsRefused) {

@@ -1,13 +1,10 @@
 // An Ouster: in virtual time by its stand-in, over loopback by the emulator, and its IMU.
-#include <fstream>
-
-#include "drivers/network/pcap_file.h"
 #include "drivers/ouster/ouster_emulator.h"
 #include "drivers/ouster/ouster_source.h"
 #include "drivers/ouster/ouster_virtual_source.h"
 #include "sensor-hal/conformance/conformance.h"
 #include "tests/drivers/network/free_ports.h"
-#include "tests/drivers/ouster/made_sensor.h"
+#include "tests/drivers/ouster/record_sensor.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::conformance {
@@ -38,6 +35,14 @@ class Virtual : public SourceUnderTest {
   ChannelConfig config() override { return config_of("{buffers: 8}"); }
   ChannelConfig config_with_unknown_key() override { return config_of("{no_such_key: 1}"); }
   std::size_t slots() const override { return 8; }
+};
+
+class VirtualImage final : public Virtual {
+ public:
+  ChannelConfig config() override { return config_of("{buffers: 8}", SampleKind::image); }
+  ChannelConfig config_with_unknown_key() override {
+    return config_of("{remission: signal}", SampleKind::image);
+  }
 };
 
 /// An emulator at ports of its own.
@@ -85,23 +90,8 @@ class Imu : public Loopback {
 class VirtualRecording : public SourceUnderTest {
  public:
   VirtualRecording() {
-    auto device = ouster::SensorDevice::create(std::make_shared<FormulaLidar>(kMode));
-    auto control = device ? ouster::SensorControl::create(*device, {}, "{}", MonotonicTime(0))
-                          : Result<ouster::SensorControl>(tl::unexpected<Error>(device.error()));
-    auto writer = network::PcapWriter::create(directory_.file("a.pcap"));
-    if (!control || !writer) return;
-    std::ofstream(directory_.file("a.json"))
-        << control->http("GET", "/api/v1/sensor/metadata", "", "", MonotonicTime(1)).body;
-    const ouster::Metadata& m = control->active().metadata;
-    ouster::LidarPacketWriter packet(ouster::layout_of(m));
-    auto scan = device->make_scan();
-    (void)device->measure(0, BenchTime(0), {}, scan);
-    for (std::uint64_t f = 0; f < 80; ++f)
-      for (std::uint32_t slot = 0; slot < m.slots(); ++slot) {
-        device->compose(f, slot, &scan, m, 0, packet);
-        writer->write(RealtimeTime(1'700'000'000'000'000'000 + device->filled(f, slot, m).ns()),
-                      {1, 1, 7502, 7502, packet.bytes()});
-      }
+    EXPECT_TRUE(
+        ouster::test::record_sensor(directory_.file("a.pcap"), directory_.file("a.json"), {80, kMode, {}}));
   }
   std::unique_ptr<Source> make() override { return std::make_unique<ouster::OusterSource>(); }
   std::size_t slots() const override { return 8; }
@@ -117,6 +107,7 @@ class VirtualRecording : public SourceUnderTest {
 
 INSTANTIATE_TEST_SUITE_P(Ouster, SourceConformance,
                          testing::Values(under_test<Virtual>("virtual_time"),
+                                         under_test<VirtualImage>("image_in_virtual_time"),
                                          under_test<Loopback>("loopback"), under_test<Imu>("imu_loopback"),
                                          under_test<VirtualRecording>("recording_in_virtual_time")),
                          name_of_case);

@@ -1,8 +1,9 @@
-// What an Ouster's ports, its HTTP interface and a recording's frames can hold. Input: a byte that says
-// which, then for 0 records of `length:16 bytes` as datagrams of one stream (profile, window and time by the
-// byte's upper bits; a record of a single byte makes a good packet, to be changed), for 1 metadata, for 2 IMU
-// packets, for 3 fragments of captured frames as such records, for 4 a request to an emulated sensor, for 5 a
-// stream of HTTP.
+// What an Ouster's ports, its HTTP interface and a recording's frames can hold. Input: a byte whose lower
+// four bits say which (modulo 6), then for 0 records of `length:16 bytes` as datagrams of one stream
+// (profile, window and time by the byte's upper bits; a record of 4 to 15 bytes makes a good packet, to be
+// changed), for 1 metadata, for 2 IMU packets, for 3 fragments of captured frames as such records, for 4 a
+// request to an emulated sensor, for 5 a stream of HTTP. Of a stream, 0 makes points, 6 images and 12 range
+// images.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -14,6 +15,7 @@
 #include "drivers/ouster/frame_stream.h"
 #include "drivers/ouster/imu_stream.h"
 #include "drivers/ouster/sensor_control.h"
+#include "rt-core/byte_order.h"
 #include "tests/drivers/ouster/made_sensor.h"
 
 using namespace rigor;
@@ -37,6 +39,14 @@ Metadata small_sensor(std::uint8_t how) {
   return m;
 }
 
+/// Each profile with another field.
+std::optional<ImageOptions> image_of(std::uint8_t how) {
+  if ((how & 15) < 6) return {};
+  ImageOptions o{.field = (how & 15) >= 12 ? Field::range : static_cast<Field>((how >> 4 & 3) % 3)};
+  if ((how & 128) != 0) o.format = PixelFormat::mono8;
+  return o;
+}
+
 struct Stream {
   Metadata metadata;
   FrameStream frames;
@@ -44,16 +54,18 @@ struct Stream {
   explicit Stream(std::uint8_t how)
       : metadata(small_sensor(how)),
         frames(metadata, {.time = static_cast<packet_lidar::TimeSource>(how >> 6 & 3),
+                          .image = image_of(how),
                           .this_initialization_only = (how & 64) != 0}),
         writer(layout_of(metadata)) {}
 };
 
 void fuzz_stream(std::uint8_t how, Bytes rest) {
-  static std::unique_ptr<Stream> streams[16];
-  auto& stream = streams[how >> 4];
+  static std::unique_ptr<Stream> streams[3][16];
+  auto& stream = streams[(how & 15) / 6][how >> 4];
   if (!stream) stream = std::make_unique<Stream>(how);
   stream->frames.reset();
-  const std::size_t most = FrameStream::max_points(stream->metadata);
+  const FrameImage* image = stream->frames.image();
+  const std::size_t most = image ? 0 : FrameStream::max_points(stream->metadata);
   BenchTime now(0);
   std::uint64_t last = 0;
   bool any = false;
@@ -76,7 +88,10 @@ void fuzz_stream(std::uint8_t how, Bytes rest) {
       record = made;
     }
     stream->frames.take(record, now, [&](const packet_lidar::Cloud& c) {
-      check(c.points.size() <= most);
+      check(c.points.size() <= most && c.pixels.size() == (image ? image->bytes().size() : 0));
+      if (image && image->options().field == Field::range)
+        for (std::size_t at = 0; at < c.pixels.size(); at += sizeof(float))
+          check(!std::isinf(load_le<float>(c.pixels, at)));
       check(!any || c.sequence > last);
       last = c.sequence, any = true;
       for (const LidarPoint& p : c.points)
@@ -112,17 +127,26 @@ struct Device {
 
 void fuzz_control(std::string_view text) {
   static Device device;
-  auto control = SensorControl::create(device.device, {}, "{}", MonotonicTime(0)).value();
+  // A sensor as from the factory; made anew, which takes longest, after an input that changed it.
+  static std::optional<SensorControl> sensor;
+  if (!sensor) sensor.emplace(SensorControl::create(device.device, {}, "{}", MonotonicTime(0)).value());
+  SensorControl& control = *sensor;
+  const std::uint64_t generation = control.active().generation;
   const std::size_t line = text.find('\n');
   const std::string_view first = text.substr(0, line), body = line == text.npos ? "" : text.substr(line + 1);
   const auto get = control.http("GET", first, "", "10.0.0.1", MonotonicTime(1));
   check(get.status == 200 || get.status == 400 || get.status == 404);
   const auto post = control.http("POST", "/api/v1/sensor/config", body, "10.0.0.1", MonotonicTime(2));
   check(post.status == 200 || post.status == 400);
-  check(!control.tcp(first, "10.0.0.1", MonotonicTime(3)).empty());
+  const std::string answer = control.tcp(first, "10.0.0.1", MonotonicTime(3));
+  check(!answer.empty());
   // Whatever was set, the sensor is one that its own client understands.
-  const auto metadata = control.http("GET", "/api/v1/sensor/metadata", "", "", MonotonicTime(4));
-  check(metadata.status == 200 && parse_metadata(metadata.body, "own").has_value());
+  if (control.active().generation != generation) {
+    const auto metadata = control.http("GET", "/api/v1/sensor/metadata", "", "", MonotonicTime(4));
+    check(metadata.status == 200 && parse_metadata(metadata.body, "own").has_value());
+  }
+  const bool kept = get.status != 200 && post.status != 200 && answer.rfind("error:", 0) == 0;
+  if (!kept) sensor.reset();
 }
 
 void fuzz_http(std::string_view text) {

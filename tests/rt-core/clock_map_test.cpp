@@ -49,6 +49,32 @@ TEST(ClockMap, OneLatchGivesTheOffsetAndAnUncertaintyThatGrowsWithThePriorOfTheD
   EXPECT_NEAR(static_cast<double>(later.sigma.ns()), 10e9 * 100e-6, 10e9 * 100e-6 * 0.01);
 }
 
+TEST(ClockMap, TheFirstArrivalIsWhereItSaysAndNotAGuessedMillisecondEarlier) {
+  ClockMap map({.min_delay = microseconds(120)});
+  (void)map.add_arrival(DeviceTime(1000), BenchTime(5'120'000));
+  const Mapped first = map.map(DeviceTime(1000));
+  ASSERT_TRUE(first.known);
+  EXPECT_EQ(first.t.ns(), 5'000'000);
+  EXPECT_GE(first.sigma, milliseconds(1)) << "how late it was nobody knows";
+  // A device that sends once in a while, each time as quickly: its samples lie as far apart as it says.
+  for (std::int64_t k = 1; k < 20; ++k) {
+    const std::int64_t before = map.map(DeviceTime(1000 + k * kSecond)).t.ns();
+    (void)map.add_arrival(DeviceTime(1000 + k * kSecond), BenchTime(5'120'000 + k * kSecond));
+    EXPECT_NEAR(static_cast<double>(map.map(DeviceTime(1000 + k * kSecond)).t.ns() - before), 0, 2) << k;
+  }
+}
+
+TEST(ClockMap, AFirstLateArrivalOfASecondDoesNotMoveTheMap) {
+  ClockMap map;
+  const auto add = [&](std::int64_t t, std::int64_t delay) {
+    (void)map.add_arrival(DeviceTime(t), BenchTime(t + delay));
+  };
+  for (std::int64_t t = 0; t < kSecond; t += 1'000'000) add(t, t % 7'000'000 / 100);  // 0 to 60 us
+  const std::int64_t before = map.map(DeviceTime(kSecond)).t.ns();
+  add(kSecond, 700'000);  // a new segment begins with it
+  EXPECT_NEAR(static_cast<double>(map.map(DeviceTime(kSecond)).t.ns() - before), 0, 2'000);
+}
+
 // What sigma promises: offset error of many devices, each with its own drift, asymmetry and jitter.
 TEST(ClockMap, LatchErrorsAgreeWithTheStatedSigmaOverSeeds) {
   constexpr int kSeeds = 400;

@@ -45,6 +45,19 @@ Status check_beam(const LidarBeam& b) {
   return {};
 }
 
+Status check_pattern(const LidarScan& s) {
+  const bool table = s.pattern.table && !s.pattern.table->firings.empty();
+  if (table == (s.pattern.formula != PatternFormula::none))
+    return fail(ErrorCode::bad_input, "scan.pattern", "expected either a table with firings or a formula");
+  if (table && s.pattern.table->periodic && s.pattern.table->period_ns <= 0)
+    return fail(ErrorCode::bad_input, "scan.pattern", "expected a period of a periodic pattern, got none");
+  if (s.pattern_scan_ns <= 0 || s.pattern_scan_ns > 2'000'000'000)
+    return fail(ErrorCode::bad_input, "scan.scan",
+                "expected a scan of more than 0 and at most 2 s, got " +
+                    shown(static_cast<double>(s.pattern_scan_ns) * 1e-9) + " s");
+  return {};
+}
+
 Status check_scan(const LidarScan& s) {
   if (s.beams.empty() || s.beams.size() > kMaxLidarBeams)
     return fail(
@@ -68,6 +81,8 @@ Status check_scan(const LidarScan& s) {
                              {"scan.prisms.index", s.prisms.index, 1, 4},
                              {"scan.instants", static_cast<double>(s.instants), 1, 1000}})
     if (auto ok = check(bound); !ok) return ok;
+  if (s.kind == LidarScanKind::pattern)
+    if (auto ok = check_pattern(s); !ok) return ok;
   // Offsets of points are int32 nanoseconds.
   if (s.duration_s() > 2.0)
     return fail(ErrorCode::bad_input, "scan",
@@ -195,6 +210,29 @@ LidarAim rotor_aim(const LidarBeam& beam, double azimuth_rad) {
   return {{ce * c, ce * s, se},
           {beam.radial_offset_m * c - beam.horizontal_offset_m * s,
            beam.radial_offset_m * s + beam.horizontal_offset_m * c, beam.vertical_offset_m}};
+}
+
+LidarScan formula_scan(PatternFormula formula, std::int64_t scan_ns) {
+  LidarScan s;
+  s.kind = LidarScanKind::pattern;
+  s.pattern.formula = formula;
+  s.pattern_scan_ns = scan_ns;
+  s.beams.resize(kLivoxLines);
+  for (std::uint32_t i = 0; i < kLivoxLines; ++i) s.beams[i].fire_time_s = i * kLivoxFiring_s;
+  s.column_period_s = kLivoxLines * kLivoxFiring_s;
+  s.columns = static_cast<std::uint32_t>(
+      std::max(1.0, std::round(static_cast<double>(scan_ns) * 1e-9 / s.column_period_s)));
+  return s;
+}
+
+LidarScan table_scan(std::shared_ptr<const PatternTable> table, std::int64_t scan_ns) {
+  LidarScan s;
+  s.kind = LidarScanKind::pattern;
+  s.pattern_scan_ns = scan_ns;
+  s.columns = static_cast<std::uint32_t>(std::min(table->max_firings(scan_ns), kMaxLidarFirings + 1));
+  s.column_period_s = static_cast<double>(table->step_ns()) * 1e-9;
+  s.pattern.table = std::move(table);
+  return s;
 }
 
 LidarAim rosette_aim(const LidarBeam& beam, const RisleyPrisms& prisms, double t_s) {

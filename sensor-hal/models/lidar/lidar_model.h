@@ -4,7 +4,8 @@
 // from the xy plane up.
 //
 // A scan is `columns` firing sequences, one after the other by `column_period_s`; in each, every beam fires
-// once at its own time. A parameter at its default is an effect that is off and costs nothing.
+// once at its own time. (The firings of a pattern's table have times of their own.) A parameter at its
+// default is an effect that is off and costs nothing.
 #pragma once
 
 #include <array>
@@ -13,6 +14,7 @@
 #include <vector>
 
 #include "rt-core/result.h"
+#include "sensor-hal/models/lidar/scan_pattern.h"
 
 namespace rigor::models {
 
@@ -31,7 +33,7 @@ struct LidarBeam {
   double remission_gain = 1;
 };
 
-enum class LidarScanKind : std::uint8_t { rotor, rosette };
+enum class LidarScanKind : std::uint8_t { rotor, rosette, pattern };
 
 /// Two turning wedges (lidar.glsl.h: lidar_risley_direction). Angles go on with bench time, so that scans
 /// follow each other without repeating.
@@ -45,20 +47,23 @@ struct RisleyPrisms {
 struct LidarScan {
   LidarScanKind kind = LidarScanKind::rotor;
   std::vector<LidarBeam> beams{LidarBeam{}};
-  std::uint32_t columns = 1;
-  double column_period_s = 0;    ///< from one column's beginning to the next's
+  std::uint32_t columns = 1;     ///< of a pattern's table: most firings of a scan
+  double column_period_s = 0;    ///< from one column's beginning to the next's; 0: a table without even steps
   double start_azimuth_rad = 0;  ///< rotor: of the first column
   double rotation_radps = 0;     ///< rotor, signed: positive anticlockwise seen from above
   RisleyPrisms prisms;           ///< rosette; beams are the directions that go into the prisms
-  int instants = 5;              ///< at which the world is taken over a scan, where anything moves
+  ScanPattern pattern;
+  std::int64_t pattern_scan_ns = 0;  ///< pattern: of one scan; the next goes on where it ends
+  int instants = 5;                  ///< at which the world is taken over a scan, where anything moves
 
   /// Of the beginning of column c, rotor.
   [[nodiscard]] double azimuth_rad(double column) const {
     return start_azimuth_rad + rotation_radps * column_period_s * column;
   }
   [[nodiscard]] double last_fire_time_s() const;
-  /// From the first firing's column to the last firing.
+  /// From the first firing's column to the last firing; of a pattern's table, of the scan.
   [[nodiscard]] double duration_s() const {
+    if (pattern.table) return static_cast<double>(pattern_scan_ns) * 1e-9;
     return column_period_s * static_cast<double>(columns > 0 ? columns - 1 : 0) + last_fire_time_s();
   }
 };
@@ -176,5 +181,9 @@ struct LidarAim {
 [[nodiscard]] LidarAim rotor_aim(const LidarBeam& beam, double azimuth_rad);
 /// The same through prisms, at a bench time in seconds.
 [[nodiscard]] LidarAim rosette_aim(const LidarBeam& beam, const RisleyPrisms& prisms, double t_s);
+/// A scan by a formula: beams, columns and times of a scan of `scan_ns`. Precondition: a formula.
+[[nodiscard]] LidarScan formula_scan(PatternFormula formula, std::int64_t scan_ns);
+/// A scan by a table.
+[[nodiscard]] LidarScan table_scan(std::shared_ptr<const PatternTable> table, std::int64_t scan_ns);
 
 }  // namespace rigor::models

@@ -107,11 +107,39 @@ void read_rosette(ConfigNode n, LidarScan& s) {
   p.finish();
 }
 
+void read_pattern(ConfigNode n, LidarScan& s) {
+  const auto scan_ns = static_cast<std::int64_t>(
+      std::llround(n.number("scan_ms", {.min = 0, .max = 2000, .exclusive_min = true}) * 1e6));
+  ConfigNode p = n.map("pattern");
+  if (p.has("file") == p.has("formula")) throw p.error("", "expected either file or formula");
+  if (p.has("formula")) {
+    (void)p.choice("formula", {"livox_mid360"});
+    s = formula_scan(PatternFormula::livox_mid360, scan_ns);
+  } else {
+    auto table = load_scan_pattern(p.base_dir() / p.text("file"));
+    if (!table) throw p.error("file", table.error().text());
+    if (p.flag_or("periodic", false)) {
+      const double period_ms =
+          p.number_or("period_ms", 0, {.min = 0, .max = 1e8, .exclusive_min = p.has("period_ms")});
+      if (auto set = set_period(*table, static_cast<std::int64_t>(std::llround(period_ms * 1e6))); !set)
+        throw p.error("period_ms", set.error().message);
+    }
+    s = table_scan(std::make_shared<PatternTable>(std::move(*table)), scan_ns);
+    if (s.columns > kMaxLidarFirings)
+      throw n.error("scan_ms", "expected at most " + std::to_string(kMaxLidarFirings) + " firings a scan");
+  }
+  p.finish();
+}
+
 void read_scan(ConfigNode n, LidarScan& s) {
-  s.kind = n.choice_or("kind", {"rotor", "rosette"}, "rotor") == "rotor" ? LidarScanKind::rotor
-                                                                         : LidarScanKind::rosette;
+  const std::string kind = n.choice_or("kind", {"rotor", "rosette", "pattern"}, "rotor");
+  if (kind == "pattern")
+    read_pattern(n, s);
+  else if (kind == "rosette")
+    s.kind = LidarScanKind::rosette, read_rosette(n, s);
+  else
+    read_rotor(n, s);
   s.instants = static_cast<int>(n.integer_or("instants", s.instants, {.min = 1, .max = 1000}));
-  s.kind == LidarScanKind::rotor ? read_rotor(n, s) : read_rosette(n, s);
   n.finish();
 }
 
@@ -208,6 +236,8 @@ Result<LidarModel> parse_lidar_model(ConfigNode root) {
     m.wavelength_nm = root.number_or("wavelength_nm", m.wavelength_nm, {.min = 300, .max = 2500});
     m.scan.beams = read_beams(root.map_or_absent("beams"));
     read_scan(root.map("scan"), m.scan);
+    if (m.scan.kind == LidarScanKind::pattern && root.has("beams"))
+      throw root.error("beams", "expected none: a pattern says itself where each firing points");
     read_optics(root, m);
     read_numbers(root, m);
     read_surroundings(root, m);

@@ -12,7 +12,10 @@
 //
 // A scan goes from start_deg by steps of step_deg (rotation_hz then says when), or by columns every column_us
 // (rotation_hz then says where), up to end_deg: included where it does not fall on the start. One number in a
-// list of `beams` stands for all beams.
+// list of `beams` stands for all beams. A pattern says itself where each firing points, and has no `beams`:
+//
+//   scan: { kind: pattern, scan_ms: 100, pattern: { file: star.csv, periodic: true } }   # scan_pattern.h
+//   scan: { kind: pattern, scan_ms: 100, pattern: { formula: livox_mid360 } }
 #pragma once
 
 #include <cstdint>

@@ -8,9 +8,11 @@
 //
 // A point's t_offset_ns and ring name its firing: firings of one beam are a column period apart and stamped
 // to the nanosecond, so nothing is guessed from where the point lies. Its range is measured from the origin
-// of its beam along that beam's direction, as the device did before it was turned into a point.
+// of its beam along that beam's direction, as the device did before it was turned into a point. Where a
+// pattern's firings point changes from scan to scan; a grid of one has the places of its returns instead.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -33,6 +35,9 @@ class ScanGrid {
 
   /// bad_input: not a rotor, or a scan of no columns.
   [[nodiscard]] static Result<ScanGrid> create(const LidarScan& scan);
+  /// bad_input: not a pattern, or one whose firings are not evenly apart, so that a scan holds not always
+  /// the same.
+  [[nodiscard]] static Result<ScanGrid> create_of_pattern(const LidarScan& scan);
 
   /// Takes the place of what was there. `turn_rad`: that of the request (SampleProvider::Request).
   void fill(std::span<const LidarPoint> points, double turn_rad = 0);
@@ -44,6 +49,10 @@ class ScanGrid {
   /// `index`: 0 the strongest or only return, 1 the other. Precondition: column < columns(), beam < beams().
   [[nodiscard]] const Return& at(std::uint32_t column, std::uint32_t beam, std::size_t index = 0) const {
     return returns_[(std::size_t{column} * scan_.beams.size() + beam) * kReturns + index];
+  }
+  /// Of a pattern: where the first return is, in the sensor's frame. Precondition as above.
+  [[nodiscard]] const std::array<float, 3>& place_m(std::uint32_t column, std::uint32_t beam) const {
+    return places_[std::size_t{column} * scan_.beams.size() + beam];
   }
   [[nodiscard]] const LidarScan& scan() const { return scan_; }
   /// Of a firing, after the first column's beginning.
@@ -59,6 +68,7 @@ class ScanGrid {
   explicit ScanGrid(const LidarScan& scan);
   LidarScan scan_;
   std::vector<Return> returns_;
+  std::vector<std::array<float, 3>> places_;  ///< of a pattern
   std::size_t strays_ = 0;
 };
 

@@ -34,7 +34,7 @@ struct OpticsOptions {
   double supersampling = 1.0;     ///< vulkan: view pixels per sensor pixel along a side
   int view_samples = 4;           ///< vulkan: samples per view pixel, 1 or 4
   int instants = 4;               ///< vulkan: views during the exposure (and readout), where anything moves
-  double allowed_error_px = 1.0;  ///< levels of detail
+  double allowed_error_px = 1.0;  ///< levels of detail; rays: of what is collected, meshes are in full
   bool shadows = true;
   int sky_rays = 0;  ///< rays: see LightQuery; 0: light is gathered at some of the points
   /// rays: lateral chromatic aberration by rays of its own for each colour, at three times the cost; off: by
@@ -44,6 +44,10 @@ struct OpticsOptions {
   /// rays: 2 has one ray (times samples) for 2 x 2 pixels, at a quarter of the cost; in between the light is
   /// bilinear, so that detail of less than two pixels is gone while noise stays that of each pixel. 1 to 8.
   int pixel_step = 1;
+  /// rays: so many samples more in pixels that differ from a neighbour by more than `uneven_contrast` times
+  /// the picture's mean light, such as twigs before the sky. 0 to 4096.
+  int uneven_samples = 0;
+  float uneven_contrast = 1;
   static constexpr int kColoursTraced = 16;
 };
 

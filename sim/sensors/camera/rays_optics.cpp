@@ -8,7 +8,9 @@
 #include "sim/sensors/camera/ground_truth.h"
 #include "sim/sensors/camera/lens_grid.h"
 #include "sim/sensors/camera/lens_samples.h"
+#include "sim/sensors/camera/pose_table.h"
 #include "sim/sensors/camera/thin_lens.h"
+#include "sim/sensors/camera/uneven_pixels.h"
 
 namespace rigor {
 namespace {
@@ -19,37 +21,15 @@ using render::Ray;
 constexpr int kRaysAtOnce = 65536;
 /// Pixels of a packet: next to each other.
 constexpr int kBlockWidth = 4, kBlockHeight = 2;
-constexpr int kPoseSteps = 64;
+/// Tells the samples of uneven pixels apart from those that every pixel has.
+constexpr std::uint64_t kMoreSamples = 0x3C6EF372FE94F82BULL;
 
-/// Poses at equal steps as floats about an origin: between two of them the matrices may go linearly, for
-/// rotations of a hundredth of a turn over the whole table to 1e-6 rad.
-class PoseTable {
- public:
-  PoseTable(const SensorMotion& motion, const Eigen::Vector3d& origin) {
-    const int n = motion.still() ? 1 : kPoseSteps + 1;
-    for (int i = 0; i < n; ++i) {
-      const Eigen::Isometry3d T = motion.at(n == 1 ? 0.0 : static_cast<double>(i) / kPoseSteps);
-      turn_.push_back(T.linear().cast<float>());
-      from_.push_back((T.translation() - origin).cast<float>());
-    }
-  }
-  void at(float share, Eigen::Matrix3f& turn, Eigen::Vector3f& from) const {
-    if (turn_.size() == 1) {
-      turn = turn_[0];
-      from = from_[0];
-      return;
-    }
-    const float x = std::clamp(share, 0.0F, 1.0F) * kPoseSteps;
-    const auto i = std::min(static_cast<std::size_t>(x), turn_.size() - 2);
-    const float w = x - static_cast<float>(i);
-    turn = (1 - w) * turn_[i] + w * turn_[i + 1];
-    from = (1 - w) * from_[i] + w * from_[i + 1];
-  }
-
- private:
-  std::vector<Eigen::Matrix3f> turn_;
-  std::vector<Eigen::Vector3f> from_;
-};
+/// A ray that brings no light.
+const Ray nowhere = [] {
+  Ray r;
+  std::fill(std::begin(r.direction), std::end(r.direction), std::numeric_limits<float>::quiet_NaN());
+  return r;
+}();
 
 constexpr int kWidestBorder_px = 64;
 
@@ -80,6 +60,18 @@ int border_of(const CameraModel& camera, int step) {
   if (!(most < 1e4)) return kWidestBorder_px + 1;
   const int blocks = static_cast<int>(std::ceil((most + 1) / kBlockWidth));
   return blocks * kBlockWidth;
+}
+
+/// A part of a picture; the regions count from the same corner.
+void crop(const OpticsPicture& from, const OpticsRequest::Region& whole, const OpticsRequest::Region& part,
+          OpticsPicture& out) {
+  const auto row_of = [](const OpticsRequest::Region& r, int x, int y) {
+    return 4 * (static_cast<std::size_t>(y - r.y_px) * static_cast<std::size_t>(r.width_px) +
+                static_cast<std::size_t>(x - r.x_px));
+  };
+  for (int y = part.y_px; y < part.y_px + part.height_px; ++y)
+    std::copy_n(&from.radiance[row_of(whole, part.x_px, y)], 4 * static_cast<std::size_t>(part.width_px),
+                &out.radiance[row_of(part, part.x_px, y)]);
 }
 
 class RaysOptics final : public CameraOpticsPicture {
@@ -133,14 +125,27 @@ class RaysOptics final : public CameraOpticsPicture {
     const ExposureTiming& timing;
     const PoseTable& poses;
     Eigen::Vector3d origin;
+    std::uint64_t samples_key;
     LensSamples samples;
   };
+  /// Rays of one pixel, as many as `rays` has room for, at most samples.per_pixel().
+  void aim(const LensGrid::Pixel& pixel, const ThinLens& aperture, const Shot& shot,
+           const LensSamples& samples, int u, int v, std::span<Ray> rays) const;
   Status trace(const Strip& strip, std::size_t channel, const Shot& shot, OpticsPicture& out);
-  /// Light about what the whole sensor sees, whatever region is asked for.
+  /// Traces uneven pixels of `picture` again, by OpticsOptions::uneven_samples: those of `inner`, a part of
+  /// shot.region.
+  Status refine(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture);
+  /// Rays through pixels all over the whole sensor, whatever region is asked for; into rays_.
+  void sparse_rays(const Shot& shot);
+  /// Mean radiance of the whole picture, by one of its pixels in kGatherWidth_px x kGatherHeight_px.
+  Result<std::array<float, 4>> mean_light(const Shot& shot);
+  /// Light about what the whole sensor sees.
   Status gather(const Shot& shot);
   [[nodiscard]] render::LightQuery light_query(const Shot& shot) const;
   /// Of the picture that was traced, where a colour's place within `region` lies.
   [[nodiscard]] OpticsRequest::Region looked_at(const OpticsRequest::Region& region) const;
+  /// A region and the pixels around it, within the sensor.
+  [[nodiscard]] OpticsRequest::Region with_neighbours(const OpticsRequest::Region& region) const;
   void move_colours(const OpticsPicture& reference, const OpticsRequest::Region& traced,
                     const OpticsRequest::Region& region, OpticsPicture& out) const;
   [[nodiscard]] int width_px() const { return traced_.width_px + 2 * border_; }
@@ -166,18 +171,38 @@ class RaysOptics final : public CameraOpticsPicture {
   std::vector<render::LightSample> light_;
 };
 
+void RaysOptics::aim(const LensGrid::Pixel& pixel, const ThinLens& aperture, const Shot& shot,
+                     const LensSamples& samples, int u, int v, std::span<Ray> rays) const {
+  const auto middle = static_cast<float>(shot.timing.middle_of(row_of(v))),
+             exposure = static_cast<float>(shot.timing.exposure_share());
+  Eigen::Matrix3f turn;
+  Eigen::Vector3f from;
+  shot.poses.at(middle, turn, from);
+  const auto shift = samples.shift_of(static_cast<std::uint32_t>(v * width_px() + u));
+  for (int i = 0; i < static_cast<int>(rays.size()); ++i) {
+    const LensSample s = samples.sample(i, shift);
+    const float t = middle + exposure * s.time;
+    if (exposure > 0) shot.poses.at(t, turn, from);
+    Eigen::Vector3f d = samples.per_pixel() == 1 ? pixel.ray : pixel.at(s.u, s.v),
+                    o = Eigen::Vector3f::Zero();
+    if (aperture.opens()) aperture.refract(s.lens_x, s.lens_y, d, o);
+    const Eigen::Vector3f direction = (turn * d).normalized(), start = turn * o + from;
+    Ray& r = rays[static_cast<std::size_t>(i)];
+    for (int k = 0; k < 3; ++k) {
+      r.origin[k] = start[k];
+      r.direction[k] = direction[k];
+    }
+    r.time = t;
+    r.far_m = std::numeric_limits<float>::infinity();
+  }
+}
+
 Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& shot, OpticsPicture& out) {
   const int n = shot.samples.per_pixel();
   const LensGrid& lens = lenses_[channel];
-  const ThinLens& aperture = apertures_[channel];
   const std::size_t count = strip.blocks_across * kBlockWidth *
                             static_cast<std::size_t>((strip.rows + kBlockHeight - 1) / kBlockHeight) *
                             kBlockHeight * static_cast<std::size_t>(n);
-  static const Ray nowhere = [] {
-    Ray r;
-    std::fill(std::begin(r.direction), std::end(r.direction), std::numeric_limits<float>::quiet_NaN());
-    return r;
-  }();
   const auto& region = shot.region;
   const bool whole = region.width_px == width_px() && region.x_px == 0 && width_px() % kBlockWidth == 0 &&
                      region.y_px <= strip.first_row &&
@@ -188,35 +213,14 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
   light_.resize(count);
   const int first = std::max(strip.first_row, region.y_px),
             last = std::min(strip.first_row + strip.rows, region.y_px + region.height_px);
-  const auto exposure = static_cast<float>(shot.timing.exposure_share());
   tbb::parallel_for(first, last, [&](int v) {
-    const auto middle = static_cast<float>(shot.timing.middle_of(row_of(v)));
-    Eigen::Matrix3f turn;
-    Eigen::Vector3f from;
-    shot.poses.at(middle, turn, from);
     for (int u = region.x_px; u < region.x_px + region.width_px; ++u) {
       const LensGrid::Pixel& pixel = lens.at(u - border_, v - border_);
-      Ray* const ray = &rays_[strip.first_ray(u, v, n)];
-      if (!pixel.lit()) {
-        std::fill(ray, ray + n, nowhere);
-        continue;
-      }
-      const auto shift = shot.samples.shift_of(static_cast<std::uint32_t>(v * width_px() + u));
-      for (int i = 0; i < n; ++i) {
-        const LensSample s = shot.samples.sample(i, shift);
-        const float t = middle + exposure * s.time;
-        if (exposure > 0) shot.poses.at(t, turn, from);
-        Eigen::Vector3f d = n == 1 ? pixel.ray : pixel.at(s.u, s.v), o = Eigen::Vector3f::Zero();
-        if (aperture.opens()) aperture.refract(s.lens_x, s.lens_y, d, o);
-        const Eigen::Vector3f direction = (turn * d).normalized(), start = turn * o + from;
-        Ray& r = ray[i];
-        for (int k = 0; k < 3; ++k) {
-          r.origin[k] = start[k];
-          r.direction[k] = direction[k];
-        }
-        r.time = t;
-        r.far_m = std::numeric_limits<float>::infinity();
-      }
+      const std::span ray(&rays_[strip.first_ray(u, v, n)], static_cast<std::size_t>(n));
+      if (pixel.lit())
+        aim(pixel, apertures_[channel], shot, shot.samples, u, v, ray);
+      else
+        std::fill(ray.begin(), ray.end(), nowhere);
     }
   });
   render::LightQuery query = light_query(shot);
@@ -258,8 +262,7 @@ render::LightQuery RaysOptics::light_query(const Shot& shot) const {
   return query;
 }
 
-Status RaysOptics::gather(const Shot& shot) {
-  render::LightQuery query = light_query(shot);
+void RaysOptics::sparse_rays(const Shot& shot) {
   const LensGrid& lens = lenses_.front();
   rays_.clear();
   for (int row = 0; row * render::kGatherHeight_px < height_px(); ++row)
@@ -281,8 +284,83 @@ Status RaysOptics::gather(const Shot& shot) {
       ray.far_m = std::numeric_limits<float>::infinity();
       rays_.push_back(ray);
     }
+}
+
+Status RaysOptics::gather(const Shot& shot) {
+  sparse_rays(shot);
+  render::LightQuery query = light_query(shot);
   query.rays = rays_;
   return light_of_->tracer.gather(query);
+}
+
+Result<std::array<float, 4>> RaysOptics::mean_light(const Shot& shot) {
+  sparse_rays(shot);
+  render::LightQuery query = light_query(shot);
+  query.rays = rays_;
+  light_.resize(rays_.size());
+  if (auto s = light_of_->tracer.trace(query, light_); !s) return tl::unexpected(s.error());
+  std::array<double, 4> sum{};
+  for (const render::LightSample& s : light_)
+    for (std::size_t b = 0; b < 4; ++b) sum[b] += static_cast<double>(s.radiance[b]);
+  std::array<float, 4> mean{};
+  for (std::size_t b = 0; b < 4; ++b)
+    mean[b] = static_cast<float>(sum[b] / static_cast<double>(std::max<std::size_t>(light_.size(), 1)));
+  return mean;
+}
+
+Status RaysOptics::refine(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture) {
+  const auto mean = mean_light(shot);
+  if (!mean) return tl::unexpected(mean.error());
+  const OpticsRequest::Region& region = shot.region;
+  const LensGrid& any_lens = lenses_.front();
+  const std::vector<PixelPlace> places = uneven_pixels(
+      picture, {inner.x_px - region.x_px, inner.y_px - region.y_px, inner.width_px, inner.height_px}, *mean,
+      options_.uneven_contrast,
+      [&](int u, int v) { return any_lens.at(u + region.x_px - border_, v + region.y_px - border_).lit(); });
+  const int n = options_.uneven_samples;
+  const auto each = static_cast<std::size_t>(n);
+  const LensSamples samples(n, shot.samples_key ^ kMoreSamples);
+  const std::size_t at_once = std::max<std::size_t>(kRaysAtOnce / each, 1);
+  for (std::size_t begin = 0; begin < places.size(); begin += at_once) {
+    const std::size_t count = std::min(at_once, places.size() - begin);
+    for (std::size_t channel = 0; channel < lenses_.size(); ++channel) {
+      rays_.resize(count * each);
+      light_.resize(count * each);
+      tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
+        const int u = places[begin + i].u + region.x_px, v = places[begin + i].v + region.y_px;
+        const std::span rays(&rays_[i * each], each);
+        if (const LensGrid::Pixel& pixel = lenses_[channel].at(u - border_, v - border_); pixel.lit())
+          aim(pixel, apertures_[channel], shot, samples, u, v, rays);
+        else
+          std::fill(rays.begin(), rays.end(), nowhere);
+      });
+      render::LightQuery query = light_query(shot);
+      query.rays = rays_;
+      query.spread_rad /= std::sqrt(static_cast<float>(n));
+      if (auto s = light_of_->tracer.trace(query, light_); !s) return s;
+      for (std::size_t i = 0; i < count; ++i) {
+        const PixelPlace at = places[begin + i];
+        Eigen::Array4f sum = Eigen::Array4f::Zero();
+        for (std::size_t k = 0; k < each; ++k)
+          sum += Eigen::Map<const Eigen::Array4f>(light_[i * each + k].radiance);
+        float* const pixel =
+            &picture
+                 .radiance[4 * (static_cast<std::size_t>(at.v) * static_cast<std::size_t>(picture.width_px) +
+                                static_cast<std::size_t>(at.u))];
+        const auto before = static_cast<float>(shot.samples.per_pixel()),
+                   all = before + static_cast<float>(n);
+        const auto mix = [&](std::size_t b) {
+          pixel[b] = (before * pixel[b] + sum[static_cast<Eigen::Index>(b)]) / all;
+        };
+        if (lenses_.size() == 1)
+          for (std::size_t b = 0; b < 4; ++b) mix(b);
+        else
+          mix(channel);
+        if (lenses_.size() > 1 && channel == 0) mix(3);
+      }
+    }
+  }
+  return {};
 }
 
 OpticsRequest::Region RaysOptics::looked_at(const OpticsRequest::Region& region) const {
@@ -299,6 +377,15 @@ OpticsRequest::Region RaysOptics::looked_at(const OpticsRequest::Region& region)
   OpticsRequest::Region out;
   span(region.x_px, region.width_px, camera_.cx_px, width_px(), out.x_px, out.width_px);
   span(region.y_px, region.height_px, camera_.cy_px, height_px(), out.y_px, out.height_px);
+  return out;
+}
+
+OpticsRequest::Region RaysOptics::with_neighbours(const OpticsRequest::Region& region) const {
+  OpticsRequest::Region out;
+  out.x_px = std::max(region.x_px - 1, 0);
+  out.y_px = std::max(region.y_px - 1, 0);
+  out.width_px = std::min(region.x_px + region.width_px + 1, width_px()) - out.x_px;
+  out.height_px = std::min(region.y_px + region.height_px + 1, height_px()) - out.y_px;
   return out;
 }
 
@@ -374,17 +461,20 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
                                          timing.one_instant() ? 1 : std::max(options_.instants, 2));
   const std::lock_guard turn(light_of_->turn);
   render::EmbreeEngine& engine = *light_of_->engine;
-  engine.set_options(
-      {.allowed_error_rad = query.allowed_error_rad, .eye = query.eye, .eye_reach_m = query.eye_reach_m});
+  // In full: coarser levels have their leaves elsewhere, and finer ones cost no more.
+  engine.set_options({});
   if (auto s = engine.prepare(window); !s) return s;
   prepare_ms_ = engine.statistics().prepare_ms;
 
-  const OpticsRequest::Region traced = moves_ ? looked_at(*region) : *region;
+  const OpticsRequest::Region looked_at_region = moves_ ? looked_at(*region) : *region;
+  const bool more = options_.uneven_samples > 0;
+  const OpticsRequest::Region traced = more ? with_neighbours(looked_at_region) : looked_at_region;
   const PoseTable poses(*motion, origin);
   const std::uint64_t key = request.seed ^ (request.measure.index * 0xD1342543DE82EF95ULL);
-  const Shot shot{request, traced, timing, poses, origin, LensSamples(options_.samples_per_pixel, key)};
+  const Shot shot{request, traced, timing, poses, origin, key, LensSamples(options_.samples_per_pixel, key)};
+  const bool apart = moves_ || more;
   for (OpticsPicture* const p : {&out, &reference_}) {
-    if (p == &reference_ && !moves_) continue;
+    if (p == &reference_ && !apart) continue;
     const OpticsRequest::Region& of = p == &out ? *region : traced;
     p->width_px = of.width_px;
     p->height_px = of.height_px;
@@ -400,8 +490,11 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
   for (int row = traced.y_px / rows * rows; row < traced.y_px + traced.height_px; row += rows)
     for (std::size_t c = 0; c < lenses_.size(); ++c) {
       const Strip strip{row, std::min(rows, height_px() - row), static_cast<std::size_t>(across)};
-      if (auto s = trace(strip, c, shot, moves_ ? reference_ : out); !s) return s;
+      if (auto s = trace(strip, c, shot, apart ? reference_ : out); !s) return s;
     }
+  if (more)
+    if (auto s = refine(shot, looked_at_region, reference_); !s) return s;
+  if (apart && !moves_) crop(reference_, traced, *region, out);
   if (moves_) move_colours(reference_, traced, *region, out);
   if (truth == nullptr) return {};
   const LensGrid* lens = lenses_.data();
@@ -425,6 +518,9 @@ Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(const CameraModel&
   if (options.pixel_step < 1 || options.pixel_step > 8)
     return fail(ErrorCode::bad_input, "pixel_step",
                 "expected 1 to 8, got " + std::to_string(options.pixel_step));
+  if (options.uneven_samples < 0 || options.uneven_samples > 4096)
+    return fail(ErrorCode::bad_input, "uneven_samples",
+                "expected 0 to 4096, got " + std::to_string(options.uneven_samples));
   return std::make_unique<RaysOptics>(camera, options, std::move(light));
 }
 

@@ -113,7 +113,7 @@ WheelSource wheels_of_joints(std::size_t left, std::size_t right) {
       if (joints[i] >= request.motion.count) continue;
       const JointState& j = request.motion.joint[joints[i]];
       w.angle_rad[i] = j.at(request.t_capture);
-      w.rate_radps[i] = j.rate_radps;
+      w.rate_radps[i] = j.rate_at(request.t_capture);
     }
     return w;
   };

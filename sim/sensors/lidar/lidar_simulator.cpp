@@ -234,6 +234,7 @@ void LidarSimulator::Impl::gather(GroundTruth& truth, const render::ContentSourc
 
 Status LidarSimulator::Impl::capture(const MeasureRequest& request, const render::SensorView& view,
                                      std::vector<LidarPoint>& points, GroundTruth* truth) {
+  rays.begin_scan(request.index, request.t_capture);
   const Duration duration = seconds_from(rays.duration_s());
   track.follow(view.T_world_sensor, request.t_capture, duration, rays.columns());
   if (!track.finite())
@@ -253,9 +254,17 @@ Status LidarSimulator::Impl::capture(const MeasureRequest& request, const render
   want_truth = truth != nullptr;
   any_retro = false;
   air = spec.ideal ? AirState{} : lidar::air_state(m, window->first(), band, track.origin().z());
-  rays.begin_scan(request.t_capture);
 
   const std::size_t firings = rays.firings();
+  if (firings == 0) {  // a pattern that has ended
+    points.clear();
+    if (truth) {
+      *truth = {};
+      truth->height = 1;
+      truth->class_names = {""};
+    }
+    return {};
+  }
   echoes.resize(firings * echoes_kept);
   echo_count.resize(firings);
   tile_points.resize(firings * returns_per_firing);
@@ -292,7 +301,9 @@ Status LidarSimulator::capture(const MeasureRequest& request, const render::Sens
                                std::vector<LidarPoint>& points, GroundTruth* truth) {
   return impl_->capture(request, view, points, truth);
 }
-std::size_t LidarSimulator::max_points() const { return impl_->rays.firings() * impl_->returns_per_firing; }
+std::size_t LidarSimulator::max_points() const {
+  return impl_->rays.max_firings() * impl_->returns_per_firing;
+}
 const LidarSpec& LidarSimulator::spec() const { return impl_->spec; }
 
 }  // namespace rigor

@@ -82,7 +82,8 @@ ScanRays::ScanRays(const models::LidarModel& model, bool ideal) : scan_(model.sc
     pattern_.push_back({static_cast<float>(s.u * std::tan(footprint.horizontal_divergence_rad / 2)),
                         static_cast<float>(s.v * std::tan(footprint.vertical_divergence_rad / 2)),
                         static_cast<float>(s.u * footprint.start_diameter_m / 2),
-                        static_cast<float>(s.v * footprint.start_diameter_m / 2)});
+                        static_cast<float>(s.v * footprint.start_diameter_m / 2), static_cast<float>(s.u),
+                        static_cast<float>(s.v)});
     weights_.push_back(static_cast<float>(s.weight));
   }
 
@@ -91,29 +92,49 @@ ScanRays::ScanRays(const models::LidarModel& model, bool ideal) : scan_(model.sc
     for (std::uint32_t c = 0; c < columns_; ++c)
       for (std::uint32_t s = 0; s < beams_; ++s) {
         const double azimuth = scan_.azimuth_rad(c) + scan_.rotation_radps * slots_[s].fire_time_s;
-        const auto aim = models::rotor_aim(scan_.beams[slots_[s].ring], azimuth);
-        Aim& to = aims_[std::size_t{c} * beams_ + s];
-        for (std::size_t i = 0; i < 3; ++i) {
-          to.direction[i] = static_cast<float>(aim.direction[i]);
-          to.origin_m[i] = static_cast<float>(aim.origin_m[i]);
-        }
+        aim_at(c, s, models::rotor_aim(scan_.beams[slots_[s].ring], azimuth));
       }
 }
 
-void ScanRays::begin_scan(BenchTime begin) {
+void ScanRays::aim_at(std::uint32_t column, std::uint32_t slot, const models::LidarAim& aim) {
+  Aim& to = aims_[std::size_t{column} * beams_ + slot];
+  for (std::size_t i = 0; i < 3; ++i) {
+    to.direction[i] = static_cast<float>(aim.direction[i]);
+    to.origin_m[i] = static_cast<float>(aim.origin_m[i]);
+  }
+}
+
+void ScanRays::begin_table(std::uint64_t index) {
+  const models::PatternTable& pattern = *scan_.pattern.table;
+  table_.clear();
+  pattern.scan(index, scan_.pattern_scan_ns, table_);
+  columns_ = static_cast<std::uint32_t>(table_.size());
+  half_divergence_.resize(pattern.has_divergence ? columns_ : 0);
+  for (std::uint32_t c = 0; c < columns_; ++c) {
+    models::LidarBeam beam = scan_.beams[0];
+    beam.azimuth_rad = static_cast<double>(table_[c].azimuth_rad);
+    beam.elevation_rad = static_cast<double>(table_[c].elevation_rad);
+    aim_at(c, 0, models::rotor_aim(beam, 0));
+    if (pattern.has_divergence) half_divergence_[c] = std::tan(table_[c].divergence_rad / 2);
+  }
+}
+
+void ScanRays::begin_scan(std::uint64_t index, BenchTime begin) {
   if (scan_.kind == LidarScanKind::rotor) return;
-  const double begin_s = static_cast<double>(begin.ns()) * 1e-9;
+  if (scan_.pattern.table) return begin_table(index);
+  const bool formula = scan_.kind == LidarScanKind::pattern;
+  const double begin_s =
+      formula ? static_cast<double>(index) * (static_cast<double>(scan_.pattern_scan_ns) * 1e-9)
+              : static_cast<double>(begin.ns()) * 1e-9;
   tbb::parallel_for(0U, tiles(), [&](std::uint32_t tile) {
     for (std::uint32_t i = 0; i < tile_columns(tile); ++i)
       for (std::uint32_t s = 0; s < beams_; ++s) {
         const std::uint32_t c = tile * kTileColumns + i;
-        const auto aim =
-            models::rosette_aim(scan_.beams[slots_[s].ring], scan_.prisms, begin_s + time_s(c, s));
-        Aim& to = aims_[std::size_t{c} * beams_ + s];
-        for (std::size_t k = 0; k < 3; ++k) {
-          to.direction[k] = static_cast<float>(aim.direction[k]);
-          to.origin_m[k] = static_cast<float>(aim.origin_m[k]);
-        }
+        const double t_s = begin_s + time_s(c, s);
+        if (formula)
+          aim_at(c, s, {models::livox_mid360_direction(slots_[s].ring, t_s), {0, 0, 0}});
+        else
+          aim_at(c, s, models::rosette_aim(scan_.beams[slots_[s].ring], scan_.prisms, t_s));
       }
   });
 }
@@ -161,7 +182,10 @@ void ScanRays::fill_tile(std::uint32_t tile, const Track& track, float far_m,
       const Eigen::Vector3f left = at.R_world_sensor * left_sensor, up = d.cross(left);
       for (std::size_t k = 1; k < pattern_.size(); ++k) {
         const Offset& p = pattern_[k];
-        put(o + p.across_m * left + p.up_m * up, d + p.across * left + p.up * up);
+        const bool own = !half_divergence_.empty();
+        const float across = own ? p.u * half_divergence_[column] : p.across;
+        const float rise = own ? p.v * half_divergence_[column] : p.up;
+        put(o + p.across_m * left + p.up_m * up, d + across * left + rise * up);
       }
     }
 }

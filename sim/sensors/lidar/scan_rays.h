@@ -46,6 +46,7 @@ class ScanRays {
  public:
   explicit ScanRays(const models::LidarModel& model, bool ideal);
 
+  /// Of the scan at hand: a pattern's scans differ.
   [[nodiscard]] std::uint32_t columns() const { return columns_; }
   [[nodiscard]] std::uint32_t beams() const { return beams_; }
   [[nodiscard]] std::size_t firings() const { return std::size_t{columns_} * beams_; }
@@ -71,12 +72,16 @@ class ScanRays {
   };
   [[nodiscard]] const Aim& aim(std::size_t firing) const { return aims_[firing]; }
   [[nodiscard]] double time_s(std::uint32_t column, std::uint32_t slot) const {
+    if (!table_.empty()) return static_cast<double>(table_[column].time_ns) * 1e-9;
     return column * column_period_s_ + slots_[slot].fire_time_s;
   }
   [[nodiscard]] double duration_s() const { return duration_s_; }
 
-  /// Aims that change from scan to scan (a rosette's): for one that begins at this bench time. Parallel.
-  void begin_scan(BenchTime begin);
+  /// Aims that change from scan to scan: of a rosette by the bench time at which it begins, of a pattern by
+  /// its index. Parallel.
+  void begin_scan(std::uint64_t index, BenchTime begin);
+  /// Most firings of any scan.
+  [[nodiscard]] std::size_t max_firings() const { return std::size_t{scan_.columns} * beams_; }
   /// First ray of a firing among those of its tile.
   [[nodiscard]] std::size_t ray_in_tile(std::uint32_t tile, std::uint32_t column_in_tile,
                                         std::uint32_t slot) const {
@@ -95,6 +100,9 @@ class ScanRays {
   }
 
  private:
+  void aim_at(std::uint32_t column, std::uint32_t slot, const models::LidarAim& aim);
+  void begin_table(std::uint64_t index);
+
   models::LidarScan scan_;
   std::uint32_t columns_ = 0, beams_ = 0;
   double column_period_s_ = 0, duration_s_ = 0;
@@ -104,9 +112,12 @@ class ScanRays {
   struct Offset {
     float across, up;      ///< angle as a tangent
     float across_m, up_m;  ///< shift of the origin
+    float u, v;            ///< on the unit disc
   };
   std::vector<Offset> pattern_;
   std::vector<float> weights_;
+  std::vector<models::PatternFiring> table_;  ///< of the scan at hand, by column
+  std::vector<float> half_divergence_;        ///< as a tangent, by column; empty: the model's
 };
 
 }  // namespace rigor::lidar

@@ -29,7 +29,9 @@ namespace rigor::world {
 [[nodiscard]] inline bool same(const Motion& a, const Motion& b) {
   return a.t_ref == b.t_ref && same(a.T_parent_node, b.T_parent_node) &&
          same(a.velocity_m_per_s, b.velocity_m_per_s) &&
-         same(a.angular_velocity_rad_per_s, b.angular_velocity_rad_per_s);
+         same(a.angular_velocity_rad_per_s, b.angular_velocity_rad_per_s) &&
+         same(a.acceleration_m_per_s2, b.acceleration_m_per_s2) &&
+         same(a.angular_acceleration_rad_per_s2, b.angular_acceleration_rad_per_s2);
 }
 [[nodiscard]] inline bool same(const Numbers& a, const Numbers& b) {
   if (a.span().data() == b.span().data() && a.size() == b.size()) return true;

@@ -12,11 +12,11 @@ Pose Motion::at(BenchTime t) const {
   const double dt_s = (t - t_ref).seconds();
   Pose T = T_parent_node;
   if (dt_s == 0) return T;
-  T.translation() += velocity_m_per_s * dt_s;
-  const double rate = angular_velocity_rad_per_s.norm();
-  if (rate > 0)
-    T.linear() =
-        Eigen::AngleAxisd(rate * dt_s, angular_velocity_rad_per_s / rate).toRotationMatrix() * T.linear();
+  const double half_s = 0.5 * dt_s;
+  T.translation() += (velocity_m_per_s + acceleration_m_per_s2 * half_s) * dt_s;
+  const Vector3 mean_rate = angular_velocity_rad_per_s + angular_acceleration_rad_per_s2 * half_s;
+  const double rate = mean_rate.norm();
+  if (rate > 0) T.linear() = Eigen::AngleAxisd(rate * dt_s, mean_rate / rate).toRotationMatrix() * T.linear();
   return T;
 }
 

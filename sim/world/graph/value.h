@@ -82,13 +82,15 @@ using Vector3 = Eigen::Vector3d;
 using Pose = Eigen::Isometry3d;  ///< T_parent_node
 
 /// A pose as a function of time over the interval of a snapshot: at t_ref the pose is T_parent_node, and from
-/// there it moves with constant velocity and turns with constant angular velocity, both in the parent's
-/// frame.
+/// there it moves and turns with constant accelerations, all in the parent's frame. Turning is by the
+/// rotation vector ω·dt + α·dt²/2, which is exact for a fixed axis. World files keep no accelerations.
 struct Motion {
   BenchTime t_ref{};
   Pose T_parent_node = Pose::Identity();
   Vector3 velocity_m_per_s = Vector3::Zero();
   Vector3 angular_velocity_rad_per_s = Vector3::Zero();
+  Vector3 acceleration_m_per_s2 = Vector3::Zero();
+  Vector3 angular_acceleration_rad_per_s2 = Vector3::Zero();
   [[nodiscard]] Pose at(BenchTime t) const;
   bool operator==(const Motion& o) const;
 };

@@ -31,8 +31,8 @@ class Pictures final : public ImageProvider {
     const auto t = static_cast<std::uint64_t>(r.t_capture.ns());
     const auto angle = static_cast<std::uint64_t>(std::llround(r.motion.joint[0].at(r.t_capture) * 1e9));
     std::vector<std::uint8_t> bytes(pixels.size(), static_cast<std::uint8_t>(r.gain_db));
-    gige::store_be(gige::MutableBytes(bytes), 0, t);
-    gige::store_be(gige::MutableBytes(bytes), 8, angle);
+    store_be(gige::MutableBytes(bytes), 0, t);
+    store_be(gige::MutableBytes(bytes), 8, angle);
     std::memcpy(pixels.data(), bytes.data(), bytes.size());
     const std::lock_guard lock(mutex);
     last = r;
@@ -80,8 +80,8 @@ TEST(GigeChannelEmulator, ShowsTheProvidersPictureAsTheClientWantsIt) {
       const auto* bytes = reinterpret_cast<const std::uint8_t*>(lease->bytes().data());
       const gige::Bytes b(bytes, lease->bytes().size());
       ASSERT_EQ(b.size(), 128U * 64U * 2U);
-      const auto t = static_cast<std::int64_t>(gige::load_be<std::uint64_t>(b, 0));
-      EXPECT_EQ(gige::load_be<std::uint64_t>(b, 8), static_cast<std::uint64_t>(t % 1'000'000'000));
+      const auto t = static_cast<std::int64_t>(load_be<std::uint64_t>(b, 0));
+      EXPECT_EQ(load_be<std::uint64_t>(b, 8), static_cast<std::uint64_t>(t % 1'000'000'000));
       EXPECT_EQ(b[100], 7);
       EXPECT_LT(std::abs((lease->stamp.t_capture - BenchTime(t)).ns()), 5 * lease->stamp.sigma_capture.ns());
       ++n;

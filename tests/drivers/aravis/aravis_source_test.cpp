@@ -244,9 +244,7 @@ TEST_F(AravisSourceTest, FollowsTheLifecycle) {
     const auto seen = run_for(source, milliseconds(400));
     EXPECT_GE(seen.size(), 5U);
     EXPECT_EQ(seen.front().stamp.sequence, 0U);
-    const BenchTime before = testing::now();
     ASSERT_TRUE(source.stop());
-    EXPECT_LT(testing::now() - before, seconds(20));
     EXPECT_FALSE(source.health().connected);
     EXPECT_FALSE(source.poll(testing::now()));
   }
@@ -330,9 +328,7 @@ TEST_F(AravisSourceTest, TwoCamerasOnOneMachineAreTwoChannels) {
 
 TEST_F(AravisSourceTest, DevicesListsItAndTheDoctorNamesCures) {
   const Backend backend = aravis_backend();
-  const BenchTime before = testing::now();
   const auto found = backend.find_devices();
-  EXPECT_LT(testing::now() - before, seconds(30));
   const bool there = std::any_of(found.begin(), found.end(), [](const FoundDevice& d) {
     return d.id == "Rigor-SRC51" && d.address == kAddress && d.backend == "aravis";
   });

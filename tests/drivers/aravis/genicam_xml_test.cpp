@@ -55,7 +55,7 @@ TEST(GenicamXml, IsWellFormedWhateverTheCamerasNames) {
       for (char& c : *name) c = static_cast<char>(random() % 4 == 0 ? "<>&\"'/ ;"[random() % 8] : random());
     }
     config.ptp.present = n % 2 == 0;
-    const std::string xml = make_genicam_xml(config);
+    const std::string xml = make_genicam_xml(config, GigeDeviceModel::registers(config));
     ASSERT_EQ(fault_of(xml), "") << "names " << testing::PrintToString(config.vendor) << " and "
                                  << testing::PrintToString(config.model);
     ASSERT_EQ(xml.size() % 4, 0u);

@@ -62,6 +62,51 @@ Seen receive(GigeClient& client, std::uint64_t frames, int timeout_ms) {
   return s;
 }
 
+TEST(GigeEmulator, OneBroadcastActionExposesTwoCamerasInTheSameNanosecond) {
+  GigeCameraConfig c;
+  c.ptp = {.present = true, .settle = {}, .offset = {}};
+  std::mutex mutex;
+  std::vector<std::int64_t> began;
+  const FillFrame fill = [&](const FrameRequest& r, MutableBytes out) {
+    const std::scoped_lock lock(mutex);
+    began.push_back(r.t_exposure_start.ns());
+    std::fill(out.begin(), out.end(), std::uint8_t{1});
+    return true;
+  };
+  auto one = camera_at("127.0.0.30", c, fill), two = camera_at("127.0.0.31", c, fill);
+  UdpTransport to_one({0x7F00001E, kGvcpPort}, kOwnIp), to_two({0x7F00001F, kGvcpPort}, kOwnIp);
+  GigeClient first(to_one), second(to_two);
+  for (GigeClient* client : {&first, &second}) {
+    ASSERT_TRUE(client->connect());
+    const RegisterWrite steps[] = {{reg::kPtpEnable, 1},
+                                   {reg::kTriggerMode, 1},
+                                   {reg::kTriggerSource, reg::kTriggerSourceAction0},
+                                   {reg::kActionDeviceKey, 5},
+                                   {reg::kActionGroupMask, 1}};
+    for (const auto& s : steps) ASSERT_TRUE(client->write(s.address, s.value));
+    ASSERT_TRUE(client->start());
+  }
+  const UdpSocket sender({kOwnIp, 0});
+  const int on = 1;
+  ASSERT_EQ(setsockopt(sender.fd(), SOL_SOCKET, SO_BROADCAST, &on, sizeof on), 0);
+  const std::int64_t t = (now() + milliseconds(100)).ns();
+  sender.send({0x7FFFFFFF, kGvcpPort}, encode_action_cmd(1, {5, 0, 1, static_cast<std::uint64_t>(t)}));
+  std::vector<std::uint8_t> d(1024);
+  for (int i = 0; i < 2; ++i) {
+    const auto n = sender.receive(d, 2000);
+    GvcpAck a;
+    ASSERT_EQ(decode_gvcp_ack(Bytes(d).first(n), a), DecodeStatus::ok);
+    EXPECT_EQ(a.status, GvStatus::success);
+    EXPECT_EQ(a.command, static_cast<std::uint16_t>(GvcpCommand::action_ack));
+  }
+  for (GigeClient* client : {&first, &second}) EXPECT_EQ(receive(*client, 1, 5'000).complete, 1u);
+  EXPECT_EQ(began, (std::vector{t, t}));
+  // A broadcast write is nobody's.
+  const RegisterWrite w{reg::kControlPrivilege, 0};
+  sender.send({0x7FFFFFFF, kGvcpPort}, encode_write_register_cmd(2, std::span(&w, 1)));
+  EXPECT_EQ(sender.receive(d, 200), 0u);
+}
+
 TEST(GigeEmulator, StreamsWithoutALostPacket) {
   auto camera = camera_at("127.0.0.21");
   UdpTransport link({0x7F000015, kGvcpPort}, kOwnIp);

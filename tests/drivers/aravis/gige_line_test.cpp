@@ -91,14 +91,18 @@ TEST(GigeChunks, StandBehindThePicture) {
   GigeCameraConfig c;
   c.frame_rate_hz = 100;
   Rig rig(c);
-  const auto plain = rig.client.read(reg::kPayloadSize).value();
   EXPECT_TRUE(rig.client.write(reg::kChunkModeActive, 1));
   for (std::uint32_t id = reg::kChunkTimestamp; id <= reg::kChunkLast; ++id) {
     EXPECT_TRUE(rig.client.write(reg::kChunkSelector, id));
     EXPECT_TRUE(rig.client.write(reg::kChunkEnable, 1));
   }
   EXPECT_TRUE(rig.client.set_gain(6));
-  EXPECT_EQ(rig.client.read(reg::kPayloadSize).value(), plain + 8 + 4 * 16);
+  EXPECT_TRUE(rig.client.write(reg::kWidth, 320));
+  EXPECT_TRUE(rig.client.write(reg::kOffsetX, 16));
+  EXPECT_TRUE(rig.client.write(reg::kHeight, 240));
+  EXPECT_TRUE(rig.client.write(reg::kOffsetY, 6));
+  const auto plain = 320u * 240;
+  EXPECT_EQ(rig.client.read(reg::kPayloadSize).value(), plain + 8 + (chunk_table().size() - 1) * 16);
   EXPECT_TRUE(rig.client.start());
   const auto frames = rig.run(milliseconds(100));
   ASSERT_GE(frames.size(), 5u);
@@ -108,9 +112,17 @@ TEST(GigeChunks, StandBehindThePicture) {
     EXPECT_EQ(f.leader.payload_type, kImagePayload | kChunkFlag);
     EXPECT_EQ(find_chunk(f.data, reg::kChunkImage).size(), plain);
     EXPECT_EQ(load_be<std::uint64_t>(find_chunk(f.data, reg::kChunkTimestamp), 0), f.leader.timestamp_ticks);
-    EXPECT_EQ(load_be_double(find_chunk(f.data, reg::kChunkExposureTime), 0), 5000);
-    EXPECT_EQ(load_be_double(find_chunk(f.data, reg::kChunkGain), 0), 6);
+    EXPECT_EQ(load_be<double>(find_chunk(f.data, reg::kChunkExposureTime), 0), 5000);
+    EXPECT_EQ(load_be<double>(find_chunk(f.data, reg::kChunkGain), 0), 6);
     EXPECT_EQ(load_be<std::uint64_t>(find_chunk(f.data, reg::kChunkFrameId), 0), i);
+    const std::pair<std::uint32_t, std::uint64_t> of_region[] = {
+        {reg::kChunkOffsetX, 16},
+        {reg::kChunkOffsetY, 6},
+        {reg::kChunkWidth, 320},
+        {reg::kChunkHeight, 240},
+        {reg::kChunkPixelFormat, static_cast<std::uint64_t>(PixelFormat::mono8)}};
+    for (const auto& [id, value] : of_region)
+      EXPECT_EQ(load_be<std::uint64_t>(find_chunk(f.data, id)), value) << id;
     EXPECT_TRUE(find_chunk(f.data, 77).empty());
   }
   // Lengths that lie lead nowhere.

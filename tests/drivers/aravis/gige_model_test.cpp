@@ -31,7 +31,7 @@ class GigeModel : public ::testing::Test {
   }
   GvStatus write_double(std::uint32_t address, double value) {
     std::array<std::uint8_t, 8> b{};
-    store_be_double(b, 0, value);
+    store_be(b, 0, value);
     return ask(encode_write_memory_cmd(next_id(), address, b), kAlice).status;
   }
   GvStatus read(std::uint32_t address, std::uint32_t& value, Endpoint from = kAlice) {

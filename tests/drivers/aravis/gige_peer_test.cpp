@@ -1,7 +1,8 @@
-// Other people's programs on the emulated camera: arv-camera-test streams from it, and tshark's dissectors
-// read what was on the wire, chunks and resends included.
+// Other people's programs on the emulated camera: arv-camera-test streams from it, arv-test tries all of it,
+// and tshark's dissectors read what was on the wire, chunks and resends included.
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -13,6 +14,7 @@
 
 #include "drivers/aravis/aravis_source.h"
 #include "drivers/aravis/gige_channel_emulator.h"
+#include "rt-core/file_descriptor.h"
 #include "tests/drivers/aravis/aravis_test_tools.h"
 #include "tests/drivers/aravis/range_pictures.h"
 
@@ -62,6 +64,35 @@ TEST(GigePeer, ArvCameraTestStreamsWithoutLoss) {
   EXPECT_EQ(number("n_missing_packets"), 0) << said;
   EXPECT_EQ(number("n_size_mismatch_errors"), 0) << said;
   EXPECT_EQ(camera->health().malformed, 0u);
+}
+
+/// What arv-test says of each of its tests, of a camera of its own.
+void run_arv_test(const std::string& address, const std::string& serial, const std::string& more) {
+  gige::GigeCameraConfig config;
+  config.sensor_width_px = 320, config.sensor_height_px = 240;
+  config.ptp.present = true;
+  auto camera = testing::start_camera(address, serial, gige::testing::fill_stamped, config);
+  const std::string said = say("timeout 60 arv-test-0.8 -n '*-" + serial + "'" + more);
+  const auto lines = [&](const std::string& verdict) {
+    const std::regex r(verdict);
+    return std::distance(std::sregex_iterator(said.begin(), said.end(), r), std::sregex_iterator());
+  };
+  EXPECT_EQ(lines("FAILURE"), 0) << said;
+  EXPECT_GE(lines("SUCCESS"), 17) << said;
+  EXPECT_EQ(lines("Chunks:BufferCheck +SUCCESS"), 1) << said;
+  EXPECT_EQ(camera->health().malformed, 0u);
+}
+
+TEST(GigePeer, ArvTestFindsNoFailure) {
+  if (!installed("arv-test-0.8")) GTEST_SKIP() << "arv-test-0.8 is not installed";
+  run_arv_test("127.0.0.94", "PEER94", "");
+}
+
+TEST(GigePeer, ArvTestFindsNoFailureOverAPacketSocket) {
+  if (!installed("arv-test-0.8")) GTEST_SKIP() << "arv-test-0.8 is not installed";
+  if (!FileDescriptor(::socket(AF_PACKET, SOCK_RAW | SOCK_CLOEXEC, 0)))
+    GTEST_SKIP() << "packet sockets are not allowed here";
+  run_arv_test("127.0.0.95", "PEER95", " --packet-socket");
 }
 
 /// What tshark's dissectors make of the traffic of `address` while `client` runs: one line for each packet

@@ -6,7 +6,6 @@
 #include <netinet/in.h>
 #include <poll.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include <atomic>
 #include <cstring>
@@ -17,6 +16,7 @@
 #include <vector>
 
 #include "drivers/aravis/gige_client.h"
+#include "rt-core/file_descriptor.h"
 
 namespace rigor::gige::testing {
 
@@ -32,39 +32,36 @@ class UdpSocket {
  public:
   explicit UdpSocket(Endpoint at) : fd_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
     const int size = 4 << 20;
-    setsockopt(fd_, SOL_SOCKET, SO_RCVBUF, &size, sizeof size);
+    setsockopt(fd_.get(), SOL_SOCKET, SO_RCVBUF, &size, sizeof size);
     const auto a = address_of(at);
-    if (fd_ < 0 || bind(fd_, reinterpret_cast<const sockaddr*>(&a), sizeof a) != 0) {
+    if (!fd_ || bind(fd_.get(), reinterpret_cast<const sockaddr*>(&a), sizeof a) != 0) {
       throw std::runtime_error("cannot bind a test socket: " + std::string(std::strerror(errno)));
     }
   }
-  UdpSocket(const UdpSocket&) = delete;
-  UdpSocket& operator=(const UdpSocket&) = delete;
-  ~UdpSocket() { close(fd_); }
-  [[nodiscard]] int fd() const { return fd_; }
+  [[nodiscard]] int fd() const { return fd_.get(); }
   [[nodiscard]] Endpoint local() const {
     sockaddr_in a{};
     socklen_t n = sizeof a;
-    getsockname(fd_, reinterpret_cast<sockaddr*>(&a), &n);
+    getsockname(fd(), reinterpret_cast<sockaddr*>(&a), &n);
     return {ntohl(a.sin_addr.s_addr), ntohs(a.sin_port)};
   }
   void send(Endpoint to, Bytes d) const {
     const auto a = address_of(to);
-    (void)sendto(fd_, d.data(), d.size(), 0, reinterpret_cast<const sockaddr*>(&a), sizeof a);
+    (void)sendto(fd(), d.data(), d.size(), 0, reinterpret_cast<const sockaddr*>(&a), sizeof a);
   }
   /// 0 where nothing came in `timeout_ms`.
   std::size_t receive(MutableBytes out, int timeout_ms, Endpoint* from = nullptr) const {
-    pollfd p{fd_, POLLIN, 0};
+    pollfd p{fd(), POLLIN, 0};
     if (poll(&p, 1, timeout_ms) <= 0) return 0;
     sockaddr_in a{};
     socklen_t n = sizeof a;
-    const auto got = recvfrom(fd_, out.data(), out.size(), 0, reinterpret_cast<sockaddr*>(&a), &n);
+    const auto got = recvfrom(fd(), out.data(), out.size(), 0, reinterpret_cast<sockaddr*>(&a), &n);
     if (from != nullptr) *from = {ntohl(a.sin_addr.s_addr), ntohs(a.sin_port)};
     return got > 0 ? static_cast<std::size_t>(got) : 0;
   }
 
  private:
-  int fd_;
+  FileDescriptor fd_;
 };
 
 class UdpTransport final : public GigeTransport {

@@ -207,6 +207,51 @@ TEST(GigeVirtualSource, ExposesWhenTheLineSaysSo) {
   EXPECT_THAT(s.error().text(), HasSubstr("give the emulator a `trigger_line`"));
 }
 
+TEST(GigeVirtualSource, ActionCommandsBeginExposuresOfSeveralCamerasTogether) {
+  std::vector<std::vector<Shot>> all;
+  for (const int exposure_us : {4000, 1000}) {
+    Rig rig;
+    rig.emulator = "{serial: left, rate_hz: 25, ptp: {settle_s: 1, offset_ns: 0}}";
+    ASSERT_TRUE(rig.configure("{device: x, trigger: action, action: {lead_ms: 15}, exposure_us: " +
+                              std::to_string(exposure_us) + "}"));
+    const auto armed = rig.source->arm({.virtual_time = true});
+    ASSERT_TRUE(armed) << armed.error().text();
+    all.push_back(rig.run(BenchTime(5'000'000'000), milliseconds(430)));
+    EXPECT_FALSE(rig.motion->asked_early);
+    EXPECT_EQ(rig.source->health().lost, 0u);
+    ASSERT_TRUE(rig.source->stop());
+  }
+  ASSERT_EQ(all[0].size(), 11u);
+  ASSERT_EQ(all[1].size(), 11u);
+  for (std::size_t k = 0; k < 11; ++k)
+    for (const auto& shots : all) {
+      EXPECT_EQ(shots[k].stamp.t_capture - shots[k].info.exposure / 2,
+                BenchTime(5'000'000'000) + milliseconds(40) * static_cast<std::int64_t>(k));
+      EXPECT_EQ(shots[k].stamp.sequence, k);
+      EXPECT_EQ(shots[k].stamp.lost_before, 0u);
+    }
+  Rig without;
+  ASSERT_TRUE(without.configure("{device: x, exposure_us: 4000, trigger: action}"));
+  EXPECT_THAT(without.source->arm({.virtual_time = true}).error().text(),
+              HasSubstr("give the emulator `ptp`"));
+  Rig slow;
+  slow.emulator = "{serial: left, ptp: {settle_s: 60}}";
+  ASSERT_TRUE(slow.configure("{device: x, exposure_us: 4000, trigger: action}"));
+  EXPECT_THAT(slow.source->arm({.virtual_time = true}).error().text(), HasSubstr("settles within"));
+}
+
+TEST(GigeVirtualSource, ACommandThatTheCameraCannotTakeIsALostPicture) {
+  // Longer leads than the queue has places for.
+  Rig rig;
+  rig.emulator = "{serial: left, rate_hz: 100, ptp: {settle_s: 1}}";
+  ASSERT_TRUE(rig.configure("{device: x, trigger: action, action: {lead_ms: 1000}, exposure_us: 1000}",
+                            milliseconds(10)));
+  ASSERT_TRUE(rig.source->arm({.virtual_time = true}));
+  const auto shots = rig.run(BenchTime(5'000'000'000), seconds(1));
+  EXPECT_GE(shots.size(), 16u);
+  EXPECT_GT(rig.source->health().lost, 10u);
+}
+
 TEST(GigeVirtualSource, ChunksSayWhatEachPictureWasTakenWith) {
   Rig plain, chunked;
   ASSERT_TRUE(plain.configure("{device: x, exposure_us: 4000, gain_db: 3}"));

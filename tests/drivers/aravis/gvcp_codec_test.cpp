@@ -59,8 +59,18 @@ TEST(GvcpCodec, CommandsComeBackAsTheyWent) {
   EXPECT_EQ(std::get<PacketResendCmd>(q.body).block_id, 0x123456789ABCULL);
   EXPECT_EQ(std::get<PacketResendCmd>(q.body).first_packet, 0x1000000U);
 
-  q = decoded(encode_action_cmd(13, {1, 2, 3}));
+  q = decoded(encode_action_cmd(13, {1, 2, 3, {}}));
   EXPECT_EQ(std::get<ActionCmd>(q.body).group_mask, 3U);
+  EXPECT_FALSE(std::get<ActionCmd>(q.body).time_ticks);
+  auto scheduled = encode_action_cmd(13, {1, 2, 3, 0x0102030405060708});
+  EXPECT_EQ(scheduled.size(), kGvcpHeaderSize + 20);
+  EXPECT_EQ(scheduled[1], 0x81);
+  EXPECT_EQ(std::get<ActionCmd>(decoded(scheduled).body).time_ticks, 0x0102030405060708U);
+  scheduled[1] = 0x01;  // the time is there and does not count
+  EXPECT_FALSE(std::get<ActionCmd>(decoded(scheduled).body).time_ticks);
+  auto without = encode_action_cmd(13, {1, 2, 3, {}});
+  without[1] = 0x81;  // and one that is missing
+  EXPECT_EQ(decode_gvcp_request(without, q), DecodeStatus::bad_payload);
   EXPECT_TRUE(std::holds_alternative<DiscoveryCmd>(decoded(encode_discovery_cmd(14)).body));
 }
 

@@ -1,5 +1,7 @@
 // DBC files: what is read, what is refused and where, and what is passed over.
 #include "drivers/can/dbc.h"
+
+#include "drivers/can/signal_codec.h"
 #include "tests/paths.h"
 
 #include <gmock/gmock.h>
@@ -132,6 +134,37 @@ SG_MUL_VAL_ 2 S2 S1 3-3;
   EXPECT_EQ(x.signals[2].multiplexed_by, 0);
 }
 
+/// `levels` multiplexors of 4 bits, each selected by value 1 of the one before, and `Last` below them.
+std::string chain(int levels) {
+  std::string text = "BO_ 1 M: 8 N\n";
+  for (int i = 0; i <= levels; ++i)
+    text += " SG_ " + (i == levels ? std::string("Last") : "S" + std::to_string(i)) +
+            (i == 0        ? " M"
+             : i == levels ? " m1"
+                           : " m1M") +
+            " : " + std::to_string(4 * i) + "|4@1+ (1,0) [0|0] \"\" N\n";
+  for (int i = 1; i <= levels; ++i)
+    text += "SG_MUL_VAL_ 1 " + (i == levels ? std::string("Last") : "S" + std::to_string(i)) + " S" +
+            std::to_string(i - 1) + " 1-1;\n";
+  return text;
+}
+
+TEST(Dbc, ChainsOfMultiplexorsAreEncodedDownToTheirLimitAndRefusedBeyond) {
+  const auto dbc = good(chain(8));
+  const Message& m = dbc.messages[0];
+  CanFrame f = blank_frame(m);
+  std::vector<double> values(9, 1);
+  values[8] = 9;
+  std::size_t wrong = 0;
+  ASSERT_EQ(encode(m, values, f, wrong), EncodeStatus::good);
+  EXPECT_EQ(decode(m, 8, std::span(f.data).first(8)), 9) << "the signal below eight multiplexors";
+  values[3] = 2;  // selects another branch
+  ASSERT_EQ(encode(m, values, f, wrong), EncodeStatus::good);
+  EXPECT_TRUE(std::isnan(decode(m, 8, std::span(f.data).first(8))));
+  EXPECT_EQ(bad(chain(9)),
+            "t.dbc:20:20: expected at most 8 multiplexors above a signal of M, got 9 above Last");
+}
+
 TEST(Dbc, FloatsTablesAndForeignSectionsAreRead) {
   const auto dbc = good(R"(VERSION "1"
 BU_: N
@@ -197,6 +230,16 @@ TEST(Dbc, ErrorsGiveThePlace) {
               HasSubstr("expected a signal of 32 bits"));
   EXPECT_THAT(bad("BO_ 1 M: 8 N\n SG_ A M : 0|8@1+ (1,0) [0|0] \"\" N\n SG_ B M : 8|8@1+ (1,0) [0|0] \"\" N\n"
                   "SG_MUL_VAL_ 1 A B 1-1;\nSG_MUL_VAL_ 1 B A 1-1;\n"),
+              StartsWith("t.dbc:4:17: expected multiplexors of M that do not select each other in a circle"));
+  EXPECT_THAT(
+      bad("BO_ 1 M: 8 N\n SG_ A m1M : 0|8@1+ (1,0) [0|0] \"\" N\nSG_MUL_VAL_ 1 A A 1-1;\n"),
+      StartsWith("t.dbc:3:17: expected multiplexors of M that do not select each other in a circle, nor "
+                 "themselves, got A"));
+  EXPECT_THAT(bad("BO_ 1 M: 8 N\n SG_ A m1M : 0|8@1+ (1,0) [0|0] \"\" N\n"),
+              StartsWith("t.dbc:2:6: expected a line SG_MUL_VAL_ or one multiplexor"));
+  EXPECT_THAT(bad("BO_ 1 M: 8 N\n SG_ A M : 0|8@1+ (1,0) [0|0] \"\" N\n SG_ B M : 8|8@1+ (1,0) [0|0] \"\" N\n"
+                  " SG_ C m1 : 16|8@1+ (1,0) [0|0] \"\" N\nSG_MUL_VAL_ 1 A B 1-1;\nSG_MUL_VAL_ 1 B A 1-1;\n"
+                  "SG_MUL_VAL_ 1 C A 1-1;\n"),
               HasSubstr("circle"));
   EXPECT_THAT(bad("BO_ 1 M: 99999999999 N\n"), HasSubstr("a whole number from 0 to 65535"));
 }

@@ -8,6 +8,7 @@
 
 #include "drivers/gnss/nmea.h"
 #include "drivers/gnss/receiver_stream.h"
+#include "rt-core/byte_order.h"
 #include "tests/drivers/gnss/gnss_test_tools.h"
 
 namespace rigor::gnss {
@@ -237,8 +238,8 @@ TEST(Epochs, CovarianceFineDigitsAndPulsesOfUbx) {
   append_nav_cov(b, {5000, true, false, {4, 1, 2, 9, 3, 16}, {}});
   append_tim_tp(b, {6000, 1U << 31, -2500, 2303, 2, 0});
   Buffer raw;
-  put(raw, 123456.5), put(raw, std::uint16_t{2303}), put(raw, std::int8_t{18}), put(raw, std::uint8_t{1}),
-      put_zeros(raw, 36);
+  append_le(raw, 123456.5), append_le(raw, std::uint16_t{2303}), append_le(raw, std::int8_t{18}),
+      append_le(raw, std::uint8_t{1}), append_zeros(raw, 36);
   append_ubx(b, UbxId::rxm_rawx, raw);
   const auto d = decode(b);
   ASSERT_EQ(d.instants.size(), 1U);
@@ -258,6 +259,84 @@ TEST(Epochs, CovarianceFineDigitsAndPulsesOfUbx) {
 }
 
 /// Messages come 80 to 120 ms after their instant; edges of the pulse within 20 µs.
+/// Solutions of a receiver at 10 Hz, whose messages come 30 to 34 ms after their instants; those that a line
+/// holds up from `from_s` on come together when it lets go.
+std::vector<ReceiverStream::Place> places_on_a_line_held_up(double from_s, Duration held) {
+  std::vector<ReceiverStream::Place> places;
+  ReceiverStream::Options options;
+  options.period = milliseconds(100);
+  ReceiverStream stream(
+      options, {.solution = [&](const Solution&, const ReceiverStream::Place& p) { places.push_back(p); },
+                .sky = {},
+                .pulse = {},
+                .raw = {},
+                .message = {}});
+  const BenchTime stuck(std::llround(from_s * 1e9)), free = stuck + held;
+  Buffer burst;
+  for (std::uint32_t k = 0; k < 200; ++k) {
+    const BenchTime due = BenchTime(0) + milliseconds(100) * k + milliseconds(30) + milliseconds(k * 7 % 5);
+    Buffer b;
+    append_nav_pvt(b, pvt_at(302'400'000 + 100 * k));
+    if (due >= stuck && due < free) {
+      burst.insert(burst.end(), b.begin(), b.end());
+      continue;
+    }
+    if (!burst.empty() && due >= free) {
+      // As a port reads it: pieces that end anywhere.
+      for (std::size_t at = 0; at < burst.size(); at += 250)
+        stream.take(Bytes(burst).subspan(at, std::min<std::size_t>(250, burst.size() - at)), free);
+      burst.clear();
+    }
+    stream.take(b, due);
+    stream.idle();
+  }
+  return places;
+}
+
+TEST(Epochs, ALineThatWasHeldUpTeachesTheClockNothing) {
+  for (const double from_s : {0.0, 0.51, 1.5, 2.05, 4.0, 7.77, 12.0})
+    for (const Duration held : {milliseconds(45), milliseconds(80), milliseconds(130), milliseconds(245),
+                                milliseconds(940), milliseconds(2330)}) {
+      const auto places = places_on_a_line_held_up(from_s, held);
+      ASSERT_EQ(places.size(), 200U);
+      for (std::size_t k = 1; k < places.size(); ++k) {
+        const BenchTime truth = BenchTime(0) + milliseconds(100) * static_cast<std::int64_t>(k);
+        if ((places[k].validity & kClockUnsure) != 0) {
+          EXPECT_LT(k, 30U) << "held from " << from_s << " s";
+          continue;
+        }
+        EXPECT_NEAR((places[k].t_capture - truth).seconds(), 0, 0.006)
+            << k << ", held from " << from_s << " s for " << held.ns();
+        if ((places[k - 1].validity & kClockUnsure) != 0) continue;
+        EXPECT_NEAR((places[k].t_capture - places[k - 1].t_capture).seconds(), 0.1, 0.004)
+            << k << ", held from " << from_s << " s for " << held.ns();
+      }
+    }
+}
+
+TEST(Epochs, AMessageThatComesInPiecesIsOfItsFirstByte) {
+  std::vector<BenchTime> arrivals;
+  ReceiverStream stream(
+      {},
+      {.solution = [&](const Solution&, const ReceiverStream::Place& p) { arrivals.push_back(p.arrival); },
+       .sky = {},
+       .pulse = {},
+       .raw = {},
+       .message = {}});
+  Buffer first, second;
+  append_nav_pvt(first, pvt_at(302'400'000));
+  append_nav_pvt(second, pvt_at(302'500'000));
+  const auto take = [&](Bytes b, std::int64_t ms) { stream.take(b, BenchTime(ms * 1'000'000)); };
+  take(Bytes(first).first(3), 100);
+  take(Bytes(first).subspan(3, 40), 120);
+  Buffer tail(first.begin() + 43, first.end());
+  tail.insert(tail.end(), second.begin(), second.begin() + 10);
+  take(tail, 140);
+  take(Bytes(second).subspan(10), 160);
+  stream.finish();
+  EXPECT_EQ(arrivals, (std::vector{BenchTime(100'000'000), BenchTime(140'000'000)}));
+}
+
 TEST(Epochs, APulseTiesStampsDownFromMillisecondsToMicroseconds) {
   for (const bool with_edges : {false, true}) {
     double worst_us = 0, sigma_us = 0;

@@ -157,11 +157,16 @@ TEST_F(ModbusSourceTest, SilenceCostsTheSamplesItLastedAndNoMore) {
   Device device(bank_);
   start(config(device.port(), "timeout_ms: 35\n"));
   (void)collect(milliseconds(100));
+  const auto lost_before_silence = source_.health().lost;
+  const MonotonicTime silent = monotonic_now();
   device->set_faults({.silent_every = 1});
   EXPECT_TRUE(eventually(seconds(20), [&] { return source_.health().retries >= 1; }));
   (void)collect(Duration(1));
   device->set_faults({});
   EXPECT_TRUE(eventually(seconds(20), [&] { return source_.health().connected; }));
+  // One for each instant of the grid in this while, the one that was under way, and one at its end.
+  const auto lost = source_.health().lost - lost_before_silence;
+  EXPECT_LE(lost, static_cast<std::uint64_t>((monotonic_now() - silent) / milliseconds(10)) + 2);
   const auto samples = collect(milliseconds(300));
   ASSERT_GE(samples.size(), 10u);
   // What is missing in the sequence is what was counted: nothing vanished unseen.
@@ -220,7 +225,8 @@ TEST_F(ModbusSourceTest, SaysWhatIsWrongAtArm) {
   EXPECT_EQ(s.error().exit_status(), 2);
   EXPECT_EQ(s.error().text(),
             "table: 127.0.0.1:" + std::to_string(nobody) +
-                ": expected a Modbus TCP device, got: Connection refused; check that it is on and "
+                ": expected a Modbus TCP device that listens here, got: Connection refused; check that it is "
+                "on and "
                 "that `address` and `port` are its own, or start an emulated one with `rigor "
                 "emulate`");
   EXPECT_EQ(source_.state(), ChannelState::configured);

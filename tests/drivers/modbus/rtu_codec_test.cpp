@@ -141,6 +141,11 @@ TEST(Pdu, TheExamplesOfTheSpecification) {
   EXPECT_EQ(Bytes(answer.span().begin(), answer.span().end()), (Bytes{0x81, 2}));
   EXPECT_EQ(answer.exception, Exception::illegal_address);
   EXPECT_FALSE(serve_request(model, Bytes{3, 0, 1, 0}, {}, answer));
+  // Section 6.16: register 4 is 12, the masks are F2 and 25.
+  model.words = {};
+  ASSERT_TRUE(serve_request(model, Bytes{6, 0, 4, 0, 0x12}, {}, answer));
+  ASSERT_TRUE(serve_request(model, Bytes{22, 0, 4, 0, 0xF2, 0, 0x25}, {}, answer));
+  EXPECT_EQ(model.words[4], 0x17);
 }
 
 }  // namespace

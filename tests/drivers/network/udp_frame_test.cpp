@@ -9,6 +9,24 @@
 namespace rigor::network {
 namespace {
 
+// RFC 768, RFC 1071: the sum over the pseudo header and the datagram, its checksum in it, is FFFF.
+TEST(UdpFrame, HasTheChecksumsThatReceiversDemand) {
+  for (const std::vector<std::uint8_t>& payload :
+       {std::vector<std::uint8_t>{1, 2, 3, 4, 5}, std::vector<std::uint8_t>(300, 0xF7)}) {
+    const auto frame = ethernet_frames({0xC0A801C9, 0xFFFFFFFF, 2368, 2369, payload}, 0x1234).front();
+    const auto sum = [&](std::size_t at, std::size_t size, std::uint32_t start) {
+      std::uint32_t s = start;
+      for (std::size_t i = 0; i < size; ++i)
+        s += static_cast<std::uint32_t>(frame[at + i]) << (i % 2 == 0 ? 8 : 0);
+      while (s > 0xFFFF) s = (s & 0xFFFF) + (s >> 16);
+      return s;
+    };
+    EXPECT_EQ(sum(14, 20, 0), 0xFFFFU) << "of the IP header";
+    const auto size = static_cast<std::uint32_t>(8 + payload.size());
+    EXPECT_EQ(sum(34, size, sum(26, 8, 0) + 17 + size), 0xFFFFU) << "of the datagram";
+  }
+}
+
 TEST(UdpFrame, IsFoundInWhatWasCaptured) {
   const std::vector<std::uint8_t> payload{1, 2, 3, 4, 5};
   const UdpDatagram sent{0xC0A801C9, 0xFFFFFFFF, 2368, 2369, payload};

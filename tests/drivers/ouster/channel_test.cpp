@@ -10,8 +10,9 @@
 #include "drivers/ouster/ouster_emulator.h"
 #include "drivers/ouster/ouster_source.h"
 #include "drivers/ouster/ouster_virtual_source.h"
+#include "rt-core/byte_order.h"
 #include "tests/drivers/network/free_ports.h"
-#include "tests/drivers/ouster/made_sensor.h"
+#include "tests/drivers/ouster/record_sensor.h"
 #include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::ouster {
@@ -106,6 +107,84 @@ TEST(OusterVirtual, HasTheWindowAndTheColumnsOfItsConfiguration) {
   EXPECT_EQ((got[1]->stamp.t_capture - got[0]->stamp.t_capture).ns(), 100'000'000);
 }
 
+TEST(OusterVirtual, GivesImagesOfTheFramesThatItsPointsAreOf) {
+  const auto run = [](const std::string& params, SampleKind kind) {
+    VirtualSource source(parts_of(), config_of("{}").params);
+    return run_virtual(source, config_of(params, kind), milliseconds(230));
+  };
+  const auto points = run("{}", SampleKind::point_cloud);
+  const auto reflectivity = run("{field: reflectivity}", SampleKind::image);
+  const auto signal = run("{}", SampleKind::image);
+  const auto ranges = run("{}", SampleKind::range_image);
+  ASSERT_EQ(points.size(), 2u);
+  for (const auto* images : {&reflectivity, &signal, &ranges}) {
+    ASSERT_EQ(images->size(), 2u);
+    for (std::size_t i = 0; i < 2; ++i) {
+      EXPECT_EQ((*images)[i]->stamp.t_capture, points[i]->stamp.t_capture);
+      EXPECT_EQ((*images)[i]->stamp.sequence, points[i]->stamp.sequence);
+    }
+  }
+  const auto* image = reflectivity[1]->as<ImageInfo>();
+  ASSERT_NE(image, nullptr);
+  EXPECT_EQ(image->format, PixelFormat::mono8);
+  EXPECT_EQ(image->width_px, 512u);
+  EXPECT_EQ(image->height_px, kBeams);
+  ASSERT_EQ(reflectivity[1]->size_bytes, 512u * kBeams);
+  ASSERT_NE(signal[1]->as<ImageInfo>(), nullptr);
+  EXPECT_EQ(signal[1]->as<ImageInfo>()->format, PixelFormat::mono16);
+  EXPECT_EQ(signal[1]->size_bytes, 512u * kBeams * 2);
+  ASSERT_NE(ranges[1]->as<RangeImageInfo>(), nullptr);
+  // Beams of the emulated sensor lie up to 8.4 degrees apart: 12 columns of 512.
+  const Metadata m = SensorDevice::create(std::make_shared<FormulaLidar>())
+                         ->metadata({Profile::single, {512, 10}, {0, 511}});
+  const std::span<const std::byte> grey = reflectivity[1]->bytes(), metres = ranges[1]->bytes();
+  std::size_t returns = 0;
+  for (std::uint32_t row = 0; row < kBeams; ++row)
+    for (std::uint32_t column = 0; column < 512; ++column) {
+      const std::size_t at = row * 512 + (column + static_cast<std::uint32_t>(m.pixel_shift[row])) % 512;
+      const double range = FormulaLidar::range_m(column, row);
+      ASSERT_EQ(static_cast<int>(grey[at]), range == 0 ? 0 : static_cast<int>(row * 5));
+      const float got = load_le<float>(metres, at * 4);
+      if (range == 0) {
+        ASSERT_TRUE(std::isnan(got));
+      } else {
+        ASSERT_NEAR(got, range + test::kOrigin_m, 0.0006) << "from the lidar's origin";
+        ++returns;
+      }
+    }
+  EXPECT_EQ(returns, (512u - 8) * kBeams);
+}
+
+TEST(OusterVirtual, RefusesAnImageThatItsProfileDoesNotHave) {
+  VirtualSource source(parts_of(), config_of("{config: {udp_profile_lidar: RNG15_RFL8_NIR8}}").params);
+  ASSERT_TRUE(source.configure(config_of("{field: signal}", SampleKind::image)));
+  ArmContext context;
+  context.virtual_time = true;
+  const auto s = source.arm(context);
+  ASSERT_FALSE(s);
+  EXPECT_NE(s.error().text().find("field"), std::string::npos) << s.error().text();
+  OusterSource range;
+  EXPECT_FALSE(range.configure(config_of("{field: range, host: a}", SampleKind::image)));
+  EXPECT_FALSE(range.configure(config_of("{field: signal, host: a}"))) << "points have a remission";
+  EXPECT_FALSE(range.configure(config_of("{full_scale: 9, host: a}", SampleKind::image))) << "of Mono8";
+}
+
+TEST(OusterVirtual, PassesTheAngleOfPhaseLockAtTheFullSecond) {
+  // Bench time 0 is a full second of UTC; 90 degrees is 384 of 512 columns after the frame's beginning.
+  const auto first = [](const std::string& config) {
+    VirtualSource source(parts_of(), config_of("{config: {" + config + "}}").params);
+    const auto got = run_virtual(source, config_of("{}"), milliseconds(350));
+    EXPECT_GE(got.size(), 2u);
+    EXPECT_EQ((got[1]->stamp.t_capture - got[0]->stamp.t_capture).ns(), 100'000'000);
+    return got[0]->stamp.t_capture.ns();
+  };
+  EXPECT_EQ(first("timestamp_mode: TIME_FROM_PTP_1588"), 0);
+  const std::string lock = "timestamp_mode: TIME_FROM_PTP_1588, phase_lock_enable: true, phase_lock_offset: ";
+  EXPECT_EQ(first(lock + "0"), 0);
+  EXPECT_EQ(first(lock + "90000"), 25'000'000);
+  EXPECT_EQ(first(lock + "180000"), 50'000'000);
+}
+
 TEST(OusterVirtual, RefusesALatencyThatCannotBe) {
   VirtualSource source(parts_of(), config_of("{}").params);
   auto config = config_of("{}");
@@ -118,28 +197,10 @@ TEST(OusterVirtual, RefusesALatencyThatCannotBe) {
   EXPECT_NE(s.error().text().find("latency_ms"), std::string::npos) << s.error().text();
 }
 
-/// A recording of frames with one packet missing, in fragments as on the wire, and its metadata.
+/// A recording of frames with one packet missing.
 void record(const rigor::test::TemporaryDirectory& dir, std::uint64_t frames) {
-  auto device = SensorDevice::create(std::make_shared<FormulaLidar>());
-  ASSERT_TRUE(device);
-  auto control = SensorControl::create(*device, {}, "{}", MonotonicTime(0));
-  ASSERT_TRUE(control);
-  const auto reply = control->http("GET", "/api/v1/sensor/metadata", "", "", MonotonicTime(1));
-  std::ofstream(dir.file("a.json")) << reply.body;
-  const Metadata& m = control->active().metadata;
-  auto writer = network::PcapWriter::create(dir.file("a.pcap"));
-  ASSERT_TRUE(writer);
-  LidarPacketWriter packet(layout_of(m));
-  auto scan = device->make_scan();
-  for (std::uint64_t f = 0; f < frames; ++f) {
-    ASSERT_TRUE(device->measure(f, BenchTime(0), {}, scan));
-    for (std::uint32_t slot = 0; slot < m.slots(); ++slot) {
-      if (f == 1 && slot == 3) continue;
-      device->compose(f, slot, &scan, m, 0, packet);
-      writer->write(RealtimeTime(1'700'000'000'000'000'000 + device->filled(f, slot, m).ns()),
-                    {0x7F000001, 0x7F000001, kLidarPort, kLidarPort, packet.bytes()});
-    }
-  }
+  const auto lost = [](std::uint64_t frame, std::uint32_t slot) { return frame == 1 && slot == 3; };
+  ASSERT_TRUE(test::record_sensor(dir.file("a.pcap"), dir.file("a.json"), {frames, {512, 10}, lost}));
 }
 
 TEST(OusterRecording, IsReadFromItsFragmentsInVirtualTime) {
@@ -156,6 +217,29 @@ TEST(OusterRecording, IsReadFromItsFragmentsInVirtualTime) {
   EXPECT_EQ(source.counters().packets_lost, 1u);
   EXPECT_EQ(source.counters().columns_lost, 16u);
   EXPECT_FALSE(source.health().connected) << "it has ended";
+}
+
+TEST(OusterRecording, IsReadAsImagesToo) {
+  rigor::test::TemporaryDirectory dir;
+  record(dir, 3);
+  OusterSource source;
+  const auto got = run_virtual(source,
+                               config_of("{file: " + dir.file("a.pcap") +
+                                             ", metadata: " + dir.file("a.json") + ", field: reflectivity}",
+                                         SampleKind::image),
+                               milliseconds(600));
+  ASSERT_EQ(got.size(), 3u);
+  EXPECT_EQ(got[0]->size_bytes, 512u * kBeams);
+  EXPECT_EQ(source.describe().width_px, 512u);
+  EXPECT_EQ(source.describe().height_px, kBeams);
+  EXPECT_EQ(got[1]->stamp.validity & kIncomplete, kIncomplete);
+  // Row 1 is a grey of 5 where there is a return; the lost packet leaves 16 columns black.
+  const auto black = [&](std::size_t frame) {
+    const auto row = got[frame]->bytes().subspan(512, 512);
+    return std::count(row.begin(), row.end(), std::byte{0});
+  };
+  EXPECT_EQ(black(0), 8);
+  EXPECT_EQ(black(1), 8 + 16) << "of the 8 without a return none is in it";
 }
 
 TEST(OusterRecording, NeedsMetadataOfItsOwnSensor) {
@@ -283,6 +367,97 @@ TEST(OusterSource, ConfiguresTheSensorAndFollowsWhenAnotherClientDoes) {
   EXPECT_EQ(refused.error().code, ErrorCode::bad_input);
   EXPECT_NE(refused.error().text().find("lidar_mode"), std::string::npos) << refused.error().text();
   ASSERT_TRUE(source.stop());
+}
+
+TEST(OusterSource, SharesTheSensorsPortWithOtherChannels) {
+  Device device;
+  ASSERT_TRUE(device.start());
+  OusterSource points, signal, range;
+  const std::string params = "{buffers: 32, " + device.host() + "}";
+  ASSERT_TRUE(points.configure(config_of(params)));
+  ASSERT_TRUE(signal.configure(config_of(params, SampleKind::image)));
+  ASSERT_TRUE(range.configure(config_of(params, SampleKind::range_image)));
+  for (OusterSource* s : {&points, &signal, &range}) {
+    const auto armed = s->arm({});
+    ASSERT_TRUE(armed) << armed.error().text();
+  }
+  EXPECT_EQ(signal.describe().width_px, 512u);
+  EXPECT_EQ(range.describe().height_px, kBeams);
+  const BenchTime t0 = bench_now();
+  std::array<std::vector<SampleLease>, 3> got;
+  const std::array<OusterSource*, 3> sources{&points, &signal, &range};
+  for (OusterSource* s : sources) ASSERT_TRUE(s->start(t0));
+  for (std::size_t i = 0; i < 3; ++i)
+    ASSERT_TRUE(poll_until(*sources[i], got[i], [&] { return got[i].size() >= 3; }));
+  // The same packets: frames have the same place in time, as far as the channels know the sensor's clock. A
+  // channel that was armed later may lack the first of them.
+  for (std::size_t i = 1; i < 3; ++i)
+    for (std::size_t k = 0; k < 2; ++k)
+      EXPECT_TRUE(std::any_of(got[0].begin(), got[0].end(),
+                              [&](const SampleLease& cloud) {
+                                return std::abs((got[i][k]->stamp.t_capture - cloud->stamp.t_capture).ns()) <
+                                       5'000'000;
+                              }))
+          << i << " " << k;
+  // One goes, the others stay; and where the sensor sends to another port, they follow.
+  ASSERT_TRUE(signal.stop());
+  const auto other = network::test::free_ports()[0];
+  EXPECT_EQ(
+      device.ask("POST", "/api/v1/sensor/config", R"({"udp_port_lidar": )" + std::to_string(other) + "}")
+          .status,
+      200);
+  for (const std::size_t i : {0, 2})
+    ASSERT_TRUE(poll_until(*sources[i], got[i], [&, before = got[i].size()] {
+      return sources[i]->counters().reinitialized == 1 && got[i].size() >= before + 2;
+    })) << sources[i]->counters().reinitialized;
+  // The first one's port is free for others now.
+  network::UdpReceiver free;
+  EXPECT_TRUE(free.open("0.0.0.0", device.port[0], 65536));
+  ASSERT_TRUE(points.stop());
+  ASSERT_TRUE(range.stop());
+}
+
+/// What an emulated sensor sends: the timestamp at which it is at `column`, of its first whole packets.
+std::uint64_t timestamp_of_column(const std::string& config, std::uint32_t column) {
+  Device device;
+  network::UdpReceiver receiver;
+  EXPECT_TRUE(receiver.open("127.0.0.1", device.port[0], 1 << 20, 65'507));
+  const auto s = device.start(config);
+  EXPECT_TRUE(s) << s.error().text();
+  const auto m = fetch_metadata({"127.0.0.1", device.http, 0, -1}, monotonic_now() + seconds(10));
+  EXPECT_TRUE(m);
+  if (!s || !m) return 0;
+  const PacketLayout layout = layout_of(*m);
+  for (const MonotonicTime end = monotonic_now() + seconds(30); monotonic_now() < end;) {
+    for (const auto& d : receiver.receive(read_epoch())) {
+      PacketFault fault{};
+      const auto packet = LidarPacket::parse(d.bytes, layout, fault);
+      for (std::uint32_t i = 0; packet && i < packet->columns(); ++i)
+        if (packet->column(i).measurement_id() == column) return packet->column(i).timestamp_ns();
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  return 0;
+}
+
+TEST(OusterEmulator, CountsTimeByItsModeAndLocksItsPhase) {
+  constexpr std::uint64_t kSecond = 1'000'000'000, kFrame = 100'000'000;
+  const auto utc = [] { return static_cast<std::uint64_t>(realtime_now().ns()); };
+  EXPECT_LT(timestamp_of_column("", 0), 60 * kSecond) << "since it was switched on";
+  const std::uint64_t before = utc();
+  const std::uint64_t tai = timestamp_of_column(
+      ", timestamp_mode: TIME_FROM_PTP_1588, phase_lock_enable: true, phase_lock_offset: 90000", 384);
+  EXPECT_GT(tai, before + 36 * kSecond);
+  EXPECT_LT(tai, utc() + 37 * kSecond + kFrame);
+  // Column 384 of 512 is at 90 degrees; a tenth of a second is a turn.
+  EXPECT_EQ(tai % kFrame, 0u);
+  const std::uint64_t pulses = timestamp_of_column(
+      ", timestamp_mode: TIME_FROM_SYNC_PULSE_IN, phase_lock_enable: true, phase_lock_offset: 270000", 128);
+  EXPECT_LT(pulses, 60 * kSecond);
+  EXPECT_EQ(pulses % kFrame, 0u);
+  const std::uint64_t gps = timestamp_of_column(
+      ", timestamp_mode: TIME_FROM_SYNC_PULSE_IN, multipurpose_io_mode: INPUT_NMEA_UART", 0);
+  EXPECT_LT(utc() - gps, 60 * kSecond);
 }
 
 TEST(OusterSource, SurvivesASensorThatGoesAndComes) {

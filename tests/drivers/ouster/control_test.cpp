@@ -88,6 +88,8 @@ TEST_F(OusterControl, RefusesWhatItCannotDoAndKeepsWhatItHad) {
   wrong("udp_port_lidar+70000", "from 0");
   wrong("no_such+1", "unknown");
   wrong(".+%7B%22udp_dest%22%3A%2210.0.0.8%22%2C%22operating_mode%22%3A%22FAST%22%7D", "NORMAL STANDBY");
+  // The first of these two could be had.
+  wrong(".+%7B%22udp_dest%22%3A%2210.0.0.8%22%2C%22udp_port_imu%22%3A-1%7D", "udp_port_imu");
   EXPECT_EQ(get("/api/v1/sensor/cmd/get_config_param?args=staged")["udp_dest"], "10.0.0.9")
       << "all or nothing";
   get("/api/v1/nonsense", 404);
@@ -116,6 +118,68 @@ TEST_F(OusterControl, StandbyIsAStateOfItsOwn) {
   now_ = now_ + seconds(6);
   EXPECT_EQ(get("/api/v1/sensor/metadata/sensor_info")["status"], "STANDBY");
   EXPECT_EQ(get("/api/v1/sensor/config")["operating_mode"], "STANDBY");
+}
+
+TEST_F(OusterControl, PhaseLockNeedsATimeFromOutside) {
+  get("/api/v1/sensor/cmd/set_config_param?args=phase_lock_enable+true");
+  get("/api/v1/sensor/cmd/set_config_param?args=phase_lock_offset+90000");
+  const auto before = control_->active();
+  const std::string refused = get("/api/v1/sensor/cmd/reinitialize", 400)["error"];
+  EXPECT_NE(refused.find("TIME_FROM_PTP_1588"), std::string::npos) << refused;
+  EXPECT_EQ(control_->active().generation, before.generation) << "goes on as it was";
+  EXPECT_FALSE(control_->active().time.phase_lock);
+  EXPECT_EQ(control_->tcp("reinitialize", "10.0.0.7", now_).substr(0, 6), "error:");
+  for (const auto& [mode, expected] : {std::pair{"TIME_FROM_PTP_1588", SensorTime::Mode::ptp},
+                                       {"TIME_FROM_SYNC_PULSE_IN", SensorTime::Mode::sync_pulse}}) {
+    get(std::string("/api/v1/sensor/cmd/set_config_param?args=timestamp_mode+") + mode);
+    get("/api/v1/sensor/cmd/reinitialize");
+    EXPECT_TRUE(control_->active().time.phase_lock);
+    EXPECT_EQ(control_->active().time.phase_lock_deg, 90);
+    EXPECT_EQ(control_->active().time.mode, expected);
+    EXPECT_EQ(get("/api/v1/sensor/metadata")["config_params"]["timestamp_mode"], mode);
+  }
+  // By POST all at once, or nothing.
+  const auto post = [&](const std::string& body) {
+    return control_->http("POST", "/api/v1/sensor/config", body, "10.0.0.7", now_).status;
+  };
+  EXPECT_EQ(post(R"({"timestamp_mode": "TIME_FROM_INTERNAL_OSC"})"), 400);
+  EXPECT_EQ(get("/api/v1/sensor/cmd/get_config_param?args=staged")["timestamp_mode"],
+            "TIME_FROM_SYNC_PULSE_IN");
+  EXPECT_EQ(post(R"({"timestamp_mode": "TIME_FROM_INTERNAL_OSC", "phase_lock_enable": false})"), 200);
+  EXPECT_EQ(post(R"({"phase_lock_offset": 360001})"), 400);
+  EXPECT_EQ(post(R"({"phase_lock_offset": -1})"), 400);
+  EXPECT_EQ(post(R"({"phase_lock_offset": 90.5})"), 400);
+  const auto bad = SensorControl::create(*device_, {}, R"({"phase_lock_enable": true})", now_);
+  ASSERT_FALSE(bad);
+  EXPECT_NE(bad.error().text().find("phase_lock_enable"), std::string::npos);
+}
+
+TEST_F(OusterControl, TheMultipurposeIoIsConfiguredAsTheManualSays) {
+  const auto post = [&](const std::string& body, int status) {
+    const auto r = control_->http("POST", "/api/v1/sensor/config", body, "10.0.0.7", now_);
+    EXPECT_EQ(r.status, status) << body << ": " << r.body;
+    return r.body;
+  };
+  post(R"({"multipurpose_io_mode": "INPUT_NMEA_UART", "nmea_leap_seconds": 37,
+           "timestamp_mode": "TIME_FROM_SYNC_PULSE_IN", "nmea_baud_rate": "BAUD_115200"})",
+       200);
+  EXPECT_TRUE(control_->active().time.nmea);
+  EXPECT_EQ(control_->active().time.nmea_leap, seconds(37));
+  // The examples of the manual: 50 pulses a second of 10 ms, one each 45 degrees.
+  post(R"({"multipurpose_io_mode": "OUTPUT_FROM_SYNC_PULSE_IN", "sync_pulse_out_frequency": 50})", 200);
+  EXPECT_FALSE(control_->active().time.nmea);
+  post(R"({"multipurpose_io_mode": "OUTPUT_FROM_ENCODER_ANGLE", "sync_pulse_out_angle": 45})", 200);
+  // Pulses that run into each other.
+  const std::string slow = post(R"({"sync_pulse_out_angle": 36})", 400);
+  EXPECT_NE(slow.find("pulses of 10 ms every 10 ms"), std::string::npos) << slow;
+  post(R"({"multipurpose_io_mode": "OUTPUT_FROM_PTP_1588", "sync_pulse_out_frequency": 100})", 400);
+  post(R"({"multipurpose_io_mode": "OUTPUT_FROM_PTP_1588", "sync_pulse_out_frequency": 100,
+           "sync_pulse_out_pulse_width": 9})",
+       200);
+  post(R"({"multipurpose_io_mode": "OUTPUT_FROM_MOON"})", 400);
+  post(R"({"sync_pulse_out_frequency": 0})", 400);
+  post(R"({"sync_pulse_in_polarity": "ACTIVE_SIDEWAYS"})", 400);
+  EXPECT_EQ(get("/api/v1/sensor/config")["multipurpose_io_mode"], "OUTPUT_FROM_PTP_1588");
 }
 
 TEST(OusterDevice, RefusesASensorModelOfAnotherScanner) {

@@ -17,6 +17,7 @@
 #include "drivers/network/pcap_feed.h"
 #include "drivers/ouster/beam_table.h"
 #include "drivers/ouster/frame_stream.h"
+#include "rt-core/byte_order.h"
 #include "tests/paths.h"
 
 namespace rigor::ouster {
@@ -52,12 +53,6 @@ class Md5 {
  private:
   std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context_;
 };
-
-std::uint32_t word(Bytes pixel, std::size_t i) {
-  return static_cast<std::uint32_t>(pixel[4 * i]) | static_cast<std::uint32_t>(pixel[4 * i + 1]) << 8 |
-         static_cast<std::uint32_t>(pixel[4 * i + 2]) << 16 |
-         static_cast<std::uint32_t>(pixel[4 * i + 3]) << 24;
-}
 
 /// Each datagram of the recording that is a lidar packet.
 void for_each_packet(const std::string& name, const PacketLayout& layout,
@@ -119,10 +114,9 @@ TEST_P(OusterDigest, EveryFieldOfEveryPacketIsAsOusterDecodesIt) {
         md5["NEAR_IR"].add(c.near_infrared(row));
         // The bytes themselves, where pixels lie.
         for (std::size_t w = 0; w < 3; ++w)
-          md5["RAW32_WORD" + std::to_string(w + 1)].add(
-              word(bytes.subspan(layout.header_bytes + i * layout.column_bytes + layout.column_header_bytes +
-                                 row * layout.pixel_bytes),
-                   w));
+          md5["RAW32_WORD" + std::to_string(w + 1)].add(load_le<std::uint32_t>(
+              bytes, layout.header_bytes + i * layout.column_bytes + layout.column_header_bytes +
+                         row * layout.pixel_bytes + 4 * w));
       }
   });
   EXPECT_EQ(packets, 64);
@@ -170,6 +164,45 @@ TEST_P(OusterDigest, EveryFieldOfTheScanIsAsOusterAssemblesIt) {
   for (const auto& [field, digest] : expected_["scans"][0].items())
     EXPECT_EQ(field == "FRAME_ID" ? std::to_string(frame) : md5[field].text(), digest.get<std::string>())
         << field;
+}
+
+/// The same digests by what channels of images hand on: columns back where they were measured.
+TEST_P(OusterDigest, TheImagesOfTheFrameAreThoseThatOusterAssembles) {
+  const std::uint32_t w = metadata_.mode.columns, rows = metadata_.pixels_per_column;
+  const auto digest_of = [&](Field field, const std::function<void(Md5&, Bytes, std::size_t)>& add) {
+    ImageOptions image{.field = field};
+    FrameStream stream(metadata_, {.time = packet_lidar::TimeSource::fixed, .image = image});
+    Md5 md5;
+    int frames = 0;
+    for_each_packet(name_, layout_of(metadata_), [&](const LidarPacket&, Bytes bytes, RealtimeTime t) {
+      stream.take(bytes, BenchTime(t.ns()), [&](const packet_lidar::Cloud& c) {
+        ++frames;
+        for (std::uint32_t row = 0; row < rows; ++row)
+          for (std::uint32_t m = 0; m < w; ++m) {
+            const auto x = (m + w + static_cast<std::uint32_t>(metadata_.pixel_shift[row])) % w;
+            add(md5, c.pixels, std::size_t{row} * w + x);
+          }
+      });
+    });
+    EXPECT_EQ(frames, 1);
+    return md5.text();
+  };
+  const auto& scan = expected_["scans"][0];
+  const auto word16 = [](Md5& md5, Bytes b, std::size_t at) { md5.add(load_le<std::uint16_t>(b, 2 * at)); };
+  EXPECT_EQ(digest_of(Field::signal, word16), scan["SIGNAL"].get<std::string>());
+  EXPECT_EQ(digest_of(Field::near_infrared, word16), scan["NEAR_IR"].get<std::string>());
+  EXPECT_EQ(digest_of(Field::reflectivity,
+                      [](Md5& md5, Bytes b, std::size_t at) {
+                        md5.add(static_cast<std::uint8_t>(load_le<std::uint16_t>(b, 2 * at)));
+                      }),
+            scan["REFLECTIVITY"].get<std::string>());
+  EXPECT_EQ(
+      digest_of(Field::range,
+                [](Md5& md5, Bytes b, std::size_t at) {
+                  const float range = load_le<float>(b, 4 * at);
+                  md5.add(std::isnan(range) ? 0U : static_cast<std::uint32_t>(std::lround(range * 1e3F)));
+                }),
+      scan["RANGE"].get<std::string>());
 }
 
 TEST_P(OusterDigest, ThePointsOfTheFrameAreThoseOfTheClosedForm) {

@@ -126,7 +126,9 @@ TEST(OusterFrames, LeaveAloneWhatComesLateOrTwice) {
   b.send(2, 0);
   b.send(1, 9);  // overtaken
   b.send(2, 0);  // repeated
-  b.frame(2, [](std::uint32_t slot) { return slot == 0; });
+  b.frame(2, [](std::uint32_t slot) { return slot == 0 || slot == 31; });
+  EXPECT_EQ(b.got.size(), 1u) << "a repeated packet stands for no other";
+  b.send(2, 31);
   b.send(2, 5);  // after the frame was whole
   ASSERT_EQ(b.got.size(), 2u);
   EXPECT_EQ(b.got[0].packets_lost, 1u);
@@ -147,6 +149,36 @@ TEST(OusterFrames, HaveTheColumnsOfTheAzimuthWindow) {
     EXPECT_EQ(g.packets_lost, 0u);
   }
   EXPECT_EQ(FrameStream::max_points(m), 32u * 32);
+}
+
+TEST(OusterFrames, BeginInTimeWithTheFirstColumnOfTheWindow) {
+  Metadata m = made_metadata();
+  m.window = {128, 383};
+  Bench b(m);
+  for (std::uint32_t slot = 8; slot < 24; ++slot) b.send(1, slot);
+  for (std::uint32_t slot = 10; slot < 24; ++slot) b.send(2, slot);  // the first two are lost
+  b.send(3, 8);
+  ASSERT_EQ(b.got.size(), 2u);
+  EXPECT_EQ(b.got[0].t.ns(), kFrame_ns + kFrame_ns / 4);
+  EXPECT_EQ(b.got[1].t.ns(), 2 * kFrame_ns + kFrame_ns / 4);
+  EXPECT_EQ(b.got[1].packets_lost, 2u);
+}
+
+TEST(OusterFrames, ArePassedOnByTheirOwnColumnsAlone) {
+  Metadata m = made_metadata();
+  m.window = {0, 255};
+  Bench b(m);
+  for (std::uint32_t slot = 0; slot < 15; ++slot) b.send(1, slot);
+  // A good column outside of the window, as of a sensor whose window has just been changed.
+  auto& outside = b.packet(1, 20);
+  outside.set_column(0, 1, 20 * 16, true);
+  outside.set_pixel(0, 0, {5000, 1, 2, 0});
+  b.take(outside.bytes());
+  EXPECT_EQ(b.got.size(), 0u) << "a packet of the window is still to come";
+  b.send(1, 15);
+  ASSERT_EQ(b.got.size(), 1u);
+  EXPECT_EQ(b.got[0].points, 256u * 32);
+  EXPECT_EQ(b.got[0].validity, 0u);
 }
 
 TEST(OusterFrames, GoOnAfterTheSensorStartedAnew) {

@@ -2,9 +2,11 @@
 // wrong with others. Recordings of real sensors are in digest_test.cpp.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <functional>
 #include <nlohmann/json.hpp>
 
+#include "drivers/ouster/beam_table.h"
 #include "drivers/ouster/lidar_packet.h"
 #include "tests/drivers/ouster/made_sensor.h"
 
@@ -41,6 +43,7 @@ TEST_P(EveryProfile, WhatIsWrittenIsRead) {
     const auto c = p->column(i);
     EXPECT_EQ(c.timestamp_ns(), 0x0123'4567'89AB'0000 + i);
     EXPECT_EQ(c.measurement_id(), 496 + i);
+    EXPECT_EQ(c.encoder(), GetParam() == Profile::legacy ? (496 + i) * 90112 / 512 : 0);
     EXPECT_EQ(c.good(), i != 3);
     for (std::uint32_t row = 0; row < layout.pixels; ++row) {
       EXPECT_EQ(c.pixel(row), (Pixel{8 * (100 * i + row), static_cast<std::uint16_t>(low ? 0 : 40'000 + row),
@@ -129,6 +132,7 @@ TEST(OusterPacket, SaysWhatIsWrongWithOne) {
     const std::size_t column = layout.header_bytes + layout.column_bytes;
     EXPECT_EQ(fault_with(0, 1), PacketFault::none);
     EXPECT_EQ(fault_with(column + 9, 2), PacketFault::column) << "measurement id 513 of 512";
+    EXPECT_EQ(fault_with(column - layout.column_bytes + 9, 2), PacketFault::column) << "512, from 0";
     if (profile == Profile::legacy) {
       EXPECT_EQ(fault_with(column + 10, 8), PacketFault::frame);
     }
@@ -161,7 +165,7 @@ json flat_form() {
          {"status", "RUNNING"},
          {"lidar_mode", "1024x10"},
          {"lidar_origin_to_beam_origin_mm", 15.806},
-         {"lidar_to_sensor_transform", {-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1}}};
+         {"lidar_to_sensor_transform", {-1, 0, 0, 1.5, 0, -1, 0, -2.5, 0, 0, 1, 36.18, 0, 0, 0, 1}}};
   j["data_format"] = {{"pixels_per_column", 16},
                       {"columns_per_frame", 1024},
                       {"columns_per_packet", 16},
@@ -200,6 +204,8 @@ TEST(OusterMetadata, IsReadInTheFlatForm) {
   EXPECT_EQ(m->window_columns(), 225u);
   EXPECT_TRUE(m->window.has(1000) && m->window.has(0) && !m->window.has(500));
   EXPECT_DOUBLE_EQ(m->beam_origin_m, 0.015806);
+  EXPECT_DOUBLE_EQ(m->T_sensor_lidar[3], 0.0015);
+  EXPECT_DOUBLE_EQ(m->T_sensor_lidar[7], -0.0025);
   EXPECT_DOUBLE_EQ(m->T_sensor_lidar[11], 0.03618);
   EXPECT_DOUBLE_EQ(m->beam_altitude_deg[15], -15);
 }
@@ -214,6 +220,24 @@ TEST(OusterMetadata, IsReadInTheNestedForm) {
   EXPECT_EQ(m->timestamp_mode, "TIME_FROM_PTP_1588");
   EXPECT_DOUBLE_EQ(m->beam_origin_m, 0.02767);
   EXPECT_DOUBLE_EQ(m->beam_origin_z_m, 0.005);
+}
+
+TEST(OusterBeams, BeginBesideAndAboveTheLidarsOriginByTheClosedForm) {
+  Metadata m = made_metadata();
+  m.beam_origin_m = 0.03, m.beam_origin_z_m = 0.04;  // 50 mm from the origin
+  m.T_sensor_lidar = {0, -1, 0, 1, 1, 0, 0, 2, 0, 0, 1, 3, 0, 0, 0, 1};
+  const BeamTable beams(m);
+  for (const std::uint32_t column : {0U, 77U, 300U, 511U})
+    for (const std::uint32_t row : {0U, 13U, 31U}) {
+      const double e = 2 * M_PI * (1 - column / 512.0), b = m.beam_altitude_deg[row] * M_PI / 180;
+      const double c = e - m.beam_azimuth_deg[row] * M_PI / 180, r = 20 - 0.05;
+      const double x = r * std::cos(b) * std::cos(c) + 0.03 * std::cos(e),
+                   y = r * std::cos(b) * std::sin(c) + 0.03 * std::sin(e), z = r * std::sin(b) + 0.04;
+      const auto p = beams.at(column, row, 20);
+      EXPECT_NEAR(p.x_m, 1 - y, 4e-6);
+      EXPECT_NEAR(p.y_m, 2 + x, 4e-6);
+      EXPECT_NEAR(p.z_m, 3 + z, 4e-6);
+    }
 }
 
 TEST(OusterMetadata, SaysWhatIsWrongAndWhere) {

@@ -294,6 +294,35 @@ TEST(SimulatedSource, WarnsWhenASampleTakesLongerThanItsLatency) {
   EXPECT_TRUE(warnings(milliseconds(12), true).empty()) << "virtual time waits for every sample";
 }
 
+TEST(SimulatedSource, NamesARateThatThisMachineCanKeep) {
+  WorkerPool pool(1);
+  auto points = std::make_shared<test::FormulaSamples>(SampleKind::point_cloud);
+  points->delay_us = 20'000;
+  SimulatedSource source(points, nullptr, pool);
+  const auto forecasts = [&](Duration period, bool virtual_time) {
+    ChannelConfig c = test::sample_config(SampleKind::point_cloud, "");
+    c.name = "top.simulated";
+    c.period = period;
+    c.latency = seconds(100);
+    EXPECT_TRUE(source.configure(c));
+    EXPECT_TRUE(source.arm({.virtual_time = virtual_time}));
+    EXPECT_TRUE(source.warnings().empty());
+    auto w = source.forecasts();
+    EXPECT_TRUE(source.stop());
+    return w;
+  };
+  const auto slow = forecasts(milliseconds(10), false);
+  ASSERT_EQ(slow.size(), 1u);
+  EXPECT_TRUE(slow[0].starts_with("top: a scan takes ")) << slow[0];
+  // 20 ms and what the machine adds: up to 40 Hz with a fifth to spare.
+  EXPECT_THAT(slow[0], testing::HasSubstr(" ms of its 10 ms period on this machine; samples will be lost"));
+  const double rate_hz = std::stod(slow[0].substr(slow[0].find("channels.top.rate_hz=") + 21));
+  EXPECT_GT(rate_hz, 0);
+  EXPECT_LE(rate_hz, 20);
+  EXPECT_TRUE(forecasts(seconds(50), false).empty());
+  EXPECT_TRUE(forecasts(milliseconds(10), true).empty()) << "virtual time waits for every sample";
+}
+
 /// Samples that need no worker.
 class ImmediateSamples final : public SampleProvider {
  public:

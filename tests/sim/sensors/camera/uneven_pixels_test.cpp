@@ -1,0 +1,114 @@
+// Where the rays optics traces more: pixels that differ from a neighbour.
+#include "sim/sensors/camera/uneven_pixels.h"
+
+#include <limits>
+
+#include "tests/sim/sensors/camera/plate_world.h"
+
+namespace rigor::test {
+namespace {
+
+OpticsPicture even_picture(int width_px, int height_px, float radiance) {
+  return {width_px, height_px,
+          std::vector<float>(4 * static_cast<std::size_t>(width_px) * static_cast<std::size_t>(height_px),
+                             radiance)};
+}
+float& at(OpticsPicture& p, int u, int v, std::size_t band) {
+  return p.radiance[4 * static_cast<std::size_t>(v * p.width_px + u) + band];
+}
+bool everywhere(int, int) { return true; }
+constexpr std::array<float, 4> kMean{1, 1, 1, 1};
+
+TEST(UnevenPixels, AreAPixelThatDiffersAndItsNeighbours) {
+  OpticsPicture p = even_picture(9, 7, 1);
+  at(p, 4, 3, 2) = 2.1F;
+  const auto found = uneven_pixels(p, {0, 0, 9, 7}, kMean, 1, everywhere);
+  EXPECT_EQ(found.size(), 9U);
+  for (const PixelPlace& q : found) EXPECT_TRUE(std::abs(q.u - 4) <= 1 && std::abs(q.v - 3) <= 1);
+  at(p, 4, 3, 2) = 1.9F;
+  EXPECT_TRUE(uneven_pixels(p, {0, 0, 9, 7}, kMean, 1, everywhere).empty());
+}
+
+TEST(UnevenPixels, TheContrastIsRelativeToTheMeanOfTheBand) {
+  OpticsPicture p = even_picture(5, 5, 1);
+  at(p, 2, 2, 3) = 2.1F;
+  EXPECT_TRUE(uneven_pixels(p, {0, 0, 5, 5}, {1, 1, 1, 2}, 1, everywhere).empty());
+  EXPECT_EQ(uneven_pixels(p, {0, 0, 5, 5}, {2, 2, 2, 1}, 1, everywhere).size(), 9U);
+  EXPECT_TRUE(uneven_pixels(p, {0, 0, 5, 5}, {0, 0, 0, 0}, 1, everywhere).empty());
+}
+
+TEST(UnevenPixels, OfAPartKnowTheNeighboursBeyondIt) {
+  OpticsPicture p = even_picture(9, 7, 1);
+  at(p, 4, 3, 0) = 3;
+  const auto found = uneven_pixels(p, {5, 4, 4, 3}, kMean, 1, everywhere);
+  EXPECT_EQ(found, (std::vector<PixelPlace>{{5, 4}}));
+}
+
+TEST(UnevenPixels, PlacesWithoutLightAndValuesThatAreNotFiniteDoNotCount) {
+  OpticsPicture p = even_picture(9, 7, 2);
+  at(p, 0, 0, 0) = 0;
+  EXPECT_TRUE(uneven_pixels(p, {0, 0, 9, 7}, kMean, 1, [](int u, int v) { return u > 0 || v > 0; }).empty());
+  EXPECT_EQ(uneven_pixels(p, {0, 0, 9, 7}, kMean, 1, everywhere).size(), 4U);
+  at(p, 0, 0, 0) = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_TRUE(uneven_pixels(p, {0, 0, 9, 7}, kMean, 1, everywhere).empty());
+}
+
+TEST_P(CameraOptics, MoreSamplesInUnevenPixelsTakeTheErrorAwayFromThinThings) {
+  if (!rays()) return;
+  // Bars a quarter of a pixel wide.
+  for (int i = 0; i < 8; ++i)
+    world_.put({0.125F * 3 / 80, 1e-3F, 1}, in_front((i - 4) * 0.2 + 0.011 * i, 0, 3));
+  CameraModel lens = small_camera();
+  CameraModel coloured = lens;
+  coloured.chromatic.magnification = {1.02, 1, 0.97};
+  for (const CameraModel& m : {lens, coloured}) {
+    const OpticsPicture reference = shoot(m, fine());
+    OpticsOptions o = plain();
+    const double few = rms(shoot(m, o), reference);
+    o.uneven_samples = 16;
+    const double more = rms(shoot(m, o), reference);
+    // 1 + 16 samples in place of 1, one of which is not within a stratum of its own.
+    EXPECT_LT(more, 0.35 * few);
+    o.trace_colours = true;
+    EXPECT_LT(rms(shoot(m, o), reference), 0.35 * few);
+  }
+}
+
+TEST_P(CameraOptics, APartIsTheSameAsInTheWholePictureWithMoreSamplesInUnevenPixels) {
+  if (!rays()) return;
+  world_.put({0.15F, 1e-3F, 0.15F}, in_front(0.5, -0.3, 3));
+  world_.put({0.01F, 1e-3F, 0.5F}, in_front(-0.2, 0.1, 3));
+  CameraModel coloured = small_camera();
+  coloured.chromatic.magnification = {1.02, 1, 0.97};
+  for (const CameraModel& m : {small_camera(), coloured})
+    for (const int step : {1, 2}) {
+      OpticsOptions o = plain();
+      o.uneven_samples = 4;
+      o.pixel_step = step;
+      const OpticsPicture whole = shoot(m, o);
+      OpticsRequest part;
+      part.region = {37, 9, 17, 14};
+      const OpticsPicture cut = shoot(m, o, part);
+      for (int v = 0; v < 14; ++v)
+        for (int u = 0; u < 17; ++u)
+          for (int band = 0; band < 4; ++band)
+            ASSERT_EQ(CameraOptics::at(cut, u, v, band), CameraOptics::at(whole, u + 37, v + 9, band))
+                << u << " " << v << " " << band << " step " << step;
+    }
+}
+
+TEST_P(CameraOptics, RefusesSamplesOutOfRange) {
+  if (!rays()) return;
+  OpticsOptions o = plain();
+  for (const int n : {-1, 4097}) {
+    o.uneven_samples = n;
+    auto light = SharedLight::create(nullptr);
+    ASSERT_TRUE(light) << light.error().text();
+    const auto made = make_rays_optics(small_camera(), o, *light);
+    ASSERT_FALSE(made);
+    EXPECT_EQ(made.error().code, ErrorCode::bad_input);
+  }
+}
+
+}  // namespace
+}  // namespace rigor::test
