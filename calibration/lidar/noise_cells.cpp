@@ -21,7 +21,7 @@ double chi_square_quantile(double dof, double z) {
 }
 
 /// Reorders `v`, which is not empty.
-double median(std::vector<double>& v) {
+double median_of(std::vector<double>& v) {
   const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
   std::nth_element(v.begin(), middle, v.end());
   return *middle;
@@ -44,7 +44,7 @@ double mode(std::vector<double>& v, double share) {
 
 /// Median of sizes that are whole multiples of `step` (0: not rounded), as that of what was rounded.
 double median_size(std::vector<double>& v, double step) {
-  const double m = median(v);
+  const double m = median_of(v);
   if (!(step > 0)) return m;
   double below = 0, equal = 0;
   for (const double x : v) below += x < m - 0.5 * step, equal += std::abs(x - m) <= 0.5 * step;
@@ -124,12 +124,12 @@ void NoiseCells::measure(Group& g, double limit_m, bool keep) {
   };
   const auto typical = [&] {
     for (std::size_t i = 0; i < n; ++i) size[i] = std::abs(e[i]);
-    return median(size);
+    return median_of(size);
   };
   // Of a beam that stands still the mode; else least absolute residuals from the median: a third of the shots
   // may lie anywhere.
   size = v;
-  const double centre = g.degree == 0 && n >= kSeries ? mode(size, 0.3) : median(size);
+  const double centre = g.degree == 0 && n >= kSeries ? mode(size, 0.3) : median_of(size);
   for (std::size_t i = 0; i < n; ++i) e[i] = v[i] - centre;
   if (g.degree > 0)
     for (int round = 0; round < 6; ++round) {
@@ -216,8 +216,8 @@ std::vector<double> NoiseCells::typical_variance() const {
     if (logs.empty()) continue;
     std::vector<double> copy = logs, copy_of_dofs = dofs;
     // Few shots scatter a cell's variance so far that a mode says less than the median.
-    if (median(copy_of_dofs) < kSeries) {
-      log_of[k] = median(copy);
+    if (median_of(copy_of_dofs) < kSeries) {
+      log_of[k] = median_of(copy);
       continue;
     }
     log_of[k] = mode(copy, 0.3);
@@ -226,7 +226,7 @@ std::vector<double> NoiseCells::typical_variance() const {
       for (std::size_t i = 0; i < logs.size(); ++i)
         if (logs[i] <= log_of[k] + std::log(chi_square_quantile(dofs[i], kOneInTenThousand)))
           copy.push_back(logs[i]);
-      log_of[k] = median(copy);
+      log_of[k] = median_of(copy);
     }
   }
   // Noise changes steadily with remission: a running median over half of the bins follows it, and not a bin
@@ -241,7 +241,7 @@ std::vector<double> NoiseCells::typical_variance() const {
       if (std::isfinite(log_of[j])) window.push_back(log_of[j]);
     const bool plain = groups[by[first_of(k)]].cell.remission <= 1;
     if (bins >= 5 && !window.empty() && (plain || inside || !std::isfinite(log_typical))) {
-      const double most = median(window) + std::log(inside ? 1.5 : 4.0);
+      const double most = median_of(window) + std::log(inside ? 1.5 : 4.0);
       log_typical = std::isfinite(log_typical) ? std::min(log_typical, most) : most;
     }
     for (std::size_t i = first_of(k); i < first_of(k + 1); ++i)
@@ -258,7 +258,7 @@ void NoiseCells::choose() {
   std::vector<double> correlations;
   for (const Group& g : groups)
     if (g.cell.dof >= 1 && g.pairs >= kSeries) correlations.push_back(g.correlation);
-  const double common = correlations.empty() ? 0 : std::max(0.0, median(correlations));
+  const double common = correlations.empty() ? 0 : std::max(0.0, median_of(correlations));
   for (Group& g : groups)
     g.moved = g.pairs >= kSeries && (g.correlation - common) * std::sqrt(g.pairs) > kOneInTenThousand;
   typical = typical_variance();

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 
 #include "calibration/core/chi_squared.h"
 #include "calibration/core/least_squares.h"
