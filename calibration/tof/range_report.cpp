@@ -106,6 +106,7 @@ Eigen::MatrixXd RangeProblem::with_next_harmonic(const RangeModel& m, const Rang
   std::vector<Eigen::Index> kept;
   for (Eigen::Index i = 0; i < all.rows(); ++i)
     if (i != at) kept.push_back(i);
+  const Eigen::MatrixXd out = all(kept, kept);
   // Knowing less makes nothing surer: where rounding of a direction that is free says so, the first stands.
   for (Eigen::Index i = 0; i < out.rows(); ++i)
     if (!(out(i, i) >= (1 - 1e-6) * covariance(i, i))) return covariance;
