@@ -44,7 +44,8 @@ std::optional<ouster::ImageOptions> image_of(const ConvertOptions& options) {
 Result<RecordingInput> read_scans(const ConvertOptions& options, const TakeSample& take) {
   const std::filesystem::path& file = options.input;
   if (network::is_pcap(file)) {
-    if (options.metadata.empty() && is_livox_recording(file)) return read_livox_recording(file, take);
+    if (options.metadata.empty() && options.image.empty() && is_livox_recording(file))
+      return read_livox_recording(file, take);
     const auto metadata = options.metadata.empty() ? ouster_metadata_beside(file) : options.metadata;
     if (!metadata.empty()) return read_ouster_recording(file, metadata, take, image_of(options));
     if (options.image.empty()) return read_velodyne_recording(file, take);

@@ -6,8 +6,7 @@ void SensorSource::open_readings(std::size_t buffers, Feed feed) {
   feed_ = feed;
   in_run_.reset();
   last_reading_release_ = {};
-  description_.max_bytes = 0;
-  open_stream(buffers, 0, feed == Feed::virtual_time);
+  open_clouds(buffers, 0, feed);  // readings lie in their info alone
 }
 
 void SensorSource::hand_reading(const Reading& r) noexcept {

@@ -1,5 +1,6 @@
 #include "drivers/livox/livox_backend.h"
 
+#include <algorithm>
 #include <fstream>
 #include <memory>
 
@@ -14,11 +15,14 @@ std::vector<FoundDevice> find_livox() {
   std::vector<FoundDevice> found;
   // Broadcasts do not reach this machine's loopback, where emulators are.
   for (const char* to : {"255.255.255.255", "127.0.0.1"})
-    for (const livox::FoundLidar& f : livox::search_lidars(to, livox::kSearchPort, milliseconds(200)))
+    for (const livox::FoundLidar& f : livox::search_lidars(to, livox::kSearchPort, milliseconds(200))) {
+      const auto same = [&](const FoundDevice& d) { return d.id == f.serial; };
+      if (std::any_of(found.begin(), found.end(), same)) continue;
       found.push_back(
           {"livox", f.serial,
            f.type == livox::kMid360Type ? std::string("Mid-360") : "of device type " + std::to_string(f.type),
            f.address});
+    }
   return found;
 }
 

@@ -32,6 +32,9 @@ Result<FileDescriptor> listen_at(const std::string& address, std::uint16_t& port
   at.sin_port = htons(port);
   const int on = 1;
   (void)inet_pton(AF_INET, address.c_str(), &at.sin_addr);
+  // Broadcasts reach each device of this machine.
+  if (fd && at.sin_addr.s_addr == INADDR_ANY)
+    (void)setsockopt(fd.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
   if (!fd || setsockopt(fd.get(), SOL_SOCKET, SO_BROADCAST, &on, sizeof on) != 0 ||
       bind(fd.get(), reinterpret_cast<const sockaddr*>(&at), sizeof at) != 0)
     return fail(ErrorCode::unavailable, where,

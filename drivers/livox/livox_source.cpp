@@ -249,14 +249,11 @@ void LivoxSource::run_network() {
 
 void LivoxSource::run_file() {
   pthread_setname_np(pthread_self(), "livox-file");
-  const auto t0 = origin().wait(deadline_);
-  if (!t0) return;
-  while (const auto item = feed_->next(*t0)) {
-    if (!deadline_.wait_until(MonotonicTime(item->due.ns()))) return;
-    take(item->datagram.payload, item->due);
+  const auto take_one = [this](Bytes datagram, BenchTime due) {
+    take(datagram, due);
     publish();
-  }
-  end_of_file();
+  };
+  if (feed_->play(origin(), deadline_, take_one)) end_of_file();
 }
 
 void LivoxSource::end_of_file() {
@@ -268,12 +265,9 @@ void LivoxSource::end_of_file() {
 void LivoxSource::complete_until(BenchTime now) {
   if (!feed_) return;
   // On until a sample is there that is not released yet: what is released later was captured later.
-  while (!feed_->ended() && !handed_past(now)) {
-    if (const auto item = feed_->next(t0_))
-      take(item->datagram.payload, item->due);
-    else
-      end_of_file();
-  }
+  const auto more = [this, now] { return !handed_past(now); };
+  if (feed_->play_while(more, t0_, [this](Bytes datagram, BenchTime due) { take(datagram, due); }))
+    end_of_file();
   publish();
 }
 

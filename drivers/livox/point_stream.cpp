@@ -43,11 +43,13 @@ bool PointStream::in_order(const Packet& packet, DeviceTime t) {
     return false;
   }
   if (set || step <= 0) {
-    // What a device that goes back has lost is not known.
+    // What a device that goes back has lost is not known: the frame that was begun, or would have been next.
     ++counters_.clock_steps;
+    if (started_) {
+      sequence_ += open_ ? 1 : 2;
+      ++lost_clouds_;
+    }
     forget();
-    ++sequence_;
-    ++lost_clouds_;
     return true;
   }
   const std::int64_t by_time = std::max<std::int64_t>(0, (step + filled_ns_ / 2) / filled_ns_ - 1);

@@ -53,7 +53,8 @@ void TcpServer::accept(const Port& port) {
   const auto here = std::count_if(connections_.begin(), connections_.end(),
                                   [&](const Connection& c) { return c.port == &port; });
   if (static_cast<std::size_t>(here) >= port.limits.clients) return;
-  connections_.push_back({std::move(client.socket), &port, {client.address, {}, {}, false, {}}, monotonic_now()});
+  connections_.push_back(
+      {std::move(client.socket), &port, {client.address, {}, {}, false, {}}, monotonic_now()});
 }
 
 void TcpServer::send(Connection& c) {

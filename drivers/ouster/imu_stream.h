@@ -1,12 +1,11 @@
 // From IMU packets in the order of their arrival to readings with their place on the bench clock. No socket,
-// no thread. IMU packets are not numbered: what is missing shows as gaps in the sensor's own time.
+// no thread.
 #pragma once
 
 #include <optional>
 
-#include "drivers/lidar/packet_clock.h"
+#include "drivers/lidar/reading_stream.h"
 #include "drivers/ouster/lidar_packet.h"
-#include "sensor-hal/types/sample.h"
 
 namespace rigor::ouster {
 
@@ -17,30 +16,22 @@ class ImuStream {
     Duration utc_offset{};
     Duration period = milliseconds(10);
   };
-  struct Reading {
-    ImuSample imu;
-    BenchTime t_capture;
-    Duration sigma;
-    std::uint64_t sequence = 0, lost_before = 0;
-    std::uint32_t validity = 0;
-  };
   struct Counters {
-    std::uint64_t packets = 0, malformed = 0, packets_lost = 0, clock_steps = 0;
+    std::uint64_t packets = 0, packets_lost = 0, clock_steps = 0;
+    std::uint64_t malformed = 0;  ///< no IMU packets, and those that are not newer than the one before
   };
 
-  explicit ImuStream(const Options& options);
-  /// I/O thread, no allocation. Empty: no IMU packet, or one that is not newer than the one before.
-  [[nodiscard]] std::optional<Reading> take(Bytes datagram, BenchTime arrival);
-  [[nodiscard]] packet_lidar::PacketClock& clock() { return clock_; }
-  [[nodiscard]] const Counters& counters() const { return counters_; }
+  explicit ImuStream(const Options& options) : readings_({options.time, options.period}) {
+    readings_.clock().set_utc_offset(options.utc_offset);
+  }
+  /// I/O thread, no allocation. Empty: malformed.
+  [[nodiscard]] std::optional<packet_lidar::Reading> take(Bytes datagram, BenchTime arrival);
+  [[nodiscard]] packet_lidar::PacketClock& clock() { return readings_.clock(); }
+  [[nodiscard]] Counters counters() const;
 
  private:
-  Options options_;
-  packet_lidar::PacketClock clock_;
-  bool any_ = false;
-  DeviceTime last_;
-  std::uint64_t sequence_ = 0;
-  Counters counters_;
+  packet_lidar::ReadingStream readings_;
+  std::uint64_t malformed_ = 0;
 };
 
 }  // namespace rigor::ouster

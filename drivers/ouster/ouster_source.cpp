@@ -67,7 +67,6 @@ Status OusterSource::do_arm(const ArmContext& context) {
 }
 
 Status OusterSource::open_frames(const Metadata& m, Feed feed) {
-  how_ = feed;
   initialization_id_ = m.initialization_id;
   const Duration utc_offset = settings_.utc_offset.value_or(
       m.timestamp_mode == "TIME_FROM_PTP_1588" && feed == Feed::live ? seconds(-37) : Duration(0));
@@ -77,9 +76,7 @@ Status OusterSource::open_frames(const Metadata& m, Feed feed) {
     o.utc_offset = utc_offset;
     if (config().period.ns() > 0) o.period = config().period;
     imu_.emplace(o);
-    imu_in_run_.reset();
-    last_imu_release_ = {};
-    open_stream(settings_.buffers, 0, feed == Feed::virtual_time);
+    open_readings(settings_.buffers, feed);
     return {};
   }
   FrameStreamOptions o = settings_.stream;
@@ -208,7 +205,7 @@ void OusterSource::publish() {
     packets_late_.store(c.packets_late, std::memory_order_relaxed);
     clock_steps_.store(c.clock_steps, std::memory_order_relaxed);
   } else if (imu_) {
-    const ImuStream::Counters& c = imu_->counters();
+    const ImuStream::Counters c = imu_->counters();
     packets_.store(c.packets, std::memory_order_relaxed);
     packets_lost_.store(c.packets_lost, std::memory_order_relaxed);
     clock_steps_.store(c.clock_steps, std::memory_order_relaxed);
@@ -217,40 +214,12 @@ void OusterSource::publish() {
 
 void OusterSource::take(Bytes datagram, BenchTime arrival) {
   if (is_imu()) {
-    take_imu(datagram, arrival);
+    if (const auto reading = imu_->take(datagram, arrival)) hand_reading(*reading);
+    count_malformed(imu_->counters().malformed);
     return;
   }
   frames_->take(datagram, arrival, hand());
   count_malformed(frames_->counters().malformed);
-}
-
-void OusterSource::take_imu(Bytes datagram, BenchTime arrival) {
-  const auto r = imu_->take(datagram, arrival);
-  count_malformed(imu_->counters().malformed);
-  if (!r) return;
-  RunSequence::Place place{r->sequence, r->lost_before};
-  if (how_ == Feed::live) {
-    const auto in_run =
-        imu_in_run_.place(origin(), r->t_capture, config().period, r->sequence, r->lost_before);
-    if (!in_run) return;
-    place = *in_run;
-  }
-  if (place.lost > 0) count_lost(place.lost);
-  SampleSlot slot = take_slot();
-  last_imu_release_ = r->t_capture + config().latency;
-  if (slot) {
-    Sample& s = *slot;
-    s.size_bytes = 0;
-    s.info = r->imu;
-    s.stamp = {};
-    s.stamp.sequence = place.sequence;
-    s.stamp.t_capture = r->t_capture;
-    s.stamp.t_release = last_imu_release_;
-    s.stamp.t_arrival = how_ == Feed::virtual_time ? last_imu_release_ : bench_now();
-    s.stamp.sigma_capture = r->sigma;
-    s.stamp.validity = r->validity;
-  }
-  hand_over(std::move(slot));
 }
 
 void OusterSource::on_epoch(const EpochPair& epoch) {
@@ -329,7 +298,7 @@ void OusterSource::end_of_file() {
 void OusterSource::complete_until(BenchTime now) {
   if (!feed_) return;
   // On until a sample is there that is not released yet: what is released later was captured later.
-  const auto more = [&] { return is_imu() ? last_imu_release_ <= now : !handed_beyond(now); };
+  const auto more = [&] { return !handed_past(now); };
   if (feed_->play_while(more, t0_, [this](Bytes d, BenchTime t) { take(d, t); })) end_of_file();
   publish();
 }

@@ -17,7 +17,7 @@
 #include <optional>
 #include <thread>
 
-#include "drivers/lidar/cloud_source.h"
+#include "drivers/lidar/sensor_source.h"
 #include "drivers/network/pcap_feed.h"
 #include "drivers/ouster/imu_stream.h"
 #include "drivers/ouster/ouster_settings.h"
@@ -28,7 +28,7 @@
 
 namespace rigor::ouster {
 
-class OusterSource final : public packet_lidar::CloudSource, private PortClient {
+class OusterSource final : public packet_lidar::SensorSource, private PortClient {
  public:
   ~OusterSource() override;
   void complete_until(BenchTime now) override;
@@ -56,7 +56,6 @@ class OusterSource final : public packet_lidar::CloudSource, private PortClient 
   Status arm_file(bool virtual_time);
   /// Memory and decoder for a sensor like this.
   Status open_frames(const Metadata& metadata, Feed feed);
-  [[nodiscard]] bool is_imu() const { return description_.kind == SampleKind::imu; }
   [[nodiscard]] std::uint16_t port_of(const Metadata& metadata) const;
   [[nodiscard]] SensorAddress sensor() const;
   void run_file();
@@ -65,7 +64,6 @@ class OusterSource final : public packet_lidar::CloudSource, private PortClient 
   void on_packets(std::span<const network::UdpReceiver::Datagram> batch) override;
   void on_turn(SensorPort& port) override;
   void take(Bytes datagram, BenchTime arrival);
-  void take_imu(Bytes datagram, BenchTime arrival);
   void end_of_file();
   void publish();
   [[nodiscard]] std::uint64_t good_packets() const;
@@ -74,14 +72,11 @@ class OusterSource final : public packet_lidar::CloudSource, private PortClient 
   std::vector<std::string> warnings_;
   std::optional<FrameStream> frames_;
   std::optional<ImuStream> imu_;
-  RunSequence imu_in_run_;
   std::uint32_t sensor_ipv4_ = 0;
   std::shared_ptr<SensorPort> port_;
   std::optional<network::PcapFeed> feed_;
-  Feed how_ = Feed::live;
   BenchTime t0_, t_last_packet_, t_last_datagram_;  ///< datagram: of anyone
   std::uint32_t initialization_id_ = 0;
-  BenchTime last_imu_release_;
   Deadline deadline_;
   Backoff fetch_;
   std::uint64_t other_seen_ = 0, malformed_seen_ = 0;

@@ -90,8 +90,8 @@ TEST_F(Calibrate, LidarFromARecording) {
   expect_report("report", "LiDAR calibration");
   const auto sensor_model = load_lidar_model(dir / "top.yaml");
   ASSERT_TRUE(sensor_model) << sensor_model.error().text();
-  // The scans were drawn from the base, whose beams have no biases: nothing that is fitted predicts better, and
-  // beams stay where they are.
+  // The scans were drawn from the base, whose beams have no biases: nothing that is fitted predicts better,
+  // and beams stay where they are.
   EXPECT_GE(j["scans"].get<int>(), 20);
   EXPECT_NEAR(j["held_out_rms_m"].get<double>(), j["held_out_uncorrected_rms_m"].get<double>(), 5e-4);
   const auto base = load_lidar_model(sensor("velodyne-vlp16"));
@@ -99,7 +99,8 @@ TEST_F(Calibrate, LidarFromARecording) {
   ASSERT_EQ(sensor_model->scan.beams.size(), 16u);
   for (std::size_t i = 0; i < 16; ++i)
     EXPECT_NEAR(sensor_model->scan.beams[i].elevation_rad, base->scan.beams[i].elevation_rad, 1e-3) << i;
-  // Its noise is 6.33 mm over remission + 0.172: 30.9 mm at the darkest that is there, 0.033, and 7.7 mm at 0.65.
+  // Its noise is 6.33 mm over remission + 0.172: 30.9 mm at the darkest that is there, 0.033, and 7.7 mm at
+  // 0.65.
   EXPECT_GT(j["shot_sigma_m"].get<double>(), 0.0077);
   EXPECT_LT(j["shot_sigma_m"].get<double>(), 0.0309);
 }

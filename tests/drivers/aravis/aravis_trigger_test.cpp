@@ -211,7 +211,7 @@ TEST(AravisPtp, TheOffsetIsPartOfTheUncertaintyAndAClockWithoutAMasterIsWarnedOf
   EXPECT_TRUE(poll_until(source, seen, [&] {
     return !seen.empty() && seen.back().stamp.sigma_capture > microseconds(300);
   })) << "sigma does not know of the offset";
-  EXPECT_THAT(source.warnings(), testing::IsEmpty()) << "a clock that follows its master is no trouble";
+  EXPECT_THAT(source.warnings(), ::testing::IsEmpty()) << "a clock that follows its master is no trouble";
   ASSERT_TRUE(source.stop());
 
   config.ptp.settle = seconds(3600);

@@ -117,7 +117,7 @@ TEST_F(KernelU3v, AravisStreamsFromItUnpluggedAndBack) {
       return seen.size() >= before + n;
     });
   };
-  EXPECT_TRUE(receive(15, seconds(40)));
+  EXPECT_TRUE(receive(10, seconds(40)));
   auto h = camera->health();
   std::printf("before it is unplugged: %lu frames sent, %zu received, %lu dropped, %lu cut\n", h.frames_sent,
               seen.size(), h.frames_dropped, h.frames_cut);
@@ -127,7 +127,7 @@ TEST_F(KernelU3v, AravisStreamsFromItUnpluggedAndBack) {
   const std::size_t before = seen.size();
   camera->plug();
   attach();
-  EXPECT_TRUE(receive(10, seconds(60)));
+  EXPECT_TRUE(receive(6, seconds(60)));
   ASSERT_TRUE(source.stop());
   h = camera->health();
   std::uint64_t missing = 0;

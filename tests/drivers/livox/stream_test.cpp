@@ -151,9 +151,20 @@ TEST(LivoxStream, ADeviceThatIsSwitchedOnAnewBeginsAnew) {
   for (std::uint64_t j = 0; j < 20; ++j) stream.take(plain_packet(j), BenchTime(0), got.hand);
   ASSERT_EQ(got.clouds.size(), 3u);
   EXPECT_EQ(stream.counters().clock_steps, 1u);
-  EXPECT_GT(got.clouds[1].sequence, got.clouds[0].sequence);
-  EXPECT_GE(got.clouds[1].lost_before, 1u) << "what was begun is lost";
+  EXPECT_EQ(got.clouds[1].lost_before, 1u) << "what was begun is lost";
+  EXPECT_EQ(got.clouds[1].sequence, got.clouds[0].sequence + 1 + got.clouds[1].lost_before);
   EXPECT_EQ(got.clouds[1].t.ns(), 0);
+  EXPECT_EQ(got.clouds[2].sequence, got.clouds[1].sequence + 1);
+}
+
+TEST(LivoxStream, ADeviceThatBeginsAnewAfterAWholeFrameHasLostTheNext) {
+  PointStream stream(short_frames());
+  Collector got;
+  for (std::uint64_t j = 1000; j < 1010; ++j) stream.take(plain_packet(j), BenchTime(0), got.hand);
+  for (std::uint64_t j = 3; j < 30; ++j) stream.take(plain_packet(j), BenchTime(0), got.hand);
+  ASSERT_EQ(got.clouds.size(), 3u);
+  EXPECT_EQ(got.clouds[1].lost_before, 1u);
+  EXPECT_EQ(got.clouds[1].sequence, got.clouds[0].sequence + 1 + got.clouds[1].lost_before);
   EXPECT_EQ(got.clouds[2].sequence, got.clouds[1].sequence + 1);
 }
 

@@ -11,6 +11,7 @@
 #include "drivers/ouster/ouster_source.h"
 #include "drivers/ouster/ouster_virtual_source.h"
 #include "rt-core/byte_order.h"
+#include "rt-core/file_descriptor.h"
 #include "tests/drivers/network/free_ports.h"
 #include "tests/drivers/ouster/record_sensor.h"
 #include "tests/sensor-hal/channel/test_sources.h"
@@ -350,6 +351,15 @@ TEST(OusterSource, ConfiguresTheSensorAndFollowsWhenAnotherClientDoes) {
   ASSERT_TRUE(source.start(bench_now()));
   std::vector<SampleLease> got;
   ASSERT_TRUE(poll_until(source, got, [&] { return got.size() >= 2; }));
+  // A channel that asks for what is there already leaves the sensor as it is.
+  const std::string before = device.ask("GET", "/api/v1/sensor/metadata/sensor_info").body;
+  OusterSource second;
+  ASSERT_TRUE(second.configure(
+      config_of("{configure: {udp_dest: auto, operating_mode: NORMAL}, " + device.host() + "}")));
+  const auto as_it_is = second.arm({});
+  ASSERT_TRUE(as_it_is) << as_it_is.error().text();
+  ASSERT_TRUE(second.stop());
+  EXPECT_EQ(device.ask("GET", "/api/v1/sensor/metadata/sensor_info").body, before);
   EXPECT_EQ(device.ask("POST", "/api/v1/sensor/config", R"({"azimuth_window": [270000, 90000]})").status,
             200);
   const auto windowed = [&] {
@@ -415,6 +425,40 @@ TEST(OusterSource, SharesTheSensorsPortWithOtherChannels) {
   EXPECT_TRUE(free.open("0.0.0.0", device.port[0], 65536));
   ASSERT_TRUE(points.stop());
   ASSERT_TRUE(range.stop());
+}
+
+TEST(OusterSource, PassesOverPacketsOfOtherSenders) {
+  Device device;
+  ASSERT_TRUE(device.start());
+  OusterSource source;
+  ASSERT_TRUE(source.configure(config_of("{buffers: 32, " + device.host() + "}")));
+  const auto s = source.arm({});
+  ASSERT_TRUE(s) << s.error().text();
+  ASSERT_TRUE(source.start(bench_now()));
+  std::vector<SampleLease> got;
+  ASSERT_TRUE(poll_until(source, got, [&] { return !got.empty(); }));
+  // A whole packet of the same sort, from another address.
+  const auto m = fetch_metadata({"127.0.0.1", device.http, 0, -1}, monotonic_now() + seconds(10));
+  ASSERT_TRUE(m);
+  LidarPacketWriter packet(layout_of(*m));
+  packet.set_header(60'000, m->initialization_id, 1);
+  for (std::uint32_t i = 0; i < 16; ++i) packet.set_column(i, 1, static_cast<std::uint16_t>(i), true);
+  const FileDescriptor other(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  sockaddr_in at{};
+  at.sin_family = AF_INET;
+  at.sin_addr.s_addr = htonl(0x7F000002);
+  ASSERT_EQ(bind(other.get(), reinterpret_cast<sockaddr*>(&at), sizeof at), 0);
+  at.sin_addr.s_addr = htonl(0x7F000001);
+  at.sin_port = htons(device.port[0]);
+  for (int i = 0; i < 5; ++i)
+    EXPECT_GT(sendto(other.get(), packet.bytes().data(), packet.bytes().size(), 0,
+                     reinterpret_cast<sockaddr*>(&at), sizeof at),
+              0);
+  const std::size_t before = got.size();
+  ASSERT_TRUE(
+      poll_until(source, got, [&] { return source.counters().foreign == 5 && got.size() >= before + 2; }));
+  EXPECT_EQ(source.counters().clock_steps, 0u);
+  ASSERT_TRUE(source.stop());
 }
 
 /// What an emulated sensor sends: the timestamp at which it is at `column`, of its first whole packets.
