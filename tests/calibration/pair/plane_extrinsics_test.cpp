@@ -227,9 +227,10 @@ TEST(PlaneExtrinsics, NoiseThatWasStatedTooSmallIsNamedAndEnlargesTheUncertainti
   for (std::uint32_t seed = 0; seed < kFits; ++seed) {
     const auto fit = fit_plane_extrinsics(seen(seed, w), {.sigma_point_m = w.sigma_m / 1.4});
     ASSERT_TRUE(fit) << fit.error().text();
-    ASSERT_EQ(fit->result.warnings.size(), 1u);
-    EXPECT_NE(fit->result.warnings[0].find("the uncertainties were enlarged"), std::string::npos)
-        << fit->result.warnings[0];
+    bool named = false;
+    for (const auto& text : fit->result.warnings)
+      named = named || text.find("the uncertainties were enlarged") != std::string::npos;
+    EXPECT_TRUE(named) << seed;
     const auto e = error_of(*fit);
     chi2 += e.dot(fit->result.covariance.ldlt().solve(e));
   }

@@ -68,7 +68,7 @@ TEST(RangeFit, ChoosesTheHarmonicsThatAreThere) {
 
 TEST(RangeFit, ChoosesNoMoreHarmonicsThanThereAre) {
   int more = 0;
-  for (std::uint64_t seed = 0; seed < 8; ++seed) {
+  for (std::uint64_t seed = 0; seed < 4; ++seed) {
     SyntheticTof t{.model = small_tof(12, 9), .distance_sigma_m = 3e-4};
     t.model.modulation.harmonics = {0.05, 0, 0, 0};
     t.remission = 1;
@@ -108,7 +108,7 @@ TEST(RangeFit, ChoosesTheErrorOfTheAmplitudeWhereThereIsOne) {
 /// other, and its sigma says so. The curve of the error is known all the same.
 TEST(RangeFit, TheSigmaOfAHarmonicThatStandsForTwoHoldsTheOther) {
   int alone = 0;
-  for (std::uint64_t seed = 0; seed < 4; ++seed) {
+  for (std::uint64_t seed = 0; seed < 2; ++seed) {
     const SyntheticTof t{.model = small_tof(12, 9), .offset_m = 0.02, .distance_sigma_m = 1e-3};
     RangeFitOptions o;
     o.distance_sigma_m = 1e-3;
