@@ -18,10 +18,17 @@ constexpr Duration kSilence = seconds(4);           // of the member that feeds 
 constexpr Duration kLatest = microseconds(500);     // before the exposure: later there is no use in a command
 constexpr Duration kNearInstant = milliseconds(2);  // an exposure further from every command obeys none
 
+constexpr Duration kGoodJitter = microseconds(100);
+
 }  // namespace
 
+bool ActionStatistics::good() const {
+  // The newest commands may be on their way, as may the frames of the newest exposures.
+  const bool exposing = in_time < 20 || exposed * 2 >= in_time;
+  return late + refused + not_sent == 0 && sent - in_time <= 1 && exposing && jitter_max < kGoodJitter;
+}
+
 std::string ActionStatistics::text() const {
-  if (sent + not_sent == 0) return {};
   const auto us = [](Duration d) { return static_cast<double>(d.ns()) * 1e-3; };
   return fmt::format(
       "{} action commands, {} in time, {} late, {} refused{}, {} not answered, {} not sent; answers after "

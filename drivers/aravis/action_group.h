@@ -69,8 +69,9 @@ struct ActionStatistics {
   Duration jitter_mean,
       jitter_max;       ///< magnitude, of exposures against their instants, by the camera's clock
   std::string refusal;  ///< the first one
-  /// For people. Empty where no command was due.
-  [[nodiscard]] std::string text() const;
+  /// All commands were obeyed in time, and exposures began when they were asked for.
+  [[nodiscard]] bool good() const;
+  [[nodiscard]] std::string text() const;  ///< for people
 };
 
 /// One camera's commands. Two threads: one sends and receives, one tells of exposures.

@@ -132,10 +132,11 @@ AravisSource::Counters AravisSource::counters() const {
 }
 
 std::vector<std::string> AravisSource::warnings() const {
-  const Impl& i = *impl_;
+  Impl& i = *impl_;
   std::vector<std::string> all;
-  if (const std::string told = i.actions.statistics().text(); !told.empty())
-    all.push_back(i.config.name + ": " + told);
+  i.actions.receive();
+  if (const ActionStatistics a = i.actions.statistics(); !a.good())
+    all.push_back(i.config.name + ": " + a.text());
   const std::lock_guard lock(i.ptp_mutex);
   if (!i.strange.empty()) all.push_back(i.config.name + ": frames that could not be used: " + i.strange);
   if (!i.settings.ptp || i.ptp_status == "Slave") return all;

@@ -52,6 +52,12 @@ Backend livox_backend() {
     return std::make_unique<livox::VirtualSource>(std::move(parts), std::move(params));
   };
   b.reads_recording = [](const ConfigNode& params) { return params.has("file"); };
+  b.gives_typed_samples = true;
+  b.files = [](const ConfigNode& params) {
+    std::vector<std::filesystem::path> files;
+    if (params.has("pcap")) files.emplace_back(params.text("pcap"));
+    return files;
+  };
   b.find_devices = find_livox;
   b.doctor = livox_doctor;
   return b;

@@ -7,7 +7,7 @@ namespace rigor::livox {
 namespace {
 
 constexpr std::int64_t kPacket_ns = kPoint_ns * kDots;
-constexpr std::int64_t kAway_ns = 10'000'000'000, kOvertaken_ns = 20'000'000;
+constexpr std::int64_t kAway_ns = 10'000'000'000, kOvertaken_ns = 20'000'000, kHeldUp_ns = 500'000'000;
 
 }  // namespace
 
@@ -33,10 +33,12 @@ void PointStream::forget() {
 }
 
 /// Whether a packet goes on where the last one ended, however much later. Counts what is missing in between.
-bool PointStream::in_order(const Packet& packet, DeviceTime t) {
-  const bool set = std::exchange(time_type_, packet.time_type()) != packet.time_type();
+bool PointStream::in_order(const Packet& packet, DeviceTime t, BenchTime arrival) {
+  bool set = std::exchange(time_type_, packet.time_type()) != packet.time_type();
   if (!any_packet_) return true;
   const std::int64_t step = (t - t_last_).ns();
+  // Later than its clock says: it was switched off meanwhile. (Its clock may be anywhere then.)
+  set = set || (arrival - t_last_arrival_).ns() - step > kHeldUp_ns;
   const std::uint16_t ahead = static_cast<std::uint16_t>(packet.udp_count() - last_count_);
   if (!set && step <= 0 && step > -kOvertaken_ns && (ahead == 0 || ahead > 0x8000)) {
     ++counters_.packets_late;
@@ -50,6 +52,7 @@ bool PointStream::in_order(const Packet& packet, DeviceTime t) {
       ++lost_clouds_;
     }
     forget();
+    clock_.reset();
     return true;
   }
   const std::int64_t by_time = std::max<std::int64_t>(0, (step + filled_ns_ / 2) / filled_ns_ - 1);
@@ -108,12 +111,13 @@ void PointStream::take(Bytes datagram, BenchTime arrival, const packet_lidar::Ha
   data_type_ = packet->data_type();
   // Three centuries; more is no time.
   const DeviceTime t(static_cast<std::int64_t>(packet->timestamp_ns() & 0x3FFF'FFFF'FFFF'FFFF));
-  if (!in_order(*packet, t)) return;
+  if (!in_order(*packet, t, arrival)) return;
   const std::uint32_t dots = packet->dots();
   filled_ns_ =
       dots > 1 && packet->interval_ns() > 0 ? packet->interval_ns() * dots / (dots - 1) : kPoint_ns * dots;
   any_packet_ = true;
   t_last_ = t;
+  t_last_arrival_ = arrival;
   last_count_ = packet->udp_count();
   if (options_.time == packet_lidar::TimeSource::utc)
     clock_.set_utc_offset(options_.utc_offset.value_or(utc_less(time_type_)));

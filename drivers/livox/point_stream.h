@@ -63,7 +63,7 @@ class PointStream {
   [[nodiscard]] std::size_t max_points() const { return max_points_; }
 
  private:
-  [[nodiscard]] bool in_order(const Packet& packet, DeviceTime t);
+  [[nodiscard]] bool in_order(const Packet& packet, DeviceTime t, BenchTime arrival);
   void lose(std::uint64_t packets, DeviceTime from, DeviceTime to);
   void forget();
   void begin(std::int64_t frame, DeviceTime first);
@@ -77,7 +77,8 @@ class PointStream {
   DataType data_type_ = DataType::cartesian_mm;
 
   bool any_packet_ = false;
-  DeviceTime t_last_;           ///< of the last packet's first point
+  DeviceTime t_last_;  ///< of the last packet's first point
+  BenchTime t_last_arrival_;
   std::int64_t filled_ns_ = 0;  ///< what it took
   std::uint16_t last_count_ = 0;
   DeviceTime lost_from_, lost_to_;  ///< what is missing last; empty where equal

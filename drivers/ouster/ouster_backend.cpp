@@ -36,6 +36,7 @@ Backend ouster_backend() {
     return std::make_unique<ouster::VirtualSource>(std::move(parts), std::move(params));
   };
   b.reads_recording = [](const ConfigNode& params) { return params.has("file"); };
+  b.gives_typed_samples = true;
   b.doctor = ouster_doctor;
   return b;
 }

@@ -68,6 +68,8 @@ Status OusterSource::do_arm(const ArmContext& context) {
 
 Status OusterSource::open_frames(const Metadata& m, Feed feed) {
   initialization_id_ = m.initialization_id;
+  frames_.reset();
+  imu_.reset();
   const Duration utc_offset = settings_.utc_offset.value_or(
       m.timestamp_mode == "TIME_FROM_PTP_1588" && feed == Feed::live ? seconds(-37) : Duration(0));
   if (is_imu()) {
@@ -163,8 +165,8 @@ Status OusterSource::arm_file(bool virtual_time) {
   if (!feed)
     return fail(feed.error().code, config().name,
                 feed.error().text() + " (packets of " + std::to_string(size) + " bytes, by the metadata)");
-  feed_.emplace(std::move(*feed));
   if (auto s = open_frames(*m, virtual_time ? Feed::virtual_time : Feed::recording); !s) return s;
+  feed_.emplace(std::move(*feed));
   health_.connected = true;
   if (!virtual_time) thread_ = std::thread([this] { run_file(); });
   return {};

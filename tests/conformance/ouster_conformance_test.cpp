@@ -41,7 +41,7 @@ class VirtualImage final : public Virtual {
  public:
   ChannelConfig config() override { return config_of("{buffers: 8}", SampleKind::image); }
   ChannelConfig config_with_unknown_key() override {
-    return config_of("{remission: signal}", SampleKind::image);
+    return config_of("{no_such_key: 1}", SampleKind::image);
   }
 };
 

@@ -98,24 +98,34 @@ TEST_P(WholeRig, RunsWithFaultsSwitchesAndALiveClientToItsEnd) {
   ASSERT_TRUE(viewer.subscribed());
   ASSERT_TRUE((*bench)->start());
 
-  std::vector<std::string> pairs;
-  for (const auto& c : (*bench)->rig().channels)
-    if (c.is_pair) pairs.push_back(c.name);
+  std::vector<std::string> pairs, disturbed;
+  for (const auto& c : (*bench)->rig().channels) {
+    if (!c.is_pair) {
+      disturbed.push_back(c.name);
+      continue;
+    }
+    pairs.push_back(c.name);
+    disturbed.push_back(c.name + ".real");
+    disturbed.push_back(c.name + ".simulated");
+  }
   std::atomic<bool> over{false};
+  std::promise<void> once;
   int injected = 0, switched = 0;
   std::thread disturber([&] {
     for (int k = 0; !over; ++k) {
-      for (const auto& c : (*bench)->rig().channels)
+      for (const std::string& channel : disturbed)
         for (const char* fault :
              {"{ kind: drop, probability: 0.3, for_s: 0.02 }", "{ kind: jitter, max_ms: 5, for_s: 0.02 }",
               "{ kind: disconnect, for_s: 0.01 }"})
-          injected += (*bench)->inject_fault(c.name, std::string(fault)).has_value();
+          injected += (*bench)->inject_fault(channel, std::string(fault)).has_value();
       for (const std::string& pair : pairs)
         switched += (*bench)->switch_pair(pair, k % 2 == 0 ? "simulated" : "real").has_value();
+      if (k == 0) once.set_value();
       (void)(*bench)->clear_faults();
       std::this_thread::yield();
     }
   });
+  once.get_future().wait();
   Result<bool> more = true;
   while (more && *more) more = (*bench)->step();
   over = true;

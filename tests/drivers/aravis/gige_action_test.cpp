@@ -1,6 +1,9 @@
 // Action commands at the emulated camera, and the clock and bookkeeping of whoever sends them.
 #include <gtest/gtest.h>
 
+#include <cstdlib>
+
+#include "drivers/aravis/action_group.h"
 #include "drivers/aravis/gige_client.h"
 #include "drivers/aravis/gige_memory_link.h"
 
@@ -203,6 +206,62 @@ TEST(GigeAction, WhatIsScheduledEndsWithControl) {
   EXPECT_TRUE(rig.client.write(reg::kTriggerSource, reg::kTriggerSourceSoftware));
   EXPECT_EQ(rig.act(rig.in(milliseconds(5))), GvStatus::success);
   EXPECT_TRUE(rig.run(milliseconds(50)).empty());
+}
+
+TEST(ActionGroup, GivesEveryMemberTheSameTimeForOneInstant) {
+  const auto group = ActionGroup::join(1, 2);
+  EXPECT_EQ(ActionGroup::join(1, 2), group);
+  EXPECT_NE(ActionGroup::join(1, 3), group);
+  EXPECT_NE(ActionGroup::join(2, 2), group);
+  const BenchTime t(50'000'000'000);
+  EXPECT_FALSE(group->time_of(t)) << "no clock yet";
+  const int a = 0, b = 0;
+  const Duration ahead = seconds(7);
+  const auto latch = [&](const void* member, BenchTime at, Duration off) {
+    group->add_latch(member, DeviceTime((at + ahead + off).ns()), at - microseconds(20),
+                     at + microseconds(20));
+  };
+  for (int n = 0; n < 5; ++n) latch(&a, t + milliseconds(100) * n, {});
+  const BenchTime due = t + seconds(1);
+  const auto x = group->time_of(due);
+  ASSERT_TRUE(x);
+  EXPECT_LT(std::abs(x->ns() - (due + ahead).ns()), 50'000);
+  for (int n = 5; n < 9; ++n) latch(&a, t + milliseconds(100) * n, microseconds(9));
+  EXPECT_EQ(group->time_of(due), x) << "whoever asks later";
+  EXPECT_NE(group->time_of(due + milliseconds(40)), x);
+  // Another member's latches do not move the clock while the first one's come.
+  const BenchTime later = t + seconds(2);
+  EXPECT_EQ(group->distance(DeviceTime((later + ahead).ns()), later, later + microseconds(40)), Duration());
+  EXPECT_GT(group->distance(DeviceTime((later + ahead + seconds(1)).ns()), later, later), milliseconds(900));
+  EXPECT_GT(group->distance(DeviceTime((later + ahead - seconds(1)).ns()), later, later), milliseconds(900));
+  for (int n = 0; n < 5; ++n) latch(&b, later + milliseconds(100) * n, seconds(1));
+  EXPECT_LT(std::abs(group->time_of(later)->ns() - (later + ahead).ns()), 100'000);
+  // When they come no longer, they do.
+  const BenchTime much_later = t + seconds(20);
+  for (int n = 0; n < 5; ++n) latch(&b, much_later + milliseconds(100) * n, seconds(1));
+  EXPECT_LT(std::abs(group->time_of(much_later + seconds(1))->ns() - (much_later + ahead + seconds(2)).ns()),
+            100'000);
+}
+
+TEST(ActionGroup, StatisticsAreGoodWhereAllIsInTime) {
+  ActionStatistics s;
+  EXPECT_TRUE(s.good());
+  s.sent = 101, s.in_time = 100, s.exposed = 97;
+  EXPECT_TRUE(s.good());
+  for (auto field : {&ActionStatistics::late, &ActionStatistics::refused, &ActionStatistics::not_sent}) {
+    ActionStatistics bad = s;
+    bad.*field = 1;
+    EXPECT_FALSE(bad.good());
+  }
+  ActionStatistics unanswered = s;
+  unanswered.in_time = 90;
+  EXPECT_FALSE(unanswered.good());
+  ActionStatistics elsewhere = s;
+  elsewhere.exposed = 3;
+  EXPECT_FALSE(elsewhere.good());
+  s.jitter_max = milliseconds(1);
+  EXPECT_FALSE(s.good());
+  EXPECT_NE(s.text().find("101 action commands, 100 in time"), std::string::npos);
 }
 
 }  // namespace

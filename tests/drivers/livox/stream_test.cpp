@@ -168,6 +168,22 @@ TEST(LivoxStream, ADeviceThatBeginsAnewAfterAWholeFrameHasLostTheNext) {
   EXPECT_EQ(got.clouds[2].sequence, got.clouds[1].sequence + 1);
 }
 
+TEST(LivoxStream, ADeviceThatWasAwayForLongerThanItsClockSaysBeginsAnew) {
+  // Switched off after 10 ms and on again; a second later it is where it was, and a little more.
+  PointStream stream(short_frames(TimeSource::device));
+  Collector got;
+  for (std::uint64_t j = 0; j < 20; ++j)
+    stream.take(plain_packet(j), BenchTime(static_cast<std::int64_t>(j + 1) * kPacketNs), got.hand);
+  for (std::uint64_t j = 40; j < 60; ++j)
+    stream.take(plain_packet(j), BenchTime(1'000'000'000 + static_cast<std::int64_t>(j + 1) * kPacketNs),
+                got.hand);
+  EXPECT_EQ(stream.counters().clock_steps, 1u);
+  EXPECT_EQ(stream.counters().packets_lost, 0u) << "what it lost is not known";
+  ASSERT_EQ(got.clouds.size(), 4u);
+  EXPECT_GT(got.clouds[2].t.ns(), 1'000'000'000);
+  EXPECT_EQ(got.clouds[2].lost_before, 1u);
+}
+
 TEST(LivoxStream, LeavesOutPointsOfLowConfidenceWhereAsked) {
   for (const bool drop : {false, true}) {
     PointStreamOptions o = short_frames();

@@ -138,7 +138,8 @@ TEST(ScipSource, SaysWhatIsWrongAtArm) {
   EXPECT_THAT(problem(e.tty(), milliseconds(25)), HasSubstr("rate_hz: expected 10"));
   EXPECT_THAT(problem("{transport: tty, device: /dev/no-such-scanner}"), HasSubstr("rigor devices"));
   EXPECT_THAT(problem("{transport: tty, device: /dev/null}"), HasSubstr("expected a terminal"));
-  EXPECT_THAT(problem("{transport: tcp, address: 127.0.0.1, port: 1}"), HasSubstr("that listens here, got: Connection refused"));
+  EXPECT_THAT(problem("{transport: tcp, address: 127.0.0.1, port: 1}"),
+              HasSubstr("that listens here, got: Connection refused"));
   EXPECT_THAT(problem(e.tty_with("cluster: 100")), HasSubstr("test.yaml:1:"));
   EXPECT_EQ(problem(e.tty_with("start_step: 100, end_step: 600, cluster: 4, skip: 1"), milliseconds(200)),
             "");

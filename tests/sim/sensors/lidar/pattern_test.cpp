@@ -24,7 +24,7 @@ std::shared_ptr<AnalyticEngine> inside_a_sphere() {
 }
 
 TEST(LidarPattern, LooksWhereTheTableSaysAndWhen) {
-  const LidarModel m = pattern_model("0,0,0\n0.0004,90,0\n0.001,180,30\n0.002,-90,-60\n", 3'000'000, true);
+  const LidarModel m = pattern_model("0,0,0\n0.0004,90,0\n0.001,180,30\n0.002,-90,-60\n", 2'500'000, true);
   AnalyticWorld world;
   const auto s = scan(m, inside_a_sphere(), world);
   ASSERT_EQ(s.points.size(), 4u);
