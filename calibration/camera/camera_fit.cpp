@@ -253,45 +253,32 @@ double rms_of(const std::vector<double>& squares) {
   return squares.empty() ? kNaN : std::sqrt(sum / static_cast<double>(squares.size()));
 }
 
-/// Error on views that the fit has not seen: mean squared error per corner and its standard error over views.
+/// Mean squared error per corner of each view that the fit has not seen. Folds are blocks of views in their
+/// order: in a video the frames before and after a withheld one show the same, and a model that follows their
+/// noise would predict it well.
 void cross_validate(const std::vector<BoardView>& views, LensModel model, const Problem& problem,
                     const std::vector<bool>& used, const State& full, int folds, Candidate& candidate) {
   candidate.cross_validation = kNaN;
-  const int n = std::min<int>(folds, static_cast<int>(views.size()));
+  const auto n = std::min(static_cast<std::size_t>(std::max(0, folds)), views.size());
   if (n < 2) return;
-  std::vector<double> per_view;
-  double sum = 0;
-  std::size_t count = 0;
-  for (int k = 0; k < n; ++k) {
+  std::vector<double> square(views.size(), 0), count(views.size(), 0);
+  for (std::size_t k = 0; k < n; ++k) {
     State state = full;
-    const auto in_fold = [&](std::size_t i) { return static_cast<int>(problem.corners()[i].view) % n == k; };
+    const auto in_fold = [&](std::size_t i) { return problem.corners()[i].view * n / views.size() == k; };
     if (!problem.fit(model, state, false, false, [&](std::size_t i) { return used[i] && !in_fold(i); }))
       return;
     (void)problem.fit(model, state, false, true, [&](std::size_t i) { return used[i] && in_fold(i); });
-    std::vector<double> view_sum(views.size(), 0);
-    std::vector<std::size_t> view_count(views.size(), 0);
     for (std::size_t i = 0; i < problem.corners().size(); ++i) {
       if (!used[i] || !in_fold(i)) continue;
       const auto r = problem.residual(model, state, i);
-      const double square = r[0] * r[0] + r[1] * r[1];
-      if (!std::isfinite(square)) return;
-      view_sum[problem.corners()[i].view] += square;
-      ++view_count[problem.corners()[i].view];
-      sum += square, ++count;
+      const double e = r[0] * r[0] + r[1] * r[1];
+      if (!std::isfinite(e)) return;
+      square[problem.corners()[i].view] += e;
+      ++count[problem.corners()[i].view];
     }
-    for (std::size_t v = 0; v < views.size(); ++v)
-      if (view_count[v] > 0) per_view.push_back(view_sum[v] / static_cast<double>(view_count[v]));
   }
-  if (count == 0) return;
-  candidate.cross_validation = std::sqrt(sum / static_cast<double>(count));
-  double mean = 0, variance = 0;
-  for (double x : per_view) mean += x / static_cast<double>(per_view.size());
-  for (double x : per_view) variance += (x - mean) * (x - mean);
-  const auto m = static_cast<double>(per_view.size());
-  // d√x = dx/(2√x)
-  if (m > 1)
-    candidate.cross_validation_sigma =
-        std::sqrt(variance / (m - 1) / m) / (2 * std::max(1e-300, candidate.cross_validation));
+  for (std::size_t v = 0; v < views.size(); ++v) square[v] = count[v] > 0 ? square[v] / count[v] : kNaN;
+  set_cross_validation(candidate, std::move(square), std::move(count));
 }
 
 /// The odd and the even views, fitted apart.
@@ -481,7 +468,8 @@ Result<CameraFit> fit_camera(const std::vector<BoardView>& given, const CameraFi
     double sum = 0;
     for (double r : fitted.residuals) sum += r * r;
     c.rms = fitted.fit.residuals.rms;
-    c.bic = bic(sum, fitted.residuals.size(), static_cast<std::size_t>(c.parameters) + 6 * distinct);
+    c.bic = bic(sum, static_cast<double>(fitted.residuals.size()),
+                static_cast<std::size_t>(c.parameters) + 6 * distinct);
     if (models.size() > 1) {
       cross_validate(views, models[m], problem, used, state, options.folds, c);
       if (const auto halves = fit_halves(views, models[m], problem, used, state);

@@ -54,8 +54,14 @@ double chi_squared_quantile(double p, double dof) {
   return 0.5 * (low + high);
 }
 
-double student_widening(double dof) {
+double student_limit(double sigmas, double dof) {
   if (!(dof >= 1)) return std::numeric_limits<double>::infinity();
+  // Hill, Algorithm 396, and Abramowitz and Stegun 26.7.5: the expansion in 1/ν, to 1e-3 from 30 on.
+  if (dof >= 30) {
+    const double z = sigmas, z2 = z * z;
+    return z * (1 + (z2 + 1) / (4 * dof) + (5 * z2 * z2 + 16 * z2 + 3) / (96 * dof * dof) +
+                (3 * z2 * z2 * z2 + 19 * z2 * z2 + 17 * z2 - 15) / (384 * dof * dof * dof));
+  }
   // Survival function by Simpson's rule over the angle t = √ν·tan: P(|T| > t) = 2·∫ cos^(ν−1) / B(½, ν/2).
   const auto both_tails = [&](double t) {
     const double from = std::atan(t / std::sqrt(dof)), to = std::acos(-1.0) / 2;
@@ -69,12 +75,18 @@ double student_widening(double dof) {
              std::pow(std::max(0.0, std::cos(from + i * h)), dof - 1);
     return 2 * sum * h / 3 / std::exp(std::lgamma(0.5) + std::lgamma(dof / 2) - std::lgamma(0.5 + dof / 2));
   };
-  double low = 1.9, high = 13;
+  const double tails = std::erfc(sigmas / std::sqrt(2.0));
+  double low = std::log(sigmas), high = std::log(2 / tails);
   for (int i = 0; i < 60; ++i) {
     const double middle = 0.5 * (low + high);
-    (both_tails(middle) > 0.05 ? low : high) = middle;
+    (both_tails(std::exp(middle)) > tails ? low : high) = middle;
   }
-  return 0.5 * (low + high) / 1.959963984540054;
+  return std::exp(0.5 * (low + high));
+}
+
+double student_widening(double dof) {
+  constexpr double kNormal = 1.959963984540054;
+  return student_limit(kNormal, dof) / kNormal;
 }
 
 }  // namespace rigor::calibration

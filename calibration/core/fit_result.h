@@ -54,6 +54,10 @@ struct Candidate {
   double cross_validation_sigma = 0;
   bool chosen = false;
   std::string note{};
+  /// Mean squared error of each part that was withheld (a view, a sector), the same parts in the same order
+  /// for all candidates, and how much each part counts (empty: all alike). Compared in pairs by
+  /// choose_model().
+  std::vector<double> withheld{}, withheld_weights{};
 };
 
 struct ResidualStatistics {

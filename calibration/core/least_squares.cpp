@@ -10,6 +10,8 @@
 #include <numeric>
 #include <thread>
 
+#include "calibration/core/chi_squared.h"
+
 namespace rigor::calibration {
 namespace {
 
@@ -26,11 +28,15 @@ void keep_the_solver_quiet() {
   (void)done;
 }
 
-double median(std::vector<double> v) {
-  if (v.empty()) return 0;
-  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-  std::nth_element(v.begin(), middle, v.end());
-  return *middle;
+/// Standard deviation from the median of absolute residuals. A robust fit of p parameters to m residuals
+/// passes through p of them nearly exactly, so that the median is that of the m − p + 1 largest (DuMouchel
+/// and O'Brien, Computing and Graphics in Statistics, 1991).
+double robust_sigma(std::vector<double> absolute, std::size_t parameters) {
+  if (absolute.empty()) return 0;
+  const std::size_t exact = parameters == 0 ? 0 : std::min(parameters - 1, absolute.size() - 1);
+  const auto middle = absolute.begin() + static_cast<std::ptrdiff_t>((exact + absolute.size()) / 2);
+  std::nth_element(absolute.begin(), middle, absolute.end());
+  return kMadToSigma * *middle;
 }
 
 class Progress final : public ceres::IterationCallback {
@@ -289,8 +295,9 @@ struct LeastSquares::Impl {
     return s;
   }
 
-  void information(ceres::Problem& p, Eigen::MatrixXd& reduced,
-                   std::vector<Eigen::MatrixXd>* nuisance_cov) const;
+  /// Returns the rank of the whole Jacobian.
+  std::size_t information(ceres::Problem& p, Eigen::MatrixXd& reduced,
+                          std::vector<Eigen::MatrixXd>* nuisance_cov) const;
 };
 
 LeastSquares::LeastSquares() : impl_(std::make_unique<Impl>()) {}
@@ -317,8 +324,8 @@ void LeastSquares::add_batch(ceres::CostFunction* cost, std::vector<double*> blo
 /// JᵀJ of the free wanted parameters with the nuisance blocks eliminated. Nuisance blocks that meet in a
 /// residual are eliminated together. Columns are scaled to unit length first, so that elimination loses
 /// nothing to units.
-void LeastSquares::Impl::information(ceres::Problem& p, Eigen::MatrixXd& reduced,
-                                     std::vector<Eigen::MatrixXd>* nuisance_cov) const {
+std::size_t LeastSquares::Impl::information(ceres::Problem& p, Eigen::MatrixXd& reduced,
+                                            std::vector<Eigen::MatrixXd>* nuisance_cov) const {
   ceres::Problem::EvaluateOptions eo;
   eo.apply_loss_function = false;
   std::vector<int> wanted_columns, nuisance_first;
@@ -417,6 +424,7 @@ void LeastSquares::Impl::information(ceres::Problem& p, Eigen::MatrixXd& reduced
       for (const auto& [j, b] : w) groups[g].nw(i, j) += a * b;
     }
   }
+  std::size_t rank = 0;
   std::vector<Eigen::MatrixXd> inverse(groups_n);
   for (std::size_t b = 0; b < groups_n; ++b) {
     if (root(b) != b || group_size[b] == 0) continue;
@@ -425,8 +433,13 @@ void LeastSquares::Impl::information(ceres::Problem& p, Eigen::MatrixXd& reduced
     const double limit = 1e-13 * std::max(1.0, eigen.eigenvalues().cwiseAbs().maxCoeff());
     const Eigen::VectorXd inv =
         eigen.eigenvalues().unaryExpr([&](double l) { return l > limit ? 1 / l : 0.0; });
+    rank += static_cast<std::size_t>((inv.array() > 0).count());
     inverse[b] = eigen.eigenvectors() * inv.asDiagonal() * eigen.eigenvectors().transpose();
     reduced.noalias() -= groups[b].nw.transpose() * inverse[b] * groups[b].nw;
+  }
+  if (nw > 0) {
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(reduced, Eigen::EigenvaluesOnly);
+    rank += static_cast<std::size_t>((eigen.eigenvalues().array() > 1e-13 * nw).count());
   }
   if (nuisance_cov) {
     // (JᵀJ)⁻¹ of block b, scaled back: N⁻¹ + N⁻¹·W·S⁻¹·Wᵀ·N⁻¹.
@@ -444,6 +457,7 @@ void LeastSquares::Impl::information(ceres::Problem& p, Eigen::MatrixXd& reduced
   }
   const Eigen::VectorXd back = scale.head(nw).cwiseInverse();
   reduced = back.asDiagonal() * reduced * back.asDiagonal();
+  return rank;
 }
 
 Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
@@ -467,7 +481,7 @@ Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
     for (double r : residuals)
       if (std::isfinite(r)) absolute.push_back(std::abs(r));
     // The median alone is 0 where most residuals are (quantised data): then the mean square has to do.
-    double s = kMadToSigma * median(absolute);
+    double s = robust_sigma(absolute, p_all);
     if (s == 0) {
       double sum = 0;
       for (double a : absolute) sum += a * a;
@@ -476,6 +490,7 @@ Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
     return s;
   };
   const auto stopped = [&] { return options.stop.stop_requested(); };
+  auto* const nuisance_covariance = want_nuisance_covariance ? &out.nuisance_covariance : nullptr;
 
   if (options.robust) {
     // A scale that comes from a fit which the outliers have pulled agrees with that fit: so the loss is made
@@ -495,22 +510,30 @@ Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
       narrow = falls ? narrow : narrow / 2;
     }
   }
+  // Few residuals leave their scale uncertain: the limit is that of Student's t, which tends to
+  // `reject_sigmas` for many. What was rejected by too narrow a limit fits again and comes back.
+  double freedom = static_cast<double>(m_all - p_all);
+  std::size_t null_directions = 0;
+  bool rank_known = false, information_is_current = false;
+  Eigen::MatrixXd information;
   std::vector<bool> before;
   for (int round = 0; round < kMaxRounds; ++round) {
     if (options.robust && scale > 0) {
+      const double limit = student_limit(options.reject_sigmas, freedom) * scale;
       d.residuals(residuals);
       d.each(residuals, [&](std::size_t i, std::uint32_t, const double* r, std::size_t n) {
         double square = 0;
         for (std::size_t k = 0; k < n; ++k) square += r[k] * r[k];
-        used[i] = std::sqrt(square / static_cast<double>(n)) <= options.reject_sigmas * scale;
+        used[i] = std::sqrt(square / static_cast<double>(n)) <= limit;
       });
     }
     if (used == before) break;
     before = used;
+    information_is_current = false;
     if (options.rough) break;
     auto problem = d.problem(used, nullptr);
     const std::size_t m = d.residual_count(used), p = d.free_parameters(used);
-    if (m <= p)
+    if (m + null_directions <= p)
       return fail(ErrorCode::bad_input, "",
                   "expected measurements that agree with each other, got " + std::to_string(m) +
                       " residuals within the limits for " + std::to_string(p) +
@@ -518,13 +541,20 @@ Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
     const auto s = d.run(*problem, options, 0.6, 0.95, m, joint, 1e-12);
     out.iterations += static_cast<int>(s.iterations.size());
     out.cost = s.final_cost;
-    scale = std::sqrt(2 * s.final_cost / static_cast<double>(m - p));
     if (s.termination_type == ceres::FAILURE)
       return fail(ErrorCode::bad_input, "",
                   "the fit failed: " + s.message + "; the start values or the data make no sense together");
     if (s.termination_type == ceres::NO_CONVERGENCE && !stopped())
       fit.warnings.push_back("the fit had not converged after " + std::to_string(options.max_iterations) +
                              " iterations: its values are the best so far");
+    if (!rank_known) {
+      // Directions that the data leave exactly free take no degree of freedom.
+      const std::size_t rank = d.information(*problem, information, nuisance_covariance);
+      null_directions = p - std::min(p, rank);
+      rank_known = information_is_current = true;
+    }
+    freedom = static_cast<double>(m + null_directions) - static_cast<double>(p);
+    scale = std::sqrt(2 * s.final_cost / freedom);
     if (!options.robust || stopped()) break;
   }
   fit.interrupted = stopped();
@@ -539,11 +569,13 @@ Result<LeastSquares::Outcome> LeastSquares::solve(const FitOptions& options) {
       fit.parameters.push_back(parameter);
     }
   {
-    auto problem = d.problem(used, nullptr);
-    Eigen::MatrixXd information;
-    d.information(*problem, information, want_nuisance_covariance ? &out.nuisance_covariance : nullptr);
+    if (!information_is_current)
+      (void)d.information(*d.problem(used, nullptr), information, nuisance_covariance);
     fit.scale = scale;
-    const double variance = options.whitened ? 1 : scale * scale;
+    // Beyond what chance makes of known noise (1e-4; Wilson and Hilferty 1931) the noise was not known.
+    const double a = 2 / (9 * freedom);
+    if (options.whitened && scale * scale > std::pow(1 - a + 3.719 * std::sqrt(a), 3)) out.enlarged = scale;
+    const double variance = options.whitened ? out.enlarged * out.enlarged : scale * scale;
     const double tiny = variance > 0 ? variance : 1e-300;
     fit.weak = weak_directions(fit.parameters, information / tiny);
     fit.covariance = covariance_from(fit.parameters, information / tiny);

@@ -10,8 +10,10 @@
 // Steps (each deterministic, on any number of threads):
 //   1. a robust fit (Cauchy, its scale from the median absolute residual, taken again until it stays),
 //   2. observations beyond `reject_sigmas` are left out and the rest fitted plainly; again until the set
-//      stays: one that fits again comes back,
-//   3. covariance s²·(JᵀJ)⁻¹ with the nuisance blocks eliminated (Schur), s² = SSR/(m − p).
+//      stays: one that fits again comes back. With few degrees of freedom the limit is as far out as
+//      Student's t says,
+//   3. covariance s²·(JᵀJ)⁻¹ with the nuisance blocks eliminated (Schur), s² = SSR/(m − p), p without
+//      directions that are exactly free.
 //
 // The analysis of what is determined works on parameters in units of their `resolution`, so that it does not
 // depend on the units that were chosen.
@@ -45,8 +47,8 @@ struct FitOptions {
   /// Start values for another fit: step 1 alone and not to its end. The covariance is then none to be used.
   bool rough = false;
   double reject_sigmas = 4;  ///< an observation's residual norm over s·√(its dimension)
-  /// Standard deviation that each residual is already in units of (pre-whitened by a known noise): s is then
-  /// reported and not used for the covariance, and 1 means that the noise was right. 0: unknown.
+  /// Residuals are in units of their stated noise: s = 1 means that it was right. The covariance is that of
+  /// the stated noise, times s² where s is larger than chance explains (Outcome::enlarged).
   bool whitened = false;
   int max_iterations = 200;
   int threads = 0;     ///< 0: all cores; the result does not depend on it beyond rounding
@@ -85,6 +87,9 @@ class LeastSquares {
     std::vector<Eigen::MatrixXd> nuisance_covariance;
     int iterations = 0;
     double cost = 0;
+    /// Of `whitened` residuals: factor on the standard uncertainties where the residuals contradict the
+    /// stated noise; else 1. The caller says so.
+    double enlarged = 1;
   };
   bool want_nuisance_covariance = false;
   /// bad_input where there are fewer residuals than parameters; protocol-free. One thread.

@@ -41,6 +41,10 @@ class Fit : BiasProblem {
     State state;
   };
 
+  /// How many cells say as much as one independent cell where neighbours are correlated by `rho` (first-order
+  /// autoregression).
+  [[nodiscard]] static double cells_for_one(double rho) { return (1 + rho) / (1 - rho); }
+
   void compare() {
     const BiasModel* rich = &models_.back();
     for (const BiasModel& m : models_)
@@ -52,6 +56,8 @@ class Fit : BiasProblem {
       s = solve(l_rich, s, in_use);
       spread_between_cells(s, static_cast<std::size_t>(l_rich.size()));
     }
+    // Neighbouring cells that err alike are fewer independent ones: as many as the covariance counts.
+    const double alike = cells_for_one(neighbours(s));
     std::vector<Tried> tried;
     std::vector<Candidate> candidates;
     for (std::size_t m = 0; m < models_.size(); ++m) {
@@ -74,7 +80,8 @@ class Fit : BiasProblem {
         ++used;
       }
       c.rms = std::sqrt(square / std::max(1.0, shots));
-      c.bic = bic(std::max(1e-300, weighted), used, static_cast<std::size_t>(l.size()));
+      c.bic = bic(std::max(1e-300, weighted / alike), static_cast<double>(used) / alike,
+                  static_cast<std::size_t>(l.size()));
       cross_validate(models_[m], t, c);
       candidates.push_back(c);
       tried.push_back({models_[m], t});
@@ -119,7 +126,6 @@ class Fit : BiasProblem {
     c.cross_validation = kNaN;
     const Layout l = layout(model);
     std::map<std::int32_t, std::array<double, 2>> sectors;
-    double square = 0, shots = 0;
     for (int fold = 0; fold < o_.folds; ++fold) {
       // A wall or a beam that only the withheld sectors saw cannot be predicted.
       std::vector<std::size_t> of_plane(state_.q.size(), 0), of_beam(beams_, 0);
@@ -130,17 +136,14 @@ class Fit : BiasProblem {
         if (!cell.used || cell.fold != fold || of_plane[cell.plane] < 8 || of_beam[cell.beam] < 3) continue;
         PredictedRange p;
         const double e = residual(s, cell, p);
-        const double sum = cell.count * e * e + cell.square_m2;
-        square += sum, shots += cell.count;
         auto& sector = sectors[cell.sector];
-        sector[0] += sum, sector[1] += cell.count;
+        sector[0] += cell.count * e * e + cell.square_m2, sector[1] += cell.count;
       }
     }
-    if (!(shots > 0) || sectors.size() < 3) return;
-    c.cross_validation = std::sqrt(square / shots);
-    double mean = square / shots, variance = 0;
-    for (const auto& [k, v] : sectors) variance += v[1] * v[1] * (v[0] / v[1] - mean) * (v[0] / v[1] - mean);
-    c.cross_validation_sigma = std::sqrt(variance) / shots / (2 * std::max(1e-300, c.cross_validation));
+    if (sectors.size() < 3) return;
+    std::vector<double> squares, counts;
+    for (const auto& [k, v] : sectors) squares.push_back(v[0] / v[1]), counts.push_back(v[1]);
+    set_cross_validation(c, std::move(squares), std::move(counts));
   }
 
   /// The information that is left when the walls are solved for.
@@ -215,8 +218,8 @@ class Fit : BiasProblem {
     std::vector<Parameter> p = parameters_of(model, s, bias_at, shot);
     for (std::size_t i = 0; i < p.size(); ++i)
       p[i].held = !(information(static_cast<Index>(i), static_cast<Index>(i)) > 0);
-    const double rho = neighbours(s);
-    for (const WeakDirection& d : weak_directions(p, without_walls(l, information) * ((1 - rho) / (1 + rho))))
+    for (const WeakDirection& d :
+         weak_directions(p, without_walls(l, information) / cells_for_one(neighbours(s))))
       if (!is_common_bias(d, bias_at.size())) return false;
     return true;
   }
@@ -237,8 +240,7 @@ class Fit : BiasProblem {
     }
     state_ = solve(l, state_, in_use, &information);
     out_.neighbour_correlation = neighbours(state_);
-    const double wider = (1 + out_.neighbour_correlation) / (1 - out_.neighbour_correlation);
-    information /= wider;
+    information /= cells_for_one(out_.neighbour_correlation);
 
     const Index w = l.wanted();
     const MatrixXd reduced = without_walls(l, information);

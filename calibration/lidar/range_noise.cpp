@@ -5,10 +5,10 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <numbers>
 
 #include "calibration/core/least_squares.h"
 #include "calibration/core/model_choice.h"
+#include "calibration/lidar/noise_cells.h"
 #include "calibration/lidar/noise_likelihood.h"
 #include "calibration/lidar/rounded_values.h"
 #include "rt-core/numbers.h"
@@ -21,199 +21,37 @@ using namespace lidar;
 
 using Eigen::Index;
 using Eigen::MatrixXd;
-constexpr double kOutlier = 4.5;  ///< a shot beyond this many sigmas is not noise
-
-/// Quantile of χ²/dof (Wilson & Hilferty 1931); z of the normal distribution.
-double chi_square_quantile(double dof, double z) {
-  const double a = 2 / (9 * dof), t = 1 - a + z * std::sqrt(a);
-  return t > 0 ? t * t * t : 0;
-}
 
 class RangeNoiseFit {
  public:
   RangeNoiseFit(const LidarReturns& returns, const models::LidarModel& sensor_model,
                 const NoiseFitOptions& options)
-      : r_(returns), sensor_model_(sensor_model), o_(options), step_m_(sensor_model.range.step_m) {}
+      : r_(returns),
+        sensor_model_(sensor_model),
+        o_(options),
+        step_m_(sensor_model.range.step_m),
+        cells_(returns, sensor_model) {}
 
   Result<NoiseFit> run() {
-    group();
-    for (Group& g : groups_) measure(g);
-    std::erase_if(groups_, [](const Group& g) { return g.cell.dof < 1; });
-    if (groups_.size() < 5)
+    if (cells_.groups.size() < 5)
       return fail(ErrorCode::bad_input, "",
                   "expected shots of one beam at one spot to compare, found " +
-                      std::to_string(groups_.size()) +
+                      std::to_string(cells_.groups.size()) +
                       " such spots: several scans from a stand that does not move are needed");
-    choose_cells();
+    cells_.choose();
+    for (const NoiseCells::Group& g : cells_.groups) out_.cells.push_back(g.cell);
+    out_.shot_residual_m = std::move(cells_.shot_residual_m);
     make_bins();
     if (bins_.empty())
-      return fail(
-          ErrorCode::bad_input, "",
-          "expected spots where the range holds still, found none among " + std::to_string(groups_.size()));
+      return fail(ErrorCode::bad_input, "",
+                  "expected spots where the range holds still, found none among " +
+                      std::to_string(cells_.groups.size()));
     if (Status s = compare(); !s) return tl::unexpected<Error>(s.error());
     summarise();
     return std::move(out_);
   }
 
  private:
-  struct Group {
-    std::uint32_t begin = 0, end = 0;  ///< into order_
-    int degree = 0;
-    NoiseCell cell;
-  };
-
-  void group() {
-    // As narrow as a column of the scan where there are scans enough, else as wide as a dozen shots need.
-    const double column =
-        std::max(1e-4, std::abs(sensor_model_.scan.rotation_radps) * sensor_model_.scan.column_period_s);
-    // Beyond a few degrees a parabola is not what a wall looks like.
-    constexpr double kWidest = 2.5 * std::numbers::pi / 180;
-    width_ = column * std::clamp(std::floor(kWidest / column), 1.0, std::ceil(12.0 / std::max(1u, r_.scans)));
-    order_.resize(r_.all.size());
-    std::vector<std::uint64_t> key(r_.all.size());
-    for (std::uint32_t i = 0; i < order_.size(); ++i) {
-      order_[i] = i;
-      const LidarReturn& x = r_.all[i];
-      // Columns lie at whole multiples: cells are centred on them.
-      const auto cell = static_cast<std::uint64_t>(
-          std::floor((static_cast<double>(x.azimuth_rad) - sensor_model_.scan.start_azimuth_rad) / width_ +
-                     0.5) +
-          (1 << 24));
-      key[i] = static_cast<std::uint64_t>(x.beam) << 32 | cell;
-    }
-    std::sort(order_.begin(), order_.end(),
-              [&](std::uint32_t a, std::uint32_t b) { return key[a] != key[b] ? key[a] < key[b] : a < b; });
-    for (std::uint32_t i = 0; i < order_.size();) {
-      std::uint32_t j = i;
-      while (j < order_.size() && key[order_[j]] == key[order_[i]]) ++j;
-      if (j - i >= 4) groups_.push_back({i, j, 0, {}});
-      i = j;
-    }
-    out_.shot_residual_m.assign(r_.all.size(), std::numeric_limits<float>::quiet_NaN());
-  }
-
-  /// Residuals of a cell's shots about a polynomial over azimuth; `limit_m`: shots beyond it take no part.
-  void measure(Group& g, double limit_m = 0, bool keep = false) {
-    const std::size_t n = g.end - g.begin;
-    double a0 = 0, low = 1e9, high = -1e9;
-    for (std::uint32_t k = g.begin; k < g.end; ++k) {
-      const double a = r_.all[order_[k]].azimuth_rad;
-      a0 += a / static_cast<double>(n), low = std::min(low, a), high = std::max(high, a);
-    }
-    g.degree = high - low < 2e-5 ? 0 : width_ < 0.01 ? 1 : 2;
-    std::vector<char> in(n, 1);
-    g.cell = {};
-    std::vector<double> e(n, 0), size(n, 0), t(n, 0), v(n, 0);
-    const double reference = r_.all[order_[g.begin]].range_m, half = std::max(1e-9, 0.5 * (high - low));
-    for (std::size_t i = 0; i < n; ++i) {
-      const LidarReturn& x = r_.all[order_[g.begin + i]];
-      t[i] = (static_cast<double>(x.azimuth_rad) - a0) / half;
-      v[i] = static_cast<double>(x.range_m) - reference;
-    }
-    const int m = g.degree + 1;
-    const auto fit = [&](const auto& weight) {
-      Eigen::Matrix3d h = Eigen::Matrix3d::Identity();
-      Eigen::Vector3d b = Eigen::Vector3d::Zero();
-      h.topLeftCorner(m, m).setZero();
-      for (std::size_t i = 0; i < n; ++i) {
-        const double w = weight(i);
-        const Eigen::Vector3d p(1, m > 1 ? t[i] : 0, m > 2 ? t[i] * t[i] : 0);
-        h += w * p * p.transpose(), b += w * v[i] * p;
-      }
-      for (int k = m; k < 3; ++k) h(k, k) = 1;
-      const Eigen::Vector3d c = h.ldlt().solve(b);
-      for (std::size_t i = 0; i < n; ++i) e[i] = v[i] - c[0] - c[1] * t[i] - c[2] * t[i] * t[i];
-    };
-    // Least absolute residuals, from the median: a third of the shots may lie anywhere.
-    size = v;
-    std::nth_element(size.begin(), size.begin() + static_cast<std::ptrdiff_t>(n / 2), size.end());
-    const double centre = size[n / 2];
-    for (std::size_t i = 0; i < n; ++i) e[i] = v[i] - centre;
-    const auto typical = [&] {
-      for (std::size_t i = 0; i < n; ++i) size[i] = std::abs(e[i]);
-      std::nth_element(size.begin(), size.begin() + static_cast<std::ptrdiff_t>(n / 2), size.end());
-      return size[n / 2];
-    };
-    if (g.degree > 0)
-      for (int round = 0; round < 6; ++round) {
-        const double s = std::max(typical(), 1e-9 * std::abs(reference));
-        fit([&](std::size_t i) { return 1 / (s + std::abs(e[i])); });
-      }
-    if (limit_m == 0) {
-      const double s = 1.4826 * typical(),
-                   share = static_cast<double>(n) / static_cast<double>(n - static_cast<std::size_t>(m));
-      g.cell.variance_m2 = s * s * share;
-      g.cell.dof = static_cast<double>(n) - m;
-    } else {
-      double used = 0, sum = 0;
-      for (int round = 0; round < 3; ++round) {
-        used = sum = 0;
-        for (std::size_t i = 0; i < n; ++i) in[i] = std::abs(e[i]) <= limit_m, used += in[i];
-        if (used < m + 1) {
-          g.cell.dof = 0;
-          return;
-        }
-        fit([&](std::size_t i) { return in[i] ? 1.0 : 0.0; });
-      }
-      for (std::size_t i = 0; i < n; ++i)
-        if (in[i]) sum += e[i] * e[i];
-      g.cell.variance_m2 = sum / (used - m);
-      g.cell.dof = used - m;
-    }
-    double used = 0, units = 0, units_square = 0, range = 0;
-    for (std::size_t i = 0; i < n; ++i) {
-      if (!in[i]) continue;
-      const LidarReturn& x = r_.all[order_[g.begin + i]];
-      ++used;
-      const double u = std::isfinite(x.remission) ? static_cast<double>(x.remission) : 0;
-      units += u, units_square += u * u;
-      range += static_cast<double>(x.range_m);
-    }
-    g.cell.units = units / used, g.cell.range_m = range / used;
-    g.cell.units_variance = std::max(0.0, units_square - units * units / used) / (used - 1);
-    g.cell.remission = remission_from_units(sensor_model_.remission, g.cell.units, g.cell.range_m);
-    if (!keep) return;
-    for (std::size_t i = 0; i < n; ++i)
-      if (in[i]) out_.shot_residual_m[order_[g.begin + i]] = static_cast<float>(e[i]);
-  }
-
-  /// Median variance by remission: what most cells have, edges and movers aside.
-  void choose_cells() {
-    for (int round = 0; round < 2; ++round) {
-      std::vector<std::size_t> by(groups_.size());
-      for (std::size_t i = 0; i < by.size(); ++i) by[i] = i;
-      std::stable_sort(by.begin(), by.end(), [&](std::size_t a, std::size_t b) {
-        return groups_[a].cell.remission < groups_[b].cell.remission;
-      });
-      const std::size_t bins = std::clamp<std::size_t>(groups_.size() / 40, 1, 40);
-      std::vector<double> limit(groups_.size(), 0);
-      for (std::size_t k = 0; k < bins; ++k) {
-        const std::size_t from = k * by.size() / bins, to = (k + 1) * by.size() / bins;
-        std::vector<double> v;
-        for (std::size_t i = from; i < to; ++i) {
-          const NoiseCell& c = groups_[by[i]].cell;
-          if (c.dof >= 1) v.push_back(c.variance_m2 / chi_square_quantile(c.dof, 0));
-        }
-        if (v.empty()) continue;
-        std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
-        const double typical = std::max(v[v.size() / 2], step_m_ * step_m_ / 100);
-        for (std::size_t i = from; i < to; ++i) limit[by[i]] = typical;
-      }
-      for (std::size_t i = 0; i < groups_.size(); ++i) {
-        Group& g = groups_[i];
-        if (round == 0) {
-          measure(g, kOutlier * std::sqrt(limit[i]) + step_m_, false);
-        } else {
-          // One good cell in ten thousand goes with the bad.
-          g.cell.used =
-              g.cell.dof >= 1 && g.cell.variance_m2 <= limit[i] * chi_square_quantile(g.cell.dof, 3.72);
-          if (g.cell.used) measure(g, kOutlier * std::sqrt(limit[i]) + step_m_, true);
-        }
-      }
-    }
-    for (const Group& g : groups_) out_.cells.push_back(g.cell);
-  }
-
   void make_bins() {
     std::vector<const NoiseCell*> by;
     double square = 0, dof = 0, retro_square = 0, retro_dof = 0;
@@ -286,9 +124,8 @@ class RangeNoiseFit {
     if (shapes.empty())
       return fail(ErrorCode::bad_input, "--noise-model",
                   "expected auto or one of " + names + ", got " + o_.model);
-    std::vector<std::vector<double>> errors(shapes.size());
-    for (std::size_t m = 0; m < shapes.size(); ++m) {
-      const Shape& s = *shapes[m];
+    for (const Shape* shape : shapes) {
+      const Shape& s = *shape;
       // From several starts: the likelihood of four numbers has more than one top.
       Guess best;
       double least = std::numeric_limits<double>::infinity();
@@ -316,6 +153,7 @@ class RangeNoiseFit {
       c.rms = std::sqrt(square / dof_);
       c.cross_validation = kNaN;
       if (bands_ >= 3) {
+        std::vector<double> squares;
         for (int band = 0; band < bands_; ++band) {
           Guess g = best;
           l.fit(s, g, band);
@@ -325,16 +163,11 @@ class RangeNoiseFit {
               measured += b.dof * b.variance, predicted += b.dof * l.variance(g.model(s), b.remission),
                   d += b.dof;
           if (!(d > 0)) continue;
-          errors[m].push_back(0.5 * std::log(measured / predicted));
+          squares.push_back(std::pow(0.5 * std::log(measured / predicted), 2));
         }
-        double sum = 0, fourth = 0;
-        for (const double e : errors[m]) sum += e * e, fourth += e * e * e * e;
-        const auto n = static_cast<double>(errors[m].size());
-        c.cross_validation = std::sqrt(sum / n);
-        c.cross_validation_sigma = std::sqrt(std::max(0.0, fourth / n - sum * sum / (n * n)) / n) /
-                                   (2 * std::max(1e-12, c.cross_validation));
+        set_cross_validation(c, std::move(squares));
         // Two models that both predict to within what the data can judge are equally good.
-        c.cross_validation_sigma = std::max(c.cross_validation_sigma, std::sqrt(n / (2 * dof_)));
+        c.cross_validation_sigma = std::max(c.cross_validation_sigma, std::sqrt(bands_ / (2 * dof_)));
       }
       candidates.push_back(c);
     }
@@ -421,8 +254,34 @@ class RangeNoiseFit {
       b.shots = dof;
       out_.bands.push_back(b);
     }
+    warn_of_bands();
     if (!s.scale) explain_constant();
     return {};
+  }
+
+  /// What moves in white noise (leaves), or for as long as a band was seen, cannot be told from noise there:
+  /// a band that does not follow the others is named.
+  void warn_of_bands() {
+    constexpr double kStandsOut = 0.15, kSigmas = 4;
+    char text[300];
+    for (const NoiseBand& b : out_.bands) {
+      const double model = bands_ >= 3 ? b.withheld_m : b.model_m;
+      if (!(b.measured_m > 0) || !(model > 0)) continue;
+      const double away = std::log(b.measured_m / model);
+      if (std::abs(away) <= std::max(kStandsOut, kSigmas * b.sigma_m / b.measured_m)) continue;
+      std::snprintf(
+          text, sizeof text,
+          "the noise at remission %.3g to %.3g is %.3g mm, and %.3g mm by the other bands: something "
+          "moved there, or the noise of this device does not follow the model",
+          b.from, b.to, 1e3 * b.measured_m, 1e3 * model);
+      out_.result.warnings.emplace_back(text);
+    }
+    if (out_.withheld_error <= kStandsOut) return;
+    std::snprintf(text, sizeof text,
+                  "the noise of a withheld band of remission is predicted to %.0f %% only: its sigmas do not "
+                  "hold beyond the remissions that were recorded",
+                  100 * out_.withheld_error);
+    out_.result.warnings.emplace_back(text);
   }
 
   /// Why the noise is given as one number: what the remission in these data could have told.
@@ -459,25 +318,25 @@ class RangeNoiseFit {
     std::vector<double> e;
     double from = 1e300, to = 0;
     bool still = true;
-    for (const Group& g : groups_) still = still && g.degree == 0;
+    for (const NoiseCells::Group& g : cells_.groups) still = still && g.degree == 0;
     for (const float x : out_.shot_residual_m)
       if (std::isfinite(x)) e.push_back(static_cast<double>(x));
     for (const Bin& b : bins_) from = std::min(from, b.remission), to = std::max(to, b.remission);
     std::size_t all = 0;
-    for (const Group& g : groups_) all += g.end - g.begin;
+    for (const NoiseCells::Group& g : cells_.groups) all += g.end - g.begin;
     f.residuals = statistics_of(e, "m");
     f.residuals.rejected = all - f.residuals.count;
     f.validity.push_back({"remission", from, to});
     if (!still || !(step_m_ > 0)) return;
     std::vector<RoundedSeries> series;
-    const std::size_t every = std::max<std::size_t>(1, groups_.size() / 60);
-    for (std::size_t i = 0; i < groups_.size(); i += every) {
-      const Group& g = groups_[i];
+    const std::size_t every = std::max<std::size_t>(1, cells_.groups.size() / 60);
+    for (std::size_t i = 0; i < cells_.groups.size(); i += every) {
+      const NoiseCells::Group& g = cells_.groups[i];
       if (!g.cell.used || (g.cell.remission > 1 && !all_are_plain_)) continue;
       std::map<std::int64_t, std::uint32_t> counts;
       for (std::uint32_t k = g.begin; k < g.end; ++k)
-        if (std::isfinite(out_.shot_residual_m[order_[k]]))
-          ++counts[std::llround(static_cast<double>(r_.all[order_[k]].range_m) / step_m_)];
+        if (std::isfinite(out_.shot_residual_m[cells_.order[k]]))
+          ++counts[std::llround(static_cast<double>(r_.all[cells_.order[k]].range_m) / step_m_)];
       series.push_back({{counts.begin(), counts.end()}});
     }
     const RoundedSigma s = sigma_of_rounded(series);
@@ -488,12 +347,11 @@ class RangeNoiseFit {
   const LidarReturns& r_;
   const models::LidarModel& sensor_model_;
   const NoiseFitOptions& o_;
-  double step_m_, width_ = 0, least_ = 0, dof_ = 0;
+  double step_m_, least_ = 0, dof_ = 0;
+  NoiseCells cells_;
   int bands_ = 0;
   double retro_sigma_ = 0, retro_uncertainty_ = 0;
   bool all_are_plain_ = false;  ///< no split at white
-  std::vector<std::uint32_t> order_;
-  std::vector<Group> groups_;
   std::vector<Bin> bins_;
   NoiseFit out_;
 };

@@ -3,7 +3,7 @@
 //
 // Shots of one beam at (nearly) one azimuth form a cell; what is left of them after a mean, a slope or, in a
 // single scan, a parabola over azimuth is noise, wherever the light fell: no wall is needed. Cells at edges
-// and of things that moved stand out and are left out. The variances of the rest, each with its degrees of
+// and of things that moved are left out (noise_cells.h). The variances of the rest, each with its degrees of
 // freedom and with what rounding adds (rounded_values.h), are fitted by their likelihood (gamma), smallest
 // model first; a band of remission at a time is withheld and predicted.
 #pragma once

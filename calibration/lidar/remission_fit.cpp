@@ -116,8 +116,10 @@ void fit_gains(const LidarReturns& returns, const models::LidarModel& sensor_mod
   const double tau2 = spread(several);
   const Linear equal = solve(cells, planes, beams, false, tau2);
   const Linear free = several ? solve(cells, planes, beams, true, tau2) : equal;
-  const double b_equal = bic(equal.weighted, cells.size(), static_cast<std::size_t>(planes)),
-               b_free = bic(free.weighted, cells.size(), static_cast<std::size_t>(planes + beams - 1));
+  const double b_equal =
+                   bic(equal.weighted, static_cast<double>(cells.size()), static_cast<std::size_t>(planes)),
+               b_free = bic(free.weighted, static_cast<double>(cells.size()),
+                            static_cast<std::size_t>(planes + beams - 1));
   const bool gains = several && b_free < b_equal;
   if (several) {
     Candidate a{"equal gains",

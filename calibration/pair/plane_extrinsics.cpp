@@ -435,10 +435,13 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneObservation>
                                   " times as uncertain as its corners say, and were taken so: its lens is "
                                   "not quite the sensor model's, or the "
                                   "board is not flat");
-  if (out.result.scale > 1.5)
-    out.result.warnings.push_back("the points lie " + std::to_string(out.result.scale).substr(0, 4) +
-                                  " times as far from the planes as their noise says: the LiDAR or "
-                                  "time-of-flight camera has a bias, a lens, or moved");
+  if (solved->enlarged > 1)
+    out.result.warnings.push_back(
+        "the points lie " + std::to_string(solved->enlarged).substr(0, 4) +
+        " times as far from the planes as their noise explains, and the uncertainties were enlarged by as "
+        "much: the noise is larger than stated (--sigma), or the LiDAR or time-of-flight camera has a bias, "
+        "a "
+        "lens, or moved");
   return out;
 }
 

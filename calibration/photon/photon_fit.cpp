@@ -10,6 +10,7 @@
 #include "calibration/photon/linearity.h"
 #include "calibration/photon/photon_problem.h"
 #include "calibration/photon/photon_residuals.h"
+#include "rt-core/numbers.h"
 
 namespace rigor::calibration {
 
@@ -158,7 +159,10 @@ bool PhotonProblem::judge(PhotonModel& m, const char* name, int parameters, Cand
   for (const std::size_t k : of(true)) {
     PhotonModel fold = m;
     if (options_.stop.stop_requested()) return false;
-    if (!run(fold, false, k)) continue;
+    if (!run(fold, false, k)) {
+      squares.push_back(kNaN);
+      continue;
+    }
     double r[2] = {0, 0};
     const Whitening w = whitening(k, m);
     const double signal = st_.points[k].mean_dn - fold.p[kBlack];
@@ -168,12 +172,7 @@ bool PhotonProblem::judge(PhotonModel& m, const char* name, int parameters, Cand
       LightResidual{w, plan_.dark_level}(fold.p, &signal, r);
     squares.push_back(r[1] * r[1]);
   }
-  double mean = 0, variance = 0;
-  const auto n = static_cast<double>(squares.size());
-  for (const double x : squares) mean += x / n;
-  for (const double x : squares) variance += (x - mean) * (x - mean) / std::max(1.0, n - 1);
-  c.cross_validation = std::sqrt(mean);
-  c.cross_validation_sigma = std::sqrt(variance / n) / (2 * std::max(1e-300, c.cross_validation));
+  set_cross_validation(c, std::move(squares));
   return true;
 }
 
@@ -334,14 +333,11 @@ Status PhotonProblem::fit() {
         chi2 = 2 * outcome->cost;
       }
     }
-    const double s2 = std::max(1.0, chi2 / std::max(1.0, dof));
-    outcome->fit.covariance *= s2;
-    for (Parameter& p : outcome->fit.parameters) p.sigma *= std::sqrt(s2);
-    if (s2 > 1.5)
+    if (outcome->enlarged * outcome->enlarged > 1.5)
       st_.warnings.push_back(photon_text(
           "the levels scatter %.3g times as much as the noise of their frames explains (light that "
           "changes, a response that bends, a drifting black level): uncertainties are that much larger",
-          std::sqrt(s2)));
+          outcome->enlarged));
   }
   if (response_.terms > 0) add_response(m, *outcome);
   out_.result = outcome->fit;

@@ -217,10 +217,9 @@ Result<ShadingFit> fit_shading(const std::vector<ShadingCell>& cells, const Came
     double sum = 0;
     for (const double r : fitted->residuals) sum += r * r;
     c.rms = fitted->fit.residuals.rms;
-    c.bic = bic(sum, fitted->residuals.size(), static_cast<std::size_t>(c.parameters));
+    c.bic = bic(sum, static_cast<double>(fitted->residuals.size()), static_cast<std::size_t>(c.parameters));
     c.cross_validation = kNaN;
-    std::vector<double> of_sector;
-    double total = 0, count = 0;
+    std::vector<double> squares(kSectors, kNaN), counts(kSectors, 0);
     for (int k = 0; models.size() > 1 && k < kSectors && !options.stop.stop_requested(); ++k) {
       double q[kCount];
       fresh(q);
@@ -234,17 +233,10 @@ Result<ShadingFit> fit_shading(const std::vector<ShadingCell>& cells, const Came
         square += r * r, ++number;
       }
       if (number == 0) continue;
-      of_sector.push_back(square / number);
-      total += square, count += number;
+      squares[static_cast<std::size_t>(k)] = square / number;
+      counts[static_cast<std::size_t>(k)] = number;
     }
-    if (count > 0) {
-      c.cross_validation = std::sqrt(total / count);
-      double mean = 0, variance = 0;
-      const auto n = static_cast<double>(of_sector.size());
-      for (const double s : of_sector) mean += s / n;
-      for (const double s : of_sector) variance += (s - mean) * (s - mean) / std::max(1.0, n - 1);
-      c.cross_validation_sigma = std::sqrt(variance / n) / (2 * std::max(1e-300, c.cross_validation));
-    }
+    if (models.size() > 1) set_cross_validation(c, std::move(squares), std::move(counts));
     candidates.push_back(c);
   }
   const std::size_t chosen = choose_model(candidates);

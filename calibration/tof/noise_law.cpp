@@ -279,12 +279,7 @@ Result<NoiseLawFit> fit_noise_law(const std::vector<NoiseBin>& bins, const Noise
         if (!part) return tl::unexpected<Error>(part.error());
         for (const Datum& d : held) squares.push_back(std::pow(residual_of(law, part->c, d), 2));
       }
-      double mean = 0, spread = 0;
-      for (double q : squares) mean += q / static_cast<double>(squares.size());
-      for (double q : squares) spread += (q - mean) * (q - mean);
-      const auto m = static_cast<double>(squares.size());
-      c.cross_validation = std::sqrt(mean);
-      c.cross_validation_sigma = std::sqrt(spread / (m - 1) / m) / (2 * std::max(c.cross_validation, 1e-300));
+      set_cross_validation(c, std::move(squares));
     }
     out.misfits.push_back(std::sqrt(misfit / static_cast<double>(data.size())));
     NoiseCoefficients coefficients{law, {}};

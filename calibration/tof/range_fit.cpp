@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 
 #include "calibration/core/chi_squared.h"
 #include "calibration/core/least_squares.h"
@@ -144,7 +143,7 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
     if (models.size() > 1 && folds > 1 && count >= 3 && !options.stop.stop_requested()) {
       // A pattern of pixels tells the same as all of them.
       const std::size_t stride = std::max<std::size_t>(1, scenes.pixels() / 3000);
-      std::vector<double> squares;
+      std::vector<double> squares(count, kNaN);
       for (std::size_t f = 0; f < folds; ++f) {
         std::vector<bool> take(count, true);
         for (std::size_t k = f; k < count; k += folds) take[k] = false;
@@ -152,18 +151,9 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
         RangeState part = s;
         problem.solve(models[m], part, 3, stride, &take);
         for (std::size_t k = f; k < count; k += folds)
-          if (const double e = problem.withheld_error_m(models[m], part, k, stride); std::isfinite(e))
-            squares.push_back(e * e);
+          squares[k] = std::pow(problem.withheld_error_m(models[m], part, k, stride), 2);
       }
-      const auto n = static_cast<double>(squares.size());
-      if (n >= 2) {
-        const double mean = std::accumulate(squares.begin(), squares.end(), 0.0) / n;
-        double spread = 0;
-        for (const double q : squares) spread += (q - mean) * (q - mean);
-        c.cross_validation = std::sqrt(mean);
-        c.cross_validation_sigma =
-            std::sqrt(spread / (n - 1) / n) / (2 * std::max(c.cross_validation, 1e-300));
-      }
+      set_cross_validation(c, std::move(squares));
     }
     candidates.push_back(c);
     states.push_back(std::move(s));
@@ -186,6 +176,16 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
   r.parameters = info.parameters;
   r.weak = weak_directions(r.parameters, info.matrix);
   r.covariance = covariance_from(r.parameters, info.matrix);
+  out.curve = problem.curve(out.model, state, r.covariance);
+  // 3 and 5 both turn the phase with four times itself, by a5 − a3 to first order; 7 and 9 with eight times.
+  // Of a model that was asked for the second is 0; where the data chose, it is not known to be.
+  const bool alone = !out.model.spline && (out.model.harmonics == 1 || out.model.harmonics == 3);
+  if (alone && models.size() > 1) {
+    r.covariance = problem.with_next_harmonic(out.model, state, r.covariance);
+    for (std::size_t i = 0; i < r.parameters.size(); ++i)
+      r.parameters[i].sigma =
+          std::sqrt(r.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)));
+  }
   out.distance_sigma_m = state.distance_sigma_m;
   out.distance_sigma_estimated = problem.estimates_distance_sigma() && state.distance_freedom > 0;
   if (out.distance_sigma_estimated) {
@@ -193,6 +193,7 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
     const double widen = student_widening(std::max(1.0, state.distance_freedom));
     r.covariance *= widen * widen;
     for (Parameter& p : r.parameters) p.sigma *= widen;
+    for (RangeFit::CurvePoint& p : out.curve) p.sigma_m *= widen;
   }
   advise(r, count);
   out.offset_m = r.parameters.front().value;
@@ -251,7 +252,6 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
   for (const NoiseSample& s : out.samples)
     if (s.amplitude > 0) dim = std::min(dim, s.amplitude), bright = std::max(bright, s.amplitude);
   if (bright > 0) r.validity.push_back({"amplitude", dim, bright});
-  out.curve = problem.curve(out.model, state, r.covariance);
   if (out.wrapped > 0)
     r.warnings.push_back(
         fmt::format("{} ranges had wrapped at the unambiguous range of {:.4g} m and were put back",
@@ -274,12 +274,14 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
                       "are too few to tell: {:.2g} m was assumed",
                       count, out.distance_sigma_m));
   }
-  // 3 and 5 both turn the phase with four times itself, by a5 − a3 to first order; 7 and 9 with eight times.
-  if (out.model.harmonics == 1 || out.model.harmonics == 3)
+  if (alone)
     r.warnings.push_back(
         fmt::format("harmonic_{0} stands for {0} and {1} together: to first order both make the same "
-                    "error of the range, and the data do not ask for more",
-                    out.model.harmonics * 2 + 1, out.model.harmonics * 2 + 3));
+                    "error of the range, and the data do not ask for more{2}",
+                    out.model.harmonics * 2 + 1, out.model.harmonics * 2 + 3,
+                    models.size() > 1 ? "; its sigma is that of an unknown second, the curve of the error is "
+                                        "known better"
+                                      : ""));
   tell(1);
   return out;
 }

@@ -26,7 +26,64 @@ double of_harmonics(const std::vector<double>& turns_per_m, const std::array<dou
   return w.a;
 }
 
+double of_harmonics(std::size_t count, const std::vector<double>& turns_per_m,
+                    const std::array<double, 4>& harmonics, double range_m, double* by_harmonic,
+                    double& by_range) {
+  const auto evaluate = count == 1   ? of_harmonics<1>
+                        : count == 2 ? of_harmonics<2>
+                        : count == 3 ? of_harmonics<3>
+                                     : of_harmonics<4>;
+  return evaluate(turns_per_m, harmonics, range_m, by_harmonic, by_range);
+}
+
 }  // namespace
+
+WigglingCurve::WigglingCurve(const std::vector<double>& turns_per_m, const std::array<double, 4>& harmonics,
+                             int count, double from_m, double to_m)
+    : turns_per_m_(turns_per_m),
+      harmonics_(harmonics),
+      count_(static_cast<std::size_t>(count)),
+      from_m_(from_m),
+      per_m_(0) {
+  if (count == 0) return;
+  // The shortest wave that counts is that of harmonic 16 or so: 60 nodes for each.
+  double turns = 0;
+  for (const double t : turns_per_m) turns = std::max(turns, t * (to_m - from_m));
+  const auto nodes = static_cast<std::size_t>(std::clamp(1000 * turns, 100.0, 20000.0));
+  per_m_ = static_cast<double>(nodes - 1) / (to_m - from_m);
+  samples_.resize(nodes * (count_ + 2));
+  for (std::size_t i = 0; i < nodes; ++i) {
+    double* at = samples_.data() + i * (count_ + 2);
+    at[0] = of_harmonics(count_, turns_per_m_, harmonics_, from_m_ + static_cast<double>(i) / per_m_, at + 2,
+                         at[1]);
+  }
+}
+
+double WigglingCurve::at(double range_m, double* by_harmonic, double& by_range) const {
+  const double x = (range_m - from_m_) * per_m_;
+  const std::size_t width = count_ + 2, nodes = samples_.size() / width;
+  if (!(x >= 1 && x < static_cast<double>(nodes - 2)))
+    return of_harmonics(count_, turns_per_m_, harmonics_, range_m, by_harmonic, by_range);
+  const auto i = static_cast<std::size_t>(x);
+  const double t = x - static_cast<double>(i);
+  // Lagrange's cubic through four nodes.
+  const double w[4] = {-t * (t - 1) * (t - 2) / 6, (t + 1) * (t - 1) * (t - 2) / 2,
+                       -(t + 1) * t * (t - 2) / 2, (t + 1) * t * (t - 1) / 6};
+  const double* node = samples_.data() + (i - 1) * width;
+  const auto value = [&](std::size_t k) {
+    return w[0] * node[k] + w[1] * node[width + k] + w[2] * node[2 * width + k] + w[3] * node[3 * width + k];
+  };
+  by_range = value(1);
+  for (std::size_t k = 0; k < count_; ++k) by_harmonic[k] = value(2 + k);
+  return value(0);
+}
+
+WigglingCurve RangeProblem::wiggling(const RangeModel& m, const RangeState& s) const {
+  // Distances and tilts move ranges by a little.
+  const double margin = 0.02 * (spline_.to - spline_.from) + 0.01 * spline_.to;
+  return {turns_per_m_, s.harmonics, m.spline ? 0 : m.harmonics, std::max(0.0, spline_.from - margin),
+          spline_.to + margin};
+}
 
 int Spline::basis(double x, std::array<double, 4>& value, std::array<double, 4>& slope) const {
   using Jet = ceres::Jet<double, 1>;
@@ -135,13 +192,14 @@ RangeState RangeProblem::start(const RangeModel& m) const {
   s.distance_sigma_m = estimates_distance_sigma() ? assumed_distance_sigma_m_ : given_distance_sigma_m_;
   s = start_from(m, s);
   // Each pixel from the median of its samples.
+  const WigglingCurve w = wiggling(m, s);
   in_parts(64, [&](std::size_t part) {
     std::vector<double> r;
     Cell c;
     for (std::size_t p = part; p < all_.pixels(); p += 64) {
       r.clear();
       for (std::size_t k = 0; k < scenes_.size(); ++k) {
-        evaluate(m, s, k, p, c);
+        evaluate(m, s, w, k, p, c);
         for (const std::size_t i : scenes_[k]->frames)
           if (used_[i][p]) r.push_back(residual(all_.frames[i], p, c.value_m, nullptr));
       }
@@ -160,8 +218,8 @@ RangeState RangeProblem::start_from(const RangeModel& m, const RangeState& from)
   return s;
 }
 
-void RangeProblem::evaluate(const RangeModel& m, const RangeState& s, std::size_t k, std::size_t p,
-                            Cell& c) const {
+void RangeProblem::evaluate(const RangeModel& m, const RangeState& s, const WigglingCurve& curve,
+                            std::size_t k, std::size_t p, Cell& c) const {
   const double ux = rays_[p][0], uy = rays_[p][1];
   const double slope = double(rays_[p][2]) + s.tilt_x[k] * ux + s.tilt_y[k] * uy;
   const double range = (scenes_[k]->distance_m + s.error_m[k]) / slope;
@@ -180,11 +238,7 @@ void RangeProblem::evaluate(const RangeModel& m, const RangeState& s, std::size_
     at = n - 1;
   } else if (m.harmonics > 0) {
     at = static_cast<std::size_t>(m.harmonics);
-    const auto harmonics = at == 1   ? of_harmonics<1>
-                           : at == 2 ? of_harmonics<2>
-                           : at == 3 ? of_harmonics<3>
-                                     : of_harmonics<4>;
-    wiggling = harmonics(turns_per_m_, s.harmonics, range, c.global.data(), wiggling_slope);
+    wiggling = curve.at(range, c.global.data(), wiggling_slope);
   }
   double amplitude = 0;
   if (m.amplitude) {

@@ -32,6 +32,23 @@ struct RangeState {
   std::size_t samples = 0;
 };
 
+/// The wiggling of a model's harmonics and its derivatives over the range, sampled once for all pixels and
+/// interpolated by cubics: to 1e-8 of itself. Beyond the samples it is evaluated.
+class WigglingCurve {
+ public:
+  WigglingCurve(const std::vector<double>& turns_per_m, const std::array<double, 4>& harmonics, int count,
+                double from_m, double to_m);
+  /// Returns the wiggling; its derivatives by the harmonics (`count` of them) and by the range.
+  double at(double range_m, double* by_harmonic, double& by_range) const;
+
+ private:
+  const std::vector<double>& turns_per_m_;
+  std::array<double, 4> harmonics_;
+  std::size_t count_;
+  double from_m_, per_m_;
+  std::vector<double> samples_;  ///< wiggling, by range, by harmonics: count_ + 2 for each node
+};
+
 class RangeProblem {
  public:
   RangeProblem(const TofScenes& scenes, const models::TofModel& model, const NoiseCoefficients* noise,
@@ -63,6 +80,11 @@ class RangeProblem {
     Eigen::MatrixXd matrix;
   };
   [[nodiscard]] Information information(const RangeModel& m, const RangeState& s) const;
+  /// Covariance of a model's parameters where the next harmonic, which makes the same error to first order (5
+  /// of 3, 9 of 7), is not 0 but unknown: as far as these data and any waveform allow. `covariance` is that
+  /// with 0.
+  [[nodiscard]] Eigen::MatrixXd with_next_harmonic(const RangeModel& m, const RangeState& s,
+                                                   const Eigen::MatrixXd& covariance) const;
   void report_rejected(const RangeState& s, FitResult& r) const;
   [[nodiscard]] std::vector<double> residuals(const RangeModel& m, const RangeState& s,
                                               std::vector<NoiseSample>& share) const;
@@ -90,8 +112,10 @@ class RangeProblem {
     double squares = 0, squares_m = 0, inverse_weights = 0;
     std::size_t samples = 0, pixels = 0, compared = 0;  ///< compared: pixels with two scenes or more
   };
-  void evaluate(const RangeModel& m, const RangeState& s, std::size_t scene, std::size_t pixel,
-                Cell& c) const;
+  /// Of the state's harmonics, for evaluate().
+  [[nodiscard]] WigglingCurve wiggling(const RangeModel& m, const RangeState& s) const;
+  void evaluate(const RangeModel& m, const RangeState& s, const WigglingCurve& w, std::size_t scene,
+                std::size_t pixel, Cell& c) const;
   /// `cauchy` > 0: robust weights of that width (in standard deviations). Moves the pixels to their best.
   Normal accumulate(const RangeModel& m, RangeState& s, std::size_t stride, const std::vector<bool>* take,
                     double cauchy) const;

@@ -18,6 +18,7 @@ constexpr std::size_t kNamed = 200;  ///< rejected samples that are named one by
 double RangeProblem::robust_scale(const RangeModel& m, const RangeState& s) const {
   std::vector<double> z;
   Cell c;
+  const WigglingCurve w = wiggling(m, s);
   const std::size_t stride = std::max<std::size_t>(1, all_.pixels() / 2000);
   for (std::size_t p = 0; p < all_.pixels(); p += stride)
     for (std::size_t k = 0; k < scenes_.size(); ++k) {
@@ -25,7 +26,7 @@ double RangeProblem::robust_scale(const RangeModel& m, const RangeState& s) cons
       bool evaluated = false;
       for (const std::size_t i : scenes_[k]->frames) {
         if (!used_[i][p]) continue;
-        if (!evaluated) evaluate(m, s, k, p, c), evaluated = true;
+        if (!evaluated) evaluate(m, s, w, k, p, c), evaluated = true;
         z.push_back(std::abs(residual(all_.frames[i], p, c.value_m + s.pixel_m[p], nullptr)) /
                     sigma_m_[k * all_.pixels() + p]);
       }
@@ -35,6 +36,7 @@ double RangeProblem::robust_scale(const RangeModel& m, const RangeState& s) cons
 
 void RangeProblem::gather(const RangeModel& m, const RangeState& s) {
   gathered_.assign(scenes_.size() * all_.pixels(), {});
+  const WigglingCurve w = wiggling(m, s);
   in_parts(64, [&](std::size_t part) {
     Cell c;
     for (std::size_t k = 0; k < scenes_.size(); ++k)
@@ -42,7 +44,7 @@ void RangeProblem::gather(const RangeModel& m, const RangeState& s) {
         double n = 0, sum = 0, squares = 0, predicted = 0;
         for (const std::size_t i : scenes_[k]->frames) {
           if (!used_[i][p]) continue;
-          if (n == 0) evaluate(m, s, k, p, c), predicted = c.value_m + s.pixel_m[p];
+          if (n == 0) evaluate(m, s, w, k, p, c), predicted = c.value_m + s.pixel_m[p];
           const double r = residual(all_.frames[i], p, predicted, nullptr);
           n += 1, sum += r, squares += r * r;
         }
@@ -86,6 +88,7 @@ void RangeProblem::reject(const RangeModel& m, RangeState& s, const StopToken& s
       return a.sigmas != b.sigmas ? a.sigmas > b.sigmas
                                   : std::make_pair(a.frame, a.pixel) < std::make_pair(b.frame, b.pixel);
     };
+    const WigglingCurve w = wiggling(m, s);
     in_parts(scenes_.size(), [&](std::size_t k) {
       Cell c;
       std::vector<Left>& left = of_scene[k];
@@ -96,7 +99,7 @@ void RangeProblem::reject(const RangeModel& m, RangeState& s, const StopToken& s
           const TofFrame& f = all_.frames[i];
           if (!std::isfinite(f.range_m[p]) || (amplitudes_ && !(inverse_[k * all_.pixels() + p] > 0)))
             continue;
-          if (!evaluated) evaluate(m, s, k, p, c), evaluated = true;
+          if (!evaluated) evaluate(m, s, w, k, p, c), evaluated = true;
           const double r = residual(f, p, c.value_m + s.pixel_m[p], nullptr);
           const double z = std::abs(r) / sigma_m_[k * all_.pixels() + p];
           used_[i][p] = scale == 0 || z <= limit;

@@ -6,12 +6,12 @@
 #include <cmath>
 #include <limits>
 
+#include "calibration/core/least_squares.h"
 #include "calibration/tof/range_problem.h"
 #include "calibration/tof/wiggling.h"
 #include "rt-core/numbers.h"
 
 namespace rigor::calibration {
-namespace {}  // namespace
 
 double RangeProblem::withheld_error_m(const RangeModel& m, const RangeState& state, std::size_t k,
                                       std::size_t stride) const {
@@ -19,6 +19,7 @@ double RangeProblem::withheld_error_m(const RangeModel& m, const RangeState& sta
   RangeState s = state;
   s.error_m[k] = 0;
   Cell c;
+  const WigglingCurve w = wiggling(m, s);
   for (int round = 0;; ++round) {
     Eigen::Matrix2d h = Eigen::Matrix2d::Identity() * 1e-12;
     Eigen::Vector2d b = Eigen::Vector2d::Zero();
@@ -27,7 +28,7 @@ double RangeProblem::withheld_error_m(const RangeModel& m, const RangeState& sta
       if (!(s.weight[p] > 0)) continue;
       const Gathered& here = gathered_[k * all_.pixels() + p];
       if (!(here.count > 0)) continue;
-      evaluate(m, s, k, p, c);
+      evaluate(m, s, w, k, p, c);
       const double r = here.mean_m - (c.value_m + s.pixel_m[p]);
       const Eigen::Vector2d j(c.scene[1], c.scene[2]);
       h += j * j.transpose();
@@ -91,10 +92,32 @@ RangeProblem::Information RangeProblem::information(const RangeModel& m, const R
   return out;
 }
 
+Eigen::MatrixXd RangeProblem::with_next_harmonic(const RangeModel& m, const RangeState& s,
+                                                 const Eigen::MatrixXd& covariance) const {
+  // No correlation of two signals of the square wave's kind has more of a harmonic n than the triangle's
+  // 1/n², which stands for the standard deviation of what is not known.
+  RangeModel next = m;
+  ++next.harmonics;
+  Information info = information(next, s);
+  const Eigen::Index at = next.harmonics;  // after the offset
+  const double order = 1 + 2.0 * next.harmonics, wide = 1 / (order * order);
+  info.matrix(at, at) += 1 / (wide * wide);
+  const Eigen::MatrixXd all = covariance_from(info.parameters, info.matrix);
+  std::vector<Eigen::Index> kept;
+  for (Eigen::Index i = 0; i < all.rows(); ++i)
+    if (i != at) kept.push_back(i);
+  const Eigen::MatrixXd out = all(kept, kept);
+  // Knowing less makes nothing surer: where rounding of a direction that is free says so, the first stands.
+  for (Eigen::Index i = 0; i < out.rows(); ++i)
+    if (!(out(i, i) >= (1 - 1e-6) * covariance(i, i))) return covariance;
+  return out;
+}
+
 std::vector<double> RangeProblem::residuals(const RangeModel& m, const RangeState& s,
                                             std::vector<NoiseSample>& share) const {
   std::vector<double> out;
   Cell c;
+  const WigglingCurve w = wiggling(m, s);
   std::size_t seen = 0;
   const std::size_t stride = std::max<std::size_t>(1, s.samples / 20000);
   for (std::size_t k = 0; k < scenes_.size(); ++k) {
@@ -103,7 +126,7 @@ std::vector<double> RangeProblem::residuals(const RangeModel& m, const RangeStat
       bool evaluated = false;
       for (const std::size_t i : scenes_[k]->frames) {
         if (!used_[i][p]) continue;
-        if (!evaluated) evaluate(m, s, k, p, c), evaluated = true;
+        if (!evaluated) evaluate(m, s, w, k, p, c), evaluated = true;
         out.push_back(residual(all_.frames[i], p, c.value_m + s.pixel_m[p], nullptr));
         const double inverse = inverse_[k * all_.pixels() + p];
         if (seen++ % stride == 0) share.push_back({inverse > 0 ? unit_amplitude_ / inverse : 0, out.back()});
@@ -116,6 +139,7 @@ std::vector<double> RangeProblem::residuals(const RangeModel& m, const RangeStat
 std::vector<SceneFit> RangeProblem::scene_fits(const RangeModel& m, const RangeState& s) const {
   std::vector<SceneFit> out;
   Cell c;
+  const WigglingCurve w = wiggling(m, s);
   for (std::size_t k = 0; k < scenes_.size(); ++k) {
     SceneFit f;
     f.name = scenes_[k]->name;
@@ -132,7 +156,7 @@ std::vector<SceneFit> RangeProblem::scene_fits(const RangeModel& m, const RangeS
           ++f.rejected;
           continue;
         }
-        if (!evaluated) evaluate(m, s, k, p, c), evaluated = true;
+        if (!evaluated) evaluate(m, s, w, k, p, c), evaluated = true;
         bool wrapped = false;
         const double r = residual(all_.frames[i], p, c.value_m + s.pixel_m[p], &wrapped);
         f.wrapped += wrapped;

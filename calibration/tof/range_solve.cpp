@@ -41,6 +41,7 @@ RangeProblem::Normal RangeProblem::accumulate(const RangeModel& m, RangeState& s
   constexpr std::size_t kParts = 32;
   std::vector<Normal> parts(kParts);
   const double width2 = cauchy * cauchy;
+  const WigglingCurve wiggle = wiggling(m, s);
   in_parts(kParts, [&](std::size_t part) {
     Normal& out = parts[part];
     out.h = Eigen::MatrixXd::Zero(n, n);
@@ -60,7 +61,7 @@ RangeProblem::Normal RangeProblem::accumulate(const RangeModel& m, RangeState& s
         if (cauchy == 0) {
           const Gathered& here = gathered_[k * all_.pixels() + p];
           if (!(here.count > 0)) continue;
-          evaluate(m, s, k, p, cells[k]);
+          evaluate(m, s, wiggle, k, p, cells[k]);
           const double r = here.mean_m - (cells[k].value_m + s.pixel_m[p]), n_here = here.count;
           const double square = here.squares_m2 + n_here * r * r;
           ws[k] = n_here * w, rs[k] = n_here * w * r;
@@ -72,7 +73,7 @@ RangeProblem::Normal RangeProblem::accumulate(const RangeModel& m, RangeState& s
         }
         for (const std::size_t i : scenes_[k]->frames) {
           if (!used_[i][p]) continue;
-          if (!evaluated) evaluate(m, s, k, p, cells[k]), evaluated = true;
+          if (!evaluated) evaluate(m, s, wiggle, k, p, cells[k]), evaluated = true;
           const double r = residual(all_.frames[i], p, cells[k].value_m + s.pixel_m[p], nullptr);
           const double z2 = r * r * w;
           const double share = 1 / (1 + z2 / width2);

@@ -1,51 +1,20 @@
 // Recordings of real devices.
 #include <gtest/gtest.h>
 
-#include <cstring>
-#include <filesystem>
 #include <iostream>
 
 #include "calibration/lidar/lidar_fit.h"
-#include "calibration/procedures/recording_input.h"
-#include "sensor-hal/models/lidar/lidar_yaml.h"
-#include "tests/paths.h"
+#include "tests/calibration/lidar/recorded_returns.h"
 
 namespace rigor::calibration {
 namespace {
 
-namespace fs = std::filesystem;
-
-struct Recording {
-  LidarReturns returns;
-  models::LidarModel sensor_model;
-  std::vector<std::string> warnings;
-};
-
-fs::path file_of(const std::string& name) { return rigor::test::test_data(name); }
-#define NEED_RECORDING(name) \
-  if (!fs::exists(file_of(name))) GTEST_SKIP() << "test data: " << (name) << " is not here"
-
-Recording read(const std::string& sensor_model, const std::string& name) {
-  Recording r;
-  auto model = load_lidar_model(fs::path(rigor::test::source_dir()) / "configs/sensors" / sensor_model);
-  EXPECT_TRUE(model) << model.error().text();
-  r.sensor_model = *model;
-  ReturnCollector collector(model->scan);
-  auto in = read_samples(file_of(name), "", SampleKind::point_cloud, [&](const Sample& s) {
-    std::vector<LidarPoint> points(s.as<PointCloudInfo>()->count);
-    std::memcpy(points.data(), s.bytes().data(), points.size() * sizeof(LidarPoint));
-    collector.add(points);
-    return true;
-  });
-  EXPECT_TRUE(in) << in.error().text();
-  if (in) r.warnings = in->warnings;
-  r.returns = collector.take();
-  return r;
-}
+using test::read_returns;
+using test::Recording;
 
 TEST(LidarRealData, BiasesOfAVlp16HalveWhatIsLeftOnSectorsThatWereWithheld) {
   NEED_RECORDING("velodyne_vlp16/vlp16_stationary_room.pcap");
-  const Recording r = read("velodyne-vlp16.yaml", "velodyne_vlp16/vlp16_stationary_room.pcap");
+  const Recording r = read_returns("velodyne-vlp16.yaml", "velodyne_vlp16/vlp16_stationary_room.pcap");
   ASSERT_EQ(r.warnings.size(), 1u);
   EXPECT_NE(r.warnings[0].find("0x21 says HDL-32E"), std::string::npos) << r.warnings[0];
   const auto fit = fit_lidar(r.returns, r.sensor_model);
@@ -64,7 +33,7 @@ TEST(LidarRealData, BiasesOfAVlp16HalveWhatIsLeftOnSectorsThatWereWithheld) {
 
 TEST(LidarRealData, NoiseOfAnLms511IsOneNumber) {
   NEED_RECORDING("sick_lidar/20210301_lms511.json");
-  const Recording r = read("sick-lms511.yaml", "sick_lidar/20210301_lms511.json");
+  const Recording r = read_returns("sick-lms511.yaml", "sick_lidar/20210301_lms511.json");
   EXPECT_EQ(r.returns.scans, 136u);
   const auto fit = fit_range_noise(r.returns, r.sensor_model);
   ASSERT_TRUE(fit) << fit.error().text();
@@ -82,7 +51,7 @@ TEST(LidarRealData, NoThresholdIsToldWhereTheRoomHasNoDarkSurfaces) {
        {std::pair{"sick-lms511.yaml", "sick_lidar/20210301_lms511.json"},
         {"sick-tim781s.yaml", "sick_lidar/20210125-tim781s-scandata.json"}}) {
     NEED_RECORDING(name);
-    const Recording r = read(sensor_model, name);
+    const Recording r = read_returns(sensor_model, name);
     const auto fit = fit_lidar(r.returns, r.sensor_model, {.noise_model = "constant"});
     ASSERT_TRUE(fit) << fit.error().text();
     for (const char* p : {"minimum_remission", "limit_remission"})
@@ -92,7 +61,7 @@ TEST(LidarRealData, NoThresholdIsToldWhereTheRoomHasNoDarkSurfaces) {
 
 TEST(LidarRealData, NoiseOfATim781s) {
   NEED_RECORDING("sick_lidar/20210125-tim781s-scandata.json");
-  const Recording r = read("sick-tim781s.yaml", "sick_lidar/20210125-tim781s-scandata.json");
+  const Recording r = read_returns("sick-tim781s.yaml", "sick_lidar/20210125-tim781s-scandata.json");
   EXPECT_EQ(r.returns.scans, 140u);
   const auto fit = fit_range_noise(r.returns, r.sensor_model);
   ASSERT_TRUE(fit) << fit.error().text();

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <random>
 
+#include "calibration/core/chi_squared.h"
+
 namespace rigor::calibration {
 namespace {
 
@@ -216,6 +218,26 @@ TEST(PlaneExtrinsics, PlanesThatAreWorseThanTheyClaimAreTakenAsTheyAre) {
   // word the planes give some 700.
   EXPECT_GT(chi2, 8);
   EXPECT_LT(chi2, 75);
+}
+
+TEST(PlaneExtrinsics, NoiseThatWasStatedTooSmallIsNamedAndEnlargesTheUncertainties) {
+  double chi2 = 0;
+  constexpr int kFits = 20;
+  World w;
+  for (std::uint32_t seed = 0; seed < kFits; ++seed) {
+    const auto fit = fit_plane_extrinsics(seen(seed, w), {.sigma_point_m = w.sigma_m / 1.4});
+    ASSERT_TRUE(fit) << fit.error().text();
+    bool named = false;
+    for (const auto& text : fit->result.warnings)
+      named = named || text.find("the uncertainties were enlarged") != std::string::npos;
+    EXPECT_TRUE(named) << seed;
+    const auto e = error_of(*fit);
+    chi2 += e.dot(fit->result.covariance.ldlt().solve(e));
+  }
+  // Not smaller than they should be: the quantile at 0.9995 of 120 degrees of freedom. At most 1.4 times too
+  // large, where the planes' own errors, which were stated well, make them.
+  EXPECT_LT(chi2, chi_squared_quantile(0.9995, 6 * kFits));
+  EXPECT_GT(chi2, chi_squared_quantile(0.0005, 6 * kFits) / (1.4 * 1.4));
 }
 
 TEST(PlaneExtrinsics, TheStartComesFromTheNormals) {

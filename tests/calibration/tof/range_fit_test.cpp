@@ -66,6 +66,71 @@ TEST(RangeFit, ChoosesTheHarmonicsThatAreThere) {
   EXPECT_EQ(none->ranges.result.model, "none");
 }
 
+TEST(RangeFit, ChoosesNoMoreHarmonicsThanThereAre) {
+  int more = 0;
+  for (std::uint64_t seed = 0; seed < 4; ++seed) {
+    SyntheticTof t{.model = small_tof(12, 9), .distance_sigma_m = 3e-4};
+    t.model.modulation.harmonics = {0.05, 0, 0, 0};
+    t.remission = 1;
+    RangeFitOptions o;
+    o.distance_sigma_m = 3e-4;
+    const auto fit = calibrate(record_plane(t, kDistances, 4, seed), nominal(t.model), o);
+    ASSERT_TRUE(fit) << fit.error().text();
+    EXPECT_FALSE(fit->ranges.model.spline);
+    EXPECT_GE(fit->ranges.model.harmonics, 1);
+    more += fit->ranges.model.harmonics > 1 || fit->ranges.model.amplitude;
+  }
+  EXPECT_LE(more, 1);
+}
+
+TEST(RangeFit, ChoosesTheErrorOfTheAmplitudeWhereThereIsOne) {
+  for (std::uint64_t seed = 0; seed < 3; ++seed) {
+    SyntheticTof t{.model = small_tof(12, 9), .offset_m = 0.01, .distance_sigma_m = 5e-4};
+    t.amplitude_error_m = 60;
+    std::vector<TofFrame> frames;
+    std::vector<std::size_t> recording;
+    for (const double remission : {0.2, 0.8}) {
+      t.remission = remission;
+      for (TofFrame& f : record_plane(t, kDistances, 4, seed, "plane", remission < 0.5 ? 0 : 1000)) {
+        frames.push_back(std::move(f));
+        recording.push_back(remission < 0.5 ? 0 : 1);
+      }
+    }
+    RangeFitOptions o;
+    o.distance_sigma_m = 5e-4;
+    const auto fit = calibrate(std::move(frames), nominal(t.model), o, NoiseLaw::shot_read, recording);
+    ASSERT_TRUE(fit) << fit.error().text();
+    EXPECT_TRUE(fit->ranges.model.amplitude) << fit->ranges.result.model;
+  }
+}
+
+/// Of harmonics 3 and 5, which make the same error to first order, the data ask for one: it is off by the
+/// other, and its sigma says so. The curve of the error is known all the same.
+TEST(RangeFit, TheSigmaOfAHarmonicThatStandsForTwoHoldsTheOther) {
+  int alone = 0;
+  for (std::uint64_t seed = 0; seed < 2; ++seed) {
+    const SyntheticTof t{.model = small_tof(12, 9), .offset_m = 0.02, .distance_sigma_m = 1e-3};
+    RangeFitOptions o;
+    o.distance_sigma_m = 1e-3;
+    const auto fit = calibrate(record_plane(t, kDistances, 4, seed), nominal(t.model), o);
+    ASSERT_TRUE(fit) << fit.error().text();
+    const FitResult& r = fit->ranges.result;
+    if (fit->ranges.model.harmonics != 1) continue;
+    ++alone;
+    const Parameter& h = *r.find("harmonic_3");
+    const auto one = calibrate(record_plane(t, kDistances, 4, seed), nominal(t.model),
+                               only({1, false, fit->ranges.model.amplitude}));
+    ASSERT_TRUE(one);
+    std::printf("harmonic_3 %.5f of 0.03 and 0.01: sigma %.2g, of the model alone %.2g\n", h.value, h.sigma,
+                one->ranges.result.find("harmonic_3")->sigma);
+    EXPECT_LT(std::abs(h.value - 0.03), 2.5 * h.sigma);
+    EXPECT_LT(h.sigma, 0.05);
+    for (std::size_t i = 0; i < fit->ranges.curve.size(); ++i)
+      EXPECT_NEAR(fit->ranges.curve[i].sigma_m, one->ranges.curve[i].sigma_m, 1e-4);
+  }
+  EXPECT_GE(alone, 2);
+}
+
 TEST(RangeFit, SaysWhichHarmonicsAreNotToldApart) {
   // Harmonics 3 and 5 differ in the second order of their own size: weak ones of the same error do not.
   SyntheticTof t{.model = small_tof(), .offset_m = 0.02, .distance_sigma_m = 1e-3};
