@@ -100,7 +100,10 @@ TEST(GigeEmulator, OneBroadcastActionExposesTwoCamerasInTheSameNanosecond) {
     EXPECT_EQ(a.command, static_cast<std::uint16_t>(GvcpCommand::action_ack));
   }
   for (GigeClient* client : {&first, &second}) EXPECT_EQ(receive(*client, 1, 5'000).complete, 1u);
-  EXPECT_EQ(began, (std::vector{t, t}));
+  {
+    const std::scoped_lock lock(mutex);
+    EXPECT_EQ(began, (std::vector{t, t}));
+  }
   // A broadcast write is nobody's.
   const RegisterWrite w{reg::kControlPrivilege, 0};
   sender.send({0x7FFFFFFF, kGvcpPort}, encode_write_register_cmd(2, std::span(&w, 1)));
