@@ -92,7 +92,7 @@ class ActionSender {
   };
   struct Due {
     Duration wait;                   ///< until the next command is due
-    std::optional<BenchTime> asked;  ///< the newest exposure that was asked for now
+    std::optional<BenchTime> asked;  ///< the newest exposure whose command was sent
   };
   /// Sends what is due at `now` and takes in what was answered. Does not wait.
   Due send_due(BenchTime now, const Schedule& schedule, ActionGroup& group);

@@ -2,45 +2,21 @@
 
 #include "drivers/aravis/gige_channel_emulator.h"
 #include "drivers/aravis/u3v_channel_emulator.h"
+#include "sensor-hal/channel/chosen_emulator.h"
 
 namespace rigor {
 namespace {
 
-class CameraEmulator final : public Emulator {
+class CameraEmulator final : public ChosenEmulator {
  public:
-  ~CameraEmulator() override {
-    if (state() == ChannelState::armed || state() == ChannelState::running) (void)stop();
-  }
-  void attach(DeviceParts parts) override { parts_ = std::move(parts); }
-  [[nodiscard]] std::string endpoint() const override { return inner_ ? inner_->endpoint() : "camera"; }
-  [[nodiscard]] HealthSnapshot health() const noexcept override {
-    return inner_ ? inner_->health() : HealthSnapshot{};
-  }
+  CameraEmulator() : ChosenEmulator("camera") {}
 
  protected:
-  Status do_configure(const ChannelConfig& config) override {
-    std::unique_ptr<Emulator> chosen;
-    if (config.params.choice_or("as", {"gige", "usb3vision"}, "gige") == "usb3vision")
-      chosen = std::make_unique<U3vChannelEmulator>();
-    else
-      chosen = std::make_unique<GigeChannelEmulator>();
-    if (auto s = chosen->configure(config); !s) return s;
-    inner_ = std::move(chosen);
-    description_ = inner_->describe();
-    return {};
+  [[nodiscard]] std::unique_ptr<Emulator> choose(const ConfigNode& params) const override {
+    if (params.choice_or("as", {"gige", "usb3vision"}, "gige") == "usb3vision")
+      return std::make_unique<U3vChannelEmulator>();
+    return std::make_unique<GigeChannelEmulator>();
   }
-  Status do_arm(const ArmContext& context) override {
-    inner_->attach(parts_);
-    if (auto s = inner_->arm(context); !s) return s;
-    description_ = inner_->describe();
-    return {};
-  }
-  Status do_start(BenchTime t0) override { return inner_->start(t0); }
-  Status do_stop() override { return inner_->stop(); }
-
- private:
-  DeviceParts parts_;
-  std::unique_ptr<Emulator> inner_;
 };
 
 }  // namespace

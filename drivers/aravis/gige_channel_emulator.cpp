@@ -1,16 +1,6 @@
 #include "drivers/aravis/gige_channel_emulator.h"
 
-#include <condition_variable>
-#include <mutex>
-#include <thread>
-
 namespace rigor {
-
-struct GigeChannelEmulator::Watcher {
-  std::mutex mutex;
-  std::condition_variable_any changed;
-  std::jthread thread;
-};
 
 GigeChannelEmulator::GigeChannelEmulator() = default;
 GigeChannelEmulator::~GigeChannelEmulator() { (void)do_stop(); }
@@ -52,24 +42,19 @@ Status GigeChannelEmulator::do_start(BenchTime) {
   auto camera = gige::GigeEmulator::start(options_, picture_of(parts_, settings_, BenchTime(0)));
   if (!camera) return fail(camera.error().code, name_, camera.error().text());
   camera_ = std::move(*camera);
-  watcher_ = std::make_unique<Watcher>();
-  watcher_->thread = std::jthread([this, &w = *watcher_](std::stop_token stop) {
-    std::unique_lock lock(w.mutex);
-    do {
-      const gige::GigeEmulatorHealth h = camera_->health();
-      health_.connected = h.controlled;
-      health_.received = h.frames_sent;
-      health_.lost = h.exposures_skipped + h.pictures_missing + h.blocks_dropped;
-      health_.protocol_errors = h.malformed;
-      health_.retries = h.resend_requests;
-    } while (!w.changed.wait_for(lock, stop, std::chrono::milliseconds(200),
-                                 [&] { return stop.stop_requested(); }));
+  watch_.emplace([this] {
+    const gige::GigeEmulatorHealth h = camera_->health();
+    health_.connected = h.controlled;
+    health_.received = h.frames_sent;
+    health_.lost = h.exposures_skipped + h.pictures_missing + h.blocks_dropped;
+    health_.protocol_errors = h.malformed;
+    health_.retries = h.resend_requests;
   });
   return {};
 }
 
 Status GigeChannelEmulator::do_stop() {
-  watcher_.reset();
+  watch_.reset();
   if (camera_) {
     camera_->stop();
     last_ = camera_->health();

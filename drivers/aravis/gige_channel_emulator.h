@@ -4,9 +4,11 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 
 #include "drivers/aravis/emulated_camera.h"
 #include "drivers/aravis/gige_emulator.h"
+#include "drivers/aravis/health_watch.h"
 
 namespace rigor {
 
@@ -37,8 +39,7 @@ class GigeChannelEmulator final : public Emulator {
   gige::GigeEmulatorOptions options_;
   std::unique_ptr<gige::GigeEmulator> camera_;
   gige::GigeEmulatorHealth last_;
-  struct Watcher;
-  std::unique_ptr<Watcher> watcher_;  // copies the camera's counters to health()
+  std::optional<HealthWatch> watch_;  ///< while it runs
 };
 
 }  // namespace rigor

@@ -1,16 +1,6 @@
 #include "drivers/aravis/u3v_channel_emulator.h"
 
-#include <condition_variable>
-#include <mutex>
-#include <thread>
-
 namespace rigor {
-
-struct U3vChannelEmulator::Watcher {
-  std::mutex mutex;
-  std::condition_variable_any changed;
-  std::jthread thread;
-};
 
 U3vChannelEmulator::U3vChannelEmulator() = default;
 U3vChannelEmulator::~U3vChannelEmulator() { (void)do_stop(); }
@@ -55,23 +45,18 @@ Status U3vChannelEmulator::do_start(BenchTime) {
   auto camera = u3v::Emulator::start(options_, picture_of(parts_, settings_, BenchTime(0)));
   if (!camera) return fail(camera.error().code, name_, camera.error().text());
   camera_ = std::move(*camera);
-  watcher_ = std::make_unique<Watcher>();
-  watcher_->thread = std::jthread([this, &w = *watcher_](std::stop_token stop) {
-    std::unique_lock lock(w.mutex);
-    do {
-      const u3v::EmulatorHealth h = camera_->health();
-      health_.connected = h.imported;
-      health_.received = h.frames_sent;
-      health_.lost = h.exposures_skipped + h.pictures_missing + h.frames_dropped + h.frames_cut;
-      health_.protocol_errors = h.malformed + h.bus_errors;
-    } while (!w.changed.wait_for(lock, stop, std::chrono::milliseconds(200),
-                                 [&] { return stop.stop_requested(); }));
+  watch_.emplace([this] {
+    const u3v::EmulatorHealth h = camera_->health();
+    health_.connected = h.imported;
+    health_.received = h.frames_sent;
+    health_.lost = h.exposures_skipped + h.pictures_missing + h.frames_dropped + h.frames_cut;
+    health_.protocol_errors = h.malformed + h.bus_errors;
   });
   return {};
 }
 
 Status U3vChannelEmulator::do_stop() {
-  watcher_.reset();
+  watch_.reset();
   if (camera_) {
     camera_->stop();
     last_ = camera_->health();

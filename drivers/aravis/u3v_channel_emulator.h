@@ -4,8 +4,10 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 
 #include "drivers/aravis/emulated_camera.h"
+#include "drivers/aravis/health_watch.h"
 #include "drivers/aravis/u3v_emulator.h"
 
 namespace rigor {
@@ -35,8 +37,7 @@ class U3vChannelEmulator final : public Emulator {
   u3v::EmulatorOptions options_;
   std::unique_ptr<u3v::Emulator> camera_;
   u3v::EmulatorHealth last_;
-  struct Watcher;
-  std::unique_ptr<Watcher> watcher_;  // copies the camera's counters to health()
+  std::optional<HealthWatch> watch_;  ///< while it runs
 };
 
 }  // namespace rigor

@@ -26,7 +26,7 @@ class PcapFeed {
   /// The next datagram that is wanted. Empty: the end; `broken()` says whether it is that of the file.
   [[nodiscard]] std::optional<Item> next(BenchTime t0);
   using Take = std::function<void(std::span<const std::uint8_t> datagram, BenchTime due)>;
-  /// The thread of a source, by the wall clock: waits for the run's start and gives each datagram when it is
+  /// The thread of a source in a wall-clock run: waits for the run's start and gives each datagram when it is
   /// due. True: that was the recording; false: `deadline` was cut.
   [[nodiscard]] bool play(const RunOrigin& origin, Deadline& deadline, const Take& take);
   /// Virtual time: gives datagrams as long as `more` wants some. True: that was the recording.

@@ -1,6 +1,7 @@
 #include "drivers/usb/usb_protocols.h"
 
 #include "drivers/usb/scip_source.h"
+#include "sensor-hal/channel/chosen_emulator.h"
 
 namespace rigor::usb {
 namespace {
@@ -80,39 +81,15 @@ class VirtualSource final : public ChosenSource {
   ConfigNode params_;
 };
 
-class ChosenEmulator final : public Emulator {
+class UsbEmulator final : public ChosenEmulator {
  public:
-  ~ChosenEmulator() override {
-    if (state() == ChannelState::armed || state() == ChannelState::running) (void)stop();
-  }
-  void attach(DeviceParts parts) override { parts_ = std::move(parts); }
-  [[nodiscard]] std::string endpoint() const override { return inner_ ? inner_->endpoint() : "USB device"; }
-  [[nodiscard]] HealthSnapshot health() const noexcept override {
-    return inner_ ? inner_->health() : HealthSnapshot{};
-  }
+  UsbEmulator() : ChosenEmulator("USB device") {}
 
  protected:
-  Status do_configure(const ChannelConfig& config) override {
-    std::unique_ptr<Emulator> chosen;
-    if (protocol_of(config.params) == "bulk")
-      chosen = std::make_unique<BulkEmulator>();
-    else
-      chosen = std::make_unique<ScipEmulator>();
-    if (auto s = chosen->configure(config); !s) return s;
-    inner_ = std::move(chosen);
-    description_ = inner_->describe();
-    return {};
+  [[nodiscard]] std::unique_ptr<Emulator> choose(const ConfigNode& params) const override {
+    if (protocol_of(params) == "bulk") return std::make_unique<BulkEmulator>();
+    return std::make_unique<ScipEmulator>();
   }
-  Status do_arm(const ArmContext& context) override {
-    inner_->attach(parts_);
-    return inner_->arm(context);
-  }
-  Status do_start(BenchTime t0) override { return inner_->start(t0); }
-  Status do_stop() override { return inner_->stop(); }
-
- private:
-  DeviceParts parts_;
-  std::unique_ptr<Emulator> inner_;
 };
 
 }  // namespace
@@ -123,6 +100,6 @@ std::unique_ptr<Source> make_usb_source(LinkFactory links) {
 std::unique_ptr<Source> make_usb_virtual_source(DeviceParts parts, ConfigNode emulator_params) {
   return std::make_unique<VirtualSource>(std::move(parts), std::move(emulator_params));
 }
-std::unique_ptr<Emulator> make_usb_emulator() { return std::make_unique<ChosenEmulator>(); }
+std::unique_ptr<Emulator> make_usb_emulator() { return std::make_unique<UsbEmulator>(); }
 
 }  // namespace rigor::usb

@@ -301,7 +301,7 @@ SampleLease PairSource::poll(BenchTime now) noexcept {
   if (after_switch_) {
     const SampleLease sample = std::move(after_switch_);
     after_switch_.reset();
-    return hand_on(active(), sample);
+    return deliver(active(), sample);
   }
   while (true) {
     const SampleLease* real = state_of(PairSide::real).due(now);
@@ -319,7 +319,7 @@ SampleLease PairSource::poll(BenchTime now) noexcept {
       misplaced_.fetch_add(sample->stamp.sequence > last_handed_, std::memory_order_relaxed);
       continue;
     }
-    return hand_on(side, sample);
+    return deliver(side, sample);
   }
 }
 
@@ -341,7 +341,7 @@ void PairSource::sample_due(PairSide side, const SampleLease& sample) noexcept {
     statistics_.compare(state_of(PairSide::real).last_due, state_of(PairSide::simulated).last_due);
 }
 
-SampleLease PairSource::hand_on(PairSide side, const SampleLease& sample) noexcept {
+SampleLease PairSource::deliver(PairSide side, const SampleLease& sample) noexcept {
   any_handed_ = true;
   last_handed_ = sample->stamp.sequence;
   last_handed_t_ = sample->stamp.t_capture;

@@ -121,7 +121,7 @@ class PairSource final : public Source {
   void new_cycle(BenchTime now) noexcept;
   void tell_switch(PairSide to, BenchTime now) noexcept;
   void sample_due(PairSide side, const SampleLease& sample) noexcept;
-  [[nodiscard]] SampleLease hand_on(PairSide side, const SampleLease& sample) noexcept;
+  [[nodiscard]] SampleLease deliver(PairSide side, const SampleLease& sample) noexcept;
   void take_notes() noexcept;
   void pass_on_events() noexcept;
   bool tell(BenchTime now, const EventInfo& info) noexcept;

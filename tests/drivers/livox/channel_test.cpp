@@ -208,7 +208,8 @@ template <class Done>
 bool poll_until(LivoxSource& source, std::vector<SampleLease>& got, Done&& done) {
   for (const MonotonicTime end = monotonic_now() + seconds(30); !done() && monotonic_now() < end;) {
     while (SampleLease s = source.poll(bench_now())) got.push_back(std::move(s));
-    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    std::this_thread::sleep_for(
+        std::chrono::milliseconds(2));  // the pace of polling: samples come every 100 ms
   }
   return done();
 }
@@ -319,7 +320,7 @@ TEST(LivoxEmulator, PushesItsStateAndRebootsWhenAsked) {
       if (const auto c = parse_command(d.bytes); c && c->id == CommandId::push)
         for (const Parameter& p : *parse_parameters(c->data.subspan(4), load_le<std::uint16_t>(c->data, 0)))
           if (p.key == Key::state) pushed = static_cast<WorkState>(p.value[0]);
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));  // the pace of polling, until the loop ends it
   }
   EXPECT_EQ(pushed, WorkState::self_check);
   const std::vector<std::uint8_t> now{0, 0};

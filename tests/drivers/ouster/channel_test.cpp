@@ -479,7 +479,7 @@ std::uint64_t timestamp_of_column(const std::string& config, std::uint32_t colum
       for (std::uint32_t i = 0; packet && i < packet->columns(); ++i)
         if (packet->column(i).measurement_id() == column) return packet->column(i).timestamp_ns();
     }
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));  // the pace of polling, until the loop ends it
   }
   return 0;
 }

@@ -44,7 +44,7 @@ TEST(LidarPattern, GoesOnWhereTheLastScanEndedAndEndsWithTheTable) {
   const std::string csv = "0,1,0\n0.001,2,0\n0.002,3,0\n0.003,4,0\n0.004,5,0\n";
   AnalyticWorld world;
   const auto seen = [&](bool periodic, std::uint64_t index) {
-    // The bench's time, which may be anything, has no say.
+    // The time of the bench does not change which part of the pattern is scanned.
     const auto s = scan(pattern_model(csv, 2'000'000, periodic), inside_a_sphere(), world,
                         {.index = index, .t = BenchTime(123'456'789'000'000)});
     std::vector<std::pair<long, int>> told;
