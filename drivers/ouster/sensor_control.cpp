@@ -1,8 +1,9 @@
 #include "drivers/ouster/sensor_control.h"
 
+#include <arpa/inet.h>
+
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <optional>
 #include <sstream>
 #include <vector>
@@ -66,6 +67,7 @@ const std::vector<Parameter>& parameters() {
   return all;
 }
 
+/// What is no UTF-8 becomes U+FFFD: clients may send anything.
 std::string shown(const json& v) { return v.dump(-1, ' ', true, json::error_handler_t::replace); }
 
 std::string bound(double v) { return v == std::round(v) ? std::to_string(std::lround(v)) : shown(v); }
@@ -82,13 +84,11 @@ std::optional<json> checked(const Parameter& p, json v, const SensorDevice& devi
   if (p.kind == K::flag && v.is_number_integer() && (v == 0 || v == 1)) v = v == 1;
   switch (p.kind) {
     case K::address: {
-      unsigned a = 0, b = 0, c = 0, d = 0;
-      char rest = 0;
+      in_addr address{};
       why = "an IPv4 address";
-      if (!v.is_string() ||
-          std::sscanf(v.get_ref<const std::string&>().c_str(), "%3u.%3u.%3u.%3u%c", &a, &b, &c, &d, &rest) !=
-              4 ||
-          std::max({a, b, c, d}) > 255)
+      // A NUL would hide what follows it.
+      if (!v.is_string() || v.get_ref<const std::string&>().find('\0') != std::string::npos ||
+          inet_pton(AF_INET, v.get_ref<const std::string&>().c_str(), &address) != 1)
         return {};
       return v;
     }
@@ -361,7 +361,7 @@ SensorControl::Reply SensorControl::http(std::string_view method, std::string_vi
   const std::size_t question = target.find('?');
   const std::string_view path = target.substr(0, question);
   const auto refuse = [](int status, const std::string& why) {
-    return Reply{status, json{{"error", why}}.dump(-1, ' ', true, json::error_handler_t::replace)};
+    return Reply{status, shown(json{{"error", why}})};
   };
   const auto starts = [&](std::string_view with) { return path.substr(0, with.size()) == with; };
   constexpr std::string_view kMetadata = "/api/v1/sensor/metadata", kConfig = "/api/v1/sensor/config",
@@ -378,13 +378,13 @@ SensorControl::Reply SensorControl::http(std::string_view method, std::string_vi
     return refuse(400, wrong);
   }
   if (!get) return refuse(405, "expected GET, or POST of /api/v1/sensor/config");
-  if (path == kConfig) return {200, impl_->current.dump()};
+  if (path == kConfig) return {200, shown(impl_->current)};
   if (path == "/api/v1/system/firmware")
-    return {200, json{{"fw", "ousteros-image-prod-aries-" + impl_->identity.firmware + "+emulated"}}.dump()};
-  if (path == kMetadata || path == "/api/v1/sensor/metadata/") return {200, impl_->metadata(now).dump()};
+    return {200, shown(json{{"fw", "ousteros-image-prod-aries-" + impl_->identity.firmware + "+emulated"}})};
+  if (path == kMetadata || path == "/api/v1/sensor/metadata/") return {200, shown(impl_->metadata(now))};
   if (starts(kMetadata) && path[kMetadata.size()] == '/')
     if (const json g = impl_->group(path.substr(kMetadata.size() + 1), now); !g.is_null())
-      return {200, g.dump()};
+      return {200, shown(g)};
   if (starts(kCommand)) {
     std::string arguments;
     if (question != std::string_view::npos) {
@@ -395,7 +395,7 @@ SensorControl::Reply SensorControl::http(std::string_view method, std::string_vi
     const auto answer =
         impl_->command(std::string(path.substr(kCommand.size())), arguments, client, now, error);
     if (answer && !error.empty()) return refuse(400, error);
-    if (answer) return {200, answer->dump()};
+    if (answer) return {200, shown(*answer)};
   }
   return refuse(404, "expected a path of the sensor's interface below /api/v1");
 }
@@ -412,7 +412,7 @@ std::string SensorControl::tcp(std::string_view line, std::string_view client, M
   // Over TCP what was done is answered with the command's name.
   return answer->is_object() && answer->empty() ? name
          : answer->is_string()                  ? answer->get<std::string>()
-                                                : answer->dump();
+                                                : shown(*answer);
 }
 
 const SensorControl::Active& SensorControl::active() const { return impl_->active; }

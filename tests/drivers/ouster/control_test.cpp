@@ -83,6 +83,8 @@ TEST_F(OusterControl, RefusesWhatItCannotDoAndKeepsWhatItHad) {
     EXPECT_NE(text.find(part), std::string::npos) << text;
   };
   wrong("udp_dest+nowhere", "udp_dest: expected an IPv4 address");
+  wrong("udp_dest+10.0.0.8%00%D0", "udp_dest: expected an IPv4 address");
+  wrong("%D0+1", "unknown");
   wrong("lidar_mode+2048x10", "1024x10");
   wrong("lidar_mode+1024x20", "1024x10");
   wrong("udp_port_lidar+70000", "from 0");
