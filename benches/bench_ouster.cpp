@@ -11,14 +11,10 @@
 //             simulated LiDAR of it takes no time.
 //
 //   bench_ouster [--json FILE] [--seconds S]
-#include <netinet/in.h>
 #include <signal.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
-#include <sys/resource.h>
-#include <sys/socket.h>
 #include <sys/wait.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -32,6 +28,7 @@
 #include <thread>
 #include <vector>
 
+#include "benches/packet_bench.h"
 #include "drivers/ouster/ouster_emulator.h"
 #include "drivers/ouster/ouster_source.h"
 #include "rt-core/byte_order.h"
@@ -41,6 +38,8 @@ namespace {
 
 using namespace rigor;
 using namespace rigor::ouster;
+using bench::at_share;
+using bench::cpu_of_threads;
 
 constexpr std::uint32_t kBeams = 128;
 
@@ -115,10 +114,7 @@ class Child {
     if (pid_ == 0) {
       (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
       work(*shared_);
-      rusage u{};
-      getrusage(RUSAGE_SELF, &u);
-      shared_->cpu_s = static_cast<double>(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
-                       static_cast<double>(u.ru_utime.tv_usec + u.ru_stime.tv_usec) * 1e-6;
+      shared_->cpu_s = bench::cpu_s(RUSAGE_SELF);
       _exit(0);
     }
     while (!shared_->ready) {
@@ -184,75 +180,6 @@ void send_packets(Shared& shared, const SensorDevice& device, const Metadata& m,
   close(fd);
 }
 
-/// recvfrom, a timestamp, no more: which packet it was, and when.
-struct Plain {
-  std::vector<std::pair<std::uint64_t, std::int64_t>> arrivals;
-  std::atomic<bool> stop{false};
-  double cpu_s = 0;
-  std::thread thread;
-  Plain(std::uint16_t port, const Metadata& m, const PacketLayout& layout) {
-    arrivals.reserve(1 << 20);
-    thread = std::thread([this, port, &m, &layout] {
-      const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-      const int bytes = 4 << 20;
-      if (setsockopt(fd, SOL_SOCKET, SO_RCVBUFFORCE, &bytes, sizeof bytes) != 0)
-        (void)setsockopt(fd, SOL_SOCKET, SO_RCVBUF, &bytes, sizeof bytes);
-      const timeval wait{0, 100'000};
-      (void)setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &wait, sizeof wait);
-      sockaddr_in a{};
-      a.sin_family = AF_INET;
-      a.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-      a.sin_port = htons(port);
-      if (bind(fd, reinterpret_cast<sockaddr*>(&a), sizeof a) != 0) std::perror("bind");
-      std::vector<std::uint8_t> buffer(65536);
-      while (!stop)
-        if (recvfrom(fd, buffer.data(), buffer.size(), 0, nullptr, nullptr) ==
-            static_cast<ssize_t>(layout.packet_bytes)) {
-          const std::int64_t now = monotonic_now().ns();
-          arrivals.emplace_back(
-              load_le<std::uint16_t>(buffer, 2) * std::uint64_t{m.slots()} +
-                  load_le<std::uint16_t>(buffer, layout.header_bytes + 8) / m.columns_per_packet,
-              now);
-        }
-      rusage u{};
-      getrusage(RUSAGE_THREAD, &u);
-      cpu_s = static_cast<double>(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
-              static_cast<double>(u.ru_utime.tv_usec + u.ru_stime.tv_usec) * 1e-6;
-      close(fd);
-    });
-  }
-  ~Plain() {
-    stop = true;
-    if (thread.joinable()) thread.join();
-  }
-};
-
-double at_share(std::vector<double>& v, double share) {
-  if (v.empty()) return 0;
-  const auto n = static_cast<std::ptrdiff_t>(share * static_cast<double>(v.size() - 1));
-  std::nth_element(v.begin(), v.begin() + n, v.end());
-  return v[static_cast<std::size_t>(n)];
-}
-/// CPU so far of the threads of this process that are named so.
-double cpu_of_threads(const std::string& name) {
-  double total = 0;
-  const std::string command = "cat /proc/" + std::to_string(getpid()) + "/task/*/stat 2>/dev/null";
-  if (FILE* in = popen(command.c_str(), "r")) {
-    char line[1024];
-    while (std::fgets(line, sizeof line, in)) {
-      const std::string s = line;
-      const auto open = s.find('('), close = s.rfind(')');
-      if (open == std::string::npos || s.substr(open + 1, close - open - 1) != name) continue;
-      unsigned long user = 0, system = 0;
-      std::sscanf(s.c_str() + close + 2, "%*c %*d %*d %*d %*d %*d %*u %*u %*u %*u %*u %lu %lu", &user,
-                  &system);
-      total += static_cast<double>(user + system) / static_cast<double>(sysconf(_SC_CLK_TCK));
-    }
-    pclose(in);
-  }
-  return total;
-}
-
 ChannelConfig config_of(const std::string& params, const LidarMode& mode) {
   ChannelConfig c;
   c.name = "bench";
@@ -273,7 +200,11 @@ nlohmann::json measure_sender(LidarMode mode, const std::string& name, double ru
   std::ofstream(file) << control->http("GET", "/api/v1/sensor/metadata", "", "", MonotonicTime(1)).body;
   const auto ports = network::test::free_ports();
   Child sender([&](Shared& shared) { send_packets(shared, *device, m, ports); });
-  Plain plain(ports[1], m, layout);
+  bench::PlainReceiver plain(
+      ports[1], layout.packet_bytes, 4 << 20, [&](const std::vector<std::uint8_t>& bytes, std::size_t) {
+        return load_le<std::uint16_t>(bytes, 2) * std::uint64_t{m.slots()} +
+               load_le<std::uint16_t>(bytes, layout.header_bytes + 8) / m.columns_per_packet;
+      });
   OusterSource source;
   must(source.configure(config_of("{time: utc, utc_offset_s: 0, buffers: 64, address: 127.0.0.1, metadata: " +
                                       file + ", lidar_port: " + std::to_string(ports[0]) + "}",
@@ -302,8 +233,7 @@ nlohmann::json measure_sender(LidarMode mode, const std::string& name, double ru
   const std::uint64_t sent = sender->sent - sent_before;
   const std::size_t plain_after = plain.arrivals.size();
   sender.stop();
-  plain.stop = true;
-  plain.thread.join();
+  plain.stop();
   (void)source.stop();
   for (std::size_t i = plain_before; i < plain_after; ++i) {
     const auto& [k, t] = plain.arrivals[i];
@@ -327,8 +257,7 @@ nlohmann::json measure_sender(LidarMode mode, const std::string& name, double ru
            {{"packets", plain_after - plain_before},
             {"p50_us", at_share(plain_us, 0.5)},
             {"p99_us", at_share(plain_us, 0.99)},
-            {"cpu_us_per_packet",
-             plain.cpu_s * 1e6 / static_cast<double>(std::max<std::size_t>(1, plain.arrivals.size()))}}}};
+            {"cpu_us_per_packet", plain.cpu_us_per_packet()}}}};
 }
 
 nlohmann::json measure_emulator(LidarMode mode, const std::string& name, double run_s) {
@@ -379,19 +308,14 @@ nlohmann::json measure_emulator(LidarMode mode, const std::string& name, double 
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::string json;
-  double run_s = 10;
-  for (int i = 1; i + 1 < argc; i += 2) {
-    if (std::string(argv[i]) == "--json") json = argv[i + 1];
-    if (std::string(argv[i]) == "--seconds") run_s = std::atof(argv[i + 1]);
-  }
+  const bench::PacketBenchOptions options(argc, argv);
   nlohmann::json out = {{"sender", nlohmann::json::array()}, {"emulator", nlohmann::json::array()}};
   std::printf("%-14s %9s %7s | %19s %13s | %19s %13s\n", "sender", "packets/s", "sent", "source p50/p99 us",
               "CPU us, lost", "plain p50/p99 us", "CPU us, lost");
   for (const auto& [mode, name] : {std::pair{LidarMode{1024, 10}, "1024x10"},
                                    {LidarMode{2048, 10}, "2048x10"},
                                    {LidarMode{1024, 100}, "1024x10 x 10"}}) {
-    const nlohmann::json r = measure_sender(mode, name, run_s);
+    const nlohmann::json r = measure_sender(mode, name, options.seconds);
     const auto &s = r["source"], &p = r["plain"];
     std::printf("%-14s %9d %7lu | %9.1f %9.1f %8.2f %4lu | %9.1f %9.1f %8.2f %4ld\n", name,
                 r["packets_per_s"].get<int>(), r["sent"].get<std::uint64_t>(), s["p50_us"].get<double>(),
@@ -404,12 +328,12 @@ int main(int argc, char** argv) {
   std::printf("%-14s %9s %7s %7s %13s\n", "emulator", "packets/s", "came", "lost", "CPU us/packet");
   for (const auto& [mode, name] :
        {std::pair{LidarMode{1024, 10}, "1024x10"}, {LidarMode{2048, 10}, "2048x10"}}) {
-    const nlohmann::json r = measure_emulator(mode, name, run_s);
+    const nlohmann::json r = measure_emulator(mode, name, options.seconds);
     std::printf("%-14s %9d %7lu %7lu %13.2f\n", name, r["packets_per_s"].get<int>(),
                 r["packets"].get<std::uint64_t>(), r["packets_lost"].get<std::uint64_t>(),
                 r["emulator_cpu_us_per_packet"].get<double>());
     out["emulator"].push_back(r);
   }
-  if (!json.empty()) std::ofstream(json) << out.dump(2) << "\n";
+  if (!options.json.empty()) std::ofstream(options.json) << out.dump(2) << "\n";
   return 0;
 }

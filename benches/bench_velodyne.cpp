@@ -7,13 +7,7 @@
 // pauses for 2 s.
 //
 //   bench_velodyne [--json FILE] [--seconds S]
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <poll.h>
 #include <pthread.h>
-#include <sys/resource.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -25,14 +19,16 @@
 #include <thread>
 #include <vector>
 
+#include "benches/packet_bench.h"
 #include "drivers/velodyne/velodyne_source.h"
-#include "tests/drivers/velodyne/formula_lidar.h"
+#include "tests/drivers/network/free_ports.h"
 #include "tests/drivers/velodyne/made_packets.h"
 
 namespace {
 
 using namespace rigor;
 using namespace rigor::velodyne;
+using bench::at_share;
 
 /// Packet k is due at start + k · period and is sent to both ports.
 class Sender {
@@ -92,64 +88,6 @@ class Sender {
   std::thread thread_;
 };
 
-/// recvfrom, a timestamp, no more.
-struct Plain {
-  std::vector<std::int64_t> arrival;
-  std::atomic<bool> stop{false};
-  double cpu_s = 0;
-  std::thread thread;
-  explicit Plain(std::uint16_t port) {
-    arrival.reserve(1 << 20);
-    thread = std::thread([this, port] {
-      const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-      const int bytes = 2 << 20;
-      (void)setsockopt(fd, SOL_SOCKET, SO_RCVBUFFORCE, &bytes, sizeof bytes);
-      const timeval wait{0, 100'000};
-      (void)setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &wait, sizeof wait);
-      sockaddr_in a{};
-      a.sin_family = AF_INET;
-      a.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-      a.sin_port = htons(port);
-      if (bind(fd, reinterpret_cast<sockaddr*>(&a), sizeof a) != 0) std::perror("bind");
-      std::uint8_t buffer[1500];
-      while (!stop)
-        if (recvfrom(fd, buffer, sizeof buffer, 0, nullptr, nullptr) == 1206)
-          arrival.push_back(monotonic_now().ns());
-      rusage u{};
-      getrusage(RUSAGE_THREAD, &u);
-      cpu_s = static_cast<double>(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
-              static_cast<double>(u.ru_utime.tv_usec + u.ru_stime.tv_usec) * 1e-6;
-      close(fd);
-    });
-  }
-};
-
-double at_share(std::vector<double>& v, double share) {
-  if (v.empty()) return 0;
-  const auto n = static_cast<std::ptrdiff_t>(share * static_cast<double>(v.size() - 1));
-  std::nth_element(v.begin(), v.begin() + n, v.end());
-  return v[static_cast<std::size_t>(n)];
-}
-/// CPU of all threads of this process that are named so, in seconds.
-double cpu_of_threads(const std::string& name) {
-  double total = 0;
-  const std::string command = "cat /proc/" + std::to_string(getpid()) + "/task/*/stat 2>/dev/null";
-  if (FILE* in = popen(command.c_str(), "r")) {
-    char line[1024];
-    while (std::fgets(line, sizeof line, in)) {
-      const std::string s = line;
-      const auto open = s.find('('), close = s.rfind(')');
-      if (open == std::string::npos || s.substr(open + 1, close - open - 1) != name) continue;
-      unsigned long user = 0, system = 0;
-      std::sscanf(s.c_str() + close + 2, "%*c %*d %*d %*d %*d %*d %*u %*u %*u %*u %*u %lu %lu", &user,
-                  &system);
-      total += static_cast<double>(user + system) / static_cast<double>(sysconf(_SC_CLK_TCK));
-    }
-    pclose(in);
-  }
-  return total;
-}
-
 struct Row {
   double rate, seconds;
   std::uint64_t sent, ours, plain;
@@ -158,8 +96,10 @@ struct Row {
 };
 
 Row measure(double packets_per_s, double seconds) {
-  const auto ports = velodyne::test::free_ports();
-  Plain plain(ports[1]);
+  const auto ports = network::test::free_ports();
+  // Packets come in the order in which they went out.
+  bench::PlainReceiver plain(ports[1], kDataBytes, 2 << 20,
+                             [](const std::vector<std::uint8_t>&, std::size_t count) { return count; });
   auto sender = std::make_unique<Sender>(ports, packets_per_s);
   VelodyneSource source;
   ChannelConfig config;
@@ -177,7 +117,7 @@ Row measure(double packets_per_s, double seconds) {
   must(source.start(bench_now()));
   std::vector<double> ours_us, plain_us;
   std::int64_t end = monotonic_now().ns() + static_cast<std::int64_t>(seconds * 1e9);
-  const std::size_t plain_first = plain.arrival.size();
+  const std::size_t plain_first = plain.arrivals.size();
   const std::uint64_t sent_first = sender->sent();
   std::uint64_t ours = 0, k = sent_first;
   while (monotonic_now().ns() < end) {
@@ -194,13 +134,14 @@ Row measure(double packets_per_s, double seconds) {
   r.rate = packets_per_s, r.seconds = seconds;
   r.sent = sender->sent() - sent_first;
   r.ours = ours;
-  r.ours_cpu_us = cpu_of_threads("velodyne") * 1e6 / static_cast<double>(std::max<std::uint64_t>(1, ours));
+  r.ours_cpu_us =
+      bench::cpu_of_threads("velodyne") * 1e6 / static_cast<double>(std::max<std::uint64_t>(1, ours));
   r.kernel_drops = source.counters().kernel_drops;
   r.not_taken = source.health().no_slot + source.health().ring_full;
-  const std::size_t plain_last = plain.arrival.size();
+  const std::size_t plain_last = plain.arrivals.size();
   r.plain = plain_last - plain_first;
   for (std::size_t i = plain_first; i < plain_last; ++i)
-    plain_us.push_back(static_cast<double>(plain.arrival[i] - sender->sent_at(i)) * 1e-3);
+    plain_us.push_back(static_cast<double>(plain.arrivals[i].second - sender->sent_at(i)) * 1e-3);
   // Away for two seconds, and back.
   sender->pause(true);
   std::this_thread::sleep_for(std::chrono::seconds(2));
@@ -211,9 +152,8 @@ Row measure(double packets_per_s, double seconds) {
   while (!source.poll(bench_now()) && monotonic_now().ns() - back < 10'000'000'000) std::this_thread::yield();
   r.recover_ms = static_cast<double>(monotonic_now().ns() - back) * 1e-6;
   sender.reset();
-  plain.stop = true;
-  plain.thread.join();
-  r.plain_cpu_us = plain.cpu_s * 1e6 / static_cast<double>(std::max<std::size_t>(1, plain.arrival.size()));
+  plain.stop();
+  r.plain_cpu_us = plain.cpu_us_per_packet();
   (void)source.stop();
   r.ours_p50_us = at_share(ours_us, 0.5), r.ours_p99_us = at_share(ours_us, 0.99);
   r.plain_p50_us = at_share(plain_us, 0.5), r.plain_p99_us = at_share(plain_us, 0.99);
@@ -223,17 +163,12 @@ Row measure(double packets_per_s, double seconds) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::string json;
-  double seconds = 10;
-  for (int i = 1; i + 1 < argc; i += 2) {
-    if (std::string(argv[i]) == "--json") json = argv[i + 1];
-    if (std::string(argv[i]) == "--seconds") seconds = std::atof(argv[i + 1]);
-  }
+  const bench::PacketBenchOptions options(argc, argv);
   std::string out = "[";
   std::printf("%10s %9s %9s %9s | %22s | %22s | %17s | %8s\n", "packets/s", "sent", "source", "plain",
               "source p50/p99 us", "plain p50/p99 us", "CPU us/packet", "back ms");
   for (const double rate : {753.5, 7535.0}) {
-    const Row r = measure(rate, seconds);
+    const Row r = measure(rate, options.seconds);
     std::printf("%10.1f %9lu %9lu %9lu | %10.1f %11.1f | %10.1f %11.1f | %8.2f %8.2f | %8.1f\n", r.rate,
                 r.sent, r.ours, r.plain, r.ours_p50_us, r.ours_p99_us, r.plain_p50_us, r.plain_p99_us,
                 r.ours_cpu_us, r.plain_cpu_us, r.recover_ms);
@@ -250,6 +185,6 @@ int main(int argc, char** argv) {
         r.plain_cpu_us);
     out += text;
   }
-  if (!json.empty()) std::ofstream(json) << out << "]\n";
+  if (!options.json.empty()) std::ofstream(options.json) << out << "]\n";
   return 0;
 }

@@ -57,8 +57,8 @@ rigor_install_library(rigor_graph WORLD)
 if(TARGET rigor_bench_library)
   rigor_install_library(rigor_bench_library BENCH)
 endif()
-install(FILES ${rigor_SOURCE_DIR}/sensor-hal/conformance/conformance.h
-        DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/rigor/sensor-hal/conformance COMPONENT sdk)
+install(DIRECTORY ${rigor_SOURCE_DIR}/sensor-hal/conformance/
+        DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/rigor/sensor-hal/conformance COMPONENT sdk FILES_MATCHING PATTERN "*.h")
 # Examples come with what they need: those in Python with the command and with the Python module.
 install(DIRECTORY ${rigor_SOURCE_DIR}/examples DESTINATION ${CMAKE_INSTALL_DATADIR}/rigor COMPONENT sdk
         PATTERN "python" EXCLUDE PATTERN "*.py" EXCLUDE PATTERN "__pycache__" EXCLUDE)

@@ -26,7 +26,7 @@ ALLOWED = {
     "rt-core": set(),
     "sensor-hal": {"rt-core"},
     "drivers": {"rt-core", "sensor-hal", "drivers/lidar", "drivers/network", "drivers/serial"},
-    "drivers/lidar": {"rt-core", "sensor-hal"},
+    "drivers/lidar": {"rt-core", "sensor-hal", "drivers/network"},
     "drivers/network": {"rt-core", "sensor-hal"},
     "drivers/serial": {"rt-core", "sensor-hal", "drivers/network"},
     "bridges": {"rt-core", "sensor-hal"},

@@ -1,9 +1,8 @@
 #include "drivers/livox/livox_backend.h"
 
 #include <algorithm>
-#include <fstream>
-#include <memory>
 
+#include "drivers/lidar/packet_backend.h"
 #include "drivers/livox/livox_emulator.h"
 #include "drivers/livox/livox_source.h"
 #include "drivers/livox/livox_virtual_source.h"
@@ -27,37 +26,17 @@ std::vector<FoundDevice> find_livox() {
 }
 
 std::vector<DoctorFinding> livox_doctor() {
-  std::int64_t most = 0;
-  std::ifstream("/proc/sys/net/core/rmem_max") >> most;
-  const std::int64_t wanted = livox::SourceSettings{}.socket_buffer_bytes;
-  const std::string now = std::to_string(most / 1024);
-  if (most >= wanted)
-    return {{DoctorFinding::Level::good,
-             "socket buffers up to " + now + " KiB: a third of a second of a Livox Mid-360's points", ""}};
-  return {{DoctorFinding::Level::note,
-           "socket buffers are limited to " + now + " KiB: " + std::to_string(most / 2304) +
-               " packets of a Livox Mid-360, so a thread that is held up for longer loses some",
-           "sudo sysctl -w net.core.rmem_max=" + std::to_string(wanted)}};
+  return {packet_lidar::find_socket_buffer(livox::SourceSettings{}.socket_buffer_bytes, 2304,
+                                           "a third of a second of a Livox Mid-360's points",
+                                           "a Livox Mid-360")};
 }
 
 }  // namespace
 
 Backend livox_backend() {
-  Backend b;
-  b.name = "livox";
-  b.summary = "Livox Mid-360: UDP packets and their recordings, commands, and an emulated device";
-  b.make_source = [] { return std::make_unique<livox::LivoxSource>(); };
-  b.make_emulator = [] { return std::make_unique<livox::LivoxEmulator>(); };
-  b.make_virtual_source = [](DeviceParts parts, ConfigNode params) -> Result<std::unique_ptr<Source>> {
-    return std::make_unique<livox::VirtualSource>(std::move(parts), std::move(params));
-  };
-  b.reads_recording = [](const ConfigNode& params) { return params.has("file"); };
+  auto b = packet_lidar::make_backend<livox::LivoxSource, livox::LivoxEmulator, livox::VirtualSource>(
+      "livox", "Livox Mid-360: UDP packets and their recordings, commands, and an emulated device");
   b.gives_typed_samples = true;
-  b.files = [](const ConfigNode& params) {
-    std::vector<std::filesystem::path> files;
-    if (params.has("pcap")) files.emplace_back(params.text("pcap"));
-    return files;
-  };
   b.find_devices = find_livox;
   b.doctor = livox_doctor;
   return b;

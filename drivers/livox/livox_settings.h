@@ -20,25 +20,21 @@
 //   file: drive.pcap              # instead of the network's keys: a recording, against the rig's folder
 #pragma once
 
-#include <filesystem>
 #include <optional>
 #include <string>
 
+#include "drivers/lidar/packet_settings.h"
 #include "drivers/livox/lidar_control.h"
 #include "drivers/livox/point_stream.h"
-#include "sensor-hal/channel/channel.h"
 
 namespace rigor::livox {
 
-struct SourceSettings {
-  std::string host, address = "0.0.0.0", frame_id;
+struct SourceSettings : packet_lidar::PacketSettings {
+  std::string host;
   std::uint16_t command_port = kCommandPort, port = kHostPointPort;
   std::optional<DataType> data_type;
   Duration ready = seconds(30);
-  std::filesystem::path file;
   PointStreamOptions stream;
-  std::int64_t socket_buffer_bytes = 2 << 20;
-  std::size_t buffers = 8;
   bool port_given = false;
 };
 /// Throws ConfigError. Setup.

@@ -1,13 +1,12 @@
 #include "drivers/livox/livox_source.h"
 
-#include <arpa/inet.h>
 #include <poll.h>
 #include <pthread.h>
 
 namespace rigor::livox {
 namespace {
 
-constexpr Duration kListen = seconds(2), kSilence = seconds(1), kTell = milliseconds(300);
+constexpr Duration kListen = seconds(2), kTell = milliseconds(300);
 
 }  // namespace
 
@@ -15,35 +14,11 @@ LivoxSource::~LivoxSource() {
   if (state() == ChannelState::armed || state() == ChannelState::running) (void)stop();
 }
 
-LivoxSource::Counters LivoxSource::counters() const noexcept {
-  const auto get = [](const auto& a) { return a.load(std::memory_order_relaxed); };
-  return {get(packets_),      get(packets_lost_), get(packets_late_), get(clock_steps_),
-          get(kernel_drops_), get(foreign_),      get(told_again_)};
-}
-
 Status LivoxSource::do_configure(const ChannelConfig& config) {
   settings_ = read_source_settings(config);
   description_.kind = config.kind;
   description_.frame_id = settings_.frame_id;
   return {};
-}
-
-Status LivoxSource::do_arm(const ArmContext& context) {
-  warnings_.clear();
-  for (auto* c :
-       {&packets_, &packets_lost_, &packets_late_, &clock_steps_, &kernel_drops_, &foreign_, &told_again_})
-    *c = 0;
-  again_.reset();
-  if (auto s = deadline_.open(); !s) return s;
-  deadline_.reset();
-  if (!settings_.file.empty()) return arm_file(context.virtual_time);
-  auto s = arm_network();
-  if (!s) {
-    receiver_.close();
-    client_.close();
-    return fail(s.error().code, config().name, s.error().text());
-  }
-  return s;
 }
 
 void LivoxSource::open_samples(Feed feed) {
@@ -95,19 +70,17 @@ bool LivoxSource::is_wanted(Bytes bytes) const {
 }
 
 Status LivoxSource::arm_network() {
+  again_.reset();
+  told_again_ = 0;
+  counters_.store({});
   if (auto s =
           receiver_.open(settings_.address, settings_.port, settings_.socket_buffer_bytes, kMaxPacketBytes);
       !s)
     return s;
-  if (!is_imu() && receiver_.buffer_bytes() < settings_.socket_buffer_bytes)
-    warnings_.push_back("the kernel grants " + std::to_string(receiver_.buffer_bytes() / 1024) +
-                        " KiB of the " + std::to_string(settings_.socket_buffer_bytes / 1024) +
-                        " KiB asked for: `rigor doctor` says how to have more");
+  if (!is_imu()) warn_of_small_buffer(receiver_.buffer_bytes(), settings_.socket_buffer_bytes);
   device_ipv4_ = 0;
   if (!settings_.host.empty()) {
-    in_addr parsed{};
-    (void)inet_pton(AF_INET, settings_.host.c_str(), &parsed);
-    device_ipv4_ = ntohl(parsed.s_addr);
+    device_ipv4_ = packet_lidar::ipv4_of(settings_.host);
     if (auto s = client_.open(settings_.host, settings_.command_port, settings_.address); !s) return s;
     if (auto s = tell_device(monotonic_now() + seconds(2)); !s) return s;
     if (auto s = wait_until_sampling(); !s) return s;
@@ -132,46 +105,34 @@ Status LivoxSource::arm_network() {
              : foreign > 0 ? std::to_string(foreign) + " of another sender than " + settings_.host
                            : "none in 2 s; with `host`, the device's address, it is told to send here"));
   open_samples(Feed::live);
-  t_last_packet_ = bench_now();
-  health_.connected = true;
+  begin_listening();
   thread_ = std::thread([this] { run_network(); });
   return {};
 }
 
-Status LivoxSource::arm_file(bool virtual_time) {
-  auto feed = network::PcapFeed::open(settings_.file, [this](const network::UdpDatagram& d) {
-    return (!settings_.port_given || d.destination_port == settings_.port) && is_wanted(d.payload);
-  });
-  if (!feed) return fail(feed.error().code, config().name, feed.error().text());
-  feed_.emplace(std::move(*feed));
-  open_samples(virtual_time ? Feed::virtual_time : Feed::recording);
-  health_.connected = true;
-  if (!virtual_time) thread_ = std::thread([this] { run_file(); });
+Status LivoxSource::arm_file(Feed feed) {
+  counters_.store({});
+  if (auto s = open_recording(settings_.file,
+                              [this](const network::UdpDatagram& d) {
+                                return (!settings_.port_given || d.destination_port == settings_.port) &&
+                                       is_wanted(d.payload);
+                              });
+      !s)
+    return s;
+  open_samples(feed);
   return {};
 }
 
-Status LivoxSource::do_start(BenchTime t0) {
-  t0_ = t0;
-  // Of a recording; its thread waits for the origin, which is published after this.
-  if (feed_) {
-    const EpochPair epoch{t0, feed_->first_stamp(), Duration(0)};
-    if (points_) points_->clock().set_epoch(epoch);
-    if (imu_) imu_->clock().set_epoch(epoch);
-  }
-  return {};
-}
-
-Status LivoxSource::do_stop() {
-  deadline_.cut();
-  if (thread_.joinable()) thread_.join();
+void LivoxSource::leave_network() {
   receiver_.close();
   client_.close();
-  feed_.reset();
   points_.reset();
   imu_.reset();
-  close_stream();
-  health_.connected = false;
-  return {};
+}
+
+void LivoxSource::set_epoch(const EpochPair& epoch) {
+  if (points_) points_->clock().set_epoch(epoch);
+  if (imu_) imu_->clock().set_epoch(epoch);
 }
 
 std::uint64_t LivoxSource::good_packets() const {
@@ -179,18 +140,19 @@ std::uint64_t LivoxSource::good_packets() const {
 }
 
 void LivoxSource::publish() {
-  packets_.store(good_packets(), std::memory_order_relaxed);
+  Counters c;
+  c.packets = good_packets();
   if (points_) {
-    const PointStream::Counters& c = points_->counters();
-    packets_lost_.store(c.packets_lost, std::memory_order_relaxed);
-    packets_late_.store(c.packets_late, std::memory_order_relaxed);
-    clock_steps_.store(c.clock_steps, std::memory_order_relaxed);
+    const PointStream::Counters& of = points_->counters();
+    c.packets_lost = of.packets_lost, c.packets_late = of.packets_late, c.clock_steps = of.clock_steps;
   } else {
-    packets_lost_.store(imu_->counters().lost, std::memory_order_relaxed);
-    packets_late_.store(imu_->counters().repeated, std::memory_order_relaxed);
-    clock_steps_.store(imu_->counters().clock_steps, std::memory_order_relaxed);
+    const auto& of = imu_->counters();
+    c.packets_lost = of.lost, c.packets_late = of.repeated, c.clock_steps = of.clock_steps;
   }
-  kernel_drops_.store(receiver_.dropped(), std::memory_order_relaxed);
+  c.kernel_drops = receiver_.dropped();
+  c.foreign = foreign();
+  c.told_again = told_again_;
+  counters_.store(c);
 }
 
 void LivoxSource::take(Bytes datagram, BenchTime arrival) {
@@ -204,33 +166,14 @@ void LivoxSource::take(Bytes datagram, BenchTime arrival) {
   if (reading) hand_reading(*reading);
 }
 
-void LivoxSource::receive(std::span<const network::UdpReceiver::Datagram> batch) {
-  for (const auto& d : batch) {
-    if (device_ipv4_ != 0 && d.source_ipv4 != device_ipv4_) {
-      foreign_.fetch_add(1, std::memory_order_relaxed);
-      continue;
-    }
-    const std::uint64_t before = good_packets();
-    take(d.bytes, d.arrival);
-    if (good_packets() == before) continue;
-    t_last_packet_ = d.arrival;
-    if (!health_.connected.load(std::memory_order_relaxed)) {
-      health_.connected.store(true, std::memory_order_release);
-      health_.reconnects.fetch_add(1, std::memory_order_relaxed);
-      again_.reset();
-    }
-  }
-  publish();
-}
-
 /// A device that is silent is told again what it is to do.
 void LivoxSource::look_after() {
-  if (bench_now() - t_last_packet_ <= kSilence) return;
-  health_.connected.store(false, std::memory_order_release);
+  if (!watch_silence()) return;
   if (!client_.is_open() || !again_.due(monotonic_now())) return;
-  if (tell_device(monotonic_now() + kTell)) told_again_.fetch_add(1, std::memory_order_relaxed);
+  if (tell_device(monotonic_now() + kTell)) ++told_again_;
   // Its motor may take a while.
   again_.failed(monotonic_now());
+  publish();
 }
 
 void LivoxSource::run_network() {
@@ -239,36 +182,7 @@ void LivoxSource::run_network() {
                                        settings_.socket_buffer_bytes, kMaxPacketBytes,
                                        [this](auto batch) { receive(batch); }}};
   network::serve_ports(
-      ports, deadline_,
-      [this](const EpochPair& epoch) {
-        if (points_) points_->clock().set_epoch(epoch);
-        if (imu_) imu_->clock().set_epoch(epoch);
-      },
-      [this] { look_after(); });
-}
-
-void LivoxSource::run_file() {
-  pthread_setname_np(pthread_self(), "livox-file");
-  const auto take_one = [this](Bytes datagram, BenchTime due) {
-    take(datagram, due);
-    publish();
-  };
-  if (feed_->play(origin(), deadline_, take_one)) end_of_file();
-}
-
-void LivoxSource::end_of_file() {
-  if (feed_->broken()) health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
-  health_.connected.store(false, std::memory_order_release);
-  publish();
-}
-
-void LivoxSource::complete_until(BenchTime now) {
-  if (!feed_) return;
-  // On until a sample is there that is not released yet: what is released later was captured later.
-  const auto more = [this, now] { return !handed_past(now); };
-  if (feed_->play_while(more, t0_, [this](Bytes datagram, BenchTime due) { take(datagram, due); }))
-    end_of_file();
-  publish();
+      ports, deadline_, [this](const EpochPair& epoch) { set_epoch(epoch); }, [this] { look_after(); });
 }
 
 }  // namespace rigor::livox

@@ -5,34 +5,28 @@
 
 #include <optional>
 
-#include "drivers/lidar/sensor_source.h"
+#include "drivers/lidar/virtual_sensor.h"
 #include "drivers/livox/imu_decoder.h"
 #include "drivers/livox/livox_settings.h"
 #include "drivers/livox/mid360_device.h"
-#include "sensor-hal/channel/emulator.h"
 
 namespace rigor::livox {
 
-class VirtualSource final : public packet_lidar::SensorSource {
+class VirtualSource final : public packet_lidar::VirtualSensor {
  public:
-  /// `emulator_params`: the entry that stands for the device in the rig.
-  VirtualSource(DeviceParts parts, ConfigNode emulator_params)
-      : parts_(std::move(parts)), emulator_params_(std::move(emulator_params)) {}
-  void complete_until(BenchTime now) override;
+  using VirtualSensor::VirtualSensor;
 
  protected:
   Status do_configure(const ChannelConfig& config) override;
-  Status do_arm(const ArmContext& context) override;
-  Status do_start(BenchTime t0) override;
-  Status do_stop() override;
 
  private:
+  Status open_device() override;
+  void begin(BenchTime t0) override;
+  void send_until(BenchTime now) override { is_imu() ? send_readings(now) : send_points(now); }
   void send_points(BenchTime now);
   void send_readings(BenchTime now);
   [[nodiscard]] const packet_lidar::Scan* scan(std::uint64_t k);
 
-  DeviceParts parts_;
-  ConfigNode emulator_params_;
   SourceSettings settings_;
   EmulatorSettings device_settings_;
   std::optional<Mid360Device> device_;
@@ -43,7 +37,6 @@ class VirtualSource final : public packet_lidar::SensorSource {
   std::uint64_t packet_ = 0;               ///< or reading, the next
   std::vector<std::uint8_t> bytes_;
   BenchTime t0_;
-  bool running_ = false;
 };
 
 }  // namespace rigor::livox

@@ -45,8 +45,7 @@ class Counter {
     if (r_.point_packets++ == 0) t_first_ = t, r_.first_timestamp_ns = packet->timestamp_ns();
     t_last_ = t;
     r_.last_timestamp_ns = packet->timestamp_ns();
-    ++r_.sources[(udp.source_ipv4 == 0 ? "IPv6" : network::text_of_ipv4(udp.source_ipv4)) + ":" +
-                 std::to_string(udp.source_port)];
+    ++r_.sources[network::sender_of(udp)];
     ++r_.data_types[std::string(name_of(packet->data_type()))];
     ++r_.time_types[std::string(name_of(packet->time_type()))];
     count(*packet);
@@ -108,15 +107,8 @@ Result<PcapReport> inspect_pcap(const std::filesystem::path& file) {
   PcapReport r;
   r.file = file.string();
   Counter counter(r);
-  while (true) {
-    auto record = reader->next();
-    if (!record) {
-      r.ended_by = record.error();
-      break;
-    }
-    if (!*record) break;
-    if ((*record)->udp) counter.add((*record)->t, *(*record)->udp);
-  }
+  r.ended_by = network::read_datagrams(
+      *reader, [&](RealtimeTime t, const network::UdpDatagram& d) { counter.add(t, d); });
   r.captured = reader->frames();
   counter.finish();
   return r;

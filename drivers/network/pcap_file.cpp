@@ -158,4 +158,8 @@ Status PcapWriter::flush() {
   return {};
 }
 
+std::string sender_of(const UdpDatagram& d) {
+  return (d.source_ipv4 == 0 ? "IPv6" : text_of_ipv4(d.source_ipv4)) + ":" + std::to_string(d.source_port);
+}
+
 }  // namespace rigor::network

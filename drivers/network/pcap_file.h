@@ -46,6 +46,20 @@ class PcapReader {
   std::unique_ptr<Impl> impl_;
 };
 
+/// Every datagram to the end of a recording, as `take(t, datagram)`. Empty: it is whole.
+template <class Take>
+[[nodiscard]] std::optional<Error> read_datagrams(PcapReader& reader, Take&& take) {
+  while (true) {
+    const auto record = reader.next();
+    if (!record) return record.error();
+    if (!*record) return {};
+    if ((*record)->udp) take((*record)->t, *(*record)->udp);
+  }
+}
+
+/// Who sent it: "192.168.1.201:2368".
+[[nodiscard]] std::string sender_of(const UdpDatagram& datagram);
+
 class PcapWriter {
  public:
   /// not_writable. Nanosecond stamps, Ethernet.

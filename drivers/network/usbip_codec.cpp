@@ -86,12 +86,14 @@ std::optional<Header> decode_header(Bytes b) {
   switch (h.command) {
     case Command::submit:
       h.length = load_be<std::uint32_t>(b, 24);
+      h.start_frame = load_be<std::uint32_t>(b, 28);
       h.packets = load_be<std::uint32_t>(b, 32);
       std::copy_n(b.begin() + 40, h.setup.size(), h.setup.begin());
       break;
     case Command::submitted:
       h.status = load_be<std::int32_t>(b, 20);
       h.length = load_be<std::uint32_t>(b, 24);
+      h.start_frame = load_be<std::uint32_t>(b, 28);
       h.packets = load_be<std::uint32_t>(b, 32);
       break;
     case Command::unlink:
@@ -116,12 +118,14 @@ void append_header(std::string& out, const Header& h) {
   switch (h.command) {
     case Command::submit:
       store_be(out, at + 24, h.length);
+      store_be(out, at + 28, h.start_frame);
       store_be(out, at + 32, h.packets);
       std::memcpy(out.data() + at + 40, h.setup.data(), h.setup.size());
       break;
     case Command::submitted:
       store_be(out, at + 20, h.status);
       store_be(out, at + 24, h.length);
+      store_be(out, at + 28, h.start_frame);
       store_be(out, at + 32, h.packets);
       break;
     case Command::unlink:
@@ -131,6 +135,16 @@ void append_header(std::string& out, const Header& h) {
       store_be(out, at + 20, h.status);
       break;
   }
+}
+
+IsochronousPacket decode_isochronous_packet(Bytes b) {
+  return {load_be<std::uint32_t>(b, 0), load_be<std::uint32_t>(b, 4), load_be<std::uint32_t>(b, 8),
+          load_be<std::int32_t>(b, 12)};
+}
+
+void append_isochronous_packet(std::string& out, const IsochronousPacket& p) {
+  for (const std::uint32_t v : {p.offset, p.length, p.actual_length}) append_be(out, v);
+  append_be(out, p.status);
 }
 
 SetupPacket decode_setup(const std::array<std::uint8_t, 8>& b) {

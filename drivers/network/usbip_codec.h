@@ -75,16 +75,26 @@ struct Header {
   std::uint32_t sequence = 0, device_id = 0;
   bool in = false;
   std::uint32_t endpoint = 0;
-  std::uint32_t length = 0;   ///< of a transfer's buffer; of a return: the bytes that went over
-  std::uint32_t packets = 0;  ///< of an isochronous transfer
-  std::int32_t status = 0;    ///< of a return: 0 or a negative errno
-  std::uint32_t unlink = 0;   ///< CMD_UNLINK: the sequence number of the transfer that is given up
+  std::uint32_t length = 0;       ///< of a transfer's buffer; of a return: the bytes that went over
+  std::uint32_t packets = 0;      ///< of an isochronous transfer
+  std::uint32_t start_frame = 0;  ///< of an isochronous transfer: where on the bus it begins
+  std::int32_t status = 0;        ///< of a return: 0 or a negative errno
+  std::uint32_t unlink = 0;       ///< CMD_UNLINK: the sequence number of the transfer that is given up
   std::array<std::uint8_t, 8> setup{};
 };
 /// Precondition: kHeaderBytes. Empty for an unknown command.
 [[nodiscard]] std::optional<Header> decode_header(Bytes bytes);
 /// The 48 bytes; data follows separately.
 void append_header(std::string& out, const Header& header);
+/// A packet of an isochronous transfer; its 16 bytes follow the data.
+struct IsochronousPacket {
+  std::uint32_t offset = 0, length = 0, actual_length = 0;
+  std::int32_t status = 0;
+};
+inline constexpr std::size_t kIsochronousPacketBytes = 16;
+/// Precondition: kIsochronousPacketBytes.
+[[nodiscard]] IsochronousPacket decode_isochronous_packet(Bytes bytes);
+void append_isochronous_packet(std::string& out, const IsochronousPacket& packet);
 [[nodiscard]] SetupPacket decode_setup(const std::array<std::uint8_t, 8>& bytes);
 [[nodiscard]] std::array<std::uint8_t, 8> encode_setup(const SetupPacket& setup);
 

@@ -30,22 +30,22 @@
 #include <optional>
 #include <string>
 
+#include "drivers/lidar/packet_settings.h"
 #include "drivers/ouster/frame_stream.h"
-#include "sensor-hal/channel/channel.h"
 
 namespace rigor::ouster {
 
-struct SourceSettings {
-  std::string host, address = "0.0.0.0", frame_id;
+struct SourceSettings : packet_lidar::PacketSettings {
+  SourceSettings() { socket_buffer_bytes = 4 << 20; }
+
+  std::string host;
   std::uint16_t http_port = 80, tcp_port = 7501;
   std::uint16_t lidar_port = 0, imu_port = 0;  ///< 0: the metadata's
   std::string configure;                       ///< JSON; empty: nothing
   Duration ready = seconds(60);
-  std::filesystem::path metadata, file;
+  std::filesystem::path metadata;
   FrameStreamOptions stream;
   std::optional<Duration> utc_offset;
-  std::int64_t socket_buffer_bytes = 4 << 20;
-  std::size_t buffers = 8;
 };
 /// Throws ConfigError. Setup.
 [[nodiscard]] SourceSettings read_source_settings(const ChannelConfig& config);

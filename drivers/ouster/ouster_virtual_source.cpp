@@ -17,10 +17,8 @@ Status VirtualSource::do_configure(const ChannelConfig& config) {
   return {};
 }
 
-Status VirtualSource::do_arm(const ArmContext& context) {
+Status VirtualSource::open_device() {
   const std::string& name = config().name;
-  if (!context.virtual_time)
-    return fail(ErrorCode::wrong_state, name, "this stand-in runs in virtual time only");
   auto device = SensorDevice::create(parts_.samples);
   if (!device) return fail(device.error().code, name, device.error().text());
   device_.emplace(std::move(*device));
@@ -31,15 +29,7 @@ Status VirtualSource::do_arm(const ArmContext& context) {
   if (control->active().standby)
     return fail(ErrorCode::bad_input, name, "expected a sensor that measures, got operating_mode STANDBY");
   const Metadata& m = control->active().metadata;
-  const Duration least = device_->filled(0, m.slots() - 1, m);
-  if (config().latency < least)
-    return tl::unexpected<Error>(
-        config()
-            .params
-            .error("latency_ms", "expected at least " + std::to_string(least.seconds() * 1e3) +
-                                     ": earlier the last packet cannot be there; got " +
-                                     std::to_string(config().latency.seconds() * 1e3))
-            .error());
+  if (auto s = check_latency(device_->filled(0, m.slots() - 1, m)); !s) return s;
   if (settings_.stream.image)
     if (auto s = check_field(m.profile, settings_.stream.image->field); !s)
       return tl::unexpected<Error>(config().params.error("field", s.error().message).error());
@@ -51,11 +41,10 @@ Status VirtualSource::do_arm(const ArmContext& context) {
     open_images(settings_.buffers, image->info(), image->bytes().size(), Feed::virtual_time);
   else
     open_clouds(settings_.buffers, FrameStream::max_points(m), Feed::virtual_time);
-  health_.connected = true;
   return {};
 }
 
-Status VirtualSource::do_start(BenchTime t0) {
+void VirtualSource::begin(BenchTime t0) {
   const RealtimeTime on = kVirtualEpoch.to_utc(t0);
   const RealtimeTime first = time_.first_frame(on, device_->frame_time());
   t_first_ = kVirtualEpoch.to_bench(first);
@@ -64,30 +53,14 @@ Status VirtualSource::do_start(BenchTime t0) {
   frame_ = 0;
   slot_ = 0;
   measured_ = false;
-  running_ = true;
-  return {};
 }
 
-Status VirtualSource::do_stop() {
-  running_ = false;
-  close_stream();
-  health_.connected = false;
-  return {};
-}
-
-void VirtualSource::complete_until(BenchTime now) {
-  if (!running_) return;
+void VirtualSource::send_until(BenchTime now) {
   const Metadata& m = stream_->metadata();
   while (true) {
     const BenchTime there = t_first_ + device_->filled(frame_, slot_, m);
     if (there > now) return;
-    if (!measured_) {
-      const BenchTime begin = t_first_ + device_->begin(frame_);
-      const WorldMotion motion = parts_.motion ? parts_.motion->motion_at(begin) : WorldMotion{};
-      if (!device_->measure(frame_, begin, motion, *scan_))
-        health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
-      measured_ = true;
-    }
+    if (!std::exchange(measured_, true)) measure(*device_, frame_, t_first_ + device_->begin(frame_), *scan_);
     device_->compose(frame_, slot_, &*scan_, m, start_ns_, *packet_);
     stream_->take(packet_->bytes(), there, hand());
     count_malformed(stream_->counters().malformed);

@@ -6,28 +6,24 @@
 
 #include <optional>
 
-#include "drivers/lidar/cloud_source.h"
+#include "drivers/lidar/virtual_sensor.h"
 #include "drivers/ouster/ouster_settings.h"
 #include "drivers/ouster/sensor_control.h"
 
 namespace rigor::ouster {
 
-class VirtualSource final : public packet_lidar::CloudSource {
+class VirtualSource final : public packet_lidar::VirtualSensor {
  public:
-  /// `emulator_params`: the entry that stands for the device in the rig.
-  VirtualSource(DeviceParts parts, ConfigNode emulator_params)
-      : parts_(std::move(parts)), emulator_params_(std::move(emulator_params)) {}
-  void complete_until(BenchTime now) override;
+  using VirtualSensor::VirtualSensor;
 
  protected:
   Status do_configure(const ChannelConfig& config) override;
-  Status do_arm(const ArmContext& context) override;
-  Status do_start(BenchTime t0) override;
-  Status do_stop() override;
 
  private:
-  DeviceParts parts_;
-  ConfigNode emulator_params_;
+  Status open_device() override;
+  void begin(BenchTime t0) override;
+  void send_until(BenchTime now) override;
+
   SourceSettings settings_;
   EmulatorSettings device_settings_;
   std::optional<SensorDevice> device_;
@@ -39,7 +35,7 @@ class VirtualSource final : public packet_lidar::CloudSource {
   SensorTime time_;
   BenchTime t_first_;           ///< of frame 0
   std::uint64_t start_ns_ = 0;  ///< the sensor's time there
-  bool running_ = false, measured_ = false;
+  bool measured_ = false;
 };
 
 }  // namespace rigor::ouster

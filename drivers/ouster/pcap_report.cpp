@@ -30,8 +30,7 @@ class Counter {
       }
       if (r_.lidar_packets++ == 0) t_first_ = t;
       t_last_ = t;
-      ++r_.sources[(udp.source_ipv4 == 0 ? "IPv6" : network::text_of_ipv4(udp.source_ipv4)) + ":" +
-                   std::to_string(udp.source_port)];
+      ++r_.sources[network::sender_of(udp)];
       count(*packet);
       stream_.take(udp.payload, BenchTime(0), hand_);
     } else if (udp.payload.size() == kImuBytes || to_imu) {
@@ -106,15 +105,8 @@ Result<PcapReport> inspect_pcap(const std::filesystem::path& file, const std::fi
   r.file = file.string();
   r.metadata = std::move(*m);
   Counter counter(r);
-  while (true) {
-    auto record = reader->next();
-    if (!record) {
-      r.ended_by = record.error();
-      break;
-    }
-    if (!*record) break;
-    if ((*record)->udp) counter.add((*record)->t, *(*record)->udp);
-  }
+  r.ended_by = network::read_datagrams(
+      *reader, [&](RealtimeTime t, const network::UdpDatagram& d) { counter.add(t, d); });
   r.captured = reader->frames();
   r.fragments = reader->fragments().fragments;
   r.datagrams_given_up = reader->fragments().given_up;

@@ -19,6 +19,8 @@
 #include <span>
 #include <vector>
 
+#include "drivers/network/usbip_codec.h"
+
 namespace rigor::v4l2::uvc {
 
 /// One format as its descriptors number it: formats and frames count from 1; a camera here has one frame
@@ -48,11 +50,7 @@ inline constexpr std::size_t kControlBytes10 = 26, kControlBytes11 = 34;
 /// 26 bytes (UVC 1.0), 34 (1.1) or more (1.5); empty where there are fewer.
 [[nodiscard]] std::optional<StreamControl> decode(std::span<const std::uint8_t> bytes) noexcept;
 
-/// The eight bytes of a control request (USB 2.0, table 9-2).
-struct SetupPacket {
-  std::uint8_t request_type = 0, request = 0;
-  std::uint16_t value = 0, index = 0, length = 0;
-};
+using usbip::SetupPacket;
 
 struct Answer {
   enum class Kind : std::uint8_t {

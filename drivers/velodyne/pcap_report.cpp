@@ -32,11 +32,6 @@ Sort sort_of(const UdpDatagram& udp, std::optional<DataPacket>& data, std::optio
   return Sort::other;
 }
 
-std::string address_of(const UdpDatagram& udp) {
-  return (udp.source_ipv4 == 0 ? "IPv6" : network::text_of_ipv4(udp.source_ipv4)) + ":" +
-         std::to_string(udp.source_port);
-}
-
 /// A recording is read twice.
 using Open = std::function<Result<PcapReader>()>;
 
@@ -196,7 +191,7 @@ Result<PcapReport> inspect(const Open& open, std::string name) {
           if (!decoder) return tl::unexpected<Error>(decoder.error());
           counter.emplace(r, std::move(*decoder));
         }
-        ++r.sources[address_of(*udp)];
+        ++r.sources[network::sender_of(*udp)];
         counter->add((*record)->t, *data);
         break;
       case Sort::position:

@@ -2,10 +2,10 @@
 
 #include <poll.h>
 
-#include <fstream>
 #include <map>
 #include <memory>
 
+#include "drivers/lidar/packet_backend.h"
 #include "drivers/velodyne/velodyne_emulator.h"
 #include "drivers/velodyne/velodyne_source.h"
 #include "drivers/velodyne/velodyne_virtual_source.h"
@@ -14,8 +14,6 @@ namespace rigor {
 namespace {
 
 using namespace velodyne;
-
-constexpr std::int64_t kWantedSocketBuffer = 2 << 20;
 
 /// Who sends to this machine, heard for a while: these devices announce themselves in no other way.
 std::vector<FoundDevice> listen_for_devices() {
@@ -52,30 +50,15 @@ std::vector<FoundDevice> listen_for_devices() {
 }
 
 std::vector<DoctorFinding> doctor() {
-  std::int64_t most = 0;
-  std::ifstream("/proc/sys/net/core/rmem_max") >> most;
-  const std::string now = std::to_string(most / 1024);
-  if (most >= kWantedSocketBuffer)
-    return {{DoctorFinding::Level::good, "socket buffers up to " + now + " KiB: a second of Velodyne packets",
-             ""}};
-  return {{DoctorFinding::Level::note,
-           "socket buffers are limited to " + now + " KiB: " + std::to_string(most / 2300) +
-               " Velodyne packets, so a thread that is held up for longer loses some",
-           "sudo sysctl -w net.core.rmem_max=" + std::to_string(kWantedSocketBuffer)}};
+  return {packet_lidar::find_socket_buffer(SourceSettings{}.socket_buffer_bytes, 2300,
+                                           "a second of Velodyne packets", "a Velodyne")};
 }
 
 }  // namespace
 
 Backend velodyne_backend() {
-  Backend b;
-  b.name = "velodyne";
-  b.summary = "Velodyne VLP-16 and HDL-32E: UDP packets and their recordings, and an emulated device";
-  b.make_source = [] { return std::make_unique<VelodyneSource>(); };
-  b.make_emulator = [] { return std::make_unique<VelodyneEmulator>(); };
-  b.make_virtual_source = [](DeviceParts parts, ConfigNode params) -> Result<std::unique_ptr<Source>> {
-    return std::make_unique<VirtualSource>(std::move(parts), std::move(params));
-  };
-  b.reads_recording = [](const ConfigNode& params) { return params.has("file"); };
+  auto b = packet_lidar::make_backend<VelodyneSource, VelodyneEmulator, VirtualSource>(
+      "velodyne", "Velodyne VLP-16 and HDL-32E: UDP packets and their recordings, and an emulated device");
   b.find_devices = listen_for_devices;
   b.doctor = doctor;
   return b;

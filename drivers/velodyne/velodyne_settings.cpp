@@ -1,45 +1,24 @@
 #include "drivers/velodyne/velodyne_settings.h"
 
-#include <arpa/inet.h>
-
 #include <algorithm>
 #include <cmath>
 
 namespace rigor::velodyne {
-namespace {
 
-std::string read_ipv4(const ConfigNode& n, std::string_view key, std::string fallback) {
-  std::string text = n.text_or(key, std::move(fallback));
-  in_addr parsed{};
-  if (!text.empty() && inet_pton(AF_INET, text.c_str(), &parsed) != 1)
-    throw n.error(key, "expected an IPv4 address like 192.168.1.201, got \"" + text + "\"");
-  return text;
-}
-std::uint16_t read_port(const ConfigNode& n, std::string_view key, std::uint16_t fallback, int min) {
-  return static_cast<std::uint16_t>(
-      n.integer_or(key, fallback, {.min = static_cast<double>(min), .max = 65535}));
-}
-
-}  // namespace
+using packet_lidar::read_ipv4;
+using packet_lidar::read_port;
 
 SourceSettings read_source_settings(const ChannelConfig& config) {
   const ConfigNode& n = config.params;
   SourceSettings s;
   if (config.kind != SampleKind::point_cloud)
     throw n.error("kind", "expected point_cloud: a Velodyne gives nothing else; got another kind");
-  if (n.has("file")) {
-    s.file = n.base_dir() / n.text("file");
-    for (const char* key : {"address", "port", "position_port", "from", "socket_buffer_bytes"})
-      if (n.has(key)) throw n.error(key, "expected either `file` or keys of the network, got both");
-  } else {
-    s.address = read_ipv4(n, "address", s.address);
+  read_packet_settings(config, {"port", "position_port", "from"}, s);
+  if (s.file.empty()) {
     s.port = read_port(n, "port", s.port, 1);
     s.position_port = read_port(n, "position_port", s.position_port, 0);
     s.from = read_ipv4(n, "from", "");
-    s.socket_buffer_bytes =
-        n.integer_or("socket_buffer_bytes", s.socket_buffer_bytes, {.min = 65536, .max = 1 << 30});
   }
-  s.frame_id = n.text_or("frame_id", config.name.substr(0, config.name.find('.')));
   const std::string model = n.choice_or("model", {"auto", "vlp16", "hdl32e"}, "auto");
   s.model = model_named(model);
   if (n.has("calibration")) s.calibration = n.base_dir() / n.text("calibration");
@@ -51,13 +30,9 @@ SourceSettings read_source_settings(const ChannelConfig& config) {
   s.stream.cut_cdeg =
       static_cast<std::uint32_t>(std::lround(n.number_or("cut_deg", 0, {.min = 0, .max = 359.99}) * 100) %
                                  static_cast<long>(kTurn_cdeg));
-  const std::string time = n.choice_or("time", {"device", "gps", "arrival"}, "device");
-  s.stream.time = time == "gps"       ? TimeSource::utc
-                  : time == "arrival" ? TimeSource::arrival
-                                      : TimeSource::device;
+  s.stream.time = packet_lidar::read_time_source(n, "gps");
   if (s.stream.unit == CloudUnit::revolution && config.period.ns() > 0) s.stream.revolution = config.period;
   s.stream.max_points = most_points(s, config.period);
-  s.buffers = static_cast<std::size_t>(n.integer_or("buffers", 8, {.min = 2, .max = 256}));
   return s;
 }
 
@@ -68,6 +43,12 @@ std::size_t most_points(const SourceSettings& s, Duration period) {
   const double returns_per_s = 2e9 * f.lasers / static_cast<double>(f.sequence_ns);
   const double turn_s = period.ns() > 0 ? std::clamp(period.seconds() * 1.25, 0.05, 0.25) : 0.21;
   return static_cast<std::size_t>(returns_per_s * turn_s) + 2 * kMaxReturns;
+}
+
+void describe_clouds(const SourceSettings& settings, ChannelDescription& description) {
+  description.kind = SampleKind::point_cloud;
+  description.frame_id = settings.frame_id;
+  description.max_bytes = settings.stream.max_points * sizeof(LidarPoint);
 }
 
 EmulatorSettings read_emulator_settings(const ConfigNode& n) {

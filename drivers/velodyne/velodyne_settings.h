@@ -21,24 +21,25 @@
 #include <optional>
 #include <string>
 
+#include "drivers/lidar/packet_settings.h"
 #include "drivers/velodyne/cloud_stream.h"
-#include "sensor-hal/channel/channel.h"
 
 namespace rigor::velodyne {
 
-struct SourceSettings {
-  std::string address = "127.0.0.1", from, frame_id;
+struct SourceSettings : packet_lidar::PacketSettings {
+  SourceSettings() { address = "127.0.0.1"; }
+
+  std::string from;
   std::uint16_t port = kDataPort, position_port = kPositionPort;
-  std::filesystem::path file;  ///< empty: the network
   std::optional<Model> model;  ///< empty: found out
   std::filesystem::path calibration;
   RingOrder rings = RingOrder::laser;
   CloudStreamOptions stream;
-  std::int64_t socket_buffer_bytes = 2 << 20;
-  std::size_t buffers = 8;
 };
 /// Throws ConfigError. Setup.
 [[nodiscard]] SourceSettings read_source_settings(const ChannelConfig& config);
+/// What the channel's samples are.
+void describe_clouds(const SourceSettings& settings, ChannelDescription& description);
 
 /// Keys of an emulator beside `sensor` and what belongs to it:
 ///   address: 127.0.0.1        # where the packets go; a broadcast address, too

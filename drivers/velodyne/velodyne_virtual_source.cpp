@@ -3,7 +3,8 @@
 namespace rigor::velodyne {
 
 Status VirtualSource::do_configure(const ChannelConfig& config) {
-  if (auto s = CloudChannel::do_configure(config); !s) return s;
+  settings_ = read_source_settings(config);
+  describe_clouds(settings_, description_);
   settings_.stream.time = TimeSource::fixed;
   device_settings_ = read_emulator_settings(emulator_params_);
   if (settings_.model && *settings_.model != device_settings_.model)
@@ -12,9 +13,7 @@ Status VirtualSource::do_configure(const ChannelConfig& config) {
   return {};
 }
 
-Status VirtualSource::do_arm(const ArmContext& context) {
-  if (!context.virtual_time)
-    return fail(ErrorCode::wrong_state, config().name, "this stand-in runs in virtual time only");
+Status VirtualSource::open_device() {
   RotorSettings rotor;
   rotor.model = device_settings_.model;
   rotor.dual = device_settings_.returns == ReturnMode::dual;
@@ -25,54 +24,33 @@ Status VirtualSource::do_arm(const ArmContext& context) {
   const Duration filled(device->packet_ns());
   const Duration least =
       settings_.stream.unit == CloudUnit::packet ? filled : device->revolution_time() + filled * 2;
-  if (config().latency < least)
-    return tl::unexpected<Error>(
-        config()
-            .params
-            .error("latency_ms", "expected at least " + std::to_string(least.seconds() * 1e3) +
-                                     ": earlier the last packet cannot be there; got " +
-                                     std::to_string(config().latency.seconds() * 1e3))
-            .error());
+  if (auto s = check_latency(least); !s) return s;
   warnings_.clear();
-  if (auto s = open_model(device_settings_.model, Feed::virtual_time); !s) return s;
+  auto stream = open_model(settings_, device_settings_.model);
+  if (!stream) return tl::unexpected<Error>(stream.error());
+  stream_ = std::move(*stream);
+  open_clouds(settings_.buffers, settings_.stream.max_points, Feed::virtual_time);
   if (model_of(device_settings_.product) != device_settings_.model && !settings_.model)
-    (void)decide_model(device_settings_.product, ModelEvidence{});
+    (void)decide_model(settings_, device_settings_.product, ModelEvidence{}, warnings_);
   device_.emplace(std::move(*device));
   revolutions_.clear();
   for (int i = 0; i < 2; ++i) revolutions_.push_back(device_->make_revolution());
-  health_.connected = true;
   return {};
 }
 
-Status VirtualSource::do_start(BenchTime t0) {
+void VirtualSource::begin(BenchTime t0) {
   t0_ = t0;
   stream_->clock().set_fixed_offset(t0 - BenchTime(0));
   next_packet_ = measured_ = 0;
-  running_ = true;
-  return {};
 }
 
-Status VirtualSource::do_stop() {
-  running_ = false;
-  close_stream();
-  device_.reset();
-  health_.connected = false;
-  return {};
-}
-
-void VirtualSource::complete_until(BenchTime now) {
-  if (!running_) return;
+void VirtualSource::send_until(BenchTime now) {
   const std::int64_t packet_ns = device_->packet_ns();
   while (true) {
     const BenchTime there = t0_ + Duration(static_cast<std::int64_t>(next_packet_ + 1) * packet_ns);
     if (there > now) return;
-    for (const std::uint64_t last = device_->last_revolution_of(next_packet_); measured_ <= last;
-         ++measured_) {
-      const BenchTime begin = t0_ + Duration(device_->begin_ns(measured_));
-      const WorldMotion motion = parts_.motion ? parts_.motion->motion_at(begin) : WorldMotion{};
-      if (!device_->measure(measured_, begin, motion, revolutions_[measured_ % 2]))
-        health_.protocol_errors.fetch_add(1, std::memory_order_relaxed);
-    }
+    for (const std::uint64_t last = device_->last_revolution_of(next_packet_); measured_ <= last; ++measured_)
+      measure(*device_, measured_, t0_ + Duration(device_->begin_ns(measured_)), revolutions_[measured_ % 2]);
     device_->compose(
         next_packet_,
         [&](std::uint64_t k) {
@@ -80,7 +58,8 @@ void VirtualSource::complete_until(BenchTime now) {
           return r.seen && r.index == k ? &r : nullptr;
         },
         packet_);
-    take(packet_.bytes(), there);
+    stream_->take(packet_.bytes(), there, hand());
+    count_malformed(stream_->counters().malformed);
     ++next_packet_;
   }
 }

@@ -4,38 +4,38 @@
 // begins.
 #pragma once
 
-#include <deque>
+#include <memory>
 #include <optional>
 
-#include "drivers/velodyne/cloud_channel.h"
+#include "drivers/lidar/virtual_sensor.h"
+#include "drivers/velodyne/model_choice.h"
 #include "drivers/velodyne/rotor_device.h"
 
 namespace rigor::velodyne {
 
-class VirtualSource final : public CloudChannel {
+class VirtualSource final : public packet_lidar::VirtualSensor {
  public:
-  /// `emulator_params`: the entry that stands for the device in the rig.
-  VirtualSource(DeviceParts parts, ConfigNode emulator_params)
-      : parts_(std::move(parts)), emulator_params_(std::move(emulator_params)) {}
-  void complete_until(BenchTime now) override;
+  using VirtualSensor::VirtualSensor;
+  [[nodiscard]] std::vector<std::string> warnings() const override { return warnings_; }
 
  protected:
   Status do_configure(const ChannelConfig& config) override;
-  Status do_arm(const ArmContext& context) override;
-  Status do_start(BenchTime t0) override;
-  Status do_stop() override;
 
  private:
-  DeviceParts parts_;
-  ConfigNode emulator_params_;
+  Status open_device() override;
+  void begin(BenchTime t0) override;
+  void send_until(BenchTime now) override;
+
+  SourceSettings settings_;
   EmulatorSettings device_settings_;
+  std::vector<std::string> warnings_;
   std::optional<RotorDevice> device_;
+  std::unique_ptr<CloudStream> stream_;
   std::vector<Revolution> revolutions_;  ///< the one at hand and the next
   std::uint64_t measured_ = 0;           ///< revolutions
   std::uint64_t next_packet_ = 0;
   DataPacketWriter packet_;
   BenchTime t0_;
-  bool running_ = false;
 };
 
 }  // namespace rigor::velodyne

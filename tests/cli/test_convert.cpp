@@ -99,7 +99,7 @@ TEST_F(Convert, OneScanBecomesAPcd) {
 
 TEST_F(Convert, FramesOfAnOusterBecomeImages) {
   ASSERT_TRUE(
-      ouster::test::record_sensor((dir / "a.pcap").string(), (dir / "a.json").string(), {3, {512, 10}, {}}));
+      ouster::test::record_sensor((dir / "a.pcap").string(), (dir / "a.json").string(), {.frames = 3}));
   for (const std::string field : {"signal", "reflectivity", "near_infrared", "range"}) {
     const Said picture = in_dir({"convert", "a.pcap", "--image", field, "-o", field + ".png", "--json"});
     ASSERT_EQ(picture.status, 0) << picture.err;

@@ -2,108 +2,49 @@
 #include "drivers/ouster/ouster_emulator.h"
 #include "drivers/ouster/ouster_source.h"
 #include "drivers/ouster/ouster_virtual_source.h"
-#include "sensor-hal/conformance/conformance.h"
+#include "tests/conformance/lidar_conformance.h"
 #include "tests/drivers/network/free_ports.h"
 #include "tests/drivers/ouster/record_sensor.h"
-#include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::conformance {
 namespace {
 
-using ouster::LidarMode;
-using ouster::test::FormulaLidar;
+constexpr ouster::LidarMode kMode{512, 20};
 
-constexpr LidarMode kMode{512, 20};
+struct Ouster {
+  using Emulator = ouster::OusterEmulator;
+  using LiveSource = ouster::OusterSource;
+  using VirtualSource = ouster::VirtualSource;
 
-ChannelConfig config_of(const std::string& params, SampleKind kind = SampleKind::point_cloud) {
-  ChannelConfig c = test::image_config(params, kind == SampleKind::imu ? milliseconds(10) : milliseconds(50),
-                                       milliseconds(80), "top");
-  c.kind = kind;
-  return c;
-}
-DeviceParts parts() {
-  DeviceParts p;
-  p.samples = std::make_shared<FormulaLidar>(kMode);
-  return p;
-}
-
-class Virtual : public SourceUnderTest {
- public:
-  std::unique_ptr<Source> make() override {
-    return std::make_unique<ouster::VirtualSource>(parts(), config_of("{}").params);
+  static DeviceParts parts() {
+    DeviceParts p;
+    p.samples = std::make_shared<ouster::test::FormulaLidar>(kMode);
+    return p;
   }
-  ChannelConfig config() override { return config_of("{buffers: 8}"); }
-  ChannelConfig config_with_unknown_key() override { return config_of("{no_such_key: 1}"); }
-  std::size_t slots() const override { return 8; }
-};
-
-class VirtualImage final : public Virtual {
- public:
-  ChannelConfig config() override { return config_of("{buffers: 8}", SampleKind::image); }
-  ChannelConfig config_with_unknown_key() override {
-    return config_of("{no_such_key: 1}", SampleKind::image);
+  static ChannelConfig config(const std::string& params, SampleKind kind) {
+    return packet_lidar::test::channel_config(params, kind, milliseconds(kind == SampleKind::imu ? 10 : 50),
+                                              milliseconds(80));
   }
-};
-
-/// An emulator at ports of its own.
-class Loopback : public SourceUnderTest {
- public:
-  explicit Loopback(SampleKind kind = SampleKind::point_cloud) : kind_(kind) {
-    emulator_.attach(parts());
+  static std::string emulator_keys() {
     const auto ports = network::test::free_ports();
-    const auto first_error = [&]() -> Status {
-      if (auto s = emulator_.configure(
-              config_of("{tcp_port: 0, http_port: 0, config: {udp_port_lidar: " + std::to_string(ports[0]) +
-                        ", udp_port_imu: " + std::to_string(ports[1]) + "}}"));
-          !s)
-        return s;
-      if (auto s = emulator_.arm({}); !s) return s;
-      keys_ = "buffers: 8, host: 127.0.0.1, http_port: " + std::to_string(emulator_.http_port());
-      return emulator_.start(bench_now());
-    };
-    if (auto s = first_error(); !s) problem_ = s.error().text();
+    return "tcp_port: 0, http_port: 0, config: {udp_port_lidar: " + std::to_string(ports[0]) +
+           ", udp_port_imu: " + std::to_string(ports[1]) + "}";
   }
-  ~Loopback() override { (void)emulator_.stop(); }
-  bool virtual_time() const override { return false; }
-  Duration settle() const override { return seconds(1); }
-  std::size_t slots() const override { return 8; }
-  std::unique_ptr<Source> make() override {
-    EXPECT_EQ(problem_, "");
-    return std::make_unique<ouster::OusterSource>();
+  static std::string source_keys(const Emulator& emulator, const std::string&) {
+    return "host: 127.0.0.1, http_port: " + std::to_string(emulator.http_port());
   }
-  ChannelConfig config() override { return config_of("{" + keys_ + "}", kind_); }
-  ChannelConfig config_with_unknown_key() override {
-    return config_of("{no_such_key: 1, " + keys_ + "}", kind_);
+  static std::string record(const test::TemporaryDirectory& directory) {
+    const std::string pcap = directory.file("a.pcap"), metadata = directory.file("a.json");
+    EXPECT_TRUE(ouster::test::record_sensor(pcap, metadata, {.frames = 80, .mode = kMode}));
+    return "file: " + pcap + ", metadata: " + metadata;
   }
-
- private:
-  SampleKind kind_;
-  ouster::OusterEmulator emulator_;
-  std::string keys_, problem_;
-};
-class Imu : public Loopback {
- public:
-  Imu() : Loopback(SampleKind::imu) {}
 };
 
-/// Four seconds of a sensor.
-class VirtualRecording : public SourceUnderTest {
- public:
-  VirtualRecording() {
-    EXPECT_TRUE(
-        ouster::test::record_sensor(directory_.file("a.pcap"), directory_.file("a.json"), {80, kMode, {}}));
-  }
-  std::unique_ptr<Source> make() override { return std::make_unique<ouster::OusterSource>(); }
-  std::size_t slots() const override { return 8; }
-  ChannelConfig config() override { return config_of("{buffers: 8, " + keys() + "}"); }
-  ChannelConfig config_with_unknown_key() override { return config_of("{no_such_key: 1, " + keys() + "}"); }
-
- private:
-  std::string keys() {
-    return "file: " + directory_.file("a.pcap") + ", metadata: " + directory_.file("a.json");
-  }
-  test::TemporaryDirectory directory_;
-};
+using Virtual = VirtualLidar<Ouster>;
+using VirtualImage = VirtualLidar<Ouster, SampleKind::image>;
+using Loopback = LoopbackLidar<Ouster>;
+using Imu = LoopbackLidar<Ouster, SampleKind::imu>;
+using VirtualRecording = RecordedLidar<Ouster>;
 
 INSTANTIATE_TEST_SUITE_P(Ouster, SourceConformance,
                          testing::Values(under_test<Virtual>("virtual_time"),
@@ -111,26 +52,9 @@ INSTANTIATE_TEST_SUITE_P(Ouster, SourceConformance,
                                          under_test<Loopback>("loopback"), under_test<Imu>("imu_loopback"),
                                          under_test<VirtualRecording>("recording_in_virtual_time")),
                          name_of_case);
-
-class Emulated final : public ChannelUnderTest {
- public:
-  std::unique_ptr<Channel> make() override {
-    auto emulator = std::make_unique<ouster::OusterEmulator>();
-    emulator->attach(parts());
-    return emulator;
-  }
-  ChannelConfig config() override { return config_of("{" + keys() + "}"); }
-  ChannelConfig config_with_unknown_key() override { return config_of("{no_such_key: 1, " + keys() + "}"); }
-
- private:
-  static std::string keys() {
-    const auto ports = network::test::free_ports();
-    return "tcp_port: 0, http_port: 0, config: {udp_port_lidar: " + std::to_string(ports[0]) +
-           ", udp_port_imu: " + std::to_string(ports[1]) + "}";
-  }
-};
 INSTANTIATE_TEST_SUITE_P(Ouster, LifecycleConformance,
-                         testing::Values(channel_under_test<Emulated>("emulator")), name_of_channel_case);
+                         testing::Values(channel_under_test<EmulatedLidar<Ouster>>("emulator")),
+                         name_of_channel_case);
 
 }  // namespace
 }  // namespace rigor::conformance

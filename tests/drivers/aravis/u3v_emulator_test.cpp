@@ -145,6 +145,48 @@ TEST(U3vEmulator, EveryFrameIsTakenDroppedOrCut) {
   EXPECT_GE(taken, 7U);
 }
 
+TEST(U3vEmulator, ASlowLinkTakesItsTimeAndDropsWhatItCannotCarry) {
+  auto o = emulator_options();
+  o.link_bits_per_s = 8e6;  // 64 ms for a picture of 64,000 bytes, and one is exposed every 10 ms
+  const auto e = start_emulator(o);
+  Host bus(e->port());
+  ASSERT_EQ(bus.import("1-1"), usbip::kOk);
+  U3vHost host(bus);
+  ASSERT_EQ(host.open_stream(), Status::success);
+  ASSERT_EQ(host.write(reg::kAcquisitionStart, 1), Status::success);
+  std::uint64_t missing = 0, next = 0;
+  for (int i = 0; i < 8; ++i) {
+    const auto f = host.take_frame();
+    ASSERT_TRUE(f);
+    EXPECT_GE(static_cast<std::uint64_t>(monotonic_now().ns()), f->leader.timestamp_ns + 64'000'000);
+    missing += f->leader.block_id - next;
+    next = f->leader.block_id + 1;
+  }
+  EXPECT_GE(missing, 8U) << "no more than four wait for the link";
+  EXPECT_GE(e->health().frames_dropped, missing);
+}
+
+TEST(U3vEmulator, PicturesThatCameTooLateAreCounted) {
+  auto o = emulator_options();
+  o.camera.camera.readout = microseconds(0);
+  const auto late = [](const gige::FrameRequest& r, gige::MutableBytes picture) {
+    const bool filled = gige::testing::fill_stamped(r, picture);
+    while (monotonic_now().ns() < (r.t_exposure_start + r.exposure + milliseconds(1)).ns()) {
+    }
+    return filled;
+  };
+  auto started = Emulator::start(o, late);
+  ASSERT_TRUE(started);
+  Host bus((*started)->port());
+  ASSERT_EQ(bus.import("1-1"), usbip::kOk);
+  U3vHost host(bus);
+  ASSERT_EQ(host.open_stream(), Status::success);
+  ASSERT_EQ(host.write(reg::kAcquisitionMode, reg::kModeSingleFrame), Status::success);
+  ASSERT_EQ(host.write(reg::kAcquisitionStart, 1), Status::success);
+  ASSERT_TRUE(host.take_frame());
+  EXPECT_EQ((*started)->health().pictures_late, 1U);
+}
+
 TEST(U3vEmulator, WhatIsNoUsbIpIsCountedAndDropped) {
   const auto e = start_emulator();
   Host http(e->port());

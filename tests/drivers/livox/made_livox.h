@@ -8,6 +8,7 @@
 
 #include "drivers/livox/mid360_device.h"
 #include "sensor-hal/channel/providers.h"
+#include "tests/drivers/lidar/lidar_test_tools.h"
 
 namespace rigor::livox::test {
 
@@ -36,24 +37,17 @@ class FormulaMid360 final : public SampleProvider {
     return d;
   }
   Status capture(const Request& r, Sample& sample) override {
-    std::uint32_t count = 0;
+    std::vector<LidarPoint> points;
     const std::uint64_t firings = std::uint64_t{scan_.columns} * kLines;
     for (std::uint64_t i = 0; i < firings; ++i) {
       const std::uint64_t n = r.index * firings + i;
       if (range_m(n) == 0) continue;
       const auto at = place_m(n);
-      const LidarPoint p{static_cast<float>(at[0]),
-                         static_cast<float>(at[1]),
-                         static_cast<float>(at[2]),
-                         static_cast<float>(n % 200),
-                         static_cast<std::int32_t>(i * 5000),
-                         static_cast<std::uint16_t>(n % kLines),
-                         0,
-                         0};
-      std::memcpy(sample.memory().data() + count++ * sizeof p, &p, sizeof p);
+      points.push_back({static_cast<float>(at[0]), static_cast<float>(at[1]), static_cast<float>(at[2]),
+                        static_cast<float>(n % 200), static_cast<std::int32_t>(i * 5000),
+                        static_cast<std::uint16_t>(n % kLines), 0, 0});
     }
-    sample.info = PointCloudInfo{count};
-    sample.size_bytes = count * sizeof(LidarPoint);
+    packet_lidar::test::store_points(points, sample);
     return {};
   }
 

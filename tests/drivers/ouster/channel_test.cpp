@@ -6,54 +6,26 @@
 #include <iterator>
 #include <thread>
 
-#include "drivers/network/http.h"
-#include "drivers/ouster/ouster_emulator.h"
 #include "drivers/ouster/ouster_source.h"
 #include "drivers/ouster/ouster_virtual_source.h"
 #include "rt-core/byte_order.h"
 #include "rt-core/file_descriptor.h"
 #include "tests/drivers/network/free_ports.h"
+#include "tests/drivers/ouster/ouster_device.h"
 #include "tests/drivers/ouster/record_sensor.h"
-#include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::ouster {
 namespace {
 
+using packet_lidar::test::expect_numbered;
+using packet_lidar::test::points_of;
+using packet_lidar::test::poll_until;
+using packet_lidar::test::run_virtual;
+using test::config_of;
+using test::Device;
 using test::FormulaLidar;
 using test::kBeams;
-
-ChannelConfig config_of(const std::string& params, SampleKind kind = SampleKind::point_cloud) {
-  const Duration period = kind == SampleKind::imu ? milliseconds(10) : milliseconds(100);
-  ChannelConfig c =
-      rigor::test::image_config(params, period, milliseconds(kind == SampleKind::imu ? 10 : 120), "top");
-  c.kind = kind;
-  return c;
-}
-DeviceParts parts_of(LidarMode mode = {512, 10}, bool dual = false) {
-  DeviceParts parts;
-  parts.samples = std::make_shared<FormulaLidar>(mode, dual);
-  return parts;
-}
-std::vector<LidarPoint> points_of(const SampleLease& s) {
-  std::vector<LidarPoint> p(s->size_bytes / sizeof(LidarPoint));
-  std::memcpy(p.data(), s->bytes().data(), s->size_bytes);
-  return p;
-}
-std::vector<SampleLease> run_virtual(Source& source, const ChannelConfig& config, Duration time) {
-  auto s = source.configure(config);
-  EXPECT_TRUE(s) << s.error().text();
-  ArmContext context;
-  context.virtual_time = true;
-  s = source.arm(context);
-  EXPECT_TRUE(s) << s.error().text();
-  EXPECT_TRUE(source.start(BenchTime(0)));
-  std::vector<SampleLease> got;
-  for (BenchTime now(0); now <= BenchTime(0) + time; now = now + milliseconds(1)) {
-    source.complete_until(now);
-    while (SampleLease l = source.poll(now)) got.push_back(std::move(l));
-  }
-  return got;
-}
+using test::parts_of;
 
 class EveryProfile : public testing::TestWithParam<Profile> {};
 
@@ -201,7 +173,7 @@ TEST(OusterVirtual, RefusesALatencyThatCannotBe) {
 /// A recording of frames with one packet missing.
 void record(const rigor::test::TemporaryDirectory& dir, std::uint64_t frames) {
   const auto lost = [](std::uint64_t frame, std::uint32_t slot) { return frame == 1 && slot == 3; };
-  ASSERT_TRUE(test::record_sensor(dir.file("a.pcap"), dir.file("a.json"), {frames, {512, 10}, lost}));
+  ASSERT_TRUE(test::record_sensor(dir.file("a.pcap"), dir.file("a.json"), {.frames = frames, .lost = lost}));
 }
 
 TEST(OusterRecording, IsReadFromItsFragmentsInVirtualTime) {
@@ -259,44 +231,6 @@ TEST(OusterRecording, NeedsMetadataOfItsOwnSensor) {
   const auto s = source.arm({});
   ASSERT_FALSE(s);
   EXPECT_NE(s.error().text().find("packets of 2304 bytes"), std::string::npos) << s.error().text();
-}
-
-/// An emulator that serves now.
-struct Device {
-  std::array<std::uint16_t, 2> port = network::test::free_ports();
-  std::unique_ptr<OusterEmulator> emulator = std::make_unique<OusterEmulator>();
-  std::uint16_t http = 0;  ///< 0: any
-
-  Status start(const std::string& config = "", const std::string& more = "") {
-    emulator->attach(parts_of());
-    if (auto s = emulator->configure(config_of("{tcp_port: 0, http_port: " + std::to_string(http) +
-                                               ", config: {udp_port_lidar: " + std::to_string(port[0]) +
-                                               ", udp_port_imu: " + std::to_string(port[1]) + config + "}" +
-                                               more + "}"));
-        !s)
-      return s;
-    if (auto s = emulator->arm({}); !s) return s;
-    http = emulator->http_port();
-    return emulator->start(bench_now());
-  }
-  [[nodiscard]] std::string host() const { return "host: 127.0.0.1, http_port: " + std::to_string(http); }
-  network::HttpReply ask(const std::string& method, const std::string& target,
-                         const std::string& body = "") const {
-    auto r =
-        network::http_request("127.0.0.1", http, {method, target, body}, monotonic_now() + seconds(10), -1);
-    EXPECT_TRUE(r) << r.error().text();
-    return r ? *r : network::HttpReply{0, ""};
-  }
-};
-
-/// Polls until `done`, or half a minute has passed.
-template <class Done>
-bool poll_until(OusterSource& source, std::vector<SampleLease>& got, Done&& done) {
-  for (const MonotonicTime end = monotonic_now() + seconds(30); !done() && monotonic_now() < end;) {
-    while (SampleLease s = source.poll(bench_now())) got.push_back(std::move(s));
-    std::this_thread::sleep_for(std::chrono::milliseconds(2));
-  }
-  return done();
 }
 
 TEST(OusterEmulator, ServesMetadataPointsAndItsImu) {
@@ -367,8 +301,7 @@ TEST(OusterSource, ConfiguresTheSensorAndFollowsWhenAnotherClientDoes) {
   };
   ASSERT_TRUE(poll_until(source, got, windowed));
   EXPECT_EQ(source.counters().reinitialized, 1u);
-  for (std::size_t i = 1; i < got.size(); ++i)
-    EXPECT_EQ(got[i]->stamp.sequence, got[i - 1]->stamp.sequence + 1 + got[i]->stamp.lost_before);
+  expect_numbered(got);
   // A parameter that the sensor does not take is an error of the rig.
   OusterSource wrong;
   ASSERT_TRUE(wrong.configure(config_of("{configure: {lidar_mode: 4096x5}, " + device.host() + "}")));
@@ -513,22 +446,8 @@ TEST(OusterSource, SurvivesASensorThatGoesAndComes) {
   ASSERT_TRUE(s) << s.error().text();
   ASSERT_TRUE(source.start(bench_now()));
   std::vector<SampleLease> got;
-  ASSERT_TRUE(poll_until(source, got, [&] { return got.size() >= 2; }));
-  ASSERT_TRUE(device.emulator->stop());
-  ASSERT_TRUE(poll_until(source, got, [&] { return !source.health().connected; }));
-  const std::size_t before = got.size();
-  ASSERT_TRUE(device.start());
-  ASSERT_TRUE(poll_until(source, got, [&] { return got.size() >= before + 2; }));
-  EXPECT_TRUE(source.health().connected);
-  EXPECT_GE(source.health().reconnects, 1u);
-  for (std::size_t i = 1; i < got.size(); ++i) {
-    EXPECT_EQ(got[i]->stamp.sequence, got[i - 1]->stamp.sequence + 1 + got[i]->stamp.lost_before);
-    EXPECT_GT(got[i]->stamp.t_capture, got[i - 1]->stamp.t_capture);
-  }
-  // A last frame may have been on its way when the sensor went.
-  std::uint64_t lost = 0;
-  for (std::size_t i = before; i < got.size(); ++i) lost += got[i]->stamp.lost_before;
-  EXPECT_GE(lost, 1u);
+  packet_lidar::test::expect_survival(
+      source, got, [&] { return device.emulator->stop(); }, [&] { return device.start(); });
   ASSERT_TRUE(source.stop());
 }
 

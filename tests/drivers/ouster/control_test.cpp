@@ -64,6 +64,9 @@ TEST_F(OusterControl, AParameterIsStagedUntilTheSensorStartsAnew) {
                 "3A%22512x10%22%7D"),
             "set_config_param");
   EXPECT_EQ(get("/api/v1/sensor/cmd/get_config_param?args=staged")["udp_dest"], "10.0.0.8");
+  get("/api/v1/sensor/cmd/set_config_param?args=.+%7b%22udp_port_imu%22%3a7600%7d");  // hex may be in lower
+                                                                                      // case
+  EXPECT_EQ(get("/api/v1/sensor/cmd/get_config_param?args=staged+udp_port_imu"), 7600);
   EXPECT_EQ(get("/api/v1/sensor/cmd/get_config_param?args=active")["udp_dest"], "10.0.0.9");
   EXPECT_EQ(control_->active().generation, before.generation);
   get("/api/v1/sensor/cmd/reinitialize");
@@ -85,6 +88,8 @@ TEST_F(OusterControl, RefusesWhatItCannotDoAndKeepsWhatItHad) {
   wrong("udp_dest+nowhere", "udp_dest: expected an IPv4 address");
   wrong("udp_dest+10.0.0.8%00%D0", "udp_dest: expected an IPv4 address");
   wrong("%D0+1", "unknown");
+  wrong("udp_dest+1.2.3.4.5", "udp_dest: expected an IPv4 address");
+  wrong("udp_dest+1.2.3.256", "udp_dest: expected an IPv4 address");
   wrong("lidar_mode+2048x10", "1024x10");
   wrong("lidar_mode+1024x20", "1024x10");
   wrong("udp_port_lidar+70000", "from 0");
@@ -95,6 +100,8 @@ TEST_F(OusterControl, RefusesWhatItCannotDoAndKeepsWhatItHad) {
   EXPECT_EQ(get("/api/v1/sensor/cmd/get_config_param?args=staged")["udp_dest"], "10.0.0.9")
       << "all or nothing";
   get("/api/v1/nonsense", 404);
+  get("/api/v1/sensor/cmd/get_config_param?args=active+no_such", 400);
+  get("/api/v1/sensor/cmd/get_config_param?args=both", 400);
   EXPECT_EQ(control_->http("PUT", "/api/v1/sensor/config", "{}", "10.0.0.7", now_).status, 405);
   EXPECT_EQ(control_->http("POST", "/api/v1/sensor/config", "{", "10.0.0.7", now_).status, 400);
   const auto bad = SensorControl::create(*device_, {}, R"({"udp_dest": 5})", now_);
@@ -182,6 +189,14 @@ TEST_F(OusterControl, TheMultipurposeIoIsConfiguredAsTheManualSays) {
   post(R"({"sync_pulse_out_frequency": 0})", 400);
   post(R"({"sync_pulse_in_polarity": "ACTIVE_SIDEWAYS"})", 400);
   EXPECT_EQ(get("/api/v1/sensor/config")["multipurpose_io_mode"], "OUTPUT_FROM_PTP_1588");
+}
+
+TEST(OusterDevice, AFrameBeginsAtItsPartOfASecondHoweverLongItRuns) {
+  const auto device = SensorDevice::create(std::make_shared<FormulaLidar>(LidarMode{512, 7}));
+  ASSERT_TRUE(device);
+  EXPECT_EQ(device->begin(6).ns(), 857'142'857);
+  EXPECT_EQ(device->begin(7).ns(), 1'000'000'000);
+  EXPECT_EQ(device->begin(7ULL * 86'400 * 365 + 1).ns(), 86'400LL * 365 * 1'000'000'000 + 142'857'142);
 }
 
 TEST(OusterDevice, RefusesASensorModelOfAnotherScanner) {

@@ -10,6 +10,7 @@
 #include "drivers/ouster/lidar_packet.h"
 #include "sensor-hal/channel/providers.h"
 #include "sensor-hal/models/lidar/lidar_model.h"
+#include "tests/drivers/lidar/lidar_test_tools.h"
 
 namespace rigor::ouster::test {
 
@@ -61,27 +62,16 @@ class FormulaLidar final : public SampleProvider {
     return column % 64 == 5 ? 0
                             : 5 + 0.25 * static_cast<double>(column % 97) + 0.01 * static_cast<double>(row);
   }
-  Status capture(const Request& r, Sample& sample) override {
-    (void)r;
-    std::uint32_t count = 0;
+  Status capture(const Request&, Sample& sample) override {
+    std::vector<LidarPoint> points;
     for (std::uint32_t c = 0; c < scan_.columns; ++c)
       for (std::size_t row = 0; row < kBeams; ++row)
-        for (std::uint8_t index = 0; index < (dual_ && row % 2 == 0 ? 2 : 1); ++index) {
-          const double range = range_m(c, row) + 2 * index;
-          if (range_m(c, row) == 0) continue;
-          const auto aim = models::rotor_aim(scan_.beams[row], scan_.azimuth_rad(c));
-          const LidarPoint p{static_cast<float>(aim.origin_m[0] + range * aim.direction[0]),
-                             static_cast<float>(aim.origin_m[1] + range * aim.direction[1]),
-                             static_cast<float>(aim.origin_m[2] + range * aim.direction[2]),
-                             static_cast<float>(row * 5 + index),
-                             static_cast<std::int32_t>(std::lround(c * scan_.column_period_s * 1e9)),
-                             static_cast<std::uint16_t>(row),
-                             index,
-                             0};
-          std::memcpy(sample.memory().data() + count++ * sizeof p, &p, sizeof p);
-        }
-    sample.info = PointCloudInfo{count};
-    sample.size_bytes = count * sizeof(LidarPoint);
+        for (std::uint8_t index = 0; index < (dual_ && row % 2 == 0 ? 2 : 1); ++index)
+          if (range_m(c, row) != 0)
+            points.push_back(packet_lidar::test::point_at(
+                models::rotor_aim(scan_.beams[row], scan_.azimuth_rad(c)), range_m(c, row) + 2 * index,
+                static_cast<double>(row * 5 + index), c * scan_.column_period_s, row, index));
+    packet_lidar::test::store_points(points, sample);
     return {};
   }
 

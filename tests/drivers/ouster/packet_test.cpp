@@ -8,6 +8,7 @@
 
 #include "drivers/ouster/beam_table.h"
 #include "drivers/ouster/lidar_packet.h"
+#include "rt-core/byte_order.h"
 #include "tests/drivers/ouster/made_sensor.h"
 
 namespace rigor::ouster {
@@ -98,6 +99,43 @@ TEST(OusterPacket, LiesInItsBytesAsTheManualSays) {
   EXPECT_EQ(b[pixel + 3], 0x78);
 }
 
+/// The bytes of a pixel of each profile, from the tables of the manual's chapter on data packets: what reader
+/// and writer got wrong alike would show nowhere else without a recording of a sensor.
+TEST(OusterPacket, EachProfileHasItsFieldsWhereTheManualHasThem) {
+  const auto pixel = [](Profile profile) {
+    const PacketLayout layout = layout_of(made_metadata(profile));
+    LidarPacketWriter w(layout);
+    w.set_column(0, 0, 0, true);
+    w.set_pixel(0, 0, {0x12340, 0x789A, 0x56, 1});
+    if (profile == Profile::dual) w.set_pixel(0, 0, {0x23450, 0x6789, 0x67, 2}, 1);
+    w.set_near_infrared(0, 0, 0x0BC0);
+    const Bytes b = w.bytes().subspan(layout.header_bytes + layout.column_header_bytes, layout.pixel_bytes);
+    return std::vector<int>(b.begin(), b.end());
+  };
+  // Range and flags; reflectivity; signal; near infrared.
+  EXPECT_EQ(pixel(Profile::legacy),
+            (std::vector<int>{0x40, 0x23, 0x01, 0x10, 0x56, 0, 0x9A, 0x78, 0xC0, 0x0B, 0, 0}));
+  EXPECT_EQ(pixel(Profile::single),
+            (std::vector<int>{0x40, 0x23, 0x01 | 1 << 3, 0, 0x56, 0, 0x9A, 0x78, 0xC0, 0x0B, 0, 0}));
+  // Range, flags and reflectivity of one return, of the other, both signals, near infrared.
+  EXPECT_EQ(pixel(Profile::dual),
+            (std::vector<int>{0x40, 0x23, 0x01 | 1 << 3, 0x56, 0x50, 0x34, 0x02 | 2 << 3, 0x67, 0x9A, 0x78,
+                              0x89, 0x67, 0xC0, 0x0B, 0, 0}));
+  // Range in 8 mm with a flag on top, reflectivity, near infrared in 16.
+  EXPECT_EQ(pixel(Profile::low_data), (std::vector<int>{0x68, 0x24 | 0x80, 0x56, 0xBC}));
+}
+
+TEST(OusterPacket, AnImuPacketHasItsFieldsWhereTheManualHasThem) {
+  const auto b = compose_imu({0x0102, 0x0304, 0x0506, {1, 2, 4}, {-1, -2, -4}});
+  EXPECT_EQ(load_le<std::uint64_t>(b, 0), 0x0102U) << "since the sensor started";
+  EXPECT_EQ(load_le<std::uint64_t>(b, 8), 0x0304U) << "of the acceleration";
+  EXPECT_EQ(load_le<std::uint64_t>(b, 16), 0x0506U) << "of the turn rate";
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    EXPECT_EQ(load_le<float>(b, 24 + 4 * axis), static_cast<float>(1 << axis)) << "acceleration, g";
+    EXPECT_EQ(load_le<float>(b, 36 + 4 * axis), -static_cast<float>(1 << axis)) << "turn rate, degrees/s";
+  }
+}
+
 TEST(OusterPacket, ARangeThatDoesNotFitIsNoReturn) {
   for (const auto& [profile, fits, beyond] :
        {std::tuple{Profile::legacy, 0xFFFFFU, 0x100000U}, std::tuple{Profile::single, 0x7FFFFU, 0x80000U},
@@ -113,6 +151,31 @@ TEST(OusterPacket, ARangeThatDoesNotFitIsNoReturn) {
     ASSERT_TRUE(p);
     EXPECT_EQ(p->column(0).pixel(0).range_mm, fits) << name_of(profile);
     EXPECT_EQ(p->column(0).pixel(1), Pixel{}) << name_of(profile);
+  }
+}
+
+TEST(OusterPacket, AColumnIsGoodByItsBitAlone) {
+  for (const auto& [profile, good, other] : {std::tuple{Profile::single, 0x0001U, 0x0002U},
+                                             std::tuple{Profile::legacy, 0xFFFFFFFFU, 0xFFFFFFFEU}}) {
+    const PacketLayout layout = layout_of(made_metadata(profile));
+    LidarPacketWriter w(layout);
+    w.set_header(7, 2, 3);
+    for (std::uint32_t i = 0; i < 16; ++i) w.set_column(i, 0, static_cast<std::uint16_t>(i), true);
+    std::vector<std::uint8_t> b(w.bytes().begin(), w.bytes().end());
+    const std::size_t status =
+        layout.header_bytes + (profile == Profile::legacy ? layout.column_bytes - 4 : 10);
+    const auto is_good = [&](std::uint32_t value) {
+      if (profile == Profile::legacy)
+        store_le(b, status, value);
+      else
+        store_le(b, status, static_cast<std::uint16_t>(value));
+      PacketFault fault{};
+      const auto p = LidarPacket::parse(b, layout, fault);
+      return p && p->column(0).good();
+    };
+    EXPECT_TRUE(is_good(good)) << name_of(profile);
+    EXPECT_FALSE(is_good(other)) << name_of(profile);
+    EXPECT_FALSE(is_good(0)) << name_of(profile);
   }
 }
 

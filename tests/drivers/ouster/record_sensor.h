@@ -15,7 +15,8 @@ namespace rigor::ouster::test {
 struct Recorded {
   std::uint64_t frames = 1;
   LidarMode mode{512, 10};
-  std::function<bool(std::uint64_t frame, std::uint32_t slot)> lost;  ///< packets that are missing
+  std::uint64_t start_ns = 0;  ///< the sensor's time when it begins
+  std::function<bool(std::uint64_t frame, std::uint32_t slot)> lost = {};  ///< packets that are missing
 };
 
 /// False where a file cannot be written.
@@ -34,7 +35,7 @@ inline bool record_sensor(const std::string& pcap, const std::string& metadata, 
   for (std::uint64_t f = 0; f < what.frames; ++f)
     for (std::uint32_t slot = 0; slot < m.slots(); ++slot) {
       if (what.lost && what.lost(f, slot)) continue;
-      device->compose(f, slot, &scan, m, 0, packet);
+      device->compose(f, slot, &scan, m, what.start_ns, packet);
       writer->write(RealtimeTime(1'700'000'000'000'000'000 + device->filled(f, slot, m).ns()),
                     {0x7F000001, 0x7F000001, kLidarPort, kLidarPort, packet.bytes()});
     }

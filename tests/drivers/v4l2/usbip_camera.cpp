@@ -10,29 +10,17 @@
 #include <fstream>
 #include <sstream>
 
+#include "drivers/network/usbip_device.h"
 #include "drivers/v4l2/uvc_gadget.h"
+#include "rt-core/byte_order.h"
 #include "rt-core/time.h"
 #include "tests/drivers/v4l2/v4l2_test_tools.h"
 
 namespace rigor::v4l2::test {
 namespace {
 
-constexpr std::uint32_t kSubmit = 1, kUnlink = 2, kSubmitted = 3, kUnlinked = 4;
-constexpr std::uint32_t kDeviceId = 0x00010002, kHighSpeed = 3;
-constexpr std::size_t kHeader = 48, kPacket = 16;
+constexpr std::uint32_t kDeviceId = 0x00010002;
 
-void put16(std::vector<std::uint8_t>& to, std::uint32_t v) {
-  to.push_back(static_cast<std::uint8_t>(v)), to.push_back(static_cast<std::uint8_t>(v >> 8));
-}
-void put32(std::vector<std::uint8_t>& to, std::uint32_t v) { put16(to, v & 0xFFFF), put16(to, v >> 16); }
-/// USB/IP is big-endian.
-void put_be(std::vector<std::uint8_t>& to, std::uint32_t v) {
-  for (int shift = 24; shift >= 0; shift -= 8) to.push_back(static_cast<std::uint8_t>(v >> shift));
-}
-std::uint32_t be(std::span<const std::uint8_t> from, std::size_t at) {
-  return std::uint32_t{from[at]} << 24 | std::uint32_t{from[at + 1]} << 16 |
-         std::uint32_t{from[at + 2]} << 8 | from[at + 3];
-}
 void add(std::vector<std::uint8_t>& to, const std::vector<std::uint8_t>& more) {
   to.insert(to.end(), more.begin(), more.end());
 }
@@ -46,12 +34,15 @@ std::vector<std::uint8_t> describe(const uvc::StreamOffer& offer) {
     add(d, uvc_guid(f.code));
     add(d, {static_cast<std::uint8_t>(f.code == kGrey ? 8 : 16), 1, 0, 0, 0, 0});
     add(d, {static_cast<std::uint8_t>(26 + 4 * offer.intervals.size()), 0x24, 0x05, 1, 0});
-    put16(d, f.width_px), put16(d, f.height_px);
+    append_le(d, static_cast<std::uint16_t>(f.width_px));
+    append_le(d, static_cast<std::uint16_t>(f.height_px));
     const auto bits_per_s =
         static_cast<std::uint32_t>(std::uint64_t{f.frame_bytes} * 8 * 10'000'000 / offer.intervals.front());
-    put32(d, bits_per_s), put32(d, bits_per_s), put32(d, f.frame_bytes), put32(d, offer.intervals.front());
+    for (const std::uint32_t v :
+         {bits_per_s, bits_per_s, static_cast<std::uint32_t>(f.frame_bytes), offer.intervals.front()})
+      append_le(d, v);
     d.push_back(static_cast<std::uint8_t>(offer.intervals.size()));
-    for (const std::uint32_t i : offer.intervals) put32(d, i);
+    for (const std::uint32_t i : offer.intervals) append_le(d, i);
     add(formats, d);
   }
   std::vector<std::uint8_t> all{8, 0x0b, 0, 2, 0x0e, 3, 0, 0};  // the two interfaces are one function
@@ -62,38 +53,34 @@ std::vector<std::uint8_t> describe(const uvc::StreamOffer& offer) {
   add(all, {9, 4, 1, 0, 0, 0x0e, 2, 0, 0});
   const auto n = static_cast<std::uint8_t>(offer.formats.size());
   all.insert(all.end(), {static_cast<std::uint8_t>(13 + n), 0x24, 1, n});
-  put16(all, static_cast<std::uint32_t>(13 + n + formats.size()));
+  append_le(all, static_cast<std::uint16_t>(13 + n + formats.size()));
   add(all, {0x81, 0, 2, 0, 0, 0, 1});
   all.insert(all.end(), n, 0);
   add(all, formats);
   add(all, {9, 4, 1, 1, 1, 0x0e, 2, 0, 0});
   add(all, {7, 5, 0x81, 0x05});  // isochronous, asynchronous
-  put16(all, offer.payload_bytes);
+  append_le(all, static_cast<std::uint16_t>(offer.payload_bytes));
   all.push_back(1);
   std::vector<std::uint8_t> configuration{9, 2};
-  put16(configuration, static_cast<std::uint32_t>(all.size() + 9));
+  append_le(configuration, static_cast<std::uint16_t>(all.size() + 9));
   add(configuration, {2, 1, 0, 0x80, 50});
   add(configuration, all);
   return configuration;
 }
 
-std::vector<std::uint8_t> text_descriptor(const std::string& text) {
-  std::vector<std::uint8_t> d{static_cast<std::uint8_t>(2 + 2 * text.size()), 3};
-  for (const char c : text) put16(d, static_cast<std::uint8_t>(c));
-  return d;
-}
+std::vector<std::uint8_t> bytes_of(const std::string& text) { return {text.begin(), text.end()}; }
 
-bool send_all(int fd, std::span<const std::uint8_t> bytes) {
+bool send_all(const FileDescriptor& fd, std::string_view bytes) {
   while (!bytes.empty()) {
-    const ssize_t n = ::send(fd, bytes.data(), bytes.size(), MSG_NOSIGNAL);
+    const ssize_t n = ::send(fd.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL);
     if (n <= 0) return false;
-    bytes = bytes.subspan(static_cast<std::size_t>(n));
+    bytes.remove_prefix(static_cast<std::size_t>(n));
   }
   return true;
 }
-bool receive_all(int fd, std::vector<std::uint8_t>& bytes, std::size_t n) {
+bool receive_all(const FileDescriptor& fd, std::vector<std::uint8_t>& bytes, std::size_t n) {
   bytes.resize(n);
-  return n == 0 || ::recv(fd, bytes.data(), n, MSG_WAITALL) == static_cast<ssize_t>(n);
+  return n == 0 || ::recv(fd.get(), bytes.data(), n, MSG_WAITALL) == static_cast<ssize_t>(n);
 }
 
 }  // namespace
@@ -108,7 +95,8 @@ std::string attach_to_host(int fd) {
     found = words >> hub >> port >> state && hub == "hs" && state == "004";
   }
   std::ofstream attach(host + "attach");
-  attach << std::stoul(port) << " " << fd << " " << kDeviceId << " " << kHighSpeed << std::flush;
+  attach << std::stoul(port) << " " << fd << " " << kDeviceId << " "
+         << static_cast<std::uint32_t>(usbip::Speed::high) << std::flush;
   return attach ? std::string() : "vhci_hcd refuses the camera: " + std::string(std::strerror(errno));
 }
 
@@ -125,7 +113,7 @@ std::vector<std::byte> UsbipCamera::picture(std::uint32_t number, std::size_t by
 std::string UsbipCamera::plug() {
   int ends[2];
   if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) return std::strerror(errno);
-  fd_ = ends[0];
+  fd_ = FileDescriptor(ends[0]);
   waiting_.clear(), sending_ = false;
   // It answers from the first moment on: the kernel asks as soon as it is plugged in.
   thread_ = std::thread([this] { run(); });
@@ -136,10 +124,10 @@ std::string UsbipCamera::plug() {
 }
 
 void UsbipCamera::unplug() {
-  if (fd_ < 0) return;
-  ::shutdown(fd_, SHUT_RDWR);
+  if (!fd_) return;
+  ::shutdown(fd_.get(), SHUT_RDWR);
   thread_.join();
-  ::close(std::exchange(fd_, -1));
+  fd_.reset();
   streams_ = false;
 }
 
@@ -156,7 +144,7 @@ void UsbipCamera::run() {
       // Without a transfer to fill there is nothing to do before the host sends one.
       if (!sending_) wait_ms = static_cast<int>(std::max<std::int64_t>(0, (due_ns_ - now) / 1'000'000 + 1));
     }
-    pollfd p{fd_, POLLIN, 0};
+    pollfd p{fd_.get(), POLLIN, 0};
     const int n = ::poll(&p, 1, wait_ms);
     if (n < 0 && errno != EINTR) return;
     if (n > 0 && !serve_one()) return;
@@ -173,76 +161,67 @@ void UsbipCamera::next_picture() {
 }
 
 bool UsbipCamera::serve_one() {
-  std::vector<std::uint8_t> h, data, packets;
-  if (!receive_all(fd_, h, kHeader)) return false;
-  const std::uint32_t command = be(h, 0), seqnum = be(h, 4);
-  if (command == kUnlink) {
-    const std::uint32_t which = be(h, 20);
-    const auto it =
-        std::find_if(waiting_.begin(), waiting_.end(), [&](const auto& t) { return t.seqnum == which; });
-    std::vector<std::uint8_t> answer;
-    for (const std::uint32_t v : {kUnlinked, seqnum, 0U, 0U, 0U}) put_be(answer, v);
-    put_be(answer, it == waiting_.end() ? 0 : static_cast<std::uint32_t>(-ECONNRESET));
-    answer.resize(kHeader);
-    if (it != waiting_.end()) waiting_.erase(it);
+  std::vector<std::uint8_t> bytes, data, packets;
+  if (!receive_all(fd_, bytes, usbip::kHeaderBytes)) return false;
+  const auto h = usbip::decode_header(bytes);
+  if (!h) return false;
+  if (h->command == usbip::Command::unlink) {
+    const auto it = std::find_if(waiting_.begin(), waiting_.end(),
+                                 [&](const auto& t) { return t.header.sequence == h->unlink; });
+    usbip::Header r;
+    r.command = usbip::Command::unlinked;
+    r.sequence = h->sequence;
+    if (it != waiting_.end()) {
+      r.status = -ECONNRESET;
+      waiting_.erase(it);
+    }
+    std::string answer;
+    usbip::append_header(answer, r);
     return send_all(fd_, answer);
   }
-  if (command != kSubmit) return false;
-  const bool in = be(h, 12) == 1;
-  const std::uint32_t endpoint = be(h, 16), length = be(h, 24);
-  if (!in && !receive_all(fd_, data, length)) return false;
-  if (endpoint == 0) return control(seqnum, in, std::span(h).subspan(40, 8), data);
-  const std::uint32_t count = be(h, 32);
-  if (endpoint != 1 || count > 256) return reply(seqnum, -EPIPE, {});
-  if (!receive_all(fd_, packets, count * kPacket)) return false;
-  Transfer t;
-  t.seqnum = seqnum, t.start_frame = be(h, 28);
-  for (std::uint32_t i = 0; i < count; ++i)
-    t.offset.push_back(be(packets, i * kPacket)), t.length.push_back(be(packets, i * kPacket + 4));
+  if (h->command != usbip::Command::submit) return false;
+  if (!h->in && !receive_all(fd_, data, h->length)) return false;
+  if (h->endpoint == 0) return control(*h, data);
+  if (h->endpoint != 1 || h->packets > 256) return reply(*h, -EPIPE, {});
+  if (!receive_all(fd_, packets, h->packets * usbip::kIsochronousPacketBytes)) return false;
+  Transfer t{*h, {}};
+  for (std::size_t at = 0; at < packets.size(); at += usbip::kIsochronousPacketBytes)
+    t.packets.push_back(usbip::decode_isochronous_packet(usbip::Bytes(packets).subspan(at)));
   waiting_.push_back(std::move(t));
   return true;
 }
 
 /// As much of the picture as one transfer takes; its packets after the picture's end stay empty.
-bool UsbipCamera::fill(const Transfer& t) {
+bool UsbipCamera::fill(Transfer& t) {
   constexpr std::size_t kPayloadHeader = 2;
-  std::vector<std::uint8_t> data, descriptors;
-  for (std::size_t i = 0; i < t.length.size(); ++i) {
-    std::size_t sent = 0;
-    if (sending_) {
-      const std::size_t n = std::min<std::size_t>(t.length[i] - kPayloadHeader, picture_.size() - done_);
-      const bool last = done_ + n == picture_.size();
-      const std::uint32_t every = damage_every_;
-      const bool damaged = last && every != 0 && sent_ % every == every - 1;
-      // End of header; end of frame; the bit that changes with each frame.
-      data.push_back(kPayloadHeader);
-      data.push_back(static_cast<std::uint8_t>(0x80 | (last ? 0x02 : 0) | (sent_ & 1)));
-      sent = kPayloadHeader + (damaged ? 0 : n);
-      const auto* from = reinterpret_cast<const std::uint8_t*>(picture_.data()) + done_;
-      if (!damaged) data.insert(data.end(), from, from + n);
-      done_ += n;
-      if (last) sending_ = false, ++sent_;
-    }
-    for (const std::uint32_t v : {t.offset[i], t.length[i], static_cast<std::uint32_t>(sent), 0U})
-      put_be(descriptors, v);
+  std::string data;
+  for (usbip::IsochronousPacket& p : t.packets) {
+    p.actual_length = 0, p.status = 0;
+    if (!sending_) continue;
+    const std::size_t n = std::min<std::size_t>(p.length - kPayloadHeader, picture_.size() - done_);
+    const bool last = done_ + n == picture_.size();
+    const std::uint32_t every = damage_every_;
+    const bool damaged = last && every != 0 && sent_ % every == every - 1;
+    // End of header; end of frame; the bit that changes with each frame.
+    data += static_cast<char>(kPayloadHeader);
+    data += static_cast<char>(0x80 | (last ? 0x02 : 0) | (sent_ & 1));
+    if (!damaged) data.append(reinterpret_cast<const char*>(picture_.data()) + done_, n);
+    p.actual_length = static_cast<std::uint32_t>(kPayloadHeader + (damaged ? 0 : n));
+    done_ += n;
+    if (last) sending_ = false, ++sent_;
   }
-  std::vector<std::uint8_t> answer;
-  for (const std::uint32_t v : {kSubmitted, t.seqnum, 0U, 0U, 0U, 0U, static_cast<std::uint32_t>(data.size()),
-                                t.start_frame, static_cast<std::uint32_t>(t.length.size()), 0U})
-    put_be(answer, v);
-  answer.resize(kHeader);
-  add(answer, data);
-  add(answer, descriptors);
+  usbip::Header r = t.header;
+  r.command = usbip::Command::submitted, r.device_id = 0, r.in = false, r.endpoint = 0;
+  r.length = static_cast<std::uint32_t>(data.size());
+  std::string answer;
+  usbip::append_header(answer, r);
+  answer += data;
+  for (const usbip::IsochronousPacket& p : t.packets) usbip::append_isochronous_packet(answer, p);
   return send_all(fd_, answer);
 }
 
-bool UsbipCamera::control(std::uint32_t seqnum, bool in, std::span<const std::uint8_t> setup,
-                          std::span<const std::uint8_t> data) {
-  uvc::SetupPacket s;
-  s.request_type = setup[0], s.request = setup[1];
-  s.value = static_cast<std::uint16_t>(setup[2] | setup[3] << 8);
-  s.index = static_cast<std::uint16_t>(setup[4] | setup[5] << 8);
-  s.length = static_cast<std::uint16_t>(setup[6] | setup[7] << 8);
+bool UsbipCamera::control(const usbip::Header& header, std::span<const std::uint8_t> data) {
+  const uvc::SetupPacket s = usbip::decode_setup(header.setup);
   bool stall = false;
   std::vector<std::uint8_t> bytes;
   if ((s.request_type & 0x60) == 0) {
@@ -252,9 +231,9 @@ bool UsbipCamera::control(std::uint32_t seqnum, bool in, std::span<const std::ui
     stall = a.kind == uvc::Answer::Kind::stall || (a.kind == uvc::Answer::Kind::expect && !pipe_.data(data));
     if (a.kind == uvc::Answer::Kind::data) bytes.assign(a.bytes.begin(), a.bytes.begin() + a.length);
   }
-  if (stall) return reply(seqnum, -EPIPE, {});
+  if (stall) return reply(header, -EPIPE, {});
   bytes.resize(std::min<std::size_t>(bytes.size(), s.length));
-  return in ? reply(seqnum, 0, bytes) : reply(seqnum, 0, {}, static_cast<std::uint32_t>(data.size()));
+  return header.in ? reply(header, 0, bytes) : reply(header, 0, {}, static_cast<std::uint32_t>(data.size()));
 }
 
 std::vector<std::uint8_t> UsbipCamera::standard(const uvc::SetupPacket& s, bool& stall) {
@@ -267,7 +246,9 @@ std::vector<std::uint8_t> UsbipCamera::standard(const uvc::SetupPacket& s, bool&
           return configuration_;
         case 3:
           if ((s.value & 0xFF) == 0) return {4, 3, 0x09, 0x04};
-          return text_descriptor((s.value & 0xFF) == 1 ? "Rigor" : (s.value & 0xFF) == 2 ? product_ : "1");
+          return bytes_of(usbip::string_descriptor((s.value & 0xFF) == 1   ? "Rigor"
+                                                   : (s.value & 0xFF) == 2 ? product_
+                                                                           : "1"));
         default:
           stall = true;
           return {};
@@ -295,14 +276,16 @@ std::vector<std::uint8_t> UsbipCamera::standard(const uvc::SetupPacket& s, bool&
   }
 }
 
-bool UsbipCamera::reply(std::uint32_t seqnum, std::int32_t status, std::span<const std::uint8_t> data,
+bool UsbipCamera::reply(const usbip::Header& to, std::int32_t status, std::span<const std::uint8_t> data,
                         std::uint32_t out_bytes) {
-  std::vector<std::uint8_t> answer;
-  for (const std::uint32_t v : {kSubmitted, seqnum, 0U, 0U, 0U, static_cast<std::uint32_t>(status),
-                                out_bytes + static_cast<std::uint32_t>(data.size()), 0U, 0U, 0U})
-    put_be(answer, v);
-  answer.resize(kHeader);
-  answer.insert(answer.end(), data.begin(), data.end());
+  usbip::Header r;
+  r.command = usbip::Command::submitted;
+  r.sequence = to.sequence;
+  r.status = status;
+  r.length = out_bytes + static_cast<std::uint32_t>(data.size());
+  std::string answer;
+  usbip::append_header(answer, r);
+  answer.append(reinterpret_cast<const char*>(data.data()), data.size());
   return send_all(fd_, answer);
 }
 

@@ -12,7 +12,9 @@
 #include <thread>
 #include <vector>
 
+#include "drivers/network/usbip_codec.h"
 #include "drivers/v4l2/uvc_control.h"
+#include "rt-core/file_descriptor.h"
 
 namespace rigor::v4l2::test {
 
@@ -43,24 +45,23 @@ class UsbipCamera {
 
  private:
   struct Transfer {
-    std::uint32_t seqnum = 0, start_frame = 0;
-    std::vector<std::uint32_t> offset, length;  ///< of its packets
+    usbip::Header header;
+    std::vector<usbip::IsochronousPacket> packets;
   };
   void run();
   [[nodiscard]] bool serve_one();
-  [[nodiscard]] bool control(std::uint32_t seqnum, bool in, std::span<const std::uint8_t> setup,
-                             std::span<const std::uint8_t> data);
+  [[nodiscard]] bool control(const usbip::Header& header, std::span<const std::uint8_t> data);
   [[nodiscard]] std::vector<std::uint8_t> standard(const uvc::SetupPacket& s, bool& stall);
-  [[nodiscard]] bool reply(std::uint32_t seqnum, std::int32_t status, std::span<const std::uint8_t> data,
+  [[nodiscard]] bool reply(const usbip::Header& to, std::int32_t status, std::span<const std::uint8_t> data,
                            std::uint32_t out_bytes = 0);
-  [[nodiscard]] bool fill(const Transfer& t);
+  [[nodiscard]] bool fill(Transfer& t);
   void next_picture();
 
   std::string product_;
   std::vector<std::uint8_t> configuration_;
   uvc::ControlPipe pipe_;
   std::thread thread_;
-  int fd_ = -1;
+  FileDescriptor fd_;
   std::atomic<bool> streams_{false};
   std::atomic<std::uint32_t> sent_{0}, damage_every_{0};
   std::deque<Transfer> waiting_;

@@ -12,45 +12,25 @@
 #include "drivers/velodyne/velodyne_emulator.h"
 #include "drivers/velodyne/velodyne_source.h"
 #include "drivers/velodyne/velodyne_virtual_source.h"
+#include "tests/drivers/network/free_ports.h"
 #include "tests/drivers/velodyne/formula_lidar.h"
-#include "tests/sensor-hal/channel/test_sources.h"
 
 namespace rigor::velodyne {
 namespace {
 
+using packet_lidar::test::points_of;
+using packet_lidar::test::run_virtual;
 using test::FormulaLidar;
 
 ChannelConfig config_of(const std::string& params, double rotation_hz = 10) {
-  ChannelConfig c = rigor::test::image_config(params, seconds_from(1 / rotation_hz),
-                                              seconds_from(1 / rotation_hz) + milliseconds(20), "top");
-  c.kind = SampleKind::point_cloud;
-  return c;
+  const Duration turn = seconds_from(1 / rotation_hz);
+  return packet_lidar::test::channel_config(params, SampleKind::point_cloud, turn, turn + milliseconds(20));
 }
 DeviceParts parts_of(Model model, double rotation_hz, bool dual = false) {
   DeviceParts parts;
   parts.samples = std::make_shared<FormulaLidar>(model, rotation_hz, dual);
   return parts;
 }
-std::vector<LidarPoint> points_of(const SampleLease& s) {
-  std::vector<LidarPoint> p(s->size_bytes / sizeof(LidarPoint));
-  std::memcpy(p.data(), s->bytes().data(), s->size_bytes);
-  return p;
-}
-std::vector<SampleLease> run_virtual(VirtualSource& source, const ChannelConfig& config, Duration time) {
-  EXPECT_TRUE(source.configure(config));
-  ArmContext context;
-  context.virtual_time = true;
-  auto s = source.arm(context);
-  EXPECT_TRUE(s) << s.error().text();
-  EXPECT_TRUE(source.start(BenchTime(0)));
-  std::vector<SampleLease> got;
-  for (BenchTime now(0); now <= BenchTime(0) + time; now = now + milliseconds(1)) {
-    source.complete_until(now);
-    while (SampleLease l = source.poll(now)) got.push_back(std::move(l));
-  }
-  return got;
-}
-
 class EveryModel : public testing::TestWithParam<std::tuple<Model, double, bool>> {};
 
 TEST_P(EveryModel, InVirtualTimeGivesWhatTheSimulatorMeasured) {
@@ -140,7 +120,7 @@ TEST(VelodyneVirtual, RefusesASensorModelOfAnotherScannerAndALatencyThatCannotBe
 
 /// An emulator that serves now.
 struct Device {
-  std::array<std::uint16_t, 2> port = test::free_ports();
+  std::array<std::uint16_t, 2> port = network::test::free_ports();
   std::unique_ptr<VelodyneEmulator> emulator;
   [[nodiscard]] std::string keys() const {
     return "port: " + std::to_string(port[0]) + ", position_port: " + std::to_string(port[1]);
@@ -274,7 +254,7 @@ TEST(VelodyneSource, TellsOfAProductByteThatLies) {
 }
 
 TEST(VelodyneSource, SaysWhenNobodySends) {
-  const auto port = test::free_ports();
+  const auto port = network::test::free_ports();
   VelodyneSource source;
   ASSERT_TRUE(source.configure(config_of("{port: " + std::to_string(port[0]) + ", position_port: 0}")));
   const auto s = source.arm({});
@@ -287,41 +267,20 @@ TEST(VelodyneSource, SurvivesADeviceThatGoesAndComesAndCountsWhatItMissed) {
   Device device;
   ASSERT_TRUE(device.start());
   VelodyneSource source;
-  ASSERT_TRUE(source.configure(config_of("{time: device, " + device.keys() + "}")));
+  ASSERT_TRUE(source.configure(config_of("{buffers: 64, time: device, " + device.keys() + "}")));
   const auto armed = source.arm({});
   ASSERT_TRUE(armed) << armed.error().text();
   ASSERT_TRUE(source.start(bench_now()));
-  std::vector<std::pair<std::uint64_t, std::uint32_t>> seen;  // sequence, lost_before
-  std::vector<BenchTime> captured;
-  const auto until = [&](auto&& done) {
-    for (const MonotonicTime end = monotonic_now() + seconds(30); !done() && monotonic_now() < end;) {
-      while (SampleLease s = source.poll(bench_now())) {
-        seen.emplace_back(s->stamp.sequence, s->stamp.lost_before);
-        captured.push_back(s->stamp.t_capture);
-        EXPECT_LE(s->stamp.t_capture.ns(), monotonic_now().ns());
-      }
-      std::this_thread::sleep_for(std::chrono::milliseconds(2));
-    }
-    return done();
-  };
-  ASSERT_TRUE(until([&] { return seen.size() >= 4; }));
-  ASSERT_TRUE(device.emulator->stop());
-  ASSERT_TRUE(until([&] { return !source.health().connected; }));
-  const std::size_t before = seen.size();
-  ASSERT_TRUE(device.start());
-  ASSERT_TRUE(until([&] { return seen.size() >= before + 3; }));
-  EXPECT_TRUE(source.health().connected);
-  EXPECT_GE(source.health().reconnects, 1u);
+  std::vector<SampleLease> got;
+  const std::size_t before = packet_lidar::test::expect_survival(
+      source, got, [&] { return device.emulator->stop(); }, [&] { return device.start(); });
+  ASSERT_LT(before, got.size());
   // A second and more away: ten revolutions and more, by the device's own time.
   std::uint64_t lost = 0;
-  for (std::size_t i = 1; i < seen.size(); ++i) {
-    EXPECT_EQ(seen[i].first, seen[i - 1].first + 1 + seen[i].second);
-    EXPECT_GT(captured[i], captured[i - 1]);
-    lost += seen[i].second;
-  }
+  for (std::size_t i = 1; i < got.size(); ++i) lost += got[i]->stamp.lost_before;
   EXPECT_GE(lost, 8u);
-  const double away_s = (captured[before] - captured[before - 1]).seconds();
-  EXPECT_NEAR(static_cast<double>(seen[before].second), away_s * 10 - 1, 1.5);
+  const double away_s = (got[before]->stamp.t_capture - got[before - 1]->stamp.t_capture).seconds();
+  EXPECT_NEAR(static_cast<double>(got[before]->stamp.lost_before), away_s * 10 - 1, 1.5);
   EXPECT_GT(source.counters().packets_lost, 500u);
   EXPECT_GT(source.counters().position_packets, 0u);
   ASSERT_TRUE(source.stop());

@@ -9,11 +9,9 @@
 #include "drivers/velodyne/velodyne_device.h"
 #include "sensor-hal/channel/providers.h"
 #include "sensor-hal/models/lidar/lidar_model.h"
-#include "tests/drivers/network/free_ports.h"
+#include "tests/drivers/lidar/lidar_test_tools.h"
 
 namespace rigor::velodyne::test {
-
-using network::test::free_ports;
 
 class FormulaLidar final : public SampleProvider {
  public:
@@ -42,30 +40,19 @@ class FormulaLidar final : public SampleProvider {
     return std::round((10 + 4 * std::sin(2 * a) + 0.1 * static_cast<double>(beam)) * 500) / 500;
   }
   Status capture(const Request& r, Sample& sample) override {
-    std::uint32_t count = 0;
+    std::vector<LidarPoint> points;
     for (std::uint32_t c = 0; c < scan_.columns; ++c)
       for (std::size_t b = 0; b < scan_.beams.size(); ++b) {
         const models::LidarBeam& beam = scan_.beams[b];
         const double a = scan_.azimuth_rad(c) + scan_.rotation_radps * beam.fire_time_s + r.turn_rad;
         const double range = range_m(a, b);
         if (range == 0) continue;
-        const auto aim = models::rotor_aim(beam, a);
-        for (std::uint8_t index = 0; index < (dual_ && b % 4 == 0 ? 2 : 1); ++index) {
-          const double at = range + 2 * index;
-          const LidarPoint p{
-              static_cast<float>(aim.origin_m[0] + at * aim.direction[0]),
-              static_cast<float>(aim.origin_m[1] + at * aim.direction[1]),
-              static_cast<float>(aim.origin_m[2] + at * aim.direction[2]),
-              static_cast<float>(b * 5 + index),
-              static_cast<std::int32_t>(std::lround((c * scan_.column_period_s + beam.fire_time_s) * 1e9)),
-              static_cast<std::uint16_t>(b),
-              index,
-              0};
-          std::memcpy(sample.memory().data() + count++ * sizeof p, &p, sizeof p);
-        }
+        for (std::uint8_t index = 0; index < (dual_ && b % 4 == 0 ? 2 : 1); ++index)
+          points.push_back(packet_lidar::test::point_at(
+              models::rotor_aim(beam, a), range + 2 * index, static_cast<double>(b * 5 + index),
+              c * scan_.column_period_s + beam.fire_time_s, b, index));
       }
-    sample.info = PointCloudInfo{count};
-    sample.size_bytes = count * sizeof(LidarPoint);
+    packet_lidar::test::store_points(points, sample);
     return {};
   }
 

@@ -12,6 +12,7 @@
 #include "drivers/network/pcap_file.h"
 #include "drivers/velodyne/packet_decoder.h"
 #include "drivers/velodyne/velodyne_emulator.h"
+#include "tests/drivers/network/free_ports.h"
 #include "tests/drivers/velodyne/formula_lidar.h"
 #include "tests/paths.h"
 #include "tests/sensor-hal/channel/test_sources.h"
@@ -101,7 +102,7 @@ TEST(PclGrabber, HasTheReturnsOfTheRecordingThatWeHave) {
 TEST(PclGrabber, TakesWhatTheEmulatorSends) {
   rigor::test::TemporaryDirectory dir;
   const std::string file = dir.file("sent.pcap");
-  const auto port = test::free_ports();
+  const auto port = network::test::free_ports();
   VelodyneEmulator emulator;
   DeviceParts parts;
   parts.samples = std::make_shared<test::FormulaLidar>(Model::vlp16, 10);

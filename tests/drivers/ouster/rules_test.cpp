@@ -1,0 +1,256 @@
+// What the emulated Ouster sends and when, and what its source makes of losses, of ends of recordings and of
+// sensors that are not the expected one.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <set>
+#include <thread>
+
+#include "drivers/network/udp_receiver.h"
+#include "drivers/ouster/ouster_source.h"
+#include "drivers/ouster/pcap_report.h"
+#include "tests/drivers/ouster/ouster_device.h"
+#include "tests/drivers/ouster/record_sensor.h"
+
+namespace rigor::ouster {
+namespace {
+
+using packet_lidar::test::poll_until;
+using packet_lidar::test::run_virtual;
+using test::config_of;
+using test::Device;
+
+/// Datagrams at a port until `take` has enough, or half a minute has passed.
+template <class Take>
+bool receive(network::UdpReceiver& at, Take&& take) {
+  for (const MonotonicTime end = monotonic_now() + seconds(30); monotonic_now() < end;) {
+    for (const auto& d : at.receive(read_epoch()))
+      if (take(d.bytes)) return true;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));  // the pace of polling
+  }
+  return false;
+}
+
+Result<Metadata> metadata_of(const Device& device) {
+  return fetch_metadata({"127.0.0.1", device.http, 0, -1}, monotonic_now() + seconds(10));
+}
+
+TEST(OusterEmulatorRules, ReadingsComeAtTheirRateInTheTimeOfTheColumns) {
+  Device device;
+  network::UdpReceiver imu, lidar;
+  ASSERT_TRUE(imu.open("127.0.0.1", device.port[1], 1 << 18));
+  ASSERT_TRUE(lidar.open("127.0.0.1", device.port[0], 1 << 20, 65'507));
+  ASSERT_TRUE(device.start(", timestamp_mode: TIME_FROM_PTP_1588", ", imu_rate_hz: 50"));
+  std::vector<ImuPacket> readings;
+  ASSERT_TRUE(receive(imu, [&](Bytes b) {
+    const auto p = parse_imu(b);
+    EXPECT_TRUE(p);
+    if (p) readings.push_back(*p);
+    return readings.size() == 6;
+  }));
+  for (std::size_t i = 1; i < readings.size(); ++i) {
+    const std::uint64_t step = readings[i].accelerometer_ns - readings[i - 1].accelerometer_ns;
+    EXPECT_EQ(step % 20'000'000, 0U) << "on the grid of its rate";
+    EXPECT_GT(step, 0U);
+  }
+  EXPECT_EQ(readings[0].acceleration_g, (std::array<float, 3>{0, 0, 1}));
+  const auto m = metadata_of(device);
+  ASSERT_TRUE(m);
+  std::uint64_t column_ns = 0;
+  ASSERT_TRUE(receive(lidar, [&](Bytes b) {
+    PacketFault fault{};
+    const auto p = LidarPacket::parse(b, layout_of(*m), fault);
+    if (p) column_ns = p->column(0).timestamp_ns();
+    return p.has_value();
+  }));
+  const auto apart = static_cast<std::int64_t>(column_ns - readings[0].accelerometer_ns);
+  EXPECT_LT(std::abs(apart), 20'000'000'000) << "one clock for both";
+}
+
+TEST(OusterEmulatorRules, SendsNoPacketWithoutAColumnOfItsWindow) {
+  Device device;
+  network::UdpReceiver lidar;
+  ASSERT_TRUE(lidar.open("127.0.0.1", device.port[0], 1 << 20, 65'507));
+  ASSERT_TRUE(device.start(", azimuth_window: [270000, 90000]"));
+  const auto m = metadata_of(device);
+  ASSERT_TRUE(m);
+  std::size_t packets = 0;
+  ASSERT_TRUE(receive(lidar, [&](Bytes b) {
+    PacketFault fault{};
+    const auto p = LidarPacket::parse(b, layout_of(*m), fault);
+    EXPECT_TRUE(p) << text_of(fault);
+    std::uint32_t good = 0;
+    for (std::uint32_t i = 0; p && i < p->columns(); ++i) good += p->column(i).good();
+    EXPECT_GT(good, 0U);
+    return ++packets == 40;
+  }));
+}
+
+/// Measures a frame of 100 ms in 250 ms.
+class SlowLidar final : public SampleProvider {
+ public:
+  Geometry geometry() const override { return lidar_.geometry(); }
+  const models::LidarScan* scan() const override { return lidar_.scan(); }
+  Status capture(const Request& r, Sample& sample) override {
+    std::this_thread::sleep_for(std::chrono::milliseconds(250));
+    return lidar_.capture(r, sample);
+  }
+
+ private:
+  test::FormulaLidar lidar_;
+};
+
+TEST(OusterEmulatorRules, OnASlowMachineSendsTheFramesThatItCanMeasureAndCountsTheOthers) {
+  OusterEmulator emulator;
+  DeviceParts parts;
+  parts.samples = std::make_shared<SlowLidar>();
+  emulator.attach(std::move(parts));
+  const auto port = network::test::free_ports();
+  ASSERT_TRUE(emulator.configure(config_of("{tcp_port: 0, http_port: 0, config: {udp_port_lidar: " +
+                                           std::to_string(port[0]) + ", udp_port_imu: 0}}")));
+  ASSERT_TRUE(emulator.arm({}));
+  ASSERT_TRUE(emulator.start(bench_now()));
+  for (const MonotonicTime end = monotonic_now() + seconds(20);
+       (emulator.health().received < 2 * 32 || emulator.health().lost < 32) && monotonic_now() < end;)
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  EXPECT_GE(emulator.health().received, 2U * 32);
+  EXPECT_GE(emulator.health().lost, 32U);
+  ASSERT_TRUE(emulator.stop());
+}
+
+TEST(OusterEmulatorRules, WhatItSentIsInItsRecordingWhenItHasStopped) {
+  rigor::test::TemporaryDirectory dir;
+  Device device;
+  ASSERT_TRUE(device.start("", ", pcap: " + dir.file("sent.pcap")));
+  std::ofstream(dir.file("sent.json")) << device.ask("GET", "/api/v1/sensor/metadata").body;
+  for (const MonotonicTime end = monotonic_now() + seconds(20);
+       device.emulator->health().received < 40 && monotonic_now() < end;)
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  ASSERT_TRUE(device.emulator->stop());
+  const auto report = inspect_pcap(dir.file("sent.pcap"), dir.file("sent.json"));
+  ASSERT_TRUE(report) << report.error().text();
+  EXPECT_FALSE(report->ended_by);
+  EXPECT_EQ(report->lidar_packets, device.emulator->health().received);
+  EXPECT_EQ(report->malformed, 0U);
+}
+
+/// A recording in virtual time.
+struct Recording {
+  rigor::test::TemporaryDirectory dir;
+  std::string pcap = dir.file("a.pcap"), json = dir.file("a.json");
+
+  explicit Recording(const test::Recorded& what) { EXPECT_TRUE(test::record_sensor(pcap, json, what)); }
+  std::vector<SampleLease> play(OusterSource& source, const std::string& more = "") const {
+    return run_virtual(source, config_of("{file: " + pcap + ", metadata: " + json + more + "}"),
+                       milliseconds(900));
+  }
+};
+
+TEST(OusterSourceRules, ALastFrameThatIsNotWholeIsHandedOnWithTheEndOfTheRecording) {
+  const Recording r(
+      {.frames = 3, .lost = [](std::uint64_t f, std::uint32_t slot) { return f == 2 && slot > 20; }});
+  OusterSource source;
+  const auto got = r.play(source);
+  ASSERT_EQ(got.size(), 3U);
+  EXPECT_EQ(got[2]->stamp.validity & kIncomplete, kIncomplete);
+  EXPECT_EQ(source.counters().packets_lost, 11U);
+}
+
+TEST(OusterSourceRules, CountsAnewWithEachRun) {
+  const Recording r({.frames = 2});
+  OusterSource source;
+  (void)r.play(source);
+  EXPECT_EQ(source.counters().packets, 64U);
+  ASSERT_TRUE(source.stop());
+  ASSERT_TRUE(source.arm({}));
+  EXPECT_EQ(source.counters().packets, 0U);
+  ASSERT_TRUE(source.stop());
+}
+
+TEST(OusterSourceRules, ARecordingThatBreaksOffIsAProtocolError) {
+  const Recording r({.frames = 2});
+  OusterSource whole;
+  (void)r.play(whole);
+  EXPECT_EQ(whole.health().protocol_errors, 0U);
+  std::filesystem::resize_file(r.pcap, std::filesystem::file_size(r.pcap) - 100);
+  OusterSource broken;
+  (void)r.play(broken);
+  EXPECT_EQ(broken.health().protocol_errors, 1U);
+  EXPECT_FALSE(broken.health().connected);
+}
+
+TEST(OusterSourceRules, ARecordingMayHavePacketsOfOtherPorts) {
+  const Recording r({.frames = 1});
+  OusterSource source;
+  ASSERT_TRUE(
+      source.configure(config_of("{file: " + r.pcap + ", metadata: " + r.json + ", lidar_port: 7000}")));
+  const auto s = source.arm({});
+  ASSERT_FALSE(s);
+  EXPECT_EQ(s.error().code, ErrorCode::bad_input);
+  OusterSource own;
+  EXPECT_EQ(r.play(own, ", lidar_port: " + std::to_string(kLidarPort)).size(), 1U);
+}
+
+TEST(OusterSourceRules, UtcOfARecordingIsThatOfItsStamps) {
+  // Its stamps are of when packets were full; the sensor counted UTC.
+  const Recording r({.frames = 2, .start_ns = 1'700'000'000'000'000'000});
+  std::ifstream in(r.json);
+  std::string text{std::istreambuf_iterator<char>(in), {}};
+  const std::string internal = "TIME_FROM_INTERNAL_OSC";
+  for (const bool ptp : {false, true}) {
+    if (ptp) text.replace(text.find(internal), internal.size(), "TIME_FROM_PTP_1588");
+    std::ofstream(r.json) << text;
+    OusterSource source;
+    const auto got = r.play(source, ", time: utc");
+    ASSERT_EQ(got.size(), 2U);
+    EXPECT_EQ(got[0]->stamp.t_capture.ns(), -3'125'000) << "a packet of 16 of 512 columns before its stamp";
+    EXPECT_EQ(got[1]->stamp.t_capture.ns(), 96'875'000);
+  }
+}
+
+TEST(OusterSourceRules, ALiveSensorOnPtpCountsTai) {
+  Device device;
+  ASSERT_TRUE(device.start(", timestamp_mode: TIME_FROM_PTP_1588"));
+  OusterSource source;
+  ASSERT_TRUE(source.configure(config_of("{buffers: 32, time: utc, " + device.host() + "}")));
+  const auto s = source.arm({});
+  ASSERT_TRUE(s) << s.error().text();
+  ASSERT_TRUE(source.start(bench_now()));
+  std::vector<SampleLease> got;
+  ASSERT_TRUE(poll_until(source, got, [&] { return !got.empty(); }));
+  EXPECT_GT(got[0]->stamp.t_capture, bench_now() - seconds(30))
+      << "37 s of leap seconds were taken off twice";
+  ASSERT_TRUE(source.stop());
+}
+
+TEST(OusterSourceRules, SaysWhenPacketsAreOfAnotherSensor) {
+  const Recording single({.frames = 1});
+  Device device;
+  ASSERT_TRUE(device.start(", udp_profile_lidar: RNG15_RFL8_NIR8"));
+  OusterSource source;
+  ASSERT_TRUE(source.configure(
+      config_of("{metadata: " + single.json + ", lidar_port: " + std::to_string(device.port[0]) + "}")));
+  const auto s = source.arm({});
+  ASSERT_FALSE(s);
+  EXPECT_NE(s.error().text().find("of something else"), std::string::npos) << s.error().text();
+}
+
+TEST(OusterSourceRules, SaysWhichStatusOfHttpCameInPlaceOfMetadata) {
+  network::TcpServer server;
+  const auto port = server.listen("127.0.0.1", 0, {},
+                                  network::http_server([](const network::HttpRequest&, std::string_view) {
+                                    return network::HttpReply{503, "{}"};
+                                  }));
+  ASSERT_TRUE(port);
+  ASSERT_TRUE(server.start());
+  const auto m = fetch_metadata({"127.0.0.1", *port, 0, -1}, monotonic_now() + seconds(10));
+  ASSERT_FALSE(m);
+  EXPECT_EQ(m.error().code, ErrorCode::unavailable);
+  EXPECT_NE(m.error().text().find("503"), std::string::npos) << m.error().text();
+  server.stop();
+}
+
+}  // namespace
+}  // namespace rigor::ouster
