@@ -174,6 +174,28 @@ bool Ground::mix_in(const CoverGrid& g, double x, double y, CoverMix& mix) {
   return true;
 }
 
+std::optional<std::uint8_t> Ground::one_cover(const Rect& rect) const {
+  for (const auto& g : covers) {
+    const auto& f = g.frame;
+    const Rect cells = f.cells();
+    if (!cells.overlaps(rect)) continue;
+    if (!cells.contains(rect)) return std::nullopt;
+    // All cells that mix_in() may look at.
+    const auto cell = [](double at, int size) {
+      return std::clamp(static_cast<int>(std::floor(at)), 0, size - 1);
+    };
+    const int c0 = cell(f.u(rect.x0), f.columns), c1 = cell(f.u(rect.x1) + 1, f.columns),
+              r0 = cell(f.v(rect.y1), f.rows), r1 = cell(f.v(rect.y0) + 1, f.rows);
+    const std::uint8_t first = g.cover(c0, r0);
+    if (first == kNoCover) return std::nullopt;
+    for (int r = r0; r <= r1; ++r)
+      for (int c = c0; c <= c1; ++c)
+        if (g.cover(c, r) != first) return std::nullopt;
+    return first;
+  }
+  return kBareGround;
+}
+
 std::uint8_t Ground::cover_at(double x, double y) const {
   return cover_mix(x, y,
                    [&](std::uint8_t c, double spacing) {

@@ -64,11 +64,28 @@ const std::array<Mixture, std::size(kRecipes)>& mixtures() {
 
 /// Share of a patchy surface at a place whose noise is n (standard deviation 1 in full): a soft threshold
 /// that keeps the share on average however much of the noise is missing.
-double patch_share(double n, double missing, double share) {
-  if (share <= 0) return 0;
-  const double threshold = std::log((1 - share) / share) / 1.7;
-  const double width = std::max(0.12, missing / 1.7);
-  return 1 / (1 + std::exp(-(n - threshold) / width));
+struct PatchShare {
+  bool any = false;
+  double threshold = 0;
+  PatchShare() = default;
+  explicit PatchShare(double share)
+      : any(share > 0), threshold(share > 0 ? std::log((1 - share) / share) / 1.7 : 0) {}
+  static double width(double missing) { return std::max(0.12, missing / 1.7); }
+  [[nodiscard]] double at(double n, double width) const {
+    return any ? 1 / (1 + std::exp(-(n - threshold) / width)) : 0;
+  }
+};
+struct PatchShares {
+  PatchShare second, third;
+};
+const std::array<PatchShares, std::size(kRecipes)>& patch_shares() {
+  static const auto all = [] {
+    std::array<PatchShares, std::size(kRecipes)> p;
+    for (std::size_t i = 0; i < p.size(); ++i)
+      p[i] = {PatchShare(kRecipes[i].second_share), PatchShare(kRecipes[i].third_share)};
+    return p;
+  }();
+  return all;
 }
 
 std::uint8_t srgb_byte(float linear) {
@@ -81,7 +98,8 @@ std::uint8_t srgb_byte(float linear) {
     }
     return t;
   }();
-  return table[static_cast<std::size_t>(std::lround(std::clamp(linear, 0.0F, 1.0F) * 4096))];
+  // To the nearest: exact in double.
+  return table[static_cast<std::size_t>(static_cast<double>(std::clamp(linear, 0.0F, 1.0F) * 4096) + 0.5)];
 }
 
 double smoothstep(double low, double high, double v) {
@@ -110,6 +128,11 @@ class TilePainter {
         patch_({.stream = 2, .longest = 4, .shortest = -7, .gain = 0.85}, places),
         patch2_({.stream = 3, .longest = 2, .shortest = -7, .gain = 0.9}, places),
         grain_({.stream = 4, .longest = -2, .shortest = -8, .gain = 1.15}, places) {
+    patch_width_ = PatchShare::width(patch_.missing);
+    patch2_width_ = PatchShare::width(patch2_.missing);
+    const double last = places.n - 1;
+    one_cover_ = tree.ground().one_cover(
+        {places.x0, places.y0 - places.step * last, places.x0 + places.step * last, places.y0});
     const auto& f = tree.grid().frame;
     const double step = places.step * (places.n - 1) / (kSlopes - 1);
     for (int j = 0; j < kSlopes; ++j) {
@@ -122,8 +145,9 @@ class TilePainter {
   }
 
   Spectrum at(int column, int row) {
-    const double x = places_.x0 + places_.step * column, y = places_.y0 - places_.step * row;
     texel_ = static_cast<std::size_t>(row) * places_.n + column;
+    if (one_cover_) return cover(*one_cover_, kRecipes[*one_cover_].overgrown ? slope_at(column, row) : 0);
+    const double x = places_.x0 + places_.step * column, y = places_.y0 - places_.step * row;
     const CoverMix mix = tree_.ground().cover_mix(x, y, [&](std::uint8_t cover, double spacing) {
       auto& channel = borders_[cover];
       if (!channel) channel.emplace(border_noise(cover, spacing), places_);
@@ -166,9 +190,10 @@ class TilePainter {
     const Recipe& recipe = kRecipes[which];
     const auto& part = mixtures()[which].part;
     Spectrum s = part[0];
-    const double second = patch_share(patch_.raster.values[texel_], patch_.missing, recipe.second_share);
+    const PatchShares& shares = patch_shares()[which];
+    const double second = shares.second.at(patch_.raster.values[texel_], patch_width_);
     if (second > 0) s = blend(s, part[1], second);
-    const double third = patch_share(patch2_.raster.values[texel_], patch2_.missing, recipe.third_share);
+    const double third = shares.third.at(patch2_.raster.values[texel_], patch2_width_);
     if (third > 0) s = blend(s, part[2], third);
     const double brightness = std::max(
         0.25, 1 + recipe.tone * tone_.raster.values[texel_] + recipe.grain * grain_.raster.values[texel_]);
@@ -186,6 +211,8 @@ class TilePainter {
   const HeightTree& tree_;
   RasterPlaces places_;
   Channel tone_, patch_, patch2_, grain_;
+  double patch_width_ = 0, patch2_width_ = 0;
+  std::optional<std::uint8_t> one_cover_;  ///< of the whole tile
   std::array<std::optional<Channel>, kBareGround> borders_;
   std::size_t texel_ = 0;
 };
