@@ -150,18 +150,24 @@ bool Ground::mix_in(const CoverGrid& g, double x, double y, CoverMix& mix) {
   const auto& f = g.frame;
   if (!f.cells().contains(x, y)) return false;
   const double u = f.u(x), v = f.v(y);
-  const int nearest_c = std::clamp(static_cast<int>(std::floor(u + 0.5)), 0, f.columns - 1);
-  const int nearest_r = std::clamp(static_cast<int>(std::floor(v + 0.5)), 0, f.rows - 1);
-  if (g.cover(nearest_c, nearest_r) == kNoCover) return false;
-  const double u0 = std::floor(u), v0 = std::floor(v);
+  // Of −0.5 … size: the number below.
+  const auto below = [](double at) { return static_cast<int>(at + 1) - 1; };
+  const int u0 = below(u), v0 = below(v);
+  const int c0 = std::clamp(u0, 0, f.columns - 1), c1 = std::clamp(u0 + 1, 0, f.columns - 1);
+  const int r0 = std::clamp(v0, 0, f.rows - 1), r1 = std::clamp(v0 + 1, 0, f.rows - 1);
+  const std::uint8_t around[2][2] = {{g.cover(c0, r0), g.cover(c1, r0)}, {g.cover(c0, r1), g.cover(c1, r1)}};
   const double fu = u - u0, fv = v - v0;
+  // A half lies nearer to the next cell.
+  if (around[fv >= 0.5 ? 1 : 0][fu >= 0.5 ? 1 : 0] == kNoCover) return false;
+  if (around[0][0] == around[0][1] && around[0][0] == around[1][0] && around[0][0] == around[1][1]) {
+    mix = {1, {around[0][0]}, {1.0F}};
+    return true;
+  }
   float sum = 0;
   for (int j = 0; j < 2; ++j) {
-    const int r = std::clamp(static_cast<int>(v0) + j, 0, f.rows - 1);
     for (int i = 0; i < 2; ++i) {
-      const int c = std::clamp(static_cast<int>(u0) + i, 0, f.columns - 1);
       const auto w = static_cast<float>((i ? fu : 1 - fu) * (j ? fv : 1 - fv));
-      const std::uint8_t cover = g.cover(c, r);
+      const std::uint8_t cover = around[j][i];
       if (cover == kNoCover || w <= 0) continue;
       int k = 0;
       while (k < mix.count && mix.cover[k] != cover) ++k;
@@ -172,6 +178,28 @@ bool Ground::mix_in(const CoverGrid& g, double x, double y, CoverMix& mix) {
   }
   for (int k = 0; k < mix.count; ++k) mix.weight[k] /= sum;
   return true;
+}
+
+std::optional<std::uint8_t> Ground::one_cover(const Rect& rect) const {
+  for (const auto& g : covers) {
+    const auto& f = g.frame;
+    const Rect cells = f.cells();
+    if (!cells.overlaps(rect)) continue;
+    if (!cells.contains(rect)) return std::nullopt;
+    // All cells that mix_in() may look at.
+    const auto cell = [](double at, int size) {
+      return std::clamp(static_cast<int>(std::floor(at)), 0, size - 1);
+    };
+    const int c0 = cell(f.u(rect.x0), f.columns), c1 = cell(f.u(rect.x1) + 1, f.columns),
+              r0 = cell(f.v(rect.y1), f.rows), r1 = cell(f.v(rect.y0) + 1, f.rows);
+    const std::uint8_t first = g.cover(c0, r0);
+    if (first == kNoCover) return std::nullopt;
+    for (int r = r0; r <= r1; ++r)
+      for (int c = c0; c <= c1; ++c)
+        if (g.cover(c, r) != first) return std::nullopt;
+    return first;
+  }
+  return kBareGround;
 }
 
 std::uint8_t Ground::cover_at(double x, double y) const {

@@ -6,6 +6,7 @@
 #include <array>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "sim/nature/terrain/noise.h"
@@ -77,6 +78,8 @@ class Ground {
     }
     return {1, {kBareGround}, {1.0F}};
   }
+  /// The cover of a whole rectangle, where cover_mix() has no other and no border in it.
+  [[nodiscard]] std::optional<std::uint8_t> one_cover(const Rect& rect) const;
   /// The cover that counts at a point.
   [[nodiscard]] std::uint8_t cover_at(double x, double y) const;
   /// True where a point of the ground at height z lies under a flat sheet of water.

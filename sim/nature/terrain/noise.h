@@ -11,16 +11,22 @@
 
 namespace rigor::nature {
 
+/// Of all places of a use.
+[[nodiscard]] inline models::PhiloxKey place_key(std::uint64_t seed, std::uint32_t stream) {
+  return {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32) ^ stream * 0x9E3779B9U};
+}
+/// What the upper halves of a place's numbers make of its counter.
+[[nodiscard]] inline std::uint32_t place_high_word(std::int64_t x, std::int64_t y) {
+  return static_cast<std::uint32_t>(static_cast<std::uint64_t>(x >> 32) * 0x85EBCA6BU ^
+                                    static_cast<std::uint64_t>(y >> 32) * 0xC2B2AE35U);
+}
 /// Four random words for one place. `stream` tells uses apart, x and y are lattice or cell numbers.
 [[nodiscard]] inline std::array<std::uint32_t, 4> place_words(std::uint64_t seed, std::uint32_t stream,
                                                               std::int64_t x, std::int64_t y,
                                                               std::uint32_t index = 0) {
-  const auto key = models::PhiloxKey{static_cast<std::uint32_t>(seed),
-                                     static_cast<std::uint32_t>(seed >> 32) ^ stream * 0x9E3779B9U};
-  const auto high = static_cast<std::uint32_t>(static_cast<std::uint64_t>(x >> 32) * 0x85EBCA6BU ^
-                                               static_cast<std::uint64_t>(y >> 32) * 0xC2B2AE35U);
-  return models::philox({static_cast<std::uint32_t>(x), static_cast<std::uint32_t>(y), index, high ^ stream},
-                        key);
+  return models::philox(
+      {static_cast<std::uint32_t>(x), static_cast<std::uint32_t>(y), index, place_high_word(x, y) ^ stream},
+      place_key(seed, stream));
 }
 /// 0 ≤ u < 1.
 [[nodiscard]] inline double unit_from_word(std::uint32_t w) { return w * 0x1p-32; }

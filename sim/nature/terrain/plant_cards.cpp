@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <functional>
 #include <numbers>
 #include <vector>
 
@@ -18,8 +17,6 @@ struct Ink {
   bool there = false;
   std::array<double, 3> colour{1, 1, 1};
 };
-using Painter = std::function<Ink(double u, double v)>;
-
 double draw(std::uint32_t stream, int i, int word) {
   return unit_from_word(place_words(0x706C616E7473ULL, stream, i, 0)[static_cast<std::size_t>(word)]);
 }
@@ -30,6 +27,7 @@ double encode(double linear) {
 
 Ink shade(double s) { return {true, {s, s, s}}; }
 
+template <class Painter>
 CardPicture paint(std::uint32_t width, std::uint32_t height, const Painter& painter) {
   constexpr int kSub = 4;
   auto t = std::make_shared<render::Texture>();
@@ -79,82 +77,161 @@ Ink blade(double u, double v) {
           {std::min(1.0, light * rib * (1 + 0.25 * brown)), light * rib, light * rib * (1 - 0.2 * brown)}};
 }
 
-Ink tuft(double u, double v) {
-  Ink out;
-  for (int i = 0; i < 17; ++i) {
-    const double top = 0.55 + 0.44 * draw(1, i, 0), t = v / top;
-    if (t >= 1) continue;
-    const double foot = 0.5 + 0.34 * (draw(1, i, 1) - 0.5), lean = 0.85 * (draw(1, i, 2) - 0.5);
-    const double half = 0.021 * (1 - 0.9 * t * t) + 0.004;
-    if (std::abs(u - (foot + lean * t * t)) > half) continue;
-    out = blade(0.5, t);
-    const double own = 0.8 + 0.2 * draw(1, i, 3);
-    for (double& c : out.colour) c *= own;
+// What lies on top is asked for first, and what a part may reach at most before its outline: the pictures are
+// asked for at millions of places.
+
+class Tuft {
+ public:
+  Tuft() {
+    for (int i = 0; i < kBlades; ++i)
+      blades_[i] = {0.55 + 0.44 * draw(1, i, 0), 0.5 + 0.34 * (draw(1, i, 1) - 0.5),
+                    0.85 * (draw(1, i, 2) - 0.5), 0.8 + 0.2 * draw(1, i, 3)};
   }
-  return out;
-}
+  Ink operator()(double u, double v) const {
+    for (int i = kBlades - 1; i >= 0; --i) {
+      const Blade& b = blades_[i];
+      const double t = v / b.top;
+      if (t >= 1) continue;
+      const double half = 0.021 * (1 - 0.9 * t * t) + 0.004;
+      if (std::abs(u - (b.foot + b.lean * t * t)) > half) continue;
+      Ink out = blade(0.5, t);
+      for (double& c : out.colour) c *= b.tone;
+      return out;
+    }
+    return {};
+  }
+
+ private:
+  static constexpr int kBlades = 17;
+  struct Blade {
+    double top, foot, lean, tone;
+  };
+  Blade blades_[kBlades];
+};
 
 /// Pinnae on both sides of a rachis along v.
-Ink frond(double u, double v) {
-  const double side = u < 0.5 ? -1 : 1, across = std::abs(u - 0.5);
-  if (across < 0.012 * (1.2 - v) && v < 0.985) return shade(0.55);
-  constexpr int kPinnae = 22;
-  for (int k = 0; k < kPinnae; ++k) {
-    const double foot = 0.10 + 0.88 * (k + (side > 0 ? 0.0 : 0.4)) / kPinnae;
-    const double envelope = 0.47 * std::pow(std::sin(pi * std::min(1.0, 0.12 + 0.88 * (1 - foot))), 0.8);
-    const double length = std::max(0.03, envelope);
-    const double along = across / length;  // pinnae rise towards the tip
-    const double middle = foot + 0.055 * along + 0.02 * along * along;
-    if (along > 1) continue;
-    const double lobes = 0.85 + 0.15 * std::cos(across * 190);
-    const double half = 0.0165 * std::pow(1 - along, 0.55) * lobes;
-    if (std::abs(v - middle) < half) {
-      return shade((0.72 + 0.22 * along) * (std::abs(v - middle) < 0.12 * half ? 0.8 : 1.0) *
-                   (0.9 + 0.1 * v));
-    }
+class Frond {
+ public:
+  Frond() {
+    for (int side = 0; side < 2; ++side)
+      for (int k = 0; k < kPinnae; ++k) {
+        const double foot = 0.10 + 0.88 * (k + (side == 1 ? 0.0 : 0.4)) / kPinnae;
+        const double envelope = 0.47 * std::pow(std::sin(pi * std::min(1.0, 0.12 + 0.88 * (1 - foot))), 0.8);
+        pinnae_[side][k] = {foot, std::max(0.03, envelope)};
+      }
   }
-  return {};
-}
+  Ink operator()(double u, double v) const {
+    const double across = std::abs(u - 0.5);
+    if (across < 0.012 * (1.2 - v) && v < 0.985) return shade(0.55);
+    for (const Pinna& p : pinnae_[u < 0.5 ? 0 : 1]) {
+      const double along = across / p.length;  // pinnae rise towards the tip
+      const double middle = p.foot + 0.055 * along + 0.02 * along * along;
+      if (along > 1 || std::abs(v - middle) > 0.0166) continue;
+      const double lobes = 0.85 + 0.15 * std::cos(across * 190);
+      const double half = 0.0165 * std::pow(1 - along, 0.55) * lobes;
+      if (std::abs(v - middle) < half) {
+        return shade((0.72 + 0.22 * along) * (std::abs(v - middle) < 0.12 * half ? 0.8 : 1.0) *
+                     (0.9 + 0.1 * v));
+      }
+    }
+    return {};
+  }
+
+ private:
+  static constexpr int kPinnae = 22;
+  struct Pinna {
+    double foot, length;
+  };
+  std::array<Pinna, kPinnae> pinnae_[2];  ///< left, right
+};
 
 /// A whole fern from the side: arching fronds.
-Ink fern_side(double u, double v) {
-  Ink out;
-  for (int i = 0; i < 9; ++i) {
-    const double lean = (i - 4) / 4.0, reach = 0.47 * std::abs(lean), rise = 0.98 - 0.35 * lean * lean;
-    // The arch as a parabola over t; the nearest t by a few steps.
-    double best = 1e9, best_t = 0;
-    for (int k = 1; k <= 24; ++k) {
-      const double t = k / 24.0, x = 0.5 + (lean < 0 ? -1 : 1) * reach * t;
-      const double y = rise * t * (1.55 - 0.55 * t - 0.35 * std::abs(lean) * t);
-      const double d = std::hypot(u - x, v - y);
-      if (d < best) best = d, best_t = t;
+class FernSide {
+ public:
+  FernSide() {
+    for (int i = 0; i < kFronds; ++i) {
+      const double lean = (i - 4) / 4.0, reach = 0.47 * std::abs(lean), rise = 0.98 - 0.35 * lean * lean;
+      Arch& arch = arches_[i];
+      for (int k = 1; k <= kSteps; ++k) {
+        const double t = static_cast<double>(k) / kSteps;
+        arch.x[k - 1] = 0.5 + (lean < 0 ? -1 : 1) * reach * t;
+        arch.y[k - 1] = rise * t * (1.55 - 0.55 * t - 0.35 * std::abs(lean) * t);
+      }
+      const auto [x0, x1] = std::minmax_element(arch.x, arch.x + kSteps);
+      const auto [y0, y1] = std::minmax_element(arch.y, arch.y + kSteps);
+      arch.x0 = *x0 - kWidest, arch.x1 = *x1 + kWidest, arch.y0 = *y0 - kWidest, arch.y1 = *y1 + kWidest;
+      arch.tone = 0.8 + 0.2 * draw(3, i, 0);
     }
-    const double half = 0.085 * std::sin(pi * std::clamp(best_t, 0.05, 0.98)) + 0.01;
-    const bool comb = std::fmod(best_t * 17 + i * 0.37, 1.0) < 0.72 || best < 0.012;
-    if (best < half && comb) out = shade(0.5 + 0.4 * best_t * (0.8 + 0.2 * draw(3, i, 0)));
   }
-  return out;
-}
+  Ink operator()(double u, double v) const {
+    for (int i = kFronds - 1; i >= 0; --i) {
+      const Arch& arch = arches_[i];
+      if (u < arch.x0 || u > arch.x1 || v < arch.y0 || v > arch.y1) continue;
+      // The arch as a parabola over t; the nearest t by a few steps.
+      double least = 1e9;
+      int nearest = 0;
+      for (int k = 0; k < kSteps; ++k) {
+        const double dx = u - arch.x[k], dy = v - arch.y[k], d2 = dx * dx + dy * dy;
+        if (d2 < least) least = d2, nearest = k;
+      }
+      const double best = std::hypot(u - arch.x[nearest], v - arch.y[nearest]);
+      if (best > kWidest) continue;
+      const double t = static_cast<double>(nearest + 1) / kSteps;
+      const double half = 0.085 * std::sin(pi * std::clamp(t, 0.05, 0.98)) + 0.01;
+      const bool comb = std::fmod(t * 17 + i * 0.37, 1.0) < 0.72 || best < 0.012;
+      if (best < half && comb) return shade(0.5 + 0.4 * t * arch.tone);
+    }
+    return {};
+  }
+
+ private:
+  static constexpr int kFronds = 9, kSteps = 24;
+  static constexpr double kWidest = 0.0951;
+  struct Arch {
+    double x[kSteps], y[kSteps];
+    double x0, x1, y0, y1;  ///< bounds of its frond
+    double tone;
+  };
+  Arch arches_[kFronds];
+};
 
 /// Leaves on a twig.
-Ink leaves(double u, double v) {
-  Ink out;
-  if (std::abs(u - 0.5 - 0.05 * std::sin(v * 5)) < 0.008 && v < 0.9) out = {true, {0.5, 0.42, 0.4}};
-  for (int i = 0; i < 26; ++i) {
-    const double foot_v = 0.04 + 0.85 * i / 26.0, side = i % 2 ? 1 : -1;
-    const double angle = side * (0.5 + 0.9 * draw(4, i, 0)), length = 0.22 + 0.14 * draw(4, i, 1);
-    const double spread = 0.18 * (draw(4, i, 2) - 0.3) * side;
-    const double dx = u - 0.5 - spread, dy = v - foot_v;
-    const double along = (dx * std::sin(angle) + dy * std::cos(angle)) / length;
-    const double across = (dx * std::cos(angle) - dy * std::sin(angle)) / length;
-    if (along < 0 || along > 1) continue;
-    const double half = 0.30 * std::sin(pi * std::pow(along, 0.8)) * (1 - 0.15 * along);
-    if (std::abs(across) > half) continue;
-    const double vein = std::abs(across) < 0.02 ? 0.85 : 1.0;
-    out = shade(vein * (0.62 + 0.33 * draw(4, i, 3)));
+class Leaves {
+ public:
+  Leaves() {
+    for (int i = 0; i < kLeaves; ++i) {
+      const double side = i % 2 ? 1 : -1, angle = side * (0.5 + 0.9 * draw(4, i, 0));
+      leaves_[i] = {std::sin(angle),
+                    std::cos(angle),
+                    0.22 + 0.14 * draw(4, i, 1),
+                    0.18 * (draw(4, i, 2) - 0.3) * side,
+                    0.04 + 0.85 * i / 26.0,
+                    0.62 + 0.33 * draw(4, i, 3)};
+    }
   }
-  return out;
-}
+  Ink operator()(double u, double v) const {
+    for (int i = kLeaves - 1; i >= 0; --i) {
+      const Leaf& l = leaves_[i];
+      const double dx = u - 0.5 - l.spread, dy = v - l.foot;
+      const double along = (dx * l.sine + dy * l.cosine) / l.length;
+      const double across = (dx * l.cosine - dy * l.sine) / l.length;
+      if (along < 0 || along > 1 || std::abs(across) > 0.301) continue;
+      const double half = 0.30 * std::sin(pi * std::pow(along, 0.8)) * (1 - 0.15 * along);
+      if (std::abs(across) > half) continue;
+      const double vein = std::abs(across) < 0.02 ? 0.85 : 1.0;
+      return shade(vein * l.tone);
+    }
+    if (std::abs(u - 0.5 - 0.05 * std::sin(v * 5)) < 0.008 && v < 0.9) return {true, {0.5, 0.42, 0.4}};
+    return {};
+  }
+
+ private:
+  static constexpr int kLeaves = 26;
+  struct Leaf {
+    double sine, cosine, length, spread, foot, tone;
+  };
+  Leaf leaves_[kLeaves];
+};
 
 /// One dry leaf, lobed, with veins.
 Ink leaf(double u, double v) {
@@ -182,9 +259,10 @@ Ink head(double u, double v) {
 }  // namespace
 
 const CardPicture& card_picture(Card card) {
-  static const std::array<CardPicture, 7> all = {
-      paint(8, 64, blade),     paint(128, 128, tuft), paint(128, 256, frond), paint(128, 128, fern_side),
-      paint(128, 128, leaves), paint(64, 128, leaf),  paint(64, 64, head)};
+  static const std::array<CardPicture, 7> all = {paint(8, 64, blade),       paint(128, 128, Tuft()),
+                                                 paint(128, 256, Frond()),  paint(128, 128, FernSide()),
+                                                 paint(128, 128, Leaves()), paint(64, 128, leaf),
+                                                 paint(64, 64, head)};
   return all[static_cast<std::size_t>(card)];
 }
 

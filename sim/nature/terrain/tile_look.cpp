@@ -1,5 +1,6 @@
 #include <array>
 #include <optional>
+#include <span>
 #include <string_view>
 
 #include "sim/nature/terrain/tile.h"
@@ -64,14 +65,51 @@ const std::array<Mixture, std::size(kRecipes)>& mixtures() {
 
 /// Share of a patchy surface at a place whose noise is n (standard deviation 1 in full): a soft threshold
 /// that keeps the share on average however much of the noise is missing.
-double patch_share(double n, double missing, double share) {
-  if (share <= 0) return 0;
-  const double threshold = std::log((1 - share) / share) / 1.7;
-  const double width = std::max(0.12, missing / 1.7);
-  return 1 / (1 + std::exp(-(n - threshold) / width));
+struct PatchShare {
+  bool any = false;
+  double threshold = 0;
+  PatchShare() = default;
+  explicit PatchShare(double share)
+      : any(share > 0), threshold(share > 0 ? std::log((1 - share) / share) / 1.7 : 0) {}
+  static double width(double missing) { return std::max(0.12, missing / 1.7); }
+  [[nodiscard]] double at(double n, double width) const {
+    return any ? 1 / (1 + std::exp(-(n - threshold) / width)) : 0;
+  }
+};
+struct PatchShares {
+  PatchShare second, third;
+};
+const std::array<PatchShares, std::size(kRecipes)>& patch_shares() {
+  static const auto all = [] {
+    std::array<PatchShares, std::size(kRecipes)> p;
+    for (std::size_t i = 0; i < p.size(); ++i)
+      p[i] = {PatchShare(kRecipes[i].second_share), PatchShare(kRecipes[i].third_share)};
+    return p;
+  }();
+  return all;
 }
 
-std::uint8_t srgb_byte(float linear) {
+/// Any width of vectors gives the same: without fused multiplications each value is rounded as it is written.
+#define RIGOR_WIDE __attribute__((target_clones("avx2", "default")))
+
+/// Of one band of a cover along a row, as TilePainter::ingredients() has it.
+struct BandOfRow {
+  float part[3];
+  const float* share[2];  ///< of the second and third part; null: none
+  const double* brightness;
+};
+RIGOR_WIDE void reflect(const BandOfRow& band, int n, float* out) {
+  const float* const second = band.share[0];
+  const float* const third = band.share[1];
+  for (int i = 0; i < n; ++i) out[i] = band.part[0];
+  if (second)
+    for (int i = 0; i < n; ++i) out[i] += (band.part[1] - out[i]) * second[i];
+  if (third)
+    for (int i = 0; i < n; ++i) out[i] += (band.part[2] - out[i]) * third[i];
+  for (int i = 0; i < n; ++i) out[i] = std::min(0.98F, static_cast<float>(out[i] * band.brightness[i]));
+}
+
+const std::array<std::uint8_t, 4097>& srgb_bytes() {
   static const auto table = [] {
     std::array<std::uint8_t, 4097> t{};
     for (std::size_t i = 0; i < t.size(); ++i) {
@@ -81,7 +119,11 @@ std::uint8_t srgb_byte(float linear) {
     }
     return t;
   }();
-  return table[static_cast<std::size_t>(std::lround(std::clamp(linear, 0.0F, 1.0F) * 4096))];
+  return table;
+}
+/// To the nearest: exact in double.
+std::uint8_t srgb_byte(const std::array<std::uint8_t, 4097>& table, float linear) {
+  return table[static_cast<std::size_t>(static_cast<double>(std::clamp(linear, 0.0F, 1.0F) * 4096) + 0.5)];
 }
 
 double smoothstep(double low, double high, double v) {
@@ -110,6 +152,11 @@ class TilePainter {
         patch_({.stream = 2, .longest = 4, .shortest = -7, .gain = 0.85}, places),
         patch2_({.stream = 3, .longest = 2, .shortest = -7, .gain = 0.9}, places),
         grain_({.stream = 4, .longest = -2, .shortest = -8, .gain = 1.15}, places) {
+    patch_width_ = PatchShare::width(patch_.missing);
+    patch2_width_ = PatchShare::width(patch2_.missing);
+    const double last = places.n - 1;
+    one_cover_ = tree.ground().one_cover(
+        {places.x0, places.y0 - places.step * last, places.x0 + places.step * last, places.y0});
     const auto& f = tree.grid().frame;
     const double step = places.step * (places.n - 1) / (kSlopes - 1);
     for (int j = 0; j < kSlopes; ++j) {
@@ -117,13 +164,49 @@ class TilePainter {
         const double slope =
             grid_slope(tree.grid(), f.u(places.x0 + i * step), f.v(places.y0 - j * step)).norm();
         slopes_[static_cast<std::size_t>(j) * kSlopes + i] = std::isfinite(slope) ? slope : 0;
+        steep_ = steep_ || slope > 0.99 * kSteep;
       }
     }
   }
 
+  /// All texels of a row.
+  void row(int row, std::span<Spectrum> out) {
+    if (one_cover_) return row_of(*one_cover_, row, out);
+    for (int column = 0; column < places_.n; ++column)
+      out[static_cast<std::size_t>(column)] = at(column, row);
+  }
+
+ private:
+  void row_of(std::uint8_t which, int row, std::span<Spectrum> out) {
+    const Recipe& recipe = kRecipes[which];
+    const PatchShares& shares = patch_shares()[which];
+    const auto& part = mixtures()[which].part;
+    const auto n = static_cast<std::size_t>(places_.n), first = static_cast<std::size_t>(row) * n;
+    float second[kTileTexels], third[kTileTexels], v[kTileTexels];
+    double brightness[kTileTexels];
+    for (std::size_t i = 0; i < n; ++i) {
+      brightness[i] = brightness_of(recipe, first + i);
+      second[i] = static_cast<float>(shares.second.at(patch_.raster.values[first + i], patch_width_));
+      third[i] = static_cast<float>(shares.third.at(patch2_.raster.values[first + i], patch2_width_));
+    }
+    for (std::size_t b = 0; b < part[0].size(); ++b) {
+      reflect({{part[0][b], part[1][b], part[2][b]},
+               {shares.second.any ? second : nullptr, shares.third.any ? third : nullptr},
+               brightness},
+              places_.n, v);
+      for (std::size_t i = 0; i < n; ++i) out[i][b] = v[i];
+    }
+    if (!recipe.overgrown || !steep_) return;
+    for (int column = 0; column < places_.n; ++column) {
+      const double slope = slope_at(column, row);
+      texel_ = first + static_cast<std::size_t>(column);
+      if (slope > kSteep) out[static_cast<std::size_t>(column)] = cover(which, slope);
+    }
+  }
+
   Spectrum at(int column, int row) {
-    const double x = places_.x0 + places_.step * column, y = places_.y0 - places_.step * row;
     texel_ = static_cast<std::size_t>(row) * places_.n + column;
+    const double x = places_.x0 + places_.step * column, y = places_.y0 - places_.step * row;
     const CoverMix mix = tree_.ground().cover_mix(x, y, [&](std::uint8_t cover, double spacing) {
       auto& channel = borders_[cover];
       if (!channel) channel.emplace(border_noise(cover, spacing), places_);
@@ -139,9 +222,10 @@ class TilePainter {
     return sum;
   }
 
- private:
   /// Steepness at so many places along a side, bilinear between them.
   static constexpr int kSlopes = 33;
+  /// From here on what grows gives way.
+  static constexpr double kSteep = 0.3;
   [[nodiscard]] double slope_at(int column, int row) const {
     const double scale = (kSlopes - 1.0) / (places_.n - 1), u = column * scale, v = row * scale;
     const int i = std::min(static_cast<int>(u), kSlopes - 2), j = std::min(static_cast<int>(v), kSlopes - 2);
@@ -152,7 +236,7 @@ class TilePainter {
   [[nodiscard]] Spectrum cover(std::uint8_t which, double slope) const {
     const Recipe& recipe = kRecipes[which];
     Spectrum s = ingredients(which);
-    if (recipe.overgrown && slope > 0.3) {
+    if (recipe.overgrown && slope > kSteep) {
       const double rough = slope + 0.12 * patch_.raster.values[texel_];
       const double soil = smoothstep(0.55, 0.95, rough), rock = smoothstep(0.8, 1.15, rough);
       static const auto soil_cover = cover_index("soil"), rock_cover = cover_index("rock");
@@ -166,14 +250,19 @@ class TilePainter {
     const Recipe& recipe = kRecipes[which];
     const auto& part = mixtures()[which].part;
     Spectrum s = part[0];
-    const double second = patch_share(patch_.raster.values[texel_], patch_.missing, recipe.second_share);
+    const PatchShares& shares = patch_shares()[which];
+    const double second = shares.second.at(patch_.raster.values[texel_], patch_width_);
     if (second > 0) s = blend(s, part[1], second);
-    const double third = patch_share(patch2_.raster.values[texel_], patch2_.missing, recipe.third_share);
+    const double third = shares.third.at(patch2_.raster.values[texel_], patch2_width_);
     if (third > 0) s = blend(s, part[2], third);
-    const double brightness = std::max(
-        0.25, 1 + recipe.tone * tone_.raster.values[texel_] + recipe.grain * grain_.raster.values[texel_]);
+    const double brightness = brightness_of(recipe, texel_);
     for (float& v : s) v = std::min(0.98F, static_cast<float>(v * brightness));
     return s;
+  }
+
+  [[nodiscard]] double brightness_of(const Recipe& recipe, std::size_t texel) const {
+    return std::max(
+        0.25, 1 + recipe.tone * tone_.raster.values[texel] + recipe.grain * grain_.raster.values[texel]);
   }
 
   static Spectrum blend(const Spectrum& a, const Spectrum& b, double t) {
@@ -186,7 +275,10 @@ class TilePainter {
   const HeightTree& tree_;
   RasterPlaces places_;
   Channel tone_, patch_, patch2_, grain_;
+  double patch_width_ = 0, patch2_width_ = 0;
+  std::optional<std::uint8_t> one_cover_;  ///< of the whole tile
   std::array<std::optional<Channel>, kBareGround> borders_;
+  bool steep_ = false;  ///< somewhere
   std::size_t texel_ = 0;
 };
 
@@ -227,13 +319,16 @@ std::shared_ptr<render::Surface> tile_surface(const HeightTree& tree, const Tree
     return t;
   };
   auto colour = texture(), infrared = texture();
+  std::array<Spectrum, kTileTexels> along{};
+  const auto& bytes = srgb_bytes();
   for (int row = 0; row < kTileTexels; ++row) {
+    painter.row(row, along);
     for (int column = 0; column < kTileTexels; ++column) {
-      const Spectrum s = painter.at(column, row);
+      const Spectrum& s = along[static_cast<std::size_t>(column)];
       const std::size_t at = (static_cast<std::size_t>(row) * kTileTexels + column) * 4;
       for (std::size_t k = 0; k < 3; ++k) {
-        colour->rgba[at + k] = srgb_byte(s[k]);
-        infrared->rgba[at + k] = srgb_byte(s[k + 3]);
+        colour->rgba[at + k] = srgb_byte(bytes, s[k]);
+        infrared->rgba[at + k] = srgb_byte(bytes, s[k + 3]);
       }
       colour->rgba[at + 3] = infrared->rgba[at + 3] = 255;
       std::array<std::uint8_t, 3> rgb{};

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <mutex>
 #include <string>
@@ -56,13 +57,33 @@ float foliage_error(const render::Mesh& fine, const render::Mesh& coarse) {
   constexpr std::size_t kSamples = 160;
   const Range f = foliage_of(fine), c = foliage_of(coarse);
   const std::size_t triangles = f.index_count / 3, samples = std::min(kSamples, triangles);
+  // A triangle whose sphere is farther than the nearest one so far is not asked.
+  struct Sphere {
+    Vec3 middle;
+    float radius;
+  };
+  std::vector<Sphere> spheres;
+  for (std::uint32_t k = c.first_index; k < c.first_index + c.index_count; k += 3) {
+    const Vec3 middle = (corner(coarse, k) + corner(coarse, k + 1) + corner(coarse, k + 2)) / 3;
+    float radius = 0;
+    for (std::uint32_t n = k; n < k + 3; ++n) radius = std::max(radius, (corner(coarse, n) - middle).norm());
+    spheres.push_back({middle, 1.0001F * radius + 1e-5F});
+  }
   double sum = 0;
   for (std::size_t i = 0; i < samples; ++i) {
     const std::size_t t = f.first_index + 3 * (i * triangles / samples);
     const Vec3 p = (corner(fine, t) + corner(fine, t + 1) + corner(fine, t + 2)) / 3;
     float least = 1e9F;
-    for (std::uint32_t k = c.first_index; k < c.first_index + c.index_count; k += 3)
-      least = std::min(least, distance2(p, corner(coarse, k), corner(coarse, k + 1), corner(coarse, k + 2)));
+    float reach = std::numeric_limits<float>::infinity();  // a little more than to the nearest so far
+    for (std::size_t n = 0; n < spheres.size(); ++n) {
+      const float beyond = reach + spheres[n].radius;
+      if ((p - spheres[n].middle).squaredNorm() > beyond * beyond) continue;
+      const std::size_t k = c.first_index + 3 * n;
+      const float d2 = distance2(p, corner(coarse, k), corner(coarse, k + 1), corner(coarse, k + 2));
+      if (d2 >= least) continue;
+      least = d2;
+      reach = 1.0001F * std::sqrt(d2) + 1e-5F;
+    }
     sum += least;
   }
   return static_cast<float>(std::sqrt(sum / static_cast<double>(samples)));

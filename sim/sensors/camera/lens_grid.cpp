@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "sensor-hal/models/one_source.h"
+#include "sensor-hal/models/lens_walk.h"
 
 namespace rigor {
 
@@ -34,12 +34,18 @@ LensGrid::LensGrid(const CameraModel& camera, int channel, int border_px)
       height_px_(camera.height_px + 2 * border_px),
       pixels_(static_cast<std::size_t>(width_px_) * static_cast<std::size_t>(height_px_)) {
   tbb::parallel_for(0, height_px_, [&](int v) {
-    for (int u = 0; u < width_px_; ++u)
-      if (const auto ray = unproject_ray(
-              camera, {static_cast<double>(u - border_px_), static_cast<double>(v - border_px_)}, channel))
-        pixels_[static_cast<std::size_t>(v) * static_cast<std::size_t>(width_px_) +
-                static_cast<std::size_t>(u)]
-            .ray = Eigen::Vector3d(ray->x, ray->y, ray->z).normalized().cast<float>();
+    LensWalk walk(camera, channel);
+    for (int u = 0; u < width_px_; ++u) {
+      Eigen::Vector3f& to = pixels_[static_cast<std::size_t>(v) * static_cast<std::size_t>(width_px_) +
+                                    static_cast<std::size_t>(u)]
+                                .ray;
+      const PixelPosition pixel{static_cast<double>(u - border_px_), static_cast<double>(v - border_px_)};
+      if (camera.projection == Projection::opencv) {
+        if (const auto p = walk(pixel)) to = Eigen::Vector3d(p->x, p->y, 1).normalized().cast<float>();
+      } else if (const auto ray = unproject_ray(camera, pixel, channel)) {
+        to = Eigen::Vector3d(ray->x, ray->y, ray->z).normalized().cast<float>();
+      }
+    }
   });
   const auto slope = [&](int u, int v, int du, int dv) -> Eigen::Vector3f {
     const auto get = [&](int x, int y) -> const Pixel* {

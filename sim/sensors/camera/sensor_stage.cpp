@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "sensor-hal/models/lens_walk.h"
 #include "sensor-hal/models/one_source.h"
 #include "sim/sensors/camera/rows.h"
 #include "sim/sensors/camera/sensor_stage_bloom.h"
@@ -99,20 +100,18 @@ void SensorStage::Impl::make_maps() {
   if (v.cos4_weight != 0 || v.a2 != 0 || v.a4 != 0 || v.a6 != 0) {
     vignetting.resize(n);
     for_rows(c.height_px, [&](int y) {
+      LensWalk walk(c);
       for (int x = 0; x < c.width_px; ++x) {
         float gain = 0;
-        // As the GPU's set-up has it, in float: tan of the ideal ray's angle is what the model asks for.
+        // Tan of the ideal ray's angle is what the model asks for.
         using Lens = models::LensMath<float>;
         float rx = 0, ry = 0, valid = 0;
         if (c.projection == Projection::opencv) {
-          const OpenCvLens& l = c.lens;
-          rx = (static_cast<float>(x) - f(c.cx_px)) / f(c.fx_px);
-          ry = (static_cast<float>(y) - f(c.cy_px)) / f(c.fy_px);
-          valid = 1;
-          // A microsecond for each pixel, which a pinhole can do without.
-          if (l != OpenCvLens{})
-            Lens::lens_undistort(rx, ry, f(l.k1), f(l.k2), f(l.p1), f(l.p2), f(l.k3), f(l.k4), f(l.k5),
-                                 f(l.k6), 1e-6f, rx, ry, valid);
+          if (const auto p = walk({static_cast<double>(x), static_cast<double>(y)})) {
+            rx = f(p->x);
+            ry = f(p->y);
+            valid = 1;
+          }
         } else if (const auto ray = unproject_ray(c, {static_cast<double>(x), static_cast<double>(y)})) {
           // From 90 degrees on cos is 0: a tangent so large that its square is that, and no more.
           constexpr double kLeastCosine = 1e-6;

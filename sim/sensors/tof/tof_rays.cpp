@@ -8,53 +8,13 @@
 #include <limits>
 #include <optional>
 
-#include "sensor-hal/models/one_source.h"
+#include "sensor-hal/models/lens_walk.h"
 #include "sim/sensors/tof/tof_effects.h"
 
 namespace rigor::tof {
 namespace {
 
 using Lens = models::LensMath<double>;
-
-/// Undistorts pixels that follow each other: from the last ray by Newton's iteration, which stays on its
-/// branch over such steps; where that does not end at once, `unproject` decides.
-class Undistorter {
- public:
-  explicit Undistorter(const CameraModel& camera) : camera_(camera) {}
-
-  std::optional<NormalisedPosition> operator()(const PixelPosition& pixel) {
-    if (camera_.lens == OpenCvLens{})
-      return NormalisedPosition{(pixel.u_px - camera_.cx_px) / camera_.fx_px,
-                                (pixel.v_px - camera_.cy_px) / camera_.fy_px};
-    if (last_)
-      if (const auto near = step(pixel, *last_)) return last_ = near;
-    return last_ = unproject(camera_, pixel);
-  }
-
- private:
-  [[nodiscard]] std::optional<NormalisedPosition> step(const PixelPosition& pixel,
-                                                       NormalisedPosition p) const {
-    const OpenCvLens& l = camera_.lens;
-    const double xd = (pixel.u_px - camera_.cx_px) / camera_.fx_px,
-                 yd = (pixel.v_px - camera_.cy_px) / camera_.fy_px;
-    for (int i = 0; i < 8; ++i) {
-      double ex = 0, ey = 0, jxx = 0, jxy = 0, jyx = 0, jyy = 0, den = 0;
-      Lens::lens_distort_jacobian(p.x, p.y, l.k1, l.k2, l.p1, l.p2, l.k3, l.k4, l.k5, l.k6, ex, ey, jxx, jxy,
-                                  jyx, jyy, den);
-      ex -= xd;
-      ey -= yd;
-      const double det = jxx * jyy - jxy * jyx;
-      if (!(det > 0.05) || !(den > 0.05) || !(jxx + jyy > 0)) return std::nullopt;
-      if (ex * ex + ey * ey < 1e-26 * (1 + xd * xd + yd * yd)) return p;
-      p.x -= (jyy * ex - jxy * ey) / det;
-      p.y -= (jxx * ey - jyx * ex) / det;
-    }
-    return std::nullopt;
-  }
-
-  const CameraModel& camera_;
-  std::optional<NormalisedPosition> last_;
-};
 
 void resize(SampleRays& r, std::size_t count) {
   for (auto* v : {&r.x, &r.y, &r.z, &r.gain, &r.intensity_w_per_sr}) v->resize(count);
@@ -112,7 +72,7 @@ SampleRays sample_rays(const models::TofModel& model, models::PhiloxKey key) {
     resize(r, columns * rows);
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, rows), [&](const auto& range) {
       for (std::size_t ly = range.begin(); ly < range.end(); ++ly) {
-        Undistorter undistort(camera);
+        LensWalk undistort(camera);
         for (std::size_t lx = 0; lx < columns; ++lx)
           set(r, ly * columns + lx, model,
               undistort({(static_cast<double>(lx) - 0.5) / r.side - 0.5,
@@ -125,7 +85,7 @@ SampleRays sample_rays(const models::TofModel& model, models::PhiloxKey key) {
   resize(r, width * height * s * s);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, height), [&](const auto& range) {
     for (std::size_t v = range.begin(); v < range.end(); ++v) {
-      Undistorter undistort(camera);
+      LensWalk undistort(camera);
       for (std::size_t u = 0; u < width; ++u)
         for (std::size_t i = 0; i < s * s; ++i) {
           const std::size_t sample = (v * width + u) * s * s + i;

@@ -5,6 +5,9 @@
 #include <cmath>
 #include <functional>
 
+#include "sensor-hal/models/lens_walk.h"
+#include "tests/sensor-hal/models/test_lenses.h"
+
 namespace rigor {
 namespace {
 
@@ -47,6 +50,31 @@ TEST(CameraModel, CountsPhotons) {
   const auto rate = m.electron_rate_per_radiance({0, 1, 0, 0});
   EXPECT_NEAR(rate[1], 0.19635 * 2.5e-11 / 3.713e-19, 0.001 * rate[1]);
   EXPECT_EQ(rate[0], 0.0);
+}
+
+TEST(LensWalk, AgreesWithEachPixelOnItsOwn) {
+  for (const OpenCvLens& lens : test::kLenses) {
+    CameraModel c = test::camera_with(lens);
+    c.chromatic.magnification = {0.999, 1.0, 1.002};
+    for (const int channel : {static_cast<int>(kReferenceChannel), static_cast<int>(kBlue)}) {
+      std::size_t there = 0;
+      // Beyond the picture as well, where some of these lenses fold.
+      for (int v = -600; v < 1080; v += 57) {
+        LensWalk walk(c, channel);
+        for (int u = -600; u < 1240; u += 3) {
+          const PixelPosition pixel{static_cast<double>(u), static_cast<double>(v)};
+          const auto p = walk(pixel);
+          const auto ray = unproject_ray(c, pixel, channel);
+          ASSERT_EQ(p.has_value(), ray.has_value()) << lens.k1 << ": " << u << ' ' << v;
+          if (!p) continue;
+          ++there;
+          ASSERT_NEAR(p->x, ray->x / ray->z, 1e-9 * (1 + std::abs(p->x))) << lens.k1 << ": " << u << ' ' << v;
+          ASSERT_NEAR(p->y, ray->y / ray->z, 1e-9 * (1 + std::abs(p->y))) << lens.k1 << ": " << u << ' ' << v;
+        }
+      }
+      EXPECT_GT(there, 2000U);
+    }
+  }
 }
 
 }  // namespace

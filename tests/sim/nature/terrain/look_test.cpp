@@ -1,6 +1,7 @@
 // What the ground reflects, and its waters.
 #include <gtest/gtest.h>
 
+#include "sim/nature/terrain/noise.h"
 #include "tests/sim/nature/terrain/ground_world.h"
 
 namespace rigor::ground_test {
@@ -74,6 +75,65 @@ TEST(GroundLook, WithoutCoverGrassIsOnGentleSlopesAndRockOnSteepOnes) {
   EXPECT_GT(gentle.mean[3], 2.5 * gentle.mean[0]);
   EXPECT_LT(steep.mean[3], 1.6 * steep.mean[0]);
   EXPECT_NEAR(steep.mean[1], rock.mean[1], 0.05);
+}
+
+TEST(GroundLook, TilesOfOneCoverAreThoseOfTilesWithSeveralAwayFromBorders) {
+  // Steep in the east, so that soil and rock come through.
+  const auto height = [](double x, double) { return 0.01 * x * x; };
+  const auto frame_of = [&](bool odd_cells) {
+    GroundWorld w;
+    w.add_terrain({129, 129, 0, 128, 1}, height);
+    w.add_cover({129, 129, 0, 128, 1}, "forest_floor snow", [&](double x, double y) {
+      return odd_cells && std::fmod(x, 16) == 8 && std::fmod(y, 16) == 8 ? 1 : 0;
+    });
+    auto terrain = nature::make_terrain_provider();
+    w.follow(*terrain);
+    return collect(*terrain, look_from(64, 64, 45, 4e-3));
+  };
+  const ContentFrame one = frame_of(false), several = frame_of(true);
+  ASSERT_EQ(one.batches.size(), several.batches.size());
+  std::size_t compared = 0, different = 0;
+  for (std::size_t k = 0; k < one.batches.size(); ++k) {
+    const auto& a = *one.batches[k]->prototype->levels[0].mesh->parts[0].surface;
+    const auto& b = *several.batches[k]->prototype->levels[0].mesh->parts[0].surface;
+    const Eigen::AlignedBox3d& box = one.batches[k]->bounds;
+    const int n = static_cast<int>(a.colour_map->width);
+    for (int row = 0; row < n; ++row) {
+      for (int column = 0; column < n; ++column) {
+        const double x = box.min().x() + (box.max().x() - box.min().x()) * column / (n - 1),
+                     y = box.max().y() - (box.max().y() - box.min().y()) * row / (n - 1);
+        // Odd cells count up to one cell from their centres.
+        if (std::abs(std::remainder(x - 8, 16)) < 1.01 && std::abs(std::remainder(y - 8, 16)) < 1.01)
+          continue;
+        const auto at = 4 * (static_cast<std::ptrdiff_t>(row) * n + column);
+        const auto same = [&](const render::Texture& p, const render::Texture& q) {
+          return std::equal(p.rgba.begin() + at, p.rgba.begin() + at + 4, q.rgba.begin() + at);
+        };
+        ++compared;
+        different += !same(*a.colour_map, *b.colour_map) || !same(*a.near_infrared_map, *b.near_infrared_map);
+      }
+    }
+  }
+  EXPECT_GT(compared, 100'000U);
+  EXPECT_EQ(different, 0U);
+}
+
+TEST(GroundNoise, RastersAreTheNoiseAtTheirPlaces) {
+  const nature::FractalNoise noise{.stream = 7, .longest = 4, .shortest = -3, .gain = 0.85};
+  // Across the origin, where lattice numbers change their sign, and far from it.
+  for (const nature::RasterPlaces places :
+       {nature::RasterPlaces{-3.3, 2.1, 0.05, 100}, nature::RasterPlaces{5e6 + 0.7, -4e6, 0.06, 33},
+        nature::RasterPlaces{-20, 40, 0.0625, 128}}) {
+    const auto raster = nature::noise_over(noise, places);
+    EXPECT_EQ(raster.missing_sigma, 0);
+    for (int j = 0; j < places.n; ++j) {
+      for (int i = 0; i < places.n; ++i) {
+        ASSERT_NEAR(raster.values[static_cast<std::size_t>(j) * places.n + i],
+                    nature::noise_at(noise, places.x0 + places.step * i, places.y0 - places.step * j), 2e-6)
+            << i << ' ' << j;
+      }
+    }
+  }
 }
 
 TEST(GroundLook, ChangeOfCoverIsSeenWhereItIsAlone) {
