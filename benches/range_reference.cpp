@@ -186,8 +186,8 @@ Result<Reference> lidar_reference(const models::LidarModel& model, const Eigen::
   const int band = lidar::band_of(m.wavelength_nm);
   const double z_m = T_world_sensor.translation().z();
   const lidar::AirState air = lidar::air_state(m, engine.window()->first(), band, z_m);
-  if (air.drops_per_m3 > 0 || air.soft_remission > 0)
-    return fail(ErrorCode::bad_input, "reference", "expected air without rain, snow and fog");
+  if (air.drops_per_m3 > 0)
+    return fail(ErrorCode::bad_input, "reference", "expected air without rain and snow");
   const std::size_t each = pattern.empty() ? kReferenceRays : pattern.size(),
                     all = each * static_cast<std::size_t>(passes);
   Reference out;
@@ -221,7 +221,12 @@ Result<Reference> lidar_reference(const models::LidarModel& model, const Eigen::
       const auto formed = [&](std::vector<lidar::Return>& of) {
         // form_echoes sorts by insertion, which takes long where little is in order.
         std::sort(of.begin(), of.end(), [](const auto& a, const auto& b) { return a.range_m < b.range_m; });
-        return receive(m, of.empty() ? lidar::EchoList{} : lidar::form_echoes(m, of));
+        lidar::EchoList list = of.empty() ? lidar::EchoList{} : lidar::form_echoes(m, of);
+        if (air.soft_remission > 0 && (list.count() == 0 || air.soft_range_m < list[0].range_m))
+          list.insert(m, {.range_m = air.soft_range_m,
+                          .remission = air.soft_remission,
+                          .source = lidar::EchoSource::particle});
+        return receive(m, list);
       };
       for (std::size_t pass = 0; pass < out.passes.size(); ++pass) {
         returns.clear();

@@ -42,7 +42,7 @@ struct Reference {
   std::vector<std::vector<Element>> passes;
   std::vector<Element> all;  ///< by the rays of all passes together
 };
-/// Of the kept firings, at a pose. `engine` has prepared everything in full; air without drops and fog.
+/// Of the kept firings, at a pose. `engine` has prepared everything in full; air without drops.
 /// `pattern`: rays of all footprints in place of those of the passes; empty: those. Errors: the engine's.
 [[nodiscard]] Result<Reference> lidar_reference(const models::LidarModel& model,
                                                 const Eigen::Isometry3d& T_world_sensor,

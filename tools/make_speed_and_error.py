@@ -13,7 +13,7 @@ import sys
 import textwrap
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-COLOURS = {"rays": "#c2410c", "vulkan": "#1d4ed8"}
+COLOURS = {"rays": "#c2410c", "raster": "#1d4ed8"}
 
 
 def ticks(low, high):
