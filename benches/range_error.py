@@ -135,7 +135,7 @@ def print_table(sensor, rows, markdown):
     cells = [["", "CPU ms"] + [c[2] for c in columns]]
     for row in rows:
         own = row["name"] == "reference"
-        cpu = "" if row["cpu_ms"] is None else f"{row['cpu_ms']:.3g}"
+        cpu = "" if row["cpu_ms"] is None else f"{row['cpu_ms']:.3g}" if row["cpu_ms"] < 1000 else f"{row['cpu_ms']:.0f}"
         cells.append(["reference itself" if own else row["label"], cpu] +
                      [f"{row[key] * scale:{form.lstrip('+') if own else form}}" for key, scale, _, form in columns])
     if markdown:

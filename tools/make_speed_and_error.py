@@ -181,6 +181,7 @@ def main():
         "## LiDAR and time of flight",
         "",
         *textwrap.wrap(" ".join(ranges["about"]), 120),
+        "[Errors against references by a thousand rays](range-error.md) have a page of their own.",
         "",
         *range_part(ranges, images),
         "## Cameras",
