@@ -1,19 +1,27 @@
 // Speed against error of simulated LiDARs and time-of-flight cameras, on three worlds, both engines, over
 // their knobs.
 //
-//   bench_range [--rounds N] [--json FILE] [--place NAME] [--sensor MODEL] [--renderer rays|raster]
+//   bench_range [--rounds N] [--json FILE] [--place NAME] [--sensor MODEL] [--renderer rays|raster] [--out
+//   DIR] bench_range --out DIR --reference PASSES [--place NAME] [--sensor MODEL]
 //
-// The reference is the engine of rays over everything in full, with the most sub-rays (LiDAR: 61, time of
-// flight: 16 samples a pixel), without noise. Beside each time stands what the same sensor without noise
-// gives: RMSE of range of those that lie within 0.2 m of the reference, share of those farther off, of
-// returns that are missing, of returns where the reference has none, and the RMS of remission (amplitude)
-// relative to the mean. `x bare` is CPU time over that of Embree alone for one ray a beam or pixel, with the
-// same test of leaves, on the same threads.
+// With --out, what the quick sensors measure without errors goes to NPY files, which range_error.py compares
+// with references by 1024 rays a beam or pixel in each pass; --reference makes these
+// (benches/range_reference.h).
+//
+// The reference of the table is the engine of rays over everything in full, with the most sub-rays (LiDAR:
+// 61, time of flight: 16 samples a pixel), without noise. Beside each time stands what the same sensor
+// without noise gives: RMSE of range of those that lie within 0.2 m of the reference, share of those farther
+// off, of returns that are missing, of returns where the reference has none, and the RMS of remission
+// (amplitude) relative to the mean. `x bare` is CPU time over that of Embree alone for one ray a beam or
+// pixel, with the same test of leaves, on the same threads.
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
 #include <cstdint>
+#include <filesystem>
 
+#include "bench/dataset/npy.h"
+#include "benches/range_reference.h"
 #include "benches/sensor_bench.h"
 #include "sensor-hal/models/lidar/lidar_yaml.h"
 #include "sensor-hal/models/tof/tof_yaml.h"
@@ -31,10 +39,6 @@ constexpr double kOutlier_m = 0.2;
 
 struct Errors {
   double range_rmse_m = 0, outlier_rate = 0, missed_rate = 0, false_rate = 0, remission_error = 0;
-};
-/// One element of a measurement: NaN is no return.
-struct Element {
-  float range_m, remission;
 };
 Errors compare(const std::vector<Element>& got, const std::vector<Element>& reference) {
   std::size_t both = 0, outliers = 0, missed = 0, invented = 0, there = 0, inliers = 0;
@@ -93,6 +97,12 @@ double bare_time(render::EmbreeEngine& engine, const Eigen::Vector3d& eye,
   return timed(rounds, cast).cpu();
 }
 
+/// What goes to NPY files.
+struct Files {
+  std::filesystem::path out;  ///< empty: nothing
+  int passes = 0;             ///< of references; 0: quick sensors
+};
+
 struct Knobs {
   std::string label;
   bool vulkan = false;
@@ -104,8 +114,12 @@ struct Knobs {
 
 class Bench {
  public:
-  explicit Bench(const Options& o)
-      : rounds_(o.rounds), engine_(o.engine), sensor_(o.sensor), cache_(need(render::EmbreeCache::create())) {
+  Bench(const Options& o, Files files)
+      : rounds_(o.rounds),
+        engine_(o.engine),
+        sensor_(o.sensor),
+        files_(std::move(files)),
+        cache_(need(render::EmbreeCache::create())) {
     auto device = render::Device::create();
     if (device) device_ = *device;
     out_["machine"] = machine(device_);
@@ -120,6 +134,7 @@ class Bench {
   }
   void place(const Place& place) {
     StandingWorld world(place);
+    if (files_.passes > 0) return references(world, place);
     std::printf("\n%s\n%-16s %-28s %9s %9s %7s %9s %8s %8s %8s %8s\n", place.name, "", "", "p50 ms", "cpu ms",
                 "x bare", "RMSE mm", "outl %", "miss %", "false %", "remis %");
     for (const char* sensor : {"velodyne-vlp16", "sick-lms111"})
@@ -179,42 +194,128 @@ class Bench {
                             {"remission_error", e.remission_error}});
   }
 
-  void lidar(StandingWorld& world, const Place& place, const std::string& sensor) {
-    const auto model =
-        need(load_lidar_model(std::string(RIGOR_SOURCE_DIR) + "/configs/sensors/" + sensor + ".yaml"));
+  static models::LidarModel lidar_model(const std::string& sensor) {
+    return need(load_lidar_model(std::string(RIGOR_SOURCE_DIR) + "/configs/sensors/" + sensor + ".yaml"));
+  }
+  static models::TofModel tof_model(const std::string& sensor) {
+    return need(load_tof_model(std::string(RIGOR_SOURCE_DIR) + "/configs/sensors/" + sensor + ".yaml"));
+  }
+  /// Of a file: "rays-5-sub-rays-1-mrad".
+  static std::string name_of(const Knobs& k) {
+    std::string name = (k.vulkan ? "raster-" : "rays-") + k.label;
+    std::erase(name, ',');
+    std::replace(name.begin(), name.end(), '/', '-');
+    std::replace(name.begin(), name.end(), ' ', '-');
+    return name;
+  }
+  /// Range (NaN: no return), remission, echoes.
+  void write_elements(const Place& place, const std::string& sensor, const std::string& name,
+                      const std::vector<Element>& elements, std::vector<std::size_t> shape) const {
+    std::vector<float> values;
+    for (const Element& e : elements) values.insert(values.end(), {e.range_m, e.remission, e.echoes});
+    shape.push_back(3);
+    const auto file = files_.out / (std::string(place.name) + "-" + sensor + "-" + name + ".npy");
+    const std::string bytes = npy::floats(values, shape);
+    std::ofstream out(file, std::ios::binary);
+    out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+    if (!out) give_up(file.string() + ": cannot be written");
+  }
+
+  static std::size_t firing_of(const models::LidarModel& m, const LidarPoint& p) {
+    const double column_ns = 1e9 * m.scan.column_period_s;
+    const auto column = static_cast<std::size_t>((p.t_offset_ns + 0.5) / std::max(column_ns, 1.0));
+    return std::min<std::size_t>(column, m.scan.columns - 1) * m.scan.beams.size() + p.ring;
+  }
+  /// First returns by firing.
+  static std::vector<Element> elements_of(const models::LidarModel& m,
+                                          const std::vector<LidarPoint>& points) {
+    std::vector<Element> all(m.firings(), {std::nanf(""), 0});
+    for (const LidarPoint& p : points) {
+      if (p.return_index != 0) continue;
+      // Beams of these sensors start on the axis.
+      const float z_m = p.z_m - static_cast<float>(m.scan.beams[p.ring].vertical_offset_m);
+      all[firing_of(m, p)] = {std::sqrt(p.x_m * p.x_m + p.y_m * p.y_m + z_m * z_m), p.remission};
+    }
+    return all;
+  }
+  std::vector<LidarPoint> measure_lidar(StandingWorld& world, const std::string& sensor,
+                                        const models::LidarModel& m, const Knobs& k, int rounds,
+                                        Times* times) {
     const Eigen::Isometry3d pose = world.T_world_lidar();
     const render::SensorView view{world, [&](BenchTime) { return pose; }};
-    const auto element_of = [&](const std::vector<LidarPoint>& points) {
-      std::vector<Element> all(model.firings(), {std::nanf(""), 0});
-      const double column_ns = 1e9 * model.scan.column_period_s;
-      for (const LidarPoint& p : points) {
-        if (p.return_index != 0) continue;
-        const auto column = static_cast<std::size_t>((p.t_offset_ns + 0.5) / std::max(column_ns, 1.0));
-        const std::size_t i =
-            std::min<std::size_t>(column, model.scan.columns - 1) * model.scan.beams.size() + p.ring;
-        if (i < all.size()) all[i] = {std::sqrt(p.x_m * p.x_m + p.y_m * p.y_m + p.z_m * p.z_m), p.remission};
-      }
-      return all;
-    };
-    const auto without_noise = [&](int sub_rays) {
-      models::LidarModel m = model;
-      m.noise = {};
-      m.remission.noise = m.remission.step = m.range.step_m = 0;
-      m.footprint.sub_rays = sub_rays;
-      return m;
-    };
+    auto simulator = need(LidarSimulator::create(
+        {.name = sensor, .model = m, .seed = 1, .allowed_error_rad = k.allowed_error_rad},
+        engine(k, world.eye())));
     std::vector<LidarPoint> points;
-    const auto measure = [&](const models::LidarModel& m, const Knobs& k, int rounds, Times* times) {
-      auto simulator = need(LidarSimulator::create(
-          {.name = sensor, .model = m, .seed = 1, .allowed_error_rad = k.allowed_error_rad},
-          engine(k, world.eye())));
-      const Times t = timed(rounds, [&](int i) {
-        need(simulator->capture({static_cast<std::uint64_t>(i), {}}, view, points));
-      });
-      if (times) *times = t;
-      return element_of(points);
+    const Times t = timed(rounds, [&](int i) {
+      need(simulator->capture({static_cast<std::uint64_t>(i), {}}, view, points));
+    });
+    if (times) *times = t;
+    return points;
+  }
+
+  void references(StandingWorld& world, const Place& place) {
+    const auto engine = need(render::EmbreeEngine::create(cache_));
+    const auto look = [&](double far_m) {
+      render::ContentQuery query;
+      query.look_from_cell_of(world.eye());
+      query.allowed_error_rad = 0;
+      query.far_m = far_m;
+      need(engine->prepare(world.collect(query, {}, {}, 1)));
     };
-    const auto reference = measure(without_noise(61), {}, 0, nullptr);
+    const auto finish = [&](const std::string& sensor, const Reference& r,
+                            const std::vector<std::size_t>& shape, double cpu_before_ms) {
+      for (std::size_t pass = 0; pass < r.passes.size(); ++pass)
+        write_elements(place, sensor, "reference-" + std::to_string(pass), r.passes[pass], shape);
+      write_elements(place, sensor, "reference", r.all, shape);
+      std::printf("%-10s %-16s %d passes, %.1f s of CPU\n", place.name, sensor.c_str(), files_.passes,
+                  (cpu_ms() - cpu_before_ms) / 1e3);
+    };
+    for (const char* sensor : {"velodyne-vlp16", "sick-lms111"}) {
+      if (!sensor_.empty() && sensor_ != sensor) continue;
+      const models::LidarModel model = lidar_model(sensor);
+      look(model.range.max_m);
+      const double before = cpu_ms();
+      check_against_simulator(world, sensor, model, *engine);
+      finish(sensor, need(lidar_reference(model, world.T_world_lidar(), *engine, files_.passes)),
+             kept_shape(model), before);
+    }
+    if (!sensor_.empty() && sensor_ != "sr4000") return;
+    const models::TofModel model = tof_model("sr4000");
+    look(std::numeric_limits<double>::infinity());
+    const double before = cpu_ms();
+    finish("sr4000", need(tof_reference(model, world.T_world_optical(), *engine, files_.passes)),
+           kept_shape(model), before);
+  }
+  /// With the rays of the simulator, the reference says what the simulator says; else it would measure
+  /// another device.
+  void check_against_simulator(StandingWorld& world, const std::string& sensor,
+                               const models::LidarModel& model, render::EmbreeEngine& engine) {
+    const models::LidarModel few = without_errors(model, 13);
+    const auto simulated = elements_of(few, measure_lidar(world, sensor, few, {}, 0, nullptr));
+    const auto mine = need(lidar_reference(model, world.T_world_lidar(), engine, 1,
+                                           models::footprint_pattern(few.footprint)))
+                          .all;
+    const auto theirs = kept_firings(model, simulated);
+    std::size_t apart = 0;
+    for (std::size_t i = 0; i < mine.size(); ++i) {
+      const bool a = std::isfinite(mine[i].range_m), b = std::isfinite(theirs[i].range_m);
+      apart +=
+          a != b || (a && (std::abs(mine[i].range_m - theirs[i].range_m) > 0.001F ||
+                           std::abs(mine[i].remission - theirs[i].remission) > 0.01F * theirs[i].remission));
+    }
+    // Rays that are rounded otherwise pass an edge on its other side.
+    if (apart > mine.size() / 200)
+      give_up(sensor + ": with the rays of the simulator, " + std::to_string(apart) + " of " +
+              std::to_string(mine.size()) + " beams measure something else than it does");
+  }
+
+  void lidar(StandingWorld& world, const Place& place, const std::string& sensor) {
+    const models::LidarModel model = lidar_model(sensor);
+    const auto measure = [&](const models::LidarModel& m, const Knobs& k, int rounds, Times* times) {
+      return elements_of(m, measure_lidar(world, sensor, m, k, rounds, times));
+    };
+    const auto reference = measure(without_errors(model, 61), {}, 0, nullptr);
 
     auto bare_engine = need(render::EmbreeEngine::create(cache_, {.eye = world.eye()}));
     render::ContentQuery query;
@@ -226,9 +327,9 @@ class Bench {
     for (const auto& beam : model.scan.beams)
       for (std::uint32_t c = 0; c < model.scan.columns; ++c) {
         const auto aim = models::rotor_aim(beam, model.scan.azimuth_rad(c));
-        const Eigen::Vector3f d =
-            (pose.linear() * Eigen::Vector3d(aim.direction[0], aim.direction[1], aim.direction[2]))
-                .cast<float>();
+        const Eigen::Vector3f d = (world.T_world_lidar().linear() *
+                                   Eigen::Vector3d(aim.direction[0], aim.direction[1], aim.direction[2]))
+                                      .cast<float>();
         directions.push_back({d.x(), d.y(), d.z()});
       }
     const double bare = bare_time(*bare_engine, world.eye(), directions, rounds_);
@@ -237,14 +338,19 @@ class Bench {
       full.footprint.sub_rays = k.rays;
       Times times;
       measure(full, k, rounds_, &times);
-      report(place, sensor, k, times, bare,
-             compare(measure(without_noise(k.rays), k, 0, nullptr), reference));
+      std::vector<Element> ideal = measure(without_errors(model, k.rays), k, 0, nullptr);
+      report(place, sensor, k, times, bare, compare(ideal, reference));
+      if (files_.out.empty()) continue;
+      models::LidarModel dual = without_errors(model, k.rays);
+      dual.echoes.returns = models::LidarReturns::dual;
+      for (const LidarPoint& p : measure_lidar(world, sensor, dual, k, 0, nullptr))
+        ideal[firing_of(dual, p)].echoes += 1;
+      write_elements(place, sensor, name_of(k), kept_firings(model, ideal), kept_shape(model));
     }
   }
 
   void tof(StandingWorld& world, const Place& place, const std::string& sensor) {
-    const auto model =
-        need(load_tof_model(std::string(RIGOR_SOURCE_DIR) + "/configs/sensors/" + sensor + ".yaml"));
+    const models::TofModel model = tof_model(sensor);
     const Eigen::Isometry3d pose = world.T_world_optical();
     const auto measure = [&](const models::TofModel& m, const Knobs& k, int rounds, Times* times) {
       const render::SensorView view{world, [&](BenchTime t) {
@@ -266,18 +372,10 @@ class Bench {
         all.push_back({picture.range_m[i], picture.amplitude[i]});
       return all;
     };
-    const auto without_noise = [&](int samples) {
-      models::TofModel m = model;
-      m.pixel.trembling = false;
-      m.pixel.range_offset_sigma_m = m.pixel.gain_sigma = m.pixel.read_noise_e = 0;
-      m.pixel.adc_bits = 0;
-      m.sampling.samples = samples;
-      return m;
-    };
-    const auto reference = measure(without_noise(16), {}, 0, nullptr);
+    const auto reference = measure(without_errors(model, 16), {}, 0, nullptr);
     Knobs motion;
     motion.motion = true;
-    const auto moving = measure(without_noise(16), motion, 0, nullptr);
+    const auto moving = measure(without_errors(model, 16), motion, 0, nullptr);
     auto bare_engine = need(render::EmbreeEngine::create(cache_, {.eye = world.eye()}));
     render::ContentQuery query;
     query.eye = world.eye();
@@ -298,13 +396,16 @@ class Bench {
       full.sampling.samples = k.rays;
       Times times;
       measure(full, k, rounds_, &times);
-      report(place, sensor, k, times, bare,
-             compare(measure(without_noise(k.rays), k, 0, nullptr), k.motion ? moving : reference));
+      const std::vector<Element> ideal = measure(without_errors(model, k.rays), k, 0, nullptr);
+      report(place, sensor, k, times, bare, compare(ideal, k.motion ? moving : reference));
+      if (!files_.out.empty() && !k.motion)
+        write_elements(place, sensor, name_of(k), kept_pixels(model, ideal), kept_shape(model));
     }
   }
 
   int rounds_;
   std::string engine_, sensor_;
+  Files files_;
   std::shared_ptr<render::EmbreeCache> cache_;
   std::shared_ptr<render::Device> device_;
   nlohmann::json out_;
@@ -313,9 +414,24 @@ class Bench {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const auto o = options(argc, argv);
+  Files files;
+  std::vector<char*> others{argv[0]};
+  for (int i = 1; i < argc; i += 2) {
+    const std::string word = argv[i], value = i + 1 < argc ? argv[i + 1] : "";
+    if (word == "--out") {
+      files.out = value;
+    } else if (word == "--reference") {
+      files.passes = std::atoi(value.c_str());
+      if (files.passes < 2) give_up("--reference: expected 2 passes or more, got " + value);
+    } else {
+      for (int k = i; k < std::min(i + 2, argc); ++k) others.push_back(argv[k]);
+    }
+  }
+  if (files.passes > 0 && files.out.empty()) give_up("--reference: expected --out DIR with it");
+  if (!files.out.empty()) std::filesystem::create_directories(files.out);
+  const auto o = options(static_cast<int>(others.size()), others.data());
   std::setvbuf(stdout, nullptr, _IOLBF, 0);
-  Bench bench(o);
+  Bench bench(o, files);
   for (const Place& p : kPlaces)
     if (o.wants(p)) {
       bench.place(p);

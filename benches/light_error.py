@@ -18,12 +18,13 @@ not know the error of the 16 x 16 grid in a pixel, which all passes share. It is
 """
 import argparse
 import json
-import struct
 import sys
-import zlib
 from pathlib import Path
 
 import numpy as np
+
+import error_files
+from error_files import rms
 
 BANDS = ["red", "green", "blue", "850 nm"]
 PIXELS_PER_DEGREE = 67.0
@@ -31,12 +32,8 @@ PIXELS_PER_DEGREE = 67.0
 
 def reference_of(folder, place, turned=""):
     """(mean, RMS of the standard errors of the values, passes) of the passes of bench_light."""
-    files = sorted(folder.glob(f"{place}-reference-*{turned}.npy"))
-    files = [f for f in files if f.stem.endswith("-turned") == bool(turned)]
-    if len(files) < 2:
-        sys.exit(f"light_error: {folder} has {len(files)} passes of {place}{turned}, expected at least 2: bench_light --reference 4")
-    passes = np.stack([np.load(f).astype(float) for f in files])
-    return passes.mean(axis=0), rms(passes.std(axis=0, ddof=1) / np.sqrt(len(files))), len(files)
+    passes = error_files.passes_of(folder, place, turned)
+    return passes.mean(axis=0), rms(passes.std(axis=0, ddof=1) / np.sqrt(len(passes))), len(passes)
 
 
 def stored(folder, place):
@@ -50,18 +47,12 @@ def stored(folder, place):
 
 
 def store(folder, place, target):
-    target.mkdir(parents=True, exist_ok=True)
     content = {}
     for turned in ("", "-turned"):
         mean, error, passes = reference_of(folder, place, turned)
         content |= {f"mean{turned}": mean.astype(np.float16), f"error{turned}": error, f"passes{turned}": passes}
-    file = target / f"{place}.npz"
-    np.savez_compressed(file, **content)
-    print(f"{file}: {file.stat().st_size / 1024:.0f} KiB, error {content['error'] / content['mean'].astype(float).mean():.4f} of the mean")
-
-
-def rms(values):
-    return float(np.sqrt(np.mean(np.square(values))))
+    file, size_kib = error_files.store(target, place, content)
+    print(f"{file}: {size_kib:.0f} KiB, error {content['error'] / content['mean'].astype(float).mean():.4f} of the mean")
 
 
 def blocks(picture, side=8):
@@ -175,14 +166,7 @@ def errors_of(quick, reference, turned=None, reference_turned=None):
 def png(file, rgb):
     """8-bit colours of linear ones from 0 to 1."""
     v = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * np.power(np.maximum(rgb, 1e-9), 1 / 2.4) - 0.055)
-    v = (255 * np.clip(v, 0, 1) + 0.5).astype(np.uint8)
-    h, w, _ = v.shape
-    rows = b"".join(b"\0" + v[y].tobytes() for y in range(h))
-
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-    file.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", w, h, 8, 2, 0, 0, 0)) +
-                     chunk(b"IDAT", zlib.compress(rows, 9)) + chunk(b"IEND", b""))
+    error_files.png(file, 255 * np.clip(v, 0, 1) + 0.5)
 
 
 def side_by_side(file, reference, quick):
@@ -230,9 +214,7 @@ def main():
         return 0
     if not o.quick:
         sys.exit("light_error: expected a folder of quick pictures (bench_light --out DIR), or --store DIR")
-    times = {}
-    if (o.quick / "times.json").is_file():
-        times = {(r["place"], r["name"]): r for r in json.loads((o.quick / "times.json").read_text()).get("runs", [])}
+    times = {(r["place"], r["name"]): r for r in error_files.runs_of(o.quick)}
     out = []
     for place in places:
         known = stored(o.references, place)

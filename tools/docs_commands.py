@@ -48,6 +48,7 @@ NOT_RUN = [
     (r"calibration/latency|README", r"calibrate (delay|latency)", "needs twenty seconds of the demo: tests/cli/test_calibrate_latency.cpp"),
     (r"python", r"^PYTHONPATH=|^/usr/bin/python3 ", "needs the Python module: tests/python runs the examples and what the guide shows"),
     (r"light-error", r"bench_light|light_error", "minutes of path tracing, by programs of the tree"),
+    (r"range-error", r"bench_range|range_error|bench_moving_rig", "minutes of rays, by programs of the tree"),
     (r"world-plugins", r"beehives\.so|hives\.rigor", "needs the plugin that the lines before build: tests/install builds it"),
     (r"tutorial", r"/tmp/detector", "needs the program that the line before builds: tests/cli/test_application_process.cpp runs it"),
     (r"plants", r"arm\.fmu|examples/fmu", "needs the FMU that the lines build: tests/cli/test_plants.cpp makes it"),

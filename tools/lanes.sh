@@ -114,6 +114,7 @@ check_includes() {
   python3 tools/check_includes.py
   python3 tools/run_tests.py --self-test
   /usr/bin/python3 benches/light_error.py --self-test
+  /usr/bin/python3 benches/range_error.py --self-test
   python3 tools/check_packages.py --self-test
 }
 

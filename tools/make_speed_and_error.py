@@ -13,7 +13,7 @@ import sys
 import textwrap
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-COLOURS = {"rays": "#c2410c", "vulkan": "#1d4ed8"}
+COLOURS = {"rays": "#c2410c", "raster": "#1d4ed8"}
 
 
 def ticks(low, high):
@@ -181,6 +181,7 @@ def main():
         "## LiDAR and time of flight",
         "",
         *textwrap.wrap(" ".join(ranges["about"]), 120),
+        "[Errors against references by a thousand rays](range-error.md) have a page of their own.",
         "",
         *range_part(ranges, images),
         "## Cameras",

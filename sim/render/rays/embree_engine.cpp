@@ -215,6 +215,7 @@ struct Engine final : EmbreeEngine::Impl {
       if (scenes[i]->origin() == cell) {
         std::swap(scenes[0], scenes[i]);
         if (auto s = scenes[0]->place(wanted); !s) return tl::unexpected(s.error());  // the weather alone
+        scenes[0]->set_profile(profile.get());
         return scenes[0].get();
       }
     if (scenes.size() == kCells) scenes.pop_back();
@@ -229,6 +230,7 @@ struct Engine final : EmbreeEngine::Impl {
       scenes.erase(scenes.begin());
       return tl::unexpected(done.error());
     }
+    scenes[0]->set_profile(profile.get());
     return scenes[0].get();
   }
   [[nodiscard]] const WantedContent& content() const noexcept override { return wanted; }
@@ -244,7 +246,14 @@ struct Engine final : EmbreeEngine::Impl {
   std::vector<std::unique_ptr<PlacedScene>>
       scenes;  ///< the one that was asked last comes first; before `wanted` they go
   EngineStatistics statistics, still_made, moving_made;
+  std::shared_ptr<RayProfile> profile;
 };
+
+std::int64_t process_cpu_ns() {
+  timespec t{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
+}
 
 Engine& of(EmbreeEngine::Impl& impl) { return static_cast<Engine&>(impl); }
 
@@ -314,9 +323,17 @@ Result<std::shared_ptr<EmbreeEngine>> EmbreeEngine::create(std::shared_ptr<Embre
 }
 
 void EmbreeEngine::set_options(const EmbreeOptions& options) { of(*impl_).set(options); }
+void EmbreeEngine::set_profile(std::shared_ptr<RayProfile> profile) {
+  of(*impl_).profile = std::move(profile);
+}
 
 Status EmbreeEngine::prepare(std::shared_ptr<const ContentWindow> window) {
-  return of(*impl_).prepare(std::move(window));
+  Engine& e = of(*impl_);
+  if (!e.profile) return e.prepare(std::move(window));
+  const std::int64_t begun_ns = process_cpu_ns();
+  const Status done = e.prepare(std::move(window));
+  e.profile->prepare_ns += process_cpu_ns() - begun_ns;
+  return done;
 }
 
 namespace {

@@ -10,6 +10,7 @@
 // their axes (a scale of 0) are left out.
 #pragma once
 
+#include <atomic>
 #include <memory>
 
 #include "sim/render/engine/ray_engine.h"
@@ -32,6 +33,12 @@ class EmbreeCache {
   virtual ~EmbreeCache() = default;
 };
 
+/// CPU time of all threads in parts of an engine's work, summed up: for benches.
+struct RayProfile {
+  std::atomic<std::int64_t> prepare_ns{0};  ///< of the process during prepare()
+  std::atomic<std::int64_t> walk_ns{0};     ///< in walks through the scene, holes of leaves included
+};
+
 class EmbreeEngine final : public RayEngine {
  public:
   /// Errors: unavailable.
@@ -40,6 +47,8 @@ class EmbreeEngine final : public RayEngine {
   ~EmbreeEngine() override;
   /// For the prepares that follow.
   void set_options(const EmbreeOptions& options);
+  /// Null, as at first: nothing is timed. Costs two reads of a clock for each packet of rays.
+  void set_profile(std::shared_ptr<RayProfile> profile);
 
   [[nodiscard]] std::string_view name() const override { return "rays"; }
   [[nodiscard]] Status prepare(std::shared_ptr<const ContentWindow> window) override;

@@ -4,8 +4,28 @@
 #include <cmath>
 #include <cstring>
 
+#include "rt-core/stage_time.h"
+#include "sim/render/rays/embree_engine.h"
+
 namespace rigor::render {
 namespace {
+
+/// Adds the CPU time that it lived.
+class WalkTime {
+ public:
+  explicit WalkTime(RayProfile* profile) noexcept : profile_(profile) {
+    if (profile_) begun_ = StageTime::thread_cpu();
+  }
+  ~WalkTime() {
+    if (profile_) profile_->walk_ns += (StageTime::thread_cpu() - begun_).ns();
+  }
+  WalkTime(const WalkTime&) = delete;
+  WalkTime& operator=(const WalkTime&) = delete;
+
+ private:
+  RayProfile* profile_;
+  Duration begun_;
+};
 
 constexpr float kNarrow = 0.998F;  // 3.6 degrees
 
@@ -138,6 +158,7 @@ void RayScene::shoot(const int* valid, RTCRayHit8& p, SceneContext& context) con
 }
 
 void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent) const noexcept {
+  const WalkTime time(profile_);
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
   context.scene = this;
@@ -185,6 +206,7 @@ void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent) const noex
 }
 
 void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden) const noexcept {
+  const WalkTime time(profile_);
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
   context.scene = this;

@@ -133,6 +133,7 @@ struct SurfacePoint {
 };
 
 class RayScene;
+struct RayProfile;
 /// What a walk through a scene carries along. Embree hands back the address of `embree`.
 struct SceneContext {
   RTCIntersectContext embree;
@@ -156,6 +157,8 @@ class RayScene {
     return o.batch->batch->instances[o.index];
   }
   [[nodiscard]] const RayWeather& weather() const noexcept { return weather_; }
+  /// What times the walks; null: nothing.
+  void set_profile(RayProfile* profile) noexcept { profile_ = profile; }
 
   /// Shoots the first n. Back faces of what is one-sided are not there, as in the Vulkan engine; holes are
   /// holes. `coherent`: neighbours may go much the same way (a matter of speed alone).
@@ -218,6 +221,7 @@ class RayScene {
   Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();
   Level still_, moving_;
   RayWeather weather_;
+  RayProfile* profile_ = nullptr;
 };
 
 }  // namespace rigor::render

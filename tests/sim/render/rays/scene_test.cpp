@@ -377,6 +377,24 @@ TEST_F(RaysTest, ACoarserLevelStandsWhereItsErrorIsAllowed) {
   EXPECT_FLOAT_EQ(shoot({0, 0, 0}, {0, -1, 0}).reflectance, 0.2F);
 }
 
+TEST_F(RaysTest, AProfileHasTheTimeOfWalksAndOfPreparingWhileItIsSetAndChangesNoHit) {
+  const SyntheticForest f = make_forest(120, 60, 12);
+  const auto rays = all_round(5000, {0, 0, 2});
+  const auto profile = std::make_shared<RayProfile>();
+  engine_->set_profile(profile);
+  show(batches_of(f));
+  EXPECT_GT(profile->prepare_ns, 0);
+  EXPECT_EQ(profile->walk_ns, 0);
+  const auto timed = numbers(cast(rays));
+  const std::int64_t walked_ns = profile->walk_ns, prepared_ns = profile->prepare_ns;
+  EXPECT_GT(walked_ns, 0);
+  engine_->set_profile(nullptr);
+  EXPECT_TRUE(equal_bytes(numbers(cast(rays)), timed));
+  show(batches_of(f));
+  EXPECT_EQ(profile->walk_ns, walked_ns);
+  EXPECT_EQ(profile->prepare_ns, prepared_ns);
+}
+
 TEST_F(RaysTest, QueriesThatMakeNoSenseAreRefused) {
   std::vector<Hit> hits(1);
   const std::vector<Ray> rays(1);
