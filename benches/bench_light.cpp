@@ -1,7 +1,8 @@
 // Light of the quick renderers beside a path-traced reference: pictures as NPY files, which light_error.py
 // compares.
 //
-//   bench_light --out DIR [--place indoor|forest] [--reference PASSES] [--rounds N] [--json FILE]
+//   bench_light --out DIR [--place indoor|forest] [--only NAME] [--reference PASSES] [--rounds N]
+//               [--json FILE]
 //
 // A window of 160x120 pixels in the middle of a 640x480 picture. The reference has every level of detail at
 // its finest, area samples on a 16 x 16 grid in each pixel, the sun's disc, sky light by cosine-weighted
@@ -27,7 +28,7 @@ constexpr int kSamplesASide = 16, kBounces = 4;
 
 struct LightOptions {
   std::filesystem::path out;
-  std::string place, json;
+  std::string place, json, only;
   int passes = 0, rounds = 5;
 };
 
@@ -42,6 +43,8 @@ LightOptions light_options(int argc, char** argv) {
       o.place = value;
     else if (word == "--json")
       o.json = value;
+    else if (word == "--only")
+      o.only = value;
     else if (word == "--reference" && std::atoi(value) > 1)
       o.passes = std::atoi(value);
     else if (word == "--rounds" && std::atoi(value) > 0)
@@ -49,7 +52,8 @@ LightOptions light_options(int argc, char** argv) {
     else
       give_up(
           word +
-          ": expected --out DIR, --place NAME, --reference PASSES (2 or more), --rounds N or --json FILE");
+          ": expected --out DIR, --place NAME, --only NAME, --reference PASSES (2 or more), --rounds N or "
+          "--json FILE");
   }
   if (o.out.empty()) give_up("expected --out DIR");
   std::filesystem::create_directories(o.out);
@@ -93,6 +97,7 @@ class Bench {
                                                               {"rays-4-sky-1", 4, 1, 1, 0},
                                                               {"rays-1-every-2nd", 1, 0, 2, 0},
                                                               {"rays-1-every-2nd-uneven-4", 1, 0, 2, 4}}) {
+      if (!o_.only.empty() && o_.only != name) continue;
       OpticsOptions optics;
       optics.samples_per_pixel = samples;
       optics.sky_rays = sky_rays;
@@ -100,7 +105,8 @@ class Bench {
       optics.uneven_samples = more;
       quick(world, place, name, need(make_rays_optics(camera(), optics, cache_)), o_.rounds);
     }
-    if (device_) quick(world, place, "raster", need(make_vulkan_optics(camera(), {}, device_)), 1);
+    if (device_ && (o_.only.empty() || o_.only == "raster"))
+      quick(world, place, "raster", need(make_vulkan_optics(camera(), {}, device_)), 1);
   }
 
  private:

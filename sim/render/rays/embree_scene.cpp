@@ -122,9 +122,9 @@ Intersection RayPackets::intersection(unsigned i) const noexcept {
   return m;
 }
 
-void RayScene::shoot(const int* valid, RTCRayHit8& p, SceneContext& context) const noexcept {
-  rtcIntersect8(valid, still_.handle, &context.embree, &p);
-  if (moving_.batches.empty()) return;
+void RayScene::shoot(const int* valid, RTCRayHit8& p, SceneContext& context, Part part) const noexcept {
+  if (part != Part::moving) rtcIntersect8(valid, still_.handle, &context.embree, &p);
+  if (part == Part::still || moving_.batches.empty()) return;
   alignas(32) unsigned before[8];
   std::memcpy(before, p.hit.instID[0], sizeof before);
   std::fill_n(p.hit.instID[0], 8, RTC_INVALID_GEOMETRY_ID);
@@ -137,7 +137,7 @@ void RayScene::shoot(const int* valid, RTCRayHit8& p, SceneContext& context) con
   }
 }
 
-void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent) const noexcept {
+void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent, Part part) const noexcept {
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
   context.scene = this;
@@ -148,7 +148,7 @@ void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent) const noex
     float far_m[8];
     std::memcpy(far_m, p.ray.tfar, sizeof far_m);
     context.embree.flags = flags(coherent && narrow(p.ray, valid));
-    shoot(valid, p, context);
+    shoot(valid, p, context, part);
     // What was met from behind and has one side is not there: shot once more, past all such faces. Rare
     // enough (a sensor inside a hull) that the first shot need not ask at every face.
     bool again = false;
@@ -179,12 +179,13 @@ void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent) const noex
     }
     if (!again) continue;
     context.embree.filter = SceneFilters::leave_out_backs;
-    shoot(valid, p, context);
+    shoot(valid, p, context, part);
     context.embree.filter = nullptr;
   }
 }
 
-void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden) const noexcept {
+void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden,
+                        Part part) const noexcept {
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
   context.scene = this;
@@ -203,8 +204,8 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
           valid[k] = 0;
         }
     };
-    hide_by(still_);
-    if (!moving_.batches.empty()) hide_by(moving_);
+    if (part != Part::moving) hide_by(still_);
+    if (part != Part::still && !moving_.batches.empty()) hide_by(moving_);
   }
 }
 

@@ -20,8 +20,6 @@ constexpr float kGrazing = 0.02F;
 /// A path that carries less than this much of light goes on with a chance only.
 constexpr float kRoulette = 0.3F;
 
-float unit_draw(std::uint32_t word) { return (static_cast<float>(word >> 8U) + 0.5F) * (1.0F / 16777216.0F); }
-
 /// Off a surface by more than places and intersections are rounded, to the side where `towards` leads.
 Vec3 off_surface(Vec3 place, Vec3 geometric_normal, Vec3 towards) {
   const float rounding =
@@ -141,7 +139,7 @@ void Chunk::first_intersections(std::size_t first, std::span<LightSample> sample
     const float origin[3] = {o.x, o.y, o.z};
     rays_.set(i, origin, r.direction, q.near_m, r.far_m, r.time);
   }
-  in_.scene.intersect(rays_, n, true);
+  in_.scene.intersect(rays_, n, true, in_.seen);
   n_ = 0;
   for (unsigned i = 0; i < n; ++i) {
     const Ray& r = q.rays[first + i];
@@ -194,7 +192,7 @@ unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned dra
   }
   if (n == 0) return 0;
   std::array<std::uint8_t, 2 * kChunk> hidden;
-  in_.scene.occluded(rays_, n, true, hidden.data());
+  in_.scene.occluded(rays_, n, true, hidden.data(), in_.followed);
   for (unsigned i = 0; i < n; ++i) {
     Point& p = points[who[i]];
     if (hidden[i] == 0) p.light += from_sun(in_.frame, p.patch, p.view, p.normal);
@@ -236,7 +234,7 @@ void Chunk::add_open_sky() {
   for (unsigned i = 0; i < n_; ++i) {
     Point& p = points_[i];
     const auto irradiance = [&](Vec3 n) {
-      return in_.gathered != nullptr ? in_.gathered->irradiance(in_.frame, p.place, n, p.range_m)
+      return in_.gathered != nullptr ? in_.gathered->irradiance(in_.frame, p.place, n, p.range_m, found_)
                                      : in_.frame.irradiance(n);
     };
     p.light +=
@@ -312,13 +310,14 @@ void Chunk::follow_paths(std::size_t first, unsigned k, unsigned bounces) {
     sky_rays += paths_;
     const bool last = segment == bounces;
     if (last)
-      in_.scene.occluded(rays_, paths_, false, hidden.data());
+      in_.scene.occluded(rays_, paths_, false, hidden.data(), in_.followed);
     else
-      in_.scene.intersect(rays_, paths_, false);
+      in_.scene.intersect(rays_, paths_, false, in_.followed);
     unsigned left = 0;
     for (unsigned i = 0; i < paths_; ++i) {
       Path w = path_[i];
       const Intersection m = last ? Intersection{} : rays_.intersection(i);
+      if (segment == 0) first_m_[w.point] = m.range_m;
       if (last ? hidden[i] == 0 : m.nothing()) {
         points_[w.point].light += w.share * in_.frame.surroundings(w.direction);
         if (segment == 0 && !w.mirrored) open_[w.point] += 1;
@@ -363,10 +362,13 @@ void Chunk::add_sky(std::size_t first) {
   }
 }
 
-void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vector<GatheredPath>& out) {
+void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vector<GatheredPath>& out,
+                   std::span<const std::uint8_t> again) {
   std::array<LightSample, kChunk> samples;
   first_intersections(first, std::span(samples.data(), rays));
+  constexpr auto kNone = std::numeric_limits<std::size_t>::max();
   std::array<std::size_t, kChunk> at;  // of the point's path in `out`
+  std::size_t next = again.empty() ? out.size() : 0;
   for (unsigned k = 0; k < 2 * paths && n_ > 0; ++k) {
     const bool behind = k % 2 == 1;
     paths_ = 0;
@@ -374,8 +376,11 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vec
       Point& p = points_[i];
       p.light = Bands4{};
       open_[i] = 0;
-      at[i] = out.size();
+      at[i] = kNone;
       if (behind && !p.patch.translucent) continue;
+      const std::size_t place = next++;
+      if (!again.empty() && again[place] == 0) continue;
+      at[i] = place;
       const float side = behind ? -1.0F : 1.0F;
       const auto u = draws(first + p.ray, kGatherDraws, k, 0);
       Path way;
@@ -388,14 +393,21 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vec
       way.point = i;
       way.time = p.time;
       path_[paths_++] = way;
-      out.push_back(
-          {p.place, p.normal * side, p.range_m, Bands4{}, in_.frame.surroundings(way.direction), false});
+      if (place == out.size()) out.emplace_back();
+      out[place] = {.place = p.place,
+                    .normal = p.normal * side,
+                    .range_m = p.range_m,
+                    .open = in_.frame.surroundings(way.direction),
+                    .start = way.place,
+                    .direction = way.direction};
     }
     follow_paths(first, k, kGatherBounces);
     for (unsigned i = 0; i < n_; ++i) {
-      if (behind && !points_[i].patch.translucent) continue;
-      out[at[i]].radiance = points_[i].light;
-      out[at[i]].free = open_[i] > 0;
+      if (at[i] == kNone) continue;
+      GatheredPath& path = out[at[i]];
+      path.radiance = points_[i].light;
+      path.free = open_[i] > 0;
+      path.first_m = first_m_[i];
     }
   }
 }

@@ -152,26 +152,27 @@ TEST_F(LightShadowTest, WithoutSkyRaysLightIsGatheredFromWhatStandsAround) {
   frame_.light.sky = even_sky(2);
   frame_.batches = {ground_, one(box_mesh({2000, 5, 2000}, surface_of(0.5F)), 2, {0, 5, 2000})};
   const auto mean_at = [&](double y) {
+    query_.origin = {0, y, 1};
     std::vector<Ray> rays;
     for (int i = 0; i < 40; ++i)
       for (int j = 0; j < 40; ++j)
-        rays.push_back(ray_of(Vector3d(0.01 * (i - 20), y + 0.01 * (j - 20), 1), -Vector3d::UnitZ()));
+        rays.push_back(ray_of(Vector3d::Zero(), Vector3d(0.01 * (i - 20), 0.01 * (j - 20), -1)));
     double sum = 0;
     for (const LightSample& s : trace(rays)) sum += static_cast<double>(s.radiance[0]) / 1600;
     return sum;
   };
-  query_.spread_rad = 0.01F;
+  query_.spread_rad = 0.002F;
   query_.gathered = true;
   // Ground and wall of reflectance r that meet see half of the sky and half of each other, whatever the
   // distance: E = pi L (1/2) / (1 - r/2), less what comes after the fourth reflection.
-  EXPECT_NEAR(mean_at(-1), 0.5 * 2 * 0.5 / (1 - 0.25), 0.015);
-  EXPECT_NEAR(mean_at(-3), 0.5 * 2 * 0.5 / (1 - 0.25), 0.015);
+  EXPECT_NEAR(mean_at(-1), 0.5 * 2 * 0.5 / (1 - 0.25), 0.03);
+  EXPECT_NEAR(mean_at(-3), 0.5 * 2 * 0.5 / (1 - 0.25), 0.03);
   // With the sun on the wall, all of the light that it throws down as well.
   set_sun(180, 40, 3);
   frame_.light.sky = even_sky(0);
   const double wall = 0.5 * 3 * std::cos(deg(40)), ground = 0.5 * 3 * std::sin(deg(40));
   // B = E_sun r + r/2 B_other on both.
-  EXPECT_NEAR(mean_at(-1) * kPi, (ground + 0.25 * wall) / (1 - 0.0625), 0.02);
+  EXPECT_NEAR(mean_at(-1) * kPi, (ground + 0.25 * wall) / (1 - 0.0625), 0.04);
   query_.gathered = false;
   frame_.light.sky = even_sky(2);
   frame_.light.sun_irradiance = {};
