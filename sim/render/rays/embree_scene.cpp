@@ -189,6 +189,19 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
   context.scene = this;
+  occluded(rays, n, coherent, hidden, part, context);
+}
+
+void RayScene::meets(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* met) const noexcept {
+  SceneContext context;
+  rtcInitIntersectContext(&context.embree);
+  context.scene = this;
+  context.embree.filter = SceneFilters::leave_out_backs;
+  occluded(rays, n, coherent, met, Part::all, context);
+}
+
+void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden, Part part,
+                        SceneContext& context) const noexcept {
   alignas(32) int valid[8];
   for (unsigned first = 0; first < n; first += 8) {
     RTCRay8& r = rays.packets[first / 8].ray;
@@ -197,6 +210,7 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
     if (!lanes(r, first, n, valid)) continue;
     context.embree.flags = flags(coherent && narrow(r, valid));
     const auto hide_by = [&](const Level& level) {
+      context.base = level.first;
       rtcOccluded8(valid, level.handle, &context.embree, &r);
       for (unsigned k = 0; k < count; ++k)
         if (valid[k] != 0 && r.tfar[k] < 0) {

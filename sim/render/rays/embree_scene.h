@@ -166,6 +166,8 @@ class RayScene {
   /// not.
   void occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden,
                 Part part = Part::all) const noexcept;
+  /// met[i] = 1 where intersect() would meet anything.
+  void meets(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* met) const noexcept;
   [[nodiscard]] bool anything_moves() const noexcept { return !moving_.batches.empty(); }
   /// Has what point() will read on its way from memory.
   void fetch(const RayPackets& rays, unsigned n) const noexcept;
@@ -216,6 +218,8 @@ class RayScene {
   }
   void shoot(const int* valid, RTCRayHit8& packet, SceneContext& context, Part part) const noexcept;
   [[nodiscard]] static Placement placement(const Owner& o, float time) noexcept;
+  void occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden, Part part,
+                SceneContext& context) const noexcept;
   friend struct SceneFilters;
 
   RayScene() = default;

@@ -128,31 +128,66 @@ void Chunk::fetch_surface(Vec3 origin, Vec3 d, float time, const Intersection& m
   weather(in_.frame, p.place, p.normal, p.patch);
 }
 
-void Chunk::first_intersections(std::size_t first, std::span<LightSample> samples) {
+void Chunk::load_rays(std::size_t first, unsigned n) {
   const LightQuery& q = in_.query;
-  const auto base = Vec3{static_cast<float>(in_.origin.x()), static_cast<float>(in_.origin.y()),
-                         static_cast<float>(in_.origin.z())};
-  const auto n = static_cast<unsigned>(samples.size());
   for (unsigned i = 0; i < n; ++i) {
     const Ray& r = q.rays[first + i];
-    const Vec3 o = base + light::from(r.origin);
+    const Vec3 o = start_of(r);
     const float origin[3] = {o.x, o.y, o.z};
     rays_.set(i, origin, r.direction, q.near_m, r.far_m, r.time);
   }
+}
+
+Vec3 Chunk::start_of(const Ray& r) const {
+  return Vec3{static_cast<float>(in_.origin.x()), static_cast<float>(in_.origin.y()),
+              static_cast<float>(in_.origin.z())} +
+         light::from(r.origin);
+}
+
+bool Chunk::is_ray(const Ray& r) const {
+  const Vec3 d = light::from(r.direction);
+  return finite(start_of(r)) && finite(d) && std::abs(dot(d, d) - 1.0F) < 0.03F;
+}
+
+void Chunk::nothing_met(const Ray& r, LightSample& s) const {
+  const Vec3 o = start_of(r), d = light::from(r.direction);
+  const float way = std::min(r.far_m, 1e7F);
+  const Bands4 l =
+      in_.frame.through_air(in_.frame.nothing_met(d, in_.query.spread_rad), o.z, o.z + d.z * way, way);
+  for (int b = 0; b < 4; ++b) s.radiance[b] = l[b];
+}
+
+void Chunk::sky_only(std::size_t first, std::span<LightSample> samples) {
+  const auto n = static_cast<unsigned>(samples.size());
+  load_rays(first, n);
+  std::array<std::uint8_t, kChunk> met;
+  in_.scene.meets(rays_, n, true, met.data());
+  for (unsigned i = 0; i < n; ++i) {
+    const Ray& r = in_.query.rays[first + i];
+    samples[i] = {};
+    if (!is_ray(r)) continue;
+    if (met[i] != 0)
+      samples[i].range_m = 0;
+    else
+      nothing_met(r, samples[i]);
+  }
+}
+
+void Chunk::first_intersections(std::size_t first, std::span<LightSample> samples) {
+  const LightQuery& q = in_.query;
+  const auto n = static_cast<unsigned>(samples.size());
+  load_rays(first, n);
   in_.scene.intersect(rays_, n, true, in_.seen);
   n_ = 0;
   for (unsigned i = 0; i < n; ++i) {
     const Ray& r = q.rays[first + i];
     LightSample& s = samples[i];
     s = {};
-    const Vec3 o = base + light::from(r.origin), d = light::from(r.direction);
-    if (!finite(o) || !finite(d) || !(std::abs(dot(d, d) - 1.0F) < 0.03F)) continue;
+    if (!is_ray(r)) continue;
+    const Vec3 o = start_of(r), d = light::from(r.direction);
     const Intersection m = rays_.intersection(i);
     if (m.nothing()) {
-      const float way = std::min(r.far_m, 1e7F);
-      const Bands4 l =
-          in_.frame.through_air(in_.frame.nothing_met(d, q.spread_rad), o.z, o.z + d.z * way, way);
-      for (int b = 0; b < 4; ++b) s.radiance[b] = l[b];
+      nothing_met(r, s);
       continue;
     }
     Point& p = points_[n_++];
@@ -413,6 +448,10 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vec
 }
 
 void Chunk::trace(std::size_t first, std::span<LightSample> samples) {
+  if (in_.query.sky_only) {
+    sky_only(first, samples);
+    return;
+  }
   first_intersections(first, samples);
   if (n_ == 0) return;
   shadow_rays += add_sun(std::span(points_.data(), n_), first, 0);

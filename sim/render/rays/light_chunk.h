@@ -61,7 +61,14 @@ class Chunk {
     bool mirrored = false;  ///< not one of those that ask what hides the sky
   };
 
+  void load_rays(std::size_t first, unsigned n);
+  /// Relative to the scene's cell.
+  [[nodiscard]] Vec3 start_of(const Ray& r) const;
+  [[nodiscard]] bool is_ray(const Ray& r) const;
+  /// Light of a ray that meets nothing.
+  void nothing_met(const Ray& r, LightSample& s) const;
   void first_intersections(std::size_t first, std::span<LightSample> samples);
+  void sky_only(std::size_t first, std::span<LightSample> samples);
   /// All of a point but its ray and light. `spread_rad`: angle that the ray stands for.
   void fetch_surface(Vec3 origin, Vec3 direction, float time, const Intersection& m, float spread_rad,
                      Point& p) const;

@@ -3,8 +3,7 @@
 // What hides the sky, what walls and leaves scatter, and light through leaves are in it, as far as the paths
 // lead. Internal to sim/render/rays.
 //
-// The grid belongs to one query: nothing is kept from one picture to the next, so that a picture is a
-// function of its query alone.
+// What a grid holds is a function of the paths that were added: light_keeping.h says which a picture has.
 #pragma once
 
 #include <array>

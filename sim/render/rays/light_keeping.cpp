@@ -14,7 +14,7 @@ constexpr double kEyeCell_m = 1;
 constexpr int kSectorSide = 8;
 static_assert(kSectorSide * kSectorSide == kChunk);
 /// Paths of a gathering point on each side that is lit.
-constexpr unsigned kPathsOfAPoint = 2;
+constexpr unsigned kPathsOfAPoint = 4;
 /// One ray of a sector gathers for so many pixels, about.
 constexpr float kPixelsOfARay = 32;
 /// Side of a cell in which gathered light is shared: so many pixels.

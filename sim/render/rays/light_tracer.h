@@ -40,6 +40,9 @@ struct LightQuery {
   float spread_rad = 0;
   /// Without sky rays, and with shadows: surfaces have the light that the last gather() found near them.
   bool gathered = false;
+  /// Surfaces bring nothing: a ray that meets one has range 0, without asking which. What share of a pixel is
+  /// sky costs a part of what its light costs.
+  bool sky_only = false;
 };
 
 struct LightSample {

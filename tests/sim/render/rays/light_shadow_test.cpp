@@ -228,6 +228,72 @@ TEST_F(LightShadowTest, WhatIsGatheredDoesNotDependOnWhatWasSeenBefore) {
   EXPECT_GE(seen.size(), 3U);  // three places of the thing, and one so far off that none is known
 }
 
+TEST_F(LightShadowTest, GatheredLightIsKeptWhileWhatStandsStillDoes) {
+  query_.gathered = true;
+  query_.origin = {0.2, 0.3, 1.5};
+  frame_.light.sky = even_sky(2);
+  const auto box = one(box_mesh({1, 0.1F, 1}, surface_of(0.5F)), 2, {0, 3, 1});
+  std::vector<Ray> rays;
+  for (int i = 0; i < 100; ++i) rays.push_back(ray_of({0, 0, 0}, {0.02 * i - 1, 1, -0.5}));
+  const auto traced = [&] { return tracer_->statistics().gathered_sectors; };
+  frame_.batches = {ground_, box};
+  trace(rays);
+  EXPECT_GT(traced(), 0U);
+  trace(rays);
+  EXPECT_EQ(traced(), 0U);
+  query_.origin += Vector3d(0.3, 0.1, -0.2);  // in the same cell
+  trace(rays);
+  EXPECT_EQ(traced(), 0U);
+  query_.origin += Vector3d(0.5, 0, 0);
+  trace(rays);
+  EXPECT_GT(traced(), 0U);
+  frame_.batches = {ground_};
+  trace(rays);
+  EXPECT_GT(traced(), 0U);
+  set_sun(180, 40, 3);
+  trace(rays);
+  EXPECT_GT(traced(), 0U);
+}
+
+TEST_F(LightShadowTest, WhatMovesShadesTheLightThatIsKeptAndHasLightOfItsOwn) {
+  query_.gathered = true;
+  query_.origin = {0, 0, 1.5};
+  query_.spread_rad = 0.004F;
+  frame_.light.sky = even_sky(2);
+  // A roof over the place that is looked at, and a block beside it.
+  const auto thing = [&](bool moves, double x) {
+    auto b = one(box_mesh({3, 3, 0.05F}, surface_of(0.1F)), 2, {x, 6, 1.2});
+    b->moves = moves;
+    return b;
+  };
+  const auto block = [&](bool moves) {
+    auto b = one(box_mesh({0.5F, 0.5F, 0.5F}, surface_of(0.8F)), 3, {3, 4, 0.5});
+    b->moves = moves;
+    return b;
+  };
+  std::vector<Ray> rays;
+  for (int i = 0; i < 30; ++i)
+    for (int j = 0; j < 30; ++j) rays.push_back(ray_of({0, 0, 0}, {0.04 * i - 0.3, 1, -0.3 - 0.004 * j}));
+  const auto mean_with = [&](const std::vector<std::shared_ptr<const Batch>>& things) {
+    frame_.batches = {ground_};
+    for (const auto& t : things) frame_.batches.push_back(t);
+    double sum = 0;
+    for (const LightSample& s : trace(rays)) sum += static_cast<double>(s.radiance[0]) / 900;
+    return sum;
+  };
+  const double open = mean_with({}), standing = mean_with({thing(false, 0), block(false)});
+  EXPECT_LT(standing, 0.8 * open);
+  const double moving = mean_with({thing(true, 0), block(true)});
+  EXPECT_NEAR(moving, standing, 0.08 * open);
+  // Gone, nothing of it is left.
+  EXPECT_NEAR(mean_with({thing(true, 400)}), open, 0.01 * open);
+  EXPECT_EQ(mean_with({thing(true, 0), block(true)}), moving);
+  LightTracer fresh(engine_);
+  double sum = 0;
+  for (const LightSample& s : trace(*engine_, fresh, rays)) sum += static_cast<double>(s.radiance[0]) / 900;
+  EXPECT_EQ(sum, moving);
+}
+
 TEST_F(LightShadowTest, BothSidesOfALeafAskForTheirSky) {
   frame_.light.sky = even_sky(2);
   auto s = surface_of(0.1F);
