@@ -11,6 +11,7 @@ void read_quality(ConfigNode n, EngineChoice& c) {
   c.samples_per_pixel = static_cast<int>(n.integer_or("samples_per_pixel", 0, {.min = 1, .max = 4096}));
   c.pixel_step = static_cast<int>(n.integer_or("pixel_step", 0, {.min = 1, .max = 8}));
   c.uneven_samples = static_cast<int>(n.integer_or("uneven_samples", 0, {.min = 0, .max = 4096}));
+  c.sky_samples = static_cast<int>(n.integer_or("sky_samples", 0, {.min = 0, .max = 4096}));
   c.sky_rays = static_cast<int>(n.integer_or("sky_rays", 0, {.min = 0, .max = 4096}));
   c.pixels_per_rad = n.number_or("pixels_per_rad", 0, {.min = 10, .max = 100000});
   c.supersampling = n.number_or("supersampling", 0, {.min = 0.25, .max = 4});
@@ -29,6 +30,7 @@ void refuse_foreign(const ConfigNode& n, const EngineChoice& c, SampleKind kind)
        "time-of-flight cameras, and for cameras by rays");
   only("pixel_step", image && !vulkan, "cameras by rays");
   only("uneven_samples", image && !vulkan, "cameras by rays");
+  only("sky_samples", image && !vulkan, "cameras by rays");
   only("sky_rays", image && !vulkan, "cameras by rays");
   only("pixels_per_rad", vulkan && !image, "LiDARs and time-of-flight cameras by vulkan");
   only("supersampling", vulkan && image, "cameras by vulkan");
@@ -65,6 +67,7 @@ std::string EngineChoice::text() const {
     t += fmt::format(", {} sample{} per pixel", samples_per_pixel, samples_per_pixel == 1 ? "" : "s");
   if (pixel_step > 1) t += fmt::format(", every {} pixels", pixel_step);
   if (uneven_samples > 0) t += fmt::format(", {} more where it is uneven", uneven_samples);
+  if (sky_samples > 0) t += fmt::format(", {} at the sky's edges", sky_samples);
   if (sky_rays > 0) t += fmt::format(", {} sky ray{}", sky_rays, sky_rays == 1 ? "" : "s");
   if (pixels_per_rad > 0) t += fmt::format(", {:g} pixels per rad", pixels_per_rad);
   if (supersampling > 0) t += fmt::format(", supersampling {:g}", supersampling);
@@ -81,6 +84,7 @@ std::string EngineChoice::yaml() const {
   if (samples_per_pixel > 0) t += fmt::format(", samples_per_pixel: {}", samples_per_pixel);
   if (pixel_step > 0) t += fmt::format(", pixel_step: {}", pixel_step);
   if (uneven_samples > 0) t += fmt::format(", uneven_samples: {}", uneven_samples);
+  if (sky_samples > 0) t += fmt::format(", sky_samples: {}", sky_samples);
   if (sky_rays > 0) t += fmt::format(", sky_rays: {}", sky_rays);
   if (pixels_per_rad > 0) t += fmt::format(", pixels_per_rad: {}", pixels_per_rad);
   if (supersampling > 0) t += fmt::format(", supersampling: {}", supersampling);

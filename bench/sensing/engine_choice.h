@@ -7,9 +7,10 @@
 //     sub_rays: 5                    LiDAR: rays per beam; the sensor's own where it is not given
 //     samples_per_pixel: 4           time of flight (rays per pixel) and cameras by rays; the same
 //     pixel_step: 2                  cameras by rays: one ray (times samples) for 2 x 2 pixels; 1
-//     uneven_samples: 4              cameras by rays: samples more in pixels that differ much from a
-//     neighbour; 0 sky_rays: 1                    cameras by rays: rays per sample that ask which sky is
-//     hidden; 0 pixels_per_rad: 800            raster, LiDAR and time of flight: resolution of the views
+//     uneven_samples: 4              cameras by rays: samples more in pixels that differ much; 0
+//     sky_samples: 16                cameras by rays: rays more where things lie beside the sky; 0
+//     sky_rays: 1                    cameras by rays: rays per sample that ask which sky is hidden; 0
+//     pixels_per_rad: 800            raster, LiDAR and time of flight: resolution of the views
 //     supersampling: 1               raster, cameras: view pixels per sensor pixel along a side
 //     instants: 2                    raster: views while something moves
 #pragma once
@@ -28,6 +29,7 @@ struct EngineChoice {
   int samples_per_pixel = 0;  ///< 0: of the sensor
   int pixel_step = 0;         ///< 0: every pixel
   int uneven_samples = 0;     ///< 0: none more than elsewhere
+  int sky_samples = 0;        ///< 0: the samples say what is sky
   int sky_rays = 0;           ///< 0: light is gathered at some of the points
   double pixels_per_rad = 0;  ///< 0: the engine's default
   double supersampling = 0;   ///< 0: of the sensor

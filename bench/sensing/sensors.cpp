@@ -347,6 +347,7 @@ Result<std::shared_ptr<SensedCamera>> make_camera(const SensorSetup& setup, cons
   if (setup.choice.samples_per_pixel > 0) spec.optics.samples_per_pixel = setup.choice.samples_per_pixel;
   spec.optics.sky_rays = setup.choice.sky_rays;
   spec.optics.uneven_samples = setup.choice.uneven_samples;
+  spec.optics.sky_samples = setup.choice.sky_samples;
   if (setup.choice.pixel_step > 0) spec.optics.pixel_step = setup.choice.pixel_step;
   if (setup.choice.instants > 0) spec.optics.instants = setup.choice.instants;
   // An angle at the centre of the picture, in its pixels.

@@ -286,6 +286,8 @@ void PlacedScene::occluded(const RTCOccludedFunctionNArguments* a) {
   const auto& p = *static_cast<const Placed*>(a->geometryUserPtr);
   auto& ray = *reinterpret_cast<RTCRay8*>(a->ray);
   auto& context = *reinterpret_cast<SceneContext*>(a->context);
+  const std::uint32_t base = context.base;
+  context.base = base + p.base;
   alignas(32) float x[8], y[8], z[8];
   for (int k = 0; k < 8; ++k) {
     x[k] = ray.org_x[k];
@@ -298,6 +300,7 @@ void PlacedScene::occluded(const RTCOccludedFunctionNArguments* a) {
   const unsigned outer = context.embree.instID[0];
   context.embree.instID[0] = RTC_INVALID_GEOMETRY_ID;
   rtcOccluded8(a->valid, p.batch->scene, a->context, &ray);
+  context.base = base;
   context.embree.instID[0] = outer;
   for (int k = 0; k < 8; ++k) {
     ray.org_x[k] = x[k];

@@ -142,9 +142,9 @@ Intersection RayPackets::intersection(unsigned i) const noexcept {
   return m;
 }
 
-void RayScene::shoot(const int* valid, RTCRayHit8& p, SceneContext& context) const noexcept {
-  rtcIntersect8(valid, still_.handle, &context.embree, &p);
-  if (moving_.batches.empty()) return;
+void RayScene::shoot(const int* valid, RTCRayHit8& p, SceneContext& context, Part part) const noexcept {
+  if (part != Part::moving) rtcIntersect8(valid, still_.handle, &context.embree, &p);
+  if (part == Part::still || moving_.batches.empty()) return;
   alignas(32) unsigned before[8];
   std::memcpy(before, p.hit.instID[0], sizeof before);
   std::fill_n(p.hit.instID[0], 8, RTC_INVALID_GEOMETRY_ID);
@@ -157,7 +157,7 @@ void RayScene::shoot(const int* valid, RTCRayHit8& p, SceneContext& context) con
   }
 }
 
-void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent) const noexcept {
+void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent, Part part) const noexcept {
   const WalkTime time(profile_);
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
@@ -169,7 +169,7 @@ void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent) const noex
     float far_m[8];
     std::memcpy(far_m, p.ray.tfar, sizeof far_m);
     context.embree.flags = flags(coherent && narrow(p.ray, valid));
-    shoot(valid, p, context);
+    shoot(valid, p, context, part);
     // What was met from behind and has one side is not there: shot once more, past all such faces. Rare
     // enough (a sensor inside a hull) that the first shot need not ask at every face.
     bool again = false;
@@ -200,16 +200,30 @@ void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent) const noex
     }
     if (!again) continue;
     context.embree.filter = SceneFilters::leave_out_backs;
-    shoot(valid, p, context);
+    shoot(valid, p, context, part);
     context.embree.filter = nullptr;
   }
 }
 
-void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden) const noexcept {
+void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden,
+                         Part part) const noexcept {
   const WalkTime time(profile_);
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
   context.scene = this;
+  occluded(rays, n, coherent, hidden, part, context);
+}
+
+void RayScene::meets(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* met) const noexcept {
+  SceneContext context;
+  rtcInitIntersectContext(&context.embree);
+  context.scene = this;
+  context.embree.filter = SceneFilters::leave_out_backs;
+  occluded(rays, n, coherent, met, Part::all, context);
+}
+
+void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden, Part part,
+                        SceneContext& context) const noexcept {
   alignas(32) int valid[8];
   for (unsigned first = 0; first < n; first += 8) {
     RTCRay8& r = rays.packets[first / 8].ray;
@@ -218,6 +232,7 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
     if (!lanes(r, first, n, valid)) continue;
     context.embree.flags = flags(coherent && narrow(r, valid));
     const auto hide_by = [&](const Level& level) {
+      context.base = level.first;
       rtcOccluded8(valid, level.handle, &context.embree, &r);
       for (unsigned k = 0; k < count; ++k)
         if (valid[k] != 0 && r.tfar[k] < 0) {
@@ -225,8 +240,8 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
           valid[k] = 0;
         }
     };
-    hide_by(still_);
-    if (!moving_.batches.empty()) hide_by(moving_);
+    if (part != Part::moving) hide_by(still_);
+    if (part != Part::still && !moving_.batches.empty()) hide_by(moving_);
   }
 }
 

@@ -160,12 +160,18 @@ class RayScene {
   /// What times the walks; null: nothing.
   void set_profile(RayProfile* profile) noexcept { profile_ = profile; }
 
+  /// What of the content rays ask.
+  enum class Part : std::uint8_t { all, still, moving };
   /// Shoots the first n. Back faces of what is one-sided are not there, as in the Vulkan engine; holes are
   /// holes. `coherent`: neighbours may go much the same way (a matter of speed alone).
-  void intersect(RayPackets& rays, unsigned n, bool coherent) const noexcept;
+  void intersect(RayPackets& rays, unsigned n, bool coherent, Part part = Part::all) const noexcept;
   /// hidden[i] = 1 where anything stands between near and far: a face hides from both its sides, holes do
   /// not.
-  void occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden) const noexcept;
+  void occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden,
+                Part part = Part::all) const noexcept;
+  /// met[i] = 1 where intersect() would meet anything.
+  void meets(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* met) const noexcept;
+  [[nodiscard]] bool anything_moves() const noexcept { return !moving_.batches.empty(); }
   /// Has what point() will read on its way from memory.
   void fetch(const RayPackets& rays, unsigned n) const noexcept;
   /// What was met. `origin` relative to origin().
@@ -213,8 +219,10 @@ class RayScene {
     const Placed& p = *(id < l.top ? l.of_top[id] : l.of_block[(id - l.top) / kBlock]);
     return {&p, id - p.base};
   }
-  void shoot(const int* valid, RTCRayHit8& packet, SceneContext& context) const noexcept;
+  void shoot(const int* valid, RTCRayHit8& packet, SceneContext& context, Part part) const noexcept;
   [[nodiscard]] static Placement placement(const Owner& o, float time) noexcept;
+  void occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden, Part part,
+                SceneContext& context) const noexcept;
   friend struct SceneFilters;
 
   RayScene() = default;

@@ -20,8 +20,6 @@ constexpr float kGrazing = 0.02F;
 /// A path that carries less than this much of light goes on with a chance only.
 constexpr float kRoulette = 0.3F;
 
-float unit_draw(std::uint32_t word) { return (static_cast<float>(word >> 8U) + 0.5F) * (1.0F / 16777216.0F); }
-
 /// Off a surface by more than places and intersections are rounded, to the side where `towards` leads.
 Vec3 off_surface(Vec3 place, Vec3 geometric_normal, Vec3 towards) {
   const float rounding =
@@ -130,31 +128,66 @@ void Chunk::fetch_surface(Vec3 origin, Vec3 d, float time, const Intersection& m
   weather(in_.frame, p.place, p.normal, p.patch);
 }
 
-void Chunk::first_intersections(std::size_t first, std::span<LightSample> samples) {
+void Chunk::load_rays(std::size_t first, unsigned n) {
   const LightQuery& q = in_.query;
-  const auto base = Vec3{static_cast<float>(in_.origin.x()), static_cast<float>(in_.origin.y()),
-                         static_cast<float>(in_.origin.z())};
-  const auto n = static_cast<unsigned>(samples.size());
   for (unsigned i = 0; i < n; ++i) {
     const Ray& r = q.rays[first + i];
-    const Vec3 o = base + light::from(r.origin);
+    const Vec3 o = start_of(r);
     const float origin[3] = {o.x, o.y, o.z};
     rays_.set(i, origin, r.direction, q.near_m, r.far_m, r.time);
   }
-  in_.scene.intersect(rays_, n, true);
+}
+
+Vec3 Chunk::start_of(const Ray& r) const {
+  return Vec3{static_cast<float>(in_.origin.x()), static_cast<float>(in_.origin.y()),
+              static_cast<float>(in_.origin.z())} +
+         light::from(r.origin);
+}
+
+bool Chunk::is_ray(const Ray& r) const {
+  const Vec3 d = light::from(r.direction);
+  return finite(start_of(r)) && finite(d) && std::abs(dot(d, d) - 1.0F) < 0.03F;
+}
+
+void Chunk::nothing_met(const Ray& r, LightSample& s) const {
+  const Vec3 o = start_of(r), d = light::from(r.direction);
+  const float way = std::min(r.far_m, 1e7F);
+  const Bands4 l =
+      in_.frame.through_air(in_.frame.nothing_met(d, in_.query.spread_rad), o.z, o.z + d.z * way, way);
+  for (int b = 0; b < 4; ++b) s.radiance[b] = l[b];
+}
+
+void Chunk::sky_only(std::size_t first, std::span<LightSample> samples) {
+  const auto n = static_cast<unsigned>(samples.size());
+  load_rays(first, n);
+  std::array<std::uint8_t, kChunk> met;
+  in_.scene.meets(rays_, n, true, met.data());
+  for (unsigned i = 0; i < n; ++i) {
+    const Ray& r = in_.query.rays[first + i];
+    samples[i] = {};
+    if (!is_ray(r)) continue;
+    if (met[i] != 0)
+      samples[i].range_m = 0;
+    else
+      nothing_met(r, samples[i]);
+  }
+}
+
+void Chunk::first_intersections(std::size_t first, std::span<LightSample> samples) {
+  const LightQuery& q = in_.query;
+  const auto n = static_cast<unsigned>(samples.size());
+  load_rays(first, n);
+  in_.scene.intersect(rays_, n, true, in_.seen);
   n_ = 0;
   for (unsigned i = 0; i < n; ++i) {
     const Ray& r = q.rays[first + i];
     LightSample& s = samples[i];
     s = {};
-    const Vec3 o = base + light::from(r.origin), d = light::from(r.direction);
-    if (!finite(o) || !finite(d) || !(std::abs(dot(d, d) - 1.0F) < 0.03F)) continue;
+    if (!is_ray(r)) continue;
+    const Vec3 o = start_of(r), d = light::from(r.direction);
     const Intersection m = rays_.intersection(i);
     if (m.nothing()) {
-      const float way = std::min(r.far_m, 1e7F);
-      const Bands4 l =
-          in_.frame.through_air(in_.frame.nothing_met(d, q.spread_rad), o.z, o.z + d.z * way, way);
-      for (int b = 0; b < 4; ++b) s.radiance[b] = l[b];
+      nothing_met(r, s);
       continue;
     }
     Point& p = points_[n_++];
@@ -194,7 +227,7 @@ unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned dra
   }
   if (n == 0) return 0;
   std::array<std::uint8_t, 2 * kChunk> hidden;
-  in_.scene.occluded(rays_, n, true, hidden.data());
+  in_.scene.occluded(rays_, n, true, hidden.data(), in_.followed);
   for (unsigned i = 0; i < n; ++i) {
     Point& p = points[who[i]];
     if (hidden[i] == 0) p.light += from_sun(in_.frame, p.patch, p.view, p.normal);
@@ -236,7 +269,7 @@ void Chunk::add_open_sky() {
   for (unsigned i = 0; i < n_; ++i) {
     Point& p = points_[i];
     const auto irradiance = [&](Vec3 n) {
-      return in_.gathered != nullptr ? in_.gathered->irradiance(in_.frame, p.place, n, p.range_m)
+      return in_.gathered != nullptr ? in_.gathered->irradiance(in_.frame, p.place, n, p.range_m, found_)
                                      : in_.frame.irradiance(n);
     };
     p.light +=
@@ -312,13 +345,14 @@ void Chunk::follow_paths(std::size_t first, unsigned k, unsigned bounces) {
     sky_rays += paths_;
     const bool last = segment == bounces;
     if (last)
-      in_.scene.occluded(rays_, paths_, false, hidden.data());
+      in_.scene.occluded(rays_, paths_, false, hidden.data(), in_.followed);
     else
-      in_.scene.intersect(rays_, paths_, false);
+      in_.scene.intersect(rays_, paths_, false, in_.followed);
     unsigned left = 0;
     for (unsigned i = 0; i < paths_; ++i) {
       Path w = path_[i];
       const Intersection m = last ? Intersection{} : rays_.intersection(i);
+      if (segment == 0) first_m_[w.point] = m.range_m;
       if (last ? hidden[i] == 0 : m.nothing()) {
         points_[w.point].light += w.share * in_.frame.surroundings(w.direction);
         if (segment == 0 && !w.mirrored) open_[w.point] += 1;
@@ -363,10 +397,13 @@ void Chunk::add_sky(std::size_t first) {
   }
 }
 
-void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vector<GatheredPath>& out) {
+void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vector<GatheredPath>& out,
+                   std::span<const std::uint8_t> again) {
   std::array<LightSample, kChunk> samples;
   first_intersections(first, std::span(samples.data(), rays));
+  constexpr auto kNone = std::numeric_limits<std::size_t>::max();
   std::array<std::size_t, kChunk> at;  // of the point's path in `out`
+  std::size_t next = again.empty() ? out.size() : 0;
   for (unsigned k = 0; k < 2 * paths && n_ > 0; ++k) {
     const bool behind = k % 2 == 1;
     paths_ = 0;
@@ -374,8 +411,11 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vec
       Point& p = points_[i];
       p.light = Bands4{};
       open_[i] = 0;
-      at[i] = out.size();
+      at[i] = kNone;
       if (behind && !p.patch.translucent) continue;
+      const std::size_t place = next++;
+      if (!again.empty() && again[place] == 0) continue;
+      at[i] = place;
       const float side = behind ? -1.0F : 1.0F;
       const auto u = draws(first + p.ray, kGatherDraws, k, 0);
       Path way;
@@ -388,19 +428,30 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vec
       way.point = i;
       way.time = p.time;
       path_[paths_++] = way;
-      out.push_back(
-          {p.place, p.normal * side, p.range_m, Bands4{}, in_.frame.surroundings(way.direction), false});
+      if (place == out.size()) out.emplace_back();
+      out[place] = {.place = p.place,
+                    .normal = p.normal * side,
+                    .range_m = p.range_m,
+                    .open = in_.frame.surroundings(way.direction),
+                    .start = way.place,
+                    .direction = way.direction};
     }
     follow_paths(first, k, kGatherBounces);
     for (unsigned i = 0; i < n_; ++i) {
-      if (behind && !points_[i].patch.translucent) continue;
-      out[at[i]].radiance = points_[i].light;
-      out[at[i]].free = open_[i] > 0;
+      if (at[i] == kNone) continue;
+      GatheredPath& path = out[at[i]];
+      path.radiance = points_[i].light;
+      path.free = open_[i] > 0;
+      path.first_m = first_m_[i];
     }
   }
 }
 
 void Chunk::trace(std::size_t first, std::span<LightSample> samples) {
+  if (in_.query.sky_only) {
+    sky_only(first, samples);
+    return;
+  }
   first_intersections(first, samples);
   if (n_ == 0) return;
   shadow_rays += add_sun(std::span(points_.data(), n_), first, 0);

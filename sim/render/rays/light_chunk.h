@@ -24,6 +24,8 @@ struct ChunkInput {
   const LightQuery& query;
   Eigen::Vector3d origin;                   ///< of the query, relative to the scene's cell
   const GatheredLight* gathered = nullptr;  ///< null: the sky is open
+  /// What the query's rays can meet, and what all rays that follow can.
+  RayScene::Part seen = RayScene::Part::all, followed = RayScene::Part::all;
 };
 
 /// Belongs to one thread.
@@ -33,8 +35,10 @@ class Chunk {
   /// Rays from `first` on, at most kChunk.
   void trace(std::size_t first, std::span<LightSample> samples);
   /// Light about the points of the rays from `first` on, at most kChunk of `rays`: `paths` for each side that
-  /// is lit.
-  void gather(std::size_t first, std::size_t rays, unsigned paths, std::vector<GatheredPath>& out);
+  /// is lit. `again`: of paths that a call with the same rays has put into `out`, those that are traced once
+  /// more, into the same places; all where it is empty, at the end of `out`.
+  void gather(std::size_t first, std::size_t rays, unsigned paths, std::vector<GatheredPath>& out,
+              std::span<const std::uint8_t> again = {});
   std::size_t shadow_rays = 0, sky_rays = 0;
 
  private:
@@ -57,7 +61,14 @@ class Chunk {
     bool mirrored = false;  ///< not one of those that ask what hides the sky
   };
 
+  void load_rays(std::size_t first, unsigned n);
+  /// Relative to the scene's cell.
+  [[nodiscard]] Vec3 start_of(const Ray& r) const;
+  [[nodiscard]] bool is_ray(const Ray& r) const;
+  /// Light of a ray that meets nothing.
+  void nothing_met(const Ray& r, LightSample& s) const;
   void first_intersections(std::size_t first, std::span<LightSample> samples);
+  void sky_only(std::size_t first, std::span<LightSample> samples);
   /// All of a point but its ray and light. `spread_rad`: angle that the ray stands for.
   void fetch_surface(Vec3 origin, Vec3 direction, float time, const Intersection& m, float spread_rad,
                      Point& p) const;
@@ -81,10 +92,12 @@ class Chunk {
   unsigned n_ = 0;
   std::array<Point, kChunk> points_;
   std::array<float, kChunk> asked_{}, open_{};  ///< of a point: sky rays, and those that nothing stopped
+  std::array<float, kChunk> first_m_{};         ///< of a point's last path: length of its first segment
   unsigned paths_ = 0;
   std::array<Path, 2 * kChunk> path_;
   std::array<Point, 2 * kChunk> met_;
   RayPackets rays_;
+  GatheredLight::Found found_;
 };
 
 }  // namespace rigor::render::light

@@ -99,7 +99,7 @@ void GatheredLight::add(std::span<const GatheredPath> paths) {
   }
 }
 
-GatheredLight::Sum GatheredLight::near(int level, Vec3 place, Vec3 normal) const noexcept {
+GatheredLight::Sum GatheredLight::near(int level, Vec3 place, Vec3 normal, Found& found) const noexcept {
   const float scale = scale_of(level);
   const Vec3 at = place * scale - Vec3{0.5F, 0.5F, 0.5F};
   const int x = floor_of(at.x), y = floor_of(at.y), z = floor_of(at.z);
@@ -108,9 +108,17 @@ GatheredLight::Sum GatheredLight::near(int level, Vec3 place, Vec3 normal) const
   const Parts parts = parts_of(normal);
   Sum axis[3];
   float held = 0;
+  const std::uint64_t key = key_of(level, x, y, z);
+  Found::Eight& eight = found.eights_[hash_of(key) % found.eights_.size()];
+  if (eight.key != key) {
+    eight.key = key;
+    for (int k = 0; k < 8; ++k)
+      eight.cells[static_cast<std::size_t>(k)] =
+          find(key_of(level, x + (k & 1), y + (k >> 1 & 1), z + (k >> 2)));
+  }
   for (int k = 0; k < 8; ++k) {
     const int i = k & 1, j = k >> 1 & 1, l = k >> 2;
-    const Cell* const c = find(key_of(level, x + i, y + j, z + l));
+    const Cell* const c = eight.cells[static_cast<std::size_t>(k)];
     if (c == nullptr) continue;
     const float t = (i != 0 ? fx : 1 - fx) * (j != 0 ? fy : 1 - fy) * (l != 0 ? fz : 1 - fz);
     for (int a = 0; a < 3; ++a) {
@@ -138,14 +146,14 @@ GatheredLight::Sum GatheredLight::along(const Sum (&axis)[3], const float (&weig
   return out;
 }
 
-Bands4 GatheredLight::irradiance(const LightFrame& frame, Vec3 place, Vec3 normal,
-                                 float range_m) const noexcept {
+Bands4 GatheredLight::irradiance(const LightFrame& frame, Vec3 place, Vec3 normal, float range_m,
+                                 Found& found) const noexcept {
   const Bands4 open = frame.irradiance(normal);
   if (cells_.empty()) return open;
   const int finest = level_of(range_m);
   Sum s;
   for (int level = finest; level < finest + kLevels && !(s.weight > 0.25F); ++level)
-    s = near(level, place, normal);
+    s = near(level, place, normal, found);
   if (!(s.weight > 0.25F)) {
     const Parts parts = parts_of(normal);
     s = along({everywhere_[parts.axis[0]], everywhere_[parts.axis[1]], everywhere_[parts.axis[2]]},

@@ -10,7 +10,7 @@
 
 #include "rt-core/stage_time.h"
 #include "sim/render/rays/embree_engine_impl.h"
-#include "sim/render/rays/light_chunk.h"
+#include "sim/render/rays/light_keeping.h"
 
 namespace rigor::render {
 
@@ -36,7 +36,9 @@ struct LightTracer::Impl {
   std::shared_ptr<EmbreeEngine> engine;
   std::list<Sky> skies;  ///< the last ones that were asked for
   light::LightSurfaces surfaces;
-  light::GatheredLight gathered{1};
+  light::KeptLight kept;
+  const light::GatheredLight nothing_gathered{1};
+  const light::GatheredLight* gathered = &nothing_gathered;  ///< in `kept`
   LightStatistics statistics;
 };
 
@@ -44,13 +46,6 @@ namespace {
 
 constexpr std::size_t kSkiesKept = 4;
 
-/// Paths of a gathering point on each side that is lit; where there are few points, so many that all have
-/// kLeastPaths.
-constexpr std::size_t kPathsOfAPoint = 2, kMostPathsOfAPoint = 64, kLeastPaths = 1024;
-/// Side of a cell in which gathered light is shared: so many pixels.
-constexpr float kCell_px = 48;
-/// Angle between neighbouring pixels where the query does not say.
-constexpr float kSpread_rad = 1e-3F;
 /// Second word of the draw of a gathering point: nobody else's effect.
 constexpr std::uint32_t kGatherPoints = 0x4C490004U;
 
@@ -104,7 +99,7 @@ Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samp
   if (!lit) return tl::unexpected(lit.error());
   light::ChunkInput in{*lit->scene, surfaces, lit->frame, q, lit->origin};
   std::atomic<std::size_t> shadow_rays{0}, sky_rays{0};
-  if (q.gathered && q.shadows && q.sky_rays == 0) in.gathered = &gathered;
+  if (q.gathered && q.shadows && q.sky_rays == 0) in.gathered = gathered;
   const std::size_t chunks = (q.rays.size() + light::kChunk - 1) / light::kChunk;
   engine->impl().arena().execute([&] {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, chunks, 4), [&](const auto& range) {
@@ -117,32 +112,23 @@ Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samp
       sky_rays += chunk.sky_rays;
     });
   });
-  statistics = {q.rays.size(), shadow_rays, sky_rays, ms_since(begun), statistics.gather_ms};
+  statistics.rays = q.rays.size();
+  statistics.shadow_rays = shadow_rays;
+  statistics.sky_rays = sky_rays;
+  statistics.trace_ms = ms_since(begun);
   return {};
 }
 
 Status LightTracer::Impl::gather(const LightQuery& q) {
   if (auto s = check(q, q.rays.size()); !s) return s;
   const auto begun = std::chrono::steady_clock::now();
-  gathered = light::GatheredLight(kCell_px * (q.spread_rad > 0 ? q.spread_rad : kSpread_rad));
-  const std::size_t points = q.rays.size(), chunks = (points + light::kChunk - 1) / light::kChunk;
-  if (points == 0) return {};
+  gathered = &nothing_gathered;
+  if (q.rays.empty()) return {};
   auto lit = input(q);
   if (!lit) return tl::unexpected(lit.error());
-  LightQuery unseeded = q;
-  unseeded.seed = 0;
-  const light::ChunkInput in{*lit->scene, surfaces, lit->frame, unseeded, lit->origin};
-  const auto paths = static_cast<unsigned>(
-      std::clamp<std::size_t>(kLeastPaths / points, kPathsOfAPoint, kMostPathsOfAPoint));
-  std::vector<std::vector<light::GatheredPath>> found(chunks);
-  engine->impl().arena().execute([&] {
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, chunks, 4), [&](const auto& range) {
-      light::Chunk chunk(in);
-      for (std::size_t c = range.begin(); c != range.end(); ++c)
-        chunk.gather(c * light::kChunk, std::min(light::kChunk, points - c * light::kChunk), paths, found[c]);
-    });
-  });
-  for (const auto& f : found) gathered.add(f);
+  const std::uint64_t still = engine->impl().content().still_version;
+  gathered = &kept.about({*lit->scene, still, surfaces, lit->frame}, q, engine->impl().arena());
+  statistics.gathered_sectors = kept.traced();
   statistics.gather_ms = ms_since(begun);
   return {};
 }

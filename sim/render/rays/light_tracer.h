@@ -9,8 +9,7 @@
 // - A shadow ray is stopped by whatever casts shadows, leaves included, and passes their holes. Light that
 //   leaves let through goes on as diffuse light: it is seen on the leaf that is lit from behind, and
 //   elsewhere through `sky_rays` with `bounces`.
-// - Without sky rays, what the surroundings send is gathered at one in sixteen points and shared with those
-// near
+// - Without sky rays, what the surroundings send is gathered at one in 32 points and shared with those near
 //   them, so that shade has no detail finer than about thirty pixels; mirrors show the sky alone, as bright
 //   as that says. Without `gather`, all of the sky and of the ground lights a surface, whatever stands around
 //   it.
@@ -41,6 +40,9 @@ struct LightQuery {
   float spread_rad = 0;
   /// Without sky rays, and with shadows: surfaces have the light that the last gather() found near them.
   bool gathered = false;
+  /// Surfaces bring nothing: a ray that meets one has range 0, without asking which. What share of a pixel is
+  /// sky costs a part of what its light costs.
+  bool sky_only = false;
 };
 
 struct LightSample {
@@ -54,6 +56,7 @@ struct LightStatistics {
   std::size_t rays = 0, shadow_rays = 0,
               sky_rays = 0;            ///< shot by the last call; sky: with their shadow rays
   double trace_ms = 0, gather_ms = 0;  ///< of the last trace() and gather()
+  std::size_t gathered_sectors = 0;    ///< sectors of the sphere that the last gather() did not find kept
 };
 
 /// Pixels of which one gathers light for all of them.
@@ -69,10 +72,11 @@ class LightTracer {
   /// Measures in what `renderer` has prepared.
   explicit LightTracer(std::shared_ptr<EmbreeEngine> engine);
   ~LightTracer();
-  /// Gathers the light of sky and surroundings that comes to the points which the rays meet, for queries with
-  /// `gathered`. A few thousand rays over a picture will do: each shares with those that `spread_rad`, the
-  /// angle between neighbouring pixels, puts within about fifty of it. What is gathered is part of the scene:
-  /// it does not depend on the query's seed, and cameras that see the same have the same error. Same rays,
+  /// Gathers the light of sky and surroundings about what lies in the directions of the rays, which start at
+  /// the query's origin or near it, for queries with `gathered`. A few thousand rays over a picture will do.
+  /// What stands still is gathered from places all over a cell of 1 m around the origin, and kept: it is a
+  /// function of that cell, of the directions, of what stands there and of sun and sky, never of the query's
+  /// seed or of what was asked before, so that cameras which see the same have the same error. Same rays,
   /// same light, on any number of threads. Errors: bad_input.
   [[nodiscard]] Status gather(const LightQuery& query);
   /// samples[i] belongs to rays[i]. Same query, same samples, on any number of threads. A ray that is not

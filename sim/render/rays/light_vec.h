@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <numbers>
 
 namespace rigor::render::light {
@@ -47,6 +48,10 @@ struct Vec3 {
 [[nodiscard]] inline float smoothstep(float low, float high, float v) noexcept {
   const float t = std::clamp((v - low) / (high - low), 0.0F, 1.0F);
   return t * t * (3.0F - 2.0F * t);
+}
+/// Of 32 random bits, above 0 and below 1 (or 1 itself, rounded).
+[[nodiscard]] inline float unit_draw(std::uint32_t word) noexcept {
+  return (static_cast<float>(word >> 8U) + 0.5F) * (1.0F / 16777216.0F);
 }
 /// Two directions that are square to a unit vector and to each other (Duff et al. 2017).
 inline void frame_about(Vec3 n, Vec3& a, Vec3& b) noexcept {

@@ -48,6 +48,10 @@ struct OpticsOptions {
   /// the picture's mean light, such as twigs before the sky. 0 to 4096.
   int uneven_samples = 0;
   float uneven_contrast = 1;
+  /// rays: so many rays more in pixels where surfaces lie beside the sky, which ask only whether they meet
+  /// it: what share of the pixel is sky, and how bright that is; the surfaces' light is that of the other
+  /// samples. Not where colours are traced apart. 0 to 4096.
+  int sky_samples = 0;
   static constexpr int kColoursTraced = 16;
 };
 

@@ -9,6 +9,7 @@
 #include "sim/sensors/camera/lens_grid.h"
 #include "sim/sensors/camera/lens_samples.h"
 #include "sim/sensors/camera/pose_table.h"
+#include "sim/sensors/camera/sky_edges.h"
 #include "sim/sensors/camera/thin_lens.h"
 #include "sim/sensors/camera/uneven_pixels.h"
 
@@ -22,7 +23,7 @@ constexpr int kRaysAtOnce = 65536;
 /// Pixels of a packet: next to each other.
 constexpr int kBlockWidth = 4, kBlockHeight = 2;
 /// Tells the samples of uneven pixels apart from those that every pixel has.
-constexpr std::uint64_t kMoreSamples = 0x3C6EF372FE94F82BULL;
+constexpr std::uint64_t kMoreSamples = 0x3C6EF372FE94F82BULL, kSkySamples = 0xA54FF53A5F1D36F1ULL;
 
 /// A ray that brings no light.
 const Ray nowhere = [] {
@@ -135,6 +136,12 @@ class RaysOptics final : public CameraOpticsPicture {
   /// Traces uneven pixels of `picture` again, by OpticsOptions::uneven_samples: those of `inner`, a part of
   /// shot.region.
   Status refine(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture);
+  /// Rays of pixels, pixel by pixel, `query.rays` of them traced into light_.
+  Status trace_places(const Shot& shot, std::span<const PixelPlace> places, std::size_t channel,
+                      const LensSamples& samples, bool sky_only);
+  /// Asks pixels of `inner` at the sky's edges how much of them is sky.
+  Status ask_for_sky(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture);
+  [[nodiscard]] bool asks_for_sky() const { return options_.sky_samples > 0 && lenses_.size() == 1; }
   /// Rays through pixels all over the whole sensor, whatever region is asked for; into rays_.
   void sparse_rays(const Shot& shot);
   /// Mean radiance of the whole picture, by one of its pixels in kGatherWidth_px x kGatherHeight_px.
@@ -169,6 +176,7 @@ class RaysOptics final : public CameraOpticsPicture {
   std::unique_ptr<LensGrid> truth_lens_;
   std::vector<Ray> rays_;
   std::vector<render::LightSample> light_;
+  SkyEdges sky_edges_;
 };
 
 void RaysOptics::aim(const LensGrid::Pixel& pixel, const ThinLens& aperture, const Shot& shot,
@@ -228,7 +236,7 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
   query.spread_rad /= std::sqrt(static_cast<float>(n));
   query.seed ^= (static_cast<std::uint64_t>(strip.first_row) << 40U) ^ (std::uint64_t{channel} << 60U);
   if (auto s = light_of_->tracer.trace(query, light_); !s) return s;
-  const bool split = lenses_.size() > 1;
+  const bool split = lenses_.size() > 1, edges = asks_for_sky();
   const float share = 1.0F / static_cast<float>(n);
   tbb::parallel_for(first, last, [&](int v) {
     for (int u = region.x_px; u < region.x_px + region.width_px; ++u) {
@@ -237,6 +245,8 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
       Eigen::Array4f sum = Eigen::Array4f::Zero();
       for (int i = 0; i < n; ++i) sum += Eigen::Map<const Eigen::Array4f>(sample[i].radiance);
       sum *= share;
+      if (edges)
+        for (int i = 0; i < n; ++i) sky_edges_.add({u - region.x_px, v - region.y_px}, sample[i]);
       float* const pixel = &out.radiance[4 * (static_cast<std::size_t>(v - region.y_px) *
                                                   static_cast<std::size_t>(region.width_px) +
                                               static_cast<std::size_t>(u - region.x_px))];
@@ -308,6 +318,50 @@ Result<std::array<float, 4>> RaysOptics::mean_light(const Shot& shot) {
   return mean;
 }
 
+Status RaysOptics::trace_places(const Shot& shot, std::span<const PixelPlace> places, std::size_t channel,
+                                const LensSamples& samples, bool sky_only) {
+  const auto each = static_cast<std::size_t>(samples.per_pixel());
+  rays_.resize(places.size() * each);
+  light_.resize(rays_.size());
+  tbb::parallel_for(std::size_t{0}, places.size(), [&](std::size_t i) {
+    const int u = places[i].u + shot.region.x_px, v = places[i].v + shot.region.y_px;
+    const std::span rays(&rays_[i * each], each);
+    if (const LensGrid::Pixel& pixel = lenses_[channel].at(u - border_, v - border_); pixel.lit())
+      aim(pixel, apertures_[channel], shot, samples, u, v, rays);
+    else
+      std::fill(rays.begin(), rays.end(), nowhere);
+  });
+  render::LightQuery query = light_query(shot);
+  query.rays = rays_;
+  query.spread_rad /= std::sqrt(static_cast<float>(each));
+  query.sky_only = sky_only;
+  return light_of_->tracer.trace(query, light_);
+}
+
+Status RaysOptics::ask_for_sky(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture) {
+  const OpticsRequest::Region& region = shot.region;
+  const std::vector<PixelPlace> places = sky_edges_.places(
+      {inner.x_px - region.x_px, inner.y_px - region.y_px, inner.width_px, inner.height_px},
+      [&](int u, int v) {
+        return lenses_.front().at(u + region.x_px - border_, v + region.y_px - border_).lit();
+      });
+  const auto each = static_cast<std::size_t>(options_.sky_samples);
+  const LensSamples samples(options_.sky_samples, shot.samples_key ^ kSkySamples);
+  const std::size_t at_once = std::max<std::size_t>(kRaysAtOnce / each, 1);
+  for (std::size_t begin = 0; begin < places.size(); begin += at_once) {
+    const auto some = std::span(places).subspan(begin, std::min(at_once, places.size() - begin));
+    if (auto s = trace_places(shot, some, 0, samples, true); !s) return s;
+    for (std::size_t i = 0; i < some.size(); ++i)
+      for (std::size_t k = 0; k < each; ++k) sky_edges_.add_sky_only(some[i], light_[i * each + k]);
+  }
+  for (const PixelPlace at : places)
+    sky_edges_.resolve(
+        at,
+        &picture.radiance[4 * (static_cast<std::size_t>(at.v) * static_cast<std::size_t>(picture.width_px) +
+                               static_cast<std::size_t>(at.u))]);
+  return {};
+}
+
 Status RaysOptics::refine(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture) {
   const auto mean = mean_light(shot);
   if (!mean) return tl::unexpected(mean.error());
@@ -324,25 +378,15 @@ Status RaysOptics::refine(const Shot& shot, const OpticsRequest::Region& inner, 
   for (std::size_t begin = 0; begin < places.size(); begin += at_once) {
     const std::size_t count = std::min(at_once, places.size() - begin);
     for (std::size_t channel = 0; channel < lenses_.size(); ++channel) {
-      rays_.resize(count * each);
-      light_.resize(count * each);
-      tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
-        const int u = places[begin + i].u + region.x_px, v = places[begin + i].v + region.y_px;
-        const std::span rays(&rays_[i * each], each);
-        if (const LensGrid::Pixel& pixel = lenses_[channel].at(u - border_, v - border_); pixel.lit())
-          aim(pixel, apertures_[channel], shot, samples, u, v, rays);
-        else
-          std::fill(rays.begin(), rays.end(), nowhere);
-      });
-      render::LightQuery query = light_query(shot);
-      query.rays = rays_;
-      query.spread_rad /= std::sqrt(static_cast<float>(n));
-      if (auto s = light_of_->tracer.trace(query, light_); !s) return s;
+      if (auto s = trace_places(shot, std::span(places).subspan(begin, count), channel, samples, false); !s)
+        return s;
       for (std::size_t i = 0; i < count; ++i) {
         const PixelPlace at = places[begin + i];
         Eigen::Array4f sum = Eigen::Array4f::Zero();
-        for (std::size_t k = 0; k < each; ++k)
+        for (std::size_t k = 0; k < each; ++k) {
           sum += Eigen::Map<const Eigen::Array4f>(light_[i * each + k].radiance);
+          if (asks_for_sky()) sky_edges_.add(at, light_[i * each + k]);
+        }
         float* const pixel =
             &picture
                  .radiance[4 * (static_cast<std::size_t>(at.v) * static_cast<std::size_t>(picture.width_px) +
@@ -467,8 +511,10 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
   prepare_ms_ = engine.statistics().prepare_ms;
 
   const OpticsRequest::Region looked_at_region = moves_ ? looked_at(*region) : *region;
-  const bool more = options_.uneven_samples > 0;
-  const OpticsRequest::Region traced = more ? with_neighbours(looked_at_region) : looked_at_region;
+  const bool more = options_.uneven_samples > 0 || asks_for_sky();
+  // A pixel asks its neighbours, and what those know of the sky has been asked of theirs.
+  const OpticsRequest::Region uneven = asks_for_sky() ? with_neighbours(looked_at_region) : looked_at_region,
+                              traced = more ? with_neighbours(uneven) : looked_at_region;
   const PoseTable poses(*motion, origin);
   const std::uint64_t key = request.seed ^ (request.measure.index * 0xD1342543DE82EF95ULL);
   const Shot shot{request, traced, timing, poses, origin, key, LensSamples(options_.samples_per_pixel, key)};
@@ -481,6 +527,7 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
     p->radiance.assign(4 * static_cast<std::size_t>(of.width_px) * static_cast<std::size_t>(of.height_px),
                        0.0F);
   }
+  if (asks_for_sky()) sky_edges_.reset(traced.width_px, traced.height_px);
   if (light_query(shot).gathered)
     if (auto s = gather(shot); !s) return s;
   const int across = (width_px() + kBlockWidth - 1) / kBlockWidth;
@@ -492,8 +539,10 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
       const Strip strip{row, std::min(rows, height_px() - row), static_cast<std::size_t>(across)};
       if (auto s = trace(strip, c, shot, apart ? reference_ : out); !s) return s;
     }
-  if (more)
-    if (auto s = refine(shot, looked_at_region, reference_); !s) return s;
+  if (options_.uneven_samples > 0)
+    if (auto s = refine(shot, uneven, reference_); !s) return s;
+  if (asks_for_sky())
+    if (auto s = ask_for_sky(shot, looked_at_region, reference_); !s) return s;
   if (apart && !moves_) crop(reference_, traced, *region, out);
   if (moves_) move_colours(reference_, traced, *region, out);
   if (truth == nullptr) return {};
@@ -518,6 +567,9 @@ Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(const CameraModel&
   if (options.pixel_step < 1 || options.pixel_step > 8)
     return fail(ErrorCode::bad_input, "pixel_step",
                 "expected 1 to 8, got " + std::to_string(options.pixel_step));
+  if (options.sky_samples < 0 || options.sky_samples > 4096)
+    return fail(ErrorCode::bad_input, "sky_samples",
+                "expected 0 to 4096, got " + std::to_string(options.sky_samples));
   if (options.uneven_samples < 0 || options.uneven_samples > 4096)
     return fail(ErrorCode::bad_input, "uneven_samples",
                 "expected 0 to 4096, got " + std::to_string(options.uneven_samples));

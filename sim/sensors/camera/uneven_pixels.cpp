@@ -20,6 +20,19 @@ struct RadianceSpan {
 
 }  // namespace
 
+std::vector<PixelPlace> pixels_by_blocks(const OpticsRequest::Region& inner, int width_px, int height_px,
+                                         const std::function<bool(int u, int v)>& wanted) {
+  std::vector<PixelPlace> out;
+  const int end_u = std::min(inner.x_px + inner.width_px, width_px),
+            end_v = std::min(inner.y_px + inner.height_px, height_px);
+  for (int v0 = inner.y_px; v0 < end_v; v0 += kUnevenBlockHeight)
+    for (int u0 = inner.x_px; u0 < end_u; u0 += kUnevenBlockWidth)
+      for (int v = v0; v < std::min(v0 + kUnevenBlockHeight, end_v); ++v)
+        for (int u = u0; u < std::min(u0 + kUnevenBlockWidth, end_u); ++u)
+          if (wanted(u, v)) out.push_back({u, v});
+  return out;
+}
+
 std::vector<PixelPlace> uneven_pixels(const OpticsPicture& picture, const OpticsRequest::Region& inner,
                                       const std::array<float, 4>& mean, float contrast,
                                       const std::function<bool(int u, int v)>& lit) {
@@ -37,15 +50,8 @@ std::vector<PixelPlace> uneven_pixels(const OpticsPicture& picture, const Optics
       if (mean[b] > 0 && spans[b].most - spans[b].least > contrast * mean[b]) return true;
     return false;
   };
-  std::vector<PixelPlace> out;
-  const int end_u = std::min(inner.x_px + inner.width_px, picture.width_px),
-            end_v = std::min(inner.y_px + inner.height_px, picture.height_px);
-  for (int v0 = inner.y_px; v0 < end_v; v0 += kUnevenBlockHeight)
-    for (int u0 = inner.x_px; u0 < end_u; u0 += kUnevenBlockWidth)
-      for (int v = v0; v < std::min(v0 + kUnevenBlockHeight, end_v); ++v)
-        for (int u = u0; u < std::min(u0 + kUnevenBlockWidth, end_u); ++u)
-          if (lit(u, v) && uneven(u, v)) out.push_back({u, v});
-  return out;
+  return pixels_by_blocks(inner, picture.width_px, picture.height_px,
+                          [&](int u, int v) { return lit(u, v) && uneven(u, v); });
 }
 
 }  // namespace rigor

@@ -15,12 +15,17 @@ struct PixelPlace {
   bool operator==(const PixelPlace&) const = default;
 };
 
+/// The pixels of `inner`, within a picture of this size, that are wanted: neighbouring places follow each
+/// other, by blocks of 4 x 2.
+[[nodiscard]] std::vector<PixelPlace> pixels_by_blocks(const OpticsRequest::Region& inner, int width_px,
+                                                       int height_px,
+                                                       const std::function<bool(int u, int v)>& wanted);
+
 /// The uneven pixels of `inner`, a part of the picture's region; pixels of the region beyond `inner` are
 /// neighbours only. A pixel is uneven where the radiance of a band spans more than `contrast` times `mean` of
 /// that band over the pixel and its eight neighbours. Places of `inner` and of what is returned count from
 /// the picture's corner. `lit`: whether the lens sends light to a place; others neither count nor are
-/// returned. Neighbouring places follow each other, by blocks of 4 x 2. Radiance that is not finite is left
-/// out.
+/// returned. In the order of pixels_by_blocks(). Radiance that is not finite is left out.
 [[nodiscard]] std::vector<PixelPlace> uneven_pixels(const OpticsPicture& picture,
                                                     const OpticsRequest::Region& inner,
                                                     const std::array<float, 4>& mean, float contrast,

@@ -98,6 +98,52 @@ TEST_P(CameraOptics, APartIsTheSameAsInTheWholePictureWithMoreSamplesInUnevenPix
     }
 }
 
+TEST_P(CameraOptics, SkySamplesFindTheShareOfSkyInAPixel) {
+  if (!rays()) return;
+  world_.light().light.sky = even_sky(5);
+  // Bars before the sky, narrower and wider than a pixel.
+  for (int i = 0; i < 8; ++i)
+    world_.put({(0.4F + 0.2F * static_cast<float>(i)) * 3 / 80, 1e-3F, 1},
+               in_front((i - 4) * 0.2 + 0.011 * i, 0, 3), 0.1F);
+  const OpticsPicture reference = shoot(small_camera(), fine());
+  OpticsOptions o = plain();
+  o.samples_per_pixel = 1;
+  const double few = rms(shoot(small_camera(), o), reference);
+  o.sky_samples = 16;
+  EXPECT_LT(rms(shoot(small_camera(), o), reference), 0.3 * few);
+}
+
+TEST_P(CameraOptics, SkySamplesSeeTheSkyFromWithinABodyWithOneSide) {
+  if (!rays()) return;
+  world_.light().light.sky = even_sky(5);
+  world_.put({2, 2, 2}, {0, 0, 0}, 0.5F);  // the eye is in it
+  world_.put({0.02F, 1e-3F, 1}, in_front(0, 0, 3), 0.1F);
+  OpticsOptions o = plain();
+  const OpticsPicture without = shoot(small_camera(), o);
+  o.sky_samples = 16;
+  EXPECT_LT(rms(shoot(small_camera(), o), without), 0.1 * 5);
+}
+
+TEST_P(CameraOptics, APartIsTheSameAsInTheWholePictureWithSkySamples) {
+  if (!rays()) return;
+  world_.light().light.sky = even_sky(5);
+  for (int i = 0; i < 5; ++i) world_.put({0.02F, 1e-3F, 0.7F}, in_front(0.17 * i - 0.2, 0.1, 3), 0.3F);
+  for (const int uneven : {0, 4}) {
+    OpticsOptions o = plain();
+    o.uneven_samples = uneven;
+    o.sky_samples = 8;
+    const OpticsPicture whole = shoot(small_camera(), o);
+    OpticsRequest part;
+    part.region = {37, 9, 17, 14};
+    const OpticsPicture cut = shoot(small_camera(), o, part);
+    for (int v = 0; v < 14; ++v)
+      for (int u = 0; u < 17; ++u)
+        for (int band = 0; band < 4; ++band)
+          ASSERT_EQ(CameraOptics::at(cut, u, v, band), CameraOptics::at(whole, u + 37, v + 9, band))
+              << u << " " << v;
+  }
+}
+
 TEST_P(CameraOptics, RefusesSamplesOutOfRange) {
   if (!rays()) return;
   OpticsOptions o = plain();
@@ -105,9 +151,13 @@ TEST_P(CameraOptics, RefusesSamplesOutOfRange) {
     o.uneven_samples = n;
     auto light = SharedLight::create(nullptr);
     ASSERT_TRUE(light) << light.error().text();
-    const auto made = make_rays_optics(small_camera(), o, *light);
-    ASSERT_FALSE(made);
-    EXPECT_EQ(made.error().code, ErrorCode::bad_input);
+    OpticsOptions sky = plain();
+    sky.sky_samples = n;
+    for (const OpticsOptions& wrong : {o, sky}) {
+      const auto made = make_rays_optics(small_camera(), wrong, *light);
+      ASSERT_FALSE(made);
+      EXPECT_EQ(made.error().code, ErrorCode::bad_input);
+    }
   }
 }
 
