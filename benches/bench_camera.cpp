@@ -1,18 +1,22 @@
 // What a simulated camera costs, effect by effect, and how wrong the fast picture is.
 //
 //   bench_camera [--rounds N] [--json FILE] [--place NAME] [--renderer rays]
-//               [--part effects|knobs|stereo|together]
+//               [--part effects|knobs|stereo|together|small]
 //
 // 640x480 pixels, two worlds, both engines. `RMS` is that of the picture on the sensor's surface (before
 // noise) against brute force: the engine of rays with 32 samples a pixel over area, aperture and exposure,
 // relative to the mean radiance. Then a stereo pair, and stereo pair, time-of-flight camera and 2D scanner
-// together, one after the other.
+// together, one after the other. `small`, only where it is asked for, is the demo's camera in its small
+// scene, 480x360 pixels, while the turntable turns.
 #include "benches/sensor_bench.h"
+#include "sensor-hal/models/camera_yaml.h"
 #include "sensor-hal/models/lidar/lidar_yaml.h"
 #include "sensor-hal/models/tof/tof_yaml.h"
 #include "sim/sensors/camera/simulated_camera.h"
+#include "sim/sensors/camera_simulator.h"
 #include "sim/sensors/lidar/lidar_simulator.h"
 #include "sim/sensors/tof/tof_simulator.h"
+#include "sim/world/world_yaml.h"
 
 namespace {
 
@@ -91,6 +95,28 @@ class Bench {
     if (wanted("knobs")) knobs(world, place);
     if (wanted("stereo")) stereo(world, place);
     if (wanted("together")) together(world, place);
+  }
+
+  void small(int rounds) {
+    const std::string configs = std::string(RIGOR_SOURCE_DIR) + "/configs/";
+    const auto scene =
+        std::make_shared<const world::Scene>(need(world::load_world(configs + "worlds/turntable.yaml")));
+    const auto sensor = need(load_camera(configs + "sensors/demo-camera.yaml", 0));
+    world::WorldSnapshot snapshot(*scene);
+    snapshot.joints[*world::find_node(*scene, "turntable")] = {BenchTime(), 0, 0.5};
+    for (const PixelFormat format : {PixelFormat::mono8, PixelFormat::bayer_rg8, PixelFormat::rgb8}) {
+      CameraSpec spec{.name = "right", .model = sensor.model, .format = format};
+      spec.T_parent_sensor = look_at({0.2, -3, 1.6}, {0, 0, 0.4});
+      auto camera = need(CameraSimulator::create(spec, scene));
+      std::vector<std::byte> pixels(camera->full_region_bytes());
+      const Times t = timed(rounds, [&](int i) {
+        need(camera->capture({.capture_index = static_cast<std::uint64_t>(i),
+                              .t_capture = BenchTime(i * 40'000'000ll),
+                              .exposure = milliseconds(4)},
+                             snapshot, pixels));
+      });
+      report({.name = "turntable"}, "small scene", "scene", std::string(pfnc_name(format)), t, std::nullopt);
+    }
   }
 
  private:
@@ -297,6 +323,11 @@ int main(int argc, char** argv) {
   auto o = options(argc, argv);
   std::setvbuf(stdout, nullptr, _IOLBF, 0);
   Bench bench(o);
+  if (o.part == "small") {
+    bench.small(std::max(o.rounds, 100));
+    write(o.json, bench.out());
+    return 0;
+  }
   for (const Place* p : {&kPlaces[0], &kPlaces[1]})
     if (o.wants(*p)) {
       bench.place(*p);

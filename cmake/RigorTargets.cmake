@@ -94,6 +94,16 @@ if(RIGOR_PRECOMPILED)
   endif()
 endif()
 
+# rigor_wide_loops(NAME): the library's loops may become vector instructions (see sensor-hal/models/wide.h). Results stay those of IEEE 754;
+# what goes is errno of square roots, traps, and jumps in place of selections. Precompiled headers are made without such options.
+function(rigor_wide_loops NAME)
+  target_compile_options(${NAME} PRIVATE -fno-math-errno -fno-trapping-math)
+  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+    target_compile_options(${NAME} PRIVATE -fno-thread-jumps)
+  endif()
+  set_target_properties(${NAME} PROPERTIES DISABLE_PRECOMPILE_HEADERS ON)
+endfunction()
+
 # rigor_unity(NAME SIZE): has the target NAME compile its sources SIZE at a time: in place of them it gets files that include them,
 # as many as that takes and of about the same length. Sources with the property SKIP_UNITY_BUILD_INCLUSION stay as they are. CMake's
 # own UNITY_BUILD writes absolute paths into such files, so that ccache would find nothing of what another checkout compiled.

@@ -78,11 +78,9 @@ class SharedScene {
 /// one for each format that was ever asked for; the default one is ready from the beginning.
 class SceneCamera final : public ImageProvider {
  public:
-  SceneCamera(CameraSpec spec, Duration exposure, std::shared_ptr<render::Device> device,
-              std::shared_ptr<const SharedScene> shared)
+  SceneCamera(CameraSpec spec, Duration exposure, std::shared_ptr<const SharedScene> shared)
       : spec_(std::move(spec)),
         exposure_(exposure),
-        device_(std::move(device)),
         shared_(std::move(shared)),
         version_(shared_->version()),
         scene_(shared_->load()),
@@ -141,7 +139,7 @@ class SceneCamera final : public ImageProvider {
     if (!camera) {
       CameraSpec spec = spec_;
       spec.format = format;
-      auto made = CameraSimulator::create(spec, device_, scene_);
+      auto made = CameraSimulator::create(spec, scene_);
       if (!made) return tl::unexpected<Error>(made.error());
       camera = std::move(*made);
     }
@@ -150,7 +148,6 @@ class SceneCamera final : public ImageProvider {
 
   CameraSpec spec_;
   Duration exposure_;
-  std::shared_ptr<render::Device> device_;
   std::shared_ptr<const SharedScene> shared_;
   std::uint64_t version_ = 0;
   std::shared_ptr<const world::Scene> scene_;
@@ -202,6 +199,7 @@ struct Simulation::Impl {
   std::vector<WorldPlatform> platforms;
   std::shared_ptr<SharedScene> scene;  ///< what the small renderer draws; null: the world is none
   SensingResources resources;
+  bool small_cameras = false;  ///< any camera of the small renderer
 };
 
 Simulation::Simulation(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -258,8 +256,6 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
     const auto sensor_model =
         value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params, options)));
     const SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
-    auto device = impl_->resources.device();
-    if (!device) return tl::unexpected<Error>(device.error());
     CameraSpec spec;
     spec.name = name;
     spec.model = sensor_model.model;
@@ -269,9 +265,9 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
     spec.seed = seed;
     if (setup.mount.parent) spec.parent_node = params.text("parent");
     spec.T_parent_sensor = setup.mount.T_parent_sensor;
-    auto provider =
-        std::make_shared<SceneCamera>(spec, seconds_from(sensor_model.exposure_s), *device, impl_->scene);
+    auto provider = std::make_shared<SceneCamera>(spec, seconds_from(sensor_model.exposure_s), impl_->scene);
     if (auto s = provider->prepare(spec.format); !s) return tl::unexpected<Error>(s.error());
+    impl_->small_cameras = true;
     if (!options.times) return std::shared_ptr<ImageProvider>(std::move(provider));
     return std::shared_ptr<ImageProvider>(std::make_shared<TimedCamera>(std::move(provider), options.times));
   });
@@ -407,7 +403,11 @@ Result<std::unique_ptr<ClearanceProbe>> Simulation::clearance_probe() {
   return ClearanceProbe::create(*impl_->world, *cache);
 }
 
-std::string Simulation::engine() const { return impl_->resources.text(); }
+std::string Simulation::engine() const {
+  const std::string engines = impl_->resources.text();
+  if (!impl_->small_cameras) return engines;
+  return engines.empty() ? "small scene" : "small scene, " + engines;
+}
 const SensorWorld& Simulation::world() const { return *impl_->world; }
 
 std::vector<DoctorFinding> Simulation::doctor() {

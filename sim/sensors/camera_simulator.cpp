@@ -1,13 +1,17 @@
 #include "sim/sensors/camera_simulator.h"
 
-#include <cmath>
-
-#include "sensor-hal/models/philox.h"
+#include <tbb/task_arena.h>
 
 namespace rigor {
+namespace {
+
+/// Pictures of fewer pixels are worked out by one thread: a few milliseconds, in which others would mostly
+/// wake up and wait.
+constexpr long long kPixelsForThreads = 1'000'000;
+
+}  // namespace
 
 Result<std::unique_ptr<CameraSimulator>> CameraSimulator::create(const CameraSpec& spec,
-                                                                 std::shared_ptr<render::Device> device,
                                                                  std::shared_ptr<const world::Scene> scene) {
   auto out = std::unique_ptr<CameraSimulator>(new CameraSimulator());
   out->spec_ = spec;
@@ -20,13 +24,22 @@ Result<std::unique_ptr<CameraSimulator>> CameraSimulator::create(const CameraSpe
   }
   if (!spec.T_parent_sensor.matrix().allFinite())
     return fail(ErrorCode::bad_input, spec.name, "T_parent_sensor: expected finite numbers");
-  render::RendererOptions options;
+  if (spec.model.bloom.active())
+    return fail(ErrorCode::bad_input, spec.name,
+                "bloom: expected none, which the renderer of small scenes does not draw; give the channel a "
+                "`renderer`");
+  auto sensor =
+      SensorStage::create({.name = spec.name, .model = spec.model, .seed = spec.seed, .noise = spec.noise});
+  if (!sensor) return tl::unexpected<Error>(sensor.error());
+  out->sensor_ = std::move(*sensor);
+  using render::SceneColours;
+  render::SceneRendererOptions options;
   options.camera = spec.model;
-  options.format = spec.format;
   options.supersampling = spec.supersampling;
-  options.noise = spec.noise;
-  options.key = models::channel_key(spec.seed, models::channel_id_from_name(spec.name));
-  auto renderer = render::Renderer::create(std::move(device), std::move(scene), options);
+  options.colours = is_mono(spec.format)                          ? SceneColours::mono
+                    : out->sensor_->rate_planes(spec.format) == 1 ? SceneColours::mosaic
+                                                                  : SceneColours::rgb;
+  auto renderer = render::SceneRenderer::create(std::move(scene), options);
   if (!renderer) {
     Error e = renderer.error();
     e.where = spec.name + ": " + e.where;
@@ -37,18 +50,37 @@ Result<std::unique_ptr<CameraSimulator>> CameraSimulator::create(const CameraSpe
 }
 
 Status CameraSimulator::capture(const CaptureRequest& request, const world::WorldSnapshot& snapshot,
-                                std::span<std::byte> pixels_out, render::StageTimes* times) {
+                                std::span<std::byte> pixels_out) {
+  const auto pixels = static_cast<long long>(spec_.model.width_px) * spec_.model.height_px;
+  if (pixels >= kPixelsForThreads) return expose(request, snapshot, pixels_out);
+  tbb::task_arena alone(1);
+  return alone.execute([&] { return expose(request, snapshot, pixels_out); });
+}
+
+Status CameraSimulator::expose(const CaptureRequest& request, const world::WorldSnapshot& snapshot,
+                               std::span<std::byte> pixels_out) {
   render::PictureRequest q;
   // Checked here because the poses are looked up before the renderer can refuse.
   if (snapshot.joints.size() == scene_->nodes.size())
     q.T_world_sensor = T_world_sensor(snapshot, request.t_capture);
   q.t_capture = request.t_capture;
-  q.exposure_s = request.exposure.seconds();
-  q.gain = std::pow(10.0, request.gain_db / 20.0);
-  q.capture_index = request.capture_index;
   q.region = request.region;
   if (q.region.width_px == 0) q.region = {0, 0, spec_.model.width_px, spec_.model.height_px};
-  return renderer_->draw(q, snapshot, pixels_out, times);
+  // Sizes that the renderer refuses must not be allocated first.
+  rates_.resize(0);
+  const render::Region& r = q.region;
+  if (r.width_px >= 1 && r.height_px >= 1 && r.width_px <= spec_.model.width_px &&
+      r.height_px <= spec_.model.height_px)
+    rates_.resize(renderer_->planes() * static_cast<std::size_t>(r.width_px) *
+                  static_cast<std::size_t>(r.height_px));
+  if (auto s = renderer_->draw(q, snapshot, rates_); !s) return s;
+  return sensor_->expose_rates(
+      {.capture_index = request.capture_index,
+       .exposure_s = request.exposure.seconds(),
+       .gain_db = request.gain_db,
+       .format = spec_.format,
+       .region = {q.region.offset_x_px, q.region.offset_y_px, q.region.width_px, q.region.height_px}},
+      rates_, pixels_out);
 }
 
 std::size_t CameraSimulator::full_region_bytes() const {

@@ -1,7 +1,7 @@
-// A simulated camera: where it sits, what lens and sensor it has, and a renderer that measures the light.
+// A simulated camera of a small scene: where it sits, what lens and sensor it has, a renderer that measures
+// the light and a sensor stage that makes numbers of it, both on the CPU.
 //
-//   auto device = render::Device::create();
-//   auto camera = CameraSimulator::create(spec, *device, scene);
+//   auto camera = CameraSimulator::create(spec, scene);
 //   std::vector<std::byte> pixels((*camera)->full_region_bytes());
 //   Status s = (*camera)->capture({.capture_index = 0, .t_capture = t, .exposure = milliseconds(4)},
 //   snapshot, pixels);
@@ -23,8 +23,8 @@
 #include "rt-core/time.h"
 #include "sensor-hal/models/camera_model.h"
 #include "sensor-hal/types/pixel_format.h"
-#include "sim/render/device.h"
-#include "sim/render/renderer.h"
+#include "sim/render/scene/scene_renderer.h"
+#include "sim/sensors/camera/sensor_stage.h"
 #include "sim/world/scene.h"
 
 namespace rigor {
@@ -51,17 +51,15 @@ struct CaptureRequest {
 
 class CameraSimulator {
  public:
-  /// Setup; draws one picture to warm up. The scene must be valid. Errors: bad_input (spec, unknown parent
-  /// node), unavailable (the device).
+  /// Setup. The scene must be valid. Errors: bad_input (spec, unknown parent node, bloom).
   [[nodiscard]] static Result<std::unique_ptr<CameraSimulator>> create(
-      const CameraSpec& spec, std::shared_ptr<render::Device> device,
-      std::shared_ptr<const world::Scene> scene);
+      const CameraSpec& spec, std::shared_ptr<const world::Scene> scene);
 
   /// One picture, rows without padding: `pixels_out` has image_bytes(format, region) bytes. Blocks for
-  /// milliseconds; one thread at a time. Errors: bad_input (region, sizes, exposure, gain, snapshot),
-  /// unavailable (the device).
+  /// milliseconds; one thread at a time. A small picture is worked out on the calling thread alone, a large
+  /// one on those of its TBB arena. Errors: bad_input (region, sizes, exposure, gain, snapshot).
   [[nodiscard]] Status capture(const CaptureRequest& request, const world::WorldSnapshot& snapshot,
-                               std::span<std::byte> pixels_out, render::StageTimes* times = nullptr);
+                               std::span<std::byte> pixels_out);
 
   [[nodiscard]] const CameraSpec& spec() const { return spec_; }
   [[nodiscard]] const world::Scene& scene() const { return *scene_; }
@@ -78,14 +76,18 @@ class CameraSimulator {
   [[nodiscard]] std::vector<std::optional<PixelPosition>> project_chessboard(
       std::size_t body, const world::WorldSnapshot& snapshot, BenchTime t) const;
 
-  [[nodiscard]] render::Renderer& renderer() { return *renderer_; }
+  [[nodiscard]] render::SceneRenderer& renderer() { return *renderer_; }
 
  private:
   CameraSimulator() = default;
+  Status expose(const CaptureRequest& request, const world::WorldSnapshot& snapshot,
+                std::span<std::byte> pixels_out);
   CameraSpec spec_;
   std::shared_ptr<const world::Scene> scene_;
   std::optional<std::size_t> parent_;
-  std::unique_ptr<render::Renderer> renderer_;
+  std::unique_ptr<render::SceneRenderer> renderer_;
+  std::unique_ptr<SensorStage> sensor_;
+  std::vector<float> rates_;  ///< kept between calls
 };
 
 /// Pose of an optical frame at `eye` that looks at `target` with `up` towards the picture's top.

@@ -102,7 +102,7 @@ TEST_F(Runs, OfTheDemoAccountForEveryInstantAndReport) {
              table = channel(result, "turntable");
   // Every instant is accounted for: seen, overtaken by a newer one, or counted as lost. How many are lost is
   // a matter of the machine and of its other work, and no matter of a test; benches measure it.
-  for (const auto& [c, rate_hz] : {std::pair{left, 5.0}, {right, 5.0}, {table, 100.0}}) {
+  for (const auto& [c, rate_hz] : {std::pair{left, 25.0}, {right, 25.0}, {table, 100.0}}) {
     const double seen =
         c["fresh"].get<double>() + c["superseded"].get<double>() + c["lost_samples"].get<double>();
     EXPECT_NEAR(seen, 4 * rate_hz, 0.06 * 4 * rate_hz + 3) << c["name"];

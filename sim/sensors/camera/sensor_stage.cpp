@@ -60,6 +60,12 @@ using Table = std::vector<std::uint16_t>;
 
 }  // namespace
 
+/// What falls on the sensor: radiance, or what is already counted in electrons.
+struct SensorStage::Light {
+  const OpticsPicture* picture = nullptr;
+  std::span<const float> rates{};
+};
+
 struct SensorStage::Impl {
   SensorStageSpec spec;
   models::PhiloxKey key;
@@ -72,7 +78,7 @@ struct SensorStage::Impl {
   std::vector<BloomOperator> blooms;  ///< by size of picture; the last that were used
 
   // Kept between calls, so that they are not allocated anew.
-  std::array<std::vector<float>, 3> light;
+  std::array<std::vector<float>, 3> spread;  ///< light of each colour after bloom
   std::array<NumberPlane, 3> numbers, processed;
   std::vector<std::uint16_t> packed;
 
@@ -83,8 +89,14 @@ struct SensorStage::Impl {
   [[nodiscard]] Table balance_table(int colour_index) const;
   /// From balanced numbers to the output's bits.
   [[nodiscard]] Table output_table(int output_bits) const;
-  [[nodiscard]] Status check(const SensorStageRequest& q, const OpticsPicture& picture, std::size_t bytes,
-                             Rect& region, Rect& extent) const;
+  [[nodiscard]] bool mosaic(PixelFormat format) const {
+    return is_bayer(format) || (format == PixelFormat::rgb8 && spec.model.processing.demosaic);
+  }
+  [[nodiscard]] std::size_t samples(PixelFormat format) const {
+    return is_mono(format) || mosaic(format) ? 1 : 3;
+  }
+  [[nodiscard]] Status check(const SensorStageRequest& q, const Light& light, std::size_t bytes, Rect& region,
+                             Rect& extent) const;
 };
 
 void SensorStage::Impl::make_maps() {
@@ -212,7 +224,7 @@ Table SensorStage::Impl::output_table(int output_bits) const {
   return table;
 }
 
-Status SensorStage::Impl::check(const SensorStageRequest& q, const OpticsPicture& picture, std::size_t bytes,
+Status SensorStage::Impl::check(const SensorStageRequest& q, const Light& light, std::size_t bytes,
                                 Rect& region, Rect& extent) const {
   const CameraModel& c = spec.model;
   const auto bad = [&](const char* what, std::string message) {
@@ -228,21 +240,31 @@ Status SensorStage::Impl::check(const SensorStageRequest& q, const OpticsPicture
                              std::to_string(c.height_px) + " px, got " + std::to_string(region.width) + "x" +
                              std::to_string(region.height) + " at (" + std::to_string(region.x) + ", " +
                              std::to_string(region.y) + ")");
-  const bool mosaic = is_bayer(q.format) || (q.format == PixelFormat::rgb8 && c.processing.demosaic);
-  if (mosaic && (region.x % 2 != 0 || region.y % 2 != 0))
+  if (mosaic(q.format) && (region.x % 2 != 0 || region.y % 2 != 0))
     return bad("region", std::string(pfnc_name(q.format)) + ": expected even offsets, got (" +
                              std::to_string(region.x) + ", " + std::to_string(region.y) + ")");
-  if (picture.width_px == c.width_px && picture.height_px == c.height_px)
-    extent = {0, 0, c.width_px, c.height_px};
-  else if (picture.width_px == region.width && picture.height_px == region.height)
+  if (light.picture != nullptr) {
+    const OpticsPicture& picture = *light.picture;
+    if (picture.width_px == c.width_px && picture.height_px == c.height_px)
+      extent = {0, 0, c.width_px, c.height_px};
+    else if (picture.width_px == region.width && picture.height_px == region.height)
+      extent = region;
+    else
+      return bad("picture", "expected the size of the region or of the sensor, got " +
+                                std::to_string(picture.width_px) + "x" + std::to_string(picture.height_px));
+    const std::size_t values = 4 * static_cast<std::size_t>(extent.width) * extent.height;
+    if (picture.radiance.size() != values)
+      return bad("picture", "expected " + std::to_string(values) + " values of radiance, got " +
+                                std::to_string(picture.radiance.size()));
+  } else {
     extent = region;
-  else
-    return bad("picture", "expected the size of the region or of the sensor, got " +
-                              std::to_string(picture.width_px) + "x" + std::to_string(picture.height_px));
-  const std::size_t values = 4 * static_cast<std::size_t>(extent.width) * extent.height;
-  if (picture.radiance.size() != values)
-    return bad("picture", "expected " + std::to_string(values) + " values of radiance, got " +
-                              std::to_string(picture.radiance.size()));
+    const std::size_t values =
+        samples(q.format) * static_cast<std::size_t>(region.width) * static_cast<std::size_t>(region.height);
+    if (light.rates.size() != values)
+      return bad("rates", "expected " + std::to_string(values) + " electrons per second, got " +
+                              std::to_string(light.rates.size()));
+    if (c.bloom.active()) return bad("bloom", "expected none where light is handed in as rates");
+  }
   const std::size_t wanted =
       image_bytes(q.format, static_cast<std::size_t>(region.width), static_cast<std::size_t>(region.height));
   if (bytes != wanted)
@@ -273,15 +295,27 @@ Result<std::unique_ptr<SensorStage>> SensorStage::create(const SensorStageSpec& 
 
 Status SensorStage::expose(const SensorStageRequest& q, const OpticsPicture& picture,
                            std::span<std::byte> pixels, SensorStageCounts* counts) {
+  return expose_light(q, {.picture = &picture}, pixels, counts);
+}
+
+std::size_t SensorStage::rate_planes(PixelFormat format) const { return impl_->samples(format); }
+
+Status SensorStage::expose_rates(const SensorStageRequest& q, std::span<const float> rates,
+                                 std::span<std::byte> pixels) {
+  return expose_light(q, {.rates = rates}, pixels, nullptr);
+}
+
+Status SensorStage::expose_light(const SensorStageRequest& q, const Light& light, std::span<std::byte> pixels,
+                                 SensorStageCounts* counts) {
   Impl& m = *impl_;
   const CameraModel& c = m.spec.model;
   Rect region, extent;
-  if (auto s = m.check(q, picture, pixels.size(), region, extent); !s) return s;
+  if (auto s = m.check(q, light, pixels.size(), region, extent); !s) return s;
 
-  const bool mosaic = is_bayer(q.format) || (q.format == PixelFormat::rgb8 && c.processing.demosaic);
+  const bool mosaic = m.mosaic(q.format);
   const bool demosaicing = mosaic && q.format == PixelFormat::rgb8;
   const bool mono = is_mono(q.format);
-  const std::size_t samples = mono || mosaic ? 1 : 3;
+  const std::size_t samples = m.samples(q.format);
   const bool bloom = c.bloom.active();
 
   ExposureConstants k;
@@ -301,8 +335,8 @@ Status SensorStage::expose(const SensorStageRequest& q, const OpticsPicture& pic
   k.response_c3 = static_cast<float>(c.noise.response_c3);
 
   const auto radiance_at = [&](int x, int y) {
-    return picture.radiance.data() + 4 * (static_cast<std::size_t>(y - extent.y) * extent.width +
-                                          static_cast<std::size_t>(x - extent.x));
+    return light.picture->radiance.data() + 4 * (static_cast<std::size_t>(y - extent.y) * extent.width +
+                                                 static_cast<std::size_t>(x - extent.x));
   };
   const auto map_at = [&](const std::vector<float>& map, int x, int y) -> const float* {
     return map.empty() ? nullptr : map.data() + static_cast<std::size_t>(y) * c.width_px + x;
@@ -325,7 +359,7 @@ Status SensorStage::expose(const SensorStageRequest& q, const OpticsPicture& pic
   const std::size_t light_planes = mono ? 1 : 3;
   if (bloom) {
     for (std::size_t p = 0; p < light_planes; ++p) {
-      std::vector<float>& plane = m.light[p];
+      std::vector<float>& plane = m.spread[p];
       plane.resize(static_cast<std::size_t>(extent.width) * extent.height);
       const Response& response = mono ? m.mono : m.colour[p];
       for_rows(extent.height, [&](int y) {
@@ -364,6 +398,14 @@ Status SensorStage::expose(const SensorStageRequest& q, const OpticsPicture& pic
     RunRates rates;
     rates.planes = static_cast<int>(samples);
     for (std::size_t p = 0; p < samples; ++p) {
+      if (light.picture == nullptr) {
+        rates.plane[p] =
+            light.rates.data() +
+            (p * static_cast<std::size_t>(extent.height) + static_cast<std::size_t>(y - extent.y)) *
+                static_cast<std::size_t>(extent.width) +
+            static_cast<std::size_t>(x0 - extent.x);
+        continue;
+      }
       std::vector<float>& row = rows[p];
       row.resize(static_cast<std::size_t>(width));
       rates.plane[p] = row.data();
@@ -371,10 +413,10 @@ Status SensorStage::expose(const SensorStageRequest& q, const OpticsPicture& pic
         const std::size_t at =
             static_cast<std::size_t>(y - extent.y) * extent.width + static_cast<std::size_t>(x0 - extent.x);
         if (!mosaic) {
-          rates.plane[p] = m.light[p].data() + at;
+          rates.plane[p] = m.spread[p].data() + at;
         } else {
-          const float* const even = m.light[static_cast<std::size_t>(mosaic_colour(x0, y))].data() + at;
-          const float* const odd = m.light[static_cast<std::size_t>(mosaic_colour(x0 + 1, y))].data() + at;
+          const float* const even = m.spread[static_cast<std::size_t>(mosaic_colour(x0, y))].data() + at;
+          const float* const odd = m.spread[static_cast<std::size_t>(mosaic_colour(x0 + 1, y))].data() + at;
           for (int x = 0; x < width; ++x) row[static_cast<std::size_t>(x)] = (x & 1) == 0 ? even[x] : odd[x];
         }
       } else {

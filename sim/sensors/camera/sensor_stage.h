@@ -10,9 +10,7 @@
 //   → median, white balance, demosaicing, gamma    where the model has them
 //   → bits of the pixel format              upper bits where the format has fewer than the converter
 //
-// Same input, same bytes, on any number of threads. The GPU's sensor pass (sim/render/shaders/sensor.comp)
-// draws from the same model files and the same counters; it knows neither bloom nor hot pixels nor
-// processing.
+// Same input, same bytes, on any number of threads.
 #pragma once
 
 #include <cstddef>
@@ -62,9 +60,19 @@ class SensorStage {
   /// `pixels` has image_bytes(format, region) bytes. Errors: bad_input (region, sizes, exposure, gain).
   [[nodiscard]] Status expose(const SensorStageRequest& request, const OpticsPicture& picture,
                               std::span<std::byte> pixels, SensorStageCounts* counts = nullptr);
+  /// Planes that expose_rates() takes for a format: 1 of a mono camera and of a mosaic (each pixel's own
+  /// colour), else 3.
+  [[nodiscard]] std::size_t rate_planes(PixelFormat format) const;
+  /// From light that is already counted: mean electrons per second before vignetting, rate_planes() times the
+  /// region's pixels. Errors as expose(); bad_input too for a camera with bloom, which needs every colour.
+  [[nodiscard]] Status expose_rates(const SensorStageRequest& request, std::span<const float> rates,
+                                    std::span<std::byte> pixels);
 
  private:
   struct Impl;
+  struct Light;
+  [[nodiscard]] Status expose_light(const SensorStageRequest& request, const Light& light,
+                                    std::span<std::byte> pixels, SensorStageCounts* counts);
   explicit SensorStage(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };

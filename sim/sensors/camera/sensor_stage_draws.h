@@ -1,5 +1,5 @@
 // The pixels of one row, from rates to digital numbers, many at a time: the arithmetic of sensor-hal/models
-// over float, in the order of sim/render/shaders/sensor.comp, laid out for vector units. The result of a
+// over float, laid out for vector units. The result of a
 // pixel depends on its arguments alone, not on the vector width.
 //
 // Internal to the sensor stage. All functions: any thread, no allocation.

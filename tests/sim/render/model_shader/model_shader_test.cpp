@@ -1,7 +1,11 @@
 // The error models are one source for shader and CPU: here the shader runs, each function over thousands of
 // draws of its arguments, beside the same calls in float and in double.
+#include <gtest/gtest.h>
+
 #include <cmath>
 #include <limits>
+#include <memory>
+#include <string>
 
 #include "sensor-hal/models/air/air_math.h"
 #include "sensor-hal/models/lidar/lidar_math.h"
@@ -9,7 +13,6 @@
 #include "sensor-hal/models/philox.h"
 #include "sensor-hal/models/tof/tof_math.h"
 #include "tests/sim/render/model_shader/compute_kernel.h"
-#include "tests/sim/render/render_fixture.h"
 
 namespace rigor {
 namespace {
@@ -257,7 +260,21 @@ std::array<double, 4> on_the_cpu(int which, const float* a) {
   return {double(p), double(q), double(r), double(s)};
 }
 
-class ModelShader : public test::RenderTest {};
+/// A device with the validation layer where it is installed; any message of it fails the test that caused it.
+class ModelShader : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    auto device = render::Device::create({.validation = true});
+    if (!device) device = render::Device::create({});
+    if (!device) GTEST_SKIP() << "no Vulkan device: " << device.error().text();
+    device_ = *device;
+  }
+  void TearDown() override {
+    if (!device_) return;
+    for (const std::string& message : device_->validation_messages()) ADD_FAILURE() << message;
+  }
+  std::shared_ptr<render::Device> device_;
+};
 
 TEST_F(ModelShader, EachModelOnTheDeviceIsTheModelOnTheCpu) {
   auto kernel = test::ComputeKernel::make(*device_, kSpirv);

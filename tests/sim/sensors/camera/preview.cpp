@@ -234,11 +234,10 @@ int main(int argc, char** argv) {
       if (auto optics = make_rays_optics(model, o, cache)) shoot("rays", **optics, repeat);
     }
     // The bench's small renderer, lens and sensor included, where the world is a scene of boxes.
-    if (device && !e.moves && std::strcmp(e.name, "ideal") == 0)
+    if (!e.moves && std::strcmp(e.name, "ideal") == 0)
       if (auto scene = world::load_world(argv[1])) {
         auto shared = std::make_shared<const world::Scene>(std::move(*scene));
-        auto old = CameraSimulator::create({.name = "old", .model = model, .T_parent_sensor = still}, device,
-                                           shared);
+        auto old = CameraSimulator::create({.name = "old", .model = model, .T_parent_sensor = still}, shared);
         world::WorldSnapshot snapshot(*shared);
         if (old) {
           std::vector<std::byte> bytes((*old)->full_region_bytes());
