@@ -258,7 +258,8 @@ class Fitter {
     pieces_.take(simulated_rows, options_.rings);
     equations_.clear();
     const bool moved = !R_.isIdentity(0) || !t_.isZero(0);
-    for (const Row& fired : real_rows) {
+    for (std::size_t i = 0; i < real_rows.size(); ++i) {
+      const Row& fired = real_rows[i];
       const Vector3d d = vector(fired.direction), n_real = vector(fired.normal);
       const double measured = fired.range;
       const Row* piece = nullptr;
@@ -288,20 +289,27 @@ class Fitter {
       if (std::abs(n.dot(n_real)) < 0.95 || std::abs(n.dot(d)) < kLeastCosine ||
           std::abs(n_real.dot(d)) < kLeastCosine)
         continue;
+      // The piece's range has noise, which is in the residual, too; the device's ranges beside have none of
+      // it.
+      double beside = 0, neighbours = 0;
+      for (const std::size_t at : {i - 1, i + 1})
+        if (at < real_rows.size() && real_rows[at].ring == fired.ring)
+          beside += real_rows[at].range, ++neighbours;
+      if (neighbours == 0) continue;
       Equation e;
       const std::size_t beam = kBeams + fit_.beam_of_ring[fired.ring];
-      const auto columns = [&](const Vector3d& normal) {
+      const auto columns = [&](const Vector3d& normal, double at_m) {
         std::vector<double> c(columns_, 0);
         const double across = normal.dot(d);
-        c[kBias] = 1, c[kScale] = range;
+        c[kBias] = 1, c[kScale] = at_m;
         for (Eigen::Index k = 0; k < 3; ++k) {
-          c[kTurn + std::size_t(k)] = -range * d.cross(normal)[k] / across;
+          c[kTurn + std::size_t(k)] = -at_m * d.cross(normal)[k] / across;
           c[kMove + std::size_t(k)] = -normal[k] / across;
         }
         if (beams_ > 0) c[beam] = 1;
         return c;
       };
-      e.j = columns(n), e.z = columns(n_real);
+      e.j = columns(n, range), e.z = columns(n_real, beside / neighbours);
       e.residual = measured - (1 + state_[kScale]) * range - state_[kBias];
       if (beams_ > 0) e.residual -= state_[Eigen::Index(beam)];
       e.place = place(fired.ring, azimuth(d));
@@ -317,8 +325,7 @@ class Fitter {
     for (Equation& e : equations_) {
       if (fit_.passes == 0) fit_.before.add(e.residual);
       fit_.after.add(e.residual);
-      const double far = std::abs(e.residual) / limit;
-      fit_rows_->add(e.place, e.z, e.j, e.residual, far > 1 ? weight / far : weight);
+      fit_rows_->add(e.place, e.z, e.j, e.residual, huber_weight(weight, std::abs(e.residual) / limit));
     }
   }
 
@@ -343,7 +350,7 @@ class Fitter {
         scratch_.assign(columns_, 0), instrument_.assign(columns_, 0);
         scratch_[kRemission] = s.remission, instrument_[kRemission] = 1;
         fit_rows_->add(place(s.ring, 2 * std::numbers::pi * (double(i) / double(n) - 0.5)), instrument_,
-                       scratch_, r->remission - (1 + state_[kRemission]) * s.remission, 1e-6);
+                       scratch_, r->remission - (1 + state_[kRemission]) * s.remission, {1e-6, 1e-6});
       }
     }
     // Three in a row, and the next three: no return counts twice. Where the simulated side has an edge near

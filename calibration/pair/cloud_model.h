@@ -7,9 +7,10 @@
 //   ρ′ = n·(p − t)/(n·R d),   and measures   (1 + s) ρ′ + b + b_beam
 //
 // which is solved for b, s, R, t by point-to-plane Gauss-Newton steps, pieces looked up anew in each pass.
-// Normals are measured from noisy points, and their noise would make estimates of a mount's turn too small;
-// normals of the device's own points serve as instruments against that (clustered_fit.h). Points and normals
-// come from pair_watch's CloudChange. Huber's weights limit edges, leaves, people.
+// Normals and ranges of the pieces are noisy, and their noise would make estimates of a mount's turn and of
+// the range scale too small; normals of the device's own points and the ranges beside them serve as
+// instruments against that (clustered_fit.h). Points and normals come from pair_watch's CloudChange. Huber's
+// weights limit edges, leaves, people.
 #pragma once
 
 #include <Eigen/Core>

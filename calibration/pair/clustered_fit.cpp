@@ -7,6 +7,7 @@
 namespace rigor::calibration {
 namespace {
 
+constexpr double kLeastInside = 0.05;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 Eigen::Map<const Eigen::VectorXd> vector(std::span<const double> v) {
@@ -25,27 +26,29 @@ ClusteredFit::ClusteredFit(std::size_t parameters, std::size_t places)
 
 void ClusteredFit::clear() {
   const auto n = static_cast<Eigen::Index>(n_);
-  a_ = information_ = time_ = both_ = Eigen::MatrixXd::Zero(n, n);
-  b_ = Eigen::VectorXd::Zero(n);
+  a_ = slope_ = information_ = time_ = both_ = Eigen::MatrixXd::Zero(n, n);
+  b_ = inside_ = Eigen::VectorXd::Zero(n);
   place_scores_.setZero(), stretch_scores_.setZero();
   touched_.assign(touched_.size(), false);
   count_ = 0, stretches_ = 0, squares_ = 0;
 }
 
 void ClusteredFit::add(std::size_t place, std::span<const double> instrument,
-                       std::span<const double> derivative, double residual, double weight) {
+                       std::span<const double> derivative, double residual, RobustWeight w) {
   // Of many beams an equation has one: what is 0 costs nothing.
   used_.clear();
   for (std::size_t i = 0; i < n_; ++i)
     if (instrument[i] != 0 || derivative[i] != 0) used_.push_back(static_cast<Eigen::Index>(i));
   const auto column = static_cast<Eigen::Index>(place);
-  const double wr = weight * residual;
+  const double wr = w.weight * residual;
   for (const Eigen::Index k : used_) {
-    const double wj = weight * derivative[static_cast<std::size_t>(k)];
+    const double j = derivative[static_cast<std::size_t>(k)], wj = w.weight * j, sj = w.slope * j;
     for (const Eigen::Index i : used_) {
       a_(i, k) += instrument[static_cast<std::size_t>(i)] * wj;
+      slope_(i, k) += instrument[static_cast<std::size_t>(i)] * sj;
       information_(i, k) += derivative[static_cast<std::size_t>(i)] * wj;
     }
+    inside_[k] += j * sj;
     const double score = wr * instrument[static_cast<std::size_t>(k)];
     b_[k] += score;
     stretch_scores_(k, column) += score;
@@ -92,10 +95,11 @@ ClusteredFit::Solution ClusteredFit::solve(const std::vector<bool>& held) const 
     return s;
   }
   // Conditions weigh as much as the data say of what they bind.
-  Eigen::MatrixXd a = a_, information = information_;
+  Eigen::MatrixXd a = a_, slope = slope_, information = information_;
   for (const Eigen::VectorXd& c : constraints_) {
     const double weight = (information_.diagonal().cwiseProduct(c.cwiseAbs2())).sum();
-    a += weight * c * c.transpose(), information += weight * c * c.transpose();
+    const Eigen::MatrixXd condition = weight * c * c.transpose();
+    a += condition, slope += condition, information += condition;
   }
   // What the data leave open: the null space in units in which every parameter's own information is 1.
   while (!free.empty()) {
@@ -105,7 +109,10 @@ ClusteredFit::Solution ClusteredFit::solve(const std::vector<bool>& held) const 
     for (Eigen::Index i = 0; i < m; ++i) {
       const double d = information(free[std::size_t(i)], free[std::size_t(i)]);
       unit[i] = d > 0 ? 1 / std::sqrt(d) : 0;
-      if (!(d > 0)) lost(free[std::size_t(i)]), changed = true;
+      // Of what is known from outliers alone, the scatter does not give the uncertainty.
+      if (!(d > 0) || inside_[free[std::size_t(i)]] <
+                          kLeastInside * information_(free[std::size_t(i)], free[std::size_t(i)]))
+        lost(free[std::size_t(i)]), changed = true;
     }
     Eigen::VectorXd open = Eigen::VectorXd::Zero(m);
     if (!changed) {
@@ -133,8 +140,8 @@ ClusteredFit::Solution ClusteredFit::solve(const std::vector<bool>& held) const 
   };
   Eigen::VectorXd b(m);
   for (Eigen::Index i = 0; i < m; ++i) b[i] = b_[free[std::size_t(i)]];
-  const Eigen::MatrixXd inverse = part(a).fullPivLu().inverse();
-  const Eigen::VectorXd step = inverse * b;
+  const Eigen::VectorXd step = part(a).fullPivLu().solve(b);
+  const Eigen::MatrixXd inverse = part(slope).fullPivLu().inverse();
   const double k = static_cast<double>(stretches_);
   const auto sandwich = [&](const Eigen::MatrixXd& meat) -> Eigen::MatrixXd {
     return inverse * meat * inverse.transpose();

@@ -4,10 +4,16 @@
 //
 // z = J is weighted least squares. Where J is measured itself (a normal from noisy points), its noise makes δ
 // too small; a z that has noise of its own, independent of J's, does not (instrumental variables: Wooldridge,
-// Econometric Analysis of Cross Section and Panel Data, 2010, chapter 5).
+// Econometric Analysis of Cross Section and Panel Data, 2010, chapter 5). z must not hold the noise of its
+// own residual either.
+//
+// Huber's weight w depends on r, and the covariance takes that into account: beyond the limit w r is
+// constant, so such a residual adds to the scatter and nothing to the slope B = Σ z (d(w r)/dr) Jᵀ (Huber and
+// Ronchetti, Robust Statistics, 2009, section 7.6). With A in place of B, standard deviations would be 14 %
+// too small for normal residuals.
 //
 // A fixed pattern stays at its place and a disturbance stays for its time, so residuals of one place, or of
-// one stretch of time, are no independent witnesses. The covariance is A⁻¹ (V_place + V_time − V_both) A⁻ᵀ
+// one stretch of time, are no independent witnesses. The covariance is B⁻¹ (V_place + V_time − V_both) B⁻ᵀ
 // with V_c the sum over the clusters of g gᵀ, g = Σ z w r in the cluster (two ways of clustering: Cameron,
 // Gelbach and Miller, Journal of Business & Economic Statistics 29, 2011). It is that of the last linear
 // step: residuals are those at the solution.
@@ -21,6 +27,15 @@
 
 namespace rigor::calibration {
 
+/// Weight of a residual, and d(weight · residual)/d residual.
+struct RobustWeight {
+  double weight = 0, slope = 0;
+};
+/// Huber's; `far`: size of the residual over the limit.
+inline RobustWeight huber_weight(double weight, double far) noexcept {
+  return far > 1 ? RobustWeight{weight / far, 0} : RobustWeight{weight, weight};
+}
+
 class ClusteredFit {
  public:
   /// Setup; allocates.
@@ -28,7 +43,7 @@ class ClusteredFit {
 
   /// One residual. `place` below the number given to the constructor.
   void add(std::size_t place, std::span<const double> instrument, std::span<const double> derivative,
-           double residual, double weight);
+           double residual, RobustWeight weight);
   /// A condition on the parameters, Σ c δ = 0, that counts for every later solution.
   void constrain(std::span<const double> coefficients);
   /// What was added since the last call is one stretch of time.
@@ -49,8 +64,8 @@ class ClusteredFit {
 
  private:
   std::size_t n_;
-  Eigen::MatrixXd a_, information_, time_, both_, place_scores_, stretch_scores_;
-  Eigen::VectorXd b_;
+  Eigen::MatrixXd a_, slope_, information_, time_, both_, place_scores_, stretch_scores_;
+  Eigen::VectorXd b_, inside_;  ///< `inside_`: diagonal of the information without what is beyond the limit
   std::vector<Eigen::VectorXd> constraints_;
   std::vector<bool> touched_;
   std::vector<Eigen::Index> used_;  ///< scratch

@@ -393,7 +393,8 @@ class Fitter {
         if (std::isfinite(real_light_[at])) light += real_light_[at], ++around;
       if (around == 0) continue;
       z[kGain] = light / around, z[kA2] = z[kGain] * e.a2;
-      fit_rows_->add(y / kPlaceCells * places_across_ + x / kPlaceCells, z, j, r.residual, r.weight);
+      fit_rows_->add(y / kPlaceCells * places_across_ + x / kPlaceCells, z, j, r.residual,
+                     {r.weight, r.weight < r.base_weight ? 0 : r.weight});
     }
   }
 

@@ -93,17 +93,16 @@ Result<RangePairFit> fit_range_pair(const ForEachPair& pairs, const RangePairOpt
           // Huber's weight by the last pass's spread; the first by what an edge may be.
           const double far =
               limit > 0 ? std::abs(residual) / std::sqrt(variance) / limit : std::abs(residual) / o.edge_m;
-          const double weight = 1 / variance;
           const std::size_t place = v / kPlace * across + u / kPlace;
           // The range itself is noisy: that of the pixels beside is an instrument for the scale.
           const double beside = (double(simulated.range[at - 1]) + double(simulated.range[at + 1]) +
                                  double(simulated.range[at - w]) + double(simulated.range[at + w])) /
                                 4;
           const std::array<double, kColumns> j{1, s, 0}, i{1, beside, 0};
-          rows->add(place, i, j, residual, far > 1 ? weight / far : weight);
+          rows->add(place, i, j, residual, huber_weight(1 / variance, far));
           if (fit.amplitudes && std::isfinite(as) && std::isfinite(real.amplitude[at])) {
             const std::array<double, kColumns> d{0, 0, as}, z{0, 0, 1};
-            rows->add(place, z, d, double(real.amplitude[at]) - (1 + state[kAmplitude]) * as, 1e-6);
+            rows->add(place, z, d, double(real.amplitude[at]) - (1 + state[kAmplitude]) * as, {1e-6, 1e-6});
           }
           if (u % 3 != 1 || u + 2 >= w) continue;
           const double second[2] = {

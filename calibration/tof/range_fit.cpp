@@ -181,7 +181,14 @@ Result<RangeFit> fit_ranges(const TofScenes& scenes, const models::TofModel& mod
   // Of a model that was asked for the second is 0; where the data chose, it is not known to be.
   const bool alone = !out.model.spline && (out.model.harmonics == 1 || out.model.harmonics == 3);
   if (alone && models.size() > 1) {
-    r.covariance = problem.with_next_harmonic(out.model, state, r.covariance);
+    RangeModel both = out.model;
+    ++both.harmonics;
+    const auto compared = std::find(models.begin(), models.end(), both) - models.begin();
+    RangeState next = static_cast<std::size_t>(compared) < states.size()
+                          ? states[static_cast<std::size_t>(compared)]
+                          : problem.start_from(both, state);
+    problem.solve(both, next, 8, 1, nullptr);
+    r.covariance = problem.with_next_harmonic(out.model, state, next, r.covariance);
     for (std::size_t i = 0; i < r.parameters.size(); ++i)
       r.parameters[i].sigma =
           std::sqrt(r.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)));

@@ -81,9 +81,10 @@ class RangeProblem {
   };
   [[nodiscard]] Information information(const RangeModel& m, const RangeState& s) const;
   /// Covariance of a model's parameters where the next harmonic, which makes the same error to first order (5
-  /// of 3, 9 of 7), is not 0 but unknown: as far as these data and any waveform allow. `covariance` is that
-  /// with 0.
+  /// of 3, 9 of 7), is not 0 but unknown: they are off by its square's expectation, of what `next`, the fit
+  /// of both, found of it and of what a waveform may have. `covariance` is that with 0.
   [[nodiscard]] Eigen::MatrixXd with_next_harmonic(const RangeModel& m, const RangeState& s,
+                                                   const RangeState& next,
                                                    const Eigen::MatrixXd& covariance) const;
   void report_rejected(const RangeState& s, FitResult& r) const;
   [[nodiscard]] std::vector<double> residuals(const RangeModel& m, const RangeState& s,

@@ -93,24 +93,24 @@ RangeProblem::Information RangeProblem::information(const RangeModel& m, const R
 }
 
 Eigen::MatrixXd RangeProblem::with_next_harmonic(const RangeModel& m, const RangeState& s,
+                                                 const RangeState& next,
                                                  const Eigen::MatrixXd& covariance) const {
   // No correlation of two signals of the square wave's kind has more of a harmonic n than the triangle's
   // 1/n², which stands for the standard deviation of what is not known.
-  RangeModel next = m;
-  ++next.harmonics;
-  Information info = information(next, s);
-  const Eigen::Index at = next.harmonics;  // after the offset
-  const double order = 1 + 2.0 * next.harmonics, wide = 1 / (order * order);
-  info.matrix(at, at) += 1 / (wide * wide);
-  const Eigen::MatrixXd all = covariance_from(info.parameters, info.matrix);
-  std::vector<Eigen::Index> kept;
-  for (Eigen::Index i = 0; i < all.rows(); ++i)
-    if (i != at) kept.push_back(i);
-  const Eigen::MatrixXd out = all(kept, kept);
-  // Knowing less makes nothing surer: where rounding of a direction that is free says so, the first stands.
-  for (Eigen::Index i = 0; i < out.rows(); ++i)
-    if (!(out(i, i) >= (1 - 1e-6) * covariance(i, i))) return covariance;
-  return out;
+  RangeModel both = m;
+  ++both.harmonics;
+  const Eigen::MatrixXd all = information(both, s).matrix;
+  const Eigen::Index at = both.harmonics;  // after the offset
+  const double order = 1 + 2.0 * both.harmonics, wide = 1 / (order * order);
+  Eigen::VectorXd shared(covariance.rows());
+  for (Eigen::Index i = 0; i < shared.size(); ++i) shared[i] = all(i < at ? i : i + 1, at);
+  if (!covariance.allFinite()) return covariance;
+  // How far the parameters move where the harmonic moves by 1, and what the data say of it beside them.
+  const Eigen::VectorXd slope = -(covariance * shared);
+  const double told = std::max(0.0, all(at, at) + shared.dot(slope));
+  const double variance = 1 / (told + 1 / (wide * wide)),
+               mean = told * variance * next.harmonics[static_cast<std::size_t>(m.harmonics)];
+  return covariance + (mean * mean + variance) * slope * slope.transpose();
 }
 
 std::vector<double> RangeProblem::residuals(const RangeModel& m, const RangeState& s,
