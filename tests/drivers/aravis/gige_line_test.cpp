@@ -144,6 +144,7 @@ TEST(GigePtp, SettlesAndSaysHowFarItIs) {
   EXPECT_EQ(status(), reg::kPtpListening);
   (void)rig.run(milliseconds(600));
   EXPECT_EQ(status(), reg::kPtpUncalibrated);
+  EXPECT_TRUE(rig.client.write(reg::kPtpEnable, 1)) << "what is on already does not begin anew";
   (void)rig.run(milliseconds(600));
   EXPECT_EQ(status(), reg::kPtpSlave);
   std::int64_t low = 0, high = 0;

@@ -295,6 +295,154 @@ TEST_F(GigeModel, ResendsWhatItStillHasToTheStreamAlone) {
   EXPECT_EQ(model.counters().resend_unavailable, 1U);
 }
 
+TEST_F(GigeModel, RefusesResendsOfWhatIsNotOfItsStream) {
+  open();
+  EXPECT_EQ(write(reg::kAcquisitionStart, 1), GvStatus::success);
+  ASSERT_TRUE(expose(DeviceTime::never()));
+  const Endpoint stream{kAlice.ip, 5001};
+  // Whoever of the receiver's machine asks, the packets go to the stream.
+  auto a = model.handle_gvcp(kAlice, encode_packet_resend_cmd(1, {0, 1, 0, 1, false}), now);
+  ASSERT_TRUE(a.resend && a.resend->block);
+  EXPECT_EQ(a.resend->to, stream);
+  const std::uint32_t packets = a.resend->block->packet_count();
+  EXPECT_FALSE(model.handle_gvcp(stream, encode_packet_resend_cmd(2, {1, 1, 0, 1, false}), now).resend)
+      << "another stream channel";
+  EXPECT_FALSE(model.handle_gvcp(stream, encode_packet_resend_cmd(3, {0, 1, 0, 1, true}), now).resend)
+      << "ids of 64 bits in a stream of short ones";
+  a = model.handle_gvcp(stream, encode_packet_resend_cmd(4, {0, 1, packets, packets, false}), now);
+  ASSERT_TRUE(a.resend);
+  EXPECT_FALSE(a.resend->block) << "behind the trailer";
+  EXPECT_EQ(a.resend->last, packets) << "one status for the range";
+  // A stream that is opened anew counts from 1, and has nothing of the one before.
+  EXPECT_EQ(write(reg::kStreamPort, 0), GvStatus::success);
+  EXPECT_EQ(write(reg::kStreamPort, 5001), GvStatus::success);
+  a = model.handle_gvcp(stream, encode_packet_resend_cmd(5, {0, 1, 0, 1, false}), now);
+  ASSERT_TRUE(a.resend);
+  EXPECT_FALSE(a.resend->block);
+}
+
+TEST_F(GigeModel, KeepsAsManyBlocksAsItIsToldForResends) {
+  open();
+  EXPECT_EQ(write(reg::kAcquisitionStart, 1), GvStatus::success);
+  const std::uint64_t kept = config().retained_frames;
+  for (std::uint64_t i = 0; i <= kept; ++i) ASSERT_TRUE(expose(DeviceTime::never()));
+  const Endpoint stream{kAlice.ip, 5001};
+  EXPECT_FALSE(
+      model.handle_gvcp(stream, encode_packet_resend_cmd(1, {0, 1, 0, 1, false}), now).resend->block);
+  EXPECT_TRUE(model.handle_gvcp(stream, encode_packet_resend_cmd(2, {0, 2, 0, 1, false}), now).resend->block);
+}
+
+TEST_F(GigeModel, TheSameBytesOfAnotherClientAreNotARepetition) {
+  open();
+  const RegisterWrite w{reg::kWidth, 320};
+  const auto command = encode_write_register_cmd(next_id(), std::span(&w, 1));
+  EXPECT_EQ(ask(command, kAlice).status, GvStatus::success);
+  EXPECT_EQ(ask(command, kMallory).status, GvStatus::access_denied);
+}
+
+TEST_F(GigeModel, WhatItsControllerSetEndsWithControl) {
+  now = DeviceTime(100'000'000'000);
+  open();
+  EXPECT_FALSE(model.expire_heartbeat(now)) << "taking control is a heartbeat";
+  EXPECT_EQ(write(reg::kTlParamsLocked, 1), GvStatus::success);
+  EXPECT_EQ(write(reg::kWidth, 320), GvStatus::access_denied);
+  EXPECT_EQ(write(reg::kControlPrivilege, 0), GvStatus::success);
+  EXPECT_EQ(get(reg::kPrimaryPort), 0U) << "nobody has control";
+  EXPECT_EQ(get(reg::kPrimaryIp), 0U);
+  EXPECT_EQ(get(reg::kStreamPort), 0U);
+  open();
+  EXPECT_EQ(write(reg::kWidth, 320), GvStatus::success) << "not locked any more";
+}
+
+TEST_F(GigeModel, ARefusedWriteOfMemoryHasWrittenNothingAndOneWithoutAnswerHasWritten) {
+  open();
+  std::array<std::uint8_t, 8> nan{};
+  store_be(nan, 0, std::nan(""));
+  const auto a = ask(encode_write_memory_cmd(next_id(), reg::kExposureTime, nan), kAlice);
+  EXPECT_EQ(a.status, GvStatus::invalid_parameter);
+  ASSERT_TRUE(std::holds_alternative<WriteMemoryAck>(a.body));
+  EXPECT_EQ(std::get<WriteMemoryAck>(a.body).index, 0);
+  EXPECT_EQ(
+      ask(encode_write_memory_cmd(next_id(), 0xFFFFFFF8, std::array<std::uint8_t, 16>{}), kAlice).status,
+      GvStatus::invalid_address)
+      << "over the end of the address space";
+  const RegisterWrite w{reg::kWidth, 320};
+  auto silent = encode_write_register_cmd(next_id(), std::span(&w, 1));
+  silent[1] = 0;  // flags
+  EXPECT_TRUE(model.handle_gvcp(kAlice, silent, now).ack.empty());
+  EXPECT_EQ(get(reg::kWidth), 320U);
+}
+
+TEST_F(GigeModel, CamerasHaveMacAddressesOfTheirAddresses) {
+  auto c = config();
+  c.ip = 0x7F000042;
+  GigeDeviceModel other = GigeDeviceModel::create(c).value();
+  const std::uint32_t address = reg::kMacLow;
+  GvcpAck a;
+  ASSERT_EQ(decode_gvcp_ack(
+                other.handle_gvcp(kAlice, encode_read_register_cmd(1, std::span(&address, 1)), now).ack, a),
+            DecodeStatus::ok);
+  EXPECT_EQ(std::get<ReadRegisterAck>(a.body).values.items[0], 0x7F000042U);
+}
+
+TEST_F(GigeModel, ATriggerThatWaitsIsOfItsSourceAlone) {
+  open();
+  EXPECT_EQ(write(reg::kTriggerMode, 1), GvStatus::success);
+  EXPECT_EQ(write_double(reg::kTriggerDelay, 500'000), GvStatus::success);
+  EXPECT_EQ(write(reg::kAcquisitionStart, 1), GvStatus::success);
+  EXPECT_EQ(write(reg::kTriggerSoftware, 1), GvStatus::success);
+  EXPECT_EQ(model.next_exposure(), now + milliseconds(500));
+  EXPECT_EQ(write(reg::kTriggerSource, reg::kTriggerSourceLine1), GvStatus::success);
+  EXPECT_EQ(model.next_exposure(), DeviceTime::never());
+}
+
+TEST_F(GigeModel, APulseTriggersAtTheEdgeThatIsChosen) {
+  open();
+  EXPECT_EQ(write(reg::kTriggerMode, 1), GvStatus::success);
+  EXPECT_EQ(write(reg::kTriggerSource, reg::kTriggerSourceLine1), GvStatus::success);
+  for (const auto& [edge, after] :
+       {std::pair{reg::kRisingEdge, milliseconds(1)}, std::pair{reg::kFallingEdge, milliseconds(3)}}) {
+    EXPECT_EQ(write(reg::kTriggerActivation, edge), GvStatus::success);
+    EXPECT_EQ(write(reg::kAcquisitionStart, 1), GvStatus::success);
+    model.pulse_line(now + milliseconds(1), now + milliseconds(3));
+    EXPECT_EQ(model.next_exposure(), now + after);
+    EXPECT_EQ(write(reg::kAcquisitionStop, 1), GvStatus::success);
+  }
+}
+
+TEST_F(GigeModel, OthersDoNotKeepASilentControllerInControl) {
+  open();
+  EXPECT_EQ(write(reg::kHeartbeatTimeout, 500), GvStatus::success);
+  now = now + milliseconds(400);
+  std::uint32_t v = 0;
+  EXPECT_EQ(read(reg::kWidth, v, kMallory), GvStatus::success);
+  now = now + milliseconds(200);
+  EXPECT_TRUE(model.expire_heartbeat(now));
+}
+
+TEST_F(GigeModel, APictureThatIsMissingIsCountedAndHasNoNumber) {
+  open();
+  EXPECT_EQ(write(reg::kAcquisitionStart, 1), GvStatus::success);
+  ASSERT_EQ(expose(DeviceTime::never())->block->block_id, 1U);
+  FrameJob job;
+  ASSERT_TRUE(model.begin_frame(model.next_exposure(), job));
+  EXPECT_FALSE(model.finish_frame(std::move(job), false));
+  EXPECT_EQ(model.counters().pictures_missing, 1U);
+  EXPECT_EQ(expose(DeviceTime::never())->block->block_id, 2U);
+}
+
+TEST_F(GigeModel, ABlockLeavesAfterExposureAndReadoutWithTheDelayThatWasAskedFor) {
+  open();
+  EXPECT_EQ(write(reg::kStreamPacketDelay, 1234), GvStatus::success);
+  EXPECT_EQ(write_double(reg::kExposureTime, 2000), GvStatus::success);
+  EXPECT_EQ(write(reg::kAcquisitionStart, 1), GvStatus::success);
+  FrameRequest r;
+  const auto out = expose(DeviceTime::never(), &r);
+  ASSERT_TRUE(out);
+  EXPECT_EQ(out->t_send, r.t_exposure_start + milliseconds(2) + config().readout);
+  EXPECT_EQ(out->packet_delay, nanoseconds(1234));
+}
+
 TEST_F(GigeModel, BlockIdsSkipZeroAndGoOnOverAcquisitions) {
   open();
   EXPECT_EQ(write(reg::kAcquisitionStart, 1), GvStatus::success);

@@ -26,6 +26,89 @@ TEST(GvcpCodec, ReadRegisterIsTheSpecificationsBytes) {
   EXPECT_EQ(encode_read_register_cmd(0x1234, std::span(&address, 1)), expected);
 }
 
+TEST(GvcpCodec, CommandsAreTheSpecificationsBytes) {
+  EXPECT_EQ(encode_action_cmd(0x1234, {0x01020304, 0x05060708, 0x090A0B0C, 0x1112131415161718}),
+            (Datagram{0x42, 0x81, 0x01, 0x00, 0x00, 0x14, 0x12, 0x34, 0x01, 0x02, 0x03, 0x04, 0x05, 0x06,
+                      0x07, 0x08, 0x09, 0x0A, 0x0B, 0x0C, 0x11, 0x12, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18}));
+  EXPECT_EQ(encode_packet_resend_cmd(0x1234, {1, 0x0203, 0x040506, 0x070809, false}),
+            (Datagram{0x42, 0x00, 0x00, 0x40, 0x00, 0x0C, 0x12, 0x34, 0x00, 0x01,
+                      0x02, 0x03, 0x00, 0x04, 0x05, 0x06, 0x00, 0x07, 0x08, 0x09}));
+  // With 64-bit block ids the packets come first, and the block behind them.
+  EXPECT_EQ(encode_packet_resend_cmd(0x1234, {1, 0x0102030405060708, 9, 10, true}),
+            (Datagram{0x42, 0x10, 0x00, 0x40, 0x00, 0x14, 0x12, 0x34, 0x00, 0x01, 0x00, 0x00, 0x00, 0x00,
+                      0x00, 0x09, 0x00, 0x00, 0x00, 0x0A, 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x07, 0x08}));
+  Datagram force(kGvcpHeaderSize + 56);
+  force[0] = 0x42, force[1] = 1, force[3] = 0x04, force[5] = 56, force[7] = 1;
+  force[8 + 7] = 0xAA, force[8 + 23] = 0xBB, force[8 + 39] = 0xCC, force[8 + 55] = 0xDD;
+  const auto q = decoded(force);
+  const auto& f = std::get<ForceIpCmd>(q.body);
+  EXPECT_EQ(f.mac[5], 0xAA);
+  EXPECT_EQ(f.ip, 0xBBU);
+  EXPECT_EQ(f.mask, 0xCCU);
+  EXPECT_EQ(f.gateway, 0xDDU);
+}
+
+TEST(GvcpCodec, ResendsHavePacketIdsOf24BitsInOrder) {
+  const auto q = decoded(encode_packet_resend_cmd(1, {0, 5, 0x040506, 0x070809, false}));
+  EXPECT_EQ(std::get<PacketResendCmd>(q.body).first_packet, 0x040506U);
+  EXPECT_EQ(std::get<PacketResendCmd>(q.body).last_packet, 0x070809U);
+  GvcpRequest refused;
+  EXPECT_EQ(decode_gvcp_request(encode_packet_resend_cmd(1, {0, 5, 7, 6, false}), refused),
+            DecodeStatus::bad_payload)
+      << "the first behind the last";
+}
+
+TEST(GvcpCodec, SizesOfMemoryAreBoundedAndAligned) {
+  const auto status = [](const Datagram& d) {
+    GvcpRequest q;
+    return decode_gvcp_request(d, q);
+  };
+  EXPECT_EQ(status(encode_read_memory_cmd(1, {0, 4})), DecodeStatus::ok);
+  EXPECT_EQ(status(encode_read_memory_cmd(1, {0, 0})), DecodeStatus::bad_payload);
+  EXPECT_EQ(status(encode_read_memory_cmd(1, {0, kGvcpMaxReadMemory})), DecodeStatus::ok);
+  EXPECT_EQ(status(encode_read_memory_cmd(1, {0, kGvcpMaxReadMemory + 4})), DecodeStatus::bad_payload);
+  EXPECT_EQ(status(encode_read_memory_cmd(1, {2, 4})), DecodeStatus::bad_alignment);
+  EXPECT_EQ(status(encode_read_memory_cmd(1, {0, 6})), DecodeStatus::bad_alignment);
+  const std::array<std::uint8_t, 6> six{};
+  EXPECT_EQ(status(encode_write_memory_cmd(1, 0, six)), DecodeStatus::bad_alignment);
+  EXPECT_EQ(status(encode_write_memory_cmd(1, 0, Bytes(six).first(4))), DecodeStatus::ok);
+  auto zero = encode_read_memory_cmd(1, {0, 4});
+  zero[6] = zero[7] = 0;
+  EXPECT_EQ(status(zero), DecodeStatus::not_gvcp) << "request 0 is none";
+}
+
+TEST(GvcpCodec, AcknowledgesAreTheSpecificationsBytes) {
+  EXPECT_EQ(encode_write_ack(GvStatus::write_protect, GvcpCommand::write_register_ack, 5, 0x0102),
+            (Datagram{0x80, 0x04, 0x00, 0x83, 0x00, 0x04, 0x00, 0x05, 0x00, 0x00, 0x01, 0x02}));
+  EXPECT_EQ(encode_pending_ack(6, 250),
+            (Datagram{0x00, 0x00, 0x00, 0x89, 0x00, 0x04, 0x00, 0x06, 0x00, 0x00, 0x00, 0xFA}));
+  DiscoveryAck d;
+  d.version_major = 1, d.version_minor = 2, d.device_mode = 0x80000001;
+  d.mac = {2, 0, 127, 0, 0, 1};
+  d.supported_ip_configuration = 4, d.current_ip_configuration = 6;
+  d.ip = 0x7F000002, d.mask = 0xFF000000, d.gateway = 5;
+  d.manufacturer = "a", d.model = std::string(32, 'b'), d.version = "c", d.manufacturer_info = "d";
+  d.serial = "e", d.user_name = "f";
+  const auto ack = encode_discovery_ack(3, d);
+  const Bytes p = Bytes(ack).subspan(kGvcpHeaderSize);
+  EXPECT_EQ(load_be<std::uint16_t>(p, 2), 2);
+  EXPECT_EQ(load_be<std::uint32_t>(p, 4), 0x80000001U);
+  EXPECT_TRUE(std::equal(d.mac.begin(), d.mac.end(), p.begin() + 10));
+  EXPECT_EQ(load_be<std::uint32_t>(p, 16), 4U);
+  EXPECT_EQ(load_be<std::uint32_t>(p, 20), 6U);
+  EXPECT_EQ(load_be<std::uint32_t>(p, 36), 0x7F000002U);
+  EXPECT_EQ(load_be<std::uint32_t>(p, 52), 0xFF000000U);
+  EXPECT_EQ(load_be<std::uint32_t>(p, 68), 5U);
+  EXPECT_EQ(p[72], 'a');
+  EXPECT_EQ(p[104], 'b');
+  EXPECT_EQ(p[104 + 30], 'b');
+  EXPECT_EQ(p[104 + 31], 0) << "the field ends with a 0";
+  EXPECT_EQ(p[136], 'c');
+  EXPECT_EQ(p[168], 'd');
+  EXPECT_EQ(p[216], 'e');
+  EXPECT_EQ(p[232], 'f');
+}
+
 TEST(GvcpCodec, CommandsComeBackAsTheyWent) {
   const std::array<std::uint32_t, 3> addresses{0x0, 0x938, 0x10008};
   auto q = decoded(encode_read_register_cmd(7, addresses));
@@ -72,6 +155,25 @@ TEST(GvcpCodec, CommandsComeBackAsTheyWent) {
   without[1] = 0x81;  // and one that is missing
   EXPECT_EQ(decode_gvcp_request(without, q), DecodeStatus::bad_payload);
   EXPECT_TRUE(std::holds_alternative<DiscoveryCmd>(decoded(encode_discovery_cmd(14)).body));
+}
+
+TEST(GvcpCodec, AcknowledgesOfAnotherLengthAreRefused) {
+  const auto status = [](const Datagram& d) {
+    GvcpAck a;
+    return decode_gvcp_ack(d, a);
+  };
+  const std::array<std::uint8_t, 8> data{};
+  const auto ack = [&](GvcpCommand c, std::size_t bytes) {
+    return encode_ack(GvStatus::success, static_cast<std::uint16_t>(c), 1, Bytes(data).first(bytes));
+  };
+  EXPECT_EQ(status(ack(GvcpCommand::read_register_ack, 8)), DecodeStatus::ok);
+  EXPECT_EQ(status(ack(GvcpCommand::read_register_ack, 6)), DecodeStatus::bad_payload) << "half a register";
+  EXPECT_EQ(status(ack(GvcpCommand::write_register_ack, 8)), DecodeStatus::bad_payload);
+  EXPECT_EQ(status(ack(GvcpCommand::write_memory_ack, 2)), DecodeStatus::bad_payload);
+  EXPECT_EQ(status(ack(GvcpCommand::read_memory_ack, 4)), DecodeStatus::bad_payload) << "an address alone";
+  auto longer = ack(GvcpCommand::read_register_ack, 8);
+  longer.push_back(0);
+  EXPECT_EQ(status(longer), DecodeStatus::not_gvcp) << "more than its header says";
 }
 
 TEST(GvcpCodec, AcknowledgesComeBackAsTheyWent) {

@@ -58,6 +58,36 @@ TEST(GvspCodec, LeaderIsTheSpecificationsBytes) {
   EXPECT_EQ(load_be<std::uint32_t>(d, 36), 4U);
 }
 
+TEST(GvspCodec, DataThatFillTheLastPacketHaveNoneBehindIt) {
+  auto b = make_block(1, 64, 48);
+  const std::size_t slice = b.slice_size();
+  for (const std::size_t packets : {1U, 2U, 3U}) {
+    b.data.assign(slice * packets, 7);
+    EXPECT_EQ(b.packet_count(), packets + 2);
+    b.data.push_back(8);
+    EXPECT_EQ(b.packet_count(), packets + 3);
+    std::vector<std::uint8_t> d(b.packet_size);
+    EXPECT_EQ(b.encode_packet(static_cast<std::uint32_t>(packets) + 1, d), 9U) << "a header and a byte";
+  }
+}
+
+TEST(GvspCodec, TrailerIsTheSpecificationsBytes) {
+  auto b = make_block(0x0102, 64, 48);
+  std::vector<std::uint8_t> d(100);
+  const std::uint32_t last = b.packet_count() - 1;
+  ASSERT_EQ(b.encode_packet(last, d), 16U);
+  EXPECT_EQ(d[4], 2) << "a trailer";
+  EXPECT_EQ(load_be<std::uint32_t>(d, 4) & 0xFFFFFF, last);
+  EXPECT_EQ(load_be<std::uint32_t>(d, 8), 0x0001U) << "of an image";
+  EXPECT_EQ(load_be<std::uint32_t>(d, 12), 48U);
+  b.leader.payload_type |= kChunkFlag;
+  ASSERT_EQ(b.encode_packet(last, d), 24U);
+  EXPECT_EQ(load_be<std::uint32_t>(d, 8), 0x4001U);
+  EXPECT_EQ(load_be<std::uint32_t>(d, 12), 48U);
+  EXPECT_EQ(load_be<std::uint32_t>(d, 16), 64U * 48U) << "of picture and chunks";
+  EXPECT_EQ(load_be<std::uint32_t>(d, 20), 0U) << "the one layout";
+}
+
 TEST(GvspCodec, PacketsComeBackAsTheyWentInBothIdModes) {
   for (const bool extended : {false, true}) {
     const auto b = make_block(extended ? 0x10000000001ULL : 65535, 100, 37, 576, extended);

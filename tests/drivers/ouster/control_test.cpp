@@ -2,6 +2,7 @@
 // channel_test.cpp.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -52,6 +53,9 @@ TEST_F(OusterControl, ItsMetadataAreThoseOfTheSimulatedSensor) {
   EXPECT_NEAR(m->T_sensor_lidar[11], test::kHeight_m, 1e-9);
   now_ = now_ + seconds(6);
   EXPECT_EQ(get("/api/v1/sensor/metadata/sensor_info")["status"], "RUNNING");
+  EXPECT_NEAR(get("/api/v1/sensor/metadata/beam_intrinsics")["lidar_origin_to_beam_origin_mm"].get<double>(),
+              test::kOrigin_m * 1e3, 1e-9)
+      << "for clients that do not know the transform";
   EXPECT_EQ(get("/api/v1/system/firmware")["fw"], "ousteros-image-prod-aries-v3.1.0+emulated");
 }
 
@@ -197,6 +201,32 @@ TEST(OusterDevice, AFrameBeginsAtItsPartOfASecondHoweverLongItRuns) {
   EXPECT_EQ(device->begin(6).ns(), 857'142'857);
   EXPECT_EQ(device->begin(7).ns(), 1'000'000'000);
   EXPECT_EQ(device->begin(7ULL * 86'400 * 365 + 1).ns(), 86'400LL * 365 * 1'000'000'000 + 142'857'142);
+}
+
+TEST(OusterDevice, APacketIsFullWithItsLastColumnAndEachColumnHasItsTime) {
+  auto device = SensorDevice::create(std::make_shared<FormulaLidar>(LidarMode{1024, 10}));
+  ASSERT_TRUE(device);
+  const Metadata m = device->metadata({Profile::single, {512, 10}, {0, 511}});
+  EXPECT_EQ(device->filled(0, 0, m).ns(), 3'125'000);
+  EXPECT_EQ(device->filled(2, 31, m).ns(), 300'000'000);
+  auto scan = device->make_scan();
+  ASSERT_TRUE(device->measure(0, BenchTime(0), {}, scan));
+  LidarPacketWriter w(layout_of(m));
+  device->compose(2, 3, &scan, m, 1000, w);
+  PacketFault fault{};
+  const auto p = LidarPacket::parse(w.bytes(), layout_of(m), fault);
+  ASSERT_TRUE(p);
+  for (std::uint32_t i = 0; i < 16; ++i) {
+    EXPECT_EQ(p->column(i).timestamp_ns(),
+              200'001'000U + static_cast<std::uint64_t>(std::llround((48 + i) * 195'312.5)))
+        << i;
+    // Half as many columns as the simulated sensor measures: every second one.
+    EXPECT_NEAR(p->column(i).pixel(5).range_mm,
+                1e3 * (FormulaLidar::range_m(2 * (48 + i), 5) + test::kOrigin_m) *
+                    (FormulaLidar::range_m(2 * (48 + i), 5) > 0 ? 1 : 0),
+                0.51)
+        << i;
+  }
 }
 
 TEST(OusterDevice, RefusesASensorModelOfAnotherScanner) {

@@ -143,10 +143,12 @@ TEST(OusterFrames, HaveTheColumnsOfTheAzimuthWindow) {
   for (std::uint64_t f = 0; f < 3; ++f)
     for (const std::uint32_t slot : {0, 1, 31}) b.send(f, slot);
   ASSERT_EQ(b.got.size(), 3u);
-  for (const Got& g : b.got) {
+  for (std::size_t f = 0; f < b.got.size(); ++f) {
+    const Got& g = b.got[f];
     EXPECT_EQ(g.points, 32u * 32);
     EXPECT_EQ(g.validity, 0u);
     EXPECT_EQ(g.packets_lost, 0u);
+    EXPECT_EQ(g.t.ns(), static_cast<std::int64_t>(f) * kFrame_ns) << "with column 0, which comes first";
   }
   EXPECT_EQ(FrameStream::max_points(m), 32u * 32);
 }
@@ -213,6 +215,46 @@ TEST(OusterFrames, TakeUpOtherMetadataWhereTheirFramesFit) {
   EXPECT_GT(b.got[1].sequence, b.got[0].sequence + 1);
 }
 
+TEST(OusterFrames, HaveNoColumnBesideTheWindowEvenIfThePacketCallsItGood) {
+  Metadata m = made_metadata();
+  m.window = {8, 511};
+  Bench b(m);
+  for (std::uint32_t slot = 0; slot < kSlots; ++slot) {
+    auto& w = b.packet(1, slot);
+    for (std::uint32_t i = 0; slot == 0 && i < 8; ++i) {
+      w.set_column(i, static_cast<std::uint64_t>(kFrame_ns), static_cast<std::uint16_t>(i), true);
+      for (std::uint32_t row = 0; row < test::kBeams; ++row) w.set_pixel(i, row, {5000, 1, 2, 0});
+    }
+    b.take(w.bytes());
+  }
+  ASSERT_EQ(b.got.size(), 1u);
+  EXPECT_EQ(b.got[0].points, 504u * 32);
+}
+
+TEST(OusterFrames, OfAnotherSensorHaveItsBeamsAndItsClock) {
+  Metadata m = made_metadata();
+  Bench b(m, {.time = packet_lidar::TimeSource::device});
+  const auto height_of = [&](std::uint64_t frame, BenchTime at) {
+    float z = 0;
+    for (std::uint32_t slot = 0; slot < kSlots; ++slot)
+      b.stream.take(b.packet(frame, slot).bytes(), at + microseconds(3125) * (slot + 1),
+                    [&](const packet_lidar::Cloud& c) {
+                      z = c.points[0].z_m;
+                      b.got.push_back({c.points.size(), c.t_capture, c.sequence, c.lost_before,
+                                       c.packets_lost, c.validity});
+                    });
+    return z;
+  };
+  const float before = height_of(50, BenchTime(5'000'000'000));
+  m.T_sensor_lidar[11] += 1;
+  ASSERT_TRUE(b.stream.adopt(m));
+  // Its clock begins anew: frame 1 is at a tenth of a second.
+  const float after = height_of(1, BenchTime(6'000'000'000));
+  EXPECT_NEAR(after - before, 1, 1e-5);
+  ASSERT_EQ(b.got.size(), 2u);
+  EXPECT_NEAR(static_cast<double>((b.got[1].t - b.got[0].t).ns()), 1e9, 1e6);
+}
+
 TEST(OusterFrames, DualReturnsAreTwoPoints) {
   Bench b(made_metadata(Profile::dual));
   std::vector<LidarPoint> points;
@@ -260,7 +302,9 @@ TEST(OusterImu, IsInUnitsOfTheBenchAndCountsItsGaps) {
   EXPECT_EQ(second->lost_before, 0u);
   EXPECT_EQ(fifth->lost_before, 2u);
   EXPECT_EQ(fifth->sequence, 4u);
+  EXPECT_EQ(stream.counters().malformed, 0u);
   EXPECT_FALSE(at(1040)) << "repeated";
+  EXPECT_EQ(stream.counters().malformed, 1u);
 }
 
 }  // namespace

@@ -154,6 +154,20 @@ TEST(OusterPacket, ARangeThatDoesNotFitIsNoReturn) {
   }
 }
 
+TEST(OusterPacket, ARangeIsRoundedToTheStepsOfItsProfile) {
+  const PacketLayout layout = layout_of(made_metadata(Profile::low_data));
+  LidarPacketWriter w(layout);
+  w.set_header(1, 2, 3);
+  w.set_column(0, 0, 0, true);
+  for (const auto& [row, mm] : {std::pair{0U, 11U}, {1U, 12U}, {2U, 19U}}) w.set_pixel(0, row, {mm, 0, 1, 0});
+  PacketFault fault{};
+  const auto p = LidarPacket::parse(w.bytes(), layout, fault);
+  ASSERT_TRUE(p);
+  EXPECT_EQ(p->column(0).pixel(0).range_mm, 8U);
+  EXPECT_EQ(p->column(0).pixel(1).range_mm, 16U);
+  EXPECT_EQ(p->column(0).pixel(2).range_mm, 16U);
+}
+
 TEST(OusterPacket, AColumnIsGoodByItsBitAlone) {
   for (const auto& [profile, good, other] : {std::tuple{Profile::single, 0x0001U, 0x0002U},
                                              std::tuple{Profile::legacy, 0xFFFFFFFFU, 0xFFFFFFFEU}}) {
@@ -283,6 +297,14 @@ TEST(OusterMetadata, IsReadInTheNestedForm) {
   EXPECT_EQ(m->timestamp_mode, "TIME_FROM_PTP_1588");
   EXPECT_DOUBLE_EQ(m->beam_origin_m, 0.02767);
   EXPECT_DOUBLE_EQ(m->beam_origin_z_m, 0.005);
+}
+
+TEST(OusterMetadata, AnInitializationIdHasTheBitsThatAPacketHas) {
+  json j = nested_form();
+  j["sensor_info"]["initialization_id"] = 0x1ABCDEF;
+  const auto m = parse_metadata(j.dump(), "os.json");
+  ASSERT_TRUE(m) << m.error().text();
+  EXPECT_EQ(m->initialization_id, 0xABCDEFU);
 }
 
 TEST(OusterBeams, BeginBesideAndAboveTheLidarsOriginByTheClosedForm) {
