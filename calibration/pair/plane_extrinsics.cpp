@@ -365,7 +365,7 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneObservation>
 
   std::vector<std::pair<std::size_t, std::size_t>> where;  // of an observation: view, point (or none: prior)
   constexpr std::size_t kPrior = ~std::size_t{0};
-  const auto solve = [&](double plane_scale) {
+  const auto solve = [&](double plane_scale, double camera_scale) {
     LeastSquares fit;
     // Beyond 10 cm or 5 degrees an extrinsic is of no use.
     fit.add_block(t.data(), {{"x_m", 0.1}, {"y_m", 0.1}, {"z_m", 0.1}});
@@ -379,10 +379,11 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneObservation>
               {planes[v].data()}, id++);
       where.emplace_back(v, kPrior);
       for (std::size_t p = 0; p < observations[v].points_m.size(); ++p) {
-        fit.add(
-            new ceres::AutoDiffCostFunction<PointOnPlane, 1, 3, 3, 3>(new PointOnPlane{
-                T_board_camera_at(observations[v], p), observations[v].points_m[p], 1 / out.sigma_point_m}),
-            {t.data(), r.data(), planes[v].data()}, id++);
+        Eigen::Isometry3d T_board_camera = T_board_camera_at(observations[v], p);
+        T_board_camera.translation() *= camera_scale;
+        fit.add(new ceres::AutoDiffCostFunction<PointOnPlane, 1, 3, 3, 3>(
+                    new PointOnPlane{T_board_camera, observations[v].points_m[p], 1 / out.sigma_point_m}),
+                {t.data(), r.data(), planes[v].data()}, id++);
         where.emplace_back(v, p);
       }
     }
@@ -394,12 +395,12 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneObservation>
     return fit.solve(fit_options);
   };
   double plane_scale = 1;
-  auto solved = solve(plane_scale);
+  auto solved = solve(plane_scale, 1);
   for (int round = 0; round < 3 && solved && !options.stop.stop_requested(); ++round) {
     const double next = plane_variance_scale(observations, pose_of(t, r), out.sigma_point_m);
     if (std::abs(next - plane_scale) <= 0.1 * plane_scale) break;
     plane_scale = next;
-    solved = solve(plane_scale);
+    solved = solve(plane_scale, 1);
   }
   if (!solved) return tl::unexpected<Error>(solved.error());
   out.plane_scale = std::sqrt(plane_scale);
@@ -411,6 +412,24 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneObservation>
         observations[v].name + (p == kPrior ? std::string(" board") : " point " + std::to_string(p));
   }
   out.T_camera_sensor = pose_of(t, r);
+  if (options.camera_scale_sigma > 0 && out.result.weak.empty() && !options.stop.stop_requested()) {
+    // How the answer follows the factor, by a second fit; one parameter in common with all views.
+    constexpr double kStep = 1e-4;
+    const auto where_before = where;
+    const auto scaled = solve(plane_scale, 1 + kStep);
+    where = where_before;
+    if (scaled) {
+      FitResult& f = out.result;
+      Eigen::VectorXd slope(f.covariance.rows());
+      for (Eigen::Index i = 0; i < slope.size(); ++i)
+        slope[i] = (scaled->fit.parameters[static_cast<std::size_t>(i)].value -
+                    f.parameters[static_cast<std::size_t>(i)].value) /
+                   kStep * options.camera_scale_sigma;
+      f.covariance += slope * slope.transpose();
+      for (Eigen::Index i = 0; i < slope.size(); ++i)
+        f.parameters[static_cast<std::size_t>(i)].sigma = std::sqrt(f.covariance(i, i));
+    }
+  }
   double nearest = INFINITY, farthest = 0;
   for (const auto& s : observations) {
     double sum = 0, square = 0;

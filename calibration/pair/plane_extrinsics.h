@@ -58,6 +58,9 @@ void set_rate(PlaneObservation& observation, double t_s, const std::vector<Board
 struct PlaneExtrinsicsOptions {
   double sigma_point_m = 0;  ///< noise across the plane; 0: from how flat the points of each view lie
   double reject_sigmas = 4;
+  /// Standard uncertainty of a factor on all distances of the camera alike (corners that are all pulled one
+  /// way, the focal length), relative; no number of views lowers it.
+  double camera_scale_sigma = 0;
   std::optional<Eigen::Isometry3d> start{};  ///< T_camera_sensor; none: from the planes' normals
   StopToken stop{};
 };

@@ -100,6 +100,36 @@ TEST(PlaneExtrinsics, OverAHundredSeedsTheTruthIsWhereTheCovarianceSays) {
   EXPECT_GT(inside / 600.0, 0.95 - 3.29 * std::sqrt(0.95 * 0.05 / 100));
 }
 
+TEST(PlaneExtrinsics, WhatIsWrongWithAllDistancesOfTheCameraIsInTheUncertainty) {
+  constexpr int kFits = 10;
+  constexpr double kScale = 2e-4;
+  World w;
+  w.sigma_m = 0.003, w.plane_angle_sigma = w.plane_distance_sigma = 0.0005;
+  double chi2 = 0, unaware = 0;
+  std::mt19937 random(7);
+  std::normal_distribution<double> normal;
+  for (std::uint32_t seed = 0; seed < kFits; ++seed) {
+    auto views = seen(seed, w);
+    const double scale = 1 + kScale * normal(random);
+    for (auto& v : views) v.T_camera_board.translation() *= scale;
+    const auto fit = fit_plane_extrinsics(views, {.camera_scale_sigma = kScale});
+    ASSERT_TRUE(fit) << fit.error().text();
+    const auto e = error_of(*fit);
+    chi2 += e.dot(fit->result.covariance.ldlt().solve(e));
+    for (std::size_t i = 0; i < 6; ++i)
+      EXPECT_NEAR(fit->result.parameters[i].sigma,
+                  std::sqrt(fit->result.covariance(Eigen::Index(i), Eigen::Index(i))), 1e-12);
+    if (seed >= 5) continue;
+    const auto plain = fit_plane_extrinsics(views);
+    ASSERT_TRUE(plain);
+    unaware += error_of(*plain).dot(plain->result.covariance.ldlt().solve(error_of(*plain)));
+  }
+  std::printf("chi-squared %.1f of %d; without the factor %.1f of 30\n", chi2, 6 * kFits, unaware);
+  EXPECT_LT(chi2, chi_squared_quantile(0.9995, 6 * kFits));
+  EXPECT_GT(chi2, chi_squared_quantile(0.0005, 6 * kFits));
+  EXPECT_GT(unaware, chi_squared_quantile(0.99, 30));
+}
+
 /// Boards that turn and drift while a scanner takes 0.1 s to measure them; pictures at 25 Hz, now and then
 /// with the pattern seen the other way up.
 std::vector<PlaneObservation> seen_moving(std::uint32_t seed) {
