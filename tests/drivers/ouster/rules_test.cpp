@@ -88,6 +88,35 @@ TEST(OusterEmulatorRules, SendsNoPacketWithoutAColumnOfItsWindow) {
   }));
 }
 
+TEST(OusterEmulatorRules, SendsToTheDestinationThatItIsGivenLast) {
+  Device device;
+  network::UdpReceiver first, second;
+  ASSERT_TRUE(first.open("127.0.0.1", device.port[0], 1 << 20, 65'507));
+  ASSERT_TRUE(second.open("127.0.0.2", device.port[0], 1 << 20, 65'507));
+  ASSERT_TRUE(device.start());
+  const auto any = [](Bytes) { return true; };
+  ASSERT_TRUE(receive(first, any));
+  EXPECT_EQ(device.ask("POST", "/api/v1/sensor/config", R"({"udp_dest": "127.0.0.2"})").status, 200);
+  EXPECT_TRUE(receive(second, any));
+}
+
+TEST(OusterEmulatorRules, ItsOwnClockCountsSinceItWasSwitchedOn) {
+  Device device;
+  network::UdpReceiver lidar;
+  ASSERT_TRUE(lidar.open("127.0.0.1", device.port[0], 1 << 20, 65'507));
+  ASSERT_TRUE(device.start("", ", start_up_ms: 300"));
+  const auto m = metadata_of(device);
+  ASSERT_TRUE(m);
+  std::uint64_t first_ns = 0;
+  ASSERT_TRUE(receive(lidar, [&](Bytes b) {
+    PacketFault fault{};
+    const auto p = LidarPacket::parse(b, layout_of(*m), fault);
+    if (p) first_ns = p->column(0).timestamp_ns();
+    return p.has_value();
+  }));
+  EXPECT_GE(first_ns, 290'000'000U) << "the start-up is a part of it";
+}
+
 /// Measures a frame of 100 ms in 250 ms.
 class SlowLidar final : public SampleProvider {
  public:
@@ -117,6 +146,7 @@ TEST(OusterEmulatorRules, OnASlowMachineSendsTheFramesThatItCanMeasureAndCountsT
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   EXPECT_GE(emulator.health().received, 2U * 32);
   EXPECT_GE(emulator.health().lost, 32U);
+  EXPECT_EQ(emulator.health().retries, 0U) << "nothing is sent to the port 0 of the readings";
   ASSERT_TRUE(emulator.stop());
 }
 
