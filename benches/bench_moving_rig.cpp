@@ -245,6 +245,7 @@ class MovingRig {
 
   void report(nlohmann::json& out) const {
     for (const RigSensor& s : sensors_) {
+      if (s.captures == 0) continue;
       std::printf("\n%s: %zu captures at %.1f m/s\n  %-10s %9s %9s %9s %9s %9s\n", s.name.c_str(),
                   s.spent.at("whole").size(), o_.speed_mps, "", "p50 ms", "p99 ms", "CPU ms", "CPU p99",
                   "CPU most");
