@@ -9,9 +9,8 @@
 
 namespace rigor {
 
-/// The first five count in the GPU's sensor pass (sim/render/shaders/sensor.comp): new ones come last. Those
-/// of 10, 12 and 16 bits lie in the low bits of a little-endian 16-bit word; mono12p is packed. YUV is BT.601
-/// of limited range (sensor-hal/types/yuv.h); its width is even, and that of 4:2:0 its height, too.
+/// Those of 10, 12 and 16 bits lie in the low bits of a little-endian 16-bit word; mono12p is packed. YUV is
+/// BT.601 of limited range (sensor-hal/types/yuv.h); its width is even, and that of 4:2:0 its height, too.
 enum class PixelFormat : std::uint8_t {
   mono8,
   mono12p,

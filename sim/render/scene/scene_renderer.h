@@ -3,8 +3,8 @@
 // sensor makes of the light is the sensor stage's (sim/sensors/camera).
 //
 // A SceneRenderer belongs to one thread at a time (it may move between threads) and computes on the threads
-// of its TBB arena. The same request gives the same light on any number of them, and on any machine of the
-// same architecture.
+// of its TBB arena. The same request gives
+// the same light on any number of them, by AVX2 and without.
 #pragma once
 
 #include <Eigen/Geometry>
