@@ -206,7 +206,7 @@ void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent, Part part)
 }
 
 void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden,
-                         Part part) const noexcept {
+                        Part part) const noexcept {
   const WalkTime time(profile_);
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
