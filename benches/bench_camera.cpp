@@ -116,7 +116,8 @@ class Bench {
                               .exposure = milliseconds(4)},
                              snapshot, pixels));
       });
-      report({"turntable", "turntable.yaml", 0, 0, 0, 0, 0}, "small scene", "scene", std::string(pfnc_name(format)), t, std::nullopt);
+      report({"turntable", "turntable.yaml", 0, 0, 0, 0, 0}, "small scene", "scene",
+             std::string(pfnc_name(format)), t, std::nullopt);
     }
   }
 
