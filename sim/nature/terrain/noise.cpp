@@ -4,7 +4,8 @@
 #include <cmath>
 #include <utility>
 
-#include "sensor-hal/models/wide.h"
+/// Any width of vectors gives the same: without fused multiplications each value is rounded as it is written.
+#define RIGOR_WIDE __attribute__((target_clones("avx2", "default")))
 
 namespace rigor::nature {
 namespace {

@@ -211,10 +211,11 @@ TEST(OusterDevice, APacketIsFullWithItsLastColumnAndEachColumnHasItsTime) {
   EXPECT_EQ(device->filled(2, 31, m).ns(), 300'000'000);
   auto scan = device->make_scan();
   ASSERT_TRUE(device->measure(0, BenchTime(0), {}, scan));
-  LidarPacketWriter w(layout_of(m));
+  const auto layout = layout_of(m);
+  LidarPacketWriter w(layout);
   device->compose(2, 3, &scan, m, 1000, w);
   PacketFault fault{};
-  const auto p = LidarPacket::parse(w.bytes(), layout_of(m), fault);
+  const auto p = LidarPacket::parse(w.bytes(), layout, fault);
   ASSERT_TRUE(p);
   for (std::uint32_t i = 0; i < 16; ++i) {
     EXPECT_EQ(p->column(i).timestamp_ns(),
