@@ -105,7 +105,8 @@ class Bench {
     world::WorldSnapshot snapshot(*scene);
     snapshot.joints[*world::find_node(*scene, "turntable")] = {BenchTime(), 0, 0.5};
     for (const PixelFormat format : {PixelFormat::mono8, PixelFormat::bayer_rg8, PixelFormat::rgb8}) {
-      CameraSpec spec{.name = "right", .model = sensor.model, .format = format};
+      CameraSpec spec;
+      spec.name = "right", spec.model = sensor.model, spec.format = format;
       spec.T_parent_sensor = look_at({0.2, -3, 1.6}, {0, 0, 0.4});
       auto camera = need(CameraSimulator::create(spec, scene));
       std::vector<std::byte> pixels(camera->full_region_bytes());
@@ -115,7 +116,8 @@ class Bench {
                               .exposure = milliseconds(4)},
                              snapshot, pixels));
       });
-      report({.name = "turntable"}, "small scene", "scene", std::string(pfnc_name(format)), t, std::nullopt);
+      report({"turntable", "turntable.yaml", 0, 0, 0, 0, 0}, "small scene", "scene",
+             std::string(pfnc_name(format)), t, std::nullopt);
     }
   }
 

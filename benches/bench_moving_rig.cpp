@@ -300,6 +300,8 @@ class MovingRig {
     if (choice.pixel_step > 0) spec.optics.pixel_step = choice.pixel_step;
     spec.optics.sky_rays = choice.sky_rays;
     spec.optics.uneven_samples = choice.uneven_samples;
+    spec.optics.sky_samples = choice.sky_samples;
+    if (choice.instants > 0) spec.optics.instants = choice.instants;
     if (choice.allowed_error_rad > 0)
       spec.optics.allowed_error_px = choice.allowed_error_rad * sensor.model.fx_px;
     if (!light_profile_) {

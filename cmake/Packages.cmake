@@ -42,7 +42,8 @@ ${ABOUT}
 .
 This package has the command, rigs, worlds and sensor models to begin with, and
 the client for applications in Python.")
-# Most rigs that come along have cameras, and those need a Vulkan driver: Mesa's draws on the CPU where there is no GPU.
+# Sensors with `renderer: raster`, which is what cameras have outside of small scenes, need a Vulkan driver: Mesa's draws on
+# the CPU where there is no GPU.
 set(CPACK_DEBIAN_COMMAND_PACKAGE_DEPENDS "librigor${RIGOR_SOVERSION} ${SAME}, mesa-vulkan-drivers | vulkan-icd")
 set(CPACK_DEBIAN_COMMAND_PACKAGE_RECOMMENDS "python3")
 set(CPACK_DEBIAN_COMMAND_PACKAGE_SUGGESTS "librigor-dev, python3-rigor")

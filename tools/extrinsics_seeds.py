@@ -151,16 +151,18 @@ def one_seed(args, seed):
     kept = args.output / f"{seed}.json"
     if kept.exists():
         return json.loads(kept.read_text())
-    recording = args.output / f"{seed}.mcap"
+    recording, partial = args.output / f"{seed}.mcap", args.output / f"{seed}.part.mcap"
     run = [args.rigor, "run", args.output / "rig.yaml", "--duration", args.duration, "--set", f"seed={seed}", "--set", "report=",
-           "--record", recording, "--progress", "none"]
+           "--record", partial, "--progress", "none"]
     t = truth()
     rough = ",".join(f"{x:.3f}" for x in t[:3]) + ",0,-8,5"
     calibrate = [args.rigor, "calibrate", "extrinsics", recording, "--camera", "camera", "--camera-model",
                  ROOT / "configs/sensors/demo-camera.yaml", "--second", "lidar", "--target", "chessboard:9x6:0.1", "--rough", rough,
                  "--still", "1", "--views", args.views, "--json", "--progress", "none"]
     if not recording.exists():
+        partial.unlink(missing_ok=True)
         subprocess.run([str(x) for x in run], stdout=subprocess.DEVNULL, check=True)
+        partial.rename(recording)
     out = subprocess.run([str(x) for x in calibrate], stdout=subprocess.PIPE, check=True).stdout
     if not args.keep:
         recording.unlink()
@@ -182,6 +184,11 @@ def main():
     p.add_argument("-o", "--output", type=pathlib.Path, default=pathlib.Path("report/extrinsics-seeds"))
     args = p.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
+    settings = {k: str(getattr(args, k)) for k in ("duration", "amplitude", "period", "views", "sensor", "rigor")}
+    noted = args.output / "settings.json"
+    if noted.exists() and json.loads(noted.read_text()) != settings:
+        p.error(f"{args.output} holds seeds of other settings: give another --output")
+    noted.write_text(json.dumps(settings))
     (args.output / "world.yaml").write_text(WORLD)
     (args.output / "rig.yaml").write_text(
         RIG.format(configs=ROOT / "configs", camera=list(CAMERA), look_at=list(LOOK_AT), lidar=list(LIDAR), yaw=LIDAR_YAW_DEG,

@@ -414,7 +414,9 @@ std::vector<DoctorFinding> Simulation::doctor() {
   using Level = DoctorFinding::Level;
   const auto devices = render::Device::list();
   if (!devices || devices->empty())
-    return {{Level::missing, devices ? "no Vulkan device" : devices.error().text(),
+    return {{Level::note,
+             (devices ? "no Vulkan device" : devices.error().text()) +
+                 ": sensors with `renderer: raster` cannot be drawn",
              "apt-get install mesa-vulkan-drivers (a software device), or the driver of your GPU"}};
   std::vector<DoctorFinding> out;
   for (const std::string& name : *devices) {

@@ -181,12 +181,13 @@ class Fitter {
       if (first) fit_.one_step.assign(step.data(), step.data() + step.size());
       if (fit_.pairs < 2) return {};
       bool small = true;
-      for (std::size_t k = 0; k < columns_; ++k)
-        if (solution_.determined[k]) {
-          const auto i = Eigen::Index(k);
-          // Pieces that are looked up change with the state: steps do not get as small as a smooth model's.
-          small = small && std::abs(step[i]) < 0.1 * std::sqrt(solution_.covariance(i, i));
-        }
+      for (std::size_t k = 0; k < columns_; ++k) {
+        const auto i = Eigen::Index(k);
+        // Pieces that are looked up change with the state: steps do not get as small as a smooth model's.
+        small =
+            small && std::abs(step[i]) <=
+                         (solution_.determined[k] ? 0.1 * std::sqrt(solution_.covariance(i, i)) : kLeastStep);
+      }
       if (small || options_.stop.stop_requested()) {
         fit_.converged = small, fit_.change.interrupted = options_.stop.stop_requested();
         return {};

@@ -109,10 +109,7 @@ ClusteredFit::Solution ClusteredFit::solve(const std::vector<bool>& held) const 
     for (Eigen::Index i = 0; i < m; ++i) {
       const double d = information(free[std::size_t(i)], free[std::size_t(i)]);
       unit[i] = d > 0 ? 1 / std::sqrt(d) : 0;
-      // Of what is known from outliers alone, the scatter does not give the uncertainty.
-      if (!(d > 0) || inside_[free[std::size_t(i)]] <
-                          kLeastInside * information_(free[std::size_t(i)], free[std::size_t(i)]))
-        lost(free[std::size_t(i)]), changed = true;
+      if (!(d > 0)) lost(free[std::size_t(i)]), changed = true;
     }
     Eigen::VectorXd open = Eigen::VectorXd::Zero(m);
     if (!changed) {
@@ -131,17 +128,31 @@ ClusteredFit::Solution ClusteredFit::solve(const std::vector<bool>& held) const 
   }
   if (free.empty()) return s;
 
-  const auto m = static_cast<Eigen::Index>(free.size());
   const auto part = [&](const Eigen::MatrixXd& full) {
-    Eigen::MatrixXd out(m, m);
-    for (Eigen::Index i = 0; i < m; ++i)
-      for (Eigen::Index k = 0; k < m; ++k) out(i, k) = full(free[std::size_t(i)], free[std::size_t(k)]);
+    const auto size = static_cast<Eigen::Index>(free.size());
+    Eigen::MatrixXd out(size, size);
+    for (Eigen::Index i = 0; i < size; ++i)
+      for (Eigen::Index k = 0; k < size; ++k) out(i, k) = full(free[std::size_t(i)], free[std::size_t(k)]);
     return out;
   };
-  Eigen::VectorXd b(m);
-  for (Eigen::Index i = 0; i < m; ++i) b[i] = b_[free[std::size_t(i)]];
+  Eigen::VectorXd b(static_cast<Eigen::Index>(free.size()));
+  for (std::size_t i = 0; i < free.size(); ++i) b[Eigen::Index(i)] = b_[free[i]];
   const Eigen::VectorXd step = part(a).fullPivLu().solve(b);
+  for (std::size_t i = 0; i < free.size(); ++i) s.step[free[i]] = step[Eigen::Index(i)];
+  // Of what is known from outliers alone, the scatter does not give the uncertainty; after this step they may
+  // be outliers no more.
+  std::erase_if(free, [&](Eigen::Index i) {
+    const bool outliers = inside_[i] < kLeastInside * information_(i, i);
+    if (outliers) lost(i);
+    return outliers;
+  });
+  if (free.empty()) return s;
+  const auto m = static_cast<Eigen::Index>(free.size());
   const Eigen::MatrixXd inverse = part(slope).fullPivLu().inverse();
+  if (!inverse.allFinite()) {
+    for (const Eigen::Index i : free) lost(i);
+    return s;
+  }
   const double k = static_cast<double>(stretches_);
   const auto sandwich = [&](const Eigen::MatrixXd& meat) -> Eigen::MatrixXd {
     return inverse * meat * inverse.transpose();
@@ -158,7 +169,6 @@ ClusteredFit::Solution ClusteredFit::solve(const std::vector<bool>& held) const 
   }
   const Eigen::MatrixXd covariance = more.asDiagonal() * by_place * more.asDiagonal();
   for (Eigen::Index i = 0; i < m; ++i) {
-    s.step[free[std::size_t(i)]] = step[i];
     s.determined[std::size_t(free[std::size_t(i)])] = true;
     for (Eigen::Index j = 0; j < m; ++j)
       s.covariance(free[std::size_t(i)], free[std::size_t(j)]) = (covariance(i, j) + covariance(j, i)) / 2;

@@ -36,6 +36,9 @@ inline RobustWeight huber_weight(double weight, double far) noexcept {
   return far > 1 ? RobustWeight{weight / far, 0} : RobustWeight{weight, weight};
 }
 
+/// Steps of what is not determined that are no longer taken: metres, radians or shares.
+inline constexpr double kLeastStep = 1e-5;
+
 class ClusteredFit {
  public:
   /// Setup; allocates.
@@ -51,9 +54,11 @@ class ClusteredFit {
   void clear();
 
   struct Solution {
-    Eigen::VectorXd step;         ///< 0 where held or not determined
-    Eigen::MatrixXd covariance;   ///< zero rows where held; infinite variance where not determined
-    std::vector<bool> determined; /**< false: held, or the data say nothing of it */
+    /// 0 where held or where the data say nothing. What outliers alone tell of has a step, which may bring
+    /// them back, and is not determined.
+    Eigen::VectorXd step;
+    Eigen::MatrixXd covariance;    ///< zero rows where held; infinite variance where not determined
+    std::vector<bool> determined;  ///< false: held, or neither the data nor their scatter tell of it
   };
   /// `held`: these stay; the rest is solved for. Fewer than two stretches or places: all is undetermined.
   [[nodiscard]] Solution solve(const std::vector<bool>& held) const;

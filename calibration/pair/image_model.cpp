@@ -268,13 +268,14 @@ class Fitter {
       const Eigen::VectorXd& step = solution_.step;
       if (first) fit_.one_step.assign(step.data(), step.data() + step.size());
       bool small = true;
-      for (std::size_t k = 0; k < kColumns; ++k)
-        if (solution_.determined[k]) {
-          const auto i = static_cast<Eigen::Index>(k);
-          // Rounding of the pictures that are carried over keeps steps from getting ever smaller.
-          const double enough = pass < 4 ? 0.05 : 0.3;
-          small = small && std::abs(step[i]) < enough * std::sqrt(solution_.covariance(i, i));
-        }
+      for (std::size_t k = 0; k < kColumns; ++k) {
+        const auto i = static_cast<Eigen::Index>(k);
+        // Rounding of the pictures that are carried over keeps steps from getting ever smaller.
+        const double enough = pass < 4 ? 0.05 : 0.3;
+        small = small &&
+                std::abs(step[i]) <=
+                    (solution_.determined[k] ? enough * std::sqrt(solution_.covariance(i, i)) : kLeastStep);
+      }
       if (fit_.pairs < 2) return {};
       if (small || options_.stop.stop_requested()) {
         fit_.converged = small, fit_.change.interrupted = options_.stop.stop_requested();

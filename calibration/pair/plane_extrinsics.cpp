@@ -365,7 +365,9 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneObservation>
 
   std::vector<std::pair<std::size_t, std::size_t>> where;  // of an observation: view, point (or none: prior)
   constexpr std::size_t kPrior = ~std::size_t{0};
-  const auto solve = [&](double plane_scale, double camera_scale) {
+  // `left_out`: by id, in place of looking for outliers.
+  const auto solve = [&](double plane_scale, double camera_scale,
+                         const std::vector<bool>* left_out = nullptr) {
     LeastSquares fit;
     // Beyond 10 cm or 5 degrees an extrinsic is of no use.
     fit.add_block(t.data(), {{"x_m", 0.1}, {"y_m", 0.1}, {"z_m", 0.1}});
@@ -374,21 +376,26 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneObservation>
     where.clear();
     for (std::size_t v = 0; v < observations.size(); ++v) {
       fit.add_nuisance(planes[v].data(), 3);
-      fit.add(new ceres::AutoDiffCostFunction<PlanePrior, 3, 3>(
-                  new PlanePrior{root_information(plane_covariance_of(observations[v]) * plane_scale)}),
-              {planes[v].data()}, id++);
+      if (!left_out || !(*left_out)[id])
+        fit.add(new ceres::AutoDiffCostFunction<PlanePrior, 3, 3>(
+                    new PlanePrior{root_information(plane_covariance_of(observations[v]) * plane_scale)}),
+                {planes[v].data()}, id);
+      ++id;
       where.emplace_back(v, kPrior);
       for (std::size_t p = 0; p < observations[v].points_m.size(); ++p) {
         Eigen::Isometry3d T_board_camera = T_board_camera_at(observations[v], p);
         T_board_camera.translation() *= camera_scale;
-        fit.add(new ceres::AutoDiffCostFunction<PointOnPlane, 1, 3, 3, 3>(
-                    new PointOnPlane{T_board_camera, observations[v].points_m[p], 1 / out.sigma_point_m}),
-                {t.data(), r.data(), planes[v].data()}, id++);
+        if (!left_out || !(*left_out)[id])
+          fit.add(new ceres::AutoDiffCostFunction<PointOnPlane, 1, 3, 3, 3>(
+                      new PointOnPlane{T_board_camera, observations[v].points_m[p], 1 / out.sigma_point_m}),
+                  {t.data(), r.data(), planes[v].data()}, id);
+        ++id;
         where.emplace_back(v, p);
       }
     }
     FitOptions fit_options;
     fit_options.reject_sigmas = options.reject_sigmas;
+    fit_options.robust = !left_out;
     fit_options.whitened = true;
     fit_options.unit = "sigma";
     fit_options.stop = options.stop;
@@ -413,12 +420,13 @@ Result<PlaneExtrinsics> fit_plane_extrinsics(const std::vector<PlaneObservation>
   }
   out.T_camera_sensor = pose_of(t, r);
   if (options.camera_scale_sigma > 0 && out.result.weak.empty() && !options.stop.stop_requested()) {
-    // How the answer follows the factor, by a second fit; one parameter in common with all views.
+    // How the answer follows the factor, by a second fit to the same points; one parameter in common with all
+    // views.
     constexpr double kStep = 1e-4;
-    const auto where_before = where;
-    const auto scaled = solve(plane_scale, 1 + kStep);
-    where = where_before;
-    if (scaled) {
+    std::vector<bool> left_out(where.size());
+    for (const auto id : solved->rejected_ids) left_out[id] = true;
+    const auto scaled = solve(plane_scale, 1 + kStep, &left_out);
+    if (scaled && !scaled->fit.interrupted) {
       FitResult& f = out.result;
       Eigen::VectorXd slope(f.covariance.rows());
       for (Eigen::Index i = 0; i < slope.size(); ++i)

@@ -141,8 +141,9 @@ Result<RangePairFit> fit_range_pair(const ForEachPair& pairs, const RangePairOpt
       if (first) fit.one_step.assign(solution.step.data(), solution.step.data() + kColumns);
       bool small = !first;
       for (Eigen::Index k = 0; k < Eigen::Index(kColumns); ++k)
-        if (solution.determined[std::size_t(k)])
-          small = small && std::abs(solution.step[k]) < 0.01 * std::sqrt(solution.covariance(k, k));
+        small = small && std::abs(solution.step[k]) <= (solution.determined[std::size_t(k)]
+                                                            ? 0.01 * std::sqrt(solution.covariance(k, k))
+                                                            : kLeastStep);
       if (small || o.stop.stop_requested()) {
         fit.converged = small, fit.change.interrupted = o.stop.stop_requested();
         return {};

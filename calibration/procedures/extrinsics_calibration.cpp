@@ -303,7 +303,7 @@ Result<CalibrationResult> calibrate_extrinsics(const ExtrinsicsCalibrationOption
     if (!clouds) return tl::unexpected<Error>(clouds.error());
     recorded.push_back({std::move(*seen), std::move(*clouds)});
   }
-  // Corners that are all pulled outwards change the distance of the board by as much as its size.
+  // Corners that are all shifted outwards make the board look larger, and nearer by the same ratio.
   double squares_px2 = 0, corners = 0;
   for (const Recorded& r : recorded)
     for (const Seen& s : r.seen) {

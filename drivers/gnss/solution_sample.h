@@ -35,7 +35,7 @@ void put_sky(const Sky& sky, Sample& out) noexcept;
 /// share.
 class ReceiverSource : public StreamSource {
  protected:
-  /// Where the bytes come from, as of a CloudSource (drivers/lidar).
+  /// Where the bytes come from, as of a SensorSource (drivers/lidar).
   enum class Feed : std::uint8_t { live, recording, virtual_time };
   void describe_channel(const ChannelSettings& settings, SampleKind kind);
   /// Setup.

@@ -34,9 +34,10 @@ std::optional<Duration> read_utc_offset(const ConfigNode& n) {
 }
 
 std::string read_ipv4(const ConfigNode& n, std::string_view key, std::string fallback) {
+  const bool may_be_empty = fallback.empty();
   std::string text = n.text_or(key, std::move(fallback));
   in_addr parsed{};
-  if (!text.empty() && inet_pton(AF_INET, text.c_str(), &parsed) != 1)
+  if (!(may_be_empty && text.empty()) && inet_pton(AF_INET, text.c_str(), &parsed) != 1)
     throw n.error(key, "expected an IPv4 address like 192.168.1.201, got \"" + text + "\"");
   return text;
 }

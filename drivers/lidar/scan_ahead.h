@@ -1,9 +1,8 @@
 // Scans of a simulated LiDAR, measured on a thread of their own before an emulated device sends what it saw.
 //
 //   scan k      begins `begin(k)` after the device's start
-//   measuring   two scans ahead of the one that is being sent. Where measuring takes longer than a scan,
-//   whole
-//               scans are left out, so that the others are there in time
+//   measuring   two scans ahead of the one that is being sent. Where measuring takes longer than a
+//               scan, whole scans are left out, so that the others are there in time
 //
 //   Status prepare()                      // measures once for nothing: how long it takes
 //   start(t_start)

@@ -111,6 +111,7 @@ Status LivoxSource::arm_network() {
 }
 
 Status LivoxSource::arm_file(Feed feed) {
+  told_again_ = 0;
   counters_.store({});
   if (auto s = open_recording(settings_.file,
                               [this](const network::UdpDatagram& d) {

@@ -31,7 +31,6 @@ class PcapFeed {
   [[nodiscard]] bool play(const RunOrigin& origin, Deadline& deadline, const Take& take);
   /// Virtual time: gives datagrams as long as `more` wants some. True: that was the recording.
   [[nodiscard]] bool play_while(const std::function<bool()>& more, BenchTime t0, const Take& take);
-  [[nodiscard]] bool ended() const { return ended_; }
   [[nodiscard]] bool broken() const { return broken_; }
   [[nodiscard]] RealtimeTime first_stamp() const { return first_; }
 

@@ -1,11 +1,15 @@
 // USB/IP as bytes: how a host asks for the devices of a server, imports one, and sends its transfers over the
 // same connection (https://docs.kernel.org/usb/usbip_protocol.html). All numbers are big-endian.
 //
-//   host → server                                server → host
-//   version:16 0x8005 status:32                  version:16 0x0005 status:32 count:32, for each: device,
-//   interfaces version:16 0x8003 status:32 bus_id[32]       version:16 0x0003 status:32, then the device
-//   where status is 0 and from then on CMD_SUBMIT   48 bytes, the data of an OUT    RET_SUBMIT   48 bytes,
-//   the data of an IN CMD_UNLINK   48 bytes                        RET_UNLINK   48 bytes
+// clang-format off
+//   host → server                               server → host
+//   version:16 0x8005 status:32                 version:16 0x0005 status:32 count:32, for each: device, interfaces
+//   version:16 0x8003 status:32 bus_id[32]      version:16 0x0003 status:32, the device where status is 0
+//   from then on
+//   CMD_SUBMIT   48 bytes, the data of an OUT   RET_SUBMIT   48 bytes, the data of an IN
+//   CMD_UNLINK   48 bytes                       RET_UNLINK   48 bytes
+//   isochronous transfers have 16 bytes for each packet after the data
+// clang-format on
 //
 // Headers are decoded by themselves; what follows one is as long as the header says, which its reader bounds.
 // No sockets; any thread.

@@ -185,7 +185,7 @@ void OusterSource::take(Bytes datagram, BenchTime arrival) {
 
 /// Whether the sensor is there, and still the one that it was.
 void OusterSource::on_turn(SensorPort& port) {
-  kernel_drops_ = port.dropped();
+  if (const auto dropped = port.dropped(); dropped != kernel_drops_) kernel_drops_ = dropped, publish();
   (void)watch_silence();
   if (settings_.host.empty()) return;
   const FrameStream::Counters c = frames_ ? frames_->counters() : FrameStream::Counters{};

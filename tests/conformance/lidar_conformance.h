@@ -7,8 +7,7 @@
 //     static ChannelConfig config(const std::string& params, SampleKind kind);
 //     static std::string emulator_keys();                          // at ports of its own
 //     static std::string source_keys(const Emulator& emulator, const std::string& emulator_keys);
-//     static std::string record(const test::TemporaryDirectory&);  // four seconds; gives the keys that read
-//     it
+//     static std::string record(const test::TemporaryDirectory&);  // four seconds; the keys that read it
 //   };
 #pragma once
 

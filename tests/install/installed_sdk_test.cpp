@@ -96,7 +96,9 @@ TEST_F(InstalledSdk, HasTheFmuThatARigRunsInAProcessOfItsOwn) {
   const Said said =
       run({prefix + "/bin/rigor", "run", example + "/rig.yaml", "--json", "--record", "fmu.mcap", "--set",
            "simulation.world=" + prefix + "/share/rigor/configs/worlds/turntable.yaml"});
-  if (said.status == 0) EXPECT_EQ(json::parse(said.out)["channels"][0]["delivered"], 400);
+  if (said.status == 0) {
+    EXPECT_EQ(json::parse(said.out)["channels"][0]["delivered"], 400);
+  }
 }
 
 TEST_F(InstalledSdk, RefusesAPluginThatWasBuiltAgainstAnotherHal) {

@@ -4,8 +4,7 @@
 #include <cmath>
 #include <utility>
 
-/// Any width of vectors gives the same: without fused multiplications each value is rounded as it is written.
-#define RIGOR_WIDE __attribute__((target_clones("avx2", "default")))
+#include "sensor-hal/models/wide.h"
 
 namespace rigor::nature {
 namespace {

@@ -3,6 +3,7 @@
 #include <span>
 #include <string_view>
 
+#include "sensor-hal/models/wide.h"
 #include "sim/nature/terrain/tile.h"
 #include "sim/render/content/surface_library.h"
 
@@ -88,9 +89,6 @@ const std::array<PatchShares, std::size(kRecipes)>& patch_shares() {
   }();
   return all;
 }
-
-/// Any width of vectors gives the same: without fused multiplications each value is rounded as it is written.
-#define RIGOR_WIDE __attribute__((target_clones("avx2", "default")))
 
 /// Of one band of a cover along a row, as TilePainter::ingredients() has it.
 struct BandOfRow {

@@ -52,7 +52,7 @@ void add_board(MeshBuilder& mesh, const Vector3d& half, const SurfacePtr& light,
   }
 }
 
-// The lattice of sim/render/shaders/ground.frag.
+// The lattice of sim/render/scene/scene_light.cpp.
 float lattice(std::int32_t x, std::int32_t y) {
   std::uint32_t h = static_cast<std::uint32_t>(x) * 0x9E3779B1U ^ static_cast<std::uint32_t>(y) * 0x85EBCA77U;
   h = (h ^ (h >> 15)) * 0x2C1B3C6DU;

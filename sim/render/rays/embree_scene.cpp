@@ -215,6 +215,7 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
 }
 
 void RayScene::meets(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* met) const noexcept {
+  const WalkTime time(profile_);
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
   context.scene = this;

@@ -150,11 +150,18 @@ KeptLight::Region& KeptLight::region(const Key& key) {
 }
 
 void KeptLight::forget(const std::vector<int>& seen) {
+  const auto held = [](const Region& r) {
+    std::size_t n = 0;
+    for (const auto& s : r.sectors) n += s ? s->size() : 0;
+    return n;
+  };
   std::size_t paths = 0;
-  for (const Region& r : regions_)
-    for (const auto& s : r.sectors) paths += s ? s->size() : 0;
+  for (const Region& r : regions_) paths += held(r);
+  while (paths > kPathsKept && regions_.size() > 1) {
+    paths -= held(regions_.back());
+    regions_.pop_back();
+  }
   if (paths <= kPathsKept) return;
-  regions_.resize(1);
   auto& sectors = regions_.front().sectors;
   for (std::size_t s = 0; s < sectors.size(); ++s)
     if (!std::binary_search(seen.begin(), seen.end(), static_cast<int>(s))) sectors[s].reset();
@@ -247,8 +254,15 @@ const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuer
       if (std::find(meets.begin(), meets.begin() + static_cast<std::ptrdiff_t>(n), 1) ==
           meets.begin() + static_cast<std::ptrdiff_t>(n))
         return;
-      Chunk chunk({lit.scene, lit.surfaces, lit.frame, own, q.origin - lit.scene.origin()});
-      chunk.gather(first, n, kPathsOfAPoint, on_it[c]);
+      std::array<Ray, kChunk> on;
+      std::copy_n(&q.rays[first], n, on.begin());
+      for (std::size_t k = 0; k < n; ++k)
+        if (meets[k] == 0) std::fill_n(on[k].direction, 3, 0.0F);  // no ray
+      LightQuery mine = own;
+      mine.rays = std::span<const Ray>(on.data(), n);
+      mine.seed = c;  // other draws in each chunk
+      Chunk chunk({lit.scene, lit.surfaces, lit.frame, mine, q.origin - lit.scene.origin()});
+      chunk.gather(0, n, kPathsOfAPoint, on_it[c]);
     });
   });
   with_moving_ = std::make_unique<GatheredLight>(kCell_px * spread_of(r.key.side));

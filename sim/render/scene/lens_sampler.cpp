@@ -89,8 +89,7 @@ Result<LensSampler> LensSampler::create(const CameraModel& c, double supersampli
         ErrorCode::bad_input, "camera model",
         "lens: its rays reach tan x = " + std::to_string(std::max(-x0, x1)) +
             ", tan y = " + std::to_string(std::max(-y0, y1)) + ", which needs a pinhole picture of " +
-            std::to_string(static_cast<long long>(width)) + "x" +
-            std::to_string(static_cast<long long>(height)) + " px; expected at most " +
+            std::to_string(width) + "x" + std::to_string(height) + " px; expected at most " +
             std::to_string(kMaxPictureSide_px) +
             " a side: choose a narrower lens, less supersampling, or give the channel `renderer: rays`");
   p.width_px = static_cast<int>(width);

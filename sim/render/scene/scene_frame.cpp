@@ -194,7 +194,8 @@ void SceneFrame::place_ground(const PictureGeometry& picture, const Eigen::Isome
   ground.across = Eigen::Vector2d(-sun.y(), sun.x());
   ground.cos_sun = static_cast<float>(sun.z());
   if (!sun_up || sun.z() <= 1e-6) return;
-  // The eight corners of each body, slid along the sun's rays onto the plane; a little more for rounding.
+  // The eight corners of each body, as they are and slid along the sun's rays onto the plane; a little more
+  // for rounding.
   constexpr double kMargin_cells = 1e-3;
   const Eigen::Isometry3d T_ground_world = g.T_world_ground.inverse();
   for (std::size_t i = 0; i < scene_.bodies.size(); ++i) {
@@ -204,6 +205,8 @@ void SceneFrame::place_ground(const PictureGeometry& picture, const Eigen::Isome
       const Eigen::Vector3d c = T_ground_body * corner_of(0.5 * scene_.bodies[i].size_m, corner);
       const Eigen::Vector2d slid = c.head<2>() - sun.head<2>() / sun.z() * std::max(c.z(), 0.0);
       print.box.extend(slid / g.cell_m - base);
+      // An edge that pierces the plane does so between its corners.
+      print.box.extend(c.head<2>() / g.cell_m - base);
       print.across.extend(
           Eigen::Matrix<double, 1, 1>(ground.across.dot((c.head<2>() / g.cell_m - base).eval())));
     }

@@ -60,7 +60,8 @@ Status SceneRenderer::Impl::check(const PictureRequest& q, const world::WorldSna
                 "expected a snapshot of this scene with " + std::to_string(scene->nodes.size()) +
                     " nodes, got one with " + std::to_string(snapshot.joints.size()));
   if (!q.T_world_sensor.matrix().allFinite())
-    return fail(ErrorCode::bad_input, "T_world_sensor", "expected finite numbers");
+    return fail(ErrorCode::bad_input, "T_world_sensor",
+                "expected a pose of finite numbers, got one with NaN or infinity");
   return {};
 }
 
@@ -85,8 +86,9 @@ Result<std::unique_ptr<SceneRenderer>> SceneRenderer::create(std::shared_ptr<con
   const CameraModel& c = options.camera;
   if (auto s = c.validate(); !s) return tl::unexpected(s.error());
   if (c.projection != Projection::opencv)
-    return fail(ErrorCode::bad_input, "camera model",
-                "projection: expected opencv: one pinhole picture holds no fisheye");
+    return fail(
+        ErrorCode::bad_input, "camera model",
+        "projection: expected opencv, because one pinhole picture holds no fisheye; got kannala_brandt");
   if (!(options.supersampling >= 1.0 && options.supersampling <= 4.0))
     return fail(ErrorCode::bad_input, "supersampling",
                 "expected a factor in [1, 4], got " + std::to_string(options.supersampling));

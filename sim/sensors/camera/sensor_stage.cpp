@@ -263,7 +263,10 @@ Status SensorStage::Impl::check(const SensorStageRequest& q, const Light& light,
     if (light.rates.size() != values)
       return bad("rates", "expected " + std::to_string(values) + " electrons per second, got " +
                               std::to_string(light.rates.size()));
-    if (c.bloom.active()) return bad("bloom", "expected none where light is handed in as rates");
+    if (c.bloom.active())
+      return bad(
+          "bloom",
+          "expected a camera without bloom where light is handed in as rates, got one with it: use expose()");
   }
   const std::size_t wanted =
       image_bytes(q.format, static_cast<std::size_t>(region.width), static_cast<std::size_t>(region.height));
@@ -327,7 +330,7 @@ Status SensorStage::expose_light(const SensorStageRequest& q, const Light& light
   k.dark_e_per_s = m.dark_e_per_s;
   k.full_well_e = static_cast<float>(c.noise.full_well_e);
   k.read_noise_e = static_cast<float>(c.noise.read_noise_e);
-  // Gain as the GPU's request has it: a factor in double, then float.
+  // The factor in double, then float.
   k.gain_dn_per_e = static_cast<float>(c.system_gain_dn_per_e() * std::pow(10.0, q.gain_db / 20.0));
   k.black_dn = static_cast<float>(c.noise.black_level_dn);
   k.max_dn = static_cast<float>(std::ldexp(1.0, c.noise.adc_bits) - 1.0);

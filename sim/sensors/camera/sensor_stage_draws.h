@@ -1,6 +1,6 @@
 // The pixels of one row, from rates to digital numbers, many at a time: the arithmetic of sensor-hal/models
-// over float, laid out for vector units. The result of a
-// pixel depends on its arguments alone, not on the vector width.
+// over float, laid out for vector units. The result of a pixel depends on its arguments alone, not on the
+// vector width.
 //
 // Internal to the sensor stage. All functions: any thread, no allocation.
 #pragma once

@@ -219,8 +219,8 @@ TEST_P(FailingPlants, BeginAnewWhereTheRigSaysSo) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Processes, FailingPlants, testing::Values("sandbox: true", "sandbox: false"),
-                         [](const auto& info) {
-                           return info.param == std::string("sandbox: true") ? "OfTheirOwn" : "Shared";
+                         [](const auto& of) {
+                           return of.param == std::string("sandbox: true") ? "OfTheirOwn" : "Shared";
                          });
 
 /// In this process the FMU fails once, and its next instance works.

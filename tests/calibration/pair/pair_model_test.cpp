@@ -304,6 +304,18 @@ TEST(CloudPair, ManyRingsSayAllOfAMountAndWhichBeamIsOff) {
   expect_within(fit->change, "range_bias_m", 0.02 + 0.04 / 8);
 }
 
+/// All that tells of the beam is beyond the limit of outliers before the first step.
+TEST(CloudPair, ABeamThatIsFarOffIsFound) {
+  const ScanShape shape{8, 360, 1 * kDegree, -180 * kDegree};
+  ScanChange change;
+  change.beam_m = 0.2;
+  const Pairs pairs = cloud_pairs(shape, change, 12, 9);
+  const auto fit = fit_cloud_pair(pairs.each(), scan_options(shape));
+  ASSERT_TRUE(fit) << fit.error().text();
+  expect_within(fit->change, "beam_bias_m[3]", 0.2 * 7 / 8);
+  expect_within(fit->change, "range_bias_m", 0.2 / 8);
+}
+
 TEST(CloudPair, NoPairsAreNoAnswer) {
   const Pairs none;
   const auto fit = fit_cloud_pair(none.each(), scan_options({}));

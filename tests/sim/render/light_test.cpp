@@ -103,6 +103,24 @@ TEST_F(Light, ShadowsOfManyBodiesInARow) {
   EXPECT_NEAR(rate_at(*camera, p, {-0.4, 0, 0}), lit, 1e-3 * lit);
 }
 
+// A pole that leans towards the sun, with its lower half below the ground: the shadow begins where it pierces
+// the plane, which is no corner's place.
+TEST_F(Light, ABodyThatPiercesTheGroundHasAShadowFromThereOn) {
+  world::Scene s = plain_scene();
+  s.sun.direction_to_sun = Eigen::Vector3d(0.9, 0, 0.436).normalized();
+  world::Body pole{.name = "pole", .size_m = {0.4, 0.4, 4}, .material = 1};
+  pole.T_node_body.rotate(Eigen::AngleAxisd(std::numbers::pi / 4, Eigen::Vector3d::UnitY()));
+  s.bodies = {pole};
+  CameraSpec c = spec();
+  c.T_parent_sensor = look_at({0, 0, 12}, {0, 0.001, 0});
+  auto camera = make(c, s);
+  ASSERT_TRUE(camera);
+  const LinearPicture p = linear(*camera);
+  const double lit = rate_at(*camera, p, {-0.7, 1, 0});
+  for (const double x : {-0.4, -0.7, -1.0, -1.3}) EXPECT_LT(rate_at(*camera, p, {x, 0, 0}), 0.5 * lit) << x;
+  EXPECT_NEAR(rate_at(*camera, p, {-2.2, 0, 0}), lit, 1e-3 * lit);
+}
+
 TEST_F(Light, FacesAreLitByTheirAngleToTheSun) {
   world::Scene s = plain_scene();
   s.sky = {};

@@ -50,7 +50,9 @@ class LightTest : public RaysTest {
     EXPECT_TRUE(ready) << ready.error().text();
     std::vector<LightSample> out(rays.size());
     query_.rays = rays;
-    if (query_.gathered) EXPECT_TRUE(tracer.gather(query_));
+    if (query_.gathered) {
+      EXPECT_TRUE(tracer.gather(query_));
+    }
     const Status s = tracer.trace(query_, out);
     EXPECT_TRUE(s) << s.error().text();
     return out;
