@@ -93,6 +93,7 @@ class LidarPacket {
   /// columns of two frames in one packet, a good column beyond the turn.
   [[nodiscard]] static std::optional<LidarPacket> parse(Bytes bytes, const PacketLayout& layout,
                                                         PacketFault& fault) noexcept;
+  static std::optional<LidarPacket> parse(Bytes, PacketLayout&&, PacketFault&) = delete;  // it would be gone
   [[nodiscard]] std::uint32_t columns() const { return layout_->columns; }
   [[nodiscard]] Column column(std::uint32_t i) const;
   [[nodiscard]] std::uint16_t frame_id() const;

@@ -12,6 +12,7 @@
 
 #include "drivers/gnss/gnss_emulator.h"
 #include "sensor-hal/config/yaml.h"
+#include "tests/eventually.h"
 
 namespace rigor::gnss::test {
 
@@ -71,10 +72,6 @@ inline std::unique_ptr<GnssEmulator> start_emulator(const std::string& params,
   EXPECT_TRUE(s) << (s ? "" : s.error().text());
   return emulator;
 }
-/// Waits for what must come; generous, for machines that are busy.
-inline bool eventually(const std::function<bool()>& what, int limit_ms = 20000) {
-  for (int i = 0; i < limit_ms && !what(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  return what();
-}
+using rigor::test::eventually;
 
 }  // namespace rigor::gnss::test

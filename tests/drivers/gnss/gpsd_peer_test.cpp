@@ -53,7 +53,7 @@ class Gpsd {
           std::this_thread::sleep_for(std::chrono::milliseconds(50));
           return false;
         },
-        200);
+        seconds(10));
   }
   ~Gpsd() {
     ::kill(pid_, SIGTERM);

@@ -20,6 +20,7 @@
 #include "drivers/sick/telegram.h"
 #include "sensor-hal/config/yaml.h"
 #include "sensor-hal/models/lidar/lidar_model.h"
+#include "tests/eventually.h"
 
 namespace rigor::sick::test {
 
@@ -159,10 +160,6 @@ class PlainClient {
 
 inline std::string text_of(const Buffer& b) { return {b.begin(), b.end()}; }
 
-/// Waits for what must come; generous, for machines that are busy.
-inline bool eventually(const std::function<bool()>& what, int limit_ms = 20000) {
-  for (int i = 0; i < limit_ms && !what(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  return what();
-}
+using rigor::test::eventually;
 
 }  // namespace rigor::sick::test
