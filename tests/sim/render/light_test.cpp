@@ -112,7 +112,7 @@ TEST_F(Light, ABodyThatPiercesTheGroundHasAShadowFromThereOn) {
   pole.T_node_body.rotate(Eigen::AngleAxisd(std::numbers::pi / 4, Eigen::Vector3d::UnitY()));
   s.bodies = {pole};
   CameraSpec c = spec();
-  c.T_parent_sensor = look_at({0, 0, 12}, {0, 0.001, 0});
+  c.T_parent_sensor = look_at({-0.7, 0, 3}, {-0.7, 0.001, 0});
   auto camera = make(c, s);
   ASSERT_TRUE(camera);
   const LinearPicture p = linear(*camera);
