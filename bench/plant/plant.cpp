@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <limits>
 
+#include "rt-core/time_slice.h"
 #include "sim/fmu/variable_access.h"
 
 namespace rigor::plant {
@@ -121,6 +122,7 @@ double Plant::fmu_time(std::int64_t k) const noexcept {
 // ------------------------------------------------------------------ stepping
 
 void Plant::run() {
+  ask_for_time_slice(kShortTimeSlice);
   const auto t0 = origin_.wait(deadline_);
   if (!t0) return;
   for (std::int64_t k = 0; deadline_.wait_until(MonotonicTime((*t0 + settings_.step * k).ns())); ++k) {

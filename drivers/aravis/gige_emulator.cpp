@@ -22,6 +22,7 @@
 #include <vector>
 
 #include "rt-core/file_descriptor.h"
+#include "rt-core/time_slice.h"
 
 namespace rigor::gige {
 namespace {
@@ -230,6 +231,7 @@ void GigeEmulator::Impl::fire_test_packet(const TestPacket& t) {
 // ----------------------------------------------------------------------------------------------
 
 void GigeEmulator::Impl::frame_loop() {
+  ask_for_time_slice(kLongTimeSlice);
   std::unique_lock lock(mutex);
   while (!stopping) {
     const auto due = model.next_exposure();

@@ -13,6 +13,7 @@
 #include "drivers/aravis/u3v_usb_device.h"
 #include "drivers/network/tcp_server.h"
 #include "drivers/network/usbip_session.h"
+#include "rt-core/time_slice.h"
 
 namespace rigor::u3v {
 namespace {
@@ -91,6 +92,7 @@ void Emulator::Impl::serve(network::TcpServer::Client& client) {
 }
 
 void Emulator::Impl::frame_loop() {
+  ask_for_time_slice(kLongTimeSlice);
   pthread_setname_np(pthread_self(), "u3v-frames");
   std::unique_lock lock(mutex);
   while (!stopping) {

@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "drivers/can/can_interfaces.h"
+#include "rt-core/time_slice.h"
 
 namespace rigor::can {
 namespace {
@@ -99,6 +100,7 @@ bool CanSink::command(const Command& c) noexcept {
 }
 
 void CanSink::run() {
+  ask_for_time_slice(kShortTimeSlice);
   while (true) {
     auto wake = monotonic_now() + kTick;
     if (const auto* next = ring_->peek(); next && !want_safe_)

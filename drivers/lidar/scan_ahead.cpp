@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "rt-core/time_slice.h"
+
 namespace rigor::packet_lidar {
 
 Status measure_scan(SampleProvider& samples, std::uint64_t index, BenchTime t_begin,
@@ -65,6 +67,7 @@ std::uint64_t ScanAhead::next_scan() const {
 }
 
 void ScanAhead::run() {
+  ask_for_time_slice(kLongTimeSlice);
   pthread_setname_np(pthread_self(), options_.thread);
   Scan scratch = options_.empty;
   while (true) {

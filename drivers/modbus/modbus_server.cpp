@@ -16,6 +16,7 @@
 #include "drivers/network/tcp_socket.h"
 #include "rt-core/byte_order.h"
 #include "rt-core/file_descriptor.h"
+#include "rt-core/time_slice.h"
 
 namespace rigor::modbus {
 namespace {
@@ -278,6 +279,7 @@ void Server::Loop::count_clients() {
 }
 
 void Server::Loop::run() {
+  ask_for_time_slice(kShortTimeSlice);
   std::vector<pollfd> fds;
   auto wake_at = MonotonicTime::never();
   while (!stopping.load(std::memory_order_acquire)) {

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "rt-core/time_slice.h"
+
 namespace rigor::modbus {
 namespace {
 
@@ -85,6 +87,7 @@ bool ModbusSink::command(const Command& c) noexcept {
 }
 
 void ModbusSink::run() {
+  ask_for_time_slice(kShortTimeSlice);
   while (true) {
     auto wake = monotonic_now() + kTick;
     if (const auto* next = ring_->peek(); next && !want_safe_)

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstring>
 
+#include "rt-core/time_slice.h"
+
 namespace rigor::modbus {
 namespace {
 
@@ -81,6 +83,7 @@ std::vector<std::string> ModbusSource::warnings() const {
 }
 
 void ModbusSource::run() {
+  ask_for_time_slice(kShortTimeSlice);
   const auto origin_known = origin().wait(deadline_);
   if (!origin_known) return;
   const BenchTime t0 = *origin_known;

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "rt-core/time_slice.h"
+
 namespace rigor {
 namespace {
 
@@ -111,6 +113,7 @@ void SimulatedSink::complete_until(BenchTime now) {
 }
 
 void SimulatedSink::run() {
+  ask_for_time_slice(kShortTimeSlice);
   if (!origin().wait(deadline_)) return;
   while (deadline_.wait_until(monotonic_now() + kTick)) {
     const MonotonicTime now = monotonic_now();

@@ -3,6 +3,8 @@
 #include <cerrno>
 #include <chrono>
 
+#include "rt-core/time_slice.h"
+
 // No wake-up is lost: submit counts first and posts second. A worker that comes for the job and finds the
 // strand claimed has by its exchange left a mark in the order of `claimed` before the holder's own exchange
 // to false; that one reads it, hence sees the count, and the holder looks at the count once more after giving
@@ -40,6 +42,7 @@ std::unique_ptr<WorkerPool::Strand> WorkerPool::make_strand(std::function<void()
 }
 
 void WorkerPool::work() {
+  ask_for_time_slice(kLongTimeSlice);
   while (true) {
     while (sem_wait(&wake_) != 0 && errno == EINTR) {
     }

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "rt-core/time_slice.h"
 #include "sensor-hal/channel/event_text.h"
 #include "sensor-hal/channel/fault_spec.h"
 #include "sensor-hal/channel/pair_monitor.h"
@@ -30,6 +31,7 @@ using record::to_time;
 }  // namespace
 
 void Recorder::Impl::work() {
+  ask_for_time_slice(kLongTimeSlice);
   constexpr std::int64_t kNap_ns = 2'000'000;
   while (true) {
     // Before the ring is looked at: what was pushed before `stop` is then seen in this round.

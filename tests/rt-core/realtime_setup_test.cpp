@@ -1,12 +1,15 @@
 #include "rt-core/realtime_setup.h"
 #include "rt-core/affinity.h"
 #include "rt-core/sanitizers.h"
+#include "rt-core/time_slice.h"
 
 #include <gtest/gtest.h>
 #include <sched.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cstdint>
 #include <fstream>
 #include <thread>
 
@@ -24,6 +27,35 @@ long locked_kib() {
   for (std::string line; std::getline(status, line);)
     if (line.rfind("VmLck:", 0) == 0) return std::stol(line.substr(6));
   return -1;
+}
+
+struct Scheduling {
+  std::uint32_t size, policy;
+  std::uint64_t flags;
+  std::int32_t nice;
+  std::uint32_t priority;
+  std::uint64_t slice_ns, deadline_ns, period_ns;
+};
+
+Scheduling scheduling_of_this_thread() {
+  Scheduling s{};
+  EXPECT_EQ(syscall(SYS_sched_getattr, 0, &s, sizeof s, 0U), 0);
+  return s;
+}
+
+TEST(TimeSlice, IsTheThreadsOwnAndChangesNothingElse) {
+  std::thread([] {
+    const auto before = scheduling_of_this_thread();
+    for (const Duration slice : {kLongTimeSlice, kShortTimeSlice}) {
+      ask_for_time_slice(slice);
+      const auto after = scheduling_of_this_thread();
+      // Kernels before 6.12 say 0 and have no slices of threads.
+      const auto expected = before.slice_ns == 0 ? 0 : static_cast<std::uint64_t>(slice.ns());
+      EXPECT_EQ(after.slice_ns, expected);
+      EXPECT_EQ(after.policy, before.policy);
+      EXPECT_EQ(after.nice, before.nice);
+    }
+  }).join();
 }
 
 TEST(RealtimeSetup, WhatItSaysIsWhatTheKernelSays) {

@@ -231,6 +231,27 @@ TEST(FileSink, WritesTheSameBytesAsMemory) {
   std::remove(path.c_str());
 }
 
+TEST(FileSink, WritesPiecesLongerThanOneCallTakesInOrder) {
+  const std::string path = testing::TempDir() + "rigor_file_sink_pieces.bin";
+  std::vector<std::vector<std::byte>> kept;
+  std::vector<Bytes> pieces;
+  std::vector<std::byte> expected;
+  for (const std::size_t size : {1u, 300000u, 0u, 131071u, 131072u, 131073u, 7u}) {
+    kept.push_back(noise(size, static_cast<std::uint32_t>(kept.size())));
+    expected.insert(expected.end(), kept.back().begin(), kept.back().end());
+  }
+  for (const auto& piece : kept) pieces.emplace_back(piece);
+  {
+    auto sink = must(open_file_sink(path));
+    must(sink->append(pieces));
+  }
+  std::ifstream in(path, std::ios::binary);
+  const std::string text((std::istreambuf_iterator<char>(in)), {});
+  const Bytes bytes = std::as_bytes(std::span(text));
+  EXPECT_TRUE(std::equal(bytes.begin(), bytes.end(), expected.begin(), expected.end()));
+  std::remove(path.c_str());
+}
+
 TEST(FileSink, SaysWhatCannotBeCreated) {
   const auto sink = open_file_sink("/nonexistent/there.mcap");
   ASSERT_FALSE(sink);
