@@ -29,7 +29,7 @@ from check_skips import cases
 
 LABELS = {"wall-clock", "kernel"}
 MORE_ATTEMPTS = 2
-MOST_AGAIN = 24
+MOST_AGAIN = 3
 # What ctest says of a test that starts or passes: in the log, not on the terminal.
 QUIET = re.compile(r"^ +(Start +[0-9]+|Test +#[0-9]+): |^ *[0-9]+/[0-9]+ .* Passed ")
 

@@ -29,7 +29,7 @@ struct SensorProbeOptions {
   bool ideal = false;                                      ///< without the sensor's errors
   std::vector<std::string> only;                           ///< of its effects these alone; empty: all
   std::string renderer;                                    ///< rays or raster; empty: as the rig says
-  /// Ground truth comes along. A camera of the small renderer, which knows none, gets that of the same
+  /// Ground truth comes along. A camera of the renderer `scene`, which knows none, gets that of the same
   /// picture by rays.
   bool truth = false;
 };

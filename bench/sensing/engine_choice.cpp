@@ -20,28 +20,31 @@ void read_quality(ConfigNode n, EngineChoice& c) {
 
 /// What would be ignored is refused.
 void refuse_foreign(const ConfigNode& n, const EngineChoice& c, SampleKind kind) {
-  const bool vulkan = c.engine == "raster", image = kind == SampleKind::image;
+  const bool raster = c.engine == "raster", rays = c.engine == "rays", image = kind == SampleKind::image;
   const auto only = [&](const char* key, bool allowed, const char* what) {
     if (n.has(key) && !allowed)
       throw n.error(key, fmt::format("expected no such key here: it is for {}", what));
   };
+  only("allowed_error_rad", c.engine != kSceneRenderer, "rays and raster");
   only("sub_rays", kind == SampleKind::point_cloud, "LiDARs");
-  only("samples_per_pixel", kind == SampleKind::range_image || (image && !vulkan),
+  only("samples_per_pixel", kind == SampleKind::range_image || (image && rays),
        "time-of-flight cameras, and for cameras by rays");
-  only("pixel_step", image && !vulkan, "cameras by rays");
-  only("uneven_samples", image && !vulkan, "cameras by rays");
-  only("sky_samples", image && !vulkan, "cameras by rays");
-  only("sky_rays", image && !vulkan, "cameras by rays");
-  only("pixels_per_rad", vulkan && !image, "LiDARs and time-of-flight cameras by vulkan");
-  only("supersampling", vulkan && image, "cameras by vulkan");
-  only("instants", vulkan, "the renderer raster");
+  only("pixel_step", image && rays, "cameras by rays");
+  only("uneven_samples", image && rays, "cameras by rays");
+  only("sky_samples", image && rays, "cameras by rays");
+  only("sky_rays", image && rays, "cameras by rays");
+  only("pixels_per_rad", raster && !image, "LiDARs and time-of-flight cameras by raster");
+  only("supersampling", raster && image, "cameras by raster");
+  only("instants", raster, "the renderer raster");
 }
 
 }  // namespace
 
 EngineChoice read_engine_choice(ConfigNode params, SampleKind kind) {
   EngineChoice c;
-  if (params.has("renderer")) c.engine = params.choice("renderer", {"rays", "raster"});
+  if (params.has("renderer"))
+    c.engine = kind == SampleKind::image ? params.choice("renderer", {kSceneRenderer, "rays", "raster"})
+                                         : params.choice("renderer", {"rays", "raster"});
   if (const ConfigNode quality = params.map_or_absent("quality"); quality.present()) {
     if (c.engine.empty())
       throw params.error("quality", "expected `renderer` beside it (rays or raster): it says what of");

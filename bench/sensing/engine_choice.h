@@ -1,7 +1,7 @@
 // By which engine a simulated sensor measures, and how much work it may make of it: what a rig writes, what
 // `rigor tune` chooses, what a lock file keeps.
 //
-//   renderer: rays                     rays | raster
+//   renderer: rays                   rays | raster; cameras also: scene
 //   quality:
 //     allowed_error_rad: 0.001       levels of detail whose error subtends less may stand for the finest; 0
 //     sub_rays: 5                    LiDAR: rays per beam; the sensor's own where it is not given
@@ -22,8 +22,11 @@
 
 namespace rigor {
 
+/// Draws cameras in worlds of boxes, cylinders and flat ground, in closed form.
+inline constexpr const char* kSceneRenderer = "scene";
+
 struct EngineChoice {
-  std::string engine;  ///< rays | raster; empty: nobody chose
+  std::string engine;  ///< scene | rays | raster; empty: nobody chose
   double allowed_error_rad = 0;
   int sub_rays = 0;           ///< 0: of the sensor
   int samples_per_pixel = 0;  ///< 0: of the sensor

@@ -24,7 +24,7 @@
 namespace rigor {
 namespace {
 
-/// Where the time of a camera of the small renderer goes.
+/// Where the time of a camera of the renderer `scene` goes.
 class TimedCamera final : public ImageProvider {
  public:
   TimedCamera(std::shared_ptr<ImageProvider> camera, std::shared_ptr<SensorTimes> times)
@@ -54,7 +54,7 @@ std::vector<std::size_t> hinged_nodes(const world::Scene& scene) {
   return nodes;
 }
 
-/// What the small renderer draws: replaced as a whole when the world is edited.
+/// What the renderer `scene` draws: replaced as a whole when the world is edited.
 class SharedScene {
  public:
   void store(std::shared_ptr<const world::Scene> scene) {
@@ -157,14 +157,20 @@ class SceneCamera final : public ImageProvider {
   std::vector<std::byte> scratch_;
 };
 
-/// Whether the renderer of small scenes draws all that this camera does: lens, vignetting and noise.
-bool small_renderer_knows(const CameraModel& m) {
+/// What of this sensor model the renderer `scene` does not draw, the first of it; empty where it draws all.
+std::string beyond_scene(const CameraModel& m) {
   const ImageProcessing& p = m.processing;
-  const bool processing = p.median_filter || p.demosaic || p.subtract_black || p.gamma != 1 ||
-                          p.white_balance != ImageProcessing{}.white_balance;
-  return m.projection == Projection::opencv && !m.chromatic.lateral() && !m.chromatic.longitudinal() &&
-         !m.depth_of_field.active() && !m.shutter.motion_blur && m.shutter.line_time_s == 0 &&
-         !m.bloom.active() && m.noise.hot_pixel_share == 0 && !processing;
+  if (m.projection != Projection::opencv) return "the projection of this lens";
+  if (m.chromatic.lateral() || m.chromatic.longitudinal()) return "chromatic aberration";
+  if (m.depth_of_field.active()) return "depth of field";
+  if (m.shutter.motion_blur) return "motion blur";
+  if (m.shutter.line_time_s != 0) return "a rolling shutter";
+  if (m.bloom.active()) return "bloom";
+  if (m.noise.hot_pixel_share != 0) return "hot pixels";
+  if (p.median_filter || p.demosaic || p.subtract_black || p.gamma != 1 ||
+      p.white_balance != ImageProcessing{}.white_balance)
+    return "the camera's image processing";
+  return {};
 }
 
 /// The keys that all simulated sensors share. Throws ConfigError.
@@ -180,6 +186,7 @@ SensorSetup read_setup(const ConfigNode& params, SampleKind kind, const SensorWo
   setup.choice = read_engine_choice(params, kind);
   (void)read_tolerance(params, kind);
   if (options.choice) setup.choice = *options.choice;
+  if (setup.choice.engine.empty()) setup.choice.engine = "rays";
   if (options.mount) setup.mount = *options.mount;
   return setup;
 }
@@ -197,9 +204,21 @@ struct Simulation::Impl {
   SimulationConfig config;
   std::unique_ptr<SensorWorld> world;
   std::vector<WorldPlatform> platforms;
-  std::shared_ptr<SharedScene> scene;  ///< what the small renderer draws; null: the world is none
+  std::shared_ptr<SharedScene> scene;  ///< what the renderer `scene` draws; null: the world is none
   SensingResources resources;
-  bool small_cameras = false;  ///< any camera of the small renderer
+  bool scene_cameras = false;  ///< any camera of the renderer `scene`
+
+  /// Why the renderer `scene` cannot draw this camera; empty where it can. Throws ConfigError.
+  [[nodiscard]] std::string not_by_scene(const ConfigNode& params, const SensorOptions& asked) const {
+    if (!scene) return "a world other than of boxes, cylinders and flat ground";
+    if (!platforms.empty()) return "platforms";
+    if (!config.weather.empty()) return "weather";
+    if (params.has("motion")) return "a camera that moves";
+    if (params.flag_or("ideal", false) && !asked.ideal) return "a camera without its lens (`ideal`)";
+    if (!asked.only.empty()) return "single effects";
+    return beyond_scene(
+        value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params, asked))).model);
+  }
 };
 
 Simulation::Simulation(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -230,29 +249,23 @@ Result<std::unique_ptr<Simulation>> Simulation::open(const SimulationConfig& con
 Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std::uint64_t seed,
                                                           const std::string& name,
                                                           const SensorOptions& asked) {
-  const auto keyed = catch_config([&] {
+  const auto by_scene = catch_config([&] {
     expect_sensor_model(params, SampleKind::image);
-    return with_keys(asked, params);
+    const EngineChoice choice = asked.choice ? *asked.choice : read_engine_choice(params, SampleKind::image);
+    if (!choice.engine.empty() && choice.engine != kSceneRenderer) return false;
+    const std::string why_not = impl_->not_by_scene(params, asked);
+    if (!why_not.empty() && choice.engine == kSceneRenderer)
+      throw params.error("renderer", "expected rays or raster: the renderer scene does not draw " + why_not);
+    return why_not.empty();
   });
-  if (!keyed) return tl::unexpected<Error>(keyed.error());
-  const SensorOptions& options = *keyed;
-  // The small renderer knows neither air nor platforms, and of `ideal` it leaves the lens.
-  bool small = impl_->scene && impl_->platforms.empty() && impl_->config.weather.empty() &&
-               !params.has("renderer") && !options.choice && options.only.empty() && !params.has("motion") &&
-               options.ideal == asked.ideal;
-  if (small) {
-    const auto sensor_model = catch_config([&] {
-      return value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params, options)));
-    });
-    if (!sensor_model) return tl::unexpected<Error>(sensor_model.error());
-    small = small_renderer_knows(sensor_model->model);
-  }
-  if (!small) {
-    auto made = sensed_camera(std::move(params), seed, name, options);
+  if (!by_scene) return tl::unexpected<Error>(by_scene.error());
+  if (!*by_scene) {
+    auto made = sensed_camera(std::move(params), seed, name, asked);
     if (!made) return tl::unexpected<Error>(made.error());
     return std::shared_ptr<ImageProvider>(std::move(*made));
   }
   auto made = catch_config([&]() -> Result<std::shared_ptr<ImageProvider>> {
+    const SensorOptions options = with_keys(asked, params);
     const auto sensor_model =
         value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params, options)));
     const SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
@@ -267,7 +280,7 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
     spec.T_parent_sensor = setup.mount.T_parent_sensor;
     auto provider = std::make_shared<SceneCamera>(spec, seconds_from(sensor_model.exposure_s), impl_->scene);
     if (auto s = provider->prepare(spec.format); !s) return tl::unexpected<Error>(s.error());
-    impl_->small_cameras = true;
+    impl_->scene_cameras = true;
     if (!options.times) return std::shared_ptr<ImageProvider>(std::move(provider));
     return std::shared_ptr<ImageProvider>(std::make_shared<TimedCamera>(std::move(provider), options.times));
   });
@@ -284,7 +297,9 @@ Result<std::shared_ptr<SensedCamera>> Simulation::sensed_camera(ConfigNode param
     const auto sensor_model =
         value_or_throw(load_camera(params.base_dir() / params.text("sensor"), draw_of(params, options)));
     SensorSetup setup = read_setup(params, SampleKind::image, *impl_->world, name, seed, options);
-    if (setup.choice.engine.empty()) setup.choice.engine = "raster";
+    if (setup.choice.engine == kSceneRenderer)
+      throw params.error("renderer",
+                         "expected rays or raster where true depth or nodes are asked for: scene has none");
     CameraModel model = sensor_model.model;
     if (options.ideal || !options.only.empty()) model = value_or_throw(only_effects(model, options.only));
     const auto format =
@@ -307,7 +322,6 @@ Result<std::shared_ptr<TruthfulSampler>> Simulation::sampler(SampleKind kind, Co
     const SensorOptions options = with_keys(asked, params);
     const std::filesystem::path file = params.base_dir() / params.text("sensor");
     SensorSetup setup = read_setup(params, kind, *impl_->world, name, seed, options);
-    if (setup.choice.engine.empty()) setup.choice.engine = "rays";
     if (kind == SampleKind::point_cloud) {
       auto model = value_or_throw(load_lidar_model(file, draw_of(params, options)));
       if (!options.only.empty()) model = value_or_throw(models::only_effects(model, options.only));
@@ -405,8 +419,8 @@ Result<std::unique_ptr<ClearanceProbe>> Simulation::clearance_probe() {
 
 std::string Simulation::engine() const {
   const std::string engines = impl_->resources.text();
-  if (!impl_->small_cameras) return engines;
-  return engines.empty() ? "small scene" : "small scene, " + engines;
+  if (!impl_->scene_cameras) return engines;
+  return engines.empty() ? kSceneRenderer : std::string(kSceneRenderer) + ", " + engines;
 }
 const SensorWorld& Simulation::world() const { return *impl_->world; }
 

@@ -34,9 +34,9 @@ class Simulation {
   ~Simulation();
 
   /// A camera over this world. Reads the keys `sensor`, `ideal`, `T_world_sensor`, `parent`, `motion`,
-  /// `renderer`, `quality` and `tolerance` of `params`; the noise draws are keyed by seed and `name`. A small
-  /// scene without `renderer` is drawn by the small renderer, unless the sensor model has effects that this
-  /// does not know.
+  /// `renderer`, `quality` and `tolerance` of `params`; the noise draws are keyed by seed and `name`. Without
+  /// `renderer`, `scene` draws what it can, and `rays` the rest. bad_input with the reason where `scene` was
+  /// asked for and cannot.
   [[nodiscard]] Result<std::shared_ptr<ImageProvider>> camera(ConfigNode params, std::uint64_t seed,
                                                               const std::string& name,
                                                               const SensorOptions& options = {});
@@ -69,9 +69,9 @@ class Simulation {
   /// Which engines measure, for reports; empty before the first sensor.
   [[nodiscard]] std::string engine() const;
   [[nodiscard]] const SensorWorld& world() const;
-  /// SensorWorld::edit; what the small renderer draws follows. Any thread.
+  /// SensorWorld::edit; what the renderer `scene` draws follows. Any thread.
   [[nodiscard]] Status edit(world::NodeId node, const std::string& attribute, world::Value value);
-  /// SensorWorld::assign. The small renderer does not follow.
+  /// SensorWorld::assign. The renderer `scene` does not follow.
   [[nodiscard]] Status assign(const std::vector<std::string>& assignments);
   /// Where a mount is at the start, with the world as a motion has it.
   [[nodiscard]] Eigen::Isometry3d T_world_sensor(const Mount& mount, const WorldMotion& motion);

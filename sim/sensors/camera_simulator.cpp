@@ -26,7 +26,7 @@ Result<std::unique_ptr<CameraSimulator>> CameraSimulator::create(const CameraSpe
     return fail(ErrorCode::bad_input, spec.name, "T_parent_sensor: expected finite numbers");
   if (spec.model.bloom.active())
     return fail(ErrorCode::bad_input, spec.name,
-                "bloom: expected none, which the renderer of small scenes does not draw; give the channel a "
+                "bloom: expected none, which the renderer scene does not draw; give the channel a "
                 "`renderer`");
   auto sensor =
       SensorStage::create({.name = spec.name, .model = spec.model, .seed = spec.seed, .noise = spec.noise});

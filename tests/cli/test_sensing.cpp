@@ -304,6 +304,7 @@ TEST_F(Sense, RefusesWithThePlaceAndLeavesNothing) {
           "--truth: expected a file that ends in .exr");
   refused({"--channel", "tof", "-o", "x.exr", "--set", "channels.tof.renderer=rastre"},
           "did you mean 'raster'");
+  refused({"--channel", "tof", "-o", "x.exr", "--set", "channels.tof.renderer=scene"}, "rays");
   refused({"--channel", "tof", "-o", "x.exr", "--set", "channels.tof.parent=turntabel",  //
            "--set", "channels.tof.T_parent_sensor={position_m: [0,0,0], quaternion_wxyz: [1,0,0,0]}"},
           "did you mean turntable?");
@@ -387,23 +388,46 @@ TEST_F(Sense, TakesWorldsOfNodesToo) {
   EXPECT_NEAR(range_at(read_pcd(dir / "x.pcd"), 0), 5, 0.2) << "the hall's wall, by any of the four beams";
 }
 
-TEST_F(Sense, OfASmallSceneWithoutAnEngineLeavesNoEffectOfTheSensorModelOut) {
+TEST_F(Sense, CamerasWithoutARendererAreDrawnBySceneWhereThatLeavesNothingOutAndElseByRays) {
   rig("channels:\n  camera:\n    kind: image\n    backend: simulated\n    rate_hz: 20\n    latency_ms: 30\n  "
       "  sensor: "
       "camera.yaml\n    T_world_sensor: { position_m: [-3, 0, 0.5], look_at_m: [1, 0, 0] }\n");
-  const auto recorded = [&](const std::string& keys, const std::string& engine) {
+  const auto run = [&](const std::string& keys, const std::string& renderer,
+                       std::vector<std::string> more = {}) {
     write_file(dir / "camera.yaml", kCamera + keys);
     std::vector<std::string> words{"run", "rig.yaml", "--json", "--duration", "0.1"};
-    if (!engine.empty()) words.insert(words.end(), {"--set", "channels.camera.renderer=" + engine});
-    const Said said = in_dir(words);
+    if (!renderer.empty()) words.insert(words.end(), {"--set", "channels.camera.renderer=" + renderer});
+    words.insert(words.end(), more.begin(), more.end());
+    return in_dir(words);
+  };
+  const auto recorded = [&](const std::string& keys, const std::string& renderer) {
+    const Said said = run(keys, renderer);
     EXPECT_EQ(said.status, 0) << keys << said.err;
     return said.status == 0 ? json::parse(said.out)["input_sha256"].get<std::string>() : "";
   };
-  EXPECT_NE(recorded("", ""), recorded("", "raster")) << "lens and noise: the renderer of small scenes";
-  for (const char* effect : {"projection: kannala_brandt\n", "bloom: { fraction: 0.1, radius_px: 3 }\n",
-                             "processing: { gamma: 2.2 }\n", "shutter: { line_time_us: 20 }\n",
-                             "noise: { hot_pixel_share: 0.05 }\n"})
-    EXPECT_EQ(recorded(effect, ""), recorded(effect, "raster")) << effect;
+  EXPECT_EQ(recorded("", ""), recorded("", "scene"));
+  EXPECT_NE(recorded("", ""), recorded("", "rays"));
+  for (const auto& [effect, name] : std::vector<std::pair<std::string, std::string>>{
+           {"projection: kannala_brandt\n", "the projection of this lens"},
+           {"bloom: { fraction: 0.1, radius_px: 3 }\n", "bloom"},
+           {"processing: { gamma: 2.2 }\n", "the camera's image processing"},
+           {"shutter: { line_time_us: 20 }\n", "a rolling shutter"},
+           {"noise: { hot_pixel_share: 0.05 }\n", "hot pixels"}}) {
+    EXPECT_EQ(recorded(effect, ""), recorded(effect, "rays")) << effect;
+    const Said said = run(effect, "scene");
+    EXPECT_EQ(said.status, 2) << effect;
+    EXPECT_THAT(said.err, HasSubstr("channels.camera.renderer: expected rays or raster: the renderer scene "
+                                    "does not draw " +
+                                    name));
+  }
+  const Said moving = run("", "scene", {"--set", "channels.camera.motion={velocity_m_per_s: [1, 0, 0]}"});
+  EXPECT_EQ(moving.status, 2);
+  EXPECT_THAT(moving.err, HasSubstr("does not draw a camera that moves"));
+  const Said told = run("", "scene", {"--set", "channels.camera.quality={sky_samples: 3}"});
+  EXPECT_EQ(told.status, 2);
+  EXPECT_THAT(
+      told.err,
+      HasSubstr("channels.camera.quality.sky_samples: expected no such key here: it is for cameras by rays"));
 }
 
 TEST_F(Sense, SkyRaysOfARigAskWhichSkyIsHidden) {
