@@ -5,15 +5,10 @@
 #include <cstring>
 
 #include "drivers/can/can_interfaces.h"
-#include "rt-core/time_slice.h"
 
 namespace rigor::can {
 namespace {
 
-constexpr std::size_t kRingPlaces = 256;
-/// How long a command may wait in the ring before the thread looks: the loop does not wake it, a system call
-/// on the loop's side would cost more than this costs here.
-constexpr Duration kTick = microseconds(500);
 constexpr Duration kLookAtBus = milliseconds(20);
 /// A frame that no other node acknowledges is repeated by the controller for ever.
 constexpr Duration kOnBusLimit = seconds(1);
@@ -36,23 +31,15 @@ Status CanSink::do_configure(const ChannelConfig& config) {
   return {};
 }
 
-void CanSink::watch(const Heartbeat* heartbeat, Duration deadline) {
-  heartbeat_ = heartbeat;
-  heartbeat_deadline_ = deadline;
-}
-
 Status CanSink::do_arm(const ArmContext& context) {
-  if (auto s = deadline_.open(); !s) return s;
+  if (auto s = open_ring(context.loop_period); !s) return s;
   if (auto s = bcm_.open(settings_.interface); !s)
     return fail(s.error().code, config().name, s.error().text());
   if (auto s = open_watcher(); !s) return fail(s.error().code, config().name, s.error().text());
-  ring_ = std::make_unique<SpscRing<Command>>(kRingPlaces);
   frames_ = CommandFrames(settings_);
   frames_.make_safe();
-  loop_period_ = context.loop_period;
   backoff_.reset();
   next_look_ = {};
-  want_safe_ = false;
   const auto info = find_interface(settings_.interface);
   clock_.want(info && info->hardware_stamps ? StampKind::hardware : StampKind::kernel);
   batch_.resize(RawSocket::kBatch);
@@ -73,14 +60,12 @@ Status CanSink::do_arm(const ArmContext& context) {
   safe_ = true;
   link_is_up_ = true;
   health_.connected.store(true, std::memory_order_release);
-  thread_ = std::thread([this] { run(); });
+  start_thread();
   return {};
 }
 
 Status CanSink::do_stop() {
-  deadline_.cut();
-  if (thread_.joinable()) thread_.join();
-  drop_all();
+  stop_thread();
   // One try: a bus that is gone now cannot be told anything from here.
   if (!safe_ && bcm_.is_open()) make_safe();
   if (watcher_.is_open()) take_transmissions();
@@ -90,47 +75,16 @@ Status CanSink::do_stop() {
   return {};
 }
 
-bool CanSink::command(const Command& c) noexcept {
-  if (!ring_ || !ring_->try_push(c)) {
-    counters_.dropped.fetch_add(1, std::memory_order_relaxed);
-    return false;
-  }
-  counters_.accepted.fetch_add(1, std::memory_order_relaxed);
-  return true;
-}
-
-void CanSink::run() {
-  ask_for_time_slice(kShortTimeSlice);
-  while (true) {
-    auto wake = monotonic_now() + kTick;
-    if (const auto* next = ring_->peek(); next && !want_safe_)
-      wake = std::min(wake, MonotonicTime(next->t_effect.ns()));  // wall runs: bench time is CLOCK_MONOTONIC
-    if (!deadline_.wait_until(wake)) return;
-    work();
-  }
-}
-
-void CanSink::work() {
-  const bool unsafe_loop =
-      origin().get() && heartbeat_ && heartbeat_->expired(monotonic_now(), heartbeat_deadline_);
-  if (unsafe_loop && !want_safe_) counters_.made_safe.fetch_add(1, std::memory_order_relaxed);
-  want_safe_ = unsafe_loop;
+void CanSink::tick() {
   if (monotonic_now() >= next_look_) look_at_link();
-  if (want_safe_) {
-    drop_all();
-    if (!safe_) make_safe();
-    return;
-  }
-  for (auto* c = ring_->peek(); c && c->t_effect.ns() <= monotonic_now().ns(); c = ring_->peek()) {
-    // A loop that hangs is not to get its old commands through because there are many of them.
-    if (heartbeat_ && heartbeat_->expired(monotonic_now(), heartbeat_deadline_)) return;
-    apply(*c);
-    ring_->drop_front();
-  }
+}
+
+void CanSink::keep_safe() {
+  if (!safe_) make_safe();
 }
 
 void CanSink::apply(const Command& c) {
-  const bool late = monotonic_now().ns() - c.t_effect.ns() > std::max(loop_period_, kTick * 2).ns();
+  const bool late = is_late(bench_now() - c.t_effect);
   if (late) counters_.late.fetch_add(1, std::memory_order_relaxed);
   if (!frames_.apply(c)) {
     counters_.failed.fetch_add(1, std::memory_order_relaxed);
@@ -169,8 +123,7 @@ void CanSink::take_transmissions() {
       const Duration took = placed.t - awaited_->t_effect;
       if (took.ns() > slowest_ns_.load(std::memory_order_relaxed))
         slowest_ns_.store(took.ns(), std::memory_order_relaxed);
-      if (!awaited_->late && took > std::max(loop_period_, kTick * 2))
-        counters_.late.fetch_add(1, std::memory_order_relaxed);
+      if (!awaited_->late && is_late(took)) counters_.late.fetch_add(1, std::memory_order_relaxed);
       awaited_.reset();
     }
   if (n < 0) failed(n);
@@ -240,11 +193,6 @@ void CanSink::make_safe() {
   if (error == 0) return;
   counters_.failed.fetch_add(1, std::memory_order_relaxed);
   failed(error);
-}
-
-void CanSink::drop_all() {
-  Command c;
-  while (ring_->try_pop(c)) counters_.dropped.fetch_add(1, std::memory_order_relaxed);
 }
 
 void CanSink::look_at_link() {

@@ -21,27 +21,21 @@
 #pragma once
 
 #include <atomic>
-#include <memory>
 #include <optional>
-#include <thread>
 #include <vector>
 
 #include "drivers/can/can_settings.h"
 #include "drivers/can/can_socket.h"
-#include "rt-core/deadline.h"
-#include "rt-core/heartbeat.h"
-#include "rt-core/spsc_ring.h"
 #include "sensor-hal/channel/backoff.h"
+#include "sensor-hal/channel/paced_sink.h"
 
 namespace rigor::can {
 
 /// `health().connected`: the interface is up and takes what is sent; `received`: commands and safe values
 /// that the kernel took.
-class CanSink final : public Sink {
+class CanSink final : public PacedSink {
  public:
   ~CanSink() override;
-  [[nodiscard]] bool command(const Command& command) noexcept override;
-  void watch(const Heartbeat* heartbeat, Duration deadline) override;
   [[nodiscard]] std::vector<std::string> warnings() const override;
   /// Any thread: how many frames of this sink's messages left, by the kind of their stamp.
   [[nodiscard]] const FrameClock& transmissions() const noexcept { return clock_; }
@@ -57,14 +51,13 @@ class CanSink final : public Sink {
   Status do_stop() override;
 
  private:
-  void run();
-  void work();
-  void apply(const Command& command);
+  void tick() override;
+  void apply(const Command& command) override;
+  void keep_safe() override;
   [[nodiscard]] int start_all() noexcept;
   [[nodiscard]] int send_all() noexcept;
   void failed(int error) noexcept;
   void make_safe();
-  void drop_all();
   void look_at_link();
   [[nodiscard]] Status open_watcher();
   void expect_on_bus(const Command& command, bool late);
@@ -85,17 +78,10 @@ class CanSink final : public Sink {
   std::vector<ReceivedFrame> batch_;
   std::atomic<std::int64_t> slowest_ns_{0};
   std::atomic<std::uint64_t> not_seen_{0};
-  Deadline deadline_;
-  std::unique_ptr<SpscRing<Command>> ring_;
-  const Heartbeat* heartbeat_ = nullptr;
-  Duration heartbeat_deadline_ = milliseconds(100);
-  Duration loop_period_ = milliseconds(1);
-  std::thread thread_;
   Backoff backoff_;
   MonotonicTime next_look_;
   bool link_is_up_ = false;
-  bool safe_ = false;       // the frames that are sent are the safe ones
-  bool want_safe_ = false;  // they have to be
+  bool safe_ = false;  // the frames that are sent are the safe ones
 };
 
 }  // namespace rigor::can

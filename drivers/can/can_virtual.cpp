@@ -4,6 +4,7 @@
 
 #include "rt-core/epoch.h"
 #include "rt-core/heartbeat.h"
+#include "sensor-hal/channel/pending_commands.h"
 #include "sensor-hal/channel/stream_source.h"
 
 namespace rigor::can {
@@ -121,15 +122,10 @@ class VirtualSink final : public Sink, private VirtualBus::Participant {
     if (state() == ChannelState::armed || state() == ChannelState::running) (void)stop();
   }
   [[nodiscard]] bool command(const Command& c) noexcept override {
-    if (pending_.size() == pending_.capacity()) {
+    if (!pending_.push(c)) {
       counters_.dropped.fetch_add(1, std::memory_order_relaxed);
       return false;
     }
-    // By t_effect, and of equal ones in the order in which they were given.
-    const auto place =
-        std::upper_bound(pending_.begin(), pending_.end(), c,
-                         [](const Command& a, const Command& b) { return a.t_effect < b.t_effect; });
-    pending_.insert(place, c);
     counters_.accepted.fetch_add(1, std::memory_order_relaxed);
     return true;
   }
@@ -146,8 +142,7 @@ class VirtualSink final : public Sink, private VirtualBus::Participant {
       return fail(ErrorCode::wrong_state, config().name, "expected virtual time, got a wall-clock run");
     frames_ = CommandFrames(settings_);
     frames_.make_safe();
-    pending_.clear();
-    pending_.reserve(kPlaces);
+    (void)pending_.clear();
     next_.assign(settings_.messages.size(), BenchTime::never());
     health_.connected.store(true, std::memory_order_release);
     return {};
@@ -161,27 +156,20 @@ class VirtualSink final : public Sink, private VirtualBus::Participant {
   }
   Status do_stop() override {
     node_->bus()->leave(this);
-    counters_.dropped.fetch_add(pending_.size(), std::memory_order_relaxed);
-    pending_.clear();
+    counters_.dropped.fetch_add(pending_.clear(), std::memory_order_relaxed);
     if (std::exchange(running_, false)) node_->stop();
     health_.connected.store(false, std::memory_order_release);
     return {};
   }
 
  private:
-  static constexpr std::size_t kPlaces = 256;
-
   [[nodiscard]] BenchTime next_action(BenchTime now) const noexcept override {
-    auto t = pending_.empty() ? BenchTime::never() : pending_.front().t_effect;
+    auto t = pending_.next();
     for (const auto next : next_) t = std::min(t, next);
     return t <= now ? t : BenchTime::never();
   }
   void act(BenchTime t) override {
-    while (!pending_.empty() && pending_.front().t_effect <= t) {
-      const Command c = pending_.front();
-      pending_.erase(pending_.begin());
-      apply(c, t);
-    }
+    while (pending_.next() <= t) apply(pending_.pop(), t);
     for (std::size_t i = 0; i < next_.size(); ++i) {
       if (next_[i] > t) continue;
       send(i);
@@ -215,7 +203,7 @@ class VirtualSink final : public Sink, private VirtualBus::Participant {
   std::shared_ptr<NodeOnBus> node_;
   SinkSettings settings_;
   CommandFrames frames_;
-  std::vector<Command> pending_;
+  PendingCommands pending_;
   std::vector<BenchTime> next_;
   const Heartbeat* heartbeat_ = nullptr;
   bool running_ = false;

@@ -2,18 +2,11 @@
 
 #include <algorithm>
 
-#include "rt-core/time_slice.h"
-
 namespace rigor::modbus {
 namespace {
 
-constexpr std::size_t kRingPlaces = 256;
 /// A device that refuses its safe values is asked again after this, not flooded.
 constexpr Duration kSafePause = milliseconds(20);
-/// How long a command may wait in the ring before the thread looks: the loop does not wake it, a system call
-/// on the loop's side would cost more than this costs here.
-constexpr Duration kTick = microseconds(500);
-
 }  // namespace
 
 ModbusSink::~ModbusSink() {
@@ -25,24 +18,17 @@ Status ModbusSink::do_configure(const ChannelConfig& config) {
   return {};
 }
 
-void ModbusSink::watch(const Heartbeat* heartbeat, Duration deadline) {
-  heartbeat_ = heartbeat;
-  heartbeat_deadline_ = deadline;
-}
-
 Status ModbusSink::do_arm(const ArmContext& context) {
-  if (auto s = deadline_.open(); !s) return s;
+  if (auto s = open_ring(context.loop_period); !s) return s;
   if (auto s = link_.open(settings_.endpoint); !s)
     return fail(s.error().code, config().name, s.error().text());
-  ring_ = std::make_unique<SpscRing<Command>>(kRingPlaces);
   raw_.assign(settings_.map.raw_size(), 0);
   next_raw_ = raw_;
   check_.assign(
       std::max({settings_.map.raw_size(), settings_.safe_map.raw_size(), settings_.watchdog_raw.size()}), 0);
-  loop_period_ = context.loop_period;
   backoff_.reset();
   next_safe_ = {};
-  has_command_ = want_safe_ = false;
+  has_command_ = false;
   if (const auto s = write(settings_.safe_map, settings_.safe_raw); s != LinkStatus::good) {
     const auto why = link_.failure();
     link_.close();
@@ -59,14 +45,12 @@ Status ModbusSink::do_arm(const ArmContext& context) {
                     "; check `watchdog` against its manual");
   }
   health_.connected.store(true, std::memory_order_release);
-  thread_ = std::thread([this] { run(); });
+  start_thread();
   return {};
 }
 
 Status ModbusSink::do_stop() {
-  deadline_.cut();
-  if (thread_.joinable()) thread_.join();
-  drop_all();
+  stop_thread();
   // One try: a device that is gone now cannot be made safe from here.
   if (!safe_) {
     if (!link_.is_open()) (void)link_.open(settings_.endpoint);
@@ -77,47 +61,14 @@ Status ModbusSink::do_stop() {
   return {};
 }
 
-bool ModbusSink::command(const Command& c) noexcept {
-  if (!ring_ || !ring_->try_push(c)) {
-    counters_.dropped.fetch_add(1, std::memory_order_relaxed);
-    return false;
-  }
-  counters_.accepted.fetch_add(1, std::memory_order_relaxed);
-  return true;
-}
-
-void ModbusSink::run() {
-  ask_for_time_slice(kShortTimeSlice);
-  while (true) {
-    auto wake = monotonic_now() + kTick;
-    if (const auto* next = ring_->peek(); next && !want_safe_)
-      wake = std::min(wake, MonotonicTime(next->t_effect.ns()));  // wall runs: bench time is CLOCK_MONOTONIC
-    if (!deadline_.wait_until(wake)) return;
-    work();
-  }
-}
-
-void ModbusSink::work() {
-  const bool unsafe_loop =
-      origin().get() && heartbeat_ && heartbeat_->expired(monotonic_now(), heartbeat_deadline_);
-  if (unsafe_loop && !want_safe_) counters_.made_safe.fetch_add(1, std::memory_order_relaxed);
-  want_safe_ = unsafe_loop;
+void ModbusSink::tick() {
   if (!link_.is_open()) try_again();
-  if (want_safe_) {
-    drop_all();
-    if (!safe_ && link_.is_open() && monotonic_now() >= next_safe_) {
-      make_safe();
-      if (!safe_) next_safe_ = monotonic_now() + kSafePause;
-    }
-    return;
-  }
-  for (auto* c = ring_->peek(); c && c->t_effect.ns() <= monotonic_now().ns(); c = ring_->peek()) {
-    // A loop that hangs is not to get its old commands through because there are many of them.
-    if (heartbeat_ && heartbeat_->expired(monotonic_now(), heartbeat_deadline_)) return;
-    apply(*c);
-    ring_->drop_front();
-  }
-  refresh();
+}
+
+void ModbusSink::keep_safe() {
+  if (safe_ || !link_.is_open() || monotonic_now() < next_safe_) return;
+  make_safe();
+  if (!safe_) next_safe_ = monotonic_now() + kSafePause;
 }
 
 bool ModbusSink::set_watchdog() {
@@ -127,7 +78,7 @@ bool ModbusSink::set_watchdog() {
 
 /// So that the device's watchdog knows that its master lives. What was made safe stays so until a new
 /// command.
-void ModbusSink::refresh() {
+void ModbusSink::after() {
   if (settings_.refresh.ns() == 0 || safe_ || !has_command_ || !link_.is_open() ||
       monotonic_now() < next_refresh_)
     return;
@@ -136,8 +87,7 @@ void ModbusSink::refresh() {
 }
 
 void ModbusSink::apply(const Command& c) {
-  if (monotonic_now().ns() - c.t_effect.ns() > std::max(loop_period_, kTick * 2).ns())
-    counters_.late.fetch_add(1, std::memory_order_relaxed);
+  if (is_late(bench_now() - c.t_effect)) counters_.late.fetch_add(1, std::memory_order_relaxed);
   const auto count = settings_.map.values().size();
   std::size_t bad = 0;
   if (c.count != count || settings_.map.encode(std::span<const double>(c.value.data(), count), next_raw_,
@@ -193,11 +143,6 @@ std::vector<std::string> ModbusSink::warnings() const {
 void ModbusSink::make_safe() {
   safe_ = write(settings_.safe_map, settings_.safe_raw) == LinkStatus::good;
   if (!safe_) counters_.failed.fetch_add(1, std::memory_order_relaxed);
-}
-
-void ModbusSink::drop_all() {
-  Command c;
-  while (ring_->try_pop(c)) counters_.dropped.fetch_add(1, std::memory_order_relaxed);
 }
 
 void ModbusSink::try_again() {

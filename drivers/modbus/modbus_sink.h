@@ -14,24 +14,18 @@
 // again whenever a third of the timeout passed without a new one, as long as the loop lives.
 #pragma once
 
-#include <memory>
-#include <thread>
 #include <vector>
 
 #include "drivers/modbus/register_channel.h"
-#include "rt-core/deadline.h"
-#include "rt-core/heartbeat.h"
-#include "rt-core/spsc_ring.h"
 #include "sensor-hal/channel/backoff.h"
+#include "sensor-hal/channel/paced_sink.h"
 
 namespace rigor::modbus {
 
 /// `health().connected`: the device took the last write.
-class ModbusSink final : public Sink {
+class ModbusSink final : public PacedSink {
  public:
   ~ModbusSink() override;
-  [[nodiscard]] bool command(const Command& command) noexcept override;
-  void watch(const Heartbeat* heartbeat, Duration deadline) override;
   /// What the device refused or left unanswered so far.
   [[nodiscard]] std::vector<std::string> warnings() const override;
 
@@ -42,32 +36,24 @@ class ModbusSink final : public Sink {
   Status do_stop() override;
 
  private:
-  void run();
-  void work();
-  void apply(const Command& command);
+  void tick() override;
+  void apply(const Command& command) override;
+  void keep_safe() override;
+  void after() override;  // refreshes the device's watchdog
   LinkStatus write(const RegisterMap& map, const std::vector<std::uint16_t>& raw);
   [[nodiscard]] bool set_watchdog();
-  void refresh();
   void make_safe();
-  void drop_all();
   void try_again();
   void count_link();
 
   SinkSettings settings_;
   Link link_;
-  Deadline deadline_;
-  std::unique_ptr<SpscRing<Command>> ring_;
   std::vector<std::uint16_t> raw_, next_raw_, check_;
-  const Heartbeat* heartbeat_ = nullptr;
-  Duration heartbeat_deadline_ = milliseconds(100);
-  Duration loop_period_ = milliseconds(1);
-  std::thread thread_;
   Backoff backoff_;          // of connecting again
   MonotonicTime next_safe_;  // of asking a device that refused its safe values
   MonotonicTime next_refresh_;
   std::uint64_t reconnects_ = 0, repeated_ = 0;
-  bool safe_ = false;       // the device has the safe values, as far as anyone knows
-  bool want_safe_ = false;  // it has to have them
+  bool safe_ = false;  // the device has the safe values, as far as anyone knows
   bool has_command_ = false;
 };
 

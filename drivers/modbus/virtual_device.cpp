@@ -8,6 +8,7 @@
 
 #include "drivers/modbus/register_channel.h"
 #include "rt-core/heartbeat.h"
+#include "sensor-hal/channel/pending_commands.h"
 #include "sensor-hal/channel/stream_source.h"
 
 namespace rigor::modbus {
@@ -223,15 +224,10 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
   }
 
   [[nodiscard]] bool command(const Command& c) noexcept override {
-    if (pending_.size() == pending_.capacity()) {
+    if (!pending_.push(c)) {
       counters_.dropped.fetch_add(1, std::memory_order_relaxed);
       return false;
     }
-    // By t_effect, and of equal ones in the order in which they were given.
-    const auto place =
-        std::upper_bound(pending_.begin(), pending_.end(), c,
-                         [](const Command& a, const Command& b) { return a.t_effect < b.t_effect; });
-    pending_.insert(place, c);
     counters_.accepted.fetch_add(1, std::memory_order_relaxed);
     return true;
   }
@@ -251,8 +247,7 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
     check_.assign(
         std::max({settings_.map.raw_size(), settings_.safe_map.raw_size(), settings_.watchdog_raw.size()}),
         0);
-    pending_.clear();
-    pending_.reserve(kPlaces);
+    (void)pending_.clear();
     if (!write(settings_.safe_map, settings_.safe_raw)) {
       const auto why = connection_.link.failure();
       connection_.link.close();
@@ -278,8 +273,7 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
   }
   Status do_stop() override {
     device_->leave(this);
-    counters_.dropped.fetch_add(pending_.size(), std::memory_order_relaxed);
-    pending_.clear();
+    counters_.dropped.fetch_add(pending_.clear(), std::memory_order_relaxed);
     if (!write(settings_.safe_map, settings_.safe_raw))
       counters_.failed.fetch_add(1, std::memory_order_relaxed);
     connection_.link.close();
@@ -289,10 +283,8 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
   }
 
  private:
-  static constexpr std::size_t kPlaces = 256;
-
   [[nodiscard]] BenchTime next_event(BenchTime now) const noexcept override {
-    const BenchTime t = pending_.empty() ? refresh_at_ : std::min(refresh_at_, pending_.front().t_effect);
+    const BenchTime t = std::min(refresh_at_, pending_.next());
     return t > now ? BenchTime::never() : t;
   }
   /// As ModbusSink writes: tried again, and read back where the rig says so.
@@ -315,9 +307,8 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
   }
 
   void happen() override {
-    if (pending_.empty() || refresh_at_ < pending_.front().t_effect) return refresh();
-    const Command c = pending_.front();
-    pending_.erase(pending_.begin());
+    if (refresh_at_ < pending_.next() || pending_.next() == BenchTime::never()) return refresh();
+    const Command c = pending_.pop();
     if (heartbeat_ && heartbeat_->stop_reason() != StopReason::none) {
       // The loop has ended: what it wanted last no longer counts.
       counters_.dropped.fetch_add(1, std::memory_order_relaxed);
@@ -346,7 +337,7 @@ class VirtualSink final : public Sink, private VirtualDevice::Member {
   SinkSettings settings_;
   BenchTime refresh_at_ = BenchTime::never();
   std::vector<std::uint16_t> raw_, check_;
-  std::vector<Command> pending_;
+  PendingCommands pending_;
   const Heartbeat* heartbeat_ = nullptr;
 };
 

@@ -9,20 +9,20 @@
 namespace rigor {
 namespace {
 
-constexpr std::array<ComparedValue, 6> kImu{{{"specific force x", "m/s²"},
-                                             {"specific force y", "m/s²"},
-                                             {"specific force z", "m/s²"},
-                                             {"angular rate x", "rad/s"},
-                                             {"angular rate y", "rad/s"},
-                                             {"angular rate z", "rad/s"}}};
+constexpr std::array<ComparedValue, 6> kComparedImu{{{"specific force x", "m/s²"},
+                                                     {"specific force y", "m/s²"},
+                                                     {"specific force z", "m/s²"},
+                                                     {"angular rate x", "rad/s"},
+                                                     {"angular rate y", "rad/s"},
+                                                     {"angular rate z", "rad/s"}}};
 constexpr std::array<ComparedValue, 3> kNavFix{{{"east", "m"}, {"north", "m"}, {"up", "m"}}};
-constexpr std::array<ComparedValue, 7> kOdometry{{{"x", "m"},
-                                                  {"y", "m"},
-                                                  {"yaw", "rad"},
-                                                  {"forward velocity", "m/s"},
-                                                  {"turn rate", "rad/s"},
-                                                  {"left wheel angle", "rad"},
-                                                  {"right wheel angle", "rad"}}};
+constexpr std::array<ComparedValue, 7> kComparedOdometry{{{"x", "m"},
+                                                          {"y", "m"},
+                                                          {"yaw", "rad"},
+                                                          {"forward velocity", "m/s"},
+                                                          {"turn rate", "rad/s"},
+                                                          {"left wheel angle", "rad"},
+                                                          {"right wheel angle", "rad"}}};
 
 double within_half_turn(double angle_rad) noexcept { return std::remainder(angle_rad, 2 * std::numbers::pi); }
 
@@ -31,11 +31,11 @@ double within_half_turn(double angle_rad) noexcept { return std::remainder(angle
 std::span<const ComparedValue> compared_values(SampleKind kind) noexcept {
   switch (kind) {
     case SampleKind::imu:
-      return kImu;
+      return kComparedImu;
     case SampleKind::nav_fix:
       return kNavFix;
     case SampleKind::odometry:
-      return kOdometry;
+      return kComparedOdometry;
     default:
       return {};
   }

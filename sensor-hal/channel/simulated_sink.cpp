@@ -1,13 +1,8 @@
 #include "sensor-hal/channel/simulated_sink.h"
 
-#include <algorithm>
-
-#include "rt-core/time_slice.h"
-
 namespace rigor {
 namespace {
 
-constexpr std::size_t kRingPlaces = 256;
 /// How often the thread looks: also how far behind the model may be, of which others ask where it is.
 constexpr Duration kTick = milliseconds(2);
 
@@ -65,46 +60,22 @@ Status SimulatedSink::do_configure(const ChannelConfig& config) {
 
 Status SimulatedSink::do_arm(const ArmContext& context) {
   virtual_time_ = context.virtual_time;
-  loop_period_ = context.loop_period;
-  ring_ = std::make_unique<SpscRing<Command>>(kRingPlaces);
-  want_safe_ = false;
-  if (!virtual_time_) {
-    if (auto s = deadline_.open(); !s) return s;
-    thread_ = std::thread([this] { run(); });
-  }
+  if (auto s = open_ring(context.loop_period, kTick); !s) return s;
+  if (!virtual_time_) start_thread();
   health_.connected.store(true, std::memory_order_release);
   return {};
 }
 
 Status SimulatedSink::do_start(BenchTime t0) {
-  make_safe(t0);  // the model's lock is free: the thread waits for the origin
+  make_safe(t0);  // the thread touches the model when the origin is known, which is later
   return {};
 }
 
 Status SimulatedSink::do_stop() {
-  if (thread_.joinable()) {
-    deadline_.cut();
-    thread_.join();
-    if (state() == ChannelState::running) make_safe(bench_now());
-  }
-  Command c;
-  while (ring_ && ring_->try_pop(c)) counters_.dropped.fetch_add(1, std::memory_order_relaxed);
+  stop_thread();
+  if (!virtual_time_ && state() == ChannelState::running) make_safe(bench_now());
   health_.connected.store(false, std::memory_order_release);
   return {};
-}
-
-void SimulatedSink::watch(const Heartbeat* heartbeat, Duration deadline) {
-  heartbeat_ = heartbeat;
-  heartbeat_deadline_ = deadline;
-}
-
-bool SimulatedSink::command(const Command& c) noexcept {
-  if (!ring_ || !ring_->try_push(c)) {
-    counters_.dropped.fetch_add(1, std::memory_order_relaxed);
-    return false;
-  }
-  counters_.accepted.fetch_add(1, std::memory_order_relaxed);
-  return true;
 }
 
 /// Virtual time: called on the loop's thread, between its cycles.
@@ -112,39 +83,21 @@ void SimulatedSink::complete_until(BenchTime now) {
   if (state() == ChannelState::running) apply_until(now);
 }
 
-void SimulatedSink::run() {
-  ask_for_time_slice(kShortTimeSlice);
-  if (!origin().wait(deadline_)) return;
-  while (deadline_.wait_until(monotonic_now() + kTick)) {
-    const MonotonicTime now = monotonic_now();
-    const bool unsafe_loop = heartbeat_ && must_be_safe(heartbeat_->check(now, heartbeat_deadline_));
-    if (unsafe_loop && !want_safe_) {
-      counters_.made_safe.fetch_add(1, std::memory_order_relaxed);
-      make_safe(BenchTime(now.ns()));
-    }
-    want_safe_ = unsafe_loop;
-    if (want_safe_) {
-      Command c;
-      while (ring_->try_pop(c)) counters_.dropped.fetch_add(1, std::memory_order_relaxed);
-    }
-    apply_until(BenchTime(now.ns()));  // wall runs: bench time is CLOCK_MONOTONIC
-    // The model goes on while nobody commands. What takes effect by then has been applied above, but for what
-    // the loop gives with less latency than a tick.
-    (void)model_->read(signals_.front(), BenchTime(now.ns()) - kTick * 2);
-  }
+void SimulatedSink::keep_safe() {
+  if (!is_safe_) make_safe(bench_now());
+  after();
 }
 
-/// A sink has one latency, so that commands stand in the ring in the order of their instants.
-void SimulatedSink::apply_until(BenchTime now) {
-  for (const Command* c = ring_->peek(); c && c->t_effect <= now; c = ring_->peek()) {
-    apply(*c);
-    ring_->drop_front();
-  }
+/// The model goes on while nobody commands. What takes effect by then has been applied, but for what the loop
+/// gives with less latency than a tick.
+void SimulatedSink::after() {
+  if (origin().get()) (void)model_->read(signals_.front(), bench_now() - kTick * 2);
 }
 
 void SimulatedSink::apply(const Command& c) {
-  if (!virtual_time_ && monotonic_now().ns() - c.t_effect.ns() > std::max(loop_period_, kTick * 2).ns())
+  if (!virtual_time_ && is_late(bench_now() - c.t_effect))
     counters_.late.fetch_add(1, std::memory_order_relaxed);
+  is_safe_ = false;
   bool taken = c.count == signals_.size();
   for (std::size_t i = 0; taken && i < signals_.size(); ++i)
     taken = model_->write(signals_[i], c.value[i], c.t_effect);
@@ -154,6 +107,7 @@ void SimulatedSink::apply(const Command& c) {
 void SimulatedSink::make_safe(BenchTime t) {
   for (const auto& [signal, value] : safe_)
     if (!model_->write(signal, value, t)) counters_.failed.fetch_add(1, std::memory_order_relaxed);
+  is_safe_ = true;
 }
 
 }  // namespace rigor
