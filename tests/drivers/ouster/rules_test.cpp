@@ -1,7 +1,10 @@
 // What the emulated Ouster sends and when, and what its source makes of losses, of ends of recordings and of
 // sensors that are not the expected one.
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
+#include <atomic>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -10,8 +13,10 @@
 #include <thread>
 
 #include "drivers/network/udp_receiver.h"
+#include "drivers/network/udp_sender.h"
 #include "drivers/ouster/ouster_source.h"
 #include "drivers/ouster/pcap_report.h"
+#include "rt-core/file_descriptor.h"
 #include "tests/drivers/ouster/ouster_device.h"
 #include "tests/drivers/ouster/record_sensor.h"
 #include "tests/eventually.h"
@@ -153,6 +158,35 @@ TEST(OusterEmulatorRules, OnASlowMachineSendsTheFramesThatItCanMeasureAndCountsT
   ASSERT_TRUE(emulator.stop());
 }
 
+TEST(OusterEmulatorRules, GivesUpWhatItCouldNotSendInTime) {
+  // A recording that nobody reads holds up the thread that sends; its frames were measured in time.
+  rigor::test::TemporaryDirectory dir;
+  const std::string pipe = dir.file("sent.pcap");
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  const FileDescriptor reader(open(pipe.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
+  ASSERT_TRUE(reader);
+  Device device;
+  ASSERT_TRUE(device.start("", ", imu_rate_hz: 0, pcap: " + pipe));
+  ASSERT_TRUE(rigor::test::eventually([&] { return device.emulator->health().received > 0; }));
+  std::this_thread::sleep_for(std::chrono::milliseconds(300));  // how long nobody reads
+  std::vector<char> some(1 << 16);
+  EXPECT_TRUE(rigor::test::eventually([&] {
+    while (read(reader.get(), some.data(), some.size()) > 0) {
+    }
+    return device.emulator->health().lost > 0;
+  }));
+  // Closing it waits for its reader as well.
+  std::atomic<bool> stopped{false};
+  std::thread drain([&] {
+    while (!stopped)
+      if (read(reader.get(), some.data(), some.size()) <= 0)
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));  // the pace of polling
+  });
+  EXPECT_TRUE(device.emulator->stop());
+  stopped = true;
+  drain.join();
+}
+
 TEST(OusterEmulatorRules, WhatItSentIsInItsRecordingWhenItHasStopped) {
   rigor::test::TemporaryDirectory dir;
   Device device;
@@ -238,6 +272,143 @@ TEST(OusterSourceRules, UtcOfARecordingIsThatOfItsStamps) {
     ASSERT_EQ(got.size(), 2U);
     EXPECT_EQ(got[0]->stamp.t_capture.ns(), -3'125'000) << "a packet of 16 of 512 columns before its stamp";
     EXPECT_EQ(got[1]->stamp.t_capture.ns(), 96'875'000);
+  }
+}
+
+TEST(OusterSourceRules, ReadingsAreMissedByThePeriodOfTheChannel) {
+  const Recording r({.frames = 1});
+  auto writer = network::PcapWriter::create(r.pcap);
+  ASSERT_TRUE(writer);
+  for (std::int64_t i = 0; i < 8; ++i) {
+    if (i == 5) continue;
+    ImuPacket p;
+    p.system_ns = p.accelerometer_ns = p.gyroscope_ns = static_cast<std::uint64_t>(1 + i) * 20'000'000;
+    p.acceleration_g = {0, 0, 1};
+    writer->write(RealtimeTime(1'700'000'000'000'000'000 + i * 20'000'000),
+                  {0x7F000001, 0x7F000001, kImuPort, kImuPort, compose_imu(p)});
+  }
+  ASSERT_TRUE(writer->flush());
+  OusterSource source;
+  auto config = config_of("{file: " + r.pcap + ", metadata: " + r.json + "}", SampleKind::imu);
+  config.period = milliseconds(20);
+  EXPECT_EQ(run_virtual(source, config, milliseconds(300)).size(), 7U);
+  EXPECT_EQ(source.counters().packets, 7U);
+  EXPECT_EQ(source.counters().packets_lost, 1U);
+}
+
+/// A sensor that sends a packet every few milliseconds and is as far in its start-up as the test says.
+class SteppedSensor {
+  std::uint16_t port_ = network::test::free_ports()[0], http_ = 0;
+  SensorDevice device_ = SensorDevice::create(std::make_shared<test::FormulaLidar>()).value();
+  SensorControl control_ =
+      SensorControl::create(device_, {.start_up = seconds(1)},
+                            "{\"udp_port_lidar\": " + std::to_string(port_) + "}", MonotonicTime(0))
+          .value();
+  const Metadata metadata_ = control_.active().metadata;
+
+ public:
+  SteppedSensor() : initialization_id(metadata_.initialization_id) {
+    EXPECT_TRUE(sender_.open("127.0.0.1", port_));
+    const auto http =
+        server_.listen("127.0.0.1", 0, {},
+                       network::http_server([this](const network::HttpRequest& r, std::string_view client) {
+                         const auto reply = control_.http(r.method, r.target, r.body, client,
+                                                          MonotonicTime(seconds(now_s).ns()));
+                         metadata_asked_for += r.target == "/api/v1/sensor/metadata";
+                         return network::HttpReply{reply.status, reply.body};
+                       }));
+    EXPECT_TRUE(http);
+    http_ = http.value_or(0);
+    EXPECT_TRUE(server_.start());
+    thread_ = std::thread([this] { send(); });
+  }
+  ~SteppedSensor() {
+    stop_ = true;
+    thread_.join();
+    server_.stop();
+  }
+  /// Of the packets from now on.
+  std::atomic<std::uint32_t> initialization_id;
+  std::atomic<std::int64_t> now_s = 2;
+  std::atomic<int> metadata_asked_for = 0;
+
+  [[nodiscard]] std::string host() const { return "host: 127.0.0.1, http_port: " + std::to_string(http_); }
+  /// Takes a second, until when it is INITIALIZING.
+  void reinitialize() {
+    const auto r = network::http_request("127.0.0.1", http_, {"GET", "/api/v1/sensor/cmd/reinitialize", ""},
+                                         monotonic_now() + seconds(10), -1);
+    ASSERT_TRUE(r);
+    ASSERT_EQ(r->status, 200);
+  }
+
+ private:
+  void send() {
+    const Metadata& m = metadata_;
+    LidarPacketWriter packet(layout_of(m));
+    for (std::uint32_t n = 0; !stop_; ++n) {
+      packet.set_header(static_cast<std::uint16_t>(n / m.slots()), initialization_id, 1);
+      for (std::uint32_t i = 0; i < m.columns_per_packet; ++i)
+        packet.set_column(i, 1 + n, static_cast<std::uint16_t>(n % m.slots() * m.columns_per_packet + i),
+                          true);
+      (void)sender_.send(packet.bytes(), port_, realtime_now());
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));  // the pace of its packets
+    }
+  }
+
+  network::UdpSender sender_;
+  network::TcpServer server_;
+  std::atomic<bool> stop_{false};
+  std::thread thread_;
+};
+
+TEST(OusterSourceRules, FollowsASensorThatStartsAnewOnceItIsRunning) {
+  SteppedSensor sensor;
+  OusterSource source;
+  ASSERT_TRUE(source.configure(config_of("{buffers: 32, " + sensor.host() + "}")));
+  const auto s = source.arm({});
+  ASSERT_TRUE(s) << s.error().text();
+  ASSERT_TRUE(source.start(bench_now()));
+  sensor.reinitialize();
+  ++sensor.initialization_id;
+  const int before = sensor.metadata_asked_for;
+  EXPECT_TRUE(rigor::test::eventually([&] { return sensor.metadata_asked_for >= before + 2; }))
+      << "asks again while it is INITIALIZING";
+  EXPECT_EQ(source.counters().reinitialized, 0U);
+  sensor.now_s = 4;
+  EXPECT_TRUE(rigor::test::eventually([&] { return source.counters().reinitialized == 1; }));
+  ASSERT_TRUE(source.stop());
+}
+
+TEST(OusterSourceRules, IsNotSetUpAnewForPacketsThatTheMetadataAreNotOf) {
+  SteppedSensor sensor;
+  OusterSource source;
+  ASSERT_TRUE(source.configure(config_of("{buffers: 32, " + sensor.host() + "}")));
+  const auto s = source.arm({});
+  ASSERT_TRUE(s) << s.error().text();
+  ASSERT_TRUE(source.start(bench_now()));
+  const int before = sensor.metadata_asked_for;
+  ++sensor.initialization_id;
+  EXPECT_TRUE(rigor::test::eventually([&] { return sensor.metadata_asked_for >= before + 2; }));
+  EXPECT_EQ(source.counters().reinitialized, 0U);
+  EXPECT_EQ(source.health().protocol_errors, 0U);
+  ASSERT_TRUE(source.stop());
+}
+
+TEST(OusterSourceRules, SaysWhereTheKernelGrantsLessBufferThanWasAskedFor) {
+  Device device;
+  ASSERT_TRUE(device.start());
+  // 1 GiB is one byte more than Linux grants to anybody.
+  for (const auto& [bytes, warnings] : {std::pair{1 << 16, 0U}, std::pair{1 << 30, 1U}}) {
+    OusterSource source;
+    ASSERT_TRUE(source.configure(
+        config_of("{socket_buffer_bytes: " + std::to_string(bytes) + ", " + device.host() + "}")));
+    const auto s = source.arm({});
+    ASSERT_TRUE(s) << s.error().text();
+    ASSERT_EQ(source.warnings().size(), warnings);
+    if (warnings > 0) {
+      EXPECT_NE(source.warnings()[0].find("1048576 KiB asked for"), std::string::npos);
+    }
+    ASSERT_TRUE(source.stop());
   }
 }
 
