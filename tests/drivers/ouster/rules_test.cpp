@@ -158,33 +158,79 @@ TEST(OusterEmulatorRules, OnASlowMachineSendsTheFramesThatItCanMeasureAndCountsT
   ASSERT_TRUE(emulator.stop());
 }
 
+TEST(OusterEmulatorRules, SendsNothingInStandby) {
+  Device device;
+  ASSERT_TRUE(device.start(", operating_mode: STANDBY"));
+  std::this_thread::sleep_for(std::chrono::milliseconds(200));  // of which it would send two frames
+  EXPECT_EQ(device.emulator->health().received, 0U);
+  EXPECT_EQ(device.ask("POST", "/api/v1/sensor/config", R"({"operating_mode": "NORMAL"})").status, 200);
+  EXPECT_TRUE(rigor::test::eventually([&] { return device.emulator->health().received > 0; }));
+}
+
+TEST(OusterEmulatorRules, SendsNoReadingsOfTheTimeBeforeItsStart) {
+  Device device;
+  network::UdpReceiver imu;
+  ASSERT_TRUE(imu.open("127.0.0.1", device.port[1], 1 << 18));
+  ASSERT_TRUE(device.start("", ", start_up_ms: 300"));
+  std::optional<ImuPacket> first;
+  ASSERT_TRUE(receive(imu, [&](Bytes b) { return (first = parse_imu(b)).has_value(); }));
+  EXPECT_GE(first->accelerometer_ns, 290'000'000U);
+}
+
+TEST(OusterEmulatorRules, IsConnectedWhileSomebodyTakesItsPackets) {
+  Device device;
+  ASSERT_TRUE(device.start(", udp_port_imu: 0"));
+  EXPECT_TRUE(rigor::test::eventually([&] { return !device.emulator->health().connected; }));
+  network::UdpReceiver lidar;
+  ASSERT_TRUE(lidar.open("127.0.0.1", device.port[0], 1 << 20, 65'507));
+  EXPECT_TRUE(rigor::test::eventually([&] { return device.emulator->health().connected; }));
+}
+
 TEST(OusterEmulatorRules, GivesUpWhatItCouldNotSendInTime) {
-  // A recording that nobody reads holds up the thread that sends; its frames were measured in time.
+  // A recording that nobody reads holds up the thread that sends; two frames are measured ahead.
   rigor::test::TemporaryDirectory dir;
   const std::string pipe = dir.file("sent.pcap");
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
   const FileDescriptor reader(open(pipe.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
   ASSERT_TRUE(reader);
   Device device;
-  ASSERT_TRUE(device.start("", ", imu_rate_hz: 0, pcap: " + pipe));
+  network::UdpReceiver lidar;
+  ASSERT_TRUE(lidar.open("127.0.0.1", device.port[0], 4 << 20, 65'507));
+  ASSERT_TRUE(device.start(", timestamp_mode: TIME_FROM_PTP_1588", ", imu_rate_hz: 0, pcap: " + pipe));
+  const auto m = metadata_of(device);
+  ASSERT_TRUE(m);
   ASSERT_TRUE(rigor::test::eventually([&] { return device.emulator->health().received > 0; }));
-  std::this_thread::sleep_for(std::chrono::milliseconds(300));  // how long nobody reads
-  std::vector<char> some(1 << 16);
-  EXPECT_TRUE(rigor::test::eventually([&] {
-    while (read(reader.get(), some.data(), some.size()) > 0) {
-    }
-    return device.emulator->health().lost > 0;
-  }));
-  // Closing it waits for its reader as well.
+  std::this_thread::sleep_for(std::chrono::milliseconds(400));  // how long nobody reads
   std::atomic<bool> stopped{false};
   std::thread drain([&] {
-    while (!stopped)
+    for (std::vector<char> some(1 << 16); !stopped;)
       if (read(reader.get(), some.data(), some.size()) <= 0)
         std::this_thread::sleep_for(std::chrono::milliseconds(1));  // the pace of polling
   });
+  const std::uint64_t before = device.emulator->health().received;
+  EXPECT_TRUE(rigor::test::eventually([&] {
+    return device.emulator->health().lost > 0 && device.emulator->health().received > before + 64;
+  }));
   EXPECT_TRUE(device.emulator->stop());
   stopped = true;
   drain.join();
+  const EpochPair epoch = read_epoch();
+  const PacketLayout layout = layout_of(*m);
+  Duration latest;
+  for (bool more = true; more;) {
+    const auto batch = lidar.receive(epoch);
+    more = !batch.empty();
+    for (const auto& d : batch) {
+      PacketFault fault{};
+      const auto p = LidarPacket::parse(d.bytes, layout, fault);
+      ASSERT_TRUE(p) << text_of(fault);
+      const std::uint64_t last_ns = p->column(p->columns() - 1).timestamp_ns();
+      const auto arrival_ns = static_cast<std::uint64_t>((epoch.to_utc(d.arrival) + seconds(37)).ns());
+      latest = std::max(latest, Duration(static_cast<std::int64_t>(arrival_ns - last_ns)));
+    }
+  }
+  EXPECT_GT(latest, Duration(0));
+  EXPECT_LT(latest, milliseconds(200)) << "100 ms, and what a busy machine adds";
 }
 
 TEST(OusterEmulatorRules, WhatItSentIsInItsRecordingWhenItHasStopped) {
