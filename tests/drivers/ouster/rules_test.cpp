@@ -346,14 +346,18 @@ TEST(OusterSourceRules, ReadingsAreMissedByThePeriodOfTheChannel) {
 class SteppedSensor {
   std::uint16_t port_ = network::test::free_ports()[0], http_ = 0;
   SensorDevice device_ = SensorDevice::create(std::make_shared<test::FormulaLidar>()).value();
-  SensorControl control_ =
-      SensorControl::create(device_, {.start_up = seconds(1)},
-                            "{\"udp_port_lidar\": " + std::to_string(port_) + "}", MonotonicTime(0))
-          .value();
-  const Metadata metadata_ = control_.active().metadata;
+  SensorControl control_;
+  const Metadata metadata_;
 
  public:
-  SteppedSensor() : initialization_id(metadata_.initialization_id) {
+  explicit SteppedSensor(const std::string& window_mdeg = "[0, 360000]")
+      : control_(SensorControl::create(device_, {.start_up = seconds(1)},
+                                       "{\"udp_port_lidar\": " + std::to_string(port_) +
+                                           ", \"azimuth_window\": " + window_mdeg + "}",
+                                       MonotonicTime(0))
+                     .value()),
+        metadata_(control_.active().metadata),
+        initialization_id(metadata_.initialization_id) {
     EXPECT_TRUE(sender_.open("127.0.0.1", port_));
     const auto http =
         server_.listen("127.0.0.1", 0, {},
@@ -379,12 +383,13 @@ class SteppedSensor {
   std::atomic<int> metadata_asked_for = 0;
 
   [[nodiscard]] std::string host() const { return "host: 127.0.0.1, http_port: " + std::to_string(http_); }
-  /// Takes a second, until when it is INITIALIZING.
-  void reinitialize() {
-    const auto r = network::http_request("127.0.0.1", http_, {"GET", "/api/v1/sensor/cmd/reinitialize", ""},
+  /// With another configuration, as JSON. Takes a second, until when it is INITIALIZING.
+  void reinitialize(const std::string& config = "{}") {
+    const auto r = network::http_request("127.0.0.1", http_, {"POST", "/api/v1/sensor/config", config},
                                          monotonic_now() + seconds(10), -1);
     ASSERT_TRUE(r);
-    ASSERT_EQ(r->status, 200);
+    ASSERT_EQ(r->status, 200) << r->body;
+    ++initialization_id;
   }
 
  private:
@@ -415,13 +420,27 @@ TEST(OusterSourceRules, FollowsASensorThatStartsAnewOnceItIsRunning) {
   ASSERT_TRUE(s) << s.error().text();
   ASSERT_TRUE(source.start(bench_now()));
   sensor.reinitialize();
-  ++sensor.initialization_id;
   const int before = sensor.metadata_asked_for;
   EXPECT_TRUE(rigor::test::eventually([&] { return sensor.metadata_asked_for >= before + 2; }))
       << "asks again while it is INITIALIZING";
   EXPECT_EQ(source.counters().reinitialized, 0U);
   sensor.now_s = 4;
   EXPECT_TRUE(rigor::test::eventually([&] { return source.counters().reinitialized == 1; }));
+  ASSERT_TRUE(source.stop());
+}
+
+TEST(OusterSourceRules, ASensorWhoseFramesNoLongerFitIsAProtocolError) {
+  SteppedSensor sensor("[270000, 90000]");
+  OusterSource source;
+  ASSERT_TRUE(source.configure(config_of("{buffers: 32, " + sensor.host() + "}")));
+  const auto s = source.arm({});
+  ASSERT_TRUE(s) << s.error().text();
+  ASSERT_TRUE(source.start(bench_now()));
+  EXPECT_EQ(source.health().protocol_errors, 0U);
+  sensor.reinitialize(R"({"azimuth_window": [0, 360000]})");
+  sensor.now_s = 4;
+  EXPECT_TRUE(rigor::test::eventually([&] { return source.health().protocol_errors > 0; }));
+  EXPECT_EQ(source.counters().reinitialized, 0U);
   ASSERT_TRUE(source.stop());
 }
 
@@ -471,6 +490,7 @@ TEST(OusterSourceRules, ALiveSensorOnPtpCountsTai) {
   EXPECT_GT(got[0]->stamp.t_capture, bench_now() - seconds(30))
       << "37 s of leap seconds were taken off twice";
   ASSERT_TRUE(source.stop());
+  EXPECT_FALSE(source.health().connected);
 }
 
 TEST(OusterSourceRules, SaysWhenPacketsAreOfAnotherSensor) {
@@ -483,6 +503,37 @@ TEST(OusterSourceRules, SaysWhenPacketsAreOfAnotherSensor) {
   const auto s = source.arm({});
   ASSERT_FALSE(s);
   EXPECT_NE(s.error().text().find("of something else"), std::string::npos) << s.error().text();
+}
+
+TEST(OusterSourceRules, DoesNotWaitForASensorInStandbyToRun) {
+  Device device;
+  ASSERT_TRUE(device.start(", operating_mode: STANDBY"));
+  OusterSource source;
+  ASSERT_TRUE(source.configure(config_of("{ready_s: 1, " + device.host() + "}")));
+  const auto s = source.arm({});
+  ASSERT_FALSE(s);
+  EXPECT_NE(s.error().text().find("got one in STANDBY"), std::string::npos) << s.error().text();
+}
+
+TEST(OusterSourceRules, EscapesTheParametersThatItSends) {
+  std::vector<std::string> asked;
+  network::TcpServer server;
+  const auto port = server.listen("127.0.0.1", 0, {},
+                                  network::http_server([&](const network::HttpRequest& r, std::string_view) {
+                                    asked.push_back(r.target);
+                                    return network::HttpReply{200, "{}"};
+                                  }));
+  ASSERT_TRUE(port);
+  ASSERT_TRUE(server.start());
+  const auto anew = configure_sensor({"127.0.0.1", *port, 0, -1}, R"({"udp_dest": "10.0.0.1"})",
+                                     monotonic_now() + seconds(10));
+  server.stop();
+  ASSERT_TRUE(anew) << anew.error().text();
+  EXPECT_TRUE(*anew);
+  const std::string cmd = "/api/v1/sensor/cmd/";
+  EXPECT_EQ(asked, (std::vector{cmd + "get_config_param?args=active",
+                                cmd + "set_config_param?args=.+%7B%22udp_dest%22%3A%2210.0.0.1%22%7D",
+                                cmd + "reinitialize"}));
 }
 
 TEST(OusterSourceRules, SaysWhichStatusOfHttpCameInPlaceOfMetadata) {
