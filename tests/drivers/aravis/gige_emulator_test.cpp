@@ -9,6 +9,7 @@
 #include <random>
 
 #include "tests/drivers/aravis/gige_udp_test_tools.h"
+#include "tests/eventually.h"
 
 namespace rigor::gige {
 namespace {
@@ -30,8 +31,9 @@ FillFrame pattern() {
 }
 
 std::unique_ptr<GigeEmulator> camera_at(const std::string& address, GigeCameraConfig c = {},
-                                        FillFrame fill = pattern()) {
+                                        FillFrame fill = pattern(), double link_bits_per_s = 1e9) {
   GigeEmulatorOptions o;
+  o.link_bits_per_s = link_bits_per_s;
   o.address = address;
   o.camera = std::move(c);
   auto e = GigeEmulator::start(o, std::move(fill));
@@ -199,6 +201,119 @@ TEST(GigeEmulator, TestPacketHasTheSizeThatWasAskedFor) {
     for (int i = 0; i < 100 && n == 0; ++i, sleep_ms(2)) n = link.receive_stream(d);
     EXPECT_EQ(n + kIpUdpHeaderSize, size);
   }
+}
+
+/// The packets of a camera at 127.0.0.21 as they come, and a client that asks for single frames.
+struct PacketsOfACamera {
+  static constexpr Endpoint kCamera{0x7F000015, kGvcpPort};
+  explicit PacketsOfACamera(double link_bits_per_s = 1e9)
+      : camera(camera_at("127.0.0.21", {}, pattern(), link_bits_per_s)) {
+    EXPECT_TRUE(client.connect());
+    EXPECT_TRUE(client.write(reg::kStreamPort, stream.local().port));
+    EXPECT_TRUE(client.set_acquisition(AcquisitionMode::single_frame));
+    EXPECT_TRUE(client.set_exposure(milliseconds(1)));
+  }
+  /// The next one; its payload lies in `bytes`.
+  GvspPacket next() {
+    GvspPacket p;
+    const std::size_t size = stream.receive(bytes, 10'000, &from);
+    EXPECT_TRUE(decode_gvsp(Bytes(bytes).first(size), p));
+    return p;
+  }
+  /// Starts an acquisition; from then to the last packet of its frame.
+  Duration frame() {
+    const auto began = now();
+    EXPECT_TRUE(client.start());
+    while (next().format != GvspFormat::trailer && !::testing::Test::HasFailure()) {
+    }
+    return now() - began;
+  }
+  void ask_for(std::uint64_t block, std::uint32_t first, std::uint32_t last) {
+    stream.send(kCamera, encode_packet_resend_cmd(++id, {0, block, first, last, false}));
+  }
+  std::unique_ptr<GigeEmulator> camera;
+  UdpTransport link{kCamera, kOwnIp};
+  GigeClient client{link};
+  UdpSocket stream{{kOwnIp, 0}};
+  Endpoint from;
+  std::vector<std::uint8_t> bytes = std::vector<std::uint8_t>(2048);
+  std::uint16_t id = 100;
+};
+
+TEST(GigeEmulator, SaysItsSubnetAndThePortOfItsStream) {
+  PacketsOfACamera c;
+  (void)c.frame();
+  EXPECT_EQ(c.from.ip, PacketsOfACamera::kCamera.ip);
+  EXPECT_EQ(c.client.read(reg::kStreamSourcePort).value(), c.from.port);
+  EXPECT_EQ(c.client.read(reg::kCurrentMask).value(), 0xFF000000U) << "of the loopback interface";
+}
+
+TEST(GigeEmulator, SendsTheRangeThatWasAskedForAndSaysWhatItNoLongerHas) {
+  PacketsOfACamera c;
+  (void)c.frame();
+  c.ask_for(1, 3, 6);
+  c.ask_for(77, 5, 9);
+  for (const std::uint32_t packet : {3U, 4U, 5U, 6U}) {
+    const auto p = c.next();
+    EXPECT_EQ(p.block_id, 1U);
+    EXPECT_EQ(p.packet_id, packet);
+    EXPECT_EQ(p.status, GvStatus::success);
+  }
+  const auto p = c.next();
+  EXPECT_EQ(p.status, GvStatus::packet_unavailable);
+  EXPECT_EQ(p.block_id, 77U);
+  EXPECT_EQ(p.packet_id, 5U);
+  EXPECT_EQ(c.camera->health().packets_resent, 4U);
+  EXPECT_EQ(c.camera->health().resends_unavailable, 1U);
+}
+
+TEST(GigeEmulator, QueuesABoundedNumberOfPacketsForResends) {
+  constexpr int kAsked = 750;  // times 12 packets, more than the 8192 that may wait
+  {
+    PacketsOfACamera c;
+    EXPECT_TRUE(c.client.set_region({0, 0, 128, 96}));
+    (void)c.frame();
+    for (int i = 0; i < kAsked; ++i) {
+      c.ask_for(1, 0, 11);
+      while (c.next().packet_id != 11 && !HasFailure()) {
+      }
+    }
+    EXPECT_EQ(c.camera->health().resends_dropped, 0U) << "what was sent no longer waits";
+  }
+  PacketsOfACamera slow(1e6);
+  EXPECT_TRUE(slow.client.set_region({0, 0, 128, 96}));
+  (void)slow.frame();
+  for (int i = 0; i < kAsked; ++i) {
+    slow.ask_for(1, 0, 11);
+    if (i % 50 == 0) {
+      EXPECT_TRUE(slow.client.read(reg::kWidth)) << "its socket is empty again";
+    }
+  }
+  EXPECT_TRUE(slow.client.read(reg::kWidth));
+  const std::uint64_t dropped = slow.camera->health().resends_dropped;
+  EXPECT_GT(dropped, 0U);
+  EXPECT_EQ(dropped % 12, 0U);
+}
+
+TEST(GigeEmulator, SendsNoFasterThanItsLinkAndThePacketDelayAllow) {
+  {
+    PacketsOfACamera c(20e6);
+    // 307200 bytes of picture and the headers of 227 packets, in bursts of 32 packets.
+    EXPECT_GT(c.frame(), milliseconds(100));
+  }
+  PacketsOfACamera c;
+  EXPECT_TRUE(c.client.set_region({0, 0, 128, 96}));  // 10 packets, leader and trailer
+  EXPECT_TRUE(c.client.write(reg::kStreamPacketDelay, 10'000'000));
+  EXPECT_GT(c.frame(), milliseconds(100));
+}
+
+TEST(GigeEmulator, DropsWhatItsLinkCannotCarry) {
+  PacketsOfACamera c(1e6);
+  EXPECT_TRUE(c.client.set_region({0, 0, 128, 96}));
+  EXPECT_TRUE(c.client.set_acquisition(AcquisitionMode::continuous));
+  EXPECT_TRUE(c.client.set_frame_rate(100));
+  EXPECT_TRUE(c.client.start());
+  EXPECT_TRUE(test::eventually([&] { return c.camera->health().blocks_dropped > 0; }));
 }
 
 TEST(GigeEmulator, HostileDatagramsAreCountedAndTheStreamGoesOn) {

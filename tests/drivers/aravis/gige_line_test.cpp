@@ -75,6 +75,12 @@ TEST(GigeLine, WiredPulsesAreTakenAtTheirInstants) {
   ASSERT_GE(b.size(), 8u);
   for (const auto& f : a) EXPECT_EQ(f.leader.timestamp_ticks % 20'000'000, 3'000'000u);
   for (const auto& f : b) EXPECT_EQ(f.leader.timestamp_ticks % 20'000'000, 13'000'000u);
+  // High from each rise for half a period.
+  EXPECT_EQ(rising.now.ns() % 20'000'000, 0);
+  for (const auto& [ms, high] : {std::pair{2, 0u}, {4, 1u}, {12, 1u}, {14, 0u}}) {
+    rising.link.advance(rising.now + milliseconds(ms));
+    EXPECT_EQ(rising.client.read(reg::kLineStatus).value(), high) << ms;
+  }
   // Faster than the sensor: every other pulse is missed and counted.
   Rig slow(c);
   EXPECT_TRUE(slow.client.set_exposure(milliseconds(30)));
@@ -102,6 +108,9 @@ TEST(GigeChunks, StandBehindThePicture) {
   EXPECT_TRUE(rig.client.write(reg::kHeight, 240));
   EXPECT_TRUE(rig.client.write(reg::kOffsetY, 6));
   const auto plain = 320u * 240;
+  EXPECT_TRUE(rig.client.write(reg::kChunkSelector, reg::kChunkImage));
+  EXPECT_TRUE(rig.client.write(reg::kChunkEnable, 0));
+  EXPECT_EQ(rig.client.read(reg::kChunkEnable).value(), 1u) << "the picture is always there";
   EXPECT_EQ(rig.client.read(reg::kPayloadSize).value(), plain + 8 + (chunk_table().size() - 1) * 16);
   EXPECT_TRUE(rig.client.start());
   const auto frames = rig.run(milliseconds(100));
@@ -142,7 +151,9 @@ TEST(GigePtp, SettlesAndSaysHowFarItIs) {
   EXPECT_EQ(status(), reg::kPtpDisabled);
   EXPECT_TRUE(rig.client.write(reg::kPtpEnable, 1));
   EXPECT_EQ(status(), reg::kPtpListening);
-  (void)rig.run(milliseconds(600));
+  (void)rig.run(milliseconds(400));
+  EXPECT_EQ(status(), reg::kPtpListening);
+  (void)rig.run(milliseconds(200));
   EXPECT_EQ(status(), reg::kPtpUncalibrated);
   EXPECT_TRUE(rig.client.write(reg::kPtpEnable, 1)) << "what is on already does not begin anew";
   (void)rig.run(milliseconds(600));

@@ -3,75 +3,17 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cmath>
 #include <random>
 
-#include "drivers/aravis/gige_client.h"
-#include "drivers/aravis/gige_memory_link.h"
+#include "tests/drivers/aravis/gige_model_bench.h"
 
 namespace rigor::gige {
 namespace {
 
-constexpr Endpoint kAlice{0x7F000001, 5000};
-constexpr Endpoint kMallory{0x0A000001, 6000};
-
-class GigeModel : public ::testing::Test {
- protected:
-  GigeModel() : model(GigeDeviceModel::create(config()).value()) {}
-  static GigeCameraConfig config() {
-    GigeCameraConfig c;
-    c.formats = {PixelFormat::mono8, PixelFormat::mono12p, PixelFormat::mono16, PixelFormat::bayer_rg8,
-                 PixelFormat::rgb8};
-    return c;
-  }
-  GvStatus write(std::uint32_t address, std::uint32_t value, Endpoint from = kAlice) {
-    const RegisterWrite w{address, value};
-    return ask(encode_write_register_cmd(next_id(), std::span(&w, 1)), from).status;
-  }
-  GvStatus write_double(std::uint32_t address, double value) {
-    std::array<std::uint8_t, 8> b{};
-    store_be(b, 0, value);
-    return ask(encode_write_memory_cmd(next_id(), address, b), kAlice).status;
-  }
-  GvStatus read(std::uint32_t address, std::uint32_t& value, Endpoint from = kAlice) {
-    const auto a = ask(encode_read_register_cmd(next_id(), std::span(&address, 1)), from);
-    if (const auto* r = std::get_if<ReadRegisterAck>(&a.body)) value = r->values.items[0];
-    return a.status;
-  }
-  std::uint32_t get(std::uint32_t address) {
-    std::uint32_t v = 0xDEAD;
-    EXPECT_EQ(read(address, v), GvStatus::success);
-    return v;
-  }
-  GvcpAck ask(const Datagram& d, Endpoint from) {
-    last = model.handle_gvcp(from, d, now);
-    GvcpAck a;
-    EXPECT_EQ(decode_gvcp_ack(last.ack, a), DecodeStatus::ok);
-    return a;
-  }
-  std::uint16_t next_id() { return ++id; }
-  /// One exposure with its block, at the model's own time; nothing where none is due by `until`.
-  std::optional<OutgoingBlock> expose(DeviceTime until, FrameRequest* request = nullptr) {
-    const auto t = model.next_exposure();
-    if (t > until) return std::nullopt;
-    FrameJob job;
-    if (!model.begin_frame(t, job)) return std::nullopt;
-    if (request != nullptr) *request = job.request;
-    std::fill(job.picture().begin(), job.picture().end(), std::uint8_t{1});
-    return model.finish_frame(std::move(job), true);
-  }
-  void open() {
-    ASSERT_EQ(write(reg::kControlPrivilege, reg::kPrivilegeControl), GvStatus::success);
-    ASSERT_EQ(write(reg::kStreamDestination, kAlice.ip), GvStatus::success);
-    ASSERT_EQ(write(reg::kStreamPort, 5001), GvStatus::success);
-  }
-
-  GigeDeviceModel model;
-  DeviceTime now = DeviceTime(1'000'000'000);
-  GvcpAnswer last;
-  std::uint16_t id = 0;
-};
+using testing::GigeModel;
+using testing::kAlice;
+using testing::kMallory;
 
 TEST_F(GigeModel, BootstrapRegistersSayWhatItIs) {
   EXPECT_EQ(get(reg::kVersion), 0x00010002U);
@@ -146,14 +88,29 @@ TEST_F(GigeModel, LocksWhatShapesTheStreamWhileItRuns) {
   open();
   EXPECT_EQ(write(reg::kAcquisitionStart, 1), GvStatus::success);
   EXPECT_EQ(get(reg::kTlParamsLocked), 1U);
-  for (const auto a : {reg::kWidth, reg::kHeight, reg::kOffsetX, reg::kPixelFormat, reg::kAcquisitionMode,
-                       reg::kStreamPacketSize, reg::kStreamDestination}) {
+  for (const auto a :
+       {reg::kWidth, reg::kHeight, reg::kOffsetX, reg::kOffsetY, reg::kPixelFormat, reg::kAcquisitionMode,
+        reg::kAcquisitionFrameCount, reg::kChunkModeActive, reg::kChunkEnable, reg::kStreamPacketSize,
+        reg::kStreamDestination, reg::kStreamConfiguration}) {
     EXPECT_EQ(write(a, get(a)), GvStatus::access_denied) << std::hex << a;
   }
   EXPECT_EQ(write_double(reg::kExposureTime, 2000), GvStatus::success);
   EXPECT_EQ(write_double(reg::kGain, 6), GvStatus::success);
   EXPECT_EQ(write(reg::kAcquisitionStop, 1), GvStatus::success);
   EXPECT_EQ(write(reg::kWidth, 320), GvStatus::success);
+}
+
+TEST_F(GigeModel, ZeroWrittenToACommandDoesNothing) {
+  open();
+  EXPECT_EQ(write(reg::kAcquisitionStart, 0), GvStatus::success);
+  EXPECT_FALSE(model.acquiring());
+  EXPECT_EQ(write(reg::kTriggerMode, 1), GvStatus::success);
+  EXPECT_EQ(write(reg::kAcquisitionStart, 1), GvStatus::success);
+  EXPECT_EQ(write(reg::kTriggerSoftware, 0), GvStatus::success);
+  EXPECT_EQ(model.next_exposure(), DeviceTime::never());
+  EXPECT_EQ(write(reg::kAcquisitionStop, 0), GvStatus::success);
+  EXPECT_EQ(write(reg::kAcquisitionAbort, 0), GvStatus::success);
+  EXPECT_TRUE(model.acquiring());
 }
 
 TEST_F(GigeModel, PacketSizeIsRoundedToWhatItCanDo) {
@@ -168,6 +125,12 @@ TEST_F(GigeModel, PacketSizeIsRoundedToWhatItCanDo) {
   EXPECT_EQ(last.test_packet->packet_size, 1400U);
   EXPECT_TRUE(last.test_packet->do_not_fragment);
   EXPECT_EQ(get(reg::kStreamPacketSize), reg::kDoNotFragment | 1400);  // the trigger bit reads 0
+}
+
+TEST_F(GigeModel, FiresNoTestPacketWhereNobodyListens) {
+  ASSERT_EQ(write(reg::kControlPrivilege, reg::kPrivilegeControl), GvStatus::success);
+  EXPECT_EQ(write(reg::kStreamPacketSize, reg::kFireTestPacket | 1400), GvStatus::success);
+  EXPECT_FALSE(last.test_packet);
 }
 
 TEST_F(GigeModel, FreeRunKeepsItsGridAndStampsExposureStart) {
@@ -231,6 +194,19 @@ TEST_F(GigeModel, SingleAndMultiFrameEndByThemselves) {
     while (expose(DeviceTime::never() - seconds(1))) ++frames;
     EXPECT_EQ(frames, count);
     EXPECT_EQ(get(reg::kAcquisitionActive), 0U);
+  }
+}
+
+TEST_F(GigeModel, EachAcquisitionCountsItsExposuresFromZero) {
+  open();
+  for (int acquisition = 0; acquisition < 2; ++acquisition) {
+    EXPECT_EQ(write(reg::kAcquisitionStart, 1), GvStatus::success);
+    for (std::uint64_t i = 0; i < 3; ++i) {
+      FrameRequest r;
+      ASSERT_TRUE(expose(DeviceTime::never(), &r));
+      EXPECT_EQ(r.index, i);
+    }
+    EXPECT_EQ(write(reg::kAcquisitionStop, 1), GvStatus::success);
   }
 }
 
@@ -319,6 +295,16 @@ TEST_F(GigeModel, RefusesResendsOfWhatIsNotOfItsStream) {
   a = model.handle_gvcp(stream, encode_packet_resend_cmd(5, {0, 1, 0, 1, false}), now);
   ASSERT_TRUE(a.resend);
   EXPECT_FALSE(a.resend->block);
+}
+
+TEST_F(GigeModel, AStreamGoesOnWhereItsPortIsWrittenAgain) {
+  open();
+  EXPECT_EQ(write(reg::kAcquisitionStart, 1), GvStatus::success);
+  ASSERT_TRUE(expose(DeviceTime::never()));
+  EXPECT_EQ(write(reg::kStreamPort, 5001), GvStatus::success);
+  EXPECT_EQ(expose(DeviceTime::never())->block->block_id, 2U);
+  const Endpoint stream{kAlice.ip, 5001};
+  EXPECT_TRUE(model.handle_gvcp(stream, encode_packet_resend_cmd(1, {0, 1, 0, 1, false}), now).resend->block);
 }
 
 TEST_F(GigeModel, KeepsAsManyBlocksAsItIsToldForResends) {
@@ -464,6 +450,13 @@ TEST_F(GigeModel, BlockIdsSkipZeroAndGoOnOverAcquisitions) {
   const auto out = expose(DeviceTime::never() - seconds(1));
   ASSERT_TRUE(out);
   EXPECT_EQ(out->block->block_id, 1U);
+}
+
+TEST_F(GigeModel, ACameraOfPicturesSendsNoMultiPartFrames) {
+  open();
+  EXPECT_EQ(get(reg::kStreamCapability) & reg::kMultipart, 0U);
+  EXPECT_EQ(write(reg::kStreamConfiguration, reg::kMultipart), GvStatus::invalid_parameter);
+  EXPECT_EQ(get(reg::kStreamConfiguration), 0U);
 }
 
 TEST_F(GigeModel, BadConfigurationsAreRefusedWithAReason) {

@@ -216,6 +216,34 @@ TEST(GigeRegisters, AWriteOverSeveralIsRefusedBeforeAnythingIsWritten) {
   EXPECT_EQ(d.write_bytes(reg::kXml, half), GvStatus::write_protect);
 }
 
+TEST(GigeRegisters, AWriteOfSeveralEndsWithTheFirstThatIsRefusedAndSaysHowManyWereDone) {
+  HeldCamera d;
+  const RegisterWrite writes[] = {{reg::kWidth, 320}, {reg::kWidthMax, 1}, {reg::kHeight, 240}};
+  const auto a = d.ask(encode_write_register_cmd(++d.id, writes));
+  EXPECT_EQ(a.status, GvStatus::write_protect);
+  ASSERT_TRUE(std::holds_alternative<WriteRegisterAck>(a.body));
+  EXPECT_EQ(std::get<WriteRegisterAck>(a.body).index, 1);
+  EXPECT_EQ(d.read(reg::kWidth, 4), 320U);
+  EXPECT_EQ(d.read(reg::kHeight, 4), 480U);
+}
+
+TEST(GigeRegisters, AnAddressBetweenTwoIsABadAlignment) {
+  HeldCamera d;
+  const std::uint32_t between = reg::kWidth + 2;
+  EXPECT_EQ(d.ask(encode_read_register_cmd(++d.id, std::span(&between, 1))).status, GvStatus::bad_alignment);
+  EXPECT_EQ(d.write(between, 4, 320), GvStatus::bad_alignment);
+}
+
+TEST(GigeRegisters, TheDescriptionIsReadToItsEndAndNotBeyond) {
+  HeldCamera d;
+  const auto c = ptp_camera();
+  const auto size = static_cast<std::uint32_t>(make_genicam_xml(c, GigeDeviceModel::registers(c)).size());
+  ASSERT_EQ(size % 4, 0U) << "clients read words";
+  EXPECT_EQ(d.ask(encode_read_memory_cmd(++d.id, {reg::kXml + size - 4, 4})).status, GvStatus::success);
+  for (const std::uint32_t at : {size - 4, size, 0xFFFFFFF8 - reg::kXml})
+    EXPECT_EQ(d.ask(encode_read_memory_cmd(++d.id, {reg::kXml + at, 8})).status, GvStatus::invalid_address);
+}
+
 TEST(GigeRegisters, AStrangerWritesNothingButThePrivilege) {
   HeldCamera d;
   const auto table = GigeDeviceModel::registers(ptp_camera());

@@ -112,6 +112,27 @@ TEST(GvspCodec, PacketsComeBackAsTheyWentInBothIdModes) {
   }
 }
 
+TEST(GvspCodec, PacketIdsHave24BitsAndExtendedOnes32) {
+  for (const auto& [extended, id] : {std::pair{false, 0xFEDCBAU}, std::pair{true, 0xFEDCBA98U}}) {
+    std::array<std::uint8_t, kGvspExtendedHeaderSize> d{};
+    const std::size_t size =
+        encode_gvsp_status(GvStatus::packet_unavailable, 1, id, GvspFormat::payload, extended, d);
+    GvspPacket p;
+    ASSERT_TRUE(decode_gvsp(Bytes(d).first(size), p));
+    EXPECT_EQ(p.packet_id, id);
+    EXPECT_EQ(p.status, GvStatus::packet_unavailable);
+    EXPECT_EQ(p.format, GvspFormat::payload);
+  }
+}
+
+TEST(GvspCodec, BlockZeroIsNone) {
+  for (const bool extended : {false, true})
+    for (const auto& d : packets(make_block(0, 64, 48, 1400, extended))) {
+      GvspPacket p;
+      EXPECT_FALSE(decode_gvsp(d, p));
+    }
+}
+
 TEST(GvspCodec, EveryTruncationIsRefusedOrShorterPayload) {
   const auto b = make_block(1, 64, 48);
   for (const auto& whole : packets(b)) {
@@ -252,6 +273,11 @@ TEST(GvspCodec, MultiPartFramesAreTheSpecificationsBytes) {
   // More parts than bytes, or than we keep: refused.
   auto lie = leader;
   for (const std::uint8_t n : {std::uint8_t{0}, std::uint8_t{3}, std::uint8_t{255}}) {
+    lie[7] = n;
+    EXPECT_FALSE(decode_gvsp(lie, p)) << int{n};
+  }
+  lie.resize(20 + 12 + 255 * kGvspPartInfoSize);  // of bytes there are enough
+  for (const std::uint8_t n : {std::uint8_t{kMaxParts + 1}, std::uint8_t{255}}) {
     lie[7] = n;
     EXPECT_FALSE(decode_gvsp(lie, p)) << int{n};
   }

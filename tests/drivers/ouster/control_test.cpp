@@ -79,6 +79,7 @@ TEST_F(OusterControl, AParameterIsStagedUntilTheSensorStartsAnew) {
   EXPECT_EQ(after.metadata.mode, (LidarMode{512, 10}));
   EXPECT_EQ(after.metadata.window, (ColumnWindow{128, 383})) << "the half that looks forward";
   EXPECT_NE(after.metadata.initialization_id, before.metadata.initialization_id);
+  EXPECT_GT(after.generation, before.generation);
   EXPECT_EQ(get("/api/v1/sensor/metadata/sensor_info")["status"], "INITIALIZING");
   get("/api/v1/sensor/cmd/set_udp_dest_auto");
   EXPECT_EQ(get("/api/v1/sensor/cmd/get_config_param?args=staged+udp_dest"), "10.0.0.7");
@@ -108,6 +109,11 @@ TEST_F(OusterControl, RefusesWhatItCannotDoAndKeepsWhatItHad) {
   get("/api/v1/sensor/cmd/get_config_param?args=both", 400);
   EXPECT_EQ(control_->http("PUT", "/api/v1/sensor/config", "{}", "10.0.0.7", now_).status, 405);
   EXPECT_EQ(control_->http("POST", "/api/v1/sensor/config", "{", "10.0.0.7", now_).status, 400);
+  EXPECT_EQ(
+      control_->http("POST", "/api/v1/sensor/config", R"({".": {"udp_dest": "10.0.0.8"}})", "10.0.0.7", now_)
+          .status,
+      400)
+      << "a map within the map";
   const auto bad = SensorControl::create(*device_, {}, R"({"udp_dest": 5})", now_);
   ASSERT_FALSE(bad);
   EXPECT_EQ(bad.error().code, ErrorCode::bad_input);
@@ -228,6 +234,51 @@ TEST(OusterDevice, APacketIsFullWithItsLastColumnAndEachColumnHasItsTime) {
                 0.51)
         << i;
   }
+}
+
+TEST(OusterDevice, ShiftsTheRowsOfItsImagesForward) {
+  const auto device = SensorDevice::create(std::make_shared<FormulaLidar>());
+  ASSERT_TRUE(device);
+  const Metadata m = device->metadata({Profile::single, {512, 10}, {0, 511}});
+  // Beams look 4.2 and 1.4 degrees to either side: 6 and 2 columns of 512.
+  for (std::size_t row = 0; row < test::kBeams; ++row)
+    EXPECT_EQ(m.pixel_shift[row], static_cast<std::int32_t>(row % 4) * 4) << row;
+}
+
+/// Of beam 0, in the first two columns: a return beyond what 32 bits of millimetres count, and a bright one.
+class ExtremeLidar final : public SampleProvider {
+ public:
+  Geometry geometry() const override { return lidar_.geometry(); }
+  const models::LidarScan* scan() const override { return lidar_.scan(); }
+  Status capture(const Request&, Sample& sample) override {
+    const models::LidarScan& s = *scan();
+    const auto at = [&](std::uint32_t column, double range_m, double remission) {
+      return packet_lidar::test::point_at(models::rotor_aim(s.beams[0], s.azimuth_rad(column)), range_m,
+                                          remission, column * s.column_period_s, 0, 0);
+    };
+    packet_lidar::test::store_points(std::vector{at(0, 4'294'987.5, 50), at(1, 10, 300)}, sample);
+    return {};
+  }
+
+ private:
+  FormulaLidar lidar_;
+};
+
+TEST(OusterDevice, GivesNoReturnThatIsTooFarAndNoReflectivityAbove255) {
+  auto device = SensorDevice::create(std::make_shared<ExtremeLidar>());
+  ASSERT_TRUE(device);
+  const Metadata m = device->metadata({Profile::single, {512, 10}, {0, 511}});
+  auto scan = device->make_scan();
+  ASSERT_TRUE(device->measure(0, BenchTime(0), {}, scan));
+  const auto layout = layout_of(m);
+  LidarPacketWriter w(layout);
+  device->compose(0, 0, &scan, m, 0, w);
+  PacketFault fault{};
+  const auto p = LidarPacket::parse(w.bytes(), layout, fault);
+  ASSERT_TRUE(p);
+  EXPECT_EQ(p->column(0).pixel(0).range_mm, 0U);
+  EXPECT_NEAR(p->column(1).pixel(0).range_mm, 10'016, 1);
+  EXPECT_EQ(p->column(1).pixel(0).reflectivity, 255);
 }
 
 TEST(OusterDevice, RefusesASensorModelOfAnotherScanner) {

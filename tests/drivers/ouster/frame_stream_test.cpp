@@ -219,7 +219,7 @@ TEST(OusterFrames, HaveNoColumnBesideTheWindowEvenIfThePacketCallsItGood) {
   Metadata m = made_metadata();
   m.window = {8, 511};
   Bench b(m);
-  for (std::uint32_t slot = 0; slot < kSlots; ++slot) {
+  for (std::uint32_t slot = 0; slot < kSlots - 1; ++slot) {  // the last one is lost: there is room for points
     auto& w = b.packet(1, slot);
     for (std::uint32_t i = 0; slot == 0 && i < 8; ++i) {
       w.set_column(i, static_cast<std::uint64_t>(kFrame_ns), static_cast<std::uint16_t>(i), true);
@@ -227,8 +227,10 @@ TEST(OusterFrames, HaveNoColumnBesideTheWindowEvenIfThePacketCallsItGood) {
     }
     b.take(w.bytes());
   }
+  b.send(2, 0);
   ASSERT_EQ(b.got.size(), 1u);
-  EXPECT_EQ(b.got[0].points, 504u * 32);
+  EXPECT_EQ(b.got[0].points, 488u * 32);
+  EXPECT_EQ(b.stream.counters().columns_lost, 16u);
 }
 
 TEST(OusterFrames, OfAnotherSensorHaveItsBeamsAndItsClock) {
@@ -253,6 +255,38 @@ TEST(OusterFrames, OfAnotherSensorHaveItsBeamsAndItsClock) {
   EXPECT_NEAR(after - before, 1, 1e-5);
   ASSERT_EQ(b.got.size(), 2u);
   EXPECT_NEAR(static_cast<double>((b.got[1].t - b.got[0].t).ns()), 1e9, 1e6);
+}
+
+TEST(OusterFrames, PointsHaveTheFieldThatWasAskedForAsRemission) {
+  for (const auto& [field, expected] :
+       {std::pair{Field::reflectivity, 3.0F}, {Field::signal, 2.0F}, {Field::near_infrared, 4.0F}}) {
+    Bench b(made_metadata(), {.time = packet_lidar::TimeSource::fixed, .remission = field});
+    float first = 0;
+    for (std::uint32_t slot = 0; slot < kSlots; ++slot) {
+      auto& w = b.packet(1, slot);
+      w.set_pixel(0, 0, {5000, 2, 3, 0});
+      w.set_near_infrared(0, 0, 4);
+      b.stream.take(w.bytes(), BenchTime(0),
+                    [&](const packet_lidar::Cloud& c) { first = c.points[0].remission; });
+    }
+    EXPECT_EQ(first, expected);
+  }
+}
+
+TEST(OusterFrames, APacketThatBeginsLateWasFilledInLessTime) {
+  Metadata m = made_metadata();
+  m.window = {8, 15};  // half a packet of each turn: full 1.5625 ms after its first good column
+  for (const auto source : {packet_lidar::TimeSource::arrival, packet_lidar::TimeSource::device}) {
+    Bench b(m, {.time = source});
+    for (std::int64_t f = 1; f < 20; ++f)
+      b.stream.take(b.packet(static_cast<std::uint64_t>(f), 0).bytes(),
+                    BenchTime(5'000'000'000 + f * kFrame_ns + 3'125'000), [&](const packet_lidar::Cloud& c) {
+                      EXPECT_NEAR(static_cast<double>(c.t_capture.ns() - f * kFrame_ns),
+                                  5'000'000'000.0 + 1'562'500, 200'000);
+                      b.got.push_back({});
+                    });
+    EXPECT_EQ(b.got.size(), 19u);
+  }
 }
 
 TEST(OusterFrames, DualReturnsAreTwoPoints) {
