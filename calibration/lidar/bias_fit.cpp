@@ -41,10 +41,6 @@ class Fit : BiasProblem {
     State state;
   };
 
-  /// How many cells say as much as one independent cell where neighbours are correlated by `rho` (first-order
-  /// autoregression).
-  [[nodiscard]] static double cells_for_one(double rho) { return (1 + rho) / (1 - rho); }
-
   void compare() {
     const BiasModel* rich = &models_.back();
     for (const BiasModel& m : models_)
@@ -56,8 +52,9 @@ class Fit : BiasProblem {
       s = solve(l_rich, s, in_use);
       spread_between_cells(s, static_cast<std::size_t>(l_rich.size()));
     }
-    // Neighbouring cells that err alike are fewer independent ones: as many as the covariance counts.
-    const double alike = cells_for_one(neighbours(s));
+    // Neighbouring cells of a beam that err alike are fewer independent ones. What all beams share is in
+    // every model.
+    const double alike = correlation(s).cells_along();
     std::vector<Tried> tried;
     std::vector<Candidate> candidates;
     for (std::size_t m = 0; m < models_.size(); ++m) {
@@ -219,7 +216,7 @@ class Fit : BiasProblem {
     for (std::size_t i = 0; i < p.size(); ++i)
       p[i].held = !(information(static_cast<Index>(i), static_cast<Index>(i)) > 0);
     for (const WeakDirection& d :
-         weak_directions(p, without_walls(l, information) / cells_for_one(neighbours(s))))
+         weak_directions(p, without_walls(l, information) / correlation(s).cells_along()))
       if (!is_common_bias(d, bias_at.size())) return false;
     return true;
   }
@@ -239,8 +236,9 @@ class Fit : BiasProblem {
       spread_between_cells(state_, static_cast<std::size_t>(l.size()));
     }
     state_ = solve(l, state_, in_use, &information);
-    out_.neighbour_correlation = neighbours(state_);
-    information /= cells_for_one(out_.neighbour_correlation);
+    const Correlation alike = correlation(state_);
+    out_.neighbour_correlation = alike.along, out_.column_correlation = alike.across;
+    information /= alike.cells_for_one;
 
     const Index w = l.wanted();
     const MatrixXd reduced = without_walls(l, information);

@@ -4,8 +4,10 @@
 // `reject_sigmas` of the noise at their remission are left out. Then returns of a wall by one beam within a
 // degree of azimuth become a cell with its mean residual; all models are compared on cells. A cell's variance
 // is σ²/n of the shots plus τ², what a wall's own unevenness and repeated scans of the same spot share (by
-// the Paule–Mandel equation, one τ for each wall). Neighbouring cells that err alike widen the covariance by
-// (1 + ρ)/(1 − ρ). So a longer recording of the same spot does not make anything surer than the wall allows.
+// the Paule–Mandel equation, one τ for each wall). Cells that err alike widen the covariance, neighbours of a
+// beam by (1 + ρ)/(1 − ρ), m beams at one azimuth (boards, ribs and bulges that run up a wall) by
+// 1 + (m − 1) ρ_c. That is what all beams share; differences of beams are known better then. So a longer
+// recording of the same spot does not make anything surer than the wall allows.
 #pragma once
 
 #include <functional>
@@ -76,7 +78,8 @@ struct BiasFit {
   std::vector<std::uint8_t> used;  ///< of each return
   std::vector<BiasCell> cells;
   std::vector<double> plane_sigma_m;  ///< τ of each wall
-  double neighbour_correlation = 0;
+  double neighbour_correlation = 0;   ///< of neighbouring cells of a beam
+  double column_correlation = 0;      ///< of all beams' cells at one azimuth of a wall
   /// Residuals of sectors that were withheld, RMS of single returns: the chosen model over no errors at all.
   double held_out_rms_m = 0, held_out_uncorrected_m = 0;
   bool common_bias_free = false;  ///< biases are then against their mean

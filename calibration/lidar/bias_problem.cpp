@@ -305,10 +305,14 @@ void BiasProblem::spread_between_cells(const State& s, std::size_t unknowns) {
   }
 }
 
-double BiasProblem::neighbours(const State& s) const {
+Correlation BiasProblem::correlation(const State& s) const {
   double product = 0, pairs = 0, square = 0, n = 0;
   const BiasCell* last = nullptr;
   double last_z = 0;
+  struct Column {
+    double sum = 0, squares = 0, count = 0;
+  };
+  std::map<std::pair<int, std::int32_t>, Column> columns;
   for (const BiasCell& c : cells_) {
     if (!c.used) continue;
     PredictedRange p;
@@ -318,10 +322,37 @@ double BiasProblem::neighbours(const State& s) const {
         c.azimuth_rad - last->azimuth_rad < 1.6 * o_.cell_rad)
       product += z * last_z, ++pairs;
     last = &c, last_z = z;
+    Column& column = columns[{c.plane, static_cast<std::int32_t>(std::floor(c.azimuth_rad / o_.cell_rad))}];
+    column.sum += z, column.squares += z * z, ++column.count;
   }
-  if (pairs < 10 || !(square > 0)) return 0;
-  const double rho = (product / pairs) / (square / n);
-  return rho > 3 / std::sqrt(pairs) ? std::min(rho, 0.98) : 0;
+  Correlation out;
+  if (!(square > 0)) return out;
+  if (pairs >= 10) {
+    const double rho = (product / pairs) / (square / n);
+    if (rho > 3 / std::sqrt(pairs)) out.along = std::min(rho, 0.98);
+  }
+  double across = 0, across_pairs = 0;
+  for (const auto& [at, c] : columns)
+    across += (c.sum * c.sum - c.squares) / 2, across_pairs += c.count * (c.count - 1) / 2;
+  if (across_pairs >= 10) {
+    const double rho = (across / across_pairs) / (square / n), a2 = out.along * out.along;
+    // Columns that are neighbours are no independent witnesses of it either.
+    if (rho > 3 * std::sqrt((1 + a2) / (1 - a2) / across_pairs)) out.across = std::min(rho, 0.98);
+  }
+  double along = out.along;
+  if (out.across > 0) {
+    // Noise of shots hides from single cells for how far they err alike; of sums of columns it does less.
+    double products = 0, squares = 0;
+    for (auto at = columns.begin(), next = at; at != columns.end(); at = next) {
+      const double sum = at->second.sum / std::sqrt(at->second.count);
+      squares += sum * sum;
+      if (++next != columns.end() && next->first == std::pair{at->first.first, at->first.second + 1})
+        products += sum * next->second.sum / std::sqrt(next->second.count);
+    }
+    along = std::max(along, std::min(products / squares, 0.98));
+  }
+  out.cells_for_one = (1 + along) / (1 - along) * (1 + 2 * across_pairs / n * out.across);
+  return out;
 }
 
 }  // namespace rigor::calibration::lidar

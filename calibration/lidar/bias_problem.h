@@ -129,6 +129,17 @@ struct Normal {
 
 [[nodiscard]] double median(std::vector<double>& v);
 
+/// Of cells that err alike.
+struct Correlation {
+  double along = 0;   ///< of neighbouring cells of a beam
+  double across = 0;  ///< of all beams' cells at one azimuth of a wall
+  /// How many cells say as much as one independent cell of what all beams share: along azimuth a first-order
+  /// autoregression (of whole columns where beams err alike), across the beams the same for each pair.
+  double cells_for_one = 1;
+  /// Of what beams differ by: along azimuth alone.
+  [[nodiscard]] double cells_along() const { return (1 + along) / (1 - along); }
+};
+
 class BiasProblem {
  public:
   BiasProblem(const LidarReturns& returns, const models::LidarModel& sensor_model, const PlaneSearch& planes,
@@ -234,8 +245,8 @@ class BiasProblem {
   /// τ of each wall: that at which squared residuals are what they should be (Paule & Mandel 1982); first by
   /// the median, and cells beyond the limit are left out.
   void spread_between_cells(const State& s, std::size_t unknowns);
-  /// Correlation of neighbouring cells of a beam, by their standardised residuals.
-  [[nodiscard]] double neighbours(const State& s) const;
+  /// By standardised residuals; 0 where it could be chance.
+  [[nodiscard]] Correlation correlation(const State& s) const;
 
   const std::vector<LidarReturn>& returns_;
   const models::LidarModel& sensor_model_;

@@ -7,6 +7,7 @@
 #include <cstring>
 #include <memory>
 #include <numbers>
+#include <optional>
 
 #include "calibration/pair/clustered_fit.h"
 #include "sensor-hal/channel/pair_watch/cloud_change.h"
@@ -24,9 +25,16 @@ constexpr std::size_t kNoiseLevels = 24;
 constexpr double kLeastCosine = 0.2;
 
 Vector3d vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + std::ptrdiff_t(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
 double azimuth(const Vector3d& d) { return std::atan2(d.y(), d.x()); }
 double elevation(const Vector3d& d) { return std::atan2(d.z(), std::hypot(d.x(), d.y())); }
-bool fired_before(const Row& a, const Row& b) { return a.ring != b.ring ? a.ring < b.ring : a.t_ns < b.t_ns; }
+bool fired_before(const Row& a, const std::pair<std::uint16_t, std::int32_t>& firing) {
+  return std::pair{a.ring, a.t_ns} < firing;
+}
 
 /// First returns by ring and firing.
 struct Return {
@@ -37,15 +45,21 @@ struct Return {
     return a.ring != b.ring ? a.ring < b.ring : a.t_ns < b.t_ns;
   }
 };
-void take_returns(const Sample& s, std::uint32_t rings, std::vector<Return>& out) {
-  out.clear();
+/// Calls `take(point, range_m)` for each first return.
+template <class Take>
+void for_each_return(const Sample& s, std::uint32_t rings, const Take& take) {
   for (std::size_t i = 0; i + sizeof(LidarPoint) <= s.size_bytes; i += sizeof(LidarPoint)) {
     LidarPoint p;
     std::memcpy(&p, s.bytes().data() + i, sizeof p);
     const double range = std::hypot(double{p.x_m}, double{p.y_m}, double{p.z_m});
-    if (p.ring < rings && p.return_index == 0 && std::isfinite(range) && range > 0)
-      out.push_back({p.ring, p.t_offset_ns, range, double{p.remission}});
+    if (p.ring < rings && p.return_index == 0 && std::isfinite(range) && range > 0) take(p, range);
   }
+}
+void take_returns(const Sample& s, std::uint32_t rings, std::vector<Return>& out) {
+  out.clear();
+  for_each_return(s, rings, [&](const LidarPoint& p, double range) {
+    out.push_back({p.ring, p.t_offset_ns, range, double{p.remission}});
+  });
   std::sort(out.begin(), out.end());
 }
 
@@ -90,6 +104,11 @@ class Pieces {
     return best;
   }
 
+  [[nodiscard]] const Row* of_firing(std::uint16_t ring, std::int32_t t_ns) const {
+    const auto same = std::lower_bound(rows_.begin(), rows_.end(), std::pair{ring, t_ns}, fired_before);
+    return same != rows_.end() && same->ring == ring && same->t_ns == t_ns ? &*same : nullptr;
+  }
+
  private:
   std::span<const Row> rows_;
   std::vector<std::vector<std::pair<double, std::size_t>>> by_ring_;
@@ -130,31 +149,19 @@ class Fitter {
   }
 
   Result<CloudPairFit> run() {
+    if (auto s = prepare(); !s) return tl::unexpected<Error>(s.error());
+    if (auto s = start_outlying_beams(); !s) return tl::unexpected<Error>(s.error());
     if (auto s = solve(); !s) return tl::unexpected<Error>(s.error());
-    hold_the_open();
-    if (beams_ > 0 && fit_.pairs >= 2 && !fit_.change.interrupted) {
-      const auto before = std::tuple{state_, R_, t_};
-      for (std::size_t k = 0; k < beams_; ++k) held_[kBeams + k] = false;
-      if (auto s = solve(); !s) return tl::unexpected<Error>(s.error());
-      bool any = false;
-      for (std::size_t k = kBeams; k < columns_; ++k) {
-        const auto i = Eigen::Index(k);
-        any = any ||
-              (solution_.determined[k] && std::abs(state_[i]) > 4.5 * std::sqrt(solution_.covariance(i, i)));
-      }
-      if (!any) {
-        std::tie(state_, R_, t_) = before;
-        for (std::size_t k = 0; k < beams_; ++k) held_[kBeams + k] = true;
-        if (auto s = solve(); !s) return tl::unexpected<Error>(s.error());
-      }
-    }
+    if (auto s = hold_the_open(); !s) return tl::unexpected<Error>(s.error());
+    if (beams_ > 0 && fit_.pairs >= 2 && !fit_.change.interrupted)
+      if (auto s = solve_with_beams(); !s) return tl::unexpected<Error>(s.error());
     finish();
     return std::move(fit_);
   }
 
  private:
   /// What is known to no use makes others worse: it stays as it is in the sensor model, and is told.
-  void hold_the_open() {
+  Status hold_the_open() {
     bool again = false;
     for (std::size_t k = 0; k < columns_; ++k) {
       const auto i = Eigen::Index(k);
@@ -165,10 +172,34 @@ class Fitter {
       open_.push_back(k);
       state_[i] = 0;
     }
-    if (!again) return;
+    if (!again) return {};
     // Turns and moves start anew without those that are open.
-    R_.setIdentity(), t_.setZero(), state_.setZero();
-    (void)solve();
+    R_.setIdentity(), t_.setZero();
+    return solve();
+  }
+
+  /// Single beams are kept where one stands out.
+  Status solve_with_beams() {
+    const auto before = std::tuple{state_, R_, t_};
+    for (std::size_t k = 0; k < beams_; ++k) held_[kBeams + k] = false;
+    const auto medians = beam_medians();
+    if (!medians) return tl::unexpected<Error>(medians.error());
+    double sum = 0, count = 0;
+    for (const double m : *medians)
+      if (std::isfinite(m)) sum += m, ++count;
+    for (std::size_t k = 0; k < beams_; ++k)
+      beam(k) = std::isfinite((*medians)[k]) ? (*medians)[k] - sum / count : 0;
+    if (count > 0) state_[kBias] += sum / count;
+    if (auto s = solve(); !s) return s;
+    for (std::size_t k = 0; k < beams_; ++k) {
+      const auto i = Eigen::Index(kBeams + k);
+      if (solution_.determined[kBeams + k] &&
+          std::abs(state_[i]) > 4.5 * std::sqrt(solution_.covariance(i, i)))
+        return {};
+    }
+    std::tie(state_, R_, t_) = before;
+    for (std::size_t k = 0; k < beams_; ++k) held_[kBeams + k] = true, beam(k) = 0;
+    return solve();
   }
 
   Status solve() {
@@ -201,30 +232,74 @@ class Fitter {
     return {};
   }
 
+  [[nodiscard]] double& beam(std::size_t k) { return state_[Eigen::Index(kBeams + k)]; }
+
+  /// Of each beam's ranges against the simulated side, as the state carries it over; NaN: too few. They need
+  /// no surfaces of the device, which has a step at a beam that is far off.
+  Result<std::vector<double>> beam_medians() {
+    std::vector<ResidualSample> left(beams_);
+    auto said = pairs_([&](const Sample& real, const Sample& simulated) {
+      if (!simulated_change_->add(real, simulated)) return;
+      pieces_.take(simulated_change_->rows(), options_.rings);
+      for_each_return(real, options_.rings, [&](const LidarPoint& p, double range) {
+        const Vector3d d = Vector3d{p.x_m, p.y_m, p.z_m} / range;
+        if (const auto met = intersect({d, range, p.t_offset_ns, p.ring}))
+          left[fit_.beam_of_ring[p.ring]].add(residual(range, met->range));
+      });
+      pair_watch::Estimate nobody;
+      simulated_change_->finish(nobody);
+    });
+    if (!said) return tl::unexpected<Error>(said.error());
+    std::vector<double> medians;
+    for (const ResidualSample& s : left)
+      medians.push_back(s.values().size() < 16 ? std::nan("") : median(s.values()));
+    return medians;
+  }
+
+  /// A beam that is far off from the others bends the device's surfaces and takes their neighbours with it:
+  /// it is put right roughly before anything else is solved for.
+  Status start_outlying_beams() {
+    if (beams_ < 4) return {};
+    const auto medians = beam_medians();
+    if (!medians) return tl::unexpected<Error>(medians.error());
+    std::vector<double> known;
+    for (const double m : *medians)
+      if (std::isfinite(m)) known.push_back(m);
+    if (known.size() < 4) return {};
+    const double middle = median(known);
+    for (double& m : known) m = std::abs(m - middle);
+    const double limit = std::max(2 * options_.sigma_m, 4 * 1.4826 * median(known));
+    for (std::size_t k = 0; k < beams_; ++k)
+      if (std::abs((*medians)[k] - middle) > limit) beam(k) = (*medians)[k] - middle;
+    return {};
+  }
+
+  Status prepare() {
+    pair_watch::CloudChangeOptions o;
+    o.points = o.rows = options_.points;
+    o.rings = options_.rings, o.sigma_m = options_.sigma_m;
+    for (auto* change : {&simulated_change_, &real_change_}) {
+      auto made = CloudChange::make(o);
+      if (!made) return tl::unexpected<Error>(made.error());
+      *change = std::make_unique<CloudChange>(std::move(*made));
+    }
+    fit_rows_ = std::make_unique<ClusteredFit>(columns_, std::size_t{options_.rings} * kSectors);
+    if (beams_ > 0) {
+      std::vector<double> sum(columns_, 0);
+      std::fill(sum.begin() + kBeams, sum.end(), 1);
+      fit_rows_->constrain(sum);
+    }
+    return {};
+  }
+
   Status one_pass() {
     const std::uint64_t stretch = std::max<std::uint64_t>(1, fit_.pairs / 50);
     fit_.pairs = fit_.unlike = 0, fit_.after = {};
     both_ = lost_ = gained_ = 0;
     noise_ = NoiseByLevel(kNoiseLevels);
-    if (!simulated_change_) {
-      pair_watch::CloudChangeOptions o;
-      o.points = o.rows = options_.points;
-      o.rings = options_.rings, o.sigma_m = options_.sigma_m;
-      for (auto* change : {&simulated_change_, &real_change_}) {
-        auto made = CloudChange::make(o);
-        if (!made) return tl::unexpected<Error>(made.error());
-        *change = std::make_unique<CloudChange>(std::move(*made));
-      }
-      fit_rows_ = std::make_unique<ClusteredFit>(columns_, std::size_t{options_.rings} * kSectors);
-      if (beams_ > 0) {
-        std::vector<double> sum(columns_, 0);
-        std::fill(sum.begin() + kBeams, sum.end(), 1);
-        fit_rows_->constrain(sum);
-      }
-    }
     fit_rows_->clear();
     auto said = pairs_([&](const Sample& real, const Sample& simulated) {
-      if (!simulated_change_->add(real, simulated) || !real_change_->add(simulated, real)) {
+      if (!simulated_change_->add(real, simulated) || !real_change_->add(simulated, without_beams(real))) {
         ++fit_.unlike;
         return;
       }
@@ -254,41 +329,76 @@ class Fitter {
     std::size_t place = 0;
   };
 
+  /// The device's cloud less the biases of beams found so far. Where its surfaces have edges and how they are
+  /// turned is judged by this one: with a beam's bias in it, points whose noise makes up for the bias would
+  /// pass and others would not.
+  const Sample& without_beams(const Sample& real) {
+    if (state_.tail(Eigen::Index(beams_)).isZero(0) || !real.as<PointCloudInfo>()) return real;
+    if (corrected_.memory().size() < real.size_bytes) corrected_.reserve(real.size_bytes);
+    corrected_.stamp = real.stamp, corrected_.info = real.info, corrected_.size_bytes = real.size_bytes;
+    for (std::size_t i = 0; i + sizeof(LidarPoint) <= real.size_bytes; i += sizeof(LidarPoint)) {
+      LidarPoint p;
+      std::memcpy(&p, real.bytes().data() + i, sizeof p);
+      const double range = std::hypot(double{p.x_m}, double{p.y_m}, double{p.z_m});
+      if (p.ring < options_.rings && range > 0) {
+        const double bias = state_[Eigen::Index(kBeams + fit_.beam_of_ring[p.ring])];
+        const auto part = float(std::max(0.0, 1 - bias / range));
+        p.x_m *= part, p.y_m *= part, p.z_m *= part;
+      }
+      std::memcpy(corrected_.memory().data() + i, &p, sizeof p);
+    }
+    return corrected_;
+  }
+
+  struct Firing {
+    Vector3d direction;
+    double range;  ///< measured, less the beam's bias
+    std::int32_t t_ns;
+    std::uint16_t ring;
+  };
+  struct Intersection {
+    Vector3d normal;  ///< in the device's frame
+    double range;     ///< from the device
+  };
+  /// Where a firing of the device meets the simulated side's pieces, by the mount found so far.
+  [[nodiscard]] std::optional<Intersection> intersect(const Firing& fired) const {
+    const Row* piece = nullptr;
+    double range = 0;
+    if (!R_.isIdentity(0) || !t_.isZero(0)) {
+      const Vector3d ray = R_ * fired.direction;
+      range = (fired.range - state_[kBias]) / (1 + state_[kScale]);
+      for (int again = 0; again < 2; ++again) {
+        piece = pieces_.towards(t_ + ray * range);
+        if (!piece) return {};
+        const Vector3d n = vector(piece->normal), p = piece->range * vector(piece->direction);
+        const double across = n.dot(ray);
+        if (std::abs(across) < kLeastCosine) return {};
+        range = n.dot(p - t_) / across;
+      }
+    } else {
+      piece = pieces_.of_firing(fired.ring, fired.t_ns);
+      if (!piece) return {};
+      range = piece->range;
+    }
+    if (!(range > 0) || std::abs(range - piece->range) > 0.1 * piece->range + 1) return {};
+    const Vector3d n = R_.transpose() * vector(piece->normal);
+    if (std::abs(n.dot(fired.direction)) < kLeastCosine) return {};
+    return Intersection{n, range};
+  }
+  [[nodiscard]] double residual(double measured, double range) const {
+    return measured - (1 + state_[kScale]) * range - state_[kBias];
+  }
+
   void take_rows() {
-    const auto simulated_rows = simulated_change_->rows(), real_rows = real_change_->rows();
-    pieces_.take(simulated_rows, options_.rings);
+    const auto real_rows = real_change_->rows();
+    pieces_.take(simulated_change_->rows(), options_.rings);
     equations_.clear();
-    const bool moved = !R_.isIdentity(0) || !t_.isZero(0);
     for (std::size_t i = 0; i < real_rows.size(); ++i) {
       const Row& fired = real_rows[i];
       const Vector3d d = vector(fired.direction), n_real = vector(fired.normal);
-      const double measured = fired.range;
-      const Row* piece = nullptr;
-      double range = 0;
-      if (moved) {
-        const Vector3d ray = R_ * d;
-        range = (measured - state_[kBias]) / (1 + state_[kScale]);
-        for (int again = 0; again < 2; ++again) {
-          piece = pieces_.towards(t_ + ray * range);
-          if (!piece) break;
-          const Vector3d n = vector(piece->normal), p = piece->range * vector(piece->direction);
-          const double across = n.dot(ray);
-          if (std::abs(across) < kLeastCosine) {
-            piece = nullptr;
-            break;
-          }
-          range = n.dot(p - t_) / across;
-        }
-      } else {
-        const auto same = std::lower_bound(simulated_rows.begin(), simulated_rows.end(), fired, fired_before);
-        if (same != simulated_rows.end() && same->ring == fired.ring && same->t_ns == fired.t_ns)
-          piece = &*same, range = piece->range;
-      }
-      if (!piece || !(range > 0) || std::abs(range - piece->range) > 0.1 * piece->range + 1) continue;
-      const Vector3d n = R_.transpose() * vector(piece->normal);
+      const auto met = intersect({d, fired.range, fired.t_ns, fired.ring});
       // One surface, as both see it.
-      if (std::abs(n.dot(n_real)) < 0.95 || std::abs(n.dot(d)) < kLeastCosine ||
-          std::abs(n_real.dot(d)) < kLeastCosine)
+      if (!met || std::abs(met->normal.dot(n_real)) < 0.95 || std::abs(n_real.dot(d)) < kLeastCosine)
         continue;
       // The piece's range has noise, which is in the residual, too; the device's ranges beside have none of
       // it.
@@ -298,7 +408,7 @@ class Fitter {
           beside += real_rows[at].range, ++neighbours;
       if (neighbours == 0) continue;
       Equation e;
-      const std::size_t beam = kBeams + fit_.beam_of_ring[fired.ring];
+      const std::size_t beam_column = kBeams + fit_.beam_of_ring[fired.ring];
       const auto columns = [&](const Vector3d& normal, double at_m) {
         std::vector<double> c(columns_, 0);
         const double across = normal.dot(d);
@@ -307,21 +417,18 @@ class Fitter {
           c[kTurn + std::size_t(k)] = -at_m * d.cross(normal)[k] / across;
           c[kMove + std::size_t(k)] = -normal[k] / across;
         }
-        if (beams_ > 0) c[beam] = 1;
+        if (beams_ > 0) c[beam_column] = 1;
         return c;
       };
-      e.j = columns(n, range), e.z = columns(n_real, beside / neighbours);
-      e.residual = measured - (1 + state_[kScale]) * range - state_[kBias];
-      if (beams_ > 0) e.residual -= state_[Eigen::Index(beam)];
+      e.j = columns(met->normal, met->range), e.z = columns(n_real, beside / neighbours);
+      e.residual = residual(fired.range, met->range);
       e.place = place(fired.ring, azimuth(d));
       equations_.push_back(std::move(e));
     }
     if (equations_.size() < 16) return;
     scratch_.clear();
     for (const Equation& e : equations_) scratch_.push_back(std::abs(e.residual));
-    const auto middle = scratch_.begin() + std::ptrdiff_t(scratch_.size() / 2);
-    std::nth_element(scratch_.begin(), middle, scratch_.end());
-    const double limit = 1.345 * std::max(1.4826 * *middle, 1e-6);
+    const double limit = 1.345 * std::max(1.4826 * median(scratch_), 1e-6);
     const double weight = 1 / (2 * options_.sigma_m * options_.sigma_m);
     for (Equation& e : equations_) {
       if (fit_.passes == 0) fit_.before.add(e.residual);
@@ -423,6 +530,7 @@ class Fitter {
   std::vector<Equation> equations_;
   std::vector<double> scratch_, instrument_;
   std::vector<Return> real_, simulated_;
+  Sample corrected_;
   std::vector<const Return*> matched_;
   NoiseByLevel noise_{kNoiseLevels};
   double both_ = 0, lost_ = 0, gained_ = 0;

@@ -8,6 +8,8 @@ namespace rigor::calibration {
 namespace {
 
 constexpr double kLeastInside = 0.05;
+/// Of what columns vary by, the share that their instruments have, too. Of noise alone it is about 1/√rows.
+constexpr double kLeastShare = 0.1;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 Eigen::Map<const Eigen::VectorXd> vector(std::span<const double> v) {
@@ -27,7 +29,7 @@ ClusteredFit::ClusteredFit(std::size_t parameters, std::size_t places)
 void ClusteredFit::clear() {
   const auto n = static_cast<Eigen::Index>(n_);
   a_ = slope_ = information_ = time_ = both_ = Eigen::MatrixXd::Zero(n, n);
-  b_ = inside_ = Eigen::VectorXd::Zero(n);
+  b_ = inside_ = instruments_ = Eigen::VectorXd::Zero(n);
   place_scores_.setZero(), stretch_scores_.setZero();
   touched_.assign(touched_.size(), false);
   count_ = 0, stretches_ = 0, squares_ = 0;
@@ -49,7 +51,8 @@ void ClusteredFit::add(std::size_t place, std::span<const double> instrument,
       information_(i, k) += derivative[static_cast<std::size_t>(i)] * wj;
     }
     inside_[k] += j * sj;
-    const double score = wr * instrument[static_cast<std::size_t>(k)];
+    const double z = instrument[static_cast<std::size_t>(k)], score = wr * z;
+    instruments_[k] += w.weight * z * z;
     b_[k] += score;
     stretch_scores_(k, column) += score;
   }
@@ -94,9 +97,17 @@ ClusteredFit::Solution ClusteredFit::solve(const std::vector<bool>& held) const 
     for (const Eigen::Index i : free) lost(i);
     return s;
   }
+  // A condition binds what the data tell of: it does not make up for a parameter that has no data.
+  std::erase_if(free, [&](Eigen::Index i) {
+    if (!(information_(i, i) > 0) || !(instruments_[i] > 0)) lost(i);
+    return std::isinf(s.covariance(i, i));
+  });
+  if (free.empty()) return s;
   // Conditions weigh as much as the data say of what they bind.
   Eigen::MatrixXd a = a_, slope = slope_, information = information_;
-  for (const Eigen::VectorXd& c : constraints_) {
+  for (Eigen::VectorXd c : constraints_) {
+    for (Eigen::Index i = 0; i < n; ++i)
+      if (std::isinf(s.covariance(i, i))) c[i] = 0;
     const double weight = (information_.diagonal().cwiseProduct(c.cwiseAbs2())).sum();
     const Eigen::MatrixXd condition = weight * c * c.transpose();
     a += condition, slope += condition, information += condition;
@@ -105,23 +116,36 @@ ClusteredFit::Solution ClusteredFit::solve(const std::vector<bool>& held) const 
   while (!free.empty()) {
     const auto m = static_cast<Eigen::Index>(free.size());
     Eigen::VectorXd unit(m);
+    for (Eigen::Index i = 0; i < m; ++i)
+      unit[i] = 1 / std::sqrt(information(free[std::size_t(i)], free[std::size_t(i)]));
     bool changed = false;
-    for (Eigen::Index i = 0; i < m; ++i) {
-      const double d = information(free[std::size_t(i)], free[std::size_t(i)]);
-      unit[i] = d > 0 ? 1 / std::sqrt(d) : 0;
-      if (!(d > 0)) lost(free[std::size_t(i)]), changed = true;
-    }
     Eigen::VectorXd open = Eigen::VectorXd::Zero(m);
-    if (!changed) {
-      Eigen::MatrixXd scaled(m, m);
-      for (Eigen::Index i = 0; i < m; ++i)
-        for (Eigen::Index k = 0; k < m; ++k)
-          scaled(i, k) = information(free[std::size_t(i)], free[std::size_t(k)]) * unit[i] * unit[k];
-      const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
+    Eigen::MatrixXd scaled(m, m);
+    for (Eigen::Index i = 0; i < m; ++i)
       for (Eigen::Index k = 0; k < m; ++k)
-        if (eigen.eigenvalues()[k] < 1e-9) open += eigen.eigenvectors().col(k).cwiseAbs();
+        scaled(i, k) = information(free[std::size_t(i)], free[std::size_t(k)]) * unit[i] * unit[k];
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
+    for (Eigen::Index k = 0; k < m; ++k)
+      if (eigen.eigenvalues()[k] < 1e-9) open += eigen.eigenvectors().col(k).cwiseAbs();
+    for (Eigen::Index i = 0; i < m; ++i)
+      if (open[i] > 1e-3) lost(free[std::size_t(i)]), changed = true;
+    if (!changed) {
+      // Columns of noise alone look as if they told something, and their instruments know nothing of them:
+      // a move along walls, of which each side's normals are noise.
+      Eigen::MatrixXd shared(m, m);
       for (Eigen::Index i = 0; i < m; ++i)
-        if (open[i] > 1e-3) lost(free[std::size_t(i)]), changed = true;
+        for (Eigen::Index k = 0; k < m; ++k) {
+          const Eigen::Index row = free[std::size_t(i)], column = free[std::size_t(k)];
+          shared(i, k) =
+              a(row, column) * std::sqrt(information_(row, row) / instruments_[row]) * unit[i] * unit[k];
+        }
+      const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> common(
+          (shared + shared.transpose()) / 2, scaled);
+      if (common.eigenvalues()[0] < kLeastShare) {
+        Eigen::Index most = 0;
+        common.eigenvectors().col(0).cwiseAbs().maxCoeff(&most);
+        lost(free[std::size_t(most)]), changed = true;
+      }
     }
     if (!changed) break;
     std::erase_if(free, [&](Eigen::Index i) { return std::isinf(s.covariance(i, i)); });

@@ -5,7 +5,9 @@
 // z = J is weighted least squares. Where J is measured itself (a normal from noisy points), its noise makes δ
 // too small; a z that has noise of its own, independent of J's, does not (instrumental variables: Wooldridge,
 // Econometric Analysis of Cross Section and Panel Data, 2010, chapter 5). z must not hold the noise of its
-// own residual either.
+// own residual either. A combination of columns whose variation its instruments do not share (less than a
+// tenth of it) is noise, and one of its parameters is not determined: neither its value nor the scatter says
+// how far off it is.
 //
 // Huber's weight w depends on r, and the covariance takes that into account: beyond the limit w r is
 // constant, so such a residual adds to the scatter and nothing to the slope B = Σ z (d(w r)/dr) Jᵀ (Huber and
@@ -70,7 +72,8 @@ class ClusteredFit {
  private:
   std::size_t n_;
   Eigen::MatrixXd a_, slope_, information_, time_, both_, place_scores_, stretch_scores_;
-  Eigen::VectorXd b_, inside_;  ///< `inside_`: diagonal of the information without what is beyond the limit
+  Eigen::VectorXd b_, inside_;   ///< `inside_`: diagonal of the information without what is beyond the limit
+  Eigen::VectorXd instruments_;  ///< their weighted squares
   std::vector<Eigen::VectorXd> constraints_;
   std::vector<bool> touched_;
   std::vector<Eigen::Index> used_;  ///< scratch

@@ -252,9 +252,11 @@ void CloudChange::regress() noexcept {
     double lever[3];
     cross(p.d, n, lever);
     Row row;
-    row.derivative[0] = 1, row.derivative[1] = p.range;
+    // The point's own noise is in the residual, too.
+    const double range = (points_[i - 1].range + points_[i + 1].range) / 2;
+    row.derivative[0] = 1, row.derivative[1] = range;
     for (std::size_t k = 0; k < 3; ++k)
-      row.derivative[2 + k] = -p.range * lever[k] / cosine, row.derivative[5 + k] = -n[k] / cosine;
+      row.derivative[2 + k] = -range * lever[k] / cosine, row.derivative[5 + k] = -n[k] / cosine;
     row.residual = p.residual;
     row.base_weight = row.weight = 1 / (2 * options_.sigma_m * options_.sigma_m);
     row.beam = static_cast<std::uint32_t>(p.ring * beams_ / options_.rings);

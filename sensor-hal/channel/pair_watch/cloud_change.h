@@ -10,6 +10,9 @@
 //   beam k             1 for its rings          m, apart from the range bias; sum 0
 //   remission          simulated remission      relative, in a fit of its own
 //
+// ρ is the mean of the point's two neighbours along the ring: noise of the point itself is in the residual,
+// too, and would show as a scale of −noise² over the variance of ranges.
+//
 // Normals come from the simulated cloud: across neighbouring points of a ring, and across rings where there
 // are several. A scanner of one ring sees a plane: its turn about z and its moves along x and y are all there
 // is. Edges and grazing rays are left out; Huber's weights (c = 1.345) limit what stands out (leaves,

@@ -111,7 +111,11 @@ bool RangeImageChange::add(const Sample& real, const Sample& simulated) noexcept
       const double far = std::abs(residual) / (edge + 5 * std::sqrt(variance));
       const std::array<WindowFit::Term, 3> terms{
           {{kOffset, 1}, {kScale, s}, {bin == 0 ? std::size_t{kLow} : std::size_t{kHigh}, 1}}};
-      window_.add({terms.data(), bin == 1 ? 2u : 3u}, residual, far > 1 ? weight / far : weight);
+      const double w_far = far > 1 ? weight / far : weight;
+      window_.add({terms.data(), bin == 1 ? 2u : 3u}, residual, w_far);
+      // The range itself is noisy: that of the pixels beside is an instrument for the scale.
+      const double off = w_far * ((y(u - 1, v) + y(u + 1, v) + y(u, v - 1) + y(u, v + 1)) / 4 - s);
+      window_.correct(kScale, -off * s, off * residual);
       weights_ += weight;
       if (amplitudes && std::isfinite(ax(u, v)) && std::isfinite(ay(u, v))) {
         const WindowFit::Term t{0, ay(u, v)};

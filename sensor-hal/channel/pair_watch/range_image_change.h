@@ -5,7 +5,8 @@
 // edge:
 //
 //   offset               1                    m
-//   range scale          range                relative
+//   range scale          range                relative; in products the mean of the four pixels beside,
+//                                             whose noise is not in the residual
 //   low, high amplitude  1 below a third, above two thirds of amplitude_max: m, against the middle third
 //   amplitude            simulated amplitude  relative, in a fit of its own
 //

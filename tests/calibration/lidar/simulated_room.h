@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cmath>
+#include <functional>
 #include <vector>
 
 #include "calibration/lidar/lidar_fit.h"
@@ -47,6 +48,8 @@ struct Truth {
   std::vector<Wall> walls = room();
   double outliers = 0;  ///< share of returns that are anywhere
   double from_rad = -M_PI, to_rad = M_PI;
+  /// By how much walls are nearer or farther than their planes in a direction, m; empty: even.
+  std::function<double(std::uint16_t beam, double azimuth_rad)> uneven_m{};
 };
 
 /// `scans` scans. `stated`: the sensor model that the azimuths and elevations of the returns are told by is
@@ -75,6 +78,7 @@ inline LidarReturns measure(const Truth& t, int scans, std::uint64_t seed) {
           if (r > 0 && r < range) range = r, cosine = across, rho = w.reflectance;
         }
         if (range > m.range.max_m) continue;
+        if (t.uneven_m) range += t.uneven_m(b, azimuth);
         const double e = Math::lidar_surface_remission(cosine, rho, 0, 1, 0, 1);
         if (e < m.detection.minimum_remission) continue;
         const auto words = models::draw_words(key, models::NoiseEffect::lidar_echo,

@@ -5,6 +5,8 @@
 
 #include <Eigen/Dense>
 #include <cmath>
+#include <cstdint>
+#include <cstdlib>
 #include <string>
 #include <vector>
 
@@ -12,6 +14,10 @@
 #include "calibration/core/fit_result.h"
 
 namespace rigor::calibration {
+
+/// RIGOR_TEST_SEEDS=1000: a sharper look, by hand.
+inline const std::uint64_t kSeeds =
+    std::getenv("RIGOR_TEST_SEEDS") ? std::strtoull(std::getenv("RIGOR_TEST_SEEDS"), nullptr, 10) : 100;
 
 /// Collects the errors of fits whose truth is known.
 class Coverage {

@@ -14,7 +14,7 @@ namespace {
 
 TEST(RangeFit, RecoversHarmonicsOffsetAndPatternWithTrueUncertainties) {
   Coverage ranges, noise;
-  for (std::uint64_t seed = 0; seed < 100; ++seed) {
+  for (std::uint64_t seed = 0; seed < kSeeds; ++seed) {
     SyntheticTof t{.model = small_tof(), .offset_m = 0.02, .distance_sigma_m = 1e-3, .tilt = 0.03};
     t.remission = 0.3 + 0.06 * static_cast<double>(seed % 10);
     RangeFitOptions o;

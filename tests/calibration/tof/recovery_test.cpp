@@ -2,8 +2,6 @@
 // stated uncertainties are true. Seeds 0 … 99.
 #include <gtest/gtest.h>
 
-#include <cstdlib>
-
 #include "calibration/tof/drift_fit.h"
 #include "calibration/tof/saturation.h"
 #include "calibration/tof/twin.h"
@@ -12,10 +10,6 @@
 
 namespace rigor::calibration {
 namespace {
-
-/// RIGOR_TEST_SEEDS=1000: a sharper look, by hand.
-const std::uint64_t kSeeds =
-    std::getenv("RIGOR_TEST_SEEDS") ? std::strtoull(std::getenv("RIGOR_TEST_SEEDS"), nullptr, 10) : 100;
 
 /// Distances over two periods of the wiggling at 30 MHz, and more.
 std::vector<double> many_distances(double from_m, double to_m, int count) {

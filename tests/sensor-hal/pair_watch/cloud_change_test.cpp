@@ -130,6 +130,41 @@ TEST(CloudChange, TenThousandWindowsWithoutAChangeRaiseNoAlarm) {
       watch, [&](bool c) { return pair.window(c); }, 200);
 }
 
+/// Noise of the simulated side is in the residual and in the range that a scale goes with. Windows of such
+/// scans, with 0.06 m of noise in a room of 12 m, were off by −0.35 % each.
+TEST(CloudChange, NoiseOfTheSimulatedSideIsNotTakenForAScale) {
+  for (const double scale : {0.0, 0.02}) {
+    Random random(1);
+    CloudChangeOptions o = Pair::options(kPlane);
+    o.sigma_m = 0.06;
+    CloudChange changes = CloudChange::make(o).value();
+    Change change;
+    change.scale = scale;
+    Sample sides[2];
+    for (Sample& s : sides) s.reserve(sizeof(LidarPoint) * kPlane.steps);
+    double sum = 0, squares = 0, count = 0;
+    for (int window = 0; window < 400; ++window) {
+      const Room room(random);
+      const testing::Vector at{random.uniform(), random.uniform(), 0};
+      for (const bool device : {true, false}) {
+        Sample& s = sides[device ? 0 : 1];
+        const auto points =
+            testing::scan_of(room, at, kPlane, device ? change : Change{}, {.sigma_m = o.sigma_m}, random);
+        s.info = PointCloudInfo{static_cast<std::uint32_t>(points.size())};
+        testing::fill<LidarPoint>(s, points);
+      }
+      EXPECT_TRUE(changes.add(sides[0], sides[1]));
+      Estimate e;
+      changes.finish(e);
+      if (std::isfinite(e.value[1])) sum += e.value[1], squares += e.value[1] * e.value[1], ++count;
+    }
+    const double mean = sum / count, sigma = std::sqrt((squares / count - mean * mean) / count);
+    std::printf("  range scale %.5f ± %.5f of %.5f, %.0f windows\n", mean, sigma, scale, count);
+    EXPECT_EQ(count, 400);
+    EXPECT_NEAR(mean, scale, 3.5 * sigma);
+  }
+}
+
 TEST(CloudChange, FewPointsNoneAndBrokenOnesSayNothing) {
   Pair pair(kPlane, Change{}, Change{}, 6);
   (void)pair.window(false);

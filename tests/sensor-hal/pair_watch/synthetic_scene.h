@@ -116,11 +116,12 @@ struct ScanShape {
   double step_rad = 0.5 * kDegree, first_rad = -135 * kDegree;
 };
 
-/// What a scanner has against its simulated side; `beam_m` is of ring 3. The mount is told in the simulated
-/// side's frame.
+/// What a scanner has against its simulated side; `beam_m` is the bias of ring `beam` alone. The mount is
+/// given in the simulated side's frame.
 struct ScanChange {
   double bias_m = 0, scale = 0, noise = 1, lost = 0, beam_m = 0, remission = 0;
   Vector turn_rad{}, move_m{};
+  std::uint32_t beam = 3;
 };
 
 /// Of both sides alike.
@@ -141,7 +142,7 @@ inline std::vector<LidarPoint> scan_of(const Room& room, const Vector& at, const
       const double truth = room.range(o, turned(c.turn_rad, d));
       const double lost = noise.lost + c.lost;
       const bool gone = lost > 0 && random.uniform() < lost;
-      const double range = truth * (1 + c.scale) + c.bias_m + (ring == 3 ? c.beam_m : 0) +
+      const double range = truth * (1 + c.scale) + c.bias_m + (ring == c.beam ? c.beam_m : 0) +
                            noise.sigma_m * c.noise * random.quick_normal();
       double remission = (0.2 + 0.6 * std::abs(std::sin(3 * truth))) * (1 + c.remission);
       if (noise.remission > 0) remission *= 1 + noise.remission * random.quick_normal();
