@@ -13,6 +13,7 @@
 #include "sensor-hal/models/lidar/lidar_model.h"
 #include "sensor-hal/models/tof/tof_model.h"
 #include "sim/render/rays/embree_engine.h"
+#include "sim/sensors/tof/tof_light.h"
 
 namespace rigor::bench {
 
@@ -48,9 +49,9 @@ struct Reference {
                                                 const Eigen::Isometry3d& T_world_sensor,
                                                 render::EmbreeEngine& engine, int passes,
                                                 const std::vector<models::SubRay>& pattern = {});
-/// Of the kept pixels, likewise.
+/// Of the kept pixels, likewise. `instants`: one for all taps, or one for each exposure.
 [[nodiscard]] Result<Reference> tof_reference(const models::TofModel& model,
-                                              const Eigen::Isometry3d& T_world_optical,
+                                              std::span<const tof::Instant> instants,
                                               render::EmbreeEngine& engine, int passes);
 
 }  // namespace rigor::bench
