@@ -195,9 +195,11 @@ std::vector<SubRay> footprint_pattern(const LidarFootprint& footprint) {
                  outer = static_cast<double>(at + static_cast<std::size_t>(n)) / count;
     const double radius = std::sqrt(mean_square(inner, outer));
     for (int i = 0; i < n; ++i, ++at) {
-      // Rings are turned against each other; the spiral turns by the golden angle.
-      const double angle = spiral ? static_cast<double>(at) * kPi * (3 - std::sqrt(5.0))
-                                  : (i + 0.5 * static_cast<double>(ring % 2)) * 2 * kPi / n;
+      // The ring of four is turned, so that upright and level edges part the rays of a footprint five ways,
+      // not three. Rings are turned against each other; the spiral turns by the golden angle.
+      const double turn = count == 5 ? std::atan(0.5) : kPi / n * static_cast<double>(ring % 2);
+      const double angle =
+          spiral ? static_cast<double>(at) * kPi * (3 - std::sqrt(5.0)) : turn + i * 2 * kPi / n;
       rays[at] = {radius * std::cos(angle), radius * std::sin(angle), (within(outer) - within(inner)) / n};
     }
   }

@@ -1,6 +1,7 @@
 // The arithmetic of a LiDAR against closed forms and measured tables.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -203,6 +204,18 @@ TEST(Footprint, SharesAddUpAndHaveTheProfilesMoments) {
       // All but the centre's cell, which stands at 0, is exact.
       EXPECT_NEAR(second, exact, 1.3 / (count * count)) << count;
     }
+}
+
+TEST(Footprint, AnUprightOrLevelEdgePartsFiveRaysFiveWays) {
+  LidarFootprint f;
+  f.sub_rays = 5;
+  for (const auto axis : {&SubRay::u, &SubRay::v}) {
+    std::vector<double> across;
+    for (const SubRay& r : footprint_pattern(f)) across.push_back(r.*axis);
+    std::sort(across.begin(), across.end());
+    for (std::size_t i = 1; i < across.size(); ++i)
+      EXPECT_NEAR(across[i] - across[i - 1], (across.back() - across.front()) / 4, 1e-12);
+  }
 }
 
 TEST(LidarInFloat, AgreesWithDouble) {
