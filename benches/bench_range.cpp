@@ -114,6 +114,7 @@ struct Knobs {
   double allowed_error_rad = 0;
   double pixels_per_rad = 500;
   bool motion = false;
+  int most_rays = 0;  ///< where echoes are not clear
 };
 
 class Bench {
@@ -162,6 +163,11 @@ class Bench {
             {std::to_string(rays) + (tof ? " samples" : " sub-rays") +
                  (error > 0 ? ", " + std::to_string(static_cast<int>(1000 * error)) + " mrad" : ", in full"),
              false, rays, error});
+    if (!tof)
+      for (const auto& [few, most] : {std::pair{4, 16}, {4, 32}, {5, 40}})
+        all.push_back({.label = std::to_string(few) + " to " + std::to_string(most) + " sub-rays, in full",
+                       .rays = few,
+                       .most_rays = most});
     if (tof) {
       all.push_back({"1 samples, in full, four instants", false, 1, 0, 0, true});
       all.push_back({"1 samples, 4 mrad, four instants", false, 1, 0.004, 0, true});
@@ -347,12 +353,13 @@ class Bench {
     for (const Knobs& k : knobs(false)) {
       models::LidarModel full = model;
       full.footprint.sub_rays = k.rays;
+      full.footprint.most_sub_rays = k.most_rays;
       Times times;
       measure(full, k, rounds_, &times);
-      std::vector<Element> ideal = measure(without_errors(model, k.rays), k, 0, nullptr);
+      std::vector<Element> ideal = measure(without_errors(model, k.rays, k.most_rays), k, 0, nullptr);
       report(place, sensor, k, times, bare, compare(ideal, reference));
       if (files_.out.empty()) continue;
-      models::LidarModel dual = without_errors(model, k.rays);
+      models::LidarModel dual = without_errors(model, k.rays, k.most_rays);
       dual.echoes.returns = models::LidarReturns::dual;
       for (const LidarPoint& p : measure_lidar(world, sensor, dual, k, 0, nullptr))
         ideal[firing_of(dual, p)].echoes += 1;

@@ -138,7 +138,7 @@ Element receive(const models::LidarModel& m, const lidar::EchoList& echoes) {
 
 }  // namespace
 
-models::LidarModel without_errors(models::LidarModel m, int sub_rays) {
+models::LidarModel without_errors(models::LidarModel m, int sub_rays, int most_sub_rays) {
   m.noise = {};
   m.remission.noise = m.remission.step = 0;
   m.range = {.min_m = m.range.min_m, .max_m = m.range.max_m, .housing_m = m.range.housing_m};
@@ -146,6 +146,7 @@ models::LidarModel without_errors(models::LidarModel m, int sub_rays) {
   m.retro.crosstalk = 0;
   m.sun = {};
   m.footprint.sub_rays = sub_rays;
+  m.footprint.most_sub_rays = most_sub_rays;
   return m;
 }
 

@@ -27,7 +27,8 @@ struct Element {
 };
 
 /// The device without noise, rounding, biases, ghosts, and noise by the sun: its light alone.
-[[nodiscard]] models::LidarModel without_errors(models::LidarModel model, int sub_rays);
+[[nodiscard]] models::LidarModel without_errors(models::LidarModel model, int sub_rays,
+                                                int most_sub_rays = 0);
 [[nodiscard]] models::TofModel without_errors(models::TofModel model, int samples);
 
 /// Firings and pixels that a reference has: of several beams each fourth column, of one beam all columns; of

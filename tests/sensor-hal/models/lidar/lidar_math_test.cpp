@@ -218,6 +218,25 @@ TEST(Footprint, AnUprightOrLevelEdgePartsFiveRaysFiveWays) {
   }
 }
 
+TEST(Footprint, RaysOfASequenceFollowTheProfile) {
+  for (const LidarProfile profile : {LidarProfile::gaussian, LidarProfile::top_hat}) {
+    LidarFootprint f;
+    f.profile = profile;
+    double second = 0, u = 0, v = 0;
+    constexpr std::uint32_t firings = 100, rays = 32;
+    for (std::uint32_t i = 0; i < firings; ++i)
+      for (std::uint32_t k = 0; k < rays; ++k) {
+        const SubRay r = footprint_ray(f, i, k);
+        EXPECT_LE(std::hypot(r.u, r.v), 1);
+        second += r.u * r.u + r.v * r.v, u += r.u, v += r.v;
+      }
+    const double exact = profile == LidarProfile::top_hat ? 0.5 : 0.5 - std::exp(-2.0) / (1 - std::exp(-2.0));
+    EXPECT_NEAR(second / (firings * rays), exact, 0.01);
+    EXPECT_NEAR(u / (firings * rays), 0, 0.01);
+    EXPECT_NEAR(v / (firings * rays), 0, 0.01);
+  }
+}
+
 TEST(LidarInFloat, AgreesWithDouble) {
   using F = LidarMath<float>;
   // Relative 1e-6 times the largest argument of exp and log, about 10.
