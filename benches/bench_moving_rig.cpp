@@ -331,7 +331,10 @@ class MovingRig {
     const auto engine = std::make_shared<TimedEngine>(rays, *s.stages);
     if (kind == SampleKind::point_cloud) {
       LidarSpec spec{.name = s.name, .model = need(load_lidar_model(file)), .seed = rig_.seed};
-      if (choice.sub_rays > 0) spec.model.footprint.sub_rays = choice.sub_rays;
+      if (choice.sub_rays > 0) {
+        spec.model.footprint.sub_rays = choice.sub_rays;
+        spec.model.footprint.most_sub_rays = 0;
+      }
       const std::shared_ptr<LidarSimulator> lidar = need(LidarSimulator::create(spec, engine));
       s.measure = [lidar, points = std::vector<LidarPoint>()](const MeasureRequest& request,
                                                               const render::SensorView& view) mutable {

@@ -1,8 +1,11 @@
 // Speed against error of simulated LiDARs and time-of-flight cameras, on three worlds, both engines, over
 // their knobs.
 //
-//   bench_range [--rounds N] [--json FILE] [--place NAME] [--sensor MODEL] [--renderer rays|raster] [--out
-//   DIR] bench_range --out DIR --reference PASSES [--place NAME] [--sensor MODEL]
+//   bench_range [--rounds N] [--json FILE] [--place NAME] [--sensor MODEL] [--renderer rays|raster]
+//               [--knobs TEXT] [--out DIR]
+//   bench_range --out DIR --reference PASSES [--place NAME] [--sensor MODEL]
+//
+// --knobs: only the rows whose name has this text, as "5 sub-rays, in full".
 //
 // With --out, what the quick sensors measure without errors goes to NPY files, which range_error.py compares
 // with references by 1024 rays a beam or pixel in each pass; --reference makes these
@@ -101,6 +104,7 @@ double bare_time(render::EmbreeEngine& engine, const Eigen::Vector3d& eye,
 struct Files {
   std::filesystem::path out;  ///< empty: nothing
   int passes = 0;             ///< of references; 0: quick sensors
+  std::string knobs;          ///< part of the names of rows that are wanted
 };
 
 struct Knobs {
@@ -110,6 +114,7 @@ struct Knobs {
   double allowed_error_rad = 0;
   double pixels_per_rad = 500;
   bool motion = false;
+  int most_rays = 0;  ///< where echoes are not clear
 };
 
 class Bench {
@@ -158,6 +163,11 @@ class Bench {
             {std::to_string(rays) + (tof ? " samples" : " sub-rays") +
                  (error > 0 ? ", " + std::to_string(static_cast<int>(1000 * error)) + " mrad" : ", in full"),
              false, rays, error});
+    if (!tof)
+      for (const auto& [few, most] : {std::pair{4, 16}, {4, 32}, {5, 40}})
+        all.push_back({.label = std::to_string(few) + " to " + std::to_string(most) + " sub-rays, in full",
+                       .rays = few,
+                       .most_rays = most});
     if (tof) {
       all.push_back({"1 samples, in full, four instants", false, 1, 0, 0, true});
       all.push_back({"1 samples, 4 mrad, four instants", false, 1, 0.004, 0, true});
@@ -170,6 +180,7 @@ class Bench {
           all.push_back({std::to_string(rays) + (tof ? " samples, " : " sub-rays, ") +
                              std::to_string(pixels) + " px/rad",
                          true, rays, 1.0 / pixels, static_cast<double>(pixels)});
+    std::erase_if(all, [&](const Knobs& k) { return k.label.find(files_.knobs) == std::string::npos; });
     return all;
   }
   void report(const Place& place, const std::string& sensor, const Knobs& k, const Times& t, double bare,
@@ -283,9 +294,15 @@ class Bench {
     if (!sensor_.empty() && sensor_ != "sr4000") return;
     const models::TofModel model = tof_model("sr4000");
     look(std::numeric_limits<double>::infinity());
-    const double before = cpu_ms();
-    finish("sr4000", need(tof_reference(model, world.T_world_optical(), *engine, files_.passes)),
-           kept_shape(model), before);
+    double before = cpu_ms();
+    std::vector<tof::Instant> instants{{world.T_world_optical(), 0}};
+    finish("sr4000", need(tof_reference(model, instants, *engine, files_.passes)), kept_shape(model), before);
+    before = cpu_ms();
+    instants.clear();
+    for (int m = 0; m < model.exposures(); ++m)
+      instants.push_back({moving_pose(world, seconds_from(model.exposure_offset_s(m)).ns()), 0});
+    finish("sr4000-moving", need(tof_reference(model, instants, *engine, files_.passes)), kept_shape(model),
+           before);
   }
   /// With the rays of the simulator, the reference says what the simulator says; else it would measure
   /// another device.
@@ -336,12 +353,13 @@ class Bench {
     for (const Knobs& k : knobs(false)) {
       models::LidarModel full = model;
       full.footprint.sub_rays = k.rays;
+      full.footprint.most_sub_rays = k.most_rays;
       Times times;
       measure(full, k, rounds_, &times);
-      std::vector<Element> ideal = measure(without_errors(model, k.rays), k, 0, nullptr);
+      std::vector<Element> ideal = measure(without_errors(model, k.rays, k.most_rays), k, 0, nullptr);
       report(place, sensor, k, times, bare, compare(ideal, reference));
       if (files_.out.empty()) continue;
-      models::LidarModel dual = without_errors(model, k.rays);
+      models::LidarModel dual = without_errors(model, k.rays, k.most_rays);
       dual.echoes.returns = models::LidarReturns::dual;
       for (const LidarPoint& p : measure_lidar(world, sensor, dual, k, 0, nullptr))
         ideal[firing_of(dual, p)].echoes += 1;
@@ -349,16 +367,19 @@ class Bench {
     }
   }
 
+  /// Of a time-of-flight camera that moves: 0.5 m/s along the world's x.
+  static Eigen::Isometry3d moving_pose(const StandingWorld& world, std::int64_t t_ns) {
+    Eigen::Isometry3d p = world.T_world_optical();
+    p.translation().x() += 0.5 * static_cast<double>(t_ns) * 1e-9;
+    return p;
+  }
+
   void tof(StandingWorld& world, const Place& place, const std::string& sensor) {
     const models::TofModel model = tof_model(sensor);
     const Eigen::Isometry3d pose = world.T_world_optical();
     const auto measure = [&](const models::TofModel& m, const Knobs& k, int rounds, Times* times) {
-      const render::SensorView view{world, [&](BenchTime t) {
-                                      Eigen::Isometry3d p = pose;
-                                      if (k.motion)
-                                        p.translation().x() += 0.5 * static_cast<double>(t.ns()) * 1e-9;
-                                      return p;
-                                    }};
+      const render::SensorView view{
+          world, [&](BenchTime t) { return k.motion ? moving_pose(world, t.ns()) : pose; }};
       auto simulator = need(TofSimulator::create(
           {.name = sensor, .model = m, .seed = 1, .allowed_error_rad = k.allowed_error_rad},
           engine(k, world.eye())));
@@ -397,9 +418,11 @@ class Bench {
       Times times;
       measure(full, k, rounds_, &times);
       const std::vector<Element> ideal = measure(without_errors(model, k.rays), k, 0, nullptr);
-      report(place, sensor, k, times, bare, compare(ideal, k.motion ? moving : reference));
-      if (!files_.out.empty() && !k.motion)
-        write_elements(place, sensor, name_of(k), kept_pixels(model, ideal), kept_shape(model));
+      report(place, k.motion ? sensor + "-moving" : sensor, k, times, bare,
+             compare(ideal, k.motion ? moving : reference));
+      if (!files_.out.empty())
+        write_elements(place, k.motion ? sensor + "-moving" : sensor, name_of(k), kept_pixels(model, ideal),
+                       kept_shape(model));
     }
   }
 
@@ -420,6 +443,8 @@ int main(int argc, char** argv) {
     const std::string word = argv[i], value = i + 1 < argc ? argv[i + 1] : "";
     if (word == "--out") {
       files.out = value;
+    } else if (word == "--knobs") {
+      files.knobs = value;
     } else if (word == "--reference") {
       files.passes = std::atoi(value.c_str());
       if (files.passes < 2) give_up("--reference: expected 2 passes or more, got " + value);

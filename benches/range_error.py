@@ -32,9 +32,9 @@ import numpy as np
 import error_files
 from error_files import rms
 
-SENSORS = ("velodyne-vlp16", "sick-lms111", "sr4000")
+SENSORS = ("velodyne-vlp16", "sick-lms111", "sr4000", "sr4000-moving")
 PLACES = ("indoor", "forest", "landscape")
-UNAMBIGUOUS_M = {"sr4000": 299792458 / (2 * 30e6)}
+UNAMBIGUOUS_M = {"sr4000": 299792458 / (2 * 30e6), "sr4000-moving": 299792458 / (2 * 30e6)}
 OUTLIER_M = {"lidar": 0.2, "tof": 0.05}
 
 
@@ -169,7 +169,7 @@ def pictures(folder, stem, sensor, reference, rows, quick_of):
     if is_tof(sensor):
         shown = [range_colours(reference, UNAMBIGUOUS_M[sensor])]
         shown += [error_colours(quick_of[r["name"]], reference, UNAMBIGUOUS_M[sensor])
-                  for r in rows if r["name"] in ("rays-1-samples-in-full", "rays-4-samples-in-full", "rays-16-samples-in-full")]
+                  for r in rows if r["name"].removesuffix("-four-instants") in ("rays-1-samples-in-full", "rays-4-samples-in-full", "rays-16-samples-in-full")]
         gap = np.full((reference.shape[0], 2, 3), 255.0)
         row = np.concatenate([part for picture in shown for part in (picture, gap)][:-1], axis=1)
         error_files.png(folder / f"range-{stem}.png", row.repeat(3, axis=0).repeat(3, axis=1))

@@ -138,7 +138,7 @@ Element receive(const models::LidarModel& m, const lidar::EchoList& echoes) {
 
 }  // namespace
 
-models::LidarModel without_errors(models::LidarModel m, int sub_rays) {
+models::LidarModel without_errors(models::LidarModel m, int sub_rays, int most_sub_rays) {
   m.noise = {};
   m.remission.noise = m.remission.step = 0;
   m.range = {.min_m = m.range.min_m, .max_m = m.range.max_m, .housing_m = m.range.housing_m};
@@ -146,6 +146,7 @@ models::LidarModel without_errors(models::LidarModel m, int sub_rays) {
   m.retro.crosstalk = 0;
   m.sun = {};
   m.footprint.sub_rays = sub_rays;
+  m.footprint.most_sub_rays = most_sub_rays;
   return m;
 }
 
@@ -249,7 +250,7 @@ Result<Reference> lidar_reference(const models::LidarModel& model, const Eigen::
   return out;
 }
 
-Result<Reference> tof_reference(const models::TofModel& model, const Eigen::Isometry3d& T_world_optical,
+Result<Reference> tof_reference(const models::TofModel& model, std::span<const tof::Instant> instants,
                                 render::EmbreeEngine& engine, int passes) {
   // Rows of kept pixels, one after the other. The samples of a pixel are those of its cells, which are pixels
   // of a sensor that is finer by `finer`.
@@ -267,7 +268,6 @@ Result<Reference> tof_reference(const models::TofModel& model, const Eigen::Isom
   const auto columns = static_cast<std::size_t>(row.width_px);
   Reference out;
   out.passes.resize(static_cast<std::size_t>(passes));
-  const tof::Instant instant{T_world_optical, 0};
   tof::LightMeter meter(m, {});
   for (int v = 0; v < m.height_px; v += kPixelStep) {
     cells.cy_px = finer * (m.cy_px - v + 0.5) - 0.5;
@@ -294,12 +294,22 @@ Result<Reference> tof_reference(const models::TofModel& model, const Eigen::Isom
             (rays.*part).insert((rays.*part).end(), begin, begin + 16);
           }
         }
-      tof::SampleLight light;
-      if (auto s =
-              meter.measure(engine, *engine.window(), rays, std::span(&instant, 1), std::span(&light, 1));
-          !s)
-        return tl::unexpected<Error>(s.error());
-      pixels.expose(rays, light, {.frequencies = m.modulation.frequencies_hz.size()});
+      // Each instant by itself: those that are measured together share samples. Each sample as a pixel:
+      // whether the sun reaches it is asked for each pixel once.
+      tof::SampleRays single = rays;
+      single.width_px = static_cast<int>(rays.count());
+      single.side = 1;
+      for (std::size_t k = 0; k < instants.size(); ++k) {
+        tof::SampleLight light;
+        if (auto s =
+                meter.measure(engine, *engine.window(), single, instants.subspan(k, 1), std::span(&light, 1));
+            !s)
+          return tl::unexpected<Error>(s.error());
+        pixels.expose(rays, light,
+                      instants.size() == 1
+                          ? tof::ExposedTaps{.frequencies = m.modulation.frequencies_hz.size()}
+                          : tof::taps_of(m.modulation, static_cast<int>(k)));
+      }
       mean.resize(pixels.means().size());
       for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += pixels.means()[i] / static_cast<float>(passes);
       read(out.passes[pass]);

@@ -13,6 +13,7 @@
 #include "sensor-hal/models/lidar/lidar_model.h"
 #include "sensor-hal/models/tof/tof_model.h"
 #include "sim/render/rays/embree_engine.h"
+#include "sim/sensors/tof/tof_light.h"
 
 namespace rigor::bench {
 
@@ -26,7 +27,8 @@ struct Element {
 };
 
 /// The device without noise, rounding, biases, ghosts, and noise by the sun: its light alone.
-[[nodiscard]] models::LidarModel without_errors(models::LidarModel model, int sub_rays);
+[[nodiscard]] models::LidarModel without_errors(models::LidarModel model, int sub_rays,
+                                                int most_sub_rays = 0);
 [[nodiscard]] models::TofModel without_errors(models::TofModel model, int samples);
 
 /// Firings and pixels that a reference has: of several beams each fourth column, of one beam all columns; of
@@ -48,9 +50,9 @@ struct Reference {
                                                 const Eigen::Isometry3d& T_world_sensor,
                                                 render::EmbreeEngine& engine, int passes,
                                                 const std::vector<models::SubRay>& pattern = {});
-/// Of the kept pixels, likewise.
+/// Of the kept pixels, likewise. `instants`: one for all taps, or one for each exposure.
 [[nodiscard]] Result<Reference> tof_reference(const models::TofModel& model,
-                                              const Eigen::Isometry3d& T_world_optical,
+                                              std::span<const tof::Instant> instants,
                                               render::EmbreeEngine& engine, int passes);
 
 }  // namespace rigor::bench

@@ -312,7 +312,10 @@ Result<std::shared_ptr<TruthfulSampler>> make_lidar(const SensorSetup& setup, co
                  .seed = setup.seed,
                  .ideal = setup.ideal,
                  .allowed_error_rad = setup.choice.allowed_error_rad};
-  if (setup.choice.sub_rays > 0) spec.model.footprint.sub_rays = setup.choice.sub_rays;
+  if (setup.choice.sub_rays > 0) {
+    spec.model.footprint.sub_rays = setup.choice.sub_rays;
+    spec.model.footprint.most_sub_rays = 0;
+  }
   auto lidar = LidarSimulator::create(spec, timed(*engine, setup.times));
   if (!lidar) return tl::unexpected<Error>(lidar.error());
   return std::make_shared<SensedLidar>(std::move(*lidar), std::move(*engine), setup, world);

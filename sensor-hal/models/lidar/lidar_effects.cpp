@@ -7,7 +7,7 @@ namespace {
 
 using Switch = EffectSwitch<LidarModel>;
 constexpr Switch kSwitches[] = {
-    {"footprint", [](LidarModel& m) { m.footprint.sub_rays = 1; }},
+    {"footprint", [](LidarModel& m) { m.footprint.sub_rays = 1, m.footprint.most_sub_rays = 0; }},
     // What the receiver tells apart stays: without it each sub-ray of a footprint would be an echo of its
     // own.
     {"echoes", [](LidarModel& m) { m.echoes.returns = LidarReturns::strongest; }},

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "sensor-hal/models/lidar/lidar_math.h"
+#include "sensor-hal/models/philox.h"
 
 namespace rigor::models {
 namespace {
@@ -106,6 +107,7 @@ Status LidarModel::validate() const {
         {"footprint.divergence", footprint.vertical_divergence_rad, 0, 0.5},
         {"footprint.start_diameter", footprint.start_diameter_m, 0, 1},
         {"footprint.sub_rays", static_cast<double>(footprint.sub_rays), 1, kMaxLidarSubRays},
+        {"footprint.most_sub_rays", static_cast<double>(footprint.most_sub_rays), 0, kMaxLidarSubRays},
         {"echoes.separation", echoes.separation_m, 0, 1000},
         {"detection.minimum_remission", detection.minimum_remission, 0, 1e3},
         {"detection.limit_remission", detection.limit_remission, 0, 1e3},
@@ -142,6 +144,11 @@ Status LidarModel::validate() const {
         {"air.lidar_ratio", air.lidar_ratio_sr, 0, 1e4},
         {"air.pulse_length", air.pulse_length_m, 0, 100}})
     if (auto ok = check(bound); !ok) return ok;
+  if (footprint.most_sub_rays > 0 &&
+      (footprint.sub_rays < 3 || footprint.most_sub_rays <= footprint.sub_rays))
+    return fail(ErrorCode::bad_input, "footprint.most_sub_rays",
+                "expected 0, or more than sub_rays and these at least 3, got " +
+                    std::to_string(footprint.most_sub_rays) + " and " + std::to_string(footprint.sub_rays));
   if (!(range.min_m < range.max_m))
     return fail(ErrorCode::bad_input, "range",
                 "expected min < max, got " + shown(range.min_m) + " and " + shown(range.max_m));
@@ -195,13 +202,27 @@ std::vector<SubRay> footprint_pattern(const LidarFootprint& footprint) {
                  outer = static_cast<double>(at + static_cast<std::size_t>(n)) / count;
     const double radius = std::sqrt(mean_square(inner, outer));
     for (int i = 0; i < n; ++i, ++at) {
-      // Rings are turned against each other; the spiral turns by the golden angle.
-      const double angle = spiral ? static_cast<double>(at) * kPi * (3 - std::sqrt(5.0))
-                                  : (i + 0.5 * static_cast<double>(ring % 2)) * 2 * kPi / n;
+      // The ring of four is turned, so that upright and level edges part the rays of a footprint five ways,
+      // not three. Rings are turned against each other; the spiral turns by the golden angle.
+      const double turn = count == 5 ? std::atan(0.5) : kPi / n * static_cast<double>(ring % 2);
+      const double angle =
+          spiral ? static_cast<double>(at) * kPi * (3 - std::sqrt(5.0)) : turn + i * 2 * kPi / n;
       rays[at] = {radius * std::cos(angle), radius * std::sin(angle), (within(outer) - within(inner)) / n};
     }
   }
   return rays;
+}
+
+SubRay footprint_ray(const LidarFootprint& footprint, std::uint32_t firing, std::uint32_t k) {
+  // Roberts (2018), R2.
+  constexpr double a1 = 0.7548776662466927, a2 = 0.5698402909980532;
+  constexpr std::uint32_t effect = 0x46505201U;  // nobody else's
+  const auto words = philox({firing, effect, 0, 0}, {});
+  double whole = 0;
+  const double s = std::modf(NoiseMath<double>::unit_from_bits(words[0]) + (k + 1) * a1, &whole),
+               t = std::modf(NoiseMath<double>::unit_from_bits(words[1]) + (k + 1) * a2, &whole);
+  const double s2 = footprint.profile == LidarProfile::gaussian ? -0.5 * std::log1p(s * std::expm1(-2.0)) : s;
+  return {std::sqrt(s2) * std::cos(2 * kPi * t), std::sqrt(s2) * std::sin(2 * kPi * t), 1};
 }
 
 LidarAim rotor_aim(const LidarBeam& beam, double azimuth_rad) {

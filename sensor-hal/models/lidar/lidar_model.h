@@ -76,6 +76,9 @@ struct LidarFootprint {
   double start_diameter_m = 0;
   LidarProfile profile = LidarProfile::gaussian;
   int sub_rays = 1;  ///< 1: the centre alone; 5, 7, 13, 19, 37 and 61 lie in rings, others in a spiral
+  /// More than sub_rays: a footprint's rays follow a sequence of its own, and where sub_rays of them leave
+  /// open what the device says, their number is doubled, up to this. 0: never.
+  int most_sub_rays = 0;
 };
 
 enum class LidarReturns : std::uint8_t { strongest, first, last, dual };
@@ -172,6 +175,9 @@ struct SubRay {
 /// The disc in cells of the same area, one sub-ray in each, the weight that of the profile over the cell.
 /// Setup; the same for the same footprint.
 [[nodiscard]] std::vector<SubRay> footprint_pattern(const LidarFootprint& footprint);
+/// Ray k of a footprint whose rays are a sequence: of low discrepancy, by the profile, so that all weigh the
+/// same. `firing` shifts the sequence.
+[[nodiscard]] SubRay footprint_ray(const LidarFootprint& footprint, std::uint32_t firing, std::uint32_t k);
 
 /// Direction of a beam (unit length, sensor frame) and the point it starts from, for a rotor at `azimuth_rad`
 /// (which includes the turn up to the firing).

@@ -158,6 +158,8 @@ void read_optics(ConfigNode root, LidarModel& m) {
                             ? LidarProfile::gaussian
                             : LidarProfile::top_hat;
   m.footprint.sub_rays = static_cast<int>(f.integer_or("sub_rays", 1, {.min = 1, .max = kMaxLidarSubRays}));
+  m.footprint.most_sub_rays =
+      static_cast<int>(f.integer_or("most_sub_rays", 0, {.min = 0, .max = kMaxLidarSubRays}));
   f.finish();
 
   ConfigNode e = root.map_or_absent("echoes");

@@ -71,6 +71,7 @@ class EchoList {
  public:
   [[nodiscard]] std::uint32_t count() const { return count_; }
   [[nodiscard]] const Echo& operator[](std::uint32_t i) const { return echoes_[i]; }
+  [[nodiscard]] std::span<const Echo> all() const { return std::span(echoes_).first(count_); }
   void push_back(const Echo& e) {
     if (count_ == kMaxEchoes) drop_weakest();
     echoes_[count_++] = e;

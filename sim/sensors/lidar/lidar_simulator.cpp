@@ -18,12 +18,6 @@ using lidar::EchoTruth;
 using lidar::PointTruth;
 using lidar::Return;
 
-namespace {
-
-constexpr std::size_t kRaysPerCast = 65536;
-
-}  // namespace
-
 int lidar::band_of(double wavelength_nm) {
   int best = 0;
   for (int b = 1; b < render::kBandCount; ++b)
@@ -82,9 +76,11 @@ Status LidarSimulator::Impl::look_at_sun(const render::Light& light) {
 /// Casts the scan in pieces of whole tiles and forms their echoes; without crosstalk the points follow at
 /// once, while all is at hand.
 Status LidarSimulator::Impl::measure() {
+  if (rays.adds_rays()) return measure_adding_rays();
   const std::uint32_t tiles = rays.tiles();
   const std::size_t per_tile = rays.rays_in_tile(0);  // the last may have fewer
-  const auto tiles_per_cast = static_cast<std::uint32_t>(std::max<std::size_t>(1, kRaysPerCast / per_tile));
+  const auto tiles_per_cast =
+      static_cast<std::uint32_t>(std::max<std::size_t>(1, lidar::kRaysPerCast / per_tile));
   batch_rays.resize(std::min<std::size_t>(tiles, tiles_per_cast) * per_tile);
   batch_hits.resize(batch_rays.size());
   const auto far_m = static_cast<float>(m.range.max_m * 1.001 + 1);
@@ -116,71 +112,69 @@ Status LidarSimulator::Impl::measure() {
   return {};
 }
 
+double LidarSimulator::Impl::remission_of(const render::Ray& ray, const render::Hit& hit) const {
+  const double e = lidar::surface_remission(m, hit);
+  if (spec.ideal || air.clear()) return e;
+  return e * air.two_way(track.origin().z() + static_cast<double>(ray.origin[2]),
+                         static_cast<double>(ray.direction[2]), static_cast<double>(hit.range_m));
+}
+
+bool LidarSimulator::Impl::keep_echoes(std::size_t firing, std::span<const Echo> list) {
+  std::copy(list.begin(), list.end(), echoes.begin() + static_cast<std::ptrdiff_t>(firing * echoes_kept));
+  echo_count[firing] = static_cast<std::uint8_t>(list.size());
+  if (!crosstalk) return false;
+  Echo strongest{};
+  for (const Echo& e : list)
+    if (e.remission > std::max(1.0F, strongest.remission)) strongest = e;
+  retro[firing] = strongest;
+  return strongest.remission > 0;
+}
+
+void LidarSimulator::Impl::keep_truth(std::size_t firing, std::size_t e, world::NodeId node,
+                                      const float normal[3]) {
+  const auto column = static_cast<std::uint32_t>(firing / rays.beams()),
+             slot = static_cast<std::uint32_t>(firing % rays.beams());
+  const Eigen::Matrix3f R = track.at(rays.share(column, slot)).R_world_sensor;
+  EchoTruth& t = echo_truth[firing * echoes_kept + e];
+  t.node = node;
+  const Eigen::Vector3f n = (R.transpose() * Eigen::Map<const Eigen::Vector3f>(normal)).normalized();
+  for (int k = 0; k < 3; ++k) t.normal[k] = n[k];
+}
+
 void LidarSimulator::Impl::form_tile(std::uint32_t tile, std::span<const render::Ray> tile_rays,
                                      std::span<const render::Hit> tile_hits) {
   const std::uint32_t sub_rays = rays.sub_rays();
-  const bool clear = spec.ideal || air.clear();
-  const double z_m = track.origin().z();
   std::array<Return, models::kMaxLidarSubRays> returns;
   std::uint8_t has_retro = 0;
   for (std::uint32_t i = 0; i < rays.tile_columns(tile); ++i)
     for (std::uint32_t s = 0; s < rays.beams(); ++s) {
       const std::size_t firing = std::size_t{tile * lidar::kTileColumns + i} * rays.beams() + s;
       const std::size_t at = rays.ray_in_tile(tile, i, s);
-      const auto remission_of = [&](std::size_t k) {
-        const render::Hit& hit = tile_hits[at + k];
-        double e = lidar::surface_remission(m, hit);
-        if (!clear) {
-          const render::Ray& ray = tile_rays[at + k];
-          e *= air.two_way(z_m + static_cast<double>(ray.origin[2]), static_cast<double>(ray.direction[2]),
-                           static_cast<double>(hit.range_m));
-        }
-        return e;
-      };
-      Echo* to = &echoes[firing * echoes_kept];
-      std::uint8_t count = 0;
+      EchoList list;
       if (sub_rays == 1) {
         const render::Hit& hit = tile_hits[at];
-        if (!hit.nothing()) {
-          *to = {.range_m = hit.range_m,
-                 .remission = static_cast<float>(remission_of(0)),
-                 .cos_incidence = hit.cos_incidence};
-          count = 1;
-        }
+        if (!hit.nothing())
+          list.push_back({.range_m = hit.range_m,
+                          .remission = static_cast<float>(remission_of(tile_rays[at], hit)),
+                          .cos_incidence = hit.cos_incidence});
       } else {
         std::size_t met = 0;
         for (std::size_t k = 0; k < sub_rays; ++k) {
           if (tile_hits[at + k].nothing()) continue;
-          const double e = static_cast<double>(rays.weight(k)) * remission_of(k);
+          const double e =
+              static_cast<double>(rays.weight(k)) * remission_of(tile_rays[at + k], tile_hits[at + k]);
           if (e > 0)
             returns[met++] = {tile_hits[at + k].range_m, static_cast<std::uint16_t>(k), e,
                               tile_hits[at + k].cos_incidence};
         }
-        if (met > 0) {
-          const EchoList list = lidar::form_echoes(m, std::span(returns).first(met));
-          count = static_cast<std::uint8_t>(list.count());
-          for (std::uint32_t e = 0; e < count; ++e) to[e] = list[e];
-        }
+        if (met > 0) list = lidar::form_echoes(m, std::span(returns).first(met));
       }
-      echo_count[firing] = count;
-      if (crosstalk) {
-        Echo strongest{};
-        for (std::uint32_t e = 0; e < count; ++e)
-          if (to[e].remission > std::max(1.0F, strongest.remission)) strongest = to[e];
-        retro[firing] = strongest;
-        if (strongest.remission > 0) has_retro = 1;
-      }
-      if (want_truth) {
-        centre_range_m[firing] = tile_hits[at].range_m;
-        const Eigen::Matrix3f R = track.at(rays.share(tile * lidar::kTileColumns + i, s)).R_world_sensor;
-        for (std::uint32_t e = 0; e < count; ++e) {
-          const render::Hit& hit = tile_hits[at + to[e].sub_ray];
-          EchoTruth& t = echo_truth[firing * echoes_kept + e];
-          t.node = hit.node;
-          const Eigen::Vector3f n =
-              (R.transpose() * Eigen::Map<const Eigen::Vector3f>(hit.normal)).normalized();
-          for (int k = 0; k < 3; ++k) t.normal[k] = n[k];
-        }
+      if (keep_echoes(firing, list.all())) has_retro = 1;
+      if (!want_truth) continue;
+      centre_range_m[firing] = tile_hits[at].range_m;
+      for (std::uint32_t e = 0; e < list.count(); ++e) {
+        const render::Hit& hit = tile_hits[at + list[e].sub_ray];
+        keep_truth(firing, e, hit.node, hit.normal);
       }
     }
   if (crosstalk) tile_retro[tile] = has_retro;

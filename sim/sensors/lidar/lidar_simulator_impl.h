@@ -14,6 +14,9 @@ namespace lidar {
 /// The band whose wavelength is nearest.
 [[nodiscard]] int band_of(double wavelength_nm);
 
+/// Rays of one query, about.
+inline constexpr std::size_t kRaysPerCast = 65536;
+
 /// What comes along with an echo where truth was asked for.
 struct EchoTruth {
   world::NodeId node{};
@@ -40,7 +43,9 @@ struct LidarSimulator::Impl {
                   (m.retro.crosstalk_beams > 0 || m.retro.crosstalk_columns > 0)),
         noisy(!spec.ideal && (m.noise.floor_m > 0 || m.noise.scale_m > 0 || m.noise.retro_sigma_m > 0 ||
                               m.remission.noise > 0)),
-        echoes_kept(std::min<std::uint32_t>(rays.sub_rays(), lidar::kMaxEchoes)) {}
+        echoes_kept(std::min<std::uint32_t>(
+            rays.adds_rays() ? static_cast<std::uint32_t>(m.footprint.most_sub_rays) : rays.sub_rays(),
+            lidar::kMaxEchoes)) {}
 
   LidarSpec spec;
   const models::LidarModel& m;
@@ -70,6 +75,17 @@ struct LidarSimulator::Impl {
   std::vector<render::Ray> sun_rays;
   std::vector<render::Hit> sun_hits;
 
+  // Of measure_adding_rays().
+  struct OpenFiring {
+    std::size_t firing;
+    std::uint32_t cast = 0, met = 0;
+    bool clear = false;
+  };
+  std::vector<OpenFiring> open_firings;
+  std::vector<std::uint32_t> still_open;
+  std::vector<lidar::Return> open_returns;   // most_sub_rays of each
+  std::vector<lidar::EchoTruth> open_truth;  // likewise, with truth
+
   // Of the scan at hand.
   lidar::AirState air;
   bool want_truth = false, any_retro = false, any_sun = false;
@@ -82,6 +98,14 @@ struct LidarSimulator::Impl {
   Status measure();
   void form_tile(std::uint32_t tile, std::span<const render::Ray> tile_rays,
                  std::span<const render::Hit> tile_hits);
+  /// Remission of what a ray met, with the air on the way.
+  [[nodiscard]] double remission_of(const render::Ray& ray, const render::Hit& hit) const;
+  /// Keeps the echoes of a firing. True: one is of a retro-reflector, and crosstalk is wanted.
+  bool keep_echoes(std::size_t firing, std::span<const lidar::Echo> list);
+  /// What echo e of a firing is of; normal in the world.
+  void keep_truth(std::size_t firing, std::size_t e, world::NodeId node, const float normal[3]);
+  Status measure_adding_rays();
+  [[nodiscard]] bool clear_enough(std::span<lidar::Return> returns, std::uint32_t rays_cast) const;
   void receive_tile(std::uint32_t tile);
   void receive(std::uint32_t column, std::uint32_t slot, std::uint32_t& count, LidarPoint* to,
                lidar::PointTruth* truth_to);

@@ -76,8 +76,9 @@ ScanRays::ScanRays(const models::LidarModel& model, bool ideal) : scan_(model.sc
   });
   for (std::uint32_t r = 0; r < beams_; ++r) slots_[slot_of_rank_[r]].rank = static_cast<std::uint16_t>(r);
 
-  models::LidarFootprint footprint = model.footprint;
-  if (ideal) footprint.sub_rays = 1;
+  footprint_ = model.footprint;
+  if (ideal) footprint_.sub_rays = 1, footprint_.most_sub_rays = 0;
+  const models::LidarFootprint& footprint = footprint_;
   for (const models::SubRay& s : models::footprint_pattern(footprint)) {
     pattern_.push_back({static_cast<float>(s.u * std::tan(footprint.horizontal_divergence_rad / 2)),
                         static_cast<float>(s.v * std::tan(footprint.vertical_divergence_rad / 2)),
@@ -149,45 +150,71 @@ void ScanRays::centre(std::size_t firing, const Track& track, Eigen::Vector3f& d
   origin = at.shift + at.R_world_sensor * Eigen::Map<const Eigen::Vector3f>(a.origin_m);
 }
 
+ScanRays::Beam ScanRays::beam(std::uint32_t column, std::uint32_t slot, const Track& track) const {
+  const float when = share(column, slot);
+  const Track::At at = track.at(when);
+  const Aim& a = aims_[std::size_t{column} * beams_ + slot];
+  const Eigen::Map<const Eigen::Vector3f> d_sensor(a.direction);
+  const float level = std::sqrt(d_sensor.x() * d_sensor.x() + d_sensor.y() * d_sensor.y());
+  const Eigen::Vector3f left_sensor = level > 1e-6F
+                                          ? Eigen::Vector3f(-d_sensor.y() / level, d_sensor.x() / level, 0)
+                                          : Eigen::Vector3f(0, 1, 0);
+  const Eigen::Vector3f d = at.R_world_sensor * d_sensor, left = at.R_world_sensor * left_sensor;
+  return {at.shift + at.R_world_sensor * Eigen::Map<const Eigen::Vector3f>(a.origin_m), d, left,
+          d.cross(left), when};
+}
+
+namespace {
+
+void put(render::Ray& to, const Eigen::Vector3f& origin, const Eigen::Vector3f& direction, float when,
+         float far_m) {
+  const float inverse = 1.0F / std::sqrt(direction.squaredNorm());
+  for (int k = 0; k < 3; ++k) {
+    to.origin[k] = origin[k];
+    to.direction[k] = direction[k] * inverse;
+  }
+  to.time = when;
+  to.far_m = far_m;
+}
+
+}  // namespace
+
 void ScanRays::fill_tile(std::uint32_t tile, const Track& track, float far_m,
                          std::span<render::Ray> rays) const {
-  const std::uint32_t columns = tile_columns(tile);
-  const Track::At still = track.at(0);
-  for (std::uint32_t i = 0; i < columns; ++i)
+  for (std::uint32_t i = 0; i < tile_columns(tile); ++i)
     for (std::uint32_t s = 0; s < beams_; ++s) {
       const std::uint32_t column = tile * kTileColumns + i;
-      const float when = share(column, s);
-      const Track::At at = track.still() ? still : track.at(when);
-      const Aim& a = aims_[std::size_t{column} * beams_ + s];
-      const Eigen::Map<const Eigen::Vector3f> d_sensor(a.direction);
-      const Eigen::Vector3f d = at.R_world_sensor * d_sensor;
-      const Eigen::Vector3f o = at.shift + at.R_world_sensor * Eigen::Map<const Eigen::Vector3f>(a.origin_m);
+      const Beam b = beam(column, s, track);
       render::Ray* to = &rays[ray_in_tile(tile, i, s)];
-      const auto put = [&](const Eigen::Vector3f& origin, const Eigen::Vector3f& direction) {
-        const float inverse = 1.0F / std::sqrt(direction.squaredNorm());
-        for (int k = 0; k < 3; ++k) {
-          to->origin[k] = origin[k];
-          to->direction[k] = direction[k] * inverse;
-        }
-        to->time = when;
-        to->far_m = far_m;
-        ++to;
-      };
-      put(o, d);
-      if (pattern_.size() == 1) continue;
-      const float level = std::sqrt(d_sensor.x() * d_sensor.x() + d_sensor.y() * d_sensor.y());
-      const Eigen::Vector3f left_sensor =
-          level > 1e-6F ? Eigen::Vector3f(-d_sensor.y() / level, d_sensor.x() / level, 0)
-                        : Eigen::Vector3f(0, 1, 0);
-      const Eigen::Vector3f left = at.R_world_sensor * left_sensor, up = d.cross(left);
+      put(*to, b.origin, b.direction, b.when, far_m);
       for (std::size_t k = 1; k < pattern_.size(); ++k) {
         const Offset& p = pattern_[k];
         const bool own = !half_divergence_.empty();
         const float across = own ? p.u * half_divergence_[column] : p.across;
         const float rise = own ? p.v * half_divergence_[column] : p.up;
-        put(o + p.across_m * left + p.up_m * up, d + across * left + rise * up);
+        put(*++to, b.origin + p.across_m * b.left + p.up_m * b.up,
+            b.direction + across * b.left + rise * b.up, b.when, far_m);
       }
     }
+}
+
+void ScanRays::fill_firing(std::size_t firing, std::uint32_t first, const Track& track, float far_m,
+                           std::span<render::Ray> rays) const {
+  const auto column = static_cast<std::uint32_t>(firing / beams_),
+             slot = static_cast<std::uint32_t>(firing % beams_);
+  const Beam b = beam(column, slot, track);
+  const bool own = !half_divergence_.empty();
+  const auto across =
+      own ? half_divergence_[column] : static_cast<float>(std::tan(footprint_.horizontal_divergence_rad / 2));
+  const auto rise =
+      own ? half_divergence_[column] : static_cast<float>(std::tan(footprint_.vertical_divergence_rad / 2));
+  const auto radius_m = static_cast<float>(footprint_.start_diameter_m / 2);
+  for (std::uint32_t k = 0; k < rays.size(); ++k) {
+    const models::SubRay r = models::footprint_ray(footprint_, static_cast<std::uint32_t>(firing), first + k);
+    const auto u = static_cast<float>(r.u), v = static_cast<float>(r.v);
+    put(rays[k], b.origin + u * radius_m * b.left + v * radius_m * b.up,
+        b.direction + u * across * b.left + v * rise * b.up, b.when, far_m);
+  }
 }
 
 }  // namespace rigor::lidar

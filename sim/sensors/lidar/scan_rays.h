@@ -92,6 +92,11 @@ class ScanRays {
   }
   /// All rays of a tile.
   void fill_tile(std::uint32_t tile, const Track& track, float far_m, std::span<render::Ray> rays) const;
+  /// Rays are added where echoes are not clear: no pattern is the same for all.
+  [[nodiscard]] bool adds_rays() const { return footprint_.most_sub_rays > 0; }
+  /// Rays first … first + rays.size() - 1 of a firing's sequence.
+  void fill_firing(std::size_t firing, std::uint32_t first, const Track& track, float far_m,
+                   std::span<render::Ray> rays) const;
   /// World direction and origin (relative to the track's) of a firing's centre.
   void centre(std::size_t firing, const Track& track, Eigen::Vector3f& direction,
               Eigen::Vector3f& origin) const;
@@ -100,6 +105,12 @@ class ScanRays {
   }
 
  private:
+  /// A firing's ray in the world, and the axes across it.
+  struct Beam {
+    Eigen::Vector3f origin, direction, left, up;
+    float when;
+  };
+  [[nodiscard]] Beam beam(std::uint32_t column, std::uint32_t slot, const Track& track) const;
   void aim_at(std::uint32_t column, std::uint32_t slot, const models::LidarAim& aim);
   void begin_table(std::uint64_t index);
 
@@ -114,6 +125,7 @@ class ScanRays {
     float across_m, up_m;  ///< shift of the origin
     float u, v;            ///< on the unit disc
   };
+  models::LidarFootprint footprint_;
   std::vector<Offset> pattern_;
   std::vector<float> weights_;
   std::vector<models::PatternFiring> table_;  ///< of the scan at hand, by column

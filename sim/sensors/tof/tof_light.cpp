@@ -1,16 +1,11 @@
 #include "sim/sensors/tof/tof_light.h"
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
-#include "sensor-hal/models/air/air_math.h"
 #include "sensor-hal/models/lidar/lidar_math.h"
-#include "sensor-hal/models/tof/tof_math.h"
 #include "sim/sensors/tof/tof_effects.h"
+#include "sim/sensors/tof/tof_light_math.h"
 #include "sim/world/semantic_types.h"
 
 namespace rigor::tof {
@@ -19,50 +14,6 @@ namespace {
 using Math = models::TofMath<float>;
 using render::Hit;
 using render::Ray;
-constexpr float kPi = std::numbers::pi_v<float>;
-constexpr std::size_t kGrain = 2048;
-
-template <class F>
-void each(std::size_t count, const F& f) {
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, kGrain), [&](const auto& range) {
-    for (std::size_t i = range.begin(); i < range.end(); ++i) f(i);
-  });
-}
-
-struct Vector {
-  float x, y, z;
-};
-Vector operator+(Vector a, Vector b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
-Vector operator*(Vector a, float s) { return {a.x * s, a.y * s, a.z * s}; }
-float dot(Vector a, Vector b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-Vector vec(const float* v) { return {v[0], v[1], v[2]}; }
-
-/// How far a ray of the second kind starts off its surface: above what a float range is uncertain by.
-float lift_m(float range_m) { return 1e-4F + 2e-5F * range_m; }
-/// What air takes away from light there and back.
-class Air {
- public:
-  Air(const render::ContentFrame& frame, int band, double eye_z)
-      : frame_(frame), band_(static_cast<std::size_t>(band)), eye_z_(eye_z) {
-    everywhere_ = static_cast<double>(frame.precipitation.extinction_per_m[band_]);
-    for (const render::Haze& haze : frame.hazes) hazy_ = hazy_ || haze.extinction_per_m[band_] > 0;
-  }
-  [[nodiscard]] bool clear() const { return everywhere_ <= 0 && !hazy_; }
-  [[nodiscard]] float transmission(double range_m, double direction_z) const {
-    using Fog = models::AirMath<double>;
-    double depth = everywhere_ * range_m;
-    for (const render::Haze& haze : frame_.hazes)
-      depth += static_cast<double>(haze.extinction_per_m[band_]) *
-               Fog::air_way_below_m(eye_z_, direction_z, range_m, haze.top_m);
-    return static_cast<float>(Fog::air_two_way_transmission(depth));
-  }
-
- private:
-  const render::ContentFrame& frame_;
-  std::size_t band_;
-  double eye_z_, everywhere_ = 0;
-  bool hazy_ = false;
-};
 
 /// Irradiance of the sky on a level plane.
 double level_irradiance(const render::SkyMap& sky, std::size_t band) {
@@ -140,11 +91,14 @@ Status LightMeter::measure(render::RayEngine& engine, const render::ContentWindo
       if (auto s = measure(engine, window, rays, instants.subspan(k, 1), lights.subspan(k, 1)); !s) return s;
     return {};
   }
-  if (auto s = cast(engine, rays, instants); !s) return s;
   // Light and air change slowly: those of the window's begin.
   const render::ContentFrame& frame = window.first();
   const bool has_filter = model_.optics.filter_width_m > 0;
   const Ambient sky = has_filter ? ambient(frame, rays) : Ambient{};
+  for (SampleLight& light : lights) light.cell.clear();
+  if (instants.size() > 1 && rays.side > 1 && !rays.lattice && model_.sampling.multipath_rays == 0)
+    return measure_shared(engine, window, rays, instants, sky, lights);
+  if (auto s = cast(engine, rays, instants); !s) return s;
   if (sky.any)
     if (auto s = shadows(engine, rays, instants, sky); !s) return s;
   for (std::size_t k = 0; k < instants.size(); ++k) {
@@ -177,8 +131,7 @@ void LightMeter::active(const SampleRays& rays, std::size_t k, const Instant& in
     if (!clear)
       e *=
           air.transmission(static_cast<double>(h.range_m), static_cast<double>(rays_[at(i, k)].direction[2]));
-    // A material that is not a number reflects nothing.
-    light.active_e[i] = e >= 0 && e < std::numeric_limits<float>::infinity() ? e : 0;
+    light.active_e[i] = electrons(e);
     light.range_m[i] = h.range_m;
   });
 }
@@ -255,48 +208,46 @@ Status LightMeter::shadows(render::RayEngine& engine, const SampleRays& rays,
   return {};
 }
 
+float LightMeter::background_radiance(const Hit& h, Vector d, const Eigen::Vector3d& eye, bool in_shade,
+                                      const render::ContentFrame& frame, const Ambient& sky) const {
+  const auto b = static_cast<std::size_t>(band_);
+  const Vector sun = vec(sky.sun);
+  if (h.nothing()) {
+    const float radiance = d.z >= 0 && frame.light.sky
+                               ? frame.light.sky->at(Eigen::Vector3f(d.x, d.y, d.z).cast<double>())[b]
+                               : sky.ground_radiance;
+    return dot(d, sun) > sky.sun_cos ? radiance + sky.sun_disc_radiance : radiance;
+  }
+  const Vector n = vec(h.normal);
+  const float cos_sun = dot(n, sun);
+  // An even sky over an even ground (Liu & Jordan 1963).
+  const float up = 0.5F * (1 + n.z), down = 1 - up;
+  float front = sky.sky_irradiance * up + kPi * sky.ground_radiance * down;
+  float back = sky.sky_irradiance * down + kPi * sky.ground_radiance * up;
+  front += (in_shade ? 0.0F : sky.sun_irradiance) * std::max(cos_sun, 0.0F);
+  back += sky.sun_irradiance * std::max(-cos_sun, 0.0F);
+  for (const render::PointLight& lamp : frame.lamps) {
+    const Eigen::Vector3f to =
+        (lamp.position - eye).cast<float>() - Eigen::Vector3f(d.x, d.y, d.z) * h.range_m;
+    const float d2 = std::max(to.squaredNorm(), 1e-4F);
+    const float c = dot(n, {to.x(), to.y(), to.z()}) / std::sqrt(d2);
+    (c > 0 ? front : back) += lamp.radiant_intensity[b] / d2 * std::abs(c);
+  }
+  return (h.reflectance * front + h.transmittance * back) / kPi;
+}
+
 void LightMeter::background(const SampleRays& rays, std::size_t k, const Instant& instant,
                             const render::ContentFrame& frame, const Ambient& sky, SampleLight& light) const {
   light.ambient_e.resize(rays.count());
-  const auto b = static_cast<std::size_t>(band_);
-  const Vector sun = vec(sky.sun);
-  const Eigen::Vector3d& eye = instant.T_world_sensor.translation();
   const std::uint8_t* const in_shade =
       &in_shade_[k * static_cast<std::size_t>(rays.width_px) * static_cast<std::size_t>(rays.height_px)];
   each(rays.count(), [&](std::size_t i) {
-    const Hit& h = hits_[at(i, k)];
-    const Vector d = vec(rays_[at(i, k)].direction);
-    float radiance = 0;
-    if (!(rays.gain[i] > 0)) {
-      light.ambient_e[i] = 0;
-      return;
-    }
-    if (h.nothing()) {
-      radiance = d.z >= 0 && frame.light.sky
-                     ? frame.light.sky->at(Eigen::Vector3f(d.x, d.y, d.z).cast<double>())[b]
-                     : sky.ground_radiance;
-      if (dot(d, sun) > sky.sun_cos) radiance += sky.sun_disc_radiance;
-    } else {
-      const Vector n = vec(h.normal);
-      const float cos_sun = dot(n, sun);
-      // An even sky over an even ground (Liu & Jordan 1963).
-      const float up = 0.5F * (1 + n.z), down = 1 - up;
-      float front = sky.sky_irradiance * up + kPi * sky.ground_radiance * down;
-      float back = sky.sky_irradiance * down + kPi * sky.ground_radiance * up;
-      const float lit = in_shade[rays.pixel_of(i)] != 0 ? 0.0F : sky.sun_irradiance;
-      front += lit * std::max(cos_sun, 0.0F);
-      back += sky.sun_irradiance * std::max(-cos_sun, 0.0F);
-      for (const render::PointLight& lamp : frame.lamps) {
-        const Eigen::Vector3f to =
-            (lamp.position - eye).cast<float>() - Eigen::Vector3f(d.x, d.y, d.z) * h.range_m;
-        const float d2 = std::max(to.squaredNorm(), 1e-4F);
-        const float c = dot(n, {to.x(), to.y(), to.z()}) / std::sqrt(d2);
-        (c > 0 ? front : back) += lamp.radiant_intensity[b] / d2 * std::abs(c);
-      }
-      radiance = (h.reflectance * front + h.transmittance * back) / kPi;
-    }
-    const float e = rays.gain[i] * radiance * sky.share;
-    light.ambient_e[i] = e >= 0 && e < std::numeric_limits<float>::infinity() ? e : 0;
+    light.ambient_e[i] = rays.gain[i] > 0
+                             ? electrons(rays.gain[i] * sky.share *
+                                         background_radiance(hits_[at(i, k)], vec(rays_[at(i, k)].direction),
+                                                             instant.T_world_sensor.translation(),
+                                                             in_shade[rays.pixel_of(i)] != 0, frame, sky))
+                             : 0;
   });
 }
 

@@ -9,12 +9,18 @@
 
 #include "sensor-hal/models/tof/tof_model.h"
 #include "sim/render/engine/ray_engine.h"
+#include "sim/sensors/tof/tof_light_math.h"
 #include "sim/sensors/tof/tof_rays.h"
 
 namespace rigor::tof {
 
 /// Light that reaches the samples at one instant.
 struct SampleLight {
+  static constexpr std::uint32_t kNowhere = 0xFFFFFFFF;
+  /// Where samples are shared between instants: the cell that each one lies in at this instant, of the
+  /// SampleRays::count() of all pixels; kNowhere: none. A pixel has the mean of its cells that have any.
+  /// Empty: each sample in its own cell.
+  std::vector<std::uint32_t> cell;
   std::vector<float> active_e;   ///< E of one integration; 0: nothing comes back
   std::vector<float> range_m;    ///< half the way of that light; 0 where nothing comes back
   std::vector<float> ambient_e;  ///< of one integration, all taps together; empty: none anywhere
@@ -41,9 +47,14 @@ class LightMeter {
  public:
   LightMeter(const models::TofModel& model, models::PhiloxKey key);
 
-  /// Light at each of `instants`; `window` is what the engine has prepared. All are cast together, the
-  /// instants of a sample beside each other. Whether the sun reaches a pixel is asked again where what is
-  /// met there is no longer the same place. Errors: the engine's.
+  /// Light at each of `instants`; `window` is what the engine has prepared. Whether the sun reaches a pixel
+  /// is asked again where what is met there is no longer the same place. Errors: the engine's.
+  ///
+  /// Of several jittered samples each is cast at one of several instants, and each pixel has one or more at
+  /// each instant. What a sample met comes back at the other instants too, in the cell that sees it then;
+  /// that something else hides it from there is not asked. Pixels that see something that moves, and those
+  /// beside them, have all their samples cast at each instant. So have all pixels of a lattice, of models
+  /// with one sample, and of models with light over several ways.
   [[nodiscard]] Status measure(render::RayEngine& engine, const render::ContentWindow& window,
                                const SampleRays& rays, std::span<const Instant> instants,
                                std::span<SampleLight> lights);
@@ -73,10 +84,31 @@ class LightMeter {
               const render::ContentFrame& frame, SampleLight& light) const;
   [[nodiscard]] Status shadows(render::RayEngine& engine, const SampleRays& rays,
                                std::span<const Instant> instants, const Ambient& sky);
+  /// Of the sky, the sun and lamps by way of what was met, towards the sensor at `eye`.
+  [[nodiscard]] float background_radiance(const render::Hit& hit, Vector direction,
+                                          const Eigen::Vector3d& eye, bool in_shade,
+                                          const render::ContentFrame& frame, const Ambient& sky) const;
   void background(const SampleRays& rays, std::size_t k, const Instant& instant,
                   const render::ContentFrame& frame, const Ambient& sky, SampleLight& light) const;
   [[nodiscard]] Status bounce(render::RayEngine& engine, const SampleRays& rays, std::size_t k,
                               const Instant& instant, SampleLight& light);
+  /// A ray that instants share: which sample it is, when it is cast.
+  struct Shot {
+    std::uint32_t sample;
+    std::uint16_t instant;
+    bool shared;  ///< what it meets comes back at the other instants
+  };
+  [[nodiscard]] Status measure_shared(render::RayEngine& engine, const render::ContentWindow& window,
+                                      const SampleRays& rays, std::span<const Instant> instants,
+                                      const Ambient& sky, std::span<SampleLight> lights);
+  [[nodiscard]] Status cast_shots(render::RayEngine& engine, const SampleRays& rays,
+                                  std::span<const Instant> instants, std::size_t first);
+  [[nodiscard]] Status cast_moving(render::RayEngine& engine, const render::ContentWindow& window,
+                                   const SampleRays& rays, std::span<const Instant> instants);
+  [[nodiscard]] Status shadows_of_shots(render::RayEngine& engine, const SampleRays& rays,
+                                        std::span<const Instant> instants, const Ambient& sky);
+  void light_of_shots(const SampleRays& rays, std::size_t k, std::span<const Instant> instants,
+                      const render::ContentFrame& frame, SampleLight& light) const;
   [[nodiscard]] render::RayQuery query(const Instant& instant, std::span<const render::Ray> rays,
                                        float near_m) const;
 
@@ -87,6 +119,9 @@ class LightMeter {
   static constexpr std::size_t kBeside = 4;
   std::size_t instants_ = 1, samples_ = 0;  ///< of the last cast
   std::vector<render::Hit> hits_, more_hits_;
+  std::vector<Shot> shots_;
+  std::vector<float> background_;        ///< radiance of what each shot met; empty: none anywhere
+  std::vector<std::uint8_t> moving_px_;  ///< pixels whose samples are not shared
   std::vector<std::uint8_t> hidden_;
   std::vector<std::uint32_t> asked_;    ///< pixels (of each instant) whose shadow ray is shot
   std::vector<std::uint8_t> in_shade_;  ///< of each pixel, instant by instant

@@ -72,6 +72,13 @@ void each_row(std::size_t count, std::size_t grain, const F& f) {
 
 }  // namespace
 
+ExposedTaps taps_of(const models::TofModulation& m, int exposure) {
+  const auto e = static_cast<std::size_t>(exposure);
+  if (m.taps == models::TofTaps::differential)
+    return {.first_frequency = e / 2, .even = e % 2 == 0, .odd = e % 2 == 1};
+  return {.first_frequency = e / 4, .one = true, .tap = e % 4};
+}
+
 PixelArray::PixelArray(const models::TofModel& model, models::PhiloxKey key)
     : model_(model),
       key_(key),
@@ -154,6 +161,32 @@ void PixelArray::put(std::size_t pixel, std::size_t frequency, const ExposedTaps
   }
 }
 
+void PixelArray::add_shared(const SampleLight& light, std::size_t cells, std::size_t frequency,
+                            const ExposedTaps& taps) {
+  const bool ambient = !light.ambient_e.empty();
+  sums_.assign(pixels_ * cells, {});
+  // In the order of the samples, whatever the threads.
+  for (std::size_t i = 0; i < light.cell.size(); ++i) {
+    if (light.cell[i] == SampleLight::kNowhere) continue;
+    Sums& sum = sums_[light.cell[i]];
+    sum.active += light.active_e[i];
+    sum.x += x_[i];
+    sum.y += y_[i];
+    if (ambient) sum.ambient += light.ambient_e[i];
+    sum.count += 1;
+  }
+  each_row(pixels_, 2048, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t p = begin; p < end; ++p) {
+      Sums mean;
+      for (std::size_t i = p * cells; i < (p + 1) * cells; ++i)
+        if (sums_[i].count > 0) mean.add(sums_[i], 1 / sums_[i].count), mean.count += 1;
+      Sums sum;
+      sum.add(mean, 1 / std::max(mean.count, 1.0F));
+      put(p, frequency, taps, sum);
+    }
+  });
+}
+
 void PixelArray::expose(const SampleRays& rays, const SampleLight& light, const ExposedTaps& taps) {
   const std::size_t frequencies = model_.modulation.frequencies_hz.size();
   means_.resize(frequencies * 4 * pixels_);
@@ -171,6 +204,10 @@ void PixelArray::expose(const SampleRays& rays, const SampleLight& light, const 
         sum.y += bounce_y_[i];
       }
     };
+    if (!light.cell.empty()) {
+      add_shared(light, n, j, taps);
+      continue;
+    }
     if (!rays.lattice) {
       const float weight = 1.0F / static_cast<float>(n);
       each_row(pixels_, 2048, [&](std::size_t begin, std::size_t end) {

@@ -28,14 +28,6 @@ bool same_content(const ContentWindow& window) {
                      [&](const auto& f) { return f->batches == window.first().batches; });
 }
 
-/// Taps of exposure m where each has its own instant.
-ExposedTaps taps_of(const models::TofModulation& m, int exposure) {
-  const auto e = static_cast<std::size_t>(exposure);
-  if (m.taps == models::TofTaps::differential)
-    return {.first_frequency = e / 2, .even = e % 2 == 0, .odd = e % 2 == 1};
-  return {.first_frequency = e / 4, .one = true, .tap = e % 4};
-}
-
 /// Farther than this a white matt surface sends back less than a quarter of the least amplitude that a pixel
 /// may have: what lies there is asked for no finer than samples see it. Infinity where no amplitude is too
 /// small.
@@ -131,7 +123,7 @@ Status TofSimulator::capture(const MeasureRequest& request, const render::Sensor
   for (std::size_t m = 0; m < my.lights.size(); ++m)
     my.pixels.expose(my.rays, my.lights[m],
                      still ? ExposedTaps{.frequencies = model.modulation.frequencies_hz.size()}
-                           : taps_of(model.modulation, static_cast<int>(m)));
+                           : tof::taps_of(model.modulation, static_cast<int>(m)));
   my.pixels.read(request.index, picture, keep_taps);
   tof::filter(model.filters, picture, my.scratch);
   return {};

@@ -1,6 +1,7 @@
 // The arithmetic of a LiDAR against closed forms and measured tables.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -203,6 +204,37 @@ TEST(Footprint, SharesAddUpAndHaveTheProfilesMoments) {
       // All but the centre's cell, which stands at 0, is exact.
       EXPECT_NEAR(second, exact, 1.3 / (count * count)) << count;
     }
+}
+
+TEST(Footprint, AnUprightOrLevelEdgePartsFiveRaysFiveWays) {
+  LidarFootprint f;
+  f.sub_rays = 5;
+  for (const auto axis : {&SubRay::u, &SubRay::v}) {
+    std::vector<double> across;
+    for (const SubRay& r : footprint_pattern(f)) across.push_back(r.*axis);
+    std::sort(across.begin(), across.end());
+    for (std::size_t i = 1; i < across.size(); ++i)
+      EXPECT_NEAR(across[i] - across[i - 1], (across.back() - across.front()) / 4, 1e-12);
+  }
+}
+
+TEST(Footprint, RaysOfASequenceFollowTheProfile) {
+  for (const LidarProfile profile : {LidarProfile::gaussian, LidarProfile::top_hat}) {
+    LidarFootprint f;
+    f.profile = profile;
+    double second = 0, u = 0, v = 0;
+    constexpr std::uint32_t firings = 100, rays = 32;
+    for (std::uint32_t i = 0; i < firings; ++i)
+      for (std::uint32_t k = 0; k < rays; ++k) {
+        const SubRay r = footprint_ray(f, i, k);
+        EXPECT_LE(std::hypot(r.u, r.v), 1);
+        second += r.u * r.u + r.v * r.v, u += r.u, v += r.v;
+      }
+    const double exact = profile == LidarProfile::top_hat ? 0.5 : 0.5 - std::exp(-2.0) / (1 - std::exp(-2.0));
+    EXPECT_NEAR(second / (firings * rays), exact, 0.01);
+    EXPECT_NEAR(u / (firings * rays), 0, 0.01);
+    EXPECT_NEAR(v / (firings * rays), 0, 0.01);
+  }
 }
 
 TEST(LidarInFloat, AgreesWithDouble) {

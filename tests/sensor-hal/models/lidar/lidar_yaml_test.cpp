@@ -127,6 +127,11 @@ TEST(LidarYaml, ComplainsWithPlaceAndKey) {
   EXPECT_THAT(complaint(scan + range + "noise: { scale_mm: .inf }\n"), HasSubstr("noise.scale_mm"));
   EXPECT_THAT(complaint(scan + range + "footprint: { sub_rays: 0 }\n"), HasSubstr("footprint.sub_rays"));
   EXPECT_THAT(complaint(scan + range + "footprint: { sub_rays: 257 }\n"), HasSubstr("footprint.sub_rays"));
+  EXPECT_THAT(complaint(scan + range + "footprint: { sub_rays: 5, most_sub_rays: 5 }\n"),
+              HasSubstr("footprint.most_sub_rays"));
+  EXPECT_THAT(complaint(scan + range + "footprint: { sub_rays: 2, most_sub_rays: 40 }\n"),
+              HasSubstr("footprint.most_sub_rays"));
+  EXPECT_TRUE(read(scan + range + "footprint: { sub_rays: 5, most_sub_rays: 40 }\n"));
   EXPECT_THAT(complaint(scan + range + "footprint: { divergence_mrad: [] }\n"), HasSubstr("divergence_mrad"));
   EXPECT_THAT(complaint(scan + range + "echoes: { returns: strongst }\n"), HasSubstr("strongest"));
   EXPECT_THAT(complaint(scan), HasSubstr("range"));

@@ -1,4 +1,8 @@
 // What a footprint with width returns: mixed pixels, echoes, remission, detection.
+#include <tbb/global_control.h>
+
+#include <cstring>
+
 #include "tests/sim/sensors/lidar/lidar_test_support.h"
 
 namespace rigor {
@@ -192,6 +196,73 @@ TEST(LidarFootprint, StartsWithItsDiameter) {
     ASSERT_EQ(s.points.size(), 1U);
     EXPECT_NEAR(s.points[0].remission, 0.5 * segment(0.5), 0.5 * 0.015);
     EXPECT_NEAR(range_of(s.points[0]), x, 1e-5);
+  }
+}
+
+/// 100 shots at a plate at 10 m, `share` of the beam on it, before a wall at 14 m.
+struct AddedRays {
+  std::shared_ptr<AnalyticEngine> engine = std::make_shared<AnalyticEngine>();
+  AnalyticWorld world;
+  LidarModel m = staring(100);
+  explicit AddedRays(double edge_m) {
+    engine->add(Rectangle{.centre = {10, 5 + edge_m, 0}, .half_u = {0, 5, 0}, .half_v = {0, 0, 5}},
+                {.node = world::NodeId{3}});
+    engine->add(Plane{.point = {14, 0, 0}, .normal = {-1, 0, 0}}, {.node = world::NodeId{4}});
+    m.footprint = {.horizontal_divergence_rad = 0.02,
+                   .vertical_divergence_rad = 0.02,
+                   .profile = LidarProfile::top_hat,
+                   .sub_rays = 4,
+                   .most_sub_rays = 64};
+    m.echoes.separation_m = 1;
+  }
+};
+
+TEST(LidarAddedRays, AreNotCastWhereTheEchoIsClear) {
+  AddedRays plain(-1);
+  EXPECT_EQ(scan(plain.m, plain.engine, plain.world).points.size(), 100U);
+  EXPECT_EQ(plain.engine->rays_cast, 500U);  // one more each for the truth of ranges
+  // Nothing is clear as well.
+  AddedRays nothing(-1);
+  nothing.engine->clear();
+  EXPECT_TRUE(scan(nothing.m, nothing.engine, nothing.world).points.empty());
+  EXPECT_EQ(nothing.engine->rays_cast, 500U);
+}
+
+TEST(LidarAddedRays, TellWhichOfTwoEchoesIsTheStrongest) {
+  // 0.55 of the beam's disc meets the wall, whose power is half that of the plate by its range: few of 100
+  // shots may take the wall for the strongest. Four rays alone do so often.
+  const double edge_m = 10 * std::tan(0.01) * 0.08;
+  const auto at_the_wall = [](AddedRays& a) {
+    int n = 0;
+    for (const LidarPoint& p : scan(a.m, a.engine, a.world).points) n += range_of(p) > 12;
+    return n;
+  };
+  AddedRays added(edge_m), few(edge_m);
+  few.m.footprint.sub_rays = 3;
+  few.m.footprint.most_sub_rays = 4;
+  const int with = at_the_wall(added), without = at_the_wall(few);
+  EXPECT_LE(with, 3);
+  EXPECT_GT(without, with + 5);
+  EXPECT_GT(added.engine->rays_cast, 800U);
+  EXPECT_LT(added.engine->rays_cast, 6400U);
+}
+
+TEST(LidarAddedRays, GiveTheSameScanOnAnyNumberOfThreadsAndItsTruth) {
+  AddedRays a(0);
+  a.m.echoes.returns = LidarReturns::dual;
+  Scanned one;
+  for (const std::size_t threads : {1u, 4u}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    Scanned s = scan(a.m, a.engine, a.world);
+    ASSERT_GT(s.points.size(), 150U);
+    for (std::size_t i = 0; i < s.points.size(); ++i)
+      EXPECT_EQ(s.truth.node[i], range_of(s.points[i]) < 12 ? 3U : 4U) << i;
+    if (threads == 1) {
+      one = s;
+      continue;
+    }
+    ASSERT_EQ(s.points.size(), one.points.size());
+    EXPECT_EQ(std::memcmp(s.points.data(), one.points.data(), s.points.size() * sizeof(LidarPoint)), 0);
   }
 }
 

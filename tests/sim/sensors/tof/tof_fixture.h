@@ -29,7 +29,9 @@ class MovableWorld final : public render::ContentSource {
     window->end = end;
     for (int i = 0; i < instants; ++i) {
       auto frame = std::make_shared<render::ContentFrame>(still.frame);
-      frame->batches.push_back(std::make_shared<const render::Batch>());
+      auto batch = std::make_shared<render::Batch>();
+      batch->nodes = moving_nodes;
+      frame->batches.push_back(std::move(batch));
       window->frames.push_back(std::move(frame));
     }
     asked_instants = instants;
@@ -42,6 +44,7 @@ class MovableWorld final : public render::ContentSource {
 
   AnalyticWorld still;
   bool moves = false;
+  std::vector<world::NodeId> moving_nodes{{}};  ///< of the batch that moves: what has no node of its own
   int asked_instants = 0;
 };
 
