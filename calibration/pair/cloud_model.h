@@ -9,10 +9,10 @@
 // which is solved for b, s, R, t by point-to-plane Gauss-Newton steps, pieces looked up anew in each pass.
 // Normals and ranges of the pieces are noisy, and their noise would make estimates of a mount's turn and of
 // the range scale too small; normals of the device's own points and the ranges beside them serve as
-// instruments against that (clustered_fit.h). Surfaces of the device are taken from its points less the biases
-// of beams found so far: with a bias in them, points would be chosen by their noise. A beam that is far off
-// starts from the median of its own residuals. Points and normals come from pair_watch's CloudChange. Huber's
-// weights limit edges, leaves, people.
+// instruments against that (clustered_fit.h). Surfaces of the device are taken from its points less the
+// biases of beams found so far: with a bias in them, points would be chosen by their noise. A beam that is
+// far off starts from the median of its own residuals. Points and normals come from pair_watch's CloudChange.
+// Huber's weights limit edges, leaves, people.
 #pragma once
 
 #include <Eigen/Core>

@@ -95,8 +95,8 @@ Result<std::unique_ptr<SceneRenderer>> SceneRenderer::create(std::shared_ptr<con
   if (scene->bodies.size() > kMostBodies)
     return fail(ErrorCode::bad_input, "world",
                 "bodies: expected at most " + std::to_string(kMostBodies) +
-                    ", which the renderer scene draws, got " +
-                    std::to_string(scene->bodies.size()) + "; give the channel `renderer: rays`");
+                    ", which the renderer scene draws, got " + std::to_string(scene->bodies.size()) +
+                    "; give the channel `renderer: rays`");
   auto impl = std::make_unique<Impl>();
   auto lens = LensSampler::create(c, options.supersampling);
   if (!lens) return tl::unexpected(lens.error());
