@@ -10,12 +10,7 @@
 #include <numbers>
 
 #include "sensor-hal/models/one_source.h"
-
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define RIGOR_WIDE __attribute__((target_clones("avx2", "default")))
-#else
-#define RIGOR_WIDE
-#endif
+#include "sensor-hal/models/wide.h"
 
 namespace rigor::sensor_stage {
 namespace {

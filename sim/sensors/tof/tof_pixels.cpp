@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "sensor-hal/models/tof/tof_math.h"
+#include "sensor-hal/models/wide.h"
 #include "sim/sensors/tof/tof_effects.h"
 
 namespace rigor::tof {
@@ -41,10 +42,8 @@ Correlation correlation_of(const models::TofModulation& m) {
 }
 
 /// Samples' E times their phasors. Any width of vectors gives the same: each sample on its own.
-__attribute__((target_clones("avx2", "default"))) void phasors_of(const float* e, const float* range_m,
-                                                                  std::size_t begin, std::size_t end,
-                                                                  float turns_per_m, Correlation c, float* x,
-                                                                  float* y) {
+RIGOR_WIDE void phasors_of(const float* e, const float* range_m, std::size_t begin, std::size_t end,
+                           float turns_per_m, Correlation c, float* x, float* y) {
   for (std::size_t i = begin; i < end; ++i) {
     float px = 0, py = 0;
     Math::tof_phasor(range_m[i] * turns_per_m, c.triangle, c.a3, c.a5, c.a7, c.a9, c.bias, c.variation, px,
@@ -53,9 +52,8 @@ __attribute__((target_clones("avx2", "default"))) void phasors_of(const float* e
     y[i] = e[i] * py;
   }
 }
-__attribute__((target_clones("avx2", "default"))) void sines_of(const float* e, const float* range_m,
-                                                                std::size_t begin, std::size_t end,
-                                                                float turns_per_m, float* x, float* y) {
+RIGOR_WIDE void sines_of(const float* e, const float* range_m, std::size_t begin, std::size_t end,
+                         float turns_per_m, float* x, float* y) {
   for (std::size_t i = begin; i < end; ++i) {
     float s = 0, c = 0;
     Math::tof_sincos_turns(range_m[i] * turns_per_m, s, c);
