@@ -71,17 +71,17 @@ void PacedSink::work() {
     keep_safe();
     return;
   }
-  apply_until(BenchTime(monotonic_now().ns()));
-  after();
+  if (apply_until(BenchTime(monotonic_now().ns()))) after();
 }
 
-void PacedSink::apply_until(BenchTime now) {
+bool PacedSink::apply_until(BenchTime now) {
   for (const auto* c = ring_->peek(); c && c->t_effect <= now; c = ring_->peek()) {
     // A loop that hangs is not to get its old commands through because there are many of them.
-    if (has_thread() && loop_is_lost()) return;
+    if (has_thread() && loop_is_lost()) return false;
     apply(*c);
     ring_->drop_front();
   }
+  return true;
 }
 
 void PacedSink::drop_all() {

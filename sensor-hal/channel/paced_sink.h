@@ -37,12 +37,14 @@ class PacedSink : public Sink {
   /// Setup thread: joins the thread, where there is one, and drops what waits.
   void stop_thread();
   [[nodiscard]] bool has_thread() const noexcept { return thread_.joinable(); }
-  /// Whether `t` is longer past than a cycle, or two ticks where those are longer: too late for a command.
+  /// Whether an instant is longer past than a cycle, or two ticks where those are longer: too late for a
+  /// command.
   [[nodiscard]] bool is_late(Duration past) const noexcept {
     return past > std::max(loop_period_, tick_ * 2);
   }
   /// The thread, and who stands in for it: the commands that take effect by `now`, in the order of the ring.
-  void apply_until(BenchTime now);
+  /// False: the loop was lost meanwhile.
+  bool apply_until(BenchTime now);
 
   // The thread calls these.
   virtual void tick() {}

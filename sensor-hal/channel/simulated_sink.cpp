@@ -80,7 +80,7 @@ Status SimulatedSink::do_stop() {
 
 /// Virtual time: called on the loop's thread, between its cycles.
 void SimulatedSink::complete_until(BenchTime now) {
-  if (state() == ChannelState::running) apply_until(now);
+  if (state() == ChannelState::running) (void)apply_until(now);
 }
 
 void SimulatedSink::keep_safe() {
