@@ -1,5 +1,5 @@
-// What sinks have in common that give each command to a device at its instant, by the wall clock: a ring that
-// the loop pushes commands into, and a thread that takes them out.
+// The common part of sinks in wall-clock time: the loop pushes commands into a ring, and a thread of the sink
+// takes each out and applies it at its instant.
 //
 //   loop     command()  ──▶ ring ──▶ thread   tick()       each tick, and at each instant
 //                                             apply(c)     at c.t_effect, not before

@@ -161,7 +161,8 @@ TEST(OusterEmulatorRules, OnASlowMachineSendsTheFramesThatItCanMeasureAndCountsT
 TEST(OusterEmulatorRules, SendsNothingInStandby) {
   Device device;
   ASSERT_TRUE(device.start(", operating_mode: STANDBY"));
-  std::this_thread::sleep_for(std::chrono::milliseconds(200));  // of which it would send two frames
+  std::this_thread::sleep_for(
+      std::chrono::milliseconds(200));  // two frames, which no event says were left out
   EXPECT_EQ(device.emulator->health().received, 0U);
   EXPECT_EQ(device.ask("POST", "/api/v1/sensor/config", R"({"operating_mode": "NORMAL"})").status, 200);
   EXPECT_TRUE(rigor::test::eventually([&] { return device.emulator->health().received > 0; }));
@@ -200,7 +201,8 @@ TEST(OusterEmulatorRules, GivesUpWhatItCouldNotSendInTime) {
   const auto m = metadata_of(device);
   ASSERT_TRUE(m);
   ASSERT_TRUE(rigor::test::eventually([&] { return device.emulator->health().received > 0; }));
-  std::this_thread::sleep_for(std::chrono::milliseconds(400));  // how long nobody reads
+  std::this_thread::sleep_for(
+      std::chrono::milliseconds(400));  // four frames: two wait, those behind are late
   std::atomic<bool> stopped{false};
   std::thread drain([&] {
     for (std::vector<char> some(1 << 16); !stopped;)
@@ -412,13 +414,17 @@ class SteppedSensor {
   std::thread thread_;
 };
 
+testing::AssertionResult starts(OusterSource& source, const std::string& keys) {
+  auto s = source.configure(config_of("{" + keys + "}"));
+  if (s) s = source.arm({});
+  if (s) s = source.start(bench_now());
+  return s ? testing::AssertionSuccess() : testing::AssertionFailure() << s.error().text();
+}
+
 TEST(OusterSourceRules, FollowsASensorThatStartsAnewOnceItIsRunning) {
   SteppedSensor sensor;
   OusterSource source;
-  ASSERT_TRUE(source.configure(config_of("{buffers: 32, " + sensor.host() + "}")));
-  const auto s = source.arm({});
-  ASSERT_TRUE(s) << s.error().text();
-  ASSERT_TRUE(source.start(bench_now()));
+  ASSERT_TRUE(starts(source, "buffers: 32, " + sensor.host()));
   sensor.reinitialize();
   const int before = sensor.metadata_asked_for;
   EXPECT_TRUE(rigor::test::eventually([&] { return sensor.metadata_asked_for >= before + 2; }))
@@ -432,10 +438,7 @@ TEST(OusterSourceRules, FollowsASensorThatStartsAnewOnceItIsRunning) {
 TEST(OusterSourceRules, ASensorWhoseFramesNoLongerFitIsAProtocolError) {
   SteppedSensor sensor("[270000, 90000]");
   OusterSource source;
-  ASSERT_TRUE(source.configure(config_of("{buffers: 32, " + sensor.host() + "}")));
-  const auto s = source.arm({});
-  ASSERT_TRUE(s) << s.error().text();
-  ASSERT_TRUE(source.start(bench_now()));
+  ASSERT_TRUE(starts(source, "buffers: 32, " + sensor.host()));
   EXPECT_EQ(source.health().protocol_errors, 0U);
   sensor.reinitialize(R"({"azimuth_window": [0, 360000]})");
   sensor.now_s = 4;
@@ -447,10 +450,7 @@ TEST(OusterSourceRules, ASensorWhoseFramesNoLongerFitIsAProtocolError) {
 TEST(OusterSourceRules, IsNotSetUpAnewForPacketsThatTheMetadataAreNotOf) {
   SteppedSensor sensor;
   OusterSource source;
-  ASSERT_TRUE(source.configure(config_of("{buffers: 32, " + sensor.host() + "}")));
-  const auto s = source.arm({});
-  ASSERT_TRUE(s) << s.error().text();
-  ASSERT_TRUE(source.start(bench_now()));
+  ASSERT_TRUE(starts(source, "buffers: 32, " + sensor.host()));
   const int before = sensor.metadata_asked_for;
   ++sensor.initialization_id;
   EXPECT_TRUE(rigor::test::eventually([&] { return sensor.metadata_asked_for >= before + 2; }));
@@ -481,10 +481,7 @@ TEST(OusterSourceRules, ALiveSensorOnPtpCountsTai) {
   Device device;
   ASSERT_TRUE(device.start(", timestamp_mode: TIME_FROM_PTP_1588"));
   OusterSource source;
-  ASSERT_TRUE(source.configure(config_of("{buffers: 32, time: utc, " + device.host() + "}")));
-  const auto s = source.arm({});
-  ASSERT_TRUE(s) << s.error().text();
-  ASSERT_TRUE(source.start(bench_now()));
+  ASSERT_TRUE(starts(source, "buffers: 32, time: utc, " + device.host()));
   std::vector<SampleLease> got;
   ASSERT_TRUE(poll_until(source, got, [&] { return !got.empty(); }));
   EXPECT_GT(got[0]->stamp.t_capture, bench_now() - seconds(30))
