@@ -2,53 +2,21 @@
 
 #include <ceres/sized_cost_function.h>
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "calibration/core/least_squares.h"
+#include "calibration/pair/regression_spline.h"
 
 namespace rigor::calibration {
 namespace {
 
-/// Natural cubic spline over seconds. Source: de Boor, A Practical Guide to Splines, chapter IV.
-class Spline {
- public:
-  Spline(std::vector<double> t, std::vector<double> y)
-      : t_(std::move(t)), y_(std::move(y)), m_(t_.size(), 0) {
-    const std::size_t n = t_.size();
-    std::vector<double> c(n, 0);
-    for (std::size_t i = 1; i + 1 < n; ++i) {
-      const double h0 = t_[i] - t_[i - 1], h1 = t_[i + 1] - t_[i];
-      const double pivot = 2 * (h0 + h1) - h0 * c[i - 1];
-      c[i] = h1 / pivot;
-      m_[i] = (6 * ((y_[i + 1] - y_[i]) / h1 - (y_[i] - y_[i - 1]) / h0) - h0 * m_[i - 1]) / pivot;
-    }
-    for (std::size_t i = n - 1; i-- > 1;) m_[i] -= c[i] * m_[i + 1];
-  }
-  [[nodiscard]] double from() const { return t_.front(); }
-  [[nodiscard]] double to() const { return t_.back(); }
-  /// Value and slope; at the ends' outside the end's.
-  [[nodiscard]] std::pair<double, double> at(double t) const {
-    auto next = std::upper_bound(t_.begin(), t_.end(), t);
-    next = std::clamp(next, t_.begin() + 1, t_.end() - 1);
-    const auto i = static_cast<std::size_t>(next - t_.begin());
-    const double h = t_[i] - t_[i - 1], a = (t_[i] - t) / h, b = (t - t_[i - 1]) / h;
-    const double value =
-        a * y_[i - 1] + b * y_[i] + ((a * a * a - a) * m_[i - 1] + (b * b * b - b) * m_[i]) * h * h / 6;
-    const double slope =
-        (y_[i] - y_[i - 1]) / h + ((3 * b * b - 1) * m_[i] - (3 * a * a - 1) * m_[i - 1]) * h / 6;
-    return {value, slope};
-  }
-
- private:
-  std::vector<double> t_, y_, m_;
-};
-
 /// second − offset − gain · first(t + delay)
 class Shifted : public ceres::SizedCostFunction<1, 3> {
  public:
-  Shifted(const Spline& first, double t, double value) : first_(first), t_(t), value_(value) {}
+  Shifted(const RegressionSpline& first, double t, double value) : first_(first), t_(t), value_(value) {}
   bool Evaluate(double const* const* p, double* residual, double** jacobian) const override {
     const auto [value, slope] = first_.at(t_ + p[0][0]);
     residual[0] = p[0][2] + p[0][1] * value - value_;
@@ -61,7 +29,7 @@ class Shifted : public ceres::SizedCostFunction<1, 3> {
   }
 
  private:
-  const Spline& first_;
+  const RegressionSpline& first_;
   double t_, value_;
 };
 
@@ -81,15 +49,6 @@ Status check(const TimeSeries& s, const char* which) {
   return {};
 }
 
-/// Standard deviation of white noise on an evenly sampled smooth quantity, from its second differences.
-double noise_of(const std::vector<double>& y) {
-  std::vector<double> d;
-  for (std::size_t i = 1; i + 1 < y.size(); ++i) d.push_back(std::abs(y[i - 1] - 2 * y[i] + y[i + 1]));
-  const auto middle = d.begin() + static_cast<std::ptrdiff_t>(d.size() / 2);
-  std::nth_element(d.begin(), middle, d.end());
-  return 1.4826 * *middle / std::sqrt(6.0);
-}
-
 /// How much of a quantity tells about time: its spread about its mean, or about a straight line.
 double movement_of(const std::vector<double>& t, const std::vector<double>& y, bool about_a_line) {
   const double n = static_cast<double>(t.size());
@@ -100,6 +59,58 @@ double movement_of(const std::vector<double>& t, const std::vector<double>& y, b
   }
   const double vtt = stt - st * st / n, vty = sty - st * sy / n, vyy = syy - sy * sy / n;
   return std::sqrt(std::max(0.0, about_a_line ? vyy - vty * vty / vtt : vyy) / n);
+}
+
+/// What least squares take for exact, the first channel, has noise of its own: it makes the gain too small,
+/// and moves the delay towards where a spline is least noisy. Equations without that (corrected score:
+/// Carroll, Ruppert, Stefanski and Crainiceanu, Measurement Error in Nonlinear Models, 2006, chapter 7),
+///
+///   Σ J r + (g² cov(s', s), g var(s), 0) = 0,      J = (g s', s, 1),  r = second − offset − gain s
+///
+/// and their covariance A⁻¹ M A⁻¹, where A = Σ J Jᵀ less the noise in it, and M the scatter of Σ J r by the
+/// noise of the second channel and by the spline's, which neighbours share. False where the noise leaves
+/// nothing to tell by: then nothing was changed.
+bool solve_with_noise(const RegressionSpline& first, const std::vector<double>& t,
+                      const std::vector<double>& y, Eigen::Index unknown, std::array<double, 3>& p,
+                      Eigen::MatrixXd& covariance) {
+  Eigen::Vector3d x(p[0], p[1], p[2]);
+  Eigen::Matrix3d information;
+  Eigen::MatrixXd weighed;
+  double square = 0, of_first = 0;
+  for (int round = 0; round < 30; ++round) {
+    information.setZero();
+    Eigen::Vector3d score = Eigen::Vector3d::Zero();
+    weighed = Eigen::MatrixXd::Zero(first.size(), 3);
+    square = of_first = 0;
+    const double g = x[1];
+    for (std::size_t i = 0; i < t.size(); ++i) {
+      const RegressionSpline::Basis b = first.basis(t[i] + x[0]);
+      const auto [value, slope] = first.at(t[i] + x[0]);
+      const RegressionSpline::Noise n = first.noise(b);
+      const Eigen::Vector3d j(g * slope, value, 1);
+      const double r = y[i] - x[2] - g * value;
+      information += j * j.transpose();
+      information(0, 0) -= g * g * n.slope, information(1, 1) -= n.value;
+      information(0, 1) -= g * n.both, information(1, 0) -= g * n.both;
+      score += j * r + Eigen::Vector3d(g * g * n.both, g * n.value, 0);
+      weighed.middleRows<4>(b.first) += b.value * j.transpose();
+      square += r * r, of_first += g * g * n.value;
+    }
+    const Eigen::LDLT<Eigen::MatrixXd> factored(information.topLeftCorner(unknown, unknown));
+    if (!factored.isPositive() || factored.info() != Eigen::Success) return false;
+    const Eigen::VectorXd step = factored.solve(score.head(unknown));
+    if (!step.allFinite()) return false;
+    x.head(unknown) += step;
+    if (step.dot(score.head(unknown)) <= 1e-12 * square) break;
+  }
+  const auto n = static_cast<double>(t.size());
+  const double second = std::max(0.0, square / (n - static_cast<double>(unknown)) - of_first / n);
+  const Eigen::MatrixXd a = information.topLeftCorner(unknown, unknown), j = weighed.leftCols(unknown),
+                        inverse = a.inverse(),
+                        scatter = second * a + x[1] * x[1] * j.transpose() * first.covariance_times(j);
+  p = {x[0], x[1], x[2]};
+  covariance = inverse * scatter * inverse;
+  return true;
 }
 
 struct Linear {
@@ -115,7 +126,7 @@ Result<TimeOffset> fit_time_offset(const TimeSeries& first, const TimeSeries& se
   const std::int64_t t0 = first.t_ns.front();
   std::vector<double> t;
   for (const auto ns : first.t_ns) t.push_back(static_cast<double>(ns - t0) * 1e-9);
-  const Spline spline(t, first.value);
+  const RegressionSpline spline(t, first.value, options.first_exact);
 
   // Samples that have a counterpart at every delay of the search: the same ones are judged at each.
   std::vector<std::size_t> common;
@@ -180,7 +191,24 @@ Result<TimeOffset> fit_time_offset(const TimeSeries& first, const TimeSeries& se
   auto solved = fit.solve(fit_options);
   if (!solved) return tl::unexpected<Error>(solved.error());
   TimeOffset out;
+  out.first_sigma = spline.sigma();
   out.result = std::move(solved->fit);
+  std::vector<double> t_used, y_used;
+  std::vector<bool> rejected(common.size(), false);
+  for (const std::uint32_t id : solved->rejected_ids) rejected[id] = true;
+  for (std::size_t k = 0; k < common.size(); ++k)
+    if (!rejected[k]) t_used.push_back(at[k]), y_used.push_back(second.value[common[k]]);
+  Eigen::MatrixXd covariance;
+  const bool told = solve_with_noise(spline, t_used, y_used, held ? 1 : 3, p, covariance);
+  if (told) {
+    const Eigen::Index unknown = covariance.rows();
+    out.result.covariance.topLeftCorner(unknown, unknown) = covariance;
+    for (Eigen::Index i = 0; i < unknown; ++i) {
+      Parameter& parameter = out.result.parameters[static_cast<std::size_t>(i)];
+      parameter.value = p[static_cast<std::size_t>(i)];
+      parameter.sigma = std::sqrt(covariance(i, i));
+    }
+  }
   out.result.model = held ? "delay" : "delay, gain, offset";
   for (std::size_t i = 0; i < out.result.rejected.size() && i < solved->rejected_ids.size(); ++i)
     out.result.rejected[i].what =
@@ -192,15 +220,21 @@ Result<TimeOffset> fit_time_offset(const TimeSeries& first, const TimeSeries& se
   const Parameter* delay = out.result.find("delay_s");
   if (delay != nullptr && std::abs(delay->value) > options.largest_s)
     out.result.warnings.push_back("the delay lies outside of the search; search farther");
-  // Noise of the first channel has slopes too, and would seem to tell; so does what rounding leaves of a
-  // second one that stands still.
-  std::vector<double> compared;
+  // What noise leaves of a first channel that stands still has slopes too, and would seem to tell; so does
+  // what rounding leaves of either.
+  std::vector<double> smooth, compared;
+  double noise = 0;
+  for (const double when : t) {
+    smooth.push_back(spline.at(when).first);
+    noise += spline.noise(spline.basis(when)).value / static_cast<double>(t.size());
+  }
   for (const std::size_t k : common) compared.push_back(second.value[k]);
-  const double largest =
-      std::abs(*std::ranges::max_element(compared, {}, [](double v) { return std::abs(v); }));
-  const bool moves = movement_of(t, first.value, !held) > 4 * noise_of(first.value) &&
-                     movement_of(at, compared, false) > 1e-9 * largest;
-  if (delay != nullptr && (!moves || !(delay->sigma < options.largest_s))) {
+  const auto rounded = [](const std::vector<double>& v) {
+    return 1e-9 * std::abs(*std::ranges::max_element(v, {}, [](double x) { return std::abs(x); }));
+  };
+  const bool moves = movement_of(t, smooth, !held) > std::max(4 * std::sqrt(noise), rounded(smooth)) &&
+                     movement_of(at, compared, false) > rounded(compared);
+  if (delay != nullptr && (!told || !moves || !(delay->sigma < options.largest_s))) {
     out.result.not_identifiable.emplace_back(
         "delay_s", "the quantity does not move enough, or moves evenly: record it swinging to and fro");
   }

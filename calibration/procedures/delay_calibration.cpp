@@ -302,8 +302,9 @@ Result<CalibrationResult> calibrate_delay(const DelayCalibrationOptions& o, cons
   if (!first) return tl::unexpected<Error>(first.error());
   const auto second = series_of(o, files->front(), o.second, stop, facts_second, warnings);
   if (!second) return tl::unexpected<Error>(second.error());
-  const auto fit =
-      fit_time_offset(*first, *second, {.largest_s = o.largest_s, .same_quantity = o.same_quantity});
+  const auto fit = fit_time_offset(
+      *first, *second,
+      {.largest_s = o.largest_s, .same_quantity = o.same_quantity, .first_exact = facts_first.sink});
   if (!fit) return tl::unexpected<Error>(fit.error());
 
   CalibrationResult result;
@@ -318,7 +319,8 @@ Result<CalibrationResult> calibrate_delay(const DelayCalibrationOptions& o, cons
     result.recipe.set.emplace_back("delay_s", exact_text(d->value));
     if (std::abs(d->value) <= o.largest_s) add_latency(o, facts_first, facts_second, *second, *d, result);
   }
-  result.details.json() = {{"first", facts_first.what}, {"second", facts_second.what}};
+  result.details.json() = {
+      {"first", facts_first.what}, {"second", facts_second.what}, {"first_noise_sigma", fit->first_sigma}};
   Figure over{.kind = Figure::Kind::series,
               .title = "Residual over time",
               .caption = "Second channel less the first, shifted and scaled.",
