@@ -57,6 +57,13 @@ def changed(sensor, changes):
     return text
 
 
+def alone(name):
+    """The rig with one of its channels."""
+    head, channels = (ROOT / "configs/rigs/pairs.yaml").read_text().split("channels:\n")
+    (own,) = [c for c in re.split(r"^(?=  \w)", channels, flags=re.M) if c.startswith(f"  {name}:")]
+    return (head + "channels:\n" + own).replace("../", f"{ROOT}/configs/")
+
+
 def calibrate(args, folder, recording, name, proposed):
     out = call([args.rigor, "calibrate", "pair", recording, "--channel", name, "--json", "--force", "-o", proposed, "--from", "0"], folder)
     return json.loads(out)
@@ -75,13 +82,12 @@ def one_seed(args, name, seed):
     planted = ["--set", f"channels.{name}.pair.real.sensor={real}"]
     if mount:
         planted += ["--set", f"channels.{name}.pair.real.T_world_sensor={mount}"]
-    for other in CASES:
-        if other != name:
-            planted += ["--set", f"channels.{other}=null"]
+    rig = folder / "rig.yaml"
+    rig.write_text(alone(name))
     answers = []
     for k in range(2):
         recording = folder / f"{k}.mcap"
-        call([args.rigor, "run", ROOT / "configs/rigs/pairs.yaml", "--duration", args.duration, "--record", recording, "--force",
+        call([args.rigor, "run", rig, "--duration", args.duration, "--record", recording, "--force",
               "--no-control", "--progress", "none", "--set", f"seed={2 * seed + k}", *planted], folder)
         answers.append(calibrate(args, folder, recording, name, folder / f"proposed-{k}.yaml"))
         recording.unlink()
@@ -107,7 +113,7 @@ def main():
         print(f"{name}: planted, found, what is left after the proposal; of {args.seeds} seeds (error / standard uncertainty): mean, "
               "standard deviation")
         for seed in range(1, args.seeds + 1):
-            last = [{c["name"]: c for c in a["change"]["parameters"]} for a in one_seed(args, name, seed)]
+            last = [a["change"] for a in one_seed(args, name, seed)]
             for k, planted in truth.items():
                 for side, want in ((0, planted), (1, 0)):
                     c = last[side].get(k)

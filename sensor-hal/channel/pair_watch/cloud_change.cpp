@@ -11,6 +11,10 @@ namespace {
 constexpr std::size_t kMostBeams = 16;
 constexpr std::size_t kMostNeighbours = 4;
 constexpr double kLeastCosine = 0.25;
+/// Points of three rings that are farther off a straight line are not of one surface, in standard deviations
+/// of a range: a floor and the wall beside it, taken for one surface, tilt its normal alike on both sides,
+/// which no scatter tells of.
+constexpr double kOffLine = 4;
 
 LidarPoint point(const Sample& s, std::size_t i) noexcept {
   LidarPoint p;
@@ -44,6 +48,17 @@ Result<CloudChange> CloudChange::make(const CloudChangeOptions& o) {
                 "expected sigma_m, remission_max and edge_m above 0, got " + std::to_string(o.sigma_m) +
                     ", " + std::to_string(o.remission_max) + ", " + std::to_string(o.edge_m));
   return CloudChange(o);
+}
+
+/// How far a point is from the straight line through two others.
+double CloudChange::off_line_m(const Point& a, const Point& p, const Point& b) noexcept {
+  double line[3], to[3], area[3];
+  for (std::size_t k = 0; k < 3; ++k) {
+    line[k] = b.d[k] * b.range - a.d[k] * a.range;
+    to[k] = p.d[k] * p.range - a.d[k] * a.range;
+  }
+  cross(line, to, area);
+  return std::hypot(area[0], area[1], area[2]) / std::hypot(line[0], line[1], line[2]);
 }
 
 CloudChange::CloudChange(const CloudChangeOptions& o) : options_(o), remission_(1) {
@@ -198,19 +213,32 @@ bool CloudChange::normal_at(std::size_t i, double (&n)[3]) const noexcept {
   } else {
     const std::size_t place = ring_place_[p.ring];
     const Point *below = &p, *above = &p;
+    const auto ring = [&](std::ptrdiff_t step) -> const Point* {
+      const std::ptrdiff_t at = static_cast<std::ptrdiff_t>(place) + step;
+      return at < 0 || at >= static_cast<std::ptrdiff_t>(options_.rings)
+                 ? nullptr
+                 : beside(p, ring_order_[static_cast<std::size_t>(at)]);
+    };
+    // Three rings in a line. At the lowest and the highest ring, which have neighbours to one side alone, the
+    // next but one is the third.
+    const auto one_surface = [&](const Point& l, const Point& u) {
+      const double most = kOffLine * options_.sigma_m;
+      if (&l != &p && &u != &p) return off_line_m(l, p, u) <= most;
+      const bool up = &l == &p;
+      const Point *middle = up ? above : below, *end = up ? &u : &l;
+      if (middle == &p) middle = end, end = ring(up ? 2 : -2);
+      return end ? off_line_m(p, *middle, *end) <= most : options_.rings < 3;
+    };
     for (std::size_t m = 1; m <= kMostNeighbours; ++m) {
-      const Point* lower = place >= m ? beside(p, ring_order_[place - m]) : nullptr;
-      const Point* upper = place + m < options_.rings ? beside(p, ring_order_[place + m]) : nullptr;
+      const Point *lower = ring(-static_cast<std::ptrdiff_t>(m)),
+                  *upper = ring(static_cast<std::ptrdiff_t>(m));
       const Point &l = lower ? *lower : *below, &u = upper ? *upper : *above;
       if (&l == &u) continue;
       double across = 0;
       for (std::size_t k = 0; k < 3; ++k) across += (u.d[k] - l.d[k]) * (u.d[k] - l.d[k]);
       // A step between rings is steeper than kLeastCosine lets a surface be.
       if (std::abs(u.range - l.range) > std::sqrt(across) * p.range / kLeastCosine) break;
-      if (&l != &p && &u != &p &&
-          std::abs(u.range + l.range - 2 * p.range) >
-              options_.edge_m * std::sqrt(across) * p.range + 5 * options_.sigma_m)
-        break;
+      if (!one_surface(l, u)) break;
       below = &l, above = &u;
       if (std::sqrt(across) * p.range > 40 * options_.sigma_m) break;
     }

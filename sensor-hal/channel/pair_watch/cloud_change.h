@@ -80,6 +80,7 @@ class CloudChange {
     std::int32_t t_ns = 0;
     std::uint16_t ring = 0;
   };
+  [[nodiscard]] static double off_line_m(const Point& a, const Point& p, const Point& b) noexcept;
   [[nodiscard]] bool normal_at(std::size_t i, double (&n)[3]) const noexcept;
   [[nodiscard]] const Point* beside(const Point& p, std::size_t ring) const noexcept;
   void match(const Sample& real, const Sample& simulated) noexcept;

@@ -108,12 +108,14 @@ inline Pairs camera_pairs(const CameraModel& simulated, const CameraChange& chan
 // ---- LiDARs
 
 inline Pairs cloud_pairs(const ScanShape& shape, const ScanChange& c, std::size_t count, std::uint64_t seed,
-                         double sigma_m = 0.015) {
+                         double sigma_m = 0.015, bool standing = false) {
   Random random(seed);
   Pairs pairs;
+  Room room(random);
+  Vector at{};
   for (std::size_t i = 0; i < count; ++i) {
-    const Room room(random);
-    const Vector at{-2 + 4 * random.uniform(), -1 + 2 * random.uniform(), 0};
+    if (i > 0 && !standing) room = Room(random);
+    if (i == 0 || !standing) at = {-2 + 4 * random.uniform(), -1 + 2 * random.uniform(), 0};
     for (const bool device : {true, false}) {
       const std::vector<LidarPoint> points =
           scan_of(room, at, shape, device ? c : ScanChange{}, {sigma_m, 0.02}, random);
