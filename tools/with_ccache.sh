@@ -25,5 +25,13 @@ case $output in
     exit 0
     ;;
 esac
+# CMake hands clang the path of the precompiled header's source behind -Xclang, where ccache leaves it as it is: from here it is
+# the same in each checkout.
+previous=''
+for word; do
+  shift
+  if [ "$previous" = -Xclang ]; then set -- "$@" "${word#"$PWD"/}"; else set -- "$@" "$word"; fi
+  previous=$word
+done
 CCACHE_BASEDIR=$(cd "$(dirname "$0")/.." && pwd) CCACHE_NOHASHDIR=1 CCACHE_DEPEND=1 CCACHE_PCH_EXTSUM=1 \
   CCACHE_SLOPPINESS=pch_defines,time_macros exec ccache "$@"
