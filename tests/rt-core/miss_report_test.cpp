@@ -218,7 +218,7 @@ TEST(MissReport, MissesBeyondTheRoomAreCounted) {
   }));
   ASSERT_TRUE(loop.arm());
   const auto s = loop.run({}, bench_now() + milliseconds(200));
-  ASSERT_TRUE(s);
+  ASSERT_TRUE(s) << s.error().text();
   EXPECT_EQ(s->misses.misses.size(), 3u);
   EXPECT_GE(s->misses.total, 10u);
   EXPECT_GE(s->misses.total, s->overruns);
