@@ -7,7 +7,7 @@ CASE is scan, top, camera, tof (default: all), the channels of configs/rigs/pair
 sensor model and mount. Two `rigor run` in virtual time for each seed: with the changes, and, with another seed, after what `rigor calibrate
 pair` proposed was taken over. Prints what was planted, what was found, and what is left. Over several seeds: mean and standard deviation
 of (error / standard uncertainty), where 0 and 1 are expected. What a seed gave is kept in the output folder and not run again. Exit
-status: 0, or 2 where a run failed.
+status: 0, or 2 where a run failed or a sensor model lacks what is to be changed.
 """
 import argparse
 import json
@@ -55,7 +55,8 @@ def changed(sensor, changes):
     for pattern, by in changes:
         text, n = re.subn(pattern, by if isinstance(by, str) else lambda m: f"{m[1]}{float(m[2]) * by:.9g}", text)
         if n == 0:
-            sys.exit(f"pair_loop: {sensor} has nothing like {pattern}")
+            print(f"pair_loop: {sensor}: expected text like {pattern}, found none", file=sys.stderr)
+            sys.exit(2)
     return text
 
 

@@ -69,7 +69,7 @@ double movement_of(const std::vector<double>& t, const std::vector<double>& y, b
 ///
 /// and their covariance A⁻¹ M A⁻¹, where A = Σ J Jᵀ less the noise in it, and M the scatter of Σ J r by the
 /// noise of the second channel and by the spline's, which neighbours share. False where the noise leaves
-/// nothing to tell by: then nothing was changed.
+/// nothing to tell by, or the steps do not get small: then nothing was changed.
 bool solve_with_noise(const RegressionSpline& first, const std::vector<double>& t,
                       const std::vector<double>& y, Eigen::Index unknown, std::array<double, 3>& p,
                       Eigen::MatrixXd& covariance) {
@@ -77,7 +77,8 @@ bool solve_with_noise(const RegressionSpline& first, const std::vector<double>& 
   Eigen::Matrix3d information;
   Eigen::MatrixXd weighed;
   double square = 0, of_first = 0;
-  for (int round = 0; round < 30; ++round) {
+  bool small = false;
+  for (int round = 0; round < 30 && !small; ++round) {
     information.setZero();
     Eigen::Vector3d score = Eigen::Vector3d::Zero();
     weighed = Eigen::MatrixXd::Zero(first.size(), 3);
@@ -101,8 +102,9 @@ bool solve_with_noise(const RegressionSpline& first, const std::vector<double>& 
     const Eigen::VectorXd step = factored.solve(score.head(unknown));
     if (!step.allFinite()) return false;
     x.head(unknown) += step;
-    if (step.dot(score.head(unknown)) <= 1e-12 * square) break;
+    small = step.dot(score.head(unknown)) <= 1e-12 * square;
   }
+  if (!small) return false;
   const auto n = static_cast<double>(t.size());
   const double second = std::max(0.0, square / (n - static_cast<double>(unknown)) - of_first / n);
   const Eigen::MatrixXd a = information.topLeftCorner(unknown, unknown), j = weighed.leftCols(unknown),
@@ -193,7 +195,7 @@ Result<TimeOffset> fit_time_offset(const TimeSeries& first, const TimeSeries& se
   TimeOffset out;
   out.first_sigma = spline.sigma();
   out.result = std::move(solved->fit);
-  std::vector<double> t_used, y_used;
+  std::vector<double> t_used, y_used, left;
   std::vector<bool> rejected(common.size(), false);
   for (const std::uint32_t id : solved->rejected_ids) rejected[id] = true;
   for (std::size_t k = 0; k < common.size(); ++k)
@@ -216,7 +218,11 @@ Result<TimeOffset> fit_time_offset(const TimeSeries& first, const TimeSeries& se
   for (std::size_t k = 0; k < common.size(); ++k) {
     out.residual.push_back(second.value[common[k]] - p[2] - p[1] * spline.at(at[k] + p[0]).first);
     out.residual_t_ns.push_back(second.t_ns[common[k]]);
+    if (!rejected[k]) left.push_back(out.residual.back());
   }
+  const std::size_t left_out = out.result.residuals.rejected;
+  out.result.residuals = statistics_of(left, out.result.residuals.unit);
+  out.result.residuals.rejected = left_out;
   const Parameter* delay = out.result.find("delay_s");
   if (delay != nullptr && std::abs(delay->value) > options.largest_s)
     out.result.warnings.push_back("the delay lies outside of the search; search farther");
