@@ -69,7 +69,7 @@ double movement_of(const std::vector<double>& t, const std::vector<double>& y, b
 ///
 /// and their covariance A⁻¹ M A⁻¹, where A = Σ J Jᵀ less the noise in it, and M the scatter of Σ J r by the
 /// noise of the second channel and by the spline's, which neighbours share. False where the noise leaves
-/// nothing to tell by, or the steps do not get small: then nothing was changed.
+/// nothing to tell by: then nothing was changed.
 bool solve_with_noise(const RegressionSpline& first, const std::vector<double>& t,
                       const std::vector<double>& y, Eigen::Index unknown, std::array<double, 3>& p,
                       Eigen::MatrixXd& covariance) {
@@ -77,8 +77,7 @@ bool solve_with_noise(const RegressionSpline& first, const std::vector<double>& 
   Eigen::Matrix3d information;
   Eigen::MatrixXd weighed;
   double square = 0, of_first = 0;
-  bool small = false;
-  for (int round = 0; round < 30 && !small; ++round) {
+  for (int round = 0; round < 30; ++round) {
     information.setZero();
     Eigen::Vector3d score = Eigen::Vector3d::Zero();
     weighed = Eigen::MatrixXd::Zero(first.size(), 3);
@@ -102,9 +101,8 @@ bool solve_with_noise(const RegressionSpline& first, const std::vector<double>& 
     const Eigen::VectorXd step = factored.solve(score.head(unknown));
     if (!step.allFinite()) return false;
     x.head(unknown) += step;
-    small = step.dot(score.head(unknown)) <= 1e-12 * square;
+    if (step.dot(score.head(unknown)) <= 1e-12 * square) break;
   }
-  if (!small) return false;
   const auto n = static_cast<double>(t.size());
   const double second = std::max(0.0, square / (n - static_cast<double>(unknown)) - of_first / n);
   const Eigen::MatrixXd a = information.topLeftCorner(unknown, unknown), j = weighed.leftCols(unknown),
