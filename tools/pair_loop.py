@@ -50,8 +50,6 @@ def call(words, folder):
 
 def changed(sensor, changes):
     text = (SENSORS / sensor).read_text()
-    if sensor == "demo-camera.yaml":
-        text += "supersampling: 2\n"  # edges without it are off by parts of a pixel, all along
     for pattern, by in changes:
         text, n = re.subn(pattern, by if isinstance(by, str) else lambda m: f"{m[1]}{float(m[2]) * by:.9g}", text)
         if n == 0:

@@ -273,7 +273,6 @@ Result<std::shared_ptr<ImageProvider>> Simulation::camera(ConfigNode params, std
     spec.name = name;
     spec.model = sensor_model.model;
     spec.format = pixel_format_from(params.text_or("pixel_format", "Mono8")).value_or(PixelFormat::mono8);
-    spec.supersampling = sensor_model.supersampling;
     spec.noise = !options.ideal;
     spec.seed = seed;
     if (setup.mount.parent) spec.parent_node = params.text("parent");

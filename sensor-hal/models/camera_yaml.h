@@ -21,7 +21,7 @@ namespace rigor {
 struct CameraSensorModel {
   CameraModel model;
   double exposure_s = 0.005;   ///< default of the device
-  double supersampling = 1.0;  ///< picture pixels per sensor pixel along one side, for the simulator
+  double supersampling = 1.0;  ///< view pixels per sensor pixel along one side, for the renderer raster
 };
 
 /// `draw`: that device of those which the sensor model's covariance describes (calibration_section.h); 0: the

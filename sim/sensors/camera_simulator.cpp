@@ -35,7 +35,6 @@ Result<std::unique_ptr<CameraSimulator>> CameraSimulator::create(const CameraSpe
   using render::SceneColours;
   render::SceneRendererOptions options;
   options.camera = spec.model;
-  options.supersampling = spec.supersampling;
   options.colours = is_mono(spec.format)                          ? SceneColours::mono
                     : out->sensor_->rate_planes(spec.format) == 1 ? SceneColours::mosaic
                                                                   : SceneColours::rgb;

@@ -33,8 +33,7 @@ struct CameraSpec {
   std::string name;  ///< the channel's name: its noise depends on it and on the seed
   CameraModel model;
   PixelFormat format = PixelFormat::mono8;
-  double supersampling = 1.0;  ///< picture pixels per sensor pixel along one side, 1 to 4
-  bool noise = true;           ///< off: the ideal picture, quantised
+  bool noise = true;  ///< off: the ideal picture, quantised
   std::uint64_t seed = 0;
   std::optional<std::string> parent_node;  ///< node that carries the camera; empty: it stands in the world
   /// Optical frame (x right, y down, z forward) in the parent's frame.

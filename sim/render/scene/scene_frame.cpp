@@ -9,13 +9,15 @@ namespace {
 
 double not_zero(double v) { return std::abs(v) < 1e-7 ? (v < 0 ? -1e-7 : 1e-7) : v; }
 
-/// Rays of the picture's pixels in a frame that T (camera to that frame, scales included) leads to.
-PixelRays rays_in(const PictureGeometry& p, const Eigen::Affine3d& T) {
-  PixelRays r;
-  r.origin = T.translation();
-  r.column = T.linear().col(0) / p.focal_x_px;
-  r.row = T.linear().col(1) / p.focal_y_px;
-  r.axis = T.linear().col(2) - r.column * p.centre_u_px - r.row * p.centre_v_px;
+/// The camera's rays in a frame that T (camera to that frame, scales included) leads to.
+FrameRays rays_in(const Eigen::Affine3d& T) {
+  FrameRays r;
+  for (int k = 0; k < 3; ++k) {
+    r.origin[k] = static_cast<float>(T.translation()[k]);
+    r.axis[k] = static_cast<float>(T.linear()(k, 2));
+    r.right[k] = static_cast<float>(T.linear()(k, 0));
+    r.down[k] = static_cast<float>(T.linear()(k, 1));
+  }
   return r;
 }
 
@@ -24,11 +26,10 @@ Eigen::Vector3d corner_of(const Eigen::Vector3d& half, int corner) {
           (corner & 4) ? half.z() : -half.z()};
 }
 
-/// Columns and rows in which the body may be seen.
-void set_extent(const PictureGeometry& p, const Eigen::Isometry3d& T_camera_body, const Eigen::Vector3d& half,
-                FrameBody& b) {
-  constexpr double kMargin_px = 1;
-  Eigen::AlignedBox2d seen;
+/// The rays that may meet the body, and a little more for rounding.
+Eigen::AlignedBox2f rays_to(const Eigen::Isometry3d& T_camera_body, const Eigen::Vector3d& half) {
+  constexpr float kMargin = 1e-5F, kAll = 1e9F;
+  Eigen::AlignedBox2f seen;
   bool before = false, behind = false;
   for (int k = 0; k < 8; ++k) {
     const Eigen::Vector3d c = T_camera_body * corner_of(half, k);
@@ -37,18 +38,13 @@ void set_extent(const PictureGeometry& p, const Eigen::Isometry3d& T_camera_body
       continue;
     }
     before = true;
-    seen.extend(Eigen::Vector2d(c.x() / c.z() * p.focal_x_px + p.centre_u_px,
-                                c.y() / c.z() * p.focal_y_px + p.centre_v_px));
+    seen.extend(Eigen::Vector2d(c.head<2>() / c.z()).cast<float>());
   }
-  if (!before) return;  // nowhere
-  if (behind) seen = Eigen::AlignedBox2d(Eigen::Vector2d::Zero(), Eigen::Vector2d(p.width_px, p.height_px));
-  const auto pixel = [](double v, int size) {
-    return static_cast<int>(std::clamp(v, 0.0, static_cast<double>(size)));
-  };
-  b.first_column = pixel(std::floor(seen.min().x() - kMargin_px), p.width_px);
-  b.end_column = pixel(std::ceil(seen.max().x() + kMargin_px) + 1, p.width_px);
-  b.first_row = pixel(std::floor(seen.min().y() - kMargin_px), p.height_px);
-  b.end_row = pixel(std::ceil(seen.max().y() + kMargin_px) + 1, p.height_px);
+  if (!before) return {};
+  if (behind) return {Eigen::Vector2f::Constant(-kAll), Eigen::Vector2f::Constant(kAll)};
+  const Eigen::Vector2f margin =
+      kMargin * (Eigen::Vector2f::Ones() + seen.min().cwiseAbs().cwiseMax(seen.max().cwiseAbs()));
+  return {seen.min() - margin, seen.max() + margin};
 }
 
 }  // namespace
@@ -105,22 +101,21 @@ SceneFrame::SceneFrame(const world::Scene& scene, const ChannelResponse& respons
   sun_specular = channels([&](std::size_t b) { return sun_up ? sun.irradiance_w_per_m2[b] : 0.0; });
 }
 
-void SceneFrame::build(const PictureGeometry& picture, const Eigen::Isometry3d& T_world_sensor,
+void SceneFrame::build(const Eigen::Isometry3d& T_world_sensor, const Eigen::AlignedBox2f& field,
                        const world::WorldSnapshot& snapshot, BenchTime t) {
   const Eigen::Isometry3d T_camera_world = T_world_sensor.inverse();
   sun_camera = T_camera_world.linear() * scene_.sun.direction_to_sun;
   // "Up" is the ground's normal; without a ground it is the world's z axis.
   up_camera = T_camera_world.linear() * (scene_.ground ? scene_.ground->T_world_ground.linear().col(2).eval()
                                                        : Eigen::Vector3d::UnitZ().eval());
-  camera_rays = rays_in(picture, Eigen::Affine3d::Identity());
-  place_bodies(picture, T_camera_world, snapshot, t);
+  place_bodies(T_camera_world, field, snapshot, t);
   footprints.clear();
   footprint_bodies.clear();
   has_ground = scene_.ground.has_value();
-  if (has_ground) place_ground(picture, T_camera_world);
+  if (has_ground) place_ground(T_camera_world);
 }
 
-void SceneFrame::place_bodies(const PictureGeometry& picture, const Eigen::Isometry3d& T_camera_world,
+void SceneFrame::place_bodies(const Eigen::Isometry3d& T_camera_world, const Eigen::AlignedBox2f& field,
                               const world::WorldSnapshot& snapshot, BenchTime t) {
   in_the_dark = false;
   bodies.clear();
@@ -138,7 +133,7 @@ void SceneFrame::place_bodies(const PictureGeometry& picture, const Eigen::Isome
     b.cylinder = body.shape == world::Shape::cylinder;
     const Eigen::Affine3d T_unit_camera =
         Eigen::Scaling(half.cwiseInverse()) * Eigen::Affine3d(T_body_camera);
-    b.rays = rays_in(picture, T_unit_camera);
+    b.rays = rays_in(T_unit_camera);
     const Eigen::Vector3d d = T_unit_camera.linear() * sun_camera;
     b.sun_unit = Eigen::Vector3d(not_zero(d.x()), not_zero(d.y()), not_zero(d.z())).cast<float>();
     b.half_size_m = half.cast<float>();
@@ -150,8 +145,8 @@ void SceneFrame::place_bodies(const PictureGeometry& picture, const Eigen::Isome
       b.squares = Eigen::Vector2i(body.chessboard->columns + 1, body.chessboard->rows + 1).cast<float>();
       b.squares_per_m = static_cast<float>(1.0 / body.chessboard->square_m);
     }
-    set_extent(picture, T_camera_body, half, b);
-    const Eigen::Vector3d eye = b.rays.origin;  // in units of half the size
+    b.seen = rays_to(T_camera_body, half).intersection(field);
+    const Eigen::Vector3d eye = T_unit_camera.translation();  // in units of half the size
     in_the_dark = in_the_dark || (b.cylinder ? eye.head<2>().norm() < 1 && std::abs(eye.z()) < 1
                                              : eye.cwiseAbs().maxCoeff() < 1);
     bodies.push_back(b);
@@ -159,7 +154,7 @@ void SceneFrame::place_bodies(const PictureGeometry& picture, const Eigen::Isome
   for (std::size_t i = 0; i < n; ++i) {
     FrameBody& b = bodies[i];
     b.first_caster = static_cast<std::uint32_t>(casters.size());
-    if (sun_up && b.first_row < b.end_row && b.first_column < b.end_column)
+    if (sun_up && !b.seen.isEmpty())
       for (std::size_t k = 0; k < n; ++k) {
         if (k == i) continue;  // convex: its lit faces see the sun past itself
         const Eigen::Vector3d between = T_world_body_[k].translation() - T_world_body_[i].translation();
@@ -172,7 +167,7 @@ void SceneFrame::place_bodies(const PictureGeometry& picture, const Eigen::Isome
   }
 }
 
-void SceneFrame::place_ground(const PictureGeometry& picture, const Eigen::Isometry3d& T_camera_world) {
+void SceneFrame::place_ground(const Eigen::Isometry3d& T_camera_world) {
   const world::Ground& g = *scene_.ground;
   const Eigen::Isometry3d T_ground_camera = (T_camera_world * g.T_world_ground).inverse();
   const Eigen::Vector3d sun = g.T_world_ground.linear().transpose() * scene_.sun.direction_to_sun;
@@ -181,7 +176,7 @@ void SceneFrame::place_ground(const PictureGeometry& picture, const Eigen::Isome
   Eigen::Affine3d T_cells_ground = Eigen::Affine3d::Identity();
   T_cells_ground.linear().diagonal() << 1 / g.cell_m, 1 / g.cell_m, 1;
   T_cells_ground.translation() << -base.x(), -base.y(), 0;
-  ground.rays = rays_in(picture, T_cells_ground * T_ground_camera);
+  ground.rays = rays_in(T_cells_ground * T_ground_camera);
   const double extent = g.half_extent_m / g.cell_m;
   const Eigen::AlignedBox2d all(Eigen::Vector2d::Constant(-extent) - base,
                                 Eigen::Vector2d::Constant(extent) - base);

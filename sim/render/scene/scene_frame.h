@@ -1,5 +1,5 @@
 // What one picture of a small scene needs, worked out in double precision and rounded to float relative to
-// the sensor: bodies and ground as the rays of the picture's pixels meet them, and for each body the short
+// the sensor: bodies and ground as the rays of the camera meet them, and for each body the short
 // list of those that may stand between it and the sun. Internal to sim/render/scene.
 #pragma once
 
@@ -16,16 +16,6 @@ namespace rigor::render {
 /// Nothing nearer along the optical axis is seen.
 inline constexpr double kSceneNear_m = 0.01;
 
-/// The pinhole picture that the lens samples from.
-struct PictureGeometry {
-  double focal_x_px = 0;
-  double focal_y_px = 0;
-  double centre_u_px = 0;  ///< pixel centres at integers
-  double centre_v_px = 0;
-  int width_px = 0;
-  int height_px = 0;
-};
-
 /// Electrons per second per unit of radiance, per output channel (mono uses the first) and band.
 using ChannelResponse = std::array<world::Bands, 3>;
 using Channels = std::array<float, 3>;
@@ -37,16 +27,16 @@ struct SurfaceLight {
   float roughness = 1;
 };
 
-/// The rays of all pixels in a frame of their own: origin + t (axis + u column + v row), where t is the
+/// The rays (u, v, 1) of the camera in another frame: origin + t (axis + u right + v down), where t is the
 /// distance along the optical axis in metres.
-struct PixelRays {
-  Eigen::Vector3d origin = Eigen::Vector3d::Zero(), axis = origin, column = origin, row = origin;
+struct FrameRays {
+  float origin[3]{}, axis[3]{}, right[3]{}, down[3]{};
 };
 
 /// In its unit frame a box is [-1, 1]^3, a cylinder x² + y² <= 1, |z| <= 1.
 struct FrameBody {
   bool cylinder = false;
-  PixelRays rays;                                      ///< unit frame
+  FrameRays rays;                                      ///< unit frame
   Eigen::Vector3f sun_unit = Eigen::Vector3f::Ones();  ///< direction to the sun in the unit frame; never 0
   Eigen::Vector3f half_size_m = sun_unit;
   Eigen::Vector3f sun = sun_unit, up = sun_unit;  ///< unit length, in the body's own axes
@@ -54,8 +44,8 @@ struct FrameBody {
   const SurfaceLight* dark = nullptr;                 ///< of the chessboard on the +z face; null: none
   Eigen::Vector2f squares = Eigen::Vector2f::Zero();  ///< of the board, along x and y
   float squares_per_m = 0;
-  int first_column = 0, end_column = 0, first_row = 0, end_row = 0;  ///< where it may be seen
-  std::uint32_t first_caster = 0, casters = 0;                       ///< into SceneFrame::casters
+  Eigen::AlignedBox2f seen;                     ///< rays (u, v) that may meet it; empty: none
+  std::uint32_t first_caster = 0, casters = 0;  ///< into SceneFrame::casters
 };
 
 /// Where a body's shadow can fall on the ground, and its extent square to the sun's direction; in the frame
@@ -68,7 +58,7 @@ struct Footprint {
 /// x and y in cells from an even cell near the eye, z in metres: small numbers for float, the same pattern
 /// anywhere.
 struct FrameGround {
-  PixelRays rays;
+  FrameRays rays;
   Eigen::Vector2f least = Eigen::Vector2f::Zero(), most = least;  ///< cells
   std::array<std::int32_t, 2> base_cell{};                        ///< even
   float noise_contrast = 0;
@@ -84,7 +74,8 @@ class SceneFrame {
   /// The scene must be valid and outlive this object.
   SceneFrame(const world::Scene& scene, const ChannelResponse& response);
 
-  void build(const PictureGeometry& picture, const Eigen::Isometry3d& T_world_sensor,
+  /// `field`: of the rays (u, v) that will be asked for.
+  void build(const Eigen::Isometry3d& T_world_sensor, const Eigen::AlignedBox2f& field,
              const world::WorldSnapshot& snapshot, BenchTime t);
 
   std::vector<FrameBody> bodies;  ///< all of the scene
@@ -95,16 +86,15 @@ class SceneFrame {
   FrameGround ground;
   bool in_the_dark = false;  ///< the eye is within a closed, opaque body: there is nothing to see
   bool sun_up = false;
-  PixelRays camera_rays;                                  ///< camera frame
   Eigen::Vector3d sun_camera = Eigen::Vector3d::UnitZ();  ///< direction to the sun
   Eigen::Vector3d up_camera = sun_camera;
   Channels sky_horizon{}, sky_gradient{}, below_horizon{};
   Channels sun_specular{};  ///< electrons per second and channel of the sun's irradiance, for highlights
 
  private:
-  void place_bodies(const PictureGeometry& picture, const Eigen::Isometry3d& T_camera_world,
+  void place_bodies(const Eigen::Isometry3d& T_camera_world, const Eigen::AlignedBox2f& field,
                     const world::WorldSnapshot& snapshot, BenchTime t);
-  void place_ground(const PictureGeometry& picture, const Eigen::Isometry3d& T_camera_world);
+  void place_ground(const Eigen::Isometry3d& T_camera_world);
 
   const world::Scene& scene_;
   std::vector<SurfaceLight> materials_;

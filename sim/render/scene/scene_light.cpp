@@ -9,7 +9,7 @@ namespace {
 
 /// A number for each pixel of a run.
 struct alignas(32) Lanes {
-  float v[kRunColumns];
+  float v[kRunRays];
   void fill(float value, int count) { std::fill_n(v, count, value); }
 };
 
@@ -20,15 +20,17 @@ struct RunLight {
   bool highlights = false, mixed = false;
 };
 
-RIGOR_WIDE void shade_box(const RowRays& r, const float* sun, int first_column, int count,
+RIGOR_WIDE void shade_box(const FrameRays r, const RayRow& w, const float* sun, int count,
                           const float* __restrict t, float* __restrict lit) {
+  const float* __restrict us = w.u;
+  const float* __restrict vs = w.v;
   const float ix = 1.0f / sun[0], iy = 1.0f / sun[1], iz = 1.0f / sun[2];
   const float hx = std::abs(ix), hy = std::abs(iy), hz = std::abs(iz);
   for (int i = 0; i < count; ++i) {
-    const float u = static_cast<float>(first_column + i);
-    const float cx = -(r.origin[0] + t[i] * (r.direction[0] + r.step[0] * u)) * ix;
-    const float cy = -(r.origin[1] + t[i] * (r.direction[1] + r.step[1] * u)) * iy;
-    const float cz = -(r.origin[2] + t[i] * (r.direction[2] + r.step[2] * u)) * iz;
+    const float u = us[i], v = vs[i];
+    const float cx = -(r.origin[0] + t[i] * (r.axis[0] + r.right[0] * u + r.down[0] * v)) * ix;
+    const float cy = -(r.origin[1] + t[i] * (r.axis[1] + r.right[1] * u + r.down[1] * v)) * iy;
+    const float cz = -(r.origin[2] + t[i] * (r.axis[2] + r.right[2] * u + r.down[2] * v)) * iz;
     const float exy = cx - hx > cy - hy ? cx - hx : cy - hy, lxy = cx + hx < cy + hy ? cx + hx : cy + hy;
     const float e = exy > cz - hz ? exy : cz - hz, leave = lxy < cz + hz ? lxy : cz + hz;
     const float enter = e > 0.0f ? e : 0.0f;
@@ -36,15 +38,17 @@ RIGOR_WIDE void shade_box(const RowRays& r, const float* sun, int first_column, 
   }
 }
 
-RIGOR_WIDE void shade_cylinder(const RowRays& r, const float* sun, int first_column, int count,
+RIGOR_WIDE void shade_cylinder(const FrameRays r, const RayRow& w, const float* sun, int count,
                                const float* __restrict t, float* __restrict lit) {
+  const float* __restrict us = w.u;
+  const float* __restrict vs = w.v;
   const float iz = 1.0f / sun[2], hz = std::abs(iz);
   const float a = sun[0] * sun[0] + sun[1] * sun[1], ia = 1.0f / a;
   for (int i = 0; i < count; ++i) {
-    const float u = static_cast<float>(first_column + i);
-    const float x = r.origin[0] + t[i] * (r.direction[0] + r.step[0] * u);
-    const float y = r.origin[1] + t[i] * (r.direction[1] + r.step[1] * u);
-    const float cz = -(r.origin[2] + t[i] * (r.direction[2] + r.step[2] * u)) * iz;
+    const float u = us[i], v = vs[i];
+    const float x = r.origin[0] + t[i] * (r.axis[0] + r.right[0] * u + r.down[0] * v);
+    const float y = r.origin[1] + t[i] * (r.axis[1] + r.right[1] * u + r.down[1] * v);
+    const float cz = -(r.origin[2] + t[i] * (r.axis[2] + r.right[2] * u + r.down[2] * v)) * iz;
     const float cross = x * sun[1] - y * sun[0];
     const float root2 = a - cross * cross;
     const float root = std::sqrt(root2 > 0.0f ? root2 : 0.0f);
@@ -57,44 +61,52 @@ RIGOR_WIDE void shade_cylinder(const RowRays& r, const float* sun, int first_col
 }
 
 /// Normal of a cylinder's side, times `towards` (unit length, in the body's axes).
-RIGOR_WIDE void cosines_of_side(const RowRays& r, const float* towards, int first_column, int count,
+RIGOR_WIDE void cosines_of_side(const FrameRays r, const RayRow& w, const float* towards, int count,
                                 const float* __restrict t, float* __restrict cosine) {
+  const float* __restrict us = w.u;
+  const float* __restrict vs = w.v;
   for (int i = 0; i < count; ++i) {
-    const float u = static_cast<float>(first_column + i);
-    const float x = r.origin[0] + t[i] * (r.direction[0] + r.step[0] * u);
-    const float y = r.origin[1] + t[i] * (r.direction[1] + r.step[1] * u);
+    const float u = us[i], v = vs[i];
+    const float x = r.origin[0] + t[i] * (r.axis[0] + r.right[0] * u + r.down[0] * v);
+    const float y = r.origin[1] + t[i] * (r.axis[1] + r.right[1] * u + r.down[1] * v);
     const float l2 = x * x + y * y;
     cosine[i] = (x * towards[0] + y * towards[1]) / std::sqrt(l2 > 1e-12f ? l2 : 1e-12f);
   }
 }
 
 /// n · d of each pixel: its normal times its ray (not of unit length).
-RIGOR_WIDE void facing_side(const RowRays& r, float half_x, float half_y, int first_column, int count,
+RIGOR_WIDE void facing_side(const FrameRays r, const RayRow& w, float half_x, float half_y, int count,
                             const float* __restrict t, float* __restrict facing) {
+  const float* __restrict us = w.u;
+  const float* __restrict vs = w.v;
   for (int i = 0; i < count; ++i) {
-    const float u = static_cast<float>(first_column + i);
-    const float dx = r.direction[0] + r.step[0] * u, dy = r.direction[1] + r.step[1] * u;
+    const float u = us[i], v = vs[i];
+    const float dx = r.axis[0] + r.right[0] * u + r.down[0] * v,
+                dy = r.axis[1] + r.right[1] * u + r.down[1] * v;
     const float x = r.origin[0] + t[i] * dx, y = r.origin[1] + t[i] * dy;
     const float l2 = x * x + y * y;
     facing[i] = (x * dx * half_x + y * dy * half_y) / std::sqrt(l2 > 1e-12f ? l2 : 1e-12f);
   }
 }
-RIGOR_WIDE void facing_plane(float direction, float step, int first_column, int count,
+RIGOR_WIDE void facing_plane(const FrameRays r, const RayRow& w, int axis, float scale, int count,
                              float* __restrict facing) {
-  for (int i = 0; i < count; ++i) facing[i] = direction + step * static_cast<float>(first_column + i);
+  const float* __restrict us = w.u;
+  const float* __restrict vs = w.v;
+  const float a = scale * r.axis[axis], right = scale * r.right[axis], down = scale * r.down[axis];
+  for (int i = 0; i < count; ++i) facing[i] = a + right * us[i] + down * vs[i];
 }
 
 /// GGX with Schlick's Fresnel term for a dielectric, F0 = 0.04, and the height-correlated visibility
 /// approximated as 1 / (4 l.h^2) (Lazarov 2011); times the sun's cosine.
-RIGOR_WIDE void highlight_run(const RowRays& camera, const float* sun, float roughness, float other_roughness,
-                              int first_column, int count, const float* __restrict facing,
-                              const float* __restrict sunshine, const float* __restrict other,
-                              float* __restrict highlight) {
+RIGOR_WIDE void highlight_run(const RayRow& w, const float* sun, float roughness, float other_roughness,
+                              int count, const float* __restrict facing, const float* __restrict sunshine,
+                              const float* __restrict other, float* __restrict highlight) {
+  const float* __restrict us = w.u;
+  const float* __restrict vs = w.v;
   for (int i = 0; i < count; ++i) {
-    const float u = static_cast<float>(first_column + i);
-    const float dx = camera.direction[0] + camera.step[0] * u, dy = camera.direction[1] + camera.step[1] * u;
-    const float inverse = 1.0f / std::sqrt(dx * dx + dy * dy + 1.0f);
-    const float sun_view = -(sun[0] * dx + sun[1] * dy + sun[2]) * inverse;
+    const float u = us[i], v = vs[i];
+    const float inverse = 1.0f / std::sqrt(u * u + v * v + 1.0f);
+    const float sun_view = -(sun[0] * u + sun[1] * v + sun[2]) * inverse;
     const float h2 = 2.0f + 2.0f * sun_view;
     const float h = 1.0f / std::sqrt(h2 > 1e-6f ? h2 : 1e-6f);
     const float nh0 = (sunshine[i] - facing[i] * inverse) * h;
@@ -144,17 +156,23 @@ RIGOR_WIDE_STEP float checker(float x, float y, float wx, float wy) {
 struct PlaneHit {
   Lanes x, y, width_x, width_y;
 };
-RIGOR_WIDE void hit_plane(const RowRays& r, const float* row, float scale_x, float scale_y, int first_column,
-                          int count, const float* __restrict t, PlaneHit& out) {
+RIGOR_WIDE void hit_plane(const FrameRays r, const RayRow& w, float scale_x, float scale_y, int count,
+                          const float* __restrict t, PlaneHit& __restrict out) {
+  const float* __restrict us = w.u;
+  const float* __restrict vs = w.v;
+  const float* __restrict widths_u = w.width_u;
+  const float* __restrict widths_v = w.width_v;
   for (int i = 0; i < count; ++i) {
-    const float u = static_cast<float>(first_column + i);
-    const float dx = r.direction[0] + r.step[0] * u, dy = r.direction[1] + r.step[1] * u;
-    const float dz = away_from_zero(r.direction[2] + r.step[2] * u);
+    const float u = us[i], v = vs[i];
+    const float dx = r.axis[0] + r.right[0] * u + r.down[0] * v,
+                dy = r.axis[1] + r.right[1] * u + r.down[1] * v;
+    const float dz = away_from_zero(r.axis[2] + r.right[2] * u + r.down[2] * v);
     const float qx = dx / dz, qy = dy / dz;
-    const float column_x = absolute(t[i] * (r.step[0] - qx * r.step[2])),
-                row_x = absolute(t[i] * (row[0] - qx * row[2]));
-    const float column_y = absolute(t[i] * (r.step[1] - qy * r.step[2])),
-                row_y = absolute(t[i] * (row[1] - qy * row[2]));
+    const float per_column = t[i] * widths_u[i], per_row = t[i] * widths_v[i];
+    const float column_x = absolute(per_column * (r.right[0] - qx * r.right[2])),
+                row_x = absolute(per_row * (r.down[0] - qx * r.down[2]));
+    const float column_y = absolute(per_column * (r.right[1] - qy * r.right[2])),
+                row_y = absolute(per_row * (r.down[1] - qy * r.down[2]));
     out.x.v[i] = bounded((r.origin[0] + t[i] * dx) * scale_x);
     out.y.v[i] = bounded((r.origin[1] + t[i] * dy) * scale_y);
     out.width_x.v[i] = at_least(bounded((column_x > row_x ? column_x : row_x) * scale_x), 1e-4f);
@@ -241,69 +259,69 @@ void put(const SceneFrame& frame, const RunLight& l, const SurfaceLight& m, cons
     }
     if (l.highlights) add_highlight(l, frame.sun_specular[c], run.padded_count, out.v);
     if (factor != nullptr) multiply(factor, run.padded_count, out.v);
-    std::copy_n(out.v, run.count, run.out[c]);
+    std::copy_n(out.v, run.rays.count, run.out[c]);
   }
 }
 
-void set_highlights(const SceneFrame& frame, const RowRays& camera, const SurfaceLight& m,
-                    const SurfaceLight& other, const Lanes& facing, const SceneRun& run, RunLight& l) {
+void set_highlights(const SceneFrame& frame, const SurfaceLight& m, const SurfaceLight& other,
+                    const Lanes& facing, const SceneRun& run, RunLight& l) {
   const float sun[3] = {static_cast<float>(frame.sun_camera.x()), static_cast<float>(frame.sun_camera.y()),
                         static_cast<float>(frame.sun_camera.z())};
   if (!l.mixed) l.other.fill(0.0f, run.padded_count);
-  highlight_run(camera, sun, m.roughness, l.mixed ? other.roughness : m.roughness, run.first_column,
-                run.padded_count, facing.v, l.sunshine.v, l.other.v, l.highlight.v);
+  highlight_run(run.rays, sun, m.roughness, l.mixed ? other.roughness : m.roughness, run.padded_count,
+                facing.v, l.sunshine.v, l.other.v, l.highlight.v);
   l.highlights = true;
 }
 
-RIGOR_WIDE void sky_run(const RowRays& camera, const float* up, int first_column, int count,
-                        float* __restrict sine) {
+RIGOR_WIDE void sky_run(const RayRow& w, const float* up, int count, float* __restrict sine) {
+  const float* __restrict us = w.u;
+  const float* __restrict vs = w.v;
   for (int i = 0; i < count; ++i) {
-    const float u = static_cast<float>(first_column + i);
-    const float dx = camera.direction[0] + camera.step[0] * u, dy = camera.direction[1] + camera.step[1] * u;
-    sine[i] = (up[0] * dx + up[1] * dy + up[2]) / std::sqrt(dx * dx + dy * dy + 1.0f);
+    const float u = us[i], v = vs[i];
+    sine[i] = (up[0] * u + up[1] * v + up[2]) / std::sqrt(u * u + v * v + 1.0f);
   }
 }
 
 }  // namespace
 
-void SceneShades::sunlight(const SceneRun& run, float* lit) const {
-  std::fill_n(lit, run.padded_count, 1.0f);
+void SceneShades::sunlight(const SceneRun& run) const {
+  std::fill_n(run.lit, run.padded_count, 1.0f);
   for (const Shade& s : shades_)
-    (s.cylinder ? shade_cylinder : shade_box)(s.rays, s.sun, run.first_column, run.padded_count, run.t, lit);
+    (s.cylinder ? shade_cylinder : shade_box)(s.rays, run.rays, s.sun, run.padded_count, run.t, run.lit);
 }
 
-void light_of_sky(const SceneFrame& frame, const RowRays& camera, const SceneRun& run) {
+void light_of_sky(const SceneFrame& frame, const SceneRun& run) {
   Lanes sine;
   const float up[3] = {static_cast<float>(frame.up_camera.x()), static_cast<float>(frame.up_camera.y()),
                        static_cast<float>(frame.up_camera.z())};
-  sky_run(camera, up, run.first_column, run.padded_count, sine.v);
+  std::fill_n(run.lit, run.padded_count, 0.0f);
+  sky_run(run.rays, up, run.padded_count, sine.v);
   for (std::size_t c = 0; c < static_cast<std::size_t>(run.channels); ++c)
-    for (int i = 0; i < run.count; ++i)
+    for (int i = 0; i < run.rays.count; ++i)
       run.out[c][i] = sine.v[i] > 0.0f ? frame.sky_horizon[c] + frame.sky_gradient[c] * sine.v[i]
                                        : frame.below_horizon[c];
 }
 
-void light_of_ground(const SceneFrame& frame, const RowRays& camera, const RowRays& ground,
-                     const SceneShades& shades, const SceneRun& run) {
+void light_of_ground(const SceneFrame& frame, const SceneShades& shades, const SceneRun& run) {
   const FrameGround& g = frame.ground;
   const int n = run.padded_count;
   RunLight l;
   PlaneHit hit;
-  const Eigen::Vector3f row = g.rays.row.cast<float>();
-  hit_plane(ground, row.data(), 1.0f, 1.0f, run.first_column, n, run.t, hit);
+  hit_plane(g.rays, run.rays, 1.0f, 1.0f, n, run.t, hit);
   l.mixed = g.material != g.other;
   if (l.mixed) checker_run(hit, n, l.other.v);
   l.up.fill(1.0f, n);
   if (frame.sun_up && g.cos_sun > 0) {
-    shades.sunlight(run, l.sunshine.v);
-    for (int i = 0; i < n; ++i) l.sunshine.v[i] *= g.cos_sun;
+    shades.sunlight(run);
+    for (int i = 0; i < n; ++i) l.sunshine.v[i] = run.lit[i] * g.cos_sun;
     if (std::min(g.material->roughness, g.other->roughness) < 1.0f) {
       Lanes facing;
       // The frame's z axis is in metres, so that its component of a ray is the normal's.
-      facing_plane(ground.direction[2], ground.step[2], run.first_column, n, facing.v);
-      set_highlights(frame, camera, *g.material, *g.other, facing, run, l);
+      facing_plane(g.rays, run.rays, 2, 1.0f, n, facing.v);
+      set_highlights(frame, *g.material, *g.other, facing, run, l);
     }
   } else {
+    std::fill_n(run.lit, n, 0.0f);
     l.sunshine.fill(0.0f, n);
   }
   Lanes factor;
@@ -313,18 +331,18 @@ void light_of_ground(const SceneFrame& frame, const RowRays& camera, const RowRa
   put(frame, l, *g.material, *g.other, g.noise_contrast > 0 ? factor.v : nullptr, run);
 }
 
-void light_of_body(const SceneFrame& frame, const RowRays& camera, const FrameBody& body, int face, int y,
-                   const SceneShades& shades, const SceneRun& run) {
+void light_of_body(const SceneFrame& frame, const FrameBody& body, int face, const SceneShades& shades,
+                   const SceneRun& run) {
   const int n = run.padded_count;
-  const RowRays rays(body.rays, y);
+  const FrameRays& rays = body.rays;
   const bool side = body.cylinder && face == 0;
   const int axis = face / 2;
   const float sign = face % 2 == 0 ? -1.0f : 1.0f;
   RunLight l;
   bool sun = frame.sun_up;
   if (side) {
-    cosines_of_side(rays, body.up.data(), run.first_column, n, run.t, l.up.v);
-    cosines_of_side(rays, body.sun.data(), run.first_column, n, run.t, l.sunshine.v);
+    cosines_of_side(rays, run.rays, body.up.data(), n, run.t, l.up.v);
+    cosines_of_side(rays, run.rays, body.sun.data(), n, run.t, l.sunshine.v);
     for (int i = 0; i < n; ++i) l.sunshine.v[i] = l.sunshine.v[i] > 0.0f ? l.sunshine.v[i] : 0.0f;
   } else {
     l.up.fill(sign * body.up[axis], n);
@@ -335,26 +353,24 @@ void light_of_body(const SceneFrame& frame, const RowRays& camera, const FrameBo
   l.mixed = body.dark != nullptr && face == 5;
   const SurfaceLight& other = l.mixed ? *body.dark : *body.material;
   if (l.mixed) {
-    const Eigen::Vector3f row = body.rays.row.cast<float>();
     const Eigen::Vector2f scale = body.half_size_m.head<2>() * body.squares_per_m;
     PlaneHit hit;
-    hit_plane(rays, row.data(), scale.x(), scale.y(), run.first_column, n, run.t, hit);
+    hit_plane(rays, run.rays, scale.x(), scale.y(), n, run.t, hit);
     board_run(hit, 0.5f * body.squares.x(), 0.5f * body.squares.y(), n, l.other.v);
   }
   if (!sun) {
+    std::fill_n(run.lit, n, 0.0f);
     l.sunshine.fill(0.0f, n);
   } else {
-    Lanes lit;
-    shades.sunlight(run, lit.v);
-    for (int i = 0; i < n; ++i) l.sunshine.v[i] *= lit.v[i];
+    shades.sunlight(run);
+    for (int i = 0; i < n; ++i) l.sunshine.v[i] *= run.lit[i];
     if (std::min(body.material->roughness, other.roughness) < 1.0f) {
       Lanes facing;
       if (side)
-        facing_side(rays, body.half_size_m.x(), body.half_size_m.y(), run.first_column, n, run.t, facing.v);
+        facing_side(rays, run.rays, body.half_size_m.x(), body.half_size_m.y(), n, run.t, facing.v);
       else
-        facing_plane(sign * rays.direction[axis] * body.half_size_m[axis],
-                     sign * rays.step[axis] * body.half_size_m[axis], run.first_column, n, facing.v);
-      set_highlights(frame, camera, *body.material, other, facing, run, l);
+        facing_plane(rays, run.rays, axis, sign * body.half_size_m[axis], n, facing.v);
+      set_highlights(frame, *body.material, other, facing, run, l);
     }
   }
   put(frame, l, *body.material, other, nullptr, run);

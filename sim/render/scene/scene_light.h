@@ -1,55 +1,43 @@
-// The light that neighbouring pixels of a row see of one surface, and what stands between it and the sun.
+// The light that neighbouring rays bring from one surface, and what stands between it and the sun.
 // Internal to sim/render/scene.
 #pragma once
 
 #include <cmath>
 #include <vector>
 
+#include "sim/render/scene/lens_rays.h"
 #include "sim/render/scene/scene_frame.h"
 
 namespace rigor::render {
 
-/// At most so many pixels at a time.
-inline constexpr int kRunColumns = 64;
-
-/// The rays of one row: origin + t (direction + u step).
-struct RowRays {
-  RowRays() = default;
-  RowRays(const PixelRays& rays, int y) {
-    const Eigen::Vector3d d = rays.axis + rays.row * y;
-    for (int k = 0; k < 3; ++k) {
-      origin[k] = static_cast<float>(rays.origin[k]);
-      direction[k] = static_cast<float>(d[k]);
-      step[k] = static_cast<float>(rays.column[k]);
-    }
-  }
-  float origin[3]{}, direction[3]{}, step[3]{};
-};
+/// At most so many rays at a time.
+inline constexpr int kRunRays = kRayPadding;
 
 /// So that dividing by it gives a number.
 inline float away_from_zero(float v) { return std::abs(v) < 1e-7f ? 1e-7f : v; }
 
-/// Pixels next to each other that see the same face.
+/// Neighbouring rays that meet the same face.
 struct SceneRun {
-  int first_column = 0, count = 0, padded_count = 0;
+  RayRow rays;  ///< count of them; loops go to padded_count
+  int padded_count = 0;
   const float* t = nullptr;  ///< distances along the optical axis, padded_count of them
+  float* lit = nullptr;      ///< written: 1 where the sun is seen, else 0; padded_count of them
   int channels = 1;
   std::array<float*, 3> out{};  ///< electrons per second, `count` of them for each channel
 };
 
-/// The bodies that may stand between a run and the sun, on one row.
+/// The bodies that may stand between a run and the sun.
 class SceneShades {
  public:
   void clear() { shades_.clear(); }
-  void add(const FrameBody& body, int y) {
-    shades_.push_back(
-        {RowRays(body.rays, y), {body.sun_unit.x(), body.sun_unit.y(), body.sun_unit.z()}, body.cylinder});
+  void add(const FrameBody& body) {
+    shades_.push_back({body.rays, {body.sun_unit.x(), body.sun_unit.y(), body.sun_unit.z()}, body.cylinder});
   }
-  /// 1 where the sun is seen, else 0; padded_count of them.
-  void sunlight(const SceneRun& run, float* lit) const;
+  /// Fills run.lit.
+  void sunlight(const SceneRun& run) const;
 
   struct Shade {
-    RowRays rays;
+    FrameRays rays;
     float sun[3];
     bool cylinder;
   };
@@ -58,11 +46,10 @@ class SceneShades {
   std::vector<Shade> shades_;
 };
 
-void light_of_sky(const SceneFrame& frame, const RowRays& camera, const SceneRun& run);
-void light_of_ground(const SceneFrame& frame, const RowRays& camera, const RowRays& ground,
-                     const SceneShades& shades, const SceneRun& run);
+void light_of_sky(const SceneFrame& frame, const SceneRun& run);
+void light_of_ground(const SceneFrame& frame, const SceneShades& shades, const SceneRun& run);
 /// `face`: 2 axis, + 1 on its positive side; a cylinder's side is 0.
-void light_of_body(const SceneFrame& frame, const RowRays& camera, const FrameBody& body, int face, int y,
-                   const SceneShades& shades, const SceneRun& run);
+void light_of_body(const SceneFrame& frame, const FrameBody& body, int face, const SceneShades& shades,
+                   const SceneRun& run);
 
 }  // namespace rigor::render

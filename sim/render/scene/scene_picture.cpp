@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <vector>
 
 #include "sensor-hal/models/wide.h"
@@ -11,28 +12,29 @@
 namespace rigor::render {
 namespace {
 
-/// What a pixel sees: -1 the sky, 0 the ground, from kFaces on a face of a body.
+/// What a ray meets: -1 the sky, 0 the ground, from kFaces on a face of a body.
 constexpr std::int32_t kSky = -1, kGround = 0, kFaces = 8;
 
-/// Columns of one row with what they see; padded, so that loops need no remainder.
+/// What the rays of a row meet; padded, so that loops need no remainder.
 struct RowBuffer {
   std::vector<float> t;  ///< distance along the optical axis, metres
   std::vector<std::int32_t> seen;
-  int first_column = 0;
 };
 
 constexpr int kLanes = 8;
 constexpr int padded(int n) { return (n + kLanes - 1) / kLanes * kLanes; }
 
 /// The slabs of a box: where the ray enters, and by which face.
-RIGOR_WIDE void meet_box(const RowRays& r, int first_column, int count, std::int32_t code,
+RIGOR_WIDE void meet_box(const FrameRays r, const RayRow& w, int count, std::int32_t code,
                          float* __restrict t, std::int32_t* __restrict seen) {
+  const float* __restrict us = w.u;
+  const float* __restrict vs = w.v;
   const float near = static_cast<float>(kSceneNear_m);
   for (int i = 0; i < count; ++i) {
-    const float u = static_cast<float>(first_column + i);
-    const float dx = away_from_zero(r.direction[0] + r.step[0] * u);
-    const float dy = away_from_zero(r.direction[1] + r.step[1] * u);
-    const float dz = away_from_zero(r.direction[2] + r.step[2] * u);
+    const float u = us[i], v = vs[i];
+    const float dx = away_from_zero(r.axis[0] + r.right[0] * u + r.down[0] * v);
+    const float dy = away_from_zero(r.axis[1] + r.right[1] * u + r.down[1] * v);
+    const float dz = away_from_zero(r.axis[2] + r.right[2] * u + r.down[2] * v);
     const float ix = 1.0f / dx, iy = 1.0f / dy, iz = 1.0f / dz;
     const float ex = -r.origin[0] * ix - std::abs(ix), lx = -r.origin[0] * ix + std::abs(ix);
     const float ey = -r.origin[1] * iy - std::abs(iy), ly = -r.origin[1] * iy + std::abs(iy);
@@ -49,14 +51,16 @@ RIGOR_WIDE void meet_box(const RowRays& r, int first_column, int count, std::int
 }
 
 /// Side 0, caps 4 (-z) and 5 (+z).
-RIGOR_WIDE void meet_cylinder(const RowRays& r, int first_column, int count, std::int32_t code,
+RIGOR_WIDE void meet_cylinder(const FrameRays r, const RayRow& w, int count, std::int32_t code,
                               float* __restrict t, std::int32_t* __restrict seen) {
+  const float* __restrict us = w.u;
+  const float* __restrict vs = w.v;
   const float near = static_cast<float>(kSceneNear_m);
   for (int i = 0; i < count; ++i) {
-    const float u = static_cast<float>(first_column + i);
-    const float dx = away_from_zero(r.direction[0] + r.step[0] * u);
-    const float dy = away_from_zero(r.direction[1] + r.step[1] * u);
-    const float dz = away_from_zero(r.direction[2] + r.step[2] * u);
+    const float u = us[i], v = vs[i];
+    const float dx = away_from_zero(r.axis[0] + r.right[0] * u + r.down[0] * v);
+    const float dy = away_from_zero(r.axis[1] + r.right[1] * u + r.down[1] * v);
+    const float dz = away_from_zero(r.axis[2] + r.right[2] * u + r.down[2] * v);
     const float iz = 1.0f / dz;
     const float ez = -r.origin[2] * iz - std::abs(iz), lz = -r.origin[2] * iz + std::abs(iz);
     const float a = dx * dx + dy * dy;
@@ -76,14 +80,16 @@ RIGOR_WIDE void meet_cylinder(const RowRays& r, int first_column, int count, std
 struct GroundLimits {
   float least_x, least_y, most_x, most_y;
 };
-RIGOR_WIDE void meet_ground(const RowRays& r, const GroundLimits& limits, int first_column, int count,
+RIGOR_WIDE void meet_ground(const FrameRays r, const RayRow& w, const GroundLimits& limits, int count,
                             float* __restrict t, std::int32_t* __restrict seen) {
+  const float* __restrict us = w.u;
+  const float* __restrict vs = w.v;
   const float near = static_cast<float>(kSceneNear_m);
   for (int i = 0; i < count; ++i) {
-    const float u = static_cast<float>(first_column + i);
-    const float at = -r.origin[2] / away_from_zero(r.direction[2] + r.step[2] * u);
-    const float x = r.origin[0] + at * (r.direction[0] + r.step[0] * u);
-    const float y = r.origin[1] + at * (r.direction[1] + r.step[1] * u);
+    const float u = us[i], v = vs[i];
+    const float at = -r.origin[2] / away_from_zero(r.axis[2] + r.right[2] * u + r.down[2] * v);
+    const float x = r.origin[0] + at * (r.axis[0] + r.right[0] * u + r.down[0] * v);
+    const float y = r.origin[1] + at * (r.axis[1] + r.right[1] * u + r.down[1] * v);
     const bool hit = (at > near) & (at < t[i]) & (x >= limits.least_x) & (x <= limits.most_x) &
                      (y >= limits.least_y) & (y <= limits.most_y);
     t[i] = hit ? at : t[i];
@@ -91,89 +97,121 @@ RIGOR_WIDE void meet_ground(const RowRays& r, const GroundLimits& limits, int fi
   }
 }
 
-/// Bodies whose shadow may fall on the ground between the run's ends.
-void shades_of_ground(const SceneFrame& frame, const RowRays& rays, const SceneRun& run, int y,
-                      SceneShades& shades) {
-  shades.clear();
-  const auto point = [&](int i) {
-    const float u = static_cast<float>(run.first_column + i);
-    const float x = rays.origin[0] + run.t[i] * (rays.direction[0] + rays.step[0] * u);
-    const float z = rays.origin[1] + run.t[i] * (rays.direction[1] + rays.step[1] * u);
-    return Eigen::Vector2d(x, z);
-  };
-  const Eigen::Vector2d a = point(0), b = point(run.count - 1);
-  Eigen::AlignedBox2d box(a);
-  box.extend(b);
+RIGOR_WIDE void least_and_most(const float* __restrict values, int count, float* __restrict least,
+                               float* __restrict most) {
+  for (int i = 0; i < count; i += kLanes)
+    for (int k = 0; k < kLanes; ++k) {
+      const float v = values[i + k];
+      least[k] = v < least[k] ? v : least[k];
+      most[k] = v > most[k] ? v : most[k];
+    }
+}
+
+RIGOR_WIDE void ground_points(const FrameRays r, const RayRow& w, int count, const float* __restrict t,
+                              float* __restrict x, float* __restrict y) {
+  const float* __restrict us = w.u;
+  const float* __restrict vs = w.v;
+  for (int i = 0; i < count; ++i) {
+    const float u = us[i], v = vs[i];
+    x[i] = r.origin[0] + t[i] * (r.axis[0] + r.right[0] * u + r.down[0] * v);
+    y[i] = r.origin[1] + t[i] * (r.axis[1] + r.right[1] * u + r.down[1] * v);
+  }
+}
+
+/// Bodies whose shadow may fall on the ground where the run meets it.
+void shades_of_ground(const SceneFrame& frame, const SceneRun& run, SceneShades& shades) {
+  alignas(32) float points[2][kRunRays], least[kLanes], most[kLanes];
+  ground_points(frame.ground.rays, run.rays, run.padded_count, run.t, points[0], points[1]);
+  Eigen::AlignedBox2d box;
+  for (int k = 0; k < 2; ++k) {
+    for (int i = run.rays.count; i < run.padded_count; ++i) points[k][i] = points[k][0];
+    std::fill_n(least, kLanes, points[k][0]);
+    std::fill_n(most, kLanes, points[k][0]);
+    least_and_most(points[k], run.padded_count, least, most);
+    box.min()[k] = static_cast<double>(*std::min_element(least, least + kLanes));
+    box.max()[k] = static_cast<double>(*std::max_element(most, most + kLanes));
+  }
+  const double middle = frame.ground.across.dot(box.center());
+  const double reach = 0.5 * frame.ground.across.cwiseAbs().dot(box.sizes());
   Eigen::AlignedBox1d across;
-  for (const Eigen::Vector2d& p : {a, b})
-    across.extend(Eigen::Matrix<double, 1, 1>(frame.ground.across.dot(p)));
+  across.extend(Eigen::Matrix<double, 1, 1>(middle - reach));
+  across.extend(Eigen::Matrix<double, 1, 1>(middle + reach));
   for (std::size_t k = 0; k < frame.footprints.size(); ++k) {
     const Footprint& f = frame.footprints[k];
     if (f.box.intersects(box) && f.across.intersects(across))
-      shades.add(frame.bodies[frame.footprint_bodies[k]], y);
+      shades.add(frame.bodies[frame.footprint_bodies[k]]);
   }
+}
+
+RayRow part(const RayRow& r, int first, int count) {
+  return {r.u + first, r.v + first, r.width_u + first, r.width_v + first, count, nullptr};
 }
 
 }  // namespace
 
-void draw_scene_row(const SceneFrame& frame, int y, const PictureArea& area, int channels,
-                    const std::array<float*, 3>& row) {
+void draw_rays(const SceneFrame& frame, const RayRow& rays, int channels, const std::array<float*, 3>& light,
+               std::int32_t* met) {
   thread_local RowBuffer buffer;
   thread_local SceneShades shades;
-  const int width = area.x1 - area.x0;
   if (frame.in_the_dark) {
-    for (int c = 0; c < channels; ++c) std::fill_n(row[static_cast<std::size_t>(c)], width, 0.0f);
+    for (int c = 0; c < channels; ++c) std::fill_n(light[static_cast<std::size_t>(c)], rays.count, 0.0f);
+    if (met != nullptr) std::fill_n(met, rays.count, 0);
     return;
   }
-  const auto size = static_cast<std::size_t>(padded(width) + padded(kRunColumns));
+  const auto size = static_cast<std::size_t>(padded(rays.count) + padded(kRunRays));
   buffer.t.assign(size, std::numeric_limits<float>::infinity());
   buffer.seen.assign(size, kSky);
+  const std::span<const Eigen::AlignedBox2f> tiles(rays.tiles,
+                                                   static_cast<std::size_t>(tiles_of(rays.count)));
+  Eigen::AlignedBox2f all;
+  for (const Eigen::AlignedBox2f& tile : tiles) all.extend(tile);
   for (std::size_t b = 0; b < frame.bodies.size(); ++b) {
     const FrameBody& body = frame.bodies[b];
-    const int first = std::max(body.first_column, area.x0), end = std::min(body.end_column, area.x1);
-    if (y < body.first_row || y >= body.end_row || first >= end) continue;
-    const RowRays rays(body.rays, y);
+    if (body.seen.isEmpty() || !body.seen.intersects(all)) continue;
+    std::size_t first = 0, end = tiles.size();
+    while (first < end && !tiles[first].intersects(body.seen)) ++first;
+    while (end > first && !tiles[end - 1].intersects(body.seen)) --end;
+    if (first == end) continue;
+    const int from = static_cast<int>(first) * kRayTile,
+              to = std::min(static_cast<int>(end) * kRayTile, rays.count);
     const auto code = kFaces + 8 * static_cast<std::int32_t>(b);
-    (body.cylinder ? meet_cylinder : meet_box)(rays, first, padded(end - first), code,
-                                               buffer.t.data() + (first - area.x0),
-                                               buffer.seen.data() + (first - area.x0));
+    (body.cylinder ? meet_cylinder : meet_box)(body.rays, part(rays, from, to - from), padded(to - from),
+                                               code, buffer.t.data() + from, buffer.seen.data() + from);
   }
-  const RowRays camera(frame.camera_rays, y);
-  RowRays ground;
   if (frame.has_ground) {
-    ground = RowRays(frame.ground.rays, y);
     const FrameGround& g = frame.ground;
-    meet_ground(ground, {g.least.x(), g.least.y(), g.most.x(), g.most.y()}, area.x0, padded(width),
+    meet_ground(g.rays, rays, {g.least.x(), g.least.y(), g.most.x(), g.most.y()}, padded(rays.count),
                 buffer.t.data(), buffer.seen.data());
   }
+  alignas(32) float lit[kRunRays];
   SceneRun run;
-  for (int x = 0; x < width; x += run.count) {
+  run.lit = lit;
+  run.channels = channels;
+  for (int x = 0; x < rays.count; x += run.rays.count) {
     const auto at = static_cast<std::size_t>(x);
     const std::int32_t seen = buffer.seen[at];
-    run.first_column = area.x0 + x;
-    run.count = 1;
-    while (run.count < kRunColumns && x + run.count < width &&
-           buffer.seen[at + static_cast<std::size_t>(run.count)] == seen)
-      ++run.count;
-    run.padded_count = padded(run.count);
+    int count = 1;
+    while (count < kRunRays && x + count < rays.count &&
+           buffer.seen[at + static_cast<std::size_t>(count)] == seen)
+      ++count;
+    run.rays = part(rays, x, count);
+    run.padded_count = padded(count);
     run.t = buffer.t.data() + at;
-    run.channels = channels;
-    for (std::size_t c = 0; c < 3; ++c) run.out[c] = row[c] == nullptr ? nullptr : row[c] + x;
+    for (std::size_t c = 0; c < 3; ++c) run.out[c] = light[c] == nullptr ? nullptr : light[c] + x;
+    shades.clear();
     if (seen == kSky) {
-      light_of_sky(frame, camera, run);
+      light_of_sky(frame, run);
     } else if (seen == kGround) {
-      if (frame.sun_up && frame.ground.cos_sun > 0)
-        shades_of_ground(frame, ground, run, y, shades);
-      else
-        shades.clear();
-      light_of_ground(frame, camera, ground, shades, run);
+      if (frame.sun_up && frame.ground.cos_sun > 0) shades_of_ground(frame, run, shades);
+      light_of_ground(frame, shades, run);
     } else {
       const FrameBody& body = frame.bodies[static_cast<std::size_t>((seen - kFaces) / 8)];
-      shades.clear();
       for (std::uint32_t k = 0; k < body.casters; ++k)
-        shades.add(frame.bodies[frame.casters[body.first_caster + k]], y);
-      light_of_body(frame, camera, body, (seen - kFaces) % 8, y, shades, run);
+        shades.add(frame.bodies[frame.casters[body.first_caster + k]]);
+      light_of_body(frame, body, (seen - kFaces) % 8, shades, run);
     }
+    if (met != nullptr)
+      for (int i = 0; i < count; ++i) met[x + i] = 2 * seen + (lit[i] > 0.0f ? 1 : 0);
   }
 }
 

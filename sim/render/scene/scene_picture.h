@@ -1,22 +1,20 @@
-// The ideal linear-light picture of a small scene that a pinhole sees, row by row on the CPU: for each pixel
-// the nearest body, the ground or the sky, and the light that it sends. Boxes, cylinders and their shadows
-// are met exactly; patterns are averaged over the pixel. Internal to sim/render/scene.
+// The light that the rays of a row bring from a small scene: for each the nearest body, the ground or the
+// sky. Boxes, cylinders and their shadows are met exactly; patterns are averaged over a ray's width. Internal
+// to sim/render/scene.
 #pragma once
 
 #include <array>
+#include <cstdint>
 
+#include "sim/render/scene/lens_rays.h"
 #include "sim/render/scene/scene_frame.h"
 
 namespace rigor::render {
 
-/// Columns and rows of a picture.
-struct PictureArea {
-  int x0 = 0, y0 = 0, x1 = 0, y1 = 0;
-};
-
-/// Row `y` of the picture, columns area.x0 to area.x1, into `row`: for each channel the row's first element.
-/// The same pixel has the same value whatever the area. Any thread.
-void draw_scene_row(const SceneFrame& frame, int y, const PictureArea& area, int channels,
-                    const std::array<float*, 3>& row);
+/// For each ray the light, in `channels` rows of electrons per second, and in `met` a number that differs
+/// where neighbours meet other faces or one of them is in a shadow; null: not asked for. What a ray brings
+/// does not depend on those beside it. Any thread.
+void draw_rays(const SceneFrame& frame, const RayRow& rays, int channels, const std::array<float*, 3>& light,
+               std::int32_t* met);
 
 }  // namespace rigor::render

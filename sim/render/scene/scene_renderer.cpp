@@ -8,7 +8,8 @@
 #include <optional>
 #include <string>
 
-#include "sim/render/scene/lens_sampler.h"
+#include "sensor-hal/models/wide.h"
+#include "sim/render/scene/lens_rays.h"
 #include "sim/render/scene/scene_frame.h"
 #include "sim/render/scene/scene_picture.h"
 
@@ -31,17 +32,82 @@ void for_rows(int first, int end, const F& body) {
 struct SceneRenderer::Impl {
   std::shared_ptr<const world::Scene> scene;
   SceneRendererOptions options;
-  LensSampler lens;
+  LensRays lens;
+  Eigen::AlignedBox2f field;  ///< of all rays
   std::optional<SceneFrame> frame;
-  int channels = 1;
-  std::array<std::vector<float>, 3> picture;
-  Region area_of;  ///< the last region and what of the picture it sees
-  PictureArea area;
+  std::size_t channels = 1;
+  std::array<std::vector<float>, 3> light;  ///< of each pixel of the sensor
+  /// What each pixel's ray met, as draw_rays has it; the outermost columns stand twice.
+  std::vector<std::int32_t> met;
 
   [[nodiscard]] Status check(const PictureRequest& request, const world::WorldSnapshot& snapshot) const;
-  void draw_picture(const PictureRequest& request, const world::WorldSnapshot& snapshot,
-                    const PictureArea& what);
+  [[nodiscard]] std::size_t at(int x, int y) const {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(options.camera.width_px) +
+           static_cast<std::size_t>(x);
+  }
+  [[nodiscard]] std::int32_t* met_at(int x, int y) {
+    return met.data() + (static_cast<std::ptrdiff_t>(y) * (options.camera.width_px + 2) + x + 1);
+  }
+  void draw_row(int y, int x0, int x1);
+  void average_edges(int y, int x0, int x1);
 };
+
+/// One ray for each pixel.
+void SceneRenderer::Impl::draw_row(int y, int x0, int x1) {
+  std::array<float*, 3> out{};
+  for (std::size_t c = 0; c < channels; ++c) out[c] = light[c].data() + at(x0, y);
+  draw_rays(*frame, lens.row(x0, y, x1 - x0), static_cast<int>(channels), out, met_at(x0, y));
+  if (x0 == 0) *met_at(-1, y) = *met_at(0, y);
+  if (x1 == options.camera.width_px) *met_at(x1, y) = *met_at(x1 - 1, y);
+  if (lens.all_lit()) return;
+  for (int x = x0; x < x1; ++x)
+    if (!lens.lit(x, y))
+      for (std::size_t c = 0; c < channels; ++c) light[c][at(x, y)] = 0;
+}
+
+/// Whether a pixel has a neighbour that met something else: those beside it are at -1 and +1 of `here`.
+RIGOR_WIDE void mark_edges(const std::int32_t* here, const std::int32_t* above, const std::int32_t* below,
+                           int count, std::int32_t* __restrict edge) {
+  for (int x = 0; x < count; ++x)
+    edge[x] = (here[x] ^ here[x - 1]) | (here[x] ^ here[x + 1]) | (here[x] ^ above[x]) | (here[x] ^ below[x]);
+}
+
+/// Several rays for the pixels beside which something else is met.
+void SceneRenderer::Impl::average_edges(int y, int x0, int x1) {
+  constexpr int kFine = LensRays::kFine, kPixels = 64;
+  constexpr auto kRays = static_cast<std::size_t>(kPixels * kFine);
+  alignas(32) float u[kRays + kRayPadding], v[kRays + kRayPadding], width_u[kRays + kRayPadding],
+      width_v[kRays + kRayPadding], fine[3][kRays];
+  int columns[kPixels], n = 0;
+  const auto finish = [&] {
+    const auto rays = static_cast<std::size_t>(n * kFine);
+    for (float* row : {u, v, width_u, width_v}) std::fill_n(row + rays, kRayPadding, row[rays - 1]);
+    std::array<Eigen::AlignedBox2f, kRays / kRayTile> tiles;
+    for (std::size_t i = 0; i < rays; ++i) tiles[i / kRayTile].extend(Eigen::Vector2f(u[i], v[i]));
+    draw_rays(*frame, {u, v, width_u, width_v, n * kFine, tiles.data()}, static_cast<int>(channels),
+              {fine[0], channels > 1 ? fine[1] : nullptr, channels > 1 ? fine[2] : nullptr}, nullptr);
+    for (std::size_t c = 0; c < channels; ++c)
+      for (int k = 0; k < n; ++k) {
+        float sum = 0;
+        for (int i = 0; i < kFine; ++i) sum += fine[c][k * kFine + i];
+        light[c][at(columns[k], y)] = sum / kFine;
+      }
+    n = 0;
+  };
+  thread_local std::vector<std::int32_t> edges;
+  edges.resize(static_cast<std::size_t>(x1 - x0));
+  const std::int32_t* here = met_at(x0, y);
+  mark_edges(here, y > 0 ? met_at(x0, y - 1) : here,
+             y + 1 < options.camera.height_px ? met_at(x0, y + 1) : here, x1 - x0, edges.data());
+  for (int x = x0; x < x1; ++x) {
+    if (edges[static_cast<std::size_t>(x - x0)] == 0 || !lens.lit(x, y)) continue;
+    const int first = n * kFine;
+    lens.fine(x, y, u + first, v + first, width_u + first, width_v + first);
+    columns[n++] = x;
+    if (n == kPixels) finish();
+  }
+  if (n > 0) finish();
+}
 
 Status SceneRenderer::Impl::check(const PictureRequest& q, const world::WorldSnapshot& snapshot) const {
   const CameraModel& c = options.camera;
@@ -65,19 +131,6 @@ Status SceneRenderer::Impl::check(const PictureRequest& q, const world::WorldSna
   return {};
 }
 
-void SceneRenderer::Impl::draw_picture(const PictureRequest& q, const world::WorldSnapshot& snapshot,
-                                       const PictureArea& what) {
-  const PictureGeometry& p = lens.picture();
-  frame->build(p, q.T_world_sensor, snapshot, q.t_capture);
-  for_rows(what.y0, what.y1, [&](int y) {
-    std::array<float*, 3> row{};
-    for (std::size_t c = 0; c < static_cast<std::size_t>(channels); ++c)
-      row[c] = picture[c].data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(p.width_px) +
-               static_cast<std::size_t>(what.x0);
-    draw_scene_row(*frame, y, what, channels, row);
-  });
-}
-
 SceneRenderer::SceneRenderer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 SceneRenderer::~SceneRenderer() = default;
 
@@ -88,17 +141,15 @@ Result<std::unique_ptr<SceneRenderer>> SceneRenderer::create(std::shared_ptr<con
   if (c.projection != Projection::opencv)
     return fail(
         ErrorCode::bad_input, "camera model",
-        "projection: expected opencv, because one pinhole picture holds no fisheye; got kannala_brandt");
-  if (!(options.supersampling >= 1.0 && options.supersampling <= 4.0))
-    return fail(ErrorCode::bad_input, "supersampling",
-                "expected a factor in [1, 4], got " + std::to_string(options.supersampling));
+        "projection: expected opencv, because this renderer draws no fisheye; got kannala_brandt; give the "
+        "channel `renderer: rays`");
   if (scene->bodies.size() > kMostBodies)
     return fail(ErrorCode::bad_input, "world",
                 "bodies: expected at most " + std::to_string(kMostBodies) +
                     ", which the renderer scene draws, got " + std::to_string(scene->bodies.size()) +
                     "; give the channel `renderer: rays`");
   auto impl = std::make_unique<Impl>();
-  auto lens = LensSampler::create(c, options.supersampling);
+  auto lens = LensRays::create(c);
   if (!lens) return tl::unexpected(lens.error());
   impl->lens = std::move(*lens);
   impl->scene = std::move(scene);
@@ -112,10 +163,13 @@ Result<std::unique_ptr<SceneRenderer>> SceneRenderer::create(std::shared_ptr<con
       response[i] = c.electron_rate_per_radiance(c.optics.colour_efficiency[i]);
   }
   impl->frame.emplace(*impl->scene, response);
-  const PictureGeometry& p = impl->lens.picture();
-  for (std::size_t k = 0; k < static_cast<std::size_t>(impl->channels); ++k)
-    impl->picture[k].resize(static_cast<std::size_t>(p.width_px) *
-                            static_cast<std::size_t>(p.height_px + LensSampler::kDarkRows));
+  const auto pixels = static_cast<std::size_t>(c.width_px) * static_cast<std::size_t>(c.height_px);
+  for (std::size_t k = 0; k < impl->channels; ++k) impl->light[k].resize(pixels);
+  impl->met.resize(pixels + 2 * static_cast<std::size_t>(c.height_px));
+  impl->field = impl->lens.field();
+  // What the rays of a finer average reach beyond those of the outermost pixels.
+  const auto beyond = Eigen::Vector2f(static_cast<float>(2 / c.fx_px), static_cast<float>(2 / c.fy_px));
+  impl->field = {impl->field.min() - beyond, impl->field.max() + beyond};
   return std::unique_ptr<SceneRenderer>(new SceneRenderer(std::move(impl)));
 }
 
@@ -131,37 +185,29 @@ Status SceneRenderer::draw(const PictureRequest& q, const world::WorldSnapshot& 
     return fail(ErrorCode::bad_input, "electrons_per_second",
                 "expected " + std::to_string(planes() * width * height) + " numbers, got " +
                     std::to_string(electrons_per_second.size()));
-  if (!(m.area_of == r)) {
-    m.area = m.lens.seen_by(r.offset_x_px, r.offset_y_px, r.width_px, r.height_px);
-    m.area_of = r;
-  }
-  m.draw_picture(q, snapshot, m.area);
-  for_rows(0, r.height_px, [&](int y) {
-    const int sensor_y = r.offset_y_px + y;
+  m.frame->build(q.T_world_sensor, m.field, snapshot, q.t_capture);
+  // A pixel more on each side, so that the same pixel has the same light whatever the region.
+  const int x0 = std::max(0, r.offset_x_px - 1) / kRayTile * kRayTile,
+            x1 = std::min(m.options.camera.width_px, r.offset_x_px + r.width_px + 1);
+  const int y0 = std::max(0, r.offset_y_px - 1),
+            y1 = std::min(m.options.camera.height_px, r.offset_y_px + r.height_px + 1);
+  for_rows(y0, y1, [&](int y) { m.draw_row(y, x0, x1); });
+  for_rows(r.offset_y_px, r.offset_y_px + r.height_px, [&](int y) {
+    m.average_edges(y, r.offset_x_px, r.offset_x_px + r.width_px);
+    const std::size_t first = m.at(r.offset_x_px, y);
     for (std::size_t plane = 0; plane < planes(); ++plane) {
-      std::size_t even = plane, odd = plane;
-      if (m.options.colours == SceneColours::mosaic) {
-        even = static_cast<std::size_t>(sensor_y % 2);
-        odd = even + 1;
+      float* to = electrons_per_second.data() +
+                  (plane * height + static_cast<std::size_t>(y - r.offset_y_px)) * width;
+      if (m.options.colours != SceneColours::mosaic) {
+        std::copy_n(m.light[plane].data() + first, width, to);
+        continue;
       }
-      m.lens.sample(r.offset_x_px, sensor_y, r.width_px, m.picture[even].data(), m.picture[odd].data(),
-                    electrons_per_second.data() + (plane * height + static_cast<std::size_t>(y)) * width);
+      const auto even = static_cast<std::size_t>(y % 2);
+      for (std::size_t i = 0; i < width; ++i)
+        to[i] = m.light[even + (static_cast<std::size_t>(r.offset_x_px) + i) % 2][first + i];
     }
   });
   return {};
-}
-
-Result<LinearPicture> SceneRenderer::draw_linear(const PictureRequest& q,
-                                                 const world::WorldSnapshot& snapshot) {
-  Impl& m = *impl_;
-  if (auto s = m.check(q, snapshot); !s) return tl::unexpected(s.error());
-  const PictureGeometry& p = m.lens.picture();
-  m.draw_picture(q, snapshot, {0, 0, p.width_px, p.height_px});
-  LinearPicture out{p.width_px,   p.height_px,   m.picture[0], p.focal_x_px,
-                    p.focal_y_px, p.centre_u_px, p.centre_v_px};
-  out.electrons_per_second.resize(static_cast<std::size_t>(p.width_px) *
-                                  static_cast<std::size_t>(p.height_px));
-  return out;
 }
 
 std::vector<std::array<float, 2>> SceneRenderer::rays() const { return impl_->lens.rays(); }

@@ -1,10 +1,10 @@
-// Pictures of a small scene as one camera's lens shows them, on the CPU: the ideal linear-light picture of a
-// pinhole that sees slightly more than the lens, then what each pixel of the sensor sees of it. What the
-// sensor makes of the light is the sensor stage's (sim/sensors/camera).
+// Pictures of a small scene as one camera's lens shows them, on the CPU: the light that the ray of each pixel
+// brings through the lens, averaged over the pixel. Patterns are averaged by formula; where neighbouring
+// pixels see different faces, or one of them a shadow, eight rays are. What the sensor makes of the light is
+// the sensor stage's (sim/sensors/camera).
 //
 // A SceneRenderer belongs to one thread at a time (it may move between threads) and computes on the threads
-// of its TBB arena. The same request gives
-// the same light on any number of them, by AVX2 and without.
+// of its TBB arena. The same request gives the same light on any number of them, by AVX2 and without.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -29,8 +29,6 @@ enum class SceneColours {
 struct SceneRendererOptions {
   CameraModel camera;
   SceneColours colours = SceneColours::mono;
-  /// Picture pixels per sensor pixel, along one side, on the axis: 1 to 4.
-  double supersampling = 1.0;
 };
 
 struct Region {
@@ -44,18 +42,9 @@ struct PictureRequest {
   Region region;
 };
 
-/// The ideal picture before the lens, for tests.
-struct LinearPicture {
-  int width_px = 0;
-  int height_px = 0;
-  std::vector<float> electrons_per_second;  ///< of the first channel, row by row
-  double focal_x_px = 0, focal_y_px = 0, centre_u_px = 0, centre_v_px = 0;
-};
-
 class SceneRenderer {
  public:
-  /// Setup; the scene must be valid. Errors: bad_input (the camera model; a lens wider than a pinhole picture
-  /// can hold; too many bodies).
+  /// Setup; the scene must be valid. Errors: bad_input (the camera model; a fisheye lens; too many bodies).
   [[nodiscard]] static Result<std::unique_ptr<SceneRenderer>> create(
       std::shared_ptr<const world::Scene> scene, const SceneRendererOptions& options);
   ~SceneRenderer();
@@ -68,9 +57,6 @@ class SceneRenderer {
   [[nodiscard]] Status draw(const PictureRequest& request, const world::WorldSnapshot& snapshot,
                             std::span<float> electrons_per_second);
 
-  /// The pinhole picture alone. Setup and tests.
-  [[nodiscard]] Result<LinearPicture> draw_linear(const PictureRequest& request,
-                                                  const world::WorldSnapshot& snapshot);
   /// The ideal ray (x/z, y/z) of each pixel of the sensor; no number where the lens images none.
   [[nodiscard]] std::vector<std::array<float, 2>> rays() const;
 

@@ -28,27 +28,32 @@ CameraSpec demo_camera() {
   return c;
 }
 
-// RMS distance between found corners and the truth; negative where none are found.
-double corner_rms_px(CameraSimulator& camera, const world::WorldSnapshot& w, BenchTime t) {
+// Found corners and the truth, pixels; empty where none are found.
+std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> corners_of(CameraSimulator& camera,
+                                                                    const world::WorldSnapshot& w,
+                                                                    BenchTime t) {
   const auto& m = camera.spec().model;
   std::vector<std::byte> pixels(camera.full_region_bytes());
-  if (!camera.capture({.t_capture = t, .exposure = microseconds(2000)}, w, pixels)) return -2;
+  if (!camera.capture({.t_capture = t, .exposure = microseconds(2000)}, w, pixels)) return {};
   const cv::Mat picture(m.height_px, m.width_px, CV_8UC1, pixels.data());
   std::vector<cv::Point2f> found;
-  if (!cv::findChessboardCorners(picture, {9, 6}, found)) return -1;
+  if (!cv::findChessboardCorners(picture, {9, 6}, found)) return {};
   cv::cornerSubPix(picture, found, {5, 5}, {-1, -1},
                    {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 60, 1e-4});
   const auto truth = camera.project_chessboard(*world::find_body(camera.scene(), "chessboard"), w, t);
   // The board has no up: the finder may number it from the other end.
-  double best = 1e9;
+  double least = 1e9;
+  std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> best;
   for (const bool reversed : {false, true}) {
+    std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> corners;
     double sum = 0;
     for (std::size_t i = 0; i < found.size(); ++i) {
       const auto& q = truth[reversed ? truth.size() - 1 - i : i];
-      if (!q) return -3;
-      sum += std::pow(found[i].x - q->u_px, 2) + std::pow(found[i].y - q->v_px, 2);
+      if (!q) return {};
+      corners.push_back({{found[i].x, found[i].y}, {q->u_px, q->v_px}});
+      sum += (corners.back().first - corners.back().second).squaredNorm();
     }
-    best = std::min(best, std::sqrt(sum / static_cast<double>(found.size())));
+    if (sum < least) least = sum, best = corners;
   }
   return best;
 }
@@ -56,23 +61,56 @@ double corner_rms_px(CameraSimulator& camera, const world::WorldSnapshot& w, Ben
 TEST_F(Camera, ShowsTheChessboardWhereGeometryPutsIt) {
   const auto scene = world::load_world(rigor::test::source_dir() + "/configs/worlds/turntable.yaml");
   ASSERT_TRUE(scene) << scene.error().text();
-  for (const double supersampling : {1.0, 2.0})
-    for (const bool noise : {false, true}) {
-      CameraSpec c = demo_camera();
-      c.supersampling = supersampling;
-      c.noise = noise;
-      auto camera = make(c, *scene);
-      ASSERT_TRUE(camera);
-      world::WorldSnapshot w(*scene);
-      // 0.5 rad/s from -0.5 rad at t = 1 s.
-      w.joints[*world::find_node(*scene, "turntable")] = {BenchTime(1'000'000'000), -0.5, 0.5};
-      for (const int ms : {1000, 1700, 2000, 2600, 3000}) {
-        const double rms_px = corner_rms_px(*camera, w, BenchTime(ms * 1'000'000ll));
-        EXPECT_GE(rms_px, 0) << "no corners at " << ms << " ms, supersampling " << supersampling;
-        EXPECT_LT(rms_px, 0.1) << ms << " ms, supersampling " << supersampling << ", noise " << noise;
-        RecordProperty("rms_px", std::to_string(rms_px));
-      }
+  for (const bool noise : {false, true}) {
+    CameraSpec c = demo_camera();
+    c.noise = noise;
+    auto camera = make(c, *scene);
+    ASSERT_TRUE(camera);
+    world::WorldSnapshot w(*scene);
+    // 0.5 rad/s from -0.5 rad at t = 1 s.
+    w.joints[*world::find_node(*scene, "turntable")] = {BenchTime(1'000'000'000), -0.5, 0.5};
+    for (const int ms : {1000, 1700, 2000, 2600, 3000}) {
+      const auto corners = corners_of(*camera, w, BenchTime(ms * 1'000'000ll));
+      ASSERT_FALSE(corners.empty()) << "no corners at " << ms << " ms";
+      double sum = 0;
+      for (const auto& [found, truth] : corners) sum += (found - truth).squaredNorm();
+      const double rms_px = std::sqrt(sum / static_cast<double>(corners.size()));
+      EXPECT_LT(rms_px, 0.1) << ms << " ms, noise " << noise;
+      RecordProperty("rms_px", std::to_string(rms_px));
     }
+  }
+}
+
+// Blur that leans to one side, as that of a picture sampled between its pixels does, moves corners by
+// hundredths of a pixel, at each place of the picture by others: 3e-4 of the focal length. Over many views
+// the corners are where they belong: shift and scale of their errors.
+TEST_F(Camera, CornersOverManyViewsAreNeitherShiftedNorScaled) {
+  const auto scene = world::load_world(rigor::test::source_dir() + "/configs/worlds/turntable.yaml");
+  ASSERT_TRUE(scene) << scene.error().text();
+  CameraSpec c = demo_camera();
+  c.noise = false;
+  auto camera = make(c, *scene);
+  ASSERT_TRUE(camera);
+  world::WorldSnapshot w(*scene);
+  w.joints[*world::find_node(*scene, "turntable")] = {BenchTime(), -0.6, 0.5};
+  std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> all;
+  for (int i = 0; i < 48; ++i) {
+    const auto corners = corners_of(*camera, w, BenchTime(i * 50'000'000ll));
+    all.insert(all.end(), corners.begin(), corners.end());
+  }
+  ASSERT_GT(all.size(), 2000U);
+  Eigen::Vector2d shift = Eigen::Vector2d::Zero(), centre = shift;
+  for (const auto& [found, truth] : all) {
+    shift += (found - truth) / static_cast<double>(all.size());
+    centre += truth / static_cast<double>(all.size());
+  }
+  double along = 0, squares = 0;
+  for (const auto& [found, truth] : all) {
+    along += (found - truth - shift).dot(truth - centre);
+    squares += (truth - centre).squaredNorm();
+  }
+  EXPECT_LT(shift.norm(), 0.008);
+  EXPECT_LT(std::abs(along / squares), 6e-5);
 }
 
 TEST_F(Camera, GreyLevelIsLinearInExposureUpToSaturation) {
