@@ -12,8 +12,14 @@
 namespace rigor::render {
 namespace {
 
-/// Eight rooks on a board of eight by eight, none near another.
-constexpr std::array<int, LensRays::kFine> kRookRow = {1, 4, 7, 2, 5, 0, 3, 6};
+constexpr int kFine = LensRays::kFine;
+
+/// Eight rooks on a board of eight by eight, none near another: rows in pixels from the centre, by column.
+constexpr std::array<float, kFine> kColumn = {-7.f / 16, -5.f / 16, -3.f / 16, -1.f / 16,
+                                              1.f / 16,  3.f / 16,  5.f / 16,  7.f / 16};
+constexpr std::array<float, kFine> kRow = {-5.f / 16, 1.f / 16,  7.f / 16,  -3.f / 16,
+                                           3.f / 16,  -7.f / 16, -1.f / 16, 5.f / 16};
+constexpr float kFineWidth = 0.35355339f;  // 1 / sqrt(kFine)
 
 }  // namespace
 
@@ -22,13 +28,10 @@ Result<LensRays> LensRays::create(const CameraModel& c) {
   s.width_px_ = c.width_px;
   s.height_px_ = c.height_px;
   const auto f = [](double v) { return static_cast<float>(v); };
-  s.per_fx_ = f(1 / c.fx_px);
-  s.per_fy_ = f(1 / c.fy_px);
   const std::size_t pixels = static_cast<std::size_t>(c.width_px) * static_cast<std::size_t>(c.height_px);
-  s.u_.assign(pixels + kRayPadding, 0);
-  s.v_.assign(pixels + kRayPadding, 0);
-  s.width_u_.assign(pixels + kRayPadding, s.per_fx_);
-  s.width_v_.assign(pixels + kRayPadding, s.per_fy_);
+  for (auto* values : {&s.u_, &s.v_, &s.column_v_, &s.row_u_}) values->assign(pixels + kRayPadding, 0);
+  s.column_u_.assign(pixels + kRayPadding, f(1 / c.fx_px));
+  s.row_v_.assign(pixels + kRayPadding, f(1 / c.fy_px));
   std::vector<unsigned char> dark(pixels, 0);  // of bytes: rows are written at the same time
   const auto for_rows = [&](const auto& body) {
     tbb::parallel_for(tbb::blocked_range<int>(0, c.height_px, 8), [&](const tbb::blocked_range<int>& rows) {
@@ -54,11 +57,7 @@ Result<LensRays> LensRays::create(const CameraModel& c) {
     return fail(ErrorCode::bad_input, "camera model",
                 "lens: expected coefficients under which light reaches a pixel, got none");
   if (unlit > 0) s.dark_.assign(dark.begin(), dark.end());
-  for_rows([&](int column, int row, std::size_t i) {
-    const Steps d = s.steps(column, row);
-    s.width_u_[i] = std::abs(d.column_u);
-    s.width_v_[i] = std::abs(d.row_v);
-  });
+  for_rows([&](int column, int row, std::size_t) { s.set_steps(column, row); });
   for (int row = 0; row < c.height_px; ++row)
     for (int first = 0; first < c.width_px; first += kRayTile) {
       Eigen::AlignedBox2f tile;
@@ -75,13 +74,12 @@ RayRow LensRays::row(int x_px, int y_px, int count) const {
   const std::size_t i = at(x_px, y_px);
   const std::size_t tile = static_cast<std::size_t>(y_px) * static_cast<std::size_t>(tiles_of(width_px_)) +
                            static_cast<std::size_t>(x_px / kRayTile);
-  return {u_.data() + i,       v_.data() + i, width_u_.data() + i,
-          width_v_.data() + i, count,         tiles_.data() + tile};
+  return {u_.data() + i, v_.data() + i, column_u_.data() + i, row_v_.data() + i, count, tiles_.data() + tile};
 }
 
-LensRays::Steps LensRays::steps(int x_px, int y_px) const {
-  Steps d{per_fx_, 0, 0, per_fy_};
-  if (!lit(x_px, y_px)) return d;
+void LensRays::set_steps(int x_px, int y_px) {
+  if (!lit(x_px, y_px)) return;
+  const std::size_t i = at(x_px, y_px);
   // Between the neighbours that there are: the lens images them, and the sensor has them.
   const auto along = [&](int dx, int dy, float& du, float& dv) {
     std::size_t ends[2];
@@ -89,30 +87,30 @@ LensRays::Steps LensRays::steps(int x_px, int y_px) const {
     for (const int side : {0, 1}) {
       const int x = x_px + (side ? dx : -dx), y = y_px + (side ? dy : -dy);
       const bool there = x >= 0 && y >= 0 && x < width_px_ && y < height_px_ && lit(x, y);
-      ends[side] = there ? at(x, y) : at(x_px, y_px);
+      ends[side] = there ? at(x, y) : i;
       span += there;
     }
     if (span == 0) return;
     du = (u_[ends[1]] - u_[ends[0]]) / static_cast<float>(span);
     dv = (v_[ends[1]] - v_[ends[0]]) / static_cast<float>(span);
   };
-  along(1, 0, d.column_u, d.column_v);
-  along(0, 1, d.row_u, d.row_v);
-  return d;
+  along(1, 0, column_u_[i], column_v_[i]);
+  along(0, 1, row_u_[i], row_v_[i]);
 }
 
-void LensRays::fine(int x_px, int y_px, float* u, float* v, float* width_u, float* width_v) const {
+void LensRays::fine(int x_px, int y_px, float* __restrict u, float* __restrict v, float* __restrict width_u,
+                    float* __restrict width_v, Eigen::AlignedBox2f& box) const {
   const std::size_t i = at(x_px, y_px);
-  const Steps d = steps(x_px, y_px);
-  const float share = 1 / std::sqrt(static_cast<float>(kFine));
-  for (int k = 0; k < kFine; ++k) {
-    const float x = (static_cast<float>(k) + 0.5f) / kFine - 0.5f;
-    const float y = (static_cast<float>(kRookRow[static_cast<std::size_t>(k)]) + 0.5f) / kFine - 0.5f;
-    u[k] = u_[i] + x * d.column_u + y * d.row_u;
-    v[k] = v_[i] + x * d.column_v + y * d.row_v;
-    width_u[k] = share * width_u_[i];
-    width_v[k] = share * width_v_[i];
+  const float u0 = u_[i], v0 = v_[i], cu = column_u_[i], cv = column_v_[i], ru = row_u_[i], rv = row_v_[i];
+  for (std::size_t k = 0; k < kFine; ++k) {
+    u[k] = u0 + kColumn[k] * cu + kRow[k] * ru;
+    v[k] = v0 + kColumn[k] * cv + kRow[k] * rv;
+    width_u[k] = kFineWidth * cu;
+    width_v[k] = kFineWidth * rv;
   }
+  const Eigen::Vector2f centre(u0, v0),
+      reach(0.5f * (std::abs(cu) + std::abs(ru)), 0.5f * (std::abs(cv) + std::abs(rv)));
+  box.extend(centre - reach).extend(centre + reach);
 }
 
 Eigen::AlignedBox2f LensRays::field() const {

@@ -19,7 +19,7 @@ inline constexpr int kRayTile = 32;
 [[nodiscard]] constexpr int tiles_of(int rays) { return (rays + kRayTile - 1) / kRayTile; }
 
 /// Rays in the optical frame: (u, v, 1) times the distance along the optical axis. The widths are those of
-/// what is averaged about a ray, in the same units.
+/// what is averaged about a ray, in the same units, of either sign.
 struct RayRow {
   const float* u = nullptr;
   const float* v = nullptr;
@@ -42,8 +42,9 @@ class LensRays {
   /// Where in a pixel the rays of a finer average go, in pixels from its centre: one in each of eight columns
   /// and rows, so that an edge along either is cut into eighths.
   static constexpr int kFine = 8;
-  /// Writes kFine rays of a lit pixel to the four arrays.
-  void fine(int x_px, int y_px, float* u, float* v, float* width_u, float* width_v) const;
+  /// Writes kFine rays of a lit pixel to the four arrays, and extends a box by them.
+  void fine(int x_px, int y_px, float* u, float* v, float* width_u, float* width_v,
+            Eigen::AlignedBox2f& box) const;
   /// Around all rays.
   [[nodiscard]] Eigen::AlignedBox2f field() const;
   /// The ideal ray (x/z, y/z) of each pixel; no number where the lens images none.
@@ -54,15 +55,12 @@ class LensRays {
     return static_cast<std::size_t>(y_px) * static_cast<std::size_t>(width_px_) +
            static_cast<std::size_t>(x_px);
   }
-  /// Change of the ray from a column to the next, and from a row to the next.
-  struct Steps {
-    float column_u, column_v, row_u, row_v;
-  };
-  [[nodiscard]] Steps steps(int x_px, int y_px) const;
+  void set_steps(int x_px, int y_px);
 
   int width_px_ = 0, height_px_ = 0;
-  float per_fx_ = 0, per_fy_ = 0;
-  std::vector<float> u_, v_, width_u_, width_v_;
+  std::vector<float> u_, v_;
+  /// Change of the ray from a column to the next, and from a row to the next.
+  std::vector<float> column_u_, column_v_, row_u_, row_v_;
   std::vector<Eigen::AlignedBox2f> tiles_;  ///< row by row
   std::vector<bool> dark_;                  ///< empty: none
 };

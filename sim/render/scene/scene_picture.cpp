@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "sensor-hal/models/wide.h"
@@ -147,17 +148,8 @@ RayRow part(const RayRow& r, int first, int count) {
   return {r.u + first, r.v + first, r.width_u + first, r.width_v + first, count, nullptr};
 }
 
-}  // namespace
-
-void draw_rays(const SceneFrame& frame, const RayRow& rays, int channels, const std::array<float*, 3>& light,
-               std::int32_t* met) {
-  thread_local RowBuffer buffer;
-  thread_local SceneShades shades;
-  if (frame.in_the_dark) {
-    for (int c = 0; c < channels; ++c) std::fill_n(light[static_cast<std::size_t>(c)], rays.count, 0.0f);
-    if (met != nullptr) std::fill_n(met, rays.count, 0);
-    return;
-  }
+/// What each ray of the row meets.
+void meet(const SceneFrame& frame, const RayRow& rays, RowBuffer& buffer) {
   const auto size = static_cast<std::size_t>(padded(rays.count) + padded(kRunRays));
   buffer.t.assign(size, std::numeric_limits<float>::infinity());
   buffer.seen.assign(size, kSky);
@@ -178,41 +170,132 @@ void draw_rays(const SceneFrame& frame, const RayRow& rays, int channels, const 
     (body.cylinder ? meet_cylinder : meet_box)(body.rays, part(rays, from, to - from), padded(to - from),
                                                code, buffer.t.data() + from, buffer.seen.data() + from);
   }
-  if (frame.has_ground) {
-    const FrameGround& g = frame.ground;
-    meet_ground(g.rays, rays, {g.least.x(), g.least.y(), g.most.x(), g.most.y()}, padded(rays.count),
-                buffer.t.data(), buffer.seen.data());
+  if (!frame.has_ground) return;
+  const FrameGround& g = frame.ground;
+  meet_ground(g.rays, rays, {g.least.x(), g.least.y(), g.most.x(), g.most.y()}, padded(rays.count),
+              buffer.t.data(), buffer.seen.data());
+}
+
+/// The light of rays that all meet `seen`.
+void shade(const SceneFrame& frame, std::int32_t seen, const SceneRun& run) {
+  thread_local SceneShades shades;
+  shades.clear();
+  if (seen == kSky) {
+    light_of_sky(frame, run);
+  } else if (seen == kGround) {
+    if (frame.sun_up && frame.ground.cos_sun > 0) shades_of_ground(frame, run, shades);
+    light_of_ground(frame, shades, run);
+  } else {
+    const FrameBody& body = frame.bodies[static_cast<std::size_t>((seen - kFaces) / 8)];
+    for (std::uint32_t k = 0; k < body.casters; ++k)
+      shades.add(frame.bodies[frame.casters[body.first_caster + k]]);
+    light_of_body(frame, body, (seen - kFaces) % 8, shades, run);
   }
+}
+
+/// Rays that meet the same, gathered from their places in a row.
+struct Gathered {
+  alignas(32) float u[kRunRays], v[kRunRays], width_u[kRunRays], width_v[kRunRays], t[kRunRays],
+      lit[kRunRays], light[3][kRunRays];
+};
+
+/// Places of the rays of a row, those that meet the same beside each other.
+class Groups {
+ public:
+  void of(std::span<const std::int32_t> seen) {
+    met_.clear();
+    group_.resize(seen.size());
+    place_.resize(seen.size());
+    std::size_t last = 0;
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+      if (met_.empty() || met_[last].seen != seen[i]) {
+        last = 0;
+        while (last < met_.size() && met_[last].seen != seen[i]) ++last;
+        if (last == met_.size()) met_.push_back({seen[i], 0});
+      }
+      ++met_[last].end;
+      group_[i] = last;
+    }
+    std::size_t first = 0;
+    for (Met& m : met_) first += std::exchange(m.end, first);
+    for (std::size_t i = 0; i < seen.size(); ++i) place_[met_[group_[i]].end++] = i;
+  }
+  struct Met {
+    std::int32_t seen;
+    std::size_t end;  ///< in places()
+  };
+  [[nodiscard]] const std::vector<Met>& met() const { return met_; }
+  [[nodiscard]] const std::vector<std::size_t>& places() const { return place_; }
+
+ private:
+  std::vector<Met> met_;
+  std::vector<std::size_t> group_, place_;
+};
+
+thread_local RowBuffer row_buffer;
+
+}  // namespace
+
+void draw_row(const SceneFrame& frame, const RayRow& rays, int channels, const std::array<float*, 3>& light,
+              std::int32_t* met) {
+  if (frame.in_the_dark) {
+    for (int c = 0; c < channels; ++c) std::fill_n(light[static_cast<std::size_t>(c)], rays.count, 0.0f);
+    std::fill_n(met, rays.count, 0);
+    return;
+  }
+  meet(frame, rays, row_buffer);
   alignas(32) float lit[kRunRays];
   SceneRun run;
   run.lit = lit;
   run.channels = channels;
   for (int x = 0; x < rays.count; x += run.rays.count) {
-    const auto at = static_cast<std::size_t>(x);
-    const std::int32_t seen = buffer.seen[at];
+    const std::int32_t* seen = row_buffer.seen.data() + x;
     int count = 1;
-    while (count < kRunRays && x + count < rays.count &&
-           buffer.seen[at + static_cast<std::size_t>(count)] == seen)
-      ++count;
+    while (count < kRunRays && x + count < rays.count && seen[count] == seen[0]) ++count;
     run.rays = part(rays, x, count);
     run.padded_count = padded(count);
-    run.t = buffer.t.data() + at;
+    run.t = row_buffer.t.data() + x;
     for (std::size_t c = 0; c < 3; ++c) run.out[c] = light[c] == nullptr ? nullptr : light[c] + x;
-    shades.clear();
-    if (seen == kSky) {
-      light_of_sky(frame, run);
-    } else if (seen == kGround) {
-      if (frame.sun_up && frame.ground.cos_sun > 0) shades_of_ground(frame, run, shades);
-      light_of_ground(frame, shades, run);
-    } else {
-      const FrameBody& body = frame.bodies[static_cast<std::size_t>((seen - kFaces) / 8)];
-      for (std::uint32_t k = 0; k < body.casters; ++k)
-        shades.add(frame.bodies[frame.casters[body.first_caster + k]]);
-      light_of_body(frame, body, (seen - kFaces) % 8, shades, run);
-    }
-    if (met != nullptr)
-      for (int i = 0; i < count; ++i) met[x + i] = 2 * seen + (lit[i] > 0.0f ? 1 : 0);
+    shade(frame, seen[0], run);
+    for (int i = 0; i < count; ++i) met[x + i] = 2 * seen[0] + (lit[i] > 0.0f ? 1 : 0);
   }
+}
+
+void draw_rays(const SceneFrame& frame, const RayRow& rays, int channels,
+               const std::array<float*, 3>& light) {
+  if (frame.in_the_dark) {
+    for (int c = 0; c < channels; ++c) std::fill_n(light[static_cast<std::size_t>(c)], rays.count, 0.0f);
+    return;
+  }
+  meet(frame, rays, row_buffer);
+  thread_local Groups groups;
+  thread_local Gathered g;
+  groups.of({row_buffer.seen.data(), static_cast<std::size_t>(rays.count)});
+  SceneRun run;
+  run.lit = g.lit;
+  run.t = g.t;
+  run.channels = channels;
+  for (std::size_t c = 0; c < static_cast<std::size_t>(channels); ++c) run.out[c] = g.light[c];
+  std::size_t first = 0;
+  for (const auto& [seen, end] : groups.met())
+    while (first < end) {
+      const std::size_t count = std::min<std::size_t>(end - first, kRunRays);
+      const std::size_t* place = groups.places().data() + first;
+      for (std::size_t k = 0; k < count; ++k) {
+        const std::size_t i = place[k];
+        g.u[k] = rays.u[i], g.v[k] = rays.v[i];
+        g.width_u[k] = rays.width_u[i], g.width_v[k] = rays.width_v[i];
+        g.t[k] = row_buffer.t[i];
+      }
+      run.rays = {g.u, g.v, g.width_u, g.width_v, static_cast<int>(count), nullptr};
+      run.padded_count = padded(run.rays.count);
+      for (std::size_t k = count; k < static_cast<std::size_t>(run.padded_count); ++k)
+        for (float* row : {g.u, g.v, g.width_u, g.width_v, g.t}) row[k] = row[0];
+      shade(frame, seen, run);
+      for (std::size_t c = 0; c < static_cast<std::size_t>(channels); ++c)
+        for (std::size_t k = 0; k < count; ++k) light[c][place[k]] = g.light[c][k];
+      first += count;
+    }
 }
 
 }  // namespace rigor::render

@@ -56,13 +56,21 @@ struct SceneRenderer::Impl {
 void SceneRenderer::Impl::draw_row(int y, int x0, int x1) {
   std::array<float*, 3> out{};
   for (std::size_t c = 0; c < channels; ++c) out[c] = light[c].data() + at(x0, y);
-  draw_rays(*frame, lens.row(x0, y, x1 - x0), static_cast<int>(channels), out, met_at(x0, y));
+  render::draw_row(*frame, lens.row(x0, y, x1 - x0), static_cast<int>(channels), out, met_at(x0, y));
   if (x0 == 0) *met_at(-1, y) = *met_at(0, y);
   if (x1 == options.camera.width_px) *met_at(x1, y) = *met_at(x1 - 1, y);
   if (lens.all_lit()) return;
   for (int x = x0; x < x1; ++x)
     if (!lens.lit(x, y))
       for (std::size_t c = 0; c < channels; ++c) light[c][at(x, y)] = 0;
+}
+
+/// Most pixels are not at an edge: so many at a time are passed over.
+constexpr int kSkip = 16;
+inline bool any_edge(const std::int32_t* marks) {
+  std::int32_t any = 0;
+  for (int k = 0; k < kSkip; ++k) any |= marks[k];
+  return any != 0;
 }
 
 /// Whether a pixel has a neighbour that met something else: those beside it are at -1 and +1 of `here`.
@@ -76,37 +84,43 @@ RIGOR_WIDE void mark_edges(const std::int32_t* here, const std::int32_t* above, 
 void SceneRenderer::Impl::average_edges(int y, int x0, int x1) {
   constexpr int kFine = LensRays::kFine, kPixels = 64;
   constexpr auto kRays = static_cast<std::size_t>(kPixels * kFine);
-  alignas(32) float u[kRays + kRayPadding], v[kRays + kRayPadding], width_u[kRays + kRayPadding],
-      width_v[kRays + kRayPadding], fine[3][kRays];
-  int columns[kPixels], n = 0;
-  const auto finish = [&] {
-    const auto rays = static_cast<std::size_t>(n * kFine);
-    for (float* row : {u, v, width_u, width_v}) std::fill_n(row + rays, kRayPadding, row[rays - 1]);
-    std::array<Eigen::AlignedBox2f, kRays / kRayTile> tiles;
-    for (std::size_t i = 0; i < rays; ++i) tiles[i / kRayTile].extend(Eigen::Vector2f(u[i], v[i]));
-    draw_rays(*frame, {u, v, width_u, width_v, n * kFine, tiles.data()}, static_cast<int>(channels),
-              {fine[0], channels > 1 ? fine[1] : nullptr, channels > 1 ? fine[2] : nullptr}, nullptr);
-    for (std::size_t c = 0; c < channels; ++c)
-      for (int k = 0; k < n; ++k) {
-        float sum = 0;
-        for (int i = 0; i < kFine; ++i) sum += fine[c][k * kFine + i];
-        light[c][at(columns[k], y)] = sum / kFine;
-      }
-    n = 0;
-  };
-  thread_local std::vector<std::int32_t> edges;
-  edges.resize(static_cast<std::size_t>(x1 - x0));
+  thread_local std::vector<std::int32_t> edge;
+  thread_local std::vector<int> columns;
+  edge.assign(static_cast<std::size_t>((x1 - x0 + kSkip - 1) / kSkip * kSkip), 0);
   const std::int32_t* here = met_at(x0, y);
   mark_edges(here, y > 0 ? met_at(x0, y - 1) : here,
-             y + 1 < options.camera.height_px ? met_at(x0, y + 1) : here, x1 - x0, edges.data());
-  for (int x = x0; x < x1; ++x) {
-    if (edges[static_cast<std::size_t>(x - x0)] == 0 || !lens.lit(x, y)) continue;
-    const int first = n * kFine;
-    lens.fine(x, y, u + first, v + first, width_u + first, width_v + first);
-    columns[n++] = x;
-    if (n == kPixels) finish();
+             y + 1 < options.camera.height_px ? met_at(x0, y + 1) : here, x1 - x0, edge.data());
+  columns.clear();
+  for (int x = x0; x < x1; x += kSkip) {
+    const std::int32_t* mark = edge.data() + (x - x0);
+    if (!any_edge(mark)) continue;
+    for (int k = 0; k < kSkip; ++k)
+      if (mark[k] != 0 && lens.lit(x + k, y)) columns.push_back(x + k);
   }
-  if (n > 0) finish();
+  alignas(32) float u[kRays + kRayPadding], v[kRays + kRayPadding], width_u[kRays + kRayPadding],
+      width_v[kRays + kRayPadding], fine[3][kRays];
+  for (std::size_t first = 0; first < columns.size(); first += kPixels) {
+    const std::span<const int> pixels(columns.data() + first,
+                                      std::min<std::size_t>(kPixels, columns.size() - first));
+    std::array<Eigen::AlignedBox2f, kRays / kRayTile> tiles;
+    std::size_t rays = 0;
+    for (const int x : pixels) {
+      lens.fine(x, y, u + rays, v + rays, width_u + rays, width_v + rays, tiles[rays / kRayTile]);
+      rays += kFine;
+    }
+    for (float* row : {u, v, width_u, width_v}) std::fill_n(row + rays, kRayPadding, row[rays - 1]);
+    draw_rays(*frame, {u, v, width_u, width_v, static_cast<int>(rays), tiles.data()},
+              static_cast<int>(channels),
+              {fine[0], channels > 1 ? fine[1] : nullptr, channels > 1 ? fine[2] : nullptr});
+    for (std::size_t c = 0; c < channels; ++c) {
+      const float* ray = fine[c];
+      for (const int x : pixels) {
+        float sum = 0;
+        for (int i = 0; i < kFine; ++i) sum += *ray++;
+        light[c][at(x, y)] = sum / kFine;
+      }
+    }
+  }
 }
 
 Status SceneRenderer::Impl::check(const PictureRequest& q, const world::WorldSnapshot& snapshot) const {

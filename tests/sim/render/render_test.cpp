@@ -56,9 +56,9 @@ TEST_F(Rendering, PixelsThatTheLensDoesNotImageStayDark) {
   EXPECT_GT(at16(pixels, 320, 160, 200), 200);
 }
 
-// The whole way from the light to the digital number, over again in double with the same draws. The
-// float's mean errs by 1e-6 of itself, so a step of Poisson or
-// rounding may fall the other way: at most one DN per electron step K, and seldom.
+// The whole way from the light to the digital number, over again in double with the same draws. The float's
+// mean errs by 1e-6 of itself, so a step of Poisson or rounding may fall the other way: at most one DN per
+// electron step K, and seldom.
 TEST_F(Rendering, SensorFollowsTheModelInDouble) {
   CameraSpec c = spec();
   c.model.lens = barrel();
