@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """Semi-global matching in four cases: simple scene and forest, with ideal cameras and with the cameras' error models.
 
-usage: tools/stereo_cases.py [--rigor build/release/rigor] [-o report/stereo-cases] [--pictures docs/images]
+usage: tools/stereo_cases.py [--qualities] [--rigor build/release/rigor] [-o report/stereo-cases] [--pictures docs/images]
 
 Runs configs/rigs/stereo.yaml and stereo-forest.yaml twice each, and prints the tables of docs/stereo.md. Each case has its folder
-with result.json and a picture of each view; --pictures copies that of one view of each case.
+with result.json and a picture of each view; --pictures copies that of one view of each case. With --qualities the cases are instead
+those of the forest by the renderer rays: quick, better, and 64 samples a pixel.
 """
 import argparse
 import json
@@ -20,6 +21,17 @@ CASES = [("simple-ideal", "simple scene, ideal cameras", "stereo.yaml", IDEAL, 3
          ("simple-real", "simple scene, error models", "stereo.yaml", [], 3),
          ("forest-ideal", "forest, ideal cameras", "stereo-forest.yaml", IDEAL, 0),
          ("forest-real", "forest, error models", "stereo-forest.yaml", [], 0)]
+
+
+def rays(quality):
+    return [f"channels.{side}.{key}" for side in ("left", "right") for key in ("renderer=rays", f"quality={{ {quality} }}")]
+
+
+QUALITIES = [("quick", "forest, 1 sample, 16 at the sky's edges", "stereo-forest.yaml", rays("samples_per_pixel: 1, sky_samples: 16"), 0),
+             ("better", "forest, 4 samples, 16 more where uneven, 64 at the sky's edges", "stereo-forest.yaml",
+              rays("samples_per_pixel: 4, uneven_samples: 16, sky_samples: 64"), 0),
+             ("reference", "forest, 64 samples, 64 at the sky's edges", "stereo-forest.yaml",
+              rays("samples_per_pixel: 64, sky_samples: 64"), 0)]
 
 
 def percent(x):
@@ -42,9 +54,11 @@ def main():
     p.add_argument("-o", "--output", type=pathlib.Path, default=pathlib.Path("report/stereo-cases"))
     p.add_argument("--pictures", type=pathlib.Path)
     p.add_argument("--tables-only", action="store_true", help="of results that are there already")
+    p.add_argument("--qualities", action="store_true", help="qualities of the renderer rays in place of the four cases")
     args = p.parse_args()
     results = {}
-    for key, name, rig, settings, view in CASES:
+    cases = QUALITIES if args.qualities else CASES
+    for key, name, rig, settings, view in cases:
         folder = args.output / key
         command = [str(args.rigor), "run", str(ROOT / "configs/rigs" / rig), "--json"]
         for s in settings + [f"application.output={folder}"]:
@@ -56,14 +70,14 @@ def main():
         if args.pictures:
             shutil.copy(folder / f"view-{view:03}.png", args.pictures / f"stereo-{key}.png")
     print("| | " + HEAD)
-    for key, name, *_ in CASES:
+    for key, name, *_ in cases:
         print(row(name, results[key]["all"]))
     print("\n| | density | of it where nothing is |\n|---|---|---|")
-    for key, name, *_ in CASES:
+    for key, name, *_ in cases:
         e = results[key]
         print(f"| {name} | {percent(e['density'])} | {percent(e['invented'])} of {percent(e['empty'])} |")
     print("\n| depth | " + HEAD)
-    for key, name, *_ in CASES:
+    for key, name, *_ in cases:
         for e in results[key]["by_depth"]:
             to = f"{e['from_m']:.0f}–{e['to_m']:.0f} m" if "to_m" in e else f"over {e['from_m']:.0f} m"
             print(row(f"{to}, {name} ({e['judged_px']} px)", e))
