@@ -23,8 +23,8 @@ namespace {
 
 using namespace calibration;
 constexpr double kDegree = M_PI / 180;
-/// By how much the corners of all pictures may be pulled outwards alike, as by a focal length that is not quite
-/// the sensor model's. In simulated pictures it is some thousandths of a pixel.
+/// By how much the corners of all pictures may be pulled outwards alike, as by a focal length that is not
+/// quite the sensor model's. In simulated pictures it is some thousandths of a pixel.
 constexpr double kCornersAlike_px = 0.02;
 
 /// A board as the camera saw it at an instant.

@@ -12,9 +12,11 @@
 #include <array>
 #include <list>
 #include <mutex>
+#include <string_view>
 #include <thread>
 
 #include "drivers/aravis/gige_registers.h"
+#include "drivers/aravis/u3v_registers.h"
 #include "rt-core/device_text.h"
 
 #include <arv.h>
@@ -36,6 +38,18 @@ GInetAddress* inet_address(const std::string& text) { return g_inet_address_new_
 std::int64_t ticks_to_ns(std::uint64_t ticks, std::uint64_t frequency) {
   const std::uint64_t whole = ticks / frequency, rest = ticks % frequency;
   return static_cast<std::int64_t>(whole * 1'000'000'000 + rest * 1'000'000'000 / frequency);
+}
+
+/// Of Aravis' complaints, that about a stream whose thread is not there when it is destroyed is left out.
+void ignore_that_there_is_no_thread() {
+  static const guint handler = g_log_set_handler(
+      nullptr, G_LOG_LEVEL_CRITICAL,
+      [](const gchar* domain, GLogLevelFlags level, const gchar* message, gpointer) {
+        if (std::string_view(message).find("priv->thread != NULL") == std::string_view::npos)
+          g_log_default_handler(domain, level, message, nullptr);
+      },
+      nullptr);
+  (void)handler;
 }
 
 #if ARAVIS_HAS_USB
@@ -213,6 +227,13 @@ Status CameraSession::open_stream(const AravisSettings& s, const std::string& na
     p.sched_priority = priority;
     (void)pthread_setschedparam(pthread_self(), SCHED_FIFO, &p);  // not allowed: runs as any other thread
   };
+  if (arv_camera_is_uv_device(camera_) != FALSE) {
+    // Aravis 0.8.26 divides by what it read from the camera, without asking whether the read succeeded.
+    guint64 technology_registers = 0;
+    arv_device_read_memory(arv_camera_get_device(camera_), u3v::reg::kSbrmAddress,
+                           sizeof technology_registers, &technology_registers, e.out());
+    if (e) return e.as_error(name, "reading where the camera's USB3 Vision registers are");
+  }
   stream_ = arv_camera_create_stream(camera_, callback, this, e.out());
   if (stream_ == nullptr) return e.as_error(name, "opening the camera's stream");
   receiving_ = true;
@@ -243,8 +264,12 @@ void CameraSession::close_stream() {
   receiving_ = false;
   arv_stream_stop_thread(stream_, TRUE);
   // Aravis 0.8.26 ends its thread once more when the stream is destroyed, and complains where there is none.
-  // So there is one, without a buffer that it could write to.
-  arv_stream_start_thread(stream_);
+  // So there is one, without a buffer that it could write to. Not of a USB camera: starting it divides by
+  // what was read from the camera, which is anything where the camera has gone.
+  if (arv_camera_is_uv_device(camera_) != FALSE)
+    ignore_that_there_is_no_thread();
+  else
+    arv_stream_start_thread(stream_);
 }
 
 Result<LatchPair> CameraSession::latch() {

@@ -225,9 +225,9 @@ bool CloudChange::normal_at(std::size_t i, double (&n)[3]) const noexcept {
       const double most = kOffLine * options_.sigma_m;
       if (&l != &p && &u != &p) return off_line_m(l, p, u) <= most;
       const bool up = &l == &p;
-      const Point *middle = up ? above : below, *end = up ? &u : &l;
-      if (middle == &p) middle = end, end = ring(up ? 2 : -2);
-      return end ? off_line_m(p, *middle, *end) <= most : options_.rings < 3;
+      const Point *middle = up ? above : below, *last = up ? &u : &l;
+      if (middle == &p) middle = last, last = ring(up ? 2 : -2);
+      return last ? off_line_m(p, *middle, *last) <= most : options_.rings < 3;
     };
     for (std::size_t m = 1; m <= kMostNeighbours; ++m) {
       const Point *lower = ring(-static_cast<std::ptrdiff_t>(m)),
