@@ -39,8 +39,8 @@ class LensRays {
   /// Whether the lens images a ray there; the row has a ray (0, 0) where it does not.
   [[nodiscard]] bool lit(int x_px, int y_px) const;
   [[nodiscard]] bool all_lit() const { return dark_.empty(); }
-  /// Where in a pixel the rays of a finer average go, in pixels from its centre: one in each of eight columns
-  /// and rows, so that an edge along either is cut into eighths.
+  /// Rays of a pixel's finer average: one in each of eight columns and rows of the pixel, so that an edge
+  /// along either is cut into eighths.
   static constexpr int kFine = 8;
   /// Writes kFine rays of a lit pixel to the four arrays, and extends a box by them.
   void fine(int x_px, int y_px, float* u, float* v, float* width_u, float* width_v,

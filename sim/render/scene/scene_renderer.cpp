@@ -27,6 +27,21 @@ void for_rows(int first, int end, const F& body) {
   });
 }
 
+/// Most pixels are not at an edge: so many at a time are passed over.
+constexpr int kSkip = 16;
+inline bool any_edge(const std::int32_t* marks) {
+  std::int32_t any = 0;
+  for (int k = 0; k < kSkip; ++k) any |= marks[k];
+  return any != 0;
+}
+
+/// Whether a pixel has a neighbour that met something else: those beside it are at -1 and +1 of `here`.
+RIGOR_WIDE void mark_edges(const std::int32_t* here, const std::int32_t* above, const std::int32_t* below,
+                           int count, std::int32_t* __restrict edge) {
+  for (int x = 0; x < count; ++x)
+    edge[x] = (here[x] ^ here[x - 1]) | (here[x] ^ here[x + 1]) | (here[x] ^ above[x]) | (here[x] ^ below[x]);
+}
+
 }  // namespace
 
 struct SceneRenderer::Impl {
@@ -37,7 +52,7 @@ struct SceneRenderer::Impl {
   std::optional<SceneFrame> frame;
   std::size_t channels = 1;
   std::array<std::vector<float>, 3> light;  ///< of each pixel of the sensor
-  /// What each pixel's ray met, as draw_rays has it; the outermost columns stand twice.
+  /// What each pixel's ray met, as draw_row has it; the outermost columns stand twice.
   std::vector<std::int32_t> met;
 
   [[nodiscard]] Status check(const PictureRequest& request, const world::WorldSnapshot& snapshot) const;
@@ -63,21 +78,6 @@ void SceneRenderer::Impl::draw_row(int y, int x0, int x1) {
   for (int x = x0; x < x1; ++x)
     if (!lens.lit(x, y))
       for (std::size_t c = 0; c < channels; ++c) light[c][at(x, y)] = 0;
-}
-
-/// Most pixels are not at an edge: so many at a time are passed over.
-constexpr int kSkip = 16;
-inline bool any_edge(const std::int32_t* marks) {
-  std::int32_t any = 0;
-  for (int k = 0; k < kSkip; ++k) any |= marks[k];
-  return any != 0;
-}
-
-/// Whether a pixel has a neighbour that met something else: those beside it are at -1 and +1 of `here`.
-RIGOR_WIDE void mark_edges(const std::int32_t* here, const std::int32_t* above, const std::int32_t* below,
-                           int count, std::int32_t* __restrict edge) {
-  for (int x = 0; x < count; ++x)
-    edge[x] = (here[x] ^ here[x - 1]) | (here[x] ^ here[x + 1]) | (here[x] ^ above[x]) | (here[x] ^ below[x]);
 }
 
 /// Several rays for the pixels beside which something else is met.
