@@ -404,15 +404,16 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vec
   constexpr auto kNone = std::numeric_limits<std::size_t>::max();
   std::array<std::size_t, kChunk> at;  // of the point's path in `out`
   std::size_t next = again.empty() ? out.size() : 0;
-  for (unsigned k = 0; k < 2 * paths && n_ > 0; ++k) {
-    const bool behind = k % 2 == 1;
+  for (unsigned k = 0; k < paths && n_ > 0; ++k) {
     paths_ = 0;
     for (unsigned i = 0; i < n_; ++i) {
       Point& p = points_[i];
       p.light = Bands4{};
       open_[i] = 0;
       at[i] = kNone;
-      if (behind && !p.patch.translucent) continue;
+      // One path for each side of a leaf: many leaves share the cell that they lie in.
+      if (p.patch.translucent && k >= 2) continue;
+      const bool behind = p.patch.translucent && k == 1;
       const std::size_t place = next++;
       if (!again.empty() && again[place] == 0) continue;
       at[i] = place;

@@ -13,12 +13,12 @@ constexpr double kEyeCell_m = 1;
 /// Rays of a sector: one chunk, on a grid.
 constexpr int kSectorSide = 8;
 static_assert(kSectorSide * kSectorSide == kChunk);
-/// Paths of a gathering point on each side that is lit.
+/// Paths of a gathering point; of a leaf, one on each side.
 constexpr unsigned kPathsOfAPoint = 4;
 /// One ray of a sector gathers for so many pixels, about.
 constexpr float kPixelsOfARay = 32;
 /// Side of a cell in which gathered light is shared: so many pixels.
-constexpr float kCell_px = 48;
+constexpr float kCell_px = 64;
 /// Sectors along a face of the cube: powers of two between these.
 constexpr int kFewest = 8, kMost = 32;
 /// Angle between neighbouring pixels where the query does not say.

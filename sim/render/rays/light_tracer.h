@@ -10,7 +10,7 @@
 //   leaves let through goes on as diffuse light: it is seen on the leaf that is lit from behind, and
 //   elsewhere through `sky_rays` with `bounces`.
 // - Without sky rays, what the surroundings send is gathered at one in 32 points and shared with those near
-//   them, so that shade has no detail finer than about thirty pixels; mirrors show the sky alone, as bright
+//   them, so that shade has no detail finer than about forty pixels; mirrors show the sky alone, as bright
 //   as that says. Without `gather`, all of the sky and of the ground lights a surface, whatever stands around
 //   it.
 // - Lamps throw shadows (in the view engine they do not) and light directly: their light is not followed
