@@ -1,13 +1,14 @@
 // What a simulated camera costs, effect by effect, and how wrong the fast picture is.
 //
 //   bench_camera [--rounds N] [--json FILE] [--place NAME] [--renderer rays]
-//               [--part effects|knobs|stereo|together|small]
+//               [--part effects|stereo|together|small]
 //
 // 640x480 pixels, two worlds, both engines. `RMS` is that of the picture on the sensor's surface (before
 // noise) against brute force: the engine of rays with 32 samples a pixel over area, aperture and exposure,
-// relative to the mean radiance. Then a stereo pair, and stereo pair, time-of-flight camera and 2D scanner
-// together, one after the other. `small`, only where it is asked for, is the demo's camera in its small
-// scene, 480x360 pixels, while the turntable turns.
+// relative to the mean radiance; in the forest for no effect and for all of them. How far light itself is
+// from the truth is bench_light's question. Then a stereo pair, and stereo pair, time-of-flight camera and 2D
+// scanner together, one after the other. `small`, only where it is asked for, is the demo's camera in its
+// small scene, 480x360 pixels, while the turntable turns.
 #include "benches/sensor_bench.h"
 #include "sensor-hal/models/camera_yaml.h"
 #include "sensor-hal/models/lidar/lidar_yaml.h"
@@ -81,8 +82,8 @@ class Bench {
     out_["machine"] = machine(engines_.device);
     out_["about"] = {
         "640x480 pixels. RMS is that of the radiance on the sensor's surface against the engine of rays with "
-        "32 samples a",
-        "pixel, relative to the mean. The time is that of the whole picture, from the content to the bytes."};
+        "32 samples a pixel,",
+        "relative to the mean. The time is that of the whole picture, from the content to the bytes."};
   }
   nlohmann::json& out() { return out_; }
 
@@ -92,7 +93,6 @@ class Bench {
     const auto wanted = [&](const char* part) { return part_.empty() || part_ == part; };
     if (wanted("effects"))
       for (const Effect& e : kEffects) effect(world, place, e);
-    if (wanted("knobs")) knobs(world, place);
     if (wanted("stereo")) stereo(world, place);
     if (wanted("together")) together(world, place);
   }
@@ -167,86 +167,35 @@ class Bench {
     if (error) run["rms"] = *error;
     out_["runs"].push_back(run);
   }
-  static OpticsOptions by_rays(int samples, int sky_rays = 0, int step = 1) {
+  static OpticsOptions by_rays(int samples, int step = 1) {
     OpticsOptions o;
     o.samples_per_pixel = samples;
-    o.sky_rays = sky_rays;
     o.pixel_step = step;
     return o;
   }
 
   void effect(StandingWorld& world, const Place& place, const Effect& e) {
+    const bool all = e.set == all_effects, none = std::string_view(e.name) == "none";
+    const bool indoors = std::string_view(place.name) == "indoor";
+    const bool judged = e.optics && (indoors || all || none);
     std::optional<OpticsPicture> reference;
-    if (e.optics) reference = shoot(world, e, CameraEngine::rays, by_rays(kReferenceSamples), 0).picture;
-    const auto error = [&](const Shot& s) {
-      return reference ? std::optional(rms(s.picture, *reference)) : std::nullopt;
-    };
-    const auto by = [&](const std::string& label, const OpticsOptions& o) {
-      const Shot s = shoot(world, e, CameraEngine::rays, o, rounds_);
-      report(place, e.name, "rays", label, s.times, error(s));
+    if (judged) reference = shoot(world, e, CameraEngine::rays, by_rays(kReferenceSamples), 0).picture;
+    const auto by = [&](const std::string& label, const OpticsOptions& o,
+                        CameraEngine engine = CameraEngine::rays) {
+      const Shot s = shoot(world, e, engine, o, rounds_);
+      report(place, e.name, engine == CameraEngine::rays ? "rays" : "raster", label, s.times,
+             reference ? std::optional(rms(s.picture, *reference)) : std::nullopt);
     };
     by("1 sample", by_rays(1));
-    if (e.optics) by("4 samples", by_rays(4));
-    const bool all = e.set == all_effects;
-    if (all || std::string_view(e.name) == "none") by("1 sample, every 2nd pixel", by_rays(1, 0, 2));
+    if (judged) by("4 samples", by_rays(4));
+    if (all || none) by("1 sample, every 2nd pixel", by_rays(1, 2));
     if (all || std::string_view(e.name) == "chromatic aberration") {
       OpticsOptions o = by_rays(1);
       o.trace_colours = true;
       by("1 sample, colours traced", o);
     }
-    if (!engines_.device || engine_ == "rays") return;
-    // Seconds a picture in the forest: the two ends will do.
-    const bool outdoors = std::string_view(place.name) != "indoor";
-    if (outdoors && std::string_view(e.name) != "none" && e.set != all_effects) return;
-    const Shot s = shoot(world, e, CameraEngine::vulkan, {}, std::min(rounds_, outdoors ? 1 : 3));
-    report(place, e.name, "raster", "", s.times, error(s));
-  }
-  /// What the knobs of an ideal picture buy.
-  void knobs(StandingWorld& world, const Place& place) {
-    const Effect& ideal = kEffects[0];
-    const auto reference = shoot(world, ideal, CameraEngine::rays, by_rays(kReferenceSamples), 0).picture;
-    for (const int samples : {1, 2, 4, 8})
-      for (const int sky : {0, 1}) {
-        if (sky > 0 && samples > 2) continue;
-        const Shot s = shoot(world, ideal, CameraEngine::rays, by_rays(samples, sky), std::min(rounds_, 5));
-        report(place, "knobs", "rays",
-               std::to_string(samples) + " samples, " + std::to_string(sky) + " sky rays", s.times,
-               rms(s.picture, reference));
-      }
-    for (const int step : {2, 3})
-      for (const int samples : {1, 4}) {
-        const Shot s = shoot(world, ideal, CameraEngine::rays, by_rays(samples, 0, step), rounds_);
-        report(place, "knobs", "rays",
-               std::to_string(samples) + " samples, every " + (step == 2 ? "2nd" : "3rd") + " pixel", s.times,
-               rms(s.picture, reference));
-      }
-    for (const double allowed_px : {2.0, 4.0}) {
-      OpticsOptions o = by_rays(1);
-      o.allowed_error_px = allowed_px;
-      const Shot s = shoot(world, ideal, CameraEngine::rays, o, rounds_);
-      char label[64];
-      std::snprintf(label, sizeof label, "1 sample, %.0f px allowed", allowed_px);
-      report(place, "knobs", "rays", label, s.times, rms(s.picture, reference));
-    }
-    {
-      OpticsOptions o = by_rays(1);
-      o.shadows = false;
-      const Shot s = shoot(world, ideal, CameraEngine::rays, o, std::min(rounds_, 5));
-      report(place, "knobs", "rays", "1 sample, no shadows", s.times, rms(s.picture, reference));
-    }
-    if (!engines_.device || engine_ == "rays") return;
-    const bool outdoors = std::string_view(place.name) != "indoor";
-    for (const double allowed_px : {0.3, 1.0, 3.0})
-      for (const bool shadows : {true, false}) {
-        if (outdoors && allowed_px != 1.0) continue;  // seconds a picture
-        OpticsOptions o;
-        o.allowed_error_px = allowed_px;
-        o.shadows = shadows;
-        const Shot s = shoot(world, ideal, CameraEngine::vulkan, o, std::min(rounds_, 1));
-        char label[64];
-        std::snprintf(label, sizeof label, "%.1f px allowed%s", allowed_px, shadows ? "" : ", no shadows");
-        report(place, "knobs", "raster", label, s.times, rms(s.picture, reference));
-      }
+    // In the forest it takes seconds a picture.
+    if (engines_.device && engine_ != "rays" && judged && (indoors || none)) by("", {}, CameraEngine::vulkan);
   }
   struct Pair {
     std::unique_ptr<StereoCamera> cameras;
@@ -261,7 +210,7 @@ class Bench {
     SimulatedCameraSpec left{.name = "left",
                              .model = model(kEffects[std::size(kEffects) - 1]),
                              .engine = CameraEngine::rays,
-                             .optics = by_rays(1, 0, step)};
+                             .optics = by_rays(1, step)};
     SimulatedCameraSpec right = left;
     right.name = "right";
     Pair p{need(StereoCamera::create(left, right, engines_)), {}, {}};

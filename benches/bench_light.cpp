@@ -108,10 +108,15 @@ class Bench {
       optics.sky_samples = c.sky;
       optics.pixel_step = c.step;
       optics.sky_rays = c.sky_rays;
-      quick(world, place, name, need(make_rays_optics(camera(), optics, cache_)), o_.rounds);
+      std::string knobs = std::to_string(c.samples) + (c.samples > 1 ? " samples" : " sample");
+      if (c.uneven > 0) knobs += ", " + std::to_string(c.uneven) + " more where uneven";
+      if (c.sky > 0) knobs += ", " + std::to_string(c.sky) + " at the sky's edges";
+      if (c.step > 1) knobs += ", every 2nd pixel";
+      if (c.sky_rays > 0) knobs += ", " + std::to_string(c.sky_rays) + " sky ray";
+      quick(world, place, name, "rays", knobs, need(make_rays_optics(camera(), optics, cache_)), o_.rounds);
     }
     if (device_ && (o_.only.empty() || o_.only == "raster"))
-      quick(world, place, "raster", need(make_vulkan_optics(camera(), {}, device_)), 1);
+      quick(world, place, "raster", "raster", "", need(make_vulkan_optics(camera(), {}, device_)), 1);
   }
 
  private:
@@ -159,8 +164,8 @@ class Bench {
           {{"place", place.name}, {"pass", pass}, {"seconds", ms_since(begun) / 1e3}});
     }
   }
-  void quick(StandingWorld& world, const Place& place, const std::string& name,
-             const std::unique_ptr<CameraOpticsPicture>& optics, int rounds) {
+  void quick(StandingWorld& world, const Place& place, const std::string& name, const char* renderer,
+             const std::string& knobs, const std::unique_ptr<CameraOpticsPicture>& optics, int rounds) {
     OpticsPicture picture;
     OpticsRequest request;
     for (const double shift_px : {0.0, kShift_px}) {
@@ -190,6 +195,8 @@ class Bench {
                   name.c_str(), t.quantile(0.5), t.cpu(), first - again);
       out_["runs"].push_back({{"place", place.name},
                               {"name", name},
+                              {"renderer", renderer},
+                              {"knobs", knobs},
                               {"p50_ms", t.quantile(0.5)},
                               {"cpu_ms", t.cpu()},
                               {"new_place_cpu_ms", first - again}});

@@ -5,7 +5,7 @@
 // that whatever the machine does to one it does to all. The executive serves 16 channels: each is a ring that
 // a device thread fills at 100 Hz, a and a port. A second part measures what 64 quiet channels cost.
 //
-//   bench_loop [--seconds 60] [--block 1] [--json FILE]
+//   bench_loop [--seconds 20] [--block 1] [--json FILE]
 #include <pthread.h>
 #include <sys/resource.h>
 
@@ -174,7 +174,7 @@ std::string json_row(const char* name, const Totals& t) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  double total_s = 60, block_s = 1;
+  double total_s = 20, block_s = 1;
   std::string json_path;
   for (int i = 1; i < argc; ++i) {
     const std::string option = argv[i];
@@ -190,7 +190,7 @@ int main(int argc, char** argv) {
     } else if (option == "--json") {
       json_path = value();
     } else {
-      std::fprintf(stderr, "usage: %s [--seconds 60] [--block 1] [--json FILE]\n", argv[0]);
+      std::fprintf(stderr, "usage: %s [--seconds 20] [--block 1] [--json FILE]\n", argv[0]);
       return option == "--help" ? 0 : 2;
     }
   }

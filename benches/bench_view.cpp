@@ -44,7 +44,7 @@ struct Options {
   std::string world = RIGOR_SOURCE_DIR "/configs/worlds/forest.import.yaml";
   std::size_t trees = 100000;
   double eye_north_m = -75, error_px = 1;
-  int width_px = 640, height_px = 480, rounds = 3;
+  int width_px = 640, height_px = 480, rounds = 1;
   std::string json;
 };
 

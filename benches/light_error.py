@@ -178,6 +178,36 @@ def side_by_side(file, reference, quick):
     png(file, row.repeat(3, axis=0).repeat(3, axis=1))
 
 
+def places_of(references):
+    return [p for p in ("indoor", "forest") if list(references.glob(f"{p}-reference-*.npy")) or (references / f"{p}.npz").is_file()]
+
+
+def measure(references, quick, runs, pictures=None):
+    """Rows of all places that were drawn, of each first that of the reference itself: dictionaries."""
+    times = {(r["place"], r["name"]): r for r in runs if "place" in r}
+    out = []
+    for place in places_of(references):
+        known = stored(references, place)
+        (reference, error), (reference_turned, error_turned) = known[""], known["-turned"]
+        mean = float(reference.mean())
+        files = [f for f in sorted(quick.glob(f"{place}-*.npy")) if not f.stem.endswith("-turned") and "-reference-" not in f.stem]
+        # In the order in which they were drawn.
+        order = [name for p, name in times if p == place]
+        files.sort(key=lambda f: order.index(f.stem.removeprefix(place + "-")) if f.stem.removeprefix(place + "-") in order else len(order))
+        if files:
+            out.append({"place": place, "name": "reference", "mean": mean, "rms": error / mean, "rms_8x8": error / mean / 8,
+                        "flicker": float(np.hypot(error, error_turned) / mean)})
+        for file in files:
+            name = file.stem.removeprefix(place + "-")
+            picture = np.load(file).astype(float)
+            turned = np.load(file.with_name(file.stem + "-turned.npy")).astype(float)
+            out.append({"place": place, **times.get((place, name), {}), "name": name,
+                        **errors_of(picture, reference, turned, reference_turned)})
+            if pictures:
+                side_by_side(pictures / f"{place}-{name}.png", reference, picture)
+    return out
+
+
 def self_test():
     rng = np.random.default_rng(1)
     a = rng.uniform(0.2, 0.8, (48, 64, 4))
@@ -205,7 +235,7 @@ def main():
     parser.add_argument("--pictures", type=Path)
     parser.add_argument("--json", type=Path)
     o = parser.parse_args()
-    places = [p for p in ("indoor", "forest") if list(o.references.glob(f"{p}-reference-*.npy")) or (o.references / f"{p}.npz").is_file()]
+    places = places_of(o.references)
     if not places:
         sys.exit(f"light_error: {o.references} has no reference: bench_light --out {o.references} --reference 4")
     if o.store:
@@ -214,32 +244,21 @@ def main():
         return 0
     if not o.quick:
         sys.exit("light_error: expected a folder of quick pictures (bench_light --out DIR), or --store DIR")
-    times = {(r["place"], r["name"]): r for r in error_files.runs_of(o.quick)}
-    out = []
+    if o.pictures:
+        o.pictures.mkdir(parents=True, exist_ok=True)
+    out = measure(o.references, o.quick, error_files.runs_of(o.quick), o.pictures)
     for place in places:
-        known = stored(o.references, place)
-        (reference, error), (reference_turned, error_turned) = known[""], known["-turned"]
-        mean = reference.mean()
-        print(f"\n{place}: mean radiance {mean:.3f} W/(m2 sr)")
-        print(f"  {'':18} {'cpu ms':>8} " + " ".join(f"{'bias ' + b:>12}" for b in BANDS) + f" {'rms':>8} {'rms 8x8':>8} {'flip':>7} {'flicker':>8}")
-        own = {"place": place, "name": "reference", "rms": error / mean, "rms_8x8": error / mean / 8,
-               "flicker": float(np.hypot(error, error_turned) / mean)}
-        out.append(own)
-        print(f"  {'reference itself':18} {'':8} " + " " * (13 * len(BANDS) - 1) + f" {own['rms']:8.4f} {own['rms_8x8']:8.4f} {'':7} {own['flicker']:8.4f}")
-        for file in sorted(o.quick.glob(f"{place}-*.npy")):
-            if file.stem.endswith("-turned") or "-reference-" in file.stem:
-                continue
-            name = file.stem.removeprefix(place + "-")
-            quick = np.load(file).astype(float)
-            turned = np.load(file.with_name(file.stem + "-turned.npy")).astype(float)
-            e = errors_of(quick, reference, turned, reference_turned)
-            cpu = times.get((place, name), {}).get("cpu_ms")
-            out.append({"place": place, "name": name, "cpu_ms": cpu, **e})
-            print(f"  {name:18} {'-' if cpu is None else round(cpu):>8} " + " ".join(f"{e['bias'][b]:>+12.1%}" for b in BANDS) +
-                  f" {e['rms']:8.4f} {e['rms_8x8']:8.4f} {e['flip']:7.4f} {e['flicker']:8.4f}")
-            if o.pictures:
-                o.pictures.mkdir(parents=True, exist_ok=True)
-                side_by_side(o.pictures / f"{place}-{name}.png", reference, quick)
+        rows = [r for r in out if r["place"] == place]
+        if not rows:
+            continue
+        print(f"\n{place}: mean radiance {rows[0]['mean']:.3f} W/(m2 sr)")
+        print(f"  {'':24} {'cpu ms':>8} " + " ".join(f"{'bias ' + b:>12}" for b in BANDS) + f" {'rms':>8} {'rms 8x8':>8} {'flip':>7} {'flicker':>8}")
+        for r in rows:
+            own = r["name"] == "reference"
+            cpu = "" if own else "-" if r.get("cpu_ms") is None else round(r["cpu_ms"])
+            bias = " " * (13 * len(BANDS) - 1) if own else " ".join(f"{r['bias'][b]:>+12.1%}" for b in BANDS)
+            flip_error = f"{'':7}" if own else f"{r['flip']:7.4f}"
+            print(f"  {'reference itself' if own else r['name']:24} {cpu:>8} {bias} {r['rms']:8.4f} {r['rms_8x8']:8.4f} {flip_error} {r['flicker']:8.4f}")
     if o.json:
         o.json.write_text(json.dumps(out, indent=1) + "\n")
     return 0

@@ -24,6 +24,7 @@ The reference joins the rays of its passes. Its own error is that of one pass ag
 """
 import argparse
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -147,6 +148,35 @@ def print_table(sensor, rows, markdown):
     print("\n".join(lines))
 
 
+def places_of(references):
+    return [(p, s) for p in PLACES for s in SENSORS
+            if (references / f"{p}-{s}.npz").is_file() or (references / f"{p}-{s}-reference.npy").is_file()]
+
+
+def measure(references, quick, runs, pictures=None):
+    """Rows of all places and sensors that were measured, of each first that of the reference itself: dictionaries."""
+    times = {(r["world"], r["sensor"], file_name(r)): r for r in runs}
+    out = []
+    for place, sensor in places_of(references):
+        stem = f"{place}-{sensor}"
+        quick_of = {n: np.load(quick / f"{stem}-{n}.npy").astype(float)
+                    for p, s, n in times if (p, s) == (place, sensor) and (quick / f"{stem}-{n}.npy").is_file()}
+        if not quick_of:
+            continue
+        reference, own = reference_of(references, stem, sensor)
+        has = np.isfinite(reference[..., 0])
+        about = (f"{has.size} {'pixels' if is_tof(sensor) else 'beams'}, {1 - has.mean():.1%} without return" +
+                 ("" if is_tof(sensor) else f", {reference[..., 2].mean():.3f} echoes a beam"))
+        out.append({"place": place, "sensor": sensor, "name": "reference", "about": about, "cpu_ms": None, **own})
+        for name, values in quick_of.items():
+            run = times[place, sensor, name]
+            out.append({"place": place, "sensor": sensor, "name": name, "label": f"{run['renderer']}, {run['knobs']}", **run,
+                        **errors_of(sensor, values, reference)})
+        if pictures and is_tof(sensor):
+            side_by_side(pictures / f"range-{stem}.png", sensor, reference, quick_of)
+    return out
+
+
 def range_colours(reference, unambiguous_m):
     """Near is bright; without range: blue."""
     range_m = reference[..., 0]
@@ -164,21 +194,14 @@ def error_colours(quick, reference, unambiguous_m):
     return np.where(one[..., None], 0, np.where(none[..., None], [200, 200, 200], colours))
 
 
-def pictures(folder, stem, sensor, reference, rows, quick_of):
-    folder.mkdir(parents=True, exist_ok=True)
-    if is_tof(sensor):
-        shown = [range_colours(reference, UNAMBIGUOUS_M[sensor])]
-        shown += [error_colours(quick_of[r["name"]], reference, UNAMBIGUOUS_M[sensor])
-                  for r in rows if r["name"].removesuffix("-four-instants") in ("rays-1-samples-in-full", "rays-4-samples-in-full", "rays-16-samples-in-full")]
-        gap = np.full((reference.shape[0], 2, 3), 255.0)
-        row = np.concatenate([part for picture in shown for part in (picture, gap)][:-1], axis=1)
-        error_files.png(folder / f"range-{stem}.png", row.repeat(3, axis=0).repeat(3, axis=1))
-        return
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tools"))
-    from make_speed_and_error import plot
-    for key, title in (("ks", "KS distance of ranges"), ("outliers", "share of ranges beyond 0.2 m")):
-        points = [{"x": r["cpu_ms"], "y": r[key], "renderer": r["renderer"], "label": r["label"]} for r in rows if r.get("cpu_ms")]
-        plot(folder / f"range-{stem}-{key}.svg", stem, points, "CPU of a scan [ms]", title)
+def side_by_side(file, sensor, reference, quick_of):
+    """Of a time-of-flight camera: the reference's ranges, and the errors in full with 1, 4 and 16 samples."""
+    shown = [range_colours(reference, UNAMBIGUOUS_M[sensor])]
+    shown += [error_colours(quick, reference, UNAMBIGUOUS_M[sensor]) for name, quick in quick_of.items()
+              if re.fullmatch(r"rays-(1|4|16)-samples-in-full(-four-instants)?", name)]
+    gap = np.full((reference.shape[0], 2, 3), 255.0)
+    row = np.concatenate([part for picture in shown for part in (picture, gap)][:-1], axis=1)
+    error_files.png(file, row.repeat(3, axis=0).repeat(3, axis=1))
 
 
 def self_test():
@@ -225,8 +248,7 @@ def main():
     parser.add_argument("--json", type=Path)
     parser.add_argument("--markdown", action="store_true")
     o = parser.parse_args()
-    known = [(p, s) for p in PLACES for s in SENSORS
-             if (o.references / f"{p}-{s}.npz").is_file() or (o.references / f"{p}-{s}-reference.npy").is_file()]
+    known = places_of(o.references)
     if not known:
         sys.exit(f"range_error: {o.references} has no reference: bench_range --out {o.references} --reference 2")
     if o.store:
@@ -235,27 +257,14 @@ def main():
         return 0
     if not o.quick:
         sys.exit("range_error: expected a folder of quick measurements (bench_range --out DIR), or --store DIR")
-    times = {(r["world"], r["sensor"], file_name(r)): r for r in error_files.runs_of(o.quick)}
-    out = []
+    if o.pictures:
+        o.pictures.mkdir(parents=True, exist_ok=True)
+    out = measure(o.references, o.quick, error_files.runs_of(o.quick), o.pictures)
     for place, sensor in known:
-        stem = f"{place}-{sensor}"
-        reference, own = reference_of(o.references, stem, sensor)
-        names = [n for p, s, n in times if (p, s) == (place, sensor) and (o.quick / f"{stem}-{n}.npy").is_file()]
-        if not names:
-            continue
-        quick_of = {n: np.load(o.quick / f"{stem}-{n}.npy").astype(float) for n in names}
-        rows = [{"name": "reference", "cpu_ms": None, **own}]
-        for name in names:
-            run = times[place, sensor, name]
-            rows.append({"name": name, "label": f"{run['renderer']}, {run['knobs']}", "renderer": run["renderer"], "cpu_ms": run["cpu_ms"],
-                         **errors_of(sensor, quick_of[name], reference)})
-        has = np.isfinite(reference[..., 0])
-        print(f"\n{place}, {sensor}: {has.size} {'pixels' if is_tof(sensor) else 'beams'}, {1 - has.mean():.1%} without return"
-              + ("" if is_tof(sensor) else f", {reference[..., 2].mean():.3f} echoes a beam") + "\n")
-        print_table(sensor, rows, o.markdown)
-        out += [{"place": place, "sensor": sensor, **r} for r in rows]
-        if o.pictures:
-            pictures(o.pictures, stem, sensor, reference, rows, quick_of)
+        rows = [r for r in out if (r["place"], r["sensor"]) == (place, sensor)]
+        if rows:
+            print(f"\n{place}, {sensor}: {rows[0]['about']}\n")
+            print_table(sensor, rows, o.markdown)
     if o.json:
         o.json.write_text(json.dumps(out, indent=1) + "\n")
     return 0

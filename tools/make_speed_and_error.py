@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""docs/speed-and-error.md from what bench_range and bench_camera measured on this machine.
+"""docs/speed-and-error.md from what bench_range, bench_light and bench_camera measured on this machine.
 
-usage: tools/make_speed_and_error.py build/release/benches/bench_range.json build/release/benches/bench_camera.json
+usage: tools/make_speed_and_error.py [build/release/benches]
 
-Each run of a bench has a time and an error against the reference; the plots show one point a run; named and on the
-line are those that no other run beats in both.
+The folder has bench_NAME.json of the three, and what bench_range and bench_light measured, as NPY files in range/ and light/. Errors are
+against the references in benches/range_references and benches/light_references.
 """
 import json
 import math
@@ -13,159 +13,92 @@ import sys
 import textwrap
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-COLOURS = {"rays": "#c2410c", "raster": "#1d4ed8"}
+sys.path.insert(0, str(ROOT / "benches"))
+import light_error  # noqa: E402
+import range_error  # noqa: E402
+from pareto_plot import plot  # noqa: E402
 
-
-def ticks(low, high):
-    """Powers of ten and what lies between, on a logarithmic axis."""
-    out = []
-    for e in range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1):
-        for m in (1, 2, 5):
-            v = m * 10.0**e
-            if low <= v <= high:
-                out.append(v)
-    return out
-
-
-def front(points):
-    """Points that no other beats in both coordinates, from fast to exact."""
-    best, out = math.inf, []
-    for p in sorted(points, key=lambda p: (p["x"], p["y"])):
-        if p["y"] < best:
-            best = p["y"]
-            out.append(p)
-    return out
-
-
-def plot(path, title, points, x_name, y_name):
-    points = [p for p in points if p["x"] > 0 and math.isfinite(p["y"])]
-    if not points:
-        return False
-    floor = min([p["y"] for p in points if p["y"] > 0] or [1e-4]) / 2
-    for p in points:
-        p["y"] = max(p["y"], floor)
-    width, height, left, bottom, top, right = 640, 360, 70, 46, 34, 16
-    x0, x1 = min(p["x"] for p in points) / 1.4, max(p["x"] for p in points) * 1.6
-    y0, y1 = min(p["y"] for p in points) / 1.5, max(p["y"] for p in points) * 1.5
-
-    def sx(x):
-        return left + (width - left - right) * math.log(x / x0) / math.log(x1 / x0)
-
-    def sy(y):
-        return height - bottom - (height - bottom - top) * math.log(y / y0) / math.log(y1 / y0)
-
-    s = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="11">',
-        f'<rect width="{width}" height="{height}" fill="white"/><text x="{left}" y="18" font-size="13">{title}</text>',
-    ]
-    for v in ticks(x0, x1):
-        s.append(f'<path d="M{sx(v):.1f} {top}V{height - bottom}" stroke="#e5e7eb"/>')
-        s.append(f'<text x="{sx(v):.1f}" y="{height - bottom + 14}" text-anchor="middle">{v:g}</text>')
-    for v in ticks(y0, y1):
-        s.append(f'<path d="M{left} {sy(v):.1f}H{width - right}" stroke="#e5e7eb"/>')
-        s.append(f'<text x="{left - 6}" y="{sy(v) + 4:.1f}" text-anchor="end">{v:g}</text>')
-    s.append(f'<text x="{(left + width - right) / 2}" y="{height - 8}" text-anchor="middle">{x_name}</text>')
-    s.append(
-        f'<text transform="translate(14 {(top + height - bottom) / 2}) rotate(-90)" text-anchor="middle">{y_name}</text>'
-    )
-    best = front(points)
-    line = " ".join(f'{sx(p["x"]):.1f},{sy(p["y"]):.1f}' for p in best)
-    for i, (engine, colour) in enumerate(COLOURS.items()):
-        s.append(f'<circle cx="{width - 150 + 70 * i}" cy="14" r="4" fill="{colour}"/>')
-        s.append(f'<text x="{width - 142 + 70 * i}" y="18" fill="{colour}">{engine}</text>')
-    s.append(f'<polyline points="{line}" fill="none" stroke="#6b7280" stroke-dasharray="4 3"/>')
-    taken = []
-    for p in points:
-        x, y = sx(p["x"]), sy(p["y"])
-        colour = COLOURS.get(p["renderer"], "#374151")
-        s.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{colour}"><title>{p["label"]}</title></circle>')
-        if p not in best:
-            continue
-        ty = y - 6
-        while any(abs(ty - b) < 11 and abs(x - a) < 150 for a, b in taken):
-            ty -= 11
-        taken.append((x, ty))
-        anchor, dx = ("end", -6) if x > width - 150 else ("start", 6)
-        s.append(f'<text x="{x + dx:.1f}" y="{ty:.1f}" text-anchor="{anchor}" fill="{colour}">{p["label"]}</text>')
-    s.append("</svg>\n")
-    path.write_text("\n".join(s))
-    return True
+IMAGES = ROOT / "docs" / "images"
+RANGE_PLOTS = {"lidar": [("outliers", "outliers", "share of ranges beyond 0.2 m"), ("ks", "ks", "KS distance of ranges")],
+               "tof": [("rms", "rms_m", "range RMS [m]")]}
 
 
 def number(v, digits=3):
-    return "–" if v is None or not math.isfinite(v) else f"{v:.{digits}g}"
+    if v is None or not math.isfinite(v):
+        return "–"
+    return f"{v:.0f}" if abs(v) >= 10**digits else f"{v:.{digits}g}"
+
+
+def minus(text):
+    return text.replace("-", "−") if text.startswith("-") else text
 
 
 def table(head, rows):
     out = ["| " + " | ".join(head) + " |", "|" + "|".join(["---"] + ["---:"] * (len(head) - 1)) + "|"]
     out += ["| " + " | ".join(r) + " |" for r in rows]
+    return out + [""]
+
+
+def pictured(name, title, rows, key, y_name):
+    """Lines that show a plot of time and error, where there is one."""
+    points = [{"x": r["p50_ms"], "y": r[key], "renderer": r["renderer"], "label": f'{r["renderer"]} {r["knobs"]}'.strip()}
+              for r in rows if r["name"] != "reference"]
+    file = f"speed-{name}.svg".replace(" ", "-")
+    return [f"![{title}](images/{file})", ""] if plot(IMAGES / file, title, points, "time p50 [ms]", y_name) else []
+
+
+def range_part(rows):
+    out = []
+    for place, sensor in dict.fromkeys((r["place"], r["sensor"]) for r in rows):
+        runs = [r for r in rows if (r["place"], r["sensor"]) == (place, sensor)]
+        kind = "tof" if range_error.is_tof(sensor) else "lidar"
+        out += [f"### {sensor}, {place}", "", runs[0]["about"] + ".", ""]
+        for suffix, key, y_name in RANGE_PLOTS[kind]:
+            out += pictured(f"{sensor}-{place}-{suffix}", f"{sensor}, {place}", runs, key, y_name)
+        columns = range_error.COLUMNS[kind]
+        lines = []
+        for r in runs:
+            own = r["name"] == "reference"
+            lines.append(["reference itself" if own else r["label"]] +
+                         (["", "", "", ""] if own else [number(r["p50_ms"]), number(r["p99_ms"]), number(r["cpu_ms"]), number(r["times_bare"])]) +
+                         [minus(f"{r[key] * scale:{form.lstrip('+') if own else form}}") for key, scale, _, form in columns])
+        out += table(["renderer, knobs", "p50 ms", "p99 ms", "CPU ms", "× bare"] + [c[2] for c in columns], lines)
     return out
 
 
-def range_part(bench, images):
+def light_part(rows):
     out = []
-    for world in dict.fromkeys(r["world"] for r in bench["runs"]):
-        for sensor in dict.fromkeys(r["sensor"] for r in bench["runs"] if r["world"] == world):
-            runs = [r for r in bench["runs"] if r["world"] == world and r["sensor"] == sensor]
-            out += [f"### {sensor}, {world}", ""]
-            name = f"speed-{sensor}-{world}.svg".replace(" ", "-")
-            points = [
-                {"x": r["p50_ms"], "y": r["range_rmse_m"], "renderer": r["renderer"], "label": f'{r["renderer"]} {r["knobs"]}'}
-                for r in runs
-            ]
-            if plot(images / name, f"{sensor}, {world}", points, "time p50 [ms]", "range RMSE [m]"):
-                out += [f"![{sensor}, {world}](images/{name})", ""]
-            rows = []
-            for r in runs:
-                rows.append([
-                    f'{r["renderer"]}, {r["knobs"]}',
-                    number(r["p50_ms"]),
-                    number(r["p99_ms"]),
-                    number(r.get("cpu_ms", math.nan)),
-                    number(r.get("times_bare")),
-                    number(1000 * r["range_rmse_m"]),
-                    number(100 * r["outlier_rate"]),
-                    number(100 * r["missed_rate"]),
-                    number(100 * r["false_rate"]),
-                    number(100 * r["remission_error"]),
-                ])
-            out += table(
-                ["engine, knobs", "p50 ms", "p99 ms", "CPU ms", "× bare", "range RMSE mm", "outliers %", "missed %", "false %",
-                 "remission error %"], rows)
-            out.append("")
+    for place in dict.fromkeys(r["place"] for r in rows):
+        runs = [r for r in rows if r["place"] == place]
+        out += [f"### Light, {place}", "", f"Mean radiance {runs[0]['mean']:.3f} W/(m² sr).", ""]
+        out += pictured(f"light-{place}", f"light, {place}", runs, "rms", "RMS of radiance, relative to the mean")
+        lines = []
+        for r in runs:
+            own = r["name"] == "reference"
+            lines.append(["reference itself" if own else ", ".join(filter(None, [r["renderer"], r["knobs"]]))] +
+                         (["", "", ""] if own else [number(r["p50_ms"]), number(r["cpu_ms"]), number(r["new_place_cpu_ms"])]) +
+                         ([""] * 4 if own else [minus(f"{r['bias'][b]:+.1%}") for b in light_error.BANDS]) +
+                         [f"{r['rms']:.3f}", f"{r['rms_8x8']:.3f}", "" if own else f"{r['flip']:.3f}", f"{r['flicker']:.3f}"])
+        out += table(["renderer, knobs", "p50 ms", "CPU ms", "more in a new place"] + [f"bias {b}" for b in light_error.BANDS] +
+                     ["RMS", "RMS 8x8", "FLIP", "flicker"], lines)
     return out
 
 
-def camera_part(bench, images):
+def camera_part(bench):
     out = []
     for world in dict.fromkeys(r["world"] for r in bench["runs"]):
-        rows = [[r["question"], f'{r["renderer"]} {r["knobs"]}'.strip(), number(r["p50_ms"]), number(r["p99_ms"]),
-                 number(r.get("cpu_ms", math.nan)), number(r.get("rms"))] for r in bench["runs"] if r["world"] == world and r["question"] != "knobs"]
-        out += [f"### Effects, {world}", "", *table(["effect alone", "renderer", "p50 ms", "p99 ms", "CPU ms", "RMS"], rows), ""]
-    for group in dict.fromkeys((r["world"], r["question"]) for r in bench["runs"] if r["question"] == "knobs"):
-        runs = [r for r in bench["runs"] if (r["world"], r["question"]) == group]
-        out += [f"### {group[1].capitalize()}, {group[0]}", ""]
-        name = f"speed-camera-{group[1]}-{group[0]}.svg".replace(" ", "-").replace(",", "")
-        points = [
-            {"x": r["p50_ms"], "y": r["rms"], "renderer": r["renderer"], "label": f'{r["renderer"]} {r["knobs"]}'}
-            for r in runs if r.get("rms") is not None
-        ]
-        if group[1] == "knobs" and plot(images / name, f"{group[1]}, {group[0]}", points, "time p50 [ms]",
-                                    "RMS of radiance, relative to the mean"):
-            out += [f"![{group[1]}, {group[0]}](images/{name})", ""]
-        rows = [[f'{r["renderer"]}, {r["knobs"]}', number(r["p50_ms"]), number(r["p99_ms"]),
-                 number(r.get("cpu_ms", math.nan)), number(r.get("rms"))] for r in runs]
-        out += table(["engine, knobs", "p50 ms", "p99 ms", "CPU ms", "RMS"], rows)
-        out.append("")
+        rows = [[r["question"], f'{r["renderer"]} {r["knobs"]}'.strip(), number(r["p50_ms"]), number(r["p99_ms"]), number(r["cpu_ms"]),
+                 number(r["rms"])] for r in bench["runs"] if r["world"] == world]
+        out += [f"### Effects, {world}", "", *table(["effect alone", "renderer", "p50 ms", "p99 ms", "CPU ms", "RMS"], rows)]
     return out
 
 
 def main():
-    if len(sys.argv) != 3:
+    if len(sys.argv) > 2:
         sys.exit(__doc__)
-    ranges, cameras = (json.loads(pathlib.Path(p).read_text()) for p in sys.argv[1:])
-    images = ROOT / "docs" / "images"
-    for old in images.glob("speed-*.svg"):
+    folder = pathlib.Path(sys.argv[1]) if len(sys.argv) == 2 else ROOT / "build/release/benches"
+    ranges, light, cameras = (json.loads((folder / f"bench_{name}.json").read_text()) for name in ("range", "light", "camera"))
+    for old in IMAGES.glob("speed-*.svg"):
         old.unlink()
     text = [
         "# Speed and error",
@@ -176,19 +109,26 @@ def main():
         f"- processor: {ranges['machine']['cpu']}, {ranges['machine']['threads']} threads",
         f"- Vulkan device: {ranges['machine']['vulkan']}",
         "",
-        "CPU is that of all threads together, median.",
+        "CPU is that of all threads together, median. The eye stands still, as do the worlds; [what a driving rig costs](range-error.md#a-rig-that-drives)",
+        "is more. In plots the runs that no other beats in both time and error have a name.",
         "",
         "## LiDAR and time of flight",
         "",
-        *textwrap.wrap(" ".join(ranges["about"]), 120),
-        "[Errors against references by a thousand rays](range-error.md) have a page of their own.",
+        "Against [references by a thousand rays](range-error.md), without the devices' own errors. `× bare` is CPU over that of Embree alone for one ray",
+        "a beam or pixel with the same test of leaves.",
         "",
-        *range_part(ranges, images),
-        "## Cameras",
+        *range_part(range_error.measure(ROOT / "benches/range_references", folder / "range", ranges["runs"])),
+        "## Light of pictures",
+        "",
+        "640x480 pixels, a window of 160x120 of them against [a path-traced reference](light-error.md). *More in a new place*: CPU of the first picture",
+        "from another cube of 1 m, less that of the second.",
+        "",
+        *light_part(light_error.measure(ROOT / "benches/light_references", folder / "light", light["runs"])),
+        "## Effects of cameras",
         "",
         *textwrap.wrap(" ".join(cameras["about"]), 120),
         "",
-        *camera_part(cameras, images),
+        *camera_part(cameras),
     ]
     (ROOT / "docs" / "speed-and-error.md").write_text("\n".join(text).rstrip() + "\n")
     print("docs/speed-and-error.md")
