@@ -1,7 +1,7 @@
 // The recorder beside a loop: two 1280x1024 cameras at 30 Hz and ten channels at 1 kHz, for a minute, without
 // a drop.
 //
-//   bench_record_load [--seconds 60] [--dir FOLDER] [--compression none|lz4|zstd] [--sync SECONDS]
+//   bench_record_load [--seconds 30] [--dir FOLDER] [--compression none|lz4|zstd] [--sync SECONDS]
 //                     [--budget PICTURES] [--json FILE]
 //
 // A 1 kHz loop records what a rig would: samples as they come, what each port showed, a command every 10 ms.
@@ -51,7 +51,7 @@ void stamp(Sample& s, std::uint64_t sequence, BenchTime t) {
 
 int main(int argc, char** argv) {
   std::string folder = ".", json_path, compression = "lz4";
-  double duration_s = 60, sync_s = 1;
+  double duration_s = 30, sync_s = 1;
   std::size_t budget = 32;
   for (int i = 1; i < argc; ++i) {
     const std::string option = argv[i];
