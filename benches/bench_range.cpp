@@ -113,7 +113,7 @@ class Bench {
     for (const int rays : tof ? std::vector<int>{1, 4, 16} : std::vector<int>{1, 5, 13})
       for (const double error : {0.0, 0.004})
         all.push_back(
-            {std::to_string(rays) + (tof ? " samples" : " sub-rays") +
+            {std::to_string(rays) + (tof ? " sample" : " sub-ray") + (rays > 1 ? "s" : "") +
                  (error > 0 ? ", " + std::to_string(static_cast<int>(1000 * error)) + " mrad" : ", in full"),
              false, rays, error});
     if (!tof)
@@ -122,15 +122,16 @@ class Bench {
                        .rays = few,
                        .most_rays = most});
     if (tof) {
-      all.push_back({"1 samples, in full, four instants", false, 1, 0, 0, true});
-      all.push_back({"1 samples, 4 mrad, four instants", false, 1, 0.004, 0, true});
+      all.push_back({"1 sample, in full, four instants", false, 1, 0, 0, true});
+      all.push_back({"1 sample, 4 mrad, four instants", false, 1, 0.004, 0, true});
       all.push_back({"4 samples, in full, four instants", false, 4, 0, 0, true});
       all.push_back({"4 samples, 4 mrad, four instants", false, 4, 0.004, 0, true});
     }
     if (device_ && engine_ != "rays")
       for (const int rays : tof ? std::vector<int>{1, 4} : std::vector<int>{1, 5})
-        all.push_back({std::to_string(rays) + (tof ? " samples" : " sub-rays") + ", 500 px/rad", true, rays,
-                       1.0 / 500, 500});
+        all.push_back(
+            {std::to_string(rays) + (tof ? " sample" : " sub-ray") + (rays > 1 ? "s" : "") + ", 500 px/rad",
+             true, rays, 1.0 / 500, 500});
     std::erase_if(all, [&](const Knobs& k) { return k.label.find(files_.knobs) == std::string::npos; });
     return all;
   }

@@ -32,7 +32,7 @@ def plot(path, title, points, x_name, y_name):
     floor = min([p["y"] for p in points if p["y"] > 0] or [1e-4]) / 2
     for p in points:
         p["y"] = max(p["y"], floor)
-    width, height, left, bottom, top, right = 640, 360, 70, 46, 34, 16
+    width, height, left, bottom, top, right = 760, 360, 70, 46, 34, 16
     x0, x1 = min(p["x"] for p in points) / 1.4, max(p["x"] for p in points) * 1.6
     y0, y1 = min(p["y"] for p in points) / 1.5, max(p["y"] for p in points) * 1.5
 
@@ -62,19 +62,24 @@ def plot(path, title, points, x_name, y_name):
         s.append(f'<circle cx="{width - 150 + 70 * i}" cy="14" r="4" fill="{colour}"/>')
         s.append(f'<text x="{width - 142 + 70 * i}" y="18" fill="{colour}">{engine}</text>')
     s.append(f'<polyline points="{line}" fill="none" stroke="#6b7280" stroke-dasharray="4 3"/>')
-    taken = []
     for p in points:
-        x, y = sx(p["x"]), sy(p["y"])
         colour = COLOURS.get(p["renderer"], "#374151")
-        s.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{colour}"><title>{p["label"]}</title></circle>')
-        if p not in best:
-            continue
-        ty = y - 6
-        while any(abs(ty - b) < 11 and abs(x - a) < 150 for a, b in taken):
-            ty -= 11
-        taken.append((x, ty))
-        anchor, dx = ("end", -6) if x > width - 150 else ("start", 6)
-        s.append(f'<text x="{x + dx:.1f}" y="{ty:.1f}" text-anchor="{anchor}" fill="{colour}">{p["label"]}</text>')
+        s.append(f'<circle cx="{sx(p["x"]):.1f}" cy="{sy(p["y"]):.1f}" r="4" fill="{colour}"><title>{p["label"]}</title></circle>')
+    taken = [(sx(p["x"]) - 4, sy(p["y"]) - 4, sx(p["x"]) + 4, sy(p["y"]) + 4) for p in points]
+
+    def covered(box):
+        outside = box[0] < left or box[2] > width - 2 or box[1] < top or box[3] > height - bottom
+        return 100 * outside + sum(box[0] < t[2] and t[0] < box[2] and box[1] < t[3] and t[1] < box[3] for t in taken)
+
+    for p in best:
+        x, y, long = sx(p["x"]), sy(p["y"]), 6.3 * len(p["label"])
+        # Beside the point, above or below it: where it covers least.
+        places = [(x + 6 if side > 0 else x - 6 - long, y + shift, side) for shift in (-4, 12, -16, 24, -28) for side in (1, -1)]
+        tx, ty, side = min(places, key=lambda at: covered((at[0], at[1] - 9, at[0] + long, at[1] + 2)))
+        taken.append((tx, ty - 9, tx + long, ty + 2))
+        colour = COLOURS.get(p["renderer"], "#374151")
+        anchor = f'x="{x + 6:.1f}"' if side > 0 else f'x="{x - 6:.1f}" text-anchor="end"'
+        s.append(f'<text {anchor} y="{ty:.1f}" fill="{colour}">{p["label"]}</text>')
     s.append("</svg>\n")
     path.write_text("\n".join(s))
     return True

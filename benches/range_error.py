@@ -165,7 +165,7 @@ def measure(references, quick, runs, pictures=None):
             continue
         reference, own = reference_of(references, stem, sensor)
         has = np.isfinite(reference[..., 0])
-        about = (f"{has.size} {'pixels' if is_tof(sensor) else 'beams'}, {1 - has.mean():.1%} without return" +
+        about = (f"{has.size} {'pixels' if is_tof(sensor) else 'beams'}, {100 * (1 - has.mean()):.1f} % without return" +
                  ("" if is_tof(sensor) else f", {reference[..., 2].mean():.3f} echoes a beam"))
         out.append({"place": place, "sensor": sensor, "name": "reference", "about": about, "cpu_ms": None, **own})
         for name, values in quick_of.items():
@@ -198,7 +198,7 @@ def side_by_side(file, sensor, reference, quick_of):
     """Of a time-of-flight camera: the reference's ranges, and the errors in full with 1, 4 and 16 samples."""
     shown = [range_colours(reference, UNAMBIGUOUS_M[sensor])]
     shown += [error_colours(quick, reference, UNAMBIGUOUS_M[sensor]) for name, quick in quick_of.items()
-              if re.fullmatch(r"rays-(1|4|16)-samples-in-full(-four-instants)?", name)]
+              if re.fullmatch(r"rays-(1|4|16)-samples?-in-full(-four-instants)?", name)]
     gap = np.full((reference.shape[0], 2, 3), 255.0)
     row = np.concatenate([part for picture in shown for part in (picture, gap)][:-1], axis=1)
     error_files.png(file, row.repeat(3, axis=0).repeat(3, axis=1))

@@ -29,8 +29,9 @@ def number(v, digits=3):
     return f"{v:.0f}" if abs(v) >= 10**digits else f"{v:.{digits}g}"
 
 
-def minus(text):
-    return text.replace("-", "−") if text.startswith("-") else text
+def signed(text):
+    """With a true minus, and zero without a sign."""
+    return text[1:] if text[0] in "+-" and not text.strip("+-0.%") else text.replace("-", "−")
 
 
 def table(head, rows):
@@ -41,7 +42,7 @@ def table(head, rows):
 
 def pictured(name, title, rows, key, y_name):
     """Lines that show a plot of time and error, where there is one."""
-    points = [{"x": r["p50_ms"], "y": r[key], "renderer": r["renderer"], "label": f'{r["renderer"]} {r["knobs"]}'.strip()}
+    points = [{"x": r["p50_ms"], "y": r[key], "renderer": r["renderer"], "label": r["knobs"] or r["renderer"]}
               for r in rows if r["name"] != "reference"]
     file = f"speed-{name}.svg".replace(" ", "-")
     return [f"![{title}](images/{file})", ""] if plot(IMAGES / file, title, points, "time p50 [ms]", y_name) else []
@@ -61,7 +62,7 @@ def range_part(rows):
             own = r["name"] == "reference"
             lines.append(["reference itself" if own else r["label"]] +
                          (["", "", "", ""] if own else [number(r["p50_ms"]), number(r["p99_ms"]), number(r["cpu_ms"]), number(r["times_bare"])]) +
-                         [minus(f"{r[key] * scale:{form.lstrip('+') if own else form}}") for key, scale, _, form in columns])
+                         [signed(f"{r[key] * scale:{form.lstrip('+') if own else form}}") for key, scale, _, form in columns])
         out += table(["renderer, knobs", "p50 ms", "p99 ms", "CPU ms", "× bare"] + [c[2] for c in columns], lines)
     return out
 
@@ -76,8 +77,8 @@ def light_part(rows):
         for r in runs:
             own = r["name"] == "reference"
             lines.append(["reference itself" if own else ", ".join(filter(None, [r["renderer"], r["knobs"]]))] +
-                         (["", "", ""] if own else [number(r["p50_ms"]), number(r["cpu_ms"]), number(r["new_place_cpu_ms"])]) +
-                         ([""] * 4 if own else [minus(f"{r['bias'][b]:+.1%}") for b in light_error.BANDS]) +
+                         (["", "", ""] if own else [number(r["p50_ms"]), number(r["cpu_ms"]), "–" if r["new_place_cpu_ms"] is None else f"{r['new_place_cpu_ms']:.0f}"]) +
+                         ([""] * 4 if own else [signed(f"{r['bias'][b]:+.1%}") for b in light_error.BANDS]) +
                          [f"{r['rms']:.3f}", f"{r['rms_8x8']:.3f}", "" if own else f"{r['flip']:.3f}", f"{r['flicker']:.3f}"])
         out += table(["renderer, knobs", "p50 ms", "CPU ms", "more in a new place"] + [f"bias {b}" for b in light_error.BANDS] +
                      ["RMS", "RMS 8x8", "FLIP", "flicker"], lines)
