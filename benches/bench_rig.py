@@ -73,7 +73,7 @@ def main():
     t, wall_s, bench_s = best["times"], best["times"]["wall_s"], best["duration_s"]
     steady_s = wall_s - short["times"]["wall_s"]
     steady_bench_s = bench_s - short["duration_s"]
-    print(f"{best['rig']}, {best['engine']}, {len(cpus)} CPUs; load of the machine before: {load:.1f}")
+    print(f"{best['rig']}, {best['renderer']}, {len(cpus)} CPUs; load of the machine before: {load:.1f}")
     print(f"{bench_s:.1f} s of bench time in {wall_s:.2f} s ({bench_s / wall_s:.3f} of real time; "
           f"all {args.runs}: {', '.join('%.2f' % r['times']['wall_s'] for r in runs)} s), "
           f"steady {steady_bench_s / steady_s:.3f}; {t['cpu_s']:.1f} s of CPU time, {t['cpu_s'] / wall_s:.2f} CPUs; "

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Errors of quick pictures against a path-traced reference (bench_light): table, JSON and pictures side by side.
 
-    build/release/benches/bench_light --out refs --reference 4          # once: minutes to an hour
+    build/release/benches/bench_light --out refs --reference 4          # once: ten minutes
     build/release/benches/bench_light --out quick --json quick/times.json
     python3 benches/light_error.py refs --store benches/light_references # once: their means, as small files
     python3 benches/light_error.py benches/light_references quick [--pictures DIR] [--json FILE]
