@@ -1,5 +1,5 @@
-// The recorder beside a loop: two 1280x1024 cameras at 30 Hz and ten channels at 1 kHz, for a minute, without
-// a drop.
+// The recorder beside a loop: two 1280x1024 cameras at 30 Hz and ten channels at 1 kHz, for half a minute,
+// without a drop.
 //
 //   bench_record_load [--seconds 30] [--dir FOLDER] [--compression none|lz4|zstd] [--sync SECONDS]
 //                     [--budget PICTURES] [--json FILE]
