@@ -169,7 +169,7 @@ class Bench {
   }
   static OpticsOptions by_rays(int samples, int step = 1) {
     OpticsOptions o;
-    o.samples_per_pixel = samples;
+    o.samples = PixelSamples::only(samples);
     o.pixel_step = step;
     return o;
   }
@@ -187,6 +187,7 @@ class Bench {
              reference ? std::optional(rms(s.picture, *reference)) : std::nullopt);
     };
     by("1 sample", by_rays(1));
+    if (judged) by("as by default", {});
     if (judged) by("4 samples", by_rays(4));
     if (all || none) by("1 sample, every 2nd pixel", by_rays(1, 2));
     if (all || std::string_view(e.name) == "chromatic aberration") {

@@ -89,28 +89,26 @@ class Bench {
     }
     struct Choice {
       const char* name;
-      int samples, uneven, sky, step, sky_rays;
+      PixelSamples samples;
+      int step, sky_rays;
     };
     for (const Choice& c :
-         {Choice{"rays-1", 1, 0, 0, 1, 0}, Choice{"rays-1-sky-16", 1, 0, 16, 1, 0},
-          Choice{"rays-1-uneven-4", 1, 4, 0, 1, 0}, Choice{"rays-1-uneven-4-sky-16", 1, 4, 16, 1, 0},
-          Choice{"rays-1-uneven-16", 1, 16, 0, 1, 0}, Choice{"rays-1-uneven-16-sky-16", 1, 16, 16, 1, 0},
-          Choice{"rays-4", 4, 0, 0, 1, 0}, Choice{"rays-4-uneven-16", 4, 16, 0, 1, 0},
-          Choice{"rays-4-uneven-16-sky-64", 4, 16, 64, 1, 0}, Choice{"rays-16", 16, 0, 0, 1, 0},
-          Choice{"rays-1-every-2nd", 1, 0, 0, 2, 0}, Choice{"rays-1-every-2nd-uneven-4", 1, 4, 0, 2, 0},
-          Choice{"rays-1-every-2nd-sky-16", 1, 0, 16, 2, 0}, Choice{"rays-1-sky-rays-1", 1, 0, 0, 1, 1},
-          Choice{"rays-4-sky-rays-1", 4, 0, 0, 1, 1}}) {
+         {Choice{"rays-1", {1, 0, 0}, 1, 0}, Choice{"rays-1-sky-16", {1, 0, 16}, 1, 0},
+          Choice{"rays-1-uneven-7", {1, 7, 0}, 1, 0}, Choice{"rays-1-uneven-7-sky-16", {1, 7, 16}, 1, 0},
+          Choice{"rays-1-uneven-15-sky-16", {1, 15, 16}, 1, 0}, Choice{"rays-4", {4, 0, 0}, 1, 0},
+          Choice{"rays-4-uneven-15-sky-64", {4, 15, 64}, 1, 0}, Choice{"rays-16", {16, 0, 0}, 1, 0},
+          Choice{"rays-1-every-2nd", {1, 0, 0}, 2, 0}, Choice{"rays-1-every-2nd-sky-16", {1, 0, 16}, 2, 0},
+          Choice{"rays-1-every-2nd-uneven-7-sky-16", {1, 7, 16}, 2, 0},
+          Choice{"rays-1-sky-rays-1", {1, 0, 0}, 1, 1}, Choice{"rays-4-sky-rays-1", {4, 0, 0}, 1, 1}}) {
       const std::string name = c.name;
       if (!o_.only.empty() && o_.only != name) continue;
       OpticsOptions optics;
-      optics.samples_per_pixel = c.samples;
-      optics.uneven_samples = c.uneven;
-      optics.sky_samples = c.sky;
+      optics.samples = c.samples;
       optics.pixel_step = c.step;
       optics.sky_rays = c.sky_rays;
-      std::string knobs = std::to_string(c.samples) + (c.samples > 1 ? " samples" : " sample");
-      if (c.uneven > 0) knobs += ", " + std::to_string(c.uneven) + " more where uneven";
-      if (c.sky > 0) knobs += ", " + std::to_string(c.sky) + " at the sky's edges";
+      std::string knobs = std::to_string(c.samples.every) + (c.samples.every > 1 ? " samples" : " sample");
+      if (c.samples.uneven > 0) knobs += ", " + std::to_string(c.samples.uneven) + " more where uneven";
+      if (c.samples.sky > 0) knobs += ", " + std::to_string(c.samples.sky) + " at the sky's edges";
       if (c.step > 1) knobs += ", every 2nd pixel";
       if (c.sky_rays > 0) knobs += ", " + std::to_string(c.sky_rays) + " sky ray";
       quick(world, place, name, "rays", knobs, need(make_rays_optics(camera(), optics, cache_)), o_.rounds);

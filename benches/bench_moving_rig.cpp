@@ -15,6 +15,7 @@
 #include "bench/sensing/engine_choice.h"
 #include "bench/sensing/mount.h"
 #include "bench/sensing/sensor_world.h"
+#include "bench/sensing/sensors.h"
 #include "benches/sensor_bench.h"
 #include "sensor-hal/models/camera_yaml.h"
 #include "sensor-hal/models/lidar/lidar_yaml.h"
@@ -281,9 +282,8 @@ class MovingRig {
     s.phase = Duration(static_cast<std::int64_t>(1e3 * params.number_or("phase_us", 0)));
     const auto file = params.base_dir() / params.text("sensor");
     const EngineChoice choice = read_engine_choice(params, channel.kind);
-    if (choice.engine != "rays")
-      give_up(channel.name + ": expected renderer: rays, got " +
-              (choice.engine.empty() ? "none" : choice.engine));
+    if (!choice.engine.empty() && choice.engine != "rays")
+      give_up(channel.name + ": expected renderer: rays, got " + choice.engine);
     s.mount = read_mount(params, *world_,
                          channel.kind == SampleKind::point_cloud ? SensorAxes::forward : SensorAxes::optical);
     if (channel.kind == SampleKind::image)
@@ -296,14 +296,7 @@ class MovingRig {
                   const ConfigNode& params) {
     SimulatedCameraSpec spec{.name = s.name, .model = sensor.model, .seed = rig_.seed};
     spec.engine = CameraEngine::rays;
-    if (choice.samples_per_pixel > 0) spec.optics.samples_per_pixel = choice.samples_per_pixel;
-    if (choice.pixel_step > 0) spec.optics.pixel_step = choice.pixel_step;
-    spec.optics.sky_rays = choice.sky_rays;
-    spec.optics.uneven_samples = choice.uneven_samples;
-    spec.optics.sky_samples = choice.sky_samples;
-    if (choice.instants > 0) spec.optics.instants = choice.instants;
-    if (choice.allowed_error_rad > 0)
-      spec.optics.allowed_error_px = choice.allowed_error_rad * sensor.model.fx_px;
+    spec.optics = optics_of(choice, sensor.model);
     if (!light_profile_) {
       light_profile_ = s.profile;
       light_->engine->set_profile(light_profile_);

@@ -10,8 +10,12 @@ void read_quality(ConfigNode n, EngineChoice& c) {
   c.sub_rays = static_cast<int>(n.integer_or("sub_rays", 0, {.min = 1, .max = 4096}));
   c.samples_per_pixel = static_cast<int>(n.integer_or("samples_per_pixel", 0, {.min = 1, .max = 4096}));
   c.pixel_step = static_cast<int>(n.integer_or("pixel_step", 0, {.min = 1, .max = 8}));
-  c.uneven_samples = static_cast<int>(n.integer_or("uneven_samples", 0, {.min = 0, .max = 4096}));
-  c.sky_samples = static_cast<int>(n.integer_or("sky_samples", 0, {.min = 0, .max = 4096}));
+  const auto more = [&](const char* key) -> std::optional<int> {
+    if (!n.has(key)) return std::nullopt;
+    return static_cast<int>(n.integer_or(key, 0, {.min = 0, .max = 4096}));
+  };
+  c.uneven_samples = more("uneven_samples");
+  c.sky_samples = more("sky_samples");
   c.sky_rays = static_cast<int>(n.integer_or("sky_rays", 0, {.min = 0, .max = 4096}));
   c.pixels_per_rad = n.number_or("pixels_per_rad", 0, {.min = 10, .max = 100000});
   c.supersampling = n.number_or("supersampling", 0, {.min = 0.25, .max = 4});
@@ -46,8 +50,11 @@ EngineChoice read_engine_choice(ConfigNode params, SampleKind kind) {
     c.engine = kind == SampleKind::image ? params.choice("renderer", {kSceneRenderer, "rays", "raster"})
                                          : params.choice("renderer", {"rays", "raster"});
   if (const ConfigNode quality = params.map_or_absent("quality"); quality.present()) {
-    if (c.engine.empty())
-      throw params.error("quality", "expected `renderer` beside it (rays or raster): it says what of");
+    if (c.engine.empty() && params.has("tolerance"))
+      throw params.error("quality",
+                         "expected one of `quality` and `tolerance`, got both: `rigor tune` sets "
+                         "the quality of a channel with a tolerance");
+    if (c.engine.empty()) c.engine = "rays";
     read_quality(quality, c);
     refuse_foreign(quality, c, kind);
     quality.finish();
@@ -69,8 +76,8 @@ std::string EngineChoice::text() const {
   if (samples_per_pixel > 0)
     t += fmt::format(", {} sample{} per pixel", samples_per_pixel, samples_per_pixel == 1 ? "" : "s");
   if (pixel_step > 1) t += fmt::format(", every {} pixels", pixel_step);
-  if (uneven_samples > 0) t += fmt::format(", {} more where it is uneven", uneven_samples);
-  if (sky_samples > 0) t += fmt::format(", {} at the sky's edges", sky_samples);
+  if (uneven_samples.value_or(0) > 0) t += fmt::format(", {} more where it is uneven", *uneven_samples);
+  if (sky_samples.value_or(0) > 0) t += fmt::format(", {} at the sky's edges", *sky_samples);
   if (sky_rays > 0) t += fmt::format(", {} sky ray{}", sky_rays, sky_rays == 1 ? "" : "s");
   if (pixels_per_rad > 0) t += fmt::format(", {:g} pixels per rad", pixels_per_rad);
   if (supersampling > 0) t += fmt::format(", supersampling {:g}", supersampling);
@@ -86,8 +93,8 @@ std::string EngineChoice::yaml() const {
   if (sub_rays > 0) t += fmt::format(", sub_rays: {}", sub_rays);
   if (samples_per_pixel > 0) t += fmt::format(", samples_per_pixel: {}", samples_per_pixel);
   if (pixel_step > 0) t += fmt::format(", pixel_step: {}", pixel_step);
-  if (uneven_samples > 0) t += fmt::format(", uneven_samples: {}", uneven_samples);
-  if (sky_samples > 0) t += fmt::format(", sky_samples: {}", sky_samples);
+  if (uneven_samples) t += fmt::format(", uneven_samples: {}", *uneven_samples);
+  if (sky_samples) t += fmt::format(", sky_samples: {}", *sky_samples);
   if (sky_rays > 0) t += fmt::format(", sky_rays: {}", sky_rays);
   if (pixels_per_rad > 0) t += fmt::format(", pixels_per_rad: {}", pixels_per_rad);
   if (supersampling > 0) t += fmt::format(", supersampling: {}", supersampling);

@@ -336,6 +336,20 @@ Result<std::shared_ptr<TruthfulSampler>> make_tof(const SensorSetup& setup, cons
   return std::make_shared<SensedTof>(std::move(*tof), std::move(*engine), setup, world);
 }
 
+OpticsOptions optics_of(const EngineChoice& choice, const CameraModel& model) {
+  OpticsOptions o;
+  if (choice.samples_per_pixel > 0) o.samples = PixelSamples::only(choice.samples_per_pixel);
+  o.samples.uneven = choice.uneven_samples.value_or(o.samples.uneven);
+  o.samples.sky = choice.sky_samples.value_or(o.samples.sky);
+  o.sky_rays = choice.sky_rays;
+  if (choice.pixel_step > 0) o.pixel_step = choice.pixel_step;
+  if (choice.supersampling > 0) o.supersampling = choice.supersampling;
+  if (choice.instants > 0) o.instants = choice.instants;
+  // An angle at the centre of the picture, in its pixels.
+  if (choice.allowed_error_rad > 0) o.allowed_error_px = choice.allowed_error_rad * model.fx_px;
+  return o;
+}
+
 Result<std::shared_ptr<SensedCamera>> make_camera(const SensorSetup& setup, const CameraModel& model,
                                                   PixelFormat format, Duration exposure, double supersampling,
                                                   SensorWorld& world, SensingResources& resources) {
@@ -346,16 +360,8 @@ Result<std::shared_ptr<SensedCamera>> make_camera(const SensorSetup& setup, cons
   spec.seed = setup.seed;
   spec.noise = !setup.ideal;
   spec.engine = setup.choice.engine == "rays" ? CameraEngine::rays : CameraEngine::vulkan;
-  spec.optics.supersampling = setup.choice.supersampling > 0 ? setup.choice.supersampling : supersampling;
-  if (setup.choice.samples_per_pixel > 0) spec.optics.samples_per_pixel = setup.choice.samples_per_pixel;
-  spec.optics.sky_rays = setup.choice.sky_rays;
-  spec.optics.uneven_samples = setup.choice.uneven_samples;
-  spec.optics.sky_samples = setup.choice.sky_samples;
-  if (setup.choice.pixel_step > 0) spec.optics.pixel_step = setup.choice.pixel_step;
-  if (setup.choice.instants > 0) spec.optics.instants = setup.choice.instants;
-  // An angle at the centre of the picture, in its pixels.
-  if (setup.choice.allowed_error_rad > 0)
-    spec.optics.allowed_error_px = setup.choice.allowed_error_rad * model.fx_px;
+  spec.optics = optics_of(setup.choice, model);
+  if (!(setup.choice.supersampling > 0)) spec.optics.supersampling = supersampling;
   CameraEngines engines;
   auto cache = resources.cache();  // ground truth of both engines
   if (!cache) return tl::unexpected<Error>(cache.error());

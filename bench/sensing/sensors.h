@@ -86,6 +86,8 @@ class SensedCamera : public ImageProvider {
   [[nodiscard]] virtual const OpticsPicture& light() const = 0;
   [[nodiscard]] virtual const CameraModel& model() const = 0;
 };
+/// What the optics of a camera make of a choice. `model` as its sensor model has it.
+[[nodiscard]] OpticsOptions optics_of(const EngineChoice& choice, const CameraModel& model);
 [[nodiscard]] Result<std::shared_ptr<SensedCamera>> make_camera(const SensorSetup& setup,
                                                                 const CameraModel& model, PixelFormat format,
                                                                 Duration exposure, double supersampling,

@@ -205,10 +205,11 @@ class Tuner {
       struct Samples {
         int all, uneven, sky;
       };
-      for (const Samples n :
-           {Samples{1, 0, 0}, {1, 0, 16}, {1, 4, 16}, {1, 16, 16}, {4, 0, 16}, {4, 16, 16}, {16, 0, 0}})
+      for (const Samples n : {Samples{1, 0, 0}, {1, 0, 16}, {1, 7, 16}, {1, 15, 16}, {4, 15, 64}, {16, 0, 0}})
         add("rays", [&](EngineChoice& c) {
-          c.samples_per_pixel = n.all, c.uneven_samples = n.uneven, c.sky_samples = n.sky;
+          c.samples_per_pixel = n.all;
+          if (n.uneven > 0) c.uneven_samples = n.uneven;
+          if (n.sky > 0) c.sky_samples = n.sky;
         });
       // One view has neither blur nor rows that expose later than others; without either, more are the same.
       const Shutter& shutter = sensor_model->model.shutter;

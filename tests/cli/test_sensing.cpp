@@ -444,6 +444,36 @@ TEST_F(Sense, SkyRaysOfARigAskWhichSkyIsHidden) {
   EXPECT_NE(digest("samples_per_pixel: 1"), digest("samples_per_pixel: 1, sky_rays: 1"));
 }
 
+TEST_F(Sense, CamerasByRaysTakeMoreSamplesWherePicturesAreUnevenUnlessTheRigSaysHowMany) {
+  rig("channels:\n  camera:\n    kind: image\n    backend: simulated\n    rate_hz: 20\n    latency_ms: 30\n"
+      "    sensor: camera.yaml\n"
+      "    T_world_sensor: { position_m: [-3, 0, 0.5], look_at_m: [1, 0, 0] }\n");
+  const auto digest = [&](const std::string& quality) {
+    const Said said =
+        in_dir({"run", "rig.yaml", "--json", "--duration", "0.1", "--set", "channels.camera." + quality});
+    EXPECT_EQ(said.status, 0) << said.err;
+    return said.status == 0 ? json::parse(said.out)["input_sha256"].get<std::string>() : "";
+  };
+  // `quality` without `renderer` is of rays.
+  const std::string by_itself = digest("renderer=rays");
+  EXPECT_EQ(digest("quality={pixel_step: 1}"), by_itself);
+  EXPECT_EQ(digest("quality={samples_per_pixel: 1, uneven_samples: 7, sky_samples: 16}"), by_itself);
+  EXPECT_NE(digest("quality={uneven_samples: 0}"), by_itself);
+  const std::string one = digest("quality={samples_per_pixel: 1}");
+  EXPECT_NE(one, by_itself);
+  EXPECT_EQ(digest("quality={samples_per_pixel: 1, uneven_samples: 0, sky_samples: 0}"), one);
+
+  const Said both = in_dir({"sense", "rig.yaml", "--channel", "camera", "-o", "x.png", "--set",
+                            "channels.camera.quality={pixel_step: 2}", "--set",
+                            "channels.camera.tolerance={radiance: 0.1}"});
+  EXPECT_EQ(both.status, 2);
+  EXPECT_THAT(both.err, HasSubstr("channels.camera.quality: expected one of `quality` and `tolerance`"));
+  const Said of_raster = in_dir({"run", "rig.yaml", "--set", "channels.camera.quality={supersampling: 2}"});
+  EXPECT_EQ(of_raster.status, 2);
+  EXPECT_THAT(of_raster.err,
+              HasSubstr("supersampling: expected no such key here: it is for cameras by raster"));
+}
+
 // ------------------------------------------------------------------------------------------ runs
 
 TEST_F(Sense, RunsRepeatByteForByteOnAnyNumberOfWorkers) {

@@ -18,14 +18,18 @@ using world::NodeId;
 using world::Snapshot;
 
 /// How far the world may go on before the sky is drawn anew. The state is put on this grid, so that a sky
-/// hangs on the world and the time alone and not on what was asked before.
-constexpr double kStepTime_s = 20;   // 0.08° of the sun's way
+/// hangs on the world and the time alone and not on what was asked before. A sun that goes its way stands
+/// still meanwhile, up to 0.04° from its place, a thirteenth of its disc: else light that is kept from one
+/// picture to the next would be that of another sun.
+constexpr double kStepTime_s = 20;
 constexpr double kStepDrift_m = 10;  // of the clouds: half a texel at the zenith
 constexpr double kStepElevation_deg = 0.02, kStepTurbidity = 0.02, kStepCover = 0.005;
 constexpr double kStepTemperature_c = 1, kStepFogDepth_m = 10, kStepSnow_m = 0.005;
 constexpr double kStepSight = 0.02;  // relative, of a visibility
 constexpr std::size_t kSkiesKept = 4;
 
+/// The middle of the step.
+double stepped(double utc_s) { return (std::floor(utc_s / kStepTime_s) + 0.5) * kStepTime_s; }
 double to_grid(double x, double step) { return std::round(x / step) * step; }
 double sight_to_grid(double visibility_m) {
   return std::isfinite(visibility_m) ? std::exp(to_grid(std::log(visibility_m), kStepSight)) : visibility_m;
@@ -234,7 +238,7 @@ void AtmosphereProvider::set_sun(SkyState& s, double utc_s) const {
 
 SkyState AtmosphereProvider::state_at(double time_s, double eye_z_m) const {
   SkyState s;
-  set_sun(s, air_.utc_s + air_.utc_rate * time_s);
+  set_sun(s, air_.utc_rate != 0 ? stepped(air_.utc_s + air_.utc_rate * time_s) : air_.utc_s);
   s.air = {.turbidity = air_.turbidity,
            .temperature_c = air_.temperature_c,
            .height_m = place_ ? place_->height_m : 0};
@@ -265,7 +269,7 @@ void AtmosphereProvider::collect(const render::ContentQuery& query, render::Cont
   const SkyState now = state_at(time_s, eye_z_m);
 
   SkyState drawn = now;
-  set_sun(drawn, (std::floor((air_.utc_s + air_.utc_rate * time_s) / kStepTime_s) + 0.5) * kStepTime_s);
+  set_sun(drawn, stepped(air_.utc_s + air_.utc_rate * time_s));
   drawn.sun_elevation_deg = to_grid(drawn.sun_elevation_deg, kStepElevation_deg);
   if (drawn.sun_elevation_deg < -19) {
     drawn.sun_elevation_deg = -20;  // night is night

@@ -29,8 +29,22 @@ struct OpticsPicture {
   std::vector<float> radiance;
 };
 
+/// rays: how many rays a pixel takes, over its area, the aperture and the exposure together. By default the
+/// error is that of four in every pixel, at a third of the cost (docs/light-error.md). 1 to 65536, then 0 to
+/// 4096.
+struct PixelSamples {
+  int every = 1;  ///< in every pixel
+  int uneven =
+      7;  ///< more in pixels that differ from a neighbour by more than 0.3 of the picture's mean light
+  /// More where surfaces lie beside the sky, which ask only whether they meet it: what share of the pixel is
+  /// sky, and how bright that is; the surfaces' light is that of the other samples. Not where colours are
+  /// traced apart.
+  int sky = 16;
+  [[nodiscard]] static PixelSamples only(int every) { return {every, 0, 0}; }
+};
+
 struct OpticsOptions {
-  int samples_per_pixel = 4;      ///< rays: samples over pixel area, aperture and exposure together
+  PixelSamples samples;
   double supersampling = 1.0;     ///< vulkan: view pixels per sensor pixel along a side
   int view_samples = 4;           ///< vulkan: samples per view pixel, 1 or 4
   int instants = 4;               ///< vulkan: views during the exposure (and readout), where anything moves
@@ -44,14 +58,6 @@ struct OpticsOptions {
   /// rays: 2 has one ray (times samples) for 2 x 2 pixels, at a quarter of the cost; in between the light is
   /// bilinear, so that detail of less than two pixels is gone while noise stays that of each pixel. 1 to 8.
   int pixel_step = 1;
-  /// rays: so many samples more in pixels that differ from a neighbour by more than `uneven_contrast` times
-  /// the picture's mean light, such as twigs before the sky. 0 to 4096.
-  int uneven_samples = 0;
-  float uneven_contrast = 1;
-  /// rays: so many rays more in pixels where surfaces lie beside the sky, which ask only whether they meet
-  /// it: what share of the pixel is sky, and how bright that is; the surfaces' light is that of the other
-  /// samples. Not where colours are traced apart. 0 to 4096.
-  int sky_samples = 0;
   static constexpr int kColoursTraced = 16;
 };
 

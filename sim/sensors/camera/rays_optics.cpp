@@ -32,6 +32,8 @@ const Ray nowhere = [] {
   return r;
 }();
 
+/// Of the picture's mean light: finding edges of less contrast costs more than what they are wrong by.
+constexpr float kUnevenContrast = 0.3F;
 constexpr int kWidestBorder_px = 64;
 
 /// In steps of a quarter of an octave, down: cameras that are about alike ask for the same content.
@@ -81,7 +83,7 @@ class RaysOptics final : public CameraOpticsPicture {
       : camera_(camera), traced_(camera), options_(options), light_of_(std::move(light)) {
     const bool in_focus_alike = !camera.chromatic.longitudinal() || !camera.depth_of_field.active();
     const bool traced =
-        options.trace_colours.value_or(options.samples_per_pixel >= OpticsOptions::kColoursTraced);
+        options.trace_colours.value_or(options.samples.every >= OpticsOptions::kColoursTraced);
     const bool one_picture =
         !camera.chromatic.lateral() || (!traced && border_of(camera, options.pixel_step) <= kWidestBorder_px);
     if (in_focus_alike && one_picture && (camera.chromatic.lateral() || options.pixel_step > 1)) {
@@ -133,7 +135,7 @@ class RaysOptics final : public CameraOpticsPicture {
   void aim(const LensGrid::Pixel& pixel, const ThinLens& aperture, const Shot& shot,
            const LensSamples& samples, int u, int v, std::span<Ray> rays) const;
   Status trace(const Strip& strip, std::size_t channel, const Shot& shot, OpticsPicture& out);
-  /// Traces uneven pixels of `picture` again, by OpticsOptions::uneven_samples: those of `inner`, a part of
+  /// Traces uneven pixels of `picture` again, by PixelSamples::uneven: those of `inner`, a part of
   /// shot.region.
   Status refine(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture);
   /// Rays of pixels, pixel by pixel, `query.rays` of them traced into light_.
@@ -141,7 +143,7 @@ class RaysOptics final : public CameraOpticsPicture {
                       const LensSamples& samples, bool sky_only);
   /// Asks pixels of `inner` at the sky's edges how much of them is sky.
   Status ask_for_sky(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture);
-  [[nodiscard]] bool asks_for_sky() const { return options_.sky_samples > 0 && lenses_.size() == 1; }
+  [[nodiscard]] bool asks_for_sky() const { return options_.samples.sky > 0 && lenses_.size() == 1; }
   /// Rays through pixels all over the whole sensor, whatever region is asked for; into rays_.
   void sparse_rays(const Shot& shot);
   /// Mean radiance of the whole picture, by one of its pixels in kGatherWidth_px x kGatherHeight_px.
@@ -345,8 +347,8 @@ Status RaysOptics::ask_for_sky(const Shot& shot, const OpticsRequest::Region& in
       [&](int u, int v) {
         return lenses_.front().at(u + region.x_px - border_, v + region.y_px - border_).lit();
       });
-  const auto each = static_cast<std::size_t>(options_.sky_samples);
-  const LensSamples samples(options_.sky_samples, shot.samples_key ^ kSkySamples);
+  const auto each = static_cast<std::size_t>(options_.samples.sky);
+  const LensSamples samples(options_.samples.sky, shot.samples_key ^ kSkySamples);
   const std::size_t at_once = std::max<std::size_t>(kRaysAtOnce / each, 1);
   for (std::size_t begin = 0; begin < places.size(); begin += at_once) {
     const auto some = std::span(places).subspan(begin, std::min(at_once, places.size() - begin));
@@ -369,9 +371,9 @@ Status RaysOptics::refine(const Shot& shot, const OpticsRequest::Region& inner, 
   const LensGrid& any_lens = lenses_.front();
   const std::vector<PixelPlace> places = uneven_pixels(
       picture, {inner.x_px - region.x_px, inner.y_px - region.y_px, inner.width_px, inner.height_px}, *mean,
-      options_.uneven_contrast,
+      kUnevenContrast,
       [&](int u, int v) { return any_lens.at(u + region.x_px - border_, v + region.y_px - border_).lit(); });
-  const int n = options_.uneven_samples;
+  const int n = options_.samples.uneven;
   const auto each = static_cast<std::size_t>(n);
   const LensSamples samples(n, shot.samples_key ^ kMoreSamples);
   const std::size_t at_once = std::max<std::size_t>(kRaysAtOnce / each, 1);
@@ -511,13 +513,13 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
   prepare_ms_ = engine.statistics().prepare_ms;
 
   const OpticsRequest::Region looked_at_region = moves_ ? looked_at(*region) : *region;
-  const bool more = options_.uneven_samples > 0 || asks_for_sky();
+  const bool more = options_.samples.uneven > 0 || asks_for_sky();
   // A pixel asks its neighbours, and what those know of the sky has been asked of theirs.
   const OpticsRequest::Region uneven = asks_for_sky() ? with_neighbours(looked_at_region) : looked_at_region,
                               traced = more ? with_neighbours(uneven) : looked_at_region;
   const PoseTable poses(*motion, origin);
   const std::uint64_t key = request.seed ^ (request.measure.index * 0xD1342543DE82EF95ULL);
-  const Shot shot{request, traced, timing, poses, origin, key, LensSamples(options_.samples_per_pixel, key)};
+  const Shot shot{request, traced, timing, poses, origin, key, LensSamples(options_.samples.every, key)};
   const bool apart = moves_ || more;
   for (OpticsPicture* const p : {&out, &reference_}) {
     if (p == &reference_ && !apart) continue;
@@ -539,7 +541,7 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
       const Strip strip{row, std::min(rows, height_px() - row), static_cast<std::size_t>(across)};
       if (auto s = trace(strip, c, shot, apart ? reference_ : out); !s) return s;
     }
-  if (options_.uneven_samples > 0)
+  if (options_.samples.uneven > 0)
     if (auto s = refine(shot, uneven, reference_); !s) return s;
   if (asks_for_sky())
     if (auto s = ask_for_sky(shot, looked_at_region, reference_); !s) return s;
@@ -561,18 +563,18 @@ Result<std::unique_ptr<CameraOpticsPicture>> make_rays_optics(const CameraModel&
                                                               std::shared_ptr<SharedLight> light) {
   if (auto s = camera.validate(); !s) return tl::unexpected(s.error());
   if (!light) return fail(ErrorCode::unavailable, "rays", "expected an engine, got none");
-  if (options.samples_per_pixel < 1 || options.samples_per_pixel > 65536)
+  if (options.samples.every < 1 || options.samples.every > 65536)
     return fail(ErrorCode::bad_input, "samples_per_pixel",
-                "expected 1 to 65536, got " + std::to_string(options.samples_per_pixel));
+                "expected 1 to 65536, got " + std::to_string(options.samples.every));
   if (options.pixel_step < 1 || options.pixel_step > 8)
     return fail(ErrorCode::bad_input, "pixel_step",
                 "expected 1 to 8, got " + std::to_string(options.pixel_step));
-  if (options.sky_samples < 0 || options.sky_samples > 4096)
+  if (options.samples.sky < 0 || options.samples.sky > 4096)
     return fail(ErrorCode::bad_input, "sky_samples",
-                "expected 0 to 4096, got " + std::to_string(options.sky_samples));
-  if (options.uneven_samples < 0 || options.uneven_samples > 4096)
+                "expected 0 to 4096, got " + std::to_string(options.samples.sky));
+  if (options.samples.uneven < 0 || options.samples.uneven > 4096)
     return fail(ErrorCode::bad_input, "uneven_samples",
-                "expected 0 to 4096, got " + std::to_string(options.uneven_samples));
+                "expected 0 to 4096, got " + std::to_string(options.samples.uneven));
   return std::make_unique<RaysOptics>(camera, options, std::move(light));
 }
 

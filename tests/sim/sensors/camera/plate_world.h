@@ -122,7 +122,7 @@ class CameraOptics : public ::testing::TestWithParam<CameraEngine> {
   /// Rays to show what the lens does rather than how it is sampled.
   [[nodiscard]] OpticsOptions fine() const {
     OpticsOptions o;
-    o.samples_per_pixel = 64;
+    o.samples = PixelSamples::only(64);
     o.supersampling = 2;
     o.sky_rays = 0;
     o.instants = 8;
@@ -131,7 +131,7 @@ class CameraOptics : public ::testing::TestWithParam<CameraEngine> {
   }
   [[nodiscard]] OpticsOptions plain() const {
     OpticsOptions o = fine();
-    o.samples_per_pixel = 1;
+    o.samples = PixelSamples::only(1);
     o.supersampling = 1;
     return o;
   }

@@ -224,13 +224,13 @@ int main(int argc, char** argv) {
     };
     if (reference > 0) {
       OpticsOptions many = options;
-      many.samples_per_pixel = reference;
+      many.samples = PixelSamples::only(reference);
       many.allowed_error_px = 0;
       if (auto o = make_rays_optics(model, many, cache)) shoot("ref", **o, 1);
     }
     if (rays_ok) {
       OpticsOptions o = options;
-      o.samples_per_pixel = samples;
+      o.samples = PixelSamples::only(samples);
       if (auto optics = make_rays_optics(model, o, cache)) shoot("rays", **optics, repeat);
     }
     // The bench's small renderer, lens and sensor included, where the world is a scene of boxes.

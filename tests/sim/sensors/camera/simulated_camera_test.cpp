@@ -40,7 +40,7 @@ Eigen::Isometry3d drift(BenchTime t) {
 }
 OpticsOptions cheap() {
   OpticsOptions o;
-  o.samples_per_pixel = 4;
+  o.samples = PixelSamples::only(4);
   o.instants = 3;
   return o;
 }
@@ -170,7 +170,7 @@ TEST_P(CameraOptics, BothEnginesAgree) {
     OpticsOptions quick = fine();
     quick.shadows = rays();
     OpticsOptions o = quick;
-    o.samples_per_pixel = 256;
+    o.samples = PixelSamples::only(256);
     auto reference = make_rays_optics(m, o, std::shared_ptr<render::EmbreeCache>());
     ASSERT_TRUE(reference);
     OpticsPicture truth;

@@ -70,7 +70,7 @@ TEST_P(CameraOptics, MoreSamplesInUnevenPixelsTakeTheErrorAwayFromThinThings) {
       o = plain();
       o.trace_colours = traced;
       const double few = rms(shoot(m, o), reference);
-      o.uneven_samples = 16;
+      o.samples.uneven = 16;
       EXPECT_LT(rms(shoot(m, o), reference), 0.35 * few);
     }
 }
@@ -84,7 +84,7 @@ TEST_P(CameraOptics, APartIsTheSameAsInTheWholePictureWithMoreSamplesInUnevenPix
   for (const CameraModel& m : {small_camera(), coloured})
     for (const int step : {1, 2}) {
       OpticsOptions o = plain();
-      o.uneven_samples = 4;
+      o.samples.uneven = 4;
       o.pixel_step = step;
       const OpticsPicture whole = shoot(m, o);
       OpticsRequest part;
@@ -98,6 +98,32 @@ TEST_P(CameraOptics, APartIsTheSameAsInTheWholePictureWithMoreSamplesInUnevenPix
     }
 }
 
+TEST_P(CameraOptics, SamplesByDefaultAreAsGoodAsFourInEveryPixel) {
+  if (!rays()) return;
+  world_.light().light.sky = even_sky(5);
+  // Bars before each other and before the sky, narrower and wider than a pixel, and a plate behind half of
+  // them.
+  for (int i = 0; i < 8; ++i)
+    world_.put({(0.4F + 0.2F * static_cast<float>(i)) * 3 / 80, 1e-3F, 1},
+               in_front((i - 4) * 0.2 + 0.011 * i, 0, 3), 0.1F + 0.1F * static_cast<float>(i % 3));
+  world_.put({2, 1e-3F, 0.5F}, in_front(0, -0.4, 4), 0.6F);
+  CameraModel blurred = small_camera();
+  blurred.optics.f_number = 2;
+  blurred.optics.pixel_pitch_m = 20e-6;
+  blurred.depth_of_field.focus_distance_m = 1;
+  for (const CameraModel& m : {small_camera(), blurred}) {
+    const OpticsPicture reference = shoot(m, fine());
+    OpticsOptions o = plain();
+    o.samples = PixelSamples::only(4);
+    const double four = rms(shoot(m, o), reference);
+    o.samples = {};
+    EXPECT_EQ(o.samples.every, 1);
+    EXPECT_LT(rms(shoot(m, o), reference), four);
+    o.samples = PixelSamples::only(1);
+    EXPECT_GT(rms(shoot(m, o), reference), 1.5 * four);  // the picture has what more samples are for
+  }
+}
+
 TEST_P(CameraOptics, SkySamplesFindTheShareOfSkyInAPixel) {
   if (!rays()) return;
   world_.light().light.sky = even_sky(5);
@@ -107,9 +133,9 @@ TEST_P(CameraOptics, SkySamplesFindTheShareOfSkyInAPixel) {
                in_front((i - 4) * 0.2 + 0.011 * i, 0, 3), 0.1F);
   const OpticsPicture reference = shoot(small_camera(), fine());
   OpticsOptions o = plain();
-  o.samples_per_pixel = 1;
+  o.samples.every = 1;
   const double few = rms(shoot(small_camera(), o), reference);
-  o.sky_samples = 16;
+  o.samples.sky = 16;
   EXPECT_LT(rms(shoot(small_camera(), o), reference), 0.3 * few);
 }
 
@@ -120,7 +146,7 @@ TEST_P(CameraOptics, SkySamplesSeeTheSkyFromWithinABodyWithOneSide) {
   world_.put({0.02F, 1e-3F, 1}, in_front(0, 0, 3), 0.1F);
   OpticsOptions o = plain();
   const OpticsPicture without = shoot(small_camera(), o);
-  o.sky_samples = 16;
+  o.samples.sky = 16;
   EXPECT_LT(rms(shoot(small_camera(), o), without), 0.1 * 5);
 }
 
@@ -130,8 +156,8 @@ TEST_P(CameraOptics, APartIsTheSameAsInTheWholePictureWithSkySamples) {
   for (int i = 0; i < 5; ++i) world_.put({0.02F, 1e-3F, 0.7F}, in_front(0.17 * i - 0.2, 0.1, 3), 0.3F);
   for (const int uneven : {0, 4}) {
     OpticsOptions o = plain();
-    o.uneven_samples = uneven;
-    o.sky_samples = 8;
+    o.samples.uneven = uneven;
+    o.samples.sky = 8;
     const OpticsPicture whole = shoot(small_camera(), o);
     OpticsRequest part;
     part.region = {37, 9, 17, 14};
@@ -148,11 +174,11 @@ TEST_P(CameraOptics, RefusesSamplesOutOfRange) {
   if (!rays()) return;
   OpticsOptions o = plain();
   for (const int n : {-1, 4097}) {
-    o.uneven_samples = n;
+    o.samples.uneven = n;
     auto light = SharedLight::create(nullptr);
     ASSERT_TRUE(light) << light.error().text();
     OpticsOptions sky = plain();
-    sky.sky_samples = n;
+    sky.samples.sky = n;
     for (const OpticsOptions& wrong : {o, sky}) {
       const auto made = make_rays_optics(small_camera(), wrong, *light);
       ASSERT_FALSE(made);
