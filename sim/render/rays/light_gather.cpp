@@ -106,8 +106,6 @@ GatheredLight::Sum GatheredLight::near(int level, Vec3 place, Vec3 normal, Found
   const auto part = [](float v, int low) { return std::clamp(v - static_cast<float>(low), 0.0F, 1.0F); };
   const float fx = part(at.x, x), fy = part(at.y, y), fz = part(at.z, z);
   const Parts parts = parts_of(normal);
-  Sum axis[3];
-  float held = 0;
   const std::uint64_t key = key_of(level, x, y, z);
   Found::Eight& eight = found.eights_[hash_of(key) % found.eights_.size()];
   if (eight.key != key) {
@@ -116,19 +114,31 @@ GatheredLight::Sum GatheredLight::near(int level, Vec3 place, Vec3 normal, Found
       eight.cells[static_cast<std::size_t>(k)] =
           find(key_of(level, x + (k & 1), y + (k >> 1 & 1), z + (k >> 2)));
   }
+  const Cell* cells[8];
+  float share[8];
+  std::size_t n = 0;
   for (int k = 0; k < 8; ++k) {
-    const int i = k & 1, j = k >> 1 & 1, l = k >> 2;
     const Cell* const c = eight.cells[static_cast<std::size_t>(k)];
     if (c == nullptr) continue;
-    const float t = (i != 0 ? fx : 1 - fx) * (j != 0 ? fy : 1 - fy) * (l != 0 ? fz : 1 - fz);
-    for (int a = 0; a < 3; ++a) {
-      const Sum& s = c->axis[parts.axis[a]];
-      axis[a].radiance += s.radiance * t;
-      axis[a].open += s.open * t;
-      axis[a].weight += s.weight * t;
-      axis[a].free += s.free * t;
-      held += s.weight * parts.weight[a];
+    cells[n] = c;
+    share[n++] =
+        ((k & 1) != 0 ? fx : 1 - fx) * ((k >> 1 & 1) != 0 ? fy : 1 - fy) * (k >> 2 != 0 ? fz : 1 - fz);
+  }
+  Sum axis[3];
+  float held = 0;
+  for (int a = 0; a < 3; ++a) {
+    Sum sum;
+    float all = 0;
+    for (std::size_t k = 0; k < n; ++k) {
+      const Sum& s = cells[k]->axis[parts.axis[a]];
+      sum.radiance += s.radiance * share[k];
+      sum.open += s.open * share[k];
+      sum.weight += s.weight * share[k];
+      sum.free += s.free * share[k];
+      all += s.weight;
     }
+    axis[a] = sum;
+    held += all * parts.weight[a];
   }
   return held >= kEnough ? along(axis, parts.weight) : Sum{};
 }

@@ -46,7 +46,7 @@ LensSamples::LensSamples(int per_pixel, std::uint64_t key)
     }
 }
 
-LensSample LensSamples::sample(int i, const Shift& shift) const {
+LensSample LensSamples::sample(int i, const Shift& shift, bool lens) const {
   const auto& p = points_[static_cast<std::size_t>(i)];
   LensSample s;
   // The first two dimensions are the best spread: the pixel's area has them.
@@ -55,7 +55,7 @@ LensSample LensSamples::sample(int i, const Shift& shift) const {
     s.v = unit(p[1] ^ shift[1]) - 0.5F;
   }
   s.time = unit(p[2] ^ shift[2]) - 0.5F;
-  to_disc(unit(p[3] ^ shift[3]), unit(p[4] ^ shift[4]), s.lens_x, s.lens_y);
+  if (lens) to_disc(unit(p[3] ^ shift[3]), unit(p[4] ^ shift[4]), s.lens_x, s.lens_y);
   return s;
 }
 

@@ -35,8 +35,9 @@ class LensSamples {
     for (std::uint32_t d = 0; d < 5; ++d) s[d] = scramble(h + d * 0x632BE5ABU);
     return s;
   }
-  /// One sample alone is the pixel's centre, at a random place of lens and exposure.
-  [[nodiscard]] LensSample sample(int i, const Shift& shift) const;
+  /// One sample alone is the pixel's centre, at a random place of lens and exposure. `lens`: else that place
+  /// is its middle.
+  [[nodiscard]] LensSample sample(int i, const Shift& shift, bool lens = true) const;
 
  private:
   std::array<std::uint32_t, 2> key_;

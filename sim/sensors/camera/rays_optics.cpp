@@ -190,7 +190,7 @@ void RaysOptics::aim(const LensGrid::Pixel& pixel, const ThinLens& aperture, con
   shot.poses.at(middle, turn, from);
   const auto shift = samples.shift_of(static_cast<std::uint32_t>(v * width_px() + u));
   for (int i = 0; i < static_cast<int>(rays.size()); ++i) {
-    const LensSample s = samples.sample(i, shift);
+    const LensSample s = samples.sample(i, shift, aperture.opens());
     const float t = middle + exposure * s.time;
     if (exposure > 0) shot.poses.at(t, turn, from);
     Eigen::Vector3f d = samples.per_pixel() == 1 ? pixel.ray : pixel.at(s.u, s.v),

@@ -9,13 +9,22 @@ template <class F>
 void SkyEdges::about(PixelPlace at, F&& f) const {
   for (int v = std::max(at.v - 1, 0); v <= std::min(at.v + 1, height_px_ - 1); ++v)
     for (int u = std::max(at.u - 1, 0); u <= std::min(at.u + 1, width_px_ - 1); ++u)
-      f(pixels_[index({u, v})]);
+      if (met_[index({u, v})] != 0) f(pixels_[index({u, v})]);
 }
 
 void SkyEdges::reset(int width_px, int height_px) {
   width_px_ = width_px;
   height_px_ = height_px;
-  pixels_.assign(static_cast<std::size_t>(width_px) * static_cast<std::size_t>(height_px), {});
+  const std::size_t pixels = static_cast<std::size_t>(width_px) * static_cast<std::size_t>(height_px);
+  met_.assign(pixels, 0);
+  pixels_.resize(pixels);
+}
+
+SkyEdges::Pixel& SkyEdges::pixel(PixelPlace at, std::uint8_t what) {
+  const std::size_t i = index(at);
+  if (met_[i] == 0) pixels_[i] = {};
+  met_[i] |= what;
+  return pixels_[i];
 }
 
 void SkyEdges::add(PixelPlace at, const render::LightSample& s) {
@@ -27,7 +36,7 @@ void SkyEdges::add(PixelPlace at, const render::LightSample& s) {
 }
 
 void SkyEdges::add_sky_only(PixelPlace at, const render::LightSample& s) {
-  Pixel& p = pixels_[index(at)];
+  Pixel& p = pixel(at, std::isinf(s.range_m) ? kSky : kSurface);
   if (!std::isinf(s.range_m)) {
     p.met += 1;
     return;
@@ -38,21 +47,21 @@ void SkyEdges::add_sky_only(PixelPlace at, const render::LightSample& s) {
 
 std::vector<PixelPlace> SkyEdges::places(const OpticsRequest::Region& inner,
                                          const std::function<bool(int u, int v)>& lit) const {
-  return pixels_by_blocks(inner, width_px_, height_px_, [&](int u, int v) {
-    if (!lit(u, v)) return false;
-    bool sky = false, surface = false;
-    about({u, v}, [&](const Pixel& p) {
-      sky = sky || p.skies > 0;
-      surface = surface || p.met > 0;
-    });
-    return sky && surface;
-  });
+  if (std::none_of(met_.begin(), met_.end(), [](std::uint8_t m) { return (m & kSky) != 0; })) return {};
+  std::vector<std::uint8_t> edges(met_.size());
+  for (int v = std::max(inner.y_px, 0); v < std::min(inner.y_px + inner.height_px, height_px_); ++v)
+    for (int u = std::max(inner.x_px, 0); u < std::min(inner.x_px + inner.width_px, width_px_); ++u) {
+      unsigned met = 0;
+      for (int y = std::max(v - 1, 0); y <= std::min(v + 1, height_px_ - 1); ++y)
+        for (int x = std::max(u - 1, 0); x <= std::min(u + 1, width_px_ - 1); ++x) met |= met_[index({x, y})];
+      if (met == (kSky | kSurface) && lit(u, v)) edges[index({u, v})] = 1;
+    }
+  return pixels_by_blocks(inner, width_px_, height_px_, edges);
 }
 
 void SkyEdges::resolve(PixelPlace at, float radiance[4]) const {
+  if (met_[index(at)] == 0) return;
   const Pixel& own = pixels_[index(at)];
-  const float all = own.skies + own.met;
-  if (!(all > 0)) return;
   Pixel lit = own;
   if (own.met > 0 && !(own.surfaces > 0))
     about(at, [&](const Pixel& p) {

@@ -3,6 +3,7 @@
 // meet it find that share for a part of the cost of whole samples. Internal to sim/sensors/camera.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <vector>
 
@@ -36,11 +37,16 @@ class SkyEdges {
     return static_cast<std::size_t>(at.v) * static_cast<std::size_t>(width_px_) +
            static_cast<std::size_t>(at.u);
   }
-  /// f(pixel) for those about a place, itself too.
+  /// For a sample that met one of these.
+  Pixel& pixel(PixelPlace at, std::uint8_t what);
+  /// f(pixel) for those about a place that have samples, itself too.
   template <class F>
   void about(PixelPlace at, F&& f) const;
 
   int width_px_ = 0, height_px_ = 0;
+  /// What samples of a pixel met; until then its Pixel holds what was there before.
+  enum : std::uint8_t { kSky = 1, kSurface = 2 };
+  std::vector<std::uint8_t> met_;
   std::vector<Pixel> pixels_;
 };
 
