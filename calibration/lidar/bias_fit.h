@@ -6,8 +6,9 @@
 // is σ²/n of the shots plus τ², what a wall's own unevenness and repeated scans of the same spot share (by
 // the Paule–Mandel equation, one τ for each wall). Cells that err alike widen the covariance, neighbours of a
 // beam by (1 + ρ)/(1 − ρ), m beams at one azimuth (boards, ribs and bulges that run up a wall) by
-// 1 + (m − 1) ρ_c. That is what all beams share; differences of beams are known better then. So a longer
-// recording of the same spot does not make anything surer than the wall allows.
+// 1 + (m − 1) ρ_c and how far they run along it (column_correlation.h). That is what all beams share;
+// differences of beams are known better then. So a longer recording of the same spot does not make anything
+// surer than the wall allows.
 #pragma once
 
 #include <functional>

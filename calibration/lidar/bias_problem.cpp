@@ -2,6 +2,8 @@
 
 #include <map>
 
+#include "calibration/lidar/column_correlation.h"
+
 namespace rigor::calibration::lidar {
 namespace {
 
@@ -310,13 +312,14 @@ Correlation BiasProblem::correlation(const State& s) const {
   const BiasCell* last = nullptr;
   double last_z = 0;
   struct Column {
-    double sum = 0, squares = 0, count = 0;
+    double sum = 0, squares = 0, count = 0, d_bias = 0;
+    Eigen::Vector3d d_plane = Eigen::Vector3d::Zero();
   };
   std::map<std::pair<int, std::int32_t>, Column> columns;
   for (const BiasCell& c : cells_) {
     if (!c.used) continue;
     PredictedRange p;
-    const double z = residual(s, c, p) * std::sqrt(weight(c));
+    const double root = std::sqrt(weight(c)), z = residual(s, c, p) * root;
     square += z * z, ++n;
     if (last && last->plane == c.plane && last->beam == c.beam &&
         c.azimuth_rad - last->azimuth_rad < 1.6 * o_.cell_rad)
@@ -324,6 +327,7 @@ Correlation BiasProblem::correlation(const State& s) const {
     last = &c, last_z = z;
     Column& column = columns[{c.plane, static_cast<std::int32_t>(std::floor(c.azimuth_rad / o_.cell_rad))}];
     column.sum += z, column.squares += z * z, ++column.count;
+    column.d_plane += root * p.d_q_m2, column.d_bias += root;
   }
   Correlation out;
   if (!(square > 0)) return out;
@@ -339,19 +343,18 @@ Correlation BiasProblem::correlation(const State& s) const {
     // Columns that are neighbours are no independent witnesses of it either.
     if (rho > 3 * std::sqrt((1 + a2) / (1 - a2) / across_pairs)) out.across = std::min(rho, 0.98);
   }
-  double along = out.along;
-  if (out.across > 0) {
-    // Noise of shots hides from single cells for how far they err alike; of sums of columns it does less.
-    double products = 0, squares = 0;
-    for (auto at = columns.begin(), next = at; at != columns.end(); at = next) {
-      const double sum = at->second.sum / std::sqrt(at->second.count);
-      squares += sum * sum;
-      if (++next != columns.end() && next->first == std::pair{at->first.first, at->first.second + 1})
-        products += sum * next->second.sum / std::sqrt(next->second.count);
-    }
-    along = std::max(along, std::min(products / squares, 0.98));
+  out.cells_for_one = out.cells_along();
+  if (!(out.across > 0)) return out;
+  // Noise of shots hides from single cells for how far they err alike; of columns it does less.
+  std::vector<ColumnResidual> all;
+  for (const auto& [at, c] : columns) {
+    const double share = 1 / std::sqrt(c.count);
+    const Eigen::Vector3d d = share * c.d_plane;
+    all.push_back({at.first, at.second, share * c.sum, {d.x(), d.y(), d.z()}, share * c.d_bias});
   }
-  out.cells_for_one = (1 + along) / (1 - along) * (1 + 2 * across_pairs / n * out.across);
+  const ColumnProcess process = column_process(all, o_.surveyed ? 0 : flat_ ? 2 : 3);
+  out.cells_for_one = std::max(out.cells_for_one, process.widened_by / process.kept) *
+                      (1 + 2 * across_pairs / n * out.across);
   return out;
 }
 

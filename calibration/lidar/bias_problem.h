@@ -134,7 +134,7 @@ struct Correlation {
   double along = 0;   ///< of neighbouring cells of a beam
   double across = 0;  ///< of all beams' cells at one azimuth of a wall
   /// How many cells say as much as one independent cell of what all beams share: along azimuth a first-order
-  /// autoregression (of whole columns where beams err alike), across the beams the same for each pair.
+  /// autoregression, or column_process() where beams err alike; across the beams the same for each pair.
   double cells_for_one = 1;
   /// Of what beams differ by: along azimuth alone.
   [[nodiscard]] double cells_along() const { return (1 + along) / (1 - along); }

@@ -120,15 +120,30 @@ std::function<double(std::uint16_t, double)> walls_with_boards(std::uint64_t see
   };
 }
 
+/// As uneven, but alike over so many degrees at most: a first-order autoregression in steps of 0.1 degrees.
+std::function<double(std::uint16_t, double)> walls_that_wander(std::uint64_t seed, double rms_m,
+                                                               double length_deg) {
+  std::mt19937_64 random(seed + 77);
+  std::normal_distribution<double> draw;
+  constexpr std::size_t kSteps = 3600;
+  std::vector<double> at(kSteps);
+  const double rho = std::exp(-0.1 / length_deg);
+  double x = draw(random);
+  for (double& a : at) a = x = rho * x + std::sqrt(1 - rho * rho) * draw(random);
+  return [=](std::uint16_t, double azimuth) {
+    return rms_m * at[static_cast<std::size_t>(azimuth * 1800 / M_PI + 10 * kSteps) % kSteps];
+  };
+}
+
 /// Of such walls all beams err alike at an azimuth. Taken as independent witnesses they made a bias more than
 /// three times too sure.
-TEST(LidarRecovery, WallsThatAreUnevenAlikeForAllBeamsAreInTheUncertainty) {
+void expect_honest(const std::function<std::function<double(std::uint16_t, double)>(std::uint64_t)>& walls) {
   constexpr int kSeeds = 24;
   Judge offset, beam;
   double columns = 0;
   for (std::uint64_t seed = 0; seed < kSeeds; ++seed) {
     Truth t;
-    t.uneven_m = walls_with_boards(seed, 0.005);
+    t.uneven_m = walls(seed);
     const LidarReturns returns = measure(t, 2, seed);
     for (const char* model : {"offset", "beams"}) {
       const auto fit = fit_lidar(returns, sixteen_beams(), {.model = model, .noise_model = "offset"});
@@ -139,9 +154,18 @@ TEST(LidarRecovery, WallsThatAreUnevenAlikeForAllBeamsAreInTheUncertainty) {
     }
   }
   std::cout << "mean correlation of a column " << columns << "\n";
-  EXPECT_GT(columns, 0.3);
+  EXPECT_GT(columns, 0.25);
   offset.expect("bias of all beams");
   beam.expect("bias of one beam");
+}
+
+TEST(LidarRecovery, WallsThatAreUnevenAlikeForAllBeamsAreInTheUncertainty) {
+  expect_honest([](std::uint64_t seed) { return walls_with_boards(seed, 0.005); });
+}
+
+/// What the walls' own numbers take from the residuals made a bias 1.8 times too sure.
+TEST(LidarRecovery, WallsThatWanderAlikeForAllBeamsAreInTheUncertainty) {
+  expect_honest([](std::uint64_t seed) { return walls_that_wander(seed, 0.005, 4); });
 }
 
 TEST(LidarRecovery, AnglesAndWalkComeBackAsSurelyAsIsSaid) {
