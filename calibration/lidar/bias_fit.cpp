@@ -238,7 +238,8 @@ class Fit : BiasProblem {
     state_ = solve(l, state_, in_use, &information);
     const Correlation alike = correlation(state_);
     out_.neighbour_correlation = alike.along, out_.column_correlation = alike.across;
-    information /= alike.cells_for_one;
+    const MatrixXd independent = without_walls(l, information / alike.cells_along());
+    information = information_of(l, state_, information, alike);
 
     const Index w = l.wanted();
     const MatrixXd reduced = without_walls(l, information);
@@ -251,7 +252,7 @@ class Fit : BiasProblem {
     f.weak = weak_directions(f.parameters, reduced);
     explain(bias_at);
     f.covariance = covariance_from(f.parameters, reduced);
-    if (bias_at.size() > 1) free_common_bias(bias_at, reduced, shot);
+    if (bias_at.size() > 1) free_common_bias(bias_at, reduced, independent, shot);
     for (std::size_t i = 0; i < f.parameters.size(); ++i)
       if (f.parameters[i].held) {
         f.parameters[i].held = false;
@@ -309,21 +310,15 @@ class Fit : BiasProblem {
     }
   }
 
-  /// Where the bias that all beams share is not known to better than a shot's noise, it is left out: the
-  /// biases are told against their mean, which the data do determine.
-  void free_common_bias(const std::vector<int>& at, const MatrixXd& s, double shot) {
-    FitResult& f = out_.result;
-    std::vector<int> free;
-    for (std::size_t i = 0; i < f.parameters.size(); ++i)
-      if (!f.parameters[i].held) free.push_back(static_cast<int>(i));
-    const auto n = static_cast<Index>(free.size());
-    MatrixXd info(n, n);
-    for (Index i = 0; i < n; ++i)
-      for (Index j = 0; j < n; ++j)
-        info(i, j) = s(free[static_cast<std::size_t>(i)], free[static_cast<std::size_t>(j)]);
-    VectorXd common = VectorXd::Zero(n);
-    for (Index i = 0; i < n; ++i)
-      if (std::find(at.begin(), at.end(), free[static_cast<std::size_t>(i)]) != at.end()) common[i] = 1;
+  /// What information on the parameters says with and without the bias that all beams share.
+  struct WithoutCommonBias {
+    double common_sigma_m = kInfinity;
+    MatrixXd covariance;       ///< of the parameters that are free, the common bias left out
+    bool others_free = false;  ///< something else is open, too
+  };
+  [[nodiscard]] static WithoutCommonBias without_common_bias(const MatrixXd& info, const VectorXd& common) {
+    WithoutCommonBias out;
+    const Index n = common.size();
     // A basis whose first vector is the shared bias.
     const Eigen::HouseholderQR<MatrixXd> qr(common);
     const MatrixXd q = qr.householderQ() * MatrixXd::Identity(n, n);
@@ -334,21 +329,44 @@ class Fit : BiasProblem {
     const MatrixXd unit = scale.asDiagonal() * inner * scale.asDiagonal();
     const Eigen::SelfAdjointEigenSolver<MatrixXd> e(unit);
     VectorXd inverse(n - 1);
-    bool others_free = false;
     for (Index i = 0; i < n - 1; ++i) {
       const bool known = e.eigenvalues()[i] > 1e-11;
       inverse[i] = known ? 1 / e.eigenvalues()[i] : 0;
-      others_free = others_free || !known;
+      out.others_free = out.others_free || !known;
     }
     const MatrixXd cov = scale.asDiagonal() *
                          (e.eigenvectors() * inverse.asDiagonal() * e.eigenvectors().transpose()) *
                          scale.asDiagonal();
     const VectorXd cross = rest.transpose() * info * common;
     const double about = common.dot(info * common) - cross.dot(cov * cross);
-    const double sigma = about > 0 ? 1 / std::sqrt(about) : kInfinity;
-    if (sigma <= shot || others_free) return;
+    if (about > 0) out.common_sigma_m = 1 / std::sqrt(about);
+    out.covariance = rest * cov * rest.transpose();
+    return out;
+  }
+
+  /// Where walls make up for the bias that all beams share, so that even independent cells would not tell it
+  /// to better than a shot's noise, it is left out: the biases are told against their mean, which the data do
+  /// determine. `independent`: the information, were cells independent.
+  void free_common_bias(const std::vector<int>& at, const MatrixXd& s, const MatrixXd& independent,
+                        double shot) {
+    FitResult& f = out_.result;
+    std::vector<int> free;
+    for (std::size_t i = 0; i < f.parameters.size(); ++i)
+      if (!f.parameters[i].held) free.push_back(static_cast<int>(i));
+    const auto n = static_cast<Index>(free.size());
+    VectorXd common = VectorXd::Zero(n);
+    for (Index i = 0; i < n; ++i)
+      if (std::find(at.begin(), at.end(), free[static_cast<std::size_t>(i)]) != at.end()) common[i] = 1;
+    const WithoutCommonBias as_they_are = without_common_bias(s(free, free), common),
+                            if_independent = without_common_bias(independent(free, free), common);
+    double square = 0;
+    for (Index i = 0; i < n; ++i)
+      if (common[i] > 0) square += as_they_are.covariance(i, i) / static_cast<double>(at.size());
+    out_.beams_differ_sigma_m = std::sqrt(square);
+    const double sigma = as_they_are.common_sigma_m;
+    if (if_independent.common_sigma_m <= shot || if_independent.others_free) return;
     out_.common_bias_free = true;
-    const MatrixXd c = rest * cov * rest.transpose();
+    const MatrixXd& c = as_they_are.covariance;
     double mean = 0;
     for (const int i : at)
       mean += f.parameters[static_cast<std::size_t>(i)].value / static_cast<double>(at.size());

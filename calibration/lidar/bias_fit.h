@@ -5,10 +5,9 @@
 // degree of azimuth become a cell with its mean residual; all models are compared on cells. A cell's variance
 // is σ²/n of the shots plus τ², what a wall's own unevenness and repeated scans of the same spot share (by
 // the Paule–Mandel equation, one τ for each wall). Cells that err alike widen the covariance, neighbours of a
-// beam by (1 + ρ)/(1 − ρ), m beams at one azimuth (boards, ribs and bulges that run up a wall) by
-// 1 + (m − 1) ρ_c and how far they run along it (column_correlation.h). That is what all beams share;
-// differences of beams are known better then. So a longer recording of the same spot does not make anything
-// surer than the wall allows.
+// beam and all beams' at one azimuth (boards, ribs and bulges that run up a wall and along it:
+// column_correlation.h), which widen what all beams share more than what they differ by. So a longer
+// recording of the same spot does not make anything surer than the wall allows.
 #pragma once
 
 #include <functional>
@@ -83,7 +82,8 @@ struct BiasFit {
   double column_correlation = 0;      ///< of all beams' cells at one azimuth of a wall
   /// Residuals of sectors that were withheld, RMS of single returns: the chosen model over no errors at all.
   double held_out_rms_m = 0, held_out_uncorrected_m = 0;
-  bool common_bias_free = false;  ///< biases are then against their mean
+  bool common_bias_free = false;    ///< biases are then against their mean
+  double beams_differ_sigma_m = 0;  ///< of a bias against the mean of all beams
 };
 
 /// bad_input: too few returns on planes.

@@ -2,8 +2,6 @@
 
 #include <map>
 
-#include "calibration/lidar/column_correlation.h"
-
 namespace rigor::calibration::lidar {
 namespace {
 
@@ -343,19 +341,56 @@ Correlation BiasProblem::correlation(const State& s) const {
     // Columns that are neighbours are no independent witnesses of it either.
     if (rho > 3 * std::sqrt((1 + a2) / (1 - a2) / across_pairs)) out.across = std::min(rho, 0.98);
   }
-  out.cells_for_one = out.cells_along();
   if (!(out.across > 0)) return out;
-  // Noise of shots hides from single cells for how far they err alike; of columns it does less.
   std::vector<ColumnResidual> all;
   for (const auto& [at, c] : columns) {
     const double share = 1 / std::sqrt(c.count);
     const Eigen::Vector3d d = share * c.d_plane;
     all.push_back({at.first, at.second, share * c.sum, {d.x(), d.y(), d.z()}, share * c.d_bias});
   }
-  const ColumnProcess process = column_process(all, o_.surveyed ? 0 : flat_ ? 2 : 3);
-  out.cells_for_one = std::max(out.cells_for_one, process.widened_by / process.kept) *
-                      (1 + 2 * across_pairs / n * out.across);
+  out.columns = column_process(all, o_.surveyed ? 0 : flat_ ? 2 : 3);
   return out;
+}
+
+MatrixXd BiasProblem::information_of(const Layout& l, const State& s, const MatrixXd& h,
+                                     const Correlation& alike) const {
+  if (!(alike.across > 0) || l.size() == 0) return h / alike.cells_along();
+  // What a beam's cells share beyond their columns.
+  const double own = 1 - alike.across,
+               along = std::clamp((alike.along - alike.across * alike.columns.neighbours) / own, 0.0, 0.98);
+  std::map<std::pair<int, std::int32_t>, VectorXd> columns;
+  for (const BiasCell& c : cells_) {
+    if (!c.used) continue;
+    PredictedRange p;
+    (void)residual(s, c, p);
+    VectorXd& sum = columns[{c.plane, static_cast<std::int32_t>(std::floor(c.azimuth_rad / o_.cell_rad))}];
+    if (sum.size() == 0) sum = VectorXd::Zero(l.size());
+    const Row r = row_of(l, c.beam, c.plane, p);
+    const double w = weight(c);
+    for (int i = 0; i < r.n; ++i)
+      sum[r.at[static_cast<std::size_t>(i)]] += std::sqrt(w) * r.d[static_cast<std::size_t>(i)];
+  }
+  MatrixXd m = own * (1 + along) / (1 - along) * h;
+  for (auto first = columns.begin(); first != columns.end();) {
+    auto end = first;
+    while (end != columns.end() && end->first.first == first->first.first) ++end;
+    const auto n = static_cast<Index>(std::distance(first, end));
+    MatrixXd g(l.size(), n), r(n, n);
+    std::vector<std::int32_t> cell;
+    for (; first != end; ++first) {
+      g.col(static_cast<Index>(cell.size())) = first->second;
+      cell.push_back(first->first.second);
+    }
+    for (Index i = 0; i < n; ++i)
+      for (Index j = 0; j < n; ++j)
+        r(i, j) =
+            alike.columns.at(std::abs(cell[static_cast<std::size_t>(i)] - cell[static_cast<std::size_t>(j)]));
+    m += alike.across / alike.columns.kept * (g * r * g.transpose());
+  }
+  VectorXd scale(l.size());
+  for (Index i = 0; i < scale.size(); ++i) scale[i] = m(i, i) > 0 ? 1 / std::sqrt(m(i, i)) : 0;
+  const MatrixXd unit = scale.asDiagonal() * m * scale.asDiagonal(), of_h = scale.asDiagonal() * h;
+  return of_h.transpose() * unit.completeOrthogonalDecomposition().solve(of_h);
 }
 
 }  // namespace rigor::calibration::lidar

@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "calibration/lidar/bias_fit.h"
+#include "calibration/lidar/column_correlation.h"
 
 namespace rigor::calibration::lidar {
 
@@ -131,12 +132,10 @@ struct Normal {
 
 /// Of cells that err alike.
 struct Correlation {
-  double along = 0;   ///< of neighbouring cells of a beam
-  double across = 0;  ///< of all beams' cells at one azimuth of a wall
-  /// How many cells say as much as one independent cell of what all beams share: along azimuth a first-order
-  /// autoregression, or column_process() where beams err alike; across the beams the same for each pair.
-  double cells_for_one = 1;
-  /// Of what beams differ by: along azimuth alone.
+  double along = 0;       ///< of neighbouring cells of a beam
+  double across = 0;      ///< of all beams' cells at one azimuth of a wall
+  ColumnProcess columns;  ///< of what they share there
+  /// How many cells of a beam say as much as an independent one: a first-order autoregression.
   [[nodiscard]] double cells_along() const { return (1 + along) / (1 - along); }
 };
 
@@ -247,6 +246,12 @@ class BiasProblem {
   void spread_between_cells(const State& s, std::size_t unknowns);
   /// By standardised residuals; 0 where it could be chance.
   [[nodiscard]] Correlation correlation(const State& s) const;
+  /// Information on the unknowns where cells err alike: h m⁺ h, the inverse of the covariance h⁻¹ m h⁻¹ of
+  /// least squares that took them for independent. `h`: the information then; m: what the errors as they are
+  /// make of h, their own part and that of columns apart, so that differences of beams are known as well as
+  /// they are.
+  [[nodiscard]] MatrixXd information_of(const Layout& l, const State& s, const MatrixXd& h,
+                                        const Correlation& alike) const;
 
   const std::vector<LidarReturn>& returns_;
   const models::LidarModel& sensor_model_;

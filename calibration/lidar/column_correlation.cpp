@@ -22,25 +22,15 @@ class Columns {
       : columns_(columns), n_(static_cast<Index>(columns.size())) {
     int planes = 0;
     for (const ColumnResidual& c : columns_) planes = std::max(planes, c.plane + 1);
-    MatrixXd walls = MatrixXd::Zero(n_, planes * per_plane);
-    bias_ = VectorXd(n_);
+    MatrixXd design = MatrixXd::Zero(n_, planes * per_plane + 1);
     for (Index i = 0; i < n_; ++i) {
       const ColumnResidual& c = at(i);
       for (int k = 0; k < per_plane; ++k)
-        walls(i, c.plane * per_plane + k) = c.d_plane[static_cast<std::size_t>(k)];
-      bias_[i] = c.d_bias;
+        design(i, c.plane * per_plane + k) = c.d_plane[static_cast<std::size_t>(k)];
+      design(i, planes * per_plane) = c.d_bias;
       squares_ += c.z * c.z;
     }
-    q_ = orthonormal(walls);
-    // What of the shared bias the walls cannot follow.
-    bias_ -= q_ * (q_.transpose() * bias_);
-    if (bias_.norm() > 1e-9 * std::sqrt(static_cast<double>(n_))) {
-      bias_.normalize();
-      q_.conservativeResize(Eigen::NoChange, q_.cols() + 1);
-      q_.col(q_.cols() - 1) = bias_;
-    } else {
-      bias_.setZero();
-    }
+    q_ = orthonormal(design);
     measure();
   }
   [[nodiscard]] bool any() const { return squares_ > 0; }
@@ -58,15 +48,11 @@ class Columns {
   }
   [[nodiscard]] VectorXd correlations(const ColumnProcess& p) const {
     VectorXd r(of_squares_.size());
-    double power = 1;
-    for (Index d = 0; d < r.size(); ++d, power *= p.rho)
-      r[d] = power * std::cos(p.omega_rad * static_cast<double>(d));
+    for (Index d = 0; d < r.size(); ++d) r[d] = p.at(static_cast<int>(d));
     return r;
   }
   [[nodiscard]] double kept(const VectorXd& r) const { return of_squares_.dot(r) / of_squares_[0]; }
-  [[nodiscard]] double widened_by(const VectorXd& r) const {
-    return of_bias_[0] > 0 ? of_bias_.dot(r) / of_bias_[0] : 1;
-  }
+  [[nodiscard]] double neighbours() const { return observed_[0]; }
 
  private:
   [[nodiscard]] const ColumnResidual& at(Index i) const { return columns_[static_cast<std::size_t>(i)]; }
@@ -95,7 +81,7 @@ class Columns {
     for (Index i = 0; i < n_; ++i)
       for (Index j = i; j < n_ && at(j).plane == at(i).plane; ++j)
         distances = std::max(distances, static_cast<Index>(at(j).cell - at(i).cell) + 1);
-    of_squares_ = of_bias_ = VectorXd::Zero(distances);
+    of_squares_ = VectorXd::Zero(distances);
     of_products_.assign(std::size(kLags), VectorXd::Zero(distances));
     observed_.assign(std::size(kLags), 0);
     const auto by_distance = [&](VectorXd& sums, auto&& value) {
@@ -106,7 +92,6 @@ class Columns {
       }
     };
     by_distance(of_squares_, [&](Index i, Index j) { return outside(i, j); });
-    by_distance(of_bias_, [&](Index i, Index j) { return bias_[i] * bias_[j]; });
     for (std::size_t l = 0; l < std::size(kLags); ++l) {
       MatrixXd after = MatrixXd::Zero(n_, q_.cols()), before = after;  // S Q, Sᵀ Q
       std::vector<Index> next(static_cast<std::size_t>(n_));
@@ -128,13 +113,16 @@ class Columns {
   Index n_;
   double squares_ = 0;
   MatrixXd q_;
-  VectorXd bias_;
-  VectorXd of_squares_, of_bias_;
+  VectorXd of_squares_;
   std::vector<VectorXd> of_products_;
   std::vector<double> observed_;
 };
 
 }  // namespace
+
+double ColumnProcess::at(int distance) const {
+  return std::pow(rho, distance) * std::cos(omega_rad * distance);
+}
 
 ColumnProcess column_process(std::span<const ColumnResidual> columns, int per_plane) {
   ColumnProcess best;
@@ -152,7 +140,7 @@ ColumnProcess column_process(std::span<const ColumnResidual> columns, int per_pl
     }
   const VectorXd r = c.correlations(best);
   best.kept = std::clamp(c.kept(r), 0.05, 1.0);
-  best.widened_by = std::max(c.widened_by(r), 1.0);
+  best.neighbours = c.neighbours();
   return best;
 }
 

@@ -22,7 +22,8 @@ struct ColumnResidual {
 struct ColumnProcess {
   double rho = 0, omega_rad = 0;
   double kept = 1;        ///< share of the errors' variance that a fit leaves in residuals
-  double widened_by = 1;  ///< variance of the shared bias over that of a fit of uncorrelated columns
+  double neighbours = 0;  ///< correlation of neighbouring columns' residuals, as it is
+  [[nodiscard]] double at(int distance) const;
 };
 
 /// The process whose residuals, after a fit of `per_plane` numbers of each plane (0: held) and of the shared

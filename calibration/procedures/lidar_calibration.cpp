@@ -300,6 +300,7 @@ nlohmann::json more_of(const LidarFit& fit, const LidarReturns& returns) {
     j["held_out_ratio"] = number(fit.bias->held_out_rms_m / fit.bias->held_out_uncorrected_m);
     j["neighbour_correlation"] = fit.bias->neighbour_correlation;
     j["column_correlation"] = fit.bias->column_correlation;
+    if (fit.bias->beams_differ_sigma_m > 0) j["beams_differ_sigma_m"] = fit.bias->beams_differ_sigma_m;
   }
   if (fit.noise) {
     j["shot_sigma_m"] = fit.noise->sigma_m;
