@@ -5,7 +5,7 @@ usage: tools/stereo_cases.py [--qualities] [--rigor build/release/rigor] [-o rep
 
 Runs configs/rigs/stereo.yaml and stereo-forest.yaml twice each, and prints the tables of docs/stereo.md. Each case has its folder
 with result.json and a picture of each view; --pictures copies that of one view of each case. With --qualities the cases are instead
-those of the forest by the renderer rays: quick, better, and 64 samples a pixel.
+those of the forest by the renderer rays: quick, as by default, better, and 64 samples a pixel.
 """
 import argparse
 import json
@@ -28,6 +28,8 @@ def rays(quality):
 
 
 QUALITIES = [("quick", "forest, 1 sample, 16 at the sky's edges", "stereo-forest.yaml", rays("samples_per_pixel: 1, sky_samples: 16"), 0),
+             ("default", "forest, 1 sample, 7 more where uneven, 16 at the sky's edges", "stereo-forest.yaml",
+              rays("samples_per_pixel: 1, uneven_samples: 7, sky_samples: 16"), 0),
              ("better", "forest, 4 samples, 16 more where uneven, 64 at the sky's edges", "stereo-forest.yaml",
               rays("samples_per_pixel: 4, uneven_samples: 16, sky_samples: 64"), 0),
              ("reference", "forest, 64 samples, 64 at the sky's edges", "stereo-forest.yaml",
