@@ -64,7 +64,8 @@ def main():
     p.add_argument("--set", action="append", default=[])
     p.add_argument("-o", "--output", type=pathlib.Path)
     args = p.parse_args()
-    cpus = {int(c) for c in args.cpus.split(",")} & os.sched_getaffinity(0)
+    allowed = os.sched_getaffinity(0)
+    cpus = {int(c) for c in args.cpus.split(",")} & allowed or allowed
     os.sched_setaffinity(0, cpus)
     load = os.getloadavg()[0]
     runs = [run(args, args.duration) for _ in range(args.runs)]
