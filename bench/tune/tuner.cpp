@@ -202,12 +202,10 @@ class Tuner {
       if (!sensor_model) return tl::unexpected<Error>(sensor_model.error());
       // Meshes are in full, whatever error is allowed.
       // The sky's edges cost next to nothing where there is no sky.
-      struct Samples {
-        int all, uneven, sky;
-      };
-      for (const Samples n : {Samples{1, 0, 0}, {1, 0, 16}, {1, 7, 16}, {1, 15, 16}, {4, 15, 64}, {16, 0, 0}})
+      for (const PixelSamples n :
+           {PixelSamples{1, 0, 0}, {1, 0, 16}, {1, 7, 16}, {1, 15, 16}, {4, 15, 64}, {16, 0, 0}})
         add("rays", [&](EngineChoice& c) {
-          c.samples_per_pixel = n.all;
+          c.samples_per_pixel = n.every;
           if (n.uneven > 0) c.uneven_samples = n.uneven;
           if (n.sky > 0) c.sky_samples = n.sky;
         });

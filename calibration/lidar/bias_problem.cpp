@@ -2,6 +2,8 @@
 
 #include <map>
 
+#include "calibration/lidar/column_correlation.h"
+
 namespace rigor::calibration::lidar {
 namespace {
 
@@ -310,14 +312,13 @@ Correlation BiasProblem::correlation(const State& s) const {
   const BiasCell* last = nullptr;
   double last_z = 0;
   struct Column {
-    double sum = 0, squares = 0, count = 0, d_bias = 0;
-    Eigen::Vector3d d_plane = Eigen::Vector3d::Zero();
+    double sum = 0, squares = 0, count = 0;
   };
   std::map<std::pair<int, std::int32_t>, Column> columns;
   for (const BiasCell& c : cells_) {
     if (!c.used) continue;
     PredictedRange p;
-    const double root = std::sqrt(weight(c)), z = residual(s, c, p) * root;
+    const double z = residual(s, c, p) * std::sqrt(weight(c));
     square += z * z, ++n;
     if (last && last->plane == c.plane && last->beam == c.beam &&
         c.azimuth_rad - last->azimuth_rad < 1.6 * o_.cell_rad)
@@ -325,7 +326,6 @@ Correlation BiasProblem::correlation(const State& s) const {
     last = &c, last_z = z;
     Column& column = columns[{c.plane, static_cast<std::int32_t>(std::floor(c.azimuth_rad / o_.cell_rad))}];
     column.sum += z, column.squares += z * z, ++column.count;
-    column.d_plane += root * p.d_q_m2, column.d_bias += root;
   }
   Correlation out;
   if (!(square > 0)) return out;
@@ -341,35 +341,40 @@ Correlation BiasProblem::correlation(const State& s) const {
     // Columns that are neighbours are no independent witnesses of it either.
     if (rho > 3 * std::sqrt((1 + a2) / (1 - a2) / across_pairs)) out.across = std::min(rho, 0.98);
   }
-  if (!(out.across > 0)) return out;
-  std::vector<ColumnResidual> all;
-  for (const auto& [at, c] : columns) {
-    const double share = 1 / std::sqrt(c.count);
-    const Eigen::Vector3d d = share * c.d_plane;
-    all.push_back({at.first, at.second, share * c.sum, {d.x(), d.y(), d.z()}, share * c.d_bias});
-  }
-  out.columns = column_process(all, o_.surveyed ? 0 : flat_ ? 2 : 3);
   return out;
 }
 
 MatrixXd BiasProblem::information_of(const Layout& l, const State& s, const MatrixXd& h,
                                      const Correlation& alike) const {
   if (!(alike.across > 0) || l.size() == 0) return h / alike.cells_along();
-  // What a beam's cells share beyond their columns.
-  const double own = 1 - alike.across,
-               along = std::clamp((alike.along - alike.across * alike.columns.neighbours) / own, 0.0, 0.98);
-  std::map<std::pair<int, std::int32_t>, VectorXd> columns;
+  struct Column {
+    double count = 0, z = 0, d_bias = 0;
+    Eigen::Vector3d d_plane = Eigen::Vector3d::Zero();
+    VectorXd d;  ///< with the unknowns
+  };
+  std::map<std::pair<int, std::int32_t>, Column> columns;
   for (const BiasCell& c : cells_) {
     if (!c.used) continue;
+    Column& sum = columns[{c.plane, static_cast<std::int32_t>(std::floor(c.azimuth_rad / o_.cell_rad))}];
+    if (sum.d.size() == 0) sum.d = VectorXd::Zero(l.size());
     PredictedRange p;
-    (void)residual(s, c, p);
-    VectorXd& sum = columns[{c.plane, static_cast<std::int32_t>(std::floor(c.azimuth_rad / o_.cell_rad))}];
-    if (sum.size() == 0) sum = VectorXd::Zero(l.size());
+    const double root = std::sqrt(weight(c));
+    ++sum.count, sum.z += root * residual(s, c, p);
+    sum.d_bias += root, sum.d_plane += root * p.d_q_m2;
     const Row r = row_of(l, c.beam, c.plane, p);
-    const double w = weight(c);
     for (int i = 0; i < r.n; ++i)
-      sum[r.at[static_cast<std::size_t>(i)]] += std::sqrt(w) * r.d[static_cast<std::size_t>(i)];
+      sum.d[r.at[static_cast<std::size_t>(i)]] += root * r.d[static_cast<std::size_t>(i)];
   }
+  std::vector<ColumnResidual> all;
+  for (const auto& [at, c] : columns) {
+    const double share = 1 / std::sqrt(c.count);
+    const Eigen::Vector3d d = share * c.d_plane;
+    all.push_back({at.first, at.second, share * c.z, {d.x(), d.y(), d.z()}, share * c.d_bias});
+  }
+  const ColumnProcess process = column_process(all, o_.surveyed ? 0 : flat_ ? 2 : 3);
+  // What a beam's cells share beyond their columns.
+  const double own = 1 - alike.across,
+               along = std::clamp((alike.along - alike.across * process.neighbours) / own, 0.0, 0.98);
   MatrixXd m = own * (1 + along) / (1 - along) * h;
   for (auto first = columns.begin(); first != columns.end();) {
     auto end = first;
@@ -378,14 +383,13 @@ MatrixXd BiasProblem::information_of(const Layout& l, const State& s, const Matr
     MatrixXd g(l.size(), n), r(n, n);
     std::vector<std::int32_t> cell;
     for (; first != end; ++first) {
-      g.col(static_cast<Index>(cell.size())) = first->second;
+      g.col(static_cast<Index>(cell.size())) = first->second.d;
       cell.push_back(first->first.second);
     }
     for (Index i = 0; i < n; ++i)
       for (Index j = 0; j < n; ++j)
-        r(i, j) =
-            alike.columns.at(std::abs(cell[static_cast<std::size_t>(i)] - cell[static_cast<std::size_t>(j)]));
-    m += alike.across / alike.columns.kept * (g * r * g.transpose());
+        r(i, j) = process.at(std::abs(cell[static_cast<std::size_t>(i)] - cell[static_cast<std::size_t>(j)]));
+    m += alike.across / process.kept * (g * r * g.transpose());
   }
   VectorXd scale(l.size());
   for (Index i = 0; i < scale.size(); ++i) scale[i] = m(i, i) > 0 ? 1 / std::sqrt(m(i, i)) : 0;

@@ -9,7 +9,6 @@
 #include <limits>
 
 #include "calibration/lidar/bias_fit.h"
-#include "calibration/lidar/column_correlation.h"
 
 namespace rigor::calibration::lidar {
 
@@ -132,9 +131,8 @@ struct Normal {
 
 /// Of cells that err alike.
 struct Correlation {
-  double along = 0;       ///< of neighbouring cells of a beam
-  double across = 0;      ///< of all beams' cells at one azimuth of a wall
-  ColumnProcess columns;  ///< of what they share there
+  double along = 0;   ///< of neighbouring cells of a beam
+  double across = 0;  ///< of all beams' cells at one azimuth of a wall
   /// How many cells of a beam say as much as an independent one: a first-order autoregression.
   [[nodiscard]] double cells_along() const { return (1 + along) / (1 - along); }
 };

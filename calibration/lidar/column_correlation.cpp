@@ -59,7 +59,6 @@ class Columns {
   static MatrixXd orthonormal(MatrixXd design) {
     for (Index k = 0; k < design.cols(); ++k)
       if (const double length = design.col(k).norm(); length > 0) design.col(k) /= length;
-    if (design.cols() == 0) return design;
     const Eigen::ColPivHouseholderQR<MatrixXd> qr(design);
     return qr.householderQ() * MatrixXd::Identity(design.rows(), qr.rank());
   }

@@ -29,13 +29,13 @@ struct OpticsPicture {
   std::vector<float> radiance;
 };
 
-/// rays: how many rays a pixel takes, over its area, the aperture and the exposure together. By default the
-/// error is that of four in every pixel, at a third of the cost (docs/light-error.md). 1 to 65536, then 0 to
-/// 4096.
+/// rays: how many rays a pixel takes, over its area, the aperture and the exposure together. The
+/// default is indoors nearer than four in every pixel, at two fifths of the cost (docs/light-error.md). 1 to
+/// 65536, then 0 to 4096.
 struct PixelSamples {
   int every = 1;  ///< in every pixel
-  int uneven =
-      7;  ///< more in pixels that differ from a neighbour by more than 0.3 of the picture's mean light
+  /// More in pixels that differ from a neighbour by more than 0.3 of the picture's mean light.
+  int uneven = 7;
   /// More where surfaces lie beside the sky, which ask only whether they meet it: what share of the pixel is
   /// sky, and how bright that is; the surfaces' light is that of the other samples. Not where colours are
   /// traced apart.
