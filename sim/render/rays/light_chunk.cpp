@@ -1,6 +1,7 @@
 #include "sim/render/rays/light_chunk.h"
 
 #include <cmath>
+#include <optional>
 
 namespace rigor::render::light {
 namespace {
@@ -268,18 +269,20 @@ void Chunk::add_lamps() {
 void Chunk::add_open_sky() {
   for (unsigned i = 0; i < n_; ++i) {
     Point& p = points_[i];
+    std::optional<GatheredLight::About> about;
+    if (in_.gathered != nullptr) about.emplace(*in_.gathered, p.place, p.range_m, found_);
     const auto irradiance = [&](Vec3 n) {
-      return in_.gathered != nullptr ? in_.gathered->irradiance(in_.frame, p.place, n, p.range_m, found_)
-                                     : in_.frame.irradiance(n);
+      const Bands4 open = in_.frame.irradiance(n);
+      return about ? about->irradiance(n, open) : open;
     };
     p.light +=
         from_sky(p.patch, irradiance(p.normal), p.patch.translucent ? irradiance(-p.normal) : Bands4{});
     const Mirror m = mirror(p.patch, p.view, p.normal);
     if (!m.any()) continue;
-    Bands4 open = all_bands(1);
-    if (in_.gathered != nullptr)
-      open = min(irradiance(m.direction) / max(in_.frame.irradiance(m.direction), all_bands(1e-20F)), open);
-    p.light += open * m.share * mirrored_sky(in_.frame, m);
+    const Bands4 open = in_.frame.irradiance(m.direction);
+    Bands4 seen = all_bands(1);
+    if (about) seen = min(about->irradiance(m.direction, open) / max(open, all_bands(1e-20F)), seen);
+    p.light += seen * m.share * mirrored_sky(in_.frame, m, open);
   }
 }
 

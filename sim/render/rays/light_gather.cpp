@@ -1,17 +1,15 @@
 #include "sim/render/rays/light_gather.h"
 
 #include <algorithm>
-#include <cmath>
+#include <bit>
 
 namespace rigor::render::light {
 namespace {
 
 /// Sides of cells are powers of two: 2^kSmallest m to 2^kLargest m.
 constexpr int kSmallest = -5, kLargest = 14;
-/// A path counts in so many levels, from that of its range on: in thin regions a coarser one answers.
-constexpr int kLevels = 4;
 /// A level answers where its cells hold at least this weight of paths.
-constexpr float kEnough = 12;
+constexpr float kEnough = 48;
 
 /// Level and cell, never 0. Cells beyond ±2^19 share one.
 std::uint64_t key_of(int level, int x, int y, int z) noexcept {
@@ -27,25 +25,29 @@ std::size_t hash_of(std::uint64_t key) noexcept {
   return static_cast<std::size_t>(key ^ key >> 29U);
 }
 
-float scale_of(int level) noexcept { return std::ldexp(1.0F, -level); }
+float scale_of(int level) noexcept {
+  return std::bit_cast<float>(static_cast<std::uint32_t>(127 - level) << 23U);
+}
 
 /// Cells of places without bounds: what floats can count.
-int floor_of(float v) noexcept { return static_cast<int>(std::floor(std::clamp(v, -1e6F, 1e6F))); }
-
-/// Squares of a unit normal's parts, and which of the six axes they look along.
-struct Parts {
-  float weight[3];
-  int axis[3];
-};
-Parts parts_of(Vec3 n) noexcept {
-  return {{n.x * n.x, n.y * n.y, n.z * n.z}, {n.x < 0 ? 1 : 0, n.y < 0 ? 3 : 2, n.z < 0 ? 5 : 4}};
+int floor_of(float v) noexcept {
+  const float bounded = v > -1e6F ? std::min(v, 1e6F) : -1e6F;
+  const int whole = static_cast<int>(bounded);
+  return static_cast<float>(whole) > bounded ? whole - 1 : whole;
 }
 
 }  // namespace
 
+GatheredLight::Parts GatheredLight::parts_of(Vec3 n) noexcept {
+  return {{n.x * n.x, n.y * n.y, n.z * n.z}, {n.x < 0 ? 1 : 0, n.y < 0 ? 3 : 2, n.z < 0 ? 5 : 4}};
+}
+
 int GatheredLight::level_of(float range_m) const noexcept {
-  const float side = std::max(range_m * cell_rad_, 1e-3F);
-  return std::clamp(static_cast<int>(std::lround(std::log2(side))), kSmallest, kLargest - kLevels + 1);
+  // The logarithm to base 2, rounded: the exponent, and one more from the square root of 2 on.
+  const auto bits = std::bit_cast<std::uint32_t>(std::max(range_m * cell_rad_, 1e-3F));
+  constexpr std::uint32_t kFraction = 0x7FFFFF, kRootOf2 = 0x3504F3;
+  const int level = static_cast<int>(bits >> 23U) - 127 + ((bits & kFraction) >= kRootOf2 ? 1 : 0);
+  return std::clamp(level, kSmallest, kLargest - kLevels + 1);
 }
 
 GatheredLight::Cell& GatheredLight::cell(std::uint64_t key) {
@@ -84,8 +86,7 @@ void GatheredLight::add(std::span<const GatheredPath> paths) {
         Sum& s = axis[parts.axis[k]];
         s.radiance += p.radiance * w;
         s.open += p.open * w;
-        s.weight += w;
-        s.free += p.free ? w : 0.0F;
+        s.weight += Bands4{w, p.free ? w : 0.0F, w, 0};
       }
     };
     count(everywhere_);
@@ -99,81 +100,85 @@ void GatheredLight::add(std::span<const GatheredPath> paths) {
   }
 }
 
-GatheredLight::Sum GatheredLight::near(int level, Vec3 place, Vec3 normal, Found& found) const noexcept {
-  const float scale = scale_of(level);
-  const Vec3 at = place * scale - Vec3{0.5F, 0.5F, 0.5F};
+void GatheredLight::About::enter(int k) noexcept {
+  const int level = finest_ + k;
+  const Vec3 at = place_ * scale_of(level) - Vec3{0.5F, 0.5F, 0.5F};
   const int x = floor_of(at.x), y = floor_of(at.y), z = floor_of(at.z);
   const auto part = [](float v, int low) { return std::clamp(v - static_cast<float>(low), 0.0F, 1.0F); };
   const float fx = part(at.x, x), fy = part(at.y, y), fz = part(at.z, z);
-  const Parts parts = parts_of(normal);
   const std::uint64_t key = key_of(level, x, y, z);
-  Found::Eight& eight = found.eights_[hash_of(key) % found.eights_.size()];
+  Found::Eight& eight = found_.eights_[hash_of(key) % found_.eights_.size()];
   if (eight.key != key) {
     eight.key = key;
-    for (int k = 0; k < 8; ++k)
-      eight.cells[static_cast<std::size_t>(k)] =
-          find(key_of(level, x + (k & 1), y + (k >> 1 & 1), z + (k >> 2)));
+    for (int i = 0; i < 8; ++i)
+      eight.cells[static_cast<std::size_t>(i)] =
+          light_.find(key_of(level, x + (i & 1), y + (i >> 1 & 1), z + (i >> 2)));
   }
-  const Cell* cells[8];
-  float share[8];
-  std::size_t n = 0;
-  for (int k = 0; k < 8; ++k) {
-    const Cell* const c = eight.cells[static_cast<std::size_t>(k)];
+  Level& l = levels_[k];
+  l.cells = l.summed = 0;
+  for (int i = 0; i < 8; ++i) {
+    const Cell* const c = eight.cells[static_cast<std::size_t>(i)];
     if (c == nullptr) continue;
-    cells[n] = c;
-    share[n++] =
-        ((k & 1) != 0 ? fx : 1 - fx) * ((k >> 1 & 1) != 0 ? fy : 1 - fy) * (k >> 2 != 0 ? fz : 1 - fz);
+    l.cell[l.cells] = c;
+    l.share[l.cells++] =
+        ((i & 1) != 0 ? fx : 1 - fx) * ((i >> 1 & 1) != 0 ? fy : 1 - fy) * (i >> 2 != 0 ? fz : 1 - fz);
   }
-  Sum axis[3];
-  float held = 0;
-  for (int a = 0; a < 3; ++a) {
-    Sum sum;
-    float all = 0;
-    for (std::size_t k = 0; k < n; ++k) {
-      const Sum& s = cells[k]->axis[parts.axis[a]];
-      sum.radiance += s.radiance * share[k];
-      sum.open += s.open * share[k];
-      sum.weight += s.weight * share[k];
-      sum.free += s.free * share[k];
-      all += s.weight;
-    }
-    axis[a] = sum;
-    held += all * parts.weight[a];
-  }
-  return held >= kEnough ? along(axis, parts.weight) : Sum{};
+  entered_ |= 1U << static_cast<unsigned>(k);
 }
 
-GatheredLight::Sum GatheredLight::along(const Sum (&axis)[3], const float (&weight)[3]) noexcept {
-  Sum out;
+const GatheredLight::Sum& GatheredLight::About::sum(Level& l, int axis) noexcept {
+  if ((l.summed >> static_cast<unsigned>(axis) & 1U) == 0) {
+    Bands4 radiance{}, open{}, weight{};
+    for (unsigned i = 0; i < l.cells; ++i) {
+      const Sum& s = l.cell[i]->axis[axis];
+      const float share = l.share[i];
+      radiance += s.radiance * share;
+      open += s.open * share;
+      weight += s.weight * Bands4{share, share, 1, 0};
+    }
+    l.axis[axis] = {radiance, open, weight};
+    l.summed |= 1U << static_cast<unsigned>(axis);
+  }
+  return l.axis[axis];
+}
+
+GatheredLight::Mean GatheredLight::mean_of(const Sum& x, const Sum& y, const Sum& z,
+                                           const Parts& parts) noexcept {
+  const Sum* const axis[3] = {&x, &y, &z};
+  Mean out;
   for (int a = 0; a < 3; ++a) {
-    if (!(axis[a].weight > 1e-3F * weight[a]) || !(weight[a] > 0)) continue;
-    const float w = weight[a] / axis[a].weight;
-    out.radiance += axis[a].radiance * w;
-    out.open += axis[a].open * w;
-    out.free += axis[a].free * w;
-    out.weight += weight[a];
+    const float all = axis[a]->weight[0], part = parts.weight[a];
+    if (!(all > 1e-3F * part) || !(part > 0)) continue;
+    const float w = part / all;
+    out.radiance += axis[a]->radiance * w;
+    out.open += axis[a]->open * w;
+    out.free += axis[a]->weight[1] * w;
+    out.known += part;
   }
   return out;
 }
 
-Bands4 GatheredLight::irradiance(const LightFrame& frame, Vec3 place, Vec3 normal, float range_m,
-                                 Found& found) const noexcept {
-  const Bands4 open = frame.irradiance(normal);
-  if (cells_.empty()) return open;
-  const int finest = level_of(range_m);
-  Sum s;
-  for (int level = finest; level < finest + kLevels && !(s.weight > 0.25F); ++level)
-    s = near(level, place, normal, found);
-  if (!(s.weight > 0.25F)) {
-    const Parts parts = parts_of(normal);
-    s = along({everywhere_[parts.axis[0]], everywhere_[parts.axis[1]], everywhere_[parts.axis[2]]},
-              parts.weight);
+Bands4 GatheredLight::About::irradiance(Vec3 normal, Bands4 open) noexcept {
+  if (light_.cells_.empty()) return open;
+  const Parts parts = parts_of(normal);
+  Mean m;
+  for (int k = 0; k < kLevels && !(m.known > 0.25F); ++k) {
+    if ((entered_ >> static_cast<unsigned>(k) & 1U) == 0) enter(k);
+    Level& l = levels_[k];
+    const Sum &x = sum(l, parts.axis[0]), &y = sum(l, parts.axis[1]), &z = sum(l, parts.axis[2]);
+    const float held =
+        x.weight[2] * parts.weight[0] + y.weight[2] * parts.weight[1] + z.weight[2] * parts.weight[2];
+    if (held >= kEnough) m = mean_of(x, y, z, parts);
   }
-  if (!(s.weight > 0)) return open;
+  if (!(m.known > 0.25F)) {
+    const Sum(&all)[6] = light_.everywhere_;
+    m = mean_of(all[parts.axis[0]], all[parts.axis[1]], all[parts.axis[2]], parts);
+  }
+  if (!(m.known > 0)) return open;
   // What the open sky sends is known by its integral; the paths' mean differs from it by what they met. In
   // the open, nothing is left to chance.
-  const float each = 1.0F / s.weight, free = s.free * each;
-  return not_negative(open * free + (s.radiance - s.open * free) * (kPi * each));
+  const float each = 1.0F / m.known, free = m.free * each;
+  return not_negative(open * free + (m.radiance - m.open * free) * (kPi * each));
 }
 
 }  // namespace rigor::render::light

@@ -42,37 +42,75 @@ class GatheredLight {
     };
     std::array<Eight, 16> eights_;
   };
+  /// The light about one place, for any number of directions: what they share is found once. Belongs to one
+  /// thread.
+  class About;
   /// `cell_rad`: side of a cell as seen from the query's origin, above 0.
   explicit GatheredLight(float cell_rad) : cell_rad_(cell_rad) {}
   /// Serial; the order of the paths counts in rounding alone.
   void add(std::span<const GatheredPath> paths);
-  /// W/m² on a plane of this normal. Where nothing was gathered near: the mean of all that was gathered, or
-  /// of the open sky where nothing was. Any thread.
-  [[nodiscard]] Bands4 irradiance(const LightFrame& frame, Vec3 place, Vec3 normal, float range_m,
-                                  Found& found) const noexcept;
 
  private:
+  /// A path counts in so many levels, from that of its range on: in thin regions a coarser one answers.
+  static constexpr int kLevels = 4;
   /// Of the paths whose normal looks along one of the axes, weighted by the square of their normal's part.
   struct Sum {
-    Bands4 radiance{}, open{};
-    float weight = 0, free = 0;
+    Bands4 radiance, open;
+    Bands4 weight;  ///< of all paths, of those whose first segment met nothing, of all again, 0
   };
   struct Cell {
     std::uint64_t key = 0;  ///< 0: empty
     Sum axis[6];
   };
+  /// Means over the paths along some directions.
+  struct Mean {
+    Bands4 radiance{}, open{};
+    float free = 0;   ///< share of paths whose first segment met nothing
+    float known = 0;  ///< share of the directions along which there are paths
+  };
+  /// Squares of a unit normal's parts, and which of the six axes they look along.
+  struct Parts {
+    float weight[3];
+    int axis[3];
+  };
+  [[nodiscard]] static Parts parts_of(Vec3 normal) noexcept;
+  [[nodiscard]] static Mean mean_of(const Sum& x, const Sum& y, const Sum& z, const Parts& parts) noexcept;
   [[nodiscard]] int level_of(float range_m) const noexcept;
   Cell& cell(std::uint64_t key);
   [[nodiscard]] const Cell* find(std::uint64_t key) const noexcept;
-  /// Of the eight cells of a level about a place; weight 0 where they hold too little.
-  [[nodiscard]] Sum near(int level, Vec3 place, Vec3 normal, Found& found) const noexcept;
-  /// Of the axes that a normal looks along, those along which something was gathered.
-  [[nodiscard]] static Sum along(const Sum (&axis)[3], const float (&weight)[3]) noexcept;
 
   float cell_rad_;
   std::vector<Cell> cells_;  ///< open addressing, a power of two
   std::size_t used_ = 0;
-  Sum everywhere_[6];
+  Sum everywhere_[6]{};
+};
+
+class GatheredLight::About {
+ public:
+  About(const GatheredLight& light, Vec3 place, float range_m, Found& found) noexcept
+      : light_(light), found_(found), place_(place), finest_(light.level_of(range_m)) {}
+  /// W/m² on a plane of this normal, where open sky and ground alone would send `open`
+  /// (LightFrame::irradiance). Where nothing was gathered near: the mean of all that was gathered, or `open`
+  /// where nothing was.
+  [[nodiscard]] Bands4 irradiance(Vec3 normal, Bands4 open) noexcept;
+
+ private:
+  /// The eight cells of a level about the place, less those without paths.
+  struct Level {
+    unsigned cells, summed;  ///< `summed`: a bit for each axis
+    const Cell* cell[8];
+    float share[8];
+    Sum axis[6];  ///< sums over the cells; the weight's third part without their shares
+  };
+  void enter(int k) noexcept;
+  [[nodiscard]] static const Sum& sum(Level& level, int axis) noexcept;
+
+  const GatheredLight& light_;
+  Found& found_;
+  const Vec3 place_;
+  const int finest_;
+  unsigned entered_ = 0;  ///< a bit for each level
+  Level levels_[kLevels];
 };
 
 }  // namespace rigor::render::light

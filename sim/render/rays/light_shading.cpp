@@ -251,8 +251,8 @@ Mirror mirror(const MaterialSample& s, Vec3 view, Vec3 n) noexcept {
   return m;
 }
 
-Bands4 mirrored_sky(const LightFrame& frame, const Mirror& m) noexcept {
-  const Bands4 blurred = m.sharp < 1 ? frame.irradiance(m.direction) / kPi : Bands4{};
+Bands4 mirrored_sky(const LightFrame& frame, const Mirror& m, Bands4 irradiance) noexcept {
+  const Bands4 blurred = irradiance / kPi;
   if (!(m.sharp > 0)) return blurred;
   const float above = smoothstep(-0.1F, 0.05F, m.direction.z);
   const Bands4 sharp = above > 0 ? mix(frame.ground, frame.sky->radiance(m.direction), above) : frame.ground;

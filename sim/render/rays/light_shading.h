@@ -86,7 +86,8 @@ struct Mirror {
   [[nodiscard]] bool any() const noexcept { return largest(share) > 0; }
 };
 [[nodiscard]] Mirror mirror(const MaterialSample& s, Vec3 view, Vec3 n) noexcept;
-/// What the mirror shows of surroundings that nothing hides.
-[[nodiscard]] Bands4 mirrored_sky(const LightFrame& frame, const Mirror& m) noexcept;
+/// What the mirror shows of surroundings that nothing hides. `irradiance`: theirs on a plane whose normal is
+/// the mirror's direction.
+[[nodiscard]] Bands4 mirrored_sky(const LightFrame& frame, const Mirror& m, Bands4 irradiance) noexcept;
 
 }  // namespace rigor::render::light
