@@ -211,14 +211,8 @@ class Fitter {
       const Eigen::VectorXd& step = solution_.step;
       if (first) fit_.one_step.assign(step.data(), step.data() + step.size());
       if (fit_.pairs < 2) return {};
-      bool small = true;
-      for (std::size_t k = 0; k < columns_; ++k) {
-        const auto i = Eigen::Index(k);
-        // Pieces that are looked up change with the state: steps do not get as small as a smooth model's.
-        small =
-            small && std::abs(step[i]) <=
-                         (solution_.determined[k] ? 0.1 * std::sqrt(solution_.covariance(i, i)) : kLeastStep);
-      }
+      // Pieces that are looked up change with the state: steps do not get as small as a smooth model's.
+      const bool small = solution_.is_small(0.1);
       if (small || options_.stop.stop_requested()) {
         fit_.converged = small, fit_.change.interrupted = options_.stop.stop_requested();
         return {};

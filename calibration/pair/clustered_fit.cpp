@@ -1,6 +1,7 @@
 #include "calibration/pair/clustered_fit.h"
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -198,6 +199,25 @@ ClusteredFit::Solution ClusteredFit::solve(const std::vector<bool>& held) const 
       s.covariance(free[std::size_t(i)], free[std::size_t(j)]) = (covariance(i, j) + covariance(j, i)) / 2;
   }
   return s;
+}
+
+bool ClusteredFit::Solution::is_small(double share) const {
+  for (Eigen::Index i = 0; i < step.size(); ++i)
+    if (!(std::abs(step[i]) <=
+          (determined[std::size_t(i)] ? share * std::sqrt(covariance(i, i)) : kLeastStep)))
+      return false;
+  return true;
+}
+
+double Relaxation::next(const Eigen::VectorXd& step) {
+  if (before_.size() == step.size()) {
+    const Eigen::VectorXd change = step - before_;
+    const double squares = change.squaredNorm();
+    const double factor = squares > 0 ? -factor_ * before_.dot(change) / squares : 1;
+    factor_ = factor > 0 ? std::clamp(factor, kLeast, 1.0) : 1;
+  }
+  before_ = step;
+  return factor_;
 }
 
 }  // namespace rigor::calibration

@@ -41,6 +41,21 @@ inline RobustWeight huber_weight(double weight, double far) noexcept {
 /// Steps of what is not determined that are no longer taken: metres, radians or shares.
 inline constexpr double kLeastStep = 1e-5;
 
+/// What part of the steps of a series of passes is taken. A slope that is too small, such as that of an edge
+/// of a pixel over two pixels, makes steps that overshoot, by twice their length without end at the worst:
+/// where they turn back they are shortened (Aitken's relaxation: Irons and Tuck, International Journal for
+/// Numerical Methods in Engineering 1, 1969).
+class Relaxation {
+ public:
+  /// `step`: in standard deviations. From kLeast to 1, at first 1.
+  double next(const Eigen::VectorXd& step);
+
+ private:
+  static constexpr double kLeast = 0.1;
+  double factor_ = 1;
+  Eigen::VectorXd before_;
+};
+
 class ClusteredFit {
  public:
   /// Setup; allocates.
@@ -61,6 +76,8 @@ class ClusteredFit {
     Eigen::VectorXd step;
     Eigen::MatrixXd covariance;    ///< zero rows where held; infinite variance where not determined
     std::vector<bool> determined;  ///< false: held, or neither the data nor their scatter tell of it
+    /// Each step is at most `share` of its standard deviation, of what is not determined at most kLeastStep.
+    [[nodiscard]] bool is_small(double share) const;
   };
   /// `held`: these stay; the rest is solved for. Fewer than two stretches or places: all is undetermined.
   [[nodiscard]] Solution solve(const std::vector<bool>& held) const;

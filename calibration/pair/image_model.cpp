@@ -10,6 +10,7 @@
 #include <memory>
 
 #include "calibration/pair/clustered_fit.h"
+#include "sensor-hal/models/philox.h"
 
 namespace rigor::calibration {
 namespace {
@@ -20,6 +21,7 @@ enum Column : std::size_t { kGain, kOffset, kFocal, kTurn, kCx = kTurn + 3, kCy,
 constexpr std::size_t kLattice = 8;     // px between the places at which the lens is asked
 constexpr std::size_t kPlaceCells = 4;  // side of a place, cells
 constexpr std::size_t kNoiseLevels = 16;
+constexpr double kHuber = 1.345;  // 95 % efficient where noise is normal
 
 /// The values that ImageChange looks at, one by one: green of RGB, luma of YUV.
 struct Plane {
@@ -144,7 +146,9 @@ class Carrier {
     return true;
   }
 
-  void carry(const Plane& in, Plane& out) const {
+  /// Rounded up or down by a draw, one for each pixel and `picture`: rounded to the nearest, a change of gain
+  /// that moves no value by half a step would not show.
+  void carry(const Plane& in, std::uint64_t picture, Plane& out) const {
     out.shape = in.shape;
     out.value.assign(in.value.size(), 0);
     const std::size_t w = shape_.width_px, h = shape_.height_px, s = is_bayer(shape_.format) ? 2 : 1;
@@ -175,9 +179,11 @@ class Carrier {
             sum += kb[m] * ka[n] * value;
           }
         const double carried = black_ + state_.gain * light * (sum - black_) + state_.offset;
-        out.value[y * w + x] = dark    ? 0
-                               : white ? top
-                                       : static_cast<std::uint16_t>(std::clamp(carried + 0.5, 0.0, highest_));
+        out.value[y * w + x] =
+            dark ? 0
+            : white
+                ? top
+                : static_cast<std::uint16_t>(std::clamp(carried + draw(y * w + x, picture), 0.0, highest_));
       }
   }
 
@@ -186,6 +192,14 @@ class Carrier {
     double u = 0, v = 0, light = 1;
     bool seen = false;
   };
+  /// At least 0, below 1.
+  static double draw(std::size_t pixel, std::uint64_t picture) {
+    const auto words = models::philox({static_cast<std::uint32_t>(pixel),
+                                       static_cast<std::uint32_t>(models::NoiseEffect::calibration_rounding),
+                                       static_cast<std::uint32_t>(picture), 0},
+                                      {});
+    return words[0] * 0x1p-32;
+  }
   State state_;
   ImageInfo shape_;
   double black_, highest_;
@@ -261,27 +275,24 @@ class Fitter {
  private:
   Status solve() {
     fit_.converged = false;
+    Relaxation relaxation;
     for (int pass = 0; pass < options_.most_passes; ++pass) {
       if (options_.progress) options_.progress(fit_.passes + 1);
       if (auto s = one_pass(); !s) return s;
       const bool first = fit_.passes++ == 0;
       const Eigen::VectorXd& step = solution_.step;
       if (first) fit_.one_step.assign(step.data(), step.data() + step.size());
-      bool small = true;
-      for (std::size_t k = 0; k < kColumns; ++k) {
-        const auto i = static_cast<Eigen::Index>(k);
-        // Rounding of the pictures that are carried over keeps steps from getting ever smaller.
-        const double enough = pass < 4 ? 0.05 : 0.3;
-        small = small &&
-                std::abs(step[i]) <=
-                    (solution_.determined[k] ? enough * std::sqrt(solution_.covariance(i, i)) : kLeastStep);
-      }
+      const bool small = solution_.is_small(0.05);
       if (fit_.pairs < 2) return {};
       if (small || options_.stop.stop_requested()) {
         fit_.converged = small, fit_.change.interrupted = options_.stop.stop_requested();
         return {};
       }
-      take(step);
+      Eigen::VectorXd sigmas = Eigen::VectorXd::Zero(step.size());
+      for (Eigen::Index i = 0; i < step.size(); ++i)
+        if (solution_.determined[static_cast<std::size_t>(i)])
+          sigmas[i] = step[i] / std::sqrt(solution_.covariance(i, i));
+      take(relaxation.next(sigmas) * step);
     }
     return {};
   }
@@ -323,7 +334,7 @@ class Fitter {
         }
       }
       if (carried())
-        carrier_->carry(simulated_, carried_);
+        carrier_->carry(simulated_, fit_.pairs, carried_);
       else
         carried_ = simulated_;
       put_plane(real_, real_sample_), put_plane(carried_, carried_sample_);
@@ -345,6 +356,12 @@ class Fitter {
     }
     fit_rows_->end_stretch();
     solution_ = fit_rows_->solve(held_);
+    if (!scales_.empty()) {
+      const auto middle = scales_.begin() + static_cast<std::ptrdiff_t>(scales_.size() / 2);
+      std::nth_element(scales_.begin(), middle, scales_.end());
+      scale_ = std::max(1e-3, *middle);
+      scales_.clear();
+    }
     return {};
   }
 
@@ -394,9 +411,19 @@ class Fitter {
         if (std::isfinite(real_light_[at])) light += real_light_[at], ++around;
       if (around == 0) continue;
       z[kGain] = light / around, z[kA2] = z[kGain] * e.a2;
+      // The first pass needs the watch's weights, which are about a fit of its own; that fit has no
+      // instruments, and weights about it favour residuals of one sign.
+      const double far = std::abs(r.residual) * std::sqrt(r.base_weight);
+      left_.push_back(far);
       fit_rows_->add(y / kPlaceCells * places_across_ + x / kPlaceCells, z, j, r.residual,
-                     {r.weight, r.weight < r.base_weight ? 0 : r.weight});
+                     carried() ? huber_weight(r.base_weight, far / (kHuber * scale_))
+                               : RobustWeight{r.weight, r.weight < r.base_weight ? 0 : r.weight});
     }
+    if (left_.empty()) return;
+    const auto middle = left_.begin() + static_cast<std::ptrdiff_t>(left_.size() / 2);
+    std::nth_element(left_.begin(), middle, left_.end());
+    scales_.push_back(1.4826 * *middle);
+    left_.clear();
   }
 
   void take_noise() {
@@ -498,6 +525,9 @@ class Fitter {
   NoiseByLevel noise_{kNoiseLevels};
   std::size_t places_across_ = 1;
   std::vector<double> real_light_;  ///< by cell, above black; NaN: not compared
+  std::vector<double> left_;        ///< of one picture: residuals over what their weights say
+  std::vector<double> scales_;      ///< of the pictures of this pass, by the median
+  double scale_ = 1;                ///< of the pass before
   double black_ = 0, highest_ = 255;
   Plane real_, simulated_, carried_;
   Sample real_sample_, carried_sample_;

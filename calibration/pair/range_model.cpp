@@ -139,11 +139,7 @@ Result<RangePairFit> fit_range_pair(const ForEachPair& pairs, const RangePairOpt
       if (!rows || fit.pairs < 2) return {};
       const bool first = fit.passes++ == 0;
       if (first) fit.one_step.assign(solution.step.data(), solution.step.data() + kColumns);
-      bool small = !first;
-      for (Eigen::Index k = 0; k < Eigen::Index(kColumns); ++k)
-        small = small && std::abs(solution.step[k]) <= (solution.determined[std::size_t(k)]
-                                                            ? 0.01 * std::sqrt(solution.covariance(k, k))
-                                                            : kLeastStep);
+      const bool small = !first && solution.is_small(0.01);
       if (small || o.stop.stop_requested()) {
         fit.converged = small, fit.change.interrupted = o.stop.stop_requested();
         return {};

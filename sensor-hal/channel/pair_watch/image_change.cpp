@@ -233,7 +233,8 @@ void ImageChange::regress() noexcept {
       const double lit = mean(c, c.simulated), edge = options_.misfit_px * std::hypot(gx, gy);
       Row row;
       row.residual = mean(c, c.real) - lit;
-      row.base_weight = row.weight = 1 / (2 * variance_at(lit) / c.count + edge * edge);
+      // By the light of both: a weight that knows one side's noise favours residuals of one sign.
+      row.base_weight = row.weight = 1 / (2 * variance_at(both(c)) / c.count + edge * edge);
       row.lit = lit - black_;
       const auto place = [&](std::size_t fine) {
         const std::size_t wide = fine * static_cast<std::size_t>(options_.tiles_across);

@@ -230,6 +230,45 @@ TEST(ImagePair, UncertaintiesHoldOverSeeds) {
   c.expect_good();
 }
 
+/// Pictures that are carried over by nothing must not be rounded back to what they were.
+TEST(ImagePair, WithoutAChangeGainAndOffsetAreWithinTheirUncertainties) {
+  const CameraModel simulated = small_camera();
+  Consistency c({{"focal_length", 0},
+                 {"gain", 0},
+                 {"offset_dn", 0},
+                 {"mount_x_rad", 0},
+                 {"mount_y_rad", 0},
+                 {"mount_z_rad", 0}});
+  int passes = 0;
+  for (std::uint64_t seed = 0; seed < 16; ++seed) {
+    const Pairs pairs = camera_pairs(simulated, {}, 8, 300 + seed);
+    const auto fit = fit_image_pair(pairs.each(), simulated, {});
+    ASSERT_TRUE(fit) << fit.error().text();
+    EXPECT_TRUE(fit->converged) << seed;
+    passes += fit->passes;
+    c.add(fit->change);
+  }
+  c.expect_good();
+  std::printf("  %d passes\n", passes);
+  EXPECT_LT(passes, 16 * 12);
+}
+
+TEST(ClusteredFit, StepsThatOvershootTwiceEndAtOnce) {
+  // A slope of half its size: x goes to -x for ever.
+  double x = 1;
+  Relaxation relaxation;
+  for (int pass = 0; pass < 3; ++pass) x += relaxation.next(Eigen::VectorXd::Constant(1, -2 * x)) * -2 * x;
+  EXPECT_NEAR(x, 0, 1e-12);
+  // What converges by itself is left alone.
+  x = 1;
+  Relaxation whole;
+  for (int pass = 0; pass < 10; ++pass) {
+    const double factor = whole.next(Eigen::VectorXd::Constant(1, -0.5 * x));
+    EXPECT_EQ(factor, 1);
+    x += factor * -0.5 * x;
+  }
+}
+
 TEST(ImagePair, NoiseSaysWhetherLightOrElectronicsHaveChanged) {
   const CameraModel simulated = small_camera();
   CameraChange light, electronics;
