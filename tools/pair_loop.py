@@ -3,10 +3,11 @@
 
 usage: tools/pair_loop.py [CASE ...] [--seeds 1] [--duration 3] [--rigor build/release/rigor] [-o report/pair-loop]
 
-CASE is scan, top, camera, tof (default: all), the channels of configs/rigs/pairs.yaml. Of each the real side is another device: a changed
-sensor model and mount. Two `rigor run` in virtual time for each seed: with the changes, and, with another seed, after what `rigor calibrate
-pair` proposed was taken over. Prints what was planted, what was found, and what is left. Over several seeds: mean and standard deviation
-of (error / standard uncertainty), where 0 and 1 are expected. What a seed gave is kept in the output folder and not run again. Exit
+CASE is scan, top, camera, tof (default: all), the channels of configs/rigs/pairs.yaml, or camera-knocked, whose mount alone has changed, or
+camera-same, which has not changed. Of each the real side is another device: a changed sensor model and mount. Two `rigor run` in virtual time
+for each seed: with the changes, and, with another seed, after what `rigor calibrate pair` proposed was taken over. Prints what was planted,
+what was found, and what is left. Over several seeds: mean and standard deviation of (error / standard uncertainty), where 0 and 1 are
+expected. What a seed gave is kept in the output folder and not run again. Exit
 status: 0, or 2 where a run failed or a sensor model lacks what is to be changed.
 """
 import argparse
@@ -23,7 +24,8 @@ HALF_DEG = math.radians(0.5)
 # The camera looks down by atan(0.3 / 5.5): half a degree about the world's z is about its own y and z.
 DOWN = math.atan2(0.3, 5.5)
 
-# Sensor model; what is replaced in it: pattern, and a text or a factor on the number; mount of the real side; what is planted.
+# By channel, with a dash and the kind of change where there are several. Sensor model; what is replaced in it: pattern, and a text or a factor
+# on the number; mount of the real side; what is planted.
 CASES = {
     "scan": ("sick-lms111.yaml", [(r"range: \{", "range: { bias_mm: 20,"), (r"(floor_mm: )([\d.]+)", 2.0), (r"(scale_mm: )([\d.]+)", 2.0)],
              "{ position_m: [0, -3, 0.4], roll_pitch_yaw_deg: [0, 0, 90.5] }",
@@ -36,6 +38,12 @@ CASES = {
                f"{{ position_m: [-0.1, -3, 1.4], look_at_m: [{-0.1 - 5.5 * math.sin(HALF_DEG):.9f}, {5.5 * math.cos(HALF_DEG) - 3:.9f}, 1.1] }}",
                {"focal_length": 0.01, "gain": 0, "mount_x_rad": 0, "mount_y_rad": -HALF_DEG * math.cos(DOWN),
                 "mount_z_rad": -HALF_DEG * math.sin(DOWN)}),
+    "camera-knocked": ("demo-camera.yaml", [],
+                       f"{{ position_m: [-0.1, -3, 1.4], look_at_m: [{-0.1 - 5.5 * math.sin(HALF_DEG):.9f}, {5.5 * math.cos(HALF_DEG) - 3:.9f}, 1.1] }}",
+                       {"focal_length": 0, "gain": 0, "mount_x_rad": 0, "mount_y_rad": -HALF_DEG * math.cos(DOWN),
+                        "mount_z_rad": -HALF_DEG * math.sin(DOWN)}),
+    "camera-same": ("demo-camera.yaml", [], None,
+                    {"focal_length": 0, "gain": 0, "offset_dn": 0, "mount_x_rad": 0, "mount_y_rad": 0, "mount_z_rad": 0}),
     "tof": ("sr4000.yaml", [(r"\Z", "range_error: { offset_mm: 20 }\n")], None, {"range_offset_m": 0.02, "amplitude_gain": 0}),
 }
 
@@ -72,6 +80,7 @@ def calibrate(args, folder, recording, name, proposed):
 
 def one_seed(args, name, seed):
     """Answers of `rigor calibrate pair` before and after its proposal."""
+    channel = name.split("-")[0]
     folder = args.output / f"{name}-{seed}"
     kept = folder / "answers.json"
     if kept.is_file():
@@ -82,21 +91,21 @@ def one_seed(args, name, seed):
     real.write_text(changed(sensor, changes))
     before = folder / "simulated.yaml"
     before.write_text(changed(sensor, []))
-    planted = ["--set", f"channels.{name}.pair.real.sensor={real}", "--set", f"channels.{name}.pair.simulated.sensor={before}"]
+    planted = ["--set", f"channels.{channel}.pair.real.sensor={real}", "--set", f"channels.{channel}.pair.simulated.sensor={before}"]
     if mount:
-        planted += ["--set", f"channels.{name}.pair.real.T_world_sensor={mount}"]
+        planted += ["--set", f"channels.{channel}.pair.real.T_world_sensor={mount}"]
     rig = folder / "rig.yaml"
-    rig.write_text(alone(name))
+    rig.write_text(alone(channel))
     answers = []
     for k in range(2):
         recording = folder / f"{k}.mcap"
         call([args.rigor, "run", rig, "--duration", args.duration, "--record", recording, "--force",
               "--no-control", "--progress", "none", "--set", f"seed={2 * seed + k}", *planted], folder)
-        answers.append(calibrate(args, folder, recording, name, folder / f"proposed-{k}.yaml"))
+        answers.append(calibrate(args, folder, recording, channel, folder / f"proposed-{k}.yaml"))
         recording.unlink()
-        planted += ["--set", f"channels.{name}.pair.simulated.sensor={folder / 'proposed-0.yaml'}"]
+        planted += ["--set", f"channels.{channel}.pair.simulated.sensor={folder / 'proposed-0.yaml'}"]
         if mount and "value" in answers[0].get("mount", {}):
-            planted += ["--set", f"channels.{name}.pair.simulated.T_world_sensor={answers[0]['mount']['value']}"]
+            planted += ["--set", f"channels.{channel}.pair.simulated.T_world_sensor={answers[0]['mount']['value']}"]
     kept.write_text(json.dumps(answers))
     return answers
 
