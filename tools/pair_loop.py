@@ -3,12 +3,12 @@
 
 usage: tools/pair_loop.py [CASE ...] [--seeds 1] [--duration 3] [--rigor build/release/rigor] [-o report/pair-loop]
 
-CASE is scan, top, camera, tof (default: all), the channels of configs/rigs/pairs.yaml, or camera-knocked, whose mount alone has changed, or
-camera-same, which has not changed. Of each the real side is another device: a changed sensor model and mount. Two `rigor run` in virtual time
-for each seed: with the changes, and, with another seed, after what `rigor calibrate pair` proposed was taken over. Prints what was planted,
-what was found, and what is left. Over several seeds: mean and standard deviation of (error / standard uncertainty), where 0 and 1 are
-expected. What a seed gave is kept in the output folder and not run again. Exit
-status: 0, or 2 where a run failed or a sensor model lacks what is to be changed.
+CASE (default: all) is a channel of configs/rigs/pairs.yaml (scan, top, camera, tof), whose real side differs in sensor model or mount;
+camera-knocked, where the mount alone differs; or camera-same, where nothing does.
+Two `rigor run` in virtual time for each seed: with the changes, and, with another seed, after what `rigor calibrate pair` proposed was taken
+over. Prints what was planted, what was found, and what is left. Over several seeds: mean and standard deviation of (error / standard
+uncertainty), where 0 and 1 are expected. What a seed gave is kept in the output folder and not run again. Exit status: 0, or 2 where a run
+failed or a sensor model lacks what is to be changed.
 """
 import argparse
 import json
@@ -23,6 +23,8 @@ SENSORS = ROOT / "configs/sensors"
 HALF_DEG = math.radians(0.5)
 # The camera looks down by atan(0.3 / 5.5): half a degree about the world's z is about its own y and z.
 DOWN = math.atan2(0.3, 5.5)
+KNOCKED = f"{{ position_m: [-0.1, -3, 1.4], look_at_m: [{-0.1 - 5.5 * math.sin(HALF_DEG):.9f}, {5.5 * math.cos(HALF_DEG) - 3:.9f}, 1.1] }}"
+KNOCKED_TURNS = {"mount_x_rad": 0, "mount_y_rad": -HALF_DEG * math.cos(DOWN), "mount_z_rad": -HALF_DEG * math.sin(DOWN)}
 
 # By channel, with a dash and the kind of change where there are several. Sensor model; what is replaced in it: pattern, and a text or a factor
 # on the number; mount of the real side; what is planted.
@@ -35,13 +37,11 @@ CASES = {
             {"range_bias_m": 0.02, "range_scale": 0, "mount_x_rad": HALF_DEG, "mount_y_rad": 0, "mount_z_rad": 0, "mount_move_x_m": 0,
              "mount_move_y_m": 0, "mount_move_z_m": 0}),
     "camera": ("demo-camera.yaml", [(r"(fx_px: )([\d.]+)", 1.01), (r"(fy_px: )([\d.]+)", 1.01), (r"(read_noise_e: )([\d.]+)", 2.0)],
-               f"{{ position_m: [-0.1, -3, 1.4], look_at_m: [{-0.1 - 5.5 * math.sin(HALF_DEG):.9f}, {5.5 * math.cos(HALF_DEG) - 3:.9f}, 1.1] }}",
-               {"focal_length": 0.01, "gain": 0, "mount_x_rad": 0, "mount_y_rad": -HALF_DEG * math.cos(DOWN),
-                "mount_z_rad": -HALF_DEG * math.sin(DOWN)}),
+               KNOCKED,
+               {"focal_length": 0.01, "gain": 0, **KNOCKED_TURNS}),
     "camera-knocked": ("demo-camera.yaml", [],
-                       f"{{ position_m: [-0.1, -3, 1.4], look_at_m: [{-0.1 - 5.5 * math.sin(HALF_DEG):.9f}, {5.5 * math.cos(HALF_DEG) - 3:.9f}, 1.1] }}",
-                       {"focal_length": 0, "gain": 0, "mount_x_rad": 0, "mount_y_rad": -HALF_DEG * math.cos(DOWN),
-                        "mount_z_rad": -HALF_DEG * math.sin(DOWN)}),
+                       KNOCKED,
+                       {"focal_length": 0, "gain": 0, **KNOCKED_TURNS}),
     "camera-same": ("demo-camera.yaml", [], None,
                     {"focal_length": 0, "gain": 0, "offset_dn": 0, "mount_x_rad": 0, "mount_y_rad": 0, "mount_z_rad": 0}),
     "tof": ("sr4000.yaml", [(r"\Z", "range_error: { offset_mm: 20 }\n")], None, {"range_offset_m": 0.02, "amplitude_gain": 0}),
@@ -104,7 +104,7 @@ def one_seed(args, name, seed):
         answers.append(calibrate(args, folder, recording, channel, folder / f"proposed-{k}.yaml"))
         recording.unlink()
         planted += ["--set", f"channels.{channel}.pair.simulated.sensor={folder / 'proposed-0.yaml'}"]
-        if mount and "value" in answers[0].get("mount", {}):
+        if "value" in answers[0].get("mount", {}):
             planted += ["--set", f"channels.{channel}.pair.simulated.T_world_sensor={answers[0]['mount']['value']}"]
     kept.write_text(json.dumps(answers))
     return answers

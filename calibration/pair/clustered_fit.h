@@ -41,10 +41,11 @@ inline RobustWeight huber_weight(double weight, double far) noexcept {
 /// Steps of what is not determined that are no longer taken: metres, radians or shares.
 inline constexpr double kLeastStep = 1e-5;
 
-/// What part of the steps of a series of passes is taken. A slope that is too small, such as that of an edge
-/// of a pixel over two pixels, makes steps that overshoot, by twice their length without end at the worst:
-/// where they turn back they are shortened (Aitken's relaxation: Irons and Tuck, International Journal for
-/// Numerical Methods in Engineering 1, 1969).
+/// Share of each step of a series of passes that is taken, one for all parameters. Where derivatives are too
+/// small, as of an edge one pixel wide that is differenced over two, steps are too long; of twice the right
+/// length they go to and fro for ever. A step that points back shortens what is taken (Aitken's relaxation:
+/// Irons and Tuck, International Journal for Numerical Methods in Engineering 1, 1969); one that has grown in
+/// the same direction makes it whole again.
 class Relaxation {
  public:
   /// `step`: in standard deviations. From kLeast to 1, at first 1.

@@ -43,6 +43,11 @@ PixelFormat plane_format(PixelFormat f) {
   }
 }
 
+bool alike(const ImageInfo& a, const ImageInfo& b) {
+  return a.format == b.format && a.width_px == b.width_px && a.height_px == b.height_px &&
+         a.offset_x_px == b.offset_x_px && a.offset_y_px == b.offset_y_px;
+}
+
 bool take_plane(const Sample& s, Plane& plane) {
   const auto* info = s.as<ImageInfo>();
   if (!info || is_depth(info->format) || (s.stamp.validity & (kIncomplete | kCorrupt)) != 0) return false;
@@ -146,8 +151,8 @@ class Carrier {
     return true;
   }
 
-  /// Rounded up or down by a draw, one for each pixel and `picture`: rounded to the nearest, a change of gain
-  /// that moves no value by half a step would not show.
+  /// Values are rounded up or down at random, by a draw for each pixel and `picture`: rounding to the nearest
+  /// would hide changes of less than half a DN. This adds at most 1/4 DN² to the variance of a pixel.
   void carry(const Plane& in, std::uint64_t picture, Plane& out) const {
     out.shape = in.shape;
     out.value.assign(in.value.size(), 0);
@@ -194,11 +199,9 @@ class Carrier {
   };
   /// At least 0, below 1.
   static double draw(std::size_t pixel, std::uint64_t picture) {
-    const auto words = models::philox({static_cast<std::uint32_t>(pixel),
-                                       static_cast<std::uint32_t>(models::NoiseEffect::calibration_rounding),
-                                       static_cast<std::uint32_t>(picture), 0},
-                                      {});
-    return words[0] * 0x1p-32;
+    return models::draw_words({}, models::NoiseEffect::calibration_rounding, picture,
+                              static_cast<std::uint32_t>(pixel))[0] *
+           0x1p-32;
   }
   State state_;
   ImageInfo shape_;
@@ -333,6 +336,11 @@ class Fitter {
           return;
         }
       }
+      // Where pixels come from is known for the shape of the first pair.
+      if (!alike(real_.shape, shape_) || !alike(simulated_.shape, shape_)) {
+        ++fit_.unlike;
+        return;
+      }
       if (carried())
         carrier_->carry(simulated_, fit_.pairs, carried_);
       else
@@ -370,6 +378,7 @@ class Fitter {
                                     {.cells = options_.cells, .tiles_across = 6, .tiles_down = 4});
     if (!change) return tl::unexpected<Error>(change.error());
     change_ = std::make_unique<ImageChange>(std::move(*change));
+    shape_ = simulated_.shape;
     fit_.format_scale =
         std::ldexp(1.0, significant_bits(simulated_.shape.format) - simulated_camera_.noise.adc_bits);
     black_ = simulated_camera_.processing.subtract_black
@@ -411,8 +420,8 @@ class Fitter {
         if (std::isfinite(real_light_[at])) light += real_light_[at], ++around;
       if (around == 0) continue;
       z[kGain] = light / around, z[kA2] = z[kGain] * e.a2;
-      // The first pass needs the watch's weights, which are about a fit of its own; that fit has no
-      // instruments, and weights about it favour residuals of one sign.
+      // The fit of the pair watch has no instruments, so its gain is too small, and Huber's weights about it
+      // take more from residuals of one sign. The first pass has nothing better.
       const double far = std::abs(r.residual) * std::sqrt(r.base_weight);
       left_.push_back(far);
       fit_rows_->add(y / kPlaceCells * places_across_ + x / kPlaceCells, z, j, r.residual,
@@ -525,9 +534,10 @@ class Fitter {
   NoiseByLevel noise_{kNoiseLevels};
   std::size_t places_across_ = 1;
   std::vector<double> real_light_;  ///< by cell, above black; NaN: not compared
-  std::vector<double> left_;        ///< of one picture: residuals over what their weights say
-  std::vector<double> scales_;      ///< of the pictures of this pass, by the median
-  double scale_ = 1;                ///< of the pass before
+  std::vector<double> left_;        ///< of one picture: |residual| over its expected standard deviation
+  std::vector<double> scales_;      ///< of each picture of this pass: 1.4826 · median of that
+  double scale_ = 1;                ///< median of `scales_` of the pass before
+  ImageInfo shape_;                 ///< of the first pair
   double black_ = 0, highest_ = 255;
   Plane real_, simulated_, carried_;
   Sample real_sample_, carried_sample_;

@@ -33,7 +33,7 @@ enum class NoiseEffect : std::uint32_t {
   tof_shot = 64,               ///< to 71, one for each modulation frequency: word k tap k
   tof_read = 72,               ///< to 79, one for each modulation frequency: word k tap k
   calibration_draw = 96,       ///< element parameter: word 0 its deviation; capture index 0
-  calibration_rounding = 97,   ///< element pixel: word 0 how a value is rounded
+  calibration_rounding = 97,   ///< element pixel, capture index picture: word 0 how it is rounded
   fault_choice = 112,          ///< of a fault's own key: element 0 whether, others by kind; word 0
   fault_value = 113,           ///< of a fault's own key: element/4 of pixels, points, bits: word element%4
   platform_slip = 112,         ///< element side, capture index half second: word 0 whether, word 1 how much

@@ -56,11 +56,13 @@ class GatheredLight {
   /// Of the paths whose normal looks along one of the axes, weighted by the square of their normal's part.
   struct Sum {
     Bands4 radiance, open;
-    Bands4 weight;  ///< of all paths, of those whose first segment met nothing, of all again, 0
+    /// [0] of all paths, [1] of those whose first segment met nothing; [2] as [0], which interpolation leaves
+    /// as it is, so that it says how much the cells hold.
+    Bands4 weight;
   };
   struct Cell {
     std::uint64_t key = 0;  ///< 0: empty
-    Sum axis[6];
+    Sum axis[6]{};
   };
   /// Means over the paths along some directions.
   struct Mean {
@@ -102,7 +104,7 @@ class GatheredLight::About {
     float share[8];
     Sum axis[6];  ///< sums over the cells; the weight's third part without their shares
   };
-  void enter(int k) noexcept;
+  void enter(int k) noexcept;  ///< level finest_ + k
   [[nodiscard]] static const Sum& sum(Level& level, int axis) noexcept;
 
   const GatheredLight& light_;

@@ -253,6 +253,23 @@ TEST(ImagePair, WithoutAChangeGainAndOffsetAreWithinTheirUncertainties) {
   EXPECT_LT(passes, 16 * 12);
 }
 
+TEST(ImagePair, PicturesOfAnotherShapeAreLeftOut) {
+  const CameraModel simulated = small_camera();
+  CameraChange change;
+  change.turn_rad = {0, 0.5 * kDegree, 0};
+  Pairs pairs = camera_pairs(simulated, change, 16, 3);
+  CameraModel smaller = simulated;
+  smaller.width_px /= 2, smaller.height_px /= 2;
+  Pairs small = camera_pairs(smaller, change, 2, 3);
+  pairs.simulated[4] = std::move(small.simulated[0]);  // of the simulated side alone, then of both
+  pairs.real[9] = std::move(small.real[1]), pairs.simulated[9] = std::move(small.simulated[1]);
+  const auto fit = fit_image_pair(pairs.each(), simulated, {});
+  ASSERT_TRUE(fit) << fit.error().text();
+  EXPECT_EQ(fit->pairs, 14U);
+  EXPECT_EQ(fit->unlike, 2U);
+  expect_within(fit->change, "mount_y_rad", change.turn_rad[1]);
+}
+
 TEST(ClusteredFit, StepsThatOvershootTwiceEndAtOnce) {
   // A slope of half its size: x goes to -x for ever.
   double x = 1;
