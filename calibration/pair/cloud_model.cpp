@@ -422,7 +422,7 @@ class Fitter {
     if (equations_.size() < 16) return;
     scratch_.clear();
     for (const Equation& e : equations_) scratch_.push_back(std::abs(e.residual));
-    const double limit = 1.345 * std::max(1.4826 * median(scratch_), 1e-6);
+    const double limit = kHuberLimit * std::max(1.4826 * median(scratch_), 1e-6);
     const double weight = 1 / (2 * options_.sigma_m * options_.sigma_m);
     for (Equation& e : equations_) {
       if (fit_.passes == 0) fit_.before.add(e.residual);

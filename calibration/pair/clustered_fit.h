@@ -33,6 +33,8 @@ namespace rigor::calibration {
 struct RobustWeight {
   double weight = 0, slope = 0;
 };
+/// Of Huber's weights, in standard deviations of the noise: 95 % efficient where it is normal.
+inline constexpr double kHuberLimit = 1.345;
 /// Huber's; `far`: size of the residual over the limit.
 inline RobustWeight huber_weight(double weight, double far) noexcept {
   return far > 1 ? RobustWeight{weight / far, 0} : RobustWeight{weight, weight};

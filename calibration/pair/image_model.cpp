@@ -21,7 +21,6 @@ enum Column : std::size_t { kGain, kOffset, kFocal, kTurn, kCx = kTurn + 3, kCy,
 constexpr std::size_t kLattice = 8;     // px between the places at which the lens is asked
 constexpr std::size_t kPlaceCells = 4;  // side of a place, cells
 constexpr std::size_t kNoiseLevels = 16;
-constexpr double kHuber = 1.345;  // 95 % efficient where noise is normal
 
 /// The values that ImageChange looks at, one by one: green of RGB, luma of YUV.
 struct Plane {
@@ -425,7 +424,7 @@ class Fitter {
       const double far = std::abs(r.residual) * std::sqrt(r.base_weight);
       left_.push_back(far);
       fit_rows_->add(y / kPlaceCells * places_across_ + x / kPlaceCells, z, j, r.residual,
-                     carried() ? huber_weight(r.base_weight, far / (kHuber * scale_))
+                     carried() ? huber_weight(r.base_weight, far / (kHuberLimit * scale_))
                                : RobustWeight{r.weight, r.weight < r.base_weight ? 0 : r.weight});
     }
     if (left_.empty()) return;

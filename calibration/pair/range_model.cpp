@@ -126,7 +126,7 @@ Result<RangePairFit> fit_range_pair(const ForEachPair& pairs, const RangePairOpt
     if (!sizes.empty()) {
       const auto middle = sizes.begin() + std::ptrdiff_t(sizes.size() / 2);
       std::nth_element(sizes.begin(), middle, sizes.end());
-      limit = 1.345 * std::max(1.4826 * *middle, 1e-3);
+      limit = kHuberLimit * std::max(1.4826 * *middle, 1e-3);
     }
     solution = rows->solve(held);
     return {};
