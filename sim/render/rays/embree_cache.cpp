@@ -5,6 +5,7 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <new>
 
@@ -19,15 +20,57 @@ bool placed(const Vertex& v) {
          std::abs(v.position[2]) < kFarthest_m;
 }
 
+/// A hit on the map of its triangle.
+struct OnMap {
+  const HoledTriangle& triangle;
+  float u, v;
+};
+OnMap on_map(const RayPart& part, RTCHitN* hit, unsigned n, unsigned i) {
+  const float u = RTCHitN_u(hit, n, i), v = RTCHitN_v(hit, n, i), w = 1 - u - v;
+  const HoledTriangle& t = part.holed[RTCHitN_primID(hit, n, i)];
+  return {t, w * t.uv[0] + u * t.uv[2] + v * t.uv[4], w * t.uv[1] + u * t.uv[3] + v * t.uv[5]};
+}
+
 void leave_out_holes(const RTCFilterFunctionNArguments* a) {
   const auto& part = *static_cast<const RayPart*>(a->geometryUserPtr);
   const unsigned n = a->N;
   for (unsigned i = 0; i < n; ++i) {
     if (a->valid[i] != -1) continue;
-    const float u = RTCHitN_u(a->hit, n, i), v = RTCHitN_v(a->hit, n, i), w = 1 - u - v;
-    const float* t = &part.uv[6 * static_cast<std::size_t>(RTCHitN_primID(a->hit, n, i))];
-    if (part.surface->transparent_at(w * t[0] + u * t[2] + v * t[4], w * t[1] + u * t[3] + v * t[5]))
-      a->valid[i] = 0;
+    const OnMap at = on_map(part, a->hit, n, i);
+    if (part.surface->holes->hole_at(at.u, at.v)) a->valid[i] = 0;
+  }
+}
+
+/// WideWalk::cover of a surface of which so much, of 255, is leaf.
+const std::array<std::uint32_t, 256> kCoverOfLeaf = [] {
+  std::array<std::uint32_t, 256> out{};
+  for (std::size_t i = 0; i < 255; ++i)
+    out[i] =
+        static_cast<std::uint32_t>(-std::log2(1 - static_cast<float>(i) / 255) * WideWalk::kUnitsAHalving);
+  out[255] = 1U << 24U;
+  return out;
+}();
+
+void cover_light(const RTCFilterFunctionNArguments* a) {
+  WideWalk* const walk = reinterpret_cast<const SceneContext*>(a->context)->wide;
+  if (walk == nullptr) {
+    leave_out_holes(a);
+    return;
+  }
+  const auto& part = *static_cast<const RayPart*>(a->geometryUserPtr);
+  const unsigned n = a->N;
+  for (unsigned i = 0; i < n; ++i) {
+    if (a->valid[i] != -1) continue;
+    const OnMap at = on_map(part, a->hit, n, i);
+    const unsigned id = RTCRayN_id(a->ray, n, i);
+    // The ray is in the mesh's axes: as long as a metre of the world is there.
+    const float x = RTCRayN_dir_x(a->ray, n, i), y = RTCRayN_dir_y(a->ray, n, i),
+                z = RTCRayN_dir_z(a->ray, n, i);
+    const float radius_m = walk->rays.radius_m[id] + walk->rays.radius_per_m * RTCRayN_tfar(a->ray, n, i);
+    const float side = 2 * radius_m * std::sqrt(x * x + y * y + z * z) * at.triangle.texels_per_m;
+    std::uint32_t& cover = walk->cover[id];
+    cover += kCoverOfLeaf[part.surface->holes->leaf_at(at.u, at.v, side)];
+    if (cover <= walk->most[id]) a->valid[i] = 0;
   }
 }
 
@@ -171,21 +214,24 @@ Result<std::shared_ptr<const RayMesh>> MeshCache::build(const std::shared_ptr<co
     r.first_index = part.first_index;
     r.triangles = triangles;
     r.one_sided = !r.surface->surface->two_sided;
+    if (r.surface->holes) r.holed.reserve(triangles);
     out->one_sided = out->one_sided || r.one_sided;
-    if (r.surface->holes) {
-      r.uv.reserve(6 * static_cast<std::size_t>(triangles));
-      for (std::size_t i = 0; i < 3 * static_cast<std::size_t>(triangles); ++i) {
-        const Vertex& v = m.vertices[*(begin + static_cast<std::ptrdiff_t>(i))];
-        r.uv.insert(r.uv.end(), {v.uv[0], v.uv[1]});
-      }
-    }
     for (std::size_t i = 0; i < triangles; ++i) {
       const auto corner = [&](std::size_t k) -> const Vertex& {
         return m.vertices[*(begin + static_cast<std::ptrdiff_t>(3 * i + k))];
       };
       const auto at = [&](std::size_t k) { return Eigen::Map<const Eigen::Vector3f>(corner(k).position); };
       const bool there = placed(corner(0)) && placed(corner(1)) && placed(corner(2));
-      if (!there || (at(1) - at(0)).cross(at(2) - at(0)).isZero(0)) ++out->left_out;
+      const Eigen::Vector3f across = (at(1) - at(0)).cross(at(2) - at(0));
+      if (!there || across.isZero(0)) ++out->left_out;
+      if (!r.surface->holes) continue;
+      HoledTriangle& t = r.holed.emplace_back();
+      for (std::size_t k = 0; k < 3; ++k) std::copy_n(corner(k).uv, 2, &t.uv[2 * k]);
+      const float part_of_map =
+          std::abs((t.uv[2] - t.uv[0]) * (t.uv[5] - t.uv[1]) - (t.uv[4] - t.uv[0]) * (t.uv[3] - t.uv[1]));
+      const auto texels =
+          static_cast<float>(r.surface->holes->width()) * static_cast<float>(r.surface->holes->height());
+      t.texels_per_m = std::sqrt(part_of_map * texels / std::max(across.norm(), 1e-20F));
     }
     out->triangles += triangles;
     out->parts.push_back(std::move(r));
@@ -207,7 +253,7 @@ Result<std::shared_ptr<const RayMesh>> MeshCache::build(const std::shared_ptr<co
     if (r.surface->holes) {
       rtcSetGeometryUserData(g, &r);
       rtcSetGeometryIntersectFilterFunction(g, leave_out_holes);
-      rtcSetGeometryOccludedFilterFunction(g, leave_out_holes);
+      rtcSetGeometryOccludedFilterFunction(g, cover_light);
     }
     rtcCommitGeometry(g);
     rtcAttachGeometryByID(out->scene, g, static_cast<unsigned>(i));

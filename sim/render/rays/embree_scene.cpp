@@ -214,6 +214,30 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
   occluded(rays, n, coherent, hidden, part, context);
 }
 
+void RayScene::clear_share(RayPackets& rays, unsigned n, bool coherent, const WideRays& wide, float* clear,
+                           Part part) const noexcept {
+  const WalkTime time(profile_);
+  const auto units = [](float share) { return -std::log2(share) * WideWalk::kUnitsAHalving; };
+  const auto sure = static_cast<std::uint32_t>(units(kLeastClear));
+  WideWalk walk{wide};
+  for (unsigned i = 0; i < n; ++i)
+    walk.most[i] = static_cast<std::uint32_t>(units(kLeastClear * std::clamp(wide.draw[i], 1e-9F, 1.0F)));
+  SceneContext context;
+  rtcInitIntersectContext(&context.embree);
+  context.scene = this;
+  context.wide = &walk;
+  std::array<std::uint8_t, kPacketRays> hidden;
+  occluded(rays, n, coherent, hidden.data(), part, context);
+  for (unsigned i = 0; i < n; ++i) {
+    const std::uint32_t cover = walk.cover[i];
+    if (hidden[i] != 0)
+      clear[i] = 0;
+    else
+      clear[i] =
+          cover <= sure ? std::exp2(static_cast<float>(cover) / -WideWalk::kUnitsAHalving) : kLeastClear;
+  }
+}
+
 void RayScene::meets(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* met) const noexcept {
   const WalkTime time(profile_);
   SceneContext context;

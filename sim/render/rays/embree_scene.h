@@ -31,10 +31,15 @@ namespace rigor::render {
 /// Bits of a ray's mask: an instance of what casts no shadow lacks the second.
 constexpr unsigned kSeenMask = 1, kShadowMask = 2;
 
+/// Where a triangle lies on a map with holes.
+struct HoledTriangle {
+  float uv[6];         ///< u, v of its three corners
+  float texels_per_m;  ///< along the triangle, a metre of the mesh; square root of the ratio of areas
+};
 struct RayPart {
   std::shared_ptr<const RaySurface> surface;
   std::uint32_t first_index = 0, triangles = 0;
-  std::vector<float> uv;  ///< six a triangle, of parts with holes alone
+  std::vector<HoledTriangle> holed;  ///< of parts with holes alone
   bool one_sided = false;
 };
 
@@ -132,12 +137,32 @@ struct SurfacePoint {
   NodeId node{};
 };
 
+/// Rays that are as wide as what they carry light to. By a ray's number in the packets:
+struct WideRays {
+  const float* radius_m;  ///< where it starts
+  float radius_per_m;     ///< what it grows by along the ray
+  const float* draw;      ///< even between 0 and 1, neither
+};
+/// A ray that lets through less than this lets through this, or nothing, by its draw: rays in thick foliage
+/// end early, and are right on the mean.
+inline constexpr float kLeastClear = 0.3F;
+
+/// What a walk of wide rays counts.
+struct WideWalk {
+  /// Of -log2 of the share that gets through. Whole numbers: the order in which leaves are met does not
+  /// count.
+  static constexpr float kUnitsAHalving = 65536;
+  const WideRays& rays;
+  std::array<std::uint32_t, kPacketRays> cover{}, most{};  ///< of each ray; the walk ends above `most`
+};
+
 class RayScene;
 struct RayProfile;
 /// What a walk through a scene carries along. Embree hands back the address of `embree`.
 struct SceneContext {
   RTCIntersectContext embree;
   const RayScene* scene = nullptr;
+  WideWalk* wide = nullptr;  ///< null: rays have no width
   std::uint32_t base =
       0;  ///< where the numbers of the level, or of the batch with a structure of its own, begin
 };
@@ -169,6 +194,11 @@ class RayScene {
   /// not.
   void occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden,
                 Part part = Part::all) const noexcept;
+  /// clear[i]: the share of its light that a ray lets through between near and far. Nothing where a surface
+  /// without holes stands, else the product of the shares that surfaces with holes leave free over the ray's
+  /// width. Directions are of unit length.
+  void clear_share(RayPackets& rays, unsigned n, bool coherent, const WideRays& wide, float* clear,
+                   Part part = Part::all) const noexcept;
   /// met[i] = 1 where intersect() would meet anything.
   void meets(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* met) const noexcept;
   [[nodiscard]] bool anything_moves() const noexcept { return !moving_.batches.empty(); }

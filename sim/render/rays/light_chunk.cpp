@@ -18,6 +18,8 @@ constexpr float kSkyRaySpread_rad = 0.2F;
 constexpr float kFinest = -100;
 /// Cosine below which a ray's width across a surface is not told apart.
 constexpr float kGrazing = 0.02F;
+/// Half the side of a square with the area of a disc of radius 1.
+constexpr float kDiscAsSquare = 0.886F;
 /// A path that carries less than this much of light goes on with a chance only.
 constexpr float kRoulette = 0.3F;
 
@@ -203,8 +205,9 @@ void Chunk::first_intersections(std::size_t first, std::span<LightSample> sample
   }
 }
 
-unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned draw) {
+unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned draw, SunSeen seen) {
   std::array<unsigned, 2 * kChunk> who;
+  std::array<float, 2 * kChunk> radius_m, draw_of;
   unsigned n = 0;
   for (unsigned i = 0; i < points.size(); ++i) {
     Point& p = points[i];
@@ -214,24 +217,36 @@ unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned dra
       continue;
     }
     Vec3 to = in_.frame.to_sun;
-    if (in_.query.soft_sun) {
+    if (in_.query.soft_sun || seen == SunSeen::as_disc) {
       const auto u = draws(first + p.ray, kSunDraws, draw, 0);
-      Vec3 a, b;
-      frame_about(to, a, b);
-      const float r = in_.frame.sun_radius_rad * std::sqrt(u[0]), angle = 2 * kPi * u[1];
-      to = unit(to + a * (r * std::cos(angle)) + b * (r * std::sin(angle)), to);
+      if (in_.query.soft_sun) {
+        Vec3 a, b;
+        frame_about(to, a, b);
+        const float r = in_.frame.sun_radius_rad * std::sqrt(u[0]), angle = 2 * kPi * u[1];
+        to = unit(to + a * (r * std::cos(angle)) + b * (r * std::sin(angle)), to);
+      }
+      draw_of[n] = u[2];
     }
     const Vec3 o = off_surface(p.place, p.geometric_normal, to);
     const float origin[3] = {o.x, o.y, o.z}, direction[3] = {to.x, to.y, to.z};
     rays_.set(n, origin, direction, 0, std::numeric_limits<float>::infinity(), p.time, kShadowMask);
+    radius_m[n] = 0.5F * in_.query.spread_rad * p.range_m;
     who[n++] = i;
   }
   if (n == 0) return 0;
-  std::array<std::uint8_t, 2 * kChunk> hidden;
-  in_.scene.occluded(rays_, n, true, hidden.data(), in_.followed);
+  std::array<float, 2 * kChunk> clear;
+  if (seen == SunSeen::as_disc) {
+    in_.scene.clear_share(rays_, n, true,
+                          {radius_m.data(), kDiscAsSquare * in_.frame.sun_radius_rad, draw_of.data()},
+                          clear.data(), in_.followed);
+  } else {
+    std::array<std::uint8_t, 2 * kChunk> hidden;
+    in_.scene.occluded(rays_, n, true, hidden.data(), in_.followed);
+    for (unsigned i = 0; i < n; ++i) clear[i] = hidden[i] == 0 ? 1.0F : 0.0F;
+  }
   for (unsigned i = 0; i < n; ++i) {
     Point& p = points[who[i]];
-    if (hidden[i] == 0) p.light += from_sun(in_.frame, p.patch, p.view, p.normal);
+    if (clear[i] > 0) p.light += from_sun(in_.frame, p.patch, p.view, p.normal) * clear[i];
   }
   return n;
 }
@@ -372,7 +387,7 @@ void Chunk::follow_paths(std::size_t first, unsigned k, unsigned bounces) {
     }
     paths_ = left;
     if (paths_ == 0) break;
-    sky_rays += add_sun(std::span(met_.data(), paths_), first, 1 + k * 65U + segment);
+    sky_rays += add_sun(std::span(met_.data(), paths_), first, 1 + k * 65U + segment, SunSeen::as_point);
     left = 0;
     for (unsigned i = 0; i < paths_; ++i) {
       Path w = path_[i];
@@ -458,7 +473,9 @@ void Chunk::trace(std::size_t first, std::span<LightSample> samples) {
   }
   first_intersections(first, samples);
   if (n_ == 0) return;
-  shadow_rays += add_sun(std::span(points_.data(), n_), first, 0);
+  const LightQuery& q = in_.query;
+  shadow_rays += add_sun(std::span(points_.data(), n_), first, 0,
+                         q.spread_rad > 0 && !q.soft_sun ? SunSeen::as_disc : SunSeen::as_point);
   if (in_.query.sky_rays > 0)
     add_sky(first);
   else

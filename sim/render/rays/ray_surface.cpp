@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 
+#include "sim/render/rays/texel_cell.h"
+
 namespace rigor::render {
 namespace {
 
@@ -20,62 +22,10 @@ struct Decoders {
 };
 const Decoders kDecoders;
 
-/// Four texels and their shares.
-struct Cell {
-  std::size_t at[4];
-  float share[4];
-};
-
-/// Plain x86-64 has no instruction for it. |t| below 2^31; else t itself.
-inline float floor_of(float t) noexcept {
-  if (!(t > -2e9F && t < 2e9F)) return t;
-  const auto whole = static_cast<float>(static_cast<std::int32_t>(t));
-  return whole > t ? whole - 1 : whole;
-}
-
-/// One axis: the two texels about a coordinate, and the share of the second.
-inline void axis(float t, std::uint32_t size, bool repeat, std::uint32_t& low, std::uint32_t& high,
-                 float& share) noexcept {
-  const auto n = static_cast<float>(size);
-  if (repeat) {
-    t -= floor_of(t);
-    if (!(t >= 0.0F && t < 1.0F)) t = 0.0F;  // not finite, or rounded up
-    const float x = t * n - 0.5F;
-    const float base = floor_of(x);
-    share = x - base;
-    const auto i = static_cast<std::int32_t>(base);
-    low = i < 0 ? size - 1 : static_cast<std::uint32_t>(i);
-    if (low >= size) low = size - 1;
-    high = low + 1 == size ? 0 : low + 1;
-    return;
-  }
-  if (!(t > 0.0F)) t = 0.0F;
-  if (t > 1.0F) t = 1.0F;
-  const float x = t * n - 0.5F;
-  const float base = floor_of(x);
-  share = x - base;
-  const auto i = static_cast<std::int32_t>(base);
-  low = i < 0 ? 0 : static_cast<std::uint32_t>(i);
-  high = std::min(static_cast<std::uint32_t>(i + 1), size - 1);
-}
-
-/// Byte of RaySurface::between that has a cell.
-inline std::size_t between_at(std::uint32_t tiles_across, std::uint32_t x, std::uint32_t y) noexcept {
-  return 64 * (static_cast<std::size_t>(y / 16) * tiles_across + x / 16) + 4 * (y % 16) + x % 16 / 4;
-}
-
-inline Cell cell_of(const Texture& t, std::uint32_t x0, std::uint32_t x1, std::uint32_t y0, std::uint32_t y1,
-                    float fx, float fy) noexcept {
-  const std::size_t r0 = static_cast<std::size_t>(y0) * t.width, r1 = static_cast<std::size_t>(y1) * t.width;
-  return {{r0 + x0, r0 + x1, r1 + x0, r1 + x1}, {(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy}};
-}
+using Cell = TexelCell;
 
 inline Cell cell_at(const Texture& t, float u, float v) noexcept {
-  std::uint32_t x0 = 0, x1 = 0, y0 = 0, y1 = 0;
-  float fx = 0, fy = 0;
-  axis(u, t.width, t.repeat, x0, x1, fx);
-  axis(v, t.height, t.repeat, y0, y1, fy);
-  return cell_of(t, x0, x1, y0, y1, fx, fy);
+  return cell_of(t.width, texels_about(u, t.width, t.repeat), texels_about(v, t.height, t.repeat));
 }
 
 inline float channel(const Texture& t, const Cell& c, const std::array<float, 256>& decode,
@@ -138,44 +88,9 @@ RaySurface::RaySurface(std::shared_ptr<const Surface> wanted) : surface(std::mov
   near_infrared = usable(surface->near_infrared_map);
   normal = usable(surface->normal_map);
   gloss = usable(surface->gloss_map);
-  holes = surface->alpha_cutoff > 0 && colour != nullptr;
+  if (surface->alpha_cutoff > 0 && colour != nullptr) holes.emplace(*colour, surface->alpha_cutoff);
   translucent = std::any_of(surface->transmittance.begin(), surface->transmittance.end(),
                             [](float t) { return t > 0; });
-  if (!holes) return;
-  coverage.resize(static_cast<std::size_t>(colour->width) * colour->height);
-  for (std::size_t i = 0; i < coverage.size(); ++i) coverage[i] = colour->rgba[4 * i + 3];
-  // Wider than what a weighted mean of bytes may be rounded by.
-  constexpr float kRounded = 0.01F;
-  const float cutoff = surface->alpha_cutoff * 255.0F;
-  const std::size_t w = colour->width, h = colour->height;
-  tiles_across = (colour->width + 15) / 16;
-  between.assign(std::size_t{64} * tiles_across * ((colour->height + 15) / 16), 0);
-  for (std::uint32_t y = 0; y < colour->height; ++y)
-    for (std::uint32_t x = 0; x < colour->width; ++x) {
-      const std::size_t x1 = x + 1 < w ? x + 1 : 0, y1 = y + 1 < h ? y + 1 : 0;
-      const auto [least, most] = std::minmax(
-          {coverage[y * w + x], coverage[y * w + x1], coverage[y1 * w + x], coverage[y1 * w + x1]});
-      const unsigned all = static_cast<float>(most) < cutoff - kRounded    ? hole
-                           : static_cast<float>(least) > cutoff + kRounded ? leaf
-                                                                           : some;
-      std::uint8_t& four = between[between_at(tiles_across, x, y)];
-      four = static_cast<std::uint8_t>(four | all << (2 * (x & 3U)));
-    }
-}
-
-bool RaySurface::transparent_at(float u, float v) const noexcept {
-  std::uint32_t x0 = 0, x1 = 0, y0 = 0, y1 = 0;
-  float fx = 0, fy = 0;
-  axis(u, colour->width, colour->repeat, x0, x1, fx);
-  axis(v, colour->height, colour->repeat, y0, y1, fy);
-  // Most places are well within a leaf or well beside it. (A clamped cell at the edge is part of the one that
-  // begins at its first texel.)
-  const unsigned all = between[between_at(tiles_across, x0, y0)] >> (2 * (x0 & 3U)) & 3U;
-  if (all != some) return all == hole;
-  const Cell c = cell_of(*colour, x0, x1, y0, y1, fx, fy);
-  float sum = 0;
-  for (std::size_t i = 0; i < 4; ++i) sum += c.share[i] * static_cast<float>(coverage[c.at[i]]);
-  return sum < surface->alpha_cutoff * 255.0F;
 }
 
 Eigen::Vector3f mapped_normal(const RaySurface& s, float u, float v) noexcept {

@@ -6,10 +6,11 @@
 
 #include <Eigen/Core>
 #include <memory>
+#include <optional>
 #include <span>
-#include <vector>
 
 #include "sim/render/content/content.h"
+#include "sim/render/rays/leaf_cover.h"
 
 namespace rigor::render {
 
@@ -20,17 +21,8 @@ struct RaySurface {
   explicit RaySurface(std::shared_ptr<const Surface> surface);  ///< null: a matt grey named `unknown`
   std::shared_ptr<const Surface> surface;                       ///< never null
   const Texture *colour = nullptr, *near_infrared = nullptr, *normal = nullptr, *gloss = nullptr;
-  std::vector<std::uint8_t> coverage;  ///< of the colour map; where it has holes alone
-  /// What lies between the four texels from each one on, to the right and down: two bits each, in tiles of
-  /// 16 x 16, a cache line each.
-  enum Between : std::uint8_t { some = 0, hole = 1, leaf = 2 };
-  std::vector<std::uint8_t> between;
-  std::uint32_t tiles_across = 0;
-  bool holes = false;  ///< alpha_cutoff above 0 and a colour map
+  std::optional<LeafCover> holes;  ///< where alpha_cutoff is above 0 and there is a colour map
   bool translucent = false;
-
-  /// Coverage at a place of the texture is below the cutoff. Bilinear; repeated or clamped as the map says.
-  [[nodiscard]] bool transparent_at(float u, float v) const noexcept;
 };
 
 /// Weather on surfaces, and where the pattern of snow stands.

@@ -1,0 +1,94 @@
+#include "sim/render/rays/leaf_cover.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "sim/render/rays/texel_cell.h"
+
+namespace rigor::render {
+namespace {
+
+/// Sides of the coarsest level: in coarser ones, pictures of twigs that share a map would run into each
+/// other.
+constexpr std::uint32_t kFewestTexels = 16;
+
+/// Byte of a place in tiles of 16 x 16.
+inline std::size_t byte_of(std::uint32_t tiles_across, std::uint32_t x, std::uint32_t y) noexcept {
+  return 64 * (static_cast<std::size_t>(y / 16) * tiles_across + x / 16) + 4 * (y % 16) + x % 16 / 4;
+}
+
+}  // namespace
+
+LeafCover::LeafCover(const Texture& map, float alpha_cutoff)
+    : width_(map.width),
+      height_(map.height),
+      repeat_(map.repeat),
+      cutoff_(alpha_cutoff * 255.0F),
+      coverage_(static_cast<std::size_t>(map.width) * map.height),
+      tiles_across_((map.width + 15) / 16) {
+  for (std::size_t i = 0; i < coverage_.size(); ++i) coverage_[i] = map.rgba[4 * i + 3];
+  note_what_lies_between();
+  make_levels();
+}
+
+void LeafCover::note_what_lies_between() {
+  // Wider than what a weighted mean of bytes may be rounded by.
+  constexpr float kRounded = 0.01F;
+  const std::size_t w = width_, h = height_;
+  between_.assign(std::size_t{64} * tiles_across_ * ((height_ + 15) / 16), 0);
+  for (std::uint32_t y = 0; y < height_; ++y)
+    for (std::uint32_t x = 0; x < width_; ++x) {
+      const std::size_t x1 = x + 1 < w ? x + 1 : 0, y1 = y + 1 < h ? y + 1 : 0;
+      const auto [least, most] = std::minmax(
+          {coverage_[y * w + x], coverage_[y * w + x1], coverage_[y1 * w + x], coverage_[y1 * w + x1]});
+      const unsigned all = static_cast<float>(most) < cutoff_ - kRounded    ? hole
+                           : static_cast<float>(least) > cutoff_ + kRounded ? leaf
+                                                                            : some;
+      std::uint8_t& four = between_[byte_of(tiles_across_, x, y)];
+      four = static_cast<std::uint8_t>(four | all << (2 * (x & 3U)));
+    }
+}
+
+void LeafCover::make_levels() {
+  Level last{width_, height_, coverage_};
+  for (std::uint8_t& c : last.leaf) c = static_cast<float>(c) < cutoff_ ? 0 : 255;
+  while (std::min(last.width, last.height) >= 2 * kFewestTexels) {
+    Level next{last.width / 2, last.height / 2, {}};
+    next.leaf.reserve(static_cast<std::size_t>(next.width) * next.height);
+    for (std::uint32_t y = 0; y < next.height; ++y)
+      for (std::uint32_t x = 0; x < next.width; ++x) {
+        const std::uint8_t* const up = &last.leaf[std::size_t{2} * y * last.width + 2 * x];
+        const std::uint8_t* const down = up + last.width;
+        next.leaf.push_back(static_cast<std::uint8_t>((up[0] + up[1] + down[0] + down[1] + 2) / 4));
+      }
+    levels_.push_back(next);
+    last = std::move(next);
+  }
+}
+
+bool LeafCover::hole_at(float u, float v) const noexcept {
+  const TexelPair x = texels_about(u, width_, repeat_), y = texels_about(v, height_, repeat_);
+  // Most places are well within a leaf or well beside it. (A clamped cell at the edge is part of the one that
+  // begins at its first texel.)
+  const unsigned all = between_[byte_of(tiles_across_, x.low, y.low)] >> (2 * (x.low & 3U)) & 3U;
+  if (all != some) return all == hole;
+  const TexelCell c = cell_of(width_, x, y);
+  float sum = 0;
+  for (std::size_t i = 0; i < 4; ++i) sum += c.share[i] * static_cast<float>(coverage_[c.at[i]]);
+  return sum < cutoff_;
+}
+
+std::uint8_t LeafCover::leaf_at(float u, float v, float side_texels) const noexcept {
+  // The nearest level by log2 of the side: its exponent, counted from the square root of a half on.
+  const float side = std::clamp(side_texels * 1.41421356F, 1.0F, 65536.0F);
+  const auto level = (std::bit_cast<std::uint32_t>(side) >> 23U) - 127U;
+  if (level == 0 || levels_.empty()) return hole_at(u, v) ? 0 : 255;
+  const Level& l = levels_[std::min<std::size_t>(level, levels_.size()) - 1];
+  const TexelCell c = cell_of(l.width, texels_about(u, l.width, repeat_), texels_about(v, l.height, repeat_));
+  float sum = 0.5F;
+  for (std::size_t i = 0; i < 4; ++i) sum += c.share[i] * static_cast<float>(l.leaf[c.at[i]]);
+  return static_cast<std::uint8_t>(std::min(sum, 255.0F));
+}
+
+}  // namespace rigor::render
