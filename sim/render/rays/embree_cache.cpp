@@ -63,14 +63,16 @@ void cover_light(const RTCFilterFunctionNArguments* a) {
     if (a->valid[i] != -1) continue;
     const OnMap at = on_map(part, a->hit, n, i);
     const unsigned id = RTCRayN_id(a->ray, n, i);
-    // The ray is in the mesh's axes: as long as a metre of the world is there.
+    // The direction is in the mesh's axes, as long as a metre of the world is there. (Of a mesh that is
+    // scaled unevenly: along the ray.)
     const float x = RTCRayN_dir_x(a->ray, n, i), y = RTCRayN_dir_y(a->ray, n, i),
                 z = RTCRayN_dir_z(a->ray, n, i);
-    const float radius_m = walk->rays.radius_m[id] + walk->rays.radius_per_m * RTCRayN_tfar(a->ray, n, i);
-    const float side = 2 * radius_m * std::sqrt(x * x + y * y + z * z) * at.triangle.texels_per_m;
+    const float half_width_m =
+        walk->rays.half_width_m[id] + walk->rays.half_width_per_m * RTCRayN_tfar(a->ray, n, i);
+    const float side = 2 * half_width_m * std::sqrt(x * x + y * y + z * z) * at.triangle.texels_per_m;
     std::uint32_t& cover = walk->cover[id];
     cover += kCoverOfLeaf[part.surface->holes->leaf_at(at.u, at.v, side)];
-    if (cover <= walk->most[id]) a->valid[i] = 0;
+    if (cover <= walk->most) a->valid[i] = 0;
   }
 }
 

@@ -217,25 +217,15 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
 void RayScene::clear_share(RayPackets& rays, unsigned n, bool coherent, const WideRays& wide, float* clear,
                            Part part) const noexcept {
   const WalkTime time(profile_);
-  const auto units = [](float share) { return -std::log2(share) * WideWalk::kUnitsAHalving; };
-  const auto sure = static_cast<std::uint32_t>(units(kLeastClear));
-  WideWalk walk{wide};
-  for (unsigned i = 0; i < n; ++i)
-    walk.most[i] = static_cast<std::uint32_t>(units(kLeastClear * std::clamp(wide.draw[i], 1e-9F, 1.0F)));
+  WideWalk walk{wide, static_cast<std::uint32_t>(-std::log2(kLeastClear) * WideWalk::kUnitsAHalving)};
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
   context.scene = this;
   context.wide = &walk;
   std::array<std::uint8_t, kPacketRays> hidden;
   occluded(rays, n, coherent, hidden.data(), part, context);
-  for (unsigned i = 0; i < n; ++i) {
-    const std::uint32_t cover = walk.cover[i];
-    if (hidden[i] != 0)
-      clear[i] = 0;
-    else
-      clear[i] =
-          cover <= sure ? std::exp2(static_cast<float>(cover) / -WideWalk::kUnitsAHalving) : kLeastClear;
-  }
+  for (unsigned i = 0; i < n; ++i)
+    clear[i] = hidden[i] != 0 ? 0 : std::exp2(static_cast<float>(walk.cover[i]) / -WideWalk::kUnitsAHalving);
 }
 
 void RayScene::meets(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* met) const noexcept {
@@ -255,8 +245,11 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
     const unsigned count = std::min(8U, n - first);
     std::memset(hidden + first, 0, count);
     if (!lanes(r, first, n, valid)) continue;
-    context.embree.flags = flags(coherent && narrow(r, valid));
+    const bool together = coherent && narrow(r, valid);
     const auto hide_by = [&](const Level& level) {
+      // Embree's walk of rays together may ask one triangle twice where, in the axes of a mesh that moves,
+      // rays of different times lie in different octants.
+      context.embree.flags = flags(together && (context.wide == nullptr || &level == &still_));
       context.base = level.first;
       rtcOccluded8(valid, level.handle, &context.embree, &r);
       for (unsigned k = 0; k < count; ++k)

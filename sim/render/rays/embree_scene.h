@@ -137,15 +137,13 @@ struct SurfacePoint {
   NodeId node{};
 };
 
-/// Rays that are as wide as what they carry light to. By a ray's number in the packets:
+/// Rays that are as wide as what they carry light to: squares.
 struct WideRays {
-  const float* radius_m;  ///< where it starts
-  float radius_per_m;     ///< what it grows by along the ray
-  const float* draw;      ///< even between 0 and 1, neither
+  const float* half_width_m;  ///< where a ray starts, by its number in the packets
+  float half_width_per_m;     ///< what it grows by along the ray
 };
-/// A ray that lets through less than this lets through this, or nothing, by its draw: rays in thick foliage
-/// end early, and are right on the mean.
-inline constexpr float kLeastClear = 0.3F;
+/// A ray that lets less through than this lets nothing through: in thick foliage rays end early.
+inline constexpr float kLeastClear = 0.05F;
 
 /// What a walk of wide rays counts.
 struct WideWalk {
@@ -153,7 +151,8 @@ struct WideWalk {
   /// count.
   static constexpr float kUnitsAHalving = 65536;
   const WideRays& rays;
-  std::array<std::uint32_t, kPacketRays> cover{}, most{};  ///< of each ray; the walk ends above `most`
+  std::uint32_t most;                              ///< a ray's walk ends above it
+  std::array<std::uint32_t, kPacketRays> cover{};  ///< of each ray
 };
 
 class RayScene;
@@ -196,7 +195,7 @@ class RayScene {
                 Part part = Part::all) const noexcept;
   /// clear[i]: the share of its light that a ray lets through between near and far. Nothing where a surface
   /// without holes stands, else the product of the shares that surfaces with holes leave free over the ray's
-  /// width. Directions are of unit length.
+  /// width. Directions are of unit length. A ray that meets the common edge of two triangles counts both.
   void clear_share(RayPackets& rays, unsigned n, bool coherent, const WideRays& wide, float* clear,
                    Part part = Part::all) const noexcept;
   /// met[i] = 1 where intersect() would meet anything.

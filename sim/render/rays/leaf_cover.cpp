@@ -9,9 +9,37 @@
 namespace rigor::render {
 namespace {
 
-/// Sides of the coarsest level: in coarser ones, pictures of twigs that share a map would run into each
-/// other.
-constexpr std::uint32_t kFewestTexels = 16;
+/// Sides of the coarsest level are no shorter: pictures of twigs that share a map, some four along a side,
+/// would mix in coarser ones.
+constexpr std::uint32_t kFewestTexels = 32;
+
+/// What texel i covers of a row of `size` that is scaled by `each`: texels and their shares, of odd sizes up
+/// to three.
+template <class F>
+void for_covered(std::uint32_t i, float each, std::uint32_t size, F&& f) {
+  const float from = static_cast<float>(i) * each, to = from + each;
+  for (auto k = static_cast<std::uint32_t>(from); k < size && static_cast<float>(k) < to; ++k)
+    f(k, (std::min(static_cast<float>(k) + 1, to) - std::max(static_cast<float>(k), from)) / each);
+}
+
+std::vector<float> halved(const std::vector<float>& in, std::uint32_t width, std::uint32_t height) {
+  const std::uint32_t half_width = (width + 1) / 2, half_height = (height + 1) / 2;
+  const float each_x = static_cast<float>(width) / static_cast<float>(half_width),
+              each_y = static_cast<float>(height) / static_cast<float>(half_height);
+  std::vector<float> out;
+  out.reserve(static_cast<std::size_t>(half_width) * half_height);
+  for (std::uint32_t y = 0; y < half_height; ++y)
+    for (std::uint32_t x = 0; x < half_width; ++x) {
+      float sum = 0;
+      for_covered(y, each_y, height, [&](std::uint32_t row, float of_rows) {
+        for_covered(x, each_x, width, [&](std::uint32_t column, float of_columns) {
+          sum += of_rows * of_columns * in[static_cast<std::size_t>(row) * width + column];
+        });
+      });
+      out.push_back(sum);
+    }
+  return out;
+}
 
 /// Byte of a place in tiles of 16 x 16.
 inline std::size_t byte_of(std::uint32_t tiles_across, std::uint32_t x, std::uint32_t y) noexcept {
@@ -51,19 +79,25 @@ void LeafCover::note_what_lies_between() {
 }
 
 void LeafCover::make_levels() {
-  Level last{width_, height_, coverage_};
-  for (std::uint8_t& c : last.leaf) c = static_cast<float>(c) < cutoff_ ? 0 : 255;
-  while (std::min(last.width, last.height) >= 2 * kFewestTexels) {
-    Level next{last.width / 2, last.height / 2, {}};
-    next.leaf.reserve(static_cast<std::size_t>(next.width) * next.height);
-    for (std::uint32_t y = 0; y < next.height; ++y)
-      for (std::uint32_t x = 0; x < next.width; ++x) {
-        const std::uint8_t* const up = &last.leaf[std::size_t{2} * y * last.width + 2 * x];
-        const std::uint8_t* const down = up + last.width;
-        next.leaf.push_back(static_cast<std::uint8_t>((up[0] + up[1] + down[0] + down[1] + 2) / 4));
-      }
-    levels_.push_back(next);
-    last = std::move(next);
+  std::uint32_t width = width_, height = height_;
+  if (std::min(width, height) < 2 * kFewestTexels) return;
+  // What hole_at() says at four places of each texel: it thresholds what is interpolated.
+  std::vector<float> share(coverage_.size());
+  for (std::uint32_t y = 0; y < height; ++y)
+    for (std::uint32_t x = 0; x < width; ++x)
+      for (const float dy : {0.25F, 0.75F})
+        for (const float dx : {0.25F, 0.75F})
+          if (!hole_at((static_cast<float>(x) + dx) / static_cast<float>(width),
+                       (static_cast<float>(y) + dy) / static_cast<float>(height)))
+            share[static_cast<std::size_t>(y) * width + x] += 0.25F;
+  while (std::min(width, height) >= 2 * kFewestTexels) {
+    share = halved(share, width, height);
+    width = (width + 1) / 2;
+    height = (height + 1) / 2;
+    Level level{width, height, std::vector<std::uint8_t>(share.size())};
+    std::transform(share.begin(), share.end(), level.leaf.begin(),
+                   [](float s) { return static_cast<std::uint8_t>(255 * s + 0.5F); });
+    levels_.push_back(std::move(level));
   }
 }
 

@@ -205,9 +205,9 @@ void Chunk::first_intersections(std::size_t first, std::span<LightSample> sample
   }
 }
 
-unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned draw, SunSeen seen) {
+unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned draw, SunRays sun) {
   std::array<unsigned, 2 * kChunk> who;
-  std::array<float, 2 * kChunk> radius_m, draw_of;
+  std::array<float, 2 * kChunk> half_width_m;
   unsigned n = 0;
   for (unsigned i = 0; i < points.size(); ++i) {
     Point& p = points[i];
@@ -217,27 +217,23 @@ unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned dra
       continue;
     }
     Vec3 to = in_.frame.to_sun;
-    if (in_.query.soft_sun || seen == SunSeen::as_disc) {
+    if (sun == SunRays::to_points) {
       const auto u = draws(first + p.ray, kSunDraws, draw, 0);
-      if (in_.query.soft_sun) {
-        Vec3 a, b;
-        frame_about(to, a, b);
-        const float r = in_.frame.sun_radius_rad * std::sqrt(u[0]), angle = 2 * kPi * u[1];
-        to = unit(to + a * (r * std::cos(angle)) + b * (r * std::sin(angle)), to);
-      }
-      draw_of[n] = u[2];
+      Vec3 a, b;
+      frame_about(to, a, b);
+      const float r = in_.frame.sun_radius_rad * std::sqrt(u[0]), angle = 2 * kPi * u[1];
+      to = unit(to + a * (r * std::cos(angle)) + b * (r * std::sin(angle)), to);
     }
     const Vec3 o = off_surface(p.place, p.geometric_normal, to);
     const float origin[3] = {o.x, o.y, o.z}, direction[3] = {to.x, to.y, to.z};
     rays_.set(n, origin, direction, 0, std::numeric_limits<float>::infinity(), p.time, kShadowMask);
-    radius_m[n] = 0.5F * in_.query.spread_rad * p.range_m;
+    half_width_m[n] = 0.5F * in_.query.spread_rad * p.range_m;
     who[n++] = i;
   }
   if (n == 0) return 0;
   std::array<float, 2 * kChunk> clear;
-  if (seen == SunSeen::as_disc) {
-    in_.scene.clear_share(rays_, n, true,
-                          {radius_m.data(), kDiscAsSquare * in_.frame.sun_radius_rad, draw_of.data()},
+  if (sun == SunRays::wide) {
+    in_.scene.clear_share(rays_, n, true, {half_width_m.data(), kDiscAsSquare * in_.frame.sun_radius_rad},
                           clear.data(), in_.followed);
   } else {
     std::array<std::uint8_t, 2 * kChunk> hidden;
@@ -353,6 +349,8 @@ void Chunk::begin_paths(std::size_t first, unsigned k) {
 
 void Chunk::follow_paths(std::size_t first, unsigned k, unsigned bounces) {
   std::array<std::uint8_t, 2 * kChunk> hidden;
+  const SunRays sun =
+      in_.query.sun_rays == SunRays::wide ? SunRays::to_middle : in_.query.sun_rays;  // many paths are soft
   for (unsigned segment = 0; segment <= bounces && paths_ > 0; ++segment) {
     for (unsigned i = 0; i < paths_; ++i) {
       const Path& w = path_[i];
@@ -387,7 +385,7 @@ void Chunk::follow_paths(std::size_t first, unsigned k, unsigned bounces) {
     }
     paths_ = left;
     if (paths_ == 0) break;
-    sky_rays += add_sun(std::span(met_.data(), paths_), first, 1 + k * 65U + segment, SunSeen::as_point);
+    sky_rays += add_sun(std::span(met_.data(), paths_), first, 1 + k * 65U + segment, sun);
     left = 0;
     for (unsigned i = 0; i < paths_; ++i) {
       Path w = path_[i];
@@ -473,9 +471,7 @@ void Chunk::trace(std::size_t first, std::span<LightSample> samples) {
   }
   first_intersections(first, samples);
   if (n_ == 0) return;
-  const LightQuery& q = in_.query;
-  shadow_rays += add_sun(std::span(points_.data(), n_), first, 0,
-                         q.spread_rad > 0 && !q.soft_sun ? SunSeen::as_disc : SunSeen::as_point);
+  shadow_rays += add_sun(std::span(points_.data(), n_), first, 0, in_.query.sun_rays);
   if (in_.query.sky_rays > 0)
     add_sky(first);
   else

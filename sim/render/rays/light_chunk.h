@@ -75,11 +75,8 @@ class Chunk {
                      Point& p) const;
   void fetch_moving_surface(Vec3 origin, Vec3 direction, const Intersection& m, Point& p, Bands4& tint,
                             const LightSurface*& surface, float uv[2]) const;
-  /// What stands before the sun: all that hides its middle, or what leaves cover of its disc and of the part
-  /// of the surface that the chunk's ray stands for.
-  enum class SunSeen : std::uint8_t { as_point, as_disc };
   /// Sunlight on points. How many rays were shot. `draw`: tells apart draws for one ray.
-  unsigned add_sun(std::span<Point> points, std::size_t first, unsigned draw, SunSeen seen);
+  unsigned add_sun(std::span<Point> points, std::size_t first, unsigned draw, SunRays sun);
   void add_lamps();
   void add_open_sky();
   void add_sky(std::size_t first);

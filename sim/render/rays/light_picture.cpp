@@ -79,7 +79,7 @@ Status trace_picture(LightTracer& tracer, const LightPictureRequest& request, Vi
   q.shadows = request.shadows;
   q.sky_rays = request.sky_rays;
   q.bounces = request.bounces;
-  q.soft_sun = request.soft_sun;
+  if (request.soft_sun) q.sun_rays = SunRays::to_points;
   q.spread_rad = static_cast<float>(1.0 / (std::max(p.fx_px, p.fy_px) * a_side));
   q.near_m = static_cast<float>(p.near_m);
   if (request.gather && q.shadows && q.sky_rays == 0) {

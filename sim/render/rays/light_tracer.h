@@ -25,6 +25,11 @@
 
 namespace rigor::render {
 
+/// Shadow rays to the sun: to the middle of its disc; to a point of it by seed and index; or to its middle,
+/// but as wide as what the query's ray stands for (`spread_rad`) and as the disc, so that leaves let through
+/// the share of the light that they do not cover.
+enum class SunRays : std::uint8_t { to_middle, to_points, wide };
+
 struct LightQuery {
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< world frame
   std::array<int, 4> bands{0, 1, 2, 3};              ///< index of world::kBandWavelength_nm
@@ -35,7 +40,7 @@ struct LightQuery {
   std::uint64_t seed = 0;  ///< keys their directions, with the ray's index
   /// Reflections that a sky ray follows: light of sun and sky from what hides the sky. 0: that is black.
   int bounces = 1;
-  bool soft_sun = false;  ///< shadow rays to a point of the sun's disc by seed and index; off: to its centre
+  SunRays sun_rays = SunRays::to_middle;
   /// Angle between neighbouring rays: maps are taken as coarse as that sees them. 0: their finest texels.
   float spread_rad = 0;
   /// Without sky rays, and with shadows: surfaces have the light that the last gather() found near them.

@@ -270,6 +270,7 @@ render::LightQuery RaysOptics::light_query(const Shot& shot) const {
   query.sky_rays = options_.sky_rays;
   query.gathered = options_.shadows && options_.sky_rays == 0;
   query.spread_rad = static_cast<float>(1 / std::max(traced_.fx_px, traced_.fy_px));
+  query.sun_rays = render::SunRays::wide;
   query.seed = shot.request.seed ^ (shot.request.measure.index * 0x9E3779B97F4A7C15ULL);
   return query;
 }

@@ -93,7 +93,7 @@ TEST_F(LightShadowTest, ASunWithASizeGivesHalfOfItsLightAtAShadowsEdge) {
   frame_.light.sun_angular_radius_rad = 0.02F;
   frame_.batches = {ground_, one(box_mesh({1, 200, 1.5F}, surface_of(0.5F)), 2, {0, 0, 1.5})};
   const double tip = -1 - 3 / std::tan(deg(30));
-  query_.soft_sun = true;
+  query_.sun_rays = SunRays::to_points;
   const auto mean_at = [&](double x) {
     std::vector<Vector3d> places(4000, Vector3d(x, 0, 0));
     double sum = 0;
@@ -323,7 +323,7 @@ TEST_F(LightShadowTest, TheSameSamplesOnAnyNumberOfThreads) {
   frame_.batches = {ground_,
                     batch_of(prototype_of(box_mesh({0.3F, 0.4F, 0.7F}, surface_of(0.5F))), boxes, 2)};
   query_.sky_rays = 2;
-  query_.soft_sun = true;
+  query_.sun_rays = SunRays::to_points;
   std::vector<Ray> rays;
   for (int i = 0; i < 3000; ++i)
     rays.push_back(
