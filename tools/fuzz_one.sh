@@ -21,6 +21,9 @@ longest=$(awk -v name="$name" '$1 == name { print $2 }' tests/fuzz/max_len.txt)
 # With vm.mmap_rnd_bits above 28 the address sanitizer of clang 16 aborts at random.
 runner=()
 ! setarch -R true 2>/dev/null || runner=(setarch -R)
+# Fake stacks and deep stacks of allocations take up to half of an input's time where exceptions are thrown and much is allocated. The
+# unit tests under the sanitizers keep them; so does a harness that is run by hand on what was found.
+export ASAN_OPTIONS=detect_stack_use_after_return=0:malloc_context_size=4:quarantine_size_mb=32${ASAN_OPTIONS:+:$ASAN_OPTIONS}
 if "${runner[@]}" "build/asan-ubsan/$harness" -max_total_time="$seconds" -max_len="$longest" -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
   -artifact_prefix="build/fuzz-artifacts/$name-" "${folders[@]}" >"$log" 2>&1; then
   runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
