@@ -349,8 +349,8 @@ void Chunk::begin_paths(std::size_t first, unsigned k) {
 
 void Chunk::follow_paths(std::size_t first, unsigned k, unsigned bounces) {
   std::array<std::uint8_t, 2 * kChunk> hidden;
-  const SunRays sun =
-      in_.query.sun_rays == SunRays::wide ? SunRays::to_middle : in_.query.sun_rays;  // many paths are soft
+  // A path's own width is not known, and the mean over many paths is soft without it.
+  const SunRays sun = in_.query.sun_rays == SunRays::wide ? SunRays::to_middle : in_.query.sun_rays;
   for (unsigned segment = 0; segment <= bounces && paths_ > 0; ++segment) {
     for (unsigned i = 0; i < paths_; ++i) {
       const Path& w = path_[i];
