@@ -11,6 +11,7 @@
 #include "sim/sensors/camera/pose_table.h"
 #include "sim/sensors/camera/sky_edges.h"
 #include "sim/sensors/camera/thin_lens.h"
+#include "sim/sensors/camera/traced_grid.h"
 #include "sim/sensors/camera/uneven_pixels.h"
 
 namespace rigor {
@@ -20,10 +21,13 @@ using render::Ray;
 
 /// Rays that are traced at once, about: enough for all threads, little enough for the cache.
 constexpr int kRaysAtOnce = 65536;
-/// Pixels of a packet: next to each other.
-constexpr int kBlockWidth = 4, kBlockHeight = 2;
 /// Tells the samples of uneven pixels apart from those that every pixel has.
-constexpr std::uint64_t kMoreSamples = 0x3C6EF372FE94F82BULL, kSkySamples = 0xA54FF53A5F1D36F1ULL;
+constexpr std::uint64_t kMoreSamples = 0x3C6EF372FE94F82BULL, kSkySamples = 0xA54FF53A5F1D36F1ULL,
+                        kMoreSkySamples = 0x510E527FADE682D1ULL;
+/// Pixels beside one in which sky rays find sky that no sample found are asked too, so many times.
+constexpr int kFollowsSky_px = 3;
+/// Times as many sky rays more where those of a pixel meet both sky and surfaces.
+constexpr int kMoreWhereBoth = 3;
 
 /// A ray that brings no light.
 const Ray nowhere = [] {
@@ -34,36 +38,9 @@ const Ray nowhere = [] {
 
 /// Of the picture's mean light: finding edges of less contrast costs more than what they are wrong by.
 constexpr float kUnevenContrast = 0.3F;
-constexpr int kWidestBorder_px = 64;
 
 /// In steps of a quarter of an octave, down: cameras that are about alike ask for the same content.
 double stepped(double allowed_rad) { return std::exp2(std::floor(4 * std::log2(allowed_rad)) / 4); }
-
-/// The lens over a sensor whose pixels are `step` times as wide: pixel (i, j) lies in the middle of `step` x
-/// `step` of the camera's, from (step · i, step · j) on.
-CameraModel coarse(CameraModel camera, int step) {
-  const double s = step;
-  camera.width_px = (camera.width_px + step - 1) / step;
-  camera.height_px = (camera.height_px + step - 1) / step;
-  camera.fx_px /= s;
-  camera.fy_px /= s;
-  camera.cx_px = (camera.cx_px - 0.5 * (s - 1)) / s;
-  camera.cy_px = (camera.cy_px - 0.5 * (s - 1)) / s;
-  return camera;
-}
-
-/// How far beyond the sensor a colour's picture is taken from, in whole blocks of coarse pixels: a place p
-/// shows what the reference has at c + (p − c)/m.
-int border_of(const CameraModel& camera, int step) {
-  double most = 0;
-  for (const double m : camera.chromatic.magnification)
-    for (const double side : {camera.cx_px, camera.cy_px, camera.width_px - 1 - camera.cx_px,
-                              camera.height_px - 1 - camera.cy_px})
-      most = std::max(most, std::abs(side * (1 / m - 1)) / step);
-  if (!(most < 1e4)) return kWidestBorder_px + 1;
-  const int blocks = static_cast<int>(std::ceil((most + 1) / kBlockWidth));
-  return blocks * kBlockWidth;
-}
 
 /// A part of a picture; the regions count from the same corner.
 void crop(const OpticsPicture& from, const OpticsRequest::Region& whole, const OpticsRequest::Region& part,
@@ -80,18 +57,16 @@ void crop(const OpticsPicture& from, const OpticsRequest::Region& whole, const O
 class RaysOptics final : public CameraOpticsPicture {
  public:
   RaysOptics(const CameraModel& camera, const OpticsOptions& options, std::shared_ptr<SharedLight> light)
-      : camera_(camera), traced_(camera), options_(options), light_of_(std::move(light)) {
+      : camera_(camera), grid_(camera), options_(options), light_of_(std::move(light)) {
     const bool in_focus_alike = !camera.chromatic.longitudinal() || !camera.depth_of_field.active();
     const bool traced =
         options.trace_colours.value_or(options.samples.every >= OpticsOptions::kColoursTraced);
     const bool one_picture =
-        !camera.chromatic.lateral() || (!traced && border_of(camera, options.pixel_step) <= kWidestBorder_px);
+        !camera.chromatic.lateral() || (!traced && TracedGrid::fits(camera, options.pixel_step));
     if (in_focus_alike && one_picture && (camera.chromatic.lateral() || options.pixel_step > 1)) {
       moves_ = true;
-      step_ = options.pixel_step;
-      border_ = border_of(camera, step_);
-      traced_ = coarse(camera, step_);
-      lenses_.emplace_back(traced_, kReferenceChannel, border_);
+      grid_ = TracedGrid(camera, options.pixel_step);
+      lenses_.emplace_back(grid_.camera(), kReferenceChannel, grid_.border_px());
       apertures_.push_back(ThinLens::of(camera, kReferenceChannel));
     } else if (camera.chromatic.lateral() || !in_focus_alike) {
       for (const int c : {kRed, kGreen, kBlue}) {
@@ -115,11 +90,11 @@ class RaysOptics final : public CameraOpticsPicture {
     /// Where a pixel's first ray stands. Depends on the full sensor alone, so that a region's rays are those
     /// of the full picture.
     [[nodiscard]] std::size_t first_ray(int u, int v, int n) const {
-      const auto block = static_cast<std::size_t>((v - first_row) / kBlockHeight) * blocks_across +
-                         static_cast<std::size_t>(u / kBlockWidth);
-      const auto within =
-          static_cast<std::size_t>((v - first_row) % kBlockHeight * kBlockWidth + u % kBlockWidth);
-      return (block * kBlockWidth * kBlockHeight + within) * static_cast<std::size_t>(n);
+      const auto block = static_cast<std::size_t>((v - first_row) / kPacketHeight_px) * blocks_across +
+                         static_cast<std::size_t>(u / kPacketWidth_px);
+      const auto within = static_cast<std::size_t>((v - first_row) % kPacketHeight_px * kPacketWidth_px +
+                                                   u % kPacketWidth_px);
+      return (block * kPacketWidth_px * kPacketHeight_px + within) * static_cast<std::size_t>(n);
     }
   };
   struct Shot {
@@ -141,7 +116,8 @@ class RaysOptics final : public CameraOpticsPicture {
   /// Rays of pixels, pixel by pixel, `query.rays` of them traced into light_.
   Status trace_places(const Shot& shot, std::span<const PixelPlace> places, std::size_t channel,
                       const LensSamples& samples, bool sky_only);
-  /// Asks pixels of `inner` at the sky's edges how much of them is sky.
+  /// Asks pixels of `inner` at the sky's edges how much of them is sky, and those beside them where that
+  /// finds sky that was not known.
   Status ask_for_sky(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture);
   [[nodiscard]] bool asks_for_sky() const { return options_.samples.sky > 0 && lenses_.size() == 1; }
   /// Rays through pixels all over the whole sensor, whatever region is asked for; into rays_.
@@ -151,24 +127,17 @@ class RaysOptics final : public CameraOpticsPicture {
   /// Light about what the whole sensor sees.
   Status gather(const Shot& shot);
   [[nodiscard]] render::LightQuery light_query(const Shot& shot) const;
-  /// Of the picture that was traced, where a colour's place within `region` lies.
-  [[nodiscard]] OpticsRequest::Region looked_at(const OpticsRequest::Region& region) const;
-  /// A region and the pixels around it, within the sensor.
-  [[nodiscard]] OpticsRequest::Region with_neighbours(const OpticsRequest::Region& region) const;
-  void move_colours(const OpticsPicture& reference, const OpticsRequest::Region& traced,
-                    const OpticsRequest::Region& region, OpticsPicture& out) const;
-  [[nodiscard]] int width_px() const { return traced_.width_px + 2 * border_; }
-  [[nodiscard]] int height_px() const { return traced_.height_px + 2 * border_; }
-  /// Row of the sensor whose exposure a row that is traced has.
-  [[nodiscard]] int row_of(int v) const { return (v - border_) * step_ + step_ / 2; }
-  /// Where a place on the sensor lies in the picture that is traced.
-  [[nodiscard]] double traced_at(double p) const { return (p - 0.5 * (step_ - 1)) / step_ + border_; }
+  /// A region and the pixels that near it, within the sensor.
+  [[nodiscard]] OpticsRequest::Region grown(const OpticsRequest::Region& region, int by_px) const;
+  [[nodiscard]] int width_px() const { return grid_.width_px(); }
+  [[nodiscard]] int height_px() const { return grid_.height_px(); }
+  [[nodiscard]] const LensGrid::Pixel& pixel_at(std::size_t channel, int u, int v) const {
+    return lenses_[channel].at(u - grid_.border_px(), v - grid_.border_px());
+  }
 
-  CameraModel camera_, traced_;
-  /// The picture's planes are taken from one that is traced on its own: coarser by the step and larger by the
-  /// border on each side, of its pixels, which count from its corner.
-  bool moves_ = false;
-  int step_ = 1, border_ = 0;
+  CameraModel camera_;
+  TracedGrid grid_;
+  bool moves_ = false;  ///< the picture's planes are taken from one of the grid's own
   OpticsPicture reference_;
   OpticsOptions options_;
   std::shared_ptr<SharedLight> light_of_;
@@ -183,7 +152,7 @@ class RaysOptics final : public CameraOpticsPicture {
 
 void RaysOptics::aim(const LensGrid::Pixel& pixel, const ThinLens& aperture, const Shot& shot,
                      const LensSamples& samples, int u, int v, std::span<Ray> rays) const {
-  const auto middle = static_cast<float>(shot.timing.middle_of(row_of(v))),
+  const auto middle = static_cast<float>(shot.timing.middle_of(grid_.row_of(v))),
              exposure = static_cast<float>(shot.timing.exposure_share());
   Eigen::Matrix3f turn;
   Eigen::Vector3f from;
@@ -209,15 +178,14 @@ void RaysOptics::aim(const LensGrid::Pixel& pixel, const ThinLens& aperture, con
 
 Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& shot, OpticsPicture& out) {
   const int n = shot.samples.per_pixel();
-  const LensGrid& lens = lenses_[channel];
-  const std::size_t count = strip.blocks_across * kBlockWidth *
-                            static_cast<std::size_t>((strip.rows + kBlockHeight - 1) / kBlockHeight) *
-                            kBlockHeight * static_cast<std::size_t>(n);
+  const std::size_t count = strip.blocks_across * kPacketWidth_px *
+                            static_cast<std::size_t>((strip.rows + kPacketHeight_px - 1) / kPacketHeight_px) *
+                            kPacketHeight_px * static_cast<std::size_t>(n);
   const auto& region = shot.region;
-  const bool whole = region.width_px == width_px() && region.x_px == 0 && width_px() % kBlockWidth == 0 &&
+  const bool whole = region.width_px == width_px() && region.x_px == 0 && width_px() % kPacketWidth_px == 0 &&
                      region.y_px <= strip.first_row &&
                      region.y_px + region.height_px >= strip.first_row + strip.rows &&
-                     strip.rows % kBlockHeight == 0;
+                     strip.rows % kPacketHeight_px == 0;
   rays_.resize(count);
   if (!whole) std::fill(rays_.begin(), rays_.end(), nowhere);
   light_.resize(count);
@@ -225,7 +193,7 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
             last = std::min(strip.first_row + strip.rows, region.y_px + region.height_px);
   tbb::parallel_for(first, last, [&](int v) {
     for (int u = region.x_px; u < region.x_px + region.width_px; ++u) {
-      const LensGrid::Pixel& pixel = lens.at(u - border_, v - border_);
+      const LensGrid::Pixel& pixel = pixel_at(channel, u, v);
       const std::span ray(&rays_[strip.first_ray(u, v, n)], static_cast<std::size_t>(n));
       if (pixel.lit())
         aim(pixel, apertures_[channel], shot, shot.samples, u, v, ray);
@@ -242,7 +210,7 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
   const float share = 1.0F / static_cast<float>(n);
   tbb::parallel_for(first, last, [&](int v) {
     for (int u = region.x_px; u < region.x_px + region.width_px; ++u) {
-      if (!lens.at(u - border_, v - border_).lit()) continue;
+      if (!pixel_at(channel, u, v).lit()) continue;
       const render::LightSample* const sample = &light_[strip.first_ray(u, v, n)];
       Eigen::Array4f sum = Eigen::Array4f::Zero();
       for (int i = 0; i < n; ++i) sum += Eigen::Map<const Eigen::Array4f>(sample[i].radiance);
@@ -269,25 +237,24 @@ render::LightQuery RaysOptics::light_query(const Shot& shot) const {
   query.shadows = options_.shadows;
   query.sky_rays = options_.sky_rays;
   query.gathered = options_.shadows && options_.sky_rays == 0;
-  query.spread_rad = static_cast<float>(1 / std::max(traced_.fx_px, traced_.fy_px));
+  query.spread_rad = static_cast<float>(1 / std::max(grid_.camera().fx_px, grid_.camera().fy_px));
   query.sun_rays = render::SunRays::wide;
   query.seed = shot.request.seed ^ (shot.request.measure.index * 0x9E3779B97F4A7C15ULL);
   return query;
 }
 
 void RaysOptics::sparse_rays(const Shot& shot) {
-  const LensGrid& lens = lenses_.front();
   rays_.clear();
   for (int row = 0; row * render::kGatherHeight_px < height_px(); ++row)
     for (int column = 0; column * render::kGatherWidth_px < width_px(); ++column) {
       const render::GatheringPixel at = render::gathering_pixel(column, row);
       if (at.u >= width_px() || at.v >= height_px()) continue;
-      const LensGrid::Pixel& pixel = lens.at(at.u - border_, at.v - border_);
+      const LensGrid::Pixel& pixel = pixel_at(0, at.u, at.v);
       if (!pixel.lit()) continue;
       Eigen::Matrix3f turn;
       Eigen::Vector3f from;
       Ray ray;
-      ray.time = static_cast<float>(shot.timing.middle_of(row_of(at.v)));
+      ray.time = static_cast<float>(shot.timing.middle_of(grid_.row_of(at.v)));
       shot.poses.at(ray.time, turn, from);
       const Eigen::Vector3f direction = (turn * pixel.ray).normalized();
       for (int k = 0; k < 3; ++k) {
@@ -329,7 +296,7 @@ Status RaysOptics::trace_places(const Shot& shot, std::span<const PixelPlace> pl
   tbb::parallel_for(std::size_t{0}, places.size(), [&](std::size_t i) {
     const int u = places[i].u + shot.region.x_px, v = places[i].v + shot.region.y_px;
     const std::span rays(&rays_[i * each], each);
-    if (const LensGrid::Pixel& pixel = lenses_[channel].at(u - border_, v - border_); pixel.lit())
+    if (const LensGrid::Pixel& pixel = pixel_at(channel, u, v); pixel.lit())
       aim(pixel, apertures_[channel], shot, samples, u, v, rays);
     else
       std::fill(rays.begin(), rays.end(), nowhere);
@@ -343,21 +310,32 @@ Status RaysOptics::trace_places(const Shot& shot, std::span<const PixelPlace> pl
 
 Status RaysOptics::ask_for_sky(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture) {
   const OpticsRequest::Region& region = shot.region;
-  const std::vector<PixelPlace> places = sky_edges_.places(
-      {inner.x_px - region.x_px, inner.y_px - region.y_px, inner.width_px, inner.height_px},
-      [&](int u, int v) {
-        return lenses_.front().at(u + region.x_px - border_, v + region.y_px - border_).lit();
-      });
-  const auto each = static_cast<std::size_t>(options_.samples.sky);
-  const LensSamples samples(options_.samples.sky, shot.samples_key ^ kSkySamples);
-  const std::size_t at_once = std::max<std::size_t>(kRaysAtOnce / each, 1);
-  for (std::size_t begin = 0; begin < places.size(); begin += at_once) {
-    const auto some = std::span(places).subspan(begin, std::min(at_once, places.size() - begin));
-    if (auto s = trace_places(shot, some, 0, samples, true); !s) return s;
-    for (std::size_t i = 0; i < some.size(); ++i)
-      for (std::size_t k = 0; k < each; ++k) sky_edges_.add_sky_only(some[i], light_[i * each + k]);
+  const auto lit = [&](int u, int v) { return pixel_at(0, u + region.x_px, v + region.y_px).lit(); };
+  const auto ask = [&](std::span<const PixelPlace> places, int n, std::uint64_t key) -> Status {
+    const auto each = static_cast<std::size_t>(n), at_once = std::max<std::size_t>(kRaysAtOnce / each, 1);
+    const LensSamples samples(n, shot.samples_key ^ key);
+    for (std::size_t begin = 0; begin < places.size(); begin += at_once) {
+      const auto some = places.subspan(begin, std::min(at_once, places.size() - begin));
+      if (auto s = trace_places(shot, some, 0, samples, true); !s) return s;
+      for (std::size_t i = 0; i < some.size(); ++i)
+        for (std::size_t k = 0; k < each; ++k) sky_edges_.add_sky_only(some[i], light_[i * each + k]);
+    }
+    return {};
+  };
+  const OpticsRequest::Region around = grown(inner, kFollowsSky_px);
+  std::vector<PixelPlace> asked;
+  for (int round = 0; round <= kFollowsSky_px; ++round) {
+    const std::vector<PixelPlace> places = sky_edges_.places(
+        {around.x_px - region.x_px, around.y_px - region.y_px, around.width_px, around.height_px}, lit);
+    if (places.empty()) break;
+    if (auto s = ask(places, options_.samples.sky, kSkySamples); !s) return s;
+    asked.insert(asked.end(), places.begin(), places.end());
   }
-  for (const PixelPlace at : places)
+  std::vector<PixelPlace> both;
+  std::copy_if(asked.begin(), asked.end(), std::back_inserter(both),
+               [&](PixelPlace at) { return sky_edges_.shows_both(at); });
+  if (auto s = ask(both, kMoreWhereBoth * options_.samples.sky, kMoreSkySamples); !s) return s;
+  for (const PixelPlace at : asked)
     sky_edges_.resolve(
         at,
         &picture.radiance[4 * (static_cast<std::size_t>(at.v) * static_cast<std::size_t>(picture.width_px) +
@@ -369,11 +347,9 @@ Status RaysOptics::refine(const Shot& shot, const OpticsRequest::Region& inner, 
   const auto mean = mean_light(shot);
   if (!mean) return tl::unexpected(mean.error());
   const OpticsRequest::Region& region = shot.region;
-  const LensGrid& any_lens = lenses_.front();
   const std::vector<PixelPlace> places = uneven_pixels(
       picture, {inner.x_px - region.x_px, inner.y_px - region.y_px, inner.width_px, inner.height_px}, *mean,
-      kUnevenContrast,
-      [&](int u, int v) { return any_lens.at(u + region.x_px - border_, v + region.y_px - border_).lit(); });
+      kUnevenContrast, [&](int u, int v) { return pixel_at(0, u + region.x_px, v + region.y_px).lit(); });
   const int n = options_.samples.uneven;
   const auto each = static_cast<std::size_t>(n);
   const LensSamples samples(n, shot.samples_key ^ kMoreSamples);
@@ -410,84 +386,13 @@ Status RaysOptics::refine(const Shot& shot, const OpticsRequest::Region& inner, 
   return {};
 }
 
-OpticsRequest::Region RaysOptics::looked_at(const OpticsRequest::Region& region) const {
-  const auto span = [&](int first, int count, double centre, int size, int& low, int& n) {
-    double least = first, most = first + count - 1;
-    for (const double m : camera_.chromatic.magnification)
-      for (const double p : {static_cast<double>(first), static_cast<double>(first + count - 1)}) {
-        least = std::min(least, centre + (p - centre) / m);
-        most = std::max(most, centre + (p - centre) / m);
-      }
-    low = std::clamp(static_cast<int>(std::floor(traced_at(least))), 0, size - 1);
-    n = std::clamp(static_cast<int>(std::floor(traced_at(most))) + 1, low, size - 1) - low + 1;
-  };
+OpticsRequest::Region RaysOptics::grown(const OpticsRequest::Region& region, int by_px) const {
   OpticsRequest::Region out;
-  span(region.x_px, region.width_px, camera_.cx_px, width_px(), out.x_px, out.width_px);
-  span(region.y_px, region.height_px, camera_.cy_px, height_px(), out.y_px, out.height_px);
+  out.x_px = std::max(region.x_px - by_px, 0);
+  out.y_px = std::max(region.y_px - by_px, 0);
+  out.width_px = std::min(region.x_px + region.width_px + by_px, width_px()) - out.x_px;
+  out.height_px = std::min(region.y_px + region.height_px + by_px, height_px()) - out.y_px;
   return out;
-}
-
-OpticsRequest::Region RaysOptics::with_neighbours(const OpticsRequest::Region& region) const {
-  OpticsRequest::Region out;
-  out.x_px = std::max(region.x_px - 1, 0);
-  out.y_px = std::max(region.y_px - 1, 0);
-  out.width_px = std::min(region.x_px + region.width_px + 1, width_px()) - out.x_px;
-  out.height_px = std::min(region.y_px + region.height_px + 1, height_px()) - out.y_px;
-  return out;
-}
-
-void RaysOptics::move_colours(const OpticsPicture& reference, const OpticsRequest::Region& traced,
-                              const OpticsRequest::Region& region, OpticsPicture& out) const {
-  struct Between {
-    int low = 0, high = 0;
-    float share = 0;
-  };
-  // Along one axis: which two of the reference's pixels a colour's pixel lies between.
-  const auto along = [&](double centre, double m, int first, int count, int from, int size) {
-    std::vector<Between> all(static_cast<std::size_t>(count));
-    for (int i = 0; i < count; ++i) {
-      const double at = traced_at(centre + (first + i - centre) / m) - from;
-      const double low = std::floor(at);
-      all[static_cast<std::size_t>(i)] = {std::clamp(static_cast<int>(low), 0, size - 1),
-                                          std::clamp(static_cast<int>(low) + 1, 0, size - 1),
-                                          static_cast<float>(at - low)};
-    }
-    return all;
-  };
-  for (std::size_t c = 0; c < 3; ++c) {
-    const double m = camera_.chromatic.magnification[c];
-    const auto columns = along(camera_.cx_px, m, region.x_px, region.width_px, traced.x_px, traced.width_px);
-    const auto rows = along(camera_.cy_px, m, region.y_px, region.height_px, traced.y_px, traced.height_px);
-    const LensGrid& lens = lenses_.front();
-    tbb::parallel_for(0, region.height_px, [&](int y) {
-      const Between& v = rows[static_cast<std::size_t>(y)];
-      for (int x = 0; x < region.width_px; ++x) {
-        const Between& u = columns[static_cast<std::size_t>(x)];
-        // Where the lens sends no light there is none to mix in.
-        float light = 0, fourth = 0, weight = 0;
-        const auto add = [&](int i, int j, float w) {
-          if (!(w > 0) || !lens.at(traced.x_px + i - border_, traced.y_px + j - border_).lit()) return;
-          const float* const p =
-              &reference
-                   .radiance[4 * (static_cast<std::size_t>(j) * static_cast<std::size_t>(traced.width_px) +
-                                  static_cast<std::size_t>(i))];
-          light += w * p[c];
-          fourth += w * p[3];
-          weight += w;
-        };
-        add(u.low, v.low, (1 - u.share) * (1 - v.share));
-        add(u.high, v.low, u.share * (1 - v.share));
-        add(u.low, v.high, (1 - u.share) * v.share);
-        add(u.high, v.high, u.share * v.share);
-        if (!(weight > 0)) continue;
-        float* const p =
-            &out.radiance[4 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(region.width_px) +
-                               static_cast<std::size_t>(x))];
-        p[c] = light / weight;
-        if (c == 0) p[3] = fourth / weight;
-      }
-    });
-  }
 }
 
 Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& view, OpticsPicture& out,
@@ -513,11 +418,11 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
   if (auto s = engine.prepare(window); !s) return s;
   prepare_ms_ = engine.statistics().prepare_ms;
 
-  const OpticsRequest::Region looked_at_region = moves_ ? looked_at(*region) : *region;
+  const OpticsRequest::Region looked_at_region = moves_ ? grid_.looked_at(*region) : *region;
   const bool more = options_.samples.uneven > 0 || asks_for_sky();
-  // A pixel asks its neighbours, and what those know of the sky has been asked of theirs.
-  const OpticsRequest::Region uneven = asks_for_sky() ? with_neighbours(looked_at_region) : looked_at_region,
-                              traced = more ? with_neighbours(uneven) : looked_at_region;
+  // A pixel asks its neighbours, and what those know of the sky has been asked of theirs, time after time.
+  const OpticsRequest::Region uneven = grown(looked_at_region, asks_for_sky() ? kFollowsSky_px + 1 : 0),
+                              traced = grown(uneven, more ? 1 : 0);
   const PoseTable poses(*motion, origin);
   const std::uint64_t key = request.seed ^ (request.measure.index * 0xD1342543DE82EF95ULL);
   const Shot shot{request, traced, timing, poses, origin, key, LensSamples(options_.samples.every, key)};
@@ -533,10 +438,10 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
   if (asks_for_sky()) sky_edges_.reset(traced.width_px, traced.height_px);
   if (light_query(shot).gathered)
     if (auto s = gather(shot); !s) return s;
-  const int across = (width_px() + kBlockWidth - 1) / kBlockWidth;
-  const int rows = std::clamp(
-      kRaysAtOnce / (across * kBlockWidth * shot.samples.per_pixel()) / kBlockHeight * kBlockHeight,
-      kBlockHeight, 4096);
+  const int across = (width_px() + kPacketWidth_px - 1) / kPacketWidth_px;
+  const int rows = std::clamp(kRaysAtOnce / (across * kPacketWidth_px * shot.samples.per_pixel()) /
+                                  kPacketHeight_px * kPacketHeight_px,
+                              kPacketHeight_px, 4096);
   for (int row = traced.y_px / rows * rows; row < traced.y_px + traced.height_px; row += rows)
     for (std::size_t c = 0; c < lenses_.size(); ++c) {
       const Strip strip{row, std::min(rows, height_px() - row), static_cast<std::size_t>(across)};
@@ -547,7 +452,7 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
   if (asks_for_sky())
     if (auto s = ask_for_sky(shot, looked_at_region, reference_); !s) return s;
   if (apart && !moves_) crop(reference_, traced, *region, out);
-  if (moves_) move_colours(reference_, traced, *region, out);
+  if (moves_) grid_.move_colours(reference_, traced, lenses_.front(), *region, out);
   if (truth == nullptr) return {};
   const LensGrid* lens = lenses_.data();
   if (lenses_.size() > 1 || moves_) {

@@ -20,42 +20,45 @@ void SkyEdges::reset(int width_px, int height_px) {
   pixels_.resize(pixels);
 }
 
-SkyEdges::Pixel& SkyEdges::pixel(PixelPlace at, std::uint8_t what) {
-  const std::size_t i = index(at);
-  if (met_[i] == 0) pixels_[i] = {};
-  met_[i] |= what;
-  return pixels_[i];
-}
-
 void SkyEdges::add(PixelPlace at, const render::LightSample& s) {
-  add_sky_only(at, s);
+  Pixel& p = count(at, s, 0);
   if (std::isinf(s.range_m)) return;
-  Pixel& p = pixels_[index(at)];
   for (std::size_t b = 0; b < 4; ++b) p.surface[b] += s.radiance[b];
   p.surfaces += 1;
 }
 
-void SkyEdges::add_sky_only(PixelPlace at, const render::LightSample& s) {
-  Pixel& p = pixel(at, std::isinf(s.range_m) ? kSky : kSurface);
+void SkyEdges::add_sky_only(PixelPlace at, const render::LightSample& s) { count(at, s, kAsked); }
+
+SkyEdges::Pixel& SkyEdges::count(PixelPlace at, const render::LightSample& s, std::uint8_t asked) {
+  const std::size_t i = index(at);
+  Pixel& p = pixels_[i];
+  if (met_[i] == 0) p = {};
   if (!std::isinf(s.range_m)) {
+    met_[i] |= kSurface | asked;
     p.met += 1;
-    return;
+    return p;
   }
+  met_[i] |= kSky | asked;
   for (std::size_t b = 0; b < 4; ++b) p.sky[b] += s.radiance[b];
   p.skies += 1;
+  return p;
 }
 
 std::vector<PixelPlace> SkyEdges::places(const OpticsRequest::Region& inner,
                                          const std::function<bool(int u, int v)>& lit) const {
   if (std::none_of(met_.begin(), met_.end(), [](std::uint8_t m) { return (m & kSky) != 0; })) return {};
-  std::vector<std::uint8_t> edges(met_.size());
-  for (int v = std::max(inner.y_px, 0); v < std::min(inner.y_px + inner.height_px, height_px_); ++v)
+  std::vector<std::uint8_t> edges(met_.size()), column(static_cast<std::size_t>(width_px_) + 2);
+  for (int v = std::max(inner.y_px, 0); v < std::min(inner.y_px + inner.height_px, height_px_); ++v) {
+    const std::uint8_t *const above = &met_[index({0, std::max(v - 1, 0)})],
+                              *const own = &met_[index({0, v})],
+                              *const below = &met_[index({0, std::min(v + 1, height_px_ - 1)})];
+    for (std::size_t u = 0; u + 2 < column.size(); ++u) column[u + 1] = above[u] | own[u] | below[u];
     for (int u = std::max(inner.x_px, 0); u < std::min(inner.x_px + inner.width_px, width_px_); ++u) {
-      unsigned met = 0;
-      for (int y = std::max(v - 1, 0); y <= std::min(v + 1, height_px_ - 1); ++y)
-        for (int x = std::max(u - 1, 0); x <= std::min(u + 1, width_px_ - 1); ++x) met |= met_[index({x, y})];
-      if (met == (kSky | kSurface) && lit(u, v)) edges[index({u, v})] = 1;
+      const auto i = static_cast<std::size_t>(u);
+      const auto met = static_cast<unsigned>(column[i] | column[i + 1] | column[i + 2]);
+      if ((met & kBoth) == kBoth && (own[i] & kAsked) == 0 && lit(u, v)) edges[index({u, v})] = 1;
     }
+  }
   return pixels_by_blocks(inner, width_px_, height_px_, edges);
 }
 

@@ -20,9 +20,12 @@ class SkyEdges {
   void add(PixelPlace at, const render::LightSample& sample);
   /// One of a query with `sky_only`.
   void add_sky_only(PixelPlace at, const render::LightSample& sample);
-  /// Pixels of `inner` that have, with their neighbours, samples of both; in the order of uneven_pixels().
+  /// Pixels of `inner` that have, with their neighbours, samples of both, and none of add_sky_only(); in the
+  /// order of uneven_pixels(). What is added for them may make more of them.
   [[nodiscard]] std::vector<PixelPlace> places(const OpticsRequest::Region& inner,
                                                const std::function<bool(int u, int v)>& lit) const;
+  /// A pixel itself has samples of both.
+  [[nodiscard]] bool shows_both(PixelPlace at) const { return (met_[index(at)] & kBoth) == kBoth; }
   /// What all samples of a pixel say together: its share of sky times the sky's mean, and the rest times the
   /// mean of its surfaces, or of its neighbours' where none of its own has light.
   void resolve(PixelPlace at, float radiance[4]) const;
@@ -37,15 +40,15 @@ class SkyEdges {
     return static_cast<std::size_t>(at.v) * static_cast<std::size_t>(width_px_) +
            static_cast<std::size_t>(at.u);
   }
-  /// For a sample that met one of these.
-  Pixel& pixel(PixelPlace at, std::uint8_t what);
+  Pixel& count(PixelPlace at, const render::LightSample& sample, std::uint8_t asked);
   /// f(pixel) for those about a place that have samples, itself too.
   template <class F>
   void about(PixelPlace at, F&& f) const;
 
   int width_px_ = 0, height_px_ = 0;
-  /// What samples of a pixel met; until then its Pixel holds what was there before.
-  enum : std::uint8_t { kSky = 1, kSurface = 2 };
+  /// What samples of a pixel met, and whether some asked for the sky only; until then its Pixel holds what
+  /// was there before.
+  enum : std::uint8_t { kSky = 1, kSurface = 2, kBoth = kSky | kSurface, kAsked = 4 };
   std::vector<std::uint8_t> met_;
   std::vector<Pixel> pixels_;
 };

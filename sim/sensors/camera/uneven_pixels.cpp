@@ -7,10 +7,11 @@
 #include <algorithm>
 #include <limits>
 
+#include "sim/sensors/camera/traced_grid.h"
+
 namespace rigor {
 namespace {
 
-constexpr int kUnevenBlockWidth = 4, kUnevenBlockHeight = 2;
 constexpr float kNone = std::numeric_limits<float>::infinity();
 
 /// Of each pixel of a row, the least and the most of each band among it and its neighbours to both sides.
@@ -43,10 +44,10 @@ std::vector<PixelPlace> pixels_by_blocks(const OpticsRequest::Region& inner, int
   std::vector<PixelPlace> out;
   const int end_u = std::min(inner.x_px + inner.width_px, width_px),
             end_v = std::min(inner.y_px + inner.height_px, height_px);
-  for (int v0 = inner.y_px; v0 < end_v; v0 += kUnevenBlockHeight)
-    for (int u0 = inner.x_px; u0 < end_u; u0 += kUnevenBlockWidth)
-      for (int v = v0; v < std::min(v0 + kUnevenBlockHeight, end_v); ++v)
-        for (int u = u0; u < std::min(u0 + kUnevenBlockWidth, end_u); ++u)
+  for (int v0 = inner.y_px; v0 < end_v; v0 += kPacketHeight_px)
+    for (int u0 = inner.x_px; u0 < end_u; u0 += kPacketWidth_px)
+      for (int v = v0; v < std::min(v0 + kPacketHeight_px, end_v); ++v)
+        for (int u = u0; u < std::min(u0 + kPacketWidth_px, end_u); ++u)
           if (wanted[static_cast<std::size_t>(v) * static_cast<std::size_t>(width_px) +
                      static_cast<std::size_t>(u)] != 0)
             out.push_back({u, v});
