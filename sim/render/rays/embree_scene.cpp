@@ -88,46 +88,6 @@ struct SceneFilters {
   }
 };
 
-void RayPackets::set(unsigned i, const float o[3], const float d[3], float near_m, float far_m, float time,
-                     unsigned mask) noexcept {
-  RTCRayHit8& p = packets[i / 8];
-  const unsigned k = i % 8;
-  // A sum is finite only where all of it is.
-  const float sum = (o[0] + o[1] + o[2]) * 0.0F + (d[0] + d[1] + d[2]) * 0.0F + time * 0.0F;
-  const bool there = sum == 0.0F && (d[0] != 0 || d[1] != 0 || d[2] != 0) && near_m <= far_m;
-  if (!there) {
-    skip(i);
-    return;
-  }
-  p.ray.org_x[k] = o[0];
-  p.ray.org_y[k] = o[1];
-  p.ray.org_z[k] = o[2];
-  p.ray.tnear[k] = std::max(near_m, 0.0F);
-  p.ray.dir_x[k] = d[0];
-  p.ray.dir_y[k] = d[1];
-  p.ray.dir_z[k] = d[2];
-  p.ray.time[k] = std::clamp(time, 0.0F, 1.0F);
-  p.ray.tfar[k] = far_m;
-  p.ray.mask[k] = mask;
-  p.ray.id[k] = i;
-  p.ray.flags[k] = 0;
-  p.hit.geomID[k] = RTC_INVALID_GEOMETRY_ID;
-  p.hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;
-}
-
-void RayPackets::skip(unsigned i) noexcept {
-  RTCRayHit8& p = packets[i / 8];
-  const unsigned k = i % 8;
-  p.ray.org_x[k] = p.ray.org_y[k] = p.ray.org_z[k] = 0;
-  p.ray.dir_x[k] = p.ray.dir_y[k] = p.ray.dir_z[k] = 0;
-  p.ray.time[k] = 0;
-  p.ray.tnear[k] = 1;
-  p.ray.tfar[k] = 0;
-  p.ray.mask[k] = p.ray.id[k] = p.ray.flags[k] = 0;
-  p.hit.geomID[k] = RTC_INVALID_GEOMETRY_ID;
-  p.hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;
-}
-
 Intersection RayPackets::intersection(unsigned i) const noexcept {
   const RTCRayHit8& p = packets[i / 8];
   const unsigned k = i % 8;

@@ -14,12 +14,10 @@ constexpr unsigned kGatherBounces = 3;
 constexpr float kLampMatters = 1e-3F;
 /// Angle that a sky ray stands for when it looks up a colour.
 constexpr float kSkyRaySpread_rad = 0.2F;
-/// Finer than any map.
-constexpr float kFinest = -100;
-/// Cosine below which a ray's width across a surface is not told apart.
-constexpr float kGrazing = 0.02F;
 /// Half the side of a square with the area of a disc of radius 1.
 constexpr float kDiscAsSquare = 0.886F;
+/// Points lie in one plane that leave it by no more than this share of their range.
+constexpr float kFlat = 1e-3F;
 /// A path that carries less than this much of light goes on with a chance only.
 constexpr float kRoulette = 0.3F;
 
@@ -42,93 +40,12 @@ Vec3 cosine_direction(Vec3 n, float u, float v) {
 
 Chunk::Chunk(const ChunkInput& in)
     : in_(in),
-      tint_(tint_to_band(in.query.bands)),
+      points_of_(in.scene, in.surfaces, in.frame, in.query.bands),
       key_{static_cast<std::uint32_t>(in.query.seed), static_cast<std::uint32_t>(in.query.seed >> 32U)} {}
 
 std::array<float, 4> Chunk::draws(std::size_t index, unsigned purpose, unsigned k, unsigned segment) const {
   const auto w = models::philox({static_cast<std::uint32_t>(index), purpose, k, segment}, key_);
   return {unit_draw(w[0]), unit_draw(w[1]), unit_draw(w[2]), unit_draw(w[3])};
-}
-
-void Chunk::fetch_moving_surface(Vec3 o, Vec3 d, const Intersection& m, Point& p, Bands4& tint,
-                                 const LightSurface*& surface, float uv[2]) const {
-  const double origin[3] = {static_cast<double>(o.x), static_cast<double>(o.y), static_cast<double>(o.z)};
-  const float direction[3] = {d.x, d.y, d.z};
-  const SurfacePoint at = in_.scene.point(origin, direction, p.time, m);
-  p.geometric_normal = from(at.triangle_normal);
-  p.shading_normal = from(at.shading_normal);
-  p.normal = from(at.normal);
-  tint = tint_[0] * at.tint[0] + tint_[1] * at.tint[1] + tint_[2] * at.tint[2];
-  surface = &in_.surfaces.of(at.surface->surface.get());
-  uv[0] = at.uv[0];
-  uv[1] = at.uv[1];
-}
-
-void Chunk::fetch_surface(Vec3 origin, Vec3 d, float time, const Intersection& m, float spread_rad,
-                          Point& p) const {
-  const RayInstance& instance = in_.scene.instance(m.instance);
-  p.range_m = m.range_m;
-  p.place = origin + d * m.range_m;
-  p.view = -d;
-  p.time = time;
-  p.node = instance.node;
-  const LightSurface* surface = nullptr;
-  Bands4 tint;
-  float uv[2], lod = kFinest;
-  if (instance.motion != kStill) {
-    fetch_moving_surface(origin, d, m, p, tint, surface, uv);
-  } else {
-    const RayMesh& mesh = *instance.mesh;
-    const RayPart& part = mesh.parts[m.part];
-    surface = &in_.surfaces.of(part.surface->surface.get());
-    tint = tint_[0] * instance.tint[0] + tint_[1] * instance.tint[1] + tint_[2] * instance.tint[2];
-    const std::uint32_t* const index =
-        &mesh.mesh->indices[part.first_index + 3 * static_cast<std::size_t>(m.triangle)];
-    const Vertex& a = mesh.mesh->vertices[index[0]];
-    const Vertex& b = mesh.mesh->vertices[index[1]];
-    const Vertex& c = mesh.mesh->vertices[index[2]];
-    const float u = m.u, v = m.v, w = 1.0F - u - v;
-    for (int k = 0; k < 2; ++k) uv[k] = w * a.uv[k] + u * b.uv[k] + v * c.uv[k];
-    float inverse[9];
-    for (int k = 0; k < 9; ++k) inverse[k] = static_cast<float>(instance.inverse[k]);
-    // Of normals: the transpose of the way from the world's axes to the mesh's.
-    const auto to_world = [&](Vec3 n) {
-      return Vec3{inverse[0] * n.x + inverse[3] * n.y + inverse[6] * n.z,
-                  inverse[1] * n.x + inverse[4] * n.y + inverse[7] * n.z,
-                  inverse[2] * n.x + inverse[5] * n.y + inverse[8] * n.z};
-    };
-    const Vec3 pa = from(a.position), e1 = from(b.position) - pa, e2 = from(c.position) - pa;
-    const Vec3 plane = to_world(cross(e1, e2));
-    p.geometric_normal = unit(plane, p.view);
-    const bool behind = (dot(plane, d) > 0) != (instance.mirrored != 0);
-    if (dot(p.geometric_normal, d) > 0) p.geometric_normal = -p.geometric_normal;
-    const Vec3 bent = to_world(from(a.normal) * w + from(b.normal) * u + from(c.normal) * v);
-    p.shading_normal = unit(behind ? -bent : bent, p.geometric_normal);
-    p.normal = p.shading_normal;
-    if (surface->any_map) {
-      const float du1 = b.uv[0] - a.uv[0], du2 = c.uv[0] - a.uv[0], dv1 = b.uv[1] - a.uv[1],
-                  dv2 = c.uv[1] - a.uv[1];
-      const float shrinks = std::abs(inverse[0] * (inverse[4] * inverse[8] - inverse[5] * inverse[7]) -
-                                     inverse[1] * (inverse[3] * inverse[8] - inverse[5] * inverse[6]) +
-                                     inverse[2] * (inverse[3] * inverse[7] - inverse[4] * inverse[6]));
-      if (spread_rad > 0) {
-        // Texture's area over the triangle's in the world, and how wide the ray is across it.
-        const float per_m2 = std::abs(du1 * dv2 - du2 * dv1) * shrinks / std::max(length(plane), 1e-20F);
-        const float wide_m =
-            spread_rad * m.range_m / std::max(std::abs(dot(p.geometric_normal, d)), kGrazing);
-        lod = 0.5F * std::log2(std::max(per_m2 * wide_m * wide_m, 1e-20F));
-      }
-      if (surface->normal != nullptr) {
-        // Gradients of u and v on the triangle (Mikkelsen 2010), both times the same number above 0.
-        const Vec3 in_mesh = unit(cross(e1, e2), {0, 0, 1});
-        const Vec3 u1 = cross(e2, in_mesh), u2 = cross(in_mesh, e1);
-        const Vec3 right = to_world(u1 * du1 + u2 * du2), down = to_world(u1 * dv1 + u2 * dv2);
-        p.normal = surface->normal_mapped(uv[0], uv[1], lod, right, down, p.shading_normal);
-      }
-    }
-  }
-  p.patch = surface->patch(uv[0], uv[1], lod, tint);
-  weather(in_.frame, p.place, p.normal, p.patch);
 }
 
 void Chunk::load_rays(std::size_t first, unsigned n) {
@@ -194,7 +111,7 @@ void Chunk::first_intersections(std::size_t first, std::span<LightSample> sample
       continue;
     }
     Point& p = points_[n_++];
-    fetch_surface(o, d, r.time, m, q.spread_rad, p);
+    points_of_.fetch(o, d, r.time, m, q.spread_rad, p);
     p.ray = i;
     p.light = Bands4{};
     s.range_m = p.range_m;
@@ -277,23 +194,50 @@ void Chunk::add_lamps() {
   }
 }
 
+Chunk::Surroundings Chunk::surroundings(const Point& p, const Mirror& m) {
+  std::optional<GatheredLight::About> about;
+  if (in_.gathered != nullptr) about.emplace(*in_.gathered, p.place, p.range_m, found_);
+  const auto irradiance = [&](Vec3 n, Bands4 open) { return about ? about->irradiance(n, open) : open; };
+  Surroundings s;
+  s.front = irradiance(p.normal, in_.frame.irradiance(p.normal));
+  if (p.patch.translucent) s.behind = irradiance(-p.normal, in_.frame.irradiance(-p.normal));
+  if (!m.any()) return s;
+  s.mirrored = in_.frame.irradiance(m.direction);
+  s.seen = min(irradiance(m.direction, s.mirrored) / max(s.mirrored, all_bands(1e-20F)), all_bands(1));
+  return s;
+}
+
+unsigned Chunk::alike_from(unsigned first, std::array<Mirror, kTogether>& mirrors) const {
+  const Point& a = points_[first];
+  mirrors[0] = mirror(a.patch, a.view, a.normal);
+  if (first + kTogether > n_ || a.patch.translucent) return 1;
+  for (unsigned i = 1; i < kTogether; ++i) {
+    const Point& p = points_[first + i];
+    if (p.normal != a.normal || std::abs(dot(a.normal, p.place - a.place)) > kFlat * a.range_m ||
+        p.patch.translucent)
+      return 1;
+    mirrors[i] = mirror(p.patch, p.view, p.normal);
+    if (mirrors[i].any() != mirrors[0].any()) return 1;
+  }
+  return kTogether;
+}
+
 void Chunk::add_open_sky() {
-  for (unsigned i = 0; i < n_; ++i) {
-    Point& p = points_[i];
-    std::optional<GatheredLight::About> about;
-    if (in_.gathered != nullptr) about.emplace(*in_.gathered, p.place, p.range_m, found_);
-    const auto irradiance = [&](Vec3 n) {
-      const Bands4 open = in_.frame.irradiance(n);
-      return about ? about->irradiance(n, open) : open;
-    };
-    p.light +=
-        from_sky(p.patch, irradiance(p.normal), p.patch.translucent ? irradiance(-p.normal) : Bands4{});
-    const Mirror m = mirror(p.patch, p.view, p.normal);
-    if (!m.any()) continue;
-    const Bands4 open = in_.frame.irradiance(m.direction);
-    Bands4 seen = all_bands(1);
-    if (about) seen = min(about->irradiance(m.direction, open) / max(open, all_bands(1e-20F)), seen);
-    p.light += seen * m.share * mirrored_sky(in_.frame, m, open);
+  std::array<Mirror, kTogether> mirrors;
+  for (unsigned first = 0, n = 0; first < n_; first += n) {
+    n = alike_from(first, mirrors);
+    const Point &start = points_[first], &end = points_[first + n - 1];
+    const Surroundings a = surroundings(start, mirrors[0]), b = n > 1 ? surroundings(end, mirrors[n - 1]) : a;
+    const Vec3 way = end.place - start.place;
+    const float per_m2 = 1.0F / std::max(dot(way, way), 1e-20F);
+    for (unsigned i = 0; i < n; ++i) {
+      Point& p = points_[first + i];
+      const float t = std::clamp(dot(p.place - start.place, way) * per_m2, 0.0F, 1.0F);
+      p.light += from_sky(p.patch, mix(a.front, b.front, t), a.behind);
+      if (const Mirror& m = mirrors[i]; m.any())
+        p.light +=
+            mix(a.seen, b.seen, t) * m.share * mirrored_sky(in_.frame, m, mix(a.mirrored, b.mirrored, t));
+    }
   }
 }
 
@@ -376,7 +320,7 @@ void Chunk::follow_paths(std::size_t first, unsigned k, unsigned bounces) {
       }
       if (last) continue;
       Point& p = met_[left];
-      fetch_surface(w.place, w.direction, w.time, m, kSkyRaySpread_rad, p);
+      points_of_.fetch(w.place, w.direction, w.time, m, kSkyRaySpread_rad, p);
       p.ray = points_[w.point].ray;
       // What is sent on is diffuse: mirrors on the way would need many more rays.
       p.patch.glossy = p.patch.glossy && p.patch.metallic > 0;

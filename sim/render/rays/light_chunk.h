@@ -8,8 +8,7 @@
 #include "sensor-hal/models/philox.h"
 #include "sim/render/rays/embree_scene.h"
 #include "sim/render/rays/light_gather.h"
-#include "sim/render/rays/light_shading.h"
-#include "sim/render/rays/light_surface.h"
+#include "sim/render/rays/light_point.h"
 #include "sim/render/rays/light_tracer.h"
 
 namespace rigor::render::light {
@@ -43,16 +42,6 @@ class Chunk {
   std::size_t shadow_rays = 0, sky_rays = 0;
 
  private:
-  /// A point that is lit. Places relative to the scene's cell.
-  struct Point {
-    Vec3 place, view, normal, shading_normal;
-    Vec3 geometric_normal;  ///< of the triangle, towards the ray's origin
-    float range_m = 0, time = 0;
-    unsigned ray = 0;  ///< of the chunk
-    NodeId node{};
-    MaterialSample patch;
-    Bands4 light{};
-  };
   /// A ray that looks for light to send on to a point.
   struct Path {
     Vec3 place, direction;
@@ -70,14 +59,19 @@ class Chunk {
   void nothing_met(const Ray& r, LightSample& s) const;
   void first_intersections(std::size_t first, std::span<LightSample> samples);
   void sky_only(std::size_t first, std::span<LightSample> samples);
-  /// All of a point but its ray and light. `spread_rad`: angle that the ray stands for.
-  void fetch_surface(Vec3 origin, Vec3 direction, float time, const Intersection& m, float spread_rad,
-                     Point& p) const;
-  void fetch_moving_surface(Vec3 origin, Vec3 direction, const Intersection& m, Point& p, Bands4& tint,
-                            const LightSurface*& surface, float uv[2]) const;
   /// Sunlight on points. How many rays were shot. `draw`: tells apart draws for one ray.
   unsigned add_sun(std::span<Point> points, std::size_t first, unsigned draw, SunRays sun);
   void add_lamps();
+  /// What surroundings send to a point.
+  struct Surroundings {
+    Bands4 front{}, behind{};   ///< W/m² onto its sides
+    Bands4 mirrored{}, seen{};  ///< of the open ones about the mirror's direction, and which share of it
+  };
+  [[nodiscard]] Surroundings surroundings(const Point& p, const Mirror& m);
+  /// Points of neighbouring rays in one plane share what is worked out for the first and the last of them.
+  static constexpr unsigned kTogether = 8;
+  /// kTogether where the points from `first` on can share, else 1; with their mirrors.
+  [[nodiscard]] unsigned alike_from(unsigned first, std::array<Mirror, kTogether>& mirrors) const;
   void add_open_sky();
   void add_sky(std::size_t first);
   void begin_paths(std::size_t first, unsigned k);
@@ -88,7 +82,7 @@ class Chunk {
                                            unsigned segment) const;
 
   const ChunkInput in_;
-  std::array<Bands4, 3> tint_;
+  PointLookup points_of_;
   models::PhiloxKey key_;
   unsigned n_ = 0;
   std::array<Point, kChunk> points_;

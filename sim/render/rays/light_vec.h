@@ -28,6 +28,7 @@ using Bands4 = float __attribute__((vector_size(16)));
 
 struct Vec3 {
   float x = 0, y = 0, z = 0;
+  bool operator==(const Vec3&) const = default;
 };
 [[nodiscard]] constexpr Vec3 operator+(Vec3 a, Vec3 b) noexcept { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
 [[nodiscard]] constexpr Vec3 operator-(Vec3 a, Vec3 b) noexcept { return {a.x - b.x, a.y - b.y, a.z - b.z}; }

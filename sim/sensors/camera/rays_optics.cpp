@@ -106,9 +106,16 @@ class RaysOptics final : public CameraOpticsPicture {
     std::uint64_t samples_key;
     LensSamples samples;
   };
+  /// In the middle of a row's exposure.
+  struct RowPose {
+    float middle;
+    Eigen::Matrix3f turn;
+    Eigen::Vector3f from;
+  };
+  [[nodiscard]] RowPose pose_of_row(const Shot& shot, int v) const;
   /// Rays of one pixel, as many as `rays` has room for, at most samples.per_pixel().
   void aim(const LensGrid::Pixel& pixel, const ThinLens& aperture, const Shot& shot,
-           const LensSamples& samples, int u, int v, std::span<Ray> rays) const;
+           const LensSamples& samples, const RowPose& row, int u, int v, std::span<Ray> rays) const;
   Status trace(const Strip& strip, std::size_t channel, const Shot& shot, OpticsPicture& out);
   /// Traces uneven pixels of `picture` again, by PixelSamples::uneven: those of `inner`, a part of
   /// shot.region.
@@ -150,22 +157,28 @@ class RaysOptics final : public CameraOpticsPicture {
   SkyEdges sky_edges_;
 };
 
+RaysOptics::RowPose RaysOptics::pose_of_row(const Shot& shot, int v) const {
+  RowPose row;
+  row.middle = static_cast<float>(shot.timing.middle_of(grid_.row_of(v)));
+  shot.poses.at(row.middle, row.turn, row.from);
+  return row;
+}
+
 void RaysOptics::aim(const LensGrid::Pixel& pixel, const ThinLens& aperture, const Shot& shot,
-                     const LensSamples& samples, int u, int v, std::span<Ray> rays) const {
-  const auto middle = static_cast<float>(shot.timing.middle_of(grid_.row_of(v))),
-             exposure = static_cast<float>(shot.timing.exposure_share());
-  Eigen::Matrix3f turn;
-  Eigen::Vector3f from;
-  shot.poses.at(middle, turn, from);
-  const auto shift = samples.shift_of(static_cast<std::uint32_t>(v * width_px() + u));
+                     const LensSamples& samples, const RowPose& row, int u, int v,
+                     std::span<Ray> rays) const {
+  const auto exposure = static_cast<float>(shot.timing.exposure_share());
+  const bool centre = samples.per_pixel() == 1, drawn = !centre || aperture.opens() || exposure > 0;
+  LensSamples::Shift shift{};
+  if (drawn) shift = samples.shift_of(static_cast<std::uint32_t>(v * width_px() + u));
+  RowPose pose = row;
   for (int i = 0; i < static_cast<int>(rays.size()); ++i) {
-    const LensSample s = samples.sample(i, shift, aperture.opens());
-    const float t = middle + exposure * s.time;
-    if (exposure > 0) shot.poses.at(t, turn, from);
-    Eigen::Vector3f d = samples.per_pixel() == 1 ? pixel.ray : pixel.at(s.u, s.v),
-                    o = Eigen::Vector3f::Zero();
+    const LensSample s = drawn ? samples.sample(i, shift, aperture.opens()) : LensSample{};
+    const float t = row.middle + exposure * s.time;
+    if (exposure > 0) shot.poses.at(t, pose.turn, pose.from);
+    Eigen::Vector3f d = centre ? pixel.ray : pixel.at(s.u, s.v), o = Eigen::Vector3f::Zero();
     if (aperture.opens()) aperture.refract(s.lens_x, s.lens_y, d, o);
-    const Eigen::Vector3f direction = (turn * d).normalized(), start = turn * o + from;
+    const Eigen::Vector3f direction = (pose.turn * d).normalized(), start = pose.turn * o + pose.from;
     Ray& r = rays[static_cast<std::size_t>(i)];
     for (int k = 0; k < 3; ++k) {
       r.origin[k] = start[k];
@@ -192,11 +205,12 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
   const int first = std::max(strip.first_row, region.y_px),
             last = std::min(strip.first_row + strip.rows, region.y_px + region.height_px);
   tbb::parallel_for(first, last, [&](int v) {
+    const RowPose row = pose_of_row(shot, v);
     for (int u = region.x_px; u < region.x_px + region.width_px; ++u) {
       const LensGrid::Pixel& pixel = pixel_at(channel, u, v);
       const std::span ray(&rays_[strip.first_ray(u, v, n)], static_cast<std::size_t>(n));
       if (pixel.lit())
-        aim(pixel, apertures_[channel], shot, shot.samples, u, v, ray);
+        aim(pixel, apertures_[channel], shot, shot.samples, row, u, v, ray);
       else
         std::fill(ray.begin(), ray.end(), nowhere);
     }
@@ -251,14 +265,11 @@ void RaysOptics::sparse_rays(const Shot& shot) {
       if (at.u >= width_px() || at.v >= height_px()) continue;
       const LensGrid::Pixel& pixel = pixel_at(0, at.u, at.v);
       if (!pixel.lit()) continue;
-      Eigen::Matrix3f turn;
-      Eigen::Vector3f from;
-      Ray ray;
-      ray.time = static_cast<float>(shot.timing.middle_of(grid_.row_of(at.v)));
-      shot.poses.at(ray.time, turn, from);
-      const Eigen::Vector3f direction = (turn * pixel.ray).normalized();
+      const RowPose row_pose = pose_of_row(shot, at.v);
+      const Eigen::Vector3f direction = (row_pose.turn * pixel.ray).normalized();
+      Ray ray{.time = row_pose.middle};
       for (int k = 0; k < 3; ++k) {
-        ray.origin[k] = from[k];
+        ray.origin[k] = row_pose.from[k];
         ray.direction[k] = direction[k];
       }
       ray.far_m = std::numeric_limits<float>::infinity();
@@ -297,7 +308,7 @@ Status RaysOptics::trace_places(const Shot& shot, std::span<const PixelPlace> pl
     const int u = places[i].u + shot.region.x_px, v = places[i].v + shot.region.y_px;
     const std::span rays(&rays_[i * each], each);
     if (const LensGrid::Pixel& pixel = pixel_at(channel, u, v); pixel.lit())
-      aim(pixel, apertures_[channel], shot, samples, u, v, rays);
+      aim(pixel, apertures_[channel], shot, samples, pose_of_row(shot, v), u, v, rays);
     else
       std::fill(rays.begin(), rays.end(), nowhere);
   });
