@@ -207,37 +207,70 @@ Chunk::Surroundings Chunk::surroundings(const Point& p, const Mirror& m) {
   return s;
 }
 
-unsigned Chunk::alike_from(unsigned first, std::array<Mirror, kTogether>& mirrors) const {
+bool Chunk::shares_from(unsigned first, std::array<Mirror, kPacket>& mirrors) const {
   const Point& a = points_[first];
-  mirrors[0] = mirror(a.patch, a.view, a.normal);
-  if (first + kTogether > n_ || a.patch.translucent) return 1;
-  for (unsigned i = 1; i < kTogether; ++i) {
+  if (!in_.query.packets || a.ray % kPacket != 0 || first + kPacket > n_ ||
+      points_[first + kPacket - 1].ray != a.ray + kPacket - 1)
+    return false;
+  for (unsigned i = 0; i < kPacket; ++i) {
     const Point& p = points_[first + i];
-    if (p.normal != a.normal || std::abs(dot(a.normal, p.place - a.place)) > kFlat * a.range_m ||
-        p.patch.translucent)
-      return 1;
+    if (p.normal != a.normal || p.patch.translucent ||
+        !(std::abs(dot(a.normal, p.place - a.place)) <= kFlat * a.range_m))
+      return false;
     mirrors[i] = mirror(p.patch, p.view, p.normal);
-    if (mirrors[i].any() != mirrors[0].any()) return 1;
+    if (mirrors[i].any() != mirrors[0].any()) return false;
   }
-  return kTogether;
+  return true;
+}
+
+void Chunk::add_surroundings(Point& p, const Mirror& m, const Surroundings& s) const {
+  p.light += from_sky(p.patch, s.front, s.behind);
+  if (m.any()) p.light += s.seen * m.share * mirrored_sky(in_.frame, m, s.mirrored);
 }
 
 void Chunk::add_open_sky() {
-  std::array<Mirror, kTogether> mirrors;
-  for (unsigned first = 0, n = 0; first < n_; first += n) {
-    n = alike_from(first, mirrors);
-    const Point &start = points_[first], &end = points_[first + n - 1];
-    const Surroundings a = surroundings(start, mirrors[0]), b = n > 1 ? surroundings(end, mirrors[n - 1]) : a;
-    const Vec3 way = end.place - start.place;
-    const float per_m2 = 1.0F / std::max(dot(way, way), 1e-20F);
-    for (unsigned i = 0; i < n; ++i) {
-      Point& p = points_[first + i];
-      const float t = std::clamp(dot(p.place - start.place, way) * per_m2, 0.0F, 1.0F);
-      p.light += from_sky(p.patch, mix(a.front, b.front, t), a.behind);
-      if (const Mirror& m = mirrors[i]; m.any())
-        p.light +=
-            mix(a.seen, b.seen, t) * m.share * mirrored_sky(in_.frame, m, mix(a.mirrored, b.mirrored, t));
+  std::array<Mirror, kPacket> mirrors;
+  for (unsigned first = 0; first < n_;) {
+    if (shares_from(first, mirrors)) {
+      share_surroundings(std::span(points_).subspan(first, kPacket), mirrors);
+      first += kPacket;
+      continue;
     }
+    Point& p = points_[first++];
+    const Mirror m = mirror(p.patch, p.view, p.normal);
+    add_surroundings(p, m, surroundings(p, m));
+  }
+}
+
+void Chunk::share_surroundings(std::span<Point> points, const std::array<Mirror, kPacket>& mirrors) {
+  // The first, the last, and the one that is farthest from the line between them.
+  const Vec3 start = points.front().place, x = points.back().place - start;
+  const float xx = dot(x, x), per_xx = 1.0F / std::max(xx, 1e-20F);
+  std::size_t third = 0;
+  float farthest = 0;
+  for (std::size_t i = 1; i + 1 < points.size(); ++i) {
+    const Vec3 way = points[i].place - start, off = way - x * (dot(way, x) * per_xx);
+    if (const float apart = dot(off, off); apart > farthest) farthest = apart, third = i;
+  }
+  const Vec3 y = points[third].place - start;
+  const float xy = dot(x, y), yy = dot(y, y), per_det = 1.0F / std::max(xx * yy - xy * xy, 1e-30F);
+  const bool line = !(farthest > 1e-4F * yy);
+  const Surroundings a = surroundings(points.front(), mirrors.front()),
+                     b = surroundings(points.back(), mirrors.back()),
+                     c = line ? a : surroundings(points[third], mirrors[third]);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Vec3 way = points[i].place - start;
+    const float along_x = dot(way, x), along_y = dot(way, y);
+    // Barycentric in the triangle of the three.
+    const float u =
+        std::clamp(line ? along_x * per_xx : (along_x * yy - along_y * xy) * per_det, -1.0F, 2.0F);
+    const float v = line ? 0.0F : std::clamp((along_y * xx - along_x * xy) * per_det, -1.0F, 2.0F);
+    const auto between = [&](Bands4 at_a, Bands4 at_b, Bands4 at_c) {
+      return not_negative(at_a + (at_b - at_a) * u + (at_c - at_a) * v);
+    };
+    add_surroundings(points[i], mirrors[i],
+                     {between(a.front, b.front, c.front), Bands4{},
+                      between(a.mirrored, b.mirrored, c.mirrored), between(a.seen, b.seen, c.seen)});
   }
 }
 

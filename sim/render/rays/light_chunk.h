@@ -64,14 +64,18 @@ class Chunk {
   void add_lamps();
   /// What surroundings send to a point.
   struct Surroundings {
-    Bands4 front{}, behind{};   ///< W/m² onto its sides
-    Bands4 mirrored{}, seen{};  ///< of the open ones about the mirror's direction, and which share of it
+    Bands4 front{}, behind{};  ///< W/m² onto its sides
+    Bands4 mirrored{};         ///< irradiance of open sky and ground about the mirror's direction
+    Bands4 seen{};             ///< share of that which nothing hides
   };
   [[nodiscard]] Surroundings surroundings(const Point& p, const Mirror& m);
-  /// Points of neighbouring rays in one plane share what is worked out for the first and the last of them.
-  static constexpr unsigned kTogether = 8;
-  /// kTogether where the points from `first` on can share, else 1; with their mirrors.
-  [[nodiscard]] unsigned alike_from(unsigned first, std::array<Mirror, kTogether>& mirrors) const;
+  void add_surroundings(Point& p, const Mirror& m, const Surroundings& s) const;
+  static constexpr unsigned kPacket = 8;
+  /// Whether the points from `first` on are those of a whole packet (LightQuery::packets) that share what
+  /// surroundings send; if so, with their mirrors.
+  [[nodiscard]] bool shares_from(unsigned first, std::array<Mirror, kPacket>& mirrors) const;
+  /// Works it out for three of the points, and for the others in between.
+  void share_surroundings(std::span<Point> points, const std::array<Mirror, kPacket>& mirrors);
   void add_open_sky();
   void add_sky(std::size_t first);
   void begin_paths(std::size_t first, unsigned k);

@@ -40,9 +40,10 @@ class PointLookup {
     Bands4 tint{};
     const Vertex* corner[3]{};
     // World axes, none of unit length.
-    Vec3 plane, normal[3];  ///< square to it; of the corners
+    Vec3 plane;             ///< square to the triangle
+    Vec3 normal[3];         ///< of the corners
     Vec3 right, down;       ///< gradients of u and v, where there is a normal map
-    float maps_per_m2 = 0;  ///< area of the texture's on one of the triangle
+    float maps_per_m2 = 0;  ///< area of the map, in whole maps, per m² of the triangle
   };
 
   /// Of the triangle that was met: the last one is kept.

@@ -36,10 +36,10 @@ struct PixelSamples {
   int every = 1;  ///< in every pixel
   /// More in pixels that differ from a neighbour by more than 0.3 of the picture's mean light.
   int uneven = 7;
-  /// More where surfaces lie beside the sky, which ask only whether they meet it: what share of the pixel is
-  /// sky, and how bright that is; the surfaces' light is that of the other samples. Not where colours are
-  /// traced apart.
-  int sky = 16;
+  /// More where surfaces lie beside the sky, and beside pixels where these find the first sky, three times
+  /// over. They ask only whether they meet it: what share of the pixel is sky, and how bright that is; the
+  /// surfaces' light is that of the other samples. Not where colours are traced apart.
+  int sky = 64;
   [[nodiscard]] static PixelSamples only(int every) { return {every, 0, 0}; }
 };
 
@@ -67,6 +67,7 @@ struct OpticsRequest {
   std::uint64_t seed = 0;  ///< of the samples of the rays engine
   struct Region {
     int x_px = 0, y_px = 0, width_px = 0, height_px = 0;
+    bool operator==(const Region&) const = default;
   } region{};  ///< width 0: the whole sensor. rays: only this is traced; vulkan: whole views, read here
 };
 

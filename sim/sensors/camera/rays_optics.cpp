@@ -22,12 +22,10 @@ using render::Ray;
 /// Rays that are traced at once, about: enough for all threads, little enough for the cache.
 constexpr int kRaysAtOnce = 65536;
 /// Tells the samples of uneven pixels apart from those that every pixel has.
-constexpr std::uint64_t kMoreSamples = 0x3C6EF372FE94F82BULL, kSkySamples = 0xA54FF53A5F1D36F1ULL,
-                        kMoreSkySamples = 0x510E527FADE682D1ULL;
-/// Pixels beside one in which sky rays find sky that no sample found are asked too, so many times.
+constexpr std::uint64_t kMoreSamples = 0x3C6EF372FE94F82BULL, kSkySamples = 0xA54FF53A5F1D36F1ULL;
+/// Where sky rays find the first sky or the first surface that is known of a pixel, its neighbours are asked
+/// too, and theirs: so many pixels far.
 constexpr int kFollowsSky_px = 3;
-/// Times as many sky rays more where those of a pixel meet both sky and surfaces.
-constexpr int kMoreWhereBoth = 3;
 
 /// A ray that brings no light.
 const Ray nowhere = [] {
@@ -123,8 +121,7 @@ class RaysOptics final : public CameraOpticsPicture {
   /// Rays of pixels, pixel by pixel, `query.rays` of them traced into light_.
   Status trace_places(const Shot& shot, std::span<const PixelPlace> places, std::size_t channel,
                       const LensSamples& samples, bool sky_only);
-  /// Asks pixels of `inner` at the sky's edges how much of them is sky, and those beside them where that
-  /// finds sky that was not known.
+  /// Asks pixels of `inner` at the sky's edges how much of them is sky, and follows what that finds.
   Status ask_for_sky(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture);
   [[nodiscard]] bool asks_for_sky() const { return options_.samples.sky > 0 && lenses_.size() == 1; }
   /// Rays through pixels all over the whole sensor, whatever region is asked for; into rays_.
@@ -134,8 +131,10 @@ class RaysOptics final : public CameraOpticsPicture {
   /// Light about what the whole sensor sees.
   Status gather(const Shot& shot);
   [[nodiscard]] render::LightQuery light_query(const Shot& shot) const;
-  /// A region and the pixels that near it, within the sensor.
+  /// A region with so many pixels more on each side, within the grid.
   [[nodiscard]] OpticsRequest::Region grown(const OpticsRequest::Region& region, int by_px) const;
+  /// A region and what else of the grid its packets of rays hold.
+  [[nodiscard]] OpticsRequest::Region whole_packets(const OpticsRequest::Region& region) const;
   [[nodiscard]] int width_px() const { return grid_.width_px(); }
   [[nodiscard]] int height_px() const { return grid_.height_px(); }
   [[nodiscard]] const LensGrid::Pixel& pixel_at(std::size_t channel, int u, int v) const {
@@ -218,6 +217,7 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
   render::LightQuery query = light_query(shot);
   query.rays = rays_;
   query.spread_rad /= std::sqrt(static_cast<float>(n));
+  query.packets = true;
   query.seed ^= (static_cast<std::uint64_t>(strip.first_row) << 40U) ^ (std::uint64_t{channel} << 60U);
   if (auto s = light_of_->tracer.trace(query, light_); !s) return s;
   const bool split = lenses_.size() > 1, edges = asks_for_sky();
@@ -321,31 +321,24 @@ Status RaysOptics::trace_places(const Shot& shot, std::span<const PixelPlace> pl
 
 Status RaysOptics::ask_for_sky(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture) {
   const OpticsRequest::Region& region = shot.region;
-  const auto lit = [&](int u, int v) { return pixel_at(0, u + region.x_px, v + region.y_px).lit(); };
-  const auto ask = [&](std::span<const PixelPlace> places, int n, std::uint64_t key) -> Status {
-    const auto each = static_cast<std::size_t>(n), at_once = std::max<std::size_t>(kRaysAtOnce / each, 1);
-    const LensSamples samples(n, shot.samples_key ^ key);
-    for (std::size_t begin = 0; begin < places.size(); begin += at_once) {
-      const auto some = places.subspan(begin, std::min(at_once, places.size() - begin));
-      if (auto s = trace_places(shot, some, 0, samples, true); !s) return s;
-      for (std::size_t i = 0; i < some.size(); ++i)
-        for (std::size_t k = 0; k < each; ++k) sky_edges_.add_sky_only(some[i], light_[i * each + k]);
-    }
-    return {};
-  };
-  const OpticsRequest::Region around = grown(inner, kFollowsSky_px);
+  const auto each = static_cast<std::size_t>(options_.samples.sky);
+  const LensSamples samples(options_.samples.sky, shot.samples_key ^ kSkySamples);
+  const std::size_t at_once = std::max<std::size_t>(kRaysAtOnce / each, 1);
   std::vector<PixelPlace> asked;
   for (int round = 0; round <= kFollowsSky_px; ++round) {
+    const OpticsRequest::Region around = grown(inner, kFollowsSky_px - round);
     const std::vector<PixelPlace> places = sky_edges_.places(
-        {around.x_px - region.x_px, around.y_px - region.y_px, around.width_px, around.height_px}, lit);
-    if (places.empty()) break;
-    if (auto s = ask(places, options_.samples.sky, kSkySamples); !s) return s;
+        {around.x_px - region.x_px, around.y_px - region.y_px, around.width_px, around.height_px},
+        [&](int u, int v) { return pixel_at(0, u + region.x_px, v + region.y_px).lit(); });
+    for (std::size_t begin = 0; begin < places.size(); begin += at_once) {
+      const auto some = std::span(places).subspan(begin, std::min(at_once, places.size() - begin));
+      if (auto s = trace_places(shot, some, 0, samples, true); !s) return s;
+      tbb::parallel_for(std::size_t{0}, some.size(), [&](std::size_t i) {
+        for (std::size_t k = 0; k < each; ++k) sky_edges_.add_sky_only(some[i], light_[i * each + k]);
+      });
+    }
     asked.insert(asked.end(), places.begin(), places.end());
   }
-  std::vector<PixelPlace> both;
-  std::copy_if(asked.begin(), asked.end(), std::back_inserter(both),
-               [&](PixelPlace at) { return sky_edges_.shows_both(at); });
-  if (auto s = ask(both, kMoreWhereBoth * options_.samples.sky, kMoreSkySamples); !s) return s;
   for (const PixelPlace at : asked)
     sky_edges_.resolve(
         at,
@@ -370,7 +363,7 @@ Status RaysOptics::refine(const Shot& shot, const OpticsRequest::Region& inner, 
     for (std::size_t channel = 0; channel < lenses_.size(); ++channel) {
       if (auto s = trace_places(shot, std::span(places).subspan(begin, count), channel, samples, false); !s)
         return s;
-      for (std::size_t i = 0; i < count; ++i) {
+      tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
         const PixelPlace at = places[begin + i];
         Eigen::Array4f sum = Eigen::Array4f::Zero();
         for (std::size_t k = 0; k < each; ++k) {
@@ -391,7 +384,7 @@ Status RaysOptics::refine(const Shot& shot, const OpticsRequest::Region& inner, 
         else
           mix(channel);
         if (lenses_.size() > 1 && channel == 0) mix(3);
-      }
+      });
     }
   }
   return {};
@@ -403,6 +396,18 @@ OpticsRequest::Region RaysOptics::grown(const OpticsRequest::Region& region, int
   out.y_px = std::max(region.y_px - by_px, 0);
   out.width_px = std::min(region.x_px + region.width_px + by_px, width_px()) - out.x_px;
   out.height_px = std::min(region.y_px + region.height_px + by_px, height_px()) - out.y_px;
+  return out;
+}
+
+OpticsRequest::Region RaysOptics::whole_packets(const OpticsRequest::Region& region) const {
+  OpticsRequest::Region out;
+  out.x_px = region.x_px / kPacketWidth_px * kPacketWidth_px;
+  out.y_px = region.y_px / kPacketHeight_px * kPacketHeight_px;
+  const auto end = [](int at, int packet, int size) {
+    return std::min((at + packet - 1) / packet * packet, size);
+  };
+  out.width_px = end(region.x_px + region.width_px, kPacketWidth_px, width_px()) - out.x_px;
+  out.height_px = end(region.y_px + region.height_px, kPacketHeight_px, height_px()) - out.y_px;
   return out;
 }
 
@@ -431,13 +436,15 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
 
   const OpticsRequest::Region looked_at_region = moves_ ? grid_.looked_at(*region) : *region;
   const bool more = options_.samples.uneven > 0 || asks_for_sky();
-  // A pixel asks its neighbours, and what those know of the sky has been asked of theirs, time after time.
+  // Whether a pixel is uneven depends on its neighbours; whether it is asked for the sky on theirs, and on
+  // those that are followed; the light of a packet on all of its pixels.
   const OpticsRequest::Region uneven = grown(looked_at_region, asks_for_sky() ? kFollowsSky_px + 1 : 0),
-                              traced = grown(uneven, more ? 1 : 0);
+                              traced = whole_packets(grown(uneven, more ? 1 : 0));
   const PoseTable poses(*motion, origin);
   const std::uint64_t key = request.seed ^ (request.measure.index * 0xD1342543DE82EF95ULL);
   const Shot shot{request, traced, timing, poses, origin, key, LensSamples(options_.samples.every, key)};
-  const bool apart = moves_ || more;
+  const bool apart = moves_ || traced != *region;
+  OpticsPicture& picture = apart ? reference_ : out;
   for (OpticsPicture* const p : {&out, &reference_}) {
     if (p == &reference_ && !apart) continue;
     const OpticsRequest::Region& of = p == &out ? *region : traced;
@@ -456,12 +463,12 @@ Status RaysOptics::form(const OpticsRequest& request, const render::SensorView& 
   for (int row = traced.y_px / rows * rows; row < traced.y_px + traced.height_px; row += rows)
     for (std::size_t c = 0; c < lenses_.size(); ++c) {
       const Strip strip{row, std::min(rows, height_px() - row), static_cast<std::size_t>(across)};
-      if (auto s = trace(strip, c, shot, apart ? reference_ : out); !s) return s;
+      if (auto s = trace(strip, c, shot, picture); !s) return s;
     }
   if (options_.samples.uneven > 0)
-    if (auto s = refine(shot, uneven, reference_); !s) return s;
+    if (auto s = refine(shot, uneven, picture); !s) return s;
   if (asks_for_sky())
-    if (auto s = ask_for_sky(shot, looked_at_region, reference_); !s) return s;
+    if (auto s = ask_for_sky(shot, looked_at_region, picture); !s) return s;
   if (apart && !moves_) crop(reference_, traced, *region, out);
   if (moves_) grid_.move_colours(reference_, traced, lenses_.front(), *region, out);
   if (truth == nullptr) return {};

@@ -24,8 +24,6 @@ class SkyEdges {
   /// order of uneven_pixels(). What is added for them may make more of them.
   [[nodiscard]] std::vector<PixelPlace> places(const OpticsRequest::Region& inner,
                                                const std::function<bool(int u, int v)>& lit) const;
-  /// A pixel itself has samples of both.
-  [[nodiscard]] bool shows_both(PixelPlace at) const { return (met_[index(at)] & kBoth) == kBoth; }
   /// What all samples of a pixel say together: its share of sky times the sky's mean, and the rest times the
   /// mean of its surfaces, or of its neighbours' where none of its own has light.
   void resolve(PixelPlace at, float radiance[4]) const;

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sim/sensors/camera/uneven_pixels.h"
+
 namespace rigor {
 namespace {
 

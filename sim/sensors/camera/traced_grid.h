@@ -7,9 +7,6 @@
 
 namespace rigor {
 
-/// Pixels whose rays are shot together.
-inline constexpr int kPacketWidth_px = 4, kPacketHeight_px = 2;
-
 class TracedGrid {
  public:
   /// The sensor's own pixels.

@@ -7,8 +7,6 @@
 #include <algorithm>
 #include <limits>
 
-#include "sim/sensors/camera/traced_grid.h"
-
 namespace rigor {
 namespace {
 

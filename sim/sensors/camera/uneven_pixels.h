@@ -12,13 +12,17 @@
 
 namespace rigor {
 
+/// Pixels whose rays are shot together.
+inline constexpr int kPacketWidth_px = 4, kPacketHeight_px = 2;
+
 struct PixelPlace {
   int u = 0, v = 0;
   bool operator==(const PixelPlace&) const = default;
 };
 
 /// The pixels of `inner`, within a picture of this size, that are wanted (not 0, row by row): neighbouring
-/// places follow each other, by blocks of 4 x 2.
+/// places follow each other, by blocks of kPacketWidth_px x
+/// kPacketHeight_px.
 [[nodiscard]] std::vector<PixelPlace> pixels_by_blocks(const OpticsRequest::Region& inner, int width_px,
                                                        int height_px, std::span<const std::uint8_t> wanted);
 

@@ -11,6 +11,7 @@ class LightSharingTest : public LightTest {
     frame_.light.sky = even_sky(2);
     query_.spread_rad = 0.002F;
     query_.gathered = true;
+    query_.packets = true;
   }
   /// Rays of `query_` together and one by one, in the same gathered light.
   struct Both {
@@ -38,6 +39,20 @@ class LightSharingTest : public LightTest {
     }
     return out;
   }
+  /// Most are worked out for others, and are apart by no more than this on the mean, few by more than 1 %.
+  static void expect_alike(const Both& light, double mean, double share_far_apart) {
+    double sum = 0;
+    std::size_t shared = 0, far_apart = 0;
+    for (std::size_t i = 0; i < light.together.size(); ++i) {
+      sum += light.apart(i);
+      shared += light.apart(i) > 0 ? 1 : 0;
+      far_apart += light.apart(i) > 0.01 ? 1 : 0;
+    }
+    const auto n = static_cast<double>(light.together.size());
+    EXPECT_GT(static_cast<double>(shared), 0.3 * n);
+    EXPECT_LT(sum / n, mean);
+    EXPECT_LT(static_cast<double>(far_apart), share_far_apart * n);
+  }
   /// Of the pixels of a picture that looks ahead and down, by blocks of 4 x 2.
   static std::vector<Ray> picture(int width_px, int height_px) {
     std::vector<Ray> rays;
@@ -62,18 +77,19 @@ TEST_F(LightSharingTest, PointsOfAPlaneHaveTheLightThatEachWouldHaveAlone) {
   frame_.batches = {turned({40, 40, 1}, {0, 0, -3}), turned({0.5F, 40, 10}, {4, 0, 0}),
                     turned({40, 0.5F, 10}, {0, 9, 0})};
   const std::vector<Ray> rays = picture(200, 60);
-  const Both light = shoot(rays, rays);
-  double sum = 0;
-  std::size_t shared = 0, far_apart = 0;
-  for (std::size_t i = 0; i < rays.size(); ++i) {
-    sum += light.apart(i);
-    shared += light.apart(i) > 0 ? 1 : 0;
-    far_apart += light.apart(i) > 0.01 ? 1 : 0;
-  }
-  EXPECT_GT(shared, rays.size() / 2);
-  EXPECT_LT(sum / static_cast<double>(rays.size()), 1.5e-3);
-  // At the range from which on cells of gathered light are larger there is a step, which sharing makes soft.
-  EXPECT_LT(far_apart, rays.size() / 100);
+  expect_alike(shoot(rays, rays), 5e-4, 0.005);
+}
+
+TEST_F(LightSharingTest, OnAFloorAtGrazingIncidenceLightDoesNotStepFromPacketToPacket) {
+  // From the shade of a wall to the open across the picture, while rows lie far apart.
+  frame_.batches = {one(plane_mesh(500, surface_of(0.5F)), 1),
+                    one(box_mesh({0.2F, 100, 1}, surface_of(0.2F)), 2, {-3, 0, 1})};
+  query_.origin = {0, -12, 0.6};
+  std::vector<Ray> rays = picture(200, 60);
+  for (Ray& r : rays)
+    r = ray_of(Vector3d::Zero(),
+               Vector3d(r.direction[0] / r.direction[1], 1, r.direction[2] / r.direction[1] + 0.26));
+  expect_alike(shoot(rays, rays), 5e-4, 0.005);
 }
 
 TEST_F(LightSharingTest, AMirrorBesideWhatMirrorsNothingIsOne) {
