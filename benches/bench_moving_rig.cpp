@@ -119,6 +119,9 @@ class TimedEngine final : public render::RayEngine {
   Status cast(const render::RayQuery& query, std::span<render::Hit> hits) override {
     return spend(stages_.light, [&] { return engine_->cast(query, hits); });
   }
+  Status cast_layers(const render::RayQuery& query, render::LayeredHits& hits) override {
+    return spend(stages_.light, [&] { return engine_->cast_layers(query, hits); });
+  }
   Status occluded(const render::RayQuery& query, std::span<std::uint8_t> hidden) override {
     return spend(stages_.light, [&] { return engine_->occluded(query, hidden); });
   }

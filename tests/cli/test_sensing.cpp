@@ -457,7 +457,7 @@ TEST_F(Sense, CamerasByRaysTakeMoreSamplesWherePicturesAreUnevenUnlessTheRigSays
   // `quality` without `renderer` is of rays.
   const std::string by_itself = digest("renderer=rays");
   EXPECT_EQ(digest("quality={pixel_step: 1}"), by_itself);
-  EXPECT_EQ(digest("quality={samples_per_pixel: 1, uneven_samples: 7, sky_samples: 16}"), by_itself);
+  EXPECT_EQ(digest("quality={samples_per_pixel: 1, uneven_samples: 7, sky_samples: 64}"), by_itself);
   EXPECT_NE(digest("quality={uneven_samples: 0}"), by_itself);
   const std::string one = digest("quality={samples_per_pixel: 1}");
   EXPECT_NE(one, by_itself);

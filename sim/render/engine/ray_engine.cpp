@@ -12,4 +12,14 @@ Status RayEngine::occluded(const RayQuery& query, std::span<std::uint8_t> occlud
   return {};
 }
 
+Status RayEngine::cast_layers(const RayQuery& query, LayeredHits& hits) {
+  met_.resize(hits.rays());
+  if (auto s = cast(query, met_); !s) return s;
+  for (std::size_t i = 0; i < met_.size(); ++i) {
+    hits.clear(i);
+    if (!met_[i].nothing()) hits.add(i) = {met_[i], 1};
+  }
+  return {};
+}
+
 }  // namespace rigor::render

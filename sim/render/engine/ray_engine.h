@@ -54,6 +54,36 @@ struct RayQuery {
   int band = 4;                                      ///< index of world::kBandWavelength_nm
   float near_m = 0.001F;                             ///< nothing nearer is met
   std::span<const Ray> rays;
+  /// Of cast_layers(): rays are squares of this half width where they start, and grow by so much a metre.
+  float half_width_m = 0, half_width_per_m = 0;
+};
+
+/// One of the surfaces that a wide ray meets.
+struct PartialHit {
+  Hit hit;
+  float share =
+      1;  ///< of the ray that it covers; those of a ray add up to 1 unless a part of it meets nothing
+};
+/// What the rays of a query meet, nearest first.
+class LayeredHits {
+ public:
+  /// What lies behind the last one that is told counts as part of it.
+  static constexpr std::size_t kMost = 7;
+  void resize(std::size_t rays) {
+    hits_.resize(rays * kMost);
+    counts_.resize(rays);
+  }
+  [[nodiscard]] std::size_t rays() const noexcept { return counts_.size(); }
+  [[nodiscard]] std::span<const PartialHit> of(std::size_t ray) const noexcept {
+    return {&hits_[ray * kMost], counts_[ray]};
+  }
+  void clear(std::size_t ray) noexcept { counts_[ray] = 0; }
+  /// At most kMost to a ray.
+  PartialHit& add(std::size_t ray) noexcept { return hits_[ray * kMost + counts_[ray]++]; }
+
+ private:
+  std::vector<PartialHit> hits_;
+  std::vector<std::uint8_t> counts_;
 };
 
 struct EngineStatistics {
@@ -80,13 +110,18 @@ class RayEngine {
   /// hits[i] belongs to rays[i]. A ray that is not finite meets nothing. Errors: bad_input (sizes, band,
   /// nothing prepared), unavailable.
   [[nodiscard]] virtual Status cast(const RayQuery& query, std::span<Hit> hits) = 0;
+  /// What wide rays meet, as many as hits.rays(): surfaces with holes that cover a part of a ray take their
+  /// share of it, and the rest goes on; any other surface that a ray's middle meets takes all that is left.
+  /// Surfaces on the way cover independently of each other. An engine without widths answers by cast().
+  /// Errors: as cast().
+  [[nodiscard]] virtual Status cast_layers(const RayQuery& query, LayeredHits& hits);
   /// occluded[i] = 1 where anything stands between near and far of rays[i], else 0; of a ray that is not
   /// finite 0. An engine may count faces from behind too, where cast() does not see them. Errors: as cast().
   [[nodiscard]] virtual Status occluded(const RayQuery& query, std::span<std::uint8_t> occluded);
   [[nodiscard]] virtual EngineStatistics statistics() const = 0;
 
  private:
-  std::vector<Hit> met_;  ///< by the engines that answer occluded() by cast()
+  std::vector<Hit> met_;  ///< by the engines that answer other questions by cast()
 };
 
 }  // namespace rigor::render

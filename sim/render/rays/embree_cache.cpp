@@ -20,6 +20,9 @@ bool placed(const Vertex& v) {
          std::abs(v.position[2]) < kFarthest_m;
 }
 
+/// Of 255: a wide ray of which less is leaf meets none, one of which more is meets nothing else.
+constexpr std::uint8_t kAllHole = 7, kAllLeaf = 248;
+
 /// A hit on the map of its triangle.
 struct OnMap {
   const HoledTriangle& triangle;
@@ -31,7 +34,44 @@ OnMap on_map(const RayPart& part, RTCHitN* hit, unsigned n, unsigned i) {
   return {t, w * t.uv[0] + u * t.uv[2] + v * t.uv[4], w * t.uv[1] + u * t.uv[3] + v * t.uv[5]};
 }
 
+/// How much of a wide ray is leaf where it meets a map, of 255.
+std::uint8_t leaf_of(const RayPart& part, const OnMap& at, const WideRays& rays,
+                     const RTCFilterFunctionNArguments* a, unsigned i) {
+  const unsigned n = a->N;
+  // The direction is in the mesh's axes, as long as a metre of the world is there. (Of a mesh that is
+  // scaled unevenly: along the ray.)
+  const float x = RTCRayN_dir_x(a->ray, n, i), y = RTCRayN_dir_y(a->ray, n, i),
+              z = RTCRayN_dir_z(a->ray, n, i);
+  const float half_width_m =
+      rays.half_width_m[RTCRayN_id(a->ray, n, i)] + rays.half_width_per_m * RTCRayN_tfar(a->ray, n, i);
+  const float side = 2 * half_width_m * std::sqrt(x * x + y * y + z * z) * at.triangle.texels_per_m;
+  return part.surface->holes->leaf_at(at.u, at.v, side);
+}
+
+/// A ray that meets all of a map's width ends there, one that meets a part of it goes on.
+void note_layers(const RTCFilterFunctionNArguments* a, const SceneContext& context) {
+  const auto& part = *static_cast<const RayPart*>(a->geometryUserPtr);
+  LayerWalk& walk = *context.layers;
+  const unsigned n = a->N;
+  for (unsigned i = 0; i < n; ++i) {
+    if (a->valid[i] != -1) continue;
+    const std::uint8_t leaf = leaf_of(part, on_map(part, a->hit, n, i), walk.rays, a, i);
+    if (leaf >= kAllLeaf) continue;
+    if (leaf <= kAllHole ||
+        walk.add(RTCRayN_id(a->ray, n, i), {{RTCRayN_tfar(a->ray, n, i), RTCHitN_u(a->hit, n, i),
+                                             RTCHitN_v(a->hit, n, i), context.base + a->context->instID[0],
+                                             RTCHitN_geomID(a->hit, n, i), RTCHitN_primID(a->hit, n, i)},
+                                            static_cast<float>(leaf) / 255}))
+      a->valid[i] = 0;
+  }
+}
+
 void leave_out_holes(const RTCFilterFunctionNArguments* a) {
+  const auto& context = *reinterpret_cast<const SceneContext*>(a->context);
+  if (context.layers != nullptr) {
+    note_layers(a, context);
+    return;
+  }
   const auto& part = *static_cast<const RayPart*>(a->geometryUserPtr);
   const unsigned n = a->N;
   for (unsigned i = 0; i < n; ++i) {
@@ -61,17 +101,8 @@ void cover_light(const RTCFilterFunctionNArguments* a) {
   const unsigned n = a->N;
   for (unsigned i = 0; i < n; ++i) {
     if (a->valid[i] != -1) continue;
-    const OnMap at = on_map(part, a->hit, n, i);
-    const unsigned id = RTCRayN_id(a->ray, n, i);
-    // The direction is in the mesh's axes, as long as a metre of the world is there. (Of a mesh that is
-    // scaled unevenly: along the ray.)
-    const float x = RTCRayN_dir_x(a->ray, n, i), y = RTCRayN_dir_y(a->ray, n, i),
-                z = RTCRayN_dir_z(a->ray, n, i);
-    const float half_width_m =
-        walk->rays.half_width_m[id] + walk->rays.half_width_per_m * RTCRayN_tfar(a->ray, n, i);
-    const float side = 2 * half_width_m * std::sqrt(x * x + y * y + z * z) * at.triangle.texels_per_m;
-    std::uint32_t& cover = walk->cover[id];
-    cover += kCoverOfLeaf[part.surface->holes->leaf_at(at.u, at.v, side)];
+    std::uint32_t& cover = walk->cover[RTCRayN_id(a->ray, n, i)];
+    cover += kCoverOfLeaf[leaf_of(part, on_map(part, a->hit, n, i), walk->rays, a, i)];
     if (cover <= walk->most) a->valid[i] = 0;
   }
 }

@@ -378,6 +378,43 @@ Status EmbreeEngine::cast(const RayQuery& query, std::span<Hit> hits) {
       });
 }
 
+Status EmbreeEngine::cast_layers(const RayQuery& query, LayeredHits& hits) {
+  if (!(query.half_width_m >= 0) || !(query.half_width_per_m >= 0) || !std::isfinite(query.half_width_m) ||
+      !std::isfinite(query.half_width_per_m))
+    return fail(ErrorCode::bad_input, "rays", "half widths: expected 0 or more");
+  std::array<float, kPacketRays> half_width_m;
+  half_width_m.fill(query.half_width_m);
+  const WideRays wide{half_width_m.data(), query.half_width_per_m};
+  return in_chunks(
+      of(*impl_), query, hits.rays(),
+      [&](const RayScene& s, const Eigen::Vector3d& start, RayPackets& rays, std::size_t begin, unsigned n) {
+        LayerWalk walk(wide);
+        s.intersect(rays, n, true, walk);
+        s.fetch(rays, n);
+        for (unsigned i = 0; i < n; ++i) {
+          const Ray& ray = query.rays[begin + i];
+          const Intersection last = rays.intersection(i);
+          hits.clear(begin + i);
+          float left = 1;
+          const auto tell = [&](const Intersection& met, float share) {
+            PartialHit& to = hits.add(begin + i);
+            shade(s, query, ray, start, met, to.hit);
+            to.share = share;
+          };
+          unsigned k = 0;
+          for (; k < walk.count[i] && walk.layers[i][k].met.range_m < last.range_m; ++k) {
+            const LayerWalk::Layer& layer = walk.layers[i][k];
+            // Whatever is behind these is not known, or does not count.
+            const bool ends = k + 1 == LayerWalk::kMost || left * (1 - layer.cover) < LayerWalk::kLeast;
+            tell(layer.met, ends ? left : left * layer.cover);
+            left *= ends ? 0 : 1 - layer.cover;
+            if (ends) break;
+          }
+          if (left > 0 && !last.nothing()) tell(last, left);
+        }
+      });
+}
+
 Status EmbreeEngine::occluded(const RayQuery& query, std::span<std::uint8_t> occluded) {
   return in_chunks(of(*impl_), query, occluded.size(),
                    [&](const RayScene& s, const Eigen::Vector3d&, RayPackets& rays, std::size_t begin,

@@ -54,6 +54,7 @@ class EmbreeEngine final : public RayEngine {
   [[nodiscard]] Status prepare(std::shared_ptr<const ContentWindow> window) override;
   [[nodiscard]] Status cast(const RayQuery& query, std::span<Hit> hits) override;
   /// occluded[i] = 1 where anything stands between origin and far_m.
+  [[nodiscard]] Status cast_layers(const RayQuery& query, LayeredHits& hits) override;
   [[nodiscard]] Status occluded(const RayQuery& query, std::span<std::uint8_t> occluded) override;
   [[nodiscard]] EngineStatistics statistics() const override;
   [[nodiscard]] const ContentWindow* window() const noexcept;

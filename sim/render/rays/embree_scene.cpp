@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <tuple>
 
 #include "rt-core/stage_time.h"
 #include "sim/render/rays/embree_engine.h"
@@ -102,6 +103,23 @@ Intersection RayPackets::intersection(unsigned i) const noexcept {
   return m;
 }
 
+bool LayerWalk::add(unsigned ray, const Layer& layer) noexcept {
+  const auto key = [](const Intersection& m) {
+    return std::tuple(m.range_m, m.instance, m.part, m.triangle);
+  };
+  auto& own = layers[ray];
+  unsigned at = 0;
+  float left = 1 - layer.cover;
+  for (; at < count[ray] && key(own[at].met) < key(layer.met); ++at) left *= 1 - own[at].cover;
+  if (at == kMost || left < kLeast) return false;
+  // Embree may ask for one triangle twice.
+  if (at < count[ray] && key(own[at].met) == key(layer.met)) return true;
+  if (count[ray] < kMost) ++count[ray];
+  std::move_backward(own.begin() + at, own.begin() + count[ray] - 1, own.begin() + count[ray]);
+  own[at] = layer;
+  return true;
+}
+
 void RayScene::shoot(const int* valid, RTCRayHit8& p, SceneContext& context, Part part) const noexcept {
   if (part != Part::moving) rtcIntersect8(valid, still_.handle, &context.embree, &p);
   if (part == Part::still || moving_.batches.empty()) return;
@@ -117,11 +135,13 @@ void RayScene::shoot(const int* valid, RTCRayHit8& p, SceneContext& context, Par
   }
 }
 
-void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent, Part part) const noexcept {
+void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent, Part part,
+                         LayerWalk* walk) const noexcept {
   const WalkTime time(profile_);
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
   context.scene = this;
+  context.layers = walk;
   alignas(32) int valid[8];
   for (unsigned first = 0; first < n; first += 8) {
     RTCRayHit8& p = rays.packets[first / 8];

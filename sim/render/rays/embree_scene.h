@@ -196,13 +196,32 @@ struct WideWalk {
   std::array<std::uint32_t, kPacketRays> cover{};  ///< of each ray
 };
 
+/// What wide rays meet of surfaces with holes, nearest first: which are told does not depend on the order in
+/// which they are met.
+struct LayerWalk {
+  static constexpr unsigned kMost = LayeredHits::kMost;
+  /// A ray of which less is left ends at the surface that leaves it: what is behind counts as part of that.
+  static constexpr float kLeast = 0.2F;
+  struct Layer {
+    Intersection met;
+    float cover = 0;  ///< of the ray
+  };
+  explicit LayerWalk(const WideRays& r) : rays(r) {}
+  const WideRays& rays;
+  std::array<std::uint8_t, kPacketRays> count{};
+  std::array<std::array<Layer, kMost>, kPacketRays> layers;
+  /// Takes a surface that covers so much of a ray. False where the ray ends there, or before.
+  bool add(unsigned ray, const Layer& layer) noexcept;
+};
+
 class RayScene;
 struct RayProfile;
 /// What a walk through a scene carries along. Embree hands back the address of `embree`.
 struct SceneContext {
   RTCIntersectContext embree;
   const RayScene* scene = nullptr;
-  WideWalk* wide = nullptr;  ///< null: rays have no width
+  WideWalk* wide = nullptr;     ///< null: shadow rays have no width
+  LayerWalk* layers = nullptr;  ///< null: rays end at the first leaf
   std::uint32_t base =
       0;  ///< where the numbers of the level, or of the batch with a structure of its own, begin
 };
@@ -229,7 +248,13 @@ class RayScene {
   enum class Part : std::uint8_t { all, still, moving };
   /// Shoots the first n. Back faces of what is one-sided are not there, as in the Vulkan engine; holes are
   /// holes. `coherent`: neighbours may go much the same way (a matter of speed alone).
-  void intersect(RayPackets& rays, unsigned n, bool coherent, Part part = Part::all) const noexcept;
+  void intersect(RayPackets& rays, unsigned n, bool coherent, Part part = Part::all) const noexcept {
+    intersect(rays, n, coherent, part, nullptr);
+  }
+  /// As above; surfaces with holes of which a ray meets a part are in `walk`. Directions are of unit length.
+  void intersect(RayPackets& rays, unsigned n, bool coherent, LayerWalk& walk) const noexcept {
+    intersect(rays, n, coherent, Part::all, &walk);
+  }
   /// hidden[i] = 1 where anything stands between near and far: a face hides from both its sides, holes do
   /// not.
   void occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden,
@@ -289,6 +314,7 @@ class RayScene {
     const Placed& p = *(id < l.top ? l.of_top[id] : l.of_block[(id - l.top) / kBlock]);
     return {&p, id - p.base};
   }
+  void intersect(RayPackets& rays, unsigned n, bool coherent, Part part, LayerWalk* walk) const noexcept;
   void shoot(const int* valid, RTCRayHit8& packet, SceneContext& context, Part part) const noexcept;
   [[nodiscard]] static Placement placement(const Owner& o, float time) noexcept;
   void occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden, Part part,

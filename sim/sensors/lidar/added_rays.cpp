@@ -53,7 +53,7 @@ bool LidarSimulator::Impl::clear_enough(std::span<Return> returns, std::uint32_t
   }
   if (!(std::sqrt(variance / rays_cast) < kKnown_m)) return false;
   // The other devices' answers hang on weak echoes too.
-  if (m.echoes.returns != models::LidarReturns::strongest) return groups == 1 && returns.size() == rays_cast;
+  if (m.echoes.returns != models::LidarReturns::strongest) return groups == 1 && returns.size() >= rays_cast;
   return groups == 1 || most - next > kLead * std::sqrt(squares);
 }
 
@@ -64,13 +64,11 @@ Status LidarSimulator::Impl::measure_adding_rays() {
   const std::uint32_t tiles = rays.tiles();
   const auto together = static_cast<std::uint32_t>(std::max<std::size_t>(
       1, lidar::kRaysPerCast / (std::size_t{lidar::kTileColumns} * rays.beams() * most_rays)));
-  const auto cast = [&] {
+  constexpr std::size_t kLayers = render::LayeredHits::kMost;
+  const std::size_t each_returns = most_rays * kLayers;
+  const auto cast = [&](std::uint32_t sub_rays) {
     batch_hits.resize(batch_rays.size());
-    return engine->cast({.origin = track.origin(),
-                         .band = band,
-                         .near_m = std::max(0.001F, static_cast<float>(m.range.housing_m)),
-                         .rays = batch_rays},
-                        batch_hits);
+    return engine->cast_layers(query(batch_rays, sub_rays), batch_hits);
   };
   for (std::uint32_t begin = 0; begin < tiles; begin += together) {
     const std::uint32_t end = std::min(tiles, begin + together);
@@ -81,7 +79,7 @@ Status LidarSimulator::Impl::measure_adding_rays() {
         for (std::uint32_t i = 0; i < rays.tile_columns(tile); ++i)
           open_firings.push_back({.firing = std::size_t{tile * lidar::kTileColumns + i} * rays.beams() +
                                             rays.slot_of_rank(rank)});
-    open_returns.resize(open_firings.size() * most_rays);
+    open_returns.resize(open_firings.size() * each_returns);
     if (want_truth) {
       open_truth.resize(open_returns.size());
       batch_rays.resize(open_firings.size());
@@ -95,9 +93,12 @@ Status LidarSimulator::Impl::measure_adding_rays() {
                               static_cast<std::uint32_t>(firing % rays.beams()));
         ray.far_m = far_m;
       }
-      if (auto ok = cast(); !ok) return ok;
-      for (std::size_t f = 0; f < open_firings.size(); ++f)
-        centre_range_m[open_firings[f].firing] = batch_hits[f].range_m;
+      if (auto ok = cast(1); !ok) return ok;
+      for (std::size_t f = 0; f < open_firings.size(); ++f) {
+        const auto met = batch_hits.of(f);
+        centre_range_m[open_firings[f].firing] =
+            met.empty() ? std::numeric_limits<float>::infinity() : met.front().hit.range_m;
+      }
     }
     for (std::uint32_t have = 0, want = first_rays;; have = want, want = std::min(2 * want, most_rays)) {
       still_open.clear();
@@ -110,21 +111,23 @@ Status LidarSimulator::Impl::measure_adding_rays() {
         rays.fill_firing(open_firings[still_open[at]].firing, have, track, far_m,
                          std::span(batch_rays).subspan(at * each, each));
       });
-      if (auto ok = cast(); !ok) return ok;
+      if (auto ok = cast(want); !ok) return ok;
       tbb::parallel_for(std::size_t{0}, still_open.size(), [&](std::size_t at) {
         OpenFiring& f = open_firings[still_open[at]];
-        const std::size_t returns = std::size_t{still_open[at]} * most_rays;
+        const std::size_t returns = std::size_t{still_open[at]} * each_returns;
         for (std::size_t k = at * each; k < (at + 1) * each; ++k) {
-          const render::Hit& hit = batch_hits[k];
-          if (hit.nothing()) continue;
-          const double e = remission_of(batch_rays[k], hit);
-          if (!(e > 0)) continue;
-          const auto sub_ray = static_cast<std::uint16_t>(have + (k - at * each));
-          open_returns[returns + f.met++] = {hit.range_m, sub_ray, e, hit.cos_incidence};
-          if (want_truth) {
-            EchoTruth& t = open_truth[returns + sub_ray];
-            t.node = hit.node;
-            std::copy(hit.normal, hit.normal + 3, t.normal);
+          const std::span<const render::PartialHit> layers = batch_hits.of(k);
+          for (std::size_t l = 0; l < layers.size(); ++l) {
+            const render::Hit& hit = layers[l].hit;
+            const double e = static_cast<double>(layers[l].share) * remission_of(batch_rays[k], hit);
+            if (!(e > 0)) continue;
+            const auto sub_ray = static_cast<std::uint16_t>((have + (k - at * each)) * kLayers + l);
+            open_returns[returns + f.met++] = {hit.range_m, sub_ray, e, hit.cos_incidence};
+            if (want_truth) {
+              EchoTruth& t = open_truth[returns + sub_ray];
+              t.node = hit.node;
+              std::copy(hit.normal, hit.normal + 3, t.normal);
+            }
           }
         }
         f.cast = want;
@@ -138,13 +141,13 @@ Status LidarSimulator::Impl::measure_adding_rays() {
       const std::size_t first = (tile - begin) * per_tile;
       for (std::size_t f = first; f < std::min(first + per_tile, open_firings.size()); ++f) {
         const OpenFiring& of = open_firings[f];
-        const auto returns = std::span(open_returns).subspan(f * most_rays, of.met);
+        const auto returns = std::span(open_returns).subspan(f * each_returns, of.met);
         for (Return& r : returns) r.remission /= of.cast;
         const EchoList list = of.met > 0 ? lidar::form_echoes(m, returns) : EchoList{};
         if (keep_echoes(of.firing, list.all())) has_retro = 1;
         if (!want_truth) continue;
         for (std::uint32_t e = 0; e < list.count(); ++e) {
-          const EchoTruth& t = open_truth[f * most_rays + list[e].sub_ray];
+          const EchoTruth& t = open_truth[f * each_returns + list[e].sub_ray];
           keep_truth(of.firing, e, t.node, t.normal);
         }
       }

@@ -60,13 +60,7 @@ Status LidarSimulator::Impl::look_at_sun(const render::Light& light) {
   }
   if (sunward.empty()) return {};
   sun_hits.resize(sun_rays.size());
-  if (auto ok = engine->cast({.origin = track.origin(),
-                              .band = band,
-                              .near_m = std::max(0.001F, static_cast<float>(m.range.housing_m)),
-                              .rays = sun_rays},
-                             sun_hits);
-      !ok)
-    return ok;
+  if (auto ok = engine->cast(query(sun_rays, 1), sun_hits); !ok) return ok;
   for (std::size_t i = 0; i < sunward.size(); ++i)
     if (!sun_hits[i].nothing()) sun_seen[sunward[i]] = 0;
   any_sun = true;
@@ -82,7 +76,6 @@ Status LidarSimulator::Impl::measure() {
   const auto tiles_per_cast =
       static_cast<std::uint32_t>(std::max<std::size_t>(1, lidar::kRaysPerCast / per_tile));
   batch_rays.resize(std::min<std::size_t>(tiles, tiles_per_cast) * per_tile);
-  batch_hits.resize(batch_rays.size());
   const auto far_m = static_cast<float>(m.range.max_m * 1.001 + 1);
   for (std::uint32_t first = 0; first < tiles; first += tiles_per_cast) {
     const std::uint32_t last = std::min(tiles, first + tiles_per_cast);
@@ -92,17 +85,12 @@ Status LidarSimulator::Impl::measure() {
                      std::span(batch_rays).subspan(begin_of(tile), rays.rays_in_tile(tile)));
     });
     const std::size_t count = begin_of(last - 1) + rays.rays_in_tile(last - 1);
-    if (auto ok = engine->cast({.origin = track.origin(),
-                                .band = band,
-                                .near_m = std::max(0.001F, static_cast<float>(m.range.housing_m)),
-                                .rays = std::span<const render::Ray>(batch_rays).first(count)},
-                               std::span(batch_hits).first(count));
+    batch_hits.resize(count);
+    if (auto ok = engine->cast_layers(query(std::span(batch_rays).first(count), rays.sub_rays()), batch_hits);
         !ok)
       return ok;
     tbb::parallel_for(first, last, [&](std::uint32_t tile) {
-      form_tile(tile,
-                std::span<const render::Ray>(batch_rays).subspan(begin_of(tile), rays.rays_in_tile(tile)),
-                std::span<const render::Hit>(batch_hits).subspan(begin_of(tile), rays.rays_in_tile(tile)));
+      form_tile(tile, begin_of(tile));
       if (!crosstalk) receive_tile(tile);
     });
   }
@@ -110,6 +98,17 @@ Status LidarSimulator::Impl::measure() {
   any_retro = std::any_of(tile_retro.begin(), tile_retro.end(), [](std::uint8_t t) { return t != 0; });
   tbb::parallel_for(0U, tiles, [&](std::uint32_t tile) { receive_tile(tile); });
   return {};
+}
+
+render::RayQuery LidarSimulator::Impl::query(std::span<const render::Ray> query_rays,
+                                             std::uint32_t sub_rays) const {
+  const lidar::ScanRays::Width width = rays.width(sub_rays);
+  return {.origin = track.origin(),
+          .band = band,
+          .near_m = std::max(0.001F, static_cast<float>(m.range.housing_m)),
+          .rays = query_rays,
+          .half_width_m = width.half_m,
+          .half_width_per_m = width.half_per_m};
 }
 
 double LidarSimulator::Impl::remission_of(const render::Ray& ray, const render::Hit& hit) const {
@@ -141,39 +140,44 @@ void LidarSimulator::Impl::keep_truth(std::size_t firing, std::size_t e, world::
   for (int k = 0; k < 3; ++k) t.normal[k] = n[k];
 }
 
-void LidarSimulator::Impl::form_tile(std::uint32_t tile, std::span<const render::Ray> tile_rays,
-                                     std::span<const render::Hit> tile_hits) {
+void LidarSimulator::Impl::form_tile(std::uint32_t tile, std::size_t first) {
   const std::uint32_t sub_rays = rays.sub_rays();
-  std::array<Return, models::kMaxLidarSubRays> returns;
+  std::array<Return, models::kMaxLidarSubRays * render::LayeredHits::kMost> returns;
   std::uint8_t has_retro = 0;
   for (std::uint32_t i = 0; i < rays.tile_columns(tile); ++i)
     for (std::uint32_t s = 0; s < rays.beams(); ++s) {
       const std::size_t firing = std::size_t{tile * lidar::kTileColumns + i} * rays.beams() + s;
-      const std::size_t at = rays.ray_in_tile(tile, i, s);
+      const std::size_t at = first + rays.ray_in_tile(tile, i, s);
       EchoList list;
       if (sub_rays == 1) {
-        const render::Hit& hit = tile_hits[at];
-        if (!hit.nothing())
-          list.push_back({.range_m = hit.range_m,
-                          .remission = static_cast<float>(remission_of(tile_rays[at], hit)),
-                          .cos_incidence = hit.cos_incidence});
+        for (const render::PartialHit& p : batch_hits.of(at))
+          list.push_back({.range_m = p.hit.range_m,
+                          .remission = static_cast<float>(remission_of(batch_rays[at], p.hit)),
+                          .cos_incidence = p.hit.cos_incidence});
       } else {
         std::size_t met = 0;
         for (std::size_t k = 0; k < sub_rays; ++k) {
-          if (tile_hits[at + k].nothing()) continue;
-          const double e =
-              static_cast<double>(rays.weight(k)) * remission_of(tile_rays[at + k], tile_hits[at + k]);
-          if (e > 0)
-            returns[met++] = {tile_hits[at + k].range_m, static_cast<std::uint16_t>(k), e,
-                              tile_hits[at + k].cos_incidence};
+          const std::span<const render::PartialHit> layers = batch_hits.of(at + k);
+          for (std::size_t l = 0; l < layers.size(); ++l) {
+            const render::Hit& hit = layers[l].hit;
+            const double e =
+                static_cast<double>(rays.weight(k) * layers[l].share) * remission_of(batch_rays[at + k], hit);
+            if (e > 0)
+              returns[met++] = {hit.range_m, static_cast<std::uint16_t>(k * render::LayeredHits::kMost + l),
+                                e, hit.cos_incidence};
+          }
         }
         if (met > 0) list = lidar::form_echoes(m, std::span(returns).first(met));
       }
       if (keep_echoes(firing, list.all())) has_retro = 1;
       if (!want_truth) continue;
-      centre_range_m[firing] = tile_hits[at].range_m;
+      const auto centre = batch_hits.of(at);
+      centre_range_m[firing] =
+          centre.empty() ? std::numeric_limits<float>::infinity() : centre.front().hit.range_m;
       for (std::uint32_t e = 0; e < list.count(); ++e) {
-        const render::Hit& hit = tile_hits[at + list[e].sub_ray];
+        const std::size_t ray = at + list[e].sub_ray / render::LayeredHits::kMost,
+                          layer = list[e].sub_ray % render::LayeredHits::kMost;
+        const render::Hit& hit = batch_hits.of(ray)[layer].hit;
         keep_truth(firing, e, hit.node, hit.normal);
       }
     }

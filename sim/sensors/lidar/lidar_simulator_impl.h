@@ -15,7 +15,7 @@ namespace lidar {
 [[nodiscard]] int band_of(double wavelength_nm);
 
 /// Rays of one query, about.
-inline constexpr std::size_t kRaysPerCast = 65536;
+inline constexpr std::size_t kRaysPerCast = 16384;
 
 /// What comes along with an echo where truth was asked for.
 struct EchoTruth {
@@ -43,9 +43,7 @@ struct LidarSimulator::Impl {
                   (m.retro.crosstalk_beams > 0 || m.retro.crosstalk_columns > 0)),
         noisy(!spec.ideal && (m.noise.floor_m > 0 || m.noise.scale_m > 0 || m.noise.retro_sigma_m > 0 ||
                               m.remission.noise > 0)),
-        echoes_kept(std::min<std::uint32_t>(
-            rays.adds_rays() ? static_cast<std::uint32_t>(m.footprint.most_sub_rays) : rays.sub_rays(),
-            lidar::kMaxEchoes)) {}
+        echoes_kept(rays.sub_rays() == 1 ? 1 : lidar::kMaxEchoes) {}
 
   LidarSpec spec;
   const models::LidarModel& m;
@@ -60,7 +58,7 @@ struct LidarSimulator::Impl {
   // Memory that scans share.
   lidar::Track track;
   std::vector<render::Ray> batch_rays;
-  std::vector<render::Hit> batch_hits;
+  render::LayeredHits batch_hits;
   std::vector<lidar::Echo> echoes;       // firing · echoes_kept
   std::vector<std::uint8_t> echo_count;  // by firing
   std::vector<lidar::Echo> retro;        // by firing, with crosstalk: the strongest echo of remission above 1
@@ -83,7 +81,7 @@ struct LidarSimulator::Impl {
   };
   std::vector<OpenFiring> open_firings;
   std::vector<std::uint32_t> still_open;
-  std::vector<lidar::Return> open_returns;   // most_sub_rays of each
+  std::vector<lidar::Return> open_returns;   // of each, as many as most_sub_rays have layers
   std::vector<lidar::EchoTruth> open_truth;  // likewise, with truth
 
   // Of the scan at hand.
@@ -96,8 +94,10 @@ struct LidarSimulator::Impl {
                  std::vector<LidarPoint>& points, GroundTruth* truth);
   Status look_at_sun(const render::Light& light);
   Status measure();
-  void form_tile(std::uint32_t tile, std::span<const render::Ray> tile_rays,
-                 std::span<const render::Hit> tile_hits);
+  /// Of `sub_rays` to a firing.
+  [[nodiscard]] render::RayQuery query(std::span<const render::Ray> query_rays, std::uint32_t sub_rays) const;
+  /// Its first ray is `first` of batch_rays.
+  void form_tile(std::uint32_t tile, std::size_t first);
   /// Remission of what a ray met, with the air on the way.
   [[nodiscard]] double remission_of(const render::Ray& ray, const render::Hit& hit) const;
   /// Keeps the echoes of a firing. True: one is of a retro-reflector, and crosstalk is wanted.

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <numeric>
 
 namespace rigor::lidar {
@@ -138,6 +139,18 @@ void ScanRays::begin_scan(std::uint64_t index, BenchTime begin) {
           aim_at(c, s, models::rosette_aim(scan_.beams[slots_[s].ring], scan_.prisms, t_s));
       }
   });
+}
+
+ScanRays::Width ScanRays::width(std::uint32_t sub_rays) const {
+  if (sub_rays == 1) return {};
+  // Half the side of a square with the area of a disc of radius 1, shared by the rays.
+  const double share = std::sqrt(std::numbers::pi / sub_rays) / 2;
+  double radius_per_m = std::sqrt(std::tan(footprint_.horizontal_divergence_rad / 2) *
+                                  std::tan(footprint_.vertical_divergence_rad / 2));
+  if (!half_divergence_.empty())
+    radius_per_m = static_cast<double>(*std::min_element(half_divergence_.begin(), half_divergence_.end()));
+  return {static_cast<float>(share * footprint_.start_diameter_m / 2),
+          static_cast<float>(share * radius_per_m)};
 }
 
 void ScanRays::centre(std::size_t firing, const Track& track, Eigen::Vector3f& direction,

@@ -55,6 +55,12 @@ class ScanRays {
   [[nodiscard]] std::uint32_t tile_columns(std::uint32_t tile) const {
     return std::min(kTileColumns, columns_ - tile * kTileColumns);
   }
+  /// What a ray of a firing stands for: squares that are together as large as the footprint. A ray alone is
+  /// its middle.
+  struct Width {
+    float half_m = 0, half_per_m = 0;
+  };
+  [[nodiscard]] Width width(std::uint32_t sub_rays) const;
   [[nodiscard]] float weight(std::size_t sub_ray) const { return weights_[sub_ray]; }
 
   struct Slot {

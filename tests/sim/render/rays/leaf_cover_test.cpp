@@ -231,5 +231,124 @@ TEST_F(LeafLightTest, IsTheSameOnAnyNumberOfThreadsAndInAnyOrderOfBoards) {
   }
 }
 
+/// Layers of rays straight down from 10 m, 0.1 m wide where leaves are.
+class LeafLayerTest : public LeafLightTest {
+ protected:
+  struct Layer {
+    double range_m, share;
+    std::uint64_t node;
+  };
+  std::vector<std::vector<Layer>> layers(float half_width_m = 0.05F) {
+    EXPECT_TRUE(engine_->prepare(window_of(std::vector<ContentFrame>{frame_})));
+    std::vector<Ray> rays;
+    for (int i = 0; i < 20; ++i)
+      for (int j = 0; j < 20; ++j)
+        rays.push_back(ray_of({-1.5 + 0.0713 * i, -1.49 + 0.0697 * j, 10}, -Vector3d::UnitZ()));
+    LayeredHits hits;
+    hits.resize(rays.size());
+    EXPECT_TRUE(engine_->cast_layers({.band = 0, .rays = rays, .half_width_m = half_width_m}, hits));
+    std::vector<std::vector<Layer>> out(rays.size());
+    for (std::size_t i = 0; i < rays.size(); ++i)
+      for (const PartialHit& p : hits.of(i))
+        out[i].push_back(
+            {static_cast<double>(p.hit.range_m), static_cast<double>(p.share), p.hit.node.value});
+    return out;
+  }
+  /// What each ray meets, as ranges and shares.
+  void expect(const std::vector<std::pair<double, double>>& wanted) {
+    for (const auto& ray : layers()) {
+      ASSERT_EQ(ray.size(), wanted.size());
+      for (std::size_t k = 0; k < wanted.size(); ++k) {
+        ASSERT_NEAR(ray[k].range_m, wanted[k].first, 1e-4) << k;
+        ASSERT_NEAR(ray[k].share, wanted[k].second, 0.03) << k;
+      }
+    }
+  }
+};
+
+TEST_F(LeafLayerTest, AWideRayMeetsLeavesByTheirShareAndTheRestGoesOn) {
+  frame_.batches = {ground_};
+  expect({{10, 1}});
+  frame_.batches.push_back(board(5));
+  expect({{5, 0.5}, {10, 0.5}});
+  frame_.batches.push_back(board(6));
+  expect({{4, 0.5}, {5, 0.25}, {10, 0.25}});
+  EXPECT_EQ(layers()[0][0].node, 2U);
+  EXPECT_EQ(layers()[0][2].node, 1U);
+  // Nothing behind: that part of a ray brings nothing.
+  frame_.batches.erase(frame_.batches.begin());
+  expect({{4, 0.5}, {5, 0.25}});
+}
+
+TEST_F(LeafLayerTest, WhereLessThanAFifthIsLeftTheLastSurfaceHasTheRest) {
+  frame_.batches = {ground_};
+  for (int i = 0; i < 5; ++i) frame_.batches.push_back(board(6 - i));
+  expect({{4, 0.5}, {5, 0.25}, {6, 0.25}});
+}
+
+TEST_F(LeafLayerTest, MoreThinLayersThanAreToldEndAtTheLastOfThem) {
+  // A texel in 32: 3 % of the ray each.
+  leaves_->colour_map = map_of(256, [](auto x, auto y) { return x % 4 == 0 && y % 8 == 0; });
+  frame_.batches = {ground_};
+  for (int i = 0; i < 12; ++i) frame_.batches.push_back(board(9 - 0.5 * i));
+  for (const auto& ray : layers()) {
+    ASSERT_EQ(ray.size(), LayeredHits::kMost);
+    double sum = 0;
+    for (std::size_t k = 0; k < ray.size(); ++k) {
+      ASSERT_NEAR(ray[k].range_m, 1 + 0.5 * static_cast<double>(k), 1e-4);
+      sum += ray[k].share;
+    }
+    ASSERT_NEAR(sum, 1, 1e-5);
+    ASSERT_GT(ray.back().share, 0.5);
+  }
+}
+
+TEST_F(LeafLayerTest, ARayWithoutWidthEndsAtTheFirstLeaf) {
+  frame_.batches = {ground_, board(5), board(6)};
+  std::set<double> ranges;
+  for (const auto& ray : layers(0)) {
+    ASSERT_EQ(ray.size(), 1U);
+    ASSERT_EQ(ray[0].share, 1);
+    ranges.insert(std::round(ray[0].range_m));
+  }
+  EXPECT_EQ(ranges, (std::set<double>{4, 10}));  // the boards have their leaves in the same places
+}
+
+TEST_F(LeafLayerTest, AreTheSameInAnyOrderOfBoards) {
+  frame_.batches = {ground_};
+  for (std::uint32_t i = 0; i < 12; ++i) {
+    leaves_ = std::make_shared<Surface>(*leaves_);
+    leaves_->serial = next_serial();
+    leaves_->colour_map = map_of(256, [&](auto x, auto y) { return (3 * x + 5 * y) % (5 + i) == 0; });
+    frame_.batches.push_back(board(4 + 0.3 * ((5 * i) % 12), 2));
+  }
+  const auto numbers = [&] {
+    std::vector<double> out;
+    for (const auto& ray : layers())
+      for (const Layer& l : ray) out.insert(out.end(), {l.range_m, l.share});
+    return out;
+  };
+  const std::vector<double> first = numbers();
+  std::reverse(frame_.batches.begin() + 1, frame_.batches.end());
+  EXPECT_EQ(numbers(), first);
+  std::rotate(frame_.batches.begin(), frame_.batches.begin() + 5, frame_.batches.end());
+  EXPECT_EQ(numbers(), first);
+}
+
+TEST_F(LeafLayerTest, RefusesWidthsThatAreNone) {
+  EXPECT_TRUE(engine_->prepare(window_of(std::vector<ContentFrame>{frame_})));
+  LayeredHits hits;
+  for (const float wrong :
+       {-1.0F, std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
+    RayQuery at_start, on_the_way;
+    at_start.half_width_m = on_the_way.half_width_per_m = wrong;
+    for (const RayQuery& q : {at_start, on_the_way}) {
+      const Status s = engine_->cast_layers(q, hits);
+      ASSERT_FALSE(s);
+      EXPECT_EQ(s.error().code, ErrorCode::bad_input);
+    }
+  }
+}
+
 }  // namespace
 }  // namespace rigor::test

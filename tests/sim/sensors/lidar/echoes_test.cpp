@@ -2,6 +2,7 @@
 #include <tbb/global_control.h>
 
 #include <cstring>
+#include <set>
 
 #include "tests/sim/sensors/lidar/lidar_test_support.h"
 
@@ -143,6 +144,59 @@ TEST(LidarFootprint, StraddlingAnEdgeReturnsTwoByTheirShares) {
     EXPECT_NEAR(range_of(far), 13, 1e-3);
     EXPECT_EQ(s.points[0].return_index, 0);
     EXPECT_EQ(s.points[1].return_index, 1);
+  }
+}
+
+/// A veil at 10 m that covers 0.3 of every ray, and what another engine has behind it.
+class Veil final : public render::RayEngine {
+ public:
+  explicit Veil(std::shared_ptr<render::RayEngine> behind) : behind_(std::move(behind)) {}
+  std::string_view name() const override { return "veil"; }
+  Status prepare(std::shared_ptr<const render::ContentWindow> w) override {
+    return behind_->prepare(std::move(w));
+  }
+  Status cast(const render::RayQuery& q, std::span<render::Hit> hits) override {
+    return behind_->cast(q, hits);
+  }
+  Status cast_layers(const render::RayQuery& q, render::LayeredHits& hits) override {
+    widths.insert(q.half_width_per_m);
+    std::vector<render::Hit> far(hits.rays());
+    if (auto s = cast(q, far); !s) return s;
+    for (std::size_t i = 0; i < far.size(); ++i) {
+      render::Hit veil = far[i];
+      veil.range_m = 10;
+      veil.node = world::NodeId{7};
+      hits.clear(i);
+      hits.add(i) = {veil, 0.3F};
+      hits.add(i) = {far[i], 0.7F};
+    }
+    return {};
+  }
+  render::EngineStatistics statistics() const override { return behind_->statistics(); }
+  std::set<float> widths;
+
+ private:
+  std::shared_ptr<render::RayEngine> behind_;
+};
+
+TEST(LidarFootprint, LayersOfWideRaysAreEchoesByTheirShares) {
+  for (const int most : {0, 16}) {
+    Edge e(2, 3);  // the wall alone
+    e.m.footprint.sub_rays = 4;
+    e.m.footprint.most_sub_rays = most;
+    const auto veil = std::make_shared<Veil>(e.engine);
+    const auto s = scan(e.m, veil, e.world);
+    ASSERT_EQ(s.points.size(), 2U) << most;
+    const std::size_t near = s.points[0].x_m < 11 ? 0 : 1, far = 1 - near;
+    EXPECT_NEAR(s.points[near].remission, 0.5 * 0.3, 1e-3) << most;
+    EXPECT_NEAR(s.points[far].remission, 0.5 * 0.7, 1e-3) << most;
+    EXPECT_NEAR(range_of(s.points[near]), 10, 1e-3);
+    EXPECT_NEAR(range_of(s.points[far]), 13, 1e-2);
+    EXPECT_EQ(s.truth.node[near], 7U);
+    EXPECT_EQ(s.truth.node[far], 2U);
+    // Four squares as large as the footprint together; what is true is asked of its middle.
+    const double half = std::sqrt(std::numbers::pi / 4) / 2 * std::tan(0.01);
+    EXPECT_NEAR(*veil->widths.rbegin(), half, 1e-6);
   }
 }
 
