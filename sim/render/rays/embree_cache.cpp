@@ -55,6 +55,10 @@ void note_layers(const RTCFilterFunctionNArguments* a, const SceneContext& conte
   const unsigned n = a->N;
   for (unsigned i = 0; i < n; ++i) {
     if (a->valid[i] != -1) continue;
+    if (part.one_sided && RayScene::looks_away(context, a, i)) {
+      a->valid[i] = 0;
+      continue;
+    }
     const std::uint8_t leaf = leaf_of(part, on_map(part, a->hit, n, i), walk.rays, a, i);
     if (leaf >= kAllLeaf) continue;
     if (leaf <= kAllHole ||

@@ -402,7 +402,7 @@ Status EmbreeEngine::cast_layers(const RayQuery& query, LayeredHits& hits) {
             to.share = share;
           };
           unsigned k = 0;
-          for (; k < walk.count[i] && walk.layers[i][k].met.range_m < last.range_m; ++k) {
+          for (; k < walk.count[i] && LayerWalk::key(walk.layers[i][k].met) < LayerWalk::key(last); ++k) {
             const LayerWalk::Layer& layer = walk.layers[i][k];
             // Whatever is behind these is not known, or does not count.
             const bool ends = k + 1 == LayerWalk::kMost || left * (1 - layer.cover) < LayerWalk::kLeast;

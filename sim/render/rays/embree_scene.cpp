@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <tuple>
 
 #include "rt-core/stage_time.h"
 #include "sim/render/rays/embree_engine.h"
@@ -78,16 +77,21 @@ struct SceneFilters {
     const auto* const context = reinterpret_cast<const SceneContext*>(a->context);
     const RayInstance& instance = context->scene->instance(context->base + a->context->instID[0]);
     const unsigned n = a->N;
-    for (unsigned i = 0; i < n; ++i) {
-      if (a->valid[i] != -1) continue;
-      if (!instance.mesh->parts[RTCHitN_geomID(a->hit, n, i)].one_sided) continue;
-      const float along = RTCHitN_Ng_x(a->hit, n, i) * RTCRayN_dir_x(a->ray, n, i) +
-                          RTCHitN_Ng_y(a->hit, n, i) * RTCRayN_dir_y(a->ray, n, i) +
-                          RTCHitN_Ng_z(a->hit, n, i) * RTCRayN_dir_z(a->ray, n, i);
-      if (is_back(instance, static_cast<double>(along))) a->valid[i] = 0;
-    }
+    for (unsigned i = 0; i < n; ++i)
+      if (a->valid[i] == -1 && instance.mesh->parts[RTCHitN_geomID(a->hit, n, i)].one_sided &&
+          RayScene::looks_away(*context, a, i))
+        a->valid[i] = 0;
   }
 };
+
+bool RayScene::looks_away(const SceneContext& context, const RTCFilterFunctionNArguments* a,
+                          unsigned i) noexcept {
+  const unsigned n = a->N;
+  const float along = RTCHitN_Ng_x(a->hit, n, i) * RTCRayN_dir_x(a->ray, n, i) +
+                      RTCHitN_Ng_y(a->hit, n, i) * RTCRayN_dir_y(a->ray, n, i) +
+                      RTCHitN_Ng_z(a->hit, n, i) * RTCRayN_dir_z(a->ray, n, i);
+  return is_back(context.scene->instance(context.base + a->context->instID[0]), static_cast<double>(along));
+}
 
 Intersection RayPackets::intersection(unsigned i) const noexcept {
   const RTCRayHit8& p = packets[i / 8];
@@ -104,13 +108,11 @@ Intersection RayPackets::intersection(unsigned i) const noexcept {
 }
 
 bool LayerWalk::add(unsigned ray, const Layer& layer) noexcept {
-  const auto key = [](const Intersection& m) {
-    return std::tuple(m.range_m, m.instance, m.part, m.triangle);
-  };
   auto& own = layers[ray];
   unsigned at = 0;
-  float left = 1 - layer.cover;
+  float left = 1;
   for (; at < count[ray] && key(own[at].met) < key(layer.met); ++at) left *= 1 - own[at].cover;
+  left *= 1 - layer.cover;
   if (at == kMost || left < kLeast) return false;
   // Embree may ask for one triangle twice.
   if (at < count[ray] && key(own[at].met) == key(layer.met)) return true;
@@ -174,6 +176,7 @@ void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent, Part part,
       if (!is_back(i, along)) continue;
       valid[k] = -1;
       again = true;
+      if (walk != nullptr) walk->count[first + k] = 0;
       p.ray.tfar[k] = far_m[k];
       p.hit.geomID[k] = RTC_INVALID_GEOMETRY_ID;
       p.hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;

@@ -22,6 +22,7 @@
 #include <limits>
 #include <memory>
 #include <span>
+#include <tuple>
 #include <vector>
 
 #include "sim/render/engine/ray_engine.h"
@@ -210,6 +211,10 @@ struct LayerWalk {
   const WideRays& rays;
   std::array<std::uint8_t, kPacketRays> count{};
   std::array<std::array<Layer, kMost>, kPacketRays> layers;
+  /// Surfaces of a ray in the order in which it meets them; those at one range by their numbers.
+  [[nodiscard]] static auto key(const Intersection& m) noexcept {
+    return std::tuple(m.range_m, m.instance, m.part, m.triangle);
+  }
   /// Takes a surface that covers so much of a ray. False where the ray ends there, or before.
   bool add(unsigned ray, const Layer& layer) noexcept;
 };
@@ -266,6 +271,9 @@ class RayScene {
                    Part part = Part::all) const noexcept;
   /// met[i] = 1 where intersect() would meet anything.
   void meets(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* met) const noexcept;
+  /// Whether hit i of what a filter is asked is of a face that looks away from its ray.
+  [[nodiscard]] static bool looks_away(const SceneContext& context, const RTCFilterFunctionNArguments* a,
+                                       unsigned i) noexcept;
   [[nodiscard]] bool anything_moves() const noexcept { return !moving_.batches.empty(); }
   /// Has what point() will read on its way from memory.
   void fetch(const RayPackets& rays, unsigned n) const noexcept;

@@ -268,9 +268,10 @@ void Chunk::share_surroundings(std::span<Point> points, const std::array<Mirror,
     const auto between = [&](Bands4 at_a, Bands4 at_b, Bands4 at_c) {
       return not_negative(at_a + (at_b - at_a) * u + (at_c - at_a) * v);
     };
-    add_surroundings(points[i], mirrors[i],
-                     {between(a.front, b.front, c.front), Bands4{},
-                      between(a.mirrored, b.mirrored, c.mirrored), between(a.seen, b.seen, c.seen)});
+    add_surroundings(
+        points[i], mirrors[i],
+        {between(a.front, b.front, c.front), Bands4{}, between(a.mirrored, b.mirrored, c.mirrored),
+         min(between(a.seen, b.seen, c.seen), all_bands(1))});
   }
 }
 

@@ -3,7 +3,10 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
+#include <bitset>
 #include <cmath>
+#include <utility>
 
 #include "sim/sensors/lidar/lidar_simulator_impl.h"
 
@@ -29,10 +32,14 @@ bool LidarSimulator::Impl::clear_enough(std::span<Return> returns, std::uint32_t
     return a.range_m != b.range_m ? a.range_m < b.range_m : a.sub_ray < b.sub_ray;
   });
   const auto separation = static_cast<float>(m.echoes.separation_m);
+  const auto ray_of = [](const Return& r) { return r.sub_ray / render::LayeredHits::kMost; };
+  std::array<double, models::kMaxLidarSubRays> of_ray{};  // power in the group at hand
+  std::bitset<models::kMaxLidarSubRays> met;
   double squares = 0, most = 0, next = 0, variance = 0;
   std::size_t groups = 0;
   for (std::size_t i = 0; i < returns.size(); ++groups) {
     double sum = 0, moment = 0, second = 0;
+    const std::size_t first = i;
     const float nearest = returns[i].range_m;
     do {
       const double p = lidar::power(m, returns[i].remission, static_cast<double>(returns[i].range_m));
@@ -40,9 +47,14 @@ bool LidarSimulator::Impl::clear_enough(std::span<Return> returns, std::uint32_t
       sum += p;
       moment += p * r;
       second += p * r * r;
-      squares += p * p;
+      of_ray[ray_of(returns[i])] += p;
+      met.set(ray_of(returns[i]));
       ++i;
     } while (i < returns.size() && returns[i].range_m - returns[i - 1].range_m <= separation);
+    for (std::size_t k = first; k < i; ++k) {
+      const double p = std::exchange(of_ray[ray_of(returns[k])], 0.0);
+      squares += p * p;
+    }
     if (sum > most) {
       next = most;
       most = sum;
@@ -53,7 +65,7 @@ bool LidarSimulator::Impl::clear_enough(std::span<Return> returns, std::uint32_t
   }
   if (!(std::sqrt(variance / rays_cast) < kKnown_m)) return false;
   // The other devices' answers hang on weak echoes too.
-  if (m.echoes.returns != models::LidarReturns::strongest) return groups == 1 && returns.size() >= rays_cast;
+  if (m.echoes.returns != models::LidarReturns::strongest) return groups == 1 && met.count() == rays_cast;
   return groups == 1 || most - next > kLead * std::sqrt(squares);
 }
 

@@ -171,9 +171,12 @@ void LidarSimulator::Impl::form_tile(std::uint32_t tile, std::size_t first) {
       }
       if (keep_echoes(firing, list.all())) has_retro = 1;
       if (!want_truth) continue;
+      // Of the middle, what covers most of it.
       const auto centre = batch_hits.of(at);
+      const auto most = std::max_element(centre.begin(), centre.end(),
+                                         [](const auto& a, const auto& b) { return a.share < b.share; });
       centre_range_m[firing] =
-          centre.empty() ? std::numeric_limits<float>::infinity() : centre.front().hit.range_m;
+          most == centre.end() ? std::numeric_limits<float>::infinity() : most->hit.range_m;
       for (std::uint32_t e = 0; e < list.count(); ++e) {
         const std::size_t ray = at + list[e].sub_ray / render::LayeredHits::kMost,
                           layer = list[e].sub_ray % render::LayeredHits::kMost;

@@ -119,6 +119,9 @@ void ScanRays::begin_table(std::uint64_t index) {
     aim_at(c, 0, models::rotor_aim(beam, 0));
     if (pattern.has_divergence) half_divergence_[c] = std::tan(table_[c].divergence_rad / 2);
   }
+  mean_half_divergence_ = 0;
+  for (const float h : half_divergence_)
+    mean_half_divergence_ += static_cast<double>(h) / static_cast<double>(half_divergence_.size());
 }
 
 void ScanRays::begin_scan(std::uint64_t index, BenchTime begin) {
@@ -147,8 +150,7 @@ ScanRays::Width ScanRays::width(std::uint32_t sub_rays) const {
   const double share = std::sqrt(std::numbers::pi / sub_rays) / 2;
   double radius_per_m = std::sqrt(std::tan(footprint_.horizontal_divergence_rad / 2) *
                                   std::tan(footprint_.vertical_divergence_rad / 2));
-  if (!half_divergence_.empty())
-    radius_per_m = static_cast<double>(*std::min_element(half_divergence_.begin(), half_divergence_.end()));
+  if (!half_divergence_.empty()) radius_per_m = mean_half_divergence_;
   return {static_cast<float>(share * footprint_.start_diameter_m / 2),
           static_cast<float>(share * radius_per_m)};
 }

@@ -136,6 +136,7 @@ class ScanRays {
   std::vector<float> weights_;
   std::vector<models::PatternFiring> table_;  ///< of the scan at hand, by column
   std::vector<float> half_divergence_;        ///< as a tangent, by column; empty: the model's
+  double mean_half_divergence_ = 0;           ///< of these: rays of a scan have one width
 };
 
 }  // namespace rigor::lidar

@@ -314,6 +314,20 @@ TEST_F(LeafLayerTest, ARayWithoutWidthEndsAtTheFirstLeaf) {
   EXPECT_EQ(ranges, (std::set<double>{4, 10}));  // the boards have their leaves in the same places
 }
 
+TEST_F(LeafLayerTest, BacksOfLeavesWithOneSideAreNotThere) {
+  Mesh m;
+  add_quad(m, {-2, 2, 0}, {2, 2, 0}, {2, -2, 0}, {-2, -2, 0});  // looks down
+  const auto below = finished(std::move(m), leaves_);
+  frame_.batches = {ground_, board(5), one(below, 3, {0, 0, 6})};
+  const auto seen = layers();
+  frame_.batches = {ground_, board(5)};
+  expect({{5, 0.5}, {10, 0.5}});
+  for (const auto& ray : seen) {
+    ASSERT_EQ(ray.size(), 2U);
+    ASSERT_NEAR(ray[0].range_m, 5, 1e-4);
+  }
+}
+
 TEST_F(LeafLayerTest, AreTheSameInAnyOrderOfBoards) {
   frame_.batches = {ground_};
   for (std::uint32_t i = 0; i < 12; ++i) {

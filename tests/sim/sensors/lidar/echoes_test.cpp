@@ -160,13 +160,15 @@ class Veil final : public render::RayEngine {
   }
   Status cast_layers(const render::RayQuery& q, render::LayeredHits& hits) override {
     widths.insert(q.half_width_per_m);
+    rays += hits.rays();
     std::vector<render::Hit> far(hits.rays());
     if (auto s = cast(q, far); !s) return s;
     for (std::size_t i = 0; i < far.size(); ++i) {
       render::Hit veil = far[i];
-      veil.range_m = 10;
+      veil.range_m = range_m;
       veil.node = world::NodeId{7};
       hits.clear(i);
+      if (half && i % 2 == 1) continue;
       hits.add(i) = {veil, 0.3F};
       hits.add(i) = {far[i], 0.7F};
     }
@@ -174,6 +176,9 @@ class Veil final : public render::RayEngine {
   }
   render::EngineStatistics statistics() const override { return behind_->statistics(); }
   std::set<float> widths;
+  std::size_t rays = 0;
+  float range_m = 10;
+  bool half = false;  ///< every other ray meets nothing
 
  private:
   std::shared_ptr<render::RayEngine> behind_;
@@ -197,6 +202,20 @@ TEST(LidarFootprint, LayersOfWideRaysAreEchoesByTheirShares) {
     // Four squares as large as the footprint together; what is true is asked of its middle.
     const double half = std::sqrt(std::numbers::pi / 4) / 2 * std::tan(0.01);
     EXPECT_NEAR(*veil->widths.rbegin(), half, 1e-6);
+  }
+}
+
+TEST(LidarAddedRays, AreCastWhereHalfOfTheRaysMeetNothingAndTheOthersTwoLayers) {
+  Edge e(2, 3);
+  e.m.footprint.sub_rays = 4;
+  e.m.footprint.most_sub_rays = 16;
+  e.m.echoes.returns = LidarReturns::first;
+  for (const bool half : {false, true}) {
+    const auto veil = std::make_shared<Veil>(e.engine);
+    veil->range_m = 12.95F;  // within the separation of the wall: one echo
+    veil->half = half;
+    static_cast<void>(scan(e.m, veil, e.world));
+    EXPECT_EQ(veil->rays, half ? 17U : 5U);  // one for the true range
   }
 }
 
