@@ -43,6 +43,10 @@ class TimedEngine final : public render::RayEngine {
     const StageTime::Scope scope(&times_->light);
     return engine_->cast(query, hits);
   }
+  [[nodiscard]] Status cast_layers(const render::RayQuery& query, render::LayeredHits& hits) override {
+    const StageTime::Scope scope(&times_->light);
+    return engine_->cast_layers(query, hits);
+  }
   [[nodiscard]] Status occluded(const render::RayQuery& query, std::span<std::uint8_t> met) override {
     const StageTime::Scope scope(&times_->light);
     return engine_->occluded(query, met);
