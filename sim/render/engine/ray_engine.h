@@ -112,9 +112,9 @@ class RayEngine {
   [[nodiscard]] virtual Status cast(const RayQuery& query, std::span<Hit> hits) = 0;
   /// What wide rays meet, as many as hits.rays(): surfaces with holes that cover a part of a ray take their
   /// share of it, and the rest goes on; any other surface that a ray's middle meets takes all that is left.
-  /// Surfaces on the way cover independently of each other. An engine without widths answers by cast().
-  /// Errors: as cast().
-  [[nodiscard]] virtual Status cast_layers(const RayQuery& query, LayeredHits& hits);
+  /// Surfaces on the way cover independently of each other. What stands here is for engines without widths:
+  /// it answers by cast(). Errors: as cast().
+  [[nodiscard]] virtual Status cast_layers(const RayQuery& query, LayeredHits& hits) = 0;
   /// occluded[i] = 1 where anything stands between near and far of rays[i], else 0; of a ray that is not
   /// finite 0. An engine may count faces from behind too, where cast() does not see them. Errors: as cast().
   [[nodiscard]] virtual Status occluded(const RayQuery& query, std::span<std::uint8_t> occluded);

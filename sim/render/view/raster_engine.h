@@ -38,6 +38,9 @@ class RasterEngine final : public RayEngine {
   [[nodiscard]] bool own_origins() const override { return false; }
   [[nodiscard]] Status prepare(std::shared_ptr<const ContentWindow> window) override;
   [[nodiscard]] Status cast(const RayQuery& query, std::span<Hit> hits) override;
+  [[nodiscard]] Status cast_layers(const RayQuery& query, LayeredHits& hits) override {
+    return RayEngine::cast_layers(query, hits);
+  }
   [[nodiscard]] EngineStatistics statistics() const override;
 
   struct Impl;

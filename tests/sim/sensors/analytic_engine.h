@@ -92,6 +92,9 @@ class AnalyticEngine final : public render::RayEngine {
     rays_cast += hits.size();
     return {};
   }
+  [[nodiscard]] Status cast_layers(const render::RayQuery& query, render::LayeredHits& hits) override {
+    return RayEngine::cast_layers(query, hits);
+  }
   [[nodiscard]] render::EngineStatistics statistics() const override {
     return {.instances = things_.size(), .prototypes = things_.size()};
   }
