@@ -296,15 +296,16 @@ Result<Reference> tof_reference(const models::TofModel& model, std::span<const t
         }
       // Each instant by itself: those that are measured together share samples. Each sample as a pixel:
       // whether the sun reaches it is asked for each pixel once.
-      tof::SampleRays single = rays;
-      single.width_px = static_cast<int>(rays.count());
-      single.side = 1;
+      tof::CameraRays single{rays, {}};
+      single.samples.width_px = static_cast<int>(rays.count());
+      single.samples.side = 1;
       for (std::size_t k = 0; k < instants.size(); ++k) {
         tof::SampleLight light;
         if (auto s =
                 meter.measure(engine, *engine.window(), single, instants.subspan(k, 1), std::span(&light, 1));
             !s)
           return tl::unexpected<Error>(s.error());
+        light.parts = {};  // from here on they are samples of `rays` again, in their order
         pixels.expose(rays, light,
                       instants.size() == 1
                           ? tof::ExposedTaps{.frequencies = m.modulation.frequencies_hz.size()}

@@ -9,23 +9,33 @@
 //   E = sum_i w_i (rho_i cos(theta_i) + highlight + retro gain) exp(-2 tau_i),      sum of the beam's weights
 //   w_i = 1 P = E / R^2  up to the device's constant.
 
+// The highlight of a surface: alpha^2 and F0 of GGX. F0 is 0.04, that of a metal rho, and 0 for matt surfaces
+// (roughness 1) that are no metal.
+FN void lidar_gloss(REAL reflectance, REAL metallic, REAL roughness, OUT(REAL) alpha2, OUT(REAL) f0) {
+  REAL alpha = roughness * roughness;
+  alpha = alpha > REAL(0.0025) ? alpha : REAL(0.0025);
+  alpha2 = alpha * alpha;
+  f0 = roughness < REAL(1.0) || metallic > REAL(0.0) ? REAL(0.04) * (REAL(1.0) - metallic) + reflectance * metallic
+                                                     : REAL(0.0);
+}
+
+// What a highlight sends back along the beam: pi f_s cos(theta) = alpha^2 F0 cos(theta)/(4 f^2),
+// f = cos^2 (alpha^2 - 1) + 1.
+FN REAL lidar_highlight(REAL cos_incidence, REAL alpha2, REAL f0) {
+  REAL f = cos_incidence * cos_incidence * (alpha2 - REAL(1.0)) + REAL(1.0);
+  return alpha2 * f0 * cos_incidence / (REAL(4.0) * f * f);
+}
+
 // Remission of a surface seen by a beam, per unit of the beam's weight: diffuse rho (1 - metallic)
-// cos(theta); GGX highlight with F0 0.04 (metal: rho) back along the beam, pi f_s cos(theta) = alpha^2 F0
-// cos(theta)/(4 f^2), f = cos^2 (alpha^2 - 1) + 1, alpha = roughness^2, none where roughness is 1 (matt) and
-// the surface no metal; a retro-reflecting share times `retro_gain`, how much brighter than a white plate a
-// perfect retro-reflector is.
+// cos(theta), the highlight, and a retro-reflecting share times `retro_gain`, how much brighter than a white
+// plate a perfect retro-reflector is.
 FN REAL lidar_surface_remission(REAL cos_incidence, REAL reflectance, REAL metallic, REAL roughness,
                                 REAL retro, REAL retro_gain) {
-  REAL e = reflectance * (REAL(1.0) - metallic) * cos_incidence + retro * retro_gain;
-  if (roughness < REAL(1.0) || metallic > REAL(0.0)) {
-    REAL alpha = roughness * roughness;
-    alpha = alpha > REAL(0.0025) ? alpha : REAL(0.0025);
-    REAL alpha2 = alpha * alpha;
-    REAL f0 = REAL(0.04) * (REAL(1.0) - metallic) + reflectance * metallic;
-    REAL f = cos_incidence * cos_incidence * (alpha2 - REAL(1.0)) + REAL(1.0);
-    e = e + alpha2 * f0 * cos_incidence / (REAL(4.0) * f * f);
-  }
-  return e;
+  REAL alpha2 = REAL(0.0);
+  REAL f0 = REAL(0.0);
+  lidar_gloss(reflectance, metallic, roughness, alpha2, f0);
+  return reflectance * (REAL(1.0) - metallic) * cos_incidence + retro * retro_gain +
+         lidar_highlight(cos_incidence, alpha2, f0);
 }
 
 // Diameter of the beam: grows evenly from its start.

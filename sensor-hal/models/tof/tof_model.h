@@ -78,7 +78,7 @@ struct TofRangeError {
 };
 
 struct TofSampling {
-  int samples = 1;         ///< rays per pixel: 1, 4, 9, 16
+  int samples = 1;  ///< rays per pixel: 1, 4, 9, 16. Jittered ones are cast where they differ, elsewhere one
   bool bilinear = false;   ///< samples on a lattice, light between them bilinear: shared with the neighbours.
                            ///< Off: one jittered sample in each cell of the pixel (1: its centre)
   bool motion = true;      ///< exposures at their own instants; off: all at t_capture

@@ -84,25 +84,27 @@ Result<std::span<const Hit>> LightMeter::cast(render::RayEngine& engine, const S
 }
 
 Status LightMeter::measure(render::RayEngine& engine, const render::ContentWindow& window,
-                           const SampleRays& rays, std::span<const Instant> instants,
+                           const CameraRays& camera, std::span<const Instant> instants,
                            std::span<SampleLight> lights) {
   if (instants.size() > 1 && !engine.own_origins()) {
     for (std::size_t k = 0; k < instants.size(); ++k)
-      if (auto s = measure(engine, window, rays, instants.subspan(k, 1), lights.subspan(k, 1)); !s) return s;
+      if (auto s = measure(engine, window, camera, instants.subspan(k, 1), lights.subspan(k, 1)); !s)
+        return s;
     return {};
   }
+  const SampleRays& rays = camera.samples;
   // Light and air change slowly: those of the window's begin.
   const render::ContentFrame& frame = window.first();
   const bool has_filter = model_.optics.filter_width_m > 0;
   const Ambient sky = has_filter ? ambient(frame, rays) : Ambient{};
-  for (SampleLight& light : lights) light.cell.clear();
-  if (instants.size() > 1 && rays.side > 1 && !rays.lattice && model_.sampling.multipath_rays == 0)
-    return measure_shared(engine, window, rays, instants, sky, lights);
+  if (!rays.lattice && model_.sampling.multipath_rays == 0)
+    return measure_shots(engine, window, camera, instants, sky, lights);
   if (auto s = cast(engine, rays, instants); !s) return s;
   if (sky.any)
     if (auto s = shadows(engine, rays, instants, sky); !s) return s;
   for (std::size_t k = 0; k < instants.size(); ++k) {
     SampleLight& light = lights[k];
+    light.parts = {};
     active(rays, k, instants[k], frame, light);
     light.ambient_e.clear();
     if (sky.any) background(rays, k, instants[k], frame, sky, light);
@@ -154,11 +156,14 @@ LightMeter::Ambient LightMeter::ambient(const render::ContentFrame& frame, const
   a.ground_radiance =
       light.ground_albedo[b] * (a.sky_irradiance + a.sun_irradiance * std::max(0.0F, sun.z())) / kPi;
   if (a.sun_irradiance > 0) {
-    // A disc smaller than the way between samples is spread to that, its light kept: it is never missed.
+    // A disc smaller than the way between samples is spread to that, its light kept: it is never missed. Of
+    // jittered samples it holds a whole cell, wherever it is.
     const float spacing =
         static_cast<float>(1 / std::min(model_.fx_px, model_.fy_px)) / static_cast<float>(rays.side);
-    const float radius = std::max(light.sun_angular_radius_rad, 0.75F * spacing);
+    const bool jittered = rays.side > 1 && !rays.lattice;
+    const float radius = std::max(light.sun_angular_radius_rad, (jittered ? 1.42F : 0.75F) * spacing);
     a.sun_cos = std::cos(radius);
+    a.sun_beside_cos = std::cos(radius + 2 * spacing * static_cast<float>(rays.side));
     a.sun_disc_radiance = a.sun_irradiance / (kPi * radius * radius);
   }
   a.any = a.sun_irradiance > 0 || a.sky_irradiance > 0;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -10,17 +11,16 @@
 #include "sensor-hal/models/tof/tof_model.h"
 #include "sim/render/engine/ray_engine.h"
 #include "sim/sensors/tof/tof_light_math.h"
+#include "sim/sensors/tof/tof_parts.h"
 #include "sim/sensors/tof/tof_rays.h"
+#include "sim/sensors/tof/tof_returns.h"
 
 namespace rigor::tof {
 
 /// Light that reaches the samples at one instant.
 struct SampleLight {
-  static constexpr std::uint32_t kNowhere = 0xFFFFFFFF;
-  /// Where samples are shared between instants: the cell that each one lies in at this instant, of the
-  /// SampleRays::count() of all pixels; kNowhere: none. A pixel has the mean of its cells that have any.
-  /// Empty: each sample in its own cell.
-  std::vector<std::uint32_t> cell;
+  /// Pixels have the mean of what lies in them. Empty: the samples are those of SampleRays, each in its cell.
+  PixelParts parts;
   std::vector<float> active_e;   ///< E of one integration; 0: nothing comes back
   std::vector<float> range_m;    ///< half the way of that light; 0 where nothing comes back
   std::vector<float> ambient_e;  ///< of one integration, all taps together; empty: none anywhere
@@ -47,16 +47,18 @@ class LightMeter {
  public:
   LightMeter(const models::TofModel& model, models::PhiloxKey key);
 
-  /// Light at each of `instants`; `window` is what the engine has prepared. Whether the sun reaches a pixel
-  /// is asked again where what is met there is no longer the same place. Errors: the engine's.
+  /// Light at each of `instants`; `window` is what the engine has prepared.
   ///
-  /// Of several jittered samples each is cast at one of several instants, and each pixel has one or more at
-  /// each instant. What a sample met comes back at the other instants too, in the cell that sees it then;
-  /// that something else hides it from there is not asked. Pixels that see something that moves, and those
-  /// beside them, have all their samples cast at each instant. So have all pixels of a lattice, of models
-  /// with one sample, and of models with light over several ways.
+  /// Jittered samples: each pixel has one first, at one of the instants, and the others where it and its
+  /// neighbours' do not say what all would. What was met comes back at the other instants, where it lies in
+  /// the picture then; that something else hides it from there is not asked. Pixels that see something that
+  /// moves, and those beside them, have all samples cast at each instant, and so have those that see nothing
+  /// of the others'. Whether the sun reaches a pixel is asked once.
+  ///
+  /// Samples on a lattice and models with light over several ways: all are cast at each instant, and the sun
+  /// is asked for again where what is met is no longer the same place. Errors: the engine's.
   [[nodiscard]] Status measure(render::RayEngine& engine, const render::ContentWindow& window,
-                               const SampleRays& rays, std::span<const Instant> instants,
+                               const CameraRays& rays, std::span<const Instant> instants,
                                std::span<SampleLight> lights);
   /// Rays only: hits of the samples at an instant, valid until the next call.
   [[nodiscard]] Result<std::span<const render::Hit>> cast(render::RayEngine& engine, const SampleRays& rays,
@@ -69,6 +71,7 @@ class LightMeter {
     float sun[3]{};  ///< direction to it, world axes
     float sun_irradiance = 0, sky_irradiance = 0, ground_radiance = 0;
     float sun_cos = 2, sun_disc_radiance = 0;
+    float sun_beside_cos = 2;  ///< of the disc and two pixels around it
     float share = 0;
   };
   /// Where sample i of instant k stands among rays and hits: packets of kBeside samples an instant.
@@ -92,23 +95,34 @@ class LightMeter {
                   const render::ContentFrame& frame, const Ambient& sky, SampleLight& light) const;
   [[nodiscard]] Status bounce(render::RayEngine& engine, const SampleRays& rays, std::size_t k,
                               const Instant& instant, SampleLight& light);
-  /// A ray that instants share: which sample it is, when it is cast.
+  /// A sample of a pixel, and when it is cast.
   struct Shot {
-    std::uint32_t sample;
-    std::uint16_t instant;
-    bool shared;  ///< what it meets comes back at the other instants
+    std::uint32_t pixel;
+    std::uint16_t sample, instant;
+    bool shared = true;  ///< what it meets comes back at the other instants
+    bool whole = false;  ///< it stands for the whole pixel, else for its cell
   };
-  [[nodiscard]] Status measure_shared(render::RayEngine& engine, const render::ContentWindow& window,
-                                      const SampleRays& rays, std::span<const Instant> instants,
-                                      const Ambient& sky, std::span<SampleLight> lights);
+  [[nodiscard]] Status measure_shots(render::RayEngine& engine, const render::ContentWindow& window,
+                                     const CameraRays& rays, std::span<const Instant> instants,
+                                     const Ambient& sky, std::span<SampleLight> lights);
+  void aim_first(const SampleRays& rays, std::size_t instants);
   [[nodiscard]] Status cast_shots(render::RayEngine& engine, const SampleRays& rays,
                                   std::span<const Instant> instants, std::size_t first);
+  [[nodiscard]] bool dark(std::size_t shot, const SampleRays& rays) const;
+  void find_plain(const SampleRays& rays, const Ambient& sky);
+  [[nodiscard]] Status cast_others(render::RayEngine& engine, const SampleRays& rays,
+                                   std::span<const Instant> instants);
   [[nodiscard]] Status cast_moving(render::RayEngine& engine, const render::ContentWindow& window,
                                    const SampleRays& rays, std::span<const Instant> instants);
-  [[nodiscard]] Status shadows_of_shots(render::RayEngine& engine, const SampleRays& rays,
-                                        std::span<const Instant> instants, const Ambient& sky);
-  void light_of_shots(const SampleRays& rays, std::size_t k, std::span<const Instant> instants,
-                      const render::ContentFrame& frame, SampleLight& light) const;
+  void move_to_middles(const CameraRays& rays, std::span<const Instant> instants);
+  [[nodiscard]] Status shadows_of_shots(render::RayEngine& engine, std::span<const Instant> instants,
+                                        const Ambient& sky);
+  void background_of_shot(std::size_t i, std::span<const Instant> instants, const render::ContentFrame& frame,
+                          const Ambient& sky);
+  [[nodiscard]] PicturePart part_of(const Shot& shot, const SampleRays& rays) const;
+  void light_of_shots(const CameraRays& rays, std::size_t k, std::span<const Instant> instants,
+                      const render::ContentFrame& frame, SampleLight& light, std::size_t first);
+  void aim_at_holes(const SampleRays& rays, std::span<const SampleLight> lights);
   [[nodiscard]] render::RayQuery query(const Instant& instant, std::span<const render::Ray> rays,
                                        float near_m) const;
 
@@ -119,9 +133,17 @@ class LightMeter {
   static constexpr std::size_t kBeside = 4;
   std::size_t instants_ = 1, samples_ = 0;  ///< of the last cast
   std::vector<render::Hit> hits_, more_hits_;
-  std::vector<Shot> shots_;
+  std::vector<Shot> shots_;                             ///< first one of each pixel
+  std::vector<std::uint32_t> shot_of_px_, more_of_px_;  ///< where its first one is, and its others begin
+  std::vector<Eigen::Vector3f> plane_;   ///< normal of what a pixel and its neighbours see; 0: no plane
   std::vector<float> background_;        ///< radiance of what each shot met; empty: none anywhere
   std::vector<std::uint8_t> moving_px_;  ///< pixels whose samples are not shared
+  Returns returns_;
+  struct Scratch {
+    Returns::Seen seen;
+    std::vector<PicturePart> parts;
+  };
+  std::vector<Scratch> scratch_;  ///< of each instant
   std::vector<std::uint8_t> hidden_;
   std::vector<std::uint32_t> asked_;    ///< pixels (of each instant) whose shadow ray is shot
   std::vector<std::uint8_t> in_shade_;  ///< of each pixel, instant by instant

@@ -20,6 +20,9 @@ constexpr double kLightSpeed_mps = 299792458.0;
 /// (e + this) − this is the whole number nearest to e, |e| < 2²²: a float has no room for a fraction there.
 constexpr float kRound = 12582912.0F;
 
+/// Parts of the picture that overlap by less hide nothing of each other.
+constexpr float kOverlap = 1.02F;
+
 struct Correlation {
   float triangle = 0, a3 = 0, a5 = 0, a7 = 0, a9 = 0, bias = 1, variation = 1;
 };
@@ -159,28 +162,35 @@ void PixelArray::put(std::size_t pixel, std::size_t frequency, const ExposedTaps
   }
 }
 
-void PixelArray::add_shared(const SampleLight& light, std::size_t cells, std::size_t frequency,
-                            const ExposedTaps& taps) {
+void PixelArray::add_parts(const SampleLight& light, std::size_t frequency, const ExposedTaps& taps) {
   const bool ambient = !light.ambient_e.empty();
-  sums_.assign(pixels_ * cells, {});
-  // In the order of the samples, whatever the threads.
-  for (std::size_t i = 0; i < light.cell.size(); ++i) {
-    if (light.cell[i] == SampleLight::kNowhere) continue;
-    Sums& sum = sums_[light.cell[i]];
-    sum.active += light.active_e[i];
-    sum.x += x_[i];
-    sum.y += y_[i];
-    if (ambient) sum.ambient += light.ambient_e[i];
-    sum.count += 1;
-  }
-  each_row(pixels_, 2048, [&](std::size_t begin, std::size_t end) {
+  const auto range_m = [&](const PixelParts::Part& part) {
+    return light.active_e[part.sample] > 0 ? light.range_m[part.sample]
+                                           : std::numeric_limits<float>::infinity();
+  };
+  each_row(pixels_, 1024, [&](std::size_t begin, std::size_t end) {
+    std::vector<PixelParts::Part> parts;
     for (std::size_t p = begin; p < end; ++p) {
-      Sums mean;
-      for (std::size_t i = p * cells; i < (p + 1) * cells; ++i)
-        if (sums_[i].count > 0) mean.add(sums_[i], 1 / sums_[i].count), mean.count += 1;
+      parts.clear();
+      light.parts.each_part(p, [&](const PixelParts::Part& part) { parts.push_back(part); });
+      // Where more lies than a pixel has room for, the nearest hides the farthest.
+      if (light.parts.cover(p) > kOverlap)
+        std::sort(parts.begin(), parts.end(), [&](const PixelParts::Part& a, const PixelParts::Part& b) {
+          const float ra = range_m(a), rb = range_m(b);
+          return ra != rb ? ra < rb : a.sample < b.sample;
+        });
       Sums sum;
-      sum.add(mean, 1 / std::max(mean.count, 1.0F));
-      put(p, frequency, taps, sum);
+      float covered = 0;
+      for (const PixelParts::Part& part : parts) {
+        const float area = std::min(part.area_px, 1.0F - covered);
+        sum.active += area * light.active_e[part.sample];
+        sum.x += area * x_[part.sample];
+        sum.y += area * y_[part.sample];
+        if (ambient) sum.ambient += area * light.ambient_e[part.sample];
+        covered += area;
+      }
+      const float share = covered > 0 ? 1 / covered : 0;
+      put(p, frequency, taps, {sum.active * share, sum.x * share, sum.y * share, sum.ambient * share});
     }
   });
 }
@@ -202,8 +212,8 @@ void PixelArray::expose(const SampleRays& rays, const SampleLight& light, const 
         sum.y += bounce_y_[i];
       }
     };
-    if (!light.cell.empty()) {
-      add_shared(light, n, j, taps);
+    if (!light.parts.empty()) {
+      add_parts(light, j, taps);
       continue;
     }
     if (!rays.lattice) {

@@ -39,20 +39,13 @@ class PixelArray {
 
  private:
   struct Sums {
-    float active = 0, x = 0, y = 0, ambient = 0, count = 0;
-    void add(const Sums& o, float weight) {
-      active += weight * o.active;
-      x += weight * o.x;
-      y += weight * o.y;
-      ambient += weight * o.ambient;
-    }
+    float active = 0, x = 0, y = 0, ambient = 0;
   };
   /// Ranges as the wiggling's spline has them, into wiggled_m_.
   void add_spline(const std::vector<float>& range_m);
   void phasors(const std::vector<float>& e, const std::vector<float>& true_range_m, std::size_t frequency,
                std::vector<float>& x, std::vector<float>& y);
-  void add_shared(const SampleLight& light, std::size_t cells, std::size_t frequency,
-                  const ExposedTaps& taps);
+  void add_parts(const SampleLight& light, std::size_t frequency, const ExposedTaps& taps);
   void put(std::size_t pixel, std::size_t frequency, const ExposedTaps& taps, const Sums& sums);
   void make_fixed_pattern();
   [[nodiscard]] TofPixelStatus range_of(const float* turns, float& range_m) const;
@@ -66,7 +59,6 @@ class PixelArray {
   float unambiguous_m_ = 0;
   TapMeans means_;
   std::vector<float> x_, y_, bounce_x_, bounce_y_;
-  std::vector<Sums> sums_;       ///< by cell, of samples that instants share
   std::vector<float> spline_m_;  ///< coefficients of the wiggling; empty: none
   std::vector<float> wiggled_m_;
   std::vector<float> offset_m_, gain_;  ///< fixed patterns; empty: none

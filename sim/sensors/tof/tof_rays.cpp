@@ -14,14 +14,15 @@
 namespace rigor::tof {
 namespace {
 
-using Lens = models::LensMath<double>;
-
 void resize(SampleRays& r, std::size_t count) {
-  for (auto* v : {&r.x, &r.y, &r.z, &r.gain, &r.intensity_w_per_sr}) v->resize(count);
+  for (auto* v : {&r.x, &r.y, &r.z, &r.u_px, &r.v_px, &r.gain, &r.intensity_w_per_sr}) v->resize(count);
 }
 
-void set(SampleRays& r, std::size_t sample, const models::TofModel& m,
-         const std::optional<NormalisedPosition>& p) {
+/// `at`: pixel coordinates, whose origin is the middle of the first pixel.
+void set(SampleRays& r, std::size_t sample, const OffAxis& off_axis, LensWalk& undistort, PixelPosition at) {
+  r.u_px[sample] = static_cast<float>(at.u_px + 0.5);
+  r.v_px[sample] = static_cast<float>(at.v_px + 0.5);
+  const std::optional<NormalisedPosition> p = undistort(at);
   if (!p) {
     r.x[sample] = r.y[sample] = r.z[sample] = std::numeric_limits<float>::quiet_NaN();
     r.gain[sample] = r.intensity_w_per_sr[sample] = 0;
@@ -31,14 +32,17 @@ void set(SampleRays& r, std::size_t sample, const models::TofModel& m,
   r.x[sample] = static_cast<float>(p->x * cosine);
   r.y[sample] = static_cast<float>(p->y * cosine);
   r.z[sample] = static_cast<float>(cosine);
-  r.gain[sample] = static_cast<float>(m.electrons_per_radiance() *
-                                      Lens::vignetting_factor(p->x, p->y, m.optics.cos4_weight, 0, 0, 0));
-  r.intensity_w_per_sr[sample] = static_cast<float>(
-      m.illumination.radiant_intensity_w_per_sr *
-      (m.illumination.cosine_exponent > 0 ? std::pow(cosine, m.illumination.cosine_exponent) : 1.0));
+  r.gain[sample] = off_axis.gain(r.z[sample]);
+  r.intensity_w_per_sr[sample] = off_axis.intensity_w_per_sr(r.z[sample]);
 }
 
 }  // namespace
+
+OffAxis::OffAxis(const models::TofModel& m)
+    : electrons_per_radiance_(static_cast<float>(m.electrons_per_radiance())),
+      cos4_weight_(static_cast<float>(m.optics.cos4_weight)),
+      on_axis_w_per_sr_(static_cast<float>(m.illumination.radiant_intensity_w_per_sr)),
+      exponent_(static_cast<float>(m.illumination.cosine_exponent)) {}
 
 std::size_t SampleRays::middle_sample(std::size_t pixel) const {
   const auto s = static_cast<std::size_t>(side), w = static_cast<std::size_t>(width_px);
@@ -65,6 +69,7 @@ SampleRays sample_rays(const models::TofModel& model, models::PhiloxKey key) {
                                          : 1;
   r.lattice = model.sampling.bilinear;
   const CameraModel camera = model.camera();
+  const OffAxis off_axis(model);
   const auto s = static_cast<std::size_t>(r.side);
   if (r.lattice) {
     const auto columns = static_cast<std::size_t>(r.lattice_width());
@@ -74,9 +79,9 @@ SampleRays sample_rays(const models::TofModel& model, models::PhiloxKey key) {
       for (std::size_t ly = range.begin(); ly < range.end(); ++ly) {
         LensWalk undistort(camera);
         for (std::size_t lx = 0; lx < columns; ++lx)
-          set(r, ly * columns + lx, model,
-              undistort({(static_cast<double>(lx) - 0.5) / r.side - 0.5,
-                         (static_cast<double>(ly) - 0.5) / r.side - 0.5}));
+          set(r, ly * columns + lx, off_axis, undistort,
+              {(static_cast<double>(lx) - 0.5) / r.side - 0.5,
+               (static_cast<double>(ly) - 0.5) / r.side - 0.5});
       }
     });
     return r;
@@ -96,9 +101,9 @@ SampleRays sample_rays(const models::TofModel& model, models::PhiloxKey key) {
             du = models::NoiseMath<double>::unit_from_bits(words[0]);
             dv = models::NoiseMath<double>::unit_from_bits(words[1]);
           }
-          set(r, sample, model,
-              undistort({static_cast<double>(u) - 0.5 + (static_cast<double>(i % s) + du) / r.side,
-                         static_cast<double>(v) - 0.5 + (static_cast<double>(i / s) + dv) / r.side}));
+          set(r, sample, off_axis, undistort,
+              {static_cast<double>(u) - 0.5 + (static_cast<double>(i % s) + du) / r.side,
+               static_cast<double>(v) - 0.5 + (static_cast<double>(i / s) + dv) / r.side});
         }
     }
   });

@@ -42,7 +42,8 @@ struct TofSimulator::Impl {
   Impl(const TofSpec& s, std::shared_ptr<render::RayEngine> e)
       : spec(s),
         engine(std::move(e)),
-        rays(s.ideal ? tof::centre_rays(s.model) : tof::sample_rays(s.model, key_of(s))),
+        rays{s.ideal ? tof::centre_rays(s.model) : tof::sample_rays(s.model, key_of(s)),
+             tof::centre_rays(s.model)},
         meter(s.model, key_of(s)),
         pixels(s.model, key_of(s)) {}
 
@@ -52,8 +53,7 @@ struct TofSimulator::Impl {
 
   TofSpec spec;
   std::shared_ptr<render::RayEngine> engine;
-  tof::SampleRays rays;
-  tof::SampleRays centres;  ///< made when truth is first asked for
+  tof::CameraRays rays;
   tof::LightMeter meter;
   std::vector<Instant> instants;
   std::vector<tof::SampleLight> lights;  ///< of each
@@ -93,7 +93,7 @@ Status TofSimulator::capture(const MeasureRequest& request, const render::Sensor
   query.look_from_cell_of(T_world_sensor.translation());
   query.allowed_error_rad = my.spec.allowed_error_rad;
   if (query.allowed_error_rad <= 0) {
-    query.allowed_error_rad = 1 / (std::max(model.fx_px, model.fy_px) * my.rays.side);
+    query.allowed_error_rad = 1 / (std::max(model.fx_px, model.fy_px) * my.rays.samples.side);
     query.full_within_m = my.lit_m;
   }
   query.t = request.t_capture;
@@ -121,7 +121,7 @@ Status TofSimulator::capture(const MeasureRequest& request, const render::Sensor
   my.lights.resize(my.instants.size());
   if (auto s = my.meter.measure(*my.engine, *window, my.rays, my.instants, my.lights); !s) return s;
   for (std::size_t m = 0; m < my.lights.size(); ++m)
-    my.pixels.expose(my.rays, my.lights[m],
+    my.pixels.expose(my.rays.samples, my.lights[m],
                      still ? ExposedTaps{.frequencies = model.modulation.frequencies_hz.size()}
                            : tof::taps_of(model.modulation, static_cast<int>(m)));
   my.pixels.read(request.index, picture, keep_taps);
@@ -130,7 +130,8 @@ Status TofSimulator::capture(const MeasureRequest& request, const render::Sensor
 }
 
 Status TofSimulator::Impl::ideal(const Instant& instant, TofPicture& picture, bool keep_taps) {
-  const auto hits = meter.cast(*engine, rays, instant);
+  const tof::SampleRays& middles = rays.middles;
+  const auto hits = meter.cast(*engine, middles, instant);
   if (!hits) return tl::unexpected<Error>(hits.error());
   const std::size_t count = hits->size();
   picture.range_m.resize(count);
@@ -143,9 +144,10 @@ Status TofSimulator::Impl::ideal(const Instant& instant, TofPicture& picture, bo
   for (std::size_t i = 0; i < count; ++i) {
     const render::Hit& h = (*hits)[i];
     const bool nothing = h.nothing();
-    const float e = nothing ? 0.0F
-                            : Math::tof_active_electrons(rays.gain[i], rays.intensity_w_per_sr[i], h.range_m,
-                                                         tof::remission(h, spec.model.sampling.retro_gain));
+    const float e =
+        nothing ? 0.0F
+                : Math::tof_active_electrons(middles.gain[i], middles.intensity_w_per_sr[i], h.range_m,
+                                             tof::remission(h, spec.model.sampling.retro_gain));
     picture.range_m[i] = nothing ? std::numeric_limits<float>::quiet_NaN() : h.range_m;
     picture.amplitude[i] = 0.5F * contrast * e;
     picture.status[i] = nothing ? TofPixelStatus::no_return : TofPixelStatus::valid;
@@ -161,8 +163,7 @@ Status TofSimulator::Impl::ideal(const Instant& instant, TofPicture& picture, bo
 
 Status TofSimulator::Impl::ground_truth(const render::SensorView& view, const Instant& instant,
                                         GroundTruth& truth) {
-  if (centres.count() == 0) centres = tof::centre_rays(spec.model);
-  const auto hits = meter.cast(*engine, centres, instant);
+  const auto hits = meter.cast(*engine, rays.middles, instant);
   if (!hits) return tl::unexpected<Error>(hits.error());
   const std::size_t count = hits->size();
   truth.width = static_cast<std::uint32_t>(spec.model.width_px);

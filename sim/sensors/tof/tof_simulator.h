@@ -49,8 +49,8 @@ class TofSimulator {
   ~TofSimulator();
   /// One frame; request.t_capture is the middle of the taps. The truth is that of the pixels' centres at
   /// t_capture. Where nothing moves, neither the sensor nor the world, or the model's motion is off, the
-  /// taps share one cast; else each exposure has its own. Keeps its buffers and the picture's: only the first
-  /// frame allocates them. Blocks. Errors: the engine's.
+  /// taps share their light; else each exposure has its own (LightMeter::measure). Keeps its buffers and the
+  /// picture's. Blocks. Errors: the engine's.
   [[nodiscard]] Status capture(const MeasureRequest& request, const render::SensorView& view,
                                TofPicture& picture, GroundTruth* truth = nullptr, bool keep_taps = false);
   [[nodiscard]] const TofSpec& spec() const;

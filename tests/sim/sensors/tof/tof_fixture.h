@@ -91,6 +91,16 @@ struct TofBench {
   }
 };
 
+inline constexpr double kNear_m = 1.4, kFar_m = 2.6;
+
+/// A far wall, and before it a near one to the left of pixel coordinate `edge_px`.
+inline void step_at(TofBench& b, const models::TofModel& m, double edge_px, float near_reflectance = 0.4F) {
+  b.wall(kFar_m, 0.8F);
+  const double x = (edge_px - m.cx_px) / m.fx_px * kNear_m;
+  b.engine->add(Rectangle{.centre = {x - 5, 0, kNear_m}, .half_u = {5, 0, 0}, .half_v = {0, 5, 0}},
+                {.reflectance = grey(near_reflectance)});
+}
+
 inline double turns_of(double range_m, double f_hz) { return 2 * f_hz * range_m / kLightSpeed_mps; }
 /// E times the phasor of a pure cosine.
 inline std::complex<double> phasor_of(double e, double range_m, double f_hz) {

@@ -6,16 +6,6 @@ namespace {
 
 using models::TofModel;
 
-constexpr double kNear_m = 1.4, kFar_m = 2.6;
-
-/// A far wall, and before it a near one to the left of pixel coordinate `edge_px`.
-void step_at(TofBench& b, const TofModel& m, double edge_px, float near_reflectance = 0.4F) {
-  b.wall(kFar_m, 0.8F);
-  const double x = (edge_px - m.cx_px) / m.fx_px * kNear_m;
-  b.engine->add(Rectangle{.centre = {x - 5, 0, kNear_m}, .half_u = {5, 0, 0}, .half_v = {0, 5, 0}},
-                {.reflectance = grey(near_reflectance)});
-}
-
 TEST(FlyingPixels, MixPhasorsByTheCoveredShareAndOnlyAtTheEdge) {
   TofModel m = perfect(9, 200, 20000);
   m.sampling.samples = 16;
@@ -209,89 +199,6 @@ TEST(MotionArtefacts, WhatStandsStillIsCastOnce) {
   EXPECT_EQ(b.engine->rays_cast, 100u);
 }
 
-/// Four samples a pixel and four instants, of a sensor that moves at a speed.
-struct MovingSensor {
-  static constexpr world::NodeId kBall{7};
-  TofModel m = perfect(40, 30, 100);
-  TofBench b;
-  explicit MovingSensor(const Eigen::Vector3d& speed_mps) {
-    m.sampling = {.samples = 4, .motion = true};
-    m.modulation.tap_window_s = 0.04;
-    b.pose = [this, speed_mps](BenchTime t) {
-      Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-      pose.translation() = speed_mps * (t - b.t).seconds();
-      return pose;
-    };
-  }
-  /// By casting all samples at each instant: what a world whose batches all move leads to.
-  TofPicture in_full() {
-    b.world.moves = true;
-    b.world.moving_nodes = {{}, kBall};
-    TofPicture p = b.shoot(m);
-    b.world.moves = false;
-    return p;
-  }
-};
-
-TEST(SharedSamples, OfASensorThatMovesAreCastOnce) {
-  MovingSensor c({0, 0, 2});
-  c.b.wall(2);
-  c.b.engine->rays_cast = 0;
-  const TofPicture p = c.b.shoot(c.m);
-  EXPECT_EQ(c.b.engine->rays_cast, 4u * 1200u);
-  const TofPicture full = c.in_full();
-  EXPECT_EQ(c.b.engine->rays_cast, 4u * 1200u + 16u * 1200u);
-  double squares = 0;
-  for (std::size_t i = 0; i < p.range_m.size(); ++i)
-    squares += std::pow(static_cast<double>(p.range_m[i] - full.range_m[i]), 2);
-  // Samples of a pixel of a wall square to the axis lie some millimetres apart.
-  EXPECT_LT(std::sqrt(squares / 1200), 0.001);
-  // Not because nothing happened: a tap of the approach counts 20 mm.
-  c.m.sampling.motion = false;
-  EXPECT_GT(std::abs(c.b.shoot(c.m).range_m[620] - full.range_m[620]), 0.003F);
-}
-
-TEST(SharedSamples, ComeBackInThePixelThatSeesThemThen) {
-  // Two pixels a tap to the right, before a sheet whose left half alone reflects: the taps of a pixel have
-  // the edge of that at four places.
-  MovingSensor c({4, 0, 0});
-  c.b.engine->add(Plane{.point = {0, 0, 2}, .normal = {0, 0, -1}},
-                  {.reflectance = grey(0.8F), .map = [](render::Hit& hit, const Eigen::Vector3d& p, int) {
-                     if (p.x() > 0) hit.reflectance = 0.2F;
-                   }});
-  const auto camera = c.b.camera(c.m);
-  const TofPicture p = c.b.shoot(*camera, 0, nullptr, true);
-  for (int u = 0; u < 40; ++u)
-    for (int tap = 0; tap < 4; ++tap) {
-      // Where the edge is: 19.5 px at the middle instant.
-      const double edge = 19.5 - 2 * (tap - 1.5), left = std::clamp(edge - (u - 0.5), 0.0, 1.0);
-      const double c_axis = axis_cosine(c.m, u, 15), range = 2 / c_axis;
-      const double e = c.m.active_electrons(range, 0.2 + 0.6 * left) * c_axis;
-      const double expected = e / 2 * (1 + 0.5 * std::cos(2 * kPi * turns_of(range, 30e6) + tap * kPi / 2));
-      const bool at_edge = left > 0 && left < 1;
-      // At the edge four to sixteen samples say which share is bright.
-      const double within = (at_edge || std::abs(edge - u) < 1 ? 0.5 : 0.02) * expected;
-      EXPECT_NEAR(p.taps[static_cast<std::size_t>(4 * (15 * 40 + u) + tap)], expected, within)
-          << u << ", tap " << tap;
-    }
-}
-
-TEST(SharedSamples, WhereSomethingMovesAllAreCast) {
-  // A ball goes by; what is beside it is shared. The sensor stands still, so that sharing is exact.
-  MovingSensor c({0, 0, 0});
-  c.b.wall(3);
-  c.b.engine->add(Sphere{.centre = {0, 0, 2}, .radius_m = 0.1},
-                  {.node = c.kBall, .velocity_m_per_s = {1, 0, 0}, .t_ref = c.b.t});
-  const TofPicture full = c.in_full();
-  c.b.world.moving_nodes = {c.kBall};
-  c.b.world.moves = true;
-  c.b.engine->rays_cast = 0;
-  const TofPicture p = c.b.shoot(c.m);
-  EXPECT_GT(c.b.engine->rays_cast, 4u * 1200u + 12u * 80u);
-  EXPECT_LT(c.b.engine->rays_cast, 4u * 1200u + 12u * 250u);
-  for (std::size_t i = 0; i < p.range_m.size(); ++i) ASSERT_NEAR(p.range_m[i], full.range_m[i], 1e-5) << i;
-}
-
 TEST(Multipath, InsideABallIsItsClosedForm) {
   // From the centre of a ball of radius r, every point sends ρ times the direct light on to every other, over
   // chords 2 r cos β with Lambert's weight 2 cos β sin β: Σ E = (1 + ρ) E₀ and
@@ -444,6 +351,21 @@ TEST(AmbientLight, TheSunInThePictureBlindsThePixelsThatSeeIt) {
       }
     }
   EXPECT_GE(blind, 1);
+}
+
+TEST(AmbientLight, OfTheSunIsNotMissedByPixelsLargerThanIt) {
+  TofBench b;
+  TofModel m = perfect(21, 21, 50);
+  b.world.still.frame.light.sun_irradiance = grey(40);
+  m.optics.filter_width_m = 10e-9;
+  m.pixel.full_well_e = 1e5;
+  for (int i = 0; i < 40; ++i) {
+    m.sampling.samples = i % 2 ? 4 : 16;
+    const int u = 4 + i % 12, v = 5 + i % 9;
+    b.world.still.frame.light.direction_to_sun =
+        Eigen::Vector3d((u - 10 + 0.03 * (i % 5)) / 50.0, (v - 10 - 0.04 * (i % 3)) / 50.0, 1).normalized();
+    EXPECT_EQ(b.shoot(m).status[size_t(v * 21 + u)], TofPixelStatus::saturated) << i;
+  }
 }
 
 TEST(TofSimulator, RetroReflectorSaturatesWhereAWhiteWallDoesNot) {

@@ -1,0 +1,70 @@
+// Which parts of a picture samples stand for, and what lies in each pixel. Internal to sim/sensors/tof.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+namespace rigor::tof {
+
+/// A square of the picture, from its upper left corner; at most a pixel large.
+struct PicturePart {
+  float left_px = 0, top_px = 0, side_px = 0;
+
+  /// f(pixel, area in pixels) of the pixels that it covers: at most four.
+  template <class F>
+  void each_pixel(int width_px, int height_px, const F& f) const {
+    if (!(left_px > -1 && top_px > -1 && left_px < static_cast<float>(width_px) &&
+          top_px < static_cast<float>(height_px)))
+      return;
+    const int u = static_cast<int>(std::floor(left_px)), v = static_cast<int>(std::floor(top_px));
+    const float right = std::max(0.0F, left_px + side_px - static_cast<float>(u + 1)),
+                below = std::max(0.0F, top_px + side_px - static_cast<float>(v + 1));
+    const float across[2] = {side_px - right, right}, down[2] = {side_px - below, below};
+    for (int b = 0; b < 2; ++b)
+      for (int a = 0; a < 2; ++a)
+        if (u + a >= 0 && u + a < width_px && v + b >= 0 && v + b < height_px && across[a] > 0 && down[b] > 0)
+          f(static_cast<std::size_t>((v + b) * width_px + u + a), across[a] * down[b]);
+  }
+};
+
+/// What lies in each pixel.
+class PixelParts {
+ public:
+  struct Part {
+    std::uint32_t sample;
+    float area_px;
+  };
+
+  void clear(std::size_t pixels) {
+    first_.assign(pixels, kNone);
+    cover_.assign(pixels, 0);
+    nodes_.clear();
+  }
+  [[nodiscard]] bool empty() const { return first_.empty(); }
+  void add(std::size_t pixel, std::uint32_t sample, float area_px) {
+    nodes_.push_back({{sample, area_px}, first_[pixel]});
+    first_[pixel] = static_cast<std::uint32_t>(nodes_.size() - 1);
+    cover_[pixel] += area_px;
+  }
+  /// Sum of the areas of what lies in a pixel: 1 where nothing overlaps and nothing lacks.
+  [[nodiscard]] float cover(std::size_t pixel) const { return cover_[pixel]; }
+  /// Latest first.
+  template <class F>
+  void each_part(std::size_t pixel, const F& f) const {
+    for (std::uint32_t n = first_[pixel]; n != kNone; n = nodes_[n].next) f(nodes_[n].part);
+  }
+
+ private:
+  static constexpr std::uint32_t kNone = 0xFFFFFFFF;
+  struct Node {
+    Part part;
+    std::uint32_t next;
+  };
+  std::vector<Node> nodes_;
+  std::vector<std::uint32_t> first_;
+  std::vector<float> cover_;
+};
+
+}  // namespace rigor::tof
