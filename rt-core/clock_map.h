@@ -96,7 +96,6 @@ class ClockMap {
   struct Line;
 
   void forget() noexcept;
-  Update first_pair(bool after_reset) noexcept;
   bool step_seen(std::int64_t shift_ns, std::int64_t limit_ns) noexcept;
   void drop_old(Ring& ring) noexcept;
   void publish_latches() noexcept;

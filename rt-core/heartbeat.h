@@ -31,7 +31,6 @@ class Heartbeat {
  public:
   /// Loop thread, each cycle. `now` is bench time of the beat.
   void beat(BenchTime now) noexcept {
-    bench_.store(now.ns(), std::memory_order_relaxed);
     beats_.fetch_add(1, std::memory_order_relaxed);
     last_.store(virtual_time_ ? 0 : now.ns(), std::memory_order_release);
   }
@@ -45,7 +44,6 @@ class Heartbeat {
   void restart(bool virtual_time) noexcept {
     virtual_time_ = virtual_time;
     beats_.store(0, std::memory_order_relaxed);
-    bench_.store(0, std::memory_order_relaxed);
     last_.store(kNever, std::memory_order_relaxed);
     stopped_.store(0, std::memory_order_release);
   }
@@ -65,16 +63,12 @@ class Heartbeat {
   [[nodiscard]] StopReason stop_reason() const noexcept {
     return static_cast<StopReason>(stopped_.load(std::memory_order_acquire));
   }
-  [[nodiscard]] BenchTime last_beat() const noexcept {
-    return BenchTime(bench_.load(std::memory_order_relaxed));
-  }
   [[nodiscard]] std::uint64_t beats() const noexcept { return beats_.load(std::memory_order_relaxed); }
 
  private:
   static constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::min();
   bool virtual_time_ = false;
   std::atomic<std::int64_t> last_{kNever};  // monotonic ns of the last beat; 0 in virtual time
-  std::atomic<std::int64_t> bench_{0};
   std::atomic<std::uint64_t> beats_{0};
   std::atomic<std::uint8_t> stopped_{0};
 };

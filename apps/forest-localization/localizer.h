@@ -64,7 +64,6 @@ class Localizer {
   /// they have not said it yet. While searching: where it was lost, moved on.
   [[nodiscard]] PoseGaussian at(BenchTime now) noexcept;
   [[nodiscard]] const PoseFilter& filter() const noexcept { return filter_; }
-  [[nodiscard]] BenchTime filter_time() const noexcept { return t_filter_; }
   /// Speed and turn rate by the last odometry (and gyro), corrected.
   [[nodiscard]] double speed_mps() const noexcept;
   [[nodiscard]] double turn_radps() const noexcept;

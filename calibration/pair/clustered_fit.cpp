@@ -33,7 +33,7 @@ void ClusteredFit::clear() {
   b_ = inside_ = instruments_ = Eigen::VectorXd::Zero(n);
   place_scores_.setZero(), stretch_scores_.setZero();
   touched_.assign(touched_.size(), false);
-  count_ = 0, stretches_ = 0, squares_ = 0;
+  count_ = 0, stretches_ = 0;
 }
 
 void ClusteredFit::add(std::size_t place, std::span<const double> instrument,
@@ -58,7 +58,6 @@ void ClusteredFit::add(std::size_t place, std::span<const double> instrument,
     stretch_scores_(k, column) += score;
   }
   touched_[place] = true;
-  squares_ += wr * residual;
   ++count_;
 }
 

@@ -86,8 +86,6 @@ class ClusteredFit {
   [[nodiscard]] Solution solve(const std::vector<bool>& held) const;
 
   [[nodiscard]] std::uint64_t count() const { return count_; }
-  [[nodiscard]] double weighted_squares() const { return squares_; }
-  [[nodiscard]] std::size_t stretches() const { return stretches_; }
 
  private:
   std::size_t n_;
@@ -99,7 +97,6 @@ class ClusteredFit {
   std::vector<Eigen::Index> used_;  ///< scratch
   std::uint64_t count_ = 0;
   std::size_t stretches_ = 0;
-  double squares_ = 0;
 };
 
 }  // namespace rigor::calibration

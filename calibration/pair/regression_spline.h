@@ -34,7 +34,6 @@ class RegressionSpline {
   /// Standard deviation of a sample's noise.
   [[nodiscard]] double sigma() const { return sigma_; }
   /// Samples from one knot to the next.
-  [[nodiscard]] std::size_t samples_per_knot() const { return spacing_; }
   [[nodiscard]] Eigen::Index size() const { return coefficients_.size(); }
 
   [[nodiscard]] Basis basis(double t_s) const;

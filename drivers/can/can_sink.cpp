@@ -44,7 +44,6 @@ Status CanSink::do_arm(const ArmContext& context) {
   clock_.want(info && info->hardware_stamps ? StampKind::hardware : StampKind::kernel);
   batch_.resize(RawSocket::kBatch);
   awaited_.reset();
-  slowest_ns_ = 0;
   not_seen_ = 0;
   const int error = info && !info->up ? -ENETDOWN : start_all();
   if (error != 0) {
@@ -121,8 +120,6 @@ void CanSink::take_transmissions() {
       if (!awaited_ || !same(r.frame, awaited_->frame) || placed.t + kStampTolerance < awaited_->t_sent)
         continue;
       const Duration took = placed.t - awaited_->t_effect;
-      if (took.ns() > slowest_ns_.load(std::memory_order_relaxed))
-        slowest_ns_.store(took.ns(), std::memory_order_relaxed);
       if (!awaited_->late && is_late(took)) counters_.late.fetch_add(1, std::memory_order_relaxed);
       awaited_.reset();
     }

@@ -38,11 +38,7 @@ class CanSink final : public PacedSink {
   ~CanSink() override;
   [[nodiscard]] std::vector<std::string> warnings() const override;
   /// Any thread: how many frames of this sink's messages left, by the kind of their stamp.
-  [[nodiscard]] const FrameClock& transmissions() const noexcept { return clock_; }
   /// Any thread: the longest time from a command's instant until its frame had left; 0: none left.
-  [[nodiscard]] Duration slowest_command() const noexcept {
-    return Duration(slowest_ns_.load(std::memory_order_relaxed));
-  }
 
  protected:
   Status do_configure(const ChannelConfig& config) override;
@@ -76,7 +72,6 @@ class CanSink final : public PacedSink {
   };
   std::optional<Awaited> awaited_;
   std::vector<ReceivedFrame> batch_;
-  std::atomic<std::int64_t> slowest_ns_{0};
   std::atomic<std::uint64_t> not_seen_{0};
   Backoff backoff_;
   MonotonicTime next_look_;

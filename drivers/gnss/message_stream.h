@@ -19,7 +19,6 @@ namespace rigor::gnss {
 /// digits and u-blox's own sentences go beyond that.
 inline constexpr std::size_t kMaxSentence = 256;
 /// The longest RTCM 3 message: 1023 bytes, with head and checksum.
-inline constexpr std::size_t kMaxRtcm = 1023 + 6;
 
 struct Message {
   enum class Kind : std::uint8_t { ubx, nmea, rtcm } kind = Kind::ubx;

@@ -79,7 +79,6 @@ class SampleEncoder {
 
   [[nodiscard]] const std::vector<SampleStream>& streams() const { return streams_; }
   /// UTC less bench time from now on.
-  void set_to_utc(Duration to_utc) { channel_.to_utc = to_utc; }
   /// The messages of one sample, in the order in which they are to be written; valid until the next call and
   /// as long as the sample, whose bytes they borrow. Errors: internal, where kind or size of the sample are
   /// not the channel's.

@@ -3,7 +3,6 @@
 #include <tbb/parallel_for.h>
 
 #include <atomic>
-#include <chrono>
 #include <cmath>
 #include <list>
 #include <numbers>
@@ -94,7 +93,6 @@ Result<LightTracer::Impl::Input> LightTracer::Impl::input(const LightQuery& q) {
 
 Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samples) {
   if (auto s = check(q, samples.size()); !s) return s;
-  const auto begun = std::chrono::steady_clock::now();
   auto lit = input(q);
   if (!lit) return tl::unexpected(lit.error());
   light::ChunkInput in{*lit->scene, surfaces, lit->frame, q, lit->origin};
@@ -115,13 +113,11 @@ Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samp
   statistics.rays = q.rays.size();
   statistics.shadow_rays = shadow_rays;
   statistics.sky_rays = sky_rays;
-  statistics.trace_ms = ms_since(begun);
   return {};
 }
 
 Status LightTracer::Impl::gather(const LightQuery& q) {
   if (auto s = check(q, q.rays.size()); !s) return s;
-  const auto begun = std::chrono::steady_clock::now();
   gathered = &nothing_gathered;
   if (q.rays.empty()) return {};
   auto lit = input(q);
@@ -129,7 +125,6 @@ Status LightTracer::Impl::gather(const LightQuery& q) {
   const std::uint64_t still = engine->impl().content().still_version;
   gathered = &kept.about({*lit->scene, still, surfaces, lit->frame}, q, engine->impl().arena());
   statistics.gathered_sectors = kept.traced();
-  statistics.gather_ms = ms_since(begun);
   return {};
 }
 

@@ -63,9 +63,8 @@ struct LightSample {
 
 struct LightStatistics {
   std::size_t rays = 0, shadow_rays = 0,
-              sky_rays = 0;            ///< shot by the last call; sky: with their shadow rays
-  double trace_ms = 0, gather_ms = 0;  ///< of the last trace() and gather()
-  std::size_t gathered_sectors = 0;    ///< sectors of the sphere that the last gather() did not find kept
+              sky_rays = 0;          ///< shot by the last call; sky: with their shadow rays
+  std::size_t gathered_sectors = 0;  ///< sectors of the sphere that the last gather() did not find kept
 };
 
 /// Pixels of which one gathers light for all of them.

@@ -37,7 +37,6 @@ class FrameResources {
                      bool instancing);
   [[nodiscard]] VkDescriptorSet set() const { return set_; }
   /// What reads must wait for after shadows.
-  [[nodiscard]] int shadow_side() const { return shadow_.side_px; }
 
  private:
   /// Depth from a light, in layers that are drawn into one by one.

@@ -34,7 +34,6 @@ class GpuArena {
   /// Errors: unavailable (out of memory, or larger than a block may be).
   [[nodiscard]] Result<Slice> take(std::size_t size_bytes);
   void give(Slice& slice);
-  [[nodiscard]] std::size_t block_count() const { return blocks_.size(); }
   /// Null for a block that has been given back.
   [[nodiscard]] VkBuffer block(std::size_t i) const {
     return blocks_[i] ? blocks_[i]->buffer.handle.get() : VK_NULL_HANDLE;

@@ -22,7 +22,7 @@ struct SampleLight {
   /// Pixels have the mean of what lies in them. Empty: the samples are those of SampleRays, each in its cell.
   PixelParts parts;
   std::vector<float> active_e;   ///< E of one integration; 0: nothing comes back
-  std::vector<float> range_m;    ///< half the way of that light; 0 where nothing comes back
+  std::vector<float> range_m;    ///< half the way of that light; 0 where nothing was met
   std::vector<float> ambient_e;  ///< of one integration, all taps together; empty: none anywhere
   /// Over one more surface, `rays` for each pixel; empty: none.
   std::vector<float> bounce_e, bounce_range_m;
@@ -42,7 +42,7 @@ struct Instant {
 /// Width of a band of content, m: docs/conventions.md, "Light".
 [[nodiscard]] double band_width_m(int band);
 
-/// Casts and works out light. Keeps its buffers: after the first frame nothing is allocated here.
+/// Casts and works out light. Keeps its large buffers from frame to frame.
 class LightMeter {
  public:
   LightMeter(const models::TofModel& model, models::PhiloxKey key);
@@ -56,7 +56,8 @@ class LightMeter {
   /// of the others'. Whether the sun reaches a pixel is asked once.
   ///
   /// Samples on a lattice and models with light over several ways: all are cast at each instant, and the sun
-  /// is asked for again where what is met is no longer the same place. Errors: the engine's.
+  /// is asked for again where what is met is no longer the same place. Engines without own origins measure
+  /// each instant by itself. Errors: the engine's.
   [[nodiscard]] Status measure(render::RayEngine& engine, const render::ContentWindow& window,
                                const CameraRays& rays, std::span<const Instant> instants,
                                std::span<SampleLight> lights);
@@ -116,13 +117,13 @@ class LightMeter {
                                    const SampleRays& rays, std::span<const Instant> instants);
   void move_to_middles(const CameraRays& rays, std::span<const Instant> instants);
   [[nodiscard]] Status shadows_of_shots(render::RayEngine& engine, std::span<const Instant> instants,
-                                        const Ambient& sky);
+                                        const Ambient& sky, std::size_t first);
   void background_of_shot(std::size_t i, std::span<const Instant> instants, const render::ContentFrame& frame,
                           const Ambient& sky);
   [[nodiscard]] PicturePart part_of(const Shot& shot, const SampleRays& rays) const;
   void light_of_shots(const CameraRays& rays, std::size_t k, std::span<const Instant> instants,
                       const render::ContentFrame& frame, SampleLight& light, std::size_t first);
-  void aim_at_holes(const SampleRays& rays, std::span<const SampleLight> lights);
+  void aim_at_holes(const SampleRays& rays, std::span<SampleLight> lights);
   [[nodiscard]] render::RayQuery query(const Instant& instant, std::span<const render::Ray> rays,
                                        float near_m) const;
 
@@ -145,7 +146,7 @@ class LightMeter {
   };
   std::vector<Scratch> scratch_;  ///< of each instant
   std::vector<std::uint8_t> hidden_;
-  std::vector<std::uint32_t> asked_;    ///< pixels (of each instant) whose shadow ray is shot
+  std::vector<std::uint32_t> asked_;    ///< shots, or pixels of instants, whose shadow ray is cast
   std::vector<std::uint8_t> in_shade_;  ///< of each pixel, instant by instant
   std::uint64_t sky_serial_ = 0;
   double sky_up_ = 0;  ///< irradiance of the sky on a level plane, kept for sky_serial_

@@ -48,6 +48,10 @@ class PixelParts {
     first_[pixel] = static_cast<std::uint32_t>(nodes_.size() - 1);
     cover_[pixel] += area_px;
   }
+  void clear_pixel(std::size_t pixel) {
+    first_[pixel] = kNone;
+    cover_[pixel] = 0;
+  }
   /// Sum of the areas of what lies in a pixel: 1 where nothing overlaps and nothing lacks.
   [[nodiscard]] float cover(std::size_t pixel) const { return cover_[pixel]; }
   /// Latest first.

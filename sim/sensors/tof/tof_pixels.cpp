@@ -165,8 +165,8 @@ void PixelArray::put(std::size_t pixel, std::size_t frequency, const ExposedTaps
 void PixelArray::add_parts(const SampleLight& light, std::size_t frequency, const ExposedTaps& taps) {
   const bool ambient = !light.ambient_e.empty();
   const auto range_m = [&](const PixelParts::Part& part) {
-    return light.active_e[part.sample] > 0 ? light.range_m[part.sample]
-                                           : std::numeric_limits<float>::infinity();
+    const float r = light.range_m[part.sample];
+    return r > 0 ? r : std::numeric_limits<float>::infinity();
   };
   each_row(pixels_, 1024, [&](std::size_t begin, std::size_t end) {
     std::vector<PixelParts::Part> parts;
@@ -174,7 +174,8 @@ void PixelArray::add_parts(const SampleLight& light, std::size_t frequency, cons
       parts.clear();
       light.parts.each_part(p, [&](const PixelParts::Part& part) { parts.push_back(part); });
       // Where more lies than a pixel has room for, the nearest hides the farthest.
-      if (light.parts.cover(p) > kOverlap)
+      const bool hidden = light.parts.cover(p) > kOverlap;
+      if (hidden)
         std::sort(parts.begin(), parts.end(), [&](const PixelParts::Part& a, const PixelParts::Part& b) {
           const float ra = range_m(a), rb = range_m(b);
           return ra != rb ? ra < rb : a.sample < b.sample;
@@ -182,7 +183,7 @@ void PixelArray::add_parts(const SampleLight& light, std::size_t frequency, cons
       Sums sum;
       float covered = 0;
       for (const PixelParts::Part& part : parts) {
-        const float area = std::min(part.area_px, 1.0F - covered);
+        const float area = hidden ? std::min(part.area_px, 1.0F - covered) : part.area_px;
         sum.active += area * light.active_e[part.sample];
         sum.x += area * x_[part.sample];
         sum.y += area * y_[part.sample];

@@ -30,7 +30,7 @@ RIGOR_WIDE void see_points(const Points p, const Camera c, std::size_t begin, st
     const float dx = p.x[i] - p.met[i] * c.eye[0], dy = p.y[i] - p.met[i] * c.eye[1],
                 dz = p.z[i] - p.met[i] * c.eye[2];
     const float range_m = std::sqrt(dx * dx + dy * dy + dz * dz), per = 1 / range_m;
-    const float cosine = std::abs(p.nx[i] * dx + p.ny[i] * dy + p.nz[i] * dz) * per;
+    const float cosine = -(p.nx[i] * dx + p.ny[i] * dy + p.nz[i] * dz) * per;
     const float sx = c.R[0] * dx + c.R[1] * dy + c.R[2] * dz, sy = c.R[3] * dx + c.R[4] * dy + c.R[5] * dz,
                 sz = c.R[6] * dx + c.R[7] * dy + c.R[8] * dz;
     float x = 0, y = 0, xx = 0, xy = 0, yx = 0, yy = 0, den = 0;
@@ -41,7 +41,7 @@ RIGOR_WIDE void see_points(const Points p, const Camera c, std::size_t begin, st
     to.u[i] = seen ? c.fx * x + c.cx : kNaN;
     to.v[i] = c.fy * y + c.cy;
     to.range_m[i] = range_m;
-    const float c_hit = cosine < 1 ? cosine : 1.0F;
+    const float c_hit = cosine > 0 ? (cosine < 1 ? cosine : 1.0F) : 0.0F;
     to.remission[i] = p.diffuse[i] * c_hit + p.retro[i] +
                       models::LidarMath<float>::lidar_highlight(c_hit, p.alpha2[i], p.f0[i]);
     to.off_axis_cos[i] = sz * per;

@@ -19,12 +19,12 @@ using render::Ray;
 
 /// What lies off the plane of its neighbours by this share of its range, or reflects so much more or less,
 /// wants all samples of a pixel.
-constexpr float kOffPlane = 0.001F, kOtherReflectance = 0.1F;
+constexpr float kOffPlane = 0.001F, kOther = 0.1F;
 /// Ranges of samples of a pixel that differ by more than this share, and not along the surface, are those of
 /// different things.
 constexpr float kApart = 0.01F;
 /// A pixel that is covered less than this by what was met at other instants is measured anew.
-constexpr float kLeastCover = 0.5F;
+constexpr float kLeastCover = 0.5F, kLeastOneSidedCover = 0.95F;
 /// From a sample to the middle of its pixel a plane's range changes by less than this share, unless it is
 /// seen edge-on.
 constexpr float kMostMoved = 0.2F;
@@ -49,6 +49,9 @@ std::unordered_set<std::uint64_t> moving_nodes(const render::ContentWindow& wind
   }
   return nodes;
 }
+
+/// At which what is shared is cast.
+std::size_t shared_instant(std::size_t instants) { return instants / 2; }
 
 Eigen::Vector3f vec3(const float* v) { return {v[0], v[1], v[2]}; }
 Eigen::Vector3f point_of(const Ray& ray, const Hit& hit) {
@@ -77,7 +80,7 @@ Status LightMeter::measure_shots(render::RayEngine& engine, const render::Conten
   if (auto s = cast_moving(engine, window, rays.samples, instants); !s) return s;
   move_to_middles(rays, instants);
   if (sky.any)
-    if (auto s = shadows_of_shots(engine, instants, sky); !s) return s;
+    if (auto s = shadows_of_shots(engine, instants, sky, 0); !s) return s;
 
   const render::ContentFrame& frame = window.first();
   scratch_.resize(instants.size());
@@ -103,6 +106,8 @@ Status LightMeter::measure_shots(render::RayEngine& engine, const render::Conten
   const std::size_t shared = shots_.size();
   aim_at_holes(rays.samples, lights);
   if (auto s = cast_shots(engine, rays.samples, instants, shared); !s) return s;
+  if (sky.any)
+    if (auto s = shadows_of_shots(engine, instants, sky, shared); !s) return s;
   light(shared);
   return {};
 }
@@ -120,8 +125,8 @@ void LightMeter::aim_first(const SampleRays& rays, std::size_t instants) {
           const std::uint32_t draw =
               rays.side == 1 ? 0 : models::draw_words(key_, models::NoiseEffect::tof_jitter, 1, p)[0];
           shot_of_px_[p] = static_cast<std::uint32_t>(shots_.size());
-          shots_.push_back(
-              {p, static_cast<std::uint16_t>(draw % rays.each()), static_cast<std::uint16_t>(instants / 2)});
+          shots_.push_back({p, static_cast<std::uint16_t>(draw % rays.each()),
+                            static_cast<std::uint16_t>(shared_instant(instants))});
         }
 }
 
@@ -181,22 +186,19 @@ void LightMeter::find_plain(const SampleRays& rays, const Ambient& sky) {
     std::uint32_t at[9];
     for (int k = 0; k < 9; ++k)
       at[k] = shot_of_px_[static_cast<std::size_t>((v + k / 3 - 1) * w + u + k % 3 - 1)];
-    bool nothing = true, all_dark = true;
-    for (const std::uint32_t q : at) {
-      nothing = nothing && hits_[q].nothing();
-      all_dark = all_dark && dark(q, rays);
-    }
+    const bool all_dark = std::all_of(at, at + 9, [&](std::uint32_t q) { return dark(q, rays); });
     // The sun's disc may be smaller than a pixel.
     const bool by_the_sun = dot(vec(rays_[i].direction), vec(sky.sun)) > sky.sun_beside_cos;
-    shot.whole = all_dark && !(nothing && by_the_sun);
+    shot.whole = all_dark && !by_the_sun;
     const Hit& mine = hits_[i];
     if (shot.whole || mine.nothing()) return;
+    const auto alike = [](float a, float b) { return std::abs(a - b) <= kOther * b; };
+    const float remission_of_mine = remission(mine, model_.sampling.retro_gain);
     Eigen::Vector3f points[9];
     for (int k = 0; k < 9; ++k) {
       const Hit& hit = hits_[at[k]];
-      if (hit.nothing() ||
-          !(std::abs(hit.reflectance - mine.reflectance) <= kOtherReflectance * mine.reflectance) ||
-          hit.retro_reflection != mine.retro_reflection)
+      if (hit.nothing() || !alike(remission(hit, model_.sampling.retro_gain), remission_of_mine) ||
+          !alike(hit.reflectance, mine.reflectance))
         return;
       points[k] = point_of(rays_[at[k]], hit);
     }
@@ -273,7 +275,7 @@ Status LightMeter::cast_moving(render::RayEngine& engine, const render::ContentW
   for (std::size_t i = 0; i < pixels; ++i) {
     const Shot s = shots_[i];
     const std::size_t turn = s.pixel % w % 2 + s.pixel / w % 2 * 2;
-    const auto instant = static_cast<std::uint16_t>(turn * instants.size() / 4);
+    const auto instant = static_cast<std::uint16_t>(turn * (instants.size() - 1) / 3);
     if (moving_px_[s.pixel] == 0 && instant != s.instant) shots_.push_back({s.pixel, s.sample, instant});
   }
   if (auto s = cast_shots(engine, rays, instants, all); !s) return s;
@@ -322,21 +324,22 @@ void LightMeter::move_to_middles(const CameraRays& rays, std::span<const Instant
       return;
     }
     hit.range_m = range_m;
-    hit.cos_incidence = std::min(1.0F, std::abs(vec3(hit.normal).dot(middle)));
+    hit.cos_incidence = std::clamp(-vec3(hit.normal).dot(middle), 0.0F, 1.0F);
     for (int a = 0; a < 3; ++a) rays_[i].direction[a] = middle[a];
   });
 }
 
-/// Of each pixel's first sample; where something moves, at each instant.
+/// Of each pixel's first sample, as far as that is among the shots from `first` on: at each instant that it
+/// is cast at.
 Status LightMeter::shadows_of_shots(render::RayEngine& engine, std::span<const Instant> instants,
-                                    const Ambient& sky) {
+                                    const Ambient& sky, std::size_t first) {
   const std::size_t pixels = shot_of_px_.size();
-  in_shade_.assign(pixels * instants.size(), 0);
+  if (first == 0) in_shade_.assign(pixels * instants.size(), 0);
   if (!model_.sampling.sun_shadows || sky.sun_irradiance <= 0) return {};
   const Vector sun = vec(sky.sun);
   asked_.clear();
   more_rays_.clear();
-  for (std::size_t i = 0; i < shots_.size(); ++i) {
+  for (std::size_t i = first; i < shots_.size(); ++i) {
     const Shot& shot = shots_[i];
     if (shot.sample != shots_[shot_of_px_[shot.pixel]].sample) continue;
     const Hit& hit = hits_[i];
@@ -393,7 +396,7 @@ void LightMeter::light_of_shots(const CameraRays& camera, std::size_t k, std::sp
   const Air air(frame, band_, instants[k].T_world_sensor.translation().z());
   const bool clear = air.clear();
   const OffAxis off_axis(model_);
-  const Instant& shared_at = instants[instants.size() / 2];
+  const Instant& shared_at = instants[shared_instant(instants.size())];
   const bool moved = shared_at.T_world_sensor.matrix() != instants[k].T_world_sensor.matrix();
   if (moved)
     returns_.see(model_, instants[k].T_world_sensor.linear().transpose().cast<float>(), shift_of(instants, k),
@@ -446,13 +449,27 @@ void LightMeter::light_of_shots(const CameraRays& camera, std::size_t k, std::sp
   }
 }
 
-/// Pixels that at an instant see little of what was met at another have their samples cast at that too.
-void LightMeter::aim_at_holes(const SampleRays& rays, std::span<const SampleLight> lights) {
+/// What at an instant lacks too much of what was met at another has its samples cast at that too, and no
+/// others. At the border of the picture, and beside what moves, what lacks always lacks on the same side.
+void LightMeter::aim_at_holes(const SampleRays& rays, std::span<SampleLight> lights) {
+  const int w = rays.width_px, h = rays.height_px;
   const std::size_t pixels = rays.pixels();
+  std::vector<std::uint8_t> one_sided(pixels, 0);
+  for (int v = 0; v < h; ++v)
+    for (int u = 0; u < w; ++u) {
+      const auto p = static_cast<std::size_t>(v * w + u);
+      one_sided[p] = u == 0 || v == 0 || u == w - 1 || v == h - 1 || moving_px_[p - 1] != 0 ||
+                     moving_px_[p + 1] != 0 || moving_px_[p - static_cast<std::size_t>(w)] != 0 ||
+                     moving_px_[p + static_cast<std::size_t>(w)] != 0;
+    }
   for (std::size_t k = 0; k < lights.size(); ++k)
     for (std::size_t i = 0; i < pixels; ++i) {
       const std::uint32_t p = shots_[i].pixel;
-      if (moving_px_[p] != 0 || lights[k].parts.cover(p) >= kLeastCover) continue;
+      const float cover = lights[k].parts.cover(p);
+      if (moving_px_[p] != 0 || cover >= kLeastOneSidedCover ||
+          (cover >= kLeastCover && (one_sided[p] == 0 || dark(i, rays))))
+        continue;
+      lights[k].parts.clear_pixel(p);
       for (std::size_t r = 0; r < rays.each(); ++r)
         shots_.push_back({p, static_cast<std::uint16_t>(r), static_cast<std::uint16_t>(k), false, false});
     }

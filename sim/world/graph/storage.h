@@ -82,7 +82,6 @@ class Memory {
     if (root) adopted_.push_back(root);
   }
   [[nodiscard]] std::size_t bytes() const { return bytes_; }
-  [[nodiscard]] std::size_t live_snapshots() const { return live_.size(); }
 
  private:
   struct Live {

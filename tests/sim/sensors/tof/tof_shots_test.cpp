@@ -37,7 +37,7 @@ TEST(SharedSamples, OfASensorThatMovesAreCastOnce) {
   const TofPicture p = c.b.shoot(c.m);
   // Plain pixels have one; those at the border of the picture all four, at other instants too where what lies
   // there was not met before.
-  EXPECT_LT(c.b.engine->rays_cast, 1200u + 4u * 140u);
+  EXPECT_LT(c.b.engine->rays_cast, 1200u + 3u * 4u * 136u);
   const TofPicture full = c.in_full();
   double squares = 0;
   for (std::size_t i = 0; i < p.range_m.size(); ++i)
@@ -52,31 +52,33 @@ TEST(SharedSamples, OfASensorThatMovesAreCastOnce) {
 TEST(SharedSamples, AreTakenInEqualPartsByTheTapsOfAnObliqueWall) {
   // A third of a pixel a tap, sideways before a wall at 60 degrees: each tap of a pixel has the wall at one
   // range more, and where the pixel is stays the same. A sample that changed pixels as a whole would show as
-  // an error of up to a pixel's step along the wall, 35 mm.
-  for (const int samples : {1, 4}) {
-    MovingSensor c({0.667, 0, 0});
-    c.m.sampling.samples = samples;
-    c.b.engine->add(Plane{.point = {0, 0, 2}, .normal = {std::sin(1.05), 0, -std::cos(1.05)}},
-                    {.reflectance = grey(0.8F)});
-    const TofPicture p = c.b.shoot(c.m);
-    double worst = 0;
-    for (int v = 3; v < 27; ++v)
-      for (int u = 3; u < 37; ++u) {
-        double d[4];
-        for (int k = 0; k < 4; ++k) {
-          const double x = 0.667 * (k - 1.5) * 0.01;
-          const Eigen::Vector3d way =
-              Eigen::Vector3d((u - c.m.cx_px) / 100, (v - c.m.cy_px) / 100, 1).normalized();
-          const Eigen::Vector3d n(std::sin(1.05), 0, -std::cos(1.05));
-          const double range = n.dot(Eigen::Vector3d(0, 0, 2) - Eigen::Vector3d(x, 0, 0)) / n.dot(way);
-          const double e = c.m.active_electrons(range, 0.8) * -n.dot(way);
-          d[k] = e / 2 * (1 + 0.5 * std::cos(2 * kPi * turns_of(range, 30e6) + k * kPi / 2));
+  // an error of up to a pixel's step along the wall, 35 mm. A sensor that recedes sees more and more of it,
+  // so that what was met overlaps.
+  const Eigen::Vector3d n(std::sin(1.05), 0, -std::cos(1.05));
+  for (const Eigen::Vector3d& speed_mps : {Eigen::Vector3d(0.667, 0, 0), Eigen::Vector3d(0, 0, -4)})
+    for (const int samples : {1, 4}) {
+      MovingSensor c(speed_mps);
+      c.m.sampling.samples = samples;
+      c.b.engine->add(Plane{.point = {0, 0, 2}, .normal = n}, {.reflectance = grey(0.8F)});
+      const TofPicture p = c.b.shoot(c.m);
+      double worst = 0;
+      for (int v = 2; v < 28; ++v)
+        for (int u = 0; u < 40; ++u) {
+          if (samples > 1 && (u < 2 || u > 37)) continue;  // those have jittered samples
+          double d[4];
+          for (int k = 0; k < 4; ++k) {
+            const Eigen::Vector3d eye = speed_mps * (k - 1.5) * 0.01;
+            const Eigen::Vector3d way =
+                Eigen::Vector3d((u - c.m.cx_px) / 100, (v - c.m.cy_px) / 100, 1).normalized();
+            const double range = n.dot(Eigen::Vector3d(0, 0, 2) - eye) / n.dot(way);
+            const double e = c.m.active_electrons(range, 0.8) * -n.dot(way);
+            d[k] = e / 2 * (1 + 0.5 * std::cos(2 * kPi * turns_of(range, 30e6) + k * kPi / 2));
+          }
+          worst = std::max(worst, std::abs(double(p.range_m[size_t(v * 40 + u)]) -
+                                           range_of({d[0] - d[2], d[3] - d[1]}, 30e6)));
         }
-        worst = std::max(worst, std::abs(double(p.range_m[size_t(v * 40 + u)]) -
-                                         range_of({d[0] - d[2], d[3] - d[1]}, 30e6)));
-      }
-    EXPECT_LT(worst, 0.002) << samples;
-  }
+      EXPECT_LT(worst, 0.003) << speed_mps.transpose() << ", " << samples;
+    }
 }
 
 TEST(SharedSamples, OfASensorThatTurnsFastLackNowhere) {
@@ -118,6 +120,102 @@ TEST(SharedSamples, OfWhatIsNearerHideWhatIsFarther) {
       const double near_tap = tap_of(e_near, kNear_m), far_tap = tap_of(e_far, kFar_m);
       EXPECT_NEAR((mean - far_tap) / (near_tap - far_tap), covered, 0.12) << u << ", tap " << tap;
     }
+}
+
+TEST(SharedSamples, OfABlackThingHideWhatIsBehindIt) {
+  // As above, of a sheet that reflects nothing: where it is, nothing comes back.
+  MovingSensor c({0.467, 0, 0});
+  c.m.sampling.samples = 16;
+  step_at(c.b, c.m, 19.5, 0.0F);
+  const auto camera = c.b.camera(c.m);
+  const TofPicture p = c.b.shoot(*camera, 0, nullptr, true);
+  for (const int u : {19, 20})
+    for (int tap = 0; tap < 4; ++tap) {
+      double mean = 0;
+      for (int v = 5; v < 25; ++v)
+        mean += double(p.taps[static_cast<std::size_t>(4 * (v * 40 + u) + tap)]) / 20;
+      const double edge = 19.5 - 0.467 * (tap - 1.5) * 0.01 / kNear_m * 100;
+      const double covered = std::clamp(edge - (u - 0.5), 0.0, 1.0);
+      const double far_tap = c.m.active_electrons(kFar_m, 0.8) / 2 *
+                             (1 + 0.5 * std::cos(2 * kPi * turns_of(kFar_m, 30e6) + tap * kPi / 2));
+      EXPECT_NEAR(mean / far_tap, 1 - covered, 0.12) << u << ", tap " << tap;
+    }
+}
+
+TEST(SharedSamples, AreNotMixedWithThoseOfAHole) {
+  // Two pixels a tap: behind the edge comes what was not met, and it is cast.
+  for (const double speed_mps : {-2.8, 2.8}) {
+    MovingSensor c({speed_mps, 0, 0});
+    c.m.sampling.samples = 16;
+    step_at(c.b, c.m, 19.5, 0.8F);
+    const auto camera = c.b.camera(c.m);
+    const TofPicture p = c.b.shoot(*camera, 0, nullptr, true);
+    const double e_near = c.m.active_electrons(kNear_m, 0.8), e_far = c.m.active_electrons(kFar_m, 0.8);
+    for (int u = 12; u < 28; ++u)
+      for (int tap = 0; tap < 4; ++tap) {
+        double mean = 0;
+        for (int v = 5; v < 25; ++v)
+          mean += double(p.taps[static_cast<std::size_t>(4 * (v * 40 + u) + tap)]) / 20;
+        const double edge = 19.5 - speed_mps * (tap - 1.5) * 0.01 / kNear_m * 100;
+        const double covered = std::clamp(edge - (u - 0.5), 0.0, 1.0);
+        const auto tap_of = [&](double e, double range) {
+          return e / 2 * (1 + 0.5 * std::cos(2 * kPi * turns_of(range, 30e6) + tap * kPi / 2));
+        };
+        const double near_tap = tap_of(e_near, kNear_m), far_tap = tap_of(e_far, kFar_m);
+        EXPECT_NEAR((mean - far_tap) / (near_tap - far_tap), covered, 0.2)
+            << u << ", tap " << tap << ", " << speed_mps;
+      }
+  }
+}
+
+TEST(SharedSamples, AreInTheShadeThatTheyAreInNow) {
+  // A sensor that turns over ground in the sun, a strip of which beyond the picture's border is in the shade
+  // of a screen: it comes in at the last tap and must be dark then.
+  MovingSensor c({0, 0, 0});
+  c.m.optics.filter_width_m = 50e-9;
+  c.m.illumination.radiant_intensity_w_per_sr = 1e-6;
+  c.b.pose = [&c](BenchTime t) {  // looks down from 2 m
+    Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+    pose.linear() = (Eigen::AngleAxisd(kPi, Eigen::Vector3d::UnitX()) *
+                     Eigen::AngleAxisd(6 * (t - c.b.t).seconds(), Eigen::Vector3d::UnitY()))
+                        .toRotationMatrix();
+    pose.translation().z() = 2;
+    return pose;
+  };
+  c.b.engine->add(Plane{}, {.reflectance = grey(0.5F)});
+  c.b.engine->add(Rectangle{.centre = {0.60, 0, 2.5}, .half_u = {0.12, 0, 0}, .half_v = {0, 3, 0}});
+  auto& light = c.b.world.still.frame.light;
+  light.direction_to_sun = {0, 0, 1};
+  light.sun_irradiance = grey(40);
+  const auto camera = c.b.camera(c.m);
+  const TofPicture p = c.b.shoot(*camera, 0, nullptr, true);
+  c.b.world.moves = true;
+  const TofPicture full = c.b.shoot(*camera, 0, nullptr, true);
+  float least = 1e30F, most = 0;
+  for (int v = 2; v < 28; ++v)
+    for (const int u : {0, 1, 2, 37, 38, 39})
+      for (std::size_t tap = 0; tap < 4; ++tap) {
+        const std::size_t i = 4 * static_cast<std::size_t>(v * 40 + u) + tap;
+        least = std::min(least, full.taps[i]), most = std::max(most, full.taps[i]);
+        EXPECT_NEAR(p.taps[i], full.taps[i], 0.3F * most) << u << ", " << v << ", tap " << tap;
+      }
+  EXPECT_LT(least, 0.1F * most);  // the shade does come in
+}
+
+TEST(SharedSamples, OfSeveralFrequenciesFindWhatMovesAtTheLastTaps) {
+  // The ball comes into the picture at the last two of twelve.
+  MovingSensor c({0, 0, 0});
+  c.m.modulation.frequencies_hz = {20e6, 30e6, 40e6};
+  c.m.modulation.tap_window_s = 0.06;
+  c.b.wall(3);
+  c.b.engine->add(Sphere{.centre = {-0.85, 0, 2}, .radius_m = 0.06},
+                  {.node = c.kBall, .velocity_m_per_s = {20, 0, 0}, .t_ref = c.b.t});
+  const TofPicture full = c.in_full();
+  c.b.world.moving_nodes = {c.kBall};
+  c.b.world.moves = true;
+  const TofPicture p = c.b.shoot(c.m);
+  for (std::size_t i = 0; i < p.range_m.size(); ++i)
+    ASSERT_NEAR(p.amplitude[i] / full.amplitude[i], 1, 0.003) << i;
 }
 
 TEST(SharedSamples, ComeBackInThePixelThatSeesThemThen) {
@@ -237,6 +335,25 @@ TEST(PlainPixels, AreNotWhereReflectancesDiffer) {
   double mean = 0;
   for (int v = 0; v < 40; ++v) mean += double(p.amplitude[size_t(v * 11 + 5)]) / 40;
   EXPECT_NEAR(mean / (m.active_electrons(2, 0.5) / 4), 1, 0.02);
+}
+
+TEST(PlainPixels, AreNotWhereGlossDiffers) {
+  // Of the same reflectance, half of it a metal: the boundary pixel has half of the light of either.
+  TofBench b;
+  b.engine->add(Plane{.point = {0, 0, 2}, .normal = {0, 0, -1}},
+                {.reflectance = grey(0.5F), .map = [](render::Hit& hit, const Eigen::Vector3d& p, int) {
+                   if (p.x() > 0) hit.metallic = 1, hit.roughness = 0.9F;
+                 }});
+  TofModel m = perfect(11, 40, 1000);
+  m.sampling.samples = 16;
+  const TofPicture p = b.shoot(m);
+  double mean = 0, left = 0, right = 0;
+  for (int v = 1; v < 39; ++v) {
+    mean += double(p.amplitude[size_t(v * 11 + 5)]);
+    left += double(p.amplitude[size_t(v * 11 + 3)]), right += double(p.amplitude[size_t(v * 11 + 7)]);
+  }
+  EXPECT_GT(left, 2 * right);
+  EXPECT_NEAR(mean / ((left + right) / 2), 1, 0.05);
 }
 
 TEST(PlainPixels, AreThoseThatHaveTooLittleLightToBeMeasured) {
