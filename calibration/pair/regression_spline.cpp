@@ -58,7 +58,6 @@ RegressionSpline::RegressionSpline(const std::vector<double>& t_s, const std::ve
 
 double RegressionSpline::fit(const std::vector<double>& y, std::size_t spacing) {
   const std::size_t n = t_.size();
-  spacing_ = spacing;
   knots_.assign(4, t_.front());
   // Through all samples: as many B-splines as samples, which leaves out the knots next to the ends.
   if (spacing == 1)

@@ -33,7 +33,6 @@ class RegressionSpline {
   [[nodiscard]] double to() const { return t_.back(); }
   /// Standard deviation of a sample's noise.
   [[nodiscard]] double sigma() const { return sigma_; }
-  /// Samples from one knot to the next.
   [[nodiscard]] Eigen::Index size() const { return coefficients_.size(); }
 
   [[nodiscard]] Basis basis(double t_s) const;
@@ -54,7 +53,6 @@ class RegressionSpline {
 
   std::vector<double> t_, knots_;
   Eigen::VectorXd coefficients_;
-  std::size_t spacing_ = 1;
   double sigma_ = 0;
   Band normal_;  ///< BᵀB: row i has columns i to i + 3; once factored D and L of LDLᵀ, below the diagonal
   Band inverse_;  ///< of BᵀB, as far as the band goes

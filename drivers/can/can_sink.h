@@ -37,8 +37,6 @@ class CanSink final : public PacedSink {
  public:
   ~CanSink() override;
   [[nodiscard]] std::vector<std::string> warnings() const override;
-  /// Any thread: how many frames of this sink's messages left, by the kind of their stamp.
-  /// Any thread: the longest time from a command's instant until its frame had left; 0: none left.
 
  protected:
   Status do_configure(const ChannelConfig& config) override;

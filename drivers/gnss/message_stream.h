@@ -18,7 +18,6 @@ namespace rigor::gnss {
 /// The longest sentence with its start and its end. NMEA 0183 allows 82 characters; receivers with more
 /// digits and u-blox's own sentences go beyond that.
 inline constexpr std::size_t kMaxSentence = 256;
-/// The longest RTCM 3 message: 1023 bytes, with head and checksum.
 
 struct Message {
   enum class Kind : std::uint8_t { ubx, nmea, rtcm } kind = Kind::ubx;

@@ -78,7 +78,6 @@ class SampleEncoder {
   explicit SampleEncoder(SampleChannel channel);
 
   [[nodiscard]] const std::vector<SampleStream>& streams() const { return streams_; }
-  /// UTC less bench time from now on.
   /// The messages of one sample, in the order in which they are to be written; valid until the next call and
   /// as long as the sample, whose bytes they borrow. Errors: internal, where kind or size of the sample are
   /// not the channel's.

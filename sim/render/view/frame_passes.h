@@ -36,7 +36,6 @@ class FrameResources {
   void record_zenith(VkCommandBuffer commands, const DrawLists& lists, const std::vector<DrawCall>& calls,
                      bool instancing);
   [[nodiscard]] VkDescriptorSet set() const { return set_; }
-  /// What reads must wait for after shadows.
 
  private:
   /// Depth from a light, in layers that are drawn into one by one.

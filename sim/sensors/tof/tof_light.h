@@ -136,8 +136,10 @@ class LightMeter {
   std::vector<render::Hit> hits_, more_hits_;
   std::vector<Shot> shots_;                             ///< first one of each pixel
   std::vector<std::uint32_t> shot_of_px_, more_of_px_;  ///< where its first one is, and its others begin
-  std::vector<Eigen::Vector3f> plane_;   ///< normal of what a pixel and its neighbours see; 0: no plane
-  std::vector<float> background_;        ///< radiance of what each shot met; empty: none anywhere
+  std::vector<Eigen::Vector3f> plane_;  ///< normal of what a pixel and its neighbours see; 0: no plane
+  std::vector<float> background_;       ///< radiance of what each shot met; empty: none anywhere
+  std::vector<std::uint8_t>
+      dark_px_;  ///< pixels that, as all neighbours, see nothing bright enough to be measured
   std::vector<std::uint8_t> moving_px_;  ///< pixels whose samples are not shared
   Returns returns_;
   struct Scratch {

@@ -8,24 +8,25 @@
 
 namespace rigor::tof {
 
-/// A square of the picture, from its upper left corner; at most a pixel large.
+/// A square of the picture, from its upper left corner.
 struct PicturePart {
   float left_px = 0, top_px = 0, side_px = 0;
 
-  /// f(pixel, area in pixels) of the pixels that it covers: at most four.
+  /// f(pixel, area in pixels) of the pixels that it covers.
   template <class F>
   void each_pixel(int width_px, int height_px, const F& f) const {
-    if (!(left_px > -1 && top_px > -1 && left_px < static_cast<float>(width_px) &&
+    const float right_px = left_px + side_px, bottom_px = top_px + side_px;
+    if (!(right_px > 0 && bottom_px > 0 && left_px < static_cast<float>(width_px) &&
           top_px < static_cast<float>(height_px)))
       return;
-    const int u = static_cast<int>(std::floor(left_px)), v = static_cast<int>(std::floor(top_px));
-    const float right = std::max(0.0F, left_px + side_px - static_cast<float>(u + 1)),
-                below = std::max(0.0F, top_px + side_px - static_cast<float>(v + 1));
-    const float across[2] = {side_px - right, right}, down[2] = {side_px - below, below};
-    for (int b = 0; b < 2; ++b)
-      for (int a = 0; a < 2; ++a)
-        if (u + a >= 0 && u + a < width_px && v + b >= 0 && v + b < height_px && across[a] > 0 && down[b] > 0)
-          f(static_cast<std::size_t>((v + b) * width_px + u + a), across[a] * down[b]);
+    const int u0 = std::max(static_cast<int>(left_px), 0), v0 = std::max(static_cast<int>(top_px), 0);
+    for (int v = v0; v < height_px && static_cast<float>(v) < bottom_px; ++v) {
+      const float down =
+          std::min(bottom_px, static_cast<float>(v + 1)) - std::max(top_px, static_cast<float>(v));
+      for (int u = u0; u < width_px && static_cast<float>(u) < right_px; ++u)
+        f(static_cast<std::size_t>(v * width_px + u),
+          down * (std::min(right_px, static_cast<float>(u + 1)) - std::max(left_px, static_cast<float>(u))));
+    }
   }
 };
 

@@ -17,14 +17,15 @@ using Math = models::TofMath<float>;
 using render::Hit;
 using render::Ray;
 
-/// What lies off the plane of its neighbours by this share of its range, or reflects so much more or less,
-/// wants all samples of a pixel.
-constexpr float kOffPlane = 0.001F, kOther = 0.1F;
+/// What lies off the plane of its neighbours by this share of its range, reflects so much more or less, or
+/// has a normal that is turned by more than this cosine says, wants all samples of a pixel.
+constexpr float kOffPlane = 0.001F, kOther = 0.1F, kSameNormal = 0.99F;
 /// Ranges of samples of a pixel that differ by more than this share, and not along the surface, are those of
 /// different things.
 constexpr float kApart = 0.01F;
-/// A pixel that is covered less than this by what was met at other instants is measured anew.
-constexpr float kLeastCover = 0.5F, kLeastOneSidedCover = 0.95F;
+/// A pixel that is covered less than this by what was met at other instants is measured anew; less strict
+/// where none about it sends back what it can measure.
+constexpr float kLeastCover = 0.95F, kLeastDarkCover = 0.5F;
 /// From a sample to the middle of its pixel a plane's range changes by less than this share, unless it is
 /// seen edge-on.
 constexpr float kMostMoved = 0.2F;
@@ -174,14 +175,12 @@ bool LightMeter::dark(std::size_t shot, const SampleRays& rays) const {
 /// measure.
 void LightMeter::find_plain(const SampleRays& rays, const Ambient& sky) {
   plane_.assign(shot_of_px_.size(), Eigen::Vector3f::Zero());
-  if (rays.side == 1) {
-    for (Shot& shot : shots_) shot.whole = true;
-    return;
-  }
+  dark_px_.assign(shot_of_px_.size(), 0);
   const int w = rays.width_px, h = rays.height_px;
   each(shots_.size(), [&](std::size_t i) {
     Shot& shot = shots_[i];
     const int u = static_cast<int>(shot.pixel) % w, v = static_cast<int>(shot.pixel) / w;
+    shot.whole = rays.side == 1;
     if (u == 0 || v == 0 || u == w - 1 || v == h - 1) return;
     std::uint32_t at[9];
     for (int k = 0; k < 9; ++k)
@@ -189,7 +188,8 @@ void LightMeter::find_plain(const SampleRays& rays, const Ambient& sky) {
     const bool all_dark = std::all_of(at, at + 9, [&](std::uint32_t q) { return dark(q, rays); });
     // The sun's disc may be smaller than a pixel.
     const bool by_the_sun = dot(vec(rays_[i].direction), vec(sky.sun)) > sky.sun_beside_cos;
-    shot.whole = all_dark && !by_the_sun;
+    dark_px_[shot.pixel] = all_dark && !by_the_sun;
+    shot.whole = shot.whole || dark_px_[shot.pixel] != 0;
     const Hit& mine = hits_[i];
     if (shot.whole || mine.nothing()) return;
     const auto alike = [](float a, float b) { return std::abs(a - b) <= kOther * b; };
@@ -198,7 +198,8 @@ void LightMeter::find_plain(const SampleRays& rays, const Ambient& sky) {
     for (int k = 0; k < 9; ++k) {
       const Hit& hit = hits_[at[k]];
       if (hit.nothing() || !alike(remission(hit, model_.sampling.retro_gain), remission_of_mine) ||
-          !alike(hit.reflectance, mine.reflectance))
+          !alike(hit.reflectance, mine.reflectance) ||
+          !(dot(vec(hit.normal), vec(mine.normal)) > kSameNormal))
         return;
       points[k] = point_of(rays_[at[k]], hit);
     }
@@ -335,6 +336,8 @@ Status LightMeter::shadows_of_shots(render::RayEngine& engine, std::span<const I
                                     const Ambient& sky, std::size_t first) {
   const std::size_t pixels = shot_of_px_.size();
   if (first == 0) in_shade_.assign(pixels * instants.size(), 0);
+  for (std::size_t i = first; i < shots_.size() && first > 0; ++i)
+    in_shade_[shots_[i].instant * pixels + shots_[i].pixel] = 0;
   if (!model_.sampling.sun_shadows || sky.sun_irradiance <= 0) return {};
   const Vector sun = vec(sky.sun);
   asked_.clear();
@@ -417,8 +420,11 @@ void LightMeter::light_of_shots(const CameraRays& camera, std::size_t k, std::sp
           rise = rays_[i].direction[2], back = 0;
     if (shot.instant != k && moved && gain > 0) {
       if (std::isnan(seen.u_px[i])) return;
-      part.left_px += seen.u_px[i] - of.u_px[sample];
-      part.top_px += seen.v_px[i] - of.v_px[sample];
+      // As much larger as it is nearer.
+      const float scale = hit.nothing() ? 1.0F : std::clamp(hit.range_m / seen.range_m[i], 0.5F, 2.0F);
+      part.left_px = seen.u_px[i] + scale * (part.left_px - of.u_px[sample]);
+      part.top_px = seen.v_px[i] + scale * (part.top_px - of.v_px[sample]);
+      part.side_px *= scale;
       range_m = seen.range_m[i];
       gain = off_axis.gain(seen.off_axis_cos[i]);
       intensity = off_axis.intensity_w_per_sr(seen.off_axis_cos[i]);
@@ -449,25 +455,15 @@ void LightMeter::light_of_shots(const CameraRays& camera, std::size_t k, std::sp
   }
 }
 
-/// What at an instant lacks too much of what was met at another has its samples cast at that too, and no
-/// others. At the border of the picture, and beside what moves, what lacks always lacks on the same side.
+/// What at an instant lacks too much of what was met at another, behind edges and at the border of the
+/// picture, has its samples cast at that too, and no others.
 void LightMeter::aim_at_holes(const SampleRays& rays, std::span<SampleLight> lights) {
-  const int w = rays.width_px, h = rays.height_px;
   const std::size_t pixels = rays.pixels();
-  std::vector<std::uint8_t> one_sided(pixels, 0);
-  for (int v = 0; v < h; ++v)
-    for (int u = 0; u < w; ++u) {
-      const auto p = static_cast<std::size_t>(v * w + u);
-      one_sided[p] = u == 0 || v == 0 || u == w - 1 || v == h - 1 || moving_px_[p - 1] != 0 ||
-                     moving_px_[p + 1] != 0 || moving_px_[p - static_cast<std::size_t>(w)] != 0 ||
-                     moving_px_[p + static_cast<std::size_t>(w)] != 0;
-    }
   for (std::size_t k = 0; k < lights.size(); ++k)
     for (std::size_t i = 0; i < pixels; ++i) {
       const std::uint32_t p = shots_[i].pixel;
-      const float cover = lights[k].parts.cover(p);
-      if (moving_px_[p] != 0 || cover >= kLeastOneSidedCover ||
-          (cover >= kLeastCover && (one_sided[p] == 0 || dark(i, rays))))
+      if (moving_px_[p] != 0 ||
+          lights[k].parts.cover(p) >= (dark_px_[p] != 0 ? kLeastDarkCover : kLeastCover))
         continue;
       lights[k].parts.clear_pixel(p);
       for (std::size_t r = 0; r < rays.each(); ++r)
