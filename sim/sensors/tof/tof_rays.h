@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "sensor-hal/models/one_source.h"
 #include "sensor-hal/models/philox.h"
 #include "sensor-hal/models/tof/tof_model.h"
 
@@ -42,8 +43,8 @@ class OffAxis {
   explicit OffAxis(const models::TofModel& model);
   /// SampleRays::gain.
   [[nodiscard]] float gain(float cosine) const {
-    const float cos2 = cosine * cosine;
-    return electrons_per_radiance_ * (1 - cos4_weight_ + cos4_weight_ * cos2 * cos2);
+    return electrons_per_radiance_ *
+           models::LensMath<float>::natural_vignetting(cosine * cosine, cos4_weight_);
   }
   [[nodiscard]] float intensity_w_per_sr(float cosine) const {
     if (exponent_ == 0) return on_axis_w_per_sr_;

@@ -170,9 +170,9 @@ bool LightMeter::dark(std::size_t shot, const SampleRays& rays) const {
              static_cast<float>(model_.limits.min_amplitude_e / model_.modulation.contrast);
 }
 
-/// Where one sample says what all of them would: it stands for the whole pixel. That is where it and those of
-/// all neighbours lie in a plane of even reflectance, and where none of them sends back what the pixel can
-/// measure.
+/// Where one sample says what all of them would, it stands for the whole pixel. That is so where it and those
+/// of all neighbours lie in a plane of even remission and normals, or where none of them sends back half of
+/// what the pixel can measure.
 void LightMeter::find_plain(const SampleRays& rays, const Ambient& sky) {
   plane_.assign(shot_of_px_.size(), Eigen::Vector3f::Zero());
   dark_px_.assign(shot_of_px_.size(), 0);

@@ -106,6 +106,10 @@ inline double turns_of(double range_m, double f_hz) { return 2 * f_hz * range_m 
 inline std::complex<double> phasor_of(double e, double range_m, double f_hz) {
   return std::polar(e, 2 * kPi * turns_of(range_m, f_hz));
 }
+/// Tap 0 to 3 of light E from a range, contrast 0.5.
+inline double tap_of(double e, double range_m, int tap, double f_hz = 30e6) {
+  return e / 2 * (1 + 0.5 * std::cos(2 * kPi * turns_of(range_m, f_hz) + tap * kPi / 2));
+}
 /// Range of a phasor within one turn.
 inline double range_of(std::complex<double> p, double f_hz) {
   double turns = std::arg(p) / (2 * kPi);

@@ -72,7 +72,7 @@ TEST(SharedSamples, AreTakenInEqualPartsByTheTapsOfAnObliqueWall) {
                 Eigen::Vector3d((u - c.m.cx_px) / 100, (v - c.m.cy_px) / 100, 1).normalized();
             const double range = n.dot(Eigen::Vector3d(0, 0, 2) - eye) / n.dot(way);
             const double e = c.m.active_electrons(range, 0.8) * -n.dot(way);
-            d[k] = e / 2 * (1 + 0.5 * std::cos(2 * kPi * turns_of(range, 30e6) + k * kPi / 2));
+            d[k] = tap_of(e, range, k);
           }
           worst = std::max(worst, std::abs(double(p.range_m[size_t(v * 40 + u)]) -
                                            range_of({d[0] - d[2], d[3] - d[1]}, 30e6)));
@@ -116,10 +116,7 @@ double worst_share_error(double speed_mps, float near_reflectance) {
         mean += double(p.taps[static_cast<std::size_t>(4 * (v * 40 + u) + tap)]) / 20;
       const double edge = 19.5 - speed_mps * (tap - 1.5) * 0.01 / kNear_m * 100;
       const double covered = std::clamp(edge - (u - 0.5), 0.0, 1.0);
-      const auto tap_of = [&](double e, double range) {
-        return e / 2 * (1 + 0.5 * std::cos(2 * kPi * turns_of(range, 30e6) + tap * kPi / 2));
-      };
-      const double near_tap = tap_of(e_near, kNear_m), far_tap = tap_of(e_far, kFar_m);
+      const double near_tap = tap_of(e_near, kNear_m, tap), far_tap = tap_of(e_far, kFar_m, tap);
       worst = std::max(worst, std::abs((mean - far_tap) / (near_tap - far_tap) - covered));
     }
   return worst;
@@ -133,77 +130,71 @@ TEST(SharedSamples, OfWhatIsNearerHideWhatIsFarther) {
       EXPECT_LT(worst_share_error(speed_mps, reflectance), 0.15) << speed_mps << ", " << reflectance;
 }
 
+/// A sensor that looks down on ground in the sun from 2 m and turns by six pixels a tap.
+struct TurningOverSunlitGround : MovingSensor {
+  TurningOverSunlitGround() : MovingSensor({0, 0, 0}) {
+    m.optics.filter_width_m = 50e-9;
+    m.illumination.radiant_intensity_w_per_sr = 1e-6;
+    b.pose = [this](BenchTime t) {
+      Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+      pose.linear() = (Eigen::AngleAxisd(kPi, Eigen::Vector3d::UnitX()) *
+                       Eigen::AngleAxisd(6 * (t - b.t).seconds(), Eigen::Vector3d::UnitY()))
+                          .toRotationMatrix();
+      pose.translation().z() = 2;
+      return pose;
+    };
+    b.world.still.frame.light.direction_to_sun = {0, 0, 1};
+    b.world.still.frame.light.sun_irradiance = grey(40);
+  }
+  /// A screen above the ground, so wide to both sides of x.
+  void screen(double x, double half_width) {
+    b.engine->add(Rectangle{.centre = {x, 0, 2.5}, .half_u = {half_width, 0, 0}, .half_v = {0, 3, 0}});
+  }
+  /// f(tap, the same tap with all samples cast at each instant) of pixels in columns `us`.
+  template <class F>
+  void compare(std::initializer_list<int> us, const F& f) {
+    const auto camera = b.camera(m);
+    const TofPicture p = b.shoot(*camera, 0, nullptr, true);
+    b.world.moves = true;
+    const TofPicture full = b.shoot(*camera, 0, nullptr, true);
+    for (int v = 2; v < 28; ++v)
+      for (const int u : us)
+        for (std::size_t tap = 0; tap < 4; ++tap) {
+          const std::size_t i = 4 * static_cast<std::size_t>(v * 40 + u) + tap;
+          f(p.taps[i], full.taps[i]);
+        }
+  }
+};
+
 TEST(SharedSamples, AreInTheShadeThatTheyAreInNow) {
-  // A sensor that turns over ground in the sun, a strip of which beyond the picture's border is in the shade
-  // of a screen: it comes in at the last tap and must be dark then.
-  MovingSensor c({0, 0, 0});
-  c.m.optics.filter_width_m = 50e-9;
-  c.m.illumination.radiant_intensity_w_per_sr = 1e-6;
-  c.b.pose = [&c](BenchTime t) {  // looks down from 2 m
-    Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-    pose.linear() = (Eigen::AngleAxisd(kPi, Eigen::Vector3d::UnitX()) *
-                     Eigen::AngleAxisd(6 * (t - c.b.t).seconds(), Eigen::Vector3d::UnitY()))
-                        .toRotationMatrix();
-    pose.translation().z() = 2;
-    return pose;
-  };
+  // A strip in the shade lies beyond the picture's border: it comes in at the last tap and must be dark then.
+  TurningOverSunlitGround c;
   c.b.engine->add(Plane{}, {.reflectance = grey(0.5F)});
-  c.b.engine->add(Rectangle{.centre = {0.60, 0, 2.5}, .half_u = {0.12, 0, 0}, .half_v = {0, 3, 0}});
-  auto& light = c.b.world.still.frame.light;
-  light.direction_to_sun = {0, 0, 1};
-  light.sun_irradiance = grey(40);
-  const auto camera = c.b.camera(c.m);
-  const TofPicture p = c.b.shoot(*camera, 0, nullptr, true);
-  c.b.world.moves = true;
-  const TofPicture full = c.b.shoot(*camera, 0, nullptr, true);
+  c.screen(0.60, 0.12);
   float least = 1e30F, most = 0;
-  for (int v = 2; v < 28; ++v)
-    for (const int u : {0, 1, 2, 37, 38, 39})
-      for (std::size_t tap = 0; tap < 4; ++tap) {
-        const std::size_t i = 4 * static_cast<std::size_t>(v * 40 + u) + tap;
-        least = std::min(least, full.taps[i]), most = std::max(most, full.taps[i]);
-        EXPECT_NEAR(p.taps[i], full.taps[i], 0.3F * most) << u << ", " << v << ", tap " << tap;
-      }
+  c.compare({0, 1, 2, 37, 38, 39}, [&](float mine, float full) {
+    least = std::min(least, full), most = std::max(most, full);
+    EXPECT_NEAR(mine, full, 0.3F * most);
+  });
   EXPECT_LT(least, 0.1F * most);  // the shade does come in
 }
 
 TEST(SharedSamples, AreInTheSunWhereTheOthersWereInTheShade) {
-  // As above, the shade in the middle of the picture. What comes in lies in the sun, with stripes of half a
-  // pixel that are turned away from it.
-  MovingSensor c({0, 0, 0});
-  c.m.optics.filter_width_m = 50e-9;
-  c.m.illumination.radiant_intensity_w_per_sr = 1e-6;
-  c.b.pose = [&c](BenchTime t) {  // looks down from 2 m
-    Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-    pose.linear() = (Eigen::AngleAxisd(kPi, Eigen::Vector3d::UnitX()) *
-                     Eigen::AngleAxisd(6 * (t - c.b.t).seconds(), Eigen::Vector3d::UnitY()))
-                        .toRotationMatrix();
-    pose.translation().z() = 2;
-    return pose;
-  };
+  // The middle of the picture lies in the shade. What comes in lies in the sun, with stripes of half a pixel
+  // that are turned away from it: a pixel whose first sample meets one asks for no shade.
+  TurningOverSunlitGround c;
   c.b.engine->add(Plane{},
                   {.reflectance = grey(0.5F), .map = [](render::Hit& hit, const Eigen::Vector3d& p, int) {
                      if (std::abs(p.x()) < 0.45 || std::fmod(std::abs(p.x()), 0.02) < 0.01) return;
                      hit.normal[0] = 1, hit.normal[1] = hit.normal[2] = 0;
                    }});
-  c.b.engine->add(Rectangle{.centre = {0, 0, 2.5}, .half_u = {0.45, 0, 0}, .half_v = {0, 3, 0}});
-  auto& light = c.b.world.still.frame.light;
-  light.direction_to_sun = {0, 0, 1};
-  light.sun_irradiance = grey(40);
-  const auto camera = c.b.camera(c.m);
-  const TofPicture p = c.b.shoot(*camera, 0, nullptr, true);
-  c.b.world.moves = true;
-  const TofPicture full = c.b.shoot(*camera, 0, nullptr, true);
-  // Of pixels that the sun reaches through one sample in four of the full cast, whichever it asks for.
-  double mine = 0, all = 0;
-  for (int v = 2; v < 28; ++v)
-    for (const int u : {0, 1, 38, 39})
-      for (std::size_t tap = 0; tap < 4; ++tap) {
-        const std::size_t i = 4 * static_cast<std::size_t>(v * 40 + u) + tap;
-        mine += double(p.taps[i]), all += double(full.taps[i]);
-      }
-  EXPECT_GT(all, 0);
-  EXPECT_NEAR(mine / all, 1, 0.02);
+  c.screen(0, 0.45);
+  double mine_sum = 0, full_sum = 0;
+  c.compare({0, 1, 38, 39}, [&](float mine, float full) {
+    mine_sum += static_cast<double>(mine), full_sum += static_cast<double>(full);
+  });
+  EXPECT_GT(full_sum, 0);
+  EXPECT_NEAR(mine_sum / full_sum, 1, 0.02);
 }
 
 TEST(SharedSamples, OfSeveralFrequenciesFindWhatMovesAtTheLastTaps) {
@@ -238,7 +229,7 @@ TEST(SharedSamples, ComeBackInThePixelThatSeesThemThen) {
       const double edge = 19.5 - 2 * (tap - 1.5), left = std::clamp(edge - (u - 0.5), 0.0, 1.0);
       const double c_axis = axis_cosine(c.m, u, 15), range = 2 / c_axis;
       const double e = c.m.active_electrons(range, 0.2 + 0.6 * left) * c_axis;
-      const double expected = e / 2 * (1 + 0.5 * std::cos(2 * kPi * turns_of(range, 30e6) + tap * kPi / 2));
+      const double expected = tap_of(e, range, tap);
       const bool at_edge = left > 0 && left < 1;
       // At the edge four to sixteen samples say which share is bright.
       const double within = (at_edge || std::abs(edge - u) < 1 ? 0.5 : 0.02) * expected;
