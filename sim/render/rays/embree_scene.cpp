@@ -61,6 +61,9 @@ bool narrow(const RTCRay8& r, const int* valid) noexcept {
   }
   return true;
 }
+WideWalk wide_walk(const WideRays& rays) noexcept {
+  return {rays, static_cast<std::uint32_t>(-std::log2(kLeastClear) * WideWalk::kUnitsAHalving)};
+}
 RTCIntersectContextFlags flags(bool coherent) noexcept {
   return coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
 }
@@ -199,25 +202,49 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
 
 void RayScene::clear_share(RayPackets& rays, unsigned n, bool coherent, const WideRays& wide, float* clear,
                            Part part) const noexcept {
-  const WalkTime time(profile_);
-  WideWalk walk{wide, static_cast<std::uint32_t>(-std::log2(kLeastClear) * WideWalk::kUnitsAHalving)};
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
+  clear_share(rays, n, coherent, wide, clear, part, context);
+}
+
+void RayScene::clear_share_alone(RayPackets& rays, unsigned n, const WideRays& wide,
+                                 float* clear) const noexcept {
+  const WalkTime time(profile_);
+  WideWalk walk = wide_walk(wide);
+  SceneContext context;
+  rtcInitIntersectContext(&context.embree);
+  context.embree.flags = flags(false);
+  context.scene = this;
+  context.wide = &walk;
+  for (unsigned i = 0; i < n; ++i) {
+    RTCRay8& r = rays.packets[i / 8].ray;
+    const unsigned k = i % 8;
+    alignas(32) int valid[8] = {};
+    clear[i] = 0;
+    if (!(r.tnear[k] <= r.tfar[k])) continue;
+    valid[k] = -1;
+    rtcOccluded8(valid, still_.handle, &context.embree, &r);
+    if (!(r.tfar[k] < 0)) clear[i] = walk.clear(i);
+  }
+}
+
+void RayScene::sky_share(RayPackets& rays, unsigned n, const WideRays& wide, float* clear) const noexcept {
+  SceneContext context;
+  rtcInitIntersectContext(&context.embree);
+  context.embree.filter = SceneFilters::leave_out_backs;
+  clear_share(rays, n, true, wide, clear, Part::all, context);
+}
+
+void RayScene::clear_share(RayPackets& rays, unsigned n, bool coherent, const WideRays& wide, float* clear,
+                           Part part, SceneContext& context) const noexcept {
+  const WalkTime time(profile_);
+  WideWalk walk = wide_walk(wide);
   context.scene = this;
   context.wide = &walk;
   std::array<std::uint8_t, kPacketRays> hidden;
   occluded(rays, n, coherent, hidden.data(), part, context);
   for (unsigned i = 0; i < n; ++i)
-    clear[i] = hidden[i] != 0 ? 0 : std::exp2(static_cast<float>(walk.cover[i]) / -WideWalk::kUnitsAHalving);
-}
-
-void RayScene::meets(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* met) const noexcept {
-  const WalkTime time(profile_);
-  SceneContext context;
-  rtcInitIntersectContext(&context.embree);
-  context.scene = this;
-  context.embree.filter = SceneFilters::leave_out_backs;
-  occluded(rays, n, coherent, met, Part::all, context);
+    clear[i] = hidden[i] != 0 ? 0 : walk.clear(i);
 }
 
 void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden, Part part,
@@ -263,6 +290,32 @@ RayScene::Placement RayScene::placement(const Owner& o, float time) noexcept {
   const RayMotion::Pose &a = poses[k], &b = poses[k + 1];
   return {inverse_of(a.rotation.slerp(f, b.rotation), a.scale + f * (b.scale - a.scale)),
           offset + a.position + f * (b.position - a.position)};
+}
+
+RayScene::Triangle RayScene::triangle(const Intersection& m) const noexcept {
+  using light::Vec3;
+  const Owner o = owner(m.instance);
+  const RayInstance& i = o.batch->batch->instances[o.index];
+  const RayPart& part = i.mesh->parts[m.part];
+  const std::uint32_t* const index =
+      &i.mesh->mesh->indices[part.first_index + 3 * static_cast<std::size_t>(m.triangle)];
+  const std::vector<Vertex>& vertices = i.mesh->mesh->vertices;
+  const Vec3 a = light::from(vertices[index[0]].position), b = light::from(vertices[index[1]].position),
+             c = light::from(vertices[index[2]].position);
+  // The inverse of scale^-1 · rotation^T, whose rows are square to each other: each column is one of its rows
+  // over the square of its length.
+  Vec3 column[3];
+  for (int k = 0; k < 3; ++k) {
+    const double* const r = &i.inverse[3 * k];
+    const double per = 1 / (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
+    column[k] = {static_cast<float>(r[0] * per), static_cast<float>(r[1] * per),
+                 static_cast<float>(r[2] * per)};
+  }
+  const auto to_world = [&](Vec3 v) { return column[0] * v.x + column[1] * v.y + column[2] * v.z; };
+  const Eigen::Vector3d& offset = o.batch->offset;
+  const Vec3 place{static_cast<float>(offset.x() + i.position[0]), static_cast<float>(offset.y() + i.position[1]),
+                   static_cast<float>(offset.z() + i.position[2])};
+  return {place + to_world(a), to_world(b - a), to_world(c - a)};
 }
 
 void RayScene::fetch(const RayPackets& rays, unsigned n) const noexcept {

@@ -1,32 +1,25 @@
 #include "sim/render/rays/light_chunk.h"
 
 #include <cmath>
+#include <atomic>
+#include <cstdio>
 #include <optional>
 
 namespace rigor::render::light {
 namespace {
 
 /// Second word of the draws' counters: nobody else's effect.
-constexpr std::uint32_t kSkyDraws = 0x4C490001U, kSunDraws = 0x4C490002U, kGatherDraws = 0x4C490003U;
+constexpr std::uint32_t kSkyDraws = 0x4C490001U, kGatherDraws = 0x4C490003U;
 /// Reflections that a gathering path follows: in the shade of leaves, 850 nm needs three.
 constexpr unsigned kGatherBounces = 3;
 /// What a lamp adds is not asked for shadows where it is less than this share of the light that is there.
 constexpr float kLampMatters = 1e-3F;
 /// Angle that a sky ray stands for when it looks up a colour.
 constexpr float kSkyRaySpread_rad = 0.2F;
-/// Half the side of a square with the area of a disc of radius 1.
-constexpr float kDiscAsSquare = 0.886F;
 /// Points lie in one plane that leave it by no more than this share of their range.
 constexpr float kFlat = 1e-3F;
 /// A path that carries less than this much of light goes on with a chance only.
 constexpr float kRoulette = 0.3F;
-
-/// Off a surface by more than places and intersections are rounded, to the side where `towards` leads.
-Vec3 off_surface(Vec3 place, Vec3 geometric_normal, Vec3 towards) {
-  const float rounding =
-      2e-4F + 3e-6F * std::max(std::abs(place.x), std::max(std::abs(place.y), std::abs(place.z)));
-  return place + geometric_normal * std::copysign(rounding, dot(geometric_normal, towards));
-}
 
 /// About a normal with density cos / pi.
 Vec3 cosine_direction(Vec3 n, float u, float v) {
@@ -75,21 +68,25 @@ void Chunk::nothing_met(const Ray& r, LightSample& s) const {
   const Bands4 l =
       in_.frame.through_air(in_.frame.nothing_met(d, in_.query.spread_rad), o.z, o.z + d.z * way, way);
   for (int b = 0; b < 4; ++b) s.radiance[b] = l[b];
+  s.range_m = std::numeric_limits<float>::infinity();
+  s.sky_share = 1;
 }
 
 void Chunk::sky_only(std::size_t first, std::span<LightSample> samples) {
   const auto n = static_cast<unsigned>(samples.size());
   load_rays(first, n);
-  std::array<std::uint8_t, kChunk> met;
-  in_.scene.meets(rays_, n, true, met.data());
+  const std::array<float, kChunk> half_width_m{};  // where they start
+  std::array<float, kChunk> share;
+  in_.scene.sky_share(rays_, n, {half_width_m.data(), 0.5F * in_.query.spread_rad}, share.data());
   for (unsigned i = 0; i < n; ++i) {
     const Ray& r = in_.query.rays[first + i];
-    samples[i] = {};
+    LightSample& s = samples[i];
+    s = {};
     if (!is_ray(r)) continue;
-    if (met[i] != 0)
-      samples[i].range_m = 0;
-    else
-      nothing_met(r, samples[i]);
+    s.range_m = 0;
+    if (!(share[i] > 0)) continue;
+    nothing_met(r, s);
+    s.sky_share = share[i];
   }
 }
 
@@ -120,48 +117,6 @@ void Chunk::first_intersections(std::size_t first, std::span<LightSample> sample
     s.normal[2] = p.normal.z;
     s.node = p.node;
   }
-}
-
-unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned draw, SunRays sun) {
-  std::array<unsigned, 2 * kChunk> who;
-  std::array<float, 2 * kChunk> half_width_m;
-  unsigned n = 0;
-  for (unsigned i = 0; i < points.size(); ++i) {
-    Point& p = points[i];
-    if (!may_see_sun(in_.frame, p.patch, p.normal, p.shading_normal)) continue;
-    if (!in_.query.shadows) {
-      p.light += from_sun(in_.frame, p.patch, p.view, p.normal);
-      continue;
-    }
-    Vec3 to = in_.frame.to_sun;
-    if (sun == SunRays::to_points) {
-      const auto u = draws(first + p.ray, kSunDraws, draw, 0);
-      Vec3 a, b;
-      frame_about(to, a, b);
-      const float r = in_.frame.sun_radius_rad * std::sqrt(u[0]), angle = 2 * kPi * u[1];
-      to = unit(to + a * (r * std::cos(angle)) + b * (r * std::sin(angle)), to);
-    }
-    const Vec3 o = off_surface(p.place, p.geometric_normal, to);
-    const float origin[3] = {o.x, o.y, o.z}, direction[3] = {to.x, to.y, to.z};
-    rays_.set(n, origin, direction, 0, std::numeric_limits<float>::infinity(), p.time, kShadowMask);
-    half_width_m[n] = 0.5F * in_.query.spread_rad * p.range_m;
-    who[n++] = i;
-  }
-  if (n == 0) return 0;
-  std::array<float, 2 * kChunk> clear;
-  if (sun == SunRays::wide) {
-    in_.scene.clear_share(rays_, n, true, {half_width_m.data(), kDiscAsSquare * in_.frame.sun_radius_rad},
-                          clear.data(), in_.followed);
-  } else {
-    std::array<std::uint8_t, 2 * kChunk> hidden;
-    in_.scene.occluded(rays_, n, true, hidden.data(), in_.followed);
-    for (unsigned i = 0; i < n; ++i) clear[i] = hidden[i] == 0 ? 1.0F : 0.0F;
-  }
-  for (unsigned i = 0; i < n; ++i) {
-    Point& p = points[who[i]];
-    if (clear[i] > 0) p.light += from_sun(in_.frame, p.patch, p.view, p.normal) * clear[i];
-  }
-  return n;
 }
 
 void Chunk::add_lamps() {
@@ -449,7 +404,9 @@ void Chunk::trace(std::size_t first, std::span<LightSample> samples) {
   }
   first_intersections(first, samples);
   if (n_ == 0) return;
-  shadow_rays += add_sun(std::span(points_.data(), n_), first, 0, in_.query.sun_rays);
+  const std::span points(points_.data(), n_);
+  shadow_rays += in_.query.sun_rays == SunRays::wide ? add_wide_sun(points)
+                                                     : add_sun(points, first, 0, in_.query.sun_rays);
   if (in_.query.sky_rays > 0)
     add_sky(first);
   else

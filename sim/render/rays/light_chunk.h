@@ -10,6 +10,7 @@
 #include "sim/render/rays/light_gather.h"
 #include "sim/render/rays/light_point.h"
 #include "sim/render/rays/light_tracer.h"
+#include "sim/render/rays/sun_keeping.h"
 
 namespace rigor::render::light {
 
@@ -25,6 +26,7 @@ struct ChunkInput {
   const GatheredLight* gathered = nullptr;  ///< null: the sky is open
   /// What the query's rays can meet, and what all rays that follow can.
   RayScene::Part seen = RayScene::Part::all, followed = RayScene::Part::all;
+  KeptSun* kept_sun = nullptr;  ///< for queries with SunRays::wide
 };
 
 /// Belongs to one thread.
@@ -59,8 +61,17 @@ class Chunk {
   void nothing_met(const Ray& r, LightSample& s) const;
   void first_intersections(std::size_t first, std::span<LightSample> samples);
   void sky_only(std::size_t first, std::span<LightSample> samples);
-  /// Sunlight on points. How many rays were shot. `draw`: tells apart draws for one ray.
+  /// Sunlight on points by rays without width. How many were shot. `draw`: tells apart draws for one ray.
   unsigned add_sun(std::span<Point> points, std::size_t first, unsigned draw, SunRays sun);
+  /// Sunlight on points, at most kChunk, by wide rays (SunRays::wide). How many were shot.
+  unsigned add_wide_sun(std::span<Point> points);
+  /// The parts of it: clear[i] times what gets through to the point. From the points' cells, where they have
+  /// one; …
+  unsigned kept_sun(std::span<const Point> points, std::span<const SunCell> cells, std::span<float> clear);
+  /// … and by rays of the points' own: of those in cells past what moves, of the others past everything.
+  unsigned wide_sun(std::span<const Point> points, std::span<const SunCell> cells, bool in_cells,
+                    std::span<float> clear);
+  void set_sun_ray(unsigned i, Vec3 place, const Point& p, Vec3 to);
   void add_lamps();
   /// What surroundings send to a point.
   struct Surroundings {

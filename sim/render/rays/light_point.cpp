@@ -80,6 +80,7 @@ const PointLookup::Facet& PointLookup::facet(const Intersection& m) {
 void PointLookup::fetch(Vec3 origin, Vec3 d, float time, const Intersection& m, float spread_rad, Point& p) {
   const Facet& f = facet(m);
   p.range_m = m.range_m;
+  p.met = m;
   p.place = origin + d * m.range_m;
   p.view = -d;
   p.time = time;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 
 #include "sim/render/rays/embree_scene.h"
 #include "sim/render/rays/light_shading.h"
@@ -17,9 +18,17 @@ struct Point {
   float range_m = 0, time = 0;
   unsigned ray = 0;  ///< whose it is: the caller's
   NodeId node{};
+  Intersection met;  ///< the triangle, and where on it
   MaterialSample patch;
   Bands4 light{};  ///< the caller's
 };
+
+/// Off a surface by more than places and intersections are rounded, to the side where `towards` leads.
+[[nodiscard]] inline Vec3 off_surface(Vec3 place, Vec3 geometric_normal, Vec3 towards) {
+  const float rounding =
+      2e-4F + 3e-6F * std::max(std::abs(place.x), std::max(std::abs(place.y), std::abs(place.z)));
+  return place + geometric_normal * std::copysign(rounding, dot(geometric_normal, towards));
+}
 
 /// Belongs to one thread.
 class PointLookup {

@@ -36,6 +36,7 @@ struct LightTracer::Impl {
   std::list<Sky> skies;  ///< the last ones that were asked for
   light::LightSurfaces surfaces;
   light::KeptLight kept;
+  light::KeptSun kept_sun;
   const light::GatheredLight nothing_gathered{1};
   const light::GatheredLight* gathered = &nothing_gathered;  ///< in `kept`
   LightStatistics statistics;
@@ -98,6 +99,11 @@ Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samp
   light::ChunkInput in{*lit->scene, surfaces, lit->frame, q, lit->origin};
   std::atomic<std::size_t> shadow_rays{0}, sky_rays{0};
   if (q.gathered && q.shadows && q.sky_rays == 0) in.gathered = gathered;
+  if (q.sun_rays == SunRays::wide && q.shadows && lit->frame.sun) {
+    kept_sun.about({engine->impl().content().still_version, lit->scene->origin(), lit->frame.to_sun,
+                    lit->frame.sun_radius_rad});
+    in.kept_sun = &kept_sun;
+  }
   const std::size_t chunks = (q.rays.size() + light::kChunk - 1) / light::kChunk;
   engine->impl().arena().execute([&] {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, chunks, 4), [&](const auto& range) {

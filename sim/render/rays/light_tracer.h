@@ -49,8 +49,8 @@ struct LightQuery {
   /// plane, sky and surroundings are worked out for three of the points and interpolated for the others. A
   /// sample then depends on the others of its eight. A third less time indoors.
   bool packets = false;
-  /// Surfaces bring nothing: a ray that meets one has range 0, without asking which. What share of a pixel is
-  /// sky costs a part of what its light costs.
+  /// Rays ask for the sky alone, each as wide as `spread_rad`: LightSample has the share of its width that is
+  /// sky, and the sky's radiance. What share of a pixel is sky costs a part of what its light costs.
   bool sky_only = false;
 };
 
@@ -59,6 +59,9 @@ struct LightSample {
   float range_m = std::numeric_limits<float>::infinity();
   float normal[3]{};
   NodeId node{};
+  /// Of the ray's width: 1 where it meets nothing, else 0; of LightQuery::sky_only what leaves leave free, 0
+  /// where surfaces without holes stand.
+  float sky_share = 0;
 };
 
 struct LightStatistics {

@@ -22,25 +22,26 @@ void SkyEdges::reset(int width_px, int height_px) {
 
 void SkyEdges::add(PixelPlace at, const render::LightSample& s) {
   Pixel& p = count(at, s, 0);
-  if (std::isinf(s.range_m)) return;
+  if (s.sky_share > 0) return;
   for (std::size_t b = 0; b < 4; ++b) p.surface[b] += s.radiance[b];
   p.surfaces += 1;
 }
 
-void SkyEdges::add_sky_only(PixelPlace at, const render::LightSample& s) { count(at, s, kAsked); }
+bool SkyEdges::add_sky_only(PixelPlace at, const render::LightSample& s) {
+  count(at, s, kAsked);
+  return (met_[index(at)] & kBoth) == kBoth;
+}
 
 SkyEdges::Pixel& SkyEdges::count(PixelPlace at, const render::LightSample& s, std::uint8_t asked) {
   const std::size_t i = index(at);
   Pixel& p = pixels_[i];
   if (met_[i] == 0) p = {};
-  if (!std::isinf(s.range_m)) {
-    met_[i] |= kSurface | asked;
-    p.met += 1;
-    return p;
-  }
-  met_[i] |= kSky | asked;
-  for (std::size_t b = 0; b < 4; ++b) p.sky[b] += s.radiance[b];
-  p.skies += 1;
+  met_[i] |= asked;
+  if (s.sky_share > 0) met_[i] |= kSky;
+  if (s.sky_share < 1) met_[i] |= kSurface;
+  for (std::size_t b = 0; b < 4; ++b) p.sky[b] += s.sky_share * s.radiance[b];
+  p.skies += s.sky_share;
+  p.met += 1 - s.sky_share;
   return p;
 }
 

@@ -18,8 +18,8 @@ class SkyEdges {
   void reset(int width_px, int height_px);
   /// A whole sample. Any thread, one at a time for a pixel.
   void add(PixelPlace at, const render::LightSample& sample);
-  /// One of a query with `sky_only`.
-  void add_sky_only(PixelPlace at, const render::LightSample& sample);
+  /// One of a query with `sky_only`. Whether the pixel's samples have met both, sky and surfaces.
+  bool add_sky_only(PixelPlace at, const render::LightSample& sample);
   /// Pixels of `inner` that have, with their neighbours, samples of both, and none of add_sky_only(); in the
   /// order of uneven_pixels(). What is added for them may make more of them.
   [[nodiscard]] std::vector<PixelPlace> places(const OpticsRequest::Region& inner,
