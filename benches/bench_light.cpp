@@ -93,11 +93,11 @@ class Bench {
       int step, sky_rays;
     };
     for (const Choice& c :
-         {Choice{"rays-1", {1, 0, 0}, 1, 0}, Choice{"rays-1-sky-32", {1, 0, 32}, 1, 0},
+         {Choice{"rays-1", {1, 0, 0}, 1, 0}, Choice{"rays-1-sky-16", {1, 0, 16}, 1, 0},
           Choice{"rays-1-uneven-7", {1, 7, 0}, 1, 0}, Choice{"rays-1-uneven-7-sky-64", {1, 7, 64}, 1, 0},
           Choice{"rays-1-uneven-15-sky-64", {1, 15, 64}, 1, 0}, Choice{"rays-4", {4, 0, 0}, 1, 0},
           Choice{"rays-4-uneven-15-sky-64", {4, 15, 64}, 1, 0}, Choice{"rays-16", {16, 0, 0}, 1, 0},
-          Choice{"rays-1-every-2nd", {1, 0, 0}, 2, 0}, Choice{"rays-1-every-2nd-sky-32", {1, 0, 32}, 2, 0},
+          Choice{"rays-1-every-2nd", {1, 0, 0}, 2, 0}, Choice{"rays-1-every-2nd-sky-16", {1, 0, 16}, 2, 0},
           Choice{"rays-1-every-2nd-uneven-7-sky-64", {1, 7, 64}, 2, 0},
           Choice{"rays-1-sky-rays-1", {1, 0, 0}, 1, 1}, Choice{"rays-4-sky-rays-1", {4, 0, 0}, 1, 1}}) {
       const std::string name = c.name;

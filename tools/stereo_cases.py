@@ -27,7 +27,7 @@ def rays(quality):
     return [f"channels.{side}.{key}" for side in ("left", "right") for key in ("renderer=rays", f"quality={{ {quality} }}")]
 
 
-QUALITIES = [("quick", "forest, 1 sample, 32 at the sky's edges", "stereo-forest.yaml", rays("samples_per_pixel: 1, sky_samples: 32"), 0),
+QUALITIES = [("quick", "forest, 1 sample, 16 at the sky's edges", "stereo-forest.yaml", rays("samples_per_pixel: 1, sky_samples: 16"), 0),
              ("default", "forest, 1 sample, 7 more where uneven, 64 at the sky's edges", "stereo-forest.yaml",
               rays("samples_per_pixel: 1, uneven_samples: 7, sky_samples: 64"), 0),
              ("better", "forest, 4 samples, 16 more where uneven, 64 at the sky's edges", "stereo-forest.yaml",

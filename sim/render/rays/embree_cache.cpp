@@ -96,7 +96,8 @@ const std::array<std::uint32_t, 256> kCoverOfLeaf = [] {
 }();
 
 void cover_light(const RTCFilterFunctionNArguments* a) {
-  WideWalk* const walk = reinterpret_cast<const SceneContext*>(a->context)->wide;
+  const auto& context = *reinterpret_cast<const SceneContext*>(a->context);
+  WideWalk* const walk = context.wide;
   if (walk == nullptr) {
     leave_out_holes(a);
     return;
@@ -105,6 +106,10 @@ void cover_light(const RTCFilterFunctionNArguments* a) {
   const unsigned n = a->N;
   for (unsigned i = 0; i < n; ++i) {
     if (a->valid[i] != -1) continue;
+    if (walk->fronts_alone && part.one_sided && RayScene::looks_away(context, a, i)) {
+      a->valid[i] = 0;
+      continue;
+    }
     std::uint32_t& cover = walk->cover[RTCRayN_id(a->ray, n, i)];
     cover += kCoverOfLeaf[leaf_of(part, on_map(part, a->hit, n, i), walk->rays, a, i)];
     if (cover <= walk->most) a->valid[i] = 0;

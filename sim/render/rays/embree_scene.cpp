@@ -202,9 +202,27 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
 
 void RayScene::clear_share(RayPackets& rays, unsigned n, bool coherent, const WideRays& wide, float* clear,
                            Part part) const noexcept {
+  WideWalk walk = wide_walk(wide);
+  clear_share(rays, n, coherent, walk, clear, part);
+}
+
+void RayScene::sky_share(RayPackets& rays, unsigned n, const WideRays& wide, float* clear) const noexcept {
+  WideWalk walk = wide_walk(wide);
+  walk.fronts_alone = true;
+  clear_share(rays, n, true, walk, clear, Part::all);
+}
+
+void RayScene::clear_share(RayPackets& rays, unsigned n, bool coherent, WideWalk& walk, float* clear,
+                           Part part) const noexcept {
+  const WalkTime time(profile_);
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
-  clear_share(rays, n, coherent, wide, clear, part, context);
+  if (walk.fronts_alone) context.embree.filter = SceneFilters::leave_out_backs;
+  context.scene = this;
+  context.wide = &walk;
+  std::array<std::uint8_t, kPacketRays> hidden;
+  occluded(rays, n, coherent, hidden.data(), part, context);
+  for (unsigned i = 0; i < n; ++i) clear[i] = hidden[i] != 0 ? 0 : walk.clear(i);
 }
 
 void RayScene::clear_share_alone(RayPackets& rays, unsigned n, const WideRays& wide,
@@ -226,25 +244,6 @@ void RayScene::clear_share_alone(RayPackets& rays, unsigned n, const WideRays& w
     rtcOccluded8(valid, still_.handle, &context.embree, &r);
     if (!(r.tfar[k] < 0)) clear[i] = walk.clear(i);
   }
-}
-
-void RayScene::sky_share(RayPackets& rays, unsigned n, const WideRays& wide, float* clear) const noexcept {
-  SceneContext context;
-  rtcInitIntersectContext(&context.embree);
-  context.embree.filter = SceneFilters::leave_out_backs;
-  clear_share(rays, n, true, wide, clear, Part::all, context);
-}
-
-void RayScene::clear_share(RayPackets& rays, unsigned n, bool coherent, const WideRays& wide, float* clear,
-                           Part part, SceneContext& context) const noexcept {
-  const WalkTime time(profile_);
-  WideWalk walk = wide_walk(wide);
-  context.scene = this;
-  context.wide = &walk;
-  std::array<std::uint8_t, kPacketRays> hidden;
-  occluded(rays, n, coherent, hidden.data(), part, context);
-  for (unsigned i = 0; i < n; ++i)
-    clear[i] = hidden[i] != 0 ? 0 : walk.clear(i);
 }
 
 void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden, Part part,
@@ -313,7 +312,8 @@ RayScene::Triangle RayScene::triangle(const Intersection& m) const noexcept {
   }
   const auto to_world = [&](Vec3 v) { return column[0] * v.x + column[1] * v.y + column[2] * v.z; };
   const Eigen::Vector3d& offset = o.batch->offset;
-  const Vec3 place{static_cast<float>(offset.x() + i.position[0]), static_cast<float>(offset.y() + i.position[1]),
+  const Vec3 place{static_cast<float>(offset.x() + i.position[0]),
+                   static_cast<float>(offset.y() + i.position[1]),
                    static_cast<float>(offset.z() + i.position[2])};
   return {place + to_world(a), to_world(b - a), to_world(c - a)};
 }

@@ -195,7 +195,9 @@ struct WideWalk {
   /// count.
   static constexpr float kUnitsAHalving = 65536;
   const WideRays& rays;
-  std::uint32_t most;                              ///< a ray's walk ends above it
+  std::uint32_t most;  ///< a ray's walk ends above it
+  /// Backs of surfaces with one side are not there, as for rays of an eye.
+  bool fronts_alone = false;
   std::array<std::uint32_t, kPacketRays> cover{};  ///< of each ray
   [[nodiscard]] float clear(unsigned ray) const noexcept {
     return std::exp2(static_cast<float>(cover[ray]) / -kUnitsAHalving);
@@ -343,8 +345,8 @@ class RayScene {
   [[nodiscard]] static Placement placement(const Owner& o, float time) noexcept;
   void occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden, Part part,
                 SceneContext& context) const noexcept;
-  void clear_share(RayPackets& rays, unsigned n, bool coherent, const WideRays& wide, float* clear, Part part,
-                   SceneContext& context) const noexcept;
+  void clear_share(RayPackets& rays, unsigned n, bool coherent, WideWalk& walk, float* clear,
+                   Part part) const noexcept;
   friend struct SceneFilters;
 
   RayScene() = default;

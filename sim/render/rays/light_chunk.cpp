@@ -1,7 +1,7 @@
 #include "sim/render/rays/light_chunk.h"
 
-#include <cmath>
 #include <atomic>
+#include <cmath>
 #include <cstdio>
 #include <optional>
 

@@ -37,8 +37,8 @@ struct PixelSamples {
   /// More in pixels that differ from a neighbour by more than 0.3 of the picture's mean light.
   int uneven = 7;
   /// More where surfaces lie beside the sky, and beside pixels where these find the first sky, three times
-  /// over. They ask only whether they meet it: what share of the pixel is sky, and how bright that is; the
-  /// surfaces' light is that of the other samples. Not where colours are traced apart.
+  /// over. They ask only what share of the pixel is sky, and how bright that is; the surfaces' light is that
+  /// of the other samples. Not where colours are traced apart.
   int sky = 64;
   [[nodiscard]] static PixelSamples only(int every) { return {every, 0, 0}; }
 };

@@ -23,8 +23,6 @@ using render::Ray;
 constexpr int kRaysAtOnce = 65536;
 /// Tells the samples of uneven pixels apart from those that every pixel has.
 constexpr std::uint64_t kMoreSamples = 0x3C6EF372FE94F82BULL, kSkySamples = 0xA54FF53A5F1D36F1ULL;
-/// Of the rays that ask for the sky, those that each pixel has. Where all of it is sky or none, that will do.
-constexpr int kAskedFirst = 8;
 /// Where sky rays find the first sky or the first surface that is known of a pixel, its neighbours are asked
 /// too, and theirs: so many pixels far.
 constexpr int kFollowsSky_px = 3;
@@ -106,11 +104,6 @@ class RaysOptics final : public CameraOpticsPicture {
     std::uint64_t samples_key;
     LensSamples samples;
   };
-  /// Of a pixel's samples `count` from `first` on.
-  struct SomeSamples {
-    const LensSamples& all;
-    int first, count;
-  };
   /// In the middle of a row's exposure.
   struct RowPose {
     float middle;
@@ -118,16 +111,16 @@ class RaysOptics final : public CameraOpticsPicture {
     Eigen::Vector3f from;
   };
   [[nodiscard]] RowPose pose_of_row(const Shot& shot, int v) const;
-  /// Rays of one pixel; `rays` has room for them.
+  /// Rays of one pixel, as many as `rays` has room for, at most samples.per_pixel().
   void aim(const LensGrid::Pixel& pixel, const ThinLens& aperture, const Shot& shot,
-           const SomeSamples& samples, const RowPose& row, int u, int v, std::span<Ray> rays) const;
+           const LensSamples& samples, const RowPose& row, int u, int v, std::span<Ray> rays) const;
   Status trace(const Strip& strip, std::size_t channel, const Shot& shot, OpticsPicture& out);
   /// Traces uneven pixels of `picture` again, by PixelSamples::uneven: those of `inner`, a part of
   /// shot.region.
   Status refine(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture);
   /// Rays of pixels, pixel by pixel, `query.rays` of them traced into light_.
   Status trace_places(const Shot& shot, std::span<const PixelPlace> places, std::size_t channel,
-                      const SomeSamples& samples, bool sky_only);
+                      const LensSamples& samples, bool sky_only);
   /// Asks pixels of `inner` at the sky's edges how much of them is sky, and follows what that finds.
   Status ask_for_sky(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture);
   [[nodiscard]] bool asks_for_sky() const { return options_.samples.sky > 0 && lenses_.size() == 1; }
@@ -171,15 +164,15 @@ RaysOptics::RowPose RaysOptics::pose_of_row(const Shot& shot, int v) const {
 }
 
 void RaysOptics::aim(const LensGrid::Pixel& pixel, const ThinLens& aperture, const Shot& shot,
-                     const SomeSamples& samples, const RowPose& row, int u, int v,
+                     const LensSamples& samples, const RowPose& row, int u, int v,
                      std::span<Ray> rays) const {
   const auto exposure = static_cast<float>(shot.timing.exposure_share());
-  const bool centre = samples.all.per_pixel() == 1, drawn = !centre || aperture.opens() || exposure > 0;
+  const bool centre = samples.per_pixel() == 1, drawn = !centre || aperture.opens() || exposure > 0;
   LensSamples::Shift shift{};
-  if (drawn) shift = samples.all.shift_of(static_cast<std::uint32_t>(v * width_px() + u));
+  if (drawn) shift = samples.shift_of(static_cast<std::uint32_t>(v * width_px() + u));
   RowPose pose = row;
-  for (int i = 0; i < samples.count; ++i) {
-    const LensSample s = drawn ? samples.all.sample(samples.first + i, shift, aperture.opens()) : LensSample{};
+  for (int i = 0; i < static_cast<int>(rays.size()); ++i) {
+    const LensSample s = drawn ? samples.sample(i, shift, aperture.opens()) : LensSample{};
     const float t = row.middle + exposure * s.time;
     if (exposure > 0) shot.poses.at(t, pose.turn, pose.from);
     Eigen::Vector3f d = centre ? pixel.ray : pixel.at(s.u, s.v), o = Eigen::Vector3f::Zero();
@@ -216,7 +209,7 @@ Status RaysOptics::trace(const Strip& strip, std::size_t channel, const Shot& sh
       const LensGrid::Pixel& pixel = pixel_at(channel, u, v);
       const std::span ray(&rays_[strip.first_ray(u, v, n)], static_cast<std::size_t>(n));
       if (pixel.lit())
-        aim(pixel, apertures_[channel], shot, {shot.samples, 0, n}, row, u, v, ray);
+        aim(pixel, apertures_[channel], shot, shot.samples, row, u, v, ray);
       else
         std::fill(ray.begin(), ray.end(), nowhere);
     }
@@ -307,8 +300,8 @@ Result<std::array<float, 4>> RaysOptics::mean_light(const Shot& shot) {
 }
 
 Status RaysOptics::trace_places(const Shot& shot, std::span<const PixelPlace> places, std::size_t channel,
-                                const SomeSamples& samples, bool sky_only) {
-  const auto each = static_cast<std::size_t>(samples.count);
+                                const LensSamples& samples, bool sky_only) {
+  const auto each = static_cast<std::size_t>(samples.per_pixel());
   rays_.resize(places.size() * each);
   light_.resize(rays_.size());
   tbb::parallel_for(std::size_t{0}, places.size(), [&](std::size_t i) {
@@ -321,44 +314,30 @@ Status RaysOptics::trace_places(const Shot& shot, std::span<const PixelPlace> pl
   });
   render::LightQuery query = light_query(shot);
   query.rays = rays_;
-  query.spread_rad /= std::sqrt(static_cast<float>(samples.all.per_pixel()));
+  query.spread_rad /= std::sqrt(static_cast<float>(each));
   query.sky_only = sky_only;
   return light_of_->tracer.trace(query, light_);
 }
 
 Status RaysOptics::ask_for_sky(const Shot& shot, const OpticsRequest::Region& inner, OpticsPicture& picture) {
   const OpticsRequest::Region& region = shot.region;
-  const int all = options_.samples.sky;
-  const LensSamples samples(all, shot.samples_key ^ kSkySamples);
-  // Takes away the places that have met sky or surfaces alone.
-  const auto ask = [&](std::vector<PixelPlace>& places, int begin_with, int count) -> Status {
-    const auto each = static_cast<std::size_t>(count);
-    const std::size_t at_once = std::max<std::size_t>(kRaysAtOnce / each, 1);
-    std::vector<std::uint8_t> has_both(places.size());
-    for (std::size_t begin = 0; begin < places.size(); begin += at_once) {
-      const auto some = std::span(places).subspan(begin, std::min(at_once, places.size() - begin));
-      if (auto s = trace_places(shot, some, 0, {samples, begin_with, count}, true); !s) return s;
-      tbb::parallel_for(std::size_t{0}, some.size(), [&](std::size_t i) {
-        for (std::size_t k = 0; k < each; ++k)
-          has_both[begin + i] = sky_edges_.add_sky_only(some[i], light_[i * each + k]) ? 1 : 0;
-      });
-    }
-    std::size_t kept = 0;
-    for (std::size_t i = 0; i < places.size(); ++i)
-      if (has_both[i] != 0) places[kept++] = places[i];
-    places.resize(kept);
-    return {};
-  };
+  const auto each = static_cast<std::size_t>(options_.samples.sky);
+  const LensSamples samples(options_.samples.sky, shot.samples_key ^ kSkySamples);
+  const std::size_t at_once = std::max<std::size_t>(kRaysAtOnce / each, 1);
   std::vector<PixelPlace> asked;
   for (int round = 0; round <= kFollowsSky_px; ++round) {
     const OpticsRequest::Region around = grown(inner, kFollowsSky_px - round);
-    std::vector<PixelPlace> places = sky_edges_.places(
+    const std::vector<PixelPlace> places = sky_edges_.places(
         {around.x_px - region.x_px, around.y_px - region.y_px, around.width_px, around.height_px},
         [&](int u, int v) { return pixel_at(0, u + region.x_px, v + region.y_px).lit(); });
+    for (std::size_t begin = 0; begin < places.size(); begin += at_once) {
+      const auto some = std::span(places).subspan(begin, std::min(at_once, places.size() - begin));
+      if (auto s = trace_places(shot, some, 0, samples, true); !s) return s;
+      tbb::parallel_for(std::size_t{0}, some.size(), [&](std::size_t i) {
+        for (std::size_t k = 0; k < each; ++k) sky_edges_.add_sky_only(some[i], light_[i * each + k]);
+      });
+    }
     asked.insert(asked.end(), places.begin(), places.end());
-    if (auto s = ask(places, 0, std::min(kAskedFirst, all)); !s) return s;
-    if (all > kAskedFirst)
-      if (auto s = ask(places, kAskedFirst, all - kAskedFirst); !s) return s;
   }
   for (const PixelPlace at : asked)
     sky_edges_.resolve(
@@ -382,7 +361,7 @@ Status RaysOptics::refine(const Shot& shot, const OpticsRequest::Region& inner, 
   for (std::size_t begin = 0; begin < places.size(); begin += at_once) {
     const std::size_t count = std::min(at_once, places.size() - begin);
     for (std::size_t channel = 0; channel < lenses_.size(); ++channel) {
-      if (auto s = trace_places(shot, std::span(places).subspan(begin, count), channel, {samples, 0, n}, false); !s)
+      if (auto s = trace_places(shot, std::span(places).subspan(begin, count), channel, samples, false); !s)
         return s;
       tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
         const PixelPlace at = places[begin + i];

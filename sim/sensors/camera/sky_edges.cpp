@@ -27,10 +27,7 @@ void SkyEdges::add(PixelPlace at, const render::LightSample& s) {
   p.surfaces += 1;
 }
 
-bool SkyEdges::add_sky_only(PixelPlace at, const render::LightSample& s) {
-  count(at, s, kAsked);
-  return (met_[index(at)] & kBoth) == kBoth;
-}
+void SkyEdges::add_sky_only(PixelPlace at, const render::LightSample& s) { count(at, s, kAsked); }
 
 SkyEdges::Pixel& SkyEdges::count(PixelPlace at, const render::LightSample& s, std::uint8_t asked) {
   const std::size_t i = index(at);

@@ -18,8 +18,8 @@ class SkyEdges {
   void reset(int width_px, int height_px);
   /// A whole sample. Any thread, one at a time for a pixel.
   void add(PixelPlace at, const render::LightSample& sample);
-  /// One of a query with `sky_only`. Whether the pixel's samples have met both, sky and surfaces.
-  bool add_sky_only(PixelPlace at, const render::LightSample& sample);
+  /// One of a query with `sky_only`.
+  void add_sky_only(PixelPlace at, const render::LightSample& sample);
   /// Pixels of `inner` that have, with their neighbours, samples of both, and none of add_sky_only(); in the
   /// order of uneven_pixels(). What is added for them may make more of them.
   [[nodiscard]] std::vector<PixelPlace> places(const OpticsRequest::Region& inner,
@@ -31,7 +31,7 @@ class SkyEdges {
  private:
   struct Pixel {
     float sky[4]{}, surface[4]{};  ///< sums
-    float skies = 0, met = 0;      ///< samples
+    float skies = 0, met = 0;      ///< samples; of one that met both, shares
     float surfaces = 0;            ///< of those that met one: whole samples
   };
   [[nodiscard]] std::size_t index(PixelPlace at) const {

@@ -100,12 +100,14 @@ TEST(LeafCover, OfAMapTooSmallForLevelsIsLeafOrHole) {
 class LeafLightTest : public LightTest {
  protected:
   static constexpr double kLit = 0.5 / kPi;
+  /// Of boards: cells of sunlight on the ground lie beside their diagonal, where a ray meets both triangles.
+  static constexpr double kNorth_m = 0.0137;
   void SetUp() override {
     LightTest::SetUp();
     set_sun(0, 90, 1);
     frame_.light.sun_angular_radius_rad = 0.00465F;
     ground_ = one(plane_mesh(500, surface_of(0.5F)), 1);
-    query_.spread_rad = 0.005F;
+    query_.spread_rad = 0.001F;
     query_.sun_rays = SunRays::wide;
     leaves_ = surface_of(0.5F);
     leaves_->alpha_cutoff = 0.5F;
@@ -115,7 +117,7 @@ class LeafLightTest : public LightTest {
   std::shared_ptr<Batch> board(double height_m, float half_m = 2, float scale = 1) {
     Instance i = at(0, 0, 0);
     std::fill_n(i.scale, 3, scale);
-    return batch_of(prototype_of(plane_mesh(half_m, leaves_)), {i}, 2, {0, 0, height_m});
+    return batch_of(prototype_of(plane_mesh(half_m, leaves_)), {i}, 2, {0, kNorth_m, height_m});
   }
   /// Leaf of the eastern half alone.
   void half_a_map() {
@@ -175,13 +177,25 @@ TEST_F(LeafLightTest, AnEdgeIsAsSoftAsTheSunIsWideThere) {
        Eigen::Quaternionf(Eigen::AngleAxisf(0.5F * static_cast<float>(kPi), Vector3f::UnitZ())));
   frame_.batches = {ground_, turned};
   EXPECT_EQ(share_at(0), 0);
-  // Near the ground what the ray stands for is wider than the sun: 50 mm of a ray that is met 0.5 m on.
-  query_.spread_rad = 0.2F;
-  frame_.batches = {ground_, board(0.6)};
-  EXPECT_GT(share_at(-0.025), 0.6);
-  EXPECT_LT(share_at(-0.025), 0.95);
+}
+
+TEST_F(LeafLightTest, NearTheGroundAnEdgeIsAsSoftAsThreePixelsAreWide) {
+  half_a_map();
+  auto beside = board(0.6);
+  beside->origin.x() = 0.03;
+  frame_.batches = {ground_, beside};
+  query_.spread_rad = 0.08F;  // 40 mm of a ray that is met 0.5 m on: cells of 125 mm
+  // South of the ground's diagonal: its cells lie along the axes.
+  const auto share_at = [&](double x) {
+    return static_cast<double>(trace({ray_of({x, -0.3, 0.5}, -Vector3d::UnitZ())})[0].radiance[0]) / kLit;
+  };
+  EXPECT_NEAR(share_at(0.01), 0.24, 0.03);
+  EXPECT_EQ(share_at(0.01), share_at(0.11));
+  EXPECT_NEAR(share_at(-0.01), 1, 1e-4);
+  EXPECT_EQ(share_at(0.13), 0);
   query_.spread_rad = 0.001F;
-  EXPECT_NEAR(share_at(-0.025), 1, 1e-5);
+  EXPECT_NEAR(share_at(0.01), 1, 1e-4);
+  EXPECT_EQ(share_at(0.05), 0);
 }
 
 TEST_F(LeafLightTest, ARayWithoutWidthMeetsLeafOrHole) {

@@ -1,0 +1,301 @@
+// Sunlight that is kept in cells of triangles, and the share of a ray's width that is sky.
+#include "sim/render/rays/sun_keeping.h"
+
+#include <numeric>
+#include <random>
+#include <set>
+
+#include "tests/sim/render/rays/light_fixture.h"
+
+namespace rigor::test {
+namespace {
+
+using light::KeptSun;
+using light::middle_of;
+using light::sun_cell;
+using light::SunCell;
+using light::Vec3;
+
+RayScene::Triangle triangle_of(Vec3 a, Vec3 b, Vec3 c) { return {a, b - a, c - a}; }
+Intersection met_at(float u, float v, std::uint32_t triangle = 3) {
+  Intersection m;
+  m.range_m = 1, m.u = u, m.v = v;
+  m.instance = 7, m.part = 1, m.triangle = triangle;
+  return m;
+}
+
+TEST(SunCell, IsSquareAndItsMiddleLiesOnTheTriangle) {
+  std::mt19937 random(4);
+  std::uniform_real_distribution<float> at(-2, 2), share(0, 1);
+  for (int n = 0; n < 2000; ++n) {
+    const auto t = triangle_of({at(random), at(random), at(random)}, {at(random), at(random), at(random)},
+                               {at(random), at(random), at(random)});
+    float u = share(random), v = share(random);
+    if (u + v > 1) u = 1 - u, v = 1 - v;
+    const Vec3 place = t.corner + t.e1 * u + t.e2 * v;
+    const float width_m = 0.01F + 0.3F * share(random);
+    const SunCell cell = sun_cell(t, met_at(u, v), width_m);
+    ASSERT_TRUE(cell.any());
+    EXPECT_GE(cell.side_m, 0.7F * width_m);
+    EXPECT_LE(cell.side_m, 1.42F * width_m);
+    const Vec3 middle = middle_of(t, cell);
+    // On the triangle, and where that has all of the cell in its middle.
+    const Vec3 normal = cross(t.e1, t.e2);
+    EXPECT_LE(std::abs(dot(normal, middle - t.corner)), 1e-5F * length(normal)) << n;
+    const auto side_of = [&](Vec3 a, Vec3 edge) { return dot(cross(edge, middle - a), normal); };
+    const float rounding = -1e-4F * dot(normal, normal);
+    EXPECT_GE(side_of(t.corner, t.e1), rounding) << n;
+    EXPECT_GE(side_of(t.corner + t.e1, t.e2 - t.e1), rounding) << n;
+    EXPECT_GE(side_of(t.corner + t.e2, -t.e2), rounding) << n;
+    const float inside = std::min({u, v, 1 - u - v}) * length(normal);  // twice the area of the nearest side
+    const float longest = std::max({length(t.e1), length(t.e2), length(t.e2 - t.e1)});
+    if (inside > 1.5F * cell.side_m * longest) {
+      EXPECT_LE(length(middle - place), 0.708F * cell.side_m) << n;
+    }
+  }
+}
+
+TEST(SunCell, PointsShareOneWhereNearAndOtherTrianglesHaveOthers) {
+  const auto t = triangle_of({0, 0, 0}, {1, 0, 0}, {0, 1, 0});
+  const SunCell cell = sun_cell(t, met_at(0.30F, 0.30F), 0.125F);
+  EXPECT_EQ(cell.column, 2);
+  EXPECT_EQ(cell.row, 2);
+  EXPECT_TRUE(cell.same_as(sun_cell(t, met_at(0.26F, 0.37F), 0.125F)));
+  EXPECT_FALSE(cell.same_as(sun_cell(t, met_at(0.24F, 0.30F), 0.125F)));
+  EXPECT_FALSE(cell.same_as(sun_cell(t, met_at(0.30F, 0.30F, 4), 0.125F)));
+  EXPECT_FALSE(cell.same_as(sun_cell(t, met_at(0.30F, 0.30F), 0.5F)));
+}
+
+TEST(SunCell, NoneWhereThereIsNoAreaNoWidthOrNoNumberOfCells) {
+  const auto t = triangle_of({0, 0, 0}, {1, 0, 0}, {0, 1, 0});
+  const float nan = std::numeric_limits<float>::quiet_NaN(), inf = std::numeric_limits<float>::infinity();
+  for (const float width_m : {0.0F, -1.0F, nan, 1e-9F, 1e-7F}) {
+    EXPECT_FALSE(sun_cell(t, met_at(0.3F, 0.3F), width_m).any()) << width_m;
+  }
+  EXPECT_FALSE(sun_cell(triangle_of({0, 0, 0}, {0, 0, 0}, {0, 1, 0}), met_at(0.3F, 0.3F), 0.1F).any());
+  EXPECT_FALSE(sun_cell(triangle_of({0, 0, 0}, {1, 0, 0}, {2, 0, 0}), met_at(0.3F, 0.3F), 0.1F).any());
+  EXPECT_FALSE(sun_cell(triangle_of({0, 0, 0}, {inf, 0, 0}, {0, 1, 0}), met_at(0.3F, 0.3F), 0.1F).any());
+  EXPECT_FALSE(sun_cell(t, met_at(nan, 0.3F), 0.1F).any());
+  EXPECT_FALSE(sun_cell(triangle_of({0, 0, 0}, {9000, 0, 0}, {0, 1, 0}), met_at(0.9F, 0.1F), 0.001F).any());
+  EXPECT_TRUE(sun_cell(triangle_of({0, 0, 0}, {900, 0, 0}, {0, 1, 0}), met_at(0.9F, 0.1F), 0.001F).any());
+}
+
+TEST(KeptSun, FindsWhatWasKeptUnderTheSameSunAlone) {
+  const auto t = triangle_of({0, 0, 0}, {100, 0, 0}, {0, 100, 0});
+  const auto cell_at = [&](int i, int j) {
+    return sun_cell(
+        t, met_at(0.001F * (static_cast<float>(i) + 0.5F), 0.001F * (static_cast<float>(j) + 0.5F)), 0.0625F);
+  };
+  KeptSun kept;
+  const KeptSun::Key key{.still_version = 5, .to_sun = {0, 0, 1}, .sun_radius_rad = 0.005F};
+  kept.about(key);
+  std::vector<float> shares;
+  std::size_t found = 0;
+  for (int i = 0; i < 300; ++i)
+    for (int j = 0; j < 300; ++j) {
+      EXPECT_FALSE(kept.find(cell_at(i, j)).has_value());
+      shares.push_back(kept.keep(cell_at(i, j), static_cast<float>((7 * i + 11 * j) % 100) / 99.0F));
+      EXPECT_NEAR(shares.back(), static_cast<float>((7 * i + 11 * j) % 100) / 99.0F, 1e-5F);
+    }
+  for (int i = 0; i < 300; ++i)
+    for (int j = 0; j < 300; ++j)
+      if (const auto share = kept.find(cell_at(i, j))) {
+        ++found;
+        ASSERT_EQ(*share, shares[static_cast<std::size_t>(300 * i + j)]);
+      }
+  EXPECT_GT(found, 85'000U);  // of 90 000: others take a slot that is theirs
+  KeptSun::Key other_sun = key, other_content = key, other_place = key;
+  other_sun.to_sun.x = 1e-6F;
+  other_content.still_version = 6;
+  other_place.scene_origin.x() = 256;
+  for (const KeptSun::Key& k : {other_sun, other_content, other_place}) {
+    kept.about(k);
+    for (int i = 0; i < 300; ++i) EXPECT_FALSE(kept.find(cell_at(i, i)).has_value());
+  }
+  kept.about(key);
+  EXPECT_TRUE(kept.find(cell_at(3, 5)).has_value());
+  for (const float share : {0.0F, 1.0F}) {
+    EXPECT_EQ(kept.keep(cell_at(3, 5), share), share);
+    EXPECT_EQ(kept.find(cell_at(3, 5)), share);
+  }
+}
+
+/// A grove of leaves with holes above a ground.
+class KeptSunlightTest : public LightTest {
+ protected:
+  void SetUp() override {
+    LightTest::SetUp();
+    set_sun(140, 50, 3);
+    frame_.light.sun_angular_radius_rad = 0.00465F;
+    query_.spread_rad = 0.004F;
+    query_.sun_rays = SunRays::wide;
+    auto leaf = surface_of(0.4F);
+    leaf->transmittance = grey(0.2F);
+    leaf->two_sided = true;
+    leaf->alpha_cutoff = 0.5F;
+    std::vector<std::uint8_t> rgba;
+    for (int y = 0; y < 64; ++y)
+      for (int x = 0; x < 64; ++x)
+        rgba.insert(rgba.end(),
+                    {255, 255, 255, static_cast<std::uint8_t>((x * x + 3 * y) % 7 < 4 ? 255 : 0)});
+    leaf->colour_map = texture_of(64, 64, rgba);
+    const auto card = prototype_of(plane_mesh(0.5F, leaf));
+    std::mt19937 random(7);
+    std::uniform_real_distribution<float> across(-4, 4), up(0.5F, 4), turns(-1, 1);
+    std::vector<Instance> cards;
+    for (int i = 0; i < 150; ++i) {
+      cards.push_back(test::at(across(random), across(random), up(random)));
+      test::turn(cards.back(),
+                 Eigen::Quaternionf(turns(random), turns(random), turns(random), turns(random)).normalized());
+    }
+    ground_ = one(plane_mesh(200, surface_of(0.5F)), 1);
+    grove_ = batch_of(card, cards, 2);
+    frame_.batches = {ground_, grove_};
+  }
+  static std::vector<Ray> rays_from(double x, double y) {
+    std::vector<Ray> rays;
+    for (int v = 0; v < 48; ++v)
+      for (int u = 0; u < 64; ++u)
+        rays.push_back(ray_of({x, y, 2}, {0.02 * (u - 32), 1, -0.3 - 0.02 * (v - 24)}));
+    return rays;
+  }
+  std::vector<float> light_of(EmbreeEngine& engine, LightTracer& tracer, const std::vector<Ray>& rays) {
+    std::vector<float> out;
+    for (const LightSample& s : trace(engine, tracer, rays)) out.push_back(s.radiance[0]);
+    return out;
+  }
+  double mean_of(const std::vector<float>& v) {
+    return std::accumulate(v.begin(), v.end(), 0.0) / static_cast<double>(v.size());
+  }
+  std::shared_ptr<Batch> ground_, grove_;
+};
+
+TEST_F(KeptSunlightTest, IsTheSameWhateverWasSeenBeforeAndOnAnyNumberOfThreads) {
+  const std::vector<Ray> rays = rays_from(0, -7);
+  const std::vector<float> fresh = light_of(*engine_, *tracer_, rays);
+  EXPECT_GT(std::set<float>(fresh.begin(), fresh.end()).size(), 500U);
+  EXPECT_EQ(light_of(*engine_, *tracer_, rays), fresh);
+  for (const int threads : {1, 3}) {
+    auto engine = make({.threads = threads});
+    LightTracer tracer(engine);
+    // Eyes beside it know some of the cells before.
+    for (const double x : {-0.3, 0.02, 0.1}) light_of(*engine, tracer, rays_from(x, -7));
+    EXPECT_EQ(light_of(*engine, tracer, rays), fresh) << threads;
+  }
+}
+
+TEST_F(KeptSunlightTest, ShootsFewerRaysTheSecondTimeAndFromBeside) {
+  light_of(*engine_, *tracer_, rays_from(0, -7));
+  const std::size_t first = tracer_->statistics().shadow_rays;
+  EXPECT_GT(first, 300U);
+  light_of(*engine_, *tracer_, rays_from(0.01, -7));
+  EXPECT_LT(tracer_->statistics().shadow_rays, first / 2);
+  light_of(*engine_, *tracer_, rays_from(0, -7));
+  EXPECT_LT(tracer_->statistics().shadow_rays, first / 50);  // cells whose slot others took
+}
+
+TEST_F(KeptSunlightTest, FollowsSunAndContentAndWhatMoves) {
+  const std::vector<Ray> rays = rays_from(0, -7);
+  const auto expect_as_fresh = [&](const char* what) {
+    LightTracer fresh(engine_);
+    const std::vector<float> kept = light_of(*engine_, *tracer_, rays);
+    EXPECT_EQ(kept, light_of(*engine_, fresh, rays)) << what;
+    return kept;
+  };
+  const auto open = expect_as_fresh("as it is");
+  auto roof = one(box_mesh({5, 5, 0.1F}, surface_of(0.5F)), 9, {0, 0, 6});
+  frame_.batches.push_back(roof);
+  const auto shaded = expect_as_fresh("a roof");
+  EXPECT_LT(mean_of(shaded), 0.8 * mean_of(open));
+  roof->moves = true;
+  roof = std::make_shared<Batch>(*roof);
+  roof->serial = next_serial();
+  frame_.batches.back() = roof;
+  const auto moving = expect_as_fresh("a roof that moves");
+  EXPECT_NEAR(mean_of(moving), mean_of(shaded), 0.01 * mean_of(open));
+  frame_.batches.pop_back();
+  EXPECT_EQ(expect_as_fresh("gone again"), open);
+  set_sun(220, 50, 3);
+  EXPECT_NE(expect_as_fresh("another sun"), open);
+}
+
+TEST_F(KeptSunlightTest, WhatMovesHasAllOfItsOwnShade) {
+  auto block = one(box_mesh({1, 1, 1}, surface_of(0.5F)), 9, {0, -4, 1});
+  block->moves = true;
+  frame_.batches = {ground_, block};
+  const std::vector<Ray> down(1, ray_of({0.3, -4, 5}, -Vector3d::UnitZ()));
+  EXPECT_GT(light_of(*engine_, *tracer_, down)[0], 0.1F);
+  frame_.batches.push_back(one(box_mesh({50, 50, 0.1F}, surface_of(0.5F)), 10, {0, 0, 8}));
+  EXPECT_EQ(light_of(*engine_, *tracer_, down)[0], 0);
+}
+
+TEST_F(KeptSunlightTest, OfARayWithoutWidthIsTracedEachTime) {
+  query_.spread_rad = 0;
+  const std::vector<Ray> rays = rays_from(0, -7);
+  const std::vector<float> fresh = light_of(*engine_, *tracer_, rays);
+  const std::size_t first = tracer_->statistics().shadow_rays;
+  EXPECT_GT(first, 500U);
+  EXPECT_EQ(light_of(*engine_, *tracer_, rays), fresh);
+  EXPECT_EQ(tracer_->statistics().shadow_rays, first);
+}
+
+class SkyShareTest : public LightTest {
+ protected:
+  void SetUp() override {
+    LightTest::SetUp();
+    frame_.light.sky = even_sky(2);
+    query_.sky_only = true;
+    query_.spread_rad = 0.05F;
+    leaves_ = surface_of(0.5F);
+    leaves_->two_sided = true;
+    leaves_->alpha_cutoff = 0.5F;
+    std::vector<std::uint8_t> rgba;
+    for (int y = 0; y < 256; ++y)
+      for (int x = 0; x < 256; ++x)
+        rgba.insert(rgba.end(), {255, 255, 255, static_cast<std::uint8_t>((x + y) % 2 == 0 ? 255 : 0)});
+    leaves_->colour_map = texture_of(256, 256, rgba);
+  }
+  LightSample up(std::vector<std::shared_ptr<const Batch>> things) {
+    frame_.batches = std::move(things);
+    return light({0.31, 0.17, 0}, Vector3d::UnitZ());
+  }
+  std::shared_ptr<Batch> board(double height_m) { return one(plane_mesh(2, leaves_), 2, {0, 0, height_m}); }
+  std::shared_ptr<Surface> leaves_;
+};
+
+TEST_F(SkyShareTest, IsWhatLeavesLeaveFreeOfTheRaysWidth) {
+  EXPECT_EQ(up({}).sky_share, 1);
+  EXPECT_EQ(up({}).radiance[0], 2);
+  // 16 mm to a texel; 0.25 m wide at 5 m.
+  const LightSample half = up({board(5)}), quarter = up({board(5), board(6)});
+  EXPECT_NEAR(half.sky_share, 0.5, 0.02);
+  EXPECT_NEAR(quarter.sky_share, 0.25, 0.02);
+  EXPECT_EQ(half.radiance[0], 2);  // of the sky, not of the mean
+  EXPECT_TRUE(std::isinf(half.range_m));
+}
+
+TEST_F(SkyShareTest, IsNothingBehindWhatHasNoHoles) {
+  const LightSample s = up({one(box_mesh({2, 2, 0.1F}, surface_of(0.5F)), 3, {0, 0, 5}), board(6)});
+  EXPECT_EQ(s.sky_share, 0);
+  EXPECT_EQ(s.radiance[0], 0);
+  EXPECT_EQ(s.range_m, 0);
+}
+
+TEST_F(SkyShareTest, IsAllOfItFromInsideAHullWithOneSide) {
+  for (const bool holed : {false, true}) {
+    auto s = std::make_shared<Surface>(*leaves_);
+    s->serial = next_serial();
+    s->two_sided = false;
+    if (!holed) s->colour_map = nullptr;
+    EXPECT_EQ(up({one(box_mesh({1, 1, 1}, s), 3)}).sky_share, 1) << holed;
+  }
+}
+
+TEST_F(SkyShareTest, OfAWholeSampleIsAllOrNothing) {
+  query_.sky_only = false;
+  EXPECT_EQ(up({}).sky_share, 1);
+  EXPECT_EQ(up({one(box_mesh({2, 2, 0.1F}, surface_of(0.5F)), 3, {0, 0, 5})}).sky_share, 0);
+}
+
+}  // namespace
+}  // namespace rigor::test
