@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 
 namespace rigor::render {
@@ -362,7 +363,11 @@ Status PlacedScene::place(const WantedContent& wanted) {
   for (int k = 0; k < 3; ++k)
     weather_.cell[k] = static_cast<float>(origin_[k] - std::floor(origin_[k] / 1024) * 1024);
   if (still_version_ == wanted.still_version && moving_version_ == wanted.moving_version) return {};
-  if (still_version_ != wanted.still_version) place(still_, wanted.still);
+  if (still_version_ != wanted.still_version) {
+    static std::atomic<std::uint64_t> last{0};
+    still_serial_ = ++last;
+    place(still_, wanted.still);
+  }
   if (moving_version_ != wanted.moving_version) place(moving_, wanted.moving);
   moving_.first = still_.end();
   if (const std::string c = cache_->complaint(); !c.empty()) return fail(ErrorCode::unavailable, "embree", c);

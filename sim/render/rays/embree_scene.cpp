@@ -225,8 +225,8 @@ void RayScene::clear_share(RayPackets& rays, unsigned n, bool coherent, WideWalk
   for (unsigned i = 0; i < n; ++i) clear[i] = hidden[i] != 0 ? 0 : walk.clear(i);
 }
 
-void RayScene::clear_share_alone(RayPackets& rays, unsigned n, const WideRays& wide,
-                                 float* clear) const noexcept {
+void RayScene::clear_share_alone(RayPackets& rays, unsigned n, const WideRays& wide, float* clear,
+                                 std::uint8_t* leaves) const noexcept {
   const WalkTime time(profile_);
   WideWalk walk = wide_walk(wide);
   SceneContext context;
@@ -239,10 +239,12 @@ void RayScene::clear_share_alone(RayPackets& rays, unsigned n, const WideRays& w
     const unsigned k = i % 8;
     alignas(32) int valid[8] = {};
     clear[i] = 0;
+    leaves[i] = 0;
     if (!(r.tnear[k] <= r.tfar[k])) continue;
     valid[k] = -1;
     rtcOccluded8(valid, still_.handle, &context.embree, &r);
     if (!(r.tfar[k] < 0)) clear[i] = walk.clear(i);
+    leaves[i] = walk.cover[i] > 0 ? 1 : 0;
   }
 }
 
@@ -295,12 +297,9 @@ RayScene::Triangle RayScene::triangle(const Intersection& m) const noexcept {
   using light::Vec3;
   const Owner o = owner(m.instance);
   const RayInstance& i = o.batch->batch->instances[o.index];
-  const RayPart& part = i.mesh->parts[m.part];
-  const std::uint32_t* const index =
-      &i.mesh->mesh->indices[part.first_index + 3 * static_cast<std::size_t>(m.triangle)];
-  const std::vector<Vertex>& vertices = i.mesh->mesh->vertices;
-  const Vec3 a = light::from(vertices[index[0]].position), b = light::from(vertices[index[1]].position),
-             c = light::from(vertices[index[2]].position);
+  const auto corner = corners_of(i, m);
+  const Vec3 a = light::from(corner[0]->position), b = light::from(corner[1]->position),
+             c = light::from(corner[2]->position);
   // The inverse of scale^-1 · rotation^T, whose rows are square to each other: each column is one of its rows
   // over the square of its length.
   Vec3 column[3];
@@ -357,11 +356,8 @@ SurfacePoint RayScene::point(const double origin[3], const float direction[3], f
   const RayMesh& mesh = *instance.mesh;
   const RayPart& part = mesh.parts[met.part];
   const Placement at = placement(owned, time);
-  const std::uint32_t* const index =
-      &mesh.mesh->indices[part.first_index + 3 * static_cast<std::size_t>(met.triangle)];
-  const Vertex& a = mesh.mesh->vertices[index[0]];
-  const Vertex& b = mesh.mesh->vertices[index[1]];
-  const Vertex& c = mesh.mesh->vertices[index[2]];
+  const auto corner = corners_of(instance, met);
+  const Vertex &a = *corner[0], &b = *corner[1], &c = *corner[2];
   const auto place = [](const Vertex& v) { return Vector3d(v.position[0], v.position[1], v.position[2]); };
 
   // Möller and Trumbore in the mesh's axes, in double: Embree's own range has the float error of where the

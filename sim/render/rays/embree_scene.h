@@ -135,6 +135,15 @@ struct RayInstance {
 };
 static_assert(sizeof(RayInstance) == 128);
 
+/// Corners of a triangle of an instance's mesh.
+[[nodiscard]] inline std::array<const Vertex*, 3> corners_of(const RayInstance& instance,
+                                                             const Intersection& m) noexcept {
+  const Mesh& mesh = *instance.mesh->mesh;
+  const std::uint32_t* const index =
+      &mesh.indices[instance.mesh->parts[m.part].first_index + 3 * static_cast<std::size_t>(m.triangle)];
+  return {&mesh.vertices[index[0]], &mesh.vertices[index[1]], &mesh.vertices[index[2]]};
+}
+
 /// Poses of an instance at equal steps over the window. Between them places and scales go linearly, rotations
 /// by slerp, as Embree has it.
 struct RayMotion {
@@ -276,10 +285,12 @@ class RayScene {
   /// width. Directions are of unit length. A ray that meets the common edge of two triangles counts both.
   void clear_share(RayPackets& rays, unsigned n, bool coherent, const WideRays& wide, float* clear,
                    Part part = Part::all) const noexcept;
-  /// As above, of what stands still, each ray in a walk of its own: the answer is the same to the last bit
-  /// whatever else is asked. Twice the time.
-  void clear_share_alone(RayPackets& rays, unsigned n, const WideRays& wide, float* clear) const noexcept;
-  /// As clear_share(), of what intersect() would meet.
+  /// As above, past what stands still, each ray in a walk of its own, so that its answer does not depend on
+  /// the others to the last bit; it takes about twice the time of rays that are walked together. leaves[i]:
+  /// whether the ray met a surface with holes.
+  void clear_share_alone(RayPackets& rays, unsigned n, const WideRays& wide, float* clear,
+                         std::uint8_t* leaves) const noexcept;
+  /// Like clear_share(), but backs of one-sided surfaces are not there, as for intersect().
   void sky_share(RayPackets& rays, unsigned n, const WideRays& wide, float* clear) const noexcept;
   /// Whether hit i of what a filter is asked is of a face that looks away from its ray.
   [[nodiscard]] static bool looks_away(const SceneContext& context, const RTCFilterFunctionNArguments* a,
@@ -297,14 +308,16 @@ class RayScene {
     Eigen::Vector3d position;
   };
   [[nodiscard]] Placement placement(std::uint32_t id, float time) const noexcept;
-  /// A triangle in the world's axes, float: (1 - u - v) a + u b + v c = corner + u e1 + v e2.
+  /// A triangle in the world's axes: u and v of an intersection lie at corner + u e1 + v e2.
   struct Triangle {
     light::Vec3 corner, e1, e2;  ///< corner: relative to origin()
   };
-  /// Of what stands still.
+  /// Of an intersection with what stands still.
   [[nodiscard]] Triangle triangle(const Intersection& m) const noexcept;
-  /// Whether it is among what moves.
+  /// Whether an instance is among what moves.
   [[nodiscard]] bool moves(std::uint32_t id) const noexcept { return id >= moving_.first; }
+  /// Another one in the whole process whenever what stands still, or how it is numbered, may be another.
+  [[nodiscard]] std::uint64_t still_serial() const noexcept { return still_serial_; }
 
  protected:
   /// A batch in the scene.
@@ -352,6 +365,7 @@ class RayScene {
   RayScene() = default;
   Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();
   Level still_, moving_;
+  std::uint64_t still_serial_ = 0;
   RayWeather weather_;
   RayProfile* profile_ = nullptr;
 };

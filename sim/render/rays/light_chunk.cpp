@@ -1,8 +1,6 @@
 #include "sim/render/rays/light_chunk.h"
 
-#include <atomic>
 #include <cmath>
-#include <cstdio>
 #include <optional>
 
 namespace rigor::render::light {

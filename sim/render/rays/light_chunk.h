@@ -26,7 +26,8 @@ struct ChunkInput {
   const GatheredLight* gathered = nullptr;  ///< null: the sky is open
   /// What the query's rays can meet, and what all rays that follow can.
   RayScene::Part seen = RayScene::Part::all, followed = RayScene::Part::all;
-  KeptSun* kept_sun = nullptr;  ///< for queries with SunRays::wide
+  KeptSun* kept_sun =
+      nullptr;  ///< of a query with SunRays::wide and shadows, where there is a sun; else null
 };
 
 /// Belongs to one thread.
@@ -65,13 +66,14 @@ class Chunk {
   unsigned add_sun(std::span<Point> points, std::size_t first, unsigned draw, SunRays sun);
   /// Sunlight on points, at most kChunk, by wide rays (SunRays::wide). How many were shot.
   unsigned add_wide_sun(std::span<Point> points);
-  /// The parts of it: clear[i] times what gets through to the point. From the points' cells, where they have
-  /// one; …
-  unsigned kept_sun(std::span<const Point> points, std::span<const SunCell> cells, std::span<float> clear);
-  /// … and by rays of the points' own: of those in cells past what moves, of the others past everything.
-  unsigned wide_sun(std::span<const Point> points, std::span<const SunCell> cells, bool in_cells,
-                    std::span<float> clear);
-  void set_sun_ray(unsigned i, Vec3 place, const Point& p, Vec3 to);
+  /// Sets clear[i] of points that have a cell to the share of sunlight that gets past what stands still. A
+  /// cell without leaves is taken from its points. How many rays were shot.
+  unsigned take_from_cells(std::span<const Point> points, std::span<SunCell> cells, std::span<float> clear);
+  /// Multiplies clear[i] by the share that gets past what moves, of points with a cell, or past everything,
+  /// of points without one, by rays of the points' own. How many were shot.
+  unsigned ask_for_points(std::span<const Point> points, std::span<const SunCell> cells, bool in_cells,
+                          std::span<float> clear);
+  void set_sun_ray(unsigned i, Vec3 place, Vec3 normal, float time, Vec3 to);
   void add_lamps();
   /// What surroundings send to a point.
   struct Surroundings {

@@ -45,9 +45,8 @@ const PointLookup::Facet& PointLookup::facet(const Intersection& m) {
   f.mirrored = instance.mirrored != 0;
   f.surface = &surfaces_.of(part.surface->surface.get());
   f.tint = tint_[0] * instance.tint[0] + tint_[1] * instance.tint[1] + tint_[2] * instance.tint[2];
-  const std::uint32_t* const index =
-      &mesh.mesh->indices[part.first_index + 3 * static_cast<std::size_t>(m.triangle)];
-  for (int k = 0; k < 3; ++k) f.corner[k] = &mesh.mesh->vertices[index[k]];
+  const auto corners = corners_of(instance, m);
+  std::copy(corners.begin(), corners.end(), f.corner);
   const Vertex &a = *f.corner[0], &b = *f.corner[1], &c = *f.corner[2];
   float inverse[9];
   for (int k = 0; k < 9; ++k) inverse[k] = static_cast<float>(instance.inverse[k]);

@@ -100,8 +100,8 @@ Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samp
   std::atomic<std::size_t> shadow_rays{0}, sky_rays{0};
   if (q.gathered && q.shadows && q.sky_rays == 0) in.gathered = gathered;
   if (q.sun_rays == SunRays::wide && q.shadows && lit->frame.sun) {
-    kept_sun.about({engine->impl().content().still_version, lit->scene->origin(), lit->frame.to_sun,
-                    lit->frame.sun_radius_rad});
+    if (!kept_sun.about(lit->scene->still_serial(), lit->frame.to_sun, lit->frame.sun_radius_rad))
+      return fail(ErrorCode::unavailable, "rays", "out of memory");
     in.kept_sun = &kept_sun;
   }
   const std::size_t chunks = (q.rays.size() + light::kChunk - 1) / light::kChunk;

@@ -25,43 +25,46 @@ struct SunCell {
   }
 };
 
-/// The cell in which the point lies that was met, of about this width. No cell: a triangle without area, a
-/// width of 0, far too many cells.
+/// The cell about the point that was met, of about this width. No cell: of a triangle without area, a width
+/// of 0, and where an edge would have more than a million of them.
 [[nodiscard]] SunCell sun_cell(const RayScene::Triangle& t, const Intersection& m, float width_m) noexcept;
-/// Its middle, or what of the triangle is near it.
+/// The triangle's place that is nearest to the cell's middle.
 [[nodiscard]] Vec3 middle_of(const RayScene::Triangle& t, const SunCell& cell) noexcept;
+
+/// The sunlight of a cell.
+struct SunShare {
+  float clear = 0;  ///< what gets through, of 1
+  /// Whether leaves have a part in it. If not, each point asks for itself: edges of shadows stay sharp there.
+  bool leaves = false;
+};
 
 class KeptSun {
  public:
-  /// What shares depend on, but for the cell.
-  struct Key {
-    std::uint64_t still_version = 0;
-    Eigen::Vector3d scene_origin = Eigen::Vector3d::Zero();
-    Vec3 to_sun;
-    float sun_radius_rad = 0;
-  };
-  /// Shares that are found and kept from now on. Not while other threads do. The first call takes the memory.
-  void about(const Key& key);
-  /// Has the share on its way from memory. Any thread, as what follows.
+  /// Whose answers are found and kept from now on. Not while other threads find or keep. The first call takes
+  /// 32 MiB of address space, whose pages fill up as cells are kept. False: there is no memory.
+  [[nodiscard]] bool about(std::uint64_t still_serial, Vec3 to_sun, float sun_radius_rad) noexcept;
+  /// Prefetches the answer. Any thread, as what follows.
   void fetch(const SunCell& cell) const noexcept;
-  [[nodiscard]] std::optional<float> find(const SunCell& cell) const noexcept;
-  /// The share as find() will have it, rounded.
-  float keep(const SunCell& cell, float share) noexcept;
+  /// Another cell's answer, by its hash, comes with a probability of 2^-45.
+  [[nodiscard]] std::optional<SunShare> find(const SunCell& cell) const noexcept;
+  /// The answer as find() will have it, rounded.
+  SunShare keep(const SunCell& cell, SunShare share) noexcept;
 
  private:
-  static constexpr std::size_t kCells = std::size_t{1} << 22U;  ///< 32 MiB
+  static constexpr std::size_t kSlots = std::size_t{1} << 22U;
   struct Slot {
     std::size_t at;
     std::uint64_t tag;  ///< its lowest 16 bits are 0
   };
   [[nodiscard]] Slot slot_of(const SunCell& cell) const noexcept;
+  struct Free {
+    void operator()(void* memory) const noexcept { std::free(memory); }
+  };
 
   std::uint64_t salt_ = 0;
-  /// Each slot: 16 bits of a share, above 0, and 48 of whose it is. 0: empty.
-  struct Free {
-    void operator()(std::uint64_t* slots) const noexcept { std::free(slots); }
-  };
-  std::unique_ptr<std::uint64_t[], Free> slots_;
+  std::unique_ptr<void, Free> memory_;
+  /// Each slot: 16 bits of an answer, above 0, and 48 of whose it is. 0: empty. Groups begin cache lines.
+  std::uint64_t* slots_ = nullptr;
 };
 
 }  // namespace rigor::render::light

@@ -238,10 +238,10 @@ TEST_P(CameraOptics, APartIsTheSameAsInTheWholePictureWithSkySamples) {
   put_slit(world_);
   for (int i = 0; i < 5; ++i)
     if (i != 1) world_.put({0.02F, 1e-3F, 0.7F}, in_front(0.17 * i - 0.2, 0.1, 2), 0.3F);
-  for (const int uneven : {0, 4}) {
+  for (const auto& [uneven, sky] : {std::pair{0, 8}, {4, 8}, {0, 12}}) {
     OpticsOptions o = plain();
     o.samples.uneven = uneven;
-    o.samples.sky = 8;
+    o.samples.sky = sky;
     const OpticsPicture whole = shoot(small_camera(), o);
     // Parts that begin at all places of the slit: some know of it only by what lies beyond their edge.
     for (int top = 0; top < 12; ++top) {
