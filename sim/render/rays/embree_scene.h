@@ -195,7 +195,8 @@ struct WideRays {
   const float* half_width_m;  ///< where a ray starts, by its number in the packets
   float half_width_per_m;     ///< what it grows by along the ray
 };
-/// A ray that lets less through than this lets nothing through: in thick foliage rays end early.
+/// A ray that lets less through than this, in one walk, lets nothing through: in thick foliage rays end
+/// early.
 inline constexpr float kLeastClear = 0.05F;
 
 /// What a walk of wide rays counts.

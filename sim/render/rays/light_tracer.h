@@ -26,8 +26,9 @@
 namespace rigor::render {
 
 /// Shadow rays to the sun: to the middle of its disc; to a point of it by seed and index; or to its middle,
-/// but as wide as what the query's ray stands for (`spread_rad`) and as the disc, so that leaves let through
-/// the share of the light that they do not cover.
+/// but as wide as the disc, so that leaves let through the share of the light that they do not cover. Where
+/// leaves shade a surface that stands still, `wide` has one answer for a cell of it about three pixels
+/// (`spread_rad`) wide, which is kept from query to query; elsewhere the ray begins as wide as a pixel.
 enum class SunRays : std::uint8_t { to_middle, to_points, wide };
 
 struct LightQuery {
@@ -50,7 +51,8 @@ struct LightQuery {
   /// sample then depends on the others of its eight. A third less time indoors.
   bool packets = false;
   /// Rays ask for the sky alone, each as wide as `spread_rad`: LightSample has the share of its width that is
-  /// sky, and the sky's radiance. What share of a pixel is sky costs a part of what its light costs.
+  /// sky, and the sky's radiance, or a range of 0 where none of it is sky. What share of a pixel is sky costs
+  /// a part of what its light costs.
   bool sky_only = false;
 };
 
@@ -59,8 +61,8 @@ struct LightSample {
   float range_m = std::numeric_limits<float>::infinity();
   float normal[3]{};
   NodeId node{};
-  /// Of the ray's width: 1 where it meets nothing, else 0; of LightQuery::sky_only what leaves leave free, 0
-  /// where surfaces without holes stand.
+  /// 1 where the ray meets nothing, else 0. With LightQuery::sky_only the share of the ray's width that
+  /// leaves leave free, and 0 where a surface without holes stands or less than a twentieth is free.
   float sky_share = 0;
 };
 
@@ -88,10 +90,11 @@ class LightTracer {
   /// What stands still is gathered from places all over a cell of 1 m around the origin, and kept: it is a
   /// function of that cell, of the directions, of what stands there and of sun and sky, never of the query's
   /// seed or of what was asked before, so that cameras which see the same have the same error. Same rays,
-  /// same light, on any number of threads. Errors: bad_input.
+  /// same light, on any number of threads. Errors: bad_input, unavailable.
   [[nodiscard]] Status gather(const LightQuery& query);
   /// samples[i] belongs to rays[i]. Same query, same samples, on any number of threads. A ray that is not
-  /// finite brings nothing. One thread at a time, engine included. Errors: bad_input.
+  /// finite brings nothing. One thread at a time, engine included. The first query with SunRays::wide takes
+  /// 32 MiB. Errors: bad_input, unavailable (memory).
   [[nodiscard]] Status trace(const LightQuery& query, std::span<LightSample> samples);
   [[nodiscard]] LightStatistics statistics() const noexcept;
 

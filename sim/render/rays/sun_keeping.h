@@ -1,7 +1,7 @@
-// Shares of the sun's light that are kept from ray to ray and from picture to picture. A triangle is cut into
-// square cells, about as wide as a few pixels of whoever looks at it. What the sun sends to a cell is a
-// function of the cell, of what stands still and of the sun, never of what was asked before, so that an
-// answer is the same whether it was kept or not. Internal to sim/render/rays.
+// Sunlight through leaves, kept from ray to ray and from picture to picture. Each triangle is divided into
+// square cells about three pixels wide, as seen by the eye that asks. How much sunlight reaches a cell
+// depends on the cell, on what stands still and on the sun alone, so that an answer is the same whether it
+// was kept or is worked out anew. Internal to sim/render/rays.
 #pragma once
 
 #include <cstdint>

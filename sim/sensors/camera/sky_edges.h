@@ -1,6 +1,7 @@
 // Pixels in which surfaces lie beside the sky. How much of such a pixel is sky matters more than anything
-// else in a picture, since the sky is a hundred times as bright as the shade: rays that only ask whether they
-// meet it find that share for a part of the cost of whole samples. Internal to sim/sensors/camera.
+// else in a picture, since the sky is a hundred times as bright as the shade: rays that ask for nothing but
+// the share of their width that is sky find it for a part of the cost of whole samples. Internal to
+// sim/sensors/camera.
 #pragma once
 
 #include <cstdint>
@@ -31,7 +32,7 @@ class SkyEdges {
  private:
   struct Pixel {
     float sky[4]{}, surface[4]{};  ///< sums
-    float skies = 0, met = 0;      ///< samples; of one that met both, shares
+    float skies = 0, met = 0;      ///< samples; one that met both counts in both by its shares
     float surfaces = 0;            ///< of those that met one: whole samples
   };
   [[nodiscard]] std::size_t index(PixelPlace at) const {

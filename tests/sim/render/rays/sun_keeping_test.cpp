@@ -149,17 +149,17 @@ class KeptSunlightTest : public LightTest {
     frame_.light.sun_angular_radius_rad = 0.00465F;
     query_.spread_rad = 0.004F;
     query_.sun_rays = SunRays::wide;
-    auto leaf = surface_of(0.4F);
-    leaf->transmittance = grey(0.2F);
-    leaf->two_sided = true;
-    leaf->alpha_cutoff = 0.5F;
+    leaf_ = surface_of(0.4F);
+    leaf_->transmittance = grey(0.2F);
+    leaf_->two_sided = true;
+    leaf_->alpha_cutoff = 0.5F;
     std::vector<std::uint8_t> rgba;
     for (int y = 0; y < 64; ++y)
       for (int x = 0; x < 64; ++x)
         rgba.insert(rgba.end(),
                     {255, 255, 255, static_cast<std::uint8_t>((x * x + 3 * y) % 7 < 4 ? 255 : 0)});
-    leaf->colour_map = texture_of(64, 64, rgba);
-    const auto card = prototype_of(plane_mesh(0.5F, leaf));
+    leaf_->colour_map = texture_of(64, 64, rgba);
+    const auto card = prototype_of(plane_mesh(0.5F, leaf_));
     std::mt19937 random(7);
     std::uniform_real_distribution<float> across(-4, 4), up(0.5F, 4), turns(-1, 1);
     std::vector<Instance> cards;
@@ -188,6 +188,7 @@ class KeptSunlightTest : public LightTest {
     return std::accumulate(v.begin(), v.end(), 0.0) / static_cast<double>(v.size());
   }
   std::shared_ptr<Batch> ground_, grove_;
+  std::shared_ptr<Surface> leaf_;
 };
 
 TEST_F(KeptSunlightTest, IsTheSameWhateverWasSeenBeforeAndOnAnyNumberOfThreads) {
@@ -239,14 +240,19 @@ TEST_F(KeptSunlightTest, FollowsSunAndContentAndWhatMoves) {
   EXPECT_NE(expect_as_fresh("another sun"), open);
 }
 
-TEST_F(KeptSunlightTest, WhatMovesHasAllOfItsOwnShade) {
-  auto block = one(box_mesh({1, 1, 1}, surface_of(0.5F)), 9, {0, -4, 1});
-  block->moves = true;
-  frame_.batches = {ground_, block};
-  const std::vector<Ray> down(1, ray_of({0.3, -4, 5}, -Vector3d::UnitZ()));
-  EXPECT_GT(light_of(*engine_, *tracer_, down)[0], 0.1F);
-  frame_.batches.push_back(one(box_mesh({50, 50, 0.1F}, surface_of(0.5F)), 10, {0, 0, 8}));
-  EXPECT_EQ(light_of(*engine_, *tracer_, down)[0], 0);
+TEST_F(KeptSunlightTest, WhatMovesHasTheShadeOfWhereItIs) {
+  set_sun(0, 90, 3);
+  const auto board = one(plane_mesh(0.5F, leaf_), 10, {-1, 0.41, 8});
+  const auto top_of_block_at = [&](float x) {
+    auto block = one(box_mesh({0.2F, 0.2F, 0.5F}, surface_of(0.5F)), 9, {static_cast<double>(x), 0.3, 0.5});
+    block->moves = true;
+    frame_.batches = {ground_, board, block};
+    return light_of(*engine_, *tracer_, {ray_of({static_cast<double>(x), 0.31, 3}, -Vector3d::UnitZ())})[0];
+  };
+  const float below_leaves = top_of_block_at(-1), beside = top_of_block_at(1);
+  EXPECT_GT(below_leaves, 0.3F * beside);
+  EXPECT_LT(below_leaves, 0.8F * beside);
+  EXPECT_EQ(top_of_block_at(-1), below_leaves);
 }
 
 TEST_F(KeptSunlightTest, EdgesOfShadowsOfWhatHasNoHolesAreSharp) {
