@@ -85,6 +85,14 @@ struct SceneFilters {
           RayScene::looks_away(*context, a, i))
         a->valid[i] = 0;
   }
+  static void leave_out_what_has_no_holes(const RTCFilterFunctionNArguments* a) {
+    const auto* const context = reinterpret_cast<const SceneContext*>(a->context);
+    const RayInstance& instance = context->scene->instance(context->base + a->context->instID[0]);
+    const unsigned n = a->N;
+    for (unsigned i = 0; i < n; ++i)
+      if (a->valid[i] == -1 && !instance.mesh->parts[RTCHitN_geomID(a->hit, n, i)].surface->holes)
+        a->valid[i] = 0;
+  }
 };
 
 bool RayScene::looks_away(const SceneContext& context, const RTCFilterFunctionNArguments* a,
@@ -237,14 +245,30 @@ void RayScene::clear_share_alone(RayPackets& rays, unsigned n, const WideRays& w
   for (unsigned i = 0; i < n; ++i) {
     RTCRay8& r = rays.packets[i / 8].ray;
     const unsigned k = i % 8;
-    alignas(32) int valid[8] = {};
     clear[i] = 0;
     leaves[i] = 0;
     if (!(r.tnear[k] <= r.tfar[k])) continue;
-    valid[k] = -1;
-    rtcOccluded8(valid, still_.handle, &context.embree, &r);
-    if (!(r.tfar[k] < 0)) clear[i] = walk.clear(i);
-    leaves[i] = walk.cover[i] > 0 ? 1 : 0;
+    const float far_m = r.tfar[k];
+    const auto hidden = [&] {
+      alignas(32) int valid[8] = {};
+      valid[k] = -1;
+      r.tfar[k] = far_m;
+      walk.cover[i] = 0;
+      rtcOccluded8(valid, still_.handle, &context.embree, &r);
+      return r.tfar[k] < 0;
+    };
+    if (!hidden()) {
+      clear[i] = walk.clear(i);
+      leaves[i] = walk.cover[i] > 0 ? 1 : 0;
+      continue;
+    }
+    // Which of the two ends a walk first says nothing: leaves have to hide the ray without anything else.
+    if (walk.cover[i] <= walk.most) {
+      context.embree.filter = SceneFilters::leave_out_what_has_no_holes;
+      hidden();
+      context.embree.filter = nullptr;
+    }
+    leaves[i] = walk.cover[i] > walk.most ? 1 : 0;
   }
 }
 

@@ -34,7 +34,8 @@ struct SunCell {
 /// The sunlight of a cell.
 struct SunShare {
   float clear = 0;  ///< what gets through, of 1
-  /// Whether leaves have a part in it. If not, each point asks for itself: edges of shadows stay sharp there.
+  /// Whether leaves decide it (RayScene::clear_share_alone). If not, each point asks for itself: edges of
+  /// shadows of what has no holes stay sharp there.
   bool leaves = false;
 };
 
