@@ -174,13 +174,15 @@ class Bench {
       write_picture(o_.out / file(place, name, shift_px), picture.radiance);
       if (shift_px > 0) continue;
       request.region = {};
-      // As a camera with ten pictures a second that drives ahead at 0.6 m/s: what is kept of a place is of use.
+      // As a camera with ten pictures a second that drives ahead at 0.6 m/s: what is kept of a place is of
+      // use.
       const Times t = timed(rounds, [&](int i) {
         const Eigen::Isometry3d ahead = T * Eigen::Translation3d(0, 0, kStep_m * (i + 1));
         request.measure.index = static_cast<std::uint64_t>(i + 1);
         need(optics->form(request, {world, [ahead](BenchTime) { return ahead; }}, picture));
       });
-      // What light costs that is gathered anew: a metre beside, the first picture of a part less the second.
+      // What a new place costs, light that is gathered and sunlight in cells: a metre beside, the first
+      // picture of a part less the second.
       request.region = kWindow;
       Eigen::Isometry3d beside = T;
       beside.translation().x() += 1;

@@ -66,8 +66,8 @@ class Chunk {
   unsigned add_sun(std::span<Point> points, std::size_t first, unsigned draw, SunRays sun);
   /// Sunlight on points, at most kChunk, by wide rays (SunRays::wide). How many were shot.
   unsigned add_wide_sun(std::span<Point> points);
-  /// Sets clear[i] of points that have a cell to the share of sunlight that gets past what stands still. Where
-  /// leaves do not decide, points have no cell afterwards. How many rays were shot.
+  /// Sets clear[i] of points that have a cell to the share of sunlight that gets past what stands still.
+  /// Where leaves do not decide, points have no cell afterwards. How many rays were shot.
   unsigned take_from_cells(std::span<const Point> points, std::span<SunCell> cells, std::span<float> clear);
   /// Multiplies clear[i] by the share that gets past what moves, of points with a cell, or past everything,
   /// of points without one, by rays of the points' own. How many were shot.

@@ -93,8 +93,8 @@ class LightTracer {
   /// same light, on any number of threads. Errors: bad_input, unavailable.
   [[nodiscard]] Status gather(const LightQuery& query);
   /// samples[i] belongs to rays[i]. Same query, same samples, on any number of threads. A ray that is not
-  /// finite brings nothing. One thread at a time, engine included. Queries with SunRays::wide keep up to 32 MiB
-  /// of sunlight. Errors: bad_input, unavailable (memory).
+  /// finite brings nothing. One thread at a time, engine included. Queries with SunRays::wide keep up to 32
+  /// MiB of sunlight. Errors: bad_input, unavailable (memory).
   [[nodiscard]] Status trace(const LightQuery& query, std::span<LightSample> samples);
   [[nodiscard]] LightStatistics statistics() const noexcept;
 

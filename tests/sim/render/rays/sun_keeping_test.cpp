@@ -290,7 +290,8 @@ TEST_F(KeptSunlightTest, EdgesAreSharpAmongSomeLeavesInWhateverOrderTheyAreMet) 
     std::vector<std::shared_ptr<const Batch>> thick{ground_, box};
     for (int k = 0; k < 12; ++k) {
       Instance card = test::at(0, -3, static_cast<float>(height_m + 0.02 * k));
-      test::turn(card, Eigen::Quaternionf(Eigen::AngleAxisf(0.3F * static_cast<float>(k), Vector3f::UnitZ())));
+      test::turn(card,
+                 Eigen::Quaternionf(Eigen::AngleAxisf(0.3F * static_cast<float>(k), Vector3f::UnitZ())));
       thick.push_back(batch_of(prototype_of(plane_mesh(0.5F, leaf_)), {card}, 11));
     }
     frame_.batches = thick;
