@@ -90,22 +90,28 @@ std::vector<Bucket> cull(const ViewCamera& camera, std::span<const ResidentBatch
   return sorter.take();
 }
 
-std::vector<Bucket> cull_casters(const ViewCamera& camera, const ShadowCascade& cascade,
-                                 std::span<const ResidentBatch* const> batches, const CullOptions& o,
-                                 double smallest_m) {
+bool shadow_moves(const ResidentBatch& b, const CullOptions& o) {
+  return b.batch->moves || b.prototype->prototype->sway_m * o.sway_factor > 0;
+}
+
+std::vector<Bucket> cull_casters(const ShadowCascade& cascade, std::span<const ResidentBatch* const> batches,
+                                 Casters which, const CullOptions& o, double smallest_m) {
   Sorter sorter;
   for (const ResidentBatch* b : batches) {
     const ResidentPrototype& p = *b->prototype;
     if (!p.prototype->casts_shadow || !(p.radius > 0)) continue;
-    const Eigen::Vector3d box_centre = b->bounds.center() - camera.eye;
-    if (!cascade.may_shade(box_centre, 0.5 * b->bounds.diagonal().norm())) continue;
-    const Eigen::Vector3d origin = b->batch->origin - camera.eye;
+    if (which != Casters::all && shadow_moves(*b, o) != (which == Casters::moving)) continue;
+    const auto may_shade = [&](const Eigen::Vector3d& centre, double radius_m) {
+      return which == Casters::still_in_square ? cascade.reaches(centre, radius_m)
+                                               : cascade.may_shade(centre, radius_m);
+    };
+    if (!may_shade(b->bounds.center(), 0.5 * b->bounds.diagonal().norm())) continue;
     for (std::uint32_t i = 0; i < b->spheres.size(); ++i) {
       const CullSphere& s = b->spheres[i];
-      const Eigen::Vector3d c = origin + Eigen::Vector3d(s.x, s.y, s.z);
+      const Eigen::Vector3d c = b->batch->origin + Eigen::Vector3d(s.x, s.y, s.z);
       const double sway_m = p.prototype->sway_m * o.sway_factor;
       if (2 * static_cast<double>(s.radius) < smallest_m) continue;
-      if (!cascade.may_shade(c, s.radius + sway_m)) continue;
+      if (!may_shade(c, s.radius + sway_m)) continue;
       const double scale = static_cast<double>(s.radius / p.radius);
       // What a shadow can tell apart: two texels, as wide as its edge is filtered; or the blur that the sun's
       // disc makes of an edge so far above.

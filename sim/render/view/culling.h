@@ -48,10 +48,15 @@ inline constexpr double kImpostorErrorShare = 0.08;
 [[nodiscard]] std::vector<Bucket> cull(const ViewCamera& camera,
                                        std::span<const ResidentBatch* const> batches,
                                        const CullOptions& options);
+/// Whether a batch may throw another shadow in the next picture: it moves, or sways in the wind.
+[[nodiscard]] bool shadow_moves(const ResidentBatch& batch, const CullOptions& options);
+/// Which casters: all that may shade what a cascade looks at, those of them whose shadows move, or all in its
+/// square whose shadows stand still.
+enum class Casters : std::uint8_t { all, moving, still_in_square };
 /// What may throw a shadow into a cascade, at levels of detail that its texels can tell apart; not what is
-/// smaller across than `smallest_m`.
-[[nodiscard]] std::vector<Bucket> cull_casters(const ViewCamera& camera, const ShadowCascade& cascade,
-                                               std::span<const ResidentBatch* const> batches,
+/// smaller across than `smallest_m`. The level of each does not depend on the eye.
+[[nodiscard]] std::vector<Bucket> cull_casters(const ShadowCascade& cascade,
+                                               std::span<const ResidentBatch* const> batches, Casters which,
                                                const CullOptions& options, double smallest_m = 0);
 /// Drops what lies behind what has been drawn.
 void drop_hidden(const ViewCamera& camera, const DepthTiles& tiles, double sway_factor,

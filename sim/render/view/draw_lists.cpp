@@ -165,14 +165,15 @@ Result<std::vector<DrawCall>> DrawLists::add_seen(const std::vector<Bucket>& buc
 }
 
 Result<std::vector<DrawCall>> DrawLists::add_casters(const std::vector<Bucket>& buckets,
-                                                     const Eigen::Vector3d& eye, const FrameFeatures& frame) {
+                                                     const Eigen::Vector3d& middle,
+                                                     const FrameFeatures& frame) {
   std::vector<DrawCall> calls;
   for (const Bucket& b : buckets) {
     if (b.instances.empty()) continue;
     DrawCall c;
     c.first_instance = count_;
     c.instance_count = static_cast<std::uint32_t>(b.instances.size());
-    add_entries(b, eye, false);
+    add_entries(b, middle, false);
     c.mesh = b.mesh;
     c.mesh_serial = b.mesh->mesh->serial;
     for (const ResidentPart& part : b.mesh->parts) {

@@ -46,9 +46,9 @@ class DrawLists {
   [[nodiscard]] Result<std::vector<DrawCall>> add_ranges(const std::vector<Bucket>& buckets,
                                                          const Eigen::Vector3d& eye,
                                                          const FrameFeatures& frame);
-  /// Calls for what throws shadows.
+  /// Calls for what throws shadows, which lies relative to `middle`.
   [[nodiscard]] Result<std::vector<DrawCall>> add_casters(const std::vector<Bucket>& buckets,
-                                                          const Eigen::Vector3d& eye,
+                                                          const Eigen::Vector3d& middle,
                                                           const FrameFeatures& frame);
   /// Puts in order what was added since the last call.
   [[nodiscard]] Status record_gather(VkCommandBuffer commands, const ResidentContent& content);

@@ -94,45 +94,20 @@ Status FrameResources::set_sky(const std::shared_ptr<const SkyMap>& map, const v
   return {};
 }
 
-Status FrameResources::set_side(DepthMap& map, int side_px, std::uint32_t layers, bool array) {
-  if (side_px == map.side_px) return {};
-  const auto side = static_cast<std::uint32_t>(side_px);
-  auto made =
-      gpu_.make_image({.format = VK_FORMAT_D32_SFLOAT,
-                       .width = side,
-                       .height = side,
-                       .layers = layers,
-                       .usage = VK_IMAGE_USAGE_DEPTH_STENCIL_ATTACHMENT_BIT | VK_IMAGE_USAGE_SAMPLED_BIT,
-                       .aspect = VK_IMAGE_ASPECT_DEPTH_BIT,
-                       .array_view = array});
-  if (!made) return tl::unexpected(made.error());
-  map.layers.clear();
-  map.image = std::move(*made);
-  for (std::uint32_t i = 0; i < layers; ++i) {
-    auto view =
-        make_layer_view(gpu_, map.image.handle.get(), VK_FORMAT_D32_SFLOAT, VK_IMAGE_ASPECT_DEPTH_BIT, i);
-    if (!view) return tl::unexpected(view.error());
-    map.layers.push_back(std::move(*view));
-  }
-  map.side_px = side_px;
-  map.fresh = true;
-  if (sky_.handle) write_set();
+Status FrameResources::set_side(ShadowMap& map, int side_px) {
+  auto another = map.set_side(side_px);
+  if (!another) return tl::unexpected(another.error());
+  if (*another && sky_.handle) write_set();
   return {};
 }
-
-Status FrameResources::set_shadow_side(int side_px) {
-  return set_side(shadow_, side_px, static_cast<std::uint32_t>(view_gpu::kSunCascades), true);
-}
-
-Status FrameResources::set_zenith_side(int side_px) { return set_side(zenith_, side_px, 1, false); }
 
 void FrameResources::write_set() {
   const VkDescriptorBufferInfo buffer{uniforms_.handle.get(), 0, sizeof(view_gpu::ViewFrame)};
   const VkDescriptorImageInfo sky{sky_sampler_.get(), sky_.view.get(),
                                   VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL};
-  const VkDescriptorImageInfo shadow{VK_NULL_HANDLE, shadow_.image.view.get(),
+  const VkDescriptorImageInfo shadow{VK_NULL_HANDLE, shadow_.view(),
                                      VK_IMAGE_LAYOUT_DEPTH_STENCIL_READ_ONLY_OPTIMAL};
-  const VkDescriptorImageInfo zenith{VK_NULL_HANDLE, zenith_.image.view.get(),
+  const VkDescriptorImageInfo zenith{VK_NULL_HANDLE, zenith_.view(),
                                      VK_IMAGE_LAYOUT_DEPTH_STENCIL_READ_ONLY_OPTIMAL};
   std::array<VkWriteDescriptorSet, 4> write{};
   for (std::uint32_t i = 0; i < write.size(); ++i) {
@@ -157,68 +132,8 @@ void FrameResources::write(const view_gpu::ViewFrame& uniforms) {
 }
 
 void FrameResources::record_begin(VkCommandBuffer commands) {
-  for (DepthMap* map : {&shadow_, &zenith_}) {
-    if (!map->fresh) continue;
-    const std::array change{image_change(
-        map->image.handle.get(), {VK_IMAGE_ASPECT_DEPTH_BIT, 0, 1, 0, VK_REMAINING_ARRAY_LAYERS},
-        VK_IMAGE_LAYOUT_UNDEFINED, VK_IMAGE_LAYOUT_DEPTH_STENCIL_READ_ONLY_OPTIMAL,
-        {VK_PIPELINE_STAGE_2_NONE, 0, VK_PIPELINE_STAGE_2_FRAGMENT_SHADER_BIT, VK_ACCESS_2_SHADER_READ_BIT})};
-    barrier(commands, change);
-    map->fresh = false;
-  }
-}
-
-void FrameResources::record_shadows(VkCommandBuffer commands, const DrawLists& lists,
-                                    std::span<const std::vector<DrawCall>> cascades, bool instancing) {
-  record_depth(commands, lists, shadow_, cascades, 0, instancing);
-}
-
-void FrameResources::record_zenith(VkCommandBuffer commands, const DrawLists& lists,
-                                   const std::vector<DrawCall>& calls, bool instancing) {
-  record_depth(commands, lists, zenith_, {&calls, 1}, static_cast<std::uint32_t>(view_gpu::kZenith),
-               instancing);
-}
-
-void FrameResources::record_depth(VkCommandBuffer commands, const DrawLists& lists, const DepthMap& map,
-                                  std::span<const std::vector<DrawCall>> layers, std::uint32_t first_cascade,
-                                  bool instancing) {
-  if (layers.empty()) return;
-  const VkImageSubresourceRange range{VK_IMAGE_ASPECT_DEPTH_BIT, 0, 1, 0,
-                                      static_cast<std::uint32_t>(layers.size())};
-  const std::array before{image_change(
-      map.image.handle.get(), range, VK_IMAGE_LAYOUT_UNDEFINED, VK_IMAGE_LAYOUT_DEPTH_ATTACHMENT_OPTIMAL,
-      {VK_PIPELINE_STAGE_2_FRAGMENT_SHADER_BIT, VK_ACCESS_2_SHADER_READ_BIT, kDepthStages, kDepthAccess})};
-  barrier(commands, before);
-  for (std::size_t i = 0; i < layers.size(); ++i) {
-    VkRenderingAttachmentInfo depth{};
-    depth.sType = VK_STRUCTURE_TYPE_RENDERING_ATTACHMENT_INFO;
-    depth.imageView = map.layers[i].get();
-    depth.imageLayout = VK_IMAGE_LAYOUT_DEPTH_ATTACHMENT_OPTIMAL;
-    depth.loadOp = VK_ATTACHMENT_LOAD_OP_CLEAR;
-    depth.storeOp = VK_ATTACHMENT_STORE_OP_STORE;
-    depth.clearValue.depthStencil.depth = 1.0F;
-    VkRenderingInfo info{};
-    info.sType = VK_STRUCTURE_TYPE_RENDERING_INFO;
-    info.renderArea.extent = {static_cast<std::uint32_t>(map.side_px),
-                              static_cast<std::uint32_t>(map.side_px)};
-    info.layerCount = 1;
-    info.pDepthAttachment = &depth;
-    vkCmdBeginRendering(commands, &info);
-    const VkViewport viewport{0, 0, static_cast<float>(map.side_px), static_cast<float>(map.side_px), 0, 1};
-    vkCmdSetViewport(commands, 0, 1, &viewport);
-    vkCmdSetScissor(commands, 0, 1, &info.renderArea);
-    vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_GRAPHICS, pipelines_.draw(), 0, 1, &set_, 0,
-                            nullptr);
-    const view_gpu::uvec4 push{first_cascade + static_cast<std::uint32_t>(i), 0, 0, 0};
-    vkCmdPushConstants(commands, pipelines_.draw(), kDrawStages, 0, sizeof push, &push);
-    lists.record(commands, layers[i], instancing);
-    vkCmdEndRendering(commands);
-  }
-  const std::array after{image_change(
-      map.image.handle.get(), range, VK_IMAGE_LAYOUT_DEPTH_ATTACHMENT_OPTIMAL,
-      VK_IMAGE_LAYOUT_DEPTH_STENCIL_READ_ONLY_OPTIMAL,
-      {kDepthStages, kDepthAccess, VK_PIPELINE_STAGE_2_FRAGMENT_SHADER_BIT, VK_ACCESS_2_SHADER_READ_BIT})};
-  barrier(commands, after);
+  shadow_.record_begin(commands);
+  zenith_.record_begin(commands);
 }
 
 Status TilePass::record(VkCommandBuffer commands, const FrameTargets& targets, int width_px, int height_px,

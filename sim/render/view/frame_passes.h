@@ -9,6 +9,7 @@
 #include "sim/render/view/draw_lists.h"
 #include "sim/render/view/frame_targets.h"
 #include "sim/render/view/particles.h"
+#include "sim/render/view/shadow_map.h"
 #include "sim/render/view/sky_light.h"
 #include "sim/render/view/texture_pool.h"
 
@@ -18,37 +19,28 @@ namespace rigor::render {
 class FrameResources {
  public:
   FrameResources(const Device::Impl& gpu, ViewPipelines& pipelines, ImageUploads& uploads)
-      : gpu_(gpu), pipelines_(pipelines), uploads_(uploads) {}
+      : gpu_(gpu),
+        pipelines_(pipelines),
+        uploads_(uploads),
+        shadow_(gpu, pipelines, view_gpu::kSunCascades, 0, true),
+        zenith_(gpu, pipelines, 1, view_gpu::kZenith, false) {}
   [[nodiscard]] Status create();
   /// The sky's texture in these bands; made anew where map or bands are others than last.
   [[nodiscard]] Status set_sky(const std::shared_ptr<const SkyMap>& map, const view_gpu::Bands& bands);
   [[nodiscard]] const SkyLight& sky() const { return sky_light_; }
   [[nodiscard]] float sky_scale() const { return sky_scale_; }
-  /// Shadow maps of this size; they can be sampled only after shadows have been recorded.
-  [[nodiscard]] Status set_shadow_side(int side_px);
+  /// Shadow maps of this size; they can be sampled only after they have been recorded.
+  [[nodiscard]] Status set_shadow_side(int side_px) { return set_side(shadow_, side_px); }
+  [[nodiscard]] Status set_zenith_side(int side_px) { return set_side(zenith_, side_px); }
+  [[nodiscard]] ShadowMap& shadow() { return shadow_; }
+  [[nodiscard]] ShadowMap& zenith() { return zenith_; }
   void write(const view_gpu::ViewFrame& uniforms);
-  /// Before anything else in the frame: pictures that no pass may have touched must still be readable.
+  /// Before anything else in the frame.
   void record_begin(VkCommandBuffer commands);
-  void record_shadows(VkCommandBuffer commands, const DrawLists& lists,
-                      std::span<const std::vector<DrawCall>> cascades, bool instancing);
-  /// The map from the zenith: as for shadows.
-  [[nodiscard]] Status set_zenith_side(int side_px);
-  void record_zenith(VkCommandBuffer commands, const DrawLists& lists, const std::vector<DrawCall>& calls,
-                     bool instancing);
   [[nodiscard]] VkDescriptorSet set() const { return set_; }
 
  private:
-  /// Depth from a light, in layers that are drawn into one by one.
-  struct DepthMap {
-    vk::Image image;
-    std::vector<vk::ImageView> layers;
-    int side_px = 0;
-    bool fresh = false;  ///< made, and not yet in a layout that can be read
-  };
-  [[nodiscard]] Status set_side(DepthMap& map, int side_px, std::uint32_t layers, bool array);
-  void record_depth(VkCommandBuffer commands, const DrawLists& lists, const DepthMap& map,
-                    std::span<const std::vector<DrawCall>> layers, std::uint32_t first_cascade,
-                    bool instancing);
+  [[nodiscard]] Status set_side(ShadowMap& map, int side_px);
   void write_set();
   const Device::Impl& gpu_;
   ViewPipelines& pipelines_;
@@ -63,7 +55,7 @@ class FrameResources {
   view_gpu::Bands sky_bands_{-1, -1, -1, -1};
   SkyLight sky_light_{};
   float sky_scale_ = 1;
-  DepthMap shadow_, zenith_;
+  ShadowMap shadow_, zenith_;
 };
 
 /// Farthest depths of tiles, computed on the device.

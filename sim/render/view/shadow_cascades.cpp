@@ -7,6 +7,15 @@
 namespace rigor::render {
 namespace {
 
+/// How far a square may lie off its slice, as a share of the slice's radius.
+constexpr double kRoom = 0.25;
+/// Of a shadow map, about what is seen: filters look at neighbours.
+constexpr int kMargin_texels = 2;
+/// Steps in which maps of depth begin and end, along their axis in the world.
+constexpr double kDepthStep_m = 64;
+
+double stepped(double v, double step) { return std::round(v / step) * step; }
+
 /// Outward edges of the convex outline of points, each pushed out by a margin.
 std::vector<Eigen::Vector3d> outline_of(std::vector<Eigen::Vector2d> points, double margin_m) {
   std::sort(points.begin(), points.end(), [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
@@ -34,39 +43,45 @@ std::vector<Eigen::Vector3d> outline_of(std::vector<Eigen::Vector2d> points, dou
   return out;
 }
 
-/// Corners of the view between two depths, across the light.
+/// Corners of the view between two depths, in a cascade's plane.
 std::vector<Eigen::Vector2d> corners_of(const ViewCamera& camera, double from, double to,
-                                        const Eigen::Vector3d& x, const Eigen::Vector3d& y) {
+                                        const ShadowCascade& c) {
+  const Eigen::Vector3d eye = camera.eye - c.centre;
   const auto edges = camera.edges();
   std::vector<Eigen::Vector2d> out;
   for (const double d : {from, to})
     for (const double u : {edges[0], edges[1]})
       for (const double v : {edges[2], edges[3]}) {
-        const Eigen::Vector3d p = d * (camera.forward + u * camera.right + v * camera.down);
-        out.emplace_back(p.dot(x), p.dot(y));
+        const Eigen::Vector3d p = eye + d * (camera.forward + u * camera.right + v * camera.down);
+        out.emplace_back(p.dot(c.x), p.dot(c.y));
       }
   return out;
 }
 
 }  // namespace
 
-bool ShadowCascade::may_shade(const Eigen::Vector3d& p, double radius_m) const {
-  const Eigen::Vector3d d = p - centre;
+bool ShadowCascade::reaches(const Eigen::Vector3d& p_world, double radius_m) const {
+  const Eigen::Vector3d d = p_world - centre;
   const double reach = half_side_m + radius_m;
-  if (std::abs(d.dot(x)) > reach || std::abs(d.dot(y)) > reach || d.dot(z) - radius_m > receivers_far_m)
-    return false;
-  const Eigen::Vector2d at(p.dot(x), p.dot(y));
+  return std::abs(d.dot(x)) <= reach && std::abs(d.dot(y)) <= reach && d.dot(z) - radius_m <= receivers_far_m;
+}
+
+bool ShadowCascade::may_shade(const Eigen::Vector3d& p_world, double radius_m) const {
+  if (!reaches(p_world, radius_m)) return false;
+  const Eigen::Vector3d d = p_world - centre;
+  const Eigen::Vector2d at(d.dot(x), d.dot(y));
   return std::all_of(outline.begin(), outline.end(), [&](const Eigen::Vector3d& e) {
     return e.x() * at.x() + e.y() * at.y() <= e.z() + radius_m;
   });
 }
 
-view_gpu::CascadeData ShadowCascade::data(int side_px) const {
+view_gpu::CascadeData ShadowCascade::data(int side_px, const Eigen::Vector3d& eye_world) const {
   const double per_m = 1.0 / texel_m, depth = far_m - near_m;
+  const Eigen::Vector3d from_eye = centre - eye_world;
   view_gpu::CascadeData c;
-  c.row_x = view_gpu::xyz(x * per_m, 0.5 * side_px - x.dot(centre) * per_m);
-  c.row_y = view_gpu::xyz(y * per_m, 0.5 * side_px - y.dot(centre) * per_m);
-  c.row_z = view_gpu::xyz(z / depth, (-near_m - z.dot(centre)) / depth);
+  c.row_x = view_gpu::xyz(x * per_m, 0.5 * side_px - x.dot(from_eye) * per_m);
+  c.row_y = view_gpu::xyz(y * per_m, 0.5 * side_px - y.dot(from_eye) * per_m);
+  c.row_z = view_gpu::xyz(z / depth, (-near_m - z.dot(from_eye)) / depth);
   c.range = {static_cast<float>(view_depth_m), static_cast<float>(texel_m), static_cast<float>(side_px),
              static_cast<float>(depth)};
   return c;
@@ -91,8 +106,14 @@ std::vector<ShadowCascade> shadow_cascades(const ViewCamera& camera, const Eigen
     nearest = std::min(nearest, d);
     farthest = std::max(farthest, d);
   }
-  const double begin = std::max(camera.pinhole.near_m, nearest);
-  const double end = std::min(farthest, settings.reach_m);
+  // In few steps: slices that follow the content would change the squares with each step of the eye.
+  const auto quarter_octave = [](double v, auto round) { return std::exp2(0.25 * round(4 * std::log2(v))); };
+  const double begin =
+      nearest > camera.pinhole.near_m
+          ? std::max(camera.pinhole.near_m, quarter_octave(nearest, [](double v) { return std::floor(v); }))
+          : camera.pinhole.near_m;
+  const double end =
+      std::min(quarter_octave(farthest, [](double v) { return std::ceil(v); }), settings.reach_m);
   if (!(end > begin)) return all;
   Eigen::Vector3d z = -to_sun, x = z.unitOrthogonal();
   // Axes that do not turn with the eye; with the sun high up, from north.
@@ -127,28 +148,24 @@ std::vector<ShadowCascade> shadow_cascades(const ViewCamera& camera, const Eigen
     c.y = y;
     c.z = z;
     c.view_depth_m = to;
-    // A radius in few steps and a centre on whole texels of the world: shadows stand still while the eye
-    // moves.
+    // Few different radii, so that squares of the same size follow each other.
     radius = std::exp2(std::ceil(std::log2(radius) * 8) / 8);
-    c.half_side_m = radius * settings.side_px / (settings.side_px - 4.0);
-    c.texel_m = 2 * c.half_side_m / settings.side_px;
-    const auto snapped = [&](const Eigen::Vector3d& axis) {
-      const double place = axis.dot(camera.eye + centre);
-      return std::floor(place / c.texel_m) * c.texel_m - axis.dot(camera.eye);
-    };
-    c.centre = x * snapped(x) + y * snapped(y) + z * z.dot(centre);
-    c.near_m = 1e300;
-    c.far_m = -1e300;
-    for (int k = 0; k < 8; ++k) {
-      const double d = z.dot(content.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k)) - c.centre);
-      c.near_m = std::min(c.near_m, d);
-      c.far_m = std::max(c.far_m, d);
-    }
-    c.near_m -= 1.0;
-    c.far_m = std::min(c.far_m, 2 * radius) + 1.0;
+    const int inner_texels = settings.side_px - 2 * kMargin_texels;
+    c.texel_m = 2 * radius * (1 + kRoom) / inner_texels;
+    c.half_side_m = 0.5 * c.texel_m * settings.side_px;
+    const double step_m = std::floor(kRoom / (1 + kRoom) * inner_texels) * c.texel_m;
+    const Eigen::Vector3d place = camera.eye + centre;
+    c.centre = x * stepped(x.dot(place), step_m) + y * stepped(y.dot(place), step_m) +
+               z * stepped(z.dot(place), step_m);
     // What is lit lies within the sphere, a few texels off its surface.
-    c.receivers_far_m = std::min(c.far_m, radius + 4 * c.texel_m);
-    c.outline = outline_of(corners_of(camera, from, to, x, y), 4 * c.texel_m);
+    c.receivers_far_m = radius + 0.5 * step_m + 4 * c.texel_m;
+    c.far_m = c.receivers_far_m + 1.0;
+    double highest_m = 1e300;
+    for (int k = 0; k < 8; ++k)
+      highest_m = std::min(
+          highest_m, z.dot(camera.eye + content.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k))));
+    c.near_m = std::floor((highest_m - 1) / kDepthStep_m) * kDepthStep_m - z.dot(c.centre);
+    c.outline = outline_of(corners_of(camera, from, to, c), 4 * c.texel_m);
     if (c.far_m > c.near_m) all.push_back(c);
     from = to;
   }
@@ -161,14 +178,13 @@ ShadowCascade zenith_map(const ViewCamera& camera, const Eigen::AlignedBox3d& co
   c.x = Eigen::Vector3d::UnitX();
   c.y = -Eigen::Vector3d::UnitY();
   c.z = -Eigen::Vector3d::UnitZ();
-  // Round the eye, on texels of the world.
   c.texel_m = settings.texel_m;
   c.half_side_m = 0.5 * settings.texel_m * settings.side_px;
-  const auto snapped = [&](double v) { return std::floor(v / c.texel_m) * c.texel_m - v; };
-  c.centre = {snapped(camera.eye.x()), snapped(camera.eye.y()), 0};
-  c.near_m = -content.max().z() - 1.0;
-  c.far_m = c.receivers_far_m = -content.min().z() + 1.0;
-  c.outline = outline_of(corners_of(camera, 0.0, 4 * c.half_side_m, c.x, c.y), settings.search_m);
+  for (int k = 0; k < 3; ++k) c.centre[k] = stepped(camera.eye[k], settings.step_m);
+  const auto whole = [&](double v) { return std::ceil(v / settings.step_m) * settings.step_m; };
+  c.near_m = c.centre.z() - whole(camera.eye.z() + content.max().z() + 1.0);
+  c.far_m = c.receivers_far_m = c.centre.z() + whole(1.0 - camera.eye.z() - content.min().z());
+  c.outline = outline_of(corners_of(camera, 0.0, 4 * c.half_side_m, c), settings.search_m);
   return c;
 }
 

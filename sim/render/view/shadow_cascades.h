@@ -1,5 +1,6 @@
-// Shadow maps of the sun in cascades: each a square about a slice of the view, its texels still in the world
-// while the eye moves. Internal to sim/render/view.
+// Shadow maps of the sun in cascades: each a square about a slice of the view. Squares are larger than their
+// slices and move in steps, on texels that stand still in the world: while the eye moves within a step, what
+// stands still throws the same shadows (kept_shadows.h). Internal to sim/render/view.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -12,18 +13,20 @@ namespace rigor::render {
 struct ShadowCascade {
   // Axes of the map in the world: x and y across the light, z away from the sun.
   Eigen::Vector3d x, y, z;
-  Eigen::Vector3d centre;  ///< relative to the eye
+  Eigen::Vector3d centre;  ///< world frame
   double half_side_m = 1;  ///< of the square
   double texel_m = 1;
   double near_m = 0, far_m = 1;  ///< along z from the centre
   double view_depth_m = 0;       ///< up to which it serves
   double receivers_far_m = 1;    ///< along z from the centre: what lies wholly beyond shades nothing
-  /// The outline of what it serves, in the plane of x and y relative to the eye: n·p ≤ d outwards.
+  /// The outline of what it serves, in the plane of x and y relative to the centre: n·p ≤ d outwards.
   std::vector<Eigen::Vector3d> outline;
 
-  /// May the sphere (relative to the eye) throw a shadow into the map's square?
-  [[nodiscard]] bool may_shade(const Eigen::Vector3d& centre_m, double radius_m) const;
-  [[nodiscard]] view_gpu::CascadeData data(int side_px) const;
+  /// May a sphere throw a shadow into the map's square?
+  [[nodiscard]] bool reaches(const Eigen::Vector3d& p_world, double radius_m) const;
+  /// And into the part of it that is looked at?
+  [[nodiscard]] bool may_shade(const Eigen::Vector3d& p_world, double radius_m) const;
+  [[nodiscard]] view_gpu::CascadeData data(int side_px, const Eigen::Vector3d& eye_world) const;
 };
 
 struct ShadowSettings {
@@ -40,7 +43,8 @@ struct ShadowSettings {
 
 struct ZenithSettings {
   int side_px = 1024;
-  double texel_m = 0.25;  ///< so that it reaches 128 m from the eye
+  double texel_m = 0.25;  ///< so that it reaches 120 m from the eye
+  double step_m = 16;     ///< in which the map follows the eye
   double search_m = 20;   ///< way from a point within which things may hide sky from it
 };
 /// The map of what covers the ground, as light from the zenith would see it.

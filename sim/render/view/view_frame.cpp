@@ -157,18 +157,11 @@ FrameNumbers frame_numbers(const ContentFrame& frame, const ViewRequest& request
 // visible, greener than the sky, and half of the near infrared. Sunlight that leaves scatter down is left
 // out: what the same formula gives for it is 18 times too bright in the shade of a stand
 // (docs/light-error.md).
-void set_zenith(const ShadowCascade& zenith, int side_px, bool leaves, const view_gpu::Bands& bands,
-                view_gpu::ViewFrame& u) {
-  u.cascades[view_gpu::kZenith] = zenith.data(side_px);
+void set_covered(bool leaves, const view_gpu::Bands& bands, view_gpu::ViewFrame& u) {
   Spectrum covered{};
   for (std::size_t b = 0; b < covered.size(); ++b)
     covered[b] = leaves ? std::exp(-kLeafDepth * std::sqrt(1 - kLeafScatters[b])) : kWallShare;
   u.covered = pick(covered, bands);
-}
-
-void set_cascades(std::span<const ShadowCascade> cascades, int side_px, view_gpu::ViewFrame& u) {
-  for (std::size_t i = 0; i < cascades.size(); ++i) u.cascades[i] = cascades[i].data(side_px);
-  u.counts.z = static_cast<std::uint32_t>(cascades.size());
 }
 
 }  // namespace rigor::render

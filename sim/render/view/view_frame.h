@@ -1,9 +1,6 @@
 // The numbers that all shaders of a picture read. Internal to sim/render/view.
 #pragma once
 
-#include <span>
-
-#include "sim/render/view/shadow_cascades.h"
 #include "sim/render/view/sky_light.h"
 #include "sim/render/view/view_camera.h"
 
@@ -21,9 +18,7 @@ struct FrameNumbers {
 /// All. `sky`: of the frame's sky map. `sky_scale`: what its texture must be multiplied by.
 [[nodiscard]] FrameNumbers frame_numbers(const ContentFrame& frame, const ViewRequest& request,
                                          const ViewCamera& camera, const SkyLight& sky, float sky_scale);
-void set_cascades(std::span<const ShadowCascade> cascades, int side_px, view_gpu::ViewFrame& uniforms);
-/// What hides the sky, and the share of it that leaves or walls let through or throw about.
-void set_zenith(const ShadowCascade& zenith, int side_px, bool leaves, const view_gpu::Bands& bands,
-                view_gpu::ViewFrame& uniforms);
+/// What leaves or walls let through or throw about of the sky that they hide.
+void set_covered(bool leaves, const view_gpu::Bands& bands, view_gpu::ViewFrame& uniforms);
 
 }  // namespace rigor::render

@@ -126,7 +126,7 @@ struct Progress {
 
   void add(double work) {
     done += work;
-    if (told && total > 0) told(std::min(1.0, done / total));
+    if (told && done > 0 && total > 0) told(std::min(1.0, done / total));
   }
 };
 
@@ -145,6 +145,11 @@ struct ViewRenderer::Impl : DrawContext {
     return impostors.create();
   }
   Status draw(const ContentFrame& frame, const ViewRequest& request, ViewPicture& out, ViewStatistics& s);
+  /// After a frame that failed.
+  void forget_shadows() {
+    resources.shadow().forget();
+    resources.zenith().forget();
+  }
 
  private:
   Status make_shadows(const ViewCamera& camera, const CullOptions& options, FrameNumbers& numbers,
@@ -167,10 +172,8 @@ struct ViewRenderer::Impl : DrawContext {
   Impostors impostors;
   std::uint32_t particle_features = 0;
   std::vector<const ResidentBatch*> batches;
-  std::vector<ShadowCascade> cascades;
-  std::vector<std::vector<Bucket>> casters;
-  bool covered = false;  ///< things may hide the sky:
-  std::vector<Bucket> cover;
+  std::vector<ShadowLayer> shadows;  ///< of the sun's cascades
+  std::vector<ShadowLayer> cover;    ///< one, where things may hide the sky
 };
 
 FrameFeatures ViewRenderer::Impl::features_of(const ContentFrame& frame, const ViewRequest& request,
@@ -184,8 +187,8 @@ FrameFeatures ViewRenderer::Impl::features_of(const ContentFrame& frame, const V
   if (n.uniforms.counts.x > 0) f.all |= kFeatureHaze;
   if (n.uniforms.counts.y > 0) f.all |= kFeatureLamps;
   if (f.wet) f.all |= kFeatureWet;
-  if (!cascades.empty()) f.all |= kFeatureShadows;
-  if (covered) f.all |= kFeatureSkyCover;
+  if (!shadows.empty()) f.all |= kFeatureShadows;
+  if (!cover.empty()) f.all |= kFeatureSkyCover;
   if (request.normals) f.all |= kFeatureNormals;
   return f;
 }
@@ -206,25 +209,28 @@ Status ViewRenderer::Impl::make_shadows(const ViewCamera& camera, const CullOpti
   if (!any) return {};
   const Eigen::AlignedBox3d relative(Eigen::Vector3d(box.min() - camera.eye),
                                      Eigen::Vector3d(box.max() - camera.eye));
-  covered = request.switches.sky_cover && high_m - low_m > kCoverRise_m;
-  if (covered) {
+  view_gpu::ViewFrame& uniforms = numbers.uniforms;
+  if (request.switches.sky_cover && high_m - low_m > kCoverRise_m) {
     const ZenithSettings settings;
     const ShadowCascade zenith = zenith_map(camera, relative, settings);
     if (auto s = resources.set_zenith_side(settings.side_px); !s) return s;
-    set_zenith(zenith, settings.side_px, leaves, request.bands, numbers.uniforms);
-    cover = cull_casters(camera, zenith, batches, options, zenith.texel_m);
+    uniforms.cascades[view_gpu::kZenith] = zenith.data(settings.side_px, camera.eye);
+    set_covered(leaves, request.bands, uniforms);
+    cover.push_back(resources.zenith().plan(0, zenith, batches, options, zenith.texel_m));
   }
   if (!numbers.sun) return {};
   const int side = shadow_side_px(request.pinhole, gpu().limits.maxImageDimension2D);
-  const Eigen::Vector3d sun(static_cast<double>(numbers.uniforms.sun.x),
-                            static_cast<double>(numbers.uniforms.sun.y),
-                            static_cast<double>(numbers.uniforms.sun.z));
-  cascades =
+  const Eigen::Vector3d sun(static_cast<double>(uniforms.sun.x), static_cast<double>(uniforms.sun.y),
+                            static_cast<double>(uniforms.sun.z));
+  const auto cascades =
       shadow_cascades(camera, sun.normalized(), relative, {.side_px = side, .reach_m = kShadowReach_m});
   if (cascades.empty()) return {};
   if (auto s = resources.set_shadow_side(side); !s) return s;
-  set_cascades(cascades, side, numbers.uniforms);
-  for (const ShadowCascade& c : cascades) casters.push_back(cull_casters(camera, c, batches, options));
+  for (std::size_t i = 0; i < cascades.size(); ++i) {
+    uniforms.cascades[i] = cascades[i].data(side, camera.eye);
+    shadows.push_back(resources.shadow().plan(i, cascades[i], batches, options));
+  }
+  uniforms.counts.z = static_cast<std::uint32_t>(cascades.size());
   return {};
 }
 
@@ -347,9 +353,7 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   };
   std::vector<Bucket> all = cull(camera, batches, options);
   sort_by_distance(all);
-  cascades.clear();
-  casters.clear();
-  covered = false;
+  shadows.clear();
   cover.clear();
   if (request.switches.shadows)
     if (auto ok = make_shadows(camera, options, numbers, request); !ok) return ok;
@@ -367,8 +371,8 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
     if (all.empty()) std::swap(all, solid);
   }
   std::size_t instances = count(all) + count(solid);
-  for (const auto& c : casters) instances += count(c);
-  instances += count(cover);
+  for (const auto* layers : {&shadows, &cover})
+    for (const ShadowLayer& l : *layers) instances += l.instances();
   const auto drops = make_particles(camera, frame.precipitation, request.t);
   particle_features = frame.precipitation.kind == Precipitation::Kind::snow ? kFeatureSnow : 0U;
   s.cull_ms += ms_since(cull_begun);
@@ -381,16 +385,16 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   uploads.record(commands);
   resources.record_begin(commands);
   if (auto ok = impostors.record(commands, resources.set()); !ok) return ok;
-  std::vector<std::vector<DrawCall>> shadow_calls;
-  for (const auto& c : casters) {
-    auto calls = lists.add_casters(c, camera.eye, features);
-    if (!calls) return tl::unexpected(calls.error());
-    count_calls(*calls, features.instancing, s);
-    shadow_calls.push_back(std::move(*calls));
-  }
-  auto cover_calls = lists.add_casters(cover, camera.eye, features);
-  if (!cover_calls) return tl::unexpected(cover_calls.error());
-  count_calls(*cover_calls, features.instancing, s);
+  double shadow_work = 0;
+  for (auto* layers : {&shadows, &cover})
+    for (ShadowLayer& l : *layers)
+      for (auto [buckets, calls] : {std::pair{&l.still, &l.still_calls}, {&l.others, &l.other_calls}}) {
+        auto added = lists.add_casters(*buckets, l.cascade.centre, features);
+        if (!added) return tl::unexpected(added.error());
+        count_calls(*added, features.instancing, s);
+        shadow_work += work_of(*added);
+        *calls = std::move(*added);
+      }
   auto first = lists.add(solid, camera.eye, features);
   if (!first) return tl::unexpected(first.error());
   count_calls(*first, features.instancing, s);
@@ -410,17 +414,15 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   } else if (auto ok = lists.record_gather(commands, *content); !ok) {
     return ok;
   }
-  resources.record_shadows(commands, lists, shadow_calls, features.instancing);
-  if (covered) resources.record_zenith(commands, lists, *cover_calls, features.instancing);
+  resources.shadow().record(commands, resources.set(), lists, shadows, features.instancing);
+  resources.zenith().record(commands, resources.set(), lists, cover, features.instancing);
   progress = {request.progress};
   if (progress.told) {
-    double shadows = work_of(*cover_calls);
-    for (const auto& calls : shadow_calls) shadows += work_of(calls);
     const int parts = (p.height_px + targets.rows_at_once() - 1) / targets.rows_at_once();
     const double times = ((features.all & kFeatureAfterDepth) != 0 ? 2 : 1) * parts;
-    progress.total = shadows + times * (work_of(*first) + (two_steps ? work_of(all) : work_of(second)));
+    progress.total = shadow_work + times * (work_of(*first) + (two_steps ? work_of(all) : work_of(second)));
     if (auto ok = submit(); !ok) return ok;
-    progress.add(shadows);
+    progress.add(shadow_work);
     if (auto ok = begin(); !ok) return ok;
   }
   if (two_steps) {
@@ -493,7 +495,9 @@ Status ViewRenderer::draw(const ContentFrame& frame, const ViewRequest& request,
   const double collect_ms = s.collect_ms;
   s = {};
   s.collect_ms = collect_ms;
-  return impl_->draw(frame, request, out, s);
+  auto drawn = impl_->draw(frame, request, out, s);
+  if (!drawn) impl_->forget_shadows();
+  return drawn;
 }
 
 std::vector<std::string> ViewRenderer::pipelines() const { return impl_->pipelines.names(); }

@@ -35,10 +35,10 @@ TEST(ViewShadowCulling, KeepsAllThatStandsBetweenTheLightAndWhatIsSeen) {
         const double radius = 0.05 + 3 * unit(random);
         const Eigen::Vector3d off = radius * (2 * unit(random) - 1) * sun.unitOrthogonal();
         ++tried;
-        left_out += c.may_shade(seen + sun * (100 * unit(random)) + off, radius * 1.01) ? 0 : 1;
+        left_out += c.may_shade(eye + seen + sun * (100 * unit(random)) + off, radius * 1.01) ? 0 : 1;
         // And things that lie about: not all may be kept.
         const Eigen::Vector3d about = 300 * Eigen::Vector3d(2 * unit(random) - 1, 2 * unit(random) - 1, 0);
-        asked += c.may_shade(about, 1) ? 1 : 0;
+        asked += c.may_shade(eye + about, 1) ? 1 : 0;
       }
       from = c.view_depth_m;
     }
