@@ -8,6 +8,7 @@
 
 #include "sensor-hal/models/philox.h"
 #include "sim/render/content/surface_library.h"
+#include "sim/render/content/texels.h"
 
 namespace rigor::nature::built {
 namespace {
@@ -52,9 +53,6 @@ float rough_noise(std::uint32_t stream, float x, float y, int period, int octave
   return sum;
 }
 
-float to_srgb(float v) { return v <= 0.0031308F ? 12.92F * v : 1.055F * std::pow(v, 1 / 2.4F) - 0.055F; }
-float from_srgb(float v) { return v <= 0.04045F ? v / 12.92F : std::pow((v + 0.055F) / 1.055F, 2.4F); }
-
 // The material with a pattern on it, its mean reflectance kept in every band.
 Cover patterned(std::string_view material, std::string_view name, int size, double repeats_per_m,
                 float relief, const Pattern& pattern, const Spectrum& times = {1, 1, 1, 1, 1, 1}) {
@@ -75,10 +73,9 @@ Cover patterned(std::string_view material, std::string_view name, int size, doub
   for (const Texel& t : texels) {
     const float rgb[] = {t.red, t.green, t.blue};
     for (std::size_t k = 0; k < 3; ++k) {
-      const auto byte =
-          static_cast<std::uint8_t>(std::lround(255 * to_srgb(std::clamp(rgb[k] / greatest, 0.0F, 1.0F))));
+      const std::uint8_t byte = render::srgb_byte(rgb[k] / greatest);
       colour->rgba.push_back(byte);
-      mean[k] += from_srgb(static_cast<float>(byte) / 255.0F) / static_cast<double>(texels.size());
+      mean[k] += render::linear_of_bytes(true)[byte] / static_cast<double>(texels.size());
     }
     colour->rgba.push_back(255);
   }

@@ -89,16 +89,4 @@ class Canvas {
   std::vector<Texel> texels_;
 };
 
-/// Linear 0 … 1 to an sRGB byte.
-[[nodiscard]] inline std::uint8_t srgb_byte(float linear) {
-  const float v = std::clamp(linear, 0.0F, 1.0F);
-  const float s = v <= 0.0031308F ? 12.92F * v : 1.055F * std::pow(v, 1 / 2.4F) - 0.055F;
-  return static_cast<std::uint8_t>(std::lround(255 * s));
-}
-/// An sRGB byte to linear 0 … 1.
-[[nodiscard]] inline float linear_of(std::uint8_t byte) {
-  const float s = static_cast<float>(byte) / 255;
-  return s <= 0.04045F ? s / 12.92F : std::pow((s + 0.055F) / 1.055F, 2.4F);
-}
-
 }  // namespace rigor::nature

@@ -5,6 +5,7 @@
 #include "sim/nature/trees/draws.h"
 #include "sim/nature/trees/tree_textures.h"
 #include "sim/render/content/surface_library.h"
+#include "sim/render/content/texels.h"
 
 namespace rigor::nature {
 namespace {
@@ -304,7 +305,7 @@ FoliageSurface make(TreeForm form) {
   texture->rgba.resize(static_cast<std::size_t>(kAtlas_px) * kAtlas_px * 4);
   for (std::size_t i = 0; i < static_cast<std::size_t>(kAtlas_px) * kAtlas_px; ++i) {
     const auto& t = canvas.at(static_cast<int>(i % kAtlas_px), static_cast<int>(i / kAtlas_px));
-    for (int k = 0; k < 3; ++k) texture->rgba[4 * i + k] = srgb_byte(t.colour[k]);
+    for (int k = 0; k < 3; ++k) texture->rgba[4 * i + k] = render::srgb_byte(t.colour[k]);
     texture->rgba[4 * i + 3] = static_cast<std::uint8_t>(std::lround(255 * t.alpha));
   }
   constexpr float kCutoff = 0.35F;

@@ -152,6 +152,8 @@ struct Precipitation {
   Spectrum extinction_per_m{};                ///< of all drops together
 };
 
+/// Reflectance of settled snow (Warren 1982, Wiscombe and Warren 1980): bright until water ice absorbs.
+inline constexpr Spectrum kSnowReflectance{0.92F, 0.93F, 0.94F, 0.87F, 0.83F, 0.12F};
 struct SurfaceState {
   float wetness = 0;       ///< 0 dry … 1 wet
   float snow_depth_m = 0;  ///< lying

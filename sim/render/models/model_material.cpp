@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "sim/render/content/surface_library.h"
+#include "sim/render/content/texels.h"
 #include "sim/render/models/model_file.h"
 
 namespace rigor::render {
@@ -33,13 +34,9 @@ std::string plain_name(std::string name) {
   return name;
 }
 
-float from_srgb(float v) { return v <= 0.04045F ? v / 12.92F : std::pow((v + 0.055F) / 1.055F, 2.4F); }
-
 // Mean of red, green and blue over the texels that are there.
 float mean_factor(const Texture& t) {
-  std::array<float, 256> linear{};
-  for (std::size_t i = 0; i < 256; ++i)
-    linear[i] = t.srgb ? from_srgb(static_cast<float>(i) / 255) : static_cast<float>(i) / 255;
+  const float* const linear = linear_of_bytes(t.srgb);
   double sum = 0, weight = 0;
   for (std::size_t i = 0; i + 3 < t.rgba.size(); i += 4) {
     if (t.rgba[i + 3] < 128) continue;

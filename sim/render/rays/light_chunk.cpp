@@ -125,7 +125,7 @@ void Chunk::add_lamps() {
     for (unsigned i = 0; i < n_; ++i) {
       Point& p = points_[i];
       const Vec3 to = lamp.place - p.place;
-      const Bands4 l = from_lamp(lamp, to, p.patch, p.view, p.normal);
+      const Bands4 l = lit_by_lamp(p.patch, p.view, p.normal, to, lamp.intensity);
       if (!(largest(l) > 0)) continue;
       if (!in_.query.shadows || !(largest(l) > kLampMatters * largest(p.light))) {
         p.light += l;
@@ -154,7 +154,7 @@ Chunk::Surroundings Chunk::surroundings(const Point& p, const Mirror& m) {
   Surroundings s;
   s.front = irradiance(p.normal, in_.frame.irradiance(p.normal));
   if (p.patch.translucent) s.behind = irradiance(-p.normal, in_.frame.irradiance(-p.normal));
-  if (!m.any()) return s;
+  if (!any(m)) return s;
   s.mirrored = in_.frame.irradiance(m.direction);
   s.seen = min(irradiance(m.direction, s.mirrored) / max(s.mirrored, all_bands(1e-20F)), all_bands(1));
   return s;
@@ -170,15 +170,15 @@ bool Chunk::shares_from(unsigned first, std::array<Mirror, kPacket>& mirrors) co
     if (p.normal != a.normal || p.patch.translucent ||
         !(std::abs(dot(a.normal, p.place - a.place)) <= kFlat * a.range_m))
       return false;
-    mirrors[i] = mirror(p.patch, p.view, p.normal);
-    if (mirrors[i].any() != mirrors[0].any()) return false;
+    mirrors[i] = mirror_of(p.patch, p.view, p.normal);
+    if (any(mirrors[i]) != any(mirrors[0])) return false;
   }
   return true;
 }
 
 void Chunk::add_surroundings(Point& p, const Mirror& m, const Surroundings& s) const {
-  p.light += from_sky(p.patch, s.front, s.behind);
-  if (m.any()) p.light += s.seen * m.share * mirrored_sky(in_.frame, m, s.mirrored);
+  p.light += lit_all_round(p.patch, s.front, s.behind);
+  if (any(m)) p.light += s.seen * m.share * mirrored_sky(in_.frame, m, s.mirrored);
 }
 
 void Chunk::add_open_sky() {
@@ -190,7 +190,7 @@ void Chunk::add_open_sky() {
       continue;
     }
     Point& p = points_[first++];
-    const Mirror m = mirror(p.patch, p.view, p.normal);
+    const Mirror m = mirror_of(p.patch, p.view, p.normal);
     add_surroundings(p, m, surroundings(p, m));
   }
 }
@@ -265,8 +265,8 @@ void Chunk::begin_paths(std::size_t first, unsigned k) {
     asked_[i] += 1;
     if (scatter(p, first + p.ray, k, 0, way)) path_[paths_++] = way;
     if (k > 0) continue;
-    const Mirror m = mirror(p.patch, p.view, p.normal);
-    if (!m.any()) continue;
+    const Mirror m = mirror_of(p.patch, p.view, p.normal);
+    if (!any(m)) continue;
     if (m.sharp > 0 && dot(m.direction, p.geometric_normal) > 0) {
       way.share = m.share * m.sharp;
       way.direction = unit(m.direction, p.normal);
@@ -338,7 +338,7 @@ void Chunk::add_sky(std::size_t first) {
   }
   for (unsigned i = 0; i < n_; ++i) {
     Point& p = points_[i];
-    if (const Mirror m = mirror(p.patch, p.view, p.normal); m.any() && m.sharp < 1)
+    if (const Mirror m = mirror_of(p.patch, p.view, p.normal); any(m) && m.sharp < 1)
       p.light +=
           m.share * in_.frame.irradiance(m.direction) * ((1.0F - m.sharp) / kPi * open_[i] / asked_[i]);
   }

@@ -73,6 +73,13 @@ class Chunk {
   /// of points without one, by rays of the points' own. How many were shot.
   unsigned ask_for_points(std::span<const Point> points, std::span<const SunCell> cells, bool in_cells,
                           std::span<float> clear);
+  [[nodiscard]] bool may_see_sun(const Point& p) const noexcept {
+    return in_.frame.sun && may_be_lit(p.patch, p.normal, p.shading_normal, in_.frame.to_sun);
+  }
+  /// Where all of it is seen.
+  [[nodiscard]] Bands4 from_sun(const Point& p) const noexcept {
+    return lit_from(p.patch, p.view, p.normal, in_.frame.to_sun, in_.frame.sun_irradiance);
+  }
   void set_sun_ray(unsigned i, Vec3 place, Vec3 normal, float time, Vec3 to);
   void add_lamps();
   /// What surroundings send to a point.

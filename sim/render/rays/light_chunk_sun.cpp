@@ -19,9 +19,9 @@ unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned dra
   unsigned n = 0;
   for (unsigned i = 0; i < points.size(); ++i) {
     Point& p = points[i];
-    if (!may_see_sun(in_.frame, p.patch, p.normal, p.shading_normal)) continue;
+    if (!may_see_sun(p)) continue;
     if (!in_.query.shadows) {
-      p.light += from_sun(in_.frame, p.patch, p.view, p.normal);
+      p.light += from_sun(p);
       continue;
     }
     Vec3 to = in_.frame.to_sun;
@@ -40,7 +40,7 @@ unsigned Chunk::add_sun(std::span<Point> points, std::size_t first, unsigned dra
   in_.scene.occluded(rays_, n, true, hidden.data(), in_.followed);
   for (unsigned i = 0; i < n; ++i) {
     Point& p = points[who[i]];
-    if (hidden[i] == 0) p.light += from_sun(in_.frame, p.patch, p.view, p.normal);
+    if (hidden[i] == 0) p.light += from_sun(p);
   }
   return n;
 }
@@ -119,7 +119,7 @@ unsigned Chunk::add_wide_sun(std::span<Point> points) {
   std::array<float, kChunk> clear;
   for (unsigned i = 0; i < points.size(); ++i) {
     const Point& p = points[i];
-    const bool faces = may_see_sun(in_.frame, p.patch, p.normal, p.shading_normal);
+    const bool faces = may_see_sun(p);
     clear[i] = faces ? 1 : 0;
     cells[i] = {};
     if (!faces || !in_.query.shadows || in_.scene.moves(p.met.instance)) continue;
@@ -135,7 +135,7 @@ unsigned Chunk::add_wide_sun(std::span<Point> points) {
   }
   for (unsigned i = 0; i < points.size(); ++i) {
     Point& p = points[i];
-    if (clear[i] > 0) p.light += from_sun(in_.frame, p.patch, p.view, p.normal) * clear[i];
+    if (clear[i] > 0) p.light += from_sun(p) * clear[i];
   }
   return traced;
 }

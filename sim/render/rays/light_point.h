@@ -19,7 +19,7 @@ struct Point {
   unsigned ray = 0;  ///< whose it is: the caller's
   NodeId node{};
   Intersection met;  ///< the triangle, and where on it
-  MaterialSample patch;
+  MaterialSample patch{};
   Bands4 light{};  ///< the caller's
 };
 

@@ -1,7 +1,5 @@
-// From what a surface is at a point to the light that leaves it towards an eye, and what the air on the way
-// does to it: the arithmetic of shaders/view/light.glsl and surface_light.glsl, four bands at a time. Where
-// the shaders estimate what hides the sky and the sun, these take it as an argument. Internal to
-// sim/render/rays.
+// Light and air of a frame, as shading (shading.h) asks for them: where the shaders of the view estimate what
+// hides the sky and the sun, rays find it. Internal to sim/render/rays.
 //
 // Places are relative to an origin that the caller chooses, world axes, metres; radiance W/(m² sr),
 // irradiance W/m². Everything const: any thread.
@@ -13,7 +11,7 @@
 
 #include "sim/render/content/content.h"
 #include "sim/render/rays/light_sky.h"
-#include "sim/render/rays/light_vec.h"
+#include "sim/render/rays/shading.h"
 
 namespace rigor::render::light {
 
@@ -55,37 +53,12 @@ struct LightFrame {
 [[nodiscard]] LightFrame light_frame(const ContentFrame& frame, const Eigen::Vector3d& origin,
                                      const std::array<int, 4>& bands, std::shared_ptr<const SkyTables> sky);
 
-/// A surface at a point: maps and tint are in it.
-struct MaterialSample {
-  Bands4 reflectance{}, transmittance{};
-  float roughness = 1, metallic = 0, porosity = 0.5F, retro_reflection = 0;
-  bool translucent = false, glossy = false, water = false, takes_snow = false;
-};
-
 /// Wet and snowed upon, at a place with this normal.
 void weather(const LightFrame& frame, Vec3 place, Vec3 normal, MaterialSample& s) noexcept;
 
-/// False where no sun can come to a point from, whatever stands between: a face turned away from it is dark
-/// whatever its bumps say; a leaf may be lit through.
-[[nodiscard]] bool may_see_sun(const LightFrame& frame, const MaterialSample& s, Vec3 n,
-                               Vec3 n_flat) noexcept;
-
-/// Light of the sun that leaves towards `view` (unit length) where all of it is seen.
-[[nodiscard]] Bands4 from_sun(const LightFrame& frame, const MaterialSample& s, Vec3 view, Vec3 n) noexcept;
-/// As above, of a lamp at a way `to` from the point.
-[[nodiscard]] Bands4 from_lamp(const Lamp& lamp, Vec3 to, const MaterialSample& s, Vec3 view,
-                               Vec3 n) noexcept;
-/// What is diffusely scattered of the irradiances of both sides.
-[[nodiscard]] Bands4 from_sky(const MaterialSample& s, Bands4 irradiance, Bands4 irradiance_behind) noexcept;
-
-/// The mirror image of the surroundings: Fresnel's share of it, and how sharp it is.
-struct Mirror {
-  Vec3 direction;
-  Bands4 share{};
-  float sharp = 0;  ///< 0: the mean over the side of the mirrored direction … 1: what lies in it
-  [[nodiscard]] bool any() const noexcept { return largest(share) > 0; }
-};
-[[nodiscard]] Mirror mirror(const MaterialSample& s, Vec3 view, Vec3 n) noexcept;
+/// Of a surface that mirrors nothing: none.
+[[nodiscard]] Mirror mirror_of(const MaterialSample& s, Vec3 view, Vec3 n) noexcept;
+[[nodiscard]] inline bool any(const Mirror& m) noexcept { return largest(m.share) > 0; }
 /// What the mirror shows of surroundings that nothing hides. `irradiance`: theirs on a plane whose normal is
 /// the mirror's direction.
 [[nodiscard]] Bands4 mirrored_sky(const LightFrame& frame, const Mirror& m, Bands4 irradiance) noexcept;

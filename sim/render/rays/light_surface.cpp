@@ -1,9 +1,12 @@
 #include "sim/render/rays/light_surface.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <unordered_set>
+
+#include "sim/render/content/texels.h"
 
 namespace rigor::render::light {
 namespace {
@@ -11,66 +14,11 @@ namespace {
 /// Contents that stand still for which what is unseen is kept.
 constexpr std::uint64_t kRoundsKept = 16;
 
-float linear_from_srgb(float v) { return v <= 0.04045F ? v / 12.92F : std::pow((v + 0.055F) / 1.055F, 2.4F); }
-float srgb_from_linear(float v) {
-  return v <= 0.0031308F ? v * 12.92F : 1.055F * std::pow(v, 1.0F / 2.4F) - 0.055F;
-}
-const float* decoder(bool srgb) {
-  static const auto tables = [] {
-    std::array<std::array<float, 256>, 2> t{};
-    for (std::size_t i = 0; i < 256; ++i) {
-      t[0][i] = static_cast<float>(i) / 255.0F;
-      t[1][i] = linear_from_srgb(t[0][i]);
-    }
-    return t;
-  }();
-  return tables[srgb ? 1 : 0].data();
-}
-
 /// Of what lies well within an int. (std::floor is a call where the processor's own rounding may not be
 /// used.)
 float whole(float v) {
   const auto i = static_cast<float>(static_cast<int>(v));
   return i > v ? i - 1.0F : i;
-}
-
-struct Picture {
-  std::uint32_t width = 1, height = 1;
-  std::vector<Bands4> texels;
-};
-
-/// Halves both sides; an odd last row or column is spread over its neighbours.
-Picture half(const Picture& a, bool weigh) {
-  Picture b;
-  b.width = std::max(a.width / 2, 1U);
-  b.height = std::max(a.height / 2, 1U);
-  b.texels.resize(std::size_t{b.width} * b.height);
-  const auto begin = [](std::uint32_t i, std::uint32_t from, std::uint32_t to) {
-    return static_cast<std::uint32_t>(std::uint64_t{i} * from / to);
-  };
-  for (std::uint32_t y = 0; y < b.height; ++y)
-    for (std::uint32_t x = 0; x < b.width; ++x) {
-      Bands4 sum{}, plain{};
-      float weight = 0, n = 0;
-      for (std::uint32_t j = begin(y, a.height, b.height); j < begin(y + 1, a.height, b.height); ++j)
-        for (std::uint32_t i = begin(x, a.width, b.width); i < begin(x + 1, a.width, b.width); ++i) {
-          const Bands4 p = a.texels[std::size_t{j} * a.width + i];
-          const float w = weigh ? p[3] : 1.0F;
-          sum += p * w;
-          plain += p;
-          weight += w;
-          n += 1;
-        }
-      Bands4 q = weight > 1e-6F ? sum / weight : plain / n;
-      q[3] = plain[3] / n;
-      b.texels[std::size_t{y} * b.width + x] = q;
-    }
-  return b;
-}
-
-bool has_pixels(const std::shared_ptr<const Texture>& t) {
-  return t && t->width > 0 && t->height > 0 && t->width <= 32768 && t->height <= 32768 &&
-         t->rgba.size() >= std::size_t{t->width} * t->height * 4;
 }
 
 Bands4 clamped(const Spectrum& s, const std::array<int, 4>& bands) {
@@ -80,58 +28,35 @@ Bands4 clamped(const Spectrum& s, const std::array<int, 4>& bands) {
 }
 float share(float v, float otherwise) { return std::isfinite(v) ? std::clamp(v, 0.0F, 1.0F) : otherwise; }
 
-std::array<Bands4, 3> colour_to_band(const std::array<int, 4>& bands, bool mean_for_near_infrared) {
-  std::array<Bands4, 3> m{};
-  for (int channel = 0; channel < 4; ++channel)
-    for (int colour = 0; colour < 3; ++colour) {
-      const int band = bands[static_cast<std::size_t>(channel)];
-      m[static_cast<std::size_t>(colour)][channel] =
-          band < 3 ? (band == colour ? 1.0F : 0.0F) : (mean_for_near_infrared ? 1.0F / 3 : 0.0F);
-    }
-  return m;
-}
+std::array<Bands4, 3> in_bands(const ColourToBand& m) { return std::bit_cast<std::array<Bands4, 3>>(m); }
 
 }  // namespace
 
 MipMap::MipMap(std::shared_ptr<const Texture> texture, bool weigh)
     : texture_(std::move(texture)),
       weigh_(weigh),
-      decode_(decoder(texture_->srgb)),
+      decode_(linear_of_bytes(texture_->srgb)),
       size_lod_(0.5F * std::log2(static_cast<float>(texture_->width) * static_cast<float>(texture_->height))),
       repeat_(texture_->repeat) {}
 
 void MipMap::make() const {
   const Texture& t = *texture_;
-  Picture now;
-  now.width = t.width;
-  now.height = t.height;
-  now.texels.resize(std::size_t{t.width} * t.height);
-  for (std::size_t i = 0; i < now.texels.size(); ++i) {
-    const std::uint8_t* p = &t.rgba[4 * i];
-    now.texels[i] = Bands4{decode_[p[0]], decode_[p[1]], decode_[p[2]], decoder(false)[p[3]]};
-  }
-  const auto byte = [&](float v, bool colour) {
-    const float e = colour && t.srgb ? srgb_from_linear(v) : v;
-    return static_cast<std::uint32_t>(std::lround(std::clamp(e, 0.0F, 1.0F) * 255.0F));
-  };
+  LinearTexels now = linear_texels(t);
   for (;;) {
-    Level l{now.width, now.height, (now.width + 3) / 4, texels_.size()};
+    const Level l{now.width, now.height, (now.width + 3) / 4, texels_.size()};
     texels_.resize(l.first + std::size_t{l.tiles_across} * ((l.height + 3) / 4) * 16);
+    const std::vector<std::uint8_t> coarser =
+        l.first == 0 ? std::vector<std::uint8_t>() : bytes_of(now, t.srgb);
+    const std::uint8_t* const bytes = l.first == 0 ? t.rgba.data() : coarser.data();
     for (std::uint32_t y = 0; y < l.height; ++y)
       for (std::uint32_t x = 0; x < l.width; ++x) {
-        const std::size_t from = std::size_t{y} * l.width + x;
         std::uint32_t& to =
             texels_[l.first + (std::size_t{y / 4} * l.tiles_across + x / 4) * 16 + (y % 4) * 4 + x % 4];
-        if (l.first == 0) {
-          std::memcpy(&to, &t.rgba[4 * from], 4);
-          continue;
-        }
-        const Bands4 p = now.texels[from];
-        to = byte(p[0], true) | byte(p[1], true) << 8U | byte(p[2], true) << 16U | byte(p[3], false) << 24U;
+        std::memcpy(&to, bytes + 4 * (std::size_t{y} * l.width + x), 4);
       }
     levels_.push_back(l);
     if (now.width == 1 && now.height == 1) break;
-    now = half(now, weigh_);
+    now = halved(now, weigh_);
   }
   made_.store(true, std::memory_order_release);
 }
@@ -173,7 +98,7 @@ Bands4 MipMap::at(float u, float v, float lod) const noexcept {
 }
 
 MaterialSample LightSurface::patch(float u, float v, float lod, Bands4 tint) const noexcept {
-  MaterialSample s;
+  MaterialSample s{};
   Bands4 factor = tint;
   if (colour != nullptr || near_infrared != nullptr) {
     const Bands4 c = colour != nullptr ? colour->at(u, v, lod + colour->size_lod()) : all_bands(1);
@@ -208,7 +133,7 @@ Vec3 LightSurface::normal_mapped(float u, float v, float lod, Vec3 right, Vec3 d
 }
 
 std::array<Bands4, 3> tint_to_band(const std::array<int, 4>& bands) noexcept {
-  return colour_to_band(bands, true);
+  return in_bands(colour_to_band(bands, true));
 }
 
 LightSurfaces::LightSurfaces() {
@@ -219,7 +144,7 @@ LightSurfaces::LightSurfaces() {
 }
 
 const MipMap* LightSurfaces::map(const std::shared_ptr<const Texture>& t, bool weigh) {
-  if (!has_pixels(t)) return nullptr;
+  if (usable(t) == nullptr) return nullptr;
   KeptMap& kept = maps_[2 * t->serial + (weigh ? 1 : 0)];
   if (!kept.map) kept.map = std::make_unique<MipMap>(t, weigh);
   kept.last_seen = round_;
@@ -234,10 +159,8 @@ void LightSurfaces::fill(const Surface& s, LightSurface& out) {
   out.near_infrared = map(s.near_infrared_map, false);
   out.normal = map(s.normal_map, false);
   out.gloss = map(s.gloss_map, false);
-  out.from_colour = colour_to_band(bands_, out.near_infrared == nullptr);
-  std::array<int, 4> shifted{};
-  for (std::size_t i = 0; i < 4; ++i) shifted[i] = bands_[i] >= 3 ? bands_[i] - 3 : 3;
-  out.from_near_infrared = colour_to_band(shifted, false);
+  out.from_colour = in_bands(colour_to_band(bands_, out.near_infrared == nullptr));
+  out.from_near_infrared = in_bands(near_infrared_to_band(bands_));
   out.roughness = share(s.roughness, 1);
   out.metallic = share(s.metallic, 0);
   out.porosity = share(s.porosity, 0.5F);
@@ -246,7 +169,7 @@ void LightSurfaces::fill(const Surface& s, LightSurface& out) {
       std::any_of(s.transmittance.begin(), s.transmittance.end(), [](float t) { return t > 0; });
   out.glossy = out.roughness < 1 || out.metallic > 0 || out.gloss != nullptr;
   out.water = s.water;
-  out.takes_snow = s.takes_snow;
+  out.takes_snow = s.takes_snow ? 1.0F : 0.0F;
   out.any_map =
       out.colour != nullptr || out.near_infrared != nullptr || out.normal != nullptr || out.gloss != nullptr;
 }
@@ -264,7 +187,7 @@ void LightSurfaces::add(const std::shared_ptr<const Surface>& s) {
   for (const auto& [t, weigh] :
        {std::pair{&s->colour_map, s->alpha_cutoff > 0}, std::pair{&s->near_infrared_map, false},
         std::pair{&s->normal_map, false}, std::pair{&s->gloss_map, false}})
-    if (has_pixels(*t)) maps_.at(2 * (*t)->serial + (weigh ? 1 : 0)).last_seen = round_;
+    if (usable(*t) != nullptr) maps_.at(2 * (*t)->serial + (weigh ? 1 : 0)).last_seen = round_;
 }
 
 void LightSurfaces::add(const std::vector<WantedBatch>& batches) {

@@ -50,8 +50,8 @@ struct LightSurface {
   Bands4 reflectance{}, transmittance{};
   std::array<Bands4, 3> from_colour{}, from_near_infrared{};
   const MipMap *colour = nullptr, *near_infrared = nullptr, *normal = nullptr, *gloss = nullptr;
-  float roughness = 1, metallic = 0, porosity = 0.5F, retro_reflection = 0;
-  bool translucent = false, glossy = false, water = false, takes_snow = true;
+  float roughness = 1, metallic = 0, porosity = 0.5F, retro_reflection = 0, takes_snow = 1;
+  bool translucent = false, glossy = false, water = false;
   bool any_map = false;
 
   /// At a place of its texture. `lod`: log2 of the part of the whole map's side that a ray stands for.

@@ -1,6 +1,5 @@
 // Surfaces as rays ask for them: which maps they have, what stands at a place on their texture, and what
-// weather makes of it. The arithmetic is that of sim/render/shaders/view (surface_main.glsl,
-// surface_light.glsl, noise.glsl), with maps looked up bilinearly in their finest level. Internal to
+// weather makes of it (shading.h). Maps are looked up bilinearly in their finest level. Internal to
 // sim/render/rays.
 #pragma once
 
@@ -13,9 +12,6 @@
 #include "sim/render/rays/leaf_cover.h"
 
 namespace rigor::render {
-
-/// A map that has texels; null otherwise.
-[[nodiscard]] const Texture* usable(const std::shared_ptr<const Texture>& map) noexcept;
 
 struct RaySurface {
   explicit RaySurface(std::shared_ptr<const Surface> surface);  ///< null: a matt grey named `unknown`
@@ -36,9 +32,6 @@ struct PointOptics {
   float roughness = 1, metallic = 0, retro_reflection = 0, snow = 0;
   bool water = false;
 };
-
-/// Reflectance of settled snow by band, as in sim/render/view/view_frame.cpp.
-inline constexpr Spectrum kRaySnowReflectance{0.92F, 0.93F, 0.94F, 0.87F, 0.83F, 0.12F};
 
 /// The normal map's direction at (u, v): x along growing u, y towards the picture's top, z off the surface.
 [[nodiscard]] Eigen::Vector3f mapped_normal(const RaySurface& s, float u, float v) noexcept;

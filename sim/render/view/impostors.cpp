@@ -46,10 +46,8 @@ Status Impostors::create() {
 void Impostors::write_uniforms(const Entry& e) const {
   view_gpu::SurfaceData d;
   d.reflectance = view_gpu::xyz(e.prototype->centre.cast<double>(), static_cast<double>(e.prototype->radius));
-  const auto colour = view_gpu::colour_to_band(bands_, false);
-  const auto nir = view_gpu::near_infrared_to_band(bands_);
-  std::copy(colour.begin(), colour.end(), d.colour_to_band);
-  std::copy(nir.begin(), nir.end(), d.near_infrared_to_band);
+  view_gpu::put(colour_to_band(bands_, false), d.colour_to_band);
+  view_gpu::put(near_infrared_to_band(bands_), d.near_infrared_to_band);
   std::memcpy(e.uniforms.data, &d, sizeof d);
 }
 

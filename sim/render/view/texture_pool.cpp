@@ -5,25 +5,9 @@
 #include <cmath>
 #include <cstring>
 
-namespace rigor::render {
+#include "sim/render/content/texels.h"
 
-namespace view_gpu {
-std::array<vec4, 3> colour_to_band(const Bands& bands, bool mean_for_near_infrared) {
-  std::array<std::array<float, 4>, 3> m{};
-  for (std::size_t channel = 0; channel < 4; ++channel)
-    for (std::size_t colour = 0; colour < 3; ++colour)
-      m[colour][channel] = bands[channel] < 3 ? (bands[channel] == static_cast<int>(colour) ? 1.0F : 0.0F)
-                                              : (mean_for_near_infrared ? 1.0F / 3.0F : 0.0F);
-  std::array<vec4, 3> out{};
-  for (std::size_t i = 0; i < 3; ++i) out[i] = {m[i][0], m[i][1], m[i][2], m[i][3]};
-  return out;
-}
-std::array<vec4, 3> near_infrared_to_band(const Bands& bands) {
-  Bands shifted{};
-  for (std::size_t i = 0; i < 4; ++i) shifted[i] = bands[i] >= 3 ? bands[i] - 3 : 3;
-  return colour_to_band(shifted, false);
-}
-}  // namespace view_gpu
+namespace rigor::render {
 
 Result<vk::Sampler> make_sampler(const Device::Impl& gpu, VkSamplerAddressMode mode) {
   VkSamplerCreateInfo info{};
@@ -37,8 +21,6 @@ Result<vk::Sampler> make_sampler(const Device::Impl& gpu, VkSamplerAddressMode m
     return vk::failed("making a sampler", r);
   return vk::Sampler(gpu.device, handle);
 }
-
-namespace {}  // namespace
 
 Status ImageUploads::add(VkImage image, const std::vector<Level>& levels) {
   std::size_t total = 0;
@@ -124,10 +106,7 @@ Status TexturePool::create() {
 Result<TexturePool::ResidentTexture*> TexturePool::texture(const std::shared_ptr<const Texture>& t,
                                                            float cutoff, std::uint64_t frame) {
   ResidentTexture* const none = nullptr;
-  if (!t || t->width == 0 || t->height == 0 ||
-      t->rgba.size() < static_cast<std::size_t>(t->width) * t->height * 4 ||
-      std::max(t->width, t->height) > gpu_.limits.maxImageDimension2D)
-    return none;
+  if (usable(t) == nullptr || std::max(t->width, t->height) > gpu_.limits.maxImageDimension2D) return none;
   const TextureKey key{t->serial, std::bit_cast<std::uint32_t>(cutoff)};
   auto& slot = textures_[key];
   if (!slot) {
@@ -185,13 +164,12 @@ void TexturePool::write_uniforms(const ResidentSurface& s) const {
   d.reflectance = view_gpu::pick(a.reflectance, bands_);
   d.transmittance = view_gpu::pick(a.transmittance, bands_);
   const bool nir = (s.features & kFeatureNearInfraredMap) != 0;
-  const auto from_colour = view_gpu::colour_to_band(bands_, !nir);
-  const auto from_nir = view_gpu::near_infrared_to_band(bands_);
-  std::copy(from_colour.begin(), from_colour.end(), d.colour_to_band);
-  std::copy(from_nir.begin(), from_nir.end(), d.near_infrared_to_band);
+  view_gpu::put(colour_to_band(bands_, !nir), d.colour_to_band);
+  view_gpu::put(near_infrared_to_band(bands_), d.near_infrared_to_band);
   d.gloss = {std::clamp(a.roughness, 0.0F, 1.0F), std::clamp(a.metallic, 0.0F, 1.0F), a.alpha_cutoff,
              std::clamp(a.porosity, 0.0F, 1.0F)};
-  d.flags = {a.takes_snow ? 1.0F : 0.0F, 0, 0, 0};
+  d.flags = {a.takes_snow ? 1.0F : 0.0F, a.retro_reflection > 0 ? std::min(a.retro_reflection, 1.0F) : 0.0F,
+             0, 0};
   std::memcpy(s.uniforms.data, &d, sizeof d);
 }
 

@@ -12,8 +12,6 @@ using view_gpu::pick;
 using view_gpu::vec4;
 using view_gpu::xyz;
 
-/// Reflectance of settled snow (Warren 1982, Wiscombe and Warren 1980): bright until water ice absorbs.
-constexpr Spectrum kSnowReflectance{0.92F, 0.93F, 0.94F, 0.87F, 0.83F, 0.12F};
 /// What a leaf scatters of the light on it, both sides together (Jacquemoud and Baret 1990, green leaves).
 constexpr Spectrum kLeafScatters{0.12F, 0.24F, 0.08F, 0.92F, 0.92F, 0.60F};
 /// Extinction by black leaves times their area, from the sky to a point that cannot see it: the middle of a
@@ -85,8 +83,7 @@ FrameNumbers place_numbers(const ContentFrame& frame, const ViewRequest& request
   u.ray_y = xyz(camera.down * (0.5 * h / p.fy_px));
   u.ray_0 = xyz(camera.forward + camera.right * ((0.5 * w - 0.5 - p.cx_px) / p.fx_px) +
                 camera.down * ((0.5 * h - 0.5 - p.cy_px) / p.fy_px));
-  const auto tint = view_gpu::colour_to_band(bands, true);
-  std::copy(tint.begin(), tint.end(), u.tint_to_band);
+  view_gpu::put(colour_to_band(bands, true), u.tint_to_band);
   u.snow = pick(kSnowReflectance, bands);
   u.weather = {std::clamp(frame.surface.wetness, 0.0F, 1.0F), std::max(frame.surface.snow_depth_m, 0.0F), 0,
                0};

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <type_traits>
 
-#include "sim/render/content/content.h"
+#include "sim/render/content/texels.h"
 
 namespace rigor::render::view_gpu {
 
@@ -44,9 +44,8 @@ using Bands = std::array<int, 4>;
   return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z()),
           static_cast<float>(w)};
 }
-/// How red, green and blue of a map multiply the bands. Visible: its own colour, and nothing else. Near
-/// infrared: their mean, or nothing where a near-infrared map gives it.
-[[nodiscard]] std::array<vec4, 3> colour_to_band(const Bands& bands, bool mean_for_near_infrared);
-[[nodiscard]] std::array<vec4, 3> near_infrared_to_band(const Bands& bands);
+inline void put(const ColourToBand& m, vec4 (&out)[3]) {
+  for (std::size_t i = 0; i < m.size(); ++i) out[i] = {m[i][0], m[i][1], m[i][2], m[i][3]};
+}
 
 }  // namespace rigor::render::view_gpu

@@ -5,7 +5,7 @@
 #define MAX_LAMPS 1
 #define MAX_CASCADES 1
 #include "sim/render/shaders/view/view_structs.glsl.h"
-#include "sim/render/shaders/view/noise.glsl"
+#include "sim/render/shaders/shading.glsl.h"
 #include "sim/render/shaders/view/holes.glsl"
 layout(set = 1, binding = 0) uniform SurfaceBlock { SurfaceData surface; };
 layout(set = 1, binding = 1) uniform sampler2D colour_map;

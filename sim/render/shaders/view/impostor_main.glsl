@@ -1,6 +1,5 @@
 #include "sim/render/shaders/view/bindings.glsl"
 #include "sim/render/shaders/view/light.glsl"
-#include "sim/render/shaders/view/noise.glsl"
 #include "sim/render/shaders/view/material.glsl"
 #include "sim/render/shaders/view/surface_light.glsl"
 layout(constant_id = 13) const bool kMultisampled = false;
@@ -52,6 +51,8 @@ void main() {
   s.metallic = 0.0;
   s.porosity = 0.5;
   s.takes_snow = n.w;
+  s.retro_reflection = 0.0;
+  s.translucent = s.glossy = s.water = false;
   vec3 m = to_world * (n.xyz * 2.0 - 1.0);
   m = dot(m, m) > 1e-8 ? normalize(m) : normalize(-p);
   // The picture stands in the thing's middle; what is seen lies nearer.

@@ -1,5 +1,5 @@
-// Light of sun, sky and lamps, and the air on its way to the eye.
-const float kPi = 3.14159265358979;
+// Light of sun and sky, what hides them, and the air on its way to the eye.
+#include "sim/render/shaders/shading.glsl.h"
 
 vec4 sky_irradiance(vec3 n) {
   vec4 e = frame.sky_light[0] + frame.sky_light[1] * n.y + frame.sky_light[2] * n.z + frame.sky_light[3] * n.x +
@@ -16,37 +16,15 @@ vec4 sky_radiance(vec3 d) {
   return textureLod(sky_map, vec2(azimuth / (2.0 * kPi), elevation / (0.5 * kPi)), 0.0) * frame.weather.z;
 }
 
-// The part of the way to p (relative to the eye) that lies below a height.
-float length_below(float top, vec3 p) {
-  float low = min(0.0, p.z);
-  float high = max(0.0, p.z);
-  float share = high - low > 1e-6 ? clamp((top - low) / (high - low), 0.0, 1.0) : (top > low ? 1.0 : 0.0);
-  return length(p) * share;
-}
-
 vec4 through_air(vec4 radiance, vec3 p) {
   vec4 depth = vec4(0.0);
   vec4 source = vec4(0.0);
   for (uint i = 0u; i < frame.counts.x; ++i) {
-    vec4 tau = frame.hazes[i].extinction * length_below(frame.hazes[i].top.x, p);
+    vec4 tau = frame.hazes[i].extinction * (length(p) * share_below(frame.hazes[i].top.x, 0.0, p.z));
     depth += tau;
     source += tau * frame.hazes[i].inscatter;
   }
-  vec4 transmittance = exp(-depth);
-  return radiance * transmittance + source / max(depth, vec4(1e-30)) * (1.0 - transmittance);
-}
-
-// GGX with Schlick's Fresnel term; the height-correlated visibility as 1 / (4 l.h^2) (Lazarov 2011).
-vec4 highlight(vec3 n, vec3 view, vec3 light, float roughness, vec4 f0) {
-  float alpha = max(roughness * roughness, 0.0025);
-  vec3 h = normalize(view + light);
-  float nh = max(dot(n, h), 0.0);
-  float lh = max(dot(light, h), 0.05);
-  float f = nh * nh * (alpha * alpha - 1.0) + 1.0;
-  float grazing = 1.0 - lh;
-  float grazing2 = grazing * grazing;
-  vec4 fresnel = f0 + (1.0 - f0) * grazing2 * grazing2 * grazing;
-  return alpha * alpha / (kPi * f * f) * fresnel / (4.0 * lh * lh);
+  return behind_air(radiance, depth, source);
 }
 
 float texel_lit(ivec2 at, int layer, float z) { return texelFetch(shadow_map, ivec3(at, layer), 0).x >= z ? 1.0 : 0.0; }

@@ -59,6 +59,8 @@ MaterialSample material_sample(vec4 colour) {
   s.metallic = surface.gloss.y;
   s.porosity = surface.gloss.w;
   s.takes_snow = surface.flags.x;
+  s.retro_reflection = surface.flags.y;
+  s.translucent = s.glossy = s.water = false;  // told by the shader's features
   return s;
 }
 

@@ -2,7 +2,6 @@
 // full, as for a ray and not for a pixel's area.
 #define TEXEL(map) textureLod(map, uv, 0.0)
 #include "sim/render/shaders/view/bindings.glsl"
-#include "sim/render/shaders/view/noise.glsl"
 #include "sim/render/shaders/view/octahedron.glsl"
 #include "sim/render/shaders/view/material_sample.glsl"
 layout(push_constant) uniform Push { uvec4 part; };  // number of the surface

@@ -12,11 +12,7 @@ void main() {
   vec3 d = normalize(frame.ray_0.xyz + frame.ray_x.xyz * ndc.x + frame.ray_y.xyz * ndc.y);
   float pixel = frame.clip_w.w;
   vec4 light = mix(frame.ground, sky_radiance(d), smoothstep(-0.5 * pixel, 0.5 * pixel, d.z));
-  if (frame.sun.z > 0.0) {
-    // Angle from the difference of unit vectors: the cosine has no precision near 1.
-    float from_sun = 2.0 * asin(min(0.5 * length(d - frame.sun.xyz), 1.0));
-    light += frame.sun_disc * clamp((frame.sun.w - from_sun) / pixel + 0.5, 0.0, 1.0) * step(0.0, d.z);
-  }
+  if (frame.sun.z > 0.0) light += frame.sun_disc * (disc_share(d, frame.sun.xyz, frame.sun.w, pixel) * step(0.0, d.z));
   if (kHaze) light = through_air(light, d * 1e7);
   radiance = light;
   node = 0u;

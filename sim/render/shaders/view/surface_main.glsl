@@ -1,6 +1,5 @@
 #include "sim/render/shaders/view/bindings.glsl"
 #include "sim/render/shaders/view/light.glsl"
-#include "sim/render/shaders/view/noise.glsl"
 #include "sim/render/shaders/view/material_sample.glsl"
 #include "sim/render/shaders/view/surface_light.glsl"
 #ifdef ALPHA

@@ -56,7 +56,7 @@ struct SurfaceData {
   vec4 colour_to_band[3];
   vec4 near_infrared_to_band[3];
   vec4 gloss;       // roughness, metallic, alpha cutoff, porosity
-  vec4 flags;       // takes snow, unused
+  vec4 flags;       // takes snow, retro-reflection, unused
 };
 
 // An instance as it lies in its batch.

@@ -13,6 +13,7 @@
 
 #include "sim/nature/trees/canvas.h"
 #include "sim/nature/trees/tree_textures.h"
+#include "sim/render/content/texels.h"
 #include "tests/sim/nature/trees/raster.h"
 #include "tests/sim/nature/trees/tree_world.h"
 
@@ -27,7 +28,7 @@ void save(const Picture& p, const std::string& file) {
     for (int x = 0; x < p.width; ++x)
       for (int k = 0; k < 3; ++k)
         image.at<cv::Vec3b>(y, x)[2 - k] =
-            srgb_byte(p.rgb[3 * (static_cast<std::size_t>(y) * p.width + x) + k]);
+            render::srgb_byte(p.rgb[3 * (static_cast<std::size_t>(y) * p.width + x) + k]);
   cv::imwrite(file, image);
 }
 /// A whole tree of a species at its own size; `CODE!` is a snag.

@@ -10,6 +10,7 @@
 #include "sim/nature/trees/canvas.h"
 #include "sim/nature/trees/crown_levels.h"
 #include "sim/render/content/surface_library.h"
+#include "sim/render/content/texels.h"
 #include "tests/sim/nature/trees/raster.h"
 
 namespace rigor::nature {
@@ -248,7 +249,8 @@ TEST(TreeMesh, FoliageReflectsAsTheLibrarySays) {
     for (std::size_t i = 0; i < s.colour_map->rgba.size(); i += 4) {
       const double a = s.colour_map->rgba[i + 3];
       if (a < 255 * static_cast<double>(s.alpha_cutoff)) continue;  // not drawn
-      for (int k = 0; k < 3; ++k) sum[k] += static_cast<double>(linear_of(s.colour_map->rgba[i + k]));
+      for (int k = 0; k < 3; ++k)
+        sum[k] += static_cast<double>(render::linear_of_bytes(true)[s.colour_map->rgba[i + k]]);
       weight += 1;
     }
     for (int k = 0; k < 3; ++k)
@@ -271,7 +273,7 @@ TEST(TreeMesh, BarkReflectsAsTheLibrarySays) {
     const auto s = bark_surface(static_cast<BarkStyle>(style));
     double sum = 0;
     for (std::size_t i = 0; i < s->colour_map->rgba.size(); i += 4)
-      sum += static_cast<double>(linear_of(s->colour_map->rgba[i]));
+      sum += static_cast<double>(render::linear_of_bytes(true)[s->colour_map->rgba[i]]);
     const double mean = sum / (static_cast<double>(s->colour_map->rgba.size()) / 4);
     const double red =
         style == static_cast<int>(BarkStyle::birch)

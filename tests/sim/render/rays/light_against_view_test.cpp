@@ -224,6 +224,21 @@ TEST_F(LightAgainstView, ALampOnTheGround) {
   expect_alike("lamps", 0.3, 1e-3, 2e-4, 1);
 }
 
+TEST_F(LightAgainstView, SheetingAndWaterInTheLightOfALampBesideTheEye) {
+  auto sheeting = SurfaceOf::grey(0.3F);
+  sheeting->retro_reflection = 0.4F;
+  auto water = SurfaceOf::grey(0.02F);
+  water->water = true;
+  water->roughness = 0.2F;
+  frame_.batches = {one(plane_mesh(3, sheeting), 1), one(plane_mesh(3, water), 2, {0, 6, 0})};
+  frame_.lamps = {{{0, -5.9, 4.05}, grey(4)}};
+  request_.T_world_camera = look({0, -6, 4}, {0, 2, 0});
+  const auto p = shoot();
+  // Matt, the sheeting would have at most 0.3 / pi of 4 / 16.
+  EXPECT_GT(*std::max_element(p.radiance.begin(), p.radiance.end()), 1.0F);
+  expect_alike("sheeting", 20, 1e-3, 2e-4, 1);
+}
+
 TEST_F(LightAgainstView, LeavesInFrontOfTheSun) {
   auto s = std::make_shared<Surface>();
   s->reflectance = grey(0.1F);
