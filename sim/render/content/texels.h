@@ -18,7 +18,7 @@ namespace rigor::render {
 /// Of each of 256 bytes: in linear light, or as it is; 0 to 1.
 [[nodiscard]] const float* linear_of_bytes(bool srgb) noexcept;
 
-/// A map that has texels; null otherwise.
+/// A map that has texels, at most 32768 along a side; null otherwise.
 [[nodiscard]] const Texture* usable(const std::shared_ptr<const Texture>& map) noexcept;
 
 /// How red, green and blue of a map multiply four bands (index of world::kBandWavelength_nm). Visible: its

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "sim/render/content/texels.h"
 #include "sim/render/models/mesh_builder.h"
 
 namespace rigor::render {
@@ -70,12 +71,6 @@ float smooth_noise(float x, float y, int period) {
   u = u * u * (3 - 2 * u);
   v = v * v * (3 - 2 * v);
   return std::lerp(std::lerp(node(0, 0), node(1, 0), u), std::lerp(node(0, 1), node(1, 1), u), v);
-}
-
-std::uint8_t srgb_byte(float v) {
-  v = std::clamp(v, 0.0F, 1.0F);
-  v = v <= 0.0031308F ? 12.92F * v : 1.055F * std::pow(v, 1 / 2.4F) - 0.055F;
-  return static_cast<std::uint8_t>(std::lround(255 * v));
 }
 
 }  // namespace

@@ -427,7 +427,7 @@ SurfacePoint RayScene::point(const double origin[3], const float direction[3], f
   }
   Vector3d normal = flat;
   if (part.surface->normal != nullptr) {
-    // Mikkelsen (2010), as in surface_main.glsl, with the triangle's edges for the picture's differences.
+    // Mikkelsen (2010), as in material_sample.glsl, with the triangle's edges for the picture's differences.
     const Eigen::Matrix3d forward = at.inverse.inverse();
     const Vector3d w1 = forward * e1, w2 = forward * e2;
     const double du1 = b.uv[0] - a.uv[0], du2 = c.uv[0] - a.uv[0], dv1 = b.uv[1] - a.uv[1],

@@ -2,13 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
-#include <cstring>
 
 namespace rigor::render::light {
 namespace {
 
 constexpr double kNoisePeriod_m = 1024;
+
 Bands4 finite_only(Bands4 v) noexcept {
   for (int b = 0; b < 4; ++b) v[b] = std::isfinite(v[b]) && v[b] > 0 ? v[b] : 0.0F;
   return v;
@@ -83,7 +82,7 @@ Bands4 LightFrame::nothing_met(Vec3 d, float spread_rad) const noexcept {
   else
     light = mix(ground, sky->radiance(d), smoothstep(-soft, soft, d.z));
   if (sun && d.z >= 0) {
-    // Asked of few rays.
+    // Saves most rays the arc sine.
     if (length(d - to_sun) < 1.1F * (sun_radius_rad + soft))
       light += sun_disc * disc_share(d, to_sun, sun_radius_rad, 2 * soft);
   }

@@ -8,6 +8,7 @@
 #define SHADING
 #define all_bands(v) vec4(v)
 const float kPi = 3.14159265358979;
+// `otherwise` where a has no direction.
 vec3 unit(vec3 a, vec3 otherwise) {
   float d2 = dot(a, a);
   return d2 > 1e-30 && d2 < 1e30 ? a * (1.0 / sqrt(d2)) : otherwise;
@@ -103,9 +104,9 @@ SHADING vec4 lit_from(MaterialSample s, vec3 view, vec3 n, vec3 to_light, vec4 i
   if (s.glossy || s.water) light += highlight(n, view, to_light, s.roughness, mirrored_at_right_angles(s));
   return light * irradiance * c;
 }
-// Of a lamp at a way `to` from the point. Half width of the cone in which a retro-reflector sends light back: of beaded
-// sheeting, about half a degree.
+// Of a lamp at a way `to` from the point.
 SHADING vec4 lit_by_lamp(MaterialSample s, vec3 view, vec3 n, vec3 to, vec4 intensity) {
+  // Half width of the cone in which a retro-reflector sends light back: of beaded sheeting, about half a degree.
   const float kRetroCone_rad = 0.0087f;
   float d2 = max(dot(to, to), 1e-4f);
   vec3 l = to * (1.0f / sqrt(d2));
@@ -152,7 +153,7 @@ SHADING Mirror mirror(MaterialSample s, vec3 view, vec3 n) {
 // How much of what lies in a mirrored direction is sky, the rest being ground.
 SHADING float sky_in_mirror(vec3 direction) { return smoothstep(-0.1f, 0.05f, direction.z); }
 
-// Of the way between two heights, the part below a third.
+// What share of the way between two heights lies below `top`.
 SHADING float share_below(float top, float a_z, float b_z) {
   float low = min(a_z, b_z), high = max(a_z, b_z);
   return high - low > 1e-6f ? clamp((top - low) / (high - low), 0.0f, 1.0f) : (top > low ? 1.0f : 0.0f);
@@ -162,8 +163,8 @@ SHADING vec4 behind_air(vec4 radiance, vec4 depth, vec4 source) {
   vec4 t = exp(-depth);
   return radiance * t + source / max(depth, all_bands(1e-30f)) * (1.0f - t);
 }
-// How much of the sun's disc a ray sees, as wide as `width_rad`. Angle from the difference of unit vectors: the cosine has
-// no precision near 1.
+// How much of the sun's disc a ray sees that is `width_rad` wide: its edge is as soft as that. Angle from the difference of
+// unit vectors: the cosine has no precision near 1.
 SHADING float disc_share(vec3 d, vec3 to_sun, float radius_rad, float width_rad) {
   float from_sun = 2.0f * asin(min(0.5f * length(d - to_sun), 1.0f));
   return clamp((radius_rad - from_sun) / width_rad + 0.5f, 0.0f, 1.0f);

@@ -40,12 +40,10 @@ void sort(std::vector<DrawCall>& calls) {
 
 Status DrawLists::begin(std::size_t instances) {
   constexpr VkBufferUsageFlags kStorage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
-  if (instances * sizeof(view_gpu::DrawnInstance) > gpu_.limits.maxStorageBufferRange)
+  if (instances > most_instances())
     return fail(ErrorCode::unavailable, gpu_.name,
-                "expected at most " +
-                    std::to_string(gpu_.limits.maxStorageBufferRange / sizeof(view_gpu::DrawnInstance)) +
-                    " instances in view, got " + std::to_string(instances) +
-                    ": allow a larger error, or look at less at a time");
+                "expected at most " + std::to_string(most_instances()) + " instances in view, got " +
+                    std::to_string(instances) + ": allow a larger error, or look at less at a time");
   if (auto r = reserve(gpu_, entries_, instances * sizeof(view_gpu::DrawEntry), kStorage); !r)
     return tl::unexpected(r.error());
   if (auto r = reserve(gpu_, drawn_, instances * sizeof(view_gpu::DrawnInstance),

@@ -37,7 +37,11 @@ class DrawLists {
  public:
   DrawLists(const Device::Impl& gpu, ViewPipelines& pipelines) : gpu_(gpu), pipelines_(pipelines) {}
 
-  /// Room for so many instances. Errors: unavailable (more than a storage buffer holds).
+  /// So many a storage buffer holds.
+  [[nodiscard]] std::size_t most_instances() const {
+    return gpu_.limits.maxStorageBufferRange / sizeof(view_gpu::DrawnInstance);
+  }
+  /// Room for so many instances. Errors: unavailable (more than that).
   [[nodiscard]] Status begin(std::size_t instances);
   /// Calls for what the camera sees.
   [[nodiscard]] Result<std::vector<DrawCall>> add(const std::vector<Bucket>& buckets,

@@ -1,8 +1,10 @@
 #include "sim/render/view/shadow_cascades.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
+#include <numbers>
 
 namespace rigor::render {
 namespace {
@@ -43,18 +45,25 @@ std::vector<Eigen::Vector3d> outline_of(std::vector<Eigen::Vector2d> points, dou
   return out;
 }
 
-/// Corners of the view between two depths, in a cascade's plane.
-std::vector<Eigen::Vector2d> corners_of(const ViewCamera& camera, double from, double to,
-                                        const ShadowCascade& c) {
-  const Eigen::Vector3d eye = camera.eye - c.centre;
+/// Corners of the view between two depths, relative to the eye.
+std::array<Eigen::Vector3d, 8> corners_of(const ViewCamera& camera, double from, double to) {
   const auto edges = camera.edges();
-  std::vector<Eigen::Vector2d> out;
+  std::array<Eigen::Vector3d, 8> out;
+  std::size_t i = 0;
   for (const double d : {from, to})
     for (const double u : {edges[0], edges[1]})
-      for (const double v : {edges[2], edges[3]}) {
-        const Eigen::Vector3d p = eye + d * (camera.forward + u * camera.right + v * camera.down);
-        out.emplace_back(p.dot(c.x), p.dot(c.y));
-      }
+      for (const double v : {edges[2], edges[3]})
+        out[i++] = d * (camera.forward + u * camera.right + v * camera.down);
+  return out;
+}
+/// As above, in a cascade's plane.
+std::vector<Eigen::Vector2d> corners_of(const ViewCamera& camera, double from, double to,
+                                        const ShadowCascade& c) {
+  std::vector<Eigen::Vector2d> out;
+  for (const Eigen::Vector3d& corner : corners_of(camera, from, to)) {
+    const Eigen::Vector3d p = camera.eye - c.centre + corner;
+    out.emplace_back(p.dot(c.x), p.dot(c.y));
+  }
   return out;
 }
 
@@ -132,11 +141,11 @@ std::vector<ShadowCascade> shadow_cascades(const ViewCamera& camera, const Eigen
     const double mx = 0.5 * (edges[0] + edges[1]), my = 0.5 * (edges[2] + edges[3]);
     const Eigen::Vector3d line = camera.forward + mx * camera.right + my * camera.down;
     const double wide2 = std::pow(0.5 * (edges[1] - edges[0]), 2) + std::pow(0.5 * (edges[3] - edges[2]), 2);
-    const double l2 = line.squaredNorm();
-    const double at = std::clamp(0.5 * (from + to) * (1 + wide2 / l2), from, to);
-    const auto reach = [&](double d) { return std::sqrt(l2 * (d - at) * (d - at) + wide2 * d * d * 1.02); };
-    double radius = std::max(reach(from), reach(to));
-    Eigen::Vector3d centre = line * at;
+    Eigen::Vector3d centre =
+        line * std::clamp(0.5 * (from + to) * (1 + wide2 / line.squaredNorm()), from, to);
+    double radius = 0;
+    for (const Eigen::Vector3d& corner : corners_of(camera, from, to))
+      radius = std::max(radius, 1.01 * (corner - centre).norm());
     // What can be seen lies in the content too: a small scene deserves a small square.
     const double content_radius = 0.5 * content.diagonal().norm();
     if (content_radius < radius) {
@@ -184,7 +193,11 @@ ShadowCascade zenith_map(const ViewCamera& camera, const Eigen::AlignedBox3d& co
   const auto whole = [&](double v) { return std::ceil(v / settings.step_m) * settings.step_m; };
   c.near_m = c.centre.z() - whole(camera.eye.z() + content.max().z() + 1.0);
   c.far_m = c.receivers_far_m = c.centre.z() + whole(1.0 - camera.eye.z() - content.min().z());
-  c.outline = outline_of(corners_of(camera, 0.0, 4 * c.half_side_m, c), settings.search_m);
+  c.view_depth_m = c.half_side_m - 0.5 * settings.step_m;
+  // No part of the content that the square has is farther from the eye.
+  const double deepest_m = std::numbers::sqrt2 * (c.half_side_m + settings.step_m) +
+                           std::max(std::abs(content.min().z()), std::abs(content.max().z()));
+  c.outline = outline_of(corners_of(camera, 0.0, deepest_m, c), settings.search_m);
   return c;
 }
 

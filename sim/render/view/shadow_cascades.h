@@ -1,6 +1,6 @@
 // Shadow maps of the sun in cascades: each a square about a slice of the view. Squares are larger than their
 // slices and move in steps, on texels that stand still in the world: while the eye moves within a step, what
-// stands still throws the same shadows (kept_shadows.h). Internal to sim/render/view.
+// stands still throws the same shadows (kept_shadow.h). Internal to sim/render/view.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -17,7 +17,7 @@ struct ShadowCascade {
   double half_side_m = 1;  ///< of the square
   double texel_m = 1;
   double near_m = 0, far_m = 1;  ///< along z from the centre
-  double view_depth_m = 0;       ///< up to which it serves
+  double view_depth_m = 0;       ///< up to which it serves; of a zenith map: way from the eye
   double receivers_far_m = 1;    ///< along z from the centre: what lies wholly beyond shades nothing
   /// The outline of what it serves, in the plane of x and y relative to the centre: n·p ≤ d outwards.
   std::vector<Eigen::Vector3d> outline;

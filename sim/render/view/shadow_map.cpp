@@ -23,15 +23,8 @@ void change(VkCommandBuffer commands, VkImage image, std::uint32_t layer, VkImag
 
 }  // namespace
 
-std::size_t ShadowLayer::instances() const {
-  std::size_t n = 0;
-  for (const auto* buckets : {&still, &others})
-    for (const Bucket& b : *buckets) n += b.instances.size();
-  return n;
-}
-
-Result<ShadowMap::Depths> ShadowMap::make(VkImageUsageFlags usage) const {
-  const auto side = static_cast<std::uint32_t>(side_px_);
+Result<ShadowMap::Depths> ShadowMap::make(int side_px, VkImageUsageFlags usage) const {
+  const auto side = static_cast<std::uint32_t>(side_px);
   auto made = gpu_.make_image({.format = kFormat,
                                .width = side,
                                .height = side,
@@ -52,10 +45,11 @@ Result<ShadowMap::Depths> ShadowMap::make(VkImageUsageFlags usage) const {
 Result<bool> ShadowMap::set_side(int side_px) {
   if (side_px == side_px_) return false;
   kept_ = {};
-  side_px_ = side_px;
-  auto made = make(VK_IMAGE_USAGE_SAMPLED_BIT | VK_IMAGE_USAGE_TRANSFER_DST_BIT);
+  for (KeptShadow& k : keeps_) k.forget();
+  auto made = make(side_px, VK_IMAGE_USAGE_SAMPLED_BIT | VK_IMAGE_USAGE_TRANSFER_DST_BIT);
   if (!made) return tl::unexpected(made.error());
   shown_ = std::move(*made);
+  side_px_ = side_px;
   fresh_ = true;
   no_room_ = false;
   keeps_.assign(layers_, {});
@@ -63,8 +57,13 @@ Result<bool> ShadowMap::set_side(int side_px) {
   return true;
 }
 
-void ShadowMap::forget() {
+void ShadowMap::forget(bool no_room) {
   for (KeptShadow& k : keeps_) k.forget();
+  kept_ = {};
+  no_room_ = no_room_ || no_room;
+  // Layers that were not drawn may not be readable yet.
+  fresh_ = true;
+  as_kept_.assign(as_kept_.size(), 0);
 }
 
 ShadowLayer ShadowMap::plan(std::size_t layer, const ShadowCascade& cascade,
@@ -74,7 +73,7 @@ ShadowLayer ShadowMap::plan(std::size_t layer, const ShadowCascade& cascade,
   out.cascade = cascade;
   out.use = keeps_[layer].next(cascade, batches, options);
   if (out.use == KeptShadow::Use::fill && !kept_.image.handle && !no_room_) {
-    if (auto made = make(VK_IMAGE_USAGE_TRANSFER_SRC_BIT); made)
+    if (auto made = make(side_px_, VK_IMAGE_USAGE_TRANSFER_SRC_BIT); made)
       kept_ = std::move(*made);
     else
       no_room_ = true;

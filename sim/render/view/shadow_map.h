@@ -16,8 +16,6 @@ struct ShadowLayer {
   KeptShadow::Use use = KeptShadow::Use::none;
   std::vector<Bucket> still, others;  ///< what is to be kept; what is drawn for this picture alone
   std::vector<DrawCall> still_calls, other_calls;
-
-  [[nodiscard]] std::size_t instances() const;
 };
 
 class ShadowMap {
@@ -39,15 +37,15 @@ class ShadowMap {
   /// Draws the calls of the first layers; the frame's set is bound to `frame_set`.
   void record(VkCommandBuffer commands, VkDescriptorSet frame_set, const DrawLists& lists,
               std::span<const ShadowLayer> layers, bool instancing);
-  /// After a frame that failed: nothing that was planned is there.
-  void forget();
+  /// After a frame that failed: nothing that was planned is there. `no_room`: nothing is kept from here on.
+  void forget(bool no_room);
 
  private:
   struct Depths {
     vk::Image image;
     std::vector<vk::ImageView> layers;
   };
-  [[nodiscard]] Result<Depths> make(VkImageUsageFlags usage) const;
+  [[nodiscard]] Result<Depths> make(int side_px, VkImageUsageFlags usage) const;
   void draw(VkCommandBuffer commands, VkDescriptorSet frame_set, const DrawLists& lists, VkImageView into,
             bool clears, std::size_t layer, const ShadowCascade& cascade, std::span<const DrawCall> calls,
             bool instancing) const;

@@ -69,6 +69,12 @@ std::size_t count(const std::vector<Bucket>& buckets) {
   return n;
 }
 
+std::size_t count(const std::vector<ShadowLayer>& layers) {
+  std::size_t n = 0;
+  for (const ShadowLayer& l : layers) n += count(l.still) + count(l.others);
+  return n;
+}
+
 /// Leaves before leaves before leaves: their depths alone first, and light only where they are seen.
 bool has_holes(const std::vector<Bucket>& buckets) {
   return std::any_of(buckets.begin(), buckets.end(), [](const Bucket& b) {
@@ -146,9 +152,9 @@ struct ViewRenderer::Impl : DrawContext {
   }
   Status draw(const ContentFrame& frame, const ViewRequest& request, ViewPicture& out, ViewStatistics& s);
   /// After a frame that failed.
-  void forget_shadows() {
-    resources.shadow().forget();
-    resources.zenith().forget();
+  void forget_shadows(bool no_room) {
+    resources.shadow().forget(no_room);
+    resources.zenith().forget(no_room);
   }
 
  private:
@@ -195,6 +201,9 @@ FrameFeatures ViewRenderer::Impl::features_of(const ContentFrame& frame, const V
 
 Status ViewRenderer::Impl::make_shadows(const ViewCamera& camera, const CullOptions& options,
                                         FrameNumbers& numbers, const ViewRequest& request) {
+  shadows.clear();
+  cover.clear();
+  if (!request.switches.shadows) return {};
   Eigen::AlignedBox3d box;
   bool any = false, leaves = false;
   double low_m = 1e300, high_m = -1e300;
@@ -353,10 +362,13 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   };
   std::vector<Bucket> all = cull(camera, batches, options);
   sort_by_distance(all);
-  shadows.clear();
-  cover.clear();
-  if (request.switches.shadows)
+  if (auto ok = make_shadows(camera, options, numbers, request); !ok) return ok;
+  const std::size_t seen = count(all);
+  if (seen + count(shadows) + count(cover) > lists.most_instances()) {
+    // More than this picture needs: it can do without what is to be kept for others.
+    forget_shadows(true);
     if (auto ok = make_shadows(camera, options, numbers, request); !ok) return ok;
+  }
   FrameFeatures features = features_of(frame, request, numbers);
   // With four samples most leaves show in one of them, and would be drawn twice for nothing.
   if (request.samples == 1 && has_holes(all)) features.all |= kFeatureAfterDepth;
@@ -370,9 +382,7 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
     all = std::move(rest);
     if (all.empty()) std::swap(all, solid);
   }
-  std::size_t instances = count(all) + count(solid);
-  for (const auto* layers : {&shadows, &cover})
-    for (const ShadowLayer& l : *layers) instances += l.instances();
+  const std::size_t instances = seen + count(shadows) + count(cover);
   const auto drops = make_particles(camera, frame.precipitation, request.t);
   particle_features = frame.precipitation.kind == Precipitation::Kind::snow ? kFeatureSnow : 0U;
   s.cull_ms += ms_since(cull_begun);
@@ -496,7 +506,7 @@ Status ViewRenderer::draw(const ContentFrame& frame, const ViewRequest& request,
   s = {};
   s.collect_ms = collect_ms;
   auto drawn = impl_->draw(frame, request, out, s);
-  if (!drawn) impl_->forget_shadows();
+  if (!drawn) impl_->forget_shadows(drawn.error().code == ErrorCode::unavailable);
   return drawn;
 }
 

@@ -1,4 +1,4 @@
-// A vertex of an instance, relative to the eye.
+// A vertex of an instance, relative to the eye; of a caster, to the middle of its shadow map.
 layout(location = 0) in vec3 in_position;
 layout(location = 1) in vec3 in_normal;
 layout(location = 2) in vec2 in_uv;

@@ -71,8 +71,7 @@ float sky_seen(vec3 p, vec3 n, bool sided) {
   vec2 uv = vec2(dot(c.row_x, q), dot(c.row_y, q));
   ivec2 last = ivec2(c.range.z - 1.0);
   float z = dot(c.row_z, q) - 0.15 / c.range.w;
-  vec2 inside = min(uv, c.range.z - uv) / c.range.z;
-  float known = clamp(min(inside.x, inside.y) * 10.0, 0.0, 1.0);
+  float known = clamp((c.range.x - max(abs(p.x), abs(p.y))) / 24.0, 0.0, 1.0);
   if (known == 0.0) return 1.0;
   float open = 0.0;
   float most = 0.0;

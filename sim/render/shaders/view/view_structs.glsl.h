@@ -20,7 +20,7 @@ struct CascadeData {
   vec4 row_x;
   vec4 row_y;
   vec4 row_z;
-  vec4 range;       // x: view depth up to which it serves, y: size of a texel [m], z: texels along a side, w: depth [m]
+  vec4 range;       // x: view depth up to which it serves (of the zenith's: way from the eye), y: size of a texel [m], z: texels along a side, w: depth [m]
 };
 
 // One per picture.
@@ -75,7 +75,7 @@ struct DrawEntry {
 
 // What the vertex shaders read, one per drawn instance.
 struct DrawnInstance {
-  vec4 row0;        // p = (row0, row1, row2) (p_prototype, 1)
+  vec4 row0;        // p = (row0, row1, row2) (p_prototype, 1), relative to the eye, of casters to their map's middle
   vec4 row1;
   vec4 row2;
   vec4 tint;        // w: phase [rad]

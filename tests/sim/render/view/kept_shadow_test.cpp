@@ -75,6 +75,30 @@ TEST_F(ViewKeptShadow, PicturesOfALongWayAreTheSameAsWithoutAnyKept) {
   EXPECT_LT(all, 14 * first * 7 / 10);
 }
 
+TEST_F(ViewKeptShadow, AreThoseOfEachSample) {
+  request_.samples = 4;
+  for (int i = 0; i < 6; ++i) {
+    place(0.1 * i, -2.0 * i);
+    next();
+  }
+}
+
+TEST_F(ViewKeptShadow, FromHighAboveThePictureIsTheSame) {
+  request_.pinhole = pinhole(160, 120, 800);
+  std::vector<Instance> boxes;
+  for (int k = 0; k < 40; ++k)
+    boxes.push_back(
+        at(85 * std::cos(0.157F * static_cast<float>(k)), 85 * std::sin(0.157F * static_cast<float>(k)), 4));
+  frame_.batches = {one(plane_mesh(200, SurfaceOf::grey(0.5F)), 1),
+                    batch_of(prototype_of(box_mesh({4, 4, 4}, SurfaceOf::grey(0.4F))), boxes, 2)};
+  for (auto& b : boxes)
+    frame_.batches.push_back(batch_of(prototype_of(box_mesh({4, 4, 4}, SurfaceOf::grey(0.4F))), {b}, 2));
+  for (int i = 0; i < 4; ++i) {
+    request_.T_world_camera = look({0.1 * i, -20, 1000}, {0.1 * i, -20.001, 0});
+    save(next(), "kept_shadow_high" + std::to_string(i));
+  }
+}
+
 TEST_F(ViewKeptShadow, OfWhatIsFelledPlantedOrPushedIsGoneOrThereAtOnce) {
   for (int i = 0; i < 3; ++i) shoot();
   // A wall between the sun and what is seen comes, steps aside, and goes.
