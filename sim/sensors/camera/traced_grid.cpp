@@ -81,8 +81,11 @@ void TracedGrid::move_colours(const OpticsPicture& reference, const OpticsReques
     }
     return all;
   };
-  for (std::size_t c = 0; c < 3; ++c) {
-    const double m = sensor_.chromatic.magnification[c];
+  const auto& magnification = sensor_.chromatic.magnification;
+  for (std::size_t first = 0, end = 0; first < 3; first = end) {
+    // Colours that lie at the same places are moved at once; near infrared goes with red.
+    const double m = magnification[first];
+    for (end = first + 1; end < 3 && magnification[end] == m;) ++end;
     const auto columns = along(sensor_.cx_px, m, region.x_px, region.width_px, traced.x_px, traced.width_px);
     const auto rows = along(sensor_.cy_px, m, region.y_px, region.height_px, traced.y_px, traced.height_px);
     tbb::parallel_for(0, region.height_px, [&](int y) {
@@ -90,15 +93,14 @@ void TracedGrid::move_colours(const OpticsPicture& reference, const OpticsReques
       for (int x = 0; x < region.width_px; ++x) {
         const Between& u = columns[static_cast<std::size_t>(x)];
         // Where the lens sends no light there is none to mix in.
-        float light = 0, fourth = 0, weight = 0;
+        Eigen::Array4f light = Eigen::Array4f::Zero();
+        float weight = 0;
         const auto add = [&](int i, int j, float w) {
           if (!(w > 0) || !lens.at(traced.x_px + i - border_, traced.y_px + j - border_).lit()) return;
-          const float* const p =
-              &reference
-                   .radiance[4 * (static_cast<std::size_t>(j) * static_cast<std::size_t>(traced.width_px) +
-                                  static_cast<std::size_t>(i))];
-          light += w * p[c];
-          fourth += w * p[3];
+          light += w * Eigen::Map<const Eigen::Array4f>(
+                           &reference.radiance[4 * (static_cast<std::size_t>(j) *
+                                                        static_cast<std::size_t>(traced.width_px) +
+                                                    static_cast<std::size_t>(i))]);
           weight += w;
         };
         add(u.low, v.low, (1 - u.share) * (1 - v.share));
@@ -106,11 +108,12 @@ void TracedGrid::move_colours(const OpticsPicture& reference, const OpticsReques
         add(u.low, v.high, (1 - u.share) * v.share);
         add(u.high, v.high, u.share * v.share);
         if (!(weight > 0)) continue;
+        light /= weight;
         float* const p =
             &out.radiance[4 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(region.width_px) +
                                static_cast<std::size_t>(x))];
-        p[c] = light / weight;
-        if (c == 0) p[3] = fourth / weight;
+        for (std::size_t c = first; c < end; ++c) p[c] = light[static_cast<Eigen::Index>(c)];
+        if (first == 0) p[3] = light[3];
       }
     });
   }
