@@ -99,7 +99,9 @@ class Bench {
           Choice{"rays-4-uneven-15-sky-64", {4, 15, 64}, 1, 0}, Choice{"rays-16", {16, 0, 0}, 1, 0},
           Choice{"rays-1-every-2nd", {1, 0, 0}, 2, 0}, Choice{"rays-1-every-2nd-sky-16", {1, 0, 16}, 2, 0},
           Choice{"rays-1-every-2nd-uneven-7-sky-64", {1, 7, 64}, 2, 0},
-          Choice{"rays-1-sky-rays-1", {1, 0, 0}, 1, 1}, Choice{"rays-4-sky-rays-1", {4, 0, 0}, 1, 1}}) {
+          Choice{"rays-1-every-3rd-sky-4", {1, 0, 4}, 3, 0},
+          Choice{"rays-1-every-4th-sky-4", {1, 0, 4}, 4, 0}, Choice{"rays-1-sky-rays-1", {1, 0, 0}, 1, 1},
+          Choice{"rays-4-sky-rays-1", {4, 0, 0}, 1, 1}}) {
       const std::string name = c.name;
       if (!o_.only.empty() && o_.only != name) continue;
       OpticsOptions optics;
@@ -109,7 +111,12 @@ class Bench {
       std::string knobs = std::to_string(c.samples.every) + (c.samples.every > 1 ? " samples" : " sample");
       if (c.samples.uneven > 0) knobs += ", " + std::to_string(c.samples.uneven) + " more where uneven";
       if (c.samples.sky > 0) knobs += ", " + std::to_string(c.samples.sky) + " at the sky's edges";
-      if (c.step > 1) knobs += ", every 2nd pixel";
+      if (c.step > 1)
+        knobs += ", every " + std::to_string(c.step) +
+                 (c.step == 2   ? "nd"
+                  : c.step == 3 ? "rd"
+                                : "th") +
+                 " pixel";
       if (c.sky_rays > 0) knobs += ", " + std::to_string(c.sky_rays) + " sky ray";
       quick(world, place, name, "rays", knobs, need(make_rays_optics(camera(), optics, cache_)), o_.rounds);
     }
