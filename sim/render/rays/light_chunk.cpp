@@ -10,8 +10,6 @@ namespace {
 constexpr std::uint32_t kSkyDraws = 0x4C490001U, kGatherDraws = 0x4C490003U;
 /// Reflections that a gathering path follows: in the shade of leaves, 850 nm needs three.
 constexpr unsigned kGatherBounces = 3;
-/// Light in shade varies little over this way: docs/light-error.md, "How much light to gather".
-constexpr float kGatherCell_m = 0.2F;
 /// What a lamp adds is not asked for shadows where it is less than this share of the light that is there.
 constexpr float kLampMatters = 1e-3F;
 /// Angle that a sky ray stands for when it looks up a colour.
@@ -346,21 +344,13 @@ void Chunk::add_sky(std::size_t first) {
   }
 }
 
-void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, float full_rad,
-                   std::vector<GatheredPath>& out, std::span<const std::uint8_t> again) {
+void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vector<GatheredPath>& out,
+                   std::span<const std::uint8_t> again) {
   std::array<LightSample, kChunk> samples;
   first_intersections(first, std::span(samples.data(), rays));
   constexpr auto kNone = std::numeric_limits<std::size_t>::max();
   std::array<std::size_t, kChunk> at;  // of the point's path in `out`
   std::size_t next = again.empty() ? out.size() : 0;
-  std::array<unsigned, kChunk> paths_of;
-  for (unsigned i = 0; i < n_; ++i) {
-    const Point& p = points_[i];
-    const float side = full_rad * p.range_m / kGatherCell_m;
-    paths_of[i] = static_cast<unsigned>(std::min(side * side, 1.0F) *
-                                            static_cast<float>(p.patch.translucent ? 2U : paths) +
-                                        draws(first + p.ray, kGatherDraws, paths, 0)[0]);
-  }
   for (unsigned k = 0; k < paths && n_ > 0; ++k) {
     paths_ = 0;
     for (unsigned i = 0; i < n_; ++i) {
@@ -368,8 +358,8 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, float fu
       p.light = Bands4{};
       open_[i] = 0;
       at[i] = kNone;
-      if (k >= paths_of[i]) continue;
       // One path for each side of a leaf: many leaves share the cell that they lie in.
+      if (p.patch.translucent && k >= 2) continue;
       const bool behind = p.patch.translucent && k == 1;
       const std::size_t place = next++;
       if (!again.empty() && again[place] == 0) continue;

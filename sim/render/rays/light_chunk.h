@@ -37,12 +37,11 @@ class Chunk {
   /// Rays from `first` on, at most kChunk.
   void trace(std::size_t first, std::span<LightSample> samples);
   /// Light about the points of the rays from `first` on, at most kChunk of `rays`: along `paths`, at least 2,
-  /// from each point, of leaves along one from each side; along fewer where points lie closer together than
-  /// light in shade varies, so near that `full_rad` is less than 0.2 m. `again`: of paths that a call with
-  /// the same rays has put into `out`, those that are traced once more, into the same places; all where it is
-  /// empty, at the end of `out`.
-  void gather(std::size_t first, std::size_t rays, unsigned paths, float full_rad,
-              std::vector<GatheredPath>& out, std::span<const std::uint8_t> again = {});
+  /// from each point, of leaves along one from each side. `again`: of paths that a call with the same rays
+  /// has put into `out`, those that are traced once more, into the same places; all where it is empty, at the
+  /// end of `out`.
+  void gather(std::size_t first, std::size_t rays, unsigned paths, std::vector<GatheredPath>& out,
+              std::span<const std::uint8_t> again = {});
   std::size_t shadow_rays = 0, sky_rays = 0;
 
  private:

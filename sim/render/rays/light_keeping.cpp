@@ -188,20 +188,19 @@ const GatheredLight& KeptLight::about(const LitScene& lit, const LightQuery& q, 
   for (const int s : seen)
     if (!r.sectors[static_cast<std::size_t>(s)]) missing.push_back(s);
   traced_ = missing.size();
-  const float cell_rad = kCell_px * spread_of(key.side);
   arena.execute([&] {
     tbb::parallel_for(std::size_t{0}, missing.size(), [&](std::size_t i) {
       const SectorRays rays(key, missing[i], 0);
       Chunk chunk({lit.scene, lit.surfaces, lit.frame, rays.query, rays.query.origin - lit.scene.origin(),
                    nullptr, RayScene::Part::still, RayScene::Part::still});
       auto paths = std::make_unique<Paths>();
-      chunk.gather(0, kChunk, kPathsOfAPoint, cell_rad, *paths);
+      chunk.gather(0, kChunk, kPathsOfAPoint, *paths);
       r.sectors[static_cast<std::size_t>(missing[i])] = std::move(paths);
     });
   });
   if (lit.scene.anything_moves() && !q.rays.empty()) return with_moving(lit, q, r, seen, arena);
   if (!r.light || r.shared != seen) {
-    r.light = std::make_unique<GatheredLight>(cell_rad);
+    r.light = std::make_unique<GatheredLight>(kCell_px * spread_of(key.side));
     for (const int s : seen) r.light->add(*r.sectors[static_cast<std::size_t>(s)]);
     r.shared = seen;
   }
@@ -211,7 +210,7 @@ const GatheredLight& KeptLight::about(const LitScene& lit, const LightQuery& q, 
 const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuery& q, const Region& r,
                                             const std::vector<int>& seen, tbb::task_arena& arena) {
   constexpr auto kMoving = RayScene::Part::moving;
-  const float time = q.rays.front().time, cell_rad = kCell_px * spread_of(r.key.side);
+  const float time = q.rays.front().time;
   std::vector<Paths> anew(seen.size());  // of sectors in which something has come in between
   const std::size_t chunks = (q.rays.size() + kChunk - 1) / kChunk;
   std::vector<Paths> on_it(chunks);
@@ -235,7 +234,7 @@ const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuer
       Chunk chunk({lit.scene, lit.surfaces, lit.frame, again.query, again.query.origin - lit.scene.origin(),
                    nullptr, RayScene::Part::still, RayScene::Part::all});
       anew[i] = paths;
-      chunk.gather(0, kChunk, kPathsOfAPoint, cell_rad, anew[i], blocked);
+      chunk.gather(0, kChunk, kPathsOfAPoint, anew[i], blocked);
     });
     // Of the query's own rays, those that meet what moves.
     LightQuery own = q;
@@ -263,10 +262,10 @@ const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuer
       mine.rays = std::span<const Ray>(on.data(), n);
       mine.seed = c;  // other draws in each chunk
       Chunk chunk({lit.scene, lit.surfaces, lit.frame, mine, q.origin - lit.scene.origin()});
-      chunk.gather(0, n, kPathsOfAPoint, cell_rad, on_it[c]);
+      chunk.gather(0, n, kPathsOfAPoint, on_it[c]);
     });
   });
-  with_moving_ = std::make_unique<GatheredLight>(cell_rad);
+  with_moving_ = std::make_unique<GatheredLight>(kCell_px * spread_of(r.key.side));
   for (std::size_t i = 0; i < seen.size(); ++i)
     with_moving_->add(anew[i].empty() ? *r.sectors[static_cast<std::size_t>(seen[i])] : anew[i]);
   for (const Paths& p : on_it) with_moving_->add(p);

@@ -99,7 +99,9 @@ view_gpu::CascadeData ShadowCascade::data(int side_px, const Eigen::Vector3d& ey
 int shadow_side_px(const Pinhole& pinhole, std::uint32_t limit_px) {
   const auto wanted =
       static_cast<std::uint32_t>(std::max({pinhole.width_px, pinhole.height_px, 170}) * 3 / 2);
-  return static_cast<int>(std::min({std::bit_ceil(wanted), 4096U, limit_px}));
+  // A power of two, and as much more as squares are larger than what they are for.
+  const auto side = static_cast<std::uint32_t>((1 + kRoom) * std::bit_ceil(wanted));
+  return static_cast<int>(std::min({side, 4096U, limit_px}));
 }
 
 std::vector<ShadowCascade> shadow_cascades(const ViewCamera& camera, const Eigen::Vector3d& to_sun,
