@@ -49,10 +49,10 @@ KeptShadow::Use KeptShadow::next(const ShadowCascade& c, std::span<const Residen
   }
   std::sort(now.still.begin(), now.still.end(),
             [](const Content::Caster& a, const Content::Caster& b) { return a.serial < b.serial; });
-  if (same(c, kept_, now)) return Use::again;
-  // A map of all of a square costs more than one of what is looked at: of use where the eye stays.
-  const bool stays = same(c, last_, now);
+  const bool kept = same(c, kept_, now), stays = same(c, last_, now);
   last_ = std::move(now);
+  if (kept) return Use::again;
+  // A map of all of a square costs more than one of what is looked at: of use where the eye stays.
   if (!stays) return Use::none;
   kept_ = last_;
   return Use::fill;

@@ -195,7 +195,7 @@ ShadowCascade zenith_map(const ViewCamera& camera, const Eigen::AlignedBox3d& co
   const auto whole = [&](double v) { return std::ceil(v / settings.step_m) * settings.step_m; };
   c.near_m = c.centre.z() - whole(camera.eye.z() + content.max().z() + 1.0);
   c.far_m = c.receivers_far_m = c.centre.z() + whole(1.0 - camera.eye.z() - content.min().z());
-  c.view_depth_m = c.half_side_m - 0.5 * settings.step_m;
+  c.view_depth_m = c.half_side_m - 0.5 * settings.step_m - settings.probe_m;
   // No part of the content that the square has is farther from the eye.
   const double deepest_m = std::numbers::sqrt2 * (c.half_side_m + settings.step_m) +
                            std::max(std::abs(content.min().z()), std::abs(content.max().z()));

@@ -17,7 +17,8 @@ struct ShadowCascade {
   double half_side_m = 1;  ///< of the square
   double texel_m = 1;
   double near_m = 0, far_m = 1;  ///< along z from the centre
-  double view_depth_m = 0;       ///< up to which it serves; of a zenith map: way from the eye
+  double view_depth_m = 0;       ///< up to which it serves; of a zenith map: the larger of the ways from
+                                 ///< the eye to east or west and to north or south
   double receivers_far_m = 1;    ///< along z from the centre: what lies wholly beyond shades nothing
   /// The outline of what it serves, in the plane of x and y relative to the centre: n·p ≤ d outwards.
   std::vector<Eigen::Vector3d> outline;
@@ -43,8 +44,9 @@ struct ShadowSettings {
 
 struct ZenithSettings {
   int side_px = 1024;
-  double texel_m = 0.25;  ///< so that it reaches 120 m from the eye
+  double texel_m = 0.25;  ///< so that it serves up to 107 m from the eye
   double step_m = 16;     ///< in which the map follows the eye
+  double probe_m = 13;    ///< way from a point to where light.glsl asks what hides the sky
   double search_m = 20;   ///< way from a point within which things may hide sky from it
 };
 /// The map of what covers the ground, as light from the zenith would see it.

@@ -57,13 +57,14 @@ Result<bool> ShadowMap::set_side(int side_px) {
   return true;
 }
 
-void ShadowMap::forget(bool no_room) {
+bool ShadowMap::forget() {
+  const bool kept = static_cast<bool>(kept_.image.handle);
   for (KeptShadow& k : keeps_) k.forget();
   kept_ = {};
-  no_room_ = no_room_ || no_room;
   // Layers that were not drawn may not be readable yet.
   fresh_ = true;
   as_kept_.assign(as_kept_.size(), 0);
+  return kept;
 }
 
 ShadowLayer ShadowMap::plan(std::size_t layer, const ShadowCascade& cascade,
@@ -71,7 +72,7 @@ ShadowLayer ShadowMap::plan(std::size_t layer, const ShadowCascade& cascade,
                             double smallest_m) {
   ShadowLayer out;
   out.cascade = cascade;
-  out.use = keeps_[layer].next(cascade, batches, options);
+  if (!no_room_) out.use = keeps_[layer].next(cascade, batches, options);
   if (out.use == KeptShadow::Use::fill && !kept_.image.handle && !no_room_) {
     if (auto made = make(side_px_, VK_IMAGE_USAGE_TRANSFER_SRC_BIT); made)
       kept_ = std::move(*made);

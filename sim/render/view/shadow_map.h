@@ -37,8 +37,10 @@ class ShadowMap {
   /// Draws the calls of the first layers; the frame's set is bound to `frame_set`.
   void record(VkCommandBuffer commands, VkDescriptorSet frame_set, const DrawLists& lists,
               std::span<const ShadowLayer> layers, bool instancing);
-  /// After a frame that failed: nothing that was planned is there. `no_room`: nothing is kept from here on.
-  void forget(bool no_room);
+  /// After a frame that failed: nothing that was planned is there. False: nothing was kept before either.
+  bool forget();
+  /// There is no room for it, until the next set_side().
+  void keep_nothing() { no_room_ = true; }
 
  private:
   struct Depths {

@@ -151,10 +151,14 @@ struct ViewRenderer::Impl : DrawContext {
     return impostors.create();
   }
   Status draw(const ContentFrame& frame, const ViewRequest& request, ViewPicture& out, ViewStatistics& s);
-  /// After a frame that failed.
-  void forget_shadows(bool no_room) {
-    resources.shadow().forget(no_room);
-    resources.zenith().forget(no_room);
+  /// After a frame that failed. False: there was nothing to forget.
+  bool forget_shadows() {
+    const bool sun = resources.shadow().forget(), sky = resources.zenith().forget();
+    return sun || sky;
+  }
+  void keep_no_shadows() {
+    resources.shadow().keep_nothing();
+    resources.zenith().keep_nothing();
   }
 
  private:
@@ -333,7 +337,6 @@ void ViewRenderer::Impl::read_back(const ViewRequest& request, ViewPicture& out)
 
 Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& request, ViewPicture& out,
                                 ViewStatistics& s) {
-  if (auto ok = check(request, gpu().limits); !ok) return ok;
   ++frame_number;
   const auto begun = Clock::now();
   textures->set_bands(request.bands);
@@ -366,7 +369,8 @@ Status ViewRenderer::Impl::draw(const ContentFrame& frame, const ViewRequest& re
   const std::size_t seen = count(all);
   if (seen + count(shadows) + count(cover) > lists.most_instances()) {
     // More than this picture needs: it can do without what is to be kept for others.
-    forget_shadows(true);
+    forget_shadows();
+    keep_no_shadows();
     if (auto ok = make_shadows(camera, options, numbers, request); !ok) return ok;
   }
   FrameFeatures features = features_of(frame, request, numbers);
@@ -505,8 +509,17 @@ Status ViewRenderer::draw(const ContentFrame& frame, const ViewRequest& request,
   const double collect_ms = s.collect_ms;
   s = {};
   s.collect_ms = collect_ms;
+  if (auto ok = check(request, impl_->gpu().limits); !ok) return ok;
   auto drawn = impl_->draw(frame, request, out, s);
-  if (!drawn) impl_->forget_shadows(drawn.error().code == ErrorCode::unavailable);
+  if (drawn || !impl_->forget_shadows()) return drawn;
+  // It may be what is kept that left no room.
+  s = {};
+  s.collect_ms = collect_ms;
+  drawn = impl_->draw(frame, request, out, s);
+  if (drawn)
+    impl_->keep_no_shadows();
+  else
+    impl_->forget_shadows();
   return drawn;
 }
 

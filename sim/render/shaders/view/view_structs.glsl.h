@@ -20,7 +20,7 @@ struct CascadeData {
   vec4 row_x;
   vec4 row_y;
   vec4 row_z;
-  vec4 range;       // x: view depth up to which it serves (of the zenith's: way from the eye), y: size of a texel [m], z: texels along a side, w: depth [m]
+  vec4 range;       // x: view depth up to which it serves (of the zenith's: |x| and |y|), y: size of a texel [m], z: texels along a side, w: depth [m]
 };
 
 // One per picture.

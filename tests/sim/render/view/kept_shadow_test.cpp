@@ -75,11 +75,34 @@ TEST_F(ViewKeptShadow, PicturesOfALongWayAreTheSameAsWithoutAnyKept) {
   EXPECT_LT(all, 14 * first * 7 / 10);
 }
 
-TEST_F(ViewKeptShadow, AreThoseOfEachSample) {
+TEST_F(ViewKeptShadow, WithFourSamplesAPixelPicturesAreTheSame) {
   request_.samples = 4;
   for (int i = 0; i < 6; ++i) {
-    place(0.1 * i, -2.0 * i);
+    place(0.02 * i, -0.2 * i);
     next();
+  }
+  EXPECT_LT(of_shadows(), 5000U);
+}
+
+TEST_F(ViewKeptShadow, APictureThatIsRefusedChangesNothing) {
+  for (int i = 0; i < 3; ++i) next();
+  ViewRequest wrong = request_;
+  wrong.samples = 2;
+  ViewPicture unused;
+  EXPECT_FALSE(view_->draw(frame_, wrong, unused));
+  next();
+  EXPECT_EQ(of_shadows(), 0U);
+}
+
+TEST_F(ViewKeptShadow, TwoPlacesInTurnDoNotPushEachOtherOut) {
+  for (int i = 0; i < 3; ++i) shoot();
+  ASSERT_EQ(of_shadows(), 0U);
+  for (int i = 0; i < 3; ++i) {
+    place(20, 90);
+    next();
+    place(0);
+    next();
+    EXPECT_EQ(of_shadows(), 0U) << i;
   }
 }
 
@@ -97,6 +120,7 @@ TEST_F(ViewKeptShadow, FromHighAboveThePictureIsTheSame) {
     request_.T_world_camera = look({0.1 * i, -20, 1000}, {0.1 * i, -20.001, 0});
     save(next(), "kept_shadow_high" + std::to_string(i));
   }
+  EXPECT_EQ(of_shadows(), 0U);
 }
 
 TEST_F(ViewKeptShadow, OfWhatIsFelledPlantedOrPushedIsGoneOrThereAtOnce) {
