@@ -87,6 +87,7 @@ class Bench {
       for (const double shift_px : {0.0, kShift_px}) reference(world, place, shift_px);
       return;
     }
+    constexpr const char* kOrdinals[] = {"", "", "2nd", "3rd", "4th"};
     struct Choice {
       const char* name;
       PixelSamples samples;
@@ -111,12 +112,7 @@ class Bench {
       std::string knobs = std::to_string(c.samples.every) + (c.samples.every > 1 ? " samples" : " sample");
       if (c.samples.uneven > 0) knobs += ", " + std::to_string(c.samples.uneven) + " more where uneven";
       if (c.samples.sky > 0) knobs += ", " + std::to_string(c.samples.sky) + " at the sky's edges";
-      if (c.step > 1)
-        knobs += ", every " + std::to_string(c.step) +
-                 (c.step == 2   ? "nd"
-                  : c.step == 3 ? "rd"
-                                : "th") +
-                 " pixel";
+      if (c.step > 1) knobs += std::string(", every ") + kOrdinals[c.step] + " pixel";
       if (c.sky_rays > 0) knobs += ", " + std::to_string(c.sky_rays) + " sky ray";
       quick(world, place, name, "rays", knobs, need(make_rays_optics(camera(), optics, cache_)), o_.rounds);
     }

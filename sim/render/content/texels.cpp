@@ -5,7 +5,9 @@
 #include <cmath>
 
 namespace rigor::render {
+namespace {
 
+// IEC 61966-2-1; 0 to 1.
 float linear_from_srgb(float v) noexcept {
   return v <= 0.04045F ? v / 12.92F : std::pow((v + 0.055F) / 1.055F, 2.4F);
 }
@@ -13,6 +15,8 @@ float linear_from_srgb(float v) noexcept {
 float srgb_from_linear(float v) noexcept {
   return v <= 0.0031308F ? v * 12.92F : 1.055F * std::pow(v, 1.0F / 2.4F) - 0.055F;
 }
+
+}  // namespace
 
 std::uint8_t srgb_byte(float linear) noexcept {
   return static_cast<std::uint8_t>(std::lround(255 * srgb_from_linear(std::clamp(linear, 0.0F, 1.0F))));

@@ -10,10 +10,7 @@
 
 namespace rigor::render {
 
-/// IEC 61966-2-1; 0 to 1.
-[[nodiscard]] float linear_from_srgb(float v) noexcept;
-[[nodiscard]] float srgb_from_linear(float v) noexcept;
-/// Linear light to a byte of sRGB.
+/// Linear light to a byte of sRGB (IEC 61966-2-1).
 [[nodiscard]] std::uint8_t srgb_byte(float linear) noexcept;
 /// Of each of 256 bytes: in linear light, or as it is; 0 to 1.
 [[nodiscard]] const float* linear_of_bytes(bool srgb) noexcept;

@@ -15,16 +15,6 @@ constexpr VkAccessFlags2 kColourAccess =
 /// More than this many pixels are drawn a part at a time: four samples of them take a third of a gigabyte.
 constexpr std::size_t kPixelsAtOnce = std::size_t{2304} * 1728;
 
-VkRenderingAttachmentInfo attachment(VkImageView view, VkImageLayout layout, bool clears) {
-  VkRenderingAttachmentInfo a{};
-  a.sType = VK_STRUCTURE_TYPE_RENDERING_ATTACHMENT_INFO;
-  a.imageView = view;
-  a.imageLayout = layout;
-  a.loadOp = clears ? VK_ATTACHMENT_LOAD_OP_CLEAR : VK_ATTACHMENT_LOAD_OP_LOAD;
-  a.storeOp = VK_ATTACHMENT_STORE_OP_STORE;
-  return a;
-}
-
 }  // namespace
 
 Status FrameTargets::prepare(int width_px, int height_px, int samples, VkFormat colour_format, bool normals) {

@@ -36,6 +36,17 @@ VkImageMemoryBarrier2 image_change(VkImage image, const VkImageSubresourceRange&
   return b;
 }
 
+VkRenderingAttachmentInfo attachment(VkImageView view, VkImageLayout layout, bool clears,
+                                     VkAttachmentStoreOp store) {
+  VkRenderingAttachmentInfo a{};
+  a.sType = VK_STRUCTURE_TYPE_RENDERING_ATTACHMENT_INFO;
+  a.imageView = view;
+  a.imageLayout = layout;
+  a.loadOp = clears ? VK_ATTACHMENT_LOAD_OP_CLEAR : VK_ATTACHMENT_LOAD_OP_LOAD;
+  a.storeOp = store;
+  return a;
+}
+
 void barrier(VkCommandBuffer commands, std::span<const VkImageMemoryBarrier2> images) {
   VkDependencyInfo info{};
   info.sType = VK_STRUCTURE_TYPE_DEPENDENCY_INFO;

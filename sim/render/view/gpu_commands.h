@@ -29,6 +29,10 @@ inline constexpr Hazard kDepthAfterDepth{kDepthStages, kDepthAccess, kDepthStage
 void barrier(VkCommandBuffer commands, std::span<const VkImageMemoryBarrier2> images);
 void barrier(VkCommandBuffer commands, const Hazard& hazard);
 
+/// A picture that is drawn into, and kept after that unless `store` says otherwise.
+[[nodiscard]] VkRenderingAttachmentInfo attachment(VkImageView view, VkImageLayout layout, bool clears,
+                                                   VkAttachmentStoreOp store = VK_ATTACHMENT_STORE_OP_STORE);
+
 /// A pool with one set in it.
 [[nodiscard]] Result<VkDescriptorSet> make_descriptor_set(const Device::Impl& gpu,
                                                           VkDescriptorSetLayout layout,

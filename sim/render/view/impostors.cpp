@@ -148,19 +148,10 @@ Status Impostors::bake(VkCommandBuffer commands, VkDescriptorSet frame_set, Entr
     views[i] = level0[i].get();
   }
   std::array<VkRenderingAttachmentInfo, 3> colours{};
-  for (std::size_t i = 0; i < 3; ++i) {
-    colours[i].sType = VK_STRUCTURE_TYPE_RENDERING_ATTACHMENT_INFO;
-    colours[i].imageView = views[i];
-    colours[i].imageLayout = VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL;
-    colours[i].loadOp = VK_ATTACHMENT_LOAD_OP_CLEAR;
-    colours[i].storeOp = VK_ATTACHMENT_STORE_OP_STORE;
-  }
-  VkRenderingAttachmentInfo depth{};
-  depth.sType = VK_STRUCTURE_TYPE_RENDERING_ATTACHMENT_INFO;
-  depth.imageView = depth_.view.get();
-  depth.imageLayout = VK_IMAGE_LAYOUT_DEPTH_ATTACHMENT_OPTIMAL;
-  depth.loadOp = VK_ATTACHMENT_LOAD_OP_CLEAR;
-  depth.storeOp = VK_ATTACHMENT_STORE_OP_DONT_CARE;
+  for (std::size_t i = 0; i < 3; ++i)
+    colours[i] = attachment(views[i], VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL, true);
+  auto depth = attachment(depth_.view.get(), VK_IMAGE_LAYOUT_DEPTH_ATTACHMENT_OPTIMAL, true,
+                          VK_ATTACHMENT_STORE_OP_DONT_CARE);
   depth.clearValue.depthStencil.depth = 1.0F;
   VkRenderingInfo rendering{};
   rendering.sType = VK_STRUCTURE_TYPE_RENDERING_INFO;

@@ -11,7 +11,7 @@ bool KeptShadow::Content::has(std::uint64_t serial) const {
 }
 
 bool KeptShadow::same(const ShadowCascade& cascade, const Content& kept, const Content& now) {
-  if (kept.square != now.square) return false;
+  if (!kept.any || kept.square != now.square) return false;
   // What lies beside what is looked at may come and go.
   const auto all_in = [&](const Content& a, const Content& b) {
     return std::all_of(a.still.begin(), a.still.end(), [&](const Content::Caster& c) {
@@ -39,8 +39,8 @@ KeptShadow::Use KeptShadow::next(const ShadowCascade& c, std::span<const Residen
                 c.far_m,
                 c.receivers_far_m,
                 options.allowed_error_px,
-                options.levels ? 1.0 : 0.0,
-                1.0};
+                options.levels ? 1.0 : 0.0};
+  now.any = true;
   for (const ResidentBatch* b : batches) {
     if (!b->prototype->prototype->casts_shadow || shadow_moves(*b, options)) continue;
     const Eigen::Vector3d centre = b->bounds.center();

@@ -28,7 +28,8 @@ class KeptShadow {
 
  private:
   struct Content {
-    std::array<double, 17> square{};  ///< what a map is a function of, beside its casters; zeros: none
+    bool any = false;
+    std::array<double, 16> square{};  ///< what a map is a function of, beside its casters
     struct Caster {
       std::uint64_t serial = 0;
       Eigen::Vector3d centre;

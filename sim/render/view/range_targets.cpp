@@ -10,15 +10,6 @@ constexpr VkImageSubresourceRange kColour{VK_IMAGE_ASPECT_COLOR_BIT, 0, 1, 0, 1}
 constexpr VkImageSubresourceRange kDepth{VK_IMAGE_ASPECT_DEPTH_BIT, 0, 1, 0, 1};
 constexpr VkPipelineStageFlags2 kWrite = VK_PIPELINE_STAGE_2_COLOR_ATTACHMENT_OUTPUT_BIT;
 
-VkRenderingAttachmentInfo cleared(VkImageView view, VkImageLayout layout, VkAttachmentStoreOp store) {
-  VkRenderingAttachmentInfo a{};
-  a.sType = VK_STRUCTURE_TYPE_RENDERING_ATTACHMENT_INFO;
-  a.imageView = view;
-  a.imageLayout = layout;
-  a.loadOp = VK_ATTACHMENT_LOAD_OP_CLEAR;
-  a.storeOp = store;
-  return a;
-}
 }  // namespace
 
 Status RangeTargets::prepare(int width_px, int height_px) {
@@ -61,10 +52,9 @@ void RangeTargets::begin(VkCommandBuffer commands, int width_px, int height_px) 
   barrier(commands, all);
   std::array<VkRenderingAttachmentInfo, 3> colours{};
   for (std::size_t i = 0; i < 3; ++i)
-    colours[i] =
-        cleared(maps_[i].view.get(), VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL, VK_ATTACHMENT_STORE_OP_STORE);
-  const auto depth =
-      cleared(depth_.view.get(), VK_IMAGE_LAYOUT_DEPTH_ATTACHMENT_OPTIMAL, VK_ATTACHMENT_STORE_OP_DONT_CARE);
+    colours[i] = attachment(maps_[i].view.get(), VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL, true);
+  const auto depth = attachment(depth_.view.get(), VK_IMAGE_LAYOUT_DEPTH_ATTACHMENT_OPTIMAL, true,
+                                VK_ATTACHMENT_STORE_OP_DONT_CARE);
   VkRenderingInfo info{};
   info.sType = VK_STRUCTURE_TYPE_RENDERING_INFO;
   info.renderArea.extent = {static_cast<std::uint32_t>(width_px), static_cast<std::uint32_t>(height_px)};

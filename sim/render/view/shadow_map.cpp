@@ -73,7 +73,7 @@ ShadowLayer ShadowMap::plan(std::size_t layer, const ShadowCascade& cascade,
   ShadowLayer out;
   out.cascade = cascade;
   if (!no_room_) out.use = keeps_[layer].next(cascade, batches, options);
-  if (out.use == KeptShadow::Use::fill && !kept_.image.handle && !no_room_) {
+  if (out.use == KeptShadow::Use::fill && !kept_.image.handle) {
     if (auto made = make(side_px_, VK_IMAGE_USAGE_TRANSFER_SRC_BIT); made)
       kept_ = std::move(*made);
     else
@@ -105,12 +105,7 @@ void ShadowMap::draw(VkCommandBuffer commands, VkDescriptorSet frame_set, const 
                      VkImageView into, bool clears, std::size_t layer, const ShadowCascade& cascade,
                      std::span<const DrawCall> calls, bool instancing) const {
   const auto side = static_cast<std::uint32_t>(side_px_);
-  VkRenderingAttachmentInfo depth{};
-  depth.sType = VK_STRUCTURE_TYPE_RENDERING_ATTACHMENT_INFO;
-  depth.imageView = into;
-  depth.imageLayout = kDrawable;
-  depth.loadOp = clears ? VK_ATTACHMENT_LOAD_OP_CLEAR : VK_ATTACHMENT_LOAD_OP_LOAD;
-  depth.storeOp = VK_ATTACHMENT_STORE_OP_STORE;
+  auto depth = attachment(into, kDrawable, clears);
   depth.clearValue.depthStencil.depth = 1.0F;
   VkRenderingInfo info{};
   info.sType = VK_STRUCTURE_TYPE_RENDERING_INFO;
