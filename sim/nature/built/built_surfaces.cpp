@@ -73,7 +73,7 @@ Cover patterned(std::string_view material, std::string_view name, int size, doub
   for (const Texel& t : texels) {
     const float rgb[] = {t.red, t.green, t.blue};
     for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint8_t byte = render::srgb_byte(rgb[k] / greatest);
+      const std::uint8_t byte = render::srgb_bytes().of(rgb[k] / greatest);
       colour->rgba.push_back(byte);
       mean[k] += render::linear_of_bytes(true)[byte] / static_cast<double>(texels.size());
     }

@@ -1,11 +1,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <numbers>
 #include <vector>
 
 #include "sim/nature/terrain/noise.h"
 #include "sim/nature/terrain/plants.h"
+#include "sim/render/content/texels.h"
 
 namespace rigor::nature {
 namespace {
@@ -19,10 +21,6 @@ struct Ink {
 };
 double draw(std::uint32_t stream, int i, int word) {
   return unit_from_word(place_words(0x706C616E7473ULL, stream, i, 0)[static_cast<std::size_t>(word)]);
-}
-
-double encode(double linear) {
-  return linear <= 0.0031308 ? 12.92 * linear : 1.055 * std::pow(linear, 1 / 2.4) - 0.055;
 }
 
 Ink shade(double s) { return {true, {s, s, s}}; }
@@ -51,6 +49,7 @@ CardPicture paint(std::uint32_t width, std::uint32_t height, const Painter& pain
       for (std::size_t c = 0; c < 4; ++c) sum[c] += texel[c];
     }
   }
+  const render::SrgbBytes& bytes = render::srgb_bytes();
   CardPicture out;
   std::array<double, 3> mean{};
   for (std::size_t c = 0; c < 3; ++c) mean[c] = sum[c] / sum[3];
@@ -59,7 +58,7 @@ CardPicture paint(std::uint32_t width, std::uint32_t height, const Painter& pain
     for (std::size_t c = 0; c < 3; ++c) {
       // Where nothing is, the mean: so that no dark fringe comes in by filtering.
       const double v = texel[3] > 0 ? texel[c] / texel[3] : mean[c];
-      t->rgba[4 * i + c] = static_cast<std::uint8_t>(std::lround(255 * encode(std::clamp(v, 0.0, 1.0))));
+      t->rgba[4 * i + c] = bytes.of(static_cast<float>(v));
     }
     t->rgba[4 * i + 3] = static_cast<std::uint8_t>(std::lround(255 * texel[3] / (kSub * kSub)));
   }
@@ -259,10 +258,16 @@ Ink head(double u, double v) {
 }  // namespace
 
 const CardPicture& card_picture(Card card) {
-  static const std::array<CardPicture, 7> all = {paint(8, 64, blade),       paint(128, 128, Tuft()),
-                                                 paint(128, 256, Frond()),  paint(128, 128, FernSide()),
-                                                 paint(128, 128, Leaves()), paint(64, 128, leaf),
-                                                 paint(64, 64, head)};
+  static const auto all = [] {
+    const std::array<std::function<CardPicture()>, 7> painters = {
+        [] { return paint(8, 64, blade); },       [] { return paint(128, 128, Tuft()); },
+        [] { return paint(128, 256, Frond()); },  [] { return paint(128, 128, FernSide()); },
+        [] { return paint(128, 128, Leaves()); }, [] { return paint(64, 128, leaf); },
+        [] { return paint(64, 64, head); }};
+    std::array<CardPicture, painters.size()> pictures;
+    render::make_in_parallel(pictures.size(), [&](std::size_t i) { pictures[i] = painters[i](); });
+    return pictures;
+  }();
   return all[static_cast<std::size_t>(card)];
 }
 

@@ -1,6 +1,4 @@
-#include <atomic>
 #include <set>
-#include <thread>
 #include <tuple>
 #include <unordered_map>
 
@@ -302,40 +300,9 @@ class Provider final : public TerrainProvider {
     std::vector<std::shared_ptr<Batch>> made(missing.size());
     std::vector<Info> of(missing.size());
     for (std::size_t i = 0; i < missing.size(); ++i) of[i] = info(tree_of(missing[i].grid), missing[i].node);
-    std::atomic<std::size_t> next{0};
-    const auto work = [&] {
-      for (std::size_t i; (i = next.fetch_add(1)) < missing.size();) {
-        made[i] = build(missing[i], of[i].low, of[i].high);
-      }
-    };
-    const std::size_t helpers =
-        missing.size() < 4 ? 0
-                           : std::min<std::size_t>(std::max(1U, std::thread::hardware_concurrency()), 8) - 1;
-    {
-      std::vector<std::jthread> threads;
-      for (std::size_t i = 0; i < helpers; ++i) threads.emplace_back(work);
-      work();
-    }
-    for (std::size_t i = 0; i < missing.size(); ++i) {
-      if (made[i]) renumber(*made[i]);
-      tiles_[missing[i]] = {made[i], now_};
-    }
-  }
-
-  /// Serials in the order of the tiles, whichever thread was first.
-  static void renumber(Batch& batch) {
-    const auto of = [](const auto& shared) {
-      return const_cast<std::remove_const_t<std::remove_reference_t<decltype(*shared)>>*>(shared.get());
-    };
-    auto* prototype = of(batch.prototype);
-    auto* mesh = of(prototype->levels[0].mesh);
-    auto* surface = of(mesh->parts[0].surface);
-    of(surface->colour_map)->serial = render::next_serial();
-    of(surface->near_infrared_map)->serial = render::next_serial();
-    surface->serial = render::next_serial();
-    mesh->serial = render::next_serial();
-    prototype->serial = render::next_serial();
-    batch.serial = render::next_serial();
+    const auto make = [&](std::size_t i) { made[i] = build(missing[i], of[i].low, of[i].high); };
+    render::make_in_parallel(missing.size(), make);
+    for (std::size_t i = 0; i < missing.size(); ++i) tiles_[missing[i]] = {made[i], now_};
   }
 
   void forget_oldest() {

@@ -1,4 +1,5 @@
 #include <array>
+#include <bit>
 #include <optional>
 #include <span>
 #include <string_view>
@@ -6,11 +7,15 @@
 #include "sensor-hal/models/wide.h"
 #include "sim/nature/terrain/tile.h"
 #include "sim/render/content/surface_library.h"
+#include "sim/render/content/texels.h"
 
 namespace rigor::nature {
 namespace {
 
 using render::Spectrum;
+
+/// Reflectance along a row of texels, band by band.
+using RowOfTexels = std::array<std::array<float, kTileTexels>, std::tuple_size_v<Spectrum>>;
 
 /// What a cover is made of: a first surface, and two that take a share of its area in patches; `tone` and
 /// `grain` are the relative standard deviations of brightness over metres and over centimetres.
@@ -90,6 +95,42 @@ const std::array<PatchShares, std::size(kRecipes)>& patch_shares() {
   return all;
 }
 
+/// e^x within a few of its last bits; x from -700 to 700.
+RIGOR_WIDE_STEP double exp_of(double x) {
+  constexpr double kWhole = 0x1.8p52;  // adding it rounds to whole numbers
+  const double shifted = x * 1.4426950408889634 + kWhole, whole = shifted - kWhole;
+  const double r = (x - whole * 0x1.62e42fee00000p-1) - whole * 0x1.a39ef35793c76p-33;  // ln 2 in two parts
+  double sum = 1.0 / 479001600;
+  sum = sum * r + 1.0 / 39916800;
+  sum = sum * r + 1.0 / 3628800;
+  sum = sum * r + 1.0 / 362880;
+  sum = sum * r + 1.0 / 40320;
+  sum = sum * r + 1.0 / 5040;
+  sum = sum * r + 1.0 / 720;
+  sum = sum * r + 1.0 / 120;
+  sum = sum * r + 1.0 / 24;
+  sum = sum * r + 1.0 / 6;
+  sum = sum * r + 0.5;
+  sum = sum * r + 1;
+  sum = sum * r + 1;
+  const std::uint64_t power = std::bit_cast<std::uint64_t>(shifted) - std::bit_cast<std::uint64_t>(kWhole);
+  return sum * std::bit_cast<double>((power + 1023) << 52);
+}
+
+/// PatchShare::at() along a row, and TilePainter::brightness_of().
+RIGOR_WIDE void shares_along(const float* noise, double threshold, double width, int n, float* share) {
+  // Noise is a few standard deviations at most, and widths are not small: no exponent is beyond 100.
+  for (int i = 0; i < n; ++i)
+    share[i] = static_cast<float>(1 / (1 + exp_of((threshold - static_cast<double>(noise[i])) / width)));
+}
+RIGOR_WIDE void brightness_along(const float* tones, const float* grains, double tone, double grain, int n,
+                                 double* brightness) {
+  for (int i = 0; i < n; ++i) {
+    const double b = 1 + tone * static_cast<double>(tones[i]) + grain * static_cast<double>(grains[i]);
+    brightness[i] = b > 0.25 ? b : 0.25;
+  }
+}
+
 /// Of one band of a cover along a row, as TilePainter::ingredients() has it.
 struct BandOfRow {
   float part[3];
@@ -105,23 +146,6 @@ RIGOR_WIDE void reflect(const BandOfRow& band, int n, float* out) {
   if (third)
     for (int i = 0; i < n; ++i) out[i] += (band.part[2] - out[i]) * third[i];
   for (int i = 0; i < n; ++i) out[i] = std::min(0.98F, static_cast<float>(out[i] * band.brightness[i]));
-}
-
-const std::array<std::uint8_t, 4097>& srgb_bytes() {
-  static const auto table = [] {
-    std::array<std::uint8_t, 4097> t{};
-    for (std::size_t i = 0; i < t.size(); ++i) {
-      const double v = static_cast<double>(i) / 4096;
-      const double e = v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1 / 2.4) - 0.055;
-      t[i] = static_cast<std::uint8_t>(std::lround(e * 255));
-    }
-    return t;
-  }();
-  return table;
-}
-/// To the nearest: exact in double.
-std::uint8_t srgb_byte(const std::array<std::uint8_t, 4097>& table, float linear) {
-  return table[static_cast<std::size_t>(static_cast<double>(std::clamp(linear, 0.0F, 1.0F) * 4096) + 0.5)];
 }
 
 double smoothstep(double low, double high, double v) {
@@ -168,38 +192,57 @@ class TilePainter {
   }
 
   /// All texels of a row.
-  void row(int row, std::span<Spectrum> out) {
-    if (one_cover_) return row_of(*one_cover_, row, out);
-    for (int column = 0; column < places_.n; ++column)
-      out[static_cast<std::size_t>(column)] = at(column, row);
+  void row(int row, RowOfTexels& out) {
+    if (one_cover_) return part_of_row(*one_cover_, {row, 0, places_.n}, out);
+    const double y = places_.y0 - places_.step * row;
+    for (int begin = 0; begin < places_.n; begin += kTogether) {
+      const int end = std::min(begin + kTogether, places_.n);
+      const Rect texels{places_.x0 + places_.step * begin, y, places_.x0 + places_.step * (end - 1), y};
+      if (const auto one = tree_.ground().one_cover(texels))
+        part_of_row(*one, {row, begin, end}, out);
+      else
+        for (int column = begin; column < end; ++column) put(at(column, row), column, out);
+    }
   }
 
  private:
-  void row_of(std::uint8_t which, int row, std::span<Spectrum> out) {
+  /// So many texels of a row are looked at together.
+  static constexpr int kTogether = 16;
+  struct RowPart {
+    int row, begin, end;
+  };
+
+  /// Where it is all of one cover.
+  void part_of_row(std::uint8_t which, const RowPart& of, RowOfTexels& row) {
     const Recipe& recipe = kRecipes[which];
     const PatchShares& shares = patch_shares()[which];
     const auto& part = mixtures()[which].part;
-    const auto n = static_cast<std::size_t>(places_.n), first = static_cast<std::size_t>(row) * n;
-    float second[kTileTexels], third[kTileTexels], v[kTileTexels];
+    const int n = of.end - of.begin;
+    const std::size_t first = static_cast<std::size_t>(of.row) * static_cast<std::size_t>(places_.n) +
+                              static_cast<std::size_t>(of.begin);
+    float second[kTileTexels], third[kTileTexels];
     double brightness[kTileTexels];
-    for (std::size_t i = 0; i < n; ++i) {
-      brightness[i] = brightness_of(recipe, first + i);
-      second[i] = static_cast<float>(shares.second.at(patch_.raster.values[first + i], patch_width_));
-      third[i] = static_cast<float>(shares.third.at(patch2_.raster.values[first + i], patch2_width_));
-    }
-    for (std::size_t b = 0; b < part[0].size(); ++b) {
+    brightness_along(&tone_.raster.values[first], &grain_.raster.values[first], recipe.tone, recipe.grain, n,
+                     brightness);
+    if (shares.second.any)
+      shares_along(&patch_.raster.values[first], shares.second.threshold, patch_width_, n, second);
+    if (shares.third.any)
+      shares_along(&patch2_.raster.values[first], shares.third.threshold, patch2_width_, n, third);
+    for (std::size_t b = 0; b < part[0].size(); ++b)
       reflect({{part[0][b], part[1][b], part[2][b]},
                {shares.second.any ? second : nullptr, shares.third.any ? third : nullptr},
                brightness},
-              places_.n, v);
-      for (std::size_t i = 0; i < n; ++i) out[i][b] = v[i];
-    }
+              n, &row[b][static_cast<std::size_t>(of.begin)]);
     if (!recipe.overgrown || !steep_) return;
-    for (int column = 0; column < places_.n; ++column) {
-      const double slope = slope_at(column, row);
-      texel_ = first + static_cast<std::size_t>(column);
-      if (slope > kSteep) out[static_cast<std::size_t>(column)] = cover(which, slope);
+    for (int column = of.begin; column < of.end; ++column) {
+      const double slope = slope_at(column, of.row);
+      texel_ = first + static_cast<std::size_t>(column - of.begin);
+      if (slope > kSteep) put(cover(which, slope), column, row);
     }
+  }
+
+  static void put(const Spectrum& s, int column, RowOfTexels& row) {
+    for (std::size_t b = 0; b < s.size(); ++b) row[b][static_cast<std::size_t>(column)] = s[b];
   }
 
   Spectrum at(int column, int row) {
@@ -317,23 +360,24 @@ std::shared_ptr<render::Surface> tile_surface(const HeightTree& tree, const Tree
     return t;
   };
   auto colour = texture(), infrared = texture();
-  std::array<Spectrum, kTileTexels> along{};
-  const auto& bytes = srgb_bytes();
+  RowOfTexels along{};
+  const render::SrgbBytes& bytes = render::srgb_bytes();
   for (int row = 0; row < kTileTexels; ++row) {
     painter.row(row, along);
-    for (int column = 0; column < kTileTexels; ++column) {
-      const Spectrum& s = along[static_cast<std::size_t>(column)];
-      const std::size_t at = (static_cast<std::size_t>(row) * kTileTexels + column) * 4;
-      for (std::size_t k = 0; k < 3; ++k) {
-        colour->rgba[at + k] = srgb_byte(bytes, s[k]);
-        infrared->rgba[at + k] = srgb_byte(bytes, s[k + 3]);
+    const std::size_t first = static_cast<std::size_t>(row) * kTileTexels * 4;
+    const auto paint = [&](std::uint8_t* rgba, std::size_t first_band) {
+      for (std::size_t i = 0; i < kTileTexels; ++i, rgba += 4) {
+        for (std::size_t k = 0; k < 3; ++k) rgba[k] = bytes.of(along[first_band + k][i]);
+        rgba[3] = 255;
       }
-      colour->rgba[at + 3] = infrared->rgba[at + 3] = 255;
+    };
+    paint(&colour->rgba[first], 0);
+    paint(&infrared->rgba[first], 3);
+    if (!plain_imagery) continue;
+    for (std::size_t i = 0; i < kTileTexels; ++i) {
       std::array<std::uint8_t, 3> rgb{};
-      if (plain_imagery &&
-          picture_at(tree.ground(), x0 + places.step * column, y0 - places.step * row, rgb)) {
-        std::copy(rgb.begin(), rgb.end(), colour->rgba.begin() + static_cast<std::ptrdiff_t>(at));
-      }
+      if (picture_at(tree.ground(), x0 + places.step * static_cast<double>(i), y0 - places.step * row, rgb))
+        std::copy(rgb.begin(), rgb.end(), &colour->rgba[first + 4 * i]);
     }
   }
   auto surface = std::make_shared<render::Surface>();

@@ -90,6 +90,7 @@ std::shared_ptr<const render::Surface> make(BarkStyle style) {
   }
   mean /= static_cast<double>(points.size());
 
+  const render::SrgbBytes& bytes = render::srgb_bytes();
   auto colour = std::make_shared<render::Texture>();
   auto normal = std::make_shared<render::Texture>();
   colour->width = colour->height = normal->width = normal->height = kBark_px;
@@ -105,7 +106,7 @@ std::shared_ptr<const render::Surface> make(BarkStyle style) {
   for (int y = 0; y < kBark_px; ++y)
     for (int x = 0; x < kBark_px; ++x) {
       const BarkPoint& p = points[static_cast<std::size_t>(y) * kBark_px + x];
-      const std::uint8_t byte = render::srgb_byte(p.light);
+      const std::uint8_t byte = bytes.of(p.light);
       colour->rgba.insert(colour->rgba.end(), {byte, byte, byte, 255});
       const float du = (height(x + 1, y) - height(x - 1, y)) / (2 * kBarkWidth_m / kBark_px);
       const float dv = (height(x, y + 1) - height(x, y - 1)) / (2 * kBarkHeight_m / kBark_px);

@@ -38,11 +38,15 @@ class Canvas {
   void line(float x0, float y0, float x1, float y1, float w0, float w1, const Colour& colour) {
     const float reach = 0.5F * std::max(w0, w1) + 1;
     const float dx = x1 - x0, dy = y1 - y0, length2 = dx * dx + dy * dy;
+    const float least = std::max(w0, w1) + 1.001F;  // twice the distance without any of the line
     each(std::min(x0, x1) - reach, std::min(y0, y1) - reach, std::max(x0, x1) + reach,
          std::max(y0, y1) + reach, [&](float x, float y, Texel& t) {
            const float s =
                length2 > 0 ? std::clamp(((x - x0) * dx + (y - y0) * dy) / length2, 0.0F, 1.0F) : 0;
-           const float d = std::hypot(x - x0 - s * dx, y - y0 - s * dy);
+           const double off_x = static_cast<double>(x - x0 - s * dx),
+                        off_y = static_cast<double>(y - y0 - s * dy), off2 = off_x * off_x + off_y * off_y;
+           if (4 * off2 > static_cast<double>(least * least)) return;
+           const auto d = static_cast<float>(std::sqrt(off2));
            put(t, std::clamp(0.5F * (w0 + s * (w1 - w0)) + 0.5F - d, 0.0F, 1.0F), colour);
          });
   }

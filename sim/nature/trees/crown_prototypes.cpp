@@ -1,11 +1,13 @@
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <map>
 #include <mutex>
 #include <string>
 
 #include "sim/nature/trees/crown_levels.h"
+#include "sim/nature/trees/tree_textures.h"
 
 namespace rigor::nature {
 namespace {
@@ -159,11 +161,36 @@ double trunk_share_of_crown(TreeForm form) noexcept {
 }
 
 const CrownPrototype& crown_prototype(const CrownKey& key) {
+  struct Slot {
+    std::once_flag once;
+    CrownPrototype value;
+  };
   static std::mutex mutex;
-  static std::map<CrownKey, CrownPrototype> made;  // nodes of a map stay where they are
-  const std::scoped_lock lock(mutex);
-  const auto found = made.find(key);
-  return found != made.end() ? found->second : made.emplace(key, make(key)).first->second;
+  static std::map<CrownKey, Slot> slots;  // nodes of a map stay where they are
+  Slot* slot = nullptr;
+  {
+    const std::scoped_lock lock(mutex);
+    slot = &slots[key];
+  }
+  std::call_once(slot->once, [&] { slot->value = make(key); });
+  return slot->value;
+}
+
+void make_crowns(const std::set<CrownKey>& keys) {
+  std::set<TreeForm> forms;
+  std::set<BarkStyle> barks;
+  for (const CrownKey& k : keys) {
+    forms.insert(k.form);
+    barks.insert(k.bark);
+  }
+  // Crowns share their pictures.
+  std::vector<std::function<void()>> pictures;
+  for (const TreeForm form : forms)
+    pictures.emplace_back([form] { static_cast<void>(foliage_surface(form)); });
+  for (const BarkStyle bark : barks) pictures.emplace_back([bark] { static_cast<void>(bark_surface(bark)); });
+  render::make_in_parallel(pictures.size(), [&](std::size_t i) { pictures[i](); });
+  const std::vector<CrownKey> all(keys.begin(), keys.end());
+  render::make_in_parallel(all.size(), [&](std::size_t i) { static_cast<void>(crown_prototype(all[i])); });
 }
 
 }  // namespace rigor::nature

@@ -299,13 +299,14 @@ FoliageSurface make(TreeForm form) {
   for (int k = 0; k < 3; ++k) mean[k] = static_cast<float>(sum[k] / weight);
   fill_background(canvas, mean);
 
+  const render::SrgbBytes& bytes = render::srgb_bytes();
   auto texture = std::make_shared<render::Texture>();
   texture->width = texture->height = kAtlas_px;
   texture->repeat = false;
   texture->rgba.resize(static_cast<std::size_t>(kAtlas_px) * kAtlas_px * 4);
   for (std::size_t i = 0; i < static_cast<std::size_t>(kAtlas_px) * kAtlas_px; ++i) {
     const auto& t = canvas.at(static_cast<int>(i % kAtlas_px), static_cast<int>(i / kAtlas_px));
-    for (int k = 0; k < 3; ++k) texture->rgba[4 * i + k] = render::srgb_byte(t.colour[k]);
+    for (int k = 0; k < 3; ++k) texture->rgba[4 * i + k] = bytes.of(t.colour[k]);
     texture->rgba[4 * i + 3] = static_cast<std::uint8_t>(std::lround(255 * t.alpha));
   }
   constexpr float kCutoff = 0.35F;

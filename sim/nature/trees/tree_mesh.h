@@ -17,6 +17,7 @@
 #pragma once
 
 #include <memory>
+#include <set>
 
 #include "sim/nature/trees/allometry.h"
 #include "sim/render/content/content.h"
@@ -64,6 +65,8 @@ struct TrunkPrototype {
 };
 
 [[nodiscard]] const CrownPrototype& crown_prototype(const CrownKey& key);
+/// Those that are asked for next, on several threads.
+void make_crowns(const std::set<CrownKey>& keys);
 [[nodiscard]] const TrunkPrototype& trunk_prototype(const TrunkKey& key);
 
 /// Where a broadleaved trunk ends: this share of the crown's length above its base.

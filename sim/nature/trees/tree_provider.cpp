@@ -106,6 +106,12 @@ std::shared_ptr<const Batch> make_batch(const PartKey& key, const Group& group) 
   return batch;
 }
 
+CrownKey crown_of(const ShownTree& tree, NodeId node) {
+  const Draws draws("tree", node.value);
+  return {tree.species->form, tree.species->bark, tree.age_class,
+          static_cast<int>(draws.uniform(6, 0) * static_cast<float>(kCrownVariants))};
+}
+
 class TreeProvider final : public render::ContentProvider {
  public:
   explicit TreeProvider(std::shared_ptr<const render::GroundHeights> ground) : ground_(std::move(ground)) {}
@@ -179,8 +185,7 @@ void TreeProvider::plant(const world::Snapshot& world, NodeId node, Touched* tou
   put({std::nullopt, t.trunk}, t.stem);
   if (!t.dead) {
     const Draws draws("tree", node.value);
-    const CrownKey crown_key{species.form, species.bark, t.age_class,
-                             static_cast<int>(draws.uniform(6, 0) * static_cast<float>(kCrownVariants))};
+    const CrownKey crown_key = crown_of(t, node);
     const CrownPrototype& crown = crown_prototype(crown_key);
     Instance leaves = t.upright;
     leaves.position[2] = static_cast<float>(size.crown_base_m);
@@ -239,6 +244,10 @@ void TreeProvider::rebuild(const world::Snapshot& world) {
   std::vector<NodeId> nodes = world.nodes(types_->type);
   std::sort(nodes.begin(), nodes.end());
   planted_.reserve(nodes.size());
+  std::set<CrownKey> crowns;
+  for (const NodeId node : nodes)
+    if (const ShownTree t = shown_tree(world, *types_, node); !t.dead) crowns.insert(crown_of(t, node));
+  make_crowns(crowns);
   for (const NodeId node : nodes) plant(world, node, nullptr);
   for (auto& [key, tile] : tiles_) {
     for (auto& [part, group] : tile.groups) group.batch = make_batch(part, group);

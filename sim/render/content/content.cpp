@@ -1,14 +1,57 @@
 #include "sim/render/content/content.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <exception>
 #include <numbers>
+#include <thread>
+#include <vector>
 
 namespace rigor::render {
 
+namespace {
+
+std::atomic<std::uint64_t> last_serial{0};
+/// Those that this thread takes first, from `next` on.
+struct SerialsAside {
+  std::uint64_t next = 0, end = 0;
+};
+thread_local SerialsAside serials_aside;
+
+}  // namespace
+
 std::uint64_t next_serial() noexcept {
-  static std::atomic<std::uint64_t> last{0};
-  return last.fetch_add(1, std::memory_order_relaxed) + 1;
+  if (serials_aside.next != serials_aside.end) return serials_aside.next++;
+  return last_serial.fetch_add(1, std::memory_order_relaxed) + 1;
+}
+
+void make_in_parallel(std::size_t count, const std::function<void(std::size_t)>& make) {
+  constexpr std::uint64_t kSerialsOfEach = 1'000'000;
+  const std::uint64_t first = last_serial.fetch_add(count * kSerialsOfEach, std::memory_order_relaxed) + 1;
+  std::vector<std::exception_ptr> thrown(count);
+  std::atomic<std::size_t> next{0};
+  const auto work = [&] {
+    for (std::size_t i; (i = next.fetch_add(1)) < count;) {
+      const SerialsAside before = serials_aside;
+      serials_aside = {first + i * kSerialsOfEach, first + (i + 1) * kSerialsOfEach};
+      try {
+        make(i);
+      } catch (...) {
+        thrown[i] = std::current_exception();
+      }
+      serials_aside = before;
+    }
+  };
+  {
+    const std::size_t threads =
+        std::min<std::size_t>({count, std::max(1U, std::thread::hardware_concurrency()), 8});
+    std::vector<std::jthread> helpers;
+    for (std::size_t i = 1; i < threads; ++i) helpers.emplace_back(work);
+    work();
+  }
+  for (const std::exception_ptr& e : thrown)
+    if (e) std::rethrow_exception(e);
 }
 
 Spectrum SkyMap::at(const Eigen::Vector3d& direction) const {

@@ -13,6 +13,7 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -30,6 +31,10 @@ using Spectrum = std::array<float, kBandCount>;
 
 /// Counts up; never 0. Any thread.
 [[nodiscard]] std::uint64_t next_serial() noexcept;
+/// make(0) … make(count - 1), on several threads. Serials are in the order of the numbers, whichever thread
+/// was first, as long as one call of `make` takes no more than a million of them. What `make` throws, the
+/// first by number, is thrown when all are done.
+void make_in_parallel(std::size_t count, const std::function<void(std::size_t)>& make);
 
 /// A picture on a surface. Rows from the top; four channels a texel.
 struct Texture {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 
 namespace rigor::render {
@@ -16,10 +17,33 @@ float srgb_from_linear(float v) noexcept {
   return v <= 0.0031308F ? v * 12.92F : 1.055F * std::pow(v, 1.0F / 2.4F) - 0.055F;
 }
 
+std::uint8_t nearest_byte(float v) noexcept {
+  return static_cast<std::uint8_t>(static_cast<double>(std::clamp(v, 0.0F, 1.0F) * 255.0F) + 0.5);
+}
+
 }  // namespace
 
-std::uint8_t srgb_byte(float linear) noexcept {
-  return static_cast<std::uint8_t>(std::lround(255 * srgb_from_linear(std::clamp(linear, 0.0F, 1.0F))));
+SrgbBytes::SrgbBytes() {
+  const auto byte_of = [](float linear) {
+    return static_cast<int>(std::lround(255 * srgb_from_linear(linear)));
+  };
+  for (int byte = 1; byte < 256; ++byte) {
+    // By their bits, numbers from 0 on are in order.
+    std::uint32_t below = 0, least = std::bit_cast<std::uint32_t>(1.0F);
+    while (least - below > 1) {
+      const std::uint32_t middle = below + (least - below) / 2;
+      (byte_of(std::bit_cast<float>(middle)) < byte ? below : least) = middle;
+    }
+    least_[static_cast<std::size_t>(byte)] = std::bit_cast<float>(least);
+  }
+  least_[256] = 2;
+  for (std::size_t i = 0; i < step_.size(); ++i)
+    step_[i] = static_cast<std::uint8_t>(byte_of(static_cast<float>(i) / static_cast<float>(kSteps)));
+}
+
+const SrgbBytes& srgb_bytes() noexcept {
+  static const SrgbBytes bytes;
+  return bytes;
 }
 
 const float* linear_of_bytes(bool srgb) noexcept {
@@ -70,7 +94,7 @@ LinearTexels halved(const LinearTexels& a, bool weigh) {
   LinearTexels b{std::max(a.width / 2, 1U), std::max(a.height / 2, 1U), {}};
   b.texels.resize(static_cast<std::size_t>(b.width) * b.height);
   const auto begin = [](std::uint32_t i, std::uint32_t from, std::uint32_t to) {
-    return static_cast<std::uint32_t>(std::uint64_t{i} * from / to);
+    return from == 2 * to ? 2 * i : static_cast<std::uint32_t>(std::uint64_t{i} * from / to);
   };
   for (std::uint32_t y = 0; y < b.height; ++y)
     for (std::uint32_t x = 0; x < b.width; ++x) {
@@ -93,14 +117,12 @@ LinearTexels halved(const LinearTexels& a, bool weigh) {
 }
 
 std::vector<std::uint8_t> bytes_of(const LinearTexels& level, bool srgb, float coverage_scale) {
-  const auto byte = [](float v) {
-    return static_cast<std::uint8_t>(std::lround(std::clamp(v, 0.0F, 1.0F) * 255.0F));
-  };
-  std::vector<std::uint8_t> out;
-  out.reserve(4 * level.texels.size());
+  std::vector<std::uint8_t> out(4 * level.texels.size());
+  std::uint8_t* to = out.data();
+  const SrgbBytes& bytes = srgb_bytes();
   for (const LinearTexels::Texel& t : level.texels) {
-    for (int c = 0; c < 3; ++c) out.push_back(byte(srgb ? srgb_from_linear(t[c]) : t[c]));
-    out.push_back(byte(t[3] * coverage_scale));
+    for (int c = 0; c < 3; ++c) *to++ = srgb ? bytes.of(t[c]) : nearest_byte(t[c]);
+    *to++ = nearest_byte(t[3] * coverage_scale);
   }
   return out;
 }

@@ -1,6 +1,7 @@
 // Texels of maps in linear light, one by one and at coarser levels of detail.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <memory>
@@ -10,8 +11,23 @@
 
 namespace rigor::render {
 
-/// Linear light to a byte of sRGB (IEC 61966-2-1).
-[[nodiscard]] std::uint8_t srgb_byte(float linear) noexcept;
+/// Linear light to the nearest byte of sRGB (IEC 61966-2-1).
+class SrgbBytes {
+ public:
+  SrgbBytes();
+  [[nodiscard]] std::uint8_t of(float linear) const noexcept {
+    const float v = linear > 0 ? std::min(linear, 1.0F) : 0.0F;
+    const unsigned byte = step_[static_cast<std::size_t>(v * static_cast<float>(kSteps))];
+    return static_cast<std::uint8_t>(byte + (v >= least_[byte + 1] ? 1U : 0U));
+  }
+
+ private:
+  static constexpr int kSteps = 4096;
+  std::array<float, 257> least_{};  ///< linear light of each byte; of 256: beyond all
+  std::array<std::uint8_t, kSteps + 1>
+      step_{};  ///< byte of each step of light: its places have that or the next
+};
+[[nodiscard]] const SrgbBytes& srgb_bytes() noexcept;
 /// Of each of 256 bytes: in linear light, or as it is; 0 to 1.
 [[nodiscard]] const float* linear_of_bytes(bool srgb) noexcept;
 

@@ -140,8 +140,8 @@ GroundSurface ground_surface(const GroundPlaneSpec& spec) {
       const std::size_t texel = 4 * (static_cast<std::size_t>(row) * static_cast<std::size_t>(size) +
                                      static_cast<std::size_t>(column));
       for (std::size_t k = 0; k < 3; ++k) {
-        colour->rgba[texel + k] = srgb_byte(share[odd][k] * light);
-        infrared->rgba[texel + k] = srgb_byte(share[odd][k + 3] * light);
+        colour->rgba[texel + k] = srgb_bytes().of(share[odd][k] * light);
+        infrared->rgba[texel + k] = srgb_bytes().of(share[odd][k + 3] * light);
         gloss->rgba[texel + k] = static_cast<std::uint8_t>(std::lround(255 * gloss_share[odd]));
       }
     }

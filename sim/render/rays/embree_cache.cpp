@@ -150,11 +150,33 @@ std::string MeshCache::complaint() const {
   }
 }
 
+std::shared_ptr<const LeafCover> MeshCache::cover(const std::shared_ptr<const Texture>& map,
+                                                  float alpha_cutoff) {
+  std::shared_ptr<Slot<LeafCover>> slot;
+  {
+    const std::lock_guard lock(mutex_);
+    auto& s = covers_[{map->serial, alpha_cutoff}];
+    if (!s) s = std::make_shared<Slot<LeafCover>>();
+    slot = s;
+  }
+  const std::lock_guard lock(slot->making);
+  auto made = slot->made.lock();
+  if (!made) slot->made = made = std::make_shared<const LeafCover>(*map, alpha_cutoff);
+  return made;
+}
+
 std::shared_ptr<const RaySurface> MeshCache::surface(const std::shared_ptr<const Surface>& s) {
+  const std::uint64_t serial = s ? s->serial : 0;
+  const auto find = [&] { return surfaces_[serial].lock(); };
+  {
+    const std::lock_guard lock(mutex_);
+    if (auto there = find()) return there;
+  }
+  auto made = std::make_shared<const RaySurface>(
+      s, s && has_holes(*s) ? cover(s->colour_map, s->alpha_cutoff) : nullptr);
   const std::lock_guard lock(mutex_);
-  auto& slot = surfaces_[s ? s->serial : 0];
-  auto made = slot.lock();
-  if (!made) slot = made = std::make_shared<const RaySurface>(s);
+  if (auto there = find()) return there;  // two threads may do so at once: the first one counts
+  surfaces_[serial] = made;
   return made;
 }
 
@@ -210,26 +232,28 @@ std::shared_ptr<const RayBatch> MeshCache::get(const WantedBatch& w) {
 
 Result<std::shared_ptr<const RayMesh>> MeshCache::get(const std::shared_ptr<const Mesh>& mesh, bool& built) {
   built = false;
-  std::shared_ptr<Slot> slot;
+  std::shared_ptr<Slot<RayMesh>> slot;
   {
     const std::lock_guard lock(mutex_);
     if (meshes_.size() >= sweep_at_) {
       std::erase_if(meshes_,
-                    [](const auto& e) { return e.second.use_count() == 1 && e.second->mesh.expired(); });
+                    [](const auto& e) { return e.second.use_count() == 1 && e.second->made.expired(); });
       std::erase_if(surfaces_, [](const auto& e) { return e.second.expired(); });
+      std::erase_if(covers_,
+                    [](const auto& e) { return e.second.use_count() == 1 && e.second->made.expired(); });
       sweep_at_ = std::max<std::size_t>(1024, 2 * meshes_.size());
     }
     auto& s = meshes_[mesh->serial];
-    if (!s) s = std::make_shared<Slot>();
+    if (!s) s = std::make_shared<Slot<RayMesh>>();
     slot = s;
   }
-  const std::lock_guard lock(slot->building);
-  if (auto there = slot->mesh.lock()) return there;
+  const std::lock_guard lock(slot->making);
+  if (auto there = slot->made.lock()) return there;
   // While it holds the lock this thread must not pick up another mesh's work: that one may wait for ours.
   Result<std::shared_ptr<const RayMesh>> made = tbb::this_task_arena::isolate([&] { return build(mesh); });
   if (!made) return made;
   built = true;
-  slot->mesh = *made;
+  slot->made = *made;
   return made;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <map>
 #include <mutex>
 #include <unordered_map>
 
@@ -34,19 +35,25 @@ class MeshCache final : public EmbreeCache {
   [[nodiscard]] std::string complaint() const;
 
  private:
+  /// What one thread makes and others wait for, while they are free to ask for something else.
+  template <class T>
   struct Slot {
-    std::mutex building;
-    std::weak_ptr<const RayMesh> mesh;
+    std::mutex making;
+    std::weak_ptr<const T> made;
   };
+  [[nodiscard]] std::shared_ptr<const LeafCover> cover(const std::shared_ptr<const Texture>& map,
+                                                       float alpha_cutoff);
   [[nodiscard]] std::shared_ptr<const RaySurface> surface(const std::shared_ptr<const Surface>& surface);
   [[nodiscard]] Result<std::shared_ptr<const RayMesh>> build(const std::shared_ptr<const Mesh>& mesh);
 
   RTCDevice device_;
   std::mutex mutex_;
   std::size_t sweep_at_ = 1024, sweep_batches_at_ = 4096;
-  std::unordered_map<std::uint64_t, std::shared_ptr<Slot>> meshes_;
+  std::unordered_map<std::uint64_t, std::shared_ptr<Slot<RayMesh>>> meshes_;
   std::unordered_map<std::uint64_t, std::vector<std::weak_ptr<const RayBatch>>> batches_;  ///< first serial
   std::unordered_map<std::uint64_t, std::weak_ptr<const RaySurface>> surfaces_;
+  /// By the map's serial and the cutoff: surfaces share maps.
+  std::map<std::pair<std::uint64_t, float>, std::shared_ptr<Slot<LeafCover>>> covers_;
   std::unordered_map<std::uint64_t, PrototypeSphere> spheres_;
 };
 

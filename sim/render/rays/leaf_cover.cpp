@@ -24,10 +24,18 @@ void for_covered(std::uint32_t i, float each, std::uint32_t size, F&& f) {
 
 std::vector<float> halved(const std::vector<float>& in, std::uint32_t width, std::uint32_t height) {
   const std::uint32_t half_width = (width + 1) / 2, half_height = (height + 1) / 2;
-  const float each_x = static_cast<float>(width) / static_cast<float>(half_width),
-              each_y = static_cast<float>(height) / static_cast<float>(half_height);
   std::vector<float> out;
   out.reserve(static_cast<std::size_t>(half_width) * half_height);
+  if (width % 2 == 0 && height % 2 == 0) {
+    for (std::uint32_t y = 0; y < half_height; ++y) {
+      const float *const upper = &in[std::size_t{2} * y * width], *const lower = upper + width;
+      for (std::uint32_t x = 0; x < width; x += 2)
+        out.push_back(0.25F * upper[x] + 0.25F * upper[x + 1] + 0.25F * lower[x] + 0.25F * lower[x + 1]);
+    }
+    return out;
+  }
+  const float each_x = static_cast<float>(width) / static_cast<float>(half_width),
+              each_y = static_cast<float>(height) / static_cast<float>(half_height);
   for (std::uint32_t y = 0; y < half_height; ++y)
     for (std::uint32_t x = 0; x < half_width; ++x) {
       float sum = 0;
@@ -81,15 +89,24 @@ void LeafCover::note_what_lies_between() {
 void LeafCover::make_levels() {
   std::uint32_t width = width_, height = height_;
   if (std::min(width, height) < 2 * kFewestTexels) return;
-  // What hole_at() says at four places of each texel: it thresholds what is interpolated.
+  // What hole_at() says at four places of each texel: it thresholds what is interpolated. Each of them lies
+  // in another of the four cells that meet there.
   std::vector<float> share(coverage_.size());
   for (std::uint32_t y = 0; y < height; ++y)
-    for (std::uint32_t x = 0; x < width; ++x)
-      for (const float dy : {0.25F, 0.75F})
-        for (const float dx : {0.25F, 0.75F})
-          if (!hole_at((static_cast<float>(x) + dx) / static_cast<float>(width),
-                       (static_cast<float>(y) + dy) / static_cast<float>(height)))
-            share[static_cast<std::size_t>(y) * width + x] += 0.25F;
+    for (std::uint32_t x = 0; x < width; ++x) {
+      const bool inside = x > 0 && y > 0 && x + 1 < width && y + 1 < height;
+      float leaf_share = 0;
+      for (std::uint32_t down = 0; down < 2; ++down)
+        for (std::uint32_t right = 0; right < 2; ++right) {
+          const Between all = inside ? between(x - 1 + right, y - 1 + down) : some;
+          const auto place = [](std::uint32_t texel, std::uint32_t half, std::uint32_t size) {
+            return (static_cast<float>(texel) + (half == 0 ? 0.25F : 0.75F)) / static_cast<float>(size);
+          };
+          if (all == some ? !hole_at(place(x, right, width), place(y, down, height)) : all == leaf)
+            leaf_share += 0.25F;
+        }
+      share[static_cast<std::size_t>(y) * width + x] = leaf_share;
+    }
   while (std::min(width, height) >= 2 * kFewestTexels) {
     share = halved(share, width, height);
     width = (width + 1) / 2;
@@ -101,11 +118,15 @@ void LeafCover::make_levels() {
   }
 }
 
+LeafCover::Between LeafCover::between(std::uint32_t x, std::uint32_t y) const noexcept {
+  return static_cast<Between>(between_[byte_of(tiles_across_, x, y)] >> (2 * (x & 3U)) & 3U);
+}
+
 bool LeafCover::hole_at(float u, float v) const noexcept {
   const TexelPair x = texels_about(u, width_, repeat_), y = texels_about(v, height_, repeat_);
   // Most places are well within a leaf or well beside it. (A clamped cell at the edge is part of the one that
   // begins at its first texel.)
-  const unsigned all = between_[byte_of(tiles_across_, x.low, y.low)] >> (2 * (x.low & 3U)) & 3U;
+  const Between all = between(x.low, y.low);
   if (all != some) return all == hole;
   const TexelCell c = cell_of(width_, x, y);
   float sum = 0;

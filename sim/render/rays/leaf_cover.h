@@ -31,6 +31,8 @@ class LeafCover {
     std::uint32_t width, height;
     std::vector<std::uint8_t> leaf;
   };
+  /// What lies between texel (x, y) and those to the right and down.
+  [[nodiscard]] Between between(std::uint32_t x, std::uint32_t y) const noexcept;
   void note_what_lies_between();
   void make_levels();
 

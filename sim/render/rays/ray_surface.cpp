@@ -25,7 +25,10 @@ inline const float* decoder(const Texture& t) noexcept { return linear_of_bytes(
 
 }  // namespace
 
-RaySurface::RaySurface(std::shared_ptr<const Surface> wanted) : surface(std::move(wanted)) {
+bool has_holes(const Surface& s) noexcept { return s.alpha_cutoff > 0 && usable(s.colour_map) != nullptr; }
+
+RaySurface::RaySurface(std::shared_ptr<const Surface> wanted, std::shared_ptr<const LeafCover> cover)
+    : surface(std::move(wanted)), holes(std::move(cover)) {
   if (!surface) {
     Surface grey;
     grey.name = "unknown";
@@ -35,7 +38,6 @@ RaySurface::RaySurface(std::shared_ptr<const Surface> wanted) : surface(std::mov
   near_infrared = usable(surface->near_infrared_map);
   normal = usable(surface->normal_map);
   gloss = usable(surface->gloss_map);
-  if (surface->alpha_cutoff > 0 && colour != nullptr) holes.emplace(*colour, surface->alpha_cutoff);
   translucent = std::any_of(surface->transmittance.begin(), surface->transmittance.end(),
                             [](float t) { return t > 0; });
 }

@@ -5,7 +5,6 @@
 
 #include <Eigen/Core>
 #include <memory>
-#include <optional>
 #include <span>
 
 #include "sim/render/content/content.h"
@@ -13,11 +12,15 @@
 
 namespace rigor::render {
 
+/// The map says where the surface is.
+[[nodiscard]] bool has_holes(const Surface& surface) noexcept;
+
 struct RaySurface {
-  explicit RaySurface(std::shared_ptr<const Surface> surface);  ///< null: a matt grey named `unknown`
-  std::shared_ptr<const Surface> surface;                       ///< never null
+  /// `surface` null: a matt grey named `unknown`. `holes`: null where has_holes() says no.
+  RaySurface(std::shared_ptr<const Surface> surface, std::shared_ptr<const LeafCover> holes);
+  std::shared_ptr<const Surface> surface;  ///< never null
   const Texture *colour = nullptr, *near_infrared = nullptr, *normal = nullptr, *gloss = nullptr;
-  std::optional<LeafCover> holes;  ///< where alpha_cutoff is above 0 and there is a colour map
+  std::shared_ptr<const LeafCover> holes;
   bool translucent = false;
 };
 

@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 
+#include "sim/render/content/texels.h"
+
 namespace rigor::render {
 namespace {
 
@@ -30,12 +32,6 @@ std::vector<float> brightness(const ViewPicture& picture, const Channels& c) {
     if (std::isfinite(y) && y > 0) all.push_back(y);
   }
   return all;
-}
-
-std::uint8_t encoded(double linear) {
-  const double v = std::clamp(linear, 0.0, 1.0);
-  const double s = v <= 0.0031308 ? 12.92 * v : 1.055 * std::pow(v, 1.0 / 2.4) - 0.055;
-  return static_cast<std::uint8_t>(std::lround(255.0 * s));
 }
 
 /// A twentieth of a picture may be brighter than this.
@@ -74,11 +70,12 @@ std::vector<std::uint8_t> tone_map(const ViewPicture& picture, const ToneMapOpti
   const Channels c = channels_of(o.colours);
   const double scale = exposure_scale(picture, o);
   const std::size_t pixels = picture.radiance.size() / 4;
+  const SrgbBytes& bytes = srgb_bytes();
   std::vector<std::uint8_t> rgb(pixels * 3, 0);
   for (std::size_t i = 0; i < pixels; ++i)
     for (std::size_t k = 0; k < 3; ++k) {
       const double v = static_cast<double>(picture.radiance[4 * i + c[k]]) * scale;
-      if (std::isfinite(v)) rgb[3 * i + k] = encoded(o.film ? filmed(v) : v);
+      if (std::isfinite(v)) rgb[3 * i + k] = bytes.of(static_cast<float>(o.film ? filmed(v) : v));
     }
   return rgb;
 }

@@ -28,7 +28,7 @@ void save(const Picture& p, const std::string& file) {
     for (int x = 0; x < p.width; ++x)
       for (int k = 0; k < 3; ++k)
         image.at<cv::Vec3b>(y, x)[2 - k] =
-            render::srgb_byte(p.rgb[3 * (static_cast<std::size_t>(y) * p.width + x) + k]);
+            render::srgb_bytes().of(p.rgb[3 * (static_cast<std::size_t>(y) * p.width + x) + k]);
   cv::imwrite(file, image);
 }
 /// A whole tree of a species at its own size; `CODE!` is a snag.
