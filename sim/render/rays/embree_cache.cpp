@@ -282,6 +282,7 @@ Result<std::shared_ptr<const RayMesh>> MeshCache::build(const std::shared_ptr<co
     r.one_sided = !r.surface->surface->two_sided;
     if (r.surface->holes) r.holed.reserve(triangles);
     out->one_sided = out->one_sided || r.one_sided;
+    out->holes = out->holes || r.surface->holes;
     for (std::size_t i = 0; i < triangles; ++i) {
       const auto corner = [&](std::size_t k) -> const Vertex& {
         return m.vertices[*(begin + static_cast<std::ptrdiff_t>(3 * i + k))];

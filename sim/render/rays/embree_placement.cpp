@@ -434,6 +434,11 @@ void PlacedScene::place(Level& level, const std::vector<WantedBatch>& wanted) {
     for (auto& [key, p] : old)
       if (p) gone.push_back(std::move(p));
   }
+  level.holes_shade = std::any_of(batches.begin(), batches.end(), [](const auto& p) {
+    const auto& meshes = p->batch->meshes;
+    return p->batch->casts_shadow &&
+           std::any_of(meshes.begin(), meshes.end(), [](const auto& m) { return m && m->holes; });
+  });
   level.top = batches.empty() ? 0 : batches.back()->first + batches.back()->room;
   level.of_top.assign(level.top, nullptr);
   level.of_block.clear();

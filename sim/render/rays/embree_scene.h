@@ -59,6 +59,7 @@ struct RayMesh {
   RTCScene scene = nullptr;    ///< null: nothing in it can be met
   std::uint32_t triangles = 0, left_out = 0;
   bool one_sided = false;  ///< some part shows one side alone
+  bool holes = false;      ///< some part has holes
 };
 
 /// The first thing that a ray intersects.
@@ -297,6 +298,8 @@ class RayScene {
   [[nodiscard]] static bool looks_away(const SceneContext& context, const RTCFilterFunctionNArguments* a,
                                        unsigned i) noexcept;
   [[nodiscard]] bool anything_moves() const noexcept { return !moving_.batches.empty(); }
+  /// Something that stands still casts a shadow with holes in it.
+  [[nodiscard]] bool holes_shade() const noexcept { return still_.holes_shade; }
   /// Has what point() will read on its way from memory.
   void fetch(const RayPackets& rays, unsigned n) const noexcept;
   /// What was met. `origin` relative to origin().
@@ -338,6 +341,7 @@ class RayScene {
     RTCScene handle = nullptr;
     std::uint32_t first = 0;  ///< of its instances among those of both levels
     std::uint32_t top = 0;
+    bool holes_shade = false;                      ///< something with holes casts a shadow
     std::vector<std::unique_ptr<Placed>> batches;  ///< in the order of the content
     std::vector<const Placed*> of_top, of_block;
     [[nodiscard]] std::uint32_t end() const noexcept {

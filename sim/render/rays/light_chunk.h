@@ -26,8 +26,8 @@ struct ChunkInput {
   const GatheredLight* gathered = nullptr;  ///< null: the sky is open
   /// What the query's rays can meet, and what all rays that follow can.
   RayScene::Part seen = RayScene::Part::all, followed = RayScene::Part::all;
-  KeptSun* kept_sun =
-      nullptr;  ///< of a query with SunRays::wide and shadows, where there is a sun; else null
+  /// Of a query with SunRays::wide and shadows, where there is a sun and shadows have holes; else null.
+  KeptSun* kept_sun = nullptr;
 };
 
 /// Belongs to one thread.

@@ -115,6 +115,7 @@ unsigned Chunk::ask_for_points(std::span<const Point> points, std::span<const Su
 }
 
 unsigned Chunk::add_wide_sun(std::span<Point> points) {
+  const bool in_cells = in_.kept_sun != nullptr;
   std::array<SunCell, kChunk> cells;
   std::array<float, kChunk> clear;
   for (unsigned i = 0; i < points.size(); ++i) {
@@ -122,17 +123,17 @@ unsigned Chunk::add_wide_sun(std::span<Point> points) {
     const bool faces = may_see_sun(p);
     clear[i] = faces ? 1 : 0;
     cells[i] = {};
-    if (!faces || !in_.query.shadows || in_.scene.moves(p.met.instance)) continue;
+    if (!faces || !in_cells || in_.scene.moves(p.met.instance)) continue;
     cells[i] = sun_cell(in_.scene.triangle(p.met), p.met, kSunCell_px * in_.query.spread_rad * p.range_m);
     if (cells[i].any()) in_.kept_sun->fetch(cells[i]);
   }
   unsigned traced = 0;
-  if (in_.query.shadows) {
+  if (in_cells) {
     traced += take_from_cells(points, cells, clear);
     // Cells know nothing of what moves.
     if (in_.scene.anything_moves()) traced += ask_for_points(points, cells, true, clear);
-    traced += ask_for_points(points, cells, false, clear);
   }
+  if (in_.query.shadows) traced += ask_for_points(points, cells, false, clear);
   for (unsigned i = 0; i < points.size(); ++i) {
     Point& p = points[i];
     if (clear[i] > 0) p.light += from_sun(p) * clear[i];

@@ -99,7 +99,7 @@ Status LightTracer::Impl::trace(const LightQuery& q, std::span<LightSample> samp
   light::ChunkInput in{*lit->scene, surfaces, lit->frame, q, lit->origin};
   std::atomic<std::size_t> shadow_rays{0}, sky_rays{0};
   if (q.gathered && q.shadows && q.sky_rays == 0) in.gathered = gathered;
-  if (q.sun_rays == SunRays::wide && q.shadows && lit->frame.sun) {
+  if (q.sun_rays == SunRays::wide && q.shadows && lit->frame.sun && lit->scene->holes_shade()) {
     if (!kept_sun.about(lit->scene->still_serial(), lit->frame.to_sun, lit->frame.sun_radius_rad))
       return fail(ErrorCode::unavailable, "rays", "out of memory");
     in.kept_sun = &kept_sun;
