@@ -24,7 +24,7 @@ using namespace rigor::bench;
 
 constexpr int kWidth_px = 640, kHeight_px = 480, kFocal_px = 500;
 constexpr OpticsRequest::Region kWindow{.x_px = 240, .y_px = 180, .width_px = 160, .height_px = 120};
-constexpr int kSamplesASide = 16, kBounces = 4;
+constexpr int kSamplesASide = 16, kBounces = 64;
 
 struct LightOptions {
   std::filesystem::path out;

@@ -7,17 +7,15 @@ namespace rigor::render::light {
 namespace {
 
 /// Second word of the draws' counters: nobody else's effect.
-constexpr std::uint32_t kSkyDraws = 0x4C490001U, kGatherDraws = 0x4C490003U;
-/// Reflections that a gathering path follows: in the shade of leaves, 850 nm needs three.
-constexpr unsigned kGatherBounces = 3;
+constexpr std::uint32_t kSkyDraws = 0x4C490001U, kGatherDraws = 0x4C490003U, kGatherSkyDraws = 0x4C490006U;
+/// Reflections that a gathering path follows: leaves send on nine tenths of 850 nm.
+constexpr unsigned kGatherBounces = 64;
 /// What a lamp adds is not asked for shadows where it is less than this share of the light that is there.
 constexpr float kLampMatters = 1e-3F;
 /// Angle that a sky ray stands for when it looks up a colour.
 constexpr float kSkyRaySpread_rad = 0.2F;
 /// Points lie in one plane that leave it by no more than this share of their range.
 constexpr float kFlat = 1e-3F;
-/// A path that carries less than this much of light goes on with a chance only.
-constexpr float kRoulette = 0.3F;
 
 /// About a normal with density cos / pi.
 Vec3 cosine_direction(Vec3 n, float u, float v) {
@@ -25,6 +23,13 @@ Vec3 cosine_direction(Vec3 n, float u, float v) {
   frame_about(n, a, b);
   const float r = std::sqrt(u), angle = 2 * kPi * v;
   return a * (r * std::cos(angle)) + b * (r * std::sin(angle)) + n * std::sqrt(std::max(1.0F - u, 0.0F));
+}
+
+/// A direction about a bent normal may lead through the surface: the same on the surface's own side. `side`:
+/// 1 or -1, of the normal.
+Vec3 leaving(Vec3 direction, Vec3 geometric_normal, float side) {
+  const float out_of = side * dot(direction, geometric_normal);
+  return out_of > 0 ? direction : direction - geometric_normal * (2 * side * out_of);
 }
 
 }  // namespace
@@ -239,19 +244,16 @@ bool Chunk::scatter(const Point& p, std::size_t index, unsigned k, unsigned segm
   const bool passes = u[2] > chance;  // a draw may be 1, where nothing passes
   out.share *= passes ? back / (1.0F - chance) : front / chance;
   if (segment > 0) {
-    const float most = largest(out.share);
-    if (most < kRoulette) {
-      const float goes_on = std::max(most / kRoulette, 0.05F);
-      if (u[3] >= goes_on) return false;
-      out.share /= goes_on;
-    }
+    // A path that carries a share of the light goes on with that chance, and then carries all of it.
+    const float goes_on = std::clamp(largest(out.share), 0.05F, 1.0F);
+    if (u[3] >= goes_on) return false;
+    out.share /= goes_on;
   }
-  const Vec3 n = passes ? -p.normal : p.normal;
-  out.direction = cosine_direction(n, u[0], u[1]);
+  const float side = passes ? -1.0F : 1.0F;
+  out.direction = leaving(cosine_direction(p.normal * side, u[0], u[1]), p.geometric_normal, side);
   out.place = off_surface(p.place, p.geometric_normal, out.direction);
   out.time = p.time;
-  // Bumps tilt the half space: what they would send through the surface comes from nowhere.
-  return dot(out.direction, p.geometric_normal) * (passes ? -1.0F : 1.0F) > 0;
+  return true;
 }
 
 void Chunk::begin_paths(std::size_t first, unsigned k) {
@@ -344,10 +346,57 @@ void Chunk::add_sky(std::size_t first) {
   }
 }
 
-void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vector<GatheredPath>& out,
+void Chunk::gather_sky(std::size_t first, std::vector<GatheredSky>& out) {
+  constexpr unsigned kRays = GatheredSky::kMostRays;
+  static_assert(kPacketRays % kRays == 0);
+  std::array<std::uint8_t, kPacketRays> hidden;
+  for (unsigned begin = 0; begin < n_; begin += kPacketRays / kRays) {
+    const unsigned end = std::min(begin + kPacketRays / kRays, n_);
+    const std::size_t first_sky = out.size();
+    unsigned n = 0;
+    for (unsigned i = begin; i < end; ++i) {
+      const Point& p = points_[i];
+      const unsigned sides = p.patch.translucent ? 2 : 1;
+      for (unsigned behind = 0; behind < sides; ++behind) {
+        const float side = behind == 1 ? -1.0F : 1.0F;
+        GatheredSky& sky = out.emplace_back();
+        sky.place = p.place;
+        sky.normal = p.normal * side;
+        sky.range_m = p.range_m;
+        sky.start = off_surface(p.place, p.geometric_normal, p.geometric_normal * side);
+        sky.rays = kRays / sides;
+        const auto u = draws(first + p.ray, kGatherSkyDraws, behind, 0);
+        for (unsigned k = 0; k < sky.rays; ++k) {
+          // In rings of the same weight, a golden turn from each to the next.
+          const float turn = u[1] + 0.618034F * static_cast<float>(k);
+          const Vec3 d = leaving(
+              cosine_direction(sky.normal, (static_cast<float>(k) + u[0]) / static_cast<float>(sky.rays),
+                               turn - std::floor(turn)),
+              p.geometric_normal, side);
+          sky.direction[k] = d;
+          sky.open += in_.frame.surroundings(d);
+          const float origin[3] = {sky.start.x, sky.start.y, sky.start.z}, direction[3] = {d.x, d.y, d.z};
+          rays_.set(n++, origin, direction, 0, std::numeric_limits<float>::infinity(), p.time, kShadowMask);
+        }
+      }
+    }
+    in_.scene.occluded(rays_, n, false, hidden.data(), in_.followed);
+    n = 0;
+    for (std::size_t s = first_sky; s < out.size(); ++s)
+      for (unsigned k = 0; k < out[s].rays; ++k)
+        if (hidden[n++] == 0) {
+          out[s].free |= 1U << k;
+          out[s].sky += in_.frame.surroundings(out[s].direction[k]);
+        }
+  }
+}
+
+void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, Gathered& gathered,
                    std::span<const std::uint8_t> again) {
+  std::vector<GatheredPath>& out = gathered.paths;
   std::array<LightSample, kChunk> samples;
   first_intersections(first, std::span(samples.data(), rays));
+  if (again.empty()) gather_sky(first, gathered.skies);
   constexpr auto kNone = std::numeric_limits<std::size_t>::max();
   std::array<std::size_t, kChunk> at;  // of the point's path in `out`
   std::size_t next = again.empty() ? out.size() : 0;
@@ -367,10 +416,7 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vec
       const float side = behind ? -1.0F : 1.0F;
       const auto u = draws(first + p.ray, kGatherDraws, k, 0);
       Path way;
-      way.direction = cosine_direction(p.normal * side, u[0], u[1]);
-      // Bumps tilt the half space: what they would send through the surface goes to its other side.
-      if (const float out_of = side * dot(way.direction, p.geometric_normal); !(out_of > 0))
-        way.direction = way.direction - p.geometric_normal * (2 * side * out_of);
+      way.direction = leaving(cosine_direction(p.normal * side, u[0], u[1]), p.geometric_normal, side);
       way.place = off_surface(p.place, p.geometric_normal, way.direction);
       way.share = all_bands(1);
       way.point = i;
@@ -388,8 +434,8 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, std::vec
     for (unsigned i = 0; i < n_; ++i) {
       if (at[i] == kNone) continue;
       GatheredPath& path = out[at[i]];
-      path.radiance = points_[i].light;
       path.free = open_[i] > 0;
+      path.scattered = path.free ? Bands4{} : points_[i].light;
       path.first_m = first_m_[i];
     }
   }

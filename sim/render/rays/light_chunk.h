@@ -37,10 +37,10 @@ class Chunk {
   /// Rays from `first` on, at most kChunk.
   void trace(std::size_t first, std::span<LightSample> samples);
   /// Light about the points of the rays from `first` on, at most kChunk of `rays`: along `paths`, at least 2,
-  /// from each point, of leaves along one from each side. `again`: of paths that a call with the same rays
-  /// has put into `out`, those that are traced once more, into the same places; all where it is empty, at the
-  /// end of `out`.
-  void gather(std::size_t first, std::size_t rays, unsigned paths, std::vector<GatheredPath>& out,
+  /// from each point, of leaves along one from each side, and what is seen of the sky. Goes to the end of
+  /// `out`. `again`: of paths that a call with the same rays has put into `out`, those that are traced once
+  /// more, into the same places, and nothing else.
+  void gather(std::size_t first, std::size_t rays, unsigned paths, Gathered& out,
               std::span<const std::uint8_t> again = {});
   std::size_t shadow_rays = 0, sky_rays = 0;
 
@@ -98,6 +98,8 @@ class Chunk {
   void share_surroundings(std::span<Point> points, const std::array<Mirror, kPacket>& mirrors);
   void add_open_sky();
   void add_sky(std::size_t first);
+  /// Asks what is seen of the sky from the chunk's points.
+  void gather_sky(std::size_t first, std::vector<GatheredSky>& out);
   void begin_paths(std::size_t first, unsigned k);
   void follow_paths(std::size_t first, unsigned k, unsigned bounces);
   /// The way on from a point that scatters diffusely. False where all is absorbed.

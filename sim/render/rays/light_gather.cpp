@@ -76,27 +76,36 @@ const GatheredLight::Cell* GatheredLight::find(std::uint64_t key) const noexcept
   return cells_[at].key == 0 ? nullptr : &cells_[at];
 }
 
-void GatheredLight::add(std::span<const GatheredPath> paths) {
-  for (const GatheredPath& p : paths) {
-    if (!finite(p.place) || !finite(p.normal)) continue;
-    const Parts parts = parts_of(p.normal);
-    const auto count = [&](Sum(&axis)[6]) {
-      for (int k = 0; k < 3; ++k) {
-        const float w = parts.weight[k];
-        Sum& s = axis[parts.axis[k]];
-        s.radiance += p.radiance * w;
-        s.open += p.open * w;
-        s.weight += Bands4{w, p.free ? w : 0.0F, w, 0};
-      }
-    };
-    count(everywhere_);
-    const int finest = level_of(p.range_m);
-    for (int level = finest; level < finest + kLevels; ++level) {
-      const float scale = scale_of(level);
-      count(cell(key_of(level, floor_of(p.place.x * scale), floor_of(p.place.y * scale),
-                        floor_of(p.place.z * scale)))
-                .axis);
+void GatheredLight::add(const Gathered& gathered) {
+  for (const GatheredPath& p : gathered.paths) {
+    const Bands4 sky = p.free ? p.open : Bands4{};
+    add(p.place, p.normal, p.range_m, Sum{p.scattered, p.open, sky, Bands4{1, p.free ? 1.0F : 0.0F, 1, 1}});
+  }
+  for (const GatheredSky& s : gathered.skies) {
+    const auto rays = static_cast<float>(s.rays), free = static_cast<float>(std::popcount(s.free));
+    add(s.place, s.normal, s.range_m, Sum{Bands4{}, s.open, s.sky, Bands4{0, free, 0, rays}});
+  }
+}
+
+void GatheredLight::add(Vec3 place, Vec3 normal, float range_m, const Sum& of) {
+  if (!finite(place) || !finite(normal)) return;
+  const Parts parts = parts_of(normal);
+  const auto count = [&](Sum(&axis)[6]) {
+    for (int k = 0; k < 3; ++k) {
+      const float w = parts.weight[k];
+      Sum& s = axis[parts.axis[k]];
+      s.scattered += of.scattered * w;
+      s.open += of.open * w;
+      s.sky += of.sky * w;
+      s.weight += of.weight * w;
     }
+  };
+  count(everywhere_);
+  const int finest = level_of(range_m);
+  for (int level = finest; level < finest + kLevels; ++level) {
+    const float scale = scale_of(level);
+    count(cell(key_of(level, floor_of(place.x * scale), floor_of(place.y * scale), floor_of(place.z * scale)))
+              .axis);
   }
 }
 
@@ -128,15 +137,16 @@ void GatheredLight::About::enter(int k) noexcept {
 
 const GatheredLight::Sum& GatheredLight::About::sum(Level& l, int axis) noexcept {
   if ((l.summed >> static_cast<unsigned>(axis) & 1U) == 0) {
-    Bands4 radiance{}, open{}, weight{};
+    Bands4 scattered{}, open{}, sky{}, weight{};
     for (unsigned i = 0; i < l.cells; ++i) {
       const Sum& s = l.cell[i]->axis[axis];
       const float share = l.share[i];
-      radiance += s.radiance * share;
+      scattered += s.scattered * share;
       open += s.open * share;
-      weight += s.weight * Bands4{share, share, 1, 0};
+      sky += s.sky * share;
+      weight += s.weight * Bands4{share, share, 1, share};
     }
-    l.axis[axis] = {radiance, open, weight};
+    l.axis[axis] = {scattered, open, sky, weight};
     l.summed |= 1U << static_cast<unsigned>(axis);
   }
   return l.axis[axis];
@@ -149,10 +159,11 @@ GatheredLight::Mean GatheredLight::mean_of(const Sum& x, const Sum& y, const Sum
   for (int a = 0; a < 3; ++a) {
     const float all = axis[a]->weight[0], part = parts.weight[a];
     if (!(all > 1e-3F * part) || !(part > 0)) continue;
-    const float w = part / all;
-    out.radiance += axis[a]->radiance * w;
-    out.open += axis[a]->open * w;
-    out.free += axis[a]->weight[1] * w;
+    const float of_rays = part / axis[a]->weight[3];
+    out.scattered += axis[a]->scattered * (part / all);
+    out.open += axis[a]->open * of_rays;
+    out.sky += axis[a]->sky * of_rays;
+    out.free += axis[a]->weight[1] * of_rays;
     out.known += part;
   }
   return out;
@@ -175,10 +186,10 @@ Bands4 GatheredLight::About::irradiance(Vec3 normal, Bands4 open) noexcept {
     m = mean_of(all[parts.axis[0]], all[parts.axis[1]], all[parts.axis[2]], parts);
   }
   if (!(m.known > 0)) return open;
-  // What the open sky sends is known by its integral; the paths' mean differs from it by what they met. In
+  // What the open sky sends is known by its integral; the rays' mean differs from it by what they met. In
   // the open, nothing is left to chance.
   const float each = 1.0F / m.known, free = m.free * each;
-  return not_negative(open * free + (m.radiance - m.open * free) * (kPi * each));
+  return not_negative(open * free + (m.sky - m.open * free + m.scattered) * (kPi * each));
 }
 
 }  // namespace rigor::render::light

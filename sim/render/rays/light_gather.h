@@ -16,17 +16,37 @@
 
 namespace rigor::render::light {
 
-/// What one path brought to a place from the half space about a normal.
+/// What one path brought to a place from the half space about a normal, its direction drawn by the cosine.
 struct GatheredPath {
   Vec3 place;   ///< relative to the scene's cell
   Vec3 normal;  ///< unit length
   float range_m = 0;
-  Bands4 radiance{};  ///< what the path found, directions drawn by the cosine to the normal
-  Bands4 open{};      ///< what is in its first direction where nothing stands
-  bool free = false;  ///< its first segment met nothing
+  Bands4 scattered{};  ///< what came back from what its first segment met
+  Bands4 open{};       ///< what is in its first direction where nothing stands
+  bool free = false;   ///< its first segment met nothing
   // Its first segment, for those who ask whether something has come in between.
   Vec3 start, direction;
   float first_m = std::numeric_limits<float>::infinity();
+};
+
+/// What more rays, directions drawn by the cosine, found of the open sky (and of what lies below the horizon)
+/// about a place. Most of the noise of gathered light is whether a direction is free, and such a ray costs a
+/// tenth of a path.
+struct GatheredSky {
+  static constexpr unsigned kMostRays = 8;
+  Vec3 place, normal;
+  float range_m = 0;
+  Vec3 start;
+  std::array<Vec3, kMostRays> direction;
+  unsigned rays = 0;
+  unsigned free = 0;  ///< a bit for each ray: nothing stands there
+  Bands4 open{};      ///< sum over all rays of what is there where nothing stands
+  Bands4 sky{};       ///< … over free ones
+};
+
+struct Gathered {
+  std::vector<GatheredPath> paths;
+  std::vector<GatheredSky> skies;
 };
 
 class GatheredLight {
@@ -47,27 +67,27 @@ class GatheredLight {
   class About;
   /// `cell_rad`: side of a cell as seen from the query's origin, above 0.
   explicit GatheredLight(float cell_rad) : cell_rad_(cell_rad) {}
-  /// Serial; the order of the paths counts in rounding alone.
-  void add(std::span<const GatheredPath> paths);
+  /// Serial; the order counts in rounding alone.
+  void add(const Gathered& gathered);
 
  private:
   /// A path counts in so many levels, from that of its range on: in thin regions a coarser one answers.
   static constexpr int kLevels = 4;
-  /// Of the paths whose normal looks along one of the axes, weighted by the square of their normal's part.
+  /// Of the places whose normal looks along one of the axes, weighted by the square of their normal's part.
   struct Sum {
-    Bands4 radiance, open;
-    /// [0] of all paths, [1] of those whose first segment met nothing; [2] as [0], which interpolation leaves
-    /// as it is, so that it says how much the cells hold.
+    Bands4 scattered, open, sky;
+    /// [0] of paths, [1] of rays that met nothing, [3] of all rays, which first segments of paths are too;
+    /// [2] as [0], which interpolation leaves as it is, so that it says how much the cells hold.
     Bands4 weight;
   };
   struct Cell {
     std::uint64_t key = 0;  ///< 0: empty
     Sum axis[6]{};
   };
-  /// Means over the paths along some directions.
+  /// Means over what looks along some directions.
   struct Mean {
-    Bands4 radiance{}, open{};
-    float free = 0;   ///< share of paths whose first segment met nothing
+    Bands4 scattered{}, open{}, sky{};
+    float free = 0;   ///< share of rays that met nothing
     float known = 0;  ///< share of the directions along which there are paths
   };
   /// Squares of a unit normal's parts, and which of the six axes they look along.
@@ -78,6 +98,8 @@ class GatheredLight {
   [[nodiscard]] static Parts parts_of(Vec3 normal) noexcept;
   [[nodiscard]] static Mean mean_of(const Sum& x, const Sum& y, const Sum& z, const Parts& parts) noexcept;
   [[nodiscard]] int level_of(float range_m) const noexcept;
+  /// In all levels of a place.
+  void add(Vec3 place, Vec3 normal, float range_m, const Sum& of);
   Cell& cell(std::uint64_t key);
   [[nodiscard]] const Cell* find(std::uint64_t key) const noexcept;
 

@@ -14,7 +14,7 @@ constexpr double kEyeCell_m = 1;
 constexpr int kSectorSide = 8;
 static_assert(kSectorSide * kSectorSide == kChunk);
 /// Paths of a gathering point; of a leaf, one on each side.
-constexpr unsigned kPathsOfAPoint = 4;
+constexpr unsigned kPathsOfAPoint = 3;
 /// One ray of a sector gathers for so many pixels, about.
 constexpr float kPixelsOfARay = 32;
 /// Side of a cell in which gathered light is shared: so many pixels.
@@ -39,6 +39,43 @@ int side_for(float spread_rad) {
   int side = kFewest;
   while (side < kMost && static_cast<float>(side) * std::numbers::sqrt2_v<float> < wanted) side *= 2;
   return side;
+}
+
+/// What was gathered, less the sky that something that moves hides; null where nothing does.
+std::unique_ptr<Gathered> with_less_sky(const LitScene& lit, const Gathered& kept, float time) {
+  std::unique_ptr<Gathered> out;
+  RayPackets rays;
+  std::array<std::uint8_t, kPacketRays> hidden;
+  struct Asked {
+    std::size_t sky;
+    unsigned ray;
+  };
+  std::array<Asked, kPacketRays> asked;
+  unsigned n = 0;
+  const auto ask = [&] {
+    lit.scene.occluded(rays, n, false, hidden.data(), RayScene::Part::moving);
+    for (unsigned i = 0; i < n; ++i) {
+      if (hidden[i] == 0) continue;
+      if (!out) out = std::make_unique<Gathered>(kept);
+      GatheredSky& sky = out->skies[asked[i].sky];
+      sky.free &= ~(1U << asked[i].ray);
+      sky.sky = not_negative(sky.sky - lit.frame.surroundings(sky.direction[asked[i].ray]));
+    }
+    n = 0;
+  };
+  for (std::size_t s = 0; s < kept.skies.size(); ++s) {
+    const GatheredSky& sky = kept.skies[s];
+    const float o[3] = {sky.start.x, sky.start.y, sky.start.z};
+    for (unsigned k = 0; k < sky.rays; ++k) {
+      if ((sky.free >> k & 1U) == 0) continue;
+      const float d[3] = {sky.direction[k].x, sky.direction[k].y, sky.direction[k].z};
+      rays.set(n, o, d, 0, std::numeric_limits<float>::infinity(), time, kShadowMask);
+      asked[n++] = {s, k};
+      if (n == kPacketRays) ask();
+    }
+  }
+  ask();
+  return out;
 }
 
 bool same(Bands4 a, Bands4 b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2] && a[3] == b[3]; }
@@ -152,7 +189,7 @@ KeptLight::Region& KeptLight::region(const Key& key) {
 void KeptLight::forget(const std::vector<int>& seen) {
   const auto held = [](const Region& r) {
     std::size_t n = 0;
-    for (const auto& s : r.sectors) n += s ? s->size() : 0;
+    for (const auto& s : r.sectors) n += s ? s->paths.size() : 0;
     return n;
   };
   std::size_t paths = 0;
@@ -193,9 +230,9 @@ const GatheredLight& KeptLight::about(const LitScene& lit, const LightQuery& q, 
       const SectorRays rays(key, missing[i], 0);
       Chunk chunk({lit.scene, lit.surfaces, lit.frame, rays.query, rays.query.origin - lit.scene.origin(),
                    nullptr, RayScene::Part::still, RayScene::Part::still});
-      auto paths = std::make_unique<Paths>();
-      chunk.gather(0, kChunk, kPathsOfAPoint, *paths);
-      r.sectors[static_cast<std::size_t>(missing[i])] = std::move(paths);
+      auto gathered = std::make_unique<Gathered>();
+      chunk.gather(0, kChunk, kPathsOfAPoint, *gathered);
+      r.sectors[static_cast<std::size_t>(missing[i])] = std::move(gathered);
     });
   });
   if (lit.scene.anything_moves() && !q.rays.empty()) return with_moving(lit, q, r, seen, arena);
@@ -211,12 +248,13 @@ const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuer
                                             const std::vector<int>& seen, tbb::task_arena& arena) {
   constexpr auto kMoving = RayScene::Part::moving;
   const float time = q.rays.front().time;
-  std::vector<Paths> anew(seen.size());  // of sectors in which something has come in between
+  std::vector<std::unique_ptr<Gathered>> anew(seen.size());  // where something has come in between
   const std::size_t chunks = (q.rays.size() + kChunk - 1) / kChunk;
-  std::vector<Paths> on_it(chunks);
+  std::vector<Gathered> on_it(chunks);
   arena.execute([&] {
     tbb::parallel_for(std::size_t{0}, seen.size(), [&](std::size_t i) {
-      const Paths& paths = *r.sectors[static_cast<std::size_t>(seen[i])];
+      const Gathered& kept = *r.sectors[static_cast<std::size_t>(seen[i])];
+      const std::vector<GatheredPath>& paths = kept.paths;
       std::vector<std::uint8_t> blocked(paths.size());
       RayPackets rays;
       for (std::size_t begin = 0; begin < paths.size(); begin += kPacketRays) {
@@ -229,12 +267,13 @@ const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuer
         }
         lit.scene.occluded(rays, n, false, &blocked[begin], kMoving);
       }
+      anew[i] = with_less_sky(lit, kept, time);
       if (std::find(blocked.begin(), blocked.end(), 1) == blocked.end()) return;
       const SectorRays again(r.key, seen[i], time);
       Chunk chunk({lit.scene, lit.surfaces, lit.frame, again.query, again.query.origin - lit.scene.origin(),
                    nullptr, RayScene::Part::still, RayScene::Part::all});
-      anew[i] = paths;
-      chunk.gather(0, kChunk, kPathsOfAPoint, anew[i], blocked);
+      if (!anew[i]) anew[i] = std::make_unique<Gathered>(kept);
+      chunk.gather(0, kChunk, kPathsOfAPoint, *anew[i], blocked);
     });
     // Of the query's own rays, those that meet what moves.
     LightQuery own = q;
@@ -267,8 +306,8 @@ const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuer
   });
   with_moving_ = std::make_unique<GatheredLight>(kCell_px * spread_of(r.key.side));
   for (std::size_t i = 0; i < seen.size(); ++i)
-    with_moving_->add(anew[i].empty() ? *r.sectors[static_cast<std::size_t>(seen[i])] : anew[i]);
-  for (const Paths& p : on_it) with_moving_->add(p);
+    with_moving_->add(anew[i] ? *anew[i] : *r.sectors[static_cast<std::size_t>(seen[i])]);
+  for (const Gathered& g : on_it) with_moving_->add(g);
   return *with_moving_;
 }
 

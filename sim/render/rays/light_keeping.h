@@ -45,7 +45,6 @@ class KeptLight {
   [[nodiscard]] std::size_t traced() const noexcept { return traced_; }
 
  private:
-  using Paths = std::vector<GatheredPath>;
   /// All that the paths of a sector depend on.
   struct Key {
     std::array<std::int64_t, 3> cell{};
@@ -62,7 +61,7 @@ class KeptLight {
   };
   struct Region {
     Key key;
-    std::vector<std::unique_ptr<Paths>> sectors;
+    std::vector<std::unique_ptr<Gathered>> sectors;
     std::vector<int> shared;  ///< sectors whose paths are in `light`
     std::unique_ptr<GatheredLight> light;
   };

@@ -164,7 +164,7 @@ TEST_F(LightShadowTest, WithoutSkyRaysLightIsGatheredFromWhatStandsAround) {
   query_.spread_rad = 0.002F;
   query_.gathered = true;
   // Ground and wall of reflectance r that meet see half of the sky and half of each other, whatever the
-  // distance: E = pi L (1/2) / (1 - r/2), less what comes after the fourth reflection.
+  // distance: E = pi L (1/2) / (1 - r/2).
   EXPECT_NEAR(mean_at(-1), 0.5 * 2 * 0.5 / (1 - 0.25), 0.03);
   EXPECT_NEAR(mean_at(-3), 0.5 * 2 * 0.5 / (1 - 0.25), 0.03);
   // With the sun on the wall, all of the light that it throws down as well.
@@ -292,6 +292,69 @@ TEST_F(LightShadowTest, WhatMovesShadesTheLightThatIsKeptAndHasLightOfItsOwn) {
   double sum = 0;
   for (const LightSample& s : trace(*engine_, fresh, rays)) sum += static_cast<double>(s.radiance[0]) / 900;
   EXPECT_EQ(sum, moving);
+}
+
+TEST_F(LightShadowTest, LeavesThatAbsorbNothingCannotBeToldFromAnEvenSky) {
+  frame_.light.sky = even_sky(2);
+  frame_.light.ground_albedo = grey(1);  // as bright below the horizon
+  auto leaf = surface_of(0.5F);
+  leaf->transmittance = grey(0.5F);
+  leaf->two_sided = true;
+  for (const float bent : {0.0F, 0.5F, 0.9F}) {
+    frame_.batches.clear();
+    for (int i = 0; i < 6; ++i) {
+      auto mesh = plane_mesh(5, leaf, 0.3F * static_cast<float>(i));
+      for (Vertex& v : mesh->vertices) {
+        v.normal[0] = bent;
+        v.normal[2] = std::sqrt(1 - bent * bent);
+      }
+      frame_.batches.push_back(one(mesh, static_cast<std::uint64_t>(i + 1)));
+    }
+    query_.origin = {0, 0, 3};
+    query_.spread_rad = 0.01F;
+    std::vector<Ray> rays;
+    for (int i = 0; i < 40; ++i)
+      for (int j = 0; j < 40; ++j) rays.push_back(ray_of({0, 0, 0}, {0.02 * (i - 20), 0.02 * (j - 20), -1}));
+    const auto mean = [&] {
+      double sum = 0;
+      for (const LightSample& l : trace(rays)) sum += static_cast<double>(l.radiance[0]) / 1600;
+      return sum;
+    };
+    query_.gathered = false;
+    query_.sky_rays = 4;
+    query_.bounces = 64;
+    EXPECT_NEAR(mean(), 2, 0.05) << bent;
+    query_.gathered = true;
+    query_.sky_rays = 0;
+    EXPECT_NEAR(mean(), 2, 0.1) << bent;
+  }
+}
+
+TEST_F(LightShadowTest, FarGapsInARoofLightTheFloorEvenlyFromPlaceToPlace) {
+  frame_.light.sky = even_sky(8);
+  // One texel of eight is open, and the roof is black: so much of the sky reaches the floor.
+  auto roof = surface_of(0);
+  std::vector<std::uint8_t> rgba;
+  for (int y = 0; y < 64; ++y)
+    for (int x = 0; x < 64; ++x)
+      rgba.insert(rgba.end(), {255, 255, 255, (x + 3 * y) % 8 == 0 ? std::uint8_t{0} : std::uint8_t{255}});
+  roof->colour_map = texture_of(64, 64, rgba);
+  roof->alpha_cutoff = 0.5F;
+  roof->two_sided = true;
+  frame_.batches = {one(plane_mesh(2000, surface_of(0.5F), 0), 1), one(plane_mesh(2000, roof, 500), 2)};
+  query_.origin = {0, 0, 2};
+  query_.spread_rad = 0.004F;
+  query_.gathered = true;
+  std::vector<Ray> rays;
+  for (int i = 0; i < 100; ++i)
+    for (int j = 0; j < 100; ++j) rays.push_back(ray_of({0, 0, 0}, {0.01 * (i - 50), 0.01 * (j - 50), -1}));
+  double sum = 0, squares = 0;
+  for (const LightSample& l : trace(rays)) {
+    sum += static_cast<double>(l.radiance[0]) / 10000;
+    squares += static_cast<double>(l.radiance[0]) * static_cast<double>(l.radiance[0]) / 10000;
+  }
+  EXPECT_NEAR(sum, 0.5 * 8 / 8, 0.02);
+  EXPECT_LT(std::sqrt(squares - sum * sum), 0.13 * sum);  // by paths alone: 0.17
 }
 
 TEST_F(LightShadowTest, BothSidesOfALeafAskForTheirSky) {
