@@ -6,10 +6,11 @@
 //
 // A window of 160x120 pixels in the middle of a 640x480 picture. The reference has every level of detail at
 // its finest, area samples on a 16 x 16 grid in each pixel, the sun's disc, sky light by cosine-weighted
-// paths of up to five segments (four bounces) and light through leaves, and is the mean of PASSES passes with
-// other draws: 4 make 1024 paths a pixel. Each pass is a file of its own, so that the reference's error is
-// known from the passes' differences. Quick pictures are those of the camera's optics, without noise, at a
-// still eye and at one that is turned by a quarter of a pixel; they are timed at an eye that drives.
+// paths of up to 64 reflections, which chance ends earlier, and light through leaves, and is the mean of
+// PASSES passes with other draws: 4 make 1024 paths a pixel. Each pass is a file of its own, so that the
+// reference's error is known from the passes' differences. Quick pictures are those of the camera's optics,
+// without noise, at a still eye and at one that is turned by a quarter of a pixel; they are timed at an eye
+// that drives.
 #include <filesystem>
 
 #include "bench/dataset/npy.h"

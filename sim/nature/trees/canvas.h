@@ -38,7 +38,7 @@ class Canvas {
   void line(float x0, float y0, float x1, float y1, float w0, float w1, const Colour& colour) {
     const float reach = 0.5F * std::max(w0, w1) + 1;
     const float dx = x1 - x0, dy = y1 - y0, length2 = dx * dx + dy * dy;
-    const float least = std::max(w0, w1) + 1.001F;  // twice the distance without any of the line
+    const float least = std::max(w0, w1) + 1.001F;  // twice the distance beyond which the line covers nothing
     each(std::min(x0, x1) - reach, std::min(y0, y1) - reach, std::max(x0, x1) + reach,
          std::max(y0, y1) + reach, [&](float x, float y, Texel& t) {
            const float s =

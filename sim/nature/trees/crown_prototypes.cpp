@@ -8,6 +8,7 @@
 
 #include "sim/nature/trees/crown_levels.h"
 #include "sim/nature/trees/tree_textures.h"
+#include "sim/render/content/surface_library.h"
 
 namespace rigor::nature {
 namespace {
@@ -183,6 +184,7 @@ void make_crowns(const std::set<CrownKey>& keys) {
     forms.insert(k.form);
     barks.insert(k.bark);
   }
+  static_cast<void>(render::SurfaceLibrary::builtin());  // made at its first call
   // Crowns share their pictures.
   std::vector<std::function<void()>> pictures;
   for (const TreeForm form : forms)

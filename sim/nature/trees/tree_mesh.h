@@ -65,7 +65,7 @@ struct TrunkPrototype {
 };
 
 [[nodiscard]] const CrownPrototype& crown_prototype(const CrownKey& key);
-/// Those that are asked for next, on several threads.
+/// Makes those that are not there yet, on several threads.
 void make_crowns(const std::set<CrownKey>& keys);
 [[nodiscard]] const TrunkPrototype& trunk_prototype(const TrunkKey& key);
 

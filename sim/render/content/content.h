@@ -32,7 +32,8 @@ using Spectrum = std::array<float, kBandCount>;
 /// Counts up; never 0. Any thread.
 [[nodiscard]] std::uint64_t next_serial() noexcept;
 /// make(0) … make(count - 1), on several threads. Serials are in the order of the numbers, whichever thread
-/// was first, as long as one call of `make` takes no more than a million of them. What `make` throws, the
+/// was first, as long as one call of `make` takes no more than a million of them, and calls
+/// neither this nor what makes things for all at its first call. What `make` throws, the
 /// first by number, is thrown when all are done.
 void make_in_parallel(std::size_t count, const std::function<void(std::size_t)>& make);
 

@@ -25,7 +25,7 @@ class SrgbBytes {
   static constexpr int kSteps = 4096;
   std::array<float, 257> least_{};  ///< linear light of each byte; of 256: beyond all
   std::array<std::uint8_t, kSteps + 1>
-      step_{};  ///< byte of each step of light: its places have that or the next
+      step_{};  ///< light from a step to the next has this byte or the one after
 };
 [[nodiscard]] const SrgbBytes& srgb_bytes() noexcept;
 /// Of each of 256 bytes: in linear light, or as it is; 0 to 1.

@@ -35,7 +35,8 @@ class MeshCache final : public EmbreeCache {
   [[nodiscard]] std::string complaint() const;
 
  private:
-  /// What one thread makes and others wait for, while they are free to ask for something else.
+  /// What one thread makes while those who ask for the same wait, and those who ask for something else do
+  /// not.
   template <class T>
   struct Slot {
     std::mutex making;

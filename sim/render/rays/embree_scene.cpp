@@ -208,6 +208,16 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
   occluded(rays, n, coherent, hidden, part, context);
 }
 
+void RayScene::occluded_by_fronts(RayPackets& rays, unsigned n, std::uint8_t* hidden,
+                                  Part part) const noexcept {
+  const WalkTime time(profile_);
+  SceneContext context;
+  rtcInitIntersectContext(&context.embree);
+  context.embree.filter = SceneFilters::leave_out_backs;
+  context.scene = this;
+  occluded(rays, n, false, hidden, part, context);
+}
+
 void RayScene::clear_share(RayPackets& rays, unsigned n, bool coherent, const WideRays& wide, float* clear,
                            Part part) const noexcept {
   WideWalk walk = wide_walk(wide);

@@ -282,6 +282,8 @@ class RayScene {
   /// not.
   void occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden,
                 Part part = Part::all) const noexcept;
+  /// As above, but backs of one-sided surfaces are not there, as for intersect().
+  void occluded_by_fronts(RayPackets& rays, unsigned n, std::uint8_t* hidden, Part part) const noexcept;
   /// clear[i]: the share of its light that a ray lets through between near and far. Nothing where a surface
   /// without holes stands, else the product of the shares that surfaces with holes leave free over the ray's
   /// width. Directions are of unit length. A ray that meets the common edge of two triangles counts both.

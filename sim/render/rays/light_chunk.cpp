@@ -25,6 +25,15 @@ Vec3 cosine_direction(Vec3 n, float u, float v) {
   return a * (r * std::cos(angle)) + b * (r * std::sin(angle)) + n * std::sqrt(std::max(1.0F - u, 0.0F));
 }
 
+/// Paths from a point, of a leaf from each side, of `paths` that are asked for.
+unsigned paths_of(const Point& p, unsigned paths) { return p.patch.translucent ? 1 : paths; }
+/// Rays from there, of a leaf from each side, that ask for the sky.
+unsigned sky_rays_of(const Point& p) { return GatheredSky::kMostRays / (p.patch.translucent ? 2 : 1); }
+/// Of all rays that say how much of the sky is free there.
+float part_of_rays(const Point& p, unsigned paths) {
+  return 1.0F / static_cast<float>(paths_of(p, paths) + sky_rays_of(p));
+}
+
 /// A direction about a bent normal may lead through the surface: the same on the surface's own side. `side`:
 /// 1 or -1, of the normal.
 Vec3 leaving(Vec3 direction, Vec3 geometric_normal, float side) {
@@ -244,8 +253,10 @@ bool Chunk::scatter(const Point& p, std::size_t index, unsigned k, unsigned segm
   const bool passes = u[2] > chance;  // a draw may be 1, where nothing passes
   out.share *= passes ? back / (1.0F - chance) : front / chance;
   if (segment > 0) {
-    // A path that carries a share of the light goes on with that chance, and then carries all of it.
-    const float goes_on = std::clamp(largest(out.share), 0.05F, 1.0F);
+    // A path that carries a share of the light that it began with, in the band where that is most, goes on
+    // with that chance, and then carries all of it.
+    const float began = out.mirrored || in_.query.sky_rays < 1 ? 1 : static_cast<float>(in_.query.sky_rays);
+    const float goes_on = std::clamp(began * largest(out.share), 0.05F, 1.0F);
     if (u[3] >= goes_on) return false;
     out.share /= goes_on;
   }
@@ -346,7 +357,7 @@ void Chunk::add_sky(std::size_t first) {
   }
 }
 
-void Chunk::gather_sky(std::size_t first, std::vector<GatheredSky>& out) {
+void Chunk::gather_sky(std::size_t first, unsigned paths, std::vector<GatheredSky>& out) {
   constexpr unsigned kRays = GatheredSky::kMostRays;
   static_assert(kPacketRays % kRays == 0);
   std::array<std::uint8_t, kPacketRays> hidden;
@@ -364,7 +375,8 @@ void Chunk::gather_sky(std::size_t first, std::vector<GatheredSky>& out) {
         sky.normal = p.normal * side;
         sky.range_m = p.range_m;
         sky.start = off_surface(p.place, p.geometric_normal, p.geometric_normal * side);
-        sky.rays = kRays / sides;
+        sky.rays = sky_rays_of(p);
+        sky.part_of_rays = part_of_rays(p, paths);
         const auto u = draws(first + p.ray, kGatherSkyDraws, behind, 0);
         for (unsigned k = 0; k < sky.rays; ++k) {
           // In rings of the same weight, a golden turn from each to the next.
@@ -380,7 +392,7 @@ void Chunk::gather_sky(std::size_t first, std::vector<GatheredSky>& out) {
         }
       }
     }
-    in_.scene.occluded(rays_, n, false, hidden.data(), in_.followed);
+    in_.scene.occluded_by_fronts(rays_, n, hidden.data(), in_.followed);
     n = 0;
     for (std::size_t s = first_sky; s < out.size(); ++s)
       for (unsigned k = 0; k < out[s].rays; ++k)
@@ -396,7 +408,7 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, Gathered
   std::vector<GatheredPath>& out = gathered.paths;
   std::array<LightSample, kChunk> samples;
   first_intersections(first, std::span(samples.data(), rays));
-  if (again.empty()) gather_sky(first, gathered.skies);
+  if (again.empty()) gather_sky(first, paths, gathered.skies);
   constexpr auto kNone = std::numeric_limits<std::size_t>::max();
   std::array<std::size_t, kChunk> at;  // of the point's path in `out`
   std::size_t next = again.empty() ? out.size() : 0;
@@ -427,6 +439,8 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, Gathered
                     .normal = p.normal * side,
                     .range_m = p.range_m,
                     .open = in_.frame.surroundings(way.direction),
+                    .part_of_paths = 1.0F / static_cast<float>(paths_of(p, paths)),
+                    .part_of_rays = part_of_rays(p, paths),
                     .start = way.place,
                     .direction = way.direction};
     }

@@ -99,7 +99,7 @@ class Chunk {
   void add_open_sky();
   void add_sky(std::size_t first);
   /// Asks what is seen of the sky from the chunk's points.
-  void gather_sky(std::size_t first, std::vector<GatheredSky>& out);
+  void gather_sky(std::size_t first, unsigned paths, std::vector<GatheredSky>& out);
   void begin_paths(std::size_t first, unsigned k);
   void follow_paths(std::size_t first, unsigned k, unsigned bounces);
   /// The way on from a point that scatters diffusely. False where all is absorbed.

@@ -78,12 +78,17 @@ const GatheredLight::Cell* GatheredLight::find(std::uint64_t key) const noexcept
 
 void GatheredLight::add(const Gathered& gathered) {
   for (const GatheredPath& p : gathered.paths) {
-    const Bands4 sky = p.free ? p.open : Bands4{};
-    add(p.place, p.normal, p.range_m, Sum{p.scattered, p.open, sky, Bands4{1, p.free ? 1.0F : 0.0F, 1, 1}});
+    const Bands4 open = p.open * p.part_of_rays;
+    const float free = p.free ? p.part_of_rays : 0.0F;
+    add(p.place, p.normal, p.range_m,
+        Sum{p.scattered * p.part_of_paths, open, p.free ? open : Bands4{},
+            Bands4{p.part_of_paths, free, 1, p.part_of_rays}});
   }
   for (const GatheredSky& s : gathered.skies) {
-    const auto rays = static_cast<float>(s.rays), free = static_cast<float>(std::popcount(s.free));
-    add(s.place, s.normal, s.range_m, Sum{Bands4{}, s.open, s.sky, Bands4{0, free, 0, rays}});
+    const float free = static_cast<float>(std::popcount(s.free)) * s.part_of_rays,
+                all = static_cast<float>(s.rays) * s.part_of_rays;
+    add(s.place, s.normal, s.range_m,
+        Sum{Bands4{}, s.open * s.part_of_rays, s.sky * s.part_of_rays, Bands4{0, free, 0, all}});
   }
 }
 

@@ -3,7 +3,8 @@
 // What hides the sky, what walls and leaves scatter, and light through leaves are in it, as far as the paths
 // lead. Internal to sim/render/rays.
 //
-// What a grid holds is a function of the paths that were added: light_keeping.h says which a picture has.
+// What a grid holds is a function of the paths and sky rays that were added: light_keeping.h says which a
+// picture has.
 #pragma once
 
 #include <array>
@@ -24,6 +25,9 @@ struct GatheredPath {
   Bands4 scattered{};  ///< what came back from what its first segment met
   Bands4 open{};       ///< what is in its first direction where nothing stands
   bool free = false;   ///< its first segment met nothing
+  /// Of the paths of its point (of a leaf: of that side), and of their first segments and sky rays together:
+  /// each point counts alike.
+  float part_of_paths = 1, part_of_rays = 1;
   // Its first segment, for those who ask whether something has come in between.
   Vec3 start, direction;
   float first_m = std::numeric_limits<float>::infinity();
@@ -39,9 +43,10 @@ struct GatheredSky {
   Vec3 start;
   std::array<Vec3, kMostRays> direction;
   unsigned rays = 0;
-  unsigned free = 0;  ///< a bit for each ray: nothing stands there
-  Bands4 open{};      ///< sum over all rays of what is there where nothing stands
-  Bands4 sky{};       ///< … over free ones
+  float part_of_rays = 1;  ///< of each, as of a path
+  unsigned free = 0;       ///< a bit for each ray: nothing stands there
+  Bands4 open{};           ///< sum over all rays of what is there where nothing stands
+  Bands4 sky{};            ///< … over free ones
 };
 
 struct Gathered {
@@ -76,8 +81,9 @@ class GatheredLight {
   /// Of the places whose normal looks along one of the axes, weighted by the square of their normal's part.
   struct Sum {
     Bands4 scattered, open, sky;
-    /// [0] of paths, [1] of rays that met nothing, [3] of all rays, which first segments of paths are too;
-    /// [2] as [0], which interpolation leaves as it is, so that it says how much the cells hold.
+    /// [0] of paths, [1] of rays that met nothing, [3] of all rays, first segments of paths included; those
+    /// of a point add up to 1 each. [2]: paths, each as one; interpolation leaves it as it is, so that it
+    /// says how much the cells hold.
     Bands4 weight;
   };
   struct Cell {

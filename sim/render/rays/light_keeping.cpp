@@ -25,7 +25,7 @@ constexpr int kFewest = 8, kMost = 32;
 constexpr float kSpread_rad = 1e-3F;
 /// A rig's cameras may stand in several cells; a sensor at a cell's edge goes to and fro.
 constexpr std::size_t kRegionsKept = 4;
-constexpr std::size_t kPathsKept = 1'000'000;
+constexpr std::size_t kKept_bytes = 160'000'000;
 /// Second word of the draws' counters: nobody else's effect.
 constexpr std::uint32_t kSectorDraws = 0x4C490005U;
 
@@ -53,7 +53,7 @@ std::unique_ptr<Gathered> with_less_sky(const LitScene& lit, const Gathered& kep
   std::array<Asked, kPacketRays> asked;
   unsigned n = 0;
   const auto ask = [&] {
-    lit.scene.occluded(rays, n, false, hidden.data(), RayScene::Part::moving);
+    lit.scene.occluded_by_fronts(rays, n, hidden.data(), RayScene::Part::moving);
     for (unsigned i = 0; i < n; ++i) {
       if (hidden[i] == 0) continue;
       if (!out) out = std::make_unique<Gathered>(kept);
@@ -188,17 +188,18 @@ KeptLight::Region& KeptLight::region(const Key& key) {
 
 void KeptLight::forget(const std::vector<int>& seen) {
   const auto held = [](const Region& r) {
-    std::size_t n = 0;
-    for (const auto& s : r.sectors) n += s ? s->paths.size() : 0;
-    return n;
+    std::size_t bytes = 0;
+    for (const auto& s : r.sectors)
+      if (s) bytes += s->paths.size() * sizeof(GatheredPath) + s->skies.size() * sizeof(GatheredSky);
+    return bytes;
   };
-  std::size_t paths = 0;
-  for (const Region& r : regions_) paths += held(r);
-  while (paths > kPathsKept && regions_.size() > 1) {
-    paths -= held(regions_.back());
+  std::size_t bytes = 0;
+  for (const Region& r : regions_) bytes += held(r);
+  while (bytes > kKept_bytes && regions_.size() > 1) {
+    bytes -= held(regions_.back());
     regions_.pop_back();
   }
-  if (paths <= kPathsKept) return;
+  if (bytes <= kKept_bytes) return;
   auto& sectors = regions_.front().sectors;
   for (std::size_t s = 0; s < sectors.size(); ++s)
     if (!std::binary_search(seen.begin(), seen.end(), static_cast<int>(s))) sectors[s].reset();

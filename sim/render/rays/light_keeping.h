@@ -1,8 +1,8 @@
 // Gathered light that is kept from one picture to the next. It is a function of a cell of the world, of what
 // stands in it and of sun and sky, never of what was asked before: rays start from places all over the cell
 // in which the eye is, sector by sector of the sphere, and a picture has the paths of the sectors that it
-// looks at. What moves is not kept: paths that it blocks are traced anew, and light is gathered on it, for
-// each picture. Internal to sim/render/rays.
+// looks at. What moves is not kept: paths that it blocks are traced anew, sky that it hides is taken away,
+// and light is gathered on it, for each picture. Internal to sim/render/rays.
 #pragma once
 
 #include <tbb/task_arena.h>

@@ -39,7 +39,8 @@ struct LightQuery {
   bool shadows = true;
   int sky_rays = 0;        ///< rays per sample that ask which sky is hidden; 0: see `gather`
   std::uint64_t seed = 0;  ///< keys their directions, with the ray's index
-  /// Reflections that a sky ray follows: light of sun and sky from what hides the sky. 0: that is black.
+  /// Reflections that a sky ray follows at most, for chance ends it earlier: light of sun and sky from what
+  /// hides the sky. 0: that is black.
   int bounces = 1;
   SunRays sun_rays = SunRays::to_middle;
   /// Angle between neighbouring rays: maps are taken as coarse as that sees them. 0: their finest texels.

@@ -12,7 +12,7 @@
 
 namespace rigor::render {
 
-/// The map says where the surface is.
+/// The alpha of its colour map cuts holes into it.
 [[nodiscard]] bool has_holes(const Surface& surface) noexcept;
 
 struct RaySurface {

@@ -294,40 +294,88 @@ TEST_F(LightShadowTest, WhatMovesShadesTheLightThatIsKeptAndHasLightOfItsOwn) {
   EXPECT_EQ(sum, moving);
 }
 
-TEST_F(LightShadowTest, LeavesThatAbsorbNothingCannotBeToldFromAnEvenSky) {
-  frame_.light.sky = even_sky(2);
-  frame_.light.ground_albedo = grey(1);  // as bright below the horizon
-  auto leaf = surface_of(0.5F);
-  leaf->transmittance = grey(0.5F);
-  leaf->two_sided = true;
-  for (const float bent : {0.0F, 0.5F, 0.9F}) {
-    frame_.batches.clear();
-    for (int i = 0; i < 6; ++i) {
-      auto mesh = plane_mesh(5, leaf, 0.3F * static_cast<float>(i));
+class LightInAnEvenSky : public LightShadowTest {
+ protected:
+  void SetUp() override {
+    LightShadowTest::SetUp();
+    frame_.light.sky = even_sky(2);
+    frame_.light.ground_albedo = grey(1);  // as bright below the horizon
+    query_.spread_rad = 0.01F;
+  }
+  /// Sheets above each other, of leaves that absorb nothing, with normals that are bent by so much.
+  void add_leaves(float half_m, float bent, int sheets, float apart_m) {
+    auto leaf = surface_of(0.5F);
+    leaf->transmittance = grey(0.5F);
+    leaf->two_sided = true;
+    for (int i = 0; i < sheets; ++i) {
+      auto mesh = plane_mesh(half_m, leaf, apart_m * static_cast<float>(i));
       for (Vertex& v : mesh->vertices) {
         v.normal[0] = bent;
         v.normal[2] = std::sqrt(1 - bent * bent);
       }
       frame_.batches.push_back(one(mesh, static_cast<std::uint64_t>(i + 1)));
     }
-    query_.origin = {0, 0, 3};
-    query_.spread_rad = 0.01F;
-    std::vector<Ray> rays;
-    for (int i = 0; i < 40; ++i)
-      for (int j = 0; j < 40; ++j) rays.push_back(ray_of({0, 0, 0}, {0.02 * (i - 20), 0.02 * (j - 20), -1}));
-    const auto mean = [&] {
-      double sum = 0;
-      for (const LightSample& l : trace(rays)) sum += static_cast<double>(l.radiance[0]) / 1600;
-      return sum;
-    };
+  }
+  double mean_of(const std::vector<Ray>& rays) {
+    double sum = 0;
+    for (const LightSample& l : trace(rays))
+      sum += static_cast<double>(l.radiance[0]) / static_cast<double>(rays.size());
+    return sum;
+  }
+};
+
+TEST_F(LightInAnEvenSky, LeavesThatAbsorbNothingAreAsBrightAsTheSky) {
+  query_.origin = {0, 0, 3};
+  std::vector<Ray> rays;
+  for (int i = 0; i < 40; ++i)
+    for (int j = 0; j < 40; ++j) rays.push_back(ray_of({0, 0, 0}, {0.02 * (i - 20), 0.02 * (j - 20), -1}));
+  for (const float bent : {0.0F, 0.5F, 0.9F}) {
+    frame_.batches.clear();
+    add_leaves(5, bent, 6, 0.3F);
     query_.gathered = false;
     query_.sky_rays = 4;
     query_.bounces = 64;
-    EXPECT_NEAR(mean(), 2, 0.05) << bent;
+    EXPECT_NEAR(mean_of(rays), 2, 0.05) << bent;
     query_.gathered = true;
     query_.sky_rays = 0;
-    EXPECT_NEAR(mean(), 2, 0.1) << bent;
+    EXPECT_NEAR(mean_of(rays), 2, 0.1) << bent;
   }
+}
+
+TEST_F(LightInAnEvenSky, LeavesAndTheFloorBesideThemCountAlikeInTheCellsTheyShare) {
+  frame_.batches = {one(plane_mesh(20, surface_of(1), -0.3F), 99)};
+  add_leaves(1, 0, 6, 0.3F);
+  query_.origin = {0, -4, 1};
+  query_.gathered = true;
+  std::vector<Ray> rays;
+  for (int i = 0; i < 60; ++i)
+    for (int j = 0; j < 60; ++j) rays.push_back(ray_of({0, 0, 0}, {0.01 * (i - 30), 1, -0.4 + 0.01 * j}));
+  EXPECT_NEAR(mean_of(rays), 2, 0.02);
+}
+
+TEST_F(LightShadowTest, MoreSkyRaysBringLessNoise) {
+  frame_.light.sky = even_sky(2);
+  frame_.batches = {ground_, one(box_mesh({2000, 5, 2000}, surface_of(0.5F)), 2, {0, 5, 2000})};
+  query_.bounces = 16;
+  const auto noise_with = [&](int sky_rays) {
+    query_.sky_rays = sky_rays;
+    double sum = 0, squares = 0;
+    for (const LightSample& l : trace(std::vector<Ray>(2000, ray_of({0, -2, 1}, {0, 0, -1})))) {
+      const auto v = static_cast<double>(l.radiance[0]);
+      sum += v / 2000;
+      squares += v * v / 2000;
+    }
+    return std::sqrt(squares - sum * sum);
+  };
+  EXPECT_NEAR(noise_with(16), noise_with(1) / 4, 0.1 * noise_with(1));
+}
+
+TEST_F(LightShadowTest, ARoofWithoutABackHidesNoSkyFromBelow) {
+  frame_.light.sky = even_sky(2);
+  frame_.batches = {ground_, one(plane_mesh(50, surface_of(0.5F), 3), 2)};
+  query_.origin = {0, 0, 1};
+  query_.gathered = true;
+  EXPECT_NEAR(down_at(0, 0).radiance[0], 0.5 * 2, 1e-4);
 }
 
 TEST_F(LightShadowTest, FarGapsInARoofLightTheFloorEvenlyFromPlaceToPlace) {
