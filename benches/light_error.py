@@ -179,7 +179,7 @@ def side_by_side(file, reference, quick):
 
 
 def places_of(references):
-    return [p for p in ("indoor", "forest") if list(references.glob(f"{p}-reference-*.npy")) or (references / f"{p}.npz").is_file()]
+    return [p for p in ("indoor", "forest", "ground") if list(references.glob(f"{p}-reference-*.npy")) or (references / f"{p}.npz").is_file()]
 
 
 def measure(references, quick, runs, pictures=None):
