@@ -69,32 +69,6 @@ const std::array<Mixture, std::size(kRecipes)>& mixtures() {
   return all;
 }
 
-/// Share of a patchy surface at a place whose noise is n (standard deviation 1 in full): a soft threshold
-/// that keeps the share on average however much of the noise is missing.
-struct PatchShare {
-  bool any = false;
-  double threshold = 0;
-  PatchShare() = default;
-  explicit PatchShare(double share)
-      : any(share > 0), threshold(share > 0 ? std::log((1 - share) / share) / 1.7 : 0) {}
-  static double width(double missing) { return std::max(0.12, missing / 1.7); }
-  [[nodiscard]] double at(double n, double width) const {
-    return any ? 1 / (1 + std::exp(-(n - threshold) / width)) : 0;
-  }
-};
-struct PatchShares {
-  PatchShare second, third;
-};
-const std::array<PatchShares, std::size(kRecipes)>& patch_shares() {
-  static const auto all = [] {
-    std::array<PatchShares, std::size(kRecipes)> p;
-    for (std::size_t i = 0; i < p.size(); ++i)
-      p[i] = {PatchShare(kRecipes[i].second_share), PatchShare(kRecipes[i].third_share)};
-    return p;
-  }();
-  return all;
-}
-
 /// e^x within a few of its last bits; x from -700 to 700.
 RIGOR_WIDE_STEP double exp_of(double x) {
   constexpr double kWhole = 0x1.8p52;  // adding it rounds to whole numbers
@@ -117,18 +91,48 @@ RIGOR_WIDE_STEP double exp_of(double x) {
   return sum * std::bit_cast<double>((power + 1023) << 52);
 }
 
-/// PatchShare::at() along a row, and TilePainter::brightness_of().
+/// Share of a patchy surface: a soft step of noise. Noise is a few standard deviations at most, and widths
+/// are not small: no exponent is beyond 100.
+RIGOR_WIDE_STEP double soft_step(double noise, double threshold, double width) {
+  return 1 / (1 + exp_of((threshold - noise) / width));
+}
+/// A factor of reflectance.
+RIGOR_WIDE_STEP double brightness(double tone, double grain, float tone_noise, float grain_noise) {
+  const double b = 1 + tone * static_cast<double>(tone_noise) + grain * static_cast<double>(grain_noise);
+  return b > 0.25 ? b : 0.25;
+}
+
+/// Share of a patchy surface at a place whose noise is n (standard deviation 1 in full): a soft threshold
+/// that keeps the share on average however much of the noise is missing.
+struct PatchShare {
+  bool any = false;
+  double threshold = 0;
+  PatchShare() = default;
+  explicit PatchShare(double share)
+      : any(share > 0), threshold(share > 0 ? std::log((1 - share) / share) / 1.7 : 0) {}
+  static double width(double missing) { return std::max(0.12, missing / 1.7); }
+  [[nodiscard]] double at(double n, double width) const { return any ? soft_step(n, threshold, width) : 0; }
+};
+struct PatchShares {
+  PatchShare second, third;
+};
+const std::array<PatchShares, std::size(kRecipes)>& patch_shares() {
+  static const auto all = [] {
+    std::array<PatchShares, std::size(kRecipes)> p;
+    for (std::size_t i = 0; i < p.size(); ++i)
+      p[i] = {PatchShare(kRecipes[i].second_share), PatchShare(kRecipes[i].third_share)};
+    return p;
+  }();
+  return all;
+}
+
 RIGOR_WIDE void shares_along(const float* noise, double threshold, double width, int n, float* share) {
-  // Noise is a few standard deviations at most, and widths are not small: no exponent is beyond 100.
   for (int i = 0; i < n; ++i)
-    share[i] = static_cast<float>(1 / (1 + exp_of((threshold - static_cast<double>(noise[i])) / width)));
+    share[i] = static_cast<float>(soft_step(static_cast<double>(noise[i]), threshold, width));
 }
 RIGOR_WIDE void brightness_along(const float* tones, const float* grains, double tone, double grain, int n,
-                                 double* brightness) {
-  for (int i = 0; i < n; ++i) {
-    const double b = 1 + tone * static_cast<double>(tones[i]) + grain * static_cast<double>(grains[i]);
-    brightness[i] = b > 0.25 ? b : 0.25;
-  }
+                                 double* out) {
+  for (int i = 0; i < n; ++i) out[i] = brightness(tone, grain, tones[i], grains[i]);
 }
 
 /// Of one band of a cover along a row, as TilePainter::ingredients() has it.
@@ -302,8 +306,7 @@ class TilePainter {
   }
 
   [[nodiscard]] double brightness_of(const Recipe& recipe, std::size_t texel) const {
-    return std::max(
-        0.25, 1 + recipe.tone * tone_.raster.values[texel] + recipe.grain * grain_.raster.values[texel]);
+    return brightness(recipe.tone, recipe.grain, tone_.raster.values[texel], grain_.raster.values[texel]);
   }
 
   static Spectrum blend(const Spectrum& a, const Spectrum& b, double t) {

@@ -1,7 +1,6 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
-#include <chrono>
 #include <stdexcept>
 #include <thread>
 
@@ -16,10 +15,11 @@ TEST(MakeInParallel, GivesSerialsInTheOrderOfNumbersWhicheverIsMadeFirst) {
   std::atomic<int> under_way{0};
   make_in_parallel(kCount, [&](std::size_t i) {
     ++under_way;
+    under_way.notify_all();
     for (std::size_t k = 0; k <= i % 3; ++k) serials[i].push_back(next_serial());
-    if (i == 0)  // others overtake it, where there is a second thread
-      for (int n = 0; n < 200 && under_way < 4; ++n)
-        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    // Others overtake the first one, where there is a second thread.
+    if (i == 0 && std::thread::hardware_concurrency() > 1)
+      for (int now; (now = under_way) < 4;) under_way.wait(now);
     serials[i].push_back(next_serial());
   });
   std::uint64_t last = 0;

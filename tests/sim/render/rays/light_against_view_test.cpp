@@ -168,7 +168,8 @@ TEST_F(LightAgainstView, WhatHidesTheSkyIsGuessedAsItIsGathered) {
                     one(box_mesh({8, 1, 6}, SurfaceOf::grey(0.5F)), 2, {0.1, 6.1, 6}),
                     one(box_mesh({1, 1, 1.5F}, SurfaceOf::grey(0.5F)), 3, {-3.1, 2.1, 1.5})};
   request_.T_world_camera = look({5, -12, 7}, {-1, 3, 1});
-  // The view takes a tenth of the sky for what walls throw about, where half of it comes back from them.
+  // The view takes a tenth of the sky for what walls throw about, where half of it comes back from them, and
+  // what is gathered differs by a few hundredths from draw to draw: the worst pixel has both.
   expect_alike("cover", 0.4, 0.28, 0.1);
   set_sun(160, 50, 2);
   frame_.batches.push_back(one(plane_mesh(3, leaf), 4, {5.1, 0.1, 4.1}));
