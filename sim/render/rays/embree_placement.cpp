@@ -248,66 +248,82 @@ void PlacedScene::bounds(const RTCBoundsFunctionArguments* a) {
   wider(b.lower_z, b.upper_z, p.shift[2], o.lower_z, o.upper_z);
 }
 
-// Rays come in eights, as they are shot (RayPackets): Embree hands on the packet with the lanes that matter.
-void PlacedScene::intersect(const RTCIntersectFunctionNArguments* a) {
-  if (a->N != 8) return;
-  const auto& p = *static_cast<const Placed*>(a->geometryUserPtr);
-  auto& rays = *reinterpret_cast<RTCRayHit8*>(a->rayhit);
-  auto& context = *reinterpret_cast<SceneContext*>(a->context);
-  alignas(32) float x[8], y[8], z[8];
-  alignas(32) unsigned before[8];
-  for (int k = 0; k < 8; ++k) {
-    x[k] = rays.ray.org_x[k];
-    y[k] = rays.ray.org_y[k];
-    z[k] = rays.ray.org_z[k];
-    before[k] = rays.hit.instID[0][k];
-    rays.ray.org_x[k] = x[k] - p.shift[0];
-    rays.ray.org_y[k] = y[k] - p.shift[1];
-    rays.ray.org_z[k] = z[k] - p.shift[2];
-    rays.hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;
+/// Moves the origins of N rays while it lives; they come in rows, as Embree hands them on.
+template <unsigned N>
+struct PlacedScene::Rays {
+  float* const origin;  ///< x, y and z of all
+  float before[3 * N];
+  Rays(void* rays, const float shift[3]) : origin(static_cast<float*>(rays)) {
+    for (unsigned k = 0; k < 3 * N; ++k) {
+      before[k] = origin[k];
+      origin[k] = before[k] - shift[k / N];
+    }
   }
+  ~Rays() { std::copy_n(before, 3 * N, origin); }
+  Rays(const Rays&) = delete;
+  Rays& operator=(const Rays&) = delete;
+};
+
+/// What numbers of instances count from, while a batch with a structure of its own is walked through.
+struct PlacedScene::Within {
+  SceneContext& context;
   const std::uint32_t base = context.base;
   const unsigned outer = context.embree.instID[0];
-  context.base = base + p.base;
-  context.embree.instID[0] = RTC_INVALID_GEOMETRY_ID;
-  rtcIntersect8(a->valid, p.batch->scene, a->context, &rays);
-  context.base = base;
-  context.embree.instID[0] = outer;
-  for (int k = 0; k < 8; ++k) {
-    rays.ray.org_x[k] = x[k];
-    rays.ray.org_y[k] = y[k];
-    rays.ray.org_z[k] = z[k];
-    unsigned& id = rays.hit.instID[0][k];
-    id = id == RTC_INVALID_GEOMETRY_ID ? before[k] : p.base + id;
+  Within(RTCIntersectContext* c, const Placed& p) : context(*reinterpret_cast<SceneContext*>(c)) {
+    context.base = base + p.base;
+    context.embree.instID[0] = RTC_INVALID_GEOMETRY_ID;
   }
+  ~Within() {
+    context.base = base;
+    context.embree.instID[0] = outer;
+  }
+  Within(const Within&) = delete;
+  Within& operator=(const Within&) = delete;
+};
+
+template <unsigned N>
+void PlacedScene::intersect_rays(const RTCIntersectFunctionNArguments* a) {
+  const auto& p = *static_cast<const Placed*>(a->geometryUserPtr);
+  unsigned* const ids = &RTCHitN_instID(RTCRayHitN_HitN(a->rayhit, N), N, 0, 0);
+  unsigned before[N];
+  std::copy_n(ids, N, before);
+  std::fill_n(ids, N, RTC_INVALID_GEOMETRY_ID);
+  {
+    const Rays<N> shifted(a->rayhit, p.shift);
+    const Within within(a->context, p);
+    if constexpr (N == 8)
+      rtcIntersect8(a->valid, p.batch->scene, a->context, reinterpret_cast<RTCRayHit8*>(a->rayhit));
+    else
+      rtcIntersect1(p.batch->scene, a->context, reinterpret_cast<RTCRayHit*>(a->rayhit));
+  }
+  for (unsigned k = 0; k < N; ++k) ids[k] = ids[k] == RTC_INVALID_GEOMETRY_ID ? before[k] : p.base + ids[k];
+}
+
+template <unsigned N>
+void PlacedScene::occlude_rays(const RTCOccludedFunctionNArguments* a) {
+  const auto& p = *static_cast<const Placed*>(a->geometryUserPtr);
+  const Rays<N> shifted(a->ray, p.shift);
+  const Within within(a->context, p);
+  if constexpr (N == 8)
+    rtcOccluded8(a->valid, p.batch->scene, a->context, reinterpret_cast<RTCRay8*>(a->ray));
+  else
+    rtcOccluded1(p.batch->scene, a->context, reinterpret_cast<RTCRay*>(a->ray));
+}
+
+// As many as were shot, eight or one, as RayScene shoots them: Embree hands on the packet with the lanes that
+// matter.
+void PlacedScene::intersect(const RTCIntersectFunctionNArguments* a) {
+  if (a->N == 8)
+    intersect_rays<8>(a);
+  else if (a->N == 1 && a->valid[0] != 0)
+    intersect_rays<1>(a);
 }
 
 void PlacedScene::occluded(const RTCOccludedFunctionNArguments* a) {
-  if (a->N != 8) return;
-  const auto& p = *static_cast<const Placed*>(a->geometryUserPtr);
-  auto& ray = *reinterpret_cast<RTCRay8*>(a->ray);
-  auto& context = *reinterpret_cast<SceneContext*>(a->context);
-  const std::uint32_t base = context.base;
-  context.base = base + p.base;
-  alignas(32) float x[8], y[8], z[8];
-  for (int k = 0; k < 8; ++k) {
-    x[k] = ray.org_x[k];
-    y[k] = ray.org_y[k];
-    z[k] = ray.org_z[k];
-    ray.org_x[k] = x[k] - p.shift[0];
-    ray.org_y[k] = y[k] - p.shift[1];
-    ray.org_z[k] = z[k] - p.shift[2];
-  }
-  const unsigned outer = context.embree.instID[0];
-  context.embree.instID[0] = RTC_INVALID_GEOMETRY_ID;
-  rtcOccluded8(a->valid, p.batch->scene, a->context, &ray);
-  context.base = base;
-  context.embree.instID[0] = outer;
-  for (int k = 0; k < 8; ++k) {
-    ray.org_x[k] = x[k];
-    ray.org_y[k] = y[k];
-    ray.org_z[k] = z[k];
-  }
+  if (a->N == 8)
+    occlude_rays<8>(a);
+  else if (a->N == 1 && a->valid[0] != 0)
+    occlude_rays<1>(a);
 }
 
 PlacedScene::PlacedScene(std::shared_ptr<MeshCache> cache, const Eigen::Vector3d& origin)

@@ -47,6 +47,13 @@ class PlacedScene final : public RayScene {
   static void bounds(const RTCBoundsFunctionArguments* a);
   static void intersect(const RTCIntersectFunctionNArguments* a);
   static void occluded(const RTCOccludedFunctionNArguments* a);
+  template <unsigned N>
+  static void intersect_rays(const RTCIntersectFunctionNArguments* a);
+  template <unsigned N>
+  static void occlude_rays(const RTCOccludedFunctionNArguments* a);
+  template <unsigned N>
+  struct Rays;
+  struct Within;
   void attach(Level& level, Placed& p);
   static void detach(Level& level, Placed& p);
   void place(Level& level, const std::vector<WantedBatch>& batches);

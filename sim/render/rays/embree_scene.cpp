@@ -64,8 +64,63 @@ bool narrow(const RTCRay8& r, const int* valid) noexcept {
 WideWalk wide_walk(const WideRays& rays) noexcept {
   return {rays, static_cast<std::uint32_t>(-std::log2(kLeastClear) * WideWalk::kUnitsAHalving)};
 }
-RTCIntersectContextFlags flags(bool coherent) noexcept {
-  return coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+
+// Embree walks with rays that go together as with one; those that go apart are faster one by one.
+
+RTCRay lane(const RTCRay8& r, unsigned k) noexcept {
+  RTCRay one;
+  one.org_x = r.org_x[k], one.org_y = r.org_y[k], one.org_z = r.org_z[k];
+  one.tnear = r.tnear[k];
+  one.dir_x = r.dir_x[k], one.dir_y = r.dir_y[k], one.dir_z = r.dir_z[k];
+  one.time = r.time[k];
+  one.tfar = r.tfar[k];
+  one.mask = r.mask[k], one.id = r.id[k], one.flags = r.flags[k];
+  return one;
+}
+
+void intersect_one(RTCScene scene, RTCIntersectContext& context, RTCRayHit8& p, unsigned k) noexcept {
+  RTCRayHit one;
+  one.ray = lane(p.ray, k);
+  one.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  one.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+  rtcIntersect1(scene, &context, &one);
+  if (one.hit.geomID == RTC_INVALID_GEOMETRY_ID) return;
+  p.ray.tfar[k] = one.ray.tfar;
+  p.hit.Ng_x[k] = one.hit.Ng_x, p.hit.Ng_y[k] = one.hit.Ng_y, p.hit.Ng_z[k] = one.hit.Ng_z;
+  p.hit.u[k] = one.hit.u, p.hit.v[k] = one.hit.v;
+  p.hit.primID[k] = one.hit.primID;
+  p.hit.geomID[k] = one.hit.geomID;
+  p.hit.instID[0][k] = one.hit.instID[0];
+}
+
+void occluded_one(RTCScene scene, RTCIntersectContext& context, RTCRay8& r, unsigned k) noexcept {
+  RTCRay one = lane(r, k);
+  rtcOccluded1(scene, &context, &one);
+  r.tfar[k] = one.tfar;
+}
+
+void intersect(RTCScene scene, RTCIntersectContext& context, const int* valid, bool together,
+               RTCRayHit8& p) noexcept {
+  if (together) {
+    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    rtcIntersect8(valid, scene, &context, &p);
+    return;
+  }
+  context.flags = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+  for (unsigned k = 0; k < 8; ++k)
+    if (valid[k] != 0) intersect_one(scene, context, p, k);
+}
+
+void occluded(RTCScene scene, RTCIntersectContext& context, const int* valid, bool together,
+              RTCRay8& r) noexcept {
+  if (together) {
+    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    rtcOccluded8(valid, scene, &context, &r);
+    return;
+  }
+  context.flags = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+  for (unsigned k = 0; k < 8; ++k)
+    if (valid[k] != 0) occluded_one(scene, context, r, k);
 }
 
 }  // namespace
@@ -133,14 +188,15 @@ bool LayerWalk::add(unsigned ray, const Layer& layer) noexcept {
   return true;
 }
 
-void RayScene::shoot(const int* valid, RTCRayHit8& p, SceneContext& context, Part part) const noexcept {
-  if (part != Part::moving) rtcIntersect8(valid, still_.handle, &context.embree, &p);
+void RayScene::shoot(const int* valid, bool together, RTCRayHit8& p, SceneContext& context,
+                     Part part) const noexcept {
+  if (part != Part::moving) render::intersect(still_.handle, context.embree, valid, together, p);
   if (part == Part::still || moving_.batches.empty()) return;
   alignas(32) unsigned before[8];
   std::memcpy(before, p.hit.instID[0], sizeof before);
   std::fill_n(p.hit.instID[0], 8, RTC_INVALID_GEOMETRY_ID);
   context.base = moving_.first;
-  rtcIntersect8(valid, moving_.handle, &context.embree, &p);
+  render::intersect(moving_.handle, context.embree, valid, together, p);
   context.base = 0;
   for (int k = 0; k < 8; ++k) {
     unsigned& id = p.hit.instID[0][k];
@@ -161,8 +217,8 @@ void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent, Part part,
     if (!lanes(p.ray, first, n, valid)) continue;
     float far_m[8];
     std::memcpy(far_m, p.ray.tfar, sizeof far_m);
-    context.embree.flags = flags(coherent && narrow(p.ray, valid));
-    shoot(valid, p, context, part);
+    const bool together = coherent && narrow(p.ray, valid);
+    shoot(valid, together, p, context, part);
     // What was met from behind and has one side is not there: shot once more, past all such faces. Rare
     // enough (a sensor inside a hull) that the first shot need not ask at every face.
     bool again = false;
@@ -194,7 +250,7 @@ void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent, Part part,
     }
     if (!again) continue;
     context.embree.filter = SceneFilters::leave_out_backs;
-    shoot(valid, p, context, part);
+    shoot(valid, together, p, context, part);
     context.embree.filter = nullptr;
   }
 }
@@ -249,7 +305,6 @@ void RayScene::clear_share_alone(RayPackets& rays, unsigned n, const WideRays& w
   WideWalk walk = wide_walk(wide);
   SceneContext context;
   rtcInitIntersectContext(&context.embree);
-  context.embree.flags = flags(false);
   context.scene = this;
   context.wide = &walk;
   for (unsigned i = 0; i < n; ++i) {
@@ -260,11 +315,9 @@ void RayScene::clear_share_alone(RayPackets& rays, unsigned n, const WideRays& w
     if (!(r.tnear[k] <= r.tfar[k])) continue;
     const float far_m = r.tfar[k];
     const auto hidden = [&] {
-      alignas(32) int valid[8] = {};
-      valid[k] = -1;
       r.tfar[k] = far_m;
       walk.cover[i] = 0;
-      rtcOccluded8(valid, still_.handle, &context.embree, &r);
+      occluded_one(still_.handle, context.embree, r, k);
       return r.tfar[k] < 0;
     };
     if (!hidden()) {
@@ -294,9 +347,9 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
     const auto hide_by = [&](const Level& level) {
       // Embree's walk of rays together may ask one triangle twice where, in the axes of a mesh that moves,
       // rays of different times lie in different octants.
-      context.embree.flags = flags(together && (context.wide == nullptr || &level == &still_));
+      const bool in_step = together && (context.wide == nullptr || &level == &still_);
       context.base = level.first;
-      rtcOccluded8(valid, level.handle, &context.embree, &r);
+      render::occluded(level.handle, context.embree, valid, in_step, r);
       for (unsigned k = 0; k < count; ++k)
         if (valid[k] != 0 && r.tfar[k] < 0) {
           hidden[first + k] = 1;
