@@ -37,6 +37,24 @@ std::size_t level_for(const Prototype& p, double scale, double distance_m, doubl
   return best;
 }
 
+/// The same things in the same places, though content was asked for anew: as of two cameras that measure at
+/// one instant.
+bool alike(const Batch& a, const Batch& b) {
+  if (&a == &b) return true;
+  const auto same = [](const Instance& x, const Instance& y) {
+    return std::ranges::equal(x.position, y.position) && std::ranges::equal(x.rotation, y.rotation) &&
+           std::ranges::equal(x.scale, y.scale) && std::ranges::equal(x.tint, y.tint) && x.phase == y.phase;
+  };
+  return a.prototype == b.prototype && a.origin == b.origin && a.node == b.node && a.nodes == b.nodes &&
+         std::ranges::equal(a.instances, b.instances, same);
+}
+bool alike(const std::vector<WantedBatch>& a, const std::vector<WantedBatch>& b) {
+  return std::ranges::equal(a, b, [](const WantedBatch& x, const WantedBatch& y) {
+    return std::ranges::equal(x.frames, y.frames,
+                              [](const Batch* s, const Batch* t) { return alike(*s, *t); });
+  });
+}
+
 struct Engine final : EmbreeEngine::Impl {
   Engine(std::shared_ptr<MeshCache> c, const EmbreeOptions& o) : cache(std::move(c)) { set(o); }
 
@@ -171,8 +189,10 @@ struct Engine final : EmbreeEngine::Impl {
     SplitWindow next = split(*w);
     const bool stands = wanted.window && same_choice() && next.still == standing;
     still_made.rebuilt = moving_made.rebuilt = 0;
-    if (stands && next.moving.empty() && wanted.moving.empty()) {
-      // Batches are held by the new window as by the old one.
+    if (stands && alike(next.moving, wanted.moving)) {
+      // What stands still is held by the new window as by the old one.
+      for (std::size_t i = 0; i < next.moving.size(); ++i)
+        wanted.moving[i].frames = std::move(next.moving[i].frames);
       wanted.window = std::move(w);
       return scenes.front()->place(wanted);
     }

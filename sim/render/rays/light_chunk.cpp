@@ -411,7 +411,10 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, Gathered
   if (again.empty()) gather_sky(first, paths, gathered.skies);
   constexpr auto kNone = std::numeric_limits<std::size_t>::max();
   std::array<std::size_t, kChunk> at;  // of the point's path in `out`
-  std::size_t next = again.empty() ? out.size() : 0;
+  std::array<std::array<std::size_t, kMostPaths>, kChunk> once_more;
+  for (auto& of_ray : once_more) of_ray.fill(kNone);
+  for (std::size_t i = 0; i < again.size(); ++i)
+    if (again[i] != 0) once_more[out[i].ray][out[i].draw] = i;
   for (unsigned k = 0; k < paths && n_ > 0; ++k) {
     paths_ = 0;
     for (unsigned i = 0; i < n_; ++i) {
@@ -422,8 +425,8 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, Gathered
       // One path for each side of a leaf: many leaves share the cell that they lie in.
       if (p.patch.translucent && k >= 2) continue;
       const bool behind = p.patch.translucent && k == 1;
-      const std::size_t place = next++;
-      if (!again.empty() && again[place] == 0) continue;
+      const std::size_t place = again.empty() ? out.size() : once_more[p.ray][k];
+      if (place == kNone) continue;
       at[i] = place;
       const float side = behind ? -1.0F : 1.0F;
       const auto u = draws(first + p.ray, kGatherDraws, k, 0);
@@ -439,6 +442,8 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, Gathered
                     .normal = p.normal * side,
                     .range_m = p.range_m,
                     .open = in_.frame.surroundings(way.direction),
+                    .ray = static_cast<std::uint8_t>(p.ray),
+                    .draw = static_cast<std::uint8_t>(k),
                     .part_of_paths = 1.0F / static_cast<float>(paths_of(p, paths)),
                     .part_of_rays = part_of_rays(p, paths),
                     .start = way.place,

@@ -179,7 +179,7 @@ KeptLight::Region& KeptLight::region(const Key& key) {
   if (it != regions_.end()) {
     regions_.splice(regions_.begin(), regions_, it);
   } else {
-    regions_.push_front({key, {}, {}, nullptr});
+    regions_.push_front({key, {}, {}, nullptr, {}});
     regions_.front().sectors.resize(static_cast<std::size_t>(Sectors(key.side).count()));
     if (regions_.size() > kRegionsKept) regions_.pop_back();
   }
@@ -189,8 +189,9 @@ KeptLight::Region& KeptLight::region(const Key& key) {
 void KeptLight::forget(const std::vector<int>& seen) {
   const auto held = [](const Region& r) {
     std::size_t bytes = 0;
-    for (const auto& s : r.sectors)
-      if (s) bytes += s->paths.size() * sizeof(GatheredPath) + s->skies.size() * sizeof(GatheredSky);
+    for (const auto* sectors : {&r.sectors, &r.moved.sectors})
+      for (const auto& s : *sectors)
+        if (s) bytes += s->paths.size() * sizeof(GatheredPath) + s->skies.size() * sizeof(GatheredSky);
     return bytes;
   };
   std::size_t bytes = 0;
@@ -200,6 +201,7 @@ void KeptLight::forget(const std::vector<int>& seen) {
     regions_.pop_back();
   }
   if (bytes <= kKept_bytes) return;
+  regions_.front().moved = {};
   auto& sectors = regions_.front().sectors;
   for (std::size_t s = 0; s < sectors.size(); ++s)
     if (!std::binary_search(seen.begin(), seen.end(), static_cast<int>(s))) sectors[s].reset();
@@ -245,36 +247,57 @@ const GatheredLight& KeptLight::about(const LitScene& lit, const LightQuery& q, 
   return *r.light;
 }
 
-const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuery& q, const Region& r,
+std::unique_ptr<Gathered> KeptLight::gather_about_moving(const LitScene& lit, const Region& r, int sector,
+                                                         float time) {
+  const Gathered& kept = *r.sectors[static_cast<std::size_t>(sector)];
+  const std::vector<GatheredPath>& paths = kept.paths;
+  std::vector<std::uint8_t> blocked(paths.size());
+  RayPackets rays;
+  for (std::size_t begin = 0; begin < paths.size(); begin += kPacketRays) {
+    const auto n = static_cast<unsigned>(std::min<std::size_t>(kPacketRays, paths.size() - begin));
+    for (unsigned k = 0; k < n; ++k) {
+      const GatheredPath& p = paths[begin + k];
+      const float o[3] = {p.start.x, p.start.y, p.start.z},
+                  d[3] = {p.direction.x, p.direction.y, p.direction.z};
+      rays.set(k, o, d, 0, p.first_m, time, kShadowMask);
+    }
+    lit.scene.occluded(rays, n, false, &blocked[begin], RayScene::Part::moving);
+  }
+  std::unique_ptr<Gathered> anew = with_less_sky(lit, kept, time);
+  SectorRays again(r.key, sector, time);
+  std::array<bool, kChunk> wanted{};
+  for (std::size_t i = 0; i < paths.size(); ++i)
+    if (blocked[i] != 0) wanted[paths[i].ray] = true;
+  if (std::find(wanted.begin(), wanted.end(), true) == wanted.end()) return anew;
+  for (std::size_t i = 0; i < kChunk; ++i)
+    if (!wanted[i]) std::fill_n(again.rays[i].direction, 3, 0.0F);  // no ray
+  Chunk chunk({lit.scene, lit.surfaces, lit.frame, again.query, again.query.origin - lit.scene.origin(),
+               nullptr, RayScene::Part::still, RayScene::Part::all});
+  if (!anew) anew = std::make_unique<Gathered>(kept);
+  chunk.gather(0, kChunk, kPathsOfAPoint, *anew, blocked);
+  return anew;
+}
+
+const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuery& q, Region& r,
                                             const std::vector<int>& seen, tbb::task_arena& arena) {
   constexpr auto kMoving = RayScene::Part::moving;
   const float time = q.rays.front().time;
-  std::vector<std::unique_ptr<Gathered>> anew(seen.size());  // where something has come in between
+  Region::Moved& moved = r.moved;
+  if (moved.version != lit.moving_version || moved.time != time) {
+    moved.version = lit.moving_version;
+    moved.time = time;
+    moved.known.assign(r.sectors.size(), 0);
+    moved.sectors.clear();
+    moved.sectors.resize(r.sectors.size());
+  }
   const std::size_t chunks = (q.rays.size() + kChunk - 1) / kChunk;
   std::vector<Gathered> on_it(chunks);
   arena.execute([&] {
     tbb::parallel_for(std::size_t{0}, seen.size(), [&](std::size_t i) {
-      const Gathered& kept = *r.sectors[static_cast<std::size_t>(seen[i])];
-      const std::vector<GatheredPath>& paths = kept.paths;
-      std::vector<std::uint8_t> blocked(paths.size());
-      RayPackets rays;
-      for (std::size_t begin = 0; begin < paths.size(); begin += kPacketRays) {
-        const auto n = static_cast<unsigned>(std::min<std::size_t>(kPacketRays, paths.size() - begin));
-        for (unsigned k = 0; k < n; ++k) {
-          const GatheredPath& p = paths[begin + k];
-          const float o[3] = {p.start.x, p.start.y, p.start.z},
-                      d[3] = {p.direction.x, p.direction.y, p.direction.z};
-          rays.set(k, o, d, 0, p.first_m, time, kShadowMask);
-        }
-        lit.scene.occluded(rays, n, false, &blocked[begin], kMoving);
-      }
-      anew[i] = with_less_sky(lit, kept, time);
-      if (std::find(blocked.begin(), blocked.end(), 1) == blocked.end()) return;
-      const SectorRays again(r.key, seen[i], time);
-      Chunk chunk({lit.scene, lit.surfaces, lit.frame, again.query, again.query.origin - lit.scene.origin(),
-                   nullptr, RayScene::Part::still, RayScene::Part::all});
-      if (!anew[i]) anew[i] = std::make_unique<Gathered>(kept);
-      chunk.gather(0, kChunk, kPathsOfAPoint, *anew[i], blocked);
+      const auto sector = static_cast<std::size_t>(seen[i]);
+      if (moved.known[sector] != 0) return;
+      moved.sectors[sector] = gather_about_moving(lit, r, seen[i], time);
+      moved.known[sector] = 1;
     });
     // Of the query's own rays, those that meet what moves.
     LightQuery own = q;
@@ -306,8 +329,10 @@ const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuer
     });
   });
   with_moving_ = std::make_unique<GatheredLight>(kCell_px * spread_of(r.key.side));
-  for (std::size_t i = 0; i < seen.size(); ++i)
-    with_moving_->add(anew[i] ? *anew[i] : *r.sectors[static_cast<std::size_t>(seen[i])]);
+  for (const int s : seen) {
+    const auto sector = static_cast<std::size_t>(s);
+    with_moving_->add(moved.sectors[sector] ? *moved.sectors[sector] : *r.sectors[sector]);
+  }
   for (const Gathered& g : on_it) with_moving_->add(g);
   return *with_moving_;
 }

@@ -31,7 +31,7 @@ class Sectors {
 /// What light is gathered in.
 struct LitScene {
   const RayScene& scene;
-  std::uint64_t still_version;  ///< changes with what stands still
+  std::uint64_t still_version, moving_version;  ///< change with what stands still, and with what moves
   const LightSurfaces& surfaces;
   const LightFrame& frame;
 };
@@ -64,12 +64,23 @@ class KeptLight {
     std::vector<std::unique_ptr<Gathered>> sectors;
     std::vector<int> shared;  ///< sectors whose paths are in `light`
     std::unique_ptr<GatheredLight> light;
+    /// What was gathered anew about the things that move, as they stood last: for the other cameras of that
+    /// instant.
+    struct Moved {
+      std::uint64_t version = 0;
+      float time = 0;
+      std::vector<std::uint8_t> known;                 ///< a sector's is
+      std::vector<std::unique_ptr<Gathered>> sectors;  ///< null: as without them
+    } moved;
   };
   struct SectorRays;
   [[nodiscard]] Region& region(const Key& key);
   [[nodiscard]] static std::vector<int> looked_at(const LightQuery& query, const Sectors& sectors);
-  const GatheredLight& with_moving(const LitScene& lit, const LightQuery& query, const Region& region,
+  const GatheredLight& with_moving(const LitScene& lit, const LightQuery& query, Region& region,
                                    const std::vector<int>& seen, tbb::task_arena& arena);
+  /// Null where nothing that moves comes in between.
+  [[nodiscard]] static std::unique_ptr<Gathered> gather_about_moving(const LitScene& lit, const Region& region,
+                                                                     int sector, float time);
   void forget(const std::vector<int>& seen);
 
   std::list<Region> regions_;  ///< the one that was asked last first

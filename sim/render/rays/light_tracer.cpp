@@ -128,8 +128,9 @@ Status LightTracer::Impl::gather(const LightQuery& q) {
   if (q.rays.empty()) return {};
   auto lit = input(q);
   if (!lit) return tl::unexpected(lit.error());
-  const std::uint64_t still = engine->impl().content().still_version;
-  gathered = &kept.about({*lit->scene, still, surfaces, lit->frame}, q, engine->impl().arena());
+  const WantedContent& content = engine->impl().content();
+  gathered = &kept.about({*lit->scene, content.still_version, content.moving_version, surfaces, lit->frame},
+                         q, engine->impl().arena());
   statistics.gathered_sectors = kept.traced();
   return {};
 }
