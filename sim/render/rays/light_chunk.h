@@ -37,8 +37,8 @@ class Chunk {
   /// Rays from `first` on, at most kChunk.
   void trace(std::size_t first, std::span<LightSample> samples);
   /// Light about the points of the rays from `first` on, at most kChunk of `rays`: along `paths`, 2 to
-  /// kMostPaths, from each point, of leaves along one from each side, and what is seen of the sky. Goes to the
-  /// end of `out`. `again`: of paths that a call with the same rays has put into `out`, which had nothing
+  /// kMostPaths, from each point, of leaves along one from each side, and what is seen of the sky. Goes to
+  /// the end of `out`. `again`: of paths that a call with the same rays has put into `out`, which had nothing
   /// before, those that are traced once more, into the same places, and nothing else; rays of others need not
   /// be there.
   void gather(std::size_t first, std::size_t rays, unsigned paths, Gathered& out,

@@ -22,9 +22,9 @@ struct GatheredPath {
   Vec3 place;   ///< relative to the scene's cell
   Vec3 normal;  ///< unit length
   float range_m = 0;
-  Bands4 scattered{};  ///< what came back from what its first segment met
-  Bands4 open{};       ///< what is in its first direction where nothing stands
-  bool free = false;   ///< its first segment met nothing
+  Bands4 scattered{};              ///< what came back from what its first segment met
+  Bands4 open{};                   ///< what is in its first direction where nothing stands
+  bool free = false;               ///< its first segment met nothing
   std::uint8_t ray = 0, draw = 0;  ///< which ray of the chunk met the place, and which of its paths this is
   /// Of the paths of its point (of a leaf: of that side), and of their first segments and sky rays together:
   /// each point counts alike.

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace rigor::render::light {
 namespace {
@@ -156,17 +157,20 @@ struct KeptLight::SectorRays {
 };
 
 std::vector<int> KeptLight::looked_at(const LightQuery& query, const Sectors& sectors) {
-  std::vector<std::uint8_t> hit(static_cast<std::size_t>(sectors.count())), about(hit.size());
+  const Sectors quarters(2 * sectors.side());
+  std::vector<std::uint8_t> hit(static_cast<std::size_t>(quarters.count())),
+      about(static_cast<std::size_t>(sectors.count()));
   for (const Ray& r : query.rays) {
     const Vec3 d = from(r.direction);
-    if (finite(d) && dot(d, d) > 0) hit[static_cast<std::size_t>(sectors.of(d))] = 1;
+    if (finite(d) && dot(d, d) > 0) hit[static_cast<std::size_t>(quarters.of(d))] = 1;
   }
   std::vector<int> out;
-  for (int s = 0; s < sectors.count(); ++s) {
-    if (hit[static_cast<std::size_t>(s)] == 0) continue;
+  for (int q = 0; q < quarters.count(); ++q) {
+    if (hit[static_cast<std::size_t>(q)] == 0) continue;
+    // The quarters about it.
     for (const float y : {-0.5F, 0.5F, 1.5F})
       for (const float x : {-0.5F, 0.5F, 1.5F})
-        about[static_cast<std::size_t>(sectors.of(sectors.direction(s, x, y)))] = 1;
+        about[static_cast<std::size_t>(sectors.of(quarters.direction(q, x, y)))] = 1;
   }
   for (int s = 0; s < sectors.count(); ++s)
     if (about[static_cast<std::size_t>(s)] != 0) out.push_back(s);
@@ -228,6 +232,7 @@ const GatheredLight& KeptLight::about(const LitScene& lit, const LightQuery& q, 
   for (const int s : seen)
     if (!r.sectors[static_cast<std::size_t>(s)]) missing.push_back(s);
   traced_ = missing.size();
+  moved_ = 0;
   arena.execute([&] {
     tbb::parallel_for(std::size_t{0}, missing.size(), [&](std::size_t i) {
       const SectorRays rays(key, missing[i], 0);
@@ -290,14 +295,15 @@ const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuer
     moved.sectors.clear();
     moved.sectors.resize(r.sectors.size());
   }
+  std::vector<int> unknown;
+  for (const int s : seen)
+    if (std::exchange(moved.known[static_cast<std::size_t>(s)], 1) == 0) unknown.push_back(s);
+  moved_ = unknown.size();
   const std::size_t chunks = (q.rays.size() + kChunk - 1) / kChunk;
   std::vector<Gathered> on_it(chunks);
   arena.execute([&] {
-    tbb::parallel_for(std::size_t{0}, seen.size(), [&](std::size_t i) {
-      const auto sector = static_cast<std::size_t>(seen[i]);
-      if (moved.known[sector] != 0) return;
-      moved.sectors[sector] = gather_about_moving(lit, r, seen[i], time);
-      moved.known[sector] = 1;
+    tbb::parallel_for(std::size_t{0}, unknown.size(), [&](std::size_t i) {
+      moved.sectors[static_cast<std::size_t>(unknown[i])] = gather_about_moving(lit, r, unknown[i], time);
     });
     // Of the query's own rays, those that meet what moves.
     LightQuery own = q;

@@ -18,6 +18,7 @@ namespace rigor::render::light {
 class Sectors {
  public:
   explicit Sectors(int side) : side_(side) {}
+  [[nodiscard]] int side() const noexcept { return side_; }
   [[nodiscard]] int count() const noexcept { return 6 * side_ * side_; }
   /// Any direction but 0.
   [[nodiscard]] int of(Vec3 direction) const noexcept;
@@ -38,11 +39,13 @@ struct LitScene {
 
 class KeptLight {
  public:
-  /// About what the query's rays look at: each sector that one lies in, and its neighbours. The answer holds
-  /// until the next call.
+  /// About what the query's rays look at: each sector that one lies in or comes nearer to than half a sector.
+  /// The answer holds until the next call.
   const GatheredLight& about(const LitScene& lit, const LightQuery& query, tbb::task_arena& arena);
   /// Sectors that the last call traced.
   [[nodiscard]] std::size_t traced() const noexcept { return traced_; }
+  /// Sectors that the last call asked for what moves.
+  [[nodiscard]] std::size_t moved() const noexcept { return moved_; }
 
  private:
   /// All that the paths of a sector depend on.
@@ -79,13 +82,14 @@ class KeptLight {
   const GatheredLight& with_moving(const LitScene& lit, const LightQuery& query, Region& region,
                                    const std::vector<int>& seen, tbb::task_arena& arena);
   /// Null where nothing that moves comes in between.
-  [[nodiscard]] static std::unique_ptr<Gathered> gather_about_moving(const LitScene& lit, const Region& region,
-                                                                     int sector, float time);
+  [[nodiscard]] static std::unique_ptr<Gathered> gather_about_moving(const LitScene& lit,
+                                                                     const Region& region, int sector,
+                                                                     float time);
   void forget(const std::vector<int>& seen);
 
   std::list<Region> regions_;  ///< the one that was asked last first
   std::unique_ptr<GatheredLight> with_moving_;
-  std::size_t traced_ = 0;
+  std::size_t traced_ = 0, moved_ = 0;
 };
 
 }  // namespace rigor::render::light

@@ -132,6 +132,7 @@ Status LightTracer::Impl::gather(const LightQuery& q) {
   gathered = &kept.about({*lit->scene, content.still_version, content.moving_version, surfaces, lit->frame},
                          q, engine->impl().arena());
   statistics.gathered_sectors = kept.traced();
+  statistics.moved_sectors = kept.moved();
   return {};
 }
 

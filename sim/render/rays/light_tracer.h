@@ -69,8 +69,9 @@ struct LightSample {
 
 struct LightStatistics {
   std::size_t rays = 0, shadow_rays = 0,
-              sky_rays = 0;          ///< shot by the last call; sky: with their shadow rays
-  std::size_t gathered_sectors = 0;  ///< sectors of the sphere that the last gather() did not find kept
+              sky_rays = 0;  ///< shot by the last call; sky: with their shadow rays
+  /// Sectors of the sphere that the last gather() did not find kept; and those that it asked for what moves.
+  std::size_t gathered_sectors = 0, moved_sectors = 0;
 };
 
 /// Pixels of which one gathers light for all of them.

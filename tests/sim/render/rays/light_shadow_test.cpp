@@ -294,6 +294,46 @@ TEST_F(LightShadowTest, WhatMovesShadesTheLightThatIsKeptAndHasLightOfItsOwn) {
   EXPECT_EQ(sum, moving);
 }
 
+TEST_F(LightShadowTest, CamerasOfOneInstantShareWhatIsGatheredAboutThingsThatMove) {
+  query_.gathered = true;
+  query_.origin = {0.2, 0.3, 1.5};
+  query_.spread_rad = 0.004F;
+  frame_.light.sky = even_sky(2);
+  const auto roof = prototype_of(box_mesh({3, 3, 0.05F}, surface_of(0.4F)));
+  // As each camera has it from the world: another batch of the same thing.
+  const auto show = [&](double x) {
+    auto b = batch_of(roof, {at(0, 0, 0)}, 2, {x, 6, 1.2});
+    b->moves = true;
+    frame_.batches = {ground_, b};
+  };
+  std::vector<Ray> left, right;
+  for (int i = 0; i < 30; ++i)
+    for (int j = 0; j < 30; ++j) {
+      left.push_back(ray_of({0, 0, 0}, {0.04 * i - 0.3, 1, -0.3 - 0.004 * j}));
+      right.push_back(ray_of({0.1, 0, 0}, {0.04 * i - 0.3, 1, -0.3 - 0.004 * j}));
+    }
+  const auto as_fresh = [&](const std::vector<Ray>& rays) {
+    const auto values = [&](LightTracer& tracer) {
+      std::vector<float> out;
+      for (const LightSample& s : trace(*engine_, tracer, rays)) out.push_back(s.radiance[0]);
+      return out;
+    };
+    const auto kept = values(*tracer_);
+    const std::size_t asked = tracer_->statistics().moved_sectors;
+    LightTracer fresh(engine_);
+    EXPECT_EQ(kept, values(fresh));
+    return asked;
+  };
+  show(0);
+  EXPECT_GT(as_fresh(left), 0U);
+  show(0);
+  EXPECT_EQ(as_fresh(right), 0U);
+  show(0.1);
+  EXPECT_GT(as_fresh(left), 0U);
+  for (Ray& r : right) r.time = 0.5F;  // at another instant of the exposure
+  EXPECT_GT(as_fresh(right), 0U);
+}
+
 class LightInAnEvenSky : public LightShadowTest {
  protected:
   void SetUp() override {

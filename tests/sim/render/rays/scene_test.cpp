@@ -203,6 +203,12 @@ TEST_F(RaysTest, WhatIsInMotionIsMetAsIfItStoodAndLeavesTheRestAlone) {
     EXPECT_EQ(hidden_by(*engine_), hidden_by(*standing)) << x;
   }
   EXPECT_TRUE(nodes.contains(7001) && nodes.contains(7002) && nodes.size() > 20);
+  // Asked for anew and in the same place, as another camera of the instant does; the first answer is gone.
+  const auto there = numbers(cast(rays));
+  show(with_things(true, 5));
+  EXPECT_TRUE(equal_bytes(numbers(cast(rays)), there));
+  show(with_things(true, 5.1));
+  EXPECT_FALSE(equal_bytes(numbers(cast(rays)), there));
   // What moved is gone.
   show(batches_of(f));
   auto fresh = make();
