@@ -317,8 +317,8 @@ Result<std::shared_ptr<const RayMesh>> MeshCache::build(const std::shared_ptr<co
     rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, m.indices.data(),
                                r.first_index * sizeof(std::uint32_t), 3 * sizeof(std::uint32_t), r.triangles);
     rtcSetGeometryMask(g, ~0U);
+    rtcSetGeometryUserData(g, &r);
     if (r.surface->holes) {
-      rtcSetGeometryUserData(g, &r);
       rtcSetGeometryIntersectFilterFunction(g, leave_out_holes);
       rtcSetGeometryOccludedFilterFunction(g, cover_light);
     }

@@ -132,21 +132,14 @@ RayBatch::~RayBatch() {
 /// What Embree calls while it walks through a scene.
 struct SceneFilters {
   static void leave_out_backs(const RTCFilterFunctionNArguments* a) {
-    const auto* const context = reinterpret_cast<const SceneContext*>(a->context);
-    const RayInstance& instance = context->scene->instance(context->base + a->context->instID[0]);
-    const unsigned n = a->N;
-    for (unsigned i = 0; i < n; ++i)
-      if (a->valid[i] == -1 && instance.mesh->parts[RTCHitN_geomID(a->hit, n, i)].one_sided &&
-          RayScene::looks_away(*context, a, i))
-        a->valid[i] = 0;
+    if (!static_cast<const RayPart*>(a->geometryUserPtr)->one_sided) return;
+    const auto& context = *reinterpret_cast<const SceneContext*>(a->context);
+    for (unsigned i = 0; i < a->N; ++i)
+      if (a->valid[i] == -1 && RayScene::looks_away(context, a, i)) a->valid[i] = 0;
   }
   static void leave_out_what_has_no_holes(const RTCFilterFunctionNArguments* a) {
-    const auto* const context = reinterpret_cast<const SceneContext*>(a->context);
-    const RayInstance& instance = context->scene->instance(context->base + a->context->instID[0]);
-    const unsigned n = a->N;
-    for (unsigned i = 0; i < n; ++i)
-      if (a->valid[i] == -1 && !instance.mesh->parts[RTCHitN_geomID(a->hit, n, i)].surface->holes)
-        a->valid[i] = 0;
+    if (static_cast<const RayPart*>(a->geometryUserPtr)->surface->holes) return;
+    std::fill_n(a->valid, a->N, 0);
   }
 };
 
