@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstring>
 #include <list>
 #include <new>
 #include <unordered_map>
@@ -41,12 +42,10 @@ std::size_t level_for(const Prototype& p, double scale, double distance_m, doubl
 /// one instant.
 bool alike(const Batch& a, const Batch& b) {
   if (&a == &b) return true;
-  const auto same = [](const Instance& x, const Instance& y) {
-    return std::ranges::equal(x.position, y.position) && std::ranges::equal(x.rotation, y.rotation) &&
-           std::ranges::equal(x.scale, y.scale) && std::ranges::equal(x.tint, y.tint) && x.phase == y.phase;
-  };
+  static_assert(sizeof(Instance) == 14 * sizeof(float));  // nothing in between
   return a.prototype == b.prototype && a.origin == b.origin && a.node == b.node && a.nodes == b.nodes &&
-         std::ranges::equal(a.instances, b.instances, same);
+         a.instances.size() == b.instances.size() &&
+         std::memcmp(a.instances.data(), b.instances.data(), a.instances.size() * sizeof(Instance)) == 0;
 }
 bool alike(const std::vector<WantedBatch>& a, const std::vector<WantedBatch>& b) {
   return std::ranges::equal(a, b, [](const WantedBatch& x, const WantedBatch& y) {

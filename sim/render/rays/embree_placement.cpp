@@ -310,19 +310,19 @@ void PlacedScene::occlude_rays(const RTCOccludedFunctionNArguments* a) {
     rtcOccluded1(p.batch->scene, a->context, reinterpret_cast<RTCRay*>(a->ray));
 }
 
-// As many as were shot, eight or one, as RayScene shoots them: Embree hands on the packet with the lanes that
+// As many as were shot, eight or one (embree_scene.cpp): Embree hands on the packet with the lanes that
 // matter.
 void PlacedScene::intersect(const RTCIntersectFunctionNArguments* a) {
   if (a->N == 8)
     intersect_rays<8>(a);
-  else if (a->N == 1 && a->valid[0] != 0)
+  else if (a->N == 1)
     intersect_rays<1>(a);
 }
 
 void PlacedScene::occluded(const RTCOccludedFunctionNArguments* a) {
   if (a->N == 8)
     occlude_rays<8>(a);
-  else if (a->N == 1 && a->valid[0] != 0)
+  else if (a->N == 1)
     occlude_rays<1>(a);
 }
 

@@ -15,8 +15,8 @@ struct WantedBatch {
   std::shared_ptr<const RayBatch> made;
 };
 
-/// What is to be placed, in the order of the content, whatever the cell. A version changes whenever its
-/// batches may be others.
+/// What is to be placed, in the order of the content, whatever the cell. A version changes whenever what its
+/// batches say may be another; batches of the same version may be other objects that say the same.
 struct WantedContent {
   std::shared_ptr<const ContentWindow> window;
   std::vector<WantedBatch> still, moving;

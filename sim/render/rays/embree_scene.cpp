@@ -50,22 +50,31 @@ Eigen::Matrix3d inverse_of(const Eigen::Quaterniond& rotation, const Eigen::Vect
 /// A walk as one frustum pays where a packet's rays stay within a few degrees. Embree 3.13 loses rays in it
 /// where some lie in a plane of the axes and others beside it.
 bool narrow(const RTCRay8& r, const int* valid) noexcept {
-  int first = -1;
+  int first = -1, others = 0;
   for (int k = 0; k < 8; ++k) {
     if (valid[k] == 0) continue;
-    if (first < 0) first = k;
+    if (first < 0)
+      first = k;
+    else
+      ++others;
     if (r.dir_x[k] * r.dir_x[first] + r.dir_y[k] * r.dir_y[first] + r.dir_z[k] * r.dir_z[first] < kNarrow)
       return false;
     for (const float* d : {r.dir_x, r.dir_y, r.dir_z})
       if ((d[k] > 0) != (d[first] > 0) || (d[k] < 0) != (d[first] < 0)) return false;
   }
-  return true;
+  return others > 0;
 }
 WideWalk wide_walk(const WideRays& rays) noexcept {
   return {rays, static_cast<std::uint32_t>(-std::log2(kLeastClear) * WideWalk::kUnitsAHalving)};
 }
 
-// Embree walks with rays that go together as with one; those that go apart are faster one by one.
+RTCIntersectContextFlags flags(bool together) noexcept {
+  return together ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+}
+
+// Embree walks with rays that go together as with one; those that go apart are faster one by one. In what
+// stands still both find the same, to the last bit; in what moves they do not, so that walks through that are
+// always of eight: what a ray meets must not depend on its neighbours.
 
 RTCRay lane(const RTCRay8& r, unsigned k) noexcept {
   RTCRay one;
@@ -99,26 +108,22 @@ void occluded_one(RTCScene scene, RTCIntersectContext& context, RTCRay8& r, unsi
   r.tfar[k] = one.tfar;
 }
 
-void intersect(RTCScene scene, RTCIntersectContext& context, const int* valid, bool together,
-               RTCRayHit8& p) noexcept {
+void intersect_still(RTCScene scene, RTCIntersectContext& context, const int* valid, bool together,
+                     RTCRayHit8& p) noexcept {
   if (together) {
-    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
     rtcIntersect8(valid, scene, &context, &p);
     return;
   }
-  context.flags = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
   for (unsigned k = 0; k < 8; ++k)
     if (valid[k] != 0) intersect_one(scene, context, p, k);
 }
 
-void occluded(RTCScene scene, RTCIntersectContext& context, const int* valid, bool together,
-              RTCRay8& r) noexcept {
+void occluded_still(RTCScene scene, RTCIntersectContext& context, const int* valid, bool together,
+                    RTCRay8& r) noexcept {
   if (together) {
-    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
     rtcOccluded8(valid, scene, &context, &r);
     return;
   }
-  context.flags = RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
   for (unsigned k = 0; k < 8; ++k)
     if (valid[k] != 0) occluded_one(scene, context, r, k);
 }
@@ -183,13 +188,14 @@ bool LayerWalk::add(unsigned ray, const Layer& layer) noexcept {
 
 void RayScene::shoot(const int* valid, bool together, RTCRayHit8& p, SceneContext& context,
                      Part part) const noexcept {
-  if (part != Part::moving) render::intersect(still_.handle, context.embree, valid, together, p);
+  context.embree.flags = flags(together);
+  if (part != Part::moving) intersect_still(still_.handle, context.embree, valid, together, p);
   if (part == Part::still || moving_.batches.empty()) return;
   alignas(32) unsigned before[8];
   std::memcpy(before, p.hit.instID[0], sizeof before);
   std::fill_n(p.hit.instID[0], 8, RTC_INVALID_GEOMETRY_ID);
   context.base = moving_.first;
-  render::intersect(moving_.handle, context.embree, valid, together, p);
+  rtcIntersect8(valid, moving_.handle, &context.embree, &p);
   context.base = 0;
   for (int k = 0; k < 8; ++k) {
     unsigned& id = p.hit.instID[0][k];
@@ -337,20 +343,27 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
     std::memset(hidden + first, 0, count);
     if (!lanes(r, first, n, valid)) continue;
     const bool together = coherent && narrow(r, valid);
-    const auto hide_by = [&](const Level& level) {
-      // Embree's walk of rays together may ask one triangle twice where, in the axes of a mesh that moves,
-      // rays of different times lie in different octants.
-      const bool in_step = together && (context.wide == nullptr || &level == &still_);
-      context.base = level.first;
-      render::occluded(level.handle, context.embree, valid, in_step, r);
+    const auto note = [&] {
       for (unsigned k = 0; k < count; ++k)
         if (valid[k] != 0 && r.tfar[k] < 0) {
           hidden[first + k] = 1;
           valid[k] = 0;
         }
     };
-    if (part != Part::moving) hide_by(still_);
-    if (part != Part::still && !moving_.batches.empty()) hide_by(moving_);
+    if (part != Part::moving) {
+      context.base = still_.first;
+      context.embree.flags = flags(together);
+      occluded_still(still_.handle, context.embree, valid, together, r);
+      note();
+    }
+    if (part != Part::still && !moving_.batches.empty()) {
+      context.base = moving_.first;
+      // Embree's walk of rays together may ask one triangle twice where, in the axes of a mesh that moves,
+      // rays of different times lie in different octants.
+      context.embree.flags = flags(together && context.wide == nullptr);
+      rtcOccluded8(valid, moving_.handle, &context.embree, &r);
+      note();
+    }
   }
 }
 

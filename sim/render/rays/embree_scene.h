@@ -290,8 +290,9 @@ class RayScene {
   void clear_share(RayPackets& rays, unsigned n, bool coherent, const WideRays& wide, float* clear,
                    Part part = Part::all) const noexcept;
   /// As above, past what stands still, each ray in a walk of its own, so that its answer does not depend on
-  /// the others to the last bit; it takes about three times as long as a ray among its neighbours. leaves[i]:
-  /// whether surfaces with holes decide: they cover a part of a ray that nothing else stops, or all of it.
+  /// the others to the last bit; it takes between two and three times as long as a ray among its neighbours.
+  /// leaves[i]: whether surfaces with holes decide: they cover a part of a ray that nothing else stops, or
+  /// all of it.
   void clear_share_alone(RayPackets& rays, unsigned n, const WideRays& wide, float* clear,
                          std::uint8_t* leaves) const noexcept;
   /// Like clear_share(), but backs of one-sided surfaces are not there, as for intersect().

@@ -412,7 +412,8 @@ void Chunk::gather(std::size_t first, std::size_t rays, unsigned paths, Gathered
   constexpr auto kNone = std::numeric_limits<std::size_t>::max();
   std::array<std::size_t, kChunk> at;  // of the point's path in `out`
   std::array<std::array<std::size_t, kMostPaths>, kChunk> once_more;
-  for (auto& of_ray : once_more) of_ray.fill(kNone);
+  if (!again.empty())
+    for (auto& of_ray : once_more) of_ray.fill(kNone);
   for (std::size_t i = 0; i < again.size(); ++i)
     if (again[i] != 0) once_more[out[i].ray][out[i].draw] = i;
   for (unsigned k = 0; k < paths && n_ > 0; ++k) {

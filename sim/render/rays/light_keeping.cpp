@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 namespace rigor::render::light {
 namespace {
@@ -16,6 +15,7 @@ constexpr int kSectorSide = 8;
 static_assert(kSectorSide * kSectorSide == kChunk);
 /// Paths of a gathering point; of a leaf, one on each side.
 constexpr unsigned kPathsOfAPoint = 3;
+static_assert(kPathsOfAPoint <= Chunk::kMostPaths && kChunk <= 256);
 /// One ray of a sector gathers for so many pixels, about.
 constexpr float kPixelsOfARay = 32;
 /// Side of a cell in which gathered light is shared: so many pixels.
@@ -193,9 +193,8 @@ KeptLight::Region& KeptLight::region(const Key& key) {
 void KeptLight::forget(const std::vector<int>& seen) {
   const auto held = [](const Region& r) {
     std::size_t bytes = 0;
-    for (const auto* sectors : {&r.sectors, &r.moved.sectors})
-      for (const auto& s : *sectors)
-        if (s) bytes += s->paths.size() * sizeof(GatheredPath) + s->skies.size() * sizeof(GatheredSky);
+    for (const auto& s : r.sectors)
+      if (s) bytes += s->paths.size() * sizeof(GatheredPath) + s->skies.size() * sizeof(GatheredSky);
     return bytes;
   };
   std::size_t bytes = 0;
@@ -205,7 +204,6 @@ void KeptLight::forget(const std::vector<int>& seen) {
     regions_.pop_back();
   }
   if (bytes <= kKept_bytes) return;
-  regions_.front().moved = {};
   auto& sectors = regions_.front().sectors;
   for (std::size_t s = 0; s < sectors.size(); ++s)
     if (!std::binary_search(seen.begin(), seen.end(), static_cast<int>(s))) sectors[s].reset();
@@ -269,11 +267,11 @@ std::unique_ptr<Gathered> KeptLight::gather_about_moving(const LitScene& lit, co
     lit.scene.occluded(rays, n, false, &blocked[begin], RayScene::Part::moving);
   }
   std::unique_ptr<Gathered> anew = with_less_sky(lit, kept, time);
-  SectorRays again(r.key, sector, time);
   std::array<bool, kChunk> wanted{};
   for (std::size_t i = 0; i < paths.size(); ++i)
     if (blocked[i] != 0) wanted[paths[i].ray] = true;
   if (std::find(wanted.begin(), wanted.end(), true) == wanted.end()) return anew;
+  SectorRays again(r.key, sector, time);
   for (std::size_t i = 0; i < kChunk; ++i)
     if (!wanted[i]) std::fill_n(again.rays[i].direction, 3, 0.0F);  // no ray
   Chunk chunk({lit.scene, lit.surfaces, lit.frame, again.query, again.query.origin - lit.scene.origin(),
@@ -287,17 +285,15 @@ const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuer
                                             const std::vector<int>& seen, tbb::task_arena& arena) {
   constexpr auto kMoving = RayScene::Part::moving;
   const float time = q.rays.front().time;
+  for (Region& other : regions_)
+    if (other.moved.version != lit.moving_version || other.moved.time != time) other.moved = {};
   Region::Moved& moved = r.moved;
-  if (moved.version != lit.moving_version || moved.time != time) {
-    moved.version = lit.moving_version;
-    moved.time = time;
-    moved.known.assign(r.sectors.size(), 0);
-    moved.sectors.clear();
-    moved.sectors.resize(r.sectors.size());
-  }
+  moved.version = lit.moving_version;
+  moved.time = time;
+  moved.sectors.resize(r.sectors.size());
   std::vector<int> unknown;
   for (const int s : seen)
-    if (std::exchange(moved.known[static_cast<std::size_t>(s)], 1) == 0) unknown.push_back(s);
+    if (!moved.sectors[static_cast<std::size_t>(s)]) unknown.push_back(s);
   moved_ = unknown.size();
   const std::size_t chunks = (q.rays.size() + kChunk - 1) / kChunk;
   std::vector<Gathered> on_it(chunks);
@@ -337,7 +333,8 @@ const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuer
   with_moving_ = std::make_unique<GatheredLight>(kCell_px * spread_of(r.key.side));
   for (const int s : seen) {
     const auto sector = static_cast<std::size_t>(s);
-    with_moving_->add(moved.sectors[sector] ? *moved.sectors[sector] : *r.sectors[sector]);
+    const std::unique_ptr<Gathered>& anew = *moved.sectors[sector];
+    with_moving_->add(anew ? *anew : *r.sectors[sector]);
   }
   for (const Gathered& g : on_it) with_moving_->add(g);
   return *with_moving_;

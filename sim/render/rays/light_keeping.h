@@ -1,14 +1,16 @@
 // Gathered light that is kept from one picture to the next. It is a function of a cell of the world, of what
 // stands in it and of sun and sky, never of what was asked before: rays start from places all over the cell
 // in which the eye is, sector by sector of the sphere, and a picture has the paths of the sectors that it
-// looks at. What moves is not kept: paths that it blocks are traced anew, sky that it hides is taken away,
-// and light is gathered on it, for each picture. Internal to sim/render/rays.
+// looks at. About what moves light is kept for its instant alone, for all cameras that measure then: paths
+// that it blocks are traced anew, and sky that it hides is taken away. Light on it is gathered for each
+// picture. Internal to sim/render/rays.
 #pragma once
 
 #include <tbb/task_arena.h>
 
 #include <list>
 #include <memory>
+#include <optional>
 
 #include "sim/render/rays/light_chunk.h"
 
@@ -67,13 +69,12 @@ class KeptLight {
     std::vector<std::unique_ptr<Gathered>> sectors;
     std::vector<int> shared;  ///< sectors whose paths are in `light`
     std::unique_ptr<GatheredLight> light;
-    /// What was gathered anew about the things that move, as they stood last: for the other cameras of that
-    /// instant.
+    /// What was gathered anew about the things that move, as they stood last. Of each sector: not known yet,
+    /// null where it is as without them.
     struct Moved {
       std::uint64_t version = 0;
       float time = 0;
-      std::vector<std::uint8_t> known;                 ///< a sector's is
-      std::vector<std::unique_ptr<Gathered>> sectors;  ///< null: as without them
+      std::vector<std::optional<std::unique_ptr<Gathered>>> sectors;
     } moved;
   };
   struct SectorRays;

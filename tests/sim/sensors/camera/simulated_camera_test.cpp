@@ -62,15 +62,27 @@ TEST_P(CameraOptics, ThreadsDoNotChangeAPicture) {
 
 TEST_P(CameraOptics, ARegionIsACropOfTheWholePicture) {
   scenery(world_);
+  world_.add({{0.3F, 0.1F, 0.3F},
+              [](double s) {
+                Eigen::Isometry3d T = at_place({-0.1, 1.6, -0.3});
+                T.rotate(Eigen::AngleAxisd(30 * s, Eigen::Vector3d(0.2, 0.1, 1).normalized()));
+                return T;
+              },
+              true,
+              0.7F});
   pose_ = drift;
-  for (const CameraModel& m : {small_camera(), everything()}) {
+  // As by default, which pixels have more samples depends on what the others see.
+  OpticsOptions by_default = cheap();
+  if (rays()) by_default.samples = {};
+  for (const auto& [m, options] :
+       {std::pair{small_camera(), cheap()}, {everything(), cheap()}, {everything(), by_default}}) {
     OpticsRequest request{.measure = {.index = 3}, .exposure_s = 0.01, .seed = 5};
     GroundTruth truth, part_truth;
-    const OpticsPicture whole = shoot(m, cheap(), request, &truth);
+    const OpticsPicture whole = shoot(m, options, request, &truth);
     for (const OpticsRequest::Region& r :
          {OpticsRequest::Region{13, 9, 21, 17}, {0, 40, 64, 1}, {63, 47, 1, 1}}) {
       request.region = r;
-      const OpticsPicture part = shoot(m, cheap(), request, &part_truth);
+      const OpticsPicture part = shoot(m, options, request, &part_truth);
       ASSERT_EQ(part.width_px, r.width_px);
       ASSERT_EQ(part.height_px, r.height_px);
       for (int v = 0; v < r.height_px; ++v)
