@@ -49,7 +49,9 @@ Chunk::Chunk(const ChunkInput& in)
       key_{static_cast<std::uint32_t>(in.query.seed), static_cast<std::uint32_t>(in.query.seed >> 32U)} {}
 
 std::array<float, 4> Chunk::draws(std::size_t index, unsigned purpose, unsigned k, unsigned segment) const {
-  const auto w = models::philox({static_cast<std::uint32_t>(index), purpose, k, segment}, key_);
+  const auto& numbers = in_.query.numbers;
+  const std::uint32_t number = numbers.empty() ? static_cast<std::uint32_t>(index) : numbers[index];
+  const auto w = models::philox({number, purpose, k, segment}, key_);
   return {unit_draw(w[0]), unit_draw(w[1]), unit_draw(w[2]), unit_draw(w[3])};
 }
 

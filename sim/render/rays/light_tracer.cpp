@@ -56,6 +56,9 @@ Status check(const LightQuery& q, std::size_t samples) {
   if (samples != q.rays.size())
     return bad("light query", "expected as many samples as rays (" + std::to_string(q.rays.size()) +
                                   "), got " + std::to_string(samples));
+  if (!q.numbers.empty() && q.numbers.size() != q.rays.size())
+    return bad("numbers", "expected none, or one for each of " + std::to_string(q.rays.size()) +
+                              " rays, got " + std::to_string(q.numbers.size()));
   for (const int b : q.bands)
     if (b < 0 || b >= static_cast<int>(kBandCount))
       return bad("bands", "expected 0 to " + std::to_string(kBandCount - 1) + ", got " + std::to_string(b));

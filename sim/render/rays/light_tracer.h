@@ -38,7 +38,8 @@ struct LightQuery {
   std::span<const Ray> rays;
   bool shadows = true;
   int sky_rays = 0;        ///< rays per sample that ask which sky is hidden; 0: see `gather`
-  std::uint64_t seed = 0;  ///< keys their directions, with the ray's index
+  std::uint64_t seed = 0;  ///< keys their directions, with the ray's number
+  std::span<const std::uint32_t> numbers{};  ///< of the rays; empty: their indices
   /// Reflections that a sky ray follows at most, for chance ends it earlier: light of sun and sky from what
   /// hides the sky. 0: that is black.
   int bounces = 1;

@@ -152,6 +152,7 @@ class RaysOptics final : public CameraOpticsPicture {
   std::vector<ThinLens> apertures_;
   std::unique_ptr<LensGrid> truth_lens_;
   std::vector<Ray> rays_;
+  std::vector<std::uint32_t> numbers_;
   std::vector<render::LightSample> light_;
   SkyEdges sky_edges_;
 };
@@ -303,10 +304,15 @@ Status RaysOptics::trace_places(const Shot& shot, std::span<const PixelPlace> pl
                                 const LensSamples& samples, bool sky_only) {
   const auto each = static_cast<std::size_t>(samples.per_pixel());
   rays_.resize(places.size() * each);
+  numbers_.resize(rays_.size());
   light_.resize(rays_.size());
   tbb::parallel_for(std::size_t{0}, places.size(), [&](std::size_t i) {
     const int u = places[i].u + shot.region.x_px, v = places[i].v + shot.region.y_px;
     const std::span rays(&rays_[i * each], each);
+    // Of the full sensor, as draws are the same in each region.
+    const auto place = static_cast<std::uint32_t>(v * width_px() + u);
+    for (std::size_t k = 0; k < each; ++k)
+      numbers_[i * each + k] = place * static_cast<std::uint32_t>(each) + static_cast<std::uint32_t>(k);
     if (const LensGrid::Pixel& pixel = pixel_at(channel, u, v); pixel.lit())
       aim(pixel, apertures_[channel], shot, samples, pose_of_row(shot, v), u, v, rays);
     else
@@ -314,6 +320,8 @@ Status RaysOptics::trace_places(const Shot& shot, std::span<const PixelPlace> pl
   });
   render::LightQuery query = light_query(shot);
   query.rays = rays_;
+  query.numbers = numbers_;
+  query.seed ^= kMoreSamples ^ (std::uint64_t{channel} << 60U);
   query.spread_rad /= std::sqrt(static_cast<float>(each));
   query.sky_only = sky_only;
   return light_of_->tracer.trace(query, light_);

@@ -74,8 +74,12 @@ TEST_P(CameraOptics, ARegionIsACropOfTheWholePicture) {
   // As by default, which pixels have more samples depends on what the others see.
   OpticsOptions by_default = cheap();
   if (rays()) by_default.samples = {};
-  for (const auto& [m, options] :
-       {std::pair{small_camera(), cheap()}, {everything(), cheap()}, {everything(), by_default}}) {
+  OpticsOptions with_sky_rays = by_default;
+  with_sky_rays.sky_rays = 2;
+  for (const auto& [m, options] : {std::pair{small_camera(), cheap()},
+                                   {everything(), cheap()},
+                                   {everything(), by_default},
+                                   {small_camera(), with_sky_rays}}) {
     OpticsRequest request{.measure = {.index = 3}, .exposure_s = 0.01, .seed = 5};
     GroundTruth truth, part_truth;
     const OpticsPicture whole = shoot(m, options, request, &truth);
