@@ -47,10 +47,13 @@ Eigen::Matrix3d inverse_of(const Eigen::Quaterniond& rotation, const Eigen::Vect
   return scale.cwiseInverse().asDiagonal() * rotation.toRotationMatrix().transpose();
 }
 
-/// A walk as one frustum pays where a packet's rays stay within a few degrees. Embree 3.13 loses rays in it
-/// where some lie in a plane of the axes and others beside it.
-bool narrow(const RTCRay8& r, const int* valid) noexcept {
+/// How the rays of a packet go. A walk of all as one frustum pays where they stay within a few degrees.
+/// Embree 3.13 loses rays in it where some lie in a plane of the axes and others beside it: these walk as
+/// eight. Rays that go apart are faster one by one.
+enum class Going : std::uint8_t { together, alike, apart };
+Going going(const RTCRay8& r, const int* valid) noexcept {
   int first = -1, others = 0;
+  Going how = Going::together;
   for (int k = 0; k < 8; ++k) {
     if (valid[k] == 0) continue;
     if (first < 0)
@@ -58,23 +61,22 @@ bool narrow(const RTCRay8& r, const int* valid) noexcept {
     else
       ++others;
     if (r.dir_x[k] * r.dir_x[first] + r.dir_y[k] * r.dir_y[first] + r.dir_z[k] * r.dir_z[first] < kNarrow)
-      return false;
+      return Going::apart;
     for (const float* d : {r.dir_x, r.dir_y, r.dir_z})
-      if ((d[k] > 0) != (d[first] > 0) || (d[k] < 0) != (d[first] < 0)) return false;
+      if ((d[k] > 0) != (d[first] > 0) || (d[k] < 0) != (d[first] < 0)) how = Going::alike;
   }
-  return others > 0;
+  return others > 0 ? how : Going::apart;
 }
 WideWalk wide_walk(const WideRays& rays) noexcept {
   return {rays, static_cast<std::uint32_t>(-std::log2(kLeastClear) * WideWalk::kUnitsAHalving)};
 }
 
-RTCIntersectContextFlags flags(bool together) noexcept {
-  return together ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+RTCIntersectContextFlags flags(Going how) noexcept {
+  return how == Going::together ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
 }
 
-// Embree walks with rays that go together as with one; those that go apart are faster one by one. In what
-// stands still both find the same, to the last bit; in what moves they do not, so that walks through that are
-// always of eight: what a ray meets must not depend on its neighbours.
+// In what stands still walks of eight and of one find the same, to the last bit; in what moves they do not,
+// so that walks through that are always of eight: what a ray meets must not depend on its neighbours.
 
 RTCRay lane(const RTCRay8& r, unsigned k) noexcept {
   RTCRay one;
@@ -108,9 +110,9 @@ void occluded_one(RTCScene scene, RTCIntersectContext& context, RTCRay8& r, unsi
   r.tfar[k] = one.tfar;
 }
 
-void intersect_still(RTCScene scene, RTCIntersectContext& context, const int* valid, bool together,
+void intersect_still(RTCScene scene, RTCIntersectContext& context, const int* valid, Going how,
                      RTCRayHit8& p) noexcept {
-  if (together) {
+  if (how != Going::apart) {
     rtcIntersect8(valid, scene, &context, &p);
     return;
   }
@@ -118,9 +120,9 @@ void intersect_still(RTCScene scene, RTCIntersectContext& context, const int* va
     if (valid[k] != 0) intersect_one(scene, context, p, k);
 }
 
-void occluded_still(RTCScene scene, RTCIntersectContext& context, const int* valid, bool together,
+void occluded_still(RTCScene scene, RTCIntersectContext& context, const int* valid, Going how,
                     RTCRay8& r) noexcept {
-  if (together) {
+  if (how != Going::apart) {
     rtcOccluded8(valid, scene, &context, &r);
     return;
   }
@@ -186,10 +188,11 @@ bool LayerWalk::add(unsigned ray, const Layer& layer) noexcept {
   return true;
 }
 
-void RayScene::shoot(const int* valid, bool together, RTCRayHit8& p, SceneContext& context,
+void RayScene::shoot(const int* valid, bool coherent, RTCRayHit8& p, SceneContext& context,
                      Part part) const noexcept {
-  context.embree.flags = flags(together);
-  if (part != Part::moving) intersect_still(still_.handle, context.embree, valid, together, p);
+  const Going how = coherent ? going(p.ray, valid) : Going::apart;
+  context.embree.flags = flags(how);
+  if (part != Part::moving) intersect_still(still_.handle, context.embree, valid, how, p);
   if (part == Part::still || moving_.batches.empty()) return;
   alignas(32) unsigned before[8];
   std::memcpy(before, p.hit.instID[0], sizeof before);
@@ -216,8 +219,7 @@ void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent, Part part,
     if (!lanes(p.ray, first, n, valid)) continue;
     float far_m[8];
     std::memcpy(far_m, p.ray.tfar, sizeof far_m);
-    const bool together = coherent && narrow(p.ray, valid);
-    shoot(valid, together, p, context, part);
+    shoot(valid, coherent, p, context, part);
     // What was met from behind and has one side is not there: shot once more, past all such faces. Rare
     // enough (a sensor inside a hull) that the first shot need not ask at every face.
     bool again = false;
@@ -249,7 +251,7 @@ void RayScene::intersect(RayPackets& rays, unsigned n, bool coherent, Part part,
     }
     if (!again) continue;
     context.embree.filter = SceneFilters::leave_out_backs;
-    shoot(valid, together, p, context, part);
+    shoot(valid, coherent, p, context, part);
     context.embree.filter = nullptr;
   }
 }
@@ -342,7 +344,7 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
     const unsigned count = std::min(8U, n - first);
     std::memset(hidden + first, 0, count);
     if (!lanes(r, first, n, valid)) continue;
-    const bool together = coherent && narrow(r, valid);
+    const Going how = coherent ? going(r, valid) : Going::apart;
     const auto note = [&] {
       for (unsigned k = 0; k < count; ++k)
         if (valid[k] != 0 && r.tfar[k] < 0) {
@@ -352,15 +354,15 @@ void RayScene::occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_
     };
     if (part != Part::moving) {
       context.base = still_.first;
-      context.embree.flags = flags(together);
-      occluded_still(still_.handle, context.embree, valid, together, r);
+      context.embree.flags = flags(how);
+      occluded_still(still_.handle, context.embree, valid, how, r);
       note();
     }
     if (part != Part::still && !moving_.batches.empty()) {
       context.base = moving_.first;
       // Embree's walk of rays together may ask one triangle twice where, in the axes of a mesh that moves,
       // rays of different times lie in different octants.
-      context.embree.flags = flags(together && context.wide == nullptr);
+      context.embree.flags = flags(context.wide == nullptr ? how : Going::apart);
       rtcOccluded8(valid, moving_.handle, &context.embree, &r);
       note();
     }

@@ -362,7 +362,7 @@ class RayScene {
     return {&p, id - p.base};
   }
   void intersect(RayPackets& rays, unsigned n, bool coherent, Part part, LayerWalk* walk) const noexcept;
-  void shoot(const int* valid, bool together, RTCRayHit8& packet, SceneContext& context,
+  void shoot(const int* valid, bool coherent, RTCRayHit8& packet, SceneContext& context,
              Part part) const noexcept;
   [[nodiscard]] static Placement placement(const Owner& o, float time) noexcept;
   void occluded(RayPackets& rays, unsigned n, bool coherent, std::uint8_t* hidden, Part part,
