@@ -304,6 +304,7 @@ const GatheredLight& KeptLight::with_moving(const LitScene& lit, const LightQuer
     // Of the query's own rays, those that meet what moves.
     LightQuery own = q;
     own.seed = 0;
+    own.numbers = {};
     own.sun_rays = SunRays::to_middle;
     tbb::parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
       const std::size_t first = c * kChunk, n = std::min(kChunk, q.rays.size() - first);

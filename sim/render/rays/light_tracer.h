@@ -92,8 +92,9 @@ class LightTracer {
   /// the query's origin or near it, for queries with `gathered`. A few thousand rays over a picture will do.
   /// What stands still is gathered from places all over a cell of 1 m around the origin, and kept: it is a
   /// function of that cell, of the directions, of what stands there and of sun and sky, never of the query's
-  /// seed or of what was asked before, so that cameras which see the same have the same error. Same rays,
-  /// same light, on any number of threads. Errors: bad_input, unavailable.
+  /// seed or of what was asked before, so that cameras which see the same have the same error. What is
+  /// gathered anew because something that moves is in the way is kept while that stands where it is. Same
+  /// rays, same light, on any number of threads. Errors: bad_input, unavailable.
   [[nodiscard]] Status gather(const LightQuery& query);
   /// samples[i] belongs to rays[i]. Same query, same samples, on any number of threads. A ray that is not
   /// finite brings nothing. One thread at a time, engine included. Queries with SunRays::wide keep up to 32
